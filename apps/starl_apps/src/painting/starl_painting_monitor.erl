@@ -1,0 +1,323 @@
+%% @doc The contract of the painting application, as a monitor: the ink lies on the lines of the
+%% picture and nowhere else, and every line is painted.
+%%
+%% Ink is what a robot drives with its pen down. "On a line" means no farther from it than the
+%% ink radius (the r(v) of the tracking guarantee) plus the tolerance with which the picture was
+%% flattened. Straight motion is judged exactly: the part of one segment that lies within a
+%% radius of another is an interval in closed form, and the union of these intervals must cover
+%% the ink; with the roles exchanged, the same intervals give how much of a line is painted. An
+%% arc is taken as chords that stay within 0.01 mm of it.
+%%
+%% Events of machine `chassis': `{motion, Piece}' and `{actuated, pen, down | up}' (the pen
+%% starts up); of machine `robot': `{died, Reason}' (the robot stays where it is).
+%%
+%% A violation comes at the end of the stretch that it lies in, once for each time a pen is
+%% lowered, and names the moment at which the ink left the lines.
+-module(starl_painting_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+-export([within/3]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type point() :: starl_geometry:point().
+-type segment() :: starl_geometry:segment().
+%% A closed part of a segment, in mm from its start.
+-type part() :: {FromMm :: float(), ToMm :: float()}.
+
+%% One robot: what it does since when, its pen, the polyline it is drawing (latest point first;
+%% empty with the pen up), whether that one left the lines, and the finished ones.
+-record(track, {
+    piece = none :: starl_trajectory:piece() | none,
+    since = 0 :: integer(),
+    pen = up :: up | down,
+    drawing = [] :: [point()],
+    strayed = false :: boolean(),
+    drawn = [] :: [[point(), ...]]
+}).
+
+-record(state, {
+    lines :: #{pos_integer() => segment()},
+    grid :: starl_grid:t(pos_integer()),
+    %% How far from a line ink may lie (mm).
+    reach_mm :: float(),
+    complete :: boolean(),
+    %% The painted parts of each line, ascending and disjoint.
+    painted = #{} :: #{pos_integer() => [part(), ...]},
+    tracks = #{} :: #{robot_id() => #track{}},
+    ink_mm = 0.0 :: float(),
+    driven_mm = 0.0 :: float()
+}).
+
+%% Rounding (mm).
+-define(SLACK_MM, 1.0e-6).
+%% How far the chords of an arc may lie from it (mm).
+-define(CHORD_MM, 0.01).
+%% Two points no farther apart are one; a larger jump starts a new polyline (mm).
+-define(JUMP_MM, 1.0e-3).
+%% Directions closer to parallel than this sine are parallel.
+-define(PARALLEL, 1.0e-12).
+
+%% @doc `lines': the picture; `ink_radius_mm' and `tolerance_mm': how far ink may lie from them;
+%% `complete' (default true): whether unpainted lines at the finish break the contract.
+-spec init(#{lines := [segment()], ink_radius_mm := float(), tolerance_mm := float(),
+             complete => boolean()}) -> #state{}.
+init(#{lines := Lines, ink_radius_mm := Radius, tolerance_mm := Tolerance} = Config) ->
+    Numbered = lists:zip(lists:seq(1, length(Lines)), Lines),
+    Reach = Radius + Tolerance + ?SLACK_MM,
+    Empty = starl_grid:new(max(50.0, 4 * Reach)),
+    #state{
+        lines = maps:from_list(Numbered),
+        grid = lists:foldl(fun({N, Line}, G) -> starl_grid:add(N, Line, G) end, Empty, Numbered),
+        reach_mm = Reach,
+        complete = maps:get(complete, Config, true)
+    }.
+
+%% @doc The motions and pens, and the end of robots.
+-spec interests() -> [atom()].
+interests() -> [chassis, robot].
+
+%% @doc Judges one event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, chassis, {motion, Piece}}, State) ->
+    Since = max(T, element(2, Piece)),
+    change(Since, Robot, fun(Track) -> on_paper(Track#track{piece = Piece}) end, State);
+step({T, Robot, chassis, {actuated, pen, Pen}}, State) when Pen =:= up; Pen =:= down ->
+    change(T, Robot, fun(Track) -> pen(Pen, Track) end, State);
+step({T, Robot, robot, {died, _Reason}}, #state{tracks = Tracks} = State) ->
+    case Tracks of
+        #{Robot := #track{piece = {piece, _, _, _, _, _, _} = Piece}} ->
+            Still = starl_trajectory:stop(T, Piece),
+            change(T, Robot, fun(Track) -> Track#track{piece = Still} end, State);
+        #{} ->
+            {ok, State}
+    end;
+step(_Other, State) ->
+    {ok, State}.
+
+%% @doc Judges the time until `EndTimeUs'. Results: `coverage' (0..1, the painted fraction of
+%% the lines' length), `ink_covered' (whether that is all of it), `unpainted_mm', `ink_mm' and
+%% `driven_mm' (lengths driven with the pen down, and in all), `ink' (polylines by robot).
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndTimeUs, #state{tracks = Tracks} = State) ->
+    Close = fun(Robot, {Found, S}) ->
+        case change(EndTimeUs, Robot, fun(Track) -> pen(up, Track) end, S) of
+            {ok, Next} -> {Found, Next};
+            {violation, Violation, Next} -> {[Violation | Found], Next}
+        end
+    end,
+    {Found, Closed} = lists:foldl(Close, {[], State}, lists:sort(maps:keys(Tracks))),
+    Results = results(Closed),
+    {verdict(lists:reverse(Found) ++ unfinished(EndTimeUs, Results, Closed)), Results}.
+
+verdict([]) -> ok;
+verdict(Violations) -> {violation, Violations}.
+
+results(#state{lines = Lines, painted = Painted, tracks = Tracks} = State) ->
+    Lengths = [{N, starl_geometry:length(Line)} || {N, Line} <- lists:sort(maps:to_list(Lines))],
+    Total = lists:sum([Length || {_, Length} <- Lengths]),
+    Unpainted = lists:sum([unpainted(maps:get(N, Painted, []), Length) || {N, Length} <- Lengths]),
+    Coverage = fraction(Total - Unpainted, Total),
+    #{
+        coverage => Coverage,
+        ink_covered => Coverage >= 1.0 - 1.0e-9,
+        unpainted_mm => Unpainted,
+        ink_mm => State#state.ink_mm,
+        driven_mm => State#state.driven_mm,
+        ink => maps:map(fun(_Robot, #track{drawn = Drawn}) -> lists:reverse(Drawn) end, Tracks)
+    }.
+
+fraction(_Part, Total) when Total == 0 -> 1.0;
+fraction(Part, Total) -> max(0.0, Part / Total).
+
+unpainted(Parts, Length) ->
+    lists:foldl(fun({From, To}, Left) -> Left - (To - From) end, Length, Parts).
+
+unfinished(T, #{ink_covered := false, unpainted_mm := Unpainted}, #state{complete = true}) ->
+    [violation(unfinished, T, [], #{unpainted_mm => Unpainted})];
+unfinished(_T, _Results, _State) ->
+    [].
+
+%%% Tracks
+
+%% Judges what the robot did up to `T'; from then on it does as `Change' says.
+change(T, Robot, Change, #state{tracks = Tracks} = State) ->
+    Track = maps:get(Robot, Tracks, #track{}),
+    {Found, #state{tracks = Judged} = Next} = drive(T, Robot, Track, State),
+    Since = max(T, Track#track.since),
+    Changed = Change((maps:get(Robot, Judged, Track))#track{since = Since}),
+    answer(Found, dot(T, Robot, Changed, Next)).
+
+answer([], {[], State}) -> {ok, State};
+answer(Found, {More, State}) -> {violation, hd(Found ++ More), State}.
+
+drive(T, _Robot, #track{piece = Piece, since = Since}, State) when Piece =:= none; T =< Since ->
+    {[], State};
+drive(T, Robot, #track{pen = Pen, piece = Piece, since = Since} = Track, State) ->
+    Length = starl_trajectory:moved(Since, T, Piece),
+    Driven = State#state{driven_mm = State#state.driven_mm + Length},
+    case Pen of
+        up -> {[], Driven};
+        down -> draw(T, Robot, Track, Driven#state{ink_mm = Driven#state.ink_mm + Length})
+    end.
+
+draw(T, Robot, #track{piece = Piece, since = Since} = Track, State) ->
+    [Start | Points] = starl_trajectory:polyline(Piece, Since, T, ?CHORD_MM),
+    Step = (T - Since) / max(1, length(Points)),
+    Stroke = fun(Point, {N, From, Found, S}) ->
+        {Strays, Inked} = ink({From, Point}, S),
+        Times = [Since + round((N + Share) * Step) || {Share, _} <- Strays],
+        {N + 1, Point, lists:zip(Times, Strays) ++ Found, Inked}
+    end,
+    {_, _, Found, Inked} = lists:foldl(Stroke, {0, Start, [], State}, Points),
+    Drawn = Track#track{drawing = lists:reverse(Points, Track#track.drawing)},
+    report(lists:sort(Found), Robot, Drawn, Inked).
+
+%% A pen that comes down, or is down where the motion starts, makes a dot.
+dot(T, Robot, #track{pen = down, drawing = []} = Track, State) when
+    Track#track.piece =/= none
+->
+    Point = starl_trajectory:position(T, Track#track.piece),
+    {Strays, Inked} = ink({Point, Point}, State),
+    Fresh = Track#track{drawing = [Point], strayed = false},
+    report([{T, Stray} || Stray <- Strays], Robot, Fresh, Inked);
+dot(_T, Robot, Track, State) ->
+    {[], store(Robot, Track, State)}.
+
+report([{At, {_Share, Point}} | _], Robot, #track{strayed = false} = Track, State) ->
+    Distance = lists:min([infinity | [starl_geometry:point_segment(Point, Line)
+                                      || Line <- maps:values(State#state.lines)]]),
+    Details = #{at => Point, distance_mm => Distance, limit_mm => State#state.reach_mm},
+    {[violation(ink_off_the_lines, At, [Robot], Details)],
+        store(Robot, Track#track{strayed = true}, State)};
+report(_Strays, Robot, Track, State) ->
+    {[], store(Robot, Track, State)}.
+
+store(Robot, Track, #state{tracks = Tracks} = State) ->
+    State#state{tracks = Tracks#{Robot => Track}}.
+
+pen(up, Track) -> lift(Track#track{pen = up});
+pen(down, Track) -> Track#track{pen = down}.
+
+lift(#track{drawing = []} = Track) ->
+    Track;
+lift(#track{drawing = Drawing, drawn = Drawn} = Track) ->
+    Track#track{drawing = [], drawn = [lists:reverse(Drawing) | Drawn]}.
+
+%% A motion that starts elsewhere than the last one ended does not connect the two by ink.
+on_paper(#track{drawing = [Last | _], since = Since, piece = Piece} = Track) ->
+    case starl_geometry:distance(Last, starl_trajectory:position(Since, Piece)) > ?JUMP_MM of
+        true -> lift(Track);
+        false -> Track
+    end;
+on_paper(Track) ->
+    Track.
+
+violation(What, T, Robots, Details) ->
+    #{contract => painting, what => What, at_us => T, robots => Robots, details => Details}.
+
+%%% Ink and lines
+
+%% Enters a straight piece of ink. Returns where it leaves the lines: the fraction of its length
+%% at which that begins, and a point in the middle of what is outside.
+ink(Ink, #state{grid = Grid, lines = Lines, reach_mm = Reach, painted = Painted} = State) ->
+    Near = [{N, map_get(N, Lines)} || N <- starl_grid:near(Ink, Reach, Grid)],
+    Parts = [Part || {_, Line} <- Near, {_, _} = Part <- [within(Reach, Ink, Line)]],
+    Paint = fun({N, Line}, Acc) ->
+        case within(Reach, Line, Ink) of
+            none -> Acc;
+            Part -> Acc#{N => unite(Part, maps:get(N, Acc, []))}
+        end
+    end,
+    {strays(Ink, lists:foldl(fun unite/2, [], Parts)),
+        State#state{painted = lists:foldl(Paint, Painted, Near)}}.
+
+strays({From, To} = Ink, Covered) ->
+    Length = starl_geometry:length(Ink),
+    case gap(0.0, Length, Covered) of
+        none -> [];
+        {A, B} when Length > 0 ->
+            [{A / Length, starl_geometry:interpolate(From, To, (A + B) / 2 / Length)}];
+        {_, _} -> [{0.0, From}]
+    end.
+
+%% The first part of 0..Length that is not covered.
+gap(From, Length, []) when From == 0, Length == 0 -> {From, Length};
+gap(From, Length, []) when Length - From > ?SLACK_MM -> {From, Length};
+gap(_From, _Length, []) -> none;
+gap(From, _Length, [{Low, _} | _]) when Low - From > ?SLACK_MM -> {From, Low};
+gap(From, Length, [{_, High} | Parts]) -> gap(max(From, High), Length, Parts).
+
+%% Adds a part to ascending, disjoint parts.
+unite(Part, []) -> [Part];
+unite({_, High} = Part, [{Low, _} | _] = Parts) when High < Low -> [Part | Parts];
+unite({Low, _} = Part, [{_, High} = First | Parts]) when Low > High ->
+    [First | unite(Part, Parts)];
+unite({Low, High}, [{Low1, High1} | Parts]) ->
+    unite({min(Low, Low1), max(High, High1)}, Parts).
+
+%% @doc The part of a segment (mm from its start) that lies within `Reach' mm of another one.
+%% It is one interval, since the points within `Reach' of a segment are a convex set: two discs
+%% around the ends and the rectangle between them.
+-spec within(Reach :: float(), segment(), segment()) -> part() | none.
+within(Reach, {A, B} = Segment, {C, D} = Other) ->
+    case starl_geometry:length(Segment) of
+        Length when Length < 1.0e-9 ->
+            dot_within(starl_geometry:point_segment(A, Other) =< Reach, Length);
+        Length ->
+            U = direction(A, B, Length),
+            Parts = [disc(Reach, A, U, C), disc(Reach, A, U, D), strip(Reach, A, U, C, D)],
+            hull([Part || {_, _} = Part <- Parts], Length)
+    end.
+
+dot_within(true, Length) -> {0.0, Length};
+dot_within(false, _Length) -> none.
+
+hull([], _Length) ->
+    none;
+hull(Parts, Length) ->
+    From = max(0.0, lists:min([Low || {Low, _} <- Parts])),
+    To = min(Length, lists:max([High || {_, High} <- Parts])),
+    part(From, To).
+
+part(From, To) when From > To -> none;
+part(From, To) -> {From, To}.
+
+direction({AX, AY}, {BX, BY}, Length) -> {(BX - AX) / Length, (BY - AY) / Length}.
+
+%% Where the line from A in direction U is inside the disc.
+disc(Reach, {AX, AY}, {UX, UY}, {CX, CY}) ->
+    Along = (CX - AX) * UX + (CY - AY) * UY,
+    Across = (CX - AX) * UY - (CY - AY) * UX,
+    case Reach * Reach - Across * Across of
+        Square when Square < 0 -> none;
+        Square -> {Along - math:sqrt(Square), Along + math:sqrt(Square)}
+    end.
+
+%% Where that line is beside the segment from C to D, at most Reach to its left or right.
+strip(Reach, {AX, AY}, {UX, UY}, {CX, CY} = C, D) ->
+    case starl_geometry:distance(C, D) of
+        Length when Length < 1.0e-9 ->
+            none;
+        Length ->
+            {WX, WY} = direction(C, D, Length),
+            Beside = slab((AX - CX) * WX + (AY - CY) * WY, UX * WX + UY * WY, 0.0, Length),
+            Close = slab((AY - CY) * WX - (AX - CX) * WY, UY * WX - UX * WY, -Reach, Reach),
+            both(Beside, Close)
+    end.
+
+%% The values of s for which Low =< Start + s * Slope =< High.
+slab(Start, Slope, Low, High) when abs(Slope) < ?PARALLEL ->
+    case Start >= Low andalso Start =< High of
+        true -> {-1.0e12, 1.0e12};
+        false -> none
+    end;
+slab(Start, Slope, Low, High) ->
+    S1 = (Low - Start) / Slope,
+    S2 = (High - Start) / Slope,
+    {min(S1, S2), max(S1, S2)}.
+
+both({Low1, High1}, {Low2, High2}) -> part(max(Low1, Low2), min(High1, High2));
+both(_, _) -> none.

@@ -1,0 +1,228 @@
+%% @doc Pictures to paint: any ordinary SVG drawing as line segments on the floor.
+%%
+%% ```
+%% {ok, Picture} = starl_picture:read("house.svg", #{area => {0.0, 0.0, 10000.0, 10000.0}}),
+%% Segments = starl_picture:segments(Picture).
+%% '''
+%% The drawing is scaled uniformly into the area, centred, with y turned upwards. What is fitted
+%% is the viewBox (or else width and height) of the document if the whole drawing lies inside it,
+%% else the drawing's own bounding box. Curves are mapped to the floor first and then cut into
+%% chords, so the tolerance is one of the floor. Corners are rounded to a micrometre, so that the
+%% same picture gives the same segments whatever the machine's sine; the rounding and the removal
+%% of tiny segments are paid for out of the tolerance.
+%%
+%% Reading is safe with any input: nothing outside the file is fetched, entities are refused,
+%% memory and time are bounded, and no atoms come from the file.
+-module(starl_picture).
+
+-export([read/2, parse/2, segments/1, tolerance/1, title/1, format_error/1]).
+-export_type([t/0, point/0, segment/0, options/0, reason/0]).
+
+%% Millimetres on the floor.
+-type point() :: {float(), float()}.
+-type segment() :: {point(), point()}.
+%% The area to fill, the largest distance between a curve and its chords (at least 0.1 mm), and
+%% the number of segments above which a picture is refused.
+-type options() :: #{
+    area := {X0 :: number(), Y0 :: number(), X1 :: number(), Y1 :: number()},
+    tolerance_mm => float(),
+    max_segments => pos_integer()
+}.
+%% Why there is no picture; {@link format_error/1} turns it into a line of text.
+-type reason() ::
+    {cannot_read, file:filename(), missing | directory | no_permission | too_big | file:posix()}
+    | no_lines
+    | only_text
+    | {too_many_segments, Max :: pos_integer()}
+    | starl_picture_svg:problem().
+
+-record(picture, {
+    segments :: [segment()],
+    tolerance :: float(),
+    title :: string()
+}).
+-opaque t() :: #picture{}.
+
+-define(MAX_BYTES, 20_000_000).
+-define(DEFAULT_TOLERANCE_MM, 2.0).
+-define(MIN_TOLERANCE_MM, 0.1).
+-define(DEFAULT_MAX_SEGMENTS, 5000).
+%% Of the tolerance, what rounding and thinning may use up.
+-define(SLACK_MM, 0.012).
+-define(SHORTEST_MM, 0.01).
+%% Duplicates are dropped late, so a drawing may have this many times the curves it may keep.
+-define(DUPLICATES, 4).
+
+%% @doc Reads an SVG file. The title is the document's own, else the name of the file.
+-spec read(file:filename(), options()) -> {ok, t()} | {error, reason()}.
+read(File, Options) ->
+    case file_bytes(File) of
+        {ok, Bytes} -> named(filename:basename(File, ".svg"), parse(Bytes, Options));
+        {error, Why} -> {error, {cannot_read, File, Why}}
+    end.
+
+%% @doc Reads an SVG document from a binary.
+-spec parse(binary(), options()) -> {ok, t()} | {error, reason()}.
+parse(Bytes, #{area := Area} = Options) when is_binary(Bytes) ->
+    Tolerance = maps:get(tolerance_mm, Options, ?DEFAULT_TOLERANCE_MM),
+    Max = maps:get(max_segments, Options, ?DEFAULT_MAX_SEGMENTS),
+    ok = check(Area, Tolerance, Max),
+    case byte_size(Bytes) =< ?MAX_BYTES andalso starl_picture_svg:read(Bytes, Max * ?DUPLICATES) of
+        false -> {error, {cannot_read, "picture", too_big}};
+        {ok, Drawing} -> picture(Drawing, Area, float(Tolerance), Max);
+        {error, too_many_shapes} -> {error, {too_many_segments, Max}};
+        {error, _} = Error -> Error
+    end.
+
+%% @doc The lines to paint, in the order of the document; no two are the same, in either direction.
+-spec segments(t()) -> [segment()].
+segments(#picture{segments = Segments}) -> Segments.
+
+%% @doc How far the segments may lie from the curves they stand for, in mm.
+-spec tolerance(t()) -> float().
+tolerance(#picture{tolerance = Tolerance}) -> Tolerance.
+
+%% @doc The title, one line of text, possibly empty.
+-spec title(t()) -> string().
+title(#picture{title = Title}) -> Title.
+
+%% @doc One line of text: what is wrong, where, and what to do about it.
+-spec format_error(reason()) -> iodata().
+format_error(Reason) -> starl_picture_error:format(Reason).
+
+%%% Files and options
+
+file_bytes(File) ->
+    case file:read_file_info(File) of
+        {ok, Info} -> file_bytes(File, element(3, Info), element(2, Info));
+        {error, Posix} -> {error, why(Posix)}
+    end.
+
+file_bytes(_File, directory, _Size) -> {error, directory};
+file_bytes(_File, _Type, Size) when Size > ?MAX_BYTES -> {error, too_big};
+file_bytes(File, regular, _Size) ->
+    case file:read_file(File) of
+        {ok, Bytes} -> {ok, Bytes};
+        {error, Posix} -> {error, why(Posix)}
+    end;
+file_bytes(_File, _Device, _Size) -> {error, einval}.
+
+why(enoent) -> missing;
+why(enotdir) -> missing;
+why(eisdir) -> directory;
+why(eacces) -> no_permission;
+why(Posix) -> Posix.
+
+named(Name, {ok, #picture{title = ""} = Picture}) -> {ok, Picture#picture{title = line(Name)}};
+named(_Name, Result) -> Result.
+
+%% Wrong options are a mistake of the caller.
+check({X0, Y0, X1, Y1}, Tolerance, Max) when
+    is_number(X0), is_number(Y0), X1 > X0, Y1 > Y0, is_number(X1), is_number(Y1),
+    is_number(Tolerance), Tolerance >= ?MIN_TOLERANCE_MM, is_integer(Max), Max > 0 -> ok;
+check(Area, Tolerance, Max) -> error(badarg, [Area, Tolerance, Max]).
+
+%% Control characters and runs of space become single spaces.
+line(Text) ->
+    Printable = [case C >= 32 andalso C =/= 127 of true -> C; false -> $\s end
+                 || C <- unicode:characters_to_list(Text)],
+    lists:flatten(lists:join($\s, string:lexemes(Printable, " "))).
+
+%%% From the drawing to the floor
+
+picture(#{outlines := Outlines, frame := Frame, title := Title} = Drawing, Area, Tolerance, Max) ->
+    case place(Outlines, Frame, Area) of
+        {ok, Map} ->
+            Floor = [[starl_picture_curve:transform(Map, Curve) || Curve <- Outline]
+                     || Outline <- Outlines],
+            case chords(Floor, Tolerance, Max) of
+                {ok, []} -> nothing(Drawing);
+                {ok, Segments} ->
+                    {ok, #picture{segments = Segments, tolerance = Tolerance, title = line(Title)}};
+                {error, _} = Error -> Error
+            end;
+        nothing -> nothing(Drawing)
+    end.
+
+nothing(#{has_text := true}) -> {error, only_text};
+nothing(#{has_text := false}) -> {error, no_lines}.
+
+%% The map from the drawing to the floor.
+place([], _Frame, _Area) ->
+    nothing;
+place(Outlines, Frame, {AX0, AY0, AX1, AY1}) ->
+    [First | Rest] = [starl_picture_curve:bounds(Curve) || Outline <- Outlines, Curve <- Outline],
+    Box = lists:foldl(fun starl_picture_curve:merge_bounds/2, First, Rest),
+    {X0, Y0, X1, Y1} = fitted(Frame, Box),
+    case scale(X1 - X0, AX1 - AX0, Y1 - Y0, AY1 - AY0) of
+        none -> nothing;
+        S ->
+            {CX, CY} = {(X0 + X1) / 2.0, (Y0 + Y1) / 2.0},
+            {FX, FY} = {(AX0 + AX1) / 2.0, (AY0 + AY1) / 2.0},
+            {ok, {S, 0.0, 0.0, -S, FX - CX * S, FY + CY * S}}
+    end.
+
+fitted(none, Box) -> Box;
+fitted({FX0, FY0, FX1, FY1} = Frame, {X0, Y0, X1, Y1} = Box) ->
+    Give = 1.0e-6 * max(FX1 - FX0, FY1 - FY0),
+    Inside = X0 >= FX0 - Give andalso Y0 >= FY0 - Give andalso
+        X1 =< FX1 + Give andalso Y1 =< FY1 + Give,
+    case Inside of
+        true -> Frame;
+        false -> Box
+    end.
+
+%% A drawing without width or height (one straight line) is scaled by the other.
+scale(W, AreaW, H, AreaH) ->
+    Least = max(1.0e-9, 1.0e-9 * max(W, H)),
+    case [Area / Size || {Size, Area} <- [{W, AreaW}, {H, AreaH}], Size > Least] of
+        [] -> none;
+        Scales -> lists:min(Scales)
+    end.
+
+%%% Segments
+
+chords(Outlines, Tolerance, Max) ->
+    case chords(Outlines, Tolerance - ?SLACK_MM, Max * ?DUPLICATES, []) of
+        {ok, Segments} ->
+            Unique = unique(Segments),
+            case length(Unique) =< Max of
+                true -> {ok, Unique};
+                false -> {error, {too_many_segments, Max}}
+            end;
+        too_many ->
+            {error, {too_many_segments, Max}}
+    end.
+
+chords([], _Tolerance, _Left, Chains) ->
+    {ok, [Segment || Chain <- lists:reverse(Chains), Segment <- Chain]};
+chords([Outline | Outlines], Tolerance, Left, Chains) ->
+    Counted = [{Curve, starl_picture_curve:steps(Curve, Tolerance)} || Curve <- Outline],
+    case lists:sum([N || {_, N} <- Counted]) of
+        Count when Count > Left -> too_many;
+        Count ->
+            Points = [P || {Curve, N} <- Counted, P <- starl_picture_curve:flatten(Curve, N)],
+            Chain = chain(rounded(starl_picture_curve:start(hd(Outline))), Points),
+            chords(Outlines, Tolerance, Left - Count, [Chain | Chains])
+    end.
+
+%% Joins the points, passing over those that lie too close to the last one taken.
+chain(_From, []) -> [];
+chain({X0, Y0} = From, [Point | Points]) ->
+    {X1, Y1} = To = rounded(Point),
+    case math:sqrt((X1 - X0) * (X1 - X0) + (Y1 - Y0) * (Y1 - Y0)) < ?SHORTEST_MM of
+        true -> chain(From, Points);
+        false -> [{From, To} | chain(To, Points)]
+    end.
+
+rounded({X, Y}) -> {round(X * 1000.0) / 1000, round(Y * 1000.0) / 1000}.
+
+unique(Segments) -> unique(Segments, #{}, []).
+
+unique([], _Seen, Done) -> lists:reverse(Done);
+unique([{P, Q} = Segment | Rest], Seen, Done) ->
+    Key = {min(P, Q), max(P, Q)},
+    case is_map_key(Key, Seen) of
+        true -> unique(Rest, Seen, Done);
+        false -> unique(Rest, Seen#{Key => []}, [Segment | Done])
+    end.

@@ -1,0 +1,148 @@
+%% @doc The basic shapes and paths of SVG to outlines (SVG 1.1, chapter 9), and the reading of
+%% numbers from attributes that this takes.
+-module(starl_picture_shape).
+
+-export([names/0, outlines/3, number/4]).
+-export_type([problem/0, viewport/0]).
+
+%% Width and height that percentages refer to, in user units.
+-type viewport() :: {float(), float()}.
+%% Attribute and text, or what is wrong with path data; `too_many' when a shape alone has more
+%% curves than allowed.
+-type problem() ::
+    {bad_number, Attribute :: binary(), Text :: binary()}
+    | {bad_path, Offset :: non_neg_integer(), starl_picture_path:problem()}
+    | too_many.
+-type axis() :: x | y | diagonal.
+-type element_() :: starl_picture_xml:element_().
+
+-define(PI, 3.141592653589793).
+
+%% @doc The elements this module knows.
+-spec names() -> [binary()].
+names() ->
+    [<<"line">>, <<"polyline">>, <<"polygon">>, <<"rect">>, <<"circle">>, <<"ellipse">>,
+     <<"path">>].
+
+%% @doc The outlines of one shape in its own user units; at most `Max' curves.
+-spec outlines(element_(), viewport(), Max :: non_neg_integer()) ->
+    {ok, [starl_picture_pen:outline()]} | {error, problem()}.
+outlines(Element, Viewport, Max) ->
+    %% Attributes are read many at a time; a throw leaves from the first bad one.
+    try shape(starl_picture_xml:name(Element), Element, Viewport, Max) of
+        Outlines -> {ok, Outlines}
+    catch
+        throw:{?MODULE, Problem} -> {error, Problem}
+    end.
+
+%% @doc An attribute as a length in user units, `Default' when it is absent or `auto'.
+-spec number(element_(), binary(), float(), Default) ->
+    {ok, float() | Default} | {error, problem()}.
+number(Element, Name, Whole, Default) ->
+    case starl_picture_xml:attribute(Name, Element) of
+        undefined -> {ok, Default};
+        <<"auto">> -> {ok, Default};
+        Text ->
+            case starl_picture_number:length(Text, Whole) of
+                {ok, Number} -> {ok, Number};
+                {error, _} -> {error, {bad_number, Name, Text}}
+            end
+    end.
+
+%%% Internals
+
+shape(<<"line">>, E, View, _Max) ->
+    From = {coordinate(E, <<"x1">>, x, View), coordinate(E, <<"y1">>, y, View)},
+    [[{line, From, {coordinate(E, <<"x2">>, x, View), coordinate(E, <<"y2">>, y, View)}}]];
+shape(<<"polyline">>, E, _View, Max) ->
+    chain(points(E, Max));
+shape(<<"polygon">>, E, _View, Max) ->
+    case points(E, Max) of
+        [] -> [];
+        [First | _] = Points -> chain(Points ++ [First])
+    end;
+shape(<<"rect">>, E, View, _Max) ->
+    Corner = {coordinate(E, <<"x">>, x, View), coordinate(E, <<"y">>, y, View)},
+    Size = {positive(E, <<"width">>, x, View, 0.0), positive(E, <<"height">>, y, View, 0.0)},
+    RX = positive(E, <<"rx">>, x, View, none),
+    RY = positive(E, <<"ry">>, y, View, none),
+    rect(Corner, Size, radii(RX, RY, Size));
+shape(<<"circle">>, E, View, _Max) ->
+    R = positive(E, <<"r">>, diagonal, View, 0.0),
+    ellipse(E, View, {R, R});
+shape(<<"ellipse">>, E, View, _Max) ->
+    RX = positive(E, <<"rx">>, x, View, none),
+    RY = positive(E, <<"ry">>, y, View, none),
+    ellipse(E, View, {other(RX, RY), other(RY, RX)});
+shape(<<"path">>, E, _View, Max) ->
+    case starl_picture_path:parse(starl_picture_xml:attribute(<<"d">>, E, <<>>), Max) of
+        {ok, Commands} -> starl_picture_pen:outlines(Commands);
+        {error, too_many} -> fail(too_many);
+        {error, {Offset, Problem}} -> fail({bad_path, Offset, Problem})
+    end.
+
+rect(_Corner, {W, H}, _Radii) when W == 0.0; H == 0.0 ->
+    [];
+rect({X, Y}, {W, H}, {RX, RY}) when RX == 0.0; RY == 0.0 ->
+    chain([{X, Y}, {X + W, Y}, {X + W, Y + H}, {X, Y + H}, {X, Y}]);
+rect({X0, Y0}, {W, H}, {RX, RY}) ->
+    {X1, Y1} = {X0 + W, Y0 + H},
+    Corner = fun(CX, CY, Quarter) ->
+        starl_picture_curve:ellipse({CX, CY}, {RX, RY}, Quarter * ?PI / 2.0, ?PI / 2.0)
+    end,
+    [[{line, {X0 + RX, Y0}, {X1 - RX, Y0}}, Corner(X1 - RX, Y0 + RY, 3),
+      {line, {X1, Y0 + RY}, {X1, Y1 - RY}}, Corner(X1 - RX, Y1 - RY, 0),
+      {line, {X1 - RX, Y1}, {X0 + RX, Y1}}, Corner(X0 + RX, Y1 - RY, 1),
+      {line, {X0, Y1 - RY}, {X0, Y0 + RY}}, Corner(X0 + RX, Y0 + RY, 2)]].
+
+%% One radius stands for both; neither goes beyond half the side.
+radii(RX, RY, {W, H}) -> {min(other(RX, RY), W / 2.0), min(other(RY, RX), H / 2.0)}.
+
+other(none, none) -> 0.0;
+other(none, R) -> R;
+other(R, _) -> R.
+
+ellipse(_E, _View, {RX, RY}) when RX == 0.0; RY == 0.0 ->
+    [];
+ellipse(E, View, Radii) ->
+    Centre = {coordinate(E, <<"cx">>, x, View), coordinate(E, <<"cy">>, y, View)},
+    [[starl_picture_curve:ellipse(Centre, Radii, 0.0, 2.0 * ?PI)]].
+
+points(E, Max) ->
+    Text = starl_picture_xml:attribute(<<"points">>, E, <<>>),
+    case starl_picture_number:list(Text) of
+        {ok, Numbers} when length(Numbers) rem 2 =:= 1 -> fail({bad_number, <<"points">>, Text});
+        {ok, Numbers} when length(Numbers) > 2 * Max + 2 -> fail(too_many);
+        {ok, Numbers} -> pairs(Numbers);
+        {error, _} -> fail({bad_number, <<"points">>, Text})
+    end.
+
+pairs([X, Y | Rest]) -> [{X, Y} | pairs(Rest)];
+pairs([]) -> [].
+
+chain([_, _ | _] = Points) -> [chain_lines(Points)];
+chain(_) -> [].
+
+chain_lines([P0, P1 | Rest]) -> [{line, P0, P1} | chain_lines([P1 | Rest])];
+chain_lines([_]) -> [].
+
+coordinate(E, Name, Axis, View) -> value(number(E, Name, whole(Axis, View), 0.0)).
+
+positive(E, Name, Axis, View, Default) ->
+    case value(number(E, Name, whole(Axis, View), Default)) of
+        Number when is_float(Number), Number < 0.0 ->
+            fail({bad_number, Name, starl_picture_xml:attribute(Name, E, <<>>)});
+        Number ->
+            Number
+    end.
+
+value({ok, Number}) -> Number;
+value({error, Problem}) -> fail(Problem).
+
+-spec whole(axis(), viewport()) -> float().
+whole(x, {W, _H}) -> W;
+whole(y, {_W, H}) -> H;
+whole(diagonal, {W, H}) -> math:sqrt((W * W + H * H) / 2.0).
+
+-spec fail(problem()) -> no_return().
+fail(Problem) -> throw({?MODULE, Problem}).

@@ -1,0 +1,222 @@
+%% @doc The graph that the coordinator plans on: the picture's edges and the roadmap.
+%%
+%% Edges 1 to {@link targets/1} are the target edges, in the order of the picture; the others are
+%% for travel only. The graph never changes. Lengths are millimetres, headings radians.
+-module(starl_dpp_graph).
+
+-export([new/1, format_error/1]).
+-export([targets/1, radius/1, point/2, adjacent/2, segment/2, ends/2, edge_length/2, spots/1,
+         ring/1, joints/3, within/3, reach/3, floor_box/1]).
+-export_type([t/0, edge_id/0, vertex/0, step/0, config/0, reason/0]).
+
+-type edge_id() :: pos_integer().
+-type vertex() :: pos_integer().
+-type robot_id() :: pos_integer().
+-type point() :: starl_geometry:point().
+-type segment() :: starl_geometry:segment().
+-type step() :: {edge_id(), To :: vertex(), LengthMm :: float(), Heading :: float()}.
+%% A way out of a vertex.
+-type config() :: #{
+    segments := [segment()],
+    world := starl_roadmap:world(),
+    robots := [robot_id()],
+    tube_radius := float(),
+    edge_length := float(),
+    seed := integer()
+}.
+-type reason() ::
+    no_robots
+    | {too_many_edges, Edges :: pos_integer(), Most :: pos_integer()}
+    | {outside_area, point(), starl_geometry:box()}
+    | {unreachable_edge, segment()}
+    | starl_roadmap:reason().
+
+-record(graph, {
+    radius :: float(),
+    world :: starl_roadmap:world(),
+    targets :: non_neg_integer(),
+    points :: tuple(),
+    edges :: tuple(),
+    adjacent :: tuple(),
+    spots :: #{robot_id() => vertex()},
+    ring :: [vertex()],
+    edge_grid :: starl_grid:t(edge_id()),
+    vertex_grid :: starl_grid:t(vertex())
+}).
+-opaque t() :: #graph{}.
+
+-define(MOST_EDGES, 20000).
+
+%% @doc Builds the graph and checks that every target edge can be driven from every spot while all
+%% the others are parked.
+-spec new(config()) -> {ok, t()} | {error, reason()}.
+new(#{robots := []}) ->
+    {error, no_robots};
+new(#{segments := Segments, world := World, robots := Robots, tube_radius := R} = Config) ->
+    case starl_roadmap:layout(World, length(Robots), R) of
+        {ok, Layout} ->
+            MaxLength = maps:get(edge_length, Config),
+            Picture = starl_planar:planarise(Segments, #{max_length => MaxLength}),
+            checked(Picture, Layout, Config);
+        {error, _} = Error ->
+            Error
+    end.
+
+%% @doc One line that says what is wrong and what to do.
+-spec format_error(reason()) -> iolist().
+format_error(no_robots) ->
+    "path planning needs at least one robot";
+format_error({too_many_edges, N, Most}) ->
+    io_lib:format("the picture has ~b edges, at most ~b can be planned: simplify it", [N, Most]);
+format_error({outside_area, {X, Y}, {X0, Y0, X1, Y1}}) ->
+    io_lib:format("the picture's point (~.0f, ~.0f) mm is outside the area that can be painted, "
+                  "x ~.0f to ~.0f and y ~.0f to ~.0f mm: scale or move the picture",
+                  [X, Y, X0, X1, Y0, Y1]);
+format_error({unreachable_edge, {{AX, AY}, {BX, BY}}}) ->
+    io_lib:format("no way leads from the parking spots to the line from (~.0f, ~.0f) to "
+                  "(~.0f, ~.0f) mm: use a larger floor or fewer robots", [AX, AY, BX, BY]);
+format_error({world_too_small, _} = Reason) ->
+    starl_roadmap:format_error(Reason).
+
+%% @doc The number of target edges.
+-spec targets(t()) -> non_neg_integer().
+targets(#graph{targets = N}) -> N.
+
+%% @doc The tube radius R.
+-spec radius(t()) -> float().
+radius(#graph{radius = R}) -> R.
+
+%% @doc The box of the whole floor.
+-spec floor_box(t()) -> starl_geometry:box().
+floor_box(#graph{world = {W, H}}) -> {0.0, 0.0, float(W), float(H)}.
+
+%% @doc Where a vertex is.
+-spec point(vertex(), t()) -> point().
+point(V, #graph{points = Points}) -> element(V, Points).
+
+%% @doc The edges that leave a vertex.
+-spec adjacent(vertex(), t()) -> [step()].
+adjacent(V, #graph{adjacent = Adjacent}) -> element(V, Adjacent).
+
+%% @doc The two ends of an edge.
+-spec ends(edge_id(), t()) -> {vertex(), vertex()}.
+ends(E, #graph{edges = Edges}) -> element(E, Edges).
+
+%% @doc An edge as a segment.
+-spec segment(edge_id(), t()) -> segment().
+segment(E, #graph{edges = Edges, points = Points}) ->
+    {A, B} = element(E, Edges),
+    {element(A, Points), element(B, Points)}.
+
+%% @doc The length of an edge.
+-spec edge_length(edge_id(), t()) -> float().
+edge_length(E, Graph) -> starl_geometry:length(segment(E, Graph)).
+
+%% @doc The vertices of the parking spots, numbered as the layout does.
+-spec spots(t()) -> #{robot_id() => vertex()}.
+spots(#graph{spots = Spots}) -> Spots.
+
+%% @doc The vertices of the ring road.
+-spec ring(t()) -> [vertex()].
+ring(#graph{ring = Ring}) -> Ring.
+
+%% @doc The edges less than `Mm' from a segment, among those that `Wanted' accepts.
+-spec within(segment(), {Mm :: float(), fun((edge_id()) -> boolean())}, t()) -> [edge_id()].
+within(Segment, {Mm, Wanted}, #graph{edge_grid = Grid} = Graph) ->
+    [E || E <- starl_grid:near(Segment, Mm, Grid), Wanted(E),
+          starl_geometry:closer(segment(E, Graph), Segment, Mm)].
+
+%% @doc Up to about `K' vertices nearest to a point, nearest first.
+-spec joints(point(), K :: pos_integer(), t()) -> [{Mm :: float(), vertex()}].
+joints(P, K, #graph{radius = R} = Graph) -> joints(P, K, 1.5 * R, Graph).
+
+%% @doc The vertices that can be reached from some vertices over edges that `Open' accepts.
+-spec reach([vertex()], fun((edge_id()) -> boolean()), t()) -> #{vertex() => true}.
+reach(Roots, Open, Graph) -> flood(Roots, Open, Graph, maps:from_list([{V, true} || V <- Roots])).
+
+%%% Building
+
+checked(#{vertices := Points, edges := Edges} = Picture, Layout, Config) ->
+    #{area := Area} = Layout,
+    R = maps:get(tube_radius, Config),
+    %% The ring itself may be painted on, only what is beyond it is too near to the spots.
+    Outside = [P || P <- Points, not starl_geometry:inside(P, starl_geometry:grow(Area, 1.5 * R))],
+    case {length(Edges), Outside} of
+        {N, _} when N > ?MOST_EDGES -> {error, {too_many_edges, N, ?MOST_EDGES}};
+        {_, [P | _]} -> {error, {outside_area, P, Area}};
+        {_, []} -> check_reach(build(Picture, Layout, Config))
+    end.
+
+build(#{vertices := Targets, edges := TargetEdges} = Picture, Layout, Config) ->
+    #{tube_radius := R, world := World, seed := Seed} = Config,
+    Travel = starl_roadmap:travel(Layout, R, Picture, Seed),
+    Points = list_to_tuple(Targets ++ maps:get(points, Travel)),
+    All = TargetEdges ++ maps:get(edges, Travel),
+    #graph{radius = R, world = World, targets = length(TargetEdges), points = Points,
+           edges = list_to_tuple(All), adjacent = adjacency(All, Points),
+           spots = maps:get(spots, Travel), ring = maps:get(ring, Travel),
+           edge_grid = edge_grid(All, Points, R), vertex_grid = vertex_grid(Points, R)}.
+
+adjacency(Edges, Points) ->
+    Steps = fun({A, B}, {E, Acc}) ->
+        P = element(A, Points),
+        Q = element(B, Points),
+        D = starl_geometry:distance(P, Q),
+        There = {A, {E, B, D, starl_geometry:heading(P, Q)}},
+        Back = {B, {E, A, D, starl_geometry:heading(Q, P)}},
+        {E + 1, [There, Back | Acc]}
+    end,
+    {_, All} = lists:foldl(Steps, {1, []}, Edges),
+    Grouped = lists:foldl(fun({V, Step}, Acc) -> Acc#{V => [Step | maps:get(V, Acc, [])]} end,
+                          #{}, All),
+    list_to_tuple([maps:get(V, Grouped, []) || V <- lists:seq(1, tuple_size(Points))]).
+
+edge_grid(Edges, Points, R) ->
+    Enter = fun({A, B}, {E, Grid}) ->
+        {E + 1, starl_grid:add(E, {element(A, Points), element(B, Points)}, Grid)}
+    end,
+    {_, Grid} = lists:foldl(Enter, {1, starl_grid:new(R)}, Edges),
+    Grid.
+
+vertex_grid(Points, R) ->
+    Enter = fun(V, Grid) ->
+        P = element(V, Points),
+        starl_grid:add(V, {P, P}, Grid)
+    end,
+    lists:foldl(Enter, starl_grid:new(R), lists:seq(1, tuple_size(Points))).
+
+%% By symmetry of the spurs one search from the ring serves all robots: each spur is more than 2R
+%% from the other spots, and what is inside of the ring is more than 2R from all.
+check_reach(#graph{spots = Spots, ring = [Root | _], targets = N, radius = R} = Graph) ->
+    Spurs = [S || {_, V} <- maps:to_list(Spots), S <- [{point(V, Graph), point(V, Graph)}]],
+    Near = [E || S <- Spurs, E <- within(S, {2.0 * R, fun(_) -> true end}, Graph)],
+    Closed = maps:from_list([{E, true} || E <- Near]),
+    Reached = reach([Root], fun(E) -> not is_map_key(E, Closed) end, Graph),
+    Lost = [E || E <- lists:seq(1, N),
+                 is_map_key(E, Closed) orelse not is_map_key(element(1, ends(E, Graph)), Reached)],
+    case Lost of
+        [] -> {ok, Graph};
+        [E | _] -> {error, {unreachable_edge, segment(E, Graph)}}
+    end.
+
+flood([], _Open, _Graph, Seen) ->
+    Seen;
+flood([V | Rest], Open, Graph, Seen0) ->
+    Go = fun({E, W, _, _}, {New, Seen}) ->
+        case is_map_key(W, Seen) orelse not Open(E) of
+            true -> {New, Seen};
+            false -> {[W | New], Seen#{W => true}}
+        end
+    end,
+    {New, Seen1} = lists:foldl(Go, {Rest, Seen0}, adjacent(V, Graph)),
+    flood(New, Open, Graph, Seen1).
+
+joints(P, K, Radius, #graph{vertex_grid = Grid, world = {W, H}} = Graph) ->
+    Near = starl_grid:near({P, P}, Radius, Grid),
+    case length(Near) >= K orelse Radius > W + H of
+        true ->
+            Sorted = lists:sort([{starl_geometry:distance(P, point(V, Graph)), V} || V <- Near]),
+            lists:sublist(Sorted, K);
+        false ->
+            joints(P, K, 2.0 * Radius, Graph)
+    end.

@@ -1,0 +1,121 @@
+%% @doc The contract of distributed path planning (DPP), as a monitor.
+%%
+%% Reservations (Lemma 7 of the paper): at every change of a robot's reservation, its centre line
+%% is at least two tube radii away from every other robot's. Separation: any two robots are at
+%% least `r_s' apart at every instant, in continuous time ({@link starl_separation}).
+%%
+%% Events of machine `dpp': `{coordinator, Epoch}' (a later epoch starts with an empty view),
+%% `{assigned, Robot, ReqId, Segments}' and `{reserved, Robot, Segments}' (the robot's whole
+%% reservation afterwards); of machine `chassis': `{motion, Piece}'; of machine `robot':
+%% `{died, Reason}' (the robot stays where it is, and so does its reservation).
+%%
+%% Separation is judged when a slice of time is over, so its violations come up to a second
+%% after the moment that they name; a pair is reported once.
+-module(starl_dpp_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type reservation() :: {starl_geometry:box(), [starl_geometry:segment(), ...]}.
+
+-record(state, {
+    %% The least distance of two centre lines (mm).
+    apart_mm :: float(),
+    r_s :: float(),
+    epoch = none :: term(),
+    reservations = #{} :: #{robot_id() => reservation()},
+    separation :: starl_separation:t(),
+    %% Found, but not returned yet: an event returns one violation.
+    waiting = [] :: [starl_monitor:violation()]
+}).
+
+%% Rounding in the planner's own comparison (mm).
+-define(SLACK_MM, 1.0e-6).
+
+%% @doc `tube_radius': the radius of a reach tube (mm); `r_s': the least distance of two robots
+%% (mm); `slice_us': the time that is judged at once (default one second).
+-spec init(#{tube_radius := float(), r_s := float(), slice_us => pos_integer()}) -> #state{}.
+init(#{tube_radius := Radius, r_s := Limit} = Config) ->
+    Slice = maps:get(slice_us, Config, 1_000_000),
+    #state{
+        apart_mm = 2 * Radius - ?SLACK_MM,
+        r_s = float(Limit),
+        separation = starl_separation:new(Limit, Slice)
+    }.
+
+%% @doc Plans, motions and the end of robots.
+-spec interests() -> [atom()].
+interests() -> [dpp, chassis, robot].
+
+%% @doc Judges one event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, Machine, Event}, #state{separation = Separation, r_s = Limit} = State) ->
+    {Met, Advanced} = starl_separation:advance(T, Separation),
+    {Broken, Next} = judge({Machine, Event}, T, Robot, State#state{separation = Advanced}),
+    case State#state.waiting ++ [encounter(Meeting, Limit) || Meeting <- Met] ++ Broken of
+        [] -> {ok, Next};
+        [First | Rest] -> {violation, First, Next#state{waiting = Rest}}
+    end.
+
+%% @doc Judges the time until `EndTimeUs'. Results: `min_separation_mm' (`infinity' with fewer
+%% than two robots), and `at_us' and `robots' where there is one.
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit}) ->
+    {Met, Least} = starl_separation:finish(EndTimeUs, Separation),
+    {verdict(Waiting ++ [encounter(Meeting, Limit) || Meeting <- Met]), results(Least)}.
+
+verdict([]) -> ok;
+verdict(Violations) -> {violation, Violations}.
+
+results(none) ->
+    #{min_separation_mm => infinity};
+results({Distance, AtUs, {A, B}}) ->
+    #{min_separation_mm => Distance, at_us => AtUs, robots => [A, B]}.
+
+encounter({Distance, AtUs, {A, B}}, Limit) ->
+    violation(too_close, AtUs, [A, B], #{distance_mm => Distance, limit_mm => Limit}).
+
+judge({chassis, {motion, Piece}}, _T, Robot, #state{separation = Separation} = State) ->
+    {[], State#state{separation = starl_separation:motion(Robot, Piece, Separation)}};
+judge({robot, {died, _Reason}}, T, Robot, #state{separation = Separation} = State) ->
+    {[], State#state{separation = starl_separation:stop(Robot, T, Separation)}};
+judge({dpp, {assigned, Robot, _ReqId, Segments}}, T, _Coordinator, State) ->
+    reserve(T, Robot, Segments, State);
+judge({dpp, {reserved, Robot, Segments}}, T, _Coordinator, State) ->
+    reserve(T, Robot, Segments, State);
+judge({dpp, {coordinator, Epoch}}, _T, _Robot, #state{epoch = Last} = State) when
+    Last =:= none; Epoch > Last
+->
+    {[], State#state{epoch = Epoch, reservations = #{}}};
+judge({_Machine, _Other}, _T, _Robot, State) ->
+    {[], State}.
+
+%%% Reservations
+
+reserve(_T, Robot, [], #state{reservations = Reservations} = State) ->
+    {[], State#state{reservations = maps:remove(Robot, Reservations)}};
+reserve(T, Robot, Segments, #state{reservations = Reservations, apart_mm = Apart} = State) ->
+    Own = {box(Segments), Segments},
+    Others = lists:sort(maps:to_list(maps:remove(Robot, Reservations))),
+    Broken = [overlap(T, Robot, Own, Other, State) || {_, Theirs} = Other <- Others,
+                                                      closer(Own, Theirs, Apart)],
+    {Broken, State#state{reservations = Reservations#{Robot => Own}}}.
+
+box(Segments) ->
+    starl_geometry:box(lists:append([[A, B] || {A, B} <- Segments])).
+
+closer({Box, Segments}, {OtherBox, Others}, Apart) ->
+    starl_geometry:overlap(starl_geometry:grow(Box, Apart), OtherBox) andalso
+        lists:any(fun(S) -> lists:any(fun(O) -> starl_geometry:closer(S, O, Apart) end, Others) end,
+                  Segments).
+
+overlap(T, Robot, {_, Segments}, {Other, {_, Others}}, #state{apart_mm = Apart}) ->
+    Distance = lists:min([starl_geometry:segment_segment(S, O) || S <- Segments, O <- Others]),
+    Details = #{distance_mm => Distance, limit_mm => Apart + ?SLACK_MM},
+    violation(tubes_overlap, T, [min(Robot, Other), max(Robot, Other)], Details).
+
+violation(What, T, Robots, Details) ->
+    #{contract => dpp, what => What, at_us => T, robots => Robots, details => Details}.

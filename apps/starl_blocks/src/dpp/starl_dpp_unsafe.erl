@@ -1,0 +1,143 @@
+%% @doc The paper's set Unsafe: what each robot has reserved, and which edges that closes to others.
+%%
+%% A reservation is a list of segments: the robot may be anywhere within the tube radius R of them.
+%% A robot that stands holds one segment of length zero. Reservations of different robots must be
+%% at least 2R apart, centre line to centre line (the paper's Lemma 7). For every graph edge the
+%% robots whose reservation is less than 2R away are kept as a bit mask, updated when a reservation
+%% changes, so that a search asks for one integer per edge. Each blocked edge is kept with the last
+%% segment that blocks it: driving past that segment frees the edge.
+-module(starl_dpp_unsafe).
+
+-export([new/2, set/3, drop/3, held/2, all/1, unknown/1, bit/2, masks/1, blocks/2,
+         others/2, clear/2]).
+-export_type([t/0, masks/0, obstacle/0]).
+
+-type robot_id() :: pos_integer().
+-type point() :: starl_geometry:point().
+-type segment() :: starl_geometry:segment().
+-type edge_id() :: starl_dpp_graph:edge_id().
+-type masks() :: #{edge_id() => pos_integer()}.
+%% The robots that block an edge, a bit each; an edge that nobody blocks is absent.
+-type obstacle() :: {ClearanceMm :: float(), starl_geometry:box(), [segment()]}.
+%% Segments of another robot, their box, and how far from them to stay.
+-type item() :: {segment(), [edge_id()]}.
+
+-record(unsafe, {
+    graph :: starl_dpp_graph:t(),
+    bits :: #{robot_id() => pos_integer()},
+    held = #{} :: #{robot_id() => [item()]},
+    masks = #{} :: masks()
+}).
+-opaque t() :: #unsafe{}.
+
+-define(CHUNK, 8).
+-define(MARGIN, 1.0e-6).
+%% Distances within rounding of 2R count as too near.
+
+%% @doc No reservations yet.
+-spec new([robot_id()], starl_dpp_graph:t()) -> t().
+new(Robots, Graph) ->
+    Bits = lists:zip(Robots, [1 bsl I || I <- lists:seq(0, length(Robots) - 1)]),
+    #unsafe{graph = Graph, bits = maps:from_list(Bits)}.
+
+%% @doc Replaces the reservation of a robot.
+-spec set(robot_id(), [segment(), ...], t()) -> t().
+set(Robot, Segments, #unsafe{held = Held, masks = Masks0, graph = Graph} = Unsafe) ->
+    Bit = bit(Robot, Unsafe),
+    Masks1 = free(Bit, maps:get(Robot, Held, []), Masks0),
+    Mm = clearance(Graph),
+    Block = fun(Segment, {Items, Masks}) ->
+        %% From the last segment to the first: what a later one blocks stays blocked longer.
+        Open = fun(E) -> maps:get(E, Masks, 0) band Bit =:= 0 end,
+        Edges = starl_dpp_graph:within(Segment, {Mm, Open}, Graph),
+        {[{Segment, Edges} | Items], block(Bit, Edges, Masks)}
+    end,
+    {Items, Masks2} = lists:foldr(Block, {[], Masks1}, Segments),
+    Unsafe#unsafe{held = Held#{Robot => Items}, masks = Masks2}.
+
+%% @doc Gives up the first `N' segments of a reservation; the last one always stays.
+-spec drop(robot_id(), N :: non_neg_integer(), t()) -> t().
+drop(Robot, N, #unsafe{held = Held, masks = Masks} = Unsafe) ->
+    Items = maps:get(Robot, Held),
+    {Passed, Kept} = lists:split(min(N, length(Items) - 1), Items),
+    Unsafe#unsafe{held = Held#{Robot := Kept}, masks = free(bit(Robot, Unsafe), Passed, Masks)}.
+
+%% @doc The segments of one robot, `[]' when its place is not known.
+-spec held(robot_id(), t()) -> [segment()].
+held(Robot, #unsafe{held = Held}) -> [S || {S, _} <- maps:get(Robot, Held, [])].
+
+%% @doc All reservations in the order of the robots.
+-spec all(t()) -> [{robot_id(), [segment()]}].
+all(#unsafe{held = Held} = Unsafe) -> [{Id, held(Id, Unsafe)} || Id <- lists:sort(maps:keys(Held))].
+
+%% @doc The robots that nothing is known of.
+-spec unknown(t()) -> [robot_id()].
+unknown(#unsafe{bits = Bits, held = Held}) ->
+    [Id || Id <- lists:sort(maps:keys(Bits)), not is_map_key(Id, Held)].
+
+%% @doc The bit that stands for a robot.
+-spec bit(robot_id(), t()) -> pos_integer().
+bit(Robot, #unsafe{bits = Bits}) -> maps:get(Robot, Bits).
+
+%% @doc Who blocks which edge.
+-spec masks(t()) -> masks().
+masks(#unsafe{masks = Masks}) -> Masks.
+
+%% @doc The edges that a robot blocks.
+-spec blocks(robot_id(), t()) -> [edge_id()].
+blocks(Robot, #unsafe{held = Held}) ->
+    lists:append([Edges || {_, Edges} <- maps:get(Robot, Held, [])]).
+
+%% @doc What a robot must stay clear of.
+%%
+%% Robots that were pushed together, which no reservation allows but the world may, could never
+%% leave under the full clearance. They must not get any nearer than they are.
+-spec others(robot_id(), t()) -> [obstacle()].
+others(Robot, #unsafe{graph = Graph} = Unsafe) ->
+    Own = [P || {P, _} <- lists:sublist(held(Robot, Unsafe), 1)],
+    Full = clearance(Graph),
+    lists:append([obstacles(Own, Full, Segments)
+                  || {Id, Segments} <- all(Unsafe), Id =/= Robot]).
+
+%% @doc Is the segment far enough from all obstacles?
+-spec clear(segment(), [obstacle()]) -> boolean().
+clear({{AX, AY}, {BX, BY}} = Segment, Obstacles) ->
+    clear(Segment, {min(AX, BX), min(AY, BY), max(AX, BX), max(AY, BY)}, Obstacles).
+
+%%% Internals
+
+clearance(Graph) -> 2.0 * starl_dpp_graph:radius(Graph) + ?MARGIN.
+
+block(Bit, Edges, Masks) ->
+    lists:foldl(fun(E, Acc) -> Acc#{E => maps:get(E, Acc, 0) bor Bit} end, Masks, Edges).
+
+free(Bit, Items, Masks) ->
+    lists:foldl(fun({_, Edges}, Acc) -> lists:foldl(fun(E, A) -> unblock(Bit, E, A) end, Acc, Edges)
+                end, Masks, Items).
+
+unblock(Bit, E, Masks) ->
+    case Masks of
+        #{E := Bit} -> maps:remove(E, Masks);
+        #{E := Mask} -> Masks#{E := Mask band (bnot Bit)}
+    end.
+
+obstacles(Own, Full, Segments) ->
+    Now = lists:min([Full | [starl_geometry:point_segment(P, S) || P <- Own, S <- Segments]]),
+    Clearance = case Now < Full of true -> Now - ?MARGIN; false -> Full end,
+    chunks(Clearance, Segments).
+
+chunks(_Clearance, []) ->
+    [];
+chunks(Clearance, Segments) ->
+    {Chunk, Rest} = lists:split(min(?CHUNK, length(Segments)), Segments),
+    Box = starl_geometry:box(lists:append([[P, Q] || {P, Q} <- Chunk])),
+    [{Clearance, starl_geometry:grow(Box, Clearance), Chunk} | chunks(Clearance, Rest)].
+
+clear(_Segment, _Box, []) ->
+    true;
+clear(Segment, {X0, Y0, X1, Y1} = Box, [{Mm, {CX0, CY0, CX1, CY1}, Chunk} | Rest]) ->
+    Far = CX0 > X1 orelse X0 > CX1 orelse CY0 > Y1 orelse Y0 > CY1,
+    case Far orelse not lists:any(fun(S) -> starl_geometry:closer(S, Segment, Mm) end, Chunk) of
+        true -> clear(Segment, Box, Rest);
+        false -> false
+    end.

@@ -1,0 +1,176 @@
+%% @doc The contract of the election by randomized ballots, as a monitor.
+%%
+%% Safety: any two robots that elect in the same election elect the same leader, and each only
+%% one; the leader took part and has drawn a ballot; a robot draws at most one ballot per
+%% election, also across a restart; whoever entered elects or fails within `bound_us', unless
+%% it died. With `complete' (default false) an election by `all_ballots' also needs a ballot of
+%% every robot named in the configuration.
+%%
+%% Events of machine `election': `{entered, Election}', `{ballot, Election, Ballot}',
+%% `{elected, Election, Leader, all_ballots | announcement}', `{failed, Election, Reason}'; of
+%% machine `robot': `{died, Reason}'. Entering again, after a restart, starts the bound afresh.
+-module(starl_election_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type election() :: term().
+%% Ballots drawn, and who elected whom.
+-type record() :: {Ballots :: #{robot_id() => term()}, Elected :: #{robot_id() => robot_id()}}.
+
+-record(state, {
+    robots :: [robot_id()],
+    bound_us :: pos_integer(),
+    complete :: boolean(),
+    elections = #{} :: #{election() => record()},
+    %% Who is still electing, and until when.
+    open = #{} :: #{{election(), robot_id()} => DeadlineUs :: integer()},
+    %% The deadlines in their order; those that `open' does not confirm are void.
+    deadlines = queue:new() :: queue:queue({integer(), election(), robot_id()}),
+    failed = 0 :: non_neg_integer()
+}).
+
+%% @doc `robots': who may take part; `bound_us': the longest time from entering to the result.
+-spec init(#{robots := [robot_id()], bound_us := pos_integer(), complete => boolean()}) ->
+    #state{}.
+init(#{robots := Robots, bound_us := Bound} = Config) ->
+    #state{robots = Robots, bound_us = Bound, complete = maps:get(complete, Config, false)}.
+
+%% @doc The elections' own events and the end of robots.
+-spec interests() -> [atom()].
+interests() -> [election, robot].
+
+%% @doc Judges one event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, Machine, Event}, State) ->
+    {Overdue, Current} = pass(T, State, []),
+    {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
+    case Overdue ++ Broken of
+        [] -> {ok, Next};
+        [First | _] -> {violation, First, Next}
+    end.
+
+%% @doc Judges the time until `EndTimeUs'. Results: the number of `elections', of robots that
+%% `elected' and `failed' in them, and the `leaders' in the order of the elections.
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndTimeUs, State) ->
+    {Overdue, #state{elections = Elections, failed = Failed}} = pass(EndTimeUs, State, []),
+    Held = lists:sort(maps:to_list(Elections)),
+    Results = #{
+        elections => length(Held),
+        elected => lists:sum([map_size(Elected) || {_, {_, Elected}} <- Held]),
+        failed => Failed,
+        leaders => [{E, lists:usort(maps:values(Elected))} || {E, {_, Elected}} <- Held]
+    },
+    {verdict(Overdue), Results}.
+
+verdict([]) -> ok;
+verdict(Violations) -> {violation, Violations}.
+
+%%% Events: each gives the violations it shows
+
+judge({election, {entered, Election}}, T, Robot, State) ->
+    {stranger(T, Robot, Election, State), enter(T, Robot, Election, State)};
+judge({election, {ballot, Election, Ballot}}, T, Robot, State) ->
+    {Ballots, Elected} = record_of(Election, State),
+    Broken = second_ballot(T, Robot, Election, Ballot, Ballots),
+    {Broken, keep(Election, {maps:merge(#{Robot => Ballot}, Ballots), Elected}, State)};
+judge({election, {elected, Election, Leader, How}}, T, Robot, State) ->
+    {Ballots, Elected} = Record = record_of(Election, State),
+    Broken = stranger(T, Robot, Election, State)
+        ++ disagreement(T, Robot, Election, Leader, Elected)
+        ++ unfit(T, Robot, Election, Leader, Ballots)
+        ++ incomplete(How, T, Robot, Election, Record, State),
+    Known = {Ballots, maps:merge(#{Robot => Leader}, Elected)},
+    {Broken, keep(Election, Known, conclude(Election, Robot, State))};
+judge({election, {failed, Election, _Reason}}, _T, Robot, #state{failed = Failed} = State) ->
+    {[], conclude(Election, Robot, State#state{failed = Failed + 1})};
+judge({robot, {died, _Reason}}, _T, Robot, #state{open = Open} = State) ->
+    Alive = maps:filter(fun({_Election, Who}, _Deadline) -> Who =/= Robot end, Open),
+    {[], State#state{open = Alive}};
+judge({_Machine, _Other}, _T, _Robot, State) ->
+    {[], State}.
+
+record_of(Election, #state{elections = Elections}) ->
+    maps:get(Election, Elections, {#{}, #{}}).
+
+keep(Election, Record, #state{elections = Elections} = State) ->
+    State#state{elections = Elections#{Election => Record}}.
+
+enter(T, Robot, Election, #state{open = Open, deadlines = Deadlines} = State) ->
+    Deadline = T + State#state.bound_us,
+    keep(Election, record_of(Election, State), State#state{
+        open = Open#{{Election, Robot} => Deadline},
+        deadlines = queue:in({Deadline, Election, Robot}, Deadlines)
+    }).
+
+conclude(Election, Robot, #state{open = Open} = State) ->
+    State#state{open = maps:remove({Election, Robot}, Open)}.
+
+%%% The clauses of the contract
+
+stranger(T, Robot, Election, #state{robots = Robots}) ->
+    [violation(not_a_participant, T, [Robot], #{election => Election})
+     || not lists:member(Robot, Robots)].
+
+second_ballot(T, Robot, Election, Ballot, Ballots) ->
+    case Ballots of
+        #{Robot := First} when First =/= Ballot ->
+            Details = #{election => Election, first => First, second => Ballot},
+            [violation(second_ballot, T, [Robot], Details)];
+        #{} ->
+            []
+    end.
+
+%% A robot's own earlier choice first, else the lowest robot that chose otherwise.
+disagreement(T, Robot, Election, Leader, Elected) ->
+    case [{Who, Other} || {Who, Other} <- maps:to_list(Elected), Other =/= Leader] of
+        [] ->
+            [];
+        Differing ->
+            {Who, Other} = opponent(Robot, Differing),
+            Details = #{election => Election, leaders => [Other, Leader]},
+            [violation(clash(Who, Robot), T, lists:usort([Who, Robot]), Details)]
+    end.
+
+opponent(Robot, Differing) ->
+    case lists:keyfind(Robot, 1, Differing) of
+        false -> lists:min(Differing);
+        Own -> Own
+    end.
+
+clash(Robot, Robot) -> two_leaders_at_one_robot;
+clash(_Who, _Robot) -> different_leaders.
+
+unfit(T, Robot, Election, Leader, Ballots) ->
+    [violation(leader_without_ballot, T, [Robot], #{election => Election, leader => Leader})
+     || not is_map_key(Leader, Ballots)].
+
+incomplete(all_ballots, T, Robot, Election, {Ballots, _}, #state{complete = true} = State) ->
+    Missing = [Other || Other <- State#state.robots, not is_map_key(Other, Ballots)],
+    [violation(incomplete_ballots, T, [Robot], #{election => Election, missing => Missing})
+     || Missing =/= []];
+incomplete(_How, _T, _Robot, _Election, _Record, _State) ->
+    [].
+
+%% What is overdue before `T'; a result at exactly the deadline is in time.
+pass(T, #state{deadlines = Deadlines, open = Open} = State, Found) ->
+    case queue:peek(Deadlines) of
+        {value, {Deadline, Election, Robot}} when Deadline < T ->
+            Left = State#state{deadlines = queue:drop(Deadlines)},
+            case Open of
+                #{{Election, Robot} := Deadline} ->
+                    Late = violation(no_result, Deadline, [Robot], #{election => Election}),
+                    pass(T, conclude(Election, Robot, Left), [Late | Found]);
+                #{} ->
+                    pass(T, Left, Found)
+            end;
+        _NothingDue ->
+            {lists:reverse(Found), State}
+    end.
+
+violation(What, T, Robots, Details) ->
+    #{contract => election, what => What, at_us => T, robots => Robots, details => Details}.

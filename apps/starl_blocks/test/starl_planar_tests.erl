@@ -1,0 +1,105 @@
+-module(starl_planar_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+graph(Segments) -> starl_planar:planarise(Segments, #{}).
+
+counts(Segments) ->
+    #{vertices := V, edges := E} = graph(Segments),
+    {length(V), length(E)}.
+
+empty_test() -> ?assertEqual({0, 0}, counts([])).
+
+zero_length_dropped_test() ->
+    #{edges := E} = graph([{{1.0, 1.0}, {1.0, 1.0}}]),
+    ?assertEqual([], E).
+
+cross_becomes_vertex_test() ->
+    ?assertEqual({5, 4}, counts([{{0.0, 0.0}, {10.0, 10.0}}, {{0.0, 10.0}, {10.0, 0.0}}])).
+
+touch_becomes_vertex_test() ->
+    ?assertEqual({4, 3}, counts([{{0.0, 0.0}, {10.0, 0.0}}, {{5.0, 0.01}, {5.0, 10.0}}])).
+
+overlap_is_merged_test() ->
+    ?assertEqual({4, 3}, counts([{{0.0, 0.0}, {10.0, 0.0}}, {{5.0, 0.0}, {15.0, 0.0}}])),
+    ?assertEqual({4, 3}, counts([{{0.0, 0.0}, {10.0, 0.0}}, {{7.0, 0.0}, {3.0, 0.0}}])).
+
+duplicates_merged_test() ->
+    ?assertEqual({2, 1}, counts([{{0.0, 0.0}, {10.0, 0.0}}, {{10.0, 0.0}, {0.0, 0.01}}])).
+
+star_shares_one_vertex_test() ->
+    Star = [{{1000 * math:cos(A), 1000 * math:sin(A)}, {-1000 * math:cos(A), -1000 * math:sin(A)}}
+            || K <- lists:seq(0, 19), A <- [K * math:pi() / 20]],
+    ?assertEqual({41, 40}, counts(Star)).
+
+long_edges_divided_test() ->
+    #{vertices := V, edges := E} =
+        starl_planar:planarise([{{0.0, 0.0}, {1000.0, 0.0}}], #{max_length => 300.0}),
+    ?assertEqual(4, length(E)),
+    [?assert(abs(starl_geometry:distance(lists:nth(A, V), lists:nth(B, V)) - 250.0) < 1.0e-6)
+     || {A, B} <- E].
+
+%% No two edges meet anywhere but in shared vertices, and no ink is lost or invented.
+planar_random_test_() ->
+    [{lists:concat([Kind, " seed ", Seed]), fun() -> planar(Kind, Seed) end}
+     || Kind <- [lines, lattice, near_parallel], Seed <- lists:seq(1, 15)].
+
+planar(Kind, Seed) ->
+    Segments = random_segments(Kind, 40, rand:seed_s(exsss, Seed)),
+    #{vertices := V, edges := E} = Graph = graph(Segments),
+    ?assertEqual(Graph, graph(Segments)),
+    Points = list_to_tuple(V),
+    Lines = [{A, B, {element(A, Points), element(B, Points)}} || {A, B} <- E],
+    [?assertEqual({none, {A, B}, {C, D}}, {meet(L, M), {A, B}, {C, D}})
+     || {A, B, _} = L <- Lines, {C, D, _} = M <- Lines, {A, B} < {C, D}],
+    [?assert(covered(P, [S || {_, _, S} <- Lines])) || S0 <- Segments, P <- samples(S0)],
+    [?assert(covered(P, Segments)) || {_, _, S} <- Lines, P <- samples(S)].
+
+meet({A, B, S}, {C, D, T}) ->
+    Shared = lists:member(A, [C, D]) orelse lists:member(B, [C, D]),
+    case starl_geometry:intersection(S, T) of
+        {proper, P} when not Shared -> {proper, P};
+        {overlap, {P, Q}} -> {overlap, {P, Q}};
+        _ -> none
+    end.
+
+samples({P, Q}) -> [starl_geometry:interpolate(P, Q, K / 8) || K <- lists:seq(0, 8)].
+
+covered(P, Segments) ->
+    lists:any(fun(S) -> starl_geometry:point_segment(P, S) < 0.3 end, Segments).
+
+random_segments(_Kind, 0, _Rand) -> [];
+random_segments(Kind, N, Rand0) ->
+    {A, Rand1} = point(Kind, Rand0),
+    {B, Rand2} = point(Kind, Rand1),
+    [{A, B} | random_segments(Kind, N - 1, Rand2)].
+
+point(lines, Rand0) ->
+    {X, Rand1} = rand:uniform_s(Rand0),
+    {Y, Rand2} = rand:uniform_s(Rand1),
+    {{1000.0 * X, 1000.0 * Y}, Rand2};
+point(lattice, Rand0) ->
+    {X, Rand1} = rand:uniform_s(6, Rand0),
+    {Y, Rand2} = rand:uniform_s(6, Rand1),
+    {{100.0 * X, 100.0 * Y}, Rand2};
+point(near_parallel, Rand0) ->
+    {X, Rand1} = rand:uniform_s(20, Rand0),
+    {Y, Rand2} = rand:uniform_s(Rand1),
+    {{50.0 * X, 3.0 * Y}, Rand2}.
+
+%% Two thousand lines with some ten thousand crossings take about a second, not minutes.
+fast_test_() ->
+    {timeout, 30, fun() ->
+        Segments = short_lines(2000, rand:seed_s(exsss, 7)),
+        {Us, #{edges := E}} = timer:tc(fun() -> graph(Segments) end),
+        ?assert(length(E) > 8000),
+        ?assert(Us < 6000000)
+    end}.
+
+short_lines(0, _) -> [];
+short_lines(N, Rand0) ->
+    {{X, Y}, Rand1} = point(lines, Rand0),
+    {A, Rand2} = rand:uniform_s(Rand1),
+    Angle = A * 6.283,
+    P = {X * 10, Y * 10},
+    Q = {X * 10 + 580 * math:cos(Angle), Y * 10 + 580 * math:sin(Angle)},
+    [{P, Q} | short_lines(N - 1, Rand2)].

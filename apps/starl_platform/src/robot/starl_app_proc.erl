@@ -1,0 +1,204 @@
+%% @doc The process of a sequential application, and how its calls block.
+%%
+%% It speaks the driver protocol of {@link starl_machine_proc}. Between two events the
+%% application runs on its own stack; a blocking call hands control back to the driver with the
+%% actions gathered so far and waits for the event it needs. Other events that arrive meanwhile
+%% are kept: messages in a bounded inbox, in their order.
+%%
+%% The turn (the clock and the actions not yet handed back) lives in the process dictionary,
+%% under one key: the application's own functions lie between the calls on the stack, so there
+%% is no state to thread through them.
+-module(starl_app_proc).
+
+-export([start_link/1, init/1]).
+-export([perform/1, now/0, random/0, call/3, await/2, sleep/1]).
+
+-define(TURN, starl_turn).
+-define(INBOX_LIMIT, 1000).
+
+-record(turn, {
+    driver :: pid(),
+    now :: integer(),
+    actions = [] :: [starl_machine:action()],
+    inbox = [] :: [message()],
+    random :: rand:state(),
+    tag = 0 :: non_neg_integer(),
+    listening = [] :: [atom()]
+}).
+
+%% A message that waits in the inbox.
+-type message() :: {From :: starl:robot_id(), Type :: atom(), Body :: term()}.
+
+%% What the process needs to know. `handle' is what the application calls its `Robot'.
+-type spec() :: #{
+    robot := pos_integer(),
+    handle := term(),
+    module := module(),
+    args := term(),
+    driver := pid()
+}.
+
+%% @doc Starts the process of an application on a robot.
+-spec start_link(spec()) -> {ok, pid()}.
+start_link(Spec) -> {ok, proc_lib:spawn_link(?MODULE, init, [Spec])}.
+
+%% @private
+-spec init(spec()) -> no_return().
+init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := Driver}) ->
+    logger:set_process_metadata(#{domain => [starl, robot], robot => Id, machine => app}),
+    Driver ! {starl_attach, Id, app, self()},
+    receive
+        {starl_boot, #{now := Now, random := Random}} ->
+            _ = put(?TURN, #turn{driver = Driver, now = Now, random = Random}),
+            loop(Robot, Module, Module:init(Robot, Args), version(Module))
+    end.
+
+%% @doc Adds actions to the turn; they take place when the application next blocks.
+-spec perform([starl_machine:action()]) -> ok.
+perform(New) ->
+    #turn{actions = Actions} = Turn = get(?TURN),
+    Listening = [Type || {cast, sap, {listen, Type, app}} <- New] ++ Turn#turn.listening,
+    _ = put(?TURN, Turn#turn{actions = lists:reverse(New, Actions), listening = Listening}),
+    ok.
+
+%% @doc The robot's own clock, in microseconds, at the beginning of this turn.
+-spec now() -> integer().
+now() -> (get(?TURN))#turn.now.
+
+%% @doc A number in 0.0 =< X < 1.0 from the application's own random stream.
+-spec random() -> float().
+random() ->
+    #turn{random = Random} = Turn = get(?TURN),
+    {X, Next} = rand:uniform_s(Random),
+    _ = put(?TURN, Turn#turn{random = Next}),
+    X.
+
+%% @doc Calls another machine of the robot and waits for its answer.
+%% `{error, restarted}': the machine crashed; what it had begun may or may not have happened.
+-spec call(starl_machine:name(), Request :: term(), Us :: pos_integer() | infinity) ->
+    {ok, Answer :: term()} | {error, timeout | restarted}.
+call(Name, Request, Us) ->
+    Tag = new_tag(),
+    perform([{call, Name, Request, Tag} | timer(Tag, Us)]),
+    Answer = wait(fun
+        ({reply, T}, Reply) when T =:= Tag -> {ok, Reply};
+        ({timeout, T}, call) when T =:= Tag -> {error, timeout};
+        (info, {restarted, N}) when N =:= Name -> {error, restarted};
+        (_, _) -> skip
+    end),
+    stop_timer(Tag, Us),
+    Answer.
+
+%% @doc Waits for a message of one of the given types; messages that came earlier count.
+-spec await([atom()], Us :: non_neg_integer() | infinity) -> {ok, message()} | timeout.
+await(Types, Us) ->
+    #turn{inbox = Inbox} = Turn = get(?TURN),
+    case lists:splitwith(fun({_, Type, _}) -> not lists:member(Type, Types) end, Inbox) of
+        {Before, [Message | After]} ->
+            _ = put(?TURN, Turn#turn{inbox = Before ++ After}),
+            {ok, Message};
+        {_, []} ->
+            await_new(Types, Us)
+    end.
+
+%% @doc Waits for so long by the robot's own clock.
+-spec sleep(Us :: non_neg_integer()) -> ok.
+sleep(Us) ->
+    Tag = new_tag(),
+    perform(timer(Tag, Us)),
+    wait(fun
+        ({timeout, T}, call) when T =:= Tag -> ok;
+        (_, _) -> skip
+    end).
+
+%% -- internals ------------------------------------------------------------------------------
+
+loop(Robot, Module, State0, Version0) ->
+    Version = version(Module),
+    State = upgrade(Module, State0, Version0, Version),
+    case Module:step(Robot, State) of
+        {continue, Next} ->
+            loop(Robot, Module, Next, Version);
+        {done, Result} ->
+            perform([{done, Result}]),
+            wait(fun(_, _) -> skip end)
+    end.
+
+version(Module) -> Module:module_info(md5).
+
+upgrade(_Module, State, Version, Version) ->
+    State;
+upgrade(Module, State, Old, _New) ->
+    case erlang:function_exported(Module, code_change, 2) of
+        true -> Module:code_change(State, Old);
+        false -> State
+    end.
+
+await_new(Types, Us) ->
+    Tag = new_tag(),
+    perform(timer(Tag, Us)),
+    Answer = wait(fun
+        (cast, {message, From, Type, Body}) ->
+            case lists:member(Type, Types) of
+                true -> {ok, {From, Type, Body}};
+                false -> skip
+            end;
+        ({timeout, T}, call) when T =:= Tag ->
+            timeout;
+        (_, _) ->
+            skip
+    end),
+    stop_timer(Tag, Us),
+    Answer.
+
+%% Hands the gathered actions back and takes events until Match knows one.
+wait(Match) ->
+    #turn{driver = Driver, actions = Actions} = Turn = get(?TURN),
+    Driver ! {starl_done, self(), lists:reverse(Actions)},
+    receive
+        {starl_step, Type, Content, #{now := Now}} ->
+            _ = put(?TURN, Turn#turn{actions = [], now = Now}),
+            heed(Type, Content),
+            case Match(Type, Content) of
+                skip ->
+                    keep(Type, Content),
+                    wait(Match);
+                Answer ->
+                    Answer
+            end
+    end.
+
+%% The new SAP knows no listeners.
+heed(info, {restarted, sap}) ->
+    #turn{listening = Listening} = Turn = get(?TURN),
+    _ = put(?TURN, Turn#turn{listening = []}),
+    perform([{cast, sap, {listen, Type, app}} || Type <- lists:usort(Listening)]);
+heed(_, _) ->
+    ok.
+
+%% Events that nobody waits for at the moment.
+keep(cast, {message, From, Type, Body}) ->
+    #turn{inbox = Inbox} = Turn = get(?TURN),
+    case length(Inbox) < ?INBOX_LIMIT of
+        true -> put(?TURN, Turn#turn{inbox = Inbox ++ [{From, Type, Body}]});
+        false -> perform([{trace, {inbox_full, From, Type}}])
+    end;
+keep({timeout, _}, call) ->
+    ok;
+keep({reply, _}, _) ->
+    ok;
+keep(info, {restarted, _}) ->
+    ok;
+keep(Type, Content) ->
+    perform([{trace, {unknown_event, Type, Content}}]).
+
+new_tag() ->
+    #turn{tag = Tag} = Turn = get(?TURN),
+    _ = put(?TURN, Turn#turn{tag = Tag + 1}),
+    Tag + 1.
+
+timer(_Tag, infinity) -> [];
+timer(Tag, Us) -> [{{timeout, Tag}, Us, call}].
+
+stop_timer(_Tag, infinity) -> ok;
+stop_timer(Tag, _Us) -> perform([{{timeout, Tag}, cancel}]).

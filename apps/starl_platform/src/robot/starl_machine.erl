@@ -1,0 +1,133 @@
+%% @doc The behaviour of every protocol of StarL, and the pure runner of such a machine.
+%%
+%% A machine is a callback module with gen_statem's vocabulary and no side effects: time,
+%% identity and randomness come in through its configuration and {@link meta()}, and everything
+%% that leaves is an {@link action()}. The same code is interpreted by
+%% {@link starl_machine_proc} (a process in a robot's supervision tree), inline in a simulator,
+%% and by the exhaustive checker.
+%%
+%% An event that a machine does not know is answered with `unknown_event': it is traced, never
+%% fatal, never silent.
+-module(starl_machine).
+
+-export([new/3, step/4, module/1, state/1, data/1]).
+
+-export_type([t/0, name/0, tag/0, from/0, event_type/0, action/0, meta/0, config/0, result/0]).
+
+%% The name of a machine within its robot: `sap', `motion', `election', `app', …
+-type name() :: atom().
+
+%% A caller's own mark on a call; comes back with the reply.
+-type tag() :: term().
+
+%% Where a reply goes.
+-type from() :: {name(), tag()}.
+
+%% What kind of event a machine is given:
+%% `cast' and `{call, From}' from another machine of the same robot, `{reply, Tag}' for the
+%% answer to its own call, timeouts as in gen_statem, `packet' from the radio, and `info' from
+%% the platform: `{located, [{robot_id(), pose()}]}' after `sense', `{restarted, Name}' when
+%% another machine of this robot has crashed and come back.
+-type event_type() ::
+    cast
+    | {call, from()}
+    | {reply, tag()}
+    | {timeout, term()}
+    | state_timeout
+    | packet
+    | info.
+
+%% Everything that leaves a machine.
+-type action() ::
+    %% to another machine of the same robot
+    {cast, name(), Content :: term()}
+    | {call, name(), Request :: term(), tag()}
+    | {reply, from(), Answer :: term()}
+    %% timers on the robot's own clock, in microseconds
+    | {{timeout, Name :: term()}, Us :: non_neg_integer(), Content :: term()}
+    | {{timeout, Name :: term()}, cancel}
+    | {state_timeout, Us :: non_neg_integer(), Content :: term()}
+    | {state_timeout, cancel}
+    %% the radio: one packet on the air, for one robot or for all in range
+    | {transmit, starl:robot_id() | all, starl_packet:t()}
+    %% ask the positioning system; answered by the event `info', `{located, …}'
+    | {sense, [starl:robot_id()]}
+    %% the speeds of the left and the right wheel, mm/s, until the next such command
+    | {drive, Left :: float(), Right :: float()}
+    %% any other actuator: `{actuate, pen, down}'
+    | {actuate, Device :: atom(), Value :: term()}
+    %% a fact for the recording and the monitors
+    | {trace, Event :: term()}
+    %% the application has finished with this result
+    | {done, Result :: term()}.
+
+%% What a machine may know of the world when it handles an event: the robot's own clock (µs).
+-type meta() :: #{now := integer(), robot := starl:robot_id()}.
+
+%% The configuration given to `init/1'. `incarnation' counts the starts of this machine on this
+%% robot (1, 2, …); `random' is its own random stream.
+-type config() :: #{
+    robot := starl:robot_id(),
+    participants := [starl:robot_id()],
+    name := name(),
+    incarnation := pos_integer(),
+    random := rand:state(),
+    now := integer(),
+    atom() => term()
+}.
+
+-type result() ::
+    {next_state, State :: term(), Data :: term()}
+    | {next_state, State :: term(), Data :: term(), [action()]}
+    | {keep_state, Data :: term()}
+    | {keep_state, Data :: term(), [action()]}
+    | keep_state_and_data
+    | {keep_state_and_data, [action()]}
+    | unknown_event.
+
+-callback init(config()) -> {State :: term(), Data :: term(), [action()]}.
+-callback handle_event(event_type(), Content :: term(), State :: term(), Data :: term(), meta()) ->
+    result().
+
+-record(machine, {module :: module(), state :: term(), data :: term()}).
+
+%% A machine with its present state.
+-opaque t() :: #machine{}.
+
+%% @doc A machine in its first state, with the actions of its start. `Base' is the part of the
+%% configuration that the platform gives, `Config' the machine's own.
+-spec new(module(), Config :: map(), Base :: config()) -> {[action()], t()}.
+new(Module, Config, Base) ->
+    {State, Data, Actions} = Module:init(maps:merge(Config, Base)),
+    {Actions, #machine{module = Module, state = State, data = Data}}.
+
+%% @doc Handles one event; gives the actions in the order in which they are to take place.
+-spec step(event_type(), Content :: term(), meta(), t()) -> {[action()], t()}.
+step(Type, Content, Meta, #machine{module = Module, state = State, data = Data} = Machine) ->
+    case Module:handle_event(Type, Content, State, Data, Meta) of
+        {keep_state, NewData, Actions} -> {Actions, Machine#machine{data = NewData}};
+        {keep_state_and_data, Actions} -> {Actions, Machine};
+        {keep_state, NewData} -> {[], Machine#machine{data = NewData}};
+        keep_state_and_data -> {[], Machine};
+        {next_state, NewState, NewData, Actions} -> moved(NewState, NewData, Actions, Machine);
+        {next_state, NewState, NewData} -> moved(NewState, NewData, [], Machine);
+        unknown_event -> {[{trace, {unknown_event, Type, Content}}], Machine}
+    end.
+
+%% @doc The callback module.
+-spec module(t()) -> module().
+module(#machine{module = Module}) -> Module.
+
+%% @doc The present state, for inspection.
+-spec state(t()) -> term().
+state(#machine{state = State}) -> State.
+
+%% @doc The present data, for inspection.
+-spec data(t()) -> term().
+data(#machine{data = Data}) -> Data.
+
+%% As in gen_statem, a state time-out does not outlive its state.
+moved(State, Data, Actions, #machine{state = State} = Machine) ->
+    {Actions, Machine#machine{data = Data}};
+moved(State, Data, Actions, Machine) ->
+    {[{state_timeout, cancel} | Actions], Machine#machine{state = State, data = Data}}.

@@ -1,0 +1,143 @@
+%% @doc The API that an application sees (the paper's Table of primitives).
+%%
+%% All functions are called in the application's own process, from `Module:init/2' or
+%% `Module:step/2' of a {@link starl_app}. Positions are in millimetres, headings in radians,
+%% durations in milliseconds. The building blocks have their own interfaces
+%% (`starl_election', `starl_dpp', …), built on {@link call/4}.
+-module(starl).
+
+-export([id/1, participants/1, now/1, random/1]).
+-export([send/4, post/4, broadcast/3, listen/2, await/2, await/3]).
+-export([position/1, position/2, positions/1, waypoint/2, waypoints/1]).
+-export([go_to/2, sleep/2, actuate/3, trace/2, call/4]).
+-export([robot/2]).
+
+-export_type([robot/0, robot_id/0, pose/0, goal/0, outcome/0]).
+
+%% Robots are numbered from 1.
+-type robot_id() :: pos_integer().
+
+%% Position and heading: millimetres, radians counter-clockwise from the x axis.
+-type pose() :: {X :: float(), Y :: float(), Heading :: float()}.
+
+%% A point of the floor, or the name of a waypoint.
+-type goal() :: starl_geometry:point() | atom().
+
+%% Why a message may not have arrived: no acknowledgement after the last retransmission
+%% (`lost': it may have been delivered all the same), the receiver's or the own SAP restarted
+%% (likewise), or too many messages are under way (`overload': it was not sent).
+-type outcome() :: ok | {error, lost | restarted | overload}.
+
+-record(robot, {id :: robot_id(), participants :: [robot_id()]}).
+
+%% The robot that an application runs on.
+-opaque robot() :: #robot{}.
+
+%% @doc The robot's own number.
+-spec id(robot()) -> robot_id().
+id(#robot{id = Id}) -> Id.
+
+%% @doc All robots of the team, this one included, in ascending order.
+-spec participants(robot()) -> [robot_id()].
+participants(#robot{participants = Participants}) -> Participants.
+
+%% @doc The robot's own clock in milliseconds; the clocks of two robots differ.
+-spec now(robot()) -> integer().
+now(#robot{}) -> starl_app_proc:now() div 1000.
+
+%% @doc A number in 0.0 =< X < 1.0, from the seed of the run.
+-spec random(robot()) -> float().
+random(#robot{}) -> starl_app_proc:random().
+
+%% @doc Sends a message reliably (SAP) and waits until its outcome is known.
+-spec send(robot(), robot_id(), Type :: atom(), Body :: term()) -> outcome().
+send(#robot{} = Robot, To, Type, Body) ->
+    flatten(call(Robot, sap, {send, To, Type, Body}, infinity)).
+
+%% @doc Sends a message reliably and does not wait; its outcome is only traced.
+-spec post(robot(), robot_id(), Type :: atom(), Body :: term()) -> ok.
+post(#robot{}, To, Type, Body) ->
+    starl_app_proc:perform([{cast, sap, {send, To, Type, Body}}]).
+
+%% @doc Sends a message reliably to all others and waits until every outcome is known.
+-spec broadcast(robot(), Type :: atom(), Body :: term()) ->
+    ok | {error, restarted | overload | {lost, [robot_id()]}}.
+broadcast(#robot{} = Robot, Type, Body) ->
+    flatten(call(Robot, sap, {broadcast, Type, Body}, infinity)).
+
+%% @doc From now on messages of this type come to the application ({@link await/2}).
+-spec listen(robot(), Type :: atom()) -> ok.
+listen(#robot{}, Type) -> starl_app_proc:perform([{cast, sap, {listen, Type, app}}]).
+
+%% @doc Waits for a message of this type.
+-spec await(robot(), Type :: atom()) -> {ok, From :: robot_id(), Body :: term()}.
+await(#robot{}, Type) ->
+    {ok, {From, Type, Body}} = starl_app_proc:await([Type], infinity),
+    {ok, From, Body}.
+
+%% @doc Waits for a message of this type, at most so many milliseconds.
+-spec await(robot(), Type :: atom(), Ms :: non_neg_integer()) ->
+    {ok, From :: robot_id(), Body :: term()} | timeout.
+await(#robot{}, Type, Ms) ->
+    case starl_app_proc:await([Type], Ms * 1000) of
+        {ok, {From, Type, Body}} -> {ok, From, Body};
+        timeout -> timeout
+    end.
+
+%% @doc The robot's own position.
+-spec position(robot()) -> {ok, pose()} | {error, restarted | unknown}.
+position(#robot{id = Id} = Robot) -> position(Robot, Id).
+
+%% @doc The position of another robot, as the positioning system last saw it.
+-spec position(robot(), robot_id()) -> {ok, pose()} | {error, restarted | unknown}.
+position(#robot{} = Robot, Id) -> flatten(call(Robot, location, {pose, Id}, infinity)).
+
+%% @doc The positions of all robots that the positioning system sees.
+-spec positions(robot()) -> {ok, #{robot_id() => pose()}} | {error, restarted}.
+positions(#robot{} = Robot) -> flatten(call(Robot, location, poses, infinity)).
+
+%% @doc A named waypoint.
+-spec waypoint(robot(), Name :: atom()) ->
+    {ok, starl_geometry:point()} | {error, restarted | unknown}.
+waypoint(#robot{} = Robot, Name) -> flatten(call(Robot, location, {waypoint, Name}, infinity)).
+
+%% @doc All named waypoints.
+-spec waypoints(robot()) -> {ok, #{atom() => starl_geometry:point()}} | {error, restarted}.
+waypoints(#robot{} = Robot) -> flatten(call(Robot, location, waypoints, infinity)).
+
+%% @doc Drives in a straight line to a point or a named waypoint and waits until it is there.
+%% While it drives the robot keeps within r(v) of the line (Assumption II.1 of the paper;
+%% {@link starl_motion:tracking_radius/1}). `stopped': another command came in between.
+-spec go_to(robot(), goal()) -> ok | {error, stopped | restarted | unknown}.
+go_to(#robot{} = Robot, {_, _} = Point) ->
+    flatten(call(Robot, motion, {go_to, Point}, infinity));
+go_to(#robot{} = Robot, Name) ->
+    case waypoint(Robot, Name) of
+        {ok, Point} -> go_to(Robot, Point);
+        {error, _} = Error -> Error
+    end.
+
+%% @doc Waits for so long by the robot's own clock.
+-spec sleep(robot(), Ms :: non_neg_integer()) -> ok.
+sleep(#robot{}, Ms) -> starl_app_proc:sleep(Ms * 1000).
+
+%% @doc Sets an actuator: `starl:actuate(Robot, pen, down)'.
+-spec actuate(robot(), Device :: atom(), Value :: term()) -> ok.
+actuate(#robot{}, Device, Value) -> starl_app_proc:perform([{actuate, Device, Value}]).
+
+%% @doc Leaves an event in the recording, where monitors see it.
+-spec trace(robot(), Event :: term()) -> ok.
+trace(#robot{}, Event) -> starl_app_proc:perform([{trace, Event}]).
+
+%% @doc Calls a machine of this robot: what the building blocks' interfaces are made of.
+-spec call(robot(), starl_machine:name(), Request :: term(), Ms :: pos_integer() | infinity) ->
+    {ok, Answer :: term()} | {error, timeout | restarted}.
+call(#robot{}, Name, Request, infinity) -> starl_app_proc:call(Name, Request, infinity);
+call(#robot{}, Name, Request, Ms) -> starl_app_proc:call(Name, Request, Ms * 1000).
+
+%% @private Made by the runtime only.
+-spec robot(robot_id(), [robot_id()]) -> robot().
+robot(Id, Participants) -> #robot{id = Id, participants = Participants}.
+
+flatten({ok, Answer}) -> Answer;
+flatten({error, _} = Error) -> Error.

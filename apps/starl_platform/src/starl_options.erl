@@ -1,0 +1,166 @@
+%% @doc Configuration as data: tables of key, type, default and documentation, and the check of
+%% given values against them. All problems are reported together; unknown keys are problems.
+-module(starl_options).
+
+-export([check/2, parse/2, format_problem/1, type_text/1, suggestion/2]).
+
+-export_type([option/0, type/0, problem/0]).
+
+%% What a value may be. Bounds are inclusive. `{between, T}' is two values {Low, High} of T.
+-type type() ::
+    {integer, Min :: integer(), Max :: integer()}
+    | {number, Min :: number(), Max :: number()}
+    | {between, type()}
+    | {size, type()}
+    | {one_of, [atom()]}
+    | {optional, type()}
+    | string
+    | boolean
+    | {term, Shape :: string(), fun((term()) -> boolean())}.
+
+-type option() :: {Key :: atom(), type(), Default :: term(), Doc :: string()}.
+
+-type problem() ::
+    {unknown_key, Key :: term(), Near :: [atom()]} | {bad_value, atom(), Value :: term(), type()}.
+
+%% @doc Checks given values; gives them completed with the defaults.
+-spec check(#{atom() => term()}, [option()]) -> {ok, #{atom() => term()}} | {error, [problem()]}.
+check(Given, Options) ->
+    Keys = [Key || {Key, _, _, _} <- Options],
+    Unknown = [
+        {unknown_key, Key, suggestion(Key, Keys)}
+     || Key <- lists:sort(maps:keys(Given)), not lists:member(Key, Keys)
+    ],
+    Bad = [
+        {bad_value, Key, maps:get(Key, Given), Type}
+     || {Key, Type, _, _} <- Options,
+        is_map_key(Key, Given),
+        not valid(Type, maps:get(Key, Given))
+    ],
+    Defaults = maps:from_list([{Key, Default} || {Key, _, Default, _} <- Options]),
+    case Unknown ++ Bad of
+        [] -> {ok, maps:merge(Defaults, Given)};
+        Problems -> {error, Problems}
+    end.
+
+%% @doc Reads a value of a type from text, as on a command line.
+-spec parse(type(), string()) -> {ok, term()} | error.
+parse({integer, _, _} = Type, Text) ->
+    valid_or_error(Type, whole(Text));
+parse({number, _, _} = Type, Text) ->
+    valid_or_error(Type, number(Text));
+parse({between, Type}, Text) ->
+    pair(Type, string:split(Text, ".."), {between, Type});
+parse({size, Type}, Text) ->
+    pair(Type, string:split(Text, "x"), {size, Type});
+parse({one_of, Atoms}, Text) ->
+    case [Atom || Atom <- Atoms, atom_to_list(Atom) =:= Text] of
+        [Atom] -> {ok, Atom};
+        [] -> error
+    end;
+parse({optional, _}, "none") ->
+    {ok, none};
+parse({optional, Type}, Text) ->
+    parse(Type, Text);
+parse(string, Text) ->
+    valid_or_error(string, Text);
+parse(boolean, "true") ->
+    {ok, true};
+parse(boolean, "false") ->
+    {ok, false};
+parse(boolean, _) ->
+    error;
+parse({term, _, _} = Type, Text) ->
+    case erl_scan:string(Text ++ ".") of
+        {ok, Tokens, _} ->
+            case erl_parse:parse_term(Tokens) of
+                {ok, Term} -> valid_or_error(Type, Term);
+                {error, _} -> error
+            end;
+        {error, _, _} ->
+            error
+    end.
+
+%% @doc One line that says what is wrong.
+-spec format_problem(problem()) -> unicode:chardata().
+format_problem({unknown_key, Key, []}) ->
+    io_lib:format("unknown key ~tp", [Key]);
+format_problem({unknown_key, Key, [Near | _]}) ->
+    io_lib:format("unknown key ~tp (did you mean ~tp?)", [Key, Near]);
+format_problem({bad_value, Key, Value, Type}) ->
+    io_lib:format("~tp: ~ts expected, not ~tP", [Key, type_text(Type), Value, 20]).
+
+%% @doc A type in words.
+-spec type_text(type()) -> string().
+type_text({integer, Min, Max}) -> "a whole number from " ++ text(Min) ++ " to " ++ text(Max);
+type_text({number, Min, Max}) -> "a number from " ++ text(Min) ++ " to " ++ text(Max);
+type_text({between, Type}) -> type_text(Type) ++ ", or two as LOW..HIGH";
+type_text({size, Type}) -> "WIDTHxHEIGHT, each " ++ type_text(Type);
+type_text({one_of, Atoms}) -> "one of " ++ lists:join(", ", [atom_to_list(A) || A <- Atoms]);
+type_text({optional, Type}) -> type_text(Type) ++ ", or none";
+type_text(string) -> "a text";
+type_text(boolean) -> "true or false";
+type_text({term, Shape, _}) -> Shape.
+
+%% @doc The keys that a mistyped one may have meant, best first.
+-spec suggestion(term(), [atom()]) -> [atom()].
+suggestion(Key, Keys) when is_atom(Key) ->
+    Scored = [{string:jaro_similarity(atom_to_list(Key), atom_to_list(K)), K} || K <- Keys],
+    [K || {Score, K} <- lists:reverse(lists:sort(Scored)), Score > 0.8];
+suggestion(_, _) ->
+    [].
+
+%% -- internals ------------------------------------------------------------------------------
+
+valid({integer, Min, Max}, V) -> is_integer(V) andalso V >= Min andalso V =< Max;
+valid({number, Min, Max}, V) -> is_number(V) andalso V >= Min andalso V =< Max;
+valid({between, Type}, {A, B}) -> valid(Type, A) andalso valid(Type, B) andalso A =< B;
+valid({size, Type}, {A, B}) -> valid(Type, A) andalso valid(Type, B);
+valid({between, _}, _) -> false;
+valid({size, _}, _) -> false;
+valid({one_of, Atoms}, V) -> lists:member(V, Atoms);
+valid({optional, Type}, V) -> V =:= none orelse valid(Type, V);
+valid(string, V) -> io_lib:printable_unicode_list(V) andalso V =/= "";
+valid(boolean, V) -> is_boolean(V);
+valid({term, _, Is}, V) -> Is(V).
+
+valid_or_error(_Type, error) ->
+    error;
+valid_or_error(Type, Value) ->
+    case valid(Type, Value) of
+        true -> {ok, Value};
+        false -> error
+    end.
+
+whole(Text) ->
+    case string:to_integer(Text) of
+        {N, ""} -> N;
+        _ -> error
+    end.
+
+number(Text) ->
+    case string:to_float(Text) of
+        {X, ""} -> X;
+        _ -> whole_or_fraction(Text)
+    end.
+
+%% "3" and ".5" are numbers, too.
+whole_or_fraction([$. | _] = Text) -> number("0" ++ Text);
+whole_or_fraction(Text) -> whole(Text).
+
+pair(Type, [A, B], Whole) ->
+    case {parse(Type, A), parse(Type, B)} of
+        {{ok, Low}, {ok, High}} -> valid_or_error(Whole, {Low, High});
+        _ -> error
+    end;
+pair(Type, [A], {between, _}) ->
+    case parse(Type, A) of
+        {ok, Value} -> {ok, {Value, Value}};
+        error -> error
+    end;
+pair(_, _, _) ->
+    error.
+
+text(X) when is_integer(X) -> integer_to_list(X);
+text(X) -> lists:flatten(io_lib:format("~p", [X])).
+

@@ -1,0 +1,369 @@
+%% @doc The contract of the SAP, the reliable message service, as a monitor.
+%%
+%% Safety: a message is delivered at most once per receiver, whatever restarts; only if it was
+%% sent, to an addressee, with the type and content it was sent with; it is reported
+%% acknowledged only if it was delivered to that destination; each destination gets one outcome,
+%% within `bound_us' of sending. A message reported lost may still have been delivered, or be
+%% delivered later. When the sender's SAP restarts or its robot dies, the outcomes that were
+%% open are not expected any more; deliveries of those messages are still judged.
+%%
+%% Events of machine `sap': `{started, Incarnation}', `{sent, MsgId, Dests, Type, Hash}',
+%% `{delivered, MsgId, Type, Hash}' at the receiver, `{outcome, MsgId, Dest, Outcome}' at the
+%% sender with Outcome `acknowledged', `lost', `{lost, Reason}' or `restarted' (lost because the
+%% receiver restarted); of machine `robot': `{died, Reason}'. `MsgId' is `{Source, Incarnation,
+%% Seq}'.
+%%
+%% Memory: one entry per message that is outstanding. An undelivered message whose outcomes are
+%% all known is outstanding for `late_us' more; then only its sequence number is kept, in
+%% interval sets per (receiver, source, incarnation), and a delivery after that is accepted
+%% without a look at its content. Delivered messages leave nothing but an interval of sent
+%% sequence numbers per incarnation; a delivery of one of those counts as a duplicate, also
+%% where the receiver was no addressee.
+-module(starl_sap_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-type msg_id() :: {Source :: starl_monitor:robot_id(), Incarnation :: term(), Seq :: integer()}.
+%% What is known about one destination: nothing, delivered, outcome known, or both.
+-type progress() :: waiting | delivered | lost | done.
+-type message() :: {
+    Type :: atom(), Hash :: integer(), SentUs :: integer(),
+    [{starl_monitor:robot_id(), progress()}]
+}.
+%% Sequence numbers as disjoint closed intervals, highest first.
+-type intervals() :: [{Low :: integer(), High :: integer()}].
+%% Messages to look at when their time has passed, first in first out.
+-type alarms() :: {
+    Front :: [{integer(), msg_id()}], Back :: [{integer(), msg_id()}], non_neg_integer()
+}.
+
+-record(state, {
+    bound_us :: pos_integer(),
+    late_us :: non_neg_integer(),
+    %% The next time at which the head of an alarm queue is due.
+    due = infinity :: integer() | infinity,
+    messages = #{} :: #{msg_id() => message()},
+    %% The incarnation that each source runs, as far as it said so.
+    running = #{} :: #{starl_monitor:robot_id() => term()},
+    sent = #{} :: #{{starl_monitor:robot_id(), term()} => intervals()},
+    %% Sequence numbers lost and not delivered, whose messages were forgotten.
+    forgotten = #{} :: #{{starl_monitor:robot_id(), starl_monitor:robot_id(), term()} =>
+        intervals()},
+    overdue = {[], [], 0} :: alarms(),
+    stale = {[], [], 0} :: alarms(),
+    counts = {0, 0, 0, 0} :: {integer(), integer(), integer(), integer()}
+}).
+
+-define(LATE_US, 60_000_000).
+%% An alarm queue shorter than this is not worth compacting.
+-define(COMPACT, 1024).
+
+%% @doc `bound_us': the longest time from sending to the last outcome; `late_us' (default one
+%% minute): how long the content of a lost message is remembered.
+-spec init(#{bound_us := pos_integer(), late_us => non_neg_integer()}) -> #state{}.
+init(#{bound_us := Bound} = Config) ->
+    #state{bound_us = Bound, late_us = maps:get(late_us, Config, ?LATE_US)}.
+
+%% @doc The SAP's own events and the end of robots.
+-spec interests() -> [atom()].
+interests() -> [sap, robot].
+
+%% @doc Judges one event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, _, _, _} = Event, #state{due = Due} = State) when T =< Due ->
+    %% Integers sort before the atom infinity.
+    judge(Event, State);
+step({T, _, _, _} = Event, State) ->
+    case pass(T, State) of
+        {[], Current} -> judge(Event, Current);
+        {[First | _], Current} -> first(First, judge(Event, Current))
+    end.
+
+%% @doc Judges the time until `EndTimeUs'. Results: messages `sent' (per destination),
+%% `delivered', `acknowledged' and reported `lost', and those `outstanding'.
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndTimeUs, State) ->
+    {Overdue, #state{messages = Messages, counts = Counts}} = pass(EndTimeUs, State),
+    {Sent, Delivered, Acknowledged, Lost} = Counts,
+    Results = #{sent => Sent, delivered => Delivered, acknowledged => Acknowledged,
+                lost => Lost, outstanding => map_size(Messages)},
+    {verdict(Overdue), Results}.
+
+verdict([]) -> ok;
+verdict(Violations) -> {violation, Violations}.
+
+%% One event gives one violation: what was overdue came first.
+first(Violation, {ok, State}) -> {violation, Violation, State};
+first(Violation, {violation, _Second, State}) -> {violation, Violation, State}.
+
+%%% Events
+
+judge({T, Robot, sap, {sent, {Source, _, _} = Id, Dests, Type, Hash}}, State) ->
+    case Source =:= Robot of
+        true -> sent(T, Id, Dests, Type, Hash, State);
+        false -> broken(foreign_source, T, [Robot, Source], #{message => Id}, State)
+    end;
+judge({T, Robot, sap, {delivered, Id, Type, Hash}}, State) ->
+    case State#state.messages of
+        #{Id := Message} -> delivered(T, Robot, Id, Type, Hash, Message, State);
+        #{} -> delivered_late(T, Robot, Id, State)
+    end;
+judge({T, Robot, sap, {outcome, {Source, _, _} = Id, Dest, Outcome}}, State) ->
+    case Source =:= Robot of
+        true -> outcome(T, Id, Dest, kind(Outcome), State);
+        false -> broken(foreign_source, T, [Robot, Source], #{message => Id}, State)
+    end;
+judge({T, Robot, sap, {started, Incarnation}}, #state{running = Running} = State) ->
+    Started = State#state{running = Running#{Robot => Incarnation}},
+    {ok, abandon(T, Robot, Incarnation, Started)};
+judge({T, Robot, robot, {died, _Reason}}, State) ->
+    {ok, abandon(T, Robot, none, State)};
+judge({_T, _Robot, _Machine, _Other}, State) ->
+    {ok, State}.
+
+kind(acknowledged) -> acknowledged;
+kind(lost) -> lost;
+kind(restarted) -> lost;
+kind({lost, _Reason}) -> lost.
+
+sent(T, {Source, Incarnation, Seq} = Id, Dests, Type, Hash, #state{sent = Sent} = State) ->
+    Key = {Source, Incarnation},
+    case insert(Seq, maps:get(Key, Sent, [])) of
+        member -> broken(message_id_used_twice, T, [Source], #{message => Id}, State);
+        Known -> {ok, open(T, Id, Dests, Type, Hash, State#state{sent = Sent#{Key => Known}})}
+    end.
+
+open(_T, _Id, [], _Type, _Hash, State) ->
+    State;
+open(T, Id, Dests, Type, Hash, #state{messages = Messages, bound_us = Bound} = State) ->
+    Message = {Type, Hash, T, [{Dest, waiting} || Dest <- Dests]},
+    Due = T + Bound,
+    State#state{
+        messages = Messages#{Id => Message},
+        overdue = push(Due, Id, State#state.overdue, Messages),
+        due = min(Due, State#state.due),
+        counts = count(1, length(Dests), State)
+    }.
+
+delivered(T, Robot, Id, Type, Hash, {Type, Hash, _, Dests} = Message, State) ->
+    case lists:keyfind(Robot, 1, Dests) of
+        {_, waiting} -> {ok, progress(T, Id, Message, Robot, delivered, counted(2, State))};
+        {_, lost} -> {ok, progress(T, Id, Message, Robot, done, counted(2, State))};
+        {_, _Twice} -> broken(duplicate_delivery, T, [Robot], #{message => Id}, State);
+        false -> broken(delivered_to_stranger, T, [Robot], #{message => Id}, State)
+    end;
+delivered(T, Robot, Id, Type, _Hash, {Type, _Other, _, _}, State) ->
+    broken(corrupted, T, [Robot], #{message => Id}, State);
+delivered(T, Robot, Id, Type, _Hash, {Other, _, _, _}, State) ->
+    broken(wrong_type, T, [Robot], #{message => Id, sent => Other, delivered => Type}, State).
+
+%% The message is not outstanding: it was never sent, is closed, or was lost long ago.
+delivered_late(T, Robot, {Source, Incarnation, Seq} = Id, State) ->
+    #state{sent = Sent, forgotten = Forgotten} = State,
+    Key = {Robot, Source, Incarnation},
+    case delete(Seq, maps:get(Key, Forgotten, [])) of
+        absent ->
+            Was = member(Seq, maps:get({Source, Incarnation}, Sent, [])),
+            broken(unexpected(Was), T, [Robot], #{message => Id, closed => Was}, State);
+        [] ->
+            {ok, counted(2, State#state{forgotten = maps:remove(Key, Forgotten)})};
+        Left ->
+            {ok, counted(2, State#state{forgotten = Forgotten#{Key => Left}})}
+    end.
+
+unexpected(true) -> duplicate_delivery;
+unexpected(false) -> delivered_but_not_sent.
+
+outcome(T, {Source, _, _} = Id, Dest, Kind, #state{messages = Messages} = State) ->
+    case Messages of
+        #{Id := {_, _, _, Dests} = Message} ->
+            outcome(T, Id, Message, lists:keyfind(Dest, 1, Dests), Dest, Kind, State);
+        #{} ->
+            stray(closed(Id, State), T, Id, [Source, Dest], State)
+    end.
+
+outcome(T, Id, Message, {Dest, delivered}, _Dest, Kind, State) ->
+    {ok, progress(T, Id, Message, Dest, done, counted(column(Kind), State))};
+outcome(T, Id, Message, {Dest, waiting}, _Dest, lost, State) ->
+    {ok, progress(T, Id, Message, Dest, lost, counted(4, State))};
+outcome(T, {Source, _, _} = Id, Message, {Dest, waiting}, _Dest, acknowledged, State) ->
+    Reported = progress(T, Id, Message, Dest, lost, State),
+    broken(acknowledged_but_not_delivered, T, [Source, Dest], #{message => Id}, Reported);
+outcome(T, {Source, _, _} = Id, _Message, {Dest, _Known}, _Dest, _Kind, State) ->
+    stray(outcome_reported_twice, T, Id, [Source, Dest], State);
+outcome(T, {Source, _, _} = Id, _Message, false, Dest, _Kind, State) ->
+    stray(outcome_for_stranger, T, Id, [Source, Dest], State).
+
+closed({Source, Incarnation, Seq}, #state{sent = Sent}) ->
+    case member(Seq, maps:get({Source, Incarnation}, Sent, [])) of
+        true -> outcome_reported_twice;
+        false -> outcome_but_not_sent
+    end.
+
+%% Outcomes that an earlier incarnation left behind are not judged.
+stray(What, T, {Source, Incarnation, _} = Id, Robots, #state{running = Running} = State) ->
+    case Running of
+        #{Source := Incarnation} -> broken(What, T, Robots, #{message => Id}, State);
+        #{Source := _Later} -> {ok, State};
+        #{} -> broken(What, T, Robots, #{message => Id}, State)
+    end.
+
+broken(What, T, Robots, Details, State) ->
+    {violation, violation(What, T, Robots, Details), State}.
+
+violation(What, T, Robots, Details) ->
+    #{contract => sap, what => What, at_us => T, robots => Robots, details => Details}.
+
+column(acknowledged) -> 3;
+column(lost) -> 4.
+
+counted(Column, State) ->
+    State#state{counts = count(Column, 1, State)}.
+
+count(Column, N, #state{counts = Counts}) ->
+    setelement(Column, Counts, element(Column, Counts) + N).
+
+%%% Messages
+
+progress(T, Id, {Type, Hash, SentUs, Dests}, Dest, Progress, State) ->
+    settle(T, Id, {Type, Hash, SentUs, lists:keyreplace(Dest, 1, Dests, {Dest, Progress})}, State).
+
+%% Keeps a message for as long as something may still be said about it.
+settle(T, Id, {_, _, _, Dests} = Message, #state{messages = Messages} = State) ->
+    case phase(Dests, done) of
+        done -> State#state{messages = maps:remove(Id, Messages)};
+        open -> State#state{messages = Messages#{Id := Message}};
+        lost -> remember(T, Id, State#state{messages = Messages#{Id := Message}})
+    end.
+
+phase([], Phase) -> Phase;
+phase([{_, done} | Dests], Phase) -> phase(Dests, Phase);
+phase([{_, lost} | Dests], _Phase) -> phase(Dests, lost);
+phase([_Open | _Dests], _Phase) -> open.
+
+remember(T, Id, #state{late_us = Late, messages = Messages} = State) ->
+    Due = T + Late,
+    State#state{
+        stale = push(Due, Id, State#state.stale, Messages),
+        due = min(Due, State#state.due)
+    }.
+
+%% The robot's SAP is gone: whatever it had not reported stays open for ever.
+abandon(T, Robot, Incarnation, #state{messages = Messages} = State) ->
+    Gone = [Id || {Source, Inc, _} = Id <- maps:keys(Messages),
+                  Source =:= Robot, Inc =/= Incarnation],
+    lists:foldl(fun(Id, S) -> give_up(T, Id, S) end, State, lists:sort(Gone)).
+
+give_up(T, Id, #state{messages = Messages} = State) ->
+    {Type, Hash, SentUs, Dests} = map_get(Id, Messages),
+    case phase(Dests, done) of
+        lost -> State;
+        _Open -> settle(T, Id, {Type, Hash, SentUs, [reported(Dest) || Dest <- Dests]}, State)
+    end.
+
+reported({Dest, waiting}) -> {Dest, lost};
+reported({Dest, delivered}) -> {Dest, done};
+reported(Known) -> Known.
+
+%%% Time
+
+%% Raises every alarm that is due before `T' (an alarm at exactly `T' is still in time).
+pass(T, State) ->
+    {Overdue, Current} = pass_overdue(T, State, []),
+    Forgetful = pass_stale(T, Current),
+    {Overdue, Forgetful#state{due = min(head(Forgetful#state.overdue),
+                                        head(Forgetful#state.stale))}}.
+
+pass_overdue(T, #state{overdue = Overdue} = State, Found) ->
+    case pop(T, Overdue) of
+        {none, Queue} ->
+            {lists:reverse(Found), State#state{overdue = Queue}};
+        {{Due, Id}, Queue} ->
+            Late = late(Due, Id, State#state.messages),
+            pass_overdue(T, State#state{overdue = Queue}, Late ++ Found)
+    end.
+
+late(Due, {Source, _, _} = Id, Messages) ->
+    Dests = case Messages of
+        #{Id := {_, _, _, All}} -> [D || {D, P} <- All, P =:= waiting orelse P =:= delivered];
+        #{} -> []
+    end,
+    [violation(outcome_overdue, Due, [Source | Dests], #{message => Id}) || Dests =/= []].
+
+pass_stale(T, #state{stale = Stale, messages = Messages} = State) ->
+    case pop(T, Stale) of
+        {none, Queue} ->
+            State#state{stale = Queue};
+        {{_Due, Id}, Queue} when is_map_key(Id, Messages) ->
+            pass_stale(T, forget(Id, State#state{stale = Queue}));
+        {{_Due, _Closed}, Queue} ->
+            pass_stale(T, State#state{stale = Queue})
+    end.
+
+forget({Source, Incarnation, Seq} = Id, #state{messages = Messages} = State) ->
+    {{_, _, _, Dests}, Left} = maps:take(Id, Messages),
+    Keys = [{Dest, Source, Incarnation} || {Dest, lost} <- Dests],
+    Forgotten = lists:foldl(fun(Key, Acc) -> note(Key, Seq, Acc) end,
+                            State#state.forgotten, Keys),
+    State#state{messages = Left, forgotten = Forgotten}.
+
+note(Key, Seq, Forgotten) ->
+    case insert(Seq, maps:get(Key, Forgotten, [])) of
+        member -> Forgotten;
+        Known -> Forgotten#{Key => Known}
+    end.
+
+%%% Alarm queues. Entries of closed messages are thrown out when they outnumber the others.
+
+push(Due, Id, {Front, Back, N}, Messages) when N > ?COMPACT, N > 2 * map_size(Messages) ->
+    Live = [Alarm || {_, Other} = Alarm <- Front ++ lists:reverse(Back),
+                     is_map_key(Other, Messages)],
+    {Live, [{Due, Id}], length(Live) + 1};
+push(Due, Id, {Front, Back, N}, _Messages) ->
+    {Front, [{Due, Id} | Back], N + 1}.
+
+pop(T, {[{Due, _} = Alarm | Front], Back, N}) when Due < T ->
+    {Alarm, {Front, Back, N - 1}};
+pop(_T, {[], [], 0} = Queue) ->
+    {none, Queue};
+pop(T, {[], Back, N}) ->
+    pop(T, {lists:reverse(Back), [], N});
+pop(_T, Queue) ->
+    {none, Queue}.
+
+head({[{Due, _} | _], _Back, _N}) -> Due;
+head({[], [], 0}) -> infinity;
+head({[], Back, _N}) -> element(1, lists:last(Back)).
+
+%%% Interval sets
+
+insert(N, []) -> [{N, N}];
+insert(N, [{Low, High} | Rest]) when N =:= High + 1 -> [{Low, N} | Rest];
+insert(N, [{_, High} | _] = Set) when N > High -> [{N, N} | Set];
+insert(N, [{Low, _} | _]) when N >= Low -> member;
+insert(N, [Interval | Rest]) ->
+    case insert(N, Rest) of
+        member -> member;
+        Inserted -> join(Interval, Inserted)
+    end.
+
+join({Low, High}, [{Low2, High2} | Rest]) when High2 + 1 =:= Low -> [{Low2, High} | Rest];
+join(Interval, Rest) -> [Interval | Rest].
+
+member(_N, []) -> false;
+member(N, [{_, High} | _]) when N > High -> false;
+member(N, [{Low, _} | _]) when N >= Low -> true;
+member(N, [_ | Rest]) -> member(N, Rest).
+
+delete(_N, []) -> absent;
+delete(N, [{_, High} | _]) when N > High -> absent;
+delete(N, [{Low, High} | Rest]) when N >= Low ->
+    [{N + 1, High} || N < High] ++ [{Low, N - 1} || N > Low] ++ Rest;
+delete(N, [Interval | Rest]) ->
+    case delete(N, Rest) of
+        absent -> absent;
+        Left -> [Interval | Left]
+    end.

@@ -1,0 +1,53 @@
+%% The runner: who is fed, what happens after a violation, and how one is put in words.
+-module(starl_monitor_tests).
+-behaviour(starl_monitor).
+-include_lib("eunit/include/eunit.hrl").
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+%% A monitor of its own: counts events of machine `counted', objects to the event `bad'.
+init(#{start := N}) -> N.
+
+interests() -> [counted].
+
+step({T, Robot, counted, bad}, N) -> {violation, objection(T, Robot), N + 1};
+step({_T, _Robot, counted, _Event}, N) -> {ok, N + 1}.
+
+finish(End, N) when N > 100 -> {{violation, [objection(End, 1)]}, #{seen => N}};
+finish(_End, N) -> {ok, #{seen => N}}.
+
+objection(T, Robot) ->
+    #{contract => test, what => bad_event, at_us => T, robots => [Robot], details => #{n => 1}}.
+
+feeds_only_what_is_wanted_test() ->
+    M0 = starl_monitor:new([{?MODULE, #{start => 0}}]),
+    {ok, M1} = starl_monitor:step([{1, 1, counted, a}, {2, 1, other, bad}, {3, 2, counted, b}], M0),
+    {ok, M2} = starl_monitor:step({4, 2, counted, c}, M1),
+    ?assertEqual({[], #{?MODULE => #{seen => 3}}}, starl_monitor:finish(5, M2)).
+
+runs_several_monitors_test() ->
+    M0 = starl_monitor:new([{?MODULE, #{start => 0}}, {starl_sap_monitor, #{bound_us => 10}}]),
+    {violation, #{contract := sap}, M1} =
+        starl_monitor:step({1, 1, sap, {delivered, {2, 1, 1}, t, 0}}, M0),
+    {violation, #{contract := test}, M2} = starl_monitor:step({1, 1, counted, bad}, M1),
+    ?assertMatch({[#{contract := sap}, #{contract := test}], #{starl_sap_monitor := #{}}},
+                 starl_monitor:finish(2, M2)).
+
+%% All events of a batch are judged; the first violation is returned, finish returns all.
+goes_on_after_a_violation_test() ->
+    M0 = starl_monitor:new([{?MODULE, #{start => 100}}]),
+    Events = [{1, 7, counted, bad}, {2, 8, counted, bad}, {3, 8, counted, a}],
+    {violation, First, M1} = starl_monitor:step(Events, M0),
+    ?assertEqual(objection(1, 7), First),
+    ?assertMatch({ok, _}, starl_monitor:step([], M1)),
+    ?assertEqual({[First, objection(2, 8), objection(9, 1)], #{?MODULE => #{seen => 103}}},
+                 starl_monitor:finish(9, M1)).
+
+a_module_runs_once_test() ->
+    Twice = [{?MODULE, #{start => 0}}, {?MODULE, #{start => 1}}],
+    ?assertError(badarg, starl_monitor:new(Twice)).
+
+formats_one_line_test() ->
+    Line = unicode:characters_to_list(
+        starl_monitor:format_violation((objection(1_500_000, 7))#{robots => [7, 12]})),
+    ?assertEqual("test broken at 1.500000 s by robots 7, 12: bad event (n 1)", Line).

@@ -1,0 +1,225 @@
+%% The contract of the SAP, clause by clause: traces that keep it and traces that break it.
+-module(starl_sap_monitor_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(BOUND, 1000).
+-define(LATE, 5000).
+
+%% What a trace of {Time, Robot, Event} is found guilty of. `{died}' is an event of the robot.
+judge(Events) -> judge(Events, 0).
+
+judge(Events, End) ->
+    {What, _Results} = run(Events, End),
+    What.
+
+run(Events, End) ->
+    Config = #{bound_us => ?BOUND, late_us => ?LATE},
+    M0 = starl_monitor:new([{starl_sap_monitor, Config}]),
+    Step = fun(Event, M) -> last(starl_monitor:step(Event, M)) end,
+    M = lists:foldl(Step, M0, [trace(Event) || Event <- Events]),
+    {Found, #{starl_sap_monitor := Results}} = starl_monitor:finish(End, M),
+    {[What || #{contract := sap, what := What} <- Found], Results}.
+
+last({ok, M}) -> M;
+last({violation, _, M}) -> M.
+
+trace({T, Robot, died}) -> {T, Robot, robot, {died, killed}};
+trace({T, Robot, Event}) -> {T, Robot, sap, Event}.
+
+id(Seq) -> id(1, Seq).
+id(Incarnation, Seq) -> {1, Incarnation, Seq}.
+
+sent(T, Id) -> sent(T, Id, [2]).
+sent(T, Id, Dests) -> {T, 1, {sent, Id, Dests, greeting, 99}}.
+got(T, Robot, Id) -> {T, Robot, {delivered, Id, greeting, 99}}.
+ack(T, Id) -> ack(T, Id, 2).
+ack(T, Id, Dest) -> {T, 1, {outcome, Id, Dest, acknowledged}}.
+lost(T, Id) -> {T, 1, {outcome, Id, 2, lost}}.
+started(T, Incarnation) -> {T, 1, {started, Incarnation}}.
+
+good_messages_test() ->
+    ?assertEqual([], judge([
+        started(0, 1), sent(1, id(1)), got(5, 2, id(1)), ack(9, id(1)),
+        sent(10, id(2), [2, 3]), got(15, 3, id(2)), ack(16, id(2), 3), got(17, 2, id(2)),
+        ack(20, id(2)), sent(30, id(3)), {31, 1, {outcome, id(3), 2, {lost, refused}}},
+        sent(40, id(4)), {41, 1, {outcome, id(4), 2, restarted}}, {42, 1, {overload, greeting}}
+    ], 10_000)).
+
+results_test() ->
+    {[], Results} = run([sent(1, id(1), [2, 3]), got(2, 2, id(1)), ack(3, id(1)),
+                         {4, 1, {outcome, id(1), 3, lost}}], 10),
+    ?assertEqual(#{sent => 2, delivered => 1, acknowledged => 1, lost => 1, outstanding => 1},
+                 Results).
+
+%%% A lost report may still have been delivered, before or after it
+
+lost_but_delivered_before_test() ->
+    ?assertEqual([], judge([sent(1, id(1)), got(2, 2, id(1)), lost(3, id(1))], 9000)).
+
+lost_but_delivered_later_test() ->
+    ?assertEqual([], judge([sent(1, id(1)), lost(3, id(1)), got(4, 2, id(1))], 9000)).
+
+lost_but_delivered_when_forgotten_test() ->
+    Trace = [sent(1, id(1)), lost(3, id(1)), sent(9000, id(2)), got(9001, 2, id(1))],
+    ?assertEqual([], judge(Trace)),
+    ?assertEqual([duplicate_delivery], judge(Trace ++ [got(9002, 2, id(1))])),
+    ?assertEqual([duplicate_delivery], judge(Trace ++ [got(9002, 3, id(1))])).
+
+lost_content_is_remembered_for_a_while_test() ->
+    ?assertEqual([corrupted], judge([
+        sent(1, id(1)), lost(3, id(1)), {3 + ?LATE, 2, {delivered, id(1), greeting, 98}}])).
+
+%%% At most once per receiver
+
+delivered_twice_test() ->
+    ?assertEqual([duplicate_delivery], judge([sent(1, id(1)), got(2, 2, id(1)), got(3, 2, id(1))])).
+
+delivered_again_after_acknowledgement_test() ->
+    ?assertEqual([duplicate_delivery],
+                 judge([sent(1, id(1)), got(2, 2, id(1)), ack(3, id(1)), got(4, 2, id(1))])).
+
+delivered_again_by_a_restarted_receiver_test() ->
+    ?assertEqual([duplicate_delivery], judge([
+        sent(1, id(1)), got(2, 2, id(1)), {3, 2, {started, 2}}, got(4, 2, id(1))])).
+
+delivered_again_after_lost_test() ->
+    ?assertEqual([duplicate_delivery],
+                 judge([sent(1, id(1)), lost(2, id(1)), got(3, 2, id(1)), got(4, 2, id(1))])).
+
+same_number_of_two_incarnations_is_two_messages_test() ->
+    ?assertEqual([], judge([
+        started(0, 1), sent(1, id(1, 1)), got(2, 2, id(1, 1)), ack(3, id(1, 1)),
+        started(4, 2), sent(5, id(2, 1)), got(6, 2, id(2, 1)), ack(7, id(2, 1))])).
+
+numbers_that_restart_with_the_robot_test() ->
+    ?assertEqual([message_id_used_twice], judge([
+        started(0, 1), sent(1, id(1)), got(2, 2, id(1)), ack(3, id(1)), sent(5, id(1))])).
+
+%%% Only if sent, to an addressee, unchanged
+
+delivered_but_not_sent_test() ->
+    ?assertEqual([delivered_but_not_sent], judge([sent(1, id(1)), got(2, 2, id(7))])).
+
+delivered_before_sent_test() ->
+    ?assertEqual([delivered_but_not_sent], judge([got(1, 2, id(1)), sent(2, id(1))], 10)).
+
+delivered_to_stranger_test() ->
+    ?assertEqual([delivered_to_stranger], judge([sent(1, id(1)), got(2, 3, id(1))])).
+
+corrupted_test() ->
+    ?assertEqual([corrupted],
+                 judge([sent(1, id(1)), {2, 2, {delivered, id(1), greeting, 98}}])).
+
+wrong_type_test() ->
+    ?assertEqual([wrong_type],
+                 judge([sent(1, id(1)), {2, 2, {delivered, id(1), other, 99}}])).
+
+sent_under_a_foreign_name_test() ->
+    ?assertEqual([foreign_source], judge([{1, 3, {sent, id(1), [2], greeting, 99}}])).
+
+%%% Outcomes
+
+acknowledged_but_not_delivered_test() ->
+    ?assertEqual([acknowledged_but_not_delivered], judge([sent(1, id(1)), ack(2, id(1))])),
+    ?assertEqual([acknowledged_but_not_delivered],
+                 judge([sent(1, id(1), [2, 3]), got(2, 3, id(1)), ack(3, id(1), 2)])).
+
+outcome_twice_test() ->
+    Delivered = [sent(1, id(1)), got(2, 2, id(1))],
+    ?assertEqual([outcome_reported_twice], judge(Delivered ++ [ack(3, id(1)), ack(4, id(1))])),
+    ?assertEqual([outcome_reported_twice], judge(Delivered ++ [ack(3, id(1)), lost(4, id(1))])),
+    ?assertEqual([outcome_reported_twice],
+                 judge([sent(1, id(1)), lost(3, id(1)), lost(4, id(1))])),
+    ?assertEqual([outcome_reported_twice],
+                 judge([sent(1, id(1)), lost(3, id(1)), got(4, 2, id(1)), ack(5, id(1))])).
+
+outcome_of_nothing_test() ->
+    ?assertEqual([outcome_but_not_sent], judge([lost(1, id(1))])),
+    ?assertEqual([outcome_for_stranger], judge([sent(1, id(1)), ack(2, id(1), 3)])).
+
+outcome_at_the_bound_test() ->
+    ?assertEqual([], judge([sent(1, id(1)), lost(1 + ?BOUND, id(1))], 9000)),
+    ?assertEqual([], judge([sent(1, id(1))], 1 + ?BOUND)).
+
+outcome_after_the_bound_test() ->
+    ?assertEqual([outcome_overdue], judge([sent(1, id(1))], 2 + ?BOUND)),
+    ?assertEqual([outcome_overdue], judge([sent(1, id(1)), lost(2 + ?BOUND, id(1))], 9000)).
+
+outcome_of_one_destination_missing_test() ->
+    ?assertEqual([outcome_overdue],
+                 judge([sent(1, id(1), [2, 3]), got(2, 2, id(1)), ack(3, id(1))], 9000)).
+
+delivered_is_no_outcome_test() ->
+    ?assertEqual([outcome_overdue], judge([sent(1, id(1)), got(2, 2, id(1))], 9000)).
+
+restart_drops_open_outcomes_test() ->
+    ?assertEqual([], judge([started(0, 1), sent(1, id(1)), sent(1, id(2)), got(2, 2, id(1)),
+                            started(3, 2), got(4, 2, id(2)), lost(5, id(1))], 90_000)).
+
+restart_keeps_deliveries_at_most_once_test() ->
+    ?assertEqual([duplicate_delivery], judge([
+        started(0, 1), sent(1, id(1)), got(2, 2, id(1)), started(3, 2), got(4, 2, id(1))])).
+
+restart_of_another_robot_drops_nothing_test() ->
+    ?assertEqual([outcome_overdue], judge([sent(1, id(1)), {2, 2, {started, 2}}], 9000)).
+
+death_drops_open_outcomes_test() ->
+    ?assertEqual([], judge([sent(1, id(1)), {2, 1, died}, got(3, 2, id(1))], 9000)),
+    ?assertEqual([outcome_overdue], judge([sent(1, id(1)), {2, 2, died}], 9000)).
+
+%%% Memory: bounded by what is outstanding, however many messages were sent
+
+memory_is_bounded_test_() ->
+    {timeout, 60, fun() ->
+        Small = flat_size(traffic(2_000)),
+        Large = flat_size(traffic(40_000)),
+        ?assert(Large < 2 * Small + 1000, {words, Small, Large})
+    end}.
+
+flat_size(Events) ->
+    M0 = starl_monitor:new([{starl_sap_monitor, #{bound_us => 1_000_000_000, late_us => 10}}]),
+    {ok, M} = starl_monitor:step(Events, M0),
+    erts_debug:flat_size(M).
+
+%% Unicast to ten receivers in turn, every tenth message reported lost and delivered later.
+traffic(N) ->
+    lists:append([exchange(10 * I, id(I), 2 + I rem 10, I rem 10) || I <- lists:seq(1, N)]).
+
+exchange(T, Id, Dest, 0) ->
+    [trace(E) || E <- [sent(T, Id, [Dest]), {T + 1, 1, {outcome, Id, Dest, lost}},
+                       got(T + 2, Dest, Id)]];
+exchange(T, Id, Dest, _) ->
+    [trace(E) || E <- [sent(T, Id, [Dest]), got(T + 1, Dest, Id), ack(T + 2, Id, Dest)]].
+
+%%% A correct sender over a faulty network, with one planted fault, from a seed
+
+random_exchanges_test() ->
+    [?assertEqual([], judge(lists:append(Exchanges), 1_000_000), {seed, Seed})
+     || Seed <- lists:seq(1, 50), Exchanges <- [exchanges(Seed)]].
+
+planted_duplicates_are_found_test() ->
+    [begin
+         Exchanges = exchanges(Seed),
+         Delivered = [Event || {_, _, {delivered, _, _, _}} = Event <- lists:append(Exchanges)],
+         {_, Robot, Event} = lists:nth(1 + Seed rem length(Delivered), Delivered),
+         Again = lists:append(Exchanges) ++ [{900_000, Robot, Event}],
+         ?assertEqual([duplicate_delivery], judge(Again, 1_000_000), {seed, Seed})
+     end || Seed <- lists:seq(1, 50)].
+
+exchanges(Seed) ->
+    {Exchanges, _} = lists:mapfoldl(fun random_exchange/2, rand:seed_s(exsss, Seed),
+                                    lists:seq(1, 60)),
+    Exchanges.
+
+random_exchange(Seq, S0) ->
+    {Kind, S1} = rand:uniform_s(4, S0),
+    {Dest, S2} = rand:uniform_s(5, S1),
+    T = Seq * 100,
+    Id = id(Seq),
+    Robot = Dest + 1,
+    {[sent(T, Id, [Robot]) | rest(Kind, T, Id, Robot)], S2}.
+
+rest(1, T, Id, Robot) -> [{T + 1, 1, {outcome, Id, Robot, lost}}];
+rest(2, T, Id, Robot) -> [{T + 1, 1, {outcome, Id, Robot, lost}}, got(T + 2, Robot, Id)];
+rest(3, T, Id, Robot) -> [got(T + 1, Robot, Id), {T + 2, 1, {outcome, Id, Robot, lost}}];
+rest(4, T, Id, Robot) -> [got(T + 1, Robot, Id), ack(T + 2, Id, Robot)].

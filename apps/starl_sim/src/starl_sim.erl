@@ -1,0 +1,225 @@
+%% @doc The simulator's interface: start a simulation, run it on in virtual time, look inside,
+%% and tell what came of it.
+%% ```
+%%   {ok, Sim} = starl_sim:start(#{app => starl_painting, robots => 4}).
+%%   starl_sim:run(Sim, 10.0).          % to virtual second 10
+%%   starl_sim:step(Sim, 0.5).          % half a second on
+%%   starl_sim:inspect(Sim, 2).         % every machine of robot 2
+%%   starl_sim:run(Sim).                % to the end
+%%   {Outcome, Report} = starl_sim:finish(Sim).
+%% '''
+-module(starl_sim).
+
+-export([start/1, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
+-export([scenario/1, robot_pids/2, format_error/1]).
+
+-export_type([sim/0, reason/0]).
+
+-record(sim, {
+    sup :: pid(),
+    run :: pid(),
+    scenario :: starl_sim_scenario:t(),
+    scene :: starl_app:scene()
+}).
+
+%% A running simulation, linked to the process that started it.
+-opaque sim() :: #sim{}.
+
+-type reason() ::
+    {scenario, starl_sim_scenario:reason()}
+    | {scene, unicode:chardata()}
+    | {no_such_app, module()}
+    | {fault_target, atom(), starl:robot_id()}.
+
+%% @doc Starts the simulation of a scenario. The key `app' is the application's module.
+-spec start(#{app := module(), atom() => term()}) -> {ok, sim()} | {error, reason()}.
+start(#{app := App} = Given) ->
+    case code:ensure_loaded(App) of
+        {module, App} ->
+            case starl_sim_scenario:check(Given, starl_app:options(App)) of
+                {ok, Scenario} -> prepare(App, Scenario);
+                {error, Reason} -> {error, {scenario, Reason}}
+            end;
+        {error, _} ->
+            {error, {no_such_app, App}}
+    end.
+
+%% @doc Runs to the end: all applications done, the scenario's time up, a contract violated.
+-spec run(sim()) -> starl_sim_run:status().
+run(#sim{run = Run, scenario = #{time := Seconds}}) -> starl_sim_run:run(Run, micros(Seconds)).
+
+%% @doc Runs to a virtual time in seconds, or an earlier end.
+-spec run(sim(), Seconds :: number()) -> starl_sim_run:status().
+run(#sim{run = Run}, Seconds) -> starl_sim_run:run(Run, micros(Seconds)).
+
+%% @doc Runs so many virtual seconds on.
+-spec step(sim(), Seconds :: number()) -> starl_sim_run:status().
+step(#sim{run = Run}, Seconds) ->
+    #{now_us := Now} = starl_sim_run:status(Run),
+    starl_sim_run:run(Run, Now + micros(Seconds)).
+
+%% @doc Ends a run after the present window; may be called from any process.
+-spec stop(sim()) -> ok.
+stop(#sim{run = Run}) -> starl_sim_run:stop(Run).
+
+%% @doc The virtual time, and how many applications still run.
+-spec status(sim()) -> starl_sim_run:status().
+status(#sim{run = Run}) -> starl_sim_run:status(Run).
+
+%% @doc The machines of a robot, each with its state and data.
+-spec inspect(sim(), starl:robot_id()) -> #{starl_machine:name() => term()} | unknown.
+inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
+
+%% @doc The checked scenario, with all defaults.
+-spec scenario(sim()) -> starl_sim_scenario:t().
+scenario(#sim{scenario = Scenario}) -> Scenario.
+
+%% @doc The supervisors of the robots, for a look at their trees with OTP's own tools.
+-spec robot_pids(sim(), all) -> [pid()].
+robot_pids(#sim{sup = Sup}, all) ->
+    {robots, Robots, _, _} = lists:keyfind(robots, 1, supervisor:which_children(Sup)),
+    [Pid || {_, Pid, _, _} <- supervisor:which_children(Robots)].
+
+%% @doc Ends the simulation and tells what came of it.
+-spec finish(sim()) -> {starl_sim_run:outcome(), starl_app:report()}.
+finish(#sim{run = Run, scenario = #{app := App}, scene = Scene} = Sim) ->
+    Outcome = starl_sim_run:finish(Run),
+    close(Sim),
+    {Outcome, starl_app:report(App, Scene, Outcome)}.
+
+%% @doc Ends the simulation.
+-spec close(sim()) -> ok.
+close(#sim{sup = Sup}) ->
+    true = unlink(Sup),
+    Ref = erlang:monitor(process, Sup),
+    exit(Sup, shutdown),
+    receive
+        {'DOWN', Ref, process, Sup, _} -> ok
+    end.
+
+%% @doc One line that says why a simulation could not be started.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({scenario, Reason}) -> starl_sim_scenario:format_error(Reason);
+format_error({scene, Why}) -> Why;
+format_error({no_such_app, App}) -> io_lib:format("there is no application ~ts", [App]);
+format_error({fault_target, Id, Robot}) ->
+    io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]).
+
+%% -- internals ------------------------------------------------------------------------------
+
+prepare(App, Scenario) ->
+    #{robots := N, faults := Faults} = Scenario,
+    case [{Id, R} || {Id, _, _, _, Target, _} <- Faults, R <- [target(Target)], R < 1 orelse R > N] of
+        [{Id, Robot} | _] -> {error, {fault_target, Id, Robot}};
+        [] -> set_scene(App, Scenario)
+    end.
+
+set_scene(App, Scenario) ->
+    Context = context(App, Scenario),
+    case starl_app:scene(App, Context) of
+        {ok, Scene} -> launch(Scenario, Scene, Context);
+        {error, Why} -> {error, {scene, Why}}
+    end.
+
+context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
+    #{
+        robots => lists:seq(1, N),
+        world => World,
+        seed => Seed,
+        profile => starl_motion:profile(profile(Scenario)),
+        sap => sap(Scenario),
+        options => maps:with([Key || {Key, _, _, _} <- starl_app:options(App)], Scenario)
+    }.
+
+profile(#{speed := Speed, heading_error := H, distance_error := D, position_error := P}) ->
+    #{
+        speed => float(Speed),
+        near_speed => float(Speed),
+        heading_error => float(H),
+        distance_error => float(D),
+        position_error_mm => float(P)
+    }.
+
+%% The first retransmission waits for a little more than the longest way there and back.
+sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
+
+launch(Scenario, Scene, #{robots := Ids} = Context) ->
+    #{delay := {MinMs, MaxMs}, shards := Shards} = Scenario,
+    Profile = starl_motion:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
+    Sight = ets:new(starl_sight, [set, public, {read_concurrency, true}]),
+    World = #{
+        seed => maps:get(seed, Scenario),
+        team => Ids,
+        sight => Sight,
+        loss => float(maps:get(loss, Scenario)),
+        duplicate => float(maps:get(duplicate, Scenario)),
+        delay_us => {round(MinMs * 1000), round(MaxMs * 1000)},
+        range_mm => range(Scenario),
+        clock => clock(Scenario),
+        profile => Profile
+    },
+    {ok, Sup} = starl_sim_sup:start_link(#{
+        robots => [robot(Id, Scene, Profile, Context) || Id <- Ids],
+        world => World,
+        window_us => round(MinMs * 1000),
+        shards => min(Shards, length(Ids)),
+        faults => faults(maps:get(faults, Scenario)),
+        monitors => monitors(Scene, Context)
+    }),
+    {ok, #sim{sup = Sup, run = starl_sim_sup:run(Sup), scenario = Scenario, scene = Scene}}.
+
+robot(Id, Scene, Profile, #{robots := Ids} = Context) ->
+    Sap = maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
+    Waypoints = maps:get(waypoints, Scene, #{}),
+    #{
+        tree => #{
+            id => Id,
+            participants => Ids,
+            driver => self(),
+            services => [
+                {sap, starl_sap, Sap},
+                {location, starl_location, #{waypoints => Waypoints}},
+                {motion, starl_motion, #{profile => Profile}}
+            ],
+            blocks => maps:get(blocks, Scene, []),
+            app => maps:get(app, Scene),
+            intensity => 1000
+        },
+        pose => pose(Id, Scene, Context)
+    }.
+
+%% Without a place of their own, robots stand in rows two metres apart.
+pose(Id, Scene, #{world := {Width, _}}) ->
+    PerRow = max(1, trunc(Width / 2000)),
+    Default = {
+        1000.0 + 2000.0 * ((Id - 1) rem PerRow), 1000.0 + 2000.0 * ((Id - 1) div PerRow), 0.0
+    },
+    maps:get(Id, maps:get(poses, Scene, #{}), Default).
+
+monitors(Scene, #{sap := Sap0, robots := Ids}) ->
+    Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
+    %% a hundredth more for the drift of the sender's clock
+    Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
+    [{starl_sap_monitor, #{bound_us => Bound, robots => Ids}} | maps:get(monitors, Scene, [])].
+
+faults(Faults) ->
+    [
+        {FromMs * 1000, target(Target), 0, 0, N, strike(Kind, Target)}
+     || {N, {_Id, FromMs, _ToMs, Kind, Target, _}} <- lists:zip(
+            lists:seq(1, length(Faults)), Faults
+        )
+    ].
+
+target({Robot, _Machine}) -> Robot;
+target(Robot) -> Robot.
+
+strike(kill_machine, {_Robot, Machine}) -> {kill_machine, Machine};
+strike(kill_robot, _Robot) -> kill_robot.
+
+range(#{range := none}) -> infinity;
+range(#{range := Range}) -> float(Range).
+
+clock(#{clock_offset := OffsetMs, clock_drift := Ppm}) ->
+    {round(OffsetMs * 1000), round(Ppm * 1000)}.
+
+micros(Seconds) -> round(Seconds * 1000000).

@@ -1,0 +1,235 @@
+%% @doc The simulator as a platform: one robot's clock, radio and chassis in virtual time.
+%%
+%% All network, sensor and actuator draws are stateless: a hash of the seed, the robots, a
+%% count and a purpose, so that taking one of them away shifts no other. Other robots are seen
+%% as they were at the beginning of the present window (`sight'), which makes the result
+%% independent of how robots are spread over shards.
+-module(starl_sim_platform).
+-behaviour(starl_platform).
+
+-export([new/3, at/2, collect/1, fire/4, forget_timers/2, halt/1, local_time/1]).
+-export([piece/1, hash_event/4, digest/1, result/1]).
+-export([transmit/3, sense/2, drive/3, actuate/3, start_timer/5, cancel_timer/3, trace/3, done/2]).
+
+-export_type([t/0, world/0]).
+
+%% What all robots share: the seed, the radio, the clocks and the chassis' errors.
+%% `sight' is the table of the pieces of motion that all robots were in when the window began.
+-type world() :: #{
+    seed := integer(),
+    team := [starl:robot_id()],
+    clock := {OffsetUs :: non_neg_integer(), DriftPpb :: non_neg_integer()},
+    sight := ets:table(),
+    loss := float(),
+    duplicate := float(),
+    delay_us := {Min :: pos_integer(), Max :: pos_integer()},
+    range_mm := float() | infinity,
+    profile := starl_motion:profile()
+}.
+
+-define(MAX_WHEEL, 500.0).
+-define(CLASS_TIMER, 1).
+-define(CLASS_PACKET, 2).
+
+-record(body, {
+    id :: starl:robot_id(),
+    world :: world(),
+    now = 0 :: starl_sim_queue:time(),
+    window = 0 :: starl_sim_queue:time(),
+    offset_us :: integer(),
+    drift_ppb :: integer(),
+    seq = 0 :: non_neg_integer(),
+    draws = 0 :: non_neg_integer(),
+    links = #{} :: #{starl:robot_id() => non_neg_integer()},
+    timers = #{} :: #{{starl_machine:name(), term()} => non_neg_integer()},
+    piece :: starl_trajectory:piece(),
+    chain = 0 :: non_neg_integer(),
+    events = 0 :: non_neg_integer(),
+    packets = 0 :: non_neg_integer(),
+    result = running :: running | {done, term()},
+    %% what came out since the last collect/1, newest first
+    new = [] :: [starl_sim_queue:event()],
+    traces = [] :: [starl_monitor:trace_event()]
+}).
+
+-opaque t() :: #body{}.
+
+%% @doc A robot at rest at a pose. Its clock is drawn from the seed within the given bounds.
+-spec new(starl:robot_id(), starl:pose(), world()) -> t().
+new(Id, {X, Y, Heading}, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
+    Piece = starl_trajectory:standing(0, {X, Y}, Heading),
+    #body{
+        id = Id,
+        world = World,
+        offset_us = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
+        drift_ppb = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
+        piece = Piece,
+        traces = [{0, Id, chassis, {motion, Piece}}]
+    }.
+
+%% @doc The robot at a later time; `Window' is when the present window began.
+-spec at({Now, Window}, t()) -> t() when
+    Now :: starl_sim_queue:time(), Window :: starl_sim_queue:time().
+at({Now, Window}, Body) -> Body#body{now = Now, window = Window}.
+
+%% @doc The events and the trace since the last time, the trace newest first.
+-spec collect(t()) -> {[starl_sim_queue:event()], [starl_monitor:trace_event()], t()}.
+collect(#body{new = New, traces = Traces} = Body) ->
+    {New, Traces, Body#body{new = [], traces = []}}.
+
+%% @doc Is this timer event still awaited?
+-spec fire(starl_machine:name(), Timer :: term(), Seq :: non_neg_integer(), t()) ->
+    {ok, t()} | stale.
+fire(Machine, Timer, Seq, #body{timers = Timers} = Body) ->
+    Key = {Machine, Timer},
+    case Timers of
+        #{Key := Seq} -> {ok, Body#body{timers = maps:remove(Key, Timers)}};
+        #{} -> stale
+    end.
+
+%% @doc Forgets the timers of a machine that crashed.
+-spec forget_timers(starl_machine:name(), t()) -> t().
+forget_timers(Machine, #body{timers = Timers} = Body) ->
+    Body#body{timers = maps:filter(fun({Name, _}, _) -> Name =/= Machine end, Timers)}.
+
+%% @doc The chassis stops by itself: nobody commands it any more.
+-spec halt(t()) -> t().
+halt(Body) -> drive(0.0, 0.0, Body).
+
+%% @doc The robot's own clock in microseconds.
+-spec local_time(t()) -> integer().
+local_time(#body{now = Now, offset_us = Offset, drift_ppb = Drift}) ->
+    Now + Offset + Now * Drift div 1000000000.
+
+%% @doc The piece of motion that the robot is in.
+-spec piece(t()) -> starl_trajectory:piece().
+piece(#body{piece = Piece}) -> Piece.
+
+%% @doc Chains an event into the robot's digest.
+-spec hash_event(starl_machine:name(), starl_machine:event_type(), term(), t()) -> t().
+hash_event(Machine, Type, Content, #body{chain = Chain, now = Now, events = Events} = Body) ->
+    Next = erlang:phash2({Chain, Now, Machine, Type, Content}, 4294967296),
+    Body#body{chain = Next, events = Events + 1}.
+
+%% @doc The robot's digest, and how many events and packets it has had.
+-spec digest(t()) -> {Chain :: non_neg_integer(), Events, Packets} when
+    Events :: non_neg_integer(), Packets :: non_neg_integer().
+digest(#body{chain = Chain, events = Events, packets = Packets}) -> {Chain, Events, Packets}.
+
+%% @doc What the application has returned.
+-spec result(t()) -> running | {done, term()}.
+result(#body{result = Result}) -> Result.
+
+%% -- the platform's callbacks ---------------------------------------------------------------
+
+-spec transmit(starl:robot_id() | all, starl_packet:t(), t()) -> t().
+transmit(all, Packet, #body{id = Id, world = #{team := Team}} = Body) ->
+    lists:foldl(
+        fun(Dest, B) -> send(Dest, Packet, B) end,
+        Body#body{packets = Body#body.packets + 1},
+        lists:delete(Id, Team)
+    );
+transmit(Dest, Packet, #body{packets = Packets} = Body) ->
+    send(Dest, Packet, Body#body{packets = Packets + 1}).
+
+send(Dest, Packet, #body{id = Id, world = World, links = Links} = Body) ->
+    N = maps:get(Dest, Links, 0) + 1,
+    Link = {maps:get(seed, World), Id, Dest, N},
+    Sent = Body#body{links = Links#{Dest => N}},
+    case in_range(Dest, Body) andalso not starl_sim_radio:lost(Link, World) of
+        true ->
+            Delays = starl_sim_radio:delays(Link, World),
+            lists:foldl(fun(Delay, B) -> arrive(Dest, Packet, Delay, B) end, Sent, Delays);
+        false ->
+            Sent
+    end.
+
+arrive(Dest, Packet, Delay, #body{id = Id, now = Now, seq = Seq, new = New} = Body) ->
+    Event = {Now + Delay, Dest, ?CLASS_PACKET, Id, Seq, {sap, packet, Packet}},
+    Body#body{seq = Seq + 1, new = [Event | New]}.
+
+in_range(_Dest, #body{world = #{range_mm := infinity}}) ->
+    true;
+in_range(Dest, #body{now = Now, window = Window, piece = Piece, world = World}) ->
+    #{range_mm := Range, sight := Sight} = World,
+    case ets:lookup(Sight, Dest) of
+        [{_, Theirs}] ->
+            Here = starl_trajectory:position(Now, Piece),
+            There = starl_trajectory:position(Window, Theirs),
+            starl_geometry:distance(Here, There) =< Range;
+        [] ->
+            false
+    end.
+
+-spec sense([starl:robot_id()], t()) -> {[{starl:robot_id(), starl:pose()}], t()}.
+sense(Robots, #body{draws = Draws} = Body) ->
+    Poses = [{Robot, Pose} || Robot <- Robots, Pose <- see(Robot, Body)],
+    {Poses, Body#body{draws = Draws + 1}}.
+
+see(Id, #body{id = Id, now = Now, piece = Piece} = Body) ->
+    [blur(Id, starl_trajectory:pose(Now, Piece), Body)];
+see(Other, #body{window = Window, world = #{sight := Sight}} = Body) ->
+    [blur(Other, starl_trajectory:pose(Window, Piece), Body) || {_, Piece} <- ets:lookup(Sight, Other)].
+
+%% The positioning system's error: within a disk, and a quarter of the bound on the heading.
+blur(Robot, {X, Y, Heading}, #body{id = Id, draws = N, world = #{seed := Seed, profile := P}}) ->
+    #{position_error_mm := Error, heading_error := HeadingError} = P,
+    Key = {Seed, Id, Robot, N},
+    Radius = Error * starl_sim_draw:uniform({Key, radius}),
+    Angle = 2 * math:pi() * starl_sim_draw:uniform({Key, angle}),
+    Turn = 0.25 * HeadingError * starl_sim_draw:signed({Key, heading}),
+    {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle), Heading + Turn}.
+
+-spec drive(float(), float(), t()) -> t().
+drive(Left0, Right0, #body{now = Now, piece = Piece, world = #{profile := Profile}} = Body) ->
+    Left = limit(Left0),
+    Right = limit(Right0),
+    {X, Y, Heading} = starl_trajectory:pose(Now, Piece),
+    Speed = (Left + Right) / 2,
+    Rate = (Right - Left) / maps:get(axle_mm, Profile),
+    moving(Speed, Rate, {X, Y}, Heading, Body).
+
+moving(Speed, Rate, Point, Heading, #body{now = Now, piece = Old} = Body) when
+    Speed == 0, Rate == 0
+->
+    case starl_trajectory:is_still(Old) of
+        true -> Body;
+        false -> set_piece(starl_trajectory:standing(Now, Point, Heading), Body)
+    end;
+moving(Speed, Rate, Point, Heading, #body{now = Now} = Body) when Speed == 0 ->
+    set_piece(starl_trajectory:piece(Now, Point, Heading, 0.0, Rate), Body);
+moving(Speed, Rate, Point, Heading, #body{id = Id, draws = N, now = Now, world = World} = Body) ->
+    #{seed := Seed, profile := #{heading_error := Turn, distance_error := Part}} = World,
+    Skew = 0.75 * Turn * starl_sim_draw:signed({Seed, Id, N, skew}),
+    Slip = 1.0 + Part * starl_sim_draw:signed({Seed, Id, N, slip}),
+    Piece = starl_trajectory:piece(Now, Point, Heading + Skew, Speed * Slip, Rate),
+    set_piece(Piece, Body#body{draws = N + 1}).
+
+set_piece(Piece, Body) -> trace(chassis, {motion, Piece}, Body#body{piece = Piece}).
+
+limit(Speed) -> max(-?MAX_WHEEL, min(?MAX_WHEEL, Speed)).
+
+-spec actuate(atom(), term(), t()) -> t().
+actuate(Device, Value, Body) -> trace(chassis, {actuated, Device, Value}, Body).
+
+-spec start_timer(starl_machine:name(), term(), non_neg_integer(), term(), t()) -> t().
+start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) ->
+    #body{timers = Timers, new = New, drift_ppb = Drift} = Body,
+    Due = Now + Us * 1000000000 div (1000000000 + Drift),
+    Event = {Due, Id, ?CLASS_TIMER, Id, Seq, {timer, Machine, Timer, Content}},
+    Body#body{seq = Seq + 1, new = [Event | New], timers = Timers#{{Machine, Timer} => Seq}}.
+
+-spec cancel_timer(starl_machine:name(), term(), t()) -> t().
+cancel_timer(Machine, Timer, #body{timers = Timers} = Body) ->
+    Key = {Machine, Timer},
+    case is_map_key(Key, Timers) of
+        true -> Body#body{timers = maps:remove(Key, Timers)};
+        false -> Body
+    end.
+
+-spec trace(starl_machine:name(), term(), t()) -> t().
+trace(Machine, Event, #body{id = Id, now = Now, traces = Traces} = Body) ->
+    Body#body{traces = [{Now, Id, Machine, Event} | Traces]}.
+
+-spec done(term(), t()) -> t().
+done(Result, Body) -> trace(app, {done, Result}, Body#body{result = {done, Result}}).
