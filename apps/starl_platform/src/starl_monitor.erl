@@ -47,7 +47,7 @@
     others :: [pos_integer()],
     modules :: tuple(),
     states :: tuple(),
-    %% The first violations, latest first, and how many more would still be kept.
+    %% Violations not returned yet, latest first, and how many more would still be kept.
     violations = [] :: [violation()],
     room :: non_neg_integer()
 }).
@@ -81,16 +81,16 @@ step(Events, #runner{room = Room} = Runner) when is_list(Events) ->
 step(Event, #runner{room = Room} = Runner) ->
     answer(Room, dispatch(Event, Runner)).
 
-%% @doc Ends the run at `EndTimeUs'. Returns every violation of the run in the order found (at
-%% most 1000, those that `step/2' returned included) and what each monitor measured.
+%% @doc Ends the run at `EndTimeUs'. Returns the violations that `step/2' has not returned, in
+%% the order found, and what each monitor measured. The runner keeps at most 1000 violations.
 -spec finish(EndTimeUs :: integer(), t()) -> {[violation()], #{module() => results()}}.
-finish(EndTimeUs, #runner{modules = Modules, states = States, violations = Seen, room = Room}) ->
+finish(EndTimeUs, #runner{modules = Modules, states = States, violations = Kept, room = Room}) ->
     Ends = [
         {Module, Module:finish(EndTimeUs, State)}
         || {Module, State} <- lists:zip(tuple_to_list(Modules), tuple_to_list(States))
     ],
     Late = lists:append([Found || {_Module, {{violation, Found}, _Results}} <- Ends]),
-    {lists:reverse(Seen, lists:sublist(Late, Room)),
+    {lists:reverse(Kept, lists:sublist(Late, Room)),
         maps:from_list([{Module, Results} || {Module, {_Verdict, Results}} <- Ends])}.
 
 %% @doc One line: contract, when (s), which robots, what.
@@ -138,7 +138,8 @@ keep(Violation, #runner{violations = Violations, room = Room} = Runner) ->
 answer(Room, #runner{room = Room} = Runner) ->
     {ok, Runner};
 answer(Before, #runner{violations = Violations, room = Room} = Runner) ->
-    {violation, lists:nth(Before - Room, Violations), Runner}.
+    {Later, [First | Earlier]} = lists:split(Before - Room - 1, Violations),
+    {violation, First, Runner#runner{violations = Later ++ Earlier}}.
 
 format_robots([]) -> "no robot";
 format_robots([Robot]) -> io_lib:format("robot ~b", [Robot]);

@@ -15,13 +15,15 @@ judge(Events, End) ->
 run(Events, End) ->
     Config = #{bound_us => ?BOUND, late_us => ?LATE},
     M0 = starl_monitor:new([{starl_sap_monitor, Config}]),
-    Step = fun(Event, M) -> last(starl_monitor:step(Event, M)) end,
-    M = lists:foldl(Step, M0, [trace(Event) || Event <- Events]),
-    {Found, #{starl_sap_monitor := Results}} = starl_monitor:finish(End, M),
-    {[What || #{contract := sap, what := What} <- Found], Results}.
+    {Met, M} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- Events]),
+    {Late, #{starl_sap_monitor := Results}} = starl_monitor:finish(End, M),
+    {[What || #{contract := sap, what := What} <- Met ++ Late], Results}.
 
-last({ok, M}) -> M;
-last({violation, _, M}) -> M.
+step(Event, {Found, M0}) ->
+    case starl_monitor:step(Event, M0) of
+        {ok, M} -> {Found, M};
+        {violation, Violation, M} -> {Found ++ [Violation], M}
+    end.
 
 trace({T, Robot, died}) -> {T, Robot, robot, {died, killed}};
 trace({T, Robot, Event}) -> {T, Robot, sap, Event}.

@@ -67,7 +67,7 @@ polyline_within_tolerance_test() ->
          Off = lists:min([starl_geometry:point_segment(At, Seg) || Seg <- Segments]),
          ?assert(Off =< 0.1 + 1.0e-9)
      end || I <- lists:seq(0, 1000)],
-    ?assert(length(Points) < 60).
+    ?assert(length(Points) < 80).
 
 enclosing_holds_the_path_test() ->
     P = starl_trajectory:piece(3, {10.0, -5.0}, 0.2, 300.0, 2.5),

@@ -235,16 +235,17 @@ ink(Ink, #state{grid = Grid, lines = Lines, reach_mm = Reach, painted = Painted}
         State#state{painted = lists:foldl(Paint, Painted, Near)}}.
 
 strays({From, To} = Ink, Covered) ->
-    Length = starl_geometry:length(Ink),
-    case gap(0.0, Length, Covered) of
-        none -> [];
-        {A, B} when Length > 0 ->
-            [{A / Length, starl_geometry:interpolate(From, To, (A + B) / 2 / Length)}];
-        {_, _} -> [{0.0, From}]
+    case starl_geometry:length(Ink) of
+        Length when Length > ?SLACK_MM -> strays(From, To, Length, gap(0.0, Length, Covered));
+        _Dot -> [{0.0, From} || Covered =:= []]
     end.
 
+strays(_From, _To, _Length, none) ->
+    [];
+strays(From, To, Length, {A, B}) ->
+    [{A / Length, starl_geometry:interpolate(From, To, (A + B) / 2 / Length)}].
+
 %% The first part of 0..Length that is not covered.
-gap(From, Length, []) when From == 0, Length == 0 -> {From, Length};
 gap(From, Length, []) when Length - From > ?SLACK_MM -> {From, Length};
 gap(_From, _Length, []) -> none;
 gap(From, _Length, [{Low, _} | _]) when Low - From > ?SLACK_MM -> {From, Low};

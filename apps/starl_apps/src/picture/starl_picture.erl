@@ -18,6 +18,8 @@
 -export([read/2, parse/2, segments/1, tolerance/1, title/1, format_error/1]).
 -export_type([t/0, point/0, segment/0, options/0, reason/0]).
 
+-include_lib("kernel/include/file.hrl").
+
 %% Millimetres on the floor.
 -type point() :: {float(), float()}.
 -type segment() :: {point(), point()}.
@@ -30,7 +32,8 @@
 }.
 %% Why there is no picture; {@link format_error/1} turns it into a line of text.
 -type reason() ::
-    {cannot_read, file:filename(), missing | directory | no_permission | too_big | file:posix()}
+    {cannot_read, file:filename(),
+        missing | directory | no_permission | too_big | badarg | file:posix()}
     | no_lines
     | only_text
     | {too_many_segments, Max :: pos_integer()}
@@ -94,7 +97,7 @@ format_error(Reason) -> starl_picture_error:format(Reason).
 
 file_bytes(File) ->
     case file:read_file_info(File) of
-        {ok, Info} -> file_bytes(File, element(3, Info), element(2, Info));
+        {ok, #file_info{type = Type, size = Size}} -> file_bytes(File, Type, Size);
         {error, Posix} -> {error, why(Posix)}
     end.
 

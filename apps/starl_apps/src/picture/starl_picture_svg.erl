@@ -48,7 +48,7 @@
 %% What a browser takes for a picture without a size.
 -define(DEFAULT_VIEWPORT, {300.0, 150.0}).
 -define(MAX_USES, 32).
--define(MAX_VISITS, 200_000).
+-define(MAX_VISITS, 50_000).
 %% A viewBox below this is as good as empty, and dividing by it would leave the floats.
 -define(MIN_EXTENT, 1.0e-6).
 
@@ -84,7 +84,7 @@ vocabulary(Max) ->
 
 drawing(Root, Max) ->
     try
-        Walk0 = #walk{ids = ids(Root, #{}), curves = Max, visits = ?MAX_VISITS},
+        Walk0 = #walk{ids = ids(Root, #{}), curves = Max, visits = ?MAX_VISITS + Max},
         Frame = frame(Root),
         Context = #context{
             matrix = starl_picture_transform:identity(),

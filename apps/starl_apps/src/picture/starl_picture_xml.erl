@@ -60,8 +60,8 @@
 -define(MAX_DEPTH, 200).
 -define(MAX_ELEMENTS, 200_000).
 -define(MAX_LABEL, 1000).
--define(MAX_HEAP_WORDS, 192_000_000).
--define(MAX_TIME_MS, 30_000).
+-define(MAX_HEAP_WORDS, 64_000_000).
+-define(MAX_TIME_MS, 10_000).
 
 %% @doc The root element of a document.
 -spec parse(binary(), vocabulary()) -> {ok, element_()} | {error, problem()}.

@@ -4,7 +4,7 @@
 %% is at least two tube radii away from every other robot's. Separation: any two robots are at
 %% least `r_s' apart at every instant, in continuous time ({@link starl_separation}).
 %%
-%% Events of machine `dpp': `{coordinator, Epoch}' (a later epoch starts with an empty view),
+%% Events of machine `dpp_coordinator': `{coordinator, Epoch}' (a later epoch starts with an empty view),
 %% `{assigned, Robot, ReqId, Segments}' and `{reserved, Robot, Segments}' (the robot's whole
 %% reservation afterwards); of machine `chassis': `{motion, Piece}'; of machine `robot':
 %% `{died, Reason}' (the robot stays where it is, and so does its reservation).
@@ -26,6 +26,8 @@
     epoch = none :: term(),
     reservations = #{} :: #{robot_id() => reservation()},
     separation :: starl_separation:t(),
+    assignments = 0 :: non_neg_integer(),
+    deadlocks = 0 :: non_neg_integer(),
     %% Found, but not returned yet: an event returns one violation.
     waiting = [] :: [starl_monitor:violation()]
 }).
@@ -46,7 +48,7 @@ init(#{tube_radius := Radius, r_s := Limit} = Config) ->
 
 %% @doc Plans, motions and the end of robots.
 -spec interests() -> [atom()].
-interests() -> [dpp, chassis, robot].
+interests() -> [dpp_coordinator, chassis, robot].
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -60,12 +62,15 @@ step({T, Robot, Machine, Event}, #state{separation = Separation, r_s = Limit} = 
     end.
 
 %% @doc Judges the time until `EndTimeUs'. Results: `min_separation_mm' (`infinity' with fewer
-%% than two robots), and `at_us' and `robots' where there is one.
+%% than two robots), and `at_us' and `robots' where there is one; `assignments' and
+%% `deadlocks_resolved' are counts.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
-finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit}) ->
+finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit} = State) ->
     {Met, Least} = starl_separation:finish(EndTimeUs, Separation),
-    {verdict(Waiting ++ [encounter(Meeting, Limit) || Meeting <- Met]), results(Least)}.
+    Counts = #{assignments => State#state.assignments, deadlocks_resolved => State#state.deadlocks},
+    Verdict = verdict(Waiting ++ [encounter(Meeting, Limit) || Meeting <- Met]),
+    {Verdict, maps:merge(results(Least), Counts)}.
 
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.
@@ -82,11 +87,13 @@ judge({chassis, {motion, Piece}}, _T, Robot, #state{separation = Separation} = S
     {[], State#state{separation = starl_separation:motion(Robot, Piece, Separation)}};
 judge({robot, {died, _Reason}}, T, Robot, #state{separation = Separation} = State) ->
     {[], State#state{separation = starl_separation:stop(Robot, T, Separation)}};
-judge({dpp, {assigned, Robot, _ReqId, Segments}}, T, _Coordinator, State) ->
+judge({dpp_coordinator, {assigned, Robot, _ReqId, Segments}}, T, _Coordinator, State) ->
+    reserve(T, Robot, Segments, State#state{assignments = State#state.assignments + 1});
+judge({dpp_coordinator, {deadlock_resolved, _Robots}}, _T, _Robot, #state{deadlocks = N} = State) ->
+    {[], State#state{deadlocks = N + 1}};
+judge({dpp_coordinator, {reserved, Robot, Segments}}, T, _Coordinator, State) ->
     reserve(T, Robot, Segments, State);
-judge({dpp, {reserved, Robot, Segments}}, T, _Coordinator, State) ->
-    reserve(T, Robot, Segments, State);
-judge({dpp, {coordinator, Epoch}}, _T, _Robot, #state{epoch = Last} = State) when
+judge({dpp_coordinator, {coordinator, Epoch}}, _T, _Robot, #state{epoch = Last} = State) when
     Last =:= none; Epoch > Last
 ->
     {[], State#state{epoch = Epoch, reservations = #{}}};

@@ -39,12 +39,16 @@
     slack => float(),
     horizon => float(),
     edge_length => float(),
+    leg => float(),
+    detour_factor => float(),
+    detour_mm => float(),
     turn_mm => float(),
     overhead_mm => float(),
     seed => integer()
 }.
 %% `slack' (0): how far from its path a robot may stand and still count as on it, the paper's
-%% r(v). `horizon' (3000): paint per assignment. `edge_length' (500): longest target edge.
+%% r(v). `horizon' (3000): paint per assignment. `edge_length' (500): longest target edge. `leg'
+%% (500): longest segment without paint; what is behind a waypoint is free for others.
 %% `turn_mm' (160): mm driven in the time of turning one radian. `overhead_mm' (100): mm driven in
 %% the time of a request. `seed' (1): where the roadmap's points fall.
 -type counts() :: #{
@@ -131,7 +135,7 @@ passed(Robot, Index, #plan{modes = Modes, unsafe = Unsafe} = Plan) ->
 request(Robot, #plan{free = Free} = Plan) ->
     case {counts(Plan), position(Robot, Plan), unknown(Plan)} of
         {#{free := 0, assigned := 0}, _, _} -> {complete, Plan};
-        {_, {ok, P}, []} when map_size(Free) > 0 -> find_work(Robot, P, Plan);
+        {_, {ok, P}, []} when map_size(Free) > 0 -> consider(P, find_work(Robot, P, Plan), Plan);
         _ -> {none, Plan}
     end.
 
@@ -163,7 +167,7 @@ make_way(Robot, #plan{yielded = Yielded} = Plan) ->
 resolve(Waiting0, #plan{} = Plan) ->
     Waiting = [Id || Id <- lists:usort(Waiting0), position(Id, Plan) =/= none],
     case unknown(Plan) of
-        [] -> unblock(favourite(Waiting, Plan), Waiting, Plan);
+        [] -> try_work(Waiting, Plan);
         _ -> {[], Plan}
     end.
 
@@ -254,7 +258,7 @@ reachable(Live, #plan{graph = Graph, unsafe = Unsafe, free = Free, spots = Spots
 %%% Internals: state
 
 defaults() ->
-    #{slack => 0.0, horizon => 3000.0, edge_length => 500.0, turn_mm => 160.0,
+    #{slack => 0.0, horizon => 3000.0, edge_length => 500.0, leg => 500.0, detour_factor => 1.2, detour_mm => 500.0, turn_mm => 160.0,
       overhead_mm => 100.0, seed => 1}.
 
 plan(Robots, Graph, Config) ->
@@ -352,6 +356,22 @@ starts(Robot, P, Vertices, Obstacles, Plan) ->
 
 nearby(P, #plan{graph = Graph}) -> [V || {_, V} <- starl_dpp_graph:joints(P, ?JOINTS, Graph)].
 
+%% A long way around robots that will soon have moved on is not worth its ink: better wait.
+consider(P, {{assign, Path}, _} = Answer, #plan{modes = Modes} = Plan) ->
+    Moving = [Id || {Id, {moving, _, [_ | _]}} <- maps:to_list(Modes)],
+    case Moving =/= [] andalso detour(P, Path, Plan) of
+        true -> {none, Plan};
+        false -> Answer
+    end;
+consider(_P, {none, _} = Answer, _Plan) ->
+    Answer.
+
+detour(P, Path, #plan{config = #{detour_factor := Factor, detour_mm := Mm}}) ->
+    Points = [P | [Q || {Q, up} <- Path]],
+    Driven = lists:sum([starl_geometry:length(S)
+                        || S <- lists:zip(lists:droplast(Points), tl(Points))]),
+    Driven > Factor * starl_geometry:distance(P, lists:last(Points)) + Mm.
+
 find_work(Robot, P, #plan{unsafe = Unsafe, free = Free} = Plan) ->
     #plan{config = #{horizon := Horizon, overhead_mm := Overhead}} = Plan,
     Obstacles = starl_dpp_unsafe:others(Robot, Unsafe),
@@ -371,10 +391,10 @@ job_path(P, #{trail := Trail, chain := Chain}, Obstacles, #plan{graph = Graph} =
         ++ [{starl_dpp_graph:point(V, Graph), {down, E}} || {V, E} <- Chain].
 
 %% The way along vertices with the pen up, cut short where that is safe.
-travel(P, Trail, Obstacles, #plan{graph = Graph}) ->
+travel(P, Trail, Obstacles, #plan{graph = Graph, config = Config}) ->
     Points = [starl_dpp_graph:point(V, Graph) || V <- Trail],
-    [_ | Way] = starl_dpp_route:smooth(distinct([P | Points]), Obstacles),
-    [{Q, up} || Q <- Way].
+    Way = starl_dpp_route:smooth(distinct([P | Points]), Obstacles),
+    [{Q, up} || Q <- starl_dpp_route:legs(Way, maps:get(leg, Config))].
 
 distinct([P, Q | Rest]) ->
     case starl_geometry:distance(P, Q) < 1.0e-3 of
@@ -435,8 +455,11 @@ step_aside(Robot, P, Good, #plan{unsafe = Unsafe, yielded = Yielded} = Plan) ->
             {none, Plan};
         {Labels, {ok, V}} ->
             Path = travel(P, starl_dpp_search:trail(V, Labels), Obstacles, Plan),
-            {{assign, Path}, (assign(Robot, P, Path, Plan))#plan{yielded = Yielded#{Robot => true}}}
+            go_aside(Robot, P, Path, Plan#plan{yielded = Yielded#{Robot => true}})
     end.
+
+go_aside(_Robot, _P, [], Plan) -> {none, Plan};
+go_aside(Robot, P, Path, Plan) -> {{assign, Path}, assign(Robot, P, Path, Plan)}.
 
 %% The robot that is nearest to a free edge when those that wait are not in the way, the way it
 %% would take, and who is in that way.
@@ -476,6 +499,17 @@ in_way(Held, Segments, Plan) ->
     Mm = 2.0 * tube_radius(Plan) + 1.0,
     lists:any(fun(S) -> lists:any(fun(H) -> starl_geometry:closer(H, S, Mm) end, Held) end,
               Segments).
+
+%% What requests declined out of patience is granted now.
+try_work(Waiting, Plan0) ->
+    Grant = fun(Id, {Moves, Acc}) ->
+        {ok, P} = position(Id, Acc),
+        moved(Id, find_work(Id, P, Acc), Moves)
+    end,
+    case lists:foldl(Grant, {[], Plan0}, Waiting) of
+        {[], Plan1} -> unblock(favourite(Waiting, Plan1), Waiting, Plan1);
+        {Moves, Plan1} -> {lists:reverse(Moves), Plan1}
+    end.
 
 unblock(none, Waiting, Plan) ->
     first_out(outermost(Waiting, Plan), Plan);

@@ -4,7 +4,7 @@
 %% reservations may be driven.
 -module(starl_dpp_route).
 
--export([starts/5, smooth/2, cost/3]).
+-export([starts/5, smooth/2, legs/2]).
 
 -type point() :: starl_geometry:point().
 -type obstacles() :: [starl_dpp_unsafe:obstacle()].
@@ -34,14 +34,14 @@ smooth([P | Rest], Obstacles) ->
         Way -> [P | Way]
     end.
 
-%% @doc The cost of driving along points, and the heading at the end.
--spec cost([point(), ...], float() | none, TurnMm :: float()) -> {Mm :: float(), float() | none}.
-cost([_], Heading, _TurnMm) ->
-    {0.0, Heading};
-cost([P, Q | Rest], In, TurnMm) ->
-    Out = starl_geometry:heading(P, Q),
-    {More, Last} = cost([Q | Rest], Out, TurnMm),
-    {starl_geometry:distance(P, Q) + starl_dpp_search:turn(In, Out, TurnMm) + More, Last}.
+%% @doc The points after the first, with more in between so that no leg is longer than `Mm'.
+-spec legs([point(), ...], Mm :: float()) -> [point()].
+legs([_], _Mm) ->
+    [];
+legs([P, Q | Rest], Mm) ->
+    N = max(1, ceil(starl_geometry:distance(P, Q) / Mm)),
+    [starl_geometry:interpolate(P, Q, I / N) || I <- lists:seq(1, N - 1)]
+        ++ [Q | legs([Q | Rest], Mm)].
 
 %%% Internals
 

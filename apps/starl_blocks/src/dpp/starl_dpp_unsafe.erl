@@ -13,7 +13,6 @@
 -export_type([t/0, masks/0, obstacle/0]).
 
 -type robot_id() :: pos_integer().
--type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 -type edge_id() :: starl_dpp_graph:edge_id().
 -type masks() :: #{edge_id() => pos_integer()}.

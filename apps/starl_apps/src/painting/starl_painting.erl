@@ -1,0 +1,66 @@
+%% @doc Collaborative painting (the paper's Subroutine 6): the team elects a coordinator; then
+%% each robot, until the picture is complete, asks for a path, follows it with the pen down on
+%% the lines that are to be painted, and clears what it has passed.
+-module(starl_painting).
+-behaviour(starl_app).
+
+-export([init/2, step/2]).
+-export([options/0, scene/1, report/2]).
+
+-type state() :: elect | paint.
+
+%% -- the application ------------------------------------------------------------------------
+
+-spec init(starl:robot(), none) -> state().
+init(_Robot, none) -> elect.
+
+-spec step(starl:robot(), state()) -> {continue, state()} | {done, complete | incomplete}.
+step(Robot, elect) ->
+    case starl_election:elect(Robot, painting) of
+        {ok, Leader} ->
+            ok = starl_dpp:join(Robot, Leader),
+            {continue, paint};
+        {error, _} ->
+            {continue, elect}
+    end;
+step(Robot, paint) ->
+    case starl_dpp:request_path(Robot) of
+        {ok, Path} ->
+            follow(Robot, Path),
+            {continue, paint};
+        {error, no_coordinator} ->
+            {continue, elect};
+        {error, restarted} ->
+            {continue, paint};
+        End ->
+            {done, End}
+    end.
+
+follow(Robot, Path) ->
+    lists:foreach(
+        fun({N, Point, Pen}) ->
+            starl:actuate(Robot, pen, Pen),
+            drive(Robot, Point),
+            starl_dpp:passed(Robot, Path, N)
+        end,
+        starl_dpp:waypoints(Path)
+    ),
+    starl:actuate(Robot, pen, up).
+
+%% A motion machine that crashed has stopped the robot inside its tube: it drives on.
+drive(Robot, Point) ->
+    case starl:go_to(Robot, Point) of
+        ok -> ok;
+        {error, _} -> drive(Robot, Point)
+    end.
+
+%% -- what it needs, and what it tells -------------------------------------------------------
+
+-spec options() -> [starl_options:option()].
+options() -> starl_painting_scene:options().
+
+-spec scene(starl_app:context()) -> {ok, starl_app:scene()} | {error, unicode:chardata()}.
+scene(Context) -> starl_painting_scene:scene(Context).
+
+-spec report(starl_app:scene(), starl_app:outcome()) -> starl_app:report().
+report(Scene, Outcome) -> starl_painting_scene:report(Scene, Outcome).

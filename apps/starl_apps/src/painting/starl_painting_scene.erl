@@ -1,0 +1,139 @@
+%% @doc The scene of the painting application: the picture on the floor, the robots on their
+%% parking spots, the blocks and contracts; and what is told of a run.
+-module(starl_painting_scene).
+
+-export([options/0, scene/1, report/2]).
+
+%% How far the polylines may lie from the picture's curves, on the floor.
+-define(TOLERANCE_MM, 2.0).
+%% Two Creates (radius 165 mm) that touch are 330 mm apart.
+-define(CONTACT_MM, 330).
+
+%% @doc The options of painting.
+-spec options() -> [starl_options:option()].
+options() ->
+    [
+        {picture, string, "house", "an SVG file, or a picture that ships with the project"},
+        {safety_distance, {number, ?CONTACT_MM, 5000}, 400, "robots keep so far apart (r_s), mm"},
+        {horizon, {number, 100, 100000}, 3000, "paint per assignment, mm"}
+    ].
+
+%% @doc Puts the picture on the floor. r_s is the least distance of two robots, r(v) how far they
+%% may be from their paths, R = r_s/2 + r(v) the radius of the tubes.
+-spec scene(starl_app:context()) -> {ok, starl_app:scene()} | {error, unicode:chardata()}.
+scene(#{robots := Ids, world := World, profile := Profile, options := Options} = Context) ->
+    Tracking = starl_motion:tracking_radius(Profile),
+    Radius = maps:get(safety_distance, Options) / 2 + Tracking,
+    case starl_roadmap:layout(floats(World), length(Ids), Radius) of
+        {ok, Layout} ->
+            case picture(maps:get(picture, Options), maps:get(area, Layout)) of
+                {ok, Picture} -> place(Picture, Layout, Radius, Tracking, Context);
+                {error, _} = Error -> Error
+            end;
+        {error, Reason} ->
+            {error, starl_roadmap:format_error(Reason)}
+    end.
+
+place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
+    #{robots := Ids, world := World, seed := Seed, profile := Profile, options := Options} = Context,
+    Lines = starl_picture:segments(Picture),
+    #{speed := Speed} = Profile,
+    Plan = #{
+        segments => Lines,
+        world => floats(World),
+        tube_radius => Radius,
+        slack => Tracking,
+        horizon => float(maps:get(horizon, Options)),
+        seed => Seed,
+        speed => Speed
+    },
+    case starl_dpp_plan:new((maps:remove(speed, Plan))#{robots => Ids}) of
+        {ok, _} ->
+            {ok, #{
+                app => {sequential, starl_painting, none},
+                blocks => [{election, starl_election_ballots, #{}} | starl_dpp:blocks(Plan)],
+                poses => maps:map(fun(_, Spot) -> facing(Spot, World) end, Spots),
+                monitors => monitors(Lines, Radius, Tracking, Context),
+                memo => #{
+                    picture => Picture, world => World, robots => length(Ids), speed => Speed,
+                    safety_distance => maps:get(safety_distance, Options)
+                }
+            }};
+        {error, Reason} ->
+            {error, starl_dpp_plan:format_error(Reason)}
+    end.
+
+monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options}) ->
+    [
+        {starl_election_monitor, #{robots => Ids, bound_us => 31000000}},
+        {starl_dpp_monitor, #{
+            tube_radius => Radius, r_s => float(maps:get(safety_distance, Options))
+        }},
+        {starl_painting_monitor, #{
+            lines => Lines,
+            ink_radius_mm => Tracking,
+            tolerance_mm => ?TOLERANCE_MM,
+            complete => false
+        }}
+    ].
+
+%% A shipped picture is named without its folder and ending.
+picture(Name, Area) ->
+    File =
+        case filename:extension(Name) =:= "" andalso not filelib:is_file(Name) of
+            true -> shipped(Name);
+            false -> Name
+        end,
+    case starl_picture:read(File, #{area => Area, tolerance_mm => ?TOLERANCE_MM}) of
+        {ok, _} = Ok -> Ok;
+        {error, Reason} -> {error, starl_picture:format_error(Reason)}
+    end.
+
+shipped(Name) -> filename:join([code:priv_dir(starl_apps), "pictures", Name ++ ".svg"]).
+
+%% Looks to the middle of the floor.
+facing({X, Y}, {Width, Height}) ->
+    {X, Y, starl_geometry:heading({X, Y}, {Width / 2, Height / 2})}.
+
+floats({Width, Height}) -> {float(Width), float(Height)}.
+
+%% -- what is told of a run ------------------------------------------------------------------
+
+%% @doc The figures of a run, and its picture.
+-spec report(starl_app:scene(), starl_app:outcome()) -> starl_app:report().
+report(#{memo := Memo}, #{monitors := Monitors, end_us := EndUs} = Outcome) ->
+    #{starl_painting_monitor := Paint, starl_dpp_monitor := Dpp} = Monitors,
+    #{picture := Picture, robots := N, speed := Speed} = Memo,
+    Length = lists:sum([starl_geometry:length(S) || S <- starl_picture:segments(Picture)]),
+    Bound = Length / (N * Speed),
+    #{
+        figures => [
+            {ink_mm, maps:get(ink_mm, Paint)},
+            {ink_covered, maps:get(coverage, Paint)},
+            {driven_mm, maps:get(driven_mm, Paint)},
+            {lines_mm, Length},
+            {makespan_bound_ratio, EndUs / 1.0e6 / Bound},
+            {min_separation_mm, number(maps:get(min_separation_mm, Dpp))},
+            {safety_distance_mm, maps:get(safety_distance, Memo)},
+            {deadlocks_resolved, maps:get(deadlocks_resolved, Dpp)},
+            {assignments, maps:get(assignments, Dpp)}
+        ],
+        write => fun(Dir) -> draw(Dir, Memo, Paint, Outcome) end
+    }.
+
+%% A single robot is not at any distance from others.
+number(infinity) -> null;
+number(X) -> X.
+
+draw(Dir, #{picture := Picture, world := World}, #{ink := Ink}, #{robots := Robots}) ->
+    Drawing = #{
+        floor => World,
+        target => starl_picture:segments(Picture),
+        ink => Ink,
+        robots => [{Id, {X, Y}, Heading} || {Id, #{pose := {X, Y, Heading}}} <- Robots],
+        title => starl_picture:title(Picture)
+    },
+    case starl_picture_draw:write(Dir, "painting", Drawing) of
+        {ok, Files} -> {ok, Files};
+        {error, Reason} -> {error, starl_picture_draw:format_error(Reason)}
+    end.

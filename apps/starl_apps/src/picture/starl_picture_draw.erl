@@ -1,0 +1,244 @@
+%% @doc A painting as a picture file: the lines to paint in gray, the ink of every robot in its
+%% own colour, the robots where they stand, and a legend.
+%%
+%% The user unit of the SVG is one millimetre of floor. Widths of lines and sizes of letters are
+%% given in dots, of which the drawing's longer side has 800, so that a floor of any size looks
+%% the same on a screen.
+-module(starl_picture_draw).
+
+-export([svg/1, write/3, colour/1, format_error/1]).
+-export_type([drawing/0, reason/0]).
+
+-type point() :: {float(), float()}.
+-type robot_id() :: pos_integer().
+%% Lengths in mm, headings in radians counterclockwise from the floor's x axis.
+-type drawing() :: #{
+    floor := {Width :: number(), Height :: number()},
+    target := [{point(), point()}],
+    ink := #{robot_id() => [[point()]]},
+    robots := [{robot_id(), point(), Heading :: float()}],
+    title => unicode:chardata()
+}.
+-type reason() :: {cannot_write, file:filename(), file:posix() | badarg | terminated | system_limit}.
+
+-record(page, {
+    %% Floor size and one dot, in mm.
+    width :: float(),
+    height :: float(),
+    dot :: float(),
+    %% Height of the title above and the legend below the floor, in mm.
+    head :: float(),
+    foot :: float(),
+    columns :: pos_integer()
+}).
+
+-define(ROBOT_RADIUS_MM, 165.0).
+-define(DOTS, 800).
+-define(MARGIN_DOTS, 12).
+-define(ROW_DOTS, 22).
+-define(COLUMN_DOTS, 95).
+-define(PNG_WIDTH, "1200").
+-define(PNG_TIME_MS, 30_000).
+
+%% @doc The drawing as an SVG document.
+-spec svg(drawing()) -> iodata().
+svg(#{floor := Floor, target := Target, ink := Ink, robots := Robots} = Drawing) ->
+    Ids = lists:usort(maps:keys(Ink) ++ [Id || {Id, _, _} <- Robots]),
+    Title = maps:get(title, Drawing, ""),
+    Page = page(Floor, length(Ids), string:is_empty(Title)),
+    [
+        head(Page),
+        title(Title, Page),
+        target(Target, Page),
+        [ink(Id, maps:get(Id, Ink), Page) || Id <- Ids, is_map_key(Id, Ink)],
+        [robot(Robot, Page) || Robot <- lists:sort(Robots)],
+        legend(Ids, Page),
+        "</svg>\n"
+    ].
+
+%% @doc Writes `Name.svg' into the directory, which is made if need be, and `Name.png', 1200
+%% pixels wide, where the program `rsvg-convert' is installed. Gives the files written; a PNG that
+%% cannot be made is no error.
+-spec write(file:filename(), string(), drawing()) -> {ok, [file:filename()]} | {error, reason()}.
+write(Dir, Name, Drawing) ->
+    Svg = filename:join(Dir, Name ++ ".svg"),
+    case filelib:ensure_dir(Svg) of
+        ok ->
+            case file:write_file(Svg, svg(Drawing)) of
+                ok -> {ok, [Svg | png(Svg, filename:join(Dir, Name ++ ".png"))]};
+                {error, Posix} -> {error, {cannot_write, Svg, Posix}}
+            end;
+        {error, Posix} ->
+            {error, {cannot_write, Svg, Posix}}
+    end.
+
+%% @doc The colour of a robot, `#rrggbb'. Sixteen robots in a row have sixteen colours that are
+%% told apart on white; then they repeat.
+-spec colour(robot_id()) -> string().
+colour(Id) -> element((Id - 1) rem 16 + 1, palette()).
+
+%% @doc One line of text.
+-spec format_error(reason()) -> iodata().
+format_error({cannot_write, File, Posix}) ->
+    unicode:characters_to_binary(
+        io_lib:format("cannot write ~ts: ~ts", [File, file:format_error(Posix)])).
+
+%%% The page
+
+page({W0, H0}, Robots, Untitled) ->
+    {W, H} = {float(W0), float(H0)},
+    Dot = max(W, H) / (?DOTS - 2 * ?MARGIN_DOTS),
+    Columns = max(1, trunc(W / (?COLUMN_DOTS * Dot))),
+    Rows = (Robots + Columns - 1) div Columns,
+    Head = case Untitled of
+        true -> ?MARGIN_DOTS;
+        false -> ?MARGIN_DOTS + 30
+    end,
+    Foot = ?MARGIN_DOTS + ?ROW_DOTS * Rows,
+    #page{width = W, height = H, dot = Dot, head = Head * Dot, foot = Foot * Dot,
+          columns = Columns}.
+
+head(#page{width = W, height = H, dot = Dot, head = Head, foot = Foot}) ->
+    Margin = ?MARGIN_DOTS * Dot,
+    {FullW, FullH} = {W + 2 * Margin, H + Head + Foot},
+    [
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"", number(FullW / Dot),
+        "\" height=\"", number(FullH / Dot), "\" viewBox=\"",
+        lists:join($\s, [number(N) || N <- [-Margin, -Head, FullW, FullH]]), "\">\n",
+        rect({-Margin, -Head}, {FullW, FullH}, "fill=\"#ffffff\""),
+        rect({0, 0}, {W, H}, ["fill=\"none\" stroke=\"#d0d0d0\" stroke-width=\"", number(Dot), $"])
+    ].
+
+rect({X, Y}, {W, H}, Style) ->
+    ["<rect x=\"", number(X), "\" y=\"", number(Y), "\" width=\"", number(W), "\" height=\"",
+     number(H), "\" ", Style, "/>\n"].
+
+title(Title, #page{width = W, dot = Dot, head = Head}) ->
+    case string:is_empty(Title) of
+        true -> [];
+        false -> text({W / 2, -Head + 30 * Dot}, 20 * Dot, "middle", "#303030", Title)
+    end.
+
+text({X, Y}, Size, Anchor, Colour, Text) ->
+    ["<text x=\"", number(X), "\" y=\"", number(Y), "\" font-family=\"sans-serif\" font-size=\"",
+     number(Size), "\" text-anchor=\"", Anchor, "\" fill=\"", Colour, "\">", escape(Text),
+     "</text>\n"].
+
+%%% Lines, ink, robots, legend
+
+target([], _Page) ->
+    [];
+target(Segments, #page{dot = Dot} = Page) ->
+    Lines = [[$M, place(P, Page), $L, place(Q, Page)] || {P, Q} <- Segments],
+    ["<path fill=\"none\" stroke=\"#c4c4c4\" stroke-linecap=\"round\" stroke-width=\"",
+     number(1.5 * Dot), "\" d=\"", lists:join($\n, Lines), "\"/>\n"].
+
+ink(Id, Polylines, #page{dot = Dot} = Page) ->
+    ["<g fill=\"none\" stroke=\"", colour(Id), "\" stroke-width=\"", number(3.5 * Dot),
+     "\" stroke-linecap=\"round\" stroke-linejoin=\"round\">\n",
+     [polyline(Polyline, Page) || Polyline <- Polylines], "</g>\n"].
+
+polyline([], _Page) ->
+    [];
+%% A lone point shows as a round dot only when it is drawn twice.
+polyline([Point], Page) ->
+    polyline([Point, Point], Page);
+polyline(Points, Page) ->
+    ["<polyline points=\"", lists:join($\s, [place(Point, Page) || Point <- Points]), "\"/>\n"].
+
+robot({Id, {X, Y} = Point, Heading}, #page{dot = Dot} = Page) ->
+    R = ?ROBOT_RADIUS_MM,
+    Tip = {X + 1.45 * R * math:cos(Heading), Y + 1.45 * R * math:sin(Heading)},
+    Rim = {X + R * math:cos(Heading), Y + R * math:sin(Heading)},
+    [CX, CY] = [number(N) || N <- centre(Point, Page)],
+    Digits = integer_to_list(Id),
+    Size = R * 1.9 / (1 + length(Digits)),
+    [
+        "<circle cx=\"", CX, "\" cy=\"", CY, "\" r=\"", number(R),
+        "\" fill=\"#ffffff\" fill-opacity=\"0.8\" stroke=\"", colour(Id),
+        "\" stroke-width=\"", number(2 * Dot), "\"/>\n",
+        "<path fill=\"none\" stroke=\"", colour(Id), "\" stroke-width=\"", number(3 * Dot),
+        "\" stroke-linecap=\"round\" d=\"M", place(Rim, Page), $L, place(Tip, Page), "\"/>\n",
+        text(label_point(Point, Size, Page), Size, "middle", "#202020", Digits)
+    ].
+
+centre({X, Y}, #page{height = H}) -> [X, H - Y].
+
+label_point({X, Y}, Size, #page{height = H}) -> {X, H - Y + 0.36 * Size}.
+
+legend(Ids, Page) ->
+    [legend_entry(N, Id, Page) || {N, Id} <- lists:zip(lists:seq(0, length(Ids) - 1), Ids)].
+
+legend_entry(N, Id, #page{height = H, dot = Dot, columns = Columns}) ->
+    X = N rem Columns * ?COLUMN_DOTS * Dot,
+    Y = H + (?ROW_DOTS * (N div Columns) + 15) * Dot,
+    [
+        rect({X, Y - 6 * Dot}, {18 * Dot, 8 * Dot}, ["fill=\"", colour(Id), $"]),
+        text({X + 24 * Dot, Y + 3 * Dot}, 14 * Dot, "start", "#303030",
+             ["robot ", integer_to_list(Id)])
+    ].
+
+%%% Text
+
+place(Point, Page) -> lists:join($,, [number(N) || N <- centre(Point, Page)]).
+
+%% At most one decimal: a tenth of a millimetre.
+number(N) ->
+    Tenths = round(N * 10),
+    Sign = case Tenths < 0 of
+        true -> "-";
+        false -> ""
+    end,
+    [Sign, integer_to_list(abs(Tenths) div 10) | decimal(abs(Tenths) rem 10)].
+
+decimal(0) -> [];
+decimal(D) -> [$., $0 + D].
+
+escape(Text) ->
+    unicode:characters_to_binary([escaped(C) || C <- unicode:characters_to_list(Text)]).
+
+escaped($<) -> "&lt;";
+escaped($>) -> "&gt;";
+escaped($&) -> "&amp;";
+escaped(C) when C < 32; C =:= 16#FFFE; C =:= 16#FFFF -> $\s;
+escaped(C) -> C.
+
+%% Chosen greedily for the largest least distance in CIE L*a*b*, also to white and the gray lines.
+palette() ->
+    {"#e6194b", "#3cb44b", "#4363d8", "#f58231", "#78005a", "#00b4ff", "#ff00ff", "#5a5a0f",
+     "#00d2b4", "#5a0000", "#c3b400", "#0000ff", "#ff9696", "#006969", "#ff00a5", "#ff96f0"}.
+
+%%% PNG
+
+png(Svg, Png) ->
+    case os:find_executable("rsvg-convert") of
+        false -> [];
+        Program ->
+            _ = file:delete(Png),
+            Arguments = ["--width", ?PNG_WIDTH, "--keep-aspect-ratio",
+                         "--output", filename:absname(Png), filename:absname(Svg)],
+            case run(Program, Arguments) =:= 0 andalso filelib:is_regular(Png) of
+                true -> [Png];
+                false -> []
+            end
+    end.
+
+run(Program, Arguments) ->
+    Options = [{args, Arguments}, exit_status, stderr_to_stdout, binary, hide],
+    Port = open_port({spawn_executable, Program}, Options),
+    Timer = erlang:start_timer(?PNG_TIME_MS, self(), Port),
+    Status = exit_status(Port, Timer),
+    _ = erlang:cancel_timer(Timer),
+    receive
+        {timeout, Timer, Port} -> Status
+    after 0 -> Status
+    end.
+
+exit_status(Port, Timer) ->
+    receive
+        {Port, {data, _Text}} -> exit_status(Port, Timer);
+        {Port, {exit_status, Status}} -> Status;
+        {timeout, Timer, Port} ->
+            true = port_close(Port),
+            timeout
+    end.

@@ -1,0 +1,241 @@
+%% The contract of painting: ink on the lines and nowhere else, every line painted. Traces that
+%% keep it and traces that break it; intervals and coverage against brute-force sampling (seeded).
+-module(starl_painting_monitor_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(S, 1_000_000).
+-define(REACH, 10.0).
+
+%% A square of 1 m.
+square() ->
+    Corners = [{0.0, 0.0}, {1000.0, 0.0}, {1000.0, 1000.0}, {0.0, 1000.0}],
+    lists:zip(Corners, tl(Corners) ++ [hd(Corners)]).
+
+line() -> [{{0.0, 0.0}, {1000.0, 0.0}}].
+
+run(Lines, Events, End) -> run(Lines, Events, End, #{}).
+
+run(Lines, Events, End, Extra) ->
+    Config = maps:merge(#{lines => Lines, ink_radius_mm => 9.0, tolerance_mm => 1.0}, Extra),
+    M0 = starl_monitor:new([{starl_painting_monitor, Config}]),
+    {Met, M} = lists:foldl(fun step/2, {[], M0}, Events),
+    {Late, #{starl_painting_monitor := Results}} = starl_monitor:finish(End, M),
+    {Met ++ Late, Results}.
+
+%% Judged without the completeness clause.
+judge(Lines, Events, End) ->
+    {Found, _} = run(Lines, Events, End, #{complete => false}),
+    [What || #{contract := painting, what := What} <- Found].
+
+step(Event, {Found, M0}) ->
+    case starl_monitor:step(Event, M0) of
+        {ok, M} -> {Found, M};
+        {violation, Violation, M} -> {Found ++ [Violation], M}
+    end.
+
+motion(T, Robot, Piece) -> {T, Robot, chassis, {motion, Piece}}.
+pen(T, Robot, Pen) -> {T, Robot, chassis, {actuated, pen, Pen}}.
+stand(T, X, Y) -> starl_trajectory:standing(T, {X, Y}, 0.0).
+
+%% Drives through the points with 100 mm/s, from time T on; returns the events and the end.
+tour(T, Robot, [_]) ->
+    {[{T, Robot, pause}], T};
+tour(T, Robot, [{X, Y} = A, B | Points]) ->
+    Length = starl_geometry:distance(A, B),
+    Heading = starl_geometry:heading(A, B),
+    Next = T + round(Length * 1.0e4),
+    Piece = starl_trajectory:piece(T, {X, Y}, Heading, Length / ((Next - T) / 1.0e6), 0.0),
+    {Later, End} = tour(Next, Robot, [B | Points]),
+    {[motion(T, Robot, Piece) | Later], End}.
+
+%% The tour with the pen down all the way, then standing with the pen up.
+paint(Points) -> paint(0, 1, Points).
+
+paint(T, Robot, [{X, Y} | _] = Points) ->
+    {Events, End} = tour(T + 1, Robot, Points),
+    {XE, YE} = lists:last(Points),
+    {[motion(T, Robot, stand(T, X, Y)), pen(T + 1, Robot, down)]
+         ++ [E || {_, _, _, _} = E <- Events]
+         ++ [pen(End, Robot, up), motion(End, Robot, stand(End, XE, YE))], End}.
+
+everything_painted_test() ->
+    Points = [A || {A, _} <- square()] ++ [{0.0, 0.0}],
+    {Events, End} = paint(Points),
+    {[], Results} = run(square(), Events, End + ?S),
+    #{coverage := 1.0, ink_covered := true, ink_mm := Ink, driven_mm := Driven,
+      unpainted_mm := 0.0, ink := #{1 := [Polyline]}} = Results,
+    ?assert(abs(Ink - 4000.0) < 0.01),
+    ?assert(abs(Driven - 4000.0) < 0.01),
+    ?assertEqual(5, length(Polyline)).
+
+two_robots_share_a_line_test() ->
+    {First, End1} = paint(0, 1, [{0.0, 0.0}, {500.0, 0.0}]),
+    {Second, End2} = paint(End1, 2, [{1000.0, 0.0}, {500.0, 0.0}]),
+    {[], #{coverage := 1.0, ink := Ink}} = run(line(), First ++ Second, End2),
+    ?assertMatch(#{1 := [[{_, _}, {_, _}]], 2 := [[{_, _}, {_, _}]]}, Ink).
+
+%%% Every line is painted
+
+unfinished_test() ->
+    {Events, End} = paint([{0.0, 0.0}, {980.0, 0.0}]),
+    {[#{what := unfinished}], #{coverage := Coverage}} = run(line(), Events, End),
+    ?assert(abs(Coverage - 0.99) < 1.0e-6).
+
+unfinished_is_fine_when_stopped_early_test() ->
+    {Events, End} = paint([{0.0, 0.0}, {980.0, 0.0}]),
+    ?assertMatch({[], #{ink_covered := false}}, run(line(), Events, End, #{complete => false})).
+
+%% The last centimetre lies within the ink radius plus tolerance of the ink's end.
+finished_at_the_limit_test() ->
+    {Events, End} = paint([{10.0, 0.0}, {990.0, 0.0}]),
+    ?assertMatch({[], #{coverage := 1.0}}, run(line(), Events, End)),
+    {Short, ShortEnd} = paint([{10.0, 0.0}, {989.9, 0.0}]),
+    ?assertMatch({[#{what := unfinished}], _}, run(line(), Short, ShortEnd)).
+
+gap_in_the_middle_test() ->
+    {First, End1} = paint([{0.0, 0.0}, {450.0, 0.0}]),
+    {Second, End2} = paint(End1, 1, [{550.0, 0.0}, {1000.0, 0.0}]),
+    {[#{what := unfinished}], #{unpainted_mm := Gap}} = run(line(), First ++ Second, End2),
+    ?assert(abs(Gap - 80.0) < 1.0e-4).
+
+no_lines_are_all_painted_test() ->
+    ?assertMatch({[], #{coverage := 1.0}}, run([], [], ?S)).
+
+%%% Ink on the lines and nowhere else
+
+driving_with_the_pen_up_is_free_test() ->
+    {Events, End} = tour(0, 1, [{0.0, 0.0}, {3000.0, 3000.0}]),
+    Driving = [E || {_, _, _, _} = E <- Events],
+    ?assertEqual([], judge(line(), Driving, End)),
+    ?assertEqual([ink_off_the_lines], judge(line(), Driving ++ [pen(End, 1, down)], End)).
+
+ink_beside_the_line_at_the_limit_test() ->
+    Beside = fun(Y) -> {Events, End} = paint([{0.0, Y}, {1000.0, Y}]),
+                       judge(line(), Events, End) end,
+    ?assertEqual([], Beside(10.0)),
+    ?assertEqual([ink_off_the_lines], Beside(10.001)).
+
+ink_past_the_end_of_the_line_test() ->
+    Past = fun(X) -> {Events, End} = paint([{0.0, 0.0}, {X, 0.0}]),
+                     judge(line(), Events, End) end,
+    ?assertEqual([], Past(1009.99)),
+    ?assertEqual([ink_off_the_lines], Past(1011.0)).
+
+%% The ink leaves the line and comes back: both ends of the piece are on lines.
+shortcut_across_a_corner_test() ->
+    {Events, End} = paint([{500.0, 0.0}, {1000.0, 500.0}]),
+    {[Violation], _} = run(square(), Events, End, #{complete => false}),
+    #{what := ink_off_the_lines, at_us := At, robots := [1], details := Details} = Violation,
+    %% It leaves when it is 10 mm above the bottom line.
+    ?assert(abs(At - round(10.0 * math:sqrt(2) * 1.0e4)) < 10),
+    ?assert(abs(maps:get(distance_mm, Details) - 250.0) < 10.0).
+
+around_a_corner_test() ->
+    {Events, End} = paint([{500.0, 0.0}, {1000.0, 0.0}, {1000.0, 500.0}]),
+    ?assertEqual([], judge(square(), Events, End)).
+
+%% One report per lowering of the pen.
+reported_once_per_stroke_test() ->
+    {Off, End1} = paint([{0.0, 100.0}, {100.0, 100.0}, {200.0, 100.0}]),
+    {Again, End2} = paint(End1, 1, [{0.0, 100.0}, {100.0, 100.0}]),
+    ?assertEqual([ink_off_the_lines, ink_off_the_lines], judge(line(), Off ++ Again, End2)).
+
+dot_beside_the_line_test() ->
+    Dot = fun(Y) -> judge(line(), [motion(0, 1, stand(0, 50.0, Y)), pen(5, 1, down),
+                                   pen(5, 1, up)], 10) end,
+    ?assertEqual([], Dot(9.0)),
+    ?assertEqual([ink_off_the_lines], Dot(12.0)).
+
+%% The pen is still down and the robot under way when the run ends.
+open_stroke_is_judged_test() ->
+    Drive = starl_trajectory:piece(0, {900.0, 0.0}, 0.0, 100.0, 0.0),
+    Events = [motion(0, 1, Drive), pen(0, 1, down)],
+    ?assertEqual([], judge(line(), Events, ?S)),
+    ?assertEqual([ink_off_the_lines], judge(line(), Events, 2 * ?S)).
+
+dead_robot_stays_test() ->
+    Drive = starl_trajectory:piece(0, {900.0, 0.0}, 0.0, 100.0, 0.0),
+    Events = [motion(0, 1, Drive), pen(0, 1, down), {?S, 1, robot, {died, killed}}],
+    ?assertEqual([], judge(line(), Events, 99 * ?S)).
+
+%% An arc on its chords' lines: a quarter circle of radius 300 in 8 lines.
+arc_on_a_flattened_arc_test() ->
+    Lines = [{on_circle(I), on_circle(I + 1)} || I <- lists:seq(0, 7)],
+    Turn = math:pi() / 20,
+    Arc = starl_trajectory:piece(0, {0.0, 0.0}, 0.0, 300.0 * Turn, Turn),
+    Events = [motion(0, 1, Arc), pen(0, 1, down), pen(10 * ?S, 1, up)],
+    {[], #{coverage := 1.0, ink_mm := Ink}} = run(Lines, Events, 10 * ?S),
+    ?assert(abs(Ink - 150.0 * math:pi()) < 1.0e-6),
+    %% The sagitta of these lines is 1.44 mm.
+    Tight = #{ink_radius_mm => 1.0, tolerance_mm => 0.3, complete => false},
+    ?assertMatch({[#{what := ink_off_the_lines}], _}, run(Lines, Events, 10 * ?S, Tight)).
+
+on_circle(I) ->
+    Angle = I * math:pi() / 16,
+    {300.0 * math:sin(Angle), 300.0 - 300.0 * math:cos(Angle)}.
+
+%% An arc that leaves a straight line: 300 (1 - cos a) is 10 mm for a = 0.25857 radians.
+arc_leaves_the_line_test() ->
+    Arc = starl_trajectory:piece(0, {0.0, 0.0}, 0.0, 30.0, 0.1),
+    Events = [motion(0, 1, Arc), pen(0, 1, down)],
+    Leave = round(?S * math:acos(29.0 / 30.0) / 0.1),
+    ?assertEqual([], judge(line(), Events, Leave - 20_000)),
+    {[#{at_us := At}], _} = run(line(), Events, 5 * ?S, #{complete => false}),
+    ?assert(abs(At - Leave) < 20_000).
+
+a_jump_is_not_connected_test() ->
+    Events = [motion(0, 1, stand(0, 0.0, 0.0)), pen(0, 1, down),
+              motion(5, 1, stand(5, 900.0, 0.0))],
+    {[], #{ink := #{1 := Polylines}}} = run(line(), Events, 9, #{complete => false}),
+    ?assertEqual([[{0.0, 0.0}], [{900.0, 0.0}]], Polylines).
+
+%%% Intervals and coverage against sampling
+
+within_against_sampling_test() ->
+    lists:foldl(fun(N, S) -> within_case(N, S) end, rand:seed_s(exsss, 7), lists:seq(1, 500)).
+
+within_case(N, S0) ->
+    {A, S1} = random_segment(S0),
+    {B, S2} = random_segment(S1),
+    {R, S3} = rand:uniform_s(S2),
+    Reach = 60.0 * R,
+    Part = starl_painting_monitor:within(Reach, A, B),
+    Length = starl_geometry:length(A),
+    [begin
+         Point = starl_geometry:interpolate(element(1, A), element(2, A), I / 400),
+         Margin = Reach - starl_geometry:point_segment(Point, B),
+         ?assert(agrees(Margin, inside(I / 400 * Length, Part)), {seed, 7, N, A, B, Reach, I})
+     end || I <- lists:seq(0, 400)],
+    S3.
+
+agrees(Margin, _Inside) when abs(Margin) < 1.0e-9 -> true;
+agrees(Margin, Inside) -> Inside =:= (Margin > 0).
+
+inside(_Mm, none) -> false;
+inside(Mm, {From, To}) -> Mm >= From - 1.0e-9 andalso Mm =< To + 1.0e-9.
+
+random_segment(S0) ->
+    {[X1, Y1, X2, Y2], S} = lists:mapfoldl(fun(_, S) -> rand:uniform_s(S) end, S0, [1, 2, 3, 4]),
+    {{{100.0 * X1, 100.0 * Y1}, {100.0 * X2, 100.0 * Y2}}, S}.
+
+coverage_against_sampling_test_() ->
+    {timeout, 60, fun() -> [coverage_case(Seed) || Seed <- lists:seq(1, 20)] end}.
+
+%% Scribbles over random lines; how much of the lines is near the scribbles?
+coverage_case(Seed) ->
+    {Lines, S1} = lists:mapfoldl(fun(_, S) -> random_segment(S) end, rand:seed_s(exsss, Seed),
+                                 lists:seq(1, 6)),
+    {Strokes, _} = lists:mapfoldl(fun(_, S) -> random_segment(S) end, S1, lists:seq(1, 5)),
+    Points = lists:append([[A, B] || {A, B} <- Strokes]),
+    Ink = lists:zip(lists:droplast(Points), tl(Points)),
+    {Events, End} = paint(Points),
+    {_, #{coverage := Coverage}} = run(Lines, Events, End, #{complete => false}),
+    Total = lists:sum([starl_geometry:length(Line) || Line <- Lines]),
+    Near = lists:sum([starl_geometry:length(Line) * near_part(Line, Ink) || Line <- Lines]),
+    ?assert(abs(Coverage - Near / Total) < 0.005, {seed, Seed, Coverage, Near / Total}).
+
+near_part({A, B}, Ink) ->
+    Samples = [starl_geometry:interpolate(A, B, (I + 0.5) / 1000) || I <- lists:seq(0, 999)],
+    Near = [P || P <- Samples,
+                 lists:any(fun(S) -> starl_geometry:point_segment(P, S) =< ?REACH end, Ink)],
+    length(Near) / 1000.

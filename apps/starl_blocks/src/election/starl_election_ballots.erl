@@ -1,0 +1,176 @@
+%% @doc Leader election by randomized ballots (the coordinator of the paper's section on leader
+%% election).
+%% ```
+%%   robot                                  all others
+%%     | ballot {Election, B} ---------------->|   once, when the robot takes part
+%%     |<---------------- ballot {Election, B} |
+%%     |   all ballots here: elect the largest (ties: the larger robot)
+%%     | leader {Election, L} ---------------->|   elect L, unless elected already
+%% '''
+%% Only a complete set of ballots elects, so two robots that elect by ballots elect the same. A
+%% robot's ballot in an election is a function of the seed, the robot and the election: after a
+%% crash it casts the same one. Ballots and announcements that come before the robot itself
+%% takes part are kept. A ballot for an election that is over here is answered with its leader,
+%% so a robot that failed can call again.
+%%
+%% Call: `{elect, Election, TimeoutUs}', answer `{ok, Leader}' or `{error, timeout}'.
+%% Trace: `{entered, E}', `{ballot, E, B}', `{elected, E, Leader, all_ballots | announcement}',
+%% `{failed, E, timeout}'.
+-module(starl_election_ballots).
+-behaviour(starl_machine).
+
+-export([init/1, handle_event/5]).
+
+-type ballot() :: {non_neg_integer(), starl:robot_id()}.
+
+%% How many elections are remembered; the oldest are forgotten first.
+-define(REMEMBERED, 64).
+%% How often a robot that has no result asks again.
+-define(AGAIN_US, 3000000).
+
+-record(race, {
+    ballots = #{} :: #{starl:robot_id() => ballot()},
+    leader = none :: starl:robot_id() | none,
+    from = none :: starl_machine:from() | none
+}).
+
+-record(election, {
+    self :: starl:robot_id(),
+    team :: [starl:robot_id()],
+    seed :: non_neg_integer(),
+    races = #{} :: #{starl_election:election() => #race{}},
+    order = [] :: [starl_election:election()]
+}).
+
+-spec init(starl_machine:config()) -> {ready, #election{}, [starl_machine:action()]}.
+init(#{robot := Self, participants := Team, random := Random}) ->
+    {Seed, _} = rand:uniform_s(1 bsl 32, Random),
+    {ready, #election{self = Self, team = Team, seed = Seed}, listen()}.
+
+-spec handle_event(
+    starl_machine:event_type(), term(), ready, #election{}, starl_machine:meta()
+) -> starl_machine:result().
+handle_event({call, From}, {elect, Election, Us}, ready, Data, _Meta) ->
+    enter(Election, Us, From, Data);
+handle_event(cast, {message, Source, ballot, {Election, Ballot}}, ready, Data, _Meta) ->
+    ballot(Election, Source, Ballot, Data);
+handle_event(cast, {message, _Source, leader, {Election, Leader}}, ready, Data, _Meta) ->
+    elect(Election, Leader, announcement, Data);
+handle_event({timeout, {again, Election}}, _, ready, Data, _Meta) ->
+    again(Election, Data);
+handle_event({timeout, {patience, Election}}, _, ready, Data, _Meta) ->
+    give_up(Election, Data);
+handle_event(info, {restarted, sap}, ready, _Data, _Meta) ->
+    {keep_state_and_data, listen()};
+handle_event(info, {restarted, _}, ready, _Data, _Meta) ->
+    keep_state_and_data;
+handle_event(_, _, _, _, _) ->
+    unknown_event.
+
+listen() -> [starl_sap:listen(ballot, election), starl_sap:listen(leader, election)].
+
+enter(Election, Us, From, Data0) ->
+    {Race, Data} = race(Election, Data0),
+    case Race of
+        #race{leader = none} ->
+            Ballot = draw(Election, Data),
+            Entered = put_race(Election, cast_own(Ballot, Race#race{from = From}, Data), Data),
+            Actions = [
+                {trace, {entered, Election}},
+                {trace, {ballot, Election, Ballot}},
+                {cast, sap, {broadcast, ballot, {Election, Ballot}}},
+                {{timeout, {again, Election}}, ?AGAIN_US, again},
+                {{timeout, {patience, Election}}, Us, patience}
+            ],
+            count(Election, Actions, Entered);
+        #race{leader = Leader} ->
+            {keep_state, Data, [{reply, From, {ok, Leader}}]}
+    end.
+
+cast_own(Ballot, #race{ballots = Ballots} = Race, #election{self = Self}) ->
+    Race#race{ballots = Ballots#{Self => Ballot}}.
+
+%% The same for the same election, also after a crash.
+draw(Election, #election{self = Self, seed = Seed}) ->
+    {erlang:phash2({Seed, Election, ballot}, 1 bsl 30), Self}.
+
+ballot(Election, Source, Ballot, Data0) ->
+    {Race, Data} = race(Election, Data0),
+    case Race of
+        #race{leader = none, ballots = Ballots} ->
+            Heard = Race#race{ballots = Ballots#{Source => Ballot}},
+            count(Election, [], put_race(Election, Heard, Data));
+        #race{leader = Leader} ->
+            {keep_state, Data, [starl_sap:post(Source, leader, {Election, Leader})]}
+    end.
+
+%% Elects when all ballots are here; only a robot that takes part does.
+count(Election, Actions, #election{team = Team} = Data) ->
+    #race{ballots = Ballots, from = From} = maps:get(Election, Data#election.races),
+    case From =/= none andalso map_size(Ballots) =:= length(Team) of
+        true ->
+            {_, Leader} = lists:max(maps:values(Ballots)),
+            Announce = {cast, sap, {broadcast, leader, {Election, Leader}}},
+            {keep_state, Elected, More} = elect(Election, Leader, all_ballots, Data),
+            {keep_state, Elected, Actions ++ More ++ [Announce]};
+        false ->
+            {keep_state, Data, Actions}
+    end.
+
+elect(Election, Leader, How, Data0) ->
+    {Race, Data} = race(Election, Data0),
+    case Race of
+        #race{leader = none, from = From} ->
+            Elected = put_race(Election, Race#race{leader = Leader, from = none}, Data),
+            Reply = [{reply, From, {ok, Leader}} || From =/= none],
+            Actions = [
+                {trace, {elected, Election, Leader, How}},
+                {{timeout, {again, Election}}, cancel},
+                {{timeout, {patience, Election}}, cancel}
+            ],
+            {keep_state, Elected, Actions ++ Reply};
+        #race{} ->
+            {keep_state, Data, []}
+    end.
+
+%% A ballot or an announcement may have been lost: those who have the result will tell it.
+again(Election, #election{self = Self, team = Team} = Data) ->
+    case maps:get(Election, Data#election.races, #race{}) of
+        #race{leader = none, from = From, ballots = Ballots} when From =/= none ->
+            Own = maps:get(Self, Ballots),
+            Others = lists:delete(Self, Team),
+            {keep_state, Data, [
+                {{timeout, {again, Election}}, ?AGAIN_US, again}
+                | [starl_sap:post(Other, ballot, {Election, Own}) || Other <- Others]
+            ]};
+        #race{} ->
+            keep_state_and_data
+    end.
+
+give_up(Election, Data) ->
+    case maps:get(Election, Data#election.races, #race{}) of
+        #race{leader = none, from = From} = Race when From =/= none ->
+            {keep_state, put_race(Election, Race#race{from = none}, Data), [
+                {trace, {failed, Election, timeout}},
+                {{timeout, {again, Election}}, cancel},
+                {reply, From, {error, timeout}}
+            ]};
+        #race{} ->
+            keep_state_and_data
+    end.
+
+%% The race of an election; a new one takes the place of the oldest.
+race(Election, #election{races = Races, order = Order} = Data) ->
+    case Races of
+        #{Election := Race} ->
+            {Race, Data};
+        #{} ->
+            {Keep, Drop} = lists:split(min(?REMEMBERED - 1, length(Order)), Order),
+            Left = maps:without(Drop, Races),
+            {#race{}, Data#election{
+                races = Left#{Election => #race{}}, order = [Election | Keep]
+            }}
+    end.
+
+put_race(Election, Race, #election{races = Races} = Data) ->
+    Data#election{races = Races#{Election => Race}}.

@@ -1,0 +1,139 @@
+%% The contract of distributed path planning: disjoint tubes at every change (Lemma 7) and
+%% separation at every instant, with traces that keep them and traces that break them.
+-module(starl_dpp_monitor_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(S, 1_000_000).
+-define(TUBE, 100.0).
+-define(R_S, 300.0).
+
+judge(Events) -> judge(Events, 0).
+
+judge(Events, End) ->
+    {Found, _Results} = run(Events, End),
+    [{What, Robots} || #{contract := dpp, what := What, robots := Robots} <- Found].
+
+run(Events, End) ->
+    M0 = starl_monitor:new([{starl_dpp_monitor, #{tube_radius => ?TUBE, r_s => ?R_S}}]),
+    {Met, M} = lists:foldl(fun step/2, {[], M0}, Events),
+    {Late, #{starl_dpp_monitor := Results}} = starl_monitor:finish(End, M),
+    {Met ++ Late, Results}.
+
+step(Event, {Found, M0}) ->
+    case starl_monitor:step(Event, M0) of
+        {ok, M} -> {Found, M};
+        {violation, Violation, M} -> {Found ++ [Violation], M}
+    end.
+
+assigned(T, Robot, Segments) -> {T, 9, dpp_coordinator, {assigned, Robot, {Robot, T}, Segments}}.
+reserved(T, Robot, Segments) -> {T, 9, dpp_coordinator, {reserved, Robot, Segments}}.
+level(Y) -> [{{0.0, Y}, {500.0, Y}}, {{500.0, Y}, {1000.0, Y}}].
+motion(T, Robot, Piece) -> {T, Robot, chassis, {motion, Piece}}.
+stand(X, Y) -> starl_trajectory:standing(0, {X, Y}, 0.0).
+drive(T, X, Y, Heading) -> starl_trajectory:piece(T, {X, Y}, Heading, 100.0, 0.0).
+
+%%% Reservations
+
+disjoint_tubes_test() ->
+    ?assertEqual([], judge([assigned(1, 1, level(0.0)), assigned(2, 2, level(200.0)),
+                            assigned(3, 3, level(-300.0))])).
+
+tubes_at_the_limit_test() ->
+    Pair = fun(Y) -> judge([assigned(1, 1, level(0.0)), assigned(2, 2, level(Y))]) end,
+    ?assertEqual([], Pair(200.0)),
+    ?assertEqual([], Pair(200.0 - 0.5e-6)),
+    ?assertEqual([{tubes_overlap, [1, 2]}], Pair(200.0 - 1.0e-5)).
+
+crossing_tubes_test() ->
+    Across = [{{250.0, -900.0}, {250.0, 900.0}}],
+    ?assertEqual([{tubes_overlap, [1, 2]}],
+                 judge([assigned(1, 2, level(0.0)), assigned(2, 1, Across)])).
+
+standing_robot_has_a_tube_test() ->
+    Stand = [{{250.0, 150.0}, {250.0, 150.0}}],
+    ?assertEqual([{tubes_overlap, [1, 2]}],
+                 judge([reserved(1, 2, Stand), assigned(2, 1, level(0.0))])).
+
+only_the_last_edge_overlaps_test() ->
+    Far = [{{0.0, 900.0}, {900.0, 900.0}}, {{900.0, 900.0}, {900.0, 199.0}}],
+    ?assertEqual([{tubes_overlap, [1, 3]}], judge([
+        assigned(1, 1, level(0.0)), assigned(2, 2, level(-5000.0)), assigned(3, 3, Far)])).
+
+own_former_tube_does_not_count_test() ->
+    ?assertEqual([], judge([assigned(1, 1, level(0.0)), assigned(2, 1, level(1.0))])).
+
+shrunk_reservation_frees_space_test() ->
+    Shrunk = [{{0.0, 0.0}, {200.0, 0.0}}],
+    Across = [{{500.0, -900.0}, {500.0, 900.0}}],
+    ?assertEqual([], judge([assigned(1, 1, level(0.0)), reserved(2, 1, Shrunk),
+                            assigned(3, 2, Across)])),
+    ?assertEqual([], judge([assigned(1, 1, level(0.0)), reserved(2, 1, []),
+                            assigned(3, 2, level(0.0))])).
+
+reservation_that_grows_back_test() ->
+    %% A late Clear that frees space which the robot is back in.
+    ?assertEqual([{tubes_overlap, [1, 2]}],
+                 judge([assigned(1, 1, level(0.0)), reserved(2, 1, []),
+                        assigned(3, 2, level(0.0)), reserved(4, 1, level(0.0))])).
+
+new_coordinator_starts_empty_test() ->
+    Change = fun(Epoch) ->
+        judge([{0, 9, dpp_coordinator, {coordinator, 1}}, assigned(1, 1, level(0.0)),
+               {2, 8, dpp_coordinator, {coordinator, Epoch}}, assigned(3, 2, level(0.0))])
+    end,
+    ?assertEqual([], Change(2)),
+    ?assertEqual([{tubes_overlap, [1, 2]}], Change(1)).
+
+new_coordinator_must_learn_first_test() ->
+    ?assertEqual([{tubes_overlap, [1, 2]}], judge([
+        assigned(1, 1, level(0.0)), {2, 8, dpp_coordinator, {coordinator, 2}}, assigned(3, 2, level(0.0)),
+        reserved(4, 1, level(0.0))])).
+
+dead_robots_keep_their_tube_test() ->
+    ?assertEqual([{tubes_overlap, [1, 2]}], judge([
+        assigned(1, 1, level(0.0)), {2, 1, robot, {died, killed}}, assigned(3, 2, level(0.0))])).
+
+%% Every overlap at one change is reported.
+all_overlaps_are_reported_test() ->
+    Across = [{{250.0, -900.0}, {250.0, 900.0}}],
+    ?assertEqual([{tubes_overlap, [1, 3]}, {tubes_overlap, [2, 3]}], judge([
+        assigned(1, 1, level(0.0)), assigned(2, 2, level(400.0)), assigned(3, 3, Across)])).
+
+%%% Separation
+
+apart_at_the_limit_test() ->
+    Two = [motion(0, 1, stand(0.0, 0.0)), motion(0, 2, stand(300.0, 0.0))],
+    {[], Results} = run(Two, 9 * ?S),
+    ?assertMatch(#{min_separation_mm := 300.0, at_us := 0, robots := [1, 2]}, Results).
+
+too_close_test() ->
+    Two = [motion(0, 1, stand(0.0, 0.0)), motion(0, 2, stand(299.999, 0.0))],
+    ?assertEqual([{too_close, [1, 2]}], judge(Two, 9 * ?S)).
+
+%% Two robots cross the same point a little after one another, between any ticks.
+too_close_while_passing_test() ->
+    Two = [motion(0, 1, drive(0, 0.0, 0.0, 0.0)),
+           motion(0, 2, drive(0, 1000.0, 250.0, math:pi()))],
+    {[#{what := too_close, at_us := At, details := #{distance_mm := D}}], _} = run(Two, 20 * ?S),
+    ?assertEqual(5 * ?S, At),
+    ?assert(abs(D - 250.0) < 1.0e-6).
+
+passing_at_a_distance_test() ->
+    Two = [motion(0, 1, drive(0, 0.0, 0.0, 0.0)),
+           motion(0, 2, drive(0, 1000.0, 300.0, math:pi()))],
+    ?assertEqual([], judge(Two, 20 * ?S)).
+
+dead_robot_stays_test() ->
+    Start = [motion(0, 1, drive(0, 0.0, 0.0, 0.0)), motion(0, 2, stand(1000.0, 0.0))],
+    ?assertEqual([{too_close, [1, 2]}], judge(Start, 8 * ?S)),
+    ?assertEqual([], judge(Start ++ [{5 * ?S, 1, robot, {died, killed}}], 80 * ?S)).
+
+stopping_in_time_test() ->
+    Start = [motion(0, 1, drive(0, 0.0, 0.0, 0.0)), motion(0, 2, stand(1000.0, 0.0))],
+    Stop = motion(7 * ?S, 1, starl_trajectory:standing(7 * ?S, {700.0, 0.0}, 0.0)),
+    {[], #{min_separation_mm := Least}} = run(Start ++ [Stop], 60 * ?S),
+    ?assert(abs(Least - 300.0) < 1.0e-6).
+
+single_robot_test() ->
+    {[], Results} = run([motion(0, 1, stand(0.0, 0.0))], ?S),
+    ?assertMatch(#{min_separation_mm := infinity}, Results).

@@ -1,0 +1,109 @@
+%% The contract of the election, clause by clause: traces that keep it, traces that break it.
+-module(starl_election_monitor_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(BOUND, 1000).
+
+judge(Events) -> judge(Events, 0).
+judge(Events, End) -> judge(Events, End, #{}).
+
+judge(Events, End, Extra) ->
+    {What, _Results} = run(Events, End, Extra),
+    What.
+
+run(Events, End, Extra) ->
+    Config = maps:merge(#{robots => [1, 2, 3], bound_us => ?BOUND}, Extra),
+    M0 = starl_monitor:new([{starl_election_monitor, Config}]),
+    {Met, M} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- Events]),
+    {Late, #{starl_election_monitor := Results}} = starl_monitor:finish(End, M),
+    {[What || #{contract := election, what := What} <- Met ++ Late], Results}.
+
+step(Event, {Found, M0}) ->
+    case starl_monitor:step(Event, M0) of
+        {ok, M} -> {Found, M};
+        {violation, Violation, M} -> {Found ++ [Violation], M}
+    end.
+
+trace({T, Robot, died}) -> {T, Robot, robot, {died, killed}};
+trace({T, Robot, Event}) -> {T, Robot, election, Event}.
+
+entered(T, Robot) -> {T, Robot, {entered, e1}}.
+ballot(T, Robot, Ballot) -> {T, Robot, {ballot, e1, Ballot}}.
+elected(T, Robot, Leader) -> {T, Robot, {elected, e1, Leader, all_ballots}}.
+announced(T, Robot, Leader) -> {T, Robot, {elected, e1, Leader, announcement}}.
+
+%% All enter and draw.
+ballots() ->
+    lists:append([[entered(R, R), ballot(R, R, 10 * R)] || R <- [1, 2, 3]]).
+
+all_elect_the_same_test() ->
+    {[], Results} = run(ballots() ++ [elected(9, 3, 3), elected(9, 1, 3), announced(9, 2, 3)],
+                        9000, #{}),
+    ?assertEqual(#{elections => 1, elected => 3, failed => 0, leaders => [{e1, [3]}]}, Results).
+
+different_leaders_test() ->
+    ?assertEqual([different_leaders],
+                 judge(ballots() ++ [elected(9, 1, 3), elected(9, 2, 3), announced(9, 3, 2)])).
+
+one_election_does_not_bind_the_next_test() ->
+    Next = [{20, 1, {ballot, e2, 5}}, {21, 2, {elected, e2, 1, announcement}}],
+    ?assertEqual([], judge(ballots() ++ [elected(9, 2, 3), elected(9, 1, 3), elected(9, 3, 3)
+                                         | Next])).
+
+two_leaders_at_one_robot_test() ->
+    ?assertEqual([two_leaders_at_one_robot],
+                 judge(ballots() ++ [elected(9, 1, 3), announced(10, 1, 2)])),
+    ?assertEqual([], judge(ballots() ++ [elected(9, 1, 3), announced(10, 1, 3)])).
+
+leader_without_ballot_test() ->
+    ?assertEqual([leader_without_ballot],
+                 judge([entered(1, 1), ballot(1, 1, 7), announced(9, 1, 2)])),
+    ?assertEqual([leader_without_ballot],
+                 judge([{1, 2, {ballot, e0, 7}}, announced(9, 1, 2)])),
+    ?assertEqual([], judge([ballot(1, 2, 7), announced(9, 1, 2)])).
+
+second_ballot_test() ->
+    ?assertEqual([second_ballot], judge([ballot(1, 1, 7), ballot(2, 1, 8)])),
+    ?assertEqual([], judge([ballot(1, 1, 7), ballot(2, 1, 7)])),
+    ?assertEqual([], judge([ballot(1, 1, 7), {2, 1, {ballot, e2, 8}}])).
+
+second_ballot_after_death_test() ->
+    ?assertEqual([second_ballot], judge([ballot(1, 1, 7), {2, 1, died}, ballot(3, 1, 8)])).
+
+stranger_test() ->
+    ?assertEqual([not_a_participant], judge([entered(1, 4)])).
+
+%%% Bounded time
+
+result_at_the_bound_test() ->
+    ?assertEqual([], judge([entered(1, 1), {1 + ?BOUND, 1, {failed, e1, no_answer}}], 9000)),
+    ?assertEqual([], judge([entered(1, 1)], 1 + ?BOUND)).
+
+result_after_the_bound_test() ->
+    ?assertEqual([no_result], judge([entered(1, 1)], 2 + ?BOUND)),
+    ?assertEqual([no_result], judge([entered(1, 1), ballot(2 + ?BOUND, 1, 7)])),
+    ?assertEqual([no_result], judge([entered(1, 1), entered(1, 2), ballot(2, 2, 7),
+                                     announced(5, 1, 2)], 9000)).
+
+failing_is_a_result_test() ->
+    {[], Results} = run([entered(1, 1), {5, 1, {failed, e1, no_answer}}], 9000, #{}),
+    ?assertMatch(#{failed := 1, elected := 0}, Results).
+
+death_is_no_breach_test() ->
+    ?assertEqual([], judge([entered(1, 1), {5, 1, died}], 9000)),
+    ?assertEqual([no_result], judge([entered(1, 1), {5, 2, died}], 9000)).
+
+entering_again_starts_afresh_test() ->
+    Again = [entered(1, 1), entered(500, 1)],
+    ?assertEqual([], judge(Again, 500 + ?BOUND)),
+    ?assertEqual([no_result], judge(Again, 501 + ?BOUND)).
+
+%%% All ballots, where that is asked for
+
+incomplete_ballots_test() ->
+    Two = [ballot(1, 1, 7), ballot(1, 2, 8)],
+    ?assertEqual([], judge(Two ++ [elected(9, 1, 2)])),
+    ?assertEqual([incomplete_ballots], judge(Two ++ [elected(9, 1, 2)], 10, #{complete => true})),
+    ?assertEqual([], judge(Two ++ [announced(9, 1, 2)], 10, #{complete => true})),
+    ?assertEqual([], judge(ballots() ++ [elected(9, R, 3) || R <- [1, 2, 3]], 10,
+                           #{complete => true})).

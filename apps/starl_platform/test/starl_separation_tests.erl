@@ -1,0 +1,130 @@
+%% Separation in continuous time: encounters below the limit are found with time and pair, and
+%% the reported minimum is the true one, against all pairs of all pieces (seeded).
+-module(starl_separation_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(S, 1_000_000).
+
+still(X, Y) -> starl_trajectory:standing(0, {X, Y}, 0.0).
+
+drive(T, X, Y, Heading, V) -> starl_trajectory:piece(T, {X, Y}, Heading, V, 0.0).
+
+%% Feeds {T, Robot, Piece} and returns the encounters and the least distance.
+watch(Limit, Motions, End) ->
+    Step = fun({T, Robot, Piece}, {Found, S0}) ->
+        {Met, S1} = starl_separation:advance(T, S0),
+        {Found ++ Met, starl_separation:motion(Robot, Piece, S1)}
+    end,
+    {Found, S} = lists:foldl(Step, {[], starl_separation:new(Limit)}, Motions),
+    {Last, Least} = starl_separation:finish(End, S),
+    {Found ++ Last, Least}.
+
+nobody_and_one_test() ->
+    ?assertEqual({[], none}, watch(100.0, [], ?S)),
+    ?assertEqual({[], none}, watch(100.0, [{0, 1, still(0.0, 0.0)}], ?S)).
+
+exactly_at_the_limit_test() ->
+    Two = [{0, 1, still(0.0, 0.0)}, {0, 2, still(30.0, 40.0)}],
+    ?assertEqual({[], {50.0, 0, {1, 2}}}, watch(50.0, Two, 9 * ?S)),
+    ?assertMatch({[{50.0, 0, {1, 2}}], _}, watch(50.00001, Two, 9 * ?S)),
+    %% Rounding is no encounter.
+    ?assertMatch({[], {50.0, 0, {1, 2}}}, watch(50.0000005, Two, 9 * ?S)).
+
+a_pair_is_reported_once_test() ->
+    Two = [{0, 2, still(0.0, 0.0)}, {0, 1, drive(0, 1.0, 0.0, 0.0, 1.0)}],
+    ?assertMatch({[{1.0, 0, {1, 2}}], {1.0, 0, {1, 2}}}, watch(50.0, Two, 9 * ?S)).
+
+%% Between two instants at which both are far apart: no tick would see it.
+passing_between_ticks_test() ->
+    Two = [{0, 1, drive(0, -1000.0, 0.0, 0.0, 4000.0)}, {0, 2, still(0.0, 10.0)}],
+    {[{Distance, At, {1, 2}}], _} = watch(50.0, Two, 10 * ?S),
+    ?assert(abs(Distance - 10.0) < 1.0e-9),
+    ?assertEqual(?S div 4, At).
+
+%% On the edge between two slices.
+meeting_on_a_slice_edge_test() ->
+    Two = [{0, 1, drive(0, 0.0, 0.0, 0.0, 100.0)}, {0, 2, still(200.0, 10.0)}],
+    {[{_, At, _}], {Distance, At, {1, 2}}} = watch(50.0, Two, 10 * ?S),
+    ?assertEqual(2 * ?S, At),
+    ?assert(abs(Distance - 10.0) < 1.0e-9).
+
+%% The piece that was driven last counts until the end, also after a long silence.
+open_piece_counts_test() ->
+    Two = [{0, 1, drive(0, 0.0, 0.0, 0.0, 10.0)}, {0, 2, still(1000.0, 0.0)}],
+    ?assertMatch({[], {_, 90_000_000, _}}, watch(50.0, Two, 90 * ?S)),
+    ?assertMatch({[{_, _, {1, 2}}], _}, watch(50.0, Two, 96 * ?S)).
+
+%% A robot that has stopped is met by one that starts an hour later.
+stopped_robot_still_counts_test() ->
+    Hour = 3600 * ?S,
+    S0 = starl_separation:new(50.0),
+    S1 = starl_separation:motion(1, drive(0, 0.0, 0.0, 0.0, 100.0), S0),
+    S2 = starl_separation:motion(2, still(1000.0, 0.0), S1),
+    {[], S3} = starl_separation:advance(5 * ?S, S2),
+    S4 = starl_separation:stop(1, 5 * ?S, S3),
+    {[], S5} = starl_separation:advance(Hour, S4),
+    S6 = starl_separation:motion(2, drive(Hour, 1000.0, 0.0, math:pi(), 100.0), S5),
+    {[{Distance, At, {1, 2}}], _} = starl_separation:finish(Hour + 10 * ?S, S6),
+    ?assert(Distance < 50.0),
+    ?assert(At > Hour),
+    ?assertMatch({[], {Least, _, _}} when abs(Least - 500.0) < 1.0e-6,
+                 starl_separation:finish(Hour, S5)).
+
+%% The minimum is true when nobody is anywhere near the limit.
+far_apart_minimum_test() ->
+    Robots = [{0, I, still(I * 1.0e5, (I * I) * 1.0e4)} || I <- lists:seq(1, 30)],
+    {[], {Distance, 0, Pair}} = watch(1.0, Robots, ?S),
+    ?assertEqual({1, 2}, Pair),
+    ?assert(abs(Distance - math:sqrt(1.0e10 + 9.0e8)) < 1.0e-6).
+
+%% Every pair, every overlap of pieces.
+against_all_pairs_test_() ->
+    {timeout, 60, fun() -> [against_all_pairs(Seed) || Seed <- lists:seq(1, 25)] end}.
+
+against_all_pairs(Seed) ->
+    {Motions, End} = random_motions(12, 8, rand:seed_s(exsss, Seed)),
+    {Met, {Least, _, Pair}} = watch(60.0, lists:sort(Motions), End),
+    All = lists:sort([{nearest(A, B, Motions, End), {A, B}}
+                      || A <- lists:seq(1, 12), B <- lists:seq(A + 1, 12)]),
+    {True, _} = hd(All),
+    ?assert(abs(True - Least) < 2.0e-3, {seed, Seed, True, Least}),
+    ?assert(element(1, lists:keyfind(Pair, 2, All)) < True + 2.0e-3, {seed, Seed}),
+    Sure = [P || {D, P} <- All, D < 59.998],
+    Possible = [P || {D, P} <- All, D < 60.0],
+    Found = lists:sort([P || {_, _, P} <- Met]),
+    ?assertEqual([], Sure -- Found, {seed, Seed}),
+    ?assertEqual([], Found -- Possible, {seed, Seed}).
+
+nearest(A, B, Motions, End) ->
+    lists:min([element(1, starl_trajectory:closest_approach(PA, PB, max(FA, FB), min(TA, TB)))
+               || {FA, TA, PA} <- stretches(A, Motions, End),
+                  {FB, TB, PB} <- stretches(B, Motions, End), max(FA, FB) =< min(TA, TB)]).
+
+stretches(Robot, Motions, End) ->
+    Mine = lists:sort([{T, Piece} || {T, R, Piece} <- Motions, R =:= Robot]),
+    Ends = [T || {T, _} <- tl(Mine)] ++ [End],
+    [{From, To, Piece} || {{From, Piece}, To} <- lists:zip(Mine, Ends)].
+
+%% Robots that drive N pieces each, one after the other, as far as they get.
+random_motions(Robots, N, S0) ->
+    {Lists, _} = lists:mapfoldl(fun(Robot, S) -> random_robot(Robot, N, S) end, S0,
+                                lists:seq(1, Robots)),
+    {lists:append(Lists), N * ?S}.
+
+random_robot(Robot, N, S0) ->
+    {X, S1} = rand:uniform_s(S0),
+    {Y, S2} = rand:uniform_s(S1),
+    Start = starl_trajectory:standing(0, {2000.0 * X, 2000.0 * Y}, 0.0),
+    random_pieces(Robot, N, 0, Start, S2, []).
+
+random_pieces(_Robot, 0, _T, _Last, S, Motions) ->
+    {Motions, S};
+random_pieces(Robot, N, T, Last, S0, Motions) ->
+    {X, Y, _} = starl_trajectory:pose(T, Last),
+    {H, S1} = rand:uniform_s(S0),
+    {Kind, S2} = rand:uniform_s(3, S1),
+    {Span, S3} = rand:uniform_s(2 * ?S, S2),
+    {V, W} = element(Kind, {{0.0, 0.0}, {250.0, 0.0}, {250.0, 4.0 * (H - 0.5)}}),
+    Piece = starl_trajectory:piece(T, {X, Y}, 6.3 * H, V, W),
+    Next = min(T + Span, 8 * ?S - 1),
+    random_pieces(Robot, N - 1, Next, Piece, S3, [{T, Robot, Piece} | Motions]).
