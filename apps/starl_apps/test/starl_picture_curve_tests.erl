@@ -20,10 +20,10 @@ arc_flags_test_() ->
 arcs() ->
     Small = 10.0 * math:asin(0.6),
     [
-        {false, true, {0.0, 8.0}, Small},
-        {false, false, {0.0, 0.0}, Small},
-        {true, false, {0.0, 8.0}, 10.0 * ?PI - Small},
-        {true, true, {0.0, 0.0}, 10.0 * ?PI - Small}
+        {false, true, {0.0, 0.0}, Small},
+        {false, false, {0.0, 8.0}, Small},
+        {true, true, {0.0, 8.0}, 10.0 * ?PI - Small},
+        {true, false, {0.0, 0.0}, 10.0 * ?PI - Small}
     ].
 
 %% F.6.6: too small radii grow until the ends fit; a zero radius is a line.

@@ -86,8 +86,8 @@ new_coordinator_starts_empty_test() ->
 
 new_coordinator_must_learn_first_test() ->
     ?assertEqual([{tubes_overlap, [1, 2]}], judge([
-        assigned(1, 1, level(0.0)), {2, 8, dpp_coordinator, {coordinator, 2}}, assigned(3, 2, level(0.0)),
-        reserved(4, 1, level(0.0))])).
+        assigned(1, 1, level(0.0)), {2, 8, dpp_coordinator, {coordinator, 2}},
+        assigned(3, 2, level(0.0)), reserved(4, 1, level(0.0))])).
 
 dead_robots_keep_their_tube_test() ->
     ?assertEqual([{tubes_overlap, [1, 2]}], judge([
@@ -137,3 +137,9 @@ stopping_in_time_test() ->
 single_robot_test() ->
     {[], Results} = run([motion(0, 1, stand(0.0, 0.0))], ?S),
     ?assertMatch(#{min_separation_mm := infinity}, Results).
+
+counts_test() ->
+    {[], Results} = run([assigned(1, 1, level(0.0)), assigned(2, 2, level(900.0)),
+                         reserved(3, 2, level(900.0)),
+                         {4, 9, dpp_coordinator, {deadlock_resolved, [1, 2]}}], ?S),
+    ?assertMatch(#{assignments := 2, deadlocks_resolved := 1}, Results).

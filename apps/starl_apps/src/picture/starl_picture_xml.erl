@@ -120,18 +120,22 @@ sax(Document, Vocabulary) ->
         {event_state, #reading{vocabulary = Vocabulary}}
     ],
     case xmerl_sax_parser:stream(Document, Options) of
-        {ok, #reading{root = Root}, Rest} -> finished(Root, Rest);
+        {ok, #reading{root = Root}, Rest} -> finished(Root, Document, Rest);
         {refused, _Location, Problem, _Tags, _Reading} -> {error, Problem};
         {_Tag, {_, _, Line}, What, _Tags, _Reading} -> {error, malformed(Line, What)};
         {_Tag, _What} -> {error, {bad_xml, 1, "malformed"}}
     end.
 
-finished(none, _Rest) ->
+finished(none, _Document, _Rest) ->
     {error, {truncated, 1}};
-finished(#element{} = Root, Rest) ->
-    case string:trim(unicode:characters_to_list(Rest)) of
-        [] -> {ok, Root};
-        _ -> {error, {bad_xml, Root#element.line, "something follows the root element"}}
+finished(#element{} = Root, Document, Rest) ->
+    case starl_picture_number:skip_space(Rest) of
+        <<>> ->
+            {ok, Root};
+        Junk ->
+            Before = binary:part(Document, 0, byte_size(Document) - byte_size(Junk)),
+            Line = 1 + length(binary:matches(Before, <<"\n">>)),
+            {error, {bad_xml, Line, "something follows the root element"}}
     end.
 
 %% The parser tells the end of input by these two texts only.

@@ -15,7 +15,7 @@
     free := #{edge_id() => true},
     horizon := float(),
     overhead_mm := float(),
-    bias := fun((vertex(), vertex()) -> float())
+    bias := fun((vertex(), vertex(), [{vertex(), edge_id()}]) -> float())
 }.
 %% What to choose from. `overhead_mm' is what one more assignment costs; `bias' multiplies the
 %% score of a job by the places where it begins and ends.
@@ -59,7 +59,7 @@ try_chain(Step, V, Cost, Heading, Task, #best{score = Score} = Best) ->
     #{overhead_mm := Overhead, bias := Bias} = Task,
     {Ink, Spent, Chain} = chain(Step, V, Heading, Task),
     {End, _} = lists:last(Chain),
-    case Ink / (Cost + Spent + Overhead) * Bias(V, End) of
+    case Ink / (Cost + Spent + Overhead) * Bias(V, End, Chain) of
         Better when Better > Score -> #best{score = Better, from = V, chain = Chain};
         _ -> Best
     end.

@@ -4,10 +4,10 @@
 %% is at least two tube radii away from every other robot's. Separation: any two robots are at
 %% least `r_s' apart at every instant, in continuous time ({@link starl_separation}).
 %%
-%% Events of machine `dpp_coordinator': `{coordinator, Epoch}' (a later epoch starts with an empty view),
-%% `{assigned, Robot, ReqId, Segments}' and `{reserved, Robot, Segments}' (the robot's whole
-%% reservation afterwards); of machine `chassis': `{motion, Piece}'; of machine `robot':
-%% `{died, Reason}' (the robot stays where it is, and so does its reservation).
+%% Events of machine `dpp_coordinator': `{coordinator, Epoch}' (a later epoch starts with an
+%% empty view), `{assigned, Robot, ReqId, Segments}' and `{reserved, Robot, Segments}' (the
+%% robot's whole reservation afterwards); of machine `chassis': `{motion, Piece}'; of machine
+%% `robot': `{died, Reason}' (the robot stays where it is, and so does its reservation).
 %%
 %% Separation is judged when a slice of time is over, so its violations come up to a second
 %% after the moment that they name; a pair is reported once.
@@ -106,18 +106,19 @@ reserve(_T, Robot, [], #state{reservations = Reservations} = State) ->
     {[], State#state{reservations = maps:remove(Robot, Reservations)}};
 reserve(T, Robot, Segments, #state{reservations = Reservations, apart_mm = Apart} = State) ->
     Own = {box(Segments), Segments},
-    Others = lists:sort(maps:to_list(maps:remove(Robot, Reservations))),
-    Broken = [overlap(T, Robot, Own, Other, State) || {_, Theirs} = Other <- Others,
-                                                      closer(Own, Theirs, Apart)],
+    Zone = starl_geometry:grow(box(Segments), Apart),
+    Near = [Other || {Who, {Box, Theirs}} = Other <- maps:to_list(Reservations),
+                     Who =/= Robot, starl_geometry:overlap(Zone, Box),
+                     closer(Segments, Theirs, Apart)],
+    Broken = [overlap(T, Robot, Own, Other, State) || Other <- lists:sort(Near)],
     {Broken, State#state{reservations = Reservations#{Robot => Own}}}.
 
 box(Segments) ->
     starl_geometry:box(lists:append([[A, B] || {A, B} <- Segments])).
 
-closer({Box, Segments}, {OtherBox, Others}, Apart) ->
-    starl_geometry:overlap(starl_geometry:grow(Box, Apart), OtherBox) andalso
-        lists:any(fun(S) -> lists:any(fun(O) -> starl_geometry:closer(S, O, Apart) end, Others) end,
-                  Segments).
+closer(Segments, Others, Apart) ->
+    Meets = fun(S) -> lists:any(fun(O) -> starl_geometry:closer(S, O, Apart) end, Others) end,
+    lists:any(Meets, Segments).
 
 overlap(T, Robot, {_, Segments}, {Other, {_, Others}}, #state{apart_mm = Apart}) ->
     Distance = lists:min([starl_geometry:segment_segment(S, O) || S <- Segments, O <- Others]),

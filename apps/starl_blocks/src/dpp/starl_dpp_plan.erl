@@ -258,7 +258,7 @@ reachable(Live, #plan{graph = Graph, unsafe = Unsafe, free = Free, spots = Spots
 %%% Internals: state
 
 defaults() ->
-    #{slack => 0.0, horizon => 3000.0, edge_length => 500.0, leg => 500.0, detour_factor => 1.2, detour_mm => 500.0, turn_mm => 160.0,
+    #{slack => 0.0, horizon => 3000.0, edge_length => 500.0, leg => 500.0, detour_factor => 1.1, detour_mm => 150.0, turn_mm => 160.0,
       overhead_mm => 100.0, seed => 1}.
 
 plan(Robots, Graph, Config) ->
@@ -377,10 +377,25 @@ find_work(Robot, P, #plan{unsafe = Unsafe, free = Free} = Plan) ->
     Obstacles = starl_dpp_unsafe:others(Robot, Unsafe),
     Starts = starts(Robot, P, nearby(P, Plan), Obstacles, Plan),
     Task = #{space => space([Robot], Plan), free => Free, horizon => Horizon,
-             overhead_mm => Overhead, bias => fun(_, _) -> 1.0 end},
+             overhead_mm => Overhead, bias => bias(Robot, Plan)},
     case starl_dpp_choice:best(Starts, Task, ?TRIES) of
         {ok, Job} ->
-            Path = job_path(P, Job, Obstacles, Plan),
+            Path = bias(Robot, #plan{graph = Graph, free = Free, unsafe = Unsafe, config = Config} = Plan) ->
+    A = maps:get(b_odd, Config, 0.0), B = maps:get(b_left, Config, 0.0),
+    C = maps:get(b_near, Config, 0.0),
+    Others = [P || {Id, [{_, P} | _] = L} <- starl_dpp_unsafe:all(Unsafe), Id =/= Robot, {_, P} <- [lists:last(L)],
+              not parked(Id, Plan)],
+    Deg = fun(V) -> length([E || {E,_,_,_} <- starl_dpp_graph:adjacent(V, Graph), is_map_key(E, Free)]) end,
+    fun(V, End, Chain) ->
+        Odd = case Deg(V) rem 2 of 1 -> 1.0; 0 -> 1.0 - A end,
+        Left = case Deg(End) rem 2 of 1 -> 1.0; 0 -> 1.0 - B end,
+        Q = starl_dpp_graph:point(End, Graph),
+        Near = length([1 || O <- Others, starl_geometry:distance(O, Q) < 1500.0]),
+        _ = Chain,
+        Odd * Left / (1.0 + C * Near)
+    end.
+
+job_path(P, Job, Obstacles, Plan),
             {{assign, Path}, (assign(Robot, P, Path, Plan))#plan{yielded = #{}}};
         none ->
             {none, Plan}
