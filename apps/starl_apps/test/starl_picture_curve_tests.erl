@@ -87,7 +87,9 @@ bounds_hold(Curve) ->
     {Xs, Ys} = lists:unzip(Points),
     Size = max(1.0, max(X1 - X0, Y1 - Y0)),
     lists:all(
-        fun({Bound, Seen}) -> Bound - Seen > -1.0e-9 * Size andalso Bound - Seen < 1.0e-3 * Size end,
+        fun({Bound, Seen}) ->
+            Bound - Seen > -1.0e-9 * Size andalso Bound - Seen < 1.0e-3 * Size
+        end,
         [{-X0, -lists:min(Xs)}, {-Y0, -lists:min(Ys)}, {X1, lists:max(Xs)}, {Y1, lists:max(Ys)}]
     ).
 
@@ -118,7 +120,8 @@ for_random(Count, Holds, Seed, Random0) ->
 
 random_curve(Random0) ->
     {Kind, Random1} = rand:uniform_s(3, Random0),
-    {Numbers, Random} = lists:mapfoldl(fun(_, R) -> rand:uniform_s(R) end, Random1, lists:seq(1, 9)),
+    Draw = fun(_, R) -> rand:uniform_s(R) end,
+    {Numbers, Random} = lists:mapfoldl(Draw, Random1, lists:seq(1, 9)),
     [P0, P1, P2, P3] = pairs([(N - 0.5) * 10000.0 || N <- lists:sublist(Numbers, 8)]),
     [A, B, C | _] = Numbers,
     Curve = case Kind of

@@ -72,7 +72,7 @@ write_test_() ->
                 {ok, <<_:16/binary, Width:32, _/binary>>} = file:read_file(lists:last(Files)),
                 ?assertEqual(1200, Width)
         end,
-        [ok = file:delete(File) || File <- Files],
+        ok = file:del_dir_r(filename:dirname(Dir)),
         %% No message of the conversion stays behind.
         receive Message -> ?assertEqual(none, Message) after 0 -> ok end
     end}.
@@ -101,7 +101,7 @@ distance({L0, A0, B0}, {L1, A1, B1}) ->
 %% sRGB, D65, to CIE L*a*b*.
 lab([$# | Hex]) ->
     Value = list_to_integer(Hex, 16),
-    [R, G, B] = [linear((Value bsr Shift band 255) / 255) || Shift <- [16, 8, 0]],
+    [R, G, B] = [linear(((Value bsr Shift) band 255) / 255) || Shift <- [16, 8, 0]],
     X = cube((0.4124 * R + 0.3576 * G + 0.1805 * B) / 0.9505),
     Y = cube(0.2126 * R + 0.7152 * G + 0.0722 * B),
     Z = cube((0.0193 * R + 0.1192 * G + 0.9505 * B) / 1.0888),

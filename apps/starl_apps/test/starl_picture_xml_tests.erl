@@ -29,7 +29,8 @@ bad_encodings_test_() ->
     ]].
 
 prolog_test_() ->
-    [?_assertMatch({Prolog, {ok, _}}, {Prolog, title(unicode:characters_to_binary(Prolog ++ ?BODY))})
+    [?_assertMatch({Prolog, {ok, _}},
+                   {Prolog, title(unicode:characters_to_binary([Prolog, ?BODY]))})
      || Prolog <- [
         "\n  ", "<!-- a comment < > -->", "<?xml-stylesheet href='a.css'?>",
         "<?xml version='1.0' standalone='no'?>\n<!DOCTYPE svg PUBLIC '-//W3C//DTD SVG 1.1//EN'\n"
@@ -39,7 +40,8 @@ prolog_test_() ->
 
 %% The line of an error is the line of the file, whatever the prolog.
 lines_test() ->
-    Document = <<"<?xml version='1.0'?>\n<!-- a\n b -->\n<!DOCTYPE svg\n>\n<svg>\n<path d='M'/></svg>">>,
+    Document = <<"<?xml version='1.0'?>\n<!-- a\n b -->\n<!DOCTYPE svg\n>\n"
+                 "<svg>\n<path d='M'/></svg>">>,
     ?assertMatch({error, {bad_path, {<<"path">>, none, 7}, 1, _}}, title(Document)).
 
 entities_test_() ->

@@ -7,7 +7,8 @@
 -module(starl_sim_platform).
 -behaviour(starl_platform).
 
--export([new/3, at/2, collect/1, fire/4, forget_timers/2, halt/1, local_time/1]).
+-export([new/3, boot/4, at/2, take_events/1, take_trace/1]).
+-export([fire/4, forget_timers/2, local_time/1]).
 -export([piece/1, hash_event/4, digest/1, result/1]).
 -export([transmit/3, sense/2, drive/3, actuate/3, start_timer/5, cancel_timer/3, trace/3, done/2]).
 
@@ -72,10 +73,27 @@ new(Id, {X, Y, Heading}, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World)
     Now :: starl_sim_queue:time(), Window :: starl_sim_queue:time().
 at({Now, Window}, Body) -> Body#body{now = Now, window = Window}.
 
-%% @doc The events and the trace since the last time, the trace newest first.
--spec collect(t()) -> {[starl_sim_queue:event()], [starl_monitor:trace_event()], t()}.
-collect(#body{new = New, traces = Traces} = Body) ->
-    {New, Traces, Body#body{new = [], traces = []}}.
+%% @doc The events since the last time, newest first.
+-spec take_events(t()) -> {[starl_sim_queue:event()], t()}.
+take_events(#body{new = []} = Body) -> {[], Body};
+take_events(#body{new = New} = Body) -> {New, Body#body{new = []}}.
+
+%% @doc The trace since the last time, in order.
+-spec take_trace(t()) -> {[starl_monitor:trace_event()], t()}.
+take_trace(#body{traces = Traces} = Body) -> {lists:reverse(Traces), Body#body{traces = []}}.
+
+%% @doc What a machine is given when it starts.
+-spec boot(starl:robot_id(), starl_machine:name(), Incarnation :: pos_integer(), t()) ->
+    starl_machine:config().
+boot(Id, Name, Incarnation, #body{world = #{seed := Seed, team := Team}} = Body) ->
+    #{
+        robot => Id,
+        participants => Team,
+        name => Name,
+        incarnation => Incarnation,
+        random => rand:seed_s(exsss, erlang:phash2({Seed, Id, Name}, 4294967296)),
+        now => local_time(Body)
+    }.
 
 %% @doc Is this timer event still awaited?
 -spec fire(starl_machine:name(), Timer :: term(), Seq :: non_neg_integer(), t()) ->
@@ -91,10 +109,6 @@ fire(Machine, Timer, Seq, #body{timers = Timers} = Body) ->
 -spec forget_timers(starl_machine:name(), t()) -> t().
 forget_timers(Machine, #body{timers = Timers} = Body) ->
     Body#body{timers = maps:filter(fun({Name, _}, _) -> Name =/= Machine end, Timers)}.
-
-%% @doc The chassis stops by itself: nobody commands it any more.
--spec halt(t()) -> t().
-halt(Body) -> drive(0.0, 0.0, Body).
 
 %% @doc The robot's own clock in microseconds.
 -spec local_time(t()) -> integer().

@@ -43,7 +43,7 @@
     end_us := starl_sim_queue:time(),
     violations := [starl_monitor:violation()],
     monitors := #{module() => map()},
-    robots := [{starl:robot_id(), starl_sim_shard:summary()}],
+    robots := [{starl:robot_id(), starl_sim_robot:summary()}],
     digest := binary(),
     events := non_neg_integer(),
     packets := non_neg_integer()

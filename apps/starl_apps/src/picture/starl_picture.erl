@@ -90,7 +90,7 @@ tolerance(#picture{tolerance = Tolerance}) -> Tolerance.
 title(#picture{title = Title}) -> Title.
 
 %% @doc One line of text: what is wrong, where, and what to do about it.
--spec format_error(reason()) -> iodata().
+-spec format_error(reason()) -> binary().
 format_error(Reason) -> starl_picture_error:format(Reason).
 
 %%% Files and options

@@ -14,13 +14,17 @@
 -export_type([t/0, point/0, bounds/0]).
 
 -type point() :: {float(), float()}.
-%% A piece of outline. An arc carries both end points so that pieces join without a gap.
+-type line() :: {line, point(), point()}.
+%% An arc carries both end points so that pieces join without a gap.
+-type arc() ::
+    {arc, Start :: point(), End :: point(), Centre :: point(),
+     U :: point(), V :: point(), Angle :: float(), Sweep :: float()}.
+%% A piece of outline.
 -type t() ::
-    {line, point(), point()}
+    line()
     | {quad, point(), point(), point()}
     | {cubic, point(), point(), point(), point()}
-    | {arc, Start :: point(), End :: point(), Centre :: point(),
-       U :: point(), V :: point(), Angle :: float(), Sweep :: float()}.
+    | arc().
 %% Lower left and upper right corner.
 -type bounds() :: {float(), float(), float(), float()}.
 
@@ -33,7 +37,7 @@
 start(Curve) -> element(2, Curve).
 
 %% @doc The arc of an axis-parallel ellipse from angle `From', `Sweep' radians on.
--spec ellipse(Centre :: point(), Radii :: point(), From :: float(), Sweep :: float()) -> t().
+-spec ellipse(Centre :: point(), Radii :: point(), From :: float(), Sweep :: float()) -> arc().
 ellipse(Centre, {RX, RY}, From, Sweep) ->
     U = {RX, 0.0},
     V = {0.0, RY},
@@ -43,7 +47,7 @@ ellipse(Centre, {RX, RY}, From, Sweep) ->
 %% @doc The arc of path data: end points, radii, rotation in degrees and flags, by the conversion
 %% of SVG 1.1, appendix F.6. A zero radius gives a line; too small radii are scaled up.
 -spec arc(point(), Radii :: point(), Degrees :: float(), Large :: boolean(), Sweep :: boolean(),
-          point()) -> t().
+          point()) -> line() | arc().
 arc({X1, Y1} = From, {RX, RY}, _Degrees, _Large, _Sweep, {X2, Y2} = To)
   when abs(RX) < ?NOTHING; abs(RY) < ?NOTHING;
        abs(X1 - X2) < ?NOTHING, abs(Y1 - Y2) < ?NOTHING ->
@@ -158,7 +162,8 @@ turn(Angle, false) when Angle > 0.0 -> Angle - 2.0 * ?PI;
 turn(Angle, _Sweep) -> Angle.
 
 box([{X, Y} | Points]) ->
-    lists:foldl(fun({PX, PY}, Box) -> merge_bounds(Box, {PX, PY, PX, PY}) end, {X, Y, X, Y}, Points).
+    Add = fun({PX, PY}, Box) -> merge_bounds(Box, {PX, PY, PX, PY}) end,
+    lists:foldl(Add, {X, Y, X, Y}, Points).
 
 inner(Ts) -> [T || T <- Ts, T > 0.0, T < 1.0].
 

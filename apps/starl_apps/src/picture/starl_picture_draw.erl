@@ -19,7 +19,8 @@
     robots := [{robot_id(), point(), Heading :: float()}],
     title => unicode:chardata()
 }.
--type reason() :: {cannot_write, file:filename(), file:posix() | badarg | terminated | system_limit}.
+-type reason() ::
+    {cannot_write, file:filename(), file:posix() | badarg | terminated | system_limit}.
 
 -record(page, {
     %% Floor size and one dot, in mm.
@@ -41,12 +42,12 @@
 -define(PNG_TIME_MS, 30_000).
 
 %% @doc The drawing as an SVG document.
--spec svg(drawing()) -> iodata().
+-spec svg(drawing()) -> binary().
 svg(#{floor := Floor, target := Target, ink := Ink, robots := Robots} = Drawing) ->
     Ids = lists:usort(maps:keys(Ink) ++ [Id || {Id, _, _} <- Robots]),
     Title = maps:get(title, Drawing, ""),
     Page = page(Floor, length(Ids), string:is_empty(Title)),
-    [
+    iolist_to_binary([
         head(Page),
         title(Title, Page),
         target(Target, Page),
@@ -54,7 +55,7 @@ svg(#{floor := Floor, target := Target, ink := Ink, robots := Robots} = Drawing)
         [robot(Robot, Page) || Robot <- lists:sort(Robots)],
         legend(Ids, Page),
         "</svg>\n"
-    ].
+    ]).
 
 %% @doc Writes `Name.svg' into the directory, which is made if need be, and `Name.png', 1200
 %% pixels wide, where the program `rsvg-convert' is installed. Gives the files written; a PNG that
@@ -78,10 +79,12 @@ write(Dir, Name, Drawing) ->
 colour(Id) -> element((Id - 1) rem 16 + 1, palette()).
 
 %% @doc One line of text.
--spec format_error(reason()) -> iodata().
+-spec format_error(reason()) -> binary().
 format_error({cannot_write, File, Posix}) ->
-    unicode:characters_to_binary(
-        io_lib:format("cannot write ~ts: ~ts", [File, file:format_error(Posix)])).
+    Text = io_lib:format("cannot write ~ts: ~ts", [File, file:format_error(Posix)]),
+    Line = unicode:characters_to_binary(Text),
+    true = is_binary(Line),
+    Line.
 
 %%% The page
 

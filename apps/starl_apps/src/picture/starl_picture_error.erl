@@ -8,10 +8,12 @@
 -define(QUOTED, 40).
 
 %% @doc One line of printable text without a line feed, as UTF-8.
--spec format(starl_picture:reason()) -> iodata().
+-spec format(starl_picture:reason()) -> binary().
 format(Reason) ->
     {Format, Arguments} = text(Reason),
-    unicode:characters_to_binary(io_lib:format(Format, Arguments)).
+    Line = unicode:characters_to_binary(io_lib:format(Format, Arguments)),
+    true = is_binary(Line),
+    Line.
 
 %%% Internals
 

@@ -100,17 +100,26 @@ text(#element{text = Text}) -> Text.
 
 in_process(Document, Vocabulary) ->
     Limit = #{size => ?MAX_HEAP_WORDS, kill => true, error_logger => false},
+    Reader = self(),
+    Tag = make_ref(),
     {Pid, Ref} = spawn_opt(
-        fun() -> exit({parsed, sax(Document, Vocabulary)}) end,
+        fun() -> Reader ! {Tag, sax(Document, Vocabulary)} end,
         [monitor, {max_heap_size, Limit}]
     ),
     receive
-        {'DOWN', Ref, process, Pid, {parsed, Result}} -> Result;
-        {'DOWN', Ref, process, Pid, _Killed} -> {error, too_complex}
+        {'DOWN', Ref, process, Pid, _} -> result(Tag)
     after ?MAX_TIME_MS ->
         exit(Pid, kill),
-        erlang:demonitor(Ref, [flush]),
-        {error, too_complex}
+        receive
+            {'DOWN', Ref, process, Pid, _} -> result(Tag)
+        end
+    end.
+
+%% A message is there before the end of its sender is, and one that was killed left none.
+result(Tag) ->
+    receive
+        {Tag, Result} -> Result
+    after 0 -> {error, too_complex}
     end.
 
 sax(Document, Vocabulary) ->

@@ -380,10 +380,16 @@ find_work(Robot, P, #plan{unsafe = Unsafe, free = Free} = Plan) ->
              overhead_mm => Overhead, bias => bias(Robot, Plan)},
     case starl_dpp_choice:best(Starts, Task, ?TRIES) of
         {ok, Job} ->
-            Path = bias(Robot, #plan{graph = Graph, free = Free, unsafe = Unsafe, config = Config} = Plan) ->
+            Path = job_path(P, Job, Obstacles, Plan),
+            {{assign, Path}, (assign(Robot, P, Path, Plan))#plan{yielded = #{}}};
+        none ->
+            {none, Plan}
+    end.
+
+bias(Robot, #plan{graph = Graph, free = Free, unsafe = Unsafe, config = Config} = Plan) ->
     A = maps:get(b_odd, Config, 0.0), B = maps:get(b_left, Config, 0.0),
     C = maps:get(b_near, Config, 0.0),
-    Others = [P || {Id, [{_, P} | _] = L} <- starl_dpp_unsafe:all(Unsafe), Id =/= Robot, {_, P} <- [lists:last(L)],
+    Others = [P || {Id, [_ | _] = L} <- starl_dpp_unsafe:all(Unsafe), Id =/= Robot, {_, P} <- [lists:last(L)],
               not parked(Id, Plan)],
     Deg = fun(V) -> length([E || {E,_,_,_} <- starl_dpp_graph:adjacent(V, Graph), is_map_key(E, Free)]) end,
     fun(V, End, Chain) ->
@@ -393,12 +399,6 @@ find_work(Robot, P, #plan{unsafe = Unsafe, free = Free} = Plan) ->
         Near = length([1 || O <- Others, starl_geometry:distance(O, Q) < 1500.0]),
         _ = Chain,
         Odd * Left / (1.0 + C * Near)
-    end.
-
-job_path(P, Job, Obstacles, Plan),
-            {{assign, Path}, (assign(Robot, P, Path, Plan))#plan{yielded = #{}}};
-        none ->
-            {none, Plan}
     end.
 
 job_path(P, #{trail := Trail, chain := Chain}, Obstacles, #plan{graph = Graph} = Plan) ->

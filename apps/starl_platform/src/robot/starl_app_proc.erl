@@ -17,6 +17,7 @@
 -define(INBOX_LIMIT, 1000).
 
 -record(turn, {
+    robot :: pos_integer(),
     driver :: pid(),
     now :: integer(),
     actions = [] :: [starl_machine:action()],
@@ -49,7 +50,7 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
     Driver ! {starl_attach, Id, app, self()},
     receive
         {starl_boot, #{now := Now, random := Random}} ->
-            _ = put(?TURN, #turn{driver = Driver, now = Now, random = Random}),
+            _ = put(?TURN, #turn{robot = Id, driver = Driver, now = Now, random = Random}),
             loop(Robot, Module, Module:init(Robot, Args), version(Module))
     end.
 
@@ -153,8 +154,8 @@ await_new(Types, Us) ->
 
 %% Hands the gathered actions back and takes events until Match knows one.
 wait(Match) ->
-    #turn{driver = Driver, actions = Actions} = Turn = get(?TURN),
-    Driver ! {starl_done, self(), lists:reverse(Actions)},
+    #turn{robot = Id, driver = Driver, actions = Actions} = Turn = get(?TURN),
+    Driver ! {starl_done, Id, lists:reverse(Actions)},
     receive
         {starl_step, Type, Content, #{now := Now}} ->
             _ = put(?TURN, Turn#turn{actions = [], now = Now}),

@@ -6,15 +6,15 @@
 %%   process                          driver
 %%      | -- {starl_attach, Robot, Name, Pid} -->|   once, when the process has started
 %%      |<-- {starl_boot, Base} ---------------- |   the configuration; runs init/1
-%%      | -- {starl_done, Pid, Actions} -------->|
+%%      | -- {starl_done, Robot, Actions} -------->|
 %%      |<-- {starl_step, Type, Content, Meta} --|   one event
-%%      | -- {starl_done, Pid, Actions} -------->|
+%%      | -- {starl_done, Robot, Actions} -------->|
 %% '''
-%% {@link starl_app_proc} speaks the same protocol. `sys:get_state/1' shows the machine.
+%% {@link starl_app_proc} speaks the same protocol.
 -module(starl_machine_proc).
 -behaviour(gen_statem).
 
--export([start_link/1]).
+-export([start_link/1, machine/1]).
 -export([init/1, callback_mode/0, handle_event/4]).
 
 -export_type([spec/0]).
@@ -28,33 +28,45 @@
     driver := pid()
 }.
 
--record(shell, {driver :: pid(), module :: module(), config :: map()}).
+-record(shell, {
+    driver :: pid(),
+    robot :: starl:robot_id(),
+    machine :: starl_machine:t()
+}).
 
 %% @doc Starts the process and attaches it to its driver.
 -spec start_link(spec()) -> {ok, pid()} | {error, term()}.
 start_link(Spec) ->
     gen_statem:start_link(?MODULE, Spec, [{spawn_opt, [{fullsweep_after, 20}]}]).
 
+%% @doc The machine as it is now, for inspection.
+-spec machine(pid()) -> starl_machine:t().
+machine(Pid) -> gen_statem:call(Pid, machine).
+
 -spec callback_mode() -> gen_statem:callback_mode_result().
 callback_mode() -> handle_event_function.
 
--spec init(spec()) -> {ok, waiting, #shell{}}.
-init(#{robot := Robot, name := Name, module := Module, config := Config, driver := Driver}) ->
+-spec init(spec()) -> {ok, waiting, spec()}.
+init(#{robot := Robot, name := Name, driver := Driver} = Spec) ->
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot, machine => Name}),
     Driver ! {starl_attach, Robot, Name, self()},
-    {ok, waiting, #shell{driver = Driver, module = Module, config = Config}}.
+    {ok, waiting, Spec}.
 
--spec handle_event(gen_statem:event_type(), term(), waiting | starl_machine:t(), #shell{}) ->
-    gen_statem:event_handler_result(starl_machine:t()).
-handle_event(info, {starl_step, Type, Content, Meta}, Machine, #shell{driver = Driver} = Shell) ->
-    {Actions, Next} = starl_machine:step(Type, Content, Meta, Machine),
-    Driver ! {starl_done, self(), Actions},
-    {next_state, Next, Shell};
-handle_event(info, {starl_boot, Base}, waiting, Shell) ->
-    #shell{driver = Driver, module = Module, config = Config} = Shell,
+%% The machine's own state lies in the data: the process has but two states, so that gen_statem
+%% need not compare the machine with its successor after each event.
+-spec handle_event(gen_statem:event_type(), term(), waiting | stepping, spec() | #shell{}) ->
+    gen_statem:event_handler_result(waiting | stepping).
+handle_event(info, {starl_step, Type, Content, Meta}, stepping, #shell{} = Shell) ->
+    {Actions, Machine} = starl_machine:step(Type, Content, Meta, Shell#shell.machine),
+    Shell#shell.driver ! {starl_done, Shell#shell.robot, Actions},
+    {keep_state, Shell#shell{machine = Machine}};
+handle_event(info, {starl_boot, Base}, waiting, Spec) ->
+    #{driver := Driver, robot := Robot, module := Module, config := Config} = Spec,
     {Actions, Machine} = starl_machine:new(Module, Config, Base),
-    Driver ! {starl_done, self(), Actions},
-    {next_state, Machine, Shell};
-handle_event(Type, Content, _Machine, _Shell) ->
+    Driver ! {starl_done, Robot, Actions},
+    {next_state, stepping, #shell{driver = Driver, robot = Robot, machine = Machine}};
+handle_event({call, From}, machine, _State, #shell{machine = Machine}) ->
+    {keep_state_and_data, [{reply, From, Machine}]};
+handle_event(Type, Content, _State, _Data) ->
     logger:warning(#{what => unexpected_event, type => Type, content => Content}),
     keep_state_and_data.

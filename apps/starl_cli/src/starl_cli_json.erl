@@ -1,0 +1,38 @@
+%% @doc JSON out: the one place that knows which library writes it: `jsx', or OTP's own `json'
+%% (OTP 27 and newer), which is called by name so that older releases compile this.
+%%
+%% An object is a non-empty list of pairs, in the order in which it is to be written; any other
+%% list is an array. Texts are binaries.
+-module(starl_cli_json).
+
+-export([encode/1, pretty/1, codecs/0, encode/2]).
+
+-export_type([value/0, codec/0]).
+
+-type value() :: [{atom(), value()}, ...] | [value()] | number() | boolean() | null | binary().
+-type codec() :: jsx | json.
+
+%% @doc A value in one line.
+-spec encode(value()) -> iodata().
+encode(Value) -> encode(hd(codecs()), Value).
+
+%% @doc An object with one line for each of its pairs.
+-spec pretty([{atom(), value()}, ...]) -> iodata().
+pretty(Object) ->
+    Lines = [
+        ["  ", encode(atom_to_binary(Key)), ": ", encode(Value)]
+     || {Key, Value} <- Object
+    ],
+    ["{\n", lists:join(",\n", Lines), "\n}\n"].
+
+%% @doc The libraries at hand, best first.
+-spec codecs() -> [codec()].
+codecs() -> [Codec || Codec <- [jsx, json], code:ensure_loaded(Codec) =:= {module, Codec}].
+
+%% @doc A value in one line, written by one of the libraries.
+-spec encode(codec(), value()) -> iodata().
+encode(jsx, Value) -> jsx:encode(Value);
+encode(json, Value) -> Json = json, Json:encode(Value, fun(V, Encode) -> native(Json, V, Encode) end).
+
+native(Json, [{_, _} | _] = Object, Encode) -> Json:encode_key_value_list(Object, Encode);
+native(Json, Value, Encode) -> Json:encode_value(Value, Encode).

@@ -1,0 +1,39 @@
+%% @doc Keeps what OTP logs during a run (the crash reports of machines that faults have killed)
+%% off the terminal: a logger handler that remembers the lines, for `run.log'.
+-module(starl_cli_log).
+
+-export([install/0, lines/0]).
+-export([log/2]).
+
+%% More than this tells nothing new.
+-define(MOST_LINES, 1000).
+-define(FORMAT, #{single_line => false, depth => 30, chars_limit => 4000}).
+
+%% @doc Takes the place of the handler that writes to the terminal. The calling process keeps
+%% the lines.
+-spec install() -> ok.
+install() ->
+    _ = logger:remove_handler(default),
+    _ = logger:remove_handler(?MODULE),
+    Table = ets:new(?MODULE, [ordered_set, public]),
+    logger:add_handler(?MODULE, ?MODULE, #{config => Table}).
+
+%% @doc What was logged, in its order.
+-spec lines() -> [unicode:chardata()].
+lines() ->
+    case logger:get_handler_config(?MODULE) of
+        {ok, #{config := Table}} -> [Line || {_, Line} <- ets:tab2list(Table)];
+        {error, _} -> []
+    end.
+
+%% @private
+-spec log(logger:log_event(), logger:handler_config()) -> ok.
+log(Event, #{config := Table}) ->
+    case ets:info(Table, size) of
+        Size when is_integer(Size), Size < ?MOST_LINES ->
+            Line = unicode:characters_to_binary(logger_formatter:format(Event, ?FORMAT)),
+            true = ets:insert(Table, {erlang:unique_integer([monotonic]), Line}),
+            ok;
+        _ ->
+            ok
+    end.

@@ -1,0 +1,48 @@
+%% @doc Ctrl-C. The script sends SIGUSR1 to the VM at the first one (SIGINT itself reaches no
+%% Erlang code); this handler of OTP's signal server turns it into a call of what the running
+%% command wants to do. The second Ctrl-C is the script's own: it kills the VM.
+-module(starl_cli_signal).
+-behaviour(gen_event).
+
+-export([install/0, on_interrupt/1]).
+-export([init/1, handle_event/2, handle_call/2]).
+
+%% What an interrupted command exits with, as is usual: 128 + SIGINT.
+-define(INTERRUPTED, 130).
+-define(TERMINATED, 143).
+
+-type reaction() :: fun(() -> term()).
+
+%% @doc Takes the place of OTP's handler. Until told otherwise an interrupt ends the VM at once.
+-spec install() -> ok.
+install() ->
+    Reaction = fun quit/0,
+    ok = gen_event:swap_handler(
+        erl_signal_server, {erl_signal_handler, []}, {?MODULE, Reaction}
+    ),
+    os:set_signal(sigusr1, handle).
+
+%% @doc What the next interrupt does; it is called in the signal server and must not wait.
+-spec on_interrupt(reaction() | quit) -> ok.
+on_interrupt(quit) -> on_interrupt(fun quit/0);
+on_interrupt(Reaction) -> gen_event:call(erl_signal_server, ?MODULE, {on_interrupt, Reaction}).
+
+-spec init({reaction(), term()}) -> {ok, reaction()}.
+init({Reaction, _OldHandler}) -> {ok, Reaction}.
+
+-spec handle_event(atom(), reaction()) -> {ok, reaction()}.
+handle_event(sigusr1, Reaction) ->
+    _ = Reaction(),
+    {ok, Reaction};
+handle_event(sigterm, _Reaction) ->
+    erlang:halt(?TERMINATED, [{flush, false}]);
+handle_event(_Other, Reaction) ->
+    {ok, Reaction}.
+
+-spec handle_call({on_interrupt, reaction()}, reaction()) -> {ok, ok, reaction()}.
+handle_call({on_interrupt, Reaction}, _Old) -> {ok, ok, Reaction}.
+
+-spec quit() -> no_return().
+quit() ->
+    starl_cli_progress:erase(),
+    erlang:halt(?INTERRUPTED, [{flush, false}]).

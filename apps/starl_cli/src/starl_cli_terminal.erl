@@ -1,0 +1,129 @@
+%% @doc What the command line knows of the terminal: its width, whether somebody watches, and
+%% output that survives a closed pipe (`./starl ... | head').
+-module(starl_cli_terminal).
+
+-export([out/1, out/2, complain/1, warn/1, draw/1, columns/0, window/0, watched/0, wrap/3, rows/1]).
+
+-define(USUAL, 80).
+%% Prose is not set wider than this.
+-define(WIDEST, 100).
+-define(NARROWEST, 20).
+
+%% @doc Prints to standard output. When its reader is gone there is nobody to tell.
+-spec out(unicode:chardata()) -> ok.
+out(Text) -> put(standard_io, Text).
+
+%% @doc Prints to standard output, formatted.
+-spec out(io:format(), [term()]) -> ok.
+out(Format, Args) -> out(io_lib:format(Format, Args)).
+
+%% @doc One line on standard error for every problem.
+-spec complain(unicode:chardata() | [unicode:chardata()]) -> ok.
+complain(Problem) -> put(standard_error, ["starl: ", one_line(Problem), "\n"]).
+
+%% @doc A note on standard error.
+-spec warn(unicode:chardata()) -> ok.
+warn(Text) -> put(standard_error, [Text, "\n"]).
+
+%% @doc Puts raw text on standard error, for what is drawn there.
+-spec draw(unicode:chardata()) -> ok.
+draw(Text) -> put(standard_error, Text).
+
+%% A reader that has gone (error) or a device that cannot show a character (the tuple).
+put(Device, Text) ->
+    try io:put_chars(Device, Text) of
+        ok -> ok;
+        {error, _} -> ok
+    catch
+        error:_ -> ok
+    end.
+
+one_line(Text) ->
+    Flat = unicode:characters_to_list(Text),
+    lists:join(" ", [Word || Word <- string:lexemes(Flat, "\r\n\t"), Word =/= ""]).
+
+%% @doc The width for text, in columns: `COLUMNS' of the environment, else that of the terminal.
+-spec columns() -> pos_integer().
+columns() ->
+    Width =
+        case positive(os:getenv("COLUMNS")) of
+            none -> window();
+            Columns -> Columns
+        end,
+    max(?NARROWEST, min(?WIDEST, Width)).
+
+%% @doc The width of the terminal at this moment, in columns.
+-spec window() -> pos_integer().
+window() -> first_width([fun() -> io:columns(standard_error) end, fun io:columns/0]).
+
+first_width([]) ->
+    case positive(os:getenv("STARL_COLUMNS")) of
+        none -> ?USUAL;
+        Columns -> Columns
+    end;
+first_width([Ask | Others]) ->
+    case Ask() of
+        {ok, Columns} when Columns > 0 -> Columns;
+        {ok, _} -> first_width(Others);
+        {error, _} -> first_width(Others)
+    end.
+
+positive(false) ->
+    none;
+positive(Text) ->
+    case string:to_integer(Text) of
+        {N, ""} when N > 0 -> N;
+        _ -> none
+    end.
+
+%% @doc Whether somebody watches: both outputs are a terminal. The script that starts the VM says
+%% so in `STARL_TTY'; without it the devices are asked.
+-spec watched() -> boolean().
+watched() ->
+    Terminals =
+        case os:getenv("STARL_TTY") of
+            false -> [Name || {Name, Device} <- devices(), is_terminal(io:columns(Device))];
+            Names -> string:lexemes(Names, " ")
+        end,
+    lists:member("stdout", Terminals) andalso lists:member("stderr", Terminals) andalso
+        os:getenv("TERM") =/= "dumb".
+
+devices() -> [{"stdout", standard_io}, {"stderr", standard_error}].
+
+is_terminal({ok, _}) -> true;
+is_terminal({error, _}) -> false.
+
+%% @doc Breaks a text into lines of at most `Width' columns, the later ones indented. The first
+%% line is taken to begin behind `Indent' columns already.
+-spec wrap(unicode:chardata(), Indent :: non_neg_integer(), Width :: pos_integer()) ->
+    unicode:chardata().
+wrap(Text, Indent, Width) ->
+    Words = string:lexemes(unicode:characters_to_list(Text), " "),
+    Lines = lines(Words, max(10, Width - Indent), []),
+    lists:join(["\n", lists:duplicate(Indent, $\s)], Lines).
+
+lines([], _Room, []) -> [];
+lines([], _Room, Line) -> [finished(Line)];
+lines([Word | Words], Room, []) -> lines(Words, Room, [Word]);
+lines([Word | Words], Room, Line) ->
+    case string:length(finished(Line)) + 1 + string:length(Word) =< Room of
+        true -> lines(Words, Room, [Word | Line]);
+        false -> [finished(Line) | lines(Words, Room, [Word])]
+    end.
+
+finished(Line) -> lists:flatten(lists:join(" ", lists:reverse(Line))).
+
+%% @doc A table with its columns as wide as their widest cell, all to the right but the first.
+-spec rows([[unicode:chardata()], ...]) -> [unicode:chardata()].
+rows(Rows) ->
+    Widths = [
+        lists:max([string:length(lists:nth(K, Row)) || Row <- Rows])
+     || K <- lists:seq(1, length(hd(Rows)))
+    ],
+    [[lists:join("  ", cells(Row, Widths)), "\n"] || Row <- Rows].
+
+cells([First | Row], [Width | Widths]) ->
+    [
+        string:pad(First, Width, trailing)
+        | [string:pad(Cell, W, leading) || {Cell, W} <- lists:zip(Row, Widths)]
+    ].

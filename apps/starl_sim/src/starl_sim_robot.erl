@@ -1,0 +1,269 @@
+%% @doc A robot in a shard: its processes, what they still have to do in this window, and its
+%% crashes. What it does reaches no other robot before the next window, so a shard has many
+%% robots at work at once; the events of one robot are worked off one by one, in the order of
+%% their keys, each with all the local events that it gives rise to.
+-module(starl_sim_robot).
+
+-export([new/3, attach/3, boot/1]).
+-export([open/3, proceed/2, answered/2, crashed/2, close/1]).
+-export([busy/1, owns/2, result/1, piece/1, summary/2, machines/1]).
+
+-export_type([t/0, summary/0]).
+
+-define(CLASS_FAULT, 0).
+
+%% What is known of a robot: its digest chain, its events and packets, its application's result.
+-type summary() :: #{
+    chain := non_neg_integer(),
+    events := non_neg_integer(),
+    packets := non_neg_integer(),
+    result := running | died | {done, term()},
+    pose := starl:pose()
+}.
+
+-record(robot, {
+    id :: starl:robot_id(),
+    body :: starl_sim_platform:t(),
+    sup :: pid() | dead,
+    processes = #{} :: #{starl_machine:name() => pid()},
+    incarnations = #{} :: #{starl_machine:name() => pos_integer()},
+    %% events of this window, by key; local events of the present moment, in order
+    events = [] :: [starl_sim_queue:event()],
+    until = 0 :: starl_sim_queue:time(),
+    local = [] :: [starl_platform:local() | {starl_machine:name(), boot, none}],
+    %% the machine that is at work
+    busy = none :: starl_machine:name() | none,
+    later = [] :: [starl_sim_queue:event()]
+}).
+
+-opaque t() :: #robot{}.
+
+%% @doc A robot whose tree has been started under this supervisor.
+-spec new(starl:robot_id(), starl_sim_platform:t(), Sup :: pid()) -> t().
+new(Id, Body, Sup) -> #robot{id = Id, body = Body, sup = Sup}.
+
+%% @doc One of its processes has started.
+-spec attach(starl_machine:name(), pid(), t()) -> t().
+attach(Name, Pid, #robot{processes = Processes, incarnations = Incarnations} = Robot) ->
+    _ = erlang:monitor(process, Pid),
+    Incarnation = maps:get(Name, Incarnations, 0) + 1,
+    Robot#robot{
+        processes = Processes#{Name => Pid}, incarnations = Incarnations#{Name => Incarnation}
+    }.
+
+%% @doc All machines are to be booted, before anything else.
+-spec boot(t()) -> t().
+boot(#robot{processes = Processes} = Robot) ->
+    Robot#robot{local = [{Name, boot, none} || Name <- boot_order(maps:keys(Processes))]}.
+
+%% @doc Opens a window that ends at `Until' with these events of the robot, sorted.
+-spec open([starl_sim_queue:event()], Until :: starl_sim_queue:time(), t()) -> t().
+open(_Events, Until, #robot{sup = dead} = Robot) -> Robot#robot{until = Until};
+open(Events, Until, Robot) -> Robot#robot{events = Events, until = Until}.
+
+%% @doc Sends the next step to one of its machines, if there is anything left to do in this
+%% window. `Window' is when it began.
+-spec proceed(Window :: starl_sim_queue:time(), t()) -> {busy | idle, t()}.
+proceed(Window, #robot{local = [Local | Rest]} = Robot) ->
+    dispatch(Local, Window, Robot#robot{local = Rest});
+proceed(Window, #robot{events = [Event | Rest], body = Body0} = Robot) ->
+    {Time, _, Class, _, Seq, Content} = Event,
+    Body = starl_sim_platform:at({Time, Window}, Body0),
+    Next = Robot#robot{events = Rest, body = Body},
+    case Class of
+        ?CLASS_FAULT -> proceed(Window, strike(Content, Next));
+        _ -> begin_event(Content, Seq, Window, Next)
+    end;
+proceed(_Window, Robot) ->
+    {idle, Robot}.
+
+%% @doc The machine at work has answered with its actions.
+-spec answered([starl_machine:action()], t()) -> t().
+answered(_Actions, #robot{busy = none} = Robot) ->
+    %% the last word of a process that was killed meanwhile
+    Robot;
+answered(Actions, #robot{busy = Name, body = Body0, local = Local} = Robot) ->
+    {New, Body1} = starl_platform:perform(Actions, Name, starl_sim_platform, Body0),
+    {Events, Body} = starl_sim_platform:take_events(Body1),
+    Next = Robot#robot{busy = none, body = Body, local = Local ++ New},
+    lists:foldr(fun plan/2, Next, Events).
+
+%% @doc One of its processes is gone. Virtual time waits until its supervisor has restarted it;
+%% the others are told. If the supervisor gives up, the robot has died.
+-spec crashed(pid(), t()) -> t().
+crashed(Pid, #robot{sup = Pid} = Robot) ->
+    died(gave_up, Robot);
+crashed(Pid, #robot{busy = Busy} = Robot) ->
+    Name = name_of(Pid, Robot),
+    Body = starl_sim_platform:trace(Name, crashed, Robot#robot.body),
+    Bare = forget(Name, Robot#robot{body = Body, busy = still_busy(Name, Busy)}),
+    case await_restart([Name], [], Bare) of
+        {ok, Names, Back} -> Back#robot{local = Back#robot.local ++ restarts(Names, Back)};
+        {died, Dead} -> Dead
+    end.
+
+%% @doc Closes the window: the events for other robots or later windows, the trace in order, and
+%% the number of the robot's events.
+-spec close(t()) -> {[starl_sim_queue:event()], [starl_monitor:trace_event()], t()}.
+close(#robot{later = Later, body = Body} = Robot) ->
+    {Trace, Rest} = starl_sim_platform:take_trace(Body),
+    {Later, Trace, Robot#robot{later = [], body = Rest}}.
+
+%% @doc The machine that is at work, if any.
+-spec busy(t()) -> [{starl:robot_id(), starl_machine:name()}].
+busy(#robot{busy = none}) -> [];
+busy(#robot{id = Id, busy = Name}) -> [{Id, Name}].
+
+%% @doc Is this one of its processes?
+-spec owns(pid(), t()) -> boolean().
+owns(Pid, #robot{sup = Sup, processes = Processes}) ->
+    Pid =:= Sup orelse lists:member(Pid, maps:values(Processes)).
+
+%% @doc Its application's result.
+-spec result(t()) -> running | died | {done, term()}.
+result(#robot{sup = dead}) -> died;
+result(#robot{body = Body}) -> starl_sim_platform:result(Body).
+
+%% @doc The piece of motion that it is in.
+-spec piece(t()) -> starl_trajectory:piece().
+piece(#robot{body = Body}) -> starl_sim_platform:piece(Body).
+
+%% @doc What is known of it at a time.
+-spec summary(starl_sim_queue:time(), t()) -> summary().
+summary(Time, #robot{body = Body} = Robot) ->
+    {Chain, Events, Packets} = starl_sim_platform:digest(Body),
+    #{
+        chain => Chain,
+        events => Events,
+        packets => Packets,
+        result => result(Robot),
+        pose => starl_trajectory:pose(Time, starl_sim_platform:piece(Body))
+    }.
+
+%% @doc Its machines, each with its state and data.
+-spec machines(t()) -> #{starl_machine:name() => term()}.
+machines(#robot{processes = Processes}) -> maps:map(fun(_, Pid) -> machine(Pid) end, Processes).
+
+%% -- events ---------------------------------------------------------------------------------
+
+begin_event({timer, Machine, Timer, Content}, Seq, Window, #robot{body = Body} = Robot) ->
+    case starl_sim_platform:fire(Machine, Timer, Seq, Body) of
+        {ok, Fired} ->
+            dispatch({Machine, timer_type(Timer), Content}, Window, Robot#robot{body = Fired});
+        stale ->
+            proceed(Window, Robot)
+    end;
+begin_event(Local, _Seq, Window, Robot) ->
+    dispatch(Local, Window, Robot).
+
+timer_type(state_timeout) -> state_timeout;
+timer_type(Timer) -> {timeout, Timer}.
+
+dispatch({Name, Type, Content}, Window, #robot{processes = Processes, body = Body} = Robot) ->
+    case Processes of
+        #{Name := Pid} ->
+            Hashed = starl_sim_platform:hash_event(Name, Type, Content, Body),
+            Pid ! message(Name, Type, Content, Robot),
+            {busy, Robot#robot{body = Hashed, busy = Name}};
+        #{} ->
+            Traced = starl_sim_platform:trace(Name, {unknown_machine, Name}, Body),
+            proceed(Window, Robot#robot{body = Traced})
+    end.
+
+message(Name, boot, none, #robot{id = Id, body = Body, incarnations = Incarnations}) ->
+    {starl_boot, starl_sim_platform:boot(Id, Name, maps:get(Name, Incarnations), Body)};
+message(_Name, Type, Content, #robot{id = Id, body = Body}) ->
+    {starl_step, Type, Content, #{now => starl_sim_platform:local_time(Body), robot => Id}}.
+
+%% A new event of this robot in this window takes its place among the others.
+plan({Time, Id, _, _, _, _} = Event, #robot{id = Id, until = Until, events = Events} = Robot) when
+    Time < Until
+->
+    Robot#robot{events = insert(Event, Events)};
+plan(Event, #robot{later = Later} = Robot) ->
+    Robot#robot{later = [Event | Later]}.
+
+insert(Event, [First | Rest]) when First < Event -> [First | insert(Event, Rest)];
+insert(Event, Events) -> [Event | Events].
+
+%% The platform's machines first, the application last, whatever their names.
+boot_order(Names) ->
+    First = [Name || Name <- [sap, location, motion], lists:member(Name, Names)],
+    Last = [app || lists:member(app, Names)],
+    First ++ lists:sort(Names -- (First ++ Last)) ++ Last.
+
+%% -- faults and crashes ---------------------------------------------------------------------
+
+strike(wake, Robot) ->
+    Robot;
+strike(_Fault, #robot{sup = dead} = Robot) ->
+    Robot;
+strike({kill_machine, Name}, #robot{processes = Processes} = Robot) ->
+    case Processes of
+        #{Name := Pid} ->
+            exit(Pid, kill),
+            receive
+                {'DOWN', _, process, Pid, _} -> crashed(Pid, Robot)
+            end;
+        #{} ->
+            Robot
+    end;
+strike(kill_robot, #robot{sup = Sup} = Robot) ->
+    exit(Sup, kill),
+    receive
+        {'DOWN', _, process, Sup, _} -> died(killed, Robot)
+    end.
+
+name_of(Pid, #robot{processes = Processes}) ->
+    [Name] = [N || {N, P} <- maps:to_list(Processes), P =:= Pid],
+    Name.
+
+still_busy(Name, Name) -> none;
+still_busy(_, Busy) -> Busy.
+
+forget(Name, #robot{body = Body, processes = Processes} = Robot) ->
+    Robot#robot{
+        body = starl_sim_platform:forget_timers(Name, Body),
+        processes = maps:remove(Name, Processes)
+    }.
+
+%% Another robot's process that goes down meanwhile is left for the shard to see.
+await_restart([], Back, Robot) ->
+    {ok, boot_order(Back), Robot};
+await_restart(Missing, Back, #robot{id = Id, sup = Sup, processes = Processes} = Robot) ->
+    Own = maps:from_list([{Pid, Name} || {Name, Pid} <- maps:to_list(Processes)]),
+    receive
+        {starl_attach, Id, Name, Pid} ->
+            await_restart(lists:delete(Name, Missing), [Name | Back], attach(Name, Pid, Robot));
+        {'DOWN', _, process, Sup, _} ->
+            {died, died(gave_up, Robot)};
+        {'DOWN', _, process, Pid, _} when is_map_key(Pid, Own) ->
+            Name = maps:get(Pid, Own),
+            await_restart([Name | Missing], lists:delete(Name, Back), forget(Name, Robot))
+    end.
+
+restarts(Names, #robot{processes = Processes}) ->
+    Told = boot_order(maps:keys(Processes)),
+    [{Name, boot, none} || Name <- Names] ++
+        [{To, info, {restarted, Name}} || Name <- Names, To <- Told, To =/= Name].
+
+%% A robot that died for good: it stands where it is, for ever.
+died(Reason, #robot{body = Body} = Robot) ->
+    Stopped = starl_sim_platform:drive(0.0, 0.0, Body),
+    Traced = starl_sim_platform:trace(robot, {died, Reason}, Stopped),
+    Robot#robot{
+        body = Traced, sup = dead, processes = #{}, local = [], events = [], busy = none
+    }.
+
+machine(Pid) ->
+    case proc_lib:translate_initial_call(Pid) of
+        {starl_app_proc, _, _} ->
+            sequential;
+        _ ->
+            Machine = starl_machine_proc:machine(Pid),
+            #{
+                module => starl_machine:module(Machine),
+                state => starl_machine:state(Machine),
+                data => starl_machine:data(Machine)
+            }
+    end.
