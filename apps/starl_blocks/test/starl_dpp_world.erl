@@ -63,9 +63,14 @@ figures(#world{plan = Plan, end_ink = T, stats = Stats, inked = Inked} = World, 
 honest_ink(Inked, Plan) ->
     Driven = maps:from_list(Inked),
     [case Driven of
-         #{E := {P, Q}} when {P, Q} =:= {A, B}; {P, Q} =:= {B, A} -> ok;
+         #{E := {P, Q}} -> same({P, Q}, {A, B}) orelse error({painted_beside, E, {P, Q}, {A, B}});
          #{} -> error({not_painted, E, {A, B}})
      end || E <- starl_dpp_plan:painted_edges(Plan), {A, B} <- [starl_dpp_plan:target(E, Plan)]].
+
+%% In either direction; a robot may begin a few mm beside.
+same({P, Q}, {A, B}) ->
+    Near = fun(X, Y) -> starl_geometry:distance(X, Y) =< 3.1 end,
+    (Near(P, A) andalso Near(Q, B)) orelse (Near(P, B) andalso Near(Q, A)).
 
 %%% Events
 

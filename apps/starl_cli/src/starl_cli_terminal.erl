@@ -11,7 +11,7 @@
 
 %% @doc Prints to standard output. When its reader is gone there is nobody to tell.
 -spec out(unicode:chardata()) -> ok.
-out(Text) -> put(standard_io, Text).
+out(Text) -> write(standard_io, Text).
 
 %% @doc Prints to standard output, formatted.
 -spec out(io:format(), [term()]) -> ok.
@@ -19,18 +19,18 @@ out(Format, Args) -> out(io_lib:format(Format, Args)).
 
 %% @doc One line on standard error for every problem.
 -spec complain(unicode:chardata() | [unicode:chardata()]) -> ok.
-complain(Problem) -> put(standard_error, ["starl: ", one_line(Problem), "\n"]).
+complain(Problem) -> write(standard_error, ["starl: ", one_line(Problem), "\n"]).
 
 %% @doc A note on standard error.
 -spec warn(unicode:chardata()) -> ok.
-warn(Text) -> put(standard_error, [Text, "\n"]).
+warn(Text) -> write(standard_error, [Text, "\n"]).
 
 %% @doc Puts raw text on standard error, for what is drawn there.
 -spec draw(unicode:chardata()) -> ok.
-draw(Text) -> put(standard_error, Text).
+draw(Text) -> write(standard_error, Text).
 
 %% A reader that has gone (error) or a device that cannot show a character (the tuple).
-put(Device, Text) ->
+write(Device, Text) ->
     try io:put_chars(Device, Text) of
         ok -> ok;
         {error, _} -> ok

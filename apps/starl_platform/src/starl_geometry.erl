@@ -35,7 +35,7 @@
 distance(P, Q) -> math:sqrt(distance2(P, Q)).
 
 %% @doc The square of the distance of two points.
--spec distance2(point(), point()) -> float().
+-spec distance2(point(), point()) -> number().
 distance2({X0, Y0}, {X1, Y1}) ->
     DX = X1 - X0,
     DY = Y1 - Y0,
@@ -46,7 +46,7 @@ distance2({X0, Y0}, {X1, Y1}) ->
 point_segment(P, S) -> math:sqrt(point_segment2(P, S)).
 
 %% @doc The square of the distance of a point from a segment.
--spec point_segment2(point(), segment()) -> float().
+-spec point_segment2(point(), segment()) -> number().
 point_segment2({PX, PY}, {{AX, AY}, {BX, BY}}) ->
     DX = BX - AX,
     DY = BY - AY,
@@ -71,7 +71,7 @@ point_segment2({PX, PY}, {{AX, AY}, {BX, BY}}) ->
 segment_segment(S, T) -> math:sqrt(segment_segment2(S, T)).
 
 %% @doc The square of the distance of two segments.
--spec segment_segment2(segment(), segment()) -> float().
+-spec segment_segment2(segment(), segment()) -> number().
 segment_segment2({A, B} = S, {C, D} = T) ->
     case crosses(A, B, C, D) of
         true ->

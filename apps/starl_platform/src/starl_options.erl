@@ -105,8 +105,9 @@ type_text({term, Shape, _}) -> Shape.
 %% @doc The keys that a mistyped one may have meant, best first.
 -spec suggestion(term(), [atom()]) -> [atom()].
 suggestion(Key, Keys) when is_atom(Key) ->
-    Scored = [{string:jaro_similarity(atom_to_list(Key), atom_to_list(K)), K} || K <- Keys],
-    [K || {Score, K} <- lists:reverse(lists:sort(Scored)), Score > 0.8];
+    Text = atom_to_list(Key),
+    Near = lists:sort([{edits(Text, atom_to_list(K)), K} || K <- Keys]),
+    [K || {Edits, K} <- Near, Edits =< max(1, length(Text) div 3)];
 suggestion(_, _) ->
     [].
 
@@ -164,3 +165,21 @@ pair(_, _, _) ->
 text(X) when is_integer(X) -> integer_to_list(X);
 text(X) -> lists:flatten(io_lib:format("~p", [X])).
 
+%% How many letters must be put in, taken out or changed to make the one text from the other
+%% (Levenshtein), row by row.
+edits(A, B) ->
+    First = lists:seq(0, length(B)),
+    lists:last(lists:foldl(fun(Letter, Row) -> edit_row(Letter, B, Row) end, First, A)).
+
+edit_row(Letter, B, [Corner | Above]) ->
+    lists:reverse(edit_cells(Letter, B, Corner, Above, [Corner + 1])).
+
+edit_cells(_Letter, [], _Corner, [], Row) ->
+    Row;
+edit_cells(Letter, [Other | B], Corner, [Up | Above], [Left | _] = Row) ->
+    Change =
+        case Letter of
+            Other -> Corner;
+            _ -> Corner + 1
+        end,
+    edit_cells(Letter, B, Up, Above, [lists:min([Change, Up + 1, Left + 1]) | Row]).

@@ -120,7 +120,7 @@ local_time(#body{now = Now, offset_us = Offset, drift_ppb = Drift}) ->
 piece(#body{piece = Piece}) -> Piece.
 
 %% @doc Chains an event into the robot's digest.
--spec hash_event(starl_machine:name(), starl_machine:event_type(), term(), t()) -> t().
+-spec hash_event(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
 hash_event(Machine, Type, Content, #body{chain = Chain, now = Now, events = Events} = Body) ->
     Next = erlang:phash2({Chain, Now, Machine, Type, Content}, 4294967296),
     Body#body{chain = Next, events = Events + 1}.

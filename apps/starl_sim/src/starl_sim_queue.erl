@@ -15,7 +15,7 @@
     time(),
     starl:robot_id(),
     Class :: non_neg_integer(),
-    Source :: starl:robot_id(),
+    Source :: non_neg_integer(),
     Seq :: non_neg_integer(),
     Content :: term()
 }.
@@ -23,7 +23,7 @@
 -record(queue, {
     width :: pos_integer(),
     buckets = #{} :: #{integer() => [event()]},
-    order = gb_sets:new() :: gb_sets:set(integer()),
+    order = gb_sets:new() :: gb_sets:set(non_neg_integer()),
     size = 0 :: non_neg_integer()
 }).
 
@@ -70,5 +70,7 @@ take_window(Until, #queue{order = Order, width = Width, buckets = Buckets} = Que
 next_time(#queue{order = Order, width = Width}) ->
     case gb_sets:is_empty(Order) of
         true -> infinity;
-        false -> gb_sets:smallest(Order) * Width
+        false -> times(gb_sets:smallest(Order), Width)
     end.
+
+times(Index, Width) when is_integer(Index) -> Index * Width.

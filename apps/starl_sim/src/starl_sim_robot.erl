@@ -21,6 +21,9 @@
     pose := starl:pose()
 }.
 
+%% What one of the machines has to do: handle an event, or start.
+-type local() :: starl_platform:local() | {starl_machine:name(), boot, none}.
+
 -record(robot, {
     id :: starl:robot_id(),
     body :: starl_sim_platform:t(),
@@ -30,7 +33,7 @@
     %% events of this window, by key; local events of the present moment, in order
     events = [] :: [starl_sim_queue:event()],
     until = 0 :: starl_sim_queue:time(),
-    local = [] :: [starl_platform:local() | {starl_machine:name(), boot, none}],
+    local = [] :: [local()],
     %% the machine that is at work
     busy = none :: starl_machine:name() | none,
     later = [] :: [starl_sim_queue:event()]

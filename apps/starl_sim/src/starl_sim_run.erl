@@ -68,7 +68,7 @@
 }).
 
 %% @doc Starts the simulation at virtual time 0.
--spec start_link(plan()) -> {ok, pid()} | {error, term()}.
+-spec start_link(plan()) -> gen_server:start_ret().
 start_link(Plan) -> gen_server:start_link(?MODULE, Plan, [{timeout, infinity}]).
 
 %% @doc Runs until a virtual time, or an earlier end.

@@ -66,8 +66,6 @@ read(File) ->
         {ok, _} -> {error, {shape, File}};
         {error, {Line, Module, What}} when is_integer(Line) ->
             {error, {syntax, File, Line, Module:format_error(What)}};
-        {error, {{Line, _Column}, Module, What}} ->
-            {error, {syntax, File, Line, Module:format_error(What)}};
         {error, Posix} -> {error, {file, File, Posix}}
     end.
 

@@ -21,7 +21,7 @@
 %% How long, in wall time, a window may take before the run is given up.
 -define(PATIENCE_MS, 60000).
 %% The shard's heap turns over fast.
--define(HEAP_WORDS, 1000000).
+-define(HEAP_WORDS, 100000).
 
 %% A robot to be started: its tree and where it stands.
 -type robot_spec() :: #{tree := starl_robot_sup:spec(), pose := starl:pose()}.
@@ -50,7 +50,7 @@
     world := starl_sim_platform:world(),
     window_us := pos_integer(),
     robots_sup := pid()
-}) -> {ok, pid()} | {error, term()}.
+}) -> gen_server:start_ret().
 start_link(Config) -> gen_server:start_link(?MODULE, Config, [
         {spawn_opt, [{min_heap_size, ?HEAP_WORDS}, {fullsweep_after, 100}]}
     ]).

@@ -29,6 +29,7 @@ start_link(Plan) ->
 -spec run(pid()) -> pid().
 run(Sup) ->
     {run, Pid, _, _} = lists:keyfind(run, 1, supervisor:which_children(Sup)),
+    true = is_pid(Pid),
     Pid.
 
 -spec init(top | {pool, module(), timeout(), worker | supervisor}) ->

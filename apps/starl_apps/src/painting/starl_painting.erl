@@ -11,7 +11,7 @@
 
 %% -- the application ------------------------------------------------------------------------
 
--spec init(starl:robot(), none) -> state().
+-spec init(starl:robot(), none) -> elect.
 init(_Robot, none) -> elect.
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, complete | incomplete}.

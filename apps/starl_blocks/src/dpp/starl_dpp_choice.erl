@@ -6,44 +6,83 @@
 -module(starl_dpp_choice).
 
 -export([best/3]).
--export_type([task/0, job/0]).
+-export_type([settings/0, job/0]).
 
 -type edge_id() :: starl_dpp_graph:edge_id().
--type vertex() :: starl_dpp_graph:vertex().
--type task() :: #{
-    space := starl_dpp_search:space(),
-    free := #{edge_id() => true},
-    horizon := float(),
-    overhead_mm := float(),
-    bias := fun((vertex(), vertex(), [{vertex(), edge_id()}]) -> float())
-}.
-%% What to choose from. `overhead_mm' is what one more assignment costs; `bias' multiplies the
-%% score of a job by the places where it begins and ends.
--type job() :: #{from := vertex(), trail := [vertex()], chain := [{vertex(), edge_id()}]}.
-%% Drive the trail with the pen up, then each edge of the chain to its vertex with the pen down.
+-type point() :: starl_geometry:point().
+-type waypoint() :: {point(), up | {down, edge_id()}}.
+-type settings() :: #{horizon := float(), overhead_mm := float(), middle := float()}.
+%% `horizon': paint per assignment in mm. `overhead_mm': what one more assignment costs. `middle':
+%% the score of a chain that begins in the middle of a line is multiplied by this.
+-type job() :: #{path := [waypoint()], ink_mm := float(), travel_mm := float()}.
+%% `travel_mm' is driven with the pen up.
 
--record(best, {score = 0.0 :: float(), from = 0 :: non_neg_integer(), chain = [] :: list()}).
+-record(task, {
+    space :: starl_dpp_search:space(),
+    free :: #{edge_id() => true},
+    horizon :: float(),
+    overhead :: float(),
+    middle :: float()
+}).
+-record(best, {
+    score = 0.0 :: float(),
+    from = 0 :: non_neg_integer(),
+    chain = [] :: [{starl_dpp_graph:vertex(), edge_id()}]
+}).
 
--define(LONGEST_TRY, 60).
+-define(TRIES, 40).
 %% Vertices with free edges that are looked at before the best so far is taken.
+-define(BESIDE, 3.0).
+%% A robot farther than this from where a line begins drives there before it lowers the pen.
 
-%% @doc The best job that a search from these starts finds.
--spec best([starl_dpp_search:start()], task(), Tries :: pos_integer()) -> {ok, job()} | none.
-best(Starts, #{space := Space} = Task, Tries) ->
-    Visit = fun(V, Cost, Heading, Acc) -> visit(V, Cost, Heading, Task, Acc) end,
-    {Labels, {_, Best}} =
-        starl_dpp_search:run(Starts, Space, Visit, {min(Tries, ?LONGEST_TRY), #best{}}),
-    case Best of
-        #best{chain = []} ->
-            none;
-        #best{from = V, chain = Chain} ->
-            {ok, #{from => V, trail => starl_dpp_search:trail(V, Labels), chain => Chain}}
+%% @doc The best job for a robot. `Stands' is where the robot really is, beside the place that is
+%% reserved for it.
+-spec best(Stands :: point(), starl_dpp_route:view(), settings()) -> {ok, job()} | none.
+best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
+    #{horizon := Horizon, overhead_mm := Overhead, middle := Middle} = Settings,
+    Space = starl_dpp_route:space([Robot], View),
+    Task = #task{space = Space, free = Free, horizon = Horizon, overhead = Overhead,
+                 middle = Middle},
+    case any_open(Task) of
+        true -> search(Stands, Task, View);
+        false -> none
     end.
 
 %%% Internals
 
+%% Nearly always the first edges answer this; when none is open it spares a search of everything.
+any_open(#task{free = Free} = Task) -> any_open(maps:next(maps:iterator(Free)), Task).
+
+any_open(none, _Task) -> false;
+any_open({E, true, Rest}, Task) -> open(E, Task) orelse any_open(maps:next(Rest), Task).
+
+search(Stands, #task{space = Space} = Task, View) ->
+    Obstacles = starl_dpp_route:obstacles(View),
+    Starts = starl_dpp_route:starts(starl_dpp_route:nearby(View), Obstacles, View),
+    Visit = fun(V, Cost, Heading, Acc) -> visit(V, Cost, Heading, Task, Acc) end,
+    case starl_dpp_search:run(Starts, Space, Visit, {?TRIES, #best{}}) of
+        {_, {_, #best{chain = []}}} ->
+            none;
+        {Labels, {_, #best{from = V} = Best}} ->
+            Trail = starl_dpp_search:trail(V, Labels),
+            {ok, job(Stands, Best, starl_dpp_route:travel(Trail, Obstacles, View), View)}
+    end.
+
+job(Stands, #best{from = V, chain = Chain}, Travel0, #{at := P, graph := Graph}) ->
+    Begin = starl_dpp_graph:point(V, Graph),
+    Travel = case Travel0 =:= [] andalso starl_geometry:distance(Stands, Begin) > ?BESIDE of
+        true -> [{Begin, up}];
+        false -> Travel0
+    end,
+    #{path => Travel ++ [{starl_dpp_graph:point(W, Graph), {down, E}} || {W, E} <- Chain],
+      ink_mm => lists:sum([starl_dpp_graph:edge_length(E, Graph) || {_, E} <- Chain]),
+      travel_mm => driven([P | [Q || {Q, up} <- Travel]])}.
+
+driven([P, Q | Rest]) -> starl_geometry:distance(P, Q) + driven([Q | Rest]);
+driven([_]) -> 0.0.
+
 visit(V, Cost, Heading, Task, {Tries, #best{score = Score} = Best}) ->
-    #{horizon := Horizon, overhead_mm := Overhead} = Task,
+    #task{horizon = Horizon, overhead = Overhead} = Task,
     Bound = Horizon / (Cost + Horizon + Overhead),
     case open_steps(V, Task, #{}) of
         _ when Bound =< Score -> {stop, {Tries, Best}};
@@ -53,35 +92,47 @@ visit(V, Cost, Heading, Task, {Tries, #best{score = Score} = Best}) ->
     end.
 
 tried(Steps, V, Cost, Heading, Task, Best) ->
-    lists:foldl(fun(Step, Acc) -> try_chain(Step, V, Cost, Heading, Task, Acc) end, Best, Steps).
+    %% To begin in the middle of a line leaves two pieces of it instead of one.
+    Factor = case free_degree(V, Task) rem 2 of
+        0 -> Task#task.middle;
+        1 -> 1.0
+    end,
+    Try = fun(Step, #best{score = Score} = Acc) ->
+        {Ink, Spent, Chain} = follow(Step, Heading, Task#task.horizon, Task, #{}, {0.0, 0.0, []}),
+        case Factor * Ink / (Cost + Spent + Task#task.overhead) of
+            Better when Better > Score -> #best{score = Better, from = V, chain = Chain};
+            _ -> Acc
+        end
+    end,
+    lists:foldl(Try, Best, Steps).
 
-try_chain(Step, V, Cost, Heading, Task, #best{score = Score} = Best) ->
-    #{overhead_mm := Overhead, bias := Bias} = Task,
-    {Ink, Spent, Chain} = chain(Step, V, Heading, Task),
-    {End, _} = lists:last(Chain),
-    case Ink / (Cost + Spent + Overhead) * Bias(V, End, Chain) of
-        Better when Better > Score -> #best{score = Better, from = V, chain = Chain};
-        _ -> Best
-    end.
+free_degree(V, #task{space = #{graph := Graph}, free = Free}) ->
+    length([E || {E, _, _, _} <- starl_dpp_graph:adjacent(V, Graph), is_map_key(E, Free)]).
 
 %% The free edges at a vertex that are safe and not yet in the chain.
-open_steps(V, #{space := #{graph := Graph, masks := Masks, own := Own}, free := Free}, Used) ->
+open_steps(V, #task{space = #{graph := Graph}, free = Free} = Task, Used) ->
     [Step || {E, _, _, _} = Step <- starl_dpp_graph:adjacent(V, Graph),
-             is_map_key(E, Free), not is_map_key(E, Used),
-             maps:get(E, Masks, 0) band (bnot Own) =:= 0].
+             is_map_key(E, Free), not is_map_key(E, Used), open(E, Task)].
 
-chain(Step, V, Heading, #{horizon := Horizon} = Task) ->
-    follow(Step, V, Heading, Horizon, Task, #{}, {0.0, 0.0, []}).
+open(E, #task{space = #{masks := Masks, own := Own}}) ->
+    case Masks of
+        #{E := Mask} -> Mask band (bnot Own) =:= 0;
+        #{} -> true
+    end.
 
-follow({E, W, Length, Out}, _V, In, Left, Task, Used0, {Ink, Spent, Chain}) ->
-    #{space := #{turn_mm := TurnMm}} = Task,
+%% Paints on along open edges until the horizon; the ink, the mm spent and the chain.
+follow({E, W, Length, Out}, In, Left, Task, Used0, {Ink, Spent, Chain}) ->
+    #task{space = #{turn_mm := TurnMm}} = Task,
     Turn = starl_dpp_search:turn(In, Out, TurnMm),
     Used = Used0#{E => true},
     Acc = {Ink + Length, Spent + Length + Turn, [{W, E} | Chain]},
-    Steps = case Left > Length of true -> open_steps(W, Task, Used); false -> [] end,
+    Steps = case Left > Length of
+        true -> open_steps(W, Task, Used);
+        false -> []
+    end,
     case Steps of
         [] -> done(Acc);
-        _ -> follow(straightest(Steps, Out, TurnMm), W, Out, Left - Length, Task, Used, Acc)
+        _ -> follow(straightest(Steps, Out, TurnMm), Out, Left - Length, Task, Used, Acc)
     end.
 
 done({Ink, Spent, Chain}) -> {Ink, Spent, lists:reverse(Chain)}.

@@ -69,12 +69,13 @@ format_error(no_robots) ->
 format_error({too_many_edges, N, Most}) ->
     io_lib:format("the picture has ~b edges, at most ~b can be planned: simplify it", [N, Most]);
 format_error({outside_area, {X, Y}, {X0, Y0, X1, Y1}}) ->
-    io_lib:format("the picture's point (~.0f, ~.0f) mm is outside the area that can be painted, "
-                  "x ~.0f to ~.0f and y ~.0f to ~.0f mm: scale or move the picture",
-                  [X, Y, X0, X1, Y0, Y1]);
+    io_lib:format("the picture's point (~b, ~b) mm is outside the area that can be painted, "
+                  "x ~b to ~b and y ~b to ~b mm: scale or move the picture",
+                  [round(N) || N <- [X, Y, X0, X1, Y0, Y1]]);
 format_error({unreachable_edge, {{AX, AY}, {BX, BY}}}) ->
-    io_lib:format("no way leads from the parking spots to the line from (~.0f, ~.0f) to "
-                  "(~.0f, ~.0f) mm: use a larger floor or fewer robots", [AX, AY, BX, BY]);
+    io_lib:format("no way leads from the parking spots to the line from (~b, ~b) to "
+                  "(~b, ~b) mm: use a larger floor or fewer robots",
+                  [round(N) || N <- [AX, AY, BX, BY]]);
 format_error({world_too_small, _} = Reason) ->
     starl_roadmap:format_error(Reason).
 

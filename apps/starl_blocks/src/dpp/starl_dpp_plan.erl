@@ -40,24 +40,29 @@
     horizon => float(),
     edge_length => float(),
     leg => float(),
-    detour_factor => float(),
-    detour_mm => float(),
     turn_mm => float(),
     overhead_mm => float(),
+    middle => float(),
+    patience => {Factor :: float(), Mm :: float()} | infinity,
     seed => integer()
 }.
 %% `slack' (0): how far from its path a robot may stand and still count as on it, the paper's
-%% r(v). `horizon' (3000): paint per assignment. `edge_length' (500): longest target edge. `leg'
-%% (500): longest segment without paint; what is behind a waypoint is free for others.
-%% `turn_mm' (160): mm driven in the time of turning one radian. `overhead_mm' (100): mm driven in
-%% the time of a request. `seed' (1): where the roadmap's points fall.
+%% r(v); must not be more than the tube radius allows for. `horizon' (3000): paint per assignment.
+%% `edge_length' (500): longest target edge. `leg' (500): longest segment without paint; what is
+%% behind a waypoint is free for others. `turn_mm' (160): mm driven in the time of turning one
+%% radian. `overhead_mm' (100): mm driven in the time of a request. `middle' (0.7): how much a line
+%% counts that is begun in its middle. `patience' ({1.05, 50}): while others move, a request is
+%% answered `none' rather than with a way around them that is longer than this times the straight
+%% way and so many mm; `infinity' takes every way. `seed' (1): where the roadmap's points fall.
 -type counts() :: #{
     free := non_neg_integer(),
     assigned := non_neg_integer(),
     painted := non_neg_integer(),
     total := non_neg_integer()
 }.
--type mode() :: unknown | {standing, point()} | {moving, Done :: non_neg_integer(), [waypoint()]}.
+-type mode() ::
+    {standing, Reserved :: point(), Really :: point()}
+    | {moving, Done :: non_neg_integer(), Left :: [waypoint()]}.
 
 -record(plan, {
     config :: config(),
@@ -73,8 +78,6 @@
 }).
 -opaque t() :: #plan{}.
 
--define(JOINTS, 14).
--define(TRIES, 40).
 -define(PARKED, 0.04).
 %% A robot within this many R of its spot is parked: spots have this much room to spare.
 
@@ -105,7 +108,7 @@ standing(Robot, P, #plan{unsafe = Unsafe, modes = Modes} = Plan0) ->
     Plan1 = release(Robot, Plan0),
     claim_spot(Robot, Q, Plan1#plan{
         unsafe = starl_dpp_unsafe:set(Robot, [{Q, Q}], Unsafe),
-        modes = Modes#{Robot => {standing, Q}}
+        modes = Modes#{Robot => {standing, Q, P}}
     }).
 
 %% @doc The robot has reached the waypoint with this index, counted from 1, of its assignment.
@@ -130,12 +133,13 @@ passed(Robot, Index, #plan{modes = Modes, unsafe = Unsafe} = Plan) ->
 
 %% @doc Work for a robot that stands: a path that paints at least one free edge, clear of all other
 %% reservations, its own standing place included. `none' when no free edge can be reached safely
-%% now; `complete' when no edge is free or waiting to be painted.
+%% now, or only by a long way around robots that move (see `patience'); `complete' when no edge is
+%% free or waiting to be painted.
 -spec request(robot_id(), t()) -> {{assign, path()} | none | complete, t()}.
-request(Robot, #plan{free = Free} = Plan) ->
-    case {counts(Plan), position(Robot, Plan), unknown(Plan)} of
+request(Robot, Plan) ->
+    case {counts(Plan), is_standing(Robot, Plan), unknown(Plan)} of
         {#{free := 0, assigned := 0}, _, _} -> {complete, Plan};
-        {_, {ok, P}, []} when map_size(Free) > 0 -> consider(P, find_work(Robot, P, Plan), Plan);
+        {#{free := Free}, true, []} when Free > 0 -> find_work(Robot, others_move(Robot, Plan), Plan);
         _ -> {none, Plan}
     end.
 
@@ -143,32 +147,35 @@ request(Robot, #plan{free = Free} = Plan) ->
 %% safe way. The nearest spot that can be reached is taken; robots exchange spots for that.
 -spec retreat(robot_id(), t()) -> {{assign, path()} | none, t()}.
 retreat(Robot, Plan) ->
-    case position(Robot, Plan) of
-        {ok, P} -> park(Robot, P, Plan);
-        none -> {none, Plan}
+    case is_standing(Robot, Plan) andalso not parked(Robot, Plan) andalso unknown(Plan) =:= [] of
+        true -> park(Robot, Plan);
+        false -> {none, Plan}
     end.
 
 %% @doc A way to the nearest place where the robot closes no free edge to others; `none' when it
 %% closes none, or has made way already since the last assignment to paint. For idle robots.
 -spec make_way(robot_id(), t()) -> {{assign, path()} | none, t()}.
-make_way(Robot, #plan{yielded = Yielded} = Plan) ->
-    case {position(Robot, Plan), blocking(Robot, Plan)} of
-        {{ok, P}, N} when N > 0, not is_map_key(Robot, Yielded) ->
-            step_aside(Robot, P, fun(V) -> closes(V, Plan) =:= [] end, Plan);
-        _ ->
+make_way(Robot, Plan) ->
+    case is_standing(Robot, Plan) andalso blocking(Robot, Plan) > 0 andalso unknown(Plan) =:= [] of
+        true ->
+            View = view(Robot, Plan),
+            step_aside(Robot, fun(V) -> starl_dpp_yield:closes(V, View) =:= [] end, Plan);
+        false ->
             {none, Plan}
     end.
 
-%% @doc Resolves a deadlock among the robots that wait: when nobody moves and all requests got
-%% `none', the ones in the way of the robot that is nearest to a free edge get paths out of the
-%% way. `[]' when nobody can or need move. Between two assignments to paint a robot moves at most
-%% twice: once aside, once to a parking spot.
+%% @doc Resolves a deadlock among the robots that wait, when nobody moves and all requests got
+%% `none'. Requests that were answered `none' out of patience are granted, so a path may paint;
+%% else the robots in the way of the one that is nearest to a free edge get paths out of the way,
+%% outermost first. `[]' when nobody can or need move. Between two assignments to paint a robot
+%% makes way at most twice: once aside, once to a parking spot.
 -spec resolve([robot_id()], t()) -> {[{robot_id(), path()}], t()}.
-resolve(Waiting0, #plan{} = Plan) ->
-    Waiting = [Id || Id <- lists:usort(Waiting0), position(Id, Plan) =/= none],
-    case unknown(Plan) of
-        [] -> try_work(Waiting, Plan);
-        _ -> {[], Plan}
+resolve(Waiting0, Plan0) ->
+    Waiting = [Id || Id <- lists:usort(Waiting0), is_standing(Id, Plan0)],
+    case unknown(Plan0) =:= [] andalso grant(Waiting, Plan0) of
+        false -> {[], Plan0};
+        {[], Plan1} -> unblock(favourite(Waiting, Plan1), Waiting, Plan1);
+        {Moves, Plan1} -> {Moves, Plan1}
     end.
 
 %%% Rebuilding after a coordinator was lost
@@ -183,7 +190,8 @@ reserve(Robot, Segments, #plan{unsafe = Unsafe, modes = Modes} = Plan) ->
     }.
 
 %% @doc Takes over the rest of an assignment that a robot holds from an earlier coordinator: the
-%% robot is on its way from the point along the path; indices count from the path's begin.
+%% robot is on its way from the point along the path. For one that is part of the way, take over
+%% the whole path and then report the last waypoint it has {@link passed/3}.
 -spec adopt(robot_id(), From :: point(), path(), t()) -> t().
 adopt(Robot, From, Path, Plan) -> assign(Robot, From, Path, release(Robot, Plan)).
 
@@ -232,9 +240,9 @@ spot(Robot, #plan{spots = Spots, graph = Graph}) ->
 %% @doc Does the robot stand on its parking spot?
 -spec parked(robot_id(), t()) -> boolean().
 parked(Robot, Plan) ->
-    case position(Robot, Plan) of
-        {ok, P} -> on_spot(P, spot(Robot, Plan), Plan);
-        none -> false
+    case Plan of
+        #plan{modes = #{Robot := {standing, P, _}}} -> on_spot(P, spot(Robot, Plan), Plan);
+        #plan{} -> false
     end.
 
 %% @doc How many free edges the robot's reservation closes to others.
@@ -258,8 +266,8 @@ reachable(Live, #plan{graph = Graph, unsafe = Unsafe, free = Free, spots = Spots
 %%% Internals: state
 
 defaults() ->
-    #{slack => 0.0, horizon => 3000.0, edge_length => 500.0, leg => 500.0, detour_factor => 1.1, detour_mm => 150.0, turn_mm => 160.0,
-      overhead_mm => 100.0, seed => 1}.
+    #{slack => 0.0, horizon => 3000.0, edge_length => 500.0, leg => 500.0, turn_mm => 160.0,
+      overhead_mm => 100.0, middle => 0.7, patience => {1.05, 50.0}, seed => 1}.
 
 plan(Robots, Graph, Config) ->
     Numbered = lists:zip(Robots, lists:seq(1, length(Robots))),
@@ -273,11 +281,14 @@ plan(Robots, Graph, Config) ->
         spots = maps:from_list([{Id, maps:get(N, Spots)} || {Id, N} <- Numbered])
     }.
 
-position(Robot, #plan{modes = Modes}) ->
+is_standing(Robot, #plan{modes = Modes}) ->
     case Modes of
-        #{Robot := {standing, P}} -> {ok, P};
-        #{} -> none
+        #{Robot := {standing, _, _}} -> true;
+        #{} -> false
     end.
+
+others_move(Robot, #plan{modes = Modes}) ->
+    [] =/= [Id || {Id, {moving, _, [_ | _]}} <- maps:to_list(Modes), Id =/= Robot].
 
 pens(Items) -> [E || {_, {down, E}} <- Items].
 
@@ -344,215 +355,124 @@ exchange(Robot, Owner, #plan{spots = Spots} = Plan) ->
     #{Robot := V, Owner := W} = Spots,
     Plan#plan{spots = Spots#{Robot := W, Owner := V}}.
 
-%%% Internals: search
+%%% Internals: work
 
-space(Ignored, #plan{graph = Graph, unsafe = Unsafe, config = #{turn_mm := TurnMm}}) ->
-    #{graph => Graph, masks => starl_dpp_unsafe:masks(Unsafe), turn_mm => TurnMm,
-      own => mask(Ignored, Unsafe)}.
+view(Robot, #plan{modes = Modes, graph = Graph, unsafe = Unsafe, free = Free} = Plan) ->
+    #plan{config = #{turn_mm := TurnMm, leg := Leg}, headings = Headings} = Plan,
+    #{Robot := {standing, P, _}} = Modes,
+    #{robot => Robot, at => P, heading => maps:get(Robot, Headings, none), graph => Graph,
+      unsafe => Unsafe, free => Free, turn_mm => TurnMm, leg => Leg}.
 
-starts(Robot, P, Vertices, Obstacles, Plan) ->
-    Heading = maps:get(Robot, Plan#plan.headings, none),
-    starl_dpp_route:starts(P, Heading, Vertices, Obstacles, space([Robot], Plan)).
-
-nearby(P, #plan{graph = Graph}) -> [V || {_, V} <- starl_dpp_graph:joints(P, ?JOINTS, Graph)].
-
-%% A long way around robots that will soon have moved on is not worth its ink: better wait.
-consider(P, {{assign, Path}, _} = Answer, #plan{modes = Modes} = Plan) ->
-    Moving = [Id || {Id, {moving, _, [_ | _]}} <- maps:to_list(Modes)],
-    case Moving =/= [] andalso detour(P, Path, Plan) of
-        true -> {none, Plan};
-        false -> Answer
-    end;
-consider(_P, {none, _} = Answer, _Plan) ->
-    Answer.
-
-detour(P, Path, #plan{config = #{detour_factor := Factor, detour_mm := Mm}}) ->
-    Points = [P | [Q || {Q, up} <- Path]],
-    Driven = lists:sum([starl_geometry:length(S)
-                        || S <- lists:zip(lists:droplast(Points), tl(Points))]),
-    Driven > Factor * starl_geometry:distance(P, lists:last(Points)) + Mm.
-
-find_work(Robot, P, #plan{unsafe = Unsafe, free = Free} = Plan) ->
-    #plan{config = #{horizon := Horizon, overhead_mm := Overhead}} = Plan,
-    Obstacles = starl_dpp_unsafe:others(Robot, Unsafe),
-    Starts = starts(Robot, P, nearby(P, Plan), Obstacles, Plan),
-    Task = #{space => space([Robot], Plan), free => Free, horizon => Horizon,
-             overhead_mm => Overhead, bias => bias(Robot, Plan)},
-    case starl_dpp_choice:best(Starts, Task, ?TRIES) of
-        {ok, Job} ->
-            Path = job_path(P, Job, Obstacles, Plan),
-            {{assign, Path}, (assign(Robot, P, Path, Plan))#plan{yielded = #{}}};
+find_work(Robot, Patient, #plan{modes = Modes, config = Config} = Plan) ->
+    #{Robot := {standing, _, Really}} = Modes,
+    Settings = maps:with([horizon, overhead_mm, middle], Config),
+    case starl_dpp_choice:best(Really, view(Robot, Plan), Settings) of
+        {ok, #{path := Path} = Job} ->
+            case Patient andalso (detour(Robot, Job, Plan) orelse better_placed(Robot, Job, Plan)) of
+                true -> {none, Plan};
+                false -> {{assign, Path}, (send(Robot, Path, Plan))#plan{yielded = #{}}}
+            end;
         none ->
             {none, Plan}
     end.
 
-bias(Robot, #plan{graph = Graph, free = Free, unsafe = Unsafe, config = Config} = Plan) ->
-    A = maps:get(b_odd, Config, 0.0), B = maps:get(b_left, Config, 0.0),
-    C = maps:get(b_near, Config, 0.0),
-    Others = [P || {Id, [_ | _] = L} <- starl_dpp_unsafe:all(Unsafe), Id =/= Robot, {_, P} <- [lists:last(L)],
-              not parked(Id, Plan)],
-    Deg = fun(V) -> length([E || {E,_,_,_} <- starl_dpp_graph:adjacent(V, Graph), is_map_key(E, Free)]) end,
-    fun(V, End, Chain) ->
-        Odd = case Deg(V) rem 2 of 1 -> 1.0; 0 -> 1.0 - A end,
-        Left = case Deg(End) rem 2 of 1 -> 1.0; 0 -> 1.0 - B end,
-        Q = starl_dpp_graph:point(End, Graph),
-        Near = length([1 || O <- Others, starl_geometry:distance(O, Q) < 1500.0]),
-        _ = Chain,
-        Odd * Left / (1.0 + C * Near)
-    end.
+%% A long way around robots that will soon have moved on is not worth its ink, and closes much to
+%% others: better wait.
+detour(_Robot, _Job, #plan{config = #{patience := infinity}}) ->
+    false;
+detour(Robot, #{path := Path, travel_mm := Driven}, #plan{modes = Modes, config = Config}) ->
+    #{patience := {Factor, Mm}} = Config,
+    #{Robot := {standing, P, _}} = Modes,
+    Straight = case [Q || {Q, up} <- Path] of
+        [] -> 0.0;
+        Points -> starl_geometry:distance(P, lists:last(Points))
+    end,
+    Driven > Factor * Straight + Mm.
 
-job_path(P, #{trail := Trail, chain := Chain}, Obstacles, #plan{graph = Graph} = Plan) ->
-    travel(P, Trail, Obstacles, Plan)
-        ++ [{starl_dpp_graph:point(V, Graph), {down, E}} || {V, E} <- Chain].
+%% Another will be there before this one, counting what it has to drive until then.
+better_placed(_Robot, _Job, #plan{config = #{patience := infinity}}) ->
+    false;
+better_placed(Robot, #{path := Path, travel_mm := Driven}, #plan{config = Config} = Plan) ->
+    {Least, Lead} = maps:get(rival, Config, {1000.0, 500.0}),
+    Points = [Q || {Q, up} <- Path],
+    Driven > Least andalso
+        lists:any(fun(Id) -> rival(Id, lists:last(Points), Plan) + Lead < Driven end,
+                  Plan#plan.robots -- [Robot]).
 
-%% The way along vertices with the pen up, cut short where that is safe.
-travel(P, Trail, Obstacles, #plan{graph = Graph, config = Config}) ->
-    Points = [starl_dpp_graph:point(V, Graph) || V <- Trail],
-    Way = starl_dpp_route:smooth(distinct([P | Points]), Obstacles),
-    [{Q, up} || Q <- starl_dpp_route:legs(Way, maps:get(leg, Config))].
+rival(Id, Target, #plan{unsafe = Unsafe}) ->
+    Held = starl_dpp_unsafe:held(Id, Unsafe),
+    {_, End} = lists:last(Held),
+    lists:sum([starl_geometry:length(S) || S <- Held]) + starl_geometry:distance(End, Target).
 
-distinct([P, Q | Rest]) ->
-    case starl_geometry:distance(P, Q) < 1.0e-3 of
-        true -> distinct([P | Rest]);
-        false -> [P | distinct([Q | Rest])]
-    end;
-distinct(Points) ->
-    Points.
+send(Robot, Path, #plan{modes = Modes} = Plan) ->
+    #{Robot := {standing, P, _}} = Modes,
+    assign(Robot, P, Path, Plan).
 
 %%% Internals: getting out of the way
 
-park(Robot, P, #plan{} = Plan) ->
-    case parked(Robot, Plan) of
-        true -> {none, Plan};
-        false -> park_at(free_spots(Robot, Plan), Robot, P, Plan)
+park(Robot, #plan{spots = Spots, robots = Robots} = Plan) ->
+    %% Spots whose owner is away, the own one included.
+    Free = [{maps:get(Id, Spots), Id} || Id <- Robots, Id =:= Robot orelse not parked(Id, Plan)],
+    case starl_dpp_yield:park([V || {V, _} <- Free], view(Robot, Plan)) of
+        {ok, V, Path} ->
+            {V, Owner} = lists:keyfind(V, 1, Free),
+            {{assign, Path}, exchange(Robot, Owner, send(Robot, Path, Plan))};
+        none ->
+            {none, Plan}
     end.
 
-%% Spots whose owner is away, the own one included.
-free_spots(Robot, #plan{spots = Spots, robots = Robots} = Plan) ->
-    maps:from_list([{maps:get(Id, Spots), Id}
-                    || Id <- Robots, Id =:= Robot orelse not parked(Id, Plan)]).
-
-park_at(FreeSpots, Robot, P, #plan{graph = Graph, unsafe = Unsafe} = Plan) ->
-    Obstacles = starl_dpp_unsafe:others(Robot, Unsafe),
-    Wide = nearby(P, Plan) ++ starl_dpp_graph:ring(Graph) ++ lists:sort(maps:keys(FreeSpots)),
-    Starts = starts(Robot, P, lists:usort(Wide), Obstacles, Plan),
-    Found = fun(V, _, _, _) when is_map_key(V, FreeSpots) -> {stop, {ok, V}};
-               (_, _, _, none) -> {continue, none}
-            end,
-    case starl_dpp_search:run(Starts, space([Robot], Plan), Found, none) of
-        {_, none} ->
-            {none, Plan};
-        {Labels, {ok, V}} ->
-            Path = travel(P, starl_dpp_search:trail(V, Labels), Obstacles, Plan),
-            Swapped = exchange(Robot, maps:get(V, FreeSpots), Plan),
-            {{assign, Path}, assign(Robot, P, Path, Swapped)}
+%% Not twice between two assignments to paint, and never from a parking spot.
+step_aside(Robot, Good, #plan{yielded = Yielded} = Plan) ->
+    case is_map_key(Robot, Yielded) orelse parked(Robot, Plan)
+         orelse starl_dpp_yield:aside(Good, view(Robot, Plan)) of
+        {ok, _, Path} ->
+            {{assign, Path}, (send(Robot, Path, Plan))#plan{yielded = Yielded#{Robot => true}}};
+        _ ->
+            {none, Plan}
     end.
 
-%% The free edges that a disk at a vertex would close.
-closes(V, #plan{graph = Graph, free = Free}) ->
-    P = starl_dpp_graph:point(V, Graph),
-    Mm = 2.0 * starl_dpp_graph:radius(Graph),
-    starl_dpp_graph:within({P, P}, {Mm, fun(E) -> is_map_key(E, Free) end}, Graph).
+grant(Waiting, Plan) ->
+    moves(Waiting, fun(Id, Acc) -> find_work(Id, false, Acc) end, Plan).
 
-%% To the nearest vertex that will do.
-step_aside(Robot, P, Good, #plan{unsafe = Unsafe, yielded = Yielded} = Plan) ->
-    Obstacles = starl_dpp_unsafe:others(Robot, Unsafe),
-    Starts = starts(Robot, P, nearby(P, Plan), Obstacles, Plan),
-    Spots = maps:from_list([{V, true} || V <- maps:values(Plan#plan.spots)]),
-    Visit = fun(V, _, _, none) ->
-        case not is_map_key(V, Spots) andalso Good(V) of
-            true -> {stop, {ok, V}};
-            false -> {continue, none}
+%% All that can leave, each in sight of the ways of those before.
+moves(Robots, Send, Plan0) ->
+    Step = fun(Id, {Moves, Acc0}) ->
+        case Send(Id, Acc0) of
+            {{assign, Path}, Acc1} -> {[{Id, Path} | Moves], Acc1};
+            {none, Acc1} -> {Moves, Acc1}
         end
     end,
-    case starl_dpp_search:run(Starts, space([Robot], Plan), Visit, none) of
-        {_, none} ->
-            {none, Plan};
-        {Labels, {ok, V}} ->
-            Path = travel(P, starl_dpp_search:trail(V, Labels), Obstacles, Plan),
-            go_aside(Robot, P, Path, Plan#plan{yielded = Yielded#{Robot => true}})
-    end.
+    {Moves, Plan1} = lists:foldl(Step, {[], Plan0}, Robots),
+    {lists:reverse(Moves), Plan1}.
 
-go_aside(_Robot, _P, [], Plan) -> {none, Plan};
-go_aside(Robot, P, Path, Plan) -> {{assign, Path}, assign(Robot, P, Path, Plan)}.
-
-%% The robot that is nearest to a free edge when those that wait are not in the way, the way it
-%% would take, and who is in that way.
+%% The robot that is nearest to a free edge if those that wait were not in the way.
 favourite(Waiting, Plan) ->
-    Wishes = [Wish || Robot <- Waiting, Wish <- wish(Robot, Waiting, Plan)],
+    Wishes = [{Cost, Id, Wish} || Id <- Waiting,
+                                  {ok, #{cost_mm := Cost} = Wish}
+                                      <- [starl_dpp_yield:wish(Waiting, view(Id, Plan))]],
     case lists:sort(Wishes) of
-        [{_, Robot, Segments, Blockers} | _] -> {Robot, Segments, Blockers};
+        [{_, _, Wish} | _] -> Wish;
         [] -> none
-    end.
-
-wish(Robot, Waiting, #plan{graph = Graph, free = Free, unsafe = Unsafe} = Plan) ->
-    {ok, P} = position(Robot, Plan),
-    #{own := Own, masks := Masks} = Space = space(Waiting, Plan),
-    Starts = starl_dpp_route:starts(P, none, nearby(P, Plan), [], Space),
-    Open = fun(V) -> [E || {E, _, _, _} <- starl_dpp_graph:adjacent(V, Graph), is_map_key(E, Free),
-                           maps:get(E, Masks, 0) band (bnot Own) =:= 0] end,
-    Visit = fun(V, Cost, _, none) ->
-        case Open(V) of
-            [] -> {continue, none};
-            [E | _] -> {stop, {Cost, V, E}}
-        end
-    end,
-    case starl_dpp_search:run(Starts, Space, Visit, none) of
-        {_, none} ->
-            [];
-        {Labels, {Cost, V, E}} ->
-            Points = [P | [starl_dpp_graph:point(W, Graph)
-                           || W <- starl_dpp_search:trail(V, Labels)]],
-            Segments = [starl_dpp_graph:segment(E, Graph)
-                        | lists:zip(lists:droplast(Points), tl(Points))],
-            Blockers = [Id || Id <- Waiting, Id =/= Robot,
-                              in_way(starl_dpp_unsafe:held(Id, Unsafe), Segments, Plan)],
-            [{Cost + 1000.0 * length(Blockers), Robot, Segments, Blockers}]
-    end.
-
-in_way(Held, Segments, Plan) ->
-    Mm = 2.0 * tube_radius(Plan) + 1.0,
-    lists:any(fun(S) -> lists:any(fun(H) -> starl_geometry:closer(H, S, Mm) end, Held) end,
-              Segments).
-
-%% What requests declined out of patience is granted now.
-try_work(Waiting, Plan0) ->
-    Grant = fun(Id, {Moves, Acc}) ->
-        {ok, P} = position(Id, Acc),
-        moved(Id, find_work(Id, P, Acc), Moves)
-    end,
-    case lists:foldl(Grant, {[], Plan0}, Waiting) of
-        {[], Plan1} -> unblock(favourite(Waiting, Plan1), Waiting, Plan1);
-        {Moves, Plan1} -> {lists:reverse(Moves), Plan1}
     end.
 
 unblock(none, Waiting, Plan) ->
     first_out(outermost(Waiting, Plan), Plan);
-unblock({Robot, Segments, Blockers}, Waiting, Plan0) ->
-    case lists:foldl(fun(Id, Acc) -> leave(Id, Segments, Acc) end, {[], Plan0},
-                     outermost(Blockers, Plan0)) of
+unblock(#{robot := Robot, way := Way, blockers := Blockers}, Waiting, Plan0) ->
+    case moves(outermost(Blockers, Plan0), fun(Id, Acc) -> leave(Id, Way, Acc) end, Plan0) of
         {[], Plan1} -> first_out(outermost(Waiting -- [Robot], Plan1) ++ [Robot], Plan1);
-        {Moves, Plan1} -> {lists:reverse(Moves), Plan1}
+        {Moves, Plan1} -> {Moves, Plan1}
     end.
 
-%% Aside when that was not tried since the last paint, else to a spot.
-leave(Robot, Segments, {Moves, Plan0}) ->
-    {ok, P} = position(Robot, Plan0),
+%% Aside, else to a spot.
+leave(Robot, Way, #plan{graph = Graph} = Plan0) ->
     Good = fun(V) ->
-        Q = starl_dpp_graph:point(V, Plan0#plan.graph),
-        not in_way([{Q, Q}], Segments, Plan0)
+        P = starl_dpp_graph:point(V, Graph),
+        not starl_dpp_yield:in_way([{P, P}], Way, Graph)
     end,
-    Aside = case is_map_key(Robot, Plan0#plan.yielded) orelse parked(Robot, Plan0) of
-        true -> {none, Plan0};
-        false -> step_aside(Robot, P, Good, Plan0)
-    end,
-    case Aside of
-        {{assign, Path}, Plan1} -> {[{Robot, Path} | Moves], Plan1};
-        {none, Plan1} -> moved(Robot, park(Robot, P, Plan1), Moves)
+    case step_aside(Robot, Good, Plan0) of
+        {none, Plan1} -> retreat(Robot, Plan1);
+        Assigned -> Assigned
     end.
-
-moved(Robot, {{assign, Path}, Plan}, Moves) -> {[{Robot, Path} | Moves], Plan};
-moved(_Robot, {none, Plan}, Moves) -> {Moves, Plan}.
 
 %% The first of these robots that can park does.
 first_out([], Plan) ->
@@ -563,10 +483,6 @@ first_out([Robot | Rest], Plan0) ->
         {none, Plan1} -> first_out(Rest, Plan1)
     end.
 
-%% Those nearest to a wall first: nobody is between them and the ring.
-outermost(Robots, #plan{graph = Graph} = Plan) ->
-    Box = starl_dpp_graph:floor_box(Graph),
-    Depths = [{depth(P, Box), Id} || Id <- Robots, {ok, P} <- [position(Id, Plan)]],
-    [Id || {_, Id} <- lists:sort(Depths)].
-
-depth({X, Y}, {X0, Y0, X1, Y1}) -> min(min(X - X0, X1 - X), min(Y - Y0, Y1 - Y)).
+outermost(Robots, #plan{modes = Modes, graph = Graph}) ->
+    starl_dpp_yield:outermost([{Id, P} || Id <- Robots, {standing, P, _} <- [maps:get(Id, Modes)]],
+                              Graph).

@@ -1,26 +1,64 @@
 %% @doc Ways off the graph: from anywhere onto it, and straight across instead of along it.
 %%
 %% The floor has no fixed obstacles, so any straight line that keeps clear of the other robots'
-%% reservations may be driven.
+%% reservations may be driven. Lengths are millimetres.
 -module(starl_dpp_route).
 
--export([starts/5, smooth/2, legs/2]).
+-export([space/2, obstacles/1, nearby/1, starts/3, travel/3, smooth/2, legs/2]).
+-export_type([view/0]).
 
+-type robot_id() :: pos_integer().
 -type point() :: starl_geometry:point().
+-type vertex() :: starl_dpp_graph:vertex().
 -type obstacles() :: [starl_dpp_unsafe:obstacle()].
+-type view() :: #{
+    robot := robot_id(),
+    at := point(),
+    heading := float() | none,
+    graph := starl_dpp_graph:t(),
+    unsafe := starl_dpp_unsafe:t(),
+    free := #{starl_dpp_graph:edge_id() => true},
+    turn_mm := float(),
+    leg := float()
+}.
+%% The plan as one standing robot sees it: itself, where it stands and looks to, the graph, what is
+%% reserved and which edges are free; the price of a turn and the longest leg without paint.
 
 -define(AT, 1.0e-3).
 %% A robot this near to a vertex is at it.
 -define(TRIES, 6).
+-define(JOINTS, 14).
+%% Vertices around the robot that a search may begin at.
 
-%% @doc Where a search from a point can begin: each of the given vertices that can be driven to
-%% straight, with the cost of doing so.
--spec starts(point(), float() | none, [starl_dpp_graph:vertex()], obstacles(), Space) ->
-    [starl_dpp_search:start()] when Space :: starl_dpp_search:space().
-starts(P, Heading, Vertices, Obstacles, #{graph := Graph, turn_mm := TurnMm}) ->
-    [start(P, Heading, V, Q, TurnMm)
+%% @doc Where the robot may search when these robots' reservations do not count.
+-spec space([robot_id()], view()) -> starl_dpp_search:space().
+space(Ignored, #{graph := Graph, unsafe := Unsafe, turn_mm := TurnMm}) ->
+    Own = lists:foldl(fun(Id, Acc) -> Acc bor starl_dpp_unsafe:bit(Id, Unsafe) end, 0, Ignored),
+    #{graph => Graph, masks => starl_dpp_unsafe:masks(Unsafe), turn_mm => TurnMm, own => Own}.
+
+%% @doc What the robot must stay clear of.
+-spec obstacles(view()) -> obstacles().
+obstacles(#{robot := Robot, unsafe := Unsafe}) -> starl_dpp_unsafe:others(Robot, Unsafe).
+
+%% @doc The vertices around the robot.
+-spec nearby(view()) -> [vertex()].
+nearby(#{at := P, graph := Graph}) -> [V || {_, V} <- starl_dpp_graph:joints(P, ?JOINTS, Graph)].
+
+%% @doc Where a search can begin: each of the given vertices that the robot can drive to straight,
+%% with the cost of doing so.
+-spec starts([vertex()], obstacles(), view()) -> [starl_dpp_search:start()].
+starts(Vertices, Obstacles, #{at := P, graph := Graph} = View) ->
+    [start(V, Q, View)
      || V <- Vertices, Q <- [starl_dpp_graph:point(V, Graph)],
         starl_geometry:distance(P, Q) < ?AT orelse starl_dpp_unsafe:clear({P, Q}, Obstacles)].
+
+%% @doc The way along vertices with the pen up, cut short where that is safe. Empty when the robot
+%% is there.
+-spec travel([vertex(), ...], obstacles(), view()) -> [{point(), up}].
+travel(Trail, Obstacles, #{at := P, graph := Graph, leg := Leg}) ->
+    Points = [starl_dpp_graph:point(V, Graph) || V <- Trail],
+    Way = smooth(distinct([P | Points]), Obstacles),
+    [{Q, up} || Q <- legs(Way, Leg)].
 
 %% @doc Leaves out points of a way where a straight line will do.
 -spec smooth([point(), ...], obstacles()) -> [point(), ...].
@@ -28,11 +66,7 @@ smooth([_] = Points, _Obstacles) ->
     Points;
 smooth([P | Rest], Obstacles) ->
     %% The farthest point is tried first, then ones ever nearer by half.
-    [Q | _] = Left = farthest(P, Rest, length(Rest), ?TRIES, Obstacles),
-    case smooth(Left, Obstacles) of
-        [Q | More] when P =:= Q -> [P | More];
-        Way -> [P | Way]
-    end.
+    [P | smooth(farthest(P, Rest, length(Rest), ?TRIES, Obstacles), Obstacles)].
 
 %% @doc The points after the first, with more in between so that no leg is longer than `Mm'.
 -spec legs([point(), ...], Mm :: float()) -> [point()].
@@ -45,7 +79,7 @@ legs([P, Q | Rest], Mm) ->
 
 %%% Internals
 
-start(P, Heading, V, Q, TurnMm) ->
+start(V, Q, #{at := P, heading := Heading, turn_mm := TurnMm}) ->
     case starl_geometry:distance(P, Q) of
         D when D < ?AT ->
             {0.0, V, Heading};
@@ -54,9 +88,15 @@ start(P, Heading, V, Q, TurnMm) ->
             {D + starl_dpp_search:turn(Heading, Out, TurnMm), V, Out}
     end.
 
-farthest(_P, Rest, 1, _Tries, _Obstacles) ->
-    Rest;
-farthest(_P, Rest, _N, 0, _Obstacles) ->
+distinct([P, Q | Rest]) ->
+    case starl_geometry:distance(P, Q) < ?AT of
+        true -> distinct([P | Rest]);
+        false -> [P | distinct([Q | Rest])]
+    end;
+distinct(Points) ->
+    Points.
+
+farthest(_P, Rest, N, Tries, _Obstacles) when N =:= 1; Tries =:= 0 ->
     Rest;
 farthest(P, Rest, N, Tries, Obstacles) ->
     [Q | _] = Left = lists:nthtail(N - 1, Rest),

@@ -82,13 +82,17 @@ call(Name, Request, Us) ->
     Tag = new_tag(),
     perform([{call, Name, Request, Tag} | timer(Tag, Us)]),
     Answer = wait(fun
-        ({reply, T}, Reply) when T =:= Tag -> {ok, Reply};
-        ({timeout, T}, call) when T =:= Tag -> {error, timeout};
-        (info, {restarted, N}) when N =:= Name -> {error, restarted};
+        ({reply, T}, Reply) when T =:= Tag -> {answer, Reply};
+        ({timeout, T}, call) when T =:= Tag -> timeout;
+        (info, {restarted, N}) when N =:= Name -> restarted;
         (_, _) -> skip
     end),
     stop_timer(Tag, Us),
-    Answer.
+    case Answer of
+        {answer, Reply} -> {ok, Reply};
+        timeout -> {error, timeout};
+        restarted -> {error, restarted}
+    end.
 
 %% @doc Waits for a message of one of the given types; messages that came earlier count.
 -spec await([atom()], Us :: non_neg_integer() | infinity) -> {ok, message()} | timeout.
@@ -107,10 +111,11 @@ await(Types, Us) ->
 sleep(Us) ->
     Tag = new_tag(),
     perform(timer(Tag, Us)),
-    wait(fun
-        ({timeout, T}, call) when T =:= Tag -> ok;
+    timeout = wait(fun
+        ({timeout, T}, call) when T =:= Tag -> timeout;
         (_, _) -> skip
-    end).
+    end),
+    ok.
 
 %% -- internals ------------------------------------------------------------------------------
 
@@ -141,7 +146,7 @@ await_new(Types, Us) ->
     Answer = wait(fun
         (cast, {message, From, Type, Body}) ->
             case lists:member(Type, Types) of
-                true -> {ok, {From, Type, Body}};
+                true -> {message, {From, Type, Body}};
                 false -> skip
             end;
         ({timeout, T}, call) when T =:= Tag ->
@@ -150,9 +155,13 @@ await_new(Types, Us) ->
             skip
     end),
     stop_timer(Tag, Us),
-    Answer.
+    case Answer of
+        {message, Message} -> {ok, Message};
+        timeout -> timeout
+    end.
 
 %% Hands the gathered actions back and takes events until Match knows one.
+-spec wait(fun((starl_machine:event_type(), term()) -> skip | term())) -> term().
 wait(Match) ->
     #turn{robot = Id, driver = Driver, actions = Actions} = Turn = get(?TURN),
     Driver ! {starl_done, Id, lists:reverse(Actions)},

@@ -35,7 +35,7 @@
 }).
 
 %% @doc Starts the process and attaches it to its driver.
--spec start_link(spec()) -> {ok, pid()} | {error, term()}.
+-spec start_link(spec()) -> gen_statem:start_ret().
 start_link(Spec) ->
     gen_statem:start_link(?MODULE, Spec, [{spawn_opt, [{fullsweep_after, 20}]}]).
 

@@ -81,7 +81,7 @@ profile(Overrides) ->
 -spec tracking_radius(profile()) -> float().
 tracking_radius(#{goal_mm := Goal} = Profile) ->
     #{heading_error := Error, position_error_mm := Position, turn_from := TurnFrom} = Profile,
-    Goal + leg(Profile) * (Error + TurnFrom) + Position.
+    float(Goal + leg(Profile) * (Error + TurnFrom) + Position).
 
 %% @doc The action that stops the robot.
 -spec stop() -> starl_machine:action().

@@ -94,8 +94,8 @@ listen(Type, Machine) -> {cast, sap, {listen, Type, Machine}}.
 
 %% @doc The longest time from sending a message to the report of its outcome, in microseconds
 %% of the source's clock.
--spec bound_us(config()) -> pos_integer().
-bound_us(Config) -> lists:sum(delays(Config)).
+-spec bound_us(config()) -> integer().
+bound_us(Config) -> round(lists:sum(delays(Config))).
 
 -spec init(starl_machine:config()) -> {ready, #sap{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config) ->
@@ -337,6 +337,7 @@ delays(Config) ->
     Backoff = maps:get(backoff, Config, 1.5),
     delays(First, Backoff, max(First, Longest), maps:get(limit, Config, 15) + 1).
 
+-spec delays(pos_integer(), float(), pos_integer(), non_neg_integer()) -> [pos_integer()].
 delays(_Us, _Backoff, _Longest, 0) -> [];
 delays(Us, Backoff, Longest, N) ->
     [Us | delays(min(round(Us * Backoff), Longest), Backoff, Longest, N - 1)].

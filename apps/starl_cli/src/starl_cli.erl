@@ -1,0 +1,117 @@
+%% @doc The command line: dispatch, exit statuses, and the last resort when something breaks.
+-module(starl_cli).
+
+-export([main/1, command/1, bad_input/1]).
+
+-export_type([status/0]).
+
+%% 0 done, 1 internal error, 2 bad usage or input, 3 a contract was violated, 4 not complete,
+%% 130 interrupted.
+-type status() :: 0 | 1 | 2 | 3 | 4 | 130.
+
+%% @doc Runs a command and ends the VM with its exit status.
+-spec main([string()]) -> no_return().
+main(Args) ->
+    ok = starl_cli_signal:install(),
+    _ = io:setopts(standard_io, [{encoding, unicode}]),
+    _ = io:setopts(standard_error, [{encoding, unicode}]),
+    erlang:halt(guarded(Args), [{flush, true}]).
+
+guarded(Args) ->
+    try
+        command(Args)
+    catch
+        Class:Reason:Stack -> internal_error(erl_error(Class, Reason, Stack))
+    end.
+
+erl_error(Class, Reason, Stack) ->
+    io_lib:format("~ts~n~tp~n", [erl_error:format_exception(Class, Reason, Stack), Reason]).
+
+internal_error(Text) ->
+    File = filename:join(temporary(), "starl-" ++ os:getpid() ++ ".log"),
+    Log = [starl_cli_log:lines(), Text],
+    Where =
+        case file:write_file(File, unicode:characters_to_binary(Log)) of
+            ok -> ["; see ", File];
+            {error, _} -> ""
+        end,
+    starl_cli_progress:erase(),
+    First = hd(string:split(unicode:characters_to_list(Text), "\n")),
+    starl_cli_terminal:complain(["internal error: ", First, Where]),
+    1.
+
+temporary() ->
+    case os:getenv("TMPDIR") of
+        false -> "/tmp";
+        Dir -> Dir
+    end.
+
+%% @doc Runs a command; gives the exit status.
+-spec command([string()]) -> status().
+command([]) -> show(usage());
+command([Help | _]) when Help =:= "help"; Help =:= "--help"; Help =:= "-h" -> show(usage());
+command(["--version" | _]) -> show(["starl ", version(), "\n"]);
+command([Name | Args]) -> known(lists:keyfind(Name, 1, commands()), Name, Args).
+
+known({_, Run, _}, _Name, Args) -> Run(Args);
+known(false, Name, _Args) ->
+    Names = [N || {N, _, _} <- commands()] ++ ["test", "shell", "help"],
+    case starl_cli_flags:nearest(Name, Names) of
+        [Near | _] -> bad_input([["unknown command ", Name, " (did you mean ", Near, "?)"]]);
+        [] -> bad_input([["unknown command ", Name, "; ./starl help lists all"]])
+    end.
+
+%% @doc One line on standard error for every problem; the exit status of bad input.
+-spec bad_input([unicode:chardata(), ...]) -> 2.
+bad_input(Problems) ->
+    lists:foreach(fun starl_cli_terminal:complain/1, Problems),
+    2.
+
+commands() ->
+    [
+        {"run", fun starl_cli_run:command/1, "run TARGET      run an application or a scenario"},
+        {"table", fun starl_cli_table:command/1,
+            "table           paint every picture with many teams, losses and seeds"},
+        {"bench", fun starl_cli_bench:command/1, "bench [ring|dpp] measure how fast it runs"},
+        {"apps", fun apps/1, "apps            list the applications"},
+        {"scenarios", fun scenarios/1, "scenarios       list the scenarios"}
+    ].
+
+usage() ->
+    [
+        "StarL: programs for teams of robots.\n\nUsage: ./starl COMMAND [ARGUMENTS]\n\n",
+        [["  ", Doc, "\n"] || {_, _, Doc} <- commands()],
+        "  test            run every test\n",
+        "  shell           an Erlang shell with StarL loaded\n",
+        "  help, --version\n\n",
+        "./starl COMMAND --help tells more. To begin with: ./starl run painting\n"
+    ].
+
+show(Text) ->
+    starl_cli_terminal:out(Text),
+    0.
+
+apps([]) -> show([[Name, "\n"] || {Name, _} <- starl_cli_target:apps()]);
+apps(Args) -> list_help(Args, "apps", "lists the applications that ship.").
+
+scenarios([]) ->
+    Found = [[Name, Doc] || {Name, _, Doc} <- starl_cli_target:scenarios()],
+    Width = lists:max([0 | [string:length(Name) || [Name, _] <- Found]]),
+    show([[string:pad(Name, Width + 2), Doc, "\n"] || [Name, Doc] <- Found]);
+scenarios(Args) ->
+    list_help(Args, "scenarios", "lists the scenarios that ship; ./starl run NAME runs one.").
+
+list_help([Help], Name, Does) when Help =:= "--help"; Help =:= "-h" ->
+    show(["Usage: ./starl ", Name, "\n\n", string:titlecase(Does), "\n"]);
+list_help([Arg | _], Name, _Does) ->
+    bad_input([[Name, ": unexpected argument ", Arg]]).
+
+version() ->
+    case os:getenv("STARL_VERSION") of
+        Set when is_list(Set), Set =/= "" -> Set;
+        _ -> loaded_version(application:load(starl_cli))
+    end.
+
+loaded_version(_) ->
+    {ok, Vsn} = application:get_key(starl_cli, vsn),
+    Vsn.

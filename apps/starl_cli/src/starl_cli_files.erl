@@ -1,0 +1,57 @@
+%% @doc The files of a run's directory.
+-module(starl_cli_files).
+
+-export([write/4, write_failure/3]).
+
+-type answer() :: ok | {error, unicode:chardata()}.
+
+%% @doc The reports, the scenario, the log if there is anything in it, and the application's own.
+-spec write(file:filename(), starl_cli_run:setup(), starl_cli_report:t(), Own) -> answer() when
+    Own :: fun((file:filename()) -> {ok, [file:filename()]} | {error, unicode:chardata()}).
+write(Dir, Setup, Report, Own) ->
+    Files =
+        [
+            {"report.txt", starl_cli_report:text(Report)},
+            {"report.json", starl_cli_report:json(Report)},
+            {"scenario.term", scenario(Setup)}
+        ] ++ log(starl_cli_log:lines()),
+    case put_all(Dir, Files) of
+        ok -> own(Own(Dir));
+        {error, _} = Error -> Error
+    end.
+
+own({ok, _Files}) -> ok;
+own({error, Why}) -> {error, Why}.
+
+%% @doc The scenario, the reason and the log of a simulation that failed.
+-spec write_failure(file:filename(), starl_cli_run:setup(), Reason :: term()) -> answer().
+write_failure(Dir, Setup, Reason) ->
+    put_all(Dir, [
+        {"scenario.term", scenario(Setup)},
+        {"run.log", [starl_cli_log:lines(), io_lib:format("~tp~n", [Reason])]}
+    ]).
+
+log([]) -> [];
+log(Lines) -> [{"run.log", Lines}].
+
+put_all(_Dir, []) ->
+    ok;
+put_all(Dir, [{Name, Text} | Files]) ->
+    case file:write_file(filename:join(Dir, Name), unicode:characters_to_binary(Text)) of
+        ok -> put_all(Dir, Files);
+        {error, Posix} -> {error, [Name, ": ", file:format_error(Posix)]}
+    end.
+
+%% Every key is written, in the order of the tables, so that the file replays the run.
+scenario(#{target := #{app := App, name := Name, replay := Word}, scenario := Scenario}) ->
+    Keys = [Key || {Key, _, _, _} <- starl_sim_scenario:options() ++ starl_app:options(App)],
+    Lines = [io_lib:format("    ~tp => ~0tp", [Key, maps:get(Key, Scenario)]) || Key <- Keys],
+    AppLine = io_lib:format("    app => ~0tp", [app(filename:extension(Word), Name, Word)]),
+    [
+        "%% ", Name, ", replayed by ./starl run with the name of this file\n",
+        "#{\n", lists:join(",\n", [AppLine | Lines]), "\n}.\n"
+    ].
+
+%% An application of the user's own is found by its file.
+app(".erl", _Name, Word) -> filename:absname(Word);
+app(_, Name, _Word) -> list_to_atom(Name).

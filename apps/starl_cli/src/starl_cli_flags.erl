@@ -1,0 +1,204 @@
+%% @doc Flags made from tables of options: `safety_distance' is `--safety-distance 450'. All
+%% problems of a command line are found in one go.
+-module(starl_cli_flags).
+
+-export([parse/2, defaults/1, help/2, flag/1, text/2, arguments/2, nearest/2, format_problem/1]).
+
+-export_type([flag/0, type/0, problem/0]).
+
+%% Besides the types of options: a flag without a value, and several values `A,B,C'.
+-type type() :: starl_options:type() | switch | {list, starl_options:type()}.
+-type flag() :: {Key :: atom(), type(), Default :: term(), Doc :: string()}.
+
+-type problem() ::
+    {unknown_flag, string(), Near :: [string()]}
+    | {no_value, Key :: atom(), type()}
+    | {needless_value, string()}
+    | {bad_value, Key :: atom(), Text :: string(), type()}
+    | {stray, string()}.
+
+%% What getopt reports, and the arguments in which it is to find flags.
+-type specs() :: [{atom(), char() | undefined, string(), string | undefined, string()}].
+
+%% @doc Reads the flags of a command line; gives the values that stand there.
+-spec parse([string()], [flag()]) -> {ok, #{atom() => term()}} | {error, [problem(), ...]}.
+parse(Args, Flags) ->
+    {Found, Rest, Unreadable} = scan([spec(Flag) || Flag <- Flags], Args, Flags, []),
+    Values = [value(Option, Flags) || Option <- Found],
+    Stray = [{stray, Arg} || Arg <- Rest],
+    case Unreadable ++ [Problem || {problem, Problem} <- Values] ++ Stray of
+        [] -> {ok, maps:from_list([{Key, V} || {ok, Key, V} <- Values])};
+        Problems -> {error, Problems}
+    end.
+
+%% @doc The defaults of all flags.
+-spec defaults([flag()]) -> #{atom() => term()}.
+defaults(Flags) -> maps:from_list([{Key, Default} || {Key, _, Default, _} <- Flags]).
+
+%% @doc A key as it stands on the command line.
+-spec flag(atom()) -> string().
+flag(Key) -> "--" ++ [dashed(C) || C <- atom_to_list(Key)].
+
+%% @doc One line that says what is wrong and what to do.
+-spec format_problem(problem()) -> unicode:chardata().
+format_problem({unknown_flag, Flag, []}) ->
+    ["unknown flag ", Flag, "; --help lists all"];
+format_problem({unknown_flag, Flag, [Near | _]}) ->
+    io_lib:format("unknown flag ~ts (did you mean ~ts?)", [Flag, Near]);
+format_problem({no_value, Key, Type}) ->
+    io_lib:format("~ts needs a value: ~ts", [flag(Key), type_text(Type)]);
+format_problem({needless_value, Flag}) ->
+    [hd(string:split(Flag, "=")), " takes no value"];
+format_problem({stray, Arg}) ->
+    ["unexpected argument ", quoted(Arg), "; flags begin with --"];
+format_problem({bad_value, Key, Text, Type}) ->
+    io_lib:format("~ts: ~ts expected, not ~ts", [flag(Key), type_text(Type), quoted(Text)]).
+
+%% @doc The help on flags, set for a width in columns.
+-spec help([flag()], Width :: pos_integer()) -> unicode:chardata().
+help(Flags, Width) -> [help_on(Flag, Width) || Flag <- Flags].
+
+%% @doc A value as it is written on a command line, the inverse of {@link starl_options:parse/2}.
+-spec text(type(), term()) -> string().
+text({between, Type}, {Low, Low}) -> text(Type, Low);
+text({between, Type}, {Low, High}) -> text(Type, Low) ++ ".." ++ text(Type, High);
+text({size, Type}, {Width, Height}) -> text(Type, Width) ++ "x" ++ text(Type, Height);
+text({optional, _}, none) -> "none";
+text({optional, Type}, Value) -> text(Type, Value);
+text({list, Type}, Values) -> lists:append(lists:join(",", [text(Type, V) || V <- Values]));
+text(string, none) -> "none";
+text(string, Value) -> Value;
+text({one_of, _}, Value) -> atom_to_list(Value);
+text(boolean, Value) -> atom_to_list(Value);
+text({term, _, _}, Value) -> lists:flatten(io_lib:format("~0tp", [Value]));
+text({integer, _, _}, Value) -> integer_to_list(Value);
+text({number, _, _}, Value) -> lists:flatten(io_lib:format("~p", [Value])).
+
+%% @doc The arguments that give these values, quoted for a shell.
+-spec arguments([flag()], #{atom() => term()}) -> [string()].
+arguments(Flags, Values) ->
+    lists:append([
+        [flag(Key), shell(text(Type, maps:get(Key, Values)))]
+     || {Key, Type, _, _} <- Flags, is_map_key(Key, Values)
+    ]).
+
+%% @doc The texts that a mistyped one may have meant, best first.
+-spec nearest(string(), [string()]) -> [string()].
+nearest(Text, Known) ->
+    Scored = [{distance(Text, K), K} || K <- Known],
+    [K || {Edits, K} <- lists:sort(Scored), 3 * Edits =< length(K) + 1].
+
+%% Levenshtein's: how many letters must be put in, taken out or changed.
+distance(From, To) ->
+    Next = fun(Letter, [Left | Row]) -> [Left + 1 | edits(Letter, To, Left + 1, [Left | Row])] end,
+    lists:last(lists:foldl(Next, lists:seq(0, length(To)), From)).
+
+%% The rest of a row of the table, from the row above it.
+edits(_Letter, [], _Before, [_]) ->
+    [];
+edits(Letter, [Letter | To], _Before, [Diagonal | Row]) ->
+    [Diagonal | edits(Letter, To, Diagonal, Row)];
+edits(Letter, [_ | To], Before, [Diagonal, Above | Row]) ->
+    Least = 1 + lists:min([Before, Diagonal, Above]),
+    [Least | edits(Letter, To, Least, [Above | Row])].
+
+%% -- reading --------------------------------------------------------------------------------
+
+spec({help, switch, _, Doc}) -> {help, $h, "help", undefined, Doc};
+spec({Key, switch, _, Doc}) -> {Key, undefined, tl(tl(flag(Key))), undefined, Doc};
+spec({Key, _, _, Doc}) -> {Key, undefined, tl(tl(flag(Key))), string, Doc}.
+
+%% getopt stops at the first argument that it cannot read: that one is noted, taken out, and the
+%% others are read again.
+-spec scan(specs(), [string()], [flag()], [problem()]) ->
+    {[{atom(), string()} | atom()], [string()], [problem()]}.
+scan(Specs, Args, Flags, Problems) ->
+    case getopt:parse(Specs, Args) of
+        {ok, {Found, Rest}} ->
+            {Found, Rest, lists:reverse(Problems)};
+        {error, {invalid_option, Flag}} ->
+            scan(Specs, without(Flag, Args), Flags, [unknown(Flag, Flags) | Problems]);
+        {error, {invalid_option_arg, Flag}} ->
+            scan(Specs, lists:delete(Flag, Args), Flags, [{needless_value, Flag} | Problems]);
+        {error, {missing_option_arg, Key}} ->
+            {Key, Type, _, _} = lists:keyfind(Key, 1, Flags),
+            scan(Specs, lists:droplast(Args), Flags, [{no_value, Key, Type} | Problems])
+    end.
+
+unknown(Flag, Flags) ->
+    Name = hd(string:split(Flag, "=")),
+    {unknown_flag, Name, nearest(Name, [flag(Key) || {Key, _, _, _} <- Flags])}.
+
+%% An unknown flag goes with what looks like its value.
+without(Flag, Args) ->
+    {Before, [Flag | After]} = lists:splitwith(fun(Arg) -> Arg =/= Flag end, Args),
+    case {lists:member($=, Flag), After} of
+        {false, [[C | _] | Others]} when C =/= $- -> Before ++ Others;
+        _ -> Before ++ After
+    end.
+
+value(Key, _Flags) when is_atom(Key) ->
+    {ok, Key, true};
+value({Key, "--" ++ _}, Flags) ->
+    {Key, Type, _, _} = lists:keyfind(Key, 1, Flags),
+    {problem, {no_value, Key, Type}};
+value({Key, Text}, Flags) ->
+    {Key, Type, _, _} = lists:keyfind(Key, 1, Flags),
+    case parse_value(Type, Text) of
+        {ok, Value} -> {ok, Key, Value};
+        error -> {problem, {bad_value, Key, Text, Type}}
+    end.
+
+parse_value({list, Type}, Text) ->
+    Values = [starl_options:parse(Type, Part) || Part <- string:split(Text, ",", all)],
+    case lists:member(error, Values) of
+        true -> error;
+        false -> {ok, [Value || {ok, Value} <- Values]}
+    end;
+parse_value(Type, Text) ->
+    starl_options:parse(Type, Text).
+
+%% -- writing --------------------------------------------------------------------------------
+
+dashed($_) -> $-;
+dashed(C) -> C.
+
+type_text(switch) -> "no value";
+type_text({list, Type}) -> starl_options:type_text(Type) ++ ", or several with commas between";
+type_text(Type) -> starl_options:type_text(Type).
+
+help_on({Key, switch, _, Doc}, Width) ->
+    ["  ", flag(Key), "\n      ", starl_cli_terminal:wrap(Doc, 6, Width), "\n"];
+help_on({Key, Type, Default, Doc}, Width) ->
+    Text = [Doc, ": ", type_text(Type), default(Type, Default)],
+    ["  ", flag(Key), " ", placeholder(Type), "\n      ",
+        starl_cli_terminal:wrap(Text, 6, Width), "\n"].
+
+default(_Type, none) -> "";
+default({term, _, _}, []) -> "";
+default(Type, Default) -> [" (", text(Type, Default), ")"].
+
+placeholder({integer, _, _}) -> "N";
+placeholder({number, _, _}) -> "X";
+placeholder({between, _}) -> "LOW..HIGH";
+placeholder({size, _}) -> "WIDTHxHEIGHT";
+placeholder({optional, Type}) -> placeholder(Type);
+placeholder({list, Type}) -> [placeholder(Type), ",..."];
+placeholder({one_of, _}) -> "NAME";
+placeholder(boolean) -> "true|false";
+placeholder({term, _, _}) -> "TERM";
+placeholder(string) -> "TEXT".
+
+quoted("") -> "nothing";
+quoted(Text) -> ["\"", Text, "\""].
+
+shell("") ->
+    "''";
+shell(Text) ->
+    case lists:all(fun plain/1, Text) of
+        true -> Text;
+        false -> "'" ++ lists:append(string:replace(Text, "'", "'\\''", all)) ++ "'"
+    end.
+
+plain(C) when C >= $a, C =< $z; C >= $A, C =< $Z; C >= $0, C =< $9 -> true;
+plain(C) -> lists:member(C, "-_./,:=+@%").

@@ -1,0 +1,131 @@
+%% @doc The directory of a run's results. Whether it can be written is known before the run; the
+%% files are made in a directory beside it, which takes its name when all are complete.
+-module(starl_cli_out).
+
+-export([plan/2, write/2, shown/1]).
+
+-export_type([t/0]).
+
+%% `fresh' does not exist yet; into `existing' the files are moved one by one; `numbered' is the
+%% first of NAME-1, NAME-2, ... that is not taken when the run has ended.
+-opaque t() ::
+    {fresh, file:filename()}
+    | {existing, file:filename()}
+    | {numbered, Parent :: file:filename(), Name :: string()}.
+
+-include_lib("kernel/include/file.hrl").
+
+-define(ANY_WRITES, 8#222).
+
+%% @doc Where the results go: the directory that was asked for, or a new one under `out/'.
+-spec plan(none | file:filename(), Name :: string()) -> {ok, t()} | {error, unicode:chardata()}.
+plan(none, Name) ->
+    Parent = filename:join(starl_cli_target:root(), "out"),
+    checked(Parent, {numbered, Parent, Name});
+plan(Dir0, _Name) ->
+    Dir = string:trim(filename:absname(Dir0), trailing, "/"),
+    case filelib:is_dir(Dir) of
+        true -> checked(Dir, {existing, Dir});
+        false -> checked(Dir, {fresh, Dir})
+    end.
+
+checked(Dir, Plan) ->
+    case writable(Dir) of
+        ok -> {ok, Plan};
+        {error, Why} -> {error, [shown(Dir), ": ", Why, "; name another directory with --out"]}
+    end.
+
+%% The directory itself, or else the nearest one above it that exists.
+writable(Dir) ->
+    case file:read_file_info(Dir) of
+        {ok, #file_info{type = directory, mode = Mode}} when Mode band ?ANY_WRITES =:= 0 ->
+            {error, "this directory is read-only"};
+        {ok, #file_info{type = directory}} ->
+            probe(Dir);
+        {ok, _} ->
+            {error, "this is a file, not a directory"};
+        {error, enoent} ->
+            writable(filename:dirname(Dir));
+        {error, enotdir} ->
+            {error, "a part of this path is a file, not a directory"};
+        {error, Posix} ->
+            {error, file:format_error(Posix)}
+    end.
+
+probe(Dir) ->
+    Probe = filename:join(Dir, ".starl-" ++ os:getpid()),
+    case file:make_dir(Probe) of
+        ok -> file:del_dir(Probe);
+        {error, Posix} -> {error, ["cannot be written: ", file:format_error(Posix)]}
+    end.
+
+%% @doc Has the files written by a function of the directory, and gives the directory in which
+%% they have come to lie.
+-spec write(t(), fun((file:filename()) -> ok | {error, unicode:chardata()})) ->
+    {ok, file:filename()} | {error, unicode:chardata()}.
+write(Plan, Fill) ->
+    Temporary = temporary(Plan),
+    case filelib:ensure_path(Temporary) of
+        ok -> filled(Fill(Temporary), Temporary, Plan);
+        {error, Posix} -> {error, [shown(Temporary), ": ", file:format_error(Posix)]}
+    end.
+
+filled(ok, Temporary, Plan) ->
+    case settle(Plan, Temporary) of
+        {ok, Dir} ->
+            {ok, Dir};
+        {error, Posix} ->
+            _ = file:del_dir_r(Temporary),
+            {error, [shown(Temporary), ": ", file:format_error(Posix)]}
+    end;
+filled({error, Why}, Temporary, _Plan) ->
+    _ = file:del_dir_r(Temporary),
+    {error, Why}.
+
+temporary({fresh, Dir}) -> hidden(filename:dirname(Dir), filename:basename(Dir));
+temporary({existing, Dir}) -> hidden(Dir, "results");
+temporary({numbered, Parent, Name}) -> hidden(Parent, Name).
+
+hidden(Parent, Name) -> filename:join(Parent, "." ++ Name ++ "." ++ os:getpid()).
+
+settle({fresh, Dir}, Temporary) -> renamed(file:rename(Temporary, Dir), Dir);
+settle({existing, Dir}, Temporary) -> move_all(Temporary, Dir);
+settle({numbered, Parent, Name}, Temporary) -> number(next(Parent, Name), Parent, Name, Temporary).
+
+renamed(ok, Dir) -> {ok, Dir};
+renamed({error, _} = Error, _Dir) -> Error.
+
+move_all(Temporary, Dir) ->
+    {ok, Names} = file:list_dir(Temporary),
+    Moves = [file:rename(filename:join(Temporary, N), filename:join(Dir, N)) || N <- Names],
+    case [Error || {error, _} = Error <- Moves] of
+        [] -> renamed(file:del_dir(Temporary), Dir);
+        [Error | _] -> Error
+    end.
+
+next(Parent, Name) ->
+    Taken = [
+        element(1, string:to_integer(lists:nthtail(length(Name) + 1, filename:basename(Dir))))
+     || Dir <- filelib:wildcard(Name ++ "-[0-9]*", Parent)
+    ],
+    1 + lists:max([0 | [N || N <- Taken, is_integer(N)]]).
+
+%% Another run may take the number at the same time.
+number(N, Parent, Name, Temporary) ->
+    Dir = filename:join(Parent, Name ++ "-" ++ integer_to_list(N)),
+    case filelib:is_file(Dir) orelse file:rename(Temporary, Dir) of
+        ok -> {ok, Dir};
+        true -> number(N + 1, Parent, Name, Temporary);
+        {error, Taken} when Taken =:= eexist; Taken =:= enotempty ->
+            number(N + 1, Parent, Name, Temporary);
+        {error, _} = Error -> Error
+    end.
+
+%% @doc A path as the user would write it: relative where it lies below the working directory.
+-spec shown(file:filename()) -> file:filename().
+shown(Path) ->
+    {ok, Cwd} = file:get_cwd(),
+    case string:prefix(filename:absname(Path), Cwd ++ "/") of
+        nomatch -> Path;
+        Below -> Below
+    end.

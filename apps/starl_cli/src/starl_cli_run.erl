@@ -1,0 +1,151 @@
+%% @doc `./starl run': one simulation, from the flags to the directory with its results.
+-module(starl_cli_run).
+
+-export([command/1, setup/1, replay/2]).
+
+-export_type([setup/0]).
+
+%% A checked command line: what is to run, with all its values, and where the results go.
+-type setup() :: #{
+    target := starl_cli_target:t(),
+    scenario := starl_sim_scenario:t(),
+    out := starl_cli_out:t(),
+    quiet := boolean()
+}.
+
+-type answer() :: {ok, setup()} | help | {help, starl_cli_target:t()} | {error, [unicode:chardata()]}.
+
+%% @doc Runs the command; gives the exit status.
+-spec command([string()]) -> starl_cli:status().
+command(Args) ->
+    case setup(Args) of
+        {ok, Setup} -> starl_cli_simulation:run(Setup);
+        help -> help(general_help());
+        {help, Target} -> help(target_help(Target));
+        {error, Problems} -> starl_cli:bad_input(Problems)
+    end.
+
+%% @doc Reads and checks the arguments, all in one go.
+-spec setup([string()]) -> answer().
+setup(Args) ->
+    case take_target(Args) of
+        {none, []} -> {error, ["run: name what is to run, as in ./starl run painting; "
+                               "./starl run --help tells more"]};
+        {none, [Flag | _]} when Flag =:= "--help"; Flag =:= "-h" -> help;
+        {none, _} -> {error, ["run: name what is to run before its flags, as in ./starl run painting"]};
+        {Word, Others} -> with_target(starl_cli_target:resolve(Word), Others)
+    end.
+
+%% The target comes first; behind flags it is known by what it names.
+take_target([[C | _] = Word | Args]) when C =/= $- ->
+    {Word, Args};
+take_target(Args) ->
+    case lists:splitwith(fun(Arg) -> not starl_cli_target:looks_like_one(Arg) end, Args) of
+        {Before, [Word | After]} -> {Word, Before ++ After};
+        {_, []} -> {none, Args}
+    end.
+
+with_target({error, Problems}, _Args) ->
+    {error, Problems};
+with_target({ok, #{app := App} = Target}, Args) ->
+    case {help_wanted(Args), starl_cli_flags:parse(Args, flags(App))} of
+        {true, _} -> {help, Target};
+        {false, {ok, Values}} -> checked(Target, Values, []);
+        {false, {error, Problems}} -> checked(Target, #{}, flag_lines(Problems))
+    end.
+
+help_wanted(Args) -> lists:member("--help", Args) orelse lists:member("-h", Args).
+
+flag_lines(Problems) -> [starl_cli_flags:format_problem(P) || P <- Problems].
+
+%% Values of a scenario file give way to flags.
+checked(#{name := Name, given := FromFile} = Target, Values, Flagged) ->
+    Given = maps:merge(FromFile, maps:without([out, quiet, help], Values)),
+    {Unsound, Scenario} = scenario(Target, Given),
+    {Unwritable, Out} = out(maps:get(out, Values, none), Name),
+    case Flagged ++ Unsound ++ Unwritable of
+        [] ->
+            {ok, #{
+                target => Target, scenario => Scenario, out => Out,
+                quiet => maps:get(quiet, Values, false)
+            }};
+        Problems ->
+            {error, Problems}
+    end.
+
+scenario(#{app := App, file := File}, Given) ->
+    case starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)) of
+        {ok, Scenario} -> {[], Scenario};
+        {error, {problems, Problems}} ->
+            {[[File, ": ", starl_options:format_problem(P)] || P <- Problems], #{}}
+    end.
+
+out(Dir, Name) ->
+    case starl_cli_out:plan(Dir, Name) of
+        {ok, Plan} -> {[], Plan};
+        {error, Why} -> {[["--out: ", Why]], none}
+    end.
+
+%% @doc The command line that replays a run exactly.
+-spec replay(starl_cli_target:t(), starl_sim_scenario:t()) -> unicode:chardata().
+replay(#{app := App, replay := Word}, Scenario) ->
+    Options = options(App),
+    Defaults = maps:without([seed, robots], starl_cli_flags:defaults(Options)),
+    Chosen = maps:filter(
+        fun(Key, Value) -> not is_map_key(Key, Defaults) orelse map_get(Key, Defaults) =/= Value end,
+        maps:remove(app, Scenario)
+    ),
+    lists:join(" ", ["./starl run", Word | starl_cli_flags:arguments(Options, Chosen)]).
+
+%% -- flags and help -------------------------------------------------------------------------
+
+options(App) -> starl_sim_scenario:options() ++ starl_app:options(App).
+
+flags(App) -> own_flags() ++ options(App).
+
+own_flags() ->
+    [
+        {out, string, none, "directory for the results; without it a new one under out/"},
+        {quiet, switch, false, "no progress and no summary, only where the result is"},
+        {help, switch, false, "this help"}
+    ].
+
+help(Text) ->
+    starl_cli_terminal:out(Text),
+    0.
+
+general_help() ->
+    [
+        "Usage: ./starl run TARGET [FLAGS]\n\n",
+        "TARGET is an application, a scenario, a scenario file (FILE.term) or an application of\n"
+        "your own (FILE.erl).\n\n",
+        "  applications  ", names(starl_cli_target:apps()), "\n",
+        "  scenarios     ", names(starl_cli_target:scenarios()), "\n\n",
+        "./starl run TARGET --help lists the flags of TARGET.\n\n",
+        statuses()
+    ].
+
+names(Known) -> lists:join(", ", [element(1, Item) || Item <- Known]).
+
+target_help(#{app := App, name := Name, replay := Word}) ->
+    Width = starl_cli_terminal:columns(),
+    Sections = [
+        {["Flags of ", Name], starl_app:options(App)},
+        {"Flags of every simulation", starl_sim_scenario:options()},
+        {"Other flags", own_flags()}
+    ],
+    [
+        "Usage: ./starl run ", Word, " [FLAGS]\n",
+        [
+            ["\n", Title, ":\n", starl_cli_flags:help(Flags, Width)]
+         || {Title, Flags} <- Sections, Flags =/= []
+        ],
+        "\n",
+        statuses()
+    ].
+
+statuses() ->
+    [
+        "Exit status: 0 done; 1 internal error; 2 bad usage or input; 3 a contract was violated;\n"
+        "4 ended before the work was complete (time up, robots died); 130 interrupted.\n"
+    ].

@@ -1,0 +1,334 @@
+%% @doc `./starl table': every picture painted by teams of several sizes, with several losses and
+%% seeds; a row for each picture, team and loss as soon as its last seed is done.
+-module(starl_cli_table).
+
+-export([command/1, row/1, sound/1]).
+
+-export_type([result/0]).
+
+%% What a run has come to; `separation' is none for a single robot.
+-type result() :: #{
+    covered := float(),
+    violations := non_neg_integer(),
+    separation := float() | none,
+    safe := number(),
+    makespan := float(),
+    ratio := float(),
+    detour := float(),
+    deadlocks := non_neg_integer(),
+    wall := float(),
+    digest := binary()
+} | failed.
+
+-type cell() :: {Picture :: string(), Robots :: pos_integer(), Loss :: number()}.
+-type job() :: {cell(), starl_sim_scenario:t()}.
+
+-record(table, {
+    rows :: [cell()],
+    seeds :: pos_integer(),
+    total :: pos_integer(),
+    done = 0 :: non_neg_integer(),
+    results = #{} :: #{cell() => [{Seed :: integer(), result()}]},
+    bad = [] :: [unicode:chardata()],
+    csv :: file:io_device() | none,
+    progress :: starl_cli_progress:t(),
+    begun_s :: integer()
+}).
+
+-define(COLUMNS, [
+    {"picture", 16}, {"robots", 6}, {"loss", 5}, {"seeds", 5}, {"painted", 9}, {"broken", 6},
+    {"closest mm", 10}, {"time s", 8}, {"x bound", 7}, {"driven/ink", 10}, {"deadlocks", 9},
+    {"wall s", 7}
+]).
+
+%% @doc Runs the command; gives the exit status.
+-spec command([string()]) -> starl_cli:status().
+command(Args) ->
+    case {lists:member("--help", Args), starl_cli_flags:parse(Args, flags())} of
+        {true, _} -> help();
+        {false, {ok, #{help := true}}} -> help();
+        {false, {ok, Values}} -> prepared(maps:merge(starl_cli_flags:defaults(flags()), Values));
+        {false, {error, Problems}} ->
+            starl_cli:bad_input([["table: ", starl_cli_flags:format_problem(P)] || P <- Problems])
+    end.
+
+flags() ->
+    [
+        {pictures, {list, string}, shipped(), "which pictures"},
+        {robots, {list, {integer, 1, 1000}}, [1, 4, 8, 16], "sizes of the team"},
+        {loss, {list, {number, 0, 1}}, [0, 0.2, 0.4], "parts of the packets lost"},
+        {delay, {between, {number, 1, 60000}}, {5, 50}, "delay of a packet, ms"},
+        {seeds, {integer, 1, 100000}, 20, "seeds per row, from 1"},
+        {random, {integer, 0, 10000}, 0, "besides, so many random pictures, small to large"},
+        {random_seed, {integer, 0, 1 bsl 32}, 1, "decides the random pictures"},
+        {time, {number, 1, 1.0e6}, 40000, "gives a run up at this virtual time, s"},
+        {jobs, {integer, 1, 256}, erlang:system_info(schedulers_online), "runs at once"},
+        {out, string, none, "a CSV file with a line for each run"},
+        {help, switch, false, "this help"}
+    ].
+
+shipped() ->
+    Files = filelib:wildcard("*.svg", filename:join(code:priv_dir(starl_apps), "pictures")),
+    [filename:rootname(File) || File <- lists:sort(Files)].
+
+help() ->
+    starl_cli_terminal:out([
+        "Usage: ./starl table [FLAGS]\n\n",
+        starl_cli_flags:help(flags(), starl_cli_terminal:columns()),
+        "\nExit status: 0 all painted with no contract violated, 3 not, 2 bad input, "
+        "130 interrupted.\n"
+    ]),
+    0.
+
+%% -- before the runs ------------------------------------------------------------------------
+
+prepared(#{random := N, random_seed := Seed, pictures := Named} = Options) ->
+    ok = starl_cli_log:install(),
+    _ = process_flag(trap_exit, true),
+    {Dir, Files} = starl_cli_random:write(N, Seed),
+    Pictures = Named ++ Files,
+    Problems = lists:append([problems(P, Options) || P <- Pictures]),
+    case {Problems, csv(maps:get(out, Options))} of
+        {[], {ok, Csv}} -> run(Pictures, Csv, Dir, Options);
+        {_, {error, Why}} -> starl_cli:bad_input(Problems ++ [["table: --out: ", Why]]);
+        {_, {ok, _}} -> starl_cli:bad_input(Problems)
+    end.
+
+%% Whether a picture can be painted by the largest team.
+problems(Picture, #{robots := Robots} = Options) ->
+    case starl_sim:start(scenario({Picture, lists:max(Robots), 0}, 1, Options)) of
+        {ok, Sim} ->
+            starl_sim:close(Sim),
+            [];
+        {error, Reason} ->
+            [["table: ", starl_sim:format_error(Reason)]]
+    end.
+
+csv(none) ->
+    {ok, none};
+csv(File) ->
+    case file:open(File, [write, {encoding, utf8}]) of
+        {ok, Csv} ->
+            ok = io:put_chars(Csv, "picture,robots,loss,seed,ink_covered,violations,"
+                "min_separation_mm,makespan_s,makespan_bound_ratio,driven_ink_ratio,"
+                "deadlocks_resolved,wall_s,digest\n"),
+            {ok, Csv};
+        {error, Posix} ->
+            {error, [File, ": ", file:format_error(Posix)]}
+    end.
+
+scenario({Picture, Robots, Loss}, Seed, #{delay := Delay, time := Time}) ->
+    #{
+        app => starl_painting, picture => Picture, robots => Robots, loss => Loss, seed => Seed,
+        delay => Delay, time => Time
+    }.
+
+%% -- the runs -------------------------------------------------------------------------------
+
+run(Pictures, Csv, Dir, #{robots := Robots, loss := Losses, seeds := Seeds} = Options) ->
+    Rows = [{P, N, Loss} || P <- Pictures, N <- Robots, Loss <- Losses],
+    Jobs = [{Row, scenario(Row, Seed, Options)} || Row <- Rows, Seed <- lists:seq(1, Seeds)],
+    starl_cli_terminal:out([padded([Name || {Name, _} <- ?COLUMNS]), "\n"]),
+    Self = self(),
+    starl_cli_signal:on_interrupt(fun() -> Self ! interrupted end),
+    Table = #table{
+        rows = Rows, seeds = Seeds, total = length(Jobs), csv = Csv,
+        progress = starl_cli_progress:new(auto), begun_s = erlang:monotonic_time(second)
+    },
+    {Running, Later} = lists:split(min(maps:get(jobs, Options), length(Jobs)), Jobs),
+    Ended = collect(maps:from_list([start(Job) || Job <- Running]), Later, show(Table)),
+    conclude(Ended, Dir).
+
+start({_Row, Scenario} = Job) ->
+    {_Pid, Ref} = spawn_monitor(fun() -> exit({result, one(Scenario)}) end),
+    {Ref, Job}.
+
+collect(Running, [], Table) when map_size(Running) =:= 0 ->
+    Table;
+collect(Running, Later, Table) ->
+    receive
+        interrupted ->
+            Table#table{bad = [interrupted | Table#table.bad]};
+        {'DOWN', Ref, process, _, Reason} ->
+            {Job, Others} = maps:take(Ref, Running),
+            Next = show(noted(Job, result(Reason), Table)),
+            case Later of
+                [] -> collect(Others, [], Next);
+                [New | Rest] -> collect(with(start(New), Others), Rest, Next)
+            end
+    end.
+
+with({Ref, Job}, Running) -> Running#{Ref => Job}.
+
+result({result, Result}) -> Result;
+result(_Crash) -> failed.
+
+one(#{time := Seconds} = Scenario) ->
+    Begin = erlang:monotonic_time(microsecond),
+    {ok, Sim} = starl_sim:start(Scenario),
+    _ = starl_sim:run(Sim, Seconds),
+    {Outcome, #{figures := Figures}} = starl_sim:finish(Sim),
+    figures(maps:from_list(Figures), Outcome, erlang:monotonic_time(microsecond) - Begin).
+
+figures(Figures, #{end_us := EndUs, violations := Violations, digest := Digest}, WallUs) ->
+    #{driven_mm := Driven, ink_mm := Ink} = Figures,
+    #{
+        covered => maps:get(ink_covered, Figures),
+        violations => length(Violations),
+        separation => separation(maps:get(min_separation_mm, Figures)),
+        safe => maps:get(safety_distance_mm, Figures),
+        makespan => EndUs / 1.0e6,
+        ratio => maps:get(makespan_bound_ratio, Figures),
+        detour => Driven / max(1.0, Ink),
+        deadlocks => maps:get(deadlocks_resolved, Figures),
+        wall => WallUs / 1.0e6,
+        digest => string:lowercase(binary:encode_hex(Digest))
+    }.
+
+separation(null) -> none;
+separation(Mm) -> Mm.
+
+%% @doc Whether a run was as it must be: all painted, nobody too close, no contract violated.
+-spec sound(result()) -> boolean().
+sound(failed) ->
+    false;
+sound(#{covered := Covered, violations := Violations, separation := Separation, safe := Safe}) ->
+    Covered >= 1.0 andalso Violations =:= 0 andalso
+        (Separation =:= none orelse Separation >= Safe).
+
+%% -- rows -----------------------------------------------------------------------------------
+
+-spec noted(job(), result(), #table{}) -> #table{}.
+noted({Row, #{seed := Seed} = Scenario}, Result, #table{results = Results, bad = Bad} = Table) ->
+    csv_line(Table#table.csv, Row, Seed, Result),
+    Noted = [{Seed, Result} | maps:get(Row, Results, [])],
+    Worse =
+        case sound(Result) of
+            true -> Bad;
+            false -> [complaint(Result, Scenario) | Bad]
+        end,
+    finished_rows(Table#table{
+        results = Results#{Row => Noted}, bad = Worse, done = Table#table.done + 1
+    }).
+
+%% Rows are printed in their order, each when all before it are complete.
+finished_rows(#table{rows = [Row | Rows], seeds = Seeds, results = Results} = Table) ->
+    case maps:get(Row, Results, []) of
+        Known when length(Known) =:= Seeds ->
+            starl_cli_progress:erase(),
+            starl_cli_terminal:out([padded(cells(Row, [R || {_, R} <- lists:sort(Known)])), "\n"]),
+            finished_rows(Table#table{rows = Rows, results = maps:remove(Row, Results)});
+        _ ->
+            Table
+    end;
+finished_rows(#table{rows = []} = Table) ->
+    Table.
+
+cells({Picture, Robots, Loss}, Results) ->
+    [filename:rootname(filename:basename(Picture)), integer_to_list(Robots),
+        starl_cli_flags:text({number, 0, 1}, Loss), integer_to_list(length(Results)) | row(Results)].
+
+%% @doc The figures of a row: least part painted, violations, least separation, medians of time,
+%% of its ratio to the bound and of driven to ink; deadlocks, wall time.
+-spec row([result()]) -> [unicode:chardata()].
+row(Results) ->
+    case [R || #{} = R <- Results] of
+        Known when length(Known) =:= length(Results) ->
+            [
+                percent(lists:min(all(covered, Known))),
+                integer_to_list(lists:sum(all(violations, Known))),
+                least([S || S <- all(separation, Known), S =/= none]),
+                decimals(1, median(all(makespan, Known))),
+                decimals(2, median(all(ratio, Known))),
+                decimals(2, median(all(detour, Known))),
+                integer_to_list(lists:sum(all(deadlocks, Known))),
+                decimals(1, lists:sum(all(wall, Known)))
+            ];
+        Known ->
+            Failed = integer_to_list(length(Results) - length(Known)),
+            [Failed ++ " failed" | lists:duplicate(7, "-")]
+    end.
+
+all(Key, Results) -> [maps:get(Key, R) || R <- Results].
+
+median(Values) -> lists:nth((length(Values) + 1) div 2, lists:sort(Values)).
+
+least([]) -> "-";
+least(Separations) -> decimals(1, floor(lists:min(Separations) * 10) / 10).
+
+%% Never better than it is.
+percent(Covered) when Covered >= 1.0 -> "100 %";
+percent(Covered) -> [decimals(2, floor(Covered * 10000) / 100), " %"].
+
+decimals(N, X) -> float_to_list(float(X), [{decimals, N}]).
+
+padded(Cells) ->
+    [First | Others] = [
+        {string:slice(Cell, 0, Width), Width}
+     || {Cell, {_, Width}} <- lists:zip(Cells, ?COLUMNS)
+    ],
+    [pad(First, trailing) | [["  ", pad(Cell, leading)] || Cell <- Others]].
+
+pad({Text, Width}, Side) -> string:pad(Text, Width, Side).
+
+csv_line(none, _Row, _Seed, _Result) ->
+    ok;
+csv_line(Csv, {Picture, Robots, Loss}, Seed, Result) ->
+    Keys = [covered, violations, separation, makespan, ratio, detour, deadlocks, wall, digest],
+    Values = [csv_value(Key, Result) || Key <- Keys],
+    Line = [["\"", Picture, "\""], text(Robots), text(Loss), text(Seed) | Values],
+    ok = io:put_chars(Csv, [lists:join(",", Line), "\n"]).
+
+csv_value(_Key, failed) -> "failed";
+csv_value(Key, Result) -> text(maps:get(Key, Result)).
+
+text(none) -> "";
+text(Text) when is_binary(Text) -> Text;
+text(X) when is_float(X) -> io_lib:format("~w", [X]);
+text(X) -> integer_to_list(X).
+
+complaint(Result, Scenario) ->
+    {ok, Target} = starl_cli_target:resolve("painting"),
+    {ok, Full} = starl_sim_scenario:check(Scenario, starl_app:options(starl_painting)),
+    [wrong(Result), ": ", starl_cli_run:replay(Target, Full)].
+
+wrong(failed) -> "the simulation failed";
+wrong(#{violations := N}) when N > 0 -> "a contract was violated";
+wrong(#{covered := Covered}) when Covered < 1.0 -> [percent(Covered), " painted"];
+wrong(#{separation := Mm}) -> ["separation ", decimals(1, Mm), " mm"].
+
+%% -- progress and end -----------------------------------------------------------------------
+
+show(#table{progress = Progress, done = Done, total = Total, begun_s = Begun} = Table) ->
+    Words = fun() ->
+        Gone = erlang:monotonic_time(second) - Begun,
+        [io_lib:format("~b of ~b runs", [Done, Total]), to_go(Done, Total, Gone)]
+    end,
+    Table#table{progress = starl_cli_progress:show(Progress, Done / Total, Words)}.
+
+to_go(0, _Total, _Gone) -> "";
+to_go(Done, Total, Gone) -> io_lib:format("~b s to go", [Gone * (Total - Done) div Done]).
+
+conclude(#table{bad = Bad, done = Done, total = Total, csv = Csv}, Dir) ->
+    starl_cli_progress:erase(),
+    _ = [ok = file:close(Csv) || Csv =/= none],
+    Wrong = lists:reverse(lists:delete(interrupted, Bad)),
+    starl_cli_terminal:out([[Line, "\n"] || Line <- Wrong]),
+    Wrong =:= [] andalso starl_cli_random:remove(Dir),
+    verdict(Wrong, length(Bad) > length(Wrong), Done, Total).
+
+verdict(Wrong, true, Done, Total) ->
+    starl_cli_terminal:out("interrupted after ~b of ~b runs, ~b not sound\n", [
+        Done, Total, length(Wrong)
+    ]),
+    130;
+verdict([], false, Done, _Total) ->
+    starl_cli_terminal:out(
+        "all ~b runs: painted 100 %, no contract violated, no robots closer than the safety "
+        "distance\n",
+        [Done]
+    ),
+    0;
+verdict(Wrong, false, Done, _Total) ->
+    starl_cli_terminal:out("NOT SOUND: ~b of ~b runs, see above\n", [length(Wrong), Done]),
+    3.

@@ -1,0 +1,142 @@
+%% @doc What there is to run: the applications that ship, scenario files, and applications of the
+%% user's own, as Erlang source.
+-module(starl_cli_target).
+
+-export([apps/0, scenarios/0, resolve/1, looks_like_one/1, root/0]).
+
+-export_type([t/0]).
+
+%% `given' are the values of a scenario file; `replay' names the target on a command line, `file'
+%% is where the values come from.
+-type t() :: #{
+    app := module(),
+    name := string(),
+    replay := string(),
+    file := string(),
+    given := #{atom() => term()}
+}.
+
+-type answer() :: {ok, t()} | {error, [unicode:chardata(), ...]}.
+
+-define(PREFIX, "starl_").
+
+%% @doc The applications that ship: name and module.
+-spec apps() -> [{Name :: string(), module()}].
+apps() ->
+    Beams = filelib:wildcard(?PREFIX "*.beam", filename:dirname(code:which(starl_painting))),
+    Modules = [list_to_atom(filename:rootname(Beam)) || Beam <- Beams],
+    [{short(Module), Module} || Module <- lists:sort(Modules), is_app(Module)].
+
+%% @doc The scenario files that ship: name, file and its first comment line.
+-spec scenarios() -> [{Name :: string(), file:filename(), Doc :: unicode:chardata()}].
+scenarios() ->
+    Files = filelib:wildcard(filename:join(scenario_dir(), "*.{term,config}")),
+    [{filename:basename(filename:rootname(File)), File, doc(File)} || File <- lists:sort(Files)].
+
+%% @doc The checkout, or where the user is.
+-spec root() -> file:filename().
+root() ->
+    case os:getenv("STARL_ROOT") of
+        false -> cwd();
+        Root -> Root
+    end.
+
+%% @doc Whether a word of the command line can be a target.
+-spec looks_like_one(string()) -> boolean().
+looks_like_one(Word) -> hd(Word ++ "-") =/= $- andalso kind(Word) =/= unknown.
+
+%% @doc Finds what a word of the command line, or the key `app' of a scenario, names.
+-spec resolve(string()) -> answer().
+resolve(Word) ->
+    case kind(Word) of
+        {app, Module} ->
+            {ok, #{app => Module, name => Word, replay => Word, file => Word, given => #{}}};
+        source ->
+            starl_cli_source:load(Word);
+        {scenario, File} ->
+            scenario(File);
+        unknown ->
+            {error, [unknown(Word)]}
+    end.
+
+kind(Word) ->
+    case {lists:keyfind(Word, 1, apps()), lists:keyfind(Word, 1, scenarios())} of
+        {{_, Module}, _} -> {app, Module};
+        {false, {_, File, _}} -> {scenario, File};
+        {false, false} -> kind_of_file(filename:extension(Word), Word)
+    end.
+
+kind_of_file(".erl", _Word) -> source;
+kind_of_file(".term", Word) -> {scenario, Word};
+kind_of_file(".config", Word) -> {scenario, Word};
+kind_of_file(_, _Word) -> unknown.
+
+unknown(Word) ->
+    Known = [Name || {Name, _} <- apps()] ++ [Name || {Name, _, _} <- scenarios()],
+    case starl_cli_flags:nearest(Word, Known) of
+        [Near | _] ->
+            io_lib:format("there is no application or scenario ~ts (did you mean ~ts?)", [Word, Near]);
+        [] ->
+            io_lib:format(
+                "there is no application or scenario ~ts; there are ~ts, scenario files "
+                "(FILE.term) and applications of your own (FILE.erl)",
+                [Word, lists:join(", ", Known)]
+            )
+    end.
+
+%% -- scenario files -------------------------------------------------------------------------
+
+scenario(File) ->
+    case starl_sim_scenario:read(File) of
+        {ok, #{app := App} = Given} -> with_app(name_of(App), File, maps:remove(app, Given));
+        {ok, _} -> {error, [[File, ": the key app is missing; write #{app => painting, ...}"]]};
+        {error, Reason} -> {error, [starl_sim_scenario:format_error(Reason)]}
+    end.
+
+with_app(none, File, _Given) ->
+    {error, [[File, ": app is the name of an application, or the file of one as \"my_app.erl\""]]};
+with_app(Name, File, Given) ->
+    case kind(Name) of
+        {scenario, _} -> {error, [[File, ": app => ", Name, " names a scenario, not an application"]]};
+        _ -> with_target(resolve(Name), File, Given)
+    end.
+
+with_target({ok, Target}, File, Given) -> {ok, Target#{file := File, given := Given}};
+with_target({error, Lines}, File, _Given) -> {error, [[File, ": ", Line] || Line <- Lines]}.
+
+%% Applications go by their short names; the module's is understood, too.
+name_of(App) when is_atom(App) ->
+    case lists:keyfind(App, 2, apps()) of
+        {Name, _} -> Name;
+        false -> atom_to_list(App)
+    end;
+name_of(App) ->
+    case io_lib:printable_unicode_list(App) andalso App =/= "" of
+        true -> App;
+        false -> none
+    end.
+
+scenario_dir() -> filename:join([root(), "config", "scenarios"]).
+
+doc(File) ->
+    case file:read_file(File) of
+        {ok, Text} -> first_comment(string:split(Text, "\n", all));
+        {error, _} -> ""
+    end.
+
+first_comment([<<"%", Line/binary>> | _]) -> string:trim(Line, both, "% \r");
+first_comment([_ | Lines]) -> first_comment(Lines);
+first_comment([]) -> "".
+
+%% -- applications ---------------------------------------------------------------------------
+
+is_app(Module) ->
+    {module, Module} = code:ensure_loaded(Module),
+    Attributes = Module:module_info(attributes),
+    lists:member(starl_app, proplists:append_values(behaviour, Attributes)).
+
+short(Module) -> lists:nthtail(length(?PREFIX), atom_to_list(Module)).
+
+cwd() ->
+    {ok, Dir} = file:get_cwd(),
+    Dir.
