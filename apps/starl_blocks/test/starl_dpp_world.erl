@@ -33,7 +33,8 @@
 
 %% Runs until the picture is complete or nobody can move. Options: plan (what starl_dpp_plan:new
 %% wants), at (start places; the spots by default), interrupt (probability per segment), deaths
-%% ([{Seconds, Robot}]), make_way, seed, check. Answers a map of figures.
+%% ([{Seconds, Robot}]), make_way, seed, check, trace (a fun called at each request). Answers a map
+%% of figures.
 run(#{plan := Config} = Options) ->
     {ok, Plan0} = starl_dpp_plan:new(Config),
     Ids = lists:usort(maps:get(robots, Config)),
@@ -90,7 +91,8 @@ later(Delay, Event, #world{queue = Queue, seq = Seq, now = Now} = World) ->
 quiet(#world{plan = Plan0, robots = Robots} = World) ->
     Waiting = [Id || {Id, #robot{state = waiting}} <- lists:sort(maps:to_list(Robots))],
     #{free := Free} = starl_dpp_plan:counts(Plan0),
-    case Free > 0 andalso timed(resolve, fun() -> starl_dpp_plan:resolve(Waiting, Plan0) end, World) of
+    Resolve = fun() -> starl_dpp_plan:resolve(Waiting, Plan0) end,
+    case Free > 0 andalso timed(resolve, Resolve, World) of
         false ->
             World;
         {{[], _}, World1} ->
@@ -138,7 +140,8 @@ put_robot(Id, Robot, #world{robots = Robots} = World) ->
     World#world{robots = Robots#{Id := Robot}}.
 
 ask(Id, #world{plan = Plan0} = World0) ->
-    (maps:get(trace, World0#world.options, fun(_, _, _, _) -> ok end))(World0#world.now, Id, Plan0, World0#world.robots),
+    Trace = maps:get(trace, World0#world.options, fun(_, _, _, _) -> ok end),
+    Trace(World0#world.now, Id, Plan0, World0#world.robots),
     case timed(request, fun() -> starl_dpp_plan:request(Id, Plan0) end, World0) of
         {{{assign, Path}, Plan1}, #world{stats = Stats} = World1} ->
             lists:any(fun({_, Pen}) -> Pen =/= up end, Path) orelse error({no_ink, Path}),

@@ -86,7 +86,10 @@ arguments(Flags, Values) ->
 -spec nearest(string(), [string()]) -> [string()].
 nearest(Text, Known) ->
     Scored = [{distance(Text, K), K} || K <- Known],
-    [K || {Edits, K} <- lists:sort(Scored), 3 * Edits =< length(K) + 1].
+    [K || {Edits, K} <- lists:sort(Scored), Edits =< slips(length(K))].
+
+%% How many slips a word of this length is known by: half of a short word, a third of a long one.
+slips(Length) -> min((Length + 1) div 2, max(2, Length div 3)).
 
 %% Levenshtein's: how many letters must be put in, taken out or changed.
 distance(From, To) ->

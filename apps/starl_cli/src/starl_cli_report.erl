@@ -126,10 +126,10 @@ hex(Bytes) -> string:lowercase(binary:encode_hex(Bytes)).
 
 %% -- in a few words -------------------------------------------------------------------------
 
-%% @doc The run in a few lines.
--spec summary(t()) -> unicode:chardata().
+%% @doc The run in a few lines; the first alone says how it ended.
+-spec summary(t()) -> [unicode:chardata(), ...].
 summary(Report) ->
-    [[Line, "\n"] || Line <- [headline(Report) | details(Report)], Line =/= none].
+    [headline(Report) | [Line || Line <- details(Report), Line =/= none]].
 
 headline(Report) ->
     Robots = figure(robots, Report),

@@ -126,12 +126,16 @@ tell(#{target := #{name := Name}, scenario := Scenario} = Setup, Ending, WallMs,
     Written = starl_cli_out:write(maps:get(out, Setup), fun(Dir) ->
         starl_cli_files:write(Dir, Setup, Report, Write)
     end),
-    summarize(Setup, Report),
+    _ = summarize(Setup, Report),
     violated(Setup, Outcome),
     where(Written, status(Report)).
 
-summarize(#{quiet := true}, _Report) -> ok;
-summarize(#{quiet := false}, Report) -> starl_cli_terminal:out(starl_cli_report:summary(Report)).
+%% What is not as it should be is told in any case.
+summarize(#{quiet := true}, Report) ->
+    status(Report) =:= 0 orelse
+        starl_cli_terminal:out([hd(starl_cli_report:summary(Report)), "\n"]);
+summarize(#{quiet := false}, Report) ->
+    starl_cli_terminal:out([[Line, "\n"] || Line <- starl_cli_report:summary(Report)]).
 
 violated(_Setup, #{violations := []}) ->
     ok;
@@ -140,7 +144,12 @@ violated(#{target := Target, scenario := Scenario}, #{violations := Violations})
     starl_cli_terminal:out([Lines, "replay: ", starl_cli_run:replay(Target, Scenario), "\n"]).
 
 where({ok, Dir}, Status) ->
-    starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), "\n"]),
+    Crashes =
+        case starl_cli_log:lines() of
+            [] -> "";
+            [_ | _] -> " (run.log tells of crashes)"
+        end,
+    starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), Crashes, "\n"]),
     Status;
 where({error, Why}, _Status) ->
     starl_cli_terminal:complain(["the results could not be written: ", Why]),

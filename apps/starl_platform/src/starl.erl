@@ -28,7 +28,7 @@
 %% (likewise), or too many messages are under way (`overload': it was not sent).
 -type outcome() :: ok | {error, lost | restarted | overload}.
 
--record(robot, {id :: robot_id(), participants :: [robot_id()]}).
+-record(robot, {id :: robot_id(), team :: starl_team:t()}).
 
 %% The robot that an application runs on.
 -opaque robot() :: #robot{}.
@@ -39,7 +39,7 @@ id(#robot{id = Id}) -> Id.
 
 %% @doc All robots of the team, this one included, in ascending order.
 -spec participants(robot()) -> [robot_id()].
-participants(#robot{participants = Participants}) -> Participants.
+participants(#robot{team = Team}) -> starl_team:members(Team).
 
 %% @doc The robot's own clock in milliseconds; the clocks of two robots differ.
 -spec now(robot()) -> integer().
@@ -136,8 +136,8 @@ call(#robot{}, Name, Request, infinity) -> starl_app_proc:call(Name, Request, in
 call(#robot{}, Name, Request, Ms) -> starl_app_proc:call(Name, Request, Ms * 1000).
 
 %% @private Made by the runtime only.
--spec robot(robot_id(), [robot_id()]) -> robot().
-robot(Id, Participants) -> #robot{id = Id, participants = Participants}.
+-spec robot(robot_id(), starl_team:t()) -> robot().
+robot(Id, Team) -> #robot{id = Id, team = Team}.
 
 flatten({ok, Answer}) -> Answer;
 flatten({error, _} = Error) -> Error.

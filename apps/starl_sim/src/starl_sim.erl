@@ -149,7 +149,7 @@ launch(Scenario, Scene, #{robots := Ids} = Context) ->
     Sight = ets:new(starl_sight, [set, public, {read_concurrency, true}]),
     World = #{
         seed => maps:get(seed, Scenario),
-        team => Ids,
+        team => starl_team:new(Ids),
         sight => Sight,
         loss => float(maps:get(loss, Scenario)),
         duplicate => float(maps:get(duplicate, Scenario)),
@@ -174,7 +174,7 @@ robot(Id, Scene, Profile, #{robots := Ids} = Context) ->
     #{
         tree => #{
             id => Id,
-            participants => Ids,
+            participants => starl_team:new(Ids),
             driver => self(),
             services => [
                 {sap, starl_sap, Sap},

@@ -18,7 +18,7 @@
 %% `sight' is the table of the pieces of motion that all robots were in when the window began.
 -type world() :: #{
     seed := integer(),
-    team := [starl:robot_id()],
+    team := starl_team:t(),
     clock := {OffsetUs :: non_neg_integer(), DriftPpb :: non_neg_integer()},
     sight := ets:table(),
     loss := float(),
@@ -141,7 +141,7 @@ transmit(all, Packet, #body{id = Id, world = #{team := Team}} = Body) ->
     lists:foldl(
         fun(Dest, B) -> send(Dest, Packet, B) end,
         Body#body{packets = Body#body.packets + 1},
-        lists:delete(Id, Team)
+        starl_team:others(Id, Team)
     );
 transmit(Dest, Packet, #body{packets = Packets} = Body) ->
     send(Dest, Packet, Body#body{packets = Packets + 1}).

@@ -40,6 +40,7 @@
     robots_sup :: pid(),
     queue :: starl_sim_queue:t(),
     robots = #{} :: #{starl:robot_id() => starl_sim_robot:t()},
+    running = 0 :: non_neg_integer(),
     window_us :: pos_integer(),
     window = 0 :: starl_sim_queue:time()
 }).
@@ -82,7 +83,7 @@ handle_call({launch, {Specs, Faults}}, _From, Shard) ->
     Robots = maps:from_list([start_robot(Spec, Shard) || Spec <- Specs]),
     ok = show(maps:to_list(Robots), Shard),
     Queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Faults),
-    {reply, ok, Shard#shard{robots = Robots, queue = Queue}};
+    {reply, ok, Shard#shard{robots = Robots, queue = Queue, running = map_size(Robots)}};
 handle_call({inspect, {summary, Time}}, _From, #shard{robots = Robots} = Shard) ->
     Summaries = [
         {Id, starl_sim_robot:summary(Time, Robot)}
@@ -113,7 +114,8 @@ handle_info({'DOWN', _, process, Pid, _}, #shard{robots = Robots} = Shard) ->
     case owner(Pid, Robots) of
         {Id, Robot} ->
             Crashed = Robots#{Id := starl_sim_robot:crashed(Pid, Robot)},
-            {noreply, wake(Id, Shard#shard{robots = Crashed})};
+            Ended = length([Id || ended(Id, Crashed, Robots)]),
+            {noreply, wake(Id, Shard#shard{robots = Crashed, running = Shard#shard.running - Ended})};
         none ->
             {noreply, Shard}
     end;
@@ -231,13 +233,14 @@ close_window(Ids, Robots, #shard{queue = Queue, robots = Before} = Shard) ->
     {Own, Others} = lists:partition(fun(E) -> is_map_key(element(2, E), Robots) end, Later),
     Filled = lists:foldl(fun starl_sim_queue:add/2, Queue, Own),
     ok = show([{Id, R} || Id <- Ids, R <- moved(Id, Closed, Before)], Shard),
+    Running = Shard#shard.running - length([Id || Id <- Ids, ended(Id, Closed, Before)]),
     Outcome = #{
         packets => Others,
         trace => in_order(Traces),
         next => starl_sim_queue:next_time(Filled),
-        running => length([1 || R <- maps:values(Closed), starl_sim_robot:result(R) =:= running])
+        running => Running
     },
-    {Outcome, Shard#shard{robots = Closed, queue = Filled}}.
+    {Outcome, Shard#shard{robots = Closed, queue = Filled, running = Running}}.
 
 close_robot(Id, {Robots, Later, Traces}) ->
     {New, Trace, Robot} = starl_sim_robot:close(maps:get(Id, Robots)),
@@ -255,6 +258,10 @@ moved(Id, After, Before) ->
         Piece -> [];
         _ -> [Robot]
     end.
+
+ended(Id, After, Before) ->
+    starl_sim_robot:result(maps:get(Id, After)) =/= running andalso
+        starl_sim_robot:result(maps:get(Id, Before)) =:= running.
 
 %% Lets the others see where robots are, from the next window on.
 show([], _Shard) ->

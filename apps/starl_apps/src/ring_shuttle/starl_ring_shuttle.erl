@@ -72,7 +72,7 @@ init(#{robot := Id, participants := Team, columns := Columns, period_us := Perio
     {X, Y} = place(Id, Columns),
     Shuttle = #shuttle{
         self = Id,
-        next = Id rem length(Team) + 1,
+        next = starl_team:next(Id, Team),
         period_us = Period,
         ticks = maps:get(messages, Config),
         here = {X, Y},

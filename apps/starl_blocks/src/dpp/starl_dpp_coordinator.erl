@@ -49,7 +49,7 @@
 -spec init(starl_machine:config()) -> {idle, #coordinator{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Epoch} = Config) ->
     Plan = maps:without([robot, participants, incarnation, name, random, now], Config),
-    {idle, #coordinator{self = Self, team = Team, epoch = Epoch, config = Plan, plan = none},
+    {idle, #coordinator{self = Self, team = starl_team:members(Team), epoch = Epoch, config = Plan, plan = none},
         listen()}.
 
 -spec handle_event(

@@ -81,6 +81,11 @@
 -define(PARKED, 0.04).
 %% A robot within this many R of its spot is parked: spots have this much room to spare.
 
+-define(FAR, 2000.0).
+%% Up to this far away a robot gets work even if another will be there first,
+-define(LEAD, 1000.0).
+%% which counts when it is so much nearer.
+
 %%% Building
 
 %% @doc A plan with all edges free and no robot's place known.
@@ -368,7 +373,8 @@ find_work(Robot, Patient, #plan{modes = Modes, config = Config} = Plan) ->
     Settings = maps:with([horizon, overhead_mm, middle], Config),
     case starl_dpp_choice:best(Really, view(Robot, Plan), Settings) of
         {ok, #{path := Path} = Job} ->
-            case Patient andalso (detour(Robot, Job, Plan) orelse better_placed(Robot, Job, Plan)) of
+            case Patient andalso (detour(Robot, Job, Plan)
+                                  orelse better_placed(Robot, Job, Plan)) of
                 true -> {none, Plan};
                 false -> {{assign, Path}, (send(Robot, Path, Plan))#plan{yielded = #{}}}
             end;
@@ -392,12 +398,11 @@ detour(Robot, #{path := Path, travel_mm := Driven}, #plan{modes = Modes, config 
 %% Another will be there before this one, counting what it has to drive until then.
 better_placed(_Robot, _Job, #plan{config = #{patience := infinity}}) ->
     false;
-better_placed(Robot, #{path := Path, travel_mm := Driven}, #plan{config = Config} = Plan) ->
-    {Least, Lead} = maps:get(rival, Config, {1000.0, 500.0}),
-    Points = [Q || {Q, up} <- Path],
-    Driven > Least andalso
-        lists:any(fun(Id) -> rival(Id, lists:last(Points), Plan) + Lead < Driven end,
-                  Plan#plan.robots -- [Robot]).
+better_placed(Robot, #{path := Path, travel_mm := Driven}, #plan{robots = Robots} = Plan) ->
+    Driven > ?FAR andalso begin
+        Begin = lists:last([Q || {Q, up} <- Path]),
+        lists:any(fun(Id) -> rival(Id, Begin, Plan) + ?LEAD < Driven end, Robots -- [Robot])
+    end.
 
 rival(Id, Target, #plan{unsafe = Unsafe}) ->
     Held = starl_dpp_unsafe:held(Id, Unsafe),

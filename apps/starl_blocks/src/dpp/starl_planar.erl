@@ -117,9 +117,12 @@ cut_pair({N, {A, B, S}}, {M, {C, D, T}}, {_, #weld{tolerance = Tol}} = Acc0) ->
         false ->
             Acc0;
         true ->
-            Acc1 = lists:foldl(fun({I, Line, V, P}, Acc) -> touch(I, Line, V, P, Acc) end, Acc0,
-                               [{N, {A, B, S}, C, element(1, T)}, {N, {A, B, S}, D, element(2, T)},
-                                {M, {C, D, T}, A, element(1, S)}, {M, {C, D, T}, B, element(2, S)}]),
+            {P, Q} = S,
+            {X, Y} = T,
+            Ends = [{N, {A, B, S}, C, X}, {N, {A, B, S}, D, Y},
+                    {M, {C, D, T}, A, P}, {M, {C, D, T}, B, Q}],
+            Touch = fun({I, Line, V, Place}, Acc) -> touch(I, Line, V, Place, Acc) end,
+            Acc1 = lists:foldl(Touch, Acc0, Ends),
             cross({N, {A, B, S}}, {M, {C, D, T}}, Acc1)
     end.
 
@@ -153,7 +156,8 @@ pieces(Edge, [], _Points) ->
     [Edge];
 pieces({A, B}, Vertices, Points) ->
     P = maps:get(A, Points),
-    Sorted = lists:usort([{along(P, maps:get(B, Points), maps:get(V, Points)), V} || V <- Vertices]),
+    Q = maps:get(B, Points),
+    Sorted = lists:usort([{along(P, Q, maps:get(V, Points)), V} || V <- Vertices]),
     chain([A | [V || {_, V} <- Sorted]] ++ [B]).
 
 along({AX, AY}, {BX, BY}, {X, Y}) -> (X - AX) * (BX - AX) + (Y - AY) * (BY - AY).

@@ -36,7 +36,7 @@
 
 -record(election, {
     self :: starl:robot_id(),
-    team :: [starl:robot_id()],
+    team :: starl_team:t(),
     seed :: non_neg_integer(),
     races = #{} :: #{starl_election:election() => #race{}},
     order = [] :: [starl_election:election()]
@@ -107,7 +107,7 @@ ballot(Election, Source, Ballot, Data0) ->
 %% Elects when all ballots are here; only a robot that takes part does.
 count(Election, Actions, #election{team = Team} = Data) ->
     #race{ballots = Ballots, from = From} = maps:get(Election, Data#election.races),
-    case From =/= none andalso map_size(Ballots) =:= length(Team) of
+    case From =/= none andalso map_size(Ballots) =:= starl_team:count(Team) of
         true ->
             {_, Leader} = lists:max(maps:values(Ballots)),
             Announce = {cast, sap, {broadcast, leader, {Election, Leader}}},
@@ -138,7 +138,7 @@ again(Election, #election{self = Self, team = Team} = Data) ->
     case maps:get(Election, Data#election.races, #race{}) of
         #race{leader = none, from = From, ballots = Ballots} when From =/= none ->
             Own = maps:get(Self, Ballots),
-            Others = lists:delete(Self, Team),
+            Others = starl_team:others(Self, Team),
             {keep_state, Data, [
                 {{timeout, {again, Election}}, ?AGAIN_US, again}
                 | [starl_sap:post(Other, ballot, {Election, Own}) || Other <- Others]

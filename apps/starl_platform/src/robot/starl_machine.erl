@@ -68,7 +68,7 @@
 %% robot (1, 2, …); `random' is its own random stream.
 -type config() :: #{
     robot := starl:robot_id(),
-    participants := [starl:robot_id()],
+    participants := starl_team:t(),
     name := name(),
     incarnation := pos_integer(),
     random := rand:state(),

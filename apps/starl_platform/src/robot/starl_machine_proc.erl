@@ -37,7 +37,7 @@
 %% @doc Starts the process and attaches it to its driver.
 -spec start_link(spec()) -> gen_statem:start_ret().
 start_link(Spec) ->
-    gen_statem:start_link(?MODULE, Spec, [{spawn_opt, [{fullsweep_after, 20}]}]).
+    gen_statem:start_link(?MODULE, Spec, []).
 
 %% @doc The machine as it is now, for inspection.
 -spec machine(pid()) -> starl_machine:t().

@@ -24,7 +24,7 @@
 %% wall time a supervisor bears.
 -type spec() :: #{
     id := starl:robot_id(),
-    participants := [starl:robot_id()],
+    participants := starl_team:t(),
     driver := pid(),
     services := [machine()],
     blocks := [machine()],

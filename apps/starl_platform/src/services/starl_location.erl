@@ -10,7 +10,7 @@
 -export([init/1, handle_event/5]).
 
 -record(location, {
-    participants :: [starl:robot_id()],
+    participants :: starl_team:t(),
     waypoints :: #{atom() => starl_geometry:point()},
     %% who waits for the positioning system, oldest first
     asked = [] :: [{starl_machine:from(), {pose, starl:robot_id()} | poses}]
@@ -33,7 +33,7 @@ handle_event({call, From}, {pose, Robot} = Question, ready, Location, _Meta) ->
 handle_event(info, {located, Poses}, ready, #location{asked = [{From, Question} | Rest]} = Location, _) ->
     {keep_state, Location#location{asked = Rest}, [{reply, From, answer(Question, Poses)}]};
 handle_event({call, From}, poses, ready, #location{participants = Participants} = Location, _) ->
-    ask(From, poses, Participants, Location);
+    ask(From, poses, starl_team:members(Participants), Location);
 handle_event({call, From}, {waypoint, Name}, ready, #location{waypoints = Waypoints}, _Meta) ->
     Answer =
         case Waypoints of

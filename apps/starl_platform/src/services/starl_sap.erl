@@ -66,7 +66,7 @@
 
 -record(sap, {
     self :: starl:robot_id(),
-    others :: [starl:robot_id()],
+    team :: starl_team:t(),
     incarnation :: starl_packet:incarnation(),
     delays :: [pos_integer()],
     window :: pos_integer(),
@@ -101,7 +101,7 @@ bound_us(Config) -> round(lists:sum(delays(Config))).
 init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config) ->
     Sap = #sap{
         self = Self,
-        others = lists:delete(Self, Team),
+        team = Team,
         incarnation = Incarnation,
         delays = delays(Config),
         window = maps:get(window, Config, 4096),
@@ -123,10 +123,10 @@ handle_event({call, From}, {send, To, Type, Body}, ready, Sap, _Meta) ->
     send_message([To], Type, Body, From, false, Sap);
 handle_event({timeout, {retransmit, Seq}}, _, ready, Sap, _Meta) ->
     retransmit(Seq, Sap);
-handle_event(cast, {broadcast, Type, Body}, ready, #sap{others = Others} = Sap, _Meta) ->
-    send_message(Others, Type, Body, none, true, Sap);
-handle_event({call, From}, {broadcast, Type, Body}, ready, #sap{others = Others} = Sap, _Meta) ->
-    send_message(Others, Type, Body, From, true, Sap);
+handle_event(cast, {broadcast, Type, Body}, ready, Sap, _Meta) ->
+    send_message(others(Sap), Type, Body, none, true, Sap);
+handle_event({call, From}, {broadcast, Type, Body}, ready, Sap, _Meta) ->
+    send_message(others(Sap), Type, Body, From, true, Sap);
 handle_event(packet, {starl, 1, refusal, By, Own, Incarnation, Seq}, ready, Sap, _Meta) ->
     settle(By, Incarnation, Seq, restarted, heard(By, Own, Sap));
 handle_event(packet, {starl, 1, hello, By, Own}, ready, Sap, _Meta) ->
@@ -139,6 +139,8 @@ handle_event(_, _, _, _, _) ->
     unknown_event.
 
 %% -- sending --------------------------------------------------------------------------------
+
+others(#sap{self = Self, team = Team}) -> starl_team:others(Self, Team).
 
 send_message([], _Type, _Body, From, _Broadcast, Sap) ->
     {keep_state, Sap, answer(From, ok)};

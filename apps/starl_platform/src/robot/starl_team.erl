@@ -1,0 +1,45 @@
+%% @doc The robots of a team, kept as runs of consecutive numbers: a team of ten thousand takes
+%% no more room in each of its robots' machines than a team of two.
+-module(starl_team).
+
+-export([new/1, members/1, others/2, count/1, next/2]).
+
+-export_type([t/0]).
+
+%% Ascending; a plain list of robots is a team as well.
+-type t() :: [starl:robot_id() | {First :: starl:robot_id(), Last :: starl:robot_id()}].
+
+%% @doc The team of these robots.
+-spec new([starl:robot_id()]) -> t().
+new(Robots) -> runs(lists:usort(Robots)).
+
+%% @doc Its robots, ascending.
+-spec members(t()) -> [starl:robot_id()].
+members([]) -> [];
+members([{First, Last} | Rest]) -> lists:seq(First, Last) ++ members(Rest);
+members([Robot | Rest]) -> [Robot | members(Rest)].
+
+%% @doc All robots but this one, ascending.
+-spec others(starl:robot_id(), t()) -> [starl:robot_id()].
+others(Robot, Team) -> lists:delete(Robot, members(Team)).
+
+%% @doc How many there are.
+-spec count(t()) -> integer().
+count([]) -> 0;
+count([{First, Last} | Rest]) -> Last - First + 1 + count(Rest);
+count([_Robot | Rest]) -> 1 + count(Rest).
+
+%% @doc The robot after this one, in a ring.
+-spec next(starl:robot_id(), t()) -> starl:robot_id().
+next(Robot, Team) ->
+    case [Next || Next <- members(Team), Next > Robot] of
+        [Next | _] -> Next;
+        [] -> hd(members(Team))
+    end.
+
+runs([]) -> [];
+runs([Robot | Robots]) -> runs(Robots, Robot, Robot).
+
+runs([Next | Rest], First, Last) when Next =:= Last + 1 -> runs(Rest, First, Next);
+runs([Next | Rest], First, Last) -> [{First, Last} | runs(Rest, Next, Next)];
+runs([], First, Last) -> [{First, Last}].
