@@ -69,20 +69,20 @@ bad_input(Problems) ->
 
 commands() ->
     [
-        {"run", fun starl_cli_run:command/1, "run TARGET      run an application or a scenario"},
+        {"run", fun starl_cli_run:command/1, "run TARGET        run an application or a scenario"},
         {"table", fun starl_cli_table:command/1,
-            "table           paint every picture with many teams, losses and seeds"},
-        {"bench", fun starl_cli_bench:command/1, "bench [ring|dpp] measure how fast it runs"},
-        {"apps", fun apps/1, "apps            list the applications"},
-        {"scenarios", fun scenarios/1, "scenarios       list the scenarios"}
+            "table             paint every picture with many teams, losses and seeds"},
+        {"bench", fun starl_cli_bench:command/1, "bench [ring|dpp]  measure how fast it runs"},
+        {"apps", fun apps/1, "apps              list the applications"},
+        {"scenarios", fun scenarios/1, "scenarios         list the scenarios"}
     ].
 
 usage() ->
     [
         "StarL: programs for teams of robots.\n\nUsage: ./starl COMMAND [ARGUMENTS]\n\n",
         [["  ", Doc, "\n"] || {_, _, Doc} <- commands()],
-        "  test            run every test\n",
-        "  shell           an Erlang shell with StarL loaded\n",
+        "  test              run every test\n",
+        "  shell             an Erlang shell with StarL loaded\n",
         "  help, --version\n\n",
         "./starl COMMAND --help tells more. To begin with: ./starl run painting\n"
     ].

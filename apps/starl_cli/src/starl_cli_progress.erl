@@ -55,7 +55,8 @@ erase() ->
 -spec line(part(), Count :: non_neg_integer(), [unicode:chardata()], Width :: integer()) ->
     string().
 line(Part, Count, Words, Width) ->
-    Text = fitting([lists:flatten(io_lib:format("~ts", [W])) || W <- Words], Width),
+    Texts = [unicode:characters_to_list(Word) || Word <- Words],
+    Text = fitting([T || T <- Texts, T =/= ""], Width),
     case min(?WIDEST_BAR, Width - length(Text) - 3) of
         Room when Room >= ?LEAST_BAR -> [$[ | bar(Part, Count, Room)] ++ "] " ++ Text;
         _ -> Text

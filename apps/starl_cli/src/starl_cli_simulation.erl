@@ -179,9 +179,8 @@ failed(_WallMs, Reason, #{out := Out} = Setup) ->
 
 why({shard_failed, Reason}) ->
     why(Reason);
-why({no_answer, Busy}) ->
-    io_lib:format("a machine has not answered for long, is there an endless loop in it? ~0tP", [
-        Busy, 20
-    ]);
+why({no_answer, [_ | _] = Busy}) ->
+    Names = [io_lib:format("~ts of robot ~b", [Name, Robot]) || {Robot, Name} <- Busy],
+    ["no answer from ", lists:join(", ", Names), " for a long time; is there an endless loop in it?"];
 why(Reason) ->
     io_lib:format("~0tP", [Reason, 15]).

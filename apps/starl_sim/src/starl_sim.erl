@@ -15,6 +15,8 @@
 
 -export_type([sim/0, reason/0]).
 
+-define(ROBOTS_PER_SHARD, 32).
+
 -record(sim, {
     sup :: pid(),
     run :: pid(),
@@ -162,7 +164,7 @@ launch(Scenario, Scene, #{robots := Ids} = Context) ->
         robots => [robot(Id, Scene, Profile, Context) || Id <- Ids],
         world => World,
         window_us => round(MinMs * 1000),
-        shards => min(Shards, length(Ids)),
+        shards => shards(Shards, length(Ids)),
         faults => faults(maps:get(faults, Scenario)),
         monitors => monitors(Scene, Context)
     }),
@@ -215,6 +217,12 @@ target(Robot) -> Robot.
 
 strike(kill_machine, {_Robot, Machine}) -> {kill_machine, Machine};
 strike(kill_robot, _Robot) -> kill_robot.
+
+%% Fewer robots than this are not worth a shard of their own.
+shards(none, Robots) ->
+    max(1, min(erlang:system_info(schedulers_online), Robots div ?ROBOTS_PER_SHARD));
+shards(Shards, Robots) ->
+    min(Shards, Robots).
 
 range(#{range := none}) -> infinity;
 range(#{range := Range}) -> float(Range).

@@ -5,20 +5,24 @@
 -module(starl_sim_robot).
 
 -export([new/3, attach/3, boot/1]).
--export([open/3, proceed/2, answered/2, crashed/2, close/1]).
+-export([open/3, proceed/2, answered/2, crashed/3, close/1]).
 -export([busy/1, owns/2, result/1, piece/1, summary/2, machines/1]).
 
 -export_type([t/0, summary/0]).
 
 -define(CLASS_FAULT, 0).
+%% So many crashes of a robot are remembered.
+-define(REMEMBERED, 10).
 
-%% What is known of a robot: its digest chain, its events and packets, its application's result.
+%% What is known of a robot: its digest chain, its events and packets, its application's result,
+%% and its latest crashes, newest first.
 -type summary() :: #{
     chain := non_neg_integer(),
     events := non_neg_integer(),
     packets := non_neg_integer(),
     result := running | died | {done, term()},
-    pose := starl:pose()
+    pose := starl:pose(),
+    crashes := [{starl_machine:name(), Reason :: term()}]
 }.
 
 %% What one of the machines has to do: handle an event, or start.
@@ -36,7 +40,8 @@
     local = [] :: [local()],
     %% the machine that is at work
     busy = none :: starl_machine:name() | none,
-    later = [] :: [starl_sim_queue:event()]
+    later = [] :: [starl_sim_queue:event()],
+    crashes = [] :: [{starl_machine:name(), Reason :: term()}]
 }).
 
 -opaque t() :: #robot{}.
@@ -93,13 +98,16 @@ answered(Actions, #robot{busy = Name, body = Body0, local = Local} = Robot) ->
 
 %% @doc One of its processes is gone. Virtual time waits until its supervisor has restarted it;
 %% the others are told. If the supervisor gives up, the robot has died.
--spec crashed(pid(), t()) -> t().
-crashed(Pid, #robot{sup = Pid} = Robot) ->
+-spec crashed(pid(), Reason :: term(), t()) -> t().
+crashed(Pid, _Reason, #robot{sup = Pid} = Robot) ->
     died(gave_up, Robot);
-crashed(Pid, #robot{busy = Busy} = Robot) ->
+crashed(Pid, Reason, #robot{busy = Busy, crashes = Crashes} = Robot) ->
     Name = name_of(Pid, Robot),
-    Body = starl_sim_platform:trace(Name, crashed, Robot#robot.body),
-    Bare = forget(Name, Robot#robot{body = Body, busy = still_busy(Name, Busy)}),
+    Bare = forget(Name, Robot#robot{
+        body = starl_sim_platform:trace(Name, crashed, Robot#robot.body),
+        busy = still_busy(Name, Busy),
+        crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED)
+    }),
     case await_restart([Name], [], Bare) of
         {ok, Names, Back} -> Back#robot{local = Back#robot.local ++ restarts(Names, Back)};
         {died, Dead} -> Dead
@@ -140,7 +148,8 @@ summary(Time, #robot{body = Body} = Robot) ->
         events => Events,
         packets => Packets,
         result => result(Robot),
-        pose => starl_trajectory:pose(Time, starl_sim_platform:piece(Body))
+        pose => starl_trajectory:pose(Time, starl_sim_platform:piece(Body)),
+        crashes => Robot#robot.crashes
     }.
 
 %% @doc Its machines, each with its state and data.
@@ -170,8 +179,13 @@ dispatch({Name, Type, Content}, Window, #robot{processes = Processes, body = Bod
             {busy, Robot#robot{body = Hashed, busy = Name}};
         #{} ->
             Traced = starl_sim_platform:trace(Name, {unknown_machine, Name}, Body),
-            proceed(Window, Robot#robot{body = Traced})
+            Local = Robot#robot.local ++ refusal(Name, Type),
+            proceed(Window, Robot#robot{body = Traced, local = Local})
     end.
+
+%% A call to a machine that the robot does not have must not wait for ever.
+refusal(Name, {call, {From, Tag}}) -> [{From, {reply, Tag}, {no_such_machine, Name}}];
+refusal(_Name, _Type) -> [].
 
 message(Name, boot, none, #robot{id = Id, body = Body, incarnations = Incarnations}) ->
     {starl_boot, starl_sim_platform:boot(Id, Name, maps:get(Name, Incarnations), Body)};
@@ -206,7 +220,7 @@ strike({kill_machine, Name}, #robot{processes = Processes} = Robot) ->
         #{Name := Pid} ->
             exit(Pid, kill),
             receive
-                {'DOWN', _, process, Pid, _} -> crashed(Pid, Robot)
+                {'DOWN', _, process, Pid, Reason} -> crashed(Pid, Reason, Robot)
             end;
         #{} ->
             Robot

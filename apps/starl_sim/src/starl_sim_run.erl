@@ -55,6 +55,8 @@
     owner :: #{starl:robot_id() => pid()},
     monitors :: starl_monitor:t(),
     violations = [] :: [starl_monitor:violation()],
+    %% the last window's, not judged yet
+    trace = [] :: [starl_monitor:trace_event()],
     %% packets to be handed to their shard with the next window
     mail = #{} :: #{pid() => [starl_sim_queue:event()]},
     now = 0 :: starl_sim_queue:time(),
@@ -144,17 +146,28 @@ handle_info({window_done, Shard, Outcome}, #run{outcomes = Outcomes, shards = Sh
 
 %% -- windows --------------------------------------------------------------------------------
 
-%% Starts the next window, or answers the caller.
+%% Starts the next window, or answers the caller. The monitors judge a window while the shards
+%% run the next one, so a violation ends the run one window after it was committed.
 proceed(#run{next = Next, until = Until, window_us = Width} = Run) ->
     case ending(Run) of
         none when Next < Until ->
             From = Next - Next rem Width,
             To = From + Width,
-            start_window(From, To, Run#run{now = To});
+            judge(start_window(From, To, Run#run{now = To}));
         none ->
-            rest(Run#run{now = Until});
-        Ending ->
-            rest(Run#run{ending = Ending})
+            conclude_turn(judge(Run#run{now = Until}));
+        _ ->
+            conclude_turn(judge(Run))
+    end.
+
+conclude_turn(Run) -> rest(Run#run{ending = ending(Run)}).
+
+judge(#run{trace = Trace, monitors = Monitors, violations = Violations} = Run) ->
+    case starl_monitor:step(Trace, Monitors) of
+        {ok, Next} ->
+            Run#run{monitors = Next, trace = []};
+        {violation, Violation, Next} ->
+            Run#run{monitors = Next, trace = [], violations = Violations ++ [Violation]}
     end.
 
 ending(#run{violations = [_ | _]}) -> violation;
@@ -171,24 +184,19 @@ start_window(From, To, #run{shards = Shards, mail = Mail} = Run) ->
     _ = [starl_sim_shard:window(S, From, To, maps:get(S, Mail, [])) || S <- Shards],
     Run#run{mail = #{}}.
 
-close_window(Outcomes, #run{monitors = Monitors} = Run) ->
+close_window(Outcomes, Run) ->
     Trace = merge([T || {_, #{trace := T}} <- Outcomes]),
     Packets = lists:append([P || {_, #{packets := P}} <- Outcomes]),
     Times = [T || {_, #{next := T}} <- Outcomes] ++ [element(1, P) || P <- Packets],
-    Closed = Run#run{
+    Run#run{
+        trace = Trace,
         mail = maps:groups_from_list(
             fun(P) -> maps:get(element(2, P), Run#run.owner) end, Packets
         ),
         %% integers sort before the atom infinity
         next = lists:min(Times),
         running = lists:sum([N || {_, #{running := N}} <- Outcomes])
-    },
-    case starl_monitor:step(Trace, Monitors) of
-        {ok, Next} ->
-            Closed#run{monitors = Next};
-        {violation, Violation, Next} ->
-            Closed#run{monitors = Next, violations = [Violation]}
-    end.
+    }.
 
 %% The shards' traces in the order of time, then robot.
 merge([Trace]) -> Trace;

@@ -45,7 +45,8 @@ options() ->
         {distance_error, {number, 0, 0.1}, 0.01, "error of the distance per leg, up to +- part"},
         {position_error, {number, 0, 50}, 1.0, "error of the positioning system, up to mm"},
         {time, {number, 0, 1.0e6}, 7200, "ends at this virtual time, s"},
-        {shards, {integer, 1, 256}, 1, "over how many shards the robots are spread"},
+        {shards, {optional, {integer, 1, 256}}, none,
+            "over how many shards the robots are spread; none: by their number and the cores"},
         {faults, {term, "a list of {Id, FromMs, ToMs, Kind, Target, Params}", fun faults/1}, [],
             "crashes: kill_machine {Robot, Name}, kill_robot Robot"}
     ].

@@ -110,10 +110,10 @@ handle_cast({window, From, To, Packets}, #shard{run = Run, queue = Queue} = Shar
 
 %% A machine that was killed from outside between two windows; or one of a robot that died.
 -spec handle_info(term(), #shard{}) -> {noreply, #shard{}}.
-handle_info({'DOWN', _, process, Pid, _}, #shard{robots = Robots} = Shard) ->
+handle_info({'DOWN', _, process, Pid, Reason}, #shard{robots = Robots} = Shard) ->
     case owner(Pid, Robots) of
         {Id, Robot} ->
-            Crashed = Robots#{Id := starl_sim_robot:crashed(Pid, Robot)},
+            Crashed = Robots#{Id := starl_sim_robot:crashed(Pid, Reason, Robot)},
             Ended = length([Id || ended(Id, Crashed, Robots)]),
             {noreply, wake(Id, Shard#shard{robots = Crashed, running = Shard#shard.running - Ended})};
         none ->
@@ -191,8 +191,8 @@ collect(Active, Robots, Window) ->
                 {busy, Next} -> collect(Active, Robots#{Id := Next}, Window);
                 {idle, Next} -> collect(Active - 1, Robots#{Id := Next}, Window)
             end;
-        {'DOWN', _, process, Pid, _} ->
-            {Change, Next} = interrupted(Pid, Robots, Window),
+        {'DOWN', _, process, Pid, Reason} ->
+            {Change, Next} = interrupted(Pid, Reason, Robots, Window),
             collect(Active + Change, Next, Window);
         {out_of_patience, Window} ->
             exit({no_answer, [B || R <- maps:values(Robots), B <- starl_sim_robot:busy(R)]})
@@ -200,10 +200,10 @@ collect(Active, Robots, Window) ->
 
 %% A crash of a robot at work: it goes on when its supervisor has restarted what crashed. The
 %% processes of the others are left for later.
-interrupted(Pid, Robots, Window) ->
+interrupted(Pid, Reason, Robots, Window) ->
     case owner(Pid, Robots) of
         {Id, Robot} ->
-            Crashed = starl_sim_robot:crashed(Pid, Robot),
+            Crashed = starl_sim_robot:crashed(Pid, Reason, Robot),
             case {starl_sim_robot:busy(Robot), starl_sim_robot:busy(Crashed)} of
                 {[_], []} ->
                     {Count, Next} = proceed(Window, Crashed),

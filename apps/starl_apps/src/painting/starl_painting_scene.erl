@@ -51,7 +51,7 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
         {ok, _} ->
             {ok, #{
                 app => {sequential, starl_painting, none},
-                blocks => [{election, starl_election_ballots, #{}} | starl_dpp:blocks(Plan)],
+                blocks => [starl_election:block() | starl_dpp:blocks(Plan)],
                 poses => maps:map(fun(_, Spot) -> facing(Spot, World) end, Spots),
                 monitors => monitors(Lines, Radius, Tracking, Context),
                 memo => #{

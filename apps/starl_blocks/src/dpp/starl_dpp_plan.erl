@@ -144,8 +144,10 @@ passed(Robot, Index, #plan{modes = Modes, unsafe = Unsafe} = Plan) ->
 request(Robot, Plan) ->
     case {counts(Plan), is_standing(Robot, Plan), unknown(Plan)} of
         {#{free := 0, assigned := 0}, _, _} -> {complete, Plan};
-        {#{free := Free}, true, []} when Free > 0 -> find_work(Robot, others_move(Robot, Plan), Plan);
-        _ -> {none, Plan}
+        {#{free := Free}, true, []} when Free > 0 ->
+            find_work(Robot, others_move(Robot, Plan), Plan);
+        _ ->
+            {none, Plan}
     end.
 
 %% @doc A way to a parking spot, without painting; `none' when the robot is parked or there is no

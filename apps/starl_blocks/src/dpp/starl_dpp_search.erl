@@ -42,7 +42,7 @@ trail(V, Labels) -> trail(V, Labels, []).
 -spec turn(heading(), heading(), MmPerRadian :: float()) -> float().
 turn(none, _To, _Mm) -> 0.0;
 turn(_From, none, _Mm) -> 0.0;
-turn(From, To, Mm) ->
+turn(From, To, Mm) when is_float(From), is_float(To), is_float(Mm) ->
     D = abs(To - From),
     case D > 3.141592653589793 of
         true -> Mm * abs(6.283185307179586 - D);

@@ -7,11 +7,15 @@
 %% in bounded time. When no message is lost, all elect.
 -module(starl_election).
 
--export([elect/2, elect/3]).
+-export([block/0, elect/2, elect/3]).
 
 -export_type([election/0]).
 
 -type election() :: term().
+
+%% @doc The machine that a robot needs to take part in elections.
+-spec block() -> starl_robot_sup:machine().
+block() -> {election, starl_election_ballots, #{}}.
 
 %% @doc Takes part in an election, with half a minute's patience.
 -spec elect(starl:robot(), election()) ->

@@ -55,11 +55,15 @@
 -callback init(starl:robot(), Args :: term()) -> State :: term().
 -callback step(starl:robot(), State :: term()) -> {continue, State :: term()} | {done, term()}.
 -callback code_change(State :: term(), OldVsn :: term()) -> State :: term().
+%% The building blocks that it uses, as in `[starl_election:block()]'; not needed with scene/1.
+-callback blocks() -> [starl_robot_sup:machine()].
 -callback options() -> [starl_options:option()].
 -callback scene(context()) -> {ok, scene()} | {error, Why :: unicode:chardata()}.
 -callback report(scene(), outcome()) -> report().
 
--optional_callbacks([init/2, step/2, code_change/2, options/0, scene/1, report/2]).
+-optional_callbacks([
+    init/2, step/2, code_change/2, blocks/0, options/0, scene/1, report/2
+]).
 
 %% @doc The application's own options.
 -spec options(module()) -> [starl_options:option()].
@@ -74,7 +78,7 @@ options(App) ->
 scene(App, Context) ->
     case exported(App, scene, 1) of
         true -> App:scene(Context);
-        false -> {ok, #{app => {sequential, App, maps:get(options, Context)}}}
+        false -> {ok, bare_scene(App, Context)}
     end.
 
 %% @doc What an application has to tell of a run.
@@ -84,6 +88,14 @@ report(App, Scene, Outcome) ->
         true -> App:report(Scene, Outcome);
         false -> #{figures => []}
     end.
+
+bare_scene(App, #{options := Options}) ->
+    Blocks =
+        case exported(App, blocks, 0) of
+            true -> App:blocks();
+            false -> []
+        end,
+    #{app => {sequential, App, Options}, blocks => Blocks}.
 
 exported(App, Function, Arity) ->
     _ = code:ensure_loaded(App),

@@ -82,6 +82,7 @@ call(Name, Request, Us) ->
     Tag = new_tag(),
     perform([{call, Name, Request, Tag} | timer(Tag, Us)]),
     Answer = wait(fun
+        ({reply, T}, {no_such_machine, N}) when T =:= Tag, N =:= Name -> no_such_machine;
         ({reply, T}, Reply) when T =:= Tag -> {answer, Reply};
         ({timeout, T}, call) when T =:= Tag -> timeout;
         (info, {restarted, N}) when N =:= Name -> restarted;
@@ -90,6 +91,7 @@ call(Name, Request, Us) ->
     stop_timer(Tag, Us),
     case Answer of
         {answer, Reply} -> {ok, Reply};
+        no_such_machine -> error({no_such_machine, Name, add_it_to_blocks});
         timeout -> {error, timeout};
         restarted -> {error, restarted}
     end.

@@ -1,0 +1,127 @@
+%% Reports: every figure at its place, never better than it is, and readable as JSON.
+-module(starl_cli_report_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(KEYS, [
+    app, seed, robots, virtual_s, wall_s, ink_mm, ink_covered, driven_mm, makespan_bound_ratio,
+    min_separation_mm, safety_distance_mm, deadlocks_resolved, assignments, messages, packets,
+    events, digest, violations
+]).
+
+report(Changes) -> starl_cli_report:make(maps:merge(input(), Changes)).
+
+input() ->
+    #{
+        name => "painting",
+        scenario => #{seed => 7, robots => 2},
+        ending => done,
+        wall_s => 1.23456,
+        outcome => outcome([done, done], []),
+        figures => painting(1.0)
+    }.
+
+outcome(Results, Violations) ->
+    #{
+        end_us => 12345678,
+        ending => done,
+        violations => Violations,
+        monitors => #{starl_sap_monitor => #{sent => 11}},
+        robots => [
+            {Id, #{result => result(R)}}
+         || {Id, R} <- lists:zip(lists:seq(1, length(Results)), Results)
+        ],
+        digest => <<16#AB, 1>>,
+        events => 5,
+        packets => 22
+    }.
+
+result(done) -> {done, complete};
+result(Other) -> Other.
+
+painting(Covered) ->
+    [
+        {ink_mm, 1000.04}, {ink_covered, Covered}, {driven_mm, 2000.0},
+        {makespan_bound_ratio, 1.5}, {min_separation_mm, 399.99996}, {safety_distance_mm, 400},
+        {deadlocks_resolved, 1}, {assignments, 9}, {lines_mm, 999.0}
+    ].
+
+violation() ->
+    #{contract => dpp, what => too_close, at_us => 1500000, robots => [1, 2], details => #{}}.
+
+text(Chars) -> unicode:characters_to_list(Chars).
+
+headline(Report) -> text(hd(starl_cli_report:summary(Report))).
+
+shows(Part, Text) ->
+    ?assertNotEqual({Part, nomatch, Text}, {Part, string:find(Text, Part), Text}).
+
+json_has_the_keys_in_their_order_test() ->
+    Json = iolist_to_binary(starl_cli_report:json(report(#{}))),
+    Places = [binary:match(Json, iolist_to_binary(["\"", atom_to_binary(K), "\":"])) || K <- ?KEYS],
+    ?assertEqual([], [nomatch || nomatch <- Places]),
+    ?assertEqual(Places, lists:sort(Places)).
+
+json_is_read_back_test() ->
+    Report = report(#{outcome => outcome([done, done], [violation()])}),
+    Json = iolist_to_binary(starl_cli_report:json(Report)),
+    Read = decode(starl_cli_json:codecs(), Json),
+    ?assertMatch(
+        #{
+            <<"seed">> := 7, <<"digest">> := <<"ab01">>, <<"messages">> := 11,
+            <<"violations">> := [#{<<"contract">> := <<"dpp">>, <<"robots">> := [1, 2]}]
+        },
+        Read
+    ).
+
+decode([jsx | _], Json) -> jsx:decode(Json, [return_maps]);
+decode([Codec | _], Json) -> Codec:decode(Json).
+
+codecs_agree_test() ->
+    Value = [{a, 1}, {b, [<<"x\n\"">>, null, true, 1.5]}, {c, []}, {d, [[{e, [1, 2]}]]}],
+    Texts = [iolist_to_binary(starl_cli_json:encode(C, Value)) || C <- starl_cli_json:codecs()],
+    Wanted = <<"{\"a\":1,\"b\":[\"x\\n\\\"\",null,true,1.5],\"c\":[],\"d\":[{\"e\":[1,2]}]}">>,
+    ?assertNotEqual([], Texts),
+    [?assertEqual(Wanted, Text) || Text <- Texts].
+
+never_better_than_it_is_test() ->
+    Report = report(#{figures => painting(0.99999999)}),
+    ?assertEqual(0.999999, starl_cli_report:figure(ink_covered, Report)),
+    ?assertEqual(399.999, starl_cli_report:figure(min_separation_mm, Report)),
+    ?assertNot(starl_cli_report:complete(Report)),
+    shows("99.99 %", headline(Report)).
+
+complete_is_told_test() ->
+    shows("painting: complete, 100 % of the lines painted, 2 robots, 12.3 s", headline(report(#{}))).
+
+time_over_is_told_test() ->
+    Report = report(#{
+        figures => painting(0.5), ending => time, outcome => outcome([running, done], [])
+    }),
+    shows("NOT COMPLETE, 50.00 % of the lines painted (the time was up; one robot was still",
+        headline(Report)).
+
+the_dead_are_told_test() ->
+    Report = report(#{figures => painting(0.5), outcome => outcome([died, done], [])}),
+    shows("robot 1 died", headline(Report)).
+
+interrupted_is_told_test() ->
+    shows("interrupted, 50.00 %", headline(report(#{figures => painting(0.5), ending => stopped}))).
+
+a_violation_is_told_test() ->
+    Report = report(#{outcome => outcome([done, done], [violation()])}),
+    shows("A CONTRACT IS VIOLATED", headline(Report)),
+    shows("dpp broken at 1.500000 s by robots 1, 2: too close", text(starl_cli_report:text(Report))).
+
+an_app_without_ink_test() ->
+    Without = #{figures => [{received, 3}]},
+    ?assert(starl_cli_report:complete(report(Without))),
+    ?assertNot(starl_cli_report:complete(report(Without#{ending => time}))),
+    ?assertNot(starl_cli_report:complete(report(Without#{outcome => outcome([died, done], [])}))),
+    ?assertEqual(null, starl_cli_report:figure(ink_mm, report(Without))),
+    ?assertEqual(nomatch, string:find(text(starl_cli_report:text(report(Without))), "ink_mm")).
+
+a_lonely_robot_test() ->
+    Figures = lists:keystore(min_separation_mm, 1, painting(1.0), {min_separation_mm, null}),
+    Report = report(#{figures => Figures}),
+    ?assertEqual(4, length(starl_cli_report:summary(Report)) - 1),
+    ?assertEqual(null, starl_cli_report:figure(min_separation_mm, Report)).

@@ -1,0 +1,145 @@
+%% The command line as its user meets it: a VM of its own, its exit status and what it prints.
+-module(starl_cli_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(PATIENCE_S, 60).
+
+commands_test_() ->
+    {timeout, ?PATIENCE_S, [
+        {"nothing", fun() -> says(0, "Usage:", []) end},
+        {"--help", fun() -> says(0, "Usage:", ["--help"]) end},
+        {"--version", fun() -> says(0, "starl ", ["--version"]) end},
+        {"apps", fun() -> says(0, "painting", ["apps"]) end},
+        {"unknown command", fun() -> says(2, "starl: unknown command rnu (did you mean run?)", ["rnu"]) end},
+        {"bad values", fun() -> says(2, "starl: --robots: ", ["run", "painting", "--robots", "0"]) end},
+        {"no picture", fun() -> says(2, "starl: ", ["run", "painting", "--picture", "no.svg"]) end},
+        {"bad table", fun() -> says(2, "starl: table: ", ["table", "--seeds", "0"]) end},
+        {"bad bench", fun() -> says(2, "starl: bench: ", ["bench", "ring", "--reps", "x"]) end}
+    ]}.
+
+%% A run writes all its files, and its scenario replays it to the same digest.
+run_and_replay_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            One = filename:join(Dir, "one"),
+            Two = filename:join(Dir, "two"),
+            says(0, "complete, 100 %", ["run", "painting", "--seed", "3", "--out", One]),
+            Missing = [
+                Name
+             || Name <- ["report.txt", "report.json", "scenario.term", "painting.svg"],
+                not filelib:is_regular(filename:join(One, Name))
+            ],
+            ?assertEqual([], Missing),
+            says(0, "result: ", ["run", filename:join(One, "scenario.term"), "--out", Two, "--quiet"]),
+            ?assertEqual(digest(One), digest(Two))
+        end)
+    end}.
+
+not_complete_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            Args = ["run", "painting", "--time", "20", "--quiet", "--out", filename:join(Dir, "x")],
+            says(4, "NOT COMPLETE", Args)
+        end)
+    end}.
+
+%% An application that breaks the contract it is held to.
+violation_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            File = filename:join(Dir, "starl_cli_breaker.erl"),
+            ok = file:write_file(File, breaker()),
+            Out = filename:join(Dir, "out"),
+            Text = says(3, "sanity broken at ", ["run", File, "--robots", "2", "--out", Out]),
+            contains("A CONTRACT IS VIOLATED", Text),
+            contains("replay: ./starl run " ++ File ++ " --robots 2 --seed 1", Text),
+            ?assert(filelib:is_regular(filename:join(Out, "report.json")))
+        end)
+    end}.
+
+%% The first Ctrl-C reaches the VM as SIGUSR1: results so far, and 130.
+interrupt_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            File = filename:join(Dir, "starl_cli_endless.erl"),
+            ok = file:write_file(File, endless()),
+            Out = filename:join(Dir, "out"),
+            Port = start(["run", File, "--time", "1000000", "--out", Out]),
+            Begun = until("ready", Port, ""),
+            {os_pid, Pid} = erlang:port_info(Port, os_pid),
+            "" = os:cmd("kill -USR1 " ++ integer_to_list(Pid)),
+            {Status, Text} = rest(Port, Begun),
+            ?assertEqual({130, Text}, {Status, Text}),
+            contains("interrupted", Text),
+            ?assert(filelib:is_regular(filename:join(Out, "report.json")))
+        end)
+    end}.
+
+breaker() ->
+    "-module(starl_cli_breaker).\n"
+    "-export([scene/1, init/1, init/2, step/2, finish/2]).\n"
+    "scene(_) -> {ok, #{app => {sequential, ?MODULE, none}, monitors => [{?MODULE, #{}}]}}.\n"
+    "init(#{}) -> none.\n"
+    "init(_, none) -> 0.\n"
+    "step(_, N) when is_integer(N) -> {done, N};\n"
+    "step({T, R, _, _}, none) ->\n"
+    "    {violation, #{contract => sanity, what => lost, at_us => T, robots => [R],\n"
+    "        details => #{}}, none}.\n"
+    "finish(_, none) -> {ok, #{}}.\n".
+
+endless() ->
+    "-module(starl_cli_endless).\n"
+    "-export([init/2, step/2]).\n"
+    "init(_, _) -> 0.\n"
+    "step(R, N) -> N =:= 1000 andalso io:put_chars(\"ready\\n\"),\n"
+    "    starl:sleep(R, 10), {continue, N + 1}.\n".
+
+%% -- a VM of its own ------------------------------------------------------------------------
+
+says(Status, Part, Args) ->
+    {Got, Text} = rest(start(Args), ""),
+    ?assertEqual({Status, Args, Text}, {Got, Args, Text}),
+    contains(Part, Text),
+    Text.
+
+contains(Part, Text) -> ?assertNotEqual({Part, nomatch, Text}, {Part, string:find(Text, Part), Text}).
+
+start(Args) ->
+    Paths = lists:append([["-pa", Dir] || Dir <- code:get_path(), filelib:is_dir(Dir)]),
+    Main = "starl_cli:main(init:get_plain_arguments()).",
+    open_port({spawn_executable, os:find_executable("erl")}, [
+        {args, ["-noshell", "+fnu" | Paths] ++ ["-eval", Main, "-extra" | Args]},
+        exit_status, stderr_to_stdout, hide
+    ]).
+
+rest(Port, Text) ->
+    receive
+        {Port, {data, More}} -> rest(Port, Text ++ More);
+        {Port, {exit_status, Status}} -> {Status, Text}
+    end.
+
+until(Part, Port, Text) ->
+    case string:find(Text, Part) of
+        nomatch ->
+            receive
+                {Port, {data, More}} -> until(Part, Port, Text ++ More);
+                {Port, {exit_status, Status}} -> error({ended, Status, Text})
+            end;
+        _ ->
+            Text
+    end.
+
+digest(Dir) ->
+    {ok, Json} = file:read_file(filename:join(Dir, "report.json")),
+    {match, [Digest]} = re:run(Json, "\"digest\": \"([0-9a-f]+)\"", [{capture, [1], list}]),
+    Digest.
+
+in_directory(Test) ->
+    Dir = filename:join("/tmp", "starl-cli-vm-" ++ os:getpid()),
+    _ = file:del_dir_r(Dir),
+    ok = file:make_dir(Dir),
+    try
+        Test(Dir)
+    after
+        ok = file:del_dir_r(Dir)
+    end.
