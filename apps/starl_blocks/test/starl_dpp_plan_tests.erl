@@ -44,10 +44,11 @@ long_line_is_divided_and_assigned_test() ->
     {End, _} = lists:last(Path),
     ?assertMatch({complete, _}, starl_dpp_plan:request(1, starl_dpp_plan:standing(1, End, Plan2))).
 
-%% Forgetting one's own tube when checking: a robot that stands right on the free edge still gets
-%% it.
+%% Forgetting one's own tube when checking: a robot that stands on the only line, all of it inside
+%% its disk, still gets it.
 own_reservation_does_not_block_test() ->
-    Plan = starl_dpp_plan:standing(1, {4123.0, 6000.0}, new([line()], 1)),
+    Short = {{6000.0, 6000.0}, {6100.0, 6000.0}},
+    Plan = starl_dpp_plan:standing(1, {6050.0, 6010.0}, new([Short], 1)),
     ?assertMatch({{assign, [_ | _]}, _}, starl_dpp_plan:request(1, Plan)).
 
 passed_is_monotone_and_idempotent_test() ->
@@ -93,6 +94,21 @@ retreat_ends_on_a_spot_test() ->
     {{assign, Path}, Plan1} = starl_dpp_plan:retreat(2, Plan0),
     {P, up} = lists:last(Path),
     ?assert(starl_dpp_plan:parked(2, starl_dpp_plan:standing(2, P, Plan1))).
+
+%% The nearest spot whose owner is away is as good as the own one, and the two exchange them; both
+%% by a retreat and by standing there.
+spots_are_exchanged_test() ->
+    Plan0 = new([line()], 2),
+    Own = starl_dpp_plan:spot(1, Plan0),
+    {X, Y} = Other = starl_dpp_plan:spot(2, Plan0),
+    Away = starl_dpp_plan:standing(2, {6000.0, 6000.0}, Plan0),
+    Near = starl_dpp_plan:standing(1, {(3 * X + 6000.0) / 4, (3 * Y + 6000.0) / 4}, Away),
+    {{assign, Path}, Plan1} = starl_dpp_plan:retreat(1, Near),
+    ?assertMatch({Other, up}, lists:last(Path)),
+    ?assertEqual({Other, Own}, {starl_dpp_plan:spot(1, Plan1), starl_dpp_plan:spot(2, Plan1)}),
+    Plan2 = starl_dpp_plan:standing(1, Other, Away),
+    ?assert(starl_dpp_plan:parked(1, Plan2)),
+    ?assertEqual(Own, starl_dpp_plan:spot(2, Plan2)).
 
 %% A robot beside its line by less than the slack counts as on it, so that its disk does not leave
 %% the tube that it had.

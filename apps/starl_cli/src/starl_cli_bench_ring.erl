@@ -50,10 +50,14 @@ size(N, Shards, Reps) ->
 
 %% Each run starts with a heap of its own, so that no run pays for the one before.
 in_process(Fun) ->
-    {Pid, Ref} = spawn_monitor(fun() -> exit({result, Fun()}) end),
+    Self = self(),
+    {Pid, Ref} = spawn_monitor(fun() -> Self ! {result, self(), Fun()} end),
     receive
-        {'DOWN', Ref, process, Pid, {result, Result}} -> Result;
-        {'DOWN', Ref, process, Pid, Reason} -> exit(Reason)
+        {result, Pid, Result} ->
+            true = erlang:demonitor(Ref, [flush]),
+            Result;
+        {'DOWN', Ref, process, Pid, Reason} ->
+            exit(Reason)
     end.
 
 %% -- one run --------------------------------------------------------------------------------

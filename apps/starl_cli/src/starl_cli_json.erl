@@ -17,7 +17,7 @@
 encode(Value) -> encode(hd(codecs()), Value).
 
 %% @doc An object with one line for each of its pairs.
--spec pretty([{atom(), value()}, ...]) -> iodata().
+-spec pretty([{atom(), value()}, ...]) -> iolist().
 pretty(Object) ->
     Lines = [
         ["  ", encode(atom_to_binary(Key)), ": ", encode(Value)]

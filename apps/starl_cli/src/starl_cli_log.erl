@@ -16,7 +16,7 @@ install() ->
     _ = logger:remove_handler(default),
     _ = logger:remove_handler(?MODULE),
     Table = ets:new(?MODULE, [ordered_set, public]),
-    logger:add_handler(?MODULE, ?MODULE, #{config => Table}).
+    ok = logger:add_handler(?MODULE, ?MODULE, #{config => Table}).
 
 %% @doc What was logged, in its order.
 -spec lines() -> [unicode:chardata()].

@@ -122,10 +122,11 @@ number(N, Parent, Name, Temporary) ->
     end.
 
 %% @doc A path as the user would write it: relative where it lies below the working directory.
--spec shown(file:filename()) -> file:filename().
+-spec shown(string()) -> string().
 shown(Path) ->
     {ok, Cwd} = file:get_cwd(),
-    case string:prefix(filename:absname(Path), Cwd ++ "/") of
-        nomatch -> Path;
-        Below -> Below
+    Absolute = filename:absname(Path),
+    case lists:prefix(Cwd ++ "/", Absolute) of
+        true -> lists:nthtail(length(Cwd) + 1, Absolute);
+        false -> Path
     end.

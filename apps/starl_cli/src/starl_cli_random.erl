@@ -34,7 +34,7 @@ segments(K, N) -> round(5 * math:pow(?MOST_SEGMENTS / 5, (K - 1) / (N - 1))).
 %% @doc Removes the directory again.
 -spec remove(file:filename() | none) -> ok.
 remove(none) -> ok;
-remove(Dir) -> file:del_dir_r(Dir).
+remove(Dir) -> ok = file:del_dir_r(Dir).
 
 temporary() ->
     case os:getenv("TMPDIR") of
@@ -43,7 +43,7 @@ temporary() ->
     end.
 
 %% @doc A picture of at most so many segments.
--spec svg(Segments :: pos_integer(), Seed :: integer()) -> iodata().
+-spec svg(Segments :: pos_integer(), Seed :: integer()) -> iolist().
 svg(Segments, Seed) ->
     Shapes = shapes(Segments, longest(Segments), rand:seed_s(exsss, Seed)),
     [

@@ -104,7 +104,7 @@ complete(Report) ->
     end.
 
 %% @doc The report as JSON.
--spec json(t()) -> iodata().
+-spec json(t()) -> iolist().
 json(#report{fields = Fields}) -> starl_cli_json:pretty(Fields).
 
 %% @doc The report as a text, a line for each figure.
