@@ -9,9 +9,11 @@
 %% '''
 %% Assumption II.1 of the paper: while it drives from where it stood to its goal, the robot
 %% stays within r(v) of the straight line. It aims at the point of the line one leg ahead, so a
-%% leg's sideways error does not grow into the next one; with heading errors of at most ε and
-%% distance errors of at most δ per leg of length L, at positions known to within s, it is never
-%% farther from the line than L·(2ε + δ) + 2s ({@link tracking_radius/1}).
+%% leg's sideways error does not grow into the next one; with heading errors of at most ε (what
+%% is not worth a turn included) and distance errors of at most δ per leg of length L, at
+%% positions known to within s, it ends within g = L·(ε + δ) + 2s + 0.5 mm of the goal. A path's
+%% next line begins where the robot thinks it should be, so while it drives it is never farther
+%% from the line between two points of a path than g + Lε + s ({@link tracking_radius/1}).
 %%
 %% Calls: `{go_to, point()}' (answer `ok' when it is there, `{error, stopped}' when another
 %% command comes first), `stop'. Configuration: {@link profile()}.
