@@ -1,7 +1,7 @@
 %% @doc `./starl bench': how fast the simulator and the planner run on this machine.
 -module(starl_cli_bench).
 
--export([command/1, median/1, decimals/2]).
+-export([command/1, median/1]).
 
 %% @doc Runs the command; gives the exit status.
 -spec command([string()]) -> starl_cli:status().
@@ -10,11 +10,16 @@ command(["ring" | Args]) -> parsed([ring], Args);
 command(["dpp" | Args]) -> parsed([dpp], Args);
 command(Args) -> parsed([ring, dpp], Args).
 
+%% Both together run with their defaults: a flag like --robots means another thing to each.
 parsed(Kinds, Args) ->
-    Flags = lists:append([flags(Kind) || Kind <- Kinds]) ++ own_flags(),
+    Flags =
+        case Kinds of
+            [Kind] -> flags(Kind) ++ own_flags();
+            _ -> own_flags()
+        end,
     case starl_cli_flags:parse(Args, Flags) of
         {ok, #{help := true}} -> help();
-        {ok, Values} -> checked(Kinds, maps:merge(starl_cli_flags:defaults(Flags), Values));
+        {ok, Values} -> checked(Kinds, maps:merge(#{out => none}, Values));
         {error, Problems} ->
             starl_cli:bad_input([["bench: ", starl_cli_flags:format_problem(P)] || P <- Problems])
     end.
@@ -52,8 +57,12 @@ measured(Kinds, #{out := File} = Options) ->
         false -> 3
     end.
 
-bench(ring, Options) -> starl_cli_bench_ring:run(Options);
-bench(dpp, Options) -> starl_cli_bench_dpp:run(Options).
+bench(Kind, Options) ->
+    Full = maps:merge(starl_cli_flags:defaults(flags(Kind)), Options),
+    case Kind of
+        ring -> starl_cli_bench_ring:run(Full);
+        dpp -> starl_cli_bench_dpp:run(Full)
+    end.
 
 sound(Row) -> proplists:get_value(checks, Row, true).
 
@@ -68,9 +77,10 @@ help() ->
     Width = starl_cli_terminal:columns(),
     starl_cli_terminal:out([
         "Usage: ./starl bench [ring|dpp] [FLAGS]\n\n",
-        "ring: robots in a ring, each sends a message every 100 ms and drives to and fro.\n",
+        "Without ring or dpp both run, with their defaults.\n\n"
+        "Flags of ring, robots that each send a message every 100 ms and drive to and fro:\n",
         starl_cli_flags:help(starl_cli_bench_ring:flags(), Width),
-        "\ndpp: requests to the coordinator of distributed path planning.\n",
+        "\nFlags of dpp, requests to the coordinator of distributed path planning:\n",
         starl_cli_flags:help(starl_cli_bench_dpp:flags(), Width),
         "\n",
         starl_cli_flags:help(own_flags(), Width),
@@ -81,7 +91,3 @@ help() ->
 %% @doc The lower median.
 -spec median([number(), ...]) -> number().
 median(Values) -> lists:nth((length(Values) + 1) div 2, lists:sort(Values)).
-
-%% @doc A number as text.
--spec decimals(non_neg_integer(), number()) -> string().
-decimals(N, X) -> float_to_list(float(X), [{decimals, N}]).

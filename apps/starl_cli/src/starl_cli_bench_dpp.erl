@@ -38,13 +38,13 @@
 flags() ->
     [
         {edges, {list, {integer, 10, 100000}}, [2000, 10000], "about so many edges"},
-        {team, {integer, 1, 100}, 16, "how many robots ask"},
+        {robots, {integer, 1, 100}, 16, "how many robots ask"},
         {requests, {integer, 1, 1000000}, 2000, "ends after so many requests"}
     ].
 
 %% @doc Measures and prints a line for each size; the figures for a file.
 -spec run(#{atom() => term()}) -> [figures()].
-run(#{edges := Sizes, team := Team, requests := Requests}) ->
+run(#{edges := Sizes, robots := Team, requests := Requests}) ->
     starl_cli_terminal:out("requests to the coordinator, ~b robots\n", [Team]),
     starl_cli_terminal:out("   edges  plan s  requests  median ms    p95 ms    max ms  painted\n"),
     [size(Edges, Team, Requests) || Edges <- Sizes].
@@ -79,8 +79,10 @@ picture(Edges, Team, Lines, Attempts) ->
     #{total := Total} = starl_dpp_plan:counts(Plan),
     case abs(Total - Edges) * 20 =< Edges orelse Attempts =:= 1 of
         true -> {Us, Plan};
-        false -> picture(Edges, Team, max(1, round(Lines * math:pow(Edges / Total, 0.6))), Attempts - 1)
+        false -> picture(Edges, Team, scaled(Lines, Edges / Total), Attempts - 1)
     end.
+
+scaled(Lines, Factor) -> max(1, round(Lines * math:pow(Factor, 0.6))).
 
 plan(Lines, Team) ->
     starl_dpp_plan:new(#{
@@ -151,7 +153,8 @@ depart(Id, Path, #drive{robots = Robots} = Drive) ->
     leg(Id, Robot#robot{path = Path, index = 0}, Drive).
 
 leg(Id, #robot{at = From, path = [{To, _} | _]} = Robot, #drive{robots = Robots} = Drive) ->
-    later(starl_geometry:distance(From, To) / ?SPEED, Id, Drive#drive{robots = Robots#{Id := Robot}}).
+    Seconds = starl_geometry:distance(From, To) / ?SPEED,
+    later(Seconds, Id, Drive#drive{robots = Robots#{Id := Robot}}).
 
 later(Seconds, Id, #drive{queue = Queue, now = Now} = Drive) ->
     Drive#drive{queue = gb_sets:add({Now + Seconds, Id}, Queue)}.
@@ -173,9 +176,8 @@ stand(Id, #robot{at = At} = Robot, #drive{plan = Plan, robots = Robots} = Drive)
 
 %% Space has become free: who waits asks again.
 wake(#drive{waiting = Waiting} = Drive) ->
-    lists:foldl(
-        fun(Id, Acc) -> later(?REQUEST_S, Id, Acc) end, Drive#drive{waiting = []}, lists:sort(Waiting)
-    ).
+    Ask = fun(Id, Acc) -> later(?REQUEST_S, Id, Acc) end,
+    lists:foldl(Ask, Drive#drive{waiting = []}, lists:sort(Waiting)).
 
 resolve(#drive{waiting = Waiting, plan = Plan} = Drive) ->
     case starl_dpp_plan:resolve(Waiting, Plan) of

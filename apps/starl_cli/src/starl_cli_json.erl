@@ -32,7 +32,7 @@ codecs() -> [Codec || Codec <- [jsx, json], code:ensure_loaded(Codec) =:= {modul
 %% @doc A value in one line, written by one of the libraries.
 -spec encode(codec(), value()) -> iodata().
 encode(jsx, Value) -> jsx:encode(Value);
-encode(json, Value) -> Json = json, Json:encode(Value, fun(V, Encode) -> native(Json, V, Encode) end).
+encode(json = Json, Value) -> Json:encode(Value, fun(V, Encode) -> native(Json, V, Encode) end).
 
 native(Json, [{_, _} | _] = Object, Encode) -> Json:encode_key_value_list(Object, Encode);
 native(Json, Value, Encode) -> Json:encode_value(Value, Encode).

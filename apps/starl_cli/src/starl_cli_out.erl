@@ -125,8 +125,7 @@ number(N, Parent, Name, Temporary) ->
 -spec shown(string()) -> string().
 shown(Path) ->
     {ok, Cwd} = file:get_cwd(),
-    Absolute = filename:absname(Path),
-    case lists:prefix(Cwd ++ "/", Absolute) of
-        true -> lists:nthtail(length(Cwd) + 1, Absolute);
+    case lists:prefix(Cwd ++ "/", Path) of
+        true -> lists:nthtail(length(Cwd) + 1, Path);
         false -> Path
     end.

@@ -49,7 +49,8 @@ make(#{outcome := #{robots := Robots}, ending := Ending} = Input) ->
 fields(#{name := Name, scenario := Scenario, figures := Figures} = Input) ->
     #{outcome := Outcome, wall_s := Wall, ending := Ending} = Input,
     #{end_us := EndUs, monitors := Monitors, violations := Violations} = Outcome,
-    Known = [{Key, rounded(How, proplists:get_value(Key, Figures, null))} || {Key, How} <- ?FIGURES],
+    Figure = fun(Key) -> proplists:get_value(Key, Figures, null) end,
+    Known = [{Key, rounded(How, Figure(Key))} || {Key, How} <- ?FIGURES],
     More = [{K, rounded({near, 3}, V)} || {K, V} <- Figures, not lists:keymember(K, 1, ?FIGURES)],
     [
         {app, unicode:characters_to_binary(Name)},
@@ -176,12 +177,13 @@ details(Report) ->
     [driven(Report), closest(Report), planned(Report), radio(Report), cost(Report)].
 
 driven(Report) ->
-    case {figure(ink_mm, Report), figure(driven_mm, Report), figure(makespan_bound_ratio, Report)} of
-        {null, _, _} -> none;
-        {Ink, Driven, Ratio} ->
+    case [figure(Key, Report) || Key <- [ink_mm, driven_mm, makespan_bound_ratio]] of
+        [Ink, Driven, Ratio] when is_number(Ink), is_number(Driven), is_number(Ratio) ->
             io_lib:format("  ink ~ts m of ~ts m driven; ~ts x the least time possible", [
                 decimals(1, Ink / 1000), decimals(1, Driven / 1000), decimals(2, Ratio)
-            ])
+            ]);
+        _ ->
+            none
     end.
 
 closest(Report) ->
@@ -203,7 +205,8 @@ planned(Report) ->
     end.
 
 radio(Report) ->
-    io_lib:format("  ~b messages in ~b packets", [figure(messages, Report), figure(packets, Report)]).
+    {Messages, Packets} = {figure(messages, Report), figure(packets, Report)},
+    io_lib:format("  ~b messages in ~b packets", [Messages, Packets]).
 
 cost(Report) ->
     {Virtual, Wall} = {figure(virtual_s, Report), figure(wall_s, Report)},

@@ -13,7 +13,10 @@
     quiet := boolean()
 }.
 
--type answer() :: {ok, setup()} | help | {help, starl_cli_target:t()} | {error, [unicode:chardata()]}.
+-define(EXAMPLE, "as in ./starl run painting; ./starl run --help tells more").
+
+-type answer() ::
+    {ok, setup()} | help | {help, starl_cli_target:t()} | {error, [unicode:chardata(), ...]}.
 
 %% @doc Runs the command; gives the exit status.
 -spec command([string()]) -> starl_cli:status().
@@ -29,10 +32,9 @@ command(Args) ->
 -spec setup([string()]) -> answer().
 setup(Args) ->
     case take_target(Args) of
-        {none, []} -> {error, ["run: name what is to run, as in ./starl run painting; "
-                               "./starl run --help tells more"]};
+        {none, []} -> {error, ["run: name what is to run, " ?EXAMPLE]};
         {none, [Flag | _]} when Flag =:= "--help"; Flag =:= "-h" -> help;
-        {none, _} -> {error, ["run: name what is to run before its flags, as in ./starl run painting"]};
+        {none, _} -> {error, ["run: name what is to run before its flags, " ?EXAMPLE]};
         {Word, Others} -> with_target(starl_cli_target:resolve(Word), Others)
     end.
 
@@ -92,8 +94,7 @@ replay(#{app := App, replay := Word}, Scenario) ->
     Options = options(App),
     Defaults = maps:without([seed, robots], starl_cli_flags:defaults(Options)),
     Chosen = maps:filter(
-        fun(Key, Value) -> not is_map_key(Key, Defaults) orelse map_get(Key, Defaults) =/= Value end,
-        maps:remove(app, Scenario)
+        fun(Key, Value) -> maps:find(Key, Defaults) =/= {ok, Value} end, maps:remove(app, Scenario)
     ),
     lists:join(" ", ["./starl run", Word | starl_cli_flags:arguments(Options, Chosen)]).
 

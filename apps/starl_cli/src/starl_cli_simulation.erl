@@ -2,7 +2,7 @@
 %% writes its results. How a run is cut into pieces does not change it.
 -module(starl_cli_simulation).
 
--export([run/1, advance/3]).
+-export([run/1]).
 
 %% How long a piece is to take, in wall time, and how long the first is, in virtual time.
 -define(PIECE_MS, 100).
@@ -16,8 +16,7 @@
     label :: string(),
     %% where a time limit was asked for, the way to it is the progress
     limited :: boolean(),
-    begun_ms :: integer(),
-    watch :: fun((starl_sim_run:status()) -> term())
+    begun_ms :: integer()
 }).
 
 %% @doc Runs what a command line asks for; gives the exit status.
@@ -29,7 +28,7 @@ run(#{scenario := Scenario} = Setup) ->
         {ok, Sim} -> started(Sim, Setup);
         {error, Reason} -> starl_cli:bad_input([starl_sim:format_error(Reason)])
     catch
-        exit:Reason -> failed(0, Reason, Setup)
+        exit:Reason -> failed(Reason, Setup)
     end.
 
 started(Sim, Setup) ->
@@ -41,17 +40,8 @@ started(Sim, Setup) ->
     catch
         exit:{Reason, {gen_server, call, _}} ->
             starl_cli_progress:erase(),
-            failed(wall_ms(Drive), Reason, Setup)
+            failed(Reason, Setup)
     end.
-
-%% @doc Runs on to the end without a word; `Watch' is called after every piece.
--spec advance(starl_sim:sim(), Seconds :: number(), fun((starl_sim_run:status()) -> term())) ->
-    starl_sim_run:ending().
-advance(Sim, Seconds, Watch) ->
-    drive_on(#drive{
-        sim = Sim, end_us = round(Seconds * 1.0e6), progress = starl_cli_progress:new(quiet),
-        label = "", limited = false, begun_ms = now_ms(), watch = Watch
-    }).
 
 drive(Sim, #{scenario := #{time := Seconds}, target := #{name := Name}, quiet := Quiet} = Setup) ->
     #{scenario := #{app := App}} = Setup,
@@ -67,8 +57,7 @@ drive(Sim, #{scenario := #{time := Seconds}, target := #{name := Name}, quiet :=
         ),
         label = Name,
         limited = maps:get(time, Usual) =/= Seconds,
-        begun_ms = now_ms(),
-        watch = fun(_) -> ok end
+        begun_ms = now_ms()
     }.
 
 drive_on(#drive{sim = Sim, end_us = End, piece_us = Piece} = Drive) ->
@@ -78,7 +67,6 @@ drive_on(#drive{sim = Sim, end_us = End, piece_us = Piece} = Drive) ->
         #{ending := none, now_us := Now} when Now >= End ->
             time;
         #{ending := none} = Status ->
-            _ = (Drive#drive.watch)(Status),
             drive_on(shown(Status, Drive#drive{piece_us = fitted(Piece, now_ms() - Begin)}));
         #{ending := Ending} ->
             Ending
@@ -166,7 +154,7 @@ finished(true) -> 0;
 finished(false) -> 4.
 
 %% The simulation itself came to grief: what was logged tells more.
-failed(_WallMs, Reason, #{out := Out} = Setup) ->
+failed(Reason, #{out := Out} = Setup) ->
     starl_cli_signal:on_interrupt(quit),
     Fill = fun(Dir) -> starl_cli_files:write_failure(Dir, Setup, Reason) end,
     Where =
@@ -181,6 +169,6 @@ why({shard_failed, Reason}) ->
     why(Reason);
 why({no_answer, [_ | _] = Busy}) ->
     Names = [io_lib:format("~ts of robot ~b", [Name, Robot]) || {Robot, Name} <- Busy],
-    ["no answer from ", lists:join(", ", Names), " for a long time; is there an endless loop in it?"];
+    ["no answer from ", lists:join(", ", Names), " for long; is there an endless loop in it?"];
 why(Reason) ->
     io_lib:format("~0tP", [Reason, 15]).

@@ -2,25 +2,10 @@
 %% seeds; a row for each picture, team and loss as soon as its last seed is done.
 -module(starl_cli_table).
 
--export([command/1, row/1, sound/1]).
+-export([command/1]).
 
--export_type([result/0]).
-
-%% What a run has come to; `separation' is none for a single robot.
--type result() :: #{
-    covered := float(),
-    violations := non_neg_integer(),
-    separation := float() | none,
-    safe := number(),
-    makespan := float(),
-    ratio := float(),
-    detour := float(),
-    deadlocks := non_neg_integer(),
-    wall := float(),
-    digest := binary()
-} | failed.
-
--type cell() :: {Picture :: string(), Robots :: pos_integer(), Loss :: number()}.
+-type cell() :: starl_cli_table_rows:cell().
+-type result() :: starl_cli_table_rows:result().
 -type job() :: {cell(), starl_sim_scenario:t()}.
 
 -record(table, {
@@ -34,12 +19,6 @@
     progress :: starl_cli_progress:t(),
     begun_s :: integer()
 }).
-
--define(COLUMNS, [
-    {"picture", 16}, {"robots", 6}, {"loss", 5}, {"seeds", 5}, {"painted", 9}, {"broken", 6},
-    {"closest mm", 10}, {"time s", 8}, {"x bound", 7}, {"driven/ink", 10}, {"deadlocks", 9},
-    {"wall s", 7}
-]).
 
 %% @doc Runs the command; gives the exit status.
 -spec command([string()]) -> starl_cli:status().
@@ -109,9 +88,7 @@ csv(none) ->
 csv(File) ->
     case file:open(File, [write, {encoding, utf8}]) of
         {ok, Csv} ->
-            ok = io:put_chars(Csv, "picture,robots,loss,seed,ink_covered,violations,"
-                "min_separation_mm,makespan_s,makespan_bound_ratio,driven_ink_ratio,"
-                "deadlocks_resolved,wall_s,digest\n"),
+            ok = io:put_chars(Csv, starl_cli_table_rows:csv_header()),
             {ok, Csv};
         {error, Posix} ->
             {error, [File, ": ", file:format_error(Posix)]}
@@ -128,7 +105,7 @@ scenario({Picture, Robots, Loss}, Seed, #{delay := Delay, time := Time}) ->
 run(Pictures, Csv, Dir, #{robots := Robots, loss := Losses, seeds := Seeds} = Options) ->
     Rows = [{P, N, Loss} || P <- Pictures, N <- Robots, Loss <- Losses],
     Jobs = [{Row, scenario(Row, Seed, Options)} || Row <- Rows, Seed <- lists:seq(1, Seeds)],
-    starl_cli_terminal:out([padded([Name || {Name, _} <- ?COLUMNS]), "\n"]),
+    starl_cli_terminal:out(starl_cli_table_rows:header()),
     Self = self(),
     starl_cli_signal:on_interrupt(fun() -> Self ! interrupted end),
     Table = #table{
@@ -140,8 +117,9 @@ run(Pictures, Csv, Dir, #{robots := Robots, loss := Losses, seeds := Seeds} = Op
     conclude(Ended, Dir).
 
 start({_Row, Scenario} = Job) ->
-    {_Pid, Ref} = spawn_monitor(fun() -> exit({result, one(Scenario)}) end),
-    {Ref, Job}.
+    Self = self(),
+    {Pid, Ref} = spawn_monitor(fun() -> Self ! {result, self(), one(Scenario)} end),
+    {Pid, {Ref, Job}}.
 
 collect(Running, [], Table) when map_size(Running) =:= 0 ->
     Table;
@@ -149,19 +127,23 @@ collect(Running, Later, Table) ->
     receive
         interrupted ->
             Table#table{bad = [interrupted | Table#table.bad]};
-        {'DOWN', Ref, process, _, Reason} ->
-            {Job, Others} = maps:take(Ref, Running),
-            Next = show(noted(Job, result(Reason), Table)),
-            case Later of
-                [] -> collect(Others, [], Next);
-                [New | Rest] -> collect(with(start(New), Others), Rest, Next)
-            end
+        {result, Pid, Result} ->
+            ended(Pid, Result, Running, Later, Table);
+        {'DOWN', _, process, Pid, _Crash} when is_map_key(Pid, Running) ->
+            ended(Pid, failed, Running, Later, Table)
     end.
 
-with({Ref, Job}, Running) -> Running#{Ref => Job}.
-
-result({result, Result}) -> Result;
-result(_Crash) -> failed.
+ended(Pid, Result, Running, Later, Table) ->
+    {{Ref, Job}, Others} = maps:take(Pid, Running),
+    true = erlang:demonitor(Ref, [flush]),
+    Next = show(noted(Job, Result, Table)),
+    case Later of
+        [] ->
+            collect(Others, [], Next);
+        [New | Rest] ->
+            {NewPid, Started} = start(New),
+            collect(Others#{NewPid => Started}, Rest, Next)
+    end.
 
 one(#{time := Seconds} = Scenario) ->
     Begin = erlang:monotonic_time(microsecond),
@@ -188,22 +170,14 @@ figures(Figures, #{end_us := EndUs, violations := Violations, digest := Digest},
 separation(null) -> none;
 separation(Mm) -> Mm.
 
-%% @doc Whether a run was as it must be: all painted, nobody too close, no contract violated.
--spec sound(result()) -> boolean().
-sound(failed) ->
-    false;
-sound(#{covered := Covered, violations := Violations, separation := Separation, safe := Safe}) ->
-    Covered >= 1.0 andalso Violations =:= 0 andalso
-        (Separation =:= none orelse Separation >= Safe).
-
 %% -- rows -----------------------------------------------------------------------------------
 
 -spec noted(job(), result(), #table{}) -> #table{}.
 noted({Row, #{seed := Seed} = Scenario}, Result, #table{results = Results, bad = Bad} = Table) ->
-    csv_line(Table#table.csv, Row, Seed, Result),
+    ok = keep(Table#table.csv, starl_cli_table_rows:csv(Row, Seed, Result)),
     Noted = [{Seed, Result} | maps:get(Row, Results, [])],
     Worse =
-        case sound(Result) of
+        case starl_cli_table_rows:sound(Result) of
             true -> Bad;
             false -> [complaint(Result, Scenario) | Bad]
         end,
@@ -211,12 +185,16 @@ noted({Row, #{seed := Seed} = Scenario}, Result, #table{results = Results, bad =
         results = Results#{Row => Noted}, bad = Worse, done = Table#table.done + 1
     }).
 
+keep(none, _Line) -> ok;
+keep(Csv, Line) -> io:put_chars(Csv, Line).
+
 %% Rows are printed in their order, each when all before it are complete.
 finished_rows(#table{rows = [Row | Rows], seeds = Seeds, results = Results} = Table) ->
     case maps:get(Row, Results, []) of
         Known when length(Known) =:= Seeds ->
             starl_cli_progress:erase(),
-            starl_cli_terminal:out([padded(cells(Row, [R || {_, R} <- lists:sort(Known)])), "\n"]),
+            Ordered = [Result || {_Seed, Result} <- lists:sort(Known)],
+            starl_cli_terminal:out(starl_cli_table_rows:line(Row, Ordered)),
             finished_rows(Table#table{rows = Rows, results = maps:remove(Row, Results)});
         _ ->
             Table
@@ -224,78 +202,10 @@ finished_rows(#table{rows = [Row | Rows], seeds = Seeds, results = Results} = Ta
 finished_rows(#table{rows = []} = Table) ->
     Table.
 
-cells({Picture, Robots, Loss}, Results) ->
-    [filename:rootname(filename:basename(Picture)), integer_to_list(Robots),
-        starl_cli_flags:text({number, 0, 1}, Loss), integer_to_list(length(Results)) | row(Results)].
-
-%% @doc The figures of a row: least part painted, violations, least separation, medians of time,
-%% of its ratio to the bound and of driven to ink; deadlocks, wall time.
--spec row([result()]) -> [unicode:chardata()].
-row(Results) ->
-    case [R || #{} = R <- Results] of
-        Known when length(Known) =:= length(Results) ->
-            [
-                percent(lists:min(all(covered, Known))),
-                integer_to_list(lists:sum(all(violations, Known))),
-                least([S || S <- all(separation, Known), S =/= none]),
-                decimals(1, median(all(makespan, Known))),
-                decimals(2, median(all(ratio, Known))),
-                decimals(2, median(all(detour, Known))),
-                integer_to_list(lists:sum(all(deadlocks, Known))),
-                decimals(1, lists:sum(all(wall, Known)))
-            ];
-        Known ->
-            Failed = integer_to_list(length(Results) - length(Known)),
-            [Failed ++ " failed" | lists:duplicate(7, "-")]
-    end.
-
-all(Key, Results) -> [maps:get(Key, R) || R <- Results].
-
-median(Values) -> lists:nth((length(Values) + 1) div 2, lists:sort(Values)).
-
-least([]) -> "-";
-least(Separations) -> decimals(1, floor(lists:min(Separations) * 10) / 10).
-
-%% Never better than it is.
-percent(Covered) when Covered >= 1.0 -> "100 %";
-percent(Covered) -> [decimals(2, floor(Covered * 10000) / 100), " %"].
-
-decimals(N, X) -> float_to_list(float(X), [{decimals, N}]).
-
-padded(Cells) ->
-    [First | Others] = [
-        {string:slice(Cell, 0, Width), Width}
-     || {Cell, {_, Width}} <- lists:zip(Cells, ?COLUMNS)
-    ],
-    [pad(First, trailing) | [["  ", pad(Cell, leading)] || Cell <- Others]].
-
-pad({Text, Width}, Side) -> string:pad(Text, Width, Side).
-
-csv_line(none, _Row, _Seed, _Result) ->
-    ok;
-csv_line(Csv, {Picture, Robots, Loss}, Seed, Result) ->
-    Keys = [covered, violations, separation, makespan, ratio, detour, deadlocks, wall, digest],
-    Values = [csv_value(Key, Result) || Key <- Keys],
-    Line = [["\"", Picture, "\""], text(Robots), text(Loss), text(Seed) | Values],
-    ok = io:put_chars(Csv, [lists:join(",", Line), "\n"]).
-
-csv_value(_Key, failed) -> "failed";
-csv_value(Key, Result) -> text(maps:get(Key, Result)).
-
-text(none) -> "";
-text(Text) when is_binary(Text) -> Text;
-text(X) when is_float(X) -> io_lib:format("~w", [X]);
-text(X) -> integer_to_list(X).
-
 complaint(Result, Scenario) ->
     {ok, Target} = starl_cli_target:resolve("painting"),
     {ok, Full} = starl_sim_scenario:check(Scenario, starl_app:options(starl_painting)),
-    [wrong(Result), ": ", starl_cli_run:replay(Target, Full)].
-
-wrong(failed) -> "the simulation failed";
-wrong(#{violations := N}) when N > 0 -> "a contract was violated";
-wrong(#{covered := Covered}) when Covered < 1.0 -> [percent(Covered), " painted"];
-wrong(#{separation := Mm}) -> ["separation ", decimals(1, Mm), " mm"].
+    [starl_cli_table_rows:wrong(Result), ": ", starl_cli_run:replay(Target, Full)].
 
 %% -- progress and end -----------------------------------------------------------------------
 

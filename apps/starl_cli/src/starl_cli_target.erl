@@ -75,7 +75,7 @@ unknown(Word) ->
     Known = [Name || {Name, _} <- apps()] ++ [Name || {Name, _, _} <- scenarios()],
     case starl_cli_flags:nearest(Word, Known) of
         [Near | _] ->
-            io_lib:format("there is no application or scenario ~ts (did you mean ~ts?)", [Word, Near]);
+            ["there is no application or scenario ", Word, " (did you mean ", Near, "?)"];
         [] ->
             io_lib:format(
                 "there is no application or scenario ~ts; there are ~ts, scenario files "
@@ -97,7 +97,7 @@ with_app(none, File, _Given) ->
     {error, [[File, ": app is the name of an application, or the file of one as \"my_app.erl\""]]};
 with_app(Name, File, Given) ->
     case kind(Name) of
-        {scenario, _} -> {error, [[File, ": app => ", Name, " names a scenario, not an application"]]};
+        {scenario, _} -> {error, [[File, ": app => ", Name, " names a scenario"]]};
         _ -> with_target(resolve(Name), File, Given)
     end.
 

@@ -2,7 +2,7 @@
 %% output that survives a closed pipe (`./starl ... | head').
 -module(starl_cli_terminal).
 
--export([out/1, out/2, complain/1, warn/1, draw/1, columns/0, window/0, watched/0, wrap/3, rows/1]).
+-export([out/1, out/2, complain/1, warn/1, draw/1, columns/0, window/0, watched/0, wrap/3]).
 
 -define(USUAL, 80).
 %% Prose is not set wider than this.
@@ -29,11 +29,10 @@ warn(Text) -> write(standard_error, [Text, "\n"]).
 -spec draw(unicode:chardata()) -> ok.
 draw(Text) -> write(standard_error, Text).
 
-%% A reader that has gone (error) or a device that cannot show a character (the tuple).
+%% A device whose reader has gone answers with an error.
 write(Device, Text) ->
-    try io:put_chars(Device, Text) of
-        ok -> ok;
-        {error, _} -> ok
+    try
+        io:put_chars(Device, Text)
     catch
         error:_ -> ok
     end.
@@ -72,7 +71,7 @@ positive(false) ->
     none;
 positive(Text) ->
     case string:to_integer(Text) of
-        {N, ""} when N > 0 -> N;
+        {N, ""} when is_integer(N), N > 0 -> N;
         _ -> none
     end.
 
@@ -112,18 +111,3 @@ lines([Word | Words], Room, Line) ->
     end.
 
 finished(Line) -> lists:flatten(lists:join(" ", lists:reverse(Line))).
-
-%% @doc A table with its columns as wide as their widest cell, all to the right but the first.
--spec rows([[unicode:chardata()], ...]) -> [unicode:chardata()].
-rows(Rows) ->
-    Widths = [
-        lists:max([string:length(lists:nth(K, Row)) || Row <- Rows])
-     || K <- lists:seq(1, length(hd(Rows)))
-    ],
-    [[lists:join("  ", cells(Row, Widths)), "\n"] || Row <- Rows].
-
-cells([First | Row], [Width | Widths]) ->
-    [
-        string:pad(First, Width, trailing)
-        | [string:pad(Cell, W, leading) || {Cell, W} <- lists:zip(Row, Widths)]
-    ].

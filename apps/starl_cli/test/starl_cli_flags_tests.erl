@@ -13,6 +13,8 @@ flags() ->
 
 parse(Args) -> starl_cli_flags:parse(Args, flags()).
 
+flag(Key) -> starl_cli_flags:flag(Key).
+
 problems(Args) ->
     {error, Problems} = parse(Args),
     [lists:flatten(io_lib:format("~ts", [starl_cli_flags:format_problem(P)])) || P <- Problems].
@@ -42,7 +44,7 @@ all_problems_come_in_one_go_test() ->
 
 bad_values_test_() ->
     [
-        ?_assertMatch({error, [{bad_value, Key, Text, _}]}, parse([starl_cli_flags:flag(Key), Text]))
+        ?_assertMatch({error, [{bad_value, Key, Text, _}]}, parse([flag(Key), Text]))
      || {Key, Text} <- [
             {robots, "0"}, {robots, "x"}, {robots, "3.5"}, {robots, ""}, {robots, "-1"},
             {loss, "2"}, {loss, "-0.1"}, {delay, "50..5"}, {delay, "0"}, {world, "12000"},

@@ -26,7 +26,8 @@ the_mark_goes_to_and_fro_test() ->
     Places = [string:str(line(unknown, K, 79), "<=>") || K <- lists:seq(0, 200)],
     ?assertEqual(2, lists:min(Places)),
     ?assert(lists:max(Places) > 20),
-    ?assert(lists:all(fun({A, B}) -> abs(A - B) =< 1 end, lists:zip(lists:droplast(Places), tl(Places)))).
+    Steps = [abs(A - B) || {A, B} <- lists:zip(lists:droplast(Places), tl(Places))],
+    ?assert(lists:max(Steps) =< 1).
 
 quiet_draws_nothing_test() ->
     Quiet = starl_cli_progress:new(quiet),

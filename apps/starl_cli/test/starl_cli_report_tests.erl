@@ -57,7 +57,8 @@ shows(Part, Text) ->
 
 json_has_the_keys_in_their_order_test() ->
     Json = iolist_to_binary(starl_cli_report:json(report(#{}))),
-    Places = [binary:match(Json, iolist_to_binary(["\"", atom_to_binary(K), "\":"])) || K <- ?KEYS],
+    Place = fun(Key) -> binary:match(Json, <<"\"", (atom_to_binary(Key))/binary, "\":">>) end,
+    Places = [Place(Key) || Key <- ?KEYS],
     ?assertEqual([], [nomatch || nomatch <- Places]),
     ?assertEqual(Places, lists:sort(Places)).
 
@@ -91,7 +92,8 @@ never_better_than_it_is_test() ->
     shows("99.99 %", headline(Report)).
 
 complete_is_told_test() ->
-    shows("painting: complete, 100 % of the lines painted, 2 robots, 12.3 s", headline(report(#{}))).
+    Wanted = "painting: complete, 100 % of the lines painted, 2 robots, 12.3 s",
+    ?assertEqual(Wanted, headline(report(#{}))).
 
 time_over_is_told_test() ->
     Report = report(#{
@@ -110,7 +112,8 @@ interrupted_is_told_test() ->
 a_violation_is_told_test() ->
     Report = report(#{outcome => outcome([done, done], [violation()])}),
     shows("A CONTRACT IS VIOLATED", headline(Report)),
-    shows("dpp broken at 1.500000 s by robots 1, 2: too close", text(starl_cli_report:text(Report))).
+    Text = text(starl_cli_report:text(Report)),
+    shows("dpp broken at 1.500000 s by robots 1, 2: too close", Text).
 
 an_app_without_ink_test() ->
     Without = #{figures => [{received, 3}]},

@@ -13,16 +13,16 @@ result(Changes) ->
 
 soundness_test_() ->
     [
-        ?_assert(starl_cli_table:sound(result(#{}))),
-        ?_assert(starl_cli_table:sound(result(#{separation => none}))),
-        ?_assertNot(starl_cli_table:sound(result(#{separation => 399.999}))),
-        ?_assertNot(starl_cli_table:sound(result(#{covered => 0.9999999}))),
-        ?_assertNot(starl_cli_table:sound(result(#{violations => 1}))),
-        ?_assertNot(starl_cli_table:sound(failed))
+        ?_assert(starl_cli_table_rows:sound(result(#{}))),
+        ?_assert(starl_cli_table_rows:sound(result(#{separation => none}))),
+        ?_assertNot(starl_cli_table_rows:sound(result(#{separation => 399.999}))),
+        ?_assertNot(starl_cli_table_rows:sound(result(#{covered => 0.9999999}))),
+        ?_assertNot(starl_cli_table_rows:sound(result(#{violations => 1}))),
+        ?_assertNot(starl_cli_table_rows:sound(failed))
     ].
 
 a_row_tells_the_worst_and_the_median_test() ->
-    Row = starl_cli_table:row([
+    Row = starl_cli_table_rows:figures([
         result(#{covered => 0.99999, makespan => 30.0}), result(#{separation => 399.99}),
         result(#{separation => none, violations => 2})
     ]),
@@ -32,7 +32,7 @@ a_row_tells_the_worst_and_the_median_test() ->
     ).
 
 a_failed_run_is_seen_test() ->
-    ?assertMatch(["1 failed" | _], starl_cli_table:row([failed, result(#{})])).
+    ?assertMatch(["1 failed" | _], starl_cli_table_rows:figures([failed, result(#{})])).
 
 random_pictures_test_() ->
     {timeout, 60, [

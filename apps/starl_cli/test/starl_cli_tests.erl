@@ -10,8 +10,8 @@ commands_test_() ->
         {"--help", fun() -> says(0, "Usage:", ["--help"]) end},
         {"--version", fun() -> says(0, "starl ", ["--version"]) end},
         {"apps", fun() -> says(0, "painting", ["apps"]) end},
-        {"unknown command", fun() -> says(2, "starl: unknown command rnu (did you mean run?)", ["rnu"]) end},
-        {"bad values", fun() -> says(2, "starl: --robots: ", ["run", "painting", "--robots", "0"]) end},
+        {"unknown command", fun() -> says(2, "starl: unknown command rnu (did you", ["rnu"]) end},
+        {"bad value", fun() -> says(2, "starl: --loss: ", ["run", "painting", "--loss", "2"]) end},
         {"no picture", fun() -> says(2, "starl: ", ["run", "painting", "--picture", "no.svg"]) end},
         {"bad table", fun() -> says(2, "starl: table: ", ["table", "--seeds", "0"]) end},
         {"bad bench", fun() -> says(2, "starl: bench: ", ["bench", "ring", "--reps", "x"]) end}
@@ -30,7 +30,8 @@ run_and_replay_test_() ->
                 not filelib:is_regular(filename:join(One, Name))
             ],
             ?assertEqual([], Missing),
-            says(0, "result: ", ["run", filename:join(One, "scenario.term"), "--out", Two, "--quiet"]),
+            Replay = ["run", filename:join(One, "scenario.term"), "--out", Two, "--quiet"],
+            says(0, "result: ", Replay),
             ?assertEqual(digest(One), digest(Two))
         end)
     end}.
@@ -102,7 +103,8 @@ says(Status, Part, Args) ->
     contains(Part, Text),
     Text.
 
-contains(Part, Text) -> ?assertNotEqual({Part, nomatch, Text}, {Part, string:find(Text, Part), Text}).
+contains(Part, Text) ->
+    ?assertNotEqual({Part, nomatch, Text}, {Part, string:find(Text, Part), Text}).
 
 start(Args) ->
     Paths = lists:append([["-pa", Dir] || Dir <- code:get_path(), filelib:is_dir(Dir)]),

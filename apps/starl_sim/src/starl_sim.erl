@@ -206,7 +206,7 @@ monitors(Scene, #{sap := Sap0, robots := Ids}) ->
 
 faults(Faults) ->
     [
-        {FromMs * 1000, target(Target), 0, 0, N, strike(Kind, Target)}
+        {target(Target), FromMs * 1000, 0, 0, N, strike(Kind, Target)}
      || {N, {_Id, FromMs, _ToMs, Kind, Target, _}} <- lists:zip(
             lists:seq(1, length(Faults)), Faults
         )

@@ -7,9 +7,9 @@
 -module(starl_sim_platform).
 -behaviour(starl_platform).
 
--export([new/3, boot/4, at/2, take_events/1, take_trace/1]).
+-export([new/3, boot/4, at/2, open/2, soon/1, take_soon/1, take/1]).
 -export([fire/4, forget_timers/2, local_time/1]).
--export([piece/1, hash_event/4, digest/1, result/1]).
+-export([piece/1, hash_event/4, hash_event/5, digest/1, result/1]).
 -export([transmit/3, sense/2, drive/3, actuate/3, start_timer/5, cancel_timer/3, trace/3, done/2]).
 
 -export_type([t/0, world/0]).
@@ -37,6 +37,8 @@
     world :: world(),
     now = 0 :: starl_sim_queue:time(),
     window = 0 :: starl_sim_queue:time(),
+    %% when the present window ends
+    until = 0 :: starl_sim_queue:time(),
     offset_us :: integer(),
     drift_ppb :: integer(),
     seq = 0 :: non_neg_integer(),
@@ -48,8 +50,9 @@
     events = 0 :: non_neg_integer(),
     packets = 0 :: non_neg_integer(),
     result = running :: running | {done, term()},
-    %% what came out since the last collect/1, newest first
-    new = [] :: [starl_sim_queue:event()],
+    %% what came out: own events of this window, all others, the trace, newest first
+    soon = [] :: [starl_sim_queue:event()],
+    later = [] :: [starl_sim_queue:event()],
     traces = [] :: [starl_monitor:trace_event()]
 }).
 
@@ -73,14 +76,22 @@ new(Id, {X, Y, Heading}, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World)
     Now :: starl_sim_queue:time(), Window :: starl_sim_queue:time().
 at({Now, Window}, Body) -> Body#body{now = Now, window = Window}.
 
-%% @doc The events since the last time, newest first.
--spec take_events(t()) -> {[starl_sim_queue:event()], t()}.
-take_events(#body{new = []} = Body) -> {[], Body};
-take_events(#body{new = New} = Body) -> {New, Body#body{new = []}}.
+%% @doc A window begins that ends at this time.
+-spec open(Until :: starl_sim_queue:time(), t()) -> t().
+open(Until, Body) -> Body#body{until = Until}.
 
-%% @doc The trace since the last time, in order.
--spec take_trace(t()) -> {[starl_monitor:trace_event()], t()}.
-take_trace(#body{traces = Traces} = Body) -> {lists:reverse(Traces), Body#body{traces = []}}.
+%% @doc The robot's new events of the present window.
+-spec soon(t()) -> [starl_sim_queue:event()].
+soon(#body{soon = Soon}) -> Soon.
+
+%% @doc Takes the new events of the present window.
+-spec take_soon(t()) -> {[starl_sim_queue:event()], t()}.
+take_soon(#body{soon = Soon} = Body) -> {Soon, Body#body{soon = []}}.
+
+%% @doc Takes the events for other robots or later windows, and the trace in its order.
+-spec take(t()) -> {[starl_sim_queue:event()], [starl_monitor:trace_event()], t()}.
+take(#body{later = Later, traces = Traces} = Body) ->
+    {Later, lists:reverse(Traces), Body#body{later = [], traces = []}}.
 
 %% @doc What a machine is given when it starts.
 -spec boot(starl:robot_id(), starl_machine:name(), Incarnation :: pos_integer(), t()) ->
@@ -122,8 +133,26 @@ piece(#body{piece = Piece}) -> Piece.
 %% @doc Chains an event into the robot's digest.
 -spec hash_event(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
 hash_event(Machine, Type, Content, #body{chain = Chain, now = Now, events = Events} = Body) ->
-    Next = erlang:phash2({Chain, Now, Machine, Type, Content}, 4294967296),
-    Body#body{chain = Next, events = Events + 1}.
+    Body#body{chain = hash(Chain, Now, Machine, Type, Content), events = Events + 1}.
+
+%% @doc The same for an event at a later time than the last.
+-spec hash_event(
+    {Now :: starl_sim_queue:time(), Window :: starl_sim_queue:time()},
+    starl_machine:name(),
+    starl_machine:event_type(),
+    term(),
+    t()
+) -> t().
+hash_event({Now, Window}, Machine, Type, Content, #body{chain = Chain, events = Events} = Body) ->
+    Body#body{
+        now = Now,
+        window = Window,
+        chain = hash(Chain, Now, Machine, Type, Content),
+        events = Events + 1
+    }.
+
+hash(Chain, Now, Machine, Type, Content) ->
+    erlang:phash2({Chain, Now, Machine, Type, Content}, 4294967296).
 
 %% @doc The robot's digest, and how many events and packets it has had.
 -spec digest(t()) -> {Chain :: non_neg_integer(), Events, Packets} when
@@ -146,21 +175,22 @@ transmit(all, Packet, #body{id = Id, world = #{team := Team}} = Body) ->
 transmit(Dest, Packet, #body{packets = Packets} = Body) ->
     send(Dest, Packet, Body#body{packets = Packets + 1}).
 
-send(Dest, Packet, #body{id = Id, world = World, links = Links} = Body) ->
+send(Dest, Packet, #body{id = Id, world = World, links = Links, later = Later} = Body) ->
     N = maps:get(Dest, Links, 0) + 1,
     Link = {maps:get(seed, World), Id, Dest, N},
-    Sent = Body#body{links = Links#{Dest => N}},
-    case in_range(Dest, Body) andalso not starl_sim_radio:lost(Link, World) of
-        true ->
-            Delays = starl_sim_radio:delays(Link, World),
-            lists:foldl(fun(Delay, B) -> arrive(Dest, Packet, Delay, B) end, Sent, Delays);
-        false ->
-            Sent
-    end.
+    Arrivals =
+        case in_range(Dest, Body) andalso not starl_sim_radio:lost(Link, World) of
+            true -> arrivals(starl_sim_radio:delays(Link, World), Dest, Packet, Body);
+            false -> []
+        end,
+    Seq = Body#body.seq + length(Arrivals),
+    Body#body{links = Links#{Dest => N}, seq = Seq, later = Arrivals ++ Later}.
 
-arrive(Dest, Packet, Delay, #body{id = Id, now = Now, seq = Seq, new = New} = Body) ->
-    Event = {Now + Delay, Dest, ?CLASS_PACKET, Id, Seq, {sap, packet, Packet}},
-    Body#body{seq = Seq + 1, new = [Event | New]}.
+arrivals([], _Dest, _Packet, _Body) ->
+    [];
+arrivals([Delay | Rest], Dest, Packet, #body{id = Id, now = Now, seq = Seq} = Body) ->
+    Event = {Dest, Now + Delay, ?CLASS_PACKET, Id, Seq + length(Rest), {sap, packet, Packet}},
+    [Event | arrivals(Rest, Dest, Packet, Body)].
 
 in_range(_Dest, #body{world = #{range_mm := infinity}}) ->
     true;
@@ -228,10 +258,14 @@ actuate(Device, Value, Body) -> trace(chassis, {actuated, Device, Value}, Body).
 
 -spec start_timer(starl_machine:name(), term(), non_neg_integer(), term(), t()) -> t().
 start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) ->
-    #body{timers = Timers, new = New, drift_ppb = Drift} = Body,
+    #body{timers = Timers, until = Until, drift_ppb = Drift} = Body,
     Due = Now + Us * 1000000000 div (1000000000 + Drift),
-    Event = {Due, Id, ?CLASS_TIMER, Id, Seq, {timer, Machine, Timer, Content}},
-    Body#body{seq = Seq + 1, new = [Event | New], timers = Timers#{{Machine, Timer} => Seq}}.
+    Event = {Id, Due, ?CLASS_TIMER, Id, Seq, {timer, Machine, Timer, Content}},
+    Started = Body#body{seq = Seq + 1, timers = Timers#{{Machine, Timer} => Seq}},
+    case Due < Until of
+        true -> Started#body{soon = [Event | Started#body.soon]};
+        false -> Started#body{later = [Event | Started#body.later]}
+    end.
 
 -spec cancel_timer(starl_machine:name(), term(), t()) -> t().
 cancel_timer(Machine, Timer, #body{timers = Timers} = Body) ->

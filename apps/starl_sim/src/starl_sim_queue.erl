@@ -10,10 +10,10 @@
 %% Virtual time in microseconds.
 -type time() :: non_neg_integer().
 
-%% Events are ordered by (time, robot, class, source robot, source sequence number).
+%% The events of a robot are ordered by (time, class, source robot, source sequence number).
 -type event() :: {
-    time(),
     starl:robot_id(),
+    time(),
     Class :: non_neg_integer(),
     Source :: non_neg_integer(),
     Seq :: non_neg_integer(),
@@ -40,7 +40,7 @@ size(#queue{size = Size}) -> Size.
 %% @doc Adds an event.
 -spec add(event(), t()) -> t().
 add(Event, #queue{width = Width, buckets = Buckets, order = Order, size = Size} = Queue) ->
-    Index = element(1, Event) div Width,
+    Index = element(2, Event) div Width,
     case Buckets of
         #{Index := Events} ->
             Queue#queue{buckets = Buckets#{Index := [Event | Events]}, size = Size + 1};
@@ -52,7 +52,8 @@ add(Event, #queue{width = Width, buckets = Buckets, order = Order, size = Size} 
             }
     end.
 
-%% @doc Takes the events of the first window, sorted, if it ends not later than this.
+%% @doc Takes the events of the first window, by robot and then in the robot's order, if it ends
+%% not later than this.
 -spec take_window(Until :: time(), t()) -> {[event()], t()}.
 take_window(Until, #queue{order = Order, width = Width, buckets = Buckets} = Queue) ->
     case gb_sets:is_empty(Order) orelse (gb_sets:smallest(Order) + 1) * Width > Until of

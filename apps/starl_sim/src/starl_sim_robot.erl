@@ -36,11 +36,9 @@
     incarnations = #{} :: #{starl_machine:name() => pos_integer()},
     %% events of this window, by key; local events of the present moment, in order
     events = [] :: [starl_sim_queue:event()],
-    until = 0 :: starl_sim_queue:time(),
     local = [] :: [local()],
     %% the machine that is at work
     busy = none :: starl_machine:name() | none,
-    later = [] :: [starl_sim_queue:event()],
     crashes = [] :: [{starl_machine:name(), Reason :: term()}]
 }).
 
@@ -66,21 +64,25 @@ boot(#robot{processes = Processes} = Robot) ->
 
 %% @doc Opens a window that ends at `Until' with these events of the robot, sorted.
 -spec open([starl_sim_queue:event()], Until :: starl_sim_queue:time(), t()) -> t().
-open(_Events, Until, #robot{sup = dead} = Robot) -> Robot#robot{until = Until};
-open(Events, Until, Robot) -> Robot#robot{events = Events, until = Until}.
+open(_Events, _Until, #robot{sup = dead} = Robot) -> Robot;
+open(Events, Until, #robot{body = Body} = Robot) ->
+    Robot#robot{events = Events, body = starl_sim_platform:open(Until, Body)}.
 
 %% @doc Sends the next step to one of its machines, if there is anything left to do in this
 %% window. `Window' is when it began.
 -spec proceed(Window :: starl_sim_queue:time(), t()) -> {busy | idle, t()}.
-proceed(Window, #robot{local = [Local | Rest]} = Robot) ->
-    dispatch(Local, Window, Robot#robot{local = Rest});
+proceed(Window, #robot{local = [{Name, Type, Content} | Rest], body = Body} = Robot) ->
+    Hashed = starl_sim_platform:hash_event(Name, Type, Content, Body),
+    dispatch(Name, Type, Content, Hashed, Window, Robot#robot{local = Rest});
 proceed(Window, #robot{events = [Event | Rest], body = Body0} = Robot) ->
-    {Time, _, Class, _, Seq, Content} = Event,
-    Body = starl_sim_platform:at({Time, Window}, Body0),
-    Next = Robot#robot{events = Rest, body = Body},
+    {_, Time, Class, _, Seq, Content} = Event,
+    Next = Robot#robot{events = Rest},
     case Class of
-        ?CLASS_FAULT -> proceed(Window, strike(Content, Next));
-        _ -> begin_event(Content, Seq, Window, Next)
+        ?CLASS_FAULT ->
+            Body = starl_sim_platform:at({Time, Window}, Body0),
+            proceed(Window, strike(Content, Next#robot{body = Body}));
+        _ ->
+            begin_event(Content, Seq, {Time, Window}, Next)
     end;
 proceed(_Window, Robot) ->
     {idle, Robot}.
@@ -91,10 +93,17 @@ answered(_Actions, #robot{busy = none} = Robot) ->
     %% the last word of a process that was killed meanwhile
     Robot;
 answered(Actions, #robot{busy = Name, body = Body0, local = Local} = Robot) ->
-    {New, Body1} = starl_platform:perform(Actions, Name, starl_sim_platform, Body0),
-    {Events, Body} = starl_sim_platform:take_events(Body1),
+    {New, Body} = starl_platform:perform(Actions, Name, starl_sim_platform, Body0),
     Next = Robot#robot{busy = none, body = Body, local = Local ++ New},
-    lists:foldr(fun plan/2, Next, Events).
+    case starl_sim_platform:soon(Body) of
+        [] -> Next;
+        _ -> plan(Next)
+    end.
+
+%% New events of this robot in this window take their places among the others.
+plan(#robot{body = Body, events = Events} = Robot) ->
+    {Soon, Rest} = starl_sim_platform:take_soon(Body),
+    Robot#robot{body = Rest, events = lists:merge(lists:sort(Soon), Events)}.
 
 %% @doc One of its processes is gone. Virtual time waits until its supervisor has restarted it;
 %% the others are told. If the supervisor gives up, the robot has died.
@@ -116,9 +125,9 @@ crashed(Pid, Reason, #robot{busy = Busy, crashes = Crashes} = Robot) ->
 %% @doc Closes the window: the events for other robots or later windows, the trace in order, and
 %% the number of the robot's events.
 -spec close(t()) -> {[starl_sim_queue:event()], [starl_monitor:trace_event()], t()}.
-close(#robot{later = Later, body = Body} = Robot) ->
-    {Trace, Rest} = starl_sim_platform:take_trace(Body),
-    {Later, Trace, Robot#robot{later = [], body = Rest}}.
+close(#robot{body = Body} = Robot) ->
+    {Later, Trace, Rest} = starl_sim_platform:take(Body),
+    {Later, Trace, Robot#robot{body = Rest}}.
 
 %% @doc The machine that is at work, if any.
 -spec busy(t()) -> [{starl:robot_id(), starl_machine:name()}].
@@ -158,25 +167,27 @@ machines(#robot{processes = Processes}) -> maps:map(fun(_, Pid) -> machine(Pid) 
 
 %% -- events ---------------------------------------------------------------------------------
 
-begin_event({timer, Machine, Timer, Content}, Seq, Window, #robot{body = Body} = Robot) ->
-    case starl_sim_platform:fire(Machine, Timer, Seq, Body) of
+begin_event({timer, Name, Timer, Content}, Seq, {_, Window} = At, #robot{body = Body} = Robot) ->
+    case starl_sim_platform:fire(Name, Timer, Seq, Body) of
         {ok, Fired} ->
-            dispatch({Machine, timer_type(Timer), Content}, Window, Robot#robot{body = Fired});
+            Type = timer_type(Timer),
+            Hashed = starl_sim_platform:hash_event(At, Name, Type, Content, Fired),
+            dispatch(Name, Type, Content, Hashed, Window, Robot);
         stale ->
             proceed(Window, Robot)
     end;
-begin_event(Local, _Seq, Window, Robot) ->
-    dispatch(Local, Window, Robot).
+begin_event({Name, Type, Content}, _Seq, {_, Window} = At, #robot{body = Body} = Robot) ->
+    Hashed = starl_sim_platform:hash_event(At, Name, Type, Content, Body),
+    dispatch(Name, Type, Content, Hashed, Window, Robot).
 
 timer_type(state_timeout) -> state_timeout;
 timer_type(Timer) -> {timeout, Timer}.
 
-dispatch({Name, Type, Content}, Window, #robot{processes = Processes, body = Body} = Robot) ->
+dispatch(Name, Type, Content, Body, Window, #robot{processes = Processes} = Robot) ->
     case Processes of
         #{Name := Pid} ->
-            Hashed = starl_sim_platform:hash_event(Name, Type, Content, Body),
-            Pid ! message(Name, Type, Content, Robot),
-            {busy, Robot#robot{body = Hashed, busy = Name}};
+            Pid ! message(Name, Type, Content, Body, Robot),
+            {busy, Robot#robot{body = Body, busy = Name}};
         #{} ->
             Traced = starl_sim_platform:trace(Name, {unknown_machine, Name}, Body),
             Local = Robot#robot.local ++ refusal(Name, Type),
@@ -187,21 +198,10 @@ dispatch({Name, Type, Content}, Window, #robot{processes = Processes, body = Bod
 refusal(Name, {call, {From, Tag}}) -> [{From, {reply, Tag}, {no_such_machine, Name}}];
 refusal(_Name, _Type) -> [].
 
-message(Name, boot, none, #robot{id = Id, body = Body, incarnations = Incarnations}) ->
+message(Name, boot, none, Body, #robot{id = Id, incarnations = Incarnations}) ->
     {starl_boot, starl_sim_platform:boot(Id, Name, maps:get(Name, Incarnations), Body)};
-message(_Name, Type, Content, #robot{id = Id, body = Body}) ->
+message(_Name, Type, Content, Body, #robot{id = Id}) ->
     {starl_step, Type, Content, #{now => starl_sim_platform:local_time(Body), robot => Id}}.
-
-%% A new event of this robot in this window takes its place among the others.
-plan({Time, Id, _, _, _, _} = Event, #robot{id = Id, until = Until, events = Events} = Robot) when
-    Time < Until
-->
-    Robot#robot{events = insert(Event, Events)};
-plan(Event, #robot{later = Later} = Robot) ->
-    Robot#robot{later = [Event | Later]}.
-
-insert(Event, [First | Rest]) when First < Event -> [First | insert(Event, Rest)];
-insert(Event, Events) -> [Event | Events].
 
 %% The platform's machines first, the application last, whatever their names.
 boot_order(Names) ->

@@ -187,11 +187,11 @@ start_window(From, To, #run{shards = Shards, mail = Mail} = Run) ->
 close_window(Outcomes, Run) ->
     Trace = merge([T || {_, #{trace := T}} <- Outcomes]),
     Packets = lists:append([P || {_, #{packets := P}} <- Outcomes]),
-    Times = [T || {_, #{next := T}} <- Outcomes] ++ [element(1, P) || P <- Packets],
+    Times = [T || {_, #{next := T}} <- Outcomes] ++ [element(2, P) || P <- Packets],
     Run#run{
         trace = Trace,
         mail = maps:groups_from_list(
-            fun(P) -> maps:get(element(2, P), Run#run.owner) end, Packets
+            fun(P) -> maps:get(element(1, P), Run#run.owner) end, Packets
         ),
         %% integers sort before the atom infinity
         next = lists:min(Times),
@@ -223,7 +223,7 @@ deal(Shards, #{robots := Robots, faults := Faults}) ->
     [
         {Shard, {
             [R || {I, R} <- numbered(Robots), I rem N =:= K],
-            [F || F <- Faults, (owner_index(element(2, F), Robots)) rem N =:= K]
+            [F || F <- Faults, (owner_index(element(1, F), Robots)) rem N =:= K]
         }}
      || {K, Shard} <- numbered(Shards)
     ].

@@ -157,22 +157,16 @@ run_window(To, Events, #shard{robots = Robots, window = Window} = Shard) ->
 
 %% In the first window every robot boots.
 agenda(0, Events, Robots) ->
-    Own = by_robot(Events),
+    Own = maps:from_list(by_robot(Events)),
     [{Id, maps:get(Id, Own, [])} || Id <- lists:sort(maps:keys(Robots))];
-agenda(_Window, Events, Robots) ->
-    [{Id, Own} || {Id, Own} <- lists:sort(maps:to_list(by_robot(Events))), is_map_key(Id, Robots)].
+agenda(_Window, Events, _Robots) ->
+    by_robot(Events).
 
-by_robot(Events) -> by_robot(Events, #{}).
-
-%% Events come sorted; those of one robot stay in their order.
-by_robot([], Own) ->
-    maps:map(fun(_, Events) -> lists:reverse(Events) end, Own);
-by_robot([Event | Rest], Own) ->
-    Id = element(2, Event),
-    case Own of
-        #{Id := Events} -> by_robot(Rest, Own#{Id := [Event | Events]});
-        #{} -> by_robot(Rest, Own#{Id => [Event]})
-    end.
+by_robot([]) ->
+    [];
+by_robot([{Id, _, _, _, _, _} | _] = Events) ->
+    {Own, Rest} = lists:splitwith(fun(Event) -> element(1, Event) =:= Id end, Events),
+    [{Id, Own} | by_robot(Rest)].
 
 proceed(Window, Robot) ->
     case starl_sim_robot:proceed(Window, Robot) of
@@ -220,7 +214,7 @@ interrupted(Pid, Reason, Robots, Window) ->
 
 %% Has the robot go on, in the next window, with what a crash has left it to do.
 wake(Id, #shard{queue = Queue, window = Window, window_us = Width} = Shard) ->
-    Shard#shard{queue = starl_sim_queue:add({Window + Width, Id, 0, 0, 0, wake}, Queue)}.
+    Shard#shard{queue = starl_sim_queue:add({Id, Window + Width, 0, 0, 0, wake}, Queue)}.
 
 owner(Pid, Robots) ->
     case [{Id, R} || {Id, R} <- maps:to_list(Robots), starl_sim_robot:owns(Pid, R)] of
@@ -230,7 +224,7 @@ owner(Pid, Robots) ->
 
 close_window(Ids, Robots, #shard{queue = Queue, robots = Before} = Shard) ->
     {Closed, Later, Traces} = lists:foldl(fun close_robot/2, {Robots, [], []}, lists:reverse(Ids)),
-    {Own, Others} = lists:partition(fun(E) -> is_map_key(element(2, E), Robots) end, Later),
+    {Own, Others} = lists:partition(fun(E) -> is_map_key(element(1, E), Robots) end, Later),
     Filled = lists:foldl(fun starl_sim_queue:add/2, Queue, Own),
     ok = show([{Id, R} || Id <- Ids, R <- moved(Id, Closed, Before)], Shard),
     Running = Shard#shard.running - length([Id || Id <- Ids, ended(Id, Closed, Before)]),

@@ -1,0 +1,59 @@
+%% Helpers of the test suites of all applications: properties that run inside Common Test.
+%%
+%% A random test prints its seed and takes it back from the environment variable STARL_SEED.
+-module(starl_platform_ct).
+-include_lib("proper/include/proper.hrl").
+
+-export([property/2, safely/1, seed/0, within/2]).
+
+%% Checks a property in so many cases; fails the test case with the seed and the shrunk case.
+property(Prop, Cases) ->
+    Seed = seed(),
+    %% PropEr has no option for the seed; the set-up runs after it has seeded itself.
+    Seeded = ?SETUP(
+        fun() ->
+            _ = rand:seed(exsss, Seed),
+            fun() -> ok end
+        end,
+        Prop
+    ),
+    Options = [{numtests, Cases}, {max_shrinks, 200}, nocolors, {on_output, fun io:format/2}],
+    case proper:quickcheck(Seeded, Options) of
+        true -> ok;
+        Other -> error({property_failed, [{seed, Seed}, {answer, Other},
+                                          {counterexample, proper:counterexample()}]})
+    end.
+
+%% PropEr 1.2 cannot report an exception on OTP 25: it is printed here and counts as false.
+safely(Fun) ->
+    try
+        Fun()
+    catch
+        Class:Reason:Stack ->
+            io:format("~p: ~p~n~p~n", [Class, Reason, Stack]),
+            false
+    end.
+
+%% The seed of this run, printed.
+seed() ->
+    Seed =
+        case os:getenv("STARL_SEED") of
+            false -> erlang:phash2({os:timestamp(), make_ref()}, 1 bsl 32);
+            Text -> list_to_integer(Text)
+        end,
+    io:format("seed ~b; the same again with STARL_SEED=~b~n", [Seed, Seed]),
+    Seed.
+
+%% What a function answers, or an error if that takes longer than so many ms of wall time: for
+%% what would otherwise wait for ever. The function runs in a process of its own.
+within(Ms, Fun) ->
+    {Pid, Ref} = spawn_monitor(fun() -> exit({answer, Fun()}) end),
+    receive
+        {'DOWN', Ref, process, Pid, {answer, Answer}} -> Answer;
+        {'DOWN', Ref, process, Pid, Reason} -> error(Reason)
+    after Ms ->
+        exit(Pid, kill),
+        receive
+            {'DOWN', Ref, process, Pid, _} -> error({no_answer_within_ms, Ms})
+        end
+    end.
