@@ -7,12 +7,12 @@
 -module(starl_sim_platform).
 -behaviour(starl_platform).
 
--export([new/3, boot/4, at/2, open/2, soon/1, take_soon/1, take/1]).
--export([fire/4, forget_timers/2, local_time/1]).
+-export([new/3, boot/4, at/2, soon/1, take_soon/1, take/1]).
+-export([fire/4, forget_timers/2, ended/1, local_time/1]).
 -export([piece/1, hash_event/4, hash_event/5, digest/1, result/1]).
 -export([transmit/3, sense/2, drive/3, actuate/3, start_timer/5, cancel_timer/3, trace/3, done/2]).
 
--export_type([t/0, world/0]).
+-export_type([t/0, world/0, moment/0, yield/0]).
 
 %% What all robots share: the seed, the radio, the clocks and the chassis' errors.
 %% `sight' is the table of the pieces of motion that all robots were in when the window began.
@@ -26,6 +26,19 @@
     delay_us := {Min :: pos_integer(), Max :: pos_integer()},
     range_mm := float() | infinity,
     profile := starl_motion:profile()
+}.
+
+%% A time, and when the window that it lies in begins and ends.
+-type moment() :: {
+    Now :: starl_sim_queue:time(),
+    Window :: starl_sim_queue:time(),
+    Until :: starl_sim_queue:time()
+}.
+
+%% What comes out of a window: events for other robots or later windows; the trace, newest
+%% first; whether the robot's motion has changed, whether its application has ended.
+-type yield() :: {
+    [starl_sim_queue:event()], [starl_monitor:trace_event()], Changes :: [moved | ended]
 }.
 
 -define(MAX_WHEEL, 500.0).
@@ -53,7 +66,8 @@
     %% what came out: own events of this window, all others, the trace, newest first
     soon = [] :: [starl_sim_queue:event()],
     later = [] :: [starl_sim_queue:event()],
-    traces = [] :: [starl_monitor:trace_event()]
+    traces = [] :: [starl_monitor:trace_event()],
+    changes = [] :: [moved | ended]
 }).
 
 -opaque t() :: #body{}.
@@ -71,14 +85,9 @@ new(Id, {X, Y, Heading}, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World)
         traces = [{0, Id, chassis, {motion, Piece}}]
     }.
 
-%% @doc The robot at a later time; `Window' is when the present window began.
--spec at({Now, Window}, t()) -> t() when
-    Now :: starl_sim_queue:time(), Window :: starl_sim_queue:time().
-at({Now, Window}, Body) -> Body#body{now = Now, window = Window}.
-
-%% @doc A window begins that ends at this time.
--spec open(Until :: starl_sim_queue:time(), t()) -> t().
-open(Until, Body) -> Body#body{until = Until}.
+%% @doc The robot at a later time.
+-spec at(moment(), t()) -> t().
+at({Now, Window, Until}, Body) -> Body#body{now = Now, window = Window, until = Until}.
 
 %% @doc The robot's new events of the present window.
 -spec soon(t()) -> [starl_sim_queue:event()].
@@ -88,10 +97,10 @@ soon(#body{soon = Soon}) -> Soon.
 -spec take_soon(t()) -> {[starl_sim_queue:event()], t()}.
 take_soon(#body{soon = Soon} = Body) -> {Soon, Body#body{soon = []}}.
 
-%% @doc Takes the events for other robots or later windows, and the trace in its order.
--spec take(t()) -> {[starl_sim_queue:event()], [starl_monitor:trace_event()], t()}.
-take(#body{later = Later, traces = Traces} = Body) ->
-    {Later, lists:reverse(Traces), Body#body{later = [], traces = []}}.
+%% @doc Takes what came out in a window.
+-spec take(t()) -> {yield(), t()}.
+take(#body{later = Later, traces = Traces, changes = Changes} = Body) ->
+    {{Later, Traces, Changes}, Body#body{later = [], traces = [], changes = []}}.
 
 %% @doc What a machine is given when it starts.
 -spec boot(starl:robot_id(), starl_machine:name(), Incarnation :: pos_integer(), t()) ->
@@ -121,6 +130,11 @@ fire(Machine, Timer, Seq, #body{timers = Timers} = Body) ->
 forget_timers(Machine, #body{timers = Timers} = Body) ->
     Body#body{timers = maps:filter(fun({Name, _}, _) -> Name =/= Machine end, Timers)}.
 
+%% @doc The robot has died, and its application with it.
+-spec ended(t()) -> t().
+ended(#body{result = running, changes = Changes} = Body) -> Body#body{changes = [ended | Changes]};
+ended(Body) -> Body.
+
 %% @doc The robot's own clock in microseconds.
 -spec local_time(t()) -> integer().
 local_time(#body{now = Now, offset_us = Offset, drift_ppb = Drift}) ->
@@ -136,19 +150,14 @@ hash_event(Machine, Type, Content, #body{chain = Chain, now = Now, events = Even
     Body#body{chain = hash(Chain, Now, Machine, Type, Content), events = Events + 1}.
 
 %% @doc The same for an event at a later time than the last.
--spec hash_event(
-    {Now :: starl_sim_queue:time(), Window :: starl_sim_queue:time()},
-    starl_machine:name(),
-    starl_machine:event_type(),
-    term(),
-    t()
-) -> t().
-hash_event({Now, Window}, Machine, Type, Content, #body{chain = Chain, events = Events} = Body) ->
+-spec hash_event(moment(), starl_machine:name(), starl_machine:event_type(), term(), t()) -> t().
+hash_event({Now, Window, Until}, Machine, Type, Content, #body{chain = Chain} = Body) ->
     Body#body{
         now = Now,
         window = Window,
+        until = Until,
         chain = hash(Chain, Now, Machine, Type, Content),
-        events = Events + 1
+        events = Body#body.events + 1
     }.
 
 hash(Chain, Now, Machine, Type, Content) ->
@@ -168,14 +177,14 @@ result(#body{result = Result}) -> Result.
 -spec transmit(starl:robot_id() | all, starl_packet:t(), t()) -> t().
 transmit(all, Packet, #body{id = Id, world = #{team := Team}} = Body) ->
     lists:foldl(
-        fun(Dest, B) -> send(Dest, Packet, B) end,
+        fun(Dest, B) -> send(Dest, Packet, 0, B) end,
         Body#body{packets = Body#body.packets + 1},
         starl_team:others(Id, Team)
     );
-transmit(Dest, Packet, #body{packets = Packets} = Body) ->
-    send(Dest, Packet, Body#body{packets = Packets + 1}).
+transmit(Dest, Packet, Body) ->
+    send(Dest, Packet, 1, Body).
 
-send(Dest, Packet, #body{id = Id, world = World, links = Links, later = Later} = Body) ->
+send(Dest, Packet, Count, #body{id = Id, world = World, links = Links, later = Later} = Body) ->
     N = maps:get(Dest, Links, 0) + 1,
     Link = {maps:get(seed, World), Id, Dest, N},
     Arrivals =
@@ -184,7 +193,12 @@ send(Dest, Packet, #body{id = Id, world = World, links = Links, later = Later} =
             false -> []
         end,
     Seq = Body#body.seq + length(Arrivals),
-    Body#body{links = Links#{Dest => N}, seq = Seq, later = Arrivals ++ Later}.
+    Body#body{
+        packets = Body#body.packets + Count,
+        links = Links#{Dest => N},
+        seq = Seq,
+        later = Arrivals ++ Later
+    }.
 
 arrivals([], _Dest, _Packet, _Body) ->
     [];
@@ -249,7 +263,8 @@ moving(Speed, Rate, Point, Heading, #body{id = Id, draws = N, now = Now, world =
     Piece = starl_trajectory:piece(Now, Point, Heading + Skew, Speed * Slip, Rate),
     set_piece(Piece, Body#body{draws = N + 1}).
 
-set_piece(Piece, Body) -> trace(chassis, {motion, Piece}, Body#body{piece = Piece}).
+set_piece(Piece, #body{changes = Changes} = Body) ->
+    trace(chassis, {motion, Piece}, Body#body{piece = Piece, changes = [moved | Changes]}).
 
 limit(Speed) -> max(-?MAX_WHEEL, min(?MAX_WHEEL, Speed)).
 
@@ -261,10 +276,10 @@ start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = 
     #body{timers = Timers, until = Until, drift_ppb = Drift} = Body,
     Due = Now + Us * 1000000000 div (1000000000 + Drift),
     Event = {Id, Due, ?CLASS_TIMER, Id, Seq, {timer, Machine, Timer, Content}},
-    Started = Body#body{seq = Seq + 1, timers = Timers#{{Machine, Timer} => Seq}},
+    Running = Timers#{{Machine, Timer} => Seq},
     case Due < Until of
-        true -> Started#body{soon = [Event | Started#body.soon]};
-        false -> Started#body{later = [Event | Started#body.later]}
+        true -> Body#body{seq = Seq + 1, timers = Running, soon = [Event | Body#body.soon]};
+        false -> Body#body{seq = Seq + 1, timers = Running, later = [Event | Body#body.later]}
     end.
 
 -spec cancel_timer(starl_machine:name(), term(), t()) -> t().
@@ -280,4 +295,5 @@ trace(Machine, Event, #body{id = Id, now = Now, traces = Traces} = Body) ->
     Body#body{traces = [{Now, Id, Machine, Event} | Traces]}.
 
 -spec done(term(), t()) -> t().
-done(Result, Body) -> trace(app, {done, Result}, Body#body{result = {done, Result}}).
+done(Result, #body{changes = Changes} = Body) ->
+    trace(app, {done, Result}, Body#body{result = {done, Result}, changes = [ended | Changes]}).

@@ -5,10 +5,10 @@
 -module(starl_sim_robot).
 
 -export([new/3, attach/3, boot/1]).
--export([open/3, proceed/2, answered/2, crashed/3, close/1]).
+-export([open/2, proceed/2, answered/2, crashed/3, close/1]).
 -export([busy/1, owns/2, result/1, piece/1, summary/2, machines/1]).
 
--export_type([t/0, summary/0]).
+-export_type([t/0, summary/0, window/0]).
 
 -define(CLASS_FAULT, 0).
 %% So many crashes of a robot are remembered.
@@ -24,6 +24,9 @@
     pose := starl:pose(),
     crashes := [{starl_machine:name(), Reason :: term()}]
 }.
+
+%% When a window begins and ends.
+-type window() :: {From :: starl_sim_queue:time(), Until :: starl_sim_queue:time()}.
 
 %% What one of the machines has to do: handle an event, or start.
 -type local() :: starl_platform:local() | {starl_machine:name(), boot, none}.
@@ -62,27 +65,27 @@ attach(Name, Pid, #robot{processes = Processes, incarnations = Incarnations} = R
 boot(#robot{processes = Processes} = Robot) ->
     Robot#robot{local = [{Name, boot, none} || Name <- boot_order(maps:keys(Processes))]}.
 
-%% @doc Opens a window that ends at `Until' with these events of the robot, sorted.
--spec open([starl_sim_queue:event()], Until :: starl_sim_queue:time(), t()) -> t().
-open(_Events, _Until, #robot{sup = dead} = Robot) -> Robot;
-open(Events, Until, #robot{body = Body} = Robot) ->
-    Robot#robot{events = Events, body = starl_sim_platform:open(Until, Body)}.
+%% @doc Opens a window with these events of the robot, sorted.
+-spec open([starl_sim_queue:event()], t()) -> t().
+open(_Events, #robot{sup = dead} = Robot) -> Robot;
+open(Events, Robot) -> Robot#robot{events = Events}.
 
 %% @doc Sends the next step to one of its machines, if there is anything left to do in this
-%% window. `Window' is when it began.
--spec proceed(Window :: starl_sim_queue:time(), t()) -> {busy | idle, t()}.
+%% window.
+-spec proceed(window(), t()) -> {busy | idle, t()}.
 proceed(Window, #robot{local = [{Name, Type, Content} | Rest], body = Body} = Robot) ->
     Hashed = starl_sim_platform:hash_event(Name, Type, Content, Body),
     dispatch(Name, Type, Content, Hashed, Window, Robot#robot{local = Rest});
 proceed(Window, #robot{events = [Event | Rest], body = Body0} = Robot) ->
     {_, Time, Class, _, Seq, Content} = Event,
-    Next = Robot#robot{events = Rest},
+    {From, Until} = Window,
+    Moment = {Time, From, Until},
     case Class of
         ?CLASS_FAULT ->
-            Body = starl_sim_platform:at({Time, Window}, Body0),
-            proceed(Window, strike(Content, Next#robot{body = Body}));
+            Body = starl_sim_platform:at(Moment, Body0),
+            proceed(Window, strike(Content, Robot#robot{events = Rest, body = Body}));
         _ ->
-            begin_event(Content, Seq, {Time, Window}, Next)
+            begin_event(Content, Seq, Moment, Window, Robot#robot{events = Rest})
     end;
 proceed(_Window, Robot) ->
     {idle, Robot}.
@@ -122,12 +125,11 @@ crashed(Pid, Reason, #robot{busy = Busy, crashes = Crashes} = Robot) ->
         {died, Dead} -> Dead
     end.
 
-%% @doc Closes the window: the events for other robots or later windows, the trace in order, and
-%% the number of the robot's events.
--spec close(t()) -> {[starl_sim_queue:event()], [starl_monitor:trace_event()], t()}.
+%% @doc Closes the window and gives what came out of it.
+-spec close(t()) -> {starl_sim_platform:yield(), t()}.
 close(#robot{body = Body} = Robot) ->
-    {Later, Trace, Rest} = starl_sim_platform:take(Body),
-    {Later, Trace, Robot#robot{body = Rest}}.
+    {Yield, Rest} = starl_sim_platform:take(Body),
+    {Yield, Robot#robot{body = Rest}}.
 
 %% @doc The machine that is at work, if any.
 -spec busy(t()) -> [{starl:robot_id(), starl_machine:name()}].
@@ -167,17 +169,17 @@ machines(#robot{processes = Processes}) -> maps:map(fun(_, Pid) -> machine(Pid) 
 
 %% -- events ---------------------------------------------------------------------------------
 
-begin_event({timer, Name, Timer, Content}, Seq, {_, Window} = At, #robot{body = Body} = Robot) ->
+begin_event({timer, Name, Timer, Content}, Seq, Moment, Window, #robot{body = Body} = Robot) ->
     case starl_sim_platform:fire(Name, Timer, Seq, Body) of
         {ok, Fired} ->
             Type = timer_type(Timer),
-            Hashed = starl_sim_platform:hash_event(At, Name, Type, Content, Fired),
+            Hashed = starl_sim_platform:hash_event(Moment, Name, Type, Content, Fired),
             dispatch(Name, Type, Content, Hashed, Window, Robot);
         stale ->
             proceed(Window, Robot)
     end;
-begin_event({Name, Type, Content}, _Seq, {_, Window} = At, #robot{body = Body} = Robot) ->
-    Hashed = starl_sim_platform:hash_event(At, Name, Type, Content, Body),
+begin_event({Name, Type, Content}, _Seq, Moment, Window, #robot{body = Body} = Robot) ->
+    Hashed = starl_sim_platform:hash_event(Moment, Name, Type, Content, Body),
     dispatch(Name, Type, Content, Hashed, Window, Robot).
 
 timer_type(state_timeout) -> state_timeout;
@@ -269,7 +271,7 @@ died(Reason, #robot{body = Body} = Robot) ->
     Stopped = starl_sim_platform:drive(0.0, 0.0, Body),
     Traced = starl_sim_platform:trace(robot, {died, Reason}, Stopped),
     Robot#robot{
-        body = Traced, sup = dead, processes = #{}, local = [], events = [], busy = none
+        body = starl_sim_platform:ended(Traced), sup = dead, processes = #{}, local = [], events = [], busy = none
     }.
 
 machine(Pid) ->

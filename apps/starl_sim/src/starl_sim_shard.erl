@@ -114,8 +114,7 @@ handle_info({'DOWN', _, process, Pid, Reason}, #shard{robots = Robots} = Shard) 
     case owner(Pid, Robots) of
         {Id, Robot} ->
             Crashed = Robots#{Id := starl_sim_robot:crashed(Pid, Reason, Robot)},
-            Ended = length([Id || ended(Id, Crashed, Robots)]),
-            {noreply, wake(Id, Shard#shard{robots = Crashed, running = Shard#shard.running - Ended})};
+            {noreply, wake(Id, Shard#shard{robots = Crashed})};
         none ->
             {noreply, Shard}
     end;
@@ -141,38 +140,34 @@ attach_all(Id, Robot) ->
 %% -- windows --------------------------------------------------------------------------------
 
 %% All robots that have something to do in the window work at once.
-run_window(To, Events, #shard{robots = Robots, window = Window} = Shard) ->
-    Agenda = agenda(Window, Events, Robots),
-    {Active, Begun} = lists:foldl(
-        fun({Id, Own}, {N, Rs}) ->
-            Opened = starl_sim_robot:open(Own, To, maps:get(Id, Rs)),
-            {Count, Next} = proceed(Window, Opened),
-            {N + Count, Rs#{Id := Next}}
-        end,
-        {0, Robots},
-        Agenda
-    ),
+run_window(To, Events, #shard{robots = Robots, window = From} = Shard) ->
+    Window = {From, To},
+    {Ids, Active, Begun} = begin_robots(agenda(From, Events, Robots), Window, [], 0, Robots),
     Done = collect(Active, Begun, Window),
-    close_window([Id || {Id, _} <- Agenda], Done, Shard).
+    close_window(Ids, Shard#shard{robots = Done}).
 
 %% In the first window every robot boots.
 agenda(0, Events, Robots) ->
-    Own = maps:from_list(by_robot(Events)),
-    [{Id, maps:get(Id, Own, [])} || Id <- lists:sort(maps:keys(Robots))];
-agenda(_Window, Events, _Robots) ->
-    by_robot(Events).
+    lists:sort([{Id, 0, 0, 0, 0, wake} || Id <- maps:keys(Robots)] ++ Events);
+agenda(_From, Events, _Robots) ->
+    Events.
 
-by_robot([]) ->
-    [];
-by_robot([{Id, _, _, _, _, _} | _] = Events) ->
-    {Own, Rest} = lists:splitwith(fun(Event) -> element(1, Event) =:= Id end, Events),
-    [{Id, Own} | by_robot(Rest)].
-
-proceed(Window, Robot) ->
-    case starl_sim_robot:proceed(Window, Robot) of
-        {busy, Next} -> {1, Next};
-        {idle, Next} -> {0, Next}
+%% Events come by robot, and in the robot's order.
+begin_robots([], _Window, Ids, Active, Robots) ->
+    {Ids, Active, Robots};
+begin_robots([{Id, _, _, _, _, _} = Event | Events], Window, Ids, Active, Robots) ->
+    {Own, Rest} = take_own(Id, Events, [Event]),
+    #{Id := Robot} = Robots,
+    case starl_sim_robot:proceed(Window, starl_sim_robot:open(Own, Robot)) of
+        {busy, Next} ->
+            begin_robots(Rest, Window, [Id | Ids], Active + 1, Robots#{Id := Next});
+        {idle, Next} ->
+            begin_robots(Rest, Window, [Id | Ids], Active, Robots#{Id := Next})
     end.
+
+take_own(Id, [{Id, _, _, _, _, _} = Event | Events], Own) -> take_own(Id, Events, [Event | Own]);
+take_own(_Id, Events, [_] = Own) -> {Own, Events};
+take_own(_Id, Events, Own) -> {lists:reverse(Own), Events}.
 
 collect(0, Robots, _Window) ->
     Robots;
@@ -188,7 +183,7 @@ collect(Active, Robots, Window) ->
         {'DOWN', _, process, Pid, Reason} ->
             {Change, Next} = interrupted(Pid, Reason, Robots, Window),
             collect(Active + Change, Next, Window);
-        {out_of_patience, Window} ->
+        {out_of_patience, From} when From =:= element(1, Window) ->
             exit({no_answer, [B || R <- maps:values(Robots), B <- starl_sim_robot:busy(R)]})
     end.
 
@@ -200,8 +195,7 @@ interrupted(Pid, Reason, Robots, Window) ->
             Crashed = starl_sim_robot:crashed(Pid, Reason, Robot),
             case {starl_sim_robot:busy(Robot), starl_sim_robot:busy(Crashed)} of
                 {[_], []} ->
-                    {Count, Next} = proceed(Window, Crashed),
-                    {Count - 1, Robots#{Id := Next}};
+                    go_on(Id, starl_sim_robot:proceed(Window, Crashed), Robots);
                 {[_], [_]} ->
                     {0, Robots#{Id := Crashed}};
                 {[], []} ->
@@ -211,6 +205,9 @@ interrupted(Pid, Reason, Robots, Window) ->
         none ->
             {0, Robots}
     end.
+
+go_on(Id, {busy, Robot}, Robots) -> {0, Robots#{Id := Robot}};
+go_on(Id, {idle, Robot}, Robots) -> {-1, Robots#{Id := Robot}}.
 
 %% Has the robot go on, in the next window, with what a crash has left it to do.
 wake(Id, #shard{queue = Queue, window = Window, window_us = Width} = Shard) ->
@@ -222,40 +219,39 @@ owner(Pid, Robots) ->
         [] -> none
     end.
 
-close_window(Ids, Robots, #shard{queue = Queue, robots = Before} = Shard) ->
-    {Closed, Later, Traces} = lists:foldl(fun close_robot/2, {Robots, [], []}, lists:reverse(Ids)),
+%% Robots are closed in descending order, so that what they yield comes in ascending order.
+close_window(Ids, #shard{robots = Robots0, queue = Queue} = Shard) ->
+    {Robots, {Later, Trace, Moved, Ended}} = close_robots(Ids, Robots0, {[], [], [], 0}),
     {Own, Others} = lists:partition(fun(E) -> is_map_key(element(1, E), Robots) end, Later),
     Filled = lists:foldl(fun starl_sim_queue:add/2, Queue, Own),
-    ok = show([{Id, R} || Id <- Ids, R <- moved(Id, Closed, Before)], Shard),
-    Running = Shard#shard.running - length([Id || Id <- Ids, ended(Id, Closed, Before)]),
+    ok = show(Moved, Shard),
+    Running = Shard#shard.running - Ended,
     Outcome = #{
         packets => Others,
-        trace => in_order(Traces),
+        %% by time, then robot: keysort is stable
+        trace => lists:keysort(1, Trace),
         next => starl_sim_queue:next_time(Filled),
         running => Running
     },
-    {Outcome, Shard#shard{robots = Closed, queue = Filled, running = Running}}.
+    {Outcome, Shard#shard{robots = Robots, queue = Filled, running = Running}}.
 
-close_robot(Id, {Robots, Later, Traces}) ->
-    {New, Trace, Robot} = starl_sim_robot:close(maps:get(Id, Robots)),
-    {Robots#{Id := Robot}, New ++ Later, [Trace | Traces]}.
+close_robots([], Robots, Yields) ->
+    {Robots, Yields};
+close_robots([Id | Ids], Robots, {Later, Trace, Moved, Ended}) ->
+    #{Id := Robot} = Robots,
+    {{New, Traced, Changes}, Closed} = starl_sim_robot:close(Robot),
+    Yields = {New ++ Later, lists:reverse(Traced, Trace), Moved, Ended},
+    close_robots(Ids, Robots#{Id := Closed}, changes(Changes, Id, Closed, Yields)).
 
-%% By time, then robot: the robots' traces stand in the order of their numbers, and keysort is
-%% stable.
-in_order([Trace]) -> Trace;
-in_order(Traces) -> lists:keysort(1, lists:append(Traces)).
-
-moved(Id, After, Before) ->
-    #{Id := Robot} = After,
-    Piece = starl_sim_robot:piece(Robot),
-    case starl_sim_robot:piece(maps:get(Id, Before)) of
-        Piece -> [];
-        _ -> [Robot]
-    end.
-
-ended(Id, After, Before) ->
-    starl_sim_robot:result(maps:get(Id, After)) =/= running andalso
-        starl_sim_robot:result(maps:get(Id, Before)) =:= running.
+changes([], _Id, _Robot, Yields) ->
+    Yields;
+changes(Changes, Id, Robot, {Later, Trace, Moved, Ended}) ->
+    {
+        Later,
+        Trace,
+        [{Id, Robot} || lists:member(moved, Changes)] ++ Moved,
+        Ended + length([ended || lists:member(ended, Changes)])
+    }.
 
 %% Lets the others see where robots are, from the next window on.
 show([], _Shard) ->

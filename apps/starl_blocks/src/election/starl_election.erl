@@ -5,9 +5,13 @@
 %% Guarantee (the paper's Proposition 1): any two robots that elect in the same election elect
 %% the same leader; a robot that gets only the announcement elects the announced; else it fails
 %% in bounded time. When no message is lost, all elect.
+%%
+%% That is what the ballots keep ({@link starl_election_ballots}, the default). The bully
+%% algorithm ({@link starl_election_bully}) gives the highest robot that is alive, with dead
+%% robots in the team, too; but under loss two robots may elect different leaders.
 -module(starl_election).
 
--export([block/0, elect/2, elect/3]).
+-export([block/0, block/1, elect/2, elect/3]).
 
 -export_type([election/0]).
 
@@ -15,7 +19,14 @@
 
 %% @doc The machine that a robot needs to take part in elections.
 -spec block() -> starl_robot_sup:machine().
-block() -> {election, starl_election_ballots, #{}}.
+block() -> block(ballots).
+
+%% @doc The same, by the algorithm of this name; the bully algorithm takes a configuration.
+-spec block(ballots | bully | {bully, starl_election_bully:config()}) ->
+    starl_robot_sup:machine().
+block(ballots) -> {election, starl_election_ballots, #{}};
+block(bully) -> block({bully, #{}});
+block({bully, Config}) -> {election, starl_election_bully, Config}.
 
 %% @doc Takes part in an election, with half a minute's patience.
 -spec elect(starl:robot(), election()) ->

@@ -5,7 +5,7 @@
 %% receiver the incarnation that it is meant for. Incarnation 1 is the default and not written.
 -module(starl_packet).
 
--export([data/1, ack/4, refusal/4, hello/2]).
+-export([data/1, ack/4, refusal/4, hello/2, shout/3]).
 
 -export_type([t/0, data/0, incarnation/0, seq/0]).
 
@@ -36,7 +36,9 @@
     %% By is a new incarnation and does not take the message
     | {starl, 1, refusal, By :: starl:robot_id(), incarnation(), incarnation(), seq()}
     %% a robot's SAP has started anew
-    | {starl, 1, hello, starl:robot_id(), incarnation()}.
+    | {starl, 1, hello, starl:robot_id(), incarnation()}
+    %% for all in range; nobody acknowledges it
+    | {starl, 1, shout, Source :: starl:robot_id(), Type :: atom(), Body :: term()}.
 
 %% @doc A message.
 -spec data(data()) -> t().
@@ -53,3 +55,7 @@ refusal(By, Own, Incarnation, Seq) -> {starl, ?VERSION, refusal, By, Own, Incarn
 %% @doc The robot's SAP has started with this incarnation.
 -spec hello(starl:robot_id(), incarnation()) -> t().
 hello(Robot, Incarnation) -> {starl, ?VERSION, hello, Robot, Incarnation}.
+
+%% @doc A message of `Source' for all in range, without acknowledgement.
+-spec shout(Source :: starl:robot_id(), Type :: atom(), Body :: term()) -> t().
+shout(Source, Type, Body) -> {starl, ?VERSION, shout, Source, Type, Body}.

@@ -21,12 +21,16 @@
 %% `{broadcast, Type, Body}' without an answer, `{listen, Type, Machine}'. A listener gets the
 %% cast `{message, From, Type, Body}'.
 %%
+%% Beside the reliable service there is a datagram: the cast `{shout, Type, Body}' puts one packet
+%% on the air for all in range. It is not acknowledged or repeated, may arrive twice, and is
+%% dropped where nobody listens to its type; the contract of SAP does not cover it.
+%%
 %% Trace: `{started, Incarnation}', `{sent, Id, Dests, Type, Hash}', `{delivered, Id, Type, Hash}',
 %% `{outcome, Id, Dest, acknowledged | lost | restarted}' with Id = {source, incarnation, seq}.
 -module(starl_sap).
 -behaviour(starl_machine).
 
--export([send/4, post/3, listen/2, bound_us/1]).
+-export([send/4, post/3, shout/2, listen/2, bound_us/1]).
 -export([init/1, handle_event/5]).
 
 -export_type([config/0]).
@@ -88,6 +92,10 @@ send(To, Type, Body, Tag) -> {call, sap, {send, To, Type, Body}, Tag}.
 -spec post(starl:robot_id(), Type :: atom(), Body :: term()) -> starl_machine:action().
 post(To, Type, Body) -> {cast, sap, {send, To, Type, Body}}.
 
+%% @doc The action that sends one unacknowledged packet to all in range.
+-spec shout(Type :: atom(), Body :: term()) -> starl_machine:action().
+shout(Type, Body) -> {cast, sap, {shout, Type, Body}}.
+
 %% @doc The action by which a machine listens to messages of a type.
 -spec listen(Type :: atom(), starl_machine:name()) -> starl_machine:action().
 listen(Type, Machine) -> {cast, sap, {listen, Type, Machine}}.
@@ -131,6 +139,10 @@ handle_event(packet, {starl, 1, refusal, By, Own, Incarnation, Seq}, ready, Sap,
     settle(By, Incarnation, Seq, restarted, heard(By, Own, Sap));
 handle_event(packet, {starl, 1, hello, By, Own}, ready, Sap, _Meta) ->
     {keep_state, heard(By, Own, Sap)};
+handle_event(cast, {shout, Type, Body}, ready, #sap{self = Self}, _Meta) ->
+    {keep_state_and_data, [{transmit, all, starl_packet:shout(Self, Type, Body)}]};
+handle_event(packet, {starl, 1, shout, Source, Type, Body}, ready, Sap, _Meta) ->
+    overhear(Source, Type, Body, Sap);
 handle_event(cast, {listen, Type, Machine}, ready, Sap, _Meta) ->
     listener(Type, Machine, Sap);
 handle_event(info, {restarted, _}, ready, _Sap, _Meta) ->
@@ -311,6 +323,14 @@ deliver(Source, Type, Body, Id, #sap{listeners = Listeners} = Sap) ->
             {Sap#sap{unclaimed = [{Source, Type, Body, Id} | Sap#sap.unclaimed]}, [
                 {trace, {delivered, Id, Type, hash(Body)}}
             ]}
+    end.
+
+overhear(Source, Type, Body, #sap{listeners = Listeners}) ->
+    case Listeners of
+        #{Type := Machine} ->
+            {keep_state_and_data, [{cast, Machine, {message, Source, Type, Body}}]};
+        #{} ->
+            {keep_state_and_data, [{trace, {unheard, Source, Type}}]}
     end.
 
 listener(Type, Machine, #sap{listeners = Listeners, unclaimed = Unclaimed} = Sap) ->

@@ -1,0 +1,215 @@
+%% @doc Leader election by the bully algorithm (Garcia-Molina, "Elections in a distributed
+%% computing system", 1982): the highest robot that is alive wins.
+%% ```
+%%   robot                    each higher robot                          all others
+%%     | challenge {E} ------------->|                                        |
+%%     |<------------------ alive {E}|  challenges those above it in turn     |
+%%     |                             |                                        |
+%%     | nobody alive within answer_us: leader {E, self} -------------------->|  elect it,
+%%     | somebody alive: waits for its announcement, challenges again later   |  unless elected
+%% '''
+%% A robot takes part from the first message of the election on, whether its application has
+%% called or not: the highest robot alive can be elected without having asked. What a robot has
+%% elected it keeps, whatever it hears later, so it never reports two leaders for one term. (A
+%% term is an election within one life of the machine: a restarted one has forgotten, asks anew,
+%% and gets what the others elected.) Those that have elected answer a challenge with their leader.
+%%
+%% No loss and packets within half of `answer_us' each: only the highest robot alive hears of
+%% nobody above itself, so all elect it. With loss, robots may elect different leaders: whoever
+%% needs agreement under every fault takes the ballots.
+%%
+%% Call: `{elect, Election, TimeoutUs}', answer `{ok, Leader}' or `{error, timeout}'. Trace:
+%% `{entered, E}', `{elected, E, Leader, highest | announcement | known}', `{failed, E, timeout}'.
+-module(starl_election_bully).
+-behaviour(starl_machine).
+
+-export([init/1, handle_event/5]).
+
+-export_type([config/0]).
+
+%% `answer_ms': how long to wait for higher robots to say that they are alive; with a little
+%% more than twice the longest delay of a packet the guarantee holds, with time for a few
+%% retransmissions it nearly always holds under loss, too. `rounds': how often a robot whose
+%% application does not wait (any more) challenges.
+-type config() :: #{answer_ms => pos_integer(), rounds => pos_integer()}.
+
+%% So many elections are remembered; beyond, the oldest that nobody waits for is forgotten.
+-define(REMEMBERED, 64).
+
+-record(race, {
+    leader = none :: starl:robot_id() | none,
+    from = none :: starl_machine:from() | none,
+    %% idle: not begun, or given up; asking: is anybody higher alive? hoping: somebody is
+    phase = idle :: idle | asking | hoping,
+    round = 0 :: non_neg_integer()
+}).
+
+-record(bully, {
+    self :: starl:robot_id(),
+    higher :: [starl:robot_id()],
+    answer_us :: pos_integer(),
+    rounds :: pos_integer(),
+    races = #{} :: #{starl_election:election() => #race{}},
+    %% the elections, latest first
+    order = [] :: [starl_election:election()]
+}).
+
+-spec init(starl_machine:config()) -> {ready, #bully{}, [starl_machine:action()]}.
+init(#{robot := Self, participants := Team} = Config) ->
+    Bully = #bully{
+        self = Self,
+        higher = [Robot || Robot <- starl_team:members(Team), Robot > Self],
+        answer_us = maps:get(answer_ms, Config, 500) * 1000,
+        rounds = maps:get(rounds, Config, 4)
+    },
+    {ready, Bully, listen()}.
+
+-spec handle_event(starl_machine:event_type(), term(), ready, #bully{}, starl_machine:meta()) ->
+    starl_machine:result().
+handle_event({call, From}, {elect, Election, Us}, ready, Bully, _Meta) ->
+    enter(Election, Us, From, Bully);
+handle_event(cast, {message, Source, bully_challenge, Election}, ready, Bully, _Meta) ->
+    challenged(Election, Source, Bully);
+handle_event(cast, {message, _Source, bully_alive, Election}, ready, Bully, _Meta) ->
+    hope(Election, Bully);
+handle_event(cast, {message, _Source, bully_leader, {Election, Leader}}, ready, Bully, _Meta) ->
+    elect(Election, Leader, announcement, Bully);
+handle_event({timeout, {round, Election}}, _, ready, Bully, _Meta) ->
+    round_over(Election, Bully);
+handle_event({timeout, {patience, Election}}, _, ready, Bully, _Meta) ->
+    give_up(Election, Bully);
+handle_event(info, {restarted, sap}, ready, _Bully, _Meta) ->
+    {keep_state_and_data, listen()};
+handle_event(info, {restarted, _}, ready, _Bully, _Meta) ->
+    keep_state_and_data;
+handle_event(_, _, _, _, _) ->
+    unknown_event.
+
+listen() ->
+    [starl_sap:listen(T, election) || T <- [bully_challenge, bully_alive, bully_leader]].
+
+%% -- taking part ----------------------------------------------------------------------------
+
+enter(Election, Us, From, Bully0) ->
+    {Race, Bully} = race(Election, Bully0),
+    Entered = {trace, {entered, Election}},
+    case Race of
+        #race{leader = none} ->
+            Waiting = put_race(Election, Race#race{from = From, round = 0}, Bully),
+            Patience = {{timeout, {patience, Election}}, Us, patience},
+            prepend([Entered, Patience], challenge(Election, Waiting));
+        #race{leader = Leader} ->
+            Report = {trace, {elected, Election, Leader, known}},
+            {keep_state, Bully, [Entered, Report, {reply, From, {ok, Leader}}]}
+    end.
+
+%% A lower robot asks: this one is alive, and takes part.
+challenged(Election, Source, Bully0) ->
+    {Race, Bully} = race(Election, Bully0),
+    case Race of
+        #race{leader = none} ->
+            Answer = starl_sap:post(Source, bully_alive, Election),
+            prepend([Answer], challenge(Election, Bully));
+        #race{leader = Leader} ->
+            {keep_state, Bully, [starl_sap:post(Source, bully_leader, {Election, Leader})]}
+    end.
+
+%% Asks all higher robots, unless it is at it; the highest of the team has nobody to ask.
+challenge(Election, #bully{higher = []} = Bully) ->
+    win(Election, Bully);
+challenge(Election, #bully{higher = Higher} = Bully) ->
+    case maps:get(Election, Bully#bully.races) of
+        #race{phase = idle, round = Round} = Race ->
+            Asking = Race#race{phase = asking, round = Round + 1},
+            {keep_state, put_race(Election, Asking, Bully), [
+                {{timeout, {round, Election}}, Bully#bully.answer_us, over}
+                | [starl_sap:post(Robot, bully_challenge, Election) || Robot <- Higher]
+            ]};
+        #race{} ->
+            {keep_state, Bully, []}
+    end.
+
+%% A higher robot is alive. It needs one round, or one after the other above it gives up.
+hope(Election, #bully{races = Races} = Bully) ->
+    case Races of
+        #{Election := #race{leader = none, phase = asking} = Race} ->
+            Hoping = put_race(Election, Race#race{phase = hoping}, Bully),
+            {keep_state, Hoping, [
+                {{timeout, {round, Election}}, 3 * Bully#bully.answer_us, over}
+            ]};
+        #{} ->
+            keep_state_and_data
+    end.
+
+round_over(Election, #bully{races = Races, rounds = Rounds} = Bully) ->
+    case Races of
+        #{Election := #race{leader = none, phase = asking}} ->
+            win(Election, Bully);
+        #{Election := #race{leader = none, from = From, round = Round} = Race} ->
+            Idle = put_race(Election, Race#race{phase = idle}, Bully),
+            case From =/= none orelse Round < Rounds of
+                true -> challenge(Election, Idle);
+                false -> {keep_state, Idle}
+            end;
+        #{} ->
+            keep_state_and_data
+    end.
+
+%% -- the result -----------------------------------------------------------------------------
+
+win(Election, #bully{self = Self} = Bully) ->
+    {keep_state, Elected, Actions} = elect(Election, Self, highest, Bully),
+    Announcement = {cast, sap, {broadcast, bully_leader, {Election, Self}}},
+    {keep_state, Elected, Actions ++ [Announcement]}.
+
+elect(Election, Leader, How, Bully0) ->
+    {Race, Bully} = race(Election, Bully0),
+    case Race of
+        #race{leader = none, from = From} ->
+            Elected = Race#race{leader = Leader, from = none, phase = idle},
+            Reply = [{reply, From, {ok, Leader}} || From =/= none],
+            {keep_state, put_race(Election, Elected, Bully), [
+                {trace, {elected, Election, Leader, How}},
+                {{timeout, {round, Election}}, cancel},
+                {{timeout, {patience, Election}}, cancel}
+                | Reply
+            ]};
+        #race{} ->
+            {keep_state, Bully, []}
+    end.
+
+%% The application waits no longer; the robot's part in the election goes on.
+give_up(Election, #bully{races = Races} = Bully) ->
+    case Races of
+        #{Election := #race{leader = none, from = From} = Race} when From =/= none ->
+            {keep_state, put_race(Election, Race#race{from = none}, Bully), [
+                {trace, {failed, Election, timeout}}, {reply, From, {error, timeout}}
+            ]};
+        #{} ->
+            keep_state_and_data
+    end.
+
+%% -- the elections --------------------------------------------------------------------------
+
+prepend(More, {keep_state, Bully, Actions}) -> {keep_state, Bully, More ++ Actions}.
+
+race(Election, #bully{races = Races} = Bully) ->
+    case Races of
+        #{Election := Race} -> {Race, Bully};
+        #{} -> {#race{}, put_race(Election, #race{}, forget(Bully, Election))}
+    end.
+
+forget(#bully{order = Order, races = Races} = Bully, New) when length(Order) < ?REMEMBERED ->
+    Bully#bully{order = [New | Order], races = Races};
+forget(#bully{order = Order, races = Races} = Bully, New) ->
+    Done = [E || E <- lists:reverse(Order), (maps:get(E, Races))#race.from =:= none],
+    case Done of
+        [Oldest | _] ->
+            Left = lists:delete(Oldest, Order),
+            Bully#bully{order = [New | Left], races = maps:remove(Oldest, Races)};
+        [] ->
+            Bully#bully{order = [New | Order]}
+    end.
+
+put_race(Election, Race, #bully{races = Races} = Bully) ->
+    Bully#bully{races = Races#{Election => Race}}.

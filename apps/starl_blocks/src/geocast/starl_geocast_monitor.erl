@@ -1,0 +1,228 @@
+%% @doc The contract of the geocast, as a monitor.
+%%
+%% The window of a message is from its sending to the end of its lifetime, both included. Safety:
+%% delivered only what was sent, at most once per robot (also across its restarts), never after
+%% the window, and never at a robot that is outside the area during the whole window. Progress,
+%% with `progress' (default false): a robot that is inside, at least `margin_mm' from the border
+%% (default 4: twice the error of a position), during the whole window has it delivered, unless
+%% it or the source died, or its or the source's geocast machine crashed, in the window or up to
+%% `grace_us' (default 1 s) before. Where robots are is known in continuous time, from the pieces
+%% of their motion.
+%%
+%% Events of machine `geocast': `{sent, Id, Area, LifetimeUs}', `{delivered, Id}', `crashed'; of
+%% machine `chassis': `{motion, piece()}'; of machine `robot': `{died, Reason}'.
+-module(starl_geocast_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type id() :: {robot_id(), pos_integer(), pos_integer()}.
+
+%% A message, with who got it and when.
+-record(message, {
+    area :: starl_geocast_area:area(),
+    from_us :: integer(),
+    to_us :: integer(),
+    got = #{} :: #{robot_id() => integer()}
+}).
+
+-record(state, {
+    robots :: [robot_id()],
+    progress :: boolean(),
+    margin_mm :: float(),
+    grace_us :: non_neg_integer(),
+    messages = #{} :: #{id() => #message{}},
+    %% the ends of the windows that are still open, and their beginnings
+    open = gb_sets:new() :: gb_sets:set({ToUs :: integer(), id(), FromUs :: integer()}),
+    %% the motion of each robot, latest piece first, from the beginning of the open windows on
+    paths = #{} :: #{robot_id() => [starl_trajectory:piece()]},
+    %% when its machine crashed last; when it died
+    crashed = #{} :: #{robot_id() => integer()},
+    died = #{} :: #{robot_id() => integer()},
+    owed = 0 :: non_neg_integer(),
+    latency_us = 0 :: integer()
+}).
+
+%% @doc `robots': who listens; the rest as above.
+-spec init(#{
+    robots := [robot_id()],
+    progress => boolean(),
+    margin_mm => float(),
+    grace_us => non_neg_integer()
+}) -> #state{}.
+init(#{robots := Robots} = Config) ->
+    #state{
+        robots = Robots,
+        progress = maps:get(progress, Config, false),
+        margin_mm = maps:get(margin_mm, Config, 4.0),
+        grace_us = maps:get(grace_us, Config, 1000000)
+    }.
+
+%% @doc The geocasts' own events, the motion and the end of robots.
+-spec interests() -> [atom()].
+interests() -> [geocast, chassis, robot].
+
+%% @doc Judges one event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, Machine, Event}, State) ->
+    {Closed, Current} = close_until(T, State, []),
+    {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
+    case Closed ++ Broken of
+        [] -> {ok, Next};
+        [First | _] -> {violation, First, Next}
+    end.
+
+%% @doc Judges the windows that end before `EndTimeUs'. Results: how many messages were `sent',
+%% how often one was `delivered', how many deliveries were `owed', and the longest time that one
+%% took (`latency_us').
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndTimeUs, State) ->
+    {Found, #state{messages = Messages} = End} = close_until(EndTimeUs, State, []),
+    Results = #{
+        sent => map_size(Messages),
+        delivered => lists:sum([map_size(Got) || #message{got = Got} <- maps:values(Messages)]),
+        owed => End#state.owed,
+        latency_us => End#state.latency_us
+    },
+    case Found of
+        [] -> {ok, Results};
+        [_ | _] -> {{violation, Found}, Results}
+    end.
+
+%% -- events ---------------------------------------------------------------------------------
+
+judge({chassis, {motion, Piece}}, _T, Robot, #state{paths = Paths} = State) ->
+    Path = [Piece | maps:get(Robot, Paths, [])],
+    {[], State#state{paths = Paths#{Robot => needed(Path, earliest(State))}}};
+judge({geocast, {sent, Id, Area, Lifetime}}, T, _Robot, State) ->
+    #state{messages = Messages, open = Open} = State,
+    Message = #message{area = Area, from_us = T, to_us = T + Lifetime},
+    {[], State#state{
+        messages = Messages#{Id => Message}, open = gb_sets:add({T + Lifetime, Id, T}, Open)
+    }};
+judge({geocast, {delivered, Id}}, T, Robot, #state{messages = Messages} = State) ->
+    case Messages of
+        #{Id := #message{} = Message} -> delivered(Id, Message, T, Robot, State);
+        #{} -> {[violation(never_sent, T, Robot, Id, #{})], State}
+    end;
+judge({geocast, crashed}, T, Robot, #state{crashed = Crashed} = State) ->
+    {[], State#state{crashed = Crashed#{Robot => T}}};
+judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
+    {[], State#state{died = Died#{Robot => T}}};
+judge({_Machine, _Other}, _T, _Robot, State) ->
+    {[], State}.
+
+delivered(Id, #message{to_us = To, got = Got, from_us = From} = Message, T, Robot, State) ->
+    Broken =
+        [violation(delivered_twice, T, Robot, Id, #{}) || is_map_key(Robot, Got)] ++
+            [violation(too_late, T, Robot, Id, #{late_us => T - To}) || T > To],
+    Next = Message#message{got = maps:merge(#{Robot => T}, Got)},
+    {Broken, State#state{
+        messages = (State#state.messages)#{Id := Next},
+        latency_us = max(State#state.latency_us, T - From)
+    }}.
+
+%% -- the end of a window --------------------------------------------------------------------
+
+close_until(T, #state{open = Open} = State, Found) ->
+    case gb_sets:is_empty(Open) orelse gb_sets:smallest(Open) of
+        {To, Id, _From} when To < T ->
+            Left = State#state{open = gb_sets:delete_any(gb_sets:smallest(Open), Open)},
+            {Broken, Closed} = close(Id, Left),
+            close_until(T, Closed, Found ++ Broken);
+        _NothingOver ->
+            {Found, State}
+    end.
+
+close(Id, #state{robots = Robots, messages = Messages} = State0) ->
+    Message = maps:get(Id, Messages),
+    {Broken, Owed} = lists:foldl(
+        fun(Robot, {Found, N}) ->
+            {New, Due} = hold_against(Id, Message, Robot, State0),
+            {Found ++ New, N + Due}
+        end,
+        {[], 0}, lists:usort(Robots ++ maps:keys(Message#message.got))
+    ),
+    State = State0#state{owed = State0#state.owed + Owed},
+    Earliest = earliest(State),
+    Paths = maps:map(fun(_, Path) -> needed(Path, Earliest) end, State#state.paths),
+    {Broken, State#state{paths = Paths}}.
+
+hold_against(Id, #message{got = Got} = Message, Robot, State) ->
+    Spans = spans(Message, maps:get(Robot, State#state.paths, [])),
+    case Got of
+        #{Robot := T} ->
+            {[violation(outside, T, Robot, Id, #{}) || outside(Message, Spans)], 0};
+        #{} ->
+            Owed = State#state.progress andalso inside(Message, Spans, State) andalso
+                able(Robot, Message, State) andalso able(element(1, Id), Message, State),
+            {[violation(not_delivered, Message#message.to_us, Robot, Id, #{}) || Owed],
+                count(Owed)}
+    end.
+
+count(true) -> 1;
+count(false) -> 0.
+
+outside(_Message, []) ->
+    false;
+outside(#message{area = Area}, Spans) ->
+    lists:all(
+        fun({Piece, T1, T2}) -> starl_geocast_area:keeps_outside(Piece, T1, T2, Area) end, Spans
+    ).
+
+inside(_Message, [], _State) ->
+    false;
+inside(#message{area = Area}, Spans, #state{margin_mm = Margin}) ->
+    lists:all(
+        fun({Piece, T1, T2}) -> starl_geocast_area:keeps_inside(Piece, T1, T2, Area, Margin) end,
+        Spans
+    ).
+
+able(Robot, #message{from_us = From}, #state{crashed = Crashed, died = Died} = State) ->
+    not is_map_key(Robot, Died) andalso
+        maps:get(Robot, Crashed, -infinite()) < From - State#state.grace_us.
+
+infinite() -> 1 bsl 62.
+
+%% The pieces that cover the window, each with the part of the window in which it was driven.
+%% None where the robot's place is not known from the beginning on.
+spans(#message{from_us = From, to_us = To}, Path) ->
+    Spans = spans(From, To, Path, []),
+    case Spans of
+        [{_, From, _} | _] -> Spans;
+        _ -> []
+    end.
+
+spans(_From, _To, [], Spans) ->
+    Spans;
+spans(From, To, [Piece | Earlier], Spans) ->
+    Began = began(Piece),
+    if
+        Began > To -> spans(From, To, Earlier, Spans);
+        Began =< From -> [{Piece, From, To} | Spans];
+        true -> spans(From, Began, Earlier, [{Piece, Began, To} | Spans])
+    end.
+
+%% -- motion ---------------------------------------------------------------------------------
+
+earliest(#state{open = Open}) ->
+    case [From || {_, _, From} <- gb_sets:to_list(Open)] of
+        [] -> infinite();
+        Froms -> lists:min(Froms)
+    end.
+
+%% The pieces up to the one that was driven at that time.
+needed(Path, Earliest) ->
+    {Later, Before} = lists:splitwith(fun(Piece) -> began(Piece) > Earliest end, Path),
+    Later ++ lists:sublist(Before, 1).
+
+began({piece, T0us, _, _, _, _, _}) -> T0us.
+
+violation(What, T, Robot, Id, Details) ->
+    #{
+        contract => geocast, what => What, at_us => T, robots => [Robot],
+        details => Details#{id => Id}
+    }.

@@ -1,0 +1,89 @@
+%% @doc Mutual exclusion by tokens: the interface.
+%%
+%% A token is any small term but a list; there are any number of them, and none is declared.
+%% Tokens are compared by `==', so `1' and `1.0' are the same one. A set of tokens is acquired
+%% all or none, one token after the other in the order of terms, so that no two sets wait for
+%% each other.
+%%
+%% Guarantee: no two robots hold one token at once, under every fault, as long as no clock
+%% drifts by more than the stated bound; every hold has a fencing number that is larger than
+%% those of all earlier holds of the token. A hold ends with its release, with the lease (the
+%% token's home cannot be reached for so long), or with a crash of the robot's mutex machine.
+%% What must not happen after the end of a hold belongs behind a check of the fencing number.
+-module(starl_mutex).
+
+-export([block/0, block/1, acquire/2, acquire/3, release/2, owner/2, with_token/3]).
+
+-export_type([token/0, fence/0, options/0]).
+
+%% The name of a token: any small term but a list.
+-type token() :: term().
+
+%% The number of a hold; grows from hold to hold of a token, whoever holds it.
+-type fence() :: pos_integer().
+
+%% `lease_ms': how long a hold outlives the last answer of the token's home; `drift_ppm': no
+%% clock is faster or slower than real time by more; `retry_ms': how often a robot that waits
+%% asks again.
+-type options() :: #{
+    lease_ms => pos_integer(), drift_ppm => non_neg_integer(), retry_ms => pos_integer()
+}.
+
+-define(PATIENCE_MS, 30000).
+
+%% @doc The machine that a robot needs to take part.
+-spec block() -> starl_robot_sup:machine().
+block() -> block(#{}).
+
+%% @doc The same with options; they must be the same on all robots.
+-spec block(options()) -> starl_robot_sup:machine().
+block(Options) -> {mutex, starl_mutex_tokens, Options}.
+
+%% @doc Acquires a token or a set of tokens, with half a minute's patience.
+-spec acquire(starl:robot(), token() | [token()]) ->
+    {ok, fence() | [{token(), fence()}]} | {error, timeout | restarted}.
+acquire(Robot, Tokens) -> acquire(Robot, Tokens, ?PATIENCE_MS).
+
+%% @doc Acquires a token or all tokens of a list; fails after so many milliseconds, and then
+%% holds none of them. A list is answered with the list of its tokens and their fences.
+%% Acquiring a token that the caller holds waits for its release.
+-spec acquire(starl:robot(), token() | [token()], Ms :: pos_integer()) ->
+    {ok, fence() | [{token(), fence()}]} | {error, timeout | restarted}.
+acquire(Robot, Tokens, Ms) ->
+    case starl:call(Robot, mutex, {acquire, Tokens, Ms * 1000}, infinity) of
+        {ok, Answer} -> Answer;
+        {error, restarted} -> {error, restarted}
+    end.
+
+%% @doc Releases a token, or those of a list. `lost': at least one was not held any more, so
+%% another robot may have held it meanwhile; the others are released.
+-spec release(starl:robot(), token() | [token()]) -> ok | {error, lost | restarted}.
+release(Robot, Tokens) ->
+    case starl:call(Robot, mutex, {release, Tokens}, infinity) of
+        {ok, Answer} -> Answer;
+        {error, restarted} -> {error, restarted}
+    end.
+
+%% @doc The robot that was last announced as the token's owner. An owner that has released the
+%% token is its owner until it hands it over.
+-spec owner(starl:robot(), token()) -> {ok, starl:robot_id() | none} | {error, restarted}.
+owner(Robot, Token) ->
+    case starl:call(Robot, mutex, {owner, Token}, infinity) of
+        {ok, Answer} -> {ok, Answer};
+        {error, restarted} -> {error, restarted}
+    end.
+
+%% @doc Calls the function with the fence (or the list of fences) while it holds the token or
+%% the tokens. `{error, {Lost, Result}}': the hold had ended before the function did.
+-spec with_token(starl:robot(), token() | [token()], Fun) ->
+    {ok, Result} | {error, timeout | restarted | {lost | restarted, Result}}
+when
+    Fun :: fun((fence() | [{token(), fence()}]) -> Result).
+with_token(Robot, Tokens, Fun) ->
+    case acquire(Robot, Tokens) of
+        {ok, Fence} -> released(Fun(Fence), release(Robot, Tokens));
+        {error, _} = Error -> Error
+    end.
+
+released(Result, ok) -> {ok, Result};
+released(Result, {error, Why}) -> {error, {Why, Result}}.

@@ -1,0 +1,169 @@
+%% @doc The home of tokens: the one authority over the fencing numbers and leases of the tokens
+%% whose home a robot is. Pure; the part of {@link starl_mutex_tokens} that safety rests on.
+%%
+%% Grants are numbered in steps of `step()'; the numbers between are the owner's, one for each
+%% of its holds. After a crash of the home they go on in a higher range, that of the machine's
+%% incarnation. The rules:
+%% ```
+%%   claim F    granted if F is larger than the last granted number (its holder has handed the
+%%              token over, or the token was never granted), or the claimant's own again
+%%   renew F    granted if F is the claimant's own; after a crash of the home, also one of an
+%%              earlier incarnation, as long as nothing has been granted since
+%%   create     a new token with the next number, when the lease of the last one has surely
+%%              ended, or was given back
+%% '''
+%% The home counts a lease from the receipt of the claim, the claimant from its sending, and the
+%% home's lease is longer by what two clocks may drift apart; so the claimant's always ends
+%% first, however long messages were under way. After a crash of the home no lease can be
+%% younger than the crash: it waits for one full lease.
+-module(starl_mutex_home).
+
+-export([new/4, step/0, next/1, request/4, claim/5, renew/5, return/6, expire/3, due/2]).
+
+-export_type([t/0, request/0, outgoing/0]).
+
+%% Who waits for a token: a robot, and the number of its request.
+-type request() :: {starl:robot_id(), pos_integer()}.
+
+%% A message to a robot.
+-type outgoing() :: {starl:robot_id(), Body :: tuple()}.
+
+-type us() :: integer().
+
+-record(lease, {
+    fence :: starl_mutex:fence(),
+    owner = none :: starl:robot_id() | none,
+    %% until when nothing may be granted to anybody else
+    until :: us(),
+    pending = [] :: [request()]
+}).
+
+-record(home, {
+    base :: starl_mutex:fence(),
+    ready :: us(),
+    lease_us :: pos_integer(),
+    leases = #{} :: #{starl_mutex:token() => #lease{}}
+}).
+
+-opaque t() :: #home{}.
+
+%% @doc The home of no tokens yet. `LeaseUs' is the holder's lease, `DriftPpm' the bound on the
+%% drift of any clock.
+-spec new(Incarnation :: pos_integer(), us(), LeaseUs :: pos_integer(), DriftPpm :: integer()) ->
+    t().
+new(Incarnation, Now, LeaseUs, DriftPpm) ->
+    Longer = LeaseUs * (1000000 + DriftPpm) div (1000000 - DriftPpm) + 1000,
+    Ready =
+        case Incarnation of
+            1 -> Now;
+            _ -> Now + Longer
+        end,
+    #home{base = Incarnation bsl 40, ready = Ready, lease_us = Longer}.
+
+%% @doc How far grants lie apart.
+-spec step() -> pos_integer().
+step() -> 1 bsl 16.
+
+%% @doc The number of the next grant after this one.
+-spec next(starl_mutex:fence()) -> starl_mutex:fence().
+next(Fence) -> Fence + step().
+
+%% @doc A request has come to the home: a token is made for it, or it is sent on to the owner
+%% and kept, in case the owner does not live.
+-spec request(starl_mutex:token(), request(), us(), t()) -> {[outgoing()], t()}.
+request(Token, Request, Now, Home) ->
+    #lease{pending = Pending} = Lease = lease(Token, Home),
+    Waiting = Lease#lease{pending = add(Request, Pending)},
+    case Lease#lease.until =< Now of
+        true -> create(Token, Waiting, Now, Home);
+        false -> {forward(Token, Request, Lease), put_lease(Token, Waiting, Home)}
+    end.
+
+%% @doc A robot that got the token asks to be its owner.
+-spec claim(starl_mutex:token(), starl_mutex:fence(), starl:robot_id(), us(), t()) ->
+    {granted | refused, t()}.
+claim(Token, Fence, By, Now, #home{base = Base} = Home) ->
+    case lease(Token, Home) of
+        #lease{fence = Fence, owner = By} = Lease ->
+            grant(Token, Lease, Now, Home);
+        #lease{fence = Last} = Lease when Fence > Last, Fence > Base ->
+            grant(Token, Lease#lease{fence = Fence, owner = By}, Now, Home);
+        #lease{} ->
+            {refused, Home}
+    end.
+
+%% @doc An owner asks for a longer lease.
+-spec renew(starl_mutex:token(), starl_mutex:fence(), starl:robot_id(), us(), t()) ->
+    {granted | refused, t()}.
+renew(Token, Fence, By, Now, #home{base = Base} = Home) ->
+    case lease(Token, Home) of
+        #lease{fence = Fence, owner = By} = Lease -> grant(Token, Lease, Now, Home);
+        #lease{fence = Base, owner = none} = Lease -> grant(Token, Lease, Now, Home);
+        #lease{} -> {refused, Home}
+    end.
+
+%% @doc A token comes back: it is not wanted, or its hand-over was reported lost. One that has
+%% been claimed by another robot meanwhile stays there.
+-spec return(
+    starl_mutex:token(), starl_mutex:fence(), starl:robot_id(), [request()], us(), t()
+) -> {[outgoing()], t()}.
+return(Token, Fence, By, Queue, Now, #home{base = Base} = Home) ->
+    case lease(Token, Home) of
+        #lease{fence = Last, owner = Owner, pending = Pending} = Lease when
+            Fence > Last, Fence > Base;
+            Fence =:= Last, By =:= Owner
+        ->
+            Waiting = lists:foldl(fun add/2, Queue, Pending),
+            Free = Lease#lease{fence = Fence, owner = none, until = Now, pending = Waiting},
+            create(Token, Free, Now, Home);
+        #lease{} ->
+            {[], Home}
+    end.
+
+%% @doc Makes a new token, if the lease is over and somebody waits.
+-spec expire(starl_mutex:token(), us(), t()) -> {[outgoing()], t()}.
+expire(Token, Now, Home) ->
+    case lease(Token, Home) of
+        #lease{until = Until} = Lease when Until =< Now -> create(Token, Lease, Now, Home);
+        #lease{} -> {[], Home}
+    end.
+
+%% @doc When {@link expire/3} is to be called for a token.
+-spec due(starl_mutex:token(), t()) -> us() | never.
+due(Token, Home) ->
+    case lease(Token, Home) of
+        #lease{pending = []} -> never;
+        #lease{until = Until} -> Until
+    end.
+
+create(Token, #lease{pending = []} = Lease, _Now, Home) ->
+    {[], put_lease(Token, Lease, Home)};
+create(Token, #lease{pending = [{Robot, _} | Rest] = Queue} = Lease, Now, Home) ->
+    Fence = next(Lease#lease.fence),
+    Until = Now + Home#home.lease_us,
+    Created = Lease#lease{fence = Fence, owner = Robot, until = Until, pending = Rest},
+    {[{Robot, {token, Token, Fence, Queue}}], put_lease(Token, Created, Home)}.
+
+forward(Token, {Robot, _} = Request, #lease{fence = Fence, owner = Owner}) ->
+    [
+        {Owner, {request, Token, Request, Fence, home}}
+     || Owner =/= none, Owner =/= Robot
+    ].
+
+%% Whoever has the token waits no longer.
+grant(Token, #lease{owner = Owner, pending = Pending} = Lease, Now, Home) ->
+    Rest = [Request || {Robot, _} = Request <- Pending, Robot =/= Owner],
+    Granted = Lease#lease{until = Now + Home#home.lease_us, pending = Rest},
+    {granted, put_lease(Token, Granted, Home)}.
+
+add(Request, Queue) ->
+    case lists:member(Request, Queue) of
+        true -> Queue;
+        false -> Queue ++ [Request]
+    end.
+
+lease(Token, #home{leases = Leases, base = Base, ready = Ready}) ->
+    maps:get(Token, Leases, #lease{fence = Base, until = Ready}).
+
+put_lease(Token, Lease, #home{leases = Leases} = Home) ->
+    Home#home{leases = Leases#{Token => Lease}}.

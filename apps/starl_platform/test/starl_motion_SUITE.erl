@@ -1,0 +1,245 @@
+%% Assumption II.1 of the paper: while it drives from where it stood to its goal, the robot stays
+%% within r(v) of the straight line; it arrives in bounded time. The pure machine drives a
+%% chassis model whose errors are bounded as the profile says.
+-module(starl_motion_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-include_lib("proper/include/proper.hrl").
+
+-export([all/0]).
+-export([
+    stays_near_the_line_and_arrives/1, stays_near_the_line_at_the_worst/1, near_the_goal_slower/1,
+    arrived_already/1, stop_in_a_drive/1, stop_while_idle/1, another_goal_in_a_drive/1,
+    lost_poses/1, unknown_poses/1, late_pose_is_ignored/1, location_restarts/1, no_goal_no_motion/1
+]).
+
+all() ->
+    [
+        stays_near_the_line_and_arrives, stays_near_the_line_at_the_worst, near_the_goal_slower,
+        arrived_already, stop_in_a_drive, stop_while_idle, another_goal_in_a_drive, lost_poses,
+        unknown_poses, late_pose_is_ignored, location_restarts, no_goal_no_motion
+    ].
+
+-record(loop, {
+    profile :: map(),
+    noise :: fun((term()) -> float()),
+    machine :: term(),
+    now = 0 :: integer(),
+    timer = none :: none | {integer(), term()},
+    piece :: term(),
+    %% positions at which a piece ended: between two of them the path is straight
+    corners = [] :: list(),
+    replies = [] :: list(),
+    asked = 0 :: integer(),
+    %% answers to the machine's own questions, for when its actions have been carried out
+    local = [] :: list(),
+    %% what becomes of the N-th question for the pose: seen, lost or unknown
+    eyes = fun(_) -> seen end :: fun((integer()) -> atom())
+}).
+
+%% Random goals, speeds, legs and errors within the profile's bounds.
+stays_near_the_line_and_arrives(_) ->
+    Prop = ?FORALL(
+        {Seed, Goal, Profile},
+        {oneof(lists:seq(1, 10000)), goal(), profile()},
+        starl_platform_ct:safely(fun() -> arrives(uniform(Seed), Goal, Profile) end)
+    ),
+    starl_platform_ct:property(Prop, 400).
+
+%% All errors at their bounds, to the left, to the right and to and fro.
+stays_near_the_line_at_the_worst(_) ->
+    [
+        ?assert(arrives(Noise, Goal, starl_motion:profile(#{speed => Speed})))
+     || Noise <- [fun(_) -> 1.0 end, fun(_) -> -1.0 end, fun zigzag/1],
+        Goal <- [{5000.0, 0.0}, {-3000.0, 4000.0}, {10.0, -8000.0}],
+        Speed <- [100.0, 500.0]
+    ].
+
+zigzag(Key) -> 2.0 * (erlang:phash2(Key, 2)) - 1.0.
+
+near_the_goal_slower(_) ->
+    Profile = starl_motion:profile(#{near_mm => 700.0, near_speed => 150.0, near_turn_rate => 0.5}),
+    [?assert(arrives(uniform(Seed), {4000.0, 1000.0}, Profile)) || Seed <- lists:seq(1, 30)],
+    Loop = drive({4000.0, 0.0}, new(uniform(1), Profile)),
+    ?assertMatch([{_, ok}], Loop#loop.replies).
+
+goal() -> ?LET({X, Y}, {coordinate(), coordinate()}, {float(X), float(Y)}).
+
+coordinate() -> oneof(lists:seq(-9000, 9000, 37)).
+
+profile() ->
+    ?LET(
+        {Speed, LegS, Heading, Part, Position, Rate},
+        {oneof([50.0, 200.0, 350.0, 500.0]), oneof([0.1, 0.3, 0.7]), oneof([0.0, 0.01, 0.05]),
+         oneof([0.0, 0.01, 0.05]), oneof([0.0, 1.0, 5.0]), oneof([1.0, 3.0])},
+        starl_motion:profile(#{
+            speed => Speed, near_speed => Speed, leg_s => LegS, heading_error => Heading,
+            distance_error => Part, position_error_mm => Position, turn_rate => Rate,
+            near_turn_rate => Rate
+        })
+    ).
+
+arrives(Noise, Goal, #{speed := Speed, near_speed := Near, goal_mm := GoalMm} = Profile) ->
+    Loop = drive(Goal, new(Noise, Profile)),
+    [{ArrivedUs, Answer}] = Loop#loop.replies,
+    #{position_error_mm := Blur, turn_rate := Rate, near_turn_rate := NearRate} = Profile,
+    Distance = starl_geometry:distance({0.0, 0.0}, Goal),
+    %% where legs are short and positions uncertain, turns take longer than drives
+    Bound = 10 * Distance / min(Speed, Near) + 20 / min(Rate, NearRate) + 5,
+    Off = off_line(Loop, {{0.0, 0.0}, Goal}),
+    Left = starl_geometry:distance(hd(Loop#loop.corners), Goal),
+    Answer =:= ok andalso
+        Off =< starl_motion:tracking_radius(Profile) andalso
+        Left =< GoalMm + Blur andalso
+        ArrivedUs =< Bound * 1.0e6 orelse
+        begin
+            io:format("~p: off ~p (~p), left ~p (~p), ~p us (~p s)~n", [
+                Answer, Off, starl_motion:tracking_radius(Profile), Left, GoalMm, ArrivedUs, Bound
+            ]),
+            false
+        end.
+
+%% The largest distance from the line: the distance from a segment is convex, so along a straight
+%% piece it is largest at one of its ends.
+off_line(#loop{corners = Corners}, Line) ->
+    lists:max([starl_geometry:point_segment(P, Line) || P <- Corners]).
+
+arrived_already(_) ->
+    Loop = drive({1.0, 1.0}, new(uniform(1), starl_motion:profile(#{}))),
+    ?assertEqual([{0, ok}], Loop#loop.replies),
+    ?assert(starl_trajectory:is_still(Loop#loop.piece)).
+
+stop_in_a_drive(_) ->
+    Going = until(3000000, goto({8000.0, 0.0}, 1, fresh())),
+    Stopped = event({call, {app, 2}}, stop, Going),
+    ?assertEqual([{3000000, {error, stopped}}, {3000000, ok}], lists:reverse(Stopped#loop.replies)),
+    ?assertEqual(none, Stopped#loop.timer),
+    ?assertMatch({piece, 3000000, _, _, _, V, W} when V == 0 andalso W == 0, Stopped#loop.piece),
+    Cast = event(cast, stop, Going),
+    ?assertEqual([{3000000, {error, stopped}}], Cast#loop.replies).
+
+stop_while_idle(_) ->
+    Loop = event({call, {app, 1}}, stop, fresh()),
+    ?assertEqual([{0, ok}], Loop#loop.replies).
+
+%% The first caller is told; the line is the one from where the robot stands now.
+another_goal_in_a_drive(_) ->
+    [
+        begin
+            Going = until(At, goto({8000.0, 0.0}, 1, fresh())),
+            Here = starl_trajectory:position(At, Going#loop.piece),
+            Loop = finish(goto({0.0, 5000.0}, 2, Going#loop{corners = [Here]})),
+            ?assertMatch([{At, {error, stopped}}, {_, ok}], lists:reverse(Loop#loop.replies)),
+            Off = off_line(Loop, {Here, {0.0, 5000.0}}),
+            ?assert(Off =< starl_motion:tracking_radius(Loop#loop.profile))
+        end
+     || At <- lists:seq(100000, 3000000, 170000)
+    ].
+
+%% Without an answer the robot stands and asks again.
+lost_poses(_) -> blind(lost).
+
+unknown_poses(_) -> blind(unknown).
+
+blind(How) ->
+    Eyes = fun(N) -> case N rem 3 of 0 -> seen; _ -> How end end,
+    Loop = drive({3000.0, 1000.0}, (fresh())#loop{eyes = Eyes}),
+    ?assertMatch([{_, ok}], Loop#loop.replies),
+    Off = off_line(Loop, {{0.0, 0.0}, {3000.0, 1000.0}}),
+    ?assert(Off =< starl_motion:tracking_radius(Loop#loop.profile)).
+
+late_pose_is_ignored(_) ->
+    Loop = goto({3000.0, 0.0}, 1, (fresh())#loop{eyes = fun(_) -> lost end}),
+    Late = event({reply, 0}, {ok, {9.0, 9.0, 0.0}}, Loop),
+    ?assertEqual(locating, starl_machine:state(Late#loop.machine)).
+
+%% The question is put again at once, not when the wait for an answer is over.
+location_restarts(_) ->
+    Blind = goto({3000.0, 0.0}, 1, (fresh())#loop{eyes = fun(_) -> lost end}),
+    Again = event(info, {restarted, location}, Blind#loop{eyes = fun(_) -> seen end}),
+    ?assertEqual(0, Again#loop.now),
+    ?assertNotEqual(locating, starl_machine:state(Again#loop.machine)).
+
+no_goal_no_motion(_) ->
+    Loop = fresh(),
+    ?assert(starl_trajectory:is_still(Loop#loop.piece)),
+    ?assertEqual(none, Loop#loop.timer).
+
+%% -- the closed loop ------------------------------------------------------------------------
+
+fresh() -> new(uniform(7), starl_motion:profile(#{})).
+
+uniform(Seed) -> fun(Key) -> 2.0 * erlang:phash2({Seed, Key}, 1 bsl 27) / (1 bsl 27) - 1.0 end.
+
+new(Noise, Profile) ->
+    {Actions, Machine} = starl_machine:new(starl_motion, #{profile => Profile}, #{
+        robot => 1, participants => [1], name => motion, incarnation => 1,
+        random => rand:seed_s(exsss, 1), now => 0
+    }),
+    perform(Actions, #loop{
+        profile = Profile, noise = Noise, machine = Machine, corners = [{0.0, 0.0}],
+        piece = starl_trajectory:standing(0, {0.0, 0.0}, 0.3)
+    }).
+
+drive(Goal, Loop) -> finish(goto(Goal, 1, Loop)).
+
+goto(Goal, Tag, Loop) -> event({call, {app, Tag}}, {go_to, Goal}, Loop).
+
+%% Until the machine rests; an hour is too long.
+finish(#loop{timer = none} = Loop) -> Loop;
+finish(#loop{now = Now} = Loop) when Now < 3600000000 -> finish(fire(Loop)).
+
+until(T, #loop{timer = {Due, _}} = Loop) when Due =< T -> until(T, fire(Loop));
+until(T, Loop) -> Loop#loop{now = T}.
+
+fire(#loop{timer = {Due, Content}} = Loop) ->
+    event(state_timeout, Content, Loop#loop{now = Due, timer = none}).
+
+event(Type, Content, #loop{machine = Machine, now = Now} = Loop) ->
+    {Actions, Next} = starl_machine:step(Type, Content, #{now => Now, robot => 1}, Machine),
+    perform(Actions, Loop#loop{machine = Next}).
+
+perform(Actions, Loop) ->
+    case lists:foldl(fun act/2, Loop, Actions) of
+        #loop{local = []} = Done ->
+            Done;
+        #loop{local = Local} = Next ->
+            lists:foldr(
+                fun({Type, Content}, L) -> event(Type, Content, L) end, Next#loop{local = []}, Local
+            )
+    end.
+
+act({drive, Left, Right}, Loop) -> wheels((Left + Right) / 2, Right - Left, Loop);
+act({state_timeout, cancel}, Loop) -> Loop#loop{timer = none};
+act({state_timeout, Us, Content}, #loop{now = Now} = Loop) ->
+    Loop#loop{timer = {Now + Us, Content}};
+act({reply, {app, _}, Answer}, #loop{now = Now, replies = Replies} = Loop) ->
+    Loop#loop{replies = [{Now, Answer} | Replies]};
+act({call, location, {pose, 1}, Tag}, #loop{asked = N, eyes = Eyes} = Loop) ->
+    Asked = Loop#loop{asked = N + 1},
+    case Eyes(N) of
+        seen -> answer(Tag, {ok, blurred(Asked)}, Asked);
+        unknown -> answer(Tag, {error, unknown}, Asked);
+        lost -> Asked
+    end.
+
+answer(Tag, Answer, #loop{local = Local} = Loop) ->
+    Loop#loop{local = [{{reply, Tag}, Answer} | Local]}.
+
+%% The errors are shared out as the profile's bounds allow: the heading's between the drive and
+%% the look at it.
+wheels(Speed, Difference, #loop{now = Now, piece = Old, profile = Profile, noise = Noise} = Loop) ->
+    {X, Y, Heading} = starl_trajectory:pose(Now, Old),
+    #{heading_error := Turn, distance_error := Part, axle_mm := Axle} = Profile,
+    Driving = Speed /= 0,
+    Skew = case Driving of true -> 0.75 * Turn * Noise({skew, Now}); false -> 0.0 end,
+    Slip = 1.0 + Part * Noise({slip, Now}),
+    Piece = starl_trajectory:piece(Now, {X, Y}, Heading + Skew, Speed * Slip, Difference / Axle),
+    Loop#loop{piece = Piece, corners = [{X, Y} | Loop#loop.corners]}.
+
+blurred(#loop{now = Now, asked = N, piece = Piece, profile = Profile, noise = Noise}) ->
+    {X, Y, Heading} = starl_trajectory:pose(Now, Piece),
+    #{heading_error := Turn, position_error_mm := Error} = Profile,
+    Angle = math:pi() * Noise({angle, N}),
+    Radius = Error * abs(Noise({radius, N})),
+    {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle),
+     Heading + 0.25 * Turn * Noise({heading, N})}.

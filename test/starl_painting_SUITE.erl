@@ -1,0 +1,271 @@
+%% The contract of painting (DESIGN section 3): the ink lies on the lines of the picture and
+%% nowhere else, every line is painted, robots are never nearer than r_s; with loss, any number of
+%% robots, crashes at any moment, and robots that die for good.
+-module(starl_painting_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-include_lib("proper/include/proper.hrl").
+
+-export([all/0, groups/0, init_per_suite/1, end_per_suite/1, init_per_testcase/2,
+         end_per_testcase/2]).
+-export([
+    house/1, text/1, curve/1, lines/1, rocket/1, snowflake/1,
+    killed_sap/1, killed_motion/1, killed_location/1, killed_participant/1, killed_coordinator/1,
+    killed_election/1, killed_app/1, several_killed_at_once/1, all_killed_on_all_robots/1,
+    killed_at_random/1, killed_at_the_start/1,
+    robot_dies/1, robot_dies_in_its_path/1, coordinator_robot_dies/1, robot_dies_before_election/1,
+    all_but_one_die/1, reservation_of_the_dead_is_kept/1, crossing_lines/1, drawings/1
+]).
+
+-define(SHIPPED, [house, text, curve, lines, rocket, snowflake]).
+
+all() -> [{group, shipped}, {group, crashes}, {group, deaths}, {group, random}].
+
+groups() ->
+    [
+        {shipped, [], ?SHIPPED},
+        {crashes, [], [
+            killed_sap, killed_motion, killed_location, killed_participant, killed_coordinator,
+            killed_election, killed_app, several_killed_at_once, all_killed_on_all_robots,
+            killed_at_random, killed_at_the_start
+        ]},
+        {deaths, [], [
+            robot_dies, robot_dies_in_its_path, coordinator_robot_dies, robot_dies_before_election,
+            all_but_one_die, reservation_of_the_dead_is_kept
+        ]},
+        {random, [], [crossing_lines, drawings]}
+    ].
+
+%% Crashes are planned here: their reports are not.
+init_per_suite(Config) ->
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, none),
+    [{level, Level} | Config].
+
+end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+
+init_per_testcase(_, Config) -> [{started, erlang:monotonic_time(millisecond)} | Config].
+
+end_per_testcase(Case, Config) ->
+    Took = erlang:monotonic_time(millisecond) - proplists:get_value(started, Config),
+    io:format("~p: ~b ms~n", [Case, Took]).
+
+%% -- shipped pictures: a sample of the acceptance table -------------------------------------
+
+house(_) -> table("house").
+text(_) -> table("text").
+curve(_) -> table("curve").
+lines(_) -> table("lines").
+rocket(_) -> table("rocket").
+snowflake(_) -> table("snowflake").
+
+table(Picture) ->
+    [
+        complete(#{picture => Picture, robots => N, loss => Loss, seed => N + round(10 * Loss)})
+     || N <- [1, 4, 8, 16], Loss <- [0.0, 0.2, 0.4]
+    ].
+
+%% -- crashes --------------------------------------------------------------------------------
+
+killed_sap(_) -> killed(sap).
+killed_motion(_) -> killed(motion).
+killed_location(_) -> killed(location).
+killed_participant(_) -> killed(dpp).
+killed_coordinator(_) -> killed(dpp_coordinator).
+killed_election(_) -> killed(election).
+killed_app(_) -> killed(app).
+
+%% Each robot's in turn, the coordinator's among them.
+killed(Machine) ->
+    [
+        complete(#{seed => Seed, loss => 0.1, faults => kills(Machine, Seed)})
+     || Seed <- [1, 2, 3]
+    ].
+
+kills(Machine, Seed) ->
+    [
+        kill(K, 500 + K * 4000 + erlang:phash2({Seed, K}, 4000), K rem 4 + 1, Machine)
+     || K <- lists:seq(0, 11)
+    ].
+
+several_killed_at_once(_) ->
+    [
+        complete(#{seed => Seed, faults => [
+            kill(K, 20000 + 500 * Seed, Robot, Machine)
+         || {K, {Robot, Machine}} <- numbered([{R, M} || R <- [1, 2, 3, 4], M <- Machines])
+        ]})
+     || Seed <- [1, 2, 3],
+        Machines <- [[sap, dpp], [dpp, app], [dpp_coordinator, sap, motion], [app, motion, dpp]]
+    ].
+
+all_killed_on_all_robots(_) ->
+    [
+        complete(#{seed => Seed, loss => 0.2, faults => [
+            kill(K, T, Robot, Machine)
+         || {K, {T, Robot, Machine}} <- numbered([
+                {T, R, M}
+             || T <- [15000, 40000, 70000], R <- [1, 2, 3, 4], M <- machines()
+            ])
+        ]})
+     || Seed <- [1, 2]
+    ].
+
+%% Crashes of any machine at any moment, with loss, duplicates and delays; then it completes.
+killed_at_random(_) ->
+    Prop = ?FORALL(
+        {Seed, Kills, Loss},
+        {oneof(lists:seq(1, 1000)),
+         resize(25, list({oneof(lists:seq(0, 100000, 7)), oneof([1, 2, 3, 4]), oneof(machines())})),
+         oneof([0.0, 0.3])},
+        starl_platform_ct:safely(fun() ->
+            Faults = [kill(K, T, R, M) || {K, {T, R, M}} <- numbered(Kills)],
+            complete(#{seed => Seed, loss => Loss, duplicate => 0.1, delay => {5, 60},
+                       faults => Faults}),
+            true
+        end)
+    ),
+    starl_platform_ct:property(Prop, 15).
+
+killed_at_the_start(_) ->
+    [
+        complete(#{seed => 1, faults => [
+            kill(K, T, Robot, Machine) || {K, {Robot, T}} <- numbered([{R, T} || R <- [1, 4], T <- [0, 20, 40]])
+        ]})
+     || Machine <- machines()
+    ].
+
+machines() -> [sap, location, motion, election, dpp, dpp_coordinator, app].
+
+%% -- deaths ---------------------------------------------------------------------------------
+
+%% The others paint what can be reached; every application ends.
+robot_dies(_) -> [dies([{5000 * K, no_leader(K)}], #{seed => K}) || K <- lists:seq(1, 6)].
+
+%% Every half second of the first drives.
+robot_dies_in_its_path(_) ->
+    [
+        dies([{T, no_leader(Seed)}], #{seed => Seed, loss => 0.1})
+     || Seed <- [2, 5], T <- lists:seq(2000, 12000, 1000)
+    ].
+
+%% The leader's robot takes the coordinator with it: the others still end.
+coordinator_robot_dies(_) ->
+    dies([{20000, leader(1)}], #{seed => 1}).
+
+%% A robot that is dead before it has cast its ballot: the others still end.
+robot_dies_before_election(_) -> dies([{0, 1}], #{seed => 1}).
+
+all_but_one_die(_) ->
+    dies([{10000 + 5000 * R, R} || R <- [1, 2, 3, 4] -- [leader(3)]], #{seed => 3}).
+
+%% Its reservation is never given away: nobody's tube comes near it, not even after the
+%% coordinator has crashed and asked everybody anew.
+reservation_of_the_dead_is_kept(_) ->
+    Crash = kill(1, 40000, leader(4), dpp_coordinator),
+    dies([{14000, no_leader(4)}], #{seed => 4, faults => [Crash]}).
+
+leader(Seed) ->
+    #{leader := Leader} = play(#{seed => Seed}),
+    Leader.
+
+no_leader(Seed) -> hd([1, 2, 3, 4] -- [leader(Seed)]).
+
+dies(Deaths, Given) ->
+    Faults = [{label(1000 + K), T, T, kill_robot, R, #{}} || {K, {T, R}} <- numbered(Deaths)],
+    Dead = [R || {_, R} <- Deaths],
+    Run = play(Given#{faults => Faults ++ maps:get(faults, Given, []), time => 3000}),
+    #{violations := Violations, results := Results, separation := Separation} = Run,
+    ?assertEqual([], Violations),
+    ?assert(Separation >= 400),
+    [?assertEqual({R, died}, {R, S}) || {R, S} <- Results, lists:member(R, Dead)],
+    [
+        ?assert(lists:member(S, [{done, complete}, {done, incomplete}]), {R, S, Deaths, Given})
+     || {R, S} <- Results, not lists:member(R, Dead)
+    ].
+
+%% -- random pictures ------------------------------------------------------------------------
+
+%% The paper's second experiment: random crossing lines.
+crossing_lines(Config) ->
+    Prop = ?FORALL(
+        {Seed, Ends, Robots},
+        {oneof(lists:seq(1, 1000)), vector(12, {place(), place()}), oneof([1, 3, 5])},
+        starl_platform_ct:safely(fun() ->
+            Lines = [["<path d=\"M", xy(A), "L", xy(B), "\"/>"] || {A, B} <- Ends, A =/= B],
+            paints(svg(Lines), Seed, Robots, Config)
+        end)
+    ),
+    starl_platform_ct:property(Prop, 12).
+
+%% Shapes of all kinds, anywhere.
+drawings(Config) ->
+    Prop = ?FORALL(
+        {Seed, Shapes, Robots},
+        {oneof(lists:seq(1, 1000)), resize(12, non_empty(list(shape()))), oneof([1, 2, 6])},
+        starl_platform_ct:safely(fun() -> paints(svg(Shapes), Seed, Robots, Config) end)
+    ),
+    starl_platform_ct:property(Prop, 12).
+
+shape() ->
+    ?LET(
+        {Kind, {X, Y} = A, B, C, R},
+        {oneof([line, circle, rect, curve, polygon, ellipse]), place(), place(), place(),
+         oneof([10, 50, 130, 300])},
+        case Kind of
+            line -> ["<path d=\"M", xy(A), "L", xy({X + R, Y + 1}), "L", xy(B), "\"/>"];
+            circle -> io_lib:format("<circle cx=\"~b\" cy=\"~b\" r=\"~b\"/>", [X, Y, R]);
+            rect -> io_lib:format("<rect x=\"~b\" y=\"~b\" width=\"~b\" height=\"~b\"/>", [X, Y, R, 80]);
+            curve -> ["<path d=\"M", xy(A), "C", xy(B), xy(C), xy({X + R, Y}), "\"/>"];
+            polygon -> ["<polygon points=\"", xy(A), xy({X + R, Y}), xy(B), xy(C), "\"/>"];
+            ellipse ->
+                io_lib:format("<ellipse cx=\"~b\" cy=\"~b\" rx=\"~b\" ry=\"60\"/>", [X, Y, R])
+        end
+    ).
+
+place() -> {oneof(lists:seq(0, 1000, 7)), oneof(lists:seq(0, 1000, 11))}.
+
+xy({X, Y}) -> io_lib:format("~b,~b ", [X, Y]).
+
+svg(Shapes) ->
+    ["<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 1000 1000\">", Shapes, "</svg>"].
+
+paints(Svg, Seed, Robots, Config) ->
+    File = filename:join(proplists:get_value(priv_dir, Config), "random.svg"),
+    ok = file:write_file(File, Svg),
+    io:format("~ts~n", [Svg]),
+    complete(#{picture => File, robots => Robots, seed => Seed}),
+    true.
+
+%% -- helpers --------------------------------------------------------------------------------
+
+complete(Given) ->
+    Run = play(Given),
+    #{violations := Violations, covered := Covered, separation := Separation} = Run,
+    Ends = lists:usort([S || {_, S} <- maps:get(results, Run)]),
+    ?assertEqual({[], 1.0, [{done, complete}]}, {Violations, Covered, Ends}, Given),
+    ?assert(Separation >= 400, Given).
+
+play(Given) ->
+    Default = #{app => starl_painting, robots => 4, picture => "house", time => 20000},
+    {ok, Sim} = starl_sim:start(maps:merge(Default, Given)),
+    starl_sim:run(Sim),
+    {Outcome, #{figures := Figures}} = starl_sim:finish(Sim),
+    #{violations := Violations, robots := Robots, monitors := Monitors} = Outcome,
+    #{starl_election_monitor := #{leaders := Leaders}} = Monitors,
+    Separation =
+        case proplists:get_value(min_separation_mm, Figures) of
+            null -> infinity;
+            Mm -> Mm
+        end,
+    #{
+        violations => Violations,
+        covered => proplists:get_value(ink_covered, Figures),
+        separation => Separation,
+        leader => case Leaders of [{painting, [L]}] -> L; _ -> none end,
+        results => [{Id, Result} || {Id, #{result := Result}} <- Robots]
+    }.
+
+kill(K, T, Robot, Machine) -> {label(K), T, T, kill_machine, {Robot, Machine}, #{}}.
+
+label(K) -> list_to_atom("fault" ++ integer_to_list(K)).
+
+numbered(List) -> lists:zip(lists:seq(1, length(List)), List).
