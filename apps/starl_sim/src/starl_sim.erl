@@ -68,8 +68,9 @@ stop(#sim{run = Run}) -> starl_sim_run:stop(Run).
 -spec status(sim()) -> starl_sim_run:status().
 status(#sim{run = Run}) -> starl_sim_run:status(Run).
 
-%% @doc The machines of a robot, each with its state and data.
--spec inspect(sim(), starl:robot_id()) -> #{starl_machine:name() => term()} | unknown.
+%% @doc The machines of a robot, each with its state and data; while the run rests.
+-spec inspect(sim(), starl:robot_id()) ->
+    #{starl_machine:name() => term()} | unknown | {error, running}.
 inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
 
 %% @doc The checked scenario, with all defaults.
@@ -148,11 +149,9 @@ sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
 launch(Scenario, Scene, #{robots := Ids} = Context) ->
     #{delay := {MinMs, MaxMs}, shards := Shards} = Scenario,
     Profile = starl_motion:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
-    Sight = ets:new(starl_sight, [set, public, {read_concurrency, true}]),
     World = #{
         seed => maps:get(seed, Scenario),
         team => starl_team:new(Ids),
-        sight => Sight,
         loss => float(maps:get(loss, Scenario)),
         duplicate => float(maps:get(duplicate, Scenario)),
         delay_us => {round(MinMs * 1000), round(MaxMs * 1000)},

@@ -20,7 +20,7 @@
     seed := integer(),
     team := starl_team:t(),
     clock := {OffsetUs :: non_neg_integer(), DriftPpb :: non_neg_integer()},
-    sight := ets:table(),
+    sight => ets:table(),
     loss := float(),
     duplicate := float(),
     delay_us := {Min :: pos_integer(), Max :: pos_integer()},

@@ -1,11 +1,8 @@
-%% @doc One simulation: it owns the virtual time, has the shards run window after window, and
-%% holds the run against its monitors.
-%%
-%% A window is as long as the shortest message delay, so no packet sent in it arrives in it, and
-%% the shards need not wait for each other inside a window (conservative lookahead). Windows
-%% without any event are skipped.
+%% @doc One simulation: it starts the shards, has them run until a virtual time, and holds what
+%% they tell of each window against the monitors. The shards run on meanwhile
+%% ({@link starl_sim_shard}); a violation ends the run a fixed number of windows later.
 %% ```
-%%   idle --- run(Until) ---> running --- Until, all done, violation or stop ---> idle
+%%   resting --- run(Until) ---> running --- Until, all done, violation or stop ---> resting
 %% '''
 -module(starl_sim_run).
 -behaviour(gen_server).
@@ -52,22 +49,24 @@
 -record(run, {
     window_us :: pos_integer(),
     shards :: [pid()],
-    owner :: #{starl:robot_id() => pid()},
+    owners :: #{starl:robot_id() => pid()},
     monitors :: starl_monitor:t(),
     violations = [] :: [starl_monitor:violation()],
-    %% the last window's, not judged yet
-    trace = [] :: [starl_monitor:trace_event()],
-    %% packets to be handed to their shard with the next window
-    mail = #{} :: #{pid() => [starl_sim_queue:event()]},
+    %% traces of windows that not all shards have told of yet; how many windows were judged, and
+    %% how many of them the shards know to be
+    traces = #{} :: #{pos_integer() => [[starl_monitor:trace_event()]]},
+    judged = 0 :: non_neg_integer(),
+    approved = 0 :: non_neg_integer(),
     now = 0 :: starl_sim_queue:time(),
-    next = 0 :: starl_sim_queue:time() | infinity,
-    until = 0 :: starl_sim_queue:time(),
     caller = none :: gen_server:from() | none,
-    outcomes = [] :: [{pid(), starl_sim_shard:outcome()}],
+    resting = 0 :: non_neg_integer(),
     running :: non_neg_integer(),
     ending = none :: ending() | none,
     stop = false :: boolean()
 }).
+
+%% The shards are told after so many judged windows.
+-define(APPROVE_EVERY, 4).
 
 %% @doc Starts the simulation at virtual time 0.
 -spec start_link(plan()) -> gen_server:start_ret().
@@ -77,7 +76,7 @@ start_link(Plan) -> gen_server:start_link(?MODULE, Plan, [{timeout, infinity}]).
 -spec run(pid(), Until :: starl_sim_queue:time()) -> status().
 run(Run, Until) -> gen_server:call(Run, {run, Until}, infinity).
 
-%% @doc Ends the run after the present window.
+%% @doc Ends the run, a fixed number of windows ahead of what is judged.
 -spec stop(pid()) -> ok.
 stop(Run) -> gen_server:cast(Run, stop).
 
@@ -85,8 +84,9 @@ stop(Run) -> gen_server:cast(Run, stop).
 -spec status(pid()) -> status().
 status(Run) -> gen_server:call(Run, status, infinity).
 
-%% @doc The machines of one robot.
--spec inspect(pid(), starl:robot_id()) -> #{starl_machine:name() => term()} | unknown.
+%% @doc The machines of one robot, while the run rests.
+-spec inspect(pid(), starl:robot_id()) ->
+    #{starl_machine:name() => term()} | unknown | {error, running}.
 inspect(Run, Robot) -> gen_server:call(Run, {inspect, Robot}, infinity).
 
 %% @doc Closes the monitors and tells everything known; the run can go on no further.
@@ -96,31 +96,31 @@ finish(Run) -> gen_server:call(Run, finish, infinity).
 -spec init(plan()) -> {ok, #run{}}.
 init(#{window_us := WindowUs, robots := Robots, monitors := Monitors} = Plan) ->
     Shards = start_shards(Plan),
-    Loads = deal(Shards, Plan),
-    _ = [ok = starl_sim_shard:launch(Shard, Load) || {Shard, Load} <- Loads],
+    Owners = deal(Shards, Robots),
+    _ = [ok = starl_sim_shard:launch(Shard, load(Shard, Shards, Owners, Plan)) || Shard <- Shards],
     {ok, #run{
         window_us = WindowUs,
         shards = Shards,
-        owner = maps:from_list([
-            {Id, Shard}
-         || {Shard, {Specs, _}} <- Loads, #{tree := #{id := Id}} <- Specs
-        ]),
+        owners = Owners,
         monitors = starl_monitor:new(Monitors),
         running = length(Robots)
     }}.
 
 -spec handle_call(term(), gen_server:from(), #run{}) ->
     {reply, term(), #run{}} | {noreply, #run{}}.
-handle_call({run, Until}, From, #run{caller = none, ending = none} = Run) ->
+handle_call({run, Until}, From, #run{caller = none, ending = none, shards = Shards} = Run) ->
     %% whole windows only, so that where a run pauses does not change it
     Whole = (Until + Run#run.window_us - 1) div Run#run.window_us * Run#run.window_us,
-    {noreply, proceed(Run#run{until = Whole, caller = From})};
+    _ = [ok = starl_sim_shard:run(Shard, Whole) || Shard <- Shards],
+    {noreply, Run#run{caller = From, resting = 0}};
 handle_call({run, _Until}, _From, Run) ->
     {reply, status_of(Run), Run};
 handle_call(status, _From, Run) ->
     {reply, status_of(Run), Run};
-handle_call({inspect, Id}, _From, #run{owner = Owner} = Run) ->
-    case Owner of
+handle_call(_Question, _From, #run{caller = Caller} = Run) when Caller =/= none ->
+    {reply, {error, running}, Run};
+handle_call({inspect, Id}, _From, #run{owners = Owners} = Run) ->
+    case Owners of
         #{Id := Shard} -> {reply, starl_sim_shard:inspect(Shard, {robot, Id}), Run};
         #{} -> {reply, unknown, Run}
     end;
@@ -128,75 +128,62 @@ handle_call(finish, _From, Run) ->
     {reply, conclude(Run), Run}.
 
 -spec handle_cast(stop, #run{}) -> {noreply, #run{}}.
-handle_cast(stop, #run{caller = none} = Run) -> {noreply, Run#run{ending = stopped}};
-handle_cast(stop, Run) -> {noreply, Run#run{stop = true}}.
+handle_cast(stop, #run{caller = none, ending = none} = Run) ->
+    {noreply, Run#run{ending = stopped}};
+handle_cast(stop, #run{caller = none} = Run) ->
+    {noreply, Run};
+handle_cast(stop, Run) ->
+    {noreply, halt_shards(Run#run{stop = true})}.
 
 -spec handle_info(term(), #run{}) -> {noreply, #run{}} | {stop, term(), #run{}}.
+handle_info({window_done, _Shard, N, Trace}, #run{traces = Traces} = Run) ->
+    Told = maps:get(N, Traces, []),
+    {noreply, approve(judge(Run#run{traces = Traces#{N => [Trace | Told]}}))};
+handle_info({resting, _Shard, Now, Reason, Running}, #run{resting = Resting} = Run) ->
+    Next = Run#run{resting = Resting + 1, now = Now, running = Running},
+    case Resting + 1 =:= length(Run#run.shards) of
+        true -> {noreply, rest(Reason, Next)};
+        false -> {noreply, Next}
+    end;
 handle_info({'DOWN', _, process, Shard, Reason}, #run{shards = Shards} = Run) ->
     case lists:member(Shard, Shards) of
         true -> {stop, {shard_failed, Reason}, Run};
         false -> {noreply, Run}
-    end;
-handle_info({window_done, Shard, Outcome}, #run{outcomes = Outcomes, shards = Shards} = Run) ->
-    Got = [{Shard, Outcome} | Outcomes],
-    case length(Got) =:= length(Shards) of
-        true -> {noreply, proceed(close_window(Got, Run#run{outcomes = []}))};
-        false -> {noreply, Run#run{outcomes = Got}}
     end.
 
-%% -- windows --------------------------------------------------------------------------------
+%% -- judging --------------------------------------------------------------------------------
 
-%% Starts the next window, or answers the caller. The monitors judge a window while the shards
-%% run the next one, so a violation ends the run one window after it was committed.
-proceed(#run{next = Next, until = Until, window_us = Width} = Run) ->
-    case ending(Run) of
-        none when Next < Until ->
-            From = Next - Next rem Width,
-            To = From + Width,
-            judge(start_window(From, To, Run#run{now = To}));
-        none ->
-            conclude_turn(judge(Run#run{now = Until}));
-        _ ->
-            conclude_turn(judge(Run))
+%% Windows are judged in their order, when all shards have told of them.
+judge(#run{traces = Traces, judged = Judged, shards = Shards} = Run) ->
+    N = Judged + 1,
+    case Traces of
+        #{N := Told} when length(Told) =:= length(Shards) ->
+            Rest = maps:remove(N, Traces),
+            judge(judge(merge(Told), Run#run{traces = Rest, judged = N}));
+        #{} ->
+            Run
     end.
 
-conclude_turn(Run) -> rest(Run#run{ending = ending(Run)}).
-
-judge(#run{trace = Trace, monitors = Monitors, violations = Violations} = Run) ->
+judge(Trace, #run{monitors = Monitors, violations = Violations} = Run) ->
     case starl_monitor:step(Trace, Monitors) of
         {ok, Next} ->
-            Run#run{monitors = Next, trace = []};
+            Run#run{monitors = Next};
         {violation, Violation, Next} ->
-            Run#run{monitors = Next, trace = [], violations = Violations ++ [Violation]}
+            halt_shards(Run#run{monitors = Next, violations = Violations ++ [Violation]})
     end.
 
-ending(#run{violations = [_ | _]}) -> violation;
-ending(#run{stop = true}) -> stopped;
-ending(#run{running = 0}) -> done;
-ending(#run{next = infinity}) -> quiet;
-ending(#run{}) -> none.
+%% After a violation no further window is approved.
+approve(#run{judged = Judged, approved = Approved, violations = [], stop = false} = Run) when
+    Judged - Approved >= ?APPROVE_EVERY
+->
+    _ = [ok = starl_sim_shard:approve(Shard, Judged) || Shard <- Run#run.shards],
+    Run#run{approved = Judged};
+approve(Run) ->
+    Run.
 
-rest(#run{caller = From} = Run) ->
-    gen_server:reply(From, status_of(Run)),
-    Run#run{caller = none}.
-
-start_window(From, To, #run{shards = Shards, mail = Mail} = Run) ->
-    _ = [starl_sim_shard:window(S, From, To, maps:get(S, Mail, [])) || S <- Shards],
-    Run#run{mail = #{}}.
-
-close_window(Outcomes, Run) ->
-    Trace = merge([T || {_, #{trace := T}} <- Outcomes]),
-    Packets = lists:append([P || {_, #{packets := P}} <- Outcomes]),
-    Times = [T || {_, #{next := T}} <- Outcomes] ++ [element(2, P) || P <- Packets],
-    Run#run{
-        trace = Trace,
-        mail = maps:groups_from_list(
-            fun(P) -> maps:get(element(1, P), Run#run.owner) end, Packets
-        ),
-        %% integers sort before the atom infinity
-        next = lists:min(Times),
-        running = lists:sum([N || {_, #{running := N}} <- Outcomes])
-    }.
+halt_shards(#run{shards = Shards} = Run) ->
+    _ = [ok = starl_sim_shard:halt(Shard) || Shard <- Shards],
+    Run.
 
 %% The shards' traces in the order of time, then robot.
 merge([Trace]) -> Trace;
@@ -204,34 +191,46 @@ merge(Traces) -> lists:foldl(fun(A, B) -> lists:merge(fun earlier/2, A, B) end, 
 
 earlier({T1, R1, _, _}, {T2, R2, _, _}) -> {T1, R1} =< {T2, R2}.
 
+rest(Reason, #run{caller = From, violations = Violations, stop = Stop} = Run) ->
+    Ending =
+        case Reason of
+            _ when Violations =/= [] -> violation;
+            _ when Stop -> stopped;
+            until -> none;
+            _ -> Reason
+        end,
+    Rested = Run#run{caller = none, ending = Ending},
+    gen_server:reply(From, status_of(Rested)),
+    Rested.
+
 %% -- start and end --------------------------------------------------------------------------
 
 start_shards(#{shards := N, shard_sup := Sup} = Plan) ->
     Config = (maps:with([world, window_us, robots_sup], Plan))#{run => self()},
-    [
-        begin
-            {ok, Shard} = supervisor:start_child(Sup, [Config]),
-            _ = erlang:monitor(process, Shard),
-            Shard
-        end
-     || _ <- lists:seq(1, N)
-    ].
+    [start_shard(Sup, Config) || _ <- lists:seq(1, N)].
 
-%% Robots and faults go to the shards in turn.
-deal(Shards, #{robots := Robots, faults := Faults}) ->
-    N = length(Shards),
-    [
-        {Shard, {
-            [R || {I, R} <- numbered(Robots), I rem N =:= K],
-            [F || F <- Faults, (owner_index(element(1, F), Robots)) rem N =:= K]
-        }}
-     || {K, Shard} <- numbered(Shards)
-    ].
+start_shard(Sup, Config) ->
+    {ok, Shard} = supervisor:start_child(Sup, [Config]),
+    _ = erlang:monitor(process, Shard),
+    Shard.
 
-numbered(List) -> lists:zip(lists:seq(0, length(List) - 1), List).
+%% Robots go to the shards in turn.
+deal(Shards, Robots) ->
+    Turns = lists:append(lists:duplicate(length(Robots) div length(Shards) + 1, Shards)),
+    Ids = [Id || #{tree := #{id := Id}} <- Robots],
+    maps:from_list(lists:zip(Ids, lists:sublist(Turns, length(Ids)))).
 
-owner_index(Id, Robots) ->
-    length(lists:takewhile(fun(#{tree := #{id := I}}) -> I =/= Id end, Robots)).
+load(Shard, Shards, Owners, #{robots := Robots, faults := Faults}) ->
+    #{
+        robots => [R || #{tree := #{id := Id}} = R <- Robots, maps:get(Id, Owners) =:= Shard],
+        faults => [F || F <- Faults, maps:get(element(1, F), Owners) =:= Shard],
+        peers => lists:delete(Shard, Shards),
+        owners => Owners,
+        sight => [{Id, standing(Pose)} || #{tree := #{id := Id}, pose := Pose} <- Robots],
+        running => length(Robots)
+    }.
+
+standing({X, Y, Heading}) -> starl_trajectory:standing(0, {X, Y}, Heading).
 
 status_of(#run{now = Now, running = Running, ending = Ending}) ->
     #{now_us => Now, running => Running, ending => Ending}.

@@ -1,48 +1,66 @@
-%% @doc A shard: some of the robots of a simulation, run window by window.
-%%
-%% The exchange with {@link starl_sim_run}:
+%% @doc A shard: some of the robots of a simulation. The shards of a simulation run it window by
+%% window among themselves, in step:
 %% ```
-%%   run                                        shard
-%%     | {window, From, To, Packets} ------------>|  runs all its events in From =< time < To
-%%     |<-- {window_done, Pid, Outcome} ----------|  packets for others, trace, next event's time
+%%   run                     shard                            every other shard
+%%     | run, Until ----------->|                                   |
+%%     |                        | runs window N                     |
+%%     |<--- window_done, N ----|---- mail, N: packets, motion ---->|
+%%     |                        |<--- mail, N ----------------------|
+%%     |---- approve, N ------->| window N + 1: the first that has an event anywhere
+%%     |                        | ...
+%%     |<--- resting, why ------|
 %% '''
-%% A robot's machine is stepped by one message and answers with its actions (see
-%% {@link starl_machine_proc}); nothing else of that robot runs meanwhile, but other robots do:
-%% what a robot does reaches the others in a later window only, so within one they cannot
-%% disturb each other ({@link starl_sim_robot}).
+%% A window is as long as the shortest delay of a packet, so what is sent in one arrives in a
+%% later one. All shards decide by the same numbers which window is next and when to rest. They
+%% run at most `AHEAD' windows ahead of what the monitors have judged, and rest there if they are
+%% told to halt, so where a run ends depends on nothing but the scenario.
+%%
+%% Each shard keeps its own copy of where all robots were when the window began.
 -module(starl_sim_shard).
 -behaviour(gen_server).
 
--export([start_link/1, launch/2, window/4, inspect/2]).
+-export([start_link/1, launch/2, run/2, approve/2, halt/1, inspect/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([outcome/0, robot_spec/0]).
+-export_type([load/0, robot_spec/0, reason/0]).
 
-%% How long, in wall time, a window may take before the run is given up.
--define(PATIENCE_MS, 60000).
+-define(AHEAD, 16).
 %% The shard's heap turns over fast.
 -define(HEAP_WORDS, 100000).
 
 %% A robot to be started: its tree and where it stands.
 -type robot_spec() :: #{tree := starl_robot_sup:spec(), pose := starl:pose()}.
 
-%% What came of a window. The trace is in the order of time, then robot.
--type outcome() :: #{
-    packets := [starl_sim_queue:event()],
-    trace := [starl_monitor:trace_event()],
-    next := starl_sim_queue:time() | infinity,
+%% What a shard begins with. `peers' are the other shards, `owners' says which shard has a robot.
+-type load() :: #{
+    robots := [robot_spec()],
+    faults := [starl_sim_queue:event()],
+    peers := [pid()],
+    owners := #{starl:robot_id() => pid()},
+    sight := [{starl:robot_id(), starl_trajectory:piece()}],
     running := non_neg_integer()
 }.
+
+%% Why the shards rest: all applications have ended, the time is reached, nothing can happen any
+%% more, or they were told to halt.
+-type reason() :: done | until | quiet | halted.
 
 -record(shard, {
     run :: pid(),
     world :: starl_sim_platform:world(),
     robots_sup :: pid(),
+    peers = [] :: [pid()],
+    owners = #{} :: #{starl:robot_id() => pid()},
     queue :: starl_sim_queue:t(),
-    robots = #{} :: #{starl:robot_id() => starl_sim_robot:t()},
-    running = 0 :: non_neg_integer(),
+    robots = #{} :: starl_sim_window:robots(),
     window_us :: pos_integer(),
-    window = 0 :: starl_sim_queue:time()
+    %% how many windows were run, and how many of them are approved
+    windows = 0 :: non_neg_integer(),
+    approved = 0 :: non_neg_integer(),
+    now = 0 :: starl_sim_queue:time(),
+    %% the same in all shards
+    next = 0 :: starl_sim_queue:time() | infinity,
+    running = 0 :: non_neg_integer()
 }).
 
 %% @doc Starts an empty shard.
@@ -52,38 +70,60 @@
     window_us := pos_integer(),
     robots_sup := pid()
 }) -> gen_server:start_ret().
-start_link(Config) -> gen_server:start_link(?MODULE, Config, [
-        {spawn_opt, [{min_heap_size, ?HEAP_WORDS}, {fullsweep_after, 100}]}
-    ]).
+start_link(Config) ->
+    Heap = [{min_heap_size, ?HEAP_WORDS}, {fullsweep_after, 100}],
+    gen_server:start_link(?MODULE, Config, [{spawn_opt, Heap}]).
 
 %% @doc Starts robots on the shard and plants faults; returns when all their processes run.
--spec launch(pid(), {[robot_spec()], [starl_sim_queue:event()]}) -> ok.
+-spec launch(pid(), load()) -> ok.
 launch(Shard, Load) -> gen_server:call(Shard, {launch, Load}, infinity).
 
-%% @doc Runs a window; the shard answers with `{window_done, Shard, outcome()}'.
--spec window(pid(), From :: starl_sim_queue:time(), To :: starl_sim_queue:time(), Packets) -> ok
-when
-    Packets :: [starl_sim_queue:event()].
-window(Shard, From, To, Packets) -> gen_server:cast(Shard, {window, From, To, Packets}).
+%% @doc Runs until a time; must be asked of all shards. Each tells of its windows with
+%% `{window_done, Shard, N, Trace}' and at last `{resting, Shard, Now, reason(), Running}'.
+-spec run(pid(), Until :: starl_sim_queue:time()) -> ok.
+run(Shard, Until) -> gen_server:cast(Shard, {run, Until}).
 
-%% @doc Looks at the robots: a summary of all at a time, or the machines of one.
+%% @doc The monitors have judged the first N windows.
+-spec approve(pid(), N :: pos_integer()) -> ok.
+approve(Shard, N) ->
+    Shard ! {approve, N},
+    ok.
+
+%% @doc Has the shards rest as far ahead of the last approval as they may go.
+-spec halt(pid()) -> ok.
+halt(Shard) ->
+    Shard ! halt,
+    ok.
+
+%% @doc Looks at the robots: a summary of all at a time, or the machines of one. For a shard
+%% that rests.
 -spec inspect(pid(), {summary, starl_sim_queue:time()} | {robot, starl:robot_id()}) ->
     [{starl:robot_id(), starl_sim_robot:summary()}] | #{starl_machine:name() => term()} | unknown.
 inspect(Shard, What) -> gen_server:call(Shard, {inspect, What}, infinity).
 
 -spec init(map()) -> {ok, #shard{}}.
 init(#{run := Run, world := World, window_us := Width, robots_sup := RobotsSup}) ->
-    Queue = starl_sim_queue:new(Width),
+    Sight = ets:new(starl_sight, [set, private]),
     {ok, #shard{
-        run = Run, world = World, robots_sup = RobotsSup, queue = Queue, window_us = Width
+        run = Run,
+        world = World#{sight => Sight},
+        robots_sup = RobotsSup,
+        queue = starl_sim_queue:new(Width),
+        window_us = Width
     }}.
 
 -spec handle_call(term(), gen_server:from(), #shard{}) -> {reply, term(), #shard{}}.
-handle_call({launch, {Specs, Faults}}, _From, Shard) ->
-    Robots = maps:from_list([start_robot(Spec, Shard) || Spec <- Specs]),
-    ok = show(maps:to_list(Robots), Shard),
-    Queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Faults),
-    {reply, ok, Shard#shard{robots = Robots, queue = Queue, running = map_size(Robots)}};
+handle_call({launch, Load}, _From, #shard{world = #{sight := Sight}} = Shard) ->
+    #{robots := Specs, faults := Faults, peers := Peers, owners := Owners} = Load,
+    true = ets:insert(Sight, maps:get(sight, Load)),
+    Launched = Shard#shard{
+        robots = maps:from_list([start_robot(Spec, Shard) || Spec <- Specs]),
+        queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Faults),
+        peers = Peers,
+        owners = Owners,
+        running = maps:get(running, Load)
+    },
+    {reply, ok, Launched};
 handle_call({inspect, {summary, Time}}, _From, #shard{robots = Robots} = Shard) ->
     Summaries = [
         {Id, starl_sim_robot:summary(Time, Robot)}
@@ -96,32 +136,31 @@ handle_call({inspect, {robot, Id}}, _From, #shard{robots = Robots} = Shard) ->
         #{} -> {reply, unknown, Shard}
     end.
 
--spec handle_cast({window, integer(), integer(), [starl_sim_queue:event()]}, #shard{}) ->
-    {noreply, #shard{}}.
-handle_cast({window, From, To, Packets}, #shard{run = Run, queue = Queue} = Shard) ->
-    Filled = lists:foldl(fun starl_sim_queue:add/2, Queue, Packets),
-    {Events, Rest} = starl_sim_queue:take_window(To, Filled),
-    %% one timer a window: one in each receive would cost as much as the event
-    Timer = erlang:send_after(?PATIENCE_MS, self(), {out_of_patience, From}),
-    {Outcome, Ran} = run_window(To, Events, Shard#shard{queue = Rest, window = From}),
-    _ = erlang:cancel_timer(Timer, [{async, true}, {info, false}]),
-    Run ! {window_done, self(), Outcome},
-    {noreply, Ran}.
+-spec handle_cast({run, starl_sim_queue:time()}, #shard{}) -> {noreply, #shard{}}.
+handle_cast({run, Until}, #shard{now = Now} = Shard) ->
+    Timer = starl_sim_window:be_patient({Now, Now}),
+    Rested = advance(Until, Shard),
+    _ = erlang:cancel_timer(Timer),
+    {noreply, Rested}.
 
-%% A machine that was killed from outside between two windows; or one of a robot that died.
+%% A process that went down between two windows: killed from outside, or one of a robot that
+%% died. The robot is woken to go on in the next window.
 -spec handle_info(term(), #shard{}) -> {noreply, #shard{}}.
 handle_info({'DOWN', _, process, Pid, Reason}, #shard{robots = Robots} = Shard) ->
-    case owner(Pid, Robots) of
-        {Id, Robot} ->
-            Crashed = Robots#{Id := starl_sim_robot:crashed(Pid, Reason, Robot)},
-            {noreply, wake(Id, Shard#shard{robots = Crashed})};
-        none ->
-            {noreply, Shard}
+    case starl_sim_window:crashed(Pid, Reason, Robots) of
+        {Id, Next} -> {noreply, wake(Id, Shard#shard{robots = Next})};
+        none -> {noreply, Shard}
     end;
 handle_info({wake, Id}, Shard) ->
     {noreply, wake(Id, Shard)};
+handle_info({approve, N}, Shard) ->
+    {noreply, Shard#shard{approved = N}};
+handle_info(halt, Shard) ->
+    {noreply, Shard};
 handle_info({out_of_patience, _}, Shard) ->
     {noreply, Shard}.
+
+%% -- starting -------------------------------------------------------------------------------
 
 %% start_child returns when the whole tree has started, so all attachments are here already.
 start_robot(#{tree := #{id := Id} = Tree, pose := Pose}, #shard{world = World, robots_sup = Sup}) ->
@@ -137,125 +176,72 @@ attach_all(Id, Robot) ->
     after 0 -> Robot
     end.
 
-%% -- windows --------------------------------------------------------------------------------
+%% -- window after window --------------------------------------------------------------------
 
-%% All robots that have something to do in the window work at once.
-run_window(To, Events, #shard{robots = Robots, window = From} = Shard) ->
-    Window = {From, To},
-    {Ids, Active, Begun} = begin_robots(agenda(From, Events, Robots), Window, [], 0, Robots),
-    Done = collect(Active, Begun, Window),
-    close_window(Ids, Shard#shard{robots = Done}).
-
-%% In the first window every robot boots.
-agenda(0, Events, Robots) ->
-    lists:sort([{Id, 0, 0, 0, 0, wake} || Id <- maps:keys(Robots)] ++ Events);
-agenda(_From, Events, _Robots) ->
-    Events.
-
-%% Events come by robot, and in the robot's order.
-begin_robots([], _Window, Ids, Active, Robots) ->
-    {Ids, Active, Robots};
-begin_robots([{Id, _, _, _, _, _} = Event | Events], Window, Ids, Active, Robots) ->
-    {Own, Rest} = take_own(Id, Events, [Event]),
-    #{Id := Robot} = Robots,
-    case starl_sim_robot:proceed(Window, starl_sim_robot:open(Own, Robot)) of
-        {busy, Next} ->
-            begin_robots(Rest, Window, [Id | Ids], Active + 1, Robots#{Id := Next});
-        {idle, Next} ->
-            begin_robots(Rest, Window, [Id | Ids], Active, Robots#{Id := Next})
-    end.
-
-take_own(Id, [{Id, _, _, _, _, _} = Event | Events], Own) -> take_own(Id, Events, [Event | Own]);
-take_own(_Id, Events, [_] = Own) -> {Own, Events};
-take_own(_Id, Events, Own) -> {lists:reverse(Own), Events}.
-
-collect(0, Robots, _Window) ->
-    Robots;
-collect(Active, Robots, Window) ->
+advance(_Until, #shard{running = 0} = Shard) ->
+    rest(done, Shard);
+advance(_Until, #shard{next = infinity} = Shard) ->
+    rest(quiet, Shard);
+advance(Until, #shard{next = Next} = Shard) when Next >= Until ->
+    rest(until, Shard#shard{now = Until});
+advance(Until, #shard{windows = N, approved = Approved} = Shard) when N >= Approved + ?AHEAD ->
     receive
-        {starl_done, Id, Actions} ->
-            #{Id := Robot} = Robots,
-            Answered = starl_sim_robot:answered(Actions, Robot),
-            case starl_sim_robot:proceed(Window, Answered) of
-                {busy, Next} -> collect(Active, Robots#{Id := Next}, Window);
-                {idle, Next} -> collect(Active - 1, Robots#{Id := Next}, Window)
-            end;
-        {'DOWN', _, process, Pid, Reason} ->
-            {Change, Next} = interrupted(Pid, Reason, Robots, Window),
-            collect(Active + Change, Next, Window);
-        {out_of_patience, From} when From =:= element(1, Window) ->
-            exit({no_answer, [B || R <- maps:values(Robots), B <- starl_sim_robot:busy(R)]})
+        {approve, More} -> advance(Until, Shard#shard{approved = More});
+        halt -> rest(halted, Shard)
+    end;
+advance(Until, Shard) ->
+    advance(Until, run_window(look_up(Shard))).
+
+rest(Reason, #shard{run = Run, now = Now, running = Running} = Shard) ->
+    Run ! {resting, self(), Now, Reason, Running},
+    Shard.
+
+%% Robots that a crash left with something to do.
+look_up(Shard) ->
+    receive
+        {wake, Id} -> look_up(wake(Id, Shard))
+    after 0 -> Shard
     end.
 
-%% A crash of a robot at work: it goes on when its supervisor has restarted what crashed. The
-%% processes of the others are left for later.
-interrupted(Pid, Reason, Robots, Window) ->
-    case owner(Pid, Robots) of
-        {Id, Robot} ->
-            Crashed = starl_sim_robot:crashed(Pid, Reason, Robot),
-            case {starl_sim_robot:busy(Robot), starl_sim_robot:busy(Crashed)} of
-                {[_], []} ->
-                    go_on(Id, starl_sim_robot:proceed(Window, Crashed), Robots);
-                {[_], [_]} ->
-                    {0, Robots#{Id := Crashed}};
-                {[], []} ->
-                    self() ! {wake, Id},
-                    {0, Robots#{Id := Crashed}}
-            end;
-        none ->
-            {0, Robots}
+wake(Id, #shard{queue = Queue, now = Now} = Shard) ->
+    Shard#shard{queue = starl_sim_queue:add({Id, Now, 0, 0, 0, wake}, Queue)}.
+
+run_window(#shard{next = Next, window_us = Width, queue = Queue, windows = N} = Shard) ->
+    From = Next - Next rem Width,
+    To = From + Width,
+    {Events, Rest} = starl_sim_queue:take_window(To, Queue),
+    {Yields, Robots} = starl_sim_window:run({From, To}, Events, Shard#shard.robots),
+    Shard#shard.run ! {window_done, self(), N + 1, maps:get(trace, Yields)},
+    exchange(Yields, Shard#shard{robots = Robots, queue = Rest, now = To, windows = N + 1}).
+
+%% Everybody tells everybody what they must know to run the next window.
+exchange(#{later := Later, moved := Moved, ended := Ended}, #shard{peers = []} = Shard) ->
+    Queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Later),
+    Next = starl_sim_queue:next_time(Queue),
+    take({Next, Ended, Moved, []}, Shard#shard{queue = Queue, next = infinity});
+exchange(#{later := Later, moved := Moved, ended := Ended}, Shard) ->
+    #shard{peers = Peers, owners = Owners, queue = Queue, windows = N} = Shard,
+    ByShard = maps:groups_from_list(fun(E) -> maps:get(element(1, E), Owners) end, Later),
+    Own = lists:foldl(fun starl_sim_queue:add/2, Queue, maps:get(self(), ByShard, [])),
+    Times = [Time || {_, Time, _, _, _, _} <- Later],
+    %% whole numbers sort before the atom infinity
+    Next = lists:min([starl_sim_queue:next_time(Own) | Times]),
+    _ = [
+        Peer ! {mail, self(), N, {Next, Ended, Moved, maps:get(Peer, ByShard, [])}}
+     || Peer <- Peers
+    ],
+    Told = take({Next, Ended, Moved, []}, Shard#shard{queue = Own, next = infinity}),
+    lists:foldl(fun receive_mail/2, Told, Peers).
+
+receive_mail(Peer, #shard{windows = N} = Shard) ->
+    receive
+        {mail, Peer, N, Mail} -> take(Mail, Shard)
     end.
 
-go_on(Id, {busy, Robot}, Robots) -> {0, Robots#{Id := Robot}};
-go_on(Id, {idle, Robot}, Robots) -> {-1, Robots#{Id := Robot}}.
-
-%% Has the robot go on, in the next window, with what a crash has left it to do.
-wake(Id, #shard{queue = Queue, window = Window, window_us = Width} = Shard) ->
-    Shard#shard{queue = starl_sim_queue:add({Id, Window + Width, 0, 0, 0, wake}, Queue)}.
-
-owner(Pid, Robots) ->
-    case [{Id, R} || {Id, R} <- maps:to_list(Robots), starl_sim_robot:owns(Pid, R)] of
-        [Owner] -> Owner;
-        [] -> none
-    end.
-
-%% Robots are closed in descending order, so that what they yield comes in ascending order.
-close_window(Ids, #shard{robots = Robots0, queue = Queue} = Shard) ->
-    {Robots, {Later, Trace, Moved, Ended}} = close_robots(Ids, Robots0, {[], [], [], 0}),
-    {Own, Others} = lists:partition(fun(E) -> is_map_key(element(1, E), Robots) end, Later),
-    Filled = lists:foldl(fun starl_sim_queue:add/2, Queue, Own),
-    ok = show(Moved, Shard),
-    Running = Shard#shard.running - Ended,
-    Outcome = #{
-        packets => Others,
-        %% by time, then robot: keysort is stable
-        trace => lists:keysort(1, Trace),
-        next => starl_sim_queue:next_time(Filled),
-        running => Running
-    },
-    {Outcome, Shard#shard{robots = Robots, queue = Filled, running = Running}}.
-
-close_robots([], Robots, Yields) ->
-    {Robots, Yields};
-close_robots([Id | Ids], Robots, {Later, Trace, Moved, Ended}) ->
-    #{Id := Robot} = Robots,
-    {{New, Traced, Changes}, Closed} = starl_sim_robot:close(Robot),
-    Yields = {New ++ Later, lists:reverse(Traced, Trace), Moved, Ended},
-    close_robots(Ids, Robots#{Id := Closed}, changes(Changes, Id, Closed, Yields)).
-
-changes([], _Id, _Robot, Yields) ->
-    Yields;
-changes(Changes, Id, Robot, {Later, Trace, Moved, Ended}) ->
-    {
-        Later,
-        Trace,
-        [{Id, Robot} || lists:member(moved, Changes)] ++ Moved,
-        Ended + length([ended || lists:member(ended, Changes)])
+take({Next, Ended, Moved, Packets}, #shard{queue = Queue, world = #{sight := Sight}} = Shard) ->
+    _ = Moved =/= [] andalso ets:insert(Sight, Moved),
+    Shard#shard{
+        next = min(Next, Shard#shard.next),
+        running = Shard#shard.running - Ended,
+        queue = lists:foldl(fun starl_sim_queue:add/2, Queue, Packets)
     }.
-
-%% Lets the others see where robots are, from the next window on.
-show([], _Shard) ->
-    ok;
-show(Robots, #shard{world = #{sight := Sight}}) ->
-    true = ets:insert(Sight, [{Id, starl_sim_robot:piece(Robot)} || {Id, Robot} <- Robots]),
-    ok.

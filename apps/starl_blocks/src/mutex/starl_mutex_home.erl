@@ -1,9 +1,9 @@
 %% @doc The home of tokens: the one authority over the fencing numbers and leases of the tokens
 %% whose home a robot is. Pure; the part of {@link starl_mutex_tokens} that safety rests on.
 %%
-%% Grants are numbered in steps of `step()'; the numbers between are the owner's, one for each
-%% of its holds. After a crash of the home they go on in a higher range, that of the machine's
-%% incarnation. The rules:
+%% A fencing number is made of four: the incarnation of the home's machine, the creations of the
+%% token by it, the hand-overs of that creation, the owner's holds. So every hand-over has a
+%% number of its own, whatever was lost, created anew or forgotten in a crash. The rules:
 %% ```
 %%   claim F    granted if F is larger than the last granted number (its holder has handed the
 %%              token over, or the token was never granted), or the claimant's own again
@@ -18,7 +18,7 @@
 %% younger than the crash: it waits for one full lease.
 -module(starl_mutex_home).
 
--export([new/4, step/0, next/1, request/4, claim/5, renew/5, return/6, expire/3, due/2]).
+-export([new/4, next/1, hand_over/1, last_hold/1, last_hand_over/1, request/4, claim/5, renew/5, return/6, expire/3, due/2]).
 
 -export_type([t/0, request/0, outgoing/0]).
 
@@ -29,6 +29,11 @@
 -type outgoing() :: {starl:robot_id(), Body :: tuple()}.
 
 -type us() :: integer().
+
+%% How many holds an owner, hand-overs a creation and creations an incarnation may have.
+-define(HOLD_BITS, 8).
+-define(HAND_OVER_BITS, 12).
+-define(CREATION_BITS, 24).
 
 -record(lease, {
     fence :: starl_mutex:fence(),
@@ -58,15 +63,24 @@ new(Incarnation, Now, LeaseUs, DriftPpm) ->
             1 -> Now;
             _ -> Now + Longer
         end,
-    #home{base = Incarnation bsl 40, ready = Ready, lease_us = Longer}.
+    Base = Incarnation bsl (?CREATION_BITS + ?HAND_OVER_BITS + ?HOLD_BITS),
+    #home{base = Base, ready = Ready, lease_us = Longer}.
 
-%% @doc How far grants lie apart.
--spec step() -> pos_integer().
-step() -> 1 bsl 16.
-
-%% @doc The number of the next grant after this one.
+%% @doc The number of the hand-over after this one.
 -spec next(starl_mutex:fence()) -> starl_mutex:fence().
-next(Fence) -> Fence + step().
+next(Fence) -> (Fence bsr ?HOLD_BITS + 1) bsl ?HOLD_BITS.
+
+%% @doc The number of the hand-over that a hold belongs to.
+-spec hand_over(starl_mutex:fence()) -> starl_mutex:fence().
+hand_over(Fence) -> Fence bsr ?HOLD_BITS bsl ?HOLD_BITS.
+
+%% @doc Are the owner's numbers used up by this hold?
+-spec last_hold(starl_mutex:fence()) -> boolean().
+last_hold(Fence) -> Fence + 1 =:= next(Fence).
+
+%% @doc Are the hand-overs of this creation used up? Then the token must be returned.
+-spec last_hand_over(starl_mutex:fence()) -> boolean().
+last_hand_over(Fence) -> next(Fence) =:= created(Fence).
 
 %% @doc A request has come to the home: a token is made for it, or it is sent on to the owner
 %% and kept, in case the owner does not live.
@@ -139,10 +153,14 @@ due(Token, Home) ->
 create(Token, #lease{pending = []} = Lease, _Now, Home) ->
     {[], put_lease(Token, Lease, Home)};
 create(Token, #lease{pending = [{Robot, _} | Rest] = Queue} = Lease, Now, Home) ->
-    Fence = next(Lease#lease.fence),
+    Fence = created(Lease#lease.fence),
     Until = Now + Home#home.lease_us,
     Created = Lease#lease{fence = Fence, owner = Robot, until = Until, pending = Rest},
     {[{Robot, {token, Token, Fence, Queue}}], put_lease(Token, Created, Home)}.
+
+created(Fence) ->
+    Bits = ?HAND_OVER_BITS + ?HOLD_BITS,
+    (Fence bsr Bits + 1) bsl Bits.
 
 forward(Token, {Robot, _} = Request, #lease{fence = Fence, owner = Owner}) ->
     [

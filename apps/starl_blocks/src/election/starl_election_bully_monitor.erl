@@ -1,0 +1,162 @@
+%% @doc The contract of the election by the bully algorithm, as a monitor.
+%%
+%% Safety: a robot reports at most one leader per term, the term being an election within one life
+%% of the election machine (a crash begins a new one); a leader is a robot of the team, and the
+%% one that made itself leader is that robot; whoever entered elects or fails within `bound_us',
+%% unless it died or its machine crashed. With `lossless' (default false: no packet lost, delays
+%% bounded, the patience long enough) also: nobody fails, all elect the same, and no robot above
+%% the leader was alive from the beginning of the election until it was elected, unless its
+%% machine crashed in between; and the leader was alive when the election began.
+%%
+%% Events of machine `election': `{entered, Election}', `{elected, Election, Leader, highest |
+%% announcement | known}', `{failed, Election, Reason}', `crashed'; of machine `robot':
+%% `{died, Reason}'.
+-module(starl_election_bully_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type election() :: term().
+
+-record(state, {
+    robots :: [robot_id()],
+    bound_us :: pos_integer(),
+    lossless :: boolean(),
+    %% when the election began, and every leader reported, by whom in which life
+    began = #{} :: #{election() => integer()},
+    reported = #{} :: #{{election(), robot_id(), Life :: non_neg_integer()} => robot_id()},
+    leaders = #{} :: #{election() => robot_id()},
+    lives = #{} :: #{robot_id() => pos_integer()},
+    crashed = #{} :: #{robot_id() => integer()},
+    died = #{} :: #{robot_id() => integer()},
+    open = #{} :: #{{election(), robot_id()} => DeadlineUs :: integer()},
+    failed = 0 :: non_neg_integer()
+}).
+
+%% @doc `robots': the team; `bound_us': the longest time from entering to the result.
+-spec init(#{robots := [robot_id()], bound_us := pos_integer(), lossless => boolean()}) ->
+    #state{}.
+init(#{robots := Robots, bound_us := Bound} = Config) ->
+    #state{robots = Robots, bound_us = Bound, lossless = maps:get(lossless, Config, false)}.
+
+%% @doc The elections' own events and the end of robots.
+-spec interests() -> [atom()].
+interests() -> [election, robot].
+
+%% @doc Judges one event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, Machine, Event}, State) ->
+    {Overdue, Current} = overdue(T, State),
+    {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
+    case Overdue ++ Broken of
+        [] -> {ok, Next};
+        [First | _] -> {violation, First, Next}
+    end.
+
+%% @doc Judges the time until `EndTimeUs'. Results: the number of `elections', of results
+%% `elected' (by one robot in one life) and `failed', and the `leaders' of each election.
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndTimeUs, State) ->
+    {Overdue, #state{began = Began, reported = Reported, failed = Failed}} =
+        overdue(EndTimeUs, State),
+    Results = #{
+        elections => map_size(Began),
+        elected => map_size(Reported),
+        failed => Failed,
+        leaders => [
+            {E, lists:usort([L || {{Of, _, _}, L} <- maps:to_list(Reported), Of =:= E])}
+         || E <- lists:sort(maps:keys(Began))
+        ]
+    },
+    case Overdue of
+        [] -> {ok, Results};
+        [_ | _] -> {{violation, Overdue}, Results}
+    end.
+
+%% -- events ---------------------------------------------------------------------------------
+
+judge({election, {entered, Election}}, T, Robot, #state{open = Open} = State0) ->
+    State = begin_election(Election, T, State0),
+    Deadline = T + State#state.bound_us,
+    {[], State#state{open = Open#{{Election, Robot} => Deadline}}};
+judge({election, {elected, Election, Leader, How}}, T, Robot, State0) ->
+    State = begin_election(Election, T, State0),
+    Term = {Election, Robot, maps:get(Robot, State#state.lives, 1)},
+    Broken =
+        two_leaders(Term, Leader, T, State) ++ unfit(Election, Leader, How, T, Robot, State) ++
+            lossless(Election, Leader, T, Robot, State),
+    {Broken, State#state{
+        reported = maps:merge(#{Term => Leader}, State#state.reported),
+        leaders = maps:merge(#{Election => Leader}, State#state.leaders),
+        open = maps:remove({Election, Robot}, State#state.open)
+    }};
+judge({election, {failed, Election, _Reason}}, T, Robot, #state{failed = Failed} = State) ->
+    Broken = [violation(failed_without_loss, T, [Robot], Election) || State#state.lossless],
+    Open = maps:remove({Election, Robot}, State#state.open),
+    {Broken, State#state{failed = Failed + 1, open = Open}};
+judge({election, crashed}, T, Robot, #state{crashed = Crashed, lives = Lives} = State) ->
+    Life = maps:get(Robot, Lives, 1) + 1,
+    {[], absent(Robot, State#state{
+        crashed = Crashed#{Robot => T}, lives = Lives#{Robot => Life}
+    })};
+judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
+    {[], absent(Robot, State#state{died = Died#{Robot => T}})};
+judge({_Machine, _Other}, _T, _Robot, State) ->
+    {[], State}.
+
+begin_election(Election, T, #state{began = Began} = State) ->
+    State#state{began = maps:merge(#{Election => T}, Began)}.
+
+absent(Robot, #state{open = Open} = State) ->
+    State#state{open = maps:filter(fun({_, Who}, _) -> Who =/= Robot end, Open)}.
+
+%% -- the clauses of the contract ------------------------------------------------------------
+
+two_leaders({Election, Robot, _} = Term, Leader, T, #state{reported = Reported}) ->
+    case Reported of
+        #{Term := Other} when Other =/= Leader ->
+            [violation(two_leaders_at_one_robot, T, [Robot], Election)];
+        #{} ->
+            []
+    end.
+
+unfit(Election, Leader, How, T, Robot, #state{robots = Robots}) ->
+    [violation(not_a_robot, T, [Robot], Election) || not lists:member(Leader, Robots)] ++
+        [violation(not_itself, T, [Robot], Election) || How =:= highest, Leader =/= Robot].
+
+lossless(_Election, _Leader, _T, _Robot, #state{lossless = false}) ->
+    [];
+lossless(Election, Leader, T, Robot, State) ->
+    Began = maps:get(Election, State#state.began),
+    Higher = [
+        Other
+     || Other <- State#state.robots, Other > Leader, throughout(Other, Began, State)
+    ],
+    Differs = maps:get(Election, State#state.leaders, Leader) =/= Leader,
+    [violation(different_leaders, T, [Robot], Election) || Differs] ++
+        [violation(not_the_highest, T, [Robot | Higher], Election) || Higher =/= []] ++
+        [violation(dead_leader, T, [Robot], Election)
+         || maps:get(Leader, State#state.died, T) < Began].
+
+%% Alive until now, with its machine, since the election began?
+throughout(Robot, Began, #state{died = Died, crashed = Crashed}) ->
+    not is_map_key(Robot, Died) andalso maps:get(Robot, Crashed, Began - 1) < Began.
+
+%% What is overdue before `T'; a result at exactly the deadline is in time.
+overdue(T, #state{open = Open} = State) ->
+    case lists:sort([{D, Key} || {Key, D} <- maps:to_list(Open), D < T]) of
+        [] ->
+            {[], State};
+        Late ->
+            {[violation(no_result, D, [Robot], E) || {D, {E, Robot}} <- Late],
+                State#state{open = maps:without([Key || {_, Key} <- Late], Open)}}
+    end.
+
+violation(What, T, Robots, Election) ->
+    #{
+        contract => election, what => What, at_us => T, robots => Robots,
+        details => #{election => Election}
+    }.

@@ -1,0 +1,202 @@
+%% @doc The contract of mutual exclusion by tokens, as a monitor.
+%%
+%% Safety: never two holds of one token at once; the fence of a hold is larger than those of
+%% all earlier holds of the token; only what is held is released or lost. A hold ends with
+%% `released' or `lease_lost', with the crash of the robot's mutex machine, or with the robot.
+%%
+%% Progress: a request is granted within `bound_us' (default: none), as far as it was made at
+%% `from_us' or later (default 0); with `granted' (default false) a request that fails is a
+%% violation as well. A robot's death or the crash of its mutex machine ends its requests.
+%%
+%% Events of machine `mutex': `{requested, Token}', `{acquired, Token, Fence}',
+%% `{released, Token, Fence}', `{lease_lost, Token, Fence}', `{failed, Token, Reason}',
+%% `crashed'; of machine `robot': `{died, Reason}'.
+-module(starl_mutex_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type token() :: term().
+
+-record(state, {
+    bound_us :: pos_integer() | infinity,
+    from_us :: integer(),
+    granted :: boolean(),
+    holds = #{} :: #{token() => [{robot_id(), Fence :: integer()}]},
+    fences = #{} :: #{token() => integer()},
+    %% requests not granted yet, of each robot's several ones the oldest first
+    open = #{} :: #{{token(), robot_id()} => [RequestedUs :: integer()]},
+    %% the bounds in their order; those that `open' does not confirm are void
+    deadlines = queue:new() :: queue:queue({integer(), token(), robot_id()}),
+    waits = {0, 0, 0} :: {Count :: integer(), SumUs :: integer(), LongestUs :: integer()},
+    lost = 0 :: non_neg_integer(),
+    failed = 0 :: non_neg_integer()
+}).
+
+%% @doc See above; all keys may be left out.
+-spec init(#{
+    bound_us => pos_integer() | infinity, from_us => integer(), granted => boolean()
+}) -> #state{}.
+init(Config) ->
+    #state{
+        bound_us = maps:get(bound_us, Config, infinity),
+        from_us = maps:get(from_us, Config, 0),
+        granted = maps:get(granted, Config, false)
+    }.
+
+%% @doc The mutex machines' own events and the end of robots.
+-spec interests() -> [atom()].
+interests() -> [mutex, robot].
+
+%% @doc Judges one event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, Machine, Event}, State) ->
+    {Overdue, Current} = pass(T, State, []),
+    {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
+    case Overdue ++ Broken of
+        [] -> {ok, Next};
+        [First | _] -> {violation, First, Next}
+    end.
+
+%% @doc Judges the time until `EndTimeUs'. Results: how many `tokens' were held, the number of
+%% holds (`acquired'), of `lease_lost' and `failed', the longest and the mean wait of those
+%% granted, and their ratio, the `unfairness'.
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndTimeUs, State) ->
+    {Overdue, #state{waits = {Count, Sum, Longest}} = End} = pass(EndTimeUs, State, []),
+    Mean = Sum / max(1, Count),
+    Results = #{
+        tokens => map_size(End#state.fences),
+        acquired => Count,
+        lease_lost => End#state.lost,
+        failed => End#state.failed,
+        longest_wait_us => Longest,
+        mean_wait_us => Mean,
+        unfairness => Longest / max(1.0, Mean)
+    },
+    {verdict(Overdue), Results}.
+
+verdict([]) -> ok;
+verdict(Violations) -> {violation, Violations}.
+
+%%% Events: each gives the violations it shows
+
+judge({mutex, {requested, Token}}, T, Robot, State) ->
+    {[], request(T, Robot, Token, State)};
+judge({mutex, {acquired, Token, Fence}}, T, Robot, State) ->
+    Broken = second_holder(T, Robot, Token, State) ++ stale_fence(T, Robot, Token, Fence, State),
+    {Broken, hold(Token, Robot, Fence, wait(T, Robot, Token, State))};
+judge({mutex, {released, Token, Fence}}, T, Robot, State) ->
+    {not_held(T, Robot, Token, Fence, State), drop(Token, {Robot, Fence}, State)};
+judge({mutex, {lease_lost, Token, Fence}}, T, Robot, #state{lost = Lost} = State) ->
+    Dropped = drop(Token, {Robot, Fence}, State#state{lost = Lost + 1}),
+    {not_held(T, Robot, Token, Fence, State), Dropped};
+judge({mutex, {failed, Token, Reason}}, T, Robot, #state{failed = Failed} = State) ->
+    {Since, Closed} = close(Token, Robot, State#state{failed = Failed + 1}),
+    {refused(T, Robot, Token, Reason, Since, State), Closed};
+judge({mutex, crashed}, _T, Robot, State) ->
+    {[], forget(Robot, State)};
+judge({robot, {died, _Reason}}, _T, Robot, State) ->
+    {[], forget(Robot, State)};
+judge({_Machine, _Other}, _T, _Robot, State) ->
+    {[], State}.
+
+request(T, Robot, Token, #state{open = Open, bound_us = Bound, from_us = From} = State) ->
+    Key = {Token, Robot},
+    Opened = State#state{open = Open#{Key => maps:get(Key, Open, []) ++ [T]}},
+    case Bound =/= infinity andalso T >= From of
+        true -> Opened#state{deadlines = queue:in({T, Token, Robot}, Opened#state.deadlines)};
+        false -> Opened
+    end.
+
+wait(T, Robot, Token, #state{waits = {Count, Sum, Longest}} = State) ->
+    case close(Token, Robot, State) of
+        {none, Closed} ->
+            Closed;
+        {Since, Closed} ->
+            Closed#state{waits = {Count + 1, Sum + T - Since, max(Longest, T - Since)}}
+    end.
+
+%% Takes the robot's oldest request for the token as answered.
+close(Token, Robot, #state{open = Open} = State) ->
+    Key = {Token, Robot},
+    case Open of
+        #{Key := [Since]} -> {Since, State#state{open = maps:remove(Key, Open)}};
+        #{Key := [Since | Later]} -> {Since, State#state{open = Open#{Key := Later}}};
+        #{} -> {none, State}
+    end.
+
+hold(Token, Robot, Fence, #state{holds = Holds, fences = Fences} = State) ->
+    State#state{
+        holds = Holds#{Token => [{Robot, Fence} | maps:get(Token, Holds, [])]},
+        fences = Fences#{Token => max(Fence, maps:get(Token, Fences, Fence))}
+    }.
+
+drop(Token, Hold, #state{holds = Holds} = State) ->
+    case lists:delete(Hold, maps:get(Token, Holds, [])) of
+        [] -> State#state{holds = maps:remove(Token, Holds)};
+        Rest -> State#state{holds = Holds#{Token => Rest}}
+    end.
+
+forget(Robot, #state{holds = Holds, open = Open} = State) ->
+    Left = maps:map(fun(_, Of) -> [Hold || {Who, _} = Hold <- Of, Who =/= Robot] end, Holds),
+    State#state{
+        holds = maps:filter(fun(_, Of) -> Of =/= [] end, Left),
+        open = maps:filter(fun({_, Who}, _) -> Who =/= Robot end, Open)
+    }.
+
+%%% The clauses of the contract
+
+second_holder(T, Robot, Token, #state{holds = Holds}) ->
+    case Holds of
+        #{Token := [{Other, Fence} | _]} ->
+            Details = #{token => Token, fence => Fence, holder => Other},
+            [violation(two_holders, T, lists:usort([Other, Robot]), Details)];
+        #{} ->
+            []
+    end.
+
+stale_fence(T, Robot, Token, Fence, #state{fences = Fences}) ->
+    case Fences of
+        #{Token := Last} when Fence =< Last ->
+            Details = #{token => Token, fence => Fence, last => Last},
+            [violation(fence_not_larger, T, [Robot], Details)];
+        #{} ->
+            []
+    end.
+
+not_held(T, Robot, Token, Fence, #state{holds = Holds}) ->
+    [
+        violation(not_held, T, [Robot], #{token => Token, fence => Fence})
+     || not lists:member({Robot, Fence}, maps:get(Token, Holds, []))
+    ].
+
+refused(T, Robot, Token, Reason, Since, #state{granted = true, from_us = From}) when
+    is_integer(Since), Since >= From
+->
+    [violation(not_granted, T, [Robot], #{token => Token, reason => Reason})];
+refused(_T, _Robot, _Token, _Reason, _Since, _State) ->
+    [].
+
+%% What is overdue before `T'; a grant at exactly the bound is in time.
+pass(T, #state{deadlines = Deadlines, bound_us = Bound, open = Open} = State, Found) ->
+    case queue:peek(Deadlines) of
+        {value, {Since, Token, Robot}} when Since + Bound < T ->
+            Left = State#state{deadlines = queue:drop(Deadlines)},
+            case lists:member(Since, maps:get({Token, Robot}, Open, [])) of
+                true ->
+                    Details = #{token => Token},
+                    Late = violation(no_grant_in_time, Since + Bound, [Robot], Details),
+                    pass(T, Left, [Late | Found]);
+                false ->
+                    pass(T, Left, Found)
+            end;
+        _NothingDue ->
+            {lists:reverse(Found), State}
+    end.
+
+violation(What, T, Robots, Details) ->
+    #{contract => mutex, what => What, at_us => T, robots => Robots, details => Details}.

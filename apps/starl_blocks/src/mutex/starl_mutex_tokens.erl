@@ -1,0 +1,99 @@
+%% @doc Mutual exclusion by tokens that travel with their queues, under leases.
+%% ```
+%%   requester          owner             home of the token        all others
+%%     | request --------->|                     |   (retries go to the home, which
+%%     |                   |<------- request ----|    knows the owner)
+%%     |<- token {F, Queue}|  at its release     |
+%%     | claim F --------------------------------->| granted if F is the newest
+%%     |<------------------------------- granted F |
+%%     | owner {F, requester} ----------------------------------------->|
+%%     | renew F, while it holds ----------------->|
+%% '''
+%% A robot that has got a token holds it only once the home has confirmed it, and only as long
+%% as the lease that it counts from the sending of its last confirmed claim. The rules of the
+%% home are those of {@link starl_mutex_home}; nothing but they and the lease is needed for
+%% safety. Requests, queues and announcements may be lost at any time: a robot that waits asks
+%% the home again.
+%%
+%% A token as seen by a robot that has it:
+%% ```
+%%   -- token --> claiming -- granted --> idle <-- released -- locked by a job
+%%                   | refused              | a request: handed over, or locked
+%%                   v                      v lease over: forgotten
+%% '''
+%% Calls: `{acquire, Tokens, Us}', `{release, Tokens}', `{owner, Token}'; one message type,
+%% `mutex'. Trace: `{requested, T}', `{acquired, T, Fence}', `{released, T, Fence}',
+%% `{lease_lost, T, Fence}', `{failed, T, timeout | restarted | lease_lost}', and for the reader
+%% of a recording `{handed_over, T, Fence, To}', `{hand_over_lost, T, Fence, To}'.
+-module(starl_mutex_tokens).
+-behaviour(starl_machine).
+
+-export([init/1, handle_event/5]).
+
+-define(LEASE_MS, 8000).
+-define(DRIFT_PPM, 10000).
+-define(RETRY_MS, 3000).
+
+-spec init(starl_machine:config()) ->
+    {ready, starl_mutex_robot:t(), [starl_machine:action()]}.
+init(Config) ->
+    Robot = starl_mutex_robot:new(Config#{
+        lease_us => 1000 * maps:get(lease_ms, Config, ?LEASE_MS),
+        drift_ppm => maps:get(drift_ppm, Config, ?DRIFT_PPM),
+        retry_us => 1000 * maps:get(retry_ms, Config, ?RETRY_MS)
+    }),
+    {ready, Robot, [starl_sap:listen(mutex, mutex)]}.
+
+-spec handle_event(
+    starl_machine:event_type(), term(), ready, starl_mutex_robot:t(), starl_machine:meta()
+) -> starl_machine:result().
+handle_event(Type, Content, ready, Robot, #{now := Now}) ->
+    case event(Type, Content, starl_mutex_robot:at(Now, Robot)) of
+        unknown_event -> unknown_event;
+        Next -> starl_mutex_robot:result(Next)
+    end.
+
+%% The roles: a robot that wants or has tokens, and the home of some.
+event({call, {Caller, _} = From}, {acquire, Tokens, Us}, Robot) ->
+    starl_mutex_robot:acquire(Caller, From, Tokens, Us, Robot);
+event({call, {Caller, _} = From}, {release, Tokens}, Robot) ->
+    starl_mutex_robot:release(Caller, From, Tokens, Robot);
+event({call, From}, {owner, Token}, Robot) ->
+    starl_mutex_robot:owner(From, Token, Robot);
+event(cast, {message, From, mutex, Message}, Robot) ->
+    message(Message, From, Robot);
+event({reply, {hand, Token, Fence}}, Outcome, Robot) ->
+    starl_mutex_robot:handed(Token, Fence, Outcome, Robot);
+event({timeout, {renew, Token}}, _, Robot) ->
+    starl_mutex_robot:renew(Token, Robot);
+event({timeout, {lease, Token}}, _, Robot) ->
+    starl_mutex_robot:lapse(Token, Robot);
+event({timeout, {home, Token}}, _, Robot) ->
+    starl_mutex_robot:expire(Token, Robot);
+event({timeout, {again, Job}}, _, Robot) ->
+    starl_mutex_robot:again(Job, Robot);
+event({timeout, {patience, Job}}, _, Robot) ->
+    starl_mutex_robot:give_up(Job, timeout, Robot);
+event(info, {restarted, sap}, Robot) ->
+    starl_mutex_robot:sap_restarted(Robot);
+event(info, {restarted, Caller}, Robot) ->
+    starl_mutex_robot:caller_restarted(Caller, Robot);
+event(_, _, _) ->
+    unknown_event.
+
+message({request, Token, Request, Known, Via}, _From, Robot) ->
+    starl_mutex_robot:route(Token, Request, Known, Via, Robot);
+message({token, Token, Fence, Queue}, _From, Robot) ->
+    starl_mutex_robot:receive_token(Token, Fence, Queue, Robot);
+message({granted, Token, Fence, Nonce}, _From, Robot) ->
+    starl_mutex_robot:granted(Token, Fence, Nonce, Robot);
+message({refused, Token, Fence, _Nonce}, _From, Robot) ->
+    starl_mutex_robot:refused(Token, Fence, Robot);
+message({owner, Token, Fence}, From, Robot) ->
+    starl_mutex_robot:announced(Token, Fence, From, Robot);
+message({ask, Kind, Token, Fence, Nonce}, From, Robot) when Kind =:= claim; Kind =:= renew ->
+    starl_mutex_robot:asked(Kind, Token, Fence, Nonce, From, Robot);
+message({return, Token, Fence, Queue}, From, Robot) ->
+    starl_mutex_robot:returned(Token, Fence, Queue, From, Robot);
+message(_, _, _) ->
+    unknown_event.

@@ -1,0 +1,67 @@
+%% @doc A hybrid logical clock (Kulkarni, Demirbas et al., "Logical physical clocks", 2014).
+%%
+%% A stamp is a time that is not behind the own clock nor any stamp seen, a counter within that
+%% time, and the robot, so that no two stamps are equal and all are ordered like terms. A clock
+%% accepts no stamp that is more than its bound ahead of the own physical clock; so its time is
+%% never more than that ahead, and a clock that starts so far ahead ({@link after_restart/4}) is
+%% beyond everything that it gave before, without having kept anything.
+-module(starl_hlc).
+
+-export([new/2, after_restart/4, stamp/2, observe/3, admits/3, now/1]).
+
+-export_type([t/0, stamp/0]).
+
+%% Time (us), counter, robot; compared in this order.
+-type stamp() :: {TimeUs :: integer(), Counter :: non_neg_integer(), starl:robot_id()}.
+
+-record(hlc, {
+    robot :: starl:robot_id(),
+    ahead_us :: non_neg_integer(),
+    time :: integer() | beginning,
+    counter = 0 :: non_neg_integer()
+}).
+
+-opaque t() :: #hlc{}.
+
+%% @doc The clock of a robot that was never stamped before. `AheadUs': how far stamps may be
+%% ahead of its physical clock.
+-spec new(starl:robot_id(), AheadUs :: non_neg_integer()) -> t().
+new(Robot, AheadUs) -> #hlc{robot = Robot, ahead_us = AheadUs, time = beginning}.
+
+%% @doc The clock of a robot that has forgotten its own, at this time of its physical clock: all
+%% its stamps will be later than those before. `Start' counts the starts; it keeps two restarts
+%% within one microsecond apart.
+-spec after_restart(
+    starl:robot_id(), AheadUs :: non_neg_integer(), NowUs :: integer(), Start :: pos_integer()
+) -> t().
+after_restart(Robot, AheadUs, Now, Start) ->
+    #hlc{robot = Robot, ahead_us = AheadUs, time = Now + AheadUs + 1, counter = Start bsl 32}.
+
+%% @doc A new stamp, later than all that this clock has given or observed.
+-spec stamp(NowUs :: integer(), t()) -> {stamp(), t()}.
+stamp(Now, #hlc{robot = Robot} = Clock0) ->
+    Clock = advance(Now, Clock0),
+    {{Clock#hlc.time, Clock#hlc.counter, Robot}, Clock}.
+
+%% @doc Takes note of a stamp from elsewhere; it must be one that the clock {@link admits/3}.
+-spec observe(stamp(), NowUs :: integer(), t()) -> t().
+observe({Time, Counter, _}, _Now, #hlc{time = beginning} = Clock) ->
+    Clock#hlc{time = Time, counter = Counter};
+observe({Time, Counter, _}, _Now, #hlc{time = Own} = Clock) when Time > Own ->
+    Clock#hlc{time = Time, counter = Counter};
+observe({Time, Counter, _}, _Now, #hlc{time = Time, counter = Own} = Clock) ->
+    Clock#hlc{counter = max(Counter, Own)};
+observe(_Earlier, _Now, Clock) ->
+    Clock.
+
+%% @doc Is the stamp not too far ahead?
+-spec admits(stamp(), NowUs :: integer(), t()) -> boolean().
+admits({Time, _, _}, Now, #hlc{ahead_us = Ahead}) -> Time =< Now + Ahead.
+
+%% @doc The time of the clock, for inspection.
+-spec now(t()) -> integer() | beginning.
+now(#hlc{time = Time}) -> Time.
+
+advance(Now, #hlc{time = beginning} = Clock) -> Clock#hlc{time = Now};
+advance(Now, #hlc{time = Time} = Clock) when Now > Time -> Clock#hlc{time = Now, counter = 0};
+advance(_Now, #hlc{counter = Counter} = Clock) -> Clock#hlc{counter = Counter + 1}.

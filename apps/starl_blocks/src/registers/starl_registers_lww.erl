@@ -1,0 +1,259 @@
+%% @doc Replicated registers: the last writer wins, by a hybrid logical clock.
+%% ```
+%%   writer                                  all others
+%%     | write {Name, Value, Stamp} ------------>|   taken if the stamp is later than the own
+%%
+%%   robot          once in sync_ms          a random other
+%%     | sync {hash of all stamps} ------------->|   equal: nothing to do
+%%     |<---------------- digest [{Name, Stamp}] |   else
+%%     | entries [{Name, Value, Stamp}] -------->|   what is later here
+%%     | want [Name] --------------------------->|   what is later there
+%%     |<--------- entries [{Name, Value, Stamp}]|
+%% '''
+%% Writes are announced by a broadcast of SAP; the exchange of digests repairs whatever that
+%% misses: partitions, restarts, robots out of range. A restarted machine knows nothing: it asks
+%% some others first and answers its application when the first has told what it has, or after
+%% `recover_ms'. Its clock starts beyond all that it has ever given ({@link starl_hlc}). A stamp
+%% more than `ahead_ms' ahead of the own clock is not taken until the own clock has come nearer;
+%% so `ahead_ms' must exceed the clocks' differences.
+%%
+%% Calls: `{put, Name, Value}' (answer `ok', `{error, not_owner | full}'), `{get, Name}' (answer
+%% `{ok, Value}', `{error, unset}'). Cast: `{subscribe, Name, Machine}'; the subscriber gets the
+%% cast `{message, Writer, register, {Name, Value}}'. Trace: `{put, Name, Hash, Stamp}',
+%% `{got, Name, Hash, Stamp}', `{got, Name, unset}', `{holds, Name, Stamp}' when a copy changes.
+-module(starl_registers_lww).
+-behaviour(starl_machine).
+
+-export([init/1, handle_event/5]).
+
+-export_type([config/0]).
+
+%% `owners': the only writers of these registers; `ahead_ms': see above; `sync_ms': the mean time
+%% between two exchanges; `limit': how many registers there may be.
+-type config() :: #{
+    owners => #{starl_registers:name() => starl:robot_id()},
+    ahead_ms => pos_integer(),
+    sync_ms => pos_integer(),
+    recover_ms => pos_integer(),
+    limit => pos_integer()
+}.
+
+-type entry() :: {starl_registers:name(), Value :: term(), starl_hlc:stamp()}.
+
+%% So many others are asked after a restart.
+-define(ASKED, 3).
+
+-record(lww, {
+    self :: starl:robot_id(),
+    others :: [starl:robot_id()],
+    owners :: #{starl_registers:name() => starl:robot_id()},
+    clock :: starl_hlc:t(),
+    random :: rand:state(),
+    sync_us :: pos_integer(),
+    limit :: pos_integer(),
+    entries = #{} :: #{starl_registers:name() => {Value :: term(), starl_hlc:stamp()}},
+    subscribers = #{} :: #{starl_registers:name() => starl_machine:name()},
+    %% the calls that wait for the recovery, latest first
+    waiting = [] :: [{starl_machine:from(), Request :: term()}]
+}).
+
+-spec init(starl_machine:config()) ->
+    {ready | recovering, #lww{}, [starl_machine:action()]}.
+init(#{robot := Self, participants := Team, now := Now, incarnation := Start} = Config) ->
+    Ahead = maps:get(ahead_ms, Config, 10000) * 1000,
+    Lww = #lww{
+        self = Self,
+        others = starl_team:others(Self, Team),
+        owners = maps:get(owners, Config, #{}),
+        clock = clock(Start, Self, Ahead, Now),
+        %% not the draws of the life before
+        random = rand:seed_s(exsss, erlang:phash2({maps:get(random, Config), Start}, 1 bsl 32)),
+        sync_us = maps:get(sync_ms, Config, 1000) * 1000,
+        limit = maps:get(limit, Config, 1024)
+    },
+    start(Start, maps:get(recover_ms, Config, 1000) * 1000, Lww).
+
+clock(1, Self, Ahead, _Now) -> starl_hlc:new(Self, Ahead);
+clock(Start, Self, Ahead, Now) -> starl_hlc:after_restart(Self, Ahead, Now, Start).
+
+start(Start, _RecoverUs, #lww{others = Others} = Lww0) when Start =:= 1; Others =:= [] ->
+    {Tick, Lww} = tick(Lww0),
+    {ready, Lww, [listen(), Tick]};
+start(_Restarted, RecoverUs, #lww{others = Others} = Lww0) ->
+    {Asked, Lww1} = draw(?ASKED, Others, Lww0),
+    {Tick, Lww} = tick(Lww1),
+    Ask = [post(Robot, {digest, []}) || Robot <- Asked],
+    {recovering, Lww, [listen(), Tick, {{timeout, recover}, RecoverUs, recover} | Ask]}.
+
+-spec handle_event(
+    starl_machine:event_type(), term(), ready | recovering, #lww{}, starl_machine:meta()
+) -> starl_machine:result().
+handle_event({call, From}, Request, recovering, #lww{waiting = Waiting} = Lww, _Meta) ->
+    {keep_state, Lww#lww{waiting = [{From, Request} | Waiting]}};
+handle_event({call, From}, Request, ready, Lww, #{now := Now}) ->
+    {Next, Actions} = serve(From, Request, Now, Lww),
+    {keep_state, Next, Actions};
+handle_event(cast, {message, Source, registers, Body}, State, Lww, #{now := Now}) ->
+    {Next, Actions} = message(Body, Source, Now, Lww),
+    recovered(Body, State, Now, Next, Actions);
+handle_event({timeout, sync}, _, _State, Lww, _Meta) ->
+    sync(Lww);
+handle_event({timeout, recover}, _, recovering, Lww, #{now := Now}) ->
+    be_ready(Now, Lww, []);
+handle_event(cast, {subscribe, Name, Machine}, _State, Lww, _Meta) ->
+    Subscribers = (Lww#lww.subscribers)#{Name => Machine},
+    Next = Lww#lww{subscribers = Subscribers},
+    {keep_state, Next, tell(Name, Next)};
+handle_event(info, {restarted, sap}, _State, _Lww, _Meta) ->
+    {keep_state_and_data, [listen()]};
+handle_event(info, {restarted, _}, _State, _Lww, _Meta) ->
+    keep_state_and_data;
+handle_event(_, _, _, _, _) ->
+    unknown_event.
+
+listen() -> starl_sap:listen(registers, registers).
+
+%% -- recovery -------------------------------------------------------------------------------
+
+%% The first answer to the questions of the start ends the recovery.
+recovered({entries, _}, recovering, Now, Lww, Actions) -> be_ready(Now, Lww, Actions);
+recovered(_Body, _State, _Now, Lww, Actions) -> {keep_state, Lww, Actions}.
+
+be_ready(Now, #lww{waiting = Waiting} = Lww0, Before) ->
+    {Lww, Actions} = lists:foldl(
+        fun({From, Request}, {Acc, Done}) ->
+            {Next, New} = serve(From, Request, Now, Acc),
+            {Next, Done ++ New}
+        end,
+        {Lww0#lww{waiting = []}, Before ++ [{{timeout, recover}, cancel}]},
+        lists:reverse(Waiting)
+    ),
+    {next_state, ready, Lww, Actions}.
+
+%% -- the application's calls ----------------------------------------------------------------
+
+serve(From, {put, Name, Value}, Now, Lww) ->
+    case may_write(Name, Lww#lww.self, Lww) of
+        ok -> write(From, Name, Value, Now, Lww);
+        {error, _} = Error -> {Lww, [{reply, From, Error}]}
+    end;
+serve(From, {get, Name}, _Now, #lww{entries = Entries} = Lww) ->
+    case Entries of
+        #{Name := {Value, Stamp}} ->
+            {Lww, [{trace, {got, Name, hash(Value), Stamp}}, {reply, From, {ok, Value}}]};
+        #{} ->
+            {Lww, [{trace, {got, Name, unset}}, {reply, From, {error, unset}}]}
+    end.
+
+may_write(Name, Writer, #lww{owners = Owners, entries = Entries, limit = Limit}) ->
+    case Owners of
+        #{Name := Owner} when Owner =/= Writer -> {error, not_owner};
+        #{} when is_map_key(Name, Entries); map_size(Entries) < Limit -> ok;
+        #{} -> {error, full}
+    end.
+
+write(From, Name, Value, Now, #lww{clock = Clock0} = Lww) ->
+    {Stamp, Clock} = starl_hlc:stamp(Now, Clock0),
+    {Written, Actions} = store({Name, Value, Stamp}, Lww#lww{clock = Clock}),
+    Announce = {cast, sap, {broadcast, registers, {write, Name, Value, Stamp}}},
+    {Written, [{trace, {put, Name, hash(Value), Stamp}} | Actions] ++ [
+        Announce, {reply, From, ok}
+    ]}.
+
+%% -- messages -------------------------------------------------------------------------------
+
+message({write, Name, Value, Stamp}, _Source, Now, Lww) ->
+    take([{Name, Value, Stamp}], Now, Lww);
+message({entries, Entries}, _Source, Now, Lww) ->
+    take(Entries, Now, Lww);
+message({sync, Hash}, Source, _Now, Lww) ->
+    Own = digest(Lww),
+    {Lww, [post(Source, {digest, Own}) || hash(Own) =/= Hash]};
+message({digest, Theirs}, Source, _Now, #lww{entries = Entries} = Lww) ->
+    Known = maps:from_list(Theirs),
+    Later = [{Name, V, S} || {Name, {V, S}} <- lists:sort(maps:to_list(Entries)),
+             not is_map_key(Name, Known) orelse map_get(Name, Known) < S],
+    Want = [Name || {Name, Stamp} <- Theirs, is_later(Name, Stamp, Entries)],
+    %% who knows nothing waits for an answer, be it empty
+    Told = Later =/= [] orelse Theirs =:= [],
+    {Lww, [post(Source, {entries, Later}) || Told] ++
+        [post(Source, {want, Want}) || Want =/= []]};
+message({want, Names}, Source, _Now, #lww{entries = Entries} = Lww) ->
+    Wanted = [{Name, V, S} || Name <- Names, #{Name := {V, S}} <- [Entries]],
+    {Lww, [post(Source, {entries, Wanted})]};
+message(Unknown, Source, _Now, Lww) ->
+    {Lww, [{trace, {unknown_message, Source, Unknown}}]}.
+
+-spec take([entry()], Now :: integer(), #lww{}) -> {#lww{}, [starl_machine:action()]}.
+take(Entries, Now, Lww0) ->
+    lists:foldl(
+        fun(Entry, {Lww, Actions}) ->
+            {Next, New} = take_one(Entry, Now, Lww),
+            {Next, Actions ++ New}
+        end,
+        {Lww0, []}, Entries
+    ).
+
+take_one({Name, _Value, {_, _, Writer} = Stamp} = Entry, Now, #lww{clock = Clock} = Lww) ->
+    case {may_write(Name, Writer, Lww), starl_hlc:admits(Stamp, Now, Clock)} of
+        {ok, true} ->
+            Observed = Lww#lww{clock = starl_hlc:observe(Stamp, Now, Clock)},
+            case is_later(Name, Stamp, Lww#lww.entries) of
+                true -> store(Entry, Observed);
+                false -> {Observed, []}
+            end;
+        {ok, false} ->
+            {Lww, [{trace, {too_far_ahead, Name, Stamp}}]};
+        {{error, Reason}, _} ->
+            {Lww, [{trace, {refused, Name, Writer, Reason}}]}
+    end.
+
+is_later(Name, Stamp, Entries) ->
+    case Entries of
+        #{Name := {_, Own}} -> Stamp > Own;
+        #{} -> true
+    end.
+
+store({Name, Value, Stamp}, #lww{entries = Entries} = Lww) ->
+    Next = Lww#lww{entries = Entries#{Name => {Value, Stamp}}},
+    {Next, [{trace, {holds, Name, Stamp}} | tell(Name, Next)]}.
+
+tell(Name, #lww{subscribers = Subscribers, entries = Entries}) ->
+    case {Subscribers, Entries} of
+        {#{Name := Machine}, #{Name := {Value, {_, _, Writer}}}} ->
+            [{cast, Machine, {message, Writer, register, {Name, Value}}}];
+        {_, _} ->
+            []
+    end.
+
+%% -- the exchange ---------------------------------------------------------------------------
+
+sync(#lww{others = []}) ->
+    keep_state_and_data;
+sync(#lww{others = Others} = Lww0) ->
+    {[Robot], Lww1} = draw(1, Others, Lww0),
+    {Tick, Lww} = tick(Lww1),
+    {keep_state, Lww, [Tick, post(Robot, {sync, hash(digest(Lww))})]}.
+
+digest(#lww{entries = Entries}) ->
+    lists:sort([{Name, Stamp} || {Name, {_, Stamp}} <- maps:to_list(Entries)]).
+
+post(Robot, Body) -> starl_sap:post(Robot, registers, Body).
+
+%% Between half and one and a half of the mean.
+tick(#lww{random = Random0, sync_us = Mean} = Lww) ->
+    {Us, Random} = rand:uniform_s(Mean, Random0),
+    {{{timeout, sync}, Mean div 2 + Us, sync}, Lww#lww{random = Random}}.
+
+%% So many different robots, or all.
+draw(0, _Robots, Lww) ->
+    {[], Lww};
+draw(_N, [], Lww) ->
+    {[], Lww};
+draw(N, Robots, #lww{random = Random0} = Lww0) ->
+    {I, Random} = rand:uniform_s(length(Robots), Random0),
+    Robot = lists:nth(I, Robots),
+    {More, Lww} = draw(N - 1, lists:delete(Robot, Robots), Lww0#lww{random = Random}),
+    {[Robot | More], Lww}.
+
+hash(Term) -> erlang:phash2(Term).

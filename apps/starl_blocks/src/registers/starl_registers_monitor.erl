@@ -1,0 +1,165 @@
+%% @doc The contract of the shared registers, as a monitor.
+%%
+%% Safety: a read returns a value that was written, under the stamp of its write; reads of a
+%% register at one robot never go back to an earlier stamp, nor to `unset', except after a crash
+%% of its machine; a robot's own stamps always grow, also across its restarts, and carry its
+%% number; a register with an owner is written by it only. Progress, with `bound_us': so long
+%% after the last write of a register and the last crash or death of a robot, all robots alive
+%% hold the same write of it.
+%%
+%% Events of machine `registers': `{put, Name, Hash, Stamp}', `{got, Name, Hash, Stamp}',
+%% `{got, Name, unset}', `{holds, Name, Stamp}', `crashed'; of machine `robot':
+%% `{died, Reason}'.
+-module(starl_registers_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type name() :: term().
+-type stamp() :: {integer(), non_neg_integer(), robot_id()}.
+
+-record(state, {
+    robots :: [robot_id()],
+    owners :: #{name() => robot_id()},
+    bound_us :: pos_integer() | infinity,
+    writes = #{} :: #{{name(), stamp()} => Hash :: integer()},
+    %% each robot's last stamp, last read of a register, and present copies
+    stamps = #{} :: #{robot_id() => stamp()},
+    read = #{} :: #{robot_id() => #{name() => stamp()}},
+    holds = #{} :: #{robot_id() => #{name() => stamp()}},
+    died = [] :: [robot_id()],
+    %% until when all must agree, and the earliest of these times
+    due = #{} :: #{name() => integer()},
+    first_due = infinity :: integer() | infinity,
+    judged = 0 :: non_neg_integer(),
+    reads = 0 :: non_neg_integer()
+}).
+
+%% @doc `robots': the team; `owners' as in the configuration of the machines.
+-spec init(#{
+    robots := [robot_id()], owners => #{name() => robot_id()}, bound_us => pos_integer()
+}) -> #state{}.
+init(#{robots := Robots} = Config) ->
+    #state{
+        robots = Robots,
+        owners = maps:get(owners, Config, #{}),
+        bound_us = maps:get(bound_us, Config, infinity)
+    }.
+
+%% @doc The registers' own events and the end of robots.
+-spec interests() -> [atom()].
+interests() -> [registers, robot].
+
+%% @doc Judges one event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, Machine, Event}, State) ->
+    {Disagreeing, Current} = agreed(T, State),
+    {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
+    case Disagreeing ++ Broken of
+        [] -> {ok, Next};
+        [First | _] -> {violation, First, Next}
+    end.
+
+%% @doc Judges the agreements due before `EndTimeUs'. Results: the number of `writes', `reads'
+%% and `agreements' judged.
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndTimeUs, State) ->
+    {Found, End} = agreed(EndTimeUs, State),
+    #state{writes = Writes, reads = Reads, judged = Judged} = End,
+    Results = #{writes => map_size(Writes), reads => Reads, agreements => Judged},
+    case Found of
+        [] -> {ok, Results};
+        [_ | _] -> {{violation, Found}, Results}
+    end.
+
+%% -- events ---------------------------------------------------------------------------------
+
+judge({registers, {put, Name, Hash, Stamp}}, T, Robot, State) ->
+    #state{writes = Writes, stamps = Stamps} = State,
+    Broken = stamp_back(Name, Stamp, T, Robot, Stamps) ++ not_owner(Name, T, Robot, State),
+    {Broken, postpone(T, State#state{
+        writes = maps:merge(#{{Name, Stamp} => Hash}, Writes),
+        stamps = Stamps#{Robot => Stamp}
+    }, [Name])};
+judge({registers, {got, Name, Hash, Stamp}}, T, Robot, #state{reads = Reads} = State) ->
+    Broken = unwritten(Name, Hash, Stamp, T, Robot, State) ++ back(Name, Stamp, T, Robot, State),
+    Read = note(Robot, Name, Stamp, State#state.read),
+    {Broken, State#state{reads = Reads + 1, read = Read}};
+judge({registers, {got, Name, unset}}, T, Robot, #state{read = Read} = State) ->
+    Before = maps:get(Robot, Read, #{}),
+    {[violation(read_goes_back, T, [Robot], #{name => Name}) || is_map_key(Name, Before)], State};
+judge({registers, {holds, Name, Stamp}}, _T, Robot, #state{holds = Holds} = State) ->
+    {[], State#state{holds = note(Robot, Name, Stamp, Holds)}};
+judge({registers, crashed}, T, Robot, #state{read = Read, holds = Holds} = State) ->
+    Forgotten = State#state{
+        read = maps:remove(Robot, Read), holds = maps:remove(Robot, Holds)
+    },
+    {[], postpone(T, Forgotten, written(State))};
+judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
+    {[], postpone(T, State#state{died = [Robot | Died]}, written(State))};
+judge({_Machine, _Other}, _T, _Robot, State) ->
+    {[], State}.
+
+written(#state{writes = Writes}) -> lists:usort([Name || {Name, _} <- maps:keys(Writes)]).
+
+note(Robot, Name, Stamp, Notes) ->
+    Notes#{Robot => (maps:get(Robot, Notes, #{}))#{Name => Stamp}}.
+
+%% -- the clauses of the contract ------------------------------------------------------------
+
+stamp_back(Name, {_, _, Writer} = Stamp, T, Robot, Stamps) ->
+    Back = maps:get(Robot, Stamps, none) >= Stamp andalso is_map_key(Robot, Stamps),
+    [violation(stamp_goes_back, T, [Robot], #{name => Name, stamp => Stamp}) || Back] ++
+        [violation(stamp_of_another, T, [Robot], #{name => Name}) || Writer =/= Robot].
+
+not_owner(Name, T, Robot, #state{owners = Owners}) ->
+    [violation(not_owner, T, [Robot], #{name => Name})
+     || maps:get(Name, Owners, Robot) =/= Robot].
+
+unwritten(Name, Hash, Stamp, T, Robot, #state{writes = Writes}) ->
+    case Writes of
+        #{{Name, Stamp} := Hash} -> [];
+        #{} -> [violation(never_written, T, [Robot], #{name => Name, stamp => Stamp})]
+    end.
+
+back(Name, Stamp, T, Robot, #state{read = Read}) ->
+    case Read of
+        #{Robot := #{Name := Last}} when Last > Stamp ->
+            [violation(read_goes_back, T, [Robot], #{name => Name})];
+        #{} ->
+            []
+    end.
+
+postpone(_T, #state{bound_us = infinity} = State, _Names) ->
+    State#state{due = #{}};
+postpone(T, #state{bound_us = Bound, due = Due} = State, Names) ->
+    Later = maps:from_list([{Name, T + Bound} || Name <- Names]),
+    first_due(State#state{due = maps:merge(Due, Later)}).
+
+first_due(#state{due = Due} = State) ->
+    %% integers sort before the atom infinity
+    State#state{first_due = lists:min([infinity | maps:values(Due)])}.
+
+%% The registers whose time is up.
+agreed(T, #state{first_due = First} = State) when First >= T ->
+    {[], State};
+agreed(T, #state{due = Due, judged = Judged} = State) ->
+    Up = lists:sort([{D, Name} || {Name, D} <- maps:to_list(Due), D < T]),
+    Found = lists:append([disagreement(D, Name, State) || {D, Name} <- Up]),
+    Left = maps:without([Name || {_, Name} <- Up], Due),
+    {Found, first_due(State#state{due = Left, judged = Judged + length(Up)})}.
+
+disagreement(T, Name, #state{robots = Robots, died = Died, holds = Holds}) ->
+    Copies = [{R, maps:get(Name, maps:get(R, Holds, #{}), unset)} || R <- Robots -- Died],
+    case lists:usort([Copy || {_, Copy} <- Copies]) of
+        [_, _ | _] ->
+            [violation(no_agreement, T, [R || {R, _} <- Copies], #{name => Name})];
+        _ ->
+            []
+    end.
+
+violation(What, T, Robots, Details) ->
+    #{contract => registers, what => What, at_us => T, robots => Robots, details => Details}.

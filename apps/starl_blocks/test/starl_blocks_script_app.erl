@@ -1,0 +1,42 @@
+%% An application for tests: the option `script' is a function that is run once per robot and
+%% whose value is the robot's result; `around' is merged into the scene.
+-module(starl_blocks_script_app).
+-behaviour(starl_app).
+
+-export([options/0, scene/1, init/2, step/2]).
+-export([play/3, trace/1]).
+
+options() ->
+    [
+        {script, {term, "a function of the robot", fun(F) -> is_function(F, 1) end},
+            fun starl:id/1, ""},
+        {around, {term, "a map", fun is_map/1}, #{}, "merged into the scene"}
+    ].
+
+scene(#{options := #{script := Script, around := Around}}) ->
+    Monitors = [{starl_blocks_recorder, #{}} | maps:get(monitors, Around, [])],
+    {ok, maps:merge(#{app => {sequential, ?MODULE, Script}}, Around#{monitors => Monitors})}.
+
+init(_Robot, Script) -> Script.
+
+step(Robot, Script) -> {done, Script(Robot)}.
+
+%% Plays a scenario to its end, at most half a minute of wall time; crashes that are planned make
+%% no reports.
+play(Script, Around, Scenario) ->
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, none),
+    try
+        starl_platform_ct:within(30000, fun() ->
+            Given = Scenario#{app => ?MODULE, script => Script, around => Around},
+            {ok, Sim} = starl_sim:start(Given),
+            _ = starl_sim:run(Sim),
+            {Outcome, _} = starl_sim:finish(Sim),
+            Outcome
+        end)
+    after
+        logger:set_primary_config(level, Level)
+    end.
+
+%% The events of a run, in order.
+trace(#{monitors := #{starl_blocks_recorder := #{trace := Trace}}}) -> Trace.

@@ -1,0 +1,42 @@
+%% Broken geocasts, one per pitfall, around the sound machine. The key `bug' says which:
+%% clocks: packets carry the sender's clock's time of expiry, compared with the receiver's clock;
+%% holds: the time that a message lies with a relay is not deducted;
+%% forgets: the id of a message is forgotten while copies of it still travel;
+%% restart: a restarted machine takes itself for a new one.
+-module(starl_geocast_bug).
+-behaviour(starl_machine).
+
+-export([init/1, handle_event/5]).
+
+init(#{bug := restart} = Config) -> begin_as(restart, Config#{incarnation := 1});
+init(#{bug := Bug} = Config) -> begin_as(Bug, Config).
+
+begin_as(Bug, Config) ->
+    {ready, Data, Actions} = starl_geocast_flood:init(Config),
+    {ready, {Bug, Data}, Actions}.
+
+handle_event(cast, {message, From, geocast, Parcel}, ready, {clocks, _} = Bug, #{now := Now} = Meta) ->
+    Left = element(6, Parcel) - Now + 20000,
+    forward(cast, {message, From, geocast, setelement(6, Parcel, Left)}, Bug, Meta);
+handle_event({timeout, {over, Id}}, Content, ready, {forgets, _} = Bug, Meta) ->
+    {keep_state, Data, Actions} = forward({timeout, {over, Id}}, Content, Bug, Meta),
+    {keep_state, Data, Actions ++ [{{timeout, {forget, Id}}, 0, forget}]};
+handle_event(Type, Content, ready, Bug, Meta) ->
+    forward(Type, Content, Bug, Meta).
+
+forward(Type, Content, {Bug, Data}, Meta) ->
+    case starl_geocast_flood:handle_event(Type, Content, ready, Data, Meta) of
+        {keep_state, Next, Actions} -> {keep_state, {Bug, Next}, twist(Bug, Actions, Meta)};
+        {keep_state, Next} -> {keep_state, {Bug, Next}};
+        {keep_state_and_data, Actions} -> {keep_state_and_data, twist(Bug, Actions, Meta)};
+        Other -> Other
+    end.
+
+twist(Bug, Actions, Meta) -> [twisted(Bug, Action, Meta) || Action <- Actions].
+
+twisted(clocks, {cast, sap, {shout, Type, Parcel}}, #{now := Now}) ->
+    {cast, sap, {shout, Type, setelement(6, Parcel, element(6, Parcel) + Now)}};
+twisted(holds, {cast, sap, {shout, Type, Parcel}}, _Meta) ->
+    {cast, sap, {shout, Type, setelement(6, Parcel, element(5, Parcel))}};
+twisted(_Bug, Action, _Meta) ->
+    Action.

@@ -1,0 +1,61 @@
+%% The event queue: events come out in the order of (time, robot, class, source, sequence).
+-module(starl_sim_queue_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+empty_test() ->
+    Q = starl_sim_queue:new(10),
+    ?assertEqual({[], Q}, starl_sim_queue:take_window(1000, Q)),
+    ?assertEqual({infinity, 0}, {starl_sim_queue:next_time(Q), starl_sim_queue:size(Q)}).
+
+%% A window is taken whole, and not before it is over.
+windows_test() ->
+    Q = add([{25, 1}, {3, 1}, {9, 1}, {10, 1}]),
+    ?assertEqual(0, starl_sim_queue:next_time(Q)),
+    ?assertEqual({[], Q}, starl_sim_queue:take_window(9, Q)),
+    {First, Q1} = starl_sim_queue:take_window(10, Q),
+    ?assertEqual([3, 9], times(First)),
+    ?assertEqual({10, 2}, {starl_sim_queue:next_time(Q1), starl_sim_queue:size(Q1)}),
+    {Second, Q2} = starl_sim_queue:take_window(20, Q1),
+    ?assertEqual([10], times(Second)),
+    ?assertEqual(20, starl_sim_queue:next_time(Q2)),
+    {Third, Q3} = starl_sim_queue:take_window(30, Q2),
+    ?assertEqual([25], times(Third)),
+    ?assertEqual(0, starl_sim_queue:size(Q3)).
+
+%% Whatever the order in which they were added, and with equal times.
+sorted_test() ->
+    Events = [{T, R, C, S, N, x} || T <- [5, 7], R <- [1, 2], C <- [0, 1, 2], S <- [1, 2], N <- [1, 2]],
+    [
+        begin
+            Shuffled = [E || {_, E} <- lists:sort([{erlang:phash2({Seed, E}), E} || E <- Events])],
+            Q = lists:foldl(fun starl_sim_queue:add/2, starl_sim_queue:new(10), Shuffled),
+            {Taken, _} = starl_sim_queue:take_window(10, Q),
+            ?assertEqual(Events, Taken)
+        end
+     || Seed <- lists:seq(1, 20)
+    ].
+
+%% Against a sorted list, with 2000 random events.
+model_test() ->
+    Times = [erlang:phash2({model, N}, 5000) || N <- lists:seq(1, 2000)],
+    Q = add([{T, 1} || T <- Times]),
+    ?assertEqual(2000, starl_sim_queue:size(Q)),
+    ?assertEqual(lists:sort(Times), drain(Q)).
+
+drain(Q) ->
+    case starl_sim_queue:next_time(Q) of
+        infinity ->
+            [];
+        Next ->
+            {Events, Rest} = starl_sim_queue:take_window(Next + 10, Q),
+            ?assertNotEqual([], Events),
+            times(Events) ++ drain(Rest)
+    end.
+
+add(List) ->
+    lists:foldl(
+        fun({N, {T, R}}, Q) -> starl_sim_queue:add({T, R, 1, R, N, x}, Q) end,
+        starl_sim_queue:new(10), lists:zip(lists:seq(1, length(List)), List)
+    ).
+
+times(Events) -> [element(1, E) || E <- Events].
