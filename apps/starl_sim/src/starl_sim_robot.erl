@@ -5,7 +5,7 @@
 -module(starl_sim_robot).
 
 -export([new/3, attach/3, boot/1]).
--export([open/2, proceed/2, answered/2, crashed/3, close/1]).
+-export([open/3, proceed/2, answered/2, crashed/3, close/1]).
 -export([busy/1, owns/2, result/1, piece/1, summary/2, machines/1]).
 
 -export_type([t/0, summary/0, window/0]).
@@ -65,30 +65,26 @@ attach(Name, Pid, #robot{processes = Processes, incarnations = Incarnations} = R
 boot(#robot{processes = Processes} = Robot) ->
     Robot#robot{local = [{Name, boot, none} || Name <- boot_order(maps:keys(Processes))]}.
 
-%% @doc Opens a window with these events of the robot, sorted.
--spec open([starl_sim_queue:event()], t()) -> t().
-open(_Events, #robot{sup = dead} = Robot) -> Robot;
-open(Events, Robot) -> Robot#robot{events = Events}.
+%% @doc Opens a window with these events of the robot, sorted, and goes about the first.
+-spec open([starl_sim_queue:event()], window(), t()) -> {busy | idle, t()}.
+open(_Events, _Window, #robot{sup = dead} = Robot) -> {idle, Robot};
+open(Events, Window, #robot{local = []} = Robot) -> next_event(Events, Window, Robot);
+open(Events, Window, Robot) -> proceed(Window, Robot#robot{events = Events}).
 
 %% @doc Sends the next step to one of its machines, if there is anything left to do in this
 %% window.
 -spec proceed(window(), t()) -> {busy | idle, t()}.
 proceed(Window, #robot{local = [{Name, Type, Content} | Rest], body = Body} = Robot) ->
-    Hashed = starl_sim_platform:hash_event(Name, Type, Content, Body),
-    dispatch(Name, Type, Content, Hashed, Window, Robot#robot{local = Rest});
-proceed(Window, #robot{events = [Event | Rest], body = Body0} = Robot) ->
-    {_, Time, Class, _, Seq, Content} = Event,
-    {From, Until} = Window,
-    Moment = {Time, From, Until},
-    case Class of
-        ?CLASS_FAULT ->
-            Body = starl_sim_platform:at(Moment, Body0),
-            proceed(Window, strike(Content, Robot#robot{events = Rest, body = Body}));
-        _ ->
-            begin_event(Content, Seq, Moment, Window, Robot#robot{events = Rest})
+    case Robot#robot.processes of
+        #{Name := Pid} ->
+            Hashed = starl_sim_platform:hash_event(Name, Type, Content, Body),
+            Pid ! message(Name, Type, Content, Hashed, Robot),
+            {busy, Robot#robot{local = Rest, body = Hashed, busy = Name}};
+        #{} ->
+            proceed(Window, refuse(Name, Type, Robot#robot{local = Rest}))
     end;
-proceed(_Window, Robot) ->
-    {idle, Robot}.
+proceed(Window, #robot{events = Events} = Robot) ->
+    next_event(Events, Window, Robot).
 
 %% @doc The machine at work has answered with its actions.
 -spec answered([starl_machine:action()], t()) -> t().
@@ -169,32 +165,44 @@ machines(#robot{processes = Processes}) -> maps:map(fun(_, Pid) -> machine(Pid) 
 
 %% -- events ---------------------------------------------------------------------------------
 
-begin_event({timer, Name, Timer, Content}, Seq, Moment, Window, #robot{body = Body} = Robot) ->
+next_event([], _Window, Robot) ->
+    {idle, Robot};
+next_event([{_, Time, Class, _, Seq, Content} | Rest], {From, Until} = Window, Robot) ->
+    Moment = {Time, From, Until},
+    case Class of
+        ?CLASS_FAULT ->
+            Body = starl_sim_platform:at(Moment, Robot#robot.body),
+            proceed(Window, strike(Content, Robot#robot{events = Rest, body = Body}));
+        _ ->
+            begin_event(Content, Seq, Moment, Window, Rest, Robot)
+    end.
+
+begin_event({timer, Name, Timer, Content}, Seq, Moment, Window, Rest, #robot{body = Body} = Robot) ->
     case starl_sim_platform:fire(Name, Timer, Seq, Body) of
         {ok, Fired} ->
-            Type = timer_type(Timer),
-            Hashed = starl_sim_platform:hash_event(Moment, Name, Type, Content, Fired),
-            dispatch(Name, Type, Content, Hashed, Window, Robot);
+            dispatch(Name, timer_type(Timer), Content, Moment, Window, Rest, Fired, Robot);
         stale ->
-            proceed(Window, Robot)
+            next_event(Rest, Window, Robot)
     end;
-begin_event({Name, Type, Content}, _Seq, Moment, Window, #robot{body = Body} = Robot) ->
-    Hashed = starl_sim_platform:hash_event(Moment, Name, Type, Content, Body),
-    dispatch(Name, Type, Content, Hashed, Window, Robot).
+begin_event({Name, Type, Content}, _Seq, Moment, Window, Rest, #robot{body = Body} = Robot) ->
+    dispatch(Name, Type, Content, Moment, Window, Rest, Body, Robot).
 
 timer_type(state_timeout) -> state_timeout;
 timer_type(Timer) -> {timeout, Timer}.
 
-dispatch(Name, Type, Content, Body, Window, #robot{processes = Processes} = Robot) ->
+dispatch(Name, Type, Content, Moment, Window, Rest, Body, #robot{processes = Processes} = Robot) ->
+    Hashed = starl_sim_platform:hash_event(Moment, Name, Type, Content, Body),
     case Processes of
         #{Name := Pid} ->
-            Pid ! message(Name, Type, Content, Body, Robot),
-            {busy, Robot#robot{body = Body, busy = Name}};
+            Pid ! message(Name, Type, Content, Hashed, Robot),
+            {busy, Robot#robot{events = Rest, body = Hashed, busy = Name}};
         #{} ->
-            Traced = starl_sim_platform:trace(Name, {unknown_machine, Name}, Body),
-            Local = Robot#robot.local ++ refusal(Name, Type),
-            proceed(Window, Robot#robot{body = Traced, local = Local})
+            proceed(Window, refuse(Name, Type, Robot#robot{events = Rest, body = Hashed}))
     end.
+
+refuse(Name, Type, #robot{body = Body, local = Local} = Robot) ->
+    Traced = starl_sim_platform:trace(Name, {unknown_machine, Name}, Body),
+    Robot#robot{body = Traced, local = Local ++ refusal(Name, Type)}.
 
 %% A call to a machine that the robot does not have must not wait for ever.
 refusal(Name, {call, {From, Tag}}) -> [{From, {reply, Tag}, {no_such_machine, Name}}];

@@ -67,10 +67,14 @@
 
 %% The shards are told after so many judged windows.
 -define(APPROVE_EVERY, 4).
+%% Traces come and go fast.
+-define(HEAP_WORDS, 100000).
 
 %% @doc Starts the simulation at virtual time 0.
 -spec start_link(plan()) -> gen_server:start_ret().
-start_link(Plan) -> gen_server:start_link(?MODULE, Plan, [{timeout, infinity}]).
+start_link(Plan) ->
+    Heap = {spawn_opt, [{min_heap_size, ?HEAP_WORDS}]},
+    gen_server:start_link(?MODULE, Plan, [{timeout, infinity}, Heap]).
 
 %% @doc Runs until a virtual time, or an earlier end.
 -spec run(pid(), Until :: starl_sim_queue:time()) -> status().
@@ -189,7 +193,7 @@ halt_shards(#run{shards = Shards} = Run) ->
 merge([Trace]) -> Trace;
 merge(Traces) -> lists:foldl(fun(A, B) -> lists:merge(fun earlier/2, A, B) end, [], Traces).
 
-earlier({T1, R1, _, _}, {T2, R2, _, _}) -> {T1, R1} =< {T2, R2}.
+earlier({T1, R1, _, _}, {T2, R2, _, _}) -> T1 < T2 orelse (T1 =:= T2 andalso R1 =< R2).
 
 rest(Reason, #run{caller = From, violations = Violations, stop = Stop} = Run) ->
     Ending =

@@ -60,7 +60,7 @@ begin_robots([], _Window, Ids, Active, Robots) ->
 begin_robots([{Id, _, _, _, _, _} = Event | Events], Window, Ids, Active, Robots) ->
     {Own, Rest} = take_own(Id, Events, [Event]),
     #{Id := Robot} = Robots,
-    case starl_sim_robot:proceed(Window, starl_sim_robot:open(Own, Robot)) of
+    case starl_sim_robot:open(Own, Window, Robot) of
         {busy, Next} ->
             begin_robots(Rest, Window, [Id | Ids], Active + 1, Robots#{Id := Next});
         {idle, Next} ->

@@ -1,0 +1,60 @@
+%% @doc Barrier: the interface.
+%%
+%% A barrier has a name, any small term, and as many rounds as are needed: a robot's K-th
+%% {@link sync/2} with a name is its round K. All robots of the team take part.
+%%
+%% Guarantee: nobody passes round K of a name before all robots have reached it. When messages
+%% get through, all pass within a short time of each other. A name costs memory once, its
+%% rounds cost none; names are meant to be few.
+-module(starl_barrier).
+
+-export([block/0, block/1, sync/2, sync/3]).
+
+-export_type([name/0, round/0, options/0]).
+
+-type name() :: term().
+
+%% Counts the rounds of a name, from 1.
+-type round() :: pos_integer().
+
+%% `retry_ms': how often a robot that waits asks those that it misses.
+-type options() :: #{retry_ms => pos_integer()}.
+
+%% @doc The machine that a robot needs to take part.
+-spec block() -> starl_robot_sup:machine().
+block() -> block(#{}).
+
+%% @doc The same with options.
+-spec block(options()) -> starl_robot_sup:machine().
+block(Options) -> {barrier, starl_barrier_rounds, Options}.
+
+%% @doc Waits until all robots have reached this round, with half a minute's patience.
+-spec sync(starl:robot(), name()) -> ok | {error, timeout | restarted}.
+sync(Robot, Name) -> sync(Robot, Name, 30000).
+
+%% @doc The same with so many milliseconds of patience. A robot that failed may call again: it
+%% has still reached the round and waits for the same one, also when its barrier machine has
+%% crashed meanwhile (`restarted').
+-spec sync(starl:robot(), name(), Ms :: pos_integer()) -> ok | {error, timeout | restarted}.
+sync(Robot, Name, Ms) ->
+    %% Two calls, so that the number of the round is known here should the machine crash.
+    case starl:call(Robot, barrier, {round, Name}, Ms) of
+        {ok, Round} -> pass(Robot, Name, Round, Ms);
+        {error, _} = Error -> Error
+    end.
+
+pass(Robot, Name, Round, Ms) ->
+    case starl:call(Robot, barrier, {sync, Name, Round, Ms * 1000}, infinity) of
+        {ok, Answer} ->
+            Answer;
+        {error, restarted} ->
+            ok = remind(Robot, Name, Round),
+            {error, restarted}
+    end.
+
+%% Tells the new machine which round was not passed.
+remind(Robot, Name, Round) ->
+    case starl:call(Robot, barrier, {resume, Name, Round}, infinity) of
+        {ok, ok} -> ok;
+        {error, restarted} -> remind(Robot, Name, Round)
+    end.

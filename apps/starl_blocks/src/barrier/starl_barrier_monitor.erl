@@ -1,0 +1,193 @@
+%% @doc The contract of the barrier, as a monitor.
+%%
+%% Safety: nobody passes round K of a name before all participants have reached it; a robot
+%% passes the rounds that it has reached, each once and in their order, and reaches no round
+%% before it has passed the one before.
+%%
+%% Progress: whoever has reached a round passes it or fails within `bound_us' (default: none)
+%% of the last participant's reaching it, or, if not all reach it, need not pass. With
+%% `delta_us' (default: none) the last robot passes at most so long after the first. A robot
+%% that died or whose barrier machine crashed may take longer.
+%%
+%% Events of machine `barrier': `{reached, Name, K}', `{passed, Name, K}',
+%% `{failed, Name, K, Reason}'.
+-module(starl_barrier_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type name() :: term().
+
+%% A round that not all have passed: when the last robot reached it, and when which robots
+%% passed it.
+-record(round, {
+    complete_us = none :: integer() | none,
+    first_us = none :: integer() | none,
+    last_us = none :: integer() | none,
+    passed = 0 :: non_neg_integer()
+}).
+
+-record(state, {
+    robots :: [robot_id()],
+    bound_us :: pos_integer() | infinity,
+    delta_us :: pos_integer() | infinity,
+    reached = #{} :: #{{name(), robot_id()} => non_neg_integer()},
+    passed = #{} :: #{{name(), robot_id()} => non_neg_integer()},
+    rounds = #{} :: #{{name(), K :: pos_integer()} => #round{}},
+    excused = [] :: [robot_id()],
+    %% of the rounds that all have passed
+    deltas = {0, 0, 0} :: {Count :: integer(), SumUs :: integer(), LongestUs :: integer()},
+    passes = 0 :: non_neg_integer(),
+    failed = 0 :: non_neg_integer()
+}).
+
+%% @doc `robots': who takes part; the other keys: see above.
+-spec init(#{
+    robots := [robot_id()],
+    bound_us => pos_integer() | infinity,
+    delta_us => pos_integer() | infinity
+}) -> #state{}.
+init(#{robots := Robots} = Config) ->
+    #state{
+        robots = Robots,
+        bound_us = maps:get(bound_us, Config, infinity),
+        delta_us = maps:get(delta_us, Config, infinity)
+    }.
+
+%% @doc The barrier machines' own events and the end of robots.
+-spec interests() -> [atom()].
+interests() -> [barrier, robot].
+
+%% @doc Judges one event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, Machine, Event}, State) ->
+    case judge({Machine, Event}, T, Robot, State) of
+        {[], Next} -> {ok, Next};
+        {[First | _], Next} -> {violation, First, Next}
+    end.
+
+%% @doc Judges the time until `EndTimeUs'. Results: `rounds' passed by all, `passed' and
+%% `failed' calls, the longest and the mean δ (first to last pass of a round).
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndTimeUs, #state{deltas = {Count, Sum, Longest}} = State) ->
+    Results = #{
+        rounds => Count,
+        passed => State#state.passes,
+        failed => State#state.failed,
+        longest_delta_us => Longest,
+        mean_delta_us => Sum / max(1, Count)
+    },
+    case overdue(EndTimeUs, State) of
+        [] -> {ok, Results};
+        Late -> {{violation, Late}, Results}
+    end.
+
+judge({barrier, {reached, Name, K}}, T, Robot, State) ->
+    {skipped(T, Robot, Name, K, State), reach(T, Robot, Name, K, State)};
+judge({barrier, {passed, Name, K}}, T, Robot, State) ->
+    Broken =
+        early(T, Robot, Name, K, State) ++
+            twice(T, Robot, Name, K, State) ++
+            late(T, Robot, Name, K, State),
+    {Broken, pass(T, Robot, Name, K, State)};
+judge({barrier, {failed, _Name, _K, _Reason}}, _T, Robot, #state{failed = Failed} = State) ->
+    {[], excuse(Robot, State#state{failed = Failed + 1})};
+judge({barrier, crashed}, _T, Robot, State) ->
+    {[], excuse(Robot, State)};
+judge({robot, {died, _Reason}}, _T, Robot, State) ->
+    {[], excuse(Robot, State)};
+judge({_Machine, _Other}, _T, _Robot, State) ->
+    {[], State}.
+
+excuse(Robot, #state{excused = Excused} = State) ->
+    State#state{excused = lists:usort([Robot | Excused])}.
+
+reach(T, Robot, Name, K, #state{reached = Reached} = State) ->
+    Key = {Name, Robot},
+    Next = State#state{reached = Reached#{Key => max(K, maps:get(Key, Reached, 0))}},
+    Round = round_of(Name, K, Next),
+    case Round#round.complete_us =:= none andalso absent(Name, K, Next) =:= [] of
+        true -> put_round(Name, K, Round#round{complete_us = T}, Next);
+        false -> put_round(Name, K, Round, Next)
+    end.
+
+pass(T, Robot, Name, K, #state{passed = Passed, passes = Passes, robots = Robots} = State) ->
+    #round{passed = N, first_us = First} = Round = round_of(Name, K, State),
+    Next = State#state{passed = Passed#{{Name, Robot} => K}, passes = Passes + 1},
+    case {N + 1 =:= length(Robots), First} of
+        {true, none} -> close(Name, K, 0, Next);
+        {true, _} -> close(Name, K, T - First, Next);
+        {false, none} ->
+            put_round(Name, K, Round#round{passed = 1, first_us = T, last_us = T}, Next);
+        {false, _} -> put_round(Name, K, Round#round{passed = N + 1, last_us = T}, Next)
+    end.
+
+close(Name, K, Delta, #state{rounds = Rounds, deltas = {Count, Sum, Longest}} = State) ->
+    State#state{
+        rounds = maps:remove({Name, K}, Rounds),
+        deltas = {Count + 1, Sum + Delta, max(Delta, Longest)}
+    }.
+
+round_of(Name, K, #state{rounds = Rounds}) -> maps:get({Name, K}, Rounds, #round{}).
+
+put_round(Name, K, Round, #state{rounds = Rounds} = State) ->
+    State#state{rounds = Rounds#{{Name, K} => Round}}.
+
+absent(Name, K, #state{robots = Robots, reached = Reached}) ->
+    [R || R <- Robots, maps:get({Name, R}, Reached, 0) < K].
+
+%%% The clauses of the contract
+
+early(T, Robot, Name, K, State) ->
+    Absent = absent(Name, K, State),
+    [
+        violation(passed_early, T, [Robot], #{name => Name, round => K, absent => Absent})
+     || Absent =/= []
+    ].
+
+twice(T, Robot, Name, K, #state{passed = Passed}) ->
+    Last = maps:get({Name, Robot}, Passed, 0),
+    [
+        violation(passed_out_of_order, T, [Robot], #{name => Name, round => K, last => Last})
+     || K =/= Last + 1
+    ].
+
+skipped(T, Robot, Name, K, #state{passed = Passed}) ->
+    Last = maps:get({Name, Robot}, Passed, 0),
+    [
+        violation(reached_out_of_order, T, [Robot], #{name => Name, round => K, passed => Last})
+     || K =/= Last + 1
+    ].
+
+late(T, Robot, Name, K, #state{delta_us = Delta, excused = Excused} = State) ->
+    case round_of(Name, K, State) of
+        #round{first_us = First} when is_integer(First), T - First > Delta ->
+            [
+                violation(late_pass, T, [Robot], #{name => Name, round => K, after_us => T - First})
+             || not lists:member(Robot, Excused)
+            ];
+        #round{} ->
+            []
+    end.
+
+%% Judged at the end: the rounds that all have reached long ago and not all have passed.
+overdue(_End, #state{bound_us = infinity}) ->
+    [];
+overdue(End, #state{rounds = Rounds, bound_us = Bound} = State) ->
+    [
+        violation(not_passed, Complete + Bound, Waiting, #{name => Name, round => K})
+     || {{Name, K}, #round{complete_us = Complete}} <- lists:sort(maps:to_list(Rounds)),
+        is_integer(Complete),
+        Complete + Bound < End,
+        Waiting <- [waiting(Name, K, State)],
+        Waiting =/= []
+    ].
+
+waiting(Name, K, #state{robots = Robots, passed = Passed, excused = Excused}) ->
+    [R || R <- Robots -- Excused, maps:get({Name, R}, Passed, 0) < K].
+
+violation(What, T, Robots, Details) ->
+    #{contract => barrier, what => What, at_us => T, robots => Robots, details => Details}.

@@ -1,0 +1,37 @@
+%% An application for the tests of barriers: all robots go through so many rounds of two names
+%% in turn, with pauses between, and call again when a call fails.
+-module(starl_barrier_app).
+-behaviour(starl_app).
+
+-export([options/0, scene/1, init/2, step/2]).
+
+options() ->
+    [
+        {rounds, {integer, 1, 100000}, 10, "rounds of each name"},
+        {pause, {integer, 1, 100000}, 400, "longest pause before a round, ms"},
+        {patience, {integer, 1, 1000000}, 5000, "patience, ms"},
+        {machine, {term, "a machine", fun is_atom/1}, starl_barrier_rounds, "the implementation"},
+        {config, {term, "a map", fun is_map/1}, #{}, "its configuration"},
+        {judge, {term, "a map", fun is_map/1}, #{}, "the monitor's configuration"}
+    ].
+
+scene(#{robots := Robots, options := #{machine := Machine, config := Config} = Options}) ->
+    {ok, #{
+        app => {sequential, ?MODULE, Options},
+        blocks => [{barrier, Machine, Config}],
+        monitors => [{starl_barrier_monitor, (maps:get(judge, Options))#{robots => Robots}}]
+    }}.
+
+init(_Robot, Options) -> {Options, 1, 0}.
+
+step(_Robot, {#{rounds := Rounds}, K, Failed}) when K > 2 * Rounds ->
+    {done, {2 * Rounds, Failed}};
+step(Robot, {#{pause := Pause, patience := Patience} = Options, K, Failed}) ->
+    starl:sleep(Robot, 1 + trunc(starl:random(Robot) * Pause)),
+    case starl_barrier:sync(Robot, lists:nth(1 + K rem 2, [odd, even]), Patience) of
+        ok ->
+            starl:trace(Robot, {synced, K}),
+            {continue, {Options, K + 1, Failed}};
+        {error, _} ->
+            {continue, {Options, K, Failed + 1}}
+    end.
