@@ -10,7 +10,7 @@
 -export([new/3, boot/4, at/2, soon/1, take_soon/1, take/1]).
 -export([fire/4, forget_timers/2, ended/1, local_time/1]).
 -export([piece/1, hash_event/4, hash_event/5, digest/1, result/1]).
--export([transmit/3, sense/2, drive/3, actuate/3, start_timer/5, cancel_timer/3, trace/3, done/2]).
+-export([perform/3, trace/3, stop/1]).
 
 -export_type([t/0, world/0, moment/0, yield/0]).
 
@@ -172,9 +172,47 @@ digest(#body{chain = Chain, events = Events, packets = Packets}) -> {Chain, Even
 -spec result(t()) -> running | {done, term()}.
 result(#body{result = Result}) -> Result.
 
-%% -- the platform's callbacks ---------------------------------------------------------------
+%% -- carrying out what machines ask for -----------------------------------------------------
 
--spec transmit(starl:robot_id() | all, starl_packet:t(), t()) -> t().
+-spec perform([starl_machine:action()], starl_machine:name(), t()) ->
+    {[starl_platform:local()], t()}.
+perform(Actions, Name, Body) -> perform(Actions, Name, Body, []).
+
+perform([], _Name, Body, []) ->
+    {[], Body};
+perform([], _Name, Body, Local) ->
+    {lists:reverse(Local), Body};
+perform([Action | Rest], Name, Body, Local) ->
+    case Action of
+        {trace, Event} ->
+            perform(Rest, Name, trace(Name, Event, Body), Local);
+        {transmit, Dest, Packet} ->
+            perform(Rest, Name, transmit(Dest, Packet, Body), Local);
+        {{timeout, Timer}, cancel} ->
+            perform(Rest, Name, cancel_timer(Name, Timer, Body), Local);
+        {{timeout, Timer}, Us, Content} ->
+            perform(Rest, Name, start_timer(Name, Timer, Us, Content, Body), Local);
+        {state_timeout, cancel} ->
+            perform(Rest, Name, cancel_timer(Name, state_timeout, Body), Local);
+        {state_timeout, Us, Content} ->
+            perform(Rest, Name, start_timer(Name, state_timeout, Us, Content, Body), Local);
+        {drive, Left, Right} ->
+            perform(Rest, Name, drive(Left, Right, Body), Local);
+        {sense, Robots} ->
+            {Poses, Next} = sense(Robots, Body),
+            perform(Rest, Name, Next, [{Name, info, {located, Poses}} | Local]);
+        {actuate, Device, Value} ->
+            perform(Rest, Name, trace(chassis, {actuated, Device, Value}, Body), Local);
+        {done, Result} ->
+            perform(Rest, Name, done(Result, Body), Local);
+        _ ->
+            perform(Rest, Name, Body, [starl_platform:local(Action, Name) | Local])
+    end.
+
+%% @doc The chassis stops: nobody commands it any more.
+-spec stop(t()) -> t().
+stop(Body) -> drive(0.0, 0.0, Body).
+
 transmit(all, Packet, #body{id = Id, world = #{team := Team}} = Body) ->
     lists:foldl(
         fun(Dest, B) -> send(Dest, Packet, 0, B) end,
@@ -219,7 +257,6 @@ in_range(Dest, #body{now = Now, window = Window, piece = Piece, world = World}) 
             false
     end.
 
--spec sense([starl:robot_id()], t()) -> {[{starl:robot_id(), starl:pose()}], t()}.
 sense(Robots, #body{draws = Draws} = Body) ->
     Poses = [{Robot, Pose} || Robot <- Robots, Pose <- see(Robot, Body)],
     {Poses, Body#body{draws = Draws + 1}}.
@@ -238,7 +275,6 @@ blur(Robot, {X, Y, Heading}, #body{id = Id, draws = N, world = #{seed := Seed, p
     Turn = 0.25 * HeadingError * starl_sim_draw:signed({Key, heading}),
     {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle), Heading + Turn}.
 
--spec drive(float(), float(), t()) -> t().
 drive(Left0, Right0, #body{now = Now, piece = Piece, world = #{profile := Profile}} = Body) ->
     Left = limit(Left0),
     Right = limit(Right0),
@@ -268,10 +304,6 @@ set_piece(Piece, #body{changes = Changes} = Body) ->
 
 limit(Speed) -> max(-?MAX_WHEEL, min(?MAX_WHEEL, Speed)).
 
--spec actuate(atom(), term(), t()) -> t().
-actuate(Device, Value, Body) -> trace(chassis, {actuated, Device, Value}, Body).
-
--spec start_timer(starl_machine:name(), term(), non_neg_integer(), term(), t()) -> t().
 start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) ->
     #body{timers = Timers, until = Until, drift_ppb = Drift} = Body,
     Due = Now + Us * 1000000000 div (1000000000 + Drift),
@@ -282,7 +314,6 @@ start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = 
         false -> Body#body{seq = Seq + 1, timers = Running, later = [Event | Body#body.later]}
     end.
 
--spec cancel_timer(starl_machine:name(), term(), t()) -> t().
 cancel_timer(Machine, Timer, #body{timers = Timers} = Body) ->
     Key = {Machine, Timer},
     case is_map_key(Key, Timers) of
@@ -290,10 +321,10 @@ cancel_timer(Machine, Timer, #body{timers = Timers} = Body) ->
         false -> Body
     end.
 
+%% @doc Records a fact.
 -spec trace(starl_machine:name(), term(), t()) -> t().
 trace(Machine, Event, #body{id = Id, now = Now, traces = Traces} = Body) ->
     Body#body{traces = [{Now, Id, Machine, Event} | Traces]}.
 
--spec done(term(), t()) -> t().
 done(Result, #body{changes = Changes} = Body) ->
     trace(app, {done, Result}, Body#body{result = {done, Result}, changes = [ended | Changes]}).

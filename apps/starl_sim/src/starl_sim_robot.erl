@@ -92,7 +92,7 @@ answered(_Actions, #robot{busy = none} = Robot) ->
     %% the last word of a process that was killed meanwhile
     Robot;
 answered(Actions, #robot{busy = Name, body = Body0, local = Local} = Robot) ->
-    {New, Body} = starl_platform:perform(Actions, Name, starl_sim_platform, Body0),
+    {New, Body} = starl_sim_platform:perform(Actions, Name, Body0),
     Next = Robot#robot{busy = none, body = Body, local = Local ++ New},
     case starl_sim_platform:soon(Body) of
         [] -> Next;
@@ -276,7 +276,7 @@ restarts(Names, #robot{processes = Processes}) ->
 
 %% A robot that died for good: it stands where it is, for ever.
 died(Reason, #robot{body = Body} = Robot) ->
-    Stopped = starl_sim_platform:drive(0.0, 0.0, Body),
+    Stopped = starl_sim_platform:stop(Body),
     Traced = starl_sim_platform:trace(robot, {died, Reason}, Stopped),
     Robot#robot{
         body = starl_sim_platform:ended(Traced), sup = dead, processes = #{}, local = [], events = [], busy = none
