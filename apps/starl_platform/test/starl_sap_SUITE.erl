@@ -246,7 +246,7 @@ restarted_receiver_is_reported(_) ->
 %% Packets of a source's earlier incarnation are not taken once a later one has been heard.
 old_packets_of_an_earlier_incarnation(_) ->
     Slow = fun
-        ({starl, 1, data, #{body := {a, 1}}}, _, _, _) -> [500000];
+        ({starl, 1, data, {_, _, _, _, _, _, {a, 1}}}, _, _, _) -> [500000];
         (_, _, _, _) -> [1000]
     end,
     Net = plan(net(2, Slow), [

@@ -249,7 +249,10 @@ announced(Token, Fence, Owner, #robot{owners = Owners, early = Early} = Robot) -
 %% @doc A token has come. It is claimed if it is wanted here, else it goes on.
 -spec receive_token(token(), fence(), [request()], t()) -> t().
 receive_token(Token, Fence, Queue0, #robot{entries = Entries, early = Early} = Robot) ->
+    {Known, _} = maps:get(Token, Robot#robot.owners, {0, none}),
     case Entries of
+        #{} when Known >= Fence ->
+            Robot;
         #{Token := #entry{fence = Newer}} when Newer >= Fence ->
             Robot;
         #{Token := #entry{}} ->

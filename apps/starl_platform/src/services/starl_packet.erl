@@ -17,15 +17,16 @@
 %% Counts the messages of one incarnation.
 -type seq() :: pos_integer().
 
--type data() :: #{
-    source := starl:robot_id(),
-    incarnation := incarnation(),
-    seq := seq(),
-    low := seq(),
+%% A tuple, not a map: a message is copied and hashed at every hop.
+-type data() :: {
+    Source :: starl:robot_id(),
+    incarnation(),
+    seq(),
+    Low :: seq(),
     %% the receivers' incarnations where they are not 1
-    for := #{starl:robot_id() => incarnation()},
-    type := atom(),
-    body := term()
+    For :: #{starl:robot_id() => incarnation()},
+    Type :: atom(),
+    Body :: term()
 }.
 
 %% A packet on the air.

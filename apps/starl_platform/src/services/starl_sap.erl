@@ -180,15 +180,10 @@ skip_own(#sap{next = Next} = Sap) -> advance_low(Sap#sap{next = Next + 1}).
 order_loopback([Sent, Outcome], Delivery, Answer) -> [Sent | Delivery] ++ [Outcome | Answer].
 
 transmit(Seq, #out{tries = Tries, waiting = Waiting} = Out, #sap{out = Outs} = Sap) ->
-    Packet = starl_packet:data(#{
-        source => Sap#sap.self,
-        incarnation => Sap#sap.incarnation,
-        seq => Seq,
-        low => Sap#sap.low,
-        for => incarnations(Waiting, Sap#sap.peers),
-        type => Out#out.type,
-        body => Out#out.body
-    }),
+    #sap{self = Self, incarnation = Incarnation, low = Low, peers = Peers} = Sap,
+    #out{type = Type, body = Body} = Out,
+    For = incarnations(Waiting, Peers),
+    Packet = starl_packet:data({Self, Incarnation, Seq, Low, For, Type, Body}),
     Actions = [
         {{timeout, {retransmit, Seq}}, lists:nth(Tries + 1, Sap#sap.delays), again}
         | [{transmit, Dest, Packet} || Dest <- on_air(Out)]
@@ -198,6 +193,11 @@ transmit(Seq, #out{tries = Tries, waiting = Waiting} = Out, #sap{out = Outs} = S
 on_air(#out{broadcast = true, tries = 0}) -> [all];
 on_air(#out{waiting = Waiting}) -> Waiting.
 
+incarnations([Dest], Peers) ->
+    case Peers of
+        #{Dest := #peer{incarnation = Incarnation}} when Incarnation > 1 -> #{Dest => Incarnation};
+        #{} -> #{}
+    end;
 incarnations(Dests, Peers) ->
     maps:from_list([
         {Dest, Incarnation}
@@ -268,7 +268,7 @@ advance_low(Sap) ->
 
 %% -- receiving ------------------------------------------------------------------------------
 
-receive_data(#{source := Source, incarnation := Theirs, seq := Seq, for := For} = Data, Sap) ->
+receive_data({Source, Theirs, Seq, _Low, For, _Type, _Body} = Data, Sap) ->
     #sap{self = Self, incarnation = Own} = Sap,
     Meant = maps:get(Self, For, 1),
     #peer{incarnation = Known} = maps:get(Source, Sap#sap.peers, #peer{}),
@@ -283,7 +283,7 @@ receive_data(#{source := Source, incarnation := Theirs, seq := Seq, for := For} 
             take(Data, heard(Source, Theirs, Sap))
     end.
 
-take(#{source := Source, incarnation := Theirs, seq := Seq, low := Low} = Data, Sap) ->
+take({Source, Theirs, Seq, Low, _For, _Type, _Body} = Data, Sap) ->
     #sap{self = Self, incarnation = Own, peers = Peers} = Sap,
     Peer0 = maps:get(Source, Peers, #peer{}),
     Peer = forget_below(Low, Peer0),
@@ -296,8 +296,7 @@ take(#{source := Source, incarnation := Theirs, seq := Seq, low := Low} = Data, 
             take_new(Data, Ack, Sap, Sap#sap{peers = Peers#{Source => Taken}})
     end.
 
-take_new(#{source := Source, incarnation := Theirs, seq := Seq} = Data, Ack, Before, Sap) ->
-    #{type := Type, body := Body} = Data,
+take_new({Source, Theirs, Seq, _Low, _For, Type, Body}, Ack, Before, Sap) ->
     Full = length(Sap#sap.unclaimed) >= Sap#sap.unclaimed_limit,
     case Full andalso not is_map_key(Type, Sap#sap.listeners) of
         true ->
