@@ -15,7 +15,7 @@
 
 -export_type([sim/0, reason/0]).
 
--define(ROBOTS_PER_SHARD, 32).
+-define(ROBOTS_PER_SHARD, 16).
 
 -record(sim, {
     sup :: pid(),
@@ -219,7 +219,8 @@ strike(kill_robot, _Robot) -> kill_robot.
 
 %% Fewer robots than this are not worth a shard of their own.
 shards(none, Robots) ->
-    max(1, min(erlang:system_info(schedulers_online), Robots div ?ROBOTS_PER_SHARD));
+    %% two a core, so that a core has work while a shard waits for another
+    max(1, min(2 * erlang:system_info(schedulers_online), Robots div ?ROBOTS_PER_SHARD));
 shards(Shards, Robots) ->
     min(Shards, Robots).
 

@@ -52,7 +52,6 @@
     peers = [] :: [pid()],
     owners = #{} :: #{starl:robot_id() => pid()},
     queue :: starl_sim_queue:t(),
-    robots = #{} :: starl_sim_window:robots(),
     window_us :: pos_integer(),
     %% how many windows were run, and how many of them are approved
     windows = 0 :: non_neg_integer(),
@@ -116,24 +115,21 @@ init(#{run := Run, world := World, window_us := Width, robots_sup := RobotsSup})
 handle_call({launch, Load}, _From, #shard{world = #{sight := Sight}} = Shard) ->
     #{robots := Specs, faults := Faults, peers := Peers, owners := Owners} = Load,
     true = ets:insert(Sight, maps:get(sight, Load)),
+    ok = starl_sim_window:hold([start_robot(Spec, Shard) || Spec <- Specs]),
     Launched = Shard#shard{
-        robots = maps:from_list([start_robot(Spec, Shard) || Spec <- Specs]),
         queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Faults),
         peers = Peers,
         owners = Owners,
         running = maps:get(running, Load)
     },
     {reply, ok, Launched};
-handle_call({inspect, {summary, Time}}, _From, #shard{robots = Robots} = Shard) ->
-    Summaries = [
-        {Id, starl_sim_robot:summary(Time, Robot)}
-     || {Id, Robot} <- lists:sort(maps:to_list(Robots))
-    ],
-    {reply, Summaries, Shard};
-handle_call({inspect, {robot, Id}}, _From, #shard{robots = Robots} = Shard) ->
-    case Robots of
-        #{Id := Robot} -> {reply, starl_sim_robot:machines(Robot), Shard};
-        #{} -> {reply, unknown, Shard}
+handle_call({inspect, {summary, Time}}, _From, Shard) ->
+    Robots = starl_sim_window:robots(),
+    {reply, [{Id, starl_sim_robot:summary(Time, Robot)} || {Id, Robot} <- Robots], Shard};
+handle_call({inspect, {robot, Id}}, _From, Shard) ->
+    case starl_sim_window:robot(Id) of
+        undefined -> {reply, unknown, Shard};
+        Robot -> {reply, starl_sim_robot:machines(Robot), Shard}
     end.
 
 -spec handle_cast({run, starl_sim_queue:time()}, #shard{}) -> {noreply, #shard{}}.
@@ -146,9 +142,9 @@ handle_cast({run, Until}, #shard{now = Now} = Shard) ->
 %% A process that went down between two windows: killed from outside, or one of a robot that
 %% died. The robot is woken to go on in the next window.
 -spec handle_info(term(), #shard{}) -> {noreply, #shard{}}.
-handle_info({'DOWN', _, process, Pid, Reason}, #shard{robots = Robots} = Shard) ->
-    case starl_sim_window:crashed(Pid, Reason, Robots) of
-        {Id, Next} -> {noreply, wake(Id, Shard#shard{robots = Next})};
+handle_info({'DOWN', _, process, Pid, Reason}, Shard) ->
+    case starl_sim_window:crashed(Pid, Reason) of
+        {ok, Id} -> {noreply, wake(Id, Shard)};
         none -> {noreply, Shard}
     end;
 handle_info({wake, Id}, Shard) ->
@@ -210,9 +206,9 @@ run_window(#shard{next = Next, window_us = Width, queue = Queue, windows = N} = 
     From = Next - Next rem Width,
     To = From + Width,
     {Events, Rest} = starl_sim_queue:take_window(To, Queue),
-    {Yields, Robots} = starl_sim_window:run({From, To}, Events, Shard#shard.robots),
+    Yields = starl_sim_window:run({From, To}, Events),
     Shard#shard.run ! {window_done, self(), N + 1, maps:get(trace, Yields)},
-    exchange(Yields, Shard#shard{robots = Robots, queue = Rest, now = To, windows = N + 1}).
+    exchange(Yields, Shard#shard{queue = Rest, now = To, windows = N + 1}).
 
 %% Everybody tells everybody what they must know to run the next window.
 exchange(#{later := Later, moved := Moved, ended := Ended}, #shard{peers = []} = Shard) ->

@@ -4,14 +4,15 @@
 %% {@link starl_machine_proc}); nothing else of that robot runs meanwhile, but other robots do:
 %% what a robot does reaches the others in a later window only, so within one they cannot
 %% disturb each other ({@link starl_sim_robot}).
+%%
+%% The shard's robots lie in its process dictionary, under their numbers: they are put back at
+%% every event, and a map of many robots would be copied along its branches each time, a tenth
+%% of the whole work.
 -module(starl_sim_window).
 
--export([be_patient/1, run/3, crashed/3]).
+-export([hold/1, robots/0, robot/1, be_patient/1, run/2, crashed/2]).
 
--export_type([robots/0, yields/0]).
-
-%% The robots of a shard.
--type robots() :: #{starl:robot_id() => starl_sim_robot:t()}.
+-export_type([yields/0]).
 
 %% What came of a window: events for later ones, the trace in the order of time, then robot, the
 %% pieces of motion that robots are newly in, and how many applications have ended.
@@ -25,109 +26,121 @@
 %% How long, in wall time, the robots may take before the run is given up.
 -define(PATIENCE_MS, 60000).
 
+%% @doc Makes these the shard's robots.
+-spec hold([{starl:robot_id(), starl_sim_robot:t()}]) -> ok.
+hold(Robots) -> lists:foreach(fun({Id, Robot}) -> put(Id, Robot) end, Robots).
+
+%% @doc All robots of the shard, ascending.
+-spec robots() -> [{starl:robot_id(), starl_sim_robot:t()}].
+robots() -> lists:sort([{Id, Robot} || {Id, Robot} <- get(), is_integer(Id)]).
+
+%% @doc A robot of the shard.
+-spec robot(starl:robot_id()) -> starl_sim_robot:t() | undefined.
+robot(Id) -> get(Id).
+
 %% @doc Gives the robots so long from now. One timer serves many windows: one in each receive
 %% would cost as much as the event.
 -spec be_patient(starl_sim_robot:window()) -> reference().
 be_patient(Window) -> erlang:send_after(?PATIENCE_MS, self(), {out_of_patience, Window}).
 
 %% @doc Runs a window with these events, which come by robot and in each robot's order.
--spec run(starl_sim_robot:window(), [starl_sim_queue:event()], robots()) -> {yields(), robots()}.
-run(Window, Events, Robots) ->
-    {Ids, Active, Begun} = begin_robots(agenda(Window, Events, Robots), Window, [], 0, Robots),
-    Done = collect(Active, Begun, Window),
-    {Closed, {Later, Trace, Moved, Ended}} = close_robots(Ids, Done, {[], [], [], 0}),
+-spec run(starl_sim_robot:window(), [starl_sim_queue:event()]) -> yields().
+run(Window, Events) ->
+    {Ids, Active} = begin_robots(agenda(Window, Events), Window, [], 0),
+    ok = collect(Active, Window),
+    {Later, Trace, Moved, Ended} = close_robots(Ids, {[], [], [], 0}),
     %% keysort is stable
-    {#{later => Later, trace => lists:keysort(1, Trace), moved => Moved, ended => Ended}, Closed}.
+    #{later => Later, trace => lists:keysort(1, Trace), moved => Moved, ended => Ended}.
 
 %% @doc A process has gone down between two windows: the robot, if it is one of these, that has
 %% to go on in the next window.
--spec crashed(pid(), Reason :: term(), robots()) -> {starl:robot_id(), robots()} | none.
-crashed(Pid, Reason, Robots) ->
-    case owner(Pid, Robots) of
-        {Id, Robot} -> {Id, Robots#{Id := starl_sim_robot:crashed(Pid, Reason, Robot)}};
-        none -> none
+-spec crashed(pid(), Reason :: term()) -> {ok, starl:robot_id()} | none.
+crashed(Pid, Reason) ->
+    case owner(Pid) of
+        {Id, Robot} ->
+            _ = put(Id, starl_sim_robot:crashed(Pid, Reason, Robot)),
+            {ok, Id};
+        none ->
+            none
     end.
 
 %% In the first window every robot boots.
-agenda({0, _Until}, Events, Robots) ->
-    lists:sort([{Id, 0, 0, 0, 0, wake} || Id <- maps:keys(Robots)] ++ Events);
-agenda(_Window, Events, _Robots) ->
+agenda({0, _Until}, Events) ->
+    lists:sort([{Id, 0, 0, 0, 0, wake} || {Id, _} <- robots()] ++ Events);
+agenda(_Window, Events) ->
     Events.
 
 %% Events come by robot, and in the robot's order.
-begin_robots([], _Window, Ids, Active, Robots) ->
-    {Ids, Active, Robots};
-begin_robots([{Id, _, _, _, _, _} = Event | Events], Window, Ids, Active, Robots) ->
+begin_robots([], _Window, Ids, Active) ->
+    {Ids, Active};
+begin_robots([{Id, _, _, _, _, _} = Event | Events], Window, Ids, Active) ->
     {Own, Rest} = take_own(Id, Events, [Event]),
-    #{Id := Robot} = Robots,
-    case starl_sim_robot:open(Own, Window, Robot) of
-        {busy, Next} ->
-            begin_robots(Rest, Window, [Id | Ids], Active + 1, Robots#{Id := Next});
-        {idle, Next} ->
-            begin_robots(Rest, Window, [Id | Ids], Active, Robots#{Id := Next})
-    end.
+    Count = keep(Id, starl_sim_robot:open(Own, Window, get(Id))),
+    begin_robots(Rest, Window, [Id | Ids], Active + Count).
 
 take_own(Id, [{Id, _, _, _, _, _} = Event | Events], Own) -> take_own(Id, Events, [Event | Own]);
 take_own(_Id, Events, [_] = Own) -> {Own, Events};
 take_own(_Id, Events, Own) -> {lists:reverse(Own), Events}.
 
-collect(0, Robots, _Window) ->
-    Robots;
-collect(Active, Robots, Window) ->
+%% How many of the robot's machines are at work: one or none.
+keep(Id, {busy, Robot}) ->
+    _ = put(Id, Robot),
+    1;
+keep(Id, {idle, Robot}) ->
+    _ = put(Id, Robot),
+    0.
+
+collect(0, _Window) ->
+    ok;
+collect(Active, Window) ->
     receive
         {starl_done, Id, Actions} ->
-            #{Id := Robot} = Robots,
-            Answered = starl_sim_robot:answered(Actions, Robot),
-            case starl_sim_robot:proceed(Window, Answered) of
-                {busy, Next} -> collect(Active, Robots#{Id := Next}, Window);
-                {idle, Next} -> collect(Active - 1, Robots#{Id := Next}, Window)
-            end;
+            Answered = starl_sim_robot:answered(Actions, get(Id)),
+            Count = keep(Id, starl_sim_robot:proceed(Window, Answered)),
+            collect(Active - 1 + Count, Window);
         {'DOWN', _, process, Pid, Reason} ->
-            {Change, Next} = interrupted(Pid, Reason, Robots, Window),
-            collect(Active + Change, Next, Window);
+            collect(Active + interrupted(Pid, Reason, Window), Window);
         {out_of_patience, Window} ->
-            exit({no_answer, [B || R <- maps:values(Robots), B <- starl_sim_robot:busy(R)]});
+            exit({no_answer, [Busy || {_, R} <- robots(), Busy <- starl_sim_robot:busy(R)]});
         {out_of_patience, _Earlier} ->
             _ = be_patient(Window),
-            collect(Active, Robots, Window)
+            collect(Active, Window)
     end.
 
 %% A crash of a robot at work: it goes on when its supervisor has restarted what crashed. The
 %% processes of the others are left for later.
-interrupted(Pid, Reason, Robots, Window) ->
-    case owner(Pid, Robots) of
+interrupted(Pid, Reason, Window) ->
+    case owner(Pid) of
         {Id, Robot} ->
             Crashed = starl_sim_robot:crashed(Pid, Reason, Robot),
+            _ = put(Id, Crashed),
             case {starl_sim_robot:busy(Robot), starl_sim_robot:busy(Crashed)} of
                 {[_], []} ->
-                    go_on(Id, starl_sim_robot:proceed(Window, Crashed), Robots);
+                    keep(Id, starl_sim_robot:proceed(Window, Crashed)) - 1;
                 {[_], [_]} ->
-                    {0, Robots#{Id := Crashed}};
+                    0;
                 {[], []} ->
                     self() ! {wake, Id},
-                    {0, Robots#{Id := Crashed}}
+                    0
             end;
         none ->
-            {0, Robots}
+            0
     end.
 
-go_on(Id, {busy, Robot}, Robots) -> {0, Robots#{Id := Robot}};
-go_on(Id, {idle, Robot}, Robots) -> {-1, Robots#{Id := Robot}}.
-
-owner(Pid, Robots) ->
-    case [{Id, R} || {Id, R} <- maps:to_list(Robots), starl_sim_robot:owns(Pid, R)] of
+owner(Pid) ->
+    case [{Id, R} || {Id, R} <- robots(), starl_sim_robot:owns(Pid, R)] of
         [Owner] -> Owner;
         [] -> none
     end.
 
 %% Robots are closed in descending order, so that what they yield comes in ascending order.
-close_robots([], Robots, Yields) ->
-    {Robots, Yields};
-close_robots([Id | Ids], Robots, {Later, Trace, Moved, Ended}) ->
-    #{Id := Robot} = Robots,
-    {{New, Traced, Changes}, Closed} = starl_sim_robot:close(Robot),
+close_robots([], Yields) ->
+    Yields;
+close_robots([Id | Ids], {Later, Trace, Moved, Ended}) ->
+    {{New, Traced, Changes}, Closed} = starl_sim_robot:close(get(Id)),
+    _ = put(Id, Closed),
     Yields = {New ++ Later, lists:reverse(Traced, Trace), Moved, Ended},
-    close_robots(Ids, Robots#{Id := Closed}, changes(Changes, Id, Closed, Yields)).
+    close_robots(Ids, changes(Changes, Id, Closed, Yields)).
 
 changes([], _Id, _Robot, Yields) ->
     Yields;

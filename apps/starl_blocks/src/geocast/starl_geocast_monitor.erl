@@ -153,15 +153,16 @@ close(Id, #state{robots = Robots, messages = Messages} = State0) ->
 
 hold_against(Id, #message{got = Got} = Message, Robot, State) ->
     Spans = spans(Message, maps:get(Robot, State#state.paths, [])),
-    case Got of
-        #{Robot := T} ->
-            {[violation(outside, T, Robot, Id, #{}) || outside(Message, Spans)], 0};
-        #{} ->
-            Owed = State#state.progress andalso inside(Message, Spans, State) andalso
-                able(Robot, Message, State) andalso able(element(1, Id), Message, State),
-            {[violation(not_delivered, Message#message.to_us, Robot, Id, #{}) || Owed],
-                count(Owed)}
-    end.
+    Owed = State#state.progress andalso inside(Message, Spans, State) andalso
+        able(Robot, Message, State) andalso able(element(1, Id), Message, State),
+    Broken =
+        case Got of
+            #{Robot := T} ->
+                [violation(outside, T, Robot, Id, #{}) || outside(Message, Spans)];
+            #{} ->
+                [violation(not_delivered, Message#message.to_us, Robot, Id, #{}) || Owed]
+        end,
+    {Broken, count(Owed)}.
 
 count(true) -> 1;
 count(false) -> 0.
