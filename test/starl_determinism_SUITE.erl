@@ -4,13 +4,15 @@
 -module(starl_determinism_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 
--export([all/0, groups/0, init_per_suite/1, end_per_suite/1, init_per_group/2, end_per_group/2]).
+-export([suite/0, all/0, groups/0, init_per_suite/1, end_per_suite/1, init_per_group/2, end_per_group/2]).
 -export([
     twice_in_a_row/1, shards/1, paused_and_stepped/1, under_load/1, one_and_two_schedulers/1,
     order_of_keys_in_the_scenario/1, seeds_differ/1,
     planted_pid/1, planted_unique_integer/1, planted_reference/1, planted_wall_time/1,
     every_input_counts/1, digest/1
 ]).
+
+suite() -> [{timetrap, {minutes, 2}}].
 
 all() -> [{group, painting}, {group, ring_shuttle}, {group, planted}].
 

@@ -5,7 +5,7 @@
 -include_lib("stdlib/include/assert.hrl").
 -include_lib("proper/include/proper.hrl").
 
--export([all/0, groups/0, init_per_suite/1, end_per_suite/1, init_per_testcase/2,
+-export([suite/0, all/0, groups/0, init_per_suite/1, end_per_suite/1, init_per_testcase/2,
          end_per_testcase/2]).
 -export([
     house/1, text/1, curve/1, lines/1, rocket/1, snowflake/1,
@@ -17,6 +17,8 @@
 ]).
 
 -define(SHIPPED, [house, text, curve, lines, rocket, snowflake]).
+
+suite() -> [{timetrap, {minutes, 3}}].
 
 all() -> [{group, shipped}, {group, crashes}, {group, deaths}, {group, random}].
 
@@ -245,7 +247,7 @@ complete(Given) ->
     ?assert(Separation >= 400, Given).
 
 play(Given) ->
-    Default = #{app => starl_painting, robots => 4, picture => "house", time => 20000},
+    Default = #{app => starl_painting, robots => 4, picture => "house", time => 3000},
     {ok, Sim} = starl_sim:start(maps:merge(Default, Given)),
     starl_sim:run(Sim),
     {Outcome, #{figures := Figures}} = starl_sim:finish(Sim),

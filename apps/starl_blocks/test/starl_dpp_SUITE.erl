@@ -6,7 +6,7 @@
 -include_lib("stdlib/include/assert.hrl").
 -include_lib("proper/include/proper.hrl").
 
--export([all/0, groups/0, init_per_suite/1, end_per_suite/1]).
+-export([suite/0, all/0, groups/0, init_per_suite/1, end_per_suite/1]).
 -export([
     request_certifies_the_place/1, request_without_coordinator/1, answer_is_taken_once/1,
     stale_answers_are_refused/1, lost_answer_is_asked_for_again/1, lost_pose_is_asked_for_again/1,
@@ -26,6 +26,8 @@
     world => {10000.0, 10000.0}, tube_radius => 220.0, slack => 10.0, horizon => 2000.0,
     seed => 1, speed => 500.0
 }).
+
+suite() -> [{timetrap, {minutes, 2}}].
 
 all() -> [{group, participant}, {group, coordinator}, {group, simulated}].
 

@@ -65,9 +65,10 @@ caught(_Generator, _Bug, 0) ->
     false;
 caught(Generator, Bug, Left) ->
     {ok, Case} = proper_gen:pick(Generator),
-    case run(Case, Bug) of
-        #{violations := []} -> caught(Generator, Bug, Left - 1);
-        #{violations := [#{contract := geocast, what := What} | _]} ->
+    #{violations := Violations} = run(Case, Bug),
+    case [What || #{contract := geocast, what := What} <- Violations] of
+        [] -> caught(Generator, Bug, Left - 1);
+        [What | _] ->
             io:format("~p is caught as ~p in case ~b~n", [Bug, What, 301 - Left]),
             true
     end.

@@ -17,7 +17,7 @@ property(Prop, Cases) ->
         end,
         Prop
     ),
-    Options = [{numtests, Cases}, {max_shrinks, 200}, nocolors, {on_output, fun io:format/2}],
+    Options = [{numtests, Cases}, {max_shrinks, 60}, nocolors, {on_output, fun io:format/2}],
     case proper:quickcheck(Seeded, Options) of
         true -> ok;
         Other -> error({property_failed, [{seed, Seed}, {answer, Other},

@@ -1,6 +1,6 @@
 %% @doc The event queue of a shard, a calendar: events lie unsorted in buckets of one window
 %% each, and a bucket is sorted when its time comes. So adding costs O(1), and taking no more
-%% than the sort.
+%% than the sort. The buckets of the next windows form a wheel, those farther ahead a map.
 -module(starl_sim_queue).
 
 -export([new/1, add/2, take_window/2, next_time/1, size/1]).
@@ -20,9 +20,15 @@
     Content :: term()
 }.
 
+%% How many windows the wheel holds.
+-define(WHEEL, 32).
+
 -record(queue, {
     width :: pos_integer(),
-    buckets = #{} :: #{integer() => [event()]},
+    %% the first window that the wheel holds; that of number I lies in place I rem WHEEL
+    base = 0 :: non_neg_integer(),
+    wheel = erlang:make_tuple(?WHEEL, []) :: tuple(),
+    far = #{} :: #{non_neg_integer() => [event()]},
     order = gb_sets:new() :: gb_sets:set(non_neg_integer()),
     size = 0 :: non_neg_integer()
 }).
@@ -37,41 +43,87 @@ new(Width) -> #queue{width = Width}.
 -spec size(t()) -> non_neg_integer().
 size(#queue{size = Size}) -> Size.
 
-%% @doc Adds an event.
+%% @doc Adds an event; one whose window is over counts to the first that is not.
 -spec add(event(), t()) -> t().
-add(Event, #queue{width = Width, buckets = Buckets, order = Order, size = Size} = Queue) ->
-    Index = element(2, Event) div Width,
-    case Buckets of
-        #{Index := Events} ->
-            Queue#queue{buckets = Buckets#{Index := [Event | Events]}, size = Size + 1};
-        #{} ->
-            Queue#queue{
-                buckets = Buckets#{Index => [Event]},
-                order = gb_sets:add_element(Index, Order),
-                size = Size + 1
-            }
+add(Event, #queue{width = Width, base = Base, wheel = Wheel, size = Size} = Queue) ->
+    case max(Base, element(2, Event) div Width) of
+        Index when Index < Base + ?WHEEL ->
+            Place = place(Index),
+            Events = [Event | element(Place, Wheel)],
+            Queue#queue{wheel = setelement(Place, Wheel, Events), size = Size + 1};
+        Index ->
+            add_far(Index, Event, Queue#queue{size = Size + 1})
     end.
 
 %% @doc Takes the events of the first window, by robot and then in the robot's order, if it ends
 %% not later than this.
 -spec take_window(Until :: time(), t()) -> {[event()], t()}.
-take_window(Until, #queue{order = Order, width = Width, buckets = Buckets} = Queue) ->
-    case gb_sets:is_empty(Order) orelse (gb_sets:smallest(Order) + 1) * Width > Until of
-        true ->
-            {[], Queue};
-        false ->
-            {Index, Rest} = gb_sets:take_smallest(Order),
-            {Events, Others} = maps:take(Index, Buckets),
-            Left = Queue#queue.size - length(Events),
-            {lists:sort(Events), Queue#queue{buckets = Others, order = Rest, size = Left}}
+take_window(Until, #queue{width = Width} = Queue) ->
+    case first(Queue) of
+        Index when is_integer(Index), (Index + 1) * Width =< Until ->
+            #queue{wheel = Wheel, size = Size} = Turned = turn(Index, Queue),
+            Place = place(Index),
+            Events = element(Place, Wheel),
+            Left = Turned#queue{
+                wheel = setelement(Place, Wheel, []), size = Size - length(Events)
+            },
+            {lists:sort(Events), turn(Index + 1, Left)};
+        _ ->
+            {[], Queue}
     end.
 
 %% @doc When the first window that has an event begins.
 -spec next_time(t()) -> time() | infinity.
-next_time(#queue{order = Order, width = Width}) ->
-    case gb_sets:is_empty(Order) of
-        true -> infinity;
-        false -> times(gb_sets:smallest(Order), Width)
+next_time(#queue{width = Width} = Queue) ->
+    case first(Queue) of
+        none -> infinity;
+        Index -> Index * Width
     end.
 
-times(Index, Width) when is_integer(Index) -> Index * Width.
+%% -- internals ------------------------------------------------------------------------------
+
+place(Index) -> Index rem ?WHEEL + 1.
+
+add_far(Index, Event, #queue{far = Far, order = Order} = Queue) ->
+    case Far of
+        #{Index := Events} ->
+            Queue#queue{far = Far#{Index := [Event | Events]}};
+        #{} ->
+            Queue#queue{far = Far#{Index => [Event]}, order = gb_sets:add_element(Index, Order)}
+    end.
+
+%% The first window that has an event.
+-spec first(t()) -> non_neg_integer() | none.
+first(#queue{size = 0}) -> none;
+first(#queue{base = Base} = Queue) -> first(Base, Base + ?WHEEL, Queue).
+
+first(End, End, #queue{order = Order}) ->
+    Index = gb_sets:smallest(Order),
+    true = is_integer(Index),
+    Index;
+first(Index, End, #queue{wheel = Wheel} = Queue) ->
+    case element(place(Index), Wheel) of
+        [] -> first(Index + 1, End, Queue);
+        [_ | _] -> Index
+    end.
+
+%% The wheel begins at a later window; what comes into its reach is moved there.
+turn(Base, #queue{order = Order} = Queue) ->
+    reach(gb_sets:is_empty(Order), Queue#queue{base = Base}).
+
+reach(true, Queue) ->
+    Queue;
+reach(false, #queue{base = Base, order = Order, far = Far, wheel = Wheel} = Queue) ->
+    case gb_sets:smallest(Order) of
+        Index when Index < Base + ?WHEEL ->
+            Place = place(Index),
+            {Events, Rest} = maps:take(Index, Far),
+            Later = gb_sets:del_element(Index, Order),
+            reach(gb_sets:is_empty(Later), Queue#queue{
+                wheel = setelement(Place, Wheel, Events ++ element(Place, Wheel)),
+                far = Rest,
+                order = Later
+            });
+        _ ->
+            Queue
+    end.

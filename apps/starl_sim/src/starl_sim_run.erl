@@ -189,11 +189,10 @@ halt_shards(#run{shards = Shards} = Run) ->
     _ = [ok = starl_sim_shard:halt(Shard) || Shard <- Shards],
     Run.
 
-%% The shards' traces in the order of time, then robot.
+%% The shards' traces in the order of time, then robot. A robot belongs to one shard, so events
+%% of one robot and time are never compared.
 merge([Trace]) -> Trace;
-merge(Traces) -> lists:foldl(fun(A, B) -> lists:merge(fun earlier/2, A, B) end, [], Traces).
-
-earlier({T1, R1, _, _}, {T2, R2, _, _}) -> T1 < T2 orelse (T1 =:= T2 andalso R1 =< R2).
+merge(Traces) -> lists:merge(Traces).
 
 rest(Reason, #run{caller = From, violations = Violations, stop = Stop} = Run) ->
     Ending =

@@ -3,7 +3,7 @@
 -module(starl_sim_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 
--export([all/0, init_per_suite/1, end_per_suite/1]).
+-export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
     every_function_of_the_api/1, send_and_await/1, post_and_broadcast/1, await_times_out/1,
     sleep_by_the_robots_clock/1, messages_wait_in_the_inbox/1, go_to_and_positions/1,
@@ -22,6 +22,8 @@
 
 -define(APP, starl_sim_script_app).
 -define(WALL_MS, 10000).
+
+suite() -> [{timetrap, {minutes, 1}}].
 
 all() ->
     [

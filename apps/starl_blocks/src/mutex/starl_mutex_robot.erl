@@ -20,6 +20,8 @@
 %% A claim is repeated so often in a lease, and so often in all.
 -define(CLAIMS_A_LEASE, 4).
 -define(CLAIMS, 16).
+%% The home looks this much later, as timers may be rounded.
+-define(MARGIN_US, 1000).
 
 %% A token that the robot has. `fence': the number of the next hold.
 -record(entry, {
@@ -484,7 +486,7 @@ at_home(Token, {Messages, Home}, #robot{now = Now} = Robot) ->
     Sent = lists:foldl(fun({To, M}, R) -> post(To, M, R) end, Robot#robot{home = Home}, Messages),
     case starl_mutex_home:due(Token, Home) of
         never -> act({{timeout, {home, Token}}, cancel}, Sent);
-        Due -> act({{timeout, {home, Token}}, max(0, Due - Now), check}, Sent)
+        Due -> act({{timeout, {home, Token}}, max(0, Due - Now) + ?MARGIN_US, check}, Sent)
     end.
 
 post_home(Token, Body, #robot{team = Team} = Robot) ->

@@ -54,6 +54,9 @@
     type :: atom(),
     body :: term(),
     waiting :: [starl:robot_id()],
+    %% the receivers' incarnations when it was first sent: a retransmission must not be taken by a
+    %% later one, for the earlier may have delivered it
+    for :: #{starl:robot_id() => starl_packet:incarnation()},
     lost = [] :: [starl:robot_id()],
     from :: starl_machine:from() | none,
     broadcast :: boolean(),
@@ -169,7 +172,10 @@ send_message(_Dests, Type, _Body, From, _Broadcast, #sap{next = Next} = Sap) whe
 ->
     {keep_state, Sap, [{trace, {overload, Type}} | answer(From, {error, overload})]};
 send_message(Dests, Type, Body, From, Broadcast, #sap{next = Seq} = Sap) ->
-    Out = #out{type = Type, body = Body, waiting = Dests, from = From, broadcast = Broadcast},
+    Out = #out{
+        type = Type, body = Body, waiting = Dests, from = From, broadcast = Broadcast,
+        for = incarnations(Dests, Sap#sap.peers)
+    },
     Id = {Sap#sap.self, Sap#sap.incarnation, Seq},
     {Actions, Sent} = transmit(Seq, Out, Sap#sap{next = Seq + 1}),
     {keep_state, Sent, [{trace, {sent, Id, Dests, Type, hash(Body)}} | Actions]}.
@@ -180,9 +186,9 @@ skip_own(#sap{next = Next} = Sap) -> advance_low(Sap#sap{next = Next + 1}).
 order_loopback([Sent, Outcome], Delivery, Answer) -> [Sent | Delivery] ++ [Outcome | Answer].
 
 transmit(Seq, #out{tries = Tries, waiting = Waiting} = Out, #sap{out = Outs} = Sap) ->
-    #sap{self = Self, incarnation = Incarnation, low = Low, peers = Peers} = Sap,
+    #sap{self = Self, incarnation = Incarnation, low = Low} = Sap,
     #out{type = Type, body = Body} = Out,
-    For = incarnations(Waiting, Peers),
+    For = maps:with(Waiting, Out#out.for),
     Packet = starl_packet:data({Self, Incarnation, Seq, Low, For, Type, Body}),
     Actions = [
         {{timeout, {retransmit, Seq}}, lists:nth(Tries + 1, Sap#sap.delays), again}

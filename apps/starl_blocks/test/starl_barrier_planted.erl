@@ -1,0 +1,45 @@
+%% The barrier with a planted bug, chosen by the key `variant' of the configuration.
+-module(starl_barrier_planted).
+-behaviour(starl_machine).
+
+-export([init/1, handle_event/5]).
+
+-define(REAL, starl_barrier_rounds).
+
+%% forgetful: after a crash it begins again with round 1 and asks nobody.
+init(#{variant := forgetful} = Config) -> start(Config#{incarnation => 1});
+init(Config) -> start(Config).
+
+start(#{variant := Variant} = Config) ->
+    {ready, Data, Actions} = ?REAL:init(Config),
+    {ready, {Variant, #{}, Data}, Actions}.
+
+%% recreated: what comes a second time opens the entry of the next round.
+handle_event(cast, {message, From, barrier, {reached, Name, K, Known, Answer}}, ready,
+             {recreated, Seen, Data}, Meta) ->
+    Key = {From, Name},
+    Count = case Seen of #{Key := K} -> K + 1; #{} -> K end,
+    Message = {message, From, barrier, {reached, Name, Count, Known, Answer}},
+    pass(recreated, Seen#{Key => K}, ?REAL:handle_event(cast, Message, ready, Data, Meta), Data);
+%% alone: does not wait for those that it has not heard of when it first asks.
+handle_event({timeout, {again, Name}} = T, C, ready, {alone, Seen, Data}, #{robot := Me} = Meta) ->
+    Forged = lists:foldl(
+        fun(Robot, D) ->
+            M = {message, Robot, barrier, {reached, Name, 1 bsl 20, 0, false}},
+            next(?REAL:handle_event(cast, M, ready, D, Meta), D)
+        end,
+        Data,
+        lists:delete(Me, [1, 2, 3, 4])
+    ),
+    pass(alone, Seen, ?REAL:handle_event(T, C, ready, Forged, Meta), Forged);
+handle_event(Type, Content, ready, {Variant, Seen, Data}, Meta) ->
+    pass(Variant, Seen, ?REAL:handle_event(Type, Content, ready, Data, Meta), Data).
+
+pass(Variant, Seen, {keep_state, Next, Actions}, _) -> {keep_state, {Variant, Seen, Next}, Actions};
+pass(Variant, Seen, {keep_state, Next}, _) -> {keep_state, {Variant, Seen, Next}, []};
+pass(Variant, Seen, {keep_state_and_data, Actions}, D) -> {keep_state, {Variant, Seen, D}, Actions};
+pass(Variant, Seen, keep_state_and_data, Data) -> {keep_state, {Variant, Seen, Data}, []};
+pass(_, _, unknown_event, _) -> unknown_event.
+
+next({keep_state, Next, _}, _) -> Next;
+next(_, Data) -> Data.

@@ -1,0 +1,83 @@
+%% The rules of a token's home, and the pitfalls of hand-over.
+-module(starl_mutex_home_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(H, starl_mutex_home).
+-define(LEASE, 1000000).
+
+%% Robot 1 owns the token `t'; robots 2 and 3 wait.
+owned() ->
+    {[{1, {token, t, F, [{1, 1}]}}], H1} = ?H:request(t, {1, 1}, 0, ?H:new(1, 0, ?LEASE, 1000)),
+    {granted, H2} = ?H:claim(t, F, 1, 0, H1),
+    {F, H2}.
+
+%% A lost report may be wrong: whichever of the claim and the return comes first wins.
+lost_hand_over_claim_first_test() ->
+    {F, H} = owned(),
+    {granted, Claimed} = ?H:claim(t, ?H:next(F), 2, 10, H),
+    ?assertEqual({[], Claimed}, ?H:return(t, ?H:next(F), 1, [{2, 1}, {3, 1}], 20, Claimed)).
+
+lost_hand_over_return_first_test() ->
+    {F, H} = owned(),
+    {[{3, {token, t, G, Queue}}], Back} = ?H:return(t, ?H:next(F), 1, [{3, 1}, {2, 1}], 10, H),
+    ?assertEqual([{3, 1}, {2, 1}], Queue),
+    ?assert(G > ?H:next(F)),
+    ?assertMatch({refused, _}, ?H:claim(t, ?H:next(F), 2, 20, Back)),
+    ?assertMatch({refused, _}, ?H:renew(t, F, 1, 20, Back)),
+    ?assertMatch({granted, _}, ?H:claim(t, G, 3, 20, Back)).
+
+%% The queue lost with its owner: those that asked the home again get the new token.
+queue_lost_with_owner_test() ->
+    {F, H} = owned(),
+    {[{1, {request, t, {2, 1}, F, home}}], H2} = ?H:request(t, {2, 1}, 10, H),
+    {[_], H3} = ?H:request(t, {3, 1}, 20, H2),
+    Due = ?H:due(t, H3),
+    ?assertEqual({[], H3}, ?H:expire(t, Due - 1, H3)),
+    {[{2, {token, t, G, Queue}}], _} = ?H:expire(t, Due, H3),
+    ?assertEqual([{2, 1}, {3, 1}], Queue),
+    ?assert(G > F).
+
+%% The home's lease is longer than the holder's by what two clocks may drift apart.
+drift_is_waited_out_test() ->
+    {_, H} = owned(),
+    {_, H2} = ?H:request(t, {2, 1}, 10, H),
+    ?assert(?H:due(t, H2) >= ?LEASE * 1001 / 999).
+
+%% After a crash the home waits for a full lease and grants higher numbers only; an owner of
+%% before may go on, and is waited for.
+restarted_home_waits_test() ->
+    {F, _} = owned(),
+    New = ?H:new(2, 5000000, ?LEASE, 1000),
+    {[], H1} = ?H:request(t, {2, 1}, 5000010, New),
+    ?assertMatch({refused, _}, ?H:claim(t, ?H:next(F), 3, 5000020, H1)),
+    First = ?H:due(t, H1),
+    ?assert(First >= 5000000 + ?LEASE),
+    {granted, H2} = ?H:renew(t, F, 1, 5500000, H1),
+    ?assert(?H:due(t, H2) > First),
+    {[{2, {token, t, G, _}}], H3} = ?H:expire(t, ?H:due(t, H2), H2),
+    ?assert(G > ?H:next(F)),
+    ?assertMatch({refused, _}, ?H:renew(t, F, 1, 7000000, H3)).
+
+%% Forwarding: two robots that take each other for the owner send a request once each, then it
+%% goes to the home, and once more; it does not go in circles.
+stale_owners_do_not_circle_test() ->
+    Team = [1, 2, 3],
+    Net = maps:from_list([{R, robot(R, Team)} || R <- Team]),
+    #{1 := R1, 2 := R2, 3 := R3} = Net,
+    F = 1 bsl 60,
+    Stale = Net#{1 := starl_mutex_robot:announced(t, F, 2, R1),
+                 2 := starl_mutex_robot:announced(t, F + 1, 1, R2),
+                 3 := starl_mutex_robot:announced(t, F, 2, R3)},
+    ?assert(hops([{3, {request, t, {3, 1}, 0, none}}], Stale, 0) =< 2 * length(Team) + 2).
+
+robot(R, Team) ->
+    starl_mutex_robot:new(#{robot => R, participants => Team, incarnation => 1, now => 0,
+                            lease_us => ?LEASE, drift_ppm => 1000, retry_us => ?LEASE}).
+
+hops([], _Net, Count) -> Count;
+hops(_, _Net, 100) -> 100;
+hops([{To, {request, T, Request, Known, Via}} | Rest], Net, Count) ->
+    {keep_state, Robot, Actions} =
+        starl_mutex_robot:result(starl_mutex_robot:route(T, Request, Known, Via, maps:get(To, Net))),
+    Sent = [{D, M} || {cast, sap, {send, D, mutex, M}} <- Actions, element(1, M) =:= request],
+    hops(Rest ++ Sent, Net#{To := Robot}, Count + 1).

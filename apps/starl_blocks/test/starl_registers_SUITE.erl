@@ -1,0 +1,153 @@
+%% The contract of the shared registers, in the simulator: no read returns what nobody wrote,
+%% reads never go back, stamps never go back, all agree when writes stop.
+%% starl_registers_monitor is the judge.
+-module(starl_registers_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-include_lib("proper/include/proper.hrl").
+
+-export([all/0]).
+-export([
+    contract_under_faults/1, planted_bugs_are_caught/1, single_writer/1,
+    recovers_from_peers/1, subscribers_are_told/1, too_far_ahead_waits/1
+]).
+
+all() ->
+    [
+        contract_under_faults, planted_bugs_are_caught, single_writer,
+        recovers_from_peers, subscribers_are_told, too_far_ahead_waits
+    ].
+
+%% Agreement within so long after the last write or crash.
+-define(BOUND_US, 60000000).
+
+contract_under_faults(_) ->
+    Prop = ?FORALL(Case, registers(), starl_platform_ct:safely(fun() ->
+        #{violations := Violations} = run(Case, none),
+        _ = [io:format("~ts~n", [starl_monitor:format_violation(V)]) || V <- Violations],
+        Violations =:= []
+    end)),
+    starl_platform_ct:property(Prop, 40).
+
+planted_bugs_are_caught(_) ->
+    _ = rand:seed(exsss, starl_platform_ct:seed()),
+    [?assert(caught(Bug, 300), Bug) || Bug <- [restart, last_heard, no_exchange]].
+
+%% By a violation, not by an exception: that would fail the test case.
+caught(_Bug, 0) ->
+    false;
+caught(Bug, Left) ->
+    {ok, Case} = proper_gen:pick(registers()),
+    #{violations := Violations} = run(Case, Bug),
+    case [What || #{contract := registers, what := What} <- Violations] of
+        [] -> caught(Bug, Left - 1);
+        [What | _] ->
+            io:format("~p is caught as ~p in case ~b~n", [Bug, What, 301 - Left]),
+            true
+    end.
+
+registers() ->
+    ?LET(N, range(2, 5), map([
+        {robots, N}, {seed, oneof(lists:seq(1, 100000))},
+        {loss, oneof([0.0, 0.2, 0.4])}, {duplicate, oneof([0.0, 0.3])},
+        {delay, oneof([{5, 20}, {2, 100}])},
+        {clock_offset, oneof([0, 1000, 2000])}, {clock_drift, oneof([0, 50, 900])},
+        {range, oneof([none, 2500])},
+        {faults, list(oneof([
+            {moment(), kill_machine, {range(1, N), registers}},
+            {moment(), kill_machine, {range(1, N), oneof([sap, registers])}}
+        ]))}
+    ])).
+
+map(Pairs) -> ?LET(Drawn, Pairs, maps:from_list(Drawn)).
+
+moment() -> oneof([10, 700, 1300, 2500, 4000]).
+
+run(#{robots := N, faults := Faults} = Case, Bug) ->
+    Team = lists:seq(1, N),
+    Monitor = #{robots => Team, owners => #{mine => 1}, bound_us => ?BOUND_US},
+    Around = #{
+        blocks => [machine(Bug, #{owners => #{mine => 1}})],
+        monitors => [{starl_registers_monitor, Monitor}]
+    },
+    starl_blocks_script_app:play(fun script/1, Around, Case#{
+        faults => planned(Faults), time => 80
+    }).
+
+machine(none, Config) -> starl_registers:block(Config);
+machine(Bug, Config) -> {registers, starl_registers_bug, Config#{bug => Bug}}.
+
+script(R) ->
+    Id = starl:id(R),
+    _ = [
+        begin
+            ok = starl:sleep(R, 100 + 60 * Id),
+            _ = starl_registers:put(R, K rem 3, {Id, K}),
+            _ = starl_registers:put(R, mine, {Id, K}),
+            [starl_registers:get(R, Name) || Name <- [0, 1, 2, mine]]
+        end
+     || K <- lists:seq(1, 12)
+    ],
+    ok = starl:sleep(R, 70000),
+    [starl_registers:get(R, Name) || Name <- [0, 1, 2, mine]].
+
+planned(Faults) ->
+    [{list_to_atom("f" ++ integer_to_list(K)), At, At, Kind, Target, #{}}
+     || {K, {At, Kind, Target}} <- lists:zip(lists:seq(1, length(Faults)), Faults)].
+
+%% -- directed tests -------------------------------------------------------------------------
+
+single_writer(_) ->
+    {[A, B], _} = play(2, fun(R) ->
+        Put = starl_registers:put(R, mine, starl:id(R)),
+        ok = starl:sleep(R, 3000),
+        {Put, starl_registers:get(R, mine), starl_registers:get(R, other)}
+    end, #{}, #{owners => #{mine => 2}}),
+    ?assertEqual({done, {{error, not_owner}, {ok, 2}, {error, unset}}}, A),
+    ?assertEqual({done, {ok, {ok, 2}, {error, unset}}}, B).
+
+%% A machine that crashed has its registers again, and writes later stamps than before.
+recovers_from_peers(_) ->
+    {[A, _], Trace} = play(2, fun(R) ->
+        _ = [ok = starl_registers:put(R, x, 1) || starl:id(R) =:= 1],
+        ok = starl:sleep(R, 3000),
+        Again = starl_registers:get(R, x),
+        _ = [ok = starl_registers:put(R, y, 2) || starl:id(R) =:= 1],
+        ok = starl:sleep(R, 15000),
+        {Again, starl_registers:get(R, y)}
+    end, #{faults => [{k, 2900, 2900, kill_machine, {1, registers}, #{}}]}, #{}),
+    ?assertEqual({done, {{ok, 1}, {ok, 2}}}, A),
+    [First, Second] = [Stamp || {_, 1, registers, {put, _, _, Stamp}} <- Trace],
+    ?assert(First < Second).
+
+subscribers_are_told(_) ->
+    {[_, B], _} = play(2, fun(R) ->
+        case starl:id(R) of
+            1 -> [begin ok = starl_registers:put(R, x, K), starl:sleep(R, 500) end || K <- [1, 2]];
+            2 ->
+                ok = starl_registers:subscribe(R, x),
+                [starl:await(R, register, 5000), starl:await(R, register, 5000)]
+        end
+    end, #{}, #{}),
+    ?assertEqual({done, [{ok, 1, {x, 1}}, {ok, 1, {x, 2}}]}, B).
+
+%% Clocks farther apart than allowed: the slow robot takes the value when its clock is near.
+too_far_ahead_waits(_) ->
+    {[A, B], Trace} = play(2, fun(R) ->
+        ok = starl_registers:put(R, starl:id(R), here),
+        ok = starl:sleep(R, 30000),
+        {starl_registers:get(R, 1), starl_registers:get(R, 2)}
+    end, #{clock_offset => 5000, seed => 3}, #{ahead_ms => 100}),
+    ?assertEqual({done, {{ok, here}, {ok, here}}}, A),
+    ?assertEqual(A, B),
+    ?assertNotEqual([], [T || {T, _, registers, {too_far_ahead, _, _}} <- Trace]).
+
+play(N, Script, Scenario, Config) ->
+    Monitor = #{robots => lists:seq(1, N), owners => maps:get(owners, Config, #{})},
+    Around = #{
+        blocks => [starl_registers:block(Config)],
+        monitors => [{starl_registers_monitor, Monitor}]
+    },
+    Outcome = starl_blocks_script_app:play(Script, Around, Scenario#{robots => N, time => 100}),
+    ?assertEqual([], maps:get(violations, Outcome)),
+    {[Result || {_, #{result := Result}} <- maps:get(robots, Outcome)],
+        starl_blocks_script_app:trace(Outcome)}.
