@@ -3,7 +3,7 @@
 -module(starl_cli_bench_ring).
 
 -export([flags/0, run/1]).
--export([bounce/1]).
+-export([bounce/0]).
 
 -type figures() :: [{atom(), starl_cli_json:value()}].
 
@@ -29,7 +29,8 @@
 flags() ->
     [
         {robots, {list, {integer, 2, 100000}}, [4, 64, 256, 1000], "sizes of the ring"},
-        {shards, {integer, 1, 256}, 1, "over how many shards the robots are spread"},
+        {shards, {optional, {integer, 1, 256}}, none,
+            "over how many shards the robots are spread; none: as in a run"},
         {reps, {integer, 1, 100}, 3, "repetitions; the medians are told"}
     ].
 
@@ -37,7 +38,7 @@ flags() ->
 -spec run(#{atom() => term()}) -> [figures()].
 run(#{robots := Sizes, shards := Shards, reps := Reps}) ->
     starl_cli_terminal:out(
-        "ring-shuttle, ~b s of virtual time, ~b shard(s), medians of ~b\n", [?RUN_S, Shards, Reps]
+        "ring-shuttle, ~b s of virtual time, shards: ~w, medians of ~b\n", [?RUN_S, Shards, Reps]
     ),
     starl_cli_terminal:out(header()),
     [size(N, Shards, Reps) || N <- Sizes].
@@ -107,10 +108,10 @@ checks(N, Ending, #{packets := Packets, monitors := Monitors, violations := Brok
 
 %% -- two bare processes ---------------------------------------------------------------------
 
-%% Round trips per second.
+%% Round trips per second of a message {ball, From, N}.
 bare_rate() ->
     in_process(fun() ->
-        Echo = spawn_link(?MODULE, bounce, [self()]),
+        Echo = spawn_link(?MODULE, bounce, []),
         {Us, ok} = timer:tc(fun() -> ping(?ROUND_TRIPS, Echo) end),
         unlink(Echo),
         exit(Echo, kill),
@@ -120,18 +121,18 @@ bare_rate() ->
 ping(0, _Echo) ->
     ok;
 ping(N, Echo) ->
-    Echo ! N,
+    Echo ! {ball, self(), N},
     receive
-        N -> ping(N - 1, Echo)
+        {ball, Echo, N} -> ping(N - 1, Echo)
     end.
 
 %% @private
--spec bounce(pid()) -> no_return().
-bounce(Pid) ->
+-spec bounce() -> no_return().
+bounce() ->
     receive
-        N -> Pid ! N
+        {ball, Pid, N} -> Pid ! {ball, self(), N}
     end,
-    bounce(Pid).
+    bounce().
 
 %% -- figures --------------------------------------------------------------------------------
 

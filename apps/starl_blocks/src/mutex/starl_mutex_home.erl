@@ -18,7 +18,8 @@
 %% younger than the crash: it waits for one full lease.
 -module(starl_mutex_home).
 
--export([new/4, next/1, hand_over/1, last_hold/1, last_hand_over/1, request/4, claim/5, renew/5, return/6, expire/3, due/2]).
+-export([new/4, next/1, hand_over/1, last_hold/1, last_hand_over/1]).
+-export([request/4, claim/5, renew/5, return/6, expire/3, due/2]).
 
 -export_type([t/0, request/0, outgoing/0]).
 

@@ -1,0 +1,49 @@
+%% The contract of the bully election, clause by clause.
+-module(starl_election_bully_monitor_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+judge(Events) -> judge(Events, false).
+
+judge(Events, Lossless) ->
+    Config = #{robots => [1, 2, 3], bound_us => 1000, lossless => Lossless},
+    M0 = starl_monitor:new([{starl_election_bully_monitor, Config}]),
+    {Found, M} = lists:foldl(fun({T, Robot, What}, {Acc, Monitor}) ->
+        Machine = case What of {died, _} -> robot; _ -> election end,
+        case starl_monitor:step({T, Robot, Machine, What}, Monitor) of
+            {ok, Next} -> {Acc, Next};
+            {violation, V, Next} -> {Acc ++ [V], Next}
+        end
+    end, {[], M0}, Events),
+    {Late, _} = starl_monitor:finish(9000, M),
+    [What || #{what := What} <- Found ++ Late].
+
+entered(T, Robot) -> {T, Robot, {entered, e}}.
+elected(T, Robot, Leader, How) -> {T, Robot, {elected, e, Leader, How}}.
+
+kept_test() ->
+    ?assertEqual([], judge([entered(1, 1), elected(2, 3, 3, highest),
+                            elected(3, 1, 3, announcement), elected(4, 1, 3, known)], true)).
+two_leaders_test() ->
+    ?assertEqual([two_leaders_at_one_robot],
+                 judge([elected(2, 1, 3, announcement), elected(3, 1, 2, announcement)])).
+a_crash_begins_a_term_test() ->
+    ?assertEqual([], judge([elected(2, 1, 3, announcement), {3, 1, crashed},
+                            elected(4, 1, 2, announcement)])).
+no_result_test() -> ?assertEqual([no_result], judge([entered(1, 1), elected(1002, 1, 3, known)])).
+failed_in_time_test() -> ?assertEqual([], judge([entered(1, 1), {1001, 1, {failed, e, timeout}}])).
+failed_without_loss_test() ->
+    ?assertEqual([failed_without_loss], judge([entered(1, 1), {9, 1, {failed, e, timeout}}], true)).
+dead_owe_nothing_test() ->
+    ?assertEqual([], judge([entered(1, 1), entered(1, 2), {5, 1, {died, k}}, {6, 2, crashed}])).
+not_a_robot_test() -> ?assertEqual([not_a_robot], judge([elected(2, 1, 7, announcement)])).
+not_itself_test() -> ?assertEqual([not_itself], judge([elected(2, 1, 2, highest)])).
+not_the_highest_test() -> ?assertEqual([not_the_highest], judge([elected(2, 2, 2, highest)], true)).
+the_highest_is_dead_test() ->
+    ?assertEqual([], judge([{1, 3, {died, k}}, elected(2, 2, 2, highest)], true)).
+dead_leader_test() ->
+    ?assertEqual([dead_leader], judge([{1, 3, {died, k}}, elected(2, 2, 3, announcement)], true)).
+different_leaders_test() ->
+    ?assertEqual([different_leaders],
+                 judge([entered(1, 1), elected(2, 2, 3, known), {3, 3, {died, k}},
+                        elected(4, 1, 2, known)], true)),
+    ?assertEqual([], judge([elected(2, 2, 3, known), elected(4, 1, 2, known)])).
