@@ -39,7 +39,7 @@ check(Given, Options) ->
     ],
     Defaults = maps:from_list([{Key, Default} || {Key, _, Default, _} <- Options]),
     case Unknown ++ Bad of
-        [] -> {ok, maps:merge(Defaults, Given)};
+        [] -> {ok, maps:merge(Defaults, maps:map(fun(K, V) -> whole(K, V, Options) end, Given))};
         Problems -> {error, Problems}
     end.
 
@@ -113,8 +113,16 @@ suggestion(_, _) ->
 
 %% -- internals ------------------------------------------------------------------------------
 
+%% One value stands for two that are the same.
+whole(Key, Value, Options) ->
+    case lists:keyfind(Key, 1, Options) of
+        {_, {between, _}, _, _} when not is_tuple(Value) -> {Value, Value};
+        _ -> Value
+    end.
+
 valid({integer, Min, Max}, V) -> is_integer(V) andalso V >= Min andalso V =< Max;
 valid({number, Min, Max}, V) -> is_number(V) andalso V >= Min andalso V =< Max;
+valid({between, Type}, V) when not is_tuple(V) -> valid(Type, V);
 valid({between, Type}, {A, B}) -> valid(Type, A) andalso valid(Type, B) andalso A =< B;
 valid({size, Type}, {A, B}) -> valid(Type, A) andalso valid(Type, B);
 valid({between, _}, _) -> false;

@@ -31,7 +31,8 @@
     {scenario, starl_sim_scenario:reason()}
     | {scene, unicode:chardata()}
     | {no_such_app, module()}
-    | {fault_target, atom(), starl:robot_id()}.
+    | {fault_target, atom(), starl:robot_id()}
+    | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}.
 
 %% @doc Starts the simulation of a scenario. The key `app' is the application's module.
 -spec start(#{app := module(), atom() => term()}) -> {ok, sim()} | {error, reason()}.
@@ -106,7 +107,10 @@ format_error({scenario, Reason}) -> starl_sim_scenario:format_error(Reason);
 format_error({scene, Why}) -> Why;
 format_error({no_such_app, App}) -> io_lib:format("there is no application ~ts", [App]);
 format_error({fault_target, Id, Robot}) ->
-    io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]).
+    io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]);
+format_error({fault_machine, Id, Name, Known}) ->
+    Names = lists:join(", ", [atom_to_list(N) || N <- Known]),
+    io_lib:format("fault ~ts: a robot has no machine ~ts; it has ~ts", [Id, Name, Names]).
 
 %% -- internals ------------------------------------------------------------------------------
 
@@ -120,8 +124,15 @@ prepare(App, Scenario) ->
 set_scene(App, Scenario) ->
     Context = context(App, Scenario),
     case starl_app:scene(App, Context) of
-        {ok, Scene} -> launch(Scenario, Scene, Context);
+        {ok, Scene} -> check_faults(Scenario, Scene, Context);
         {error, Why} -> {error, {scene, Why}}
+    end.
+
+check_faults(#{faults := Faults} = Scenario, Scene, Context) ->
+    Known = [sap, location, motion, app | [N || {N, _, _} <- maps:get(blocks, Scene, [])]],
+    case [{Id, N} || {Id, _, _, kill_machine, {_, N}, _} <- Faults, not lists:member(N, Known)] of
+        [] -> launch(Scenario, Scene, Context);
+        [{Id, Name} | _] -> {error, {fault_machine, Id, Name, Known}}
     end.
 
 context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
@@ -163,6 +174,7 @@ launch(Scenario, Scene, #{robots := Ids} = Context) ->
         robots => [robot(Id, Scene, Profile, Context) || Id <- Ids],
         world => World,
         window_us => round(MinMs * 1000),
+        limit_us => micros(maps:get(time, Scenario)),
         shards => shards(Shards, length(Ids)),
         faults => faults(maps:get(faults, Scenario)),
         monitors => monitors(Scene, Context)

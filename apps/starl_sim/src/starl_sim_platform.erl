@@ -244,8 +244,8 @@ arrivals([Delay | Rest], Dest, Packet, #body{id = Id, now = Now, seq = Seq} = Bo
     Event = {Dest, Now + Delay, ?CLASS_PACKET, Id, Seq + length(Rest), {sap, packet, Packet}},
     [Event | arrivals(Rest, Dest, Packet, Body)].
 
-in_range(_Dest, #body{world = #{range_mm := infinity}}) ->
-    true;
+in_range(Dest, #body{world = #{range_mm := infinity, team := Team}}) ->
+    starl_team:has(Dest, Team);
 in_range(Dest, #body{now = Now, window = Window, piece = Piece, world = World}) ->
     #{range_mm := Range, sight := Sight} = World,
     case ets:lookup(Sight, Dest) of
@@ -306,7 +306,9 @@ limit(Speed) -> max(-?MAX_WHEEL, min(?MAX_WHEEL, Speed)).
 
 start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) ->
     #body{timers = Timers, until = Until, drift_ppb = Drift} = Body,
-    Due = Now + Us * 1000000000 div (1000000000 + Drift),
+    %% rounded up: a timer never fires before its time on the robot's clock
+    Rate = 1000000000 + Drift,
+    Due = Now + (Us * 1000000000 + Rate - 1) div Rate,
     Event = {Id, Due, ?CLASS_TIMER, Id, Seq, {timer, Machine, Timer, Content}},
     Running = Timers#{{Machine, Timer} => Seq},
     case Due < Until of

@@ -5,7 +5,7 @@
 -module(starl_sim_robot).
 
 -export([new/3, attach/3, boot/1]).
--export([open/3, proceed/2, answered/2, crashed/3, close/1]).
+-export([at/2, open/3, proceed/2, answered/2, crashed/3, close/1]).
 -export([busy/1, owns/2, result/1, piece/1, summary/2, machines/1]).
 
 -export_type([t/0, summary/0, window/0]).
@@ -69,7 +69,9 @@ boot(#robot{processes = Processes} = Robot) ->
 -spec open([starl_sim_queue:event()], window(), t()) -> {busy | idle, t()}.
 open(_Events, _Window, #robot{sup = dead} = Robot) -> {idle, Robot};
 open(Events, Window, #robot{local = []} = Robot) -> next_event(Events, Window, Robot);
-open(Events, Window, Robot) -> proceed(Window, Robot#robot{events = Events}).
+open([{_, Time, _, _, _, _} | _] = Events, {From, Until} = Window, #robot{body = Body} = Robot) ->
+    Moved = starl_sim_platform:at({Time, From, Until}, Body),
+    proceed(Window, Robot#robot{events = Events, body = Moved}).
 
 %% @doc Sends the next step to one of its machines, if there is anything left to do in this
 %% window.
@@ -85,6 +87,11 @@ proceed(Window, #robot{local = [{Name, Type, Content} | Rest], body = Body} = Ro
     end;
 proceed(Window, #robot{events = Events} = Robot) ->
     next_event(Events, Window, Robot).
+
+%% @doc The robot, which rests, at a later time.
+-spec at(starl_sim_queue:time(), t()) -> t().
+at(Now, #robot{body = Body} = Robot) ->
+    Robot#robot{body = starl_sim_platform:at({Now, Now, Now}, Body)}.
 
 %% @doc The machine at work has answered with its actions.
 -spec answered([starl_machine:action()], t()) -> t().
@@ -117,7 +124,7 @@ crashed(Pid, Reason, #robot{busy = Busy, crashes = Crashes} = Robot) ->
         crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED)
     }),
     case await_restart([Name], [], Bare) of
-        {ok, Names, Back} -> Back#robot{local = Back#robot.local ++ restarts(Names, Back)};
+        {ok, Names, Back} -> Back#robot{local = restarts(Names, Back) ++ Back#robot.local};
         {died, Dead} -> Dead
     end.
 

@@ -19,6 +19,7 @@
     window_us := pos_integer(),
     shards := pos_integer(),
     faults := [starl_sim_queue:event()],
+    limit_us := starl_sim_queue:time(),
     monitors := [{module(), map()}],
     robots_sup := pid(),
     shard_sup := pid()
@@ -47,6 +48,7 @@
 }.
 
 -record(run, {
+    limit_us :: starl_sim_queue:time(),
     window_us :: pos_integer(),
     shards :: [pid()],
     owners :: #{starl:robot_id() => pid()},
@@ -99,10 +101,12 @@ finish(Run) -> gen_server:call(Run, finish, infinity).
 
 -spec init(plan()) -> {ok, #run{}}.
 init(#{window_us := WindowUs, robots := Robots, monitors := Monitors} = Plan) ->
+    #{limit_us := LimitUs} = Plan,
     Shards = start_shards(Plan),
     Owners = deal(Shards, Robots),
     _ = [ok = starl_sim_shard:launch(Shard, load(Shard, Shards, Owners, Plan)) || Shard <- Shards],
     {ok, #run{
+        limit_us = LimitUs,
         window_us = WindowUs,
         shards = Shards,
         owners = Owners,
@@ -114,7 +118,7 @@ init(#{window_us := WindowUs, robots := Robots, monitors := Monitors} = Plan) ->
     {reply, term(), #run{}} | {noreply, #run{}}.
 handle_call({run, Until}, From, #run{caller = none, ending = none, shards = Shards} = Run) ->
     %% whole windows only, so that where a run pauses does not change it
-    Whole = (Until + Run#run.window_us - 1) div Run#run.window_us * Run#run.window_us,
+    Whole = (min(Until, Run#run.limit_us) + Run#run.window_us - 1) div Run#run.window_us * Run#run.window_us,
     _ = [ok = starl_sim_shard:run(Shard, Whole) || Shard <- Shards],
     {noreply, Run#run{caller = From, resting = 0}};
 handle_call({run, _Until}, _From, Run) ->
@@ -199,6 +203,7 @@ rest(Reason, #run{caller = From, violations = Violations, stop = Stop} = Run) ->
         case Reason of
             _ when Violations =/= [] -> violation;
             _ when Stop -> stopped;
+            until when Run#run.now >= Run#run.limit_us -> time;
             until -> none;
             _ -> Reason
         end,

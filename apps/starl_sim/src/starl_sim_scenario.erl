@@ -81,7 +81,8 @@ format_error({syntax, File, Line, What}) ->
 format_error({shape, File}) ->
     io_lib:format("~ts: a scenario file holds one map, as in #{app => painting}.", [File]).
 
-faults(List) -> is_list(List) andalso lists:all(fun fault/1, List).
+faults(List) when length(List) >= 0 -> lists:all(fun fault/1, List);
+faults(_) -> false.
 
 fault({Id, From, To, kill_machine, {Robot, Name}, Params}) ->
     span(Id, From, To, Params) andalso is_integer(Robot) andalso is_atom(Name);

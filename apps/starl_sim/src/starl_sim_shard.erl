@@ -135,7 +135,7 @@ handle_call({inspect, {robot, Id}}, _From, Shard) ->
 -spec handle_cast({run, starl_sim_queue:time()}, #shard{}) -> {noreply, #shard{}}.
 handle_cast({run, Until}, #shard{now = Now} = Shard) ->
     Timer = starl_sim_window:be_patient({Now, Now}),
-    Rested = advance(Until, Shard),
+    Rested = advance(Until, agree(Shard)),
     _ = erlang:cancel_timer(Timer),
     {noreply, Rested}.
 
@@ -143,12 +143,9 @@ handle_cast({run, Until}, #shard{now = Now} = Shard) ->
 %% died. The robot is woken to go on in the next window.
 -spec handle_info(term(), #shard{}) -> {noreply, #shard{}}.
 handle_info({'DOWN', _, process, Pid, Reason}, Shard) ->
-    case starl_sim_window:crashed(Pid, Reason) of
-        {ok, Id} -> {noreply, wake(Id, Shard)};
-        none -> {noreply, Shard}
-    end;
-handle_info({wake, Id}, Shard) ->
-    {noreply, wake(Id, Shard)};
+    {noreply, down(Pid, Reason, Shard)};
+handle_info({down, Pid, Reason}, Shard) ->
+    {noreply, down(Pid, Reason, Shard)};
 handle_info({approve, N}, Shard) ->
     {noreply, Shard#shard{approved = N}};
 handle_info(halt, Shard) ->
@@ -174,12 +171,16 @@ attach_all(Id, Robot) ->
 
 %% -- window after window --------------------------------------------------------------------
 
+%% A robot may have been woken since all rested, so the next window is found again.
+agree(#shard{windows = 0} = Shard) -> Shard;
+agree(Shard) -> exchange(#{later => [], moved => [], ended => 0, trace => []}, Shard).
+
 advance(_Until, #shard{running = 0} = Shard) ->
     rest(done, Shard);
 advance(_Until, #shard{next = infinity} = Shard) ->
     rest(quiet, Shard);
 advance(Until, #shard{next = Next} = Shard) when Next >= Until ->
-    rest(until, Shard#shard{now = Until});
+    rest(until, Shard#shard{now = max(Until, Shard#shard.now)});
 advance(Until, #shard{windows = N, approved = Approved} = Shard) when N >= Approved + ?AHEAD ->
     receive
         {approve, More} -> advance(Until, Shard#shard{approved = More});
@@ -192,11 +193,17 @@ rest(Reason, #shard{run = Run, now = Now, running = Running} = Shard) ->
     Run ! {resting, self(), Now, Reason, Running},
     Shard.
 
-%% Robots that a crash left with something to do.
+%% Processes that went down while their robots had nothing to do.
 look_up(Shard) ->
     receive
-        {wake, Id} -> look_up(wake(Id, Shard))
+        {down, Pid, Reason} -> look_up(down(Pid, Reason, Shard))
     after 0 -> Shard
+    end.
+
+down(Pid, Reason, #shard{now = Now} = Shard) ->
+    case starl_sim_window:crashed(Pid, Reason, Now) of
+        {ok, Id} -> wake(Id, Shard);
+        none -> Shard
     end.
 
 wake(Id, #shard{queue = Queue, now = Now} = Shard) ->

@@ -10,7 +10,7 @@
 %% of the whole work.
 -module(starl_sim_window).
 
--export([hold/1, robots/0, robot/1, be_patient/1, run/2, crashed/2]).
+-export([hold/1, robots/0, robot/1, be_patient/1, run/2, crashed/3]).
 
 -export_type([yields/0]).
 
@@ -54,11 +54,12 @@ run(Window, Events) ->
 
 %% @doc A process has gone down between two windows: the robot, if it is one of these, that has
 %% to go on in the next window.
--spec crashed(pid(), Reason :: term()) -> {ok, starl:robot_id()} | none.
-crashed(Pid, Reason) ->
+-spec crashed(pid(), Reason :: term(), Now :: starl_sim_queue:time()) ->
+    {ok, starl:robot_id()} | none.
+crashed(Pid, Reason, Now) ->
     case owner(Pid) of
         {Id, Robot} ->
-            _ = put(Id, starl_sim_robot:crashed(Pid, Reason, Robot)),
+            _ = put(Id, starl_sim_robot:crashed(Pid, Reason, starl_sim_robot:at(Now, Robot))),
             {ok, Id};
         none ->
             none
@@ -108,22 +109,27 @@ collect(Active, Window) ->
     end.
 
 %% A crash of a robot at work: it goes on when its supervisor has restarted what crashed. The
-%% processes of the others are left for later.
+%% processes of the others are left for the time between the windows.
 interrupted(Pid, Reason, Window) ->
     case owner(Pid) of
         {Id, Robot} ->
-            Crashed = starl_sim_robot:crashed(Pid, Reason, Robot),
-            _ = put(Id, Crashed),
-            case {starl_sim_robot:busy(Robot), starl_sim_robot:busy(Crashed)} of
-                {[_], []} ->
-                    keep(Id, starl_sim_robot:proceed(Window, Crashed)) - 1;
-                {[_], [_]} ->
+            case starl_sim_robot:busy(Robot) of
+                [] ->
+                    self() ! {down, Pid, Reason},
                     0;
-                {[], []} ->
-                    self() ! {wake, Id},
-                    0
+                [_] ->
+                    go_on(Id, starl_sim_robot:crashed(Pid, Reason, Robot), Window)
             end;
         none ->
+            0
+    end.
+
+go_on(Id, Robot, Window) ->
+    case starl_sim_robot:busy(Robot) of
+        [] ->
+            keep(Id, starl_sim_robot:proceed(Window, Robot)) - 1;
+        [_] ->
+            _ = put(Id, Robot),
             0
     end.
 

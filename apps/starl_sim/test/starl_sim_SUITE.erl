@@ -8,12 +8,12 @@
     every_function_of_the_api/1, send_and_await/1, post_and_broadcast/1, await_times_out/1,
     sleep_by_the_robots_clock/1, messages_wait_in_the_inbox/1, go_to_and_positions/1,
     unknown_waypoint_and_robot/1, send_to_a_robot_that_is_not/1, random_from_the_seed/1,
-    actuate_and_trace/1, call_times_out/1, call_to_no_machine_times_out/1,
+    actuate_and_trace/1, call_times_out/1, call_to_no_machine_is_a_mistake/1,
     unreachable_robot_is_lost/1,
     hot_reload_carries_the_state/1, hot_reload_without_code_change/1,
-    errors_of_start/1, run_step_stop_status/1, time_never_runs_back/1, ending_time/1,
+    errors_of_start/1, run_step_stop_status/1, inspect_before_the_first_step/1, inspect_what_restarts/1, time_never_runs_back/1, ending_time/1,
     finish_leaves_nothing/1, two_simulations_at_once/1,
-    killed_machine_is_told/1, killed_services_restart/1, killed_app_starts_anew/1,
+    killed_machine_is_told/1, killed_services_restart/1, killed_app_starts_anew/1, ended_is_ended_once/1,
     late_answers_do_not_reach_the_next_app/1, listening_survives_a_killed_sap/1,
     killed_robot_dies_alone/1, crash_with_events_waiting/1, app_crash_with_messages_waiting/1,
     killed_from_outside/1, killed_from_outside_while_all_rest/1, robot_killed_from_outside/1,
@@ -30,12 +30,13 @@ all() ->
         every_function_of_the_api, send_and_await, post_and_broadcast, await_times_out,
         sleep_by_the_robots_clock, messages_wait_in_the_inbox, go_to_and_positions,
         unknown_waypoint_and_robot, send_to_a_robot_that_is_not, random_from_the_seed,
-        actuate_and_trace, call_times_out, call_to_no_machine_times_out,
+        actuate_and_trace, call_times_out, call_to_no_machine_is_a_mistake,
         unreachable_robot_is_lost,
         hot_reload_carries_the_state, hot_reload_without_code_change,
-        errors_of_start, run_step_stop_status, time_never_runs_back, ending_time,
+        errors_of_start, run_step_stop_status, inspect_before_the_first_step,
+        inspect_what_restarts, time_never_runs_back, ending_time,
         finish_leaves_nothing, two_simulations_at_once,
-        killed_machine_is_told, killed_services_restart, killed_app_starts_anew,
+        killed_machine_is_told, killed_services_restart, killed_app_starts_anew, ended_is_ended_once,
         late_answers_do_not_reach_the_next_app, listening_survives_a_killed_sap,
         killed_robot_dies_alone, crash_with_events_waiting, app_crash_with_messages_waiting,
         killed_from_outside, killed_from_outside_while_all_rest, robot_killed_from_outside,
@@ -197,10 +198,11 @@ call_times_out(_) ->
     end, crashing(#{})),
     ?assertEqual([{done, {{error, timeout}, {ok, 1}}}], Results).
 
-call_to_no_machine_times_out(_) ->
-    {_, Results, Trace} = play(1, fun(R) -> starl:call(R, no_such, x, 500) end, #{}),
-    ?assertEqual([{done, {error, timeout}}], Results),
-    ?assertMatch([_], [E || {_, 1, no_such, {unknown_machine, _} = E} <- Trace]).
+%% It is not answered at all, nor waits for ever: the application crashes, until its robot dies.
+call_to_no_machine_is_a_mistake(_) ->
+    {_, Results, Trace} = play(1, fun(R) -> starl:call(R, no_such, x, infinity) end, #{}),
+    ?assertEqual([died], Results),
+    ?assertMatch([_ | _], [E || {_, 1, no_such, {unknown_machine, _} = E} <- Trace]).
 
 unreachable_robot_is_lost(_) ->
     {_, [{done, A}, {done, B}], _} = play(2, fun(R) ->
@@ -275,6 +277,24 @@ run_step_stop_status(_) ->
     ok = starl_sim:stop(Sim),
     ?assertMatch(#{ending := stopped}, starl_sim:run(Sim)),
     ?assertMatch({#{ending := stopped, violations := []}, #{figures := []}}, starl_sim:finish(Sim)).
+
+%% A simulation can be looked at from the beginning,
+inspect_before_the_first_step(_) ->
+    Seen = starl_platform_ct:within(?WALL_MS, fun() ->
+        {ok, Sim} = start(1, fun starl:id/1, #{}),
+        starl_sim:inspect(Sim, 1)
+    end),
+    ?assertMatch(#{sap := _, app := _, motion := _}, Seen).
+
+%% and also after a process was killed that has not gone on yet.
+inspect_what_restarts(_) ->
+    Seen = starl_platform_ct:within(?WALL_MS, fun() ->
+        {ok, Sim} = start(4, fun(R) -> starl:sleep(R, 1000) end, #{shards => 2}),
+        starl_sim:run(Sim, 0.5),
+        kill(pid_of(Sim, 1, sap), Sim),
+        starl_sim:inspect(Sim, 1)
+    end),
+    ?assertMatch(#{sap := _, app := _, motion := _}, Seen).
 
 %% A time that has passed already is no time to run to.
 time_never_runs_back(_) ->
@@ -351,6 +371,25 @@ killed_app_starts_anew(_) ->
     end, #{clock_offset => 0, faults => [{a, 1000, 1000, kill_machine, {1, app}, #{}}]}),
     ?assertEqual([{done, started_anew}], Results).
 
+%% An application that has ended, crashes and ends again, or whose robot dies then, has ended
+%% once: the run waits for the others.
+ended_is_ended_once(_) ->
+    [
+        begin
+            {_, Results, _} = play(2, fun(R) -> starl:sleep(R, 1000 * starl:id(R)) end,
+                #{faults => [Fault], clock_offset => 0}),
+            ?assertMatch([_, {done, ok}], Results)
+        end
+     || Fault <- [{a, 1300, 1300, kill_machine, {1, app}, #{}}, {a, 1300, 1300, kill_robot, 1, #{}}]
+    ],
+    {_, Again, _} = play(2, fun(R) ->
+        case {starl:id(R), starl:now(R) < 500} of
+            {1, _} -> ok;
+            {2, _} -> starl:sleep(R, 2000)
+        end
+    end, #{faults => [{a, 1000, 1000, kill_machine, {1, app}, #{}}], clock_offset => 0}),
+    ?assertEqual([{done, ok}, {done, ok}], Again).
+
 %% The answer to a call of an application that crashed is none to a call of the next one.
 late_answers_do_not_reach_the_next_app(_) ->
     {_, Results, _} = play(2, fun(R) ->
@@ -421,8 +460,8 @@ app_crash_with_messages_waiting(_) ->
 
 %% A process killed from outside between two steps: virtual time waits until it is back.
 killed_from_outside(_) ->
-    {ok, Sim} = start(2, fun(R) ->
-        [starl:send(R, 3 - starl:id(R), a, K) || K <- lists:seq(1, 500)],
+    {ok, Sim} = start(4, fun(R) ->
+        [starl:send(R, starl:id(R) rem 4 + 1, a, K) || K <- lists:seq(1, 500)],
         starl:go_to(R, {5000.0, 1000.0 * starl:id(R)})
     end, #{shards => 2}),
     Kill = fun(Name) ->
@@ -454,15 +493,17 @@ killed_from_outside_while_all_rest(_) ->
 
 %% A whole robot killed from outside in the middle of a drive dies where it is.
 robot_killed_from_outside(_) ->
-    {ok, Sim} = start(2, fun(R) -> starl:go_to(R, {9000.0, 1000.0 + 2000.0 * starl:id(R)}) end,
+    {ok, Sim} = start(4, fun(R) -> starl:go_to(R, {9000.0, 1000.0 + 2000.0 * starl:id(R)}) end,
         #{speed => 100, shards => 2}),
     #{now_us := Killed} = starl_sim:run(Sim, 5.1),
-    kill(hd(starl_sim:robot_pids(Sim, all)), Sim),
+    [Robot] = [Sup || Sup <- starl_sim:robot_pids(Sim, all), robot_of(Sup) =:= 1],
+    kill(Robot, Sim),
     Outcome = end_of(Sim),
     well_ended(Outcome),
-    [{Died, Who}] = [{T, R} || {T, R, robot, {died, _}} <- trace(Outcome)],
+    [{Died, 1}] = [{T, R} || {T, R, robot, {died, _}} <- trace(Outcome)],
     ?assert(Died >= Killed),
-    ?assertMatch([{_, {done, ok}}], [{R, S} || {R, #{result := S}} <- maps:get(robots, Outcome), R =/= Who]),
+    ?assertEqual([died, {done, ok}, {done, ok}, {done, ok}],
+                 [Result || {_, #{result := Result}} <- maps:get(robots, Outcome)]),
     no_jump(trace(Outcome)).
 
 %% A machine that crashes again and again: its supervisor gives up, the robot has died, and the
@@ -528,14 +569,15 @@ pid_of(Sim, Robot, Name) ->
     ],
     Pid.
 
-%% Returns when the shards have had the news, too.
+%% Kills something of robot 1. Returns when its shard has had the news, too: it is also the
+%% shard of robot 3 (of four robots on two shards), which has nothing to do with it.
 kill(Pid, Sim) ->
     Ref = monitor(process, Pid),
     true = exit(Pid, kill),
     receive
         {'DOWN', Ref, process, Pid, _} -> ok
     end,
-    _ = [starl_sim:inspect(Sim, Id) || Id <- [1, 2]],
+    #{sap := _} = starl_sim:inspect(Sim, 3),
     ok.
 
 robot_of(Sup) ->

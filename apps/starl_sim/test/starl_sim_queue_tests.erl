@@ -1,4 +1,5 @@
-%% The event queue: events come out in the order of (time, robot, class, source, sequence).
+%% The event queue: window by window, by robot, and those of a robot in the order of (time, class,
+%% source, sequence).
 -module(starl_sim_queue_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -24,7 +25,7 @@ windows_test() ->
 
 %% Whatever the order in which they were added, and with equal times.
 sorted_test() ->
-    Events = [{T, R, C, S, N, x} || T <- [5, 7], R <- [1, 2], C <- [0, 1, 2], S <- [1, 2], N <- [1, 2]],
+    Events = [{R, T, C, S, N, x} || R <- [1, 2], T <- [5, 7], C <- [0, 1, 2], S <- [1, 2], N <- [1, 2]],
     [
         begin
             Shuffled = [E || {_, E} <- lists:sort([{erlang:phash2({Seed, E}), E} || E <- Events])],
@@ -47,15 +48,15 @@ drain(Q) ->
         infinity ->
             [];
         Next ->
-            {Events, Rest} = starl_sim_queue:take_window(Next + 10, Q),
+            {Events, Rest} = starl_sim_queue:take_window((Next div 10 + 1) * 10, Q),
             ?assertNotEqual([], Events),
             times(Events) ++ drain(Rest)
     end.
 
 add(List) ->
     lists:foldl(
-        fun({N, {T, R}}, Q) -> starl_sim_queue:add({T, R, 1, R, N, x}, Q) end,
+        fun({N, {T, R}}, Q) -> starl_sim_queue:add({R, T, 1, R, N, x}, Q) end,
         starl_sim_queue:new(10), lists:zip(lists:seq(1, length(List)), List)
     ).
 
-times(Events) -> [element(1, E) || E <- Events].
+times(Events) -> [element(2, E) || E <- Events].

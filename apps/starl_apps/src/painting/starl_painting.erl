@@ -7,21 +7,28 @@
 -export([init/2, step/2]).
 -export([options/0, scene/1, report/2]).
 
--type state() :: elect | paint.
+%% How often a robot takes part in the election before it gives the picture up.
+-define(ELECTIONS, 3).
+
+-type state() :: {elect, Tries :: pos_integer()} | paint.
 
 %% -- the application ------------------------------------------------------------------------
 
--spec init(starl:robot(), none) -> elect.
-init(_Robot, none) -> elect.
+-spec init(starl:robot(), none) -> {elect, pos_integer()}.
+init(_Robot, none) -> {elect, ?ELECTIONS}.
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, complete | incomplete}.
-step(Robot, elect) ->
+step(Robot, {elect, Tries}) ->
     case starl_election:elect(Robot, painting) of
         {ok, Leader} ->
-            ok = starl_dpp:join(Robot, Leader),
+            _ = starl_dpp:join(Robot, Leader),
             {continue, paint};
-        {error, _} ->
-            {continue, elect}
+        {error, restarted} ->
+            {continue, {elect, Tries}};
+        {error, timeout} when Tries > 1 ->
+            {continue, {elect, Tries - 1}};
+        {error, timeout} ->
+            {done, incomplete}
     end;
 step(Robot, paint) ->
     case starl_dpp:request_path(Robot) of
@@ -29,9 +36,11 @@ step(Robot, paint) ->
             follow(Robot, Path),
             {continue, paint};
         {error, no_coordinator} ->
-            {continue, elect};
+            {continue, {elect, ?ELECTIONS}};
         {error, restarted} ->
             {continue, paint};
+        {error, no_answer} ->
+            {done, incomplete};
         End ->
             {done, End}
     end.

@@ -49,9 +49,10 @@ join(Robot, Coordinator) ->
 
 %% @doc Gives back the path that the robot holds, certifies that the robot stands still (it is
 %% stopped if it does not), and waits for a new path. `complete': every target edge is painted.
-%% `incomplete': what is left is closed by robots that no longer answer.
+%% `incomplete': what is left is closed by robots that no longer answer. `no_answer': the
+%% coordinator has not been reached for long.
 -spec request_path(starl:robot()) ->
-    {ok, path()} | complete | incomplete | {error, restarted | no_coordinator}.
+    {ok, path()} | complete | incomplete | {error, restarted | no_coordinator | no_answer}.
 request_path(Robot) ->
     case starl:call(Robot, dpp, request, infinity) of
         {ok, Answer} -> Answer;

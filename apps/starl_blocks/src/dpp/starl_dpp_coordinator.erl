@@ -25,7 +25,7 @@
 %% A robot is silent when it is so much later than its drive would take; and if only silent
 %% robots are left to wait for, they have so long to be heard again.
 -define(SILENT_US, 30000000).
--define(GIVE_UP_US, 30000000).
+-define(GIVE_UP_US, 60000000).
 
 -record(coordinator, {
     self :: starl:robot_id(),
@@ -229,8 +229,11 @@ settle(#coordinator{plan = Plan, waiting = Waiting, moving = Moving, silent = Si
         [] when Active =:= [] ->
             {Paths, Next} = starl_dpp_plan:resolve(Waiting, Plan),
             resolve(Paths, Data#coordinator{plan = Next});
-        _ ->
-            {Data, []}
+        [] ->
+            {Data, []};
+        _Unknown ->
+            %% nothing can be assigned before all are known
+            resolve([], Data)
     end.
 
 resolve([], #coordinator{stuck = true} = Data) ->

@@ -29,8 +29,11 @@
     | asking
     | {moving, starl_dpp:request_id(), From :: starl_geometry:point(), starl_dpp_plan:path()}.
 
-%% A request without an answer is made again after so long; likewise a look at the position.
--define(AGAIN_US, 8000000).
+%% A request without an answer is made again after so long, once its own fate is known; likewise
+%% a look at the position.
+-define(AGAIN_US, 40000000).
+%% After so many requests in a row that did not reach the coordinator it counts as dead.
+-define(UNSENT, 3).
 -define(LOOK_US, 500000).
 %% How far the robot drives before it tells that space behind it is free.
 -define(REPORT_MM, 400.0).
@@ -51,6 +54,8 @@
     %% all edges painted, and those not yet in a request that was answered
     painted = [] :: [pos_integer()],
     fresh = [] :: [pos_integer()],
+    %% how many requests in a row did not reach the coordinator
+    unsent = 0 :: non_neg_integer(),
     %% a coordinator that wants to know where the robot is
     wanted = none :: {starl:robot_id(), Epoch :: pos_integer()} | none
 }).
@@ -80,8 +85,10 @@ handle_event({timeout, again}, request, asking, Part, _Meta) ->
     ask(Part);
 handle_event({timeout, look}, look, _Where, Part, _Meta) ->
     {keep_state, Part, halt_and_look(Part)};
-handle_event({reply, {sent, N}}, {error, _}, asking, #part{n = N} = Part, _Meta) ->
-    {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
+handle_event({reply, {sent, N}}, {error, Why}, asking, Part, _Meta) when N + 1 =:= Part#part.n ->
+    unsent(Why, Part);
+handle_event({reply, {sent, N}}, ok, asking, Part, _Meta) when N + 1 =:= Part#part.n ->
+    {keep_state, Part#part{unsent = 0}};
 handle_event({reply, _}, _, _Where, _Part, _Meta) ->
     keep_state_and_data;
 handle_event({call, From}, {join, Coordinator}, _Where, Part, _Meta) ->
@@ -134,6 +141,16 @@ ask(Part) ->
         starl_sap:send(Coordinator, dpp_request, Body, {sent, N}),
         {{timeout, again}, ?AGAIN_US, request}
     ]}.
+
+%% A coordinator that cannot be reached for long is taken for dead.
+unsent(lost, #part{unsent = ?UNSENT, from = From} = Part) ->
+    Timer = {{timeout, again}, cancel},
+    Given = Part#part{unsent = 0, from = none},
+    {next_state, standing, Given, [Timer, {reply, From, {error, no_answer}}]};
+unsent(lost, #part{unsent = Unsent} = Part) ->
+    {keep_state, Part#part{unsent = Unsent + 1}, [{{timeout, again}, ?LOOK_US, request}]};
+unsent(_Why, Part) ->
+    {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]}.
 
 id(#part{incarnation = Incarnation, n = N}) -> {Incarnation, N}.
 

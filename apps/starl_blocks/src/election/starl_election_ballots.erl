@@ -165,10 +165,11 @@ race(Election, #election{races = Races, order = Order} = Data) ->
         #{Election := Race} ->
             {Race, Data};
         #{} ->
-            {Keep, Drop} = lists:split(min(?REMEMBERED - 1, length(Order)), Order),
-            Left = maps:without(Drop, Races),
+            {Keep, Old} = lists:split(min(?REMEMBERED - 1, length(Order)), Order),
+            Awaited = [E || E <- Old, #race{from = From} <- [maps:get(E, Races)], From =/= none],
+            Left = maps:without(Old -- Awaited, Races),
             {#race{}, Data#election{
-                races = Left#{Election => #race{}}, order = [Election | Keep]
+                races = Left#{Election => #race{}}, order = [Election | Keep ++ Awaited]
             }}
     end.
 

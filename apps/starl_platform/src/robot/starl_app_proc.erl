@@ -23,8 +23,10 @@
     actions = [] :: [starl_machine:action()],
     inbox = [] :: [message()],
     random :: rand:state(),
-    tag = 0 :: non_neg_integer(),
-    listening = [] :: [atom()]
+    %% of an earlier life's calls, no answer is taken for one of this life's
+    tag :: {Incarnation :: pos_integer(), non_neg_integer()},
+    %% what to say again to a machine that has restarted
+    listening = [] :: [{starl_machine:name(), Word :: term()}]
 }).
 
 %% A message that waits in the inbox.
@@ -40,17 +42,24 @@
 }.
 
 %% @doc Starts the process of an application on a robot.
--spec start_link(spec()) -> {ok, pid()}.
-start_link(Spec) -> {ok, proc_lib:spawn_link(?MODULE, init, [Spec])}.
+-spec start_link(spec()) -> {ok, pid()} | {error, term()}.
+start_link(Spec) -> proc_lib:start_link(?MODULE, init, [Spec]).
 
 %% @private
 -spec init(spec()) -> no_return().
 init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := Driver}) ->
     logger:set_process_metadata(#{domain => [starl, robot], robot => Id, machine => app}),
     Driver ! {starl_attach, Id, app, self()},
+    proc_lib:init_ack({ok, self()}),
     receive
-        {starl_boot, #{now := Now, random := Random}} ->
-            _ = put(?TURN, #turn{robot = Id, driver = Driver, now = Now, random = Random}),
+        {starl_boot, #{now := Now, random := Random, incarnation := Incarnation}} ->
+            _ = put(?TURN, #turn{
+                robot = Id,
+                driver = Driver,
+                now = Now,
+                random = Random,
+                tag = {Incarnation, 0}
+            }),
             loop(Robot, Module, Module:init(Robot, Args), version(Module))
     end.
 
@@ -58,7 +67,7 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
 -spec perform([starl_machine:action()]) -> ok.
 perform(New) ->
     #turn{actions = Actions} = Turn = get(?TURN),
-    Listening = [Type || {cast, sap, {listen, Type, app}} <- New] ++ Turn#turn.listening,
+    Listening = lists:foldl(fun listening/2, Turn#turn.listening, New),
     _ = put(?TURN, Turn#turn{actions = lists:reverse(New, Actions), listening = Listening}),
     ok.
 
@@ -180,11 +189,17 @@ wait(Match) ->
             end
     end.
 
-%% The new SAP knows no listeners.
-heed(info, {restarted, sap}) ->
-    #turn{listening = Listening} = Turn = get(?TURN),
-    _ = put(?TURN, Turn#turn{listening = []}),
-    perform([{cast, sap, {listen, Type, app}} || Type <- lists:usort(Listening)]);
+listening({cast, Machine, {listen, _, _} = Word}, Known) ->
+    lists:umerge([{Machine, Word}], Known);
+listening({cast, Machine, {subscribe, _, _} = Word}, Known) ->
+    lists:umerge([{Machine, Word}], Known);
+listening(_, Known) ->
+    Known.
+
+%% A machine that has restarted knows no listeners.
+heed(info, {restarted, Machine}) ->
+    #turn{listening = Listening} = get(?TURN),
+    perform([{cast, Machine, Word} || {M, Word} <- Listening, M =:= Machine]);
 heed(_, _) ->
     ok.
 
@@ -205,9 +220,9 @@ keep(Type, Content) ->
     perform([{trace, {unknown_event, Type, Content}}]).
 
 new_tag() ->
-    #turn{tag = Tag} = Turn = get(?TURN),
-    _ = put(?TURN, Turn#turn{tag = Tag + 1}),
-    Tag + 1.
+    #turn{tag = {Life, N}} = Turn = get(?TURN),
+    _ = put(?TURN, Turn#turn{tag = {Life, N + 1}}),
+    {Life, N + 1}.
 
 timer(_Tag, infinity) -> [];
 timer(Tag, Us) -> [{{timeout, Tag}, Us, call}].

@@ -2,7 +2,7 @@
 %% no more room in each of its robots' machines than a team of two.
 -module(starl_team).
 
--export([new/1, members/1, others/2, count/1, next/2]).
+-export([new/1, members/1, others/2, count/1, next/2, has/2]).
 
 -export_type([t/0]).
 
@@ -28,6 +28,13 @@ others(Robot, Team) -> lists:delete(Robot, members(Team)).
 count([]) -> 0;
 count([{First, Last} | Rest]) -> Last - First + 1 + count(Rest);
 count([_Robot | Rest]) -> 1 + count(Rest).
+
+%% @doc Is the robot in the team?
+-spec has(starl:robot_id(), t()) -> boolean().
+has(_Robot, []) -> false;
+has(Robot, [{First, Last} | _]) when Robot >= First, Robot =< Last -> true;
+has(Robot, [Robot | _]) -> true;
+has(Robot, [_ | Rest]) -> has(Robot, Rest).
 
 %% @doc The robot after this one, in a ring.
 -spec next(starl:robot_id(), t()) -> starl:robot_id().

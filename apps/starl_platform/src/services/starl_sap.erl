@@ -160,13 +160,10 @@ others(#sap{self = Self, team = Team}) -> starl_team:others(Self, Team).
 send_message([], _Type, _Body, From, _Broadcast, Sap) ->
     {keep_state, Sap, answer(From, ok)};
 send_message([Self], Type, Body, From, _Broadcast, #sap{self = Self} = Sap) ->
-    Id = {Self, Sap#sap.incarnation, Sap#sap.next},
-    {Delivered, Actions} = deliver(Self, Type, Body, Id, skip_own(Sap)),
-    Sent = [
-        {trace, {sent, Id, [Self], Type, hash(Body)}},
-        {trace, {outcome, Id, Self, acknowledged}}
-    ],
-    {keep_state, Delivered, order_loopback(Sent, Actions, answer(From, ok))};
+    case has_room(Type, Sap) of
+        true -> send_own(Type, Body, From, Sap);
+        false -> {keep_state, Sap, [{trace, {overload, Type}} | answer(From, {error, overload})]}
+    end;
 send_message(_Dests, Type, _Body, From, _Broadcast, #sap{next = Next} = Sap) when
     Next - Sap#sap.low >= Sap#sap.window
 ->
@@ -179,6 +176,15 @@ send_message(Dests, Type, Body, From, Broadcast, #sap{next = Seq} = Sap) ->
     Id = {Sap#sap.self, Sap#sap.incarnation, Seq},
     {Actions, Sent} = transmit(Seq, Out, Sap#sap{next = Seq + 1}),
     {keep_state, Sent, [{trace, {sent, Id, Dests, Type, hash(Body)}} | Actions]}.
+
+send_own(Type, Body, From, #sap{self = Self} = Sap) ->
+    Id = {Self, Sap#sap.incarnation, Sap#sap.next},
+    {Delivered, Actions} = deliver(Self, Type, Body, Id, skip_own(Sap)),
+    Sent = [
+        {trace, {sent, Id, [Self], Type, hash(Body)}},
+        {trace, {outcome, Id, Self, acknowledged}}
+    ],
+    {keep_state, Delivered, order_loopback(Sent, Actions, answer(From, ok))}.
 
 %% A message to oneself needs no packet; its number is used up at once.
 skip_own(#sap{next = Next} = Sap) -> advance_low(Sap#sap{next = Next + 1}).
@@ -303,11 +309,10 @@ take({Source, Theirs, Seq, Low, _For, _Type, _Body} = Data, Sap) ->
     end.
 
 take_new({Source, Theirs, Seq, _Low, _For, Type, Body}, Ack, Before, Sap) ->
-    Full = length(Sap#sap.unclaimed) >= Sap#sap.unclaimed_limit,
-    case Full andalso not is_map_key(Type, Sap#sap.listeners) of
-        true ->
-            {keep_state, Before, [{trace, {unclaimed_full, Source, Type}}]};
+    case has_room(Type, Sap) of
         false ->
+            {keep_state, Before, [{trace, {unclaimed_full, Source, Type}}]};
+        true ->
             {Delivered, Actions} = deliver(Source, Type, Body, {Source, Theirs, Seq}, Sap),
             {keep_state, Delivered, [Ack | Actions]}
     end.
@@ -316,6 +321,10 @@ take_new({Source, Theirs, Seq, _Low, _For, Type, Body}, Ack, Before, Sap) ->
 forget_below(Low, #peer{low = Known} = Peer) when Low =< Known -> Peer;
 forget_below(Low, #peer{seen = Seen} = Peer) ->
     Peer#peer{low = Low, seen = lists:dropwhile(fun(Seq) -> Seq < Low end, Seen)}.
+
+%% Is there a listener, or room to wait for one?
+has_room(Type, #sap{listeners = Listeners, unclaimed = Unclaimed, unclaimed_limit = Limit}) ->
+    is_map_key(Type, Listeners) orelse length(Unclaimed) < Limit.
 
 deliver(Source, Type, Body, Id, #sap{listeners = Listeners} = Sap) ->
     case Listeners of
