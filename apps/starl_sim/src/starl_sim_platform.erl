@@ -328,5 +328,4 @@ cancel_timer(Machine, Timer, #body{timers = Timers} = Body) ->
 trace(Machine, Event, #body{id = Id, now = Now, traces = Traces} = Body) ->
     Body#body{traces = [{Now, Id, Machine, Event} | Traces]}.
 
-done(Result, #body{changes = Changes} = Body) ->
-    trace(app, {done, Result}, Body#body{result = {done, Result}, changes = [ended | Changes]}).
+done(Result, Body) -> trace(app, {done, Result}, (ended(Body))#body{result = {done, Result}}).

@@ -294,10 +294,14 @@ machine(Pid) ->
         {starl_app_proc, _, _} ->
             sequential;
         _ ->
-            Machine = starl_machine_proc:machine(Pid),
-            #{
-                module => starl_machine:module(Machine),
-                state => starl_machine:state(Machine),
-                data => starl_machine:data(Machine)
-            }
+            seen(starl_machine_proc:machine(Pid))
     end.
+
+seen(waiting) ->
+    waiting;
+seen(Machine) ->
+    #{
+        module => starl_machine:module(Machine),
+        state => starl_machine:state(Machine),
+        data => starl_machine:data(Machine)
+    }.

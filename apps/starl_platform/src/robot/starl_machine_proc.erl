@@ -39,8 +39,8 @@
 start_link(Spec) ->
     gen_statem:start_link(?MODULE, Spec, []).
 
-%% @doc The machine as it is now, for inspection.
--spec machine(pid()) -> starl_machine:t().
+%% @doc The machine as it is now, for inspection; `waiting' before it has been booted.
+-spec machine(pid()) -> starl_machine:t() | waiting.
 machine(Pid) -> gen_statem:call(Pid, machine).
 
 -spec callback_mode() -> gen_statem:callback_mode_result().
@@ -65,8 +65,10 @@ handle_event(info, {starl_boot, Base}, waiting, Spec) ->
     {Actions, Machine} = starl_machine:new(Module, Config, Base),
     Driver ! {starl_done, Robot, Actions},
     {next_state, stepping, #shell{driver = Driver, robot = Robot, machine = Machine}};
-handle_event({call, From}, machine, _State, #shell{machine = Machine}) ->
+handle_event({call, From}, machine, stepping, #shell{machine = Machine}) ->
     {keep_state_and_data, [{reply, From, Machine}]};
+handle_event({call, From}, machine, waiting, _Spec) ->
+    {keep_state_and_data, [{reply, From, waiting}]};
 handle_event(Type, Content, _State, _Data) ->
     logger:warning(#{what => unexpected_event, type => Type, content => Content}),
     keep_state_and_data.
