@@ -11,7 +11,7 @@
     house/1, text/1, curve/1, lines/1, rocket/1, snowflake/1,
     killed_sap/1, killed_motion/1, killed_location/1, killed_participant/1, killed_coordinator/1,
     killed_election/1, killed_app/1, several_killed_at_once/1, all_killed_on_all_robots/1,
-    killed_at_random/1, killed_at_the_start/1,
+    killed_at_random/1, killed_at_the_start/1, elections_forgotten/1,
     robot_dies/1, robot_dies_in_its_path/1, coordinator_robot_dies/1, robot_dies_before_election/1,
     all_but_one_die/1, reservation_of_the_dead_is_kept/1, crossing_lines/1, drawings/1
 ]).
@@ -28,7 +28,7 @@ groups() ->
         {crashes, [], [
             killed_sap, killed_motion, killed_location, killed_participant, killed_coordinator,
             killed_election, killed_app, several_killed_at_once, all_killed_on_all_robots,
-            killed_at_random, killed_at_the_start
+            killed_at_random, killed_at_the_start, elections_forgotten
         ]},
         {deaths, [], [
             robot_dies, robot_dies_in_its_path, coordinator_robot_dies, robot_dies_before_election,
@@ -133,6 +133,16 @@ killed_at_the_start(_) ->
             kill(K, T, Robot, Machine) || {K, {Robot, T}} <- numbered([{R, T} || R <- [1, 4], T <- [0, 20, 40]])
         ]})
      || Machine <- machines()
+    ].
+
+%% All election machines have crashed since the election; a robot whose participant or application
+%% crashes then still finds its coordinator.
+elections_forgotten(_) ->
+    [
+        complete(#{seed => Seed, faults => [
+            kill(Robot, 10000 + 3000 * Robot, Robot, election) || Robot <- [1, 2, 3, 4]
+        ] ++ [kill(5, 30000, Victim, Machine)]})
+     || Seed <- [1, 2], Victim <- [1, 4], Machine <- [dpp, app]
     ].
 
 machines() -> [sap, location, motion, election, dpp, dpp_coordinator, app].

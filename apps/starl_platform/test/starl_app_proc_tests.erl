@@ -101,7 +101,7 @@ start(Step) ->
     receive {starl_attach, 1, app, Pid} -> Pid end.
 
 boot(Pid) ->
-    Pid ! {starl_boot, #{now => 5000, random => rand:seed_s(exsss, 1)}},
+    Pid ! {starl_boot, #{now => 5000, random => rand:seed_s(exsss, 1), incarnation => 1}},
     done().
 
 event(Type, Content, Pid) -> event(Type, Content, 6000, Pid).

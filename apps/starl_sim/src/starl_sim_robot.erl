@@ -94,16 +94,16 @@ at(Now, #robot{body = Body} = Robot) ->
     Robot#robot{body = starl_sim_platform:at({Now, Now, Now}, Body)}.
 
 %% @doc The machine at work has answered with its actions.
--spec answered([starl_machine:action()], t()) -> t().
-answered(_Actions, #robot{busy = none} = Robot) ->
+-spec answered([starl_machine:action()], t()) -> {ok, t()} | ignored.
+answered(_Actions, #robot{busy = none}) ->
     %% the last word of a process that was killed meanwhile
-    Robot;
+    ignored;
 answered(Actions, #robot{busy = Name, body = Body0, local = Local} = Robot) ->
     {New, Body} = starl_sim_platform:perform(Actions, Name, Body0),
     Next = Robot#robot{busy = none, body = Body, local = Local ++ New},
     case starl_sim_platform:soon(Body) of
-        [] -> Next;
-        _ -> plan(Next)
+        [] -> {ok, Next};
+        _ -> {ok, plan(Next)}
     end.
 
 %% New events of this robot in this window take their places among the others.

@@ -96,9 +96,13 @@ collect(0, _Window) ->
 collect(Active, Window) ->
     receive
         {starl_done, Id, Actions} ->
-            Answered = starl_sim_robot:answered(Actions, get(Id)),
-            Count = keep(Id, starl_sim_robot:proceed(Window, Answered)),
-            collect(Active - 1 + Count, Window);
+            case starl_sim_robot:answered(Actions, get(Id)) of
+                {ok, Robot} ->
+                    Count = keep(Id, starl_sim_robot:proceed(Window, Robot)),
+                    collect(Active - 1 + Count, Window);
+                ignored ->
+                    collect(Active, Window)
+            end;
         {'DOWN', _, process, Pid, Reason} ->
             collect(Active + interrupted(Pid, Reason, Window), Window);
         {out_of_patience, Window} ->

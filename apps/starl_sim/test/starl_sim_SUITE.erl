@@ -461,6 +461,7 @@ app_crash_with_messages_waiting(_) ->
 %% A process killed from outside between two steps: virtual time waits until it is back.
 killed_from_outside(_) ->
     {ok, Sim} = start(4, fun(R) ->
+        ok = starl:listen(R, a),
         [starl:send(R, starl:id(R) rem 4 + 1, a, K) || K <- lists:seq(1, 500)],
         starl:go_to(R, {5000.0, 1000.0 * starl:id(R)})
     end, #{shards => 2}),

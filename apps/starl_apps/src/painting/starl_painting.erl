@@ -10,40 +10,44 @@
 %% How often a robot takes part in the election before it gives the picture up.
 -define(ELECTIONS, 3).
 
--type state() :: {elect, Tries :: pos_integer()} | paint.
+-type state() :: {elect, Tries :: pos_integer()} | {paint, Leader :: starl:robot_id()}.
 
 %% -- the application ------------------------------------------------------------------------
 
--spec init(starl:robot(), none) -> {elect, pos_integer()}.
-init(_Robot, none) -> {elect, ?ELECTIONS}.
+-spec init(starl:robot(), none) -> state().
+init(Robot, none) ->
+    %% after a crash of the application the robot still has its coordinator
+    case starl_dpp:coordinator(Robot) of
+        {ok, Leader} -> {paint, Leader};
+        {error, _} -> {elect, ?ELECTIONS}
+    end.
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, complete | incomplete}.
 step(Robot, {elect, Tries}) ->
     case starl_election:elect(Robot, painting) of
-        {ok, Leader} ->
-            _ = starl_dpp:join(Robot, Leader),
-            {continue, paint};
-        {error, restarted} ->
-            {continue, {elect, Tries}};
-        {error, timeout} when Tries > 1 ->
-            {continue, {elect, Tries - 1}};
-        {error, timeout} ->
-            {done, incomplete}
+        {ok, Leader} -> {continue, {paint, join(Robot, Leader)}};
+        {error, restarted} -> {continue, {elect, Tries}};
+        {error, timeout} when Tries > 1 -> {continue, {elect, Tries - 1}};
+        {error, timeout} -> {done, incomplete}
     end;
-step(Robot, paint) ->
+step(Robot, {paint, Leader}) ->
     case starl_dpp:request_path(Robot) of
         {ok, Path} ->
             follow(Robot, Path),
-            {continue, paint};
+            {continue, {paint, Leader}};
         {error, no_coordinator} ->
-            {continue, {elect, ?ELECTIONS}};
+            {continue, {paint, join(Robot, Leader)}};
         {error, restarted} ->
-            {continue, paint};
+            {continue, {paint, Leader}};
         {error, no_answer} ->
             {done, incomplete};
         End ->
             {done, End}
     end.
+
+join(Robot, Leader) ->
+    _ = starl_dpp:join(Robot, Leader),
+    Leader.
 
 follow(Robot, Path) ->
     lists:foreach(

@@ -14,7 +14,7 @@
 %% '''
 -module(starl_dpp).
 
--export([blocks/1, join/2, request_path/1, waypoints/1, passed/3]).
+-export([blocks/1, join/2, coordinator/1, request_path/1, waypoints/1, passed/3]).
 
 -export_type([config/0, path/0, request_id/0]).
 
@@ -44,6 +44,16 @@ blocks(Config) ->
 join(Robot, Coordinator) ->
     case starl:call(Robot, dpp, {join, Coordinator}, infinity) of
         {ok, ok} -> ok;
+        {error, restarted} -> {error, restarted}
+    end.
+
+%% @doc The coordinator that the robot knows.
+-spec coordinator(starl:robot()) ->
+    {ok, starl:robot_id()} | {error, no_coordinator | restarted}.
+coordinator(Robot) ->
+    case starl:call(Robot, dpp, coordinator, infinity) of
+        {ok, none} -> {error, no_coordinator};
+        {ok, Coordinator} -> {ok, Coordinator};
         {error, restarted} -> {error, restarted}
     end.
 

@@ -14,7 +14,7 @@
 %% doubled or late on the air; and an answer to any other request than the present one is
 %% dropped.
 %%
-%% Calls: `{join, Coordinator}', `request' (see {@link starl_dpp}). Cast: `{passed, RequestId, N,
+%% Calls: `{join, Coordinator}', `coordinator', `request' (see {@link starl_dpp}). Cast: `{passed, RequestId, N,
 %% Waypoint}'. Messages: `dpp_request {Id, At, Painted}', `dpp_passed {Id, N}' and
 %% `dpp_state {Epoch, Id, Where, Painted}' to the coordinator, `dpp_answer {Epoch, Id, Answer}'
 %% and `dpp_recover Epoch' from it.
@@ -85,14 +85,16 @@ handle_event({timeout, again}, request, asking, Part, _Meta) ->
     ask(Part);
 handle_event({timeout, look}, look, _Where, Part, _Meta) ->
     {keep_state, Part, halt_and_look(Part)};
-handle_event({reply, {sent, N}}, {error, Why}, asking, Part, _Meta) when N + 1 =:= Part#part.n ->
+handle_event({reply, {sent, N}}, {error, Why}, asking, #part{n = N} = Part, _Meta) ->
     unsent(Why, Part);
-handle_event({reply, {sent, N}}, ok, asking, Part, _Meta) when N + 1 =:= Part#part.n ->
+handle_event({reply, {sent, N}}, ok, asking, #part{n = N} = Part, _Meta) ->
     {keep_state, Part#part{unsent = 0}};
 handle_event({reply, _}, _, _Where, _Part, _Meta) ->
     keep_state_and_data;
 handle_event({call, From}, {join, Coordinator}, _Where, Part, _Meta) ->
     {keep_state, Part#part{coordinator = Coordinator}, [{reply, From, ok}]};
+handle_event({call, From}, coordinator, _Where, #part{coordinator = Coordinator}, _Meta) ->
+    {keep_state_and_data, [{reply, From, Coordinator}]};
 handle_event(cast, {message, Source, dpp_recover, Epoch}, Where, Part, _Meta) ->
     recover(Source, Epoch, Where, Part);
 handle_event(info, {restarted, sap}, asking, Part, _Meta) ->
