@@ -88,6 +88,10 @@ judge({election, {elected, Election, Leader, How}}, T, Robot, State) ->
     {Broken, keep(Election, Known, conclude(Election, Robot, State))};
 judge({election, {failed, Election, _Reason}}, _T, Robot, #state{failed = Failed} = State) ->
     {[], conclude(Election, Robot, State#state{failed = Failed + 1})};
+%% Its caller is told that the machine has restarted, and may take part anew.
+judge({election, crashed}, _T, Robot, #state{open = Open} = State) ->
+    Alive = maps:filter(fun({_Election, Who}, _Deadline) -> Who =/= Robot end, Open),
+    {[], State#state{open = Alive}};
 judge({robot, {died, _Reason}}, _T, Robot, #state{open = Open} = State) ->
     Alive = maps:filter(fun({_Election, Who}, _Deadline) -> Who =/= Robot end, Open),
     {[], State#state{open = Alive}};
