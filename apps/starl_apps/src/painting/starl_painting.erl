@@ -15,19 +15,14 @@
 %% -- the application ------------------------------------------------------------------------
 
 -spec init(starl:robot(), none) -> state().
-init(Robot, none) ->
-    %% after a crash of the application the robot still has its coordinator
-    case starl_dpp:coordinator(Robot) of
-        {ok, Leader} -> {paint, Leader};
-        {error, _} -> {elect, ?ELECTIONS}
-    end.
+init(Robot, none) -> led(Robot, {elect, ?ELECTIONS}).
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, complete | incomplete}.
 step(Robot, {elect, Tries}) ->
     case starl_election:elect(Robot, painting) of
         {ok, Leader} -> {continue, {paint, join(Robot, Leader)}};
         {error, restarted} -> {continue, {elect, Tries}};
-        {error, timeout} when Tries > 1 -> {continue, {elect, Tries - 1}};
+        {error, timeout} when Tries > 1 -> {continue, led(Robot, {elect, Tries - 1})};
         {error, timeout} -> {done, incomplete}
     end;
 step(Robot, {paint, Leader}) ->
@@ -43,6 +38,14 @@ step(Robot, {paint, Leader}) ->
             {done, incomplete};
         End ->
             {done, End}
+    end.
+
+%% After a crash a robot may know of a coordinator without an election: the path planning of its
+%% own has not crashed, or the coordinator has asked it where it is.
+led(Robot, Else) ->
+    case starl_dpp:coordinator(Robot) of
+        {ok, Leader} -> {paint, Leader};
+        {error, _} -> Else
     end.
 
 join(Robot, Leader) ->
