@@ -58,7 +58,7 @@ format_error(too_few_points) ->
 inside(Point, Area) -> depth(Point, Area) >= 0.0.
 
 %% @doc The distance from the border in millimetres, negative outside.
--spec depth(starl_geometry:point(), area()) -> float().
+-spec depth(starl_geometry:point(), area()) -> number().
 depth(Point, {circle, Centre, Radius}) ->
     Radius - starl_geometry:distance(Point, Centre);
 depth({X, Y}, {rectangle, {X0, Y0, X1, Y1}}) ->

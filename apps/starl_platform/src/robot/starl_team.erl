@@ -24,10 +24,8 @@ members([Robot | Rest]) -> [Robot | members(Rest)].
 others(Robot, Team) -> lists:delete(Robot, members(Team)).
 
 %% @doc How many there are.
--spec count(t()) -> integer().
-count([]) -> 0;
-count([{First, Last} | Rest]) -> Last - First + 1 + count(Rest);
-count([_Robot | Rest]) -> 1 + count(Rest).
+-spec count(t()) -> non_neg_integer().
+count(Team) -> length(members(Team)).
 
 %% @doc Is the robot in the team?
 -spec has(starl:robot_id(), t()) -> boolean().
