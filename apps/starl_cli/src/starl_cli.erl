@@ -1,13 +1,7 @@
 %% @doc The command line: dispatch, exit statuses, and the last resort when something breaks.
 -module(starl_cli).
 
--export([main/1, command/1, bad_input/1]).
-
--export_type([status/0]).
-
-%% 0 done, 1 internal error, 2 bad usage or input, 3 a contract was violated, 4 not complete,
-%% 130 interrupted.
--type status() :: 0 | 1 | 2 | 3 | 4 | 130.
+-export([main/1, command/1]).
 
 %% @doc Runs a command and ends the VM with its exit status.
 -spec main([string()]) -> no_return().
@@ -47,7 +41,7 @@ temporary() ->
     end.
 
 %% @doc Runs a command; gives the exit status.
--spec command([string()]) -> status().
+-spec command([string()]) -> starl_cli_terminal:status().
 command([]) -> show(usage());
 command([Help | _]) when Help =:= "help"; Help =:= "--help"; Help =:= "-h" -> show(usage());
 command(["--version" | _]) -> show(["starl ", version(), "\n"]);
@@ -57,15 +51,9 @@ known({_, Run, _}, _Name, Args) -> Run(Args);
 known(false, Name, _Args) ->
     Names = [N || {N, _, _} <- commands()] ++ ["test", "shell", "help"],
     case starl_cli_flags:nearest(Name, Names) of
-        [Near | _] -> bad_input([["unknown command ", Name, " (did you mean ", Near, "?)"]]);
-        [] -> bad_input([["unknown command ", Name, "; ./starl help lists all"]])
+        [Near | _] -> refuse(["unknown command ", Name, " (did you mean ", Near, "?)"]);
+        [] -> refuse(["unknown command ", Name, "; ./starl help lists all"])
     end.
-
-%% @doc One line on standard error for every problem; the exit status of bad input.
--spec bad_input([unicode:chardata(), ...]) -> 2.
-bad_input(Problems) ->
-    lists:foreach(fun starl_cli_terminal:complain/1, Problems),
-    2.
 
 commands() ->
     [
@@ -104,7 +92,9 @@ scenarios(Args) ->
 list_help([Help], Name, Does) when Help =:= "--help"; Help =:= "-h" ->
     show(["Usage: ./starl ", Name, "\n\n", string:titlecase(Does), "\n"]);
 list_help([Arg | _], Name, _Does) ->
-    bad_input([[Name, ": unexpected argument ", Arg]]).
+    refuse([Name, ": unexpected argument ", Arg]).
+
+refuse(Problem) -> starl_cli_terminal:bad_input([Problem]).
 
 version() ->
     case os:getenv("STARL_VERSION") of

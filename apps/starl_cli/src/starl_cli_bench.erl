@@ -4,7 +4,7 @@
 -export([command/1, median/1]).
 
 %% @doc Runs the command; gives the exit status.
--spec command([string()]) -> starl_cli:status().
+-spec command([string()]) -> starl_cli_terminal:status().
 command([Help | _]) when Help =:= "--help"; Help =:= "-h" -> help();
 command(["ring" | Args]) -> parsed([ring], Args);
 command(["dpp" | Args]) -> parsed([dpp], Args);
@@ -21,7 +21,7 @@ parsed(Kinds, Args) ->
         {ok, #{help := true}} -> help();
         {ok, Values} -> checked(Kinds, maps:merge(#{out => none}, Values));
         {error, Problems} ->
-            starl_cli:bad_input([["bench: ", starl_cli_flags:format_problem(P)] || P <- Problems])
+            starl_cli_terminal:bad_input([["bench: ", starl_cli_flags:format_problem(P)] || P <- Problems])
     end.
 
 flags(ring) -> starl_cli_bench_ring:flags();
@@ -42,7 +42,7 @@ checked(Kinds, #{out := File} = Options) ->
             ok = file:close(Device),
             measured(Kinds, Options);
         {error, Posix} ->
-            starl_cli:bad_input([["bench: --out: ", File, ": ", file:format_error(Posix)]])
+            starl_cli_terminal:bad_input([["bench: --out: ", File, ": ", file:format_error(Posix)]])
     end.
 
 measured(Kinds, #{out := File} = Options) ->

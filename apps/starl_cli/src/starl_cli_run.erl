@@ -19,13 +19,13 @@
     {ok, setup()} | help | {help, starl_cli_target:t()} | {error, [unicode:chardata(), ...]}.
 
 %% @doc Runs the command; gives the exit status.
--spec command([string()]) -> starl_cli:status().
+-spec command([string()]) -> starl_cli_terminal:status().
 command(Args) ->
     case setup(Args) of
         {ok, Setup} -> starl_cli_simulation:run(Setup);
         help -> help(general_help());
         {help, Target} -> help(target_help(Target));
-        {error, Problems} -> starl_cli:bad_input(Problems)
+        {error, Problems} -> starl_cli_terminal:bad_input(Problems)
     end.
 
 %% @doc Reads and checks the arguments, all in one go.

@@ -20,13 +20,13 @@
 }).
 
 %% @doc Runs what a command line asks for; gives the exit status.
--spec run(starl_cli_run:setup()) -> starl_cli:status().
+-spec run(starl_cli_run:setup()) -> starl_cli_terminal:status().
 run(#{scenario := Scenario} = Setup) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),
     try starl_sim:start(Scenario) of
         {ok, Sim} -> started(Sim, Setup);
-        {error, Reason} -> starl_cli:bad_input([starl_sim:format_error(Reason)])
+        {error, Reason} -> starl_cli_terminal:bad_input([starl_sim:format_error(Reason)])
     catch
         exit:Reason -> failed(Reason, Setup)
     end.

@@ -21,14 +21,14 @@
 }).
 
 %% @doc Runs the command; gives the exit status.
--spec command([string()]) -> starl_cli:status().
+-spec command([string()]) -> starl_cli_terminal:status().
 command(Args) ->
     case {lists:member("--help", Args), starl_cli_flags:parse(Args, flags())} of
         {true, _} -> help();
         {false, {ok, #{help := true}}} -> help();
         {false, {ok, Values}} -> prepared(maps:merge(starl_cli_flags:defaults(flags()), Values));
         {false, {error, Problems}} ->
-            starl_cli:bad_input([["table: ", starl_cli_flags:format_problem(P)] || P <- Problems])
+            starl_cli_terminal:bad_input([["table: ", starl_cli_flags:format_problem(P)] || P <- Problems])
     end.
 
 flags() ->
@@ -69,8 +69,8 @@ prepared(#{random := N, random_seed := Seed, pictures := Named} = Options) ->
     Problems = lists:append([problems(P, Options) || P <- Pictures]),
     case {Problems, csv(maps:get(out, Options))} of
         {[], {ok, Csv}} -> run(Pictures, Csv, Dir, Options);
-        {_, {error, Why}} -> starl_cli:bad_input(Problems ++ [["table: --out: ", Why]]);
-        {_, {ok, _}} -> starl_cli:bad_input(Problems)
+        {_, {error, Why}} -> starl_cli_terminal:bad_input(Problems ++ [["table: --out: ", Why]]);
+        {_, {ok, _}} -> starl_cli_terminal:bad_input(Problems)
     end.
 
 %% Whether a picture can be painted by the largest team.

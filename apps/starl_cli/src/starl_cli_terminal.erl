@@ -2,7 +2,19 @@
 %% output that survives a closed pipe (`./starl ... | head').
 -module(starl_cli_terminal).
 
--export([out/1, out/2, complain/1, warn/1, draw/1, columns/0, window/0, watched/0, wrap/3]).
+-export([bad_input/1, out/1, out/2, complain/1, warn/1, draw/1, columns/0, window/0, watched/0, wrap/3]).
+
+-export_type([status/0]).
+
+%% What a command ends with: 0 done, 1 internal error, 2 bad usage or input, 3 a contract was
+%% violated, 4 not complete, 130 interrupted.
+-type status() :: 0 | 1 | 2 | 3 | 4 | 130.
+
+%% @doc One line on standard error for every problem; the exit status of bad input.
+-spec bad_input([unicode:chardata(), ...]) -> 2.
+bad_input(Problems) ->
+    lists:foreach(fun complain/1, Problems),
+    2.
 
 -define(USUAL, 80).
 %% Prose is not set wider than this.

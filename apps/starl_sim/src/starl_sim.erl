@@ -116,7 +116,8 @@ format_error({fault_machine, Id, Name, Known}) ->
 
 prepare(App, Scenario) ->
     #{robots := N, faults := Faults} = Scenario,
-    case [{Id, R} || {Id, _, _, _, Target, _} <- Faults, R <- [target(Target)], R < 1 orelse R > N] of
+    Targets = [{Id, target(Target)} || {Id, _, _, _, Target, _} <- Faults],
+    case [{Id, R} || {Id, R} <- Targets, R < 1 orelse R > N] of
         [{Id, Robot} | _] -> {error, {fault_target, Id, Robot}};
         [] -> set_scene(App, Scenario)
     end.

@@ -264,7 +264,10 @@ sense(Robots, #body{draws = Draws} = Body) ->
 see(Id, #body{id = Id, now = Now, piece = Piece} = Body) ->
     [blur(Id, starl_trajectory:pose(Now, Piece), Body)];
 see(Other, #body{window = Window, world = #{sight := Sight}} = Body) ->
-    [blur(Other, starl_trajectory:pose(Window, Piece), Body) || {_, Piece} <- ets:lookup(Sight, Other)].
+    [
+        blur(Other, starl_trajectory:pose(Window, Piece), Body)
+     || {_, Piece} <- ets:lookup(Sight, Other)
+    ].
 
 %% The positioning system's error: within a disk, and a quarter of the bound on the heading.
 blur(Robot, {X, Y, Heading}, #body{id = Id, draws = N, world = #{seed := Seed, profile := P}}) ->

@@ -184,7 +184,8 @@ next_event([{_, Time, Class, _, Seq, Content} | Rest], {From, Until} = Window, R
             begin_event(Content, Seq, Moment, Window, Rest, Robot)
     end.
 
-begin_event({timer, Name, Timer, Content}, Seq, Moment, Window, Rest, #robot{body = Body} = Robot) ->
+begin_event({timer, Name, Timer, Content}, Seq, Moment, Window, Rest, Robot) ->
+    #robot{body = Body} = Robot,
     case starl_sim_platform:fire(Name, Timer, Seq, Body) of
         {ok, Fired} ->
             dispatch(Name, timer_type(Timer), Content, Moment, Window, Rest, Fired, Robot);
@@ -286,7 +287,12 @@ died(Reason, #robot{body = Body} = Robot) ->
     Stopped = starl_sim_platform:stop(Body),
     Traced = starl_sim_platform:trace(robot, {died, Reason}, Stopped),
     Robot#robot{
-        body = starl_sim_platform:ended(Traced), sup = dead, processes = #{}, local = [], events = [], busy = none
+        body = starl_sim_platform:ended(Traced),
+        sup = dead,
+        processes = #{},
+        local = [],
+        events = [],
+        busy = none
     }.
 
 machine(Pid) ->

@@ -118,7 +118,8 @@ init(#{window_us := WindowUs, robots := Robots, monitors := Monitors} = Plan) ->
     {reply, term(), #run{}} | {noreply, #run{}}.
 handle_call({run, Until}, From, #run{caller = none, ending = none, shards = Shards} = Run) ->
     %% whole windows only, so that where a run pauses does not change it
-    Whole = (min(Until, Run#run.limit_us) + Run#run.window_us - 1) div Run#run.window_us * Run#run.window_us,
+    #run{window_us = Width, limit_us = Limit} = Run,
+    Whole = (min(Until, Limit) + Width - 1) div Width * Width,
     _ = [ok = starl_sim_shard:run(Shard, Whole) || Shard <- Shards],
     {noreply, Run#run{caller = From, resting = 0}};
 handle_call({run, _Until}, _From, Run) ->

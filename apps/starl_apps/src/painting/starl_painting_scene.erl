@@ -35,7 +35,8 @@ scene(#{robots := Ids, world := World, profile := Profile, options := Options} =
     end.
 
 place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
-    #{robots := Ids, world := World, seed := Seed, profile := Profile, options := Options} = Context,
+    #{robots := Ids, world := World, seed := Seed, profile := Profile} = Context,
+    #{options := Options} = Context,
     Lines = starl_picture:segments(Picture),
     #{speed := Speed} = Profile,
     Plan = #{

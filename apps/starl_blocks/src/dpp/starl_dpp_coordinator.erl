@@ -49,8 +49,9 @@
 -spec init(starl_machine:config()) -> {idle, #coordinator{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Epoch} = Config) ->
     Plan = maps:without([robot, participants, incarnation, name, random, now], Config),
-    {idle, #coordinator{self = Self, team = starl_team:members(Team), epoch = Epoch, config = Plan, plan = none},
-        listen()}.
+    Members = starl_team:members(Team),
+    Data = #coordinator{self = Self, team = Members, epoch = Epoch, config = Plan, plan = none},
+    {idle, Data, listen()}.
 
 -spec handle_event(
     starl_machine:event_type(), term(), state(), #coordinator{}, starl_machine:meta()

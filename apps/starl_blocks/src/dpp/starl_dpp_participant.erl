@@ -14,10 +14,10 @@
 %% doubled or late on the air; and an answer to any other request than the present one is
 %% dropped.
 %%
-%% Calls: `{join, Coordinator}', `coordinator', `request' (see {@link starl_dpp}). Cast: `{passed, RequestId, N,
-%% Waypoint}'. Messages: `dpp_request {Id, At, Painted}', `dpp_passed {Id, N}' and
-%% `dpp_state {Epoch, Id, Where, Painted}' to the coordinator, `dpp_answer {Epoch, Id, Answer}'
-%% and `dpp_recover Epoch' from it.
+%% Calls: `{join, Coordinator}', `coordinator', `request' (see {@link starl_dpp}). Cast:
+%% `{passed, RequestId, N, Waypoint}'. Messages to the coordinator: `dpp_request {Id, At,
+%% Painted}', `dpp_passed {Id, N}', `dpp_state {Epoch, Id, Where, Painted}'; from it:
+%% `dpp_answer {Epoch, Id, Answer}', `dpp_recover Epoch'.
 -module(starl_dpp_participant).
 -behaviour(starl_machine).
 

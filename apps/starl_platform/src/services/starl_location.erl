@@ -30,7 +30,8 @@ init(#{participants := Participants} = Config) ->
 ) -> starl_machine:result().
 handle_event({call, From}, {pose, Robot} = Question, ready, Location, _Meta) ->
     ask(From, Question, [Robot], Location);
-handle_event(info, {located, Poses}, ready, #location{asked = [{From, Question} | Rest]} = Location, _) ->
+handle_event(info, {located, Poses}, ready, #location{asked = [Asked | Rest]} = Location, _) ->
+    {From, Question} = Asked,
     {keep_state, Location#location{asked = Rest}, [{reply, From, answer(Question, Poses)}]};
 handle_event({call, From}, poses, ready, #location{participants = Participants} = Location, _) ->
     ask(From, poses, starl_team:members(Participants), Location);
