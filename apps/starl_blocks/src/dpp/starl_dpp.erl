@@ -37,7 +37,11 @@
 %% @doc The machines that a robot needs for DPP.
 -spec blocks(config()) -> [starl_robot_sup:machine()].
 blocks(Config) ->
-    [{dpp, starl_dpp_participant, #{}}, {dpp_coordinator, starl_dpp_coordinator, Config}].
+    Slack = maps:get(slack, Config, 0.0),
+    [
+        {dpp, starl_dpp_participant, #{slack => Slack}},
+        {dpp_coordinator, starl_dpp_coordinator, Config}
+    ].
 
 %% @doc Names the coordinator, usually the elected leader.
 -spec join(starl:robot(), Coordinator :: starl:robot_id()) -> ok | {error, restarted}.

@@ -47,6 +47,11 @@
     from = none :: starl_machine:from() | none,
     %% where the robot last certified to stand
     at = unknown :: starl_geometry:point() | unknown,
+    %% how far from its path the robot may stand and still count as on it; what it held when it
+    %% was last stopped, and the point of that which it stands at, for the plan
+    slack = 0.0 :: float(),
+    line = [] :: [starl_geometry:segment()],
+    nominal = unknown :: starl_geometry:point() | unknown,
     %% waypoints passed, the last one's place, and how far it was driven since the last report
     passed = 0 :: non_neg_integer(),
     place = {0.0, 0.0} :: starl_geometry:point(),
@@ -61,13 +66,14 @@
 }).
 
 -spec init(starl_machine:config()) -> {where(), #part{}, [starl_machine:action()]}.
-init(#{robot := Self, incarnation := Incarnation}) ->
+init(#{robot := Self, incarnation := Incarnation} = Config) ->
     Where =
         case Incarnation of
             1 -> standing;
             _ -> unknown
         end,
-    {Where, #part{self = Self, incarnation = Incarnation}, listen()}.
+    Slack = maps:get(slack, Config, 0.0),
+    {Where, #part{self = Self, incarnation = Incarnation, slack = Slack}, listen()}.
 
 -spec handle_event(starl_machine:event_type(), term(), where(), #part{}, starl_machine:meta()) ->
     starl_machine:result().
@@ -112,8 +118,8 @@ listen() -> [starl_sap:listen(dpp_answer, dpp), starl_sap:listen(dpp_recover, dp
 
 request(From, _Where, #part{coordinator = none}) ->
     {keep_state_and_data, [{reply, From, {error, no_coordinator}}]};
-request(From, _Where, Part) ->
-    Asking = next(Part#part{from = From, at = unknown}),
+request(From, Where, Part) ->
+    Asking = next(Part#part{from = From, at = unknown, line = line(Where, Part)}),
     {next_state, asking, Asking, halt_and_look(Asking)}.
 
 next(#part{n = N} = Part) -> Part#part{n = N + 1}.
@@ -123,13 +129,40 @@ halt_and_look(#part{n = N}) ->
 
 look(#part{self = Self, n = N}) -> [starl_location:pose(Self, {pose, N})].
 
+%% What the robot holds, as the coordinator sees it.
+line({moving, _, _, _} = Moving, Part) ->
+    case describe(Moving, Part) of
+        {_, {moving, _, From, []}} -> [{From, From}];
+        {_, {moving, _, From, Path}} -> segments(From, Path)
+    end;
+line(_Where, #part{line = Line}) ->
+    Line.
+
+segments(_From, []) -> [];
+segments(From, [{Point, _} | Path]) -> [{From, Point} | segments(Point, Path)].
+
+%% As in the plan: near what it holds, the robot counts as standing on it.
+on_line(At, #part{line = Line, slack = Slack} = Part) ->
+    Near = lists:sort([
+        {starl_geometry:distance(At, P), P}
+     || S <- Line, P <- [starl_geometry:closest_point(At, S)]
+    ]),
+    Nominal =
+        case Near of
+            [{Distance, P} | _] when Distance =< Slack -> P;
+            _ -> At
+        end,
+    Part#part{at = At, nominal = Nominal, line = [{Nominal, Nominal}]}.
+
 %% The robot stands at a known place.
 stands(At, asking, Part) ->
-    {keep_state, Asked, Actions} = ask(Part#part{at = At}),
-    {Told, Report} = tell({standing, At}, Asked),
+    #part{nominal = Nominal} = Standing = on_line(At, Part),
+    {keep_state, Asked, Actions} = ask(Standing),
+    {Told, Report} = tell({standing, Nominal}, Asked),
     {keep_state, Told, [{{timeout, look}, cancel} | Report] ++ Actions};
 stands(At, standing, Part) ->
-    {Told, Report} = tell({standing, At}, Part#part{at = At}),
+    #part{nominal = Nominal} = Standing = on_line(At, Part),
+    {Told, Report} = tell({standing, Nominal}, Standing),
     {keep_state, Told, [{{timeout, look}, cancel} | Report]};
 stands(_At, _Where, Part) ->
     {keep_state, Part, [{{timeout, look}, cancel}]}.
@@ -157,7 +190,7 @@ unsent(_Why, Part) ->
 id(#part{incarnation = Incarnation, n = N}) -> {Incarnation, N}.
 
 answer(Source, Epoch, Id, Answer, asking, Part) ->
-    #part{coordinator = Coordinator, epoch = Known, from = From, at = At} = Part,
+    #part{coordinator = Coordinator, epoch = Known, from = From, nominal = At} = Part,
     case Source =:= Coordinator andalso Epoch >= Known andalso Id =:= id(Part) of
         true ->
             Got = Part#part{epoch = Epoch, from = none, fresh = []},
@@ -224,7 +257,7 @@ recover(Source, Epoch, Where, Part) ->
 
 %% A robot that asks has been stopped; if its place is known already, it can be told at once.
 where_asked(#part{at = unknown} = Part) -> halt_and_look(Part);
-where_asked(#part{at = At} = Part) -> element(2, tell({standing, At}, Part)).
+where_asked(#part{nominal = At} = Part) -> element(2, tell({standing, At}, Part)).
 
 tell(_Where, #part{wanted = none} = Part) ->
     {Part, []};
