@@ -12,7 +12,7 @@ init(Robot, _Options) ->
 step(Robot, elect) ->
     case starl_election:elect(Robot, first) of
         {ok, Leader} -> {continue, {led_by, Leader}};
-        {error, timeout} -> {continue, elect}
+        {error, _} -> {continue, elect}
     end;
 step(Robot, {led_by, Leader}) ->
     case starl:id(Robot) of

@@ -38,7 +38,9 @@ flags() ->
 -spec run(#{atom() => term()}) -> [figures()].
 run(#{robots := Sizes, shards := Shards, reps := Reps}) ->
     starl_cli_terminal:out(
-        "ring-shuttle, ~b s of virtual time, shards: ~w, medians of ~b\n", [?RUN_S, Shards, Reps]
+        "ring-shuttle, ~b s of virtual time, shards: ~w, medians of ~b\n"
+        "bare/s: round trips of a message {ball, From, N} between two bare processes\n",
+        [?RUN_S, Shards, Reps]
     ),
     starl_cli_terminal:out(header()),
     [size(N, Shards, Reps) || N <- Sizes].
