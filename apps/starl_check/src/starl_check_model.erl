@@ -6,7 +6,7 @@
 %% only on their proportions.
 -module(starl_check_model).
 
--export([blocks/0, new/2, machines/2, timer/2, permutations/1]).
+-export([blocks/0, new/2, machines/2, timer/2, permutations/1, may_be_inert/3]).
 
 -export_type([t/0, block/0, options/0, budgets/0]).
 
@@ -33,7 +33,7 @@
 %% clock gains in a tick; `grain': time passes to the next timed timer or by so many ticks;
 %% `horizon_us': how long a time that is over is still told from an earlier one; `refresh': an
 %% event that changes nothing but the time that a machine remembers; `fixed': the places of
-%% robots that are unlike all others.
+%% robots that are unlike all others; `same_random': all robots draw the same.
 -type t() :: #{
     block := block(),
     ids := [starl:robot_id()],
@@ -49,6 +49,7 @@
     horizon_us := pos_integer(),
     refresh := {starl_machine:name(), starl_machine:event_type(), term()} | none,
     fixed := [starl_check_term:place()],
+    same_random := boolean(),
     symmetry := boolean()
 }.
 
@@ -87,6 +88,7 @@ new(Block, Options) ->
         horizon_us => 1,
         refresh => none,
         fixed => [],
+        same_random => false,
         symmetry => maps:get(symmetry, Options, true)
     },
     with_machine(maps:find(machine, Options), maps:merge(Common, block(Block, Common))).
@@ -106,14 +108,17 @@ block(sap, #{ids := Ids}) ->
         monitor => {starl_sap_monitor, #{bound_us => 1}},
         fixed => places(Ids)
     };
+%% Only the largest ballot of a complete set counts, so nothing but the place of its robot could
+%% make a difference, and every place is as good as the last: all draw the same ballot here, the
+%% robot's number decides, and all robots but the last are alike.
 block(election, #{ids := Ids}) ->
     #{
+        same_random => true,
         blocks => [{election, starl_election_ballots, #{}}],
         script => fun(_) -> [{call, election, {elect, first, 30000000}}] end,
         crash => [election, sap, app],
         monitor => {starl_election_monitor, #{robots => Ids, bound_us => 1}},
-        %% the ballots are drawn: whose is the largest makes a difference
-        fixed => places(Ids)
+        fixed => [length(Ids)]
     };
 block(bully, #{ids := Ids, faults := Faults}) ->
     Lossless = lists:sum(maps:values(Faults)) =:= 0,
@@ -151,6 +156,18 @@ block(barrier, #{ids := Ids}) ->
         crash => [barrier, sap, app],
         monitor => {starl_barrier_monitor, #{robots => Ids}}
     }.
+
+%% @doc May a message of this kind be one that changes nothing for ever once it changes nothing?
+%% Not judged is whether it changes anything now.
+%%
+%% Elections: whoever has a leader keeps it. Mutex: the fence of the owner known only grows.
+%% Barrier: the counts only grow.
+-spec may_be_inert(Type :: atom(), Body :: term(), t()) -> boolean().
+may_be_inert(leader, {_, _}, #{block := election}) -> true;
+may_be_inert(bully_leader, {_, _}, #{block := bully}) -> true;
+may_be_inert(mutex, {owner, _, _}, #{block := mutex}) -> true;
+may_be_inert(barrier, {reached, _, _, _, false}, #{block := barrier}) -> true;
+may_be_inert(_Type, _Body, _Model) -> false.
 
 places(Ids) -> lists:seq(1, length(Ids)).
 

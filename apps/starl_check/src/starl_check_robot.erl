@@ -168,13 +168,18 @@ handle(Name, Type, Content, #run{robot = #robot{place = Place} = Robot} = Run) -
     Kept = lists:keyreplace(Name, 1, Machines, {Name, Next}),
     perform(Actions, Name, Run#run{robot = Robot#robot{machines = Kept}}).
 
-base(Name, Incarnation, Place, #{ids := Ids}) ->
+base(Name, Incarnation, Place, #{ids := Ids, same_random := Same}) ->
+    Seed =
+        case Same of
+            true -> erlang:phash2(Name);
+            false -> erlang:phash2({Place, Name})
+        end,
     #{
         robot => starl_check_term:id(Place),
         participants => Ids,
         name => Name,
         incarnation => Incarnation,
-        random => rand:seed_s(exsss, erlang:phash2({Place, Name}, 4294967296)),
+        random => rand:seed_s(exsss, Seed),
         now => starl_check_term:now(Place)
     }.
 

@@ -5,9 +5,9 @@
 %% choice are kept, eight bytes, so that the way to it can be walked once more.
 -module(starl_check_search).
 
--export([run/3]).
+-export([run/3, explain/1]).
 
--export_type([limits/0, figures/0, ending/0, path/0, control/0]).
+-export_type([limits/0, figures/0, ending/0, way/0, control/1]).
 
 %% `depth': choices in a row; `memory': bytes of the whole VM.
 -type limits() :: #{depth := pos_integer() | infinity, memory := pos_integer()}.
@@ -18,22 +18,26 @@
     depth := non_neg_integer()
 }.
 
-%% Asked now and then whether to go on.
--type control() :: fun((figures()) -> continue | stop).
+%% Asked now and then whether to go on; keeps a state of its own.
+-type control(State) :: fun((figures(), State) -> {continue | stop, State}).
 
 -type ending() :: complete | depth | memory | interrupted.
 
-%% The choices from the beginning on; the last one breaks the contract.
--type path() :: [starl_check_state:choice()].
+%% What happened from the beginning on, with the message if there is one, and what the robots
+%% traced; the last step breaks the contract.
+-type way() :: [
+    {starl_check_state:choice(), starl_check_state:item() | none, [starl_monitor:trace_event()]}
+].
 
--type result() :: {holds, ending(), figures()} | {violated, starl_monitor:violation(), path(), figures()}.
+-type result() ::
+    {holds, ending(), figures()} | {violated, starl_monitor:violation(), way(), figures()}.
 
 -record(search, {
     model :: starl_check_model:t(),
     store :: starl_check_store:t(),
     permutations :: [starl_check_term:permutation()],
     limits :: limits(),
-    control :: control(),
+    control :: {control(term()), term()},
     visited :: ets:table(),
     %% for each state in the order of their numbers: predecessor, 40 bits, and choice, 24 bits
     ways = <<>> :: binary(),
@@ -47,7 +51,7 @@
 -define(LOOK, 1000).
 
 %% @doc Searches until a contract is broken, all is covered, or a limit is reached.
--spec run(starl_check_model:t(), limits(), control()) -> {result(), starl_check_store:t()}.
+-spec run(starl_check_model:t(), limits(), {control(State), State}) -> result().
 run(Model, Limits, Control) ->
     Search = #search{
         model = Model,
@@ -59,7 +63,8 @@ run(Model, Limits, Control) ->
     },
     Result = first(starl_check_state:initial(Model, Search#search.store), Search),
     true = ets:delete(Search#search.visited),
-    {Result, Search#search.store}.
+    ok = starl_check_store:delete(Search#search.store),
+    Result.
 
 first({violation, _, Violation}, Search) ->
     {violated, Violation, [], figures([], [], Search)};
@@ -82,13 +87,14 @@ level(Frontier, #search{depth = Depth} = Search) ->
 expand_all(Left, Next, #search{until_look = 0} = Search) ->
     Figures = figures(Left, Next, Search),
     case look(Figures, Search) of
-        go_on -> expand_all(Left, Next, Search#search{until_look = ?LOOK});
+        #search{} = Looked -> expand_all(Left, Next, Looked#search{until_look = ?LOOK});
         Ending -> {holds, Ending, Figures}
     end;
 expand_all([], Next, Search) ->
     {ok, Next, Search};
-expand_all([{Number, State} | Left], Next, #search{until_look = Until} = Search) ->
+expand_all([<<Number:40, Packed/binary>> | Left], Next, #search{until_look = Until} = Search) ->
     #search{model = Model, store = Store} = Search,
+    State = starl_check_state:unpack(Packed),
     Choices = starl_check_state:choices(State, Model, Store),
     case starl_check_state:is_stuck(State, Model, Store) of
         true ->
@@ -117,21 +123,23 @@ meet(State, From, N, Next, #search{visited = Visited, states = States, ways = Wa
     Key = starl_check_state:key(State, Permutations, Model, Store),
     case ets:insert_new(Visited, {Key}) of
         true ->
-            {[{States, State} | Next], Search#search{
+            {[pack(States, State) | Next], Search#search{
                 states = States + 1, ways = <<Ways/binary, From:40, N:24>>
             }};
         false ->
             {Next, Search}
     end.
 
-look(Figures, #search{limits = #{memory := Most}, control = Control}) ->
+pack(Number, State) -> <<Number:40, (starl_check_state:pack(State))/binary>>.
+
+look(Figures, #search{limits = #{memory := Most}, control = {Control, Own}} = Search) ->
     {total_heap_size, Words} = process_info(self(), total_heap_size),
     %% a collection of garbage copies the heap
     Peak = erlang:memory(total) + Words * erlang:system_info(wordsize),
-    case Control(Figures) of
-        stop -> interrupted;
-        continue when Peak > Most -> memory;
-        continue -> go_on
+    case Control(Figures, Own) of
+        {stop, _} -> interrupted;
+        {continue, _} when Peak > Most -> memory;
+        {continue, Next} -> Search#search{control = {Control, Next}}
     end.
 
 figures(Left, Next, #search{states = States, steps = Steps, depth = Depth}) ->
@@ -143,25 +151,69 @@ stuck(#{block := Block}) ->
 %% -- the way --------------------------------------------------------------------------------
 
 violated(Violation, Number, Last, #search{ways = Ways} = Search) ->
-    Path = walk(way(Number, Ways, []), Last, Search),
-    {violated, Violation, Path, figures([], [], Search)}.
+    Way = walk(choices(Number, Ways, []), Last, Search),
+    {violated, Violation, Way, figures([], [], Search)}.
 
-way(0, _Ways, Way) ->
-    Way;
-way(Number, Ways, Way) ->
+choices(0, _Ways, Choices) ->
+    Choices;
+choices(Number, Ways, Choices) ->
     Skip = 8 * Number,
     <<_:Skip/binary, From:40, N:24, _/binary>> = Ways,
-    way(From, Ways, [N | Way]).
+    choices(From, Ways, [N | Choices]).
 
-walk(Way, Last, #search{model = Model, store = Store}) ->
+walk(Numbers, Last, #search{model = Model, store = Store} = Search) ->
     {ok, _, State} = starl_check_state:initial(Model, Store),
-    {Path, _} = lists:mapfoldl(
-        fun(N, At) ->
-            Choice = lists:nth(N + 1, starl_check_state:choices(At, Model, Store)),
-            {ok, _, Next} = starl_check_state:step(Choice, At, Model, Store),
-            {Choice, Next}
-        end,
-        State,
-        Way
-    ),
-    Path ++ Last.
+    {Way, End} = lists:mapfoldl(fun(N, At) -> nth_step(N, At, Search) end, State, Numbers),
+    Way ++ [last_step(Choice, End, Search) || Choice <- Last].
+
+nth_step(N, State, #search{model = Model, store = Store}) ->
+    Choice = lists:nth(N + 1, starl_check_state:choices(State, Model, Store)),
+    {ok, Traces, Next} = starl_check_state:step(Choice, State, Model, Store),
+    {{Choice, item(Choice, Store), Traces}, Next}.
+
+last_step(Choice, State, #search{model = Model, store = Store}) ->
+    {violation, Traces, _} = starl_check_state:step(Choice, State, Model, Store),
+    {Choice, item(Choice, Store), Traces}.
+
+item({_, I}, Store) -> starl_check_state:item(I, Store);
+item(_, _Store) -> none.
+
+%% @doc A step as a line of a chart.
+-spec explain({starl_check_state:choice(), starl_check_state:item() | none,
+    [starl_monitor:trace_event()]}) -> starl_check_chart:step().
+explain({{fire, Place, {app, _}}, none, Traces}) ->
+    {{mark, Place, happens, "the application goes on"}, Traces};
+explain({{fire, Place, {Name, Timer}}, none, Traces}) ->
+    Text = io_lib:format("~ts: time-out ~0tp", [Name, starl_check_term:shown(Timer)]),
+    {{mark, Place, happens, Text}, Traces};
+explain({{crash, Place, Name}, none, Traces}) ->
+    {{mark, Place, crash, [atom_to_list(Name), " crashes"]}, Traces};
+explain({tick, none, Traces}) ->
+    {{note, "time passes"}, Traces};
+explain({{Kind, _}, Item, Traces}) ->
+    {arrow(Kind, Item), Traces}.
+
+arrow(Kind, {packet, From, To, Packet}) ->
+    {arrow, From, To, solid, [shown(Packet), again(Kind)]};
+arrow(deliver, {message, From, To, Type, Body, _, Age}) ->
+    {arrow, From, To, solid, [atom_to_list(Type), " ", shown(Body), slow(Age)]};
+arrow(Kind, {message, From, To, Type, Body, _, _}) ->
+    Text = [outcome(Kind), ": ", atom_to_list(Type), " ", shown(Body), " to ",
+        integer_to_list(To)],
+    {mark, From, happens, Text};
+arrow(deliver, {report, From, To, _, Outcome, _}) ->
+    {arrow, From, To, dotted, ["(", atom_to_list(Outcome), ")"]};
+arrow(Kind, {report, From, To, _, _, _}) ->
+    {arrow, From, To, dotted, ["(", outcome(Kind), ")"]}.
+
+again(again) -> "  (and once more later)";
+again(deliver) -> "".
+
+slow(fresh) -> "";
+slow(late) -> "  (slow)";
+slow(ghost) -> "  (thought lost)".
+
+outcome(lose) -> "reported lost";
+outcome(refuse) -> "reported restarted".
+
+shown(Term) -> io_lib:format("~0tp", [starl_check_term:shown(Term)]).

@@ -23,7 +23,7 @@
 %% want of patience as often as `timeout' says.
 -module(starl_check_state).
 
--export([initial/2, choices/3, step/4, key/4, is_stuck/3, item/2]).
+-export([initial/2, choices/3, step/4, key/4, pack/1, unpack/1, is_stuck/3, item/2]).
 
 -export_type([t/0, choice/0, item/0, result/0]).
 
@@ -327,19 +327,52 @@ older_item(I, Ticks, #{rates := Rates, horizon_us := Horizon}, Store) ->
 
 %% Something happens to a robot.
 happen(Place, Event, #state{robots = Robots, items = Items} = State, Model, Store) ->
-    Done = starl_check_store:memo(
-        {Place, element(Place, Robots), Event},
-        fun() -> robot_step(Place, element(Place, Robots), Event, Model, Store) end,
-        Store
-    ),
-    case Done of
+    case robot_memo(Place, element(Place, Robots), Event, Model, Store) of
         {Number, Sent, Traces} ->
-            judge(Traces, State#state{
+            Next = State#state{
                 robots = setelement(Place, Robots, Number), items = add(Sent, Items)
-            }, Model, Store);
+            },
+            judge(Traces, without_inert(Next, Model, Store), Model, Store);
         {broken, Violation} ->
             {violation, [], Violation}
     end.
+
+%% A message that changes nothing, now and for ever, may as well have arrived. Which ones these are
+%% the model says; after a crash of its receiver such a message would count again.
+without_inert(#state{crash = 0, items = Items} = State, Model, Store) ->
+    State#state{items = [I || I <- Items, not is_inert(I, State, Model, Store)]};
+without_inert(State, _Model, _Store) ->
+    State.
+
+is_inert(I, #state{robots = Robots}, Model, Store) ->
+    case may_be_inert(I, Model, Store) of
+        false ->
+            false;
+        To ->
+            Number = element(To, Robots),
+            {Number, [], []} =:= robot_memo(To, Number, {item, I}, Model, Store)
+    end.
+
+may_be_inert(I, Model, Store) ->
+    starl_check_store:memo(
+        {inert, I},
+        fun() ->
+            case item(I, Store) of
+                {message, _, To, Type, Body, none, _} ->
+                    starl_check_model:may_be_inert(Type, Body, Model) andalso To;
+                _ ->
+                    false
+            end
+        end,
+        Store
+    ).
+
+robot_memo(Place, Number, Event, Model, Store) ->
+    starl_check_store:memo(
+        {Place, Number, Event},
+        fun() -> robot_step(Place, Number, Event, Model, Store) end,
+        Store
+    ).
 
 robot_step(Place, Number, Event, Model, Store) ->
     Robot = starl_check_store:term(Number, Store),
@@ -419,13 +452,28 @@ item(I, Store) -> starl_check_store:term(I, Store).
 %% which of the robots that are like each other is which.
 -spec key(t(), [starl_check_term:permutation()], model(), store()) -> binary().
 key(State, Permutations, Model, Store) ->
-    lists:min([own_key(State) | [own_key(image(P, State, Model, Store)) || P <- Permutations]]).
+    lists:min([pack(State) | [pack(image(P, State, Model, Store)) || P <- Permutations]]).
 
-own_key(#state{monitor = Monitor, robots = Robots, items = Items, stale = Stale} = State) ->
+%% @doc The state in few bytes.
+-spec pack(t()) -> binary().
+pack(#state{monitor = Monitor, robots = Robots, items = Items, stale = Stale} = State) ->
     #state{loss = Loss, crash = Crash, dup = Dup, late = Late, timeout = Timeout} = State,
     Pairs = << <<A, B>> || {A, B} <- Stale >>,
     Parts = << <<N:32>> || N <- tuple_to_list(Robots) ++ Items >>,
-    <<Monitor:32, Loss, Crash, Dup, Late, Timeout, (length(Stale)), Pairs/binary, Parts/binary>>.
+    <<(tuple_size(Robots)), Monitor:32, Loss, Crash, Dup, Late, Timeout, (length(Stale)),
+        Pairs/binary, Parts/binary>>.
+
+%% @doc The state that was packed.
+-spec unpack(binary()) -> t().
+unpack(<<Size, Monitor:32, Loss, Crash, Dup, Late, Timeout, Stale, Rest/binary>>) ->
+    <<Pairs:Stale/binary-unit:16, Robots:Size/binary-unit:32, Items/binary>> = Rest,
+    #state{
+        monitor = Monitor,
+        robots = list_to_tuple([N || <<N:32>> <= Robots]),
+        items = [N || <<N:32>> <= Items],
+        loss = Loss, crash = Crash, dup = Dup, late = Late, timeout = Timeout,
+        stale = [{A, B} || <<A, B>> <= Pairs]
+    }.
 
 image(Permutation, State, #{monitor := {Module, _}}, Store) ->
     #state{robots = Robots, items = Items, stale = Stale, monitor = Monitor} = State,
