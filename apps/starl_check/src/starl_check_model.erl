@@ -19,12 +19,14 @@
 }.
 
 %% `machine': another machine in the place of the block's, with what it adds to the
-%% configuration: for tests. `symmetry' (true): robots that differ in nothing but their number
+%% configuration: for tests. `crash': which machines may crash. `symmetry' (true): robots that differ in nothing but their number
 %% are taken for one another.
 -type options() :: #{
     robots => pos_integer(),
     faults => budgets(),
     machine => {module(), Config :: map()},
+    crash => [starl_machine:name()],
+    rounds => pos_integer(),
     symmetry => boolean()
 }.
 
@@ -50,6 +52,7 @@
     refresh := {starl_machine:name(), starl_machine:event_type(), term()} | none,
     fixed := [starl_check_term:place()],
     same_random := boolean(),
+    rounds := pos_integer(),
     symmetry := boolean()
 }.
 
@@ -89,9 +92,12 @@ new(Block, Options) ->
         refresh => none,
         fixed => [],
         same_random => false,
+        rounds => maps:get(rounds, Options, 2),
         symmetry => maps:get(symmetry, Options, true)
     },
-    with_machine(maps:find(machine, Options), maps:merge(Common, block(Block, Common))).
+    Model = maps:merge(Common, block(Block, Common)),
+    Crash = maps:get(crash, Options, maps:get(crash, Model)),
+    with_machine(maps:find(machine, Options), Model#{crash := Crash}).
 
 with_machine(error, Model) ->
     Model;
@@ -131,13 +137,14 @@ block(bully, #{ids := Ids, faults := Faults}) ->
         fixed => places(Ids)
     };
 %% The home's clock is fast, all others slow: so a holder's lease lasts longest and the home's
-%% shortest, the only two that are held against each other.
+%% shortest, the only two that are held against each other. The home's own client wants nothing:
+%% what it asks of its own machine needs no message.
 block(mutex, #{ids := Ids}) ->
     Home = erlang:phash2(?TOKEN, length(Ids)) + 1,
     Slow = erlang:make_tuple(length(Ids), ?SLOW),
     #{
         blocks => [{mutex, starl_mutex_tokens, #{}}],
-        script => fun(_) -> [{hold, ?TOKEN}] end,
+        script => fun(Place) -> [{hold, ?TOKEN} || Place =/= Home] end,
         crash => [mutex, sap, app],
         monitor => {starl_mutex_monitor, #{}},
         timed => [lease, home],
@@ -149,10 +156,10 @@ block(mutex, #{ids := Ids}) ->
         refresh => {mutex, {timeout, {again, 0}}, again},
         fixed => [Home]
     };
-block(barrier, #{ids := Ids}) ->
+block(barrier, #{ids := Ids, rounds := Rounds}) ->
     #{
         blocks => [{barrier, starl_barrier_rounds, #{}}],
-        script => fun(_) -> [{sync, gate, 2}, {sync, gate, 2}] end,
+        script => fun(_) -> [{sync, gate, Rounds} || _ <- lists:seq(1, Rounds)] end,
         crash => [barrier, sap, app],
         monitor => {starl_barrier_monitor, #{robots => Ids}}
     }.
