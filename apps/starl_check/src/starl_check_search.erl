@@ -188,6 +188,8 @@ explain({{fire, Place, {Name, Timer}}, none, Traces}) ->
     {{mark, Place, happens, Text}, Traces};
 explain({{crash, Place, Name}, none, Traces}) ->
     {{mark, Place, crash, [atom_to_list(Name), " crashes"]}, Traces};
+explain({{outcome, Place, _, Lost}, none, Traces}) ->
+    {{mark, Place, happens, ["hears from SAP: ", heard(Lost)]}, Traces};
 explain({tick, none, Traces}) ->
     {{note, "time passes"}, Traces};
 explain({{Kind, _}, Item, Traces}) ->
@@ -197,14 +199,12 @@ arrow(Kind, {packet, From, To, Packet}) ->
     {arrow, From, To, solid, [shown(Packet), again(Kind)]};
 arrow(deliver, {message, From, To, Type, Body, _, Age}) ->
     {arrow, From, To, solid, [atom_to_list(Type), " ", shown(Body), slow(Age)]};
-arrow(Kind, {message, From, To, Type, Body, _, _}) ->
-    Text = [outcome(Kind), ": ", atom_to_list(Type), " ", shown(Body), " to ",
-        integer_to_list(To)],
-    {mark, From, happens, Text};
-arrow(deliver, {report, From, To, _, Outcome, _}) ->
-    {arrow, From, To, dotted, ["(", atom_to_list(Outcome), ")"]};
-arrow(Kind, {report, From, To, _, _, _}) ->
-    {arrow, From, To, dotted, ["(", outcome(Kind), ")"]}.
+arrow(refuse, {message, From, To, Type, Body, _, _}) ->
+    {arrow, From, To, dotted, [atom_to_list(Type), " ", shown(Body), "  (refused)"]}.
+
+heard([]) -> "nothing is lost";
+heard(Lost) ->
+    ["lost at ", lists:join(", ", [integer_to_list(starl_check_term:number(R)) || R <- Lost])].
 
 again(again) -> "  (and once more later)";
 again(deliver) -> "".
@@ -212,8 +212,5 @@ again(deliver) -> "".
 slow(fresh) -> "";
 slow(late) -> "  (slow)";
 slow(ghost) -> "  (thought lost)".
-
-outcome(lose) -> "reported lost";
-outcome(refuse) -> "reported restarted".
 
 shown(Term) -> io_lib:format("~0tp", [starl_check_term:shown(Term)]).

@@ -4,12 +4,12 @@
 %% robot, those of the messages under way in ascending order, and how many faults may still
 %% happen. What may happen:
 %% <dl>
-%% <dt>`{deliver, Item}'</dt><dd>a message, an outcome or a packet arrives</dd>
+%% <dt>`{deliver, Item}'</dt><dd>a message or a packet arrives</dd>
 %% <dt>`{again, Item}'</dt><dd>a packet arrives, and will once more</dd>
-%% <dt>`{lose, Item}'</dt><dd>SAP reports to a caller that its message is lost, whether it has
-%%   arrived, will arrive later or never</dd>
+%% <dt>`{outcome, Place, Call, Lost}'</dt><dd>a caller hears what has become of its message: at
+%%   these receivers it is reported lost, whether it has arrived, will arrive later or never</dd>
 %% <dt>`{refuse, Item}'</dt><dd>the receiver's SAP has restarted, the source's does not know it
-%%   yet: the message does not arrive and is reported `restarted'</dd>
+%%   yet: the message does not arrive and will be reported so</dd>
 %% <dt>`{fire, Place, Timer}'</dt><dd>a time-out, or the client's next call</dd>
 %% <dt>`{crash, Place, Machine}'</dt><dd>a machine crashes and starts anew</dd>
 %% <dt>`tick'</dt><dd>time passes to the next timed timer, or by the model's grain</dd>
@@ -40,12 +40,11 @@
 -type item() ::
     {message, From :: place(), To :: place(), Type :: atom(), Body :: term(),
         starl_check_sap:ref() | none, age()}
-    | {report, From :: place(), To :: place(), starl_check_sap:ref(), starl_check_sap:outcome(),
-        age()}
     | {packet, From :: place(), To :: place(), starl_packet:t()}.
 
 -type choice() ::
-    {deliver | again | lose | refuse, ref()}
+    {deliver | again | refuse, ref()}
+    | {outcome, place(), starl_check_sap:ref(), Lost :: [starl:robot_id()]}
     | {fire, place(), starl_check_robot:timer()}
     | {crash, place(), starl_machine:name()}
     | tick.
@@ -98,12 +97,10 @@ places(Ids) -> lists:seq(1, length(Ids)).
 -spec choices(t(), model(), store()) -> [choice()].
 choices(#state{items = Items} = State, Model, Store) ->
     Under = [{I, item(I, Store)} || I <- lists:usort(Items)],
-    Fresh = fresh(State, Store),
+    Fresh = length(fresh(State, Store)),
     lists:append([item_choices(I, Item, State) || {I, Item} <- Under]) ++
-        lists:append([
-            fires(Place, Fresh, State, Model, Store)
-         || Place <- places_of(State)
-        ]) ++
+        lists:append([outcomes(Place, Under, State, Store) || Place <- places_of(State)]) ++
+        lists:append([fires(Place, Fresh, State, Model, Store) || Place <- places_of(State)]) ++
         [tick || may_pass(Fresh, State, Model, Store)] ++
         [
             {crash, Place, Name}
@@ -114,22 +111,59 @@ places_of(#state{robots = Robots}) -> lists:seq(1, tuple_size(Robots)).
 
 item_choices(I, {packet, _, _, _}, #state{dup = Dup}) ->
     [{deliver, I} | [{again, I} || Dup > 0]];
-item_choices(I, {message, From, To, _, _, Ref, Age}, #state{loss = Loss, stale = Stale}) ->
-    [{deliver, I}] ++
-        [{lose, I} || Loss > 0, Ref =/= none] ++
-        [{refuse, I} || Age =/= ghost, lists:member({From, To}, Stale)];
-item_choices(I, {report, From, To, _, Outcome, _}, #state{loss = Loss, stale = Stale}) ->
-    [{deliver, I}] ++
-        [{lose, I} || Loss > 0, Outcome =:= acknowledged] ++
-        [{refuse, I} || Outcome =:= acknowledged, lists:member({To, From}, Stale)].
+item_choices(I, {message, From, To, _, _, _, Age}, #state{stale = Stale}) ->
+    [{deliver, I} | [{refuse, I} || Age =/= ghost, lists:member({From, To}, Stale)]].
 
-%% The messages that a time-out would make slow.
-fresh(#state{items = Items}, Store) ->
-    [I || I <- Items, age(item(I, Store)) =:= fresh].
+%% A call may be answered once its message has reached all receivers, or else is reported lost;
+%% one that has arrived is reported lost, too, if its acknowledgements were lost.
+outcomes(Place, Under, #state{robots = Robots, loss = Loss} = State, Store) ->
+    [
+        {outcome, Place, Ref, lists:sort(Open ++ Denied)}
+     || {Ref, Open, Reached, _, _} <- calls(element(Place, Robots), Store),
+        Left <- [Loss - price(Place, Ref, Open, Under)],
+        Left >= 0,
+        Denied <- subsets(Left, Reached, Place, State)
+    ].
 
-age({packet, _, _, _}) -> late;
-age({message, _, _, _, _, _, Age}) -> Age;
-age({report, _, _, _, _, Age}) -> Age.
+%% What is counted as lost already costs nothing.
+price(Place, Ref, Open, Under) ->
+    length(Open) -
+        length([I || {I, {message, From, _, _, _, R, ghost}} <- Under, From =:= Place, R =:= Ref]).
+
+%% So many of the receivers, and any of those that may seem to have restarted before the message
+%% came: the lost acknowledgement of a robot whose SAP has crashed since is a refusal.
+subsets(_Left, [], _Place, _State) ->
+    [[]];
+subsets(Left, [Dest | Rest], Place, #state{stale = Stale} = State) ->
+    Without = subsets(Left, Rest, Place, State),
+    case lists:member({Place, starl_check_term:number(Dest)}, Stale) of
+        true -> Without ++ [[Dest | Others] || Others <- Without];
+        false when Left > 0 ->
+            Without ++ [[Dest | Others] || Others <- subsets(Left - 1, Rest, Place, State)];
+        false -> Without
+    end.
+
+calls(Number, Store) ->
+    starl_check_store:memo(
+        {calls, Number},
+        fun() -> starl_check_robot:calls(starl_check_store:term(Number, Store)) end,
+        Store
+    ).
+
+%% The messages that a time-out would make slow, and the answers that might have come.
+fresh(#state{items = Items, robots = Robots} = State, Store) ->
+    [I || I <- Items, age(I, Store) =:= fresh] ++
+        [
+            {Place, Ref}
+         || Place <- places_of(State),
+            {Ref, [], _, _, false} <- calls(element(Place, Robots), Store)
+        ].
+
+age(I, Store) ->
+    case item(I, Store) of
+        {packet, _, _, _} -> late;
+        {message, _, _, _, _, _, Age} -> Age
+    end.
 
 fires(Place, Fresh, #state{robots = Robots} = State, Model, Store) ->
     Timers = timers(element(Place, Robots), Model, Store),
@@ -152,7 +186,7 @@ may_fire(patience, _Due, Fresh, #state{timeout = Left} = State) ->
     Left > 0 andalso may_wait(Fresh, State);
 may_fire(free, _Due, Fresh, State) -> may_wait(Fresh, State).
 
-may_wait(Fresh, #state{late = Late, loss = Loss}) -> length(Fresh) =< Late + Loss.
+may_wait(Fresh, #state{late = Late, loss = Loss}) -> Fresh =< Late + Loss.
 
 may_pass(_Fresh, _State, #{grain := none}, _Store) ->
     false;
@@ -173,10 +207,8 @@ is_stuck(#state{robots = Robots, items = Items, loss = Loss}, Model, Store) ->
     Numbers = tuple_to_list(Robots),
     not lists:all(fun(Number) -> is_done(Number, Store) end, Numbers) andalso
         lists:all(fun(Number) -> timers(Number, Model, Store) =:= [] end, Numbers) andalso
-        length([I || I <- Items, must_arrive(item(I, Store))]) =< Loss.
-
-must_arrive({packet, _, _, _}) -> true;
-must_arrive(Item) -> age(Item) =/= ghost.
+        lists:all(fun(Number) -> calls(Number, Store) =:= [] end, Numbers) andalso
+        length([I || I <- Items, age(I, Store) =/= ghost]) =< Loss.
 
 is_done(Number, Store) ->
     starl_check_store:memo(
@@ -192,20 +224,22 @@ is_done(Number, Store) ->
 step({deliver, I}, #state{items = Items} = State, Model, Store) ->
     Item = item(I, Store),
     Left = heard(Item, State#state{items = lists:delete(I, Items)}),
-    Acked = [item_number(R, Store) || R <- acknowledgement(Item)],
-    happen(receiver(Item), {item, I}, Left#state{items = add(Acked, Left#state.items)}, Model, Store);
+    Known = note(acknowledged, Item, Left, Model, Store),
+    happen(element(3, Item), {item, I}, Known, Model, Store);
 step({again, I}, #state{dup = Dup} = State, Model, Store) ->
     {packet, _, To, _} = item(I, Store),
     happen(To, {item, I}, State#state{dup = Dup - 1}, Model, Store);
-step({lose, I}, #state{loss = Loss} = State, Model, Store) ->
-    report(lost, I, item(I, Store), State#state{loss = Loss - 1}, Model, Store);
-step({refuse, I}, State, Model, Store) ->
-    report(restarted, I, item(I, Store), State, Model, Store);
+step({outcome, Place, Ref, Lost}, State, Model, Store) ->
+    happen(Place, {outcome, Ref, Lost}, give_up(Place, Ref, Lost, State, Store), Model, Store);
+step({refuse, I}, #state{items = Items, stale = Stale} = State, Model, Store) ->
+    {message, From, To, _, _, _, _} = Item = item(I, Store),
+    Left = State#state{items = lists:delete(I, Items), stale = lists:delete({From, To}, Stale)},
+    {ok, [], note(refused, Item, Left, Model, Store)};
 step({fire, Place, Key}, State, Model, Store) ->
     Fired =
         case starl_check_model:timer(Key, Model) of
-            patience -> slow(State#state{timeout = State#state.timeout - 1}, Store);
-            free -> slow(State, Store);
+            patience -> slow(State#state{timeout = State#state.timeout - 1}, Model, Store);
+            free -> slow(State, Model, Store);
             _ -> State
         end,
     happen(Place, {fire, Key}, Fired, Model, Store);
@@ -213,40 +247,45 @@ step({crash, Place, Name}, #state{crash = Crash} = State, Model, Store) ->
     Struck = State#state{crash = Crash - 1},
     case {Name, Model} of
         {sap, #{sap := contract}} ->
-            happen(Place, {crash, Name}, forsake(Place, Struck, Store), Model, Store);
+            happen(Place, {crash, Name}, forsake(Place, Struck, Model, Store), Model, Store);
         _ ->
             happen(Place, {crash, Name}, Struck, Model, Store)
     end;
 step(tick, State, Model, Store) ->
     Ticks = next_due(State, Model, Store),
-    {ok, [], pass(Ticks, slow(State, Store), Model, Store)}.
+    {ok, [], pass(Ticks, slow(State, Model, Store), Model, Store)}.
 
-receiver({packet, _, To, _}) -> To;
-receiver({message, _, To, _, _, _, _}) -> To;
-receiver({report, _, To, _, _, _}) -> To.
+%% The source's SAP learns what has become of the message of a call; its caller does not yet.
+note(What, {message, From, To, _, _, Ref, _}, #state{robots = Robots} = State, Model, Store) when
+    Ref =/= none
+->
+    Event = {What, Ref, starl_check_term:id(To)},
+    {Number, [], []} = robot_memo(From, element(From, Robots), Event, Model, Store),
+    State#state{robots = setelement(From, Robots, Number)};
+note(_What, _Item, State, _Model, _Store) ->
+    State.
 
-acknowledgement({message, From, To, _, _, Ref, _}) when Ref =/= none ->
-    [{report, To, From, Ref, acknowledged, fresh}];
-acknowledgement(_) ->
-    [].
-
-%% The source hears, if it waits for it, that its message is lost or refused.
-report(lost, I, {message, From, To, Type, Body, Ref, _}, State, Model, Store) ->
-    Ghost = [item_number({message, From, To, Type, Body, none, ghost}, Store)],
-    hear({report, To, From, Ref, lost, fresh}, replace(I, Ghost, State), Model, Store);
-report(restarted, I, {message, From, To, _, _, none, _}, State, _Model, _Store) ->
-    {ok, [], replace(I, [], known(From, To, State))};
-report(restarted, I, {message, From, To, _, _, Ref, _}, State, Model, Store) ->
-    Known = known(From, To, replace(I, [], State)),
-    hear({report, To, From, Ref, restarted, fresh}, Known, Model, Store);
-report(Outcome, I, {report, From, To, Ref, acknowledged, _}, State, Model, Store) ->
-    hear({report, From, To, Ref, Outcome, fresh}, replace(I, [], State), Model, Store).
-
-hear({report, _, To, _, _, _} = Report, State, Model, Store) ->
-    happen(To, {item, item_number(Report, Store)}, State, Model, Store).
-
-known(From, To, #state{stale = Stale} = State) ->
-    State#state{stale = lists:delete({From, To}, Stale)}.
+%% What is reported lost may still be under way, and is nobody's concern any more.
+give_up(Place, Ref, Lost, #state{items = Items, robots = Robots, loss = Loss} = State, Store) ->
+    Under = [{I, item(I, Store)} || I <- Items],
+    {Ref, Open, _, _, _} = lists:keyfind(Ref, 1, calls(element(Place, Robots), Store)),
+    Denied = [
+        Dest
+     || Dest <- Lost -- Open,
+        not lists:member({Place, starl_check_term:number(Dest)}, State#state.stale)
+    ],
+    Left = [
+        case Item of
+            {message, Place, To, Type, Body, Ref, _} ->
+                item_number({message, Place, To, Type, Body, none, ghost}, Store);
+            _ ->
+                I
+        end
+     || {I, Item} <- Under
+    ],
+    State#state{
+        items = lists:sort(Left), loss = Loss - price(Place, Ref, Open, Under) - length(Denied)
+    }.
 
 %% A message that the receiver's present SAP took, or one that it sent, tells its incarnation.
 heard({message, From, To, _, _, _, Age}, #state{stale = [_ | _] = Stale} = State) ->
@@ -255,35 +294,35 @@ heard({message, From, To, _, _, _, Age}, #state{stale = [_ | _] = Stale} = State
 heard(_, State) ->
     State.
 
-replace(I, New, #state{items = Items} = State) ->
-    State#state{items = add(New, lists:delete(I, Items))}.
-
 add(New, Items) -> lists:merge(lists:sort(New), Items).
 
 %% What is under way while a time-out fires is slow, or, beyond the number of those, lost.
-slow(#state{items = Items, late = Late, loss = Loss} = State, Store) ->
+slow(#state{late = Late, loss = Loss} = State, Model, Store) ->
     Fresh = fresh(State, Store),
     {Slow, Lost} = lists:split(min(Late, length(Fresh)), Fresh),
-    Aged = [aged(I, late, Store) || I <- Slow] ++ [aged(I, ghost, Store) || I <- Lost],
-    State#state{
-        items = add(Aged, Items -- Fresh), late = Late - length(Slow), loss = Loss - length(Lost)
-    }.
+    Counted = State#state{late = Late - length(Slow), loss = Loss - length(Lost)},
+    All = [{late, Item} || Item <- Slow] ++ [{ghost, Item} || Item <- Lost],
+    lists:foldl(fun({Age, Item}, S) -> grow_old(Item, Age, S, Model, Store) end, Counted, All).
 
-aged(I, Age, Store) ->
-    starl_check_store:memo(
-        {Age, I}, fun() -> item_number(with_age(Age, item(I, Store)), Store) end, Store
-    ).
+grow_old({Place, Ref}, _Age, #state{robots = Robots} = State, Model, Store) ->
+    {Number, [], []} = robot_memo(Place, element(Place, Robots), {delayed, Ref}, Model, Store),
+    State#state{robots = setelement(Place, Robots, Number)};
+grow_old(I, Age, #state{items = Items} = State, _Model, Store) ->
+    {message, From, To, Type, Body, Ref, fresh} = item(I, Store),
+    Old = item_number({message, From, To, Type, Body, Ref, Age}, Store),
+    State#state{items = add([Old], lists:delete(I, Items))}.
 
-with_age(Age, {message, From, To, Type, Body, Ref, _}) ->
-    {message, From, To, Type, Body, Ref, Age};
-with_age(_, {report, From, To, Ref, Outcome, _}) ->
-    {report, From, To, Ref, Outcome, late}.
-
-%% A robot's SAP is gone: whoever had a message under way to it will hear that it restarted;
-%% its own messages may arrive or not, and nobody waits for their outcome.
-forsake(Place, #state{items = Items} = State, Store) ->
-    Left = lists:append([forsaken(Place, item(I, Store)) || I <- Items]),
-    State#state{
+%% A robot's SAP is gone: messages under way to it are refused; its own may arrive or not, and
+%% nobody waits for what becomes of them.
+forsake(Place, #state{items = Items} = State, Model, Store) ->
+    Under = [item(I, Store) || I <- Items],
+    Told = lists:foldl(
+        fun(Item, S) -> note(refused, Item, S, Model, Store) end,
+        State,
+        [Item || {message, _, To, _, _, _, _} = Item <- Under, To =:= Place]
+    ),
+    Left = [forsaken(Place, Item) || Item <- Under, element(3, Item) =/= Place],
+    Told#state{
         items = lists:sort([item_number(Item, Store) || Item <- Left]),
         stale = lists:usort(
             [{Other, Place} || Other <- places_of(State), Other =/= Place] ++
@@ -291,14 +330,10 @@ forsake(Place, #state{items = Items} = State, Store) ->
         )
     }.
 
-forsaken(Place, {message, From, Place, _, _, Ref, _}) ->
-    [{report, Place, From, Ref, restarted, fresh} || Ref =/= none];
 forsaken(Place, {message, Place, To, Type, Body, _, _}) ->
-    [{message, Place, To, Type, Body, none, ghost}];
-forsaken(Place, {report, _, Place, _, _, _}) ->
-    [];
+    {message, Place, To, Type, Body, none, ghost};
 forsaken(_Place, Item) ->
-    [Item].
+    Item.
 
 pass(Ticks, #state{robots = Robots, items = Items} = State, Model, Store) ->
     State#state{
@@ -391,16 +426,13 @@ crashed(Place, Reason, Stack) ->
         details => #{reason => Reason, at => lists:sublist([{M, F} || {M, F, _, _} <- Stack], 1)}
     }.
 
-robot_event({fire, Key}, _Store) ->
-    {fire, Key};
-robot_event({crash, Name}, _Store) ->
-    {crash, Name};
 robot_event({item, I}, Store) ->
     case item(I, Store) of
         {packet, _, _, Packet} -> {packet, Packet};
-        {message, From, _, Type, Body, _, _} -> {message, starl_check_term:id(From), Type, Body};
-        {report, From, _, Ref, Outcome, _} -> {report, starl_check_term:id(From), Ref, Outcome}
-    end.
+        {message, From, _, Type, Body, _, _} -> {message, starl_check_term:id(From), Type, Body}
+    end;
+robot_event(Event, _Store) ->
+    Event.
 
 new_item(From, {packet, To, Packet}) ->
     {packet, From, starl_check_term:number(To), Packet};
@@ -451,8 +483,27 @@ item(I, Store) -> starl_check_store:term(I, Store).
 %% @doc A binary that tells the state from all others, but for those that differ from it only in
 %% which of the robots that are like each other is which.
 -spec key(t(), [starl_check_term:permutation()], model(), store()) -> binary().
+key(State, [], _Model, _Store) ->
+    pack(State);
 key(State, Permutations, Model, Store) ->
-    lists:min([pack(State) | [pack(image(P, State, Model, Store)) || P <- Permutations]]).
+    %% the robots and the monitor come first; only where they decide nothing do the rest
+    Cores = [{core(P, State, Model, Store), P} || P <- Permutations],
+    Own = {State#state.robots, State#state.monitor},
+    Least = lists:min([Own | [Core || {Core, _} <- Cores]]),
+    Images = [image(P, Core, State, Store) || {Core, P} <- Cores, Core =:= Least],
+    lists:min([pack(Image) || Image <- [State || Own =:= Least] ++ Images]).
+
+%% The robots and the monitor of the state that differs by this permutation.
+core(Permutation, #state{robots = Robots, monitor = Monitor}, #{monitor := {Module, _}}, Store) ->
+    Moved = move(1, Permutation, Robots, Robots, Store),
+    {Moved, renamed(Permutation, Monitor, {monitor, Module}, Store)}.
+
+move(Place, Permutation, _Robots, Moved, _Store) when Place > tuple_size(Permutation) ->
+    Moved;
+move(Place, Permutation, Robots, Moved, Store) ->
+    Renamed = renamed(Permutation, element(Place, Robots), robot, Store),
+    Next = setelement(element(Place, Permutation), Moved, Renamed),
+    move(Place + 1, Permutation, Robots, Next, Store).
 
 %% @doc The state in few bytes.
 -spec pack(t()) -> binary().
@@ -475,17 +526,12 @@ unpack(<<Size, Monitor:32, Loss, Crash, Dup, Late, Timeout, Stale, Rest/binary>>
         stale = [{A, B} || <<A, B>> <= Pairs]
     }.
 
-image(Permutation, State, #{monitor := {Module, _}}, Store) ->
-    #state{robots = Robots, items = Items, stale = Stale, monitor = Monitor} = State,
-    Moved = [
-        {element(Place, Permutation), renamed(Permutation, element(Place, Robots), robot, Store)}
-     || Place <- places_of(State)
-    ],
+image(Permutation, {Robots, Monitor}, #state{items = Items, stale = Stale} = State, Store) ->
     State#state{
-        robots = list_to_tuple([Number || {_, Number} <- lists:sort(Moved)]),
+        robots = Robots,
         items = lists:sort([renamed(Permutation, I, item, Store) || I <- Items]),
         stale = lists:sort([{element(A, Permutation), element(B, Permutation)} || {A, B} <- Stale]),
-        monitor = renamed(Permutation, Monitor, {monitor, Module}, Store)
+        monitor = Monitor
     }.
 
 renamed(Permutation, Number, Kind, Store) ->
@@ -506,7 +552,4 @@ rename(item, Permutation, {packet, From, To, Packet}, Store) ->
 rename(item, Permutation, {message, From, To, Type, Body, Ref, Age}, Store) ->
     {New, NewTo} = {element(From, Permutation), element(To, Permutation)},
     Renamed = starl_check_term:rename(Body, Permutation),
-    item_number({message, New, NewTo, Type, Renamed, Ref, Age}, Store);
-rename(item, Permutation, {report, From, To, Ref, Outcome, Age}, Store) ->
-    {New, NewTo} = {element(From, Permutation), element(To, Permutation)},
-    item_number({report, New, NewTo, Ref, Outcome, Age}, Store).
+    item_number({message, New, NewTo, Type, Renamed, Ref, Age}, Store).
