@@ -16,6 +16,9 @@
 -export_type([sim/0, reason/0]).
 
 -define(ROBOTS_PER_SHARD, 16).
+%% Larger teams are simulated inline, where the scenario does not say.
+-define(MANY_ROBOTS, 300).
+-define(INTENSITY, 1000).
 
 -record(sim, {
     sup :: pid(),
@@ -172,7 +175,7 @@ launch(Scenario, Scene, #{robots := Ids} = Context) ->
         profile => Profile
     },
     {ok, Sup} = starl_sim_sup:start_link(#{
-        robots => [robot(Id, Scene, Profile, Context) || Id <- Ids],
+        robots => [robot(Id, mode(Scenario), Scene, Profile, Context) || Id <- Ids],
         world => World,
         window_us => round(MinMs * 1000),
         limit_us => micros(maps:get(time, Scenario)),
@@ -182,25 +185,38 @@ launch(Scenario, Scene, #{robots := Ids} = Context) ->
     }),
     {ok, #sim{sup = Sup, run = starl_sim_sup:run(Sup), scenario = Scenario, scene = Scene}}.
 
-robot(Id, Scene, Profile, #{robots := Ids} = Context) ->
+robot(Id, Mode, Scene, Profile, #{robots := Ids} = Context) ->
     Sap = maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
-    Waypoints = maps:get(waypoints, Scene, #{}),
-    #{
-        tree => #{
-            id => Id,
-            participants => starl_team:new(Ids),
-            driver => self(),
-            services => [
-                {sap, starl_sap, Sap},
-                {location, starl_location, #{waypoints => Waypoints}},
-                {motion, starl_motion, #{profile => Profile}}
-            ],
-            blocks => maps:get(blocks, Scene, []),
-            app => maps:get(app, Scene),
-            intensity => 1000
-        },
-        pose => pose(Id, Scene, Context)
-    }.
+    Tree = #{
+        id => Id,
+        participants => starl_team:new(Ids),
+        driver => self(),
+        services => [
+            {sap, starl_sap, Sap},
+            {location, starl_location, #{waypoints => maps:get(waypoints, Scene, #{})}},
+            {motion, starl_motion, #{profile => Profile}}
+        ],
+        blocks => maps:get(blocks, Scene, []),
+        app => maps:get(app, Scene),
+        intensity => ?INTENSITY
+    },
+    interpreted(Mode, Tree, #{id => Id, pose => pose(Id, Scene, Context)}).
+
+%% Inline, only a sequential application is left as a process.
+interpreted(process, Tree, Robot) ->
+    Robot#{tree => Tree, inline => #{}};
+interpreted(inline, #{services := Services, blocks := Blocks, app := App} = Tree, Robot) ->
+    Machines = maps:from_list([{Name, {M, Config}} || {Name, M, Config} <- Services ++ Blocks]),
+    case App of
+        {machine, Module, Config} ->
+            Robot#{tree => none, inline => Machines#{app => {Module, Config}}};
+        {sequential, _, _} ->
+            Robot#{tree => Tree#{services := [], blocks := []}, inline => Machines}
+    end.
+
+mode(#{mode := auto, robots := N}) when N > ?MANY_ROBOTS -> inline;
+mode(#{mode := auto}) -> process;
+mode(#{mode := Mode}) -> Mode.
 
 %% Without a place of their own, robots stand in rows two metres apart.
 pose(Id, Scene, #{world := {Width, _}}) ->

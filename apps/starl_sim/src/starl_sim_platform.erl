@@ -7,12 +7,12 @@
 -module(starl_sim_platform).
 -behaviour(starl_platform).
 
--export([new/3, boot/4, at/2, soon/1, take_soon/1, take/1]).
--export([fire/4, forget_timers/2, ended/1, local_time/1]).
+-export([new/3, boot/4, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
+-export([fire/6, forget_timers/2, ended/1, local_time/1]).
 -export([piece/1, hash_event/4, hash_event/5, digest/1, result/1]).
 -export([perform/3, trace/3, stop/1]).
 
--export_type([t/0, world/0, moment/0, yield/0]).
+-export_type([t/0, world/0, yield/0]).
 
 %% What all robots share: the seed, the radio, the clocks and the chassis' errors.
 %% `sight' is the table of the pieces of motion that all robots were in when the window began.
@@ -26,13 +26,6 @@
     delay_us := {Min :: pos_integer(), Max :: pos_integer()},
     range_mm := float() | infinity,
     profile := starl_motion:profile()
-}.
-
-%% A time, and when the window that it lies in begins and ends.
--type moment() :: {
-    Now :: starl_sim_queue:time(),
-    Window :: starl_sim_queue:time(),
-    Until :: starl_sim_queue:time()
 }.
 
 %% What comes out of a window: events for other robots or later windows; the trace, newest
@@ -49,8 +42,8 @@
     id :: starl:robot_id(),
     world :: world(),
     now = 0 :: starl_sim_queue:time(),
-    window = 0 :: starl_sim_queue:time(),
-    %% when the present window ends
+    %% when the present window began, if it is in one, and when it ends
+    window = none :: starl_sim_queue:time() | none,
     until = 0 :: starl_sim_queue:time(),
     offset_us :: integer(),
     drift_ppb :: integer(),
@@ -85,22 +78,38 @@ new(Id, {X, Y, Heading}, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World)
         traces = [{0, Id, chassis, {motion, Piece}}]
     }.
 
-%% @doc The robot at a later time.
--spec at(moment(), t()) -> t().
-at({Now, Window, Until}, Body) -> Body#body{now = Now, window = Window, until = Until}.
+%% @doc The robot at a later time, in a new window; what it yields begins with what happened
+%% since the last one.
+-spec open(starl_sim_queue:time(), starl_sim_robot:window(), t()) -> t().
+open(Now, {From, Until}, #body{window = none} = Body) ->
+    Body#body{now = Now, window = From, until = Until};
+open(Now, {From, Until}, Body) ->
+    Body#body{
+        now = Now, window = From, until = Until, later = [], traces = [], changes = []
+    }.
+
+%% @doc The robot at a later time, between two windows.
+-spec rest(starl_sim_queue:time(), t()) -> t().
+rest(Now, #body{window = none} = Body) ->
+    Body#body{now = Now};
+rest(Now, Body) ->
+    Body#body{now = Now, window = none, until = Now, later = [], traces = [], changes = []}.
+
+%% @doc The robot at a later time of the same window.
+-spec at(starl_sim_queue:time(), t()) -> t().
+at(Now, Body) -> Body#body{now = Now}.
 
 %% @doc The robot's new events of the present window.
 -spec soon(t()) -> [starl_sim_queue:event()].
 soon(#body{soon = Soon}) -> Soon.
 
-%% @doc Takes the new events of the present window.
--spec take_soon(t()) -> {[starl_sim_queue:event()], t()}.
-take_soon(#body{soon = Soon} = Body) -> {Soon, Body#body{soon = []}}.
+%% @doc The new events of the present window have been planned.
+-spec planned(t()) -> t().
+planned(Body) -> Body#body{soon = []}.
 
-%% @doc Takes what came out in a window.
--spec take(t()) -> {yield(), t()}.
-take(#body{later = Later, traces = Traces, changes = Changes} = Body) ->
-    {{Later, Traces, Changes}, Body#body{later = [], traces = [], changes = []}}.
+%% @doc What has come out in the present window.
+-spec yield(t()) -> yield().
+yield(#body{later = Later, traces = Traces, changes = Changes}) -> {Later, Traces, Changes}.
 
 %% @doc What a machine is given when it starts.
 -spec boot(starl:robot_id(), starl_machine:name(), Incarnation :: pos_integer(), t()) ->
@@ -115,15 +124,30 @@ boot(Id, Name, Incarnation, #body{world = #{seed := Seed, team := Team}} = Body)
         now => local_time(Body)
     }.
 
-%% @doc Is this timer event still awaited?
--spec fire(starl_machine:name(), Timer :: term(), Seq :: non_neg_integer(), t()) ->
-    {ok, t()} | stale.
-fire(Machine, Timer, Seq, #body{timers = Timers} = Body) ->
+%% @doc A timer event, at a later time than the last event: chained into the digest if it is
+%% still awaited.
+-spec fire(
+    starl_sim_queue:time(), starl_machine:name(), Timer :: term(), Content :: term(),
+    Seq :: non_neg_integer(), t()
+) -> {ok, starl_machine:event_type(), t()} | stale.
+fire(Now, Machine, Timer, Content, Seq, #body{timers = Timers, chain = Chain} = Body) ->
     Key = {Machine, Timer},
     case Timers of
-        #{Key := Seq} -> {ok, Body#body{timers = maps:remove(Key, Timers)}};
-        #{} -> stale
+        #{Key := Seq} ->
+            Type = timer_type(Timer),
+            Fired = Body#body{
+                now = Now,
+                timers = maps:remove(Key, Timers),
+                chain = hash(Chain, Now, Machine, Type, Content),
+                events = Body#body.events + 1
+            },
+            {ok, Type, Fired};
+        #{} ->
+            stale
     end.
+
+timer_type(state_timeout) -> state_timeout;
+timer_type(Timer) -> {timeout, Timer}.
 
 %% @doc Forgets the timers of a machine that crashed.
 -spec forget_timers(starl_machine:name(), t()) -> t().
@@ -146,18 +170,16 @@ piece(#body{piece = Piece}) -> Piece.
 
 %% @doc Chains an event into the robot's digest.
 -spec hash_event(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
-hash_event(Machine, Type, Content, #body{chain = Chain, now = Now, events = Events} = Body) ->
-    Body#body{chain = hash(Chain, Now, Machine, Type, Content), events = Events + 1}.
+hash_event(Machine, Type, Content, #body{now = Now} = Body) ->
+    hash_event(Now, Machine, Type, Content, Body).
 
 %% @doc The same for an event at a later time than the last.
--spec hash_event(moment(), starl_machine:name(), starl_machine:event_type(), term(), t()) -> t().
-hash_event({Now, Window, Until}, Machine, Type, Content, #body{chain = Chain} = Body) ->
+-spec hash_event(
+    starl_sim_queue:time(), starl_machine:name(), starl_machine:event_type() | boot, term(), t()
+) -> t().
+hash_event(Now, Machine, Type, Content, #body{chain = Chain, events = Events} = Body) ->
     Body#body{
-        now = Now,
-        window = Window,
-        until = Until,
-        chain = hash(Chain, Now, Machine, Type, Content),
-        events = Body#body.events + 1
+        now = Now, chain = hash(Chain, Now, Machine, Type, Content), events = Events + 1
     }.
 
 hash(Chain, Now, Machine, Type, Content) ->

@@ -67,7 +67,7 @@ take_window(Until, #queue{width = Width} = Queue) ->
             Left = Turned#queue{
                 wheel = setelement(Place, Wheel, []), size = Size - length(Events)
             },
-            {lists:sort(Events), turn(Index + 1, Left)};
+            {in_order(Events), turn(Index + 1, Left)};
         _ ->
             {[], Queue}
     end.
@@ -91,6 +91,21 @@ add_far(Index, Event, #queue{far = Far, order = Order} = Queue) ->
         #{} ->
             Queue#queue{far = Far#{Index => [Event]}, order = gb_sets:add_element(Index, Order)}
     end.
+
+%% By robot first, by the rest of the key within each: comparing numbers is much cheaper than
+%% comparing tuples.
+in_order(Events) -> each_robot(lists:keysort(1, Events)).
+
+each_robot([{Robot, _, _, _, _, _} = Event, {Robot, _, _, _, _, _} = Next | Events]) ->
+    {Own, Rest} = split(Robot, Events, [Next, Event]),
+    lists:sort(Own) ++ each_robot(Rest);
+each_robot([Event | Events]) ->
+    [Event | each_robot(Events)];
+each_robot([]) ->
+    [].
+
+split(Robot, [{Robot, _, _, _, _, _} = Event | Events], Own) -> split(Robot, Events, [Event | Own]);
+split(_Robot, Events, Own) -> {Own, Events}.
 
 %% The first window that has an event.
 -spec first(t()) -> non_neg_integer() | none.

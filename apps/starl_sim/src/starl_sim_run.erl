@@ -226,16 +226,16 @@ start_shard(Sup, Config) ->
 %% Robots go to the shards in turn.
 deal(Shards, Robots) ->
     Turns = lists:append(lists:duplicate(length(Robots) div length(Shards) + 1, Shards)),
-    Ids = [Id || #{tree := #{id := Id}} <- Robots],
+    Ids = [Id || #{id := Id} <- Robots],
     maps:from_list(lists:zip(Ids, lists:sublist(Turns, length(Ids)))).
 
 load(Shard, Shards, Owners, #{robots := Robots, faults := Faults}) ->
     #{
-        robots => [R || #{tree := #{id := Id}} = R <- Robots, maps:get(Id, Owners) =:= Shard],
+        robots => [R || #{id := Id} = R <- Robots, maps:get(Id, Owners) =:= Shard],
         faults => [F || F <- Faults, maps:get(element(1, F), Owners) =:= Shard],
         peers => lists:delete(Shard, Shards),
         owners => Owners,
-        sight => [{Id, standing(Pose)} || #{tree := #{id := Id}, pose := Pose} <- Robots],
+        sight => [{Id, standing(Pose)} || #{id := Id, pose := Pose} <- Robots],
         running => length(Robots)
     }.
 

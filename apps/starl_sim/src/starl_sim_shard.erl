@@ -28,8 +28,14 @@
 %% The shard's heap turns over fast.
 -define(HEAP_WORDS, 100000).
 
-%% A robot to be started: its tree and where it stands.
--type robot_spec() :: #{tree := starl_robot_sup:spec(), pose := starl:pose()}.
+%% A robot to be started: the tree of its processes, if it has any, the machines that get none,
+%% and where it stands.
+-type robot_spec() :: #{
+    id := starl:robot_id(),
+    tree := starl_robot_sup:spec() | none,
+    inline := starl_sim_machines:inline(),
+    pose := starl:pose()
+}.
 
 %% What a shard begins with. `peers' are the other shards, `owners' says which shard has a robot.
 -type load() :: #{
@@ -155,19 +161,18 @@ handle_info({out_of_patience, _}, Shard) ->
 
 %% -- starting -------------------------------------------------------------------------------
 
-%% start_child returns when the whole tree has started, so all attachments are here already.
-start_robot(#{tree := #{id := Id} = Tree, pose := Pose}, #shard{world = World, robots_sup = Sup}) ->
+start_robot(#{id := Id, inline := Inline, pose := Pose} = Spec, #shard{world = World} = Shard) ->
+    Sup = start_tree(maps:get(tree, Spec), Shard),
+    Machines = starl_sim_machines:launched(starl_sim_machines:new(Id, Sup, Inline)),
+    {Id, starl_sim_robot:new(Id, starl_sim_platform:new(Id, Pose, World), Machines)}.
+
+%% start_child returns when the whole tree has started, so all attachments are here then.
+start_tree(none, _Shard) ->
+    none;
+start_tree(Tree, #shard{robots_sup = Sup}) ->
     {ok, Pid} = supervisor:start_child(Sup, [Tree#{driver => self()}]),
     _ = erlang:monitor(process, Pid),
-    Robot = starl_sim_robot:new(Id, starl_sim_platform:new(Id, Pose, World), Pid),
-    {Id, starl_sim_robot:boot(attach_all(Id, Robot))}.
-
-attach_all(Id, Robot) ->
-    receive
-        {starl_attach, Id, Name, Pid} ->
-            attach_all(Id, starl_sim_robot:attach(Name, Pid, Robot))
-    after 0 -> Robot
-    end.
+    Pid.
 
 %% -- window after window --------------------------------------------------------------------
 
