@@ -175,7 +175,8 @@ launch(Scenario, Scene, #{robots := Ids} = Context) ->
         profile => Profile
     },
     {ok, Sup} = starl_sim_sup:start_link(#{
-        robots => [robot(Id, mode(Scenario), Scene, Profile, Context) || Id <- Ids],
+        robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
+        crew => crew(mode(Scenario), Scene, Profile, Context),
         world => World,
         window_us => round(MinMs * 1000),
         limit_us => micros(maps:get(time, Scenario)),
@@ -185,33 +186,32 @@ launch(Scenario, Scene, #{robots := Ids} = Context) ->
     }),
     {ok, #sim{sup = Sup, run = starl_sim_sup:run(Sup), scenario = Scenario, scene = Scene}}.
 
-robot(Id, Mode, Scene, Profile, #{robots := Ids} = Context) ->
+crew(Mode, Scene, Profile, #{robots := Ids} = Context) ->
     Sap = maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
+    Services = [
+        {sap, starl_sap, Sap},
+        {location, starl_location, #{waypoints => maps:get(waypoints, Scene, #{})}},
+        {motion, starl_motion, #{profile => Profile}}
+    ],
     Tree = #{
-        id => Id,
         participants => starl_team:new(Ids),
-        driver => self(),
-        services => [
-            {sap, starl_sap, Sap},
-            {location, starl_location, #{waypoints => maps:get(waypoints, Scene, #{})}},
-            {motion, starl_motion, #{profile => Profile}}
-        ],
+        services => Services,
         blocks => maps:get(blocks, Scene, []),
         app => maps:get(app, Scene),
         intensity => ?INTENSITY
     },
-    interpreted(Mode, Tree, #{id => Id, pose => pose(Id, Scene, Context)}).
+    interpreted(Mode, Tree).
 
 %% Inline, only a sequential application is left as a process.
-interpreted(process, Tree, Robot) ->
-    Robot#{tree => Tree, inline => #{}};
-interpreted(inline, #{services := Services, blocks := Blocks, app := App} = Tree, Robot) ->
+interpreted(process, Tree) ->
+    #{tree => Tree, inline => #{}};
+interpreted(inline, #{services := Services, blocks := Blocks, app := App} = Tree) ->
     Machines = maps:from_list([{Name, {M, Config}} || {Name, M, Config} <- Services ++ Blocks]),
     case App of
         {machine, Module, Config} ->
-            Robot#{tree => none, inline => Machines#{app => {Module, Config}}};
+            #{tree => none, inline => Machines#{app => {Module, Config}}};
         {sequential, _, _} ->
-            Robot#{tree => Tree#{services := [], blocks := []}, inline => Machines}
+            #{tree => Tree#{services := [], blocks := []}, inline => Machines}
     end.
 
 mode(#{mode := auto, robots := N}) when N > ?MANY_ROBOTS -> inline;

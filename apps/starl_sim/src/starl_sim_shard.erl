@@ -22,24 +22,23 @@
 -export([start_link/1, launch/2, run/2, approve/2, halt/1, inspect/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([load/0, robot_spec/0, reason/0]).
+-export_type([load/0, crew/0, reason/0]).
 
 -define(AHEAD, 16).
-%% The shard's heap turns over fast.
--define(HEAP_WORDS, 100000).
+%% The shard's heap turns over fast, and what lives in it is copied each time: room for so many
+%% words per robot, within these bounds.
+-define(WORDS_PER_ROBOT, 2000).
+-define(LEAST_WORDS, 100000).
+-define(MOST_WORDS, 1000000).
 
-%% A robot to be started: the tree of its processes, if it has any, the machines that get none,
-%% and where it stands.
--type robot_spec() :: #{
-    id := starl:robot_id(),
-    tree := starl_robot_sup:spec() | none,
-    inline := starl_sim_machines:inline(),
-    pose := starl:pose()
-}.
+%% What all robots are made of: the tree of a robot's processes, if it has any, but for its
+%% number and its driver; and the machines that get no process.
+-type crew() :: #{tree := map() | none, inline := starl_sim_machines:inline()}.
 
 %% What a shard begins with. `peers' are the other shards, `owners' says which shard has a robot.
 -type load() :: #{
-    robots := [robot_spec()],
+    robots := [{starl:robot_id(), starl:pose()}],
+    crew := crew(),
     faults := [starl_sim_queue:event()],
     peers := [pid()],
     owners := #{starl:robot_id() => pid()},
@@ -68,15 +67,17 @@
     running = 0 :: non_neg_integer()
 }).
 
-%% @doc Starts an empty shard.
+%% @doc Starts an empty shard for about so many robots.
 -spec start_link(#{
     run := pid(),
     world := starl_sim_platform:world(),
     window_us := pos_integer(),
-    robots_sup := pid()
+    robots_sup := pid(),
+    robots := pos_integer()
 }) -> gen_server:start_ret().
-start_link(Config) ->
-    Heap = [{min_heap_size, ?HEAP_WORDS}, {fullsweep_after, 100}],
+start_link(#{robots := Robots} = Config) ->
+    Words = max(?LEAST_WORDS, min(?MOST_WORDS, Robots * ?WORDS_PER_ROBOT)),
+    Heap = [{min_heap_size, Words}, {fullsweep_after, 100}],
     gen_server:start_link(?MODULE, Config, [{spawn_opt, Heap}]).
 
 %% @doc Starts robots on the shard and plants faults; returns when all their processes run.
@@ -119,9 +120,9 @@ init(#{run := Run, world := World, window_us := Width, robots_sup := RobotsSup})
 
 -spec handle_call(term(), gen_server:from(), #shard{}) -> {reply, term(), #shard{}}.
 handle_call({launch, Load}, _From, #shard{world = #{sight := Sight}} = Shard) ->
-    #{robots := Specs, faults := Faults, peers := Peers, owners := Owners} = Load,
+    #{robots := Robots, crew := Crew, faults := Faults, peers := Peers, owners := Owners} = Load,
     true = ets:insert(Sight, maps:get(sight, Load)),
-    ok = starl_sim_window:hold([start_robot(Spec, Shard) || Spec <- Specs]),
+    ok = starl_sim_window:hold([start_robot(Robot, Crew, Shard) || Robot <- Robots]),
     Launched = Shard#shard{
         queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Faults),
         peers = Peers,
@@ -161,16 +162,16 @@ handle_info({out_of_patience, _}, Shard) ->
 
 %% -- starting -------------------------------------------------------------------------------
 
-start_robot(#{id := Id, inline := Inline, pose := Pose} = Spec, #shard{world = World} = Shard) ->
-    Sup = start_tree(maps:get(tree, Spec), Shard),
+start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, #shard{world = World} = Shard) ->
+    Sup = start_tree(Id, Tree, Shard),
     Machines = starl_sim_machines:launched(starl_sim_machines:new(Id, Sup, Inline)),
     {Id, starl_sim_robot:new(Id, starl_sim_platform:new(Id, Pose, World), Machines)}.
 
 %% start_child returns when the whole tree has started, so all attachments are here then.
-start_tree(none, _Shard) ->
+start_tree(_Id, none, _Shard) ->
     none;
-start_tree(Tree, #shard{robots_sup = Sup}) ->
-    {ok, Pid} = supervisor:start_child(Sup, [Tree#{driver => self()}]),
+start_tree(Id, Tree, #shard{robots_sup = Sup}) ->
+    {ok, Pid} = supervisor:start_child(Sup, [Tree#{id => Id, driver => self()}]),
     _ = erlang:monitor(process, Pid),
     Pid.
 
