@@ -163,17 +163,19 @@ handle_info({out_of_patience, _}, Shard) ->
 %% -- starting -------------------------------------------------------------------------------
 
 start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, #shard{world = World} = Shard) ->
-    Sup = start_tree(Id, Tree, Shard),
-    Machines = starl_sim_machines:launched(starl_sim_machines:new(Id, Sup, Inline)),
+    Machines = starl_sim_machines:new(Id, starter(Id, Tree, Shard), Inline),
     {Id, starl_sim_robot:new(Id, starl_sim_platform:new(Id, Pose, World), Machines)}.
 
 %% start_child returns when the whole tree has started, so all attachments are here then.
-start_tree(_Id, none, _Shard) ->
+starter(_Id, none, _Shard) ->
     none;
-start_tree(Id, Tree, #shard{robots_sup = Sup}) ->
-    {ok, Pid} = supervisor:start_child(Sup, [Tree#{id => Id, driver => self()}]),
-    _ = erlang:monitor(process, Pid),
-    Pid.
+starter(Id, Tree, #shard{robots_sup = Sup}) ->
+    Spec = Tree#{id => Id, driver => self()},
+    fun() ->
+        {ok, Pid} = supervisor:start_child(Sup, [Spec]),
+        _ = erlang:monitor(process, Pid),
+        Pid
+    end.
 
 %% -- window after window --------------------------------------------------------------------
 
