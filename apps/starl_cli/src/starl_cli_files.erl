@@ -1,7 +1,7 @@
 %% @doc The files of a run's directory.
 -module(starl_cli_files).
 
--export([write/4, write_failure/3]).
+-export([write/4, write_failure/3, put_all/2]).
 
 -type answer() :: ok | {error, unicode:chardata()}.
 
@@ -34,6 +34,8 @@ write_failure(Dir, Setup, Reason) ->
 log([]) -> [];
 log(Lines) -> [{"run.log", Lines}].
 
+%% @doc Writes files with these texts into a directory.
+-spec put_all(file:filename(), [{Name :: string(), unicode:chardata()}]) -> answer().
 put_all(_Dir, []) ->
     ok;
 put_all(Dir, [{Name, Text} | Files]) ->

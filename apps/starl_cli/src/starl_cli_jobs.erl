@@ -7,7 +7,7 @@
 %% less time (8 % less in the mean of six pairs) than the same runs in one VM with two schedulers.
 -module(starl_cli_jobs).
 
--export([run/3, at_once/0, simulate/1, prepare/1]).
+-export([run/3, at_once/0, simulate/1, set_up/1, prepare/1]).
 
 -export_type([plan/2, answer/1, ran/0]).
 
@@ -121,11 +121,13 @@ hire(#pool{plan = Plan, workers = Workers} = Pool) ->
 %% The VM is linked to its worker.
 dismiss(Pid, Ref) ->
     true = erlang:demonitor(Ref, [flush]),
-    true = exit(Pid, kill),
+    true = exit(Pid, shutdown),
     ok.
 
 worker(Master, #{work := Work} = Plan) ->
-    Paths = lists:append([["-pa", Dir] || Dir <- code:get_path(), filelib:is_dir(Dir)]),
+    %% what belongs to OTP is found without being told
+    Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
+    Paths = lists:append([["-pa", filename:absname(Dir)] || Dir <- Own, filelib:is_dir(Dir)]),
     %% A terminal sends Ctrl-C to every VM: these leave it to the first (+Bi).
     Args = ["+S", "1", "+Bi", "+fnu", "+sbwt", "none" | Paths],
     {ok, Vm, _Node} = peer:start_link(#{connection => standard_io, args => Args}),
@@ -159,11 +161,24 @@ prepare(Codes) ->
 %% @doc Runs a scenario to its end. The simulation has one shard, unless the scenario says more.
 -spec simulate(starl_sim_scenario:t()) -> {ok, ran()} | {error, unicode:chardata()}.
 simulate(#{app := _} = Scenario) ->
+    started(Scenario, fun(Sim) ->
+        case starl_sim:run(Sim) of
+            #{ending := none} -> time;
+            #{ending := Known} -> Known
+        end
+    end).
+
+%% @doc Starts and ends a simulation without a run: whether it can be started, and which figures
+%% its report has.
+-spec set_up(starl_sim_scenario:t()) -> {ok, ran()} | {error, unicode:chardata()}.
+set_up(Scenario) -> started(Scenario, fun(_Sim) -> stopped end).
+
+started(Scenario, Run) ->
     _ = process_flag(trap_exit, true),
     Begin = erlang:monotonic_time(microsecond),
     try
         case starl_sim:start(one_shard(Scenario)) of
-            {ok, Sim} -> {ok, finish(Sim, Begin)};
+            {ok, Sim} -> {ok, finish(Sim, Run(Sim), Begin)};
             {error, Reason} -> {error, starl_sim:format_error(Reason)}
         end
     catch
@@ -173,12 +188,7 @@ simulate(#{app := _} = Scenario) ->
 one_shard(#{shards := Shards} = Scenario) when is_integer(Shards) -> Scenario;
 one_shard(Scenario) -> Scenario#{shards => 1}.
 
-finish(Sim, Begin) ->
-    Ending =
-        case starl_sim:run(Sim) of
-            #{ending := none} -> time;
-            #{ending := Known} -> Known
-        end,
+finish(Sim, Ending, Begin) ->
     {Outcome, App} = starl_sim:finish(Sim),
     Us = erlang:monotonic_time(microsecond) - Begin,
     #{ending => Ending, outcome => Outcome, app => App, wall_s => Us / 1.0e6}.
