@@ -3,7 +3,7 @@
 %% is the x axis; each combination of the other swept settings is a curve.
 -module(starl_cli_sweep_plot).
 
--export([axis/1, chosen/2, script/1, data/4, draw/1]).
+-export([axis/1, chosen/2, script/1, data/5, draw/1]).
 
 -export_type([plot/0, panel/0]).
 
@@ -41,18 +41,18 @@ chosen(Names, Known) ->
     end.
 
 %% @doc The plot of some figures over the points of a grid.
--spec data(starl_cli_sweep_grid:t(), X, [{starl_cli_sweep_grid:point(), Summary}], Figures) ->
-    plot()
-when
+-spec data(App, starl_cli_sweep_grid:t(), X, [{Point, Summary}], Figures) -> plot() when
+    App :: string(),
+    Point :: starl_cli_sweep_grid:point(),
     X :: starl_cli_sweep_grid:setting(),
     Summary :: starl_cli_sweep_summary:t(),
     Figures :: [atom(), ...].
-data(Grid, {Key, _, _}, Points, Figures) ->
+data(App, Grid, {Key, _, _}, Points, Figures) ->
     Others = [Setting || {K, _, _} = Setting <- starl_cli_sweep_grid:swept(Grid), K =/= Key],
     Named = [{named(Others, Point), maps:get(Key, Point), Sum} || {Point, Sum} <- Points],
     Names = lists:uniq([Name || {Name, _, _} <- Named]),
     #{
-        title => title(starl_cli_sweep_grid:fixed(Grid), length(starl_cli_sweep_grid:seeds(Grid))),
+        title => title(App, starl_cli_sweep_grid:fixed(Grid), starl_cli_sweep_grid:seeds(Grid)),
         x => label(Key),
         panels => [
             #{y => label(Figure), curves => [{Name, curve(Name, Figure, Named)} || Name <- Names]}
@@ -73,10 +73,11 @@ named(Settings, Point) ->
 
 setting(Key, Type, Value) -> [words(Key), " ", starl_cli_flags:text(Type, Value)].
 
-title(Fixed, Seeds) ->
+title(App, Fixed, Seeds) ->
     Texts = [setting(Key, Type, Value) || {Key, Type, [Value]} <- Fixed],
-    Runs = io_lib:format("median and range of ~b seed~ts", [Seeds, [$s || Seeds > 1]]),
-    lists:flatten(lists:join(", ", Texts ++ [Runs])).
+    N = length(Seeds),
+    Runs = io_lib:format("median and range of ~b seed~ts", [N, [$s || N > 1]]),
+    lists:flatten([App, ": ", lists:join(", ", Texts ++ [Runs])]).
 
 %% Names with units, for what is plotted most.
 label(robots) -> "number of robots";

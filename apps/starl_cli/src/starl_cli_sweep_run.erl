@@ -121,7 +121,7 @@ write(Text, Points, Columns, Figures, #{dir := Dir, grid := Grid, target := #{na
         Files = [{"runs.csv", Text}, {"summary.csv", Summary}],
         case starl_cli_sweep_plot:axis(Grid) of
             {ok, X} ->
-                Plot = starl_cli_sweep_plot:data(Grid, X, Points, Figures),
+                Plot = starl_cli_sweep_plot:data(Name, Grid, X, Points, Figures),
                 Script = starl_cli_sweep_plot:script(Plot),
                 drawn(starl_cli_files:put_all(New, Files ++ [{"plot.gp", Script}]), New);
             none ->
