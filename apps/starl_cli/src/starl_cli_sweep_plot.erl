@@ -7,7 +7,7 @@
 
 -export_type([plot/0, panel/0]).
 
--type plot() :: #{title := string(), x := string(), panels := [panel(), ...]}.
+-type plot() :: #{title := string(), x := string(), panels := [panel()]}.
 -type panel() :: #{y := string(), curves := [curve(), ...]}.
 %% A curve without a name needs no legend.
 -type curve() :: {Name :: string(), [{X :: number(), Median :: number(), number(), number()}]}.
@@ -40,7 +40,8 @@ chosen(Names, Known) ->
         Unknown -> {unknown, Unknown}
     end.
 
-%% @doc The plot of some figures over the points of a grid.
+%% @doc The plot of some figures over the points of a grid. Figures that no run has, such as the
+%% separation of a single robot, have no panel.
 -spec data(App, starl_cli_sweep_grid:t(), X, [{Point, Summary}], Figures) -> plot() when
     App :: string(),
     Point :: starl_cli_sweep_grid:point(),
@@ -55,10 +56,14 @@ data(App, Grid, {Key, _, _}, Points, Figures) ->
         title => title(App, starl_cli_sweep_grid:fixed(Grid), starl_cli_sweep_grid:seeds(Grid)),
         x => label(Key),
         panels => [
-            #{y => label(Figure), curves => [{Name, curve(Name, Figure, Named)} || Name <- Names]}
-         || Figure <- Figures
+            #{y => label(Figure), curves => Curves}
+         || Figure <- Figures, Curves <- [curves(Names, Figure, Named)], Curves =/= []
         ]
     }.
+
+curves(Names, Figure, Named) ->
+    Curves = [{Name, curve(Name, Figure, Named)} || Name <- Names],
+    [Curve || {_, [_ | _]} = Curve <- Curves].
 
 curve(Name, Figure, Named) ->
     lists:sort([

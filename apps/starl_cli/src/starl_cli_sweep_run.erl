@@ -119,16 +119,24 @@ write(Text, Points, Columns, Figures, #{dir := Dir, grid := Grid, target := #{na
     Summary = starl_cli_sweep_summary:csv(Columns, [Sum || {_, Sum} <- Points]),
     starl_cli_out:write(Plan, fun(New) ->
         Files = [{"runs.csv", Text}, {"summary.csv", Summary}],
-        case starl_cli_sweep_plot:axis(Grid) of
-            {ok, X} ->
-                Plot = starl_cli_sweep_plot:data(Name, Grid, X, Points, Figures),
+        case plot(Name, Grid, Points, Figures) of
+            {ok, Plot} ->
                 Script = starl_cli_sweep_plot:script(Plot),
                 drawn(starl_cli_files:put_all(New, Files ++ [{"plot.gp", Script}]), New);
-            none ->
-                starl_cli_terminal:warn("no plot: no setting with numbers has several values"),
+            {none, Why} ->
+                starl_cli_terminal:warn(["no plot: ", Why]),
                 starl_cli_files:put_all(New, Files)
         end
     end).
+
+plot(Name, Grid, Points, Figures) ->
+    case starl_cli_sweep_plot:axis(Grid) of
+        {ok, X} -> with_points(starl_cli_sweep_plot:data(Name, Grid, X, Points, Figures));
+        none -> {none, "no setting with numbers has several values"}
+    end.
+
+with_points(#{panels := []}) -> {none, "no run has a figure to plot"};
+with_points(Plot) -> {ok, Plot}.
 
 %% A plot that cannot be drawn is no failure: everything else is there.
 drawn({error, _} = Error, _Dir) ->

@@ -247,6 +247,12 @@ script_test() ->
         ]
     ].
 
+%% gnuplot draws nothing at all where one curve has no point.
+figures_that_no_run_has_are_left_out_test() ->
+    #{panels := Panels} = plot(["--robots", "2..4"], [min_separation_mm, virtual_s]),
+    ?assertMatch([#{y := "completion time, s"}], Panels),
+    ?assertMatch(#{panels := []}, plot(["--robots", "2..4"], [min_separation_mm])).
+
 no_numbers_no_axis_test() ->
     ?assertEqual(none, starl_cli_sweep_plot:axis(grid(#{}, ["--picture", "a,b", "--robots", "4"]))).
 
@@ -289,12 +295,22 @@ interrupted_and_resumed_test_() ->
             contains("interrupted; 2 of 6 runs are kept", Text),
             contains("go on with: ./starl sweep " ++ File ++ " --robots 2..3 --seeds 3", Text),
             ok = file:write_file(Gate, ""),
-            says(0, "6 runs: 6 complete", Args ++ [One]),
-            says(0, "6 runs: 6 complete", Args ++ [Two]),
+            Resumed = says(0, "6 runs: 6 complete", Args ++ [One]),
+            %% 2 robots with the third seed, 3 with all: the others are not run again
+            ?assertEqual(2 + 3 * 3, occurrences("stepped", Resumed)),
+            Fresh = says(0, "6 runs: 6 complete", Args ++ [Two]),
+            ?assertEqual(nomatch, string:find(Fresh, "gnuplot could not")),
             ?assertEqual(without_wall(Two), without_wall(One)),
-            ?assertEqual(7, length(without_wall(One)))
+            ?assertEqual(7, length(without_wall(One))),
+            says(0, "6 runs: 6 complete", reordered(Args) ++ [One]),
+            [_ | Rows] = without_wall(One),
+            ?assertEqual(["3", "3", "3", "2", "2", "2"], [lists:nth(2, Row) || Row <- Rows])
         end)
     end}.
+
+reordered(Args) -> lists:map(fun("2..3") -> "3,2"; (Arg) -> Arg end, Args).
+
+occurrences(Part, Text) -> length(string:split(Text, Part, all)) - 1.
 
 without_wall(Dir) ->
     {ok, Text} = file:read_file(filename:join(Dir, "runs.csv")),
@@ -311,7 +327,7 @@ gated(Gate) ->
     "    Open = Seed < 3 orelse filelib:is_file(\"" ++ Gate ++ "\"),\n"
     "    Open orelse io:put_chars(\"stuck\\n\"),\n"
     "    Open.\n"
-    "step(R, true) -> starl:sleep(R, 1000), {done, ok};\n"
+    "step(R, true) -> io:put_chars(\"stepped\\n\"), starl:sleep(R, 1000), {done, ok};\n"
     "step(R, false) -> starl:sleep(R, 1), {continue, false}.\n".
 
 %% A run that breaks a contract is a row, is told with its replay, and makes the status 3, also
