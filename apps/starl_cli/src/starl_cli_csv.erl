@@ -20,7 +20,7 @@ parse(Text) -> lines(Text, Text, [], 0).
 
 lines(Rest, Text, Lines, End) ->
     case cells(Rest, []) of
-        {Cells, Others} -> lines(Others, Text, [Cells | Lines], byte_size(Text) - byte_size(Others));
+        {Cells, More} -> lines(More, Text, [Cells | Lines], byte_size(Text) - byte_size(More));
         incomplete -> {lists:reverse(Lines), End}
     end.
 

@@ -39,7 +39,8 @@ setup(Args) ->
         {Word, Others} -> with_target(starl_cli_target:resolve(Word), Others)
     end.
 
-%% @doc Takes the word that names the target from the arguments. It comes first; behind flags it is known by what it names.
+%% @doc Takes the word that names the target from the arguments. It comes first; behind flags it
+%% is known by what it names.
 -spec take_target([string()]) -> {string() | none, [string()]}.
 take_target([[C | _] = Word | Args]) when C =/= $- ->
     {Word, Args};

@@ -111,15 +111,18 @@ script(#{title := Title, x := X, panels := Panels}) ->
     Numbered = numbered(Panels),
     [
         "# Drawn by gnuplot 5 or newer: gnuplot plot.gp\n",
-        [block(P, C, Curve) || {P, #{curves := Curves}} <- Numbered, {C, Curve} <- numbered(Curves)],
+        [
+            block(P, C, Curve)
+         || {P, #{curves := Curves}} <- Numbered, {C, Curve} <- numbered(Curves)
+        ],
         "do for [format in 'svg png'] {\n",
         terminals(length(Panels)),
         "  set output 'plot.'.format\n",
-        ["  set multiplot layout 1,", integer_to_list(length(Panels)), " title ", quoted(Title), "\n"],
+        io_lib:format("  set multiplot layout 1,~b title ~ts\n", [length(Panels), quoted(Title)]),
         "  set xlabel ", quoted(X), "\n",
         "  set style data yerrorlines\n  set border 3\n  set tics nomirror out\n",
         "  set grid ytics linecolor rgb '#dddddd' linetype 1\n  set yrange [0:*]\n",
-        tics(lists:usort([Value || #{curves := Cs} <- Panels, {_, Ps} <- Cs, {Value, _, _, _} <- Ps])),
+        tics(lists:usort([Value || #{curves := Curves} <- Panels, Value <- xs(Curves)])),
         [panel(P, Panel) || {P, Panel} <- Numbered],
         "  unset multiplot\n  unset output\n}\n"
     ].
@@ -164,7 +167,7 @@ tics(Values) ->
     ].
 
 panel(P, #{y := Y, curves := Curves}) ->
-    Width = width([X || {_, Points} <- Curves, {X, _, _, _} <- Points]),
+    Width = width(xs(Curves)),
     Drawn = [one_curve(P, C, Curve, length(Curves), Width) || {C, Curve} <- numbered(Curves)],
     [
         "  set ylabel ", quoted(Y), "\n",
@@ -172,7 +175,8 @@ panel(P, #{y := Y, curves := Curves}) ->
         "  plot ", lists:join(", \\\n       ", Drawn), "\n"
     ].
 
-width([]) -> 0;
+xs(Curves) -> [X || {_, Points} <- Curves, {X, _, _, _} <- Points].
+
 width(Values) -> lists:max(Values) - lists:min(Values).
 
 legend([_]) -> "  unset key\n";

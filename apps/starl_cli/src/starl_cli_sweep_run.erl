@@ -107,7 +107,8 @@ points(Columns, Rows, #{points := Points, grid := Grid, target := #{name := Name
         begin
             Keys = [starl_cli_sweep_rows:key(Name, Grid, Scenario, Seed) || Seed <- Seeds],
             Cells = lists:droplast(hd(Keys)),
-            {Point, starl_cli_sweep_summary:summarize(Columns, Cells, [maps:get(K, Rows) || K <- Keys])}
+            Known = [maps:get(Key, Rows) || Key <- Keys],
+            {Point, starl_cli_sweep_summary:summarize(Columns, Cells, Known)}
         end
      || {Point, Scenario} <- Points
     ].

@@ -10,8 +10,10 @@
 options() -> starl_cli_run:options(starl_painting).
 
 grid(InFile, Args) ->
-    {ok, Flags} = starl_cli_flags:parse(Args, starl_cli_sweep_grid:flags(options())),
+    {ok, Flags} = parse(Args),
     starl_cli_sweep_grid:new(options(), InFile, Flags, Args).
+
+parse(Args) -> starl_cli_flags:parse(Args, starl_cli_sweep_grid:flags(options())).
 
 keys(Settings) -> [Key || {Key, _, _} <- Settings].
 
@@ -20,7 +22,7 @@ keys(Settings) -> [Key || {Key, _, _} <- Settings].
 values_test_() ->
     [
         {Flag ++ " " ++ Text, fun() ->
-            {ok, Flags} = starl_cli_flags:parse([Flag, Text], starl_cli_sweep_grid:flags(options())),
+            {ok, Flags} = parse([Flag, Text]),
             ?assertEqual([Values], maps:values(Flags))
         end}
      || {Flag, Text, Values} <- [
@@ -42,14 +44,12 @@ values_test_() ->
 
 bad_values_test_() ->
     [
-        {Flag ++ " " ++ Text, ?_assertMatch(
-            {error, [{bad_value, _, Text, _}]},
-            starl_cli_flags:parse([Flag, Text], starl_cli_sweep_grid:flags(options()))
-        )}
+        {Flag ++ " " ++ Text,
+            ?_assertMatch({error, [{bad_value, _, Text, _}]}, parse([Flag, Text]))}
      || {Flag, Text} <- [
-            {"--robots", "4..2"}, {"--robots", "0..3"}, {"--robots", "1..4..0"}, {"--robots", "1..x"},
-            {"--robots", "1..2..3..4"}, {"--robots", "1,,2"}, {"--loss", "0..2"}, {"--seeds", "0"},
-            {"--seeds", "x"}, {"--seeds", "1..1000000"}, {"--picture", "a,"}, {"--delay", "50..5"}
+            {"--robots", "4..2"}, {"--robots", "0..3"}, {"--robots", "1..4..0"},
+            {"--robots", "1..x"}, {"--robots", "1..2..3..4"}, {"--robots", "1,,2"},
+            {"--loss", "0..2"}, {"--seeds", "0"}, {"--seeds", "x"}, {"--seeds", "1..1000000"}, {"--picture", "a,"}, {"--delay", "50..5"}
         ]
     ].
 
@@ -66,7 +66,8 @@ all_combinations_each_once_test() ->
 
 %% Swept settings in the order of the command line, columns in that of the tables.
 order_test() ->
-    Grid = grid(#{}, ["--picture=lines,text", "--loss", "0,0.1", "--robots", "1..3", "--time", "9"]),
+    Args = ["--picture=lines,text", "--loss", "0,0.1", "--robots", "1..3", "--time", "9"],
+    Grid = grid(#{}, Args),
     ?assertEqual([picture, loss, robots], keys(starl_cli_sweep_grid:swept(Grid))),
     ?assertEqual([robots, loss, time, picture], keys(starl_cli_sweep_grid:settings(Grid))),
     ?assertEqual([time], keys(starl_cli_sweep_grid:fixed(Grid))).
@@ -133,7 +134,8 @@ resume_test() ->
         ok = write_rows(File, 0, lists:sublist(Rows, 2)),
         ok = file:write_file(File, <<"painting,2,3,compl">>, [append]),
         {ok, Known, Bytes} = starl_cli_sweep_rows:read(File, columns()),
-        ?assertEqual([["painting", "2", "1"], ["painting", "2", "2"]], lists:sort(maps:keys(Known))),
+        Before = [["painting", "2", "1"], ["painting", "2", "2"]],
+        ?assertEqual(Before, lists:sort(maps:keys(Known))),
         ok = write_rows(File, Bytes, [lists:nth(3, Rows)]),
         {ok, All, _} = starl_cli_sweep_rows:read(File, columns()),
         ?assertEqual(Rows, [Row || {_, Row} <- lists:sort(maps:to_list(All))]),
@@ -210,8 +212,9 @@ only_whole_runs_are_measured_test() ->
 
 plot(Args, Figures) ->
     Grid = grid(#{}, Args),
+    Rows = [row(["painting", "2", "1"], #{})],
     Points = [
-        {Point, starl_cli_sweep_summary:summarize(columns(), [], [row(["painting", "2", "1"], #{})])}
+        {Point, starl_cli_sweep_summary:summarize(columns(), [], Rows)}
      || Point <- starl_cli_sweep_grid:points(Grid)
     ],
     {ok, X} = starl_cli_sweep_plot:axis(Grid),
