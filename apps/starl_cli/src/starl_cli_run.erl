@@ -11,7 +11,8 @@
     target := starl_cli_target:t(),
     scenario := starl_sim_scenario:t(),
     out := starl_cli_out:t(),
-    quiet := boolean()
+    quiet := boolean(),
+    print_scenario := boolean()
 }.
 
 -define(EXAMPLE, "as in ./starl run painting; ./starl run --help tells more").
@@ -23,9 +24,10 @@
 -spec command([string()]) -> starl_cli_terminal:status().
 command(Args) ->
     case setup(Args) of
+        {ok, #{print_scenario := true} = Setup} -> print(starl_cli_files:scenario(Setup));
         {ok, Setup} -> starl_cli_simulation:run(Setup);
-        help -> help(general_help());
-        {help, Target} -> help(target_help(Target));
+        help -> print(general_help());
+        {help, Target} -> print(target_help(Target));
         {error, Problems} -> starl_cli_terminal:bad_input(Problems)
     end.
 
@@ -69,14 +71,15 @@ flag_lines(Problems) -> [starl_cli_flags:format_problem(P) || P <- Problems].
 
 %% Values of a scenario file give way to flags.
 checked(#{name := Name, given := FromFile} = Target, Values, Flagged) ->
-    Given = maps:merge(FromFile, maps:without([out, quiet, help], Values)),
+    Given = maps:merge(FromFile, maps:without([out, quiet, print_scenario, help], Values)),
     {Unsound, Scenario} = scenario(Target, Given),
     {Unwritable, Out} = out(maps:get(out, Values, none), Name),
     case Flagged ++ Unsound ++ Unwritable of
         [] ->
             {ok, #{
                 target => Target, scenario => Scenario, out => Out,
-                quiet => maps:get(quiet, Values, false)
+                quiet => maps:get(quiet, Values, false),
+                print_scenario => maps:get(print_scenario, Values, false)
             }};
         Problems ->
             {error, Problems}
@@ -123,10 +126,12 @@ own_flags() ->
     [
         {out, string, none, "directory for the results; without it a new one under out/"},
         {quiet, switch, false, "no progress and no summary, only where the result is"},
+        {print_scenario, switch, false,
+            "no run: prints all values as a scenario file, which ./starl run FILE.term runs"},
         {help, switch, false, "this help"}
     ].
 
-help(Text) ->
+print(Text) ->
     starl_cli_terminal:out(Text),
     0.
 

@@ -40,6 +40,23 @@ run_and_replay_test_() ->
         end)
     end}.
 
+%% What --print-scenario prints is a scenario file that runs to the same digest; nothing is run.
+printed_scenario_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            [One, Two, File] = [filename:join(Dir, Name) || Name <- ["one", "two", "a.term"]],
+            Args = ["run", "painting", "--picture", "lines", "--robots", "6", "--seed", "3",
+                "--loss", "0.1", "--delay", "5..50", "--out", One],
+            Text = says(0, "app => painting", Args ++ ["--print-scenario"]),
+            ?assertEqual({ok, []}, file:list_dir(Dir)),
+            ok = file:write_file(File, Text),
+            says(0, "result: ", Args ++ ["--quiet"]),
+            says(0, "result: ", ["run", File, "--quiet", "--out", Two]),
+            ?assertEqual(digest(One), digest(Two)),
+            ?assertEqual(Text, says(0, "", ["run", File, "--print-scenario"]))
+        end)
+    end}.
+
 not_complete_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         in_directory(fun(Dir) ->
