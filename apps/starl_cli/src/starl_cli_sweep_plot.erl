@@ -14,6 +14,7 @@
 
 -define(PANEL_WIDTH, 480).
 -define(HEIGHT, 400).
+-define(LEGEND_LINE, 18).
 %% Explicit tics, where there are not too many for their room.
 -define(MOST_TICS, 16).
 %% Curves lie beside one another by this part of the axis, so that their error bars are seen.
@@ -116,7 +117,7 @@ script(#{title := Title, x := X, panels := Panels}) ->
          || {P, #{curves := Curves}} <- Numbered, {C, Curve} <- numbered(Curves)
         ],
         "do for [format in 'svg png'] {\n",
-        terminals(length(Panels)),
+        terminals(length(Panels), lists:max([length(Curves) || #{curves := Curves} <- Panels])),
         "  set output 'plot.'.format\n",
         io_lib:format("  set multiplot layout 1,~b title ~ts\n", [length(Panels), quoted(Title)]),
         "  set xlabel ", quoted(X), "\n",
@@ -139,8 +140,10 @@ block(P, C, {_Name, Points}) ->
 name(P, C) -> io_lib:format("$panel~b_curve~b", [P, C]).
 
 %% A gnuplot that was built without Cairo draws the PNG less finely.
-terminals(Panels) ->
-    Size = io_lib:format("size ~b,~b noenhanced", [Panels * ?PANEL_WIDTH, ?HEIGHT]),
+terminals(Panels, Curves) ->
+    Size = io_lib:format("size ~b,~b noenhanced", [
+        Panels * ?PANEL_WIDTH, ?HEIGHT + (Curves - 1) * ?LEGEND_LINE
+    ]),
     [
         "  if (format eq 'svg') {\n",
         "    set terminal svg ", Size, " font 'sans,13' background 'white'\n",
@@ -180,7 +183,7 @@ xs(Curves) -> [X || {_, Points} <- Curves, {X, _, _, _} <- Points].
 width(Values) -> lists:max(Values) - lists:min(Values).
 
 legend([_]) -> "  unset key\n";
-legend(_) -> "  set key below\n".
+legend(_) -> "  set key below Left reverse samplen 2 height 1\n".
 
 one_curve(P, C, {Name, _}, Curves, Width) ->
     Aside = (C - (Curves + 1) / 2) * ?BESIDE * Width,
