@@ -117,7 +117,8 @@ report(#{memo := Memo}, #{monitors := Monitors, end_us := EndUs} = Outcome) ->
             {min_separation_mm, number(maps:get(min_separation_mm, Dpp))},
             {safety_distance_mm, maps:get(safety_distance, Memo)},
             {deadlocks_resolved, maps:get(deadlocks_resolved, Dpp)},
-            {assignments, maps:get(assignments, Dpp)}
+            {assignments, maps:get(assignments, Dpp)},
+            {assignments_per_robot, maps:get(assignments, Dpp) / N}
         ],
         write => fun(Dir) -> draw(Dir, Memo, Paint, Outcome) end
     }.
