@@ -243,20 +243,27 @@ pose(Id, Scene, #{world := {Width, _}}) ->
     },
     maps:get(Id, maps:get(poses, Scene, #{}), Default).
 
+%% Whatever is bounded in time may take longer by what faults of clocks and processes cost.
 monitors(#{faults := Faults} = Scenario, Scene, #{sap := Sap0, robots := Ids}) ->
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
-    %% a hundredth more for the drift of the sender's clock
     Slack = starl_sim_fault:slack_us(Faults),
-    Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000 + Slack,
-    [{starl_sap_monitor, #{bound_us => Bound, robots => Ids}}] ++ progress(Scenario, Ids) ++
-        maps:get(monitors, Scene, []).
+    %% a hundredth more for the drift of the sender's clock
+    Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
+    Own = [{starl_sap_monitor, #{bound_us => Bound, robots => Ids}} | progress(Scenario, Ids)],
+    [{Module, widened(Slack, Config)} || {Module, Config} <- Own ++ maps:get(monitors, Scene, [])].
+
+widened(Slack, #{bound_us := Bound} = Config) when is_integer(Bound) ->
+    Config#{bound_us := Bound + Slack};
+widened(_Slack, Config) ->
+    Config.
 
 progress(#{converge := none}, _Ids) ->
     [];
 progress(Scenario, Ids) ->
     [{starl_sim_progress_monitor, #{robots => Ids, deadline_us => deadline_us(Scenario)}}].
 
-deadline_us(#{heal := Heal, converge := Converge}) -> micros(Heal) + micros(Converge).
+deadline_us(#{heal := Heal, converge := Converge, faults := Faults}) ->
+    micros(Heal) + micros(Converge) + starl_sim_fault:slack_us(Faults).
 
 %% A run that has to converge is not longer than that takes.
 limit_us(#{converge := none, time := Time}) -> micros(Time);

@@ -73,7 +73,7 @@ example(Kind) ->
     From = if Kind =:= drop -> 0; true -> 2000 end,
     {Kind, From, 6000, Kind, Target, Values}.
 
-value(packet, _, _) -> 12;
+value(packet, _, _) -> 3;
 value(part, _, _) -> 0.5;
 value(range_mm, _, _) -> 1500;
 value(_, {one_of, [First | _]}, _) -> First;
