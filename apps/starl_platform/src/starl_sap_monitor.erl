@@ -22,7 +22,7 @@
 -module(starl_sap_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, timeless/1]).
 
 -type msg_id() :: {Source :: starl_monitor:robot_id(), Incarnation :: term(), Seq :: integer()}.
 %% What is known about one destination: nothing, delivered, outcome known, or both.
@@ -68,6 +68,11 @@ init(#{bound_us := Bound} = Config) ->
 %% @doc The SAP's own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [sap, robot].
+
+%% @doc The messages outstanding, and the numbers of all others.
+-spec timeless(#state{}) -> term().
+timeless(#state{messages = Messages, running = Running, sent = Sent, forgotten = Forgotten}) ->
+    {Messages, Running, Sent, Forgotten}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
