@@ -195,13 +195,13 @@ serve(#coordinator{waiting = Waiting} = Data) ->
 
 -spec serve_robot(starl:robot_id(), #coordinator{}) -> transition().
 serve_robot(Robot, #coordinator{plan = Plan} = Data) ->
-    case starl_dpp_plan:request(Robot, Plan) of
+    case starl_dpp_assign:request(Robot, Plan) of
         {{assign, Path}, Next} ->
             assign(Robot, Path, Data#coordinator{plan = Next});
         {complete, Next} ->
             answer(Robot, complete, Data#coordinator{plan = Next});
         {none, Next} ->
-            case starl_dpp_plan:make_way(Robot, Next) of
+            case starl_dpp_assign:make_way(Robot, Next) of
                 {{assign, Path}, Last} -> assign(Robot, Path, Data#coordinator{plan = Last});
                 {none, Last} -> {Data#coordinator{plan = Last}, []}
             end
@@ -228,7 +228,7 @@ settle(#coordinator{plan = Plan, waiting = Waiting, moving = Moving, silent = Si
     Active = maps:keys(Moving) -- Silent,
     case starl_dpp_plan:unknown(Plan) of
         [] when Active =:= [] ->
-            {Paths, Next} = starl_dpp_plan:resolve(Waiting, Plan),
+            {Paths, Next} = starl_dpp_assign:resolve(Waiting, Plan),
             resolve(Paths, Data#coordinator{plan = Next});
         [] ->
             {Data, []};
