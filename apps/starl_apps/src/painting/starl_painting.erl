@@ -52,23 +52,17 @@ join(Robot, Leader) ->
     _ = starl_dpp:join(Robot, Leader),
     Leader.
 
+%% Until the path ends, or must not be followed any further: the lines that are not painted go to
+%% whoever asks next.
 follow(Robot, Path) ->
-    lists:foreach(
-        fun({N, Point, Pen}) ->
+    _ = lists:all(
+        fun({N, _Point, Pen}) ->
             starl:actuate(Robot, pen, Pen),
-            drive(Robot, Point),
-            starl_dpp:passed(Robot, Path, N)
+            starl_dpp:drive(Robot, Path, N) =:= ok
         end,
         starl_dpp:waypoints(Path)
     ),
     starl:actuate(Robot, pen, up).
-
-%% A motion machine that crashed has stopped the robot inside its tube: it drives on.
-drive(Robot, Point) ->
-    case starl:go_to(Robot, Point) of
-        ok -> ok;
-        {error, _} -> drive(Robot, Point)
-    end.
 
 %% -- what it needs, and what it tells -------------------------------------------------------
 

@@ -15,7 +15,7 @@
 -module(starl_dpp_plan).
 
 -export([new/1, format_error/1]).
--export([standing/3, passed/3, send/4, exchange/3, adopt/4, mark_painted/2]).
+-export([standing/3, passed/3, send/4, exchange/3, adopt/4, apart/1, mark_painted/2]).
 -export([counts/1, painted_edges/1, target/2, unsafe/1, unknown/1,
          tube_radius/1, spot/2, parked/2, blocking/2]).
 -export([config/1, graph/1, free/1, masks/2, spots/1, held/2, stands/2, yielded/2, others_move/2,
@@ -123,6 +123,21 @@ exchange(Robot, Owner, #plan{spots = Spots} = Plan) ->
 %% the whole path and then report the last waypoint it has {@link passed/3}.
 -spec adopt(robot_id(), From :: point(), path(), t()) -> t().
 adopt(Robot, From, Path, Plan) -> assign(Robot, From, Path, release(Robot, Plan)).
+
+%% @doc Moves the reservations of robots that stand, within the slack, to 2R from all others: two
+%% robots that report where they are may each be off the place that they held by a little.
+-spec apart(t()) -> t().
+apart(#plan{modes = Modes} = Plan) ->
+    lists:foldl(fun apart/2, Plan, [{Id, Q, P} || {Id, {standing, Q, P}} <- lists:sort(maps:to_list(Modes))]).
+
+apart({Robot, Q0, P}, #plan{unsafe = Unsafe, modes = Modes} = Plan) ->
+    case starl_dpp_unsafe:away(Robot, Q0, Unsafe) of
+        Q0 ->
+            Plan;
+        Q ->
+            Plan#plan{unsafe = starl_dpp_unsafe:set(Robot, [{Q, Q}], Unsafe),
+                      modes = Modes#{Robot := {standing, Q, P}}}
+    end.
 
 %% @doc These edges are painted already.
 -spec mark_painted([edge_id()], t()) -> t().
