@@ -250,7 +250,8 @@ resolve(Paths, S) ->
 give_up(#serve{waiting = Waiting, plan = Plan} = S) ->
     Left = lists:sort(maps:keys(starl_dpp_plan:free(Plan))),
     {Told, Actions} = chain([fun(S1) -> answer(R, incomplete, S1) end || R <- Waiting], S),
-    {Told, [{trace, {unreachable, Left}} | Actions]}.
+    %% one that asks later is told later
+    {Told#serve{stuck = false}, [{trace, {unreachable, Left}} | Actions]}.
 
 chain(Steps, S) ->
     lists:foldl(
