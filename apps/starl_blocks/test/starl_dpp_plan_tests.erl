@@ -233,6 +233,25 @@ rebuilt(Seed) ->
     New4 = starl_dpp_plan:standing(2, From2, New3),
     ?assertMatch(#{assigned := _}, starl_dpp_plan:counts(New4)).
 
+%% Robots that tell a new coordinator where they are may be some mm off the places that they held:
+%% their reservations are moved apart, within the slack, and those that are apart stay.
+standing_robots_are_moved_apart_test() ->
+    Put = fun({Id, P}, Plan) -> starl_dpp_plan:standing(Id, P, Plan) end,
+    Places = [{1, {5000.0, 5000.0}}, {2, {5000.0 + 2 * ?R - 9.0, 5000.0}}, {3, {5200.0, 5400.0}}],
+    Plan = lists:foldl(Put, new([line()], 3), Places),
+    ?assertError({tubes_overlap, _, _, _, _, _},
+                 starl_dpp_world:disjoint(starl_dpp_plan:unsafe(Plan), Plan)),
+    Apart = starl_dpp_plan:apart(Plan),
+    starl_dpp_world:disjoint(starl_dpp_plan:unsafe(Apart), Apart),
+    [
+        begin
+            {Reserved, P} = starl_dpp_plan:stands(Id, Apart),
+            ?assert(starl_geometry:distance(Reserved, P) < 15.0)
+        end
+     || {Id, P} <- Places
+    ],
+    ?assertEqual(Apart, starl_dpp_plan:apart(Apart)).
+
 %%% Deadlock: wherever robots stand, at least one can always leave
 
 %% However robots stand, more than 2R apart, retreats end with all but one parked at most.

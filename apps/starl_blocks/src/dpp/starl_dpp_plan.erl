@@ -128,7 +128,8 @@ adopt(Robot, From, Path, Plan) -> assign(Robot, From, Path, release(Robot, Plan)
 %% robots that report where they are may each be off the place that they held by a little.
 -spec apart(t()) -> t().
 apart(#plan{modes = Modes} = Plan) ->
-    lists:foldl(fun apart/2, Plan, [{Id, Q, P} || {Id, {standing, Q, P}} <- lists:sort(maps:to_list(Modes))]).
+    Sorted = lists:sort(maps:to_list(Modes)),
+    lists:foldl(fun apart/2, Plan, [{Id, Q, P} || {Id, {standing, Q, P}} <- Sorted]).
 
 apart({Robot, Q0, P}, #plan{unsafe = Unsafe, modes = Modes} = Plan) ->
     case starl_dpp_unsafe:away(Robot, Q0, Unsafe) of

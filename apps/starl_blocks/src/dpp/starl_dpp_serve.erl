@@ -3,10 +3,10 @@
 %% may assign at all is {@link starl_dpp_coordinator}'s business.
 %%
 %% It begins with nothing known. Until its coordinator leads and every robot's place is known,
-%% nothing is assigned and nothing is traced; then it is open. Robots that wait are served again when something has become
-%% free. When nobody moves and all wait, the plan resolves the deadlock. If only robots that no
-%% longer answer stand between the team and the rest of the picture, those who wait are told
-%% `incomplete'.
+%% nothing is assigned and nothing is traced; then it is open. Robots that wait are served again
+%% when something has become free. When nobody moves and all wait, the plan resolves the deadlock.
+%% If only robots that no longer answer stand between the team and the rest of the picture, those
+%% who wait are told `incomplete'.
 %%
 %% Trace: `{coordinator, Term}' when it opens, `{reserved, Robot, Segments}',
 %% `{assigned, Robot, Id, Segments}', `{deadlock_resolved, Robots}', `{silent, Robot}',

@@ -118,7 +118,8 @@ away(Robot, P, #unsafe{graph = Graph} = Unsafe) ->
 away(0, P, _Others, _Mm) ->
     P;
 away(Steps, {X, Y} = P, Others, Mm) ->
-    Near = [{starl_geometry:distance(P, Q), Q} || S <- Others, Q <- [starl_geometry:closest_point(P, S)]],
+    Near = [{starl_geometry:distance(P, Q), Q}
+            || S <- Others, Q <- [starl_geometry:closest_point(P, S)]],
     case lists:sort(Near) of
         [{D, {QX, QY}} | _] when D < Mm, D > 0.0 ->
             Out = (Mm + ?MARGIN) / D,
