@@ -32,7 +32,7 @@ init_per_suite(Config) ->
 end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
 
 %% How many random instants; the acceptance figure is 50.
-instants() -> list_to_integer(os:getenv("STARL_INSTANTS", "6")).
+instants() -> list_to_integer(os:getenv("STARL_INSTANTS", "4")).
 
 %% The machine comes back, and the picture is completed every time.
 coordinator_machine_killed(_) ->

@@ -47,7 +47,7 @@ new(Team, Config) ->
 
 %% @doc How long the giver of a promise keeps it.
 -spec long_us(config()) -> pos_integer().
-long_us(Config) -> 1000 * maps:get(lease_ms, Config, 10000).
+long_us(Config) -> round(1000 * maps:get(lease_ms, Config, 10000)).
 
 %% @doc How long its holder relies on it.
 -spec short_us(config()) -> pos_integer().

@@ -37,7 +37,8 @@
     | {moving, Done :: non_neg_integer(), Left :: [waypoint()]}.
 
 -record(plan, {
-    config :: config(),
+    %% without the segments, defaults filled in
+    config :: map(),
     graph :: starl_dpp_graph:t(),
     unsafe :: starl_dpp_unsafe:t(),
     free :: #{edge_id() => true},
