@@ -45,10 +45,9 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
         tube_radius => Radius,
         slack => Tracking,
         horizon => float(maps:get(horizon, Options)),
-        seed => Seed,
-        speed => Speed
+        seed => Seed
     },
-    case starl_dpp_plan:new((maps:remove(speed, Plan))#{robots => Ids}) of
+    case starl_dpp_plan:new(Plan#{robots => Ids}) of
         {ok, _} ->
             {ok, #{
                 app => {sequential, starl_painting, none},
