@@ -15,12 +15,12 @@
 -export_type([t/0, world/0, yield/0]).
 
 %% What all robots share: the seed, the radio, the clocks and the chassis' errors.
-%% `sight' is the table of the pieces of motion that all robots were in when the window began.
+%% `sight' knows the pieces of motion that all robots were in when the window began.
 -type world() :: #{
     seed := integer(),
     team := starl_team:t(),
     clock := {OffsetUs :: non_neg_integer(), DriftPpb :: non_neg_integer()},
-    sight => ets:table(),
+    sight => starl_sim_sight:t(),
     loss := float(),
     duplicate := float(),
     delay_us := {Min :: pos_integer(), Max :: pos_integer()},
@@ -49,7 +49,8 @@
     drift_ppb :: integer(),
     seq = 0 :: non_neg_integer(),
     draws = 0 :: non_neg_integer(),
-    links = #{} :: #{starl:robot_id() => non_neg_integer()},
+    %% how many packets went to each robot, and to all
+    links = #{} :: #{starl:robot_id() | all => pos_integer()},
     timers = #{} :: #{{starl_machine:name(), term()} => non_neg_integer()},
     piece :: starl_trajectory:piece(),
     chain = 0 :: non_neg_integer(),
@@ -235,30 +236,29 @@ perform([Action | Rest], Name, Body, Local) ->
 -spec stop(t()) -> t().
 stop(Body) -> drive(0.0, 0.0, Body).
 
-transmit(all, Packet, #body{id = Id, world = #{team := Team}} = Body) ->
-    lists:foldl(
-        fun(Dest, B) -> send(Dest, Packet, 0, B) end,
-        Body#body{packets = Body#body.packets + 1},
-        starl_team:others(Id, Team)
-    );
-transmit(Dest, Packet, Body) ->
-    send(Dest, Packet, 1, Body).
+transmit(all, Packet, Body0) ->
+    {N, Body} = counted(all, Body0),
+    lists:foldl(fun(Dest, B) -> send(Dest, {all, N}, Packet, B) end, Body, audience(Body));
+transmit(Dest, Packet, Body0) ->
+    {N, Body} = counted(Dest, Body0),
+    case in_range(Dest, Body) of
+        true -> send(Dest, N, Packet, Body);
+        false -> Body
+    end.
 
-send(Dest, Packet, Count, #body{id = Id, world = World, links = Links, later = Later} = Body) ->
-    N = maps:get(Dest, Links, 0) + 1,
+counted(Link, #body{packets = Packets, links = Links} = Body) ->
+    N = maps:get(Link, Links, 0) + 1,
+    {N, Body#body{packets = Packets + 1, links = Links#{Link => N}}}.
+
+send(Dest, N, Packet, #body{id = Id, world = World, later = Later, seq = Seq} = Body) ->
     Link = {maps:get(seed, World), Id, Dest, N},
-    Arrivals =
-        case in_range(Dest, Body) andalso not starl_sim_radio:lost(Link, World) of
-            true -> arrivals(starl_sim_radio:delays(Link, World), Dest, Packet, Body);
-            false -> []
-        end,
-    Seq = Body#body.seq + length(Arrivals),
-    Body#body{
-        packets = Body#body.packets + Count,
-        links = Links#{Dest => N},
-        seq = Seq,
-        later = Arrivals ++ Later
-    }.
+    case starl_sim_radio:lost(Link, World) of
+        true ->
+            Body;
+        false ->
+            Arrivals = arrivals(starl_sim_radio:delays(Link, World), Dest, Packet, Body),
+            Body#body{seq = Seq + length(Arrivals), later = Arrivals ++ Later}
+    end.
 
 arrivals([], _Dest, _Packet, _Body) ->
     [];
@@ -270,14 +270,22 @@ in_range(Dest, #body{world = #{range_mm := infinity, team := Team}}) ->
     starl_team:has(Dest, Team);
 in_range(Dest, #body{now = Now, window = Window, piece = Piece, world = World}) ->
     #{range_mm := Range, sight := Sight} = World,
-    case ets:lookup(Sight, Dest) of
-        [{_, Theirs}] ->
+    case starl_sim_sight:piece(Dest, Sight) of
+        {ok, Theirs} ->
             Here = starl_trajectory:position(Now, Piece),
             There = starl_trajectory:position(Window, Theirs),
             starl_geometry:distance(Here, There) =< Range;
-        [] ->
+        unknown ->
             false
     end.
+
+%% Who is reached by a packet for all, ascending.
+audience(#body{id = Id, world = #{range_mm := infinity, team := Team}}) ->
+    starl_team:others(Id, Team);
+audience(#body{id = Id, now = Now, window = Window, piece = Piece, world = World}) ->
+    #{sight := Sight} = World,
+    Here = starl_trajectory:position(Now, Piece),
+    lists:delete(Id, starl_sim_sight:within(Here, Window, Sight)).
 
 sense(Robots, #body{draws = Draws} = Body) ->
     Poses = [{Robot, Pose} || Robot <- Robots, Pose <- see(Robot, Body)],
@@ -286,10 +294,10 @@ sense(Robots, #body{draws = Draws} = Body) ->
 see(Id, #body{id = Id, now = Now, piece = Piece} = Body) ->
     [blur(Id, starl_trajectory:pose(Now, Piece), Body)];
 see(Other, #body{window = Window, world = #{sight := Sight}} = Body) ->
-    [
-        blur(Other, starl_trajectory:pose(Window, Piece), Body)
-     || {_, Piece} <- ets:lookup(Sight, Other)
-    ].
+    case starl_sim_sight:piece(Other, Sight) of
+        {ok, Piece} -> [blur(Other, starl_trajectory:pose(Window, Piece), Body)];
+        unknown -> []
+    end.
 
 %% The positioning system's error: within a disk, and a quarter of the bound on the heading.
 blur(Robot, {X, Y, Heading}, #body{id = Id, draws = N, world = #{seed := Seed, profile := P}}) ->

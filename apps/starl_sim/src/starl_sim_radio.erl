@@ -5,8 +5,10 @@
 
 -export_type([link/0]).
 
-%% The seed, the source, the destination, and how many packets went this way before, plus one.
--type link() :: {integer(), starl:robot_id(), starl:robot_id(), pos_integer()}.
+%% The seed, the source, the destination, and the packet's number among those that went this way,
+%% or among those for all.
+-type link() ::
+    {integer(), starl:robot_id(), starl:robot_id(), pos_integer() | {all, pos_integer()}}.
 
 %% @doc Is the packet lost?
 -spec lost(link(), starl_sim_platform:world()) -> boolean().

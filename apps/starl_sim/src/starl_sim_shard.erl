@@ -109,21 +109,21 @@ inspect(Shard, What) -> gen_server:call(Shard, {inspect, What}, infinity).
 
 -spec init(map()) -> {ok, #shard{}}.
 init(#{run := Run, world := World, window_us := Width, robots_sup := RobotsSup}) ->
-    Sight = ets:new(starl_sight, [set, private]),
     {ok, #shard{
         run = Run,
-        world = World#{sight => Sight},
+        world = World,
         robots_sup = RobotsSup,
         queue = starl_sim_queue:new(Width),
         window_us = Width
     }}.
 
 -spec handle_call(term(), gen_server:from(), #shard{}) -> {reply, term(), #shard{}}.
-handle_call({launch, Load}, _From, #shard{world = #{sight := Sight}} = Shard) ->
+handle_call({launch, Load}, _From, #shard{world = #{range_mm := Range} = World0} = Shard) ->
     #{robots := Robots, crew := Crew, faults := Faults, peers := Peers, owners := Owners} = Load,
-    true = ets:insert(Sight, maps:get(sight, Load)),
-    ok = starl_sim_window:hold([start_robot(Robot, Crew, Shard) || Robot <- Robots]),
+    World = World0#{sight => starl_sim_sight:new(maps:get(sight, Load), Range)},
+    ok = starl_sim_window:hold([start_robot(Robot, Crew, World, Shard) || Robot <- Robots]),
     Launched = Shard#shard{
+        world = World,
         queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Faults),
         peers = Peers,
         owners = Owners,
@@ -162,7 +162,7 @@ handle_info({out_of_patience, _}, Shard) ->
 
 %% -- starting -------------------------------------------------------------------------------
 
-start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, #shard{world = World} = Shard) ->
+start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, World, Shard) ->
     Sup = start_tree(Id, Tree, Shard),
     Machines = starl_sim_machines:launched(starl_sim_machines:new(Id, Sup, Inline)),
     {Id, starl_sim_robot:new(Id, starl_sim_platform:new(Id, Pose, World), Machines)}.
@@ -248,7 +248,7 @@ receive_mail(Peer, #shard{windows = N} = Shard) ->
     end.
 
 take({Next, Ended, Moved, Packets}, #shard{queue = Queue, world = #{sight := Sight}} = Shard) ->
-    _ = Moved =/= [] andalso ets:insert(Sight, Moved),
+    ok = starl_sim_sight:moved(Moved, Sight),
     Shard#shard{
         next = min(Next, Shard#shard.next),
         running = Shard#shard.running - Ended,
