@@ -236,35 +236,45 @@ perform([Action | Rest], Name, Body, Local) ->
 -spec stop(t()) -> t().
 stop(Body) -> drive(0.0, 0.0, Body).
 
-transmit(all, Packet, Body0) ->
-    {N, Body} = counted(all, Body0),
-    lists:foldl(fun(Dest, B) -> send(Dest, {all, N}, Packet, B) end, Body, audience(Body));
-transmit(Dest, Packet, Body0) ->
-    {N, Body} = counted(Dest, Body0),
-    case in_range(Dest, Body) of
-        true -> send(Dest, N, Packet, Body);
-        false -> Body
-    end.
+transmit(all, Packet, Body) ->
+    N = count(all, Body),
+    {Seq, Later} = lists:foldl(
+        fun(Dest, Sent) -> send(Dest, {all, N}, Packet, Body, Sent) end,
+        {Body#body.seq, Body#body.later},
+        audience(Body)
+    ),
+    sent(all, N, Seq, Later, Body);
+transmit(Dest, Packet, #body{seq = Seq0, later = Later0} = Body) ->
+    N = count(Dest, Body),
+    {Seq, Later} =
+        case in_range(Dest, Body) of
+            true -> send(Dest, N, Packet, Body, {Seq0, Later0});
+            false -> {Seq0, Later0}
+        end,
+    sent(Dest, N, Seq, Later, Body).
 
-counted(Link, #body{packets = Packets, links = Links} = Body) ->
-    N = maps:get(Link, Links, 0) + 1,
-    {N, Body#body{packets = Packets + 1, links = Links#{Link => N}}}.
+%% The number of the next packet to a robot or to all.
+count(Link, #body{links = Links}) -> maps:get(Link, Links, 0) + 1.
 
-send(Dest, N, Packet, #body{id = Id, world = World, later = Later, seq = Seq} = Body) ->
+sent(Link, N, Seq, Later, #body{packets = Packets, links = Links} = Body) ->
+    Body#body{packets = Packets + 1, links = Links#{Link => N}, seq = Seq, later = Later}.
+
+send(Dest, N, Packet, #body{id = Id, now = Now, world = World}, {Seq, Later}) ->
     Link = {maps:get(seed, World), Id, Dest, N},
     case starl_sim_radio:lost(Link, World) of
         true ->
-            Body;
+            {Seq, Later};
         false ->
-            Arrivals = arrivals(starl_sim_radio:delays(Link, World), Dest, Packet, Body),
-            Body#body{seq = Seq + length(Arrivals), later = Arrivals ++ Later}
+            Event = {Dest, Now, ?CLASS_PACKET, Id, Seq, {sap, packet, Packet}},
+            arrivals(starl_sim_radio:delays(Link, World), Event, {Seq, Later})
     end.
 
-arrivals([], _Dest, _Packet, _Body) ->
-    [];
-arrivals([Delay | Rest], Dest, Packet, #body{id = Id, now = Now, seq = Seq} = Body) ->
-    Event = {Dest, Now + Delay, ?CLASS_PACKET, Id, Seq + length(Rest), {sap, packet, Packet}},
-    [Event | arrivals(Rest, Dest, Packet, Body)].
+%% One event for each copy that arrives.
+arrivals([], _Event, Sent) ->
+    Sent;
+arrivals([Delay | Rest], {Dest, Now, Class, Id, _, Content} = Event, {Seq, Later}) ->
+    Arrival = {Dest, Now + Delay, Class, Id, Seq, Content},
+    arrivals(Rest, Event, {Seq + 1, [Arrival | Later]}).
 
 in_range(Dest, #body{world = #{range_mm := infinity, team := Team}}) ->
     starl_team:has(Dest, Team);

@@ -124,7 +124,7 @@ handle_call({launch, Load}, _From, #shard{world = #{range_mm := Range} = World0}
     ok = starl_sim_window:hold([start_robot(Robot, Crew, World, Shard) || Robot <- Robots]),
     Launched = Shard#shard{
         world = World,
-        queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Faults),
+        queue = starl_sim_queue:add_all(Faults, Shard#shard.queue),
         peers = Peers,
         owners = Owners,
         running = maps:get(running, Load)
@@ -225,13 +225,13 @@ run_window(#shard{next = Next, window_us = Width, queue = Queue, windows = N} = 
 
 %% Everybody tells everybody what they must know to run the next window.
 exchange(#{later := Later, moved := Moved, ended := Ended}, #shard{peers = []} = Shard) ->
-    Queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Later),
+    Queue = starl_sim_queue:add_all(Later, Shard#shard.queue),
     Next = starl_sim_queue:next_time(Queue),
     take({Next, Ended, Moved, []}, Shard#shard{queue = Queue, next = infinity});
 exchange(#{later := Later, moved := Moved, ended := Ended}, Shard) ->
     #shard{peers = Peers, owners = Owners, queue = Queue, windows = N} = Shard,
     ByShard = maps:groups_from_list(fun(E) -> maps:get(element(1, E), Owners) end, Later),
-    Own = lists:foldl(fun starl_sim_queue:add/2, Queue, maps:get(self(), ByShard, [])),
+    Own = starl_sim_queue:add_all(maps:get(self(), ByShard, []), Queue),
     Times = [Time || {_, Time, _, _, _, _} <- Later],
     %% whole numbers sort before the atom infinity
     Next = lists:min([starl_sim_queue:next_time(Own) | Times]),
@@ -252,5 +252,5 @@ take({Next, Ended, Moved, Packets}, #shard{queue = Queue, world = #{sight := Sig
     Shard#shard{
         next = min(Next, Shard#shard.next),
         running = Shard#shard.running - Ended,
-        queue = lists:foldl(fun starl_sim_queue:add/2, Queue, Packets)
+        queue = starl_sim_queue:add_all(Packets, Queue)
     }.
