@@ -16,12 +16,12 @@
 
 %% What all robots share: the seed, the radio, the clocks and the chassis' errors, and the faults
 %% of each class.
-%% `sight' is the table of the pieces of motion that all robots were in when the window began.
+%% `sight' knows the pieces of motion that all robots were in when the window began.
 -type world() :: #{
     seed := integer(),
     team := starl_team:t(),
     clock := {OffsetUs :: non_neg_integer(), DriftPpb :: non_neg_integer()},
-    sight => ets:table(),
+    sight => starl_sim_sight:t(),
     loss := float(),
     duplicate := float(),
     delay_us := {Min :: pos_integer(), Max :: pos_integer()},
@@ -53,7 +53,8 @@
     clock :: starl_sim_clock:t(),
     seq = 0 :: non_neg_integer(),
     draws = 0 :: non_neg_integer(),
-    links = #{} :: #{starl:robot_id() => non_neg_integer()},
+    %% how many packets went to each robot, and to all
+    links = #{} :: #{starl:robot_id() | all => pos_integer()},
     timers = #{} :: #{{starl_machine:name(), term()} => non_neg_integer()},
     piece :: starl_trajectory:piece(),
     %% the speeds of the wheels as last told; where robots were last seen, if sight may freeze
@@ -243,23 +244,30 @@ perform([Action | Rest], Name, Body, Local) ->
 -spec stop(t()) -> t().
 stop(Body) -> turn_wheels([], Body#body{command = {0.0, 0.0}}).
 
-transmit(all, Packet, #body{id = Id, world = #{team := Team}} = Body) ->
-    lists:foldl(
-        fun(Dest, B) -> send(Dest, Packet, 0, B) end,
-        Body#body{packets = Body#body.packets + 1},
-        starl_team:others(Id, Team)
-    );
+transmit(all, Packet, Body) ->
+    N = count(all, Body),
+    Sent = lists:foldl(
+        fun(Dest, B) -> send(Dest, {all, N}, Packet, B) end, Body, audience(Body)
+    ),
+    sent(all, N, Sent);
 transmit(Dest, Packet, Body) ->
-    send(Dest, Packet, 1, Body).
+    N = count(Dest, Body),
+    case in_range(Dest, Body) of
+        true -> sent(Dest, N, send(Dest, N, Packet, Body));
+        false -> sent(Dest, N, Body)
+    end.
 
-send(Dest, Packet, Count, #body{id = Id, world = World, links = Links, now = Now} = Body) ->
-    N = maps:get(Dest, Links, 0) + 1,
+%% The number of the next packet to a robot or to all.
+count(Link, #body{links = Links}) -> maps:get(Link, Links, 0) + 1.
+
+sent(Link, N, #body{packets = Packets, links = Links} = Body) ->
+    Body#body{packets = Packets + 1, links = Links#{Link => N}}.
+
+send(Dest, N, Packet, #body{id = Id, now = Now, world = World} = Body) ->
     Link = {maps:get(seed, World), Id, Dest, N},
-    Sent = Body#body{packets = Body#body.packets + Count, links = Links#{Dest => N}},
-    case in_range(Dest, Body) andalso starl_sim_radio:arrivals(Link, Now, World) of
-        false -> Sent;
-        lost -> trace(radio, {lost, Dest, N}, Sent);
-        Arrivals -> on_the_air(Arrivals, Dest, Packet, Sent)
+    case starl_sim_radio:arrivals(Link, Now, World) of
+        lost -> trace(radio, {lost, Dest, N}, Body);
+        Arrivals -> on_the_air(Arrivals, Dest, Packet, Body)
     end.
 
 on_the_air([], _Dest, _Packet, Body) ->
@@ -282,14 +290,25 @@ in_range(Dest, #body{id = Id, now = Now, world = #{team := Team} = World} = Body
     end.
 
 is_near(Dest, Range, #body{now = Now, window = Window, piece = Piece, world = World}) ->
-    case ets:lookup(maps:get(sight, World), Dest) of
-        [{_, Theirs}] ->
+    case starl_sim_sight:piece(Dest, maps:get(sight, World)) of
+        {ok, Theirs} ->
             Here = starl_trajectory:position(Now, Piece),
             There = starl_trajectory:position(Window, Theirs),
             starl_geometry:distance(Here, There) =< Range;
-        [] ->
+        unknown ->
             false
     end.
+
+%% Who is reached by a packet for all, ascending. A fault can but shorten the range.
+audience(#body{id = Id, now = Now, world = #{range_mm := Full, team := Team} = World} = Body) ->
+    case starl_sim_radio:range({Id, Now}, World) of
+        infinity -> starl_team:others(Id, Team);
+        Full -> lists:delete(Id, within_range(Body));
+        Short -> [R || R <- starl_team:others(Id, Team), is_near(R, Short, Body)]
+    end.
+
+within_range(#body{now = Now, window = Window, piece = Piece, world = #{sight := Sight}}) ->
+    starl_sim_sight:within(starl_trajectory:position(Now, Piece), Window, Sight).
 
 sense(Robots, #body{draws = Draws, world = #{location := []}} = Body) ->
     Poses = [{Robot, Pose} || Robot <- Robots, Pose <- see(Robot, Body)],
@@ -308,10 +327,10 @@ sense(Robots, #body{draws = Draws, now = Now, id = Id, world = World} = Body) ->
 see(Id, #body{id = Id, now = Now, piece = Piece} = Body) ->
     [blur(Id, starl_trajectory:pose(Now, Piece), Body)];
 see(Other, #body{window = Window, world = #{sight := Sight}} = Body) ->
-    [
-        blur(Other, starl_trajectory:pose(Window, Piece), Body)
-     || {_, Piece} <- ets:lookup(Sight, Other)
-    ].
+    case starl_sim_sight:piece(Other, Sight) of
+        {ok, Piece} -> [blur(Other, starl_trajectory:pose(Window, Piece), Body)];
+        unknown -> []
+    end.
 
 %% The positioning system's error: within a disk, and a quarter of the bound on the heading.
 blur(Robot, {X, Y, Heading}, #body{id = Id, draws = N, world = #{seed := Seed, profile := P}}) ->

@@ -6,8 +6,10 @@
 
 -export_type([link/0, arrival/0]).
 
-%% The seed, the source, the destination, and how many packets went this way before, plus one.
--type link() :: {integer(), starl:robot_id(), starl:robot_id(), pos_integer()}.
+%% The seed, the source, the destination, and the packet's number among those that went this way,
+%% or among those for all.
+-type link() ::
+    {integer(), starl:robot_id(), starl:robot_id(), pos_integer() | {all, pos_integer()}}.
 
 %% A copy of the packet that arrives: after how many microseconds, and whether intact.
 -type arrival() :: {DelayUs :: pos_integer(), intact | corrupt}.
@@ -91,8 +93,8 @@ swallows({Id, From, _, burst_loss, _, #{part := Part, burst_ms := Ms}}, Link, No
     {Seed, Source, Dest, _} = Link,
     Burst = (Now - From) div (1000 * Ms),
     starl_sim_draw:uniform({Seed, Source, Dest, Id, Burst}) < Part;
-swallows({_, _, _, drop, _, #{packet := N}}, {_, _, _, N}, _Now) ->
-    true;
+swallows({_, _, _, drop, _, #{packet := N}}, {_, _, _, Number}, _Now) ->
+    Number =:= N orelse Number =:= {all, N};
 swallows({_, _, _, Kind, _, _}, _Link, _Now) ->
     lists:member(Kind, [partition, one_way_partition, isolate, ring]).
 
