@@ -80,10 +80,10 @@ value(_, {one_of, [First | _]}, _) -> First;
 value(_, {number, _, _}, {_, High}) -> High;
 value(_, {integer, _, _}, {_, High}) -> High.
 
-%% Three robots that talk, look around and drive, for ten seconds.
+%% Four robots that talk, look around and drive, for ten seconds.
 busy(More) ->
     maps:merge(#{
-        app => ?APP, robots => 3, seed => 5, time => 60, mode => process, delay => {5, 20},
+        app => ?APP, robots => 4, seed => 5, time => 60, mode => process, delay => {5, 20},
         script => fun(R) ->
             ok = starl:listen(R, word),
             [turn(K, R) || K <- lists:seq(1, 20)]
@@ -91,7 +91,7 @@ busy(More) ->
     }, More).
 
 turn(K, R) ->
-    _ = starl:post(R, 1 + (starl:id(R) + K) rem 3, word, {K, starl:now(R)}),
+    _ = starl:post(R, 1 + (starl:id(R) + K) rem 4, word, {K, starl:now(R)}),
     {ok, {X, Y, _}} = look(R),
     _ = starl:go_to(R, {X + 50.0 - 100.0 * (K rem 2), Y + 20.0}),
     _ = starl:positions(R),
