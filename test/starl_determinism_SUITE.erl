@@ -6,7 +6,7 @@
 
 -export([suite/0, all/0, groups/0, init_per_suite/1, end_per_suite/1, init_per_group/2, end_per_group/2]).
 -export([
-    twice_in_a_row/1, shards/1, paused_and_stepped/1, under_load/1, one_and_two_schedulers/1,
+    twice_in_a_row/1, shards/1, inline/1, paused_and_stepped/1, under_load/1, one_and_two_schedulers/1,
     order_of_keys_in_the_scenario/1, seeds_differ/1,
     planted_pid/1, planted_unique_integer/1, planted_reference/1, planted_wall_time/1,
     every_input_counts/1, digest/1
@@ -18,7 +18,7 @@ all() -> [{group, painting}, {group, ring_shuttle}, {group, planted}].
 
 groups() ->
     Same = [
-        twice_in_a_row, shards, paused_and_stepped, under_load, one_and_two_schedulers,
+        twice_in_a_row, shards, inline, paused_and_stepped, under_load, one_and_two_schedulers,
         order_of_keys_in_the_scenario, seeds_differ
     ],
     Planted = [planted_pid, planted_unique_integer, planted_reference, planted_wall_time,
@@ -67,6 +67,15 @@ shards(Config) ->
     Scenario = scenario(Config),
     One = digest(Scenario#{shards => 1}),
     [?assertEqual({N, One}, {N, digest(Scenario#{shards => N})}) || N <- [2, 3, 7]].
+
+%% A machine does not know whether it is a process.
+inline(Config) ->
+    Scenario = scenario(Config),
+    Process = digest(Scenario#{mode => process}),
+    [
+        ?assertEqual({N, Process}, {N, digest(Scenario#{mode => inline, shards => N})})
+     || N <- [1, 2, 3]
+    ].
 
 %% Where a run pauses, and what is looked at meanwhile, does not change it.
 paused_and_stepped(Config) ->

@@ -45,15 +45,13 @@
 -optional_callbacks([interests/0, timeless/1]).
 
 -record(runner, {
-    %% Monitors (their places in `states') to feed, by machine, and for any other machine.
-    routes :: #{atom() => [pos_integer()]},
-    others :: [pos_integer()],
-    modules :: tuple(),
-    states :: tuple(),
+    monitors :: [monitor()],
     %% Violations not returned yet, latest first, and how many more would still be kept.
     violations = [] :: [violation()],
     room :: non_neg_integer()
 }).
+
+-type monitor() :: {module(), Interests :: [Machine :: atom()] | all, state()}.
 
 %% Monitors that run together over one trace.
 -opaque t() :: #runner{}.
@@ -66,32 +64,25 @@
 new(Monitors) ->
     Modules = [Module || {Module, _Config} <- Monitors],
     length(lists:usort(Modules)) =:= length(Modules) orelse error(badarg, [Monitors]),
-    Wanted = lists:zip(lists:seq(1, length(Modules)), [interests_of(M) || M <- Modules]),
-    Machines = lists:usort(lists:append([Names || {_, Names} <- Wanted, is_list(Names)])),
     #runner{
-        routes = maps:from_list([{Name, listeners(Name, Wanted)} || Name <- Machines]),
-        others = [I || {I, all} <- Wanted],
-        modules = list_to_tuple(Modules),
-        states = list_to_tuple([Module:init(Config) || {Module, Config} <- Monitors]),
+        monitors = [{M, interests_of(M), M:init(Config)} || {M, Config} <- Monitors],
         room = ?KEPT
     }.
 
 %% @doc Feeds one event or several. All of them are judged by all monitors, also after a
 %% violation; the first violation of this call is returned.
 -spec step(trace_event() | [trace_event()], t()) -> {ok, t()} | {violation, violation(), t()}.
-step(Events, #runner{room = Room} = Runner) when is_list(Events) ->
-    answer(Room, lists:foldl(fun dispatch/2, Runner, Events));
-step(Event, #runner{room = Room} = Runner) ->
-    answer(Room, dispatch(Event, Runner)).
+step(Events, #runner{monitors = Monitors} = Runner) when is_list(Events) ->
+    {Fed, Found} = lists:mapfoldl(fun(M, Found) -> feed_all(Events, M, Found) end, [], Monitors),
+    answer(in_order(Found), Runner#runner{monitors = Fed});
+step(Event, Runner) ->
+    step([Event], Runner).
 
 %% @doc Ends the run at `EndTimeUs'. Returns the violations that `step/2' has not returned, in
 %% the order found, and what each monitor measured. The runner keeps at most 1000 violations.
 -spec finish(EndTimeUs :: integer(), t()) -> {[violation()], #{module() => results()}}.
-finish(EndTimeUs, #runner{modules = Modules, states = States, violations = Kept, room = Room}) ->
-    Ends = [
-        {Module, Module:finish(EndTimeUs, State)}
-        || {Module, State} <- lists:zip(tuple_to_list(Modules), tuple_to_list(States))
-    ],
+finish(EndTimeUs, #runner{monitors = Monitors, violations = Kept, room = Room}) ->
+    Ends = [{Module, Module:finish(EndTimeUs, State)} || {Module, _, State} <- Monitors],
     Late = lists:append([Found || {_Module, {{violation, Found}, _Results}} <- Ends]),
     {lists:reverse(Kept, lists:sublist(Late, Room)),
         maps:from_list([{Module, Results} || {Module, {_Verdict, Results}} <- Ends])}.
@@ -112,37 +103,42 @@ interests_of(Module) ->
         false -> all
     end.
 
-listeners(Name, Wanted) ->
-    [I || {I, Names} <- Wanted, Names =:= all orelse lists:member(Name, Names)].
+%% A monitor takes all its events in one go, so that its state stays in its hands.
+feed_all(Events, {Module, Interests, State}, Found0) ->
+    {Next, Found} = feed(Events, 1, Module, Interests, State, Found0),
+    {{Module, Interests, Next}, Found}.
 
-dispatch({_Time, _Robot, Machine, _Content} = Event, #runner{routes = Routes} = Runner) ->
-    case Routes of
-        #{Machine := Places} -> feed(Places, Event, Runner);
-        #{} -> feed(Runner#runner.others, Event, Runner)
+feed([], _Place, _Module, _Interests, State, Found) ->
+    {State, Found};
+feed([Event | Events], Place, Module, Interests, State, Found) ->
+    case is_wanted(element(3, Event), Interests) of
+        false ->
+            feed(Events, Place + 1, Module, Interests, State, Found);
+        true ->
+            case Module:step(Event, State) of
+                {ok, Next} ->
+                    feed(Events, Place + 1, Module, Interests, Next, Found);
+                {violation, Violation, Next} ->
+                    More = [{Place, Violation} | Found],
+                    feed(Events, Place + 1, Module, Interests, Next, More)
+            end
     end.
 
-feed([], _Event, Runner) ->
-    Runner;
-feed([Place | Places], Event, #runner{modules = Modules, states = States} = Runner) ->
-    Module = element(Place, Modules),
-    case Module:step(Event, element(Place, States)) of
-        {ok, State} ->
-            feed(Places, Event, Runner#runner{states = setelement(Place, States, State)});
-        {violation, Violation, State} ->
-            Fed = Runner#runner{states = setelement(Place, States, State)},
-            feed(Places, Event, keep(Violation, Fed))
-    end.
+is_wanted(_Machine, all) -> true;
+is_wanted(Machine, Interests) -> lists:member(Machine, Interests).
 
-keep(_Violation, #runner{room = 0} = Runner) ->
-    Runner;
-keep(Violation, #runner{violations = Violations, room = Room} = Runner) ->
-    Runner#runner{violations = [Violation | Violations], room = Room - 1}.
+%% By the events that gave rise to them, then by monitor.
+in_order(Found) -> [Violation || {_Place, Violation} <- lists:keysort(1, lists:reverse(Found))].
 
-answer(Room, #runner{room = Room} = Runner) ->
+answer([], Runner) ->
     {ok, Runner};
-answer(Before, #runner{violations = Violations, room = Room} = Runner) ->
-    {Later, [First | Earlier]} = lists:split(Before - Room - 1, Violations),
-    {violation, First, Runner#runner{violations = Later ++ Earlier}}.
+answer([First | More], #runner{violations = Violations, room = Room} = Runner) when Room > 0 ->
+    Kept = lists:sublist(More, Room - 1),
+    {violation, First, Runner#runner{
+        violations = lists:reverse(Kept, Violations), room = Room - 1 - length(Kept)
+    }};
+answer([First | _], Runner) ->
+    {violation, First, Runner}.
 
 format_robots([]) -> "no robot";
 format_robots([Robot]) -> io_lib:format("robot ~b", [Robot]);

@@ -10,8 +10,8 @@
 %% Events of machine `sap': `{started, Incarnation}', `{sent, MsgId, Dests, Type, Hash}',
 %% `{delivered, MsgId, Type, Hash}' at the receiver, `{outcome, MsgId, Dest, Outcome}' at the
 %% sender with Outcome `acknowledged', `lost', `{lost, Reason}' or `restarted' (lost because the
-%% receiver restarted); of machine `robot': `{died, Reason}'. `MsgId' is `{Source, Incarnation,
-%% Seq}'.
+%% receiver restarted); of machine `robot': `{died, Reason}' and `down' (until it starts
+%% anew). `MsgId' is `{Source, Incarnation, Seq}'.
 %%
 %% Memory: one entry per message that is outstanding. An undelivered message whose outcomes are
 %% all known is outstanding for `late_us' more; then only its sequence number is kept, in
@@ -125,6 +125,8 @@ judge({T, Robot, sap, {started, Incarnation}}, #state{running = Running} = State
     Started = State#state{running = Running#{Robot => Incarnation}},
     {ok, abandon(T, Robot, Incarnation, Started)};
 judge({T, Robot, robot, {died, _Reason}}, State) ->
+    {ok, abandon(T, Robot, none, State)};
+judge({T, Robot, robot, down}, State) ->
     {ok, abandon(T, Robot, none, State)};
 judge({_T, _Robot, _Machine, _Other}, State) ->
     {ok, State}.

@@ -1,11 +1,10 @@
-%% @doc A robot in a shard: its processes, what they still have to do in this window, and its
+%% @doc A robot in a shard: its machines, what they still have to do in this window, and its
 %% crashes. What it does reaches no other robot before the next window, so a shard has many
 %% robots at work at once; the events of one robot are worked off one by one, in the order of
 %% their keys, each with all the local events that it gives rise to.
 -module(starl_sim_robot).
 
--export([new/3, attach/3, boot/1]).
--export([at/2, open/3, proceed/2, answered/2, crashed/3, close/1]).
+-export([new/3, at/2, open/3, answered/2, down/4, yield/1]).
 -export([busy/1, owns/2, result/1, piece/1, summary/2, machines/1]).
 
 -export_type([t/0, summary/0, window/0]).
@@ -34,105 +33,74 @@
 -record(robot, {
     id :: starl:robot_id(),
     body :: starl_sim_platform:t(),
-    sup :: pid() | dead,
-    processes = #{} :: #{starl_machine:name() => pid()},
-    incarnations = #{} :: #{starl_machine:name() => pos_integer()},
+    machines :: starl_sim_machines:t(),
     %% events of this window, by key; local events of the present moment, in order
     events = [] :: [starl_sim_queue:event()],
     local = [] :: [local()],
-    %% the machine that is at work
+    %% the machine whose process is at work
     busy = none :: starl_machine:name() | none,
+    %% nothing is handled before this time, and nothing sooner than so long after it came
+    hold = {0, 0} :: {UntilUs :: starl_sim_queue:time(), LagUs :: non_neg_integer()},
     crashes = [] :: [{starl_machine:name(), Reason :: term()}]
 }).
 
 -opaque t() :: #robot{}.
 
-%% @doc A robot whose tree has been started under this supervisor.
--spec new(starl:robot_id(), starl_sim_platform:t(), Sup :: pid()) -> t().
-new(Id, Body, Sup) -> #robot{id = Id, body = Body, sup = Sup}.
+%% @doc A robot all of whose machines are to be booted before anything else.
+-spec new(starl:robot_id(), starl_sim_platform:t(), starl_sim_machines:t()) -> t().
+new(Id, Body, Machines) ->
+    #robot{id = Id, body = Body, machines = Machines, local = boots(Machines)}.
 
-%% @doc One of its processes has started.
--spec attach(starl_machine:name(), pid(), t()) -> t().
-attach(Name, Pid, #robot{processes = Processes, incarnations = Incarnations} = Robot) ->
-    _ = erlang:monitor(process, Pid),
-    Incarnation = maps:get(Name, Incarnations, 0) + 1,
-    Robot#robot{
-        processes = Processes#{Name => Pid}, incarnations = Incarnations#{Name => Incarnation}
-    }.
-
-%% @doc All machines are to be booted, before anything else.
--spec boot(t()) -> t().
-boot(#robot{processes = Processes} = Robot) ->
-    Robot#robot{local = [{Name, boot, none} || Name <- boot_order(maps:keys(Processes))]}.
+boots(Machines) -> [{Name, boot, none} || Name <- starl_sim_machines:names(Machines)].
 
 %% @doc Opens a window with these events of the robot, sorted, and goes about the first.
 -spec open([starl_sim_queue:event()], window(), t()) -> {busy | idle, t()}.
-open(_Events, _Window, #robot{sup = dead} = Robot) -> {idle, Robot};
-open(Events, Window, #robot{local = []} = Robot) -> next_event(Events, Window, Robot);
-open([{_, Time, _, _, _, _} | _] = Events, {From, Until} = Window, #robot{body = Body} = Robot) ->
-    Moved = starl_sim_platform:at({Time, From, Until}, Body),
-    proceed(Window, Robot#robot{events = Events, body = Moved}).
+open([{_, Time, _, _, _, _} | _] = Events, Window, #robot{body = Body, machines = M} = Robot) ->
+    Opened = starl_sim_platform:open(Time, Window, Body),
+    case starl_sim_machines:condition(M) of
+        up when Robot#robot.hold =:= {0, 0} ->
+            work(Robot#robot.local, Events, Opened, M, Robot);
+        up ->
+            proceed(postpone(Robot#robot{body = Opened, events = Events}));
+        _ ->
+            proceed(Robot#robot{body = Opened, events = faults_of(Events)})
+    end.
 
-%% @doc Sends the next step to one of its machines, if there is anything left to do in this
-%% window.
--spec proceed(window(), t()) -> {busy | idle, t()}.
-proceed(Window, #robot{local = [{Name, Type, Content} | Rest], body = Body} = Robot) ->
-    case Robot#robot.processes of
-        #{Name := Pid} ->
-            Hashed = starl_sim_platform:hash_event(Name, Type, Content, Body),
-            Pid ! message(Name, Type, Content, Hashed, Robot),
-            {busy, Robot#robot{local = Rest, body = Hashed, busy = Name}};
-        #{} ->
-            proceed(Window, refuse(Name, Type, Robot#robot{local = Rest}))
-    end;
-proceed(Window, #robot{events = Events} = Robot) ->
-    next_event(Events, Window, Robot).
+%% What comes to a robot that is down is lost.
+faults_of(Events) -> [Event || {_, _, ?CLASS_FAULT, _, _, _} = Event <- Events].
 
-%% @doc The robot, which rests, at a later time.
+%% @doc The robot at a later time, between two windows.
 -spec at(starl_sim_queue:time(), t()) -> t().
 at(Now, #robot{body = Body} = Robot) ->
-    Robot#robot{body = starl_sim_platform:at({Now, Now, Now}, Body)}.
+    Robot#robot{body = starl_sim_platform:rest(Now, Body)}.
 
-%% @doc The machine at work has answered with its actions.
--spec answered([starl_machine:action()], t()) -> {ok, t()} | ignored.
+%% @doc The process at work has answered with its machine's actions; the robot goes on.
+-spec answered([starl_machine:action()], t()) -> {busy | idle, t()} | ignored.
 answered(_Actions, #robot{busy = none}) ->
     %% the last word of a process that was killed meanwhile
     ignored;
-answered(Actions, #robot{busy = Name, body = Body0, local = Local} = Robot) ->
-    {New, Body} = starl_sim_platform:perform(Actions, Name, Body0),
-    Next = Robot#robot{busy = none, body = Body, local = Local ++ New},
-    case starl_sim_platform:soon(Body) of
-        [] -> {ok, Next};
-        _ -> {ok, plan(Next)}
+answered(Actions, #robot{busy = Name, body = Body, machines = Machines} = Robot) ->
+    #robot{local = Local, events = Events} = Robot,
+    perform(Actions, Name, Local, Events, Body, Machines, Robot#robot{busy = none}).
+
+%% @doc One of its processes is gone. If that was the one at work, the robot can go on.
+-spec down(pid(), Reason :: term(), go_on | rest, t()) -> {busy | idle, t()}.
+down(Pid, Reason, Then, #robot{machines = Machines, busy = Busy} = Robot) ->
+    Crashed =
+        case starl_sim_machines:name_of(Pid, Machines) of
+            {ok, Busy} -> crashed(Busy, Reason, Robot#robot{busy = none});
+            {ok, Name} -> crashed(Name, Reason, Robot);
+            none -> died(gave_up, Robot)
+        end,
+    case Crashed of
+        #robot{busy = none} when Then =:= go_on -> proceed(Crashed);
+        #robot{busy = none} -> {idle, Crashed};
+        #robot{} -> {busy, Crashed}
     end.
 
-%% New events of this robot in this window take their places among the others.
-plan(#robot{body = Body, events = Events} = Robot) ->
-    {Soon, Rest} = starl_sim_platform:take_soon(Body),
-    Robot#robot{body = Rest, events = lists:merge(lists:sort(Soon), Events)}.
-
-%% @doc One of its processes is gone. Virtual time waits until its supervisor has restarted it;
-%% the others are told. If the supervisor gives up, the robot has died.
--spec crashed(pid(), Reason :: term(), t()) -> t().
-crashed(Pid, _Reason, #robot{sup = Pid} = Robot) ->
-    died(gave_up, Robot);
-crashed(Pid, Reason, #robot{busy = Busy, crashes = Crashes} = Robot) ->
-    Name = name_of(Pid, Robot),
-    Bare = forget(Name, Robot#robot{
-        body = starl_sim_platform:trace(Name, crashed, Robot#robot.body),
-        busy = still_busy(Name, Busy),
-        crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED)
-    }),
-    case await_restart([Name], [], Bare) of
-        {ok, Names, Back} -> Back#robot{local = restarts(Names, Back) ++ Back#robot.local};
-        {died, Dead} -> Dead
-    end.
-
-%% @doc Closes the window and gives what came out of it.
--spec close(t()) -> {starl_sim_platform:yield(), t()}.
-close(#robot{body = Body} = Robot) ->
-    {Yield, Rest} = starl_sim_platform:take(Body),
-    {Yield, Robot#robot{body = Rest}}.
+%% @doc What has come out of the window.
+-spec yield(t()) -> starl_sim_platform:yield().
+yield(#robot{body = Body}) -> starl_sim_platform:yield(Body).
 
 %% @doc The machine that is at work, if any.
 -spec busy(t()) -> [{starl:robot_id(), starl_machine:name()}].
@@ -141,13 +109,15 @@ busy(#robot{id = Id, busy = Name}) -> [{Id, Name}].
 
 %% @doc Is this one of its processes?
 -spec owns(pid(), t()) -> boolean().
-owns(Pid, #robot{sup = Sup, processes = Processes}) ->
-    Pid =:= Sup orelse lists:member(Pid, maps:values(Processes)).
+owns(Pid, #robot{machines = Machines}) -> starl_sim_machines:owns(Pid, Machines).
 
 %% @doc Its application's result.
 -spec result(t()) -> running | died | {done, term()}.
-result(#robot{sup = dead}) -> died;
-result(#robot{body = Body}) -> starl_sim_platform:result(Body).
+result(#robot{body = Body, machines = Machines}) ->
+    case starl_sim_machines:condition(Machines) of
+        dead -> died;
+        _ -> starl_sim_platform:result(Body)
+    end.
 
 %% @doc The piece of motion that it is in.
 -spec piece(t()) -> starl_trajectory:piece().
@@ -168,146 +138,171 @@ summary(Time, #robot{body = Body} = Robot) ->
 
 %% @doc Its machines, each with its state and data.
 -spec machines(t()) -> #{starl_machine:name() => term()}.
-machines(#robot{processes = Processes}) -> maps:map(fun(_, Pid) -> machine(Pid) end, Processes).
+machines(#robot{machines = Machines}) -> starl_sim_machines:inspect(Machines).
 
 %% -- events ---------------------------------------------------------------------------------
 
-next_event([], _Window, Robot) ->
-    {idle, Robot};
-next_event([{_, Time, Class, _, Seq, Content} | Rest], {From, Until} = Window, Robot) ->
-    Moment = {Time, From, Until},
-    case Class of
-        ?CLASS_FAULT ->
-            Body = starl_sim_platform:at(Moment, Robot#robot.body),
-            proceed(Window, strike(Content, Robot#robot{events = Rest, body = Body}));
-        _ ->
-            begin_event(Content, Seq, Moment, Window, Rest, Robot)
-    end.
+%% Goes about what is left to do in this window. What changes at every event is passed along
+%% beside the record, which would be copied each time.
+proceed(#robot{events = Events, local = Local, body = Body, machines = Machines} = Robot) ->
+    work(Local, Events, Body, Machines, Robot).
 
-begin_event({timer, Name, Timer, Content}, Seq, Moment, Window, Rest, Robot) ->
-    #robot{body = Body} = Robot,
-    case starl_sim_platform:fire(Name, Timer, Seq, Body) of
-        {ok, Fired} ->
-            dispatch(Name, timer_type(Timer), Content, Moment, Window, Rest, Fired, Robot);
-        stale ->
-            next_event(Rest, Window, Robot)
+work([{Name, boot, none} | Local], Events, Body, Machines, #robot{id = Id} = Robot) ->
+    Hashed = starl_sim_platform:hash_event(Name, boot, none, Body),
+    Incarnation = starl_sim_machines:incarnation(Name, Machines),
+    Base = starl_sim_platform:boot(Id, Name, Incarnation, Hashed),
+    Answer = starl_sim_machines:boot(Name, Base, Machines),
+    answer(Answer, Name, boot, Local, Events, Hashed, Machines, Robot);
+work([{Name, Type, Content} | Local], Events, Body, Machines, Robot) ->
+    Hashed = starl_sim_platform:hash_event(Name, Type, Content, Body),
+    step(Name, Type, Content, Local, Events, Hashed, Machines, Robot);
+work([], [{_, Time, ?CLASS_FAULT, _, _, Fault} | Events], Body, Machines, Robot) ->
+    Moved = starl_sim_platform:at(Time, Body),
+    proceed(strike(Fault, put_back([], Events, Moved, Machines, Robot)));
+work([], [{_, Time, _, _, Seq, {timer, Name, Timer, Content}} | Events], Body, Machines, Robot) ->
+    case starl_sim_platform:fire(Time, Name, Timer, Content, Seq, Body) of
+        {ok, Type, Fired} -> step(Name, Type, Content, [], Events, Fired, Machines, Robot);
+        stale -> work([], Events, Body, Machines, Robot)
     end;
-begin_event({Name, Type, Content}, _Seq, Moment, Window, Rest, #robot{body = Body} = Robot) ->
-    dispatch(Name, Type, Content, Moment, Window, Rest, Body, Robot).
+work([], [{Id, Time, Class, Source, Seq, {late, Content}} | Events], Body, Machines, Robot) ->
+    work([], [{Id, Time, Class, Source, Seq, Content} | Events], Body, Machines, Robot);
+work([], [{_, Time, _, _, _, {Name, Type, Content}} | Events], Body, Machines, Robot) ->
+    Hashed = starl_sim_platform:hash_event(Time, Name, Type, Content, Body),
+    step(Name, Type, Content, [], Events, Hashed, Machines, Robot);
+work([], [], Body, Machines, Robot) ->
+    {idle, put_back([], [], Body, Machines, Robot)}.
 
-timer_type(state_timeout) -> state_timeout;
-timer_type(Timer) -> {timeout, Timer}.
+put_back(Local, Events, Body, Machines, Robot) ->
+    Robot#robot{local = Local, events = Events, body = Body, machines = Machines}.
 
-dispatch(Name, Type, Content, Moment, Window, Rest, Body, #robot{processes = Processes} = Robot) ->
-    Hashed = starl_sim_platform:hash_event(Moment, Name, Type, Content, Body),
-    case Processes of
-        #{Name := Pid} ->
-            Pid ! message(Name, Type, Content, Hashed, Robot),
-            {busy, Robot#robot{events = Rest, body = Hashed, busy = Name}};
-        #{} ->
-            proceed(Window, refuse(Name, Type, Robot#robot{events = Rest, body = Hashed}))
-    end.
+step(Name, Type, Content, Local, Events, Body, Machines, #robot{id = Id} = Robot) ->
+    Meta = #{now => starl_sim_platform:local_time(Body), robot => Id},
+    Answer = starl_sim_machines:step(Name, Type, Content, Meta, Machines),
+    answer(Answer, Name, Type, Local, Events, Body, Machines, Robot).
 
-refuse(Name, Type, #robot{body = Body, local = Local} = Robot) ->
+answer({done, Actions, Machines}, Name, _Type, Local, Events, Body, _Before, Robot) ->
+    perform(Actions, Name, Local, Events, Body, Machines, Robot);
+answer(busy, Name, _Type, Local, Events, Body, Machines, Robot) ->
+    {busy, (put_back(Local, Events, Body, Machines, Robot))#robot{busy = Name}};
+answer({crashed, Reason}, Name, _Type, Local, Events, Body, Machines, Robot) ->
+    proceed(crashed(Name, Reason, put_back(Local, Events, Body, Machines, Robot)));
+answer(absent, Name, Type, Local, Events, Body, Machines, Robot) ->
     Traced = starl_sim_platform:trace(Name, {unknown_machine, Name}, Body),
-    Robot#robot{body = Traced, local = Local ++ refusal(Name, Type)}.
+    work(Local ++ refusal(Name, Type), Events, Traced, Machines, Robot).
 
 %% A call to a machine that the robot does not have must not wait for ever.
 refusal(Name, {call, {From, Tag}}) -> [{From, {reply, Tag}, {no_such_machine, Name}}];
 refusal(_Name, _Type) -> [].
 
-message(Name, boot, none, Body, #robot{id = Id, incarnations = Incarnations}) ->
-    {starl_boot, starl_sim_platform:boot(Id, Name, maps:get(Name, Incarnations), Body)};
-message(_Name, Type, Content, Body, #robot{id = Id}) ->
-    {starl_step, Type, Content, #{now => starl_sim_platform:local_time(Body), robot => Id}}.
+perform([], _Name, Local, Events, Body, Machines, Robot) ->
+    work(Local, Events, Body, Machines, Robot);
+perform(Actions, Name, Local, Events, Body0, Machines, Robot) ->
+    {New, Body} = starl_sim_platform:perform(Actions, Name, Body0),
+    case starl_sim_platform:soon(Body) of
+        [] -> work(Local ++ New, Events, Body, Machines, Robot);
+        _ -> work(Local ++ New, plan(Body, Events), starl_sim_platform:planned(Body), Machines, Robot)
+    end.
 
-%% The platform's machines first, the application last, whatever their names.
-boot_order(Names) ->
-    First = [Name || Name <- [sap, location, motion], lists:member(Name, Names)],
-    Last = [app || lists:member(app, Names)],
-    First ++ lists:sort(Names -- (First ++ Last)) ++ Last.
+%% New events of this robot in this window take their places among the others.
+plan(Body, Events) -> lists:merge(lists:sort(starl_sim_platform:soon(Body)), Events).
 
 %% -- faults and crashes ---------------------------------------------------------------------
 
 strike(wake, Robot) ->
     Robot;
-strike(_Fault, #robot{sup = dead} = Robot) ->
-    Robot;
-strike({kill_machine, Name}, #robot{processes = Processes} = Robot) ->
-    case Processes of
-        #{Name := Pid} ->
-            exit(Pid, kill),
-            receive
-                {'DOWN', _, process, Pid, Reason} -> crashed(Pid, Reason, Robot)
-            end;
-        #{} ->
-            Robot
+strike(turn_wheels, #robot{body = Body, machines = Machines} = Robot) ->
+    case starl_sim_machines:condition(Machines) of
+        up -> Robot#robot{body = starl_sim_platform:turn_wheels(Body)};
+        _ -> Robot
     end;
-strike(kill_robot, #robot{sup = Sup} = Robot) ->
-    exit(Sup, kill),
-    receive
-        {'DOWN', _, process, Sup, _} -> died(killed, Robot)
+strike({kill_machine, Name}, #robot{machines = Machines} = Robot) ->
+    case starl_sim_machines:kill(Name, Machines) of
+        {ok, Reason} -> crashed(Name, Reason, Robot);
+        none -> Robot
+    end;
+strike(kill_robot, #robot{machines = Machines} = Robot) ->
+    case starl_sim_machines:condition(Machines) of
+        dead -> Robot;
+        _ -> died(killed, Robot)
+    end;
+strike({pause, Until}, #robot{hold = {Before, Lag}} = Robot) ->
+    postpone(Robot#robot{hold = {max(Before, Until), Lag}});
+strike({lag, Lag}, #robot{hold = {Until, _}} = Robot) ->
+    postpone(Robot#robot{hold = {Until, Lag}});
+strike(go_down, #robot{machines = Machines} = Robot) ->
+    case starl_sim_machines:condition(Machines) of
+        up -> go_down(Robot);
+        _ -> Robot
+    end;
+strike(come_up, #robot{machines = Machines} = Robot) ->
+    case starl_sim_machines:condition(Machines) of
+        down -> come_up(Robot);
+        _ -> Robot
     end.
 
-name_of(Pid, #robot{processes = Processes}) ->
-    [Name] = [N || {N, P} <- maps:to_list(Processes), P =:= Pid],
-    Name.
+%% What comes too early for a robot that is held up waits: in this window or for a later one.
+postpone(#robot{events = Events, hold = Hold, body = Body} = Robot) ->
+    {Late, Ready} = lists:partition(fun(Event) -> held(Event, Hold) =/= Event end, Events),
+    Planned = starl_sim_platform:postpone([held(Event, Hold) || Event <- Late], Body),
+    Robot#robot{events = plan(Planned, Ready), body = starl_sim_platform:planned(Planned)}.
 
-still_busy(Name, Name) -> none;
-still_busy(_, Busy) -> Busy.
+held({_, _, ?CLASS_FAULT, _, _, _} = Event, _Hold) ->
+    Event;
+held({Id, Time, Class, Source, Seq, {late, _} = Content}, {Until, _Lag}) ->
+    {Id, max(Time, Until), Class, Source, Seq, Content};
+held({Id, Time, Class, Source, Seq, Content}, {Until, 0}) ->
+    {Id, max(Time, Until), Class, Source, Seq, Content};
+held({Id, Time, Class, Source, Seq, Content}, {Until, Lag}) ->
+    {Id, max(Time + Lag, Until), Class, Source, Seq, {late, Content}}.
 
-forget(Name, #robot{body = Body, processes = Processes} = Robot) ->
+go_down(#robot{body = Body, machines = Machines} = Robot) ->
+    Names = starl_sim_machines:names(Machines),
+    Stopped = starl_sim_platform:trace(robot, down, starl_sim_platform:stop(Body)),
     Robot#robot{
-        body = starl_sim_platform:forget_timers(Name, Body),
-        processes = maps:remove(Name, Processes)
+        body = lists:foldl(fun lost/2, Stopped, Names),
+        machines = starl_sim_machines:down(down, Machines),
+        local = [],
+        events = faults_of(Robot#robot.events),
+        busy = none
     }.
 
-%% Another robot's process that goes down meanwhile is left for the shard to see.
-await_restart([], Back, Robot) ->
-    {ok, boot_order(Back), Robot};
-await_restart(Missing, Back, #robot{id = Id, sup = Sup, processes = Processes} = Robot) ->
-    Own = maps:from_list([{Pid, Name} || {Name, Pid} <- maps:to_list(Processes)]),
-    receive
-        {starl_attach, Id, Name, Pid} ->
-            await_restart(lists:delete(Name, Missing), [Name | Back], attach(Name, Pid, Robot));
-        {'DOWN', _, process, Sup, _} ->
-            {died, died(gave_up, Robot)};
-        {'DOWN', _, process, Pid, _} when is_map_key(Pid, Own) ->
-            Name = maps:get(Pid, Own),
-            await_restart([Name | Missing], lists:delete(Name, Back), forget(Name, Robot))
+lost(Name, Body) ->
+    starl_sim_platform:forget_timers(Name, starl_sim_platform:trace(Name, crashed, Body)).
+
+come_up(#robot{body = Body, machines = Machines} = Robot) ->
+    Up = starl_sim_machines:up(Machines),
+    Robot#robot{
+        body = starl_sim_platform:trace(robot, up, Body), machines = Up, local = boots(Up)
+    }.
+
+%% A machine is gone. Virtual time waits until it has been restarted; the others are told. If
+%% its supervisor gives up, the robot has died.
+crashed(Name, Reason, #robot{body = Body, machines = Machines, crashes = Crashes} = Robot) ->
+    Traced = starl_sim_platform:trace(Name, crashed, Body),
+    Bare = Robot#robot{
+        body = starl_sim_platform:forget_timers(Name, Traced),
+        crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED)
+    },
+    case starl_sim_machines:crashed(Name, Machines) of
+        {ok, Names, Back} ->
+            Local = restarts(Names, starl_sim_machines:names(Back)) ++ Bare#robot.local,
+            Bare#robot{machines = Back, local = Local};
+        gave_up ->
+            died(gave_up, Bare)
     end.
 
-restarts(Names, #robot{processes = Processes}) ->
-    Told = boot_order(maps:keys(Processes)),
+restarts(Names, All) ->
     [{Name, boot, none} || Name <- Names] ++
-        [{To, info, {restarted, Name}} || Name <- Names, To <- Told, To =/= Name].
+        [{To, info, {restarted, Name}} || Name <- Names, To <- All, To =/= Name].
 
 %% A robot that died for good: it stands where it is, for ever.
-died(Reason, #robot{body = Body} = Robot) ->
+died(Reason, #robot{body = Body, machines = Machines} = Robot) ->
     Stopped = starl_sim_platform:stop(Body),
     Traced = starl_sim_platform:trace(robot, {died, Reason}, Stopped),
     Robot#robot{
         body = starl_sim_platform:ended(Traced),
-        sup = dead,
-        processes = #{},
+        machines = starl_sim_machines:down(dead, Machines),
         local = [],
         events = [],
         busy = none
-    }.
-
-machine(Pid) ->
-    case proc_lib:translate_initial_call(Pid) of
-        {starl_app_proc, _, _} ->
-            sequential;
-        _ ->
-            seen(starl_machine_proc:machine(Pid))
-    end.
-
-seen(waiting) ->
-    waiting;
-seen(Machine) ->
-    #{
-        module => starl_machine:module(Machine),
-        state => starl_machine:state(Machine),
-        data => starl_machine:data(Machine)
     }.

@@ -14,7 +14,8 @@
 
 %% What is to be simulated: see {@link starl_sim:start/1}.
 -type plan() :: #{
-    robots := [starl_sim_shard:robot_spec()],
+    robots := [{starl:robot_id(), starl:pose()}],
+    crew := starl_sim_shard:crew(),
     world := starl_sim_platform:world(),
     window_us := pos_integer(),
     shards := pos_integer(),
@@ -215,7 +216,9 @@ rest(Reason, #run{caller = From, violations = Violations, stop = Stop} = Run) ->
 %% -- start and end --------------------------------------------------------------------------
 
 start_shards(#{shards := N, shard_sup := Sup} = Plan) ->
-    Config = (maps:with([world, window_us, robots_sup], Plan))#{run => self()},
+    Robots = length(maps:get(robots, Plan)) div N + 1,
+    Common = maps:with([world, window_us, robots_sup], Plan),
+    Config = Common#{run => self(), robots => Robots},
     [start_shard(Sup, Config) || _ <- lists:seq(1, N)].
 
 start_shard(Sup, Config) ->
@@ -226,16 +229,17 @@ start_shard(Sup, Config) ->
 %% Robots go to the shards in turn.
 deal(Shards, Robots) ->
     Turns = lists:append(lists:duplicate(length(Robots) div length(Shards) + 1, Shards)),
-    Ids = [Id || #{tree := #{id := Id}} <- Robots],
+    Ids = [Id || {Id, _} <- Robots],
     maps:from_list(lists:zip(Ids, lists:sublist(Turns, length(Ids)))).
 
-load(Shard, Shards, Owners, #{robots := Robots, faults := Faults}) ->
+load(Shard, Shards, Owners, #{robots := Robots, crew := Crew, faults := Faults}) ->
     #{
-        robots => [R || #{tree := #{id := Id}} = R <- Robots, maps:get(Id, Owners) =:= Shard],
+        robots => [R || {Id, _} = R <- Robots, maps:get(Id, Owners) =:= Shard],
+        crew => Crew,
         faults => [F || F <- Faults, maps:get(element(1, F), Owners) =:= Shard],
         peers => lists:delete(Shard, Shards),
         owners => Owners,
-        sight => [{Id, standing(Pose)} || #{tree := #{id := Id}, pose := Pose} <- Robots],
+        sight => [{Id, standing(Pose)} || {Id, Pose} <- Robots],
         running => length(Robots)
     }.
 

@@ -22,18 +22,23 @@
 -export([start_link/1, launch/2, run/2, approve/2, halt/1, inspect/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([load/0, robot_spec/0, reason/0]).
+-export_type([load/0, crew/0, reason/0]).
 
 -define(AHEAD, 16).
-%% The shard's heap turns over fast.
--define(HEAP_WORDS, 100000).
+%% The shard's heap turns over fast, and what lives in it is copied each time: room for so many
+%% words per robot, within these bounds.
+-define(WORDS_PER_ROBOT, 2000).
+-define(LEAST_WORDS, 100000).
+-define(MOST_WORDS, 1000000).
 
-%% A robot to be started: its tree and where it stands.
--type robot_spec() :: #{tree := starl_robot_sup:spec(), pose := starl:pose()}.
+%% What all robots are made of: the tree of a robot's processes, if it has any, but for its
+%% number and its driver; and the machines that get no process.
+-type crew() :: #{tree := map() | none, inline := starl_sim_machines:inline()}.
 
 %% What a shard begins with. `peers' are the other shards, `owners' says which shard has a robot.
 -type load() :: #{
-    robots := [robot_spec()],
+    robots := [{starl:robot_id(), starl:pose()}],
+    crew := crew(),
     faults := [starl_sim_queue:event()],
     peers := [pid()],
     owners := #{starl:robot_id() => pid()},
@@ -62,15 +67,17 @@
     running = 0 :: non_neg_integer()
 }).
 
-%% @doc Starts an empty shard.
+%% @doc Starts an empty shard for about so many robots.
 -spec start_link(#{
     run := pid(),
     world := starl_sim_platform:world(),
     window_us := pos_integer(),
-    robots_sup := pid()
+    robots_sup := pid(),
+    robots := pos_integer()
 }) -> gen_server:start_ret().
-start_link(Config) ->
-    Heap = [{min_heap_size, ?HEAP_WORDS}, {fullsweep_after, 100}],
+start_link(#{robots := Robots} = Config) ->
+    Words = max(?LEAST_WORDS, min(?MOST_WORDS, Robots * ?WORDS_PER_ROBOT)),
+    Heap = [{min_heap_size, Words}, {fullsweep_after, 100}],
     gen_server:start_link(?MODULE, Config, [{spawn_opt, Heap}]).
 
 %% @doc Starts robots on the shard and plants faults; returns when all their processes run.
@@ -102,22 +109,22 @@ inspect(Shard, What) -> gen_server:call(Shard, {inspect, What}, infinity).
 
 -spec init(map()) -> {ok, #shard{}}.
 init(#{run := Run, world := World, window_us := Width, robots_sup := RobotsSup}) ->
-    Sight = ets:new(starl_sight, [set, private]),
     {ok, #shard{
         run = Run,
-        world = World#{sight => Sight},
+        world = World,
         robots_sup = RobotsSup,
         queue = starl_sim_queue:new(Width),
         window_us = Width
     }}.
 
 -spec handle_call(term(), gen_server:from(), #shard{}) -> {reply, term(), #shard{}}.
-handle_call({launch, Load}, _From, #shard{world = #{sight := Sight}} = Shard) ->
-    #{robots := Specs, faults := Faults, peers := Peers, owners := Owners} = Load,
-    true = ets:insert(Sight, maps:get(sight, Load)),
-    ok = starl_sim_window:hold([start_robot(Spec, Shard) || Spec <- Specs]),
+handle_call({launch, Load}, _From, #shard{world = #{range_mm := Range} = World0} = Shard) ->
+    #{robots := Robots, crew := Crew, faults := Faults, peers := Peers, owners := Owners} = Load,
+    World = World0#{sight => starl_sim_sight:new(maps:get(sight, Load), Range)},
+    ok = starl_sim_window:hold([start_robot(Robot, Crew, World, Shard) || Robot <- Robots]),
     Launched = Shard#shard{
-        queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Faults),
+        world = World,
+        queue = starl_sim_queue:add_all(Faults, Shard#shard.queue),
         peers = Peers,
         owners = Owners,
         running = maps:get(running, Load)
@@ -155,18 +162,19 @@ handle_info({out_of_patience, _}, Shard) ->
 
 %% -- starting -------------------------------------------------------------------------------
 
-%% start_child returns when the whole tree has started, so all attachments are here already.
-start_robot(#{tree := #{id := Id} = Tree, pose := Pose}, #shard{world = World, robots_sup = Sup}) ->
-    {ok, Pid} = supervisor:start_child(Sup, [Tree#{driver => self()}]),
-    _ = erlang:monitor(process, Pid),
-    Robot = starl_sim_robot:new(Id, starl_sim_platform:new(Id, Pose, World), Pid),
-    {Id, starl_sim_robot:boot(attach_all(Id, Robot))}.
+start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, World, Shard) ->
+    Machines = starl_sim_machines:new(Id, starter(Id, Tree, Shard), Inline),
+    {Id, starl_sim_robot:new(Id, starl_sim_platform:new(Id, Pose, World), Machines)}.
 
-attach_all(Id, Robot) ->
-    receive
-        {starl_attach, Id, Name, Pid} ->
-            attach_all(Id, starl_sim_robot:attach(Name, Pid, Robot))
-    after 0 -> Robot
+%% start_child returns when the whole tree has started, so all attachments are here then.
+starter(_Id, none, _Shard) ->
+    none;
+starter(Id, Tree, #shard{robots_sup = Sup}) ->
+    Spec = Tree#{id => Id, driver => self()},
+    fun() ->
+        {ok, Pid} = supervisor:start_child(Sup, [Spec]),
+        _ = erlang:monitor(process, Pid),
+        Pid
     end.
 
 %% -- window after window --------------------------------------------------------------------
@@ -219,13 +227,13 @@ run_window(#shard{next = Next, window_us = Width, queue = Queue, windows = N} = 
 
 %% Everybody tells everybody what they must know to run the next window.
 exchange(#{later := Later, moved := Moved, ended := Ended}, #shard{peers = []} = Shard) ->
-    Queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Later),
+    Queue = starl_sim_queue:add_all(Later, Shard#shard.queue),
     Next = starl_sim_queue:next_time(Queue),
     take({Next, Ended, Moved, []}, Shard#shard{queue = Queue, next = infinity});
 exchange(#{later := Later, moved := Moved, ended := Ended}, Shard) ->
     #shard{peers = Peers, owners = Owners, queue = Queue, windows = N} = Shard,
     ByShard = maps:groups_from_list(fun(E) -> maps:get(element(1, E), Owners) end, Later),
-    Own = lists:foldl(fun starl_sim_queue:add/2, Queue, maps:get(self(), ByShard, [])),
+    Own = starl_sim_queue:add_all(maps:get(self(), ByShard, []), Queue),
     Times = [Time || {_, Time, _, _, _, _} <- Later],
     %% whole numbers sort before the atom infinity
     Next = lists:min([starl_sim_queue:next_time(Own) | Times]),
@@ -242,9 +250,9 @@ receive_mail(Peer, #shard{windows = N} = Shard) ->
     end.
 
 take({Next, Ended, Moved, Packets}, #shard{queue = Queue, world = #{sight := Sight}} = Shard) ->
-    _ = Moved =/= [] andalso ets:insert(Sight, Moved),
+    ok = starl_sim_sight:moved(Moved, Sight),
     Shard#shard{
         next = min(Next, Shard#shard.next),
         running = Shard#shard.running - Ended,
-        queue = lists:foldl(fun starl_sim_queue:add/2, Queue, Packets)
+        queue = starl_sim_queue:add_all(Packets, Queue)
     }.

@@ -48,9 +48,7 @@ be_patient(Window) -> erlang:send_after(?PATIENCE_MS, self(), {out_of_patience, 
 run(Window, Events) ->
     {Ids, Active} = begin_robots(agenda(Window, Events), Window, [], 0),
     ok = collect(Active, Window),
-    {Later, Trace, Moved, Ended} = close_robots(Ids, {[], [], [], 0}),
-    %% keysort is stable
-    #{later => Later, trace => lists:keysort(1, Trace), moved => Moved, ended => Ended}.
+    yields(Ids, [], [], [], 0).
 
 %% @doc A process has gone down between two windows: the robot, if it is one of these, that has
 %% to go on in the next window.
@@ -59,7 +57,8 @@ run(Window, Events) ->
 crashed(Pid, Reason, Now) ->
     case owner(Pid) of
         {Id, Robot} ->
-            _ = put(Id, starl_sim_robot:crashed(Pid, Reason, starl_sim_robot:at(Now, Robot))),
+            {_, Crashed} = starl_sim_robot:down(Pid, Reason, rest, starl_sim_robot:at(Now, Robot)),
+            _ = put(Id, Crashed),
             {ok, Id};
         none ->
             none
@@ -97,14 +96,11 @@ collect(Active, Window) ->
     receive
         {starl_done, Id, Actions} ->
             case starl_sim_robot:answered(Actions, get(Id)) of
-                {ok, Robot} ->
-                    Count = keep(Id, starl_sim_robot:proceed(Window, Robot)),
-                    collect(Active - 1 + Count, Window);
-                ignored ->
-                    collect(Active, Window)
+                ignored -> collect(Active, Window);
+                Answered -> collect(Active - 1 + keep(Id, Answered), Window)
             end;
         {'DOWN', _, process, Pid, Reason} ->
-            collect(Active + interrupted(Pid, Reason, Window), Window);
+            collect(Active + interrupted(Pid, Reason), Window);
         {out_of_patience, Window} ->
             exit({no_answer, [Busy || {_, R} <- robots(), Busy <- starl_sim_robot:busy(R)]});
         {out_of_patience, _Earlier} ->
@@ -114,7 +110,7 @@ collect(Active, Window) ->
 
 %% A crash of a robot at work: it goes on when its supervisor has restarted what crashed. The
 %% processes of the others are left for the time between the windows.
-interrupted(Pid, Reason, Window) ->
+interrupted(Pid, Reason) ->
     case owner(Pid) of
         {Id, Robot} ->
             case starl_sim_robot:busy(Robot) of
@@ -122,18 +118,9 @@ interrupted(Pid, Reason, Window) ->
                     self() ! {down, Pid, Reason},
                     0;
                 [_] ->
-                    go_on(Id, starl_sim_robot:crashed(Pid, Reason, Robot), Window)
+                    keep(Id, starl_sim_robot:down(Pid, Reason, go_on, Robot)) - 1
             end;
         none ->
-            0
-    end.
-
-go_on(Id, Robot, Window) ->
-    case starl_sim_robot:busy(Robot) of
-        [] ->
-            keep(Id, starl_sim_robot:proceed(Window, Robot)) - 1;
-        [_] ->
-            _ = put(Id, Robot),
             0
     end.
 
@@ -143,21 +130,19 @@ owner(Pid) ->
         [] -> none
     end.
 
-%% Robots are closed in descending order, so that what they yield comes in ascending order.
-close_robots([], Yields) ->
-    Yields;
-close_robots([Id | Ids], {Later, Trace, Moved, Ended}) ->
-    {{New, Traced, Changes}, Closed} = starl_sim_robot:close(get(Id)),
-    _ = put(Id, Closed),
-    Yields = {New ++ Later, lists:reverse(Traced, Trace), Moved, Ended},
-    close_robots(Ids, changes(Changes, Id, Closed, Yields)).
-
-changes([], _Id, _Robot, Yields) ->
-    Yields;
-changes(Changes, Id, Robot, {Later, Trace, Moved, Ended}) ->
-    {
-        Later,
-        Trace,
-        [{Id, starl_sim_robot:piece(Robot)} || lists:member(moved, Changes)] ++ Moved,
-        Ended + length([ended || lists:member(ended, Changes)])
-    }.
+%% Robots come in descending order, so that what they yield is in ascending order.
+yields([], Later, Trace, Moved, Ended) ->
+    %% keysort is stable
+    #{later => Later, trace => lists:keysort(1, Trace), moved => Moved, ended => Ended};
+yields([Id | Ids], Later, Trace, Moved, Ended) ->
+    Robot = get(Id),
+    {New, Traced, Changes} = starl_sim_robot:yield(Robot),
+    Yet = lists:reverse(Traced, Trace),
+    case Changes of
+        [] ->
+            yields(Ids, New ++ Later, Yet, Moved, Ended);
+        _ ->
+            Piece = [{Id, starl_sim_robot:piece(Robot)} || lists:member(moved, Changes)],
+            Gone = length([ended || ended <- Changes]),
+            yields(Ids, New ++ Later, Yet, Piece ++ Moved, Ended + Gone)
+    end.

@@ -41,7 +41,7 @@ start_link(Spec) -> supervisor:start_link(?MODULE, Spec).
 init({blocks, #{blocks := Blocks} = Spec}) ->
     {ok, {flags(Spec), [machine(M, Spec) || M <- Blocks]}};
 init(#{services := Services, app := App} = Spec) ->
-    Children = [machine(M, Spec) || M <- Services] ++ [blocks_sup(Spec), app(App, Spec)],
+    Children = [machine(M, Spec) || M <- Services] ++ blocks_sup(Spec) ++ [app(App, Spec)],
     {ok, {flags(Spec), Children}}.
 
 flags(Spec) ->
@@ -51,12 +51,11 @@ machine({Name, Module, Config}, #{id := Id, driver := Driver}) ->
     Spec = #{robot => Id, name => Name, module => Module, config => Config, driver => Driver},
     #{id => Name, start => {starl_machine_proc, start_link, [Spec]}}.
 
+blocks_sup(#{blocks := []}) ->
+    [];
 blocks_sup(Spec) ->
-    #{
-        id => blocks,
-        type => supervisor,
-        start => {supervisor, start_link, [?MODULE, {blocks, Spec}]}
-    }.
+    Start = {supervisor, start_link, [?MODULE, {blocks, Spec}]},
+    [#{id => blocks, type => supervisor, start => Start}].
 
 app({machine, Module, Config}, Spec) ->
     machine({app, Module, Config}, Spec);

@@ -1,0 +1,228 @@
+%% @doc The machines of one robot: processes of its supervision tree, or inline, which is the
+%% same {@link starl_machine} in the shard's own hands.
+%%
+%% A process is stepped by a message and is busy until it has answered; an inline machine has
+%% answered at once. Both crash, are restarted and begin a new incarnation in the same way, so a
+%% run comes to the same digest with either. A sequential application has a stack of its own and
+%% is a process always.
+-module(starl_sim_machines).
+
+-export([new/3, names/1, incarnation/2, condition/1, down/2, up/1]).
+-export([boot/3, step/5, crashed/2, kill/2, owns/2, name_of/2, inspect/1]).
+
+-export_type([t/0, inline/0, answer/0]).
+
+%% The machines that get no process, by their names.
+-type inline() :: #{starl_machine:name() => {module(), Config :: map()}}.
+
+%% What comes of a step: a process is at work on it, it is done, the machine has crashed, or
+%% there is no such machine.
+-type answer() ::
+    busy
+    | {done, [starl_machine:action()], t()}
+    | {crashed, Reason :: term()}
+    | absent.
+
+%% An inline machine may be restarted as often as a simulated robot's supervisor would.
+-define(RESTARTS, 1000).
+
+-record(machines, {
+    robot :: starl:robot_id(),
+    %% starts the robot's tree; none: it has no processes
+    start :: fun(() -> pid()) | none,
+    sup :: pid() | none,
+    condition = up :: up | down | dead,
+    now = #{} :: #{starl_machine:name() => pid() | starl_machine:t() | waiting},
+    inline :: inline(),
+    starts = #{} :: #{starl_machine:name() => pos_integer()},
+    restarts = 0 :: non_neg_integer()
+}).
+
+-opaque t() :: #machines{}.
+
+%% @doc The machines of a robot, whose tree this function starts; none of them has been booted.
+-spec new(starl:robot_id(), fun(() -> pid()) | none, inline()) -> t().
+new(Robot, Start, Inline) ->
+    launch(#machines{robot = Robot, start = Start, sup = none, inline = Inline}).
+
+launch(#machines{start = Start, inline = Inline} = Machines) ->
+    Waiting = Machines#machines{condition = up, now = maps:map(fun(_, _) -> waiting end, Inline)},
+    Launched = lists:foldl(fun started/2, Waiting, lists:sort(maps:keys(Inline))),
+    case Start of
+        none -> Launched;
+        _ -> attached(Launched#machines{sup = Start()})
+    end.
+
+%% All processes of the tree have started, and have said so.
+attached(#machines{robot = Robot} = Machines) ->
+    receive
+        {starl_attach, Robot, Name, Pid} -> attached(attach(Name, Pid, Machines))
+    after 0 -> Machines
+    end.
+
+attach(Name, Pid, #machines{now = Now} = Machines) ->
+    _ = erlang:monitor(process, Pid),
+    started(Name, Machines#machines{now = Now#{Name => Pid}}).
+
+%% @doc The robot goes down, or is dead for good; its processes end.
+-spec down(down | dead, t()) -> t().
+down(Condition, #machines{sup = Sup} = Machines) ->
+    ok = kill_tree(Sup),
+    Machines#machines{condition = Condition, sup = none, now = #{}}.
+
+kill_tree(none) ->
+    ok;
+kill_tree(Sup) ->
+    Ref = erlang:monitor(process, Sup),
+    exit(Sup, kill),
+    receive
+        {'DOWN', Ref, process, Sup, _} -> ok
+    end.
+
+%% @doc A robot that was down starts anew; nothing of it has been booted yet.
+-spec up(t()) -> t().
+up(#machines{condition = down} = Machines) -> launch(Machines).
+
+%% @doc Is the robot up, down for a while, or dead?
+-spec condition(t()) -> up | down | dead.
+condition(#machines{condition = Condition}) -> Condition.
+
+%% @doc The machines that there are now, in the order in which they are booted: the platform's
+%% first, the application last, whatever their names.
+-spec names(t()) -> [starl_machine:name()].
+names(#machines{now = Now}) -> boot_order(maps:keys(Now)).
+
+%% @doc How often a machine has been started.
+-spec incarnation(starl_machine:name(), t()) -> pos_integer().
+incarnation(Name, #machines{starts = Starts}) -> maps:get(Name, Starts).
+
+%% @doc Boots a machine with this configuration.
+-spec boot(starl_machine:name(), starl_machine:config(), t()) -> answer().
+boot(Name, Base, #machines{now = Now, inline = Inline} = Machines) ->
+    case Now of
+        #{Name := Pid} when is_pid(Pid) ->
+            Pid ! {starl_boot, Base},
+            busy;
+        #{Name := _} ->
+            #{Name := {Module, Config}} = Inline,
+            try starl_machine:new(Module, Config, Base) of
+                {Actions, Machine} ->
+                    {done, Actions, Machines#machines{now = Now#{Name := Machine}}}
+            catch
+                Class:Reason:Stack -> {crashed, exit_reason(Class, Reason, Stack)}
+            end;
+        #{} ->
+            absent
+    end.
+
+%% @doc Gives a machine an event. Whatever goes wrong inside is the machine's crash, as it is
+%% for a process.
+-spec step(
+    starl_machine:name(), starl_machine:event_type(), Content :: term(), starl_machine:meta(), t()
+) -> answer().
+step(Name, Type, Content, Meta, #machines{now = Now} = Machines) ->
+    case Now of
+        #{Name := Pid} when is_pid(Pid) ->
+            Pid ! {starl_step, Type, Content, Meta},
+            busy;
+        #{Name := Machine} ->
+            try starl_machine:step(Type, Content, Meta, Machine) of
+                {Actions, Next} -> {done, Actions, Machines#machines{now = Now#{Name := Next}}}
+            catch
+                Class:Reason:Stack -> {crashed, exit_reason(Class, Reason, Stack)}
+            end;
+        #{} ->
+            absent
+    end.
+
+exit_reason(exit, Reason, _Stack) -> Reason;
+exit_reason(error, Reason, Stack) -> {Reason, Stack};
+exit_reason(throw, Value, Stack) -> {{nocatch, Value}, Stack}.
+
+%% @doc A machine is gone. Returns when whoever restarts it has done so, with the machines that
+%% have come back, in the order in which they are to be booted; or the supervisor has given up.
+-spec crashed(starl_machine:name(), t()) -> {ok, [starl_machine:name()], t()} | gave_up.
+crashed(Name, #machines{inline = Inline, restarts = N} = Machines) when
+    is_map_key(Name, Inline)
+->
+    case N < ?RESTARTS of
+        true ->
+            #machines{now = Now} = Machines,
+            Waiting = Machines#machines{now = Now#{Name := waiting}, restarts = N + 1},
+            {ok, [Name], started(Name, Waiting)};
+        false ->
+            gave_up
+    end;
+crashed(Name, Machines) ->
+    await_restart([Name], [], forget(Name, Machines)).
+
+%% Another robot's process that goes down meanwhile is left for the shard to see.
+await_restart([], Back, Machines) ->
+    {ok, boot_order(Back), Machines};
+await_restart(Missing, Back, #machines{robot = Robot, sup = Sup, now = Now} = Machines) ->
+    Own = maps:from_list([{Pid, Name} || {Name, Pid} <- maps:to_list(Now), is_pid(Pid)]),
+    receive
+        {starl_attach, Robot, Name, Pid} ->
+            await_restart(lists:delete(Name, Missing), [Name | Back], attach(Name, Pid, Machines));
+        {'DOWN', _, process, Sup, _} ->
+            gave_up;
+        {'DOWN', _, process, Pid, _} when is_map_key(Pid, Own) ->
+            Name = maps:get(Pid, Own),
+            await_restart([Name | Missing], lists:delete(Name, Back), forget(Name, Machines))
+    end.
+
+forget(Name, #machines{now = Now} = Machines) -> Machines#machines{now = maps:remove(Name, Now)}.
+
+started(Name, #machines{starts = Starts} = Machines) ->
+    Machines#machines{starts = Starts#{Name => maps:get(Name, Starts, 0) + 1}}.
+
+%% @doc Kills a machine; gives the reason that it went with, `none' if there is no such machine.
+-spec kill(starl_machine:name(), t()) -> {ok, Reason :: term()} | none.
+kill(Name, #machines{now = Now}) ->
+    case Now of
+        #{Name := Pid} when is_pid(Pid) ->
+            exit(Pid, kill),
+            receive
+                {'DOWN', _, process, Pid, Reason} -> {ok, Reason}
+            end;
+        #{Name := _} ->
+            {ok, killed};
+        #{} ->
+            none
+    end.
+
+%% @doc Is this the supervisor or one of the processes?
+-spec owns(pid(), t()) -> boolean().
+owns(Pid, #machines{sup = Pid}) -> true;
+owns(Pid, Machines) -> name_of(Pid, Machines) =/= none.
+
+%% @doc Which machine is this process?
+-spec name_of(pid(), t()) -> {ok, starl_machine:name()} | none.
+name_of(Pid, #machines{now = Now}) ->
+    case [Name || {Name, P} <- maps:to_list(Now), P =:= Pid] of
+        [Name] -> {ok, Name};
+        [] -> none
+    end.
+
+%% @doc All machines, each with its state and data.
+-spec inspect(t()) -> #{starl_machine:name() => term()}.
+inspect(#machines{now = Now}) -> maps:map(fun(_, Machine) -> seen(Machine) end, Now).
+
+seen(Pid) when is_pid(Pid) ->
+    case proc_lib:translate_initial_call(Pid) of
+        {starl_app_proc, _, _} -> sequential;
+        _ -> seen(starl_machine_proc:machine(Pid))
+    end;
+seen(waiting) ->
+    waiting;
+seen(Machine) ->
+    #{
+        module => starl_machine:module(Machine),
+        state => starl_machine:state(Machine),
+        data => starl_machine:data(Machine)
+    }.
+
+boot_order(Names) ->
+    First = [Name || Name <- [sap, location, motion], lists:member(Name, Names)],
+    Last = [app || lists:member(app, Names)],
+    First ++ lists:sort(Names -- (First ++ Last)) ++ Last.
