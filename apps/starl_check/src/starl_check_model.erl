@@ -6,9 +6,9 @@
 %% only on their proportions.
 -module(starl_check_model).
 
--export([blocks/0, new/2, machines/2, timer/2, permutations/1, may_be_inert/3]).
+-export([blocks/0, new/2, machines/2, timer/2, permutations/1]).
 
--export_type([t/0, block/0, options/0, budgets/0]).
+-export_type([t/0, block/0, options/0, budgets/0, timer_kind/0]).
 
 -type block() :: sap | election | bully | mutex | barrier.
 
@@ -27,7 +27,8 @@
     machine => {module(), Config :: map()},
     crash => [starl_machine:name()],
     rounds => pos_integer(),
-    symmetry => boolean()
+    symmetry => boolean(),
+    reduce => boolean()
 }.
 
 %% `sap': real, over packets, or as its contract says; `crash': which machines may crash; `timed':
@@ -53,8 +54,11 @@
     fixed := [starl_check_term:place()],
     same_random := boolean(),
     rounds := pos_integer(),
-    symmetry := boolean()
+    symmetry := boolean(),
+    reduce := boolean()
 }.
+
+-type timer_kind() :: step | timed | patience | free.
 
 %% µs that a clock gains in a tick; the ratio of the slowest to the fastest is the default bound
 %% on drift, 10000 ppm.
@@ -93,7 +97,8 @@ new(Block, Options) ->
         fixed => [],
         same_random => false,
         rounds => maps:get(rounds, Options, 2),
-        symmetry => maps:get(symmetry, Options, true)
+        symmetry => maps:get(symmetry, Options, true),
+        reduce => maps:get(reduce, Options, true)
     },
     Model = maps:merge(Common, block(Block, Common)),
     Crash = maps:get(crash, Options, maps:get(crash, Model)),
@@ -164,18 +169,6 @@ block(barrier, #{ids := Ids, rounds := Rounds}) ->
         monitor => {starl_barrier_monitor, #{robots => Ids}}
     }.
 
-%% @doc May a message of this kind be one that changes nothing for ever once it changes nothing?
-%% Not judged is whether it changes anything now.
-%%
-%% Elections: whoever has a leader keeps it. Mutex: the fence of the owner known only grows.
-%% Barrier: the counts only grow.
--spec may_be_inert(Type :: atom(), Body :: term(), t()) -> boolean().
-may_be_inert(leader, {_, _}, #{block := election}) -> true;
-may_be_inert(bully_leader, {_, _}, #{block := bully}) -> true;
-may_be_inert(mutex, {owner, _, _}, #{block := mutex}) -> true;
-may_be_inert(barrier, {reached, _, _, _, false}, #{block := barrier}) -> true;
-may_be_inert(_Type, _Body, _Model) -> false.
-
 places(Ids) -> lists:seq(1, length(Ids)).
 
 sap_script(1, [_, To | _]) ->
@@ -192,7 +185,7 @@ machines(Place, #{blocks := Blocks, script := Script}) ->
 
 %% @doc What kind of timer this is: of the client (`step'), ordered by time (`timed'), the end of
 %% a call's patience, or one that may fire at any time.
--spec timer(starl_check_robot:timer(), t()) -> step | timed | patience | free.
+-spec timer(starl_check_robot:timer(), t()) -> timer_kind().
 timer({app, _}, _Model) ->
     step;
 timer({_, Timer}, #{timed := Timed}) ->

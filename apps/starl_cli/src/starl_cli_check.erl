@@ -110,10 +110,10 @@ verdict(complete, Block) ->
 verdict(_, Block) ->
     ["NOT COMPLETE: the contract of ", atom_to_list(Block), " holds in every state met so far."].
 
-covered(#{states := States, steps := Steps, depth := Depth}, Block, Values, Seconds) ->
+covered(#{states := States, runs := Runs, depth := Depth}, Block, Values, Seconds) ->
     #{robots := Robots, faults := Faults} = Values,
-    io_lib:format("~ts, ~b robots, ~ts: ~ts states, ~ts steps, depth ~b, ~.1f s", [
-        Block, Robots, fault_text(Faults), grouped(States), grouped(Steps), Depth, Seconds
+    io_lib:format("~ts, ~b robots, ~ts: ~ts states, ~ts runs, depth ~b, ~.1f s", [
+        Block, Robots, fault_text(Faults), grouped(States), grouped(Runs), Depth, Seconds
     ]).
 
 fault_text(Faults) ->
