@@ -20,8 +20,8 @@
 %% want of patience as often as `timeout' says.
 -module(starl_check_choice).
 
--export([local/4, refusals/2, waiting/3, outcomes/3, global/3]).
--export([items/3, is_silent/4, is_stuck/3, price/5, fresh/2, next_due/3, heard/2]).
+-export([local/4, refusals/1, waiting/3, outcomes/3, global/3]).
+-export([items/2, is_silent/4, is_stuck/3, price/5, fresh/2, next_due/3, heard/2]).
 
 -export_type([t/0]).
 
@@ -39,20 +39,17 @@
     | tick.
 
 %% @doc The messages under way to these robots, each once.
--spec items([place()], state(), store()) -> [ref()].
-items(Places, #{items := Items}, Store) ->
-    [
-        I
-     || I <- lists:usort(Items), lists:member(element(3, starl_check_part:item(I, Store)), Places)
-    ].
+-spec items([place()], state()) -> [ref()].
+items(Places, #{items := Items}) ->
+    [I || I <- lists:usort(Items), lists:member(starl_check_part:receiver(I), Places)].
 
 %% @doc What may happen at one robot and rests on nothing elsewhere: messages arrive, a machine
 %% crashes, a timer fires that does not wait for messages.
 -spec local(place(), state(), model(), store()) -> [t()].
 local(Place, #{dup := Dup, robots := Robots} = State, Model, Store) ->
-    Mine = items([Place], State, Store),
+    Mine = items([Place], State),
     [{deliver, I} || I <- Mine] ++
-        [{again, I} || Dup > 0, I <- Mine, element(1, starl_check_part:item(I, Store)) =:= packet] ++
+        [{again, I} || Dup > 0, I <- Mine, starl_check_part:age(I) =:= packet] ++
         [
             {fire, Place, Key}
          || {Key, Due, Kind} <- starl_check_part:timers(element(Place, Robots), Model, Store),
@@ -61,16 +58,15 @@ local(Place, #{dup := Dup, robots := Robots} = State, Model, Store) ->
         [{crash, Place, Name} || maps:get(crash, State) > 0, Name <- maps:get(crash, Model)].
 
 %% @doc Messages that a restarted SAP may refuse.
--spec refusals(state(), store()) -> [t()].
-refusals(#{stale := []}, _Store) ->
+-spec refusals(state()) -> [t()].
+refusals(#{stale := []}) ->
     [];
-refusals(#{stale := Stale, items := Items}, Store) ->
+refusals(#{stale := Stale, items := Items}) ->
     [
         {refuse, I}
      || I <- lists:usort(Items),
-        {message, From, To, _, _, _, Age} <- [starl_check_part:item(I, Store)],
-        Age =/= ghost,
-        lists:member({From, To}, Stale)
+        starl_check_part:age(I) =/= ghost,
+        lists:member({starl_check_part:source(I), starl_check_part:receiver(I)}, Stale)
     ].
 
 %% @doc A robot's calls of SAP that are not answered, and which receivers have not got the message.
@@ -112,9 +108,9 @@ price(Place, Ref, Open, #{items := Items}, Store) ->
         length([
             I
          || I <- Items,
-            {message, From, _, _, _, R, ghost} <- [starl_check_part:item(I, Store)],
-            From =:= Place,
-            R =:= Ref
+            starl_check_part:age(I) =:= ghost,
+            starl_check_part:source(I) =:= Place,
+            element(6, starl_check_part:item(I, Store)) =:= Ref
         ]).
 
 %% So many of the receivers, and any of those that may seem to have restarted before the message
@@ -150,7 +146,7 @@ fires(#{robots := Robots, timeout := Left} = State, Model, Store) ->
 %% @doc The messages that a time-out would make slow, and the answers that might have come.
 -spec fresh(state(), store()) -> [ref() | {place(), starl_check_sap:ref()}].
 fresh(#{items := Items, robots := Robots} = State, Store) ->
-    [I || I <- Items, starl_check_part:age(I, Store) =:= fresh] ++
+    [I || I <- Items, starl_check_part:age(I) =:= fresh] ++
         [
             {Place, Ref}
          || Place <- starl_check_state:places(State),
@@ -173,10 +169,9 @@ next_due(#{robots := Robots}, #{grain := Grain} = Model, Store) ->
 %% sent, nothing is judged, and no SAP learns that another has restarted.
 -spec is_silent(ref(), state(), model(), store()) -> boolean().
 is_silent(I, #{robots := Robots, stale := Stale}, Model, Store) ->
-    Item = starl_check_part:item(I, Store),
-    To = element(3, Item),
-    case starl_check_part:event(To, element(To, Robots), {item, I}, Model, Store) of
-        {_, [], _, none} -> Stale =:= [] orelse heard(Item, Stale) =:= Stale;
+    To = starl_check_part:receiver(I),
+    case starl_check_part:event(To, element(To, Robots), I, Model, Store) of
+        {_, [], _, none} -> Stale =:= [] orelse heard(I, Stale) =:= Stale;
         _ -> false
     end.
 
@@ -187,11 +182,16 @@ is_stuck(#{robots := Robots, items := Items, loss := Loss}, Model, Store) ->
     lists:all(fun(N) -> starl_check_part:timers(N, Model, Store) =:= [] end, Numbers) andalso
         lists:all(fun(N) -> starl_check_part:calls(N, Store) =:= [] end, Numbers) andalso
         not lists:all(fun(N) -> starl_check_part:is_done(N, Store) end, Numbers) andalso
-        length([I || I <- Items, starl_check_part:age(I, Store) =/= ghost]) =< Loss.
+        length([I || I <- Items, starl_check_part:age(I) =/= ghost]) =< Loss.
 
 %% @doc Whose SAP may still not know that another has restarted, when a message has been taken:
 %% what the receiver's present SAP took, and what it sent, tells its incarnation.
--spec heard(starl_check_part:item(), [{place(), place()}]) -> [{place(), place()}].
-heard({message, From, To, _, _, _, ghost}, [_ | _] = Stale) -> Stale -- [{From, To}];
-heard({message, From, To, _, _, _, _}, [_ | _] = Stale) -> Stale -- [{From, To}, {To, From}];
-heard(_, Stale) -> Stale.
+-spec heard(ref(), [{place(), place()}]) -> [{place(), place()}].
+heard(_I, []) ->
+    [];
+heard(I, Stale) ->
+    {From, To} = Pair = {starl_check_part:source(I), starl_check_part:receiver(I)},
+    case starl_check_part:age(I) of
+        ghost -> Stale -- [Pair];
+        _ -> Stale -- [Pair, {To, From}]
+    end.

@@ -6,7 +6,7 @@
 %% only on their proportions.
 -module(starl_check_model).
 
--export([blocks/0, new/2, machines/2, timer/2, permutations/1]).
+-export([blocks/0, new/2, machines/2, timer/2, permutations/1, may_be_inert/3]).
 
 -export_type([t/0, block/0, options/0, budgets/0, timer_kind/0]).
 
@@ -28,7 +28,8 @@
     crash => [starl_machine:name()],
     rounds => pos_integer(),
     symmetry => boolean(),
-    reduce => boolean()
+    reduce => boolean(),
+    leave_out => boolean()
 }.
 
 %% `sap': real, over packets, or as its contract says; `crash': which machines may crash; `timed':
@@ -55,7 +56,8 @@
     same_random := boolean(),
     rounds := pos_integer(),
     symmetry := boolean(),
-    reduce := boolean()
+    reduce := boolean(),
+    leave_out := boolean()
 }.
 
 -type timer_kind() :: step | timed | patience | free.
@@ -98,7 +100,8 @@ new(Block, Options) ->
         same_random => false,
         rounds => maps:get(rounds, Options, 2),
         symmetry => maps:get(symmetry, Options, true),
-        reduce => maps:get(reduce, Options, true)
+        reduce => maps:get(reduce, Options, true),
+        leave_out => maps:get(leave_out, Options, true)
     },
     Model = maps:merge(Common, block(Block, Common)),
     Crash = maps:get(crash, Options, maps:get(crash, Model)),
@@ -168,6 +171,16 @@ block(barrier, #{ids := Ids, rounds := Rounds}) ->
         crash => [barrier, sap, app],
         monitor => {starl_barrier_monitor, #{robots => Ids}}
     }.
+
+%% @doc Is a message of this kind worth a try as one that changes nothing for ever once it changes
+%% nothing? {@link starl_check_inert} proves it. Whoever has a leader keeps it; the fence of the
+%% owner known only grows; so do the counts of a barrier.
+-spec may_be_inert(Type :: atom(), Body :: term(), t()) -> boolean().
+may_be_inert(leader, {_, _}, #{block := election}) -> true;
+may_be_inert(bully_leader, {_, _}, #{block := bully}) -> true;
+may_be_inert(mutex, {owner, _, _}, #{block := mutex}) -> true;
+may_be_inert(barrier, {reached, _, _, _, false}, #{block := barrier}) -> true;
+may_be_inert(_Type, _Body, _Model) -> false.
 
 places(Ids) -> lists:seq(1, length(Ids)).
 

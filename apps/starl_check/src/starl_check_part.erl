@@ -5,7 +5,7 @@
 
 -export([boot/3, event/5, judge_number/2, judge/4, traces/2]).
 -export([calls/2, timers/3, is_done/2]).
--export([item/2, item_number/2, age/2, grown_old/3]).
+-export([item/2, item_number/2, source/1, receiver/1, age/1, grown_old/3]).
 -export([later_robot/4, later_item/4]).
 -export([renamed_robot/3, renamed_item/3, renamed_monitor/4]).
 
@@ -18,6 +18,9 @@
 %% The number of a part.
 -type ref() :: non_neg_integer().
 
+%% Eight robots at most: three bits for the source, three for the receiver, two for the age.
+-define(ITEM_BITS, 8).
+
 %% `late': it is counted as slow; `ghost': as lost, it may arrive or not.
 -type age() :: fresh | late | ghost.
 
@@ -27,7 +30,7 @@
     | {packet, From :: place(), To :: place(), starl_packet:t()}.
 
 %% What happens to a robot: a message under way arrives, or one of the others.
--type event() :: {item, ref()} | starl_check_robot:event().
+-type event() :: ref() | starl_check_robot:event().
 
 %% The robot after an event, what it put under way in ascending order, all that it traced, and
 %% that part of it that the monitor judges.
@@ -44,7 +47,7 @@ boot(Place, Model, Store) ->
 -spec event(place(), Robot :: ref(), event(), model(), store()) -> happening().
 event(Place, Number, Event, Model, Store) ->
     starl_check_store:memo(
-        {Place, Number, Event},
+        {Number, Event},
         fun() -> happen(Place, Number, Event, Model, Store) end,
         Store
     ).
@@ -76,7 +79,7 @@ crashed(Place, Reason, Stack) ->
         details => #{reason => Reason, at => lists:sublist([{M, F} || {M, F, _, _} <- Stack], 1)}
     }.
 
-robot_event({item, I}, Store) ->
+robot_event(I, Store) when is_integer(I) ->
     case item(I, Store) of
         {packet, _, _, Packet} -> {packet, Packet};
         {message, From, _, Type, Body, _, _} -> {message, starl_check_term:id(From), Type, Body}
@@ -155,19 +158,32 @@ of_robot(What, Number, Compute, Store) ->
 
 %% @doc The message of a number.
 -spec item(ref(), store()) -> item().
-item(I, Store) -> starl_check_store:term(I, Store).
+item(I, Store) -> starl_check_store:term(I bsr ?ITEM_BITS, Store).
 
-%% @doc The number of a message.
+%% @doc The number of a message. It says itself who sends it to whom, and what it counts as.
 -spec item_number(item(), store()) -> ref().
-item_number(Item, Store) -> starl_check_store:number(Item, Item, Store).
+item_number(Item, Store) ->
+    Number = starl_check_store:number(Item, Item, Store),
+    {From, To, Age} =
+        case Item of
+            {packet, F, T, _} -> {F, T, 3};
+            {message, F, T, _, _, _, fresh} -> {F, T, 0};
+            {message, F, T, _, _, _, late} -> {F, T, 1};
+            {message, F, T, _, _, _, ghost} -> {F, T, 2}
+        end,
+    Number bsl ?ITEM_BITS bor ((From - 1) bsl 5) bor ((To - 1) bsl 2) bor Age.
 
-%% @doc What a message counts as. Packets are lost and slow at will, and count as nothing.
--spec age(ref(), store()) -> age().
-age(I, Store) ->
-    case item(I, Store) of
-        {packet, _, _, _} -> late;
-        {message, _, _, _, _, _, Age} -> Age
-    end.
+%% @doc Who has sent a message.
+-spec source(ref()) -> place().
+source(I) -> (I bsr 5) band 7 + 1.
+
+%% @doc To whom a message is under way.
+-spec receiver(ref()) -> place().
+receiver(I) -> (I bsr 2) band 7 + 1.
+
+%% @doc What a message counts as. Packets are lost and slow at will.
+-spec age(ref()) -> age() | packet.
+age(I) -> element(I band 3 + 1, {fresh, late, ghost, packet}).
 
 %% @doc The message when it counts as slow or as lost.
 -spec grown_old(ref(), late | ghost, store()) -> ref().
@@ -193,7 +209,7 @@ later_robot(Number, Ticks, Model, Store) ->
 -spec later_item(ref(), Ticks :: pos_integer(), model(), store()) -> ref().
 later_item(I, Ticks, #{rates := Rates, horizon_us := Horizon}, Store) ->
     starl_check_store:memo(
-        {later, I, Ticks},
+        {later_item, I, Ticks},
         fun() ->
             item_number(starl_check_term:shift(item(I, Store), Ticks, Rates, Horizon), Store)
         end,
@@ -215,7 +231,9 @@ renamed_robot(Permutation, Number, Store) ->
 -spec renamed_item(starl_check_term:permutation(), ref(), store()) -> ref().
 renamed_item(Permutation, I, Store) ->
     Rename = fun(Item) -> item_number(rename_item(Permutation, Item), Store) end,
-    renamed(Permutation, I, Rename, Store).
+    starl_check_store:memo(
+        {renamed, Permutation, I, item}, fun() -> Rename(item(I, Store)) end, Store
+    ).
 
 %% @doc The monitor, likewise.
 -spec renamed_monitor(starl_check_term:permutation(), ref(), module(), store()) -> ref().

@@ -53,18 +53,26 @@
 
 %% @doc The runs to follow from a state.
 -spec runs(state(), model(), store()) -> [run()].
-runs(State, #{reduce := false} = Model, Store) ->
+runs(State, Model, Store) ->
+    [{Choices, left_out(Result, Model, Store)} || {Choices, Result} <- all_runs(State, Model, Store)].
+
+left_out({ok, Traces, State}, Model, Store) ->
+    {ok, Traces, starl_check_inert:without(State, Model, Store)};
+left_out(Other, _Model, _Store) ->
+    Other.
+
+all_runs(State, #{reduce := false} = Model, Store) ->
     [
         {[Choice], starl_check_step:step(Choice, State, Model, Store)}
      || Choice <- all(State, Model, Store)
     ] ++ [{[], stuck} || starl_check_choice:is_stuck(State, Model, Store)];
-runs(State, Model, Store) ->
+all_runs(State, Model, Store) ->
     Places = starl_check_state:places(State),
     Each = [{Place, taken(Place, State, Model, Store)} || Place <- Places],
     lists:append([at(Place, Taken, Model, Store) || {Place, Taken} <- Each]) ++
         [
             {[Choice], starl_check_step:step(Choice, State, Model, Store)}
-         || Choice <- starl_check_choice:refusals(State, Store)
+         || Choice <- starl_check_choice:refusals(State)
         ] ++
         lists:append([answers(Place, State, Each, Model, Store) || Place <- Places]) ++
         everywhere(State, [Taken || {_, Taken} <- Each], Model, Store).
@@ -72,7 +80,7 @@ runs(State, Model, Store) ->
 all(State, Model, Store) ->
     Places = starl_check_state:places(State),
     lists:append([starl_check_choice:local(Place, State, Model, Store) || Place <- Places]) ++
-        starl_check_choice:refusals(State, Store) ++
+        starl_check_choice:refusals(State) ++
         [
             Choice
          || Place <- Places, {_, Choice} <- starl_check_choice:outcomes(Place, State, Store)
@@ -136,7 +144,7 @@ ends_with(Place, Ref, #taken{before = Before}, Store) ->
 everywhere(#{late := Late, loss := Loss} = State, Each, Model, Store) ->
     Most = Late + Loss,
     Enough = [
-        [One || One <- Taken, length(left_fresh(Place, One, Store)) =< Most]
+        [One || One <- Taken, length(left_fresh(Place, One)) =< Most]
      || {Place, Taken} <- lists:zip(starl_check_state:places(State), Each)
     ],
     Choose = fun(Reached) -> starl_check_choice:global(Reached, Model, Store) end,
@@ -145,12 +153,12 @@ everywhere(#{late := Late, loss := Loss} = State, Each, Model, Store) ->
      || Some <- product(Enough)
     ]).
 
-left_fresh(Place, #taken{state = #{items := Items}}, Store) ->
+left_fresh(Place, #taken{state = #{items := Items}}) ->
     [
         I
      || I <- Items,
-        starl_check_part:age(I, Store) =:= fresh,
-        element(3, starl_check_part:item(I, Store)) =:= Place
+        starl_check_part:age(I) =:= fresh,
+        starl_check_part:receiver(I) =:= Place
     ].
 
 stuck(Some, Model, Store) ->
@@ -237,10 +245,10 @@ grow(Level, Place, Model, Store) ->
     Arrivals = [
         {Next, {I, One}}
      || #taken{state = State} = One <- Level,
-        I <- starl_check_choice:items([Place], State, Store),
+        I <- starl_check_choice:items([Place], State),
         starl_check_choice:is_silent(I, State, Model, Store),
         {ok, _, Next} <- [starl_check_step:step({deliver, I}, State, Model, Store)],
-        matters(I, State, Next, Store)
+        matters(I, State, Next)
     ],
     Reached = gathered(Arrivals),
     Larger = [
@@ -256,5 +264,5 @@ gathered(Arrivals) ->
         Arrivals
     ).
 
-matters(I, #{robots := Robots}, #{robots := Changed}, Store) ->
-    Robots =/= Changed orelse starl_check_part:age(I, Store) =:= fresh.
+matters(I, #{robots := Robots}, #{robots := Changed}) ->
+    Robots =/= Changed orelse starl_check_part:age(I) =:= fresh.

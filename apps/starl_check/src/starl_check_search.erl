@@ -72,13 +72,26 @@ run(Model, Limits, Control) ->
         limits = Limits,
         control = Control
     },
-    Result =
-        case starl_check_step:initial(Model, Search#search.store) of
-            {ok, _, State} -> nearest(meet(State, 0, {0, 0}, Search));
-            {violation, _, Violation} -> {violated, Violation, [], figures(Search)}
-        end,
+    Result = first(starl_check_step:initial(Model, Search#search.store), Search),
     ok = starl_check_store:delete(Search#search.store),
-    Result.
+    case Result of
+        unproved -> run(Model#{leave_out := false}, Limits, Control);
+        _ -> Result
+    end.
+
+first({violation, _, Violation}, Search) ->
+    {violated, Violation, [], figures(Search)};
+first({ok, _, State}, #search{model = Model} = Search) ->
+    #search{store = Store, permutations = Permutations} = Search,
+    case nearest(meet(State, 0, {0, 0}, Search)) of
+        {holds, _, _} = Held ->
+            case starl_check_inert:is_proved(Permutations, Model, Store) of
+                true -> Held;
+                false -> unproved
+            end;
+        Violated ->
+            Violated
+    end.
 
 %% Goes into the states that are nearest.
 nearest(#search{waiting = Waiting} = Search) when map_size(Waiting) =:= 0 ->
@@ -203,8 +216,12 @@ numbers(Number, Numbers, Visited) ->
     numbers(From, [N | Numbers], Visited).
 
 walk_run(N, State, Search) ->
-    {Choices, _} = lists:nth(N + 1, runs(State, Search)),
-    lists:mapfoldl(fun(Choice, At) -> walk_step(Choice, At, Search) end, State, Choices).
+    {Choices, Result} = lists:nth(N + 1, runs(State, Search)),
+    {Steps, _} = lists:mapfoldl(fun(C, At) -> walk_step(C, At, Search) end, State, Choices),
+    {Steps, reached(Result)}.
+
+reached({ok, _, State}) -> State;
+reached(_) -> none.
 
 walk_step(Choice, State, #search{model = Model, store = Store}) ->
     {_, Traces, Next} = starl_check_step:step(Choice, State, Model, Store),

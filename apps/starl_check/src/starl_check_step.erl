@@ -33,19 +33,17 @@ boot([Place | Places], State, Model, Store) ->
 %% @doc What a choice leads to.
 -spec step(starl_check_choice:t(), state(), model(), store()) -> result().
 step({deliver, I}, #{items := Items, stale := Stale} = State, Model, Store) ->
-    Item = starl_check_part:item(I, Store),
-    Left = State#{items := lists:delete(I, Items), stale := starl_check_choice:heard(Item, Stale)},
-    Known = note(acknowledged, Item, Left, Model, Store),
-    happen(element(3, Item), {item, I}, Known, Model, Store);
+    Left = State#{items := lists:delete(I, Items), stale := starl_check_choice:heard(I, Stale)},
+    Known = note(acknowledged, I, Left, Model, Store),
+    happen(starl_check_part:receiver(I), I, Known, Model, Store);
 step({again, I}, #{dup := Dup} = State, Model, Store) ->
-    {packet, _, To, _} = starl_check_part:item(I, Store),
-    happen(To, {item, I}, State#{dup := Dup - 1}, Model, Store);
+    happen(starl_check_part:receiver(I), I, State#{dup := Dup - 1}, Model, Store);
 step({outcome, Place, Ref, Lost}, State, Model, Store) ->
     happen(Place, {outcome, Ref, Lost}, give_up(Place, Ref, Lost, State, Store), Model, Store);
 step({refuse, I}, #{items := Items, stale := Stale} = State, Model, Store) ->
-    {message, From, To, _, _, _, _} = Item = starl_check_part:item(I, Store),
-    Left = State#{items := lists:delete(I, Items), stale := lists:delete({From, To}, Stale)},
-    {ok, none, note(refused, Item, Left, Model, Store)};
+    Pair = {starl_check_part:source(I), starl_check_part:receiver(I)},
+    Left = State#{items := lists:delete(I, Items), stale := lists:delete(Pair, Stale)},
+    {ok, none, note(refused, I, Left, Model, Store)};
 step({fire, Place, Key}, #{timeout := Left} = State, Model, Store) ->
     Fired =
         case starl_check_model:timer(Key, Model) of
@@ -90,10 +88,13 @@ inform(Place, Event, #{robots := Robots} = State, Model, Store) ->
     State#{robots := setelement(Place, Robots, Number)}.
 
 %% The source's SAP learns what has become of the message of a call.
-note(What, {message, From, To, _, _, Ref, _}, State, Model, Store) when Ref =/= none ->
-    inform(From, {What, Ref, starl_check_term:id(To)}, State, Model, Store);
-note(_What, _Item, State, _Model, _Store) ->
-    State.
+note(What, I, State, Model, Store) ->
+    case starl_check_part:item(I, Store) of
+        {message, From, To, _, _, Ref, _} when Ref =/= none ->
+            inform(From, {What, Ref, starl_check_term:id(To)}, State, Model, Store);
+        _ ->
+            State
+    end.
 
 %% What is reported lost may still be under way, and is nobody's concern any more.
 give_up(Place, Ref, Lost, State, Store) ->
@@ -134,25 +135,23 @@ grow_old(I, Age, #{items := Items} = State, _Model, Store) ->
 %% A robot's SAP is gone: messages under way to it are refused; its own may arrive or not, and
 %% nobody waits for what becomes of them.
 forsake(Place, #{items := Items, stale := Stale} = State, Model, Store) ->
-    Under = [starl_check_part:item(I, Store) || I <- Items],
-    Told = lists:foldl(
-        fun(Item, S) -> note(refused, Item, S, Model, Store) end,
-        State,
-        [Item || {message, _, To, _, _, _, _} = Item <- Under, To =:= Place]
-    ),
-    Left = [forsaken(Place, Item) || Item <- Under, element(3, Item) =/= Place],
+    {Its, Left} = lists:partition(fun(I) -> starl_check_part:receiver(I) =:= Place end, Items),
+    Told = lists:foldl(fun(I, S) -> note(refused, I, S, Model, Store) end, State, Its),
     Others = lists:delete(Place, starl_check_state:places(State)),
     Told#{
-        items := lists:sort([starl_check_part:item_number(Item, Store) || Item <- Left]),
+        items := lists:sort([forsaken(Place, I, Store) || I <- Left]),
         stale := lists:usort(
             [{Other, Place} || Other <- Others] ++ [Pair || {Who, _} = Pair <- Stale, Who =/= Place]
         )
     }.
 
-forsaken(Place, {message, Place, To, Type, Body, _, _}) ->
-    {message, Place, To, Type, Body, none, ghost};
-forsaken(_Place, Item) ->
-    Item.
+forsaken(Place, I, Store) ->
+    case starl_check_part:item(I, Store) of
+        {message, Place, To, Type, Body, _, _} ->
+            starl_check_part:item_number({message, Place, To, Type, Body, none, ghost}, Store);
+        _ ->
+            I
+    end.
 
 pass(Ticks, #{robots := Robots, items := Items} = State, Model, Store) ->
     State#{
