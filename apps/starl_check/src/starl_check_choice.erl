@@ -55,7 +55,8 @@ local(Place, #{dup := Dup, robots := Robots} = State, Model, Store) ->
          || {Key, Due, Kind} <- starl_check_part:timers(element(Place, Robots), Model, Store),
             Kind =:= step orelse {Kind, Due} =:= {timed, 0}
         ] ++
-        [{crash, Place, Name} || maps:get(crash, State) > 0, Name <- maps:get(crash, Model)].
+        [{crash, Place, Name} || maps:get(crash, State) > 0, Name <- maps:get(crash, Model)] ++
+        [{crash, Place, sap} || maps:get(sap, State) > 0].
 
 %% @doc Messages that a restarted SAP may refuse.
 -spec refusals(state()) -> [t()].

@@ -21,7 +21,7 @@
 
 %% @doc The state without those messages.
 -spec without(starl_check_state:t(), model(), store()) -> starl_check_state:t().
-without(#{crash := 0, items := Items} = State, #{leave_out := true} = Model, Store) ->
+without(#{crash := 0, sap := 0, items := Items} = State, #{leave_out := true} = Model, Store) ->
     State#{items := [I || I <- Items, not is_inert(I, State, Model, Store)]};
 without(State, _Model, _Store) ->
     State.

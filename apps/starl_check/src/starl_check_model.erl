@@ -14,7 +14,8 @@
 
 %% How often each fault may happen; see {@link starl_check}.
 -type budgets() :: #{
-    loss := non_neg_integer(), crash := non_neg_integer(), dup := non_neg_integer(),
+    loss := non_neg_integer(), crash := non_neg_integer(), sap := non_neg_integer(),
+    dup := non_neg_integer(),
     late := non_neg_integer(), timeout := non_neg_integer()
 }.
 
@@ -84,8 +85,8 @@ blocks() ->
 -spec new(block(), options()) -> t().
 new(Block, Options) ->
     Robots = maps:get(robots, Options, 3),
-    None = #{loss => 0, crash => 0, dup => 0, late => 0, timeout => 0},
-    Faults = maps:merge(None, maps:get(faults, Options, #{})),
+    None = #{loss => 0, crash => 0, sap => 0, dup => 0, late => 0, timeout => 0},
+    Faults = faults(Block, maps:merge(None, maps:get(faults, Options, #{}))),
     Common = #{
         block => Block,
         ids => [starl_check_term:id(Place) || Place <- lists:seq(1, Robots)],
@@ -106,6 +107,10 @@ new(Block, Options) ->
     Model = maps:merge(Common, block(Block, Common)),
     Crash = maps:get(crash, Options, maps:get(crash, Model)),
     with_machine(maps:find(machine, Options), Model#{crash := Crash}).
+
+%% Where SAP is what is checked, its crashes are those of the block's machine.
+faults(sap, #{crash := Crash, sap := Sap} = Faults) -> Faults#{crash := Crash + Sap, sap := 0};
+faults(_Block, Faults) -> Faults.
 
 with_machine(error, Model) ->
     Model;
@@ -130,7 +135,7 @@ block(election, #{ids := Ids}) ->
         same_random => true,
         blocks => [{election, starl_election_ballots, #{}}],
         script => fun(_) -> [{call, election, {elect, first, 30000000}}] end,
-        crash => [election, sap, app],
+        crash => [election, app],
         monitor => {starl_election_monitor, #{robots => Ids, bound_us => 1}},
         fixed => [length(Ids)]
     };
@@ -140,7 +145,7 @@ block(bully, #{ids := Ids, faults := Faults}) ->
     #{
         blocks => [{election, starl_election_bully, #{}}],
         script => fun(_) -> [{call, election, {elect, first, 30000000}}] end,
-        crash => [election, sap, app],
+        crash => [election, app],
         monitor => {starl_election_bully_monitor, Judge},
         fixed => places(Ids)
     };
@@ -153,7 +158,7 @@ block(mutex, #{ids := Ids}) ->
     #{
         blocks => [{mutex, starl_mutex_tokens, #{}}],
         script => fun(Place) -> [{hold, ?TOKEN} || Place =/= Home] end,
-        crash => [mutex, sap, app],
+        crash => [mutex, app],
         monitor => {starl_mutex_monitor, #{}},
         timed => [lease, home],
         rates => setelement(Home, Slow, ?FAST),
@@ -168,7 +173,7 @@ block(barrier, #{ids := Ids, rounds := Rounds}) ->
     #{
         blocks => [{barrier, starl_barrier_rounds, #{}}],
         script => fun(_) -> [{sync, gate, Rounds} || _ <- lists:seq(1, Rounds)] end,
-        crash => [barrier, sap, app],
+        crash => [barrier, app],
         monitor => {starl_barrier_monitor, #{robots => Ids}}
     }.
 

@@ -75,7 +75,7 @@ all_runs(State, Model, Store) ->
          || Choice <- starl_check_choice:refusals(State)
         ] ++
         lists:append([answers(Place, State, Each, Model, Store) || Place <- Places]) ++
-        everywhere(State, [Taken || {_, Taken} <- Each], Model, Store).
+        everywhere(State, Each, Model, Store).
 
 all(State, Model, Store) ->
     Places = starl_check_state:places(State),
@@ -98,7 +98,16 @@ at(Place, Taken, Model, Store) ->
             not is_silent(Choice, State, Model, Store)
         ]
     end,
-    lists:append([follow([One], Choose, Model, Store) || One <- Taken]).
+    {Runs, _} = lists:mapfoldl(
+        fun(#taken{state = State, before = Before} = One, Known) ->
+            Tried = tried(State, Choose, Model, Store),
+            Earlier = [{Last, maps:get(Less#taken.state, Known)} || {Last, Less} <- Before],
+            {kept([One], Tried, Earlier, Model, Store), Known#{State => Tried}}
+        end,
+        #{},
+        Taken
+    ),
+    lists:append(Runs).
 
 is_silent({deliver, I}, State, Model, Store) ->
     starl_check_choice:is_silent(I, State, Model, Store);
@@ -119,18 +128,17 @@ answer(Place, Ref, Open, Each, Model, Store) ->
          || {R, Choice} <- starl_check_choice:outcomes(Place, State, Store), R =:= Ref
         ]
     end,
-    {Place, Own} = lists:keyfind(Place, 1, Each),
+    Own = lists:keyfind(Place, 1, Each),
     Receivers = [
-        [One || One <- Taken, ends_with(Place, Ref, One, Store)]
+        {To, [One || One <- Taken, ends_with(Place, Ref, One, Store)]}
      || {To, Taken} <- Each, To =/= Place, lists:member(To, Open)
     ],
     lists:append([follow(Some, Choose, Model, Store) || Some <- product([Own | Receivers])]).
 
-%% Has the robot taken nothing, or is the message of the call what it may have taken last?
-ends_with(_Place, _Ref, #taken{order = []}, _Store) ->
-    true;
+%% Has the robot taken nothing, or must the message of the call be what it has taken last? The
+%% answer depends on no other arrival there.
 ends_with(Place, Ref, #taken{before = Before}, Store) ->
-    lists:any(
+    lists:all(
         fun({Last, _}) ->
             case starl_check_part:item(Last, Store) of
                 {message, Place, _, _, _, Ref, _} -> true;
@@ -140,26 +148,46 @@ ends_with(Place, Ref, #taken{before = Before}, Store) ->
         Before
     ).
 
-%% What waits until nothing is under way; and is that the end?
-everywhere(#{late := Late, loss := Loss} = State, Each, Model, Store) ->
-    Most = Late + Loss,
+%% What waits until nothing is under way; and is that the end? A time-out at one robot does not
+%% depend on what others take that counts as slow or lost already, the passing of time may.
+everywhere(#{late := Late, loss := Loss}, Each, #{grain := Grain} = Model, Store) ->
     Enough = [
-        [One || One <- Taken, length(left_fresh(Place, One)) =< Most]
-     || {Place, Taken} <- lists:zip(starl_check_state:places(State), Each)
+        {Place, [One || One <- Taken, left_fresh(Place, One) =< Late + Loss]}
+     || {Place, Taken} <- Each
     ],
-    Choose = fun(Reached) -> starl_check_choice:global(Reached, Model, Store) end,
-    lists:append([
-        stuck(Some, Model, Store) ++ follow(Some, Choose, Model, Store)
-     || Some <- product(Enough)
-    ]).
+    Fresh = [{Place, [One || One <- Taken, is_fresh_last(One)]} || {Place, Taken} <- Enough],
+    lists:append([stuck(Some, Model, Store) || Some <- product(Fresh)]) ++
+        lists:append([
+            follow(Some, fires(Place, Model, Store), Model, Store)
+         || {Place, Own} <- Enough,
+            Some <- product(lists:keyreplace(Place, 1, Fresh, {Place, Own}))
+        ]) ++
+        lists:append([
+            follow(Some, fun(State) -> ticks(State, Model, Store) end, Model, Store)
+         || Grain =/= none, Some <- product(Enough)
+        ]).
+
+is_fresh_last(#taken{before = Before}) ->
+    lists:all(fun({Last, _}) -> starl_check_part:age(Last) =:= fresh end, Before).
+
+fires(Place, Model, Store) ->
+    fun(State) ->
+        [
+            Choice
+         || {fire, At, _} = Choice <- starl_check_choice:global(State, Model, Store), At =:= Place
+        ]
+    end.
+
+ticks(State, Model, Store) ->
+    [tick || tick <- starl_check_choice:global(State, Model, Store)].
 
 left_fresh(Place, #taken{state = #{items := Items}}) ->
-    [
+    length([
         I
      || I <- Items,
         starl_check_part:age(I) =:= fresh,
         starl_check_part:receiver(I) =:= Place
-    ].
+    ]).
 
 stuck(Some, Model, Store) ->
     [
@@ -168,20 +196,36 @@ stuck(Some, Model, Store) ->
     ].
 
 product([]) -> [[]];
-product([First | Rest]) -> [[One | Others] || One <- First, Others <- product(Rest)].
+product([{_, First} | Rest]) -> [[One | Others] || One <- First, Others <- product(Rest)].
 
 %% -- runs -----------------------------------------------------------------------------------
 
 %% The runs that begin with these arrivals, unless the last of them could be put off.
 -spec follow([#taken{}], choose(), model(), store()) -> [run()].
 follow(Some, Choose, Model, Store) ->
-    State = combined(Some, Model, Store),
-    Earlier = earlier(Some, Choose, Model, Store),
+    case tried(combined(Some, Model, Store), Choose, Model, Store) of
+        [] ->
+            [];
+        Tried ->
+            Earlier = [
+                {Last, tried(combined(Fewer, Model, Store), Choose, Model, Store)}
+             || {Last, Fewer} <- one_less(Some)
+            ],
+            kept(Some, Tried, Earlier, Model, Store)
+    end.
+
+%% All that may happen in a state, and what it leads to.
+tried(State, Choose, Model, Store) ->
+    [
+        {Choice, starl_check_step:step(Choice, State, Model, Store)}
+     || Choice <- Choose(State)
+    ].
+
+%% `Earlier': every arrival that may be the last one, and what may happen before it.
+kept(Some, Tried, Earlier, Model, Store) ->
     [
         {deliveries(Some) ++ [Choice], Result}
-     || Choice <- Choose(State),
-        Result <- [starl_check_step:step(Choice, State, Model, Store)],
-        not may_wait(Choice, Result, Earlier, Model, Store)
+     || {Choice, Result} <- Tried, not may_wait(Choice, Result, Earlier, Model, Store)
     ].
 
 deliveries(Some) -> [{deliver, I} || #taken{order = Order} <- Some, I <- Order].
@@ -196,13 +240,6 @@ combined([#taken{state = State} | Others], Model, Store) ->
         deliveries(Others)
     ).
 
-%% Every arrival that may be the last one, with the state before it and what may happen there.
-earlier(Some, Choose, Model, Store) ->
-    [
-        {Last, State, Choose(State)}
-     || {Last, Fewer} <- one_less(Some), State <- [combined(Fewer, Model, Store)]
-    ].
-
 one_less([]) -> [];
 one_less([#taken{before = Before} = One | Others]) ->
     [{Last, [Less | Others]} || {Last, Less} <- Before] ++
@@ -211,25 +248,21 @@ one_less([#taken{before = Before} = One | Others]) ->
 %% Could the last arrival come after the event, and all would be the same?
 may_wait(Choice, {ok, _, Reached}, Earlier, Model, Store) ->
     lists:any(
-        fun({Last, State, Choices}) ->
-            lists:member(Choice, Choices) andalso
-                commutes(Last, Choice, State, Reached, Model, Store)
+        fun({Last, Tried}) ->
+            case lists:keyfind(Choice, 1, Tried) of
+                {Choice, {ok, _, Next}} -> may_follow(Last, Next, Reached, Model, Store);
+                _ -> false
+            end
         end,
         Earlier
     );
 may_wait(_Choice, {violation, _, _}, _Earlier, _Model, _Store) ->
     false.
 
-commutes(Last, Choice, State, Reached, Model, Store) ->
-    case starl_check_step:step(Choice, State, Model, Store) of
-        {ok, _, Next} ->
-            #{items := Items} = Next,
-            lists:member(Last, Items) andalso
-                starl_check_choice:is_silent(Last, Next, Model, Store) andalso
-                is_same(starl_check_step:step({deliver, Last}, Next, Model, Store), Reached);
-        {violation, _, _} ->
-            false
-    end.
+may_follow(Last, #{items := Items} = State, Reached, Model, Store) ->
+    lists:member(Last, Items) andalso
+        starl_check_choice:is_silent(Last, State, Model, Store) andalso
+        is_same(starl_check_step:step({deliver, Last}, State, Model, Store), Reached).
 
 is_same({ok, _, Next}, Reached) -> Next =:= Reached;
 is_same({violation, _, _}, _Reached) -> false.

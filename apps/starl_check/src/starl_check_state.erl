@@ -22,6 +22,7 @@
     items := [ref()],
     loss := non_neg_integer(),
     crash := non_neg_integer(),
+    sap := non_neg_integer(),
     dup := non_neg_integer(),
     late := non_neg_integer(),
     timeout := non_neg_integer(),
@@ -45,15 +46,15 @@ places(#{robots := Robots}) -> lists:seq(1, tuple_size(Robots)).
 %% @doc The state in few bytes.
 -spec pack(t()) -> binary().
 pack(#{monitor := Monitor, robots := Robots, items := Items, stale := Stale} = State) ->
-    #{loss := Loss, crash := Crash, dup := Dup, late := Late, timeout := Timeout} = State,
+    #{loss := Loss, crash := Crash, sap := Sap, dup := Dup, late := Late, timeout := Timeout} = State,
     Pairs = << <<A, B>> || {A, B} <- Stale >>,
     Parts = << <<N:32>> || N <- tuple_to_list(Robots) ++ Items >>,
-    <<(tuple_size(Robots)), Monitor:32, Loss, Crash, Dup, Late, Timeout, (length(Stale)),
+    <<(tuple_size(Robots)), Monitor:32, Loss, Crash, Sap, Dup, Late, Timeout, (length(Stale)),
         Pairs/binary, Parts/binary>>.
 
 %% @doc The state that was packed.
 -spec unpack(binary()) -> t().
-unpack(<<Size, Monitor:32, Loss, Crash, Dup, Late, Timeout, Stale, Rest/binary>>) ->
+unpack(<<Size, Monitor:32, Loss, Crash, Sap, Dup, Late, Timeout, Stale, Rest/binary>>) ->
     <<Pairs:Stale/binary-unit:16, Robots:Size/binary-unit:32, Items/binary>> = Rest,
     #{
         monitor => Monitor,
@@ -61,6 +62,7 @@ unpack(<<Size, Monitor:32, Loss, Crash, Dup, Late, Timeout, Stale, Rest/binary>>
         items => [N || <<N:32>> <= Items],
         loss => Loss,
         crash => Crash,
+        sap => Sap,
         dup => Dup,
         late => Late,
         timeout => Timeout,

@@ -52,8 +52,8 @@ step({fire, Place, Key}, #{timeout := Left} = State, Model, Store) ->
             _ -> State
         end,
     happen(Place, {fire, Key}, Fired, Model, Store);
-step({crash, Place, sap}, #{crash := Crash} = State, #{sap := contract} = Model, Store) ->
-    Struck = forsake(Place, State#{crash := Crash - 1}, Model, Store),
+step({crash, Place, sap}, #{sap := Sap} = State, #{sap := contract} = Model, Store) ->
+    Struck = forsake(Place, State#{sap := Sap - 1}, Model, Store),
     happen(Place, {crash, sap}, Struck, Model, Store);
 step({crash, Place, Name}, #{crash := Crash} = State, Model, Store) ->
     happen(Place, {crash, Name}, State#{crash := Crash - 1}, Model, Store);
