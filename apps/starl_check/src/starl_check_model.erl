@@ -185,6 +185,7 @@ may_be_inert(leader, {_, _}, #{block := election}) -> true;
 may_be_inert(bully_leader, {_, _}, #{block := bully}) -> true;
 may_be_inert(mutex, {owner, _, _}, #{block := mutex}) -> true;
 may_be_inert(barrier, {reached, _, _, _, false}, #{block := barrier}) -> true;
+may_be_inert(barrier, {told, _, _}, #{block := barrier}) -> true;
 may_be_inert(_Type, _Body, _Model) -> false.
 
 places(Ids) -> lists:seq(1, length(Ids)).
