@@ -10,10 +10,10 @@
 %% '''
 -module(starl_sim).
 
--export([start/1, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
+-export([start/1, start/2, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
 -export([scenario/1, robot_pids/2, format_error/1]).
 
--export_type([sim/0, reason/0]).
+-export_type([sim/0, options/0, reason/0]).
 
 -define(ROBOTS_PER_SHARD, 16).
 %% Larger teams are simulated inline, where the scenario does not say.
@@ -30,6 +30,9 @@
 %% A running simulation, linked to the process that started it.
 -opaque sim() :: #sim{}.
 
+%% What does not belong to the scenario: further monitors, which look on.
+-type options() :: #{watch => [{module(), map()}]}.
+
 -type reason() ::
     {scenario, starl_sim_scenario:reason()}
     | {scene, unicode:chardata()}
@@ -39,11 +42,15 @@
 
 %% @doc Starts the simulation of a scenario. The key `app' is the application's module.
 -spec start(#{app := module(), atom() => term()}) -> {ok, sim()} | {error, reason()}.
-start(#{app := App} = Given) ->
+start(Given) -> start(Given, #{}).
+
+%% @doc The same with options of the run, which change nothing in it.
+-spec start(#{app := module(), atom() => term()}, options()) -> {ok, sim()} | {error, reason()}.
+start(#{app := App} = Given, Options) ->
     case code:ensure_loaded(App) of
         {module, App} ->
             case starl_sim_scenario:check(Given, starl_app:options(App)) of
-                {ok, Scenario} -> prepare(App, Scenario);
+                {ok, Scenario} -> prepare(App, Scenario, Options);
                 {error, Reason} -> {error, {scenario, Reason}}
             end;
         {error, _} ->
@@ -117,25 +124,25 @@ format_error({fault_machine, Id, Name, Known}) ->
 
 %% -- internals ------------------------------------------------------------------------------
 
-prepare(App, Scenario) ->
+prepare(App, Scenario, Options) ->
     #{robots := N, faults := Faults} = Scenario,
     Targets = [{element(1, Fault), R} || Fault <- Faults, R <- starl_sim_fault:targets(Fault)],
     case [{Id, R} || {Id, R} <- Targets, R > N] of
         [{Id, Robot} | _] -> {error, {fault_target, Id, Robot}};
-        [] -> set_scene(App, Scenario)
+        [] -> set_scene(App, Scenario, Options)
     end.
 
-set_scene(App, Scenario) ->
+set_scene(App, Scenario, Options) ->
     Context = context(App, Scenario),
     case starl_app:scene(App, Context) of
-        {ok, Scene} -> check_faults(Scenario, Scene, Context);
+        {ok, Scene} -> check_faults(Scenario, Scene, Context, Options);
         {error, Why} -> {error, {scene, Why}}
     end.
 
-check_faults(#{faults := Faults} = Scenario, Scene, Context) ->
+check_faults(#{faults := Faults} = Scenario, Scene, Context, Options) ->
     Known = [sap, location, motion, app | [N || {N, _, _} <- maps:get(blocks, Scene, [])]],
     case [{Id, N} || {Id, _, _, kill_machine, {_, N}, _} <- Faults, not lists:member(N, Known)] of
-        [] -> launch(with_random_faults(Known, Scenario), Scene, Context);
+        [] -> launch(with_random_faults(Known, Scenario), Scene, Context, Options);
         [{Id, Name} | _] -> {error, {fault_machine, Id, Name, Known}}
     end.
 
@@ -174,7 +181,7 @@ profile(#{speed := Speed, heading_error := H, distance_error := D, position_erro
 %% The first retransmission waits for a little more than the longest way there and back.
 sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
 
-launch(Scenario, Scene, #{robots := Ids} = Context) ->
+launch(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     #{delay := {MinMs, MaxMs}, shards := Shards, faults := Faults} = Scenario,
     Profile = starl_motion:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
     World = #{
@@ -199,7 +206,7 @@ launch(Scenario, Scene, #{robots := Ids} = Context) ->
         limit_us => limit_us(Scenario),
         shards => shards(Shards, length(Ids)),
         faults => strikes(Faults),
-        monitors => monitors(Scenario, Scene, Context)
+        monitors => monitors(Scenario, Scene, Context) ++ maps:get(watch, Options, [])
     }),
     {ok, #sim{sup = Sup, run = starl_sim_sup:run(Sup), scenario = Scenario, scene = Scene}}.
 
