@@ -173,7 +173,8 @@ robot_dies_in_its_path(_) ->
      || Seed <- [2, 5], T <- lists:seq(2000, 12000, 1000)
     ].
 
-%% The leader's robot takes the coordinator with it: the others still end.
+%% The leader's robot takes the coordinator with it: the others still end (what they paint is held
+%% by starl_dpp_failover_SUITE).
 coordinator_robot_dies(_) ->
     dies([{20000, leader(1)}], #{seed => 1}).
 
@@ -183,7 +184,7 @@ robot_dies_before_election(_) -> dies([{0, 1}], #{seed => 1}).
 all_but_one_die(_) ->
     dies([{10000 + 5000 * R, R} || R <- [1, 2, 3, 4] -- [leader(3)]], #{seed => 3}).
 
-%% Its reservation is never given away: nobody's tube comes near it, not even after the
+%% The place where it stands is never given away: nobody's tube comes near it, not even after the
 %% coordinator has crashed and asked everybody anew.
 reservation_of_the_dead_is_kept(_) ->
     Crash = kill(1, 40000, leader(4), dpp_coordinator),

@@ -16,16 +16,21 @@ run(App, {Seed, Loss, Duplicate, Delay, Drift, Strikes}, Options) ->
     ok = logger:set_primary_config(level, none),
     {ok, Sim} = starl_sim:start(maps:merge(Options#{
         app => App, robots => 4, time => 90, seed => Seed, loss => Loss, duplicate => Duplicate,
-        delay => Delay, clock_drift => Drift, faults => [fault(S) || S <- Strikes]
+        delay => Delay, clock_drift => Drift, faults => faults(Strikes)
     }, #{})),
     _ = starl_sim:run(Sim),
     {Outcome, _} = starl_sim:finish(Sim),
     ok = logger:set_primary_config(level, Level),
     Outcome.
 
-fault({Tenths, Robot, robot}) -> {kill, Tenths * 100, Tenths * 100, kill_robot, Robot, #{}};
-fault({Tenths, Robot, Machine}) ->
-    {kill, Tenths * 100, Tenths * 100, kill_machine, {Robot, Machine}, #{}}.
+faults(Strikes) -> [fault(N, S) || {N, S} <- lists:zip(lists:seq(1, length(Strikes)), Strikes)].
+
+fault(N, {Tenths, Robot, robot}) ->
+    {name(N), Tenths * 100, Tenths * 100, kill_robot, Robot, #{}};
+fault(N, {Tenths, Robot, Machine}) ->
+    {name(N), Tenths * 100, Tenths * 100, kill_machine, {Robot, Machine}, #{}}.
+
+name(N) -> list_to_atom("kill_" ++ integer_to_list(N)).
 
 %% The N-th storm of a series: a function of N alone.
 drawn(N, Machine) ->

@@ -1,7 +1,7 @@
 %% The contract of DPP (DESIGN section 3) held by its machines: reservations are pairwise
 %% disjoint whatever is lost, doubled or late; a lost assignment keeps its reservation until the
-%% next request clears it; a late Clear frees nothing; crashes of the coordinator and of
-%% participants keep all that robots hold.
+%% next request clears it or its leave ends; a late Clear frees nothing; crashes of the coordinator
+%% and of participants keep all that robots hold; who has no quorum assigns nothing.
 -module(starl_dpp_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 -include_lib("proper/include/proper.hrl").
@@ -11,12 +11,17 @@
     request_certifies_the_place/1, request_without_coordinator/1, answer_is_taken_once/1,
     stale_answers_are_refused/1, lost_answer_is_asked_for_again/1, lost_pose_is_asked_for_again/1,
     ids_ascend_over_a_crash/1, recover_while_standing/1, recover_while_moving/1,
-    recover_while_asking/1, recover_after_a_crash_says_nothing/1, earlier_epoch_is_ignored/1,
-    painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1,
-    nothing_is_assigned_before_all_are_known/1, each_request_is_answered_once/1,
+    recover_while_asking/1, crash_stops_the_robot/1, crashed_robot_does_not_vote/1,
+    earlier_term_is_refused/1, vote_is_kept/1, leader_is_followed_without_vote/1,
+    leave_ends_for_good/1, beats_prolong_leave/1, late_assignment_is_void/1,
+    missing_coordinator_is_replaced/1, painted_goes_with_the_next_request/1,
+    passed_is_told_now_and_then/1,
+    nothing_is_assigned_before_all_are_known/1, nothing_is_assigned_without_votes/1,
+    votes_run_out/1, each_request_is_answered_once/1,
     old_request_is_ignored/1, late_clear_frees_nothing/1, clear_frees_what_is_behind/1,
-    lost_assignment_stays_reserved/1, state_of_an_earlier_epoch_is_ignored/1,
-    recovered_reservation_is_kept/1, unreachable_unknown_robot_ends/1,
+    lost_assignment_stays_reserved/1, other_terms_are_ignored/1,
+    recovered_reservation_is_kept/1, silent_robot_keeps_all_until_its_leave_ends/1,
+    late_report_of_a_silent_robot/1, unreachable_unknown_robot_ends/1,
     coordinator_crashes_while_robots_move/1, participant_crashes_while_robots_move/1,
     crashes_at_random/1
 ]).
@@ -24,8 +29,9 @@
 -define(CONFIG, #{
     segments => [{{3000.0, 3000.0}, {7000.0, 3000.0}}, {{3000.0, 7000.0}, {7000.0, 7000.0}}],
     world => {10000.0, 10000.0}, tube_radius => 220.0, slack => 10.0, horizon => 2000.0,
-    seed => 1, speed => 500.0
+    seed => 1
 }).
+-define(S, 1000000).
 
 suite() -> [{timetrap, {minutes, 2}}].
 
@@ -37,15 +43,19 @@ groups() ->
             request_certifies_the_place, request_without_coordinator, answer_is_taken_once,
             stale_answers_are_refused, lost_answer_is_asked_for_again,
             lost_pose_is_asked_for_again, ids_ascend_over_a_crash, recover_while_standing,
-            recover_while_moving, recover_while_asking, recover_after_a_crash_says_nothing,
-            earlier_epoch_is_ignored, painted_goes_with_the_next_request,
-            passed_is_told_now_and_then
+            recover_while_moving, recover_while_asking, crash_stops_the_robot,
+            crashed_robot_does_not_vote, earlier_term_is_refused, vote_is_kept,
+            leader_is_followed_without_vote, leave_ends_for_good, beats_prolong_leave,
+            late_assignment_is_void, missing_coordinator_is_replaced,
+            painted_goes_with_the_next_request, passed_is_told_now_and_then
         ]},
         {coordinator, [], [
-            nothing_is_assigned_before_all_are_known, each_request_is_answered_once,
+            nothing_is_assigned_before_all_are_known, nothing_is_assigned_without_votes,
+            votes_run_out, each_request_is_answered_once,
             old_request_is_ignored, late_clear_frees_nothing, clear_frees_what_is_behind,
-            lost_assignment_stays_reserved, state_of_an_earlier_epoch_is_ignored,
-            recovered_reservation_is_kept, unreachable_unknown_robot_ends
+            lost_assignment_stays_reserved, other_terms_are_ignored,
+            recovered_reservation_is_kept, silent_robot_keeps_all_until_its_leave_ends,
+            late_report_of_a_silent_robot, unreachable_unknown_robot_ends
         ]},
         {simulated, [], [
             coordinator_crashes_while_robots_move, participant_crashes_while_robots_move,
@@ -69,38 +79,37 @@ request_certifies_the_place(_) ->
     {Look, P2} = step({reply, {halted, N}}, ok, P1),
     ?assertEqual([{call, location, {pose, 1}, {pose, N}}], Look),
     {Ask, _} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2),
-    ?assertMatch([{call, sap, {send, 4, dpp_request, {{1, _}, {1.0, 2.0}, []}}, _}],
-                 [A || {call, sap, _, _} = A <- Ask]).
+    ?assertMatch([{4, {{0, 0}, {1, _}, {1.0, 2.0}, [], 0}}], sent(dpp_request, Ask)).
 
 request_without_coordinator(_) ->
     {Actions, _} = step({call, {app, 1}}, request, participant(1)),
     ?assertEqual([{reply, {app, 1}, {error, no_coordinator}}], Actions).
 
 answer_is_taken_once(_) ->
-    {Id, P} = asking(joined()),
-    {Actions, Moving} = answer(4, 1, Id, P),
+    {Id, P} = asking(led()),
+    {Actions, Moving} = answer(4, {1, 4}, Id, P),
     ?assertEqual([{reply, {app, 1}, {ok, {Id, path()}}}], replies(Actions)),
-    {Again, _} = answer(4, 1, Id, Moving),
-    ?assertEqual([{trace, {stale_answer, 4, 1, Id}}], Again).
+    {Again, _} = answer(4, {1, 4}, Id, Moving),
+    ?assertEqual([{trace, {stale_answer, 4, {1, 4}, Id}}], Again).
 
-%% Answers to another request, of an earlier epoch or of another robot are dropped, and traced.
+%% Answers to another request, of another term or of another robot are dropped, and traced.
 stale_answers_are_refused(_) ->
-    {{I, N} = Id, P} = asking(joined()),
-    {_, Aware} = step(cast, {message, 4, dpp_recover, 3}, P),
+    {{I, N} = Id, P} = asking(led()),
     [
-        ?assertMatch({[{trace, {stale_answer, _, _, _}}], _}, answer(Source, Epoch, Which, Aware))
-     || {Source, Epoch, Which} <- [
-            {4, 3, {I, N - 1}}, {4, 3, {I, N + 1}}, {4, 2, Id}, {3, 3, Id}, {4, 3, {I + 1, N}}
+        ?assertMatch({[{trace, {stale_answer, _, _, _}}], _}, answer(Source, Term, Which, P))
+     || {Source, Term, Which} <- [
+            {4, {1, 4}, {I, N - 1}}, {4, {1, 4}, {I, N + 1}}, {4, {0, 4}, Id}, {3, {2, 3}, Id},
+            {3, {1, 4}, Id}, {4, {1, 4}, {I + 1, N}}
         ]
     ].
 
 lost_answer_is_asked_for_again(_) ->
-    {First, P} = asking(joined()),
+    {First, P} = asking(led()),
     {Actions, Again} = step({timeout, again}, request, P),
-    [Second] = [Id || {call, sap, {send, 4, dpp_request, {Id, {1.0, 2.0}, []}}, _} <- Actions],
+    [{4, {_, Second, {1.0, 2.0}, [], _}}] = sent(dpp_request, Actions),
     ?assert(Second > First),
-    ?assertMatch({[{trace, {stale_answer, 4, 1, First}}], _}, answer(4, 1, First, Again)),
-    {Taken, _} = answer(4, 1, Second, Again),
+    ?assertMatch({[{trace, {stale_answer, _, _, First}}], _}, answer(4, {1, 4}, First, Again)),
+    {Taken, _} = answer(4, {1, 4}, Second, Again),
     ?assertMatch([_], replies(Taken)).
 
 lost_pose_is_asked_for_again(_) ->
@@ -113,109 +122,214 @@ ids_ascend_over_a_crash(_) ->
     {Second, _} = asking(joined(2)),
     ?assert(Second > First).
 
-%% A coordinator that starts anew is told where the robot stands, once it is stopped and seen.
+%% A coordinator that begins is told where the robot stands, once it is stopped and seen; once.
 recover_while_standing(_) ->
-    {Stop, P1} = step(cast, {message, 3, dpp_recover, 1}, participant(1)),
+    {Stop, P1} = recover(3, {1, 3}, participant(1)),
+    {Told, P2} = located(Stop, P1),
+    ?assertMatch([{3, {{1, 3}, _, {standing, {1.0, 2.0}}, [], {7, 0, true}}}],
+                 sent(dpp_state, Told)),
     [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
-    {_, P2} = step({reply, {halted, N}}, ok, P1),
-    {Told, P3} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2),
-    ?assertMatch([{cast, sap, {send, 3, dpp_state, {1, _, {standing, {1.0, 2.0}}, []}}}],
-                 [A || {cast, sap, _} = A <- Told]),
-    {Twice, _} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P3),
-    ?assertEqual([], [A || {cast, sap, _} = A <- Twice]).
+    {Twice, _} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2),
+    ?assertEqual([], sent(dpp_state, Twice)).
 
 %% Or what of its path is before it.
 recover_while_moving(_) ->
-    {Id, P} = asking(joined()),
-    {_, Moving} = answer(4, 1, Id, P),
-    {_, Passed} = step(cast, {passed, Id, 1, hd(path())}, Moving),
-    {Told, _} = step(cast, {message, 4, dpp_recover, 2}, Passed),
-    [First | Rest] = path(),
-    ?assertEqual(
-        [{cast, sap, {send, 4, dpp_state, {2, Id, {moving, 1, element(1, First), Rest}, [7]}}}],
-        Told
-    ).
+    {Id, Moving} = moving(),
+    {_, Passed} = drive(Id, 1, Moving),
+    {Told, _} = recover(4, {2, 4}, Passed),
+    [{First, _} | Rest] = path(),
+    ?assertEqual([{4, {{2, 4}, Id, {moving, 1, First, Rest}, [7], {7, 0, true}}}],
+                 sent(dpp_state, Told)).
 
-%% A robot that asks tells its place and asks anew; an answer of the coordinator before that is
-%% refused.
+%% A robot that asks tells its place and asks anew; an answer of the term before is refused.
 recover_while_asking(_) ->
-    {Id, P} = asking(joined()),
-    {Told, Aware} = step(cast, {message, 4, dpp_recover, 2}, P),
-    ?assertMatch([{cast, sap, {send, 4, dpp_state, {2, Id, {standing, {1.0, 2.0}}, []}}}],
-                 [A || {cast, sap, _} = A <- Told]),
+    {Id, P} = asking(led()),
+    {Told, Aware} = recover(4, {2, 4}, P),
+    ?assertMatch([{4, {{2, 4}, Id, {standing, {1.0, 2.0}}, [], _}}], sent(dpp_state, Told)),
     ?assertMatch([_], [A || {{timeout, again}, _, _} = A <- Told]),
-    ?assertMatch({[{trace, {stale_answer, _, _, _}}], _}, answer(4, 1, Id, Aware)).
+    ?assertMatch({[{trace, {stale_answer, _, _, _}}], _}, answer(4, {1, 4}, Id, Aware)).
 
-%% Pitfall: a participant that has crashed does not know whether its robot drives. It says
-%% nothing of its place until a request has stopped the robot.
-recover_after_a_crash_says_nothing(_) ->
-    {Silent, P} = step(cast, {message, 4, dpp_recover, 2}, participant(2)),
-    ?assertEqual([], Silent),
-    {_, P1} = step({call, {app, 1}}, {join, 4}, P),
-    {Stop, P2} = step({call, {app, 1}}, request, P1),
-    [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
-    {_, P3} = step({reply, {halted, N}}, ok, P2),
-    {Ask, _} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P3),
-    ?assertMatch([_], [A || {cast, sap, {send, 4, dpp_state, _}} = A <- Ask]),
-    ?assertMatch([_], [A || {call, sap, {send, 4, dpp_request, _}, _} = A <- Ask]).
+%% Pitfall: a participant that has crashed does not know whether its robot drives: it stops it.
+crash_stops_the_robot(_) ->
+    ?assertEqual([], [A || {cast, motion, stop} = A <- started(1)]),
+    ?assertMatch([_], [A || {cast, motion, stop} = A <- started(2)]).
 
-earlier_epoch_is_ignored(_) ->
-    {Id, P} = asking(joined()),
-    {_, P2} = answer(4, 5, Id, P),
-    ?assertMatch({[], _}, step(cast, {message, 4, dpp_recover, 3}, P2)).
+%% Pitfall: it has forgotten its vote, too, and must not give a second one while that lasts.
+crashed_robot_does_not_vote(_) ->
+    {Refused, P} = recover(3, {1, 3}, participant(2)),
+    ?assertEqual([{3, {0, 0}}], sent(dpp_refused, Refused)),
+    {Stop, P1} = at(10 * ?S, cast, {message, 3, dpp_recover, {{1, 3}, 9, false}}, P),
+    {Told, _} = located(10 * ?S, Stop, P1),
+    ?assertMatch([{3, {_, _, _, _, {9, _, true}}}], sent(dpp_state, Told)).
+
+earlier_term_is_refused(_) ->
+    {Actions, P} = recover(3, {0, 3}, led()),
+    ?assertEqual([{3, {1, 4}}], sent(dpp_refused, Actions)),
+    {Beat, _} = step(cast, {message, 3, dpp_beat, {{0, 3}, 1, [{1, 5}]}}, P),
+    ?assertEqual([{3, {1, 4}}], sent(dpp_refused, Beat)).
+
+%% It has voted for robot 4 for ten seconds: before they are over robot 3 gets no vote.
+vote_is_kept(_) ->
+    {Early, P} = at(9 * ?S, cast, {message, 3, dpp_recover, {{2, 3}, 7, false}}, led()),
+    ?assertEqual([{3, {1, 4}}], sent(dpp_refused, Early)),
+    {Late, P1} = at(10 * ?S, cast, {message, 3, dpp_recover, {{2, 3}, 8, false}}, P),
+    {Told, _} = located(10 * ?S, Late, P1),
+    ?assertMatch([{3, {{2, 3}, _, _, _, {8, _, true}}}], sent(dpp_state, Told)).
+
+%% One that leads is followed at once, but has no vote while it is promised to another.
+leader_is_followed_without_vote(_) ->
+    {Stop, P} = step(cast, {message, 3, dpp_beat, {{2, 3}, 5, []}}, led()),
+    {Told, _} = located(Stop, P),
+    ?assertMatch([{3, {{2, 3}, _, _, _, {5, 0, false}}}], sent(dpp_state, Told)).
+
+%% At the end of its leave the robot stops; a beat that comes later does not bring it back.
+leave_ends_for_good(_) ->
+    {Id, Moving} = moving(),
+    {Go, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
+    ?assertEqual([{call, motion, {go_to, {100.0, 2.0}}, {driven, Id, 1}}], Go),
+    {Early, _} = at(9 * ?S, {timeout, leave}, leave, Driving),
+    ?assertMatch([{{timeout, leave}, _, leave}], Early),
+    {Late, Void} = at(10 * ?S, {timeout, leave}, leave, Driving),
+    ?assert(lists:member({cast, motion, stop}, Late)),
+    ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Late)),
+    {_, Told} = at(10 * ?S, cast, {message, 4, dpp_beat, {{1, 4}, 9, [{1, 9 * ?S}]}}, Void),
+    {Refused, _} = at(10 * ?S, {call, {app, 3}}, {drive, Id, 1}, Told),
+    ?assertEqual([{reply, {app, 3}, {error, void}}], Refused).
+
+beats_prolong_leave(_) ->
+    {Id, Moving} = moving(),
+    {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
+    {_, Beaten} = at(6 * ?S, cast, {message, 4, dpp_beat, {{1, 4}, 9, [{1, 5 * ?S}]}}, Driving),
+    {Still, _} = at(14 * ?S, {timeout, leave}, leave, Beaten),
+    ?assertMatch([{{timeout, leave}, _, leave}], Still),
+    {Over, _} = at(15 * ?S, {timeout, leave}, leave, Beaten),
+    ?assert(lists:member({cast, motion, stop}, Over)).
+
+%% An assignment that was long on its way: its leave has ended, the robot asks anew.
+late_assignment_is_void(_) ->
+    {Id, P} = asking(led()),
+    {Actions, _} =
+        at(10 * ?S, cast, {message, 4, dpp_answer, {{1, 4}, Id, assignment(), []}}, P),
+    ?assertEqual([], replies(Actions)),
+    ?assertMatch([{4, {_, _, _, _, _}}], sent(dpp_request, Actions)).
+
+missing_coordinator_is_replaced(_) ->
+    {Actions, _} = at(30 * ?S, {timeout, missing}, missing, led()),
+    ?assert(lists:member({cast, dpp_coordinator, {lead, 1}}, Actions)).
 
 painted_goes_with_the_next_request(_) ->
-    {Id, P} = asking(joined()),
-    {_, Moving} = answer(4, 1, Id, P),
-    {_, Passed} = step(cast, {passed, Id, 1, hd(path())}, Moving),
+    {Id, Moving} = moving(),
+    {_, Passed} = drive(Id, 1, Moving),
     {Stop, P1} = step({call, {app, 2}}, request, Passed),
-    [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
-    {_, P2} = step({reply, {halted, N}}, ok, P1),
-    {Ask, _} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2),
-    ?assertMatch([[7]], [Fresh || {call, sap, {send, 4, dpp_request, {_, _, Fresh}}, _} <- Ask]).
+    {Ask, _} = located(Stop, P1),
+    ?assertMatch([{4, {_, _, _, [7], _}}], sent(dpp_request, Ask)).
 
 passed_is_told_now_and_then(_) ->
-    {Id, P} = asking(joined()),
-    {_, Moving} = answer(4, 1, Id, P),
-    {Near, P1} = step(cast, {passed, Id, 1, {{50.0, 2.0}, up}}, Moving),
-    ?assertEqual([], Near),
-    {Far, _} = step(cast, {passed, Id, 2, {{900.0, 2.0}, up}}, P1),
-    ?assertEqual([{cast, sap, {send, 4, dpp_passed, {Id, 2}}}], Far).
+    {Id, Moving} = moving(),
+    {Near, P1} = drive(Id, 1, Moving),
+    ?assertEqual([], sent(dpp_passed, Near)),
+    {_, P2} = drive(Id, 2, P1),
+    {Far, _} = drive(Id, 3, P2),
+    ?assertEqual([{4, {{1, 4}, Id, 3}}], sent(dpp_passed, Far)).
 
-participant(Incarnation) ->
-    {_, P} = starl_machine:new(starl_dpp_participant, #{}, base(1, dpp, Incarnation)),
+participant(Life) ->
+    {_, P} = starl_machine:new(starl_dpp_participant, #{}, base(1, dpp, Life, [1, 2, 3, 4])),
     P.
+
+started(Life) ->
+    {Actions, _} = starl_machine:new(starl_dpp_participant, #{}, base(1, dpp, Life, [1, 2, 3, 4])),
+    Actions.
 
 joined() -> joined(1).
 
-joined(Incarnation) ->
-    {[{reply, _, ok}], P} = step({call, {app, 0}}, {join, 4}, participant(Incarnation)),
+joined(Life) ->
+    {Joined, P} = step({call, {app, 0}}, {join, 4}, participant(Life)),
+    [{reply, _, ok}] = replies(Joined),
     P.
+
+%% A participant that has voted for robot 4.
+led() ->
+    {Stop, P} = recover(4, {1, 4}, joined()),
+    {_, Led} = located(Stop, P),
+    Led.
+
+recover(Source, Term, P) -> step(cast, {message, Source, dpp_recover, {Term, 7, false}}, P).
+
+%% The robot is stopped and seen.
+located(Stop, P) -> located(0, Stop, P).
+
+located(Now, Stop, P) ->
+    [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
+    {_, P2} = at(Now, {reply, {halted, N}}, ok, P),
+    at(Now, {reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2).
 
 %% A participant that waits for an answer, and its request.
 asking(P0) ->
     {Stop, P1} = step({call, {app, 1}}, request, P0),
-    [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
-    {_, P2} = step({reply, {halted, N}}, ok, P1),
-    {Ask, P3} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2),
-    [Id] = [Id || {call, sap, {send, 4, dpp_request, {Id, _, _}}, _} <- Ask],
-    {Id, P3}.
+    {Ask, P2} = located(Stop, P1),
+    [{4, {_, Id, _, _, _}}] = sent(dpp_request, Ask),
+    {Id, P2}.
 
-answer(Source, Epoch, Id, P) ->
-    step(cast, {message, Source, dpp_answer, {Epoch, Id, {assign, path()}}}, P).
+moving() ->
+    {Id, P} = asking(led()),
+    {_, Moving} = answer(4, {1, 4}, Id, P),
+    {Id, Moving}.
+
+drive(Id, N, P) ->
+    {_, Driving} = step({call, {app, drive}}, {drive, Id, N}, P),
+    step({reply, {driven, Id, N}}, ok, Driving).
+
+answer(Source, Term, Id, P) ->
+    step(cast, {message, Source, dpp_answer, {Term, Id, assignment(), []}}, P).
+
+assignment() -> {assign, {1.0, 2.0}, path()}.
 
 path() -> [{{100.0, 2.0}, {down, 7}}, {{300.0, 2.0}, up}, {{900.0, 2.0}, {down, 8}}].
 
 replies(Actions) -> [A || {reply, _, _} = A <- Actions].
 
+%% The messages of a type, to whom and what.
+sent(Type, Actions) ->
+    [{To, Body} || {cast, sap, {send, To, T, Body}} <- Actions, T =:= Type] ++
+        [{To, Body} || {call, sap, {send, To, T, Body}, _} <- Actions, T =:= Type].
+
 %% -- the coordinator ------------------------------------------------------------------------
 
+%% A team of two, whose first robot is a quorum.
 nothing_is_assigned_before_all_are_known(_) ->
-    {First, C1} = ask(1, 1, spot(1), coordinator(1)),
-    ?assert(lists:member({cast, sap, {broadcast, dpp_recover, 1}}, First)),
-    ?assertEqual([], answers(First)),
-    {Second, _} = ask(2, 1, spot(2), C1),
-    ?assertMatch([{2, {assign, _}} | _], answers(Second)).
+    {First, C1} = claimed([1, 2]),
+    ?assertMatch([{{1, 1}, _, false}], [B || {cast, sap, {broadcast, dpp_recover, B}} <- First]),
+    {_, C2} = state(1, {standing, spot(1)}, C1),
+    {Asked, C3} = ask(1, 1, spot(1), C2),
+    ?assertEqual([], answers(Asked)),
+    {Known, C4} = state(2, {standing, spot(2)}, C3),
+    ?assert(lists:member({trace, {coordinator, {1, 1}}}, Known)),
+    {Second, _} = ask(2, 1, spot(2), C4),
+    ?assertMatch([{2, {assign, _, _}} | _], answers(Second)).
+
+%% All robots are known, but not enough of them vote.
+nothing_is_assigned_without_votes(_) ->
+    {_, C1} = claimed([1, 2, 3]),
+    C2 = lists:foldl(
+        fun(R, C) ->
+            {_, Next} = state(R, {standing, spot(R)}, {1, 0, R =:= 2}, C),
+            Next
+        end,
+        C1, [2, 3, 1]
+    ),
+    {Actions, C3} = ask(1, 1, spot(1), C2),
+    ?assertEqual([], answers(Actions)),
+    {Won, _} = step(cast, {message, 3, dpp_here, {{1, 1}, {1, 1, true}}}, C3),
+    ?assert(lists:member({trace, {leads, {1, 1}}}, Won)).
+
+%% Votes last for ten seconds from the beat that they answer. Then nothing is assigned.
+votes_run_out(_) ->
+    C = open(),
+    {Early, _} = at(9 * ?S, cast, asks(2, 1, spot(2)), C),
+    ?assertMatch([{2, {assign, _, _}} | _], answers(Early)),
+    {Late, _} = at(10 * ?S, cast, asks(2, 1, spot(2)), C),
+    ?assertEqual([], answers(Late)),
+    ?assert(lists:member({trace, {stepped_down, {1, 1}}}, Late)).
 
 %% Each request gets one answer; a doubled request gets no second one.
 each_request_is_answered_once(_) ->
@@ -232,100 +346,167 @@ old_request_is_ignored(_) ->
 %% Pitfall: a late or doubled Clear of an earlier path frees space of the present one.
 late_clear_frees_nothing(_) ->
     {_, {I, N}, Held, C} = assigned(),
-    {Late, C1} = step(cast, {message, 2, dpp_passed, {{I, N - 1}, 1}}, C),
+    {Late, C1} = step(cast, {message, 2, dpp_passed, {{1, 1}, {I, N - 1}, 1}}, C),
     ?assertEqual([], Late),
     ?assertEqual(Held, held(2, C1)).
 
 clear_frees_what_is_behind(_) ->
     {_, Id, Held, C} = assigned(),
-    {_, C1} = step(cast, {message, 2, dpp_passed, {Id, 1}}, C),
+    {_, C1} = step(cast, {message, 2, dpp_passed, {{1, 1}, Id, 1}}, C),
     Left = held(2, C1),
     ?assertNotEqual(Held, Left),
-    {_, C2} = step(cast, {message, 2, dpp_passed, {Id, 1}}, C1),
+    {_, C2} = step(cast, {message, 2, dpp_passed, {{1, 1}, Id, 1}}, C1),
     ?assertEqual(Left, held(2, C2)).
 
 %% Pitfall: the assignment is lost, the reservation stays; the robot's next request clears it.
 lost_assignment_stays_reserved(_) ->
     {_, {I, N}, Held, C} = assigned(),
-    {Lost, C1} = step({reply, {answered, 2}}, {error, lost}, C),
-    ?assert(lists:member({trace, {silent, 2}}, Lost)),
+    {_, C1} = step({reply, {answered, {1, 1}, 2}}, {error, lost}, C),
     ?assertEqual(Held, held(2, C1)),
     {Next, C2} = request(2, {I, N + 5}, spot(2), C1),
-    ?assertMatch([{2, {assign, _}} | _], answers(Next)),
+    ?assertMatch([{2, {assign, _, _}} | _], answers(Next)),
     ?assertMatch([_ | _], held(2, C2)).
 
-state_of_an_earlier_epoch_is_ignored(_) ->
-    {_, C1} = ask(1, 1, spot(1), coordinator(2)),
-    {Late, _} = step(cast, {message, 2, dpp_state, {1, {1, 9}, {standing, spot(2)}, []}}, C1),
-    ?assertEqual([], Late).
+%% What was said before this term says nothing of what another coordinator has assigned since:
+%% the robot is told of the term. A later term begins a new claim.
+other_terms_are_ignored(_) ->
+    C = open(),
+    Early = {message, 2, dpp_request, {{0, 0}, {1, 9}, spot(1), [], 0}},
+    {Told, C1} = step(cast, Early, C),
+    ?assertEqual([], answers(Told)),
+    ?assertMatch([{2, {{1, 1}, _, true}}], sent(dpp_recover, Told)),
+    ?assertEqual([{spot(2), spot(2)}], held(2, C1)),
+    {Higher, _} = step(cast, {message, 2, dpp_refused, {4, 2}}, C1),
+    ?assert(lists:member({trace, {claims, {5, 1}}}, Higher)).
 
 %% What a robot says that it holds is its reservation with the new coordinator, too.
 recovered_reservation_is_kept(_) ->
-    {[{2, {assign, Path}} | _], Id, Held, _} = assigned(),
-    {_, C1} = ask(1, 1, spot(1), coordinator(2)),
-    State = {2, Id, {moving, 0, spot(2), Path}, []},
-    {_, C2} = step(cast, {message, 2, dpp_state, State}, C1),
-    ?assertEqual(Held, held(2, C2)),
+    {[{2, {assign, From, Path}} | _], _, Held, _} = assigned(),
+    {_, C1} = claimed([1, 2]),
+    {_, C2} = state(1, {standing, spot(1)}, C1),
+    {_, C3} = state(2, {moving, 0, From, Path}, C2),
+    ?assertEqual(Held, held(2, C3)),
     %% and a doubled report changes nothing
-    {Twice, _} = step(cast, {message, 2, dpp_state, State}, C2),
-    ?assertEqual([], Twice).
+    {Twice, _} = state(2, {moving, 0, From, Path}, C3),
+    ?assertEqual([], sent(dpp_answer, Twice)).
 
-%% A robot that is dead before its place is known does not stop the others for ever: who waits
-%% gets an answer in bounded time.
+%% Robot 2 has an assignment and is not heard again: before its leave has surely ended it keeps
+%% everything; then it is looked for, and holds the place where it stands.
+silent_robot_keeps_all_until_its_leave_ends(_) ->
+    {_, _, Held, C} = assigned(),
+    C1 = at_beats(lists:seq(1, 10), C),
+    ?assertEqual(Held, held(2, C1)),
+    {Looks, C2} = at(11 * ?S, {timeout, beat}, beat, voted(10, C1)),
+    ?assert(lists:member({call, location, {pose, 2}, {rest, {1, 1}, 2}}, Looks)),
+    ?assertEqual(Held, held(2, C2)),
+    {X, Y} = spot(2),
+    {Found, C3} = at(11 * ?S, {reply, {rest, {1, 1}, 2}}, {ok, {X, Y, 0.0}}, C2),
+    ?assert(lists:member({trace, {silent, 2}}, Found)),
+    ?assertEqual([{spot(2), spot(2)}], held(2, C3)).
+
+%% Pitfall: a report of a moving robot that was so long on its way that the robot has been found
+%% standing meanwhile gives it nothing back.
+late_report_of_a_silent_robot(_) ->
+    {[{2, {assign, From, Path}} | _], _, _, _} = assigned(),
+    {_, C1} = claimed([1, 2]),
+    {_, C2} = state(1, {standing, spot(1)}, C1),
+    C3 = at_beats(lists:seq(1, 10), C2),
+    {_, C4} = at(11 * ?S, {timeout, beat}, beat, voted(10, C3)),
+    {X, Y} = spot(2),
+    {_, C5} = at(11 * ?S, {reply, {rest, {1, 1}, 2}}, {ok, {X, Y, 0.0}}, C4),
+    Late = {{1, 1}, {1, 5}, {moving, 0, From, Path}, [], {1, 0, true}},
+    {_, C6} = at(11 * ?S, cast, {message, 2, dpp_state, Late}, C5),
+    ?assertEqual([{spot(2), spot(2)}], held(2, C6)).
+
+%% Beats every second, which only the own participant answers.
+at_beats(Seconds, C) ->
+    lists:foldl(
+        fun(T, C0) ->
+            {_, C1} = at(T * ?S, {timeout, beat}, beat, C0),
+            voted(T, C1)
+        end,
+        C, Seconds
+    ).
+
+voted(T, C) ->
+    #{seq := Seq} = beats(C),
+    {_, Voted} = at(T * ?S, cast, {message, 1, dpp_here, {{1, 1}, {Seq, T * ?S, true}}}, C),
+    Voted.
+
+%% The number of the next beat, by having one sent and thrown away.
+beats(C) ->
+    {Actions, _} = at(0, {timeout, beat}, beat, C),
+    [Seq] = [S || {cast, sap, {shout, dpp_beat, {_, S, _}}} <- Actions],
+    #{seq => Seq - 1}.
+
+%% A robot that nobody finds does not stop the others for ever: who waits gets an answer in
+%% bounded time.
 unreachable_unknown_robot_ends(_) ->
-    {First, C1} = ask(1, 1, spot(1), coordinator(1)),
-    ?assertMatch([_ | _], run_timers(timers(First), 0, C1)).
+    {_, C1} = claimed([1, 2]),
+    {_, C2} = state(1, {standing, spot(1)}, C1),
+    {Asked, C3} = ask(1, 1, spot(1), C2),
+    [{_, Us, give_up}] = [A || {{timeout, give_up}, _, _} = A <- Asked],
+    C4 = at_beats(lists:seq(1, Us div ?S), C3),
+    {Ended, _} = at(Us, {timeout, give_up}, give_up, C4),
+    ?assertEqual([{1, incomplete}], answers(Ended)).
 
-%% The answers given within ten minutes in which nothing is heard of anybody.
-run_timers(_Timers, Us, _C) when Us > 600000000 -> [];
-run_timers(Timers, _Us, C) ->
-    case lists:sort([{Due, Name, Content} || {Name, {Due, Content}} <- maps:to_list(Timers)]) of
-        [] ->
-            [];
-        [{Due, Name, Content} | _] ->
-            {Actions, Next} = step({timeout, Name}, Content, C),
-            Left = maps:merge(maps:remove(Name, Timers),
-                              maps:map(fun(_, {D, X}) -> {D + Due, X} end, timers(Actions))),
-            answers(Actions) ++ run_timers(Left, Due, Next)
-    end.
+%% A coordinator that was asked for a path and claims a term.
+claimed(Team) ->
+    {_, C} = starl_machine:new(
+        starl_dpp_coordinator, ?CONFIG, base(1, dpp_coordinator, 1, Team)
+    ),
+    step(cast, {message, 1, dpp_request, {{0, 0}, {1, 0}, spot(1), [], 0}}, C).
 
-timers(Actions) -> maps:from_list([{Name, {Us, X}} || {{timeout, Name}, Us, X} <- Actions]).
+state(Robot, Place, C) -> state(Robot, Place, {1, 0, true}, C).
 
-coordinator(Epoch) ->
-    {_, C} = starl_machine:new(starl_dpp_coordinator, ?CONFIG, base(1, dpp_coordinator, Epoch)),
-    C.
+state(Robot, Place, Ballot, C) ->
+    step(cast, {message, Robot, dpp_state, {{1, 1}, {1, 0}, Place, [], Ballot}}, C).
 
-%% Both robots are known; robot 2 has an assignment: the answers, its request, what it holds.
+%% It leads, and both robots are known.
+open() ->
+    {_, C1} = claimed([1, 2]),
+    {_, C2} = state(1, {standing, spot(1)}, C1),
+    {_, C3} = state(2, {standing, spot(2)}, C2),
+    C3.
+
+%% Robot 2 has an assignment: the answers, its request, what it holds.
 assigned() ->
-    {_, C1} = ask(1, 1, spot(1), coordinator(1)),
-    {Actions, C2} = ask(2, 5, spot(2), C1),
-    [{2, {assign, _}} | _] = Answers = answers(Actions),
-    {Answers, {1, 5}, held(2, C2), C2}.
+    {Actions, C} = ask(2, 5, spot(2), open()),
+    [{2, {assign, _, _}} | _] = Answers = answers(Actions),
+    {Answers, {1, 5}, held(2, C), C}.
 
 ask(Robot, N, At, C) -> request(Robot, {1, N}, At, C).
 
-request(Robot, Id, At, C) -> step(cast, {message, Robot, dpp_request, {Id, At, []}}, C).
+request(Robot, Id, At, C) -> step(cast, asks(Robot, element(2, Id), At), C).
 
-answers(Actions) -> [{R, A} || {call, sap, {send, R, dpp_answer, {_, _, A}}, _} <- Actions].
+asks(Robot, N, At) -> {message, Robot, dpp_request, {{1, 1}, {1, N}, At, [], 0}}.
 
-%% What the plan inside the coordinator holds for a robot: by the trace of the next report.
+answers(Actions) ->
+    [{R, A} || {call, sap, {send, R, dpp_answer, {_, _, A, _}}, _} <- Actions].
+
+%% What the plan inside the coordinator holds for a robot.
 held(Robot, C) ->
-    Plans = [P || P <- tuple_to_list(starl_machine:data(C)), is_tuple(P), element(1, P) =:= plan],
-    [Plan] = Plans,
-    {Robot, Segments} = lists:keyfind(Robot, 1, starl_dpp_plan:unsafe(Plan)),
-    Segments.
+    [Serve] = records(serve, starl_machine:data(C)),
+    [Plan] = records(plan, Serve),
+    starl_dpp_plan:held(Robot, Plan).
+
+records(Tag, Record) ->
+    [R || R <- tuple_to_list(Record), is_tuple(R), R =/= {}, element(1, R) =:= Tag,
+          tuple_size(R) > 5].
 
 spot(Robot) ->
-    {ok, Plan} = starl_dpp_plan:new((maps:remove(speed, ?CONFIG))#{robots => [1, 2]}),
-    starl_dpp_plan:spot(Robot, Plan).
+    {ok, Plan} = starl_dpp_plan:new((?CONFIG)#{robots => [1, 2]}),
+    starl_dpp_plan:spot((Robot - 1) rem 2 + 1, Plan).
 
-base(Robot, Name, Incarnation) ->
+base(Robot, Name, Life, Team) ->
     #{
-        robot => Robot, participants => [1, 2], name => Name, incarnation => Incarnation,
+        robot => Robot, participants => Team, name => Name, incarnation => Life,
         random => rand:seed_s(exsss, 1), now => 0
     }.
 
-step(Type, Content, M) -> starl_machine:step(Type, Content, #{now => 0, robot => 1}, M).
+step(Type, Content, M) -> at(0, Type, Content, M).
+
+at(Now, Type, Content, M) -> starl_machine:step(Type, Content, #{now => Now, robot => 1}, M).
 
 %% -- in the simulator: the monitors judge ---------------------------------------------------
 

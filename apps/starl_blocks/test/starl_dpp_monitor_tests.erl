@@ -25,7 +25,9 @@ step(Event, {Found, M0}) ->
         {violation, Violation, M} -> {Found ++ [Violation], M}
     end.
 
-assigned(T, Robot, Segments) -> {T, 9, dpp_coordinator, {assigned, Robot, {Robot, T}, Segments}}.
+assigned(T, Robot, Segments) -> assigned(T, 9, Robot, Segments).
+assigned(T, By, Robot, Segments) ->
+    {T, By, dpp_coordinator, {assigned, Robot, {Robot, T}, Segments}}.
 reserved(T, Robot, Segments) -> {T, 9, dpp_coordinator, {reserved, Robot, Segments}}.
 level(Y) -> [{{0.0, Y}, {500.0, Y}}, {{500.0, Y}, {1000.0, Y}}].
 motion(T, Robot, Piece) -> {T, Robot, chassis, {motion, Piece}}.
@@ -79,15 +81,45 @@ reservation_that_grows_back_test() ->
 new_coordinator_starts_empty_test() ->
     Change = fun(Epoch) ->
         judge([{0, 9, dpp_coordinator, {coordinator, 1}}, assigned(1, 1, level(0.0)),
-               {2, 8, dpp_coordinator, {coordinator, Epoch}}, assigned(3, 2, level(0.0))])
+               {2, 8, dpp_coordinator, {coordinator, Epoch}}, assigned(3, 8, 2, level(0.0))])
     end,
     ?assertEqual([], Change(2)),
-    ?assertEqual([{tubes_overlap, [1, 2]}], Change(1)).
+    ?assertEqual([{two_coordinators, [8, 9]}, {tubes_overlap, [1, 2]}], Change(1)).
+
+%% One whose term is over assigns no more, even if the tubes are disjoint.
+two_coordinators_test() ->
+    Begin = [{0, 9, dpp_coordinator, {coordinator, 1}}, assigned(1, 1, level(0.0))],
+    Next = [{2, 8, dpp_coordinator, {coordinator, 2}}, reserved(2, 1, level(0.0))],
+    ?assertEqual([], judge(Begin ++ [assigned(3, 9, 2, level(900.0))] ++ Next)),
+    ?assertEqual([{two_coordinators, [8, 9]}],
+                 judge(Begin ++ Next ++ [assigned(3, 9, 2, level(900.0))])),
+    {[], Results} = run(Begin ++ Next ++ [{4, 8, dpp_coordinator, {coordinator, 3}}], 9),
+    ?assertMatch(#{coordinators := [9, 8]}, Results).
+
+%%% Leave: r(v) is 50 mm here, and 1 mm is the error of the positions
+
+leave_test() ->
+    R = {starl_dpp_monitor, #{tube_radius => 200.0, r_s => 300.0}},
+    Judge = fun(Y, Held) ->
+        M0 = starl_monitor:new([R]),
+        {Found, _} = lists:foldl(fun step/2, {[], M0}, [
+            reserved(1, 1, Held), motion(2, 1, drive(2, 100.0, Y, 0.0))
+        ]),
+        [What || #{what := What} <- Found]
+    end,
+    ?assertEqual([], Judge(50.9, level(0.0))),
+    ?assertEqual([moves_without_leave], Judge(51.1, level(0.0))),
+    %% its space has been given free but for the place where it was seen
+    ?assertEqual([moves_without_leave], Judge(0.0, [{{0.0, 0.0}, {0.0, 0.0}}])).
+
+%% Whoever stands needs no leave.
+standing_without_leave_test() ->
+    ?assertEqual([], judge([reserved(1, 1, level(0.0)), motion(2, 1, stand(5000.0, 0.0))])).
 
 new_coordinator_must_learn_first_test() ->
     ?assertEqual([{tubes_overlap, [1, 2]}], judge([
         assigned(1, 1, level(0.0)), {2, 8, dpp_coordinator, {coordinator, 2}},
-        assigned(3, 2, level(0.0)), reserved(4, 1, level(0.0))])).
+        assigned(3, 8, 2, level(0.0)), reserved(4, 1, level(0.0))])).
 
 dead_robots_keep_their_tube_test() ->
     ?assertEqual([{tubes_overlap, [1, 2]}], judge([

@@ -24,35 +24,35 @@ pens(Path) -> [E || {_, {down, E}} <- Path].
 %%% Single steps
 
 empty_picture_is_complete_test() ->
-    ?assertMatch({complete, _}, starl_dpp_plan:request(1, parked([], 1))).
+    ?assertMatch({complete, _}, starl_dpp_assign:request(1, parked([], 1))).
 
 nothing_before_all_places_are_known_test() ->
     Plan = park_all([1], new([line()], 2)),
     ?assertEqual([2], starl_dpp_plan:unknown(Plan)),
-    ?assertMatch({none, _}, starl_dpp_plan:request(1, Plan)),
-    ?assertMatch({[], _}, starl_dpp_plan:resolve([1], Plan)).
+    ?assertMatch({none, _}, starl_dpp_assign:request(1, Plan)),
+    ?assertMatch({[], _}, starl_dpp_assign:resolve([1], Plan)).
 
 %% The answer contains a free edge; the whole line, longer than the longest edge, gets painted.
 long_line_is_divided_and_assigned_test() ->
     Plan0 = parked([line()], 1),
     #{total := 4, free := 4} = starl_dpp_plan:counts(Plan0),
-    {{assign, Path}, Plan1} = starl_dpp_plan:request(1, Plan0),
+    {{assign, Path}, Plan1} = starl_dpp_assign:request(1, Plan0),
     ?assertEqual([1, 2, 3, 4], lists:sort(pens(Path))),
     ?assertMatch(#{free := 0, assigned := 4, painted := 0}, starl_dpp_plan:counts(Plan1)),
     Plan2 = starl_dpp_plan:passed(1, length(Path), Plan1),
     ?assertEqual([1, 2, 3, 4], starl_dpp_plan:painted_edges(Plan2)),
     {End, _} = lists:last(Path),
-    ?assertMatch({complete, _}, starl_dpp_plan:request(1, starl_dpp_plan:standing(1, End, Plan2))).
+    ?assertMatch({complete, _}, starl_dpp_assign:request(1, starl_dpp_plan:standing(1, End, Plan2))).
 
 %% Forgetting one's own tube when checking: a robot that stands on the only line, all of it inside
 %% its disk, still gets it.
 own_reservation_does_not_block_test() ->
     Short = {{6000.0, 6000.0}, {6100.0, 6000.0}},
     Plan = starl_dpp_plan:standing(1, {6050.0, 6010.0}, new([Short], 1)),
-    ?assertMatch({{assign, [_ | _]}, _}, starl_dpp_plan:request(1, Plan)).
+    ?assertMatch({{assign, [_ | _]}, _}, starl_dpp_assign:request(1, Plan)).
 
 passed_is_monotone_and_idempotent_test() ->
-    {{assign, Path}, Plan0} = starl_dpp_plan:request(1, parked([line()], 1)),
+    {{assign, Path}, Plan0} = starl_dpp_assign:request(1, parked([line()], 1)),
     N = length(Path),
     Plan1 = starl_dpp_plan:passed(1, N - 1, Plan0),
     ?assertEqual(Plan1, starl_dpp_plan:passed(1, N - 1, Plan1)),
@@ -66,7 +66,7 @@ passed_is_monotone_and_idempotent_test() ->
 
 %% A lost or late report of a robot that stands does not free space it is in.
 late_passed_of_a_standing_robot_is_ignored_test() ->
-    {{assign, [{P, _} | _] = Path}, Plan0} = starl_dpp_plan:request(1, parked([line()], 1)),
+    {{assign, [{P, _} | _] = Path}, Plan0} = starl_dpp_assign:request(1, parked([line()], 1)),
     Plan1 = starl_dpp_plan:standing(1, P, Plan0),
     ?assertEqual(Plan1, starl_dpp_plan:passed(1, length(Path), Plan1)),
     ?assertEqual([{1, [{P, P}]}], starl_dpp_plan:unsafe(Plan1)).
@@ -74,24 +74,24 @@ late_passed_of_a_standing_robot_is_ignored_test() ->
 %% The robot stays where it is after a lost assignment; its edges come back.
 standing_frees_what_is_not_painted_test() ->
     Plan0 = parked([line()], 1),
-    {{assign, Path}, Plan1} = starl_dpp_plan:request(1, Plan0),
+    {{assign, Path}, Plan1} = starl_dpp_assign:request(1, Plan0),
     Plan2 = starl_dpp_plan:passed(1, length(Path) - 2, Plan1),
     {P, _} = lists:nth(length(Path) - 2, Path),
     Plan3 = starl_dpp_plan:standing(1, P, Plan2),
     ?assertMatch(#{free := 2, assigned := 0, painted := 2}, starl_dpp_plan:counts(Plan3)),
-    ?assertMatch({{assign, [_, _]}, _}, starl_dpp_plan:request(1, Plan3)).
+    ?assertMatch({{assign, [_, _]}, _}, starl_dpp_assign:request(1, Plan3)).
 
 moving_robot_gets_nothing_test() ->
-    {_, Plan} = starl_dpp_plan:request(1, parked([line()], 1)),
-    ?assertMatch({none, _}, starl_dpp_plan:request(1, Plan)),
-    ?assertMatch({none, _}, starl_dpp_plan:retreat(1, Plan)).
+    {_, Plan} = starl_dpp_assign:request(1, parked([line()], 1)),
+    ?assertMatch({none, _}, starl_dpp_assign:request(1, Plan)),
+    ?assertMatch({none, _}, starl_dpp_assign:retreat(1, Plan)).
 
 parked_robot_does_not_retreat_test() ->
-    ?assertMatch({none, _}, starl_dpp_plan:retreat(1, parked([line()], 3))).
+    ?assertMatch({none, _}, starl_dpp_assign:retreat(1, parked([line()], 3))).
 
 retreat_ends_on_a_spot_test() ->
     Plan0 = starl_dpp_plan:standing(2, {6000.0, 6000.0}, park_all([1], new([line()], 2))),
-    {{assign, Path}, Plan1} = starl_dpp_plan:retreat(2, Plan0),
+    {{assign, Path}, Plan1} = starl_dpp_assign:retreat(2, Plan0),
     {P, up} = lists:last(Path),
     ?assert(starl_dpp_plan:parked(2, starl_dpp_plan:standing(2, P, Plan1))).
 
@@ -103,7 +103,7 @@ spots_are_exchanged_test() ->
     {X, Y} = Other = starl_dpp_plan:spot(2, Plan0),
     Away = starl_dpp_plan:standing(2, {6000.0, 6000.0}, Plan0),
     Near = starl_dpp_plan:standing(1, {(3 * X + 6000.0) / 4, (3 * Y + 6000.0) / 4}, Away),
-    {{assign, Path}, Plan1} = starl_dpp_plan:retreat(1, Near),
+    {{assign, Path}, Plan1} = starl_dpp_assign:retreat(1, Near),
     ?assertMatch({Other, up}, lists:last(Path)),
     ?assertEqual({Other, Own}, {starl_dpp_plan:spot(1, Plan1), starl_dpp_plan:spot(2, Plan1)}),
     Plan2 = starl_dpp_plan:standing(1, Other, Away),
@@ -114,7 +114,7 @@ spots_are_exchanged_test() ->
 %% the tube that it had.
 standing_beside_the_path_test() ->
     {ok, Plan0} = starl_dpp_plan:new((config([line()], 1))#{slack => 40.0}),
-    {{assign, _}, Plan1} = starl_dpp_plan:request(1, park_all([1], Plan0)),
+    {{assign, _}, Plan1} = starl_dpp_assign:request(1, park_all([1], Plan0)),
     [{1, Segments}] = starl_dpp_plan:unsafe(Plan1),
     {A, B} = lists:last(Segments),
     {X, Y} = starl_geometry:interpolate(A, B, 0.5),
@@ -141,18 +141,18 @@ kind(Reason) -> Reason.
 dead_robot_makes_unreachable_test() ->
     Short = {{6000.0, 6000.0}, {6100.0, 6000.0}},
     Plan = starl_dpp_plan:standing(2, {6050.0, 6010.0}, park_all([1, 3], new([Short], 3))),
-    ?assertNot(starl_dpp_plan:reachable([1, 3], Plan)),
-    ?assert(starl_dpp_plan:reachable([1, 2], Plan)),
-    ?assertMatch({none, _}, starl_dpp_plan:request(1, Plan)),
-    ?assertMatch({[], _}, starl_dpp_plan:resolve([1, 3], Plan)).
+    ?assertNot(starl_dpp_assign:reachable([1, 3], Plan)),
+    ?assert(starl_dpp_assign:reachable([1, 2], Plan)),
+    ?assertMatch({none, _}, starl_dpp_assign:request(1, Plan)),
+    ?assertMatch({[], _}, starl_dpp_assign:resolve([1, 3], Plan)).
 
 %% A deadlock: the one that may paint is shut in by those that wait.
 resolve_opens_the_way_test() ->
     Short = {{6000.0, 6000.0}, {6100.0, 6000.0}},
     Plan0 = starl_dpp_plan:standing(1, {6050.0, 6010.0}, park_all([2], new([Short], 2))),
     %% Robot 1 is dead on the line in the first test; here it only waits.
-    ?assertMatch({none, _}, starl_dpp_plan:request(2, Plan0)),
-    {[{1, Path}], _} = starl_dpp_plan:resolve([1, 2], Plan0),
+    ?assertMatch({none, _}, starl_dpp_assign:request(2, Plan0)),
+    {[{1, Path}], _} = starl_dpp_assign:resolve([1, 2], Plan0),
     ?assertMatch([_ | _], Path).
 
 %%% Whole runs: every line is painted, tubes are disjoint at every step, retreats are bounded
@@ -197,7 +197,7 @@ deaths(Name, Seed) ->
     Figures = run(Name, 6, Seed, #{deaths => Deaths}),
     #{counts := #{free := Free}, plan := Plan, live := Live} = Figures,
     ?assertEqual([1, 3, 4, 6], Live),
-    ?assert(Free =:= 0 orelse not starl_dpp_plan:reachable(Live, Plan)).
+    ?assert(Free =:= 0 orelse not starl_dpp_assign:reachable(Live, Plan)).
 
 %% Equal input, equal run.
 deterministic_test() ->
@@ -211,20 +211,20 @@ rebuilt_plan_carries_on_test_() ->
 rebuilt(Seed) ->
     Segments = starl_dpp_pictures:picture(lines, Seed),
     Plan0 = parked(Segments, 3),
-    {{assign, Path1}, Plan1} = starl_dpp_plan:request(1, Plan0),
-    {{assign, Path2}, Plan2} = starl_dpp_plan:request(2, Plan1),
+    {{assign, Path1}, Plan1} = starl_dpp_assign:request(1, Plan0),
+    {{assign, Path2}, Plan2} = starl_dpp_assign:request(2, Plan1),
     From1 = starl_dpp_plan:spot(1, Plan0),
     From2 = starl_dpp_plan:spot(2, Plan0),
     [Done | _] = lists:reverse(pens(Path1)),
     New0 = starl_dpp_plan:mark_painted([Done], park_all([3], new(Segments, 3))),
     New1 = starl_dpp_plan:adopt(1, From1, Path1, New0),
     Held = proplists:get_value(2, starl_dpp_plan:unsafe(Plan2)),
-    New2 = starl_dpp_plan:reserve(2, Held, New1),
+    New2 = starl_dpp_plan:adopt(2, From2, [{Q, up} || {_, Q} <- Held], New1),
     ?assertEqual(starl_dpp_plan:unsafe(Plan2), starl_dpp_plan:unsafe(New2)),
     ?assertEqual([Done], starl_dpp_plan:painted_edges(New2)),
     #{assigned := Assigned} = starl_dpp_plan:counts(New2),
     ?assertEqual(length(pens(Path1)) - 1, Assigned),
-    {Answer, New3} = starl_dpp_plan:request(3, New2),
+    {Answer, New3} = starl_dpp_assign:request(3, New2),
     starl_dpp_world:disjoint(starl_dpp_plan:unsafe(New3), New3),
     ?assertMatch({assign, _}, Answer),
     %% Held by nobody else: robot 2's line was not given away.
@@ -232,6 +232,25 @@ rebuilt(Seed) ->
     ?assertEqual([], [E || E <- pens(Path3), lists:member(E, pens(Path2))]),
     New4 = starl_dpp_plan:standing(2, From2, New3),
     ?assertMatch(#{assigned := _}, starl_dpp_plan:counts(New4)).
+
+%% Robots that tell a new coordinator where they are may be some mm off the places that they held:
+%% their reservations are moved apart, within the slack, and those that are apart stay.
+standing_robots_are_moved_apart_test() ->
+    Put = fun({Id, P}, Plan) -> starl_dpp_plan:standing(Id, P, Plan) end,
+    Places = [{1, {5000.0, 5000.0}}, {2, {5000.0 + 2 * ?R - 9.0, 5000.0}}, {3, {5200.0, 5400.0}}],
+    Plan = lists:foldl(Put, new([line()], 3), Places),
+    ?assertError({tubes_overlap, _, _, _, _, _},
+                 starl_dpp_world:disjoint(starl_dpp_plan:unsafe(Plan), Plan)),
+    Apart = starl_dpp_plan:apart(Plan),
+    starl_dpp_world:disjoint(starl_dpp_plan:unsafe(Apart), Apart),
+    [
+        begin
+            {Reserved, P} = starl_dpp_plan:stands(Id, Apart),
+            ?assert(starl_geometry:distance(Reserved, P) < 15.0)
+        end
+     || {Id, P} <- Places
+    ],
+    ?assertEqual(Apart, starl_dpp_plan:apart(Apart)).
 
 %%% Deadlock: wherever robots stand, at least one can always leave
 
@@ -259,7 +278,7 @@ drained(Robots, Rounds, Plan0) ->
 
 %% The way is checked against all others and driven at once.
 retreat_now(Id, Plan0) ->
-    case starl_dpp_plan:retreat(Id, Plan0) of
+    case starl_dpp_assign:retreat(Id, Plan0) of
         {none, _} -> Plan0;
         {{assign, Path}, Plan1} ->
             starl_dpp_world:disjoint(starl_dpp_plan:unsafe(Plan1), Plan1),

@@ -91,7 +91,7 @@ later(Delay, Event, #world{queue = Queue, seq = Seq, now = Now} = World) ->
 quiet(#world{plan = Plan0, robots = Robots} = World) ->
     Waiting = [Id || {Id, #robot{state = waiting}} <- lists:sort(maps:to_list(Robots))],
     #{free := Free} = starl_dpp_plan:counts(Plan0),
-    Resolve = fun() -> starl_dpp_plan:resolve(Waiting, Plan0) end,
+    Resolve = fun() -> starl_dpp_assign:resolve(Waiting, Plan0) end,
     case Free > 0 andalso timed(resolve, Resolve, World) of
         false ->
             World;
@@ -142,7 +142,7 @@ put_robot(Id, Robot, #world{robots = Robots} = World) ->
 ask(Id, #world{plan = Plan0} = World0) ->
     Trace = maps:get(trace, World0#world.options, fun(_, _, _, _) -> ok end),
     Trace(World0#world.now, Id, Plan0, World0#world.robots),
-    case timed(request, fun() -> starl_dpp_plan:request(Id, Plan0) end, World0) of
+    case timed(request, fun() -> starl_dpp_assign:request(Id, Plan0) end, World0) of
         {{{assign, Path}, Plan1}, #world{stats = Stats} = World1} ->
             lists:any(fun({_, Pen}) -> Pen =/= up end, Path) orelse error({no_ink, Path}),
             depart(Id, Path, World1#world{plan = Plan1, stats = Stats#{row => 0}});
@@ -151,7 +151,7 @@ ask(Id, #world{plan = Plan0} = World0) ->
     end.
 
 idle(Id, none, #world{plan = Plan0, options = #{make_way := true}} = World) ->
-    case starl_dpp_plan:make_way(Id, Plan0) of
+    case starl_dpp_assign:make_way(Id, Plan0) of
         {{assign, Path}, Plan1} -> depart(Id, Path, retreat(World#world{plan = Plan1}));
         {none, _} -> wait(Id, World)
     end;

@@ -60,6 +60,10 @@ commands() ->
         {"run", fun starl_cli_run:command/1, "run TARGET        run an application or a scenario"},
         {"table", fun starl_cli_table:command/1,
             "table             paint every picture with many teams, losses and seeds"},
+        {"sweep", fun starl_cli_sweep:command/1,
+            "sweep TARGET      run every combination of settings and seeds; CSV and a plot"},
+        {"check", fun starl_cli_check:command/1,
+            "check BLOCK       go through all that can happen to a small team"},
         {"bench", fun starl_cli_bench:command/1, "bench [ring|dpp]  measure how fast it runs"},
         {"apps", fun apps/1, "apps              list the applications"},
         {"scenarios", fun scenarios/1, "scenarios         list the scenarios"}

@@ -143,8 +143,8 @@ ask(Id, #drive{plan = Plan, times = Times, left = Left} = Drive) ->
 
 %% As the coordinator does: who gets no work goes out of the way.
 answer(Id, Plan) ->
-    case starl_dpp_plan:request(Id, Plan) of
-        {none, Next} -> starl_dpp_plan:make_way(Id, Next);
+    case starl_dpp_assign:request(Id, Plan) of
+        {none, Next} -> starl_dpp_assign:make_way(Id, Next);
         Answer -> Answer
     end.
 
@@ -180,7 +180,7 @@ wake(#drive{waiting = Waiting} = Drive) ->
     lists:foldl(Ask, Drive#drive{waiting = []}, lists:sort(Waiting)).
 
 resolve(#drive{waiting = Waiting, plan = Plan} = Drive) ->
-    case starl_dpp_plan:resolve(Waiting, Plan) of
+    case starl_dpp_assign:resolve(Waiting, Plan) of
         {[], _} ->
             Drive;
         {Moves, Next} ->

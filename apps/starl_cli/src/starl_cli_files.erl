@@ -1,7 +1,7 @@
 %% @doc The files of a run's directory.
 -module(starl_cli_files).
 
--export([write/4, write_failure/3]).
+-export([write/4, write_failure/3, put_all/2, scenario/1]).
 
 -type answer() :: ok | {error, unicode:chardata()}.
 
@@ -34,6 +34,8 @@ write_failure(Dir, Setup, Reason) ->
 log([]) -> [];
 log(Lines) -> [{"run.log", Lines}].
 
+%% @doc Writes files with these texts into a directory.
+-spec put_all(file:filename(), [{Name :: string(), unicode:chardata()}]) -> answer().
 put_all(_Dir, []) ->
     ok;
 put_all(Dir, [{Name, Text} | Files]) ->
@@ -42,7 +44,8 @@ put_all(Dir, [{Name, Text} | Files]) ->
         {error, Posix} -> {error, [Name, ": ", file:format_error(Posix)]}
     end.
 
-%% Every key is written, in the order of the tables, so that the file replays the run.
+%% @doc The text of a scenario file that replays a run: every key, in the order of the tables.
+-spec scenario(starl_cli_run:setup()) -> unicode:chardata().
 scenario(#{target := #{app := App, name := Name, replay := Word}, scenario := Scenario}) ->
     Keys = [Key || {Key, _, _, _} <- starl_sim_scenario:options() ++ starl_app:options(App)],
     Lines = [io_lib:format("    ~tp => ~0tp", [Key, maps:get(Key, Scenario)]) || Key <- Keys],

@@ -2,12 +2,22 @@
 %% problems of a command line are found in one go.
 -module(starl_cli_flags).
 
--export([parse/2, defaults/1, help/2, flag/1, text/2, arguments/2, nearest/2, format_problem/1]).
+-export([parse/2, defaults/1, help/2, flag/1, text/2, arguments/2, shell/1, nearest/2]).
+-export([format_problem/1]).
 
 -export_type([flag/0, type/0, problem/0]).
 
-%% Besides the types of options: a flag without a value, and several values `A,B,C'.
--type type() :: starl_options:type() | switch | {list, starl_options:type()}.
+%% More values than this are a slip.
+-define(LONGEST_RANGE, 100000).
+
+%% Besides the types of options: a flag without a value, and several values `A,B,C', where
+%% numbers may also stand as a range, `LOW..HIGH' or `LOW..HIGH..STEP'.
+%% Of `{first, T}' a single value N stands for 1..N.
+-type type() ::
+    starl_options:type()
+    | switch
+    | {list, starl_options:type()}
+    | {first, starl_options:type()}.
 -type flag() :: {Key :: atom(), type(), Default :: term(), Doc :: string()}.
 
 -type problem() ::
@@ -65,6 +75,7 @@ text({between, Type}, {Low, High}) -> text(Type, Low) ++ ".." ++ text(Type, High
 text({size, Type}, {Width, Height}) -> text(Type, Width) ++ "x" ++ text(Type, Height);
 text({optional, _}, none) -> "none";
 text({optional, Type}, Value) -> text(Type, Value);
+text({first, Type}, Values) -> text({list, Type}, Values);
 text({list, Type}, Values) -> lists:append(lists:join(",", [text(Type, V) || V <- Values]));
 text(string, none) -> "none";
 text(string, Value) -> Value;
@@ -152,14 +163,48 @@ value({Key, Text}, Flags) ->
         error -> {problem, {bad_value, Key, Text, Type}}
     end.
 
+parse_value({first, Type}, Text) ->
+    case starl_options:parse(Type, Text) of
+        {ok, N} -> parse_value({list, Type}, "1.." ++ integer_to_list(N));
+        error -> parse_value({list, Type}, Text)
+    end;
 parse_value({list, Type}, Text) ->
-    Values = [starl_options:parse(Type, Part) || Part <- string:split(Text, ",", all)],
-    case lists:member(error, Values) of
+    Parts = [parse_values(Type, Part) || Part <- string:split(Text, ",", all)],
+    case lists:member(error, Parts) of
         true -> error;
-        false -> {ok, [Value || {ok, Value} <- Values]}
+        false -> {ok, lists:append([Values || {ok, Values} <- Parts])}
     end;
 parse_value(Type, Text) ->
     starl_options:parse(Type, Text).
+
+parse_values(Type, Text) ->
+    case starl_options:parse(Type, Text) of
+        {ok, Value} -> {ok, [Value]};
+        error -> parse_range(Type, string:split(Text, "..", all))
+    end.
+
+parse_range({optional, Type}, Texts) ->
+    parse_range(Type, Texts);
+parse_range(Type, [Low, High]) ->
+    parse_range(Type, [Low, High, "1"]);
+parse_range({Kind, _, Max} = Type, [_, _, _] = Texts) when Kind =:= integer; Kind =:= number ->
+    Types = [Type, Type, {Kind, 0, max(1, Max)}],
+    case [starl_options:parse(T, Text) || {T, Text} <- lists:zip(Types, Texts)] of
+        [{ok, Low}, {ok, High}, {ok, Step}] -> range(Low, High, Step);
+        _ -> error
+    end;
+parse_range(_Type, _Texts) ->
+    error.
+
+range(Low, High, Step) when Low =< High, Step > 0, High - Low < ?LONGEST_RANGE * Step ->
+    %% 0..0.3..0.1 is to end with 0.3, whatever the last bit of a tenth
+    Steps = floor((High - Low) / Step + 1.0e-9),
+    {ok, [tidy(Low + K * Step) || K <- lists:seq(0, Steps)]};
+range(_Low, _High, _Step) ->
+    error.
+
+tidy(X) when X == trunc(X) -> trunc(X);
+tidy(X) -> list_to_float(float_to_list(X, [{decimals, 9}, compact])).
 
 %% -- writing --------------------------------------------------------------------------------
 
@@ -167,8 +212,14 @@ dashed($_) -> $-;
 dashed(C) -> C.
 
 type_text(switch) -> "no value";
-type_text({list, Type}) -> starl_options:type_text(Type) ++ ", or several with commas between";
+type_text({first, _}) -> "N for 1..N, or A,B,C or LOW..HIGH";
+type_text({list, Type}) -> starl_options:type_text(Type) ++ several(Type);
 type_text(Type) -> starl_options:type_text(Type).
+
+several({optional, Type}) -> several(Type);
+several({integer, _, _}) -> ", or several as A,B,C or LOW..HIGH or LOW..HIGH..STEP";
+several({number, _, _}) -> ", or several as A,B,C or LOW..HIGH..STEP";
+several(_) -> ", or several with commas between".
 
 help_on({Key, switch, _, Doc}, Width) ->
     ["  ", flag(Key), "\n      ", starl_cli_terminal:wrap(Doc, 6, Width), "\n"];
@@ -186,6 +237,7 @@ placeholder({number, _, _}) -> "X";
 placeholder({between, _}) -> "LOW..HIGH";
 placeholder({size, _}) -> "WIDTHxHEIGHT";
 placeholder({optional, Type}) -> placeholder(Type);
+placeholder({first, Type}) -> placeholder(Type);
 placeholder({list, Type}) -> [placeholder(Type), ",..."];
 placeholder({one_of, _}) -> "NAME";
 placeholder(boolean) -> "true|false";
@@ -195,6 +247,8 @@ placeholder(string) -> "TEXT".
 quoted("") -> "nothing";
 quoted(Text) -> ["\"", Text, "\""].
 
+%% @doc A text as a shell takes it back.
+-spec shell(string()) -> string().
 shell("") ->
     "''";
 shell(Text) ->

@@ -1,7 +1,7 @@
 %% @doc What is told of a run: its figures in their order, as JSON, as a text and in a few words.
 -module(starl_cli_report).
 
--export([make/1, text/1, json/1, summary/1, figure/2, complete/1, ending/1]).
+-export([make/1, text/1, json/1, summary/1, figures/1, figure/2, complete/1, ending/1]).
 
 -export_type([t/0, input/0]).
 
@@ -33,7 +33,8 @@
     {min_separation_mm, {down, 3}},
     {safety_distance_mm, {near, 3}},
     {deadlocks_resolved, {near, 0}},
-    {assignments, {near, 0}}
+    {assignments, {near, 0}},
+    {assignments_per_robot, {near, 3}}
 ]).
 
 %% @doc Puts together what is known of a run.
@@ -86,6 +87,10 @@ rounded({down, Digits}, Value) ->
 
 whole(infinity) -> null;
 whole(Value) -> Value.
+
+%% @doc All figures, in their order.
+-spec figures(t()) -> [{atom(), starl_cli_json:value()}].
+figures(#report{fields = Fields}) -> Fields.
 
 %% @doc One figure of the report.
 -spec figure(atom(), t()) -> starl_cli_json:value().

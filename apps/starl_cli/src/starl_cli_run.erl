@@ -1,7 +1,8 @@
 %% @doc `./starl run': one simulation, from the flags to the directory with its results.
 -module(starl_cli_run).
 
--export([command/1, setup/1, replay/2]).
+-export([command/1, setup/1, replay/2, take_target/1, scenario/2]).
+-export([help_wanted/1, flag_lines/1, out/2, options/1]).
 
 -export_type([setup/0]).
 
@@ -10,7 +11,8 @@
     target := starl_cli_target:t(),
     scenario := starl_sim_scenario:t(),
     out := starl_cli_out:t(),
-    quiet := boolean()
+    quiet := boolean(),
+    print_scenario := boolean()
 }.
 
 -define(EXAMPLE, "as in ./starl run painting; ./starl run --help tells more").
@@ -22,9 +24,10 @@
 -spec command([string()]) -> starl_cli_terminal:status().
 command(Args) ->
     case setup(Args) of
+        {ok, #{print_scenario := true} = Setup} -> print(starl_cli_files:scenario(Setup));
         {ok, Setup} -> starl_cli_simulation:run(Setup);
-        help -> help(general_help());
-        {help, Target} -> help(target_help(Target));
+        help -> print(general_help());
+        {help, Target} -> print(target_help(Target));
         {error, Problems} -> starl_cli_terminal:bad_input(Problems)
     end.
 
@@ -38,7 +41,9 @@ setup(Args) ->
         {Word, Others} -> with_target(starl_cli_target:resolve(Word), Others)
     end.
 
-%% The target comes first; behind flags it is known by what it names.
+%% @doc Takes the word that names the target from the arguments. It comes first; behind flags it
+%% is known by what it names.
+-spec take_target([string()]) -> {string() | none, [string()]}.
 take_target([[C | _] = Word | Args]) when C =/= $- ->
     {Word, Args};
 take_target(Args) ->
@@ -56,25 +61,33 @@ with_target({ok, #{app := App} = Target}, Args) ->
         {false, {error, Problems}} -> checked(Target, #{}, flag_lines(Problems))
     end.
 
+%% @doc Whether help is asked for, whatever else.
+-spec help_wanted([string()]) -> boolean().
 help_wanted(Args) -> lists:member("--help", Args) orelse lists:member("-h", Args).
 
+%% @doc The problems of flags as lines.
+-spec flag_lines([starl_cli_flags:problem()]) -> [unicode:chardata()].
 flag_lines(Problems) -> [starl_cli_flags:format_problem(P) || P <- Problems].
 
 %% Values of a scenario file give way to flags.
 checked(#{name := Name, given := FromFile} = Target, Values, Flagged) ->
-    Given = maps:merge(FromFile, maps:without([out, quiet, help], Values)),
+    Given = maps:merge(FromFile, maps:without([out, quiet, print_scenario, help], Values)),
     {Unsound, Scenario} = scenario(Target, Given),
     {Unwritable, Out} = out(maps:get(out, Values, none), Name),
     case Flagged ++ Unsound ++ Unwritable of
         [] ->
             {ok, #{
                 target => Target, scenario => Scenario, out => Out,
-                quiet => maps:get(quiet, Values, false)
+                quiet => maps:get(quiet, Values, false),
+                print_scenario => maps:get(print_scenario, Values, false)
             }};
         Problems ->
             {error, Problems}
     end.
 
+%% @doc Checks the values for a target; gives what is wrong, and the scenario.
+-spec scenario(starl_cli_target:t(), #{atom() => term()}) ->
+    {[unicode:chardata()], starl_sim_scenario:t()}.
 scenario(#{app := App, file := File}, Given) ->
     case starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)) of
         {ok, Scenario} -> {[], Scenario};
@@ -82,6 +95,9 @@ scenario(#{app := App, file := File}, Given) ->
             {[[File, ": ", starl_options:format_problem(P)] || P <- Problems], #{}}
     end.
 
+%% @doc Checks the directory for the results; gives what is wrong, and the plan.
+-spec out(none | file:filename(), Name :: string()) ->
+    {[unicode:chardata()], starl_cli_out:t() | none}.
 out(Dir, Name) ->
     case starl_cli_out:plan(Dir, Name) of
         {ok, Plan} -> {[], Plan};
@@ -100,6 +116,8 @@ replay(#{app := App, replay := Word}, Scenario) ->
 
 %% -- flags and help -------------------------------------------------------------------------
 
+%% @doc The options of a simulation and of its application.
+-spec options(module()) -> [starl_options:option()].
 options(App) -> starl_sim_scenario:options() ++ starl_app:options(App).
 
 flags(App) -> own_flags() ++ options(App).
@@ -108,10 +126,12 @@ own_flags() ->
     [
         {out, string, none, "directory for the results; without it a new one under out/"},
         {quiet, switch, false, "no progress and no summary, only where the result is"},
+        {print_scenario, switch, false,
+            "no run: prints all values as a scenario file, which ./starl run FILE.term runs"},
         {help, switch, false, "this help"}
     ].
 
-help(Text) ->
+print(Text) ->
     starl_cli_terminal:out(Text),
     0.
 

@@ -17,7 +17,7 @@ compiled(File, {ok, Module, Code, Warnings}) ->
     case code:which(Module) of
         non_existing ->
             {module, Module} = code:load_binary(Module, File, Code),
-            check(File, Module);
+            check(File, Module, Code);
         _ ->
             {error, [
                 io_lib:format("~ts: there is a module ~ts already; give yours another name", [
@@ -28,7 +28,7 @@ compiled(File, {ok, Module, Code, Warnings}) ->
 compiled(_File, {error, Errors, _Warnings}) ->
     {error, lines(Errors)}.
 
-check(File, Module) ->
+check(File, Module, Code) ->
     Runs = lists:any(fun({F, A}) -> erlang:function_exported(Module, F, A) end, [
         {step, 2}, {scene, 1}
     ]),
@@ -36,7 +36,7 @@ check(File, Module) ->
         true ->
             {ok, #{
                 app => Module, name => atom_to_list(Module), replay => File, file => File,
-                given => #{}
+                given => #{}, code => {Module, File, Code}
             }};
         false ->
             {error, [[File, ": this is no application: it exports neither step/2 nor scene/1"]]}

@@ -2,7 +2,7 @@
 %% seeds; a row for each picture, team and loss as soon as its last seed is done.
 -module(starl_cli_table).
 
--export([command/1]).
+-export([command/1, one/1]).
 
 -type cell() :: starl_cli_table_rows:cell().
 -type result() :: starl_cli_table_rows:result().
@@ -15,9 +15,7 @@
     done = 0 :: non_neg_integer(),
     results = #{} :: #{cell() => [{Seed :: integer(), result()}]},
     bad = [] :: [unicode:chardata()],
-    csv :: file:io_device() | none,
-    progress :: starl_cli_progress:t(),
-    begun_s :: integer()
+    csv :: file:io_device() | none
 }).
 
 %% @doc Runs the command; gives the exit status.
@@ -41,7 +39,7 @@ flags() ->
         {random, {integer, 0, 10000}, 0, "besides, so many random pictures, small to large"},
         {random_seed, {integer, 0, 1 bsl 32}, 1, "decides the random pictures"},
         {time, {number, 1, 1.0e6}, 40000, "gives a run up at this virtual time, s"},
-        {jobs, {integer, 1, 256}, erlang:system_info(schedulers_online), "runs at once"},
+        starl_cli_jobs:at_once(),
         {out, string, none, "a CSV file with a line for each run"},
         {help, switch, false, "this help"}
     ].
@@ -106,53 +104,25 @@ run(Pictures, Csv, Dir, #{robots := Robots, loss := Losses, seeds := Seeds} = Op
     Rows = [{P, N, Loss} || P <- Pictures, N <- Robots, Loss <- Losses],
     Jobs = [{Row, scenario(Row, Seed, Options)} || Row <- Rows, Seed <- lists:seq(1, Seeds)],
     starl_cli_terminal:out(starl_cli_table_rows:header()),
-    Self = self(),
-    starl_cli_signal:on_interrupt(fun() -> Self ! interrupted end),
-    Table = #table{
-        rows = Rows, seeds = Seeds, total = length(Jobs), csv = Csv,
-        progress = starl_cli_progress:new(auto), begun_s = erlang:monotonic_time(second)
+    Plan = #{
+        work => {?MODULE, one}, at_once => maps:get(jobs, Options), what => "runs",
+        each => fun noted/3
     },
-    {Running, Later} = lists:split(min(maps:get(jobs, Options), length(Jobs)), Jobs),
-    Ended = collect(maps:from_list([start(Job) || Job <- Running]), Later, show(Table)),
-    conclude(Ended, Dir).
+    Table = #table{rows = Rows, seeds = Seeds, total = length(Jobs), csv = Csv},
+    {How, Ended} = starl_cli_jobs:run(Jobs, Plan, Table),
+    conclude(How, Ended, Dir).
 
-start({_Row, Scenario} = Job) ->
-    Self = self(),
-    {Pid, Ref} = spawn_monitor(fun() -> Self ! {result, self(), one(Scenario)} end),
-    {Pid, {Ref, Job}}.
-
-collect(Running, [], Table) when map_size(Running) =:= 0 ->
-    Table;
-collect(Running, Later, Table) ->
-    receive
-        interrupted ->
-            Table#table{bad = [interrupted | Table#table.bad]};
-        {result, Pid, Result} ->
-            ended(Pid, Result, Running, Later, Table);
-        {'DOWN', _, process, Pid, _Crash} when is_map_key(Pid, Running) ->
-            ended(Pid, failed, Running, Later, Table)
+%% @private A run, in a VM of its own.
+-spec one(job()) -> result().
+one({_Row, Scenario}) ->
+    case starl_cli_jobs:simulate(Scenario) of
+        {ok, #{outcome := Outcome, app := #{figures := Figures}, wall_s := Wall}} ->
+            figures(maps:from_list(Figures), Outcome, Wall);
+        {error, _} ->
+            failed
     end.
 
-ended(Pid, Result, Running, Later, Table) ->
-    {{Ref, Job}, Others} = maps:take(Pid, Running),
-    true = erlang:demonitor(Ref, [flush]),
-    Next = show(noted(Job, Result, Table)),
-    case Later of
-        [] ->
-            collect(Others, [], Next);
-        [New | Rest] ->
-            {NewPid, Started} = start(New),
-            collect(Others#{NewPid => Started}, Rest, Next)
-    end.
-
-one(#{time := Seconds} = Scenario) ->
-    Begin = erlang:monotonic_time(microsecond),
-    {ok, Sim} = starl_sim:start(Scenario),
-    _ = starl_sim:run(Sim, Seconds),
-    {Outcome, #{figures := Figures}} = starl_sim:finish(Sim),
-    figures(maps:from_list(Figures), Outcome, erlang:monotonic_time(microsecond) - Begin).
-
-figures(Figures, #{end_us := EndUs, violations := Violations, digest := Digest}, WallUs) ->
+figures(Figures, #{end_us := EndUs, violations := Violations, digest := Digest}, Wall) ->
     #{driven_mm := Driven, ink_mm := Ink} = Figures,
     #{
         covered => maps:get(ink_covered, Figures),
@@ -163,7 +133,7 @@ figures(Figures, #{end_us := EndUs, violations := Violations, digest := Digest},
         ratio => maps:get(makespan_bound_ratio, Figures),
         detour => Driven / max(1.0, Ink),
         deadlocks => maps:get(deadlocks_resolved, Figures),
-        wall => WallUs / 1.0e6,
+        wall => Wall,
         digest => string:lowercase(binary:encode_hex(Digest))
     }.
 
@@ -172,17 +142,18 @@ separation(Mm) -> Mm.
 
 %% -- rows -----------------------------------------------------------------------------------
 
--spec noted(job(), result(), #table{}) -> #table{}.
-noted({Row, #{seed := Seed} = Scenario}, Result, #table{results = Results, bad = Bad} = Table) ->
+-spec noted(job(), starl_cli_jobs:answer(result()), #table{}) -> #table{}.
+noted(Job, {crashed, _}, Table) -> noted(Job, {ok, failed}, Table);
+noted({Row, #{seed := Seed} = Scenario}, {ok, Result}, #table{results = Results} = Table) ->
     ok = keep(Table#table.csv, starl_cli_table_rows:csv(Row, Seed, Result)),
     Noted = [{Seed, Result} | maps:get(Row, Results, [])],
-    Worse =
+    Bad =
         case starl_cli_table_rows:sound(Result) of
-            true -> Bad;
-            false -> [complaint(Result, Scenario) | Bad]
+            true -> [];
+            false -> [complaint(Result, Scenario)]
         end,
     finished_rows(Table#table{
-        results = Results#{Row => Noted}, bad = Worse, done = Table#table.done + 1
+        results = Results#{Row => Noted}, bad = Bad ++ Table#table.bad, done = Table#table.done + 1
     }).
 
 keep(none, _Line) -> ok;
@@ -207,38 +178,27 @@ complaint(Result, Scenario) ->
     {ok, Full} = starl_sim_scenario:check(Scenario, starl_app:options(starl_painting)),
     [starl_cli_table_rows:wrong(Result), ": ", starl_cli_run:replay(Target, Full)].
 
-%% -- progress and end -----------------------------------------------------------------------
+%% -- the end --------------------------------------------------------------------------------
 
-show(#table{progress = Progress, done = Done, total = Total, begun_s = Begun} = Table) ->
-    Words = fun() ->
-        Gone = erlang:monotonic_time(second) - Begun,
-        [io_lib:format("~b of ~b runs", [Done, Total]), to_go(Done, Total, Gone)]
-    end,
-    Table#table{progress = starl_cli_progress:show(Progress, Done / Total, Words)}.
-
-to_go(0, _Total, _Gone) -> "";
-to_go(Done, Total, Gone) -> io_lib:format("~b s to go", [Gone * (Total - Done) div Done]).
-
-conclude(#table{bad = Bad, done = Done, total = Total, csv = Csv}, Dir) ->
-    starl_cli_progress:erase(),
+conclude(How, #table{bad = Bad, done = Done, total = Total, csv = Csv}, Dir) ->
     _ = [ok = file:close(Csv) || Csv =/= none],
-    Wrong = lists:reverse(lists:delete(interrupted, Bad)),
+    Wrong = lists:reverse(Bad),
     starl_cli_terminal:out([[Line, "\n"] || Line <- Wrong]),
-    Wrong =:= [] andalso starl_cli_random:remove(Dir),
-    verdict(Wrong, length(Bad) > length(Wrong), Done, Total).
+    _ = Wrong =:= [] andalso starl_cli_random:remove(Dir),
+    verdict(Wrong, How, Done, Total).
 
-verdict(Wrong, true, Done, Total) ->
+verdict(Wrong, interrupted, Done, Total) ->
     starl_cli_terminal:out("interrupted after ~b of ~b runs, ~b not sound\n", [
         Done, Total, length(Wrong)
     ]),
     130;
-verdict([], false, Done, _Total) ->
+verdict([], done, Done, _Total) ->
     starl_cli_terminal:out(
         "all ~b runs: painted 100 %, no contract violated, no robots closer than the safety "
         "distance\n",
         [Done]
     ),
     0;
-verdict(Wrong, false, Done, _Total) ->
+verdict(Wrong, done, Done, _Total) ->
     starl_cli_terminal:out("NOT SOUND: ~b of ~b runs, see above\n", [length(Wrong), Done]),
     3.

@@ -4,17 +4,20 @@
 
 -export([apps/0, scenarios/0, resolve/1, looks_like_one/1, root/0]).
 
--export_type([t/0]).
+-export_type([t/0, code/0]).
 
 %% `given' are the values of a scenario file; `replay' names the target on a command line, `file'
-%% is where the values come from.
+%% is where the values come from. The `code' of an application of the user's own is in no file.
 -type t() :: #{
     app := module(),
     name := string(),
     replay := string(),
     file := string(),
-    given := #{atom() => term()}
+    given := #{atom() => term()},
+    code => code()
 }.
+
+-type code() :: {module(), Source :: file:filename(), Beam :: binary()}.
 
 -type answer() :: {ok, t()} | {error, [unicode:chardata(), ...]}.
 

@@ -2,6 +2,10 @@
 -module(starl_cli_tests).
 -include_lib("eunit/include/eunit.hrl").
 
+-export([breaker/0]).
+
+-import(starl_cli_vm, [says/3, contains/2, start/1, rest/2, until/3, in_directory/1]).
+
 -define(PATIENCE_S, 60).
 
 commands_test_() ->
@@ -36,6 +40,23 @@ run_and_replay_test_() ->
         end)
     end}.
 
+%% What --print-scenario prints is a scenario file that runs to the same digest; nothing is run.
+printed_scenario_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            [One, Two, File] = [filename:join(Dir, Name) || Name <- ["one", "two", "a.term"]],
+            Args = ["run", "painting", "--picture", "lines", "--robots", "6", "--seed", "3",
+                "--loss", "0.1", "--delay", "5..50", "--out", One],
+            Text = says(0, "app => painting", Args ++ ["--print-scenario"]),
+            ?assertEqual({ok, []}, file:list_dir(Dir)),
+            ok = file:write_file(File, Text),
+            says(0, "result: ", Args ++ ["--quiet"]),
+            says(0, "result: ", ["run", File, "--quiet", "--out", Two]),
+            ?assertEqual(digest(One), digest(Two)),
+            ?assertEqual(Text, says(0, "", ["run", File, "--print-scenario"]))
+        end)
+    end}.
+
 not_complete_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         in_directory(fun(Dir) ->
@@ -58,7 +79,7 @@ violation_test_() ->
         end)
     end}.
 
-%% The first Ctrl-C reaches the VM as SIGUSR1: results so far, and 130.
+%% The first Ctrl-C: results so far, and 130.
 interrupt_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         in_directory(fun(Dir) ->
@@ -67,8 +88,7 @@ interrupt_test_() ->
             Out = filename:join(Dir, "out"),
             Port = start(["run", File, "--time", "1000000", "--out", Out]),
             Begun = until("ready", Port, ""),
-            {os_pid, Pid} = erlang:port_info(Port, os_pid),
-            "" = os:cmd("kill -USR1 " ++ integer_to_list(Pid)),
+            ok = starl_cli_vm:interrupt(Port),
             {Status, Text} = rest(Port, Begun),
             ?assertEqual({130, Text}, {Status, Text}),
             contains("interrupted", Text),
@@ -95,53 +115,7 @@ endless() ->
     "step(R, N) -> N =:= 1000 andalso io:put_chars(\"ready\\n\"),\n"
     "    starl:sleep(R, 10), {continue, N + 1}.\n".
 
-%% -- a VM of its own ------------------------------------------------------------------------
-
-says(Status, Part, Args) ->
-    {Got, Text} = rest(start(Args), ""),
-    ?assertEqual({Status, Args, Text}, {Got, Args, Text}),
-    contains(Part, Text),
-    Text.
-
-contains(Part, Text) ->
-    ?assertNotEqual({Part, nomatch, Text}, {Part, string:find(Text, Part), Text}).
-
-start(Args) ->
-    Paths = lists:append([["-pa", Dir] || Dir <- code:get_path(), filelib:is_dir(Dir)]),
-    Main = "starl_cli:main(init:get_plain_arguments()).",
-    open_port({spawn_executable, os:find_executable("erl")}, [
-        {args, ["-noshell", "+fnu" | Paths] ++ ["-eval", Main, "-extra" | Args]},
-        exit_status, stderr_to_stdout, hide
-    ]).
-
-rest(Port, Text) ->
-    receive
-        {Port, {data, More}} -> rest(Port, Text ++ More);
-        {Port, {exit_status, Status}} -> {Status, Text}
-    end.
-
-until(Part, Port, Text) ->
-    case string:find(Text, Part) of
-        nomatch ->
-            receive
-                {Port, {data, More}} -> until(Part, Port, Text ++ More);
-                {Port, {exit_status, Status}} -> error({ended, Status, Text})
-            end;
-        _ ->
-            Text
-    end.
-
 digest(Dir) ->
     {ok, Json} = file:read_file(filename:join(Dir, "report.json")),
     {match, [Digest]} = re:run(Json, "\"digest\": \"([0-9a-f]+)\"", [{capture, [1], list}]),
     Digest.
-
-in_directory(Test) ->
-    Dir = filename:join("/tmp", "starl-cli-vm-" ++ os:getpid()),
-    _ = file:del_dir_r(Dir),
-    ok = file:make_dir(Dir),
-    try
-        Test(Dir)
-    after
-        ok = file:del_dir_r(Dir)
-    end.

@@ -39,7 +39,10 @@
     {ok | {violation, [violation(), ...]}, results()}.
 %% The machines whose events the monitor wants; without this callback, all.
 -callback interests() -> [Machine :: atom()] | all.
--optional_callbacks([interests/0]).
+%% What decides on the violations to come while no time passes: two states that are alike in this
+%% judge alike. For the exhaustive checker; figures and times are left out.
+-callback timeless(state()) -> term().
+-optional_callbacks([interests/0, timeless/1]).
 
 -record(runner, {
     monitors :: [monitor()],

@@ -10,8 +10,8 @@
 %% Events of machine `sap': `{started, Incarnation}', `{sent, MsgId, Dests, Type, Hash}',
 %% `{delivered, MsgId, Type, Hash}' at the receiver, `{outcome, MsgId, Dest, Outcome}' at the
 %% sender with Outcome `acknowledged', `lost', `{lost, Reason}' or `restarted' (lost because the
-%% receiver restarted); of machine `robot': `{died, Reason}'. `MsgId' is `{Source, Incarnation,
-%% Seq}'.
+%% receiver restarted); of machine `robot': `{died, Reason}' and `down' (until it starts
+%% anew). `MsgId' is `{Source, Incarnation, Seq}'.
 %%
 %% Memory: one entry per message that is outstanding. An undelivered message whose outcomes are
 %% all known is outstanding for `late_us' more; then only its sequence number is kept, in
@@ -22,7 +22,7 @@
 -module(starl_sap_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, timeless/1]).
 
 -type msg_id() :: {Source :: starl_monitor:robot_id(), Incarnation :: term(), Seq :: integer()}.
 %% What is known about one destination: nothing, delivered, outcome known, or both.
@@ -68,6 +68,11 @@ init(#{bound_us := Bound} = Config) ->
 %% @doc The SAP's own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [sap, robot].
+
+%% @doc The messages outstanding, and the numbers of all others.
+-spec timeless(#state{}) -> term().
+timeless(#state{messages = Messages, running = Running, sent = Sent, forgotten = Forgotten}) ->
+    {Messages, Running, Sent, Forgotten}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -120,6 +125,8 @@ judge({T, Robot, sap, {started, Incarnation}}, #state{running = Running} = State
     Started = State#state{running = Running#{Robot => Incarnation}},
     {ok, abandon(T, Robot, Incarnation, Started)};
 judge({T, Robot, robot, {died, _Reason}}, State) ->
+    {ok, abandon(T, Robot, none, State)};
+judge({T, Robot, robot, down}, State) ->
     {ok, abandon(T, Robot, none, State)};
 judge({_T, _Robot, _Machine, _Other}, State) ->
     {ok, State}.

@@ -149,8 +149,8 @@ format_error({ended, Robot, Events}) ->
 
 prepare(App, Scenario, Options) ->
     #{robots := N, faults := Faults} = Scenario,
-    Targets = [{Id, target(Target)} || {Id, _, _, _, Target, _} <- Faults],
-    case [{Id, R} || {Id, R} <- Targets, R < 1 orelse R > N] of
+    Targets = [{element(1, Fault), R} || Fault <- Faults, R <- starl_sim_fault:targets(Fault)],
+    case [{Id, R} || {Id, R} <- Targets, R > N] of
         [{Id, Robot} | _] -> {error, {fault_target, Id, Robot}};
         [] -> set_scene(App, Scenario, Options)
     end.
@@ -165,9 +165,22 @@ set_scene(App, Scenario, Options) ->
 check_faults(#{faults := Faults} = Scenario, Scene, Context, Options) ->
     Known = [sap, location, motion, app | [N || {N, _, _} <- maps:get(blocks, Scene, [])]],
     case [{Id, N} || {Id, _, _, kill_machine, {_, N}, _} <- Faults, not lists:member(N, Known)] of
-        [] -> launch(Scenario, Scene, Context, Options);
+        [] -> launch(with_random_faults(Known, Scenario), Scene, Context, Options);
         [{Id, Name} | _] -> {error, {fault_machine, Id, Name, Known}}
     end.
+
+%% What was drawn stands in the scenario from now on as if it had been given.
+with_random_faults(_Known, #{random_faults := []} = Scenario) ->
+    Scenario;
+with_random_faults(Known, #{faults := Given, random_faults := What, heal := Heal} = Scenario) ->
+    Drawn = starl_sim_fault_draw:draw(#{
+        seed => maps:get(seed, Scenario),
+        robots => maps:get(robots, Scenario),
+        machines => Known,
+        until_ms => max(1, round(1000 * Heal)),
+        kinds => What
+    }),
+    Scenario#{faults := Given ++ Drawn, random_faults := []}.
 
 context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
     #{
@@ -192,7 +205,7 @@ profile(#{speed := Speed, heading_error := H, distance_error := D, position_erro
 sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
 
 launch(Scenario, Scene, #{robots := Ids} = Context, Options) ->
-    #{delay := {MinMs, MaxMs}, shards := Shards} = Scenario,
+    #{delay := {MinMs, MaxMs}, shards := Shards, faults := Faults} = Scenario,
     Profile = starl_motion:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
     World = #{
         seed => maps:get(seed, Scenario),
@@ -203,6 +216,10 @@ launch(Scenario, Scene, #{robots := Ids} = Context, Options) ->
         range_mm => range(Scenario),
         clock => clock(Scenario),
         profile => Profile,
+        network => faults(network, Faults),
+        clocks => faults(clock, Faults),
+        location => faults(location, Faults),
+        actuation => faults(actuation, Faults),
         record => maps:get(record, Options, #{})
     },
     {ok, Sup} = starl_sim_sup:start_link(#{
@@ -210,10 +227,10 @@ launch(Scenario, Scene, #{robots := Ids} = Context, Options) ->
         crew => crew(mode(Scenario), Scene, Profile, Context),
         world => World,
         window_us => round(MinMs * 1000),
-        limit_us => micros(maps:get(time, Scenario)),
+        limit_us => limit_us(Scenario),
         shards => shards(Shards, length(Ids)),
-        faults => faults(maps:get(faults, Scenario)),
-        monitors => monitors(Scene, Context)
+        faults => strikes(Faults),
+        monitors => monitors(Scenario, Scene, Context)
     }),
     {ok, #sim{sup = Sup, run = starl_sim_sup:run(Sup), scenario = Scenario, scene = Scene}}.
 
@@ -257,25 +274,41 @@ pose(Id, Scene, #{world := {Width, _}}) ->
     },
     maps:get(Id, maps:get(poses, Scene, #{}), Default).
 
-monitors(Scene, #{sap := Sap0, robots := Ids}) ->
+%% Whatever is bounded in time may take longer by what faults of clocks and processes cost.
+monitors(#{faults := Faults} = Scenario, Scene, #{sap := Sap0, robots := Ids}) ->
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
+    Slack = starl_sim_fault:slack_us(Faults),
     %% a hundredth more for the drift of the sender's clock
     Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
-    [{starl_sap_monitor, #{bound_us => Bound, robots => Ids}} | maps:get(monitors, Scene, [])].
+    Own = [{starl_sap_monitor, #{bound_us => Bound, robots => Ids}} | progress(Scenario, Ids)],
+    [{Module, widened(Slack, Config)} || {Module, Config} <- Own ++ maps:get(monitors, Scene, [])].
 
-faults(Faults) ->
+widened(Slack, #{bound_us := Bound} = Config) when is_integer(Bound) ->
+    Config#{bound_us := Bound + Slack};
+widened(_Slack, Config) ->
+    Config.
+
+progress(#{converge := none}, _Ids) ->
+    [];
+progress(Scenario, Ids) ->
+    [{starl_sim_progress_monitor, #{robots => Ids, deadline_us => deadline_us(Scenario)}}].
+
+deadline_us(#{heal := Heal, converge := Converge, faults := Faults}) ->
+    micros(Heal) + micros(Converge) + starl_sim_fault:slack_us(Faults).
+
+%% A run that has to converge is not longer than that takes.
+limit_us(#{converge := none, time := Time}) -> micros(Time);
+limit_us(#{time := Time} = Scenario) -> min(micros(Time), deadline_us(Scenario)).
+
+strikes(Faults) ->
+    Strikes = lists:append([starl_sim_fault:strikes(Fault) || Fault <- Faults]),
     [
-        {target(Target), FromMs * 1000, 0, 0, N, strike(Kind, Target)}
-     || {N, {_Id, FromMs, _ToMs, Kind, Target, _}} <- lists:zip(
-            lists:seq(1, length(Faults)), Faults
-        )
+        {Robot, Time, 0, 0, N, Strike}
+     || {N, {Robot, Time, Strike}} <- lists:zip(lists:seq(1, length(Strikes)), Strikes)
     ].
 
-target({Robot, _Machine}) -> Robot;
-target(Robot) -> Robot.
-
-strike(kill_machine, {_Robot, Machine}) -> {kill_machine, Machine};
-strike(kill_robot, _Robot) -> kill_robot.
+faults(Class, Faults) ->
+    [starl_sim_fault:compile(F) || F <- Faults, starl_sim_fault:class(F) =:= Class].
 
 %% Fewer robots than this are not worth a shard of their own.
 shards(none, Robots) ->

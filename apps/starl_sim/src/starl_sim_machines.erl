@@ -7,8 +7,8 @@
 %% is a process always.
 -module(starl_sim_machines).
 
--export([new/3, attach/3, launched/1, stopped/1, names/1, incarnation/2, is_dead/1]).
--export([boot/3, step/5, crashed/2, kill/2, kill_all/1, owns/2, name_of/2, inspect/1]).
+-export([new/3, names/1, incarnation/2, condition/1, down/2, up/1]).
+-export([boot/3, step/5, crashed/2, kill/2, owns/2, name_of/2, inspect/1]).
 
 -export_type([t/0, inline/0, answer/0]).
 
@@ -28,8 +28,10 @@
 
 -record(machines, {
     robot :: starl:robot_id(),
-    %% the supervisor of the processes; none: there are none
-    sup :: pid() | none | dead,
+    %% starts the robot's tree; none: it has no processes
+    start :: fun(() -> pid()) | none,
+    sup :: pid() | none,
+    condition = up :: up | down | dead,
     now = #{} :: #{starl_machine:name() => pid() | starl_machine:t() | waiting},
     inline :: inline(),
     starts = #{} :: #{starl_machine:name() => pos_integer()},
@@ -38,38 +40,52 @@
 
 -opaque t() :: #machines{}.
 
-%% @doc A robot's machines, none of them attached or booted yet.
--spec new(starl:robot_id(), Sup :: pid() | none, inline()) -> t().
-new(Robot, Sup, Inline) ->
-    #machines{
-        robot = Robot,
-        sup = Sup,
-        inline = Inline,
-        now = maps:map(fun(_, _) -> waiting end, Inline),
-        starts = maps:map(fun(_, _) -> 1 end, Inline)
-    }.
+%% @doc The machines of a robot, whose tree this function starts; none of them has been booted.
+-spec new(starl:robot_id(), fun(() -> pid()) | none, inline()) -> t().
+new(Robot, Start, Inline) ->
+    launch(#machines{robot = Robot, start = Start, sup = none, inline = Inline}).
 
-%% @doc One of the processes has started.
--spec attach(starl_machine:name(), pid(), t()) -> t().
+launch(#machines{start = Start, inline = Inline} = Machines) ->
+    Waiting = Machines#machines{condition = up, now = maps:map(fun(_, _) -> waiting end, Inline)},
+    Launched = lists:foldl(fun started/2, Waiting, lists:sort(maps:keys(Inline))),
+    case Start of
+        none -> Launched;
+        _ -> attached(Launched#machines{sup = Start()})
+    end.
+
+%% All processes of the tree have started, and have said so.
+attached(#machines{robot = Robot} = Machines) ->
+    receive
+        {starl_attach, Robot, Name, Pid} -> attached(attach(Name, Pid, Machines))
+    after 0 -> Machines
+    end.
+
 attach(Name, Pid, #machines{now = Now} = Machines) ->
     _ = erlang:monitor(process, Pid),
     started(Name, Machines#machines{now = Now#{Name => Pid}}).
 
-%% @doc All processes of the tree have started and said so.
--spec launched(t()) -> t().
-launched(#machines{robot = Robot} = Machines) ->
+%% @doc The robot goes down, or is dead for good; its processes end.
+-spec down(down | dead, t()) -> t().
+down(Condition, #machines{sup = Sup} = Machines) ->
+    ok = kill_tree(Sup),
+    Machines#machines{condition = Condition, sup = none, now = #{}}.
+
+kill_tree(none) ->
+    ok;
+kill_tree(Sup) ->
+    Ref = erlang:monitor(process, Sup),
+    exit(Sup, kill),
     receive
-        {starl_attach, Robot, Name, Pid} -> launched(attach(Name, Pid, Machines))
-    after 0 -> Machines
+        {'DOWN', Ref, process, Sup, _} -> ok
     end.
 
-%% @doc The robot has died.
--spec stopped(t()) -> t().
-stopped(Machines) -> Machines#machines{sup = dead, now = #{}}.
+%% @doc A robot that was down starts anew; nothing of it has been booted yet.
+-spec up(t()) -> t().
+up(#machines{condition = down} = Machines) -> launch(Machines).
 
-%% @doc Has the robot died?
--spec is_dead(t()) -> boolean().
-is_dead(#machines{sup = Sup}) -> Sup =:= dead.
+%% @doc Is the robot up, down for a while, or dead?
+-spec condition(t()) -> up | down | dead.
+condition(#machines{condition = Condition}) -> Condition.
 
 %% @doc The machines that there are now, in the order in which they are booted: the platform's
 %% first, the application last, whatever their names.
@@ -90,7 +106,8 @@ boot(Name, Base, #machines{now = Now, inline = Inline} = Machines) ->
         #{Name := _} ->
             #{Name := {Module, Config}} = Inline,
             try starl_machine:new(Module, Config, Base) of
-                {Actions, Machine} -> {done, Actions, Machines#machines{now = Now#{Name := Machine}}}
+                {Actions, Machine} ->
+                    {done, Actions, Machines#machines{now = Now#{Name := Machine}}}
             catch
                 Class:Reason:Stack -> {crashed, exit_reason(Class, Reason, Stack)}
             end;
@@ -173,16 +190,6 @@ kill(Name, #machines{now = Now}) ->
         #{} ->
             none
     end.
-
-%% @doc Kills the whole robot.
--spec kill_all(t()) -> ok.
-kill_all(#machines{sup = Sup}) when is_pid(Sup) ->
-    exit(Sup, kill),
-    receive
-        {'DOWN', _, process, Sup, _} -> ok
-    end;
-kill_all(#machines{}) ->
-    ok.
 
 %% @doc Is this the supervisor or one of the processes?
 -spec owns(pid(), t()) -> boolean().

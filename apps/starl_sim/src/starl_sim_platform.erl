@@ -10,23 +10,28 @@
 -export([new/3, boot/4, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
 -export([fire/6, forget_timers/2, ended/1, local_time/1]).
 -export([now/1, piece/1, hash_event/4, hash_event/5, digest/1, ledger/1, result/1]).
--export([perform/3, trace/3, stop/1]).
+-export([perform/3, trace/3, stop/1, turn_wheels/1, postpone/2]).
 
 -export_type([t/0, world/0, yield/0]).
 
-%% What all robots share: the seed, the radio, the clocks and the chassis' errors.
-%% `sight' is the table of the pieces of motion that all robots were in when the window began.
+%% What all robots share: the seed, the radio, the clocks and the chassis' errors, and the faults
+%% of each class.
+%% `sight' knows the pieces of motion that all robots were in when the window began.
 %% `record' says whose events are to be kept, and which.
 -type world() :: #{
     seed := integer(),
     team := starl_team:t(),
     clock := {OffsetUs :: non_neg_integer(), DriftPpb :: non_neg_integer()},
-    sight => ets:table(),
+    sight => starl_sim_sight:t(),
     loss := float(),
     duplicate := float(),
     delay_us := {Min :: pos_integer(), Max :: pos_integer()},
     range_mm := float() | infinity,
     profile := starl_motion:profile(),
+    network := [starl_sim_fault:compiled()],
+    clocks := [starl_sim_fault:compiled()],
+    location := [starl_sim_fault:compiled()],
+    actuation := [starl_sim_fault:compiled()],
     record => #{starl:robot_id() => starl_sim_ledger:range()}
 }.
 
@@ -47,13 +52,16 @@
     %% when the present window began, if it is in one, and when it ends
     window = none :: starl_sim_queue:time() | none,
     until = 0 :: starl_sim_queue:time(),
-    offset_us :: integer(),
-    drift_ppb :: integer(),
+    clock :: starl_sim_clock:t(),
     seq = 0 :: non_neg_integer(),
     draws = 0 :: non_neg_integer(),
-    links = #{} :: #{starl:robot_id() => non_neg_integer()},
+    %% how many packets went to each robot, and to all
+    links = #{} :: #{starl:robot_id() | all => pos_integer()},
     timers = #{} :: #{{starl_machine:name(), term()} => non_neg_integer()},
     piece :: starl_trajectory:piece(),
+    %% the speeds of the wheels as last told; where robots were last seen, if sight may freeze
+    command = {0.0, 0.0} :: {float(), float()},
+    seen = #{} :: #{starl:robot_id() => starl:pose()},
     chain = 0 :: non_neg_integer(),
     events = 0 :: non_neg_integer(),
     %% the number of the next event that the ledger is to note
@@ -75,13 +83,15 @@
 new(Id, {X, Y, Heading}, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
     Piece = starl_trajectory:standing(0, {X, Y}, Heading),
     {Mark, Ledger} = starl_sim_ledger:new(maps:get(Id, maps:get(record, World, #{}), none)),
+    Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
+    Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
+    Faults = [F || F <- maps:get(clocks, World), starl_sim_fault:hits(Id, F)],
     #body{
         id = Id,
         world = World,
         mark = Mark,
         ledger = Ledger,
-        offset_us = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
-        drift_ppb = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
+        clock = starl_sim_clock:new(Offset, Drift, Faults),
         piece = Piece,
         traces = [{0, Id, chassis, {motion, Piece}}]
     }.
@@ -173,8 +183,7 @@ now(#body{now = Now}) -> Now.
 
 %% @doc The robot's own clock in microseconds.
 -spec local_time(t()) -> integer().
-local_time(#body{now = Now, offset_us = Offset, drift_ppb = Drift}) ->
-    Now + Offset + Now * Drift div 1000000000.
+local_time(#body{now = Now, clock = Clock}) -> starl_sim_clock:local(Now, Clock).
 
 %% @doc The piece of motion that the robot is in.
 -spec piece(t()) -> starl_trajectory:piece().
@@ -260,63 +269,95 @@ perform([Action | Rest], Name, Body, Local) ->
 
 %% @doc The chassis stops: nobody commands it any more.
 -spec stop(t()) -> t().
-stop(Body) -> drive(0.0, 0.0, Body).
+stop(Body) -> turn_wheels([], Body#body{command = {0.0, 0.0}}).
 
-transmit(all, Packet, #body{id = Id, world = #{team := Team}} = Body) ->
-    lists:foldl(
-        fun(Dest, B) -> send(Dest, Packet, 0, B) end,
-        Body#body{packets = Body#body.packets + 1},
-        starl_team:others(Id, Team)
-    );
+transmit(all, Packet, Body) ->
+    N = count(all, Body),
+    Sent = lists:foldl(
+        fun(Dest, B) -> send(Dest, {all, N}, Packet, B) end, Body, audience(Body)
+    ),
+    sent(all, N, Sent);
 transmit(Dest, Packet, Body) ->
-    send(Dest, Packet, 1, Body).
+    N = count(Dest, Body),
+    case in_range(Dest, Body) of
+        true -> sent(Dest, N, send(Dest, N, Packet, Body));
+        false -> sent(Dest, N, Body)
+    end.
 
-send(Dest, Packet, Count, #body{id = Id, world = World, links = Links, later = Later} = Body) ->
-    N = maps:get(Dest, Links, 0) + 1,
+%% The number of the next packet to a robot or to all.
+count(Link, #body{links = Links}) -> maps:get(Link, Links, 0) + 1.
+
+sent(Link, N, #body{packets = Packets, links = Links} = Body) ->
+    Body#body{packets = Packets + 1, links = Links#{Link => N}}.
+
+send(Dest, N, Packet, #body{id = Id, now = Now, world = World} = Body) ->
     Link = {maps:get(seed, World), Id, Dest, N},
-    Arrivals =
-        case in_range(Dest, Body) andalso not starl_sim_radio:lost(Link, World) of
-            true -> arrivals(starl_sim_radio:delays(Link, World), Dest, Packet, Body);
-            false -> []
-        end,
-    Seq = Body#body.seq + length(Arrivals),
-    Body#body{
-        packets = Body#body.packets + Count,
-        links = Links#{Dest => N},
-        seq = Seq,
-        later = Arrivals ++ Later
-    }.
+    case starl_sim_radio:arrivals(Link, Now, World) of
+        lost -> trace(radio, {lost, Dest, N}, Body);
+        Arrivals -> on_the_air(Arrivals, Dest, Packet, Body)
+    end.
 
-arrivals([], _Dest, _Packet, _Body) ->
-    [];
-arrivals([Delay | Rest], Dest, Packet, #body{id = Id, now = Now, seq = Seq} = Body) ->
-    Event = {Dest, Now + Delay, ?CLASS_PACKET, Id, Seq + length(Rest), {sap, packet, Packet}},
-    [Event | arrivals(Rest, Dest, Packet, Body)].
+on_the_air([], _Dest, _Packet, Body) ->
+    Body;
+on_the_air([{Delay, State} | Rest], Dest, Packet, Body) ->
+    #body{id = Id, now = Now, seq = Seq, later = Later} = Body,
+    Content = {sap, packet, received(State, Packet, Seq)},
+    Event = {Dest, Now + Delay, ?CLASS_PACKET, Id, Seq, Content},
+    on_the_air(Rest, Dest, Packet, Body#body{seq = Seq + 1, later = [Event | Later]}).
 
-in_range(Dest, #body{world = #{range_mm := infinity, team := Team}}) ->
-    starl_team:has(Dest, Team);
-in_range(Dest, #body{now = Now, window = Window, piece = Piece, world = World}) ->
-    #{range_mm := Range, sight := Sight} = World,
-    case ets:lookup(Sight, Dest) of
-        [{_, Theirs}] ->
+%% The link's checksum tells a packet that was cut off or has a flipped bit; what is left of it
+%% are bytes without a meaning.
+received(intact, Packet, _Seq) -> Packet;
+received(corrupt, Packet, Seq) -> <<(erlang:phash2({Packet, Seq})):32>>.
+
+in_range(Dest, #body{id = Id, now = Now, world = #{team := Team} = World} = Body) ->
+    case starl_sim_radio:range({Id, Now}, World) of
+        infinity -> starl_team:has(Dest, Team);
+        Range -> is_near(Dest, Range, Body)
+    end.
+
+is_near(Dest, Range, #body{now = Now, window = Window, piece = Piece, world = World}) ->
+    case starl_sim_sight:piece(Dest, maps:get(sight, World)) of
+        {ok, Theirs} ->
             Here = starl_trajectory:position(Now, Piece),
             There = starl_trajectory:position(Window, Theirs),
             starl_geometry:distance(Here, There) =< Range;
-        [] ->
+        unknown ->
             false
     end.
 
-sense(Robots, #body{draws = Draws} = Body) ->
+%% Who is reached by a packet for all, ascending. A fault can but shorten the range.
+audience(#body{id = Id, now = Now, world = #{range_mm := Full, team := Team} = World} = Body) ->
+    case starl_sim_radio:range({Id, Now}, World) of
+        infinity -> starl_team:others(Id, Team);
+        Full -> lists:delete(Id, within_range(Body));
+        Short -> [R || R <- starl_team:others(Id, Team), is_near(R, Short, Body)]
+    end.
+
+within_range(#body{now = Now, window = Window, piece = Piece, world = #{sight := Sight}}) ->
+    starl_sim_sight:within(starl_trajectory:position(Now, Piece), Window, Sight).
+
+sense(Robots, #body{draws = Draws, world = #{location := []}} = Body) ->
     Poses = [{Robot, Pose} || Robot <- Robots, Pose <- see(Robot, Body)],
-    {Poses, Body#body{draws = Draws + 1}}.
+    {Poses, Body#body{draws = Draws + 1}};
+sense(Robots, #body{draws = Draws, now = Now, id = Id, world = World} = Body) ->
+    Faults = starl_sim_fault:holding(Now, maps:get(location, World)),
+    {Poses, Seen} = starl_sim_sense:poses(Robots, #{
+        robot => Id,
+        faults => Faults,
+        key => {maps:get(seed, World), Id, Draws},
+        see => fun(Robot) -> see(Robot, Body) end,
+        seen => Body#body.seen
+    }),
+    {Poses, Body#body{draws = Draws + 1, seen = Seen}}.
 
 see(Id, #body{id = Id, now = Now, piece = Piece} = Body) ->
     [blur(Id, starl_trajectory:pose(Now, Piece), Body)];
 see(Other, #body{window = Window, world = #{sight := Sight}} = Body) ->
-    [
-        blur(Other, starl_trajectory:pose(Window, Piece), Body)
-     || {_, Piece} <- ets:lookup(Sight, Other)
-    ].
+    case starl_sim_sight:piece(Other, Sight) of
+        {ok, Piece} -> [blur(Other, starl_trajectory:pose(Window, Piece), Body)];
+        unknown -> []
+    end.
 
 %% The positioning system's error: within a disk, and a quarter of the bound on the heading.
 blur(Robot, {X, Y, Heading}, #body{id = Id, draws = N, world = #{seed := Seed, profile := P}}) ->
@@ -327,13 +368,41 @@ blur(Robot, {X, Y, Heading}, #body{id = Id, draws = N, world = #{seed := Seed, p
     Turn = 0.25 * HeadingError * starl_sim_draw:signed({Key, heading}),
     {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle), Heading + Turn}.
 
-drive(Left0, Right0, #body{now = Now, piece = Piece, world = #{profile := Profile}} = Body) ->
-    Left = limit(Left0),
-    Right = limit(Right0),
+drive(Left0, Right0, #body{id = Id, now = Now, draws = N, world = World} = Body) ->
+    Command = {limit(Left0), limit(Right0)},
+    Faults = held(Id, Now, World),
+    Lost = [
+        F
+     || {Name, _, _, command_lost, _, #{part := Part}} = F <- Faults,
+        starl_sim_draw:uniform({maps:get(seed, World), Id, N, Name}) < Part
+    ],
+    case Lost of
+        [] -> turn_wheels(Faults, Body#body{command = Command, draws = N + length(Faults)});
+        [_ | _] -> Body#body{draws = N + 1}
+    end.
+
+held(_Id, _Now, #{actuation := []}) -> [];
+held(Id, Now, #{actuation := All}) ->
+    [F || F <- starl_sim_fault:holding(Now, All), starl_sim_fault:hits(Id, F)].
+
+%% @doc The wheels as they turn from now on, since a fault of theirs begins or ends.
+-spec turn_wheels(t()) -> t().
+turn_wheels(#body{id = Id, now = Now, world = World} = Body) ->
+    turn_wheels(held(Id, Now, World), Body).
+
+turn_wheels(Faults, #body{command = Command, now = Now, piece = Piece, world = World} = Body) ->
+    {Left, Right} = lists:foldl(fun wheels/2, Command, Faults),
     {X, Y, Heading} = starl_trajectory:pose(Now, Piece),
     Speed = (Left + Right) / 2,
-    Rate = (Right - Left) / maps:get(axle_mm, Profile),
+    Rate = (Right - Left) / maps:get(axle_mm, maps:get(profile, World)),
     moving(Speed, Rate, {X, Y}, Heading, Body).
+
+wheels({_, _, _, wheel_stuck, _, #{wheel := left}}, {_, Right}) -> {0.0, Right};
+wheels({_, _, _, wheel_stuck, _, #{wheel := right}}, {Left, _}) -> {Left, 0.0};
+wheels({_, _, _, wheel_slow, _, #{wheel := left, factor := F}}, {Left, Right}) -> {F * Left, Right};
+wheels({_, _, _, wheel_slow, _, #{wheel := right, factor := F}}, {Left, Right}) -> {Left, F * Right};
+wheels({_, _, _, slip, _, #{factor := F}}, {Left, Right}) -> {F * Left, F * Right};
+wheels(_, Speeds) -> Speeds.
 
 moving(Speed, Rate, Point, Heading, #body{now = Now, piece = Old} = Body) when
     Speed == 0, Rate == 0
@@ -357,10 +426,8 @@ set_piece(Piece, #body{changes = Changes} = Body) ->
 limit(Speed) -> max(-?MAX_WHEEL, min(?MAX_WHEEL, Speed)).
 
 start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) ->
-    #body{timers = Timers, until = Until, drift_ppb = Drift} = Body,
-    %% rounded up: a timer never fires before its time on the robot's clock
-    Rate = 1000000000 + Drift,
-    Due = Now + (Us * 1000000000 + Rate - 1) div Rate,
+    #body{timers = Timers, until = Until, clock = Clock} = Body,
+    Due = starl_sim_clock:due(Now, Us, Clock),
     Event = {Id, Due, ?CLASS_TIMER, Id, Seq, {timer, Machine, Timer, Content}},
     Running = Timers#{{Machine, Timer} => Seq},
     case Due < Until of
@@ -374,6 +441,12 @@ cancel_timer(Machine, Timer, #body{timers = Timers} = Body) ->
         true -> Body#body{timers = maps:remove(Key, Timers)};
         false -> Body
     end.
+
+%% @doc Plans events of the robot anew, in this window or later ones.
+-spec postpone([starl_sim_queue:event()], t()) -> t().
+postpone(Events, #body{until = Until, soon = Soon, later = Later} = Body) ->
+    {Now, Then} = lists:partition(fun(Event) -> element(2, Event) < Until end, Events),
+    Body#body{soon = Now ++ Soon, later = Then ++ Later}.
 
 %% @doc Records a fact.
 -spec trace(starl_machine:name(), term(), t()) -> t().

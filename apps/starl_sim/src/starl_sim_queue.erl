@@ -3,7 +3,7 @@
 %% than the sort. The buckets of the next windows form a wheel, those farther ahead a map.
 -module(starl_sim_queue).
 
--export([new/1, add/2, take_window/2, next_time/1, size/1]).
+-export([new/1, add/2, add_all/2, take_window/2, next_time/1, size/1]).
 
 -export_type([t/0, event/0, time/0]).
 
@@ -45,15 +45,19 @@ size(#queue{size = Size}) -> Size.
 
 %% @doc Adds an event; one whose window is over counts to the first that is not.
 -spec add(event(), t()) -> t().
-add(Event, #queue{width = Width, base = Base, wheel = Wheel, size = Size} = Queue) ->
-    case max(Base, element(2, Event) div Width) of
-        Index when Index < Base + ?WHEEL ->
-            Place = place(Index),
-            Events = [Event | element(Place, Wheel)],
-            Queue#queue{wheel = setelement(Place, Wheel, Events), size = Size + 1};
-        Index ->
-            add_far(Index, Event, Queue#queue{size = Size + 1})
-    end.
+add(Event, #queue{size = Size} = Queue) ->
+    enter(index(Event, Queue), [Event], Queue#queue{size = Size + 1}).
+
+%% @doc Adds many events: by their windows, of which there are few, for the wheel is copied
+%% whenever it is touched.
+-spec add_all([event()], t()) -> t().
+add_all([], Queue) ->
+    Queue;
+add_all([Event], Queue) ->
+    add(Event, Queue);
+add_all(Events, #queue{size = Size} = Queue) ->
+    Buckets = lists:foldl(fun(Event, Acc) -> group(Event, Queue, Acc) end, #{}, Events),
+    maps:fold(fun enter/3, Queue#queue{size = Size + length(Events)}, Buckets).
 
 %% @doc Takes the events of the first window, by robot and then in the robot's order, if it ends
 %% not later than this.
@@ -84,12 +88,24 @@ next_time(#queue{width = Width} = Queue) ->
 
 place(Index) -> Index rem ?WHEEL + 1.
 
-add_far(Index, Event, #queue{far = Far, order = Order} = Queue) ->
+index(Event, #queue{width = Width, base = Base}) -> max(Base, element(2, Event) div Width).
+
+group(Event, Queue, Buckets) ->
+    Index = index(Event, Queue),
+    case Buckets of
+        #{Index := Events} -> Buckets#{Index := [Event | Events]};
+        #{} -> Buckets#{Index => [Event]}
+    end.
+
+enter(Index, Events, #queue{base = Base, wheel = Wheel} = Queue) when Index < Base + ?WHEEL ->
+    Place = place(Index),
+    Queue#queue{wheel = setelement(Place, Wheel, Events ++ element(Place, Wheel))};
+enter(Index, Events, #queue{far = Far, order = Order} = Queue) ->
     case Far of
-        #{Index := Events} ->
-            Queue#queue{far = Far#{Index := [Event | Events]}};
+        #{Index := Others} ->
+            Queue#queue{far = Far#{Index := Events ++ Others}};
         #{} ->
-            Queue#queue{far = Far#{Index => [Event]}, order = gb_sets:add_element(Index, Order)}
+            Queue#queue{far = Far#{Index => Events}, order = gb_sets:add_element(Index, Order)}
     end.
 
 %% By robot first, by the rest of the key within each: comparing numbers is much cheaper than

@@ -1,19 +1,35 @@
-%% @doc The simulated radio: what happens to the N-th packet from one robot to another.
+%% @doc The simulated radio: what becomes of the N-th packet from one robot to another. All
+%% draws are stateless: a hash of the link, the number and the purpose.
 -module(starl_sim_radio).
 
--export([lost/2, delays/2]).
+-export([arrivals/3, lost/2, delays/2, range/2]).
 
--export_type([link/0]).
+-export_type([link/0, arrival/0]).
 
-%% The seed, the source, the destination, and how many packets went this way before, plus one.
--type link() :: {integer(), starl:robot_id(), starl:robot_id(), pos_integer()}.
+%% The seed, the source, the destination, and the packet's number among those that went this way,
+%% or among those for all.
+-type link() ::
+    {integer(), starl:robot_id(), starl:robot_id(), pos_integer() | {all, pos_integer()}}.
 
-%% @doc Is the packet lost?
+%% A copy of the packet that arrives: after how many microseconds, and whether intact.
+-type arrival() :: {DelayUs :: pos_integer(), intact | corrupt}.
+
+%% @doc The copies of a packet, sent now, that arrive.
+-spec arrivals(link(), Now :: starl_sim_queue:time(), starl_sim_platform:world()) ->
+    [arrival()] | lost.
+arrivals(Link, Now, #{network := Faults} = World) ->
+    case lost(Link, World) of
+        true -> lost;
+        false when Faults =:= [] -> [{Delay, intact} || Delay <- delays(Link, World)];
+        false -> disturb(Link, Now, World)
+    end.
+
+%% @doc Is the packet lost without a fault?
 -spec lost(link(), starl_sim_platform:world()) -> boolean().
 lost(_Link, #{loss := Loss}) when Loss == 0 -> false;
 lost(Link, #{loss := Loss}) -> starl_sim_draw:uniform({Link, loss}) < Loss.
 
-%% @doc The delays, in microseconds, of the one or two copies that arrive.
+%% @doc The delays, in microseconds, of the one or two copies that arrive without a fault.
 -spec delays(link(), starl_sim_platform:world()) -> [pos_integer(), ...].
 delays(Link, #{duplicate := Duplicate} = World) ->
     case Duplicate > 0 andalso starl_sim_draw:uniform({Link, duplicate}) < Duplicate of
@@ -26,3 +42,92 @@ delay(Key, #{delay_us := {Min, Max}}) when Min rem 1000 =:= 0, Max rem 1000 =:= 
     1000 * starl_sim_draw:between(Key, Min div 1000, Max div 1000);
 delay(Key, #{delay_us := {Min, Max}}) ->
     starl_sim_draw:between(Key, Min, Max).
+
+%% @doc How far a robot's radio reaches now, in millimetres.
+-spec range({starl:robot_id(), Now :: starl_sim_queue:time()}, starl_sim_platform:world()) ->
+    float() | infinity.
+range(_, #{range_mm := Range, network := []}) ->
+    Range;
+range({Robot, Now}, #{range_mm := Range, network := Faults}) ->
+    Shorter = [
+        float(Mm)
+     || {_, _, _, range, _, #{range_mm := Mm}} = F <- starl_sim_fault:holding(Now, Faults),
+        starl_sim_fault:hits(Robot, F)
+    ],
+    %% a number is less than the atom infinity
+    lists:min([Range | Shorter]).
+
+%% -- faults ---------------------------------------------------------------------------------
+
+disturb({_, Source, Dest, _} = Link, Now, #{network := All} = World) ->
+    Faults = [
+        F
+     || F <- starl_sim_fault:holding(Now, All), is_on_link(Source, Dest, F, maps:get(team, World))
+    ],
+    case lists:any(fun(Fault) -> swallows(Fault, Link, Now) end, Faults) of
+        true -> lost;
+        false -> arrive(Faults, Link, World)
+    end.
+
+is_on_link(Source, Dest, {_, _, _, Kind, Target, _} = Fault, Team) ->
+    case Kind of
+        partition -> lists:member(Source, Target) =/= lists:member(Dest, Target);
+        one_way_partition -> lists:member(Source, Target) andalso not lists:member(Dest, Target);
+        isolate -> Source =:= Target orelse Dest =:= Target;
+        ring -> starl_sim_fault:hits(Source, Fault) andalso not are_neighbours(Source, Dest, Team);
+        range -> false;
+        _ -> is_hit(Source, Dest, Target)
+    end.
+
+is_hit(_, _, all) -> true;
+is_hit(Source, _, Source) -> true;
+is_hit(Source, Dest, {Source, Dest}) -> true;
+is_hit(_, _, _) -> false.
+
+are_neighbours(A, B, Team) -> starl_team:next(A, Team) =:= B orelse starl_team:next(B, Team) =:= A.
+
+%% Is the packet lost to this fault?
+swallows({Id, _, _, loss, _, #{part := Part}}, Link, _Now) ->
+    starl_sim_draw:uniform({Link, Id}) < Part;
+swallows({Id, From, _, burst_loss, _, #{part := Part, burst_ms := Ms}}, Link, Now) ->
+    {Seed, Source, Dest, _} = Link,
+    Burst = (Now - From) div (1000 * Ms),
+    starl_sim_draw:uniform({Seed, Source, Dest, Id, Burst}) < Part;
+swallows({_, _, _, drop, _, #{packet := N}}, {_, _, _, Number}, _Now) ->
+    Number =:= N orelse Number =:= {all, N};
+swallows({_, _, _, Kind, _, _}, _Link, _Now) ->
+    lists:member(Kind, [partition, one_way_partition, isolate, ring]).
+
+arrive(Faults, Link, World) ->
+    Copies = delays(Link, World) ++ [delay(Key, World) || F <- Faults, Key <- copies(F, Link)],
+    Numbered = lists:zip(lists:seq(1, length(Copies)), Copies),
+    [
+        {Delay + lists:sum([extra(F, Link, N) || F <- Faults]), state(Faults, Link, N)}
+     || {N, Delay} <- Numbered
+    ].
+
+%% The keys by which the delays of further copies are drawn.
+copies({Id, _, _, duplicate, _, #{part := Part}}, Link) ->
+    [{Link, Id, again} || starl_sim_draw:uniform({Link, Id}) < Part];
+copies({Id, _, _, babble, _, #{copies := Copies}}, Link) ->
+    [{Link, Id, N} || N <- lists:seq(2, Copies)];
+copies(_, _) ->
+    [].
+
+extra({_, _, _, delay, _, #{extra_ms := Ms}}, _Link, _N) ->
+    1000 * Ms;
+extra({Id, _, _, reorder, _, #{part := Part, extra_ms := Ms}}, Link, N) ->
+    case starl_sim_draw:uniform({Link, Id, N}) < Part of
+        true -> 1000 * starl_sim_draw:between({Link, Id, N, extra}, 1, Ms);
+        false -> 0
+    end;
+extra(_, _, _) ->
+    0.
+
+state(Faults, Link, N) ->
+    Hits = [Id || {Id, _, _, corrupt, _, #{part := Part}} <- Faults,
+                  starl_sim_draw:uniform({Link, Id, N}) < Part],
+    case Hits of
+        [] -> intact;
+        [_ | _] -> corrupt
+    end.

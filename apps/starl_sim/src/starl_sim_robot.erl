@@ -5,7 +5,7 @@
 -module(starl_sim_robot).
 
 -export([new/3, at/2, open/3, answered/2, down/4, yield/1]).
--export([halt_after/2, held/1, resume/1]).
+-export([halt_after/2, halted/1, resume/1]).
 -export([busy/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1]).
 
 -export_type([t/0, summary/0, window/0]).
@@ -44,6 +44,8 @@
     busy = none :: starl_machine:name() | none,
     %% after so many events it does no more until it is resumed
     stop = none :: pos_integer() | none,
+    %% nothing is handled before this time, and nothing sooner than so long after it came
+    hold = {0, 0} :: {UntilUs :: starl_sim_queue:time(), LagUs :: non_neg_integer()},
     crashes = [] :: [{starl_machine:name(), Reason :: term()}]
 }).
 
@@ -52,17 +54,25 @@
 %% @doc A robot all of whose machines are to be booted before anything else.
 -spec new(starl:robot_id(), starl_sim_platform:t(), starl_sim_machines:t()) -> t().
 new(Id, Body, Machines) ->
-    Boots = [{Name, boot, none} || Name <- starl_sim_machines:names(Machines)],
-    #robot{id = Id, body = Body, machines = Machines, local = Boots}.
+    #robot{id = Id, body = Body, machines = Machines, local = boots(Machines)}.
+
+boots(Machines) -> [{Name, boot, none} || Name <- starl_sim_machines:names(Machines)].
 
 %% @doc Opens a window with these events of the robot, sorted, and goes about the first.
 -spec open([starl_sim_queue:event()], window(), t()) -> {busy | idle | held, t()}.
 open([{_, Time, _, _, _, _} | _] = Events, Window, #robot{body = Body, machines = M} = Robot) ->
     Opened = starl_sim_platform:open(Time, Window, Body),
-    case starl_sim_machines:is_dead(M) of
-        true -> {idle, Robot#robot{body = Opened}};
-        false -> work(Robot#robot.local, Events, Opened, M, Robot)
+    case starl_sim_machines:condition(M) of
+        up when Robot#robot.hold =:= {0, 0} ->
+            work(Robot#robot.local, Events, Opened, M, Robot);
+        up ->
+            proceed(postpone(Robot#robot{body = Opened, events = Events}));
+        _ ->
+            proceed(Robot#robot{body = Opened, events = faults_of(Events)})
     end.
+
+%% What comes to a robot that is down is lost.
+faults_of(Events) -> [Event || {_, _, ?CLASS_FAULT, _, _, _} = Event <- Events].
 
 %% @doc The robot at a later time, between two windows.
 -spec at(starl_sim_queue:time(), t()) -> t().
@@ -98,10 +108,10 @@ down(Pid, Reason, Then, #robot{machines = Machines, busy = Busy} = Robot) ->
 halt_after(N, Robot) -> Robot#robot{stop = N}.
 
 %% @doc When it came to the event after which it is to halt, if it has.
--spec held(t()) -> {at, starl_sim_queue:time()} | no.
-held(#robot{stop = none}) ->
+-spec halted(t()) -> {at, starl_sim_queue:time()} | no.
+halted(#robot{stop = none}) ->
     no;
-held(#robot{stop = N, body = Body}) ->
+halted(#robot{stop = N, body = Body}) ->
     case starl_sim_platform:digest(Body) of
         {_, N, _} -> {at, starl_sim_platform:now(Body)};
         _ -> no
@@ -127,9 +137,9 @@ owns(Pid, #robot{machines = Machines}) -> starl_sim_machines:owns(Pid, Machines)
 %% @doc Its application's result.
 -spec result(t()) -> running | died | {done, term()}.
 result(#robot{body = Body, machines = Machines}) ->
-    case starl_sim_machines:is_dead(Machines) of
-        true -> died;
-        false -> starl_sim_platform:result(Body)
+    case starl_sim_machines:condition(Machines) of
+        dead -> died;
+        _ -> starl_sim_platform:result(Body)
     end.
 
 %% @doc The piece of motion that it is in.
@@ -193,6 +203,8 @@ next([], [{_, Time, _, _, Seq, {timer, Name, Timer, Content}} | Events], Body, M
         {ok, Type, Fired} -> step(Name, Type, Content, [], Events, Fired, Machines, Robot);
         stale -> work([], Events, Body, Machines, Robot)
     end;
+next([], [{Id, Time, Class, Source, Seq, {late, Content}} | Events], Body, Machines, Robot) ->
+    next([], [{Id, Time, Class, Source, Seq, Content} | Events], Body, Machines, Robot);
 next([], [{_, Time, _, _, _, {Name, Type, Content}} | Events], Body, Machines, Robot) ->
     Hashed = starl_sim_platform:hash_event(Time, Name, Type, Content, Body),
     step(Name, Type, Content, [], Events, Hashed, Machines, Robot);
@@ -237,19 +249,70 @@ plan(Body, Events) -> lists:merge(lists:sort(starl_sim_platform:soon(Body)), Eve
 
 strike(wake, Robot) ->
     Robot;
+strike(turn_wheels, #robot{body = Body, machines = Machines} = Robot) ->
+    case starl_sim_machines:condition(Machines) of
+        up -> Robot#robot{body = starl_sim_platform:turn_wheels(Body)};
+        _ -> Robot
+    end;
 strike({kill_machine, Name}, #robot{machines = Machines} = Robot) ->
     case starl_sim_machines:kill(Name, Machines) of
         {ok, Reason} -> crashed(Name, Reason, Robot);
         none -> Robot
     end;
 strike(kill_robot, #robot{machines = Machines} = Robot) ->
-    case starl_sim_machines:is_dead(Machines) of
-        true ->
-            Robot;
-        false ->
-            ok = starl_sim_machines:kill_all(Machines),
-            died(killed, Robot)
+    case starl_sim_machines:condition(Machines) of
+        dead -> Robot;
+        _ -> died(killed, Robot)
+    end;
+strike({pause, Until}, #robot{hold = {Before, Lag}} = Robot) ->
+    postpone(Robot#robot{hold = {max(Before, Until), Lag}});
+strike({lag, Lag}, #robot{hold = {Until, _}} = Robot) ->
+    postpone(Robot#robot{hold = {Until, Lag}});
+strike(go_down, #robot{machines = Machines} = Robot) ->
+    case starl_sim_machines:condition(Machines) of
+        up -> go_down(Robot);
+        _ -> Robot
+    end;
+strike(come_up, #robot{machines = Machines} = Robot) ->
+    case starl_sim_machines:condition(Machines) of
+        down -> come_up(Robot);
+        _ -> Robot
     end.
+
+%% What comes too early for a robot that is held up waits: in this window or for a later one.
+postpone(#robot{events = Events, hold = Hold, body = Body} = Robot) ->
+    {Late, Ready} = lists:partition(fun(Event) -> held(Event, Hold) =/= Event end, Events),
+    Planned = starl_sim_platform:postpone([held(Event, Hold) || Event <- Late], Body),
+    Robot#robot{events = plan(Planned, Ready), body = starl_sim_platform:planned(Planned)}.
+
+held({_, _, ?CLASS_FAULT, _, _, _} = Event, _Hold) ->
+    Event;
+held({Id, Time, Class, Source, Seq, {late, _} = Content}, {Until, _Lag}) ->
+    {Id, max(Time, Until), Class, Source, Seq, Content};
+held({Id, Time, Class, Source, Seq, Content}, {Until, 0}) ->
+    {Id, max(Time, Until), Class, Source, Seq, Content};
+held({Id, Time, Class, Source, Seq, Content}, {Until, Lag}) ->
+    {Id, max(Time + Lag, Until), Class, Source, Seq, {late, Content}}.
+
+go_down(#robot{body = Body, machines = Machines} = Robot) ->
+    Names = starl_sim_machines:names(Machines),
+    Stopped = starl_sim_platform:trace(robot, down, starl_sim_platform:stop(Body)),
+    Robot#robot{
+        body = lists:foldl(fun lost/2, Stopped, Names),
+        machines = starl_sim_machines:down(down, Machines),
+        local = [],
+        events = faults_of(Robot#robot.events),
+        busy = none
+    }.
+
+lost(Name, Body) ->
+    starl_sim_platform:forget_timers(Name, starl_sim_platform:trace(Name, crashed, Body)).
+
+come_up(#robot{body = Body, machines = Machines} = Robot) ->
+    Up = starl_sim_machines:up(Machines),
+    Robot#robot{
+        body = starl_sim_platform:trace(robot, up, Body), machines = Up, local = boots(Up)
+    }.
 
 %% A machine is gone. Virtual time waits until it has been restarted; the others are told. If
 %% its supervisor gives up, the robot has died.
@@ -277,7 +340,7 @@ died(Reason, #robot{body = Body, machines = Machines} = Robot) ->
     Traced = starl_sim_platform:trace(robot, {died, Reason}, Stopped),
     Robot#robot{
         body = starl_sim_platform:ended(Traced),
-        machines = starl_sim_machines:stopped(Machines),
+        machines = starl_sim_machines:down(dead, Machines),
         local = [],
         events = [],
         busy = none

@@ -5,24 +5,15 @@
 
 -export([options/0, check/2, read/1, format_error/1]).
 
--export_type([t/0, fault/0, reason/0]).
+-export_type([t/0, reason/0]).
 
 %% A checked scenario: all keys of {@link options/0} and of the application's own options.
 -type t() :: #{atom() => term()}.
 
-%% A fault: its name, from when to when (ms), what it does to whom.
-%% `kill_machine' has the target {Robot, Machine}, `kill_robot' the target Robot.
--type fault() :: {
-    Id :: atom(),
-    FromMs :: non_neg_integer(),
-    ToMs :: non_neg_integer(),
-    Kind :: kill_machine | kill_robot,
-    Target :: {starl:robot_id(), starl_machine:name()} | starl:robot_id(),
-    Params :: map()
-}.
-
 -type reason() ::
-    {problems, [starl_options:problem()]}
+    {problems, [
+        starl_options:problem() | {fault, starl_sim_fault:problem()} | {no_such_faults, term()}
+    ]}
     | {file, file:filename(), file:posix() | badarg | terminated | system_limit}
     | {syntax, file:filename(), Line :: non_neg_integer(), unicode:chardata()}
     | {shape, file:filename()}.
@@ -49,17 +40,33 @@ options() ->
             "process: each machine of a robot is a process; inline: none is; auto: by their number"},
         {shards, {optional, {integer, 1, 256}}, none,
             "over how many shards the robots are spread; none: by their number and the cores"},
-        {faults, {term, "a list of {Id, FromMs, ToMs, Kind, Target, Params}", fun faults/1}, [],
-            "crashes: kill_machine {Robot, Name}, kill_robot Robot"}
+        {faults, {term, "a list of {Id, FromMs, ToMs, Kind, Target, Params}", fun is_list/1}, [],
+            "what goes wrong; `./starl faults' lists the kinds"},
+        {random_faults, {term, "a list of all, classes and kinds of faults", fun is_list/1}, [],
+            "further faults of these are drawn from the seed"},
+        {heal, {number, 0.001, 1.0e6}, 60, "drawn faults are over by this virtual time, s"},
+        {converge, {optional, {number, 0, 1.0e6}}, none,
+            "so long after the heal all applications must be done, s"}
     ].
 
 %% @doc Checks a scenario for an application with these options of its own.
 -spec check(#{atom() => term()}, [starl_options:option()]) -> {ok, t()} | {error, reason()}.
 check(Given, AppOptions) ->
-    case starl_options:check(maps:remove(app, Given), options() ++ AppOptions) of
-        {ok, Scenario} -> {ok, maps:merge(maps:with([app], Given), Scenario)};
-        {error, Problems} -> {error, {problems, Problems}}
+    Checked = starl_options:check(maps:remove(app, Given), options() ++ AppOptions),
+    Faults =
+        [{fault, P} || P <- fault_problems(maps:get(faults, Given, []))] ++
+            [{no_such_faults, W} || W <- unknown(maps:get(random_faults, Given, []))],
+    case {Checked, Faults} of
+        {{ok, Scenario}, []} -> {ok, maps:merge(maps:with([app], Given), Scenario)};
+        {{ok, _}, _} -> {error, {problems, Faults}};
+        {{error, Problems}, _} -> {error, {problems, Problems ++ Faults}}
     end.
+
+unknown(What) when is_list(What) -> [W || W <- What, starl_sim_fault:kinds_of(W) =:= []];
+unknown(_) -> [].
+
+fault_problems(Faults) when is_list(Faults) -> starl_sim_fault:check(Faults);
+fault_problems(_) -> [].
 
 %% @doc Reads a scenario file; its terms are not checked yet.
 -spec read(file:filename()) -> {ok, #{atom() => term()}} | {error, reason()}.
@@ -75,7 +82,7 @@ read(File) ->
 %% @doc One line that says what is wrong, where, and what to do.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({problems, Problems}) ->
-    lists:join("; ", [starl_options:format_problem(P) || P <- Problems]);
+    lists:join("; ", [format_problem(P) || P <- Problems]);
 format_error({file, File, Posix}) ->
     io_lib:format("~ts: ~ts", [File, file:format_error(Posix)]);
 format_error({syntax, File, Line, What}) ->
@@ -83,16 +90,9 @@ format_error({syntax, File, Line, What}) ->
 format_error({shape, File}) ->
     io_lib:format("~ts: a scenario file holds one map, as in #{app => painting}.", [File]).
 
-faults(List) when length(List) >= 0 -> lists:all(fun fault/1, List);
-faults(_) -> false.
-
-fault({Id, From, To, kill_machine, {Robot, Name}, Params}) ->
-    span(Id, From, To, Params) andalso is_integer(Robot) andalso is_atom(Name);
-fault({Id, From, To, kill_robot, Robot, Params}) ->
-    span(Id, From, To, Params) andalso is_integer(Robot);
-fault(_) ->
-    false.
-
-span(Id, From, To, Params) ->
-    is_atom(Id) andalso is_integer(From) andalso From >= 0 andalso is_integer(To) andalso
-        To >= From andalso is_map(Params).
+format_problem({no_such_faults, What}) ->
+    io_lib:format("random_faults: there is no class or kind of faults ~tp; classes: all, ~ts", [
+        What, lists:join(", ", [atom_to_list(C) || C <- starl_sim_fault:classes()])
+    ]);
+format_problem({fault, Problem}) -> starl_sim_fault:format_problem(Problem);
+format_problem(Problem) -> starl_options:format_problem(Problem).

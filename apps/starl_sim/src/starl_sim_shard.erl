@@ -145,22 +145,22 @@ inspect(Shard, What) -> gen_server:call(Shard, {inspect, What}, infinity).
 
 -spec init(map()) -> {ok, #shard{}}.
 init(#{run := Run, world := World, window_us := Width, robots_sup := RobotsSup}) ->
-    Sight = ets:new(starl_sight, [set, private]),
     {ok, #shard{
         run = Run,
-        world = World#{sight => Sight},
+        world = World,
         robots_sup = RobotsSup,
         queue = starl_sim_queue:new(Width),
         window_us = Width
     }}.
 
 -spec handle_call(term(), gen_server:from(), #shard{}) -> {reply, term(), #shard{}}.
-handle_call({launch, Load}, _From, #shard{world = #{sight := Sight}} = Shard) ->
+handle_call({launch, Load}, _From, #shard{world = #{range_mm := Range} = World0} = Shard) ->
     #{robots := Robots, crew := Crew, faults := Faults, peers := Peers, owners := Owners} = Load,
-    true = ets:insert(Sight, maps:get(sight, Load)),
-    ok = starl_sim_window:hold([start_robot(Robot, Crew, Shard) || Robot <- Robots]),
+    World = World0#{sight => starl_sim_sight:new(maps:get(sight, Load), Range)},
+    ok = starl_sim_window:hold([start_robot(Robot, Crew, World, Shard) || Robot <- Robots]),
     Launched = Shard#shard{
-        queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Faults),
+        world = World,
+        queue = starl_sim_queue:add_all(Faults, Shard#shard.queue),
         peers = Peers,
         owners = Owners,
         running = maps:get(running, Load)
@@ -202,18 +202,20 @@ handle_info({out_of_patience, _}, Shard) ->
 
 %% -- starting -------------------------------------------------------------------------------
 
-start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, #shard{world = World} = Shard) ->
-    Sup = start_tree(Id, Tree, Shard),
-    Machines = starl_sim_machines:launched(starl_sim_machines:new(Id, Sup, Inline)),
+start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, World, Shard) ->
+    Machines = starl_sim_machines:new(Id, starter(Id, Tree, Shard), Inline),
     {Id, starl_sim_robot:new(Id, starl_sim_platform:new(Id, Pose, World), Machines)}.
 
 %% start_child returns when the whole tree has started, so all attachments are here then.
-start_tree(_Id, none, _Shard) ->
+starter(_Id, none, _Shard) ->
     none;
-start_tree(Id, Tree, #shard{robots_sup = Sup}) ->
-    {ok, Pid} = supervisor:start_child(Sup, [Tree#{id => Id, driver => self()}]),
-    _ = erlang:monitor(process, Pid),
-    Pid.
+starter(Id, Tree, #shard{robots_sup = Sup}) ->
+    Spec = Tree#{id => Id, driver => self()},
+    fun() ->
+        {ok, Pid} = supervisor:start_child(Sup, [Spec]),
+        _ = erlang:monitor(process, Pid),
+        Pid
+    end.
 
 %% -- window after window --------------------------------------------------------------------
 
@@ -296,7 +298,7 @@ run_window(#shard{next = Next, window_us = Width, queue = Queue, windows = N} = 
 
 %% The window's end, but for a robot that was held. `Mails' has what the peers sent meanwhile.
 close(Window, Ids, Mails, #shard{stop = Stop} = Shard) ->
-    case Stop =/= none andalso starl_sim_robot:held(starl_sim_window:robot(Stop)) of
+    case Stop =/= none andalso starl_sim_robot:halted(starl_sim_window:robot(Stop)) of
         {at, At} -> hold(At, Window, Ids, Mails, Shard);
         _ -> finish(Ids, Mails, Shard)
     end.
@@ -339,13 +341,13 @@ exchange(Yields, #shard{peers = Peers} = Shard) ->
     lists:foldl(fun receive_mail/2, tell(Yields, Shard), Peers).
 
 tell(#{later := Later, moved := Moved, ended := Ended}, #shard{peers = []} = Shard) ->
-    Queue = lists:foldl(fun starl_sim_queue:add/2, Shard#shard.queue, Later),
+    Queue = starl_sim_queue:add_all(Later, Shard#shard.queue),
     Next = starl_sim_queue:next_time(Queue),
     take({Next, Ended, Moved, []}, Shard#shard{queue = Queue, next = infinity});
 tell(#{later := Later, moved := Moved, ended := Ended}, Shard) ->
     #shard{peers = Peers, owners = Owners, queue = Queue, windows = N} = Shard,
     ByShard = maps:groups_from_list(fun(E) -> maps:get(element(1, E), Owners) end, Later),
-    Own = lists:foldl(fun starl_sim_queue:add/2, Queue, maps:get(self(), ByShard, [])),
+    Own = starl_sim_queue:add_all(maps:get(self(), ByShard, []), Queue),
     Times = [Time || {_, Time, _, _, _, _} <- Later],
     %% whole numbers sort before the atom infinity
     Next = lists:min([starl_sim_queue:next_time(Own) | Times]),
@@ -367,9 +369,9 @@ next_mail(Peer, N) ->
     end.
 
 take({Next, Ended, Moved, Packets}, #shard{queue = Queue, world = #{sight := Sight}} = Shard) ->
-    _ = Moved =/= [] andalso ets:insert(Sight, Moved),
+    ok = starl_sim_sight:moved(Moved, Sight),
     Shard#shard{
         next = min(Next, Shard#shard.next),
         running = Shard#shard.running - Ended,
-        queue = lists:foldl(fun starl_sim_queue:add/2, Queue, Packets)
+        queue = starl_sim_queue:add_all(Packets, Queue)
     }.

@@ -7,23 +7,19 @@
 -export([init/2, step/2]).
 -export([options/0, scene/1, report/2]).
 
-%% How often a robot takes part in the election before it gives the picture up.
--define(ELECTIONS, 3).
-
--type state() :: {elect, Tries :: pos_integer()} | {paint, Leader :: starl:robot_id()}.
+-type state() :: elect | {paint, Leader :: starl:robot_id()}.
 
 %% -- the application ------------------------------------------------------------------------
 
 -spec init(starl:robot(), none) -> state().
-init(Robot, none) -> led(Robot, {elect, ?ELECTIONS}).
+init(Robot, none) -> led(Robot, elect).
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, complete | incomplete}.
-step(Robot, {elect, Tries}) ->
+step(Robot, elect) ->
     case starl_election:elect(Robot, painting) of
         {ok, Leader} -> {continue, {paint, join(Robot, Leader)}};
-        {error, restarted} -> {continue, {elect, Tries}};
-        {error, timeout} when Tries > 1 -> {continue, led(Robot, {elect, Tries - 1})};
-        {error, timeout} -> {done, incomplete}
+        {error, restarted} -> {continue, elect};
+        {error, timeout} -> {continue, led(Robot, {paint, join_first(Robot)})}
     end;
 step(Robot, {paint, Leader}) ->
     case starl_dpp:request_path(Robot) of
@@ -48,27 +44,25 @@ led(Robot, Else) ->
         {error, _} -> Else
     end.
 
+%% A robot that is dead or out of reach has no ballot, so nobody is elected. Path planning needs no
+%% more than somebody to begin with: if that one is dead, another takes over.
+join_first(Robot) -> join(Robot, hd(starl:participants(Robot))).
+
 join(Robot, Leader) ->
     _ = starl_dpp:join(Robot, Leader),
     Leader.
 
+%% Until the path ends, or must not be followed any further: the lines that are not painted go to
+%% whoever asks next.
 follow(Robot, Path) ->
-    lists:foreach(
-        fun({N, Point, Pen}) ->
+    _ = lists:all(
+        fun({N, _Point, Pen}) ->
             starl:actuate(Robot, pen, Pen),
-            drive(Robot, Point),
-            starl_dpp:passed(Robot, Path, N)
+            starl_dpp:drive(Robot, Path, N) =:= ok
         end,
         starl_dpp:waypoints(Path)
     ),
     starl:actuate(Robot, pen, up).
-
-%% A motion machine that crashed has stopped the robot inside its tube: it drives on.
-drive(Robot, Point) ->
-    case starl:go_to(Robot, Point) of
-        ok -> ok;
-        {error, _} -> drive(Robot, Point)
-    end.
 
 %% -- what it needs, and what it tells -------------------------------------------------------
 

@@ -45,10 +45,9 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
         tube_radius => Radius,
         slack => Tracking,
         horizon => float(maps:get(horizon, Options)),
-        seed => Seed,
-        speed => Speed
+        seed => Seed
     },
-    case starl_dpp_plan:new((maps:remove(speed, Plan))#{robots => Ids}) of
+    case starl_dpp_plan:new(Plan#{robots => Ids}) of
         {ok, _} ->
             {ok, #{
                 app => {sequential, starl_painting, none},
@@ -117,7 +116,8 @@ report(#{memo := Memo}, #{monitors := Monitors, end_us := EndUs} = Outcome) ->
             {min_separation_mm, number(maps:get(min_separation_mm, Dpp))},
             {safety_distance_mm, maps:get(safety_distance, Memo)},
             {deadlocks_resolved, maps:get(deadlocks_resolved, Dpp)},
-            {assignments, maps:get(assignments, Dpp)}
+            {assignments, maps:get(assignments, Dpp)},
+            {assignments_per_robot, maps:get(assignments, Dpp) / N}
         ],
         write => fun(Dir) -> draw(Dir, Memo, Paint, Outcome) end
     }.

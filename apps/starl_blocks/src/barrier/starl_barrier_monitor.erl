@@ -14,7 +14,7 @@
 -module(starl_barrier_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
@@ -58,6 +58,10 @@ init(#{robots := Robots} = Config) ->
 %% @doc The barrier machines' own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [barrier, robot].
+
+%% @doc How far each robot has come; without `bound_us' and `delta_us' nothing else is judged.
+-spec timeless(#state{}) -> term().
+timeless(#state{reached = Reached, passed = Passed}) -> {Reached, Passed}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->

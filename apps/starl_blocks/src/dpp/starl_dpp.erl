@@ -8,28 +8,34 @@
 %% ```
 %%   {ok, Path} = starl_dpp:request_path(Robot),
 %%   [begin
-%%        starl:actuate(Robot, pen, Pen), ok = starl:go_to(Robot, Point),
-%%        starl_dpp:passed(Robot, Path, N)
-%%    end || {N, Point, Pen} <- starl_dpp:waypoints(Path)]
+%%        starl:actuate(Robot, pen, Pen), ok = starl_dpp:drive(Robot, Path, N)
+%%    end || {N, _Point, Pen} <- starl_dpp:waypoints(Path)]
 %% '''
 -module(starl_dpp).
 
--export([blocks/1, join/2, coordinator/1, request_path/1, waypoints/1, passed/3]).
+-export([blocks/1, join/2, coordinator/1, request_path/1, waypoints/1, drive/3]).
 
--export_type([config/0, path/0, request_id/0]).
+-export_type([config/0, path/0, request_id/0, term_id/0, place/0]).
 
-%% What a team must agree on: see {@link starl_dpp_plan:config()}; without the robots. `speed'
-%% in mm/s tells how long a robot may be on its way before it counts as silent.
+%% What a team must agree on: see {@link starl_dpp_settings:t()}, without the robots, and
+%% {@link starl_dpp_lease:config()}.
 -type config() :: #{
     segments := [starl_geometry:segment()],
     world := {number(), number()},
     tube_radius := float(),
-    speed := float(),
     atom() => term()
 }.
 
 %% Ascending per robot, also over a crash.
 -type request_id() :: {Incarnation :: pos_integer(), N :: non_neg_integer()}.
+
+%% A term has one coordinator at most: the robot that claimed it.
+-type term_id() :: {N :: non_neg_integer(), starl:robot_id() | 0}.
+
+%% Where a robot is: it stands, or has passed N waypoints of its path and has the rest before it.
+-type place() ::
+    {standing, starl_geometry:point()}
+    | {moving, N :: non_neg_integer(), From :: starl_geometry:point(), [starl_dpp_plan:waypoint()]}.
 
 %% A path that the robot holds.
 -opaque path() :: {request_id(), starl_dpp_plan:path()}.
@@ -37,13 +43,13 @@
 %% @doc The machines that a robot needs for DPP.
 -spec blocks(config()) -> [starl_robot_sup:machine()].
 blocks(Config) ->
-    Slack = maps:get(slack, Config, 0.0),
     [
-        {dpp, starl_dpp_participant, #{slack => Slack}},
+        {dpp, starl_dpp_participant, maps:with([slack, lease_ms, drift_ppm], Config)},
         {dpp_coordinator, starl_dpp_coordinator, Config}
     ].
 
-%% @doc Names the coordinator, usually the elected leader.
+%% @doc Names the first coordinator, usually the elected leader. A robot that knows of one already
+%% stays with it. When a coordinator dies its successor finds the robots by itself.
 -spec join(starl:robot(), Coordinator :: starl:robot_id()) -> ok | {error, restarted}.
 join(Robot, Coordinator) ->
     case starl:call(Robot, dpp, {join, Coordinator}, infinity) of
@@ -63,8 +69,8 @@ coordinator(Robot) ->
 
 %% @doc Gives back the path that the robot holds, certifies that the robot stands still (it is
 %% stopped if it does not), and waits for a new path. `complete': every target edge is painted.
-%% `incomplete': what is left is closed by robots that no longer answer. `no_answer': the
-%% coordinator has not been reached for long.
+%% `incomplete': what is left is closed by robots that no longer answer. `no_answer': nothing was
+%% heard of any coordinator for two minutes.
 -spec request_path(starl:robot()) ->
     {ok, path()} | complete | incomplete | {error, restarted | no_coordinator | no_answer}.
 request_path(Robot) ->
@@ -82,10 +88,14 @@ waypoints({_Id, Waypoints}) ->
      || {N, {Point, Pen}} <- lists:zip(lists:seq(1, length(Waypoints)), Waypoints)
     ].
 
-%% @doc Clear: the robot has reached waypoint N of the path and will not go back behind it.
--spec passed(starl:robot(), path(), N :: pos_integer()) -> ok.
-passed(_Robot, {Id, Waypoints}, N) ->
-    starl_app_proc:perform([{cast, dpp, {passed, Id, N, lists:nth(N, Waypoints)}}]).
+%% @doc Drives straight to waypoint N of the path and clears what lies behind it. `void': the robot
+%% has lost its coordinator for so long that it must not drive on; it is stopped, and asks anew.
+-spec drive(starl:robot(), path(), N :: pos_integer()) -> ok | {error, void | restarted}.
+drive(Robot, {Id, _Waypoints}, N) ->
+    case starl:call(Robot, dpp, {drive, Id, N}, infinity) of
+        {ok, Answer} -> Answer;
+        {error, restarted} -> {error, restarted}
+    end.
 
 pen(up) -> up;
 pen({down, _Edge}) -> down.

@@ -1,284 +1,273 @@
-%% @doc The coordinator of distributed path planning (the paper's Subroutine 3): messages around
-%% {@link starl_dpp_plan}, which does the planning.
+%% @doc The coordinator of distributed path planning (the paper's Subroutine 3): who leads, and
+%% that nobody else does; {@link starl_dpp_serve} does the coordinating.
 %% ```
-%%   idle -- first request of anybody --> coordinating
+%%        a request, or a participant that misses its coordinator
+%%   idle -------------------------------------------> claiming --- no quorum ---> idle
+%%     ^                                                  | a quorum's votes
+%%     |             votes have run out                   v
+%%     +----------------------------------------------- leading
 %% '''
-%% A coordinator that begins, for the first time or after a crash, knows nothing of the robots:
-%% it asks all of them where they are and what they hold (`dpp_recover'), and assigns nothing
-%% until it knows of every robot. Robots that wait are served again when something has become
-%% free. When nobody moves and all wait, the plan resolves the deadlock. A robot that has not
-%% been heard of for long is `silent': it keeps all that it holds, but nobody waits for it. If
-%% only silent robots stand between the team and the rest of the picture, those who wait are
-%% told `incomplete'.
+%% One machine on every robot; the robot that leads is the coordinator. A claim begins a new term,
+%% {N, Robot}, higher than all terms known: it asks all participants for their vote and where they
+%% are and what they hold (`dpp_recover'). Terms fence: participants take nothing from a lower one.
+%% A coordinator assigns while a quorum's votes last ({@link starl_dpp_lease}) and only when it
+%% knows of every robot: from the robot's own report in this term, or, of a robot that says nothing,
+%% by seeing where it stands once all leave that it may have to drive has ended.
 %%
-%% Trace: `{coordinator, Epoch}', `{reserved, Robot, Segments}',
-%% `{assigned, Robot, Id, Segments}', `{deadlock_resolved, Robots}', `{silent, Robot}'.
+%% Its beats, one a second, carry what gives the participants leave to drive on. A machine that
+%% crashed has forgotten its term; its robot's participants vote for it again at once.
+%%
+%% Messages: `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}' and `dpp_answer' to
+%% participants; from them `dpp_request', `dpp_passed', `dpp_state', `dpp_here', `dpp_refused'.
+%% Casts from the own participant: `{lead, N}', `{led, Term}'.
+%%
+%% Trace: `{claims, Term}', `{leads, Term}', `{stepped_down, Term}', and those of the service.
 -module(starl_dpp_coordinator).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5]).
 
-%% Waiters are served again so long after something became free.
--define(SERVE_US, 200000).
+-define(BEAT_US, 1000000).
 %% Robots whose place is not known are asked again after so long.
--define(RECOVER_US, 3000000).
-%% A robot is silent when it is so much later than its drive would take; and if only silent
-%% robots are left to wait for, they have so long to be heard again.
--define(SILENT_US, 30000000).
--define(GIVE_UP_US, 60000000).
+-define(RECOVER_US, 2000000).
 
 -record(coordinator, {
     self :: starl:robot_id(),
     team :: [starl:robot_id()],
-    epoch :: pos_integer(),
     config :: starl_dpp:config(),
-    plan :: starl_dpp_plan:t() | none,
-    %% the latest request of each robot; the ones that wait for an answer, in order of arrival
-    latest = #{} :: #{starl:robot_id() => starl_dpp:request_id()},
-    waiting = [] :: [starl:robot_id()],
-    %% who is on its way, and at which waypoint of its path the plan's view of it begins
-    moving = #{} :: #{starl:robot_id() => Offset :: non_neg_integer()},
-    silent = [] :: [starl:robot_id()],
-    %% nobody moves and nothing can be assigned
-    stuck = false :: boolean()
+    now :: integer(),
+    %% the plan with nothing known in it; building it takes time
+    blank = none :: starl_dpp_plan:t() | none,
+    %% the highest term's number known, and the own term
+    n = 0 :: non_neg_integer(),
+    term = {0, 0} :: starl_dpp:term_id(),
+    lease :: starl_dpp_lease:t(),
+    serve = none :: starl_dpp_serve:t() | none
 }).
 
--type state() :: idle | coordinating.
--type transition() :: {#coordinator{}, [starl_machine:action()]}.
+-type state() :: idle | claiming | leading.
 
 -spec init(starl_machine:config()) -> {idle, #coordinator{}, [starl_machine:action()]}.
-init(#{robot := Self, participants := Team, incarnation := Epoch} = Config) ->
-    Plan = maps:without([robot, participants, incarnation, name, random, now], Config),
+init(#{robot := Self, participants := Team, now := Now} = Config) ->
+    Given = maps:without([robot, participants, incarnation, name, random, now], Config),
     Members = starl_team:members(Team),
-    Data = #coordinator{self = Self, team = Members, epoch = Epoch, config = Plan, plan = none},
+    Data = #coordinator{
+        self = Self, team = Members, config = Given, now = Now,
+        lease = starl_dpp_lease:new(Members, Given)
+    },
     {idle, Data, listen()}.
 
 -spec handle_event(
     starl_machine:event_type(), term(), state(), #coordinator{}, starl_machine:meta()
 ) -> starl_machine:result().
-handle_event(cast, {message, Robot, Type, Body}, State, Data, _Meta) ->
-    message(Robot, Type, Body, State, Data);
-handle_event({timeout, serve}, _, coordinating, Data, _Meta) ->
-    keep(serve(Data));
-handle_event({timeout, recover}, _, coordinating, Data, _Meta) ->
-    keep(ask_unknown(Data));
-handle_event({timeout, {silent, Robot}}, _, coordinating, Data, _Meta) ->
-    keep(silent(Robot, Data));
-handle_event({timeout, give_up}, _, coordinating, Data, _Meta) ->
-    keep(give_up(Data));
-handle_event({reply, {answered, Robot}}, {error, _}, coordinating, Data, _Meta) ->
-    keep(silent(Robot, Data));
-handle_event({reply, {answered, _}}, ok, _State, _Data, _Meta) ->
+handle_event(Type, Content, State, Data0, #{now := Now}) ->
+    Data = Data0#coordinator{now = Now},
+    case State =:= leading andalso not starl_dpp_lease:leads(Now, Data#coordinator.lease) of
+        true -> after_end(Type, Content, Data);
+        false -> event(Type, Content, State, Data)
+    end.
+
+%% The votes have run out: nothing may be assigned any more.
+after_end(Type, Content, Data) ->
+    Ended = [{trace, {stepped_down, Data#coordinator.term}} | stop_timers()],
+    case event(Type, Content, idle, Data) of
+        {next_state, State, Next, Actions} -> {next_state, State, Next, Ended ++ Actions};
+        {keep_state, Next, Actions} -> {next_state, idle, Next, Ended ++ Actions};
+        keep_state_and_data -> {next_state, idle, Data, Ended};
+        unknown_event -> {next_state, idle, Data, Ended}
+    end.
+
+stop_timers() -> [{{timeout, T}, cancel} || T <- [serve, give_up, beat, recover, claim]].
+
+event(cast, {message, Robot, Type, Body}, State, Data) ->
+    message(Type, Body, Robot, State, Data);
+event({timeout, beat}, _, leading, Data) ->
+    keep(beat(Data));
+event({timeout, recover}, _, State, Data) when State =/= idle ->
+    keep(ask_unknown(State, Data));
+event({timeout, serve}, _, leading, #coordinator{serve = Serve} = Data) ->
+    keep(served(starl_dpp_serve:serve(Serve), Data));
+event({timeout, give_up}, _, leading, #coordinator{serve = Serve} = Data) ->
+    keep(served(starl_dpp_serve:give_up(Serve), Data));
+event({timeout, claim}, _, claiming, Data) ->
+    {next_state, idle, Data, stop_timers()};
+event({timeout, _}, _, _State, _Data) ->
     keep_state_and_data;
-handle_event(info, {restarted, sap}, _State, _Data, _Meta) ->
-    {keep_state_and_data, listen()};
-handle_event(info, {restarted, _}, _State, _Data, _Meta) ->
+event({reply, {rest, Term, Robot}}, {ok, {X, Y, _}}, leading, #coordinator{term = Term} = Data) ->
+    keep(rests(Robot, {X, Y}, Data));
+event({reply, {answered, Term, Robot}}, Outcome, leading, #coordinator{term = Term} = Data) ->
+    Arrived = case Outcome of ok -> ok; {error, _} -> lost end,
+    Serve = starl_dpp_serve:answered(Robot, Arrived, Data#coordinator.serve),
+    {keep_state, Data#coordinator{serve = Serve}, []};
+event({reply, _}, _, _State, _Data) ->
     keep_state_and_data;
-handle_event(_, _, _, _, _) ->
+event(cast, {lead, N}, State, #coordinator{n = Known} = Data) ->
+    case State =:= idle orelse N > Known of
+        true -> claim(N, Data);
+        false -> keep_state_and_data
+    end;
+event(cast, {led, Term}, State, #coordinator{term = Own} = Data) when Term > Own ->
+    Ended = [{trace, {stepped_down, Own}} || State =:= leading],
+    {next_state, idle, higher(Term, Data), Ended ++ stop_timers()};
+event(cast, {led, _Term}, _State, _Data) ->
+    keep_state_and_data;
+event(info, {restarted, sap}, _State, Data) ->
+    {keep_state, Data, listen()};
+event(info, {restarted, _}, _State, _Data) ->
+    keep_state_and_data;
+event(_, _, _, _) ->
     unknown_event.
 
 listen() ->
     [
         starl_sap:listen(Type, dpp_coordinator)
-     || Type <- [dpp_request, dpp_passed, dpp_state]
+     || Type <- [dpp_request, dpp_passed, dpp_state, dpp_here, dpp_refused]
     ].
 
 keep({Data, Actions}) -> {keep_state, Data, Actions}.
 
-message(Robot, Type, Body, idle, Data) ->
-    {Begun, Actions} = start(Data),
-    {Next, More} = heard(Robot, Type, Body, Begun),
-    {next_state, coordinating, Next, Actions ++ More};
-message(Robot, Type, Body, coordinating, Data) ->
-    keep(heard(Robot, Type, Body, Data)).
+higher({N, _}, #coordinator{n = Known} = Data) -> Data#coordinator{n = max(N, Known)}.
 
-start(#coordinator{config = Config, team = Team, epoch = Epoch, self = Self} = Data) ->
-    {ok, Plan} = starl_dpp_plan:new((maps:remove(speed, Config))#{robots => Team}),
-    {Asked, Actions} = ask_unknown(Data#coordinator{plan = Plan}),
-    Own = starl_sap:post(Self, dpp_recover, Epoch),
-    {Asked, [{trace, {coordinator, Epoch}}, Own | Actions]}.
+%% -- claiming -------------------------------------------------------------------------------
 
-%% One packet for all at first; those that have not answered are asked again one by one.
-ask_unknown(#coordinator{plan = Plan, epoch = Epoch, team = Team} = Data) ->
-    Unknown = starl_dpp_plan:unknown(Plan),
+%% Begins a term above all that are known.
+claim(N, #coordinator{n = Known, self = Self, team = Team, config = Config} = Data0) ->
+    #coordinator{blank = Blank} = Data = with_blank(Data0),
+    Next = max(N, Known) + 1,
+    Term = {Next, Self},
+    Claiming = Data#coordinator{
+        n = Next, term = Term,
+        lease = starl_dpp_lease:new(Team, Config),
+        serve = starl_dpp_serve:new(Blank, Term)
+    },
+    {Asked, Actions} = ask_unknown(claiming, Claiming),
+    Timer = {{timeout, claim}, starl_dpp_lease:long_us(Config) * 3 div 2, claim},
+    {next_state, claiming, Asked, stop_timers() ++ [{trace, {claims, Term}}, Timer | Actions]}.
+
+with_blank(#coordinator{blank = none, config = Config, team = Team} = Data) ->
+    Settings = maps:without([lease_ms, drift_ppm], Config),
+    {ok, Plan} = starl_dpp_plan:new(Settings#{robots => Team}),
+    Data#coordinator{blank = Plan};
+with_blank(Data) ->
+    Data.
+
+%% One packet for all at first; those that have not answered are asked again one by one. The own
+%% participant comes last, when with its vote there is a quorum: a robot that nobody votes for
+%% goes on following the one that leads.
+ask_unknown(State, #coordinator{serve = Serve, self = Self, team = Team} = Data) ->
+    {Seq, Lease} = starl_dpp_lease:beat(Data#coordinator.now, Data#coordinator.lease),
+    Body = {Data#coordinator.term, Seq, State =:= leading},
+    Unknown = starl_dpp_serve:unknown(Serve) -- [Self || not hopeful(Data)],
     Messages =
-        if
-            Unknown =:= [] -> [];
-            Unknown =:= Team -> [{cast, sap, {broadcast, dpp_recover, Epoch}}];
-            true -> [starl_sap:post(Robot, dpp_recover, Epoch) || Robot <- Unknown]
+        case Unknown -- [Self] =:= Team -- [Self] of
+            true -> [{cast, sap, {broadcast, dpp_recover, Body}}];
+            false -> [starl_sap:post(Robot, dpp_recover, Body) || Robot <- Unknown -- [Self]]
         end,
-    {Data, Messages ++ [{{timeout, recover}, ?RECOVER_US, recover} || Messages =/= []]}.
+    Own = [starl_sap:post(Self, dpp_recover, Body) || lists:member(Self, Unknown)],
+    Timer = [{{timeout, recover}, ?RECOVER_US, recover} || starl_dpp_serve:unknown(Serve) =/= []],
+    {Data#coordinator{lease = Lease}, Messages ++ Own ++ Timer}.
 
-%% -- what robots say ------------------------------------------------------------------------
+hopeful(#coordinator{self = Self, team = Team, lease = Lease, now = Now}) ->
+    starl_dpp_lease:quorum([Self | starl_dpp_lease:votes(Now, Lease)], Team).
 
--spec heard(starl:robot_id(), atom(), term(), #coordinator{}) -> transition().
-heard(Robot, dpp_request, {Id, At, Painted}, Data) ->
-    case newer(Robot, Id, Data) of
-        true -> requested(Robot, Id, At, Painted, alive(Robot, Data));
-        false -> {Data, []}
-    end;
-heard(Robot, dpp_passed, {Id, N}, #coordinator{latest = Latest, moving = Moving} = Data) ->
-    case {Latest, Moving} of
-        {#{Robot := Id}, #{Robot := Offset}} when N > Offset ->
-            Plan = starl_dpp_plan:passed(Robot, N - Offset, Data#coordinator.plan),
-            freed(Robot, (alive(Robot, Data))#coordinator{plan = Plan});
-        _ ->
-            {Data, []}
-    end;
-heard(Robot, dpp_state, {Epoch, Id, Where, Painted}, #coordinator{epoch = Epoch} = Data) ->
-    case newer(Robot, Id, Data) of
-        true -> located(Robot, Id, Where, Painted, alive(Robot, Data));
-        false -> {Data, []}
-    end;
-heard(_Robot, dpp_state, _Earlier, Data) ->
-    {Data, []}.
+%% -- leading --------------------------------------------------------------------------------
 
-%% Robots number their requests; an old one says nothing of where the robot is now.
-newer(Robot, Id, #coordinator{latest = Latest}) -> Id > maps:get(Robot, Latest, {0, 0}).
-
-alive(Robot, #coordinator{silent = Silent} = Data) ->
-    Data#coordinator{silent = lists:delete(Robot, Silent)}.
-
-requested(Robot, Id, At, Painted, #coordinator{waiting = Waiting} = Data) ->
-    Asking = lists:delete(Robot, Waiting) ++ [Robot],
-    {Freed, Actions} = stands(Robot, Id, At, Painted, Data#coordinator{waiting = Asking}),
-    {Served, Answers} = serve_robot(Robot, Freed),
-    {Settled, More} = settle(Served),
-    {Settled, Actions ++ Answers ++ More}.
-
-located(Robot, Id, {standing, At}, Painted, Data) ->
-    stands(Robot, Id, At, Painted, Data);
-located(Robot, Id, {moving, Offset, From, Path}, Painted, Data) ->
-    #coordinator{plan = Plan0, latest = Latest, moving = Moving} = Data,
-    Marked = starl_dpp_plan:mark_painted(Painted, Plan0),
-    Plan =
-        case Path of
-            [] -> starl_dpp_plan:standing(Robot, From, Marked);
-            _ -> starl_dpp_plan:adopt(Robot, From, Path, Marked)
-        end,
-    freed(Robot, Data#coordinator{
-        plan = Plan, latest = Latest#{Robot => Id}, moving = Moving#{Robot => Offset}
-    }).
-
-stands(Robot, Id, At, Painted, #coordinator{plan = Plan, latest = Latest} = Data) ->
-    Marked = starl_dpp_plan:mark_painted(Painted, Plan),
-    freed(Robot, Data#coordinator{
-        plan = starl_dpp_plan:standing(Robot, At, Marked),
-        latest = Latest#{Robot => Id},
-        moving = maps:remove(Robot, Data#coordinator.moving)
-    }).
-
-%% The robot holds less than before.
-freed(Robot, #coordinator{plan = Plan} = Data) ->
-    Timers =
-        watch(Robot, Data) ++
-            [{{timeout, serve}, ?SERVE_US, serve} || Data#coordinator.waiting =/= []],
-    {Data, [{trace, {reserved, Robot, held(Robot, Plan)}} | Timers]}.
-
-held(Robot, Plan) ->
-    {Robot, Segments} = lists:keyfind(Robot, 1, starl_dpp_plan:unsafe(Plan)),
-    Segments.
-
-%% -- serving those who wait -----------------------------------------------------------------
-
-serve(#coordinator{waiting = Waiting} = Data) ->
-    {Served, Actions} = lists:foldl(
-        fun(Robot, {D, As}) ->
-            {Next, More} = serve_robot(Robot, D),
-            {Next, As ++ More}
-        end,
-        {Data, []},
-        Waiting
-    ),
-    {Settled, More} = settle(Served),
-    {Settled, Actions ++ More}.
-
--spec serve_robot(starl:robot_id(), #coordinator{}) -> transition().
-serve_robot(Robot, #coordinator{plan = Plan} = Data) ->
-    case starl_dpp_plan:request(Robot, Plan) of
-        {{assign, Path}, Next} ->
-            assign(Robot, Path, Data#coordinator{plan = Next});
-        {complete, Next} ->
-            answer(Robot, complete, Data#coordinator{plan = Next});
-        {none, Next} ->
-            case starl_dpp_plan:make_way(Robot, Next) of
-                {{assign, Path}, Last} -> assign(Robot, Path, Data#coordinator{plan = Last});
-                {none, Last} -> {Data#coordinator{plan = Last}, []}
-            end
-    end.
-
-assign(Robot, Path, #coordinator{plan = Plan, moving = Moving, latest = Latest} = Data) ->
-    Trace = {trace, {assigned, Robot, maps:get(Robot, Latest), held(Robot, Plan)}},
-    Sent = Data#coordinator{moving = Moving#{Robot => 0}, stuck = false},
-    {Answered, Actions} = answer(Robot, {assign, Path}, Sent),
-    Timers = [{{timeout, give_up}, cancel} | watch(Robot, Answered)],
-    {Answered, [Trace | Actions] ++ Timers}.
-
-answer(Robot, Answer, #coordinator{waiting = Waiting, latest = Latest, epoch = Epoch} = Data) ->
-    Body = {Epoch, maps:get(Robot, Latest), Answer},
-    {Data#coordinator{waiting = lists:delete(Robot, Waiting)}, [
-        starl_sap:send(Robot, dpp_answer, Body, {answered, Robot})
+beat(#coordinator{now = Now, term = Term, lease = Lease0, self = Self, team = Team} = Data) ->
+    {Seq, Lease} = starl_dpp_lease:beat(Now, Lease0),
+    Body = {Term, Seq, starl_dpp_lease:stamps(Lease)},
+    Lost = [
+        starl_location:pose(Robot, {rest, Term, Robot})
+     || Robot <- Team, may_rest(Robot, Data)
+    ],
+    {Data#coordinator{lease = Lease}, [
+        starl_sap:shout(dpp_beat, Body),
+        starl_sap:post(Self, dpp_beat, Body),
+        {{timeout, beat}, ?BEAT_US, beat}
+        | Lost
     ]}.
 
-%% When all wait and nobody moves, somebody must make way; when the picture is complete, all
-%% are told.
-settle(#coordinator{waiting = []} = Data) ->
-    {Data, []};
-settle(#coordinator{plan = Plan, waiting = Waiting, moving = Moving, silent = Silent} = Data) ->
-    Active = maps:keys(Moving) -- Silent,
-    case starl_dpp_plan:unknown(Plan) of
-        [] when Active =:= [] ->
-            {Paths, Next} = starl_dpp_plan:resolve(Waiting, Plan),
-            resolve(Paths, Data#coordinator{plan = Next});
-        [] ->
-            {Data, []};
-        _Unknown ->
-            %% nothing can be assigned before all are known
-            resolve([], Data)
+%% All leave that the robot may have has ended.
+may_rest(Robot, #coordinator{now = Now, lease = Lease, serve = Serve}) ->
+    starl_dpp_lease:rests(Robot, Now, Lease) andalso not starl_dpp_serve:silent(Robot, Serve).
+
+rests(Robot, At, #coordinator{serve = Serve} = Data) ->
+    case may_rest(Robot, Data) of
+        true -> served(starl_dpp_serve:rests(Robot, At, Serve), Data);
+        false -> {Data, []}
     end.
 
-resolve([], #coordinator{stuck = true} = Data) ->
-    {Data, []};
-resolve([], Data) ->
-    {Data#coordinator{stuck = true}, [{{timeout, give_up}, ?GIVE_UP_US, give_up}]};
-resolve(Paths, Data) ->
-    Trace = {trace, {deadlock_resolved, [Robot || {Robot, _} <- Paths]}},
-    lists:foldl(
-        fun({Robot, Path}, {D, Actions}) ->
-            {Next, More} = assign(Robot, Path, D),
-            {Next, Actions ++ More}
-        end,
-        {Data, [Trace]},
-        Paths
-    ).
+served({Serve, Actions}, Data) -> {Data#coordinator{serve = Serve}, Actions}.
 
-%% -- silent robots --------------------------------------------------------------------------
+%% -- what participants say ------------------------------------------------------------------
 
-%% How long until a robot on its way counts as silent.
-watch(Robot, #coordinator{moving = Moving, plan = Plan, config = #{speed := Speed}}) ->
-    case Moving of
-        #{Robot := _} ->
-            Length = lists:sum([starl_geometry:length(S) || S <- held(Robot, Plan)]),
-            Us = ?SILENT_US + round(4.0e6 * Length / Speed),
-            [{{timeout, {silent, Robot}}, Us, silent}];
-        #{} ->
-            [{{timeout, {silent, Robot}}, cancel}]
+%% Only what was said in this term counts: an older message says nothing of what another
+%% coordinator has assigned since.
+message(dpp_refused, Term, _Robot, State, #coordinator{n = Known} = Data) ->
+    case Term of
+        {N, _} when N > Known, State =/= idle -> claim(N, Data);
+        _ -> {keep_state, higher(Term, Data), []}
+    end;
+message(Type, Body, Robot, State, #coordinator{term = Own} = Data) ->
+    case element(1, Body) of
+        Own when State =/= idle -> heard(Type, Body, Robot, State, Data);
+        Term when State =:= idle, Type =:= dpp_request -> claim(element(1, Term), Data);
+        Term when State =/= idle, Term > Own -> claim(element(1, Term), Data);
+        Term when State =:= leading, Term < Own -> keep(ask_again(Robot, Data));
+        Term -> {keep_state, higher(Term, Data), []}
     end.
 
-silent(Robot, #coordinator{silent = Silent, waiting = Waiting} = Data) ->
-    Known = Data#coordinator{
-        silent = lists:usort([Robot | Silent]), waiting = lists:delete(Robot, Waiting)
-    },
-    {Settled, Actions} = settle(Known),
-    {Settled, [{trace, {silent, Robot}} | Actions]}.
+%% It follows an earlier term.
+ask_again(Robot, #coordinator{now = Now, term = Term} = Data) ->
+    {Seq, Lease} = starl_dpp_lease:beat(Now, Data#coordinator.lease),
+    {Data#coordinator{lease = Lease}, [starl_sap:post(Robot, dpp_recover, {Term, Seq, true})]}.
 
-%% Nobody moves, nothing can be assigned, and the silent robots have not come back.
-give_up(#coordinator{waiting = Waiting} = Data) ->
-    lists:foldl(
-        fun(Robot, {D, Actions}) ->
-            {Next, More} = answer(Robot, incomplete, D),
-            {Next, Actions ++ More}
+heard(dpp_request, {_, Id, At, Painted, Stamp}, Robot, _State, #coordinator{serve = S} = Data) ->
+    Heard = stamped(Robot, Stamp, Data),
+    keep(served(starl_dpp_serve:requested(Robot, Id, {At, Painted}, S), Heard));
+heard(dpp_passed, {_, Id, N}, Robot, _State, #coordinator{serve = Serve} = Data) ->
+    keep(served(starl_dpp_serve:passed(Robot, Id, N, Serve), Data));
+heard(dpp_state, {_, Id, Place, Painted, Ballot}, Robot, State, #coordinator{serve = S} = Data) ->
+    {_, Stamp, _} = Ballot,
+    {Told, Actions} = served(starl_dpp_serve:reported(Robot, Id, {Place, Painted}, S), Data),
+    elected(State, Actions, voted(Robot, Ballot, stamped(Robot, Stamp, Told)));
+heard(dpp_here, {_, {_, Stamp, _} = Ballot}, Robot, State, #coordinator{serve = Serve} = Data) ->
+    Heard =
+        case starl_dpp_serve:knows(Robot, Serve) andalso not starl_dpp_serve:silent(Robot, Serve) of
+            true -> stamped(Robot, Stamp, Data);
+            false -> Data
         end,
-        {Data, []},
-        Waiting
-    ).
+    elected(State, [], voted(Robot, Ballot, Heard)).
+
+stamped(Robot, Stamp, #coordinator{lease = Lease, now = Now} = Data) ->
+    Data#coordinator{lease = starl_dpp_lease:heard(Robot, Stamp, Now, Lease)}.
+
+voted(Robot, {Seq, _, Vote}, #coordinator{lease = Lease} = Data) ->
+    Data#coordinator{lease = starl_dpp_lease:voted(Robot, Seq, Vote, Lease)}.
+
+%% With a quorum's votes a claim is won.
+elected(claiming, Actions, #coordinator{lease = Lease, now = Now, self = Self} = Data) ->
+    case {starl_dpp_lease:leads(Now, Lease), hopeful(Data)} of
+        {true, _} ->
+            Leading = Data#coordinator{lease = starl_dpp_lease:since(Now, Lease)},
+            {Served, More} = served(starl_dpp_serve:lead(Data#coordinator.serve), Leading),
+            {Beaten, Beat} = beat(Served),
+            Trace = {trace, {leads, Data#coordinator.term}},
+            Timers = [{{timeout, claim}, cancel}, {{timeout, recover}, ?RECOVER_US, recover}],
+            {next_state, leading, Beaten, Actions ++ [Trace | More] ++ Beat ++ Timers};
+        {false, true} ->
+            case starl_dpp_serve:knows(Self, Data#coordinator.serve) of
+                true ->
+                    {keep_state, Data, Actions};
+                false ->
+                    {Asked, Own} = ask_self(Data),
+                    {keep_state, Asked, Actions ++ Own}
+            end;
+        {false, false} ->
+            {keep_state, Data, Actions}
+    end;
+elected(_State, Actions, Data) ->
+    {keep_state, Data, Actions}.
+
+ask_self(#coordinator{self = Self, now = Now, term = Term} = Data) ->
+    {Seq, Lease} = starl_dpp_lease:beat(Now, Data#coordinator.lease),
+    {Data#coordinator{lease = Lease}, [starl_sap:post(Self, dpp_recover, {Term, Seq, false})]}.

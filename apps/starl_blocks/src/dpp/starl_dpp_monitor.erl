@@ -4,10 +4,14 @@
 %% is at least two tube radii away from every other robot's. Separation: any two robots are at
 %% least `r_s' apart at every instant, in continuous time ({@link starl_separation}).
 %%
+%% Leadership: only the robot that leads the latest term assigns. Leave: a robot begins no motion
+%% outside of what is reserved for it, so it does not drive on when its space has been given free.
+%%
 %% Events of machine `dpp_coordinator': `{coordinator, Epoch}' (a later epoch starts with an
-%% empty view), `{assigned, Robot, ReqId, Segments}' and `{reserved, Robot, Segments}' (the
-%% robot's whole reservation afterwards); of machine `chassis': `{motion, Piece}'; of machine
-%% `robot': `{died, Reason}' (the robot stays where it is, and so does its reservation).
+%% empty view, filled before anything is assigned), `{assigned, Robot, ReqId, Segments}' and
+%% `{reserved, Robot, Segments}' (the robot's whole reservation afterwards); of machine `chassis':
+%% `{motion, Piece}'; of machine `robot': `{died, Reason}' (the robot stays where it is, and so does
+%% its reservation).
 %%
 %% Separation is judged when a slice of time is over, so its violations come up to a second
 %% after the moment that they name; a pair is reported once.
@@ -23,7 +27,11 @@
     %% The least distance of two centre lines (mm).
     apart_mm :: float(),
     r_s :: float(),
+    %% How far a robot may be from its centre line (mm).
+    off_mm :: float(),
     epoch = none :: term(),
+    %% Who has led, latest first.
+    coordinators = [] :: [robot_id()],
     reservations = #{} :: #{robot_id() => reservation()},
     separation :: starl_separation:t(),
     assignments = 0 :: non_neg_integer(),
@@ -34,6 +42,8 @@
 
 %% Rounding in the planner's own comparison (mm).
 -define(SLACK_MM, 1.0e-6).
+%% A robot that stands is where it is seen, to within so many mm.
+-define(SEEN_MM, 1.0).
 
 %% @doc `tube_radius': the radius of a reach tube (mm); `r_s': the least distance of two robots
 %% (mm); `slice_us': the time that is judged at once (default one second).
@@ -43,6 +53,7 @@ init(#{tube_radius := Radius, r_s := Limit} = Config) ->
     #state{
         apart_mm = 2 * Radius - ?SLACK_MM,
         r_s = float(Limit),
+        off_mm = Radius - Limit / 2 + ?SEEN_MM,
         separation = starl_separation:new(Limit, Slice)
     }.
 
@@ -63,12 +74,15 @@ step({T, Robot, Machine, Event}, #state{separation = Separation, r_s = Limit} = 
 
 %% @doc Judges the time until `EndTimeUs'. Results: `min_separation_mm' (`infinity' with fewer
 %% than two robots), and `at_us' and `robots' where there is one; `assignments' and
-%% `deadlocks_resolved' are counts.
+%% `deadlocks_resolved' are counts; `coordinators' are those who led, in order.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit} = State) ->
     {Met, Least} = starl_separation:finish(EndTimeUs, Separation),
-    Counts = #{assignments => State#state.assignments, deadlocks_resolved => State#state.deadlocks},
+    Counts = #{
+        assignments => State#state.assignments, deadlocks_resolved => State#state.deadlocks,
+        coordinators => lists:reverse(State#state.coordinators)
+    },
     Verdict = verdict(Waiting ++ [encounter(Meeting, Limit) || Meeting <- Met]),
     {Verdict, maps:merge(results(Least), Counts)}.
 
@@ -83,22 +97,55 @@ results({Distance, AtUs, {A, B}}) ->
 encounter({Distance, AtUs, {A, B}}, Limit) ->
     violation(too_close, AtUs, [A, B], #{distance_mm => Distance, limit_mm => Limit}).
 
-judge({chassis, {motion, Piece}}, _T, Robot, #state{separation = Separation} = State) ->
-    {[], State#state{separation = starl_separation:motion(Robot, Piece, Separation)}};
+judge({chassis, {motion, Piece}}, T, Robot, #state{separation = Separation} = State) ->
+    {without_leave(T, Robot, Piece, State),
+        State#state{separation = starl_separation:motion(Robot, Piece, Separation)}};
 judge({robot, {died, _Reason}}, T, Robot, #state{separation = Separation} = State) ->
     {[], State#state{separation = starl_separation:stop(Robot, T, Separation)}};
-judge({dpp_coordinator, {assigned, Robot, _ReqId, Segments}}, T, _Coordinator, State) ->
-    reserve(T, Robot, Segments, State#state{assignments = State#state.assignments + 1});
+judge({dpp_coordinator, {assigned, Robot, _ReqId, Segments}}, T, Coordinator, State) ->
+    {Broken, Next} =
+        reserve(T, Robot, Segments, State#state{assignments = State#state.assignments + 1}),
+    {usurped(T, Coordinator, State) ++ Broken, Next};
 judge({dpp_coordinator, {deadlock_resolved, _Robots}}, _T, _Robot, #state{deadlocks = N} = State) ->
     {[], State#state{deadlocks = N + 1}};
 judge({dpp_coordinator, {reserved, Robot, Segments}}, T, _Coordinator, State) ->
     reserve(T, Robot, Segments, State);
-judge({dpp_coordinator, {coordinator, Epoch}}, _T, _Robot, #state{epoch = Last} = State) when
+judge({dpp_coordinator, {coordinator, Epoch}}, _T, Robot, #state{epoch = Last} = State) when
     Last =:= none; Epoch > Last
 ->
-    {[], State#state{epoch = Epoch, reservations = #{}}};
+    #state{coordinators = Known} = State,
+    {[], State#state{
+        epoch = Epoch, reservations = #{}, coordinators = led(Robot, Known)
+    }};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
+
+led(Robot, [Robot | _] = Known) -> Known;
+led(Robot, Known) -> [Robot | Known].
+
+usurped(_T, _Coordinator, #state{coordinators = []}) ->
+    [];
+usurped(_T, Coordinator, #state{coordinators = [Coordinator | _]}) ->
+    [];
+usurped(T, Coordinator, #state{coordinators = [Leader | _], epoch = Epoch}) ->
+    Robots = [min(Coordinator, Leader), max(Coordinator, Leader)],
+    [violation(two_coordinators, T, Robots, #{term => Epoch})].
+
+without_leave(T, Robot, Piece, #state{reservations = Reservations, off_mm = Most}) ->
+    case Reservations of
+        #{Robot := {_, Segments}} ->
+            Off = off(T, Piece, Segments),
+            [
+                violation(moves_without_leave, T, [Robot], #{off_mm => Off, limit_mm => Most})
+             || Off > Most, not starl_trajectory:is_still(Piece)
+            ];
+        #{} ->
+            []
+    end.
+
+off(T, Piece, Segments) ->
+    Point = starl_trajectory:position(T, Piece),
+    lists:min([starl_geometry:point_segment(Point, S) || S <- Segments]).
 
 %%% Reservations
 

@@ -5,22 +5,21 @@
 %% stands or drives an assignment. Reservations of different robots are never less than 2R apart,
 %% so robots that keep to their tubes never meet (Lemma 7).
 %%
-%% Life of a robot: {@link standing/3} when it has certified that it stands; {@link request/2} for
-%% work; {@link passed/3} for each waypoint it reaches; {@link standing/3} again at the end. When
-%% nobody moves, edges are free and every request got `none', {@link resolve/2} sends robots out of
-%% the way. Nothing is assigned until every robot's place is known.
-%%
-%% The run is over when a request answers `complete', or when nobody moves, every request answers
-%% `none' and {@link resolve/2} answers nothing: then robots that no longer answer close the rest.
+%% Life of a robot: {@link standing/3} when it has certified that it stands;
+%% {@link starl_dpp_assign:request/2} for work; {@link passed/3} for each waypoint it reaches;
+%% {@link standing/3} again at the end. When nobody moves, edges are free and every request got
+%% `none', {@link starl_dpp_assign:resolve/2} sends robots out of the way. Nothing is assigned
+%% until every robot's place is known.
 %%
 %% All functions are pure; equal inputs give equal plans. Lengths are millimetres.
 -module(starl_dpp_plan).
 
 -export([new/1, format_error/1]).
--export([standing/3, passed/3, request/2, retreat/2, make_way/2, resolve/2]).
--export([reserve/3, adopt/4, mark_painted/2]).
--export([counts/1, painted_edges/1, painted_segments/1, target/2, unsafe/1, unknown/1,
-         tube_radius/1, spot/2, parked/2, blocking/2, reachable/2]).
+-export([standing/3, passed/3, send/4, exchange/3, adopt/4, apart/1, mark_painted/2]).
+-export([counts/1, painted_edges/1, target/2, unsafe/1, unknown/1,
+         tube_radius/1, spot/2, parked/2, blocking/2]).
+-export([config/1, graph/1, free/1, masks/2, spots/1, held/2, stands/2, yielded/2, others_move/2,
+         view/2]).
 -export_type([t/0, config/0, path/0, waypoint/0, pen/0, counts/0]).
 
 -type robot_id() :: pos_integer().
@@ -31,43 +30,16 @@
 -type waypoint() :: {point(), pen()}.
 %% Where to drive to, straight, and whether that paints a target edge.
 -type path() :: [waypoint(), ...].
--type config() :: #{
-    segments := [segment()],
-    world := starl_roadmap:world(),
-    robots := [robot_id()],
-    tube_radius := float(),
-    slack => float(),
-    horizon => float(),
-    edge_length => float(),
-    leg => float(),
-    turn_mm => float(),
-    overhead_mm => float(),
-    middle => float(),
-    patience => {Factor :: float(), Mm :: float()} | infinity,
-    seed => integer()
-}.
-%% `slack' (0): how far from its path a robot may stand and still count as on it, the paper's
-%% r(v); must not be more than the tube radius allows for. `horizon' (3000): paint per assignment.
-%% `edge_length' (500): longest target edge. `leg' (500): longest segment without paint; what is
-%% behind a waypoint is free for others. `turn_mm' (160): mm driven in the time of turning one
-%% radian. `overhead_mm' (100): mm driven in the time of a request. `middle' (0.7): how much a line
-%% counts that is begun in its middle. `patience' ({1.05, 50}): while others move, a request is
-%% answered `none' rather than with a way around them that is longer than this times the straight
-%% way and so many mm; `infinity' takes every way. `seed' (1): where the roadmap's points fall.
--type counts() :: #{
-    free := non_neg_integer(),
-    assigned := non_neg_integer(),
-    painted := non_neg_integer(),
-    total := non_neg_integer()
-}.
+-type config() :: starl_dpp_settings:t().
+-type counts() :: #{free | assigned | painted | total => non_neg_integer()}.
 -type mode() ::
     {standing, Reserved :: point(), Really :: point()}
     | {moving, Done :: non_neg_integer(), Left :: [waypoint()]}.
 
 -record(plan, {
-    config :: config(),
+    %% without the segments, defaults filled in
+    config :: map(),
     graph :: starl_dpp_graph:t(),
-    robots :: [robot_id()],
     unsafe :: starl_dpp_unsafe:t(),
     free :: #{edge_id() => true},
     painted = #{} :: #{edge_id() => true},
@@ -81,17 +53,12 @@
 -define(PARKED, 0.04).
 %% A robot within this many R of its spot is parked: spots have this much room to spare.
 
--define(FAR, 2000.0).
-%% Up to this far away a robot gets work even if another will be there first,
--define(LEAD, 1000.0).
-%% which counts when it is so much nearer.
-
 %%% Building
 
 %% @doc A plan with all edges free and no robot's place known.
 -spec new(config()) -> {ok, t()} | {error, starl_dpp_graph:reason()}.
 new(Config0) ->
-    Config = maps:merge(defaults(), Config0),
+    Config = starl_dpp_settings:complete(Config0),
     Robots = lists:usort(maps:get(robots, Config)),
     Keys = [segments, world, robots, tube_radius, edge_length, seed],
     case starl_dpp_graph:new(maps:with(Keys, Config#{robots => Robots})) of
@@ -134,73 +101,45 @@ passed(Robot, Index, #plan{modes = Modes, unsafe = Unsafe} = Plan) ->
             Plan
     end.
 
-%%% What robots ask for
-
-%% @doc Work for a robot that stands: a path that paints at least one free edge, clear of all other
-%% reservations, its own standing place included. `none' when no free edge can be reached safely
-%% now, or only by a long way around robots that move (see `patience'); `complete' when no edge is
-%% free or waiting to be painted.
--spec request(robot_id(), t()) -> {{assign, path()} | none | complete, t()}.
-request(Robot, Plan) ->
-    case {counts(Plan), is_standing(Robot, Plan), unknown(Plan)} of
-        {#{free := 0, assigned := 0}, _, _} -> {complete, Plan};
-        {#{free := Free}, true, []} when Free > 0 ->
-            find_work(Robot, others_move(Robot, Plan), Plan);
-        _ ->
-            {none, Plan}
+%% @doc Assigns a path to a robot that stands. `work' paints; a way `aside' counts as yielding
+%% until somebody gets work again; a `retreat' leads to a parking spot.
+-spec send(robot_id(), path(), work | aside | retreat, t()) -> t().
+send(Robot, Path, Why, #plan{modes = Modes, yielded = Yielded} = Plan) ->
+    #{Robot := {standing, P, _}} = Modes,
+    Sent = assign(Robot, P, Path, Plan),
+    case Why of
+        work -> Sent#plan{yielded = #{}};
+        aside -> Sent#plan{yielded = Yielded#{Robot => true}};
+        retreat -> Sent
     end.
 
-%% @doc A way to a parking spot, without painting; `none' when the robot is parked or there is no
-%% safe way. The nearest spot that can be reached is taken; robots exchange spots for that.
--spec retreat(robot_id(), t()) -> {{assign, path()} | none, t()}.
-retreat(Robot, Plan) ->
-    case is_standing(Robot, Plan) andalso not parked(Robot, Plan) andalso unknown(Plan) =:= [] of
-        true -> park(Robot, Plan);
-        false -> {none, Plan}
-    end.
-
-%% @doc A way to the nearest place where the robot closes no free edge to others; `none' when it
-%% closes none, or has made way already since the last assignment to paint. For idle robots.
--spec make_way(robot_id(), t()) -> {{assign, path()} | none, t()}.
-make_way(Robot, Plan) ->
-    case is_standing(Robot, Plan) andalso blocking(Robot, Plan) > 0 andalso unknown(Plan) =:= [] of
-        true ->
-            View = view(Robot, Plan),
-            step_aside(Robot, fun(V) -> starl_dpp_yield:closes(V, View) =:= [] end, Plan);
-        false ->
-            {none, Plan}
-    end.
-
-%% @doc Resolves a deadlock among the robots that wait, when nobody moves and all requests got
-%% `none'. Requests that were answered `none' out of patience are granted, so a path may paint;
-%% else the robots in the way of the one that is nearest to a free edge get paths out of the way,
-%% outermost first. `[]' when nobody can or need move. Between two assignments to paint a robot
-%% makes way at most twice: once aside, once to a parking spot.
--spec resolve([robot_id()], t()) -> {[{robot_id(), path()}], t()}.
-resolve(Waiting0, Plan0) ->
-    Waiting = [Id || Id <- lists:usort(Waiting0), is_standing(Id, Plan0)],
-    case unknown(Plan0) =:= [] andalso grant(Waiting, Plan0) of
-        false -> {[], Plan0};
-        {[], Plan1} -> unblock(favourite(Waiting, Plan1), Waiting, Plan1);
-        {Moves, Plan1} -> {Moves, Plan1}
-    end.
-
-%%% Rebuilding after a coordinator was lost
-
-%% @doc What a robot holds when its assignment is not known any more: these segments.
--spec reserve(robot_id(), [segment(), ...], t()) -> t().
-reserve(Robot, Segments, #plan{unsafe = Unsafe, modes = Modes} = Plan) ->
-    Items = [{Q, up} || {_, Q} <- Segments],
-    (release(Robot, Plan))#plan{
-        unsafe = starl_dpp_unsafe:set(Robot, Segments, Unsafe),
-        modes = Modes#{Robot => {moving, 0, Items}}
-    }.
+%% @doc Two robots exchange their parking spots.
+-spec exchange(robot_id(), robot_id(), t()) -> t().
+exchange(Robot, Owner, #plan{spots = Spots} = Plan) ->
+    #{Robot := V, Owner := W} = Spots,
+    Plan#plan{spots = Spots#{Robot := W, Owner := V}}.
 
 %% @doc Takes over the rest of an assignment that a robot holds from an earlier coordinator: the
 %% robot is on its way from the point along the path. For one that is part of the way, take over
 %% the whole path and then report the last waypoint it has {@link passed/3}.
 -spec adopt(robot_id(), From :: point(), path(), t()) -> t().
 adopt(Robot, From, Path, Plan) -> assign(Robot, From, Path, release(Robot, Plan)).
+
+%% @doc Moves the reservations of robots that stand, within the slack, to 2R from all others: two
+%% robots that report where they are may each be off the place that they held by a little.
+-spec apart(t()) -> t().
+apart(#plan{modes = Modes} = Plan) ->
+    Sorted = lists:sort(maps:to_list(Modes)),
+    lists:foldl(fun apart/2, Plan, [{Id, Q, P} || {Id, {standing, Q, P}} <- Sorted]).
+
+apart({Robot, Q0, P}, #plan{unsafe = Unsafe, modes = Modes} = Plan) ->
+    case starl_dpp_unsafe:away(Robot, Q0, Unsafe) of
+        Q0 ->
+            Plan;
+        Q ->
+            Plan#plan{unsafe = starl_dpp_unsafe:set(Robot, [{Q, Q}], Unsafe),
+                      modes = Modes#{Robot := {standing, Q, P}}}
+    end.
 
 %% @doc These edges are painted already.
 -spec mark_painted([edge_id()], t()) -> t().
@@ -218,10 +157,6 @@ counts(#plan{graph = Graph, free = Free, painted = Painted}) ->
 %% @doc The painted edges, sorted.
 -spec painted_edges(t()) -> [edge_id()].
 painted_edges(#plan{painted = Painted}) -> lists:sort(maps:keys(Painted)).
-
-%% @doc The painted edges as segments.
--spec painted_segments(t()) -> [segment()].
-painted_segments(Plan) -> [target(E, Plan) || E <- painted_edges(Plan)].
 
 %% @doc A target edge as a segment.
 -spec target(edge_id(), t()) -> segment().
@@ -257,24 +192,60 @@ parked(Robot, Plan) ->
 blocking(Robot, #plan{unsafe = Unsafe, free = Free}) ->
     length([E || E <- starl_dpp_unsafe:blocks(Robot, Unsafe), is_map_key(E, Free)]).
 
-%% @doc Could one of the live robots reach a free edge if all of them were parked? False means that
-%% robots that no longer answer close everything that is left.
--spec reachable(Live :: [robot_id()], t()) -> boolean().
-reachable(Live, #plan{graph = Graph, unsafe = Unsafe, free = Free, spots = Spots}) ->
+%% @doc The configuration, defaults filled in; without the segments.
+-spec config(t()) -> map().
+config(#plan{config = Config}) -> Config.
+
+%% @doc The graph that is planned on.
+-spec graph(t()) -> starl_dpp_graph:t().
+graph(#plan{graph = Graph}) -> Graph.
+
+%% @doc The free edges.
+-spec free(t()) -> #{edge_id() => true}.
+free(#plan{free = Free}) -> Free.
+
+%% @doc Who blocks which edge, these robots left out.
+-spec masks(Without :: [robot_id()], t()) -> fun((edge_id()) -> non_neg_integer()).
+masks(Without, #plan{unsafe = Unsafe}) ->
     Masks = starl_dpp_unsafe:masks(Unsafe),
-    Ignored = mask(Live, Unsafe),
-    Open = fun(E) -> maps:get(E, Masks, 0) band (bnot Ignored) =:= 0 end,
-    Reached = starl_dpp_graph:reach([maps:get(Id, Spots) || Id <- lists:usort(Live)], Open, Graph),
-    lists:any(fun(E) ->
-                  {A, _} = starl_dpp_graph:ends(E, Graph),
-                  Open(E) andalso is_map_key(A, Reached)
-              end, maps:keys(Free)).
+    Bits = [starl_dpp_unsafe:bit(Id, Unsafe) || Id <- Without],
+    Kept = bnot lists:foldl(fun erlang:'bor'/2, 0, Bits),
+    fun(E) -> maps:get(E, Masks, 0) band Kept end.
+
+%% @doc Each robot's parking spot at present, sorted by robot.
+-spec spots(t()) -> [{robot_id(), starl_dpp_graph:vertex()}].
+spots(#plan{spots = Spots}) -> lists:sort(maps:to_list(Spots)).
+
+%% @doc The segments that a robot holds, `[]' when its place is not known.
+-spec held(robot_id(), t()) -> [segment()].
+held(Robot, #plan{unsafe = Unsafe}) -> starl_dpp_unsafe:held(Robot, Unsafe).
+
+%% @doc Where a robot stands: the point reserved for it, and where it was seen.
+-spec stands(robot_id(), t()) -> {Reserved :: point(), Really :: point()} | false.
+stands(Robot, #plan{modes = Modes}) ->
+    case Modes of
+        #{Robot := {standing, P, Really}} -> {P, Really};
+        #{} -> false
+    end.
+
+%% @doc Has the robot made way aside since the last assignment to paint?
+-spec yielded(robot_id(), t()) -> boolean().
+yielded(Robot, #plan{yielded = Yielded}) -> is_map_key(Robot, Yielded).
+
+%% @doc Is another robot on its way?
+-spec others_move(robot_id(), t()) -> boolean().
+others_move(Robot, #plan{modes = Modes}) ->
+    [] =/= [Id || {Id, {moving, _, [_ | _]}} <- maps:to_list(Modes), Id =/= Robot].
+
+%% @doc The plan as a robot that stands sees it.
+-spec view(robot_id(), t()) -> starl_dpp_route:view().
+view(Robot, #plan{modes = Modes, graph = Graph, unsafe = Unsafe, free = Free} = Plan) ->
+    #plan{config = #{turn_mm := TurnMm, leg := Leg}, headings = Headings} = Plan,
+    #{Robot := {standing, P, _}} = Modes,
+    #{robot => Robot, at => P, heading => maps:get(Robot, Headings, none), graph => Graph,
+      unsafe => Unsafe, free => Free, turn_mm => TurnMm, leg => Leg}.
 
 %%% Internals: state
-
-defaults() ->
-    #{slack => 0.0, horizon => 3000.0, edge_length => 500.0, leg => 500.0, turn_mm => 160.0,
-      overhead_mm => 100.0, middle => 0.7, patience => {1.05, 50.0}, seed => 1}.
 
 plan(Robots, Graph, Config) ->
     Numbered = lists:zip(Robots, lists:seq(1, length(Robots))),
@@ -282,20 +253,10 @@ plan(Robots, Graph, Config) ->
     #plan{
         config = Config,
         graph = Graph,
-        robots = Robots,
         unsafe = starl_dpp_unsafe:new(Robots, Graph),
         free = maps:from_list([{E, true} || E <- lists:seq(1, starl_dpp_graph:targets(Graph))]),
         spots = maps:from_list([{Id, maps:get(N, Spots)} || {Id, N} <- Numbered])
     }.
-
-is_standing(Robot, #plan{modes = Modes}) ->
-    case Modes of
-        #{Robot := {standing, _, _}} -> true;
-        #{} -> false
-    end.
-
-others_move(Robot, #plan{modes = Modes}) ->
-    [] =/= [Id || {Id, {moving, _, [_ | _]}} <- maps:to_list(Modes), Id =/= Robot].
 
 pens(Items) -> [E || {_, {down, E}} <- Items].
 
@@ -344,9 +305,6 @@ assign(Robot, From, Path, #plan{} = Plan) ->
         modes = Modes#{Robot => {moving, 0, Path}}
     }.
 
-mask(Robots, Unsafe) ->
-    lists:foldl(fun(Id, Acc) -> Acc bor starl_dpp_unsafe:bit(Id, Unsafe) end, 0, Robots).
-
 on_spot(P, Spot, Plan) -> starl_geometry:distance(P, Spot) < ?PARKED * tube_radius(Plan).
 
 %% Who stands on another's spot while that one is away takes it over.
@@ -357,139 +315,3 @@ claim_spot(Robot, P, #plan{spots = Spots, graph = Graph} = Plan) ->
         [] -> Plan;
         [Owner | _] -> exchange(Robot, Owner, Plan)
     end.
-
-exchange(Robot, Owner, #plan{spots = Spots} = Plan) ->
-    #{Robot := V, Owner := W} = Spots,
-    Plan#plan{spots = Spots#{Robot := W, Owner := V}}.
-
-%%% Internals: work
-
-view(Robot, #plan{modes = Modes, graph = Graph, unsafe = Unsafe, free = Free} = Plan) ->
-    #plan{config = #{turn_mm := TurnMm, leg := Leg}, headings = Headings} = Plan,
-    #{Robot := {standing, P, _}} = Modes,
-    #{robot => Robot, at => P, heading => maps:get(Robot, Headings, none), graph => Graph,
-      unsafe => Unsafe, free => Free, turn_mm => TurnMm, leg => Leg}.
-
-find_work(Robot, Patient, #plan{modes = Modes, config = Config} = Plan) ->
-    #{Robot := {standing, _, Really}} = Modes,
-    Settings = maps:with([horizon, overhead_mm, middle], Config),
-    case starl_dpp_choice:best(Really, view(Robot, Plan), Settings) of
-        {ok, #{path := Path} = Job} ->
-            case Patient andalso (detour(Robot, Job, Plan)
-                                  orelse better_placed(Robot, Job, Plan)) of
-                true -> {none, Plan};
-                false -> {{assign, Path}, (send(Robot, Path, Plan))#plan{yielded = #{}}}
-            end;
-        none ->
-            {none, Plan}
-    end.
-
-%% A long way around robots that will soon have moved on is not worth its ink, and closes much to
-%% others: better wait.
-detour(_Robot, _Job, #plan{config = #{patience := infinity}}) ->
-    false;
-detour(Robot, #{path := Path, travel_mm := Driven}, #plan{modes = Modes, config = Config}) ->
-    #{patience := {Factor, Mm}} = Config,
-    #{Robot := {standing, P, _}} = Modes,
-    Straight = case [Q || {Q, up} <- Path] of
-        [] -> 0.0;
-        Points -> starl_geometry:distance(P, lists:last(Points))
-    end,
-    Driven > Factor * Straight + Mm.
-
-%% Another will be there before this one, counting what it has to drive until then.
-better_placed(_Robot, _Job, #plan{config = #{patience := infinity}}) ->
-    false;
-better_placed(Robot, #{path := Path, travel_mm := Driven}, #plan{robots = Robots} = Plan) ->
-    Driven > ?FAR andalso begin
-        Begin = lists:last([Q || {Q, up} <- Path]),
-        lists:any(fun(Id) -> rival(Id, Begin, Plan) + ?LEAD < Driven end, Robots -- [Robot])
-    end.
-
-rival(Id, Target, #plan{unsafe = Unsafe}) ->
-    Held = starl_dpp_unsafe:held(Id, Unsafe),
-    {_, End} = lists:last(Held),
-    lists:sum([starl_geometry:length(S) || S <- Held]) + starl_geometry:distance(End, Target).
-
-send(Robot, Path, #plan{modes = Modes} = Plan) ->
-    #{Robot := {standing, P, _}} = Modes,
-    assign(Robot, P, Path, Plan).
-
-%%% Internals: getting out of the way
-
-park(Robot, #plan{spots = Spots, robots = Robots} = Plan) ->
-    %% Spots whose owner is away, the own one included.
-    Free = [{maps:get(Id, Spots), Id} || Id <- Robots, Id =:= Robot orelse not parked(Id, Plan)],
-    case starl_dpp_yield:park([V || {V, _} <- Free], view(Robot, Plan)) of
-        {ok, V, Path} ->
-            {V, Owner} = lists:keyfind(V, 1, Free),
-            {{assign, Path}, exchange(Robot, Owner, send(Robot, Path, Plan))};
-        none ->
-            {none, Plan}
-    end.
-
-%% Not twice between two assignments to paint, and never from a parking spot.
-step_aside(Robot, Good, #plan{yielded = Yielded} = Plan) ->
-    case is_map_key(Robot, Yielded) orelse parked(Robot, Plan)
-         orelse starl_dpp_yield:aside(Good, view(Robot, Plan)) of
-        {ok, _, Path} ->
-            {{assign, Path}, (send(Robot, Path, Plan))#plan{yielded = Yielded#{Robot => true}}};
-        _ ->
-            {none, Plan}
-    end.
-
-grant(Waiting, Plan) ->
-    moves(Waiting, fun(Id, Acc) -> find_work(Id, false, Acc) end, Plan).
-
-%% All that can leave, each in sight of the ways of those before.
-moves(Robots, Send, Plan0) ->
-    Step = fun(Id, {Moves, Acc0}) ->
-        case Send(Id, Acc0) of
-            {{assign, Path}, Acc1} -> {[{Id, Path} | Moves], Acc1};
-            {none, Acc1} -> {Moves, Acc1}
-        end
-    end,
-    {Moves, Plan1} = lists:foldl(Step, {[], Plan0}, Robots),
-    {lists:reverse(Moves), Plan1}.
-
-%% The robot that is nearest to a free edge if those that wait were not in the way.
-favourite(Waiting, Plan) ->
-    Wishes = [{Cost, Id, Wish} || Id <- Waiting,
-                                  {ok, #{cost_mm := Cost} = Wish}
-                                      <- [starl_dpp_yield:wish(Waiting, view(Id, Plan))]],
-    case lists:sort(Wishes) of
-        [{_, _, Wish} | _] -> Wish;
-        [] -> none
-    end.
-
-unblock(none, Waiting, Plan) ->
-    first_out(outermost(Waiting, Plan), Plan);
-unblock(#{robot := Robot, way := Way, blockers := Blockers}, Waiting, Plan0) ->
-    case moves(outermost(Blockers, Plan0), fun(Id, Acc) -> leave(Id, Way, Acc) end, Plan0) of
-        {[], Plan1} -> first_out(outermost(Waiting -- [Robot], Plan1) ++ [Robot], Plan1);
-        {Moves, Plan1} -> {Moves, Plan1}
-    end.
-
-%% Aside, else to a spot.
-leave(Robot, Way, #plan{graph = Graph} = Plan0) ->
-    Good = fun(V) ->
-        P = starl_dpp_graph:point(V, Graph),
-        not starl_dpp_yield:in_way([{P, P}], Way, Graph)
-    end,
-    case step_aside(Robot, Good, Plan0) of
-        {none, Plan1} -> retreat(Robot, Plan1);
-        Assigned -> Assigned
-    end.
-
-%% The first of these robots that can park does.
-first_out([], Plan) ->
-    {[], Plan};
-first_out([Robot | Rest], Plan0) ->
-    case retreat(Robot, Plan0) of
-        {{assign, Path}, Plan1} -> {[{Robot, Path}], Plan1};
-        {none, Plan1} -> first_out(Rest, Plan1)
-    end.
-
-outermost(Robots, #plan{modes = Modes, graph = Graph}) ->
-    starl_dpp_yield:outermost([{Id, P} || Id <- Robots, {standing, P, _} <- [maps:get(Id, Modes)]],
-                              Graph).

@@ -9,7 +9,7 @@
 -module(starl_dpp_unsafe).
 
 -export([new/2, set/3, drop/3, held/2, all/1, unknown/1, bit/2, masks/1, blocks/2,
-         others/2, clear/2]).
+         others/2, clear/2, away/3]).
 -export_type([t/0, masks/0, obstacle/0]).
 
 -type robot_id() :: pos_integer().
@@ -30,6 +30,8 @@
 -opaque t() :: #unsafe{}.
 
 -define(CHUNK, 8).
+-define(STEPS, 20).
+%% Tries to find a place that is far enough from several others.
 -define(MARGIN, 1.0e-6).
 %% Distances within rounding of 2R count as too near.
 
@@ -103,7 +105,28 @@ others(Robot, #unsafe{graph = Graph} = Unsafe) ->
 clear({{AX, AY}, {BX, BY}} = Segment, Obstacles) ->
     clear(Segment, {min(AX, BX), min(AY, BY), max(AX, BX), max(AY, BY)}, Obstacles).
 
+%% @doc The point itself where the robot may stand there, else one near it that is clear of all
+%% others' reservations. Only for robots that stand some mm from where they may.
+-spec away(robot_id(), starl_geometry:point(), t()) -> starl_geometry:point().
+away(Robot, P, #unsafe{graph = Graph} = Unsafe) ->
+    Others = lists:append([Held || {Id, Held} <- all(Unsafe), Id =/= Robot]),
+    away(?STEPS, P, Others, clearance(Graph)).
+
 %%% Internals
+
+%% Away from the nearest, as far as it takes; that may lead towards another.
+away(0, P, _Others, _Mm) ->
+    P;
+away(Steps, {X, Y} = P, Others, Mm) ->
+    Near = [{starl_geometry:distance(P, Q), Q}
+            || S <- Others, Q <- [starl_geometry:closest_point(P, S)]],
+    case lists:sort(Near) of
+        [{D, {QX, QY}} | _] when D < Mm, D > 0.0 ->
+            Out = (Mm + ?MARGIN) / D,
+            away(Steps - 1, {QX + Out * (X - QX), QY + Out * (Y - QY)}, Others, Mm);
+        _ ->
+            P
+    end.
 
 clearance(Graph) -> 2.0 * starl_dpp_graph:radius(Graph) + ?MARGIN.
 

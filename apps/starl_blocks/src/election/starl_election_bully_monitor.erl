@@ -14,7 +14,7 @@
 -module(starl_election_bully_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
@@ -43,6 +43,12 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
 %% @doc The elections' own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [election, robot].
+
+%% @doc The leaders reported, in which lives, and who is missing.
+-spec timeless(#state{}) -> term().
+timeless(#state{reported = Reported, leaders = Leaders, lives = Lives} = State) ->
+    #state{began = Began, crashed = Crashed, died = Died} = State,
+    {Reported, Leaders, Lives, Began, Crashed, Died}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->

@@ -12,7 +12,7 @@
 -module(starl_election_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
@@ -40,6 +40,10 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
 %% @doc The elections' own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [election, robot].
+
+%% @doc The ballots and who elected whom.
+-spec timeless(#state{}) -> term().
+timeless(#state{elections = Elections}) -> Elections.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->

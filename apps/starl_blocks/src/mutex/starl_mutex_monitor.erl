@@ -14,7 +14,7 @@
 -module(starl_mutex_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type token() :: term().
@@ -48,6 +48,10 @@ init(Config) ->
 %% @doc The mutex machines' own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [mutex, robot].
+
+%% @doc Who holds, and the fences; without `bound_us' and `granted' nothing else is judged.
+-spec timeless(#state{}) -> term().
+timeless(#state{holds = Holds, fences = Fences}) -> {Holds, Fences}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->

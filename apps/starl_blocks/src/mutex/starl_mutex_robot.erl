@@ -275,11 +275,15 @@ trim(Token, Queue, Robot) ->
     lists:dropwhile(fun(Request) -> not wanted(Token, Request, Robot) end, Queue).
 
 %% Asks the home to confirm the token, and again in a while.
-ask(Kind, Token, #entry{fence = Fence, tries = Tries} = Entry, Robot) ->
+ask(Kind, Token, #entry{fence = Fence} = Entry, Robot) ->
     #robot{entries = Entries, lease_us = Lease, incarnation = Incarnation, now = Now} = Robot,
-    Asking = Robot#robot{entries = Entries#{Token => Entry#entry{tries = Tries + 1}}},
+    Asking = Robot#robot{entries = Entries#{Token => tried(Kind, Entry)}},
     Timer = {{timeout, {renew, Token}}, Lease div ?CLAIMS_A_LEASE, again},
     post_home(Token, {ask, Kind, Token, base(Fence), {Incarnation, Now}}, act(Timer, Asking)).
+
+%% Only claims are counted: renewals end with the lease.
+tried(claim, #entry{tries = Tries} = Entry) -> Entry#entry{tries = Tries + 1};
+tried(renew, Entry) -> Entry.
 
 %% The number of the hand-over, without the holds counted since.
 base(Fence) -> starl_mutex_home:hand_over(Fence).

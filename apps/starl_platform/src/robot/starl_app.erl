@@ -24,7 +24,8 @@
     options := #{atom() => term()}
 }.
 
-%% The surroundings of an application. All keys but `app' may be left out.
+%% The surroundings of an application. All keys but `app' may be left out. Where a monitor's
+%% configuration has a `bound_us', it is widened by what faults of clocks and processes cost.
 -type scene() :: #{
     app := {sequential, module(), Args :: term()} | {machine, module(), Config :: map()},
     blocks => [starl_robot_sup:machine()],

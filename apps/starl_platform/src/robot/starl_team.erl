@@ -36,11 +36,17 @@ has(Robot, [_ | Rest]) -> has(Robot, Rest).
 
 %% @doc The robot after this one, in a ring.
 -spec next(starl:robot_id(), t()) -> starl:robot_id().
-next(Robot, Team) ->
-    case [Next || Next <- members(Team), Next > Robot] of
-        [Next | _] -> Next;
-        [] -> hd(members(Team))
-    end.
+next(Robot, Team) -> next(Robot, Team, first(Team)).
+
+%% Else is the answer when no robot comes after this one.
+next(_Robot, [], Else) -> Else;
+next(Robot, [{_, Last} | Rest], Else) when Robot >= Last -> next(Robot, Rest, Else);
+next(Robot, [{First, _} | _], _Else) -> max(First, Robot + 1);
+next(Robot, [Next | _], _Else) when Next > Robot -> Next;
+next(Robot, [_ | Rest], Else) -> next(Robot, Rest, Else).
+
+first([{First, _} | _]) -> First;
+first([First | _]) -> First.
 
 runs([]) -> [];
 runs([Robot | Robots]) -> runs(Robots, Robot, Robot).

@@ -23,14 +23,15 @@
 %%
 %% Beside the reliable service there is a datagram: the cast `{shout, Type, Body}' puts one packet
 %% on the air for all in range. It is not acknowledged or repeated, may arrive twice, and is
-%% dropped where nobody listens to its type; the contract of SAP does not cover it.
+%% dropped where nobody listens to its type; the contract of SAP does not cover it. The same
+%% packet may be sent to one robot alone ({@link datagram/4}).
 %%
 %% Trace: `{started, Incarnation}', `{sent, Id, Dests, Type, Hash}', `{delivered, Id, Type, Hash}',
 %% `{outcome, Id, Dest, acknowledged | lost | restarted}' with Id = {source, incarnation, seq}.
 -module(starl_sap).
 -behaviour(starl_machine).
 
--export([send/4, post/3, shout/2, listen/2, bound_us/1]).
+-export([send/4, post/3, shout/2, datagram/4, listen/2, bound_us/1]).
 -export([init/1, handle_event/5]).
 
 -export_type([config/0]).
@@ -98,6 +99,11 @@ post(To, Type, Body) -> {cast, sap, {send, To, Type, Body}}.
 %% @doc The action that sends one unacknowledged packet to all in range.
 -spec shout(Type :: atom(), Body :: term()) -> starl_machine:action().
 shout(Type, Body) -> {cast, sap, {shout, Type, Body}}.
+
+%% @doc The action by which robot `Self' sends one unacknowledged packet to one robot.
+-spec datagram(Self :: starl:robot_id(), starl:robot_id(), Type :: atom(), Body :: term()) ->
+    starl_machine:action().
+datagram(Self, To, Type, Body) -> {transmit, To, starl_packet:shout(Self, Type, Body)}.
 
 %% @doc The action by which a machine listens to messages of a type.
 -spec listen(Type :: atom(), starl_machine:name()) -> starl_machine:action().

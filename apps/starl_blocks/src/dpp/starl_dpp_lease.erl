@@ -1,0 +1,120 @@
+%% @doc The leases of a coordinator: until when it leads, and who may still be on its way.
+%%
+%% Two promises, each for `lease_ms' at most:
+%% ```
+%%   participant -> coordinator   a vote: "I vote for nobody else"     held by the coordinator
+%%   coordinator -> participant   leave to drive what it was assigned  held by the participant
+%% '''
+%% The holder of a promise counts from when it sent the message that was answered with it, and
+%% `drift_ppm' less than the giver, who counts from when it gave it. So the holder's time is over
+%% first, however long a message was on its way and however the two clocks drift within the bound.
+%%
+%% A coordinator leads while a quorum's votes last. Any two quorums have a robot in common, so no
+%% two coordinators lead at one time. (Gray and Cheriton, "Leases", 1989; the election by votes is
+%% that of Ongaro and Ousterhout, "In search of an understandable consensus algorithm", 2014.)
+-module(starl_dpp_lease).
+
+-export([new/2, short_us/1, long_us/1, quorum/2]).
+-export([beat/2, voted/4, heard/4, since/2, leads/2, votes/2, stamps/1, rests/3]).
+-export_type([t/0, config/0, seq/0, stamp/0]).
+
+%% `lease_ms' (10000): how long a promise lasts, and so, about, how long nobody leads when a
+%% coordinator dies; `drift_ppm' (10000): how much clocks may go wrong against real time.
+-type config() :: #{lease_ms => pos_integer(), drift_ppm => non_neg_integer(), atom() => term()}.
+%% Numbers the coordinator's beats.
+-type seq() :: non_neg_integer().
+%% A participant's own clock (us) when it sent a message.
+-type stamp() :: integer().
+
+-record(lease, {
+    team :: [starl:robot_id()],
+    short_us :: pos_integer(),
+    long_us :: pos_integer(),
+    seq = 0 :: seq(),
+    %% when the beats of the last lease were sent
+    sent = [] :: [{seq(), Us :: integer()}],
+    votes = #{} :: #{starl:robot_id() => UntilUs :: integer()},
+    heard = #{} :: #{starl:robot_id() => {stamp(), AtUs :: integer()}},
+    %% when it began to lead
+    since = none :: integer() | none
+}).
+-opaque t() :: #lease{}.
+
+%% @doc No votes yet.
+-spec new([starl:robot_id()], config()) -> t().
+new(Team, Config) ->
+    #lease{team = Team, short_us = short_us(Config), long_us = long_us(Config)}.
+
+%% @doc How long the giver of a promise keeps it.
+-spec long_us(config()) -> pos_integer().
+long_us(Config) -> round(1000 * maps:get(lease_ms, Config, 10000)).
+
+%% @doc How long its holder relies on it.
+-spec short_us(config()) -> pos_integer().
+short_us(Config) ->
+    Drift = maps:get(drift_ppm, Config, 10000),
+    long_us(Config) * (1000000 - Drift) div (1000000 + Drift).
+
+%% @doc Are these robots a quorum: more than half of the team, or half of it with its first robot?
+-spec quorum([starl:robot_id()], Team :: [starl:robot_id(), ...]) -> boolean().
+quorum(Robots, [First | _] = Team) ->
+    Voters = ordsets:intersection(lists:usort(Robots), Team),
+    case 2 * length(Voters) - length(Team) of
+        0 -> hd(Voters) =:= First;
+        More -> More > 0
+    end.
+
+%% @doc A beat is sent: its number. Votes will answer it.
+-spec beat(Now :: integer(), t()) -> {seq(), t()}.
+beat(Now, #lease{seq = Seq, sent = Sent, short_us = Short} = Lease) ->
+    Recent = [Beat || {_, Us} = Beat <- Sent, Us + Short > Now],
+    {Seq + 1, Lease#lease{seq = Seq + 1, sent = [{Seq + 1, Now} | Recent]}}.
+
+%% @doc The robot has answered this beat with its vote; one that is too old does not count.
+-spec voted(starl:robot_id(), seq(), Vote :: boolean(), t()) -> t().
+voted(Robot, Seq, true, #lease{sent = Sent, votes = Votes, short_us = Short} = Lease) ->
+    case lists:keyfind(Seq, 1, Sent) of
+        {Seq, Us} ->
+            Until = max(Us + Short, maps:get(Robot, Votes, Us)),
+            Lease#lease{votes = Votes#{Robot => Until}};
+        false ->
+            Lease
+    end;
+voted(_Robot, _Seq, false, Lease) ->
+    Lease.
+
+%% @doc Of a robot whose place is known a message with this stamp has come: the next beat will
+%% give it leave to drive on. Messages that are overtaken by later ones change nothing.
+-spec heard(starl:robot_id(), stamp(), Now :: integer(), t()) -> t().
+heard(Robot, Stamp, Now, #lease{heard = Heard} = Lease) ->
+    case Heard of
+        #{Robot := {Latest, _}} when Latest >= Stamp -> Lease;
+        #{} -> Lease#lease{heard = Heard#{Robot => {Stamp, Now}}}
+    end.
+
+%% @doc The stamps to be sent with a beat.
+-spec stamps(t()) -> [{starl:robot_id(), stamp()}].
+stamps(#lease{heard = Heard}) ->
+    lists:sort([{Robot, Stamp} || {Robot, {Stamp, _}} <- maps:to_list(Heard)]).
+
+%% @doc It leads from now on: what others gave leave for has an end.
+-spec since(Now :: integer(), t()) -> t().
+since(Now, Lease) -> Lease#lease{since = Now}.
+
+%% @doc Does a quorum's vote last?
+-spec leads(Now :: integer(), t()) -> boolean().
+leads(Now, #lease{team = Team} = Lease) -> quorum(votes(Now, Lease), Team).
+
+%% @doc Whose votes last.
+-spec votes(Now :: integer(), t()) -> [starl:robot_id()].
+votes(Now, #lease{votes = Votes}) ->
+    lists:sort([Robot || {Robot, Until} <- maps:to_list(Votes), Until > Now]).
+
+%% @doc Has all leave that the robot may have, of this coordinator or an earlier one, ended? Then
+%% it stands.
+-spec rests(starl:robot_id(), Now :: integer(), t()) -> boolean().
+rests(_Robot, _Now, #lease{since = none}) ->
+    false;
+rests(Robot, Now, #lease{heard = Heard, since = Since, long_us = Long}) ->
+    {_, At} = maps:get(Robot, Heard, {none, Since}),
+    max(At, Since) + Long < Now.

@@ -1,0 +1,264 @@
+%% @doc What a coordinator of distributed path planning knows of its robots, and how it serves
+%% them: requests in, answers out, around {@link starl_dpp_plan}. Pure; whether the coordinator
+%% may assign at all is {@link starl_dpp_coordinator}'s business.
+%%
+%% It begins with nothing known. Until its coordinator leads and every robot's place is known,
+%% nothing is assigned and nothing is traced; then it is open. Robots that wait are served again
+%% when something has become free. When nobody moves and all wait, the plan resolves the deadlock.
+%% If only robots that no longer answer stand between the team and the rest of the picture, those
+%% who wait are told `incomplete'.
+%%
+%% Trace: `{coordinator, Term}' when it opens, `{reserved, Robot, Segments}',
+%% `{assigned, Robot, Id, Segments}', `{deadlock_resolved, Robots}', `{silent, Robot}',
+%% `{unreachable, Edges}'.
+-module(starl_dpp_serve).
+
+-export([new/2, lead/1, unknown/1, knows/2, silent/2]).
+-export([requested/4, reported/4, passed/4, rests/3, serve/1, give_up/1, answered/3]).
+-export_type([t/0, turn/0]).
+
+%% Waiters are served again so long after something became free.
+-define(SERVE_US, 200000).
+%% If only robots that no longer answer are left to wait for, they have so long to be heard again.
+-define(GIVE_UP_US, 60000000).
+
+-record(serve, {
+    plan :: starl_dpp_plan:t(),
+    term :: starl_dpp:term_id(),
+    %% does the coordinator lead, and is every robot's place known?
+    leads = false :: boolean(),
+    open = false :: boolean(),
+    %% the latest request of each robot; the ones that wait for an answer, in order of arrival
+    latest = #{} :: #{starl:robot_id() => starl_dpp:request_id()},
+    waiting = [] :: [starl:robot_id()],
+    %% who is on its way, and at which waypoint of its path the plan's view of it begins
+    moving = #{} :: #{starl:robot_id() => Offset :: non_neg_integer()},
+    %% whose leave has ended without a word
+    silent = [] :: [starl:robot_id()],
+    %% painted edges in the order in which they became known, latest first; how many of them each
+    %% robot has been told, or is being told
+    painted = [] :: [starl_dpp_graph:edge_id()],
+    told = #{} :: #{starl:robot_id() => non_neg_integer()},
+    telling = #{} :: #{starl:robot_id() => non_neg_integer()},
+    %% nobody moves and nothing can be assigned
+    stuck = false :: boolean()
+}).
+-opaque t() :: #serve{}.
+-type turn() :: {t(), [starl_machine:action()]}.
+
+%% @doc No robot's place is known.
+-spec new(starl_dpp_plan:t(), starl_dpp:term_id()) -> t().
+new(Plan, Term) -> #serve{plan = Plan, term = Term}.
+
+%% @doc The coordinator leads from now on.
+-spec lead(t()) -> turn().
+lead(S) -> open(S#serve{leads = true}).
+
+%% @doc The robots whose place is not known.
+-spec unknown(t()) -> [starl:robot_id()].
+unknown(#serve{plan = Plan}) -> starl_dpp_plan:unknown(Plan).
+
+%% @doc Is the robot's place known?
+-spec knows(starl:robot_id(), t()) -> boolean().
+knows(Robot, #serve{plan = Plan}) -> starl_dpp_plan:held(Robot, Plan) =/= [].
+
+%% @doc Has the robot's leave ended without a word?
+-spec silent(starl:robot_id(), t()) -> boolean().
+silent(Robot, #serve{silent = Silent}) -> lists:member(Robot, Silent).
+
+%% -- what robots say ------------------------------------------------------------------------
+
+%% @doc The robot stands at a point and wants a path.
+-spec requested(starl:robot_id(), starl_dpp:request_id(), {Where, [Edge]}, t()) -> turn() when
+    Where :: starl_geometry:point(), Edge :: starl_dpp_graph:edge_id().
+requested(Robot, Id, {At, Painted}, #serve{waiting = Waiting} = S) ->
+    case newer(Robot, Id, S) of
+        true ->
+            Asking = S#serve{waiting = lists:delete(Robot, Waiting) ++ [Robot]},
+            chain([
+                fun(S1) -> stands(Robot, Id, At, Painted, S1) end,
+                fun(S1) -> serve_robot(Robot, S1) end,
+                fun settle/1
+            ], Asking);
+        false ->
+            {S, []}
+    end.
+
+%% @doc What the robot tells a coordinator that begins: where it stands, or what it still has
+%% before it of its path.
+-spec reported(starl:robot_id(), starl_dpp:request_id(), {starl_dpp:place(), [Edge]}, t()) ->
+    turn() when Edge :: starl_dpp_graph:edge_id().
+reported(Robot, Id, {Place, Painted}, S) ->
+    Silent = silent(Robot, S),
+    case {newer(Robot, Id, S), Place} of
+        {false, _} -> {S, []};
+        %% its leave has ended since it said so
+        {true, {moving, _, _, _}} when Silent -> {S, []};
+        {true, {standing, At}} -> stands(Robot, Id, At, Painted, S);
+        {true, {moving, _, From, []}} -> stands(Robot, Id, From, Painted, S);
+        {true, {moving, N, From, Path}} -> moves(Robot, Id, {N, From, Path}, Painted, S)
+    end.
+
+%% @doc Clear: the robot has reached waypoint N of the path that it got for this request.
+-spec passed(starl:robot_id(), starl_dpp:request_id(), N :: pos_integer(), t()) -> turn().
+passed(Robot, Id, N, #serve{latest = Latest, moving = Moving, plan = Plan} = S) ->
+    case {Latest, Moving} of
+        {#{Robot := Id}, #{Robot := Offset}} when N > Offset ->
+            freed(Robot, learn(S#serve{plan = starl_dpp_plan:passed(Robot, N - Offset, Plan)}));
+        _ ->
+            {S, []}
+    end.
+
+%% @doc The robot's leave has ended, and it was seen at this point: there it stands. What else it
+%% held is free, and its edges that are not painted.
+-spec rests(starl:robot_id(), starl_geometry:point(), t()) -> turn().
+rests(Robot, At, #serve{plan = Plan, silent = Silent, waiting = Waiting} = S) ->
+    Known = S#serve{
+        plan = starl_dpp_plan:standing(Robot, At, Plan),
+        silent = lists:usort([Robot | Silent]),
+        waiting = lists:delete(Robot, Waiting),
+        moving = maps:remove(Robot, S#serve.moving)
+    },
+    {Freed, Actions} = freed(Robot, Known),
+    {Settled, More} = settle(Freed),
+    {Settled, [{trace, {silent, Robot}} | Actions ++ More]}.
+
+%% @doc The answer to the robot has arrived, or may not have.
+-spec answered(starl:robot_id(), ok | lost, t()) -> t().
+answered(Robot, ok, #serve{told = Told, telling = Telling} = S) ->
+    Count = max(maps:get(Robot, Telling, 0), maps:get(Robot, Told, 0)),
+    S#serve{told = Told#{Robot => Count}};
+answered(_Robot, lost, S) ->
+    S.
+
+%% Robots number their requests; an old one says nothing of where the robot is now.
+newer(Robot, Id, #serve{latest = Latest}) -> Id > maps:get(Robot, Latest, {0, 0}).
+
+stands(Robot, Id, At, Painted, #serve{plan = Plan, latest = Latest} = S) ->
+    Marked = starl_dpp_plan:mark_painted(Painted, Plan),
+    freed(Robot, learn(alive(Robot, S#serve{
+        plan = starl_dpp_plan:standing(Robot, At, Marked),
+        latest = Latest#{Robot => Id},
+        moving = maps:remove(Robot, S#serve.moving)
+    }))).
+
+moves(Robot, Id, {N, From, Path}, Painted, #serve{plan = Plan, latest = Latest} = S) ->
+    Marked = starl_dpp_plan:mark_painted(Painted, Plan),
+    freed(Robot, learn(alive(Robot, S#serve{
+        plan = starl_dpp_plan:adopt(Robot, From, Path, Marked),
+        latest = Latest#{Robot => Id},
+        moving = (S#serve.moving)#{Robot => N}
+    }))).
+
+alive(Robot, #serve{silent = Silent} = S) -> S#serve{silent = lists:delete(Robot, Silent)}.
+
+%% Newly painted edges go to the head of the list.
+learn(#serve{plan = Plan, painted = Painted} = S) ->
+    #{painted := Count} = starl_dpp_plan:counts(Plan),
+    case Count =:= length(Painted) of
+        true -> S;
+        false -> S#serve{painted = (starl_dpp_plan:painted_edges(Plan) -- Painted) ++ Painted}
+    end.
+
+%% The robot holds less than before.
+freed(Robot, #serve{open = true, plan = Plan} = S) ->
+    Timer = [{{timeout, serve}, ?SERVE_US, serve} || S#serve.waiting =/= []],
+    {S, [{trace, {reserved, Robot, starl_dpp_plan:held(Robot, Plan)}} | Timer]};
+freed(_Robot, S) ->
+    open(S).
+
+open(#serve{leads = true, plan = Plan, term = Term} = S) ->
+    case starl_dpp_plan:unknown(Plan) of
+        [] ->
+            Apart = starl_dpp_plan:apart(Plan),
+            Traces = [{trace, {reserved, R, Held}} || {R, Held} <- starl_dpp_plan:unsafe(Apart)],
+            {S#serve{open = true, stuck = false, plan = Apart},
+                [{trace, {coordinator, Term}} | Traces]
+                ++ [{{timeout, give_up}, cancel}, {{timeout, serve}, ?SERVE_US, serve}]};
+        _Unknown ->
+            {S, []}
+    end;
+open(S) ->
+    {S, []}.
+
+%% -- serving those who wait -----------------------------------------------------------------
+
+%% @doc Serves all who wait.
+-spec serve(t()) -> turn().
+serve(#serve{waiting = Waiting} = S) ->
+    Each = [fun(S1) -> serve_robot(Robot, S1) end || Robot <- Waiting],
+    chain(Each ++ [fun settle/1], S).
+
+serve_robot(_Robot, #serve{open = false} = S) ->
+    {S, []};
+serve_robot(Robot, #serve{plan = Plan} = S) ->
+    case starl_dpp_assign:request(Robot, Plan) of
+        {{assign, Path}, Next} ->
+            assign(Robot, Path, S#serve{plan = Next});
+        {complete, Next} ->
+            answer(Robot, complete, S#serve{plan = Next});
+        {none, Next} ->
+            case starl_dpp_assign:make_way(Robot, Next) of
+                {{assign, Path}, Last} -> assign(Robot, Path, S#serve{plan = Last});
+                {none, Last} -> {S#serve{plan = Last}, []}
+            end
+    end.
+
+assign(Robot, Path, #serve{plan = Plan, moving = Moving, latest = Latest} = S) ->
+    [{From, _} | _] = Held = starl_dpp_plan:held(Robot, Plan),
+    Trace = {trace, {assigned, Robot, maps:get(Robot, Latest), Held}},
+    Sent = S#serve{moving = Moving#{Robot => 0}, stuck = false},
+    {Answered, Actions} = answer(Robot, {assign, From, Path}, Sent),
+    {Answered, [Trace | Actions] ++ [{{timeout, give_up}, cancel}]}.
+
+%% With the answer goes what has been painted and the robot was not told yet.
+answer(Robot, Answer, #serve{waiting = Waiting, latest = Latest, term = Term} = S) ->
+    #serve{painted = Painted, told = Told, telling = Telling} = S,
+    Count = length(Painted),
+    News = lists:sort(lists:sublist(Painted, Count - maps:get(Robot, Told, 0))),
+    Body = {Term, maps:get(Robot, Latest), Answer, News},
+    Next = S#serve{waiting = lists:delete(Robot, Waiting), telling = Telling#{Robot => Count}},
+    {Next, [starl_sap:send(Robot, dpp_answer, Body, {answered, Term, Robot})]}.
+
+%% When all wait and nobody moves, somebody must make way; when the picture is complete, all
+%% are told.
+settle(#serve{waiting = []} = S) ->
+    {S, []};
+settle(#serve{open = true, plan = Plan, waiting = Waiting, moving = Moving} = S) when
+    map_size(Moving) =:= 0
+->
+    {Paths, Next} = starl_dpp_assign:resolve(Waiting, Plan),
+    resolve(Paths, S#serve{plan = Next});
+settle(#serve{open = true} = S) ->
+    {S, []};
+settle(S) ->
+    %% who cannot be found does not keep the others waiting for ever
+    resolve([], S).
+
+resolve([], #serve{stuck = true} = S) ->
+    {S, []};
+resolve([], S) ->
+    {S#serve{stuck = true}, [{{timeout, give_up}, ?GIVE_UP_US, give_up}]};
+resolve(Paths, S) ->
+    Trace = {trace, {deadlock_resolved, [Robot || {Robot, _} <- Paths]}},
+    Each = [fun(S1) -> assign(Robot, Path, S1) end || {Robot, Path} <- Paths],
+    {Assigned, Actions} = chain(Each, S),
+    {Assigned, [Trace | Actions]}.
+
+%% @doc Nobody moves, nothing can be assigned, and the silent robots have not come back.
+-spec give_up(t()) -> turn().
+give_up(#serve{waiting = Waiting, plan = Plan} = S) ->
+    Left = lists:sort(maps:keys(starl_dpp_plan:free(Plan))),
+    {Told, Actions} = chain([fun(S1) -> answer(R, incomplete, S1) end || R <- Waiting], S),
+    %% one that asks later is told later
+    {Told#serve{stuck = false}, [{trace, {unreachable, Left}} | Actions]}.
+
+chain(Steps, S) ->
+    lists:foldl(
+        fun(Step, {S1, Actions}) ->
+            {Next, More} = Step(S1),
+            {Next, Actions ++ More}
+        end,
+        {S, []},
+        Steps
+    ).

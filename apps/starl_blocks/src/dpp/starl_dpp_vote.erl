@@ -1,0 +1,50 @@
+%% @doc A participant's vote: whom it has promised to vote for nobody else, and until when. Pure.
+%%
+%% A machine that has crashed has forgotten its promise, so it votes for nobody until that must
+%% have ended. A promise is to a robot: of the terms that one robot claims only the latest can
+%% still be led, for there is one coordinator machine on it.
+-module(starl_dpp_vote).
+
+-export([new/1, may/3, give/3, missing_us/3]).
+-export_type([t/0]).
+
+%% The next robot in the row claims so much later.
+-define(STAGGER_US, 1500000).
+-define(MARGIN_US, 1000000).
+
+-record(vote, {
+    long_us :: pos_integer(),
+    for = none :: starl:robot_id() | none,
+    until :: integer()
+}).
+-opaque t() :: #vote{}.
+
+%% @doc A first machine may vote at once.
+-spec new(#{incarnation := pos_integer(), now := integer(), atom() => term()}) -> t().
+new(#{incarnation := Incarnation, now := Now} = Config) ->
+    Long = starl_dpp_lease:long_us(Config),
+    case Incarnation of
+        1 -> #vote{long_us = Long, until = Now};
+        _ -> #vote{long_us = Long, until = Now + Long}
+    end.
+
+%% @doc May it vote for this robot?
+-spec may(starl:robot_id(), Now :: integer(), t()) -> boolean().
+may(Robot, Now, #vote{for = For, until = Until}) -> For =:= Robot orelse Now >= Until.
+
+%% @doc Votes for this robot, if it may.
+-spec give(starl:robot_id(), Now :: integer(), t()) -> {boolean(), t()}.
+give(Robot, Now, #vote{long_us = Long} = Vote) ->
+    case may(Robot, Now, Vote) of
+        true -> {true, Vote#vote{for = Robot, until = Now + Long}};
+        false -> {false, Vote}
+    end.
+
+%% @doc How long after the last word of the coordinator this robot claims: when all promises have
+%% ended, the coordinator's own robot first, then one after the other.
+-spec missing_us(Coordinator :: starl:robot_id(), starl:robot_id(), {[starl:robot_id()], t()}) ->
+    pos_integer().
+missing_us(Coordinator, Self, {Team, #vote{long_us = Long}}) ->
+    {Before, From} = lists:splitwith(fun(Robot) -> Robot < Coordinator end, Team),
+    Earlier = lists:takewhile(fun(Robot) -> Robot =/= Self end, From ++ Before),
+    Long + ?MARGIN_US + ?STAGGER_US * length(Earlier).

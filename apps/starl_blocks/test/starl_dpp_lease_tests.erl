@@ -1,0 +1,108 @@
+%% The two promises behind the failover of path planning: who holds one relies on it for less time
+%% than who gave it, and no two quorums are without a common robot.
+-module(starl_dpp_lease_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(S, 1000000).
+
+%% Any two quorums of a team have a robot in common; the whole team is one.
+quorums_meet_test() ->
+    [
+        begin
+            Quorums = [Q || Q <- subsets(Team), starl_dpp_lease:quorum(Q, Team)],
+            ?assert(lists:member(Team, Quorums)),
+            [?assertNotEqual([], ordsets:intersection(A, B)) || A <- Quorums, B <- Quorums]
+        end
+     || Team <- [[3], [1, 2], [2, 5, 7], [1, 2, 3, 4], [1, 2, 3, 4, 5], [1, 2, 3, 4, 5, 6]]
+    ].
+
+%% Half of an even team is enough with its first robot; strangers do not count.
+half_a_quorum_test() ->
+    ?assert(starl_dpp_lease:quorum([1, 4], [1, 2, 3, 4])),
+    ?assertNot(starl_dpp_lease:quorum([2, 4], [1, 2, 3, 4])),
+    ?assertNot(starl_dpp_lease:quorum([1, 8, 9], [1, 2, 3, 4])).
+
+%% By clocks that are wrong by the bound, one fast and one slow, the holder's time is over first.
+holder_is_first_test() ->
+    [
+        begin
+            Config = #{lease_ms => Ms, drift_ppm => Ppm},
+            %% the holder's clock is slow, the giver's is fast
+            Holder = starl_dpp_lease:short_us(Config) / (1 - Ppm / 1.0e6),
+            Giver = starl_dpp_lease:long_us(Config) / (1 + Ppm / 1.0e6),
+            ?assert(Holder =< Giver, {Ms, Ppm})
+        end
+     || Ms <- [100, 10000, 60000], Ppm <- [0, 50, 1000, 10000, 100000]
+    ].
+
+%% Votes count from the beat that they answer, not from when they come.
+votes_count_from_the_beat_test() ->
+    {Seq, L1} = starl_dpp_lease:beat(0, new([1, 2, 3])),
+    L2 = voted([1, 2], Seq, L1),
+    ?assert(starl_dpp_lease:leads(9 * ?S, L2)),
+    ?assertNot(starl_dpp_lease:leads(10 * ?S, L2)),
+    {Later, L3} = starl_dpp_lease:beat(8 * ?S, L2),
+    L4 = voted([1, 2], Later, L3),
+    ?assert(starl_dpp_lease:leads(17 * ?S, L4)),
+    ?assertNot(starl_dpp_lease:leads(18 * ?S, L4)).
+
+%% A vote that answers no known beat, or none at all, does not count; a late one takes nothing back.
+void_votes_test() ->
+    {Seq, L1} = starl_dpp_lease:beat(0, new([1])),
+    ?assertNot(starl_dpp_lease:leads(1, starl_dpp_lease:voted(1, Seq, false, L1))),
+    ?assertNot(starl_dpp_lease:leads(1, starl_dpp_lease:voted(1, Seq + 1, true, L1))),
+    {Next, L2} = starl_dpp_lease:beat(5 * ?S, L1),
+    L3 = voted([1], Seq, voted([1], Next, L2)),
+    ?assert(starl_dpp_lease:leads(14 * ?S, L3)),
+    %% the beats of long ago are forgotten
+    {_, L4} = starl_dpp_lease:beat(30 * ?S, L3),
+    ?assertNot(starl_dpp_lease:leads(30 * ?S, voted([1], Seq, L4))).
+
+%% A robot rests when all leave has ended: that of this coordinator, counted from the latest
+%% message heard, and that of earlier ones, counted from when this one began to lead.
+rests_test() ->
+    L1 = starl_dpp_lease:heard(1, 100, 3 * ?S, new([1, 2])),
+    ?assertNot(starl_dpp_lease:rests(1, 99 * ?S, L1)),
+    L2 = starl_dpp_lease:since(2 * ?S, L1),
+    ?assertNot(starl_dpp_lease:rests(1, 13 * ?S, L2)),
+    ?assert(starl_dpp_lease:rests(1, 13 * ?S + 1, L2)),
+    ?assertNot(starl_dpp_lease:rests(2, 12 * ?S, L2)),
+    ?assert(starl_dpp_lease:rests(2, 12 * ?S + 1, L2)).
+
+%% What is overtaken or doubled gives no new leave.
+stamps_ascend_test() ->
+    L1 = starl_dpp_lease:heard(1, 100, 3 * ?S, starl_dpp_lease:since(0, new([1]))),
+    L2 = starl_dpp_lease:heard(1, 100, 9 * ?S, starl_dpp_lease:heard(1, 90, 9 * ?S, L1)),
+    ?assertEqual([{1, 100}], starl_dpp_lease:stamps(L2)),
+    ?assert(starl_dpp_lease:rests(1, 13 * ?S + 1, L2)).
+
+%% A vote is for one robot until its time is over.
+vote_test() ->
+    {true, V1} = starl_dpp_vote:give(3, 5 * ?S, vote(1)),
+    ?assertMatch({false, V1}, starl_dpp_vote:give(4, 14 * ?S, V1)),
+    {true, V2} = starl_dpp_vote:give(3, 14 * ?S, V1),
+    ?assertNot(starl_dpp_vote:may(4, 16 * ?S, V2)),
+    ?assert(starl_dpp_vote:may(4, 24 * ?S, V2)).
+
+%% A machine that has crashed may have voted for anybody just before.
+vote_after_a_crash_test() ->
+    ?assertNot(starl_dpp_vote:may(3, 10 * ?S - 1, vote(2))),
+    ?assert(starl_dpp_vote:may(3, 10 * ?S, vote(2))).
+
+%% All vote again before the first claims, and they claim one after the other.
+successors_take_turns_test() ->
+    Times = [starl_dpp_vote:missing_us(3, R, {[1, 3, 4, 6], vote(1)}) || R <- [3, 4, 6, 1]],
+    ?assertEqual(Times, lists:usort(Times)),
+    ?assert(hd(Times) > starl_dpp_lease:long_us(#{})).
+
+new(Team) -> starl_dpp_lease:new(Team, #{lease_ms => 10000, drift_ppm => 0}).
+
+vote(Life) -> starl_dpp_vote:new(#{incarnation => Life, now => 0}).
+
+voted(Robots, Seq, Lease) ->
+    lists:foldl(fun(R, L) -> starl_dpp_lease:voted(R, Seq, true, L) end, Lease, Robots).
+
+subsets([]) -> [[]];
+subsets([X | Rest]) ->
+    Less = subsets(Rest),
+    Less ++ [[X | S] || S <- Less].

@@ -1,0 +1,122 @@
+%% @doc The exhaustive checker: explores every interleaving of deliveries, losses, duplicates,
+%% time-outs and crashes of a small team that uses a building block, with the machine code that
+%% robots run, and judges each with the block's monitor.
+%%
+%% It works assume-guarantee, as the paper reasons: SAP is checked over packets, the other blocks
+%% over SAP's contract. README.md tells what is covered and what is not.
+-module(starl_check).
+
+-export([blocks/0, run/3, faults/0, parse_faults/1, format_error/1]).
+
+-export_type([options/0, outcome/0, reason/0]).
+
+%% `depth': how many choices in a row; `memory': bytes of the whole VM; the others as in
+%% {@link starl_check_model:options()}.
+-type options() :: #{
+    robots => pos_integer(),
+    faults => starl_check_model:budgets(),
+    depth => pos_integer() | infinity,
+    memory => pos_integer(),
+    machine => {module(), Config :: map()},
+    symmetry => boolean()
+}.
+
+%% With a violation: the chart of a shortest way to it, and the number of its steps.
+-type outcome() ::
+    {holds, starl_check_search:ending(), starl_check_search:figures()}
+    | {violated, #{
+        violation := starl_monitor:violation(),
+        steps := non_neg_integer(),
+        chart := unicode:chardata(),
+        figures := starl_check_search:figures()
+    }}.
+
+-type reason() :: {unknown_fault, string()} | {bad_count, string()} | {twice, atom()}.
+
+-define(MEMORY, 4000000000).
+-define(MOST, 255).
+
+%% @doc The blocks that can be checked, and what is checked of each.
+-spec blocks() -> [{starl_check_model:block(), string()}].
+blocks() -> starl_check_model:blocks().
+
+%% @doc The faults that can be asked for, and what their numbers mean.
+-spec faults() -> [{atom(), string()}].
+faults() ->
+    [
+        {loss, "messages that SAP reports lost; they may have been delivered, or be so later"},
+        {crash, "machines that crash and start anew: the block's, SAP, the application"},
+        {dup, "packets that arrive twice"},
+        {late, "messages that are slower than time-outs"},
+        {timeout, "calls that run out of patience"}
+    ].
+
+%% @doc Checks a block. `Control' is asked now and then, with the figures so far and its own
+%% state, whether to go on; it is called in another process.
+-spec run(starl_check_model:block(), options(), {starl_check_search:control(State), State}) ->
+    outcome().
+run(Block, Options, Control) ->
+    Limits = #{
+        depth => maps:get(depth, Options, infinity), memory => maps:get(memory, Options, ?MEMORY)
+    },
+    Model = starl_check_model:new(Block, maps:without([depth, memory], Options)),
+    %% a process of its own: its memory is given back as a whole
+    {Pid, Ref} = spawn_opt(
+        fun() -> exit({answer, outcome(starl_check_search:run(Model, Limits, Control), Model)}) end,
+        [monitor, {min_heap_size, 4000000}]
+    ),
+    receive
+        {'DOWN', Ref, process, Pid, {answer, Outcome}} -> Outcome;
+        {'DOWN', Ref, process, Pid, Reason} -> error(Reason)
+    end.
+
+outcome({holds, Ending, Figures}, _Model) ->
+    {holds, Ending, Figures};
+outcome({violated, Violation, Way, Figures}, #{ids := Ids}) ->
+    Steps = [starl_check_search:explain(Step) || Step <- Way],
+    {violated, #{
+        violation => starl_check_term:shown(Violation),
+        steps => length(Way),
+        chart => starl_check_chart:format(length(Ids), Steps),
+        figures => Figures
+    }}.
+
+%% @doc Reads `loss:2,crash:1'.
+-spec parse_faults(string()) -> {ok, starl_check_model:budgets()} | {error, reason()}.
+parse_faults(Text) ->
+    None = maps:from_list([{Fault, 0} || {Fault, _} <- faults()]),
+    parse_faults(string:lexemes(Text, ","), [], None).
+
+parse_faults([], _Known, Faults) ->
+    {ok, Faults};
+parse_faults([Word | Words], Known, Faults) ->
+    {Name, Number} =
+        case string:split(Word, ":") of
+            [Only] -> {Only, "1"};
+            [Before, After] -> {Before, After}
+        end,
+    case {lists:search(fun({F, _}) -> atom_to_list(F) =:= Name end, faults()), count(Number)} of
+        {false, _} -> {error, {unknown_fault, Name}};
+        {_, error} -> {error, {bad_count, Word}};
+        {{value, {Fault, _}}, {ok, Count}} ->
+            case lists:member(Fault, Known) of
+                true -> {error, {twice, Fault}};
+                false -> parse_faults(Words, [Fault | Known], Faults#{Fault := Count})
+            end
+    end.
+
+count(Text) ->
+    case string:to_integer(Text) of
+        {Count, ""} when is_integer(Count), Count >= 0, Count =< ?MOST -> {ok, Count};
+        _ -> error
+    end.
+
+%% @doc One line that says what is wrong.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({unknown_fault, Name}) ->
+    Names = [atom_to_list(Fault) || {Fault, _} <- faults()],
+    ["there is no fault \"", Name, "\"; there are ", lists:join(", ", Names)];
+format_error({bad_count, Word}) ->
+    ["\"", Word, "\": a fault and how often are expected, as in loss:2, at most 255"];
+format_error({twice, Fault}) ->
+    [atom_to_list(Fault), " is there twice"].

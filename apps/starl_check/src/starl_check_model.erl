@@ -1,0 +1,221 @@
+%% @doc What is checked: for each block its machine, the clients that use it, the monitor that
+%% judges, and what may happen.
+%%
+%% The smallest team and the shortest scripts that show what a block does; README.md tells why
+%% they are as they are. The times of the mutex are its defaults: nothing depends on their size,
+%% only on their proportions.
+-module(starl_check_model).
+
+-export([blocks/0, new/2, machines/2, timer/2, permutations/1, may_be_inert/3]).
+
+-export_type([t/0, block/0, options/0, budgets/0]).
+
+-type block() :: sap | election | bully | mutex | barrier.
+
+%% How often each fault may happen; see {@link starl_check}.
+-type budgets() :: #{
+    loss := non_neg_integer(), crash := non_neg_integer(), dup := non_neg_integer(),
+    late := non_neg_integer(), timeout := non_neg_integer()
+}.
+
+%% `machine': another machine in the place of the block's, with what it adds to the
+%% configuration: for tests. `crash': which machines may crash. `symmetry' (true): robots that differ in nothing but their number
+%% are taken for one another.
+-type options() :: #{
+    robots => pos_integer(),
+    faults => budgets(),
+    machine => {module(), Config :: map()},
+    crash => [starl_machine:name()],
+    rounds => pos_integer(),
+    symmetry => boolean()
+}.
+
+%% `sap': real, over packets, or as its contract says; `crash': which machines may crash; `timed':
+%% the timers whose order matters, the others fire at any time; `rates': µs that each robot's
+%% clock gains in a tick; `grain': time passes to the next timed timer or by so many ticks;
+%% `horizon_us': how long a time that is over is still told from an earlier one; `refresh': an
+%% event that changes nothing but the time that a machine remembers; `fixed': the places of
+%% robots that are unlike all others; `same_random': all robots draw the same.
+-type t() :: #{
+    block := block(),
+    ids := [starl:robot_id()],
+    faults := budgets(),
+    sap := real | contract,
+    blocks := [{starl_machine:name(), module(), Config :: map()}],
+    script := fun((starl_check_term:place()) -> starl_check_client:script()),
+    crash := [starl_machine:name()],
+    monitor := {module(), Config :: map()},
+    timed := [atom()],
+    rates := tuple(),
+    grain := pos_integer() | none,
+    horizon_us := pos_integer(),
+    refresh := {starl_machine:name(), starl_machine:event_type(), term()} | none,
+    fixed := [starl_check_term:place()],
+    same_random := boolean(),
+    rounds := pos_integer(),
+    symmetry := boolean()
+}.
+
+%% µs that a clock gains in a tick; the ratio of the slowest to the fastest is the default bound
+%% on drift, 10000 ppm.
+-define(SLOW, 99).
+-define(FAST, 101).
+-define(TOKEN, door).
+-define(LEASE_US, 8000000).
+
+%% @doc All blocks, and what is checked of each.
+-spec blocks() -> [{block(), string()}].
+blocks() ->
+    [
+        {sap, "reliable messages, packet by packet"},
+        {election, "election by randomized ballots"},
+        {bully, "election by the bully algorithm"},
+        {mutex, "mutual exclusion, with leases and drifting clocks"},
+        {barrier, "barrier, two rounds"}
+    ].
+
+%% @doc The model of a block.
+-spec new(block(), options()) -> t().
+new(Block, Options) ->
+    Robots = maps:get(robots, Options, 3),
+    None = #{loss => 0, crash => 0, dup => 0, late => 0, timeout => 0},
+    Faults = maps:merge(None, maps:get(faults, Options, #{})),
+    Common = #{
+        block => Block,
+        ids => [starl_check_term:id(Place) || Place <- lists:seq(1, Robots)],
+        faults => Faults,
+        sap => contract,
+        timed => [],
+        rates => erlang:make_tuple(Robots, ?FAST),
+        grain => none,
+        horizon_us => 1,
+        refresh => none,
+        fixed => [],
+        same_random => false,
+        rounds => maps:get(rounds, Options, 2),
+        symmetry => maps:get(symmetry, Options, true)
+    },
+    Model = maps:merge(Common, block(Block, Common)),
+    Crash = maps:get(crash, Options, maps:get(crash, Model)),
+    with_machine(maps:find(machine, Options), Model#{crash := Crash}).
+
+with_machine(error, Model) ->
+    Model;
+with_machine({ok, {Module, Extra}}, #{blocks := [{Name, _, Config}]} = Model) ->
+    Model#{blocks := [{Name, Module, maps:merge(Config, Extra)}]}.
+
+%% The first robot sends to the second, the second to all; one retransmission.
+block(sap, #{ids := Ids}) ->
+    #{
+        sap => real,
+        blocks => [{sap, starl_sap, #{limit => 1}}],
+        script => fun(Place) -> sap_script(Place, Ids) end,
+        crash => [sap],
+        monitor => {starl_sap_monitor, #{bound_us => 1}},
+        fixed => places(Ids)
+    };
+%% Only the largest ballot of a complete set counts, so nothing but the place of its robot could
+%% make a difference, and every place is as good as the last: all draw the same ballot here, the
+%% robot's number decides, and all robots but the last are alike.
+block(election, #{ids := Ids}) ->
+    #{
+        same_random => true,
+        blocks => [{election, starl_election_ballots, #{}}],
+        script => fun(_) -> [{call, election, {elect, first, 30000000}}] end,
+        crash => [election, sap, app],
+        monitor => {starl_election_monitor, #{robots => Ids, bound_us => 1}},
+        fixed => [length(Ids)]
+    };
+block(bully, #{ids := Ids, faults := Faults}) ->
+    Lossless = lists:sum(maps:values(Faults)) =:= 0,
+    Judge = #{robots => Ids, bound_us => 1, lossless => Lossless},
+    #{
+        blocks => [{election, starl_election_bully, #{}}],
+        script => fun(_) -> [{call, election, {elect, first, 30000000}}] end,
+        crash => [election, sap, app],
+        monitor => {starl_election_bully_monitor, Judge},
+        fixed => places(Ids)
+    };
+%% The home's clock is fast, all others slow: so a holder's lease lasts longest and the home's
+%% shortest, the only two that are held against each other. The home's own client wants nothing:
+%% what it asks of its own machine needs no message.
+block(mutex, #{ids := Ids}) ->
+    Home = erlang:phash2(?TOKEN, length(Ids)) + 1,
+    Slow = erlang:make_tuple(length(Ids), ?SLOW),
+    #{
+        blocks => [{mutex, starl_mutex_tokens, #{}}],
+        script => fun(Place) -> [{hold, ?TOKEN} || Place =/= Home] end,
+        crash => [mutex, sap, app],
+        monitor => {starl_mutex_monitor, #{}},
+        timed => [lease, home],
+        rates => setelement(Home, Slow, ?FAST),
+        grain => ?LEASE_US div (2 * ?SLOW) + 1,
+        %% at most a lease is added to a time that is over before it is compared with the present
+        horizon_us => ?LEASE_US,
+        %% there is no job 0
+        refresh => {mutex, {timeout, {again, 0}}, again},
+        fixed => [Home]
+    };
+block(barrier, #{ids := Ids, rounds := Rounds}) ->
+    #{
+        blocks => [{barrier, starl_barrier_rounds, #{}}],
+        script => fun(_) -> [{sync, gate, Rounds} || _ <- lists:seq(1, Rounds)] end,
+        crash => [barrier, sap, app],
+        monitor => {starl_barrier_monitor, #{robots => Ids}}
+    }.
+
+%% @doc May a message of this kind be one that changes nothing for ever once it changes nothing?
+%% Not judged is whether it changes anything now.
+%%
+%% Elections: whoever has a leader keeps it. Mutex: the fence of the owner known only grows.
+%% Barrier: the counts only grow.
+-spec may_be_inert(Type :: atom(), Body :: term(), t()) -> boolean().
+may_be_inert(leader, {_, _}, #{block := election}) -> true;
+may_be_inert(bully_leader, {_, _}, #{block := bully}) -> true;
+may_be_inert(mutex, {owner, _, _}, #{block := mutex}) -> true;
+may_be_inert(barrier, {reached, _, _, _, false}, #{block := barrier}) -> true;
+may_be_inert(_Type, _Body, _Model) -> false.
+
+places(Ids) -> lists:seq(1, length(Ids)).
+
+sap_script(1, [_, To | _]) ->
+    [{listen, note}, {'try', sap, {send, To, note, a}}, {'try', sap, {send, To, note, b}}];
+sap_script(2, _Ids) ->
+    [{listen, note}, {'try', sap, {broadcast, note, c}}];
+sap_script(_, _Ids) ->
+    [{listen, note}].
+
+%% @doc The machines of the robot at a place, in the order in which they start.
+-spec machines(starl_check_term:place(), t()) -> [{starl_machine:name(), module(), map()}].
+machines(Place, #{blocks := Blocks, script := Script}) ->
+    Blocks ++ [{app, starl_check_client, #{script => Script(Place)}}].
+
+%% @doc What kind of timer this is: of the client (`step'), ordered by time (`timed'), the end of
+%% a call's patience, or one that may fire at any time.
+-spec timer(starl_check_robot:timer(), t()) -> step | timed | patience | free.
+timer({app, _}, _Model) ->
+    step;
+timer({_, Timer}, #{timed := Timed}) ->
+    Tag = tag(Timer),
+    case lists:member(Tag, Timed) of
+        true -> timed;
+        false when Tag =:= patience -> patience;
+        false -> free
+    end.
+
+tag(Timer) when is_tuple(Timer) -> element(1, Timer);
+tag(Timer) -> Timer.
+
+%% @doc The permutations of the team that map every robot to one like itself, without the one
+%% that changes nothing.
+-spec permutations(t()) -> [starl_check_term:permutation()].
+permutations(#{symmetry := false}) ->
+    [];
+permutations(#{ids := Ids, fixed := Fixed}) ->
+    Places = places(Ids),
+    Free = Places -- Fixed,
+    Maps = [maps:from_list(lists:zip(Free, To)) || To <- arrangements(Free), To =/= Free],
+    [list_to_tuple([maps:get(Place, Map, Place) || Place <- Places]) || Map <- Maps].
+
+arrangements([]) -> [[]];
+arrangements(List) -> [[E | Rest] || E <- List, Rest <- arrangements(List -- [E])].

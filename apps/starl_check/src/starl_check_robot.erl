@@ -1,0 +1,249 @@
+%% @doc One robot of a checked team: its machines, their timers, its part of SAP. Pure.
+%%
+%% An event is worked off with all the local events that it gives rise to, as the runtime does
+%% (see starl_sim_robot): nothing else happens to the robot meanwhile. A crash is that of one
+%% machine: it starts anew with the next incarnation, its timers are forgotten, and the robot's
+%% other machines are told.
+-module(starl_check_robot).
+
+-export([boot/2, event/3, timers/1, is_done/1, shift/3, rename/2]).
+
+-export_type([t/0, event/0, sent/0, timer/0]).
+
+%% Where a timer belongs and what it is called.
+-type timer() :: {starl_machine:name(), Timer :: term()}.
+
+-type event() ::
+    {message, starl:robot_id(), Type :: atom(), Body :: term()}
+    | {report, starl:robot_id(), starl_check_sap:ref(), starl_check_sap:outcome()}
+    | {packet, starl_packet:t()}
+    | {fire, timer()}
+    | {crash, starl_machine:name()}.
+
+%% What the robot puts under way.
+-type sent() ::
+    {message, starl:robot_id(), Type :: atom(), Body :: term(), starl_check_sap:ref() | none}
+    | {packet, starl:robot_id(), starl_packet:t()}.
+
+%% When a timer may fire: at any time, or when so many ticks have passed.
+-type due() :: any | non_neg_integer().
+
+-record(robot, {
+    place :: starl_check_term:place(),
+    %% in the order in which they start
+    machines = [] :: [{starl_machine:name(), starl_machine:t()}],
+    incarnations = #{} :: #{starl_machine:name() => pos_integer()},
+    timers = [] :: [{timer(), due(), Content :: term()}],
+    sap :: starl_check_sap:t() | real
+}).
+
+-opaque t() :: #robot{}.
+
+%% What an event brings about, newest first.
+-record(run, {
+    robot :: #robot{},
+    model :: starl_check_model:t(),
+    sent = [] :: [sent()],
+    traces = [] :: [starl_monitor:trace_event()]
+}).
+
+-type result() :: {[sent()], [starl_monitor:trace_event()], t()}.
+
+%% @doc The robot at a place of its team, when all its machines have started.
+-spec boot(starl_check_term:place(), starl_check_model:t()) -> result().
+boot(Place, #{sap := Sap} = Model) ->
+    Service =
+        case Sap of
+            real -> real;
+            contract -> starl_check_sap:new()
+        end,
+    Robot = #robot{place = Place, sap = Service},
+    Names = [Name || {Name, _, _} <- starl_check_model:machines(Place, Model)],
+    result(run([{Name, boot, none} || Name <- Names], #run{robot = Robot, model = Model})).
+
+%% @doc The robot after an event.
+-spec event(event(), t(), starl_check_model:t()) -> result().
+event(Event, Robot, Model) ->
+    result(happen(Event, #run{robot = Robot, model = Model})).
+
+happen({message, From, Type, Body}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
+    {Local, Next} = starl_check_sap:deliver(From, Type, Body, Sap),
+    run(Local, Run#run{robot = Robot#robot{sap = Next}});
+happen({report, From, Ref, Outcome}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
+    {Local, Next} = starl_check_sap:settle(Ref, From, Outcome, Sap),
+    run(Local, Run#run{robot = Robot#robot{sap = Next}});
+happen({packet, Packet}, Run) ->
+    run([{sap, packet, Packet}], Run);
+happen({fire, {Name, Timer} = Key}, #run{robot = #robot{timers = Timers} = Robot} = Run) ->
+    {value, {_, _, Content}, Rest} = lists:keytake(Key, 1, Timers),
+    run([{Name, timer_type(Timer), Content}], Run#run{robot = Robot#robot{timers = Rest}});
+happen({crash, Name}, #run{robot = #robot{timers = Timers} = Robot} = Run) ->
+    Left = [T || {{Of, _}, _, _} = T <- Timers, Of =/= Name],
+    Bare = trace(Name, crashed, Run#run{robot = Robot#robot{timers = Left}}),
+    Others = [Other || {Other, _} <- Robot#robot.machines, Other =/= Name],
+    Told = [{Other, info, {restarted, Name}} || Other <- Others],
+    case {Name, Robot#robot.sap} of
+        {sap, Sap} when Sap =/= real -> run(Told, new_service(Bare));
+        _ -> run([{Name, boot, none} | Told], Bare)
+    end.
+
+new_service(#run{robot = Robot} = Run) ->
+    Run#run{robot = Robot#robot{sap = starl_check_sap:new()}}.
+
+timer_type(state_timeout) -> state_timeout;
+timer_type(Timer) -> {timeout, Timer}.
+
+%% @doc Its timers that run, and when they may fire.
+-spec timers(t()) -> [{timer(), due()}].
+timers(#robot{timers = Timers}) -> [{Key, Due} || {Key, Due, _} <- Timers].
+
+%% @doc Has its application ended?
+-spec is_done(t()) -> boolean().
+is_done(#robot{machines = Machines}) ->
+    {app, App} = lists:keyfind(app, 1, Machines),
+    starl_machine:state(App) =:= done.
+
+%% @doc The robot when so many ticks have passed. None of its timers has been due earlier.
+-spec shift(Ticks :: pos_integer(), t(), starl_check_model:t()) -> t().
+shift(Ticks, #robot{machines = Machines, timers = Timers} = Robot, Model) ->
+    #{rates := Rates, horizon_us := Horizon} = Model,
+    Aged = starl_check_term:shift(Machines, Ticks, Rates, Horizon),
+    refresh(Model, Robot#robot{
+        machines = Aged, timers = [{Key, less(Due, Ticks), C} || {Key, Due, C} <- Timers]
+    }).
+
+less(any, _Ticks) -> any;
+less(Due, Ticks) -> Due - Ticks.
+
+%% A machine that remembers the time of its last event is given one that changes nothing else.
+refresh(#{refresh := none}, Robot) ->
+    Robot;
+refresh(#{refresh := {Name, Type, Content}} = Model, Robot) ->
+    #run{robot = Next, sent = [], traces = []} =
+        run([{Name, Type, Content}], #run{robot = Robot, model = Model}),
+    Next.
+
+%% @doc The robot with each robot of the team in the place of another.
+-spec rename(t(), starl_check_term:permutation()) -> t().
+rename(#robot{place = Place, machines = Machines, timers = Timers, sap = Sap} = Robot, To) ->
+    Robot#robot{
+        place = element(Place, To),
+        machines = starl_check_term:rename(Machines, To),
+        timers = lists:sort(starl_check_term:rename(Timers, To)),
+        sap = starl_check_term:rename(Sap, To)
+    }.
+
+%% -- running to completion ------------------------------------------------------------------
+
+result(#run{robot = Robot, sent = Sent, traces = Traces}) ->
+    {lists:reverse(Sent), lists:reverse(Traces), Robot}.
+
+run([], Run) -> Run;
+run([{Name, Type, Content} | Local], Run) ->
+    {New, Next} = handle(Name, Type, Content, Run),
+    run(Local ++ New, Next).
+
+handle(Name, boot, none, #run{robot = #robot{place = Place} = Robot, model = Model} = Run) ->
+    #robot{machines = Machines, incarnations = Incarnations} = Robot,
+    Incarnation = maps:get(Name, Incarnations, 0) + 1,
+    {_, Module, Config} = lists:keyfind(Name, 1, starl_check_model:machines(Place, Model)),
+    {Actions, Machine} = starl_machine:new(
+        Module, Config, base(Name, Incarnation, Place, Model)
+    ),
+    perform(Actions, Name, Run#run{
+        robot = Robot#robot{
+            machines = lists:keystore(Name, 1, Machines, {Name, Machine}),
+            incarnations = Incarnations#{Name => Incarnation}
+        }
+    });
+handle(sap, {call, From}, Request, #run{robot = #robot{sap = Sap}} = Run) when Sap =/= real ->
+    serve(Request, From, Run);
+handle(sap, cast, Request, #run{robot = #robot{sap = Sap}} = Run) when Sap =/= real ->
+    serve(Request, none, Run);
+handle(Name, Type, Content, #run{robot = #robot{place = Place} = Robot} = Run) ->
+    #robot{machines = Machines} = Robot,
+    {Name, Machine} = lists:keyfind(Name, 1, Machines),
+    Meta = #{now => starl_check_term:now(Place), robot => starl_check_term:id(Place)},
+    {Actions, Next} = starl_machine:step(Type, Content, Meta, Machine),
+    Kept = lists:keyreplace(Name, 1, Machines, {Name, Next}),
+    perform(Actions, Name, Run#run{robot = Robot#robot{machines = Kept}}).
+
+base(Name, Incarnation, Place, #{ids := Ids, same_random := Same}) ->
+    Seed =
+        case Same of
+            true -> erlang:phash2(Name);
+            false -> erlang:phash2({Place, Name})
+        end,
+    #{
+        robot => starl_check_term:id(Place),
+        participants => Ids,
+        name => Name,
+        incarnation => Incarnation,
+        random => rand:seed_s(exsss, Seed),
+        now => starl_check_term:now(Place)
+    }.
+
+serve(Request, From, #run{robot = #robot{place = Place, sap = Sap} = Robot} = Run) ->
+    Self = starl_check_term:id(Place),
+    Others = lists:delete(Self, maps:get(ids, Run#run.model)),
+    {Local, Messages, Next} = starl_check_sap:request(Request, From, Self, Others, Sap),
+    Sent = [{message, To, Type, Body, Ref} || {To, Type, Body, Ref} <- Messages],
+    {Local, Run#run{
+        robot = Robot#robot{sap = Next}, sent = lists:reverse(Sent, Run#run.sent)
+    }}.
+
+perform(Actions, Name, Run) ->
+    {Local, Done} = lists:foldl(
+        fun(Action, {L, R}) ->
+            case perform_one(Action, Name, R) of
+                #run{} = Next -> {L, Next};
+                Event -> {[Event | L], R}
+            end
+        end,
+        {[], Run},
+        Actions
+    ),
+    {lists:reverse(Local), Done}.
+
+perform_one({trace, Event}, Name, Run) ->
+    trace(Name, Event, Run);
+perform_one({transmit, Dest, Packet}, _Name, #run{robot = Robot, model = Model} = Run) ->
+    Dests =
+        case Dest of
+            all -> lists:delete(starl_check_term:id(Robot#robot.place), maps:get(ids, Model));
+            _ -> [Dest]
+        end,
+    Sent = [{packet, To, Packet} || To <- Dests],
+    Run#run{sent = lists:reverse(Sent, Run#run.sent)};
+perform_one({{timeout, Timer}, cancel}, Name, Run) ->
+    cancel({Name, Timer}, Run);
+perform_one({state_timeout, cancel}, Name, Run) ->
+    cancel({Name, state_timeout}, Run);
+perform_one({{timeout, Timer}, Us, Content}, Name, Run) ->
+    start({Name, Timer}, Us, Content, Run);
+perform_one({state_timeout, Us, Content}, Name, Run) ->
+    start({Name, state_timeout}, Us, Content, Run);
+perform_one(Action, Name, _Run) when
+    element(1, Action) =:= cast; element(1, Action) =:= call; element(1, Action) =:= reply
+->
+    starl_platform:local(Action, Name).
+
+trace(Name, Event, #run{robot = #robot{place = Place}, traces = Traces} = Run) ->
+    Run#run{traces = [{0, starl_check_term:id(Place), Name, Event} | Traces]}.
+
+cancel(Key, #run{robot = #robot{timers = Timers} = Robot} = Run) ->
+    Run#run{robot = Robot#robot{timers = lists:keydelete(Key, 1, Timers)}}.
+
+%% Rounded up to ticks: a timer never fires before its time.
+start(Key, Us, Content, #run{robot = Robot, model = Model} = Run) ->
+    #robot{place = Place, timers = Timers} = Robot,
+    Due =
+        case starl_check_model:timer(Key, Model) of
+            timed ->
+                Rate = element(Place, maps:get(rates, Model)),
+                (Us + Rate - 1) div Rate;
+            _ ->
+                any
+        end,
+    New = lists:keystore(Key, 1, Timers, {Key, Due, Content}),
+    Run#run{robot = Robot#robot{timers = lists:sort(New)}}.

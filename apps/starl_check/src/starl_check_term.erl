@@ -1,0 +1,113 @@
+%% @doc Robots' numbers and times inside the terms that machines keep.
+%%
+%% A machine keeps its data to itself, so the checker cannot ask it where it keeps a time or a
+%% robot. It makes them known by their values instead: robot N of the team has a number that no
+%% machine uses for anything else, and each robot's clock reads a value in a range of its own.
+%% What lies in such a range is a time of that robot's clock, wherever it is found: in the data
+%% of its machine, in a message, or in the data of another robot that sends it back later.
+%%
+%% The clock of a robot always reads {@link now/1}. When time passes, it is not the clock that
+%% goes on but all the times that are kept that go back, each by its own clock's rate; so two
+%% states that differ only in the time of day are the same term. A time further back than the
+%% `horizon' is kept at the horizon.
+-module(starl_check_term).
+
+-export([id/1, number/1, now/1, shift/4, rename/2, shown/1]).
+
+-export_type([place/0, permutation/0]).
+
+%% A robot's place in its team, from 1.
+-type place() :: pos_integer().
+
+%% The place that takes the place of each, from the first on.
+-type permutation() :: tuple().
+
+-define(FIRST, 900000).
+%% 2^52 µs are 142 years; fencing numbers end below (starl_mutex_home: 2^44 an incarnation).
+-define(CLOCK_BITS, 52).
+%% A time lies within 12 days of its clock's reading.
+-define(REACH, (1 bsl 40)).
+
+%% @doc The number of the robot at a place of the team.
+-spec id(place()) -> starl:robot_id().
+id(Place) -> ?FIRST + Place.
+
+%% @doc The place of a robot.
+-spec number(starl:robot_id()) -> place().
+number(Id) -> Id - ?FIRST.
+
+%% @doc What the clock of the robot at a place reads, in microseconds.
+-spec now(place()) -> integer().
+now(Place) -> Place bsl ?CLOCK_BITS.
+
+%% @doc The term when so many ticks have passed; a clock of rate R gains R microseconds in each.
+-spec shift(Term, Ticks :: pos_integer(), Rates :: tuple(), HorizonUs :: pos_integer()) -> Term.
+shift(Term, Ticks, Rates, Horizon) ->
+    walk(fun(I) -> back(clock(I), I, Ticks, Rates, Horizon) end, Term).
+
+back(none, I, _Ticks, _Rates, _Horizon) -> I;
+back(Place, I, _Ticks, Rates, _Horizon) when Place > tuple_size(Rates) -> I;
+back(Place, I, Ticks, Rates, Horizon) ->
+    max(I - Ticks * element(Place, Rates), now(Place) - Horizon).
+
+clock(I) ->
+    Place = (I + ?REACH) bsr ?CLOCK_BITS,
+    case Place > 0 andalso abs(I - now(Place)) < ?REACH of
+        true -> Place;
+        false -> none
+    end.
+
+%% @doc The term with each robot, and each time of its clock, in the place of another. A list of
+%% nothing but robots is a set, kept in their order; so is a tuple of the whole team.
+-spec rename(Term, permutation()) -> Term.
+rename(Term, Permutation) -> in_order(walk(fun(I) -> renamed(I, Permutation) end, Term), Permutation).
+
+in_order([_ | _] = List, P) when is_list(tl(List)) ->
+    case lists:all(fun is_robot/1, List) of
+        true -> lists:sort(List);
+        false -> [in_order(E, P) || E <- List]
+    end;
+in_order(Tuple, P) when is_tuple(Tuple) ->
+    Elements = tuple_to_list(Tuple),
+    case tuple_size(Tuple) =:= tuple_size(P) andalso lists:all(fun is_robot/1, Elements) of
+        true -> list_to_tuple(lists:sort(Elements));
+        false -> list_to_tuple([in_order(E, P) || E <- Elements])
+    end;
+in_order(Map, P) when is_map(Map) -> maps:map(fun(_, V) -> in_order(V, P) end, Map);
+in_order(Other, _P) -> Other.
+
+is_robot(I) -> is_integer(I) andalso I > ?FIRST andalso I < ?FIRST + 100.
+
+renamed(I, Permutation) when I > ?FIRST, I =< ?FIRST + tuple_size(Permutation) ->
+    id(element(number(I), Permutation));
+renamed(I, Permutation) ->
+    case clock(I) of
+        Place when is_integer(Place), Place =< tuple_size(Permutation) ->
+            I - now(Place) + now(element(Place, Permutation));
+        _ ->
+            I
+    end.
+
+%% @doc The term as a person reads it: robots by their places, times in milliseconds from now.
+-spec shown(term()) -> term().
+shown(Term) -> walk(fun readable/1, Term).
+
+readable(I) when I > ?FIRST, I < ?FIRST + 100 ->
+    number(I);
+readable(I) ->
+    case clock(I) of
+        none -> I;
+        Place -> list_to_atom(lists:flatten(ago(I - now(Place))))
+    end.
+
+ago(Us) -> io_lib:format("t~s~b", [[$+ || Us >= 0], Us div 1000]).
+
+%% Every integer of a term, in tuples, lists and maps, keys included.
+walk(Fun, I) when is_integer(I) -> Fun(I);
+walk(Fun, [Head | Tail]) -> [walk(Fun, Head) | walk(Fun, Tail)];
+walk(Fun, Tuple) when is_tuple(Tuple) ->
+    list_to_tuple([walk(Fun, E) || E <- tuple_to_list(Tuple)]);
+walk(Fun, Map) when is_map(Map) ->
+    maps:from_list([{walk(Fun, K), walk(Fun, V)} || {K, V} <- maps:to_list(Map)]);
+walk(_Fun, Other) ->
+    Other.

@@ -1,0 +1,166 @@
+%% @doc `./starl check BLOCK': the exhaustive checker of a building block.
+-module(starl_cli_check).
+
+-export([command/1]).
+
+-define(DEPTH, {optional, {integer, 1, 1000000}}).
+
+%% @doc Runs the command; gives the exit status.
+-spec command([string()]) -> starl_cli_terminal:status().
+command([]) -> refuse(["which block? one of ", block_names()]);
+command([Help | _]) when Help =:= "--help"; Help =:= "-h" -> help();
+command(["-" ++ _ = Flag | _]) -> refuse(["a block comes first, not ", Flag, ": one of ", block_names()]);
+command([Name | Args]) ->
+    case [Block || {Block, _} <- starl_check:blocks(), atom_to_list(Block) =:= Name] of
+        [Block] -> parsed(Block, starl_cli_flags:parse(Args, flags()));
+        [] -> refuse(["there is no block ", Name, " to check; there are ", block_names()])
+    end.
+
+flags() ->
+    [
+        {robots, {integer, 1, 8}, 3, "robots in the team"},
+        {faults, string, "loss:1,crash:1", "what may happen how often, as in loss:2,crash:1; "
+            "none for nothing"},
+        {depth, ?DEPTH, none, "at most so many steps in a row"},
+        {memory, {integer, 100, 1000000}, 4000, "MB of memory to use at most"},
+        {quiet, switch, false, "no progress line"},
+        {help, switch, false, "this help"}
+    ].
+
+parsed(_Block, {ok, #{help := true}}) ->
+    help();
+parsed(Block, {ok, Values}) ->
+    Full = maps:merge(starl_cli_flags:defaults(flags()), Values),
+    case faults(maps:get(faults, Full)) of
+        {ok, Faults} -> checked(Block, Full#{faults := Faults});
+        {error, Reason} -> refuse(["--faults: ", starl_check:format_error(Reason)])
+    end;
+parsed(_Block, {error, Problems}) ->
+    starl_cli_terminal:bad_input([
+        ["check: ", starl_cli_flags:format_problem(Problem)]
+     || Problem <- Problems
+    ]).
+
+faults("none") -> starl_check:parse_faults("");
+faults(Text) -> starl_check:parse_faults(Text).
+
+checked(Block, #{robots := Robots, faults := Faults, memory := Megabytes} = Values) ->
+    Options = #{
+        robots => Robots, faults => Faults, memory => Megabytes * 1000000,
+        depth => depth(maps:get(depth, Values))
+    },
+    Stop = atomics:new(1, []),
+    starl_cli_signal:on_interrupt(fun() -> atomics:put(Stop, 1, 1) end),
+    Begin = now_ms(),
+    Outcome = starl_check:run(Block, Options, control(Stop, Values)),
+    starl_cli_signal:on_interrupt(quit),
+    starl_cli_progress:erase(),
+    tell(Outcome, Block, Values, (now_ms() - Begin) / 1000).
+
+depth(none) -> infinity;
+depth(Depth) -> Depth.
+
+control(Stop, #{quiet := Quiet}) ->
+    How =
+        case Quiet of
+            true -> quiet;
+            false -> auto
+        end,
+    Look = fun(Figures, Progress) ->
+        Next = starl_cli_progress:show(Progress, unknown, fun() -> words(Figures) end),
+        case atomics:get(Stop, 1) of
+            0 -> {continue, Next};
+            1 -> {stop, Next}
+        end
+    end,
+    {Look, starl_cli_progress:new(How)}.
+
+words(#{states := States, waiting := Waiting, depth := Depth}) ->
+    [
+        io_lib:format("~ts states", [grouped(States)]),
+        io_lib:format("~ts waiting", [grouped(Waiting)]),
+        io_lib:format("depth ~b", [Depth]),
+        io_lib:format("~b MB", [erlang:memory(total) div 1000000])
+    ].
+
+%% -- what came out --------------------------------------------------------------------------
+
+tell({violated, Found}, Block, Values, Seconds) ->
+    #{violation := Violation, steps := Steps, chart := Chart, figures := Figures} = Found,
+    starl_cli_terminal:out([
+        "VIOLATED: ", starl_monitor:format_violation(Violation), "\n",
+        io_lib:format("A shortest way there, ~b steps:~n~n", [Steps]), Chart, "\n",
+        covered(Figures, Block, Values, Seconds), "\n"
+    ]),
+    3;
+tell({holds, Ending, Figures}, Block, Values, Seconds) ->
+    starl_cli_terminal:out([
+        verdict(Ending, Block), "\n", covered(Figures, Block, Values, Seconds), "\n",
+        [[What, "\n"] || What <- left(Ending, Figures, Values)]
+    ]),
+    status(Ending).
+
+status(complete) -> 0;
+status(depth) -> 0;
+status(memory) -> 4;
+status(interrupted) -> 130.
+
+verdict(complete, Block) ->
+    ["The contract of ", atom_to_list(Block), " holds in every state."];
+verdict(_, Block) ->
+    ["NOT COMPLETE: the contract of ", atom_to_list(Block), " holds in every state met so far."].
+
+covered(#{states := States, steps := Steps, depth := Depth}, Block, Values, Seconds) ->
+    #{robots := Robots, faults := Faults} = Values,
+    io_lib:format("~ts, ~b robots, ~ts: ~ts states, ~ts steps, depth ~b, ~.1f s", [
+        Block, Robots, fault_text(Faults), grouped(States), grouped(Steps), Depth, Seconds
+    ]).
+
+fault_text(Faults) ->
+    Given = [
+        io_lib:format("~ts:~b", [Fault, Count])
+     || {Fault, _} <- starl_check:faults(), Count <- [maps:get(Fault, Faults)], Count > 0
+    ],
+    case Given of
+        [] -> "no faults";
+        _ -> lists:join(",", Given)
+    end.
+
+left(complete, _, _) ->
+    [];
+left(Why, #{depth := Depth, waiting := Waiting}, #{memory := Megabytes}) ->
+    Reason =
+        case Why of
+            depth -> "stopped at the depth asked for";
+            memory -> io_lib:format("~b MB of memory are used up (--memory gives more)", [Megabytes]);
+            interrupted -> "interrupted"
+        end,
+    [io_lib:format("~ts: everything up to depth ~b is covered, ~ts states are not gone into", [
+        Reason, Depth, grouped(Waiting)
+    ])].
+
+%% 1234567 as 1,234,567.
+grouped(N) when N < 1000 -> integer_to_list(N);
+grouped(N) -> grouped(N div 1000) ++ io_lib:format(",~3..0b", [N rem 1000]).
+
+help() ->
+    Width = starl_cli_terminal:columns(),
+    starl_cli_terminal:out([
+        "Usage: ./starl check BLOCK [FLAGS]\n\n",
+        "Goes through all that can happen to a small team that uses a block, with the code that\n"
+        "robots run, and holds it to the block's contract.\n\nBlocks:\n",
+        [io_lib:format("  ~-10s ~ts~n", [Block, Doc]) || {Block, Doc} <- starl_check:blocks()],
+        "\nFaults:\n",
+        [io_lib:format("  ~-10s ~ts~n", [Fault, Doc]) || {Fault, Doc} <- starl_check:faults()],
+        "\nFlags:\n",
+        starl_cli_flags:help(flags(), Width),
+        "\nExit status: 0 the contract holds, 3 it is violated (and here is how), 4 out of memory\n"
+        "before all was covered, 2 bad input, 130 interrupted; what was covered is told.\n"
+    ]),
+    0.
+
+block_names() -> lists:join(", ", [atom_to_list(Block) || {Block, _} <- starl_check:blocks()]).
+
+refuse(Problem) -> starl_cli_terminal:bad_input([["check: ", Problem]]).
+
+now_ms() -> erlang:monotonic_time(millisecond).

@@ -1,0 +1,279 @@
+%% @doc Faults as data: what can go wrong, with whom, from when to when.
+%%
+%% A fault is `{Id, FromMs, ToMs, Kind, Target, Params}'; times are of the run, in milliseconds,
+%% and a fault holds from FromMs on and before ToMs. The table {@link kinds/0} is all there is to
+%% know of a kind: its class, what its target may be, and its parameters. Faults of a moment
+%% (a crash, a step of a clock) happen at FromMs.
+-module(starl_sim_fault).
+
+-export([kinds/0, classes/0, kinds_of/1, check/1, targets/1, format_problem/1]).
+-export([compile/1, strikes/1, holding/2, hits/2, slack_us/1]).
+-export([class/1]).
+
+-export_type([t/0, kind/0, class/0, target/0, compiled/0, problem/0, spec/0]).
+
+-type t() :: {
+    Id :: atom(),
+    FromMs :: non_neg_integer(),
+    ToMs :: non_neg_integer(),
+    kind(),
+    target(),
+    Params :: #{atom() => term()}
+}.
+
+-type class() :: network | clock | process | location | actuation.
+
+-type kind() ::
+    loss | burst_loss | drop | duplicate | reorder | delay | corrupt | babble
+    | partition | one_way_partition | isolate | ring | range
+    | clock_offset | clock_drift | clock_step | clock_freeze
+    | kill_machine | kill_robot | reboot | pause | slow
+    | location_dropout | location_frozen | location_noise | location_bias | location_swap
+    | wheel_stuck | wheel_slow | command_lost | slip.
+
+%% Whom a fault hits: see the target shapes in {@link spec()}.
+-type target() ::
+    all
+    | starl:robot_id()
+    | {starl:robot_id(), starl_machine:name()}
+    | {starl:robot_id(), starl:robot_id()}
+    | [starl:robot_id()].
+
+%% A kind: its class; its target, `robots' (all or one robot), `robot', `{Robot, Machine}',
+%% `link' (all, the source Robot, or {Source, Destination}), a `group' of robots or two; and its
+%% parameters, with a range that random faults are drawn from.
+-type spec() :: {
+    kind(),
+    class(),
+    robots | robot | machine | link | group | two,
+    [{Key :: atom(), starl_options:type(), Drawn :: {number(), number()}}],
+    Doc :: string()
+}.
+
+%% A fault with its times in microseconds.
+-type compiled() :: {
+    Id :: atom(),
+    FromUs :: starl_sim_queue:time(),
+    ToUs :: starl_sim_queue:time(),
+    kind(),
+    target(),
+    #{atom() => term()}
+}.
+
+-type problem() ::
+    {shape, Place :: pos_integer(), term()}
+    | {unknown_kind, atom(), term()}
+    | {span, atom()}
+    | {target, atom(), kind(), Shape :: atom(), term()}
+    | {params, atom(), kind(), [starl_options:problem()]}
+    | {missing_param, atom(), kind(), Key :: atom()}
+    | {same_id, atom()}.
+
+%% @doc All kinds of faults.
+-spec kinds() -> [spec()].
+kinds() ->
+    [
+        {loss, network, link, [part(0.05, 0.9)], "a part of the packets is lost"},
+        {burst_loss, network, link, [part(0.1, 0.6), ms(burst_ms, 20, 500)],
+            "a part of the time, in bursts so long, all packets are lost"},
+        {drop, network, link, [{packet, {integer, 1, 1000000000}, {1, 200}}],
+            "the packet of this number on each of these links is lost"},
+        {duplicate, network, link, [part(0.05, 0.6)], "a part of the packets arrives twice"},
+        {reorder, network, link, [part(0.05, 0.6), ms(extra_ms, 10, 300)],
+            "a part of the packets comes up to so much later"},
+        {delay, network, link, [ms(extra_ms, 10, 500)], "all packets come so much later"},
+        {corrupt, network, link, [part(0.05, 0.5)],
+            "a part of the packets arrives cut off or with a flipped bit"},
+        {babble, network, robot, [{copies, {integer, 2, 100}, {2, 6}}],
+            "the robot sends every packet so many times"},
+        {partition, network, group, [], "the group and the others hear nothing of each other"},
+        {one_way_partition, network, group, [], "the others hear nothing of the group"},
+        {isolate, network, robot, [], "the robot hears nothing and is not heard"},
+        {ring, network, robots, [], "robots hear only their neighbours in the ring of the team"},
+        {range, network, robots, [{range_mm, {number, 1, 10000000}, {1500, 8000}}],
+            "the radio reaches no farther"},
+        {clock_offset, clock, robot, [shift(2000)], "the clock is off, and comes right again"},
+        {clock_drift, clock, robot, [{ppm, {number, -100000, 100000}, {-500, 500}}],
+            "the clock drifts so much more"},
+        {clock_step, clock, robot, [shift(2000)], "the clock is set forward or back"},
+        {clock_freeze, clock, robot, [], "the clock stands still, and goes on from there"},
+        {kill_machine, process, machine, [], "a machine crashes; it is restarted"},
+        {kill_robot, process, robot, [], "the robot dies for good"},
+        {reboot, process, robot, [], "the robot goes down and starts anew, knowing nothing"},
+        {pause, process, robot, [], "the robot's computer stands still; what comes waits"},
+        {slow, process, robot, [ms(lag_ms, 5, 200)], "every event is handled so much later"},
+        {location_dropout, location, robots, [], "the positioning system sees no robot for them"},
+        {location_frozen, location, robots, [], "it tells where robots were when it began"},
+        {location_noise, location, robots, [mm(1, 50)], "it errs by up to so much more"},
+        {location_bias, location, robots, [mm(1, 50)], "it shows all robots so much to one side"},
+        {location_swap, location, two, [], "it takes two robots for each other"},
+        {wheel_stuck, actuation, robot, [{wheel, {one_of, [left, right]}, {0, 1}}],
+            "a wheel does not turn"},
+        {wheel_slow, actuation, robot,
+            [{wheel, {one_of, [left, right]}, {0, 1}}, {factor, {number, 0, 1}, {0.3, 0.95}}],
+            "a wheel turns slower than told"},
+        {command_lost, actuation, robot, [part(0.05, 0.5)], "a part of the commands is not heard"},
+        {slip, actuation, robot, [{factor, {number, 0, 1}, {0.5, 0.98}}],
+            "both wheels slip: the robot comes only so far"}
+    ].
+
+part(Low, High) -> {part, {number, 0, 1}, {Low, High}}.
+
+ms(Key, Low, High) -> {Key, {integer, 1, 3600000}, {Low, High}}.
+
+mm(Low, High) -> {mm, {number, 0, 100000}, {Low, High}}.
+
+shift(Ms) -> {ms, {integer, -3600000, 3600000}, {-Ms, Ms}}.
+
+%% @doc The classes of faults.
+-spec classes() -> [class()].
+classes() -> [network, clock, process, location, actuation].
+
+%% @doc The kinds that are meant by `all', a class or a kind.
+-spec kinds_of(all | class() | kind()) -> [spec()].
+kinds_of(What) ->
+    [Spec || {Kind, Class, _, _, _} = Spec <- kinds(), What =:= all orelse What =:= Class orelse What =:= Kind].
+
+%% @doc All that is wrong with a list of faults.
+-spec check(term()) -> [problem()].
+check(Faults) -> check(Faults, 1, []).
+
+check([Fault | Rest], N, Seen) when is_tuple(Fault), is_atom(element(1, Fault)) ->
+    Id = element(1, Fault),
+    [{same_id, Id} || lists:member(Id, Seen)] ++ problems(Fault, N) ++ check(Rest, N + 1, [Id | Seen]);
+check([Fault | Rest], N, Seen) ->
+    [{shape, N, Fault} | check(Rest, N + 1, Seen)];
+check([], _N, _Seen) ->
+    [];
+check(Tail, N, _Seen) ->
+    [{shape, N, Tail}].
+
+problems({Id, From, To, Kind, Target, Params}, N) when is_map(Params) ->
+    case lists:keyfind(Kind, 1, kinds()) of
+        {_, _, Shape, Specs, _} ->
+            [{span, Id} || not is_span(From, To)] ++
+                [{target, Id, Kind, Shape, Target} || not is_target(Shape, Target)] ++
+                param_problems(Id, Kind, Params, Specs);
+        false when is_atom(Kind) ->
+            [{unknown_kind, Id, Kind}];
+        false ->
+            [{shape, N, Kind}]
+    end;
+problems(Fault, N) ->
+    [{shape, N, Fault}].
+
+is_span(From, To) -> is_integer(From) andalso From >= 0 andalso is_integer(To) andalso To >= From.
+
+is_target(robots, all) -> true;
+is_target(robots, Target) -> is_robot(Target);
+is_target(robot, Target) -> is_robot(Target);
+is_target(machine, {Robot, Name}) -> is_robot(Robot) andalso is_atom(Name);
+is_target(link, {From, To}) -> is_robot(From) andalso is_robot(To);
+is_target(link, Target) -> Target =:= all orelse is_robot(Target);
+is_target(two, {A, B}) -> is_robot(A) andalso is_robot(B) andalso A =/= B;
+is_target(group, [_ | _] = Group) -> length(Group) > 0 andalso lists:all(fun is_robot/1, Group);
+is_target(_, _) -> false.
+
+is_robot(Robot) -> is_integer(Robot) andalso Robot > 0.
+
+param_problems(Id, Kind, Params, Specs) ->
+    Missing = [{missing_param, Id, Kind, Key} || {Key, _, _} <- Specs, not is_map_key(Key, Params)],
+    case starl_options:check(Params, [{Key, Type, none, ""} || {Key, Type, _} <- Specs]) of
+        {ok, _} -> Missing;
+        {error, Problems} -> Missing ++ [{params, Id, Kind, Problems}]
+    end.
+
+%% @doc The robots that a fault names.
+-spec targets(t()) -> [starl:robot_id()].
+targets({_, _, _, _, all, _}) -> [];
+targets({_, _, _, kill_machine, {Robot, _}, _}) -> [Robot];
+targets({_, _, _, _, {A, B}, _}) -> [A, B];
+targets({_, _, _, _, Group, _}) when is_list(Group) -> Group;
+targets({_, _, _, _, Robot, _}) -> [Robot].
+
+%% @doc One line that says what is wrong, where, and what to do.
+-spec format_problem(problem()) -> unicode:chardata().
+format_problem({shape, N, Fault}) ->
+    io_lib:format("faults, place ~b: {Id, FromMs, ToMs, Kind, Target, #{}} expected, not ~tP", [
+        N, Fault, 12
+    ]);
+format_problem({unknown_kind, Id, Kind}) ->
+    Known = [K || {K, _, _, _, _} <- kinds()],
+    Near = [io_lib:format(" (did you mean ~ts?)", [K])
+            || K <- lists:sublist(starl_options:suggestion(Kind, Known), 1)],
+    io_lib:format("fault ~ts: there is no kind ~ts~ts", [Id, Kind, Near]);
+format_problem({span, Id}) ->
+    io_lib:format("fault ~ts: FromMs and ToMs are whole numbers from 0 on, in this order", [Id]);
+format_problem({target, Id, Kind, Shape, Target}) ->
+    io_lib:format("fault ~ts: ~ts is for ~ts, not ~tP", [Id, Kind, shape(Shape), Target, 12]);
+format_problem({params, Id, Kind, Problems}) ->
+    Lines = lists:join(", ", [starl_options:format_problem(P) || P <- Problems]),
+    io_lib:format("fault ~ts, ~ts: ~ts", [Id, Kind, Lines]);
+format_problem({missing_param, Id, Kind, Key}) ->
+    io_lib:format("fault ~ts: ~ts needs the parameter ~ts", [Id, Kind, Key]);
+format_problem({same_id, Id}) ->
+    io_lib:format("fault ~ts: another one has this name", [Id]).
+
+shape(robots) -> "all or one Robot";
+shape(robot) -> "one Robot";
+shape(machine) -> "{Robot, Machine}";
+shape(link) -> "all, a Robot that sends, or {From, To}";
+shape(two) -> "two robots, {A, B}";
+shape(group) -> "a list of robots".
+
+%% @doc The same with microseconds.
+-spec compile(t()) -> compiled().
+compile({Id, From, To, Kind, Target, Params}) ->
+    {Id, From * 1000, To * 1000, Kind, Target, Params}.
+
+%% @doc The class of a fault.
+-spec class(t()) -> class().
+class({_, _, _, Kind, _, _}) ->
+    {_, Class, _, _, _} = lists:keyfind(Kind, 1, kinds()),
+    Class.
+
+%% @doc What happens to robots at the moments when faults begin or end: whom, when (us), what.
+-spec strikes(t()) -> [{starl:robot_id(), starl_sim_queue:time(), Strike :: term()}].
+strikes({_, From, To, Kind, Target, Params}) ->
+    Begin = 1000 * From,
+    End = 1000 * To,
+    case Kind of
+        kill_machine -> [{element(1, Target), Begin, {kill_machine, element(2, Target)}}];
+        kill_robot -> [{Target, Begin, kill_robot}];
+        reboot -> [{Target, Begin, go_down}, {Target, End, come_up}];
+        pause -> [{Target, Begin, {pause, End}}];
+        slow -> [{Target, Begin, {lag, 1000 * maps:get(lag_ms, Params)}}, {Target, End, {lag, 0}}];
+        _ when Kind =:= wheel_stuck; Kind =:= wheel_slow; Kind =:= slip ->
+            [{Target, Begin, turn_wheels}, {Target, End, turn_wheels}];
+        _ ->
+            []
+    end.
+
+%% @doc The faults that hold at a time.
+-spec holding(starl_sim_queue:time(), [compiled()]) -> [compiled()].
+holding(Now, Faults) -> [F || {_, From, To, _, _, _} = F <- Faults, From =< Now, Now < To].
+
+%% @doc Is this robot a target?
+-spec hits(starl:robot_id(), compiled()) -> boolean().
+hits(_Robot, {_, _, _, _, all, _}) -> true;
+hits(Robot, {_, _, _, _, Robot, _}) -> true;
+hits(Robot, {_, _, _, _, {A, B}, _}) -> Robot =:= A orelse Robot =:= B;
+hits(Robot, {_, _, _, _, Group, _}) when is_list(Group) -> lists:member(Robot, Group);
+hits(_, _) -> false.
+
+%% @doc By how much at most these faults of clocks and processes make a robot late, in
+%% microseconds: what a bound in time must be widened by.
+-spec slack_us([t()]) -> non_neg_integer().
+slack_us(Faults) -> 1000 * lists:sum([slack_ms(Fault) || Fault <- Faults]).
+
+slack_ms({_, From, To, Kind, _, _}) when Kind =:= clock_freeze; Kind =:= pause; Kind =:= reboot ->
+    To - From;
+slack_ms({_, _, _, Kind, _, #{ms := Ms}}) when Kind =:= clock_offset; Kind =:= clock_step ->
+    abs(Ms);
+slack_ms({_, From, To, clock_drift, _, #{ppm := Ppm}}) ->
+    ceil((To - From) * abs(Ppm) / 1000000);
+slack_ms({_, _, _, slow, _, #{lag_ms := Ms}}) ->
+    %% once at every retransmission
+    20 * Ms;
+slack_ms(_) ->
+    0.

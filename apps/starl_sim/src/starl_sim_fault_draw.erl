@@ -1,0 +1,87 @@
+%% @doc Random faults by swarm testing (Groce and others, 2012): a run draws whole classes in or
+%% out, then kinds, then faults. With some features left out the others meet in combinations
+%% that a run with all of them hardly ever shows.
+%%
+%% All draws are stateless, so that what is drawn of one kind does not depend on another.
+-module(starl_sim_fault_draw).
+
+-export([draw/1]).
+
+-export_type([request/0]).
+
+%% Of which robots and machines, before which time, and of what: `all', classes and kinds.
+-type request() :: #{
+    seed := integer(),
+    robots := pos_integer(),
+    machines := [starl_machine:name()],
+    until_ms := pos_integer(),
+    kinds := [all | starl_sim_fault:class() | starl_sim_fault:kind()]
+}.
+
+%% How probably a class, and a kind of a class that is in, takes part; and the most faults of a
+%% kind.
+-define(CLASS_IN, 0.7).
+-define(KIND_IN, 0.5).
+-define(MOST, 3).
+
+%% @doc The faults of a run; all are over before the given time, but for what is for ever.
+-spec draw(request()) -> [starl_sim_fault:t()].
+draw(#{seed := Seed, kinds := What} = Request) ->
+    Specs = lists:usort(lists:append([starl_sim_fault:kinds_of(W) || W <- What])),
+    lists:append([
+        faults(Spec, Request)
+     || {Kind, Class, _, _, _} = Spec <- Specs,
+        %% single packets are for the shrinker to name
+        Kind =/= drop,
+        uniform({Seed, Class, in}) < ?CLASS_IN,
+        uniform({Seed, Kind, in}) < ?KIND_IN
+    ]).
+
+faults({Kind, _, _, _, _} = Spec, #{seed := Seed} = Request) ->
+    Count = starl_sim_draw:between({Seed, Kind, count}, 1, ?MOST),
+    [fault(Spec, {Seed, Kind, N}, N, Request) || N <- lists:seq(1, Count)].
+
+fault({Kind, _, Shape, Params, _}, Key, N, #{until_ms := UntilMs} = Request) ->
+    From = starl_sim_draw:between({Key, from}, 0, UntilMs - 1),
+    %% mostly short, now and then up to a third of the time
+    Longest = max(1, UntilMs div 3),
+    Span = round(Longest * math:pow(uniform({Key, span}), 2)),
+    To = min(UntilMs, From + 1 + Span),
+    Id = list_to_atom(lists:concat([Kind, "_", N])),
+    Values = maps:from_list([{Name, value(Type, Range, {Key, Name})} || {Name, Type, Range} <- Params]),
+    {Id, From, To, Kind, target(Shape, Key, Request), Values}.
+
+value({integer, _, _}, {Low, High}, Key) -> starl_sim_draw:between(Key, Low, High);
+value({number, _, _}, {Low, High}, Key) -> Low + (High - Low) * uniform(Key);
+value({one_of, Atoms}, _, Key) -> pick(Atoms, Key).
+
+target(robots, Key, Request) ->
+    case uniform({Key, all}) < 0.5 of
+        true -> all;
+        false -> robot(Key, Request)
+    end;
+target(robot, Key, Request) ->
+    robot(Key, Request);
+target(machine, Key, #{machines := Names} = Request) ->
+    {robot(Key, Request), pick(Names, {Key, machine})};
+target(link, Key, #{robots := N} = Request) ->
+    case starl_sim_draw:between({Key, link}, 1, 3) of
+        1 -> all;
+        2 -> robot(Key, Request);
+        3 -> {robot(Key, Request), starl_sim_draw:between({Key, dest}, 1, N)}
+    end;
+target(group, Key, #{robots := N}) ->
+    Group = [R || R <- lists:seq(1, N), uniform({Key, member, R}) < 0.5],
+    case Group of
+        [] -> [1];
+        [_ | _] -> Group
+    end;
+target(two, Key, #{robots := N} = Request) ->
+    A = robot(Key, Request),
+    {A, 1 + (A - 1 + starl_sim_draw:between({Key, other}, 1, max(1, N - 1))) rem max(2, N)}.
+
+robot(Key, #{robots := N}) -> starl_sim_draw:between({Key, robot}, 1, N).
+
+pick(List, Key) -> lists:nth(starl_sim_draw:between(Key, 1, length(List)), List).
+
+uniform(Key) -> starl_sim_draw:uniform(Key).

@@ -1,0 +1,48 @@
+%% @doc Bounded convergence as a contract: so long after the last fault has healed, the
+%% applications of all robots that live have finished.
+%%
+%% Events of machine `app': `{done, Result}'; of machine `robot': `{died, Reason}'.
+-module(starl_sim_progress_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-record(state, {
+    deadline_us :: non_neg_integer(),
+    open :: #{starl:robot_id() => true}
+}).
+
+%% @doc `robots' have to finish by `deadline_us' of virtual time.
+-spec init(#{robots := [starl:robot_id()], deadline_us := non_neg_integer()}) -> #state{}.
+init(#{robots := Robots, deadline_us := Deadline}) ->
+    #state{deadline_us = Deadline, open = maps:from_keys(Robots, true)}.
+
+%% @doc Applications and robots.
+-spec interests() -> [atom()].
+interests() -> [app, robot].
+
+%% @doc Judges one event: nothing is too late before the end.
+-spec step(starl_monitor:trace_event(), #state{}) -> {ok, #state{}}.
+step({_, Robot, app, {done, _}}, State) -> {ok, closed(Robot, State)};
+step({_, Robot, robot, {died, _}}, State) -> {ok, closed(Robot, State)};
+step(_, State) -> {ok, State}.
+
+closed(Robot, #state{open = Open} = State) -> State#state{open = maps:remove(Robot, Open)}.
+
+%% @doc Whoever has not finished by the deadline breaks the contract.
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndUs, #state{deadline_us = Deadline, open = Open}) ->
+    case lists:sort(maps:keys(Open)) of
+        [_ | _] = Late when EndUs >= Deadline ->
+            Violation = #{
+                contract => progress,
+                what => not_finished,
+                at_us => EndUs,
+                robots => Late,
+                details => #{deadline_us => Deadline}
+            },
+            {{violation, [Violation]}, #{unfinished => length(Late)}};
+        Late ->
+            {ok, #{unfinished => length(Late)}}
+    end.

@@ -1,0 +1,55 @@
+%% @doc What a robot gets to see of the positioning system while that is at fault.
+-module(starl_sim_sense).
+
+-export([poses/2]).
+
+-export_type([look/0]).
+
+%% A look at robots: whose, the faults that hold now, the key of its draws, what is seen without
+%% a fault (one pose or none), and what was seen last.
+-type look() :: #{
+    robot := starl:robot_id(),
+    faults := [starl_sim_fault:compiled()],
+    key := term(),
+    see := fun((starl:robot_id()) -> [starl:pose()]),
+    seen := #{starl:robot_id() => starl:pose()}
+}.
+
+%% @doc The poses of these robots, as far as they are seen, and what has been seen by now.
+-spec poses([starl:robot_id()], look()) ->
+    {[{starl:robot_id(), starl:pose()}], #{starl:robot_id() => starl:pose()}}.
+poses(Robots, #{robot := Self, faults := All, seen := Seen} = Look) ->
+    Own = [F || F <- All, kind(F) =/= location_swap, starl_sim_fault:hits(Self, F)],
+    Kinds = [kind(F) || F <- Own],
+    case {lists:member(location_dropout, Kinds), lists:member(location_frozen, Kinds)} of
+        {true, _} ->
+            {[], Seen};
+        {false, true} ->
+            {[{Robot, maps:get(Robot, Seen)} || Robot <- Robots, is_map_key(Robot, Seen)], Seen};
+        {false, false} ->
+            Poses = [{R, blurred(R, Pose, Own, Look)} || R <- Robots, Pose <- look_at(R, All, Look)],
+            {Poses, maps:merge(Seen, maps:from_list(Poses))}
+    end.
+
+kind({_, _, _, Kind, _, _}) -> Kind.
+
+look_at(Robot, Faults, #{see := See}) ->
+    Swaps = [Two || {_, _, _, location_swap, Two, _} <- Faults],
+    See(lists:foldl(fun swap/2, Robot, Swaps)).
+
+swap({A, B}, A) -> B;
+swap({A, B}, B) -> A;
+swap(_, Robot) -> Robot.
+
+blurred(Robot, Pose, Faults, #{key := Key}) ->
+    lists:foldl(fun(Fault, P) -> blur(Fault, {Key, Robot}, P) end, Pose, Faults).
+
+blur({Id, _, _, location_noise, _, #{mm := Mm}}, Key, {X, Y, Heading}) ->
+    Radius = Mm * starl_sim_draw:uniform({Key, Id, radius}),
+    Angle = 2 * math:pi() * starl_sim_draw:uniform({Key, Id, angle}),
+    {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle), Heading};
+blur({Id, _, _, location_bias, _, #{mm := Mm}}, _Key, {X, Y, Heading}) ->
+    Angle = 2 * math:pi() * starl_sim_draw:uniform({Id, bias}),
+    {X + Mm * math:cos(Angle), Y + Mm * math:sin(Angle), Heading};
+blur(_, _Key, Pose) ->
+    Pose.

@@ -1,0 +1,226 @@
+%% The contract of path planning when its coordinator fails (DESIGN section 3): separation and
+%% disjoint tubes always; all lines are painted when the coordinator's machine dies, and all that no
+%% dead robot's body closes when its robot dies for good.
+-module(starl_dpp_failover_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+
+-export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
+-export([
+    coordinator_machine_killed/1, coordinator_robot_killed/1, successors_killed/1,
+    coordinator_out_of_range/1, everything_at_once/1, dead_before_the_election/1,
+    planted_bugs_are_caught/1
+]).
+
+-define(ROBOTS, [1, 2, 3, 4]).
+
+suite() -> [{timetrap, {minutes, 3}}].
+
+all() ->
+    [
+        coordinator_machine_killed, coordinator_robot_killed, successors_killed,
+        coordinator_out_of_range, everything_at_once, dead_before_the_election,
+        planted_bugs_are_caught
+    ].
+
+%% Crashes are planned here: their reports are not.
+init_per_suite(Config) ->
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, none),
+    _ = rand:seed(exsss, starl_platform_ct:seed()),
+    [{level, Level} | Config].
+
+end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+
+%% How many random instants; the acceptance figure is 50.
+instants() -> list_to_integer(os:getenv("STARL_INSTANTS", "4")).
+
+%% The machine comes back, and the picture is completed every time.
+coordinator_machine_killed(_) ->
+    seeded(),
+    [
+        begin
+            {Given, Leader, Ms} = drawn(),
+            Run = play(Given#{faults => [kill(1, Ms, Leader, dpp_coordinator)]}),
+            ?assertMatch(#{covered := 1.0, ends := [{done, complete}]}, Run, {Given, Leader, Ms})
+        end
+     || _ <- lists:seq(1, instants())
+    ].
+
+%% Its body stands on the floor for ever. The others paint all but what it closes, and end.
+coordinator_robot_killed(_) ->
+    seeded(),
+    [
+        begin
+            {Given, Leader, Ms} = drawn(),
+            painted_but_for_the_dead(Given#{faults => [death(1, Ms, Leader)]})
+        end
+     || _ <- lists:seq(1, instants())
+    ].
+
+%% The coordinator of six dies, and half a minute later its successor: four go on.
+successors_killed(_) ->
+    seeded(),
+    [
+        begin
+            {Given0, _, _} = drawn(),
+            Given = Given0#{robots => 6},
+            Ms = 2000 + rand:uniform(40000),
+            #{leader := Leader} = play(Given#{time => 5}),
+            First = death(1, Ms, Leader),
+            #{coordinators := [Leader, Next | _]} = play(Given#{faults => [First]}),
+            painted_but_for_the_dead(Given#{faults => [First, death(2, Ms + 30000, Next)]})
+        end
+     || _ <- lists:seq(1, 2)
+    ].
+
+%% Robots drive in and out of the range of each other, the coordinator too, so that now one leads
+%% and now another: never two.
+coordinator_out_of_range(_) ->
+    seeded(),
+    [
+        begin
+            {Given, _, _} = drawn(),
+            Range = lists:nth(K rem 3 + 1, [8000, 9000, 10000]),
+            Run = play(Given#{
+                robots => 5, range => Range, speed => pick([100, 500]), time => 500
+            }),
+            ?assertMatch(#{violations := []}, Run, Given)
+        end
+     || K <- lists:seq(1, 2 * instants())
+    ].
+
+%% Robots die and machines crash, out of range, with loss and clocks that drift: it is safe, and it
+%% ends.
+everything_at_once(_) ->
+    seeded(),
+    [
+        begin
+            {Given0, _, _} = drawn(),
+            Machines = [sap, location, motion, election, dpp, dpp_coordinator, app],
+            Kills = [
+                kill(N, rand:uniform(150000), pick(?ROBOTS), pick(Machines))
+             || N <- lists:seq(1, rand:uniform(20))
+            ],
+            Deaths = [
+                death(100 + N, rand:uniform(120000), pick(?ROBOTS))
+             || N <- lists:seq(1, rand:uniform(3) - 1)
+            ],
+            Given = Given0#{
+                faults => Kills ++ Deaths, range => pick([none, 9000, 11000]),
+                clock_drift => pick([50, 9000]), duplicate => 0.2
+            },
+            #{violations := Violations, ends := Ends} = play(Given),
+            ?assertEqual([], Violations, Given),
+            ?assertNot(lists:member(running, Ends), Given)
+        end
+     || _ <- lists:seq(1, 2 * instants())
+    ].
+
+%% Nobody has all ballots: path planning finds a coordinator without.
+dead_before_the_election(_) ->
+    [painted_but_for_the_dead(#{seed => Seed, faults => [death(1, 0, R)]})
+     || {Seed, R} <- [{1, 1}, {2, 3}]].
+
+%% Each half of the protocol is needed: without it the monitors find a violation within so many
+%% runs, and without the bug they find none in these.
+planted_bugs_are_caught(_) ->
+    [
+        begin
+            Found = [Seed || Seed <- lists:seq(1, 4), caught(Bug, Range, Seed)],
+            io:format("~p: found with seeds ~w~n", [Bug, Found]),
+            ?assertNotEqual([], Found, Bug),
+            ?assertEqual([], [Seed || Seed <- Found, caught("none", Range, Seed)], Bug)
+        end
+     || {Bug, Range} <- [{"overstaying", 8000}, {"fickle", 9000}]
+    ].
+
+caught(Bug, Range, Seed) ->
+    Given = #{app => starl_dpp_planted, bug => Bug, seed => Seed, range => Range, robots => 5,
+              speed => 100, time => 400},
+    #{violations := Violations} = play(Given),
+    Violations =/= [].
+
+%% -- runs -----------------------------------------------------------------------------------
+
+seeded() ->
+    Seed = starl_platform_ct:seed(),
+    _ = rand:seed(exsss, Seed),
+    ok.
+
+%% A scenario, its coordinator, and an instant of its run.
+drawn() ->
+    Given = #{seed => rand:uniform(100000), loss => pick([0.0, 0.2, 0.4])},
+    #{leader := Leader} = play(Given#{time => 5}),
+    {Given, Leader, 500 + rand:uniform(100000)}.
+
+pick(List) -> lists:nth(rand:uniform(length(List)), List).
+
+play(Given) ->
+    Default = #{app => starl_painting, robots => 4, picture => "house", time => 3000},
+    {ok, Sim} = starl_sim:start(maps:merge(Default, Given)),
+    starl_sim:run(Sim),
+    {#{violations := Violations, robots := Robots, monitors := Monitors}, #{figures := Figures}} =
+        starl_sim:finish(Sim),
+    #{starl_election_monitor := #{leaders := Leaders}} = Monitors,
+    #{starl_dpp_monitor := #{coordinators := Coordinators}} = Monitors,
+    #{starl_painting_monitor := #{ink := Ink}} = Monitors,
+    #{
+        violations => Violations,
+        covered => proplists:get_value(ink_covered, Figures),
+        coordinators => Coordinators,
+        ink => Ink,
+        leader => case Leaders of [{painting, [L]}] -> L; _ -> none end,
+        ends => lists:usort([Result || {_, #{result := Result}} <- Robots, Result =/= died]),
+        dead => [{Id, {X, Y}} || {Id, #{result := died, pose := {X, Y, _}}} <- Robots]
+    }.
+
+%% Every edge that is farther than two tube radii from all bodies is painted from end to end.
+painted_but_for_the_dead(Given) ->
+    #{violations := Violations, dead := Dead, ink := Ink, ends := Ends} = play(Given),
+    ?assertEqual([], Violations, Given),
+    ?assertNot(lists:member(running, Ends), Given),
+    #{tube_radius := R, slack := Slack} = Config = planning(Given),
+    {ok, Plan} = starl_dpp_plan:new(Config),
+    #{total := Total} = starl_dpp_plan:counts(Plan),
+    Edges = [starl_dpp_plan:target(E, Plan) || E <- lists:seq(1, Total)],
+    Drawn = lists:append([segments(Line) || Lines <- maps:values(Ink), Line <- Lines]),
+    Bare = [
+        Edge
+     || Edge <- Edges,
+        lists:all(
+            fun({_, P}) -> starl_geometry:point_segment(P, Edge) > 2 * R + Slack + 1 end, Dead
+        ),
+        not covered(Edge, Drawn, Slack + 2.1)
+    ],
+    ?assertEqual([], Bare, {Given, Dead}).
+
+segments([P]) -> [{P, P}];
+segments(Points) -> lists:zip(lists:droplast(Points), tl(Points)).
+
+covered({A, B} = Edge, Drawn, Reach) ->
+    Near = [S || S <- Drawn, starl_geometry:closer(S, Edge, Reach)],
+    Steps = 1 + trunc(starl_geometry:length(Edge) / 20),
+    lists:all(
+        fun(N) ->
+            P = starl_geometry:interpolate(A, B, N / Steps),
+            lists:any(fun(S) -> starl_geometry:point_segment(P, S) =< Reach end, Near)
+        end,
+        lists:seq(0, Steps)
+    ).
+
+%% What the team plans with.
+planning(Given) ->
+    Robots = lists:seq(1, maps:get(robots, Given, 4)),
+    {ok, #{blocks := Blocks}} = starl_painting:scene(#{
+        robots => Robots, world => {12000, 12000}, seed => maps:get(seed, Given),
+        profile => starl_motion:profile(#{}), sap => #{},
+        options => #{picture => "house", safety_distance => 400, horizon => 3000}
+    }),
+    {dpp_coordinator, _, Config} = lists:keyfind(dpp_coordinator, 1, Blocks),
+    Config#{robots => Robots}.
+
+kill(N, Ms, Robot, Machine) -> {label(N), Ms, Ms, kill_machine, {Robot, Machine}, #{}}.
+
+death(N, Ms, Robot) -> {label(N), Ms, Ms, kill_robot, Robot, #{}}.
+
+label(N) -> list_to_atom("fault" ++ integer_to_list(N)).

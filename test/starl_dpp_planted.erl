@@ -1,0 +1,58 @@
+%% Painting with a bug planted in the participants of path planning, to show that the monitors find
+%% it. `overstaying': they drive on when their leave has ended. `fickle': they vote for whoever
+%% asks, whatever they have promised.
+-module(starl_dpp_planted).
+-behaviour(starl_app).
+-behaviour(starl_machine).
+
+-export([options/0, scene/1, report/2]).
+-export([init/1, handle_event/5]).
+
+options() -> [{bug, string, "none", "which bug"} | starl_painting:options()].
+
+scene(#{options := Options} = Context) ->
+    {Bug, Known} = maps:take(bug, Options),
+    {ok, #{blocks := Blocks} = Scene} = starl_painting:scene(Context#{options => Known}),
+    {ok, Scene#{blocks => [planted(Bug, Block) || Block <- Blocks]}}.
+
+planted(Bug, {dpp, starl_dpp_participant, Config}) -> {dpp, ?MODULE, Config#{bug => Bug}};
+planted(_Bug, Block) -> Block.
+
+report(Scene, Outcome) -> starl_painting:report(Scene, Outcome).
+
+%% -- the participant ------------------------------------------------------------------------
+
+init(#{bug := Bug} = Config) ->
+    {State, Data, Actions} = starl_dpp_participant:init(maps:remove(bug, Config)),
+    {State, {Bug, Data}, Actions}.
+
+handle_event(Type, Content, State, {Bug, Data}, Meta) ->
+    Heard = hears(Bug, Type, Content),
+    Then = forgets(Bug, Type, Meta),
+    says(Bug, starl_dpp_participant:handle_event(Type, Heard, State, Data, Then)).
+
+%% At the end of its leave it takes the time for a minute earlier.
+forgets("overstaying", {timeout, leave}, #{now := Now} = Meta) -> Meta#{now => Now - 60000000};
+forgets(_Bug, _Type, Meta) -> Meta.
+
+hears("fickle", cast, {message, From, dpp_recover, {Term, Seq, _}}) ->
+    {message, From, dpp_recover, {Term, Seq, true}};
+hears(_Bug, _Type, Content) ->
+    Content.
+
+says(Bug, {next_state, State, Data, Actions}) ->
+    {next_state, State, {Bug, Data}, votes(Bug, Actions)};
+says(Bug, {keep_state, Data, Actions}) ->
+    {keep_state, {Bug, Data}, votes(Bug, Actions)};
+says(Bug, {keep_state, Data}) -> {keep_state, {Bug, Data}};
+says(_Bug, Nothing) -> Nothing.
+
+votes("fickle", Actions) -> [vote(Action) || Action <- Actions];
+votes(_Bug, Actions) -> Actions.
+
+vote({cast, sap, {send, To, dpp_here, {Term, {Seq, Stamp, _}}}}) ->
+    {cast, sap, {send, To, dpp_here, {Term, {Seq, Stamp, true}}}};
+vote({cast, sap, {send, To, dpp_state, {Term, Id, Place, Painted, {Seq, Stamp, _}}}}) ->
+    {cast, sap, {send, To, dpp_state, {Term, Id, Place, Painted, {Seq, Stamp, true}}}};
+vote(Action) ->
+    Action.
