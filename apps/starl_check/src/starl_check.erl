@@ -61,13 +61,19 @@ run(Block, Options, Control) ->
     },
     Model = starl_check_model:new(Block, maps:without([depth, memory], Options)),
     %% a process of its own: its memory is given back as a whole
+    Self = self(),
     {Pid, Ref} = spawn_opt(
-        fun() -> exit({answer, outcome(starl_check_search:run(Model, Limits, Control), Model)}) end,
+        fun() ->
+            Self ! {answer, self(), outcome(starl_check_search:run(Model, Limits, Control), Model)}
+        end,
         [monitor, {min_heap_size, 4000000}]
     ),
     receive
-        {'DOWN', Ref, process, Pid, {answer, Outcome}} -> Outcome;
-        {'DOWN', Ref, process, Pid, Reason} -> error(Reason)
+        {answer, Pid, Outcome} ->
+            true = erlang:demonitor(Ref, [flush]),
+            Outcome;
+        {'DOWN', Ref, process, Pid, Reason} ->
+            error(Reason)
     end.
 
 outcome({holds, Ending, Figures}, _Model) ->

@@ -25,7 +25,7 @@
 -define(MARGIN, 8).
 
 %% @doc The chart of these steps for so many robots.
--spec format(pos_integer(), [step()]) -> iodata().
+-spec format(pos_integer(), [step()]) -> [iodata(), ...].
 format(Robots, Steps) ->
     Numbered = lists:zip(lists:seq(1, length(Steps)), Steps),
     [head(Robots) | [step(N, Step, Robots) || {N, Step} <- Numbered]].

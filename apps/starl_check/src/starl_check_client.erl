@@ -21,6 +21,9 @@
 -type script() :: [
     {call | 'try', starl_machine:name(), Request :: term()}
     | {hold, starl_mutex:token()}
+    %% what that turns into
+    | hold
+    | {release, starl_mutex:token()}
     | {sync, starl_barrier:name(), Last :: pos_integer()}
     | {listen, Type :: atom()}
 ].
@@ -41,7 +44,7 @@ init(#{incarnation := Incarnation, script := Script}) ->
     Types = [Type || {listen, Type} <- Script],
     Client = #client{
         incarnation = Incarnation,
-        script = [Step || Step <- Script, element(1, Step) =/= listen],
+        script = [Step || Step <- Script, not is_listen(Step)],
         listens = Types
     },
     {State, Actions} = next(Client#client.script),
@@ -71,6 +74,9 @@ handle_event(_, _, _, _, _) ->
     unknown_event.
 
 listen(Types) -> [starl_sap:listen(Type, app) || Type <- Types].
+
+is_listen({listen, _}) -> true;
+is_listen(_) -> false.
 
 begin_step({Kind, Machine, Request}, Client) when Kind =:= call; Kind =:= 'try' ->
     call(Machine, Request, Kind, [], Client);

@@ -30,11 +30,11 @@
 
 %% @doc The number of the robot at a place of the team.
 -spec id(place()) -> starl:robot_id().
-id(Place) -> ?FIRST + Place.
+id(Place) when is_integer(Place) -> ?FIRST + Place.
 
 %% @doc The place of a robot.
 -spec number(starl:robot_id()) -> place().
-number(Id) -> Id - ?FIRST.
+number(Id) when is_integer(Id) -> Id - ?FIRST.
 
 %% @doc What the clock of the robot at a place reads, in microseconds.
 -spec now(place()) -> integer().

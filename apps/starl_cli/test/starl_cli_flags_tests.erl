@@ -48,7 +48,7 @@ bad_values_test_() ->
      || {Key, Text} <- [
             {robots, "0"}, {robots, "x"}, {robots, "3.5"}, {robots, ""}, {robots, "-1"},
             {loss, "2"}, {loss, "-0.1"}, {delay, "50..5"}, {delay, "0"}, {world, "12000"},
-            {seed, "-1"}, {safety_distance, "100"}, {faults, "[{a,1,2}]"}, {faults, "["},
+            {seed, "-1"}, {safety_distance, "100"}, {faults, "{a,1,2}"}, {faults, "["},
             {picture, ""}, {sizes, "1,,2"}, {sizes, "100"}
         ]
     ].

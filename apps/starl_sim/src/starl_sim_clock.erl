@@ -46,15 +46,17 @@ rate(_) -> 0.
 
 %% @doc What the clock shows at a virtual time, in microseconds.
 -spec local(starl_sim_queue:time(), t()) -> integer().
-local(Time, [{From, Local, Ppb} | _]) when Time >= From ->
+local(Time, [{From, Local, Ppb} | _]) when
+    is_integer(Time), is_integer(From), is_integer(Local), Time >= From
+->
     Local + (Time - From) + (Time - From) * Ppb div ?BILLION;
-local(Time, [_ | Earlier]) ->
-    local(Time, Earlier).
+local(Time, [_, Before | Earlier]) ->
+    local(Time, [Before | Earlier]).
 
 %% @doc The first virtual time from Now on at which the clock shows so many microseconds more
 %% than now: a timer never fires before its time on the robot's clock.
 -spec due(Now :: starl_sim_queue:time(), Us :: non_neg_integer(), t()) -> starl_sim_queue:time().
-due(Now, Us, [{From, _, Ppb}]) when Now >= From ->
+due(Now, Us, [{From, _, Ppb}]) when is_integer(Now), Now >= From ->
     Now + up(Us, Ppb);
 due(Now, Us, Clock) ->
     later(Now, local(Now, Clock) + Us, lists:reverse(Clock)).
@@ -67,8 +69,8 @@ later(Now, Goal, [{From, Local, Ppb} | [{Next, _, _} | _] = Later]) ->
     end;
 later(Now, Goal, [{From, Local, Ppb}]) ->
     case reach(max(Now, From), Goal, From, Local, Ppb) of
-        never -> error({clock_stands_still_for_ever, From});
-        Time -> Time
+        Time when is_integer(Time) -> Time;
+        never -> error({clock_stands_still_for_ever, From})
     end.
 
 %% When this piece, from Begin on, first shows the goal.

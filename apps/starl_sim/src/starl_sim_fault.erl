@@ -264,7 +264,7 @@ hits(_, _) -> false.
 %% @doc By how much at most these faults of clocks and processes make a robot late, in
 %% microseconds: what a bound in time must be widened by.
 -spec slack_us([t()]) -> non_neg_integer().
-slack_us(Faults) -> 1000 * lists:sum([slack_ms(Fault) || Fault <- Faults]).
+slack_us(Faults) -> round(1000 * lists:sum([slack_ms(Fault) || Fault <- Faults])).
 
 slack_ms({_, From, To, Kind, _, _}) when Kind =:= clock_freeze; Kind =:= pause; Kind =:= reboot ->
     To - From;

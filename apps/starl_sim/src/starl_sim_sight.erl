@@ -77,7 +77,7 @@ within(Point, Now, #sight{range = Range} = Sight) when is_float(Range) ->
 slack(Now, #sight{table = Table, range = Range} = Sight) ->
     [{grid, Made, Left}] = ets:lookup(Table, grid),
     Slack = come(Made, Now, ets:lookup_element(Table, fastest, 2)),
-    case Slack == 0 orelse (Left > 0 andalso Slack =< ?STALE * Range) of
+    case Slack =< 0.0 orelse (Left > 0 andalso Slack =< ?STALE * Range) of
         true ->
             true = ets:update_element(Table, grid, {3, Left - 1}),
             Slack;

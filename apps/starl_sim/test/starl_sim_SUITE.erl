@@ -263,7 +263,7 @@ errors_of_start(_) ->
     ?assertEqual("fault x: there is no robot 5",
                  Line(#{app => ?APP, robots => 4, faults => [{x, 0, 0, kill_robot, 5, #{}}]})),
     ?assertNotEqual(nomatch, string:find(Line(#{app => ?APP, faults => [{x, 9, 1, kill_robot, 1, #{}}]}),
-                                         "faults:")).
+                                         "fault x:")).
 
 run_step_stop_status(_) ->
     {ok, Sim} = start(2, fun(R) -> starl:sleep(R, 100000) end, #{}),
