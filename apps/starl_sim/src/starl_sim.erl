@@ -10,10 +10,11 @@
 %% '''
 -module(starl_sim).
 
--export([start/1, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
+-export([start/1, start/2, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
+-export([run_until_event/3, robots/1, events/2]).
 -export([scenario/1, robot_pids/2, format_error/1]).
 
--export_type([sim/0, reason/0]).
+-export_type([sim/0, options/0, reason/0]).
 
 -define(ROBOTS_PER_SHARD, 16).
 %% Larger teams are simulated inline, where the scenario does not say.
@@ -30,20 +31,28 @@
 %% A running simulation, linked to the process that started it.
 -opaque sim() :: #sim{}.
 
+%% What does not belong to the scenario: the events of which robots are to be recorded.
+-type options() :: #{record => #{starl:robot_id() => starl_sim_ledger:range()}}.
+
 -type reason() ::
     {scenario, starl_sim_scenario:reason()}
     | {scene, unicode:chardata()}
     | {no_such_app, module()}
     | {fault_target, atom(), starl:robot_id()}
-    | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}.
+    | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
+    | starl_sim_run:missed().
 
 %% @doc Starts the simulation of a scenario. The key `app' is the application's module.
 -spec start(#{app := module(), atom() => term()}) -> {ok, sim()} | {error, reason()}.
-start(#{app := App} = Given) ->
+start(Given) -> start(Given, #{}).
+
+%% @doc The same with options of the run, which change nothing in it.
+-spec start(#{app := module(), atom() => term()}, options()) -> {ok, sim()} | {error, reason()}.
+start(#{app := App} = Given, Options) ->
     case code:ensure_loaded(App) of
         {module, App} ->
             case starl_sim_scenario:check(Given, starl_app:options(App)) of
-                {ok, Scenario} -> prepare(App, Scenario);
+                {ok, Scenario} -> prepare(App, Scenario, Options);
                 {error, Reason} -> {error, {scenario, Reason}}
             end;
         {error, _} ->
@@ -64,6 +73,12 @@ step(#sim{run = Run}, Seconds) ->
     #{now_us := Now} = starl_sim_run:status(Run),
     starl_sim_run:run(Run, Now + micros(Seconds)).
 
+%% @doc Runs until just after the N-th event of a robot. That robot does no more in the window,
+%% the others finish it; {@link run/1} goes on from there as if there had been no stop.
+-spec run_until_event(sim(), starl:robot_id(), N :: pos_integer()) ->
+    {ok, starl_sim_run:status()} | {error, starl_sim_run:missed() | running}.
+run_until_event(#sim{run = Run}, Robot, N) -> starl_sim_run:run_to(Run, {Robot, N}).
+
 %% @doc Ends a run after the present window; may be called from any process.
 -spec stop(sim()) -> ok.
 stop(#sim{run = Run}) -> starl_sim_run:stop(Run).
@@ -76,6 +91,15 @@ status(#sim{run = Run}) -> starl_sim_run:status(Run).
 -spec inspect(sim(), starl:robot_id()) ->
     #{starl_machine:name() => term()} | unknown | {error, running}.
 inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
+
+%% @doc What is known of every robot; while the run rests.
+-spec robots(sim()) -> [{starl:robot_id(), starl_sim_robot:summary()}] | {error, running}.
+robots(#sim{run = Run}) -> starl_sim_run:robots(Run).
+
+%% @doc The events of a robot that the option `record' of {@link start/2} asked for and that have
+%% taken place; while the run rests.
+-spec events(sim(), starl:robot_id()) -> [starl_sim_ledger:event()] | unknown | {error, running}.
+events(#sim{run = Run}, Robot) -> starl_sim_run:events(Run, Robot).
 
 %% @doc The checked scenario, with all defaults.
 -spec scenario(sim()) -> starl_sim_scenario:t().
@@ -113,29 +137,35 @@ format_error({fault_target, Id, Robot}) ->
     io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]);
 format_error({fault_machine, Id, Name, Known}) ->
     Names = lists:join(", ", [atom_to_list(N) || N <- Known]),
-    io_lib:format("fault ~ts: a robot has no machine ~ts; it has ~ts", [Id, Name, Names]).
+    io_lib:format("fault ~ts: a robot has no machine ~ts; it has ~ts", [Id, Name, Names]);
+format_error({no_robot, Robot}) ->
+    io_lib:format("there is no robot ~b", [Robot]);
+format_error({past, Robot, Events}) ->
+    io_lib:format("robot ~b has had ~b events already", [Robot, Events]);
+format_error({ended, Robot, Events}) ->
+    io_lib:format("robot ~b has no more than ~b events until the run ends", [Robot, Events]).
 
 %% -- internals ------------------------------------------------------------------------------
 
-prepare(App, Scenario) ->
+prepare(App, Scenario, Options) ->
     #{robots := N, faults := Faults} = Scenario,
     Targets = [{element(1, Fault), R} || Fault <- Faults, R <- starl_sim_fault:targets(Fault)],
     case [{Id, R} || {Id, R} <- Targets, R > N] of
         [{Id, Robot} | _] -> {error, {fault_target, Id, Robot}};
-        [] -> set_scene(App, Scenario)
+        [] -> set_scene(App, Scenario, Options)
     end.
 
-set_scene(App, Scenario) ->
+set_scene(App, Scenario, Options) ->
     Context = context(App, Scenario),
     case starl_app:scene(App, Context) of
-        {ok, Scene} -> check_faults(Scenario, Scene, Context);
+        {ok, Scene} -> check_faults(Scenario, Scene, Context, Options);
         {error, Why} -> {error, {scene, Why}}
     end.
 
-check_faults(#{faults := Faults} = Scenario, Scene, Context) ->
+check_faults(#{faults := Faults} = Scenario, Scene, Context, Options) ->
     Known = [sap, location, motion, app | [N || {N, _, _} <- maps:get(blocks, Scene, [])]],
     case [{Id, N} || {Id, _, _, kill_machine, {_, N}, _} <- Faults, not lists:member(N, Known)] of
-        [] -> launch(with_random_faults(Known, Scenario), Scene, Context);
+        [] -> launch(with_random_faults(Known, Scenario), Scene, Context, Options);
         [{Id, Name} | _] -> {error, {fault_machine, Id, Name, Known}}
     end.
 
@@ -174,7 +204,7 @@ profile(#{speed := Speed, heading_error := H, distance_error := D, position_erro
 %% The first retransmission waits for a little more than the longest way there and back.
 sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
 
-launch(Scenario, Scene, #{robots := Ids} = Context) ->
+launch(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     #{delay := {MinMs, MaxMs}, shards := Shards, faults := Faults} = Scenario,
     Profile = starl_motion:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
     World = #{
@@ -189,7 +219,8 @@ launch(Scenario, Scene, #{robots := Ids} = Context) ->
         network => faults(network, Faults),
         clocks => faults(clock, Faults),
         location => faults(location, Faults),
-        actuation => faults(actuation, Faults)
+        actuation => faults(actuation, Faults),
+        record => maps:get(record, Options, #{})
     },
     {ok, Sup} = starl_sim_sup:start_link(#{
         robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
