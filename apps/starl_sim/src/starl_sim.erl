@@ -11,6 +11,7 @@
 -module(starl_sim).
 
 -export([start/1, start/2, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
+-export([run_until_event/3, robots/1, events/2]).
 -export([scenario/1, robot_pids/2, format_error/1]).
 
 -export_type([sim/0, options/0, reason/0]).
@@ -30,15 +31,20 @@
 %% A running simulation, linked to the process that started it.
 -opaque sim() :: #sim{}.
 
-%% What does not belong to the scenario: further monitors, which look on.
--type options() :: #{watch => [{module(), map()}]}.
+%% What does not belong to the scenario: the events of which robots are to be recorded, and
+%% further monitors, which look on.
+-type options() :: #{
+    record => #{starl:robot_id() => starl_sim_ledger:range()},
+    watch => [{module(), map()}]
+}.
 
 -type reason() ::
     {scenario, starl_sim_scenario:reason()}
     | {scene, unicode:chardata()}
     | {no_such_app, module()}
     | {fault_target, atom(), starl:robot_id()}
-    | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}.
+    | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
+    | starl_sim_run:missed().
 
 %% @doc Starts the simulation of a scenario. The key `app' is the application's module.
 -spec start(#{app := module(), atom() => term()}) -> {ok, sim()} | {error, reason()}.
@@ -71,6 +77,12 @@ step(#sim{run = Run}, Seconds) ->
     #{now_us := Now} = starl_sim_run:status(Run),
     starl_sim_run:run(Run, Now + micros(Seconds)).
 
+%% @doc Runs until just after the N-th event of a robot. That robot does no more in the window,
+%% the others finish it; {@link run/1} goes on from there as if there had been no stop.
+-spec run_until_event(sim(), starl:robot_id(), N :: pos_integer()) ->
+    {ok, starl_sim_run:status()} | {error, starl_sim_run:missed() | running}.
+run_until_event(#sim{run = Run}, Robot, N) -> starl_sim_run:run_to(Run, {Robot, N}).
+
 %% @doc Ends a run after the present window; may be called from any process.
 -spec stop(sim()) -> ok.
 stop(#sim{run = Run}) -> starl_sim_run:stop(Run).
@@ -83,6 +95,15 @@ status(#sim{run = Run}) -> starl_sim_run:status(Run).
 -spec inspect(sim(), starl:robot_id()) ->
     #{starl_machine:name() => term()} | unknown | {error, running}.
 inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
+
+%% @doc What is known of every robot; while the run rests.
+-spec robots(sim()) -> [{starl:robot_id(), starl_sim_robot:summary()}] | {error, running}.
+robots(#sim{run = Run}) -> starl_sim_run:robots(Run).
+
+%% @doc The events of a robot that the option `record' of {@link start/2} asked for and that have
+%% taken place; while the run rests.
+-spec events(sim(), starl:robot_id()) -> [starl_sim_ledger:event()] | unknown | {error, running}.
+events(#sim{run = Run}, Robot) -> starl_sim_run:events(Run, Robot).
 
 %% @doc The checked scenario, with all defaults.
 -spec scenario(sim()) -> starl_sim_scenario:t().
@@ -120,7 +141,13 @@ format_error({fault_target, Id, Robot}) ->
     io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]);
 format_error({fault_machine, Id, Name, Known}) ->
     Names = lists:join(", ", [atom_to_list(N) || N <- Known]),
-    io_lib:format("fault ~ts: a robot has no machine ~ts; it has ~ts", [Id, Name, Names]).
+    io_lib:format("fault ~ts: a robot has no machine ~ts; it has ~ts", [Id, Name, Names]);
+format_error({no_robot, Robot}) ->
+    io_lib:format("there is no robot ~b", [Robot]);
+format_error({past, Robot, Events}) ->
+    io_lib:format("robot ~b has had ~b events already", [Robot, Events]);
+format_error({ended, Robot, Events}) ->
+    io_lib:format("robot ~b has no more than ~b events until the run ends", [Robot, Events]).
 
 %% -- internals ------------------------------------------------------------------------------
 
@@ -196,7 +223,8 @@ launch(Scenario, Scene, #{robots := Ids} = Context, Options) ->
         network => faults(network, Faults),
         clocks => faults(clock, Faults),
         location => faults(location, Faults),
-        actuation => faults(actuation, Faults)
+        actuation => faults(actuation, Faults),
+        record => maps:get(record, Options, #{})
     },
     {ok, Sup} = starl_sim_sup:start_link(#{
         robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],

@@ -9,7 +9,7 @@
 
 -export([new/3, boot/4, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
 -export([fire/6, forget_timers/2, ended/1, local_time/1]).
--export([piece/1, hash_event/4, hash_event/5, digest/1, result/1]).
+-export([now/1, piece/1, hash_event/4, hash_event/5, digest/1, ledger/1, result/1]).
 -export([perform/3, trace/3, stop/1, turn_wheels/1, postpone/2]).
 
 -export_type([t/0, world/0, yield/0]).
@@ -17,6 +17,7 @@
 %% What all robots share: the seed, the radio, the clocks and the chassis' errors, and the faults
 %% of each class.
 %% `sight' knows the pieces of motion that all robots were in when the window began.
+%% `record' says whose events are to be kept, and which.
 -type world() :: #{
     seed := integer(),
     team := starl_team:t(),
@@ -30,7 +31,8 @@
     network := [starl_sim_fault:compiled()],
     clocks := [starl_sim_fault:compiled()],
     location := [starl_sim_fault:compiled()],
-    actuation := [starl_sim_fault:compiled()]
+    actuation := [starl_sim_fault:compiled()],
+    record => #{starl:robot_id() => starl_sim_ledger:range()}
 }.
 
 %% What comes out of a window: events for other robots or later windows; the trace, newest
@@ -62,6 +64,9 @@
     seen = #{} :: #{starl:robot_id() => starl:pose()},
     chain = 0 :: non_neg_integer(),
     events = 0 :: non_neg_integer(),
+    %% the number of the next event that the ledger is to note
+    mark :: pos_integer(),
+    ledger :: starl_sim_ledger:t(),
     packets = 0 :: non_neg_integer(),
     result = running :: running | {done, term()},
     %% what came out: own events of this window, all others, the trace, newest first
@@ -77,12 +82,15 @@
 -spec new(starl:robot_id(), starl:pose(), world()) -> t().
 new(Id, {X, Y, Heading}, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
     Piece = starl_trajectory:standing(0, {X, Y}, Heading),
+    {Mark, Ledger} = starl_sim_ledger:new(maps:get(Id, maps:get(record, World, #{}), none)),
     Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
     Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
     Faults = [F || F <- maps:get(clocks, World), starl_sim_fault:hits(Id, F)],
     #body{
         id = Id,
         world = World,
+        mark = Mark,
+        ledger = Ledger,
         clock = starl_sim_clock:new(Offset, Drift, Faults),
         piece = Piece,
         traces = [{0, Id, chassis, {motion, Piece}}]
@@ -151,7 +159,7 @@ fire(Now, Machine, Timer, Content, Seq, #body{timers = Timers, chain = Chain} = 
                 chain = hash(Chain, Now, Machine, Type, Content),
                 events = Body#body.events + 1
             },
-            {ok, Type, Fired};
+            {ok, Type, noted(Machine, Type, Content, Fired)};
         #{} ->
             stale
     end.
@@ -168,6 +176,10 @@ forget_timers(Machine, #body{timers = Timers} = Body) ->
 -spec ended(t()) -> t().
 ended(#body{result = running, changes = Changes} = Body) -> Body#body{changes = [ended | Changes]};
 ended(Body) -> Body.
+
+%% @doc The virtual time that the robot is at.
+-spec now(t()) -> starl_sim_queue:time().
+now(#body{now = Now}) -> Now.
 
 %% @doc The robot's own clock in microseconds.
 -spec local_time(t()) -> integer().
@@ -187,9 +199,20 @@ hash_event(Machine, Type, Content, #body{now = Now} = Body) ->
     starl_sim_queue:time(), starl_machine:name(), starl_machine:event_type() | boot, term(), t()
 ) -> t().
 hash_event(Now, Machine, Type, Content, #body{chain = Chain, events = Events} = Body) ->
-    Body#body{
+    Hashed = Body#body{
         now = Now, chain = hash(Chain, Now, Machine, Type, Content), events = Events + 1
-    }.
+    },
+    noted(Machine, Type, Content, Hashed).
+
+%% Few events are noted, so for all others this is one comparison.
+noted(_Machine, _Type, _Content, #body{events = N, mark = Mark} = Body) when N < Mark ->
+    Body;
+noted(Machine, Type, Content, #body{now = Now, events = N, chain = Chain} = Body) ->
+    Event = #{
+        n => N, at_us => Now, machine => Machine, type => Type, content => Content, chain => Chain
+    },
+    {Mark, Ledger} = starl_sim_ledger:note(Now, Event, Body#body.ledger),
+    Body#body{mark = Mark, ledger = Ledger}.
 
 hash(Chain, Now, Machine, Type, Content) ->
     erlang:phash2({Chain, Now, Machine, Type, Content}, 4294967296).
@@ -198,6 +221,10 @@ hash(Chain, Now, Machine, Type, Content) ->
 -spec digest(t()) -> {Chain :: non_neg_integer(), Events, Packets} when
     Events :: non_neg_integer(), Packets :: non_neg_integer().
 digest(#body{chain = Chain, events = Events, packets = Packets}) -> {Chain, Events, Packets}.
+
+%% @doc What was kept of the robot's events.
+-spec ledger(t()) -> starl_sim_ledger:t().
+ledger(#body{ledger = Ledger}) -> Ledger.
 
 %% @doc What the application has returned.
 -spec result(t()) -> running | {done, term()}.
