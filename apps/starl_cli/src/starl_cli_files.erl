@@ -1,7 +1,7 @@
 %% @doc The files of a run's directory.
 -module(starl_cli_files).
 
--export([write/4, write_failure/3, put_all/2, scenario/1]).
+-export([write/4, write_failure/3, put_all/2, scenario/1, app/1]).
 
 -type answer() :: ok | {error, unicode:chardata()}.
 
@@ -46,15 +46,20 @@ put_all(Dir, [{Name, Text} | Files]) ->
 
 %% @doc The text of a scenario file that replays a run: every key, in the order of the tables.
 -spec scenario(starl_cli_run:setup()) -> unicode:chardata().
-scenario(#{target := #{app := App, name := Name, replay := Word}, scenario := Scenario}) ->
+scenario(#{target := #{app := App, name := Name} = Target, scenario := Scenario}) ->
     Keys = [Key || {Key, _, _, _} <- starl_sim_scenario:options() ++ starl_app:options(App)],
     Lines = [io_lib:format("    ~tp => ~0tp", [Key, maps:get(Key, Scenario)]) || Key <- Keys],
-    AppLine = io_lib:format("    app => ~0tp", [app(filename:extension(Word), Name, Word)]),
+    AppLine = io_lib:format("    app => ~0tp", [app(Target)]),
     [
         "%% ", Name, ", replayed by ./starl run with the name of this file\n",
         "#{\n", lists:join(",\n", [AppLine | Lines]), "\n}.\n"
     ].
 
-%% An application of the user's own is found by its file.
-app(".erl", _Name, Word) -> filename:absname(Word);
-app(_, Name, _Word) -> list_to_atom(Name).
+%% @doc The application of a target as a scenario file says it: one of the user's own is found by
+%% its file.
+-spec app(starl_cli_target:t()) -> atom() | file:filename().
+app(#{name := Name, replay := Word}) ->
+    case filename:extension(Word) of
+        ".erl" -> filename:absname(Word);
+        _ -> list_to_atom(Name)
+    end.

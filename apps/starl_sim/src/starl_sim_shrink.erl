@@ -14,15 +14,17 @@
 
 -export([shrink/2, format_error/1]).
 
--export_type([request/0, result/0, figures/0, reason/0]).
+-export_type([request/0, result/0, watch/0, figures/0, reason/0]).
 
-%% `run' judges a scenario; `digest' is that of the run to be shrunk, where it is known; `watch'
-%% is told after each run how far it is and says whether to go on.
+%% `run' judges a scenario; `digest' is that of the run to be shrunk, where it is known.
 -type request() :: #{
     run := fun((starl_sim_scenario:t()) -> starl_sim_trial:verdict()),
-    watch := fun((figures()) -> continue | stop),
+    watch := watch(),
     digest => binary() | any
 }.
+
+%% Is told after each run how far it is; says whether to go on, and who is told the next time.
+-type watch() :: fun((figures()) -> {continue | stop, watch()}).
 
 %% How small it is, and what it was: faults, `drop's of single packets among them, and robots.
 -type figures() :: #{
@@ -50,7 +52,7 @@
 
 -record(search, {
     run :: fun((starl_sim_scenario:t()) -> starl_sim_trial:verdict()),
-    watch :: fun((figures()) -> continue | stop),
+    watch :: watch(),
     %% the smallest so far, with the outcome of its run
     best :: starl_sim_scenario:t(),
     outcome :: starl_sim_trial:outcome(),
@@ -162,8 +164,8 @@ ending_with(#{end_us := EndUs}, #{time := Time} = Scenario) ->
 
 told(#search{watch = Watch} = Search) ->
     case Watch(figures(Search)) of
-        continue -> Search;
-        stop -> Search#search{stopped = true}
+        {continue, Next} -> Search#search{watch = Next};
+        {stop, Next} -> Search#search{watch = Next, stopped = true}
     end.
 
 tried(Candidate, Search) ->
