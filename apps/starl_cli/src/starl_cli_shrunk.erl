@@ -21,6 +21,9 @@
     {ok, [unicode:chardata()], complete | out_of_time | interrupted}
     | {error, input | internal, unicode:chardata()}.
 
+%% After so many runs it is known that the run can be made again.
+-define(REPRODUCED, 2).
+
 -record(watch, {
     stop :: atomics:atomics_ref(),
     progress :: starl_cli_progress:t(),
@@ -62,7 +65,8 @@ stoppable(Sim, Stop) ->
     end).
 
 watch(#watch{stop = Stop, progress = Progress, deadline = Deadline} = Watch) ->
-    fun(Figures) ->
+    fun(#{runs := Runs} = Figures) ->
+        _ = [starl_cli_terminal:out("reproduced; taking away\n") || Runs =:= ?REPRODUCED],
         Shown = starl_cli_progress:show(Progress, unknown, fun() -> [words(Figures)] end),
         %% a number is less than the atom infinity
         case atomics:get(Stop, 1) =:= 1 orelse now_ms() >= Deadline of
@@ -73,6 +77,9 @@ watch(#watch{stop = Stop, progress = Progress, deadline = Deadline} = Watch) ->
 
 words(#{faults := Faults, faults_before := Before, robots := Robots, runs := Runs}) ->
     io_lib:format("~b faults of ~b, ~b robots, ~b runs", [Faults, Before, Robots, Runs]).
+
+counted(1, What) -> ["1 ", What];
+counted(N, What) -> [integer_to_list(N), " ", What, "s"].
 
 %% -- the result -----------------------------------------------------------------------------
 
@@ -122,9 +129,9 @@ size(#{scenario := #{time := Time}, figures := Figures}, #{time := TimeBefore}) 
     #{faults := Faults, faults_before := FaultsBefore, drops := Drops} = Figures,
     #{robots := Robots, robots_before := RobotsBefore, runs := Runs} = Figures,
     [
-        io_lib:format("~b faults of ~b", [Faults - Drops, FaultsBefore]),
-        [io_lib:format(", ~b lost packets", [Drops]) || Drops > 0],
-        io_lib:format(", ~b robots of ~b", [Robots, RobotsBefore]),
+        counted(Faults - Drops, "fault"), " of ", integer_to_list(FaultsBefore),
+        [[", ", counted(Drops, "lost packet")] || Drops > 0],
+        ", ", counted(Robots, "robot"), " of ", integer_to_list(RobotsBefore),
         io_lib:format(", ~ts s of ~ts s", [seconds(Time), seconds(TimeBefore)]),
         io_lib:format(", in ~b runs", [Runs])
     ].
