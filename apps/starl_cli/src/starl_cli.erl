@@ -62,6 +62,8 @@ commands() ->
             "table             paint every picture with many teams, losses and seeds"},
         {"sweep", fun starl_cli_sweep:command/1,
             "sweep TARGET      run every combination of settings and seeds; CSV and a plot"},
+        {"soak", fun starl_cli_soak:command/1,
+            "soak BLOCK        use a block under random faults, with many seeds"},
         {"shrink", fun starl_cli_shrink:command/1,
             "shrink RUN        make a run that violates a contract small"},
         {"check", fun starl_cli_check:command/1,
