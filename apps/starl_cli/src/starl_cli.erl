@@ -64,6 +64,8 @@ commands() ->
             "sweep TARGET      run every combination of settings and seeds; CSV and a plot"},
         {"soak", fun starl_cli_soak:command/1,
             "soak BLOCK        use a block under random faults, with many seeds"},
+        {"planted", fun starl_cli_planted:command/1,
+            "planted           find broken building blocks, one per pitfall"},
         {"shrink", fun starl_cli_shrink:command/1,
             "shrink RUN        make a run that violates a contract small"},
         {"check", fun starl_cli_check:command/1,

@@ -241,7 +241,7 @@ launch(Scenario, Scene, #{robots := Ids} = Context, Options) ->
 crew(Mode, Scene, Profile, #{robots := Ids} = Context) ->
     Sap = maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
     Services = [
-        {sap, starl_sap, Sap},
+        {sap, maps:get(sap_machine, Scene, starl_sap), Sap},
         {location, starl_location, #{waypoints => maps:get(waypoints, Scene, #{})}},
         {motion, starl_motion, #{profile => Profile}}
     ],
