@@ -72,7 +72,8 @@ commands() ->
             "check BLOCK       go through all that can happen to a small team"},
         {"bench", fun starl_cli_bench:command/1, "bench [ring|dpp]  measure how fast it runs"},
         {"apps", fun apps/1, "apps              list the applications"},
-        {"scenarios", fun scenarios/1, "scenarios         list the scenarios"}
+        {"scenarios", fun scenarios/1, "scenarios         list the scenarios"},
+        {"faults", fun starl_cli_faults:command/1, "faults            list the kinds of faults"}
     ].
 
 usage() ->
