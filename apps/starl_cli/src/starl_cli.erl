@@ -62,6 +62,8 @@ commands() ->
             "table             paint every picture with many teams, losses and seeds"},
         {"sweep", fun starl_cli_sweep:command/1,
             "sweep TARGET      run every combination of settings and seeds; CSV and a plot"},
+        {"replay", fun starl_cli_replay:command/1,
+            "replay RUN        run a recorded run again, or stop in it and look at the robots"},
         {"check", fun starl_cli_check:command/1,
             "check BLOCK       go through all that can happen to a small team"},
         {"bench", fun starl_cli_bench:command/1, "bench [ring|dpp]  measure how fast it runs"},

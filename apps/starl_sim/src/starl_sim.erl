@@ -89,7 +89,7 @@ status(#sim{run = Run}) -> starl_sim_run:status(Run).
 
 %% @doc The machines of a robot, each with its state and data; while the run rests.
 -spec inspect(sim(), starl:robot_id()) ->
-    #{starl_machine:name() => term()} | unknown | {error, running}.
+    #{starl_machine:name() => starl_sim_machines:seen()} | unknown | {error, running}.
 inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
 
 %% @doc What is known of every robot; while the run rests.

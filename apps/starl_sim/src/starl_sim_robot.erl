@@ -168,7 +168,7 @@ summary(Time, #robot{body = Body} = Robot) ->
 recorded(#robot{body = Body}) -> starl_sim_ledger:events(starl_sim_platform:ledger(Body)).
 
 %% @doc Its machines, each with its state and data.
--spec machines(t()) -> #{starl_machine:name() => term()}.
+-spec machines(t()) -> #{starl_machine:name() => starl_sim_machines:seen()}.
 machines(#robot{machines = Machines}) -> starl_sim_machines:inspect(Machines).
 
 %% -- events ---------------------------------------------------------------------------------
