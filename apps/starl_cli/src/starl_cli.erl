@@ -64,6 +64,8 @@ commands() ->
             "sweep TARGET      run every combination of settings and seeds; CSV and a plot"},
         {"replay", fun starl_cli_replay:command/1,
             "replay RUN        run a recorded run again, or stop in it and look at the robots"},
+        {"diverge", fun starl_cli_diverge:command/1,
+            "diverge TARGET    run seeds in several ways that must agree; find where two differ"},
         {"check", fun starl_cli_check:command/1,
             "check BLOCK       go through all that can happen to a small team"},
         {"bench", fun starl_cli_bench:command/1, "bench [ring|dpp]  measure how fast it runs"},
