@@ -54,7 +54,7 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     end),
     _ = summarize(Setup, Report),
     violated(Setup, Outcome),
-    where(Written, status(Report)).
+    where(Written, Outcome, status(Report)).
 
 %% What is not as it should be is told in any case.
 summarize(#{quiet := true}, Report) ->
@@ -69,17 +69,29 @@ violated(#{target := Target, scenario := Scenario}, #{violations := Violations})
     Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
     starl_cli_terminal:out([Lines, "replay: ", starl_cli_run:replay(Target, Scenario), "\n"]).
 
-where({ok, Dir}, Status) ->
+where({ok, Dir}, Outcome, Status) ->
     Crashes =
         case starl_cli_log:lines() of
             [] -> "";
             [_ | _] -> " (run.log tells of crashes)"
         end,
     starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), Crashes, "\n"]),
+    look(Dir, Outcome),
     Status;
-where({error, Why}, _Status) ->
+where({error, Why}, _Outcome, _Status) ->
     starl_cli_terminal:complain(["the results could not be written: ", Why]),
     1.
+
+%% How to see the robots at the first violation.
+look(_Dir, #{violations := []}) ->
+    ok;
+look(Dir, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
+    Shell = starl_cli_flags:shell(starl_cli_out:shown(Dir)),
+    Ids = lists:join(",", [integer_to_list(Id) || Id <- Robots]),
+    Inspect = [[" --inspect ", Ids] || Ids =/= []],
+    %% what happens at that very time has happened then
+    Until = io_lib:format(" --until ~.6f", [(AtUs + 1) / 1.0e6]),
+    starl_cli_terminal:out(["look: ./starl replay ", Shell, Until, Inspect, "\n"]).
 
 status(Report) ->
     case {starl_cli_report:figure(violations, Report), starl_cli_report:ending(Report)} of

@@ -217,7 +217,7 @@ inspect(#machines{now = Now}) -> maps:map(fun(_, Machine) -> seen(Machine) end, 
 
 seen(Pid) when is_pid(Pid) ->
     case proc_lib:translate_initial_call(Pid) of
-        {starl_app_proc, _, _} -> #{state => sequential, stack => stack(Pid)};
+        {starl_app_proc, _, _} -> sequential(erlang:process_info(Pid, current_stacktrace));
         _ -> seen(starl_machine_proc:machine(Pid))
     end;
 seen(waiting) ->
@@ -231,11 +231,12 @@ seen(Machine) ->
 
 %% Where the application itself waits: the innermost call first. The whole stack is cut off at the
 %% VM's `backtrace_depth'.
-stack(Pid) ->
-    case erlang:process_info(Pid, current_stacktrace) of
-        {current_stacktrace, Frames} -> [F || {M, _, _, _} = F <- Frames, not is_runtime(M)];
-        undefined -> []
-    end.
+sequential({current_stacktrace, [{starl_app_proc, init, _, _} | _]}) ->
+    waiting;
+sequential({current_stacktrace, Frames}) ->
+    #{state => sequential, stack => [F || {M, _, _, _} = F <- Frames, not is_runtime(M)]};
+sequential(undefined) ->
+    waiting.
 
 is_runtime(Module) -> lists:member(Module, [starl_app_proc, proc_lib]).
 
