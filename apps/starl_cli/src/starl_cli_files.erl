@@ -5,15 +5,19 @@
 
 -type answer() :: ok | {error, unicode:chardata()}.
 
-%% @doc The reports, the scenario, the log if there is anything in it, and the application's own.
--spec write(file:filename(), starl_cli_run:setup(), starl_cli_report:t(), Own) -> answer() when
+%% @doc The reports, the scenario, the record of the run, the log if there is anything in it, and
+%% the application's own.
+-spec write(file:filename(), starl_cli_run:setup(), {Report, Record}, Own) -> answer() when
+    Report :: starl_cli_report:t(),
+    Record :: starl_cli_record:t(),
     Own :: fun((file:filename()) -> {ok, [file:filename()]} | {error, unicode:chardata()}).
-write(Dir, Setup, Report, Own) ->
+write(Dir, Setup, {Report, Record}, Own) ->
     Files =
         [
             {"report.txt", starl_cli_report:text(Report)},
             {"report.json", starl_cli_report:json(Report)},
-            {"scenario.term", scenario(Setup)}
+            {"scenario.term", scenario(Setup)},
+            {"run.term", starl_cli_record:text(Record)}
         ] ++ log(starl_cli_log:lines()),
     case put_all(Dir, Files) of
         ok -> own(Own(Dir));

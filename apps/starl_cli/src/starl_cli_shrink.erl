@@ -17,16 +17,23 @@ command(Args) ->
 without_target([Help | _]) when Help =:= "--help"; Help =:= "-h" -> help("RUN", own_flags());
 without_target(_) -> refuse(["name a run's directory, a scenario or an application first"]).
 
-%% A run's directory, a scenario file or the name of an application.
+%% A run's directory, a scenario file or the name of an application. A recorded run has a digest
+%% that must come out again.
 -spec source(string()) -> {ok, source()} | {error, [unicode:chardata(), ...]}.
 source(Word) ->
-    case filelib:is_dir(Word) of
-        true -> with_target(starl_cli_target:resolve(filename:join(Word, "scenario.term")), any);
-        false -> with_target(starl_cli_target:resolve(Word), any)
+    Scenario = filename:join(Word, "scenario.term"),
+    Recorded = filelib:is_regular(filename:join(Word, "run.term")),
+    case filelib:is_regular(Scenario) andalso not Recorded of
+        true -> with_digest(starl_cli_target:resolve(Scenario));
+        false -> with_digest(starl_cli_target:resolve(Word))
     end.
 
-with_target({ok, Target}, Digest) -> {ok, {Target, Digest}};
-with_target({error, _} = Error, _Digest) -> Error.
+with_digest({ok, #{record := #{digest := Hex}} = Target}) ->
+    {ok, {Target, binary:decode_hex(list_to_binary(Hex))}};
+with_digest({ok, Target}) ->
+    {ok, {Target, any}};
+with_digest({error, _} = Error) ->
+    Error.
 
 with_source({error, Problems}, _Word, _Flags) ->
     refuse(Problems);
