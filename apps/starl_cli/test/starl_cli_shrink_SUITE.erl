@@ -6,7 +6,7 @@
 -export([suite/0, all/0]).
 -export([
     three_faults_of_forty/1, random_loss_becomes_lost_packets/1, drawn_faults_are_explicit/1,
-    interrupted/1, seconds_are_up/1, nothing_to_shrink/1, bad_input/1, help/1
+    recorded_run/1, interrupted/1, seconds_are_up/1, nothing_to_shrink/1, bad_input/1, help/1
 ]).
 
 -import(starl_cli_vm, [says/3, contains/2, start/1, rest/2, until/3, interrupt/1]).
@@ -16,7 +16,7 @@ suite() -> [{timetrap, {minutes, 2}}].
 all() ->
     [
         three_faults_of_forty, random_loss_becomes_lost_packets, drawn_faults_are_explicit,
-        interrupted, seconds_are_up, nothing_to_shrink, bad_input, help
+        recorded_run, interrupted, seconds_are_up, nothing_to_shrink, bad_input, help
     ].
 
 %% Three particular crashes among forty faults break the contract.
@@ -50,6 +50,20 @@ drawn_faults_are_explicit(Config) ->
     {#{faults := Faults} = Small, _} = shrunk(Config, File),
     ?assertNot(is_map_key(random_faults, Small)),
     ?assertEqual(3, length(Faults)).
+
+%% The directory of a run will do; a digest that does not come out again is told.
+recorded_run(Config) ->
+    File = scenario(Config, "three_crashes", #{robots => 9, seed => 7, time => 60, faults => three()}),
+    Dir = filename:join(proplists:get_value(priv_dir, Config), "recorded"),
+    Text = says(3, "planted broken at ", ["run", File, "--out", Dir]),
+    contains("smaller: ./starl shrink " ++ Dir, Text),
+    {#{robots := 8}, _} = shrunk(Config, Dir),
+    Record = filename:join(Dir, "run.term"),
+    {ok, Before} = file:read_file(Record),
+    [Head, Digest] = string:split(Before, "digest => \""),
+    Other = case Digest of <<"0", _/binary>> -> "1"; _ -> "0" end,
+    ok = file:write_file(Record, [Head, "digest => \"", Other, binary:part(Digest, 1, byte_size(Digest) - 1)]),
+    says(2, "the run is not reproducible", ["shrink", Dir]).
 
 %% A seed whose drawn faults crash SAP of robot 8.
 drawn_seed(Seed) ->
