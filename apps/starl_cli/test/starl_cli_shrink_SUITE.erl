@@ -56,7 +56,7 @@ recorded_run(Config) ->
     File = scenario(Config, "three_crashes", #{robots => 9, seed => 7, time => 60, faults => three()}),
     Dir = filename:join(proplists:get_value(priv_dir, Config), "recorded"),
     Text = says(3, "planted broken at ", ["run", File, "--out", Dir]),
-    contains("smaller: ./starl shrink " ++ Dir, Text),
+    contains("smaller: ./starl shrink ", Text),
     {#{robots := 8}, _} = shrunk(Config, Dir),
     Record = filename:join(Dir, "run.term"),
     {ok, Before} = file:read_file(Record),
