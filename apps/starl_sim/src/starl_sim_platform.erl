@@ -41,7 +41,6 @@
     [starl_sim_queue:event()], [starl_monitor:trace_event()], Changes :: [moved | ended]
 }.
 
--define(MAX_WHEEL, 500.0).
 -define(CLASS_TIMER, 1).
 -define(CLASS_PACKET, 2).
 
@@ -359,17 +358,11 @@ see(Other, #body{window = Window, world = #{sight := Sight}} = Body) ->
         unknown -> []
     end.
 
-%% The positioning system's error: within a disk, and a quarter of the bound on the heading.
-blur(Robot, {X, Y, Heading}, #body{id = Id, draws = N, world = #{seed := Seed, profile := P}}) ->
-    #{position_error_mm := Error, heading_error := HeadingError} = P,
-    Key = {Seed, Id, Robot, N},
-    Radius = Error * starl_sim_draw:uniform({Key, radius}),
-    Angle = 2 * math:pi() * starl_sim_draw:uniform({Key, angle}),
-    Turn = 0.25 * HeadingError * starl_sim_draw:signed({Key, heading}),
-    {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle), Heading + Turn}.
+blur(Robot, Pose, #body{id = Id, draws = N, world = #{seed := Seed, profile := Profile}}) ->
+    starl_sim_sense:blur(Pose, {Seed, Id, Robot, N}, Profile).
 
 drive(Left0, Right0, #body{id = Id, now = Now, draws = N, world = World} = Body) ->
-    Command = {limit(Left0), limit(Right0)},
+    Command = starl_sim_chassis:command(Left0, Right0),
     Faults = held(Id, Now, World),
     Lost = [
         F
@@ -390,40 +383,16 @@ held(Id, Now, #{actuation := All}) ->
 turn_wheels(#body{id = Id, now = Now, world = World} = Body) ->
     turn_wheels(held(Id, Now, World), Body).
 
-turn_wheels(Faults, #body{command = Command, now = Now, piece = Piece, world = World} = Body) ->
-    {Left, Right} = lists:foldl(fun wheels/2, Command, Faults),
-    {X, Y, Heading} = starl_trajectory:pose(Now, Piece),
-    Speed = (Left + Right) / 2,
-    Rate = (Right - Left) / maps:get(axle_mm, maps:get(profile, World)),
-    moving(Speed, Rate, {X, Y}, Heading, Body).
-
-wheels({_, _, _, wheel_stuck, _, #{wheel := left}}, {_, Right}) -> {0.0, Right};
-wheels({_, _, _, wheel_stuck, _, #{wheel := right}}, {Left, _}) -> {Left, 0.0};
-wheels({_, _, _, wheel_slow, _, #{wheel := left, factor := F}}, {Left, Right}) -> {F * Left, Right};
-wheels({_, _, _, wheel_slow, _, #{wheel := right, factor := F}}, {Left, Right}) -> {Left, F * Right};
-wheels({_, _, _, slip, _, #{factor := F}}, {Left, Right}) -> {F * Left, F * Right};
-wheels(_, Speeds) -> Speeds.
-
-moving(Speed, Rate, Point, Heading, #body{now = Now, piece = Old} = Body) when
-    Speed == 0, Rate == 0
-->
-    case starl_trajectory:is_still(Old) of
-        true -> Body;
-        false -> set_piece(starl_trajectory:standing(Now, Point, Heading), Body)
-    end;
-moving(Speed, Rate, Point, Heading, #body{now = Now} = Body) when Speed == 0 ->
-    set_piece(starl_trajectory:piece(Now, Point, Heading, 0.0, Rate), Body);
-moving(Speed, Rate, Point, Heading, #body{id = Id, draws = N, now = Now, world = World} = Body) ->
-    #{seed := Seed, profile := #{heading_error := Turn, distance_error := Part}} = World,
-    Skew = 0.75 * Turn * starl_sim_draw:signed({Seed, Id, N, skew}),
-    Slip = 1.0 + Part * starl_sim_draw:signed({Seed, Id, N, slip}),
-    Piece = starl_trajectory:piece(Now, Point, Heading + Skew, Speed * Slip, Rate),
-    set_piece(Piece, Body#body{draws = N + 1}).
+turn_wheels(Faults, #body{command = Command, now = Now, piece = Piece, draws = N} = Body) ->
+    #body{id = Id, world = #{seed := Seed, profile := Profile}} = Body,
+    Speeds = starl_sim_chassis:wheels(Command, Faults),
+    case starl_sim_chassis:turn(Speeds, Now, Piece, {Seed, Id, N}, Profile) of
+        same -> Body;
+        {New, Draws} -> set_piece(New, Body#body{draws = N + Draws})
+    end.
 
 set_piece(Piece, #body{changes = Changes} = Body) ->
     trace(chassis, {motion, Piece}, Body#body{piece = Piece, changes = [moved | Changes]}).
-
-limit(Speed) -> max(-?MAX_WHEEL, min(?MAX_WHEEL, Speed)).
 
 start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) ->
     #body{timers = Timers, until = Until, clock = Clock} = Body,

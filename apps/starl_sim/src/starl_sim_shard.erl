@@ -63,7 +63,7 @@
 
 -type answer() ::
     [{starl:robot_id(), starl_sim_robot:summary()}]
-    | #{starl_machine:name() => term()}
+    | #{starl_machine:name() => starl_sim_machines:seen()}
     | [starl_sim_ledger:event()]
     | non_neg_integer()
     | unknown.
