@@ -26,8 +26,12 @@
 %% A running simulation, linked to the process that started it.
 -opaque sim() :: #sim{}.
 
-%% What does not belong to the scenario: the events of which robots are to be recorded.
--type options() :: #{record => #{starl:robot_id() => starl_sim_ledger:range()}}.
+%% What does not belong to the scenario: the events of which robots are to be recorded, and
+%% further monitors, which look on.
+-type options() :: #{
+    record => #{starl:robot_id() => starl_sim_ledger:range()},
+    watch => [{module(), map()}]
+}.
 
 -type reason() ::
     {scenario, starl_sim_scenario:reason()}

@@ -47,7 +47,7 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
         limit_us => limit_us(Scenario),
         shards => shards(Shards, length(Ids)),
         faults => strikes(Faults),
-        monitors => monitors(Scenario, Scene, Context)
+        monitors => monitors(Scenario, Scene, Context) ++ maps:get(watch, Options, [])
     }.
 
 world(Scenario, Profile, #{robots := Ids}, Options) ->
@@ -71,7 +71,7 @@ world(Scenario, Profile, #{robots := Ids}, Options) ->
 crew(Mode, Scene, Profile, #{robots := Ids} = Context) ->
     Sap = maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
     Services = [
-        {sap, starl_sap, Sap},
+        {sap, maps:get(sap_machine, Scene, starl_sap), Sap},
         {location, starl_location, #{waypoints => maps:get(waypoints, Scene, #{})}},
         {motion, starl_motion, #{profile => Profile}}
     ],
