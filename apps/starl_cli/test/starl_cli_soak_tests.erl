@@ -49,7 +49,9 @@ planted_not_found_test_() ->
 
 %% Of each way in which a contract is violated the first seed, and how many there are.
 failing_test() ->
-    V = fun(Contract, What) -> #{contract => Contract, what => What, at_us => 1, robots => [], details => #{}} end,
+    V = fun(Contract, What) ->
+        #{contract => Contract, what => What, at_us => 1, robots => [], details => #{}}
+    end,
     Founds = [
         {mutex, 9, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 3, {ok, [], 0.1}},
         {mutex, 7, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 4, {failed, crash}},
@@ -73,8 +75,9 @@ scenario_test() ->
             {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
             {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
             {ok, Target} = starl_cli_target:resolve(Name),
-            Replay = lists:flatten(unicode:characters_to_list(starl_cli_run:replay(Target, Scenario))),
-            ["./starl", "run" | Args] = [string:trim(W, both, "'") || W <- string:lexemes(Replay, " ")],
+            Replay = unicode:characters_to_list(starl_cli_run:replay(Target, Scenario)),
+            Words = string:lexemes(lists:flatten(Replay), " "),
+            ["./starl", "run" | Args] = [string:trim(W, both, "'") || W <- Words],
             {ok, #{scenario := Again}} = starl_cli_run:setup(Args),
             ?assertEqual({Block, Scenario}, {Block, Again})
         end
