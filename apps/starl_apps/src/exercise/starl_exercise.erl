@@ -51,7 +51,7 @@ machines(sap) -> [];
 machines(election) -> [starl_election:block(ballots)];
 machines(bully) -> [starl_election:block(bully)];
 machines(mutex) -> [starl_mutex:block(#{lease_ms => 2000})];
-machines(barrier) -> [starl_barrier:block()];
+machines(barrier) -> starl_barrier:blocks();
 machines(geocast) -> [starl_geocast:block(#{listeners => #{news => app}})];
 machines(registers) -> [starl_registers:block(#{owners => #{mine => 1}})].
 
