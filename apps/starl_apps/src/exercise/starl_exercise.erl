@@ -20,15 +20,18 @@
 blocks_known() -> [sap, election, bully, mutex, barrier, geocast, registers].
 
 %% @doc The classes and kinds of faults under which a block's contract is to hold; the others
-%% break one of its assumptions, which its page states. No block looks at wheels.
+%% break one of its assumptions, which its page states. Leases and lifetimes rest on a monotonic
+%% clock, as every computer has one, which drifts but neither steps nor stops; leases also on
+%% robots that notice in time that one is over; areas on positions that are about right.
 -spec bears(block()) -> [starl_sim_fault:class() | starl_sim_fault:kind()].
-bears(Block) when Block =:= sap; Block =:= election; Block =:= bully; Block =:= barrier ->
-    [network, clock, process, location, actuation];
-bears(registers) ->
-    [network, clock, process, location, actuation];
-bears(Block) when Block =:= mutex; Block =:= geocast ->
-    %% leases and lifetimes rest on clocks that drift within bounds and on robots that go on
-    [network, kill_machine, kill_robot, reboot, actuation | [location || Block =:= mutex]].
+bears(mutex) ->
+    [network, clock_drift, kill_machine, kill_robot, reboot, slow, location, actuation];
+bears(geocast) ->
+    [network, clock_drift, process, location_dropout, location_noise, location_bias, actuation];
+bears(Block) when
+    Block =:= sap; Block =:= election; Block =:= bully; Block =:= barrier; Block =:= registers
+->
+    [network, clock, process, location, actuation].
 
 -spec options() -> [starl_options:option()].
 options() ->
@@ -52,7 +55,9 @@ machines(election) -> [starl_election:block(ballots)];
 machines(bully) -> [starl_election:block(bully)];
 machines(mutex) -> [starl_mutex:block(#{lease_ms => 2000})];
 machines(barrier) -> starl_barrier:blocks();
-machines(geocast) -> [starl_geocast:block(#{listeners => #{news => app}})];
+machines(geocast) ->
+    %% more than the faults of positions add up to
+    [starl_geocast:block(#{listeners => #{news => app}, position_error_mm => 400.0})];
 machines(registers) -> [starl_registers:block(#{owners => #{mine => 1}})].
 
 monitors(sap, _Robots) -> [];

@@ -67,7 +67,7 @@
 %% @doc A robot that has nothing and knows nothing.
 -spec new(starl_machine:config()) -> t().
 new(#{robot := Self, participants := Team, incarnation := Incarnation, now := Now} = Config) ->
-    #{lease_us := LeaseUs, drift_ppm := Drift, retry_us := RetryUs} = Config,
+    #{lease_us := LeaseUs, drift_ppm := Drift, lag_us := Lag, retry_us := RetryUs} = Config,
     #robot{
         self = Self,
         team = list_to_tuple(starl_team:members(Team)),
@@ -75,7 +75,7 @@ new(#{robot := Self, participants := Team, incarnation := Incarnation, now := No
         lease_us = LeaseUs,
         retry_us = RetryUs,
         now = Now,
-        home = starl_mutex_home:new(Incarnation, Now, LeaseUs, Drift)
+        home = starl_mutex_home:new(Incarnation, Now, LeaseUs, Drift, Lag)
     }.
 
 %% @doc The robot at a later time of its clock.
