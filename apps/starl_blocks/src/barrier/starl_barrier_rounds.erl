@@ -43,7 +43,9 @@
     done = 0 :: non_neg_integer(),
     reached = #{} :: counts(),
     heard = #{} :: counts(),
-    from = none :: starl_machine:from() | none
+    from = none :: starl_machine:from() | none,
+    %% while it waits: those that it may miss; whoever was seen to be there is not looked at again
+    awaited = [] :: [starl:robot_id()]
 }).
 
 -record(barrier, {
@@ -136,7 +138,8 @@ round_of({Caller, _} = From, Name, #barrier{asking = Asking} = Barrier) ->
 reach(From, Name, Round, Us, #barrier{retry_us = Retry, log = Log} = Barrier) ->
     Gate = back_to(Round, gate(Name, Barrier)),
     New = Gate#gate.at < Round,
-    At = put_gate(Name, Gate#gate{at = Round, from = From}, Barrier),
+    Waiting = Gate#gate{at = Round, from = From, awaited = Barrier#barrier.others},
+    At = put_gate(Name, Waiting, Barrier),
     Announce = {call, sap, {broadcast, barrier, {reached, Name, Round, 0, false}},
         {announced, Name, Round}},
     First =
@@ -160,20 +163,20 @@ back_to(_Round, Gate) ->
 
 %% Passes, if all is well.
 check(Name, Actions, #barrier{log = Log} = Barrier) ->
-    #gate{at = At, from = From} = Gate = gate(Name, Barrier),
-    case From =/= none andalso missing(Gate, Barrier) =:= [] of
-        true ->
-            Passed = put_gate(Name, Gate#gate{passed = At, done = At, from = none}, Barrier),
+    #gate{at = At, from = From, awaited = Awaited} = Gate = gate(Name, Barrier),
+    case lists:dropwhile(fun(Robot) -> not is_missed(Robot, Gate) end, Awaited) of
+        [] when From =/= none ->
+            Passed = Gate#gate{passed = At, done = At, from = none, awaited = []},
             Note = starl_barrier_log:note(Log, Name, {At, At}),
             Done = [{trace, {passed, Name, At}}, {reply, From, ok} | stop(Name)],
-            {keep_state, Passed, Actions ++ Note ++ Done};
-        false ->
-            {keep_state, Barrier, Actions}
+            {keep_state, put_gate(Name, Passed, Barrier), Actions ++ Note ++ Done};
+        Left ->
+            {keep_state, put_gate(Name, Gate#gate{awaited = Left}, Barrier), Actions}
     end.
 
-%% Who has not reached the round, or may not know that this robot has.
-missing(#gate{at = At, reached = Reached, heard = Heard}, #barrier{others = Others}) ->
-    [R || R <- Others, maps:get(R, Reached, 0) < At orelse maps:get(R, Heard, 0) < At].
+%% Has it not reached the round, or may it not know that this robot has?
+is_missed(Robot, #gate{at = At, reached = Reached, heard = Heard}) ->
+    maps:get(Robot, Reached, 0) < At orelse maps:get(Robot, Heard, 0) < At.
 
 stop(Name) -> [{{timeout, {Timer, Name}}, cancel} || Timer <- [again, patience]].
 
@@ -187,7 +190,8 @@ again(Name, #barrier{retry_us = Retry} = Barrier) ->
     end.
 
 ask_missing(Name, Barrier) ->
-    [report(Name, Robot, true, Barrier) || Robot <- missing(gate(Name, Barrier), Barrier)].
+    #gate{awaited = Awaited} = Gate = gate(Name, Barrier),
+    [report(Name, Robot, true, Barrier) || Robot <- Awaited, is_missed(Robot, Gate)].
 
 %% The robot has reached the round all the same, and answers those that ask.
 give_up(Name, Why, Barrier) ->
@@ -195,7 +199,7 @@ give_up(Name, Why, Barrier) ->
         #gate{from = none} ->
             keep_state_and_data;
         #gate{from = From, at = At} = Gate ->
-            Failed = put_gate(Name, Gate#gate{from = none}, Barrier),
+            Failed = put_gate(Name, Gate#gate{from = none, awaited = []}, Barrier),
             Told = [{trace, {failed, Name, At, Why}}, {reply, From, {error, Why}}],
             {keep_state, Failed, Told ++ stop(Name)}
     end.
