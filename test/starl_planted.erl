@@ -47,7 +47,7 @@ table() ->
         {geocast_holds, geocast, starl_geocast_bug, #{bug => holds}, #{},
             "does not deduct the time that a message lies with a relay"},
         {geocast_trusts, geocast, starl_geocast_bug, #{bug => trusts}, #{},
-            "counts what is left of a lifetime from when it heard so, not from when it asked"},
+            "counts a lifetime from the answer, not from the question"},
         {geocast_forgets, geocast, starl_geocast_bug, #{bug => forgets}, #{duplicate => 0.3},
             "forgets a message whose copies still travel"},
         {geocast_restart, geocast, starl_geocast_bug, #{bug => restart}, #{},
