@@ -63,7 +63,8 @@ failed_round_outlives_a_crash(_) ->
 crash_of_both_machines(_) ->
     [
         kept([crash(1, 5000, First), crash(1, 5000 + Gap, Second)], #{patience => 500})
-     || {First, Second} <- [{barrier, barrier_log}, {barrier_log, barrier}], Gap <- [1, 7, 300, 3500]
+     || {First, Second} <- [{barrier, barrier_log}, {barrier_log, barrier}],
+        Gap <- [1, 7, 300, 3500]
     ].
 
 crash(Robot, At, Machine) ->

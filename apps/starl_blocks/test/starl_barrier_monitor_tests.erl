@@ -59,7 +59,8 @@ reboot_test() ->
     ?assertEqual([reached_out_of_order],
                  judge(Down ++ [{4, 2, reached, 2}, {5, 2, reached, 3}])),
     ?assertEqual([reached_out_of_order], judge(Down ++ [{4, 1, reached, 2}])),
-    ?assertEqual([reached_out_of_order], judge(all_reach() ++ [{3, 2, crashed}, {4, 2, reached, 2}])).
+    ?assertEqual([reached_out_of_order],
+                 judge(all_reach() ++ [{3, 2, crashed}, {4, 2, reached, 2}])).
 
 late_pass_test() ->
     Late = all_reach() ++ [{5, 1, passed, 1}, {16, 2, passed, 1}],

@@ -8,7 +8,8 @@
 -export([all/0]).
 -export([
     safety_under_faults/1, progress_over_several_hops/1, planted_bugs_are_caught/1,
-    chain_of_hops/1, lifetimes_and_clocks/1, slow_packets_are_not_late/1, memory_shrinks/1, memory_is_bounded/1,
+    chain_of_hops/1, lifetimes_and_clocks/1, slow_packets_are_not_late/1,
+    memory_shrinks/1, memory_is_bounded/1,
     late_comer_gets_it/1, dead_relay_is_gone_around/1, not_again_after_a_restart/1,
     sent_after_the_restart/1, listeners_come_late/1, hops_are_limited/1,
     mistakes_of_the_caller/1
@@ -17,7 +18,8 @@
 all() ->
     [
         safety_under_faults, progress_over_several_hops, planted_bugs_are_caught,
-        chain_of_hops, lifetimes_and_clocks, slow_packets_are_not_late, memory_shrinks, memory_is_bounded,
+        chain_of_hops, lifetimes_and_clocks, slow_packets_are_not_late,
+        memory_shrinks, memory_is_bounded,
         late_comer_gets_it, dead_relay_is_gone_around, not_again_after_a_restart,
         sent_after_the_restart, listeners_come_late, hops_are_limited,
         mistakes_of_the_caller
@@ -53,7 +55,8 @@ planted_bugs_are_caught(_) ->
     [
         ?assert(caught(Generator, Bug), Bug)
      || {Generator, Bug} <- [
-            {rows(), clocks}, {geocasts(), holds}, {geocasts(), trusts}, {geocasts(), forgets}, {geocasts(), restart}
+            {rows(), clocks}, {geocasts(), holds}, {geocasts(), trusts},
+            {geocasts(), forgets}, {geocasts(), restart}
         ]
     ].
 

@@ -304,7 +304,8 @@ asked(Id, Asker, Now, #flood{known = Known} = Flood) ->
 give(Id, Now, #flood{known = Known} = Flood) ->
     case Known of
         #{Id := #held{askers = [_ | _] = Askers, until = Until} = Held} when Now < Until ->
-            #held{area = Area, type = Type, body = Body, lifetime_us = Lifetime, hops = Hops} = Held,
+            #held{area = Area, type = Type, body = Body, hops = Hops} = Held,
+            Lifetime = Held#held.lifetime_us,
             Parcel = {Id, Area, Type, Body, Lifetime, left(Held, Now, Flood), Hops},
             {Some, Rest} = lists:split(min(?AT_ONCE, length(Askers)), Askers),
             More = [{{timeout, {give, Id}}, 0, give} || Rest =/= []],

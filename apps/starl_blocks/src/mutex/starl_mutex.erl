@@ -6,9 +6,10 @@
 %% each other.
 %%
 %% Guarantee: no two robots hold one token at once, under every fault, as long as no clock
-%% drifts by more than the stated bound and no robot stands still for longer than `lag_ms'; every hold has a fencing number that is larger than
-%% those of all earlier holds of the token. A hold ends with its release, with the lease (the
-%% token's home cannot be reached for so long), or with a crash of the robot's mutex machine.
+%% drifts by more than the stated bound and no robot stands still for longer than `lag_ms';
+%% every hold has a fencing number that is larger than those of all earlier holds of the token.
+%% A hold ends with its release, with the lease (the token's home cannot be reached for so
+%% long), or with a crash of the robot's mutex machine.
 %% What must not happen after the end of a hold belongs behind a check of the fencing number.
 -module(starl_mutex).
 
