@@ -68,16 +68,21 @@ painted(Lines, N) ->
     {S2, _} = starl_dpp_serve:reported(1, {1, 2}, {{standing, spot(1)}, Edges}, S1),
     S2.
 
-%% Who was refused for the sake of a robot that moved gets work when that one stands: no deadlock.
+%% Robot 2 stands beside the line, which is closed to it by the path of robot 1 (that is why it was
+%% sent aside, and it has not gone). When robot 1 has stopped, far away, robot 2 gets the line in the
+%% same turn: no deadlock.
 granted_is_no_deadlock_test() ->
-    Across = {moving, 0, {9000.0, 2000.0}, [{{9000.0, 10000.0}, up}]},
-    {S1, _} = starl_dpp_serve:reported(1, {1, 5}, {Across, []}, known([1, 2], new([short()], 2))),
-    {Refused, S2} = chain(S1, [asks(2, 2)]),
-    ?assertEqual([], sent(Refused)),
-    {S3, Stands} = starl_dpp_serve:reported(1, {1, 6}, {{standing, {9000.0, 10000.0}}, []}, S2),
-    {Granted, _} = chain(S3, [fun starl_dpp_serve:serve/1]),
-    ?assertMatch([{2, {1, 2}, {assign, _, _}}], sent(Stands ++ Granted)),
-    ?assertEqual([], resolved(Stands ++ Granted)).
+    Beside = {6050.0, 6300.0},
+    End = {9000.0, 5800.0},
+    Passing = fun(S) ->
+        starl_dpp_serve:reported(1, {1, 5}, {{moving, 0, {5000.0, 5800.0}, [{End, up}]}, []}, S)
+    end,
+    Refused = [Passing, stands(2, Beside), asks(2, 2, Beside), asks(2, 3, Beside)],
+    {Before, S1} = chain(new([short()], 2), Refused),
+    ?assertEqual([], [Id || {2, {1, 3} = Id, _} <- sent(Before)]),
+    {Granted, _} = chain(S1, [asks(1, 6, End)]),
+    ?assertMatch([{2, {1, 3}, {assign, _, _}}], sent(Granted)),
+    ?assertEqual([], resolved(Granted)).
 
 %% The last line is between two robots that stand too near to it to let the other paint it. Both
 %% have been sent aside and have not gone: all are refused, nobody moves, and that is a deadlock.
