@@ -106,7 +106,10 @@ intersection({A, B}, {C, D}) ->
         true ->
             collinear(A, B, C, D);
         false when O1 * O2 < 0.0, O3 * O4 < 0.0 ->
-            {proper, interpolate(C, D, O1 / (O1 - O2))};
+            case meet(A, B, C, D) of
+                true -> {proper, interpolate(C, D, O1 / (O1 - O2))};
+                false -> none
+            end;
         false ->
             touching([{O1, C, {A, B}}, {O2, D, {A, B}}, {O3, A, {C, D}}, {O4, B, {C, D}}])
     end.
@@ -196,8 +199,12 @@ crosses(A, B, C, D) ->
         false ->
             O3 = side(C, D, A),
             O4 = side(C, D, B),
-            O3 * O4 =< 0.0 andalso not (O3 == 0.0 andalso O4 == 0.0)
+            O3 * O4 =< 0.0 andalso not (O3 == 0.0 andalso O4 == 0.0) andalso meet(A, B, C, D)
     end.
+
+%% Of segments on nearly one line rounding decides on which side an end is, so that they may seem
+%% to cross far from each other. Only what has a common box can.
+meet(A, B, C, D) -> overlap(box([A, B]), box([C, D])).
 
 touch_if(true, P) -> {touch, P};
 touch_if(false, _) -> none.
