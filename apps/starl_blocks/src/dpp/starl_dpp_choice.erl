@@ -111,8 +111,10 @@ free_degree(V, #task{space = #{graph := Graph}, free = Free}) ->
 
 %% The free edges at a vertex that are safe and not yet in the chain.
 open_steps(V, #task{space = #{graph := Graph}, free = Free} = Task, Used) ->
+    %% Most edges are for travel only, and a number is compared faster than looked up.
+    Targets = starl_dpp_graph:targets(Graph),
     [Step || {E, _, _, _} = Step <- starl_dpp_graph:adjacent(V, Graph),
-             is_map_key(E, Free), not is_map_key(E, Used), open(E, Task)].
+             E =< Targets, is_map_key(E, Free), not is_map_key(E, Used), open(E, Task)].
 
 open(E, #task{space = #{masks := Masks, own := Own}}) ->
     case Masks of
