@@ -85,10 +85,10 @@ segment_segment2({A, B} = S, {C, D} = T) ->
 -spec closer(segment(), segment(), Mm :: float()) -> boolean().
 closer({{AX, AY}, {BX, BY}} = S, {{CX, CY}, {DX, DY}} = T, Mm) ->
     %% The boxes are compared first: nearly every pair is far apart.
-    not (min(CX, DX) - max(AX, BX) >= Mm
-         orelse min(AX, BX) - max(CX, DX) >= Mm
-         orelse min(CY, DY) - max(AY, BY) >= Mm
-         orelse min(AY, BY) - max(CY, DY) >= Mm)
+    not (beyond(CX, DX, AX, BX, Mm)
+         orelse beyond(AX, BX, CX, DX, Mm)
+         orelse beyond(CY, DY, AY, BY, Mm)
+         orelse beyond(AY, BY, CY, DY, Mm))
         andalso segment_segment2(S, T) < Mm * Mm.
 
 %% @doc Where and how two segments meet, decided without tolerance.
@@ -178,6 +178,9 @@ inside({X, Y}, {X0, Y0, X1, Y1}) ->
     X >= X0 andalso X =< X1 andalso Y >= Y0 andalso Y =< Y1.
 
 %%% Internals
+
+%% Are both of the first two so much more than both of the others? Mostly the first comparison tells.
+beyond(A, B, C, D, Mm) -> A - C >= Mm andalso A - D >= Mm andalso B - C >= Mm andalso B - D >= Mm.
 
 wrap(Angle, Pi) when Angle > Pi -> Angle - 2.0 * Pi;
 wrap(Angle, Pi) when Angle =< -Pi -> Angle + 2.0 * Pi;

@@ -107,14 +107,12 @@ tried(Steps, V, Cost, Heading, Task, Best) ->
     lists:foldl(Try, Best, Steps).
 
 free_degree(V, #task{space = #{graph := Graph}, free = Free}) ->
-    length([E || {E, _, _, _} <- starl_dpp_graph:adjacent(V, Graph), is_map_key(E, Free)]).
+    length([E || {E, _, _, _} <- starl_dpp_graph:lines(V, Graph), is_map_key(E, Free)]).
 
 %% The free edges at a vertex that are safe and not yet in the chain.
 open_steps(V, #task{space = #{graph := Graph}, free = Free} = Task, Used) ->
-    %% Most edges are for travel only, and a number is compared faster than looked up.
-    Targets = starl_dpp_graph:targets(Graph),
-    [Step || {E, _, _, _} = Step <- starl_dpp_graph:adjacent(V, Graph),
-             E =< Targets, is_map_key(E, Free), not is_map_key(E, Used), open(E, Task)].
+    [Step || {E, _, _, _} = Step <- starl_dpp_graph:lines(V, Graph),
+             is_map_key(E, Free), not is_map_key(E, Used), open(E, Task)].
 
 open(E, #task{space = #{masks := Masks, own := Own}}) ->
     case Masks of
