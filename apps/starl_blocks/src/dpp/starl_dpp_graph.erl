@@ -183,7 +183,8 @@ edge_grid(Edges, Points, R) ->
     Enter = fun({A, B}, {E, Grid}) ->
         {E + 1, starl_grid:add(E, {element(A, Points), element(B, Points)}, Grid)}
     end,
-    {_, Grid} = lists:foldl(Enter, {1, starl_grid:new(R)}, Edges),
+    %% Mostly asked for what is less than 2R away.
+    {_, Grid} = lists:foldl(Enter, {1, starl_grid:new(2.0 * R)}, Edges),
     Grid.
 
 vertex_grid(Points, R) ->
