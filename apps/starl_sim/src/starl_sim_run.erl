@@ -4,13 +4,15 @@
 %% ```
 %%   resting --- run(Until) ---> running --- Until, all done, violation or stop ---> resting
 %% '''
+%% A run that pauses between a violation and the end that follows from it goes on to that end: the
+%% digest does not depend on pauses.
 -module(starl_sim_run).
 -behaviour(gen_server).
 
--export([start_link/1, run/2, stop/1, status/1, inspect/2, finish/1]).
+-export([start_link/1, run/2, run_to/2, stop/1, status/1, inspect/2, robots/1, events/2, finish/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([plan/0, status/0, outcome/0, ending/0]).
+-export_type([plan/0, status/0, outcome/0, ending/0, missed/0]).
 
 %% What is to be simulated: see {@link starl_sim:start/1}.
 -type plan() :: #{
@@ -35,6 +37,13 @@
     running := non_neg_integer(),
     ending := ending() | none
 }.
+
+%% Why a run cannot stop at an event: there is no such robot, it has had more events already, or
+%% the run ended before.
+-type missed() ::
+    {no_robot, starl:robot_id()}
+    | {past, starl:robot_id(), Events :: non_neg_integer()}
+    | {ended, starl:robot_id(), Events :: non_neg_integer()}.
 
 %% Everything known at the end.
 -type outcome() :: #{
@@ -62,6 +71,8 @@
     approved = 0 :: non_neg_integer(),
     now = 0 :: starl_sim_queue:time(),
     caller = none :: gen_server:from() | none,
+    %% the event to stop at
+    goal = none :: starl_sim_shard:stop(),
     resting = 0 :: non_neg_integer(),
     running :: non_neg_integer(),
     ending = none :: ending() | none,
@@ -83,6 +94,12 @@ start_link(Plan) ->
 -spec run(pid(), Until :: starl_sim_queue:time()) -> status().
 run(Run, Until) -> gen_server:call(Run, {run, Until}, infinity).
 
+%% @doc Runs until just after the N-th event of a robot: it does no more, the others finish the
+%% window. An end that comes before that is an error.
+-spec run_to(pid(), {starl:robot_id(), N :: pos_integer()}) ->
+    {ok, status()} | {error, missed() | running}.
+run_to(Run, Event) -> gen_server:call(Run, {run_to, Event}, infinity).
+
 %% @doc Ends the run, a fixed number of windows ahead of what is judged.
 -spec stop(pid()) -> ok.
 stop(Run) -> gen_server:cast(Run, stop).
@@ -93,8 +110,17 @@ status(Run) -> gen_server:call(Run, status, infinity).
 
 %% @doc The machines of one robot, while the run rests.
 -spec inspect(pid(), starl:robot_id()) ->
-    #{starl_machine:name() => term()} | unknown | {error, running}.
+    #{starl_machine:name() => starl_sim_machines:seen()} | unknown | {error, running}.
 inspect(Run, Robot) -> gen_server:call(Run, {inspect, Robot}, infinity).
+
+%% @doc What is known of all robots, while the run rests.
+-spec robots(pid()) -> [{starl:robot_id(), starl_sim_robot:summary()}] | {error, running}.
+robots(Run) -> gen_server:call(Run, robots, infinity).
+
+%% @doc The events of a robot that were recorded so far, while the run rests.
+-spec events(pid(), starl:robot_id()) ->
+    [starl_sim_ledger:event()] | unknown | {error, running}.
+events(Run, Robot) -> gen_server:call(Run, {events, Robot}, infinity).
 
 %% @doc Closes the monitors and tells everything known; the run can go on no further.
 -spec finish(pid()) -> outcome().
@@ -117,23 +143,28 @@ init(#{window_us := WindowUs, robots := Robots, monitors := Monitors} = Plan) ->
 
 -spec handle_call(term(), gen_server:from(), #run{}) ->
     {reply, term(), #run{}} | {noreply, #run{}}.
-handle_call({run, Until}, From, #run{caller = none, ending = none, shards = Shards} = Run) ->
-    %% whole windows only, so that where a run pauses does not change it
-    #run{window_us = Width, limit_us = Limit} = Run,
-    Whole = (min(Until, Limit) + Width - 1) div Width * Width,
-    _ = [ok = starl_sim_shard:run(Shard, Whole) || Shard <- Shards],
-    {noreply, Run#run{caller = From, resting = 0}};
+handle_call({run, Until}, From, #run{caller = none, ending = none} = Run) ->
+    {noreply, go(Until, none, From, Run)};
 handle_call({run, _Until}, _From, Run) ->
     {reply, status_of(Run), Run};
 handle_call(status, _From, Run) ->
     {reply, status_of(Run), Run};
 handle_call(_Question, _From, #run{caller = Caller} = Run) when Caller =/= none ->
     {reply, {error, running}, Run};
-handle_call({inspect, Id}, _From, #run{owners = Owners} = Run) ->
-    case Owners of
-        #{Id := Shard} -> {reply, starl_sim_shard:inspect(Shard, {robot, Id}), Run};
-        #{} -> {reply, unknown, Run}
+handle_call({run_to, {Id, N} = Goal}, From, #run{limit_us = Limit, ending = Ending} = Run) ->
+    case ask(count, Id, Run) of
+        unknown -> {reply, {error, {no_robot, Id}}, Run};
+        N -> {reply, {ok, status_of(Run)}, Run};
+        Count when Count > N -> {reply, {error, {past, Id, Count}}, Run};
+        _ when Ending =:= none -> {noreply, go(Limit, Goal, From, Run)};
+        Count -> {reply, {error, {ended, Id, Count}}, Run}
     end;
+handle_call({inspect, Id}, _From, Run) ->
+    {reply, ask(robot, Id, Run), Run};
+handle_call({events, Id}, _From, Run) ->
+    {reply, ask(events, Id, Run), Run};
+handle_call(robots, _From, Run) ->
+    {reply, summaries(Run), Run};
 handle_call(finish, _From, Run) ->
     {reply, conclude(Run), Run}.
 
@@ -150,7 +181,9 @@ handle_info({window_done, _Shard, N, Trace}, #run{traces = Traces} = Run) ->
     Told = maps:get(N, Traces, []),
     {noreply, approve(judge(Run#run{traces = Traces#{N => [Trace | Told]}}))};
 handle_info({resting, _Shard, Now, Reason, Running}, #run{resting = Resting} = Run) ->
-    Next = Run#run{resting = Resting + 1, now = Now, running = Running},
+    %% where a window is not over, only some of the shards know whose application has ended in it
+    Most = max(Running, Run#run.running),
+    Next = Run#run{resting = Resting + 1, now = Now, running = Most},
     case Resting + 1 =:= length(Run#run.shards) of
         true -> {noreply, rest(Reason, Next)};
         false -> {noreply, Next}
@@ -159,6 +192,18 @@ handle_info({'DOWN', _, process, Shard, Reason}, #run{shards = Shards} = Run) ->
     case lists:member(Shard, Shards) of
         true -> {stop, {shard_failed, Reason}, Run};
         false -> {noreply, Run}
+    end.
+
+%% Whole windows only, so that where a run pauses does not change it.
+go(Until, Goal, From, #run{window_us = Width, limit_us = Limit, shards = Shards} = Run) ->
+    Whole = (min(Until, Limit) + Width - 1) div Width * Width,
+    _ = [ok = starl_sim_shard:run(Shard, Whole, Goal) || Shard <- Shards],
+    Run#run{caller = From, goal = Goal, resting = 0, running = 0}.
+
+ask(What, Id, #run{owners = Owners}) ->
+    case Owners of
+        #{Id := Shard} -> starl_sim_shard:inspect(Shard, {What, Id});
+        #{} -> unknown
     end.
 
 %% -- judging --------------------------------------------------------------------------------
@@ -200,18 +245,27 @@ halt_shards(#run{shards = Shards} = Run) ->
 merge([Trace]) -> Trace;
 merge(Traces) -> lists:merge(Traces).
 
-rest(Reason, #run{caller = From, violations = Violations, stop = Stop} = Run) ->
-    Ending =
-        case Reason of
-            _ when Violations =/= [] -> violation;
-            _ when Stop -> stopped;
-            until when Run#run.now >= Run#run.limit_us -> time;
-            until -> none;
-            _ -> Reason
-        end,
-    Rested = Run#run{caller = none, ending = Ending},
-    gen_server:reply(From, status_of(Rested)),
+rest(Reason, #run{caller = From, goal = Goal} = Run) ->
+    Rested = Run#run{caller = none, goal = none, ending = ending(Reason, Run)},
+    gen_server:reply(From, reply(Goal, Reason, Rested)),
     Rested.
+
+ending(until, #run{now = Now, limit_us = Limit} = Run) when Now >= Limit -> judged(time, Run);
+ending(Pause, #run{stop = Stop}) when Pause =:= until; Pause =:= held ->
+    case Stop of
+        true -> stopped;
+        false -> none
+    end;
+ending(Reason, Run) ->
+    judged(Reason, Run).
+
+judged(_Reason, #run{violations = [_ | _]}) -> violation;
+judged(_Reason, #run{stop = true}) -> stopped;
+judged(Reason, #run{}) -> Reason.
+
+reply(none, _Reason, Run) -> status_of(Run);
+reply(_Goal, held, Run) -> {ok, status_of(Run)};
+reply({Id, _N}, _Reason, Run) -> {error, {ended, Id, ask(count, Id, Run)}}.
 
 %% -- start and end --------------------------------------------------------------------------
 
@@ -248,11 +302,9 @@ standing({X, Y, Heading}) -> starl_trajectory:standing(0, {X, Y}, Heading).
 status_of(#run{now = Now, running = Running, ending = Ending}) ->
     #{now_us => Now, running => Running, ending => Ending}.
 
-conclude(#run{monitors = Monitors, violations = Violations, now = Now, shards = Shards} = Run) ->
+conclude(#run{monitors = Monitors, violations = Violations, now = Now} = Run) ->
     {Late, Results} = starl_monitor:finish(Now, Monitors),
-    Robots = lists:keysort(
-        1, lists:append([starl_sim_shard:inspect(S, {summary, Now}) || S <- Shards])
-    ),
+    Robots = summaries(Run),
     Chains = [{Id, Chain} || {Id, #{chain := Chain}} <- Robots],
     #{
         ending => Run#run.ending,
@@ -264,5 +316,8 @@ conclude(#run{monitors = Monitors, violations = Violations, now = Now, shards = 
         events => lists:sum([N || {_, #{events := N}} <- Robots]),
         packets => lists:sum([N || {_, #{packets := N}} <- Robots])
     }.
+
+summaries(#run{now = Now, shards = Shards}) ->
+    lists:keysort(1, lists:append([starl_sim_shard:inspect(S, {summary, Now}) || S <- Shards])).
 
 chain_bytes(Chains) -> [<<Id:32, Chain:32>> || {Id, Chain} <- Chains].
