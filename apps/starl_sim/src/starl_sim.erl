@@ -16,11 +16,6 @@
 
 -export_type([sim/0, options/0, reason/0]).
 
--define(ROBOTS_PER_SHARD, 16).
-%% Larger teams are simulated inline, where the scenario does not say.
--define(MANY_ROBOTS, 300).
--define(INTENSITY, 1000).
-
 -record(sim, {
     sup :: pid(),
     run :: pid(),
@@ -31,8 +26,12 @@
 %% A running simulation, linked to the process that started it.
 -opaque sim() :: #sim{}.
 
-%% What does not belong to the scenario: the events of which robots are to be recorded.
--type options() :: #{record => #{starl:robot_id() => starl_sim_ledger:range()}}.
+%% What does not belong to the scenario: the events of which robots are to be recorded, and
+%% further monitors, which look on.
+-type options() :: #{
+    record => #{starl:robot_id() => starl_sim_ledger:range()},
+    watch => [{module(), map()}]
+}.
 
 -type reason() ::
     {scenario, starl_sim_scenario:reason()}
@@ -89,7 +88,7 @@ status(#sim{run = Run}) -> starl_sim_run:status(Run).
 
 %% @doc The machines of a robot, each with its state and data; while the run rests.
 -spec inspect(sim(), starl:robot_id()) ->
-    #{starl_machine:name() => term()} | unknown | {error, running}.
+    #{starl_machine:name() => starl_sim_machines:seen()} | unknown | {error, running}.
 inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
 
 %% @doc What is known of every robot; while the run rests.
@@ -156,7 +155,7 @@ prepare(App, Scenario, Options) ->
     end.
 
 set_scene(App, Scenario, Options) ->
-    Context = context(App, Scenario),
+    Context = starl_sim_plan:context(App, Scenario),
     case starl_app:scene(App, Context) of
         {ok, Scene} -> check_faults(Scenario, Scene, Context, Options);
         {error, Why} -> {error, {scene, Why}}
@@ -182,145 +181,8 @@ with_random_faults(Known, #{faults := Given, random_faults := What, heal := Heal
     }),
     Scenario#{faults := Given ++ Drawn, random_faults := []}.
 
-context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
-    #{
-        robots => lists:seq(1, N),
-        world => World,
-        seed => Seed,
-        profile => starl_motion:profile(profile(Scenario)),
-        sap => sap(Scenario),
-        options => maps:with([Key || {Key, _, _, _} <- starl_app:options(App)], Scenario)
-    }.
-
-profile(#{speed := Speed, heading_error := H, distance_error := D, position_error := P}) ->
-    #{
-        speed => float(Speed),
-        near_speed => float(Speed),
-        heading_error => float(H),
-        distance_error => float(D),
-        position_error_mm => float(P)
-    }.
-
-%% The first retransmission waits for a little more than the longest way there and back.
-sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
-
-launch(Scenario, Scene, #{robots := Ids} = Context, Options) ->
-    #{delay := {MinMs, MaxMs}, shards := Shards, faults := Faults} = Scenario,
-    Profile = starl_motion:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
-    World = #{
-        seed => maps:get(seed, Scenario),
-        team => starl_team:new(Ids),
-        loss => float(maps:get(loss, Scenario)),
-        duplicate => float(maps:get(duplicate, Scenario)),
-        delay_us => {round(MinMs * 1000), round(MaxMs * 1000)},
-        range_mm => range(Scenario),
-        clock => clock(Scenario),
-        profile => Profile,
-        network => faults(network, Faults),
-        clocks => faults(clock, Faults),
-        location => faults(location, Faults),
-        actuation => faults(actuation, Faults),
-        record => maps:get(record, Options, #{})
-    },
-    {ok, Sup} = starl_sim_sup:start_link(#{
-        robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
-        crew => crew(mode(Scenario), Scene, Profile, Context),
-        world => World,
-        window_us => round(MinMs * 1000),
-        limit_us => limit_us(Scenario),
-        shards => shards(Shards, length(Ids)),
-        faults => strikes(Faults),
-        monitors => monitors(Scenario, Scene, Context)
-    }),
+launch(Scenario, Scene, Context, Options) ->
+    {ok, Sup} = starl_sim_sup:start_link(starl_sim_plan:make(Scenario, Scene, Context, Options)),
     {ok, #sim{sup = Sup, run = starl_sim_sup:run(Sup), scenario = Scenario, scene = Scene}}.
-
-crew(Mode, Scene, Profile, #{robots := Ids} = Context) ->
-    Sap = maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
-    Services = [
-        {sap, starl_sap, Sap},
-        {location, starl_location, #{waypoints => maps:get(waypoints, Scene, #{})}},
-        {motion, starl_motion, #{profile => Profile}}
-    ],
-    Tree = #{
-        participants => starl_team:new(Ids),
-        services => Services,
-        blocks => maps:get(blocks, Scene, []),
-        app => maps:get(app, Scene),
-        intensity => ?INTENSITY
-    },
-    interpreted(Mode, Tree).
-
-%% Inline, only a sequential application is left as a process.
-interpreted(process, Tree) ->
-    #{tree => Tree, inline => #{}};
-interpreted(inline, #{services := Services, blocks := Blocks, app := App} = Tree) ->
-    Machines = maps:from_list([{Name, {M, Config}} || {Name, M, Config} <- Services ++ Blocks]),
-    case App of
-        {machine, Module, Config} ->
-            #{tree => none, inline => Machines#{app => {Module, Config}}};
-        {sequential, _, _} ->
-            #{tree => Tree#{services := [], blocks := []}, inline => Machines}
-    end.
-
-mode(#{mode := auto, robots := N}) when N > ?MANY_ROBOTS -> inline;
-mode(#{mode := auto}) -> process;
-mode(#{mode := Mode}) -> Mode.
-
-%% Without a place of their own, robots stand in rows two metres apart.
-pose(Id, Scene, #{world := {Width, _}}) ->
-    PerRow = max(1, trunc(Width / 2000)),
-    Default = {
-        1000.0 + 2000.0 * ((Id - 1) rem PerRow), 1000.0 + 2000.0 * ((Id - 1) div PerRow), 0.0
-    },
-    maps:get(Id, maps:get(poses, Scene, #{}), Default).
-
-%% Whatever is bounded in time may take longer by what faults of clocks and processes cost.
-monitors(#{faults := Faults} = Scenario, Scene, #{sap := Sap0, robots := Ids}) ->
-    Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
-    Slack = starl_sim_fault:slack_us(Faults),
-    %% a hundredth more for the drift of the sender's clock
-    Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
-    Own = [{starl_sap_monitor, #{bound_us => Bound, robots => Ids}} | progress(Scenario, Ids)],
-    [{Module, widened(Slack, Config)} || {Module, Config} <- Own ++ maps:get(monitors, Scene, [])].
-
-widened(Slack, #{bound_us := Bound} = Config) when is_integer(Bound) ->
-    Config#{bound_us := Bound + Slack};
-widened(_Slack, Config) ->
-    Config.
-
-progress(#{converge := none}, _Ids) ->
-    [];
-progress(Scenario, Ids) ->
-    [{starl_sim_progress_monitor, #{robots => Ids, deadline_us => deadline_us(Scenario)}}].
-
-deadline_us(#{heal := Heal, converge := Converge, faults := Faults}) ->
-    micros(Heal) + micros(Converge) + starl_sim_fault:slack_us(Faults).
-
-%% A run that has to converge is not longer than that takes.
-limit_us(#{converge := none, time := Time}) -> micros(Time);
-limit_us(#{time := Time} = Scenario) -> min(micros(Time), deadline_us(Scenario)).
-
-strikes(Faults) ->
-    Strikes = lists:append([starl_sim_fault:strikes(Fault) || Fault <- Faults]),
-    [
-        {Robot, Time, 0, 0, N, Strike}
-     || {N, {Robot, Time, Strike}} <- lists:zip(lists:seq(1, length(Strikes)), Strikes)
-    ].
-
-faults(Class, Faults) ->
-    [starl_sim_fault:compile(F) || F <- Faults, starl_sim_fault:class(F) =:= Class].
-
-%% Fewer robots than this are not worth a shard of their own.
-shards(none, Robots) ->
-    %% two a core, so that a core has work while a shard waits for another
-    max(1, min(2 * erlang:system_info(schedulers_online), Robots div ?ROBOTS_PER_SHARD));
-shards(Shards, Robots) ->
-    min(Shards, Robots).
-
-range(#{range := none}) -> infinity;
-range(#{range := Range}) -> float(Range).
-
-clock(#{clock_offset := OffsetMs, clock_drift := Ppm}) ->
-    {round(OffsetMs * 1000), round(Ppm * 1000)}.
 
 micros(Seconds) -> round(Seconds * 1000000).

@@ -20,6 +20,7 @@
     digest := binary(),
     end_us := starl_sim_queue:time(),
     events := non_neg_integer(),
+    violations := non_neg_integer(),
     chains := [chain()],
     recorded := #{starl:robot_id() => [starl_sim_ledger:event()]}
 }.
@@ -79,12 +80,13 @@ run(Scenario, Record) ->
     {ok, Sim} = starl_sim:start(Scenario, #{record => Record}),
     #{ending := _} = starl_sim:run(Sim),
     Recorded = maps:map(fun(Id, _) -> starl_sim:events(Sim, Id) end, Record),
-    {#{digest := Digest, end_us := EndUs, events := Events, robots := Robots}, _} =
-        starl_sim:finish(Sim),
+    {#{digest := Digest, end_us := EndUs, events := Events} = Outcome, _} = starl_sim:finish(Sim),
+    #{robots := Robots, violations := Violations} = Outcome,
     #{
         digest => Digest,
         end_us => EndUs,
         events => Events,
+        violations => length(Violations),
         chains => [chain(Id, Summary) || {Id, Summary} <- Robots],
         recorded => Recorded
     }.

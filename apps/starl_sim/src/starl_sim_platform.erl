@@ -1,4 +1,4 @@
-%% @doc The simulator as a platform: one robot's clock, radio and chassis in virtual time.
+%% @doc The simulator as a platform: one robot's clock, radio and vehicle in virtual time.
 %%
 %% All network, sensor and actuator draws are stateless: a hash of the seed, the robots, a
 %% count and a purpose, so that taking one of them away shifts no other. Other robots are seen
@@ -6,7 +6,7 @@
 %% independent of how robots are spread over shards.
 %%
 %% What an event changes lies in one record, which is copied with each change: what changes less
-%% often has a record of its own in it ({@link starl_sim_chassis}, {@link starl_sim_ledger}).
+%% often has a record of its own in it ({@link starl_sim_vehicle}, {@link starl_sim_ledger}).
 -module(starl_sim_platform).
 -behaviour(starl_platform).
 
@@ -59,7 +59,7 @@
     %% how many packets went to each robot, and to all
     links = #{} :: #{starl:robot_id() | all => pos_integer()},
     timers = #{} :: #{{starl_machine:name(), term()} => non_neg_integer()},
-    chassis :: starl_sim_chassis:t(),
+    vehicle :: starl_sim_vehicle:t(),
     chain = 0 :: non_neg_integer(),
     events = 0 :: non_neg_integer(),
     %% the number of the next event that the ledger is to note
@@ -78,7 +78,7 @@
 %% @doc A robot at rest at a pose. Its clock is drawn from the seed within the given bounds.
 -spec new(starl:robot_id(), starl:pose(), world()) -> t().
 new(Id, Pose, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
-    Chassis = starl_sim_chassis:new(Id, Pose, World),
+    Vehicle = starl_sim_vehicle:new(Id, Pose, World),
     {Mark, Ledger} = starl_sim_ledger:new(maps:get(Id, maps:get(record, World, #{}), none)),
     Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
     Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
@@ -89,8 +89,8 @@ new(Id, Pose, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
         mark = Mark,
         ledger = Ledger,
         clock = starl_sim_clock:new(Offset, Drift, Faults),
-        chassis = Chassis,
-        traces = [{0, Id, chassis, {motion, starl_sim_chassis:piece(Chassis)}}]
+        vehicle = Vehicle,
+        traces = [{0, Id, chassis, {motion, starl_sim_vehicle:piece(Vehicle)}}]
     }.
 
 %% @doc The robot at a later time, in a new window; what it yields begins with what happened
@@ -184,7 +184,7 @@ local_time(#body{now = Now, clock = Clock}) -> starl_sim_clock:local(Now, Clock)
 
 %% @doc The piece of motion that the robot is in.
 -spec piece(t()) -> starl_trajectory:piece().
-piece(#body{chassis = Chassis}) -> starl_sim_chassis:piece(Chassis).
+piece(#body{vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
 
 %% @doc Chains an event into the robot's digest.
 -spec hash_event(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
@@ -323,30 +323,30 @@ within_range(#body{window = From, world = #{sight := Sight}} = Body) ->
 
 position(#body{now = Now} = Body) -> starl_trajectory:position(Now, piece(Body)).
 
-%% -- the chassis ----------------------------------------------------------------------------
+%% -- the vehicle ----------------------------------------------------------------------------
 
 %% @doc The chassis stops: nobody commands it any more.
 -spec stop(t()) -> t().
-stop(#body{now = Now, chassis = Chassis} = Body) ->
-    moved(starl_sim_chassis:stop(Now, Chassis), Body).
+stop(#body{now = Now, vehicle = Vehicle} = Body) ->
+    moved(starl_sim_vehicle:stop(Now, Vehicle), Body).
 
 %% @doc The wheels as they turn from now on, since a fault of theirs begins or ends.
 -spec turn_wheels(t()) -> t().
-turn_wheels(#body{now = Now, chassis = Chassis} = Body) ->
-    moved(starl_sim_chassis:turn_wheels(Now, Chassis), Body).
+turn_wheels(#body{now = Now, vehicle = Vehicle} = Body) ->
+    moved(starl_sim_vehicle:turn_wheels(Now, Vehicle), Body).
 
-drive(Speeds, #body{now = Now, chassis = Chassis} = Body) ->
-    moved(starl_sim_chassis:drive(Speeds, Now, Chassis), Body).
+drive(Speeds, #body{now = Now, vehicle = Vehicle} = Body) ->
+    moved(starl_sim_vehicle:drive(Speeds, Now, Vehicle), Body).
 
-moved({same, Chassis}, Body) ->
-    Body#body{chassis = Chassis};
-moved({moved, Chassis}, #body{changes = Changes} = Body) ->
-    Moved = Body#body{chassis = Chassis, changes = [moved | Changes]},
-    trace(chassis, {motion, starl_sim_chassis:piece(Chassis)}, Moved).
+moved({same, Vehicle}, Body) ->
+    Body#body{vehicle = Vehicle};
+moved({moved, Vehicle}, #body{changes = Changes} = Body) ->
+    Moved = Body#body{vehicle = Vehicle, changes = [moved | Changes]},
+    trace(chassis, {motion, starl_sim_vehicle:piece(Vehicle)}, Moved).
 
-sense(Robots, #body{now = Now, window = From, chassis = Chassis} = Body) ->
-    {Poses, Sensed} = starl_sim_chassis:sense(Robots, {Now, From}, Chassis),
-    {Poses, Body#body{chassis = Sensed}}.
+sense(Robots, #body{now = Now, window = From, vehicle = Vehicle} = Body) ->
+    {Poses, Sensed} = starl_sim_vehicle:sense(Robots, {Now, From}, Vehicle),
+    {Poses, Body#body{vehicle = Sensed}}.
 
 %% -- timers and traces ----------------------------------------------------------------------
 

@@ -44,8 +44,7 @@
     busy = none :: starl_machine:name() | none,
     %% after so many events it does no more until it is resumed
     stop = none :: pos_integer() | none,
-    %% nothing is handled before this time, and nothing sooner than so long after it came
-    hold = {0, 0} :: {UntilUs :: starl_sim_queue:time(), LagUs :: non_neg_integer()},
+    hold = {0, 0} :: starl_sim_hold:t(),
     crashes = [] :: [{starl_machine:name(), Reason :: term()}]
 }).
 
@@ -168,7 +167,7 @@ summary(Time, #robot{body = Body} = Robot) ->
 recorded(#robot{body = Body}) -> starl_sim_ledger:events(starl_sim_platform:ledger(Body)).
 
 %% @doc Its machines, each with its state and data.
--spec machines(t()) -> #{starl_machine:name() => term()}.
+-spec machines(t()) -> #{starl_machine:name() => starl_sim_machines:seen()}.
 machines(#robot{machines = Machines}) -> starl_sim_machines:inspect(Machines).
 
 %% -- events ---------------------------------------------------------------------------------
@@ -284,18 +283,9 @@ strike(come_up, #robot{machines = Machines} = Robot) ->
 
 %% What comes too early for a robot that is held up waits: in this window or for a later one.
 postpone(#robot{events = Events, hold = Hold, body = Body} = Robot) ->
-    {Late, Ready} = lists:partition(fun(Event) -> held(Event, Hold) =/= Event end, Events),
-    Planned = starl_sim_platform:postpone([held(Event, Hold) || Event <- Late], Body),
+    {Late, Ready} = starl_sim_hold:part(Events, Hold),
+    Planned = starl_sim_platform:postpone(Late, Body),
     Robot#robot{events = plan(Planned, Ready), body = starl_sim_platform:planned(Planned)}.
-
-held({_, _, ?CLASS_FAULT, _, _, _} = Event, _Hold) ->
-    Event;
-held({Id, Time, Class, Source, Seq, {late, _} = Content}, {Until, _Lag}) ->
-    {Id, max(Time, Until), Class, Source, Seq, Content};
-held({Id, Time, Class, Source, Seq, Content}, {Until, 0}) ->
-    {Id, max(Time, Until), Class, Source, Seq, Content};
-held({Id, Time, Class, Source, Seq, Content}, {Until, Lag}) ->
-    {Id, max(Time + Lag, Until), Class, Source, Seq, {late, Content}}.
 
 go_down(#robot{body = Body, machines = Machines} = Robot) ->
     Names = starl_sim_machines:names(Machines),

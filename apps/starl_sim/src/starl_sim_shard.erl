@@ -63,13 +63,14 @@
 
 -type answer() ::
     [{starl:robot_id(), starl_sim_robot:summary()}]
-    | #{starl_machine:name() => term()}
+    | #{starl_machine:name() => starl_sim_machines:seen()}
     | [starl_sim_ledger:event()]
     | non_neg_integer()
     | unknown.
 
-%% A window that is not over: a robot of this shard was held in it, and this much is to be done
-%% then; or it is a peer's, and its mail is yet to come.
+%% A window that is not over: a robot of this shard was held in it, this much is to be done then,
+%% and this news has come of processes meanwhile, the latest first; or it is a peer's, and its
+%% mail is yet to come.
 -type open() ::
     none
     | #{
@@ -78,7 +79,7 @@
         ids := [starl:robot_id()],
         at := starl_sim_queue:time(),
         mails := [term()],
-        downs := [{pid(), Reason :: term()}]
+        news := [term()]
     }
     | {peer, pid(), starl_sim_queue:time()}.
 
@@ -189,8 +190,20 @@ handle_cast({run, Until, Stop}, #shard{now = Now} = Shard) ->
 %% A process that went down between two windows: killed from outside, or one of a robot that
 %% died. The robot is woken to go on in the next window.
 -spec handle_info(term(), #shard{}) -> {noreply, #shard{}}.
+handle_info(News, #shard{open = #{news := Earlier} = Open} = Shard) when
+    element(1, News) =:= 'DOWN'; element(1, News) =:= down; element(1, News) =:= starl_attach
+->
+    %% left for the moment when the window goes on, which sees to both in their order
+    {noreply, Shard#shard{open = Open#{news := [News | Earlier]}}};
 handle_info({'DOWN', _, process, Pid, Reason}, Shard) ->
     {noreply, down(Pid, Reason, Shard)};
+handle_info({starl_attach, _, _, _} = Attach, Shard) ->
+    %% a process that was restarted may say so before the end of the one before it is heard of
+    receive
+        {'DOWN', _, process, Pid, Reason} ->
+            self() ! Attach,
+            {noreply, down(Pid, Reason, Shard)}
+    end;
 handle_info({down, Pid, Reason}, Shard) ->
     {noreply, down(Pid, Reason, Shard)};
 handle_info({approve, N}, Shard) ->
@@ -277,9 +290,6 @@ look_up(Shard) ->
     after 0 -> Shard
     end.
 
-%% In a window that is not over it is left for the moment when that goes on.
-down(Pid, Reason, #shard{open = #{downs := Downs} = Open} = Shard) ->
-    Shard#shard{open = Open#{downs := [{Pid, Reason} | Downs]}};
 down(Pid, Reason, #shard{now = Now} = Shard) ->
     case starl_sim_window:crashed(Pid, Reason, Now) of
         {ok, Id} -> wake(Id, Shard);
@@ -313,7 +323,7 @@ hold(At, Window, Ids, Mails0, #shard{peers = Peers, windows = N, stop = Id} = Sh
         end,
     Shard#shard{
         open = #{
-            window => Window, robot => Id, ids => Ids, at => At, mails => Mails, downs => []
+            window => Window, robot => Id, ids => Ids, at => At, mails => Mails, news => []
         }
     }.
 
@@ -326,9 +336,8 @@ finish(Ids, Mails, #shard{windows = N} = Shard) ->
     end.
 
 %% Goes on with the window in which a robot was held, here or in another shard.
-resume(#shard{open = #{downs := Downs} = Open} = Shard) ->
-    #{window := Window, robot := Id, ids := Ids, mails := Mails} = Open,
-    _ = [self() ! {'DOWN', none, process, Pid, Reason} || {Pid, Reason} <- lists:reverse(Downs)],
+resume(#shard{open = #{window := Window, robot := Id, ids := Ids, mails := Mails} = Open} = Shard) ->
+    _ = [self() ! News || News <- lists:reverse(maps:get(news, Open))],
     ok = starl_sim_window:resume(Window, Id),
     close(Window, Ids, Mails, Shard#shard{open = none});
 resume(#shard{open = {peer, Peer, _}} = Shard) ->
