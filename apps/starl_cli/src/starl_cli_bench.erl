@@ -5,7 +5,7 @@
 -export([command/1]).
 
 -define(BENCHMARKS, [
-    {ring, starl_cli_bench_ring, "robots that each send a message every 100 ms and drive to and fro"},
+    {ring, starl_cli_bench_ring, "robots that send a message every 100 ms and drive to and fro"},
     {swarm, starl_cli_bench_swarm, "robots that broadcast to those within a metre"},
     {events, starl_cli_bench_events, "timers and deliveries, nothing else"},
     {scale, starl_cli_bench_scale, "start-up and memory of up to 10,000 robots"},
