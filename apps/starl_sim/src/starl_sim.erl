@@ -8,17 +8,22 @@
 %%   starl_sim:run(Sim).                % to the end
 %%   {Outcome, Report} = starl_sim:finish(Sim).
 %% '''
+%% Over several Erlang nodes it comes to the same digest:
+%% ```
+%%   {ok, Sim} = starl_sim:start(#{app => starl_painting, robots => 100}, #{nodes => 2}).
+%% '''
 -module(starl_sim).
 
--export([start/1, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
+-export([start/1, start/2, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
 -export([scenario/1, robot_pids/2, format_error/1]).
 
--export_type([sim/0, reason/0]).
+-export_type([sim/0, options/0, reason/0]).
 
 -define(ROBOTS_PER_SHARD, 16).
 %% Larger teams are simulated inline, where the scenario does not say.
 -define(MANY_ROBOTS, 300).
 -define(INTENSITY, 1000).
+-define(NODE_TIMEOUT_MS, 30000).
 
 -record(sim, {
     sup :: pid(),
@@ -30,20 +35,35 @@
 %% A running simulation, linked to the process that started it.
 -opaque sim() :: #sim{}.
 
+%% What does not belong to the scenario and changes nothing in the run: over which nodes it goes,
+%% so many peers on this machine or those that run already with the same code
+%% ({@link starl_sim_nodes}); how long, in wall time, a node may keep the others waiting; and
+%% modules that were compiled in memory and are to be loaded there.
+-type options() :: #{
+    nodes => starl_sim_nodes:nodes(),
+    node_timeout_ms => pos_integer(),
+    code => [{module(), file:filename(), Beam :: binary()}]
+}.
+
 -type reason() ::
     {scenario, starl_sim_scenario:reason()}
     | {scene, unicode:chardata()}
     | {no_such_app, module()}
     | {fault_target, atom(), starl:robot_id()}
-    | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}.
+    | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
+    | {nodes, starl_sim_nodes:reason()}.
 
 %% @doc Starts the simulation of a scenario. The key `app' is the application's module.
 -spec start(#{app := module(), atom() => term()}) -> {ok, sim()} | {error, reason()}.
-start(#{app := App} = Given) ->
+start(Given) -> start(Given, #{}).
+
+%% @doc The same with options of the run.
+-spec start(#{app := module(), atom() => term()}, options()) -> {ok, sim()} | {error, reason()}.
+start(#{app := App} = Given, Options) ->
     case code:ensure_loaded(App) of
         {module, App} ->
             case starl_sim_scenario:check(Given, starl_app:options(App)) of
-                {ok, Scenario} -> prepare(App, Scenario);
+                {ok, Scenario} -> prepare(App, Scenario, Options);
                 {error, Reason} -> {error, {scenario, Reason}}
             end;
         {error, _} ->
@@ -84,8 +104,8 @@ scenario(#sim{scenario = Scenario}) -> Scenario.
 %% @doc The supervisors of the robots, for a look at their trees with OTP's own tools.
 -spec robot_pids(sim(), all) -> [pid()].
 robot_pids(#sim{sup = Sup}, all) ->
-    {robots, Robots, _, _} = lists:keyfind(robots, 1, supervisor:which_children(Sup)),
-    [Pid || {_, Pid, _, _} <- supervisor:which_children(Robots)].
+    Pools = [Robots || #{robots_sup := Robots} <- starl_sim_sup:sites(Sup)],
+    [Pid || Robots <- Pools, {_, Pid, _, _} <- supervisor:which_children(Robots)].
 
 %% @doc Ends the simulation and tells what came of it.
 -spec finish(sim()) -> {starl_sim_run:outcome(), starl_app:report()}.
@@ -109,6 +129,7 @@ close(#sim{sup = Sup}) ->
 format_error({scenario, Reason}) -> starl_sim_scenario:format_error(Reason);
 format_error({scene, Why}) -> Why;
 format_error({no_such_app, App}) -> io_lib:format("there is no application ~ts", [App]);
+format_error({nodes, Reason}) -> starl_sim_nodes:format_error(Reason);
 format_error({fault_target, Id, Robot}) ->
     io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]);
 format_error({fault_machine, Id, Name, Known}) ->
@@ -117,25 +138,25 @@ format_error({fault_machine, Id, Name, Known}) ->
 
 %% -- internals ------------------------------------------------------------------------------
 
-prepare(App, Scenario) ->
+prepare(App, Scenario, Options) ->
     #{robots := N, faults := Faults} = Scenario,
     Targets = [{element(1, Fault), R} || Fault <- Faults, R <- starl_sim_fault:targets(Fault)],
     case [{Id, R} || {Id, R} <- Targets, R > N] of
         [{Id, Robot} | _] -> {error, {fault_target, Id, Robot}};
-        [] -> set_scene(App, Scenario)
+        [] -> set_scene(App, Scenario, Options)
     end.
 
-set_scene(App, Scenario) ->
+set_scene(App, Scenario, Options) ->
     Context = context(App, Scenario),
     case starl_app:scene(App, Context) of
-        {ok, Scene} -> check_faults(Scenario, Scene, Context);
+        {ok, Scene} -> check_faults(Scenario, Scene, Context, Options);
         {error, Why} -> {error, {scene, Why}}
     end.
 
-check_faults(#{faults := Faults} = Scenario, Scene, Context) ->
+check_faults(#{faults := Faults} = Scenario, Scene, Context, Options) ->
     Known = [sap, location, motion, app | [N || {N, _, _} <- maps:get(blocks, Scene, [])]],
     case [{Id, N} || {Id, _, _, kill_machine, {_, N}, _} <- Faults, not lists:member(N, Known)] of
-        [] -> launch(with_random_faults(Known, Scenario), Scene, Context);
+        [] -> launch(with_random_faults(Known, Scenario), Scene, Context, Options);
         [{Id, Name} | _] -> {error, {fault_machine, Id, Name, Known}}
     end.
 
@@ -174,7 +195,7 @@ profile(#{speed := Speed, heading_error := H, distance_error := D, position_erro
 %% The first retransmission waits for a little more than the longest way there and back.
 sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
 
-launch(Scenario, Scene, #{robots := Ids} = Context) ->
+launch(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     #{delay := {MinMs, MaxMs}, shards := Shards, faults := Faults} = Scenario,
     Profile = starl_motion:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
     World = #{
@@ -191,17 +212,36 @@ launch(Scenario, Scene, #{robots := Ids} = Context) ->
         location => faults(location, Faults),
         actuation => faults(actuation, Faults)
     },
-    {ok, Sup} = starl_sim_sup:start_link(#{
+    Plan = #{
         robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
         crew => crew(mode(Scenario), Scene, Profile, Context),
         world => World,
         window_us => round(MinMs * 1000),
         limit_us => limit_us(Scenario),
-        shards => shards(Shards, length(Ids)),
+        shards => shards(Shards, length(Ids), Options),
         faults => strikes(Faults),
         monitors => monitors(Scenario, Scene, Context)
-    }),
-    {ok, #sim{sup = Sup, run = starl_sim_sup:run(Sup), scenario = Scenario, scene = Scene}}.
+    },
+    case starl_sim_sup:start_link(maps:merge(Plan, nodes(Scenario, Scene, Options))) of
+        {ok, Sup} ->
+            Run = starl_sim_sup:run(Sup),
+            {ok, #sim{sup = Sup, run = Run, scenario = Scenario, scene = Scene}};
+        {error, Reason} ->
+            {error, {nodes, Reason}}
+    end.
+
+nodes(#{app := App}, #{app := Playing} = Scene, #{nodes := Nodes} = Options) ->
+    Blocks = [Module || {_, Module, _} <- maps:get(blocks, Scene, [])],
+    #{
+        nodes => #{
+            nodes => Nodes,
+            timeout_ms => maps:get(node_timeout_ms, Options, ?NODE_TIMEOUT_MS),
+            modules => lists:usort([App, element(2, Playing) | Blocks]),
+            code => maps:get(code, Options, [])
+        }
+    };
+nodes(_Scenario, _Scene, _Options) ->
+    #{}.
 
 crew(Mode, Scene, Profile, #{robots := Ids} = Context) ->
     Sap = maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
@@ -279,12 +319,20 @@ strikes(Faults) ->
 faults(Class, Faults) ->
     [starl_sim_fault:compile(F) || F <- Faults, starl_sim_fault:class(F) =:= Class].
 
-%% Fewer robots than this are not worth a shard of their own.
-shards(none, Robots) ->
+%% Few robots are not worth a shard of their own, but every node has one.
+shards(none, Robots, Options) ->
     %% two a core, so that a core has work while a shard waits for another
-    max(1, min(2 * erlang:system_info(schedulers_online), Robots div ?ROBOTS_PER_SHARD));
-shards(Shards, Robots) ->
+    Most = 2 * erlang:system_info(schedulers_online) * machines(Options),
+    min(Robots, max(nodes_of(Options), min(Most, Robots div ?ROBOTS_PER_SHARD)));
+shards(Shards, Robots, _Options) ->
     min(Shards, Robots).
+
+%% Other machines are taken to be like this one.
+machines(#{nodes := [_ | _] = Nodes}) -> length(Nodes);
+machines(#{}) -> 1.
+
+nodes_of(#{nodes := N}) when is_integer(N) -> max(1, N);
+nodes_of(Options) -> machines(Options).
 
 range(#{range := none}) -> infinity;
 range(#{range := Range}) -> float(Range).

@@ -15,11 +15,14 @@
 %% run at most `AHEAD' windows ahead of what the monitors have judged, and rest there if they are
 %% told to halt, so where a run ends depends on nothing but the scenario.
 %%
+%% Shards may be on different nodes. One that waits for what will never come, since a node is lost,
+%% is told to abandon the run, and rests for good.
+%%
 %% Each shard keeps its own copy of where all robots were when the window began.
 -module(starl_sim_shard).
 -behaviour(gen_server).
 
--export([start_link/1, launch/2, run/2, approve/2, halt/1, inspect/2]).
+-export([start_link/1, launch/2, run/2, approve/2, halt/1, abandon/1, inspect/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([load/0, crew/0, reason/0]).
@@ -64,7 +67,8 @@
     now = 0 :: starl_sim_queue:time(),
     %% the same in all shards
     next = 0 :: starl_sim_queue:time() | infinity,
-    running = 0 :: non_neg_integer()
+    running = 0 :: non_neg_integer(),
+    abandoned = false :: boolean()
 }).
 
 %% @doc Starts an empty shard for about so many robots.
@@ -101,11 +105,19 @@ halt(Shard) ->
     Shard ! halt,
     ok.
 
+%% @doc The run cannot go on: the shard rests, wherever it waits.
+-spec abandon(pid()) -> ok.
+abandon(Shard) ->
+    Shard ! abandon,
+    ok.
+
 %% @doc Looks at the robots: a summary of all at a time, or the machines of one. For a shard
 %% that rests.
--spec inspect(pid(), {summary, starl_sim_queue:time()} | {robot, starl:robot_id()}) ->
+-spec inspect(
+    pid(), {summary, starl_sim_queue:time()} | {robot, starl:robot_id()}, Ms :: timeout()
+) ->
     [{starl:robot_id(), starl_sim_robot:summary()}] | #{starl_machine:name() => term()} | unknown.
-inspect(Shard, What) -> gen_server:call(Shard, {inspect, What}, infinity).
+inspect(Shard, What, Ms) -> gen_server:call(Shard, {inspect, What}, Ms).
 
 -spec init(map()) -> {ok, #shard{}}.
 init(#{run := Run, world := World, window_us := Width, robots_sup := RobotsSup}) ->
@@ -157,6 +169,8 @@ handle_info({approve, N}, Shard) ->
     {noreply, Shard#shard{approved = N}};
 handle_info(halt, Shard) ->
     {noreply, Shard};
+handle_info(abandon, Shard) ->
+    {noreply, Shard#shard{abandoned = true}};
 handle_info({out_of_patience, _}, Shard) ->
     {noreply, Shard}.
 
@@ -183,6 +197,8 @@ starter(Id, Tree, #shard{robots_sup = Sup}) ->
 agree(#shard{windows = 0} = Shard) -> Shard;
 agree(Shard) -> exchange(#{later => [], moved => [], ended => 0, trace => []}, Shard).
 
+advance(_Until, #shard{abandoned = true} = Shard) ->
+    rest(halted, Shard);
 advance(_Until, #shard{running = 0} = Shard) ->
     rest(done, Shard);
 advance(_Until, #shard{next = infinity} = Shard) ->
@@ -192,7 +208,8 @@ advance(Until, #shard{next = Next} = Shard) when Next >= Until ->
 advance(Until, #shard{windows = N, approved = Approved} = Shard) when N >= Approved + ?AHEAD ->
     receive
         {approve, More} -> advance(Until, Shard#shard{approved = More});
-        halt -> rest(halted, Shard)
+        halt -> rest(halted, Shard);
+        abandon -> rest(halted, Shard#shard{abandoned = true})
     end;
 advance(Until, Shard) ->
     advance(Until, run_window(look_up(Shard))).
@@ -244,9 +261,12 @@ exchange(#{later := Later, moved := Moved, ended := Ended}, Shard) ->
     Told = take({Next, Ended, Moved, []}, Shard#shard{queue = Own, next = infinity}),
     lists:foldl(fun receive_mail/2, Told, Peers).
 
+receive_mail(_Peer, #shard{abandoned = true} = Shard) ->
+    Shard;
 receive_mail(Peer, #shard{windows = N} = Shard) ->
     receive
-        {mail, Peer, N, Mail} -> take(Mail, Shard)
+        {mail, Peer, N, Mail} -> take(Mail, Shard);
+        abandon -> Shard#shard{abandoned = true}
     end.
 
 take({Next, Ended, Moved, Packets}, #shard{queue = Queue, world = #{sight := Sight}} = Shard) ->
