@@ -64,6 +64,8 @@ commands() ->
             "sweep TARGET      run every combination of settings and seeds; CSV and a plot"},
         {"check", fun starl_cli_check:command/1,
             "check BLOCK       go through all that can happen to a small team"},
+        {"node", fun starl_cli_nodes:command/1,
+            "node              a node that waits for runs with --nodes"},
         {"bench", fun starl_cli_bench:command/1, "bench [ring|dpp]  measure how fast it runs"},
         {"apps", fun apps/1, "apps              list the applications"},
         {"scenarios", fun scenarios/1, "scenarios         list the scenarios"}

@@ -21,11 +21,18 @@
 
 %% @doc Runs what a command line asks for; gives the exit status.
 -spec run(starl_cli_run:setup()) -> starl_cli_terminal:status().
-run(#{scenario := Scenario} = Setup) ->
+run(#{nodes := Nodes, target := Target} = Setup) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),
-    try starl_sim:start(Scenario) of
+    case starl_cli_nodes:options(Nodes, Target) of
+        {ok, Options} -> start(Options, Setup);
+        {error, Line} -> starl_cli_terminal:bad_input([Line])
+    end.
+
+start(Options, #{scenario := Scenario} = Setup) ->
+    try starl_sim:start(Scenario, Options) of
         {ok, Sim} -> started(Sim, Setup);
+        {error, {nodes, {lost, Loss}}} -> lost([Loss], 4);
         {error, Reason} -> starl_cli_terminal:bad_input([starl_sim:format_error(Reason)])
     catch
         exit:Reason -> failed(Reason, Setup)
@@ -97,7 +104,10 @@ finish(Ending, #drive{sim = Sim} = Drive) ->
     starl_cli_signal:on_interrupt(fun() -> ok end),
     {Outcome, AppReport} = starl_sim:finish(Sim),
     starl_cli_progress:erase(),
-    {Ending, WallMs, Outcome, AppReport}.
+    case Outcome of
+        #{lost := []} -> {Ending, WallMs, Outcome, AppReport};
+        #{lost := [_ | _]} -> {lost, WallMs, Outcome, AppReport}
+    end.
 
 wall_ms(#drive{begun_ms = Begun}) -> now_ms() - Begun.
 
@@ -116,7 +126,12 @@ tell(#{target := #{name := Name}, scenario := Scenario} = Setup, Ending, WallMs,
     end),
     _ = summarize(Setup, Report),
     violated(Setup, Outcome),
-    where(Written, status(Report)).
+    where(Written, lost(maps:get(lost, Outcome), status(Report))).
+
+%% Says which nodes are gone; passes the status on.
+lost(Losses, Status) ->
+    lists:foreach(fun(L) -> starl_cli_terminal:complain(starl_sim_nodes:format_loss(L)) end, Losses),
+    Status.
 
 %% What is not as it should be is told in any case.
 summarize(#{quiet := true}, Report) ->

@@ -68,7 +68,9 @@
     %% the same in all shards
     next = 0 :: starl_sim_queue:time() | infinity,
     running = 0 :: non_neg_integer(),
-    abandoned = false :: boolean()
+    abandoned = false :: boolean(),
+    %% mail of peers that were told to run before this shard was
+    early = [] :: [tuple()]
 }).
 
 %% @doc Starts an empty shard for about so many robots.
@@ -152,9 +154,10 @@ handle_call({inspect, {robot, Id}}, _From, Shard) ->
     end.
 
 -spec handle_cast({run, starl_sim_queue:time()}, #shard{}) -> {noreply, #shard{}}.
-handle_cast({run, Until}, #shard{now = Now} = Shard) ->
+handle_cast({run, Until}, #shard{now = Now, early = Early} = Shard) ->
     Timer = starl_sim_window:be_patient({Now, Now}),
-    Rested = advance(Until, agree(Shard)),
+    _ = [self() ! Mail || Mail <- Early],
+    Rested = advance(Until, agree(Shard#shard{early = []})),
     _ = erlang:cancel_timer(Timer),
     {noreply, Rested}.
 
@@ -167,6 +170,9 @@ handle_info({down, Pid, Reason}, Shard) ->
     {noreply, down(Pid, Reason, Shard)};
 handle_info({approve, N}, Shard) ->
     {noreply, Shard#shard{approved = N}};
+handle_info({mail, _Peer, _N, _Mail} = Mail, #shard{early = Early} = Shard) ->
+    %% one at most of each peer, which waits for this shard's
+    {noreply, Shard#shard{early = [Mail | Early]}};
 handle_info(halt, Shard) ->
     {noreply, Shard};
 handle_info(abandon, Shard) ->
