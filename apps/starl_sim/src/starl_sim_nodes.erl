@@ -65,8 +65,6 @@
 -define(TICKS, 10).
 -define(LEAST_TICK_MS, 20).
 -define(CLOSE_MS, 10000).
-%% Checking the code loads it all, on a node that may have much else to do.
--define(CHECK_MS, 60000).
 -define(MOST_NAMES, 3).
 
 %% @doc Starts without any nodes.
@@ -232,35 +230,34 @@ started([_ | _] = Names) ->
 started(Other) ->
     {error, {bad_nodes, Other}}.
 
-check(Names, #{modules := Seeds, code := Code}) ->
+check(Names, #{modules := Seeds, code := Code, timeout_ms := Ms}) ->
     InMemory = [Module || {Module, _, _} <- Code],
     Modules = starl_sim_code:modules([starl_sim | Seeds]) -- InMemory,
     Ours = starl_sim_code:digests(Modules),
-    sites_on(Names, Modules, Ours, Code, []).
+    sites_on(Names, #{modules => Modules, digests => Ours, code => Code, ms => Ms}, []).
 
-sites_on([], _Modules, _Ours, _Code, Sites) ->
+sites_on([], _Wanted, Sites) ->
     {ok, lists:reverse(Sites)};
-sites_on([Node | Rest], Modules, Ours, Code, Sites) ->
-    case site_on(Node, Modules, Ours, Code) of
-        {ok, Site} -> sites_on(Rest, Modules, Ours, Code, [Site | Sites]);
-        {error, _} = Error -> close_after(Error, Sites)
+sites_on([Node | Rest], Wanted, Sites) ->
+    case site_on(Node, Wanted) of
+        {ok, Site} ->
+            sites_on(Rest, Wanted, [Site | Sites]);
+        {error, _} = Error ->
+            ok = close(Sites),
+            Error
     end.
 
-close_after(Error, Sites) ->
-    ok = close(Sites),
-    Error.
-
-site_on(Node, Modules, Ours, Code) ->
+site_on(Node, Wanted) ->
     case node() =:= Node orelse net_kernel:connect_node(Node) of
-        true -> with_code(Node, Modules, Ours, Code);
+        true -> checked(Node, Wanted);
         _ -> {error, {unreachable, Node}}
     end.
 
-with_code(Node, Modules, Ours, Code) ->
+checked(Node, #{modules := Modules, digests := Ours, ms := Ms} = Wanted) ->
     try
-        case erpc:call(Node, starl_sim_code, digests, [Modules], ?CHECK_MS) of
-            Ours -> {ok, site(Node, Code)};
-            Theirs -> {error, other_code(Node, starl_sim_code:differing(Ours, Theirs))}
+        case erpc:call(Node, starl_sim_code, digests, [Modules], Ms) of
+            Ours -> {ok, site(Node, Wanted)};
+            Theirs -> {error, other_code(Node, starl_sim_code:differing(Ours, Theirs), Ms)}
         end
     catch
         error:{exception, undef, _} -> {error, {no_code, Node}};
@@ -268,16 +265,16 @@ with_code(Node, Modules, Ours, Code) ->
         error:{erpc, noconnection} -> {error, {unreachable, Node}}
     end.
 
-other_code(Node, Modules) ->
-    There = erpc:call(Node, erlang, system_info, [otp_release], ?CHECK_MS),
+other_code(Node, Modules, Ms) ->
+    There = erpc:call(Node, erlang, system_info, [otp_release], Ms),
     {other_code, Node, Modules, erlang:system_info(otp_release), There}.
 
-site(Node, Code) ->
+site(Node, #{code := Code, ms := Ms}) ->
     _ = [
-        {module, Module} = erpc:call(Node, code, load_binary, [Module, File, Beam], ?CHECK_MS)
+        {module, Module} = erpc:call(Node, code, load_binary, [Module, File, Beam], Ms)
      || {Module, File, Beam} <- Code, Node =/= node()
     ],
-    starl_sim_site:open(Node, self(), ?CHECK_MS).
+    starl_sim_site:open(Node, self(), Ms).
 
 opened({ok, Sites}, Nodes) ->
     _ = [erlang:monitor(process, Server) || #{server := Server} <- Sites],

@@ -28,7 +28,7 @@ start_link(Plan) ->
     end.
 
 start_all(Sup, #{nodes := Options} = Plan) ->
-    {ok, Nodes} = supervisor:start_child(Sup, child(nodes, starl_sim_nodes, [], 60000)),
+    {ok, Nodes} = supervisor:start_child(Sup, child(nodes, starl_sim_nodes, [], permanent)),
     case starl_sim_nodes:open(Nodes, Options) of
         {ok, Sites} -> start_run(Sup, Nodes, Plan#{sites => Sites});
         {error, _} = Error -> Error
@@ -39,7 +39,7 @@ start_all(Sup, Plan) ->
     start_run(Sup, none, Plan#{sites => [starl_sim_site:local(Robots, Shards)]}).
 
 start_run(Sup, Nodes, Plan) ->
-    case supervisor:start_child(Sup, child(run, starl_sim_run, [Plan], 5000)) of
+    case supervisor:start_child(Sup, child(run, starl_sim_run, [Plan], temporary)) of
         {ok, Run} when is_pid(Nodes) ->
             starl_sim_nodes:watch(Nodes, Run);
         {ok, _} ->
@@ -58,10 +58,9 @@ stop(Sup) ->
         {'DOWN', Ref, process, Sup, _} -> ok
     end.
 
-child(Id, Module, Args, Shutdown) ->
-    #{
-        id => Id, start => {Module, start_link, Args}, restart => temporary, shutdown => Shutdown
-    }.
+%% Ending the nodes takes as long as it takes; they bound it themselves.
+child(Id, Module, Args, Restart) ->
+    #{id => Id, start => {Module, start_link, Args}, restart => Restart, shutdown => 60000}.
 
 %% @doc Starts a supervisor of robots or of shards alone, linked to the calling process.
 -spec start_pool(robots | shards) -> supervisor:startlink_ret().
