@@ -22,9 +22,9 @@
     crash/2, orphaned/1, bare_node/0, sites/1, left/0, shards/0, exhausted/1
 ]).
 
--define(TIMEOUT_MS, 1000).
+-define(TIMEOUT_MS, 2000).
 %% From a loss to the end of a run, with much else going on on the machine.
--define(BOUND_MS, 15000).
+-define(BOUND_MS, 20000).
 
 suite() -> [{timetrap, {minutes, 2}}].
 

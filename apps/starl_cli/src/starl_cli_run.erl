@@ -1,7 +1,7 @@
 %% @doc `./starl run': one simulation, from the flags to the directory with its results.
 -module(starl_cli_run).
 
--export([command/1, setup/1, replay/2, take_target/1, scenario/2]).
+-export([command/1, setup/1, replay/2, command_line/3, take_target/1, scenario/2]).
 -export([help_wanted/1, flag_lines/1, out/2, options/1]).
 
 -export_type([setup/0]).
@@ -109,13 +109,17 @@ out(Dir, Name) ->
 
 %% @doc The command line that replays a run exactly.
 -spec replay(starl_cli_target:t(), starl_sim_scenario:t()) -> unicode:chardata().
-replay(#{app := App, replay := Word}, Scenario) ->
+replay(Target, Scenario) -> command_line("run", Target, Scenario).
+
+%% @doc The command line of a command that takes a target and its values.
+-spec command_line(string(), starl_cli_target:t(), starl_sim_scenario:t()) -> unicode:chardata().
+command_line(Command, #{app := App, replay := Word}, Scenario) ->
     Options = options(App),
     Defaults = maps:without([seed, robots], starl_cli_flags:defaults(Options)),
     Chosen = maps:filter(
         fun(Key, Value) -> maps:find(Key, Defaults) =/= {ok, Value} end, maps:remove(app, Scenario)
     ),
-    lists:join(" ", ["./starl run", Word | starl_cli_flags:arguments(Options, Chosen)]).
+    lists:join(" ", ["./starl", Command, starl_cli_flags:shell(Word) | starl_cli_flags:arguments(Options, Chosen)]).
 
 %% -- flags and help -------------------------------------------------------------------------
 

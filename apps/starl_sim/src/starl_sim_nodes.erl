@@ -65,6 +65,8 @@
 -define(TICKS, 10).
 -define(LEAST_TICK_MS, 20).
 -define(CLOSE_MS, 10000).
+%% A node loads all the code when that is checked.
+-define(LEAST_CHECK_MS, 5000).
 -define(MOST_NAMES, 3).
 
 %% @doc Starts without any nodes.
@@ -234,7 +236,8 @@ check(Names, #{modules := Seeds, code := Code, timeout_ms := Ms}) ->
     InMemory = [Module || {Module, _, _} <- Code],
     Modules = starl_sim_code:modules([starl_sim | Seeds]) -- InMemory,
     Ours = starl_sim_code:digests(Modules),
-    sites_on(Names, #{modules => Modules, digests => Ours, code => Code, ms => Ms}, []).
+    CheckMs = max(?LEAST_CHECK_MS, Ms),
+    sites_on(Names, #{modules => Modules, digests => Ours, code => Code, ms => CheckMs}, []).
 
 sites_on([], _Wanted, Sites) ->
     {ok, lists:reverse(Sites)};

@@ -9,7 +9,7 @@
 
 -export([new/3, boot/4, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
 -export([fire/6, forget_timers/2, ended/1, local_time/1]).
--export([piece/1, hash_event/4, hash_event/5, digest/1, result/1]).
+-export([now/1, piece/1, hash_event/4, hash_event/5, digest/1, ledger/1, result/1]).
 -export([perform/3, trace/3, stop/1, turn_wheels/1, postpone/2]).
 
 -export_type([t/0, world/0, yield/0]).
@@ -17,6 +17,7 @@
 %% What all robots share: the seed, the radio, the clocks and the chassis' errors, and the faults
 %% of each class.
 %% `sight' knows the pieces of motion that all robots were in when the window began.
+%% `record' says whose events are to be kept, and which.
 -type world() :: #{
     seed := integer(),
     team := starl_team:t(),
@@ -30,7 +31,8 @@
     network := [starl_sim_fault:compiled()],
     clocks := [starl_sim_fault:compiled()],
     location := [starl_sim_fault:compiled()],
-    actuation := [starl_sim_fault:compiled()]
+    actuation := [starl_sim_fault:compiled()],
+    record => #{starl:robot_id() => starl_sim_ledger:range()}
 }.
 
 %% What comes out of a window: events for other robots or later windows; the trace, newest
@@ -39,7 +41,6 @@
     [starl_sim_queue:event()], [starl_monitor:trace_event()], Changes :: [moved | ended]
 }.
 
--define(MAX_WHEEL, 500.0).
 -define(CLASS_TIMER, 1).
 -define(CLASS_PACKET, 2).
 
@@ -62,6 +63,9 @@
     seen = #{} :: #{starl:robot_id() => starl:pose()},
     chain = 0 :: non_neg_integer(),
     events = 0 :: non_neg_integer(),
+    %% the number of the next event that the ledger is to note
+    mark :: pos_integer(),
+    ledger :: starl_sim_ledger:t(),
     packets = 0 :: non_neg_integer(),
     result = running :: running | {done, term()},
     %% what came out: own events of this window, all others, the trace, newest first
@@ -77,12 +81,15 @@
 -spec new(starl:robot_id(), starl:pose(), world()) -> t().
 new(Id, {X, Y, Heading}, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
     Piece = starl_trajectory:standing(0, {X, Y}, Heading),
+    {Mark, Ledger} = starl_sim_ledger:new(maps:get(Id, maps:get(record, World, #{}), none)),
     Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
     Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
     Faults = [F || F <- maps:get(clocks, World), starl_sim_fault:hits(Id, F)],
     #body{
         id = Id,
         world = World,
+        mark = Mark,
+        ledger = Ledger,
         clock = starl_sim_clock:new(Offset, Drift, Faults),
         piece = Piece,
         traces = [{0, Id, chassis, {motion, Piece}}]
@@ -151,7 +158,7 @@ fire(Now, Machine, Timer, Content, Seq, #body{timers = Timers, chain = Chain} = 
                 chain = hash(Chain, Now, Machine, Type, Content),
                 events = Body#body.events + 1
             },
-            {ok, Type, Fired};
+            {ok, Type, noted(Machine, Type, Content, Fired)};
         #{} ->
             stale
     end.
@@ -168,6 +175,10 @@ forget_timers(Machine, #body{timers = Timers} = Body) ->
 -spec ended(t()) -> t().
 ended(#body{result = running, changes = Changes} = Body) -> Body#body{changes = [ended | Changes]};
 ended(Body) -> Body.
+
+%% @doc The virtual time that the robot is at.
+-spec now(t()) -> starl_sim_queue:time().
+now(#body{now = Now}) -> Now.
 
 %% @doc The robot's own clock in microseconds.
 -spec local_time(t()) -> integer().
@@ -187,9 +198,20 @@ hash_event(Machine, Type, Content, #body{now = Now} = Body) ->
     starl_sim_queue:time(), starl_machine:name(), starl_machine:event_type() | boot, term(), t()
 ) -> t().
 hash_event(Now, Machine, Type, Content, #body{chain = Chain, events = Events} = Body) ->
-    Body#body{
+    Hashed = Body#body{
         now = Now, chain = hash(Chain, Now, Machine, Type, Content), events = Events + 1
-    }.
+    },
+    noted(Machine, Type, Content, Hashed).
+
+%% Few events are noted, so for all others this is one comparison.
+noted(_Machine, _Type, _Content, #body{events = N, mark = Mark} = Body) when N < Mark ->
+    Body;
+noted(Machine, Type, Content, #body{now = Now, events = N, chain = Chain} = Body) ->
+    Event = #{
+        n => N, at_us => Now, machine => Machine, type => Type, content => Content, chain => Chain
+    },
+    {Mark, Ledger} = starl_sim_ledger:note(Now, Event, Body#body.ledger),
+    Body#body{mark = Mark, ledger = Ledger}.
 
 hash(Chain, Now, Machine, Type, Content) ->
     erlang:phash2({Chain, Now, Machine, Type, Content}, 4294967296).
@@ -198,6 +220,10 @@ hash(Chain, Now, Machine, Type, Content) ->
 -spec digest(t()) -> {Chain :: non_neg_integer(), Events, Packets} when
     Events :: non_neg_integer(), Packets :: non_neg_integer().
 digest(#body{chain = Chain, events = Events, packets = Packets}) -> {Chain, Events, Packets}.
+
+%% @doc What was kept of the robot's events.
+-spec ledger(t()) -> starl_sim_ledger:t().
+ledger(#body{ledger = Ledger}) -> Ledger.
 
 %% @doc What the application has returned.
 -spec result(t()) -> running | {done, term()}.
@@ -332,17 +358,11 @@ see(Other, #body{window = Window, world = #{sight := Sight}} = Body) ->
         unknown -> []
     end.
 
-%% The positioning system's error: within a disk, and a quarter of the bound on the heading.
-blur(Robot, {X, Y, Heading}, #body{id = Id, draws = N, world = #{seed := Seed, profile := P}}) ->
-    #{position_error_mm := Error, heading_error := HeadingError} = P,
-    Key = {Seed, Id, Robot, N},
-    Radius = Error * starl_sim_draw:uniform({Key, radius}),
-    Angle = 2 * math:pi() * starl_sim_draw:uniform({Key, angle}),
-    Turn = 0.25 * HeadingError * starl_sim_draw:signed({Key, heading}),
-    {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle), Heading + Turn}.
+blur(Robot, Pose, #body{id = Id, draws = N, world = #{seed := Seed, profile := Profile}}) ->
+    starl_sim_sense:blur(Pose, {Seed, Id, Robot, N}, Profile).
 
 drive(Left0, Right0, #body{id = Id, now = Now, draws = N, world = World} = Body) ->
-    Command = {limit(Left0), limit(Right0)},
+    Command = starl_sim_chassis:command(Left0, Right0),
     Faults = held(Id, Now, World),
     Lost = [
         F
@@ -363,40 +383,16 @@ held(Id, Now, #{actuation := All}) ->
 turn_wheels(#body{id = Id, now = Now, world = World} = Body) ->
     turn_wheels(held(Id, Now, World), Body).
 
-turn_wheels(Faults, #body{command = Command, now = Now, piece = Piece, world = World} = Body) ->
-    {Left, Right} = lists:foldl(fun wheels/2, Command, Faults),
-    {X, Y, Heading} = starl_trajectory:pose(Now, Piece),
-    Speed = (Left + Right) / 2,
-    Rate = (Right - Left) / maps:get(axle_mm, maps:get(profile, World)),
-    moving(Speed, Rate, {X, Y}, Heading, Body).
-
-wheels({_, _, _, wheel_stuck, _, #{wheel := left}}, {_, Right}) -> {0.0, Right};
-wheels({_, _, _, wheel_stuck, _, #{wheel := right}}, {Left, _}) -> {Left, 0.0};
-wheels({_, _, _, wheel_slow, _, #{wheel := left, factor := F}}, {Left, Right}) -> {F * Left, Right};
-wheels({_, _, _, wheel_slow, _, #{wheel := right, factor := F}}, {Left, Right}) -> {Left, F * Right};
-wheels({_, _, _, slip, _, #{factor := F}}, {Left, Right}) -> {F * Left, F * Right};
-wheels(_, Speeds) -> Speeds.
-
-moving(Speed, Rate, Point, Heading, #body{now = Now, piece = Old} = Body) when
-    Speed == 0, Rate == 0
-->
-    case starl_trajectory:is_still(Old) of
-        true -> Body;
-        false -> set_piece(starl_trajectory:standing(Now, Point, Heading), Body)
-    end;
-moving(Speed, Rate, Point, Heading, #body{now = Now} = Body) when Speed == 0 ->
-    set_piece(starl_trajectory:piece(Now, Point, Heading, 0.0, Rate), Body);
-moving(Speed, Rate, Point, Heading, #body{id = Id, draws = N, now = Now, world = World} = Body) ->
-    #{seed := Seed, profile := #{heading_error := Turn, distance_error := Part}} = World,
-    Skew = 0.75 * Turn * starl_sim_draw:signed({Seed, Id, N, skew}),
-    Slip = 1.0 + Part * starl_sim_draw:signed({Seed, Id, N, slip}),
-    Piece = starl_trajectory:piece(Now, Point, Heading + Skew, Speed * Slip, Rate),
-    set_piece(Piece, Body#body{draws = N + 1}).
+turn_wheels(Faults, #body{command = Command, now = Now, piece = Piece, draws = N} = Body) ->
+    #body{id = Id, world = #{seed := Seed, profile := Profile}} = Body,
+    Speeds = starl_sim_chassis:wheels(Command, Faults),
+    case starl_sim_chassis:turn(Speeds, Now, Piece, {Seed, Id, N}, Profile) of
+        same -> Body;
+        {New, Draws} -> set_piece(New, Body#body{draws = N + Draws})
+    end.
 
 set_piece(Piece, #body{changes = Changes} = Body) ->
     trace(chassis, {motion, Piece}, Body#body{piece = Piece, changes = [moved | Changes]}).
-
-limit(Speed) -> max(-?MAX_WHEEL, min(?MAX_WHEEL, Speed)).
 
 start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) ->
     #body{timers = Timers, until = Until, clock = Clock} = Body,

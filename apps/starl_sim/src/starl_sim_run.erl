@@ -4,13 +4,15 @@
 %% ```
 %%   resting --- run(Until) ---> running --- Until, all done, violation or stop ---> resting
 %% '''
+%% A run that pauses between a violation and the end that follows from it goes on to that end: the
+%% digest does not depend on pauses.
 -module(starl_sim_run).
 -behaviour(gen_server).
 
--export([start_link/1, run/2, stop/1, status/1, inspect/2, finish/1]).
+-export([start_link/1, run/2, run_to/2, stop/1, status/1, inspect/2, robots/1, events/2, finish/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([plan/0, status/0, outcome/0, ending/0, progress/0]).
+-export_type([plan/0, status/0, outcome/0, ending/0, missed/0, progress/0]).
 
 %% What is to be simulated: see {@link starl_sim:start/1}.
 -type plan() :: #{
@@ -37,6 +39,14 @@
     running := non_neg_integer(),
     ending := ending() | none
 }.
+
+%% Why a run cannot stop at an event: there is no such robot, it has had more events already, or
+%% the run ended before, or it lost a node.
+-type missed() ::
+    {no_robot, starl:robot_id()}
+    | {past, starl:robot_id(), Events :: non_neg_integer()}
+    | {ended, starl:robot_id(), Events :: non_neg_integer()}
+    | {lost, starl_sim_nodes:loss()}.
 
 %% Everything known at the end. Where nodes were lost, their robots are missing in it, and the
 %% digest is empty.
@@ -66,6 +76,8 @@
     approved = 0 :: non_neg_integer(),
     now = 0 :: starl_sim_queue:time(),
     caller = none :: gen_server:from() | none,
+    %% the event to stop at
+    goal = none :: starl_sim_shard:stop(),
     resting = 0 :: non_neg_integer(),
     running :: non_neg_integer(),
     ending = none :: ending() | none,
@@ -92,6 +104,12 @@ start_link(Plan) ->
 -spec run(pid(), Until :: starl_sim_queue:time()) -> status().
 run(Run, Until) -> gen_server:call(Run, {run, Until}, infinity).
 
+%% @doc Runs until just after the N-th event of a robot: it does no more, the others finish the
+%% window. An end that comes before that is an error.
+-spec run_to(pid(), {starl:robot_id(), N :: pos_integer()}) ->
+    {ok, status()} | {error, missed() | running}.
+run_to(Run, Event) -> gen_server:call(Run, {run_to, Event}, infinity).
+
 %% @doc Ends the run, a fixed number of windows ahead of what is judged.
 -spec stop(pid()) -> ok.
 stop(Run) -> gen_server:cast(Run, stop).
@@ -102,8 +120,17 @@ status(Run) -> gen_server:call(Run, status, infinity).
 
 %% @doc The machines of one robot, while the run rests.
 -spec inspect(pid(), starl:robot_id()) ->
-    #{starl_machine:name() => term()} | unknown | {error, running}.
+    #{starl_machine:name() => starl_sim_machines:seen()} | unknown | {error, running}.
 inspect(Run, Robot) -> gen_server:call(Run, {inspect, Robot}, infinity).
+
+%% @doc What is known of all robots, while the run rests.
+-spec robots(pid()) -> [{starl:robot_id(), starl_sim_robot:summary()}] | {error, running}.
+robots(Run) -> gen_server:call(Run, robots, infinity).
+
+%% @doc The events of a robot that were recorded so far, while the run rests.
+-spec events(pid(), starl:robot_id()) ->
+    [starl_sim_ledger:event()] | unknown | {error, running}.
+events(Run, Robot) -> gen_server:call(Run, {events, Robot}, infinity).
 
 %% @doc Closes the monitors and tells everything known; the run can go on no further.
 -spec finish(pid()) -> outcome().
@@ -134,23 +161,30 @@ set_out(#{window_us := WindowUs, robots := Robots, monitors := Monitors} = Plan)
 
 -spec handle_call(term(), gen_server:from(), #run{}) ->
     {reply, term(), #run{}} | {noreply, #run{}}.
-handle_call({run, Until}, From, #run{caller = none, ending = none, shards = Shards} = Run) ->
-    %% whole windows only, so that where a run pauses does not change it
-    #run{window_us = Width, limit_us = Limit} = Run,
-    Whole = (min(Until, Limit) + Width - 1) div Width * Width,
-    _ = [ok = starl_sim_shard:run(Shard, Whole) || Shard <- Shards],
-    {noreply, Run#run{caller = From, resting = 0}};
+handle_call({run, Until}, From, #run{caller = none, ending = none} = Run) ->
+    {noreply, go(Until, none, From, Run)};
 handle_call({run, _Until}, _From, Run) ->
     {reply, status_of(Run), Run};
 handle_call(status, _From, Run) ->
     {reply, status_of(Run), Run};
 handle_call(_Question, _From, #run{caller = Caller} = Run) when Caller =/= none ->
     {reply, {error, running}, Run};
-handle_call({inspect, Id}, _From, #run{owners = Owners} = Run) ->
-    case Owners of
-        #{Id := Shard} -> {reply, asked(Shard, {robot, Id}, unknown, Run), Run};
-        #{} -> {reply, unknown, Run}
+handle_call({run_to, _Goal}, _From, #run{lost = [Loss | _]} = Run) ->
+    {reply, {error, {lost, Loss}}, Run};
+handle_call({run_to, {Id, N} = Goal}, From, #run{limit_us = Limit, ending = Ending} = Run) ->
+    case ask(count, Id, Run) of
+        unknown -> {reply, {error, {no_robot, Id}}, Run};
+        N -> {reply, {ok, status_of(Run)}, Run};
+        Count when Count > N -> {reply, {error, {past, Id, Count}}, Run};
+        _ when Ending =:= none -> {noreply, go(Limit, Goal, From, Run)};
+        Count -> {reply, {error, {ended, Id, Count}}, Run}
     end;
+handle_call({inspect, Id}, _From, Run) ->
+    {reply, ask(robot, Id, Run), Run};
+handle_call({events, Id}, _From, Run) ->
+    {reply, ask(events, Id, Run), Run};
+handle_call(robots, _From, Run) ->
+    {reply, summaries(Run), Run};
 handle_call(finish, _From, Run) ->
     {reply, conclude(Run), Run}.
 
@@ -174,7 +208,9 @@ handle_info({window_done, Shard, N, Trace}, #run{traces = Traces} = Run) ->
     Told = maps:get(N, Traces, []),
     {noreply, approve(judge(Run#run{traces = Traces#{N => [{Shard, Trace} | Told]}}))};
 handle_info({resting, _Shard, Now, Reason, Running}, #run{resting = Resting} = Run) ->
-    Next = Run#run{resting = Resting + 1, now = Now, running = Running},
+    %% where a window is not over, only some of the shards know whose application has ended in it
+    Most = max(Running, Run#run.running),
+    Next = Run#run{resting = Resting + 1, now = Now, running = Most},
     case Resting + 1 =:= length(Run#run.shards) of
         true -> {noreply, rest(Reason, Next)};
         false -> {noreply, Next}
@@ -189,6 +225,18 @@ handle_info({'DOWN', _, process, Shard, Reason}, #run{shards = Shards} = Run) ->
     case lists:member(Shard, Shards) of
         true -> {stop, {shard_failed, Reason}, Run};
         false -> {noreply, Run}
+    end.
+
+%% Whole windows only, so that where a run pauses does not change it.
+go(Until, Goal, From, #run{window_us = Width, limit_us = Limit, shards = Shards} = Run) ->
+    Whole = (min(Until, Limit) + Width - 1) div Width * Width,
+    _ = [ok = starl_sim_shard:run(Shard, Whole, Goal) || Shard <- Shards],
+    Run#run{caller = From, goal = Goal, resting = 0, running = 0}.
+
+ask(What, Id, #run{owners = Owners} = Run) ->
+    case Owners of
+        #{Id := Shard} -> asked(Shard, {What, Id}, unknown, Run);
+        #{} -> unknown
     end.
 
 %% -- judging --------------------------------------------------------------------------------
@@ -234,18 +282,28 @@ halt_shards(#run{shards = Shards} = Run) ->
 merge([Trace]) -> Trace;
 merge(Traces) -> lists:merge(Traces).
 
-rest(Reason, #run{caller = From, violations = Violations, stop = Stop} = Run) ->
-    Ending =
-        case Reason of
-            _ when Violations =/= [] -> violation;
-            _ when Stop -> stopped;
-            until when Run#run.now >= Run#run.limit_us -> time;
-            until -> none;
-            _ -> Reason
-        end,
-    Rested = Run#run{caller = none, ending = Ending},
-    gen_server:reply(From, status_of(Rested)),
+rest(Reason, #run{caller = From, goal = Goal} = Run) ->
+    Rested = Run#run{caller = none, goal = none, ending = ending(Reason, Run)},
+    gen_server:reply(From, reply(Goal, Reason, Rested)),
     Rested.
+
+ending(until, #run{now = Now, limit_us = Limit} = Run) when Now >= Limit -> judged(time, Run);
+ending(Pause, #run{stop = Stop}) when Pause =:= until; Pause =:= held ->
+    case Stop of
+        true -> stopped;
+        false -> none
+    end;
+ending(Reason, Run) ->
+    judged(Reason, Run).
+
+judged(_Reason, #run{violations = [_ | _]}) -> violation;
+judged(_Reason, #run{stop = true}) -> stopped;
+judged(Reason, #run{}) -> Reason.
+
+reply(none, _Reason, Run) -> status_of(Run);
+reply(_Goal, lost, #run{lost = [Loss | _]}) -> {error, {lost, Loss}};
+reply(_Goal, held, Run) -> {ok, status_of(Run)};
+reply({Id, _N}, _Reason, Run) -> {error, {ended, Id, ask(count, Id, Run)}}.
 
 %% -- lost nodes -----------------------------------------------------------------------------
 
@@ -262,10 +320,11 @@ lose(#{node := Node} = Loss, #run{shards = Shards, caller = Caller, seen = Seen}
         shards = [Shard || Shard <- Shards, node(Shard) =/= Node],
         now = Seen,
         caller = none,
+        goal = none,
         ending = lost,
         lost = Run#run.lost ++ [Loss#{at_us := Seen}]
     },
-    _ = Caller =/= none andalso gen_server:reply(Caller, status_of(Ended)),
+    _ = Caller =/= none andalso gen_server:reply(Caller, reply(Run#run.goal, lost, Ended)),
     Ended.
 
 %% A shard whose node is lost has no answer; of the others each has some time for it.
@@ -327,11 +386,6 @@ conclude(Run) ->
         _ -> conclude(Robots, Run)
     end.
 
-summaries(#run{shards = Shards, now = Now} = Run) ->
-    lists:keysort(
-        1, lists:append([asked(Shard, {summary, Now}, [], Run) || Shard <- Shards])
-    ).
-
 %% A node was lost this very moment: who watches it is about to tell.
 await_loss(Run) ->
     receive
@@ -352,6 +406,10 @@ conclude(Robots, #run{monitors = Monitors, violations = Violations, now = Now} =
         packets => lists:sum([N || {_, #{packets := N}} <- Robots]),
         lost => Run#run.lost
     }.
+
+summaries(#run{now = Now, shards = Shards} = Run) ->
+    Told = [asked(Shard, {summary, Now}, [], Run) || Shard <- Shards],
+    lists:keysort(1, lists:append(Told)).
 
 %% Only the digest of all robots can be compared with that of another run.
 digest(Robots, #run{owners = Owners}) when length(Robots) < map_size(Owners) ->

@@ -1,5 +1,5 @@
 %% @doc An application that does nothing but use one building block all the time, under the
-%% monitor of its contract: as in `./starl run exercise --block mutex --random_faults [network]'.
+%% monitor of its contract: as in `./starl run exercise --block mutex --random-faults [network]'.
 -module(starl_exercise).
 -behaviour(starl_app).
 
