@@ -12,7 +12,7 @@
 ]).
 -export([
     same_digest_painting/1, same_digest_ring/1, same_digest_own_peers/1, paused_and_stepped/1,
-    looked_at/1, killed/1, killed_own_peer/1, killed_before_the_finish/1, suspended/1,
+    looked_at/1, killed/1, suspended_own_peer/1, killed_before_the_finish/1, suspended/1,
     suspended_before_the_start/1, endless_loop/1, shard_crash/1, watch_gone/1, other_code/1,
     no_code/1, bad_nodes/1
 ]).
@@ -31,7 +31,7 @@ suite() -> [{timetrap, {minutes, 2}}].
 all() ->
     [
         same_digest_painting, same_digest_ring, same_digest_own_peers, paused_and_stepped,
-        looked_at, killed, killed_own_peer, killed_before_the_finish, suspended,
+        looked_at, killed, suspended_own_peer, killed_before_the_finish, suspended,
         suspended_before_the_start, endless_loop, shard_crash, watch_gone, other_code, no_code,
         bad_nodes
     ].
@@ -123,10 +123,10 @@ killed(Config) ->
     is_loss(B, down, [1, 3, 5, 7, 9], Lost),
     ?assertEqual([], in_conductor(sites, [[A]], Config)).
 
-%% The other peer ends as well.
-killed_own_peer(Config) ->
-    {Node, Lost, OsPids} = in_conductor(lost_own_peer, [2, "KILL", 1], Config),
-    ?assertMatch({#{ending := lost}, _, [#{node := Node, why := down}], _}, Lost),
+%% A peer that is stopped would not hear that it is to end; the other one ends as well.
+suspended_own_peer(Config) ->
+    {Node, Lost, OsPids} = in_conductor(lost_own_peer, [2, "STOP", 1], Config),
+    ?assertMatch({#{ending := lost}, _, [#{node := Node, why := silent}], _}, Lost),
     ?assertEqual([], [Pid || Pid <- OsPids, is_alive(Pid)]).
 
 %% What the run came to is known but for the robots of the node, and the digest.
