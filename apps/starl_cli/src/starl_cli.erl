@@ -62,11 +62,24 @@ commands() ->
             "table             paint every picture with many teams, losses and seeds"},
         {"sweep", fun starl_cli_sweep:command/1,
             "sweep TARGET      run every combination of settings and seeds; CSV and a plot"},
+        {"soak", fun starl_cli_soak:command/1,
+            "soak BLOCK        use a block under random faults, with many seeds"},
+        {"planted", fun starl_cli_planted:command/1,
+            "planted           find broken building blocks, one per pitfall"},
+        {"shrink", fun starl_cli_shrink:command/1,
+            "shrink RUN        make a run that violates a contract small"},
+        {"replay", fun starl_cli_replay:command/1,
+            "replay RUN        run a recorded run again, or stop in it and look at the robots"},
+        {"diverge", fun starl_cli_diverge:command/1,
+            "diverge TARGET    run seeds in several ways that must agree; find where two differ"},
         {"check", fun starl_cli_check:command/1,
             "check BLOCK       go through all that can happen to a small team"},
+        {"node", fun starl_cli_nodes:command/1,
+            "node              a node that waits for runs with --nodes"},
         {"bench", fun starl_cli_bench:command/1, "bench [ring|dpp]  measure how fast it runs"},
         {"apps", fun apps/1, "apps              list the applications"},
-        {"scenarios", fun scenarios/1, "scenarios         list the scenarios"}
+        {"scenarios", fun scenarios/1, "scenarios         list the scenarios"},
+        {"faults", fun starl_cli_faults:command/1, "faults            list the kinds of faults"}
     ].
 
 usage() ->

@@ -7,18 +7,20 @@
 %% less time (8 % less in the mean of six pairs) than the same runs in one VM with two schedulers.
 -module(starl_cli_jobs).
 
--export([run/3, at_once/0, simulate/1, set_up/1, prepare/1]).
+-export([run/3, at_once/0, vm/2, simulate/1, set_up/1, prepare/1]).
 
 -export_type([plan/2, answer/1, ran/0]).
 
 %% The function `work' of one argument is called for each job in one of `at_once' VMs, into which
-%% `code' is loaded. `each' is told of every answer; `before' jobs were done earlier.
+%% `code' is loaded; each has one scheduler, or so many. `each' is told of every answer; `before'
+%% jobs were done earlier.
 -type plan(Job, Acc) :: #{
     work := {module(), Function :: atom()},
     at_once := pos_integer(),
     what := string(),
     each := fun((Job, answer(term()), Acc) -> Acc),
     code => [starl_cli_target:code()],
+    schedulers => pos_integer(),
     before => non_neg_integer()
 }.
 
@@ -125,15 +127,21 @@ dismiss(Pid, Ref) ->
     ok.
 
 worker(Master, #{work := Work} = Plan) ->
+    Vm = vm(maps:get(schedulers, Plan, 1), maps:get(code, Plan, [])),
+    Master ! {ready, self()},
+    work(Master, Vm, Work).
+
+%% @doc Starts a VM with so many schedulers and this code, linked to the caller.
+-spec vm(Schedulers :: pos_integer(), [starl_cli_target:code()]) -> pid().
+vm(Schedulers, Codes) ->
     %% what belongs to OTP is found without being told
     Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
     Paths = lists:append([["-pa", filename:absname(Dir)] || Dir <- Own, filelib:is_dir(Dir)]),
     %% A terminal sends Ctrl-C to every VM: these leave it to the first (+Bi).
-    Args = ["+S", "1", "+Bi", "+fnu", "+sbwt", "none" | Paths],
+    Args = ["+S", integer_to_list(Schedulers), "+Bi", "+fnu", "+sbwt", "none" | Paths],
     {ok, Vm, _Node} = peer:start_link(#{connection => standard_io, args => Args}),
-    ok = peer:call(Vm, ?MODULE, prepare, [maps:get(code, Plan, [])], infinity),
-    Master ! {ready, self()},
-    work(Master, Vm, Work).
+    ok = peer:call(Vm, ?MODULE, prepare, [Codes], infinity),
+    Vm.
 
 work(Master, Vm, {Module, Function} = Work) ->
     receive

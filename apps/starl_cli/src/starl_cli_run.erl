@@ -1,7 +1,7 @@
 %% @doc `./starl run': one simulation, from the flags to the directory with its results.
 -module(starl_cli_run).
 
--export([command/1, setup/1, replay/2, take_target/1, scenario/2]).
+-export([command/1, setup/1, replay/2, command_line/3, take_target/1, scenario/2]).
 -export([help_wanted/1, flag_lines/1, out/2, options/1]).
 
 -export_type([setup/0]).
@@ -11,6 +11,7 @@
     target := starl_cli_target:t(),
     scenario := starl_sim_scenario:t(),
     out := starl_cli_out:t(),
+    nodes := starl_cli_nodes:plan(),
     quiet := boolean(),
     print_scenario := boolean()
 }.
@@ -71,13 +72,15 @@ flag_lines(Problems) -> [starl_cli_flags:format_problem(P) || P <- Problems].
 
 %% Values of a scenario file give way to flags.
 checked(#{name := Name, given := FromFile} = Target, Values, Flagged) ->
-    Given = maps:merge(FromFile, maps:without([out, quiet, print_scenario, help], Values)),
+    Own = [Key || {Key, _, _, _} <- own_flags()],
+    Given = maps:merge(FromFile, maps:without(Own, Values)),
     {Unsound, Scenario} = scenario(Target, Given),
     {Unwritable, Out} = out(maps:get(out, Values, none), Name),
-    case Flagged ++ Unsound ++ Unwritable of
+    {Unusable, Nodes} = starl_cli_nodes:plan(Values),
+    case Flagged ++ Unsound ++ Unwritable ++ Unusable of
         [] ->
             {ok, #{
-                target => Target, scenario => Scenario, out => Out,
+                target => Target, scenario => Scenario, out => Out, nodes => Nodes,
                 quiet => maps:get(quiet, Values, false),
                 print_scenario => maps:get(print_scenario, Values, false)
             }};
@@ -106,13 +109,17 @@ out(Dir, Name) ->
 
 %% @doc The command line that replays a run exactly.
 -spec replay(starl_cli_target:t(), starl_sim_scenario:t()) -> unicode:chardata().
-replay(#{app := App, replay := Word}, Scenario) ->
+replay(Target, Scenario) -> command_line("run", Target, Scenario).
+
+%% @doc The command line of a command that takes a target and its values.
+-spec command_line(string(), starl_cli_target:t(), starl_sim_scenario:t()) -> unicode:chardata().
+command_line(Command, #{app := App, replay := Word}, Scenario) ->
     Options = options(App),
     Defaults = maps:without([seed, robots], starl_cli_flags:defaults(Options)),
     Chosen = maps:filter(
         fun(Key, Value) -> maps:find(Key, Defaults) =/= {ok, Value} end, maps:remove(app, Scenario)
     ),
-    lists:join(" ", ["./starl run", Word | starl_cli_flags:arguments(Options, Chosen)]).
+    lists:join(" ", ["./starl", Command, starl_cli_flags:shell(Word) | starl_cli_flags:arguments(Options, Chosen)]).
 
 %% -- flags and help -------------------------------------------------------------------------
 
@@ -129,6 +136,7 @@ own_flags() ->
         {print_scenario, switch, false,
             "no run: prints all values as a scenario file, which ./starl run FILE.term runs"},
         {help, switch, false, "this help"}
+        | starl_cli_nodes:flags()
     ].
 
 print(Text) ->
@@ -168,5 +176,6 @@ target_help(#{app := App, name := Name, replay := Word}) ->
 statuses() ->
     [
         "Exit status: 0 done; 1 internal error; 2 bad usage or input; 3 a contract was violated;\n"
-        "4 ended before the work was complete (time up, robots died); 130 interrupted.\n"
+        "4 ended before the work was complete (time up, robots died, a node was lost);\n"
+        "130 interrupted.\n"
     ].

@@ -1,122 +1,73 @@
-%% @doc Runs a simulation piece by piece, so that the progress is seen and Ctrl-C is heard, and
-%% writes its results. How a run is cut into pieces does not change it.
+%% @doc What comes of a simulation that a command line asks for: a summary, its files, and an exit
+%% status.
 -module(starl_cli_simulation).
 
--export([run/1]).
+-export([run/1, failed/2]).
 
-%% How long a piece is to take, in wall time, and how long the first is, in virtual time.
--define(PIECE_MS, 100).
--define(FIRST_US, 100000).
-
--record(drive, {
-    sim :: starl_sim:sim(),
-    end_us :: pos_integer(),
-    piece_us = ?FIRST_US :: pos_integer(),
-    progress :: starl_cli_progress:t(),
-    label :: string(),
-    %% where a time limit was asked for, the way to it is the progress
-    limited :: boolean(),
-    begun_ms :: integer()
-}).
+%% A simulation that has run to its end.
+-type ran() :: #{
+    scenario := starl_sim_scenario:t(),
+    ending := starl_sim_run:ending(),
+    wall_ms := integer(),
+    outcome := starl_sim_run:outcome(),
+    app := starl_app:report()
+}.
 
 %% @doc Runs what a command line asks for; gives the exit status.
 -spec run(starl_cli_run:setup()) -> starl_cli_terminal:status().
-run(#{scenario := Scenario} = Setup) ->
-    ok = starl_cli_log:install(),
-    _ = process_flag(trap_exit, true),
-    try starl_sim:start(Scenario) of
-        {ok, Sim} -> started(Sim, Setup);
-        {error, Reason} -> starl_cli_terminal:bad_input([starl_sim:format_error(Reason)])
-    catch
-        exit:Reason -> failed(Reason, Setup)
+run(#{nodes := Nodes, target := Target} = Setup) ->
+    case starl_cli_nodes:options(Nodes, Target) of
+        {ok, Options} -> run(Options, Setup);
+        {error, Line} -> starl_cli_terminal:bad_input([Line])
     end.
 
-started(Sim, Setup) ->
-    starl_cli_signal:on_interrupt(fun() -> starl_sim:stop(Sim) end),
-    Drive = drive(Sim, Setup),
-    try finish(drive_on(Drive), Drive) of
-        {Ending, WallMs, Outcome, AppReport} ->
-            tell(Setup, Ending, WallMs, Outcome, AppReport)
-    catch
-        exit:{Reason, {gen_server, call, _}} ->
-            starl_cli_progress:erase(),
-            failed(Reason, Setup)
+run(Options, #{scenario := Scenario} = Setup) ->
+    case starl_cli_drive:with(Scenario, Options, fun(Sim) -> to_the_end(Sim, Setup) end) of
+        {ok, Ran} -> tell(Setup, Ran);
+        {error, {nodes, {lost, Loss}}} -> lost([Loss], 4);
+        {error, Reason} -> starl_cli_terminal:bad_input([starl_sim:format_error(Reason)]);
+        {failed, Reason} -> failed(Reason, Setup)
     end.
 
-drive(Sim, #{scenario := #{time := Seconds}, target := #{name := Name}, quiet := Quiet} = Setup) ->
-    #{scenario := #{app := App}} = Setup,
-    Usual = starl_cli_flags:defaults(starl_sim_scenario:options() ++ starl_app:options(App)),
-    #drive{
-        sim = Sim,
-        end_us = round(Seconds * 1.0e6),
-        progress = starl_cli_progress:new(
-            case Quiet of
-                true -> quiet;
-                false -> auto
-            end
-        ),
-        label = Name,
-        limited = maps:get(time, Usual) =/= Seconds,
-        begun_ms = now_ms()
+-spec to_the_end(starl_sim:sim(), starl_cli_run:setup()) -> ran().
+to_the_end(Sim, #{scenario := #{time := Seconds}} = Setup) ->
+    {Ending, WallMs} = starl_cli_drive:run(Sim, round(Seconds * 1.0e6), Setup),
+    {Outcome, App} = starl_sim:finish(Sim),
+    #{
+        scenario => starl_sim:scenario(Sim),
+        ending => ending(Ending, Outcome),
+        wall_ms => WallMs,
+        outcome => Outcome,
+        app => App
     }.
 
-drive_on(#drive{sim = Sim, end_us = End, piece_us = Piece} = Drive) ->
-    #{now_us := From} = starl_sim:status(Sim),
-    Begin = now_ms(),
-    case starl_sim:run(Sim, min(End, From + Piece) / 1.0e6) of
-        #{ending := none, now_us := Now} when Now >= End ->
-            time;
-        #{ending := none} = Status ->
-            drive_on(shown(Status, Drive#drive{piece_us = fitted(Piece, now_ms() - Begin)}));
-        #{ending := Ending} ->
-            Ending
-    end.
-
-%% The next piece is as long as fills its wall time, but at most twice as long as this one.
-fitted(Piece, Ms) -> max(1000, min(2 * Piece, Piece * ?PIECE_MS div max(1, Ms))).
-
-shown(#{now_us := Now, running := Running}, #drive{progress = Progress, end_us = End} = Drive) ->
-    Words = fun() ->
-        Seconds = Now / 1.0e6,
-        Speed = Seconds * 1000 / max(1, wall_ms(Drive)),
-        [
-            io_lib:format("~ts ~.1f s", [Drive#drive.label, Seconds]),
-            io_lib:format("~.1f x real time", [Speed]),
-            io_lib:format("~b at work", [Running])
-        ]
-    end,
-    Part =
-        case Drive#drive.limited of
-            true -> Now / End;
-            false -> unknown
-        end,
-    Drive#drive{progress = starl_cli_progress:show(Progress, Part, Words)}.
-
-finish(Ending, #drive{sim = Sim} = Drive) ->
-    WallMs = wall_ms(Drive),
-    starl_cli_signal:on_interrupt(fun() -> ok end),
-    {Outcome, AppReport} = starl_sim:finish(Sim),
-    starl_cli_progress:erase(),
-    {Ending, WallMs, Outcome, AppReport}.
-
-wall_ms(#drive{begun_ms = Begun}) -> now_ms() - Begun.
-
-now_ms() -> erlang:monotonic_time(millisecond).
+ending(_, #{lost := [_ | _]}) -> lost;
+ending(none, _Outcome) -> time;
+ending(Ending, _Outcome) -> Ending.
 
 %% -- results --------------------------------------------------------------------------------
 
-tell(#{target := #{name := Name}, scenario := Scenario} = Setup, Ending, WallMs, Outcome, App) ->
+tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = Setup, Ran) ->
+    #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
     Report = starl_cli_report:make(#{
         name => Name, scenario => Scenario, ending => Ending, wall_s => WallMs / 1000,
         outcome => Outcome, figures => maps:get(figures, App)
     }),
+    %% the scenario that has run: with the faults that were drawn
+    #{scenario := Effective} = Ran,
+    Record = starl_cli_record:make(starl_cli_files:app(Target), Effective, {Ending, Outcome}),
     Write = maps:get(write, App, fun(_) -> {ok, []} end),
-    Written = starl_cli_out:write(maps:get(out, Setup), fun(Dir) ->
-        starl_cli_files:write(Dir, Setup, Report, Write)
+    Written = starl_cli_out:write(Out, fun(Dir) ->
+        starl_cli_files:write(Dir, Setup, {Report, Record}, Write)
     end),
     _ = summarize(Setup, Report),
     violated(Setup, Outcome),
-    where(Written, status(Report)).
+    where(Written, Outcome, lost(maps:get(lost, Outcome), status(Report))).
+
+%% Says which nodes are gone; passes the status on.
+lost(Losses, Status) ->
+    lists:foreach(fun(L) -> starl_cli_terminal:complain(starl_sim_nodes:format_loss(L)) end, Losses),
+    Status.
 
 %% What is not as it should be is told in any case.
 summarize(#{quiet := true}, Report) ->
@@ -131,17 +82,31 @@ violated(#{target := Target, scenario := Scenario}, #{violations := Violations})
     Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
     starl_cli_terminal:out([Lines, "replay: ", starl_cli_run:replay(Target, Scenario), "\n"]).
 
-where({ok, Dir}, Status) ->
+where({ok, Dir}, Outcome, Status) ->
     Crashes =
         case starl_cli_log:lines() of
             [] -> "";
             [_ | _] -> " (run.log tells of crashes)"
         end,
     starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), Crashes, "\n"]),
+    look(Dir, Outcome),
     Status;
-where({error, Why}, _Status) ->
+where({error, Why}, _Outcome, _Status) ->
     starl_cli_terminal:complain(["the results could not be written: ", Why]),
     1.
+
+%% How to see the robots at the first violation, and how to make the run small.
+look(_Dir, #{violations := []}) ->
+    ok;
+look(Dir, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
+    Shell = starl_cli_flags:shell(starl_cli_out:shown(Dir)),
+    Ids = lists:join(",", [integer_to_list(Id) || Id <- Robots]),
+    Inspect = [[" --inspect ", Ids] || Ids =/= []],
+    %% what happens at that very time has happened then
+    Until = io_lib:format(" --until ~.6f", [(AtUs + 1) / 1.0e6]),
+    starl_cli_terminal:out([
+        "look: ./starl replay ", Shell, Until, Inspect, "\nsmaller: ./starl shrink ", Shell, "\n"
+    ]).
 
 status(Report) ->
     case {starl_cli_report:figure(violations, Report), starl_cli_report:ending(Report)} of
@@ -153,7 +118,8 @@ status(Report) ->
 finished(true) -> 0;
 finished(false) -> 4.
 
-%% The simulation itself came to grief: what was logged tells more.
+%% @doc The simulation itself came to grief: what was logged tells more.
+-spec failed(Reason :: term(), starl_cli_run:setup()) -> starl_cli_terminal:status().
 failed(Reason, #{out := Out} = Setup) ->
     starl_cli_signal:on_interrupt(quit),
     Fill = fun(Dir) -> starl_cli_files:write_failure(Dir, Setup, Reason) end,

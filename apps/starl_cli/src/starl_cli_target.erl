@@ -1,5 +1,5 @@
-%% @doc What there is to run: the applications that ship, scenario files, and applications of the
-%% user's own, as Erlang source.
+%% @doc What there is to run: the applications that ship, scenario files, applications of the
+%% user's own, as Erlang source, and recorded runs, by their directory or their `run.term'.
 -module(starl_cli_target).
 
 -export([apps/0, scenarios/0, resolve/1, looks_like_one/1, root/0]).
@@ -7,14 +7,16 @@
 -export_type([t/0, code/0]).
 
 %% `given' are the values of a scenario file; `replay' names the target on a command line, `file'
-%% is where the values come from. The `code' of an application of the user's own is in no file.
+%% is where the values come from. The `code' of an application of the user's own is in no file. A
+%% recorded run comes with its `record'.
 -type t() :: #{
     app := module(),
     name := string(),
     replay := string(),
     file := string(),
     given := #{atom() => term()},
-    code => code()
+    code => code(),
+    record => starl_cli_record:t()
 }.
 
 -type code() :: {module(), Source :: file:filename(), Beam :: binary()}.
@@ -72,7 +74,12 @@ kind(Word) ->
 kind_of_file(".erl", _Word) -> source;
 kind_of_file(".term", Word) -> {scenario, Word};
 kind_of_file(".config", Word) -> {scenario, Word};
-kind_of_file(_, _Word) -> unknown.
+kind_of_file(_, Word) ->
+    Record = filename:join(Word, "run.term"),
+    case filelib:is_regular(Record) of
+        true -> {scenario, Record};
+        false -> unknown
+    end.
 
 unknown(Word) ->
     Known = [Name || {Name, _} <- apps()] ++ [Name || {Name, _, _} <- scenarios()],
@@ -82,7 +89,7 @@ unknown(Word) ->
         [] ->
             io_lib:format(
                 "there is no application or scenario ~ts; there are ~ts, scenario files "
-                "(FILE.term) and applications of your own (FILE.erl)",
+                "(FILE.term), applications of your own (FILE.erl) and directories of runs",
                 [Word, lists:join(", ", Known)]
             )
     end.
@@ -91,10 +98,19 @@ unknown(Word) ->
 
 scenario(File) ->
     case starl_sim_scenario:read(File) of
+        {ok, #{digest := _}} -> recorded(File, starl_cli_record:read(File));
         {ok, #{app := App} = Given} -> with_app(name_of(App), File, maps:remove(app, Given));
         {ok, _} -> {error, [[File, ": the key app is missing; write #{app => painting, ...}"]]};
         {error, Reason} -> {error, [starl_sim_scenario:format_error(Reason)]}
     end.
+
+recorded(File, {ok, #{app := App, scenario := Scenario} = Record}) ->
+    case with_app(name_of(App), File, Scenario) of
+        {ok, Target} -> {ok, Target#{record => Record}};
+        {error, _} = Error -> Error
+    end;
+recorded(_File, {error, Reason}) ->
+    {error, [starl_cli_record:format_error(Reason)]}.
 
 with_app(none, File, _Given) ->
     {error, [[File, ": app is the name of an application, or the file of one as \"my_app.erl\""]]};

@@ -2,7 +2,7 @@
 -module(starl_cli_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--export([breaker/0]).
+-export([breaker/0, endless/0]).
 
 -import(starl_cli_vm, [says/3, contains/2, start/1, rest/2, until/3, in_directory/1]).
 

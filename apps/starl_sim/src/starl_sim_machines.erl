@@ -10,7 +10,7 @@
 -export([new/3, names/1, incarnation/2, condition/1, down/2, up/1]).
 -export([boot/3, step/5, crashed/2, kill/2, owns/2, name_of/2, inspect/1]).
 
--export_type([t/0, inline/0, answer/0]).
+-export_type([t/0, inline/0, answer/0, seen/0]).
 
 %% The machines that get no process, by their names.
 -type inline() :: #{starl_machine:name() => {module(), Config :: map()}}.
@@ -22,6 +22,13 @@
     | {done, [starl_machine:action()], t()}
     | {crashed, Reason :: term()}
     | absent.
+
+%% A machine as it can be looked at; `waiting' before it has been booted. Of a sequential
+%% application its stack is known, as far as it is its own.
+-type seen() ::
+    waiting
+    | #{module := module(), state := term(), data := term()}
+    | #{state := sequential, stack := [tuple()]}.
 
 %% An inline machine may be restarted as often as a simulated robot's supervisor would.
 -define(RESTARTS, 1000).
@@ -204,13 +211,13 @@ name_of(Pid, #machines{now = Now}) ->
         [] -> none
     end.
 
-%% @doc All machines, each with its state and data.
--spec inspect(t()) -> #{starl_machine:name() => term()}.
+%% @doc All machines as they are now.
+-spec inspect(t()) -> #{starl_machine:name() => seen()}.
 inspect(#machines{now = Now}) -> maps:map(fun(_, Machine) -> seen(Machine) end, Now).
 
 seen(Pid) when is_pid(Pid) ->
     case proc_lib:translate_initial_call(Pid) of
-        {starl_app_proc, _, _} -> sequential;
+        {starl_app_proc, _, _} -> sequential(erlang:process_info(Pid, current_stacktrace));
         _ -> seen(starl_machine_proc:machine(Pid))
     end;
 seen(waiting) ->
@@ -221,6 +228,17 @@ seen(Machine) ->
         state => starl_machine:state(Machine),
         data => starl_machine:data(Machine)
     }.
+
+%% Where the application itself waits: the innermost call first. The whole stack is cut off at the
+%% VM's `backtrace_depth'.
+sequential({current_stacktrace, [{starl_app_proc, init, _, _} | _]}) ->
+    waiting;
+sequential({current_stacktrace, Frames}) ->
+    #{state => sequential, stack => [F || {M, _, _, _} = F <- Frames, not is_runtime(M)]};
+sequential(undefined) ->
+    waiting.
+
+is_runtime(Module) -> lists:member(Module, [starl_app_proc, proc_lib]).
 
 boot_order(Names) ->
     First = [Name || Name <- [sap, location, motion], lists:member(Name, Names)],

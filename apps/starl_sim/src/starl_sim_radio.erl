@@ -25,7 +25,7 @@ arrivals(Link, Now, #{network := Faults} = World) ->
     end.
 
 %% @doc Is the packet lost without a fault?
--spec lost(link(), starl_sim_platform:world()) -> boolean().
+-spec lost(link(), #{loss := number(), _ => _}) -> boolean().
 lost(_Link, #{loss := Loss}) when Loss == 0 -> false;
 lost(Link, #{loss := Loss}) -> starl_sim_draw:uniform({Link, loss}) < Loss.
 

@@ -5,7 +5,8 @@
 -module(starl_sim_robot).
 
 -export([new/3, at/2, open/3, answered/2, down/4, yield/1]).
--export([busy/1, owns/2, result/1, piece/1, summary/2, machines/1]).
+-export([halt_after/2, halted/1, resume/1]).
+-export([busy/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1]).
 
 -export_type([t/0, summary/0, window/0]).
 
@@ -13,10 +14,12 @@
 %% So many crashes of a robot are remembered.
 -define(REMEMBERED, 10).
 
-%% What is known of a robot: its digest chain, its events and packets, its application's result,
-%% and its latest crashes, newest first.
+%% What is known of a robot: when it was last at work (us), its digest chain with checkpoints, its
+%% events and packets, its application's result, and its latest crashes, newest first.
 -type summary() :: #{
+    at_us := starl_sim_queue:time(),
     chain := non_neg_integer(),
+    checkpoints := [starl_sim_ledger:checkpoint()],
     events := non_neg_integer(),
     packets := non_neg_integer(),
     result := running | died | {done, term()},
@@ -39,8 +42,9 @@
     local = [] :: [local()],
     %% the machine whose process is at work
     busy = none :: starl_machine:name() | none,
-    %% nothing is handled before this time, and nothing sooner than so long after it came
-    hold = {0, 0} :: {UntilUs :: starl_sim_queue:time(), LagUs :: non_neg_integer()},
+    %% after so many events it does no more until it is resumed
+    stop = none :: pos_integer() | none,
+    hold = {0, 0} :: starl_sim_hold:t(),
     crashes = [] :: [{starl_machine:name(), Reason :: term()}]
 }).
 
@@ -54,7 +58,7 @@ new(Id, Body, Machines) ->
 boots(Machines) -> [{Name, boot, none} || Name <- starl_sim_machines:names(Machines)].
 
 %% @doc Opens a window with these events of the robot, sorted, and goes about the first.
--spec open([starl_sim_queue:event()], window(), t()) -> {busy | idle, t()}.
+-spec open([starl_sim_queue:event()], window(), t()) -> {busy | idle | held, t()}.
 open([{_, Time, _, _, _, _} | _] = Events, Window, #robot{body = Body, machines = M} = Robot) ->
     Opened = starl_sim_platform:open(Time, Window, Body),
     case starl_sim_machines:condition(M) of
@@ -75,7 +79,7 @@ at(Now, #robot{body = Body} = Robot) ->
     Robot#robot{body = starl_sim_platform:rest(Now, Body)}.
 
 %% @doc The process at work has answered with its machine's actions; the robot goes on.
--spec answered([starl_machine:action()], t()) -> {busy | idle, t()} | ignored.
+-spec answered([starl_machine:action()], t()) -> {busy | idle | held, t()} | ignored.
 answered(_Actions, #robot{busy = none}) ->
     %% the last word of a process that was killed meanwhile
     ignored;
@@ -84,7 +88,7 @@ answered(Actions, #robot{busy = Name, body = Body, machines = Machines} = Robot)
     perform(Actions, Name, Local, Events, Body, Machines, Robot#robot{busy = none}).
 
 %% @doc One of its processes is gone. If that was the one at work, the robot can go on.
--spec down(pid(), Reason :: term(), go_on | rest, t()) -> {busy | idle, t()}.
+-spec down(pid(), Reason :: term(), go_on | rest, t()) -> {busy | idle | held, t()}.
 down(Pid, Reason, Then, #robot{machines = Machines, busy = Busy} = Robot) ->
     Crashed =
         case starl_sim_machines:name_of(Pid, Machines) of
@@ -97,6 +101,24 @@ down(Pid, Reason, Then, #robot{machines = Machines, busy = Busy} = Robot) ->
         #robot{busy = none} -> {idle, Crashed};
         #robot{} -> {busy, Crashed}
     end.
+
+%% @doc Has it halt just after its N-th event, in the midst of a window; `none': no more.
+-spec halt_after(N :: pos_integer() | none, t()) -> t().
+halt_after(N, Robot) -> Robot#robot{stop = N}.
+
+%% @doc When it came to the event after which it is to halt, if it has.
+-spec halted(t()) -> {at, starl_sim_queue:time()} | no.
+halted(#robot{stop = none}) ->
+    no;
+halted(#robot{stop = N, body = Body}) ->
+    case starl_sim_platform:digest(Body) of
+        {_, N, _} -> {at, starl_sim_platform:now(Body)};
+        _ -> no
+    end.
+
+%% @doc Goes on with the window in which it was held.
+-spec resume(t()) -> {busy | idle | held, t()}.
+resume(Robot) -> proceed(Robot).
 
 %% @doc What has come out of the window.
 -spec yield(t()) -> starl_sim_platform:yield().
@@ -127,17 +149,25 @@ piece(#robot{body = Body}) -> starl_sim_platform:piece(Body).
 -spec summary(starl_sim_queue:time(), t()) -> summary().
 summary(Time, #robot{body = Body} = Robot) ->
     {Chain, Events, Packets} = starl_sim_platform:digest(Body),
+    At = starl_sim_platform:now(Body),
     #{
+        at_us => At,
         chain => Chain,
+        checkpoints => starl_sim_ledger:checkpoints(starl_sim_platform:ledger(Body)),
         events => Events,
         packets => Packets,
         result => result(Robot),
-        pose => starl_trajectory:pose(Time, starl_sim_platform:piece(Body)),
+        %% while another robot is held this one may be further on
+        pose => starl_trajectory:pose(max(At, Time), starl_sim_platform:piece(Body)),
         crashes => Robot#robot.crashes
     }.
 
+%% @doc Its events, as far as they were recorded.
+-spec recorded(t()) -> [starl_sim_ledger:event()].
+recorded(#robot{body = Body}) -> starl_sim_ledger:events(starl_sim_platform:ledger(Body)).
+
 %% @doc Its machines, each with its state and data.
--spec machines(t()) -> #{starl_machine:name() => term()}.
+-spec machines(t()) -> #{starl_machine:name() => starl_sim_machines:seen()}.
 machines(#robot{machines = Machines}) -> starl_sim_machines:inspect(Machines).
 
 %% -- events ---------------------------------------------------------------------------------
@@ -147,29 +177,37 @@ machines(#robot{machines = Machines}) -> starl_sim_machines:inspect(Machines).
 proceed(#robot{events = Events, local = Local, body = Body, machines = Machines} = Robot) ->
     work(Local, Events, Body, Machines, Robot).
 
-work([{Name, boot, none} | Local], Events, Body, Machines, #robot{id = Id} = Robot) ->
+work(Local, Events, Body, Machines, #robot{stop = none} = Robot) ->
+    next(Local, Events, Body, Machines, Robot);
+work(Local, Events, Body, Machines, #robot{stop = N} = Robot) ->
+    case starl_sim_platform:digest(Body) of
+        {_, N, _} -> {held, put_back(Local, Events, Body, Machines, Robot)};
+        _ -> next(Local, Events, Body, Machines, Robot)
+    end.
+
+next([{Name, boot, none} | Local], Events, Body, Machines, #robot{id = Id} = Robot) ->
     Hashed = starl_sim_platform:hash_event(Name, boot, none, Body),
     Incarnation = starl_sim_machines:incarnation(Name, Machines),
     Base = starl_sim_platform:boot(Id, Name, Incarnation, Hashed),
     Answer = starl_sim_machines:boot(Name, Base, Machines),
     answer(Answer, Name, boot, Local, Events, Hashed, Machines, Robot);
-work([{Name, Type, Content} | Local], Events, Body, Machines, Robot) ->
+next([{Name, Type, Content} | Local], Events, Body, Machines, Robot) ->
     Hashed = starl_sim_platform:hash_event(Name, Type, Content, Body),
     step(Name, Type, Content, Local, Events, Hashed, Machines, Robot);
-work([], [{_, Time, ?CLASS_FAULT, _, _, Fault} | Events], Body, Machines, Robot) ->
+next([], [{_, Time, ?CLASS_FAULT, _, _, Fault} | Events], Body, Machines, Robot) ->
     Moved = starl_sim_platform:at(Time, Body),
     proceed(strike(Fault, put_back([], Events, Moved, Machines, Robot)));
-work([], [{_, Time, _, _, Seq, {timer, Name, Timer, Content}} | Events], Body, Machines, Robot) ->
+next([], [{_, Time, _, _, Seq, {timer, Name, Timer, Content}} | Events], Body, Machines, Robot) ->
     case starl_sim_platform:fire(Time, Name, Timer, Content, Seq, Body) of
         {ok, Type, Fired} -> step(Name, Type, Content, [], Events, Fired, Machines, Robot);
         stale -> work([], Events, Body, Machines, Robot)
     end;
-work([], [{Id, Time, Class, Source, Seq, {late, Content}} | Events], Body, Machines, Robot) ->
-    work([], [{Id, Time, Class, Source, Seq, Content} | Events], Body, Machines, Robot);
-work([], [{_, Time, _, _, _, {Name, Type, Content}} | Events], Body, Machines, Robot) ->
+next([], [{Id, Time, Class, Source, Seq, {late, Content}} | Events], Body, Machines, Robot) ->
+    next([], [{Id, Time, Class, Source, Seq, Content} | Events], Body, Machines, Robot);
+next([], [{_, Time, _, _, _, {Name, Type, Content}} | Events], Body, Machines, Robot) ->
     Hashed = starl_sim_platform:hash_event(Time, Name, Type, Content, Body),
     step(Name, Type, Content, [], Events, Hashed, Machines, Robot);
-work([], [], Body, Machines, Robot) ->
+next([], [], Body, Machines, Robot) ->
     {idle, put_back([], [], Body, Machines, Robot)}.
 
 put_back(Local, Events, Body, Machines, Robot) ->
@@ -199,8 +237,11 @@ perform([], _Name, Local, Events, Body, Machines, Robot) ->
 perform(Actions, Name, Local, Events, Body0, Machines, Robot) ->
     {New, Body} = starl_sim_platform:perform(Actions, Name, Body0),
     case starl_sim_platform:soon(Body) of
-        [] -> work(Local ++ New, Events, Body, Machines, Robot);
-        _ -> work(Local ++ New, plan(Body, Events), starl_sim_platform:planned(Body), Machines, Robot)
+        [] ->
+            work(Local ++ New, Events, Body, Machines, Robot);
+        _ ->
+            Planned = starl_sim_platform:planned(Body),
+            work(Local ++ New, plan(Body, Events), Planned, Machines, Robot)
     end.
 
 %% New events of this robot in this window take their places among the others.
@@ -242,18 +283,9 @@ strike(come_up, #robot{machines = Machines} = Robot) ->
 
 %% What comes too early for a robot that is held up waits: in this window or for a later one.
 postpone(#robot{events = Events, hold = Hold, body = Body} = Robot) ->
-    {Late, Ready} = lists:partition(fun(Event) -> held(Event, Hold) =/= Event end, Events),
-    Planned = starl_sim_platform:postpone([held(Event, Hold) || Event <- Late], Body),
+    {Late, Ready} = starl_sim_hold:part(Events, Hold),
+    Planned = starl_sim_platform:postpone(Late, Body),
     Robot#robot{events = plan(Planned, Ready), body = starl_sim_platform:planned(Planned)}.
-
-held({_, _, ?CLASS_FAULT, _, _, _} = Event, _Hold) ->
-    Event;
-held({Id, Time, Class, Source, Seq, {late, _} = Content}, {Until, _Lag}) ->
-    {Id, max(Time, Until), Class, Source, Seq, Content};
-held({Id, Time, Class, Source, Seq, Content}, {Until, 0}) ->
-    {Id, max(Time, Until), Class, Source, Seq, Content};
-held({Id, Time, Class, Source, Seq, Content}, {Until, Lag}) ->
-    {Id, max(Time + Lag, Until), Class, Source, Seq, {late, Content}}.
 
 go_down(#robot{body = Body, machines = Machines} = Robot) ->
     Names = starl_sim_machines:names(Machines),

@@ -1,7 +1,7 @@
-%% @doc What a robot gets to see of the positioning system while that is at fault.
+%% @doc What a robot gets to see of the positioning system: its error, and its faults.
 -module(starl_sim_sense).
 
--export([poses/2]).
+-export([poses/2, blur/3]).
 
 -export_type([look/0]).
 
@@ -42,14 +42,24 @@ swap({A, B}, B) -> A;
 swap(_, Robot) -> Robot.
 
 blurred(Robot, Pose, Faults, #{key := Key}) ->
-    lists:foldl(fun(Fault, P) -> blur(Fault, {Key, Robot}, P) end, Pose, Faults).
+    lists:foldl(fun(Fault, P) -> shift(Fault, {Key, Robot}, P) end, Pose, Faults).
 
-blur({Id, _, _, location_noise, _, #{mm := Mm}}, Key, {X, Y, Heading}) ->
+shift({Id, _, _, location_noise, _, #{mm := Mm}}, Key, {X, Y, Heading}) ->
     Radius = Mm * starl_sim_draw:uniform({Key, Id, radius}),
     Angle = 2 * math:pi() * starl_sim_draw:uniform({Key, Id, angle}),
     {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle), Heading};
-blur({Id, _, _, location_bias, _, #{mm := Mm}}, _Key, {X, Y, Heading}) ->
+shift({Id, _, _, location_bias, _, #{mm := Mm}}, _Key, {X, Y, Heading}) ->
     Angle = 2 * math:pi() * starl_sim_draw:uniform({Id, bias}),
     {X + Mm * math:cos(Angle), Y + Mm * math:sin(Angle), Heading};
-blur(_, _Key, Pose) ->
+shift(_, _Key, Pose) ->
     Pose.
+
+%% @doc A pose with the positioning system's error: within a disk, and a quarter of the bound on
+%% the heading.
+-spec blur(starl:pose(), Key, starl_motion:profile()) -> starl:pose() when
+    Key :: {Seed :: integer(), Self :: starl:robot_id(), starl:robot_id(), non_neg_integer()}.
+blur({X, Y, Heading}, Key, #{position_error_mm := Error, heading_error := HeadingError}) ->
+    Radius = Error * starl_sim_draw:uniform({Key, radius}),
+    Angle = 2 * math:pi() * starl_sim_draw:uniform({Key, angle}),
+    Turn = 0.25 * HeadingError * starl_sim_draw:signed({Key, heading}),
+    {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle), Heading + Turn}.

@@ -15,14 +15,20 @@
 %% run at most `AHEAD' windows ahead of what the monitors have judged, and rest there if they are
 %% told to halt, so where a run ends depends on nothing but the scenario.
 %%
+%% A robot may be told to halt just after its N-th event. When it does, the other robots finish
+%% the window; the mail of its shard says `held', and all shards rest until it is resumed.
+%%
+%% Shards may be on different nodes. One that waits for what will never come, since a node is lost,
+%% is told to abandon the run, and rests for good.
+%%
 %% Each shard keeps its own copy of where all robots were when the window began.
 -module(starl_sim_shard).
 -behaviour(gen_server).
 
--export([start_link/1, launch/2, run/2, approve/2, halt/1, inspect/2]).
+-export([start_link/1, launch/2, run/3, approve/2, halt/1, abandon/1, inspect/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([load/0, crew/0, reason/0]).
+-export_type([load/0, crew/0, reason/0, stop/0, question/0, answer/0]).
 
 -define(AHEAD, 16).
 %% The shard's heap turns over fast, and what lives in it is copied each time: room for so many
@@ -47,8 +53,38 @@
 }.
 
 %% Why the shards rest: all applications have ended, the time is reached, nothing can happen any
-%% more, or they were told to halt.
--type reason() :: done | until | quiet | halted.
+%% more, they were told to halt, or a robot has come to the event that it is to halt after.
+-type reason() :: done | until | quiet | halted | held.
+
+%% The robot that is to halt, and after how many events.
+-type stop() :: {starl:robot_id(), N :: pos_integer()} | none.
+
+%% What can be asked about robots: a summary of all at a time; one's machines, how many events it
+%% has had, or its recorded events.
+-type question() ::
+    {summary, starl_sim_queue:time()} | {robot | count | events, starl:robot_id()}.
+
+-type answer() ::
+    [{starl:robot_id(), starl_sim_robot:summary()}]
+    | #{starl_machine:name() => starl_sim_machines:seen()}
+    | [starl_sim_ledger:event()]
+    | non_neg_integer()
+    | unknown.
+
+%% A window that is not over: a robot of this shard was held in it, this much is to be done then,
+%% and this news has come of processes meanwhile, the latest first; or it is a peer's, and its
+%% mail is yet to come.
+-type open() ::
+    none
+    | #{
+        window := starl_sim_robot:window(),
+        robot := starl:robot_id(),
+        ids := [starl:robot_id()],
+        at := starl_sim_queue:time(),
+        mails := [term()],
+        news := [term()]
+    }
+    | {peer, pid(), starl_sim_queue:time()}.
 
 -record(shard, {
     run :: pid(),
@@ -64,7 +100,15 @@
     now = 0 :: starl_sim_queue:time(),
     %% the same in all shards
     next = 0 :: starl_sim_queue:time() | infinity,
-    running = 0 :: non_neg_integer()
+    running = 0 :: non_neg_integer(),
+    %% told to halt while it rested
+    halt = false :: boolean(),
+    %% the robot of this shard that is to halt; the window in which one was held
+    stop = none :: starl:robot_id() | none,
+    open = none :: open(),
+    abandoned = false :: boolean(),
+    %% mail of peers that were told to run before this shard was
+    early = [] :: [tuple()]
 }).
 
 %% @doc Starts an empty shard for about so many robots.
@@ -84,10 +128,11 @@ start_link(#{robots := Robots} = Config) ->
 -spec launch(pid(), load()) -> ok.
 launch(Shard, Load) -> gen_server:call(Shard, {launch, Load}, infinity).
 
-%% @doc Runs until a time; must be asked of all shards. Each tells of its windows with
-%% `{window_done, Shard, N, Trace}' and at last `{resting, Shard, Now, reason(), Running}'.
--spec run(pid(), Until :: starl_sim_queue:time()) -> ok.
-run(Shard, Until) -> gen_server:cast(Shard, {run, Until}).
+%% @doc Runs until a time or, if that is earlier, until just after an event of one robot; must be
+%% asked of all shards. Each tells of its windows with `{window_done, Shard, N, Trace}' and at last
+%% `{resting, Shard, Now, reason(), Running}'.
+-spec run(pid(), Until :: starl_sim_queue:time(), stop()) -> ok.
+run(Shard, Until, Stop) -> gen_server:cast(Shard, {run, Until, Stop}).
 
 %% @doc The monitors have judged the first N windows.
 -spec approve(pid(), N :: pos_integer()) -> ok.
@@ -101,11 +146,15 @@ halt(Shard) ->
     Shard ! halt,
     ok.
 
-%% @doc Looks at the robots: a summary of all at a time, or the machines of one. For a shard
-%% that rests.
--spec inspect(pid(), {summary, starl_sim_queue:time()} | {robot, starl:robot_id()}) ->
-    [{starl:robot_id(), starl_sim_robot:summary()}] | #{starl_machine:name() => term()} | unknown.
-inspect(Shard, What) -> gen_server:call(Shard, {inspect, What}, infinity).
+%% @doc The run cannot go on: the shard rests, wherever it waits.
+-spec abandon(pid()) -> ok.
+abandon(Shard) ->
+    Shard ! abandon,
+    ok.
+
+%% @doc Looks at the robots. For a shard that rests.
+-spec inspect(pid(), question(), Ms :: timeout()) -> answer().
+inspect(Shard, What, Ms) -> gen_server:call(Shard, {inspect, What}, Ms).
 
 -spec init(map()) -> {ok, #shard{}}.
 init(#{run := Run, world := World, window_us := Width, robots_sup := RobotsSup}) ->
@@ -133,30 +182,52 @@ handle_call({launch, Load}, _From, #shard{world = #{range_mm := Range} = World0}
 handle_call({inspect, {summary, Time}}, _From, Shard) ->
     Robots = starl_sim_window:robots(),
     {reply, [{Id, starl_sim_robot:summary(Time, Robot)} || {Id, Robot} <- Robots], Shard};
-handle_call({inspect, {robot, Id}}, _From, Shard) ->
+handle_call({inspect, {What, Id}}, _From, Shard) ->
     case starl_sim_window:robot(Id) of
         undefined -> {reply, unknown, Shard};
-        Robot -> {reply, starl_sim_robot:machines(Robot), Shard}
+        Robot -> {reply, seen(What, Robot), Shard}
     end.
 
--spec handle_cast({run, starl_sim_queue:time()}, #shard{}) -> {noreply, #shard{}}.
-handle_cast({run, Until}, #shard{now = Now} = Shard) ->
+seen(robot, Robot) -> starl_sim_robot:machines(Robot);
+seen(count, Robot) -> maps:get(events, starl_sim_robot:summary(0, Robot));
+seen(events, Robot) -> starl_sim_robot:recorded(Robot).
+
+-spec handle_cast({run, starl_sim_queue:time(), stop()}, #shard{}) -> {noreply, #shard{}}.
+handle_cast({run, Until, Stop}, #shard{now = Now, early = Early} = Shard) ->
     Timer = starl_sim_window:be_patient({Now, Now}),
-    Rested = advance(Until, agree(Shard)),
+    _ = [self() ! Mail || Mail <- Early],
+    Rested = go_on(Until, resume(arm(Stop, Shard#shard{early = []}))),
     _ = erlang:cancel_timer(Timer),
     {noreply, Rested}.
 
 %% A process that went down between two windows: killed from outside, or one of a robot that
 %% died. The robot is woken to go on in the next window.
 -spec handle_info(term(), #shard{}) -> {noreply, #shard{}}.
+handle_info(News, #shard{open = #{news := Earlier} = Open} = Shard) when
+    element(1, News) =:= 'DOWN'; element(1, News) =:= down; element(1, News) =:= starl_attach
+->
+    %% left for the moment when the window goes on, which sees to both in their order
+    {noreply, Shard#shard{open = Open#{news := [News | Earlier]}}};
 handle_info({'DOWN', _, process, Pid, Reason}, Shard) ->
     {noreply, down(Pid, Reason, Shard)};
+handle_info({starl_attach, _, _, _} = Attach, Shard) ->
+    %% a process that was restarted may say so before the end of the one before it is heard of
+    receive
+        {'DOWN', _, process, Pid, Reason} ->
+            self() ! Attach,
+            {noreply, down(Pid, Reason, Shard)}
+    end;
 handle_info({down, Pid, Reason}, Shard) ->
     {noreply, down(Pid, Reason, Shard)};
 handle_info({approve, N}, Shard) ->
     {noreply, Shard#shard{approved = N}};
+handle_info({mail, _Peer, _N, _Mail} = Mail, #shard{early = Early} = Shard) ->
+    %% one at most of each peer, which waits for this shard's
+    {noreply, Shard#shard{early = [Mail | Early]}};
 handle_info(halt, Shard) ->
-    {noreply, Shard};
+    {noreply, Shard#shard{halt = true}};
+handle_info(abandon, Shard) ->
+    {noreply, Shard#shard{abandoned = true}};
 handle_info({out_of_patience, _}, Shard) ->
     {noreply, Shard}.
 
@@ -179,25 +250,57 @@ starter(Id, Tree, #shard{robots_sup = Sup}) ->
 
 %% -- window after window --------------------------------------------------------------------
 
+%% Only one robot is to halt at a time.
+arm(Stop, #shard{stop = Old} = Shard) ->
+    _ = Old =/= none andalso starl_sim_window:halt_after(Old, none),
+    case Stop of
+        {Id, N} when map_get(Id, Shard#shard.owners) =:= self() ->
+            ok = starl_sim_window:halt_after(Id, N),
+            Shard#shard{stop = Id};
+        _ ->
+            Shard#shard{stop = none}
+    end.
+
+go_on(Until, #shard{open = none} = Shard) -> advance(Until, agree(Shard));
+go_on(Until, Shard) -> advance(Until, Shard).
+
 %% A robot may have been woken since all rested, so the next window is found again.
 agree(#shard{windows = 0} = Shard) -> Shard;
 agree(Shard) -> exchange(#{later => [], moved => [], ended => 0, trace => []}, Shard).
 
+advance(_Until, #shard{abandoned = true} = Shard) ->
+    rest(halted, Shard);
+advance(_Until, #shard{open = #{at := At}} = Shard) ->
+    rest(held, At, Shard);
+advance(_Until, #shard{open = {peer, _, At}} = Shard) ->
+    rest(held, At, Shard);
 advance(_Until, #shard{running = 0} = Shard) ->
     rest(done, Shard);
 advance(_Until, #shard{next = infinity} = Shard) ->
     rest(quiet, Shard);
 advance(Until, #shard{next = Next} = Shard) when Next >= Until ->
     rest(until, Shard#shard{now = max(Until, Shard#shard.now)});
+advance(_Until, #shard{windows = N, approved = Approved, halt = true} = Shard) when
+    N >= Approved + ?AHEAD
+->
+    rest_halted(Shard);
 advance(Until, #shard{windows = N, approved = Approved} = Shard) when N >= Approved + ?AHEAD ->
     receive
         {approve, More} -> advance(Until, Shard#shard{approved = More});
-        halt -> rest(halted, Shard)
+        halt -> rest_halted(Shard);
+        abandon -> rest(halted, Shard#shard{abandoned = true})
     end;
 advance(Until, Shard) ->
     advance(Until, run_window(look_up(Shard))).
 
-rest(Reason, #shard{run = Run, now = Now, running = Running} = Shard) ->
+rest(Reason, #shard{now = Now} = Shard) -> rest(Reason, Now, Shard).
+
+%% The first window that is not run any more: the same time whether or not the run paused on the
+%% way there, where nothing happens.
+rest_halted(#shard{next = Next, window_us = Width} = Shard) ->
+    rest(halted, Next - Next rem Width, Shard).
+
+rest(Reason, Now, #shard{run = Run, running = Running} = Shard) ->
     Run ! {resting, self(), Now, Reason, Running},
     Shard.
 
@@ -221,16 +324,57 @@ run_window(#shard{next = Next, window_us = Width, queue = Queue, windows = N} = 
     From = Next - Next rem Width,
     To = From + Width,
     {Events, Rest} = starl_sim_queue:take_window(To, Queue),
-    Yields = starl_sim_window:run({From, To}, Events),
-    Shard#shard.run ! {window_done, self(), N + 1, maps:get(trace, Yields)},
-    exchange(Yields, Shard#shard{queue = Rest, now = To, windows = N + 1}).
+    Ids = starl_sim_window:run({From, To}, Events),
+    close({From, To}, Ids, none, Shard#shard{queue = Rest, now = To, windows = N + 1}).
+
+%% The window's end, but for a robot that was held. `Mails' has what the peers sent meanwhile.
+close(Window, Ids, Mails, #shard{stop = Stop} = Shard) ->
+    case Stop =/= none andalso starl_sim_robot:halted(starl_sim_window:robot(Stop)) of
+        {at, At} -> hold(At, Window, Ids, Mails, Shard);
+        _ -> finish(Ids, Mails, Shard)
+    end.
+
+%% Nothing of the peers' mail is taken before the window is over: its robots must not see it.
+hold(At, Window, Ids, Mails0, #shard{peers = Peers, windows = N, stop = Id} = Shard) ->
+    _ = [Peer ! {mail, self(), N, {held, At}} || Peer <- Peers],
+    Mails =
+        case Mails0 of
+            none -> [next_mail(Peer, N) || Peer <- Peers];
+            _ -> Mails0
+        end,
+    Shard#shard{
+        open = #{
+            window => Window, robot => Id, ids => Ids, at => At, mails => Mails, news => []
+        }
+    }.
+
+finish(Ids, Mails, #shard{windows = N} = Shard) ->
+    Yields = starl_sim_window:yields(Ids),
+    Shard#shard.run ! {window_done, self(), N, maps:get(trace, Yields)},
+    case Mails of
+        none -> exchange(Yields, Shard);
+        _ -> lists:foldl(fun take/2, tell(Yields, Shard), Mails)
+    end.
+
+%% Goes on with the window in which a robot was held, here or in another shard.
+resume(#shard{open = #{window := Window, robot := Id, ids := Ids, mails := Mails} = Open} = Shard) ->
+    _ = [self() ! News || News <- lists:reverse(maps:get(news, Open))],
+    ok = starl_sim_window:resume(Window, Id),
+    close(Window, Ids, Mails, Shard#shard{open = none});
+resume(#shard{open = {peer, Peer, _}} = Shard) ->
+    receive_mail(Peer, Shard#shard{open = none});
+resume(#shard{open = none} = Shard) ->
+    Shard.
 
 %% Everybody tells everybody what they must know to run the next window.
-exchange(#{later := Later, moved := Moved, ended := Ended}, #shard{peers = []} = Shard) ->
+exchange(Yields, #shard{peers = Peers} = Shard) ->
+    lists:foldl(fun receive_mail/2, tell(Yields, Shard), Peers).
+
+tell(#{later := Later, moved := Moved, ended := Ended}, #shard{peers = []} = Shard) ->
     Queue = starl_sim_queue:add_all(Later, Shard#shard.queue),
     Next = starl_sim_queue:next_time(Queue),
     take({Next, Ended, Moved, []}, Shard#shard{queue = Queue, next = infinity});
-exchange(#{later := Later, moved := Moved, ended := Ended}, Shard) ->
+tell(#{later := Later, moved := Moved, ended := Ended}, Shard) ->
     #shard{peers = Peers, owners = Owners, queue = Queue, windows = N} = Shard,
     ByShard = maps:groups_from_list(fun(E) -> maps:get(element(1, E), Owners) end, Later),
     Own = starl_sim_queue:add_all(maps:get(self(), ByShard, []), Queue),
@@ -241,12 +385,23 @@ exchange(#{later := Later, moved := Moved, ended := Ended}, Shard) ->
         Peer ! {mail, self(), N, {Next, Ended, Moved, maps:get(Peer, ByShard, [])}}
      || Peer <- Peers
     ],
-    Told = take({Next, Ended, Moved, []}, Shard#shard{queue = Own, next = infinity}),
-    lists:foldl(fun receive_mail/2, Told, Peers).
+    take({Next, Ended, Moved, []}, Shard#shard{queue = Own, next = infinity}).
 
 receive_mail(Peer, #shard{windows = N} = Shard) ->
+    case next_mail(Peer, N) of
+        {held, At} -> Shard#shard{open = {peer, Peer, At}};
+        abandoned -> Shard#shard{abandoned = true};
+        Mail -> take(Mail, Shard)
+    end.
+
+%% Whoever is told to abandon the run waits for no other peer, either.
+next_mail(Peer, N) ->
     receive
-        {mail, Peer, N, Mail} -> take(Mail, Shard)
+        {mail, Peer, N, Mail} ->
+            Mail;
+        abandon ->
+            self() ! abandon,
+            abandoned
     end.
 
 take({Next, Ended, Moved, Packets}, #shard{queue = Queue, world = #{sight := Sight}} = Shard) ->

@@ -10,7 +10,8 @@
 %% of the whole work.
 -module(starl_sim_window).
 
--export([hold/1, robots/0, robot/1, be_patient/1, run/2, crashed/3]).
+-export([hold/1, robots/0, robot/1, be_patient/1, run/2, yields/1, crashed/3]).
+-export([halt_after/2, resume/2]).
 
 -export_type([yields/0]).
 
@@ -43,12 +44,27 @@ robot(Id) -> get(Id).
 -spec be_patient(starl_sim_robot:window()) -> reference().
 be_patient(Window) -> erlang:send_after(?PATIENCE_MS, self(), {out_of_patience, Window}).
 
-%% @doc Runs a window with these events, which come by robot and in each robot's order.
--spec run(starl_sim_robot:window(), [starl_sim_queue:event()]) -> yields().
+%% @doc Runs a window with these events, which come by robot and in each robot's order; gives
+%% the robots that were at work, in descending order.
+-spec run(starl_sim_robot:window(), [starl_sim_queue:event()]) -> [starl:robot_id()].
 run(Window, Events) ->
     {Ids, Active} = begin_robots(agenda(Window, Events), Window, [], 0),
     ok = collect(Active, Window),
-    yields(Ids, [], [], [], 0).
+    Ids.
+
+%% @doc What came of the window for the robots that were at work in it.
+-spec yields([starl:robot_id()]) -> yields().
+yields(Ids) -> yields(Ids, [], [], [], 0).
+
+%% @doc Has a robot halt just after its N-th event; `none': no more.
+-spec halt_after(starl:robot_id(), N :: pos_integer() | none) -> ok.
+halt_after(Id, N) ->
+    _ = put(Id, starl_sim_robot:halt_after(N, get(Id))),
+    ok.
+
+%% @doc Goes on with a window in which one robot was held.
+-spec resume(starl_sim_robot:window(), starl:robot_id()) -> ok.
+resume(Window, Id) -> collect(keep(Id, starl_sim_robot:resume(get(Id))), Window).
 
 %% @doc A process has gone down between two windows: the robot, if it is one of these, that has
 %% to go on in the next window.
@@ -86,7 +102,7 @@ take_own(_Id, Events, Own) -> {lists:reverse(Own), Events}.
 keep(Id, {busy, Robot}) ->
     _ = put(Id, Robot),
     1;
-keep(Id, {idle, Robot}) ->
+keep(Id, {_IdleOrHeld, Robot}) ->
     _ = put(Id, Robot),
     0.
 

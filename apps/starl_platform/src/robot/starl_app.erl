@@ -34,6 +34,8 @@
     monitors => [{module(), map()}],
     profile => map(),
     sap => starl_sap:config(),
+    %% another implementation of SAP, for tests
+    sap_machine => module(),
     %% whatever report/2 needs
     memo => term()
 }.

@@ -1,0 +1,32 @@
+%% @doc Notes which packets the radio has lost, and when; it judges nothing. Its result `lost' has
+%% them in the order of time.
+-module(starl_sim_loss_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-export_type([lost/0]).
+
+%% A packet lost at a time (us): its source and destination, and its number as in
+%% {@link starl_sim_radio:link()}.
+-type lost() :: {
+    starl_sim_queue:time(),
+    Source :: starl:robot_id(),
+    Dest :: starl:robot_id(),
+    Number :: pos_integer() | {all, pos_integer()}
+}.
+
+-spec interests() -> [radio].
+interests() -> [radio].
+
+-spec init(map()) -> [lost()].
+init(#{}) -> [].
+
+-spec step(starl_monitor:trace_event(), [lost()]) -> {ok, [lost()]}.
+step({Time, Source, radio, {lost, Dest, Number}}, Lost) ->
+    {ok, [{Time, Source, Dest, Number} | Lost]};
+step({_Time, _Robot, radio, _Other}, Lost) ->
+    {ok, Lost}.
+
+-spec finish(integer(), [lost()]) -> {ok, #{lost := [lost()]}}.
+finish(_EndUs, Lost) -> {ok, #{lost => lists:reverse(Lost)}}.

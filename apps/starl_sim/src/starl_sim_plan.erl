@@ -1,0 +1,184 @@
+%% @doc From a checked scenario and an application's scene to what a run is made of: the robots and
+%% their machines, the world, the faults and when they strike, the monitors.
+-module(starl_sim_plan).
+
+-export([context/2, make/4]).
+
+-define(ROBOTS_PER_SHARD, 16).
+%% Larger teams are simulated inline, where the scenario does not say.
+-define(MANY_ROBOTS, 300).
+-define(INTENSITY, 1000).
+-define(NODE_TIMEOUT_MS, 30000).
+
+%% @doc What the application is told to set its scene by.
+-spec context(module(), starl_sim_scenario:t()) -> starl_app:context().
+context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
+    #{
+        robots => lists:seq(1, N),
+        world => World,
+        seed => Seed,
+        profile => starl_motion:profile(profile(Scenario)),
+        sap => sap(Scenario),
+        options => maps:with([Key || {Key, _, _, _} <- starl_app:options(App)], Scenario)
+    }.
+
+profile(#{speed := Speed, heading_error := H, distance_error := D, position_error := P}) ->
+    #{
+        speed => float(Speed),
+        near_speed => float(Speed),
+        heading_error => float(H),
+        distance_error => float(D),
+        position_error_mm => float(P)
+    }.
+
+%% The first retransmission waits for a little more than the longest way there and back.
+sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
+
+%% @doc What is to be simulated of a checked scenario, all of whose faults have been drawn.
+-spec make(starl_sim_scenario:t(), starl_app:scene(), starl_app:context(), starl_sim:options()) ->
+    map().
+make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
+    #{delay := {MinMs, _}, shards := Shards, faults := Faults} = Scenario,
+    Profile = starl_motion:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
+    Plan = #{
+        robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
+        crew => crew(mode(Scenario), Scene, Profile, Context),
+        world => world(Scenario, Profile, Context, Options),
+        window_us => round(MinMs * 1000),
+        limit_us => limit_us(Scenario),
+        shards => shards(Shards, length(Ids), Options),
+        faults => strikes(Faults),
+        monitors => monitors(Scenario, Scene, Context) ++ maps:get(watch, Options, [])
+    },
+    maps:merge(Plan, nodes(Scenario, Scene, Options)).
+
+nodes(#{app := App}, #{app := Playing} = Scene, #{nodes := Nodes} = Options) ->
+    Sap = maps:get(sap_machine, Scene, starl_sap),
+    Blocks = [Module || {_, Module, _} <- maps:get(blocks, Scene, [])],
+    #{
+        nodes => #{
+            nodes => Nodes,
+            timeout_ms => maps:get(node_timeout_ms, Options, ?NODE_TIMEOUT_MS),
+            modules => lists:usort([App, element(2, Playing), Sap | Blocks]),
+            code => maps:get(code, Options, [])
+        }
+    };
+nodes(_Scenario, _Scene, _Options) ->
+    #{}.
+
+world(Scenario, Profile, #{robots := Ids}, Options) ->
+    #{delay := {MinMs, MaxMs}, faults := Faults} = Scenario,
+    #{
+        seed => maps:get(seed, Scenario),
+        team => starl_team:new(Ids),
+        loss => float(maps:get(loss, Scenario)),
+        duplicate => float(maps:get(duplicate, Scenario)),
+        delay_us => {round(MinMs * 1000), round(MaxMs * 1000)},
+        range_mm => range(Scenario),
+        clock => clock(Scenario),
+        profile => Profile,
+        network => faults(network, Faults),
+        clocks => faults(clock, Faults),
+        location => faults(location, Faults),
+        actuation => faults(actuation, Faults),
+        record => maps:get(record, Options, #{})
+    }.
+
+crew(Mode, Scene, Profile, #{robots := Ids} = Context) ->
+    Sap = maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
+    Services = [
+        {sap, maps:get(sap_machine, Scene, starl_sap), Sap},
+        {location, starl_location, #{waypoints => maps:get(waypoints, Scene, #{})}},
+        {motion, starl_motion, #{profile => Profile}}
+    ],
+    Tree = #{
+        participants => starl_team:new(Ids),
+        services => Services,
+        blocks => maps:get(blocks, Scene, []),
+        app => maps:get(app, Scene),
+        intensity => ?INTENSITY
+    },
+    interpreted(Mode, Tree).
+
+%% Inline, only a sequential application is left as a process.
+interpreted(process, Tree) ->
+    #{tree => Tree, inline => #{}};
+interpreted(inline, #{services := Services, blocks := Blocks, app := App} = Tree) ->
+    Machines = maps:from_list([{Name, {M, Config}} || {Name, M, Config} <- Services ++ Blocks]),
+    case App of
+        {machine, Module, Config} ->
+            #{tree => none, inline => Machines#{app => {Module, Config}}};
+        {sequential, _, _} ->
+            #{tree => Tree#{services := [], blocks := []}, inline => Machines}
+    end.
+
+mode(#{mode := auto, robots := N}) when N > ?MANY_ROBOTS -> inline;
+mode(#{mode := auto}) -> process;
+mode(#{mode := Mode}) -> Mode.
+
+%% Without a place of their own, robots stand in rows two metres apart.
+pose(Id, Scene, #{world := {Width, _}}) ->
+    PerRow = max(1, trunc(Width / 2000)),
+    Default = {
+        1000.0 + 2000.0 * ((Id - 1) rem PerRow), 1000.0 + 2000.0 * ((Id - 1) div PerRow), 0.0
+    },
+    maps:get(Id, maps:get(poses, Scene, #{}), Default).
+
+%% Whatever is bounded in time may take longer by what faults of clocks and processes cost.
+monitors(#{faults := Faults} = Scenario, Scene, #{sap := Sap0, robots := Ids}) ->
+    Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
+    Slack = starl_sim_fault:slack_us(Faults),
+    %% a hundredth more for the drift of the sender's clock
+    Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
+    Own = [{starl_sap_monitor, #{bound_us => Bound, robots => Ids}} | progress(Scenario, Ids)],
+    [{Module, widened(Slack, Config)} || {Module, Config} <- Own ++ maps:get(monitors, Scene, [])].
+
+widened(Slack, #{bound_us := Bound} = Config) when is_integer(Bound) ->
+    Config#{bound_us := Bound + Slack};
+widened(_Slack, Config) ->
+    Config.
+
+progress(#{converge := none}, _Ids) ->
+    [];
+progress(Scenario, Ids) ->
+    [{starl_sim_progress_monitor, #{robots => Ids, deadline_us => deadline_us(Scenario)}}].
+
+deadline_us(#{heal := Heal, converge := Converge, faults := Faults}) ->
+    micros(Heal) + micros(Converge) + starl_sim_fault:slack_us(Faults).
+
+%% A run that has to converge is not longer than that takes.
+limit_us(#{converge := none, time := Time}) -> micros(Time);
+limit_us(#{time := Time} = Scenario) -> min(micros(Time), deadline_us(Scenario)).
+
+strikes(Faults) ->
+    Strikes = lists:append([starl_sim_fault:strikes(Fault) || Fault <- Faults]),
+    [
+        {Robot, Time, 0, 0, N, Strike}
+     || {N, {Robot, Time, Strike}} <- lists:zip(lists:seq(1, length(Strikes)), Strikes)
+    ].
+
+faults(Class, Faults) ->
+    [starl_sim_fault:compile(F) || F <- Faults, starl_sim_fault:class(F) =:= Class].
+
+%% Few robots are not worth a shard of their own, but every node has one.
+shards(none, Robots, Options) ->
+    %% two a core, so that a core has work while a shard waits for another
+    Most = 2 * erlang:system_info(schedulers_online) * machines(Options),
+    min(Robots, max(nodes_of(Options), min(Most, Robots div ?ROBOTS_PER_SHARD)));
+shards(Shards, Robots, _Options) ->
+    min(Shards, Robots).
+
+%% Other machines are taken to be like this one.
+machines(#{nodes := [_ | _] = Nodes}) -> length(Nodes);
+machines(#{}) -> 1.
+
+nodes_of(#{nodes := N}) when is_integer(N) -> max(1, N);
+nodes_of(Options) -> machines(Options).
+
+range(#{range := none}) -> infinity;
+range(#{range := Range}) -> float(Range).
+
+clock(#{clock_offset := OffsetMs, clock_drift := Ppm}) ->
+    {round(OffsetMs * 1000), round(Ppm * 1000)}.
+
+micros(Seconds) -> round(Seconds * 1000000).

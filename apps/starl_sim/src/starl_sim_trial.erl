@@ -1,0 +1,61 @@
+%% @doc One run of a scenario for its verdict alone, as searches over many scenarios need it:
+%% inline and with one shard, which is fast and, by contract, changes nothing.
+-module(starl_sim_trial).
+
+-export([run/1, run/2]).
+
+-export_type([verdict/0, outcome/0, reason/0]).
+
+%% What came of a run. `scenario' has the faults that were drawn, `lost' the packets that the
+%% radio has lost.
+-type outcome() :: #{
+    scenario := starl_sim_scenario:t(),
+    digest := binary(),
+    ending := starl_sim_run:ending() | none,
+    end_us := starl_sim_queue:time(),
+    events := non_neg_integer(),
+    violations := [starl_monitor:violation()],
+    lost := [starl_sim_loss_monitor:lost()]
+}.
+
+%% The scenario cannot be run, or the simulation itself came to grief.
+-type reason() :: {start, starl_sim:reason()} | {failed, term()}.
+
+-type verdict() :: {ok, outcome()} | {error, reason()}.
+
+%% @doc Runs a scenario to its end.
+-spec run(#{app := module(), atom() => term()}) -> verdict().
+run(Scenario) -> run(Scenario, fun(_Sim) -> ok end).
+
+%% @doc The same; a function is told of the simulation when it has started, so that it can be
+%% stopped.
+-spec run(#{app := module(), atom() => term()}, fun((starl_sim:sim()) -> term())) -> verdict().
+run(Scenario, Started) ->
+    Caller = self(),
+    Tag = make_ref(),
+    {Pid, Ref} = spawn_monitor(fun() -> Caller ! {Tag, play(Scenario, Started)} end),
+    receive
+        {Tag, Verdict} ->
+            true = erlang:demonitor(Ref, [flush]),
+            Verdict;
+        {'DOWN', Ref, process, Pid, Reason} ->
+            {error, {failed, Reason}}
+    end.
+
+%% In a process of its own: a simulation that breaks takes it along.
+play(Scenario, Started) ->
+    Watch = #{watch => [{starl_sim_loss_monitor, #{}}]},
+    case starl_sim:start(Scenario#{mode => inline, shards => 1}, Watch) of
+        {ok, Sim} ->
+            _ = Started(Sim),
+            _ = starl_sim:run(Sim),
+            outcome(Scenario, starl_sim:scenario(Sim), starl_sim:finish(Sim));
+        {error, Reason} ->
+            {error, {start, Reason}}
+    end.
+
+outcome(Given, Ran, {#{monitors := #{starl_sim_loss_monitor := #{lost := Lost}}} = Outcome, _}) ->
+    Known = maps:with([digest, ending, end_us, events, violations], Outcome),
+    %% the way it was run is no part of the scenario
+    As = maps:with([mode, shards], Given),
+    {ok, Known#{lost => Lost, scenario => maps:merge(maps:without([mode, shards], Ran), As)}}.

@@ -1,0 +1,113 @@
+%% The set of planted bugs: building blocks that each fall into a pitfall, to show that the
+%% monitors find it under random faults. It is `exercise' with a broken machine in the place of
+%% the sound one; `none' is the sound one. `./starl planted' prints them all.
+-module(starl_planted).
+-behaviour(starl_app).
+
+-export([bugs/0, scenario/2, sound/1]).
+-export([options/0, scene/1, report/2]).
+
+%% Name, block, pitfall.
+bugs() ->
+    [{Bug, Block, Doc} || {Bug, Block, _, _, _, Doc} <- table()].
+
+%% Name, block, broken machine, its configuration, changes of the scenario, and the pitfall.
+table() ->
+    [
+        {sap_restarts, sap, starl_sap_planted, #{variant => restarts}, #{},
+            "sequence numbers restart with the robot"},
+        {sap_forgets, sap, starl_sap_planted, #{variant => forgets}, #{},
+            "forgets what it has already taken"},
+        {sap_claims, sap, starl_sap_planted, #{variant => claims}, #{},
+            "reports as acknowledged what nobody acknowledged"},
+        {sap_tireless, sap, starl_sap_planted, #{variant => tireless}, #{},
+            "no report after the last retransmission"},
+        {election_incomplete, election, starl_election_bug, #{bug => incomplete}, #{},
+            "announces a leader from an incomplete set of ballots"},
+        {bully_early, bully, starl_election_bug, #{bug => early}, lossless(),
+            "makes itself leader before the higher robots can answer"},
+        {bully_fickle, bully, starl_election_bug, #{bug => fickle}, #{},
+            "takes each leader that is announced"},
+        {mutex_impatient_home, mutex, starl_mutex_planted, #{variant => impatient_home}, #{},
+            "grants a token anew before its lease is surely over"},
+        {mutex_forgetful_home, mutex, starl_mutex_planted, #{variant => forgetful_home}, #{},
+            "a restarted home grants what is still held"},
+        {mutex_trusting, mutex, starl_mutex_planted, #{variant => trusting}, #{},
+            "holds a token without the home's word: no fencing"},
+        {mutex_overstaying, mutex, starl_mutex_planted,
+            #{variant => overstaying, lease_ms => 300}, #{}, "does not heed the end of its lease"},
+        {barrier_forgetful, barrier, starl_barrier_planted, #{variant => forgetful},
+            #{robots => 4}, "a restarted machine begins with round 1"},
+        {barrier_recreated, barrier, starl_barrier_planted, #{variant => recreated},
+            #{robots => 4}, "a late duplicate opens the entry of the next round"},
+        {barrier_alone, barrier, starl_barrier_planted, #{variant => alone},
+            #{robots => 4}, "does not wait for those it has not heard of"},
+        {geocast_clocks, geocast, starl_geocast_bug, #{bug => clocks}, #{},
+            "compares times of clocks that are not synchronised"},
+        {geocast_holds, geocast, starl_geocast_bug, #{bug => holds}, #{},
+            "does not deduct the time that a message lies with a relay"},
+        {geocast_trusts, geocast, starl_geocast_bug, #{bug => trusts}, #{},
+            "counts a lifetime from the answer, not from the question"},
+        {geocast_forgets, geocast, starl_geocast_bug, #{bug => forgets}, #{duplicate => 0.3},
+            "forgets a message whose copies still travel"},
+        {geocast_restart, geocast, starl_geocast_bug, #{bug => restart}, #{},
+            "a restarted machine takes itself for a new one"},
+        {registers_restart, registers, starl_registers_bug, #{bug => restart}, #{},
+            "the clock of a restarted machine goes back"},
+        {registers_last_heard, registers, starl_registers_bug, #{bug => last_heard}, #{},
+            "what comes last wins, whatever its stamp"},
+        {registers_no_exchange, registers, starl_registers_bug, #{bug => no_exchange},
+            #{judge => #{bound_us => 8000000}},
+            "what a broadcast missed stays missed"},
+        {dpp_overstaying, dpp, starl_dpp_planted, "overstaying", #{range => 8000},
+            "drives on when its leave has ended"},
+        {dpp_fickle, dpp, starl_dpp_planted, "fickle", #{range => 9000},
+            "votes for whoever asks, whatever it has promised"}
+    ].
+
+%% Robots may die; nothing else goes wrong, so that the highest must be elected.
+lossless() -> #{random_faults => [kill_robot], judge => #{lossless => true}}.
+
+%% The run of a bug with a seed, and the same without the bug.
+scenario(Bug, Seed) ->
+    {Bug, Block, _Machine, Config, Changes, _Doc} = lists:keyfind(Bug, 1, table()),
+    maps:merge(run(Bug, Block, Config, Seed), Changes).
+
+run(_Bug, dpp, Variant, Seed) ->
+    #{app => starl_dpp_planted, bug => Variant, picture => "house", robots => 5, speed => 100,
+        time => 400, seed => Seed};
+run(Bug, Block, _Config, Seed) ->
+    #{app => ?MODULE, bug => Bug, block => Block, robots => 6, seed => Seed,
+        random_faults => starl_exercise:bears(Block), heal => 25, converge => 35, time => 60}.
+
+sound(#{app := starl_dpp_planted} = Scenario) -> Scenario#{bug => "none"};
+sound(Scenario) -> Scenario#{bug => none}.
+
+%% -- the application ------------------------------------------------------------------------
+
+options() ->
+    Names = [none | [Bug || {Bug, _, _} <- bugs()]],
+    [
+        {bug, {one_of, Names}, none, "which bug"},
+        {judge, {term, "a map", fun is_map/1}, #{}, "what the block's monitor asks besides"}
+        | starl_exercise:options()
+    ].
+
+scene(#{options := #{bug := Bug} = Options} = Context) ->
+    Known = Context#{options := maps:without([bug, judge], Options)},
+    {ok, Scene} = starl_exercise:scene(Known),
+    {ok, judged(Options, planted(lists:keyfind(Bug, 1, table()), Scene))}.
+
+planted(false, Scene) ->
+    Scene;
+planted({_, sap, Machine, Config, _, _}, #{sap := Sap} = Scene) ->
+    Scene#{sap := maps:merge(Sap, Config), sap_machine => Machine};
+planted({_, _, Machine, Config, _, _}, #{blocks := [{Name, _, Sound} | Blocks]} = Scene) ->
+    Scene#{blocks := [{Name, Machine, maps:merge(Sound, Config)} | Blocks]}.
+
+judged(#{judge := Judge}, #{monitors := [{Monitor, Config} | Others]} = Scene) ->
+    Scene#{monitors := [{Monitor, maps:merge(Config, Judge)} | Others]};
+judged(_Options, #{monitors := []} = Scene) ->
+    Scene.
+
+report(Scene, Outcome) -> starl_exercise:report(Scene, Outcome).

@@ -1,0 +1,42 @@
+%% SAP with a planted bug, chosen by the key `variant' of the configuration:
+%% restarts: a restarted SAP counts from 1 again and takes itself for the first;
+%% forgets: what was taken of a source is forgotten at its next packet;
+%% claims: a message that nobody acknowledged is reported as acknowledged;
+%% tireless: after the last retransmission it says nothing.
+-module(starl_sap_planted).
+-behaviour(starl_machine).
+
+-export([init/1, handle_event/5]).
+
+%% Where starl_sap keeps what it knows of its peers.
+-define(PEERS, 11).
+
+init(#{variant := restarts} = Config) -> start(Config#{incarnation := 1});
+init(Config) -> start(Config).
+
+start(#{variant := Variant} = Config) ->
+    {ready, Data, Actions} = starl_sap:init(Config),
+    {ready, {Variant, Data}, Actions}.
+
+handle_event(packet, Packet, ready, {forgets, Data}, Meta) ->
+    forward(packet, Packet, {forgets, setelement(?PEERS, Data, #{})}, Meta);
+handle_event(Type, Content, ready, Planted, Meta) ->
+    forward(Type, Content, Planted, Meta).
+
+forward(Type, Content, {Variant, Data}, Meta) ->
+    case starl_sap:handle_event(Type, Content, ready, Data, Meta) of
+        {keep_state, Next, Actions} -> {keep_state, {Variant, Next}, twisted(Variant, Actions)};
+        {keep_state, Next} -> {keep_state, {Variant, Next}};
+        {keep_state_and_data, Actions} -> {keep_state_and_data, twisted(Variant, Actions)};
+        Other -> Other
+    end.
+
+twisted(claims, Actions) -> [claimed(Action) || Action <- Actions];
+twisted(tireless, Actions) -> [A || A <- Actions, not is_lost(A)];
+twisted(_Variant, Actions) -> Actions.
+
+claimed({trace, {outcome, Id, Dest, lost}}) -> {trace, {outcome, Id, Dest, acknowledged}};
+claimed(Action) -> Action.
+
+is_lost({trace, {outcome, _, _, lost}}) -> true;
+is_lost(_) -> false.

@@ -1,0 +1,155 @@
+%% Every building block keeps its contract under any faults that it bears: PropEr draws a block, a
+%% team, a radio and a schedule of faults; the monitors judge. What fails is made small by the
+%% shrinker, and one command replays it. And the shrinker finds what is planted.
+-module(starl_soak_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-include_lib("proper/include/proper.hrl").
+
+-export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
+-export([contracts_hold/1, drawn_schedules_are_well_formed/1, planted_bug_is_found_and_shrunk/1]).
+
+%% What holds under all that it bears. STARL_BLOCKS=bully,barrier and STARL_CASES=5000 ask more.
+-define(BLOCKS, [sap, election, bully, mutex, barrier, geocast, registers]).
+%% Faults are over by this time, ms; the robots are done so many seconds later.
+-define(HEAL_MS, 10000).
+-define(CONVERGE_S, 35).
+-define(CASES, 60).
+
+suite() -> [{timetrap, {minutes, 5}}].
+
+all() -> [contracts_hold, drawn_schedules_are_well_formed, planted_bug_is_found_and_shrunk].
+
+%% Crashes are planned here: their reports are not.
+init_per_suite(Config) ->
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, none),
+    [{level, Level} | Config].
+
+end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+
+contracts_hold(Config) ->
+    Blocks = [list_to_existing_atom(B) || B <- string:lexemes(os:getenv("STARL_BLOCKS", ""), ",")],
+    Cases = list_to_integer(os:getenv("STARL_CASES", integer_to_list(?CASES))),
+    Prop = ?FORALL(Scenario, scenario(case Blocks of [] -> ?BLOCKS; _ -> Blocks end),
+        starl_platform_ct:safely(fun() -> holds(starl_exercise, Scenario, Config) end)),
+    starl_platform_ct:property(Prop, Cases).
+
+%% The generator makes schedules that a scenario accepts, of the kinds that it should.
+drawn_schedules_are_well_formed(_) ->
+    Prop = ?FORALL(#{block := Block, robots := N, faults := Faults}, scenario(?BLOCKS),
+        starl_platform_ct:safely(fun() ->
+            Bears = [Kind || What <- starl_exercise:bears(Block),
+                             {Kind, _, _, _, _} <- starl_sim_fault:kinds_of(What)],
+            starl_sim_fault:check(Faults) =:= []
+                andalso [K || {_, _, _, K, _, _} <- Faults] -- [K || K <- Bears, _ <- Faults] =:= []
+                andalso [R || F <- Faults, R <- starl_sim_fault:targets(F), R > N] =:= []
+                andalso lists:all(fun({_, _, To, _, _, _}) -> To =< ?HEAL_MS end, Faults)
+        end)),
+    starl_platform_ct:property(Prop, 200).
+
+%% The same property over a block with a bug fails, and what is left of the failing case is a
+%% scenario file with few faults that violates the same contract.
+planted_bug_is_found_and_shrunk(Config) ->
+    Seed = starl_platform_ct:seed(),
+    _ = rand:seed(exsss, Seed),
+    {Scenario, Before, Tries} = first_failing(scenario([mutex]), 1),
+    {ok, Lines, complete} = shrink(starl_planted, Scenario, Config),
+    {ok, [#{faults := Faults}]} = file:consult(file(Config)),
+    ct:pal("case ~b, ~b faults, left: ~p~n~ts", [Tries, Before, Faults, lists:join("\n", Lines)]),
+    ?assert(length(Faults) =< 3, Faults),
+    ?assert(string:find(lists:last(Lines), "./starl run ") =/= nomatch).
+
+%% A home that begins anew grants what is still held: a crash or two are enough.
+first_failing(_Generator, 300) ->
+    error(not_found);
+first_failing(Generator, N) ->
+    {ok, #{faults := Faults} = Drawn} = proper_gen:pick(Generator, 20),
+    Scenario = Drawn#{bug => mutex_forgetful_home},
+    case judged(starl_planted, Scenario) of
+        [] -> first_failing(Generator, N + 1);
+        [_ | _] -> {Scenario, length(Faults), N}
+    end.
+
+%% -- generators -----------------------------------------------------------------------------
+
+%% PropEr does not shrink these: the shrinker knows better how.
+scenario(Blocks) ->
+    proper_types:noshrink(?LET({Block, N}, {oneof(Blocks), oneof([3, 4, 6, 8])},
+        ?LET({Seed, Loss, Duplicate, Delay, Range, Faults},
+            {oneof(lists:seq(1, 100000)), oneof([0.0, 0.0, 0.2]), oneof([0.0, 0.2]),
+                oneof([{5, 20}, {2, 100}]), oneof([none, none, 6000]), faults(Block, N)},
+            #{
+                block => Block, robots => N, seed => Seed, loss => Loss, duplicate => Duplicate,
+                delay => Delay, range => Range, faults => named(Faults), work => 12,
+                heal => ?HEAL_MS div 1000, time => ?HEAL_MS div 1000 + ?CONVERGE_S
+            }))).
+
+faults(Block, N) ->
+    Kinds = lists:usort(lists:append([
+        starl_sim_fault:kinds_of(What) || What <- starl_exercise:bears(Block)
+    ])),
+    resize(12, list(?LET(Spec, oneof(Kinds), fault(Spec, Block, N)))).
+
+fault({Kind, _, Shape, Params, _}, Block, N) ->
+    ?LET({{From, Span}, Target, Values},
+        {{int(0, ?HEAL_MS - 1), oneof([1, 50, 500, 3000])}, target(Shape, Block, N),
+            [{Key, value(Type, Range)} || {Key, Type, Range} <- Params]},
+        {From, min(?HEAL_MS, From + Span), Kind, Target, maps:from_list(Values)}).
+
+named(Faults) ->
+    [
+        {list_to_atom(lists:concat([Kind, "_", I])), From, To, Kind, Target, Params}
+     || {I, {From, To, Kind, Target, Params}} <- lists:enumerate(Faults)
+    ].
+
+target(robots, _, N) -> oneof([all, robot(N)]);
+target(robot, _, N) -> robot(N);
+target(machine, Block, N) -> {robot(N), oneof([sap, location, motion, app, machine(Block)])};
+target(link, _, N) -> oneof([all, robot(N), {robot(N), robot(N)}]);
+target(group, _, N) -> ?LET(Group, non_empty(list(robot(N))), lists:usort(Group));
+target(two, _, N) -> ?LET(A, robot(N), {A, 1 + A rem N}).
+
+machine(bully) -> election;
+machine(Block) -> Block.
+
+robot(N) -> oneof(lists:seq(1, N)).
+
+value({one_of, Atoms}, _) -> oneof(Atoms);
+value({integer, _, _}, {Low, High}) -> int(Low, High);
+value({number, _, _}, {Low, High}) -> float(float(Low), float(High)).
+
+%% PropEr's range/2 keeps to small numbers.
+int(Low, High) -> ?LET(X, float(0.0, 1.0), Low + round(X * (High - Low))).
+
+%% -- runs -----------------------------------------------------------------------------------
+
+holds(App, Scenario, Config) ->
+    case judged(App, Scenario) of
+        [] ->
+            true;
+        [First | _] ->
+            io:format("~ts~n", [starl_monitor:format_violation(First)]),
+            tell(shrink(App, Scenario, Config)),
+            false
+    end.
+
+judged(App, Scenario) ->
+    {ok, #{violations := Violations}} = starl_sim_trial:run(Scenario#{app => App}),
+    Violations.
+
+tell({ok, Lines, _}) -> io:format("~ts~n", [lists:join("\n", Lines)]);
+tell({error, _, Why}) -> io:format("~ts~n", [Why]).
+
+shrink(App, Given, Config) ->
+    {ok, Scenario} = starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)),
+    starl_cli_shrunk:shrink(#{
+        target => target(App), scenario => Scenario, file => file(Config), digest => any,
+        seconds => 60, quiet => true
+    }).
+
+file(Config) -> filename:join(proplists:get_value(priv_dir, Config), "small.term").
+
+target(starl_exercise) -> named_target("exercise", starl_exercise);
+target(App) -> named_target(atom_to_list(App), App).
+
+named_target(Name, App) -> #{app => App, name => Name, replay => Name, file => Name, given => #{}}.
