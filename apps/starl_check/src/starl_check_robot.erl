@@ -8,7 +8,7 @@
 
 -export([boot/2, event/3, timers/1, calls/1, is_done/1, shift/3, rename/2]).
 
--export_type([t/0, event/0, sent/0, timer/0]).
+-export_type([t/0, event/0, sent/0, timer/0, due/0]).
 
 %% Where a timer belongs and what it is called.
 -type timer() :: {starl_machine:name(), Timer :: term()}.
