@@ -12,7 +12,7 @@
 %% scenario file says: a name, or a source file. `digest' is lower-case hexadecimal,
 %% and empty where a node was lost.
 -type t() :: #{
-    app := atom() | string(),
+    app := atom() | file:filename_all(),
     scenario := #{atom() => term()},
     options := #{atom() => term()},
     digest := string(),
@@ -44,7 +44,7 @@
 
 %% @doc The record of a run: of which application (as a scenario file says it), with which
 %% scenario it has run, how it ended and what came of it.
--spec make(atom() | string(), starl_sim_scenario:t(), {starl_sim_run:ending(), Outcome}) -> t() when
+-spec make(atom() | file:filename_all(), starl_sim_scenario:t(), {starl_sim_run:ending(), Outcome}) -> t() when
     Outcome :: starl_sim_run:outcome().
 make(Name, #{app := App} = Scenario, {Ending, Outcome}) ->
     #{digest := Digest, end_us := EndUs, events := Events, violations := Violations} = Outcome,

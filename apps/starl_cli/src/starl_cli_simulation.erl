@@ -95,7 +95,7 @@ where({error, Why}, _Outcome, _Status) ->
     starl_cli_terminal:complain(["the results could not be written: ", Why]),
     1.
 
-%% How to see the robots at the first violation.
+%% How to see the robots at the first violation, and how to make the run small.
 look(_Dir, #{violations := []}) ->
     ok;
 look(Dir, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
@@ -104,7 +104,9 @@ look(Dir, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
     Inspect = [[" --inspect ", Ids] || Ids =/= []],
     %% what happens at that very time has happened then
     Until = io_lib:format(" --until ~.6f", [(AtUs + 1) / 1.0e6]),
-    starl_cli_terminal:out(["look: ./starl replay ", Shell, Until, Inspect, "\n"]).
+    starl_cli_terminal:out([
+        "look: ./starl replay ", Shell, Until, Inspect, "\nsmaller: ./starl shrink ", Shell, "\n"
+    ]).
 
 status(Report) ->
     case {starl_cli_report:figure(violations, Report), starl_cli_report:ending(Report)} of
