@@ -13,8 +13,8 @@
 -export([
     same_digest_painting/1, same_digest_ring/1, same_digest_own_peers/1, paused_and_stepped/1,
     looked_at/1, killed/1, suspended_own_peer/1, killed_before_the_finish/1, suspended/1,
-    suspended_before_the_start/1, suspended_in_the_launch/1, endless_loop/1, shard_crash/1, watch_gone/1, other_code/1,
-    no_code/1, bad_nodes/1
+    suspended_before_the_start/1, suspended_in_the_launch/1, endless_loop/1, shard_crash/1,
+    watch_gone/1, other_code/1, no_code/1, bad_nodes/1
 ]).
 %% called in the conductor
 -export([
@@ -32,8 +32,8 @@ all() ->
     [
         same_digest_painting, same_digest_ring, same_digest_own_peers, paused_and_stepped,
         looked_at, killed, suspended_own_peer, killed_before_the_finish, suspended,
-        suspended_before_the_start, suspended_in_the_launch, endless_loop, shard_crash, watch_gone, other_code, no_code,
-        bad_nodes
+        suspended_before_the_start, suspended_in_the_launch, endless_loop, shard_crash,
+        watch_gone, other_code, no_code, bad_nodes
     ].
 
 init_per_suite(Config) ->
@@ -213,7 +213,8 @@ other_code(Config) ->
         {function, 1, other, 0, [{clause, 1, [], [], [{atom, 1, other}]}]}
     ],
     {ok, starl_geometry, Beam} = compile:forms(Form),
-    {module, _} = in_conductor(erpc, call, [B, code, load_binary, [starl_geometry, "", Beam]], Config),
+    Load = [B, code, load_binary, [starl_geometry, "", Beam]],
+    {module, _} = in_conductor(erpc, call, Load, Config),
     {nodes, Reason} = refused([A, B], Config),
     ?assertMatch({other_code, B, [starl_geometry], _, _}, Reason),
     Line = lists:flatten(starl_sim_nodes:format_error(Reason)),
@@ -404,22 +405,30 @@ spin(Robot) ->
         2 -> spin(Robot)
     end.
 
-%% The node stops itself when the first of its robots run.
+%% The node stops itself in the launch: its supervisors take part in that, and stand still from the
+%% moment when they are there.
 launch(Nodes, Node) ->
-    _ = erpc:cast(Node, fun() ->
-        stop_when(erlang:system_info(process_count) + 200)
+    ok = erpc:cast(Node, fun() ->
+        _ = process_flag(priority, high),
+        stop_in_the_launch()
     end),
-    Scenario = (ring(1))#{robots => 2000, mode => process, shards => 2},
+    Scenario = (ring(1))#{robots => 200, mode => process, shards => 2},
     {error, Reason} = starl_sim:start(Scenario, options(Nodes)),
     Reason.
 
-stop_when(Processes) ->
-    case erlang:system_info(process_count) >= Processes of
-        true ->
+stop_in_the_launch() ->
+    Supervisors = [
+        Pid
+     || Pid <- processes(),
+        {supervisor, starl_sim_sup, _} <- [proc_lib:translate_initial_call(Pid)]
+    ],
+    case Supervisors of
+        [_, _] ->
+            _ = [true = erlang:suspend_process(Pid) || Pid <- Supervisors],
             os:cmd("kill -STOP " ++ os:getpid());
-        false ->
+        _ ->
             receive
-            after 1 -> stop_when(Processes)
+            after 1 -> stop_in_the_launch()
             end
     end.
 

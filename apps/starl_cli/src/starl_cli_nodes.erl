@@ -57,14 +57,14 @@ bad(Text) ->
 
 needless(Values, Plan) ->
     Given = [Key || Key <- [cookie, node_name], is_map_key(Key, Values)],
-    Lines = [[starl_cli_flags:flag(Key), " goes with nodes that run already only"] || Key <- Given],
-    {Lines, Plan}.
+    {[[starl_cli_flags:flag(K), " goes with nodes that run already only"] || K <- Given], Plan}.
 
 named(Texts, Values, Plan) ->
     Names = [name(Text) || Text <- Texts],
     Bad = [["--nodes: ", Line] || {error, Line} <- Names] ++ cookie_problems(Values),
     case {Bad, [Node || {ok, Node} <- Names]} of
-        {[], Nodes} -> with_own_name(Nodes, Values, Plan#{nodes := Nodes, cookie := cookie(Values)});
+        {[], Nodes} ->
+            with_own_name(Nodes, Values, Plan#{nodes := Nodes, cookie := cookie(Values)});
         {_, _} -> {Bad, none}
     end.
 
@@ -150,7 +150,8 @@ command(Args) ->
     case {starl_cli_run:help_wanted(Args), starl_cli_flags:parse(Args, Flags)} of
         {true, _} -> help(Flags);
         {false, {ok, Values}} -> serve(maps:merge(starl_cli_flags:defaults(Flags), Values));
-        {false, {error, Problems}} -> starl_cli_terminal:bad_input(starl_cli_run:flag_lines(Problems))
+        {false, {error, Problems}} ->
+            starl_cli_terminal:bad_input(starl_cli_run:flag_lines(Problems))
     end.
 
 node_flags() ->

@@ -173,7 +173,7 @@ failed({error, Reason}, _Run) -> starl_cli_terminal:bad_input([starl_sim:format_
 failed({failed, Reason}, Run) -> starl_cli_simulation:failed(Reason, Run).
 
 compare(Digest, #{ending := lost}, _Setup) ->
-    starl_cli_terminal:out(["a node was lost in the recorded run: not compared; digest ", Digest, "\n"]),
+    starl_cli_terminal:out(["the recorded run lost a node: not compared; digest ", Digest, "\n"]),
     0;
 compare(Digest, #{digest := Digest}, _Setup) ->
     starl_cli_terminal:out(["same digest ", Digest, "\n"]),

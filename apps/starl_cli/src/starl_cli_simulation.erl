@@ -66,7 +66,8 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
 
 %% Says which nodes are gone; passes the status on.
 lost(Losses, Status) ->
-    lists:foreach(fun(L) -> starl_cli_terminal:complain(starl_sim_nodes:format_loss(L)) end, Losses),
+    Lines = [starl_sim_nodes:format_loss(Loss) || Loss <- Losses],
+    lists:foreach(fun starl_cli_terminal:complain/1, Lines),
     Status.
 
 %% What is not as it should be is told in any case.
