@@ -75,7 +75,8 @@ target({ok, Target}, Flags) ->
 
 %% A recorded run is run as it was, but for what does not change it.
 run_flags(#{app := App, record := _}) ->
-    [Flag || {Key, _, _, _} = Flag <- starl_cli_run:options(App), lists:member(Key, [mode, shards])];
+    Options = starl_cli_run:options(App),
+    [Flag || {Key, _, _, _} = Flag <- Options, Key =:= mode orelse Key =:= shards];
 run_flags(#{app := App}) ->
     starl_cli_run:options(App).
 
@@ -204,7 +205,7 @@ go(Sim, #{stop := {at_us, Us}, run := Run}) ->
     {ok, starl_sim:status(Sim)}.
 
 stopped({ok, #{ending := stopped}}, _Sim, _Setup) ->
-    130;
+    interrupted();
 stopped({ok, #{now_us := Now, ending := Ending}}, Sim, Setup) ->
     #{stop := Stop, inspect := Inspect, run := #{target := #{name := Name}}} = Setup,
     Width = starl_cli_terminal:columns(),
@@ -219,9 +220,13 @@ stopped({ok, #{now_us := Now, ending := Ending}}, Sim, Setup) ->
     0;
 stopped({error, Missed}, Sim, _Setup) ->
     case starl_sim:status(Sim) of
-        #{ending := stopped} -> 130;
+        #{ending := stopped} -> interrupted();
         #{} -> starl_cli_terminal:bad_input([["--until: ", starl_sim:format_error(Missed)]])
     end.
+
+interrupted() ->
+    starl_cli_terminal:out("interrupted\n"),
+    130.
 
 where(none, {event, Robot, N}) -> io_lib:format(" just after event ~b of robot ~b", [N, Robot]);
 where(none, _) -> "";
@@ -235,10 +240,11 @@ help() ->
         "Usage: ./starl replay RUN [FLAGS]\n"
         "       ./starl replay SEED --app TARGET [FLAGS]\n\n",
         starl_cli_terminal:wrap("RUN is the directory of a run or its run.term: the run is done "
-            "again and its digest compared. It may also be whatever ./starl run takes, with the "
+            "again and its digest compared (--mode and --shards may differ, which changes "
+            "nothing). It may also be whatever ./starl run takes, with the "
             "same flags; SEED --app TARGET is TARGET --seed SEED.", 0, Width),
         "\n\n", starl_cli_flags:help(own_flags(), Width),
-        "\nExit status: 0 the same digest, or stopped where asked for; 3 another digest; 2 bad usage\n"
-        "or input; 130 interrupted; without a record those of ./starl run.\n"
+        "\nExit status: 0 the same digest, or stopped where asked for; 3 another digest; 2 bad\n"
+        "usage or input; 130 interrupted; without a record those of ./starl run.\n"
     ]),
     0.
