@@ -9,7 +9,8 @@
 %% A recorded run. `scenario' holds all values of the run, the application's own among them, and
 %% in `faults' those that were drawn, too; with the application's module as `app' it can be
 %% started as it is. `options' are the application's own values once more. `app' is what a
-%% scenario file says: a name, or a source file. `digest' is lower-case hexadecimal.
+%% scenario file says: a name, or a source file. `digest' is lower-case hexadecimal,
+%% and empty where a node was lost.
 -type t() :: #{
     app := atom() | file:filename_all(),
     scenario := #{atom() => term()},
@@ -39,7 +40,7 @@
 
 -define(NAME, "run.term").
 -define(KEYS, [app, scenario, options, digest, ending, end_us, events, violations]).
--define(ENDINGS, [done, time, violation, stopped, quiet]).
+-define(ENDINGS, [done, time, violation, stopped, quiet, lost]).
 
 %% @doc The record of a run: of which application (as a scenario file says it), with which
 %% scenario it has run, how it ended and what came of it.

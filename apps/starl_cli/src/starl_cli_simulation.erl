@@ -15,9 +15,16 @@
 
 %% @doc Runs what a command line asks for; gives the exit status.
 -spec run(starl_cli_run:setup()) -> starl_cli_terminal:status().
-run(#{scenario := Scenario} = Setup) ->
-    case starl_cli_drive:with(Scenario, fun(Sim) -> to_the_end(Sim, Setup) end) of
+run(#{nodes := Nodes, target := Target} = Setup) ->
+    case starl_cli_nodes:options(Nodes, Target) of
+        {ok, Options} -> run(Options, Setup);
+        {error, Line} -> starl_cli_terminal:bad_input([Line])
+    end.
+
+run(Options, #{scenario := Scenario} = Setup) ->
+    case starl_cli_drive:with(Scenario, Options, fun(Sim) -> to_the_end(Sim, Setup) end) of
         {ok, Ran} -> tell(Setup, Ran);
+        {error, {nodes, {lost, Loss}}} -> lost([Loss], 4);
         {error, Reason} -> starl_cli_terminal:bad_input([starl_sim:format_error(Reason)]);
         {failed, Reason} -> failed(Reason, Setup)
     end.
@@ -28,14 +35,15 @@ to_the_end(Sim, #{scenario := #{time := Seconds}} = Setup) ->
     {Outcome, App} = starl_sim:finish(Sim),
     #{
         scenario => starl_sim:scenario(Sim),
-        ending => ending(Ending),
+        ending => ending(Ending, Outcome),
         wall_ms => WallMs,
         outcome => Outcome,
         app => App
     }.
 
-ending(none) -> time;
-ending(Ending) -> Ending.
+ending(_, #{lost := [_ | _]}) -> lost;
+ending(none, _Outcome) -> time;
+ending(Ending, _Outcome) -> Ending.
 
 %% -- results --------------------------------------------------------------------------------
 
@@ -54,7 +62,12 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     end),
     _ = summarize(Setup, Report),
     violated(Setup, Outcome),
-    where(Written, Outcome, status(Report)).
+    where(Written, Outcome, lost(maps:get(lost, Outcome), status(Report))).
+
+%% Says which nodes are gone; passes the status on.
+lost(Losses, Status) ->
+    lists:foreach(fun(L) -> starl_cli_terminal:complain(starl_sim_nodes:format_loss(L)) end, Losses),
+    Status.
 
 %% What is not as it should be is told in any case.
 summarize(#{quiet := true}, Report) ->
