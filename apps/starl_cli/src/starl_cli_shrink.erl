@@ -92,6 +92,7 @@ shrink(Job) ->
         {ok, Lines, out_of_time} -> told(Lines, 4);
         {ok, Lines, interrupted} -> told(["interrupted; this is the smallest so far" | Lines], 130);
         {error, input, Why} -> refuse([Why]);
+        {error, interrupted, Why} -> told([Why], 130);
         {error, internal, Why} -> failed(Why)
     end.
 

@@ -12,7 +12,8 @@
 -type run() :: {Block :: atom(), Seed :: non_neg_integer(), starl_sim_scenario:t()}.
 
 %% What a run came to: its violations and the wall time that it took.
--type found() :: {ok, [starl_monitor:violation()], Seconds :: float()} | {failed, term()}.
+-type found() ::
+    {ok, [starl_monitor:violation()], Seconds :: float()} | {failed, starl_sim_trial:reason()}.
 
 -type plan() :: #{
     blocks := [atom(), ...],
@@ -112,7 +113,8 @@ soak(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}) ->
     status(How, Failing, Sorted).
 
 noted({Block, Seed, _}, {ok, Found}, Founds) -> [{Block, Seed, Found} | Founds];
-noted({Block, Seed, _}, {crashed, Reason}, Founds) -> [{Block, Seed, {failed, Reason}} | Founds].
+noted({Block, Seed, _}, {crashed, Reason}, Founds) ->
+    [{Block, Seed, {failed, {failed, Reason}}} | Founds].
 
 status(interrupted, _, _) -> 130;
 status(done, _, Founds) ->

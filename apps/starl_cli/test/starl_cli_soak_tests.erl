@@ -54,7 +54,7 @@ failing_test() ->
     end,
     Founds = [
         {mutex, 9, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 3, {ok, [], 0.1}},
-        {mutex, 7, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 4, {failed, crash}},
+        {mutex, 7, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 4, {failed, {failed, crash}}},
         {mutex, 5, {ok, [V(sap, outcome_overdue)], 0.1}},
         {barrier, 8, {ok, [V(barrier, passed_early)], 0.1}}
     ],
