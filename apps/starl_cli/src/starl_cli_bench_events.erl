@@ -30,7 +30,8 @@ run(#{robots := Sizes, seconds := Seconds, reps := Reps}) ->
         [Seconds, Reps, ?NEXOSIM]
     ),
     starl_cli_terminal:out(
-        "  robots    events   run s   CPU s    events/s  events/CPU s      bare/s  ratio  x NeXosim\n"
+        "  robots    events   run s   CPU s    events/s  events/CPU s      bare/s  ratio"
+        "  x NeXosim\n"
     ),
     [size(N, Seconds, Reps) || N <- Sizes].
 

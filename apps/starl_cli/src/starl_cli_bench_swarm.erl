@@ -23,7 +23,8 @@ flags() ->
     [
         {robots, {list, {integer, 50, 100000}}, [1000, 10000], "sizes of the swarm"},
         {seconds, {integer, 1, 3600}, 20, "virtual time, s"},
-        {mode, {one_of, [auto, process, inline]}, auto, "how robots are simulated; auto: as in a run"},
+        {mode, {one_of, [auto, process, inline]}, auto,
+            "how robots are simulated; auto: as in a run"},
         {shards, {optional, {integer, 1, 256}}, none, "over how many shards; none: as in a run"},
         {reps, {integer, 1, 100}, 2, "repetitions; the fastest is told"}
     ].
@@ -83,7 +84,8 @@ checks([#{outcome := #{digest := Digest}} | _] = Runs) ->
         [
             {"ending", done, Ending},
             {"digest", Digest, Own},
-            {"receptions per robot and tick between 5 and 7", true, PerTick >= Least andalso PerTick =< Most}
+            {"receptions per robot and tick between 5 and 7", true,
+                PerTick >= Least andalso PerTick =< Most}
         ]
      || #{ending := Ending, outcome := #{digest := Own}, figures := Told} <- Runs,
         PerTick <- [proplists:get_value(per_tick, Told)]
