@@ -46,6 +46,8 @@ table() ->
             "compares times of clocks that are not synchronised"},
         {geocast_holds, geocast, starl_geocast_bug, #{bug => holds}, #{},
             "does not deduct the time that a message lies with a relay"},
+        {geocast_trusts, geocast, starl_geocast_bug, #{bug => trusts}, #{},
+            "counts a lifetime from the answer, not from the question"},
         {geocast_forgets, geocast, starl_geocast_bug, #{bug => forgets}, #{duplicate => 0.3},
             "forgets a message whose copies still travel"},
         {geocast_restart, geocast, starl_geocast_bug, #{bug => restart}, #{},

@@ -8,6 +8,7 @@
 options() ->
     [
         {rounds, {integer, 1, 100000}, 10, "rounds of each name"},
+        {names, {term, "two names", fun is_list/1}, [odd, even], "for the rounds in turn"},
         {pause, {integer, 1, 100000}, 400, "longest pause before a round, ms"},
         {patience, {integer, 1, 1000000}, 5000, "patience, ms"},
         {machine, {term, "a machine", fun is_atom/1}, starl_barrier_rounds, "the implementation"},
@@ -18,7 +19,9 @@ options() ->
 scene(#{robots := Robots, options := #{machine := Machine, config := Config} = Options}) ->
     {ok, #{
         app => {sequential, ?MODULE, Options},
-        blocks => [{barrier, Machine, Config}],
+        blocks => [
+            {barrier, Machine, Config#{log => barrier_log}}, {barrier_log, starl_barrier_log, #{}}
+        ],
         monitors => [{starl_barrier_monitor, (maps:get(judge, Options))#{robots => Robots}}]
     }}.
 
@@ -26,9 +29,9 @@ init(_Robot, Options) -> {Options, 1, 0}.
 
 step(_Robot, {#{rounds := Rounds}, K, Failed}) when K > 2 * Rounds ->
     {done, {2 * Rounds, Failed}};
-step(Robot, {#{pause := Pause, patience := Patience} = Options, K, Failed}) ->
+step(Robot, {#{pause := Pause, patience := Patience, names := Names} = Options, K, Failed}) ->
     starl:sleep(Robot, 1 + trunc(starl:random(Robot) * Pause)),
-    case starl_barrier:sync(Robot, lists:nth(1 + K rem 2, [odd, even]), Patience) of
+    case starl_barrier:sync(Robot, lists:nth(1 + K rem 2, Names), Patience) of
         ok ->
             starl:trace(Robot, {synced, K}),
             {continue, {Options, K + 1, Failed}};

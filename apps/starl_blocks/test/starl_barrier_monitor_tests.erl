@@ -25,6 +25,7 @@ run(Events, End, Extra) ->
 
 trace({T, R, died}) -> {T, R, robot, {died, killed}};
 trace({T, R, crashed}) -> {T, R, barrier, crashed};
+trace({T, R, down}) -> {T, R, robot, down};
 trace({T, R, Event, K}) -> {T, R, barrier, {Event, b, K}}.
 
 all_reach() -> [{1, 1, reached, 1}, {2, 2, reached, 1}].
@@ -42,7 +43,24 @@ out_of_order_test() ->
     ?assertEqual([passed_out_of_order],
                  judge(all_reach() ++ [{5, 1, passed, 1}, {6, 1, passed, 1}])),
     ?assertEqual([reached_out_of_order], judge([{1, 1, reached, 2}])),
+    ?assertEqual([passed_early, passed_out_of_order], judge([{1, 1, passed, 1}]) ++
+                 judge(all_reach() ++ [{5, 1, passed, 1}, {6, 1, passed, 1}])),
     ?assertEqual([], judge(all_reach() ++ [{3, 1, reached, 1}])).
+
+%% Who has rebooted does not know whether it has passed the round that it had reached. It may go
+%% on with the one after it, once, and passes neither early nor a round of before.
+reboot_test() ->
+    Down = all_reach() ++ [{3, 2, down}],
+    ?assertEqual([], judge(Down ++ [{4, 2, reached, 1}, {5, 2, passed, 1}])),
+    ?assertEqual([], judge(Down ++ [{4, 2, reached, 2}])),
+    ?assertEqual([passed_early], judge(Down ++ [{4, 2, reached, 2}, {5, 2, passed, 2}])),
+    ?assertEqual([passed_out_of_order], judge(Down ++ [{4, 2, reached, 2}, {5, 2, passed, 1}])),
+    ?assertEqual([reached_out_of_order], judge(Down ++ [{4, 2, reached, 3}])),
+    ?assertEqual([reached_out_of_order],
+                 judge(Down ++ [{4, 2, reached, 2}, {5, 2, reached, 3}])),
+    ?assertEqual([reached_out_of_order], judge(Down ++ [{4, 1, reached, 2}])),
+    ?assertEqual([reached_out_of_order],
+                 judge(all_reach() ++ [{3, 2, crashed}, {4, 2, reached, 2}])).
 
 late_pass_test() ->
     Late = all_reach() ++ [{5, 1, passed, 1}, {16, 2, passed, 1}],

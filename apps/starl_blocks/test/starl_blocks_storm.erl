@@ -5,10 +5,11 @@
 -export([storm/1, run/3, drawn/2, broken/2, caught/4]).
 
 %% Faults at any time of the first twenty seconds, on a bad network, with drifting clocks.
-storm(Machine) ->
+storm(Machine) when is_atom(Machine) -> storm([Machine, Machine]);
+storm(Machines) ->
     {oneof(lists:seq(1, 1000)), oneof([0.0, 0.1, 0.4]), oneof([0.0, 0.3]),
      oneof([{5, 20}, {5, 400}]), oneof([50, 10000]),
-     resize(5, list({range(0, 200), range(1, 4), oneof([Machine, Machine, sap, app, robot])}))}.
+     resize(5, list({range(0, 200), range(1, 4), oneof(Machines ++ [sap, app, robot])}))}.
 
 %% What came of it: the outcome of the run.
 run(App, {Seed, Loss, Duplicate, Delay, Drift, Strikes}, Options) ->

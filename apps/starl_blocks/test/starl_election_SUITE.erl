@@ -7,7 +7,7 @@
 -export([all/0]).
 -export([
     ballots_under_faults/1, bully_under_faults/1, bully_without_loss/1,
-    planted_bugs_are_caught/1, bully_highest_are_dead/1, bully_one_leader_per_term/1,
+    planted_bugs_are_caught/1, bully_highest_are_dead/1, bully_one_leader_per_term/1, bully_remembers_old_elections/1,
     ballots_incomplete_set_elects_nobody/1, ballots_before_the_start_count/1,
     ballots_of_another_election_do_not_count/1
 ]).
@@ -15,7 +15,7 @@
 all() ->
     [
         ballots_under_faults, bully_under_faults, bully_without_loss,
-        planted_bugs_are_caught, bully_highest_are_dead, bully_one_leader_per_term,
+        planted_bugs_are_caught, bully_highest_are_dead, bully_one_leader_per_term, bully_remembers_old_elections,
         ballots_incomplete_set_elects_nobody, ballots_before_the_start_count,
         ballots_of_another_election_do_not_count
     ].
@@ -139,6 +139,18 @@ bully_one_leader_per_term(_) ->
     ?assertEqual([{a, {ok, 3}}], replies(A3)),
     ?assertEqual([], replies(A4)),
     ?assertEqual([{b, {ok, 3}}], replies(A5)).
+
+%% Found at random and shrunk: a robot that has rebooted asks again for an election of long ago.
+%% Whoever has forgotten its leader would hold it anew.
+bully_remembers_old_elections(_) ->
+    M1 = start(starl_election_bully, 1, [1, 2, 3]),
+    M2 = lists:foldl(
+        fun(N, M) -> element(2, message(3, bully_leader, {N, 3}, M)) end, M1, lists:seq(1, 500)
+    ),
+    {Actions, M3} = message(2, bully_leader, {1, 2}, M2),
+    ?assertEqual([], [E || {trace, {elected, _, _, _} = E} <- Actions]),
+    {Again, _} = call(1, a, M3),
+    ?assertEqual([{a, {ok, 3}}], replies(Again)).
 
 %% Announcing from an incomplete ballot set.
 ballots_incomplete_set_elects_nobody(_) ->

@@ -8,7 +8,8 @@
 -export([all/0]).
 -export([
     safety_under_faults/1, progress_over_several_hops/1, planted_bugs_are_caught/1,
-    chain_of_hops/1, lifetimes_and_clocks/1, memory_shrinks/1, memory_is_bounded/1,
+    chain_of_hops/1, lifetimes_and_clocks/1, slow_packets_are_not_late/1,
+    memory_shrinks/1, memory_is_bounded/1,
     late_comer_gets_it/1, dead_relay_is_gone_around/1, not_again_after_a_restart/1,
     sent_after_the_restart/1, listeners_come_late/1, hops_are_limited/1,
     mistakes_of_the_caller/1
@@ -17,7 +18,8 @@
 all() ->
     [
         safety_under_faults, progress_over_several_hops, planted_bugs_are_caught,
-        chain_of_hops, lifetimes_and_clocks, memory_shrinks, memory_is_bounded,
+        chain_of_hops, lifetimes_and_clocks, slow_packets_are_not_late,
+        memory_shrinks, memory_is_bounded,
         late_comer_gets_it, dead_relay_is_gone_around, not_again_after_a_restart,
         sent_after_the_restart, listeners_come_late, hops_are_limited,
         mistakes_of_the_caller
@@ -53,7 +55,8 @@ planted_bugs_are_caught(_) ->
     [
         ?assert(caught(Generator, Bug), Bug)
      || {Generator, Bug} <- [
-            {rows(), clocks}, {geocasts(), holds}, {geocasts(), forgets}, {geocasts(), restart}
+            {rows(), clocks}, {geocasts(), holds}, {geocasts(), trusts},
+            {geocasts(), forgets}, {geocasts(), restart}
         ]
     ].
 
@@ -77,14 +80,15 @@ geocasts() ->
     ?LET({N, Seed, Range}, {range(3, 8), seed(), oneof([none, 2500, 6000])}, map([
         {robots, N}, {seed, Seed}, {range, Range},
         {loss, oneof([0.0, 0.2, 0.4])}, {duplicate, oneof([0.0, 0.3])},
-        {delay, oneof([{5, 20}, {2, 100}, {40, 40}])},
-        {clock_offset, oneof([0, 1000, 100000])}, {clock_drift, oneof([0, 50, 900])},
+        {delay, oneof([{5, 20}, {2, 100}, {40, 40}, {5, 800}])},
+        {clock_offset, oneof([0, 1000, 100000])}, {clock_drift, oneof([0, 50, 9000])},
         {lifetime, oneof([50, 300, 2000, 6000])}, {speed, oneof([100, 500])},
         {area, area()}, {drives, boolean()}, {progress, false},
         {faults, list(oneof([
             {moment(), kill_machine, {range(1, N), geocast}},
             {moment(), kill_machine, {range(1, N), oneof([sap, location, geocast])}},
-            {moment(), kill_robot, range(1, N)}
+            {moment(), kill_robot, range(1, N)}, {moment(), reboot, range(1, N)},
+            {moment(), pause, range(1, N)}
         ]))}
     ])).
 
@@ -93,7 +97,7 @@ rows() ->
         {robots, N}, {seed, Seed}, {range, 2500},
         {loss, oneof([0.0, 0.1, 0.2])}, {duplicate, oneof([0.0, 0.3])},
         {delay, oneof([{5, 20}, {2, 100}])},
-        {clock_offset, 1000}, {clock_drift, oneof([0, 50, 900])},
+        {clock_offset, 1000}, {clock_drift, oneof([0, 50, 9000])},
         {lifetime, 8000}, {speed, 100}, {area, area()}, {drives, false}, {progress, true},
         {faults, list({moment(), kill_machine, {range(1, N), oneof([sap, location, geocast])}})}
     ])).
@@ -115,8 +119,8 @@ area() ->
     ]).
 
 %% Each robot sends a message now and then; with `drives' they go to and fro.
-run(#{delay := {_, Max}, progress := Progress, robots := N, faults := Faults} = Case, Bug) ->
-    Config = #{hop_ms => Max, listeners => #{news => app}},
+run(#{progress := Progress, robots := N, faults := Faults} = Case, Bug) ->
+    Config = #{listeners => #{news => app}},
     Monitor = #{robots => lists:seq(1, N), progress => Progress},
     Around = #{
         blocks => [machine(Bug, Config)], monitors => [{starl_geocast_monitor, Monitor}],
@@ -134,7 +138,7 @@ machine(Bug, Config) -> {geocast, starl_geocast_bug, Config#{bug => Bug}}.
 pose(I) -> {1000.0 + 2000.0 * ((I - 1) rem 4), 1000.0 + 2000.0 * ((I - 1) div 4), 0.0}.
 
 planned(Faults) ->
-    [{list_to_atom("f" ++ integer_to_list(K)), At, At, Kind, Target, #{}}
+    [{list_to_atom("f" ++ integer_to_list(K)), At, At + 700, Kind, Target, #{}}
      || {K, {At, Kind, Target}} <- lists:zip(lists:seq(1, length(Faults)), Faults)].
 
 script(R, #{area := Area, lifetime := Lifetime, drives := Drives}) ->
@@ -175,6 +179,23 @@ lifetimes_and_clocks(_) ->
     ?assertEqual(lists:duplicate(4, {done, {{ok, 2, hello}, timeout}}), Results),
     [Sent] = [T || {T, _, geocast, {sent, _, _, _}} <- Trace],
     [?assert(T =< Sent + 1000000) || {T, _, geocast, {delivered, _}} <- Trace].
+
+%% Packets that take longer than the lifetime: nothing is delivered but to the sender. A fifth as
+%% long, some come in time; none is late (play/5).
+slow_packets_are_not_late(_) ->
+    Reached = [
+        begin
+            {_, Trace} = line(3, fun(R) ->
+                _ = [starl_geocast:send(R, everywhere(), news, hello, #{lifetime_ms => 1200})
+                     || starl:id(R) =:= 1],
+                starl:sleep(R, 8000)
+            end, #{faults => [{slow, 0, 8000, delay, all, #{extra_ms => Extra}}]},
+                #{listeners => #{news => app}}),
+            length([R || {_, R, geocast, {delivered, _}} <- Trace])
+        end
+     || Extra <- [1300, 250, 1]
+    ],
+    ?assertEqual([1, 2, 3], Reached).
 
 %% Nothing is remembered of messages whose lifetime is long over.
 memory_shrinks(_) ->

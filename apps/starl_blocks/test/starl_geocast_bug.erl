@@ -1,6 +1,7 @@
 %% Broken geocasts, one per pitfall, around the sound machine. The key `bug' says which:
 %% clocks: packets carry the sender's clock's time of expiry, compared with the receiver's clock;
 %% holds: the time that a message lies with a relay is not deducted;
+%% trusts: what is left counts from the arrival of the answer, not from the question;
 %% forgets: the id of a message is forgotten while copies of it still travel;
 %% restart: a restarted machine takes itself for a new one.
 -module(starl_geocast_bug).
@@ -15,9 +16,14 @@ begin_as(Bug, Config) ->
     {ready, Data, Actions} = starl_geocast_flood:init(Config),
     {ready, {Bug, Data}, Actions}.
 
-handle_event(cast, {message, From, geocast, Parcel}, ready, {clocks, _} = Bug, #{now := Now} = Meta) ->
-    Left = element(6, Parcel) - Now + 20000,
-    forward(cast, {message, From, geocast, setelement(6, Parcel, Left)}, Bug, Meta);
+handle_event(cast, {message, From, geocast, {give, Parcel, Askers}}, ready, {clocks, _} = Bug,
+             #{now := Now} = Meta) ->
+    Left = element(6, Parcel) - Now,
+    forward(cast, {message, From, geocast, {give, setelement(6, Parcel, Left), Askers}}, Bug, Meta);
+handle_event(cast, {message, From, geocast, {give, Parcel, Askers}}, ready, {trusts, _} = Bug,
+             #{now := Now} = Meta) ->
+    Arrived = [{Robot, {Life, Now}} || {Robot, {Life, _Asked}} <- Askers],
+    forward(cast, {message, From, geocast, {give, Parcel, Arrived}}, Bug, Meta);
 handle_event({timeout, {over, Id}}, Content, ready, {forgets, _} = Bug, Meta) ->
     {keep_state, Data, Actions} = forward({timeout, {over, Id}}, Content, Bug, Meta),
     {keep_state, Data, Actions ++ [{{timeout, {forget, Id}}, 0, forget}]};
@@ -34,9 +40,9 @@ forward(Type, Content, {Bug, Data}, Meta) ->
 
 twist(Bug, Actions, Meta) -> [twisted(Bug, Action, Meta) || Action <- Actions].
 
-twisted(clocks, {cast, sap, {shout, Type, Parcel}}, #{now := Now}) ->
-    {cast, sap, {shout, Type, setelement(6, Parcel, element(6, Parcel) + Now)}};
-twisted(holds, {cast, sap, {shout, Type, Parcel}}, _Meta) ->
-    {cast, sap, {shout, Type, setelement(6, Parcel, element(5, Parcel))}};
+twisted(clocks, {cast, sap, {shout, Type, {give, Parcel, Askers}}}, #{now := Now}) ->
+    {cast, sap, {shout, Type, {give, setelement(6, Parcel, element(6, Parcel) + Now), Askers}}};
+twisted(holds, {cast, sap, {shout, Type, {give, Parcel, Askers}}}, _Meta) ->
+    {cast, sap, {shout, Type, {give, setelement(6, Parcel, element(5, Parcel)), Askers}}};
 twisted(_Bug, Action, _Meta) ->
     Action.

@@ -7,7 +7,7 @@
 
 %% Robot 1 owns the token `t'; robots 2 and 3 wait.
 owned() ->
-    {[{1, {token, t, F, [{1, 1}]}}], H1} = ?H:request(t, {1, 1}, 0, ?H:new(1, 0, ?LEASE, 1000)),
+    {[{1, {token, t, F, [{1, 1}]}}], H1} = ?H:request(t, {1, 1}, 0, ?H:new(1, 0, ?LEASE, 1000, 0)),
     {granted, H2} = ?H:claim(t, F, 1, 0, H1),
     {F, H2}.
 
@@ -43,11 +43,19 @@ drift_is_waited_out_test() ->
     {_, H2} = ?H:request(t, {2, 1}, 10, H),
     ?assert(?H:due(t, H2) >= ?LEASE * 1001 / 999).
 
+%% And by the time that a robot may take to notice.
+lag_is_waited_out_test() ->
+    [{[{1, {token, t, F, _}}], H}, {_, H0}] =
+        [?H:request(t, {1, 1}, 0, ?H:new(1, 0, ?LEASE, 1000, Lag)) || Lag <- [250000, 0]],
+    [{granted, G}, {granted, G0}] = [?H:claim(t, F, 1, 0, Home) || Home <- [H, H0]],
+    [{_, W}, {_, W0}] = [?H:request(t, {2, 1}, 10, Home) || Home <- [G, G0]],
+    ?assert(?H:due(t, W) >= ?H:due(t, W0) + 250000).
+
 %% After a crash the home waits for a full lease and grants higher numbers only; an owner of
 %% before may go on, and is waited for.
 restarted_home_waits_test() ->
     {F, _} = owned(),
-    New = ?H:new(2, 5000000, ?LEASE, 1000),
+    New = ?H:new(2, 5000000, ?LEASE, 1000, 0),
     {[], H1} = ?H:request(t, {2, 1}, 5000010, New),
     ?assertMatch({refused, _}, ?H:claim(t, ?H:next(F), 3, 5000020, H1)),
     First = ?H:due(t, H1),
@@ -72,7 +80,7 @@ stale_owners_do_not_circle_test() ->
 
 robot(R, Team) ->
     starl_mutex_robot:new(#{robot => R, participants => Team, incarnation => 1, now => 0,
-                            lease_us => ?LEASE, drift_ppm => 1000, retry_us => ?LEASE}).
+                            lease_us => ?LEASE, drift_ppm => 1000, lag_us => 0, retry_us => ?LEASE}).
 
 hops([], _Net, Count) -> Count;
 hops(_, _Net, 100) -> 100;

@@ -10,6 +10,7 @@
     {events, starl_cli_bench_events, "timers and deliveries, nothing else"},
     {scale, starl_cli_bench_scale, "start-up and memory of up to 10,000 robots"},
     {painting, starl_cli_bench_painting, "a picture painted, in times of real time"},
+    {blocks, starl_cli_bench_blocks, "packets of elections, entries, rounds and geocasts"},
     {dpp, starl_cli_bench_dpp, "requests to the coordinator of distributed path planning"}
 ]).
 

@@ -2,7 +2,7 @@
 %% run is cut into pieces does not change it.
 -module(starl_cli_drive).
 
--export([with/2, run/3]).
+-export([with/2, with/3, run/3]).
 
 -export_type([answer/1, ending/0]).
 
@@ -30,10 +30,15 @@
 
 %% @doc Starts a simulation and does something with it; Ctrl-C ends the run meanwhile.
 -spec with(starl_sim_scenario:t(), fun((starl_sim:sim()) -> Result)) -> answer(Result).
-with(Scenario, Do) ->
+with(Scenario, Do) -> with(Scenario, #{}, Do).
+
+%% @doc The same with options of the simulation.
+-spec with(starl_sim_scenario:t(), starl_sim:options(), fun((starl_sim:sim()) -> Result)) ->
+    answer(Result).
+with(Scenario, Options, Do) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),
-    try starl_sim:start(Scenario) of
+    try starl_sim:start(Scenario, Options) of
         {ok, Sim} -> started(Sim, Do);
         {error, Reason} -> {error, Reason}
     catch

@@ -61,7 +61,7 @@ scenario(#{target := #{app := App, name := Name} = Target, scenario := Scenario}
 
 %% @doc The application of a target as a scenario file says it: one of the user's own is found by
 %% its file.
--spec app(starl_cli_target:t()) -> atom() | file:filename().
+-spec app(starl_cli_target:t()) -> atom() | file:filename_all().
 app(#{name := Name, replay := Word}) ->
     case filename:extension(Word) of
         ".erl" -> filename:absname(Word);

@@ -45,7 +45,7 @@ frame({Module, Function, Arity, Where}) ->
 
 states({_, _, Machines}, Width) ->
     States = [
-        unicode:characters_to_list(io_lib:format("~tp ~0tP", [Name, state(Machine), 10]))
+        unicode:characters_to_list(io_lib:format("~tp ~ts", [Name, state(Machine)]))
      || {Name, Machine} <- lists:sort(maps:to_list(Machines)), not is_sequential(Machine)
     ],
     case States of
@@ -56,8 +56,12 @@ states({_, _, Machines}, Width) ->
 is_sequential(#{state := sequential}) -> true;
 is_sequential(_) -> false.
 
-state(waiting) -> waiting;
-state(#{state := State}) -> State.
+%% The name of the state; all of it is shown with the robot.
+state(waiting) -> "not booted";
+state(#{state := State}) when is_tuple(State), is_atom(element(1, State)) ->
+    io_lib:format("~tp(...)", [element(1, State)]);
+state(#{state := State}) ->
+    io_lib:format("~0tP", [State, 6]).
 
 %% @doc All that is known of a robot: its application's result, its crashes, and every machine's
 %% state and data.

@@ -9,9 +9,10 @@
 %% A recorded run. `scenario' holds all values of the run, the application's own among them, and
 %% in `faults' those that were drawn, too; with the application's module as `app' it can be
 %% started as it is. `options' are the application's own values once more. `app' is what a
-%% scenario file says: a name, or a source file. `digest' is lower-case hexadecimal.
+%% scenario file says: a name, or a source file. `digest' is lower-case hexadecimal,
+%% and empty where a node was lost.
 -type t() :: #{
-    app := atom() | string(),
+    app := atom() | file:filename_all(),
     scenario := #{atom() => term()},
     options := #{atom() => term()},
     digest := string(),
@@ -39,11 +40,11 @@
 
 -define(NAME, "run.term").
 -define(KEYS, [app, scenario, options, digest, ending, end_us, events, violations]).
--define(ENDINGS, [done, time, violation, stopped, quiet]).
+-define(ENDINGS, [done, time, violation, stopped, quiet, lost]).
 
 %% @doc The record of a run: of which application (as a scenario file says it), with which
 %% scenario it has run, how it ended and what came of it.
--spec make(atom() | string(), starl_sim_scenario:t(), {starl_sim_run:ending(), Outcome}) -> t() when
+-spec make(atom() | file:filename_all(), starl_sim_scenario:t(), {starl_sim_run:ending(), Outcome}) -> t() when
     Outcome :: starl_sim_run:outcome().
 make(Name, #{app := App} = Scenario, {Ending, Outcome}) ->
     #{digest := Digest, end_us := EndUs, events := Events, violations := Violations} = Outcome,

@@ -102,7 +102,7 @@ checked(#{name := Name, given := FromFile} = Target, Values) ->
         [] ->
             {ok, #{
                 run => #{
-                    target => Target, scenario => Scenario, out => Out,
+                    target => Target, scenario => Scenario, out => Out, nodes => none,
                     quiet => maps:get(quiet, Values, false), print_scenario => false
                 },
                 stop => Stop,
@@ -172,6 +172,9 @@ came(Failed, #{run := Run}) ->
 failed({error, Reason}, _Run) -> starl_cli_terminal:bad_input([starl_sim:format_error(Reason)]);
 failed({failed, Reason}, Run) -> starl_cli_simulation:failed(Reason, Run).
 
+compare(Digest, #{ending := lost}, _Setup) ->
+    starl_cli_terminal:out(["a node was lost in the recorded run: not compared; digest ", Digest, "\n"]),
+    0;
 compare(Digest, #{digest := Digest}, _Setup) ->
     starl_cli_terminal:out(["same digest ", Digest, "\n"]),
     0;

@@ -103,6 +103,8 @@ ending(#report{ending = Ending}) -> Ending.
 %% @doc Whether the work is done: all ink on the floor, or, where no ink is told of, every
 %% application at its end.
 -spec complete(t()) -> boolean().
+complete(#report{ending = lost}) ->
+    false;
 complete(Report) ->
     case figure(ink_covered, Report) of
         null -> ending(Report) =:= done andalso Report#report.died =:= [];
@@ -128,6 +130,7 @@ plain(Text) when is_binary(Text) -> Text;
 plain(Value) when is_float(Value) -> io_lib:format("~w", [Value]);
 plain(Value) -> io_lib:format("~0tp", [Value]).
 
+hex(<<>>) -> null;
 hex(Bytes) -> string:lowercase(binary:encode_hex(Bytes)).
 
 %% -- in a few words -------------------------------------------------------------------------
@@ -164,6 +167,8 @@ percent(Part) -> [decimals(2, floor(Part * 10000) / 100), " %"].
 
 why(time, Report) ->
     ["the time was up", still("; ", Report)];
+why(lost, _Report) ->
+    "a node was lost";
 why(_, #report{died = [], running = []}) ->
     "no robot could do more";
 why(_, #report{died = [], running = _} = Report) ->
@@ -215,10 +220,13 @@ radio(Report) ->
 
 cost(Report) ->
     {Virtual, Wall} = {figure(virtual_s, Report), figure(wall_s, Report)},
-    io_lib:format("  ~b events in ~ts s, ~ts x real time; seed ~b, digest ~ts", [
+    io_lib:format("  ~b events in ~ts s, ~ts x real time; seed ~b~ts", [
         figure(events, Report), decimals(1, Wall), decimals(0, Virtual / max(0.001, Wall)),
-        figure(seed, Report), figure(digest, Report)
+        figure(seed, Report), digest(figure(digest, Report))
     ]).
+
+digest(null) -> "";
+digest(Hex) -> [", digest ", Hex].
 
 plural(1) -> "";
 plural(_) -> "s".

@@ -11,6 +11,7 @@
     target := starl_cli_target:t(),
     scenario := starl_sim_scenario:t(),
     out := starl_cli_out:t(),
+    nodes := starl_cli_nodes:plan(),
     quiet := boolean(),
     print_scenario := boolean()
 }.
@@ -71,13 +72,15 @@ flag_lines(Problems) -> [starl_cli_flags:format_problem(P) || P <- Problems].
 
 %% Values of a scenario file give way to flags.
 checked(#{name := Name, given := FromFile} = Target, Values, Flagged) ->
-    Given = maps:merge(FromFile, maps:without([out, quiet, print_scenario, help], Values)),
+    Own = [Key || {Key, _, _, _} <- own_flags()],
+    Given = maps:merge(FromFile, maps:without(Own, Values)),
     {Unsound, Scenario} = scenario(Target, Given),
     {Unwritable, Out} = out(maps:get(out, Values, none), Name),
-    case Flagged ++ Unsound ++ Unwritable of
+    {Unusable, Nodes} = starl_cli_nodes:plan(Values),
+    case Flagged ++ Unsound ++ Unwritable ++ Unusable of
         [] ->
             {ok, #{
-                target => Target, scenario => Scenario, out => Out,
+                target => Target, scenario => Scenario, out => Out, nodes => Nodes,
                 quiet => maps:get(quiet, Values, false),
                 print_scenario => maps:get(print_scenario, Values, false)
             }};
@@ -133,6 +136,7 @@ own_flags() ->
         {print_scenario, switch, false,
             "no run: prints all values as a scenario file, which ./starl run FILE.term runs"},
         {help, switch, false, "this help"}
+        | starl_cli_nodes:flags()
     ].
 
 print(Text) ->
@@ -172,5 +176,6 @@ target_help(#{app := App, name := Name, replay := Word}) ->
 statuses() ->
     [
         "Exit status: 0 done; 1 internal error; 2 bad usage or input; 3 a contract was violated;\n"
-        "4 ended before the work was complete (time up, robots died); 130 interrupted.\n"
+        "4 ended before the work was complete (time up, robots died, a node was lost);\n"
+        "130 interrupted.\n"
     ].

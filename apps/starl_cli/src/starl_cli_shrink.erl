@@ -11,7 +11,16 @@
 command(Args) ->
     case starl_cli_run:take_target(Args) of
         {none, Flags} -> without_target(Flags);
-        {Word, Flags} -> with_source(source(Word), Word, Flags)
+        {Word, Flags} -> named(lists:all(fun(C) -> C >= $0 andalso C =< $9 end, Word), Word, Flags)
+    end.
+
+%% `SEED --app NAME' is `NAME --seed SEED', as for ./starl replay.
+named(false, Word, Flags) ->
+    with_source(source(Word), Word, Flags);
+named(true, Seed, Flags) ->
+    case lists:splitwith(fun(Flag) -> Flag =/= "--app" end, Flags) of
+        {Before, ["--app", App | After]} -> named(false, App, ["--seed", Seed] ++ Before ++ After);
+        _ -> refuse([["seed ", Seed, " of what? Name it, as in --app exercise"]])
     end.
 
 without_target([Help | _]) when Help =:= "--help"; Help =:= "-h" -> help("RUN", own_flags());
@@ -108,8 +117,8 @@ help(Word, Flags) ->
     starl_cli_terminal:out([
         "Usage: ./starl shrink ", Word, " [FLAGS]\n\n",
         starl_cli_terminal:wrap("Takes a run that violates a contract (RUN is the directory of a "
-            "run, a scenario file, or an application with the flags of ./starl run) and takes "
-            "away from it whatever is not needed: time, faults, robots, chance, lost packets. "
+            "run, a scenario file, an application with the flags of ./starl run, or SEED --app "
+            "APPLICATION) and takes away from it whatever is not needed: time, faults, robots, chance, lost packets. "
             "The result is a scenario file that violates the same contract in the same way; it "
             "has been run. Ctrl-C writes the smallest so far.", 0, Width),
         "\n\n", starl_cli_flags:help(Flags, Width),

@@ -11,7 +11,7 @@
 -type job() :: #{
     target := starl_cli_target:t(),
     scenario := starl_sim_scenario:t(),
-    file := file:filename(),
+    file := file:filename_all(),
     digest := binary() | any,
     seconds := number() | none,
     quiet := boolean()
@@ -139,15 +139,15 @@ size(#{scenario := #{time := Time}, figures := Figures}, #{time := TimeBefore}) 
 seconds(Time) -> io_lib:format("~.2f", [float(Time)]).
 
 %% @doc Where the result goes if nothing else is said.
--spec file(starl_cli_target:t(), starl_sim_scenario:t()) -> file:filename().
+-spec file(starl_cli_target:t(), starl_sim_scenario:t()) -> file:filename_all().
 file(#{name := Name}, Scenario) ->
     Seed = maps:get(seed, Scenario, 0),
     Base = lists:concat([Name, "-", Seed, "-shrunk.term"]),
     filename:join([starl_cli_target:root(), "out", Base]).
 
 %% @doc The scenario file: what it shows, then the values that are not the usual ones.
--spec text(starl_sim_shrink:result(), file:filename(), starl_cli_target:t(), Before) ->
-    unicode:chardata()
+-spec text(starl_sim_shrink:result(), file:filename_all(), starl_cli_target:t(), Before) ->
+    [unicode:chardata()]
 when
     Before :: starl_sim_scenario:t().
 text(#{violation := Violation, scenario := Scenario} = Result, File, Target, Before) ->

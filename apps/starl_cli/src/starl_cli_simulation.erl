@@ -15,9 +15,16 @@
 
 %% @doc Runs what a command line asks for; gives the exit status.
 -spec run(starl_cli_run:setup()) -> starl_cli_terminal:status().
-run(#{scenario := Scenario} = Setup) ->
-    case starl_cli_drive:with(Scenario, fun(Sim) -> to_the_end(Sim, Setup) end) of
+run(#{nodes := Nodes, target := Target} = Setup) ->
+    case starl_cli_nodes:options(Nodes, Target) of
+        {ok, Options} -> run(Options, Setup);
+        {error, Line} -> starl_cli_terminal:bad_input([Line])
+    end.
+
+run(Options, #{scenario := Scenario} = Setup) ->
+    case starl_cli_drive:with(Scenario, Options, fun(Sim) -> to_the_end(Sim, Setup) end) of
         {ok, Ran} -> tell(Setup, Ran);
+        {error, {nodes, {lost, Loss}}} -> lost([Loss], 4);
         {error, Reason} -> starl_cli_terminal:bad_input([starl_sim:format_error(Reason)]);
         {failed, Reason} -> failed(Reason, Setup)
     end.
@@ -28,14 +35,15 @@ to_the_end(Sim, #{scenario := #{time := Seconds}} = Setup) ->
     {Outcome, App} = starl_sim:finish(Sim),
     #{
         scenario => starl_sim:scenario(Sim),
-        ending => ending(Ending),
+        ending => ending(Ending, Outcome),
         wall_ms => WallMs,
         outcome => Outcome,
         app => App
     }.
 
-ending(none) -> time;
-ending(Ending) -> Ending.
+ending(_, #{lost := [_ | _]}) -> lost;
+ending(none, _Outcome) -> time;
+ending(Ending, _Outcome) -> Ending.
 
 %% -- results --------------------------------------------------------------------------------
 
@@ -54,7 +62,12 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     end),
     _ = summarize(Setup, Report),
     violated(Setup, Outcome),
-    where(Written, Outcome, status(Report)).
+    where(Written, Outcome, lost(maps:get(lost, Outcome), status(Report))).
+
+%% Says which nodes are gone; passes the status on.
+lost(Losses, Status) ->
+    lists:foreach(fun(L) -> starl_cli_terminal:complain(starl_sim_nodes:format_loss(L)) end, Losses),
+    Status.
 
 %% What is not as it should be is told in any case.
 summarize(#{quiet := true}, Report) ->
@@ -82,7 +95,7 @@ where({error, Why}, _Outcome, _Status) ->
     starl_cli_terminal:complain(["the results could not be written: ", Why]),
     1.
 
-%% How to see the robots at the first violation.
+%% How to see the robots at the first violation, and how to make the run small.
 look(_Dir, #{violations := []}) ->
     ok;
 look(Dir, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
@@ -91,7 +104,9 @@ look(Dir, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
     Inspect = [[" --inspect ", Ids] || Ids =/= []],
     %% what happens at that very time has happened then
     Until = io_lib:format(" --until ~.6f", [(AtUs + 1) / 1.0e6]),
-    starl_cli_terminal:out(["look: ./starl replay ", Shell, Until, Inspect, "\n"]).
+    starl_cli_terminal:out([
+        "look: ./starl replay ", Shell, Until, Inspect, "\nsmaller: ./starl shrink ", Shell, "\n"
+    ]).
 
 status(Report) ->
     case {starl_cli_report:figure(violations, Report), starl_cli_report:ending(Report)} of

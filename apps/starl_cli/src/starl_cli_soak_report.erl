@@ -6,7 +6,9 @@
 -type founds() :: [{Block :: atom(), Seed :: non_neg_integer(), starl_cli_soak:found()}].
 
 %% The first run that violates a contract in a way, and how many do.
--type failure() :: {Block :: atom(), Seed :: non_neg_integer(), starl_monitor:violation(), pos_integer()}.
+-type failure() :: {
+    Block :: atom(), Seed :: non_neg_integer(), starl_monitor:violation(), Runs :: pos_integer()
+}.
 
 %% @doc Prints a line for each block.
 -spec tell([atom(), ...], founds()) -> ok.

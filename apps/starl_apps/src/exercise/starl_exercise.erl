@@ -6,120 +6,151 @@
 -export([options/0, scene/1, init/2, step/2, report/2]).
 -export([blocks_known/0, bears/1]).
 
--export_type([block/0]).
+-export_type([block/0, state/0]).
 
 -type block() :: sap | election | bully | mutex | barrier | geocast | registers.
 
-%% No call is waited for longer, in milliseconds: a robot whose partner is dead goes on.
--define(PATIENCE_MS, 8000).
-%% The longest time from a call to its outcome that the monitors bear.
--define(BOUND_US, 20000000).
+%% How the block is used: the application's options, times in milliseconds.
+-type use() :: #{
+    block := block(),
+    work := number(),
+    turns := pos_integer() | none,
+    pause := pos_integer(),
+    patience := pos_integer(),
+    tokens := pos_integer(),
+    hold := pos_integer(),
+    lifetime := pos_integer() | none
+}.
+
+%% What it does, until when by its own clock (ms), and the how many-eth turn it is.
+-opaque state() :: {use(), Until :: integer(), Turn :: pos_integer()}.
+
+%% A call may last so much longer than its patience.
+-define(MARGIN_US, 12000000).
 
 %% @doc The blocks that can be exercised.
 -spec blocks_known() -> [block()].
 blocks_known() -> [sap, election, bully, mutex, barrier, geocast, registers].
 
 %% @doc The classes and kinds of faults under which a block's contract is to hold; the others
-%% break one of its assumptions, which its page states. No block looks at wheels.
+%% break one of its assumptions, which its page states. Leases and lifetimes rest on a monotonic
+%% clock, as every computer has one, which drifts but neither steps nor stops; leases also on
+%% robots that notice in time that one is over; areas on positions that are about right.
 -spec bears(block()) -> [starl_sim_fault:class() | starl_sim_fault:kind()].
-bears(Block) when Block =:= sap; Block =:= election; Block =:= bully; Block =:= barrier ->
-    [network, clock, process, location, actuation];
-bears(registers) ->
-    [network, clock, process, location, actuation];
-bears(Block) when Block =:= mutex; Block =:= geocast ->
-    %% leases and lifetimes rest on clocks that drift within bounds and on robots that go on
-    [network, kill_machine, kill_robot, reboot, actuation | [location || Block =:= mutex]].
+bears(mutex) ->
+    [network, clock_drift, kill_machine, kill_robot, reboot, slow, location, actuation];
+bears(geocast) ->
+    [network, clock_drift, process, location_dropout, location_noise, location_bias, actuation];
+bears(Block) when
+    Block =:= sap; Block =:= election; Block =:= bully; Block =:= barrier; Block =:= registers
+->
+    [network, clock, process, location, actuation].
 
 -spec options() -> [starl_options:option()].
 options() ->
     [
         {block, {one_of, blocks_known()}, sap, "the building block to be used"},
-        {work, {number, 0.001, 1.0e6}, 25, "how long each robot goes on, s by its own clock"}
+        {work, {number, 0.001, 1.0e6}, 25, "how long each robot goes on, s by its own clock"},
+        {turns, {optional, {integer, 1, 1000000}}, none, "or how often it uses the block, at most"},
+        {pause, {integer, 1, 1000000}, 400, "the longest pause between two uses, ms"},
+        %% a robot whose partner is dead goes on
+        {patience, {integer, 1, 10000000}, 8000, "no call is waited for longer, ms"},
+        {tokens, {integer, 1, 100000}, 3, "mutex: how many tokens there are"},
+        {hold, {integer, 1, 1000000}, 300, "mutex: the longest hold, ms"},
+        {lifetime, {optional, {integer, 1, 1000000}}, none,
+            "geocast: lifetime, ms; none: 200, 1000 or 4000 at random"}
     ].
 
 -spec scene(starl_app:context()) -> {ok, starl_app:scene()}.
-scene(#{robots := Robots, options := #{block := Block, work := Seconds}}) ->
+scene(#{robots := Robots, options := #{block := Block, patience := Patience} = Options}) ->
     {ok, #{
-        app => {sequential, ?MODULE, {Block, round(1000 * Seconds)}},
+        app => {sequential, ?MODULE, Options},
         %% who is dead is given up soon
         sap => #{limit => 6},
         blocks => machines(Block),
-        monitors => monitors(Block, Robots)
+        monitors => monitors(Block, Robots, 1000 * Patience + ?MARGIN_US)
     }}.
 
 machines(sap) -> [];
 machines(election) -> [starl_election:block(ballots)];
 machines(bully) -> [starl_election:block(bully)];
 machines(mutex) -> [starl_mutex:block(#{lease_ms => 2000})];
-machines(barrier) -> [starl_barrier:block()];
-machines(geocast) -> [starl_geocast:block(#{listeners => #{news => app}})];
+machines(barrier) -> starl_barrier:blocks();
+machines(geocast) ->
+    %% more than the faults of positions add up to
+    [starl_geocast:block(#{listeners => #{news => app}, position_error_mm => 400.0})];
 machines(registers) -> [starl_registers:block(#{owners => #{mine => 1}})].
 
-monitors(sap, _Robots) -> [];
-monitors(election, Robots) ->
-    [{starl_election_monitor, #{robots => Robots, bound_us => ?BOUND_US}}];
-monitors(bully, Robots) ->
-    [{starl_election_bully_monitor, #{robots => Robots, bound_us => ?BOUND_US}}];
-monitors(mutex, _Robots) ->
+monitors(sap, _Robots, _BoundUs) ->
+    [];
+monitors(election, Robots, BoundUs) ->
+    [{starl_election_monitor, #{robots => Robots, bound_us => BoundUs}}];
+monitors(bully, Robots, BoundUs) ->
+    [{starl_election_bully_monitor, #{robots => Robots, bound_us => BoundUs}}];
+monitors(mutex, _Robots, _BoundUs) ->
     [{starl_mutex_monitor, #{}}];
-monitors(barrier, Robots) ->
+monitors(barrier, Robots, _BoundUs) ->
     [{starl_barrier_monitor, #{robots => Robots}}];
-monitors(geocast, Robots) ->
+monitors(geocast, Robots, _BoundUs) ->
     [{starl_geocast_monitor, #{robots => Robots}}];
-monitors(registers, Robots) ->
+monitors(registers, Robots, _BoundUs) ->
     [{starl_registers_monitor, #{robots => Robots, owners => #{mine => 1}}}].
 
--spec init(starl:robot(), {block(), Ms :: pos_integer()}) -> {block(), integer(), pos_integer()}.
-init(Robot, {Block, Ms}) ->
+-spec init(starl:robot(), use()) -> state().
+init(Robot, #{block := Block, work := Seconds} = Use) ->
     _ = [ok = starl:listen(Robot, word) || Block =:= sap],
-    {Block, starl:now(Robot) + Ms, 1}.
+    {Use, starl:now(Robot) + round(1000 * Seconds), 1}.
 
--spec step(starl:robot(), {block(), integer(), pos_integer()}) ->
-    {continue, {block(), integer(), pos_integer()}} | {done, pos_integer()}.
-step(Robot, {Block, Until, Turn}) ->
-    case starl:now(Robot) >= Until of
+-spec step(starl:robot(), state()) -> {continue, state()} | {done, Turns :: pos_integer()}.
+step(Robot, {#{turns := Turns, block := Block, pause := Pause} = Use, Until, Turn}) ->
+    %% an atom is more than every number
+    case starl:now(Robot) >= Until orelse Turn > Turns of
         true ->
             {done, Turn};
         false ->
-            use(Block, Robot, Turn),
-            ok = starl:sleep(Robot, 1 + within(Robot, 400)),
-            {continue, {Block, Until, Turn + 1}}
+            use(Block, Robot, Turn, Use),
+            ok = starl:sleep(Robot, 1 + within(Robot, Pause)),
+            {continue, {Use, Until, Turn + 1}}
     end.
 
-use(sap, Robot, Turn) ->
+use(sap, Robot, Turn, _Use) ->
     _ = starl:send(Robot, other(Robot), word, Turn),
     _ = [starl:broadcast(Robot, word, {all, Turn}) || Turn rem 4 =:= 0],
     _ = starl:await(Robot, word, 50),
     ok;
-use(Block, Robot, Turn) when Block =:= election; Block =:= bully ->
+use(Block, Robot, Turn, #{patience := Patience}) when Block =:= election; Block =:= bully ->
     %% elections that follow one another, entered at different times
-    _ = starl_election:elect(Robot, {term, Turn div 2}, ?PATIENCE_MS),
+    _ = starl_election:elect(Robot, {term, Turn div 2}, Patience),
     ok;
-use(mutex, Robot, _Turn) ->
+use(mutex, Robot, _Turn, #{patience := Patience, tokens := Count, hold := Hold}) ->
     Tokens =
         case within(Robot, 3) of
-            1 -> {token, within(Robot, 3)};
-            _ -> [{token, within(Robot, 3)} || _ <- [1, 2]]
+            1 -> {token, within(Robot, Count)};
+            _ -> [{token, within(Robot, Count)} || _ <- [1, 2]]
         end,
-    case starl_mutex:acquire(Robot, Tokens, ?PATIENCE_MS) of
+    case starl_mutex:acquire(Robot, Tokens, Patience) of
         {ok, _} ->
-            ok = starl:sleep(Robot, within(Robot, 300)),
+            ok = starl:sleep(Robot, within(Robot, Hold)),
             _ = starl_mutex:release(Robot, Tokens),
             ok;
         {error, _} ->
             ok
     end;
-use(barrier, Robot, _Turn) ->
-    _ = starl_barrier:sync(Robot, round, ?PATIENCE_MS),
+use(barrier, Robot, _Turn, #{patience := Patience}) ->
+    _ = starl_barrier:sync(Robot, round, Patience),
     ok;
-use(geocast, Robot, Turn) ->
+use(geocast, Robot, Turn, #{lifetime := Given}) ->
     Area = {circle, {1000.0 * within(Robot, 10), 1000.0 * within(Robot, 3)}, 3000.0},
-    Lifetime = lists:nth(within(Robot, 3), [200, 1000, 4000]),
+    Lifetime =
+        case Given of
+            none -> lists:nth(within(Robot, 3), [200, 1000, 4000]);
+            _ -> Given
+        end,
     _ = starl_geocast:send(Robot, Area, news, Turn, #{lifetime_ms => Lifetime}),
     _ = starl:await(Robot, news, 100),
     _ = starl:go_to(Robot, {1000.0 * within(Robot, 10), 1000.0 * within(Robot, 3)}),
     ok;
-use(registers, Robot, Turn) ->
+use(registers, Robot, Turn, _Use) ->
     _ = starl_registers:put(Robot, within(Robot, 3), {starl:id(Robot), Turn}),
     _ = starl_registers:put(Robot, mine, Turn),
     _ = [starl_registers:get(Robot, Name) || Name <- [1, 2, 3, mine]],
@@ -134,10 +165,11 @@ other(Robot) ->
 
 within(Robot, N) -> 1 + trunc(starl:random(Robot) * N).
 
-%% @doc How often the block was used, and what its monitor has counted.
+%% @doc How often the block was used, and what its monitor has counted: of the mutex, the longest
+%% and the mean wait for a token and how unfair they are (the longest by the mean).
 -spec report(starl_app:scene(), starl_app:outcome()) -> starl_app:report().
 report(#{monitors := Monitors}, #{robots := Robots, monitors := Results}) ->
-    Turns = [Turn || {_, #{result := {done, Turn}}} <- Robots],
+    Turns = [Turn - 1 || {_, #{result := {done, Turn}}} <- Robots],
     Counted = [
         {Key, Count}
      || {Monitor, _} <- Monitors,

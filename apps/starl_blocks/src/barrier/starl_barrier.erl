@@ -8,7 +8,7 @@
 %% rounds cost none; names are meant to be few.
 -module(starl_barrier).
 
--export([block/0, block/1, sync/2, sync/3]).
+-export([blocks/0, blocks/1, sync/2, sync/3]).
 
 -export_type([name/0, round/0, options/0]).
 
@@ -20,13 +20,17 @@
 %% `retry_ms': how often a robot that waits asks those that it misses.
 -type options() :: #{retry_ms => pos_integer()}.
 
-%% @doc The machine that a robot needs to take part.
--spec block() -> starl_robot_sup:machine().
-block() -> block(#{}).
+%% @doc The machines that a robot needs to take part: the barriers, and their log.
+-spec blocks() -> [starl_robot_sup:machine()].
+blocks() -> blocks(#{}).
 
 %% @doc The same with options.
--spec block(options()) -> starl_robot_sup:machine().
-block(Options) -> {barrier, starl_barrier_rounds, Options}.
+-spec blocks(options()) -> [starl_robot_sup:machine()].
+blocks(Options) ->
+    [
+        {barrier, starl_barrier_rounds, Options#{log => barrier_log}},
+        {barrier_log, starl_barrier_log, #{}}
+    ].
 
 %% @doc Waits until all robots have reached this round, with half a minute's patience.
 -spec sync(starl:robot(), name()) -> ok | {error, timeout | restarted}.

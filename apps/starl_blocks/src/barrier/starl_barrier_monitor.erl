@@ -1,8 +1,10 @@
 %% @doc The contract of the barrier, as a monitor.
 %%
 %% Safety: nobody passes round K of a name before all participants have reached it; a robot
-%% passes the rounds that it has reached, each once and in their order, and reaches no round
-%% before it has passed the one before.
+%% passes only the round that it has reached last, each once; the round that it reaches is the
+%% one after the last that it has passed. There is one exception: a robot that has rebooted, and
+%% its application with it, does not know whether it has passed the last round that it had
+%% reached, and may go on with the one after it.
 %%
 %% Progress: whoever has reached a round passes it or fails within `bound_us' (default: none)
 %% of the last participant's reaching it, or, if not all reach it, need not pass. With
@@ -33,6 +35,8 @@
     bound_us :: pos_integer() | infinity,
     delta_us :: pos_integer() | infinity,
     reached = #{} :: #{{name(), robot_id()} => non_neg_integer()},
+    %% of the robots that have rebooted since they last reached a round, the names and robots
+    rebooted = [] :: [{name(), robot_id()}],
     passed = #{} :: #{{name(), robot_id()} => non_neg_integer()},
     rounds = #{} :: #{{name(), K :: pos_integer()} => #round{}},
     excused = [] :: [robot_id()],
@@ -61,7 +65,8 @@ interests() -> [barrier, robot].
 
 %% @doc How far each robot has come; without `bound_us' and `delta_us' nothing else is judged.
 -spec timeless(#state{}) -> term().
-timeless(#state{reached = Reached, passed = Passed}) -> {Reached, Passed}.
+timeless(#state{reached = Reached, passed = Passed, rebooted = Rebooted}) ->
+    {Reached, Passed, Rebooted}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -94,7 +99,7 @@ judge({barrier, {reached, Name, K}}, T, Robot, State) ->
 judge({barrier, {passed, Name, K}}, T, Robot, State) ->
     Broken =
         early(T, Robot, Name, K, State) ++
-            twice(T, Robot, Name, K, State) ++
+            out_of_order(T, Robot, Name, K, State) ++
             late(T, Robot, Name, K, State),
     {Broken, pass(T, Robot, Name, K, State)};
 judge({barrier, {failed, _Name, _K, _Reason}}, _T, Robot, #state{failed = Failed} = State) ->
@@ -103,15 +108,21 @@ judge({barrier, crashed}, _T, Robot, State) ->
     {[], excuse(Robot, State)};
 judge({robot, {died, _Reason}}, _T, Robot, State) ->
     {[], excuse(Robot, State)};
+judge({robot, down}, _T, Robot, #state{reached = Reached, rebooted = Rebooted} = State) ->
+    Keys = [Key || {_, R} = Key <- maps:keys(Reached), R =:= Robot],
+    {[], State#state{rebooted = lists:usort(Keys ++ Rebooted)}};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
 
 excuse(Robot, #state{excused = Excused} = State) ->
     State#state{excused = lists:usort([Robot | Excused])}.
 
-reach(T, Robot, Name, K, #state{reached = Reached} = State) ->
+reach(T, Robot, Name, K, #state{reached = Reached, rebooted = Rebooted} = State) ->
     Key = {Name, Robot},
-    Next = State#state{reached = Reached#{Key => max(K, maps:get(Key, Reached, 0))}},
+    Next = State#state{
+        reached = Reached#{Key => max(K, maps:get(Key, Reached, 0))},
+        rebooted = lists:delete(Key, Rebooted)
+    },
     Round = round_of(Name, K, Next),
     case Round#round.complete_us =:= none andalso absent(Name, K, Next) =:= [] of
         true -> put_round(Name, K, Round#round{complete_us = T}, Next);
@@ -152,18 +163,20 @@ early(T, Robot, Name, K, State) ->
      || Absent =/= []
     ].
 
-twice(T, Robot, Name, K, #state{passed = Passed}) ->
+out_of_order(T, Robot, Name, K, #state{passed = Passed, reached = Reached}) ->
     Last = maps:get({Name, Robot}, Passed, 0),
     [
         violation(passed_out_of_order, T, [Robot], #{name => Name, round => K, last => Last})
-     || K =/= Last + 1
+     || K =< Last orelse K =/= maps:get({Name, Robot}, Reached, 0)
     ].
 
-skipped(T, Robot, Name, K, #state{passed = Passed}) ->
-    Last = maps:get({Name, Robot}, Passed, 0),
+skipped(T, Robot, Name, K, #state{passed = Passed, reached = Reached} = State) ->
+    Key = {Name, Robot},
+    Last = maps:get(Key, Passed, 0),
+    May = lists:member(Key, State#state.rebooted) andalso K =:= maps:get(Key, Reached) + 1,
     [
         violation(reached_out_of_order, T, [Robot], #{name => Name, round => K, passed => Last})
-     || K =/= Last + 1
+     || K =/= Last + 1, not May
     ].
 
 late(T, Robot, Name, K, #state{delta_us = Delta, excused = Excused} = State) ->

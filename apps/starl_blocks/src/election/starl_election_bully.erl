@@ -10,7 +10,8 @@
 %% '''
 %% A robot takes part from the first message of the election on, whether its application has
 %% called or not: the highest robot alive can be elected without having asked. What a robot has
-%% elected it keeps, whatever it hears later, so it never reports two leaders for one term. (A
+%% elected it keeps, whatever it hears later, so it never reports two leaders for one term, as long
+%% as the election is among the last 1024 that it took part in. (A
 %% term is an election within one life of the machine: a restarted one has forgotten, asks anew,
 %% and gets what the others elected.) Those that have elected answer a challenge with their leader.
 %%
@@ -33,8 +34,10 @@
 %% application does not wait (any more) challenges.
 -type config() :: #{answer_ms => pos_integer(), rounds => pos_integer()}.
 
-%% So many elections are remembered; beyond, the oldest that nobody waits for is forgotten.
--define(REMEMBERED, 64).
+%% So many elections are remembered; beyond, the oldest that nobody waits for is forgotten. A robot
+%% that rebooted may ask again for one of long ago: who has forgotten it holds it anew, and may
+%% report another leader.
+-define(REMEMBERED, 1024).
 
 -record(race, {
     leader = none :: starl:robot_id() | none,

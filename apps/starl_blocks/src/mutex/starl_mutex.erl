@@ -6,9 +6,10 @@
 %% each other.
 %%
 %% Guarantee: no two robots hold one token at once, under every fault, as long as no clock
-%% drifts by more than the stated bound; every hold has a fencing number that is larger than
-%% those of all earlier holds of the token. A hold ends with its release, with the lease (the
-%% token's home cannot be reached for so long), or with a crash of the robot's mutex machine.
+%% drifts by more than the stated bound and no robot stands still for longer than `lag_ms';
+%% every hold has a fencing number that is larger than those of all earlier holds of the token.
+%% A hold ends with its release, with the lease (the token's home cannot be reached for so
+%% long), or with a crash of the robot's mutex machine.
 %% What must not happen after the end of a hold belongs behind a check of the fencing number.
 -module(starl_mutex).
 
@@ -23,10 +24,13 @@
 -type fence() :: pos_integer().
 
 %% `lease_ms': how long a hold outlives the last answer of the token's home; `drift_ppm': no
-%% clock is faster or slower than real time by more; `retry_ms': how often a robot that waits
-%% asks again.
+%% clock is faster or slower than real time by more; `lag_ms': no robot handles an event later
+%% than this after it is due; `retry_ms': how often a robot that waits asks again.
 -type options() :: #{
-    lease_ms => pos_integer(), drift_ppm => non_neg_integer(), retry_ms => pos_integer()
+    lease_ms => pos_integer(),
+    drift_ppm => non_neg_integer(),
+    lag_ms => non_neg_integer(),
+    retry_ms => pos_integer()
 }.
 
 -define(PATIENCE_MS, 30000).

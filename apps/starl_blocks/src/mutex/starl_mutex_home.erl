@@ -13,12 +13,13 @@
 %%              ended, or was given back
 %% '''
 %% The home counts a lease from the receipt of the claim, the claimant from its sending, and the
-%% home's lease is longer by what two clocks may drift apart; so the claimant's always ends
-%% first, however long messages were under way. After a crash of the home no lease can be
+%% home's lease is longer by what two clocks may drift apart and by the time that a robot may
+%% take to notice the end; so the claimant's always ends first, however long messages were under
+%% way. After a crash of the home no lease can be
 %% younger than the crash: it waits for one full lease.
 -module(starl_mutex_home).
 
--export([new/4, next/1, hand_over/1, last_hold/1, last_hand_over/1]).
+-export([new/5, next/1, hand_over/1, last_hold/1, last_hand_over/1]).
 -export([request/4, claim/5, renew/5, return/6, expire/3, due/2]).
 
 -export_type([t/0, request/0, outgoing/0]).
@@ -54,11 +55,13 @@
 -opaque t() :: #home{}.
 
 %% @doc The home of no tokens yet. `LeaseUs' is the holder's lease, `DriftPpm' the bound on the
-%% drift of any clock.
--spec new(Incarnation :: pos_integer(), us(), LeaseUs :: pos_integer(), DriftPpm :: integer()) ->
-    t().
-new(Incarnation, Now, LeaseUs, DriftPpm) ->
-    Longer = LeaseUs * (1000000 + DriftPpm) div (1000000 - DriftPpm) + 1000,
+%% drift of any clock, `LagUs' how much later than due a robot may notice that its lease is over.
+-spec new(
+    Incarnation :: pos_integer(), us(), LeaseUs :: pos_integer(), DriftPpm :: integer(),
+    LagUs :: integer()
+) -> t().
+new(Incarnation, Now, LeaseUs, DriftPpm, LagUs) ->
+    Longer = (LeaseUs + LagUs) * (1000000 + DriftPpm) div (1000000 - DriftPpm) + 1000,
     Ready =
         case Incarnation of
             1 -> Now;

@@ -13,7 +13,7 @@
 -type token() :: starl_mutex:token().
 -type fence() :: starl_mutex:fence().
 -type request() :: starl_mutex_home:request().
--type job_id() :: pos_integer().
+-type job_id() :: starl_mutex_job:id().
 %% When, and in which incarnation, a claim was sent.
 -type nonce() :: {Incarnation :: pos_integer(), SentUs :: integer()}.
 
@@ -33,15 +33,6 @@
     tries = 0 :: non_neg_integer()
 }).
 
-%% An acquisition: it waits for the first token of `todo', or holds what it has got.
--record(job, {
-    caller :: starl_machine:name(),
-    from :: starl_machine:from(),
-    shape :: one | set,
-    todo :: [token()],
-    got = [] :: [{token(), fence()}]
-}).
-
 -record(robot, {
     self :: starl:robot_id(),
     team :: tuple(),
@@ -51,14 +42,11 @@
     now :: integer(),
     home :: starl_mutex_home:t(),
     entries = #{} :: #{token() => #entry{}},
-    jobs = #{} :: #{job_id() => #job{}},
+    jobs = #{} :: #{job_id() => starl_mutex_job:t()},
     next = 1 :: job_id(),
     %% hand-overs whose outcome is not known yet
     outs = #{} :: #{{token(), fence()} => {starl:robot_id(), [request()]}},
-    %% the newest owners known
-    owners = #{} :: #{token() => {fence(), starl:robot_id()}},
-    %% requests that came before the token
-    early = #{} :: #{token() => [request()]},
+    owners = starl_mutex_owners:new() :: starl_mutex_owners:t(),
     actions = [] :: [starl_machine:action()]
 }).
 
@@ -67,7 +55,7 @@
 %% @doc A robot that has nothing and knows nothing.
 -spec new(starl_machine:config()) -> t().
 new(#{robot := Self, participants := Team, incarnation := Incarnation, now := Now} = Config) ->
-    #{lease_us := LeaseUs, drift_ppm := Drift, retry_us := RetryUs} = Config,
+    #{lease_us := LeaseUs, drift_ppm := Drift, lag_us := Lag, retry_us := RetryUs} = Config,
     #robot{
         self = Self,
         team = list_to_tuple(starl_team:members(Team)),
@@ -75,7 +63,7 @@ new(#{robot := Self, participants := Team, incarnation := Incarnation, now := No
         lease_us = LeaseUs,
         retry_us = RetryUs,
         now = Now,
-        home = starl_mutex_home:new(Incarnation, Now, LeaseUs, Drift)
+        home = starl_mutex_home:new(Incarnation, Now, LeaseUs, Drift, Lag)
     }.
 
 %% @doc The robot at a later time of its clock.
@@ -95,28 +83,25 @@ result(#robot{actions = Actions} = Robot) ->
 acquire(_Caller, From, [], _Us, Robot) ->
     act({reply, From, {ok, []}}, Robot);
 acquire(Caller, From, Tokens, Us, #robot{next = Id} = Robot) ->
-    {Shape, Todo} = shape(Tokens),
-    Job = #job{caller = Caller, from = From, shape = Shape, todo = Todo},
+    Job = starl_mutex_job:new(Caller, From, Tokens),
     Begun = act({{timeout, {patience, Id}}, Us, patience}, Robot#robot{next = Id + 1}),
     proceed(Id, Job, Begun).
 
-shape(Tokens) when is_list(Tokens) -> {set, lists:usort(Tokens)};
-shape(Token) -> {one, [Token]}.
-
-proceed(Id, #job{todo = []} = Job, Robot) ->
-    Done = acts([{{timeout, {T, Id}}, cancel} || T <- [again, patience]], Robot),
-    keep(Id, Job, act({reply, Job#job.from, {ok, answer(Job)}}, Done));
-proceed(Id, #job{todo = [Token | _]} = Job, #robot{retry_us = Retry} = Robot) ->
-    Asked = acts([{trace, {requested, Token}}, {{timeout, {again, Id}}, Retry, again}], Robot),
-    route(Token, {Robot#robot.self, Id}, 0, none, keep(Id, Job, Asked)).
-
-answer(#job{shape = one, got = [{_, Fence}]}) -> Fence;
-answer(#job{shape = set, got = Got}) -> lists:sort(Got).
+proceed(Id, Job, #robot{retry_us = Retry} = Robot) ->
+    Kept = keep(Id, Job, Robot),
+    case starl_mutex_job:next(Job) of
+        complete ->
+            Done = acts([{{timeout, {T, Id}}, cancel} || T <- [again, patience]], Kept),
+            act({reply, starl_mutex_job:from(Job), {ok, starl_mutex_job:answer(Job)}}, Done);
+        {wait, Token} ->
+            Asked = [{trace, {requested, Token}}, {{timeout, {again, Id}}, Retry, again}],
+            route(Token, {Robot#robot.self, Id}, 0, none, acts(Asked, Kept))
+    end.
 
 %% @doc Ends the caller's holds of these tokens.
 -spec release(starl_machine:name(), starl_machine:from(), token() | [token()], t()) -> t().
 release(Caller, From, Tokens, Robot) ->
-    {_, List} = shape(Tokens),
+    List = listed(Tokens),
     Held = [{Token, Id} || Token <- List, Id <- holder(Caller, Token, Robot)],
     Answer =
         case length(Held) =:= length(List) of
@@ -126,11 +111,15 @@ release(Caller, From, Tokens, Robot) ->
     Freed = lists:foldl(fun({Token, Id}, R) -> drop(Id, Token, R) end, Robot, Held),
     act({reply, From, Answer}, lists:foldl(fun unlock/2, Freed, [T || {T, _} <- Held])).
 
+listed(Tokens) when is_list(Tokens) -> lists:usort(Tokens);
+listed(Token) -> [Token].
+
 %% The job of this caller that holds the token, as one that has all it wants.
 holder(Caller, Token, #robot{entries = Entries, jobs = Jobs, now = Now}) ->
     case Entries of
         #{Token := #entry{lock = {Id, _}, lease_end = End}} when Now < End ->
-            [Id || #job{caller = C, todo = []} <- [maps:get(Id, Jobs)], C =:= Caller];
+            Job = maps:get(Id, Jobs),
+            [Id || starl_mutex_job:next(Job) =:= complete, starl_mutex_job:caller(Job) =:= Caller];
         #{} ->
             []
     end.
@@ -138,47 +127,58 @@ holder(Caller, Token, #robot{entries = Entries, jobs = Jobs, now = Now}) ->
 %% @doc Tells who was last announced as the token's owner.
 -spec owner(starl_machine:from(), token(), t()) -> t().
 owner(From, Token, #robot{owners = Owners} = Robot) ->
-    {_, Owner} = maps:get(Token, Owners, {0, none}),
+    {_, Owner} = starl_mutex_owners:newest(Token, Owners),
     act({reply, From, Owner}, Robot).
 
 %% @doc A job that still waits asks the home of its token again.
 -spec again(job_id(), t()) -> t().
-again(Id, #robot{jobs = Jobs, entries = Entries, self = Self, retry_us = Retry} = Robot) ->
-    case Jobs of
-        #{Id := #job{todo = [Token | _]}} ->
+again(Id, #robot{entries = Entries, self = Self, retry_us = Retry} = Robot) ->
+    case waiting(Id, Robot) of
+        {wait, Token, _Job} ->
             Next = act({{timeout, {again, Id}}, Retry, again}, Robot),
             case Entries of
                 #{Token := _} -> route(Token, {Self, Id}, 0, none, Next);
                 #{} -> post_home(Token, {request, Token, {Self, Id}, 0, home}, Next)
             end;
-        #{} ->
+        none ->
             Robot
+    end.
+
+%% A job that still waits, with the token that it waits for.
+waiting(Id, #robot{jobs = Jobs}) ->
+    case Jobs of
+        #{Id := Job} ->
+            case starl_mutex_job:next(Job) of
+                {wait, Token} -> {wait, Token, Job};
+                complete -> none
+            end;
+        #{} ->
+            none
     end.
 
 %% @doc A job that still waits fails; it gives back what it has got so far.
 -spec give_up(job_id(), timeout | restarted, t()) -> t().
-give_up(Id, Why, #robot{jobs = Jobs} = Robot) ->
-    case Jobs of
-        #{Id := #job{todo = [Token | _], from = From, got = Got}} ->
-            Told = acts([{trace, {failed, Token, Why}}, {reply, From, {error, Why}}], Robot),
-            lists:foldl(fun unlock/2, forget_job(Id, Told), [T || {T, _} <- Got]);
-        #{} ->
+give_up(Id, Why, Robot) ->
+    case waiting(Id, Robot) of
+        {wait, Token, Job} ->
+            Reply = {reply, starl_mutex_job:from(Job), {error, Why}},
+            Told = acts([{trace, {failed, Token, Why}}, Reply], Robot),
+            lists:foldl(fun unlock/2, forget_job(Id, Told), starl_mutex_job:held(Job));
+        none ->
             Robot
     end.
 
 %% @doc All jobs of a machine that has crashed end.
 -spec caller_restarted(starl_machine:name(), t()) -> t().
 caller_restarted(Caller, #robot{jobs = Jobs} = Robot) ->
-    Ids = lists:sort([Id || {Id, #job{caller = C}} <- maps:to_list(Jobs), C =:= Caller]),
-    lists:foldl(fun end_job/2, Robot, Ids).
+    Ids = [Id || {Id, Job} <- maps:to_list(Jobs), starl_mutex_job:caller(Job) =:= Caller],
+    lists:foldl(fun end_job/2, Robot, lists:sort(Ids)).
 
 end_job(Id, #robot{jobs = Jobs} = Robot) ->
-    case maps:get(Id, Jobs) of
-        #job{todo = []} = Job ->
-            Held = [Token || {Token, _} <- Job#job.got],
-            lists:foldl(fun unlock/2, forget_job(Id, Robot), Held);
-        #job{} ->
-            give_up(Id, restarted, Robot)
+    Job = maps:get(Id, Jobs),
+    case starl_mutex_job:next(Job) of
+        complete -> lists:foldl(fun unlock/2, forget_job(Id, Robot), starl_mutex_job:held(Job));
+        {wait, _} -> give_up(Id, restarted, Robot)
     end.
 
 keep(Id, Job, #robot{jobs = Jobs} = Robot) -> Robot#robot{jobs = Jobs#{Id => Job}}.
@@ -189,16 +189,15 @@ forget_job(Id, #robot{jobs = Jobs} = Robot) ->
 
 %% A job has one token less.
 drop(Id, Token, #robot{jobs = Jobs} = Robot) ->
-    #{Id := #job{got = Got} = Job} = Jobs,
-    case lists:keydelete(Token, 1, Got) of
-        [] -> forget_job(Id, Robot);
-        Rest -> keep(Id, Job#job{got = Rest}, Robot)
+    case starl_mutex_job:without(Token, maps:get(Id, Jobs)) of
+        none -> forget_job(Id, Robot);
+        Rest -> keep(Id, Rest, Robot)
     end.
 
 %% Is this the request of a job that waits for the token now?
 wanted(Token, {Self, Id}, #robot{self = Self, jobs = Jobs}) ->
     case Jobs of
-        #{Id := #job{todo = [Token | _]}} -> true;
+        #{Id := Job} -> starl_mutex_job:waits_for(Token, Job);
         #{} -> false
     end;
 wanted(_Token, {_Other, _Id}, #robot{}) ->
@@ -210,9 +209,9 @@ wanted(_Token, {_Other, _Id}, #robot{}) ->
 %% once to the home; so it cannot go in circles.
 -spec route(token(), request(), Known :: fence() | 0, Via :: home | none, t()) -> t().
 route(Token, {Robot, _} = Request, Known, Via, #robot{self = Self, entries = Entries} = Data) ->
-    case {Entries, maps:get(Token, Data#robot.owners, {0, none})} of
+    case {Entries, starl_mutex_owners:newest(Token, Data#robot.owners)} of
         {#{Token := #entry{queue = Queue} = Entry}, _} ->
-            serve(Token, Entry#entry{queue = add(Request, Queue)}, Data);
+            serve(Token, Entry#entry{queue = starl_mutex_owners:add(Request, Queue)}, Data);
         {_, _} when Via =:= home, Known =:= 0 ->
             #robot{now = Now, home = Home} = Data,
             at_home(Token, starl_mutex_home:request(Token, Request, Now, Home), Data);
@@ -224,34 +223,20 @@ route(Token, {Robot, _} = Request, Known, Via, #robot{self = Self, entries = Ent
             wait_for_token(Token, Request, Data)
     end.
 
-wait_for_token(Token, Request, #robot{early = Early, team = Team} = Data) ->
-    Waiting = add(Request, maps:get(Token, Early, [])),
-    Data#robot{early = Early#{Token => lists:sublist(Waiting, tuple_size(Team))}}.
-
-add(Request, Queue) ->
-    case lists:member(Request, Queue) of
-        true -> Queue;
-        false -> Queue ++ [Request]
-    end.
+wait_for_token(Token, Request, #robot{owners = Owners, team = Team} = Data) ->
+    Data#robot{owners = starl_mutex_owners:wait(Token, Request, tuple_size(Team), Owners)}.
 
 %% @doc An owner has announced itself.
 -spec announced(token(), fence(), starl:robot_id(), t()) -> t().
-announced(Token, Fence, Owner, #robot{owners = Owners, early = Early} = Robot) ->
-    case Owners of
-        #{Token := {Known, _}} when Known >= Fence ->
-            Robot;
-        #{} ->
-            Robot#robot{
-                owners = Owners#{Token => {Fence, Owner}}, early = maps:remove(Token, Early)
-            }
-    end.
+announced(Token, Fence, Owner, #robot{owners = Owners} = Robot) ->
+    Robot#robot{owners = starl_mutex_owners:announced(Token, Fence, Owner, Owners)}.
 
 %% -- tokens ---------------------------------------------------------------------------------
 
 %% @doc A token has come. It is claimed if it is wanted here, else it goes on.
 -spec receive_token(token(), fence(), [request()], t()) -> t().
-receive_token(Token, Fence, Queue0, #robot{entries = Entries, early = Early} = Robot) ->
-    {Known, _} = maps:get(Token, Robot#robot.owners, {0, none}),
+receive_token(Token, Fence, Queue0, #robot{entries = Entries, owners = Owners} = Robot) ->
+    {Known, _} = starl_mutex_owners:newest(Token, Owners),
     case Entries of
         #{} when Known >= Fence ->
             Robot;
@@ -260,8 +245,9 @@ receive_token(Token, Fence, Queue0, #robot{entries = Entries, early = Early} = R
         #{Token := #entry{}} ->
             receive_token(Token, Fence, Queue0, lapse(Token, Robot));
         #{} ->
-            Queue = lists:foldl(fun add/2, Queue0, maps:get(Token, Early, [])),
-            Heard = Robot#robot{early = maps:remove(Token, Early)},
+            {Early, Left} = starl_mutex_owners:take_early(Token, Owners),
+            Queue = lists:foldl(fun starl_mutex_owners:add/2, Queue0, Early),
+            Heard = Robot#robot{owners = Left},
             claim_or_pass(Token, Fence, trim(Token, Queue, Heard), Heard)
     end.
 
@@ -367,10 +353,10 @@ serve(Token, Entry, Robot) ->
     put_entry(Token, Entry, Robot).
 
 lock(Token, Id, #entry{fence = Fence} = Entry, #robot{jobs = Jobs} = Robot) ->
-    #{Id := #job{todo = [Token | Rest], got = Got} = Job} = Jobs,
+    Job = starl_mutex_job:got(Token, Fence, maps:get(Id, Jobs)),
     Locked = Entry#entry{lock = {Id, Fence}},
     Held = prolong(Token, Locked, act({trace, {acquired, Token, Fence}}, Robot)),
-    proceed(Id, Job#job{todo = Rest, got = [{Token, Fence} | Got]}, Held).
+    proceed(Id, Job, Held).
 
 %% A hold begins: the lease must be renewed, at once if more than half of it is over.
 prolong(Token, Entry, #robot{lease_us = Lease, now = Now} = Robot) ->
@@ -406,18 +392,16 @@ lapse(Token, #robot{entries = Entries} = Robot) ->
 
 %% A job that has all it wanted is told at the release; one that waits begins anew.
 lost(Id, Token, #robot{jobs = Jobs} = Robot) ->
-    case maps:get(Id, Jobs) of
-        #job{todo = []} ->
+    case waiting(Id, Robot) of
+        none ->
             drop(Id, Token, Robot);
-        #job{todo = [Waiting | _] = Todo, got = Got} = Job ->
-            All = lists:usort([T || {T, _} <- Got] ++ Todo),
-            Anew = Job#job{todo = All, got = []},
+        {wait, Waiting, Job} ->
             %% while it gives back what it has got, it is in no queue
             Failed = act(
                 {trace, {failed, Waiting, lease_lost}}, Robot#robot{jobs = maps:remove(Id, Jobs)}
             ),
-            Others = [T || {T, _} <- Got, T =/= Token],
-            proceed(Id, Anew, lists:foldl(fun unlock/2, Failed, Others))
+            Others = lists:delete(Token, starl_mutex_job:held(Job)),
+            proceed(Id, starl_mutex_job:anew(Job), lists:foldl(fun unlock/2, Failed, Others))
     end.
 
 put_entry(Token, Entry, #robot{entries = Entries} = Robot) ->
@@ -443,7 +427,7 @@ pass_on(Token, Fence, Queue, #robot{outs = Outs, owners = Owners} = Robot) ->
             ], Robot),
             Sent#robot{
                 outs = Outs#{{Token, Next} => {To, Queue}},
-                owners = Owners#{Token => {Next, To}}
+                owners = starl_mutex_owners:handed(Token, Next, To, Owners)
             }
     end.
 

@@ -32,6 +32,7 @@
 
 -define(LEASE_MS, 8000).
 -define(DRIFT_PPM, 10000).
+-define(LAG_MS, 250).
 -define(RETRY_MS, 3000).
 
 -spec init(starl_machine:config()) ->
@@ -40,6 +41,7 @@ init(Config) ->
     Robot = starl_mutex_robot:new(Config#{
         lease_us => 1000 * maps:get(lease_ms, Config, ?LEASE_MS),
         drift_ppm => maps:get(drift_ppm, Config, ?DRIFT_PPM),
+        lag_us => 1000 * maps:get(lag_ms, Config, ?LAG_MS),
         retry_us => 1000 * maps:get(retry_ms, Config, ?RETRY_MS)
     }),
     {ready, Robot, [starl_sap:listen(mutex, mutex)]}.

@@ -1,0 +1,45 @@
+%% @doc What is surely left of a message's lifetime, by clocks that drift but do not step.
+%%
+%% A clock shows between (1 - d) t and (1 + d) t while a true time t passes. All answers err on
+%% the safe side: a deadline is never after the true end of the lifetime.
+%%
+%% No clock is compared with another one. A robot notes when it asks (`asked', by its own clock);
+%% the answer says how much was left when it was sent, which was after the asking. So the end is
+%% not before asked + left, however long question and answer were under way: nothing is assumed
+%% of delays (Cristian, "Probabilistic clock synchronization", 1989, uses the round trip alike).
+-module(starl_geocast_lifetime).
+
+-export([deadline/3, left/3, is_sent_after/5, memory_us/2]).
+
+-define(MILLION, 1000000).
+
+-type us() :: integer().
+%% The greatest drift of any clock, in millionths.
+-type ppm() :: non_neg_integer().
+
+%% @doc The own clock's time until which the message surely lives, when an answer to what was
+%% asked at this time says that so much is left.
+-spec deadline(AskedUs :: us(), LeftUs :: us(), ppm()) -> us().
+deadline(Asked, Left, Ppm) -> Asked + shortest(Left, Ppm).
+
+%% @doc What is left now, in true time, of a message that surely lives until a deadline. Since the
+%% asking the clock has lost no more than the deadline has allowed it.
+-spec left(DeadlineUs :: us(), NowUs :: us(), ppm()) -> us().
+left(Deadline, Now, Ppm) -> max(0, Deadline - Now) * ?MILLION div (?MILLION - Ppm).
+
+%% @doc Was a message, of whose lifetime so much was left when the question of `AskedUs' was
+%% answered, surely sent after `SinceUs'? (Times of the own clock.)
+-spec is_sent_after(
+    SinceUs :: us(), AskedUs :: us(), LifetimeUs :: us(), LeftUs :: us(), ppm()
+) -> boolean().
+is_sent_after(Since, Asked, Lifetime, Left, Ppm) ->
+    Lifetime - Left =< shortest(Asked - Since, Ppm).
+
+%% @doc So long after a message was first heard, by the own clock, its window is surely over
+%% everywhere.
+-spec memory_us(LifetimeUs :: us(), ppm()) -> us().
+memory_us(Lifetime, Ppm) -> Lifetime * (?MILLION + Ppm) div ?MILLION + 1.
+
+%% What surely shows on a clock while so much time passes, at least that much of the time does
+%% while it shows.
+shortest(Us, Ppm) -> Us * (?MILLION - Ppm) div ?MILLION.

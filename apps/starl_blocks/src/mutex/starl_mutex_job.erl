@@ -1,0 +1,75 @@
+%% @doc An acquisition ("job") of a robot's application: the tokens that it waits for, one after
+%% the other in the order of terms, and those that it has got. Pure; a part of
+%% {@link starl_mutex_robot}.
+-module(starl_mutex_job).
+
+-export([new/3, caller/1, from/1, next/1, waits_for/2, answer/1, held/1]).
+-export([got/3, without/2, anew/1]).
+
+-export_type([t/0, id/0]).
+
+-type token() :: starl_mutex:token().
+
+-type id() :: pos_integer().
+
+%% It waits for the first token of `todo', or holds what it has got.
+-record(job, {
+    caller :: starl_machine:name(),
+    from :: starl_machine:from(),
+    shape :: one | set,
+    todo :: [token()],
+    got = [] :: [{token(), starl_mutex:fence()}]
+}).
+
+-opaque t() :: #job{}.
+
+%% @doc A job of a machine for these tokens, at least one.
+-spec new(starl_machine:name(), starl_machine:from(), token() | [token(), ...]) -> t().
+new(Caller, From, Tokens) when is_list(Tokens) ->
+    #job{caller = Caller, from = From, shape = set, todo = lists:usort(Tokens)};
+new(Caller, From, Token) ->
+    #job{caller = Caller, from = From, shape = one, todo = [Token]}.
+
+%% @doc Whose job it is.
+-spec caller(t()) -> starl_machine:name().
+caller(#job{caller = Caller}) -> Caller.
+
+%% @doc Where its answer goes.
+-spec from(t()) -> starl_machine:from().
+from(#job{from = From}) -> From.
+
+%% @doc The token that it waits for, or `complete'.
+-spec next(t()) -> {wait, token()} | complete.
+next(#job{todo = []}) -> complete;
+next(#job{todo = [Token | _]}) -> {wait, Token}.
+
+%% @doc Does it wait for this token now?
+-spec waits_for(token(), t()) -> boolean().
+waits_for(Token, #job{todo = [Token | _]}) -> true;
+waits_for(_Token, #job{}) -> false.
+
+%% @doc What a job that is complete is answered.
+-spec answer(t()) -> starl_mutex:fence() | [{token(), starl_mutex:fence()}].
+answer(#job{shape = one, got = [{_, Fence}]}) -> Fence;
+answer(#job{shape = set, got = Got}) -> lists:sort(Got).
+
+%% @doc The tokens that it has got, the last one first.
+-spec held(t()) -> [token()].
+held(#job{got = Got}) -> [Token || {Token, _} <- Got].
+
+%% @doc It has got the token that it waited for.
+-spec got(token(), starl_mutex:fence(), t()) -> t().
+got(Token, Fence, #job{todo = [Token | Rest], got = Got} = Job) ->
+    Job#job{todo = Rest, got = [{Token, Fence} | Got]}.
+
+%% @doc The job with one token less; `none' is left of one that had only this one.
+-spec without(token(), t()) -> t() | none.
+without(Token, #job{got = Got} = Job) ->
+    case lists:keydelete(Token, 1, Got) of
+        [] -> none;
+        Rest -> Job#job{got = Rest}
+    end.
+
+%% @doc The same job from its beginning.
+-spec anew(t()) -> t().
+anew(#job{todo = Todo} = Job) -> Job#job{todo = lists:usort(held(Job) ++ Todo), got = []}.

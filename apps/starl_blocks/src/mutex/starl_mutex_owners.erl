@@ -1,0 +1,58 @@
+%% @doc What a robot has heard of the owners of tokens, and the requests that came to it before
+%% the token that they look for. Pure; a part of {@link starl_mutex_robot}.
+-module(starl_mutex_owners).
+
+-export([new/0, newest/2, announced/4, handed/4, wait/4, take_early/2, add/2]).
+
+-export_type([t/0]).
+
+-type token() :: starl_mutex:token().
+-type fence() :: starl_mutex:fence().
+-type request() :: starl_mutex_home:request().
+
+-record(owners, {
+    newest = #{} :: #{token() => {fence(), starl:robot_id()}},
+    early = #{} :: #{token() => [request()]}
+}).
+
+-opaque t() :: #owners{}.
+
+%% @doc Nothing has been heard yet.
+-spec new() -> t().
+new() -> #owners{}.
+
+%% @doc The newest owner known; the number is 0 if none is.
+-spec newest(token(), t()) -> {fence() | 0, starl:robot_id() | none}.
+newest(Token, #owners{newest = Newest}) -> maps:get(Token, Newest, {0, none}).
+
+%% @doc An owner has announced itself: what came early will be heard of again where it is.
+-spec announced(token(), fence(), starl:robot_id(), t()) -> t().
+announced(Token, Fence, Owner, #owners{early = Early} = Owners) ->
+    case newest(Token, Owners) of
+        {Known, _} when Known >= Fence -> Owners;
+        {_, _} -> handed(Token, Fence, Owner, Owners#owners{early = maps:remove(Token, Early)})
+    end.
+
+%% @doc This robot has handed the token over.
+-spec handed(token(), fence(), starl:robot_id(), t()) -> t().
+handed(Token, Fence, To, #owners{newest = Newest} = Owners) ->
+    Owners#owners{newest = Newest#{Token => {Fence, To}}}.
+
+%% @doc A request waits for the token to come; at most so many do.
+-spec wait(token(), request(), Most :: pos_integer(), t()) -> t().
+wait(Token, Request, Most, #owners{early = Early} = Owners) ->
+    Waiting = add(Request, maps:get(Token, Early, [])),
+    Owners#owners{early = Early#{Token => lists:sublist(Waiting, Most)}}.
+
+%% @doc The requests that came before the token, which has come now.
+-spec take_early(token(), t()) -> {[request()], t()}.
+take_early(Token, #owners{early = Early} = Owners) ->
+    {maps:get(Token, Early, []), Owners#owners{early = maps:remove(Token, Early)}}.
+
+%% @doc A queue with a request at its end, unless it is in it already.
+-spec add(request(), [request()]) -> [request()].
+add(Request, Queue) ->
+    case lists:member(Request, Queue) of
+        true -> Queue;
+        false -> Queue ++ [Request]
+    end.

@@ -1,0 +1,104 @@
+%% The building blocks in larger teams, and under all random faults that they bear: small versions
+%% of what config/scenarios and `./starl soak' do.
+-module(starl_exercise_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+
+-export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
+-export([
+    scenarios_are_sound/1, team_elects_under_loss/1, team_passes_barrier_under_loss/1,
+    contended_tokens_are_granted/1, turns_bound_the_work/1, random_faults/1
+]).
+
+%% Runs of each block.
+-define(SEEDS, 15).
+
+suite() -> [{timetrap, {minutes, 2}}].
+
+all() ->
+    [
+        scenarios_are_sound, team_elects_under_loss, team_passes_barrier_under_loss,
+        contended_tokens_are_granted, turns_bound_the_work, random_faults
+    ].
+
+%% Crashes are planned here: their reports are not.
+init_per_suite(Config) ->
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, none),
+    [{level, Level} | Config].
+
+end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+
+%% The scenario files of this suite's subjects are read and accepted.
+scenarios_are_sound(_) ->
+    Dir = filename:join([root(), "config", "scenarios"]),
+    [
+        begin
+            {ok, Given} = starl_sim_scenario:read(filename:join(Dir, File)),
+            Options = starl_app:options(starl_exercise),
+            ?assertMatch({File, {ok, #{}}}, {File, starl_sim_scenario:check(Given, Options)})
+        end
+     || File <- ["election_200.term", "barrier_200.term", "tokens_50.term"]
+    ].
+
+%% Where the checkout is: above the build that this module was compiled into.
+root() -> hd(string:split(code:which(?MODULE), "/_build/")).
+
+%% A fifth of the packets is lost: the ballots of all get through all the same, and all agree.
+team_elects_under_loss(_) ->
+    #{elections := E, elected := N, failed := F, finished := Done} = figures(#{
+        block => election, robots => 40, loss => 0.2, turns => 2, pause => 50, patience => 60000
+    }),
+    ?assertEqual({2, 80, 0, 40}, {E, N, F, Done}).
+
+%% Likewise, nobody fails to pass.
+team_passes_barrier_under_loss(_) ->
+    #{rounds := Rounds, passed := Passed, failed := F} = figures(#{
+        block => barrier, robots => 40, loss => 0.2, turns => 3, pause => 50, patience => 60000
+    }),
+    ?assertEqual({3, 120, 0}, {Rounds, Passed, F}).
+
+%% Twelve robots, twelve tokens, mostly two at once: every request is granted, and no wait is out
+%% of all proportion.
+contended_tokens_are_granted(_) ->
+    #{failed := F, acquired := N, lease_lost := L} = Told = figures(#{
+        block => mutex, robots => 12, tokens => 12, hold => 1000, pause => 500,
+        patience => 60000, work => 120
+    }),
+    ?assertEqual({0, 0}, {F, L}),
+    ?assert(N > 500, Told),
+    #{longest_wait_us := Longest, mean_wait_us := Mean, unfairness := Unfairness} = Told,
+    ?assert(Longest < 30000000, Told),
+    ?assert(abs(Unfairness - Longest / Mean) < 0.01, Told).
+
+turns_bound_the_work(_) ->
+    ?assertMatch(#{turns := 12, finished := 4, sent := 12},
+                 figures(#{block => geocast, robots => 4, turns => 3, lifetime => 500})),
+    #{turns := Turns} = figures(#{block => registers, robots => 4, work => 5}),
+    ?assert(Turns > 40).
+
+figures(Scenario) ->
+    Defaults = #{app => starl_exercise, mode => inline, world => {30000, 30000}, time => 300},
+    {#{violations := Violations}, #{figures := Figures}} = run(maps:merge(Defaults, Scenario)),
+    ?assertEqual([], Violations),
+    maps:from_list(Figures).
+
+%% Every block keeps its contract under all that it bears, and all robots are done after the heal.
+random_faults(_) ->
+    First = starl_platform_ct:seed() band 16#7fffffff,
+    ct:pal("seeds from ~b on", [First]),
+    [
+        begin
+            {#{violations := Violations}, _} = run(#{
+                app => starl_exercise, block => Block, robots => 8, seed => Seed, mode => inline,
+                random_faults => starl_exercise:bears(Block), heal => 20, converge => 40,
+                time => 60, work => 20
+            }),
+            ?assertEqual({Block, Seed, []}, {Block, Seed, Violations})
+        end
+     || Block <- starl_exercise:blocks_known(), Seed <- lists:seq(First, First + ?SEEDS - 1)
+    ].
+
+run(Scenario) ->
+    {ok, Sim} = starl_sim:start(Scenario),
+    _ = starl_sim:run(Sim),
+    starl_sim:finish(Sim).
