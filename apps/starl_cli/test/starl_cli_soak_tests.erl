@@ -75,10 +75,10 @@ scenario_test() ->
             {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
             {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
             {ok, Target} = starl_cli_target:resolve(Name),
-            Replay = unicode:characters_to_list(starl_cli_run:replay(Target, Scenario)),
+            Replay = unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario)),
             Words = string:lexemes(lists:flatten(Replay), " "),
             ["./starl", "run" | Args] = [string:trim(W, both, "'") || W <- Words],
-            {ok, #{scenario := Again}} = starl_cli_run:setup(Args),
+            {ok, #{scenario := Again}} = starl_cli_setup:read(Args),
             ?assertEqual({Block, Scenario}, {Block, Again})
         end
      || Block <- starl_cli_soak:targets()

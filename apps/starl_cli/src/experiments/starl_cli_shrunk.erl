@@ -155,7 +155,7 @@ when
     Before :: starl_sim_scenario:t().
 text(#{violation := Violation, scenario := Scenario} = Result, File, Target, Before) ->
     #{app := App} = Target,
-    Options = starl_cli_run:options(App),
+    Options = starl_cli_setup:options(App),
     Usual = maps:without([robots, seed, time, faults], starl_cli_flags:defaults(Options)),
     Lines = [
         line(Key, Value)

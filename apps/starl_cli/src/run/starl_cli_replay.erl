@@ -12,7 +12,7 @@
 %% A checked command line: as that of a run, with the place to stop at, if any, the robots to
 %% show in full there, and the record to compare with, if there is one.
 -type setup() :: #{
-    run := starl_cli_run:setup(),
+    run := starl_cli_setup:t(),
     stop := stop() | none,
     inspect := [starl:robot_id()],
     record := starl_cli_record:t() | none
@@ -36,7 +36,7 @@ command(Args) ->
 %% @doc Reads and checks the arguments, all in one go.
 -spec setup([string()]) -> answer().
 setup(Args) ->
-    case {starl_cli_run:help_wanted(Args), Args} of
+    case {starl_cli_setup:help_wanted(Args), Args} of
         {true, _} -> help;
         {false, []} -> {error, ["name a run, " ?EXAMPLE]};
         {false, [[C | _] = Word | Flags]} when C =/= $- -> named(is_seed(Word), Word, Flags);
@@ -70,15 +70,15 @@ target({error, Problems}, _Flags) ->
 target({ok, Target}, Flags) ->
     case starl_cli_flags:parse(Flags, own_flags() ++ run_flags(Target)) of
         {ok, Values} -> checked(Target, Values);
-        {error, Problems} -> {error, starl_cli_run:flag_lines(Problems)}
+        {error, Problems} -> {error, starl_cli_setup:flag_lines(Problems)}
     end.
 
 %% A recorded run is run as it was, but for what does not change it.
 run_flags(#{app := App, record := _}) ->
-    Options = starl_cli_run:options(App),
+    Options = starl_cli_setup:options(App),
     [Flag || {Key, _, _, _} = Flag <- Options, Key =:= mode orelse Key =:= shards];
 run_flags(#{app := App}) ->
-    starl_cli_run:options(App).
+    starl_cli_setup:options(App).
 
 own_flags() ->
     [
@@ -94,8 +94,8 @@ own_flags() ->
 checked(#{name := Name, given := FromFile} = Target, Values) ->
     Own = [Key || {Key, _, _, _} <- own_flags()],
     Given = maps:merge(FromFile, maps:without(Own, Values)),
-    {Unsound, Scenario} = starl_cli_run:scenario(Target, Given),
-    {Unwritable, Out} = starl_cli_run:out(maps:get(out, Values, none), Name),
+    {Unsound, Scenario} = starl_cli_setup:scenario(Target, Given),
+    {Unwritable, Out} = starl_cli_setup:out(maps:get(out, Values, none), Name),
     Inspect = maps:get(inspect, Values, []),
     {Unknown, Stop} = stop(maps:get(until, Values, none), Inspect),
     Absent = absent(Stop, Inspect, Scenario),

@@ -21,7 +21,7 @@
 %% @doc Runs the command; gives the exit status.
 -spec command([string()]) -> starl_cli_terminal:status().
 command(Args) ->
-    case {starl_cli_run:help_wanted(Args), starl_cli_run:take_target(Args)} of
+    case {starl_cli_setup:help_wanted(Args), starl_cli_setup:take_target(Args)} of
         {true, _} -> help();
         {false, {none, _}} -> refuse(["name what is to run before its flags, " ?EXAMPLE]);
         {false, {Word, Flags}} -> with_target(starl_cli_target:resolve(Word), Flags)
@@ -30,9 +30,9 @@ command(Args) ->
 with_target({error, Problems}, _Flags) ->
     refuse(Problems);
 with_target({ok, #{app := App} = Target}, Flags) ->
-    case starl_cli_flags:parse(Flags, own_flags() ++ starl_cli_run:options(App)) of
+    case starl_cli_flags:parse(Flags, own_flags() ++ starl_cli_setup:options(App)) of
         {ok, Values} -> checked(Target, Values);
-        {error, Problems} -> refuse(starl_cli_run:flag_lines(Problems))
+        {error, Problems} -> refuse(starl_cli_setup:flag_lines(Problems))
     end.
 
 own_flags() ->
@@ -49,7 +49,7 @@ checked(#{given := FromFile} = Target, Values) ->
     Full = maps:merge(starl_cli_flags:defaults(own_flags()), Values),
     Own = [Key || {Key, _, _, _} <- own_flags()],
     Given = maps:merge(FromFile, maps:without(Own, Values)),
-    {Unsound, Scenario} = starl_cli_run:scenario(Target, Given),
+    {Unsound, Scenario} = starl_cli_setup:scenario(Target, Given),
     {Unknown, Ways} =
         case starl_cli_way:parse(maps:get(ways, Full)) of
             {ok, Parsed} -> {[], Parsed};
@@ -194,7 +194,7 @@ found({differ, #{robot := Robot, n := N} = Difference}, {A, B}, Scenario, #{targ
     #{at_us := AtUs, first := First, second := Second, before := Before} = Difference,
     {Mode, Shards, _} = A,
     Run = Scenario#{mode => Mode, shards => Shards},
-    Command = starl_cli_run:command_line("replay", Target, Run),
+    Command = starl_cli_setup:command_line("replay", Target, Run),
     [
         io_lib:format("the first difference is event ~b of robot ~b, at ~.6f s~n", [
             N, Robot, AtUs / 1.0e6

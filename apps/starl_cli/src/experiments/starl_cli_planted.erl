@@ -19,7 +19,7 @@
 %% @doc Runs the command; gives the exit status.
 -spec command([string()]) -> starl_cli_terminal:status().
 command(Args) ->
-    case {starl_cli_run:help_wanted(Args), starl_cli_flags:parse(Args, flags())} of
+    case {starl_cli_setup:help_wanted(Args), starl_cli_flags:parse(Args, flags())} of
         {true, _} ->
             help();
         {false, {ok, Values}} ->

@@ -61,7 +61,7 @@ command([Name | Args]) ->
     end.
 
 parsed(Blocks, Args) ->
-    case {starl_cli_run:help_wanted(Args), starl_cli_flags:parse(Args, flags())} of
+    case {starl_cli_setup:help_wanted(Args), starl_cli_flags:parse(Args, flags())} of
         {true, _} -> help();
         {false, {ok, Values}} -> soak(plan(Blocks, maps:merge(defaults(), Values)));
         {false, {error, Problems}} ->
@@ -127,7 +127,7 @@ status(done, _, Founds) ->
 %% The first run that fails in a way, as commands and as a small scenario.
 violated({Block, Seed, Violation, Count}, Scenario, Shrunk) ->
     Target = target(Scenario),
-    Replay = lists:flatten(unicode:characters_to_list(starl_cli_run:replay(Target, Scenario))),
+    Replay = lists:flatten(unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario))),
     starl_cli_terminal:out([
         "\n", starl_monitor:format_violation(Violation), runs(Count), "\n",
         "replay: ", Replay, "\n",

@@ -147,10 +147,10 @@ options(#{nodes := Nodes, timeout_ms := Ms, name := Name, cookie := Cookie}, Tar
 -spec command([string()]) -> starl_cli_terminal:status().
 command(Args) ->
     Flags = node_flags(),
-    case {starl_cli_run:help_wanted(Args), starl_cli_flags:parse(Args, Flags)} of
+    case {starl_cli_setup:help_wanted(Args), starl_cli_flags:parse(Args, Flags)} of
         {true, _} -> help(Flags);
         {false, {ok, Values}} -> serve(maps:merge(starl_cli_flags:defaults(Flags), Values));
-        {false, {error, Problems}} -> starl_cli_terminal:bad_input(starl_cli_run:flag_lines(Problems))
+        {false, {error, Problems}} -> starl_cli_terminal:bad_input(starl_cli_setup:flag_lines(Problems))
     end.
 
 node_flags() ->
