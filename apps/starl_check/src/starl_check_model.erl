@@ -20,7 +20,8 @@
 }.
 
 %% `machine': another machine in the place of the block's, with what it adds to the
-%% configuration: for tests. `crash': which machines may crash. `symmetry' (true): robots that differ in nothing but their number
+%% configuration: for tests. `crash': which machines may crash. The reductions, each `true' unless
+%% said otherwise: `symmetry', robots that differ in nothing but their number
 %% are taken for one another.
 -type options() :: #{
     robots => pos_integer(),
@@ -114,8 +115,8 @@ faults(_Block, Faults) -> Faults.
 
 with_machine(error, Model) ->
     Model;
-with_machine({ok, {Module, Extra}}, #{blocks := [{Name, _, Config}]} = Model) ->
-    Model#{blocks := [{Name, Module, maps:merge(Config, Extra)}]}.
+with_machine({ok, {Module, Extra}}, #{blocks := [{Name, _, Config} | Rest]} = Model) ->
+    Model#{blocks := [{Name, Module, maps:merge(Config, Extra)} | Rest]}.
 
 %% The first robot sends to the second, the second to all; one retransmission.
 block(sap, #{ids := Ids}) ->
@@ -171,9 +172,9 @@ block(mutex, #{ids := Ids}) ->
     };
 block(barrier, #{ids := Ids, rounds := Rounds}) ->
     #{
-        blocks => [{barrier, starl_barrier_rounds, #{}}],
+        blocks => starl_barrier:blocks(),
         script => fun(_) -> [{sync, gate, Rounds} || _ <- lists:seq(1, Rounds)] end,
-        crash => [barrier, app],
+        crash => [barrier, barrier_log, app],
         monitor => {starl_barrier_monitor, #{robots => Ids}}
     }.
 
@@ -185,7 +186,7 @@ may_be_inert(leader, {_, _}, #{block := election}) -> true;
 may_be_inert(bully_leader, {_, _}, #{block := bully}) -> true;
 may_be_inert(mutex, {owner, _, _}, #{block := mutex}) -> true;
 may_be_inert(barrier, {reached, _, _, _, false}, #{block := barrier}) -> true;
-may_be_inert(barrier, {told, _, _}, #{block := barrier}) -> true;
+may_be_inert(barrier, {told, _, _, _}, #{block := barrier}) -> true;
 may_be_inert(_Type, _Body, _Model) -> false.
 
 places(Ids) -> lists:seq(1, length(Ids)).

@@ -54,7 +54,8 @@
 %% @doc The runs to follow from a state.
 -spec runs(state(), model(), store()) -> [run()].
 runs(State, Model, Store) ->
-    [{Choices, left_out(Result, Model, Store)} || {Choices, Result} <- all_runs(State, Model, Store)].
+    All = all_runs(State, Model, Store),
+    [{Choices, left_out(Result, Model, Store)} || {Choices, Result} <- All].
 
 left_out({ok, Traces, State}, Model, Store) ->
     {ok, Traces, starl_check_inert:without(State, Model, Store)};

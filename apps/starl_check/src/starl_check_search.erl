@@ -125,7 +125,8 @@ expand(<<Number:40, Length:16, Packed:Length/binary, Rest/binary>>, Search) ->
     Looking = Search#search{count = Count - 1, until_look = Until - 1},
     case starl_check_visited:way(Number, Visited) of
         {_, _, Depth} ->
-            expand(Rest, follow(runs(starl_check_state:unpack(Packed), Search), 0, Number, Looking));
+            Runs = runs(starl_check_state:unpack(Packed), Search),
+            expand(Rest, follow(Runs, 0, Number, Looking));
         {_, _, _Nearer} ->
             expand(Rest, Looking)
     end.

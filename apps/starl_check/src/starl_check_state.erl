@@ -46,7 +46,8 @@ places(#{robots := Robots}) -> lists:seq(1, tuple_size(Robots)).
 %% @doc The state in few bytes.
 -spec pack(t()) -> binary().
 pack(#{monitor := Monitor, robots := Robots, items := Items, stale := Stale} = State) ->
-    #{loss := Loss, crash := Crash, sap := Sap, dup := Dup, late := Late, timeout := Timeout} = State,
+    #{loss := Loss, crash := Crash, sap := Sap} = State,
+    #{dup := Dup, late := Late, timeout := Timeout} = State,
     Pairs = << <<A, B>> || {A, B} <- Stale >>,
     Parts = << <<N:32>> || N <- tuple_to_list(Robots) ++ Items >>,
     <<(tuple_size(Robots)), Monitor:32, Loss, Crash, Sap, Dup, Late, Timeout, (length(Stale)),
@@ -102,6 +103,9 @@ image(Permutation, {Robots, Monitor}, #{items := Items, stale := Stale} = State,
     State#{
         robots := Robots,
         items := lists:sort([starl_check_part:renamed_item(Permutation, I, Store) || I <- Items]),
-        stale := lists:sort([{element(A, Permutation), element(B, Permutation)} || {A, B} <- Stale]),
+        stale := lists:sort([
+            {element(A, Permutation), element(B, Permutation)}
+         || {A, B} <- Stale
+        ]),
         monitor := Monitor
     }.

@@ -44,8 +44,8 @@ table(Size) -> #table{size = Size, words = atomics:new(?WORDS * Size + 1, [{sign
 
 %% @doc Looks a state up by its hash; one that is new gets the next number.
 -spec meet(<<_:128>>, t()) -> {new | known, state_number(), t()}.
-meet(<<Which:?TABLE_BITS, _/bitstring>> = Hash, #visited{tables = Tables, count = Count} = Visited) ->
-    <<A:64, B:64>> = Hash,
+meet(<<A:64, B:64>> = Hash, #visited{tables = Tables, count = Count} = Visited) ->
+    <<Which:?TABLE_BITS, _/bitstring>> = Hash,
     Table = element(Which + 1, Tables),
     case put_hash(A, B, Count, Table) of
         {known, Number} -> {known, Number, Visited};

@@ -147,7 +147,8 @@ left(Why, #{depth := Depth, waiting := Waiting}, #{memory := Megabytes}) ->
     Reason =
         case Why of
             depth -> "stopped at the depth asked for";
-            memory -> io_lib:format("~b MB of memory are used up (--memory gives more)", [Megabytes]);
+            memory ->
+                io_lib:format("~b MB of memory are used up (--memory gives more)", [Megabytes]);
             interrupted -> "interrupted"
         end,
     [io_lib:format("~ts: everything up to depth ~b is covered, ~ts states are not gone into", [
