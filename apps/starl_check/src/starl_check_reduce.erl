@@ -27,7 +27,6 @@
 -module(starl_check_reduce).
 
 -export([runs/3]).
-
 -export_type([run/0]).
 
 -type store() :: starl_check_store:t().
@@ -264,9 +263,8 @@ may_follow(Last, #{items := Items} = State, Reached, Model, Store) ->
     lists:member(Last, Items) andalso
         starl_check_choice:is_silent(Last, State, Model, Store) andalso
         is_same(starl_check_step:step({deliver, Last}, State, Model, Store), Reached).
-
 is_same({ok, _, Next}, Reached) -> Next =:= Reached;
-is_same({violation, _, _}, _Reached) -> false.
+is_same(_Violation, _Reached) -> false.
 
 %% -- silent arrivals ------------------------------------------------------------------------
 

@@ -29,7 +29,7 @@ planted() ->
             two_leaders_at_one_robot, 4},
         {sap, 2, #{crash => 1}, {starl_check_sap_planted, #{variant => same_incarnation}},
             message_id_used_twice, 3},
-        {sap, 2, #{}, {starl_check_sap_planted, #{variant => careless}}, delivered_twice, 5}
+        {sap, 2, #{}, {starl_check_sap_planted, #{variant => careless}}, duplicate_delivery, 5}
     ].
 
 planted_test_() ->
