@@ -6,18 +6,21 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    coordinator_machine_killed/1, coordinator_robot_killed/1, successors_killed/1,
+    coordinator_machine_killed/1, coordinator_robot_killed/1, coordinator_robot_reboots/1,
+    all_machines_of_some_killed/1, successors_killed/1,
     coordinator_out_of_range/1, everything_at_once/1, dead_before_the_election/1,
     planted_bugs_are_caught/1
 ]).
 
 -define(ROBOTS, [1, 2, 3, 4]).
+-define(MACHINES, [sap, location, motion, election, dpp, dpp_coordinator, app]).
 
-suite() -> [{timetrap, {minutes, 3}}].
+suite() -> [{timetrap, {minutes, 3 + instants() div 5}}].
 
 all() ->
     [
-        coordinator_machine_killed, coordinator_robot_killed, successors_killed,
+        coordinator_machine_killed, coordinator_robot_killed, coordinator_robot_reboots,
+        all_machines_of_some_killed, successors_killed,
         coordinator_out_of_range, everything_at_once, dead_before_the_election,
         planted_bugs_are_caught
     ].
@@ -40,11 +43,43 @@ coordinator_machine_killed(_) ->
     [
         begin
             {Given, Leader, Ms} = drawn(),
-            Run = play(Given#{faults => [kill(1, Ms, Leader, dpp_coordinator)]}),
-            ?assertMatch(#{covered := 1.0, ends := [{done, complete}]}, Run, {Given, Leader, Ms})
+            painted(Given#{faults => [kill(1, Ms, Leader, dpp_coordinator)]})
         end
      || _ <- lists:seq(1, instants())
     ].
+
+%% Its robot goes down, for a moment or for longer than all leases, and comes back knowing nothing.
+coordinator_robot_reboots(_) ->
+    seeded(),
+    [
+        begin
+            {Given, Leader, Ms} = drawn(),
+            Down = pick([1, 300, 5000, 40000]),
+            painted(Given#{faults => [{fault1, Ms, Ms + Down, reboot, Leader, #{}}]})
+        end
+     || _ <- lists:seq(1, instants())
+    ].
+
+%% All machines of one to four robots crash at one moment.
+all_machines_of_some_killed(_) ->
+    seeded(),
+    [
+        begin
+            {Given, _, Ms} = drawn(),
+            Robots = lists:sublist(?ROBOTS, rand:uniform(4), 4),
+            Kills = [{Robot, Machine} || Robot <- Robots, Machine <- ?MACHINES],
+            painted(Given#{faults => [
+                kill(N, Ms, Robot, Machine)
+             || {N, {Robot, Machine}} <- lists:zip(lists:seq(1, length(Kills)), Kills)
+            ]})
+        end
+     || _ <- lists:seq(1, instants())
+    ].
+
+%% No violation, all lines painted, and every robot knows it.
+painted(Given) ->
+    Run = play(Given),
+    ?assertMatch(#{violations := [], covered := 1.0, ends := [{done, complete}]}, Run, Given).
 
 %% Its body stands on the floor for ever. The others paint all but what it closes, and end.
 coordinator_robot_killed(_) ->
@@ -96,9 +131,8 @@ everything_at_once(_) ->
     [
         begin
             {Given0, _, _} = drawn(),
-            Machines = [sap, location, motion, election, dpp, dpp_coordinator, app],
             Kills = [
-                kill(N, rand:uniform(150000), pick(?ROBOTS), pick(Machines))
+                kill(N, rand:uniform(150000), pick(?ROBOTS), pick(?MACHINES))
              || N <- lists:seq(1, rand:uniform(20))
             ],
             Deaths = [

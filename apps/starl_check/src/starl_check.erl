@@ -45,7 +45,8 @@ blocks() -> starl_check_model:blocks().
 faults() ->
     [
         {loss, "messages that SAP reports lost; they may have been delivered, or be so later"},
-        {crash, "machines that crash and start anew: the block's, SAP, the application"},
+        {crash, "machines that crash and start anew: the block's, the application"},
+        {sap, "SAP machines that crash and start anew"},
         {dup, "packets that arrive twice"},
         {late, "messages that are slower than time-outs"},
         {timeout, "calls that run out of patience"}

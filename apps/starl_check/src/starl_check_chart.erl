@@ -17,7 +17,8 @@
 -type step() :: {event(), [starl_monitor:trace_event()]}.
 
 -type event() ::
-    {arrow, From :: starl_check_term:place(), To :: starl_check_term:place(), solid | dotted, iodata()}
+    {arrow, From :: starl_check_term:place(), To :: starl_check_term:place(), solid | dotted,
+        iodata()}
     | {mark, starl_check_term:place(), happens | crash, iodata()}
     | {note, iodata()}.
 

@@ -8,18 +8,20 @@
 
 -export([blocks/0, new/2, machines/2, timer/2, permutations/1, may_be_inert/3]).
 
--export_type([t/0, block/0, options/0, budgets/0]).
+-export_type([t/0, block/0, options/0, budgets/0, timer_kind/0]).
 
 -type block() :: sap | election | bully | mutex | barrier.
 
 %% How often each fault may happen; see {@link starl_check}.
 -type budgets() :: #{
-    loss := non_neg_integer(), crash := non_neg_integer(), dup := non_neg_integer(),
+    loss := non_neg_integer(), crash := non_neg_integer(), sap := non_neg_integer(),
+    dup := non_neg_integer(),
     late := non_neg_integer(), timeout := non_neg_integer()
 }.
 
 %% `machine': another machine in the place of the block's, with what it adds to the
-%% configuration: for tests. `crash': which machines may crash. `symmetry' (true): robots that differ in nothing but their number
+%% configuration: for tests. `crash': which machines may crash. The reductions, each `true' unless
+%% said otherwise: `symmetry', robots that differ in nothing but their number
 %% are taken for one another.
 -type options() :: #{
     robots => pos_integer(),
@@ -27,7 +29,9 @@
     machine => {module(), Config :: map()},
     crash => [starl_machine:name()],
     rounds => pos_integer(),
-    symmetry => boolean()
+    symmetry => boolean(),
+    reduce => boolean(),
+    leave_out => boolean()
 }.
 
 %% `sap': real, over packets, or as its contract says; `crash': which machines may crash; `timed':
@@ -53,8 +57,12 @@
     fixed := [starl_check_term:place()],
     same_random := boolean(),
     rounds := pos_integer(),
-    symmetry := boolean()
+    symmetry := boolean(),
+    reduce := boolean(),
+    leave_out := boolean()
 }.
+
+-type timer_kind() :: step | timed | patience | free.
 
 %% µs that a clock gains in a tick; the ratio of the slowest to the fastest is the default bound
 %% on drift, 10000 ppm.
@@ -78,8 +86,8 @@ blocks() ->
 -spec new(block(), options()) -> t().
 new(Block, Options) ->
     Robots = maps:get(robots, Options, 3),
-    None = #{loss => 0, crash => 0, dup => 0, late => 0, timeout => 0},
-    Faults = maps:merge(None, maps:get(faults, Options, #{})),
+    None = #{loss => 0, crash => 0, sap => 0, dup => 0, late => 0, timeout => 0},
+    Faults = faults(Block, maps:merge(None, maps:get(faults, Options, #{}))),
     Common = #{
         block => Block,
         ids => [starl_check_term:id(Place) || Place <- lists:seq(1, Robots)],
@@ -93,16 +101,22 @@ new(Block, Options) ->
         fixed => [],
         same_random => false,
         rounds => maps:get(rounds, Options, 2),
-        symmetry => maps:get(symmetry, Options, true)
+        symmetry => maps:get(symmetry, Options, true),
+        reduce => maps:get(reduce, Options, true),
+        leave_out => maps:get(leave_out, Options, true)
     },
     Model = maps:merge(Common, block(Block, Common)),
     Crash = maps:get(crash, Options, maps:get(crash, Model)),
     with_machine(maps:find(machine, Options), Model#{crash := Crash}).
 
+%% Where SAP is what is checked, its crashes are those of the block's machine.
+faults(sap, #{crash := Crash, sap := Sap} = Faults) -> Faults#{crash := Crash + Sap, sap := 0};
+faults(_Block, Faults) -> Faults.
+
 with_machine(error, Model) ->
     Model;
-with_machine({ok, {Module, Extra}}, #{blocks := [{Name, _, Config}]} = Model) ->
-    Model#{blocks := [{Name, Module, maps:merge(Config, Extra)}]}.
+with_machine({ok, {Module, Extra}}, #{blocks := [{Name, _, Config} | Rest]} = Model) ->
+    Model#{blocks := [{Name, Module, maps:merge(Config, Extra)} | Rest]}.
 
 %% The first robot sends to the second, the second to all; one retransmission.
 block(sap, #{ids := Ids}) ->
@@ -122,7 +136,7 @@ block(election, #{ids := Ids}) ->
         same_random => true,
         blocks => [{election, starl_election_ballots, #{}}],
         script => fun(_) -> [{call, election, {elect, first, 30000000}}] end,
-        crash => [election, sap, app],
+        crash => [election, app],
         monitor => {starl_election_monitor, #{robots => Ids, bound_us => 1}},
         fixed => [length(Ids)]
     };
@@ -132,7 +146,7 @@ block(bully, #{ids := Ids, faults := Faults}) ->
     #{
         blocks => [{election, starl_election_bully, #{}}],
         script => fun(_) -> [{call, election, {elect, first, 30000000}}] end,
-        crash => [election, sap, app],
+        crash => [election, app],
         monitor => {starl_election_bully_monitor, Judge},
         fixed => places(Ids)
     };
@@ -145,7 +159,7 @@ block(mutex, #{ids := Ids}) ->
     #{
         blocks => [{mutex, starl_mutex_tokens, #{}}],
         script => fun(Place) -> [{hold, ?TOKEN} || Place =/= Home] end,
-        crash => [mutex, sap, app],
+        crash => [mutex, app],
         monitor => {starl_mutex_monitor, #{}},
         timed => [lease, home],
         rates => setelement(Home, Slow, ?FAST),
@@ -158,22 +172,21 @@ block(mutex, #{ids := Ids}) ->
     };
 block(barrier, #{ids := Ids, rounds := Rounds}) ->
     #{
-        blocks => [{barrier, starl_barrier_rounds, #{}}],
+        blocks => starl_barrier:blocks(),
         script => fun(_) -> [{sync, gate, Rounds} || _ <- lists:seq(1, Rounds)] end,
-        crash => [barrier, sap, app],
+        crash => [barrier, barrier_log, app],
         monitor => {starl_barrier_monitor, #{robots => Ids}}
     }.
 
-%% @doc May a message of this kind be one that changes nothing for ever once it changes nothing?
-%% Not judged is whether it changes anything now.
-%%
-%% Elections: whoever has a leader keeps it. Mutex: the fence of the owner known only grows.
-%% Barrier: the counts only grow.
+%% @doc Is a message of this kind worth a try as one that changes nothing for ever once it changes
+%% nothing? {@link starl_check_inert} proves it. Whoever has a leader keeps it; the fence of the
+%% owner known only grows; so do the counts of a barrier.
 -spec may_be_inert(Type :: atom(), Body :: term(), t()) -> boolean().
 may_be_inert(leader, {_, _}, #{block := election}) -> true;
 may_be_inert(bully_leader, {_, _}, #{block := bully}) -> true;
 may_be_inert(mutex, {owner, _, _}, #{block := mutex}) -> true;
 may_be_inert(barrier, {reached, _, _, _, false}, #{block := barrier}) -> true;
+may_be_inert(barrier, {told, _, _, _}, #{block := barrier}) -> true;
 may_be_inert(_Type, _Body, _Model) -> false.
 
 places(Ids) -> lists:seq(1, length(Ids)).
@@ -192,7 +205,7 @@ machines(Place, #{blocks := Blocks, script := Script}) ->
 
 %% @doc What kind of timer this is: of the client (`step'), ordered by time (`timed'), the end of
 %% a call's patience, or one that may fire at any time.
--spec timer(starl_check_robot:timer(), t()) -> step | timed | patience | free.
+-spec timer(starl_check_robot:timer(), t()) -> timer_kind().
 timer({app, _}, _Model) ->
     step;
 timer({_, Timer}, #{timed := Timed}) ->

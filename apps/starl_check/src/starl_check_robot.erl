@@ -6,7 +6,7 @@
 %% other machines are told.
 -module(starl_check_robot).
 
--export([boot/2, event/3, timers/1, is_done/1, shift/3, rename/2]).
+-export([boot/2, event/3, timers/1, calls/1, is_done/1, shift/3, rename/2]).
 
 -export_type([t/0, event/0, sent/0, timer/0]).
 
@@ -15,7 +15,9 @@
 
 -type event() ::
     {message, starl:robot_id(), Type :: atom(), Body :: term()}
-    | {report, starl:robot_id(), starl_check_sap:ref(), starl_check_sap:outcome()}
+    | {outcome, starl_check_sap:ref(), Lost :: [starl:robot_id()]}
+    | {acknowledged | refused, starl_check_sap:ref(), starl:robot_id()}
+    | {delayed, starl_check_sap:ref()}
     | {packet, starl_packet:t()}
     | {fire, timer()}
     | {crash, starl_machine:name()}.
@@ -69,9 +71,15 @@ event(Event, Robot, Model) ->
 happen({message, From, Type, Body}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
     {Local, Next} = starl_check_sap:deliver(From, Type, Body, Sap),
     run(Local, Run#run{robot = Robot#robot{sap = Next}});
-happen({report, From, Ref, Outcome}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
-    {Local, Next} = starl_check_sap:settle(Ref, From, Outcome, Sap),
+happen({outcome, Ref, Lost}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
+    {Local, Next} = starl_check_sap:settle(Ref, Lost, Sap),
     run(Local, Run#run{robot = Robot#robot{sap = Next}});
+happen({acknowledged, Ref, Dest}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
+    Run#run{robot = Robot#robot{sap = starl_check_sap:acknowledge(Ref, Dest, Sap)}};
+happen({refused, Ref, Dest}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
+    Run#run{robot = Robot#robot{sap = starl_check_sap:refuse(Ref, Dest, Sap)}};
+happen({delayed, Ref}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
+    Run#run{robot = Robot#robot{sap = starl_check_sap:delay(Ref, Sap)}};
 happen({packet, Packet}, Run) ->
     run([{sap, packet, Packet}], Run);
 happen({fire, {Name, Timer} = Key}, #run{robot = #robot{timers = Timers} = Robot} = Run) ->
@@ -96,6 +104,11 @@ timer_type(Timer) -> {timeout, Timer}.
 %% @doc Its timers that run, and when they may fire.
 -spec timers(t()) -> [{timer(), due()}].
 timers(#robot{timers = Timers}) -> [{Key, Due} || {Key, Due, _} <- Timers].
+
+%% @doc Its calls of SAP that wait for an answer; none where SAP is real.
+-spec calls(t()) -> [starl_check_sap:call()].
+calls(#robot{sap = real}) -> [];
+calls(#robot{sap = Sap}) -> starl_check_sap:calls(Sap).
 
 %% @doc Has its application ended?
 -spec is_done(t()) -> boolean().

@@ -7,21 +7,30 @@
 %% calls that wait for an outcome. What is under way is the checker's ({@link starl_check_state}).
 -module(starl_check_sap).
 
--export([new/0, request/5, deliver/4, settle/4]).
+-export([new/0, request/5, deliver/4, acknowledge/3, refuse/3, delay/2, settle/3, calls/1]).
 
--export_type([t/0, ref/0, outcome/0]).
+-export_type([t/0, ref/0, call/0]).
 
 %% The number of a call that waits for its outcome; the lowest that is free, so that the same
 %% situation is the same term however it came about.
 -type ref() :: pos_integer().
 
--type outcome() :: acknowledged | lost | restarted.
+%% What has become of the message of a call: the receivers that it has not reached, those that it
+%% has, those that refused it; and whether the answer is slow.
+-type call() :: {
+    ref(), Open :: [starl:robot_id()], Reached :: [starl:robot_id()],
+    Refused :: [starl:robot_id()], IsSlow :: boolean()
+}.
 
+%% The service knows at once what has become of a message; its caller hears of it later, when the
+%% outcome at all receivers is known.
 -record(call, {
     from :: starl_machine:from(),
-    waiting :: [starl:robot_id()],
-    lost = [] :: [starl:robot_id()],
-    broadcast :: boolean()
+    open :: [starl:robot_id()],
+    reached = [] :: [starl:robot_id()],
+    refused = [] :: [starl:robot_id()],
+    broadcast :: boolean(),
+    slow = false :: boolean()
 }).
 
 -record(sap, {
@@ -59,7 +68,7 @@ put_under_way(Dests, Type, Body, none, _Broadcast, Sap) ->
     {[], [{Dest, Type, Body, none} || Dest <- Dests], Sap};
 put_under_way(Dests, Type, Body, From, Broadcast, #sap{calls = Calls} = Sap) ->
     Ref = lowest(1, Calls),
-    Call = #call{from = From, waiting = Dests, broadcast = Broadcast},
+    Call = #call{from = From, open = Dests, broadcast = Broadcast},
     {[], [{Dest, Type, Body, Ref} || Dest <- Dests], Sap#sap{calls = Calls#{Ref => Call}}}.
 
 lowest(Ref, Calls) when is_map_key(Ref, Calls) -> lowest(Ref + 1, Calls);
@@ -75,24 +84,50 @@ deliver(Source, Type, Body, #sap{listeners = Listeners, unclaimed = Unclaimed} =
 
 message(Machine, Source, Type, Body) -> {Machine, cast, {message, Source, Type, Body}}.
 
-%% @doc The outcome of a call's message to one of its receivers.
--spec settle(ref(), starl:robot_id(), outcome(), t()) -> {[starl_platform:local()], t()}.
-settle(Ref, Dest, Outcome, #sap{calls = Calls} = Sap) ->
-    #{Ref := #call{waiting = Waiting, lost = Lost} = Call} = Calls,
-    Settled = Call#call{
-        waiting = lists:delete(Dest, Waiting),
-        lost = lists:sort([Dest || Outcome =/= acknowledged] ++ Lost)
-    },
-    case Settled#call.waiting of
-        [] -> {answer(Call#call.from, result(Settled, Outcome)), forget(Ref, Sap)};
-        _ -> {[], Sap#sap{calls = Calls#{Ref := Settled}}}
-    end.
+%% @doc The message of a call has reached a receiver.
+-spec acknowledge(ref(), starl:robot_id(), t()) -> t().
+acknowledge(Ref, Dest, Sap) ->
+    #call{open = Open, reached = Reached} = Call = call(Ref, Sap),
+    put_call(Ref, Call#call{
+        open = lists:delete(Dest, Open), reached = lists:sort([Dest | Reached])
+    }, Sap).
 
-forget(Ref, #sap{calls = Calls} = Sap) -> Sap#sap{calls = maps:remove(Ref, Calls)}.
+%% @doc A receiver that has restarted refuses the message of a call.
+-spec refuse(ref(), starl:robot_id(), t()) -> t().
+refuse(Ref, Dest, Sap) ->
+    #call{open = Open, refused = Refused} = Call = call(Ref, Sap),
+    put_call(Ref, Call#call{
+        open = lists:delete(Dest, Open), refused = lists:sort([Dest | Refused])
+    }, Sap).
 
-result(#call{lost = []}, _Outcome) -> ok;
-result(#call{broadcast = true, lost = Lost}, _Outcome) -> {error, {lost, Lost}};
-result(#call{}, Outcome) -> {error, Outcome}.
+%% @doc The answer to a call is slow.
+-spec delay(ref(), t()) -> t().
+delay(Ref, Sap) -> put_call(Ref, (call(Ref, Sap))#call{slow = true}, Sap).
+
+%% @doc The caller hears what has become of its message; at these receivers it is reported lost.
+-spec settle(ref(), Lost :: [starl:robot_id()], t()) -> {[starl_platform:local()], t()}.
+settle(Ref, Lost, #sap{calls = Calls} = Sap) ->
+    #call{from = From} = Call = call(Ref, Sap),
+    {answer(From, result(Call, Lost)), Sap#sap{calls = maps:remove(Ref, Calls)}}.
+
+result(#call{refused = []}, []) -> ok;
+result(#call{broadcast = true, refused = Refused}, Lost) ->
+    {error, {lost, lists:usort(Refused ++ Lost)}};
+result(#call{refused = []}, [_]) -> {error, lost};
+result(#call{refused = [_]}, []) -> {error, restarted}.
+
+%% @doc The calls that wait for an answer, by their numbers.
+-spec calls(t()) -> [call()].
+calls(#sap{calls = Calls}) ->
+    [
+        {Ref, Open, Reached, Refused, Slow}
+     || {Ref, #call{open = Open, reached = Reached, refused = Refused, slow = Slow}} <-
+            lists:sort(maps:to_list(Calls))
+    ].
+
+call(Ref, #sap{calls = Calls}) -> maps:get(Ref, Calls).
+
+put_call(Ref, Call, #sap{calls = Calls} = Sap) -> Sap#sap{calls = Calls#{Ref := Call}}.
 
 answer(none, _Answer) -> [];
 answer({To, Tag}, Answer) -> [{To, {reply, Tag}, Answer}].

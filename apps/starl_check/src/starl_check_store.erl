@@ -7,7 +7,7 @@
 %% A store belongs to the process that made it.
 -module(starl_check_store).
 
--export([new/0, delete/1, number/3, term/2, memo/3, size/1]).
+-export([new/0, delete/1, number/3, term/2, memo/3, fold/3, size/1]).
 
 -export_type([t/0]).
 
@@ -59,6 +59,11 @@ memo(Key, Compute, #store{memos = Memos}) ->
             true = ets:insert(Memos, {Key, Value}),
             Value
     end.
+
+%% @doc Folds over all that is remembered, in no particular order.
+-spec fold(fun((Key :: term(), Value :: term(), Acc) -> Acc), Acc, t()) -> Acc.
+fold(Fun, First, #store{memos = Memos}) ->
+    ets:foldl(fun({Key, Value}, Acc) -> Fun(Key, Value, Acc) end, First, Memos).
 
 %% @doc How many terms have numbers, and how many results are remembered.
 -spec size(t()) -> {Terms :: non_neg_integer(), Memos :: non_neg_integer()}.

@@ -60,7 +60,8 @@ clock(I) ->
 %% @doc The term with each robot, and each time of its clock, in the place of another. A list of
 %% nothing but robots is a set, kept in their order; so is a tuple of the whole team.
 -spec rename(Term, permutation()) -> Term.
-rename(Term, Permutation) -> in_order(walk(fun(I) -> renamed(I, Permutation) end, Term), Permutation).
+rename(Term, Permutation) ->
+    in_order(walk(fun(I) -> renamed(I, Permutation) end, Term), Permutation).
 
 in_order([_ | _] = List, P) when is_list(tl(List)) ->
     case lists:all(fun is_robot/1, List) of

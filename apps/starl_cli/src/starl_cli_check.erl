@@ -9,10 +9,12 @@
 -spec command([string()]) -> starl_cli_terminal:status().
 command([]) -> refuse(["which block? one of ", block_names()]);
 command([Help | _]) when Help =:= "--help"; Help =:= "-h" -> help();
-command(["-" ++ _ = Flag | _]) -> refuse(["a block comes first, not ", Flag, ": one of ", block_names()]);
+command(["-" ++ _ = Flag | _]) ->
+    refuse(["a block comes first, not ", Flag, ": one of ", block_names()]);
 command([Name | Args]) ->
-    case [Block || {Block, _} <- starl_check:blocks(), atom_to_list(Block) =:= Name] of
-        [Block] -> parsed(Block, starl_cli_flags:parse(Args, flags()));
+    Blocks = [Block || {Block, _} <- starl_check:blocks()],
+    case [Block || Block <- Blocks, Name =:= "all" orelse atom_to_list(Block) =:= Name] of
+        [_ | _] = Wanted -> parsed(Wanted, starl_cli_flags:parse(Args, flags()));
         [] -> refuse(["there is no block ", Name, " to check; there are ", block_names()])
     end.
 
@@ -27,15 +29,15 @@ flags() ->
         {help, switch, false, "this help"}
     ].
 
-parsed(_Block, {ok, #{help := true}}) ->
+parsed(_Blocks, {ok, #{help := true}}) ->
     help();
-parsed(Block, {ok, Values}) ->
+parsed(Blocks, {ok, Values}) ->
     Full = maps:merge(starl_cli_flags:defaults(flags()), Values),
     case faults(maps:get(faults, Full)) of
-        {ok, Faults} -> checked(Block, Full#{faults := Faults});
+        {ok, Faults} -> each(Blocks, Full#{faults := Faults}, 0);
         {error, Reason} -> refuse(["--faults: ", starl_check:format_error(Reason)])
     end;
-parsed(_Block, {error, Problems}) ->
+parsed(_Blocks, {error, Problems}) ->
     starl_cli_terminal:bad_input([
         ["check: ", starl_cli_flags:format_problem(Problem)]
      || Problem <- Problems
@@ -43,6 +45,19 @@ parsed(_Block, {error, Problems}) ->
 
 faults("none") -> starl_check:parse_faults("");
 faults(Text) -> starl_check:parse_faults(Text).
+
+%% One after the other; the gravest status, and nothing more after an interruption.
+each([], _Values, Status) ->
+    Status;
+each([Block | Blocks], Values, Status) ->
+    case checked(Block, Values) of
+        130 -> 130;
+        Next -> each(Blocks, Values, graver(Status, Next))
+    end.
+
+graver(3, _) -> 3;
+graver(_, 3) -> 3;
+graver(One, Other) -> max(One, Other).
 
 checked(Block, #{robots := Robots, faults := Faults, memory := Megabytes} = Values) ->
     Options = #{
@@ -110,10 +125,10 @@ verdict(complete, Block) ->
 verdict(_, Block) ->
     ["NOT COMPLETE: the contract of ", atom_to_list(Block), " holds in every state met so far."].
 
-covered(#{states := States, steps := Steps, depth := Depth}, Block, Values, Seconds) ->
+covered(#{states := States, runs := Runs, depth := Depth}, Block, Values, Seconds) ->
     #{robots := Robots, faults := Faults} = Values,
-    io_lib:format("~ts, ~b robots, ~ts: ~ts states, ~ts steps, depth ~b, ~.1f s", [
-        Block, Robots, fault_text(Faults), grouped(States), grouped(Steps), Depth, Seconds
+    io_lib:format("~ts, ~b robots, ~ts: ~ts states, ~ts runs, depth ~b, ~.1f s", [
+        Block, Robots, fault_text(Faults), grouped(States), grouped(Runs), Depth, Seconds
     ]).
 
 fault_text(Faults) ->
@@ -132,7 +147,8 @@ left(Why, #{depth := Depth, waiting := Waiting}, #{memory := Megabytes}) ->
     Reason =
         case Why of
             depth -> "stopped at the depth asked for";
-            memory -> io_lib:format("~b MB of memory are used up (--memory gives more)", [Megabytes]);
+            memory ->
+                io_lib:format("~b MB of memory are used up (--memory gives more)", [Megabytes]);
             interrupted -> "interrupted"
         end,
     [io_lib:format("~ts: everything up to depth ~b is covered, ~ts states are not gone into", [
@@ -150,6 +166,7 @@ help() ->
         "Goes through all that can happen to a small team that uses a block, with the code that\n"
         "robots run, and holds it to the block's contract.\n\nBlocks:\n",
         [io_lib:format("  ~-10s ~ts~n", [Block, Doc]) || {Block, Doc} <- starl_check:blocks()],
+        "  all        one after the other\n",
         "\nFaults:\n",
         [io_lib:format("  ~-10s ~ts~n", [Fault, Doc]) || {Fault, Doc} <- starl_check:faults()],
         "\nFlags:\n",
@@ -159,7 +176,8 @@ help() ->
     ]),
     0.
 
-block_names() -> lists:join(", ", [atom_to_list(Block) || {Block, _} <- starl_check:blocks()]).
+block_names() ->
+    lists:join(", ", [atom_to_list(Block) || {Block, _} <- starl_check:blocks()] ++ ["all"]).
 
 refuse(Problem) -> starl_cli_terminal:bad_input([["check: ", Problem]]).
 

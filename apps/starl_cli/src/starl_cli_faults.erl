@@ -13,12 +13,13 @@ command([]) ->
 command([Help | _]) when Help =:= "--help"; Help =:= "-h" ->
     starl_cli_terminal:out(
         "Usage: ./starl faults\n\n"
-        "Lists what can go wrong in a simulation: class, kind, whom it hits, parameters, and what\n"
-        "it does. A scenario has faults as {Id, FromMs, ToMs, Kind, Target, #{Key => Value}}, as in\n"
-        "  faults => [{away, 2000, 9000, isolate, 3, #{}}, {l, 0, 60000, loss, all, #{part => 0.2}}]\n"
+        "Lists what can go wrong in a simulation: class, kind, whom it hits, parameters, and\n"
+        "what it does. A scenario has faults as {Id, FromMs, ToMs, Kind, Target, Params}:\n"
+        "  faults => [{away, 2000, 9000, isolate, 3, #{}},\n"
+        "             {bad, 0, 60000, loss, all, #{part => 0.2}}]\n"
         "or, drawn from the seed, random_faults => [network, kill_machine], classes and kinds.\n"
-        "Targets: robots is all or one Robot; robot a Robot; machine {Robot, Machine}; link all, the\n"
-        "Robot that sends, or {From, To}; group a list of robots; two {A, B}.\n"
+        "Targets: robots is all or one Robot; robot a Robot; machine {Robot, Machine}; link all,\n"
+        "the Robot that sends, or {From, To}; group a list of robots; two {A, B}.\n"
     ),
     0;
 command([Arg | _]) ->

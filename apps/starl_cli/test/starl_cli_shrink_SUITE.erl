@@ -6,7 +6,7 @@
 -export([suite/0, all/0]).
 -export([
     three_faults_of_forty/1, random_loss_becomes_lost_packets/1, drawn_faults_are_explicit/1,
-    interrupted/1, seconds_are_up/1, nothing_to_shrink/1, bad_input/1, help/1
+    recorded_run/1, interrupted/1, seconds_are_up/1, nothing_to_shrink/1, bad_input/1, help/1
 ]).
 
 -import(starl_cli_vm, [says/3, contains/2, start/1, rest/2, until/3, interrupt/1]).
@@ -16,7 +16,7 @@ suite() -> [{timetrap, {minutes, 2}}].
 all() ->
     [
         three_faults_of_forty, random_loss_becomes_lost_packets, drawn_faults_are_explicit,
-        interrupted, seconds_are_up, nothing_to_shrink, bad_input, help
+        recorded_run, interrupted, seconds_are_up, nothing_to_shrink, bad_input, help
     ].
 
 %% Three particular crashes among forty faults break the contract.
@@ -28,7 +28,8 @@ three_faults_of_forty(Config) ->
     ct:pal("~p after ~.1f s", [Small, Seconds]),
     #{faults := Faults, robots := Robots} = Small,
     ?assert(length(Faults) =< 5, Faults),
-    ?assertEqual([{kill_machine, {R, sap}} || R <- [2, 5, 8]], [{K, T} || {_, _, _, K, T, _} <- Faults]),
+    Left = [{Kind, Target} || {_, _, _, Kind, Target, _} <- Faults],
+    ?assertEqual([{kill_machine, {R, sap}} || R <- [2, 5, 8]], Left),
     ?assertEqual(8, Robots),
     ?assert(Seconds < 60).
 
@@ -45,11 +46,28 @@ drawn_faults_are_explicit(Config) ->
     Seed = drawn_seed(1),
     File = scenario(Config, "three_crashes", #{
         robots => 8, seed => Seed, time => 60, random_faults => [kill_machine, reboot, loss],
-        heal => 30, faults => [F || {_, _, _, kill_machine, _, _} = F <- three(), element(1, F) =/= kill_8]
+        heal => 30, faults => lists:keydelete(kill_8, 1, three())
     }),
     {#{faults := Faults} = Small, _} = shrunk(Config, File),
     ?assertNot(is_map_key(random_faults, Small)),
     ?assertEqual(3, length(Faults)).
+
+%% The directory of a run will do; a digest that does not come out again is told.
+recorded_run(Config) ->
+    File = scenario(Config, "three_crashes", #{
+        robots => 9, seed => 7, time => 60, faults => three()
+    }),
+    Dir = filename:join(proplists:get_value(priv_dir, Config), "recorded"),
+    Text = says(3, "planted broken at ", ["run", File, "--out", Dir]),
+    contains("smaller: ./starl shrink ", Text),
+    {#{robots := 8}, _} = shrunk(Config, Dir),
+    Record = filename:join(Dir, "run.term"),
+    {ok, Before} = file:read_file(Record),
+    [Head, Digest] = string:split(Before, "digest => \""),
+    <<First, Rest/binary>> = Digest,
+    Other = case First of $0 -> $1; _ -> $0 end,
+    ok = file:write_file(Record, [Head, "digest => \"", Other, Rest]),
+    says(2, "the run is not reproducible", ["shrink", Dir]).
 
 %% A seed whose drawn faults crash SAP of robot 8.
 drawn_seed(Seed) ->
@@ -77,7 +95,9 @@ interrupted(Config) ->
     replays(Out).
 
 seconds_are_up(Config) ->
-    File = scenario(Config, "three_crashes", #{robots => 10, seed => 7, time => 60, faults => forty()}),
+    File = scenario(Config, "three_crashes", #{
+        robots => 10, seed => 7, time => 60, faults => forty()
+    }),
     Out = filename:join(proplists:get_value(priv_dir, Config), "late.term"),
     says(4, "shrunk to 40 faults of 40", ["shrink", File, "--out", Out, "--seconds", "0.001"]),
     replays(Out).
@@ -89,6 +109,9 @@ nothing_to_shrink(Config) ->
 bad_input(Config) ->
     Dir = proplists:get_value(priv_dir, Config),
     says(2, "starl: shrink: name a run's directory", ["shrink"]),
+    says(2, "seed 12 of what?", ["shrink", "12", "--robots", "3"]),
+    says(2, "nothing to shrink",
+        ["shrink", "12", "--robots", "3", "--app", "exercise", "--time", "1"]),
     says(2, "no such file", ["shrink", filename:join(Dir, "none.term")]),
     says(2, "is a directory", ["shrink", "exercise", "--out", Dir]),
     says(2, "ends in .term", ["shrink", "exercise", "--out", filename:join(Dir, "x.erl")]),

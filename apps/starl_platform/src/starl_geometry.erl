@@ -85,10 +85,10 @@ segment_segment2({A, B} = S, {C, D} = T) ->
 -spec closer(segment(), segment(), Mm :: float()) -> boolean().
 closer({{AX, AY}, {BX, BY}} = S, {{CX, CY}, {DX, DY}} = T, Mm) ->
     %% The boxes are compared first: nearly every pair is far apart.
-    not (min(CX, DX) - max(AX, BX) >= Mm
-         orelse min(AX, BX) - max(CX, DX) >= Mm
-         orelse min(CY, DY) - max(AY, BY) >= Mm
-         orelse min(AY, BY) - max(CY, DY) >= Mm)
+    not (beyond(CX, DX, AX, BX, Mm)
+         orelse beyond(AX, BX, CX, DX, Mm)
+         orelse beyond(CY, DY, AY, BY, Mm)
+         orelse beyond(AY, BY, CY, DY, Mm))
         andalso segment_segment2(S, T) < Mm * Mm.
 
 %% @doc Where and how two segments meet, decided without tolerance.
@@ -106,7 +106,10 @@ intersection({A, B}, {C, D}) ->
         true ->
             collinear(A, B, C, D);
         false when O1 * O2 < 0.0, O3 * O4 < 0.0 ->
-            {proper, interpolate(C, D, O1 / (O1 - O2))};
+            case meet(A, B, C, D) of
+                true -> {proper, interpolate(C, D, O1 / (O1 - O2))};
+                false -> none
+            end;
         false ->
             touching([{O1, C, {A, B}}, {O2, D, {A, B}}, {O3, A, {C, D}}, {O4, B, {C, D}}])
     end.
@@ -176,6 +179,9 @@ inside({X, Y}, {X0, Y0, X1, Y1}) ->
 
 %%% Internals
 
+%% Are both of the first two so much more than both of the others? Mostly the first comparison tells.
+beyond(A, B, C, D, Mm) -> A - C >= Mm andalso A - D >= Mm andalso B - C >= Mm andalso B - D >= Mm.
+
 wrap(Angle, Pi) when Angle > Pi -> Angle - 2.0 * Pi;
 wrap(Angle, Pi) when Angle =< -Pi -> Angle + 2.0 * Pi;
 wrap(Angle, _Pi) -> Angle.
@@ -196,8 +202,12 @@ crosses(A, B, C, D) ->
         false ->
             O3 = side(C, D, A),
             O4 = side(C, D, B),
-            O3 * O4 =< 0.0 andalso not (O3 == 0.0 andalso O4 == 0.0)
+            O3 * O4 =< 0.0 andalso not (O3 == 0.0 andalso O4 == 0.0) andalso meet(A, B, C, D)
     end.
+
+%% Of segments on nearly one line rounding decides on which side an end is, so that they may seem
+%% to cross far from each other. Only what has a common box can.
+meet(A, B, C, D) -> overlap(box([A, B]), box([C, D])).
 
 touch_if(true, P) -> {touch, P};
 touch_if(false, _) -> none.

@@ -61,6 +61,24 @@ distance_random_test() ->
         D =< Sampled + 1.0e-9 andalso Sampled - D < starl_geometry:length(S) / 200
     end).
 
+%% Two pieces of one slanted line, far apart: rounding puts the ends of either on both sides of the
+%% other, and that is no crossing. (In a painting two tubes on one line seemed to meet.)
+pieces_of_one_line_test() ->
+    S = {{6305.493399170289, 6387.2642594777135}, {6032.79972691508, 6610.274612564272}},
+    T = {{5689.556573740378, 6890.980710916254}, {5346.313420565675, 7171.686809268236}},
+    ?assert(near(starl_geometry:distance(element(2, S), element(1, T)), segment_segment(S, T))),
+    ?assertNot(closer(S, T, 424.999)),
+    ?assertEqual(none, intersection(S, T)).
+
+pieces_of_one_line_random_test() ->
+    each(2000, fun([X, Y | _] = Xs) ->
+        [{P, Q}, _] = segments(Xs),
+        Cut = [along({P, Q}, K) || K <- [0.0, 0.2 + 0.2 * X, 0.5, 1.0 + Y]],
+        [A, B, C, D] = Cut,
+        abs(segment_segment({A, B}, {C, D}) - starl_geometry:distance(B, C)) < 1.0e-6
+            andalso intersection({A, B}, {C, D}) =:= none
+    end).
+
 %% closer/3 is the comparison of the distance, on either side of it.
 closer_random_test() ->
     each(300, fun(Xs) ->

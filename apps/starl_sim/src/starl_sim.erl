@@ -8,6 +8,10 @@
 %%   starl_sim:run(Sim).                % to the end
 %%   {Outcome, Report} = starl_sim:finish(Sim).
 %% '''
+%% Over several Erlang nodes it comes to the same digest:
+%% ```
+%%   {ok, Sim} = starl_sim:start(#{app => starl_painting, robots => 100}, #{nodes => 2}).
+%% '''
 -module(starl_sim).
 
 -export([start/1, start/2, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
@@ -27,10 +31,16 @@
 -opaque sim() :: #sim{}.
 
 %% What does not belong to the scenario: the events of which robots are to be recorded, and
-%% further monitors, which look on.
+%% further monitors, which look on; over which nodes the run goes, so many peers on this machine
+%% or nodes that run already with the same code ({@link starl_sim_nodes}), how long, in wall time,
+%% one may keep the others waiting, and modules that were compiled in memory and are to be loaded
+%% there.
 -type options() :: #{
     record => #{starl:robot_id() => starl_sim_ledger:range()},
-    watch => [{module(), map()}]
+    watch => [{module(), map()}],
+    nodes => starl_sim_nodes:nodes(),
+    node_timeout_ms => pos_integer(),
+    code => [{module(), file:filename(), Beam :: binary()}]
 }.
 
 -type reason() ::
@@ -39,6 +49,7 @@
     | {no_such_app, module()}
     | {fault_target, atom(), starl:robot_id()}
     | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
+    | {nodes, starl_sim_nodes:reason()}
     | starl_sim_run:missed().
 
 %% @doc Starts the simulation of a scenario. The key `app' is the application's module.
@@ -107,8 +118,8 @@ scenario(#sim{scenario = Scenario}) -> Scenario.
 %% @doc The supervisors of the robots, for a look at their trees with OTP's own tools.
 -spec robot_pids(sim(), all) -> [pid()].
 robot_pids(#sim{sup = Sup}, all) ->
-    {robots, Robots, _, _} = lists:keyfind(robots, 1, supervisor:which_children(Sup)),
-    [Pid || {_, Pid, _, _} <- supervisor:which_children(Robots)].
+    Pools = [Robots || #{robots_sup := Robots} <- starl_sim_sup:sites(Sup)],
+    [Pid || Robots <- Pools, {_, Pid, _, _} <- supervisor:which_children(Robots)].
 
 %% @doc Ends the simulation and tells what came of it.
 -spec finish(sim()) -> {starl_sim_run:outcome(), starl_app:report()}.
@@ -132,6 +143,8 @@ close(#sim{sup = Sup}) ->
 format_error({scenario, Reason}) -> starl_sim_scenario:format_error(Reason);
 format_error({scene, Why}) -> Why;
 format_error({no_such_app, App}) -> io_lib:format("there is no application ~ts", [App]);
+format_error({nodes, Reason}) -> starl_sim_nodes:format_error(Reason);
+format_error({lost, Loss}) -> starl_sim_nodes:format_loss(Loss);
 format_error({fault_target, Id, Robot}) ->
     io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]);
 format_error({fault_machine, Id, Name, Known}) ->
@@ -182,7 +195,12 @@ with_random_faults(Known, #{faults := Given, random_faults := What, heal := Heal
     Scenario#{faults := Given ++ Drawn, random_faults := []}.
 
 launch(Scenario, Scene, Context, Options) ->
-    {ok, Sup} = starl_sim_sup:start_link(starl_sim_plan:make(Scenario, Scene, Context, Options)),
-    {ok, #sim{sup = Sup, run = starl_sim_sup:run(Sup), scenario = Scenario, scene = Scene}}.
+    case starl_sim_sup:start_link(starl_sim_plan:make(Scenario, Scene, Context, Options)) of
+        {ok, Sup} ->
+            Run = starl_sim_sup:run(Sup),
+            {ok, #sim{sup = Sup, run = Run, scenario = Scenario, scene = Scene}};
+        {error, Reason} ->
+            {error, {nodes, Reason}}
+    end.
 
 micros(Seconds) -> round(Seconds * 1000000).

@@ -13,7 +13,7 @@
 
 -export([run/2, find/2, find/4]).
 
--export_type([result/0, record/0, runner/0, difference/0, answer/0]).
+-export_type([result/0, record/0, runner/0, difference/0, found/0]).
 
 %% What a run is compared by, and the events that were recorded.
 -type result() :: #{
@@ -47,9 +47,9 @@
     before := [starl_sim_ledger:event()]
 }.
 
-%% `same': they do not differ. `gone': they did, but no more when they were run again.
-%% `not_found': they differ somewhere else each time.
--type answer() :: {differ, difference()} | same | gone | not_found.
+%% `gone': they differed, but no more when they were run again. `not_found': they differ somewhere
+%% else each time.
+-type found() :: {differ, difference()} | gone | not_found.
 
 %% So many robots are recorded at once, and so often are both runs repeated.
 -define(AT_ONCE, 64).
@@ -95,7 +95,7 @@ chain(Id, #{chain := Chain, events := Events, checkpoints := Checkpoints}) ->
     {Id, Chain, Events, Checkpoints}.
 
 %% @doc Runs both and finds the first difference.
--spec find(runner(), runner()) -> answer().
+-spec find(runner(), runner()) -> found() | same.
 find(First, Second) ->
     case {First(#{}), Second(#{})} of
         {#{digest := Digest}, #{digest := Digest}} -> same;
@@ -103,7 +103,7 @@ find(First, Second) ->
     end.
 
 %% @doc Finds the first difference of two runs that have come to different results.
--spec find(result(), result(), runner(), runner()) -> answer().
+-spec find(result(), result(), runner(), runner()) -> found().
 find(A, B, First, Second) -> search(A, B, #search{first = First, second = Second}).
 
 search(A, B, #search{covered = Covered, best = Best, repeats = Repeats} = Search) ->

@@ -8,6 +8,7 @@
 %% Larger teams are simulated inline, where the scenario does not say.
 -define(MANY_ROBOTS, 300).
 -define(INTENSITY, 1000).
+-define(NODE_TIMEOUT_MS, 30000).
 
 %% @doc What the application is told to set its scene by.
 -spec context(module(), starl_sim_scenario:t()) -> starl_app:context().
@@ -39,16 +40,31 @@ sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
 make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     #{delay := {MinMs, _}, shards := Shards, faults := Faults} = Scenario,
     Profile = starl_motion:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
-    #{
+    Plan = #{
         robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
         crew => crew(mode(Scenario), Scene, Profile, Context),
         world => world(Scenario, Profile, Context, Options),
         window_us => round(MinMs * 1000),
         limit_us => limit_us(Scenario),
-        shards => shards(Shards, length(Ids)),
+        shards => shards(Shards, length(Ids), Options),
         faults => strikes(Faults),
         monitors => monitors(Scenario, Scene, Context) ++ maps:get(watch, Options, [])
-    }.
+    },
+    maps:merge(Plan, nodes(Scenario, Scene, Options)).
+
+nodes(#{app := App}, #{app := Playing} = Scene, #{nodes := Nodes} = Options) ->
+    Sap = maps:get(sap_machine, Scene, starl_sap),
+    Blocks = [Module || {_, Module, _} <- maps:get(blocks, Scene, [])],
+    #{
+        nodes => #{
+            nodes => Nodes,
+            timeout_ms => maps:get(node_timeout_ms, Options, ?NODE_TIMEOUT_MS),
+            modules => lists:usort([App, element(2, Playing), Sap | Blocks]),
+            code => maps:get(code, Options, [])
+        }
+    };
+nodes(_Scenario, _Scene, _Options) ->
+    #{}.
 
 world(Scenario, Profile, #{robots := Ids}, Options) ->
     #{delay := {MinMs, MaxMs}, faults := Faults} = Scenario,
@@ -144,12 +160,20 @@ strikes(Faults) ->
 faults(Class, Faults) ->
     [starl_sim_fault:compile(F) || F <- Faults, starl_sim_fault:class(F) =:= Class].
 
-%% Fewer robots than this are not worth a shard of their own.
-shards(none, Robots) ->
+%% Few robots are not worth a shard of their own, but every node has one.
+shards(none, Robots, Options) ->
     %% two a core, so that a core has work while a shard waits for another
-    max(1, min(2 * erlang:system_info(schedulers_online), Robots div ?ROBOTS_PER_SHARD));
-shards(Shards, Robots) ->
+    Most = 2 * erlang:system_info(schedulers_online) * machines(Options),
+    min(Robots, max(nodes_of(Options), min(Most, Robots div ?ROBOTS_PER_SHARD)));
+shards(Shards, Robots, _Options) ->
     min(Shards, Robots).
+
+%% Other machines are taken to be like this one.
+machines(#{nodes := [_ | _] = Nodes}) -> length(Nodes);
+machines(#{}) -> 1.
+
+nodes_of(#{nodes := N}) when is_integer(N) -> max(1, N);
+nodes_of(Options) -> machines(Options).
 
 range(#{range := none}) -> infinity;
 range(#{range := Range}) -> float(Range).

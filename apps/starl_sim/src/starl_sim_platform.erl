@@ -1,9 +1,12 @@
-%% @doc The simulator as a platform: one robot's clock, radio and chassis in virtual time.
+%% @doc The simulator as a platform: one robot's clock, radio and vehicle in virtual time.
 %%
 %% All network, sensor and actuator draws are stateless: a hash of the seed, the robots, a
 %% count and a purpose, so that taking one of them away shifts no other. Other robots are seen
 %% as they were at the beginning of the present window (`sight'), which makes the result
 %% independent of how robots are spread over shards.
+%%
+%% What an event changes lies in one record, which is copied with each change: what changes less
+%% often has a record of its own in it ({@link starl_sim_vehicle}, {@link starl_sim_ledger}).
 -module(starl_sim_platform).
 -behaviour(starl_platform).
 
@@ -53,20 +56,15 @@
     until = 0 :: starl_sim_queue:time(),
     clock :: starl_sim_clock:t(),
     seq = 0 :: non_neg_integer(),
-    draws = 0 :: non_neg_integer(),
     %% how many packets went to each robot, and to all
     links = #{} :: #{starl:robot_id() | all => pos_integer()},
     timers = #{} :: #{{starl_machine:name(), term()} => non_neg_integer()},
-    piece :: starl_trajectory:piece(),
-    %% the speeds of the wheels as last told; where robots were last seen, if sight may freeze
-    command = {0.0, 0.0} :: {float(), float()},
-    seen = #{} :: #{starl:robot_id() => starl:pose()},
+    vehicle :: starl_sim_vehicle:t(),
     chain = 0 :: non_neg_integer(),
     events = 0 :: non_neg_integer(),
     %% the number of the next event that the ledger is to note
     mark :: pos_integer(),
     ledger :: starl_sim_ledger:t(),
-    packets = 0 :: non_neg_integer(),
     result = running :: running | {done, term()},
     %% what came out: own events of this window, all others, the trace, newest first
     soon = [] :: [starl_sim_queue:event()],
@@ -79,8 +77,8 @@
 
 %% @doc A robot at rest at a pose. Its clock is drawn from the seed within the given bounds.
 -spec new(starl:robot_id(), starl:pose(), world()) -> t().
-new(Id, {X, Y, Heading}, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
-    Piece = starl_trajectory:standing(0, {X, Y}, Heading),
+new(Id, Pose, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
+    Vehicle = starl_sim_vehicle:new(Id, Pose, World),
     {Mark, Ledger} = starl_sim_ledger:new(maps:get(Id, maps:get(record, World, #{}), none)),
     Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
     Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
@@ -91,8 +89,8 @@ new(Id, {X, Y, Heading}, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World)
         mark = Mark,
         ledger = Ledger,
         clock = starl_sim_clock:new(Offset, Drift, Faults),
-        piece = Piece,
-        traces = [{0, Id, chassis, {motion, Piece}}]
+        vehicle = Vehicle,
+        traces = [{0, Id, chassis, {motion, starl_sim_vehicle:piece(Vehicle)}}]
     }.
 
 %% @doc The robot at a later time, in a new window; what it yields begins with what happened
@@ -186,7 +184,7 @@ local_time(#body{now = Now, clock = Clock}) -> starl_sim_clock:local(Now, Clock)
 
 %% @doc The piece of motion that the robot is in.
 -spec piece(t()) -> starl_trajectory:piece().
-piece(#body{piece = Piece}) -> Piece.
+piece(#body{vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
 
 %% @doc Chains an event into the robot's digest.
 -spec hash_event(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
@@ -219,7 +217,8 @@ hash(Chain, Now, Machine, Type, Content) ->
 %% @doc The robot's digest, and how many events and packets it has had.
 -spec digest(t()) -> {Chain :: non_neg_integer(), Events, Packets} when
     Events :: non_neg_integer(), Packets :: non_neg_integer().
-digest(#body{chain = Chain, events = Events, packets = Packets}) -> {Chain, Events, Packets}.
+digest(#body{chain = Chain, events = Events, links = Links}) ->
+    {Chain, Events, lists:sum(maps:values(Links))}.
 
 %% @doc What was kept of the robot's events.
 -spec ledger(t()) -> starl_sim_ledger:t().
@@ -254,7 +253,7 @@ perform([Action | Rest], Name, Body, Local) ->
         {state_timeout, Us, Content} ->
             perform(Rest, Name, start_timer(Name, state_timeout, Us, Content, Body), Local);
         {drive, Left, Right} ->
-            perform(Rest, Name, drive(Left, Right, Body), Local);
+            perform(Rest, Name, drive({Left, Right}, Body), Local);
         {sense, Robots} ->
             {Poses, Next} = sense(Robots, Body),
             perform(Rest, Name, Next, [{Name, info, {located, Poses}} | Local]);
@@ -266,133 +265,90 @@ perform([Action | Rest], Name, Body, Local) ->
             perform(Rest, Name, Body, [starl_platform:local(Action, Name) | Local])
     end.
 
-%% @doc The chassis stops: nobody commands it any more.
--spec stop(t()) -> t().
-stop(Body) -> turn_wheels([], Body#body{command = {0.0, 0.0}}).
+%% -- the radio ------------------------------------------------------------------------------
 
-transmit(all, Packet, Body) ->
-    N = count(all, Body),
-    Sent = lists:foldl(
-        fun(Dest, B) -> send(Dest, {all, N}, Packet, B) end, Body, audience(Body)
-    ),
-    sent(all, N, Sent);
-transmit(Dest, Packet, Body) ->
-    N = count(Dest, Body),
-    case in_range(Dest, Body) of
-        true -> sent(Dest, N, send(Dest, N, Packet, Body));
-        false -> sent(Dest, N, Body)
-    end.
+transmit(To, Packet, #body{id = Id, now = Now, world = #{seed := Seed} = World} = Body) ->
+    #body{seq = Seq, links = Links, later = Later, traces = Traces} = Body,
+    N = maps:get(To, Links, 0) + 1,
+    Number = number(To, N),
+    Sent = [
+        {Dest, starl_sim_radio:arrivals({Seed, Id, Dest, Number}, Now, World)}
+     || Dest <- audience(To, Body)
+    ],
+    Copies = [{Dest, Copy} || {Dest, Arrivals} <- Sent, Arrivals =/= lost, Copy <- Arrivals],
+    Lost = [{Now, Id, radio, {lost, Dest, Number}} || {Dest, lost} <- Sent],
+    Body#body{
+        seq = Seq + length(Copies),
+        links = Links#{To => N},
+        later = on_the_air(Copies, Packet, Now, Id, Seq, Later),
+        traces = lists:reverse(Lost, Traces)
+    }.
 
-%% The number of the next packet to a robot or to all.
-count(Link, #body{links = Links}) -> maps:get(Link, Links, 0) + 1.
+number(all, N) -> {all, N};
+number(_Dest, N) -> N.
 
-sent(Link, N, #body{packets = Packets, links = Links} = Body) ->
-    Body#body{packets = Packets + 1, links = Links#{Link => N}}.
-
-send(Dest, N, Packet, #body{id = Id, now = Now, world = World} = Body) ->
-    Link = {maps:get(seed, World), Id, Dest, N},
-    case starl_sim_radio:arrivals(Link, Now, World) of
-        lost -> trace(radio, {lost, Dest, N}, Body);
-        Arrivals -> on_the_air(Arrivals, Dest, Packet, Body)
-    end.
-
-on_the_air([], _Dest, _Packet, Body) ->
-    Body;
-on_the_air([{Delay, State} | Rest], Dest, Packet, Body) ->
-    #body{id = Id, now = Now, seq = Seq, later = Later} = Body,
+on_the_air([], _Packet, _Now, _Id, _Seq, Later) ->
+    Later;
+on_the_air([{Dest, {Delay, State}} | Copies], Packet, Now, Id, Seq, Later) ->
     Content = {sap, packet, received(State, Packet, Seq)},
     Event = {Dest, Now + Delay, ?CLASS_PACKET, Id, Seq, Content},
-    on_the_air(Rest, Dest, Packet, Body#body{seq = Seq + 1, later = [Event | Later]}).
+    on_the_air(Copies, Packet, Now, Id, Seq + 1, [Event | Later]).
 
 %% The link's checksum tells a packet that was cut off or has a flipped bit; what is left of it
 %% are bytes without a meaning.
 received(intact, Packet, _Seq) -> Packet;
 received(corrupt, Packet, Seq) -> <<(erlang:phash2({Packet, Seq})):32>>.
 
-in_range(Dest, #body{id = Id, now = Now, world = #{team := Team} = World} = Body) ->
-    case starl_sim_radio:range({Id, Now}, World) of
-        infinity -> starl_team:has(Dest, Team);
-        Range -> is_near(Dest, Range, Body)
+%% Who is reached, ascending. A fault can but shorten the range.
+audience(To, #body{id = Id, now = Now, world = #{range_mm := Full, team := Team} = World} = Body) ->
+    case {starl_sim_radio:range({Id, Now}, World), To} of
+        {infinity, all} -> starl_team:others(Id, Team);
+        {infinity, _} -> [To || starl_team:has(To, Team)];
+        {Full, all} -> lists:delete(Id, within_range(Body));
+        {Short, all} -> [R || R <- starl_team:others(Id, Team), is_near(R, Short, Body)];
+        {Range, _} -> [To || is_near(To, Range, Body)]
     end.
 
-is_near(Dest, Range, #body{now = Now, window = Window, piece = Piece, world = World}) ->
-    case starl_sim_sight:piece(Dest, maps:get(sight, World)) of
+is_near(Dest, Range, #body{window = From, world = #{sight := Sight}} = Body) ->
+    case starl_sim_sight:piece(Dest, Sight) of
         {ok, Theirs} ->
-            Here = starl_trajectory:position(Now, Piece),
-            There = starl_trajectory:position(Window, Theirs),
-            starl_geometry:distance(Here, There) =< Range;
+            There = starl_trajectory:position(From, Theirs),
+            starl_geometry:distance(position(Body), There) =< Range;
         unknown ->
             false
     end.
 
-%% Who is reached by a packet for all, ascending. A fault can but shorten the range.
-audience(#body{id = Id, now = Now, world = #{range_mm := Full, team := Team} = World} = Body) ->
-    case starl_sim_radio:range({Id, Now}, World) of
-        infinity -> starl_team:others(Id, Team);
-        Full -> lists:delete(Id, within_range(Body));
-        Short -> [R || R <- starl_team:others(Id, Team), is_near(R, Short, Body)]
-    end.
+within_range(#body{window = From, world = #{sight := Sight}} = Body) ->
+    starl_sim_sight:within(position(Body), From, Sight).
 
-within_range(#body{now = Now, window = Window, piece = Piece, world = #{sight := Sight}}) ->
-    starl_sim_sight:within(starl_trajectory:position(Now, Piece), Window, Sight).
+position(#body{now = Now} = Body) -> starl_trajectory:position(Now, piece(Body)).
 
-sense(Robots, #body{draws = Draws, world = #{location := []}} = Body) ->
-    Poses = [{Robot, Pose} || Robot <- Robots, Pose <- see(Robot, Body)],
-    {Poses, Body#body{draws = Draws + 1}};
-sense(Robots, #body{draws = Draws, now = Now, id = Id, world = World} = Body) ->
-    Faults = starl_sim_fault:holding(Now, maps:get(location, World)),
-    {Poses, Seen} = starl_sim_sense:poses(Robots, #{
-        robot => Id,
-        faults => Faults,
-        key => {maps:get(seed, World), Id, Draws},
-        see => fun(Robot) -> see(Robot, Body) end,
-        seen => Body#body.seen
-    }),
-    {Poses, Body#body{draws = Draws + 1, seen = Seen}}.
+%% -- the vehicle ----------------------------------------------------------------------------
 
-see(Id, #body{id = Id, now = Now, piece = Piece} = Body) ->
-    [blur(Id, starl_trajectory:pose(Now, Piece), Body)];
-see(Other, #body{window = Window, world = #{sight := Sight}} = Body) ->
-    case starl_sim_sight:piece(Other, Sight) of
-        {ok, Piece} -> [blur(Other, starl_trajectory:pose(Window, Piece), Body)];
-        unknown -> []
-    end.
-
-blur(Robot, Pose, #body{id = Id, draws = N, world = #{seed := Seed, profile := Profile}}) ->
-    starl_sim_sense:blur(Pose, {Seed, Id, Robot, N}, Profile).
-
-drive(Left0, Right0, #body{id = Id, now = Now, draws = N, world = World} = Body) ->
-    Command = starl_sim_chassis:command(Left0, Right0),
-    Faults = held(Id, Now, World),
-    Lost = [
-        F
-     || {Name, _, _, command_lost, _, #{part := Part}} = F <- Faults,
-        starl_sim_draw:uniform({maps:get(seed, World), Id, N, Name}) < Part
-    ],
-    case Lost of
-        [] -> turn_wheels(Faults, Body#body{command = Command, draws = N + length(Faults)});
-        [_ | _] -> Body#body{draws = N + 1}
-    end.
-
-held(_Id, _Now, #{actuation := []}) -> [];
-held(Id, Now, #{actuation := All}) ->
-    [F || F <- starl_sim_fault:holding(Now, All), starl_sim_fault:hits(Id, F)].
+%% @doc The chassis stops: nobody commands it any more.
+-spec stop(t()) -> t().
+stop(#body{now = Now, vehicle = Vehicle} = Body) ->
+    moved(starl_sim_vehicle:stop(Now, Vehicle), Body).
 
 %% @doc The wheels as they turn from now on, since a fault of theirs begins or ends.
 -spec turn_wheels(t()) -> t().
-turn_wheels(#body{id = Id, now = Now, world = World} = Body) ->
-    turn_wheels(held(Id, Now, World), Body).
+turn_wheels(#body{now = Now, vehicle = Vehicle} = Body) ->
+    moved(starl_sim_vehicle:turn_wheels(Now, Vehicle), Body).
 
-turn_wheels(Faults, #body{command = Command, now = Now, piece = Piece, draws = N} = Body) ->
-    #body{id = Id, world = #{seed := Seed, profile := Profile}} = Body,
-    Speeds = starl_sim_chassis:wheels(Command, Faults),
-    case starl_sim_chassis:turn(Speeds, Now, Piece, {Seed, Id, N}, Profile) of
-        same -> Body;
-        {New, Draws} -> set_piece(New, Body#body{draws = N + Draws})
-    end.
+drive(Speeds, #body{now = Now, vehicle = Vehicle} = Body) ->
+    moved(starl_sim_vehicle:drive(Speeds, Now, Vehicle), Body).
 
-set_piece(Piece, #body{changes = Changes} = Body) ->
-    trace(chassis, {motion, Piece}, Body#body{piece = Piece, changes = [moved | Changes]}).
+moved({same, Vehicle}, Body) ->
+    Body#body{vehicle = Vehicle};
+moved({moved, Vehicle}, #body{changes = Changes} = Body) ->
+    Moved = Body#body{vehicle = Vehicle, changes = [moved | Changes]},
+    trace(chassis, {motion, starl_sim_vehicle:piece(Vehicle)}, Moved).
+
+sense(Robots, #body{now = Now, window = From, vehicle = Vehicle} = Body) ->
+    {Poses, Sensed} = starl_sim_vehicle:sense(Robots, {Now, From}, Vehicle),
+    {Poses, Body#body{vehicle = Sensed}}.
+
+%% -- timers and traces ----------------------------------------------------------------------
 
 start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) ->
     #body{timers = Timers, until = Until, clock = Clock} = Body,

@@ -237,8 +237,11 @@ perform([], _Name, Local, Events, Body, Machines, Robot) ->
 perform(Actions, Name, Local, Events, Body0, Machines, Robot) ->
     {New, Body} = starl_sim_platform:perform(Actions, Name, Body0),
     case starl_sim_platform:soon(Body) of
-        [] -> work(Local ++ New, Events, Body, Machines, Robot);
-        _ -> work(Local ++ New, plan(Body, Events), starl_sim_platform:planned(Body), Machines, Robot)
+        [] ->
+            work(Local ++ New, Events, Body, Machines, Robot);
+        _ ->
+            Planned = starl_sim_platform:planned(Body),
+            work(Local ++ New, plan(Body, Events), Planned, Machines, Robot)
     end.
 
 %% New events of this robot in this window take their places among the others.

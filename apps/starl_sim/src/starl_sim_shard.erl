@@ -18,11 +18,14 @@
 %% A robot may be told to halt just after its N-th event. When it does, the other robots finish
 %% the window; the mail of its shard says `held', and all shards rest until it is resumed.
 %%
+%% Shards may be on different nodes. One that waits for what will never come, since a node is lost,
+%% is told to abandon the run, and rests for good.
+%%
 %% Each shard keeps its own copy of where all robots were when the window began.
 -module(starl_sim_shard).
 -behaviour(gen_server).
 
--export([start_link/1, launch/2, run/3, approve/2, halt/1, inspect/2]).
+-export([start_link/1, launch/2, run/3, approve/2, halt/1, abandon/1, inspect/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([load/0, crew/0, reason/0, stop/0, question/0, answer/0]).
@@ -102,7 +105,10 @@
     halt = false :: boolean(),
     %% the robot of this shard that is to halt; the window in which one was held
     stop = none :: starl:robot_id() | none,
-    open = none :: open()
+    open = none :: open(),
+    abandoned = false :: boolean(),
+    %% mail of peers that were told to run before this shard was
+    early = [] :: [tuple()]
 }).
 
 %% @doc Starts an empty shard for about so many robots.
@@ -140,9 +146,15 @@ halt(Shard) ->
     Shard ! halt,
     ok.
 
+%% @doc The run cannot go on: the shard rests, wherever it waits.
+-spec abandon(pid()) -> ok.
+abandon(Shard) ->
+    Shard ! abandon,
+    ok.
+
 %% @doc Looks at the robots. For a shard that rests.
--spec inspect(pid(), question()) -> answer().
-inspect(Shard, What) -> gen_server:call(Shard, {inspect, What}, infinity).
+-spec inspect(pid(), question(), Ms :: timeout()) -> answer().
+inspect(Shard, What, Ms) -> gen_server:call(Shard, {inspect, What}, Ms).
 
 -spec init(map()) -> {ok, #shard{}}.
 init(#{run := Run, world := World, window_us := Width, robots_sup := RobotsSup}) ->
@@ -181,9 +193,10 @@ seen(count, Robot) -> maps:get(events, starl_sim_robot:summary(0, Robot));
 seen(events, Robot) -> starl_sim_robot:recorded(Robot).
 
 -spec handle_cast({run, starl_sim_queue:time(), stop()}, #shard{}) -> {noreply, #shard{}}.
-handle_cast({run, Until, Stop}, #shard{now = Now} = Shard) ->
+handle_cast({run, Until, Stop}, #shard{now = Now, early = Early} = Shard) ->
     Timer = starl_sim_window:be_patient({Now, Now}),
-    Rested = go_on(Until, resume(arm(Stop, Shard))),
+    _ = [self() ! Mail || Mail <- Early],
+    Rested = go_on(Until, resume(arm(Stop, Shard#shard{early = []}))),
     _ = erlang:cancel_timer(Timer),
     {noreply, Rested}.
 
@@ -208,8 +221,13 @@ handle_info({down, Pid, Reason}, Shard) ->
     {noreply, down(Pid, Reason, Shard)};
 handle_info({approve, N}, Shard) ->
     {noreply, Shard#shard{approved = N}};
+handle_info({mail, _Peer, _N, _Mail} = Mail, #shard{early = Early} = Shard) ->
+    %% one at most of each peer, which waits for this shard's
+    {noreply, Shard#shard{early = [Mail | Early]}};
 handle_info(halt, Shard) ->
     {noreply, Shard#shard{halt = true}};
+handle_info(abandon, Shard) ->
+    {noreply, Shard#shard{abandoned = true}};
 handle_info({out_of_patience, _}, Shard) ->
     {noreply, Shard}.
 
@@ -250,6 +268,8 @@ go_on(Until, Shard) -> advance(Until, Shard).
 agree(#shard{windows = 0} = Shard) -> Shard;
 agree(Shard) -> exchange(#{later => [], moved => [], ended => 0, trace => []}, Shard).
 
+advance(_Until, #shard{abandoned = true} = Shard) ->
+    rest(halted, Shard);
 advance(_Until, #shard{open = #{at := At}} = Shard) ->
     rest(held, At, Shard);
 advance(_Until, #shard{open = {peer, _, At}} = Shard) ->
@@ -267,7 +287,8 @@ advance(_Until, #shard{windows = N, approved = Approved, halt = true} = Shard) w
 advance(Until, #shard{windows = N, approved = Approved} = Shard) when N >= Approved + ?AHEAD ->
     receive
         {approve, More} -> advance(Until, Shard#shard{approved = More});
-        halt -> rest_halted(Shard)
+        halt -> rest_halted(Shard);
+        abandon -> rest(halted, Shard#shard{abandoned = true})
     end;
 advance(Until, Shard) ->
     advance(Until, run_window(look_up(Shard))).
@@ -369,12 +390,18 @@ tell(#{later := Later, moved := Moved, ended := Ended}, Shard) ->
 receive_mail(Peer, #shard{windows = N} = Shard) ->
     case next_mail(Peer, N) of
         {held, At} -> Shard#shard{open = {peer, Peer, At}};
+        abandoned -> Shard#shard{abandoned = true};
         Mail -> take(Mail, Shard)
     end.
 
+%% Whoever is told to abandon the run waits for no other peer, either.
 next_mail(Peer, N) ->
     receive
-        {mail, Peer, N, Mail} -> Mail
+        {mail, Peer, N, Mail} ->
+            Mail;
+        abandon ->
+            self() ! abandon,
+            abandoned
     end.
 
 take({Next, Ended, Moved, Packets}, #shard{queue = Queue, world = #{sight := Sight}} = Shard) ->

@@ -6,23 +6,79 @@
 %%     shards: simple_one_for_one of starl_sim_shard (temporary)
 %%     run:    starl_sim_run
 %% '''
+%% Over several nodes, the robots and shards are on those ({@link starl_sim_site}), and
+%% `nodes' ({@link starl_sim_nodes}) stands in their place.
 -module(starl_sim_sup).
 -behaviour(supervisor).
 
--export([start_link/1, run/1]).
+-export([start_link/1, start_pool/1, run/1, sites/1]).
 -export([init/1]).
 
-%% @doc Starts a simulation; `Plan' is the run's without the two supervisors.
--spec start_link(map()) -> {ok, pid()} | {error, term()}.
+%% @doc Starts a simulation; `Plan' is the run's without the sites. With the key `nodes' it
+%% goes over these.
+-spec start_link(map()) -> {ok, pid()} | {error, starl_sim_nodes:reason()}.
 start_link(Plan) ->
     {ok, Sup} = supervisor:start_link(?MODULE, top),
-    {ok, Robots} = supervisor:start_child(Sup, pool(robots, starl_robot_sup, infinity, supervisor)),
-    {ok, Shards} = supervisor:start_child(Sup, pool(shards, starl_sim_shard, 5000, worker)),
-    Full = Plan#{robots_sup => Robots, shard_sup => Shards},
-    Run = #{id => run, start => {starl_sim_run, start_link, [Full]}, restart => temporary},
-    case supervisor:start_child(Sup, Run) of
-        {ok, _} -> {ok, Sup};
+    case start_all(Sup, Plan) of
+        ok ->
+            {ok, Sup};
+        {error, _} = Error ->
+            ok = stop(Sup),
+            Error
+    end.
+
+start_all(Sup, #{nodes := Options} = Plan) ->
+    {ok, Nodes} = supervisor:start_child(Sup, child(nodes, starl_sim_nodes, [], permanent)),
+    case starl_sim_nodes:open(Nodes, Options) of
+        {ok, Sites} -> start_run(Sup, Nodes, Plan#{sites => Sites});
         {error, _} = Error -> Error
+    end;
+start_all(Sup, Plan) ->
+    {ok, Robots} = supervisor:start_child(Sup, pool(robots)),
+    {ok, Shards} = supervisor:start_child(Sup, pool(shards)),
+    start_run(Sup, none, Plan#{sites => [starl_sim_site:local(Robots, Shards)]}).
+
+start_run(Sup, Nodes, Plan) ->
+    case supervisor:start_child(Sup, child(run, starl_sim_run, [Plan], temporary)) of
+        {ok, Run} when is_pid(Nodes) ->
+            starl_sim_nodes:watch(Nodes, Run);
+        {ok, _} ->
+            ok;
+        {error, {{shutdown, {lost, Node}}, _}} ->
+            {error, {lost, starl_sim_nodes:loss(Nodes, Node)}};
+        {error, Reason} ->
+            exit(Reason)
+    end.
+
+stop(Sup) ->
+    true = unlink(Sup),
+    Ref = erlang:monitor(process, Sup),
+    exit(Sup, shutdown),
+    receive
+        {'DOWN', Ref, process, Sup, _} -> ok
+    end.
+
+%% Ending the nodes takes as long as it takes; they bound it themselves.
+child(Id, Module, Args, Restart) ->
+    #{id => Id, start => {Module, start_link, Args}, restart => Restart, shutdown => 60000}.
+
+%% @doc Starts a supervisor of robots or of shards alone, linked to the calling process.
+-spec start_pool(robots | shards) -> supervisor:startlink_ret().
+start_pool(Which) ->
+    {_, _, Args} = maps:get(start, pool(Which)),
+    apply(supervisor, start_link, Args).
+
+%% @doc Where robots and shards are.
+-spec sites(pid()) -> [starl_sim_site:t()].
+sites(Sup) ->
+    Children = supervisor:which_children(Sup),
+    case lists:keyfind(nodes, 1, Children) of
+        {nodes, Nodes, _, _} when is_pid(Nodes) ->
+            starl_sim_nodes:sites(Nodes);
+        false ->
+            {robots, Robots, _, _} = lists:keyfind(robots, 1, Children),
+            {shards, Shards, _, _} = lists:keyfind(shards, 1, Children),
+            [starl_sim_site:local(Robots, Shards)]
     end.
 
 %% @doc The process of the run.
@@ -45,6 +101,9 @@ init({pool, Module, Shutdown, Type}) ->
         type => Type
     },
     {ok, {#{strategy => simple_one_for_one}, [Child]}}.
+
+pool(robots) -> pool(robots, starl_robot_sup, infinity, supervisor);
+pool(shards) -> pool(shards, starl_sim_shard, 5000, worker).
 
 pool(Id, Module, Shutdown, Type) ->
     #{

@@ -31,10 +31,15 @@ run(Scenario) -> run(Scenario, fun(_Sim) -> ok end).
 %% stopped.
 -spec run(#{app := module(), atom() => term()}, fun((starl_sim:sim()) -> term())) -> verdict().
 run(Scenario, Started) ->
-    {Pid, Ref} = spawn_monitor(fun() -> exit({verdict, play(Scenario, Started)}) end),
+    Caller = self(),
+    Tag = make_ref(),
+    {Pid, Ref} = spawn_monitor(fun() -> Caller ! {Tag, play(Scenario, Started)} end),
     receive
-        {'DOWN', Ref, process, Pid, {verdict, Verdict}} -> Verdict;
-        {'DOWN', Ref, process, Pid, Reason} -> {error, {failed, Reason}}
+        {Tag, Verdict} ->
+            true = erlang:demonitor(Ref, [flush]),
+            Verdict;
+        {'DOWN', Ref, process, Pid, Reason} ->
+            {error, {failed, Reason}}
     end.
 
 %% In a process of its own: a simulation that breaks takes it along.

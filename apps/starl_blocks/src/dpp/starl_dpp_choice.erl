@@ -2,7 +2,8 @@
 %%
 %% One search from the robot visits vertices, nearest first. From each vertex with free edges a
 %% chain of them is followed, straight on where possible, up to the horizon. The chain with the
-%% most ink per distance driven wins; the search stops when no farther vertex can win.
+%% most ink per distance driven wins; the search stops when no farther vertex can win: no chain has
+%% more ink than all open edges together, and there is none where no open edge ends.
 -module(starl_dpp_choice).
 
 -export([best/3]).
@@ -21,6 +22,8 @@
     space :: starl_dpp_search:space(),
     free :: #{edge_id() => true},
     horizon :: float(),
+    %% no chain has more ink, up to the horizon
+    most = 0.0 :: float(),
     overhead :: float(),
     middle :: float()
 }).
@@ -43,24 +46,39 @@ best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
     Space = starl_dpp_route:space([Robot], View),
     Task = #task{space = Space, free = Free, horizon = Horizon, overhead = Overhead,
                  middle = Middle},
-    case any_open(Task) of
-        true -> search(Stands, Task, View);
-        false -> none
+    case open_edges(Task) of
+        {_, 0} -> none;
+        {Most, Ends} -> search(Stands, min(Ends, ?TRIES), Task#task{most = Most}, View)
     end.
 
 %%% Internals
 
-%% Nearly always the first edges answer this; when none is open it spares a search of everything.
-any_open(#task{free = Free} = Task) -> any_open(maps:next(maps:iterator(Free)), Task).
+%% Bounds of what there is to be found: the ink of all open edges, up to the horizon, and the
+%% number of their ends, up to the number of tries. Nearly always the first edges answer this. Whole
+%% millimetres, rounded up, add to the same sum in any order of the map.
+open_edges(#task{free = Free, horizon = Horizon} = Task) ->
+    {Ink, Ends} = open_edges(maps:next(maps:iterator(Free)), 0, #{}, Task),
+    {min(float(Ink), Horizon), map_size(Ends)}.
 
-any_open(none, _Task) -> false;
-any_open({E, true, Rest}, Task) -> open(E, Task) orelse any_open(maps:next(Rest), Task).
+open_edges(none, Ink, Ends, _Task) ->
+    {Ink, Ends};
+open_edges(_, Ink, Ends, #task{horizon = Mm}) when Ink >= Mm, map_size(Ends) >= ?TRIES ->
+    {Ink, Ends};
+open_edges({E, true, Rest}, Ink, Ends, #task{space = #{graph := Graph}} = Task) ->
+    case open(E, Task) of
+        true ->
+            {A, B} = starl_dpp_graph:ends(E, Graph),
+            Mm = ceil(starl_dpp_graph:edge_length(E, Graph)),
+            open_edges(maps:next(Rest), Ink + Mm, Ends#{A => true, B => true}, Task);
+        false ->
+            open_edges(maps:next(Rest), Ink, Ends, Task)
+    end.
 
-search(Stands, #task{space = Space} = Task, View) ->
+search(Stands, Tries, #task{space = Space} = Task, View) ->
     Obstacles = starl_dpp_route:obstacles(View),
     Starts = starl_dpp_route:starts(starl_dpp_route:nearby(View), Obstacles, View),
     Visit = fun(V, Cost, Heading, Acc) -> visit(V, Cost, Heading, Task, Acc) end,
-    case starl_dpp_search:run(Starts, Space, Visit, {?TRIES, #best{}}) of
+    case starl_dpp_search:run(Starts, Space, Visit, {Tries, #best{}}) of
         {_, {_, #best{chain = []}}} ->
             none;
         {Labels, {_, #best{from = V} = Best}} ->
@@ -82,8 +100,8 @@ driven([P, Q | Rest]) -> starl_geometry:distance(P, Q) + driven([Q | Rest]);
 driven([_]) -> 0.0.
 
 visit(V, Cost, Heading, Task, {Tries, #best{score = Score} = Best}) ->
-    #task{horizon = Horizon, overhead = Overhead} = Task,
-    Bound = Horizon / (Cost + Horizon + Overhead),
+    #task{most = Most, overhead = Overhead} = Task,
+    Bound = Most / (Cost + Most + Overhead),
     case open_steps(V, Task, #{}) of
         _ when Bound =< Score -> {stop, {Tries, Best}};
         [] -> {continue, {Tries, Best}};
@@ -107,11 +125,11 @@ tried(Steps, V, Cost, Heading, Task, Best) ->
     lists:foldl(Try, Best, Steps).
 
 free_degree(V, #task{space = #{graph := Graph}, free = Free}) ->
-    length([E || {E, _, _, _} <- starl_dpp_graph:adjacent(V, Graph), is_map_key(E, Free)]).
+    length([E || {E, _, _, _} <- starl_dpp_graph:lines(V, Graph), is_map_key(E, Free)]).
 
 %% The free edges at a vertex that are safe and not yet in the chain.
 open_steps(V, #task{space = #{graph := Graph}, free = Free} = Task, Used) ->
-    [Step || {E, _, _, _} = Step <- starl_dpp_graph:adjacent(V, Graph),
+    [Step || {E, _, _, _} = Step <- starl_dpp_graph:lines(V, Graph),
              is_map_key(E, Free), not is_map_key(E, Used), open(E, Task)].
 
 open(E, #task{space = #{masks := Masks, own := Own}}) ->

@@ -5,8 +5,8 @@
 -module(starl_dpp_graph).
 
 -export([new/1, format_error/1]).
--export([targets/1, radius/1, point/2, adjacent/2, segment/2, ends/2, edge_length/2, spots/1,
-         ring/1, joints/3, within/3, reach/3, floor_box/1]).
+-export([targets/1, radius/1, point/2, adjacent/2, lines/2, segment/2, ends/2, edge_length/2,
+         spots/1, ring/1, joints/3, within/3, reach/3, floor_box/1]).
 -export_type([t/0, edge_id/0, vertex/0, step/0, config/0, reason/0]).
 
 -type edge_id() :: pos_integer().
@@ -38,6 +38,8 @@
     points :: tuple(),
     edges :: tuple(),
     adjacent :: tuple(),
+    %% of these the target edges, few at most vertices: looked at far more often than all
+    lines :: tuple(),
     spots :: #{robot_id() => vertex()},
     ring :: [vertex()],
     edge_grid :: starl_grid:t(edge_id()),
@@ -99,6 +101,10 @@ point(V, #graph{points = Points}) -> element(V, Points).
 -spec adjacent(vertex(), t()) -> [step()].
 adjacent(V, #graph{adjacent = Adjacent}) -> element(V, Adjacent).
 
+%% @doc The target edges that leave a vertex.
+-spec lines(vertex(), t()) -> [step()].
+lines(V, #graph{lines = Lines}) -> element(V, Lines).
+
 %% @doc The two ends of an edge.
 -spec ends(edge_id(), t()) -> {vertex(), vertex()}.
 ends(E, #graph{edges = Edges}) -> element(E, Edges).
@@ -155,6 +161,7 @@ build(#{vertices := Targets, edges := TargetEdges} = Picture, Layout, Config) ->
     All = TargetEdges ++ maps:get(edges, Travel),
     #graph{radius = R, world = World, targets = length(TargetEdges), points = Points,
            edges = list_to_tuple(All), adjacent = adjacency(All, Points),
+           lines = adjacency(TargetEdges, Points),
            spots = maps:get(spots, Travel), ring = maps:get(ring, Travel),
            edge_grid = edge_grid(All, Points, R), vertex_grid = vertex_grid(Points, R)}.
 
@@ -176,7 +183,8 @@ edge_grid(Edges, Points, R) ->
     Enter = fun({A, B}, {E, Grid}) ->
         {E + 1, starl_grid:add(E, {element(A, Points), element(B, Points)}, Grid)}
     end,
-    {_, Grid} = lists:foldl(Enter, {1, starl_grid:new(R)}, Edges),
+    %% Mostly asked for what is less than 2R away.
+    {_, Grid} = lists:foldl(Enter, {1, starl_grid:new(2.0 * R)}, Edges),
     Grid.
 
 vertex_grid(Points, R) ->

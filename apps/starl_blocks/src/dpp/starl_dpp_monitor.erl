@@ -134,18 +134,19 @@ usurped(T, Coordinator, #state{coordinators = [Leader | _], epoch = Epoch}) ->
 without_leave(T, Robot, Piece, #state{reservations = Reservations, off_mm = Most}) ->
     case Reservations of
         #{Robot := {_, Segments}} ->
-            Off = off(T, Piece, Segments),
+            Point = starl_trajectory:position(T, Piece),
+            Off = fun(S) -> starl_geometry:point_segment(Point, S) end,
+            %% one segment that it is on is enough
             [
-                violation(moves_without_leave, T, [Robot], #{off_mm => Off, limit_mm => Most})
-             || Off > Most, not starl_trajectory:is_still(Piece)
+                violation(moves_without_leave, T, [Robot], #{
+                    off_mm => lists:min([Off(S) || S <- Segments]), limit_mm => Most
+                })
+             || not starl_trajectory:is_still(Piece),
+                not lists:any(fun(S) -> Off(S) =< Most end, Segments)
             ];
         #{} ->
             []
     end.
-
-off(T, Piece, Segments) ->
-    Point = starl_trajectory:position(T, Piece),
-    lists:min([starl_geometry:point_segment(Point, S) || S <- Segments]).
 
 %%% Reservations
 

@@ -35,44 +35,27 @@
 -define(LOOK_US, 500000).
 %% So long after the last word of any coordinator a robot that asks is told that there is none.
 -define(PATIENCE_US, 120000000).
-%% Beats are answered so often.
--define(HERE_US, 2000000).
 %% How far the robot drives before it tells that space behind it is free.
 -define(REPORT_MM, 400.0).
 
 -record(part, {
     self :: starl:robot_id(),
-    team :: [starl:robot_id()],
     incarnation :: pos_integer(),
     now :: integer(),
     n = 0 :: non_neg_integer(),
-    coordinator = none :: starl:robot_id() | none,
-    vote :: starl_dpp_vote:t(),
-    %% the highest term heard of; the beat of it that wants to know where the robot is
-    term = {0, 0} :: starl_dpp:term_id(),
-    wanted = none :: starl_dpp_lease:seq() | none,
-    %% when the coordinator was last heard, and last answered
-    heard = none :: integer() | none,
-    here = none :: integer() | none,
     %% the application's request or drive
     from = none :: starl_machine:from() | none,
     drive = none :: {starl_machine:from(), N :: pos_integer()} | none,
     track :: starl_dpp_track:t(),
-    %% leave lasts so long from these: the latest of its own stamps that came back in a beat, and
-    %% the stamp of the latest request
-    short_us :: pos_integer(),
-    granted :: integer(),
-    asked :: integer()
+    follow :: starl_dpp_follow:t()
 }).
 
 -spec init(starl_machine:config()) -> {standing, #part{}, [starl_machine:action()]}.
-init(#{robot := Self, participants := Team, incarnation := Life, now := Now} = Config) ->
-    Short = starl_dpp_lease:short_us(Config),
+init(#{robot := Self, incarnation := Life, now := Now} = Config) ->
     Part = #part{
-        self = Self, team = starl_team:members(Team), incarnation = Life, now = Now,
+        self = Self, incarnation = Life, now = Now,
         track = starl_dpp_track:new(maps:get(slack, Config, 0.0)),
-        vote = starl_dpp_vote:new(Config),
-        short_us = Short, granted = Now - Short, asked = Now - Short
+        follow = starl_dpp_follow:new(Config)
     },
     {standing, Part, listen() ++ [starl_motion:stop() || Life > 1]}.
 
@@ -107,30 +90,27 @@ event({timeout, patience}, _, asking, #part{from = From} = Part) ->
     {next_state, standing, Part#part{from = none}, [
         {{timeout, again}, cancel}, {reply, From, {error, no_answer}}
     ]};
-event({timeout, missing}, _, _Where, #part{term = {N, _}} = Part) ->
-    {keep_state, Part, [{cast, dpp_coordinator, {lead, N}} | missing(Part)]};
+event({timeout, missing}, _, _Where, #part{follow = Follow} = Part) ->
+    {keep_state, Part, starl_dpp_follow:lead(Follow)};
 event({timeout, _}, _, _Where, _Part) ->
     keep_state_and_data;
 event({reply, _}, _, _Where, _Part) ->
     keep_state_and_data;
-event({call, From}, {join, Coordinator}, _Where, #part{term = {0, 0}} = Part) ->
-    Joined = Part#part{coordinator = Coordinator},
-    {keep_state, Joined, [{reply, From, ok} | missing(Joined)]};
-event({call, From}, {join, _Coordinator}, _Where, _Part) ->
-    {keep_state_and_data, [{reply, From, ok}]};
-event({call, From}, coordinator, _Where, #part{coordinator = Coordinator}) ->
-    {keep_state_and_data, [{reply, From, Coordinator}]};
-event(cast, {message, Source, dpp_recover, {Term, Seq, Leads}}, Where, Part) ->
-    recover(Source, Term, Seq, Leads, Where, Part);
+event({call, From}, {join, Coordinator}, _Where, #part{follow = Follow} = Part) ->
+    {Joined, Actions} = starl_dpp_follow:join(Coordinator, Follow),
+    {keep_state, Part#part{follow = Joined}, [{reply, From, ok} | Actions]};
+event({call, From}, coordinator, _Where, Part) ->
+    {keep_state_and_data, [{reply, From, coordinator(Part)}]};
+event(cast, {message, Source, dpp_recover, Recover}, Where, #part{follow = F, now = Now} = Part) ->
+    recovered(starl_dpp_follow:recover(Source, Recover, Now, F), Where, Part);
 event(info, {restarted, sap}, asking, Part) ->
     {keep_state, Part, listen() ++ [{{timeout, again}, ?LOOK_US, request}]};
 event(info, {restarted, sap}, _Where, _Part) ->
     {keep_state_and_data, listen()};
 event(info, {restarted, motion}, Where, Part) ->
     {keep_state, Part, go_on(Where, Part)};
-event(info, {restarted, dpp_coordinator}, _Where, #part{self = Self, coordinator = Self} = Part) ->
-    {N, _} = Part#part.term,
-    {keep_state_and_data, [{cast, dpp_coordinator, {lead, N}}]};
+event(info, {restarted, dpp_coordinator}, _Where, #part{self = Self, follow = F} = Part) ->
+    {keep_state, Part, lists:append([starl_dpp_follow:lead(F) || coordinator(Part) =:= Self])};
 event(info, {restarted, _}, _Where, _Part) ->
     keep_state_and_data;
 event(_, _, _, _) ->
@@ -140,13 +120,21 @@ listen() -> [starl_sap:listen(Type, dpp) || Type <- [dpp_answer, dpp_recover, dp
 
 %% -- asking ---------------------------------------------------------------------------------
 
-request(From, _Where, #part{coordinator = none}) ->
-    {keep_state_and_data, [{reply, From, {error, no_coordinator}}]};
 request(From, Where, Part) ->
-    Halted = starl_dpp_track:halted(Where, Part#part.track),
-    Asking = next(Part#part{from = From, drive = none, track = Halted}),
-    Patience = {{timeout, patience}, ?PATIENCE_US, patience},
-    {next_state, asking, Asking, [Patience | halt_and_look(Asking)]}.
+    case coordinator(Part) of
+        none ->
+            {keep_state_and_data, [{reply, From, {error, no_coordinator}}]};
+        _Robot ->
+            Halted = starl_dpp_track:halted(Where, Part#part.track),
+            Asking = next(Part#part{from = From, drive = none, track = Halted}),
+            {next_state, asking, Asking, [patience() | halt_and_look(Asking)]}
+    end.
+
+patience() -> {{timeout, patience}, ?PATIENCE_US, patience}.
+
+coordinator(#part{follow = Follow}) -> starl_dpp_follow:coordinator(Follow).
+
+term(#part{follow = Follow}) -> starl_dpp_follow:term(Follow).
 
 next(#part{n = N} = Part) -> Part#part{n = N + 1}.
 
@@ -169,34 +157,34 @@ stands(At, Where, #part{track = Track} = Part) when Where =:= asking; Where =:= 
 stands(_At, _Where, Part) ->
     {keep_state, Part, [{{timeout, look}, cancel}]}.
 
-ask(#part{track = Track, now = Now, coordinator = Coordinator} = Part) ->
+ask(#part{track = Track, now = Now, follow = Follow} = Part) ->
     case starl_dpp_track:at(Track) of
         unknown ->
             {keep_state, Part, halt_and_look(Part)};
         At ->
-            #part{n = N} = Next = next(Part#part{asked = Now}),
-            Body = {Next#part.term, id(Next), At, starl_dpp_track:fresh(Track), Now},
+            #part{n = N} = Next = next(Part#part{follow = starl_dpp_follow:asked(Now, Follow)}),
+            Body = {term(Next), id(Next), At, starl_dpp_track:fresh(Track), Now},
             {keep_state, Next, [
-                starl_sap:send(Coordinator, dpp_request, Body, {sent, N}),
+                starl_sap:send(coordinator(Next), dpp_request, Body, {sent, N}),
                 {{timeout, again}, ?AGAIN_US, request}
             ]}
     end.
 
 id(#part{incarnation = Incarnation, n = N}) -> {Incarnation, N}.
 
-answer(Source, Term, Id, {Answer, News}, asking, #part{coordinator = Source, term = Term} = Part) ->
-    case {Id =:= id(Part), Answer} of
-        {false, _} ->
+answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow} = Part) ->
+    Due = Where =:= asking andalso Id =:= id(Part)
+        andalso starl_dpp_follow:answers(Source, Term, Follow),
+    case Answer of
+        _ when not Due ->
             {keep_state, Part, [{trace, {stale_answer, Source, Term, Id}}]};
-        {true, {assign, From, Path}} ->
+        {assign, From, Path} ->
             assigned({moving, Id, From, Path}, answered(News, Part));
-        {true, End} ->
+        End ->
             #part{from = Caller} = Part,
             Answered = (answered(News, Part))#part{from = none},
             {next_state, standing, Answered, stop_asking() ++ [{reply, Caller, End}]}
-    end;
-answer(Source, Term, Id, _Answer, _Where, Part) ->
-    {keep_state, Part, [{trace, {stale_answer, Source, Term, Id}}]}.
+    end.
 
 answered(News, #part{track = Track} = Part) ->
     Part#part{track = starl_dpp_track:answered(starl_dpp_track:learn(News, Track))}.
@@ -218,8 +206,7 @@ assigned({moving, Id, From, Path} = Moving, #part{track = Track, from = Caller} 
     end.
 
 %% How long the robot may still drive.
-leave_us(#part{granted = Granted, asked = Asked, short_us = Short, now = Now}) ->
-    max(Granted, Asked) + Short - Now.
+leave_us(#part{follow = Follow, now = Now}) -> starl_dpp_follow:leave_us(Now, Follow).
 
 %% At the end of its leave the robot stops, and its path is void.
 leave({moving, Id, _, _} = Moving, #part{track = Track, drive = Drive} = Part) ->
@@ -259,10 +246,10 @@ driven(_Outcome, _Id, _N, _Where, _Part) ->
     keep_state_and_data.
 
 %% Clear: the coordinator is told now and then. What is painted goes with the next request.
-report(Id, N, #part{track = Track, term = Term, coordinator = Coordinator} = Part) ->
+report(Id, N, #part{track = Track} = Part) ->
     case starl_dpp_track:unreported_mm(Track) >= ?REPORT_MM of
         true ->
-            Report = starl_sap:post(Coordinator, dpp_passed, {Term, Id, N}),
+            Report = starl_sap:post(coordinator(Part), dpp_passed, {term(Part), Id, N}),
             {Part#part{track = starl_dpp_track:reported(Track)}, [Report]};
         false ->
             {Part, []}
@@ -270,71 +257,42 @@ report(Id, N, #part{track = Track, term = Term, coordinator = Coordinator} = Par
 
 %% -- whom it follows ------------------------------------------------------------------------
 
-recover(Source, Term, _Seq, _Leads, _Where, #part{term = Known} = Part) when Term < Known ->
-    {keep_state, Part, [starl_sap:post(Source, dpp_refused, Known)]};
-recover(Source, Term, Seq, Leads, Where, #part{term = Known, vote = Vote, now = Now} = Part) ->
-    case Term =:= Known orelse Leads orelse starl_dpp_vote:may(Source, Now, Vote) of
-        true -> tell_place(Where, follow(Source, Term, Part#part{wanted = Seq}));
-        false -> {keep_state, Part, [starl_sap:post(Source, dpp_refused, Known)]}
+beat(Source, Beat, Where, #part{follow = Follow, now = Now} = Part) ->
+    case starl_dpp_follow:beat(Source, Beat, Now, Follow) of
+        {beaten, {Beaten, Actions}} ->
+            Missed = starl_dpp_follow:missed(Now, Follow),
+            {keep_state, Part#part{follow = Beaten}, Actions ++ awaited(Where, Missed)};
+        Other ->
+            recovered(Other, Where, Part)
     end.
 
-follow(Source, Term, #part{self = Self} = Part) ->
-    Following = Part#part{coordinator = Source, term = Term, heard = Part#part.now},
-    Led = [{cast, dpp_coordinator, {led, Term}} || Source =/= Self],
-    {Following, Led ++ missing(Following)}.
+%% Who asks goes on waiting, and asks again where the coordinator was not heard for long.
+awaited(asking, Missed) -> [patience() | [{{timeout, again}, 1000, request} || Missed]];
+awaited(_Where, _Missed) -> [].
 
-tell_place({moving, _, _, _} = Moving, {Part, Actions}) ->
+recovered({refused, {Follow, Actions}}, _Where, Part) ->
+    {keep_state, Part#part{follow = Follow}, Actions};
+recovered({followed, {Follow, Actions}}, Where, Part) ->
+    {keep_state, Next, More} = tell_place(Where, Part#part{follow = Follow}),
+    {keep_state, Next, Actions ++ More}.
+
+tell_place({moving, _, _, _} = Moving, Part) ->
     {Told, Report} = tell(Moving, Part),
-    {keep_state, Told, Actions ++ Report};
-tell_place(standing, {Part, Actions}) ->
-    Next = next(Part#part{track = starl_dpp_track:lost(Part#part.track)}),
-    {keep_state, Next, Actions ++ halt_and_look(Next)};
-tell_place(asking, {Part, Actions}) ->
-    case starl_dpp_track:at(Part#part.track) of
+    {keep_state, Told, Report};
+tell_place(standing, #part{track = Track} = Part) ->
+    Next = next(Part#part{track = starl_dpp_track:lost(Track)}),
+    {keep_state, Next, halt_and_look(Next)};
+tell_place(asking, #part{track = Track} = Part) ->
+    case starl_dpp_track:at(Track) of
         unknown ->
-            {keep_state, Part, Actions ++ halt_and_look(Part)};
+            {keep_state, Part, halt_and_look(Part)};
         _At ->
             {Told, Report} = tell(asking, Part),
-            {keep_state, Told, Actions ++ Report ++ [{{timeout, again}, 1000, request}]}
+            {keep_state, Told, Report ++ [{{timeout, again}, 1000, request}]}
     end.
 
-%% The vote goes with it.
-tell(_Where, #part{wanted = none} = Part) ->
-    {Part, []};
-tell(Where, #part{wanted = Seq, term = Term, track = Track} = Part) ->
-    {Ballot, Voted} = ballot(Seq, Part),
+tell(Where, #part{follow = Follow, track = Track, now = Now} = Part) ->
     Id = case Where of {moving, Of, _, _} -> Of; _ -> id(Part) end,
-    Place = starl_dpp_track:place(Where, Track),
-    Body = {Term, Id, Place, starl_dpp_track:painted(Track), Ballot},
-    {Voted#part{wanted = none}, [starl_sap:post(Part#part.coordinator, dpp_state, Body)]}.
-
-ballot(Seq, #part{vote = Vote0, coordinator = Coordinator, now = Now} = Part) ->
-    {Given, Vote} = starl_dpp_vote:give(Coordinator, Now, Vote0),
-    {{Seq, Now, Given}, Part#part{vote = Vote, here = Now}}.
-
-%% The own robot claims when nothing is heard of the coordinator.
-missing(#part{coordinator = Coordinator, self = Self, team = Team, vote = Vote}) ->
-    [{{timeout, missing}, starl_dpp_vote:missing_us(Coordinator, Self, {Team, Vote}), missing}].
-
-%% -- beats ----------------------------------------------------------------------------------
-
-beat(Source, {Term, Seq, _}, Where, #part{term = Known} = Part) when Term =/= Known ->
-    recover(Source, Term, Seq, true, Where, Part);
-beat(Source, {Term, Seq, Stamps}, Where, #part{self = Self, granted = Granted} = Part0) ->
-    Missed = Part0#part.now - Part0#part.heard > Part0#part.short_us,
-    {Part, Actions} = follow(Source, Term, Part0#part{
-        granted = max(Granted, proplists:get_value(Self, Stamps, Granted))
-    }),
-    {Answered, Here} = here(Seq, Part),
-    Awaited = [{{timeout, patience}, ?PATIENCE_US, patience} || Where =:= asking],
-    Again = [{{timeout, again}, 1000, request} || Where =:= asking, Missed],
-    {keep_state, Answered, Actions ++ Here ++ Awaited ++ Again}.
-
-%% A robot that has not told its place does so first.
-here(Seq, #part{wanted = none, here = Last, now = Now, term = Term} = Part) when
-    Last =:= none; Now - Last >= ?HERE_US
-->
-    {Ballot, Voted} = ballot(Seq, Part),
-    {Voted, [starl_sap:post(Part#part.coordinator, dpp_here, {Term, Ballot})]};
-here(_Seq, Part) ->
-    {Part, []}.
+    Place = {starl_dpp_track:place(Where, Track), starl_dpp_track:painted(Track)},
+    {Told, Report} = starl_dpp_follow:tell(Id, Place, Now, Follow),
+    {Part#part{follow = Told}, Report}.

@@ -45,13 +45,10 @@
     painted = #{} :: #{edge_id() => true},
     modes = #{} :: #{robot_id() => mode()},
     headings = #{} :: #{robot_id() => float()},
-    spots :: #{robot_id() => starl_dpp_graph:vertex()},
+    spots :: starl_dpp_spots:t(),
     yielded = #{} :: #{robot_id() => true}
 }).
 -opaque t() :: #plan{}.
-
--define(PARKED, 0.04).
-%% A robot within this many R of its spot is parked: spots have this much room to spare.
 
 %%% Building
 
@@ -76,7 +73,8 @@ format_error(Reason) -> starl_dpp_graph:format_error(Reason).
 %% edges that are not painted yet become free.
 -spec standing(robot_id(), point(), t()) -> t().
 standing(Robot, P, #plan{unsafe = Unsafe, modes = Modes} = Plan0) ->
-    Q = snap(P, starl_dpp_unsafe:held(Robot, Unsafe), Plan0),
+    #plan{config = #{slack := Slack}} = Plan0,
+    Q = starl_dpp_unsafe:nominal(P, starl_dpp_unsafe:held(Robot, Unsafe), Slack),
     Plan1 = release(Robot, Plan0),
     claim_spot(Robot, Q, Plan1#plan{
         unsafe = starl_dpp_unsafe:set(Robot, [{Q, Q}], Unsafe),
@@ -116,8 +114,7 @@ send(Robot, Path, Why, #plan{modes = Modes, yielded = Yielded} = Plan) ->
 %% @doc Two robots exchange their parking spots.
 -spec exchange(robot_id(), robot_id(), t()) -> t().
 exchange(Robot, Owner, #plan{spots = Spots} = Plan) ->
-    #{Robot := V, Owner := W} = Spots,
-    Plan#plan{spots = Spots#{Robot := W, Owner := V}}.
+    Plan#plan{spots = starl_dpp_spots:exchange(Robot, Owner, Spots)}.
 
 %% @doc Takes over the rest of an assignment that a robot holds from an earlier coordinator: the
 %% robot is on its way from the point along the path. For one that is part of the way, take over
@@ -176,15 +173,14 @@ tube_radius(#plan{graph = Graph}) -> starl_dpp_graph:radius(Graph).
 
 %% @doc The robot's parking spot at present.
 -spec spot(robot_id(), t()) -> point().
-spot(Robot, #plan{spots = Spots, graph = Graph}) ->
-    starl_dpp_graph:point(maps:get(Robot, Spots), Graph).
+spot(Robot, #plan{spots = Spots}) -> starl_dpp_spots:place(Robot, Spots).
 
 %% @doc Does the robot stand on its parking spot?
 -spec parked(robot_id(), t()) -> boolean().
-parked(Robot, Plan) ->
-    case Plan of
-        #plan{modes = #{Robot := {standing, P, _}}} -> on_spot(P, spot(Robot, Plan), Plan);
-        #plan{} -> false
+parked(Robot, #plan{modes = Modes, spots = Spots}) ->
+    case Modes of
+        #{Robot := {standing, P, _}} -> starl_dpp_spots:on(P, Robot, Spots);
+        #{} -> false
     end.
 
 %% @doc How many free edges the robot's reservation closes to others.
@@ -214,7 +210,7 @@ masks(Without, #plan{unsafe = Unsafe}) ->
 
 %% @doc Each robot's parking spot at present, sorted by robot.
 -spec spots(t()) -> [{robot_id(), starl_dpp_graph:vertex()}].
-spots(#plan{spots = Spots}) -> lists:sort(maps:to_list(Spots)).
+spots(#plan{spots = Spots}) -> starl_dpp_spots:all(Spots).
 
 %% @doc The segments that a robot holds, `[]' when its place is not known.
 -spec held(robot_id(), t()) -> [segment()].
@@ -248,26 +244,15 @@ view(Robot, #plan{modes = Modes, graph = Graph, unsafe = Unsafe, free = Free} = 
 %%% Internals: state
 
 plan(Robots, Graph, Config) ->
-    Numbered = lists:zip(Robots, lists:seq(1, length(Robots))),
-    Spots = starl_dpp_graph:spots(Graph),
     #plan{
         config = Config,
         graph = Graph,
         unsafe = starl_dpp_unsafe:new(Robots, Graph),
         free = maps:from_list([{E, true} || E <- lists:seq(1, starl_dpp_graph:targets(Graph))]),
-        spots = maps:from_list([{Id, maps:get(N, Spots)} || {Id, N} <- Numbered])
+        spots = starl_dpp_spots:new(Robots, Graph)
     }.
 
 pens(Items) -> [E || {_, {down, E}} <- Items].
-
-%% A robot off the middle of its tube is still covered by the tube's disk around the middle.
-snap(P, Held, #plan{config = #{slack := Slack}}) ->
-    Near = [{starl_geometry:distance(P, Q), Q}
-            || S <- Held, Q <- [starl_geometry:closest_point(P, S)]],
-    case lists:sort(Near) of
-        [{D, Q} | _] when D =< Slack -> Q;
-        _ -> P
-    end.
 
 %% Edges that are assigned and not painted become free.
 release(Robot, #plan{modes = Modes, free = Free, painted = Painted} = Plan) ->
@@ -305,12 +290,10 @@ assign(Robot, From, Path, #plan{} = Plan) ->
         modes = Modes#{Robot => {moving, 0, Path}}
     }.
 
-on_spot(P, Spot, Plan) -> starl_geometry:distance(P, Spot) < ?PARKED * tube_radius(Plan).
-
 %% Who stands on another's spot while that one is away takes it over.
-claim_spot(Robot, P, #plan{spots = Spots, graph = Graph} = Plan) ->
-    Here = [Id || {Id, V} <- lists:sort(maps:to_list(Spots)), Id =/= Robot,
-                  on_spot(P, starl_dpp_graph:point(V, Graph), Plan), not parked(Id, Plan)],
+claim_spot(Robot, P, #plan{spots = Spots} = Plan) ->
+    Here = [Id || {Id, _} <- spots(Plan), Id =/= Robot,
+                  starl_dpp_spots:on(P, Id, Spots), not parked(Id, Plan)],
     case Here of
         [] -> Plan;
         [Owner | _] -> exchange(Robot, Owner, Plan)

@@ -21,6 +21,7 @@
 %% the searching robot itself) and the price of a turn in mm per radian.
 -type start() :: {CostMm :: float(), vertex(), heading()}.
 -type labels() :: #{vertex() => {CostMm :: float(), From :: vertex() | start, heading()}}.
+%% The cheapest way found into each vertex; final for those that were visited.
 -type visit(Acc) ::
     fun((vertex(), CostMm :: float(), heading(), Acc) -> {continue | stop, Acc}).
 %% Called once per vertex, cheapest first.
@@ -28,11 +29,11 @@
 %% @doc Visits vertices in the order of their cost until none is left or the visitor stops.
 -spec run([start()], space(), visit(Acc), Acc) -> {labels(), Acc}.
 run(Starts, Space, Visit, Acc) ->
-    Push = fun({Cost, V, Heading}, Heap) ->
-        starl_dpp_heap:push(Cost, {V, start, Heading}, Heap)
+    Reach = fun({Cost, V, Heading}, {Heap, Labels}) ->
+        reach(Cost, V, start, Heading, Heap, Labels)
     end,
-    Heap = lists:foldl(Push, starl_dpp_heap:new(), Starts),
-    settle(starl_dpp_heap:pop(Heap), Space, Visit, #{}, Acc).
+    {Heap, Labels} = lists:foldl(Reach, {starl_dpp_heap:new(), #{}}, Starts),
+    settle(starl_dpp_heap:pop(Heap), Space, Visit, Labels, Acc).
 
 %% @doc The vertices from the start to a visited vertex.
 -spec trail(vertex(), labels()) -> [vertex(), ...].
@@ -51,34 +52,48 @@ turn(From, To, Mm) when is_float(From), is_float(To), is_float(Mm) ->
 
 %%% Internals
 
+%% A vertex is in the heap once for each way into it that was the cheapest so far; its label is of
+%% the cheapest, so all others come out later, with a higher cost.
 settle(empty, _Space, _Visit, Labels, Acc) ->
     {Labels, Acc};
-settle({_Cost, {V, _, _}, Heap}, Space, Visit, Labels, Acc) when is_map_key(V, Labels) ->
-    settle(starl_dpp_heap:pop(Heap), Space, Visit, Labels, Acc);
-settle({Cost, {V, From, Heading}, Heap0}, Space, Visit, Labels0, Acc0) ->
-    Labels1 = Labels0#{V => {Cost, From, Heading}},
-    case Visit(V, Cost, Heading, Acc0) of
-        {stop, Acc1} ->
-            {Labels1, Acc1};
-        {continue, Acc1} ->
-            #{graph := Graph} = Space,
-            Steps = starl_dpp_graph:adjacent(V, Graph),
-            Heap1 = relax(Steps, {Cost, V, Heading}, Space, Labels1, Heap0),
-            settle(starl_dpp_heap:pop(Heap1), Space, Visit, Labels1, Acc1)
+settle({Cost, V, Heap}, Space, Visit, Labels, Acc0) ->
+    case maps:get(V, Labels) of
+        {Less, _, _} when Less < Cost ->
+            settle(starl_dpp_heap:pop(Heap), Space, Visit, Labels, Acc0);
+        {_, _, Heading} ->
+            case Visit(V, Cost, Heading, Acc0) of
+                {stop, Acc} -> {Labels, Acc};
+                {continue, Acc} -> go_on({Cost, V, Heading}, Heap, Space, Visit, Labels, Acc)
+            end
     end.
 
-relax([], _At, _Space, _Labels, Heap) ->
-    Heap;
-relax([{_, W, _, _} | Steps], At, Space, Labels, Heap) when is_map_key(W, Labels) ->
-    relax(Steps, At, Space, Labels, Heap);
-relax([{E, W, Length, Out} | Steps], {Cost, V, In} = At, Space, Labels, Heap) ->
-    #{masks := Masks, own := Own, turn_mm := Mm} = Space,
-    case Masks of
-        #{E := Mask} when Mask band (bnot Own) =/= 0 ->
-            relax(Steps, At, Space, Labels, Heap);
+go_on({_, V, _} = At, Heap0, #{graph := Graph} = Space, Visit, Labels0, Acc) ->
+    {Heap, Labels} = relax(starl_dpp_graph:adjacent(V, Graph), At, Space, Heap0, Labels0),
+    settle(starl_dpp_heap:pop(Heap), Space, Visit, Labels, Acc).
+
+relax([], _At, _Space, Heap, Labels) ->
+    {Heap, Labels};
+relax([{E, W, Length, Out} | Steps], {Cost, V, In} = At, Space, Heap0, Labels0) ->
+    case Labels0 of
+        #{W := {Known, _, _}} when Known =< Cost + Length ->
+            relax(Steps, At, Space, Heap0, Labels0);
         #{} ->
-            Next = Cost + Length + turn(In, Out, Mm),
-            relax(Steps, At, Space, Labels, starl_dpp_heap:push(Next, {W, V, Out}, Heap))
+            Next = Cost + Length + turn(In, Out, maps:get(turn_mm, Space)),
+            {Heap, Labels} = step(E, Next, W, V, Out, Space, Heap0, Labels0),
+            relax(Steps, At, Space, Heap, Labels)
+    end.
+
+step(E, Cost, V, From, Heading, #{masks := Masks, own := Own}, Heap, Labels) ->
+    case Masks of
+        #{E := Mask} when Mask band (bnot Own) =/= 0 -> {Heap, Labels};
+        #{} -> reach(Cost, V, From, Heading, Heap, Labels)
+    end.
+
+%% A vertex can be reached at this cost.
+reach(Cost, V, From, Heading, Heap, Labels) ->
+    case Labels of
+        #{V := {Known, _, _}} when Known =< Cost -> {Heap, Labels};
+        #{} -> {starl_dpp_heap:push(Cost, V, Heap), Labels#{V => {Cost, From, Heading}}}
     end.
 
 trail(start, _Labels, Trail) ->

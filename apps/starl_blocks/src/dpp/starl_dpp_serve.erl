@@ -186,8 +186,9 @@ open(S) ->
 %% @doc Serves all who wait.
 -spec serve(t()) -> turn().
 serve(#serve{waiting = Waiting} = S) ->
-    Each = [fun(S1) -> serve_robot(Robot, S1) end || Robot <- Waiting],
-    chain(Each ++ [fun settle/1], S).
+    chain([fun(S1) -> serve_each(Waiting, S1) end, fun settle/1], S).
+
+serve_each(Robots, S) -> chain([fun(S1) -> serve_robot(Robot, S1) end || Robot <- Robots], S).
 
 serve_robot(_Robot, #serve{open = false} = S) ->
     {S, []};
@@ -220,30 +221,37 @@ answer(Robot, Answer, #serve{waiting = Waiting, latest = Latest, term = Term} = 
     Next = S#serve{waiting = lists:delete(Robot, Waiting), telling = Telling#{Robot => Count}},
     {Next, [starl_sap:send(Robot, dpp_answer, Body, {answered, Term, Robot})]}.
 
-%% When all wait and nobody moves, somebody must make way; when the picture is complete, all
-%% are told.
+%% When the picture is complete, all who wait are told; when all wait and nobody moves, somebody
+%% must make way.
 settle(#serve{waiting = []} = S) ->
     {S, []};
-settle(#serve{open = true, plan = Plan, waiting = Waiting, moving = Moving} = S) when
-    map_size(Moving) =:= 0
-->
-    {Paths, Next} = starl_dpp_assign:resolve(Waiting, Plan),
-    resolve(Paths, S#serve{plan = Next});
-settle(#serve{open = true} = S) ->
-    {S, []};
+settle(#serve{open = true, plan = Plan, waiting = Waiting} = S) ->
+    case starl_dpp_plan:counts(Plan) of
+        #{free := 0, assigned := 0} -> serve_each(Waiting, S);
+        #{} -> unblock(S)
+    end;
 settle(S) ->
     %% who cannot be found does not keep the others waiting for ever
     resolve([], S).
+
+unblock(#serve{moving = Moving, waiting = Waiting, plan = Plan} = S) when map_size(Moving) =:= 0 ->
+    {Paths, Next} = starl_dpp_assign:resolve(Waiting, Plan),
+    resolve(Paths, S#serve{plan = Next});
+unblock(S) ->
+    {S, []}.
 
 resolve([], #serve{stuck = true} = S) ->
     {S, []};
 resolve([], S) ->
     {S#serve{stuck = true}, [{{timeout, give_up}, ?GIVE_UP_US, give_up}]};
 resolve(Paths, S) ->
-    Trace = {trace, {deadlock_resolved, [Robot || {Robot, _} <- Paths]}},
+    %% Who gets work had to wait for those that moved: that was no deadlock.
+    Away = [Robot || {Robot, Path} <- Paths, not lists:any(fun paints/1, Path)],
     Each = [fun(S1) -> assign(Robot, Path, S1) end || {Robot, Path} <- Paths],
     {Assigned, Actions} = chain(Each, S),
-    {Assigned, [Trace | Actions]}.
+    {Assigned, [{trace, {deadlock_resolved, Away}} || Away =/= []] ++ Actions}.
+
+paints({_Point, Pen}) -> Pen =/= up.
 
 %% @doc Nobody moves, nothing can be assigned, and the silent robots have not come back.
 -spec give_up(t()) -> turn().

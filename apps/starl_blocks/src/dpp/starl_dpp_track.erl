@@ -55,15 +55,7 @@ segments(From, [{Point, _} | Path]) -> [{From, Point} | segments(Point, Path)].
 %% standing on it.
 -spec stands(point(), t()) -> t().
 stands(At, #track{line = Line, slack = Slack} = Track) ->
-    Near = lists:sort([
-        {starl_geometry:distance(At, P), P}
-     || S <- Line, P <- [starl_geometry:closest_point(At, S)]
-    ]),
-    Nominal =
-        case Near of
-            [{Distance, P} | _] when Distance =< Slack -> P;
-            _ -> At
-        end,
+    Nominal = starl_dpp_unsafe:nominal(At, Line, Slack),
     Track#track{at = At, nominal = Nominal, line = [{Nominal, Nominal}]}.
 
 %% @doc Where the robot was last seen to stand.

@@ -9,7 +9,7 @@
 -module(starl_dpp_unsafe).
 
 -export([new/2, set/3, drop/3, held/2, all/1, unknown/1, bit/2, masks/1, blocks/2,
-         others/2, clear/2, away/3]).
+         others/2, clear/2, away/3, nominal/3]).
 -export_type([t/0, masks/0, obstacle/0]).
 
 -type robot_id() :: pos_integer().
@@ -111,6 +111,17 @@ clear({{AX, AY}, {BX, BY}} = Segment, Obstacles) ->
 away(Robot, P, #unsafe{graph = Graph} = Unsafe) ->
     Others = lists:append([Held || {Id, Held} <- all(Unsafe), Id =/= Robot]),
     away(?STEPS, P, Others, clearance(Graph)).
+
+%% @doc The point of what a robot held that it counts as standing on: the nearest, if the robot is
+%% within the slack of it, for then its disk is covered by the tube's; else where it is.
+-spec nominal(P, Held :: [segment()], SlackMm :: float()) -> P when P :: starl_geometry:point().
+nominal(P, Held, Slack) ->
+    Near = [{starl_geometry:distance(P, Q), Q}
+            || S <- Held, Q <- [starl_geometry:closest_point(P, S)]],
+    case lists:sort(Near) of
+        [{D, Q} | _] when D =< Slack -> Q;
+        _ -> P
+    end.
 
 %%% Internals
 

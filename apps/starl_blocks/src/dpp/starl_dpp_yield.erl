@@ -53,7 +53,7 @@ wish(Waiting, #{graph := Graph, free := Free} = View) ->
     #{masks := Masks, own := Own} = Space = starl_dpp_route:space(Waiting, View),
     Open = fun(E) -> is_map_key(E, Free) andalso maps:get(E, Masks, 0) band (bnot Own) =:= 0 end,
     Visit = fun(V, Cost, _, none) ->
-        case [E || {E, _, _, _} <- starl_dpp_graph:adjacent(V, Graph), Open(E)] of
+        case [E || {E, _, _, _} <- starl_dpp_graph:lines(V, Graph), Open(E)] of
             [] -> {continue, none};
             [E | _] -> {stop, {Cost, V, E}}
         end

@@ -1,0 +1,152 @@
+%% @doc Whom a participant of distributed path planning follows: the coordinator of the highest term
+%% it has heard of, its vote for it, what it still has to tell it, and how long it has leave to
+%% drive. Pure; the participant's side of {@link starl_dpp_lease}.
+-module(starl_dpp_follow).
+
+-export([new/1, join/2, coordinator/1, term/1, answers/3]).
+-export([recover/4, beat/4, missed/2, lead/1]).
+-export([tell/4]).
+-export([asked/2, leave_us/2]).
+-export_type([t/0, ballot/0, turn/0]).
+
+-type turn() :: {t(), [starl_machine:action()]}.
+%% Answers the coordinator's beat Seq: the own clock, and whether it has the vote.
+-type ballot() :: {starl_dpp_lease:seq(), starl_dpp_lease:stamp(), Vote :: boolean()}.
+
+%% Beats are answered so often.
+-define(HERE_US, 2000000).
+
+-record(follow, {
+    self :: starl:robot_id(),
+    team :: [starl:robot_id()],
+    coordinator = none :: starl:robot_id() | none,
+    vote :: starl_dpp_vote:t(),
+    %% the highest term heard of; the beat of it that wants to know where the robot is
+    term = {0, 0} :: starl_dpp:term_id(),
+    wanted = none :: starl_dpp_lease:seq() | none,
+    %% when the coordinator was last heard, and last answered
+    heard = none :: integer() | none,
+    here = none :: integer() | none,
+    %% leave lasts so long from these: the latest of its own stamps that came back in a beat, and
+    %% the stamp of the latest request
+    short_us :: pos_integer(),
+    granted :: integer(),
+    asked :: integer()
+}).
+-opaque t() :: #follow{}.
+
+%% @doc Nobody is followed yet; there is no leave.
+-spec new(starl_machine:config()) -> t().
+new(#{robot := Self, participants := Team, now := Now} = Config) ->
+    Short = starl_dpp_lease:short_us(Config),
+    #follow{
+        self = Self, team = starl_team:members(Team), vote = starl_dpp_vote:new(Config),
+        short_us = Short, granted = Now - Short, asked = Now - Short
+    }.
+
+%% @doc Names the first coordinator; whoever has heard of a term stays with that one's.
+-spec join(starl:robot_id(), t()) -> turn().
+join(Coordinator, #follow{term = {0, 0}} = F) ->
+    Joined = F#follow{coordinator = Coordinator},
+    {Joined, missing(Joined)};
+join(_Coordinator, F) ->
+    {F, []}.
+
+%% @doc Who is followed.
+-spec coordinator(t()) -> starl:robot_id() | none.
+coordinator(#follow{coordinator = Coordinator}) -> Coordinator.
+
+%% @doc The highest term heard of.
+-spec term(t()) -> starl_dpp:term_id().
+term(#follow{term = Term}) -> Term.
+
+%% @doc Is this the one that is followed, in its term?
+-spec answers(starl:robot_id(), starl_dpp:term_id(), t()) -> boolean().
+answers(Source, Term, #follow{coordinator = Coordinator, term = Known}) ->
+    {Source, Term} =:= {Coordinator, Known}.
+
+%% -- terms ----------------------------------------------------------------------------------
+
+%% @doc One that claims a term, or leads it, wants to know where the robot is. A lower term is
+%% refused always; a claim, where the vote is promised to another; one that leads has a quorum's
+%% votes and needs none.
+-spec recover(starl:robot_id(), {starl_dpp:term_id(), Seq, Leads :: boolean()}, Now, t()) ->
+    {followed | refused, turn()} when Seq :: starl_dpp_lease:seq(), Now :: integer().
+recover(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F) ->
+    Own = Term =:= Known orelse Leads orelse starl_dpp_vote:may(Source, Now, Vote),
+    case Term >= Known andalso Own of
+        true -> {followed, follow(Source, Term, Now, F#follow{wanted = Seq})};
+        false -> {refused, {F, [starl_sap:post(Source, dpp_refused, Known)]}}
+    end.
+
+%% @doc A beat, with the stamps that give leave: of the term that is followed, answered now and
+%% then; or of another one, whose coordinator wants to know where the robot is. A robot that has
+%% not told its place does so first.
+-spec beat(starl:robot_id(), {starl_dpp:term_id(), Seq, [Stamp]}, Now, t()) ->
+    {beaten | followed | refused, turn()} when
+    Seq :: starl_dpp_lease:seq(), Stamp :: {starl:robot_id(), starl_dpp_lease:stamp()},
+    Now :: integer().
+beat(Source, {Term, Seq, Stamps}, Now, #follow{term = Term, self = Self, granted = Old} = F) ->
+    Granted = max(Old, proplists:get_value(Self, Stamps, Old)),
+    {Following, Actions} = follow(Source, Term, Now, F#follow{granted = Granted}),
+    {Answered, Here} = here(Seq, Now, Following),
+    {beaten, {Answered, Actions ++ Here}};
+beat(Source, {Term, Seq, _Stamps}, Now, F) ->
+    recover(Source, {Term, Seq, true}, Now, F).
+
+%% The coordinator of the own robot hears of the term, too.
+follow(Source, Term, Now, #follow{self = Self} = F) ->
+    Following = F#follow{coordinator = Source, term = Term, heard = Now},
+    Led = [{cast, dpp_coordinator, {led, Term}} || Source =/= Self],
+    {Following, Led ++ missing(Following)}.
+
+here(Seq, Now, #follow{wanted = none, here = Last, term = Term} = F) when
+    Last =:= none; Now - Last >= ?HERE_US
+->
+    {Ballot, Voted} = ballot(Seq, Now, F),
+    {Voted, [starl_sap:post(Voted#follow.coordinator, dpp_here, {Term, Ballot})]};
+here(_Seq, _Now, F) ->
+    {F, []}.
+
+%% @doc Was nothing heard of the coordinator for a lease?
+-spec missed(Now :: integer(), t()) -> boolean().
+missed(_Now, #follow{heard = none}) -> true;
+missed(Now, #follow{heard = Heard, short_us = Short}) -> Now - Heard > Short.
+
+%% @doc The own robot is to claim the next term; later again.
+-spec lead(t()) -> [starl_machine:action()].
+lead(#follow{term = {N, _}} = F) -> [{cast, dpp_coordinator, {lead, N}} | missing(F)].
+
+%% The own robot claims when nothing is heard of the coordinator.
+missing(#follow{coordinator = Coordinator, self = Self, team = Team, vote = Vote}) ->
+    [{{timeout, missing}, starl_dpp_vote:missing_us(Coordinator, Self, {Team, Vote}), missing}].
+
+%% -- what the coordinator is told -----------------------------------------------------------
+
+%% @doc Where the robot is, and the edges it knows to be painted, once to each that wants to know.
+%% The vote goes with it.
+-spec tell(starl_dpp:request_id(), {starl_dpp:place(), [Edge]}, Now :: integer(), t()) ->
+    turn() when Edge :: starl_dpp_graph:edge_id().
+tell(_Id, _Place, _Now, #follow{wanted = none} = F) ->
+    {F, []};
+tell(Id, {Place, Painted}, Now, #follow{wanted = Seq, term = Term} = F) ->
+    {Ballot, #follow{coordinator = Coordinator} = Voted} = ballot(Seq, Now, F),
+    Body = {Term, Id, Place, Painted, Ballot},
+    {Voted#follow{wanted = none}, [starl_sap:post(Coordinator, dpp_state, Body)]}.
+
+ballot(Seq, Now, #follow{vote = Vote0, coordinator = Coordinator} = F) ->
+    {Given, Vote} = starl_dpp_vote:give(Coordinator, Now, Vote0),
+    {{Seq, Now, Given}, F#follow{vote = Vote, here = Now}}.
+
+%% -- leave ----------------------------------------------------------------------------------
+
+%% @doc A request is made: its answer will give leave from now on.
+-spec asked(Now :: integer(), t()) -> t().
+asked(Now, F) -> F#follow{asked = Now}.
+
+%% @doc How long the robot may still drive; not at all from 0 down.
+-spec leave_us(Now :: integer(), t()) -> integer().
+leave_us(Now, #follow{granted = Granted, asked = Asked, short_us = Short}) ->
+    case max(Granted, Asked) + Short - Now of
+        Us when is_integer(Us) -> Us
+    end.

@@ -1,0 +1,88 @@
+%% Path planning's search finds what a plain one finds: every vertex that can be reached over safe
+%% edges is visited once, the cheapest first, at the cost of the cheapest way into it.
+-module(starl_dpp_search_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(TURN_MM, 160.0).
+
+agrees_with_a_plain_search_test_() ->
+    [{timeout, 30, fun() -> agrees(Seed) end} || Seed <- lists:seq(1, 12)].
+
+agrees(Seed) ->
+    {Space, Starts} = drawn(rand:seed_s(exsss, Seed)),
+    Visit = fun(V, Cost, Heading, Acc) -> {continue, [{V, Cost, Heading} | Acc]} end,
+    {Labels, Visited} = starl_dpp_search:run(Starts, Space, Visit, []),
+    Order = lists:reverse(Visited),
+    ?assertEqual(plain(Starts, Space), Order, {seed, Seed}),
+    [?assertEqual(Cost, cost(starl_dpp_search:trail(V, Labels), Starts, Space), {seed, Seed, V})
+     || {V, Cost, _} <- Order].
+
+%% It stops when the visitor says so, with the way to what it has found.
+stops_test() ->
+    {Space, Starts} = drawn(rand:seed_s(exsss, 1)),
+    All = plain(Starts, Space),
+    {V, Cost, _} = lists:nth(length(All) div 2, All),
+    Visit = fun(W, _, _, N) -> {case W of V -> stop; _ -> continue end, N + 1} end,
+    {Labels, Visited} = starl_dpp_search:run(Starts, Space, Visit, 0),
+    ?assertEqual(length(All) div 2, Visited),
+    ?assertEqual(Cost, cost(starl_dpp_search:trail(V, Labels), Starts, Space)).
+
+%% -- a plain search -------------------------------------------------------------------------
+
+%% Of all that can be reached next, the cheapest is visited.
+plain(Starts, Space) -> plain(lists:sort(Starts), #{}, Space).
+
+plain([], _Seen, _Space) ->
+    [];
+plain([{_, V, _} | Open], Seen, Space) when is_map_key(V, Seen) ->
+    plain(Open, Seen, Space);
+plain([{Cost, V, In} | Open], Seen, #{graph := Graph} = Space) ->
+    Next = [
+        {Cost + Length + starl_dpp_search:turn(In, Out, ?TURN_MM), W, Out}
+     || {E, W, Length, Out} <- starl_dpp_graph:adjacent(V, Graph), safe(E, Space)
+    ],
+    [{V, Cost, In} | plain(lists:merge(lists:sort(Next), Open), Seen#{V => true}, Space)].
+
+safe(E, #{masks := Masks, own := Own}) -> maps:get(E, Masks, 0) band (bnot Own) =:= 0.
+
+cost([First | Rest], Starts, Space) ->
+    {Cost, First, Heading} = lists:min([Start || {_, V, _} = Start <- Starts, V =:= First]),
+    cost(First, Rest, Cost, Heading, Space).
+
+cost(_V, [], Cost, _In, _Space) ->
+    Cost;
+cost(V, [W | Rest], Cost, In, #{graph := Graph} = Space) ->
+    {Length, Out} = lists:min([
+        {Length, Out}
+     || {E, To, Length, Out} <- starl_dpp_graph:adjacent(V, Graph), To =:= W, safe(E, Space)
+    ]),
+    cost(W, Rest, Cost + Length + starl_dpp_search:turn(In, Out, ?TURN_MM), Out, Space).
+
+%% A graph over random lines, every fifth edge blocked, by the searching robot itself or another,
+%% and up to four starts, two of them at one vertex.
+drawn(Rand0) ->
+    {Numbers, Rand1} = draws(40, Rand0),
+    {ok, Plan} = starl_dpp_plan:new(#{
+        segments => lines(Numbers), world => {9000.0, 9000.0}, tube_radius => 220.0,
+        robots => [1, 2]
+    }),
+    Graph = starl_dpp_plan:graph(Plan),
+    Edges = lists:seq(1, 3 * starl_dpp_graph:targets(Graph)),
+    {Blocks, Rand2} = draws(length(Edges), Rand1),
+    Masks = maps:from_list([{E, 1 + trunc(15 * X)} || {E, X} <- lists:zip(Edges, Blocks), X < 0.2]),
+    {[A, B, C, D], _} = draws(4, Rand2),
+    Vertex = fun(X) -> 1 + trunc(X * starl_dpp_graph:targets(Graph) / 2) end,
+    Starts = [{900.0 * B, Vertex(A), none}, {900.0 * C, Vertex(A), 1.0}, {400.0 * D, Vertex(C), D}],
+    {#{graph => Graph, masks => Masks, own => 1, turn_mm => ?TURN_MM}, Starts}.
+
+lines([A, B, C, D | Rest]) -> [{place(A, B), place(C, D)} | lines(Rest)];
+lines([]) -> [].
+
+place(X, Y) -> {1500.0 + 6000.0 * X, 1500.0 + 6000.0 * Y}.
+
+draws(0, Rand) ->
+    {[], Rand};
+draws(N, Rand0) ->
+    {X, Rand1} = rand:uniform_s(Rand0),
+    {Rest, Rand2} = draws(N - 1, Rand1),
+    {[X | Rest], Rand2}.

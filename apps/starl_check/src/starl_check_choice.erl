@@ -1,0 +1,198 @@
+%% @doc What may happen in a state of a checked team.
+%%
+%% <dl>
+%% <dt>`{deliver, Item}'</dt><dd>a message or a packet arrives</dd>
+%% <dt>`{again, Item}'</dt><dd>a packet arrives, and will once more</dd>
+%% <dt>`{outcome, Place, Call, Lost}'</dt><dd>a caller hears what has become of its message: at
+%%   these receivers it is reported lost, whether it has arrived, will arrive later or never</dd>
+%% <dt>`{refuse, Item}'</dt><dd>the receiver's SAP has restarted, the source's does not know it
+%%   yet: the message does not arrive and will be reported so</dd>
+%% <dt>`{fire, Place, Timer}'</dt><dd>a time-out, or the client's next call</dd>
+%% <dt>`{crash, Place, Machine}'</dt><dd>a machine crashes and starts anew</dd>
+%% <dt>`tick'</dt><dd>time passes to the next timed timer, or by the model's grain</dd>
+%% </dl>
+%% A loss of which nobody hears is not a step of its own. What never arrives stays under way for
+%% ever, and every way there is also a way on which it was lost: what safety allows up to any
+%% moment does not depend on what comes later. So packets may be lost at will. A message over
+%% SAP's contract that is still under way when a time-out fires, or when time passes, is either
+%% slow or lost, and is counted as such: at most as many as `late' and `loss' say. This also bounds
+%% how many messages can ever be under way, as every time-out may send more. A call fails for
+%% want of patience as often as `timeout' says.
+-module(starl_check_choice).
+
+-export([local/4, refusals/1, waiting/3, outcomes/3, global/3]).
+-export([items/2, is_silent/4, is_stuck/3, price/5, fresh/2, next_due/3, heard/2]).
+
+-export_type([t/0]).
+
+-type place() :: starl_check_term:place().
+-type store() :: starl_check_store:t().
+-type model() :: starl_check_model:t().
+-type state() :: starl_check_state:t().
+-type ref() :: starl_check_part:ref().
+
+-type t() ::
+    {deliver | again | refuse, ref()}
+    | {outcome, place(), starl_check_sap:ref(), Lost :: [starl:robot_id()]}
+    | {fire, place(), starl_check_robot:timer()}
+    | {crash, place(), starl_machine:name()}
+    | tick.
+
+%% @doc The messages under way to these robots, each once.
+-spec items([place()], state()) -> [ref()].
+items(Places, #{items := Items}) ->
+    [I || I <- lists:usort(Items), lists:member(starl_check_part:receiver(I), Places)].
+
+%% @doc What may happen at one robot and rests on nothing elsewhere: messages arrive, a machine
+%% crashes, a timer fires that does not wait for messages.
+-spec local(place(), state(), model(), store()) -> [t()].
+local(Place, #{dup := Dup, robots := Robots} = State, Model, Store) ->
+    Mine = items([Place], State),
+    [{deliver, I} || I <- Mine] ++
+        [{again, I} || Dup > 0, I <- Mine, starl_check_part:age(I) =:= packet] ++
+        [
+            {fire, Place, Key}
+         || {Key, Due, Kind} <- starl_check_part:timers(element(Place, Robots), Model, Store),
+            Kind =:= step orelse {Kind, Due} =:= {timed, 0}
+        ] ++
+        [{crash, Place, Name} || maps:get(crash, State) > 0, Name <- maps:get(crash, Model)] ++
+        [{crash, Place, sap} || maps:get(sap, State) > 0].
+
+%% @doc Messages that a restarted SAP may refuse.
+-spec refusals(state()) -> [t()].
+refusals(#{stale := []}) ->
+    [];
+refusals(#{stale := Stale, items := Items}) ->
+    [
+        {refuse, I}
+     || I <- lists:usort(Items),
+        starl_check_part:age(I) =/= ghost,
+        lists:member({starl_check_part:source(I), starl_check_part:receiver(I)}, Stale)
+    ].
+
+%% @doc A robot's calls of SAP that are not answered, and which receivers have not got the message.
+-spec waiting(place(), state(), store()) -> [{starl_check_sap:ref(), Open :: [place()]}].
+waiting(Place, #{robots := Robots}, Store) ->
+    [
+        {Ref, [starl_check_term:number(Robot) || Robot <- Open]}
+     || {Ref, Open, _, _, _} <- starl_check_part:calls(element(Place, Robots), Store)
+    ].
+
+%% @doc The answers to a robot's calls of SAP. A call may be answered once its message has reached
+%% all receivers, or else is reported lost; one that has arrived is reported lost, too, if its
+%% acknowledgements were lost.
+-spec outcomes(place(), state(), store()) -> [{starl_check_sap:ref(), t()}].
+outcomes(Place, #{robots := Robots} = State, Store) ->
+    lists:append([
+        answers(Place, Call, State, Store)
+     || Call <- starl_check_part:calls(element(Place, Robots), Store)
+    ]).
+
+answers(Place, {Ref, Open, Reached, _, _}, #{loss := Loss} = State, Store) ->
+    case Loss - price(Place, Ref, Open, State, Store) of
+        Left when Left >= 0 ->
+            [
+                {Ref, {outcome, Place, Ref, lists:sort(Open ++ Denied)}}
+             || Denied <- subsets(Left, Reached, Place, State)
+            ];
+        _ ->
+            []
+    end.
+
+%% @doc The losses that it takes to answer a call; what is counted as lost already costs nothing.
+-spec price(place(), starl_check_sap:ref(), Open :: [starl:robot_id()], state(), store()) ->
+    integer().
+price(_Place, _Ref, [], _State, _Store) ->
+    0;
+price(Place, Ref, Open, #{items := Items}, Store) ->
+    length(Open) -
+        length([
+            I
+         || I <- Items,
+            starl_check_part:age(I) =:= ghost,
+            starl_check_part:source(I) =:= Place,
+            element(6, starl_check_part:item(I, Store)) =:= Ref
+        ]).
+
+%% So many of the receivers, and any of those that may seem to have restarted before the message
+%% came: the lost acknowledgement of a robot whose SAP has crashed since is a refusal.
+subsets(_Left, [], _Place, _State) ->
+    [[]];
+subsets(Left, [Dest | Rest], Place, #{stale := Stale} = State) ->
+    Without = subsets(Left, Rest, Place, State),
+    case lists:member({Place, starl_check_term:number(Dest)}, Stale) of
+        true -> Without ++ [[Dest | Others] || Others <- Without];
+        false when Left > 0 ->
+            Without ++ [[Dest | Others] || Others <- subsets(Left - 1, Rest, Place, State)];
+        false -> Without
+    end.
+
+%% @doc What may happen only when nothing is under way any more but what is slow or lost: the
+%% other timers fire, and time passes.
+-spec global(state(), model(), store()) -> [t()].
+global(#{late := Late, loss := Loss} = State, Model, Store) ->
+    case length(fresh(State, Store)) =< Late + Loss of
+        true -> fires(State, Model, Store) ++ [tick || next_due(State, Model, Store) > 0];
+        false -> []
+    end.
+
+fires(#{robots := Robots, timeout := Left} = State, Model, Store) ->
+    [
+        {fire, Place, Key}
+     || Place <- starl_check_state:places(State),
+        {Key, _, Kind} <- starl_check_part:timers(element(Place, Robots), Model, Store),
+        Kind =:= free orelse (Kind =:= patience andalso Left > 0)
+    ].
+
+%% @doc The messages that a time-out would make slow, and the answers that might have come.
+-spec fresh(state(), store()) -> [ref() | {place(), starl_check_sap:ref()}].
+fresh(#{items := Items, robots := Robots} = State, Store) ->
+    [I || I <- Items, starl_check_part:age(I) =:= fresh] ++
+        [
+            {Place, Ref}
+         || Place <- starl_check_state:places(State),
+            {Ref, [], _, _, false} <- starl_check_part:calls(element(Place, Robots), Store)
+        ].
+
+%% @doc The ticks to the next timed timer, at most the grain; 0 where time does not pass.
+-spec next_due(state(), model(), store()) -> non_neg_integer().
+next_due(_State, #{grain := none}, _Store) ->
+    0;
+next_due(#{robots := Robots}, #{grain := Grain} = Model, Store) ->
+    Dues = [
+        Due
+     || Number <- tuple_to_list(Robots),
+        {_, Due, timed} <- starl_check_part:timers(Number, Model, Store)
+    ],
+    lists:min([Grain | Dues]).
+
+%% @doc Does a message, if it arrives now, change nothing but what its receiver knows? Nothing is
+%% sent, nothing is judged, and no SAP learns that another has restarted.
+-spec is_silent(ref(), state(), model(), store()) -> boolean().
+is_silent(I, #{robots := Robots, stale := Stale}, Model, Store) ->
+    To = starl_check_part:receiver(I),
+    case starl_check_part:event(To, element(To, Robots), I, Model, Store) of
+        {_, [], _, none} -> Stale =:= [] orelse heard(I, Stale) =:= Stale;
+        _ -> false
+    end.
+
+%% @doc Is a client waiting, with nothing under way that must arrive, and no time-out to come?
+-spec is_stuck(state(), model(), store()) -> boolean().
+is_stuck(#{robots := Robots, items := Items, loss := Loss}, Model, Store) ->
+    Numbers = tuple_to_list(Robots),
+    lists:all(fun(N) -> starl_check_part:timers(N, Model, Store) =:= [] end, Numbers) andalso
+        lists:all(fun(N) -> starl_check_part:calls(N, Store) =:= [] end, Numbers) andalso
+        not lists:all(fun(N) -> starl_check_part:is_done(N, Store) end, Numbers) andalso
+        length([I || I <- Items, starl_check_part:age(I) =/= ghost]) =< Loss.
+
+%% @doc Whose SAP may still not know that another has restarted, when a message has been taken:
+%% what the receiver's present SAP took, and what it sent, tells its incarnation.
+-spec heard(ref(), [{place(), place()}]) -> [{place(), place()}].
+heard(_I, []) ->
+    [];
+heard(I, Stale) ->
+    {From, To} = Pair = {starl_check_part:source(I), starl_check_part:receiver(I)},
+    case starl_check_part:age(I) of
+        ghost -> Stale -- [Pair];
+        _ -> Stale -- [Pair, {To, From}]
+    end.

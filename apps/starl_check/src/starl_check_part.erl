@@ -1,0 +1,258 @@
+%% @doc The parts of a team's state by their numbers (see {@link starl_check_store}): what a part
+%% holds, what becomes of it, and what it is called when robots change places. Everything is
+%% computed once for each part and remembered.
+-module(starl_check_part).
+
+-export([boot/3, event/5, judge_number/2, judge/4, traces/2]).
+-export([calls/2, timers/3, is_done/2]).
+-export([item/2, item_number/2, source/1, receiver/1, age/1, grown_old/3]).
+-export([later_robot/4, later_item/4]).
+-export([renamed_robot/3, renamed_item/3, renamed_monitor/4]).
+
+-export_type([ref/0, item/0, age/0, event/0, happening/0]).
+
+-type place() :: starl_check_term:place().
+-type store() :: starl_check_store:t().
+-type model() :: starl_check_model:t().
+
+%% The number of a part.
+-type ref() :: non_neg_integer().
+
+%% Eight robots at most: three bits for the source, three for the receiver, two for the age.
+-define(ITEM_BITS, 8).
+
+%% `late': it is counted as slow; `ghost': as lost, it may arrive or not.
+-type age() :: fresh | late | ghost.
+
+-type item() ::
+    {message, From :: place(), To :: place(), Type :: atom(), Body :: term(),
+        starl_check_sap:ref() | none, age()}
+    | {packet, From :: place(), To :: place(), starl_packet:t()}.
+
+%% What happens to a robot: a message under way arrives, or one of the others.
+-type event() :: ref() | starl_check_robot:event().
+
+%% The robot after an event, what it put under way in ascending order, all that it traced, and
+%% that part of it that the monitor judges.
+-type happening() ::
+    {Robot :: ref(), Sent :: [ref()], Traces :: ref() | none, Judged :: ref() | none}
+    | {broken, starl_monitor:violation()}.
+
+%% @doc The robot of a place when all its machines have started.
+-spec boot(place(), model(), store()) -> happening().
+boot(Place, Model, Store) ->
+    happening(Place, starl_check_robot:boot(Place, Model), Model, Store).
+
+%% @doc The robot after an event.
+-spec event(place(), Robot :: ref(), event(), model(), store()) -> happening().
+event(Place, Number, Event, Model, Store) ->
+    starl_check_store:memo(
+        {Number, Event},
+        fun() -> happen(Place, Number, Event, Model, Store) end,
+        Store
+    ).
+
+happen(Place, Number, Event, Model, Store) ->
+    Robot = starl_check_store:term(Number, Store),
+    try starl_check_robot:event(robot_event(Event, Store), Robot, Model) of
+        Result -> happening(Place, Result, Model, Store)
+    catch
+        error:Reason:Stack -> {broken, crashed(Place, Reason, Stack)}
+    end.
+
+happening(Place, {Sent, Traces, Robot}, #{monitor := {Module, _}}, Store) ->
+    Items = [item_number(new_item(Place, One), Store) || One <- Sent],
+    Wanted = Module:interests(),
+    Judged = [T || {_, _, Name, _} = T <- Traces, lists:member(Name, Wanted)],
+    {
+        starl_check_store:number(Robot, Robot, Store), lists:sort(Items),
+        unless_empty(Traces, Store), unless_empty(Judged, Store)
+    }.
+
+unless_empty([], _Store) -> none;
+unless_empty(Traces, Store) -> starl_check_store:number(Traces, Traces, Store).
+
+%% A machine that cannot handle what happened to it.
+crashed(Place, Reason, Stack) ->
+    #{
+        contract => machine, what => crashed, at_us => 0, robots => [starl_check_term:id(Place)],
+        details => #{reason => Reason, at => lists:sublist([{M, F} || {M, F, _, _} <- Stack], 1)}
+    }.
+
+robot_event(I, Store) when is_integer(I) ->
+    case item(I, Store) of
+        {packet, _, _, Packet} -> {packet, Packet};
+        {message, From, _, Type, Body, _, _} -> {message, starl_check_term:id(From), Type, Body}
+    end;
+robot_event(Event, _Store) ->
+    Event.
+
+new_item(From, {packet, To, Packet}) ->
+    {packet, From, starl_check_term:number(To), Packet};
+new_item(From, {message, To, Type, Body, Ref}) ->
+    {message, From, starl_check_term:number(To), Type, Body, Ref, fresh}.
+
+%% @doc What was traced, by its number.
+-spec traces(ref() | none, store()) -> [starl_monitor:trace_event()].
+traces(none, _Store) -> [];
+traces(Number, Store) -> starl_check_store:term(Number, Store).
+
+%% -- the monitor ----------------------------------------------------------------------------
+
+%% @doc The number of a monitor's state. Those that judge alike from now on are one.
+-spec judge_number({module(), starl_monitor:state()}, store()) -> ref().
+judge_number({Module, Judge}, Store) ->
+    starl_check_store:number({Module, Module:timeless(Judge)}, Judge, Store).
+
+%% @doc The monitor after it has judged.
+-spec judge(Judged :: ref() | none, Monitor :: ref(), model(), store()) ->
+    ref() | {violation, starl_monitor:violation()}.
+judge(none, Monitor, _Model, _Store) ->
+    Monitor;
+judge(Judged, Monitor, #{monitor := {Module, _}}, Store) ->
+    starl_check_store:memo(
+        {judge, Monitor, Judged},
+        fun() ->
+            Judge = starl_check_store:term(Monitor, Store),
+            verdict(starl_check_store:term(Judged, Store), Module, Judge, Store)
+        end,
+        Store
+    ).
+
+verdict([], Module, Judge, Store) ->
+    judge_number({Module, Judge}, Store);
+verdict([Trace | Traces], Module, Judge, Store) ->
+    case Module:step(Trace, Judge) of
+        {ok, Next} -> verdict(Traces, Module, Next, Store);
+        {violation, Violation, _} -> {violation, Violation}
+    end.
+
+%% -- what a part holds ----------------------------------------------------------------------
+
+%% @doc A robot's calls of SAP that wait for an answer.
+-spec calls(Robot :: ref(), store()) -> [starl_check_sap:call()].
+calls(Number, Store) ->
+    of_robot(calls, Number, fun starl_check_robot:calls/1, Store).
+
+%% @doc A robot's timers that run, when they are due and of what kind they are.
+-spec timers(Robot :: ref(), model(), store()) ->
+    [{starl_check_robot:timer(), starl_check_robot:due(), starl_check_model:timer_kind()}].
+timers(Number, Model, Store) ->
+    Compute = fun(Robot) ->
+        [
+            {Key, Due, starl_check_model:timer(Key, Model)}
+         || {Key, Due} <- starl_check_robot:timers(Robot)
+        ]
+    end,
+    of_robot(timers, Number, Compute, Store).
+
+%% @doc Has a robot's application ended?
+-spec is_done(Robot :: ref(), store()) -> boolean().
+is_done(Number, Store) ->
+    of_robot(done, Number, fun starl_check_robot:is_done/1, Store).
+
+of_robot(What, Number, Compute, Store) ->
+    starl_check_store:memo(
+        {What, Number}, fun() -> Compute(starl_check_store:term(Number, Store)) end, Store
+    ).
+
+%% @doc The message of a number.
+-spec item(ref(), store()) -> item().
+item(I, Store) -> starl_check_store:term(I bsr ?ITEM_BITS, Store).
+
+%% @doc The number of a message. It says itself who sends it to whom, and what it counts as.
+-spec item_number(item(), store()) -> ref().
+item_number(Item, Store) ->
+    Number = starl_check_store:number(Item, Item, Store),
+    {From, To, Age} =
+        case Item of
+            {packet, F, T, _} -> {F, T, 3};
+            {message, F, T, _, _, _, fresh} -> {F, T, 0};
+            {message, F, T, _, _, _, late} -> {F, T, 1};
+            {message, F, T, _, _, _, ghost} -> {F, T, 2}
+        end,
+    Number bsl ?ITEM_BITS bor ((From - 1) bsl 5) bor ((To - 1) bsl 2) bor Age.
+
+%% @doc Who has sent a message.
+-spec source(ref()) -> place().
+source(I) -> (I bsr 5) band 7 + 1.
+
+%% @doc To whom a message is under way.
+-spec receiver(ref()) -> place().
+receiver(I) -> (I bsr 2) band 7 + 1.
+
+%% @doc What a message counts as. Packets are lost and slow at will.
+-spec age(ref()) -> age() | packet.
+age(I) -> element(I band 3 + 1, {fresh, late, ghost, packet}).
+
+%% @doc The message when it counts as slow or as lost.
+-spec grown_old(ref(), late | ghost, store()) -> ref().
+grown_old(I, Age, Store) ->
+    {message, From, To, Type, Body, Ref, fresh} = item(I, Store),
+    item_number({message, From, To, Type, Body, Ref, Age}, Store).
+
+%% -- time -----------------------------------------------------------------------------------
+
+%% @doc A robot when so many ticks have passed.
+-spec later_robot(ref(), Ticks :: pos_integer(), model(), store()) -> ref().
+later_robot(Number, Ticks, Model, Store) ->
+    starl_check_store:memo(
+        {later, Number, Ticks},
+        fun() ->
+            Robot = starl_check_robot:shift(Ticks, starl_check_store:term(Number, Store), Model),
+            starl_check_store:number(Robot, Robot, Store)
+        end,
+        Store
+    ).
+
+%% @doc A message when so many ticks have passed: the times that it carries lie further back.
+-spec later_item(ref(), Ticks :: pos_integer(), model(), store()) -> ref().
+later_item(I, Ticks, #{rates := Rates, horizon_us := Horizon}, Store) ->
+    starl_check_store:memo(
+        {later_item, I, Ticks},
+        fun() ->
+            item_number(starl_check_term:shift(item(I, Store), Ticks, Rates, Horizon), Store)
+        end,
+        Store
+    ).
+
+%% -- robots that change places --------------------------------------------------------------
+
+%% @doc A robot as it is called when robots change places.
+-spec renamed_robot(starl_check_term:permutation(), ref(), store()) -> ref().
+renamed_robot(Permutation, Number, Store) ->
+    Rename = fun(Robot) ->
+        Renamed = starl_check_robot:rename(Robot, Permutation),
+        starl_check_store:number(Renamed, Renamed, Store)
+    end,
+    renamed(Permutation, Number, Rename, Store).
+
+%% @doc A message, likewise.
+-spec renamed_item(starl_check_term:permutation(), ref(), store()) -> ref().
+renamed_item(Permutation, I, Store) ->
+    Rename = fun(Item) -> item_number(rename_item(Permutation, Item), Store) end,
+    starl_check_store:memo(
+        {renamed, Permutation, I, item}, fun() -> Rename(item(I, Store)) end, Store
+    ).
+
+%% @doc The monitor, likewise.
+-spec renamed_monitor(starl_check_term:permutation(), ref(), module(), store()) -> ref().
+renamed_monitor(Permutation, Number, Module, Store) ->
+    Rename = fun(Judge) ->
+        judge_number({Module, starl_check_term:rename(Judge, Permutation)}, Store)
+    end,
+    renamed(Permutation, Number, Rename, Store).
+
+renamed(Permutation, Number, Rename, Store) ->
+    starl_check_store:memo(
+        {renamed, Permutation, Number},
+        fun() -> Rename(starl_check_store:term(Number, Store)) end,
+        Store
+    ).
+
+rename_item(Permutation, {packet, From, To, Packet}) ->
+    {New, NewTo} = {element(From, Permutation), element(To, Permutation)},
+    {packet, New, NewTo, starl_check_term:rename(Packet, Permutation)};
+rename_item(Permutation, {message, From, To, Type, Body, Ref, Age}) ->
+    {New, NewTo} = {element(From, Permutation), element(To, Permutation)},
+    {message, New, NewTo, Type, starl_check_term:rename(Body, Permutation), Ref, Age}.

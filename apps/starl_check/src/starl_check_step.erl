@@ -1,0 +1,166 @@
+%% @doc What a choice leads to (see {@link starl_check_choice}).
+-module(starl_check_step).
+
+-export([initial/2, step/4]).
+
+-export_type([result/0]).
+
+-type store() :: starl_check_store:t().
+-type model() :: starl_check_model:t().
+-type state() :: starl_check_state:t().
+
+%% What a step leads to, with what the robots traced (see {@link starl_check_part:traces/2}); or
+%% how it broke a contract.
+-type result() ::
+    {ok, starl_check_part:ref() | none, state()}
+    | {violation, starl_check_part:ref() | none, starl_monitor:violation()}.
+
+%% @doc The team when all machines have started.
+-spec initial(model(), store()) -> result().
+initial(Model, Store) ->
+    Empty = starl_check_state:new(Model, Store),
+    boot(starl_check_state:places(Empty), Empty, Model, Store).
+
+boot([], State, _Model, _Store) ->
+    {ok, none, State};
+boot([Place | Places], State, Model, Store) ->
+    Booted = starl_check_part:boot(Place, Model, Store),
+    case happened(Place, Booted, State, Model, Store) of
+        {ok, _, Next} -> boot(Places, Next, Model, Store);
+        {violation, _, _} = Broken -> Broken
+    end.
+
+%% @doc What a choice leads to.
+-spec step(starl_check_choice:t(), state(), model(), store()) -> result().
+step({deliver, I}, #{items := Items, stale := Stale} = State, Model, Store) ->
+    Left = State#{items := lists:delete(I, Items), stale := starl_check_choice:heard(I, Stale)},
+    Known = note(acknowledged, I, Left, Model, Store),
+    happen(starl_check_part:receiver(I), I, Known, Model, Store);
+step({again, I}, #{dup := Dup} = State, Model, Store) ->
+    happen(starl_check_part:receiver(I), I, State#{dup := Dup - 1}, Model, Store);
+step({outcome, Place, Ref, Lost}, State, Model, Store) ->
+    happen(Place, {outcome, Ref, Lost}, give_up(Place, Ref, Lost, State, Store), Model, Store);
+step({refuse, I}, #{items := Items, stale := Stale} = State, Model, Store) ->
+    Pair = {starl_check_part:source(I), starl_check_part:receiver(I)},
+    Left = State#{items := lists:delete(I, Items), stale := lists:delete(Pair, Stale)},
+    {ok, none, note(refused, I, Left, Model, Store)};
+step({fire, Place, Key}, #{timeout := Left} = State, Model, Store) ->
+    Fired =
+        case starl_check_model:timer(Key, Model) of
+            patience -> slow(State#{timeout := Left - 1}, Model, Store);
+            free -> slow(State, Model, Store);
+            _ -> State
+        end,
+    happen(Place, {fire, Key}, Fired, Model, Store);
+step({crash, Place, sap}, #{sap := Sap} = State, #{sap := contract} = Model, Store) ->
+    Struck = forsake(Place, State#{sap := Sap - 1}, Model, Store),
+    happen(Place, {crash, sap}, Struck, Model, Store);
+step({crash, Place, Name}, #{crash := Crash} = State, Model, Store) ->
+    happen(Place, {crash, Name}, State#{crash := Crash - 1}, Model, Store);
+step(tick, State, Model, Store) ->
+    Ticks = starl_check_choice:next_due(State, Model, Store),
+    {ok, none, pass(Ticks, slow(State, Model, Store), Model, Store)}.
+
+%% Something happens to a robot.
+happen(Place, Event, #{robots := Robots} = State, Model, Store) ->
+    Happening = starl_check_part:event(Place, element(Place, Robots), Event, Model, Store),
+    happened(Place, Happening, State, Model, Store).
+
+happened(_Place, {broken, Violation}, _State, _Model, _Store) ->
+    {violation, none, Violation};
+happened(Place, {Number, Sent, Traces, Judged}, State, Model, Store) ->
+    #{robots := Robots, items := Items, monitor := Monitor} = State,
+    case starl_check_part:judge(Judged, Monitor, Model, Store) of
+        {violation, Violation} ->
+            {violation, Traces, Violation};
+        Next ->
+            {ok, Traces, State#{
+                robots := setelement(Place, Robots, Number),
+                items := lists:merge(Sent, Items),
+                monitor := Next
+            }}
+    end.
+
+%% A robot's SAP learns something; its machines do not yet.
+inform(Place, Event, #{robots := Robots} = State, Model, Store) ->
+    Robot = element(Place, Robots),
+    {Number, [], none, none} = starl_check_part:event(Place, Robot, Event, Model, Store),
+    State#{robots := setelement(Place, Robots, Number)}.
+
+%% The source's SAP learns what has become of the message of a call.
+note(What, I, State, Model, Store) ->
+    case starl_check_part:item(I, Store) of
+        {message, From, To, _, _, Ref, _} when Ref =/= none ->
+            inform(From, {What, Ref, starl_check_term:id(To)}, State, Model, Store);
+        _ ->
+            State
+    end.
+
+%% What is reported lost may still be under way, and is nobody's concern any more.
+give_up(Place, Ref, Lost, State, Store) ->
+    #{items := Items, robots := Robots, loss := Loss, stale := Stale} = State,
+    Calls = starl_check_part:calls(element(Place, Robots), Store),
+    {Ref, Open, _, _, _} = lists:keyfind(Ref, 1, Calls),
+    Denied = [
+        Dest
+     || Dest <- Lost -- Open, not lists:member({Place, starl_check_term:number(Dest)}, Stale)
+    ],
+    State#{
+        items := lists:sort([given_up(I, Place, Ref, Store) || I <- Items]),
+        loss := Loss - starl_check_choice:price(Place, Ref, Open, State, Store) - length(Denied)
+    }.
+
+given_up(I, Place, Ref, Store) ->
+    case starl_check_part:item(I, Store) of
+        {message, Place, To, Type, Body, Ref, _} ->
+            starl_check_part:item_number({message, Place, To, Type, Body, none, ghost}, Store);
+        _ ->
+            I
+    end.
+
+%% What is under way while a time-out fires is slow, or, beyond the number of those, lost.
+slow(#{late := Late, loss := Loss} = State, Model, Store) ->
+    Fresh = starl_check_choice:fresh(State, Store),
+    {Slow, Lost} = lists:split(min(Late, length(Fresh)), Fresh),
+    Counted = State#{late := Late - length(Slow), loss := Loss - length(Lost)},
+    All = [{late, One} || One <- Slow] ++ [{ghost, One} || One <- Lost],
+    lists:foldl(fun({Age, One}, S) -> grow_old(One, Age, S, Model, Store) end, Counted, All).
+
+grow_old({Place, Ref}, _Age, State, Model, Store) ->
+    inform(Place, {delayed, Ref}, State, Model, Store);
+grow_old(I, Age, #{items := Items} = State, _Model, Store) ->
+    Old = starl_check_part:grown_old(I, Age, Store),
+    State#{items := lists:merge([Old], lists:delete(I, Items))}.
+
+%% A robot's SAP is gone: messages under way to it are refused; its own may arrive or not, and
+%% nobody waits for what becomes of them.
+forsake(Place, #{items := Items, stale := Stale} = State, Model, Store) ->
+    {Its, Left} = lists:partition(fun(I) -> starl_check_part:receiver(I) =:= Place end, Items),
+    Told = lists:foldl(fun(I, S) -> note(refused, I, S, Model, Store) end, State, Its),
+    Others = lists:delete(Place, starl_check_state:places(State)),
+    Told#{
+        items := lists:sort([forsaken(Place, I, Store) || I <- Left]),
+        stale := lists:usort(
+            [{Other, Place} || Other <- Others] ++ [Pair || {Who, _} = Pair <- Stale, Who =/= Place]
+        )
+    }.
+
+forsaken(Place, I, Store) ->
+    case starl_check_part:item(I, Store) of
+        {message, Place, To, Type, Body, _, _} ->
+            starl_check_part:item_number({message, Place, To, Type, Body, none, ghost}, Store);
+        _ ->
+            I
+    end.
+
+pass(Ticks, #{robots := Robots, items := Items} = State, Model, Store) ->
+    State#{
+        robots := list_to_tuple([
+            starl_check_part:later_robot(R, Ticks, Model, Store)
+         || R <- tuple_to_list(Robots)
+        ]),
+        items := lists:sort([
+            starl_check_part:later_item(I, Ticks, Model, Store)
+         || I <- Items
+        ])
+    }.

@@ -1,0 +1,132 @@
+%% @doc The states that a search has met, in little memory: each is known by a hash of 128 bits,
+%% and has a number, from 0 on, in the order in which they were met. With a hundred million states
+%% the chance that two of them share a hash is below 1 in 10^22.
+%%
+%% The hashes lie in open-addressed tables (linear probing) of 64-bit words outside the heap, three
+%% words to a place and at least three places in ten free: 24 to 69 bytes a state. For each state
+%% there is one word more: by which way it was met.
+-module(starl_check_visited).
+
+-export([new/0, meet/2, count/1, way/2, put_way/3]).
+
+-export_type([t/0, state_number/0, way/0]).
+
+-type state_number() :: non_neg_integer().
+
+%% From which state, by which of its runs, and after how many steps from the beginning.
+-type way() :: {From :: state_number(), Run :: 0..65535, Steps :: 0..4095}.
+
+%% The hashes go to the tables by their first bits, so that tables grow one by one.
+-define(TABLE_BITS, 6).
+-define(FIRST_SIZE, 256).
+-define(WORDS, 3).
+%% Ways are kept in pieces of so many.
+-define(PIECE, 65536).
+
+-record(table, {size = ?FIRST_SIZE :: pos_integer(), words :: atomics:atomics_ref()}).
+
+-record(visited, {
+    tables :: tuple(),
+    count = 0 :: non_neg_integer(),
+    ways = #{} :: #{non_neg_integer() => atomics:atomics_ref()}
+}).
+
+-opaque t() :: #visited{}.
+
+%% @doc Nothing has been met.
+-spec new() -> t().
+new() -> #visited{tables = list_to_tuple([table(?FIRST_SIZE) || _ <- lists:seq(1, tables())])}.
+
+tables() -> 1 bsl ?TABLE_BITS.
+
+%% The last word says how many places are taken.
+table(Size) -> #table{size = Size, words = atomics:new(?WORDS * Size + 1, [{signed, false}])}.
+
+%% @doc Looks a state up by its hash; one that is new gets the next number.
+-spec meet(<<_:128>>, t()) -> {new | known, state_number(), t()}.
+meet(<<A:64, B:64>> = Hash, #visited{tables = Tables, count = Count} = Visited) ->
+    <<Which:?TABLE_BITS, _/bitstring>> = Hash,
+    Table = element(Which + 1, Tables),
+    case put_hash(A, B, Count, Table) of
+        {known, Number} -> {known, Number, Visited};
+        new -> {new, Count, roomy(Which + 1, Table, Visited#visited{count = Count + 1})}
+    end.
+
+%% The number is kept one larger: 0 is a free place.
+put_hash(A, B, Number, #table{size = Size, words = Words} = Table) ->
+    Place = place(B rem Size, A, B, Table),
+    case atomics:get(Words, Place + 2) of
+        0 ->
+            ok = atomics:put(Words, Place, A),
+            ok = atomics:put(Words, Place + 1, B),
+            ok = atomics:put(Words, Place + 2, Number + 1),
+            new;
+        Known ->
+            {known, Known - 1}
+    end.
+
+%% Where the hash is, or would be.
+place(Index, A, B, #table{size = Size, words = Words} = Table) ->
+    Place = ?WORDS * Index + 1,
+    case atomics:get(Words, Place + 2) of
+        0 ->
+            Place;
+        _ ->
+            case atomics:get(Words, Place) =:= A andalso atomics:get(Words, Place + 1) =:= B of
+                true -> Place;
+                false -> place((Index + 1) rem Size, A, B, Table)
+            end
+    end.
+
+%% Doubles a table that is seven tenths full.
+roomy(Which, #table{size = Size, words = Words} = Table, #visited{tables = Tables} = Visited) ->
+    Full = ?WORDS * Size + 1,
+    case atomics:add_get(Words, Full, 1) of
+        Taken when 10 * Taken > 7 * Size ->
+            Larger = table(2 * Size),
+            ok = atomics:put(Larger#table.words, 2 * ?WORDS * Size + 1, Taken),
+            ok = copy(0, Table, Larger),
+            Visited#visited{tables = setelement(Which, Tables, Larger)};
+        _ ->
+            Visited
+    end.
+
+copy(Size, #table{size = Size}, _Larger) ->
+    ok;
+copy(Index, #table{words = Words} = Table, Larger) ->
+    Place = ?WORDS * Index + 1,
+    case atomics:get(Words, Place + 2) of
+        0 ->
+            ok;
+        Kept ->
+            new = put_hash(
+                atomics:get(Words, Place), atomics:get(Words, Place + 1), Kept - 1, Larger
+            )
+    end,
+    copy(Index + 1, Table, Larger).
+
+%% @doc How many states have been met.
+-spec count(t()) -> non_neg_integer().
+count(#visited{count = Count}) -> Count.
+
+%% @doc By which way a state was met.
+-spec way(state_number(), t()) -> way().
+way(Number, #visited{ways = Ways}) ->
+    Word = atomics:get(maps:get(Number div ?PIECE, Ways), Number rem ?PIECE + 1),
+    <<From:36, Run:16, Steps:12>> = <<Word:64>>,
+    {From, Run, Steps}.
+
+%% @doc Notes by which way a state was met.
+-spec put_way(state_number(), way(), t()) -> t().
+put_way(Number, {From, Run, Steps} = Way, #visited{ways = Ways} = Visited) when
+    From < 1 bsl 36, Run < 1 bsl 16, Steps < 1 bsl 12
+->
+    case Ways of
+        #{Number div ?PIECE := Piece} ->
+            <<Word:64>> = <<From:36, Run:16, Steps:12>>,
+            ok = atomics:put(Piece, Number rem ?PIECE + 1, Word),
+            Visited;
+        #{} ->
+            Piece = atomics:new(?PIECE, [{signed, false}]),
+            put_way(Number, Way, Visited#visited{ways = Ways#{Number div ?PIECE => Piece}})
+    end.

@@ -1,0 +1,104 @@
+%% What the checker finds, and that its reductions hide nothing.
+-module(starl_check_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(SLOW(Body), {timeout, 60, fun() -> Body end}).
+
+on() -> {fun(_Figures, State) -> {continue, State} end, none}.
+
+check(Block, Robots, Faults, More) ->
+    starl_check:run(Block, More#{robots => Robots, faults => Faults}, on()).
+
+%% -- planted bugs: the way there, without reductions and with them, is as short ----------------
+
+%% Block, robots, faults, the planted machine, how the contract breaks, in how many steps.
+planted() ->
+    [
+        {barrier, 2, #{crash => 1}, {starl_barrier_planted, #{variant => forgetful}},
+            reached_out_of_order, 7},
+        {barrier, 2, #{loss => 1}, {starl_barrier_planted, #{variant => recreated}},
+            passed_early, 7},
+        {mutex, 3, #{}, {starl_mutex_planted, #{variant => impatient_home}}, two_holders, 15},
+        {mutex, 3, #{crash => 1}, {starl_mutex_planted, #{variant => forgetful_home}},
+            two_holders, 11},
+        {mutex, 3, #{loss => 1}, {starl_mutex_planted, #{variant => trusting}}, two_holders, 9},
+        {mutex, 3, #{loss => 1}, {starl_mutex_planted, #{variant => overstaying}},
+            two_holders, 15},
+        {election, 3, #{}, {starl_election_bug, #{bug => incomplete}}, different_leaders, 5},
+        {bully, 3, #{loss => 1}, {starl_election_bug, #{bug => fickle}},
+            two_leaders_at_one_robot, 4},
+        {sap, 2, #{crash => 1}, {starl_check_sap_planted, #{variant => same_incarnation}},
+            message_id_used_twice, 3},
+        {sap, 2, #{}, {starl_check_sap_planted, #{variant => careless}}, delivered_twice, 5}
+    ].
+
+planted_test_() ->
+    [
+        {lists:flatten(io_lib:format("~p ~p", [element(2, Machine), Way])), ?SLOW(
+            begin
+                {violated, #{violation := #{what := Found}, steps := Needed}} =
+                    check(Block, Robots, Faults, Options#{machine => Machine}),
+                ?assertEqual({What, Steps}, {Found, Needed})
+            end
+        )}
+     || {Block, Robots, Faults, Machine, What, Steps} <- planted(),
+        {Way, Options} <- ways()
+    ].
+
+ways() -> [{reduced, #{}}, {plain, plain()}].
+
+plain() -> #{reduce => false, symmetry => false, leave_out => false}.
+
+%% -- the real machines -------------------------------------------------------------------------
+
+%% Both searches cover everything, the reduced one with fewer states.
+sound_test_() ->
+    [
+        {lists:flatten(io_lib:format("~p ~p", [Block, Faults])), ?SLOW(
+            begin
+                {holds, complete, #{states := Few}} = check(Block, Robots, Faults, #{}),
+                {holds, complete, #{states := Many}} = check(Block, Robots, Faults, plain()),
+                ?assert(Few < Many)
+            end
+        )}
+     || {Block, Robots, Faults} <- [
+            {sap, 2, #{crash => 1}}, {sap, 2, #{dup => 1}}, {election, 2, #{loss => 1, crash => 1}},
+            {election, 3, #{late => 1}}, {bully, 2, #{loss => 1, crash => 1, sap => 1}},
+            {mutex, 2, #{loss => 1}}, {mutex, 2, #{crash => 1}}, {barrier, 2, #{loss => 1}},
+            {barrier, 2, #{timeout => 1}}, {barrier, 2, #{sap => 1}}
+        ]
+    ].
+
+%% -- limits ------------------------------------------------------------------------------------
+
+depth_is_told_test() ->
+    {holds, depth, #{depth := Depth, waiting := _}} = check(mutex, 3, #{}, #{depth => 12}),
+    ?assert(Depth =< 12).
+
+memory_is_told_test() ->
+    {holds, memory, #{}} = check(mutex, 3, #{}, #{memory => 1}).
+
+interrupted_test() ->
+    Stop = {fun(_Figures, State) -> {stop, State} end, none},
+    {holds, interrupted, #{states := 1}} = starl_check:run(mutex, #{}, Stop).
+
+%% -- the chart ---------------------------------------------------------------------------------
+
+chart_test() ->
+    Machine = {starl_election_bug, #{bug => incomplete}},
+    {violated, #{chart := Chart}} = check(election, 3, #{}, #{machine => Machine}),
+    Lines = string:lexemes(unicode:characters_to_list(Chart), "\n"),
+    ?assertEqual("       robot 1     robot 2     robot 3", string:trim(hd(Lines), trailing)),
+    [Arrow] = [Line || "    2" ++ _ = Line <- Lines],
+    ?assertMatch("    2   |---------->o           |           ballot" ++ _, Arrow),
+    Last = lists:last(Lines),
+    ?assertNotEqual(nomatch, string:find(Last, "3 election: {elected,first,3,all_ballots}")).
+
+%% -- words -------------------------------------------------------------------------------------
+
+faults_test() ->
+    {ok, Faults} = starl_check:parse_faults("loss:2,crash"),
+    ?assertMatch(#{loss := 2, crash := 1, dup := 0, sap := 0}, Faults),
+    ?assertEqual({error, {unknown_fault, "flood"}}, starl_check:parse_faults("flood:1")),
+    ?assertEqual({error, {bad_count, "loss:x"}}, starl_check:parse_faults("loss:x")),
+    ?assertEqual({error, {twice, loss}}, starl_check:parse_faults("loss:1,loss:2")).

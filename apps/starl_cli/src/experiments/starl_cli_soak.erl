@@ -1,0 +1,193 @@
+%% @doc `./starl soak': a building block under random faults of all kinds that it bears, seed for
+%% seed, one VM a core. The monitors judge safety all the time and progress after the faults.
+-module(starl_cli_soak).
+
+-export([command/1, scenario/3, targets/0]).
+%% called in VMs of their own
+-export([one/1]).
+
+-export_type([run/0, found/0]).
+
+%% What is soaked, and with which seed.
+-type run() :: {Block :: atom(), Seed :: non_neg_integer(), starl_sim_scenario:t()}.
+
+%% What a run came to: its violations and the wall time that it took.
+-type found() ::
+    {ok, [starl_monitor:violation()], Seconds :: float()} | {failed, starl_sim_trial:reason()}.
+
+-type plan() :: #{
+    blocks := [atom(), ...],
+    runs := [run(), ...],
+    jobs := pos_integer(),
+    shrink := non_neg_integer()
+}.
+
+%% Faults are over and everything has to be done by these times, s.
+-define(HEAL_S, 25).
+-define(CONVERGE_S, 35).
+%% Nobody waits longer for one failing run to become small, s.
+-define(SHRINK_S, 60).
+
+%% @doc What can be soaked: the blocks of `exercise', and path planning.
+-spec targets() -> [atom(), ...].
+targets() -> starl_exercise:blocks_known() ++ [dpp].
+
+%% @doc The values of the runs of a block, but for the defaults. Painting stands for path planning:
+%% it has to be safe at all times; how long a picture takes depends on what goes wrong.
+-spec scenario(atom(), Robots :: pos_integer(), Seed :: non_neg_integer()) ->
+    #{atom() => term()}.
+scenario(dpp, Robots, Seed) ->
+    #{
+        app => starl_painting, robots => Robots, seed => Seed, picture => "house", time => 300,
+        random_faults => [network, kill_machine, kill_robot], heal => 60
+    };
+scenario(Block, Robots, Seed) ->
+    #{
+        app => starl_exercise, block => Block, robots => Robots, seed => Seed,
+        random_faults => starl_exercise:bears(Block), heal => ?HEAL_S, converge => ?CONVERGE_S,
+        time => ?HEAL_S + ?CONVERGE_S
+    }.
+
+%% @doc Runs the command; gives the exit status.
+-spec command([string()]) -> starl_cli_terminal:status().
+command([Help | _]) when Help =:= "--help"; Help =:= "-h" -> help();
+command([]) -> refuse(["name a block to soak, one of ", names()]);
+command(["-" ++ _ = Flag | _]) -> refuse(["a block comes first, not ", Flag, ": one of ", names()]);
+command(["all" | Args]) -> parsed(targets(), Args);
+command([Name | Args]) ->
+    case [Block || Block <- targets(), atom_to_list(Block) =:= Name] of
+        [Block] -> parsed([Block], Args);
+        [] -> refuse(["there is no block ", Name, " to soak; there are ", names()])
+    end.
+
+parsed(Blocks, Args) ->
+    case {starl_cli_setup:help_wanted(Args), starl_cli_flags:parse(Args, flags())} of
+        {true, _} -> help();
+        {false, {ok, Values}} -> soak(plan(Blocks, maps:merge(defaults(), Values)));
+        {false, {error, Problems}} ->
+            starl_cli_terminal:bad_input([
+                ["soak: ", starl_cli_flags:format_problem(Problem)] || Problem <- Problems
+            ])
+    end.
+
+defaults() -> starl_cli_flags:defaults(flags()).
+
+flags() ->
+    [
+        {seeds, {integer, 1, 10000000}, 100, "how many runs of each block"},
+        {from, {integer, 0, 1 bsl 31}, 1, "the first seed"},
+        {robots, {integer, 2, 10000}, 10, "robots in the team"},
+        {shrink, {integer, 0, 1000}, 1, "how many failing runs of a block are made small"},
+        starl_cli_jobs:at_once(),
+        {help, switch, false, "this help"}
+    ].
+
+plan(Blocks, #{seeds := Count, from := From, robots := Robots} = Values) ->
+    (maps:with([jobs, shrink], Values))#{
+        blocks => Blocks,
+        runs => [
+            {Block, Seed, checked(scenario(Block, Robots, Seed))}
+         || Block <- Blocks, Seed <- lists:seq(From, From + Count - 1)
+        ]
+    }.
+
+checked(#{app := App} = Given) ->
+    {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
+    Scenario.
+
+-spec soak(plan()) -> starl_cli_terminal:status().
+soak(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}) ->
+    ok = starl_cli_log:install(),
+    {How, Founds} = starl_cli_jobs:run(Runs, #{
+        work => {?MODULE, one}, at_once => Most, what => "runs", each => fun noted/3
+    }, []),
+    starl_cli_signal:on_interrupt(quit),
+    Sorted = lists:sort(Founds),
+    starl_cli_soak_report:tell(Blocks, Sorted),
+    Failing = starl_cli_soak_report:failing(Blocks, Sorted),
+    Scenarios = maps:from_list([{{Block, Seed}, Scenario} || {Block, Seed, Scenario} <- Runs]),
+    _ = [
+        violated(Failed, maps:get({Block, Seed}, Scenarios), How =:= done andalso N =< Shrink)
+     || {N, {Block, Seed, _, _} = Failed} <- Failing
+    ],
+    status(How, Failing, Sorted).
+
+noted({Block, Seed, _}, {ok, Found}, Founds) -> [{Block, Seed, Found} | Founds];
+noted({Block, Seed, _}, {crashed, Reason}, Founds) ->
+    [{Block, Seed, {failed, {failed, Reason}}} | Founds].
+
+status(interrupted, _, _) -> 130;
+status(done, _, Founds) ->
+    case {[x || {_, _, {failed, _}} <- Founds], [x || {_, _, {ok, [_ | _], _}} <- Founds]} of
+        {_, [_ | _]} -> 3;
+        {[_ | _], []} -> 1;
+        {[], []} -> 0
+    end.
+
+%% The first run that fails in a way, as commands and as a small scenario.
+violated({Block, Seed, Violation, Count}, Scenario, Shrunk) ->
+    Target = target(Scenario),
+    Replay = lists:flatten(unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario))),
+    starl_cli_terminal:out([
+        "\n", starl_monitor:format_violation(Violation), runs(Count), "\n",
+        "replay: ", Replay, "\n",
+        "shrink: ", string:replace(Replay, "./starl run ", "./starl shrink "), "\n"
+    ]),
+    _ = [small(file(Block, Seed), Target, Scenario) || Shrunk],
+    ok.
+
+target(#{app := App}) ->
+    {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
+    {ok, Target} = starl_cli_target:resolve(Name),
+    Target.
+
+runs(1) -> "";
+runs(Count) -> io_lib:format(" (and so in ~b more runs)", [Count - 1]).
+
+file(Block, Seed) ->
+    Name = lists:concat(["soak-", Block, "-", Seed, ".term"]),
+    filename:join([starl_cli_target:root(), "out", Name]).
+
+small(File, Target, Scenario) ->
+    Job = #{
+        target => Target, scenario => Scenario, file => File,
+        digest => any, seconds => ?SHRINK_S, quiet => false
+    },
+    Answer = starl_cli_shrunk:shrink(Job),
+    starl_cli_progress:erase(),
+    starl_cli_terminal:out([
+        [Line, "\n"]
+     || Line <- case Answer of {ok, Lines, _} -> tl(Lines); {error, _, Why} -> [Why] end
+    ]).
+
+%% @private One run, in a VM of its own.
+-spec one(run()) -> found().
+one({_Block, _Seed, Scenario}) ->
+    Begin = erlang:monotonic_time(microsecond),
+    case starl_sim_trial:run(Scenario) of
+        {ok, #{violations := Violations}} ->
+            Us = erlang:monotonic_time(microsecond) - Begin,
+            {ok, lists:sublist(Violations, 1), Us / 1.0e6};
+        {error, Reason} ->
+            {failed, Reason}
+    end.
+
+names() -> lists:join(", ", [atom_to_list(Block) || Block <- targets() ++ [all]]).
+
+help() ->
+    Width = starl_cli_terminal:columns(),
+    starl_cli_terminal:out([
+        "Usage: ./starl soak BLOCK [FLAGS]\n\n",
+        starl_cli_terminal:wrap(["Uses a building block all the time, under random faults of all "
+            "kinds that it bears, with one seed after the other. Faults are over after ",
+            integer_to_list(?HEAL_S), " s of virtual time; then everything has to be done within ",
+            integer_to_list(?CONVERGE_S), " s. The monitors of all contracts judge. For each way "
+            "in which a contract is violated it prints the commands that replay and shrink the "
+            "first run, and shrinks it."], 0, Width),
+        "\n\nBlocks: ", names(), "\n\nFlags:\n", starl_cli_flags:help(flags(), Width),
+        "\nExit status: 0 all contracts held; 1 a simulation failed; 2 bad usage or input; 3 a\n"
+        "contract was violated; 130 interrupted, with the results so far.\n"
+    ]),
+    0.
+
+refuse(Problem) -> starl_cli_terminal:bad_input([["soak: ", Problem]]).

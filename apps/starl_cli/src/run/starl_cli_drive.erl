@@ -1,0 +1,121 @@
+%% @doc Drives a simulation piece by piece, so that the progress is seen and Ctrl-C is heard. How a
+%% run is cut into pieces does not change it.
+-module(starl_cli_drive).
+
+-export([with/2, with/3, run/3]).
+
+-export_type([answer/1, ending/0]).
+
+%% What a simulation was for; or why it could not be started, or what it came to grief by.
+-type answer(Result) ::
+    {ok, Result} | {error, starl_sim:reason()} | {failed, Reason :: term()}.
+
+%% How a run ended; `none' where it has only come to the time it was to run to.
+-type ending() :: starl_sim_run:ending() | none.
+
+%% How long a piece is to take, in wall time, and how long the first is, in virtual time.
+-define(PIECE_MS, 100).
+-define(FIRST_US, 100000).
+
+-record(drive, {
+    sim :: starl_sim:sim(),
+    until_us :: non_neg_integer(),
+    piece_us = ?FIRST_US :: pos_integer(),
+    progress :: starl_cli_progress:t(),
+    label :: string(),
+    %% where a time limit was asked for, the way to it is the progress
+    limited :: boolean(),
+    begun_ms :: integer()
+}).
+
+%% @doc Starts a simulation and does something with it; Ctrl-C ends the run meanwhile.
+-spec with(starl_sim_scenario:t(), fun((starl_sim:sim()) -> Result)) -> answer(Result).
+with(Scenario, Do) -> with(Scenario, #{}, Do).
+
+%% @doc The same with options of the simulation.
+-spec with(starl_sim_scenario:t(), starl_sim:options(), fun((starl_sim:sim()) -> Result)) ->
+    answer(Result).
+with(Scenario, Options, Do) ->
+    ok = starl_cli_log:install(),
+    _ = process_flag(trap_exit, true),
+    try starl_sim:start(Scenario, Options) of
+        {ok, Sim} -> started(Sim, Do);
+        {error, Reason} -> {error, Reason}
+    catch
+        exit:Reason -> {failed, Reason}
+    end.
+
+started(Sim, Do) ->
+    starl_cli_signal:on_interrupt(fun() -> starl_sim:stop(Sim) end),
+    try
+        Result = Do(Sim),
+        starl_cli_signal:on_interrupt(fun() -> ok end),
+        {ok, Result}
+    catch
+        exit:{Reason, {gen_server, call, _}} ->
+            starl_cli_progress:erase(),
+            {failed, Reason}
+    end.
+
+%% @doc Runs to a virtual time or an earlier end, with a progress line; tells how the run ended
+%% and how long that took, in wall time.
+-spec run(starl_sim:sim(), UntilUs :: non_neg_integer(), starl_cli_setup:t()) ->
+    {ending(), Ms :: integer()}.
+run(Sim, UntilUs, Setup) ->
+    Drive = drive(Sim, UntilUs, Setup),
+    Ending = drive_on(Drive),
+    starl_cli_progress:erase(),
+    {Ending, wall_ms(Drive)}.
+
+drive(Sim, UntilUs, #{scenario := Scenario, target := #{name := Name}, quiet := Quiet}) ->
+    #{app := App, time := Seconds} = Scenario,
+    Usual = starl_cli_flags:defaults(starl_cli_setup:options(App)),
+    #drive{
+        sim = Sim,
+        until_us = UntilUs,
+        progress = starl_cli_progress:new(
+            case Quiet of
+                true -> quiet;
+                false -> auto
+            end
+        ),
+        label = Name,
+        limited = maps:get(time, Usual) =/= Seconds orelse UntilUs < round(Seconds * 1.0e6),
+        begun_ms = now_ms()
+    }.
+
+drive_on(#drive{sim = Sim, until_us = Until, piece_us = Piece} = Drive) ->
+    #{now_us := From} = starl_sim:status(Sim),
+    Begin = now_ms(),
+    case starl_sim:run(Sim, min(Until, From + Piece) / 1.0e6) of
+        #{ending := none, now_us := Now} when Now >= Until ->
+            none;
+        #{ending := none} = Status ->
+            drive_on(shown(Status, Drive#drive{piece_us = fitted(Piece, now_ms() - Begin)}));
+        #{ending := Ending} ->
+            Ending
+    end.
+
+%% The next piece is as long as fills its wall time, but at most twice as long as this one.
+fitted(Piece, Ms) -> max(1000, min(2 * Piece, Piece * ?PIECE_MS div max(1, Ms))).
+
+shown(#{now_us := Now, running := Running}, #drive{progress = Progress, until_us = End} = Drive) ->
+    Words = fun() ->
+        Seconds = Now / 1.0e6,
+        Speed = Seconds * 1000 / max(1, wall_ms(Drive)),
+        [
+            io_lib:format("~ts ~.1f s", [Drive#drive.label, Seconds]),
+            io_lib:format("~.1f x real time", [Speed]),
+            io_lib:format("~b at work", [Running])
+        ]
+    end,
+    Part =
+        case Drive#drive.limited of
+            true -> Now / End;
+            false -> unknown
+        end,
+    Drive#drive{progress = starl_cli_progress:show(Progress, Part, Words)}.
+
+wall_ms(#drive{begun_ms = Begun}) -> now_ms() - Begun.
+
+now_ms() -> erlang:monotonic_time(millisecond).

@@ -1,0 +1,137 @@
+%% @doc What a simulation that rests looks like: a line or two for each robot, and all that is
+%% known of some of them, set for a width in columns.
+-module(starl_cli_inspect).
+
+-export([overview/3, robot/4, term/3]).
+
+-type machines() :: #{starl_machine:name() => starl_sim_machines:seen()}.
+-type robot() :: {starl:robot_id(), starl_sim_robot:summary(), machines()}.
+
+%% Deeper than this, and longer, terms are cut off.
+-define(DEPTH, 60).
+
+%% @doc All robots at a virtual time: when each was last at work, how many events it has had,
+%% where it is (m, degrees), what its application does, and the states of its machines.
+-spec overview(starl_sim_queue:time(), [robot()], Width :: pos_integer()) -> unicode:chardata().
+overview(NowUs, Robots, Width) ->
+    Head = io_lib:format("~5ts ~10ts ~9ts ~8ts ~8ts ~7ts  ~ts~n", [
+        "robot", "last, s", "events", "x, m", "y, m", "heading", "application"
+    ]),
+    [
+        io_lib:format("at ~.6f s~n", [NowUs / 1.0e6]), Head
+        | [[line(Robot), states(Robot, Width)] || Robot <- Robots]
+    ].
+
+line({Id, #{at_us := At, events := Events, pose := {X, Y, Heading}} = Summary, Machines}) ->
+    Degrees = Heading * 180 / math:pi(),
+    io_lib:format("~5b ~10.6f ~9b ~8.3f ~8.3f ~7.1f  ~ts~n", [
+        Id, At / 1.0e6, Events, X / 1000, Y / 1000, Degrees - 360 * math:floor(Degrees / 360),
+        application(Summary, Machines)
+    ]).
+
+application(#{result := {done, _}}, _Machines) -> "done";
+application(#{result := died}, _Machines) -> "died";
+application(#{result := running}, #{app := #{stack := [Frame | _]}}) -> ["in ", frame(Frame)];
+application(#{result := running}, #{app := _}) -> "running";
+application(#{result := running}, #{}) -> "down".
+
+frame({Module, Function, Arity, Where}) ->
+    Line =
+        case proplists:get_value(line, Where) of
+            undefined -> "";
+            N -> io_lib:format(", line ~b", [N])
+        end,
+    io_lib:format("~tp:~tp/~b~ts", [Module, Function, Arity, Line]).
+
+states({_, _, Machines}, Width) ->
+    States = [
+        unicode:characters_to_list(io_lib:format("~tp ~ts", [Name, state(Machine)]))
+     || {Name, Machine} <- lists:sort(maps:to_list(Machines)), not is_sequential(Machine)
+    ],
+    case States of
+        [] -> "";
+        _ -> ["      ", starl_cli_terminal:wrap(lists:join(", ", States), 6, Width), "\n"]
+    end.
+
+is_sequential(#{state := sequential}) -> true;
+is_sequential(_) -> false.
+
+%% The name of the state; all of it is shown with the robot.
+state(waiting) -> "not booted";
+state(#{state := State}) when is_tuple(State), is_atom(element(1, State)) ->
+    io_lib:format("~tp(...)", [element(1, State)]);
+state(#{state := State}) ->
+    io_lib:format("~0tP", [State, 6]).
+
+%% @doc All that is known of a robot: its application's result, its crashes, and every machine's
+%% state and data.
+-spec robot(starl:robot_id(), starl_sim_robot:summary(), machines(), Width :: pos_integer()) ->
+    unicode:chardata().
+robot(Id, #{result := Result, crashes := Crashes}, Machines, Width) ->
+    [
+        io_lib:format("robot ~b~n", [Id]),
+        field("result", Result, Width),
+        [field("crashed", Crash, Width) || Crash <- lists:reverse(Crashes)],
+        [machine(Machine, Width) || Machine <- lists:sort(maps:to_list(Machines))]
+    ].
+
+machine({Name, waiting}, _Width) ->
+    io_lib:format("  ~tp: not booted yet~n", [Name]);
+machine({Name, #{stack := []}}, _Width) ->
+    io_lib:format("  ~tp: waits for nothing~n", [Name]);
+machine({Name, #{stack := Frames}}, _Width) ->
+    Lines = [["    ", frame(Frame), "\n"] || Frame <- Frames],
+    [io_lib:format("  ~tp, innermost call first~n", [Name]), Lines];
+machine({Name, #{module := Module, state := State, data := Data}}, Width) ->
+    Fields = fields(Module),
+    [
+        io_lib:format("  ~tp (~tp)~n", [Name, Module]),
+        ["    state ", pretty(State, 10, Width, Fields), "\n"],
+        ["    data  ", pretty(Data, 10, Width, Fields), "\n"]
+    ].
+
+field(Name, Value, Width) ->
+    [io_lib:format("  ~-8ts", [Name]), term(Value, 10, Width), "\n"].
+
+%% @doc A term that begins at a column; later lines are indented as far. Long ones are cut off.
+-spec term(term(), Indent :: non_neg_integer(), Width :: pos_integer()) -> unicode:chardata().
+term(Term, Indent, Width) -> pretty(Term, Indent, Width, #{}).
+
+pretty(Term, Indent, Width, Fields) ->
+    io_lib_pretty:print(Term, [
+        {column, Indent + 1},
+        {line_length, max(Width, Indent + 20)},
+        {depth, ?DEPTH},
+        {encoding, unicode},
+        {record_print_fun, fun(Name, Arity) -> named(Name, Arity, Fields) end}
+    ]).
+
+named(Name, Arity, Fields) ->
+    case Fields of
+        #{Name := Names} when length(Names) =:= Arity -> Names;
+        #{} -> no
+    end.
+
+%% The fields of a module's records, where it was compiled with its source.
+fields(Module) ->
+    case abstract_code(code:get_object_code(Module)) of
+        {ok, Forms} ->
+            maps:from_list([{N, names(Defs)} || {attribute, _, record, {N, Defs}} <- Forms]);
+        none ->
+            #{}
+    end.
+
+abstract_code({_Module, Beam, _File}) ->
+    case beam_lib:chunks(Beam, [abstract_code]) of
+        {ok, {_, [{abstract_code, {_, Forms}}]}} -> {ok, Forms};
+        {ok, {_, [{abstract_code, no_abstract_code}]}} -> none;
+        {error, beam_lib, _} -> none
+    end;
+abstract_code(error) ->
+    none.
+
+names(Definitions) -> [name(Definition) || Definition <- Definitions].
+
+name({typed_record_field, Field, _Type}) -> name(Field);
+name({record_field, _, {atom, _, Name}}) -> Name;
+name({record_field, _, {atom, _, Name}, _Default}) -> Name.

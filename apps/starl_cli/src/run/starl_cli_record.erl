@@ -1,0 +1,157 @@
+%% @doc `run.term' in the directory of a run: one map of readable Erlang terms, with everything
+%% that decided the run and what came of it. `./starl replay' runs it again and compares.
+-module(starl_cli_record).
+
+-export([make/3, text/1, write/2, read/1, format_error/1, hex/1]).
+
+-export_type([t/0, violation/0, reason/0]).
+
+%% A recorded run. `scenario' holds all values of the run, the application's own among them, and
+%% in `faults' those that were drawn, too; with the application's module as `app' it can be
+%% started as it is. `options' are the application's own values once more. `app' is what a
+%% scenario file says: a name, or a source file. `digest' is lower-case hexadecimal,
+%% and empty where a node was lost.
+-type t() :: #{
+    app := atom() | file:filename_all(),
+    scenario := #{atom() => term()},
+    options := #{atom() => term()},
+    digest := string(),
+    ending := starl_sim_run:ending(),
+    end_us := starl_sim_queue:time(),
+    events := non_neg_integer(),
+    violations := [violation()]
+}.
+
+%% What is told of a violation: its details, which may have no readable form, are in the text.
+-type violation() :: #{
+    contract := atom(),
+    what := atom(),
+    at_us := starl_sim_queue:time(),
+    robots := [starl:robot_id()],
+    text := string()
+}.
+
+-type reason() ::
+    {unreadable, starl_sim_scenario:reason()}
+    | {no_record, file:filename()}
+    | {missing, file:filename(), [Key :: atom(), ...]}
+    | {unsound, file:filename(), [Key :: atom(), ...]}
+    | {unwritable, file:filename(), file:posix() | badarg | terminated | system_limit}.
+
+-define(NAME, "run.term").
+-define(KEYS, [app, scenario, options, digest, ending, end_us, events, violations]).
+-define(ENDINGS, [done, time, violation, stopped, quiet, lost]).
+
+%% @doc The record of a run: of which application (as a scenario file says it), with which
+%% scenario it has run, how it ended and what came of it.
+-spec make(App, starl_sim_scenario:t(), {starl_sim_run:ending(), Outcome}) -> t() when
+    App :: atom() | file:filename_all(),
+    Outcome :: starl_sim_run:outcome().
+make(Name, #{app := App} = Scenario, {Ending, Outcome}) ->
+    #{digest := Digest, end_us := EndUs, events := Events, violations := Violations} = Outcome,
+    #{
+        app => Name,
+        scenario => maps:remove(app, Scenario),
+        options => maps:with([Key || {Key, _, _, _} <- starl_app:options(App)], Scenario),
+        digest => hex(Digest),
+        ending => Ending,
+        end_us => EndUs,
+        events => Events,
+        violations => [violation(V) || V <- Violations]
+    }.
+
+violation(#{contract := _, what := _, at_us := _, robots := _} = Violation) ->
+    Known = maps:with([contract, what, at_us, robots], Violation),
+    Text = unicode:characters_to_list(starl_monitor:format_violation(Violation)),
+    Known#{text => lists:flatten(Text)}.
+
+%% @doc A digest as it is written.
+-spec hex(binary()) -> string().
+hex(Digest) -> binary_to_list(string:lowercase(binary:encode_hex(Digest))).
+
+%% @doc The text of the file: the keys in the order of the type, a line for each value of the
+%% scenario.
+-spec text(t()) -> unicode:chardata().
+text(Record) ->
+    Lines = [["    ", atom_to_list(Key), " => ", value(maps:get(Key, Record))] || Key <- ?KEYS],
+    [
+        "%% A run, as it was; ./starl replay with the name of this file runs it again.\n",
+        "#{\n", lists:join(",\n", Lines), "\n}.\n"
+    ].
+
+value(Map) when map_size(Map) =:= 0 ->
+    "#{}";
+value(Map) when is_map(Map) ->
+    Values = lists:sort(maps:to_list(Map)),
+    Lines = [[io_lib:format("~0tp => ", [Key]), term(Value)] || {Key, Value} <- Values],
+    ["#{\n        ", lists:join(",\n        ", Lines), "\n    }"];
+value(Value) ->
+    term(Value).
+
+%% Long lists, as of faults, have a line for each element.
+term([First | _] = List) when is_tuple(First); is_map(First) ->
+    Lines = [io_lib:format("~0tp", [Element]) || Element <- List],
+    ["[\n            ", lists:join(",\n            ", Lines), "\n        ]"];
+term(Value) ->
+    io_lib:format("~0tp", [Value]).
+
+%% @doc Writes a record into a file, or as `run.term' into a directory.
+-spec write(file:filename(), t()) -> ok | {error, reason()}.
+write(Path, Record) ->
+    File = file_of(Path),
+    case file:write_file(File, unicode:characters_to_binary(text(Record))) of
+        ok -> ok;
+        {error, Posix} -> {error, {unwritable, File, Posix}}
+    end.
+
+%% @doc Reads a record: a file, or the directory of a run. A file without a digest is none.
+-spec read(file:filename()) -> {ok, t()} | {error, reason()}.
+read(Path) ->
+    File = file_of(Path),
+    case starl_sim_scenario:read(File) of
+        {ok, #{digest := _} = Map} -> checked(File, Map);
+        {ok, _} -> {error, {no_record, File}};
+        {error, {file, File, enoent}} when File =/= Path -> {error, {no_record, Path}};
+        {error, Reason} -> {error, {unreadable, Reason}}
+    end.
+
+file_of(Path) ->
+    case filelib:is_dir(Path) of
+        true -> filename:join(Path, ?NAME);
+        false -> Path
+    end.
+
+checked(File, Map) ->
+    Missing = [Key || Key <- ?KEYS, not is_map_key(Key, Map)],
+    Unsound = [Key || Key <- ?KEYS, is_map_key(Key, Map), not is_sound(Key, maps:get(Key, Map))],
+    case {Missing, Unsound} of
+        {[], []} -> {ok, maps:with(?KEYS, Map)};
+        {[_ | _], _} -> {error, {missing, File, Missing}};
+        {[], [_ | _]} -> {error, {unsound, File, Unsound}}
+    end.
+
+is_sound(app, App) -> is_atom(App) orelse is_text(App);
+is_sound(scenario, Scenario) -> is_map(Scenario);
+is_sound(options, Options) -> is_map(Options);
+is_sound(digest, Digest) -> is_text(Digest);
+is_sound(ending, Ending) -> lists:member(Ending, ?ENDINGS);
+is_sound(end_us, EndUs) -> is_integer(EndUs) andalso EndUs >= 0;
+is_sound(events, Events) -> is_integer(Events) andalso Events >= 0;
+is_sound(violations, Violations) -> is_list(Violations) andalso lists:all(fun is_map/1, Violations).
+
+is_text(Text) -> Text =/= "" andalso io_lib:printable_unicode_list(Text).
+
+%% @doc One line that says what is wrong, where, and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({unreadable, Reason}) ->
+    starl_sim_scenario:format_error(Reason);
+format_error({no_record, Path}) ->
+    [Path, ": no run is recorded here; a run's directory holds it as " ?NAME];
+format_error({missing, File, Keys}) ->
+    [File, ": this record of a run lacks ", names(Keys), "; take the file as the run wrote it"];
+format_error({unsound, File, Keys}) ->
+    [File, ": not what a run writes: ", names(Keys), "; take the file as the run wrote it"];
+format_error({unwritable, File, Posix}) ->
+    [File, ": ", file:format_error(Posix)].
+
+names(Keys) -> lists:join(", ", [atom_to_list(Key) || Key <- Keys]).

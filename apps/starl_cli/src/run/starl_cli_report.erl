@@ -1,0 +1,234 @@
+%% @doc What is told of a run: its figures in their order, as JSON, as a text and in a few words.
+-module(starl_cli_report).
+
+-export([make/1, text/1, json/1, summary/1, figures/1, figure/2, complete/1, ending/1]).
+
+-export_type([t/0, input/0]).
+
+%% `ending' is `time' where the scenario's time was up; `wall_s' does not count the start.
+-type input() :: #{
+    name := string(),
+    scenario := starl_sim_scenario:t(),
+    ending := starl_sim_run:ending(),
+    wall_s := float(),
+    outcome := starl_sim_run:outcome(),
+    figures := [{atom(), starl_cli_json:value()}]
+}.
+
+-record(report, {
+    fields :: [{atom(), starl_cli_json:value()}],
+    ending :: starl_sim_run:ending(),
+    running :: [starl:robot_id()],
+    died :: [starl:robot_id()]
+}).
+
+-opaque t() :: #report{}.
+
+%% The figures that every report has, in their order, with how they are rounded.
+-define(FIGURES, [
+    {ink_mm, {near, 1}},
+    {ink_covered, {down, 6}},
+    {driven_mm, {near, 1}},
+    {makespan_bound_ratio, {near, 3}},
+    {min_separation_mm, {down, 3}},
+    {safety_distance_mm, {near, 3}},
+    {deadlocks_resolved, {near, 0}},
+    {assignments, {near, 0}},
+    {assignments_per_robot, {near, 3}}
+]).
+
+%% @doc Puts together what is known of a run.
+-spec make(input()) -> t().
+make(#{outcome := #{robots := Robots}, ending := Ending} = Input) ->
+    #report{
+        fields = fields(Input),
+        ending = Ending,
+        running = [Id || {Id, #{result := running}} <- Robots],
+        died = [Id || {Id, #{result := died}} <- Robots]
+    }.
+
+fields(#{name := Name, scenario := Scenario, figures := Figures} = Input) ->
+    #{outcome := Outcome, wall_s := Wall, ending := Ending} = Input,
+    #{end_us := EndUs, monitors := Monitors, violations := Violations} = Outcome,
+    Figure = fun(Key) -> proplists:get_value(Key, Figures, null) end,
+    Known = [{Key, rounded(How, Figure(Key))} || {Key, How} <- ?FIGURES],
+    More = [{K, rounded({near, 3}, V)} || {K, V} <- Figures, not lists:keymember(K, 1, ?FIGURES)],
+    [
+        {app, unicode:characters_to_binary(Name)},
+        {seed, maps:get(seed, Scenario)},
+        {robots, maps:get(robots, Scenario)},
+        {virtual_s, rounded({near, 6}, EndUs / 1.0e6)},
+        {wall_s, rounded({near, 3}, Wall)}
+    ] ++ Known ++
+        [
+            {messages, maps:get(sent, maps:get(starl_sap_monitor, Monitors))},
+            {packets, maps:get(packets, Outcome)},
+            {events, maps:get(events, Outcome)},
+            {digest, hex(maps:get(digest, Outcome))},
+            {violations, [violation(V) || V <- Violations]},
+            {ending, atom_to_binary(Ending)}
+        ] ++ More.
+
+violation(#{contract := Contract, what := What, at_us := At, robots := Robots} = Violation) ->
+    [
+        {contract, atom_to_binary(Contract)},
+        {what, atom_to_binary(What)},
+        {at_s, At / 1.0e6},
+        {robots, Robots},
+        {text, unicode:characters_to_binary(starl_monitor:format_violation(Violation))}
+    ].
+
+%% Covered ink and separations are never made to look better than they are.
+rounded(_How, Value) when not is_float(Value) -> whole(Value);
+rounded({near, Digits}, Value) -> list_to_float(float_to_list(Value, [{decimals, max(1, Digits)}]));
+rounded({down, Digits}, Value) ->
+    Scale = math:pow(10, Digits),
+    floor(Value * Scale) / Scale.
+
+whole(infinity) -> null;
+whole(Value) -> Value.
+
+%% @doc All figures, in their order.
+-spec figures(t()) -> [{atom(), starl_cli_json:value()}].
+figures(#report{fields = Fields}) -> Fields.
+
+%% @doc One figure of the report.
+-spec figure(atom(), t()) -> starl_cli_json:value().
+figure(Key, #report{fields = Fields}) -> proplists:get_value(Key, Fields, null).
+
+%% @doc Why the run ended.
+-spec ending(t()) -> starl_sim_run:ending().
+ending(#report{ending = Ending}) -> Ending.
+
+%% @doc Whether the work is done: all ink on the floor, or, where no ink is told of, every
+%% application at its end.
+-spec complete(t()) -> boolean().
+complete(#report{ending = lost}) ->
+    false;
+complete(Report) ->
+    case figure(ink_covered, Report) of
+        null -> ending(Report) =:= done andalso Report#report.died =:= [];
+        Covered -> Covered >= 1.0
+    end.
+
+%% @doc The report as JSON.
+-spec json(t()) -> iolist().
+json(#report{fields = Fields}) -> starl_cli_json:pretty(Fields).
+
+%% @doc The report as a text, a line for each figure.
+-spec text(t()) -> unicode:chardata().
+text(#report{fields = Fields}) ->
+    Shown = [{Key, Value} || {Key, Value} <- Fields, Value =/= null, Key =/= violations],
+    Violations = proplists:get_value(violations, Fields),
+    [
+        [io_lib:format("~-22ts ~ts\n", [Key, plain(Value)]) || {Key, Value} <- Shown],
+        io_lib:format("~-22ts ~b\n", [violations, length(Violations)]),
+        [["  ", proplists:get_value(text, V), "\n"] || V <- Violations]
+    ].
+
+plain(Text) when is_binary(Text) -> Text;
+plain(Value) when is_float(Value) -> io_lib:format("~w", [Value]);
+plain(Value) -> io_lib:format("~0tp", [Value]).
+
+hex(<<>>) -> null;
+hex(Bytes) -> string:lowercase(binary:encode_hex(Bytes)).
+
+%% -- in a few words -------------------------------------------------------------------------
+
+%% @doc The run in a few lines; the first alone says how it ended.
+-spec summary(t()) -> [unicode:chardata(), ...].
+summary(Report) ->
+    [headline(Report) | [Line || Line <- details(Report), Line =/= none]].
+
+headline(Report) ->
+    Robots = figure(robots, Report),
+    io_lib:format("~ts: ~ts, ~b robot~ts, ~ts s", [
+        figure(app, Report), verdict(Report), Robots, plural(Robots),
+        decimals(1, figure(virtual_s, Report))
+    ]).
+
+verdict(Report) ->
+    case {figure(violations, Report), ending(Report), complete(Report)} of
+        {[_ | _], _, _} -> ["A CONTRACT IS VIOLATED", share(", ", Report)];
+        {[], stopped, _} -> ["interrupted", share(", ", Report)];
+        {[], _, true} -> ["complete", share(", ", Report)];
+        {[], Ending, false} -> ["NOT COMPLETE", share(", ", Report), " (", why(Ending, Report), ")"]
+    end.
+
+share(Before, Report) ->
+    case figure(ink_covered, Report) of
+        null -> "";
+        Covered -> [Before, percent(Covered), " of the lines painted"]
+    end.
+
+%% 99.99 % must not read 100 %.
+percent(1.0) -> "100 %";
+percent(Part) -> [decimals(2, floor(Part * 10000) / 100), " %"].
+
+why(time, Report) ->
+    ["the time was up", still("; ", Report)];
+why(lost, _Report) ->
+    "a node was lost";
+why(_, #report{died = [], running = []}) ->
+    "no robot could do more";
+why(_, #report{died = [], running = _} = Report) ->
+    ["nothing happens any more", still("; ", Report)];
+why(_, #report{died = Died} = Report) ->
+    [robots(Died), " died", still("; ", Report)].
+
+still(_, #report{running = []}) -> "";
+still(Before, #report{running = [_]}) -> [Before, "one robot was still at work"];
+still(Before, #report{running = Ids}) -> [Before, integer_to_list(length(Ids)), " still at work"].
+
+robots([Id]) -> ["robot ", integer_to_list(Id)];
+robots(Ids) -> ["robots ", lists:join(", ", [integer_to_list(Id) || Id <- Ids])].
+
+details(Report) ->
+    [driven(Report), closest(Report), planned(Report), radio(Report), cost(Report)].
+
+driven(Report) ->
+    case [figure(Key, Report) || Key <- [ink_mm, driven_mm, makespan_bound_ratio]] of
+        [Ink, Driven, Ratio] when is_number(Ink), is_number(Driven), is_number(Ratio) ->
+            io_lib:format("  ink ~ts m of ~ts m driven; ~ts x the least time possible", [
+                decimals(1, Ink / 1000), decimals(1, Driven / 1000), decimals(2, Ratio)
+            ]);
+        _ ->
+            none
+    end.
+
+closest(Report) ->
+    case {figure(min_separation_mm, Report), figure(safety_distance_mm, Report)} of
+        {null, _} -> none;
+        {Least, Safe} ->
+            io_lib:format("  the closest two robots came to each other: ~ts mm (at least ~ts)", [
+                decimals(1, Least), decimals(0, Safe)
+            ])
+    end.
+
+planned(Report) ->
+    case {figure(assignments, Report), figure(deadlocks_resolved, Report)} of
+        {null, _} -> none;
+        {Paths, Resolved} ->
+            io_lib:format("  ~b paths assigned, ~b deadlock~ts resolved", [
+                Paths, Resolved, plural(Resolved)
+            ])
+    end.
+
+radio(Report) ->
+    {Messages, Packets} = {figure(messages, Report), figure(packets, Report)},
+    io_lib:format("  ~b messages in ~b packets", [Messages, Packets]).
+
+cost(Report) ->
+    {Virtual, Wall} = {figure(virtual_s, Report), figure(wall_s, Report)},
+    io_lib:format("  ~b events in ~ts s, ~ts x real time; seed ~b~ts", [
+        figure(events, Report), decimals(1, Wall), decimals(0, Virtual / max(0.001, Wall)),
+        figure(seed, Report), digest(figure(digest, Report))
+    ]).
+
+digest(null) -> "";
+digest(Hex) -> [", digest ", Hex].
+
+plural(1) -> "";
+plural(_) -> "s".
+
+decimals(N, X) -> float_to_list(float(X), [{decimals, N}]).

@@ -1,0 +1,140 @@
+%% @doc What comes of a simulation that a command line asks for: a summary, its files, and an exit
+%% status.
+-module(starl_cli_simulation).
+
+-export([run/1, failed/2]).
+
+%% A simulation that has run to its end.
+-type ran() :: #{
+    scenario := starl_sim_scenario:t(),
+    ending := starl_sim_run:ending(),
+    wall_ms := integer(),
+    outcome := starl_sim_run:outcome(),
+    app := starl_app:report()
+}.
+
+%% @doc Runs what a command line asks for; gives the exit status.
+-spec run(starl_cli_setup:t()) -> starl_cli_terminal:status().
+run(#{nodes := Nodes, target := Target} = Setup) ->
+    case starl_cli_nodes:options(Nodes, Target) of
+        {ok, Options} -> run(Options, Setup);
+        {error, Line} -> starl_cli_terminal:bad_input([Line])
+    end.
+
+run(Options, #{scenario := Scenario} = Setup) ->
+    case starl_cli_drive:with(Scenario, Options, fun(Sim) -> to_the_end(Sim, Setup) end) of
+        {ok, Ran} -> tell(Setup, Ran);
+        {error, {nodes, {lost, Loss}}} -> lost([Loss], 4);
+        {error, Reason} -> starl_cli_terminal:bad_input([starl_sim:format_error(Reason)]);
+        {failed, Reason} -> failed(Reason, Setup)
+    end.
+
+-spec to_the_end(starl_sim:sim(), starl_cli_setup:t()) -> ran().
+to_the_end(Sim, #{scenario := #{time := Seconds}} = Setup) ->
+    {Ending, WallMs} = starl_cli_drive:run(Sim, round(Seconds * 1.0e6), Setup),
+    {Outcome, App} = starl_sim:finish(Sim),
+    #{
+        scenario => starl_sim:scenario(Sim),
+        ending => ending(Ending, Outcome),
+        wall_ms => WallMs,
+        outcome => Outcome,
+        app => App
+    }.
+
+ending(_, #{lost := [_ | _]}) -> lost;
+ending(none, _Outcome) -> time;
+ending(Ending, _Outcome) -> Ending.
+
+%% -- results --------------------------------------------------------------------------------
+
+tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = Setup, Ran) ->
+    #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
+    Report = starl_cli_report:make(#{
+        name => Name, scenario => Scenario, ending => Ending, wall_s => WallMs / 1000,
+        outcome => Outcome, figures => maps:get(figures, App)
+    }),
+    %% the scenario that has run: with the faults that were drawn
+    #{scenario := Effective} = Ran,
+    Record = starl_cli_record:make(starl_cli_files:app(Target), Effective, {Ending, Outcome}),
+    Write = maps:get(write, App, fun(_) -> {ok, []} end),
+    Written = starl_cli_out:write(Out, fun(Dir) ->
+        starl_cli_files:write(Dir, Setup, {Report, Record}, Write)
+    end),
+    _ = summarize(Setup, Report),
+    violated(Setup, Outcome),
+    where(Written, Outcome, lost(maps:get(lost, Outcome), status(Report))).
+
+%% Says which nodes are gone; passes the status on.
+lost(Losses, Status) ->
+    lists:foreach(fun(L) -> starl_cli_terminal:complain(starl_sim_nodes:format_loss(L)) end, Losses),
+    Status.
+
+%% What is not as it should be is told in any case.
+summarize(#{quiet := true}, Report) ->
+    status(Report) =:= 0 orelse
+        starl_cli_terminal:out([hd(starl_cli_report:summary(Report)), "\n"]);
+summarize(#{quiet := false}, Report) ->
+    starl_cli_terminal:out([[Line, "\n"] || Line <- starl_cli_report:summary(Report)]).
+
+violated(_Setup, #{violations := []}) ->
+    ok;
+violated(#{target := Target, scenario := Scenario}, #{violations := Violations}) ->
+    Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
+    starl_cli_terminal:out([Lines, "replay: ", starl_cli_setup:replay(Target, Scenario), "\n"]).
+
+where({ok, Dir}, Outcome, Status) ->
+    Crashes =
+        case starl_cli_log:lines() of
+            [] -> "";
+            [_ | _] -> " (run.log tells of crashes)"
+        end,
+    starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), Crashes, "\n"]),
+    look(Dir, Outcome),
+    Status;
+where({error, Why}, _Outcome, _Status) ->
+    starl_cli_terminal:complain(["the results could not be written: ", Why]),
+    1.
+
+%% How to see the robots at the first violation, and how to make the run small.
+look(_Dir, #{violations := []}) ->
+    ok;
+look(Dir, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
+    Shell = starl_cli_flags:shell(starl_cli_out:shown(Dir)),
+    Ids = lists:join(",", [integer_to_list(Id) || Id <- Robots]),
+    Inspect = [[" --inspect ", Ids] || Ids =/= []],
+    %% what happens at that very time has happened then
+    Until = io_lib:format(" --until ~.6f", [(AtUs + 1) / 1.0e6]),
+    starl_cli_terminal:out([
+        "look: ./starl replay ", Shell, Until, Inspect, "\nsmaller: ./starl shrink ", Shell, "\n"
+    ]).
+
+status(Report) ->
+    case {starl_cli_report:figure(violations, Report), starl_cli_report:ending(Report)} of
+        {[_ | _], _} -> 3;
+        {[], stopped} -> 130;
+        {[], _} -> finished(starl_cli_report:complete(Report))
+    end.
+
+finished(true) -> 0;
+finished(false) -> 4.
+
+%% @doc The simulation itself came to grief: what was logged tells more.
+-spec failed(Reason :: term(), starl_cli_setup:t()) -> starl_cli_terminal:status().
+failed(Reason, #{out := Out} = Setup) ->
+    starl_cli_signal:on_interrupt(quit),
+    Fill = fun(Dir) -> starl_cli_files:write_failure(Dir, Setup, Reason) end,
+    Where =
+        case starl_cli_out:write(Out, Fill) of
+            {ok, Dir} -> ["see ", starl_cli_out:shown(filename:join(Dir, "run.log"))];
+            {error, Why} -> ["and its log could not be written: ", Why]
+        end,
+    starl_cli_terminal:complain(["the simulation failed: ", why(Reason), "; ", Where]),
+    1.
+
+why({shard_failed, Reason}) ->
+    why(Reason);
+why({no_answer, [_ | _] = Busy}) ->
+    Names = [io_lib:format("~ts of robot ~b", [Name, Robot]) || {Robot, Name} <- Busy],
+    ["no answer from ", lists:join(", ", Names), " for long; is there an endless loop in it?"];
+why(Reason) ->
+    io_lib:format("~0tP", [Reason, 15]).

@@ -1,0 +1,21 @@
+%% The words of `./starl check': what is refused, and the status of what is done.
+-module(starl_cli_check_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+refused_test_() ->
+    [
+        ?_assertEqual(2, starl_cli_check:command(Args))
+     || Args <- [
+            [], ["dpp"], ["--robots", "3"], ["mutex", "--robots", "9"],
+            ["mutex", "--faults", "flood:1"], ["mutex", "--depth", "0"], ["mutex", "more"]
+        ]
+    ].
+
+holds_test() ->
+    ?assertEqual(0, starl_cli_check:command(["bully", "--faults", "none", "--quiet"])).
+
+depth_test() ->
+    ?assertEqual(0, starl_cli_check:command(["mutex", "--depth", "5", "--quiet"])).
+
+help_test() ->
+    ?assertEqual(0, starl_cli_check:command(["mutex", "--help"])).

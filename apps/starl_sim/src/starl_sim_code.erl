@@ -1,0 +1,69 @@
+%% @doc Whether two nodes run the same code: a run over several nodes comes to the digest of a
+%% run in one VM only if every module that takes part is the same on all of them.
+%%
+%% Modules are told apart by the MD5 of their code, which the compiler has put into them. OTP's
+%% own modules are not compared: nodes may run different releases, as long as StarL itself is the
+%% same build.
+-module(starl_sim_code).
+
+-export([modules/1, digests/1, differing/2]).
+
+-export_type([digests/0]).
+
+-type digests() :: [{module(), MD5 :: binary() | missing}].
+
+%% @doc The modules that take part where these do: those of their applications, and of the
+%% applications that these need, as far as they are not OTP's.
+-spec modules([module()]) -> [module()].
+modules(Seeds) ->
+    Apps = lists:usort([App || Module <- Seeds, App <- application_of(Module)]),
+    Found = [M || App <- closure(Apps, []), M <- modules_of(App)],
+    lists:usort(Seeds ++ Found).
+
+%% @doc The digests of modules on this node.
+-spec digests([module()]) -> digests().
+digests(Modules) -> [{Module, digest(Module)} || Module <- Modules].
+
+%% @doc The modules that are not the same in both.
+-spec differing(digests(), digests()) -> [module()].
+differing(Ours, Theirs) -> [Module || {Module, _} <- Ours -- Theirs].
+
+digest(Module) ->
+    case code:ensure_loaded(Module) of
+        {module, Module} -> Module:module_info(md5);
+        {error, _} -> missing
+    end.
+
+%% The application in whose folder a module lies; an application of the user's own, or a module
+%% that was compiled in memory, lies in none.
+application_of(Module) ->
+    case code:which(Module) of
+        File when is_list(File), File =/= "" ->
+            Files = filelib:wildcard(filename:join(filename:dirname(File), "*.app")),
+            [list_to_atom(filename:basename(App, ".app")) || App <- Files];
+        _ ->
+            []
+    end.
+
+closure([], Seen) ->
+    Seen;
+closure([App | Apps], Seen) ->
+    case lists:member(App, Seen) orelse is_of_otp(App) of
+        true -> closure(Apps, Seen);
+        false -> closure(key(App, applications) ++ Apps, [App | Seen])
+    end.
+
+is_of_otp(App) ->
+    case code:lib_dir(App) of
+        {error, bad_name} -> true;
+        Dir -> lists:prefix(code:lib_dir(), Dir)
+    end.
+
+modules_of(App) -> key(App, modules).
+
+key(App, Key) ->
+    _ = application:load(App),
+    case application:get_key(App, Key) of
+        {ok, Value} -> Value;
+        undefined -> []
+    end.

@@ -1,0 +1,140 @@
+%% @doc Makes this VM a node of Erlang's distribution while it runs: a name, a cookie, and the
+%% port mapper `epmd', which is started where none runs.
+-module(starl_sim_net).
+
+-export([start/1, random_cookie/0, full_name/1, format_error/1]).
+
+-export_type([wish/0, reason/0]).
+
+%% How the node is to be known. `loopback' keeps it from the network: only nodes of this machine
+%% reach it. Without a cookie it takes the user's own, of `~/.erlang.cookie'.
+-type wish() :: #{name := node(), cookie => atom(), loopback => boolean()}.
+
+-type reason() ::
+    {bad_name, string()}
+    | no_epmd
+    | {epmd, file:filename()}
+    | {no_distribution, node()}
+    | {is_named, node()}.
+
+%% An epmd that was just started listens after a few of these.
+-define(EPMD_TRIES, 60).
+-define(EPMD_WAIT_MS, 50).
+-define(LONGEST_NAME, 200).
+
+%% @doc Starts distribution under a name.
+-spec start(wish()) -> ok | {error, reason()}.
+start(#{name := Name} = Wish) ->
+    case node() of
+        Name -> set_cookie(Wish);
+        nonode@nohost -> with_epmd(Wish);
+        Other -> {error, {is_named, Other}}
+    end.
+
+%% @doc A cookie that nobody guesses.
+-spec random_cookie() -> atom().
+random_cookie() ->
+    binary_to_atom(binary:encode_hex(crypto:strong_rand_bytes(16))).
+
+%% @doc A node's name from text: with this machine's name behind it where it has none.
+-spec full_name(string()) -> {ok, node()} | {error, reason()}.
+full_name(Text) when length(Text) =< ?LONGEST_NAME ->
+    case string:split(Text, "@", all) of
+        [Name] -> named(Name, hostname(), Text);
+        [Name, Host] -> named(Name, Host, Text);
+        _ -> {error, {bad_name, Text}}
+    end;
+full_name(Text) ->
+    {error, {bad_name, Text}}.
+
+named(Name, Host, Text) ->
+    Is = fun(Part, Pattern) -> re:run(Part, Pattern, [{capture, none}]) =:= match end,
+    case Is(Name, "^[A-Za-z0-9_-]+$") andalso Is(Host, "^[A-Za-z0-9_.:-]+$") of
+        true -> {ok, list_to_atom(Name ++ "@" ++ Host)};
+        false -> {error, {bad_name, Text}}
+    end.
+
+hostname() ->
+    {ok, Host} = inet:gethostname(),
+    Host.
+
+%% @doc One line that says what is wrong and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({bad_name, Text}) ->
+    ["\"", Text, "\" is no name of a node; a node is called like robots@host1"];
+format_error(no_epmd) ->
+    "nodes need Erlang's port mapper epmd, which is not in PATH; it comes with Erlang/OTP";
+format_error({epmd, Exe}) ->
+    ["nodes need Erlang's port mapper; ", Exe, " -daemon does not answer on port 4369"];
+format_error({no_distribution, Node}) ->
+    io_lib:format(
+        "this machine cannot be node ~ts: its name is taken, its host is not this machine, or "
+        "~~/.erlang.cookie cannot be read", [Node]
+    );
+format_error({is_named, Node}) ->
+    io_lib:format("this VM is node ~ts already", [Node]).
+
+%% -- internals ------------------------------------------------------------------------------
+
+with_epmd(Wish) ->
+    case erl_epmd:names() of
+        {ok, _} -> distribute(Wish);
+        {error, _} -> with_exe(epmd(), Wish)
+    end.
+
+%% It belongs to the Erlang that runs, or to another one: all of them speak one protocol.
+epmd() ->
+    Erts = "erts-" ++ erlang:system_info(version),
+    Own = filename:join([code:root_dir(), Erts, "bin", "epmd"]),
+    case filelib:is_regular(Own) of
+        true -> Own;
+        false -> os:find_executable("epmd")
+    end.
+
+with_exe(false, _Wish) ->
+    {error, no_epmd};
+with_exe(Exe, Wish) ->
+    Port = open_port({spawn_executable, Exe}, [{args, ["-daemon"]}, exit_status, hide]),
+    receive
+        {Port, {exit_status, _}} -> ok
+    end,
+    case answers(?EPMD_TRIES) of
+        true -> distribute(Wish);
+        false -> {error, {epmd, Exe}}
+    end.
+
+%% The daemon tells nobody when it is ready.
+answers(0) ->
+    false;
+answers(Tries) ->
+    case erl_epmd:names() of
+        {ok, _} ->
+            true;
+        {error, _} ->
+            receive
+            after ?EPMD_WAIT_MS -> answers(Tries - 1)
+            end
+    end.
+
+distribute(#{name := Name} = Wish) ->
+    ok = listen_on(maps:get(loopback, Wish, false)),
+    case net_kernel:start([Name, domain(Name)]) of
+        {ok, _} -> set_cookie(Wish);
+        {error, _} -> {error, {no_distribution, Name}}
+    end.
+
+listen_on(true) -> application:set_env(kernel, inet_dist_use_interface, {127, 0, 0, 1});
+listen_on(false) -> ok.
+
+%% The part behind the @ of a long name has a dot in it.
+domain(Name) ->
+    case lists:member($., atom_to_list(Name)) of
+        true -> longnames;
+        false -> shortnames
+    end.
+
+set_cookie(#{cookie := Cookie}) ->
+    true = erlang:set_cookie(node(), Cookie),
+    ok;
+set_cookie(#{}) ->
+    ok.

@@ -1,0 +1,360 @@
+%% @doc The nodes of a simulation: it starts or checks them before the run, tells where the shards
+%% go, and watches them meanwhile. Whatever befalls a node, the run learns of it in bounded time.
+%% ```
+%%   node gone          its site's monitor fires                        down
+%%   node stopped       it answers no ping for the time-out             silent
+%%   a shard hangs      the node answers, but no window has come to     slow
+%%                      an end within the time-out
+%% '''
+%% A silent node is disconnected, which frees all who wait for it or for room in the buffer to
+%% it. Time is counted in ticks that this process has seen: if this VM was held up itself, nobody
+%% else is to blame.
+-module(starl_sim_nodes).
+-behaviour(gen_server).
+
+-export([start_link/0, open/2, watch/2, loss/2, sites/1, format_error/1, format_loss/1]).
+-export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
+
+-export_type([options/0, nodes/0, loss/0, reason/0]).
+
+%% A number of peers on this machine, or nodes that run already, with the application's code.
+-type nodes() :: pos_integer() | [node(), ...].
+
+%% `modules' are those of the scene; `code' was compiled in memory and is in no file.
+-type options() :: #{
+    nodes := nodes(),
+    timeout_ms := pos_integer(),
+    modules := [module()],
+    code := [{module(), file:filename(), Beam :: binary()}]
+}.
+
+%% A node that is lost, why, and the virtual time until which all windows are known.
+-type loss() :: #{
+    node := node(),
+    why := down | silent | slow,
+    timeout_ms := pos_integer(),
+    at_us := starl_sim_queue:time()
+}.
+
+-type reason() ::
+    not_distributed
+    | {bad_nodes, term()}
+    | {twice, node()}
+    | {unreachable, node()}
+    | {silent, node()}
+    | {no_code, node()}
+    | {other_code, node(), [module()], OtpHere :: string(), OtpThere :: string()}
+    | {peers, starl_sim_peers:reason()}
+    | {lost, loss()}.
+
+-record(nodes, {
+    timeout_ms = 0 :: non_neg_integer(),
+    peers = [] :: [starl_sim_peers:t()],
+    sites = #{} :: #{node() => starl_sim_site:t()},
+    %% how many pings were sent to each since its last answer
+    unanswered = #{} :: #{node() => non_neg_integer()},
+    run = none :: pid() | none,
+    lost = [] :: [loss()],
+    %% what the run told last, and how often it has told the same
+    progress = none :: starl_sim_run:progress() | none,
+    same = 0 :: non_neg_integer(),
+    asked = false :: boolean()
+}).
+
+%% So many ticks make the time-out; at least so many milliseconds a tick.
+-define(TICKS, 10).
+-define(LEAST_TICK_MS, 20).
+-define(CLOSE_MS, 10000).
+%% A node loads all the code when that is checked.
+-define(LEAST_CHECK_MS, 5000).
+-define(MOST_NAMES, 3).
+
+%% @doc Starts without any nodes.
+-spec start_link() -> gen_server:start_ret().
+start_link() -> gen_server:start_link(?MODULE, [], []).
+
+%% @doc Starts or checks the nodes and opens a site on each, in their order.
+-spec open(pid(), options()) -> {ok, [starl_sim_site:t()]} | {error, reason()}.
+open(Nodes, Options) -> gen_server:call(Nodes, {open, Options}, infinity).
+
+%% @doc From now on this run is told of a lost node: `{lost, loss()}'.
+-spec watch(pid(), Run :: pid()) -> ok.
+watch(Nodes, Run) -> gen_server:cast(Nodes, {watch, Run}).
+
+%% @doc What has become of a node that was found to be out of reach.
+-spec loss(pid(), node()) -> loss().
+loss(Nodes, Node) -> gen_server:call(Nodes, {loss, Node}, infinity).
+
+%% @doc The sites that are not lost.
+-spec sites(pid()) -> [starl_sim_site:t()].
+sites(Nodes) -> gen_server:call(Nodes, sites, infinity).
+
+%% @doc One line that says why the nodes cannot be used, and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error(not_distributed) ->
+    "nodes: this VM is no node itself; start it with a name, as in erl -sname me";
+format_error({bad_nodes, What}) ->
+    io_lib:format("nodes: a number from 1 or a list of nodes expected, not ~tP", [What, 20]);
+format_error({twice, Node}) ->
+    io_lib:format("nodes: ~ts is named twice", [Node]);
+format_error({unreachable, Node}) ->
+    io_lib:format(
+        "node ~ts cannot be reached: is it up (./starl node), with the same cookie, under this "
+        "very name, and its port mapper's port 4369 open?", [Node]
+    );
+format_error({silent, Node}) ->
+    io_lib:format("node ~ts is connected but does not answer; restart it or leave it out", [Node]);
+format_error({no_code, Node}) ->
+    io_lib:format("node ~ts has no StarL code; start it with ./starl node", [Node]);
+format_error({other_code, Node, Modules, Otp, Otp}) ->
+    io_lib:format(
+        "node ~ts has other code than this one: ~ts; bring both to the same version and build, "
+        "then start the node anew", [Node, names(Modules)]
+    );
+format_error({other_code, Node, Modules, Here, There}) ->
+    io_lib:format(
+        "node ~ts has other code than this one: ~ts; it was built by OTP ~ts there and ~ts here: "
+        "run both from one build (copy _build)", [Node, names(Modules), There, Here]
+    );
+format_error({peers, Reason}) ->
+    starl_sim_peers:format_error(Reason);
+format_error({lost, Loss}) ->
+    format_loss(Loss).
+
+names(Modules) ->
+    {Shown, More} = lists:split(min(?MOST_NAMES, length(Modules)), Modules),
+    Tail = [io_lib:format(" and ~b more", [length(More)]) || More =/= []],
+    [lists:join(", ", [atom_to_list(M) || M <- Shown]), Tail].
+
+%% @doc One line that says which node was lost, when, and what to do.
+-spec format_loss(loss()) -> unicode:chardata().
+format_loss(#{node := Node, why := Why, at_us := At, timeout_ms := Ms}) ->
+    io_lib:format("node ~ts ~ts; virtual time ~.3f s; ~ts", [
+        Node, what(Why, Ms / 1000), At / 1.0e6, advice(Why)
+    ]).
+
+what(down, _Seconds) -> "is gone";
+what(silent, Seconds) -> io_lib:format("has not answered for ~.1f s", [Seconds]);
+what(slow, Seconds) -> io_lib:format("answers, but has not ended a window for ~.1f s", [Seconds]).
+
+advice(down) ->
+    "see why it ended (killed, out of memory, unplugged?), then run again, without it if need be";
+advice(silent) ->
+    "see whether it is stopped, swapping or cut off, then run again, without it if need be";
+advice(slow) ->
+    "is there an endless loop in the application? If it only is slow, raise the time-out".
+
+%% -- server ---------------------------------------------------------------------------------
+
+-spec init([]) -> {ok, #nodes{}}.
+init([]) ->
+    _ = process_flag(trap_exit, true),
+    {ok, #nodes{}}.
+
+-spec handle_call(term(), gen_server:from(), #nodes{}) -> {reply, term(), #nodes{}}.
+handle_call({open, #{nodes := Wanted, timeout_ms := Ms} = Options}, _From, Nodes) ->
+    case started(Wanted) of
+        {ok, Names, Peers} ->
+            Own = Nodes#nodes{timeout_ms = Ms, peers = Peers},
+            opened(check(Names, Options), Own);
+        {error, _} = Error ->
+            {reply, Error, Nodes}
+    end;
+handle_call(sites, _From, #nodes{sites = Sites} = Nodes) ->
+    {reply, maps:values(Sites), Nodes};
+handle_call({loss, Node}, _From, #nodes{lost = Lost} = Nodes) ->
+    case [Loss || #{node := N} = Loss <- Lost, N =:= Node] of
+        [Loss | _] ->
+            {reply, Loss, Nodes};
+        [] ->
+            Next = lose(Node, down, Nodes),
+            {reply, hd(Next#nodes.lost), Next}
+    end.
+
+-spec handle_cast({watch, pid()}, #nodes{}) -> {noreply, #nodes{}}.
+handle_cast({watch, Run}, #nodes{lost = Lost} = Nodes) ->
+    _ = [Run ! {lost, Loss} || Loss <- lists:reverse(Lost)],
+    {noreply, Nodes#nodes{run = Run}}.
+
+-spec handle_info(term(), #nodes{}) -> {noreply, #nodes{}} | {stop, shutdown, #nodes{}}.
+handle_info(tick, Nodes) ->
+    {noreply, tick(Nodes)};
+handle_info({pong, Site, _K}, #nodes{unanswered = Unanswered} = Nodes) ->
+    case Unanswered of
+        #{node(Site) := _} ->
+            {noreply, Nodes#nodes{unanswered = Unanswered#{node(Site) := 0}}};
+        #{} ->
+            {noreply, Nodes}
+    end;
+handle_info({progress, Progress}, Nodes) ->
+    {noreply, progressed(Progress, Nodes#nodes{asked = false})};
+handle_info({'DOWN', _, process, Site, _}, #nodes{sites = Sites} = Nodes) ->
+    case Sites of
+        #{node(Site) := #{server := Site}} -> {noreply, lose(node(Site), down, Nodes)};
+        #{} -> {noreply, Nodes}
+    end;
+handle_info({timeout, _, close}, Nodes) ->
+    {noreply, Nodes};
+handle_info({'EXIT', _Peer, _}, Nodes) ->
+    %% the node's monitor tells of it
+    {noreply, Nodes}.
+
+%% Nothing is left over: not on other nodes, and no peer.
+-spec terminate(term(), #nodes{}) -> ok.
+terminate(_Reason, #nodes{sites = Sites, peers = Peers, lost = Lost}) ->
+    ok = close(maps:values(Sites)),
+    Silent = [Node || #{node := Node, why := silent} <- Lost],
+    lists:foreach(
+        fun(Peer) ->
+            case lists:member(starl_sim_peers:node(Peer), Silent) of
+                true -> starl_sim_peers:kill(Peer);
+                false -> starl_sim_peers:stop(Peer)
+            end
+        end,
+        Peers
+    ).
+
+%% -- before the run -------------------------------------------------------------------------
+
+started(N) when is_integer(N), N > 0 ->
+    case starl_sim_peers:start(N) of
+        {ok, Peers} -> {ok, [starl_sim_peers:node(Peer) || Peer <- Peers], Peers};
+        {error, Reason} -> {error, {peers, Reason}}
+    end;
+started([_ | _] = Names) ->
+    case {lists:all(fun is_atom/1, Names), Names -- lists:usort(Names)} of
+        {false, _} -> {error, {bad_nodes, Names}};
+        {true, [Node | _]} -> {error, {twice, Node}};
+        {true, []} when Names =:= [node()] -> {ok, Names, []};
+        {true, []} when node() =:= nonode@nohost -> {error, not_distributed};
+        {true, []} -> {ok, Names, []}
+    end;
+started(Other) ->
+    {error, {bad_nodes, Other}}.
+
+check(Names, #{modules := Seeds, code := Code, timeout_ms := Ms}) ->
+    InMemory = [Module || {Module, _, _} <- Code],
+    Modules = starl_sim_code:modules([starl_sim | Seeds]) -- InMemory,
+    Ours = starl_sim_code:digests(Modules),
+    CheckMs = max(?LEAST_CHECK_MS, Ms),
+    sites_on(Names, #{modules => Modules, digests => Ours, code => Code, ms => CheckMs}, []).
+
+sites_on([], _Wanted, Sites) ->
+    {ok, lists:reverse(Sites)};
+sites_on([Node | Rest], Wanted, Sites) ->
+    case site_on(Node, Wanted) of
+        {ok, Site} ->
+            sites_on(Rest, Wanted, [Site | Sites]);
+        {error, _} = Error ->
+            ok = close(Sites),
+            Error
+    end.
+
+site_on(Node, Wanted) ->
+    case node() =:= Node orelse net_kernel:connect_node(Node) of
+        true -> checked(Node, Wanted);
+        _ -> {error, {unreachable, Node}}
+    end.
+
+checked(Node, #{modules := Modules, digests := Ours, ms := Ms} = Wanted) ->
+    try
+        case erpc:call(Node, starl_sim_code, digests, [Modules], Ms) of
+            Ours -> {ok, site(Node, Wanted)};
+            Theirs -> {error, other_code(Node, starl_sim_code:differing(Ours, Theirs), Ms)}
+        end
+    catch
+        error:{exception, undef, _} -> {error, {no_code, Node}};
+        error:{erpc, timeout} -> {error, {silent, Node}};
+        error:{erpc, noconnection} -> {error, {unreachable, Node}}
+    end.
+
+other_code(Node, Modules, Ms) ->
+    There = erpc:call(Node, erlang, system_info, [otp_release], Ms),
+    {other_code, Node, Modules, erlang:system_info(otp_release), There}.
+
+site(Node, #{code := Code, ms := Ms}) ->
+    _ = [
+        {module, Module} = erpc:call(Node, code, load_binary, [Module, File, Beam], Ms)
+     || {Module, File, Beam} <- Code, Node =/= node()
+    ],
+    starl_sim_site:open(Node, self(), Ms).
+
+opened({ok, Sites}, Nodes) ->
+    _ = [erlang:monitor(process, Server) || #{server := Server} <- Sites],
+    ok = tick_later(Nodes),
+    {reply, {ok, Sites}, Nodes#nodes{
+        sites = maps:from_list([{Node, Site} || #{node := Node} = Site <- Sites]),
+        unanswered = maps:from_list([{Node, 0} || #{node := Node} <- Sites])
+    }};
+opened({error, _} = Error, Nodes) ->
+    {reply, Error, Nodes}.
+
+%% -- watching -------------------------------------------------------------------------------
+
+tick_later(#nodes{timeout_ms = Ms}) ->
+    _ = erlang:send_after(max(?LEAST_TICK_MS, Ms div ?TICKS), self(), tick),
+    ok.
+
+tick(#nodes{unanswered = Unanswered} = Nodes) ->
+    ok = tick_later(Nodes),
+    Silent = [Node || {Node, ?TICKS} <- lists:sort(maps:to_list(Unanswered))],
+    Left = lists:foldl(fun(Node, N) -> lose(Node, silent, N) end, Nodes, Silent),
+    ask(ping(Left)).
+
+ping(#nodes{sites = Sites, unanswered = Unanswered} = Nodes) ->
+    ok = lists:foreach(fun(Site) -> starl_sim_site:ping(Site, 0) end, maps:values(Sites)),
+    Nodes#nodes{unanswered = maps:map(fun(_, K) -> K + 1 end, Unanswered)}.
+
+%% One question at a time: a run that is busy judging must not answer many of them at once.
+ask(#nodes{run = Run, asked = false} = Nodes) when is_pid(Run) ->
+    Run ! {progress, self()},
+    Nodes#nodes{asked = true};
+ask(Nodes) ->
+    Nodes.
+
+%% The shards of a run that does not get on wait for those that it still misses.
+progressed({_, _, [Late | _]} = Progress, #nodes{progress = Progress, same = ?TICKS} = Nodes) ->
+    Node = node(Late),
+    Why =
+        case maps:get(Node, Nodes#nodes.unanswered, 0) > ?TICKS div 2 of
+            true -> silent;
+            false -> slow
+        end,
+    lose(Node, Why, Nodes#nodes{progress = none, same = 0});
+progressed({_, _, [_ | _]} = Progress, #nodes{progress = Progress, same = Same} = Nodes) ->
+    Nodes#nodes{same = Same + 1};
+progressed(Progress, Nodes) ->
+    Nodes#nodes{progress = Progress, same = 0}.
+
+lose(Node, Why, #nodes{sites = Sites, timeout_ms = Ms} = Nodes) ->
+    Loss = #{node => Node, why => Why, timeout_ms => Ms, at_us => 0},
+    Left = maps:remove(Node, Sites),
+    _ = Why =:= silent andalso erlang:disconnect_node(Node),
+    ok = lists:foreach(fun(Site) -> starl_sim_site:abandon(Site, Node) end, maps:values(Left)),
+    _ = is_pid(Nodes#nodes.run) andalso (Nodes#nodes.run ! {lost, Loss}),
+    %% a slow node hears that it is over
+    ok = close([Site || {N, Site} <- maps:to_list(Sites), N =:= Node, Why =:= slow]),
+    Nodes#nodes{
+        sites = Left,
+        unanswered = maps:remove(Node, Nodes#nodes.unanswered),
+        lost = [Loss | Nodes#nodes.lost]
+    }.
+
+%% All at once, and for no longer than it may take.
+close(Sites) ->
+    Refs = [
+        {erlang:monitor(process, Server), starl_sim_site:close(Site)}
+     || #{server := Server} = Site <- Sites
+    ],
+    Timer = erlang:start_timer(?CLOSE_MS, self(), close),
+    ok = closed([Ref || {Ref, ok} <- Refs], Timer),
+    _ = erlang:cancel_timer(Timer),
+    ok.
+
+closed([], _Timer) ->
+    ok;
+closed([Ref | Refs] = Waiting, Timer) ->
+    receive
+        {'DOWN', Ref, process, _, _} -> closed(Refs, Timer);
+        {timeout, Timer, close} -> lists:foreach(fun erlang:demonitor/1, Waiting)
+    end.

@@ -1,0 +1,153 @@
+%% @doc Nodes of a simulation's own, on this machine: OTP's `peer', held by its standard input
+%% and output, so that they end with whoever started them, whatever happens to that.
+%%
+%% They are reached by Erlang's distribution, too. A VM that is no node yet becomes one for the
+%% purpose, with a name and a cookie that nobody else has, on the loopback interface only. The
+%% cookie stands on no command line and in no file.
+-module(starl_sim_peers).
+
+-export([start/1, node/1, stop/1, kill/1, format_error/1]).
+
+-export_type([t/0, reason/0]).
+
+-record(peer, {control :: pid(), node :: node(), os_pid :: string()}).
+
+-opaque t() :: #peer{}.
+
+-type reason() :: starl_sim_net:reason() | {no_peer, Why :: term()}.
+
+-define(BOOT_MS, 60000).
+-define(END_MS, 5000).
+
+%% @doc Starts so many, linked to the calling process, which must trap exits.
+-spec start(pos_integer()) -> {ok, [t()]} | {error, reason()}.
+start(N) ->
+    case distribute() of
+        ok -> start_all(N);
+        {error, _} = Error -> Error
+    end.
+
+%% @doc A peer's node.
+-spec node(t()) -> node().
+node(#peer{node = Node}) -> Node.
+
+%% @doc Ends a peer; it is gone afterwards.
+-spec stop(t()) -> ok.
+stop(#peer{control = Control, node = Node} = Peer) ->
+    true = monitor_node(Node, true),
+    ok = close(Control),
+    receive
+        {nodedown, Node} -> ok
+    after ?END_MS -> kill(Peer)
+    end.
+
+%% @doc Ends a peer that does not answer: it may be stopped, and would live on until it is not.
+-spec kill(t()) -> ok.
+kill(#peer{control = Control, os_pid = OsPid}) ->
+    %% what closing the channel would not end
+    _ = os:cmd("kill -KILL " ++ OsPid),
+    close(Control).
+
+%% It may be gone already.
+close(Control) ->
+    Ref = erlang:monitor(process, Control),
+    exit(Control, shutdown),
+    receive
+        {'DOWN', Ref, process, Control, _} -> ok
+    after ?END_MS ->
+        true = erlang:demonitor(Ref, [flush]),
+        true = exit(Control, kill),
+        ok
+    end.
+
+%% @doc One line that says why there are no peers.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({no_peer, Why}) ->
+    io_lib:format("a further Erlang VM could not be started on this machine: ~0tP", [Why, 10]);
+format_error(Reason) ->
+    starl_sim_net:format_error(Reason).
+
+%% -- internals ------------------------------------------------------------------------------
+
+distribute() ->
+    case erlang:node() of
+        nonode@nohost ->
+            starl_sim_net:start(#{
+                name => list_to_atom(unique("starl") ++ "@127.0.0.1"),
+                cookie => starl_sim_net:random_cookie(),
+                loopback => true
+            });
+        _ ->
+            ok
+    end.
+
+unique(Prefix) -> peer:random_name(Prefix).
+
+%% All boot at once.
+start_all(N) ->
+    try [boot() || _ <- lists:seq(1, N)] of
+        Boots -> named([await(Boot) || Boot <- Boots], [])
+    catch
+        error:Why -> {error, {no_peer, Why}}
+    end.
+
+boot() ->
+    Tag = make_ref(),
+    Options = #{
+        connection => standard_io, wait_boot => {self(), Tag}, shutdown => close, args => args()
+    },
+    {ok, Control} = peer:start_link(Options),
+    {Control, Tag}.
+
+%% The code path is this VM's own; what belongs to OTP is found without being told. Ctrl-C of a
+%% terminal reaches every VM: these leave it to the first (+Bi).
+args() ->
+    Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
+    Paths = lists:append([["-pa", filename:absname(Dir)] || Dir <- Own, filelib:is_dir(Dir)]),
+    Loopback = ["-kernel", "inet_dist_use_interface", "{127,0,0,1}"],
+    ["+Bi", "+fnu", "+sbwt", "none", "+sbwtdcpu", "none", "+sbwtdio", "none", "-nocookie"] ++
+        [Arg || Arg <- Loopback, is_on_loopback()] ++ Paths.
+
+is_on_loopback() -> host() =:= "127.0.0.1".
+
+host() -> lists:last(string:split(atom_to_list(erlang:node()), "@")).
+
+await({Control, Tag}) ->
+    receive
+        {Tag, {started, _Node, Control}} -> {ok, Control};
+        {Tag, {boot_failed, Why, Control}} -> {error, Why}
+    after ?BOOT_MS -> {error, timeout}
+    end.
+
+named([], Peers) ->
+    {ok, lists:reverse(Peers)};
+named([{ok, Control} | Rest], Peers) ->
+    Node = list_to_atom(unique("starl_peer") ++ "@" ++ host()),
+    case name(Control, Node) of
+        {ok, OsPid} ->
+            named(Rest, [#peer{control = Control, node = Node, os_pid = OsPid} | Peers]);
+        {error, Why} ->
+            failed(Why, [Control | controls(Rest)], Peers)
+    end;
+named([{error, Why} | Rest], Peers) ->
+    failed(Why, controls(Rest), Peers).
+
+controls(Booted) -> [Control || {ok, Control} <- Booted].
+
+failed(Why, Controls, Peers) ->
+    lists:foreach(fun close/1, Controls ++ [C || #peer{control = C} <- Peers]),
+    {error, {no_peer, Why}}.
+
+name(Control, Node) ->
+    Domain =
+        case net_kernel:longnames() of
+            true -> longnames;
+            false -> shortnames
+        end,
+    try
+        {ok, _} = peer:call(Control, net_kernel, start, [[Node, Domain]]),
+        true = peer:call(Control, erlang, set_cookie, [Node, erlang:get_cookie()]),
+        {ok, peer:call(Control, os, getpid, [])}
+    catch
+        Class:Why -> {error, {Class, Why}}
+    end.
