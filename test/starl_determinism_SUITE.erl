@@ -12,7 +12,7 @@
     every_input_counts/1, digest/1
 ]).
 
-suite() -> [{timetrap, {minutes, 2}}].
+suite() -> [{timetrap, {minutes, 10}}].
 
 all() -> [{group, painting}, {group, ring_shuttle}, {group, planted}].
 

@@ -13,13 +13,13 @@
 -export([
     same_digest_painting/1, same_digest_ring/1, same_digest_own_peers/1, paused_and_stepped/1,
     looked_at/1, killed/1, suspended_own_peer/1, killed_before_the_finish/1, suspended/1,
-    suspended_before_the_start/1, endless_loop/1, shard_crash/1, watch_gone/1, other_code/1,
-    no_code/1, bad_nodes/1
+    suspended_before_the_start/1, suspended_in_the_launch/1, endless_loop/1, shard_crash/1,
+    watch_gone/1, other_code/1, no_code/1, bad_nodes/1
 ]).
 %% called in the conductor
 -export([
     workers/0, digest/2, stepped/2, look/1, lost/4, lost_own_peer/3, late_loss/2, why_refused/2,
-    crash/2, orphaned/1, bare_node/0, sites/1, left/0, shards/0, exhausted/1
+    launch/2, crash/2, orphaned/1, bare_node/0, sites/1, left/0, shards/0, exhausted/1
 ]).
 
 -define(TIMEOUT_MS, 2000).
@@ -32,8 +32,8 @@ all() ->
     [
         same_digest_painting, same_digest_ring, same_digest_own_peers, paused_and_stepped,
         looked_at, killed, suspended_own_peer, killed_before_the_finish, suspended,
-        suspended_before_the_start, endless_loop, shard_crash, watch_gone, other_code, no_code,
-        bad_nodes
+        suspended_before_the_start, suspended_in_the_launch, endless_loop, shard_crash,
+        watch_gone, other_code, no_code, bad_nodes
     ].
 
 init_per_suite(Config) ->
@@ -57,7 +57,13 @@ end_per_testcase(_Test, Config) ->
     Holder = proplists:get_value(holder, Config),
     Conductor = proplists:get_value(conductor, Config),
     true = peer:call(Conductor, erlang, exit, [Holder, shutdown]),
-    _ = [os:cmd("kill -KILL " ++ OsPid) || {_, OsPid} <- proplists:get_value(workers, Config)],
+    lists:foreach(fun({_, OsPid}) -> kill(OsPid) end, proplists:get_value(workers, Config)).
+
+%% A node of these tests, if it still is there; nobody else who has got its number since.
+kill(OsPid) ->
+    Is = "grep -qa nocookie /proc/" ++ OsPid ++ "/cmdline",
+    %% it may end between the two
+    _ = os:cmd("{ " ++ Is ++ " && kill -KILL " ++ OsPid ++ "; } 2>/dev/null"),
     ok.
 
 %% -- the same digest ------------------------------------------------------------------------
@@ -66,9 +72,9 @@ same_digest_painting(Config) ->
     Kill = fun(Id, T, Robot, Machine) -> {Id, T, T, kill_machine, {Robot, Machine}, #{}} end,
     same_digest(Config, #{
         app => starl_painting, robots => 5, picture => "house", seed => 11, loss => 0.2,
-        duplicate => 0.1, delay => {5, 50}, time => 60, faults => [
+        duplicate => 0.1, delay => {5, 50}, time => 30, faults => [
             Kill(a, 8000, 1, sap), Kill(b, 12000, 2, motion), Kill(c, 12000, 3, dpp),
-            Kill(d, 20000, 4, app), {e, 30000, 30000, kill_robot, 2, #{}},
+            Kill(d, 20000, 4, app), {e, 24000, 24000, kill_robot, 2, #{}},
             {f, 10000, 20000, location_noise, 3, #{mm => 10}}
         ]
     }).
@@ -127,7 +133,9 @@ killed(Config) ->
 suspended_own_peer(Config) ->
     {Node, Lost, OsPids} = in_conductor(lost_own_peer, [2, "STOP", 1], Config),
     ?assertMatch({#{ending := lost}, _, [#{node := Node, why := silent}], _}, Lost),
-    ?assertEqual([], [Pid || Pid <- OsPids, is_alive(Pid)]).
+    Alive = [Pid || Pid <- OsPids, is_alive(Pid)],
+    lists:foreach(fun kill/1, Alive),
+    ?assertEqual([], Alive).
 
 %% What the run came to is known but for the robots of the node, and the digest.
 killed_before_the_finish(Config) ->
@@ -151,6 +159,13 @@ suspended_before_the_start(Config) ->
     [A, B] = worker_nodes(Config),
     "" = os:cmd("kill -STOP " ++ os_pid(B, Config)),
     ?assertEqual({nodes, {silent, B}}, refused([A, B], Config)),
+    ?assertEqual([], in_conductor(sites, [[A]], Config)).
+
+%% The run waits for the robots of a node, and has much to send to it.
+suspended_in_the_launch(Config) ->
+    [A, B] = worker_nodes(Config),
+    Reason = in_conductor(launch, [[A, B], B], Config),
+    ?assertMatch({nodes, {lost, #{node := B, why := silent, at_us := 0}}}, Reason),
     ?assertEqual([], in_conductor(sites, [[A]], Config)).
 
 %% A node that is not dead but does not get on, either.
@@ -198,7 +213,8 @@ other_code(Config) ->
         {function, 1, other, 0, [{clause, 1, [], [], [{atom, 1, other}]}]}
     ],
     {ok, starl_geometry, Beam} = compile:forms(Form),
-    {module, _} = in_conductor(erpc, call, [B, code, load_binary, [starl_geometry, "", Beam]], Config),
+    Load = [B, code, load_binary, [starl_geometry, "", Beam]],
+    {module, _} = in_conductor(erpc, call, Load, Config),
     {nodes, Reason} = refused([A, B], Config),
     ?assertMatch({other_code, B, [starl_geometry], _, _}, Reason),
     Line = lists:flatten(starl_sim_nodes:format_error(Reason)),
@@ -335,8 +351,13 @@ lost_own_peer(N, Signal, Which) ->
     {ok, Sim} = starl_sim:start((ring(100000))#{shards => N}, options(N)),
     Nodes = lists:sort(nodes() -- Before),
     OsPids = [erpc:call(Node, os, getpid, []) || Node <- Nodes],
-    Lost = lost(Sim, Signal, lists:nth(Which, OsPids)),
-    {lists:nth(Which, Nodes), Lost, OsPids}.
+    try
+        {lists:nth(Which, Nodes), lost(Sim, Signal, lists:nth(Which, OsPids)), OsPids}
+    catch
+        Class:Reason:Stack ->
+            lists:foreach(fun kill/1, OsPids),
+            erlang:raise(Class, Reason, Stack)
+    end.
 
 lost(Sim, Signal, OsPid) ->
     _ = starl_sim:run(Sim, 1.0),
@@ -382,6 +403,33 @@ spin(Robot) ->
     case starl:id(Robot) of
         1 -> starl:sleep(Robot, 60000);
         2 -> spin(Robot)
+    end.
+
+%% The node stops itself in the launch: its supervisors take part in that, and stand still from the
+%% moment when they are there.
+launch(Nodes, Node) ->
+    ok = erpc:cast(Node, fun() ->
+        _ = process_flag(priority, high),
+        stop_in_the_launch()
+    end),
+    Scenario = (ring(1))#{robots => 200, mode => process, shards => 2},
+    {error, Reason} = starl_sim:start(Scenario, options(Nodes)),
+    Reason.
+
+stop_in_the_launch() ->
+    Supervisors = [
+        Pid
+     || Pid <- processes(),
+        {supervisor, starl_sim_sup, _} <- [proc_lib:translate_initial_call(Pid)]
+    ],
+    case Supervisors of
+        [_, _] ->
+            _ = [true = erlang:suspend_process(Pid) || Pid <- Supervisors],
+            os:cmd("kill -STOP " ++ os:getpid());
+        _ ->
+            receive
+            after 1 -> stop_in_the_launch()
+            end
     end.
 
 crash(Nodes, Node) ->

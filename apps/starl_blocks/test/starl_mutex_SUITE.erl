@@ -79,6 +79,7 @@ planted_bugs_are_caught(_) ->
             #{config => #{variant => impatient_home}},
             #{config => #{variant => forgetful_home}},
             #{config => #{variant => trusting}},
-            #{hold => 2000, config => #{variant => overstaying, lease_ms => 300}}
+            %% these robots are prompt, so the home need not wait for late ones
+            #{hold => 2000, config => #{variant => overstaying, lease_ms => 300, lag_ms => 0}}
         ]
     ].

@@ -79,13 +79,13 @@ stale_owners_do_not_circle_test() ->
     ?assert(hops([{3, {request, t, {3, 1}, 0, none}}], Stale, 0) =< 2 * length(Team) + 2).
 
 robot(R, Team) ->
-    starl_mutex_robot:new(#{robot => R, participants => Team, incarnation => 1, now => 0,
+    starl_mutex_state:new(#{robot => R, participants => Team, incarnation => 1, now => 0,
                             lease_us => ?LEASE, drift_ppm => 1000, lag_us => 0, retry_us => ?LEASE}).
 
 hops([], _Net, Count) -> Count;
 hops(_, _Net, 100) -> 100;
 hops([{To, {request, T, Request, Known, Via}} | Rest], Net, Count) ->
     {keep_state, Robot, Actions} =
-        starl_mutex_robot:result(starl_mutex_robot:route(T, Request, Known, Via, maps:get(To, Net))),
+        starl_mutex_state:result(starl_mutex_robot:route(T, Request, Known, Via, maps:get(To, Net))),
     Sent = [{D, M} || {cast, sap, {send, D, mutex, M}} <- Actions, element(1, M) =:= request],
     hops(Rest ++ Sent, Net#{To := Robot}, Count + 1).

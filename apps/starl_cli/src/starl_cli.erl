@@ -74,7 +74,7 @@ commands() ->
             "diverge TARGET    run seeds in several ways that must agree; find where two differ"},
         {"check", fun starl_cli_check:command/1,
             "check BLOCK       go through all that can happen to a small team"},
-        {"node", fun starl_cli_nodes:command/1,
+        {"node", fun starl_cli_node:command/1,
             "node              a node that waits for runs with --nodes"},
         {"bench", fun starl_cli_bench:command/1, "bench [ring|dpp]  measure how fast it runs"},
         {"apps", fun apps/1, "apps              list the applications"},

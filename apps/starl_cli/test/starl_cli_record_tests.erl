@@ -9,7 +9,7 @@ record() ->
         contract => starl_sap_monitor, what => changed, at_us => 1200, robots => [1, 2],
         details => #{pid => self()}
     },
-    Scenario = (starl_cli_flags:defaults(starl_cli_run:options(starl_painting)))#{
+    Scenario = (starl_cli_flags:defaults(starl_cli_setup:options(starl_painting)))#{
         app => starl_painting, faults => [{a, 1, 2, kill_machine, {2, sap}, #{}}]
     },
     starl_cli_record:make(painting, Scenario, {violation, #{

@@ -138,7 +138,7 @@ beyond_the_end_test_() ->
 %% A record says what has run; other values are not for it.
 a_record_is_run_as_it_was_test() ->
     in_directory(fun(Dir) ->
-        Scenario = (starl_cli_flags:defaults(starl_cli_run:options(starl_exercise)))#{
+        Scenario = (starl_cli_flags:defaults(starl_cli_setup:options(starl_exercise)))#{
             app => starl_exercise
         },
         ok = starl_cli_record:write(Dir, starl_cli_record:make(exercise, Scenario, {done, #{
@@ -146,7 +146,7 @@ a_record_is_run_as_it_was_test() ->
         }})),
         ?assertMatch({ok, #{record := #{}, run := #{scenario := Scenario}}}, starl_cli_replay:setup([Dir])),
         ?assertMatch({error, [_]}, starl_cli_replay:setup([Dir, "--loss", "0.3"])),
-        ?assertMatch({ok, #{scenario := Scenario}}, starl_cli_run:setup([Dir]))
+        ?assertMatch({ok, #{scenario := Scenario}}, starl_cli_setup:read([Dir]))
     end).
 
 %% -- diverge --------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 -module(starl_cli_run_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-setup(Args) -> starl_cli_run:setup(Args).
+setup(Args) -> starl_cli_setup:read(Args).
 
 scenario(Args) ->
     {ok, #{scenario := Scenario}} = setup(Args),
@@ -55,14 +55,14 @@ a_replay_is_the_same_scenario_test() ->
         "painting", "--robots", "8", "--loss", "0.25", "--delay", "5..50", "--seed", "77",
         "--faults", "[{a,1,2,kill_robot,3,#{}}]"
     ]),
-    Line = lists:flatten(starl_cli_run:replay(Target, Scenario)),
+    Line = lists:flatten(starl_cli_setup:replay(Target, Scenario)),
     Shell = os:cmd("for a in " ++ Line ++ "; do echo \"$a\"; done"),
     ["./starl", "run" | Args] = string:lexemes(Shell, "\n"),
     ?assertEqual(Scenario, scenario(Args)).
 
 the_seed_is_always_replayed_test() ->
     {ok, #{scenario := Scenario, target := Target}} = setup(["painting"]),
-    Line = lists:flatten(starl_cli_run:replay(Target, Scenario)),
+    Line = lists:flatten(starl_cli_setup:replay(Target, Scenario)),
     ?assertNotEqual(nomatch, string:find(Line, "--seed 1")).
 
 bad_input_test_() ->

@@ -146,8 +146,11 @@ forty() ->
     lists:keysort(2, three() ++ Others).
 
 scenario(Config, App, Scenario) ->
-    Source = filename:join(proplists:get_value(data_dir, Config), App ++ ".erl"),
-    File = filename:join(proplists:get_value(priv_dir, Config), App ++ ".term"),
+    [Data, Priv] = [proplists:get_value(Key, Config) || Key <- [data_dir, priv_dir]],
+    %% a source of this name among the tests would be taken for one of them
+    Source = filename:join(Priv, App ++ ".erl"),
+    {ok, _} = file:copy(filename:join(Data, App ++ ".erl.in"), Source),
+    File = filename:join(Priv, App ++ ".term"),
     ok = file:write_file(File, io_lib:format("~0p.~n", [Scenario#{app => Source}])),
     File.
 

@@ -54,7 +54,7 @@ failing_test() ->
     end,
     Founds = [
         {mutex, 9, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 3, {ok, [], 0.1}},
-        {mutex, 7, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 4, {failed, crash}},
+        {mutex, 7, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 4, {failed, {failed, crash}}},
         {mutex, 5, {ok, [V(sap, outcome_overdue)], 0.1}},
         {barrier, 8, {ok, [V(barrier, passed_early)], 0.1}}
     ],
@@ -75,10 +75,10 @@ scenario_test() ->
             {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
             {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
             {ok, Target} = starl_cli_target:resolve(Name),
-            Replay = unicode:characters_to_list(starl_cli_run:replay(Target, Scenario)),
+            Replay = unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario)),
             Words = string:lexemes(lists:flatten(Replay), " "),
             ["./starl", "run" | Args] = [string:trim(W, both, "'") || W <- Words],
-            {ok, #{scenario := Again}} = starl_cli_run:setup(Args),
+            {ok, #{scenario := Again}} = starl_cli_setup:read(Args),
             ?assertEqual({Block, Scenario}, {Block, Again})
         end
      || Block <- starl_cli_soak:targets()

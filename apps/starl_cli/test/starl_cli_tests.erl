@@ -18,7 +18,12 @@ commands_test_() ->
         {"bad value", fun() -> says(2, "starl: --loss: ", ["run", "painting", "--loss", "2"]) end},
         {"no picture", fun() -> says(2, "starl: ", ["run", "painting", "--picture", "no.svg"]) end},
         {"bad table", fun() -> says(2, "starl: table: ", ["table", "--seeds", "0"]) end},
-        {"bad bench", fun() -> says(2, "starl: bench: ", ["bench", "ring", "--reps", "x"]) end}
+        {"bad bench", fun() -> says(2, "starl: bench: ", ["bench", "ring", "--reps", "x"]) end},
+        {"no such bench", fun() -> says(2, "did you mean swarm?", ["bench", "swrm"]) end},
+        {"help of one bench", fun() ->
+            Text = says(0, "events: timers", ["bench", "events", "--help"]),
+            ?assertEqual(nomatch, string:find(Text, "dpp: "))
+        end}
     ]}.
 
 %% A run writes all its files, and its scenario replays it to the same digest.

@@ -203,10 +203,10 @@ handle_info({'EXIT', _Peer, _}, Nodes) ->
 -spec terminate(term(), #nodes{}) -> ok.
 terminate(_Reason, #nodes{sites = Sites, peers = Peers, lost = Lost}) ->
     ok = close(maps:values(Sites)),
-    Gone = [Node || #{node := Node} <- Lost],
+    Silent = [Node || #{node := Node, why := silent} <- Lost],
     lists:foreach(
         fun(Peer) ->
-            case lists:member(starl_sim_peers:node(Peer), Gone) of
+            case lists:member(starl_sim_peers:node(Peer), Silent) of
                 true -> starl_sim_peers:kill(Peer);
                 false -> starl_sim_peers:stop(Peer)
             end

@@ -148,8 +148,9 @@ init(Plan) ->
 set_out(#{window_us := WindowUs, robots := Robots, monitors := Monitors} = Plan) ->
     #{limit_us := LimitUs} = Plan,
     Shards = start_shards(Plan),
-    Owners = deal(Shards, Robots),
-    _ = [ok = starl_sim_shard:launch(Shard, load(Shard, Shards, Owners, Plan)) || Shard <- Shards],
+    Owners = starl_sim_deal:owners(Shards, Robots),
+    Load = fun(Shard) -> starl_sim_deal:load(Shard, Shards, Owners, Plan) end,
+    _ = [ok = starl_sim_shard:launch(Shard, Load(Shard)) || Shard <- Shards],
     #run{
         limit_us = LimitUs,
         window_us = WindowUs,
@@ -347,34 +348,12 @@ start_shards(#{shards := N, sites := Sites} = Plan) ->
     Robots = length(maps:get(robots, Plan)) div N + 1,
     Common = maps:with([world, window_us], Plan),
     Config = Common#{run => self(), robots => Robots},
-    [start_shard(Site, Config) || Site <- in_turn(Sites, N)].
-
-in_turn(Items, N) ->
-    Turns = lists:append(lists:duplicate(N div length(Items) + 1, Items)),
-    lists:sublist(Turns, N).
+    [start_shard(Site, Config) || Site <- starl_sim_deal:in_turn(Sites, N)].
 
 start_shard(#{shard_sup := Sup, robots_sup := Robots}, Config) ->
     {ok, Shard} = supervisor:start_child(Sup, [Config#{robots_sup => Robots}]),
     _ = erlang:monitor(process, Shard),
     Shard.
-
-%% Robots go to the shards in turn.
-deal(Shards, Robots) ->
-    Ids = [Id || {Id, _} <- Robots],
-    maps:from_list(lists:zip(Ids, in_turn(Shards, length(Ids)))).
-
-load(Shard, Shards, Owners, #{robots := Robots, crew := Crew, faults := Faults}) ->
-    #{
-        robots => [R || {Id, _} = R <- Robots, maps:get(Id, Owners) =:= Shard],
-        crew => Crew,
-        faults => [F || F <- Faults, maps:get(element(1, F), Owners) =:= Shard],
-        peers => lists:delete(Shard, Shards),
-        owners => Owners,
-        sight => [{Id, standing(Pose)} || {Id, Pose} <- Robots],
-        running => length(Robots)
-    }.
-
-standing({X, Y, Heading}) -> starl_trajectory:standing(0, {X, Y}, Heading).
 
 status_of(#run{now = Now, running = Running, ending = Ending}) ->
     #{now_us => Now, running => Running, ending => Ending}.

@@ -68,8 +68,8 @@ serve(Owner) ->
 init(Owner) ->
     _ = process_flag(trap_exit, true),
     _ = erlang:monitor(process, Owner),
-    {ok, Robots} = starl_sim_sup:start_pool(robots),
-    {ok, Shards} = starl_sim_sup:start_pool(shards),
+    {ok, Robots} = starl_sim_pool:start_link(robots),
+    {ok, Shards} = starl_sim_pool:start_link(shards),
     {ok, #site{owner = Owner, robots_sup = Robots, shard_sup = Shards}}.
 
 -spec handle_call(site, gen_server:from(), #site{}) -> {reply, t(), #site{}}.

@@ -11,7 +11,7 @@
 -module(starl_sim_sup).
 -behaviour(supervisor).
 
--export([start_link/1, start_pool/1, run/1, sites/1]).
+-export([start_link/1, run/1, sites/1]).
 -export([init/1]).
 
 %% @doc Starts a simulation; `Plan' is the run's without the sites. With the key `nodes' it
@@ -34,8 +34,8 @@ start_all(Sup, #{nodes := Options} = Plan) ->
         {error, _} = Error -> Error
     end;
 start_all(Sup, Plan) ->
-    {ok, Robots} = supervisor:start_child(Sup, pool(robots)),
-    {ok, Shards} = supervisor:start_child(Sup, pool(shards)),
+    {ok, Robots} = supervisor:start_child(Sup, starl_sim_pool:child(robots)),
+    {ok, Shards} = supervisor:start_child(Sup, starl_sim_pool:child(shards)),
     start_run(Sup, none, Plan#{sites => [starl_sim_site:local(Robots, Shards)]}).
 
 start_run(Sup, Nodes, Plan) ->
@@ -62,12 +62,6 @@ stop(Sup) ->
 child(Id, Module, Args, Restart) ->
     #{id => Id, start => {Module, start_link, Args}, restart => Restart, shutdown => 60000}.
 
-%% @doc Starts a supervisor of robots or of shards alone, linked to the calling process.
--spec start_pool(robots | shards) -> supervisor:startlink_ret().
-start_pool(Which) ->
-    {_, _, Args} = maps:get(start, pool(Which)),
-    apply(supervisor, start_link, Args).
-
 %% @doc Where robots and shards are.
 -spec sites(pid()) -> [starl_sim_site:t()].
 sites(Sup) ->
@@ -88,26 +82,5 @@ run(Sup) ->
     true = is_pid(Pid),
     Pid.
 
--spec init(top | {pool, module(), timeout(), worker | supervisor}) ->
-    {ok, {supervisor:sup_flags(), [supervisor:child_spec()]}}.
-init(top) ->
-    {ok, {#{strategy => one_for_all, intensity => 0}, []}};
-init({pool, Module, Shutdown, Type}) ->
-    Child = #{
-        id => Module,
-        start => {Module, start_link, []},
-        restart => temporary,
-        shutdown => Shutdown,
-        type => Type
-    },
-    {ok, {#{strategy => simple_one_for_one}, [Child]}}.
-
-pool(robots) -> pool(robots, starl_robot_sup, infinity, supervisor);
-pool(shards) -> pool(shards, starl_sim_shard, 5000, worker).
-
-pool(Id, Module, Shutdown, Type) ->
-    #{
-        id => Id,
-        type => supervisor,
-        start => {supervisor, start_link, [?MODULE, {pool, Module, Shutdown, Type}]}
-    }.
+-spec init(top) -> {ok, {supervisor:sup_flags(), []}}.
+init(top) -> {ok, {#{strategy => one_for_all, intensity => 0}, []}}.

@@ -147,4 +147,6 @@ asked(Now, F) -> F#follow{asked = Now}.
 %% @doc How long the robot may still drive; not at all from 0 down.
 -spec leave_us(Now :: integer(), t()) -> integer().
 leave_us(Now, #follow{granted = Granted, asked = Asked, short_us = Short}) ->
-    max(Granted, Asked) + Short - Now.
+    case max(Granted, Asked) + Short - Now of
+        Us when is_integer(Us) -> Us
+    end.

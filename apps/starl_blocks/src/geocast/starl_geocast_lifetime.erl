@@ -20,7 +20,7 @@
 %% @doc The own clock's time until which the message surely lives, when an answer to what was
 %% asked at this time says that so much is left.
 -spec deadline(AskedUs :: us(), LeftUs :: us(), ppm()) -> us().
-deadline(Asked, Left, Ppm) -> Asked + shortest(Left, Ppm).
+deadline(Asked, Left, Ppm) when is_integer(Asked) -> Asked + shortest(Left, Ppm).
 
 %% @doc What is left now, in true time, of a message that surely lives until a deadline. Since the
 %% asking the clock has lost no more than the deadline has allowed it.

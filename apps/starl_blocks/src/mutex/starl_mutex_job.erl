@@ -1,6 +1,6 @@
 %% @doc An acquisition ("job") of a robot's application: the tokens that it waits for, one after
 %% the other in the order of terms, and those that it has got. Pure; a part of
-%% {@link starl_mutex_robot}.
+%% {@link starl_mutex_acquire}.
 -module(starl_mutex_job).
 
 -export([new/3, caller/1, from/1, next/1, waits_for/2, answer/1, held/1]).

@@ -1,5 +1,5 @@
 %% @doc What a robot has heard of the owners of tokens, and the requests that came to it before
-%% the token that they look for. Pure; a part of {@link starl_mutex_robot}.
+%% the token that they look for. Pure; a part of {@link starl_mutex_state}.
 -module(starl_mutex_owners).
 
 -export([new/0, newest/2, announced/4, handed/4, wait/4, take_early/2, add/2]).

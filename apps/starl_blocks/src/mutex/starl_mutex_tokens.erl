@@ -36,9 +36,9 @@
 -define(RETRY_MS, 3000).
 
 -spec init(starl_machine:config()) ->
-    {ready, starl_mutex_robot:t(), [starl_machine:action()]}.
+    {ready, starl_mutex_state:t(), [starl_machine:action()]}.
 init(Config) ->
-    Robot = starl_mutex_robot:new(Config#{
+    Robot = starl_mutex_state:new(Config#{
         lease_us => 1000 * maps:get(lease_ms, Config, ?LEASE_MS),
         drift_ppm => maps:get(drift_ppm, Config, ?DRIFT_PPM),
         lag_us => 1000 * maps:get(lag_ms, Config, ?LAG_MS),
@@ -47,19 +47,19 @@ init(Config) ->
     {ready, Robot, [starl_sap:listen(mutex, mutex)]}.
 
 -spec handle_event(
-    starl_machine:event_type(), term(), ready, starl_mutex_robot:t(), starl_machine:meta()
+    starl_machine:event_type(), term(), ready, starl_mutex_state:t(), starl_machine:meta()
 ) -> starl_machine:result().
 handle_event(Type, Content, ready, Robot, #{now := Now}) ->
-    case event(Type, Content, starl_mutex_robot:at(Now, Robot)) of
+    case event(Type, Content, starl_mutex_state:at(Now, Robot)) of
         unknown_event -> unknown_event;
-        Next -> starl_mutex_robot:result(Next)
+        Next -> starl_mutex_state:result(Next)
     end.
 
 %% The roles: a robot that wants or has tokens, and the home of some.
 event({call, {Caller, _} = From}, {acquire, Tokens, Us}, Robot) ->
-    starl_mutex_robot:acquire(Caller, From, Tokens, Us, Robot);
+    starl_mutex_acquire:acquire(Caller, From, Tokens, Us, Robot);
 event({call, {Caller, _} = From}, {release, Tokens}, Robot) ->
-    starl_mutex_robot:release(Caller, From, Tokens, Robot);
+    starl_mutex_acquire:release(Caller, From, Tokens, Robot);
 event({call, From}, {owner, Token}, Robot) ->
     starl_mutex_robot:owner(From, Token, Robot);
 event(cast, {message, From, mutex, Message}, Robot) ->
@@ -73,13 +73,13 @@ event({timeout, {lease, Token}}, _, Robot) ->
 event({timeout, {home, Token}}, _, Robot) ->
     starl_mutex_robot:expire(Token, Robot);
 event({timeout, {again, Job}}, _, Robot) ->
-    starl_mutex_robot:again(Job, Robot);
+    starl_mutex_acquire:again(Job, Robot);
 event({timeout, {patience, Job}}, _, Robot) ->
-    starl_mutex_robot:give_up(Job, timeout, Robot);
+    starl_mutex_acquire:give_up(Job, timeout, Robot);
 event(info, {restarted, sap}, Robot) ->
     starl_mutex_robot:sap_restarted(Robot);
 event(info, {restarted, Caller}, Robot) ->
-    starl_mutex_robot:caller_restarted(Caller, Robot);
+    starl_mutex_acquire:caller_restarted(Caller, Robot);
 event(_, _, _) ->
     unknown_event.
 

@@ -44,7 +44,8 @@
 
 %% @doc The record of a run: of which application (as a scenario file says it), with which
 %% scenario it has run, how it ended and what came of it.
--spec make(atom() | file:filename_all(), starl_sim_scenario:t(), {starl_sim_run:ending(), Outcome}) -> t() when
+-spec make(App, starl_sim_scenario:t(), {starl_sim_run:ending(), Outcome}) -> t() when
+    App :: atom() | file:filename_all(),
     Outcome :: starl_sim_run:outcome().
 make(Name, #{app := App} = Scenario, {Ending, Outcome}) ->
     #{digest := Digest, end_us := EndUs, events := Events, violations := Violations} = Outcome,

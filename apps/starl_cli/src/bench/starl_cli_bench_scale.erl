@@ -22,9 +22,9 @@ flags() ->
 -spec run(#{atom() => term()}) -> [figures()].
 run(#{robots := Sizes, modes := Modes, shards := Shards}) ->
     starl_cli_terminal:out(
-        "scale: ring-shuttle, ~b s of virtual time, a message per robot and second, shards: ~w\n"
+        "scale: ring-shuttle, ~b s of virtual time, a message per robot and second, shards: ~ts\n"
         "KiB/robot: beyond the bare VM, all garbage collected, after the start and after the run\n",
-        [?RUN_S, Shards]
+        [?RUN_S, starl_cli_bench_run:shards(Shards)]
     ),
     starl_cli_terminal:out(
         "  robots     mode  start s  KiB/robot  after run   run s   CPU s  virt/wall\n"

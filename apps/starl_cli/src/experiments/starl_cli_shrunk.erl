@@ -19,7 +19,7 @@
 
 -type answer() ::
     {ok, [unicode:chardata()], complete | out_of_time | interrupted}
-    | {error, input | internal, unicode:chardata()}.
+    | {error, input | internal | interrupted, unicode:chardata()}.
 
 %% After so many runs it is known that the run can be made again.
 -define(REPRODUCED, 2).
@@ -47,8 +47,11 @@ shrink(#{scenario := Scenario, digest := Digest, seconds := Seconds, quiet := Qu
         digest => Digest
     }),
     starl_cli_signal:on_interrupt(quit),
+    Interrupted = atomics:get(Stop, 1),
     case Answer of
-        {ok, Result} -> written(Result, now_ms() - Begin, atomics:get(Stop, 1), Job);
+        {ok, Result} -> written(Result, now_ms() - Begin, Interrupted, Job);
+        %% a run that was stopped is another run
+        {error, _} when Interrupted =:= 1 -> {error, interrupted, "interrupted, nothing is shrunk"};
         {error, Reason} -> {error, blame(Reason), starl_sim_shrink:format_error(Reason)}
     end.
 
@@ -152,7 +155,7 @@ when
     Before :: starl_sim_scenario:t().
 text(#{violation := Violation, scenario := Scenario} = Result, File, Target, Before) ->
     #{app := App} = Target,
-    Options = starl_cli_run:options(App),
+    Options = starl_cli_setup:options(App),
     Usual = maps:without([robots, seed, time, faults], starl_cli_flags:defaults(Options)),
     Lines = [
         line(Key, Value)

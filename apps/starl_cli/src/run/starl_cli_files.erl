@@ -7,7 +7,7 @@
 
 %% @doc The reports, the scenario, the record of the run, the log if there is anything in it, and
 %% the application's own.
--spec write(file:filename(), starl_cli_run:setup(), {Report, Record}, Own) -> answer() when
+-spec write(file:filename(), starl_cli_setup:t(), {Report, Record}, Own) -> answer() when
     Report :: starl_cli_report:t(),
     Record :: starl_cli_record:t(),
     Own :: fun((file:filename()) -> {ok, [file:filename()]} | {error, unicode:chardata()}).
@@ -28,7 +28,7 @@ own({ok, _Files}) -> ok;
 own({error, Why}) -> {error, Why}.
 
 %% @doc The scenario, the reason and the log of a simulation that failed.
--spec write_failure(file:filename(), starl_cli_run:setup(), Reason :: term()) -> answer().
+-spec write_failure(file:filename(), starl_cli_setup:t(), Reason :: term()) -> answer().
 write_failure(Dir, Setup, Reason) ->
     put_all(Dir, [
         {"scenario.term", scenario(Setup)},
@@ -49,7 +49,7 @@ put_all(Dir, [{Name, Text} | Files]) ->
     end.
 
 %% @doc The text of a scenario file that replays a run: every key, in the order of the tables.
--spec scenario(starl_cli_run:setup()) -> unicode:chardata().
+-spec scenario(starl_cli_setup:t()) -> unicode:chardata().
 scenario(#{target := #{app := App, name := Name} = Target, scenario := Scenario}) ->
     Keys = [Key || {Key, _, _, _} <- starl_sim_scenario:options() ++ starl_app:options(App)],
     Lines = [io_lib:format("    ~tp => ~0tp", [Key, maps:get(Key, Scenario)]) || Key <- Keys],

@@ -1,13 +1,13 @@
-%% @doc `./starl run': one simulation, from the flags to the directory with its results.
--module(starl_cli_run).
+%% @doc The command line of a run, checked: what all commands share that run something.
+-module(starl_cli_setup).
 
--export([command/1, setup/1, replay/2, command_line/3, take_target/1, scenario/2]).
--export([help_wanted/1, flag_lines/1, out/2, options/1]).
+-export([read/1, take_target/1, scenario/2, replay/2, command_line/3]).
+-export([help_wanted/1, flag_lines/1, out/2, options/1, own_flags/0]).
 
--export_type([setup/0]).
+-export_type([t/0, answer/0]).
 
 %% A checked command line: what is to run, with all its values, and where the results go.
--type setup() :: #{
+-type t() :: #{
     target := starl_cli_target:t(),
     scenario := starl_sim_scenario:t(),
     out := starl_cli_out:t(),
@@ -19,22 +19,11 @@
 -define(EXAMPLE, "as in ./starl run painting; ./starl run --help tells more").
 
 -type answer() ::
-    {ok, setup()} | help | {help, starl_cli_target:t()} | {error, [unicode:chardata(), ...]}.
-
-%% @doc Runs the command; gives the exit status.
--spec command([string()]) -> starl_cli_terminal:status().
-command(Args) ->
-    case setup(Args) of
-        {ok, #{print_scenario := true} = Setup} -> print(starl_cli_files:scenario(Setup));
-        {ok, Setup} -> starl_cli_simulation:run(Setup);
-        help -> print(general_help());
-        {help, Target} -> print(target_help(Target));
-        {error, Problems} -> starl_cli_terminal:bad_input(Problems)
-    end.
+    {ok, t()} | help | {help, starl_cli_target:t()} | {error, [unicode:chardata(), ...]}.
 
 %% @doc Reads and checks the arguments, all in one go.
--spec setup([string()]) -> answer().
-setup(Args) ->
+-spec read([string()]) -> answer().
+read(Args) ->
     case take_target(Args) of
         {none, []} -> {error, ["run: name what is to run, " ?EXAMPLE]};
         {none, [Flag | _]} when Flag =:= "--help"; Flag =:= "-h" -> help;
@@ -129,6 +118,8 @@ options(App) -> starl_sim_scenario:options() ++ starl_app:options(App).
 
 flags(App) -> own_flags() ++ options(App).
 
+%% @doc The flags of a run that are not the simulation's.
+-spec own_flags() -> [starl_cli_flags:flag()].
 own_flags() ->
     [
         {out, string, none, "directory for the results; without it a new one under out/"},
@@ -137,45 +128,4 @@ own_flags() ->
             "no run: prints all values as a scenario file, which ./starl run FILE.term runs"},
         {help, switch, false, "this help"}
         | starl_cli_nodes:flags()
-    ].
-
-print(Text) ->
-    starl_cli_terminal:out(Text),
-    0.
-
-general_help() ->
-    [
-        "Usage: ./starl run TARGET [FLAGS]\n\n",
-        "TARGET is an application, a scenario, a scenario file (FILE.term) or an application of\n"
-        "your own (FILE.erl).\n\n",
-        "  applications  ", names(starl_cli_target:apps()), "\n",
-        "  scenarios     ", names(starl_cli_target:scenarios()), "\n\n",
-        "./starl run TARGET --help lists the flags of TARGET.\n\n",
-        statuses()
-    ].
-
-names(Known) -> lists:join(", ", [element(1, Item) || Item <- Known]).
-
-target_help(#{app := App, name := Name, replay := Word}) ->
-    Width = starl_cli_terminal:columns(),
-    Sections = [
-        {["Flags of ", Name], starl_app:options(App)},
-        {"Flags of every simulation", starl_sim_scenario:options()},
-        {"Other flags", own_flags()}
-    ],
-    [
-        "Usage: ./starl run ", Word, " [FLAGS]\n",
-        [
-            ["\n", Title, ":\n", starl_cli_flags:help(Flags, Width)]
-         || {Title, Flags} <- Sections, Flags =/= []
-        ],
-        "\n",
-        statuses()
-    ].
-
-statuses() ->
-    [
-        "Exit status: 0 done; 1 internal error; 2 bad usage or input; 3 a contract was violated;\n"
-        "4 ended before the work was complete (time up, robots died, a node was lost);\n"
-        "130 interrupted.\n"
     ].

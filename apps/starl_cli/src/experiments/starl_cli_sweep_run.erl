@@ -151,7 +151,7 @@ drawn(ok, Dir) ->
 told(Judged, Target) ->
     lists:foreach(
         fun({How, Scenario}) ->
-            Replay = starl_cli_run:replay(Target, Scenario),
+            Replay = starl_cli_setup:replay(Target, Scenario),
             starl_cli_terminal:out([words(How), "; replay: ", Replay, "\n"])
         end,
         [Run || {How, _} = Run <- Judged, How =:= violation orelse How =:= failed]

@@ -14,7 +14,7 @@
 }.
 
 %% @doc Runs what a command line asks for; gives the exit status.
--spec run(starl_cli_run:setup()) -> starl_cli_terminal:status().
+-spec run(starl_cli_setup:t()) -> starl_cli_terminal:status().
 run(#{nodes := Nodes, target := Target} = Setup) ->
     case starl_cli_nodes:options(Nodes, Target) of
         {ok, Options} -> run(Options, Setup);
@@ -29,7 +29,7 @@ run(Options, #{scenario := Scenario} = Setup) ->
         {failed, Reason} -> failed(Reason, Setup)
     end.
 
--spec to_the_end(starl_sim:sim(), starl_cli_run:setup()) -> ran().
+-spec to_the_end(starl_sim:sim(), starl_cli_setup:t()) -> ran().
 to_the_end(Sim, #{scenario := #{time := Seconds}} = Setup) ->
     {Ending, WallMs} = starl_cli_drive:run(Sim, round(Seconds * 1.0e6), Setup),
     {Outcome, App} = starl_sim:finish(Sim),
@@ -66,7 +66,8 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
 
 %% Says which nodes are gone; passes the status on.
 lost(Losses, Status) ->
-    lists:foreach(fun(L) -> starl_cli_terminal:complain(starl_sim_nodes:format_loss(L)) end, Losses),
+    Lines = [starl_sim_nodes:format_loss(Loss) || Loss <- Losses],
+    lists:foreach(fun starl_cli_terminal:complain/1, Lines),
     Status.
 
 %% What is not as it should be is told in any case.
@@ -80,7 +81,7 @@ violated(_Setup, #{violations := []}) ->
     ok;
 violated(#{target := Target, scenario := Scenario}, #{violations := Violations}) ->
     Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
-    starl_cli_terminal:out([Lines, "replay: ", starl_cli_run:replay(Target, Scenario), "\n"]).
+    starl_cli_terminal:out([Lines, "replay: ", starl_cli_setup:replay(Target, Scenario), "\n"]).
 
 where({ok, Dir}, Outcome, Status) ->
     Crashes =
@@ -119,7 +120,7 @@ finished(true) -> 0;
 finished(false) -> 4.
 
 %% @doc The simulation itself came to grief: what was logged tells more.
--spec failed(Reason :: term(), starl_cli_run:setup()) -> starl_cli_terminal:status().
+-spec failed(Reason :: term(), starl_cli_setup:t()) -> starl_cli_terminal:status().
 failed(Reason, #{out := Out} = Setup) ->
     starl_cli_signal:on_interrupt(quit),
     Fill = fun(Dir) -> starl_cli_files:write_failure(Dir, Setup, Reason) end,

@@ -3,7 +3,7 @@
 %% use they tell more than wall seconds.
 -module(starl_cli_bench_run).
 
--export([simulate/1, in_process/1, on_cores/2, bare/0, busy_gain/1, best/1, sound/2]).
+-export([simulate/1, in_process/1, on_cores/2, bare/0, busy_gain/1, best/1, sound/2, shards/1]).
 -export([bounce/0]).
 
 -export_type([run/0, bare/0, check/0]).
@@ -143,6 +143,11 @@ best([First | Runs]) ->
 
 better(#{cpu_s := Cpu} = Run, #{cpu_s := Least}) when Cpu < Least -> Run;
 better(_Run, Best) -> Best.
+
+%% @doc The number of shards, as a table's head says it.
+-spec shards(pos_integer() | none) -> unicode:chardata().
+shards(none) -> "as in a run";
+shards(Shards) -> integer_to_list(Shards).
 
 %% @doc Whether all checks of a benchmark's run held; says which did not.
 -spec sound(Run :: unicode:chardata(), [check()]) -> boolean().

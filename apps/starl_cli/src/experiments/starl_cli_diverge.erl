@@ -21,7 +21,7 @@
 %% @doc Runs the command; gives the exit status.
 -spec command([string()]) -> starl_cli_terminal:status().
 command(Args) ->
-    case {starl_cli_run:help_wanted(Args), starl_cli_run:take_target(Args)} of
+    case {starl_cli_setup:help_wanted(Args), starl_cli_setup:take_target(Args)} of
         {true, _} -> help();
         {false, {none, _}} -> refuse(["name what is to run before its flags, " ?EXAMPLE]);
         {false, {Word, Flags}} -> with_target(starl_cli_target:resolve(Word), Flags)
@@ -30,14 +30,15 @@ command(Args) ->
 with_target({error, Problems}, _Flags) ->
     refuse(Problems);
 with_target({ok, #{app := App} = Target}, Flags) ->
-    case starl_cli_flags:parse(Flags, own_flags() ++ starl_cli_run:options(App)) of
+    case starl_cli_flags:parse(Flags, own_flags() ++ starl_cli_setup:options(App)) of
         {ok, Values} -> checked(Target, Values);
-        {error, Problems} -> refuse(starl_cli_run:flag_lines(Problems))
+        {error, Problems} -> refuse(starl_cli_setup:flag_lines(Problems))
     end.
 
 own_flags() ->
     [
-        {seeds, {list, {integer, 0, 1 bsl 32}}, none, "the seeds to run; without it that of --seed"},
+        {seeds, {list, {integer, 0, 1 bsl 32}}, none,
+            "the seeds to run; without it that of --seed"},
         {ways, string, starl_cli_way:usual(), "the ways to run each in, MODE:SHARDS or "
             "MODE:SHARDS:SCHEDULERS, with commas between"},
         starl_cli_jobs:at_once(),
@@ -47,7 +48,8 @@ own_flags() ->
 checked(#{given := FromFile} = Target, Values) ->
     Full = maps:merge(starl_cli_flags:defaults(own_flags()), Values),
     Own = [Key || {Key, _, _, _} <- own_flags()],
-    {Unsound, Scenario} = starl_cli_run:scenario(Target, maps:merge(FromFile, maps:without(Own, Values))),
+    Given = maps:merge(FromFile, maps:without(Own, Values)),
+    {Unsound, Scenario} = starl_cli_setup:scenario(Target, Given),
     {Unknown, Ways} =
         case starl_cli_way:parse(maps:get(ways, Full)) of
             {ok, Parsed} -> {[], Parsed};
@@ -83,8 +85,10 @@ all(#{ways := Ways} = Setup) ->
     Begin = erlang:monotonic_time(millisecond),
     Numbered = lists:zip(lists:seq(1, length(Ways)), Ways),
     Sizes = lists:usort([starl_cli_way:schedulers(Way) || Way <- Ways]),
-    Groups = [{S, [P || {_, Way} = P <- Numbered, starl_cli_way:schedulers(Way) =:= S]} || S <- Sizes],
-    {How, Results} = lists:foldl(fun(G, Acc) -> group(G, Acc, Setup) end, {done, #{}}, Groups),
+    Group = fun(Size, Acc) ->
+        group({Size, [P || {_, W} = P <- Numbered, starl_cli_way:schedulers(W) =:= Size]}, Acc, Setup)
+    end,
+    {How, Results} = lists:foldl(Group, {done, #{}}, Sizes),
     told(How, Results, erlang:monotonic_time(millisecond) - Begin, Setup).
 
 group(_Group, {interrupted, _} = Acc, _Setup) ->
@@ -189,7 +193,8 @@ find(Scenario, {A, B} = Ways, #{target := Target} = Setup) ->
 found({differ, #{robot := Robot, n := N} = Difference}, {A, B}, Scenario, #{target := Target}) ->
     #{at_us := AtUs, first := First, second := Second, before := Before} = Difference,
     {Mode, Shards, _} = A,
-    Command = starl_cli_run:command_line("replay", Target, Scenario#{mode => Mode, shards => Shards}),
+    Run = Scenario#{mode => Mode, shards => Shards},
+    Command = starl_cli_setup:command_line("replay", Target, Run),
     [
         io_lib:format("the first difference is event ~b of robot ~b, at ~.6f s~n", [
             N, Robot, AtUs / 1.0e6
@@ -198,7 +203,10 @@ found({differ, #{robot := Robot, n := N} = Difference}, {A, B}, Scenario, #{targ
         [starl_cli_way:text(A), ":\n", event(First)],
         [starl_cli_way:text(B), ":\n", event(Second)],
         [
-            ["look: ", Command, io_lib:format(" --until ~b:~b --inspect ~b~n", [Robot, N - 1, Robot])]
+            [
+                "look: ", Command,
+                io_lib:format(" --until ~b:~b --inspect ~b~n", [Robot, N - 1, Robot])
+            ]
          || N > 1
         ]
     ];

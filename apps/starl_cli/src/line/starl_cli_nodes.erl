@@ -1,8 +1,8 @@
 %% @doc Runs over several nodes, as the command line has them: the flags of `./starl run' that
-%% say which, and `./starl node', a node that waits for such runs.
+%% say which.
 -module(starl_cli_nodes).
 
--export([flags/0, plan/1, options/2, command/1]).
+-export([flags/0, plan/1, options/2, cookie_problems/1]).
 
 -export_type([plan/0]).
 
@@ -18,8 +18,6 @@
 
 -define(MOST_PEERS, 64).
 -define(LONGEST_COOKIE, 255).
-
-%% -- flags of ./starl run -------------------------------------------------------------------
 
 %% @doc The flags of a run that goes over nodes.
 -spec flags() -> [starl_cli_flags:flag()].
@@ -57,14 +55,14 @@ bad(Text) ->
 
 needless(Values, Plan) ->
     Given = [Key || Key <- [cookie, node_name], is_map_key(Key, Values)],
-    Lines = [[starl_cli_flags:flag(Key), " goes with nodes that run already only"] || Key <- Given],
-    {Lines, Plan}.
+    {[[starl_cli_flags:flag(K), " goes with nodes that run already only"] || K <- Given], Plan}.
 
 named(Texts, Values, Plan) ->
     Names = [name(Text) || Text <- Texts],
     Bad = [["--nodes: ", Line] || {error, Line} <- Names] ++ cookie_problems(Values),
     case {Bad, [Node || {ok, Node} <- Names]} of
-        {[], Nodes} -> with_own_name(Nodes, Values, Plan#{nodes := Nodes, cookie := cookie(Values)});
+        {[], Nodes} ->
+            with_own_name(Nodes, Values, Plan#{nodes := Nodes, cookie := cookie(Values)});
         {_, _} -> {Bad, none}
     end.
 
@@ -75,6 +73,8 @@ name(Text) ->
         {_, {error, Reason}} -> {error, starl_sim_net:format_error(Reason)}
     end.
 
+%% @doc What is wrong with a cookie, if one is given.
+-spec cookie_problems(#{atom() => term()}) -> [unicode:chardata()].
 cookie_problems(#{cookie := Text}) when length(Text) =< ?LONGEST_COOKIE ->
     [];
 cookie_problems(#{cookie := _}) ->
@@ -140,60 +140,3 @@ options(#{nodes := Nodes, timeout_ms := Ms, name := Name, cookie := Cookie}, Tar
         {error, Reason} -> {error, ["--nodes: ", starl_sim_net:format_error(Reason)]};
         _ -> {ok, Options}
     end.
-
-%% -- ./starl node ---------------------------------------------------------------------------
-
-%% @doc Waits for runs until Ctrl-C; gives the exit status where that cannot be.
--spec command([string()]) -> starl_cli_terminal:status().
-command(Args) ->
-    Flags = node_flags(),
-    case {starl_cli_run:help_wanted(Args), starl_cli_flags:parse(Args, Flags)} of
-        {true, _} -> help(Flags);
-        {false, {ok, Values}} -> serve(maps:merge(starl_cli_flags:defaults(Flags), Values));
-        {false, {error, Problems}} -> starl_cli_terminal:bad_input(starl_cli_run:flag_lines(Problems))
-    end.
-
-node_flags() ->
-    [
-        {name, string, "starl", "the node's name, NAME or NAME@HOST as the others reach it"},
-        {cookie, string, none, "who has it may run anything here; without it a random one"},
-        {help, switch, false, "this help"}
-    ].
-
-help(Flags) ->
-    starl_cli_terminal:out([
-        "Usage: ./starl node [FLAGS]\n\n",
-        "An Erlang node that waits for simulations: ./starl run TARGET --nodes NAME@HOST,... on\n"
-        "another machine or this one spreads its robots over such nodes. All need the same StarL\n"
-        "and reach each other by Erlang's distribution: port 4369 (epmd) and one more a node.\n"
-        "It is not encrypted: use it in a network that you trust. Ctrl-C ends the node.\n\n",
-        starl_cli_flags:help(Flags, starl_cli_terminal:columns())
-    ]),
-    0.
-
-serve(#{name := Text, cookie := Given}) ->
-    case {starl_sim_net:full_name(Text), cookie_problems(#{cookie => cookie_text(Given)})} of
-        {{error, Reason}, _} -> refuse(starl_sim_net:format_error(Reason));
-        {{ok, _}, [Line | _]} -> starl_cli_terminal:bad_input([Line]);
-        {{ok, Name}, []} -> wait(Name, list_to_atom(cookie_text(Given)))
-    end.
-
-cookie_text(none) -> atom_to_list(starl_sim_net:random_cookie());
-cookie_text(Given) -> Given.
-
-wait(Name, Cookie) ->
-    case starl_sim_net:start(#{name => Name, cookie => Cookie}) of
-        ok ->
-            starl_cli_terminal:out(
-                "node ~ts waits for runs; Ctrl-C ends it. Where the run is started, type\n"
-                "  ./starl run painting --nodes ~ts --cookie ~ts\n",
-                [Name, Name, starl_cli_flags:shell(atom_to_list(Cookie))]
-            ),
-            receive
-            after infinity -> 0
-            end;
-        {error, Reason} ->
-            refuse(starl_sim_net:format_error(Reason))
-    end.
-
-refuse(Line) -> starl_cli_terminal:bad_input([["node: ", Line]]).

@@ -59,7 +59,7 @@ started(Sim, Do) ->
 
 %% @doc Runs to a virtual time or an earlier end, with a progress line; tells how the run ended
 %% and how long that took, in wall time.
--spec run(starl_sim:sim(), UntilUs :: non_neg_integer(), starl_cli_run:setup()) ->
+-spec run(starl_sim:sim(), UntilUs :: non_neg_integer(), starl_cli_setup:t()) ->
     {ending(), Ms :: integer()}.
 run(Sim, UntilUs, Setup) ->
     Drive = drive(Sim, UntilUs, Setup),
@@ -69,7 +69,7 @@ run(Sim, UntilUs, Setup) ->
 
 drive(Sim, UntilUs, #{scenario := Scenario, target := #{name := Name}, quiet := Quiet}) ->
     #{app := App, time := Seconds} = Scenario,
-    Usual = starl_cli_flags:defaults(starl_cli_run:options(App)),
+    Usual = starl_cli_flags:defaults(starl_cli_setup:options(App)),
     #drive{
         sim = Sim,
         until_us = UntilUs,

@@ -12,7 +12,7 @@
 %% A checked command line: as that of a run, with the place to stop at, if any, the robots to
 %% show in full there, and the record to compare with, if there is one.
 -type setup() :: #{
-    run := starl_cli_run:setup(),
+    run := starl_cli_setup:t(),
     stop := stop() | none,
     inspect := [starl:robot_id()],
     record := starl_cli_record:t() | none
@@ -36,7 +36,7 @@ command(Args) ->
 %% @doc Reads and checks the arguments, all in one go.
 -spec setup([string()]) -> answer().
 setup(Args) ->
-    case {starl_cli_run:help_wanted(Args), Args} of
+    case {starl_cli_setup:help_wanted(Args), Args} of
         {true, _} -> help;
         {false, []} -> {error, ["name a run, " ?EXAMPLE]};
         {false, [[C | _] = Word | Flags]} when C =/= $- -> named(is_seed(Word), Word, Flags);
@@ -70,14 +70,15 @@ target({error, Problems}, _Flags) ->
 target({ok, Target}, Flags) ->
     case starl_cli_flags:parse(Flags, own_flags() ++ run_flags(Target)) of
         {ok, Values} -> checked(Target, Values);
-        {error, Problems} -> {error, starl_cli_run:flag_lines(Problems)}
+        {error, Problems} -> {error, starl_cli_setup:flag_lines(Problems)}
     end.
 
 %% A recorded run is run as it was, but for what does not change it.
 run_flags(#{app := App, record := _}) ->
-    [Flag || {Key, _, _, _} = Flag <- starl_cli_run:options(App), lists:member(Key, [mode, shards])];
+    Options = starl_cli_setup:options(App),
+    [Flag || {Key, _, _, _} = Flag <- Options, Key =:= mode orelse Key =:= shards];
 run_flags(#{app := App}) ->
-    starl_cli_run:options(App).
+    starl_cli_setup:options(App).
 
 own_flags() ->
     [
@@ -93,8 +94,8 @@ own_flags() ->
 checked(#{name := Name, given := FromFile} = Target, Values) ->
     Own = [Key || {Key, _, _, _} <- own_flags()],
     Given = maps:merge(FromFile, maps:without(Own, Values)),
-    {Unsound, Scenario} = starl_cli_run:scenario(Target, Given),
-    {Unwritable, Out} = starl_cli_run:out(maps:get(out, Values, none), Name),
+    {Unsound, Scenario} = starl_cli_setup:scenario(Target, Given),
+    {Unwritable, Out} = starl_cli_setup:out(maps:get(out, Values, none), Name),
     Inspect = maps:get(inspect, Values, []),
     {Unknown, Stop} = stop(maps:get(until, Values, none), Inspect),
     Absent = absent(Stop, Inspect, Scenario),
@@ -173,7 +174,7 @@ failed({error, Reason}, _Run) -> starl_cli_terminal:bad_input([starl_sim:format_
 failed({failed, Reason}, Run) -> starl_cli_simulation:failed(Reason, Run).
 
 compare(Digest, #{ending := lost}, _Setup) ->
-    starl_cli_terminal:out(["a node was lost in the recorded run: not compared; digest ", Digest, "\n"]),
+    starl_cli_terminal:out(["the recorded run lost a node: not compared; digest ", Digest, "\n"]),
     0;
 compare(Digest, #{digest := Digest}, _Setup) ->
     starl_cli_terminal:out(["same digest ", Digest, "\n"]),
@@ -204,7 +205,7 @@ go(Sim, #{stop := {at_us, Us}, run := Run}) ->
     {ok, starl_sim:status(Sim)}.
 
 stopped({ok, #{ending := stopped}}, _Sim, _Setup) ->
-    130;
+    interrupted();
 stopped({ok, #{now_us := Now, ending := Ending}}, Sim, Setup) ->
     #{stop := Stop, inspect := Inspect, run := #{target := #{name := Name}}} = Setup,
     Width = starl_cli_terminal:columns(),
@@ -219,9 +220,13 @@ stopped({ok, #{now_us := Now, ending := Ending}}, Sim, Setup) ->
     0;
 stopped({error, Missed}, Sim, _Setup) ->
     case starl_sim:status(Sim) of
-        #{ending := stopped} -> 130;
+        #{ending := stopped} -> interrupted();
         #{} -> starl_cli_terminal:bad_input([["--until: ", starl_sim:format_error(Missed)]])
     end.
+
+interrupted() ->
+    starl_cli_terminal:out("interrupted\n"),
+    130.
 
 where(none, {event, Robot, N}) -> io_lib:format(" just after event ~b of robot ~b", [N, Robot]);
 where(none, _) -> "";
@@ -235,10 +240,11 @@ help() ->
         "Usage: ./starl replay RUN [FLAGS]\n"
         "       ./starl replay SEED --app TARGET [FLAGS]\n\n",
         starl_cli_terminal:wrap("RUN is the directory of a run or its run.term: the run is done "
-            "again and its digest compared. It may also be whatever ./starl run takes, with the "
+            "again and its digest compared (--mode and --shards may differ, which changes "
+            "nothing). It may also be whatever ./starl run takes, with the "
             "same flags; SEED --app TARGET is TARGET --seed SEED.", 0, Width),
         "\n\n", starl_cli_flags:help(own_flags(), Width),
-        "\nExit status: 0 the same digest, or stopped where asked for; 3 another digest; 2 bad usage\n"
-        "or input; 130 interrupted; without a record those of ./starl run.\n"
+        "\nExit status: 0 the same digest, or stopped where asked for; 3 another digest; 2 bad\n"
+        "usage or input; 130 interrupted; without a record those of ./starl run.\n"
     ]),
     0.

@@ -9,7 +9,7 @@
 %% @doc Runs the command; gives the exit status.
 -spec command([string()]) -> starl_cli_terminal:status().
 command(Args) ->
-    case starl_cli_run:take_target(Args) of
+    case starl_cli_setup:take_target(Args) of
         {none, Flags} -> without_target(Flags);
         {Word, Flags} -> named(lists:all(fun(C) -> C >= $0 andalso C =< $9 end, Word), Word, Flags)
     end.
@@ -47,18 +47,18 @@ with_digest({error, _} = Error) ->
 with_source({error, Problems}, _Word, _Flags) ->
     refuse(Problems);
 with_source({ok, {#{app := App} = Target, Digest}}, Word, Flags) ->
-    Known = own_flags() ++ starl_cli_run:options(App),
-    case {starl_cli_run:help_wanted(Flags), starl_cli_flags:parse(Flags, Known)} of
+    Known = own_flags() ++ starl_cli_setup:options(App),
+    case {starl_cli_setup:help_wanted(Flags), starl_cli_flags:parse(Flags, Known)} of
         {true, _} -> help(Word, Known);
         {false, {ok, Values}} -> checked(Target, Digest, Values);
-        {false, {error, Problems}} -> refuse(starl_cli_run:flag_lines(Problems))
+        {false, {error, Problems}} -> refuse(starl_cli_setup:flag_lines(Problems))
     end.
 
 %% A run with other values than the recorded one has another digest.
 checked(#{given := InFile} = Target, Digest, Values) ->
     Own = [Key || {Key, _, _, _} <- own_flags()],
     Chosen = maps:without(Own, Values),
-    {Unsound, Scenario} = starl_cli_run:scenario(Target, maps:merge(InFile, Chosen)),
+    {Unsound, Scenario} = starl_cli_setup:scenario(Target, maps:merge(InFile, Chosen)),
     {Unwritable, File} = out(maps:get(out, Values, none), Target, Scenario),
     case Unsound ++ Unwritable of
         [] ->
@@ -92,6 +92,7 @@ shrink(Job) ->
         {ok, Lines, out_of_time} -> told(Lines, 4);
         {ok, Lines, interrupted} -> told(["interrupted; this is the smallest so far" | Lines], 130);
         {error, input, Why} -> refuse([Why]);
+        {error, interrupted, Why} -> told([Why], 130);
         {error, internal, Why} -> failed(Why)
     end.
 

@@ -80,7 +80,8 @@ machine({Name, waiting}, _Width) ->
 machine({Name, #{stack := []}}, _Width) ->
     io_lib:format("  ~tp: waits for nothing~n", [Name]);
 machine({Name, #{stack := Frames}}, _Width) ->
-    [io_lib:format("  ~tp, innermost call first~n", [Name]), [["    ", frame(F), "\n"] || F <- Frames]];
+    Lines = [["    ", frame(Frame), "\n"] || Frame <- Frames],
+    [io_lib:format("  ~tp, innermost call first~n", [Name]), Lines];
 machine({Name, #{module := Module, state := State, data := Data}}, Width) ->
     Fields = fields(Module),
     [

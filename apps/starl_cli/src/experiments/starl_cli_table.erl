@@ -176,7 +176,7 @@ finished_rows(#table{rows = []} = Table) ->
 complaint(Result, Scenario) ->
     {ok, Target} = starl_cli_target:resolve("painting"),
     {ok, Full} = starl_sim_scenario:check(Scenario, starl_app:options(starl_painting)),
-    [starl_cli_table_rows:wrong(Result), ": ", starl_cli_run:replay(Target, Full)].
+    [starl_cli_table_rows:wrong(Result), ": ", starl_cli_setup:replay(Target, Full)].
 
 %% -- the end --------------------------------------------------------------------------------
 

@@ -8,9 +8,6 @@
 
 -export_type([answer/0]).
 
-%% The test module that knows them all: `bugs/0', `scenario/2', `sound/1'.
--define(CATALOGUE, starl_planted).
-
 -type answer() ::
     {caught, Seed :: pos_integer(), starl_monitor:violation(), Seconds :: float()}
     | {not_caught, Seeds :: pos_integer(), Seconds :: float()}
@@ -19,7 +16,7 @@
 %% @doc Runs the command; gives the exit status.
 -spec command([string()]) -> starl_cli_terminal:status().
 command(Args) ->
-    case {starl_cli_run:help_wanted(Args), starl_cli_flags:parse(Args, flags())} of
+    case {starl_cli_setup:help_wanted(Args), starl_cli_flags:parse(Args, flags())} of
         {true, _} ->
             help();
         {false, {ok, Values}} ->
@@ -64,7 +61,8 @@ code(File, Module, Beam) ->
 loaded({error, Problems}, _Values) ->
     refuse(Problems);
 loaded({ok, Codes}, #{bug := Wanted} = Values) ->
-    Bugs = catalogue(),
+    Catalogue = catalogue(),
+    Bugs = Catalogue:bugs(),
     Names = [atom_to_list(Bug) || {Bug, _, _} <- Bugs],
     case [Name || Wanted =/= none, Name <- Wanted, not lists:member(Name, Names)] of
         [] ->
@@ -75,8 +73,9 @@ loaded({ok, Codes}, #{bug := Wanted} = Values) ->
             refuse([["--bug: there is no bug ", Name, "; there are ", lists:join(", ", Names)]])
     end.
 
-%% Known when the tests are compiled, not before.
-catalogue() -> apply(?CATALOGUE, bugs, []).
+%% The test module that knows them all, with `bugs/0', `scenario/2' and `sound/1'. It is there when
+%% the tests have been compiled, not before.
+catalogue() -> list_to_existing_atom("starl_planted").
 
 %% -- the search -----------------------------------------------------------------------------
 
@@ -127,7 +126,8 @@ caught({Bug, Seeds}) -> caught(Bug, 1, Seeds, erlang:monotonic_time(millisecond)
 caught(_Bug, Seed, Seeds, Begin) when Seed > Seeds ->
     {not_caught, Seeds, since(Begin)};
 caught(Bug, Seed, Seeds, Begin) ->
-    Scenario = apply(?CATALOGUE, scenario, [Bug, Seed]),
+    Catalogue = catalogue(),
+    Scenario = Catalogue:scenario(Bug, Seed),
     case starl_sim_trial:run(Scenario) of
         {ok, #{violations := []}} -> caught(Bug, Seed + 1, Seeds, Begin);
         {ok, #{violations := [First | _]}} -> proven(Scenario, First, {Bug, Seed, Seeds, Begin});
@@ -135,7 +135,8 @@ caught(Bug, Seed, Seeds, Begin) ->
     end.
 
 proven(Scenario, Violation, {Bug, Seed, Seeds, Begin}) ->
-    case starl_sim_trial:run(apply(?CATALOGUE, sound, [Scenario])) of
+    Catalogue = catalogue(),
+    case starl_sim_trial:run(Catalogue:sound(Scenario)) of
         {ok, #{violations := []}} -> {caught, Seed, Violation, since(Begin)};
         {ok, _} -> caught(Bug, Seed + 1, Seeds, Begin);
         {error, Reason} -> {failed, Reason}

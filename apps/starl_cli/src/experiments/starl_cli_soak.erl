@@ -12,7 +12,8 @@
 -type run() :: {Block :: atom(), Seed :: non_neg_integer(), starl_sim_scenario:t()}.
 
 %% What a run came to: its violations and the wall time that it took.
--type found() :: {ok, [starl_monitor:violation()], Seconds :: float()} | {failed, term()}.
+-type found() ::
+    {ok, [starl_monitor:violation()], Seconds :: float()} | {failed, starl_sim_trial:reason()}.
 
 -type plan() :: #{
     blocks := [atom(), ...],
@@ -60,7 +61,7 @@ command([Name | Args]) ->
     end.
 
 parsed(Blocks, Args) ->
-    case {starl_cli_run:help_wanted(Args), starl_cli_flags:parse(Args, flags())} of
+    case {starl_cli_setup:help_wanted(Args), starl_cli_flags:parse(Args, flags())} of
         {true, _} -> help();
         {false, {ok, Values}} -> soak(plan(Blocks, maps:merge(defaults(), Values)));
         {false, {error, Problems}} ->
@@ -112,7 +113,8 @@ soak(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}) ->
     status(How, Failing, Sorted).
 
 noted({Block, Seed, _}, {ok, Found}, Founds) -> [{Block, Seed, Found} | Founds];
-noted({Block, Seed, _}, {crashed, Reason}, Founds) -> [{Block, Seed, {failed, Reason}} | Founds].
+noted({Block, Seed, _}, {crashed, Reason}, Founds) ->
+    [{Block, Seed, {failed, {failed, Reason}}} | Founds].
 
 status(interrupted, _, _) -> 130;
 status(done, _, Founds) ->
@@ -125,7 +127,7 @@ status(done, _, Founds) ->
 %% The first run that fails in a way, as commands and as a small scenario.
 violated({Block, Seed, Violation, Count}, Scenario, Shrunk) ->
     Target = target(Scenario),
-    Replay = lists:flatten(unicode:characters_to_list(starl_cli_run:replay(Target, Scenario))),
+    Replay = lists:flatten(unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario))),
     starl_cli_terminal:out([
         "\n", starl_monitor:format_violation(Violation), runs(Count), "\n",
         "replay: ", Replay, "\n",

@@ -11,7 +11,8 @@
 -type t() :: {process | inline, Shards :: pos_integer(), Schedulers :: pos_integer()}.
 
 %% What runs are compared by, and how many contracts were violated.
--type outcome() :: {Digest :: binary(), Events :: non_neg_integer(), Violations :: non_neg_integer()}.
+-type outcome() ::
+    {Digest :: binary(), Events :: non_neg_integer(), Violations :: non_neg_integer()}.
 
 -type reason() :: {bad_way, string()} | {one_way, string()}.
 
@@ -37,7 +38,8 @@ way([Mode, Shards]) ->
 way([Mode, Shards, Schedulers]) ->
     Count = {integer, 1, ?MOST},
     Modes = {one_of, [process, inline]},
-    case [starl_options:parse(T, V) || {T, V} <- [{Modes, Mode}, {Count, Shards}, {Count, Schedulers}]] of
+    Parts = [{Modes, Mode}, {Count, Shards}, {Count, Schedulers}],
+    case [starl_options:parse(Type, Text) || {Type, Text} <- Parts] of
         [{ok, M}, {ok, N}, {ok, S}] -> {M, N, S};
         _ -> error
     end;

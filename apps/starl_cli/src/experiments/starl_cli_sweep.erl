@@ -8,7 +8,7 @@
 %% @doc Runs the command; gives the exit status.
 -spec command([string()]) -> starl_cli_terminal:status().
 command(Args) ->
-    case starl_cli_run:take_target(Args) of
+    case starl_cli_setup:take_target(Args) of
         {none, Flags} -> without_target(Flags);
         {Word, Flags} -> with_target(starl_cli_target:resolve(Word), Flags, Args)
     end.
@@ -22,13 +22,13 @@ with_target({error, Problems}, _Flags, _Args) ->
     refuse(Problems);
 with_target({ok, Target}, Flags, Args) ->
     Known = flags(options(Target)),
-    case {starl_cli_run:help_wanted(Flags), starl_cli_flags:parse(Flags, Known)} of
+    case {starl_cli_setup:help_wanted(Flags), starl_cli_flags:parse(Flags, Known)} of
         {true, _} -> help(maps:get(replay, Target), Known);
         {false, {ok, Values}} -> checked(Target, Values, Args);
-        {false, {error, Problems}} -> refuse(starl_cli_run:flag_lines(Problems))
+        {false, {error, Problems}} -> refuse(starl_cli_setup:flag_lines(Problems))
     end.
 
-options(#{app := App}) -> starl_cli_run:options(App).
+options(#{app := App}) -> starl_cli_setup:options(App).
 
 flags(Options) -> starl_cli_sweep_grid:flags(Options) ++ own_flags().
 
@@ -61,12 +61,12 @@ refuse(Problems) -> starl_cli_terminal:bad_input([["sweep: ", P] || P <- Problem
 checked(#{name := Name, given := InFile} = Target, Values, Args) ->
     Own = [Key || {Key, _, _, _} <- own_flags()],
     Grid = starl_cli_sweep_grid:new(options(Target), InFile, maps:without(Own, Values), Args),
-    Checked = [{P, starl_cli_run:scenario(Target, maps:merge(InFile, P))}
+    Checked = [{P, starl_cli_setup:scenario(Target, maps:merge(InFile, P))}
         || P <- starl_cli_sweep_grid:points(Grid)],
     Unsound = lists:uniq([unicode:characters_to_list(L) || {_, {Ls, _}} <- Checked, L <- Ls]),
     Usual = filename:join([starl_cli_target:root(), "out", Name ++ "-sweep"]),
     Dir = string:trim(maps:get(out, Values, Usual), trailing, "/"),
-    {Unwritable, _} = starl_cli_run:out(Dir, Name),
+    {Unwritable, _} = starl_cli_setup:out(Dir, Name),
     case Unsound ++ Unwritable of
         [] ->
             probed(#{

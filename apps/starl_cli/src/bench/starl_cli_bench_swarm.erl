@@ -33,10 +33,13 @@ flags() ->
 -spec run(#{atom() => term()}) -> [figures()].
 run(#{robots := Sizes, seconds := Seconds} = Options) ->
     starl_cli_terminal:out(
-        "swarm-broadcast, ~b s of virtual time, shards: ~w, mode: ~w, the fastest of ~b\n"
+        "swarm-broadcast, ~b s of virtual time, shards: ~ts, mode: ~w, the fastest of ~b\n"
         "x: so many times the simulated seconds per wall second of ARGoS 3 with contact physics and"
         " two threads,\nand without contact physics (as here)\n",
-        [Seconds, maps:get(shards, Options), maps:get(mode, Options), maps:get(reps, Options)]
+        [
+            Seconds, starl_cli_bench_run:shards(maps:get(shards, Options)),
+            maps:get(mode, Options), maps:get(reps, Options)
+        ]
     ),
     starl_cli_terminal:out(
         "  robots  start s   run s   CPU s  virt/wall  receptions/s  per tick  digest"

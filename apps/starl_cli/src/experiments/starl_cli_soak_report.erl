@@ -17,7 +17,11 @@ tell(Blocks, Founds) ->
     Head = io_lib:format("~-10s ~7s ~10s ~9s ~14s~n", [
         "block", "seeds", "violations", "failures", "seeds/min/core"
     ]),
-    starl_cli_terminal:out([Head, Rows]).
+    starl_cli_terminal:out([Head, Rows, [failure(Found) || {_, _, {failed, _}} = Found <- Founds]]).
+
+failure({Block, Seed, {failed, Reason}}) ->
+    Why = starl_sim_shrink:format_error({trial, Reason}),
+    io_lib:format("~ts, seed ~b: ~ts~n", [Block, Seed, Why]).
 
 row(Block, Founds) ->
     Seconds = lists:sum([S || {ok, _, S} <- Founds]),

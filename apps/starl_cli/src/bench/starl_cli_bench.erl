@@ -42,7 +42,7 @@ parsed(Kinds, Args) ->
         end,
     case starl_cli_flags:parse(Args, Flags) of
         {ok, #{help := true}} ->
-            help();
+            help(Kinds);
         {ok, Values} ->
             checked(Kinds, maps:merge(#{out => default_out()}, Values));
         {error, Problems} ->
@@ -107,7 +107,7 @@ machine() ->
         {emulator, atom_to_binary(erlang:system_info(emu_flavor))}
     ].
 
-help() ->
+help(Kinds) ->
     Width = starl_cli_terminal:columns(),
     Names = lists:join("|", [atom_to_list(Kind) || Kind <- kinds()]),
     starl_cli_terminal:out([
@@ -115,7 +115,7 @@ help() ->
         "Without a name all run, with their defaults.\n",
         [
             ["\n", atom_to_list(Kind), ": ", What, "\n", starl_cli_flags:help(M:flags(), Width)]
-         || {Kind, M, What} <- ?BENCHMARKS
+         || {Kind, M, What} <- ?BENCHMARKS, lists:member(Kind, Kinds)
         ],
         "\nall:\n",
         starl_cli_flags:help(own_flags(), Width),

@@ -1,0 +1,134 @@
+%% @doc The acquisitions ("jobs") of a robot's application: how they begin, wait, hold, fail and
+%% end. Pure; with {@link starl_mutex_robot} the operations of {@link starl_mutex_tokens}.
+-module(starl_mutex_acquire).
+
+-export([acquire/5, release/4, again/2, give_up/3, caller_restarted/2]).
+-export([lock/4, lost/3]).
+
+-import(starl_mutex_state, [act/2, acts/2, post_home/3]).
+
+-type t() :: starl_mutex_state:t().
+-type token() :: starl_mutex:token().
+-type job_id() :: starl_mutex_job:id().
+
+%% @doc Begins an acquisition.
+-spec acquire(starl_machine:name(), starl_machine:from(), token() | [token()], pos_integer(), t())
+    -> t().
+acquire(_Caller, From, [], _Us, Robot) ->
+    act({reply, From, {ok, []}}, Robot);
+acquire(Caller, From, Tokens, Us, Robot) ->
+    {Id, Numbered} = starl_mutex_state:next_job(Robot),
+    Begun = act({{timeout, {patience, Id}}, Us, patience}, Numbered),
+    proceed(Id, starl_mutex_job:new(Caller, From, Tokens), Begun).
+
+proceed(Id, Job, Robot) ->
+    Kept = starl_mutex_state:keep_job(Id, Job, Robot),
+    case starl_mutex_job:next(Job) of
+        complete ->
+            Done = acts([{{timeout, {T, Id}}, cancel} || T <- [again, patience]], Kept),
+            act({reply, starl_mutex_job:from(Job), {ok, starl_mutex_job:answer(Job)}}, Done);
+        {wait, Token} ->
+            Retry = {{timeout, {again, Id}}, starl_mutex_state:retry_us(Kept), again},
+            search(Token, Id, acts([{trace, {requested, Token}}, Retry], Kept))
+    end.
+
+search(Token, Id, Robot) ->
+    starl_mutex_robot:route(Token, {starl_mutex_state:self(Robot), Id}, 0, none, Robot).
+
+%% @doc A job that still waits asks the home of its token again.
+-spec again(job_id(), t()) -> t().
+again(Id, Robot) ->
+    case starl_mutex_state:waiting(Id, Robot) of
+        {wait, Token, _Job} ->
+            Retry = starl_mutex_state:retry_us(Robot),
+            Next = act({{timeout, {again, Id}}, Retry, again}, Robot),
+            Request = {starl_mutex_state:self(Robot), Id},
+            case starl_mutex_state:entry(Token, Robot) of
+                none -> post_home(Token, {request, Token, Request, 0, home}, Next);
+                #{} -> search(Token, Id, Next)
+            end;
+        none ->
+            Robot
+    end.
+
+%% @doc A job that still waits fails; it gives back what it has got so far.
+-spec give_up(job_id(), timeout | restarted, t()) -> t().
+give_up(Id, Why, Robot) ->
+    case starl_mutex_state:waiting(Id, Robot) of
+        {wait, Token, Job} ->
+            Reply = {reply, starl_mutex_job:from(Job), {error, Why}},
+            Told = acts([{trace, {failed, Token, Why}}, Reply], Robot),
+            give_back(starl_mutex_job:held(Job), starl_mutex_state:forget_job(Id, Told));
+        none ->
+            Robot
+    end.
+
+give_back(Tokens, Robot) -> lists:foldl(fun starl_mutex_robot:unlock/2, Robot, Tokens).
+
+%% @doc All jobs of a machine that has crashed end.
+-spec caller_restarted(starl_machine:name(), t()) -> t().
+caller_restarted(Caller, Robot) ->
+    lists:foldl(fun end_job/2, Robot, starl_mutex_state:jobs_of(Caller, Robot)).
+
+end_job(Id, Robot) ->
+    Job = starl_mutex_state:job(Id, Robot),
+    case starl_mutex_job:next(Job) of
+        complete ->
+            give_back(starl_mutex_job:held(Job), starl_mutex_state:forget_job(Id, Robot));
+        {wait, _} ->
+            give_up(Id, restarted, Robot)
+    end.
+
+%% @doc Ends the caller's holds of these tokens.
+-spec release(starl_machine:name(), starl_machine:from(), token() | [token()], t()) -> t().
+release(Caller, From, Tokens, Robot) ->
+    List = listed(Tokens),
+    Held = [{Token, Id} || Token <- List, Id <- holder(Caller, Token, Robot)],
+    Answer =
+        case length(Held) =:= length(List) of
+            true -> ok;
+            false -> {error, lost}
+        end,
+    Freed = lists:foldl(fun({Token, Id}, R) -> drop(Id, Token, R) end, Robot, Held),
+    act({reply, From, Answer}, give_back([T || {T, _} <- Held], Freed)).
+
+listed(Tokens) when is_list(Tokens) -> lists:usort(Tokens);
+listed(Token) -> [Token].
+
+%% The job of this caller that holds the token, as one that has all it wants.
+holder(Caller, Token, Robot) ->
+    Now = starl_mutex_state:now(Robot),
+    case starl_mutex_state:entry(Token, Robot) of
+        #{lock := {Id, _}, lease_end := End} when Now < End ->
+            Job = starl_mutex_state:job(Id, Robot),
+            [Id || starl_mutex_job:next(Job) =:= complete, starl_mutex_job:caller(Job) =:= Caller];
+        _ ->
+            []
+    end.
+
+%% A job has one token less.
+drop(Id, Token, Robot) ->
+    case starl_mutex_job:without(Token, starl_mutex_state:job(Id, Robot)) of
+        none -> starl_mutex_state:forget_job(Id, Robot);
+        Rest -> starl_mutex_state:keep_job(Id, Rest, Robot)
+    end.
+
+%% @doc A job has got the token that it waited for, and goes on.
+-spec lock(job_id(), token(), starl_mutex:fence(), t()) -> t().
+lock(Id, Token, Fence, Robot) ->
+    proceed(Id, starl_mutex_job:got(Token, Fence, starl_mutex_state:job(Id, Robot)), Robot).
+
+%% @doc A job has lost a token. One that has all it wants is told at the release; one that waits
+%% begins anew.
+-spec lost(job_id(), token(), t()) -> t().
+lost(Id, Token, Robot) ->
+    case starl_mutex_state:waiting(Id, Robot) of
+        none ->
+            drop(Id, Token, Robot);
+        {wait, Waiting, Job} ->
+            %% while it gives back what it has got, it is in no queue
+            Suspended = starl_mutex_state:suspend_job(Id, Robot),
+            Failed = act({trace, {failed, Waiting, lease_lost}}, Suspended),
+            Others = lists:delete(Token, starl_mutex_job:held(Job)),
+            proceed(Id, starl_mutex_job:anew(Job), give_back(Others, Failed))
+    end.

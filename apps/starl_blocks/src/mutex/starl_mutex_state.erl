@@ -1,0 +1,216 @@
+%% @doc What a robot knows of tokens: those that it has, the acquisitions of its application, the
+%% hand-overs under way, what it has heard of owners, and the home of tokens that it is. Pure;
+%% {@link starl_mutex_acquire} and {@link starl_mutex_robot} say what is done with it. Actions are
+%% gathered here, and taken with {@link result/1}.
+-module(starl_mutex_state).
+
+-export([new/1, at/2, now/1, self/1, team_size/1, incarnation/1, lease_us/1, retry_us/1]).
+-export([act/2, acts/2, post/3, post_home/3, result/1]).
+-export([next_job/1, keep_job/3, job/2, waiting/2, jobs_of/2, forget_job/2, suspend_job/2]).
+-export([is_wanted/3, entry/2, put_entry/3, forget_entry/2]).
+-export([owners/1, put_owners/2, home/1, put_home/2, sent_out/5, take_out/3, outs/1]).
+
+-export_type([t/0, entry/0]).
+
+-type token() :: starl_mutex:token().
+-type fence() :: starl_mutex:fence().
+-type request() :: starl_mutex_home:request().
+-type job_id() :: starl_mutex_job:id().
+
+%% A token that the robot has: the number of the next hold; whether the home has confirmed it, and
+%% until when; who waits for it; the job and the number of the present hold; how often it was
+%% claimed.
+-type entry() :: #{
+    fence := fence(),
+    granted := boolean(),
+    lease_end := integer(),
+    queue := [request()],
+    lock := none | {job_id(), fence()},
+    tries := non_neg_integer()
+}.
+
+-record(robot, {
+    self :: starl:robot_id(),
+    team :: tuple(),
+    incarnation :: pos_integer(),
+    lease_us :: pos_integer(),
+    retry_us :: pos_integer(),
+    now :: integer(),
+    home :: starl_mutex_home:t(),
+    entries = #{} :: #{token() => entry()},
+    jobs = #{} :: #{job_id() => starl_mutex_job:t()},
+    next = 1 :: job_id(),
+    %% hand-overs whose outcome is not known yet
+    outs = #{} :: #{{token(), fence()} => {starl:robot_id(), [request()]}},
+    owners = starl_mutex_owners:new() :: starl_mutex_owners:t(),
+    actions = [] :: [starl_machine:action()]
+}).
+
+-opaque t() :: #robot{}.
+
+%% @doc A robot that has nothing and knows nothing.
+-spec new(starl_machine:config()) -> t().
+new(#{robot := Self, participants := Team, incarnation := Incarnation, now := Now} = Config) ->
+    #{lease_us := LeaseUs, drift_ppm := Drift, lag_us := Lag, retry_us := RetryUs} = Config,
+    #robot{
+        self = Self,
+        team = list_to_tuple(starl_team:members(Team)),
+        incarnation = Incarnation,
+        lease_us = LeaseUs,
+        retry_us = RetryUs,
+        now = Now,
+        home = starl_mutex_home:new(Incarnation, Now, LeaseUs, Drift, Lag)
+    }.
+
+%% @doc The robot at a later time of its clock.
+-spec at(integer(), t()) -> t().
+at(Now, Robot) -> Robot#robot{now = Now}.
+
+%% @doc The time of its clock, in microseconds.
+-spec now(t()) -> integer().
+now(#robot{now = Now}) -> Now.
+
+%% @doc Which robot it is.
+-spec self(t()) -> starl:robot_id().
+self(#robot{self = Self}) -> Self.
+
+%% @doc How many robots there are.
+-spec team_size(t()) -> pos_integer().
+team_size(#robot{team = Team}) -> tuple_size(Team).
+
+%% @doc The incarnation of its machine.
+-spec incarnation(t()) -> pos_integer().
+incarnation(#robot{incarnation = Incarnation}) -> Incarnation.
+
+%% @doc How long a holder's lease lasts, in microseconds.
+-spec lease_us(t()) -> pos_integer().
+lease_us(#robot{lease_us = Us}) -> Us.
+
+%% @doc When a robot that waits asks again, in microseconds.
+-spec retry_us(t()) -> pos_integer().
+retry_us(#robot{retry_us = Us}) -> Us.
+
+%% -- actions --------------------------------------------------------------------------------
+
+%% @doc One more action.
+-spec act(starl_machine:action(), t()) -> t().
+act(Action, #robot{actions = Actions} = Robot) -> Robot#robot{actions = [Action | Actions]}.
+
+%% @doc More actions, in their order.
+-spec acts([starl_machine:action()], t()) -> t().
+acts(New, Robot) -> lists:foldl(fun act/2, Robot, New).
+
+%% @doc A message to a robot.
+-spec post(starl:robot_id(), Body :: tuple(), t()) -> t().
+post(To, Body, Robot) -> act(starl_sap:post(To, mutex, Body), Robot).
+
+%% @doc A message to a token's home: a robot chosen by a hash of its name.
+-spec post_home(token(), Body :: tuple(), t()) -> t().
+post_home(Token, Body, #robot{team = Team} = Robot) ->
+    post(element(erlang:phash2(Token, tuple_size(Team)) + 1, Team), Body, Robot).
+
+%% @doc The actions gathered, as a machine's result.
+-spec result(t()) -> starl_machine:result().
+result(#robot{actions = Actions} = Robot) ->
+    {keep_state, Robot#robot{actions = []}, lists:reverse(Actions)}.
+
+%% -- jobs -----------------------------------------------------------------------------------
+
+%% @doc A number for a new job.
+-spec next_job(t()) -> {job_id(), t()}.
+next_job(#robot{next = Id} = Robot) -> {Id, Robot#robot{next = Id + 1}}.
+
+%% @doc Keeps a job as it is now.
+-spec keep_job(job_id(), starl_mutex_job:t(), t()) -> t().
+keep_job(Id, Job, #robot{jobs = Jobs} = Robot) -> Robot#robot{jobs = Jobs#{Id => Job}}.
+
+%% @doc A job that there is.
+-spec job(job_id(), t()) -> starl_mutex_job:t().
+job(Id, #robot{jobs = Jobs}) -> maps:get(Id, Jobs).
+
+%% @doc A job that still waits, with the token that it waits for.
+-spec waiting(job_id(), t()) -> {wait, token(), starl_mutex_job:t()} | none.
+waiting(Id, #robot{jobs = Jobs}) ->
+    case Jobs of
+        #{Id := Job} ->
+            case starl_mutex_job:next(Job) of
+                {wait, Token} -> {wait, Token, Job};
+                complete -> none
+            end;
+        #{} ->
+            none
+    end.
+
+%% @doc The jobs of a machine, in their order.
+-spec jobs_of(starl_machine:name(), t()) -> [job_id()].
+jobs_of(Caller, #robot{jobs = Jobs}) ->
+    lists:sort([Id || {Id, Job} <- maps:to_list(Jobs), starl_mutex_job:caller(Job) =:= Caller]).
+
+%% @doc A job has ended.
+-spec forget_job(job_id(), t()) -> t().
+forget_job(Id, Robot) ->
+    acts([{{timeout, {T, Id}}, cancel} || T <- [again, patience]], suspend_job(Id, Robot)).
+
+%% @doc A job is in no queue until it is kept again.
+-spec suspend_job(job_id(), t()) -> t().
+suspend_job(Id, #robot{jobs = Jobs} = Robot) -> Robot#robot{jobs = maps:remove(Id, Jobs)}.
+
+%% @doc Is this a request for the token that still stands, as far as this robot knows?
+-spec is_wanted(token(), request(), t()) -> boolean().
+is_wanted(Token, {Self, Id}, #robot{self = Self, jobs = Jobs}) ->
+    case Jobs of
+        #{Id := Job} -> starl_mutex_job:waits_for(Token, Job);
+        #{} -> false
+    end;
+is_wanted(_Token, {_Other, _Id}, #robot{}) ->
+    true.
+
+%% -- tokens ---------------------------------------------------------------------------------
+
+%% @doc The token, if the robot has it.
+-spec entry(token(), t()) -> entry() | none.
+entry(Token, #robot{entries = Entries}) -> maps:get(Token, Entries, none).
+
+%% @doc The robot has the token, as it is now.
+-spec put_entry(token(), entry(), t()) -> t().
+put_entry(Token, Entry, #robot{entries = Entries} = Robot) ->
+    Robot#robot{entries = Entries#{Token => Entry}}.
+
+%% @doc The robot has the token no more.
+-spec forget_entry(token(), t()) -> t().
+forget_entry(Token, #robot{entries = Entries} = Robot) ->
+    Cancel = [{{timeout, {T, Token}}, cancel} || T <- [renew, lease]],
+    acts(Cancel, Robot#robot{entries = maps:remove(Token, Entries)}).
+
+%% @doc What it has heard of owners.
+-spec owners(t()) -> starl_mutex_owners:t().
+owners(#robot{owners = Owners}) -> Owners.
+
+%% @doc The same as it is now.
+-spec put_owners(starl_mutex_owners:t(), t()) -> t().
+put_owners(Owners, Robot) -> Robot#robot{owners = Owners}.
+
+%% @doc The home that it is.
+-spec home(t()) -> starl_mutex_home:t().
+home(#robot{home = Home}) -> Home.
+
+%% @doc The same as it is now.
+-spec put_home(starl_mutex_home:t(), t()) -> t().
+put_home(Home, Robot) -> Robot#robot{home = Home}.
+
+%% @doc A token is on its way to a robot, with its queue; the outcome is not known yet.
+-spec sent_out(token(), fence(), starl:robot_id(), [request()], t()) -> t().
+sent_out(Token, Fence, To, Queue, #robot{outs = Outs} = Robot) ->
+    Robot#robot{outs = Outs#{{Token, Fence} => {To, Queue}}}.
+
+%% @doc The outcome of a hand-over is known: to whom it went, with which queue.
+-spec take_out(token(), fence(), t()) -> {starl:robot_id(), [request()], t()} | none.
+take_out(Token, Fence, #robot{outs = Outs} = Robot) ->
+    case maps:take({Token, Fence}, Outs) of
+        error -> none;
+        {{To, Queue}, Rest} -> {To, Queue, Robot#robot{outs = Rest}}
+    end.
+
+%% @doc The hand-overs whose outcome is not known, in the order of terms.
+-spec outs(t()) -> [{token(), fence()}].
+outs(#robot{outs = Outs}) -> lists:sort(maps:keys(Outs)).

@@ -1,0 +1,96 @@
+%% What a simulated robot drives on: commands, faults of actuation, and what it sees.
+-module(starl_sim_vehicle_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(T, 1000000).
+
+%% Both wheels at 100 mm/s: 100 mm a second straight ahead.
+straight_test() ->
+    {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 0, vehicle([])),
+    ?assertEqual({100.0, 0.0}, place(?T, Driving)).
+
+%% The Create's wheels turn at most at 500 mm/s.
+limit_test() ->
+    {moved, Driving} = starl_sim_vehicle:drive({900.0, 900.0}, 0, vehicle([])),
+    ?assertEqual({500.0, 0.0}, place(?T, Driving)).
+
+%% A robot that stands and is told to stand goes on in the same piece.
+same_test() ->
+    {same, Standing} = starl_sim_vehicle:drive({0.0, 0.0}, ?T, vehicle([])),
+    ?assertEqual(starl_sim_vehicle:piece(vehicle([])), starl_sim_vehicle:piece(Standing)).
+
+%% A slow wheel makes an arc towards its side, a stuck one a turn about it, slip less of both.
+faulty_wheels_test_() ->
+    Turns = fun(Kind, Params) ->
+        Vehicle = vehicle([fault(Kind, Params)]),
+        {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 0, Vehicle),
+        {_, _, Heading} = starl_trajectory:pose(?T, starl_sim_vehicle:piece(Driving)),
+        Heading
+    end,
+    %% heading after a second: the difference of the wheels over the axle
+    Axle = maps:get(axle_mm, profile()),
+    [
+        ?_assert(near(50.0 / Axle, Turns(wheel_slow, #{wheel => left, factor => 0.5}))),
+        ?_assert(near(-50.0 / Axle, Turns(wheel_slow, #{wheel => right, factor => 0.5}))),
+        ?_assert(near(100.0 / Axle, Turns(wheel_stuck, #{wheel => left}))),
+        ?_assert(near(-100.0 / Axle, Turns(wheel_stuck, #{wheel => right}))),
+        ?_assert(near(0.0, Turns(slip, #{factor => 0.5})))
+    ].
+
+%% A fault that ends: the wheels turn as they were told before.
+healed_test() ->
+    Vehicle = vehicle([fault(wheel_stuck, #{wheel => left})]),
+    {moved, Arc} = starl_sim_vehicle:drive({100.0, 100.0}, 0, Vehicle),
+    {moved, Straight} = starl_sim_vehicle:turn_wheels(10 * ?T, Arc),
+    {X0, Y0} = place(10 * ?T, Straight),
+    {X1, Y1} = place(11 * ?T, Straight),
+    ?assert(near(100.0, math:sqrt((X1 - X0) * (X1 - X0) + (Y1 - Y0) * (Y1 - Y0)))).
+
+%% A lost command leaves the robot in its piece; stopping is no command and cannot be lost.
+lost_command_test() ->
+    {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 20 * ?T, vehicle([lossy(0, 10)])),
+    Lossy = vehicle([lossy(0, 10)]),
+    {same, Kept} = starl_sim_vehicle:drive({100.0, 100.0}, ?T, Lossy),
+    ?assertEqual(starl_sim_vehicle:piece(Lossy), starl_sim_vehicle:piece(Kept)),
+    {moved, Stopped} = starl_sim_vehicle:stop(21 * ?T, Driving),
+    ?assertEqual({100.0, 0.0}, place(30 * ?T, Stopped)).
+
+%% The own pose is that of now, another's that of the window's beginning; strangers are not seen.
+sense_test() ->
+    {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 0, vehicle([])),
+    {Poses, _} = starl_sim_vehicle:sense([1, 2, 3], {2 * ?T, ?T}, Driving),
+    ?assertEqual([{1, {200.0, 0.0, 0.0}}, {2, {10.0, 0.0, 0.0}}], Poses).
+
+%% Two looks at one robot err independently, within the bound.
+error_test() ->
+    World = (world([]))#{profile := (profile())#{position_error_mm := 5.0}},
+    Vehicle = starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, World),
+    {[{1, {X1, Y1, _}}], Next} = starl_sim_vehicle:sense([1], {0, 0}, Vehicle),
+    {[{1, {X2, Y2, _}}], _} = starl_sim_vehicle:sense([1], {0, 0}, Next),
+    ?assertNotEqual({X1, Y1}, {X2, Y2}),
+    [?assert(math:sqrt(X * X + Y * Y) =< 5.0) || {X, Y} <- [{X1, Y1}, {X2, Y2}]].
+
+%% -- helpers --------------------------------------------------------------------------------
+
+vehicle(Faults) -> starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, world(Faults)).
+
+%% Robot 2 drives with 10 mm/s along x, from where robot 1 begins.
+world(Faults) ->
+    Other = starl_trajectory:piece(0, {0.0, 0.0}, 0.0, 10.0, 0.0),
+    #{
+        seed => 1, team => starl_team:new([1, 2]), clock => {0, 0}, loss => 0.0,
+        duplicate => 0.0, delay_us => {1000, 2000}, range_mm => infinity, profile => profile(),
+        network => [], clocks => [], location => [], actuation => Faults,
+        sight => starl_sim_sight:new([{2, Other}], infinity)
+    }.
+
+profile() ->
+    starl_motion:profile(#{heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0}).
+
+fault(Kind, Params) -> {a, 0, 10 * ?T, Kind, 1, Params}.
+
+lossy(FromS, ToS) -> {a, FromS * ?T, ToS * ?T, command_lost, 1, #{part => 1.0}}.
+
+place(Time, Vehicle) -> starl_trajectory:position(Time, starl_sim_vehicle:piece(Vehicle)).
+
+near(Want, Got) -> abs(Want - Got) < 1.0e-6.
