@@ -420,7 +420,7 @@ stop_in_the_launch() ->
     Supervisors = [
         Pid
      || Pid <- processes(),
-        {supervisor, starl_sim_sup, _} <- [proc_lib:translate_initial_call(Pid)]
+        {supervisor, starl_sim_pool, _} <- [proc_lib:translate_initial_call(Pid)]
     ],
     case Supervisors of
         [_, _] ->
