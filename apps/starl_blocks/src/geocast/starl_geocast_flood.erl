@@ -89,7 +89,8 @@ init(#{robot := Self, incarnation := Incarnation, random := Random, now := Now} 
 defaults() ->
     #{
         drift_ppm => 10000, position_error_mm => 2.0, first_ms => 50, longest_ms => 1000,
-        jitter_ms => 5, ask_ms => 100, gather_ms => 3, check_ms => 250, limit => 256, listeners => #{}
+        jitter_ms => 5, ask_ms => 100, gather_ms => 3, check_ms => 250, limit => 256,
+        listeners => #{}
     }.
 
 -spec handle_event(
@@ -188,7 +189,8 @@ ask_again(Id, Now, #flood{wanted = Wanted} = Flood) ->
         #{} -> {keep_state, Flood#flood{wanted = maps:remove(Id, Wanted)}}
     end.
 
--spec given(starl_geocast_store:parcel(), AskedUs :: integer(), integer(), #flood{}) -> starl_machine:result().
+-spec given(starl_geocast_store:parcel(), AskedUs :: integer(), integer(), #flood{}) ->
+    starl_machine:result().
 given({Id, Area, Type, Body, Lifetime, Told, Hops}, Asked, Now, Flood) ->
     #flood{store = Store, wanted = Wanted, started = Started, incarnation = Life} = Flood,
     Left = min(Told, Lifetime),
