@@ -31,13 +31,6 @@
     Type :: atom(), Hash :: integer(), SentUs :: integer(),
     [{starl_monitor:robot_id(), progress()}]
 }.
-%% Sequence numbers as disjoint closed intervals, highest first.
--type intervals() :: [{Low :: integer(), High :: integer()}].
-%% Messages to look at when their time has passed, first in first out.
--type alarms() :: {
-    Front :: [{integer(), msg_id()}], Back :: [{integer(), msg_id()}], non_neg_integer()
-}.
-
 -record(state, {
     bound_us :: pos_integer(),
     late_us :: non_neg_integer(),
@@ -46,18 +39,16 @@
     messages = #{} :: #{msg_id() => message()},
     %% The incarnation that each source runs, as far as it said so.
     running = #{} :: #{starl_monitor:robot_id() => term()},
-    sent = #{} :: #{{starl_monitor:robot_id(), term()} => intervals()},
-    %% Sequence numbers lost and not delivered, whose messages were forgotten.
-    forgotten = #{} :: #{{starl_monitor:robot_id(), starl_monitor:robot_id(), term()} =>
-        intervals()},
-    overdue = {[], [], 0} :: alarms(),
-    stale = {[], [], 0} :: alarms(),
+    %% By source and incarnation.
+    sent = starl_sap_numbers:new() :: starl_sap_numbers:t(),
+    %% Lost and not delivered, the message forgotten: by receiver, source and incarnation.
+    forgotten = starl_sap_numbers:new() :: starl_sap_numbers:t(),
+    overdue = starl_sap_alarms:new() :: starl_sap_alarms:t(),
+    stale = starl_sap_alarms:new() :: starl_sap_alarms:t(),
     counts = {0, 0, 0, 0} :: {integer(), integer(), integer(), integer()}
 }).
 
 -define(LATE_US, 60_000_000).
-%% An alarm queue shorter than this is not worth compacting.
--define(COMPACT, 1024).
 
 %% @doc `bound_us': the longest time from sending to the last outcome; `late_us' (default one
 %% minute): how long the content of a lost message is remembered.
@@ -137,10 +128,9 @@ kind(restarted) -> lost;
 kind({lost, _Reason}) -> lost.
 
 sent(T, {Source, Incarnation, Seq} = Id, Dests, Type, Hash, #state{sent = Sent} = State) ->
-    Key = {Source, Incarnation},
-    case insert(Seq, maps:get(Key, Sent, [])) of
-        member -> broken(message_id_used_twice, T, [Source], #{message => Id}, State);
-        Known -> {ok, open(T, Id, Dests, Type, Hash, State#state{sent = Sent#{Key => Known}})}
+    case starl_sap_numbers:add({Source, Incarnation}, Seq, Sent) of
+        {ok, Known} -> {ok, open(T, Id, Dests, Type, Hash, State#state{sent = Known})};
+        member -> broken(message_id_used_twice, T, [Source], #{message => Id}, State)
     end.
 
 open(_T, _Id, [], _Type, _Hash, State) ->
@@ -150,7 +140,7 @@ open(T, Id, Dests, Type, Hash, #state{messages = Messages, bound_us = Bound} = S
     Due = T + Bound,
     State#state{
         messages = Messages#{Id => Message},
-        overdue = push(Due, Id, State#state.overdue, Messages),
+        overdue = starl_sap_alarms:push(Due, Id, Messages, State#state.overdue),
         due = min(Due, State#state.due),
         counts = count(1, length(Dests), State)
     }.
@@ -170,15 +160,12 @@ delivered(T, Robot, Id, Type, _Hash, {Other, _, _, _}, State) ->
 %% The message is not outstanding: it was never sent, is closed, or was lost long ago.
 delivered_late(T, Robot, {Source, Incarnation, Seq} = Id, State) ->
     #state{sent = Sent, forgotten = Forgotten} = State,
-    Key = {Robot, Source, Incarnation},
-    case delete(Seq, maps:get(Key, Forgotten, [])) of
+    case starl_sap_numbers:remove({Robot, Source, Incarnation}, Seq, Forgotten) of
+        {ok, Left} ->
+            {ok, counted(2, State#state{forgotten = Left})};
         absent ->
-            Was = member(Seq, maps:get({Source, Incarnation}, Sent, [])),
-            broken(unexpected(Was), T, [Robot], #{message => Id, closed => Was}, State);
-        [] ->
-            {ok, counted(2, State#state{forgotten = maps:remove(Key, Forgotten)})};
-        Left ->
-            {ok, counted(2, State#state{forgotten = Forgotten#{Key => Left}})}
+            Was = starl_sap_numbers:is_member({Source, Incarnation}, Seq, Sent),
+            broken(unexpected(Was), T, [Robot], #{message => Id, closed => Was}, State)
     end.
 
 unexpected(true) -> duplicate_delivery;
@@ -205,7 +192,7 @@ outcome(T, {Source, _, _} = Id, _Message, false, Dest, _Kind, State) ->
     stray(outcome_for_stranger, T, Id, [Source, Dest], State).
 
 closed({Source, Incarnation, Seq}, #state{sent = Sent}) ->
-    case member(Seq, maps:get({Source, Incarnation}, Sent, [])) of
+    case starl_sap_numbers:is_member({Source, Incarnation}, Seq, Sent) of
         true -> outcome_reported_twice;
         false -> outcome_but_not_sent
     end.
@@ -254,7 +241,7 @@ phase([_Open | _Dests], _Phase) -> open.
 remember(T, Id, #state{late_us = Late, messages = Messages} = State) ->
     Due = T + Late,
     State#state{
-        stale = push(Due, Id, State#state.stale, Messages),
+        stale = starl_sap_alarms:push(Due, Id, Messages, State#state.stale),
         due = min(Due, State#state.due)
     }.
 
@@ -281,11 +268,12 @@ reported(Known) -> Known.
 pass(T, State) ->
     {Overdue, Current} = pass_overdue(T, State, []),
     Forgetful = pass_stale(T, Current),
-    {Overdue, Forgetful#state{due = min(head(Forgetful#state.overdue),
-                                        head(Forgetful#state.stale))}}.
+    #state{overdue = Outcomes, stale = Stale} = Forgetful,
+    Due = min(starl_sap_alarms:due(Outcomes), starl_sap_alarms:due(Stale)),
+    {Overdue, Forgetful#state{due = Due}}.
 
 pass_overdue(T, #state{overdue = Overdue} = State, Found) ->
-    case pop(T, Overdue) of
+    case starl_sap_alarms:pop(T, Overdue) of
         {none, Queue} ->
             {lists:reverse(Found), State#state{overdue = Queue}};
         {{Due, Id}, Queue} ->
@@ -301,7 +289,7 @@ late(Due, {Source, _, _} = Id, Messages) ->
     [violation(outcome_overdue, Due, [Source | Dests], #{message => Id}) || Dests =/= []].
 
 pass_stale(T, #state{stale = Stale, messages = Messages} = State) ->
-    case pop(T, Stale) of
+    case starl_sap_alarms:pop(T, Stale) of
         {none, Queue} ->
             State#state{stale = Queue};
         {{_Due, Id}, Queue} when is_map_key(Id, Messages) ->
@@ -312,65 +300,15 @@ pass_stale(T, #state{stale = Stale, messages = Messages} = State) ->
 
 forget({Source, Incarnation, Seq} = Id, #state{messages = Messages} = State) ->
     {{_, _, _, Dests}, Left} = maps:take(Id, Messages),
-    Keys = [{Dest, Source, Incarnation} || {Dest, lost} <- Dests],
-    Forgotten = lists:foldl(fun(Key, Acc) -> note(Key, Seq, Acc) end,
-                            State#state.forgotten, Keys),
+    Forgotten = lists:foldl(
+        fun(Dest, Acc) -> note({Dest, Source, Incarnation}, Seq, Acc) end,
+        State#state.forgotten,
+        [Dest || {Dest, lost} <- Dests]
+    ),
     State#state{messages = Left, forgotten = Forgotten}.
 
 note(Key, Seq, Forgotten) ->
-    case insert(Seq, maps:get(Key, Forgotten, [])) of
-        member -> Forgotten;
-        Known -> Forgotten#{Key => Known}
-    end.
-
-%%% Alarm queues. Entries of closed messages are thrown out when they outnumber the others.
-
-push(Due, Id, {Front, Back, N}, Messages) when N > ?COMPACT, N > 2 * map_size(Messages) ->
-    Live = [Alarm || {_, Other} = Alarm <- Front ++ lists:reverse(Back),
-                     is_map_key(Other, Messages)],
-    {Live, [{Due, Id}], length(Live) + 1};
-push(Due, Id, {Front, Back, N}, _Messages) ->
-    {Front, [{Due, Id} | Back], N + 1}.
-
-pop(T, {[{Due, _} = Alarm | Front], Back, N}) when Due < T ->
-    {Alarm, {Front, Back, N - 1}};
-pop(_T, {[], [], 0} = Queue) ->
-    {none, Queue};
-pop(T, {[], Back, N}) ->
-    pop(T, {lists:reverse(Back), [], N});
-pop(_T, Queue) ->
-    {none, Queue}.
-
-head({[{Due, _} | _], _Back, _N}) -> Due;
-head({[], [], 0}) -> infinity;
-head({[], Back, _N}) -> element(1, lists:last(Back)).
-
-%%% Interval sets
-
-insert(N, []) -> [{N, N}];
-insert(N, [{Low, High} | Rest]) when N =:= High + 1 -> [{Low, N} | Rest];
-insert(N, [{_, High} | _] = Set) when N > High -> [{N, N} | Set];
-insert(N, [{Low, _} | _]) when N >= Low -> member;
-insert(N, [Interval | Rest]) ->
-    case insert(N, Rest) of
-        member -> member;
-        Inserted -> join(Interval, Inserted)
-    end.
-
-join({Low, High}, [{Low2, High2} | Rest]) when High2 + 1 =:= Low -> [{Low2, High} | Rest];
-join(Interval, Rest) -> [Interval | Rest].
-
-member(_N, []) -> false;
-member(N, [{_, High} | _]) when N > High -> false;
-member(N, [{Low, _} | _]) when N >= Low -> true;
-member(N, [_ | Rest]) -> member(N, Rest).
-
-delete(_N, []) -> absent;
-delete(N, [{_, High} | _]) when N > High -> absent;
-delete(N, [{Low, High} | Rest]) when N >= Low ->
-    [{N + 1, High} || N < High] ++ [{Low, N - 1} || N > Low] ++ Rest;
-delete(N, [Interval | Rest]) ->
-    case delete(N, Rest) of
-        absent -> absent;
-        Left -> [Interval | Left]
+    case starl_sap_numbers:add(Key, Seq, Forgotten) of
+        {ok, Known} -> Known;
+        member -> Forgotten
     end.
