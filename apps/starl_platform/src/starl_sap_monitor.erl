@@ -25,18 +25,13 @@
 -export([init/1, step/2, finish/2, interests/0, timeless/1]).
 
 -type msg_id() :: {Source :: starl_monitor:robot_id(), Incarnation :: term(), Seq :: integer()}.
-%% What is known about one destination: nothing, delivered, outcome known, or both.
--type progress() :: waiting | delivered | lost | done.
--type message() :: {
-    Type :: atom(), Hash :: integer(), SentUs :: integer(),
-    [{starl_monitor:robot_id(), progress()}]
-}.
+
 -record(state, {
     bound_us :: pos_integer(),
     late_us :: non_neg_integer(),
     %% The next time at which the head of an alarm queue is due.
     due = infinity :: integer() | infinity,
-    messages = #{} :: #{msg_id() => message()},
+    messages = #{} :: #{msg_id() => starl_sap_message:t()},
     %% The incarnation that each source runs, as far as it said so.
     running = #{} :: #{starl_monitor:robot_id() => term()},
     %% By source and incarnation.
@@ -136,26 +131,32 @@ sent(T, {Source, Incarnation, Seq} = Id, Dests, Type, Hash, #state{sent = Sent} 
 open(_T, _Id, [], _Type, _Hash, State) ->
     State;
 open(T, Id, Dests, Type, Hash, #state{messages = Messages, bound_us = Bound} = State) ->
-    Message = {Type, Hash, T, [{Dest, waiting} || Dest <- Dests]},
     Due = T + Bound,
     State#state{
-        messages = Messages#{Id => Message},
+        messages = Messages#{Id => starl_sap_message:new(Type, Hash, T, Dests)},
         overdue = starl_sap_alarms:push(Due, Id, Messages, State#state.overdue),
         due = min(Due, State#state.due),
         counts = count(1, length(Dests), State)
     }.
 
-delivered(T, Robot, Id, Type, Hash, {Type, Hash, _, Dests} = Message, State) ->
-    case lists:keyfind(Robot, 1, Dests) of
-        {_, waiting} -> {ok, progress(T, Id, Message, Robot, delivered, counted(2, State))};
-        {_, lost} -> {ok, progress(T, Id, Message, Robot, done, counted(2, State))};
-        {_, _Twice} -> broken(duplicate_delivery, T, [Robot], #{message => Id}, State);
-        false -> broken(delivered_to_stranger, T, [Robot], #{message => Id}, State)
-    end;
-delivered(T, Robot, Id, Type, _Hash, {Type, _Other, _, _}, State) ->
-    broken(corrupted, T, [Robot], #{message => Id}, State);
-delivered(T, Robot, Id, Type, _Hash, {Other, _, _, _}, State) ->
-    broken(wrong_type, T, [Robot], #{message => Id, sent => Other, delivered => Type}, State).
+delivered(T, Robot, Id, Type, Hash, Message, State) ->
+    case starl_sap_message:compare(Type, Hash, Message) of
+        ok ->
+            delivered(T, Robot, Id, Message, State);
+        corrupted ->
+            broken(corrupted, T, [Robot], #{message => Id}, State);
+        {wrong_type, Sent} ->
+            Details = #{message => Id, sent => Sent, delivered => Type},
+            broken(wrong_type, T, [Robot], Details, State)
+    end.
+
+delivered(T, Robot, Id, Message, State) ->
+    case starl_sap_message:progress(Robot, Message) of
+        waiting -> {ok, progress(T, Id, Message, Robot, delivered, counted(2, State))};
+        lost -> {ok, progress(T, Id, Message, Robot, done, counted(2, State))};
+        stranger -> broken(delivered_to_stranger, T, [Robot], #{message => Id}, State);
+        _Twice -> broken(duplicate_delivery, T, [Robot], #{message => Id}, State)
+    end.
 
 %% The message is not outstanding: it was never sent, is closed, or was lost long ago.
 delivered_late(T, Robot, {Source, Incarnation, Seq} = Id, State) ->
@@ -173,23 +174,23 @@ unexpected(false) -> delivered_but_not_sent.
 
 outcome(T, {Source, _, _} = Id, Dest, Kind, #state{messages = Messages} = State) ->
     case Messages of
-        #{Id := {_, _, _, Dests} = Message} ->
-            outcome(T, Id, Message, lists:keyfind(Dest, 1, Dests), Dest, Kind, State);
+        #{Id := Message} ->
+            outcome(T, Id, Message, starl_sap_message:progress(Dest, Message), Dest, Kind, State);
         #{} ->
             stray(closed(Id, State), T, Id, [Source, Dest], State)
     end.
 
-outcome(T, Id, Message, {Dest, delivered}, _Dest, Kind, State) ->
+outcome(T, Id, Message, delivered, Dest, Kind, State) ->
     {ok, progress(T, Id, Message, Dest, done, counted(column(Kind), State))};
-outcome(T, Id, Message, {Dest, waiting}, _Dest, lost, State) ->
+outcome(T, Id, Message, waiting, Dest, lost, State) ->
     {ok, progress(T, Id, Message, Dest, lost, counted(4, State))};
-outcome(T, {Source, _, _} = Id, Message, {Dest, waiting}, _Dest, acknowledged, State) ->
+outcome(T, {Source, _, _} = Id, Message, waiting, Dest, acknowledged, State) ->
     Reported = progress(T, Id, Message, Dest, lost, State),
     broken(acknowledged_but_not_delivered, T, [Source, Dest], #{message => Id}, Reported);
-outcome(T, {Source, _, _} = Id, _Message, {Dest, _Known}, _Dest, _Kind, State) ->
-    stray(outcome_reported_twice, T, Id, [Source, Dest], State);
-outcome(T, {Source, _, _} = Id, _Message, false, Dest, _Kind, State) ->
-    stray(outcome_for_stranger, T, Id, [Source, Dest], State).
+outcome(T, {Source, _, _} = Id, _Message, stranger, Dest, _Kind, State) ->
+    stray(outcome_for_stranger, T, Id, [Source, Dest], State);
+outcome(T, {Source, _, _} = Id, _Message, _Known, Dest, _Kind, State) ->
+    stray(outcome_reported_twice, T, Id, [Source, Dest], State).
 
 closed({Source, Incarnation, Seq}, #state{sent = Sent}) ->
     case starl_sap_numbers:is_member({Source, Incarnation}, Seq, Sent) of
@@ -222,21 +223,16 @@ count(Column, N, #state{counts = Counts}) ->
 
 %%% Messages
 
-progress(T, Id, {Type, Hash, SentUs, Dests}, Dest, Progress, State) ->
-    settle(T, Id, {Type, Hash, SentUs, lists:keyreplace(Dest, 1, Dests, {Dest, Progress})}, State).
+progress(T, Id, Message, Dest, Progress, State) ->
+    settle(T, Id, starl_sap_message:put_progress(Dest, Progress, Message), State).
 
 %% Keeps a message for as long as something may still be said about it.
-settle(T, Id, {_, _, _, Dests} = Message, #state{messages = Messages} = State) ->
-    case phase(Dests, done) of
+settle(T, Id, Message, #state{messages = Messages} = State) ->
+    case starl_sap_message:phase(Message) of
         done -> State#state{messages = maps:remove(Id, Messages)};
         open -> State#state{messages = Messages#{Id := Message}};
         lost -> remember(T, Id, State#state{messages = Messages#{Id := Message}})
     end.
-
-phase([], Phase) -> Phase;
-phase([{_, done} | Dests], Phase) -> phase(Dests, Phase);
-phase([{_, lost} | Dests], _Phase) -> phase(Dests, lost);
-phase([_Open | _Dests], _Phase) -> open.
 
 remember(T, Id, #state{late_us = Late, messages = Messages} = State) ->
     Due = T + Late,
@@ -252,15 +248,11 @@ abandon(T, Robot, Incarnation, #state{messages = Messages} = State) ->
     lists:foldl(fun(Id, S) -> give_up(T, Id, S) end, State, lists:sort(Gone)).
 
 give_up(T, Id, #state{messages = Messages} = State) ->
-    {Type, Hash, SentUs, Dests} = map_get(Id, Messages),
-    case phase(Dests, done) of
+    #{Id := Message} = Messages,
+    case starl_sap_message:phase(Message) of
         lost -> State;
-        _Open -> settle(T, Id, {Type, Hash, SentUs, [reported(Dest) || Dest <- Dests]}, State)
+        _Open -> settle(T, Id, starl_sap_message:give_up(Message), State)
     end.
-
-reported({Dest, waiting}) -> {Dest, lost};
-reported({Dest, delivered}) -> {Dest, done};
-reported(Known) -> Known.
 
 %%% Time
 
@@ -282,10 +274,7 @@ pass_overdue(T, #state{overdue = Overdue} = State, Found) ->
     end.
 
 late(Due, {Source, _, _} = Id, Messages) ->
-    Dests = case Messages of
-        #{Id := {_, _, _, All}} -> [D || {D, P} <- All, P =:= waiting orelse P =:= delivered];
-        #{} -> []
-    end,
+    Dests = [Dest || #{Id := Message} <- [Messages], Dest <- starl_sap_message:open(Message)],
     [violation(outcome_overdue, Due, [Source | Dests], #{message => Id}) || Dests =/= []].
 
 pass_stale(T, #state{stale = Stale, messages = Messages} = State) ->
@@ -299,16 +288,10 @@ pass_stale(T, #state{stale = Stale, messages = Messages} = State) ->
     end.
 
 forget({Source, Incarnation, Seq} = Id, #state{messages = Messages} = State) ->
-    {{_, _, _, Dests}, Left} = maps:take(Id, Messages),
+    {Message, Left} = maps:take(Id, Messages),
     Forgotten = lists:foldl(
-        fun(Dest, Acc) -> note({Dest, Source, Incarnation}, Seq, Acc) end,
+        fun(Dest, Acc) -> starl_sap_numbers:put({Dest, Source, Incarnation}, Seq, Acc) end,
         State#state.forgotten,
-        [Dest || {Dest, lost} <- Dests]
+        starl_sap_message:lost(Message)
     ),
     State#state{messages = Left, forgotten = Forgotten}.
-
-note(Key, Seq, Forgotten) ->
-    case starl_sap_numbers:add(Key, Seq, Forgotten) of
-        {ok, Known} -> Known;
-        member -> Forgotten
-    end.

@@ -2,7 +2,7 @@
 %% nearly in order cost next to nothing. Pure; a part of {@link starl_sap_monitor}.
 -module(starl_sap_numbers).
 
--export([new/0, add/3, remove/3, is_member/3]).
+-export([new/0, add/3, put/3, remove/3, is_member/3]).
 
 -export_type([t/0]).
 
@@ -21,6 +21,14 @@ add(Key, N, Sets) ->
     case insert(N, maps:get(Key, Sets, [])) of
         member -> member;
         Set -> {ok, Sets#{Key => Set}}
+    end.
+
+%% @doc The same; it may be there already.
+-spec put(Key :: term(), integer(), t()) -> t().
+put(Key, N, Sets) ->
+    case add(Key, N, Sets) of
+        {ok, More} -> More;
+        member -> Sets
     end.
 
 %% @doc One number less under a key, if it is there.
