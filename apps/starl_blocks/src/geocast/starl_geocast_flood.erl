@@ -73,18 +73,22 @@
 -spec init(starl_machine:config()) -> {ready, #flood{}, [starl_machine:action()]}.
 init(#{robot := Self, incarnation := Incarnation, random := Random, now := Now} = Config) ->
     Full = maps:merge(defaults(), maps:with(maps:keys(defaults()), Config)),
+    #{limit := Limit, drift_ppm := Ppm} = Full,
     Flood = #flood{
         self = Self,
         incarnation = Incarnation,
         started = Now,
         random = Random,
         config = Full,
-        store = starl_geocast_store:new(maps:get(limit, Full), maps:get(drift_ppm, Full)),
-        delivery = starl_geocast_delivery:new(Self, Full#{
-            check_us => 1000 * maps:get(check_ms, Full)
-        })
+        store = starl_geocast_store:new(Limit, Ppm),
+        delivery = delivery(Self, Full)
     },
     {ready, Flood, [starl_sap:listen(geocast, geocast)]}.
+
+delivery(Self, #{position_error_mm := Error, check_ms := Ms, listeners := Listeners}) ->
+    starl_geocast_delivery:new(Self, #{
+        position_error_mm => Error, check_us => 1000 * Ms, listeners => Listeners
+    }).
 
 defaults() ->
     #{
