@@ -111,8 +111,8 @@ halt_after(N, Robot) -> Robot#robot{stop = N}.
 halted(#robot{stop = none}) ->
     no;
 halted(#robot{stop = N, body = Body}) ->
-    case starl_sim_platform:digest(Body) of
-        {_, N, _} -> {at, starl_sim_platform:now(Body)};
+    case count(Body) of
+        N -> {at, starl_sim_platform:now(Body)};
         _ -> no
     end.
 
@@ -148,14 +148,14 @@ piece(#robot{body = Body}) -> starl_sim_platform:piece(Body).
 %% @doc What is known of it at a time.
 -spec summary(starl_sim_queue:time(), t()) -> summary().
 summary(Time, #robot{body = Body} = Robot) ->
-    {Chain, Events, Packets} = starl_sim_platform:digest(Body),
+    Chain = starl_sim_platform:chain(Body),
     At = starl_sim_platform:now(Body),
     #{
         at_us => At,
-        chain => Chain,
-        checkpoints => starl_sim_ledger:checkpoints(starl_sim_platform:ledger(Body)),
-        events => Events,
-        packets => Packets,
+        chain => starl_sim_chain:value(Chain),
+        checkpoints => starl_sim_ledger:checkpoints(starl_sim_chain:ledger(Chain)),
+        events => starl_sim_chain:events(Chain),
+        packets => starl_sim_platform:packets(Body),
         result => result(Robot),
         %% while another robot is held this one may be further on
         pose => starl_trajectory:pose(max(At, Time), starl_sim_platform:piece(Body)),
@@ -164,7 +164,8 @@ summary(Time, #robot{body = Body} = Robot) ->
 
 %% @doc Its events, as far as they were recorded.
 -spec recorded(t()) -> [starl_sim_ledger:event()].
-recorded(#robot{body = Body}) -> starl_sim_ledger:events(starl_sim_platform:ledger(Body)).
+recorded(#robot{body = Body}) ->
+    starl_sim_ledger:events(starl_sim_chain:ledger(starl_sim_platform:chain(Body))).
 
 %% @doc Its machines, each with its state and data.
 -spec machines(t()) -> #{starl_machine:name() => starl_sim_machines:seen()}.
@@ -180,8 +181,8 @@ proceed(#robot{events = Events, local = Local, body = Body, machines = Machines}
 work(Local, Events, Body, Machines, #robot{stop = none} = Robot) ->
     next(Local, Events, Body, Machines, Robot);
 work(Local, Events, Body, Machines, #robot{stop = N} = Robot) ->
-    case starl_sim_platform:digest(Body) of
-        {_, N, _} -> {held, put_back(Local, Events, Body, Machines, Robot)};
+    case count(Body) of
+        N -> {held, put_back(Local, Events, Body, Machines, Robot)};
         _ -> next(Local, Events, Body, Machines, Robot)
     end.
 
@@ -209,6 +210,8 @@ next([], [{_, Time, _, _, _, {Name, Type, Content}} | Events], Body, Machines, R
     step(Name, Type, Content, [], Events, Hashed, Machines, Robot);
 next([], [], Body, Machines, Robot) ->
     {idle, put_back([], [], Body, Machines, Robot)}.
+
+count(Body) -> starl_sim_chain:events(starl_sim_platform:chain(Body)).
 
 put_back(Local, Events, Body, Machines, Robot) ->
     Robot#robot{local = Local, events = Events, body = Body, machines = Machines}.
