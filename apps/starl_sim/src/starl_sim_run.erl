@@ -45,7 +45,7 @@
     now = 0 :: starl_sim_queue:time(),
     caller = none :: gen_server:from() | none,
     %% the event to stop at
-    goal = none :: starl_sim_shard:stop(),
+    goal = none :: starl_sim_lockstep:stop(),
     resting = 0 :: non_neg_integer(),
     running :: non_neg_integer(),
     ending = none :: ending() | none,
@@ -207,7 +207,8 @@ ask(What, Id, #run{shards = Shards}) -> starl_sim_shards:ask(What, Id, Shards).
 %% After a violation no further window is approved.
 approve(#run{judge = Judge, approved = Approved, stop = Stop} = Run) ->
     Judged = starl_sim_judge:judged(Judge),
-    case Judged - Approved >= ?APPROVE_EVERY andalso not Stop andalso starl_sim_judge:is_sound(Judge) of
+    Due = Judged - Approved >= ?APPROVE_EVERY,
+    case Due andalso not Stop andalso starl_sim_judge:is_sound(Judge) of
         true ->
             ok = starl_sim_shards:approve(Judged, Run#run.shards),
             Run#run{approved = Judged};

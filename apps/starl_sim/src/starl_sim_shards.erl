@@ -56,7 +56,7 @@ is_one(Pid, #shards{pids = Pids}) -> lists:member(Pid, Pids).
 missing(Judge, #shards{pids = Pids}) -> starl_sim_judge:missing(Pids, Judge).
 
 %% @doc Has all run ({@link starl_sim_shard:run/3}).
--spec run(Until :: starl_sim_queue:time(), starl_sim_shard:stop(), t()) -> ok.
+-spec run(Until :: starl_sim_queue:time(), starl_sim_lockstep:stop(), t()) -> ok.
 run(Until, Stop, #shards{pids = Pids}) ->
     lists:foreach(fun(Shard) -> ok = starl_sim_shard:run(Shard, Until, Stop) end, Pids).
 
