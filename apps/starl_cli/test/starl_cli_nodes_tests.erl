@@ -105,6 +105,7 @@ a_node_that_is_lost_test_() ->
             Begun = until("under way", Run, ""),
             {os_pid, OsPid} = erlang:port_info(Node, os_pid),
             "" = os:cmd("kill -KILL " ++ integer_to_list(OsPid)),
+            {137, _} = rest(Node, ""),
             {Status, Text} = rest(Run, Begun),
             ?assertEqual({4, Text}, {Status, Text}),
             contains("endless: NOT COMPLETE (a node was lost)", Text),
