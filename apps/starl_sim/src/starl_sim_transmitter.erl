@@ -65,7 +65,7 @@ received(corrupt, Packet, Seq) -> <<(erlang:phash2({Packet, Seq})):32>>.
 
 %% @doc How many packets were sent.
 -spec packets(t()) -> non_neg_integer().
-packets(Links) -> lists:sum(maps:values(Links)).
+packets(Links) -> maps:fold(fun(_To, N, Sum) -> N + Sum end, 0, Links).
 
 %% Who is reached, ascending. A fault can but shorten the range.
 audience(To, {Id, Now, _, _} = Sender, #{range_mm := Full, team := Team} = World) ->
