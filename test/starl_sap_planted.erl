@@ -9,7 +9,7 @@
 -export([init/1, handle_event/5]).
 
 %% Where starl_sap keeps what it knows of its peers.
--define(PEERS, 11).
+-define(PEERS, 6).
 
 init(#{variant := restarts} = Config) -> start(Config#{incarnation := 1});
 init(Config) -> start(Config).
@@ -19,7 +19,7 @@ start(#{variant := Variant} = Config) ->
     {ready, {Variant, Data}, Actions}.
 
 handle_event(packet, Packet, ready, {forgets, Data}, Meta) ->
-    forward(packet, Packet, {forgets, setelement(?PEERS, Data, #{})}, Meta);
+    forward(packet, Packet, {forgets, setelement(?PEERS, Data, starl_sap_peers:new())}, Meta);
 handle_event(Type, Content, ready, Planted, Meta) ->
     forward(Type, Content, Planted, Meta).
 
