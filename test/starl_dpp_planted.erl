@@ -11,15 +11,17 @@
 options() ->
     [
         {bug, string, "none", "which bug"},
-        {judge, {term, "a map", fun is_map/1}, #{}, "what the monitor of painting asks besides"}
+        {judge, {term, "a map", fun is_map/1}, #{}, "what the monitor of painting asks besides"},
+        {sap, {term, "a map", fun is_map/1}, #{}, "the configuration of SAP"}
         | starl_painting:options()
     ].
 
 scene(#{options := Options} = Context) ->
-    #{bug := Bug, judge := Judge} = Options,
-    Known = Context#{options => maps:without([bug, judge], Options)},
+    #{bug := Bug, judge := Judge, sap := Sap} = Options,
+    Known = Context#{options => maps:without([bug, judge, sap], Options)},
     {ok, #{blocks := Blocks, monitors := Monitors} = Scene} = starl_painting:scene(Known),
     {ok, Scene#{
+        sap => Sap,
         blocks => [planted(Bug, Block) || Block <- Blocks],
         monitors => [judged(Judge, Monitor) || Monitor <- Monitors]
     }}.

@@ -16,7 +16,13 @@
 %% Module, function, its new text.
 edits("captive") ->
     [{starl_dpp_route, space, "
-        space(Ignored, #{robot := Robot} = View) -> sound_space(Ignored -- [Robot], View)."}];
+        space(Ignored, #{robot := Robot} = View) -> sound_space(Ignored -- [Robot], View)."},
+     {starl_dpp_route, obstacles, "
+        obstacles(#{robot := Robot, unsafe := Unsafe, graph := Graph} = View) ->
+            Mm = 2.0 * starl_dpp_graph:radius(Graph),
+            Own = starl_dpp_unsafe:held(Robot, Unsafe),
+            Box = starl_geometry:box(lists:append([[P, Q] || {P, Q} <- Own])),
+            [{Mm, starl_geometry:grow(Box, Mm), Own} | sound_obstacles(View)]."}];
 edits("blind_start") ->
     [{starl_dpp_unsafe, clear, "
         clear(_Segment, _Obstacles) -> true."}];

@@ -45,9 +45,8 @@ table() ->
             #{variant => overstaying, lease_ms => 300}, #{}, "does not heed the end of its lease"},
         {mutex_circles, mutex, starl_mutex_planted, #{variant => circles}, granted(),
             "chases stale owners in circles"},
-        {mutex_queueless, mutex, starl_mutex_planted,
-            #{variant => queueless, retry_ms => 60000}, granted(),
-            "loses the queue at a hand-over, and nobody asks again"},
+        {mutex_queueless, mutex, starl_mutex_planted, #{variant => queueless}, queued(),
+            "loses the queue of requesters at a hand-over"},
         {barrier_forgetful, barrier, starl_barrier_planted, #{variant => forgetful},
             #{robots => 4}, "a restarted machine begins with round 1"},
         {barrier_recreated, barrier, starl_barrier_planted, #{variant => recreated},
@@ -78,11 +77,11 @@ table() ->
         {dpp_captive, dpp, starl_mutant_planted, "captive", complete(),
             "takes the robot's own tube for an obstacle"},
         {dpp_blind_start, dpp, starl_mutant_planted, "blind_start", #{},
-            "does not check the tube from the robot's place to the graph"},
+            "does not check the way from the robot to the graph"},
         {dpp_short_edges, dpp, starl_mutant_planted, "short_edges",
             (complete())#{horizon => 1000}, "never assigns an edge that is longer than H"},
         {dpp_freed, dpp, starl_coordinator_planted, "freed",
-            #{random_faults => [partition], heal => 300},
+            #{loss => 0.3, sap => #{limit => 2}},
             "gives free what a lost assignment has reserved"},
         {dpp_hoarding, dpp, starl_mutant_planted, "hoarding", complete(),
             "frees by Clear alone, of which some is lost"},
@@ -96,14 +95,18 @@ table() ->
 %% Robots may die; nothing else goes wrong, so that the highest must be elected.
 lossless() -> #{random_faults => [kill_robot], judge => #{lossless => true}}.
 
-%% Nothing is lost: an acknowledgement is there before the first retransmission.
-prompt() -> #{random_faults => [], delay => {5, 20}, judge => #{bound_us => 100000}}.
+%% Nothing is lost: an acknowledgement is there after 40 ms, the first retransmission due after 50.
+prompt() -> #{random_faults => [], delay => {5, 20}, judge => #{bound_us => 45000}}.
 
 %% Faults that lose no robot, and time after they have healed, in which each request that is made
 %% has to be granted.
 granted() ->
-    #{random_faults => [network, kill_machine], heal => 10, work => 40, time => 60,
+    #{random_faults => [network, kill_machine], heal => 10, converge => 50, work => 40,
         judge => #{granted => true, from_us => 25000000}}.
+
+%% Nothing goes wrong: a request waits for some holds of at most 100 ms, or until the requester asks
+%% again, after 3 s, where it came to a robot that has handed the token over. It need not ask twice.
+queued() -> #{random_faults => [], hold => 100, judge => #{bound_us => 4500000}}.
 
 %% Nothing goes wrong, and every line has to be painted.
 complete() -> #{speed => 500, time => 3600, judge => #{complete => true}}.

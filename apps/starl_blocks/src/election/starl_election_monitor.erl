@@ -197,10 +197,11 @@ incomplete(all_ballots, T, Robot, Election, {Ballots, _}, #state{complete = true
 incomplete(_How, _T, _Robot, _Election, _Record, _State) ->
     [].
 
+%% What is due by the last ballot is named before what is due by the general bound.
 pass(T, State) ->
-    {Late, Passed} = pass(T, State, []),
-    {Unsettled, Current} = unsettled(T, Passed, []),
-    {Late ++ Unsettled, Current}.
+    {Unsettled, Passed} = unsettled(T, State, []),
+    {Late, Current} = pass(T, Passed, []),
+    {Unsettled ++ Late, Current}.
 
 unsettled(T, #state{settling = Settling, open = Open} = State, Found) ->
     case queue:peek(Settling) of
