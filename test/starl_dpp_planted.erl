@@ -1,6 +1,6 @@
 %% Painting with a bug planted in the participants of path planning, to show that the monitors find
 %% it. `overstaying': they drive on when their leave has ended. `fickle': they vote for whoever
-%% asks, whatever they have promised.
+%% asks, whatever they have promised. Other bugs are the coordinator's, in modules of their own.
 -module(starl_dpp_planted).
 -behaviour(starl_app).
 -behaviour(starl_machine).
@@ -8,14 +8,36 @@
 -export([options/0, scene/1, report/2]).
 -export([init/1, handle_event/5]).
 
-options() -> [{bug, string, "none", "which bug"} | starl_painting:options()].
+options() ->
+    [
+        {bug, string, "none", "which bug"},
+        {judge, {term, "a map", fun is_map/1}, #{}, "what the monitor of painting asks besides"},
+        {sap, {term, "a map", fun is_map/1}, #{}, "the configuration of SAP"}
+        | starl_painting:options()
+    ].
 
 scene(#{options := Options} = Context) ->
-    {Bug, Known} = maps:take(bug, Options),
-    {ok, #{blocks := Blocks} = Scene} = starl_painting:scene(Context#{options => Known}),
-    {ok, Scene#{blocks => [planted(Bug, Block) || Block <- Blocks]}}.
+    #{bug := Bug, judge := Judge, sap := Sap} = Options,
+    Known = Context#{options => maps:without([bug, judge, sap], Options)},
+    {ok, #{blocks := Blocks, monitors := Monitors} = Scene} = starl_painting:scene(Known),
+    {ok, Scene#{
+        sap => Sap,
+        blocks => [planted(Bug, Block) || Block <- Blocks],
+        monitors => [judged(Judge, Monitor) || Monitor <- Monitors]
+    }}.
+
+judged(Judge, {starl_painting_monitor, Config}) ->
+    {starl_painting_monitor, maps:merge(Config, Judge)};
+judged(_Judge, Monitor) ->
+    Monitor.
 
 planted(Bug, {dpp, starl_dpp_participant, Config}) -> {dpp, ?MODULE, Config#{bug => Bug}};
+planted(Bug, {dpp_coordinator, _, Config}) when Bug =:= "late_clear"; Bug =:= "freed" ->
+    {dpp_coordinator, starl_coordinator_planted, Config#{bug => Bug}};
+planted(Bug, {dpp_coordinator, _, Config}) when
+    Bug =/= "none", Bug =/= "overstaying", Bug =/= "fickle"
+->
+    {dpp_coordinator, starl_mutant_planted:machine(Bug), Config};
 planted(_Bug, Block) -> Block.
 
 report(Scene, Outcome) -> starl_painting:report(Scene, Outcome).

@@ -22,8 +22,15 @@ table() ->
             "reports as acknowledged what nobody acknowledged"},
         {sap_tireless, sap, starl_sap_planted, #{variant => tireless}, #{},
             "no report after the last retransmission"},
+        {sap_late, sap, starl_sap_planted, #{variant => late}, prompt(),
+            "reports an outcome only when a retransmission is due"},
         {election_incomplete, election, starl_election_bug, #{bug => incomplete}, #{},
             "announces a leader from an incomplete set of ballots"},
+        {election_deaf, election, starl_election_bug, #{bug => deaf},
+            #{random_faults => [], delay => {20, 30}, judge => #{settle_us => 35000}},
+            "drops ballots that come before it takes part itself"},
+        {election_late, election, starl_election_bug, #{bug => late}, #{},
+            "counts a late ballot of an earlier election"},
         {bully_early, bully, starl_election_bug, #{bug => early}, lossless(),
             "makes itself leader before the higher robots can answer"},
         {bully_fickle, bully, starl_election_bug, #{bug => fickle}, #{},
@@ -36,6 +43,10 @@ table() ->
             "holds a token without the home's word: no fencing"},
         {mutex_overstaying, mutex, starl_mutex_planted,
             #{variant => overstaying, lease_ms => 300}, #{}, "does not heed the end of its lease"},
+        {mutex_circles, mutex, starl_mutex_planted, #{variant => circles}, granted(),
+            "chases stale owners in circles"},
+        {mutex_queueless, mutex, starl_mutex_planted, #{variant => queueless}, queued(),
+            "loses the queue of requesters at a hand-over"},
         {barrier_forgetful, barrier, starl_barrier_planted, #{variant => forgetful},
             #{robots => 4}, "a restarted machine begins with round 1"},
         {barrier_recreated, barrier, starl_barrier_planted, #{variant => recreated},
@@ -62,11 +73,43 @@ table() ->
         {dpp_overstaying, dpp, starl_dpp_planted, "overstaying", #{range => 8000},
             "drives on when its leave has ended"},
         {dpp_fickle, dpp, starl_dpp_planted, "fickle", #{range => 9000},
-            "votes for whoever asks, whatever it has promised"}
+            "votes for whoever asks, whatever it has promised"},
+        {dpp_captive, dpp, starl_mutant_planted, "captive", complete(),
+            "takes the robot's own tube for an obstacle"},
+        {dpp_blind_start, dpp, starl_mutant_planted, "blind_start", #{},
+            "does not check the way from the robot to the graph"},
+        {dpp_short_edges, dpp, starl_mutant_planted, "short_edges",
+            (complete())#{horizon => 1000}, "never assigns an edge that is longer than H"},
+        {dpp_freed, dpp, starl_coordinator_planted, "freed",
+            #{loss => 0.3, sap => #{limit => 2}},
+            "gives free what a lost assignment has reserved"},
+        {dpp_hoarding, dpp, starl_mutant_planted, "hoarding", complete(),
+            "frees by Clear alone, of which some is lost"},
+        {dpp_late_clear, dpp, starl_coordinator_planted, "late_clear", #{loss => 0.3},
+            "takes a late Clear for one of the present path"},
+        {dpp_crossed, dpp, starl_mutant_planted, "crossed",
+            #{picture => "lines", horizon => 100000},
+            "takes edges that cross without a common vertex for apart"}
     ].
 
 %% Robots may die; nothing else goes wrong, so that the highest must be elected.
 lossless() -> #{random_faults => [kill_robot], judge => #{lossless => true}}.
+
+%% Nothing is lost: an acknowledgement is there after 40 ms, the first retransmission due after 50.
+prompt() -> #{random_faults => [], delay => {5, 20}, judge => #{bound_us => 45000}}.
+
+%% Faults that lose no robot, and time after they have healed, in which each request that is made
+%% has to be granted.
+granted() ->
+    #{random_faults => [network, kill_machine], heal => 10, converge => 50, work => 40,
+        judge => #{granted => true, from_us => 25000000}}.
+
+%% Nothing goes wrong: a request waits for some holds of at most 100 ms, or until the requester asks
+%% again, after 3 s, where it came to a robot that has handed the token over. It need not ask twice.
+queued() -> #{random_faults => [], hold => 100, judge => #{bound_us => 4500000}}.
+
+%% Nothing goes wrong, and every line has to be painted.
+complete() -> #{speed => 500, time => 3600, judge => #{complete => true}}.
 
 %% The run of a bug with a seed, and the same without the bug.
 scenario(Bug, Seed) ->
@@ -107,6 +150,8 @@ planted({_, _, Machine, Config, _, _}, #{blocks := [{Name, _, Sound} | Blocks]} 
 
 judged(#{judge := Judge}, #{monitors := [{Monitor, Config} | Others]} = Scene) ->
     Scene#{monitors := [{Monitor, maps:merge(Config, Judge)} | Others]};
+judged(#{judge := #{bound_us := _} = Judge}, #{monitors := []} = Scene) ->
+    Scene#{monitors := [{starl_sap_prompt_planted, Judge}]};
 judged(_Options, #{monitors := []} = Scene) ->
     Scene.
 

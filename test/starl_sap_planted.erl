@@ -2,7 +2,8 @@
 %% restarts: a restarted SAP counts from 1 again and takes itself for the first;
 %% forgets: what was taken of a source is forgotten at its next packet;
 %% claims: a message that nobody acknowledged is reported as acknowledged;
-%% tireless: after the last retransmission it says nothing.
+%% tireless: after the last retransmission it says nothing;
+%% late: what an acknowledgement says is reported when the next retransmission is due.
 -module(starl_sap_planted).
 -behaviour(starl_machine).
 
@@ -14,12 +15,30 @@
 init(#{variant := restarts} = Config) -> start(Config#{incarnation := 1});
 init(Config) -> start(Config).
 
+start(#{variant := late} = Config) ->
+    {ready, Data, Actions} = starl_sap:init(Config),
+    {ready, {{late, #{}}, Data}, Actions};
 start(#{variant := Variant} = Config) ->
     {ready, Data, Actions} = starl_sap:init(Config),
     {ready, {Variant, Data}, Actions}.
 
 handle_event(packet, Packet, ready, {forgets, Data}, Meta) ->
     forward(packet, Packet, {forgets, setelement(?PEERS, Data, starl_sap_peers:new())}, Meta);
+handle_event(packet, {starl, 1, ack, _, _, _, Seq} = Ack, ready, {{late, Held}, Data}, Meta) ->
+    case starl_sap:handle_event(packet, Ack, ready, Data, Meta) of
+        {keep_state, Next, Actions} ->
+            Later = maps:get(Seq, Held, []) ++ [A || A <- Actions, not is_cancel(A)],
+            {keep_state, {{late, Held#{Seq => Later}}, Next}};
+        {keep_state, Next} ->
+            {keep_state, {{late, Held}, Next}}
+    end;
+handle_event({timeout, {retransmit, Seq}} = Type, Content, ready, {{late, Held}, Data}, Meta) ->
+    Left = {late, maps:remove(Seq, Held)},
+    Due = maps:get(Seq, Held, []),
+    case forward(Type, Content, {Left, Data}, Meta) of
+        {keep_state, Next, Actions} -> {keep_state, Next, Due ++ Actions};
+        keep_state_and_data -> {keep_state, {Left, Data}, Due}
+    end;
 handle_event(Type, Content, ready, Planted, Meta) ->
     forward(Type, Content, Planted, Meta).
 
@@ -40,3 +59,6 @@ claimed(Action) -> Action.
 
 is_lost({trace, {outcome, _, _, lost}}) -> true;
 is_lost(_) -> false.
+
+is_cancel({{timeout, _}, cancel}) -> true;
+is_cancel(_) -> false.

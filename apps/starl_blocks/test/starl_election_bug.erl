@@ -1,7 +1,9 @@
 %% Broken elections, one per pitfall, around the sound machines. The key `bug' says which:
 %% early: the bully makes itself leader before the higher robots can have answered;
 %% fickle: the bully takes each leader that is announced, also after it has reported one;
-%% incomplete: the ballots are counted when but one is missing.
+%% incomplete: the ballots are counted when but one is missing;
+%% deaf: ballots that come before the robot itself takes part are dropped;
+%% late: a ballot of an earlier election is counted in the one that is under way.
 -module(starl_election_bug).
 -behaviour(starl_machine).
 
@@ -15,7 +17,9 @@ init(#{bug := incomplete, participants := Team} = Config) ->
 init(#{bug := early} = Config) ->
     begin_as(starl_election_bully, early, Config#{answer_ms => 1});
 init(#{bug := fickle} = Config) ->
-    begin_as(starl_election_bully, fickle, Config).
+    begin_as(starl_election_bully, fickle, Config);
+init(#{bug := Bug} = Config) when Bug =:= deaf; Bug =:= late ->
+    begin_as(starl_election_ballots, {Bug, none}, Config).
 
 begin_as(Module, Bug, Config) ->
     {ready, Data, Actions} = Module:init(Config),
@@ -28,7 +32,23 @@ handle_event(cast, {message, _, bully_leader, {E, L}} = Message, ready, {M, fick
         {keep_state, Next, Actions} ->
             {keep_state, {M, fickle, C, Next}, Actions}
     end;
-handle_event(Type, Content, ready, {Module, Bug, Config, Data}, Meta) ->
+handle_event({call, _} = Type, {elect, E, _} = Call, ready, {M, {Bug, _}, C, D}, Meta) ->
+    forward(Type, Call, {M, {Bug, E}, C, D}, Meta);
+handle_event(cast, {message, _, ballot, {E, _}} = Message, ready, {_, {deaf, Latest}, _, _} = Bug,
+             Meta) ->
+    %% an atom, where it has not taken part in any, is less than a tuple
+    case E > Latest of
+        true -> keep_state_and_data;
+        false -> forward(cast, Message, Bug, Meta)
+    end;
+handle_event(cast, {message, From, ballot, {E, Ballot}}, ready, {_, {late, Latest}, _, _} = Bug,
+             Meta) ->
+    Counted = case is_tuple(Latest) andalso E < Latest of true -> Latest; false -> E end,
+    forward(cast, {message, From, ballot, {Counted, Ballot}}, Bug, Meta);
+handle_event(Type, Content, ready, Bug, Meta) ->
+    forward(Type, Content, Bug, Meta).
+
+forward(Type, Content, {Module, Bug, Config, Data}, Meta) ->
     case Module:handle_event(Type, Content, ready, Data, Meta) of
         {keep_state, Next, Actions} -> {keep_state, {Module, Bug, Config, Next}, Actions};
         {keep_state, Next} -> {keep_state, {Module, Bug, Config, Next}};

@@ -107,3 +107,22 @@ incomplete_ballots_test() ->
     ?assertEqual([], judge(Two ++ [announced(9, 1, 2)], 10, #{complete => true})),
     ?assertEqual([], judge(ballots() ++ [elected(9, R, 3) || R <- [1, 2, 3]], 10,
                            #{complete => true})).
+
+%% Nothing is lost: whoever keeps the ballots that come before its own elects when it has cast it.
+settles_after_the_last_ballot_test() ->
+    Settle = #{settle_us => 10},
+    InTime = [elected(3, 3, 3), elected(13, 1, 3), announced(13, 2, 3)],
+    ?assertEqual([], judge(ballots() ++ InTime, 9000, Settle)),
+    Late = [elected(3, 3, 3), elected(13, 1, 3), announced(14, 2, 3)],
+    ?assertEqual([not_settled], judge(ballots() ++ Late, 9000, Settle)),
+    ?assertEqual([], judge(ballots() ++ Late, 9000)).
+
+%% Before the last ballot nothing is due, nor from those who have given up by then.
+settles_only_who_is_electing_test() ->
+    Settle = #{settle_us => 10},
+    Two = [entered(1, 1), ballot(1, 1, 10), entered(2, 2), ballot(2, 2, 20)],
+    ?assertEqual([], judge(Two, 900, Settle)),
+    Failed = Two ++ [{3, 1, {failed, e1, timeout}}, entered(4, 3), ballot(4, 3, 30),
+                     elected(4, 3, 3), announced(9, 2, 3)],
+    ?assertEqual([], judge(Failed, 9000, Settle)),
+    ?assertEqual([not_settled], judge(lists:droplast(Failed), 9000, Settle)).

@@ -10,6 +10,10 @@
 init(#{variant := impatient_home} = Config) -> start(Config#{drift_ppm => -900000});
 %% forgetful_home: after a crash the home grants at once, with the numbers of the beginning.
 init(#{variant := forgetful_home} = Config) -> start(Config#{incarnation => 1});
+%% circles: see below.
+init(#{variant := circles} = Config) ->
+    {ready, Data, Actions} = ?REAL:init(Config),
+    {ready, {circles, #{}, Data}, Actions};
 init(Config) -> start(Config).
 
 start(#{variant := Variant, incarnation := Incarnation} = Config) ->
@@ -28,6 +32,17 @@ handle_event(cast, {message, _, mutex, {refused, _, _, _}}, ready, {trusting, _,
 %% overstaying: the holder does not heed the end of its lease.
 handle_event({timeout, {lease, _}}, _, ready, {overstaying, _, _}, _Meta) ->
     keep_state_and_data;
+%% queueless: what a token brings along of its queue is lost, but for the robot's own request.
+handle_event(cast, {message, From, mutex, {token, T, F, [First | _]}}, ready,
+             {queueless, I, Data}, Meta) ->
+    {Next, Actions} = run(cast, {message, From, mutex, {token, T, F, [First]}}, Data, Meta),
+    {keep_state, {queueless, I, Next}, Actions};
+%% circles: a request is sent after the other robot that was last heard to own the token, however
+%% old that is, and to the home only if there is none.
+handle_event(Type, Content, ready, {circles, Owners, Data}, Meta) ->
+    Heard = heard(Type, Content, Owners),
+    {Next, Actions} = run(Type, Content, Data, Meta),
+    {keep_state, {circles, Heard, Next}, [chase(Action, Heard) || Action <- Actions]};
 handle_event(Type, Content, ready, {Variant, I, Data}, Meta) ->
     {Next, Actions} = run(Type, Content, Data, Meta),
     {keep_state, {Variant, I, Next}, Actions}.
@@ -37,3 +52,14 @@ run(Type, Content, Data, Meta) ->
         {keep_state, Next, Actions} -> {Next, Actions};
         unknown_event -> {Data, [{trace, {unknown_event, Type, Content}}]}
     end.
+
+heard(cast, {message, From, mutex, {owner, Token, _}}, Owners) -> Owners#{Token => From};
+heard(_Type, _Content, Owners) -> Owners.
+
+chase({cast, sap, {send, _, mutex, {request, Token, Request, _, _}}} = Action, Owners) ->
+    case Owners of
+        #{Token := Owner} -> starl_sap:post(Owner, mutex, {request, Token, Request, 0, none});
+        #{} -> Action
+    end;
+chase(Action, _Owners) ->
+    Action.

@@ -6,6 +6,10 @@
 %% it died. With `complete' (default false) an election by `all_ballots' also needs a ballot of
 %% every robot named in the configuration.
 %%
+%% Progress, where nothing is lost and no robot stops: with `settle_us' (default infinity), a
+%% message's longest way, every robot that is electing when the last ballot is cast has elected
+%% so long after it: it must have kept the ballots that came before it took part itself.
+%%
 %% Events of machine `election': `{entered, Election}', `{ballot, Election, Ballot}',
 %% `{elected, Election, Leader, all_ballots | announcement}', `{failed, Election, Reason}'; of
 %% machine `robot': `{died, Reason}'. Entering again, after a restart, starts the bound afresh.
@@ -23,19 +27,31 @@
     robots :: [robot_id()],
     bound_us :: pos_integer(),
     complete :: boolean(),
+    settle_us :: pos_integer() | infinity,
     elections = #{} :: #{election() => record()},
     %% Who is still electing, and until when.
     open = #{} :: #{{election(), robot_id()} => DeadlineUs :: integer()},
     %% The deadlines in their order; those that `open' does not confirm are void.
     deadlines = queue:new() :: queue:queue({integer(), election(), robot_id()}),
+    %% Likewise, for those who were electing when the last ballot was cast.
+    settling = queue:new() :: queue:queue({integer(), election(), robot_id()}),
     failed = 0 :: non_neg_integer()
 }).
 
 %% @doc `robots': who may take part; `bound_us': the longest time from entering to the result.
--spec init(#{robots := [robot_id()], bound_us := pos_integer(), complete => boolean()}) ->
-    #state{}.
+-spec init(#{
+    robots := [robot_id()],
+    bound_us := pos_integer(),
+    complete => boolean(),
+    settle_us => pos_integer() | infinity
+}) -> #state{}.
 init(#{robots := Robots, bound_us := Bound} = Config) ->
-    #state{robots = Robots, bound_us = Bound, complete = maps:get(complete, Config, false)}.
+    #state{
+        robots = Robots,
+        bound_us = Bound,
+        complete = maps:get(complete, Config, false),
+        settle_us = maps:get(settle_us, Config, infinity)
+    }.
 
 %% @doc The elections' own events and the end of robots.
 -spec interests() -> [atom()].
@@ -49,7 +65,7 @@ timeless(#state{elections = Elections}) -> Elections.
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({T, Robot, Machine, Event}, State) ->
-    {Overdue, Current} = pass(T, State, []),
+    {Overdue, Current} = pass(T, State),
     {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
     case Overdue ++ Broken of
         [] -> {ok, Next};
@@ -61,7 +77,7 @@ step({T, Robot, Machine, Event}, State) ->
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, State) ->
-    {Overdue, #state{elections = Elections, failed = Failed}} = pass(EndTimeUs, State, []),
+    {Overdue, #state{elections = Elections, failed = Failed}} = pass(EndTimeUs, State),
     Held = lists:sort(maps:to_list(Elections)),
     Results = #{
         elections => length(Held),
@@ -81,7 +97,8 @@ judge({election, {entered, Election}}, T, Robot, State) ->
 judge({election, {ballot, Election, Ballot}}, T, Robot, State) ->
     {Ballots, Elected} = record_of(Election, State),
     Broken = second_ballot(T, Robot, Election, Ballot, Ballots),
-    {Broken, keep(Election, {maps:merge(#{Robot => Ballot}, Ballots), Elected}, State)};
+    Kept = keep(Election, {maps:merge(#{Robot => Ballot}, Ballots), Elected}, State),
+    {Broken, settle(T, Election, not is_map_key(Robot, Ballots), Kept)};
 judge({election, {elected, Election, Leader, How}}, T, Robot, State) ->
     {Ballots, Elected} = Record = record_of(Election, State),
     Broken = stranger(T, Robot, Election, State)
@@ -117,6 +134,22 @@ enter(T, Robot, Election, #state{open = Open, deadlines = Deadlines} = State) ->
 
 conclude(Election, Robot, #state{open = Open} = State) ->
     State#state{open = maps:remove({Election, Robot}, Open)}.
+
+%% With the last ballot those who are electing must come to an end.
+settle(T, Election, true, #state{settle_us = Settle, robots = Robots} = State) when
+    is_integer(Settle)
+->
+    {Ballots, _} = record_of(Election, State),
+    case [Robot || Robot <- Robots, not is_map_key(Robot, Ballots)] of
+        [] -> State#state{settling = lists:foldl(
+            fun(Robot, Queue) -> queue:in({T + Settle, Election, Robot}, Queue) end,
+            State#state.settling,
+            [Robot || Robot <- Robots, is_map_key({Election, Robot}, State#state.open)]
+        )};
+        _Missing -> State
+    end;
+settle(_T, _Election, _First, State) ->
+    State.
 
 %%% The clauses of the contract
 
@@ -163,6 +196,25 @@ incomplete(all_ballots, T, Robot, Election, {Ballots, _}, #state{complete = true
      || Missing =/= []];
 incomplete(_How, _T, _Robot, _Election, _Record, _State) ->
     [].
+
+%% What is due by the last ballot is named before what is due by the general bound.
+pass(T, State) ->
+    {Unsettled, Passed} = unsettled(T, State, []),
+    {Late, Current} = pass(T, Passed, []),
+    {Unsettled ++ Late, Current}.
+
+unsettled(T, #state{settling = Settling, open = Open} = State, Found) ->
+    case queue:peek(Settling) of
+        {value, {Due, Election, Robot}} when Due < T ->
+            Left = conclude(Election, Robot, State#state{settling = queue:drop(Settling)}),
+            Late = [
+                violation(not_settled, Due, [Robot], #{election => Election})
+             || is_map_key({Election, Robot}, Open)
+            ],
+            unsettled(T, Left, Late ++ Found);
+        _NothingDue ->
+            {lists:reverse(Found), State}
+    end.
 
 %% What is overdue before `T'; a result at exactly the deadline is in time.
 pass(T, #state{deadlines = Deadlines, open = Open} = State, Found) ->
