@@ -10,7 +10,7 @@
 -export([init/1, handle_event/5]).
 
 %% Where starl_sap keeps what it knows of its peers.
--define(PEERS, 11).
+-define(PEERS, 6).
 
 init(#{variant := restarts} = Config) -> start(Config#{incarnation := 1});
 init(Config) -> start(Config).
@@ -23,7 +23,7 @@ start(#{variant := Variant} = Config) ->
     {ready, {Variant, Data}, Actions}.
 
 handle_event(packet, Packet, ready, {forgets, Data}, Meta) ->
-    forward(packet, Packet, {forgets, setelement(?PEERS, Data, #{})}, Meta);
+    forward(packet, Packet, {forgets, setelement(?PEERS, Data, starl_sap_peers:new())}, Meta);
 handle_event(packet, {starl, 1, ack, _, _, _, Seq} = Ack, ready, {{late, Held}, Data}, Meta) ->
     case starl_sap:handle_event(packet, Ack, ready, Data, Meta) of
         {keep_state, Next, Actions} ->

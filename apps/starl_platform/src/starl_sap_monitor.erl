@@ -25,39 +25,25 @@
 -export([init/1, step/2, finish/2, interests/0, timeless/1]).
 
 -type msg_id() :: {Source :: starl_monitor:robot_id(), Incarnation :: term(), Seq :: integer()}.
-%% What is known about one destination: nothing, delivered, outcome known, or both.
--type progress() :: waiting | delivered | lost | done.
--type message() :: {
-    Type :: atom(), Hash :: integer(), SentUs :: integer(),
-    [{starl_monitor:robot_id(), progress()}]
-}.
-%% Sequence numbers as disjoint closed intervals, highest first.
--type intervals() :: [{Low :: integer(), High :: integer()}].
-%% Messages to look at when their time has passed, first in first out.
--type alarms() :: {
-    Front :: [{integer(), msg_id()}], Back :: [{integer(), msg_id()}], non_neg_integer()
-}.
 
 -record(state, {
     bound_us :: pos_integer(),
     late_us :: non_neg_integer(),
     %% The next time at which the head of an alarm queue is due.
     due = infinity :: integer() | infinity,
-    messages = #{} :: #{msg_id() => message()},
+    messages = #{} :: #{msg_id() => starl_sap_message:t()},
     %% The incarnation that each source runs, as far as it said so.
     running = #{} :: #{starl_monitor:robot_id() => term()},
-    sent = #{} :: #{{starl_monitor:robot_id(), term()} => intervals()},
-    %% Sequence numbers lost and not delivered, whose messages were forgotten.
-    forgotten = #{} :: #{{starl_monitor:robot_id(), starl_monitor:robot_id(), term()} =>
-        intervals()},
-    overdue = {[], [], 0} :: alarms(),
-    stale = {[], [], 0} :: alarms(),
+    %% By source and incarnation.
+    sent = starl_sap_numbers:new() :: starl_sap_numbers:t(),
+    %% Lost and not delivered, the message forgotten: by receiver, source and incarnation.
+    forgotten = starl_sap_numbers:new() :: starl_sap_numbers:t(),
+    overdue = starl_sap_alarms:new() :: starl_sap_alarms:t(),
+    stale = starl_sap_alarms:new() :: starl_sap_alarms:t(),
     counts = {0, 0, 0, 0} :: {integer(), integer(), integer(), integer()}
 }).
 
 -define(LATE_US, 60_000_000).
-%% An alarm queue shorter than this is not worth compacting.
--define(COMPACT, 1024).
 
 %% @doc `bound_us': the longest time from sending to the last outcome; `late_us' (default one
 %% minute): how long the content of a lost message is remembered.
@@ -137,48 +123,50 @@ kind(restarted) -> lost;
 kind({lost, _Reason}) -> lost.
 
 sent(T, {Source, Incarnation, Seq} = Id, Dests, Type, Hash, #state{sent = Sent} = State) ->
-    Key = {Source, Incarnation},
-    case insert(Seq, maps:get(Key, Sent, [])) of
-        member -> broken(message_id_used_twice, T, [Source], #{message => Id}, State);
-        Known -> {ok, open(T, Id, Dests, Type, Hash, State#state{sent = Sent#{Key => Known}})}
+    case starl_sap_numbers:add({Source, Incarnation}, Seq, Sent) of
+        {ok, Known} -> {ok, open(T, Id, Dests, Type, Hash, State#state{sent = Known})};
+        member -> broken(message_id_used_twice, T, [Source], #{message => Id}, State)
     end.
 
 open(_T, _Id, [], _Type, _Hash, State) ->
     State;
 open(T, Id, Dests, Type, Hash, #state{messages = Messages, bound_us = Bound} = State) ->
-    Message = {Type, Hash, T, [{Dest, waiting} || Dest <- Dests]},
     Due = T + Bound,
     State#state{
-        messages = Messages#{Id => Message},
-        overdue = push(Due, Id, State#state.overdue, Messages),
+        messages = Messages#{Id => starl_sap_message:new(Type, Hash, T, Dests)},
+        overdue = starl_sap_alarms:push(Due, Id, Messages, State#state.overdue),
         due = min(Due, State#state.due),
         counts = count(1, length(Dests), State)
     }.
 
-delivered(T, Robot, Id, Type, Hash, {Type, Hash, _, Dests} = Message, State) ->
-    case lists:keyfind(Robot, 1, Dests) of
-        {_, waiting} -> {ok, progress(T, Id, Message, Robot, delivered, counted(2, State))};
-        {_, lost} -> {ok, progress(T, Id, Message, Robot, done, counted(2, State))};
-        {_, _Twice} -> broken(duplicate_delivery, T, [Robot], #{message => Id}, State);
-        false -> broken(delivered_to_stranger, T, [Robot], #{message => Id}, State)
-    end;
-delivered(T, Robot, Id, Type, _Hash, {Type, _Other, _, _}, State) ->
-    broken(corrupted, T, [Robot], #{message => Id}, State);
-delivered(T, Robot, Id, Type, _Hash, {Other, _, _, _}, State) ->
-    broken(wrong_type, T, [Robot], #{message => Id, sent => Other, delivered => Type}, State).
+delivered(T, Robot, Id, Type, Hash, Message, State) ->
+    case starl_sap_message:compare(Type, Hash, Message) of
+        ok ->
+            delivered(T, Robot, Id, Message, State);
+        corrupted ->
+            broken(corrupted, T, [Robot], #{message => Id}, State);
+        {wrong_type, Sent} ->
+            Details = #{message => Id, sent => Sent, delivered => Type},
+            broken(wrong_type, T, [Robot], Details, State)
+    end.
+
+delivered(T, Robot, Id, Message, State) ->
+    case starl_sap_message:progress(Robot, Message) of
+        waiting -> {ok, progress(T, Id, Message, Robot, delivered, counted(2, State))};
+        lost -> {ok, progress(T, Id, Message, Robot, done, counted(2, State))};
+        stranger -> broken(delivered_to_stranger, T, [Robot], #{message => Id}, State);
+        _Twice -> broken(duplicate_delivery, T, [Robot], #{message => Id}, State)
+    end.
 
 %% The message is not outstanding: it was never sent, is closed, or was lost long ago.
 delivered_late(T, Robot, {Source, Incarnation, Seq} = Id, State) ->
     #state{sent = Sent, forgotten = Forgotten} = State,
-    Key = {Robot, Source, Incarnation},
-    case delete(Seq, maps:get(Key, Forgotten, [])) of
+    case starl_sap_numbers:remove({Robot, Source, Incarnation}, Seq, Forgotten) of
+        {ok, Left} ->
+            {ok, counted(2, State#state{forgotten = Left})};
         absent ->
-            Was = member(Seq, maps:get({Source, Incarnation}, Sent, [])),
-            broken(unexpected(Was), T, [Robot], #{message => Id, closed => Was}, State);
-        [] ->
-            {ok, counted(2, State#state{forgotten = maps:remove(Key, Forgotten)})};
-        Left ->
-            {ok, counted(2, State#state{forgotten = Forgotten#{Key => Left}})}
+            Was = starl_sap_numbers:is_member({Source, Incarnation}, Seq, Sent),
+            broken(unexpected(Was), T, [Robot], #{message => Id, closed => Was}, State)
     end.
 
 unexpected(true) -> duplicate_delivery;
@@ -186,26 +174,26 @@ unexpected(false) -> delivered_but_not_sent.
 
 outcome(T, {Source, _, _} = Id, Dest, Kind, #state{messages = Messages} = State) ->
     case Messages of
-        #{Id := {_, _, _, Dests} = Message} ->
-            outcome(T, Id, Message, lists:keyfind(Dest, 1, Dests), Dest, Kind, State);
+        #{Id := Message} ->
+            outcome(T, Id, Message, starl_sap_message:progress(Dest, Message), Dest, Kind, State);
         #{} ->
             stray(closed(Id, State), T, Id, [Source, Dest], State)
     end.
 
-outcome(T, Id, Message, {Dest, delivered}, _Dest, Kind, State) ->
+outcome(T, Id, Message, delivered, Dest, Kind, State) ->
     {ok, progress(T, Id, Message, Dest, done, counted(column(Kind), State))};
-outcome(T, Id, Message, {Dest, waiting}, _Dest, lost, State) ->
+outcome(T, Id, Message, waiting, Dest, lost, State) ->
     {ok, progress(T, Id, Message, Dest, lost, counted(4, State))};
-outcome(T, {Source, _, _} = Id, Message, {Dest, waiting}, _Dest, acknowledged, State) ->
+outcome(T, {Source, _, _} = Id, Message, waiting, Dest, acknowledged, State) ->
     Reported = progress(T, Id, Message, Dest, lost, State),
     broken(acknowledged_but_not_delivered, T, [Source, Dest], #{message => Id}, Reported);
-outcome(T, {Source, _, _} = Id, _Message, {Dest, _Known}, _Dest, _Kind, State) ->
-    stray(outcome_reported_twice, T, Id, [Source, Dest], State);
-outcome(T, {Source, _, _} = Id, _Message, false, Dest, _Kind, State) ->
-    stray(outcome_for_stranger, T, Id, [Source, Dest], State).
+outcome(T, {Source, _, _} = Id, _Message, stranger, Dest, _Kind, State) ->
+    stray(outcome_for_stranger, T, Id, [Source, Dest], State);
+outcome(T, {Source, _, _} = Id, _Message, _Known, Dest, _Kind, State) ->
+    stray(outcome_reported_twice, T, Id, [Source, Dest], State).
 
 closed({Source, Incarnation, Seq}, #state{sent = Sent}) ->
-    case member(Seq, maps:get({Source, Incarnation}, Sent, [])) of
+    case starl_sap_numbers:is_member({Source, Incarnation}, Seq, Sent) of
         true -> outcome_reported_twice;
         false -> outcome_but_not_sent
     end.
@@ -235,26 +223,21 @@ count(Column, N, #state{counts = Counts}) ->
 
 %%% Messages
 
-progress(T, Id, {Type, Hash, SentUs, Dests}, Dest, Progress, State) ->
-    settle(T, Id, {Type, Hash, SentUs, lists:keyreplace(Dest, 1, Dests, {Dest, Progress})}, State).
+progress(T, Id, Message, Dest, Progress, State) ->
+    settle(T, Id, starl_sap_message:put_progress(Dest, Progress, Message), State).
 
 %% Keeps a message for as long as something may still be said about it.
-settle(T, Id, {_, _, _, Dests} = Message, #state{messages = Messages} = State) ->
-    case phase(Dests, done) of
+settle(T, Id, Message, #state{messages = Messages} = State) ->
+    case starl_sap_message:phase(Message) of
         done -> State#state{messages = maps:remove(Id, Messages)};
         open -> State#state{messages = Messages#{Id := Message}};
         lost -> remember(T, Id, State#state{messages = Messages#{Id := Message}})
     end.
 
-phase([], Phase) -> Phase;
-phase([{_, done} | Dests], Phase) -> phase(Dests, Phase);
-phase([{_, lost} | Dests], _Phase) -> phase(Dests, lost);
-phase([_Open | _Dests], _Phase) -> open.
-
 remember(T, Id, #state{late_us = Late, messages = Messages} = State) ->
     Due = T + Late,
     State#state{
-        stale = push(Due, Id, State#state.stale, Messages),
+        stale = starl_sap_alarms:push(Due, Id, Messages, State#state.stale),
         due = min(Due, State#state.due)
     }.
 
@@ -265,15 +248,11 @@ abandon(T, Robot, Incarnation, #state{messages = Messages} = State) ->
     lists:foldl(fun(Id, S) -> give_up(T, Id, S) end, State, lists:sort(Gone)).
 
 give_up(T, Id, #state{messages = Messages} = State) ->
-    {Type, Hash, SentUs, Dests} = map_get(Id, Messages),
-    case phase(Dests, done) of
+    #{Id := Message} = Messages,
+    case starl_sap_message:phase(Message) of
         lost -> State;
-        _Open -> settle(T, Id, {Type, Hash, SentUs, [reported(Dest) || Dest <- Dests]}, State)
+        _Open -> settle(T, Id, starl_sap_message:give_up(Message), State)
     end.
-
-reported({Dest, waiting}) -> {Dest, lost};
-reported({Dest, delivered}) -> {Dest, done};
-reported(Known) -> Known.
 
 %%% Time
 
@@ -281,11 +260,12 @@ reported(Known) -> Known.
 pass(T, State) ->
     {Overdue, Current} = pass_overdue(T, State, []),
     Forgetful = pass_stale(T, Current),
-    {Overdue, Forgetful#state{due = min(head(Forgetful#state.overdue),
-                                        head(Forgetful#state.stale))}}.
+    #state{overdue = Outcomes, stale = Stale} = Forgetful,
+    Due = min(starl_sap_alarms:due(Outcomes), starl_sap_alarms:due(Stale)),
+    {Overdue, Forgetful#state{due = Due}}.
 
 pass_overdue(T, #state{overdue = Overdue} = State, Found) ->
-    case pop(T, Overdue) of
+    case starl_sap_alarms:pop(T, Overdue) of
         {none, Queue} ->
             {lists:reverse(Found), State#state{overdue = Queue}};
         {{Due, Id}, Queue} ->
@@ -294,14 +274,11 @@ pass_overdue(T, #state{overdue = Overdue} = State, Found) ->
     end.
 
 late(Due, {Source, _, _} = Id, Messages) ->
-    Dests = case Messages of
-        #{Id := {_, _, _, All}} -> [D || {D, P} <- All, P =:= waiting orelse P =:= delivered];
-        #{} -> []
-    end,
+    Dests = [Dest || #{Id := Message} <- [Messages], Dest <- starl_sap_message:open(Message)],
     [violation(outcome_overdue, Due, [Source | Dests], #{message => Id}) || Dests =/= []].
 
 pass_stale(T, #state{stale = Stale, messages = Messages} = State) ->
-    case pop(T, Stale) of
+    case starl_sap_alarms:pop(T, Stale) of
         {none, Queue} ->
             State#state{stale = Queue};
         {{_Due, Id}, Queue} when is_map_key(Id, Messages) ->
@@ -311,66 +288,10 @@ pass_stale(T, #state{stale = Stale, messages = Messages} = State) ->
     end.
 
 forget({Source, Incarnation, Seq} = Id, #state{messages = Messages} = State) ->
-    {{_, _, _, Dests}, Left} = maps:take(Id, Messages),
-    Keys = [{Dest, Source, Incarnation} || {Dest, lost} <- Dests],
-    Forgotten = lists:foldl(fun(Key, Acc) -> note(Key, Seq, Acc) end,
-                            State#state.forgotten, Keys),
+    {Message, Left} = maps:take(Id, Messages),
+    Forgotten = lists:foldl(
+        fun(Dest, Acc) -> starl_sap_numbers:put({Dest, Source, Incarnation}, Seq, Acc) end,
+        State#state.forgotten,
+        starl_sap_message:lost(Message)
+    ),
     State#state{messages = Left, forgotten = Forgotten}.
-
-note(Key, Seq, Forgotten) ->
-    case insert(Seq, maps:get(Key, Forgotten, [])) of
-        member -> Forgotten;
-        Known -> Forgotten#{Key => Known}
-    end.
-
-%%% Alarm queues. Entries of closed messages are thrown out when they outnumber the others.
-
-push(Due, Id, {Front, Back, N}, Messages) when N > ?COMPACT, N > 2 * map_size(Messages) ->
-    Live = [Alarm || {_, Other} = Alarm <- Front ++ lists:reverse(Back),
-                     is_map_key(Other, Messages)],
-    {Live, [{Due, Id}], length(Live) + 1};
-push(Due, Id, {Front, Back, N}, _Messages) ->
-    {Front, [{Due, Id} | Back], N + 1}.
-
-pop(T, {[{Due, _} = Alarm | Front], Back, N}) when Due < T ->
-    {Alarm, {Front, Back, N - 1}};
-pop(_T, {[], [], 0} = Queue) ->
-    {none, Queue};
-pop(T, {[], Back, N}) ->
-    pop(T, {lists:reverse(Back), [], N});
-pop(_T, Queue) ->
-    {none, Queue}.
-
-head({[{Due, _} | _], _Back, _N}) -> Due;
-head({[], [], 0}) -> infinity;
-head({[], Back, _N}) -> element(1, lists:last(Back)).
-
-%%% Interval sets
-
-insert(N, []) -> [{N, N}];
-insert(N, [{Low, High} | Rest]) when N =:= High + 1 -> [{Low, N} | Rest];
-insert(N, [{_, High} | _] = Set) when N > High -> [{N, N} | Set];
-insert(N, [{Low, _} | _]) when N >= Low -> member;
-insert(N, [Interval | Rest]) ->
-    case insert(N, Rest) of
-        member -> member;
-        Inserted -> join(Interval, Inserted)
-    end.
-
-join({Low, High}, [{Low2, High2} | Rest]) when High2 + 1 =:= Low -> [{Low2, High} | Rest];
-join(Interval, Rest) -> [Interval | Rest].
-
-member(_N, []) -> false;
-member(N, [{_, High} | _]) when N > High -> false;
-member(N, [{Low, _} | _]) when N >= Low -> true;
-member(N, [_ | Rest]) -> member(N, Rest).
-
-delete(_N, []) -> absent;
-delete(N, [{_, High} | _]) when N > High -> absent;
-delete(N, [{Low, High} | Rest]) when N >= Low ->
-    [{N + 1, High} || N < High] ++ [{Low, N - 1} || N > Low] ++ Rest;
-delete(N, [Interval | Rest]) ->
-    case delete(N, Rest) of
-        absent -> absent;
-        Left -> [Interval | Left]
-    end.

@@ -17,7 +17,7 @@ owners(Shards, Robots) ->
     maps:from_list(lists:zip(Ids, in_turn(Shards, length(Ids)))).
 
 %% @doc What one of the shards begins with.
--spec load(pid(), [pid()], #{starl:robot_id() => pid()}, starl_sim_run:plan()) ->
+-spec load(pid(), [pid()], #{starl:robot_id() => pid()}, starl_sim_plan:t()) ->
     starl_sim_shard:load().
 load(Shard, Shards, Owners, #{robots := Robots, crew := Crew, faults := Faults}) ->
     #{

@@ -4,6 +4,23 @@
 
 -export([context/2, make/4]).
 
+-export_type([t/0]).
+
+%% What is to be simulated, and for how long; over which nodes, if over any, and when these are
+%% open, on which sites.
+-type t() :: #{
+    robots := [{starl:robot_id(), starl:pose()}],
+    crew := starl_sim_shard:crew(),
+    world := starl_sim_platform:world(),
+    window_us := pos_integer(),
+    shards := pos_integer(),
+    faults := [starl_sim_queue:event()],
+    limit_us := starl_sim_queue:time(),
+    monitors := [{module(), map()}],
+    nodes => starl_sim_nodes:options(),
+    sites => [starl_sim_site:t(), ...]
+}.
+
 -define(ROBOTS_PER_SHARD, 16).
 %% Larger teams are simulated inline, where the scenario does not say.
 -define(MANY_ROBOTS, 300).
@@ -36,7 +53,7 @@ sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
 
 %% @doc What is to be simulated of a checked scenario, all of whose faults have been drawn.
 -spec make(starl_sim_scenario:t(), starl_app:scene(), starl_app:context(), starl_sim:options()) ->
-    map().
+    t().
 make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     #{delay := {MinMs, _}, shards := Shards, faults := Faults} = Scenario,
     Profile = starl_motion:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),

@@ -6,13 +6,13 @@
 %% independent of how robots are spread over shards.
 %%
 %% What an event changes lies in one record, which is copied with each change: what changes less
-%% often has a record of its own in it ({@link starl_sim_vehicle}, {@link starl_sim_ledger}).
+%% often ({@link starl_sim_vehicle}), or once ({@link starl_sim_chain}), has a record of its own.
 -module(starl_sim_platform).
 -behaviour(starl_platform).
 
 -export([new/3, boot/4, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
 -export([fire/6, forget_timers/2, ended/1, local_time/1]).
--export([now/1, piece/1, hash_event/4, hash_event/5, digest/1, ledger/1, result/1]).
+-export([now/1, piece/1, hash_event/4, hash_event/5, chain/1, packets/1, result/1]).
 -export([perform/3, trace/3, stop/1, turn_wheels/1, postpone/2]).
 
 -export_type([t/0, world/0, yield/0]).
@@ -45,7 +45,6 @@
 }.
 
 -define(CLASS_TIMER, 1).
--define(CLASS_PACKET, 2).
 
 -record(body, {
     id :: starl:robot_id(),
@@ -56,15 +55,10 @@
     until = 0 :: starl_sim_queue:time(),
     clock :: starl_sim_clock:t(),
     seq = 0 :: non_neg_integer(),
-    %% how many packets went to each robot, and to all
-    links = #{} :: #{starl:robot_id() | all => pos_integer()},
-    timers = #{} :: #{{starl_machine:name(), term()} => non_neg_integer()},
+    transmitter = starl_sim_transmitter:new() :: starl_sim_transmitter:t(),
+    timers = starl_sim_timers:new() :: starl_sim_timers:t(),
     vehicle :: starl_sim_vehicle:t(),
-    chain = 0 :: non_neg_integer(),
-    events = 0 :: non_neg_integer(),
-    %% the number of the next event that the ledger is to note
-    mark :: pos_integer(),
-    ledger :: starl_sim_ledger:t(),
+    chain :: starl_sim_chain:t(),
     result = running :: running | {done, term()},
     %% what came out: own events of this window, all others, the trace, newest first
     soon = [] :: [starl_sim_queue:event()],
@@ -79,15 +73,13 @@
 -spec new(starl:robot_id(), starl:pose(), world()) -> t().
 new(Id, Pose, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
     Vehicle = starl_sim_vehicle:new(Id, Pose, World),
-    {Mark, Ledger} = starl_sim_ledger:new(maps:get(Id, maps:get(record, World, #{}), none)),
     Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
     Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
     Faults = [F || F <- maps:get(clocks, World), starl_sim_fault:hits(Id, F)],
     #body{
         id = Id,
         world = World,
-        mark = Mark,
-        ledger = Ledger,
+        chain = starl_sim_chain:new(maps:get(Id, maps:get(record, World, #{}), none)),
         clock = starl_sim_clock:new(Offset, Drift, Faults),
         vehicle = Vehicle,
         traces = [{0, Id, chassis, {motion, starl_sim_vehicle:piece(Vehicle)}}]
@@ -146,28 +138,19 @@ boot(Id, Name, Incarnation, #body{world = #{seed := Seed, team := Team}} = Body)
     Seq :: non_neg_integer(), t()
 ) -> {ok, starl_machine:event_type(), t()} | stale.
 fire(Now, Machine, Timer, Content, Seq, #body{timers = Timers, chain = Chain} = Body) ->
-    Key = {Machine, Timer},
-    case Timers of
-        #{Key := Seq} ->
-            Type = timer_type(Timer),
-            Fired = Body#body{
-                now = Now,
-                timers = maps:remove(Key, Timers),
-                chain = hash(Chain, Now, Machine, Type, Content),
-                events = Body#body.events + 1
-            },
-            {ok, Type, noted(Machine, Type, Content, Fired)};
-        #{} ->
+    case starl_sim_timers:expire(Machine, Timer, Seq, Timers) of
+        {ok, Left} ->
+            Type = starl_sim_timers:event_type(Timer),
+            Next = starl_sim_chain:add(Now, Machine, Type, Content, Chain),
+            {ok, Type, Body#body{now = Now, timers = Left, chain = Next}};
+        stale ->
             stale
     end.
-
-timer_type(state_timeout) -> state_timeout;
-timer_type(Timer) -> {timeout, Timer}.
 
 %% @doc Forgets the timers of a machine that crashed.
 -spec forget_timers(starl_machine:name(), t()) -> t().
 forget_timers(Machine, #body{timers = Timers} = Body) ->
-    Body#body{timers = maps:filter(fun({Name, _}, _) -> Name =/= Machine end, Timers)}.
+    Body#body{timers = starl_sim_timers:forget(Machine, Timers)}.
 
 %% @doc The robot has died, and its application with it.
 -spec ended(t()) -> t().
@@ -195,34 +178,16 @@ hash_event(Machine, Type, Content, #body{now = Now} = Body) ->
 -spec hash_event(
     starl_sim_queue:time(), starl_machine:name(), starl_machine:event_type() | boot, term(), t()
 ) -> t().
-hash_event(Now, Machine, Type, Content, #body{chain = Chain, events = Events} = Body) ->
-    Hashed = Body#body{
-        now = Now, chain = hash(Chain, Now, Machine, Type, Content), events = Events + 1
-    },
-    noted(Machine, Type, Content, Hashed).
+hash_event(Now, Machine, Type, Content, #body{chain = Chain} = Body) ->
+    Body#body{now = Now, chain = starl_sim_chain:add(Now, Machine, Type, Content, Chain)}.
 
-%% Few events are noted, so for all others this is one comparison.
-noted(_Machine, _Type, _Content, #body{events = N, mark = Mark} = Body) when N < Mark ->
-    Body;
-noted(Machine, Type, Content, #body{now = Now, events = N, chain = Chain} = Body) ->
-    Event = #{
-        n => N, at_us => Now, machine => Machine, type => Type, content => Content, chain => Chain
-    },
-    {Mark, Ledger} = starl_sim_ledger:note(Now, Event, Body#body.ledger),
-    Body#body{mark = Mark, ledger = Ledger}.
+%% @doc The chain of the robot's events.
+-spec chain(t()) -> starl_sim_chain:t().
+chain(#body{chain = Chain}) -> Chain.
 
-hash(Chain, Now, Machine, Type, Content) ->
-    erlang:phash2({Chain, Now, Machine, Type, Content}, 4294967296).
-
-%% @doc The robot's digest, and how many events and packets it has had.
--spec digest(t()) -> {Chain :: non_neg_integer(), Events, Packets} when
-    Events :: non_neg_integer(), Packets :: non_neg_integer().
-digest(#body{chain = Chain, events = Events, links = Links}) ->
-    {Chain, Events, lists:sum(maps:values(Links))}.
-
-%% @doc What was kept of the robot's events.
--spec ledger(t()) -> starl_sim_ledger:t().
-ledger(#body{ledger = Ledger}) -> Ledger.
+%% @doc How many packets the robot has sent.
+-spec packets(t()) -> non_neg_integer().
+packets(#body{transmitter = Transmitter}) -> starl_sim_transmitter:packets(Transmitter).
 
 %% @doc What the application has returned.
 -spec result(t()) -> running | {done, term()}.
@@ -267,61 +232,16 @@ perform([Action | Rest], Name, Body, Local) ->
 
 %% -- the radio ------------------------------------------------------------------------------
 
-transmit(To, Packet, #body{id = Id, now = Now, world = #{seed := Seed} = World} = Body) ->
-    #body{seq = Seq, links = Links, later = Later, traces = Traces} = Body,
-    N = maps:get(To, Links, 0) + 1,
-    Number = number(To, N),
-    Sent = [
-        {Dest, starl_sim_radio:arrivals({Seed, Id, Dest, Number}, Now, World)}
-     || Dest <- audience(To, Body)
-    ],
-    Copies = [{Dest, Copy} || {Dest, Arrivals} <- Sent, Arrivals =/= lost, Copy <- Arrivals],
-    Lost = [{Now, Id, radio, {lost, Dest, Number}} || {Dest, lost} <- Sent],
+transmit(To, Packet, #body{id = Id, now = Now, world = World, seq = Seq} = Body) ->
+    #body{transmitter = Transmitter, later = Later, traces = Traces} = Body,
+    Sender = {Id, Now, Body#body.window, piece(Body)},
+    {Copies, Lost, Next} = starl_sim_transmitter:send(To, Sender, World, Transmitter),
     Body#body{
         seq = Seq + length(Copies),
-        links = Links#{To => N},
-        later = on_the_air(Copies, Packet, Now, Id, Seq, Later),
+        transmitter = Next,
+        later = starl_sim_transmitter:plan(Copies, Packet, Sender, Seq, Later),
         traces = lists:reverse(Lost, Traces)
     }.
-
-number(all, N) -> {all, N};
-number(_Dest, N) -> N.
-
-on_the_air([], _Packet, _Now, _Id, _Seq, Later) ->
-    Later;
-on_the_air([{Dest, {Delay, State}} | Copies], Packet, Now, Id, Seq, Later) ->
-    Content = {sap, packet, received(State, Packet, Seq)},
-    Event = {Dest, Now + Delay, ?CLASS_PACKET, Id, Seq, Content},
-    on_the_air(Copies, Packet, Now, Id, Seq + 1, [Event | Later]).
-
-%% The link's checksum tells a packet that was cut off or has a flipped bit; what is left of it
-%% are bytes without a meaning.
-received(intact, Packet, _Seq) -> Packet;
-received(corrupt, Packet, Seq) -> <<(erlang:phash2({Packet, Seq})):32>>.
-
-%% Who is reached, ascending. A fault can but shorten the range.
-audience(To, #body{id = Id, now = Now, world = #{range_mm := Full, team := Team} = World} = Body) ->
-    case {starl_sim_radio:range({Id, Now}, World), To} of
-        {infinity, all} -> starl_team:others(Id, Team);
-        {infinity, _} -> [To || starl_team:has(To, Team)];
-        {Full, all} -> lists:delete(Id, within_range(Body));
-        {Short, all} -> [R || R <- starl_team:others(Id, Team), is_near(R, Short, Body)];
-        {Range, _} -> [To || is_near(To, Range, Body)]
-    end.
-
-is_near(Dest, Range, #body{window = From, world = #{sight := Sight}} = Body) ->
-    case starl_sim_sight:piece(Dest, Sight) of
-        {ok, Theirs} ->
-            There = starl_trajectory:position(From, Theirs),
-            starl_geometry:distance(position(Body), There) =< Range;
-        unknown ->
-            false
-    end.
-
-within_range(#body{window = From, world = #{sight := Sight}} = Body) ->
-    starl_sim_sight:within(position(Body), From, Sight).
-
-position(#body{now = Now} = Body) -> starl_trajectory:position(Now, piece(Body)).
 
 %% -- the vehicle ----------------------------------------------------------------------------
 
@@ -354,17 +274,16 @@ start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = 
     #body{timers = Timers, until = Until, clock = Clock} = Body,
     Due = starl_sim_clock:due(Now, Us, Clock),
     Event = {Id, Due, ?CLASS_TIMER, Id, Seq, {timer, Machine, Timer, Content}},
-    Running = Timers#{{Machine, Timer} => Seq},
+    Running = starl_sim_timers:start(Machine, Timer, Seq, Timers),
     case Due < Until of
         true -> Body#body{seq = Seq + 1, timers = Running, soon = [Event | Body#body.soon]};
         false -> Body#body{seq = Seq + 1, timers = Running, later = [Event | Body#body.later]}
     end.
 
 cancel_timer(Machine, Timer, #body{timers = Timers} = Body) ->
-    Key = {Machine, Timer},
-    case is_map_key(Key, Timers) of
-        true -> Body#body{timers = maps:remove(Key, Timers)};
-        false -> Body
+    case starl_sim_timers:cancel(Machine, Timer, Timers) of
+        Timers -> Body;
+        Left -> Body#body{timers = Left}
     end.
 
 %% @doc Plans events of the robot anew, in this window or later ones.

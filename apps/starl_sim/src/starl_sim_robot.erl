@@ -1,7 +1,7 @@
-%% @doc A robot in a shard: its machines, what they still have to do in this window, and its
-%% crashes. What it does reaches no other robot before the next window, so a shard has many
-%% robots at work at once; the events of one robot are worked off one by one, in the order of
-%% their keys, each with all the local events that it gives rise to.
+%% @doc A robot in a shard: its machines, and what they still have to do in this window. What it
+%% does reaches no other robot before the next window, so a shard has many robots at work at once;
+%% the events of one robot are worked off one by one, in the order of their keys, each with all the
+%% local events that it gives rise to. What a crash does to it: {@link starl_sim_crash}.
 -module(starl_sim_robot).
 
 -export([new/3, at/2, open/3, answered/2, down/4, yield/1]).
@@ -30,16 +30,13 @@
 %% When a window begins and ends.
 -type window() :: {From :: starl_sim_queue:time(), Until :: starl_sim_queue:time()}.
 
-%% What one of the machines has to do: handle an event, or start.
--type local() :: starl_platform:local() | {starl_machine:name(), boot, none}.
-
 -record(robot, {
     id :: starl:robot_id(),
     body :: starl_sim_platform:t(),
     machines :: starl_sim_machines:t(),
     %% events of this window, by key; local events of the present moment, in order
     events = [] :: [starl_sim_queue:event()],
-    local = [] :: [local()],
+    local = [] :: [starl_sim_crash:local()],
     %% the machine whose process is at work
     busy = none :: starl_machine:name() | none,
     %% after so many events it does no more until it is resumed
@@ -53,9 +50,8 @@
 %% @doc A robot all of whose machines are to be booted before anything else.
 -spec new(starl:robot_id(), starl_sim_platform:t(), starl_sim_machines:t()) -> t().
 new(Id, Body, Machines) ->
-    #robot{id = Id, body = Body, machines = Machines, local = boots(Machines)}.
-
-boots(Machines) -> [{Name, boot, none} || Name <- starl_sim_machines:names(Machines)].
+    Boots = starl_sim_crash:boots(Machines),
+    #robot{id = Id, body = Body, machines = Machines, local = Boots}.
 
 %% @doc Opens a window with these events of the robot, sorted, and goes about the first.
 -spec open([starl_sim_queue:event()], window(), t()) -> {busy | idle | held, t()}.
@@ -111,8 +107,8 @@ halt_after(N, Robot) -> Robot#robot{stop = N}.
 halted(#robot{stop = none}) ->
     no;
 halted(#robot{stop = N, body = Body}) ->
-    case starl_sim_platform:digest(Body) of
-        {_, N, _} -> {at, starl_sim_platform:now(Body)};
+    case count(Body) of
+        N -> {at, starl_sim_platform:now(Body)};
         _ -> no
     end.
 
@@ -148,14 +144,14 @@ piece(#robot{body = Body}) -> starl_sim_platform:piece(Body).
 %% @doc What is known of it at a time.
 -spec summary(starl_sim_queue:time(), t()) -> summary().
 summary(Time, #robot{body = Body} = Robot) ->
-    {Chain, Events, Packets} = starl_sim_platform:digest(Body),
+    Chain = starl_sim_platform:chain(Body),
     At = starl_sim_platform:now(Body),
     #{
         at_us => At,
-        chain => Chain,
-        checkpoints => starl_sim_ledger:checkpoints(starl_sim_platform:ledger(Body)),
-        events => Events,
-        packets => Packets,
+        chain => starl_sim_chain:value(Chain),
+        checkpoints => starl_sim_ledger:checkpoints(starl_sim_chain:ledger(Chain)),
+        events => starl_sim_chain:events(Chain),
+        packets => starl_sim_platform:packets(Body),
         result => result(Robot),
         %% while another robot is held this one may be further on
         pose => starl_trajectory:pose(max(At, Time), starl_sim_platform:piece(Body)),
@@ -164,7 +160,8 @@ summary(Time, #robot{body = Body} = Robot) ->
 
 %% @doc Its events, as far as they were recorded.
 -spec recorded(t()) -> [starl_sim_ledger:event()].
-recorded(#robot{body = Body}) -> starl_sim_ledger:events(starl_sim_platform:ledger(Body)).
+recorded(#robot{body = Body}) ->
+    starl_sim_ledger:events(starl_sim_chain:ledger(starl_sim_platform:chain(Body))).
 
 %% @doc Its machines, each with its state and data.
 -spec machines(t()) -> #{starl_machine:name() => starl_sim_machines:seen()}.
@@ -180,8 +177,8 @@ proceed(#robot{events = Events, local = Local, body = Body, machines = Machines}
 work(Local, Events, Body, Machines, #robot{stop = none} = Robot) ->
     next(Local, Events, Body, Machines, Robot);
 work(Local, Events, Body, Machines, #robot{stop = N} = Robot) ->
-    case starl_sim_platform:digest(Body) of
-        {_, N, _} -> {held, put_back(Local, Events, Body, Machines, Robot)};
+    case count(Body) of
+        N -> {held, put_back(Local, Events, Body, Machines, Robot)};
         _ -> next(Local, Events, Body, Machines, Robot)
     end.
 
@@ -209,6 +206,8 @@ next([], [{_, Time, _, _, _, {Name, Type, Content}} | Events], Body, Machines, R
     step(Name, Type, Content, [], Events, Hashed, Machines, Robot);
 next([], [], Body, Machines, Robot) ->
     {idle, put_back([], [], Body, Machines, Robot)}.
+
+count(Body) -> starl_sim_chain:events(starl_sim_platform:chain(Body)).
 
 put_back(Local, Events, Body, Machines, Robot) ->
     Robot#robot{local = Local, events = Events, body = Body, machines = Machines}.
@@ -261,25 +260,12 @@ strike({kill_machine, Name}, #robot{machines = Machines} = Robot) ->
         {ok, Reason} -> crashed(Name, Reason, Robot);
         none -> Robot
     end;
-strike(kill_robot, #robot{machines = Machines} = Robot) ->
-    case starl_sim_machines:condition(Machines) of
-        dead -> Robot;
-        _ -> died(killed, Robot)
-    end;
 strike({pause, Until}, #robot{hold = {Before, Lag}} = Robot) ->
     postpone(Robot#robot{hold = {max(Before, Until), Lag}});
 strike({lag, Lag}, #robot{hold = {Until, _}} = Robot) ->
     postpone(Robot#robot{hold = {Until, Lag}});
-strike(go_down, #robot{machines = Machines} = Robot) ->
-    case starl_sim_machines:condition(Machines) of
-        up -> go_down(Robot);
-        _ -> Robot
-    end;
-strike(come_up, #robot{machines = Machines} = Robot) ->
-    case starl_sim_machines:condition(Machines) of
-        down -> come_up(Robot);
-        _ -> Robot
-    end.
+strike(Fault, #robot{body = Body, machines = Machines} = Robot) ->
+    struck(starl_sim_crash:strike(Fault, Body, Machines), Robot).
 
 %% What comes too early for a robot that is held up waits: in this window or for a later one.
 postpone(#robot{events = Events, hold = Hold, body = Body} = Robot) ->
@@ -287,54 +273,23 @@ postpone(#robot{events = Events, hold = Hold, body = Body} = Robot) ->
     Planned = starl_sim_platform:postpone(Late, Body),
     Robot#robot{events = plan(Planned, Ready), body = starl_sim_platform:planned(Planned)}.
 
-go_down(#robot{body = Body, machines = Machines} = Robot) ->
-    Names = starl_sim_machines:names(Machines),
-    Stopped = starl_sim_platform:trace(robot, down, starl_sim_platform:stop(Body)),
-    Robot#robot{
-        body = lists:foldl(fun lost/2, Stopped, Names),
-        machines = starl_sim_machines:down(down, Machines),
-        local = [],
-        events = faults_of(Robot#robot.events),
-        busy = none
-    }.
-
-lost(Name, Body) ->
-    starl_sim_platform:forget_timers(Name, starl_sim_platform:trace(Name, crashed, Body)).
-
-come_up(#robot{body = Body, machines = Machines} = Robot) ->
-    Up = starl_sim_machines:up(Machines),
-    Robot#robot{
-        body = starl_sim_platform:trace(robot, up, Body), machines = Up, local = boots(Up)
-    }.
-
-%% A machine is gone. Virtual time waits until it has been restarted; the others are told. If
-%% its supervisor gives up, the robot has died.
 crashed(Name, Reason, #robot{body = Body, machines = Machines, crashes = Crashes} = Robot) ->
-    Traced = starl_sim_platform:trace(Name, crashed, Body),
-    Bare = Robot#robot{
-        body = starl_sim_platform:forget_timers(Name, Traced),
-        crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED)
-    },
-    case starl_sim_machines:crashed(Name, Machines) of
-        {ok, Names, Back} ->
-            Local = restarts(Names, starl_sim_machines:names(Back)) ++ Bare#robot.local,
-            Bare#robot{machines = Back, local = Local};
-        gave_up ->
-            died(gave_up, Bare)
-    end.
+    Remembered = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED),
+    struck(starl_sim_crash:crashed(Name, Body, Machines), Robot#robot{crashes = Remembered}).
 
-restarts(Names, All) ->
-    [{Name, boot, none} || Name <- Names] ++
-        [{To, info, {restarted, Name}} || Name <- Names, To <- All, To =/= Name].
-
-%% A robot that died for good: it stands where it is, for ever.
 died(Reason, #robot{body = Body, machines = Machines} = Robot) ->
-    Stopped = starl_sim_platform:stop(Body),
-    Traced = starl_sim_platform:trace(robot, {died, Reason}, Stopped),
-    Robot#robot{
-        body = starl_sim_platform:ended(Traced),
-        machines = starl_sim_machines:down(dead, Machines),
-        local = [],
-        events = [],
-        busy = none
-    }.
+    struck(starl_sim_crash:die(Reason, Body, Machines), Robot).
+
+struck({Aftermath, Body, Machines}, Robot) ->
+    after_that(Aftermath, Robot#robot{body = Body, machines = Machines}).
+
+after_that(go_on, Robot) ->
+    Robot;
+after_that({first, New}, #robot{local = Local} = Robot) ->
+    Robot#robot{local = New ++ Local};
+after_that({anew, New}, Robot) ->
+    Robot#robot{local = New};
+after_that(faults_only, #robot{events = Events} = Robot) ->
+    Robot#robot{local = [], events = faults_of(Events), busy = none};
+after_that(nothing, Robot) ->
+    Robot#robot{local = [], events = [], busy = none}.

@@ -16,7 +16,7 @@
 
 %% @doc Starts a simulation; `Plan' is the run's without the sites. With the key `nodes' it
 %% goes over these.
--spec start_link(map()) -> {ok, pid()} | {error, starl_sim_nodes:reason()}.
+-spec start_link(starl_sim_plan:t()) -> {ok, pid()} | {error, starl_sim_nodes:reason()}.
 start_link(Plan) ->
     {ok, Sup} = supervisor:start_link(?MODULE, top),
     case start_all(Sup, Plan) of

@@ -10,8 +10,9 @@
 %%     | who --------------------------------------->|   after a crash of this machine
 %%     |<-------- told [{Name, their K, my K, ...}]  |
 %% '''
-%% What is kept of a name is how far each robot has come; that only grows, so what is late or
-%% comes twice changes nothing, and no entry is ever deleted that it could bring back.
+%% What is kept of a name ({@link starl_barrier_gate}) is how far each robot has come; that only
+%% grows, so what is late or comes twice changes nothing, and no entry is ever deleted that it
+%% could bring back.
 %%
 %% A machine that has crashed has its own counts from the robot's {@link starl_barrier_log}. Only
 %% where that is lost, too (the robot has rebooted), do the others tell how far it was: a robot
@@ -31,29 +32,12 @@
 
 -define(RETRY_MS, 3000).
 
--type counts() :: #{starl:robot_id() => non_neg_integer()}.
-
-%% A name: how far this robot has come, how far the others, and what they know of it.
--record(gate, {
-    %% false: known only from what the others say
-    sure = true :: boolean(),
-    at = 0 :: non_neg_integer(),
-    passed = 0 :: non_neg_integer(),
-    %% the last round that somebody has surely passed: so all have reached it
-    done = 0 :: non_neg_integer(),
-    reached = #{} :: counts(),
-    heard = #{} :: counts(),
-    from = none :: starl_machine:from() | none,
-    %% while it waits: those that it may miss; whoever was seen to be there is not looked at again
-    awaited = [] :: [starl:robot_id()]
-}).
-
 -record(barrier, {
     others :: [starl:robot_id()],
     incarnation :: pos_integer(),
     retry_us :: pos_integer(),
     log :: starl_machine:name() | none,
-    gates = #{} :: #{starl_barrier:name() => #gate{}},
+    gates = #{} :: #{starl_barrier:name() => starl_barrier_gate:t()},
     %% is what this robot did before known, from the log or the others?
     settled :: boolean(),
     %% after a crash: who has not told yet what it knows, and who of the others has told and
@@ -87,7 +71,7 @@ handle_event({call, From}, {round, Name}, ready, Barrier, _Meta) ->
 handle_event({call, From}, {sync, Name, Round, Us}, ready, Barrier, _Meta) ->
     reach(From, Name, Round, Us, Barrier);
 handle_event({call, From}, {resume, Name, Round}, ready, Barrier, _Meta) ->
-    Gate = back_to(Round, gate(Name, Barrier)),
+    Gate = starl_barrier_gate:resume(Round, gate(Name, Barrier)),
     {keep_state, put_gate(Name, Gate, Barrier), [{reply, From, ok}]};
 handle_event(cast, {message, From, barrier, Message}, ready, Barrier, _Meta) ->
     message(Message, From, Barrier);
@@ -128,84 +112,77 @@ message(_, _, _) ->
 
 %% The round not passed yet. After a reboot only the others know.
 round_of({Caller, _} = From, Name, #barrier{asking = Asking} = Barrier) ->
-    case gate(Name, Barrier) of
-        #gate{sure = false} ->
-            {keep_state, Barrier#barrier{asking = Asking#{{Caller, Name} => From}}, []};
-        #gate{passed = Passed} ->
-            {keep_state, Barrier, [{reply, From, Passed + 1}]}
+    Gate = gate(Name, Barrier),
+    case starl_barrier_gate:is_sure(Gate) of
+        false -> {keep_state, Barrier#barrier{asking = Asking#{{Caller, Name} => From}}, []};
+        true -> {keep_state, Barrier, [{reply, From, starl_barrier_gate:next(Gate)}]}
     end.
 
-reach(From, Name, Round, Us, #barrier{retry_us = Retry, log = Log} = Barrier) ->
-    Gate = back_to(Round, gate(Name, Barrier)),
-    New = Gate#gate.at < Round,
-    Waiting = Gate#gate{at = Round, from = From, awaited = Barrier#barrier.others},
-    At = put_gate(Name, Waiting, Barrier),
-    Announce = {call, sap, {broadcast, barrier, {reached, Name, Round, 0, false}},
-        {announced, Name, Round}},
+reach(From, Name, Round, Us, #barrier{retry_us = Retry, others = Others} = Barrier) ->
+    {Which, Gate} = starl_barrier_gate:reach(Round, From, Others, gate(Name, Barrier)),
+    At = put_gate(Name, Gate, Barrier),
     First =
-        case New of
-            true ->
-                Note = starl_barrier_log:note(Log, Name, {Round, Gate#gate.passed}),
-                Note ++ [{trace, {reached, Name, Round}}, Announce];
-            false ->
-                ask_missing(Name, At)
+        case Which of
+            new -> announce(Name, Round, At);
+            again -> ask_missing(Name, At)
         end,
     Timers = [
         {{timeout, {again, Name}}, Retry, again}, {{timeout, {patience, Name}}, Us, patience}
     ],
     check(Name, First ++ Timers, At).
 
-%% The caller knows better than the others what it has passed.
-back_to(Round, #gate{sure = false} = Gate) ->
-    Gate#gate{sure = true, at = Round - 1, passed = Round - 1};
-back_to(_Round, Gate) ->
-    Gate.
+announce(Name, Round, Barrier) ->
+    Announce = {call, sap, {broadcast, barrier, {reached, Name, Round, 0, false}},
+        {announced, Name, Round}},
+    note(Name, Barrier) ++ [{trace, {reached, Name, Round}}, Announce].
 
 %% Passes, if all is well.
-check(Name, Actions, #barrier{log = Log} = Barrier) ->
-    #gate{at = At, from = From, awaited = Awaited} = Gate = gate(Name, Barrier),
-    case lists:dropwhile(fun(Robot) -> not is_missed(Robot, Gate) end, Awaited) of
-        [] when From =/= none ->
-            Passed = Gate#gate{passed = At, done = At, from = none, awaited = []},
-            Note = starl_barrier_log:note(Log, Name, {At, At}),
-            Done = [{trace, {passed, Name, At}}, {reply, From, ok} | stop(Name)],
-            {keep_state, put_gate(Name, Passed, Barrier), Actions ++ Note ++ Done};
-        Left ->
-            {keep_state, put_gate(Name, Gate#gate{awaited = Left}, Barrier), Actions}
+check(Name, Actions, Barrier) ->
+    case starl_barrier_gate:pass(gate(Name, Barrier)) of
+        {passed, From, Round, Gate} ->
+            Passed = put_gate(Name, Gate, Barrier),
+            Done = [{trace, {passed, Name, Round}}, {reply, From, ok} | stop(Name)],
+            {keep_state, Passed, Actions ++ note(Name, Passed) ++ Done};
+        {waits, Gate} ->
+            {keep_state, put_gate(Name, Gate, Barrier), Actions}
     end.
-
-%% Has it not reached the round, or may it not know that this robot has?
-is_missed(Robot, #gate{at = At, reached = Reached, heard = Heard}) ->
-    maps:get(Robot, Reached, 0) < At orelse maps:get(Robot, Heard, 0) < At.
 
 stop(Name) -> [{{timeout, {Timer, Name}}, cancel} || Timer <- [again, patience]].
 
 again(Name, #barrier{retry_us = Retry} = Barrier) ->
-    case gate(Name, Barrier) of
-        #gate{from = none} ->
+    case starl_barrier_gate:caller(gate(Name, Barrier)) of
+        none ->
             keep_state_and_data;
-        #gate{} ->
+        {_, _} ->
             Again = {{timeout, {again, Name}}, Retry, again},
             {keep_state, Barrier, [Again | ask_missing(Name, Barrier)]}
     end.
 
 ask_missing(Name, Barrier) ->
-    #gate{awaited = Awaited} = Gate = gate(Name, Barrier),
-    [report(Name, Robot, true, Barrier) || Robot <- Awaited, is_missed(Robot, Gate)].
+    [
+        report(Name, Robot, true, Barrier)
+     || Robot <- starl_barrier_gate:missed(gate(Name, Barrier))
+    ].
 
 %% The robot has reached the round all the same, and answers those that ask.
 give_up(Name, Why, Barrier) ->
-    case gate(Name, Barrier) of
-        #gate{from = none} ->
+    Gate = gate(Name, Barrier),
+    case starl_barrier_gate:caller(Gate) of
+        none ->
             keep_state_and_data;
-        #gate{from = From, at = At} = Gate ->
-            Failed = put_gate(Name, Gate#gate{from = none, awaited = []}, Barrier),
+        {_, _} = From ->
+            {At, _} = starl_barrier_gate:counts(Gate),
             Told = [{trace, {failed, Name, At, Why}}, {reply, From, {error, Why}}],
-            {keep_state, Failed, Told ++ stop(Name)}
+            {keep_state, put_gate(Name, starl_barrier_gate:fail(Gate), Barrier), Told ++ stop(Name)}
     end.
 
 caller_restarted(Caller, #barrier{gates = Gates, asking = Asking} = Barrier) ->
-    Names = [Name || {Name, #gate{from = {C, _}}} <- lists:sort(maps:to_list(Gates)), C =:= Caller],
+    Names = [
+        Name
+     || {Name, Gate} <- lists:sort(maps:to_list(Gates)),
+        {C, _} <- [starl_barrier_gate:caller(Gate)],
+        C =:= Caller
+    ],
     Left = Barrier#barrier{asking = maps:filter(fun({C, _}, _) -> C =/= Caller end, Asking)},
     lists:foldl(
         fun(Name, {keep_state, B, Actions}) ->
@@ -218,16 +195,8 @@ caller_restarted(Caller, #barrier{gates = Gates, asking = Asking} = Barrier) ->
 
 %% -- the others -----------------------------------------------------------------------------
 
-%% A robot has reached a round, and knows that this robot has reached one. Both only grow.
 hear(Name, Robot, Round, Known, Barrier) ->
-    #gate{reached = Reached, heard = Heard} = Gate = gate(Name, Barrier),
-    More = Gate#gate{reached = raise(Robot, Round, Reached), heard = raise(Robot, Known, Heard)},
-    put_gate(Name, remember(Known, More), Barrier).
-
-raise(Robot, Count, Counts) -> Counts#{Robot => max(Count, maps:get(Robot, Counts, 0))}.
-
-remember(Known, #gate{sure = false, at = At} = Gate) when Known > At -> Gate#gate{at = Known};
-remember(_Known, Gate) -> Gate.
+    put_gate(Name, starl_barrier_gate:hear(Robot, Round, Known, gate(Name, Barrier)), Barrier).
 
 %% The outcome of the announcement says who knows.
 announced(Name, Round, Outcome, #barrier{others = Others} = Barrier) ->
@@ -243,8 +212,8 @@ announced(Name, Round, Outcome, #barrier{others = Others} = Barrier) ->
     check(Name, [], Know).
 
 report(Name, To, Answer, Barrier) ->
-    #gate{at = At, reached = Reached} = gate(Name, Barrier),
-    starl_sap:post(To, barrier, {reached, Name, At, maps:get(To, Reached, 0), Answer}).
+    {At, Reached, _} = starl_barrier_gate:fact(To, gate(Name, Barrier)),
+    starl_sap:post(To, barrier, {reached, Name, At, Reached, Answer}).
 
 %% -- after a crash --------------------------------------------------------------------------
 
@@ -257,15 +226,15 @@ ask_untold(#barrier{untold = Untold, incarnation = Incarnation, retry_us = Retry
     ].
 
 %% What one knows of a name: its own count, the asker's, and the last round surely passed.
-fact(Asker, {Name, #gate{at = At, done = Done, reached = Reached}}) ->
-    {Name, At, maps:get(Asker, Reached, 0), Done}.
+fact(Asker, {Name, Gate}) ->
+    {At, Reached, Done} = starl_barrier_gate:fact(Asker, Gate),
+    {Name, At, Reached, Done}.
 
 told(Certain, Facts, From, #barrier{untold = Untold, witnesses = Witnesses} = Barrier) ->
     Learned = lists:foldl(
         fun({Name, Round, Known, Done}, B) ->
-            Gate = gate(Name, B),
-            More = Gate#gate{done = max(Done, Gate#gate.done)},
-            hear(Name, From, Round, Known, put_gate(Name, remember(Done, More), B))
+            Gate = starl_barrier_gate:learn(From, Round, Known, Done, gate(Name, B)),
+            put_gate(Name, Gate, B)
         end,
         Barrier#barrier{
             untold = lists:delete(From, Untold),
@@ -279,21 +248,14 @@ told(Certain, Facts, From, #barrier{untold = Untold, witnesses = Witnesses} = Ba
     end.
 
 %% All that can be known is known.
-settle(#barrier{gates = Gates} = Barrier) ->
-    Settled = Barrier#barrier{
-        settled = true, gates = maps:map(fun(_, Gate) -> assure(Gate, Barrier) end, Gates)
-    },
+settle(#barrier{gates = Gates, witnesses = Witnesses} = Barrier) ->
+    Assured = maps:map(fun(_, Gate) -> starl_barrier_gate:assure(Witnesses, Gate) end, Gates),
+    Settled = Barrier#barrier{settled = true, gates = Assured},
     answer_asking(note_all(Settled), Settled).
-
-assure(#gate{sure = false, at = At, reached = Reached} = Gate, #barrier{witnesses = Witnesses}) ->
-    Behind = [W || W <- Witnesses, maps:get(W, Reached, 0) < At],
-    Gate#gate{sure = true, passed = At - length(lists:sublist(Behind, 1))};
-assure(Gate, _Barrier) ->
-    Gate.
 
 answer_asking(Actions, #barrier{asking = Asking} = Barrier) ->
     Replies = [
-        {reply, From, (gate(Name, Barrier))#gate.passed + 1}
+        {reply, From, starl_barrier_gate:next(gate(Name, Barrier))}
      || {{_Caller, Name}, From} <- lists:sort(maps:to_list(Asking))
     ],
     {keep_state, Barrier#barrier{asking = #{}}, Actions ++ Replies}.
@@ -301,24 +263,27 @@ answer_asking(Actions, #barrier{asking = Asking} = Barrier) ->
 %% What the log says is exact.
 recalled({complete, Notes}, #barrier{settled = false} = Barrier) ->
     Recalled = maps:fold(fun recall/3, Barrier#barrier{settled = true}, Notes),
-    All = maps:map(fun(_, Gate) -> Gate#gate{sure = true} end, Recalled#barrier.gates),
+    All = maps:map(fun(_, Gate) -> starl_barrier_gate:certain(Gate) end, Recalled#barrier.gates),
     answer_asking([], Recalled#barrier{gates = All});
 recalled(_Partial, Barrier) ->
     {keep_state, Barrier, []}.
 
-recall(Name, {At, Passed}, Barrier) ->
-    Gate = gate(Name, Barrier),
-    put_gate(Name, Gate#gate{sure = true, at = At, passed = Passed}, Barrier).
+recall(Name, Counts, Barrier) ->
+    put_gate(Name, starl_barrier_gate:recall(Counts, gate(Name, Barrier)), Barrier).
 
-%% The log is told everything, unless that would make it believe in what is not known yet.
+%% The log is told how far the robot has come.
+note(Name, #barrier{log = Log} = Barrier) ->
+    starl_barrier_log:note(Log, Name, starl_barrier_gate:counts(gate(Name, Barrier))).
+
+%% It is told everything, unless that would make it believe in what is not known yet.
 note_all(#barrier{settled = false}) ->
     [];
 note_all(#barrier{log = Log, gates = Gates}) ->
-    Notes = maps:map(fun(_, #gate{at = At, passed = Passed}) -> {At, Passed} end, Gates),
+    Notes = maps:map(fun(_, Gate) -> starl_barrier_gate:counts(Gate) end, Gates),
     starl_barrier_log:notes(Log, Notes).
 
 gate(Name, #barrier{gates = Gates, settled = Settled}) ->
-    maps:get(Name, Gates, #gate{sure = Settled}).
+    maps:get(Name, Gates, starl_barrier_gate:new(Settled)).
 
 put_gate(Name, Gate, #barrier{gates = Gates} = Barrier) ->
     Barrier#barrier{gates = Gates#{Name => Gate}}.

@@ -104,10 +104,17 @@ visit(V, Cost, Heading, Task, {Tries, #best{score = Score} = Best}) ->
     Bound = Most / (Cost + Most + Overhead),
     case open_steps(V, Task, #{}) of
         _ when Bound =< Score -> {stop, {Tries, Best}};
-        [] -> {continue, {Tries, Best}};
+        [] -> {continue, within(Task, Score), {Tries, Best}};
         Steps when Tries =< 1 -> {stop, {0, tried(Steps, V, Cost, Heading, Task, Best)}};
-        Steps -> {continue, {Tries - 1, tried(Steps, V, Cost, Heading, Task, Best)}}
+        Steps ->
+            #best{score = Next} = Tried = tried(Steps, V, Cost, Heading, Task, Best),
+            {continue, within(Task, Next), {Tries - 1, Tried}}
     end.
+
+%% No vertex that costs more can win: a hair above where the bound meets the score, for rounding.
+within(_Task, Score) when Score == 0.0 -> infinity;
+within(#task{most = Most, overhead = Overhead}, Score) ->
+    (Most / Score - Most - Overhead) * (1.0 + 1.0e-9) + 1.0e-3.
 
 tried(Steps, V, Cost, Heading, Task, Best) ->
     %% To begin in the middle of a line leaves two pieces of it instead of one.

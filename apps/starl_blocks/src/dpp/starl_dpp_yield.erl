@@ -54,7 +54,7 @@ wish(Waiting, #{graph := Graph, free := Free} = View) ->
     Open = fun(E) -> is_map_key(E, Free) andalso maps:get(E, Masks, 0) band (bnot Own) =:= 0 end,
     Visit = fun(V, Cost, _, none) ->
         case [E || {E, _, _, _} <- starl_dpp_graph:lines(V, Graph), Open(E)] of
-            [] -> {continue, none};
+            [] -> {continue, infinity, none};
             [E | _] -> {stop, {Cost, V, E}}
         end
     end,
@@ -85,7 +85,7 @@ to_first(Will, Vertices, #{robot := Robot} = View) ->
     Visit = fun(V, _, _, none) ->
         case Will(V) of
             true -> {stop, {ok, V}};
-            false -> {continue, none}
+            false -> {continue, infinity, none}
         end
     end,
     case starl_dpp_search:run(Starts, starl_dpp_route:space([Robot], View), Visit, none) of

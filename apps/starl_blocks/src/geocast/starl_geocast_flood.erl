@@ -31,7 +31,7 @@
 
 -export([init/1, handle_event/5]).
 
--export_type([config/0, id/0]).
+-export_type([config/0]).
 
 %% `drift_ppm': the greatest drift of a clock; `position_error_mm': how far a position told may
 %% be from the true one; `first_ms', `longest_ms': the first wait before an offer is repeated,
@@ -52,39 +52,10 @@
     listeners => #{Type :: atom() => starl_machine:name()}
 }.
 
-%% Who sent it, in which incarnation, its how many-eth.
--type id() :: {starl:robot_id(), Incarnation :: pos_integer(), N :: pos_integer()}.
+-type id() :: starl_geocast_store:id().
 
-%% What is given: the content, the whole lifetime and what is left of it, the hops left.
--type parcel() :: {
-    id(), starl_geocast:area(), Type :: atom(), Body :: term(), LifetimeUs :: pos_integer(),
-    LeftUs :: integer(), Hops :: non_neg_integer()
-}.
-
-%% When a question was asked, by the asker's clock and in which life of its machine.
--type asked() :: {Incarnation :: pos_integer(), Us :: integer()}.
-
-%% A position that took longer to come is that of another place.
--define(FRESH_US, 100000).
 %% A question is asked so often; then another offer has to come.
 -define(QUESTIONS, 4).
-%% An offer is better than what is held if it has more left by this part of the lifetime.
--define(BETTER, 8).
-%% So many are given a message with one packet.
--define(AT_ONCE, 50).
-
-%% A message that is alive, until a time of the own clock; who has asked for it.
--record(held, {
-    area :: starl_geocast:area(),
-    type :: atom(),
-    body :: term(),
-    lifetime_us :: pos_integer(),
-    until :: integer(),
-    hops :: non_neg_integer(),
-    wait_us :: pos_integer(),
-    deliverable :: boolean(),
-    askers = [] :: [{starl:robot_id(), asked()}]
-}).
 
 -record(flood, {
     self :: starl:robot_id(),
@@ -93,31 +64,33 @@
     random :: rand:state(),
     config :: map(),
     next = 1 :: pos_integer(),
-    %% the ids held or held once
-    known = #{} :: #{id() => #held{} | over},
+    store :: starl_geocast_store:t(),
     %% what was asked for, of whom, how often
     wanted = #{} :: #{id() => {starl:robot_id(), pos_integer()}},
-    listeners :: #{atom() => starl_machine:name()},
-    asked = {0, 0} :: {N :: non_neg_integer(), AtUs :: integer()},
-    checking = false :: boolean()
+    delivery :: starl_geocast_delivery:t()
 }).
 
 -spec init(starl_machine:config()) -> {ready, #flood{}, [starl_machine:action()]}.
 init(#{robot := Self, incarnation := Incarnation, random := Random, now := Now} = Config) ->
+    Full = maps:merge(defaults(), maps:with(maps:keys(defaults()), Config)),
     Flood = #flood{
         self = Self,
         incarnation = Incarnation,
         started = Now,
         random = Random,
-        config = maps:merge(defaults(), maps:with(maps:keys(defaults()), Config)),
-        listeners = maps:get(listeners, Config, #{})
+        config = Full,
+        store = starl_geocast_store:new(maps:get(limit, Full), maps:get(drift_ppm, Full)),
+        delivery = starl_geocast_delivery:new(Self, Full#{
+            check_us => 1000 * maps:get(check_ms, Full)
+        })
     },
     {ready, Flood, [starl_sap:listen(geocast, geocast)]}.
 
 defaults() ->
     #{
         drift_ppm => 10000, position_error_mm => 2.0, first_ms => 50, longest_ms => 1000,
-        jitter_ms => 5, ask_ms => 100, gather_ms => 3, check_ms => 250, limit => 256
+        jitter_ms => 5, ask_ms => 100, gather_ms => 3, check_ms => 250, limit => 256,
+        listeners => #{}
     }.
 
 -spec handle_event(
@@ -133,19 +106,21 @@ handle_event({timeout, {ask, Id}}, _, ready, Flood, #{now := Now}) ->
     ask_again(Id, Now, Flood);
 handle_event({reply, {where, N}}, Answer, ready, Flood, #{now := Now}) ->
     located(N, Answer, Now, Flood);
-handle_event({timeout, check}, _, ready, Flood, #{now := Now}) ->
-    where(Now, [], Flood#flood{checking = false});
-handle_event({timeout, {over, Id}}, _, ready, #flood{known = Known} = Flood, _Meta) ->
+handle_event({timeout, check}, _, ready, #flood{store = Store} = Flood, #{now := Now}) ->
+    {Actions, Next} = starl_geocast_delivery:check_again(Now, Store, Flood#flood.delivery),
+    {keep_state, Flood#flood{delivery = Next}, Actions};
+handle_event({timeout, {over, Id}}, _, ready, #flood{store = Store} = Flood, _Meta) ->
     Cancel = [{{timeout, {Timer, Id}}, cancel} || Timer <- [offer, give, ask]],
     Wanted = maps:remove(Id, Flood#flood.wanted),
-    {keep_state, Flood#flood{known = Known#{Id := over}, wanted = Wanted}, Cancel};
-handle_event({timeout, {forget, Id}}, _, ready, #flood{known = Known} = Flood, _Meta) ->
-    {keep_state, Flood#flood{known = maps:remove(Id, Known)}};
+    Over = starl_geocast_store:over(Id, Store),
+    {keep_state, Flood#flood{store = Over, wanted = Wanted}, Cancel};
+handle_event({timeout, {forget, Id}}, _, ready, #flood{store = Store} = Flood, _Meta) ->
+    {keep_state, Flood#flood{store = starl_geocast_store:forget(Id, Store)}};
 handle_event({call, From}, {send, Area, Type, Body, Lifetime, Hops}, ready, Flood, Meta) ->
     send(From, {Area, Type, Body, Lifetime, Hops}, maps:get(now, Meta), Flood);
 handle_event(cast, {listen, Type, Machine}, ready, Flood, #{now := Now}) ->
-    Listeners = (Flood#flood.listeners)#{Type => Machine},
-    where(Now, [], Flood#flood{listeners = Listeners});
+    Delivery = starl_geocast_delivery:listen(Type, Machine, Flood#flood.delivery),
+    check(Now, [], Flood#flood{delivery = Delivery});
 handle_event(info, {restarted, sap}, ready, _Flood, _Meta) ->
     {keep_state_and_data, [starl_sap:listen(geocast, geocast)]};
 handle_event(info, {restarted, _}, ready, _Flood, _Meta) ->
@@ -154,14 +129,14 @@ handle_event(_, _, _, _, _) ->
     unknown_event.
 
 message({offer, Id, Lifetime, Left, Hops}, From, Now, Flood) ->
-    offered(Id, Lifetime, Left, Hops, From, Now, Flood);
+    offered({Id, Lifetime, Left, Hops}, From, Now, Flood);
 message({ask, Id, Asked}, From, Now, Flood) ->
     asked(Id, {From, Asked}, Now, Flood);
 message({give, Parcel, Askers}, From, Now, #flood{self = Self, incarnation = Life} = Flood) ->
     case [Us || {Robot, {Incarnation, Us}} <- Askers, Robot =:= Self, Incarnation =:= Life] of
         [] ->
             {Id, _, _, _, Lifetime, Left, Hops} = Parcel,
-            offered(Id, Lifetime, Left, Hops, From, Now, Flood);
+            offered({Id, Lifetime, Left, Hops}, From, Now, Flood);
         [_ | _] = Times ->
             given(Parcel, lists:max(Times), Now, Flood)
     end;
@@ -173,7 +148,7 @@ message(_, _, _, _) ->
 send(From, Content, Now, #flood{next = N, self = Self, incarnation = Incarnation} = Flood) ->
     Id = {Self, Incarnation, N},
     {Area, Type, Body, Lifetime, Hops} = Content,
-    case room(Flood) of
+    case starl_geocast_store:takes(Id, Flood#flood.store) of
         true ->
             Traced = [{reply, From, ok}, {trace, {sent, Id, Area, Lifetime}}],
             Parcel = {Id, Area, Type, Body, Lifetime, Lifetime, Hops},
@@ -184,26 +159,19 @@ send(From, Content, Now, #flood{next = N, self = Self, incarnation = Incarnation
     end.
 
 %% Whoever does not know the message, or only with less left or fewer hops, asks for it.
-offered(Id, Lifetime, Left, Hops, From, Now, #flood{known = Known, wanted = Wanted} = Flood) ->
-    case Known of
-        #{Id := over} ->
+offered({Id, _, _, _} = Offer, From, Now, #flood{store = Store, wanted = Wanted} = Flood) ->
+    case {starl_geocast_store:is_worth(Offer, Now, Store), Wanted} of
+        {false, _} ->
             keep_state_and_data;
-        #{Id := #held{hops = Own, until = Until}} when
-            Hops - 1 =< Own, Left - (Until - Now) =< Lifetime div ?BETTER
-        ->
-            keep_state_and_data;
-        #{} when Left =< 0; Hops =< 0 ->
-            keep_state_and_data;
-        #{} when is_map_key(Id, Wanted) ->
+        {true, #{Id := {_, N}}} ->
             %% when it asks again, it asks whoever was heard last
-            #{Id := {_, N}} = Wanted,
             {keep_state, Flood#flood{wanted = Wanted#{Id := {From, N}}}};
-        #{} ->
+        {true, #{}} ->
             ask(Id, From, 1, Now, Flood)
     end.
 
 ask(Id, From, N, Now, #flood{wanted = Wanted} = Flood) ->
-    case room(Flood) orelse is_map_key(Id, Flood#flood.known) of
+    case starl_geocast_store:takes(Id, Flood#flood.store) of
         true ->
             #flood{self = Self, incarnation = Incarnation} = Flood,
             Question = {ask, Id, {Incarnation, Now}},
@@ -221,17 +189,18 @@ ask_again(Id, Now, #flood{wanted = Wanted} = Flood) ->
         #{} -> {keep_state, Flood#flood{wanted = maps:remove(Id, Wanted)}}
     end.
 
--spec given(parcel(), AskedUs :: integer(), integer(), #flood{}) -> starl_machine:result().
+-spec given(starl_geocast_store:parcel(), AskedUs :: integer(), integer(), #flood{}) ->
+    starl_machine:result().
 given({Id, Area, Type, Body, Lifetime, Told, Hops}, Asked, Now, Flood) ->
-    #flood{known = Known, wanted = Wanted, started = Started, incarnation = Life} = Flood,
+    #flood{store = Store, wanted = Wanted, started = Started, incarnation = Life} = Flood,
     Left = min(Told, Lifetime),
     Until = starl_geocast_lifetime:deadline(Asked, Left, ppm(Flood)),
     Met = Flood#flood{wanted = maps:remove(Id, Wanted)},
-    case Known of
-        #{Id := over} -> keep_state_and_data;
-        #{Id := #held{} = Held} -> prolong(Id, Held, Until, Hops - 1, Now, Met);
-        #{} when Until =< Now -> keep_state_and_data;
-        #{} ->
+    case starl_geocast_store:look(Id, Store) of
+        over -> keep_state_and_data;
+        held -> prolong(Id, Until, Hops - 1, Now, Met);
+        unknown when Until =< Now -> keep_state_and_data;
+        unknown ->
             %% the first life of the machine has delivered nothing before
             New = Life =:= 1 orelse starl_geocast_lifetime:is_sent_after(
                 Started, Asked, Lifetime, Left, ppm(Flood)
@@ -240,7 +209,7 @@ given({Id, Area, Type, Body, Lifetime, Told, Hops}, Asked, Now, Flood) ->
     end.
 
 take({Id, _, _, _, _, _, _} = Parcel, Until, New, Now, Flood0) ->
-    case room(Flood0) of
+    case starl_geocast_store:takes(Id, Flood0#flood.store) of
         true ->
             {Jitter, Flood} = jitter(Flood0),
             hold(Parcel, Until, New, Jitter, Now, [{{timeout, {ask, Id}}, cancel}], Flood);
@@ -248,117 +217,67 @@ take({Id, _, _, _, _, _, _} = Parcel, Until, New, Now, Flood0) ->
             {keep_state, Flood0, [{trace, {full, Id}}, {{timeout, {ask, Id}}, cancel}]}
     end.
 
-hold({Id, Area, Type, Body, Lifetime, _, Hops}, Until, New, Jitter, Now, Actions, Flood) ->
-    Held = #held{
-        area = Area, type = Type, body = Body, lifetime_us = Lifetime, hops = Hops,
-        until = Until, wait_us = us(first_ms, Flood), deliverable = New
-    },
-    Known = (Flood#flood.known)#{Id => Held},
+hold({Id, _, _, _, Lifetime, _, _} = Parcel, Until, New, Jitter, Now, Actions, Flood) ->
+    First = us(first_ms, Flood),
+    Held = starl_geocast_store:hold(Parcel, Until, New, First, Flood#flood.store),
     Timers = [
         {{timeout, {over, Id}}, Until - Now, over},
         {{timeout, {forget, Id}}, starl_geocast_lifetime:memory_us(Lifetime, ppm(Flood)), forget},
         {{timeout, {offer, Id}}, Jitter, again}
     ],
-    where(Now, Actions ++ Timers, Flood#flood{known = Known}).
+    check(Now, Actions ++ Timers, Flood#flood{store = Held}).
 
-%% What is held is given once more: the longer deadline and the more hops count.
-prolong(Id, #held{until = Until, hops = Hops} = Held, Theirs, TheirHops, Now, Flood) ->
-    Better = Held#held{until = max(Until, Theirs), hops = max(Hops, TheirHops)},
-    Known = (Flood#flood.known)#{Id := Better},
-    {keep_state, Flood#flood{known = Known}, [
-        {{timeout, {ask, Id}}, cancel},
-        {{timeout, {over, Id}}, max(0, Better#held.until - Now), over}
+prolong(Id, Theirs, Hops, Now, #flood{store = Store} = Flood) ->
+    {Until, Better} = starl_geocast_store:prolong(Id, Theirs, Hops, Store),
+    {keep_state, Flood#flood{store = Better}, [
+        {{timeout, {ask, Id}}, cancel}, {{timeout, {over, Id}}, max(0, Until - Now), over}
     ]}.
-
-room(#flood{known = Known, config = #{limit := Limit}}) -> map_size(Known) < Limit.
 
 %% -- offering and giving --------------------------------------------------------------------
 
-offer(Id, Now, #flood{known = Known} = Flood) ->
-    case Known of
-        #{Id := #held{hops = Hops, until = Until, wait_us = Wait} = Held} when
-            Hops > 0, Now < Until
-        ->
-            Next = Held#held{wait_us = min(2 * Wait, us(longest_ms, Flood))},
-            Offer = {offer, Id, Held#held.lifetime_us, left(Held, Now, Flood), Hops},
-            {keep_state, Flood#flood{known = Known#{Id := Next}}, [
-                starl_sap:shout(geocast, Offer), {{timeout, {offer, Id}}, Wait, again}
+offer(Id, Now, #flood{store = Store} = Flood) ->
+    case starl_geocast_store:offer(Id, Now, us(longest_ms, Flood), Store) of
+        {{Id, Lifetime, Left, Hops}, Wait, Next} ->
+            {keep_state, Flood#flood{store = Next}, [
+                starl_sap:shout(geocast, {offer, Id, Lifetime, Left, Hops}),
+                {{timeout, {offer, Id}}, Wait, again}
             ]};
-        #{} ->
+        none ->
             keep_state_and_data
     end.
 
 %% Others may ask for the same: one packet will do for all of them.
-asked(Id, Asker, Now, #flood{known = Known} = Flood) ->
-    case Known of
-        #{Id := #held{hops = Hops, until = Until, askers = Askers} = Held} when
-            Hops > 0, Now < Until
-        ->
-            Asking = Flood#flood{known = Known#{Id := Held#held{askers = Askers ++ [Asker]}}},
-            First = [{{timeout, {give, Id}}, us(gather_ms, Flood), give} || Askers =:= []],
-            {keep_state, Asking, First};
-        #{} ->
+asked(Id, Asker, Now, #flood{store = Store} = Flood) ->
+    case starl_geocast_store:ask(Id, Asker, Now, Store) of
+        {IsFirst, Next} ->
+            Gather = [{{timeout, {give, Id}}, us(gather_ms, Flood), give} || IsFirst],
+            {keep_state, Flood#flood{store = Next}, Gather};
+        none ->
             keep_state_and_data
     end.
 
-give(Id, Now, #flood{known = Known} = Flood) ->
-    case Known of
-        #{Id := #held{askers = [_ | _] = Askers, until = Until} = Held} when Now < Until ->
-            #held{area = Area, type = Type, body = Body, hops = Hops} = Held,
-            Lifetime = Held#held.lifetime_us,
-            Parcel = {Id, Area, Type, Body, Lifetime, left(Held, Now, Flood), Hops},
-            {Some, Rest} = lists:split(min(?AT_ONCE, length(Askers)), Askers),
-            More = [{{timeout, {give, Id}}, 0, give} || Rest =/= []],
-            {keep_state, Flood#flood{known = Known#{Id := Held#held{askers = Rest}}}, [
-                starl_sap:shout(geocast, {give, Parcel, Some}) | More
+give(Id, Now, #flood{store = Store} = Flood) ->
+    case starl_geocast_store:give(Id, Now, Store) of
+        {Parcel, Askers, AreMore, Next} ->
+            More = [{{timeout, {give, Id}}, 0, give} || AreMore],
+            {keep_state, Flood#flood{store = Next}, [
+                starl_sap:shout(geocast, {give, Parcel, Askers}) | More
             ]};
-        #{} ->
+        none ->
             keep_state_and_data
     end.
-
-left(#held{until = Until}, Now, Flood) -> starl_geocast_lifetime:left(Until, Now, ppm(Flood)).
 
 %% -- delivering -----------------------------------------------------------------------------
 
-%% Asks for the own position if a message waits for it, now and again from time to time.
-where(Now, Actions, #flood{self = Self, asked = {N, _}, checking = Checking} = Flood) ->
-    case waiting(Now, Flood) of
-        [] ->
-            {keep_state, Flood, Actions};
-        [_ | _] ->
-            Ask = starl_location:pose(Self, {where, N + 1}),
-            Check = [{{timeout, check}, us(check_ms, Flood), check} || not Checking],
-            Asked = Flood#flood{asked = {N + 1, Now}, checking = true},
-            {keep_state, Asked, Actions ++ [Ask | Check]}
+check(Now, Before, #flood{store = Store, delivery = Delivery} = Flood) ->
+    {Actions, Next} = starl_geocast_delivery:check(Now, Store, Delivery),
+    {keep_state, Flood#flood{delivery = Next}, Before ++ Actions}.
+
+located(N, Answer, Now, #flood{store = Store, delivery = Delivery} = Flood) ->
+    case starl_geocast_delivery:located(N, Answer, Now, Store, Delivery) of
+        {Actions, Delivered} -> {keep_state, Flood#flood{store = Delivered}, Actions};
+        stale -> keep_state_and_data
     end.
-
-located(N, {ok, {X, Y, _}}, Now, #flood{asked = {N, At}} = Flood) when Now - At =< ?FRESH_US ->
-    #flood{config = #{position_error_mm := Error}, known = Known, listeners = Listeners} = Flood,
-    Mine = [
-        {Id, Held}
-     || {Id, #held{area = Area} = Held} <- waiting(Now, Flood),
-        starl_geocast_area:depth({X, Y}, Area) >= Error
-    ],
-    Delivered = maps:from_list([{Id, Held#held{deliverable = false}} || {Id, Held} <- Mine]),
-    Actions = lists:append([deliver(Id, Held, Listeners) || {Id, Held} <- Mine]),
-    {keep_state, Flood#flood{known = maps:merge(Known, Delivered)}, Actions};
-located(_N, _Answer, _Now, _Flood) ->
-    keep_state_and_data.
-
-deliver({Source, _, _} = Id, #held{type = Type, body = Body}, Listeners) ->
-    [
-        {trace, {delivered, Id}},
-        {cast, maps:get(Type, Listeners), {message, Source, Type, Body}}
-    ].
-
-%% The messages that are alive, not delivered yet, and listened to, in the order of their ids.
-waiting(Now, #flood{known = Known, listeners = Listeners}) ->
-    lists:sort([
-        {Id, Held}
-     || {Id, #held{deliverable = true, until = Until, type = Type} = Held} <- maps:to_list(Known),
-        Now < Until,
-        is_map_key(Type, Listeners)
-    ]).
 
 %% -- configuration --------------------------------------------------------------------------
 

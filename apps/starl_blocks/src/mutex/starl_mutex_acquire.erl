@@ -1,9 +1,11 @@
 %% @doc The acquisitions ("jobs") of a robot's application: how they begin, wait, hold, fail and
-%% end. Pure; with {@link starl_mutex_robot} the operations of {@link starl_mutex_tokens}.
+%% end. Pure; with {@link starl_mutex_robot}, which is called from here and never calls back, the
+%% operations of {@link starl_mutex_tokens}. What happens to a job is left as a notice there, and
+%% worked off with {@link settle/1} after each operation on a token.
 -module(starl_mutex_acquire).
 
 -export([acquire/5, release/4, again/2, give_up/3, caller_restarted/2]).
--export([lock/4, lost/3]).
+-export([settle/1]).
 
 -import(starl_mutex_state, [act/2, acts/2, post_home/3]).
 
@@ -33,7 +35,8 @@ proceed(Id, Job, Robot) ->
     end.
 
 search(Token, Id, Robot) ->
-    starl_mutex_robot:route(Token, {starl_mutex_state:self(Robot), Id}, 0, none, Robot).
+    Request = {starl_mutex_state:self(Robot), Id},
+    settle(starl_mutex_robot:route(Token, Request, 0, none, Robot)).
 
 %% @doc A job that still waits asks the home of its token again.
 -spec again(job_id(), t()) -> t().
@@ -63,7 +66,9 @@ give_up(Id, Why, Robot) ->
             Robot
     end.
 
-give_back(Tokens, Robot) -> lists:foldl(fun starl_mutex_robot:unlock/2, Robot, Tokens).
+%% Whoever gets a token goes on before the next one is given back.
+give_back(Tokens, Robot) ->
+    lists:foldl(fun(T, R) -> settle(starl_mutex_robot:unlock(T, R)) end, Robot, Tokens).
 
 %% @doc All jobs of a machine that has crashed end.
 -spec caller_restarted(starl_machine:name(), t()) -> t().
@@ -113,14 +118,21 @@ drop(Id, Token, Robot) ->
         Rest -> starl_mutex_state:keep_job(Id, Rest, Robot)
     end.
 
-%% @doc A job has got the token that it waited for, and goes on.
--spec lock(job_id(), token(), starl_mutex:fence(), t()) -> t().
-lock(Id, Token, Fence, Robot) ->
-    proceed(Id, starl_mutex_job:got(Token, Fence, starl_mutex_state:job(Id, Robot)), Robot).
+%% -- what happens to jobs -------------------------------------------------------------------
 
-%% @doc A job has lost a token. One that has all it wants is told at the release; one that waits
-%% begins anew.
--spec lost(job_id(), token(), t()) -> t().
+%% @doc Tells the jobs what the last operation on a token has brought them.
+-spec settle(t()) -> t().
+settle(Robot) ->
+    {Notices, Noticed} = starl_mutex_state:take_notices(Robot),
+    lists:foldl(fun settle/2, Noticed, Notices).
+
+-spec settle(starl_mutex_state:notice(), t()) -> t().
+settle({locked, Id, Token, Fence}, Robot) ->
+    proceed(Id, starl_mutex_job:got(Token, Fence, starl_mutex_state:job(Id, Robot)), Robot);
+settle({lost, Id, Token, Queue}, Robot) ->
+    starl_mutex_robot:orphan(Token, Queue, lost(Id, Token, Robot)).
+
+%% A job that has all it wants is told at the release; one that waits begins anew.
 lost(Id, Token, Robot) ->
     case starl_mutex_state:waiting(Id, Robot) of
         none ->

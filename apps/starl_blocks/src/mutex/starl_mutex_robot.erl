@@ -4,13 +4,13 @@
 -module(starl_mutex_robot).
 
 -export([owner/3, sap_restarted/1]).
--export([route/5, receive_token/4, granted/4, refused/3, announced/4, handed/4]).
--export([renew/2, lapse/2, unlock/2, expire/2, asked/6, returned/5]).
+-export([route/5, supersede/3, receive_token/4, granted/4, refused/3, announced/4, handed/4]).
+-export([renew/2, lapse/2, unlock/2, orphan/3]).
 
 -export_type([nonce/0]).
 
 -import(starl_mutex_state, [
-    act/2, acts/2, post/3, post_home/3, entry/2, put_entry/3, forget_entry/2
+    act/2, acts/2, notify/2, post/3, post_home/3, entry/2, put_entry/3, forget_entry/2
 ]).
 
 -type t() :: starl_mutex_state:t().
@@ -23,8 +23,6 @@
 %% A claim is repeated so often in a lease, and so often in all.
 -define(CLAIMS_A_LEASE, 4).
 -define(CLAIMS, 16).
-%% The home looks this much later, as timers may be rounded.
--define(MARGIN_US, 1000).
 
 %% @doc Tells who was last announced as the token's owner.
 -spec owner(starl_machine:from(), token(), t()) -> t().
@@ -45,9 +43,7 @@ route(Token, {Asker, _} = Request, Known, Via, Robot) ->
         {#{queue := Queue} = Entry, _} ->
             serve(Token, Entry#{queue := starl_mutex_owners:add(Request, Queue)}, Robot);
         {none, _} when Via =:= home, Known =:= 0 ->
-            Home = starl_mutex_state:home(Robot),
-            Now = starl_mutex_state:now(Robot),
-            at_home(Token, starl_mutex_home:request(Token, Request, Now, Home), Robot);
+            starl_mutex_host:requested(Token, Request, Robot);
         {none, {Fence, Owner}} when Fence > Known, Owner =/= Self, Owner =/= Asker ->
             post(Owner, {request, Token, Request, Fence, Via}, Robot);
         {none, _} when Via =:= none ->
@@ -71,23 +67,28 @@ announced(Token, Fence, Owner, Robot) ->
 
 %% -- tokens ---------------------------------------------------------------------------------
 
-%% @doc A token has come. It is claimed if it is wanted here, else it goes on.
+%% @doc A token comes: an older one of the name, which the robot still has, is over.
+-spec supersede(token(), fence(), t()) -> t().
+supersede(Token, Fence, Robot) ->
+    {Known, _} = newest_owner(Token, Robot),
+    case entry(Token, Robot) of
+        #{fence := Own} when Own < Fence, Known < Fence -> lapse(Token, Robot);
+        _ -> Robot
+    end.
+
+%% @doc A token has come. It is claimed if it is wanted here, else it goes on; unless the robot
+%% knows of a newer one.
 -spec receive_token(token(), fence(), [request()], t()) -> t().
 receive_token(Token, Fence, Queue0, Robot) ->
     Owners = starl_mutex_state:owners(Robot),
-    {Known, _} = starl_mutex_owners:newest(Token, Owners),
-    case entry(Token, Robot) of
-        _ when Known >= Fence ->
-            Robot;
-        #{fence := Newer} when Newer >= Fence ->
-            Robot;
-        #{} ->
-            receive_token(Token, Fence, Queue0, lapse(Token, Robot));
-        none ->
+    case {entry(Token, Robot), starl_mutex_owners:newest(Token, Owners)} of
+        {none, {Known, _}} when Known < Fence ->
             {Early, Left} = starl_mutex_owners:take_early(Token, Owners),
             Queue = lists:foldl(fun starl_mutex_owners:add/2, Queue0, Early),
             Heard = starl_mutex_state:put_owners(Left, Robot),
-            claim_or_pass(Token, Fence, trim(Token, Queue, Heard), Heard)
+            claim_or_pass(Token, Fence, trim(Token, Queue, Heard), Heard);
+        {_, _} ->
+            Robot
     end.
 
 claim_or_pass(Token, Fence, Queue, Robot) ->
@@ -195,7 +196,7 @@ serve_first(Token, #{fence := Fence, queue := Queue} = Entry, Robot) ->
 lock(Token, Id, #{fence := Fence} = Entry, Robot) ->
     Locked = Entry#{lock := {Id, Fence}},
     Held = prolong(Token, Locked, act({trace, {acquired, Token, Fence}}, Robot)),
-    starl_mutex_acquire:lock(Id, Token, Fence, Held).
+    notify({locked, Id, Token, Fence}, Held).
 
 %% A hold begins: the lease must be renewed, at once if more than half of it is over.
 prolong(Token, #{lease_end := End} = Entry, Robot) ->
@@ -220,14 +221,16 @@ lapse(Token, Robot) ->
     case entry(Token, Robot) of
         #{lock := {Id, Fence}, queue := Queue} ->
             Lost = act({trace, {lease_lost, Token, Fence}}, forget_entry(Token, Robot)),
-            orphan(Token, Queue, starl_mutex_acquire:lost(Id, Token, Lost));
+            %% the job gives back what else it has before the requests look for another token
+            notify({lost, Id, Token, Queue}, Lost);
         #{queue := Queue} ->
             orphan(Token, Queue, forget_entry(Token, Robot));
         none ->
             Robot
     end.
 
-%% The queue of a token that is no more: its requests go to the home.
+%% @doc The queue of a token that is no more: its requests go to the home.
+-spec orphan(token(), [request()], t()) -> t().
 orphan(Token, Queue, Robot) ->
     lists:foldl(
         fun(Request, R) -> post_home(Token, {request, Token, Request, 0, home}, R) end,
@@ -276,38 +279,3 @@ sap_restarted(Robot) ->
         act(starl_sap:listen(mutex, mutex), Robot),
         starl_mutex_state:outs(Robot)
     ).
-
-%% -- the home -------------------------------------------------------------------------------
-
-%% @doc The lease of a token of this home may be over.
--spec expire(token(), t()) -> t().
-expire(Token, Robot) ->
-    #{now := Now, home := Home} = as_home(Robot),
-    at_home(Token, starl_mutex_home:expire(Token, Now, Home), Robot).
-
-%% @doc A robot asks this home to confirm a token.
--spec asked(claim | renew, token(), fence(), nonce(), starl:robot_id(), t()) -> t().
-asked(Kind, Token, Fence, Nonce, By, Robot) ->
-    #{now := Now, home := Home} = as_home(Robot),
-    {Answer, Next} = starl_mutex_home:Kind(Token, Fence, By, Now, Home),
-    at_home(Token, {[{By, {Answer, Token, Fence, Nonce}}], Next}, Robot).
-
-%% @doc A token comes back to this home.
--spec returned(token(), fence(), [request()], starl:robot_id(), t()) -> t().
-returned(Token, Fence, Queue, By, Robot) ->
-    #{now := Now, home := Home} = as_home(Robot),
-    at_home(Token, starl_mutex_home:return(Token, Fence, By, Queue, Now, Home), Robot).
-
-as_home(Robot) ->
-    #{now => starl_mutex_state:now(Robot), home => starl_mutex_state:home(Robot)}.
-
-at_home(Token, {Messages, Home}, Robot) ->
-    Kept = starl_mutex_state:put_home(Home, Robot),
-    Sent = lists:foldl(fun({To, M}, R) -> post(To, M, R) end, Kept, Messages),
-    case starl_mutex_home:due(Token, Home) of
-        never ->
-            act({{timeout, {home, Token}}, cancel}, Sent);
-        Due ->
-            Wait = max(0, Due - starl_mutex_state:now(Robot)) + ?MARGIN_US,
-            act({{timeout, {home, Token}}, Wait, check}, Sent)
-    end.

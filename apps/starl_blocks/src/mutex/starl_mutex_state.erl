@@ -1,16 +1,17 @@
 %% @doc What a robot knows of tokens: those that it has, the acquisitions of its application, the
 %% hand-overs under way, what it has heard of owners, and the home of tokens that it is. Pure;
-%% {@link starl_mutex_acquire} and {@link starl_mutex_robot} say what is done with it. Actions are
-%% gathered here, and taken with {@link result/1}.
+%% {@link starl_mutex_acquire}, {@link starl_mutex_robot} and {@link starl_mutex_host} say what is
+%% done with it. Actions are gathered here, and taken with {@link result/1}; notices to jobs
+%% likewise, with {@link take_notices/1}.
 -module(starl_mutex_state).
 
 -export([new/1, at/2, now/1, self/1, team_size/1, incarnation/1, lease_us/1, retry_us/1]).
--export([act/2, acts/2, post/3, post_home/3, result/1]).
+-export([act/2, acts/2, post/3, post_home/3, result/1, notify/2, take_notices/1]).
 -export([next_job/1, keep_job/3, job/2, waiting/2, jobs_of/2, forget_job/2, suspend_job/2]).
 -export([is_wanted/3, entry/2, put_entry/3, forget_entry/2]).
 -export([owners/1, put_owners/2, home/1, put_home/2, sent_out/5, take_out/3, outs/1]).
 
--export_type([t/0, entry/0]).
+-export_type([t/0, entry/0, notice/0]).
 
 -type token() :: starl_mutex:token().
 -type fence() :: starl_mutex:fence().
@@ -29,6 +30,10 @@
     tries := non_neg_integer()
 }.
 
+%% What has happened to a job: it has got a token, or has lost one that others waited for, too.
+-type notice() ::
+    {locked, job_id(), token(), fence()} | {lost, job_id(), token(), Queue :: [request()]}.
+
 -record(robot, {
     self :: starl:robot_id(),
     team :: tuple(),
@@ -43,7 +48,9 @@
     %% hand-overs whose outcome is not known yet
     outs = #{} :: #{{token(), fence()} => {starl:robot_id(), [request()]}},
     owners = starl_mutex_owners:new() :: starl_mutex_owners:t(),
-    actions = [] :: [starl_machine:action()]
+    %% both latest first
+    actions = [] :: [starl_machine:action()],
+    notices = [] :: [notice()]
 }).
 
 -opaque t() :: #robot{}.
@@ -113,6 +120,16 @@ post_home(Token, Body, #robot{team = Team} = Robot) ->
 -spec result(t()) -> starl_machine:result().
 result(#robot{actions = Actions} = Robot) ->
     {keep_state, Robot#robot{actions = []}, lists:reverse(Actions)}.
+
+%% @doc Something has happened to a job, which is to be told.
+-spec notify(notice(), t()) -> t().
+notify(Notice, #robot{notices = Notices} = Robot) -> Robot#robot{notices = [Notice | Notices]}.
+
+%% @doc The notices gathered, the first one first.
+-spec take_notices(t()) -> {[notice()], t()}.
+take_notices(#robot{notices = []} = Robot) -> {[], Robot};
+take_notices(#robot{notices = Notices} = Robot) ->
+    {lists:reverse(Notices), Robot#robot{notices = []}}.
 
 %% -- jobs -----------------------------------------------------------------------------------
 

@@ -52,7 +52,7 @@ init(Config) ->
 handle_event(Type, Content, ready, Robot, #{now := Now}) ->
     case event(Type, Content, starl_mutex_state:at(Now, Robot)) of
         unknown_event -> unknown_event;
-        Next -> starl_mutex_state:result(Next)
+        Next -> starl_mutex_state:result(starl_mutex_acquire:settle(Next))
     end.
 
 %% The roles: a robot that wants or has tokens, and the home of some.
@@ -71,7 +71,7 @@ event({timeout, {renew, Token}}, _, Robot) ->
 event({timeout, {lease, Token}}, _, Robot) ->
     starl_mutex_robot:lapse(Token, Robot);
 event({timeout, {home, Token}}, _, Robot) ->
-    starl_mutex_robot:expire(Token, Robot);
+    starl_mutex_host:expire(Token, Robot);
 event({timeout, {again, Job}}, _, Robot) ->
     starl_mutex_acquire:again(Job, Robot);
 event({timeout, {patience, Job}}, _, Robot) ->
@@ -86,7 +86,9 @@ event(_, _, _) ->
 message({request, Token, Request, Known, Via}, _From, Robot) ->
     starl_mutex_robot:route(Token, Request, Known, Via, Robot);
 message({token, Token, Fence, Queue}, _From, Robot) ->
-    starl_mutex_robot:receive_token(Token, Fence, Queue, Robot);
+    %% a job that loses the older one may want the newer one
+    Ready = starl_mutex_acquire:settle(starl_mutex_robot:supersede(Token, Fence, Robot)),
+    starl_mutex_robot:receive_token(Token, Fence, Queue, Ready);
 message({granted, Token, Fence, Nonce}, _From, Robot) ->
     starl_mutex_robot:granted(Token, Fence, Nonce, Robot);
 message({refused, Token, Fence, _Nonce}, _From, Robot) ->
@@ -94,8 +96,8 @@ message({refused, Token, Fence, _Nonce}, _From, Robot) ->
 message({owner, Token, Fence}, From, Robot) ->
     starl_mutex_robot:announced(Token, Fence, From, Robot);
 message({ask, Kind, Token, Fence, Nonce}, From, Robot) when Kind =:= claim; Kind =:= renew ->
-    starl_mutex_robot:asked(Kind, Token, Fence, Nonce, From, Robot);
+    starl_mutex_host:asked(Kind, Token, Fence, Nonce, From, Robot);
 message({return, Token, Fence, Queue}, From, Robot) ->
-    starl_mutex_robot:returned(Token, Fence, Queue, From, Robot);
+    starl_mutex_host:returned(Token, Fence, Queue, From, Robot);
 message(_, _, _) ->
     unknown_event.

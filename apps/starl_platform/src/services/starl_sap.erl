@@ -1,4 +1,6 @@
-%% @doc SAP, the reliable message service (the paper's send/receive with acknowledgement).
+%% @doc SAP, the reliable message service (the paper's send/receive with acknowledgement). Here
+%% is what packets and requests mean; {@link starl_sap_out} keeps what is under way, {@link
+%% starl_sap_peers} what has been taken, {@link starl_sap_inbox} who listens.
 %%
 %% Exchange rules:
 %% ```
@@ -27,7 +29,8 @@
 %% packet may be sent to one robot alone ({@link datagram/4}).
 %%
 %% Trace: `{started, Incarnation}', `{sent, Id, Dests, Type, Hash}', `{delivered, Id, Type, Hash}',
-%% `{outcome, Id, Dest, acknowledged | lost | restarted}' with Id = {source, incarnation, seq}.
+%% `{outcome, Id, Dest, acknowledged | lost | restarted}' with Id = {source, incarnation, seq};
+%% a hash is `erlang:phash2(Body)'.
 -module(starl_sap).
 -behaviour(starl_machine).
 
@@ -48,43 +51,13 @@
     unclaimed => non_neg_integer()
 }.
 
--type id() :: {starl:robot_id(), starl_packet:incarnation(), starl_packet:seq()}.
-
-%% A message under way: who has not acknowledged, who asked, how often it was sent.
--record(out, {
-    type :: atom(),
-    body :: term(),
-    waiting :: [starl:robot_id()],
-    %% the receivers' incarnations when it was first sent: a retransmission must not be taken by a
-    %% later one, for the earlier may have delivered it
-    for :: #{starl:robot_id() => starl_packet:incarnation()},
-    lost = [] :: [starl:robot_id()],
-    from :: starl_machine:from() | none,
-    broadcast :: boolean(),
-    tries = 0 :: non_neg_integer()
-}).
-
-%% What is known of a source of messages: its incarnation, the lowest sequence number that may
-%% still come, and those taken from there on, ascending.
--record(peer, {
-    incarnation = 1 :: starl_packet:incarnation(),
-    low = 1 :: starl_packet:seq(),
-    seen = [] :: [starl_packet:seq()]
-}).
-
 -record(sap, {
     self :: starl:robot_id(),
     team :: starl_team:t(),
     incarnation :: starl_packet:incarnation(),
-    delays :: [pos_integer()],
-    window :: pos_integer(),
-    unclaimed_limit :: non_neg_integer(),
-    next = 1 :: starl_packet:seq(),
-    low = 1 :: starl_packet:seq(),
-    out = #{} :: #{starl_packet:seq() => #out{}},
-    peers = #{} :: #{starl:robot_id() => #peer{}},
-    listeners = #{} :: #{atom() => starl_machine:name()},
-    unclaimed = [] :: [{starl:robot_id(), atom(), term(), id()}]
+    out :: starl_sap_out:t(),
+    peers = starl_sap_peers:new() :: starl_sap_peers:t(),
+    inbox :: starl_sap_inbox:t()
 }).
 
 %% @doc The action that sends a message; its outcome comes back as the event `{reply, Tag}'.
@@ -120,9 +93,8 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
         self = Self,
         team = Team,
         incarnation = Incarnation,
-        delays = delays(Config),
-        window = maps:get(window, Config, 4096),
-        unclaimed_limit = maps:get(unclaimed, Config, 256)
+        out = starl_sap_out:new(Self, Incarnation, delays(Config), maps:get(window, Config, 4096)),
+        inbox = starl_sap_inbox:new(maps:get(unclaimed, Config, 256))
     },
     Hello = [{transmit, all, starl_packet:hello(Self, Incarnation)} || Incarnation > 1],
     {ready, Sap, [{trace, {started, Incarnation}} | Hello]}.
@@ -132,8 +104,7 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
 handle_event(packet, {starl, 1, data, Data}, ready, Sap, _Meta) ->
     receive_data(Data, Sap);
 handle_event(packet, {starl, 1, ack, By, Own, Incarnation, Seq}, ready, Sap, _Meta) ->
-    Known = heard(By, Own, Sap),
-    settle(By, Incarnation, Seq, acknowledged, Known);
+    settle(By, Own, Incarnation, Seq, acknowledged, Sap);
 handle_event(cast, {send, To, Type, Body}, ready, Sap, _Meta) ->
     send_message([To], Type, Body, none, false, Sap);
 handle_event({call, From}, {send, To, Type, Body}, ready, Sap, _Meta) ->
@@ -145,15 +116,16 @@ handle_event(cast, {broadcast, Type, Body}, ready, Sap, _Meta) ->
 handle_event({call, From}, {broadcast, Type, Body}, ready, Sap, _Meta) ->
     send_message(others(Sap), Type, Body, From, true, Sap);
 handle_event(packet, {starl, 1, refusal, By, Own, Incarnation, Seq}, ready, Sap, _Meta) ->
-    settle(By, Incarnation, Seq, restarted, heard(By, Own, Sap));
+    settle(By, Own, Incarnation, Seq, restarted, Sap);
 handle_event(packet, {starl, 1, hello, By, Own}, ready, Sap, _Meta) ->
     {keep_state, heard(By, Own, Sap)};
 handle_event(cast, {shout, Type, Body}, ready, #sap{self = Self}, _Meta) ->
     {keep_state_and_data, [{transmit, all, starl_packet:shout(Self, Type, Body)}]};
 handle_event(packet, {starl, 1, shout, Source, Type, Body}, ready, Sap, _Meta) ->
-    overhear(Source, Type, Body, Sap);
-handle_event(cast, {listen, Type, Machine}, ready, Sap, _Meta) ->
-    listener(Type, Machine, Sap);
+    {keep_state_and_data, [starl_sap_inbox:overhear(Source, Type, Body, Sap#sap.inbox)]};
+handle_event(cast, {listen, Type, Machine}, ready, #sap{inbox = Inbox} = Sap, _Meta) ->
+    {Messages, Next} = starl_sap_inbox:listen(Type, Machine, Inbox),
+    {keep_state, Sap#sap{inbox = Next}, Messages};
 handle_event(info, {restarted, _}, ready, _Sap, _Meta) ->
     keep_state_and_data;
 handle_event(_, _, _, _, _) ->
@@ -164,211 +136,82 @@ handle_event(_, _, _, _, _) ->
 others(#sap{self = Self, team = Team}) -> starl_team:others(Self, Team).
 
 send_message([], _Type, _Body, From, _Broadcast, Sap) ->
-    {keep_state, Sap, answer(From, ok)};
-send_message([Self], Type, Body, From, _Broadcast, #sap{self = Self} = Sap) ->
-    case has_room(Type, Sap) of
+    {keep_state, Sap, starl_sap_out:answer(From, ok)};
+send_message([Self], Type, Body, From, _Broadcast, #sap{self = Self, inbox = Inbox} = Sap) ->
+    case starl_sap_inbox:has_room(Type, Inbox) of
         true -> send_own(Type, Body, From, Sap);
-        false -> {keep_state, Sap, [{trace, {overload, Type}} | answer(From, {error, overload})]}
+        false -> {keep_state, Sap, overload(Type, From)}
     end;
-send_message(_Dests, Type, _Body, From, _Broadcast, #sap{next = Next} = Sap) when
-    Next - Sap#sap.low >= Sap#sap.window
-->
-    {keep_state, Sap, [{trace, {overload, Type}} | answer(From, {error, overload})]};
-send_message(Dests, Type, Body, From, Broadcast, #sap{next = Seq} = Sap) ->
-    Out = #out{
-        type = Type, body = Body, waiting = Dests, from = From, broadcast = Broadcast,
-        for = incarnations(Dests, Sap#sap.peers)
-    },
-    Id = {Sap#sap.self, Sap#sap.incarnation, Seq},
-    {Actions, Sent} = transmit(Seq, Out, Sap#sap{next = Seq + 1}),
-    {keep_state, Sent, [{trace, {sent, Id, Dests, Type, hash(Body)}} | Actions]}.
-
-send_own(Type, Body, From, #sap{self = Self} = Sap) ->
-    Id = {Self, Sap#sap.incarnation, Sap#sap.next},
-    {Delivered, Actions} = deliver(Self, Type, Body, Id, skip_own(Sap)),
-    Sent = [
-        {trace, {sent, Id, [Self], Type, hash(Body)}},
-        {trace, {outcome, Id, Self, acknowledged}}
-    ],
-    {keep_state, Delivered, order_loopback(Sent, Actions, answer(From, ok))}.
-
-%% A message to oneself needs no packet; its number is used up at once.
-skip_own(#sap{next = Next} = Sap) -> advance_low(Sap#sap{next = Next + 1}).
-
-order_loopback([Sent, Outcome], Delivery, Answer) -> [Sent | Delivery] ++ [Outcome | Answer].
-
-transmit(Seq, #out{tries = Tries, waiting = Waiting} = Out, #sap{out = Outs} = Sap) ->
-    #sap{self = Self, incarnation = Incarnation, low = Low} = Sap,
-    #out{type = Type, body = Body} = Out,
-    For = maps:with(Waiting, Out#out.for),
-    Packet = starl_packet:data({Self, Incarnation, Seq, Low, For, Type, Body}),
-    Actions = [
-        {{timeout, {retransmit, Seq}}, lists:nth(Tries + 1, Sap#sap.delays), again}
-        | [{transmit, Dest, Packet} || Dest <- on_air(Out)]
-    ],
-    {Actions, Sap#sap{out = Outs#{Seq => Out#out{tries = Tries + 1}}}}.
-
-on_air(#out{broadcast = true, tries = 0}) -> [all];
-on_air(#out{waiting = Waiting}) -> Waiting.
-
-incarnations([Dest], Peers) ->
-    case Peers of
-        #{Dest := #peer{incarnation = Incarnation}} when Incarnation > 1 -> #{Dest => Incarnation};
-        #{} -> #{}
-    end;
-incarnations(Dests, Peers) ->
-    maps:from_list([
-        {Dest, Incarnation}
-     || Dest <- Dests,
-        #peer{incarnation = Incarnation} <- [maps:get(Dest, Peers, #peer{})],
-        Incarnation > 1
-    ]).
-
-retransmit(Seq, #sap{out = Outs, delays = Delays} = Sap) ->
-    case Outs of
-        #{Seq := #out{tries = Tries} = Out} when Tries < length(Delays) ->
-            {Actions, Sent} = transmit(Seq, Out, Sap),
-            {keep_state, Sent, Actions};
-        #{Seq := #out{waiting = Waiting, lost = Lost} = Out} ->
-            Id = {Sap#sap.self, Sap#sap.incarnation, Seq},
-            Traces = [{trace, {outcome, Id, Dest, lost}} || Dest <- Waiting],
-            Done = Out#out{waiting = [], lost = Waiting ++ Lost},
-            {Finished, Actions} = finish(Seq, Done, lost, Sap),
-            {keep_state, Finished, Traces ++ Actions};
-        #{} ->
-            keep_state_and_data
+send_message(Dests, Type, Body, From, Broadcast, #sap{out = Out, peers = Peers} = Sap) ->
+    case starl_sap_out:is_full(Out) of
+        true ->
+            {keep_state, Sap, overload(Type, From)};
+        false ->
+            For = starl_sap_peers:later(Dests, Peers),
+            {Actions, Sent} = starl_sap_out:send({Dests, Type, Body}, {From, Broadcast}, For, Out),
+            {keep_state, Sap#sap{out = Sent}, Actions}
     end.
 
-%% The outcome of one message at one receiver is known.
-settle(By, Incarnation, Seq, Outcome, #sap{incarnation = Incarnation, out = Outs} = Sap) ->
-    case Outs of
-        #{Seq := #out{waiting = Waiting, lost = Lost} = Out} ->
-            case lists:member(By, Waiting) of
-                true ->
-                    Rest = Out#out{
-                        waiting = lists:delete(By, Waiting),
-                        lost = [By || Outcome =/= acknowledged] ++ Lost
-                    },
-                    Id = {Sap#sap.self, Incarnation, Seq},
-                    settled(Seq, Rest, Outcome, {trace, {outcome, Id, By, Outcome}}, Sap);
-                false ->
-                    {keep_state, Sap}
-            end;
-        #{} ->
-            {keep_state, Sap}
-    end;
-settle(_By, _Earlier, _Seq, _Outcome, Sap) ->
-    {keep_state, Sap}.
+overload(Type, From) ->
+    [{trace, {overload, Type}} | starl_sap_out:answer(From, {error, overload})].
 
-settled(Seq, #out{waiting = []} = Out, Outcome, Trace, Sap) ->
-    {Finished, Actions} = finish(Seq, Out, Outcome, Sap),
-    {keep_state, Finished, [Trace, {{timeout, {retransmit, Seq}}, cancel} | Actions]};
-settled(Seq, Out, _Outcome, Trace, #sap{out = Outs} = Sap) ->
-    {keep_state, Sap#sap{out = Outs#{Seq := Out}}, [Trace]}.
+send_own(Type, Body, From, #sap{self = Self, out = Out, inbox = Inbox} = Sap) ->
+    {Id, Before, After, Sent} = starl_sap_out:send_own(Type, Body, From, Out),
+    {Actions, Delivered} = starl_sap_inbox:deliver(Self, Type, Body, Id, Inbox),
+    {keep_state, Sap#sap{out = Sent, inbox = Delivered}, Before ++ Actions ++ After}.
 
-finish(Seq, #out{from = From} = Out, Outcome, #sap{out = Outs} = Sap) ->
-    {advance_low(Sap#sap{out = maps:remove(Seq, Outs)}), answer(From, result(Out, Outcome))}.
+retransmit(Seq, #sap{out = Out} = Sap) ->
+    case starl_sap_out:retransmit(Seq, Out) of
+        {Actions, Next} -> {keep_state, Sap#sap{out = Next}, Actions};
+        none -> keep_state_and_data
+    end.
 
-result(#out{lost = []}, _) -> ok;
-result(#out{broadcast = true, lost = Lost}, _) -> {error, {lost, lists:sort(Lost)}};
-result(#out{}, Outcome) -> {error, Outcome}.
-
-answer(none, _) -> [];
-answer(From, Result) -> [{reply, From, Result}].
-
-advance_low(#sap{low = Low, next = Next, out = Outs} = Sap) when Low < Next ->
-    case Outs of
-        #{Low := _} -> Sap;
-        #{} -> advance_low(Sap#sap{low = Low + 1})
-    end;
-advance_low(Sap) ->
-    Sap.
+settle(By, Own, Incarnation, Seq, Outcome, #sap{out = Out, peers = Peers} = Sap) ->
+    Heard = starl_sap_peers:heard(By, Own, Peers),
+    case starl_sap_out:settle(By, Incarnation, Seq, Outcome, Out) of
+        {Actions, Next} -> {keep_state, Sap#sap{out = Next, peers = Heard}, Actions};
+        none -> {keep_state, Sap#sap{peers = Heard}}
+    end.
 
 %% -- receiving ------------------------------------------------------------------------------
 
 receive_data({Source, Theirs, Seq, _Low, For, _Type, _Body} = Data, Sap) ->
-    #sap{self = Self, incarnation = Own} = Sap,
+    #sap{self = Self, incarnation = Own, peers = Peers} = Sap,
     Meant = maps:get(Self, For, 1),
-    #peer{incarnation = Known} = maps:get(Source, Sap#sap.peers, #peer{}),
-    if
-        Theirs < Known ->
+    case starl_sap_peers:incarnation(Source, Peers) of
+        Later when Theirs < Later ->
             %% An earlier incarnation of the source; nobody waits for the outcome any more.
             keep_state_and_data;
-        Meant =/= Own ->
+        _ when Meant =/= Own ->
             Refusal = starl_packet:refusal(Self, Own, Theirs, Seq),
             {keep_state, heard(Source, Theirs, Sap), [{transmit, Source, Refusal}]};
-        true ->
-            take(Data, heard(Source, Theirs, Sap))
+        _ ->
+            take(Data, starl_sap_peers:heard(Source, Theirs, Peers), Sap)
     end.
 
-take({Source, Theirs, Seq, Low, _For, _Type, _Body} = Data, Sap) ->
-    #sap{self = Self, incarnation = Own, peers = Peers} = Sap,
-    Peer0 = maps:get(Source, Peers, #peer{}),
-    Peer = forget_below(Low, Peer0),
+take({Source, Theirs, Seq, Low, _For, Type, _Body} = Data, Peers, Sap) ->
+    #sap{self = Self, incarnation = Own, inbox = Inbox} = Sap,
     Ack = {transmit, Source, starl_packet:ack(Self, Own, Theirs, Seq)},
-    case Seq < Peer#peer.low orelse lists:member(Seq, Peer#peer.seen) of
-        true ->
-            {keep_state, Sap#sap{peers = Peers#{Source => Peer}}, [Ack]};
-        false ->
-            Taken = Peer#peer{seen = lists:merge([Seq], Peer#peer.seen)},
-            take_new(Data, Ack, Sap, Sap#sap{peers = Peers#{Source => Taken}})
+    case starl_sap_peers:take(Source, Low, Seq, Peers) of
+        {seen, Known} ->
+            {keep_state, Sap#sap{peers = Known}, [Ack]};
+        {new, Taken} ->
+            case starl_sap_inbox:has_room(Type, Inbox) of
+                true -> take_new(Data, Ack, Taken, Sap);
+                %% Not taken; it will come again.
+                false -> {keep_state, Sap#sap{peers = Peers}, [full(Source, Type)]}
+            end
     end.
 
-take_new({Source, Theirs, Seq, _Low, _For, Type, Body}, Ack, Before, Sap) ->
-    case has_room(Type, Sap) of
-        false ->
-            {keep_state, Before, [{trace, {unclaimed_full, Source, Type}}]};
-        true ->
-            {Delivered, Actions} = deliver(Source, Type, Body, {Source, Theirs, Seq}, Sap),
-            {keep_state, Delivered, [Ack | Actions]}
-    end.
+take_new({Source, Theirs, Seq, _Low, _For, Type, Body}, Ack, Taken, #sap{inbox = Inbox} = Sap) ->
+    Id = {Source, Theirs, Seq},
+    {Actions, Delivered} = starl_sap_inbox:deliver(Source, Type, Body, Id, Inbox),
+    {keep_state, Sap#sap{peers = Taken, inbox = Delivered}, [Ack | Actions]}.
 
-%% The source waits for nothing below Low any more.
-forget_below(Low, #peer{low = Known} = Peer) when Low =< Known -> Peer;
-forget_below(Low, #peer{seen = Seen} = Peer) ->
-    Peer#peer{low = Low, seen = lists:dropwhile(fun(Seq) -> Seq < Low end, Seen)}.
+full(Source, Type) -> {trace, {unclaimed_full, Source, Type}}.
 
-%% Is there a listener, or room to wait for one?
-has_room(Type, #sap{listeners = Listeners, unclaimed = Unclaimed, unclaimed_limit = Limit}) ->
-    is_map_key(Type, Listeners) orelse length(Unclaimed) < Limit.
-
-deliver(Source, Type, Body, Id, #sap{listeners = Listeners} = Sap) ->
-    case Listeners of
-        #{Type := Machine} ->
-            {Sap, [
-                {trace, {delivered, Id, Type, hash(Body)}},
-                {cast, Machine, {message, Source, Type, Body}}
-            ]};
-        #{} ->
-            {Sap#sap{unclaimed = [{Source, Type, Body, Id} | Sap#sap.unclaimed]}, [
-                {trace, {delivered, Id, Type, hash(Body)}}
-            ]}
-    end.
-
-overhear(Source, Type, Body, #sap{listeners = Listeners}) ->
-    case Listeners of
-        #{Type := Machine} ->
-            {keep_state_and_data, [{cast, Machine, {message, Source, Type, Body}}]};
-        #{} ->
-            {keep_state_and_data, [{trace, {unheard, Source, Type}}]}
-    end.
-
-listener(Type, Machine, #sap{listeners = Listeners, unclaimed = Unclaimed} = Sap) ->
-    {Mine, Rest} = lists:partition(fun({_, T, _, _}) -> T =:= Type end, Unclaimed),
-    Messages = [
-        {cast, Machine, {message, Source, Type, Body}}
-     || {Source, _, Body, _} <- lists:reverse(Mine)
-    ],
-    {keep_state, Sap#sap{listeners = Listeners#{Type => Machine}, unclaimed = Rest}, Messages}.
-
-%% Learns a peer's incarnation from any of its packets.
 heard(Robot, Incarnation, #sap{peers = Peers} = Sap) ->
-    case maps:get(Robot, Peers, #peer{}) of
-        #peer{incarnation = Known} when Incarnation > Known ->
-            Sap#sap{peers = Peers#{Robot => #peer{incarnation = Incarnation}}};
-        #peer{} ->
-            Sap
-    end.
+    Sap#sap{peers = starl_sap_peers:heard(Robot, Incarnation, Peers)}.
 
 %% -- configuration --------------------------------------------------------------------------
 
@@ -383,5 +226,3 @@ delays(Config) ->
 delays(_Us, _Backoff, _Longest, 0) -> [];
 delays(Us, Backoff, Longest, N) ->
     [Us | delays(min(round(Us * Backoff), Longest), Backoff, Longest, N - 1)].
-
-hash(Body) -> erlang:phash2(Body).

@@ -1,0 +1,181 @@
+%% @doc The geocasts that a robot knows: those that are alive and held here, who has asked for
+%% them, and the ids of those that are over. Pure; a part of {@link starl_geocast_flood}, which
+%% says what a packet and a timer mean.
+-module(starl_geocast_store).
+
+-export([new/2, takes/2, look/2, is_worth/3, hold/5, prolong/4, over/2, forget/2]).
+-export([offer/4, ask/4, give/3, waiting/3, delivered/2]).
+
+-export_type([t/0, id/0, parcel/0, offer/0, asker/0]).
+
+%% Who sent it, in which incarnation, its how many-eth.
+-type id() :: {starl:robot_id(), Incarnation :: pos_integer(), N :: pos_integer()}.
+
+%% What is given: the content, the whole lifetime and what is left of it, the hops left.
+-type parcel() :: {
+    id(), starl_geocast:area(), Type :: atom(), Body :: term(), LifetimeUs :: pos_integer(),
+    LeftUs :: integer(), Hops :: non_neg_integer()
+}.
+
+%% What is offered: the lifetime, what is left of it, the hops left.
+-type offer() :: {id(), LifetimeUs :: pos_integer(), LeftUs :: integer(), Hops :: integer()}.
+
+%% Who asked, in which life of its machine, when by its clock.
+-type asker() :: {starl:robot_id(), {Incarnation :: pos_integer(), Us :: integer()}}.
+
+%% An offer is better than what is held if it has more left by this part of the lifetime.
+-define(BETTER, 8).
+%% So many are given a message with one packet.
+-define(AT_ONCE, 50).
+
+%% A message that is alive, until a time of the own clock; who has asked for it.
+-record(held, {
+    area :: starl_geocast:area(),
+    type :: atom(),
+    body :: term(),
+    lifetime_us :: pos_integer(),
+    until :: integer(),
+    hops :: non_neg_integer(),
+    wait_us :: pos_integer(),
+    deliverable :: boolean(),
+    askers = [] :: [asker()]
+}).
+
+-record(store, {
+    limit :: pos_integer(),
+    ppm :: non_neg_integer(),
+    %% the ids held or held once
+    known = #{} :: #{id() => #held{} | over}
+}).
+
+-opaque t() :: #store{}.
+
+%% @doc Nothing is known; so many ids may be, and a clock drifts by at most so many millionths.
+-spec new(Limit :: pos_integer(), Ppm :: non_neg_integer()) -> t().
+new(Limit, Ppm) -> #store{limit = Limit, ppm = Ppm}.
+
+%% @doc Is the message known, or is there room for one more?
+-spec takes(id(), t()) -> boolean().
+takes(Id, #store{known = Known, limit = Limit}) ->
+    map_size(Known) < Limit orelse is_map_key(Id, Known).
+
+%% @doc Is the message held, or was it once?
+-spec look(id(), t()) -> held | over | unknown.
+look(Id, #store{known = Known}) ->
+    case Known of
+        #{Id := over} -> over;
+        #{Id := #held{}} -> held;
+        #{} -> unknown
+    end.
+
+%% @doc Is what is offered unknown, or better than what is held?
+-spec is_worth(offer(), Now :: integer(), t()) -> boolean().
+is_worth({Id, Lifetime, Left, Hops}, Now, #store{known = Known}) ->
+    case Known of
+        #{Id := over} ->
+            false;
+        #{Id := #held{hops = Own, until = Until}} when
+            Hops - 1 =< Own, Left - (Until - Now) =< Lifetime div ?BETTER
+        ->
+            false;
+        #{} ->
+            Left > 0 andalso Hops > 0
+    end.
+
+%% @doc The message is held from now on; is it for the own robot, too? Its offer is repeated after
+%% so many microseconds at first.
+-spec hold(parcel(), UntilUs :: integer(), IsDeliverable :: boolean(), WaitUs :: pos_integer(),
+    t()) -> t().
+hold({Id, Area, Type, Body, Lifetime, _, Hops}, Until, Deliverable, Wait, Store) ->
+    put_held(Id, #held{
+        area = Area, type = Type, body = Body, lifetime_us = Lifetime, hops = Hops,
+        until = Until, wait_us = Wait, deliverable = Deliverable
+    }, Store).
+
+%% @doc What is held is given once more: the longer deadline, which it tells, and the more hops
+%% count.
+-spec prolong(id(), UntilUs :: integer(), Hops :: integer(), t()) -> {UntilUs :: integer(), t()}.
+prolong(Id, Theirs, TheirHops, #store{known = Known} = Store) ->
+    #{Id := #held{until = Until, hops = Hops} = Held} = Known,
+    Longer = max(Until, Theirs),
+    {Longer, put_held(Id, Held#held{until = Longer, hops = max(Hops, TheirHops)}, Store)}.
+
+%% @doc The message lives no longer; only its id is remembered.
+-spec over(id(), t()) -> t().
+over(Id, #store{known = Known} = Store) -> Store#store{known = Known#{Id := over}}.
+
+%% @doc Nobody gives the message any more: it need not be remembered.
+-spec forget(id(), t()) -> t().
+forget(Id, #store{known = Known} = Store) -> Store#store{known = maps:remove(Id, Known)}.
+
+%% @doc What is to be offered of a message, if it can travel on, and when again; the next wait is
+%% twice as long, up to the longest.
+-spec offer(id(), Now :: integer(), LongestUs :: pos_integer(), t()) ->
+    {offer(), WaitUs :: pos_integer(), t()} | none.
+offer(Id, Now, Longest, #store{known = Known} = Store) ->
+    case Known of
+        #{Id := #held{hops = Hops, until = Until, wait_us = Wait} = Held} when
+            Hops > 0, Now < Until
+        ->
+            Offer = {Id, Held#held.lifetime_us, left(Held, Now, Store), Hops},
+            {Offer, Wait, put_held(Id, Held#held{wait_us = min(2 * Wait, Longest)}, Store)};
+        #{} ->
+            none
+    end.
+
+%% @doc A robot asks for a message; is it the first one?
+-spec ask(id(), asker(), Now :: integer(), t()) -> {IsFirst :: boolean(), t()} | none.
+ask(Id, Asker, Now, #store{known = Known} = Store) ->
+    case Known of
+        #{Id := #held{hops = Hops, until = Until, askers = Askers} = Held} when
+            Hops > 0, Now < Until
+        ->
+            {Askers =:= [], put_held(Id, Held#held{askers = Askers ++ [Asker]}, Store)};
+        #{} ->
+            none
+    end.
+
+%% @doc What is given to whom of those that have asked, and are there others?
+-spec give(id(), Now :: integer(), t()) ->
+    {parcel(), [asker(), ...], AreMore :: boolean(), t()} | none.
+give(Id, Now, #store{known = Known} = Store) ->
+    case Known of
+        #{Id := #held{askers = [_ | _] = Askers, until = Until} = Held} when Now < Until ->
+            {Some, Rest} = lists:split(min(?AT_ONCE, length(Askers)), Askers),
+            {parcel(Id, Held, left(Held, Now, Store)), Some, Rest =/= [],
+                put_held(Id, Held#held{askers = Rest}, Store)};
+        #{} ->
+            none
+    end.
+
+parcel(Id, #held{area = Area, type = Type, body = Body, hops = Hops} = Held, Left) ->
+    {Id, Area, Type, Body, Held#held.lifetime_us, Left, Hops}.
+
+left(#held{until = Until}, Now, #store{ppm = Ppm}) ->
+    starl_geocast_lifetime:left(Until, Now, Ppm).
+
+%% @doc The messages that are alive, not delivered yet, and listened to, in the order of their
+%% ids.
+-spec waiting(Now :: integer(), #{Type :: atom() => starl_machine:name()}, t()) ->
+    [{id(), starl_geocast:area(), Type :: atom(), Body :: term()}].
+waiting(Now, Listeners, #store{known = Known}) ->
+    lists:sort([
+        {Id, Held#held.area, Type, Held#held.body}
+     || {Id, #held{deliverable = true, until = Until, type = Type} = Held} <- maps:to_list(Known),
+        Now < Until,
+        is_map_key(Type, Listeners)
+    ]).
+
+%% @doc These messages have been delivered.
+-spec delivered([id()], t()) -> t().
+delivered(Ids, Store) ->
+    lists:foldl(
+        fun(Id, #store{known = Known} = S) ->
+            #{Id := #held{} = Held} = Known,
+            put_held(Id, Held#held{deliverable = false}, S)
+        end,
+        Store,
+        Ids
+    ).
+
+put_held(Id, Held, #store{known = Known} = Store) -> Store#store{known = Known#{Id => Held}}.

@@ -1,0 +1,88 @@
+%% @doc The windows of a run under the eyes of its monitors. The shards tell of a window each in
+%% their own time; it is judged when all have told of it and those before it are judged.
+-module(starl_sim_judge).
+
+-export([new/1, told/5, judged/1, seen/1, is_sound/1, missing/2, close/2]).
+
+-export_type([t/0]).
+
+-record(judge, {
+    monitors :: starl_monitor:t(),
+    violations = [] :: [starl_monitor:violation()],
+    %% traces of windows that not all shards have told of yet; how many windows were judged
+    traces = #{} :: #{pos_integer() => [{Shard :: pid(), [starl_monitor:trace_event()]}]},
+    judged = 0 :: non_neg_integer(),
+    %% the time of the last event judged
+    seen = 0 :: starl_sim_queue:time()
+}).
+
+-opaque t() :: #judge{}.
+
+%% @doc Nothing is judged yet by these monitors.
+-spec new([{module(), map()}]) -> t().
+new(Monitors) -> #judge{monitors = starl_monitor:new(Monitors)}.
+
+%% @doc One of so many shards tells of its N-th window, in the order of time, then robot. Says
+%% whether a contract is violated in what can be judged with that.
+-spec told(Shard :: pid(), N :: pos_integer(), [starl_monitor:trace_event()], Shards, t()) ->
+    {ok | violation, t()}
+when
+    Shards :: pos_integer().
+told(Shard, N, Trace, Shards, #judge{traces = Traces, violations = Before} = Judge) ->
+    Told = maps:get(N, Traces, []),
+    Next = judge(Shards, Judge#judge{traces = Traces#{N => [{Shard, Trace} | Told]}}),
+    case Next#judge.violations of
+        Before -> {ok, Next};
+        _ -> {violation, Next}
+    end.
+
+judge(Shards, #judge{traces = Traces, judged = Judged} = Judge) ->
+    N = Judged + 1,
+    case Traces of
+        #{N := Told} when length(Told) =:= Shards ->
+            Trace = merge([T || {_, T} <- Told]),
+            Taken = Judge#judge{traces = maps:remove(N, Traces), judged = N},
+            judge(Shards, watch(Trace, Taken));
+        #{} ->
+            Judge
+    end.
+
+%% The shards' traces in the order of time, then robot. A robot belongs to one shard, so events
+%% of one robot and time are never compared.
+merge([Trace]) -> Trace;
+merge(Traces) -> lists:merge(Traces).
+
+watch(Trace, #judge{monitors = Monitors, violations = Violations} = Judge) ->
+    Seen = Judge#judge{seen = last(Trace, Judge)},
+    case starl_monitor:step(Trace, Monitors) of
+        {ok, Next} ->
+            Seen#judge{monitors = Next};
+        {violation, Violation, Next} ->
+            Seen#judge{monitors = Next, violations = Violations ++ [Violation]}
+    end.
+
+last([], #judge{seen = Seen}) -> Seen;
+last([_ | _] = Trace, _Judge) -> element(1, lists:last(Trace)).
+
+%% @doc How many windows are judged.
+-spec judged(t()) -> non_neg_integer().
+judged(#judge{judged = Judged}) -> Judged.
+
+%% @doc The time of the last event judged.
+-spec seen(t()) -> starl_sim_queue:time().
+seen(#judge{seen = Seen}) -> Seen.
+
+%% @doc Has no contract been violated?
+-spec is_sound(t()) -> boolean().
+is_sound(#judge{violations = Violations}) -> Violations =:= [].
+
+%% @doc Those of the shards that have not told of the next window yet.
+-spec missing([pid()], t()) -> [pid()].
+missing(Shards, #judge{judged = Judged, traces = Traces}) ->
+    Shards -- [Shard || {Shard, _} <- maps:get(Judged + 1, Traces, [])].
+
+%% @doc Closes the monitors at a time: all violations, and what each monitor has found.
+-spec close(starl_sim_queue:time(), t()) -> {[starl_monitor:violation()], #{module() => map()}}.
+close(Now, #judge{monitors = Monitors, violations = Violations}) ->
+    {Late, Results} = starl_monitor:finish(Now, Monitors),
+    {Violations ++ Late, Results}.

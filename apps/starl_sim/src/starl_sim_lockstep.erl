@@ -1,0 +1,273 @@
+%% @doc Window after window in step with the other shards: which window is next, how far it may be
+%% ahead of the monitors, and when to rest. All shards decide by the same numbers, which they tell
+%% each other at the end of each window ({@link starl_sim_mail}), so nobody has to decide for all.
+%% ```
+%%   resting --- run ---> a window --- mail from all ---> the next ... --- reason() ---> resting
+%%                           | a robot halts in it: mail `held'
+%%                           +-------------------------------- held ---> resting
+%%                           <---- run: the window goes on ----------------+
+%% '''
+-module(starl_sim_lockstep).
+
+-export([new/2, launch/4, run/3, hear/2]).
+
+-export_type([t/0, reason/0, stop/0, message/0]).
+
+-define(AHEAD, 16).
+
+%% Why the shards rest: all applications have ended, the time is reached, nothing can happen any
+%% more, they were told to halt, or a robot has come to the event that it is to halt after.
+-type reason() :: done | until | quiet | halted | held.
+
+%% The robot that is to halt, and after how many events.
+-type stop() :: {starl:robot_id(), N :: pos_integer()} | none.
+
+%% What comes while the shard rests: the run's word, a peer's mail, news of processes, and the end
+%% of a patience that is over.
+-type message() ::
+    {approve, N :: pos_integer()}
+    | halt
+    | abandon
+    | starl_sim_mail:mail()
+    | {'DOWN', reference(), process, pid(), Reason :: term()}
+    | {down, pid(), Reason :: term()}
+    | {starl_attach, starl:robot_id(), starl_machine:name(), pid()}
+    | {out_of_patience, starl_sim_robot:window()}.
+
+%% A window that is not over: a robot of this shard was held in it, this much is to be done then,
+%% and this news has come of processes meanwhile, the latest first; or it is a peer's, and its
+%% mail is yet to come.
+-type open() ::
+    none
+    | #{
+        window := starl_sim_robot:window(),
+        robot := starl:robot_id(),
+        ids := [starl:robot_id()],
+        at := starl_sim_queue:time(),
+        mails := [starl_sim_mail:content() | abandoned],
+        news := [message()]
+    }
+    | {peer, pid(), starl_sim_queue:time()}.
+
+-record(steps, {
+    run :: pid(),
+    window_us :: pos_integer(),
+    queue :: starl_sim_queue:t(),
+    mail :: starl_sim_mail:t(),
+    sight = none :: starl_sim_sight:t() | none,
+    %% how many windows were run, and how many of them are approved
+    windows = 0 :: non_neg_integer(),
+    approved = 0 :: non_neg_integer(),
+    now = 0 :: starl_sim_queue:time(),
+    %% the same in all shards
+    next = 0 :: starl_sim_queue:time() | infinity,
+    running = 0 :: non_neg_integer(),
+    %% told to halt while it rested
+    halt = false :: boolean(),
+    %% the robot of this shard that is to halt; the window in which one was held
+    stop = none :: starl:robot_id() | none,
+    open = none :: open(),
+    abandoned = false :: boolean()
+}).
+
+-opaque t() :: #steps{}.
+
+%% @doc A shard without robots or peers, which tells this process of its windows.
+-spec new(Run :: pid(), WindowUs :: pos_integer()) -> t().
+new(Run, Width) ->
+    Queue = starl_sim_queue:new(Width),
+    #steps{run = Run, window_us = Width, queue = Queue, mail = starl_sim_mail:new([], #{})}.
+
+%% @doc All robots are in place: so many run in all, these faults strike this shard's.
+-spec launch(
+    Running :: non_neg_integer(), [starl_sim_queue:event()],
+    {starl_sim_sight:t(), starl_sim_mail:t()}, t()
+) -> t().
+launch(Running, Faults, {Sight, Mail}, #steps{queue = Queue} = Steps) ->
+    Planned = starl_sim_queue:add_all(Faults, Queue),
+    Steps#steps{queue = Planned, sight = Sight, mail = Mail, running = Running}.
+
+%% @doc Runs until a time or, if that is earlier, until just after an event of one robot; what it
+%% tells the run meanwhile: {@link starl_sim_shard:run/3}.
+-spec run(Until :: starl_sim_queue:time(), stop(), t()) -> t().
+run(Until, Stop, #steps{now = Now, mail = Mail} = Steps) ->
+    Timer = starl_sim_window:be_patient({Now, Now}),
+    Delivered = Steps#steps{mail = starl_sim_mail:deliver(Mail)},
+    Rested = go_on(Until, resume(arm(Stop, Delivered))),
+    _ = erlang:cancel_timer(Timer),
+    Rested.
+
+%% @doc A message while it rests. A process that went down between two windows was killed from
+%% outside, or is one of a robot that died. The robot is woken to go on in the next window.
+-spec hear(message(), t()) -> t().
+hear(News, #steps{open = #{news := Earlier} = Open} = Steps) when
+    element(1, News) =:= 'DOWN'; element(1, News) =:= down; element(1, News) =:= starl_attach
+->
+    %% left for the moment when the window goes on, which sees to both in their order
+    Steps#steps{open = Open#{news := [News | Earlier]}};
+hear({'DOWN', _, process, Pid, Reason}, Steps) ->
+    down(Pid, Reason, Steps);
+hear({starl_attach, _, _, _} = Attach, Steps) ->
+    %% a process that was restarted may say so before the end of the one before it is heard of
+    receive
+        {'DOWN', _, process, Pid, Reason} ->
+            self() ! Attach,
+            down(Pid, Reason, Steps)
+    end;
+hear({down, Pid, Reason}, Steps) ->
+    down(Pid, Reason, Steps);
+hear({approve, N}, Steps) ->
+    Steps#steps{approved = N};
+hear({mail, _Peer, _N, _Content} = Early, #steps{mail = Mail} = Steps) ->
+    Steps#steps{mail = starl_sim_mail:keep(Early, Mail)};
+hear(halt, Steps) ->
+    Steps#steps{halt = true};
+hear(abandon, Steps) ->
+    Steps#steps{abandoned = true};
+hear({out_of_patience, _}, Steps) ->
+    Steps.
+
+%% -- window after window --------------------------------------------------------------------
+
+%% Only one robot is to halt at a time.
+arm(Stop, #steps{stop = Old} = Steps) ->
+    _ = Old =/= none andalso starl_sim_window:halt_after(Old, none),
+    case Stop of
+        {Id, N} -> arm(Id, N, starl_sim_mail:is_own(Id, Steps#steps.mail), Steps);
+        none -> Steps#steps{stop = none}
+    end.
+
+arm(Id, N, true, Steps) ->
+    ok = starl_sim_window:halt_after(Id, N),
+    Steps#steps{stop = Id};
+arm(_Id, _N, false, Steps) ->
+    Steps#steps{stop = none}.
+
+go_on(Until, #steps{open = none} = Steps) -> advance(Until, agree(Steps));
+go_on(Until, Steps) -> advance(Until, Steps).
+
+%% A robot may have been woken since all rested, so the next window is found again.
+agree(#steps{windows = 0} = Steps) -> Steps;
+agree(Steps) -> exchange(#{later => [], moved => [], ended => 0, trace => []}, Steps).
+
+advance(_Until, #steps{abandoned = true} = Steps) ->
+    rest(halted, Steps);
+advance(_Until, #steps{open = #{at := At}} = Steps) ->
+    rest(held, At, Steps);
+advance(_Until, #steps{open = {peer, _, At}} = Steps) ->
+    rest(held, At, Steps);
+advance(_Until, #steps{running = 0} = Steps) ->
+    rest(done, Steps);
+advance(_Until, #steps{next = infinity} = Steps) ->
+    rest(quiet, Steps);
+advance(Until, #steps{next = Next} = Steps) when Next >= Until ->
+    rest(until, Steps#steps{now = max(Until, Steps#steps.now)});
+advance(_Until, #steps{windows = N, approved = Approved, halt = true} = Steps) when
+    N >= Approved + ?AHEAD
+->
+    rest_halted(Steps);
+advance(Until, #steps{windows = N, approved = Approved} = Steps) when N >= Approved + ?AHEAD ->
+    receive
+        {approve, More} -> advance(Until, Steps#steps{approved = More});
+        halt -> rest_halted(Steps);
+        abandon -> rest(halted, Steps#steps{abandoned = true})
+    end;
+advance(Until, Steps) ->
+    advance(Until, run_window(look_up(Steps))).
+
+rest(Reason, #steps{now = Now} = Steps) -> rest(Reason, Now, Steps).
+
+%% The first window that is not run any more: the same time whether or not the run paused on the
+%% way there, where nothing happens.
+rest_halted(#steps{next = Next, window_us = Width} = Steps) ->
+    rest(halted, Next - Next rem Width, Steps).
+
+rest(Reason, Now, #steps{run = Run, running = Running} = Steps) ->
+    Run ! {resting, self(), Now, Reason, Running},
+    Steps.
+
+%% Processes that went down while their robots had nothing to do.
+look_up(Steps) ->
+    receive
+        {down, Pid, Reason} -> look_up(down(Pid, Reason, Steps))
+    after 0 -> Steps
+    end.
+
+down(Pid, Reason, #steps{now = Now} = Steps) ->
+    case starl_sim_window:crashed(Pid, Reason, Now) of
+        {ok, Id} -> wake(Id, Steps);
+        none -> Steps
+    end.
+
+wake(Id, #steps{queue = Queue, now = Now} = Steps) ->
+    Steps#steps{queue = starl_sim_queue:add({Id, Now, 0, 0, 0, wake}, Queue)}.
+
+run_window(#steps{next = Next, window_us = Width, queue = Queue, windows = N} = Steps) ->
+    From = Next - Next rem Width,
+    To = From + Width,
+    {Events, Rest} = starl_sim_queue:take_window(To, Queue),
+    Ids = starl_sim_window:run({From, To}, Events),
+    close({From, To}, Ids, none, Steps#steps{queue = Rest, now = To, windows = N + 1}).
+
+%% The window's end, but for a robot that was held. `Mails' has what the peers sent meanwhile.
+close(Window, Ids, Mails, #steps{stop = Stop} = Steps) ->
+    case Stop =/= none andalso starl_sim_robot:halted(starl_sim_window:robot(Stop)) of
+        {at, At} -> hold(At, Window, Ids, Mails, Steps);
+        _ -> finish(Ids, Mails, Steps)
+    end.
+
+%% Nothing of the peers' mail is taken before the window is over: its robots must not see it.
+hold(At, Window, Ids, Mails0, #steps{mail = Mail, windows = N, stop = Id} = Steps) ->
+    ok = starl_sim_mail:tell_held(N, At, Mail),
+    Mails =
+        case Mails0 of
+            none -> [starl_sim_mail:await(Peer, N) || Peer <- starl_sim_mail:peers(Mail)];
+            _ -> Mails0
+        end,
+    Steps#steps{
+        open = #{
+            window => Window, robot => Id, ids => Ids, at => At, mails => Mails, news => []
+        }
+    }.
+
+finish(Ids, Mails, #steps{windows = N} = Steps) ->
+    Yields = starl_sim_window:yields(Ids),
+    Steps#steps.run ! {window_done, self(), N, maps:get(trace, Yields)},
+    case Mails of
+        none -> exchange(Yields, Steps);
+        _ -> lists:foldl(fun take/2, tell(Yields, Steps), Mails)
+    end.
+
+%% Goes on with the window in which a robot was held, here or in another shard.
+resume(#steps{open = #{window := Window, robot := Id, news := Waiting} = Open} = Steps) ->
+    #{ids := Ids, mails := Mails} = Open,
+    _ = [self() ! News || News <- lists:reverse(Waiting)],
+    ok = starl_sim_window:resume(Window, Id),
+    close(Window, Ids, Mails, Steps#steps{open = none});
+resume(#steps{open = {peer, Peer, _}} = Steps) ->
+    receive_mail(Peer, Steps#steps{open = none});
+resume(#steps{open = none} = Steps) ->
+    Steps.
+
+%% Everybody tells everybody what they must know to run the next window.
+exchange(Yields, #steps{mail = Mail} = Steps) ->
+    lists:foldl(fun receive_mail/2, tell(Yields, Steps), starl_sim_mail:peers(Mail)).
+
+tell(Yields, #steps{windows = N, queue = Queue, mail = Mail} = Steps) ->
+    {News, Own} = starl_sim_mail:tell(N, Yields, Queue, Mail),
+    take(News, Steps#steps{queue = Own, next = infinity}).
+
+receive_mail(Peer, #steps{windows = N} = Steps) ->
+    case starl_sim_mail:await(Peer, N) of
+        {held, At} -> Steps#steps{open = {peer, Peer, At}};
+        abandoned -> Steps#steps{abandoned = true};
+        News -> take(News, Steps)
+    end.
+
+take({Next, Ended, Moved, Packets}, #steps{queue = Queue, sight = Sight} = Steps) ->
+    ok = starl_sim_sight:moved(Moved, Sight),
+    Steps#steps{
+        next = min(Next, Steps#steps.next),
+        running = Steps#steps.running - Ended,
+        queue = starl_sim_queue:add_all(Packets, Queue)
+    }.

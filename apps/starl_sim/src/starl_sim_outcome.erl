@@ -1,0 +1,53 @@
+%% @doc What came of a run: why it ended, what the monitors say, what is known of each robot, and
+%% the digest, which is equal for two runs whose robots have had the same events.
+-module(starl_sim_outcome).
+
+-export([new/2]).
+
+-export_type([t/0, ending/0]).
+
+%% Why a run ended: all applications finished, its time was up, a contract was violated, it was
+%% stopped from outside, nothing can happen any more, or a node is lost.
+-type ending() :: done | time | violation | stopped | quiet | lost.
+
+%% Everything known at the end. Where nodes were lost, their robots are missing in it, and the
+%% digest is empty.
+-type t() :: #{
+    ending := ending() | none,
+    end_us := starl_sim_queue:time(),
+    violations := [starl_monitor:violation()],
+    monitors := #{module() => map()},
+    robots := [robot()],
+    digest := binary(),
+    events := non_neg_integer(),
+    packets := non_neg_integer(),
+    lost := [starl_sim_nodes:loss()]
+}.
+
+-type robot() :: {starl:robot_id(), starl_sim_robot:summary()}.
+
+%% @doc The outcome of a run that ends now and had so many robots; these are known of, ascending.
+-spec new(End, starl_sim_judge:t()) -> t() when
+    End :: #{
+        ending := ending() | none,
+        end_us := starl_sim_queue:time(),
+        robots := [robot()],
+        team := pos_integer(),
+        lost := [starl_sim_nodes:loss()]
+    }.
+new(#{end_us := Now, robots := Robots, team := Team} = End, Judge) ->
+    {Violations, Results} = starl_sim_judge:close(Now, Judge),
+    (maps:with([ending, end_us, robots, lost], End))#{
+        violations => Violations,
+        monitors => Results,
+        digest => digest(Robots, Team),
+        events => lists:sum([N || {_, #{events := N}} <- Robots]),
+        packets => lists:sum([N || {_, #{packets := N}} <- Robots])
+    }.
+
+%% Only the digest of all robots can be compared with that of another run.
+digest(Robots, Team) when length(Robots) < Team ->
+    <<>>;
+digest(Robots, _Team) ->
+    Bytes = [<<Id:32, Chain:32>> || {Id, #{chain := Chain}} <- Robots],
+    binary:part(crypto:hash(sha256, Bytes), 0, 16).

@@ -1,0 +1,29 @@
+%% Timers as machines know them: one of a name at a time, and none that was cancelled.
+-module(starl_sim_timers_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% A timer expires once, by the number of its event.
+expires_once_test() ->
+    Running = starl_sim_timers:start(sap, retry, 7, starl_sim_timers:new()),
+    {ok, Left} = starl_sim_timers:expire(sap, retry, 7, Running),
+    ?assertEqual(stale, starl_sim_timers:expire(sap, retry, 7, Left)).
+
+%% Started anew, only its latest event counts, and cancelled none.
+started_anew_and_cancelled_test() ->
+    Twice = starl_sim_timers:start(a, t, 2, starl_sim_timers:start(a, t, 1, starl_sim_timers:new())),
+    ?assertEqual(stale, starl_sim_timers:expire(a, t, 1, Twice)),
+    ?assertMatch({ok, _}, starl_sim_timers:expire(a, t, 2, Twice)),
+    ?assertEqual(stale, starl_sim_timers:expire(a, t, 2, starl_sim_timers:cancel(a, t, Twice))),
+    ?assertEqual(Twice, starl_sim_timers:cancel(a, other, Twice)).
+
+%% Timers of one name belong to their machines; those of a crashed one are forgotten.
+machines_have_their_own_test() ->
+    Start = fun(Machine, Timers) -> starl_sim_timers:start(Machine, t, 1, Timers) end,
+    Both = starl_sim_timers:forget(a, lists:foldl(Start, starl_sim_timers:new(), [a, b])),
+    ?assertEqual(stale, starl_sim_timers:expire(a, t, 1, Both)),
+    ?assertMatch({ok, _}, starl_sim_timers:expire(b, t, 1, Both)).
+
+%% A machine hears of them in gen_statem's words.
+told_as_gen_statem_does_test() ->
+    ?assertEqual(state_timeout, starl_sim_timers:event_type(state_timeout)),
+    ?assertEqual({timeout, {retransmit, 3}}, starl_sim_timers:event_type({retransmit, 3})).
