@@ -180,7 +180,11 @@ inside({X, Y}, {X0, Y0, X1, Y1}) ->
 %%% Internals
 
 %% Are both of the first two so much more than both of the others? Mostly the first comparison tells.
-beyond(A, B, C, D, Mm) -> A - C >= Mm andalso A - D >= Mm andalso B - C >= Mm andalso B - D >= Mm.
+%% Of floats that are known to be floats the compiler makes no heap terms.
+beyond(A, B, C, D, Mm) when is_float(A), is_float(B), is_float(C), is_float(D) ->
+    A - C >= Mm andalso A - D >= Mm andalso B - C >= Mm andalso B - D >= Mm;
+beyond(A, B, C, D, Mm) ->
+    A - C >= Mm andalso A - D >= Mm andalso B - C >= Mm andalso B - D >= Mm.
 
 wrap(Angle, Pi) when Angle > Pi -> Angle - 2.0 * Pi;
 wrap(Angle, Pi) when Angle =< -Pi -> Angle + 2.0 * Pi;
