@@ -10,7 +10,7 @@ agrees_with_a_plain_search_test_() ->
 
 agrees(Seed) ->
     {Space, Starts} = drawn(rand:seed_s(exsss, Seed)),
-    Visit = fun(V, Cost, Heading, Acc) -> {continue, [{V, Cost, Heading} | Acc]} end,
+    Visit = fun(V, Cost, Heading, Acc) -> {continue, infinity, [{V, Cost, Heading} | Acc]} end,
     {Labels, Visited} = starl_dpp_search:run(Starts, Space, Visit, []),
     Order = lists:reverse(Visited),
     ?assertEqual(plain(Starts, Space), Order, {seed, Seed}),
@@ -22,10 +22,29 @@ stops_test() ->
     {Space, Starts} = drawn(rand:seed_s(exsss, 1)),
     All = plain(Starts, Space),
     {V, Cost, _} = lists:nth(length(All) div 2, All),
-    Visit = fun(W, _, _, N) -> {case W of V -> stop; _ -> continue end, N + 1} end,
+    Visit = fun
+        (W, _, _, N) when W =:= V -> {stop, N + 1};
+        (_, _, _, N) -> {continue, infinity, N + 1}
+    end,
     {Labels, Visited} = starl_dpp_search:run(Starts, Space, Visit, 0),
     ?assertEqual(length(All) div 2, Visited),
     ?assertEqual(Cost, cost(starl_dpp_search:trail(V, Labels), Starts, Space)).
+
+%% What costs more than the visitor has use for is not visited, all else is.
+within_test_() ->
+    [fun() -> within(Seed) end || Seed <- lists:seq(1, 12)].
+
+within(Seed) ->
+    {Space, Starts} = drawn(rand:seed_s(exsss, Seed)),
+    All = plain(Starts, Space),
+    {_, Within, _} = lists:nth((length(All) + 1) div 2, All),
+    Visit = fun(V, Cost, Heading, Acc) -> {continue, Within, [{V, Cost, Heading} | Acc]} end,
+    {_, Visited} = starl_dpp_search:run(Starts, Space, Visit, []),
+    Cheap = [Found || {_, Cost, _} = Found <- All, Cost =< Within],
+    ?assertEqual(Cheap, [F || {_, C, _} = F <- lists:reverse(Visited), C =< Within], {seed, Seed}),
+    ?assertEqual([], [F || {_, C, _} = F <- Visited, C > Within, not from_start(F, Starts)]).
+
+from_start({V, Cost, _}, Starts) -> [] =/= [S || {C, W, _} = S <- Starts, W =:= V, C =:= Cost].
 
 %% -- a plain search -------------------------------------------------------------------------
 
