@@ -25,12 +25,9 @@ groups() ->
                every_input_counts],
     [{painting, [], Same}, {ring_shuttle, [], Same}, {planted, [], Planted}].
 
-init_per_suite(Config) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, none),
-    [{level, Level} | Config].
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
-end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 init_per_group(painting, Config) ->
     Kill = fun(Id, T, Robot, Machine) -> {Id, T, T, kill_machine, {Robot, Machine}, #{}} end,

@@ -25,14 +25,11 @@ all() ->
         planted_bugs_are_caught
     ].
 
-%% Crashes are planned here: their reports are not.
 init_per_suite(Config) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, none),
     _ = rand:seed(exsss, starl_platform_ct:seed()),
-    [{level, Level} | Config].
+    starl_platform_ct:without_log(Config).
 
-end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 %% How many random instants; the acceptance figure is 50.
 instants() -> list_to_integer(os:getenv("STARL_INSTANTS", "4")).

@@ -20,13 +20,9 @@ all() ->
         contended_tokens_are_granted, turns_bound_the_work, random_faults
     ].
 
-%% Crashes are planned here: their reports are not.
-init_per_suite(Config) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, none),
-    [{level, Level} | Config].
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
-end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 %% The scenario files of this suite's subjects are read and accepted.
 scenarios_are_sound(_) ->

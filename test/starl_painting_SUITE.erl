@@ -38,13 +38,9 @@ groups() ->
         {random, [], [crossing_lines, drawings]}
     ].
 
-%% Crashes are planned here: their reports are not.
-init_per_suite(Config) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, none),
-    [{level, Level} | Config].
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
-end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 init_per_testcase(_, Config) -> [{started, erlang:monotonic_time(millisecond)} | Config].
 

@@ -18,13 +18,9 @@ suite() -> [{timetrap, {minutes, 3}}].
 
 all() -> [one_of_each_block_is_found, at_least_one_per_block, nothing_is_found_in_the_sound].
 
-%% Crashes are planned here: their reports are not.
-init_per_suite(Config) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, none),
-    [{level, Level} | Config].
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
-end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 one_of_each_block_is_found(_) ->
     [

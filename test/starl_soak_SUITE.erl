@@ -19,13 +19,9 @@ suite() -> [{timetrap, {minutes, 5}}].
 
 all() -> [contracts_hold, drawn_schedules_are_well_formed, planted_bug_is_found_and_shrunk].
 
-%% Crashes are planned here: their reports are not.
-init_per_suite(Config) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, none),
-    [{level, Level} | Config].
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
-end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 contracts_hold(Config) ->
     Blocks = [list_to_existing_atom(B) || B <- string:lexemes(os:getenv("STARL_BLOCKS", ""), ",")],

@@ -10,12 +10,9 @@
 
 all() -> [swarm_receptions, swarm_in_every_way, events_without_loss, events_with_loss].
 
-init_per_suite(Config) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, none),
-    [{level, Level} | Config].
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
-end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 %% Between 5 and 7 receptions per robot and tick, all of robots within the range.
 swarm_receptions(_Config) ->

@@ -24,19 +24,15 @@ step(Robot, Script) -> {done, Script(Robot)}.
 %% Plays a scenario to its end, at most half a minute of wall time; crashes that are planned make
 %% no reports.
 play(Script, Around, Scenario) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, none),
-    try
+    Given = Scenario#{app => ?MODULE, script => Script, around => Around},
+    starl_platform_ct:quietly(fun() ->
         starl_platform_ct:within(30000, fun() ->
-            Given = Scenario#{app => ?MODULE, script => Script, around => Around},
             {ok, Sim} = starl_sim:start(Given),
             _ = starl_sim:run(Sim),
             {Outcome, _} = starl_sim:finish(Sim),
             Outcome
         end)
-    after
-        logger:set_primary_config(level, Level)
-    end.
+    end).
 
 %% The events of a run, in order.
 trace(#{monitors := #{starl_blocks_recorder := #{trace := Trace}}}) -> Trace.

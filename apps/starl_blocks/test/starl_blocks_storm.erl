@@ -13,16 +13,16 @@ storm(Machines) ->
 
 %% What came of it: the outcome of the run.
 run(App, {Seed, Loss, Duplicate, Delay, Drift, Strikes}, Options) ->
-    Level = maps:get(level, logger:get_primary_config()),
-    ok = logger:set_primary_config(level, none),
-    {ok, Sim} = starl_sim:start(maps:merge(Options#{
+    Given = Options#{
         app => App, robots => 4, time => 90, seed => Seed, loss => Loss, duplicate => Duplicate,
         delay => Delay, clock_drift => Drift, faults => faults(Strikes)
-    }, #{})),
-    _ = starl_sim:run(Sim),
-    {Outcome, _} = starl_sim:finish(Sim),
-    ok = logger:set_primary_config(level, Level),
-    Outcome.
+    },
+    starl_platform_ct:quietly(fun() ->
+        {ok, Sim} = starl_sim:start(Given),
+        _ = starl_sim:run(Sim),
+        {Outcome, _} = starl_sim:finish(Sim),
+        Outcome
+    end).
 
 faults(Strikes) -> [fault(N, S) || {N, S} <- lists:zip(lists:seq(1, length(Strikes)), Strikes)].
 

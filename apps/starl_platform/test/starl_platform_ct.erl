@@ -1,10 +1,12 @@
-%% Helpers of the test suites of all applications: properties that run inside Common Test.
+%% Helpers of the test suites of all applications: properties that run inside Common Test, and
+%% runs without a log.
 %%
 %% A random test prints its seed and takes it back from the environment variable STARL_SEED.
 -module(starl_platform_ct).
 -include_lib("proper/include/proper.hrl").
 
 -export([property/2, safely/1, seed/0, within/2]).
+-export([without_log/1, with_log/1, quietly/1]).
 
 %% Checks a property in so many cases; fails the test case with the seed and the shrunk case.
 property(Prop, Cases) ->
@@ -56,4 +58,22 @@ within(Ms, Fun) ->
         receive
             {'DOWN', Ref, process, Pid, _} -> error({no_answer_within_ms, Ms})
         end
+    end.
+
+%% For init_per_suite/1 and end_per_suite/1 of suites in which crashes are planned: their reports
+%% are not.
+without_log(Config) ->
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, none),
+    [{level, Level} | Config].
+
+with_log(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+
+%% What a function answers that makes no reports meanwhile.
+quietly(Fun) ->
+    Config = without_log([]),
+    try
+        Fun()
+    after
+        with_log(Config)
     end.

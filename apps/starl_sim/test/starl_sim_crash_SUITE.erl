@@ -29,13 +29,9 @@ all() ->
         fault_at_no_machine_is_told
     ].
 
-%% Crashes are planned here: their reports are not.
-init_per_suite(Config) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, none),
-    [{level, Level} | Config].
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
-end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 %% A call to a machine that crashes is answered `restarted'; the other machines are told.
 killed_machine_is_told(_) ->

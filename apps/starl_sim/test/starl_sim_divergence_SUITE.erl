@@ -18,12 +18,9 @@ all() ->
         never_the_same_place
     ].
 
-init_per_suite(Config) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, none),
-    [{level, Level} | Config].
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
-end_per_suite(Config) -> logger:set_primary_config(level, proplists:get_value(level, Config)).
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 same(_) ->
     Run = runner(fun(R) -> starl:sleep(R, 100 * starl:id(R)) end, #{robots => 3}),
