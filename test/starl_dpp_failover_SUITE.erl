@@ -158,7 +158,7 @@ planted_bugs_are_caught(_) ->
     [
         begin
             Found = [Seed || Seed <- lists:seq(1, 4), caught(Bug, Range, Seed)],
-            io:format("~p: found with seeds ~w~n", [Bug, Found]),
+            ct:log("~p: found with seeds ~w", [Bug, Found]),
             ?assertNotEqual([], Found, Bug),
             ?assertEqual([], [Seed || Seed <- Found, caught("none", Range, Seed)], Bug)
         end
@@ -254,4 +254,4 @@ kill(N, Ms, Robot, Machine) -> {label(N), Ms, Ms, kill_machine, {Robot, Machine}
 
 death(N, Ms, Robot) -> {label(N), Ms, Ms, kill_robot, Robot, #{}}.
 
-label(N) -> list_to_atom("fault" ++ integer_to_list(N)).
+label(N) -> starl_platform_ct:fault_id(fault, N).

@@ -46,7 +46,7 @@ init_per_testcase(_, Config) -> [{started, erlang:monotonic_time(millisecond)} |
 
 end_per_testcase(Case, Config) ->
     Took = erlang:monotonic_time(millisecond) - proplists:get_value(started, Config),
-    io:format("~p: ~b ms~n", [Case, Took]).
+    ct:log("~p: ~b ms", [Case, Took]).
 
 %% -- shipped pictures: a sample of the acceptance table -------------------------------------
 
@@ -254,7 +254,7 @@ svg(Shapes) ->
 paints(Svg, Seed, Robots, Config) ->
     File = filename:join(proplists:get_value(priv_dir, Config), "random.svg"),
     ok = file:write_file(File, Svg),
-    io:format("~ts~n", [Svg]),
+    ct:log("~ts", [Svg]),
     complete(#{picture => File, robots => Robots, seed => Seed}),
     true.
 
@@ -289,6 +289,6 @@ play(Given) ->
 
 kill(K, T, Robot, Machine) -> {label(K), T, T, kill_machine, {Robot, Machine}, #{}}.
 
-label(K) -> list_to_atom("fault" ++ integer_to_list(K)).
+label(K) -> starl_platform_ct:fault_id(fault, K).
 
 numbered(List) -> lists:zip(lists:seq(1, length(List)), List).

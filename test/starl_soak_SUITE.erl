@@ -94,7 +94,7 @@ fault({Kind, _, Shape, Params, _}, Block, N) ->
 
 named(Faults) ->
     [
-        {list_to_atom(lists:concat([Kind, "_", I])), From, To, Kind, Target, Params}
+        {starl_platform_ct:fault_id(lists:concat([Kind, "_"]), I), From, To, Kind, Target, Params}
      || {I, {From, To, Kind, Target, Params}} <- lists:enumerate(Faults)
     ].
 
@@ -124,7 +124,7 @@ holds(App, Scenario, Config) ->
         [] ->
             true;
         [First | _] ->
-            io:format("~ts~n", [starl_monitor:format_violation(First)]),
+            ok = starl_platform_ct:tell([First]),
             tell(shrink(App, Scenario, Config)),
             false
     end.
@@ -133,8 +133,8 @@ judged(App, Scenario) ->
     {ok, #{violations := Violations}} = starl_sim_trial:run(Scenario#{app => App}),
     Violations.
 
-tell({ok, Lines, _}) -> io:format("~ts~n", [lists:join("\n", Lines)]);
-tell({error, _, Why}) -> io:format("~ts~n", [Why]).
+tell({ok, Lines, _}) -> ct:log("~ts", [lists:join("\n", Lines)]);
+tell({error, _, Why}) -> ct:log("~ts", [Why]).
 
 shrink(App, Given, Config) ->
     {ok, Scenario} = starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)),

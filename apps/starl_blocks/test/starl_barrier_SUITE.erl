@@ -68,7 +68,7 @@ crash_of_both_machines(_) ->
     ].
 
 crash(Robot, At, Machine) ->
-    Name = list_to_atom(lists:concat([Machine, "_", At])),
+    Name = starl_platform_ct:fault_id(lists:concat([Machine, "_"]), At),
     {Name, At, At, kill_machine, {Robot, Machine}, #{}}.
 
 %% A robot that comes up anew goes on with a round that it has not passed, and waits for all.

@@ -31,7 +31,7 @@ fault(N, {Tenths, Robot, robot}) ->
 fault(N, {Tenths, Robot, Machine}) ->
     {name(N), Tenths * 100, Tenths * 100, kill_machine, {Robot, Machine}, #{}}.
 
-name(N) -> list_to_atom("kill_" ++ integer_to_list(N)).
+name(N) -> starl_platform_ct:fault_id(kill_, N).
 
 %% The N-th storm of a series: a function of N alone.
 drawn(N, Machine) ->
@@ -41,10 +41,10 @@ drawn(N, Machine) ->
        lists:nth(1 + Draw({kind, I}, 4), [Machine, Machine, app, robot])}
       || I <- lists:seq(1, Draw(count, 5))]}.
 
-%% The violations of one contract, printed.
+%% The violations of one contract, logged.
 broken(Contract, #{violations := Violations}) ->
     Mine = [V || #{contract := C} = V <- Violations, C =:= Contract],
-    _ = [io:format("~ts~n", [starl_monitor:format_violation(V)]) || V <- Mine],
+    ok = starl_platform_ct:tell(Mine),
     Mine.
 
 %% The first of so many storms that shows a violation of the contract.

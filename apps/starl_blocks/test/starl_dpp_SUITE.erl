@@ -534,7 +534,7 @@ crashes_at_random(_) ->
 
 paints(Seed, Loss, Kills) ->
     Faults = [
-        {list_to_atom("fault" ++ integer_to_list(K)), T, T, kill_machine, {R, M}, #{}}
+        {starl_platform_ct:fault_id(fault, K), T, T, kill_machine, {R, M}, #{}}
      || {K, {T, R, M}} <- lists:zip(lists:seq(1, length(Kills)), Kills)
     ],
     {ok, Sim} = starl_sim:start(#{

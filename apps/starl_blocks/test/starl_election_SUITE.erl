@@ -34,7 +34,7 @@ bully_without_loss(_) -> starl_platform_ct:property(prop(bully, lossless()), 40)
 prop(Block, Generator) ->
     ?FORALL(Case, Generator, starl_platform_ct:safely(fun() ->
         #{violations := Violations} = run(Case, Block),
-        _ = [io:format("~ts~n", [starl_monitor:format_violation(V)]) || V <- Violations],
+        ok = starl_platform_ct:tell(Violations),
         Violations =:= []
     end)).
 
@@ -54,7 +54,7 @@ caught(Generator, Bug, Left) ->
     case [What || #{contract := election, what := What} <- Violations] of
         [] -> caught(Generator, Bug, Left - 1);
         [What | _] ->
-            io:format("~p is caught as ~p in case ~b~n", [Bug, What, 201 - Left]),
+            ct:log("~p is caught as ~p in case ~b", [Bug, What, 201 - Left]),
             true
     end.
 
@@ -117,7 +117,7 @@ elect(R, Election) ->
     end.
 
 planned(Faults) ->
-    [{list_to_atom("f" ++ integer_to_list(K)), At, At, Kind, Target, #{}}
+    [{starl_platform_ct:fault_id(f, K), At, At, Kind, Target, #{}}
      || {K, {At, Kind, Target}} <- lists:zip(lists:seq(1, length(Faults)), Faults)].
 
 %% -- pitfalls -------------------------------------------------------------------------------

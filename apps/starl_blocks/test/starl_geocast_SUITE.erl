@@ -39,7 +39,7 @@ holds(Case, Bug) ->
     Violations =:= [] orelse tell(Violations).
 
 tell(Violations) ->
-    [io:format("~ts~n", [starl_monitor:format_violation(V)]) || V <- Violations],
+    ok = starl_platform_ct:tell(Violations),
     false.
 
 %% Progress: every robot inside during the whole window gets the message where packets get
@@ -72,7 +72,7 @@ caught(Generator, Bug, Left) ->
     case [What || #{contract := geocast, what := What} <- Violations] of
         [] -> caught(Generator, Bug, Left - 1);
         [What | _] ->
-            io:format("~p is caught as ~p in case ~b~n", [Bug, What, 301 - Left]),
+            ct:log("~p is caught as ~p in case ~b", [Bug, What, 301 - Left]),
             true
     end.
 
@@ -138,7 +138,7 @@ machine(Bug, Config) -> {geocast, starl_geocast_bug, Config#{bug => Bug}}.
 pose(I) -> {1000.0 + 2000.0 * ((I - 1) rem 4), 1000.0 + 2000.0 * ((I - 1) div 4), 0.0}.
 
 planned(Faults) ->
-    [{list_to_atom("f" ++ integer_to_list(K)), At, At + 700, Kind, Target, #{}}
+    [{starl_platform_ct:fault_id(f, K), At, At + 700, Kind, Target, #{}}
      || {K, {At, Kind, Target}} <- lists:zip(lists:seq(1, length(Faults)), Faults)].
 
 script(R, #{area := Area, lifetime := Lifetime, drives := Drives}) ->

@@ -23,7 +23,7 @@ all() ->
 contract_under_faults(_) ->
     Prop = ?FORALL(Case, registers(), starl_platform_ct:safely(fun() ->
         #{violations := Violations} = run(Case, none),
-        _ = [io:format("~ts~n", [starl_monitor:format_violation(V)]) || V <- Violations],
+        ok = starl_platform_ct:tell(Violations),
         Violations =:= []
     end)),
     starl_platform_ct:property(Prop, 40).
@@ -41,7 +41,7 @@ caught(Bug, Left) ->
     case [What || #{contract := registers, what := What} <- Violations] of
         [] -> caught(Bug, Left - 1);
         [What | _] ->
-            io:format("~p is caught as ~p in case ~b~n", [Bug, What, 301 - Left]),
+            ct:log("~p is caught as ~p in case ~b", [Bug, What, 301 - Left]),
             true
     end.
 
@@ -91,7 +91,7 @@ script(R) ->
     [starl_registers:get(R, Name) || Name <- [0, 1, 2, mine]].
 
 planned(Faults) ->
-    [{list_to_atom("f" ++ integer_to_list(K)), At, At, Kind, Target, #{}}
+    [{starl_platform_ct:fault_id(f, K), At, At, Kind, Target, #{}}
      || {K, {At, Kind, Target}} <- lists:zip(lists:seq(1, length(Faults)), Faults)].
 
 %% -- directed tests -------------------------------------------------------------------------

@@ -92,7 +92,7 @@ arrives(Noise, Goal, #{speed := Speed, near_speed := Near, goal_mm := GoalMm} = 
         Left =< GoalMm + Blur andalso
         ArrivedUs =< Bound * 1.0e6 orelse
         begin
-            io:format("~p: off ~p (~p), left ~p (~p), ~p us (~p s)~n", [
+            ct:log("~p: off ~p (~p), left ~p (~p), ~p us (~p s)", [
                 Answer, Off, starl_motion:tracking_radius(Profile), Left, GoalMm, ArrivedUs, Bound
             ]),
             false

@@ -1,12 +1,12 @@
 %% Helpers of the test suites of all applications: properties that run inside Common Test, and
-%% runs without a log.
+%% runs without a log, violations and the names of faults.
 %%
 %% A random test prints its seed and takes it back from the environment variable STARL_SEED.
 -module(starl_platform_ct).
 -include_lib("proper/include/proper.hrl").
 
 -export([property/2, safely/1, seed/0, within/2]).
--export([without_log/1, with_log/1, quietly/1]).
+-export([without_log/1, with_log/1, quietly/1, tell/1, fault_id/2]).
 
 %% Checks a property in so many cases; fails the test case with the seed and the shrunk case.
 property(Prop, Cases) ->
@@ -77,3 +77,11 @@ quietly(Fun) ->
     after
         with_log(Config)
     end.
+
+%% Violations, into the log of the test case.
+tell(Violations) ->
+    _ = [ct:log("~ts", [starl_monitor:format_violation(V)]) || V <- Violations],
+    ok.
+
+%% The name of the N-th fault of a schedule: no more atoms than the longest schedule has faults.
+fault_id(Prefix, N) -> list_to_atom(lists:concat([Prefix, N])).

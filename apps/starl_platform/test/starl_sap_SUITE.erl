@@ -55,7 +55,7 @@ keeps_contract(N, Ops, Faults) ->
     Typed = lists:all(fun({_, Type, {Type, _}}) -> true; (_) -> false end, lists:append(Inboxes)),
     Violations =:= [] andalso Once andalso Typed orelse
         begin
-            io:format("~p~nonce ~p typed ~p~n", [Violations, Once, Typed]),
+            ct:log("~p~nonce ~p typed ~p", [Violations, Once, Typed]),
             false
         end.
 

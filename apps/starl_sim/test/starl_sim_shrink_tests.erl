@@ -142,7 +142,7 @@ scenario(Faults, Robots) ->
     }, []),
     Scenario.
 
-id(N) -> list_to_atom("f" ++ integer_to_list(N)).
+id(N) -> starl_platform_ct:fault_id(f, N).
 
 ids(#{faults := Faults}) -> [element(1, Fault) || Fault <- Faults].
 
