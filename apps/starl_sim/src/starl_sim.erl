@@ -130,13 +130,7 @@ finish(#sim{run = Run, scenario = #{app := App}, scene = Scene} = Sim) ->
 
 %% @doc Ends the simulation.
 -spec close(sim()) -> ok.
-close(#sim{sup = Sup}) ->
-    true = unlink(Sup),
-    Ref = erlang:monitor(process, Sup),
-    exit(Sup, shutdown),
-    receive
-        {'DOWN', Ref, process, Sup, _} -> ok
-    end.
+close(#sim{sup = Sup}) -> starl_sim_sup:stop(Sup).
 
 %% @doc One line that says why a simulation could not be started.
 -spec format_error(reason()) -> unicode:chardata().

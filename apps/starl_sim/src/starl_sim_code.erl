@@ -40,6 +40,7 @@ application_of(Module) ->
     case code:which(Module) of
         File when is_list(File), File =/= "" ->
             Files = filelib:wildcard(filename:join(filename:dirname(File), "*.app")),
+            %% the folder of code that runs here: as many as applications are installed
             [list_to_atom(filename:basename(App, ".app")) || App <- Files];
         _ ->
             []

@@ -47,6 +47,7 @@ fault({Kind, _, Shape, Params, _}, Key, N, #{until_ms := UntilMs} = Request) ->
     Longest = max(1, UntilMs div 3),
     Span = round(Longest * math:pow(uniform({Key, span}), 2)),
     To = min(UntilMs, From + 1 + Span),
+    %% so many at the most as there are kinds times ?MOST
     Id = list_to_atom(lists:concat([Kind, "_", N])),
     Values = maps:from_list([{Name, value(Type, Range, {Key, Name})} || {Name, Type, Range} <- Params]),
     {Id, From, To, Kind, target(Shape, Key, Request), Values}.

@@ -31,12 +31,13 @@ start(#{name := Name} = Wish) ->
         Other -> {error, {is_named, Other}}
     end.
 
-%% @doc A cookie that nobody guesses.
+%% @doc A cookie that nobody guesses; one in the life of a VM.
 -spec random_cookie() -> atom().
 random_cookie() ->
     binary_to_atom(binary:encode_hex(crypto:strong_rand_bytes(16))).
 
-%% @doc A node's name from text: with this machine's name behind it where it has none.
+%% @doc A node's name from text: with this machine's name behind it where it has none. The text
+%% is bounded and what the user has typed, a name or a few in the life of a VM: hence atoms.
 -spec full_name(string()) -> {ok, node()} | {error, reason()}.
 full_name(Text) when length(Text) =< ?LONGEST_NAME ->
     case string:split(Text, "@", all) of

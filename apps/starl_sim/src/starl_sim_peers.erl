@@ -48,17 +48,7 @@ kill(#peer{control = Control, os_pid = OsPid}) ->
     _ = os:cmd("kill -KILL " ++ OsPid),
     close(Control).
 
-%% It may be gone already.
-close(Control) ->
-    Ref = erlang:monitor(process, Control),
-    exit(Control, shutdown),
-    receive
-        {'DOWN', Ref, process, Control, _} -> ok
-    after ?END_MS ->
-        true = erlang:demonitor(Ref, [flush]),
-        true = exit(Control, kill),
-        ok
-    end.
+close(Control) -> starl_sim_stop:shutdown(Control, ?END_MS).
 
 %% @doc One line that says why there are no peers.
 -spec format_error(reason()) -> unicode:chardata().
@@ -72,6 +62,7 @@ format_error(Reason) ->
 distribute() ->
     case erlang:node() of
         nonode@nohost ->
+            %% one name in the life of a VM
             starl_sim_net:start(#{
                 name => list_to_atom(unique("starl") ++ "@127.0.0.1"),
                 cookie => starl_sim_net:random_cookie(),
@@ -122,6 +113,7 @@ await({Control, Tag}) ->
 named([], Peers) ->
     {ok, lists:reverse(Peers)};
 named([{ok, Control} | Rest], Peers) ->
+    %% a random name, an atom for each peer that is started: a few in a run, never from input
     Node = list_to_atom(unique("starl_peer") ++ "@" ++ host()),
     case name(Control, Node) of
         {ok, OsPid} ->

@@ -98,13 +98,4 @@ handle_info({'EXIT', _Pool, Reason}, Site) ->
 %% The shards first: they would take the end of their robots for crashes.
 -spec terminate(term(), #site{}) -> ok.
 terminate(_Reason, #site{robots_sup = Robots, shard_sup = Shards}) ->
-    lists:foreach(fun end_pool/1, [Shards, Robots]).
-
-end_pool(Pool) ->
-    Ref = erlang:monitor(process, Pool),
-    exit(Pool, shutdown),
-    receive
-        {'DOWN', Ref, process, Pool, _} -> ok
-    after ?STOP_MS ->
-        exit(Pool, kill)
-    end.
+    lists:foreach(fun(Pool) -> starl_sim_stop:shutdown(Pool, ?STOP_MS) end, [Shards, Robots]).

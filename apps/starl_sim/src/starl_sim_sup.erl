@@ -11,7 +11,7 @@
 -module(starl_sim_sup).
 -behaviour(supervisor).
 
--export([start_link/1, run/1, sites/1]).
+-export([start_link/1, stop/1, run/1, sites/1]).
 -export([init/1]).
 
 %% @doc Starts a simulation; `Plan' is the run's without the sites. With the key `nodes' it
@@ -50,17 +50,15 @@ start_run(Sup, Nodes, Plan) ->
             exit(Reason)
     end.
 
-stop(Sup) ->
-    true = unlink(Sup),
-    Ref = erlang:monitor(process, Sup),
-    exit(Sup, shutdown),
-    receive
-        {'DOWN', Ref, process, Sup, _} -> ok
-    end.
-
 %% Ending the nodes takes as long as it takes; they bound it themselves.
 child(Id, Module, Args, Restart) ->
     #{id => Id, start => {Module, start_link, Args}, restart => Restart, shutdown => 60000}.
+
+%% @doc Ends a simulation that the calling process has started; all of it is gone afterwards.
+-spec stop(pid()) -> ok.
+stop(Sup) ->
+    true = unlink(Sup),
+    starl_sim_stop:shutdown(Sup, infinity).
 
 %% @doc Where robots and shards are.
 -spec sites(pid()) -> [starl_sim_site:t()].
