@@ -2,7 +2,7 @@
 -module(starl_sim_ct).
 -include_lib("stdlib/include/assert.hrl").
 
--export([start/3, play/3, end_of/1, well_ended/1, trace/1, crashing/1, point/1, pid_of/3,
+-export([start/3, run/1, play/3, end_of/1, well_ended/1, trace/1, crashing/1, point/1, pid_of/3,
          kill/2, robot_of/1, no_jump/1]).
 
 -define(APP, starl_sim_script_app).
@@ -10,6 +10,13 @@
 
 start(N, Script, Scenario) ->
     starl_sim:start(maps:merge(#{app => ?APP, robots => N, script => Script, time => 3600}, Scenario)).
+
+%% Runs a scenario to its end: the outcome and how it ended.
+run(Scenario) ->
+    {ok, Sim} = starl_sim:start(Scenario),
+    #{ending := Ending} = starl_sim:run(Sim),
+    {Outcome, _} = starl_sim:finish(Sim),
+    Outcome#{ending => Ending}.
 
 %% Plays to the end: the outcome, the robots' results, the trace. No contract may be broken.
 play(N, Script, Scenario) ->

@@ -1,0 +1,242 @@
+%% The contract of DPP (DESIGN section 3), the part that its coordinator keeps: who has no quorum
+%% assigns nothing; a lost assignment keeps its reservation until the next request clears it or its
+%% leave ends; a late Clear frees nothing; a new coordinator keeps all that robots hold. The machine
+%% is stepped by hand. Participants: starl_dpp_participant_SUITE; both in runs:
+%% starl_dpp_crash_SUITE.
+-module(starl_dpp_coordinator_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-import(starl_dpp_ct, [base/4, step/3, at/4, sent/2]).
+
+-export([suite/0, all/0]).
+-export([
+    nothing_is_assigned_before_all_are_known/1, nothing_is_assigned_without_votes/1,
+    votes_run_out/1, each_request_is_answered_once/1, old_request_is_ignored/1,
+    late_clear_frees_nothing/1, clear_frees_what_is_behind/1, lost_assignment_stays_reserved/1,
+    other_terms_are_ignored/1, recovered_reservation_is_kept/1,
+    silent_robot_keeps_all_until_its_leave_ends/1, late_report_of_a_silent_robot/1,
+    unreachable_unknown_robot_ends/1
+]).
+
+-define(CONFIG, #{
+    segments => [{{3000.0, 3000.0}, {7000.0, 3000.0}}, {{3000.0, 7000.0}, {7000.0, 7000.0}}],
+    world => {10000.0, 10000.0}, tube_radius => 220.0, slack => 10.0, horizon => 2000.0,
+    seed => 1
+}).
+-define(S, 1000000).
+
+suite() -> [{timetrap, {minutes, 2}}].
+
+all() ->
+    [
+        nothing_is_assigned_before_all_are_known, nothing_is_assigned_without_votes,
+        votes_run_out, each_request_is_answered_once, old_request_is_ignored,
+        late_clear_frees_nothing, clear_frees_what_is_behind, lost_assignment_stays_reserved,
+        other_terms_are_ignored, recovered_reservation_is_kept,
+        silent_robot_keeps_all_until_its_leave_ends, late_report_of_a_silent_robot,
+        unreachable_unknown_robot_ends
+    ].
+
+%% A team of two, whose first robot is a quorum.
+nothing_is_assigned_before_all_are_known(_) ->
+    {First, C1} = claimed([1, 2]),
+    ?assertMatch([{{1, 1}, _, false}], [B || {cast, sap, {broadcast, dpp_recover, B}} <- First]),
+    {_, C2} = state(1, {standing, spot(1)}, C1),
+    {Asked, C3} = ask(1, 1, spot(1), C2),
+    ?assertEqual([], answers(Asked)),
+    {Known, C4} = state(2, {standing, spot(2)}, C3),
+    ?assert(lists:member({trace, {coordinator, {1, 1}}}, Known)),
+    {Second, _} = ask(2, 1, spot(2), C4),
+    ?assertMatch([{2, {assign, _, _}} | _], answers(Second)).
+
+%% All robots are known, but not enough of them vote.
+nothing_is_assigned_without_votes(_) ->
+    {_, C1} = claimed([1, 2, 3]),
+    C2 = lists:foldl(
+        fun(R, C) ->
+            {_, Next} = state(R, {standing, spot(R)}, {1, 0, R =:= 2}, C),
+            Next
+        end,
+        C1, [2, 3, 1]
+    ),
+    {Actions, C3} = ask(1, 1, spot(1), C2),
+    ?assertEqual([], answers(Actions)),
+    {Won, _} = step(cast, {message, 3, dpp_here, {{1, 1}, {1, 1, true}}}, C3),
+    ?assert(lists:member({trace, {leads, {1, 1}}}, Won)).
+
+%% Votes last for ten seconds from the beat that they answer. Then nothing is assigned.
+votes_run_out(_) ->
+    C = open(),
+    {Early, _} = at(9 * ?S, cast, asks(2, 1, spot(2)), C),
+    ?assertMatch([{2, {assign, _, _}} | _], answers(Early)),
+    {Late, _} = at(10 * ?S, cast, asks(2, 1, spot(2)), C),
+    ?assertEqual([], answers(Late)),
+    ?assert(lists:member({trace, {stepped_down, {1, 1}}}, Late)).
+
+%% Each request gets one answer; a doubled request gets no second one.
+each_request_is_answered_once(_) ->
+    {_, Id, _, C} = assigned(),
+    {Again, _} = request(2, Id, spot(2), C),
+    ?assertEqual([], Again).
+
+old_request_is_ignored(_) ->
+    {_, {I, N}, Held, C} = assigned(),
+    {Old, C1} = request(2, {I, N - 1}, spot(2), C),
+    ?assertEqual([], Old),
+    ?assertEqual(Held, held(2, C1)).
+
+%% Pitfall: a late or doubled Clear of an earlier path frees space of the present one.
+late_clear_frees_nothing(_) ->
+    {_, {I, N}, Held, C} = assigned(),
+    {Late, C1} = step(cast, {message, 2, dpp_passed, {{1, 1}, {I, N - 1}, 1}}, C),
+    ?assertEqual([], Late),
+    ?assertEqual(Held, held(2, C1)).
+
+clear_frees_what_is_behind(_) ->
+    {_, Id, Held, C} = assigned(),
+    {_, C1} = step(cast, {message, 2, dpp_passed, {{1, 1}, Id, 1}}, C),
+    Left = held(2, C1),
+    ?assertNotEqual(Held, Left),
+    {_, C2} = step(cast, {message, 2, dpp_passed, {{1, 1}, Id, 1}}, C1),
+    ?assertEqual(Left, held(2, C2)).
+
+%% Pitfall: the assignment is lost, the reservation stays; the robot's next request clears it.
+lost_assignment_stays_reserved(_) ->
+    {_, {I, N}, Held, C} = assigned(),
+    {_, C1} = step({reply, {answered, {1, 1}, 2}}, {error, lost}, C),
+    ?assertEqual(Held, held(2, C1)),
+    {Next, C2} = request(2, {I, N + 5}, spot(2), C1),
+    ?assertMatch([{2, {assign, _, _}} | _], answers(Next)),
+    ?assertMatch([_ | _], held(2, C2)).
+
+%% What was said before this term says nothing of what another coordinator has assigned since:
+%% the robot is told of the term. A later term begins a new claim.
+other_terms_are_ignored(_) ->
+    C = open(),
+    Early = {message, 2, dpp_request, {{0, 0}, {1, 9}, spot(1), [], 0}},
+    {Told, C1} = step(cast, Early, C),
+    ?assertEqual([], answers(Told)),
+    ?assertMatch([{2, {{1, 1}, _, true}}], sent(dpp_recover, Told)),
+    ?assertEqual([{spot(2), spot(2)}], held(2, C1)),
+    {Higher, _} = step(cast, {message, 2, dpp_refused, {4, 2}}, C1),
+    ?assert(lists:member({trace, {claims, {5, 1}}}, Higher)).
+
+%% What a robot says that it holds is its reservation with the new coordinator, too.
+recovered_reservation_is_kept(_) ->
+    {[{2, {assign, From, Path}} | _], _, Held, _} = assigned(),
+    {_, C1} = claimed([1, 2]),
+    {_, C2} = state(1, {standing, spot(1)}, C1),
+    {_, C3} = state(2, {moving, 0, From, Path}, C2),
+    ?assertEqual(Held, held(2, C3)),
+    %% and a doubled report changes nothing
+    {Twice, _} = state(2, {moving, 0, From, Path}, C3),
+    ?assertEqual([], sent(dpp_answer, Twice)).
+
+%% Robot 2 has an assignment and is not heard again: before its leave has surely ended it keeps
+%% everything; then it is looked for, and holds the place where it stands.
+silent_robot_keeps_all_until_its_leave_ends(_) ->
+    {_, _, Held, C} = assigned(),
+    C1 = at_beats(lists:seq(1, 10), C),
+    ?assertEqual(Held, held(2, C1)),
+    {Looks, C2} = at(11 * ?S, {timeout, beat}, beat, voted(10, C1)),
+    ?assert(lists:member({call, location, {pose, 2}, {rest, {1, 1}, 2}}, Looks)),
+    ?assertEqual(Held, held(2, C2)),
+    {X, Y} = spot(2),
+    {Found, C3} = at(11 * ?S, {reply, {rest, {1, 1}, 2}}, {ok, {X, Y, 0.0}}, C2),
+    ?assert(lists:member({trace, {silent, 2}}, Found)),
+    ?assertEqual([{spot(2), spot(2)}], held(2, C3)).
+
+%% Pitfall: a report of a moving robot that was so long on its way that the robot has been found
+%% standing meanwhile gives it nothing back.
+late_report_of_a_silent_robot(_) ->
+    {[{2, {assign, From, Path}} | _], _, _, _} = assigned(),
+    {_, C1} = claimed([1, 2]),
+    {_, C2} = state(1, {standing, spot(1)}, C1),
+    C3 = at_beats(lists:seq(1, 10), C2),
+    {_, C4} = at(11 * ?S, {timeout, beat}, beat, voted(10, C3)),
+    {X, Y} = spot(2),
+    {_, C5} = at(11 * ?S, {reply, {rest, {1, 1}, 2}}, {ok, {X, Y, 0.0}}, C4),
+    Late = {{1, 1}, {1, 5}, {moving, 0, From, Path}, [], {1, 0, true}},
+    {_, C6} = at(11 * ?S, cast, {message, 2, dpp_state, Late}, C5),
+    ?assertEqual([{spot(2), spot(2)}], held(2, C6)).
+
+%% A robot that nobody finds does not stop the others for ever: who waits gets an answer in
+%% bounded time.
+unreachable_unknown_robot_ends(_) ->
+    {_, C1} = claimed([1, 2]),
+    {_, C2} = state(1, {standing, spot(1)}, C1),
+    {Asked, C3} = ask(1, 1, spot(1), C2),
+    [{_, Us, give_up}] = [A || {{timeout, give_up}, _, _} = A <- Asked],
+    C4 = at_beats(lists:seq(1, Us div ?S), C3),
+    {Ended, _} = at(Us, {timeout, give_up}, give_up, C4),
+    ?assertEqual([{1, incomplete}], answers(Ended)).
+
+%% -- helpers --------------------------------------------------------------------------------
+
+%% Beats every second, which only the own participant answers.
+at_beats(Seconds, C) ->
+    lists:foldl(
+        fun(T, C0) ->
+            {_, C1} = at(T * ?S, {timeout, beat}, beat, C0),
+            voted(T, C1)
+        end,
+        C, Seconds
+    ).
+
+voted(T, C) ->
+    #{seq := Seq} = beats(C),
+    {_, Voted} = at(T * ?S, cast, {message, 1, dpp_here, {{1, 1}, {Seq, T * ?S, true}}}, C),
+    Voted.
+
+%% The number of the next beat, by having one sent and thrown away.
+beats(C) ->
+    {Actions, _} = at(0, {timeout, beat}, beat, C),
+    [Seq] = [S || {cast, sap, {shout, dpp_beat, {_, S, _}}} <- Actions],
+    #{seq => Seq - 1}.
+
+%% A coordinator that was asked for a path and claims a term.
+claimed(Team) ->
+    {_, C} = starl_machine:new(
+        starl_dpp_coordinator, ?CONFIG, base(1, dpp_coordinator, 1, Team)
+    ),
+    step(cast, {message, 1, dpp_request, {{0, 0}, {1, 0}, spot(1), [], 0}}, C).
+
+state(Robot, Place, C) -> state(Robot, Place, {1, 0, true}, C).
+
+state(Robot, Place, Ballot, C) ->
+    step(cast, {message, Robot, dpp_state, {{1, 1}, {1, 0}, Place, [], Ballot}}, C).
+
+%% It leads, and both robots are known.
+open() ->
+    {_, C1} = claimed([1, 2]),
+    {_, C2} = state(1, {standing, spot(1)}, C1),
+    {_, C3} = state(2, {standing, spot(2)}, C2),
+    C3.
+
+%% Robot 2 has an assignment: the answers, its request, what it holds.
+assigned() ->
+    {Actions, C} = ask(2, 5, spot(2), open()),
+    [{2, {assign, _, _}} | _] = Answers = answers(Actions),
+    {Answers, {1, 5}, held(2, C), C}.
+
+ask(Robot, N, At, C) -> request(Robot, {1, N}, At, C).
+
+request(Robot, Id, At, C) -> step(cast, asks(Robot, element(2, Id), At), C).
+
+asks(Robot, N, At) -> {message, Robot, dpp_request, {{1, 1}, {1, N}, At, [], 0}}.
+
+answers(Actions) ->
+    [{R, A} || {call, sap, {send, R, dpp_answer, {_, _, A, _}}, _} <- Actions].
+
+%% What the plan inside the coordinator holds for a robot.
+held(Robot, C) ->
+    [Serve] = records(serve, starl_machine:data(C)),
+    [Plan] = records(plan, Serve),
+    starl_dpp_plan:held(Robot, Plan).
+
+records(Tag, Record) ->
+    [R || R <- tuple_to_list(Record), is_tuple(R), R =/= {}, element(1, R) =:= Tag,
+          tuple_size(R) > 5].
+
+spot(Robot) ->
+    {ok, Plan} = starl_dpp_plan:new((?CONFIG)#{robots => [1, 2]}),
+    starl_dpp_plan:spot((Robot - 1) rem 2 + 1, Plan).

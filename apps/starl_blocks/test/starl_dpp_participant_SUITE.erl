@@ -1,0 +1,253 @@
+%% The contract of DPP (DESIGN section 3), the part that its participants keep: a request certifies
+%% where the robot stands; an answer is taken once, and only the present one's; a path is void for
+%% ever once its leave has ended; a vote is given once; a crash stops the robot. The machine is
+%% stepped by hand. The coordinator: starl_dpp_coordinator_SUITE; both in runs: starl_dpp_crash_SUITE.
+-module(starl_dpp_participant_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-import(starl_dpp_ct, [base/4, step/3, at/4, sent/2]).
+
+-export([suite/0, all/0]).
+-export([
+    request_certifies_the_place/1, request_without_coordinator/1, answer_is_taken_once/1,
+    stale_answers_are_refused/1, lost_answer_is_asked_for_again/1,
+    lost_pose_is_asked_for_again/1, ids_ascend_over_a_crash/1, recover_while_standing/1,
+    recover_while_moving/1, recover_while_asking/1, crash_stops_the_robot/1,
+    crashed_robot_does_not_vote/1, earlier_term_is_refused/1, vote_is_kept/1,
+    leader_is_followed_without_vote/1, leave_ends_for_good/1, beats_prolong_leave/1,
+    late_assignment_is_void/1, missing_coordinator_is_replaced/1,
+    painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1
+]).
+
+-define(S, 1000000).
+
+suite() -> [{timetrap, {minutes, 2}}].
+
+all() ->
+    [
+        request_certifies_the_place, request_without_coordinator, answer_is_taken_once,
+        stale_answers_are_refused, lost_answer_is_asked_for_again, lost_pose_is_asked_for_again,
+        ids_ascend_over_a_crash, recover_while_standing, recover_while_moving,
+        recover_while_asking, crash_stops_the_robot, crashed_robot_does_not_vote,
+        earlier_term_is_refused, vote_is_kept, leader_is_followed_without_vote,
+        leave_ends_for_good, beats_prolong_leave, late_assignment_is_void,
+        missing_coordinator_is_replaced, painted_goes_with_the_next_request,
+        passed_is_told_now_and_then
+    ].
+
+%% A request says where the robot stands: it is stopped first, then located.
+request_certifies_the_place(_) ->
+    {Stop, P1} = step({call, {app, 1}}, request, joined()),
+    [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
+    {Look, P2} = step({reply, {halted, N}}, ok, P1),
+    ?assertEqual([{call, location, {pose, 1}, {pose, N}}], Look),
+    {Ask, _} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2),
+    ?assertMatch([{4, {{0, 0}, {1, _}, {1.0, 2.0}, [], 0}}], sent(dpp_request, Ask)).
+
+request_without_coordinator(_) ->
+    {Actions, _} = step({call, {app, 1}}, request, participant(1)),
+    ?assertEqual([{reply, {app, 1}, {error, no_coordinator}}], Actions).
+
+answer_is_taken_once(_) ->
+    {Id, P} = asking(led()),
+    {Actions, Moving} = answer(4, {1, 4}, Id, P),
+    ?assertEqual([{reply, {app, 1}, {ok, {Id, path()}}}], replies(Actions)),
+    {Again, _} = answer(4, {1, 4}, Id, Moving),
+    ?assertEqual([{trace, {stale_answer, 4, {1, 4}, Id}}], Again).
+
+%% Answers to another request, of another term or of another robot are dropped, and traced.
+stale_answers_are_refused(_) ->
+    {{I, N} = Id, P} = asking(led()),
+    [
+        ?assertMatch({[{trace, {stale_answer, _, _, _}}], _}, answer(Source, Term, Which, P))
+     || {Source, Term, Which} <- [
+            {4, {1, 4}, {I, N - 1}}, {4, {1, 4}, {I, N + 1}}, {4, {0, 4}, Id}, {3, {2, 3}, Id},
+            {3, {1, 4}, Id}, {4, {1, 4}, {I + 1, N}}
+        ]
+    ].
+
+lost_answer_is_asked_for_again(_) ->
+    {First, P} = asking(led()),
+    {Actions, Again} = step({timeout, again}, request, P),
+    [{4, {_, Second, {1.0, 2.0}, [], _}}] = sent(dpp_request, Actions),
+    ?assert(Second > First),
+    ?assertMatch({[{trace, {stale_answer, _, _, First}}], _}, answer(4, {1, 4}, First, Again)),
+    {Taken, _} = answer(4, {1, 4}, Second, Again),
+    ?assertMatch([_], replies(Taken)).
+
+lost_pose_is_asked_for_again(_) ->
+    {_, P1} = step({call, {app, 1}}, request, joined()),
+    {Actions, _} = step({timeout, look}, look, P1),
+    ?assertMatch([{call, motion, stop, {halted, _}}, {{timeout, look}, _, look}], Actions).
+
+ids_ascend_over_a_crash(_) ->
+    {First, _} = asking(joined()),
+    {Second, _} = asking(joined(2)),
+    ?assert(Second > First).
+
+%% A coordinator that begins is told where the robot stands, once it is stopped and seen; once.
+recover_while_standing(_) ->
+    {Stop, P1} = recover(3, {1, 3}, participant(1)),
+    {Told, P2} = located(Stop, P1),
+    ?assertMatch([{3, {{1, 3}, _, {standing, {1.0, 2.0}}, [], {7, 0, true}}}],
+                 sent(dpp_state, Told)),
+    [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
+    {Twice, _} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2),
+    ?assertEqual([], sent(dpp_state, Twice)).
+
+%% Or what of its path is before it.
+recover_while_moving(_) ->
+    {Id, Moving} = moving(),
+    {_, Passed} = drive(Id, 1, Moving),
+    {Told, _} = recover(4, {2, 4}, Passed),
+    [{First, _} | Rest] = path(),
+    ?assertEqual([{4, {{2, 4}, Id, {moving, 1, First, Rest}, [7], {7, 0, true}}}],
+                 sent(dpp_state, Told)).
+
+%% A robot that asks tells its place and asks anew; an answer of the term before is refused.
+recover_while_asking(_) ->
+    {Id, P} = asking(led()),
+    {Told, Aware} = recover(4, {2, 4}, P),
+    ?assertMatch([{4, {{2, 4}, Id, {standing, {1.0, 2.0}}, [], _}}], sent(dpp_state, Told)),
+    ?assertMatch([_], [A || {{timeout, again}, _, _} = A <- Told]),
+    ?assertMatch({[{trace, {stale_answer, _, _, _}}], _}, answer(4, {1, 4}, Id, Aware)).
+
+%% Pitfall: a participant that has crashed does not know whether its robot drives: it stops it.
+crash_stops_the_robot(_) ->
+    ?assertEqual([], [A || {cast, motion, stop} = A <- started(1)]),
+    ?assertMatch([_], [A || {cast, motion, stop} = A <- started(2)]).
+
+%% Pitfall: it has forgotten its vote, too, and must not give a second one while that lasts.
+crashed_robot_does_not_vote(_) ->
+    {Refused, P} = recover(3, {1, 3}, participant(2)),
+    ?assertEqual([{3, {0, 0}}], sent(dpp_refused, Refused)),
+    {Stop, P1} = at(10 * ?S, cast, {message, 3, dpp_recover, {{1, 3}, 9, false}}, P),
+    {Told, _} = located(10 * ?S, Stop, P1),
+    ?assertMatch([{3, {_, _, _, _, {9, _, true}}}], sent(dpp_state, Told)).
+
+earlier_term_is_refused(_) ->
+    {Actions, P} = recover(3, {0, 3}, led()),
+    ?assertEqual([{3, {1, 4}}], sent(dpp_refused, Actions)),
+    {Beat, _} = step(cast, {message, 3, dpp_beat, {{0, 3}, 1, [{1, 5}]}}, P),
+    ?assertEqual([{3, {1, 4}}], sent(dpp_refused, Beat)).
+
+%% It has voted for robot 4 for ten seconds: before they are over robot 3 gets no vote.
+vote_is_kept(_) ->
+    {Early, P} = at(9 * ?S, cast, {message, 3, dpp_recover, {{2, 3}, 7, false}}, led()),
+    ?assertEqual([{3, {1, 4}}], sent(dpp_refused, Early)),
+    {Late, P1} = at(10 * ?S, cast, {message, 3, dpp_recover, {{2, 3}, 8, false}}, P),
+    {Told, _} = located(10 * ?S, Late, P1),
+    ?assertMatch([{3, {{2, 3}, _, _, _, {8, _, true}}}], sent(dpp_state, Told)).
+
+%% One that leads is followed at once, but has no vote while it is promised to another.
+leader_is_followed_without_vote(_) ->
+    {Stop, P} = step(cast, {message, 3, dpp_beat, {{2, 3}, 5, []}}, led()),
+    {Told, _} = located(Stop, P),
+    ?assertMatch([{3, {{2, 3}, _, _, _, {5, 0, false}}}], sent(dpp_state, Told)).
+
+%% At the end of its leave the robot stops; a beat that comes later does not bring it back.
+leave_ends_for_good(_) ->
+    {Id, Moving} = moving(),
+    {Go, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
+    ?assertEqual([{call, motion, {go_to, {100.0, 2.0}}, {driven, Id, 1}}], Go),
+    {Early, _} = at(9 * ?S, {timeout, leave}, leave, Driving),
+    ?assertMatch([{{timeout, leave}, _, leave}], Early),
+    {Late, Void} = at(10 * ?S, {timeout, leave}, leave, Driving),
+    ?assert(lists:member({cast, motion, stop}, Late)),
+    ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Late)),
+    {_, Told} = at(10 * ?S, cast, {message, 4, dpp_beat, {{1, 4}, 9, [{1, 9 * ?S}]}}, Void),
+    {Refused, _} = at(10 * ?S, {call, {app, 3}}, {drive, Id, 1}, Told),
+    ?assertEqual([{reply, {app, 3}, {error, void}}], Refused).
+
+beats_prolong_leave(_) ->
+    {Id, Moving} = moving(),
+    {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
+    {_, Beaten} = at(6 * ?S, cast, {message, 4, dpp_beat, {{1, 4}, 9, [{1, 5 * ?S}]}}, Driving),
+    {Still, _} = at(14 * ?S, {timeout, leave}, leave, Beaten),
+    ?assertMatch([{{timeout, leave}, _, leave}], Still),
+    {Over, _} = at(15 * ?S, {timeout, leave}, leave, Beaten),
+    ?assert(lists:member({cast, motion, stop}, Over)).
+
+%% An assignment that was long on its way: its leave has ended, the robot asks anew.
+late_assignment_is_void(_) ->
+    {Id, P} = asking(led()),
+    {Actions, _} =
+        at(10 * ?S, cast, {message, 4, dpp_answer, {{1, 4}, Id, assignment(), []}}, P),
+    ?assertEqual([], replies(Actions)),
+    ?assertMatch([{4, {_, _, _, _, _}}], sent(dpp_request, Actions)).
+
+missing_coordinator_is_replaced(_) ->
+    {Actions, _} = at(30 * ?S, {timeout, missing}, missing, led()),
+    ?assert(lists:member({cast, dpp_coordinator, {lead, 1}}, Actions)).
+
+painted_goes_with_the_next_request(_) ->
+    {Id, Moving} = moving(),
+    {_, Passed} = drive(Id, 1, Moving),
+    {Stop, P1} = step({call, {app, 2}}, request, Passed),
+    {Ask, _} = located(Stop, P1),
+    ?assertMatch([{4, {_, _, _, [7], _}}], sent(dpp_request, Ask)).
+
+passed_is_told_now_and_then(_) ->
+    {Id, Moving} = moving(),
+    {Near, P1} = drive(Id, 1, Moving),
+    ?assertEqual([], sent(dpp_passed, Near)),
+    {_, P2} = drive(Id, 2, P1),
+    {Far, _} = drive(Id, 3, P2),
+    ?assertEqual([{4, {{1, 4}, Id, 3}}], sent(dpp_passed, Far)).
+
+%% -- helpers --------------------------------------------------------------------------------
+
+participant(Life) ->
+    {_, P} = starl_machine:new(starl_dpp_participant, #{}, base(1, dpp, Life, [1, 2, 3, 4])),
+    P.
+
+started(Life) ->
+    {Actions, _} = starl_machine:new(starl_dpp_participant, #{}, base(1, dpp, Life, [1, 2, 3, 4])),
+    Actions.
+
+joined() -> joined(1).
+
+joined(Life) ->
+    {Joined, P} = step({call, {app, 0}}, {join, 4}, participant(Life)),
+    [{reply, _, ok}] = replies(Joined),
+    P.
+
+%% A participant that has voted for robot 4.
+led() ->
+    {Stop, P} = recover(4, {1, 4}, joined()),
+    {_, Led} = located(Stop, P),
+    Led.
+
+recover(Source, Term, P) -> step(cast, {message, Source, dpp_recover, {Term, 7, false}}, P).
+
+%% The robot is stopped and seen.
+located(Stop, P) -> located(0, Stop, P).
+
+located(Now, Stop, P) ->
+    [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
+    {_, P2} = at(Now, {reply, {halted, N}}, ok, P),
+    at(Now, {reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2).
+
+%% A participant that waits for an answer, and its request.
+asking(P0) ->
+    {Stop, P1} = step({call, {app, 1}}, request, P0),
+    {Ask, P2} = located(Stop, P1),
+    [{4, {_, Id, _, _, _}}] = sent(dpp_request, Ask),
+    {Id, P2}.
+
+moving() ->
+    {Id, P} = asking(led()),
+    {_, Moving} = answer(4, {1, 4}, Id, P),
+    {Id, Moving}.
+
+drive(Id, N, P) ->
+    {_, Driving} = step({call, {app, drive}}, {drive, Id, N}, P),
+    step({reply, {driven, Id, N}}, ok, Driving).
+
+answer(Source, Term, Id, P) ->
+    step(cast, {message, Source, dpp_answer, {Term, Id, assignment(), []}}, P).
+
+assignment() -> {assign, {1.0, 2.0}, path()}.
+
+path() -> [{{100.0, 2.0}, {down, 7}}, {{300.0, 2.0}, up}, {{900.0, 2.0}, {down, 8}}].
+
+replies(Actions) -> [A || {reply, _, _} = A <- Actions].
