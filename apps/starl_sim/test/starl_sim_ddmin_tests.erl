@@ -25,6 +25,13 @@ one_of_many_is_a_binary_search_test() ->
     {[777], Tests} = counted(lists:seq(1, 1024), needs([777])),
     ?assert(Tests =< 21, Tests).
 
+%% What is known is not asked for again: of two parts that are left, neither fails alone.
+no_test_is_made_twice_test() ->
+    Needs = needs([1, 4]),
+    Test = fun(Part, Seen) -> {Needs(Part), [Part | Seen]} end,
+    {[1, 4], Seen} = starl_sim_ddmin:minimize([1, 2, 3, 4], Test, []),
+    ?assertEqual(lists:sort(Seen), lists:usort(Seen)).
+
 %% Where a set of items fails and so does all that holds it.
 monotone_test_() -> {timeout, 60, fun() ->
     holds(?FORALL({N, Drawn}, {range(1, 60), list(range(1, 60))},

@@ -1,6 +1,9 @@
 %% The judge: windows in their order, whole, and each fact at its place.
 -module(starl_sim_judge_tests).
+-behaviour(starl_monitor).
 -include_lib("eunit/include/eunit.hrl").
+
+-export([init/1, step/2, finish/2]).
 
 %% A window is judged when all shards have told of it and those before it are judged.
 waits_for_all_and_the_order_test() ->
@@ -38,6 +41,35 @@ violation_test() ->
     {ok, Judge2} = starl_sim_judge:told(self(), 2, [{11, 1, m, x}], 1, Judge1),
     ?assertNot(starl_sim_judge:is_sound(Judge2)),
     ?assertMatch({[_], _}, starl_sim_judge:close(11, Judge2)).
+
+%% All violations stay, in the order in which they were found, and those of the finish follow.
+all_violations_test() ->
+    Judge0 = starl_sim_judge:new([{starl_sim_order_monitor, #{}}, {?MODULE, #{}}]),
+    {violation, Judge1} = starl_sim_judge:told(self(), 1, [{9, 1, m, x}, {5, 1, m, x}], 1, Judge0),
+    {violation, Judge2} = starl_sim_judge:told(self(), 2, [{8, 1, m, x}], 1, Judge1),
+    {Violations, Results} = starl_sim_judge:close(20, Judge2),
+    ?assertEqual(
+        [{time_runs_backwards, 5}, {time_runs_backwards, 8}, {late, 20}],
+        [{What, At} || #{what := What, at_us := At} <- Violations]
+    ),
+    ?assertEqual([starl_sim_judge_tests, starl_sim_order_monitor], lists:sort(maps:keys(Results))).
+
+%% What was seen last is the last event of a window; one without events changes nothing.
+seen_test() ->
+    Judge0 = starl_sim_judge:new([]),
+    {ok, Judge1} = starl_sim_judge:told(self(), 1, [{5, 1, m, x}, {9, 1, m, x}], 1, Judge0),
+    ?assertEqual(9, starl_sim_judge:seen(Judge1)),
+    {ok, Judge2} = starl_sim_judge:told(self(), 2, [], 1, Judge1),
+    ?assertEqual({2, 9}, {starl_sim_judge:judged(Judge2), starl_sim_judge:seen(Judge2)}).
+
+%% A monitor that finds something only in the end.
+init(#{}) -> none.
+
+step(_Event, State) -> {ok, State}.
+
+finish(End, none) ->
+    {{violation, [#{contract => late, what => late, at_us => End, robots => [], details => #{}}]},
+        #{}}.
 
 two_shards() ->
     Judge = starl_sim_judge:new([{starl_sim_order_monitor, #{}}]),

@@ -23,6 +23,14 @@ every_event_to_one_shard_test() ->
     ?assertEqual([{mail, self(), 7, {30, 1, ?MOVED, [event(2, 30), event(2, 60)]}}], inbox(Peer)),
     ?assertEqual([{mail, self(), 7, {30, 1, ?MOVED, [event(3, 50)]}}], inbox(Other)).
 
+%% An event that was in the queue before may be the next one.
+earlier_event_is_the_next_test() ->
+    Peer = peer(),
+    Mail = starl_sim_mail:new([Peer], #{1 => self(), 2 => Peer}),
+    Queue = starl_sim_queue:add(event(1, 20), queue()),
+    {{20, 1, ?MOVED, []}, _} = starl_sim_mail:tell(1, yields([event(2, 30)]), Queue, Mail),
+    ?assertEqual([{mail, self(), 1, {20, 1, ?MOVED, [event(2, 30)]}}], inbox(Peer)).
+
 %% Without any event the next one is infinitely far.
 quiet_test() ->
     Peer = peer(),
@@ -46,6 +54,19 @@ await_takes_the_right_one_test() ->
     ?assertEqual(first, starl_sim_mail:await(Peer, 1)),
     ?assertEqual(of_another, starl_sim_mail:await(self(), 1)),
     ?assertEqual([], [Left || {mail, _, _, _} = Left <- inbox(self())]).
+
+%% All that came early comes, not only the latest.
+all_that_was_kept_comes_test() ->
+    {Peer, Other} = {peer(), peer()},
+    Kept = lists:foldl(
+        fun starl_sim_mail:keep/2,
+        starl_sim_mail:new([Peer, Other], #{}),
+        [{mail, Peer, 1, of_peer}, {mail, Other, 1, of_other}]
+    ),
+    _ = starl_sim_mail:deliver(Kept),
+    ?assertEqual(
+        [of_peer, of_other], [starl_sim_mail:await(P, 1) || P <- starl_sim_mail:peers(Kept)]
+    ).
 
 %% Told to abandon the run, a shard waits for none of its peers.
 abandoned_test() ->

@@ -48,6 +48,21 @@ border_test() ->
     ?assertEqual([1], starl_sim_sight:within({0.0, 0.0}, 0, Sight)),
     ?assertEqual([1], starl_sim_sight:within({0.0, 0.0}, 10000000, Sight)).
 
+%% Places may be on either side of the origin.
+negative_places_test() ->
+    Places = [{X * 700.0, Y * 700.0} || X <- lists:seq(-3, 3), Y <- lists:seq(-3, 3)],
+    Robots = lists:zip(lists:seq(1, length(Places)), Places),
+    Sight = starl_sim_sight:new(
+        [{Id, starl_trajectory:standing(0, Place, 0.0)} || {Id, Place} <- Robots], ?RANGE
+    ),
+    [
+        ?assertEqual(
+            [Id || {Id, Place} <- Robots, starl_geometry:distance(Point, Place) =< ?RANGE],
+            starl_sim_sight:within(Point, 0, Sight)
+        )
+     || Point <- Places
+    ].
+
 %% Who drives out of range is not found by the grid of the time before.
 driven_away_test() ->
     Sight = starl_sim_sight:new([{1, starl_trajectory:standing(0, {0.0, 0.0}, 0.0)}], ?RANGE),

@@ -23,6 +23,21 @@ machines_have_their_own_test() ->
     ?assertEqual(stale, starl_sim_timers:expire(a, t, 1, Both)),
     ?assertMatch({ok, _}, starl_sim_timers:expire(b, t, 1, Both)).
 
+%% Whatever happens to one timer, the others run on; a timer that was never started is not known.
+others_run_on_test() ->
+    Keys = [{a, t}, {a, u}, {b, t}],
+    New = starl_sim_timers:new(),
+    ?assertEqual(
+        [stale, stale, stale], [starl_sim_timers:expire(Machine, T, 0, New) || {Machine, T} <- Keys]
+    ),
+    Start = fun({Machine, T}, Timers) -> starl_sim_timers:start(Machine, T, 1, Timers) end,
+    All = lists:foldl(Start, New, Keys),
+    {ok, Expired} = starl_sim_timers:expire(a, t, 1, All),
+    [
+        ?assertMatch({ok, _}, starl_sim_timers:expire(Machine, T, 1, Timers))
+     || Timers <- [Expired, starl_sim_timers:cancel(a, t, All)], {Machine, T} <- [{a, u}, {b, t}]
+    ].
+
 %% A machine hears of them in gen_statem's words.
 told_as_gen_statem_does_test() ->
     ?assertEqual(state_timeout, starl_sim_timers:event_type(state_timeout)),

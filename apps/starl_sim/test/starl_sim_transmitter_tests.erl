@@ -20,6 +20,44 @@ in_range_test() ->
     ?assertEqual([2], reached(all, Short)),
     ?assertEqual([], reached(3, Short)).
 
+%% Robots are where they were when the window began, the sender is where it is now.
+others_as_of_the_window_test() ->
+    Drives = fun(X) -> starl_trajectory:piece(0, {X, 0.0}, 0.0, 500.0, 0.0) end,
+    %% at the second when the window began: 1.5 m, 2.6 m, 2.9 m; unknown of robot 5
+    Sight = starl_sim_sight:new([{2, Drives(1000.0)}, {3, Drives(2100.0)}, {4, at(2900.0)}], 2000.0),
+    World = (world(2000.0, []))#{sight := Sight, team := starl_team:new([1, 2, 3, 4, 5])},
+    Shorter = [{short, 0, 9000000, range, all, #{range_mm => 1999}}],
+    Cases = [
+        %% it stands at the origin; it is there, from where it was 1 m away
+        {{1, 3000000, 1000000, at(0.0)}, [2]},
+        {{1, 3000000, 1000000, Drives(-500.0)}, [2, 3, 4]}
+    ],
+    [
+        begin
+            Reached = reached(all, Sender, Given),
+            ?assertEqual({Sender, Near}, {Sender, Reached}),
+            ?assertEqual(Near, [R || R <- [2, 3, 4, 5], reached(R, Sender, Given) =:= [R]])
+        end
+     || {Sender, Near} <- Cases, Given <- [World, World#{network := Shorter}]
+    ].
+
+%% What the radio makes of a packet is drawn by its link and number, with the faults of now; a
+%% doubled packet arrives twice.
+drawn_by_link_test() ->
+    World = (world(infinity, []))#{duplicate := 1.0},
+    {Copies, [], _} = starl_sim_transmitter:send(all, sender(), World, starl_sim_transmitter:new()),
+    Drawn = [
+        {Dest, Copy}
+     || Dest <- [2, 3, 4], Copy <- starl_sim_radio:arrivals({1, 1, Dest, {all, 1}}, 7, World)
+    ],
+    ?assertEqual(6, length(Drawn)),
+    ?assertEqual(Drawn, Copies),
+    Deaf = World#{network := [{deaf, 5, 9, loss, all, #{part => 1.0}}]},
+    ?assertMatch(
+        {[], [{7, 1, radio, {lost, 2, 1}}], _},
+        starl_sim_transmitter:send(2, sender(), Deaf, starl_sim_transmitter:new())
+    ).
+
 %% Each link counts its packets, and those for all have a count of their own; lost is told by it.
 counts_by_link_test() ->
     World = (world(infinity, []))#{loss := 1.0},
@@ -42,9 +80,10 @@ plan_test() ->
     ?assertEqual({2, 57, 2, 1, 5, {sap, packet, <<"hello">>}}, First),
     ?assertMatch({3, 47, 2, 1, 6, {sap, packet, <<_:32>>}}, Second).
 
-reached(To, World) ->
-    {Copies, [], _} =
-        starl_sim_transmitter:send(To, sender(), World, starl_sim_transmitter:new()),
+reached(To, World) -> reached(To, sender(), World).
+
+reached(To, Sender, World) ->
+    {Copies, [], _} = starl_sim_transmitter:send(To, Sender, World, starl_sim_transmitter:new()),
     [Dest || {Dest, {_Delay, intact}} <- Copies].
 
 sender() -> {1, 7, 0, at(0.0)}.

@@ -55,11 +55,95 @@ lost_command_test() ->
     {moved, Stopped} = starl_sim_vehicle:stop(21 * ?T, Driving),
     ?assertEqual({100.0, 0.0}, place(30 * ?T, Stopped)).
 
+%% A vehicle is where it was put.
+place_and_heading_test() ->
+    Vehicle = starl_sim_vehicle:new(1, {100.0, 200.0, 0.5}, world([])),
+    ?assertEqual({100.0, 200.0, 0.5}, starl_trajectory:pose(?T, starl_sim_vehicle:piece(Vehicle))).
+
+%% The faster wheel is on the outside of the turn.
+left_and_right_test() ->
+    {moved, Left} = starl_sim_vehicle:drive({50.0, 100.0}, 0, vehicle([])),
+    {_, _, Heading} = starl_trajectory:pose(?T, starl_sim_vehicle:piece(Left)),
+    ?assert(near(50.0 / maps:get(axle_mm, profile()), Heading)).
+
+%% A fault that begins while the robot drives changes how its wheels turn; one of another robot,
+%% or of another time, does not.
+fault_begins_test() ->
+    Stuck = fun(Robot) -> {a, 2 * ?T, 9 * ?T, wheel_stuck, Robot, #{wheel => left}} end,
+    Heading = fun(Faults, At) ->
+        {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 0, vehicle(Faults)),
+        {_, Turned} = starl_sim_vehicle:turn_wheels(At, Driving),
+        element(3, starl_trajectory:pose(At + ?T, starl_sim_vehicle:piece(Turned)))
+    end,
+    ?assert(Heading([Stuck(1)], 2 * ?T) > 0.1),
+    [?assert(near(0.0, Heading(F, At))) || {F, At} <- [{[Stuck(2)], 2 * ?T}, {[Stuck(1)], ?T}]].
+
+%% A command that is lost has not been heard, one to stop is not forgotten: nothing changes when a
+%% fault ends.
+what_was_told_last_counts_test() ->
+    {same, Deaf} = starl_sim_vehicle:drive({100.0, 100.0}, ?T, vehicle([lossy(0, 10)])),
+    ?assertMatch({same, _}, starl_sim_vehicle:turn_wheels(10 * ?T, Deaf)),
+    {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 0, vehicle([])),
+    {moved, Stopped} = starl_sim_vehicle:stop(?T, Driving),
+    ?assertMatch({same, _}, starl_sim_vehicle:turn_wheels(10 * ?T, Stopped)).
+
+%% Each command has a chance of its own to be lost, and an error of its own.
+draws_are_independent_test() ->
+    World = (world([{a, 0, 100 * ?T, command_lost, 1, #{part => 0.5}}]))#{
+        profile := (profile())#{heading_error := 0.1}
+    },
+    Step = fun(S, {Told, Vehicle}) ->
+        Speed = 100.0 + S,
+        {Is, Next} = starl_sim_vehicle:drive({Speed, Speed}, S * ?T, Vehicle),
+        {[{Is, starl_sim_vehicle:piece(Next)} | Told], Next}
+    end,
+    Begin = {[], starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, World)},
+    {Told, _} = lists:foldl(Step, Begin, lists:seq(1, 60)),
+    Pieces = lists:reverse([Piece || {moved, Piece} <- Told]),
+    ?assert(length(Pieces) > 15 andalso length(Pieces) < 45, length(Pieces)),
+    Turns = turns(0.0, Pieces),
+    ?assertEqual(length(Turns), length(lists:usort(Turns))).
+
+%% How the heading changes from one straight piece to the next, in urad.
+turns(_Before, []) -> [];
+turns(Before, [Piece | Pieces]) ->
+    {_, _, Heading} = starl_trajectory:pose(element(2, Piece), Piece),
+    [round(1.0e6 * (Heading - Before)) | turns(Heading, Pieces)].
+
 %% The own pose is that of now, another's that of the window's beginning; strangers are not seen.
 sense_test() ->
     {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 0, vehicle([])),
     {Poses, _} = starl_sim_vehicle:sense([1, 2, 3], {2 * ?T, ?T}, Driving),
     ?assertEqual([{1, {200.0, 0.0, 0.0}}, {2, {10.0, 0.0, 0.0}}], Poses).
+
+%% Two robots at one place are seen at two.
+errors_of_each_robot_test() ->
+    World = (world([]))#{profile := (profile())#{position_error_mm := 5.0}},
+    Vehicle = starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, World),
+    {[{1, {X1, Y1, _}}, {2, {X2, Y2, _}}], _} = starl_sim_vehicle:sense([1, 2], {0, 0}, Vehicle),
+    ?assertNotEqual({X1, Y1}, {X2, Y2}).
+
+%% Where sight freezes, what was seen last is seen on, and what was not seen is not; the fault
+%% holds in its time only.
+frozen_sight_test() ->
+    Faults = [{a, 2 * ?T, 4 * ?T, location_frozen, 1, #{}}],
+    Vehicle0 = starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, (world([]))#{location := Faults}),
+    Look = fun(Robots, Second, Vehicle) ->
+        starl_sim_vehicle:sense(Robots, {Second * ?T, Second * ?T}, Vehicle)
+    end,
+    {Before, Vehicle1} = Look([2], 1, Vehicle0),
+    {Frozen, Vehicle2} = Look([1, 2], 3, Vehicle1),
+    {After, _} = Look([2], 5, Vehicle2),
+    At = fun(X) -> [{2, {X, 0.0, 0.0}}] end,
+    ?assertEqual({At(10.0), At(10.0), At(50.0)}, {Before, Frozen, After}).
+
+%% Noise is another at each look.
+noise_test() ->
+    Noisy = (world([]))#{location := [{a, 0, ?T, location_noise, all, #{mm => 300}}]},
+    Vehicle = starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, Noisy),
+    {First, Next} = starl_sim_vehicle:sense([1], {0, 0}, Vehicle),
+    {Second, _} = starl_sim_vehicle:sense([1], {0, 0}, Next),
+    ?assertNotEqual(First, Second).
 
 %% Two looks at one robot err independently, within the bound.
 error_test() ->
