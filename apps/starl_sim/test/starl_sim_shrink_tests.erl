@@ -56,21 +56,184 @@ robots_take_their_faults_along_test() ->
     #{robots := 5, faults := Left} = Small,
     ?assertEqual([{g, [1, 4]}, {two, {2, 3}}, {every, all}], [{Id, T} || {Id, _, _, _, T, _} <- Left]).
 
+%% A run that breaks down is told as it is, the first one and the one with the faults made explicit.
+broken_runs_test() ->
+    Broken = {error, {failed, oops}},
+    ?assertEqual({error, {trial, {failed, oops}}}, shrink(scenario(3, 3), fun(_) -> Broken end)),
+    Counter = counters:new(1, []),
+    Second = fun(S) ->
+        ok = counters:add(Counter, 1, 1),
+        case counters:get(Counter, 1) of 1 -> outcome(S, ?PLANTED); _ -> Broken end
+    end,
+    ?assertEqual({error, {trial, {failed, oops}}}, shrink(scenario(3, 3), Second)),
+    Text = fun(Reason) -> lists:flatten(starl_sim_shrink:format_error(Reason)) end,
+    ?assertNotEqual(nomatch, string:find(Text({trial, {failed, oops}}), "oops")),
+    ?assertEqual("no floor", Text({trial, {start, {scene, "no floor"}}})),
+    ?assertNotEqual(nomatch, string:find(Text({not_reproducible, [<<1>>, <<171>>]}), "01, ab;")).
+
+%% Every run is counted and told of, to whoever the one before has named.
+every_run_is_told_test() ->
+    Runs = counters:new(1, []),
+    Needing = needing([3], 2),
+    Run = fun(S) ->
+        ok = counters:add(Runs, 1, 1),
+        Needing(S)
+    end,
+    Request = #{run => Run, watch => counting(2)},
+    {ok, #{figures := #{runs := Told}}} = starl_sim_shrink:shrink(scenario(40, 10), Request),
+    ?assertEqual(counters:get(Runs, 1), Told).
+
+%% A watch that has been told of all runs before this one, the first of which are two.
+counting(N) ->
+    fun(#{runs := Runs}) ->
+        ?assertEqual(N, Runs),
+        {continue, counting(N + 1)}
+    end.
+
+%% The time is that of the run's end from the beginning on, and never longer than it was.
+time_of_the_first_run_test_() ->
+    Given = scenario(3, 3),
+    Watch = fun Stop(_) -> {stop, Stop} end,
+    [
+        {integer_to_list(EndUs), fun() ->
+            Run = fun(S) ->
+                {ok, Outcome} = outcome(S, ?PLANTED),
+                {ok, Outcome#{end_us := EndUs}}
+            end,
+            {ok, #{scenario := #{time := Time}}} =
+                starl_sim_shrink:shrink(Given, request(Run, #{watch => Watch})),
+            ?assertEqual(Seconds, Time)
+        end}
+     || {EndUs, Seconds} <- [{2500000, 2.5}, {60005000, 60}, {0, 1.0e-6}]
+    ].
+
+%% What is smaller ends with its own violation, and it is that which is told.
+smaller_run_ends_with_its_violation_test() ->
+    Run = fun(#{faults := Faults, time := Time} = S) ->
+        At = 1000000 * (1 + length(Faults)),
+        outcome(S, case Time * 1.0e6 >= At of true -> ?PLANTED#{at_us => At}; false -> none end)
+    end,
+    Watch = fun
+        Watch(#{faults := 0}) -> {stop, Watch};
+        Watch(_) -> {continue, Watch}
+    end,
+    {ok, #{scenario := #{time := Time}, violation := #{at_us := At}}} =
+        starl_sim_shrink:shrink(scenario(12, 3), request(Run, #{watch => Watch})),
+    ?assertEqual({1.0, 1000000}, {Time, At}).
+
+%% A violation that is judged at the end of the run may show in a shorter one: where it happened,
+%% or after half of the time, and half of that.
+judged_at_the_end_test() ->
+    Late = fun(AtUs) ->
+        fun(#{time := Time} = S) ->
+            EndUs = round(1.0e6 * Time),
+            Violation = case Time >= 1.0 of true -> ?PLANTED#{at_us => AtUs(EndUs)}; _ -> none end,
+            {ok, Outcome} = outcome(S, Violation),
+            {ok, Outcome#{end_us := EndUs}}
+        end
+    end,
+    {ok, #{scenario := #{time := Where}}} = shrink(scenario(0, 1), Late(fun(_) -> 1000000 end)),
+    ?assertEqual(1.0, Where),
+    {ok, #{scenario := #{time := Halved}}} = shrink(scenario(0, 1), Late(fun(End) -> End end)),
+    ?assertEqual(60 / 32, Halved).
+
+%% What a later step takes away may let an earlier one go on: there are several rounds.
+second_round_test() ->
+    Run = fun(#{robots := N} = S) ->
+        Needed = N < 5 orelse lists:member(f1, ids(S)),
+        outcome(S, case Needed of true -> ?PLANTED; false -> none end)
+    end,
+    {ok, #{scenario := #{robots := 1, faults := []}}} = shrink(scenario(3, 8), Run).
+
+%% The smallest team that will do, of any size.
+smallest_team_test() ->
+    [
+        begin
+            {ok, #{scenario := #{robots := Robots}}} =
+                shrink((scenario(0, 1))#{robots := Team}, needing([], Needed)),
+            ?assertEqual({Team, Needed}, {Team, Robots})
+        end
+     || {Team, Needed} <- [{1000, 513} | [{T, N} || T <- lists:seq(1, 12), N <- lists:seq(1, T)]]
+    ].
+
+%% In a smaller team there is no fault of robots that are gone, and no group without members; the
+%% last robot of the team is not gone.
+faults_of_nobody_test() ->
+    Faults = [
+        {one, 0, 9, isolate, 9, #{}}, {two, 0, 9, location_swap, {2, 9}, #{}},
+        {gone, 0, 9, partition, [8, 9], #{}}
+    ],
+    Stay = [{last, 0, 9, isolate, 4, #{}}, {g, 0, 9, partition, [1, 4, 9], #{}}],
+    Run = fun(#{robots := N, faults := Some} = S) ->
+        Targets = [starl_sim_fault:targets(F) || F <- Some],
+        ?assertEqual([], [R || R <- lists:append(Targets), R > N]),
+        ?assertNot(lists:member([], Targets)),
+        Needed = [last, g] ++ [Id || {Id, _, _, _, _, _} <- Faults, N >= 9],
+        Enough = N >= 4 andalso Needed -- ids(S) =:= [],
+        outcome(S, case Enough of true -> ?PLANTED; false -> none end)
+    end,
+    {ok, #{scenario := Small}} = shrink((scenario(0, 10))#{faults => Faults ++ Stay}, Run),
+    ?assertMatch(
+        #{robots := 4, faults := [{last, _, _, _, 4, _}, {g, _, _, _, [1, 4], _}]}, Small
+    ).
+
+%% Whatever blurs the run is taken out, and so is the time in which robots had to converge.
+chance_is_taken_out_test() ->
+    Blurred = #{
+        duplicate => 0.3, clock_offset => 7, clock_drift => 9, heading_error => 0.1,
+        distance_error => 0.1, position_error => 5.0, range => 5000, delay => {3, 30}, converge => 9
+    },
+    Plain = #{
+        duplicate => 0.0, clock_offset => 0, clock_drift => 0, heading_error => 0.0,
+        distance_error => 0.0, position_error => 0.0, range => none, delay => {30, 30},
+        converge => none
+    },
+    {ok, #{scenario := Small}} =
+        shrink(maps:merge(scenario(0, 2), Blurred), needing([], 1)),
+    ?assertEqual(Plain, maps:with(maps:keys(Plain), Small)).
+
 %% Random loss becomes the packets that matter; other losses have faults of their own.
 losses_become_drops_test() ->
-    Before = (scenario(0, 4))#{loss => 0.3},
+    Before = (scenario(1, 4))#{loss => 0.3},
     IsLost = fun(N) -> starl_sim_radio:lost({1, 1, 2, N}, Before) end,
+    [Kept | _] = [N || N <- lists:seq(1, 200), not starl_sim_radio:lost({1, 2, 1, N}, Before)],
     Lost = [{1000 * N, 1, 2, N} || N <- lists:seq(1, 200), IsLost(N)],
     [Early, Late] = [lists:nth(K, [N || {_, _, _, N} <- Lost]) || K <- [3, 40]],
-    Run = fun(#{loss := Loss, faults := Faults} = S) ->
+    Run = fun(#{loss := Loss, faults := Faults, time := Time} = S) ->
         Dropped = [N || {_, _, _, drop, {1, 2}, #{packet := N}} <- Faults],
+        %% what a fault has lost is no chance
+        ?assertNot(lists:member({2, 1}, [Link || {_, _, _, drop, Link, _} <- Faults])),
         Missing = [Early, Late] -- Dropped,
-        Violation = case Loss > 0 orelse Missing =:= [] of true -> ?PLANTED; false -> none end,
-        {ok, (element(2, outcome(S, Violation)))#{lost => [{5, 2, 1, 7} | Lost]}}
+        Enough = lists:member(f1, ids(S)) andalso (Loss > 0 orelse Missing =:= [])
+            andalso Time >= 1.0005,
+        Violation = case Enough of true -> ?PLANTED#{at_us => 1000500}; false -> none end,
+        {ok, (element(2, outcome(S, Violation)))#{lost => [{5, 2, 1, Kept} | Lost]}}
     end,
-    {ok, #{scenario := #{loss := 0.0, faults := Drops}, figures := #{drops := 2}}} =
+    {ok, #{scenario := #{loss := 0.0, faults := Left}, figures := #{drops := 2, faults := 3}}} =
         shrink(Before, Run),
-    ?assertEqual([Early, Late], [N || {_, _, _, drop, _, #{packet := N}} <- Drops]).
+    [{f1, _, _, isolate, 1, _} | Drops] = Left,
+    %% whenever they are sent: until the end of the run, rounded up to whole milliseconds
+    ?assertEqual(
+        [{0, 1001, Early}, {0, 1001, Late}],
+        [{From, To, N} || {_, From, To, drop, _, #{packet := N}} <- Drops]
+    ).
+
+%% Where it spoils the run that a packet is lost whenever it is sent, each is lost only when it
+%% was; one to all and one to a single robot are two, even if their numbers are the same.
+losses_in_their_moment_test() ->
+    Before = (scenario(0, 4))#{loss => 0.3},
+    IsLost = fun(N) -> starl_sim_radio:lost({1, 1, 2, N}, Before) end,
+    [Both | _] = [N || N <- lists:seq(1, 200), IsLost(N), IsLost({all, N})],
+    Lost = [{7300, 1, 2, Both}, {9900, 1, 2, {all, Both}}],
+    Run = fun(#{loss := Loss, faults := Faults} = S) ->
+        ?assertEqual(length(Faults), length(lists:usort(ids(S)))),
+        Spans = [{From, To, N} || {_, From, To, drop, {1, 2}, #{packet := N}} <- Faults],
+        Enough = Loss > 0 orelse [{7, 8, Both}, {9, 10, Both}] -- Spans =:= [],
+        Violation = case Enough of true -> ?PLANTED; false -> none end,
+        {ok, (element(2, outcome(S, Violation)))#{lost => Lost}}
+    end,
+    {ok, #{scenario := #{loss := 0.0, faults := Drops}}} = shrink(Before, Run),
+    ?assertEqual(2, length(Drops)).
 
 %% A violation that moves forward takes the end of the run along.
 time_ends_with_the_violation_test() ->

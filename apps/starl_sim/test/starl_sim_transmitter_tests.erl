@@ -23,8 +23,9 @@ in_range_test() ->
 %% Robots are where they were when the window began, the sender is where it is now.
 others_as_of_the_window_test() ->
     Drives = fun(X) -> starl_trajectory:piece(0, {X, 0.0}, 0.0, 500.0, 0.0) end,
-    %% at the second when the window began: 1.5 m, 2.6 m, 2.9 m; unknown of robot 5
-    Sight = starl_sim_sight:new([{2, Drives(1000.0)}, {3, Drives(2100.0)}, {4, at(2900.0)}], 2000.0),
+    %% at the second when the window began: 1.5 m, 2.3 m, 2.9 m; unknown of robot 5
+    Robots = [{2, Drives(1000.0)}, {3, Drives(1800.0)}, {4, at(2900.0)}],
+    Sight = starl_sim_sight:new(Robots, 2000.0),
     World = (world(2000.0, []))#{sight := Sight, team := starl_team:new([1, 2, 3, 4, 5])},
     Shorter = [{short, 0, 9000000, range, all, #{range_mm => 1999}}],
     Cases = [

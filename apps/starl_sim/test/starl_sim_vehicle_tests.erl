@@ -87,22 +87,34 @@ what_was_told_last_counts_test() ->
     {moved, Stopped} = starl_sim_vehicle:stop(?T, Driving),
     ?assertMatch({same, _}, starl_sim_vehicle:turn_wheels(10 * ?T, Stopped)).
 
-%% Each command has a chance of its own to be lost, and an error of its own.
-draws_are_independent_test() ->
-    World = (world([{a, 0, 100 * ?T, command_lost, 1, #{part => 0.5}}]))#{
-        profile := (profile())#{heading_error := 0.1}
-    },
-    Step = fun(S, {Told, Vehicle}) ->
-        Speed = 100.0 + S,
-        {Is, Next} = starl_sim_vehicle:drive({Speed, Speed}, S * ?T, Vehicle),
-        {[{Is, starl_sim_vehicle:piece(Next)} | Told], Next}
+%% Each command has a chance of its own to be lost, whether or not its motion errs, and each
+%% motion an error of its own.
+draws_are_independent_test_() ->
+    Lossy = [{a, 0, 100 * ?T, command_lost, 1, #{part => 0.5}}],
+    Straight = fun(Speed) -> {Speed, Speed} end,
+    Turning = fun(Speed) -> {-Speed, Speed} end,
+    Some = fun(Wheels) ->
+        Heard = length(pieces(Wheels, Lossy)),
+        ?_assertEqual({Heard, true}, {Heard, Heard > 15 andalso Heard < 45})
+    end,
+    Differ = fun(Faults) ->
+        Turns = turns(0.0, pieces(Straight, Faults)),
+        ?_assertEqual(length(Turns), length(lists:usort(Turns)))
+    end,
+    [Some(Straight), Some(Turning), Differ([]), Differ(Lossy)].
+
+%% The pieces of motion that sixty commands lead to, of which some are lost.
+pieces(Wheels, Faults) ->
+    World = (world(Faults))#{profile := (profile())#{heading_error := 0.1}},
+    Step = fun(S, {Pieces, Vehicle}) ->
+        case starl_sim_vehicle:drive(Wheels(100.0 + S), S * ?T, Vehicle) of
+            {moved, Next} -> {[starl_sim_vehicle:piece(Next) | Pieces], Next};
+            {same, Next} -> {Pieces, Next}
+        end
     end,
     Begin = {[], starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, World)},
-    {Told, _} = lists:foldl(Step, Begin, lists:seq(1, 60)),
-    Pieces = lists:reverse([Piece || {moved, Piece} <- Told]),
-    ?assert(length(Pieces) > 15 andalso length(Pieces) < 45, length(Pieces)),
-    Turns = turns(0.0, Pieces),
-    ?assertEqual(length(Turns), length(lists:usort(Turns))).
+    {Pieces, _} = lists:foldl(Step, Begin, lists:seq(1, 60)),
+    lists:reverse(Pieces).
 
 %% How the heading changes from one straight piece to the next, in urad.
 turns(_Before, []) -> [];
