@@ -1,0 +1,133 @@
+%% What a crash leaves of a robot, with machines that have no processes: who is started and told,
+%% what becomes of motion and timers, and which faults strike a robot that is down or dead.
+-module(starl_sim_crash_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(NAMES, [sap, motion, block, app]).
+
+%% All machines start in their order: the platform's first, the application last.
+boots_test() ->
+    ?assertEqual([{Name, boot, none} || Name <- ?NAMES], starl_sim_crash:boots(machines())).
+
+%% The machine starts again, then the others are told, not itself; its timers are forgotten, the
+%% others' are not, and the robot drives on.
+machine_crashed_test() ->
+    {Aftermath, Body, Machines} = starl_sim_crash:crashed(motion, driving(), machines()),
+    ?assertEqual(
+        {first, [{motion, boot, none} | [{To, info, {restarted, motion}} || To <- [sap, block, app]]]},
+        Aftermath
+    ),
+    ?assertEqual([{100, 1, motion, crashed}], traced(Body)),
+    ?assertEqual({stale, ok}, {timer(motion, 0, Body), timer(app, 1, Body)}),
+    ?assertNot(is_still(Body)),
+    ?assertEqual(
+        {up, 2, 1},
+        {starl_sim_machines:condition(Machines), starl_sim_machines:incarnation(motion, Machines),
+         starl_sim_machines:incarnation(app, Machines)}
+    ).
+
+%% A supervisor that gives up takes the robot along.
+gave_up_test() ->
+    {Body, Machines} = crash_often(1000, driving(), machines()),
+    {nothing, Dead, Gone} = starl_sim_crash:crashed(app, Body, Machines),
+    ?assertEqual(dead, starl_sim_machines:condition(Gone)),
+    ?assertMatch({100, 1, robot, {died, gave_up}}, lists:last(traced(Dead))).
+
+crash_often(0, Body, Machines) ->
+    {Body, Machines};
+crash_often(N, Body, Machines) ->
+    {{first, _}, Bare, Back} = starl_sim_crash:crashed(app, Body, Machines),
+    crash_often(N - 1, Bare, Back).
+
+%% A robot that dies stands where it is, its application has ended, and no machine is left.
+dies_test_() ->
+    Ways = [
+        {killed, fun(Body) -> starl_sim_crash:strike(kill_robot, Body, machines()) end},
+        {gave_up, fun(Body) -> starl_sim_crash:die(gave_up, Body, machines()) end}
+    ],
+    [
+        {atom_to_list(Reason), fun() ->
+            {nothing, Body, Machines} = Die(driving()),
+            ?assertEqual({dead, []}, {starl_sim_machines:condition(Machines),
+                                      starl_sim_machines:names(Machines)}),
+            ?assertMatch([{100, 1, chassis, {motion, _}}, {100, 1, robot, {died, Reason}}],
+                         traced(Body)),
+            ?assertMatch({_, _, [ended, moved]}, starl_sim_platform:yield(Body)),
+            ?assert(is_still(Body))
+        end}
+     || {Reason, Die} <- Ways
+    ].
+
+%% A robot that goes down stops, and all its machines are lost with their timers; it comes up anew
+%% with the next incarnation of each.
+down_and_up_test() ->
+    {faults_only, Down, Gone} = starl_sim_crash:strike(go_down, driving(), machines()),
+    ?assert(is_still(Down)),
+    ?assertEqual({down, []}, {starl_sim_machines:condition(Gone), starl_sim_machines:names(Gone)}),
+    ?assertEqual([stale, stale], [timer(motion, 0, Down), timer(app, 1, Down)]),
+    ?assertMatch(
+        [{100, 1, chassis, {motion, _}}, {100, 1, robot, down}
+            | [{100, 1, _, crashed}, {100, 1, _, crashed}, {100, 1, _, crashed},
+               {100, 1, _, crashed}]],
+        traced(Down)
+    ),
+    ?assertEqual(?NAMES, [Name || {_, _, Name, crashed} <- traced(Down)]),
+    {{anew, Boots}, Up, Back} = starl_sim_crash:strike(come_up, Down, Gone),
+    ?assertEqual([{Name, boot, none} || Name <- ?NAMES], Boots),
+    ?assertEqual({100, 1, robot, up}, lists:last(traced(Up))),
+    ?assertEqual(
+        {up, [2, 2, 2, 2]},
+        {starl_sim_machines:condition(Back),
+         [starl_sim_machines:incarnation(Name, Back) || Name <- ?NAMES]}
+    ).
+
+%% A dead robot is not killed again and does not come up, one that is down can be killed and does
+%% not go down again, and one that is up need not come up.
+strikes_that_change_nothing_test() ->
+    Body = driving(),
+    {_, _, Down} = starl_sim_crash:strike(go_down, Body, machines()),
+    {_, _, Dead} = starl_sim_crash:strike(kill_robot, Body, machines()),
+    [
+        ?assertEqual({Fault, {go_on, Body, M}}, {Fault, starl_sim_crash:strike(Fault, Body, M)})
+     || {Fault, M} <- [
+            {come_up, machines()}, {go_down, Down},
+            {kill_robot, Dead}, {go_down, Dead}, {come_up, Dead}
+        ]
+    ],
+    ?assertMatch({nothing, _, _}, starl_sim_crash:strike(kill_robot, Body, Down)).
+
+%% -- helpers --------------------------------------------------------------------------------
+
+machines() ->
+    Inline = maps:from_list([{Name, {starl_sim_crash_machine, #{}}} || Name <- ?NAMES]),
+    starl_sim_machines:new(1, none, Inline).
+
+%% It drives, 100 us after the beginning of a window; timer 0 is of motion, timer 1 of app.
+driving() ->
+    World = #{
+        seed => 1, team => starl_team:new([1]), clock => {0, 0}, loss => 0.0, duplicate => 0.0,
+        delay_us => {1000, 2000}, range_mm => infinity, profile => starl_motion:profile(#{}),
+        network => [], clocks => [], location => [], actuation => [],
+        sight => starl_sim_sight:new([], infinity)
+    },
+    New = starl_sim_platform:new(1, {0.0, 0.0, 0.0}, World),
+    {[], Moving} = starl_sim_platform:perform(
+        [{drive, 100.0, 100.0}, {{timeout, t}, 500, x}], motion,
+        starl_sim_platform:open(0, {0, 1000}, New)
+    ),
+    {[], Body} = starl_sim_platform:perform([{{timeout, t}, 500, x}], app, Moving),
+    %% a new window: what has come out so far is gone
+    starl_sim_platform:open(100, {100, 1100}, Body).
+
+traced(Body) ->
+    {_, Traces, _} = starl_sim_platform:yield(Body),
+    lists:reverse(Traces).
+
+is_still(Body) -> starl_trajectory:is_still(starl_sim_platform:piece(Body)).
+
+%% Is the timer of this number still waited for?
+timer(Machine, Seq, Body) ->
+    case starl_sim_platform:fire(600, Machine, t, x, Seq, Body) of
+        {ok, {timeout, t}, _} -> ok;
+        stale -> stale
+    end.

@@ -1,0 +1,55 @@
+%% The outcome of a run: what is added up of its robots, and the digest, which tells runs apart and
+%% is there only when all robots are known of.
+-module(starl_sim_outcome_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% All that is known of a run is in it; events and packets are those of all robots.
+adds_up_test() ->
+    End = ending([robot(1, 7), robot(2, 9), robot(3, 4)], 3),
+    #{digest := Digest} = Outcome = starl_sim_outcome:new(End, judge()),
+    ?assertEqual(
+        #{
+            ending => done, end_us => 5, robots => maps:get(robots, End), lost => [], events => 20,
+            packets => 320, violations => [],
+            monitors => #{starl_sim_order_monitor => #{trace => []}}
+        },
+        maps:remove(digest, Outcome)
+    ),
+    ?assertEqual(16, byte_size(Digest)).
+
+%% What the monitors have found is in it.
+violations_test() ->
+    Trace = [{9, 1, m, x}, {5, 1, m, x}],
+    {violation, Judge} = starl_sim_judge:told(self(), 1, Trace, 1, judge()),
+    #{violations := [#{contract := order}]} = starl_sim_outcome:new(ending([robot(1, 7)], 1), Judge).
+
+%% Two runs have the same digest if the chains of all robots are the same, and only then; whose
+%% chain it is counts, the rest of what is known does not.
+digest_test() ->
+    Robots = [robot(1, 7), robot(2, 9)],
+    [{1, Summary}, Second] = Robots,
+    ?assertEqual(digest(Robots), digest([{1, Summary#{packets := 0, events := 1}}, Second])),
+    Others = [
+        [robot(1, 9), robot(2, 7)], [robot(1, 7), robot(2, 8)], [robot(1, 7), robot(3, 9)],
+        [robot(1, 7 + 4294967296 div 2), robot(2, 9)], [robot(1, 7)], [robot(2, 9)]
+    ],
+    Digests = [digest(Some) || Some <- [Robots | Others]],
+    ?assertEqual(length(Digests), length(lists:usort(Digests))).
+
+%% With the robots of a lost node the digest is gone: part of a run is like no other run.
+lost_robots_test() ->
+    Robots = [robot(1, 7), robot(2, 9)],
+    Outcome = starl_sim_outcome:new((ending(Robots, 3))#{ending := lost}, judge()),
+    ?assertMatch(#{digest := <<>>, events := 16, ending := lost}, Outcome).
+
+digest(Robots) ->
+    #{digest := Digest} = starl_sim_outcome:new(ending(Robots, length(Robots)), judge()),
+    Digest.
+
+ending(Robots, Team) ->
+    #{ending => done, end_us => 5, robots => Robots, team => Team, lost => []}.
+
+%% It had as many events as its chain says, and a hundred packets more.
+robot(Id, Chain) -> {Id, #{chain => Chain, events => Chain, packets => Chain + 100}}.
+
+judge() -> starl_sim_judge:new([{starl_sim_order_monitor, #{}}]).
