@@ -13,6 +13,11 @@ bugs() ->
 
 %% Name, block, broken machine, its configuration, changes of the scenario, and the pitfall.
 table() ->
+    lists:append([
+        sap(), election(), bully(), mutex(), barrier(), geocast(), registers(), dpp()
+    ]).
+
+sap() ->
     [
         {sap_restarts, sap, starl_sap_planted, #{variant => restarts}, #{},
             "sequence numbers restart with the robot"},
@@ -23,18 +28,30 @@ table() ->
         {sap_tireless, sap, starl_sap_planted, #{variant => tireless}, #{},
             "no report after the last retransmission"},
         {sap_late, sap, starl_sap_planted, #{variant => late}, prompt(),
-            "reports an outcome only when a retransmission is due"},
+            "reports an outcome only when a retransmission is due"}
+    ].
+
+election() ->
+    [
         {election_incomplete, election, starl_election_bug, #{bug => incomplete}, #{},
             "announces a leader from an incomplete set of ballots"},
         {election_deaf, election, starl_election_bug, #{bug => deaf},
             #{random_faults => [], delay => {20, 30}, judge => #{settle_us => 35000}},
             "drops ballots that come before it takes part itself"},
         {election_late, election, starl_election_bug, #{bug => late}, #{},
-            "counts a late ballot of an earlier election"},
+            "counts a late ballot of an earlier election"}
+    ].
+
+bully() ->
+    [
         {bully_early, bully, starl_election_bug, #{bug => early}, lossless(),
             "makes itself leader before the higher robots can answer"},
         {bully_fickle, bully, starl_election_bug, #{bug => fickle}, #{},
-            "takes each leader that is announced"},
+            "takes each leader that is announced"}
+    ].
+
+mutex() ->
+    [
         {mutex_impatient_home, mutex, starl_mutex_planted, #{variant => impatient_home}, #{},
             "grants a token anew before its lease is surely over"},
         {mutex_forgetful_home, mutex, starl_mutex_planted, #{variant => forgetful_home}, #{},
@@ -46,13 +63,21 @@ table() ->
         {mutex_circles, mutex, starl_mutex_planted, #{variant => circles}, granted(),
             "chases stale owners in circles"},
         {mutex_queueless, mutex, starl_mutex_planted, #{variant => queueless}, queued(),
-            "loses the queue of requesters at a hand-over"},
+            "loses the queue of requesters at a hand-over"}
+    ].
+
+barrier() ->
+    [
         {barrier_forgetful, barrier, starl_barrier_planted, #{variant => forgetful},
             #{robots => 4}, "a restarted machine begins with round 1"},
         {barrier_recreated, barrier, starl_barrier_planted, #{variant => recreated},
             #{robots => 4}, "a late duplicate opens the entry of the next round"},
         {barrier_alone, barrier, starl_barrier_planted, #{variant => alone},
-            #{robots => 4}, "does not wait for those it has not heard of"},
+            #{robots => 4}, "does not wait for those it has not heard of"}
+    ].
+
+geocast() ->
+    [
         {geocast_clocks, geocast, starl_geocast_bug, #{bug => clocks}, #{},
             "compares times of clocks that are not synchronised"},
         {geocast_holds, geocast, starl_geocast_bug, #{bug => holds}, #{},
@@ -62,14 +87,22 @@ table() ->
         {geocast_forgets, geocast, starl_geocast_bug, #{bug => forgets}, #{duplicate => 0.3},
             "forgets a message whose copies still travel"},
         {geocast_restart, geocast, starl_geocast_bug, #{bug => restart}, #{},
-            "a restarted machine takes itself for a new one"},
+            "a restarted machine takes itself for a new one"}
+    ].
+
+registers() ->
+    [
         {registers_restart, registers, starl_registers_bug, #{bug => restart}, #{},
             "the clock of a restarted machine goes back"},
         {registers_last_heard, registers, starl_registers_bug, #{bug => last_heard}, #{},
             "what comes last wins, whatever its stamp"},
         {registers_no_exchange, registers, starl_registers_bug, #{bug => no_exchange},
             #{judge => #{bound_us => 8000000}},
-            "what a broadcast missed stays missed"},
+            "what a broadcast missed stays missed"}
+    ].
+
+dpp() ->
+    [
         {dpp_overstaying, dpp, starl_dpp_planted, "overstaying", #{range => 8000},
             "drives on when its leave has ended"},
         {dpp_fickle, dpp, starl_dpp_planted, "fickle", #{range => 9000},

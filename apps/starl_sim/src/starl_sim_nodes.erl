@@ -1,5 +1,6 @@
-%% @doc The nodes of a simulation: it starts or checks them before the run, tells where the shards
-%% go, and watches them meanwhile. Whatever befalls a node, the run learns of it in bounded time.
+%% @doc The nodes of a simulation: it has sites opened on them before the run ({@link
+%% starl_sim_sites}), tells where the shards go, and watches the nodes meanwhile. Whatever befalls
+%% a node, the run learns of it in bounded time.
 %% ```
 %%   node gone          its site's monitor fires                        down
 %%   node stopped       it answers no ping for the time-out             silent
@@ -36,16 +37,7 @@
     at_us := starl_sim_queue:time()
 }.
 
--type reason() ::
-    not_distributed
-    | {bad_nodes, term()}
-    | {twice, node()}
-    | {unreachable, node()}
-    | {silent, node()}
-    | {no_code, node()}
-    | {other_code, node(), [module()], OtpHere :: string(), OtpThere :: string()}
-    | {peers, starl_sim_peers:reason()}
-    | {lost, loss()}.
+-type reason() :: starl_sim_sites:reason() | {lost, loss()}.
 
 -record(nodes, {
     timeout_ms = 0 :: non_neg_integer(),
@@ -64,10 +56,6 @@
 %% So many ticks make the time-out; at least so many milliseconds a tick.
 -define(TICKS, 10).
 -define(LEAST_TICK_MS, 20).
--define(CLOSE_MS, 10000).
-%% A node loads all the code when that is checked.
--define(LEAST_CHECK_MS, 5000).
--define(MOST_NAMES, 3).
 
 %% @doc Starts without any nodes.
 -spec start_link() -> gen_server:start_ret().
@@ -91,40 +79,8 @@ sites(Nodes) -> gen_server:call(Nodes, sites, infinity).
 
 %% @doc One line that says why the nodes cannot be used, and what to do.
 -spec format_error(reason()) -> unicode:chardata().
-format_error(not_distributed) ->
-    "nodes: this VM is no node itself; start it with a name, as in erl -sname me";
-format_error({bad_nodes, What}) ->
-    io_lib:format("nodes: a number from 1 or a list of nodes expected, not ~tP", [What, 20]);
-format_error({twice, Node}) ->
-    io_lib:format("nodes: ~ts is named twice", [Node]);
-format_error({unreachable, Node}) ->
-    io_lib:format(
-        "node ~ts cannot be reached: is it up (./starl node), with the same cookie, under this "
-        "very name, and its port mapper's port 4369 open?", [Node]
-    );
-format_error({silent, Node}) ->
-    io_lib:format("node ~ts is connected but does not answer; restart it or leave it out", [Node]);
-format_error({no_code, Node}) ->
-    io_lib:format("node ~ts has no StarL code; start it with ./starl node", [Node]);
-format_error({other_code, Node, Modules, Otp, Otp}) ->
-    io_lib:format(
-        "node ~ts has other code than this one: ~ts; bring both to the same version and build, "
-        "then start the node anew", [Node, names(Modules)]
-    );
-format_error({other_code, Node, Modules, Here, There}) ->
-    io_lib:format(
-        "node ~ts has other code than this one: ~ts; it was built by OTP ~ts there and ~ts here: "
-        "run both from one build (copy _build)", [Node, names(Modules), There, Here]
-    );
-format_error({peers, Reason}) ->
-    starl_sim_peers:format_error(Reason);
-format_error({lost, Loss}) ->
-    format_loss(Loss).
-
-names(Modules) ->
-    {Shown, More} = lists:split(min(?MOST_NAMES, length(Modules)), Modules),
-    Tail = [io_lib:format(" and ~b more", [length(More)]) || More =/= []],
-    [lists:join(", ", [atom_to_list(M) || M <- Shown]), Tail].
+format_error({lost, Loss}) -> format_loss(Loss);
+format_error(Reason) -> starl_sim_sites:format_error(Reason).
 
 %% @doc One line that says which node was lost, when, and what to do.
 -spec format_loss(loss()) -> unicode:chardata().
@@ -153,10 +109,10 @@ init([]) ->
 
 -spec handle_call(term(), gen_server:from(), #nodes{}) -> {reply, term(), #nodes{}}.
 handle_call({open, #{nodes := Wanted, timeout_ms := Ms} = Options}, _From, Nodes) ->
-    case started(Wanted) of
+    case starl_sim_sites:start(Wanted) of
         {ok, Names, Peers} ->
             Own = Nodes#nodes{timeout_ms = Ms, peers = Peers},
-            opened(check(Names, Options), Own);
+            opened(starl_sim_sites:open(Names, Options), Own);
         {error, _} = Error ->
             {reply, Error, Nodes}
     end;
@@ -202,7 +158,7 @@ handle_info({'EXIT', _Peer, _}, Nodes) ->
 %% Nothing is left over: not on other nodes, and no peer.
 -spec terminate(term(), #nodes{}) -> ok.
 terminate(_Reason, #nodes{sites = Sites, peers = Peers, lost = Lost}) ->
-    ok = close(maps:values(Sites)),
+    ok = starl_sim_sites:close(maps:values(Sites)),
     Silent = [Node || #{node := Node, why := silent} <- Lost],
     lists:foreach(
         fun(Peer) ->
@@ -213,71 +169,6 @@ terminate(_Reason, #nodes{sites = Sites, peers = Peers, lost = Lost}) ->
         end,
         Peers
     ).
-
-%% -- before the run -------------------------------------------------------------------------
-
-started(N) when is_integer(N), N > 0 ->
-    case starl_sim_peers:start(N) of
-        {ok, Peers} -> {ok, [starl_sim_peers:node(Peer) || Peer <- Peers], Peers};
-        {error, Reason} -> {error, {peers, Reason}}
-    end;
-started([_ | _] = Names) ->
-    case {lists:all(fun is_atom/1, Names), Names -- lists:usort(Names)} of
-        {false, _} -> {error, {bad_nodes, Names}};
-        {true, [Node | _]} -> {error, {twice, Node}};
-        {true, []} when Names =:= [node()] -> {ok, Names, []};
-        {true, []} when node() =:= nonode@nohost -> {error, not_distributed};
-        {true, []} -> {ok, Names, []}
-    end;
-started(Other) ->
-    {error, {bad_nodes, Other}}.
-
-check(Names, #{modules := Seeds, code := Code, timeout_ms := Ms}) ->
-    InMemory = [Module || {Module, _, _} <- Code],
-    Modules = starl_sim_code:modules([starl_sim | Seeds]) -- InMemory,
-    Ours = starl_sim_code:digests(Modules),
-    CheckMs = max(?LEAST_CHECK_MS, Ms),
-    sites_on(Names, #{modules => Modules, digests => Ours, code => Code, ms => CheckMs}, []).
-
-sites_on([], _Wanted, Sites) ->
-    {ok, lists:reverse(Sites)};
-sites_on([Node | Rest], Wanted, Sites) ->
-    case site_on(Node, Wanted) of
-        {ok, Site} ->
-            sites_on(Rest, Wanted, [Site | Sites]);
-        {error, _} = Error ->
-            ok = close(Sites),
-            Error
-    end.
-
-site_on(Node, Wanted) ->
-    case node() =:= Node orelse net_kernel:connect_node(Node) of
-        true -> checked(Node, Wanted);
-        _ -> {error, {unreachable, Node}}
-    end.
-
-checked(Node, #{modules := Modules, digests := Ours, ms := Ms} = Wanted) ->
-    try
-        case erpc:call(Node, starl_sim_code, digests, [Modules], Ms) of
-            Ours -> {ok, site(Node, Wanted)};
-            Theirs -> {error, other_code(Node, starl_sim_code:differing(Ours, Theirs), Ms)}
-        end
-    catch
-        error:{exception, undef, _} -> {error, {no_code, Node}};
-        error:{erpc, timeout} -> {error, {silent, Node}};
-        error:{erpc, noconnection} -> {error, {unreachable, Node}}
-    end.
-
-other_code(Node, Modules, Ms) ->
-    There = erpc:call(Node, erlang, system_info, [otp_release], Ms),
-    {other_code, Node, Modules, erlang:system_info(otp_release), There}.
-
-site(Node, #{code := Code, ms := Ms}) ->
-    _ = [
-        {module, Module} = erpc:call(Node, code, load_binary, [Module, File, Beam], Ms)
-     || {Module, File, Beam} <- Code, Node =/= node()
-    ],
-    starl_sim_site:open(Node, self(), Ms).
 
 opened({ok, Sites}, Nodes) ->
     _ = [erlang:monitor(process, Server) || #{server := Server} <- Sites],
@@ -333,28 +224,10 @@ lose(Node, Why, #nodes{sites = Sites, timeout_ms = Ms} = Nodes) ->
     ok = lists:foreach(fun(Site) -> starl_sim_site:abandon(Site, Node) end, maps:values(Left)),
     _ = is_pid(Nodes#nodes.run) andalso (Nodes#nodes.run ! {lost, Loss}),
     %% a slow node hears that it is over
-    ok = close([Site || {N, Site} <- maps:to_list(Sites), N =:= Node, Why =:= slow]),
+    Slow = [Site || {N, Site} <- maps:to_list(Sites), N =:= Node, Why =:= slow],
+    ok = starl_sim_sites:close(Slow),
     Nodes#nodes{
         sites = Left,
         unanswered = maps:remove(Node, Nodes#nodes.unanswered),
         lost = [Loss | Nodes#nodes.lost]
     }.
-
-%% All at once, and for no longer than it may take.
-close(Sites) ->
-    Refs = [
-        {erlang:monitor(process, Server), starl_sim_site:close(Site)}
-     || #{server := Server} = Site <- Sites
-    ],
-    Timer = erlang:start_timer(?CLOSE_MS, self(), close),
-    ok = closed([Ref || {Ref, ok} <- Refs], Timer),
-    _ = erlang:cancel_timer(Timer),
-    ok.
-
-closed([], _Timer) ->
-    ok;
-closed([Ref | Refs] = Waiting, Timer) ->
-    receive
-        {'DOWN', Ref, process, _, _} -> closed(Refs, Timer);
-        {timeout, Timer, close} -> lists:foreach(fun erlang:demonitor/1, Waiting)
-    end.

@@ -23,6 +23,13 @@ violations_test() ->
     {violation, Judge} = starl_sim_judge:told(self(), 1, Trace, 1, judge()),
     #{violations := [#{contract := order}]} = starl_sim_outcome:new(ending([robot(1, 7)], 1), Judge).
 
+%% The monitors are closed at the end of the run, which is when they say what is missing.
+closed_at_the_end_test() ->
+    Unfinished = {starl_sim_progress_monitor, #{robots => [1], deadline_us => 5}},
+    #{violations := Violations} =
+        starl_sim_outcome:new(ending([robot(1, 7)], 1), starl_sim_judge:new([Unfinished])),
+    ?assertMatch([#{contract := progress, at_us := 5}], Violations).
+
 %% Two runs have the same digest if the chains of all robots are the same, and only then; whose
 %% chain it is counts, the rest of what is known does not.
 digest_test() ->

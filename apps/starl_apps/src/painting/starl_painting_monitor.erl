@@ -4,9 +4,9 @@
 %% Ink is what a robot drives with its pen down. "On a line" means no farther from it than the
 %% ink radius (the r(v) of the tracking guarantee) plus the tolerance with which the picture was
 %% flattened. Straight motion is judged exactly: the part of one segment that lies within a
-%% radius of another is an interval in closed form, and the union of these intervals must cover
-%% the ink; with the roles exchanged, the same intervals give how much of a line is painted. An
-%% arc is taken as chords that stay within 0.01 mm of it.
+%% radius of another is an interval in closed form ({@link starl_painting_parts}), and the union
+%% of these intervals must cover the ink; with the roles exchanged, the same intervals give how
+%% much of a line is painted. An arc is taken as chords that stay within 0.01 mm of it.
 %%
 %% Events of machine `chassis': `{motion, Piece}' and `{actuated, pen, down | up}' (the pen
 %% starts up); of machine `robot': `{died, Reason}' (the robot stays where it is).
@@ -17,13 +17,10 @@
 -behaviour(starl_monitor).
 
 -export([init/1, step/2, finish/2, interests/0]).
--export([within/3]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
-%% A closed part of a segment, in mm from its start.
--type part() :: {FromMm :: float(), ToMm :: float()}.
 
 %% One robot: what it does since when, its pen, the polyline it is drawing (latest point first;
 %% empty with the pen up), whether that one left the lines, and the finished ones.
@@ -43,7 +40,7 @@
     reach_mm :: float(),
     complete :: boolean(),
     %% The painted parts of each line, ascending and disjoint.
-    painted = #{} :: #{pos_integer() => [part(), ...]},
+    painted = #{} :: #{pos_integer() => [starl_painting_parts:part(), ...]},
     tracks = #{} :: #{robot_id() => #track{}},
     ink_mm = 0.0 :: float(),
     driven_mm = 0.0 :: float()
@@ -55,8 +52,6 @@
 -define(CHORD_MM, 0.01).
 %% Two points no farther apart are one; a larger jump starts a new polyline (mm).
 -define(JUMP_MM, 1.0e-3).
-%% Directions closer to parallel than this sine are parallel.
--define(PARALLEL, 1.0e-12).
 
 %% @doc `lines': the picture; `ink_radius_mm' and `tolerance_mm': how far ink may lie from them;
 %% `complete' (default true): whether unpainted lines at the finish break the contract.
@@ -224,101 +219,25 @@ violation(What, T, Robots, Details) ->
 %% at which that begins, and a point in the middle of what is outside.
 ink(Ink, #state{grid = Grid, lines = Lines, reach_mm = Reach, painted = Painted} = State) ->
     Near = [{N, map_get(N, Lines)} || N <- starl_grid:near(Ink, Reach, Grid)],
-    Parts = [Part || {_, Line} <- Near, {_, _} = Part <- [within(Reach, Ink, Line)]],
+    Inked = [starl_painting_parts:within(Reach, Ink, Line) || {_, Line} <- Near],
+    Covered = lists:foldl(fun starl_painting_parts:unite/2, [], [P || {_, _} = P <- Inked]),
     Paint = fun({N, Line}, Acc) ->
-        case within(Reach, Line, Ink) of
+        case starl_painting_parts:within(Reach, Line, Ink) of
             none -> Acc;
-            Part -> Acc#{N => unite(Part, maps:get(N, Acc, []))}
+            Part -> Acc#{N => starl_painting_parts:unite(Part, maps:get(N, Acc, []))}
         end
     end,
-    {strays(Ink, lists:foldl(fun unite/2, [], Parts)),
-        State#state{painted = lists:foldl(Paint, Painted, Near)}}.
+    {strays(Ink, Covered), State#state{painted = lists:foldl(Paint, Painted, Near)}}.
 
 strays({From, To} = Ink, Covered) ->
     case starl_geometry:length(Ink) of
-        Length when Length > ?SLACK_MM -> strays(From, To, Length, gap(0.0, Length, Covered));
-        _Dot -> [{0.0, From} || Covered =:= []]
+        Length when Length > ?SLACK_MM ->
+            strays(From, To, Length, starl_painting_parts:gap(Length, Covered));
+        _Dot ->
+            [{0.0, From} || Covered =:= []]
     end.
 
 strays(_From, _To, _Length, none) ->
     [];
 strays(From, To, Length, {A, B}) ->
     [{A / Length, starl_geometry:interpolate(From, To, (A + B) / 2 / Length)}].
-
-%% The first part of 0..Length that is not covered.
-gap(From, Length, []) when Length - From > ?SLACK_MM -> {From, Length};
-gap(_From, _Length, []) -> none;
-gap(From, _Length, [{Low, _} | _]) when Low - From > ?SLACK_MM -> {From, Low};
-gap(From, Length, [{_, High} | Parts]) -> gap(max(From, High), Length, Parts).
-
-%% Adds a part to ascending, disjoint parts.
-unite(Part, []) -> [Part];
-unite({_, High} = Part, [{Low, _} | _] = Parts) when High < Low -> [Part | Parts];
-unite({Low, _} = Part, [{_, High} = First | Parts]) when Low > High ->
-    [First | unite(Part, Parts)];
-unite({Low, High}, [{Low1, High1} | Parts]) ->
-    unite({min(Low, Low1), max(High, High1)}, Parts).
-
-%% @doc The part of a segment (mm from its start) that lies within `Reach' mm of another one.
-%% It is one interval, since the points within `Reach' of a segment are a convex set: two discs
-%% around the ends and the rectangle between them.
--spec within(Reach :: float(), segment(), segment()) -> part() | none.
-within(Reach, {A, B} = Segment, {C, D} = Other) ->
-    case starl_geometry:length(Segment) of
-        Length when Length < 1.0e-9 ->
-            dot_within(starl_geometry:point_segment(A, Other) =< Reach, Length);
-        Length ->
-            U = direction(A, B, Length),
-            Parts = [disc(Reach, A, U, C), disc(Reach, A, U, D), strip(Reach, A, U, C, D)],
-            hull([Part || {_, _} = Part <- Parts], Length)
-    end.
-
-dot_within(true, Length) -> {0.0, Length};
-dot_within(false, _Length) -> none.
-
-hull([], _Length) ->
-    none;
-hull(Parts, Length) ->
-    From = max(0.0, lists:min([Low || {Low, _} <- Parts])),
-    To = min(Length, lists:max([High || {_, High} <- Parts])),
-    part(From, To).
-
-part(From, To) when From > To -> none;
-part(From, To) -> {From, To}.
-
-direction({AX, AY}, {BX, BY}, Length) -> {(BX - AX) / Length, (BY - AY) / Length}.
-
-%% Where the line from A in direction U is inside the disc.
-disc(Reach, {AX, AY}, {UX, UY}, {CX, CY}) ->
-    Along = (CX - AX) * UX + (CY - AY) * UY,
-    Across = (CX - AX) * UY - (CY - AY) * UX,
-    case Reach * Reach - Across * Across of
-        Square when Square < 0 -> none;
-        Square -> {Along - math:sqrt(Square), Along + math:sqrt(Square)}
-    end.
-
-%% Where that line is beside the segment from C to D, at most Reach to its left or right.
-strip(Reach, {AX, AY}, {UX, UY}, {CX, CY} = C, D) ->
-    case starl_geometry:distance(C, D) of
-        Length when Length < 1.0e-9 ->
-            none;
-        Length ->
-            {WX, WY} = direction(C, D, Length),
-            Beside = slab((AX - CX) * WX + (AY - CY) * WY, UX * WX + UY * WY, 0.0, Length),
-            Close = slab((AY - CY) * WX - (AX - CX) * WY, UY * WX - UX * WY, -Reach, Reach),
-            both(Beside, Close)
-    end.
-
-%% The values of s for which Low =< Start + s * Slope =< High.
-slab(Start, Slope, Low, High) when abs(Slope) < ?PARALLEL ->
-    case Start >= Low andalso Start =< High of
-        true -> {-1.0e12, 1.0e12};
-        false -> none
-    end;
-slab(Start, Slope, Low, High) ->
-    S1 = (Low - Start) / Slope,
-    S2 = (High - Start) / Slope,
-    {min(S1, S2), max(S1, S2)}.
-
-both({Low1, High1}, {Low2, High2}) -> part(max(Low1, Low2), min(High1, High2));
-both(_, _) -> none.

@@ -1,0 +1,101 @@
+%% @doc Parts of a segment: which part of it is near another segment, what several parts cover
+%% together, and what they leave out. Lengths are millimetres.
+-module(starl_painting_parts).
+
+-export([within/3, unite/2, gap/2]).
+
+-export_type([part/0]).
+
+-type segment() :: starl_geometry:segment().
+%% A closed part of a segment, in mm from its start.
+-type part() :: {FromMm :: float(), ToMm :: float()}.
+
+%% Rounding (mm).
+-define(SLACK_MM, 1.0e-6).
+%% Directions closer to parallel than this sine are parallel.
+-define(PARALLEL, 1.0e-12).
+
+%% @doc The part of a segment (mm from its start) that lies within `Reach' mm of another one.
+%% It is one interval, since the points within `Reach' of a segment are a convex set: two discs
+%% around the ends and the rectangle between them.
+-spec within(Reach :: float(), segment(), segment()) -> part() | none.
+within(Reach, {A, B} = Segment, {C, D} = Other) ->
+    case starl_geometry:length(Segment) of
+        Length when Length < 1.0e-9 ->
+            dot_within(starl_geometry:point_segment(A, Other) =< Reach, Length);
+        Length ->
+            U = direction(A, B, Length),
+            Parts = [disc(Reach, A, U, C), disc(Reach, A, U, D), strip(Reach, A, U, C, D)],
+            hull([Part || {_, _} = Part <- Parts], Length)
+    end.
+
+%% @doc Adds a part to ascending, disjoint parts.
+-spec unite(part(), [part()]) -> [part(), ...].
+unite(Part, []) -> [Part];
+unite({_, High} = Part, [{Low, _} | _] = Parts) when High < Low -> [Part | Parts];
+unite({Low, _} = Part, [{_, High} = First | Parts]) when Low > High ->
+    [First | unite(Part, Parts)];
+unite({Low, High}, [{Low1, High1} | Parts]) ->
+    unite({min(Low, Low1), max(High, High1)}, Parts).
+
+%% @doc The first part of a segment of this length (mm) that these parts do not cover; `none' where
+%% they leave out nothing but what rounding does.
+-spec gap(Length :: float(), [part()]) -> part() | none.
+gap(Length, Covered) -> gap(0.0, Length, Covered).
+
+gap(From, Length, []) when Length - From > ?SLACK_MM -> {From, Length};
+gap(_From, _Length, []) -> none;
+gap(From, _Length, [{Low, _} | _]) when Low - From > ?SLACK_MM -> {From, Low};
+gap(From, Length, [{_, High} | Parts]) -> gap(max(From, High), Length, Parts).
+
+%% -- internals ------------------------------------------------------------------------------
+
+dot_within(true, Length) -> {0.0, Length};
+dot_within(false, _Length) -> none.
+
+hull([], _Length) ->
+    none;
+hull(Parts, Length) ->
+    From = max(0.0, lists:min([Low || {Low, _} <- Parts])),
+    To = min(Length, lists:max([High || {_, High} <- Parts])),
+    part(From, To).
+
+part(From, To) when From > To -> none;
+part(From, To) -> {From, To}.
+
+direction({AX, AY}, {BX, BY}, Length) -> {(BX - AX) / Length, (BY - AY) / Length}.
+
+%% Where the line from A in direction U is inside the disc.
+disc(Reach, {AX, AY}, {UX, UY}, {CX, CY}) ->
+    Along = (CX - AX) * UX + (CY - AY) * UY,
+    Across = (CX - AX) * UY - (CY - AY) * UX,
+    case Reach * Reach - Across * Across of
+        Square when Square < 0 -> none;
+        Square -> {Along - math:sqrt(Square), Along + math:sqrt(Square)}
+    end.
+
+%% Where that line is beside the segment from C to D, at most Reach to its left or right.
+strip(Reach, {AX, AY}, {UX, UY}, {CX, CY} = C, D) ->
+    case starl_geometry:distance(C, D) of
+        Length when Length < 1.0e-9 ->
+            none;
+        Length ->
+            {WX, WY} = direction(C, D, Length),
+            Beside = slab((AX - CX) * WX + (AY - CY) * WY, UX * WX + UY * WY, 0.0, Length),
+            Close = slab((AY - CY) * WX - (AX - CX) * WY, UY * WX - UX * WY, -Reach, Reach),
+            both(Beside, Close)
+    end.
+
+%% The values of s for which Low =< Start + s * Slope =< High.
+slab(Start, Slope, Low, High) when abs(Slope) < ?PARALLEL ->
+    case Start >= Low andalso Start =< High of
+        true -> {-1.0e12, 1.0e12};
+        false -> none
+    end;
+slab(Start, Slope, Low, High) ->
+    S1 = (Low - Start) / Slope,
+    S2 = (High - Start) / Slope,
+    {min(S1, S2), max(S1, S2)}.
+
+both({Low1, High1}, {Low2, High2}) -> part(max(Low1, Low2), min(High1, High2));
+both(_, _) -> none.

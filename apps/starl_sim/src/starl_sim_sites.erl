@@ -1,0 +1,151 @@
+%% @doc The sites of a simulation over several nodes ({@link starl_sim_site}), before the run and
+%% after it: nodes are started or connected to, each is checked to run the same code as this one
+%% ({@link starl_sim_code}), and a site is opened on it; in the end all are closed.
+-module(starl_sim_sites).
+
+-export([start/1, open/2, close/1, format_error/1]).
+
+-export_type([reason/0]).
+
+-type reason() ::
+    not_distributed
+    | {bad_nodes, term()}
+    | {twice, node()}
+    | {unreachable, node()}
+    | {silent, node()}
+    | {no_code, node()}
+    | {other_code, node(), [module()], OtpHere :: string(), OtpThere :: string()}
+    | {peers, starl_sim_peers:reason()}.
+
+-define(CLOSE_MS, 10000).
+%% A node loads all the code when that is checked.
+-define(LEAST_CHECK_MS, 5000).
+-define(MOST_NAMES, 3).
+
+%% @doc The names of the nodes that are asked for ({@link starl_sim_nodes:nodes()}), or what is
+%% wrong with them; peers are started, linked to the calling process, which must trap exits and
+%% has to stop them.
+-spec start(Wanted :: term()) ->
+    {ok, [node(), ...], [starl_sim_peers:t()]} | {error, reason()}.
+start(N) when is_integer(N), N > 0 ->
+    case starl_sim_peers:start(N) of
+        {ok, Peers} -> {ok, [starl_sim_peers:node(Peer) || Peer <- Peers], Peers};
+        {error, Reason} -> {error, {peers, Reason}}
+    end;
+start([_ | _] = Names) ->
+    case {lists:all(fun is_atom/1, Names), Names -- lists:usort(Names)} of
+        {false, _} -> {error, {bad_nodes, Names}};
+        {true, [Node | _]} -> {error, {twice, Node}};
+        {true, []} when Names =:= [node()] -> {ok, Names, []};
+        {true, []} when node() =:= nonode@nohost -> {error, not_distributed};
+        {true, []} -> {ok, Names, []}
+    end;
+start(Other) ->
+    {error, {bad_nodes, Other}}.
+
+%% @doc Checks the nodes and opens a site on each, in their order, for as long as the calling
+%% process lives. If one cannot be used there are no sites.
+-spec open([node(), ...], starl_sim_nodes:options()) ->
+    {ok, [starl_sim_site:t()]} | {error, reason()}.
+open(Names, #{modules := Seeds, code := Code, timeout_ms := Ms}) ->
+    InMemory = [Module || {Module, _, _} <- Code],
+    Modules = starl_sim_code:modules([starl_sim | Seeds]) -- InMemory,
+    Ours = starl_sim_code:digests(Modules),
+    CheckMs = max(?LEAST_CHECK_MS, Ms),
+    sites_on(Names, #{modules => Modules, digests => Ours, code => Code, ms => CheckMs}, []).
+
+sites_on([], _Wanted, Sites) ->
+    {ok, lists:reverse(Sites)};
+sites_on([Node | Rest], Wanted, Sites) ->
+    case site_on(Node, Wanted) of
+        {ok, Site} ->
+            sites_on(Rest, Wanted, [Site | Sites]);
+        {error, _} = Error ->
+            ok = close(Sites),
+            Error
+    end.
+
+site_on(Node, Wanted) ->
+    case node() =:= Node orelse net_kernel:connect_node(Node) of
+        true -> checked(Node, Wanted);
+        _ -> {error, {unreachable, Node}}
+    end.
+
+checked(Node, #{modules := Modules, digests := Ours, ms := Ms} = Wanted) ->
+    try
+        case erpc:call(Node, starl_sim_code, digests, [Modules], Ms) of
+            Ours -> {ok, site(Node, Wanted)};
+            Theirs -> {error, other_code(Node, starl_sim_code:differing(Ours, Theirs), Ms)}
+        end
+    catch
+        error:{exception, undef, _} -> {error, {no_code, Node}};
+        error:{erpc, timeout} -> {error, {silent, Node}};
+        error:{erpc, noconnection} -> {error, {unreachable, Node}}
+    end.
+
+other_code(Node, Modules, Ms) ->
+    There = erpc:call(Node, erlang, system_info, [otp_release], Ms),
+    {other_code, Node, Modules, erlang:system_info(otp_release), There}.
+
+site(Node, #{code := Code, ms := Ms}) ->
+    _ = [
+        {module, Module} = erpc:call(Node, code, load_binary, [Module, File, Beam], Ms)
+     || {Module, File, Beam} <- Code, Node =/= node()
+    ],
+    starl_sim_site:open(Node, self(), Ms).
+
+%% @doc Has sites end, all at once, and waits for it, but for no longer than it may take. For a
+%% process that ignores the messages `{timeout, _, close}' which may come later.
+-spec close([starl_sim_site:t()]) -> ok.
+close(Sites) ->
+    Refs = [
+        {erlang:monitor(process, Server), starl_sim_site:close(Site)}
+     || #{server := Server} = Site <- Sites
+    ],
+    Timer = erlang:start_timer(?CLOSE_MS, self(), close),
+    ok = closed([Ref || {Ref, ok} <- Refs], Timer),
+    _ = erlang:cancel_timer(Timer),
+    ok.
+
+closed([], _Timer) ->
+    ok;
+closed([Ref | Refs] = Waiting, Timer) ->
+    receive
+        {'DOWN', Ref, process, _, _} -> closed(Refs, Timer);
+        {timeout, Timer, close} -> lists:foreach(fun erlang:demonitor/1, Waiting)
+    end.
+
+%% @doc One line that says why the nodes cannot be used, and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error(not_distributed) ->
+    "nodes: this VM is no node itself; start it with a name, as in erl -sname me";
+format_error({bad_nodes, What}) ->
+    io_lib:format("nodes: a number from 1 or a list of nodes expected, not ~tP", [What, 20]);
+format_error({twice, Node}) ->
+    io_lib:format("nodes: ~ts is named twice", [Node]);
+format_error({unreachable, Node}) ->
+    io_lib:format(
+        "node ~ts cannot be reached: is it up (./starl node), with the same cookie, under this "
+        "very name, and its port mapper's port 4369 open?", [Node]
+    );
+format_error({silent, Node}) ->
+    io_lib:format("node ~ts is connected but does not answer; restart it or leave it out", [Node]);
+format_error({no_code, Node}) ->
+    io_lib:format("node ~ts has no StarL code; start it with ./starl node", [Node]);
+format_error({other_code, Node, Modules, Otp, Otp}) ->
+    io_lib:format(
+        "node ~ts has other code than this one: ~ts; bring both to the same version and build, "
+        "then start the node anew", [Node, names(Modules)]
+    );
+format_error({other_code, Node, Modules, Here, There}) ->
+    io_lib:format(
+        "node ~ts has other code than this one: ~ts; it was built by OTP ~ts there and ~ts here: "
+        "run both from one build (copy _build)", [Node, names(Modules), There, Here]
+    );
+format_error({peers, Reason}) ->
+    starl_sim_peers:format_error(Reason).
+
+names(Modules) ->
+    {Shown, More} = lists:split(min(?MOST_NAMES, length(Modules)), Modules),
+    Tail = [io_lib:format(" and ~b more", [length(More)]) || More =/= []],
+    [lists:join(", ", [atom_to_list(M) || M <- Shown]), Tail].
