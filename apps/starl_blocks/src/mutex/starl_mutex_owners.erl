@@ -12,10 +12,13 @@
 
 -record(owners, {
     newest = #{} :: #{token() => {fence(), starl:robot_id()}},
-    early = #{} :: #{token() => [request()]}
+    early = #{} :: #{token() => [early()]}
 }).
 
 -opaque t() :: #owners{}.
+
+%% A request, and the number of the owner that its sender knew of.
+-type early() :: {request(), Known :: fence()}.
 
 %% @doc Nothing has been heard yet.
 -spec new() -> t().
@@ -25,12 +28,16 @@ new() -> #owners{}.
 -spec newest(token(), t()) -> {fence() | 0, starl:robot_id() | none}.
 newest(Token, #owners{newest = Newest}) -> maps:get(Token, Newest, {0, none}).
 
-%% @doc An owner has announced itself: what came early will be heard of again where it is.
--spec announced(token(), fence(), starl:robot_id(), t()) -> t().
+%% @doc An owner has announced itself; whether it is a newer one than was known, and then the
+%% requests that waited here, for those who look for it again.
+-spec announced(token(), fence(), starl:robot_id(), t()) -> {newer, [early()], t()} | known.
 announced(Token, Fence, Owner, #owners{early = Early} = Owners) ->
     case newest(Token, Owners) of
-        {Known, _} when Known >= Fence -> Owners;
-        {_, _} -> handed(Token, Fence, Owner, Owners#owners{early = maps:remove(Token, Early)})
+        {Known, _} when Known >= Fence ->
+            known;
+        {_, _} ->
+            Left = Owners#owners{early = maps:remove(Token, Early)},
+            {newer, maps:get(Token, Early, []), handed(Token, Fence, Owner, Left)}
     end.
 
 %% @doc This robot has handed the token over.
@@ -39,15 +46,21 @@ handed(Token, Fence, To, #owners{newest = Newest} = Owners) ->
     Owners#owners{newest = Newest#{Token => {Fence, To}}}.
 
 %% @doc A request waits for the token to come; at most so many do.
--spec wait(token(), request(), Most :: pos_integer(), t()) -> t().
-wait(Token, Request, Most, #owners{early = Early} = Owners) ->
-    Waiting = add(Request, maps:get(Token, Early, [])),
+-spec wait(token(), early(), Most :: pos_integer(), t()) -> t().
+wait(Token, {Request, Known}, Most, #owners{early = Early} = Owners) ->
+    Before = maps:get(Token, Early, []),
+    Waiting =
+        case lists:keyfind(Request, 1, Before) of
+            {_, Older} -> lists:keyreplace(Request, 1, Before, {Request, max(Known, Older)});
+            false -> Before ++ [{Request, Known}]
+        end,
     Owners#owners{early = Early#{Token => lists:sublist(Waiting, Most)}}.
 
 %% @doc The requests that came before the token, which has come now.
 -spec take_early(token(), t()) -> {[request()], t()}.
 take_early(Token, #owners{early = Early} = Owners) ->
-    {maps:get(Token, Early, []), Owners#owners{early = maps:remove(Token, Early)}}.
+    Requests = [Request || {Request, _} <- maps:get(Token, Early, [])],
+    {Requests, Owners#owners{early = maps:remove(Token, Early)}}.
 
 %% @doc A queue with a request at its end, unless it is in it already.
 -spec add(request(), [request()]) -> [request()].

@@ -49,21 +49,27 @@ route(Token, {Asker, _} = Request, Known, Via, Robot) ->
         {none, _} when Via =:= none ->
             post_home(Token, {request, Token, Request, 0, home}, Robot);
         {none, _} ->
-            wait_for_token(Token, Request, Robot)
+            wait_for_token(Token, {Request, Known}, Robot)
     end.
 
-wait_for_token(Token, Request, Robot) ->
+wait_for_token(Token, Early, Robot) ->
     Most = starl_mutex_state:team_size(Robot),
-    Owners = starl_mutex_owners:wait(Token, Request, Most, starl_mutex_state:owners(Robot)),
+    Owners = starl_mutex_owners:wait(Token, Early, Most, starl_mutex_state:owners(Robot)),
     starl_mutex_state:put_owners(Owners, Robot).
 
-%% @doc An owner has announced itself.
+%% @doc An owner has announced itself. The requests that wait here for the token go on to it, if
+%% it is newer than the hand-over that they wait for: announcements overtake each other.
 -spec announced(token(), fence(), starl:robot_id(), t()) -> t().
 announced(Token, Fence, Owner, Robot) ->
-    Owners = starl_mutex_state:owners(Robot),
-    starl_mutex_state:put_owners(
-        starl_mutex_owners:announced(Token, Fence, Owner, Owners), Robot
-    ).
+    case starl_mutex_owners:announced(Token, Fence, Owner, starl_mutex_state:owners(Robot)) of
+        known ->
+            Robot;
+        {newer, Early, Owners} ->
+            Told = starl_mutex_state:put_owners(Owners, Robot),
+            lists:foldl(
+                fun({Request, Known}, R) -> route(Token, Request, Known, home, R) end, Told, Early
+            )
+    end.
 
 %% -- tokens ---------------------------------------------------------------------------------
 
