@@ -7,15 +7,17 @@
 -export([all/0]).
 -export([
     contract_under_faults/1, progress_under_loss/1, restarted_machine_syncs_again/1,
-    failed_round_outlives_a_crash/1, crash_of_both_machines/1, reboots/1, two_reboots_at_once/1,
-    memory_is_bounded/1, planted_bugs_are_caught/1
+    failed_round_outlives_a_crash/1, a_crash_costs_no_retry/1, nobody_to_ask/1,
+    crash_of_both_machines/1, reboots/1, two_reboots_at_once/1, memory_is_bounded/1,
+    planted_bugs_are_caught/1
 ]).
 
 all() ->
     [
         contract_under_faults, progress_under_loss, restarted_machine_syncs_again,
-        failed_round_outlives_a_crash, crash_of_both_machines, reboots, two_reboots_at_once,
-        memory_is_bounded, planted_bugs_are_caught
+        failed_round_outlives_a_crash, a_crash_costs_no_retry, nobody_to_ask,
+        crash_of_both_machines, reboots, two_reboots_at_once, memory_is_bounded,
+        planted_bugs_are_caught
     ].
 
 %% Safety, all of it: nobody passes before all have reached, everybody passes each round that it
@@ -58,6 +60,21 @@ failed_round_outlives_a_crash(_) ->
      || At <- lists:seq(9000, 11000, 100),
         Faults <- [[{alone, 2000, 11500, isolate, 1, #{}}, crash(1, At, barrier)]]
     ].
+
+%% What the others had told a machine that crashed between two rounds it asks for when it next
+%% waits for them, not only when it asks again anyway, 3 s later.
+a_crash_costs_no_retry(_) ->
+    [
+        begin
+            #{longest_delta_us := Longest} = kept([crash(1, Ms, barrier)], #{names => [odd, even]}),
+            ?assert(Longest < 1000000, {Ms, Longest})
+        end
+     || Ms <- lists:seq(500, 4000, 100)
+    ].
+
+%% A robot that is the whole team knows from its log how far it was.
+nobody_to_ask(_) ->
+    [kept([crash(1, At, barrier)], #{robots => 1, rounds => 20}) || At <- [1500, 3000, 4510]].
 
 %% The log and the machine may crash one after the other, as close as can be, in any order.
 crash_of_both_machines(_) ->

@@ -6,7 +6,7 @@
 -module(starl_barrier_gate).
 
 -export([new/1, next/1, is_sure/1, caller/1, counts/1, fact/2]).
--export([resume/2, reach/4, pass/1, missed/1, fail/1]).
+-export([resume/2, reach/4, pass/1, missed/1, unheard/1, fail/1]).
 -export([hear/4, learn/5, assure/2, recall/2, certain/1]).
 
 -export_type([t/0]).
@@ -24,7 +24,7 @@
     reached = #{} :: counts(),
     heard = #{} :: counts(),
     from = none :: starl_machine:from() | none,
-    %% while it waits: those that it may miss; whoever was seen to be there is not looked at again
+    %% while it waits: those that it misses
     awaited = [] :: [starl:robot_id()]
 }).
 
@@ -70,25 +70,28 @@ resume(_Round, Gate) ->
 -spec reach(pos_integer(), starl_machine:from(), [starl:robot_id()], t()) -> {new | again, t()}.
 reach(Round, From, Others, Gate0) ->
     #gate{at = At} = Gate = resume(Round, Gate0),
-    Waiting = Gate#gate{at = Round, from = From, awaited = Others},
+    There = Gate#gate{at = Round, from = From},
+    Waiting = There#gate{awaited = [Robot || Robot <- Others, is_missed(Robot, There)]},
     case At < Round of
         true -> {new, Waiting};
         false -> {again, Waiting}
     end.
 
 %% @doc Passes, if all have reached the round and know that this robot has.
--spec pass(t()) -> {passed, starl_machine:from(), round(), t()} | {waits, t()}.
-pass(#gate{at = At, from = From, awaited = Awaited} = Gate) ->
-    case lists:dropwhile(fun(Robot) -> not is_missed(Robot, Gate) end, Awaited) of
-        [] when From =/= none ->
-            {passed, From, At, Gate#gate{passed = At, done = At, from = none, awaited = []}};
-        Left ->
-            {waits, Gate#gate{awaited = Left}}
-    end.
+-spec pass(t()) -> {passed, starl_machine:from(), round(), t()} | waits.
+pass(#gate{at = At, from = From, awaited = []} = Gate) when From =/= none ->
+    {passed, From, At, Gate#gate{passed = At, done = At, from = none}};
+pass(#gate{}) ->
+    waits.
 
 %% @doc Those that the robot waits for.
 -spec missed(t()) -> [starl:robot_id()].
-missed(#gate{awaited = Awaited} = Gate) -> [Robot || Robot <- Awaited, is_missed(Robot, Gate)].
+missed(#gate{awaited = Awaited}) -> Awaited.
+
+%% @doc Those of them of which nothing is known.
+-spec unheard(t()) -> [starl:robot_id()].
+unheard(#gate{awaited = Awaited, reached = Reached}) ->
+    [Robot || Robot <- Awaited, not is_map_key(Robot, Reached)].
 
 %% Has it not reached the round, or may it not know that this robot has?
 is_missed(Robot, #gate{at = At, reached = Reached, heard = Heard}) ->
@@ -103,9 +106,16 @@ fail(Gate) -> Gate#gate{from = none, awaited = []}.
 %% @doc A robot has reached a round, and knows that this robot has reached one.
 -spec hear(starl:robot_id(), round(), Known :: round(), t()) -> t().
 hear(Robot, Round, Known, #gate{reached = Reached, heard = Heard} = Gate) ->
-    remember(Known, Gate#gate{
+    Counted = Gate#gate{
         reached = raise(Robot, Round, Reached), heard = raise(Robot, Known, Heard)
-    }).
+    },
+    remember(Known, no_longer_missed(Robot, Counted)).
+
+no_longer_missed(Robot, #gate{awaited = Awaited} = Gate) ->
+    case is_missed(Robot, Gate) of
+        true -> Gate;
+        false -> Gate#gate{awaited = lists:delete(Robot, Awaited)}
+    end.
 
 raise(Robot, Count, Counts) -> Counts#{Robot => max(Count, maps:get(Robot, Counts, 0))}.
 

@@ -33,9 +33,8 @@ notes(none, _Notes) -> [];
 notes(Log, Notes) -> [{cast, Log, {notes, Notes}}].
 
 %% @doc The action that asks for the notes.
--spec recall(starl_machine:name() | none, starl_machine:tag()) -> [starl_machine:action()].
-recall(none, _Tag) -> [];
-recall(Log, Tag) -> [{call, Log, recall, Tag}].
+-spec recall(starl_machine:name(), starl_machine:tag()) -> starl_machine:action().
+recall(Log, Tag) -> {call, Log, recall, Tag}.
 
 -spec init(starl_machine:config()) -> {complete | partial, notes(), [starl_machine:action()]}.
 init(#{incarnation := 1}) -> {complete, #{}, []};

@@ -7,17 +7,17 @@
 %%     | reached {Name, K, ask} -------------------->|   now and then, to those it misses
 %%     |<--- reached {Name, their K, what they know} |
 %%
-%%     | who --------------------------------------->|   after a crash of this machine
+%%     | who --------------------------------------->|   after a reboot
 %%     |<-------- told [{Name, their K, my K, ...}]  |
 %% '''
 %% What is kept of a name ({@link starl_barrier_gate}) is how far each robot has come; that only
 %% grows, so what is late or comes twice changes nothing, and no entry is ever deleted that it
 %% could bring back.
 %%
-%% A machine that has crashed has its own counts from the robot's {@link starl_barrier_log}. Only
-%% where that is lost, too (the robot has rebooted), do the others tell how far it was: a robot
-%% passes only when it also knows that all others know that it has reached the round, so any of
-%% them can. They know what it reached, not what it passed. If one of them has not come so far
+%% A machine that has crashed has its own counts from the robot's {@link starl_barrier_log}, and
+%% asks the others for theirs when it next waits for them. Only where the log is lost, too (the
+%% robot has rebooted), do the others tell how far this one was: a robot passes only when it also
+%% knows that all others know that it has reached the round, so any of them can. They know what it reached, not what it passed. If one of them has not come so far
 %% itself, nobody has passed that round; else it counts as passed, so the next `sync' is for the
 %% round after it and waits for all, whatever the robot did before.
 %%
@@ -40,7 +40,7 @@
     gates = #{} :: #{starl_barrier:name() => starl_barrier_gate:t()},
     %% is what this robot did before known, from the log or the others?
     settled :: boolean(),
-    %% after a crash: who has not told yet what it knows, and who of the others has told and
+    %% without a log: who has not told yet what it knows, and who of the others has told and
     %% knew its own counts
     untold = [] :: [starl:robot_id()],
     witnesses = [] :: [starl:robot_id()],
@@ -57,11 +57,10 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
         incarnation = Incarnation,
         retry_us = 1000 * maps:get(retry_ms, Config, ?RETRY_MS),
         log = Log,
-        settled = Incarnation =:= 1 orelse Others =:= [],
-        untold = [Other || Incarnation > 1, Other <- Others]
+        settled = Incarnation =:= 1 orelse {Others, Log} =:= {[], none}
     },
-    Recall = [Action || Incarnation > 1, Action <- starl_barrier_log:recall(Log, recalled)],
-    {ready, Barrier, [starl_sap:listen(barrier, barrier) | Recall ++ ask_untold(Barrier)]}.
+    {Begun, Actions} = remember(Barrier),
+    {ready, Begun, [starl_sap:listen(barrier, barrier) | Actions]}.
 
 -spec handle_event(
     starl_machine:event_type(), term(), ready, #barrier{}, starl_machine:meta()
@@ -123,13 +122,22 @@ reach(From, Name, Round, Us, #barrier{retry_us = Retry, others = Others} = Barri
     At = put_gate(Name, Gate, Barrier),
     First =
         case Which of
-            new -> announce(Name, Round, At);
+            new -> announce(Name, Round, At) ++ ask_forgotten(Name, At);
             again -> ask_missing(Name, At)
         end,
     Timers = [
         {{timeout, {again, Name}}, Retry, again}, {{timeout, {patience, Name}}, Us, patience}
     ],
     check(Name, First ++ Timers, At).
+
+%% What the others had told it before a crash, they are asked for again.
+ask_forgotten(_Name, #barrier{incarnation = 1}) ->
+    [];
+ask_forgotten(Name, Barrier) ->
+    [
+        report(Name, Robot, true, Barrier)
+     || Robot <- starl_barrier_gate:unheard(gate(Name, Barrier))
+    ].
 
 announce(Name, Round, Barrier) ->
     Announce = {call, sap, {broadcast, barrier, {reached, Name, Round, 0, false}},
@@ -143,8 +151,8 @@ check(Name, Actions, Barrier) ->
             Passed = put_gate(Name, Gate, Barrier),
             Done = [{trace, {passed, Name, Round}}, {reply, From, ok} | stop(Name)],
             {keep_state, Passed, Actions ++ note(Name, Passed) ++ Done};
-        {waits, Gate} ->
-            {keep_state, put_gate(Name, Gate, Barrier), Actions}
+        waits ->
+            {keep_state, Barrier, Actions}
     end.
 
 stop(Name) -> [{{timeout, {Timer, Name}}, cancel} || Timer <- [again, patience]].
@@ -217,6 +225,18 @@ report(Name, To, Answer, Barrier) ->
 
 %% -- after a crash --------------------------------------------------------------------------
 
+%% The log is asked first: its answer comes at once.
+remember(#barrier{settled = true} = Barrier) ->
+    {Barrier, []};
+remember(#barrier{log = none} = Barrier) ->
+    ask_others(Barrier);
+remember(#barrier{log = Log} = Barrier) ->
+    {Barrier, [starl_barrier_log:recall(Log, recalled)]}.
+
+ask_others(#barrier{others = Others} = Barrier) ->
+    Asking = Barrier#barrier{untold = Others},
+    {Asking, ask_untold(Asking)}.
+
 ask_untold(#barrier{untold = []}) ->
     [];
 ask_untold(#barrier{untold = Untold, incarnation = Incarnation, retry_us = Retry}) ->
@@ -265,8 +285,13 @@ recalled({complete, Notes}, #barrier{settled = false} = Barrier) ->
     Recalled = maps:fold(fun recall/3, Barrier#barrier{settled = true}, Notes),
     All = maps:map(fun(_, Gate) -> starl_barrier_gate:certain(Gate) end, Recalled#barrier.gates),
     answer_asking([], Recalled#barrier{gates = All});
-recalled(_Partial, Barrier) ->
-    {keep_state, Barrier, []}.
+recalled(_Partial, #barrier{settled = false, others = []} = Barrier) ->
+    settle(Barrier);
+recalled(_Partial, #barrier{settled = false} = Barrier) ->
+    {Asking, Actions} = ask_others(Barrier),
+    {keep_state, Asking, Actions};
+recalled(_Answer, _Barrier) ->
+    keep_state_and_data.
 
 recall(Name, Counts, Barrier) ->
     put_gate(Name, starl_barrier_gate:recall(Counts, gate(Name, Barrier)), Barrier).
