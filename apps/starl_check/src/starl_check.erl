@@ -80,7 +80,7 @@ run(Block, Options, Control) ->
 outcome({holds, Ending, Figures}, _Model) ->
     {holds, Ending, Figures};
 outcome({violated, Violation, Way, Figures}, #{ids := Ids}) ->
-    Steps = [starl_check_search:explain(Step) || Step <- Way],
+    Steps = [starl_check_explain:step(Step) || Step <- Way],
     {violated, #{
         violation => starl_check_term:shown(Violation),
         steps => length(Way),

@@ -22,7 +22,9 @@
 %% `machine': another machine in the place of the block's, with what it adds to the
 %% configuration: for tests. `crash': which machines may crash. The reductions, each `true' unless
 %% said otherwise: `symmetry', robots that differ in nothing but their number
-%% are taken for one another.
+%% are taken for one another; `reduce' ({@link starl_check_reduce}); `leave_out' ({@link
+%% starl_check_inert}). `workers': how many processes go into states, by default one a core, where
+%% a layer of the search has at least `spread' bytes.
 -type options() :: #{
     robots => pos_integer(),
     faults => budgets(),
@@ -31,13 +33,19 @@
     rounds => pos_integer(),
     symmetry => boolean(),
     reduce => boolean(),
-    leave_out => boolean()
+    leave_out => boolean(),
+    past_us => non_neg_integer(),
+    waits => [starl_check_term:place()],
+    workers => pos_integer(),
+    spread => non_neg_integer()
 }.
 
 %% `sap': real, over packets, or as its contract says; `crash': which machines may crash; `timed':
 %% the timers whose order matters, the others fire at any time; `rates': µs that each robot's
 %% clock gains in a tick; `grain': time passes to the next timed timer or by so many ticks;
-%% `horizon_us': how long a time that is over is still told from an earlier one; `refresh': an
+%% `horizon_us': how long a time in a message that is over is still told from an earlier one,
+%% `past_us': one in a machine's data; `waits': the places where it matters when a machine began,
+%% elsewhere that is long ago; `refresh': an
 %% event that changes nothing but the time that a machine remembers; `fixed': the places of
 %% robots that are unlike all others; `same_random': all robots draw the same.
 -type t() :: #{
@@ -53,13 +61,17 @@
     rates := tuple(),
     grain := pos_integer() | none,
     horizon_us := pos_integer(),
+    past_us := non_neg_integer(),
+    waits := [starl_check_term:place()],
     refresh := {starl_machine:name(), starl_machine:event_type(), term()} | none,
     fixed := [starl_check_term:place()],
     same_random := boolean(),
     rounds := pos_integer(),
     symmetry := boolean(),
     reduce := boolean(),
-    leave_out := boolean()
+    leave_out := boolean(),
+    workers := pos_integer(),
+    spread := non_neg_integer()
 }.
 
 -type timer_kind() :: step | timed | patience | free.
@@ -70,6 +82,8 @@
 -define(FAST, 101).
 -define(TOKEN, door).
 -define(LEASE_US, 8000000).
+%% It does not pay to spread fewer bytes of states over several cores.
+-define(SPREAD, 100000).
 
 %% @doc All blocks, and what is checked of each.
 -spec blocks() -> [{block(), string()}].
@@ -86,26 +100,32 @@ blocks() ->
 -spec new(block(), options()) -> t().
 new(Block, Options) ->
     Robots = maps:get(robots, Options, 3),
+    Ids = [starl_check_term:id(Place) || Place <- lists:seq(1, Robots)],
     None = #{loss => 0, crash => 0, sap => 0, dup => 0, late => 0, timeout => 0},
     Faults = faults(Block, maps:merge(None, maps:get(faults, Options, #{}))),
     Common = #{
         block => Block,
-        ids => [starl_check_term:id(Place) || Place <- lists:seq(1, Robots)],
+        ids => Ids,
         faults => Faults,
         sap => contract,
         timed => [],
         rates => erlang:make_tuple(Robots, ?FAST),
         grain => none,
         horizon_us => 1,
+        past_us => 0,
+        waits => places(Ids),
         refresh => none,
         fixed => [],
         same_random => false,
         rounds => maps:get(rounds, Options, 2),
         symmetry => maps:get(symmetry, Options, true),
         reduce => maps:get(reduce, Options, true),
-        leave_out => maps:get(leave_out, Options, true)
+        leave_out => maps:get(leave_out, Options, true),
+        workers => maps:get(workers, Options, erlang:system_info(schedulers_online)),
+        spread => maps:get(spread, Options, ?SPREAD)
     },
-    Model = maps:merge(Common, block(Block, Common)),
+    Told = maps:with([past_us, waits], Options),
+    Model = maps:merge(maps:merge(Common, block(Block, Common)), Told),
     Crash = maps:get(crash, Options, maps:get(crash, Model)),
     with_machine(maps:find(machine, Options), Model#{crash := Crash}).
 
@@ -164,8 +184,12 @@ block(mutex, #{ids := Ids}) ->
         timed => [lease, home],
         rates => setelement(Home, Slow, ?FAST),
         grain => ?LEASE_US div (2 * ?SLOW) + 1,
-        %% at most a lease is added to a time that is over before it is compared with the present
+        %% at most a lease is added to the time that a message carries before it is compared with
+        %% the present. A machine keeps ends of leases, which are compared as they are: one that
+        %% is over is over, however long
         horizon_us => ?LEASE_US,
+        %% a machine that starts anew waits as the home that it is, which only one robot is
+        waits => [Home],
         %% there is no job 0
         refresh => {mutex, {timeout, {again, 0}}, again},
         fixed => [Home]

@@ -119,11 +119,14 @@ is_done(#robot{machines = Machines}) ->
 %% @doc The robot when so many ticks have passed. None of its timers has been due earlier.
 -spec shift(Ticks :: pos_integer(), t(), starl_check_model:t()) -> t().
 shift(Ticks, #robot{machines = Machines, timers = Timers} = Robot, Model) ->
-    #{rates := Rates, horizon_us := Horizon} = Model,
-    Aged = starl_check_term:shift(Machines, Ticks, Rates, Horizon),
+    Aged = older(Machines, Ticks, Model),
     refresh(Model, Robot#robot{
         machines = Aged, timers = [{Key, less(Due, Ticks), C} || {Key, Due, C} <- Timers]
     }).
+
+%% All times of a machine that are over are the same to it.
+older(Machines, Ticks, #{rates := Rates, past_us := Past}) ->
+    starl_check_term:shift(Machines, Ticks, Rates, Past).
 
 less(any, _Ticks) -> any;
 less(Due, Ticks) -> Due - Ticks.
@@ -165,7 +168,7 @@ handle(Name, boot, none, #run{robot = #robot{place = Place} = Robot, model = Mod
     ),
     perform(Actions, Name, Run#run{
         robot = Robot#robot{
-            machines = lists:keystore(Name, 1, Machines, {Name, Machine}),
+            machines = lists:keystore(Name, 1, Machines, {Name, older(Machine, 0, Model)}),
             incarnations = Incarnations#{Name => Incarnation}
         }
     });
@@ -181,7 +184,7 @@ handle(Name, Type, Content, #run{robot = #robot{place = Place} = Robot} = Run) -
     Kept = lists:keyreplace(Name, 1, Machines, {Name, Next}),
     perform(Actions, Name, Run#run{robot = Robot#robot{machines = Kept}}).
 
-base(Name, Incarnation, Place, #{ids := Ids, same_random := Same}) ->
+base(Name, Incarnation, Place, #{ids := Ids, same_random := Same, waits := Waits}) ->
     Seed =
         case Same of
             true -> erlang:phash2(Name);
@@ -193,8 +196,11 @@ base(Name, Incarnation, Place, #{ids := Ids, same_random := Same}) ->
         name => Name,
         incarnation => Incarnation,
         random => rand:seed_s(exsss, Seed),
-        now => starl_check_term:now(Place)
+        now => started(Place, lists:member(Place, Waits))
     }.
+
+started(Place, true) -> starl_check_term:now(Place);
+started(Place, false) -> starl_check_term:long_ago(Place).
 
 serve(Request, From, #run{robot = #robot{place = Place, sap = Sap} = Robot} = Run) ->
     Self = starl_check_term:id(Place),

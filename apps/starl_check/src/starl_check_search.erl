@@ -7,7 +7,7 @@
 %% the way to it can be walked once more.
 -module(starl_check_search).
 
--export([run/3, explain/1]).
+-export([run/3]).
 
 -export_type([limits/0, figures/0, ending/0, way/0, control/1]).
 
@@ -41,6 +41,9 @@
     permutations :: [starl_check_term:permutation()],
     limits :: limits(),
     control :: {control(term()), term()},
+    workers :: starl_check_workers:t(),
+    %% have they done anything?
+    parallel = false :: boolean(),
     visited = starl_check_visited:new() :: starl_check_visited:t(),
     %% what has not been gone into, by the steps that lead there: number, length, packed state
     waiting = #{} :: #{non_neg_integer() => binary()},
@@ -61,37 +64,46 @@
 
 %% So many states are gone into between two looks at the memory and at the control.
 -define(LOOK, 500).
+%% So many are given to a worker at once.
+-define(CHUNK, 100).
 
 %% @doc Searches until a contract is broken, all is covered, or a limit is reached.
 -spec run(starl_check_model:t(), limits(), {control(State), State}) -> result().
-run(Model, Limits, Control) ->
+run(#{workers := Count} = Model, Limits, Control) ->
+    Store = starl_check_store:new(),
+    Permutations = starl_check_model:permutations(Model),
     Search = #search{
         model = Model,
-        store = starl_check_store:new(),
-        permutations = starl_check_model:permutations(Model),
+        store = Store,
+        permutations = Permutations,
         limits = Limits,
-        control = Control
+        control = Control,
+        workers = starl_check_workers:start(Count, self(), {Model, Permutations, Store})
     },
-    Result = first(starl_check_step:initial(Model, Search#search.store), Search),
-    ok = starl_check_store:delete(Search#search.store),
-    case Result of
+    Result = first(starl_check_step:initial(Model, Store), Search),
+    Whole = starl_check_workers:stop(Search#search.workers, Store),
+    Checked = proved(Result, Permutations, Model, Whole),
+    ok = starl_check_store:delete(Whole),
+    case Checked of
         unproved -> run(Model#{leave_out := false}, Limits, Control);
-        _ -> Result
+        %% which of several ways it is depends on who was faster
+        any_way -> run(Model#{workers := 1}, Limits, Control);
+        _ -> Checked
     end.
 
-first({violation, _, Violation}, Search) ->
-    {violated, Violation, [], figures(Search)};
-first({ok, _, State}, #search{model = Model} = Search) ->
-    #search{store = Store, permutations = Permutations} = Search,
-    case nearest(meet(State, 0, {0, 0}, Search)) of
-        {holds, _, _} = Held ->
-            case starl_check_inert:is_proved(Permutations, Model, Store) of
-                true -> Held;
-                false -> unproved
-            end;
-        Violated ->
-            Violated
-    end.
+first({violation, _, Violation}, Search) -> {violated, Violation, [], figures(Search)};
+first({ok, _, State}, Search) ->
+    #search{model = Model, store = Store, permutations = Permutations} = Search,
+    Key = starl_check_state:key(State, Permutations, Model, Store),
+    nearest(meet(Key, starl_check_state:pack(State), 0, {0, 0}, Search)).
+
+proved({holds, _, _} = Held, Permutations, Model, Store) ->
+    case starl_check_inert:is_proved(Permutations, Model, Store) of
+        true -> Held;
+        false -> unproved
+    end;
+proved(Other, _Permutations, _Model, _Store) ->
+    Other.
 
 %% Goes into the states that are nearest.
 nearest(#search{waiting = Waiting} = Search) when map_size(Waiting) =:= 0 ->
@@ -102,7 +114,7 @@ nearest(#search{waiting = Waiting} = Search) ->
         {Steps, _, _, _} when Steps =< Depth -> ended(Search);
         _ ->
             {States, Rest} = maps:take(Depth, Waiting),
-            case expand(States, Search#search{waiting = Rest, depth = Depth}) of
+            case layer(States, Search#search{waiting = Rest, depth = Depth}) of
                 #search{} = Searched -> nearest(Searched);
                 Ended -> Ended
             end
@@ -110,44 +122,77 @@ nearest(#search{waiting = Waiting} = Search) ->
 
 ended(#search{found = none, cut = true} = Search) -> {holds, depth, figures(Search)};
 ended(#search{found = none} = Search) -> {holds, complete, figures(Search)};
+ended(#search{parallel = true}) -> any_way;
 ended(#search{found = {_, Violation, Number, Run}} = Search) ->
     {violated, Violation, walk(Number, Run, Search), figures(Search)}.
 
-expand(<<>>, Search) ->
-    Search;
-expand(States, #search{until_look = 0} = Search) ->
-    case look(Search) of
-        #search{} = Looked -> expand(States, Looked#search{until_look = ?LOOK});
-        Ending -> {holds, Ending, figures(Search)}
-    end;
-expand(<<Number:40, Length:16, Packed:Length/binary, Rest/binary>>, Search) ->
-    #search{visited = Visited, depth = Depth, count = Count, until_look = Until} = Search,
-    Looking = Search#search{count = Count - 1, until_look = Until - 1},
-    case starl_check_visited:way(Number, Visited) of
-        {_, _, Depth} ->
-            Runs = runs(starl_check_state:unpack(Packed), Search),
-            expand(Rest, follow(Runs, 0, Number, Looking));
-        {_, _, _Nearer} ->
-            expand(Rest, Looking)
+layer(States, #search{workers = Workers, model = #{spread := Least}} = Search) ->
+    case byte_size(States) >= Least andalso starl_check_workers:are_there(Workers) of
+        true -> spread(States, Search#search{parallel = true});
+        false -> expand(States, Search)
     end.
 
-runs(State, #search{model = Model, store = Store}) ->
-    starl_check_reduce:runs(State, Model, Store).
+%% Alone.
+expand(<<>>, Search) ->
+    Search;
+expand(States, #search{until_look = Until} = Search) when Until =< 0 ->
+    look(Search, fun(Looked) -> expand(States, Looked) end);
+expand(States, Search) ->
+    #search{model = Model, permutations = Permutations, store = Store} = Search,
+    {Some, Rest, Taken} = some(States, 1, [], Search),
+    Context = {Model, Permutations, Store},
+    Answers = [{Number, starl_check_workers:outcomes(P, Context)} || {Number, P} <- Some],
+    expand(Rest, gone_into(Answers, Taken)).
+
+%% By the workers.
+spread(States, #search{until_look = Until} = Search) when Until =< 0 ->
+    look(Search, fun(Looked) -> spread(States, Looked) end);
+spread(States, #search{workers = Workers} = Search) ->
+    case States =:= <<>> orelse starl_check_workers:is_full(Workers) of
+        false ->
+            {Some, Rest, Taken} = some(States, ?CHUNK, [], Search),
+            Given = starl_check_workers:give(Some, Workers),
+            spread(Rest, Taken#search{workers = Given});
+        true ->
+            await(States, starl_check_workers:is_idle(Workers), Search)
+    end.
+
+await(<<>>, true, Search) ->
+    Search;
+await(States, false, #search{workers = Workers} = Search) ->
+    {Answers, Left} = starl_check_workers:take(Workers),
+    spread(States, gone_into(Answers, Search#search{workers = Left})).
+
+%% The next states of a layer, but for those that have been met nearer since.
+some(States, Left, Some, Search) when States =:= <<>>; Left =:= 0 ->
+    {lists:reverse(Some), States, Search};
+some(<<Number:40, Length:16, Packed:Length/binary, Rest/binary>>, Left, Some, Search) ->
+    #search{visited = Visited, depth = Depth, count = Count, until_look = Until} = Search,
+    Taken = Search#search{count = Count - 1, until_look = Until - 1},
+    case starl_check_visited:way(Number, Visited) of
+        {_, _, Depth} -> some(Rest, Left - 1, [{Number, Packed} | Some], Taken);
+        {_, _, _Nearer} -> some(Rest, Left, Some, Taken)
+    end.
+
+gone_into(Answers, Search) ->
+    lists:foldl(
+        fun({Number, Outcomes}, S) -> follow(Outcomes, 0, Number, S) end, Search, Answers
+    ).
 
 follow([], _N, _From, Search) ->
     Search;
-follow([{Choices, Result} | Runs], N, From, #search{depth = Depth, runs = Count} = Search) ->
-    Steps = Depth + length(Choices),
+follow([{Length, Outcome} | Outcomes], N, From, Search) ->
+    #search{depth = Depth, runs = Count, limits = #{depth := Most}} = Search,
+    Steps = Depth + Length,
     Counted = Search#search{runs = Count + 1},
-    #search{limits = #{depth := Most}} = Search,
     Next =
-        case Result of
+        case Outcome of
             _ when Steps > Most -> Counted#search{cut = true};
-            {ok, _, Reached} -> meet(Reached, Steps, {From, N}, Counted);
-            {violation, _, Violation} -> found({Steps, Violation, From, N}, Counted);
+            {ok, Key, Packed} -> meet(Key, Packed, Steps, {From, N}, Counted);
+            {violation, Violation} -> found({Steps, Violation, From, N}, Counted);
             stuck -> found({Steps, stuck(Search), From, N}, Counted)
         end,
-    follow(Runs, N + 1, From, Next).
+    follow(Outcomes, N + 1, From, Next).
 
 found(Found, #search{found = none} = Search) -> Search#search{found = Found};
 found({Steps, _, _, _} = Found, #search{found = {Before, _, _, _}} = Search) when Steps < Before ->
@@ -158,12 +203,10 @@ found(_Later, Search) ->
 stuck(#search{model = #{block := Block}}) ->
     #{contract => Block, what => nothing_can_happen, at_us => 0, robots => [], details => #{}}.
 
-meet(State, Steps, {From, N}, #search{visited = Visited} = Search) ->
-    #search{model = Model, store = Store, permutations = Permutations} = Search,
-    Key = starl_check_state:key(State, Permutations, Model, Store),
+meet(Key, Packed, Steps, {From, N}, #search{visited = Visited} = Search) ->
     case starl_check_visited:meet(Key, Visited) of
         {new, Number, Met} ->
-            wait(Number, State, Steps, Search#search{
+            wait(Number, Packed, Steps, Search#search{
                 visited = starl_check_visited:put_way(Number, {From, N, Steps}, Met)
             });
         {known, Number, _} ->
@@ -171,14 +214,13 @@ meet(State, Steps, {From, N}, #search{visited = Visited} = Search) ->
                 {_, _, Before} when Before =< Steps ->
                     Search;
                 _ ->
-                    wait(Number, State, Steps, Search#search{
+                    wait(Number, Packed, Steps, Search#search{
                         visited = starl_check_visited:put_way(Number, {From, N, Steps}, Visited)
                     })
             end
     end.
 
-wait(Number, State, Steps, #search{waiting = Waiting, count = Count} = Search) ->
-    Packed = starl_check_state:pack(State),
+wait(Number, Packed, Steps, #search{waiting = Waiting, count = Count} = Search) ->
     Others = maps:get(Steps, Waiting, <<>>),
     Search#search{
         count = Count + 1,
@@ -187,13 +229,15 @@ wait(Number, State, Steps, #search{waiting = Waiting, count = Count} = Search) -
         }
     }.
 
-look(#search{limits = #{memory := Most}, control = {Control, Own}} = Search) ->
-    case Control(figures(Search), Own) of
-        {stop, _} -> interrupted;
+look(#search{limits = #{memory := Most}, control = {Control, Own}} = Search, Continue) ->
+    Figures = figures(Search),
+    case Control(Figures, Own) of
+        {stop, _} ->
+            {holds, interrupted, Figures};
         {continue, Next} ->
             case erlang:memory(total) > Most of
-                true -> memory;
-                false -> Search#search{control = {Control, Next}}
+                true -> {holds, memory, Figures};
+                false -> Continue(Search#search{control = {Control, Next}, until_look = ?LOOK})
             end
     end.
 
@@ -217,7 +261,8 @@ numbers(Number, Numbers, Visited) ->
     numbers(From, [N | Numbers], Visited).
 
 walk_run(N, State, Search) ->
-    {Choices, Result} = lists:nth(N + 1, runs(State, Search)),
+    #search{model = Model, store = Store} = Search,
+    {Choices, Result} = lists:nth(N + 1, starl_check_reduce:runs(State, Model, Store)),
     {Steps, _} = lists:mapfoldl(fun(C, At) -> walk_step(C, At, Search) end, State, Choices),
     {Steps, reached(Result)}.
 
@@ -230,40 +275,3 @@ walk_step(Choice, State, #search{model = Model, store = Store}) ->
 
 item({_, I}, Store) -> starl_check_part:item(I, Store);
 item(_, _Store) -> none.
-
-%% @doc A step as a line of a chart.
--spec explain({starl_check_choice:t(), starl_check_part:item() | none,
-    [starl_monitor:trace_event()]}) -> starl_check_chart:step().
-explain({{fire, Place, {app, _}}, none, Traces}) ->
-    {{mark, Place, happens, "the application goes on"}, Traces};
-explain({{fire, Place, {Name, Timer}}, none, Traces}) ->
-    Text = io_lib:format("~ts: time-out ~0tp", [Name, starl_check_term:shown(Timer)]),
-    {{mark, Place, happens, Text}, Traces};
-explain({{crash, Place, Name}, none, Traces}) ->
-    {{mark, Place, crash, [atom_to_list(Name), " crashes"]}, Traces};
-explain({{outcome, Place, _, Lost}, none, Traces}) ->
-    {{mark, Place, happens, ["hears from SAP: ", heard(Lost)]}, Traces};
-explain({tick, none, Traces}) ->
-    {{note, "time passes"}, Traces};
-explain({{Kind, _}, Item, Traces}) ->
-    {arrow(Kind, Item), Traces}.
-
-arrow(Kind, {packet, From, To, Packet}) ->
-    {arrow, From, To, solid, [shown(Packet), again(Kind)]};
-arrow(deliver, {message, From, To, Type, Body, _, Age}) ->
-    {arrow, From, To, solid, [atom_to_list(Type), " ", shown(Body), slow(Age)]};
-arrow(refuse, {message, From, To, Type, Body, _, _}) ->
-    {arrow, From, To, dotted, [atom_to_list(Type), " ", shown(Body), "  (refused)"]}.
-
-heard([]) -> "nothing is lost";
-heard(Lost) ->
-    ["lost at ", lists:join(", ", [integer_to_list(starl_check_term:number(R)) || R <- Lost])].
-
-again(again) -> "  (and once more later)";
-again(deliver) -> "".
-
-slow(fresh) -> "";
-slow(late) -> "  (slow)";
-slow(ghost) -> "  (thought lost)".
-
-shown(Term) -> io_lib:format("~0tp", [starl_check_term:shown(Term)]).

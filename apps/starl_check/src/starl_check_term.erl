@@ -12,7 +12,7 @@
 %% `horizon' is kept at the horizon.
 -module(starl_check_term).
 
--export([id/1, number/1, now/1, shift/4, rename/2, shown/1]).
+-export([id/1, number/1, now/1, long_ago/1, shift/4, rename/2, shown/1]).
 
 -export_type([place/0, permutation/0]).
 
@@ -40,8 +40,13 @@ number(Id) when is_integer(Id) -> Id - ?FIRST.
 -spec now(place()) -> integer().
 now(Place) -> Place bsl ?CLOCK_BITS.
 
+%% @doc A time of its clock that is over by more than anything may last, in microseconds.
+-spec long_ago(place()) -> integer().
+long_ago(Place) -> now(Place) - ?REACH div 2.
+
 %% @doc The term when so many ticks have passed; a clock of rate R gains R microseconds in each.
--spec shift(Term, Ticks :: pos_integer(), Rates :: tuple(), HorizonUs :: pos_integer()) -> Term.
+-spec shift(Term, Ticks :: non_neg_integer(), Rates :: tuple(), HorizonUs :: non_neg_integer()) ->
+    Term.
 shift(Term, Ticks, Rates, Horizon) ->
     walk(fun(I) -> back(clock(I), I, Ticks, Rates, Horizon) end, Term).
 

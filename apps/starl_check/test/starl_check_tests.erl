@@ -47,7 +47,7 @@ planted_test_() ->
 
 ways() -> [{reduced, #{}}, {plain, plain()}].
 
-plain() -> #{reduce => false, symmetry => false, leave_out => false}.
+plain() -> #{reduce => false, symmetry => false, leave_out => false, workers => 1}.
 
 %% -- the real machines -------------------------------------------------------------------------
 
@@ -68,6 +68,37 @@ sound_test_() ->
             {barrier, 2, #{timeout => 1}}, {barrier, 2, #{sap => 1}}
         ]
     ].
+
+%% Several processes find exactly what one finds, however fast each is.
+spread_test_() ->
+    Many = #{workers => 3, spread => 0},
+    [
+        {lists:flatten(io_lib:format("~p ~p", [Block, Faults])), ?SLOW(
+            begin
+                {holds, complete, Alone} = check(Block, Robots, Faults, #{workers => 1}),
+                ?assertEqual({holds, complete, Alone}, check(Block, Robots, Faults, Many))
+            end
+        )}
+     || {Block, Robots, Faults} <- [
+            {mutex, 3, #{}}, {mutex, 2, #{loss => 1, crash => 1}}, {election, 3, #{late => 1}},
+            {barrier, 2, #{timeout => 1}}, {sap, 2, #{crash => 1}}
+        ]
+    ].
+
+%% The way to a violation is the same in every run.
+spread_violation_test() ->
+    Machine = {starl_mutex_planted, #{variant => impatient_home}},
+    Alone = check(mutex, 3, #{}, #{machine => Machine, workers => 1}),
+    {violated, _} = Alone,
+    Many = #{machine => Machine, workers => 3, spread => 0},
+    ?assertEqual(Alone, check(mutex, 3, #{}, Many)).
+
+%% A time that is over is over: telling how long makes more states and no difference.
+past_test() ->
+    {holds, complete, #{states := Few}} = check(mutex, 2, #{crash => 1}, #{}),
+    Told = #{past_us => 8000000, waits => [1, 2]},
+    {holds, complete, #{states := Many}} = check(mutex, 2, #{crash => 1}, Told),
+    ?assert(Few < Many).
 
 %% -- limits ------------------------------------------------------------------------------------
 
