@@ -34,6 +34,8 @@
 -type reason() :: {unknown_fault, string()} | {bad_count, string()} | {twice, atom()}.
 
 -define(MEMORY, 4000000000).
+%% Roomy, so that it is collected seldom; larger ones are mapped anew each time.
+-define(HEAP_WORDS, 300000).
 -define(MOST, 255).
 
 %% @doc The blocks that can be checked, and what is checked of each.
@@ -67,7 +69,7 @@ run(Block, Options, Control) ->
         fun() ->
             Self ! {answer, self(), outcome(starl_check_search:run(Model, Limits, Control), Model)}
         end,
-        [monitor, {min_heap_size, 4000000}]
+        [monitor, {min_heap_size, ?HEAP_WORDS}]
     ),
     receive
         {answer, Pid, Outcome} ->

@@ -32,6 +32,8 @@
 
 -opaque t() :: #workers{}.
 
+%% Roomy, so that a worker's heap is collected seldom; what is left of it then is little.
+-define(HEAP_WORDS, 60000).
 %% What a worker may have before it besides what it is at.
 -define(AHEAD, 2).
 
@@ -40,7 +42,8 @@
 start(Count, Owner, Context) ->
     Ref = make_ref(),
     Work = fun() -> begin_work(Owner, Ref, Context) end,
-    Pids = [spawn_link(Work) || Count > 1, _ <- lists:seq(1, Count)],
+    Options = [link, {min_heap_size, ?HEAP_WORDS}],
+    Pids = [spawn_opt(Work, Options) || Count > 1, _ <- lists:seq(1, Count)],
     #workers{ref = Ref, pids = Pids, next = Pids}.
 
 %% @doc Ends them; what they have computed is added to the store.
