@@ -17,6 +17,8 @@
 %% Up to this far away a robot gets work even if another will be there first,
 -define(LEAD, 1000.0).
 %% which counts when it is so much nearer.
+-define(HAIR, 1.0e-3).
+%% More than the rounding errors of a way's length.
 
 %% @doc Work for a robot that stands: a path that paints at least one free edge, clear of all other
 %% reservations, its own standing place included. `none' when no free edge can be reached safely
@@ -85,6 +87,12 @@ reachable(Live, Plan) ->
 %%% Internals: work
 
 find_work(Robot, Patient, Plan) ->
+    case Patient andalso only_others(Robot, Plan) of
+        true -> {none, Plan};
+        false -> search_work(Robot, Patient, Plan)
+    end.
+
+search_work(Robot, Patient, Plan) ->
     {_, Really} = starl_dpp_plan:stands(Robot, Plan),
     Settings = maps:with([horizon, overhead_mm, middle], starl_dpp_plan:config(Plan)),
     case starl_dpp_choice:best(Really, view(Robot, Plan), Settings) of
@@ -97,6 +105,17 @@ find_work(Robot, Patient, Plan) ->
         none ->
             {none, Plan}
     end.
+
+%% Whatever work there is, others are better placed for it: there is nothing to search for. A robot
+%% drives no less than the straight line.
+only_others(Robot, Plan) ->
+    #{patience := Patience} = starl_dpp_plan:config(Plan),
+    {P, _} = starl_dpp_plan:stands(Robot, Plan),
+    Rivals = rivals(Robot, Plan),
+    Leave = fun(Begin) ->
+        others_first(Begin, starl_geometry:distance(P, Begin) - ?HAIR, Rivals)
+    end,
+    Patience =/= infinity andalso starl_dpp_choice:all_begin(Leave, view(Robot, Plan)).
 
 %% A long way around robots that will soon have moved on is not worth its ink, and closes much to
 %% others: better wait.
@@ -114,16 +133,21 @@ detour(Robot, #{path := Path, travel_mm := Driven}, Plan) ->
 %% Another will be there before this one, counting what it has to drive until then.
 better_placed(Robot, #{path := Path, travel_mm := Driven}, Plan) ->
     #{patience := Patience} = starl_dpp_plan:config(Plan),
-    Patience =/= infinity andalso Driven > ?FAR andalso begin
-        Begin = lists:last([Q || {Q, up} <- Path]),
-        Others = [Id || {Id, _} <- starl_dpp_plan:spots(Plan), Id =/= Robot],
-        lists:any(fun(Id) -> rival(Id, Begin, Plan) + ?LEAD < Driven end, Others)
-    end.
+    Patience =/= infinity andalso Driven > ?FAR
+        andalso others_first(lists:last([Q || {Q, up} <- Path]), Driven, rivals(Robot, Plan)).
 
-rival(Id, Target, Plan) ->
-    Held = starl_dpp_plan:held(Id, Plan),
+others_first(Begin, Driven, Rivals) ->
+    Driven > ?FAR andalso lists:any(fun({Left, End}) ->
+        Left + starl_geometry:distance(End, Begin) + ?LEAD < Driven
+    end, Rivals).
+
+%% What the others have left to drive, and where they will be then.
+rivals(Robot, Plan) ->
+    [rival(starl_dpp_plan:held(Id, Plan)) || {Id, _} <- starl_dpp_plan:spots(Plan), Id =/= Robot].
+
+rival(Held) ->
     {_, End} = lists:last(Held),
-    lists:sum([starl_geometry:length(S) || S <- Held]) + starl_geometry:distance(End, Target).
+    {lists:sum([starl_geometry:length(S) || S <- Held]), End}.
 
 %%% Internals: getting out of the way
 
