@@ -35,19 +35,23 @@
 distance(P, Q) -> math:sqrt(distance2(P, Q)).
 
 %% @doc The square of the distance of two points.
--spec distance2(point(), point()) -> number().
-distance2({X0, Y0}, {X1, Y1}) ->
+-spec distance2(point(), point()) -> float().
+distance2({X0, Y0}, {X1, Y1}) when is_float(X0), is_float(Y0), is_float(X1), is_float(Y1) ->
     DX = X1 - X0,
     DY = Y1 - Y0,
-    DX * DX + DY * DY.
+    DX * DX + DY * DY;
+distance2(P, Q) ->
+    distance2(floats(P), floats(Q)).
 
 %% @doc The distance of a point from a segment.
 -spec point_segment(point(), segment()) -> float().
 point_segment(P, S) -> math:sqrt(point_segment2(P, S)).
 
 %% @doc The square of the distance of a point from a segment.
--spec point_segment2(point(), segment()) -> number().
-point_segment2({PX, PY}, {{AX, AY}, {BX, BY}}) ->
+-spec point_segment2(point(), segment()) -> float().
+point_segment2({PX, PY}, {{AX, AY}, {BX, BY}}) when
+    is_float(PX), is_float(PY), is_float(AX), is_float(AY), is_float(BX), is_float(BY)
+->
     DX = BX - AX,
     DY = BY - AY,
     EX = PX - AX,
@@ -64,14 +68,16 @@ point_segment2({PX, PY}, {{AX, AY}, {BX, BY}}) ->
         true ->
             Cross = DX * EY - DY * EX,
             Cross * Cross / Len2
-    end.
+    end;
+point_segment2(P, {A, B}) ->
+    point_segment2(floats(P), {floats(A), floats(B)}).
 
 %% @doc The distance of two segments, 0 when they cross or touch.
 -spec segment_segment(segment(), segment()) -> float().
 segment_segment(S, T) -> math:sqrt(segment_segment2(S, T)).
 
 %% @doc The square of the distance of two segments.
--spec segment_segment2(segment(), segment()) -> number().
+-spec segment_segment2(segment(), segment()) -> float().
 segment_segment2({A, B} = S, {C, D} = T) ->
     case crosses(A, B, C, D) of
         true ->
@@ -81,15 +87,16 @@ segment_segment2({A, B} = S, {C, D} = T) ->
                 min(point_segment2(C, S), point_segment2(D, S)))
     end.
 
-%% @doc Are two segments less than `Mm' apart? Quick when they are far from each other.
+%% @doc Are two segments less than `Mm' apart? Quick when they are far from each other, or when an
+%% end of one is near to the other.
 -spec closer(segment(), segment(), Mm :: float()) -> boolean().
-closer({{AX, AY}, {BX, BY}} = S, {{CX, CY}, {DX, DY}} = T, Mm) ->
+closer({{AX, AY} = A, {BX, BY} = B} = S, {{CX, CY} = C, {DX, DY} = D} = T, Mm) ->
     %% The boxes are compared first: nearly every pair is far apart.
     not (beyond(CX, DX, AX, BX, Mm)
          orelse beyond(AX, BX, CX, DX, Mm)
          orelse beyond(CY, DY, AY, BY, Mm)
          orelse beyond(AY, BY, CY, DY, Mm))
-        andalso segment_segment2(S, T) < Mm * Mm.
+        andalso ends_closer(A, B, T, C, D, S, Mm * Mm).
 
 %% @doc Where and how two segments meet, decided without tolerance.
 -spec intersection(segment(), segment()) -> intersection().
@@ -179,8 +186,17 @@ inside({X, Y}, {X0, Y0, X1, Y1}) ->
 
 %%% Internals
 
+%% Of floats that are known to be floats the compiler makes no heap terms, so what is asked most asks
+%% first whether they are. All are, but for whole numbers that were written by hand.
+floats({X, Y}) -> {float(X), float(Y)}.
+
+%% Segments that cross far from their ends are rare.
+ends_closer(A, B, T, C, D, S, Mm2) ->
+    point_segment2(A, T) < Mm2 orelse point_segment2(C, S) < Mm2
+        orelse point_segment2(B, T) < Mm2 orelse point_segment2(D, S) < Mm2
+        orelse (Mm2 > 0.0 andalso crosses(A, B, C, D)).
+
 %% Are both of the first two so much more than both of the others? Mostly the first comparison tells.
-%% Of floats that are known to be floats the compiler makes no heap terms.
 beyond(A, B, C, D, Mm) when is_float(A), is_float(B), is_float(C), is_float(D) ->
     A - C >= Mm andalso A - D >= Mm andalso B - C >= Mm andalso B - D >= Mm;
 beyond(A, B, C, D, Mm) ->
@@ -193,8 +209,12 @@ wrap(Angle, _Pi) -> Angle.
 extend({X, Y}, {X0, Y0, X1, Y1}) -> {min(X, X0), min(Y, Y0), max(X, X1), max(Y, Y1)}.
 
 %% Twice the signed area of the triangle: positive when C is to the left of A to B.
-side({AX, AY}, {BX, BY}, {CX, CY}) ->
-    (BX - AX) * (CY - AY) - (BY - AY) * (CX - AX).
+side({AX, AY}, {BX, BY}, {CX, CY}) when
+    is_float(AX), is_float(AY), is_float(BX), is_float(BY), is_float(CX), is_float(CY)
+->
+    (BX - AX) * (CY - AY) - (BY - AY) * (CX - AX);
+side(A, B, C) ->
+    side(floats(A), floats(B), floats(C)).
 
 %% Collinear and zero-length pairs answer false: the distances of the ends then decide.
 crosses(A, B, C, D) ->

@@ -35,25 +35,20 @@
 
 -define(TRIES, 40).
 %% Vertices with free edges that are looked at before the best so far is taken.
--define(BOXES, 8).
-%% The search is led to the open edges by so many boxes around them.
 -define(BESIDE, 3.0).
 %% A robot farther than this from where a line begins drives there before it lowers the pen.
 
 %% @doc The best job for a robot. `Stands' is where the robot really is, beside the place that is
 %% reserved for it.
 -spec best(Stands :: point(), starl_dpp_route:view(), settings()) -> {ok, job()} | none.
-best(Stands, #{robot := Robot, free := Free, graph := Graph} = View, Settings) ->
+best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
     #{horizon := Horizon, overhead_mm := Overhead, middle := Middle} = Settings,
     Space = starl_dpp_route:space([Robot], View),
     Task = #task{space = Space, free = Free, horizon = Horizon, overhead = Overhead,
                  middle = Middle},
-    case lists:sort([E || E <- maps:keys(Free), open(E, Task)]) of
-        [] ->
-            none;
-        Open ->
-            {Most, Ends} = bounds(Open, 0, #{}, Task),
-            search(Stands, min(Ends, ?TRIES), goals(Open, Graph), Task#task{most = Most}, View)
+    case open_edges(Task) of
+        {_, 0} -> none;
+        {Most, Ends} -> search(Stands, min(Ends, ?TRIES), Task#task{most = Most}, View)
     end.
 
 %% @doc Are all points where work for the robot could begin of this kind? True when there is none.
@@ -62,7 +57,7 @@ all_begin(Kind, #{robot := Robot, free := Free, graph := Graph} = View) ->
     #{masks := Masks, own := Own} = starl_dpp_route:space([Robot], View),
     all_begin(maps:next(maps:iterator(Free)), Kind, {Masks, Own, Graph}).
 
-all_begin(none, _Kind, _Task) ->
+all_begin(none, _Kind, _Given) ->
     true;
 all_begin({E, true, Rest}, Kind, {Masks, Own, Graph} = Given) ->
     {A, B} = starl_dpp_graph:segment(E, Graph),
@@ -73,31 +68,30 @@ all_begin({E, true, Rest}, Kind, {Masks, Own, Graph} = Given) ->
 
 %% Bounds of what there is to be found: the ink of all open edges, up to the horizon, and the
 %% number of their ends, up to the number of tries. Nearly always the first edges answer this. Whole
-%% millimetres, rounded up, so that a sum of parts is never less than the whole.
-bounds([E | Open], Ink, Ends, #task{space = #{graph := Graph}, horizon = Mm} = Task) when
-    Ink < Mm; map_size(Ends) < ?TRIES
-->
-    {A, B} = starl_dpp_graph:ends(E, Graph),
-    Longer = Ink + ceil(starl_dpp_graph:edge_length(E, Graph)),
-    bounds(Open, Longer, Ends#{A => true, B => true}, Task);
-bounds(_Open, Ink, Ends, #task{horizon = Mm}) ->
-    {min(float(Ink), Mm), map_size(Ends)}.
+%% millimetres, rounded up, add to the same sum in any order of the map.
+open_edges(#task{free = Free, horizon = Horizon} = Task) ->
+    {Ink, Ends} = open_edges(maps:next(maps:iterator(Free)), 0, #{}, Task),
+    {min(float(Ink), Horizon), map_size(Ends)}.
 
-%% Boxes around the open edges. Numbers that are near to each other mostly lie so on the floor.
-goals(Open, Graph) -> boxes(Open, (length(Open) - 1) div ?BOXES + 1, Graph).
+open_edges(none, Ink, Ends, _Task) ->
+    {Ink, Ends};
+open_edges(_, Ink, Ends, #task{horizon = Mm}) when Ink >= Mm, map_size(Ends) >= ?TRIES ->
+    {Ink, Ends};
+open_edges({E, true, Rest}, Ink, Ends, #task{space = #{graph := Graph}} = Task) ->
+    case open(E, Task) of
+        true ->
+            {A, B} = starl_dpp_graph:ends(E, Graph),
+            Mm = ceil(starl_dpp_graph:edge_length(E, Graph)),
+            open_edges(maps:next(Rest), Ink + Mm, Ends#{A => true, B => true}, Task);
+        false ->
+            open_edges(maps:next(Rest), Ink, Ends, Task)
+    end.
 
-boxes([], _Size, _Graph) ->
-    [];
-boxes(Open, Size, Graph) ->
-    {Some, Rest} = lists:split(min(Size, length(Open)), Open),
-    Points = [P || E <- Some, P <- tuple_to_list(starl_dpp_graph:segment(E, Graph))],
-    [starl_geometry:box(Points) | boxes(Rest, Size, Graph)].
-
-search(Stands, Tries, Goals, #task{space = Space} = Task, View) ->
+search(Stands, Tries, #task{space = Space} = Task, View) ->
     Obstacles = starl_dpp_route:obstacles(View),
     Starts = starl_dpp_route:starts(starl_dpp_route:nearby(View), Obstacles, View),
     Visit = fun(V, Cost, Heading, Acc) -> visit(V, Cost, Heading, Task, Acc) end,
-    case starl_dpp_search:run(Starts, Space, Goals, Visit, {Tries, #best{}}) of
+    case starl_dpp_search:run(Starts, Space, Visit, {Tries, #best{}}) of
         {_, {_, #best{chain = []}}} ->
             none;
         {Labels, {_, #best{from = V} = Best}} ->
@@ -183,6 +177,8 @@ follow({E, W, Length, Out}, In, Left, Task, Used0, {Ink, Spent, Chain}) ->
 
 done({Ink, Spent, Chain}) -> {Ink, Spent, lists:reverse(Chain)}.
 
+straightest([Step], _In, _TurnMm) ->
+    Step;
 straightest(Steps, In, TurnMm) ->
     {_, Best} = lists:min([{starl_dpp_search:turn(In, Out, TurnMm), Step}
                            || {_, _, _, Out} = Step <- Steps]),

@@ -16,7 +16,7 @@
 
 -export([new/1, format_error/1]).
 -export([standing/3, passed/3, send/4, exchange/3, adopt/4, apart/1, mark_painted/2]).
--export([counts/1, painted_edges/1, target/2, unsafe/1, unknown/1,
+-export([counts/1, painted_edges/1, painted_since/2, target/2, unsafe/1, unknown/1,
          tube_radius/1, spot/2, parked/2, blocking/2]).
 -export([config/1, graph/1, free/1, masks/2, spots/1, held/2, stands/2, yielded/2, others_move/2,
          view/2]).
@@ -43,6 +43,8 @@
     unsafe :: starl_dpp_unsafe:t(),
     free :: #{edge_id() => true},
     painted = #{} :: #{edge_id() => true},
+    %% the same in the order in which they became known, latest first
+    latest = [] :: [edge_id()],
     modes = #{} :: #{robot_id() => mode()},
     headings = #{} :: #{robot_id() => float()},
     spots :: starl_dpp_spots:t(),
@@ -154,6 +156,11 @@ counts(#plan{graph = Graph, free = Free, painted = Painted}) ->
 %% @doc The painted edges, sorted.
 -spec painted_edges(t()) -> [edge_id()].
 painted_edges(#plan{painted = Painted}) -> lists:sort(maps:keys(Painted)).
+
+%% @doc The edges that were painted when so many had been, sorted.
+-spec painted_since(Known :: non_neg_integer(), t()) -> [edge_id()].
+painted_since(Known, #plan{painted = Painted, latest = Latest}) ->
+    lists:sort(lists:sublist(Latest, map_size(Painted) - Known)).
 
 %% @doc A target edge as a segment.
 -spec target(edge_id(), t()) -> segment().
@@ -267,9 +274,11 @@ release(Robot, #plan{modes = Modes, free = Free, painted = Painted} = Plan) ->
             Plan
     end.
 
-paint(Edges, #plan{free = Free, painted = Painted} = Plan) ->
+paint(Edges, #plan{free = Free, painted = Painted, latest = Latest} = Plan) ->
+    New = [E || E <- lists:usort(Edges), not is_map_key(E, Painted)],
     Plan#plan{free = maps:without(Edges, Free),
-              painted = lists:foldl(fun(E, Acc) -> Acc#{E => true} end, Painted, Edges)}.
+              painted = lists:foldl(fun(E, Acc) -> Acc#{E => true} end, Painted, New),
+              latest = New ++ Latest}.
 
 %% The heading along the N-th segment of what the robot still holds, if that has one.
 heading_after(Robot, N, #plan{unsafe = Unsafe}) ->

@@ -35,9 +35,7 @@
     moving = #{} :: #{starl:robot_id() => Offset :: non_neg_integer()},
     %% whose leave has ended without a word
     silent = [] :: [starl:robot_id()],
-    %% painted edges in the order in which they became known, latest first; how many of them each
-    %% robot has been told, or is being told
-    painted = [] :: [starl_dpp_graph:edge_id()],
+    %% of how many painted edges each robot has been told, or is being told
     told = #{} :: #{starl:robot_id() => non_neg_integer()},
     telling = #{} :: #{starl:robot_id() => non_neg_integer()},
     %% nobody moves and nothing can be assigned
@@ -104,7 +102,7 @@ reported(Robot, Id, {Place, Painted}, S) ->
 passed(Robot, Id, N, #serve{latest = Latest, moving = Moving, plan = Plan} = S) ->
     case {Latest, Moving} of
         {#{Robot := Id}, #{Robot := Offset}} when N > Offset ->
-            freed(Robot, learn(S#serve{plan = starl_dpp_plan:passed(Robot, N - Offset, Plan)}));
+            freed(Robot, S#serve{plan = starl_dpp_plan:passed(Robot, N - Offset, Plan)});
         _ ->
             {S, []}
     end.
@@ -136,29 +134,21 @@ newer(Robot, Id, #serve{latest = Latest}) -> Id > maps:get(Robot, Latest, {0, 0}
 
 stands(Robot, Id, At, Painted, #serve{plan = Plan, latest = Latest} = S) ->
     Marked = starl_dpp_plan:mark_painted(Painted, Plan),
-    freed(Robot, learn(alive(Robot, S#serve{
+    freed(Robot, alive(Robot, S#serve{
         plan = starl_dpp_plan:standing(Robot, At, Marked),
         latest = Latest#{Robot => Id},
         moving = maps:remove(Robot, S#serve.moving)
-    }))).
+    })).
 
 moves(Robot, Id, {N, From, Path}, Painted, #serve{plan = Plan, latest = Latest} = S) ->
     Marked = starl_dpp_plan:mark_painted(Painted, Plan),
-    freed(Robot, learn(alive(Robot, S#serve{
+    freed(Robot, alive(Robot, S#serve{
         plan = starl_dpp_plan:adopt(Robot, From, Path, Marked),
         latest = Latest#{Robot => Id},
         moving = (S#serve.moving)#{Robot => N}
-    }))).
+    })).
 
 alive(Robot, #serve{silent = Silent} = S) -> S#serve{silent = lists:delete(Robot, Silent)}.
-
-%% Newly painted edges go to the head of the list.
-learn(#serve{plan = Plan, painted = Painted} = S) ->
-    #{painted := Count} = starl_dpp_plan:counts(Plan),
-    case Count =:= length(Painted) of
-        true -> S;
-        false -> S#serve{painted = (starl_dpp_plan:painted_edges(Plan) -- Painted) ++ Painted}
-    end.
 
 %% The robot holds less than before.
 freed(Robot, #serve{open = true, plan = Plan} = S) ->
@@ -214,9 +204,9 @@ assign(Robot, Path, #serve{plan = Plan, moving = Moving, latest = Latest} = S) -
 
 %% With the answer goes what has been painted and the robot was not told yet.
 answer(Robot, Answer, #serve{waiting = Waiting, latest = Latest, term = Term} = S) ->
-    #serve{painted = Painted, told = Told, telling = Telling} = S,
-    Count = length(Painted),
-    News = lists:sort(lists:sublist(Painted, Count - maps:get(Robot, Told, 0))),
+    #serve{plan = Plan, told = Told, telling = Telling} = S,
+    #{painted := Count} = starl_dpp_plan:counts(Plan),
+    News = starl_dpp_plan:painted_since(maps:get(Robot, Told, 0), Plan),
     Body = {Term, maps:get(Robot, Latest), Answer, News},
     Next = S#serve{waiting = lists:delete(Robot, Waiting), telling = Telling#{Robot => Count}},
     {Next, [starl_sap:send(Robot, dpp_answer, Body, {answered, Term, Robot})]}.

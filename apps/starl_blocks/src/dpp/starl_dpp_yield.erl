@@ -59,7 +59,7 @@ wish(Waiting, #{graph := Graph, free := Free} = View) ->
         end
     end,
     Starts = starl_dpp_route:starts(starl_dpp_route:nearby(View), [], View),
-    case starl_dpp_search:run(Starts, Space, [], Visit, none) of
+    case starl_dpp_search:run(Starts, Space, Visit, none) of
         {_, none} -> none;
         {Labels, Found} -> {ok, wished(Found, Labels, Waiting, View)}
     end.
@@ -88,7 +88,7 @@ to_first(Will, Vertices, #{robot := Robot} = View) ->
             false -> {continue, infinity, none}
         end
     end,
-    case starl_dpp_search:run(Starts, starl_dpp_route:space([Robot], View), [], Visit, none) of
+    case starl_dpp_search:run(Starts, starl_dpp_route:space([Robot], View), Visit, none) of
         {_, none} ->
             none;
         {Labels, {ok, V}} ->
