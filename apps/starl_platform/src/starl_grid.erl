@@ -66,36 +66,46 @@ cells(Shape, #grid{size = Size}) -> covered(Shape, 0.0, Size).
 
 %% The cells within Radius of the shape, and some more at its corners.
 covered({{_, _}, {_, _}} = Segment, Radius, Size) ->
-    {X0, _, X1, _} = Box = starl_geometry:box(Segment),
-    Columns = lists:seq(index(X0 - Radius, Size), index(X1 + Radius, Size)),
-    case Columns of
-        [_] -> block(starl_geometry:grow(Box, Radius), Size);
-        _ -> lists:append([column(I, Segment, Radius, Size) || I <- Columns])
+    {X0, Y0, X1, Y1} = starl_geometry:box(Segment),
+    First = index(X0 - Radius, Size),
+    case index(X1 + Radius, Size) of
+        First -> rows(First, index(Y0 - Radius, Size), index(Y1 + Radius, Size), []);
+        Last -> columns(First, Last, {X0, X1}, Segment, Radius, Size)
     end;
-covered({_, _, _, _} = Box, Radius, Size) ->
-    block(starl_geometry:grow(Box, Radius), Size).
+covered({X0, Y0, X1, Y1}, Radius, Size) ->
+    Low = index(Y0 - Radius, Size),
+    High = index(Y1 + Radius, Size),
+    block(index(X0 - Radius, Size), index(X1 + Radius, Size), Low, High).
 
-block({X0, Y0, X1, Y1}, Size) ->
-    Rows = lists:seq(index(Y0, Size), index(Y1, Size)),
-    [{I, J} || I <- lists:seq(index(X0, Size), index(X1, Size)), J <- Rows].
+block(I, Last, _Low, _High) when I > Last -> [];
+block(I, Last, Low, High) -> rows(I, Low, High, block(I + 1, Last, Low, High)).
+
+rows(_I, J, High, Cells) when J > High -> Cells;
+rows(I, J, High, Cells) -> [{I, J} | rows(I, J + 1, High, Cells)].
+
+columns(I, Last, _Span, _Segment, _Radius, _Size) when I > Last ->
+    [];
+columns(I, Last, Span, Segment, Radius, Size) ->
+    {Low, High} = column(I, Span, Segment, Radius, Size),
+    rows(I, Low, High, columns(I + 1, Last, Span, Segment, Radius, Size)).
 
 %% Only the part of the segment that is within Radius of the column reaches cells of it.
-column(I, {{AX, AY}, {BX, BY}}, Radius, Size) ->
-    From = I * Size - Radius,
-    To = (I + 1) * Size + Radius,
-    Y0 = at(clamp(From, AX, BX), AX, AY, BX, BY),
-    Y1 = at(clamp(To, AX, BX), AX, AY, BX, BY),
-    {Low, High} = range(AX == BX, {Y0, Y1}, {AY, BY}),
+column(I, Span, {{AX, AY}, {BX, BY}}, Radius, Size) when AX /= BX ->
+    Slope = fun(X) -> AY + (BY - AY) * ((X - AX) / (BX - AX)) end,
+    Y0 = Slope(clamp(I * Size - Radius, Span)),
+    Y1 = Slope(clamp((I + 1) * Size + Radius, Span)),
     %% A hair more than the radius: the clipped ends carry rounding errors.
-    Slack = Radius + 1.0e-6,
-    [{I, J} || J <- lists:seq(index(Low - Slack, Size), index(High + Slack, Size))].
+    rows_near(Y0, Y1, Radius + 1.0e-6, Size);
+column(_I, _Span, {{_, AY}, {_, BY}}, Radius, Size) ->
+    rows_near(AY, BY, Radius + 1.0e-6, Size).
 
-range(true, _Clipped, {AY, BY}) -> {min(AY, BY), max(AY, BY)};
-range(false, {Y0, Y1}, _Ends) -> {min(Y0, Y1), max(Y0, Y1)}.
+rows_near(Y0, Y1, Slack, Size) when Y0 =< Y1 ->
+    {index(Y0 - Slack, Size), index(Y1 + Slack, Size)};
+rows_near(Y0, Y1, Slack, Size) ->
+    {index(Y1 - Slack, Size), index(Y0 + Slack, Size)}.
 
-clamp(X, AX, BX) -> max(min(X, max(AX, BX)), min(AX, BX)).
-
-at(_X, AX, AY, BX, _BY) when AX == BX -> AY;
-at(X, AX, AY, BX, BY) -> AY + (BY - AY) * ((X - AX) / (BX - AX)).
+clamp(X, {X0, _X1}) when X < X0 -> X0;
+clamp(X, {_X0, X1}) when X > X1 -> X1;
+clamp(X, _Span) -> X.
 
 index(X, Size) -> floor(X / Size).

@@ -154,17 +154,21 @@ checked(#{vertices := Points, edges := Edges} = Picture, Layout, Config) ->
         {_, []} -> check_reach(build(Picture, Layout, Config))
     end.
 
-build(#{vertices := Targets, edges := TargetEdges} = Picture, Layout, Config) ->
+build(#{vertices := Drawn, edges := TargetEdges} = Picture, Layout, Config) ->
     #{tube_radius := R, world := World, seed := Seed} = Config,
     Travel = starl_roadmap:travel(Layout, R, Picture, Seed),
-    Points = list_to_tuple(Targets ++ maps:get(points, Travel)),
+    Points = list_to_tuple(Drawn ++ maps:get(points, Travel)),
     All = TargetEdges ++ maps:get(edges, Travel),
-    #graph{radius = R, world = World, targets = length(TargetEdges), points = Points,
-           edges = list_to_tuple(All), adjacent = adjacency(All, Points),
-           lines = adjacency(TargetEdges, Points),
+    Targets = length(TargetEdges),
+    Steps = adjacency(All, Points),
+    Lines = [[Step || {E, _, _, _} = Step <- Out, E =< Targets] || Out <- Steps],
+    #graph{radius = R, world = World, targets = Targets, points = Points,
+           edges = list_to_tuple(All), adjacent = list_to_tuple(Steps),
+           lines = list_to_tuple(Lines),
            spots = maps:get(spots, Travel), ring = maps:get(ring, Travel),
            edge_grid = edge_grid(All, Points, R), vertex_grid = vertex_grid(Points, R)}.
 
+%% The ways out of each vertex, in the order of the edges.
 adjacency(Edges, Points) ->
     Steps = fun({A, B}, {E, Acc}) ->
         P = element(A, Points),
@@ -175,9 +179,17 @@ adjacency(Edges, Points) ->
         {E + 1, [There, Back | Acc]}
     end,
     {_, All} = lists:foldl(Steps, {1, []}, Edges),
-    Grouped = lists:foldl(fun({V, Step}, Acc) -> Acc#{V => [Step | maps:get(V, Acc, [])]} end,
-                          #{}, All),
-    list_to_tuple([maps:get(V, Grouped, []) || V <- lists:seq(1, tuple_size(Points))]).
+    %% keysort is stable: at each vertex the latest edge comes first
+    by_vertex(1, tuple_size(Points), lists:keysort(1, All)).
+
+by_vertex(V, Last, []) when V > Last ->
+    [];
+by_vertex(V, Last, Sorted) ->
+    {Own, Rest} = own(V, Sorted, []),
+    [Own | by_vertex(V + 1, Last, Rest)].
+
+own(V, [{V, Step} | Sorted], Own) -> own(V, Sorted, [Step | Own]);
+own(_V, Sorted, Own) -> {Own, Sorted}.
 
 edge_grid(Edges, Points, R) ->
     Enter = fun({A, B}, {E, Grid}) ->

@@ -33,6 +33,8 @@
     %% Who has led, latest first.
     coordinators = [] :: [robot_id()],
     reservations = #{} :: #{robot_id() => reservation()},
+    %% Have any two of them been too near to each other, ever?
+    overlaps = false :: boolean(),
     separation :: starl_separation:t(),
     assignments = 0 :: non_neg_integer(),
     deadlocks = 0 :: non_neg_integer(),
@@ -152,14 +154,29 @@ without_leave(T, Robot, Piece, #state{reservations = Reservations, off_mm = Most
 
 reserve(_T, Robot, [], #state{reservations = Reservations} = State) ->
     {[], State#state{reservations = maps:remove(Robot, Reservations)}};
-reserve(T, Robot, Segments, #state{reservations = Reservations, apart_mm = Apart} = State) ->
+reserve(T, Robot, Segments, #state{reservations = Reservations, overlaps = Overlaps} = State) ->
     Own = {box(Segments), Segments},
-    Zone = starl_geometry:grow(box(Segments), Apart),
-    Near = [Other || {Who, {Box, Theirs}} = Other <- maps:to_list(Reservations),
-                     Who =/= Robot, starl_geometry:overlap(Zone, Box),
-                     closer(Segments, Theirs, Apart)],
-    Broken = [overlap(T, Robot, Own, Other, State) || Other <- lists:sort(Near)],
-    {Broken, State#state{reservations = Reservations#{Robot => Own}}}.
+    Broken =
+        case not Overlaps andalso is_part(Segments, maps:get(Robot, Reservations, none)) of
+            true -> [];
+            false -> overlaps(T, Robot, Own, State)
+        end,
+    {Broken, State#state{
+        reservations = Reservations#{Robot => Own}, overlaps = Overlaps orelse Broken =/= []
+    }}.
+
+%% Is it the end of what the robot held already? While all reservations are apart, it is apart from
+%% them too.
+is_part(_Segments, none) -> false;
+is_part(Segments, {_Box, Held}) -> lists:suffix(Segments, Held).
+
+overlaps(T, Robot, {Box, Segments} = Own, #state{reservations = Reservations} = State) ->
+    Apart = State#state.apart_mm,
+    Zone = starl_geometry:grow(Box, Apart),
+    Near = [Other || {Who, {Theirs, Held}} = Other <- maps:to_list(Reservations),
+                     Who =/= Robot, starl_geometry:overlap(Zone, Theirs),
+                     closer(Segments, Held, Apart)],
+    [overlap(T, Robot, Own, Other, State) || Other <- lists:sort(Near)].
 
 box(Segments) ->
     starl_geometry:box(lists:append([[A, B] || {A, B} <- Segments])).
