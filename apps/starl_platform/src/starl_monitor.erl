@@ -72,6 +72,8 @@ new(Monitors) ->
 %% @doc Feeds one event or several. All of them are judged by all monitors, also after a
 %% violation; the first violation of this call is returned.
 -spec step(trace_event() | [trace_event()], t()) -> {ok, t()} | {violation, violation(), t()}.
+step([], Runner) ->
+    {ok, Runner};
 step(Events, #runner{monitors = Monitors} = Runner) when is_list(Events) ->
     {Fed, Found} = lists:mapfoldl(fun(M, Found) -> feed_all(Events, M, Found) end, [], Monitors),
     answer(in_order(Found), Runner#runner{monitors = Fed});

@@ -30,6 +30,8 @@
     wheel = erlang:make_tuple(?WHEEL, []) :: tuple(),
     far = #{} :: #{non_neg_integer() => [event()]},
     order = gb_sets:new() :: gb_sets:set(non_neg_integer()),
+    %% the first of them; an atom is more than any number
+    nearest = none :: non_neg_integer() | none,
     size = 0 :: non_neg_integer()
 }).
 
@@ -100,12 +102,16 @@ group(Event, Queue, Buckets) ->
 enter(Index, Events, #queue{base = Base, wheel = Wheel} = Queue) when Index < Base + ?WHEEL ->
     Place = place(Index),
     Queue#queue{wheel = setelement(Place, Wheel, Events ++ element(Place, Wheel))};
-enter(Index, Events, #queue{far = Far, order = Order} = Queue) ->
+enter(Index, Events, #queue{far = Far, order = Order, nearest = Nearest} = Queue) ->
     case Far of
         #{Index := Others} ->
             Queue#queue{far = Far#{Index := Events ++ Others}};
         #{} ->
-            Queue#queue{far = Far#{Index => Events}, order = gb_sets:add_element(Index, Order)}
+            Queue#queue{
+                far = Far#{Index => Events},
+                order = gb_sets:insert(Index, Order),
+                nearest = min(Index, Nearest)
+            }
     end.
 
 %% By robot first, by the rest of the key within each: comparing numbers is much cheaper than
@@ -128,10 +134,9 @@ split(_Robot, Events, Own) -> {Own, Events}.
 first(#queue{size = 0}) -> none;
 first(#queue{base = Base} = Queue) -> first(Base, Base + ?WHEEL, Queue).
 
-first(End, End, #queue{order = Order}) ->
-    Index = gb_sets:smallest(Order),
-    true = is_integer(Index),
-    Index;
+first(End, End, #queue{nearest = Nearest}) ->
+    true = is_integer(Nearest),
+    Nearest;
 first(Index, End, #queue{wheel = Wheel} = Queue) ->
     case element(place(Index), Wheel) of
         [] -> first(Index + 1, End, Queue);
@@ -139,22 +144,21 @@ first(Index, End, #queue{wheel = Wheel} = Queue) ->
     end.
 
 %% The wheel begins at a later window; what comes into its reach is moved there.
-turn(Base, #queue{order = Order} = Queue) ->
-    reach(gb_sets:is_empty(Order), Queue#queue{base = Base}).
+turn(Base, #queue{nearest = Nearest} = Queue) when Nearest >= Base + ?WHEEL ->
+    Queue#queue{base = Base};
+turn(Base, #queue{nearest = Index, order = Order, far = Far, wheel = Wheel} = Queue) ->
+    Place = place(Index),
+    {Events, Rest} = maps:take(Index, Far),
+    {Index, Later} = gb_sets:take_smallest(Order),
+    turn(Base, Queue#queue{
+        wheel = setelement(Place, Wheel, Events ++ element(Place, Wheel)),
+        far = Rest,
+        order = Later,
+        nearest = smallest(Later)
+    }).
 
-reach(true, Queue) ->
-    Queue;
-reach(false, #queue{base = Base, order = Order, far = Far, wheel = Wheel} = Queue) ->
-    case gb_sets:smallest(Order) of
-        Index when Index < Base + ?WHEEL ->
-            Place = place(Index),
-            {Events, Rest} = maps:take(Index, Far),
-            Later = gb_sets:del_element(Index, Order),
-            reach(gb_sets:is_empty(Later), Queue#queue{
-                wheel = setelement(Place, Wheel, Events ++ element(Place, Wheel)),
-                far = Rest,
-                order = Later
-            });
-        _ ->
-            Queue
+smallest(Order) ->
+    case gb_sets:is_empty(Order) of
+        true -> none;
+        false -> gb_sets:smallest(Order)
     end.
