@@ -3,7 +3,7 @@
 %% One search from the robot visits vertices, nearest first. From each vertex with free edges a
 %% chain of them is followed, straight on where possible, up to the horizon. The chain with the
 %% most ink per distance driven wins; the search stops when no farther vertex can win: no chain has
-%% more ink than all open edges together, and there is none where no open edge ends.
+%% more ink than all open edges that hang together, and there is none where no open edge ends.
 -module(starl_dpp_choice).
 
 -export([best/3, all_begin/2]).
@@ -66,25 +66,46 @@ all_begin({E, true, Rest}, Kind, {Masks, Own, Graph} = Given) ->
 
 %%% Internals
 
-%% Bounds of what there is to be found: the ink of all open edges, up to the horizon, and the
-%% number of their ends, up to the number of tries. Nearly always the first edges answer this. Whole
-%% millimetres, rounded up, add to the same sum in any order of the map.
-open_edges(#task{free = Free, horizon = Horizon} = Task) ->
-    {Ink, Ends} = open_edges(maps:next(maps:iterator(Free)), 0, #{}, Task),
-    {min(float(Ink), Horizon), map_size(Ends)}.
+%% Bounds of what there is to be found: the ink of the open edges that hang together, up to the
+%% horizon, and the number of ends of open edges, up to the number of tries. Nearly always the first
+%% edges answer this. Whole millimetres, rounded up, add to the same sum in any order of the map.
+open_edges(#task{free = Free} = Task) ->
+    open_edges(maps:next(maps:iterator(Free)), 0, {#{}, #{}}, Task).
 
-open_edges(none, Ink, Ends, _Task) ->
-    {Ink, Ends};
-open_edges(_, Ink, Ends, #task{horizon = Mm}) when Ink >= Mm, map_size(Ends) >= ?TRIES ->
-    {Ink, Ends};
-open_edges({E, true, Rest}, Ink, Ends, #task{space = #{graph := Graph}} = Task) ->
+open_edges(_, Ink, {_, Ends}, #task{horizon = Mm}) when Ink >= Mm, map_size(Ends) >= ?TRIES ->
+    {Mm, map_size(Ends)};
+open_edges(none, _Ink, {Open, Ends}, #task{horizon = Mm} = Task) ->
+    {min(float(heaviest(maps:keys(Open), Open, 0, Task)), Mm), map_size(Ends)};
+open_edges({E, true, Rest}, Ink, {Open, Ends} = Seen, #task{space = #{graph := Graph}} = Task) ->
     case open(E, Task) of
         true ->
             {A, B} = starl_dpp_graph:ends(E, Graph),
-            Mm = ceil(starl_dpp_graph:edge_length(E, Graph)),
-            open_edges(maps:next(Rest), Ink + Mm, Ends#{A => true, B => true}, Task);
+            Mm = length_mm(E, Graph),
+            Next = {Open#{E => Mm}, Ends#{A => true, B => true}},
+            open_edges(maps:next(Rest), Ink + Mm, Next, Task);
         false ->
-            open_edges(maps:next(Rest), Ink, Ends, Task)
+            open_edges(maps:next(Rest), Ink, Seen, Task)
+    end.
+
+length_mm(E, Graph) -> ceil(starl_dpp_graph:edge_length(E, Graph)).
+
+%% The most ink of open edges that hang together: a chain does not leave them.
+heaviest([], _Open, Most, _Task) ->
+    Most;
+heaviest([E | Edges], Open, Most, Task) ->
+    {Ink, Left} = piece([E], Open, 0, Task),
+    heaviest(Edges, Left, max(Ink, Most), Task).
+
+piece([], Open, Ink, _Task) ->
+    {Ink, Open};
+piece([E | Edges], Open, Ink, #task{space = #{graph := Graph}} = Task) ->
+    case maps:take(E, Open) of
+        {Mm, Left} ->
+            {A, B} = starl_dpp_graph:ends(E, Graph),
+            Next = [N || V <- [A, B], {N, _, _, _} <- starl_dpp_graph:lines(V, Graph)],
+            piece(Next ++ Edges, Left, Ink + Mm, Task);
+        error ->
+            piece(Edges, Open, Ink, Task)
     end.
 
 search(Stands, Tries, #task{space = Space} = Task, View) ->
