@@ -6,11 +6,13 @@
 %% about the usual query radius is a good choice. Lengths are millimetres.
 -module(starl_grid).
 
--export([new/1, add/3, remove/3, near/3, cells/2]).
--export_type([t/1, shape/0, cell/0]).
+-export([new/1, add/3, remove/3, near/3]).
+-export_type([t/1, shape/0]).
 
 -type shape() :: starl_geometry:segment() | starl_geometry:box().
--type cell() :: {Column :: integer(), Row :: integer()}.
+-type cell() :: integer().
+%% Column and row in one number, which is found faster than a pair. Should two cells ever have the
+%% same, both only hold more candidates.
 
 -record(grid, {
     size :: float(),
@@ -58,10 +60,6 @@ near(Shape, RadiusMm, #grid{size = Size, cells = Cells}) ->
     end,
     lists:usort(lists:foldl(Collect, [], covered(Shape, RadiusMm, Size))).
 
-%% @doc The cells that a shape lies in, for users that keep their own table of cells.
--spec cells(shape(), t(any())) -> [cell()].
-cells(Shape, #grid{size = Size}) -> covered(Shape, 0.0, Size).
-
 %%% Internals
 
 %% The cells within Radius of the shape, and some more at its corners.
@@ -80,8 +78,10 @@ covered({X0, Y0, X1, Y1}, Radius, Size) ->
 block(I, Last, _Low, _High) when I > Last -> [];
 block(I, Last, Low, High) -> rows(I, Low, High, block(I + 1, Last, Low, High)).
 
-rows(_I, J, High, Cells) when J > High -> Cells;
-rows(I, J, High, Cells) -> [{I, J} | rows(I, J + 1, High, Cells)].
+rows(I, Low, High, Cells) -> numbers(I bsl 32 + Low, I bsl 32 + High, Cells).
+
+numbers(N, High, Cells) when N > High -> Cells;
+numbers(N, High, Cells) -> [N | numbers(N + 1, High, Cells)].
 
 columns(I, Last, _Span, _Segment, _Radius, _Size) when I > Last ->
     [];
