@@ -72,6 +72,20 @@ shrunk_reservation_frees_space_test() ->
     ?assertEqual([], judge([assigned(1, 1, level(0.0)), reserved(2, 1, []),
                             assigned(3, 2, level(0.0))])).
 
+%% What is left of a reservation that overlaps another overlaps it still, and is told again.
+overlapping_rest_test() ->
+    [First, Last] = level(0.0),
+    Across = fun(X) -> [{{X, -900.0}, {X, 900.0}}] end,
+    ?assertEqual([{tubes_overlap, [1, 2]}, {tubes_overlap, [1, 2]}], judge([
+        assigned(1, 1, Across(900.0)), assigned(2, 2, [First, Last]), reserved(3, 2, [Last])])).
+
+%% Only the end of a reservation is a part of it.
+other_reservation_test() ->
+    Away = [{{0.0, 900.0}, {500.0, 900.0}}],
+    ?assertEqual([{tubes_overlap, [1, 2]}], judge([
+        assigned(1, 1, level(0.0)), assigned(2, 2, Away ++ level(300.0)),
+        reserved(3, 2, Away ++ level(100.0))])).
+
 reservation_that_grows_back_test() ->
     %% A late Clear that frees space which the robot is back in.
     ?assertEqual([{tubes_overlap, [1, 2]}],

@@ -87,6 +87,16 @@ closer_random_test() ->
         closer(S, T, D + 0.001) andalso not closer(S, T, max(0.0, D - 0.001))
     end).
 
+%% Whole numbers, as in a configuration that was written by hand, are as good as floats.
+whole_numbers_test() ->
+    S = {{0, 0}, {100, 0}},
+    T = {{50, -30}, {50, 30}},
+    ?assertEqual(0.0, segment_segment(S, T)),
+    ?assertEqual([true, false], [closer(S, {{0, 7}, {100, 7}}, Mm) || Mm <- [8, 7]]),
+    ?assert(closer(S, T, 1)),
+    ?assertEqual(5.0, starl_geometry:distance({0, 0}, {3, 4})),
+    ?assertEqual(2.0, point_segment({50, 2}, S)).
+
 %% A crossing lies on both segments; segments that do not meet are apart.
 intersection_random_test() ->
     each(500, fun(Xs) ->

@@ -1,0 +1,86 @@
+%% What a request is answered while others are on their way: what a search and the rules of patience
+%% come to, whether it was searched or not. And a search that is cut short misses nothing.
+-module(starl_dpp_patience_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(R, 215.0).
+
+%% In whole runs every answer is that of a search, held against the rules afterwards. Counted are
+%% those that found work and left it to others, so that the rules are known to have been at work.
+answers_are_those_of_a_search_test_() ->
+    [{lists:concat([Name, ", ", N, " robots, seed ", Seed]),
+      {timeout, 30, fun() -> ?assert(left_to_others(Name, N, Seed) > 0) end}}
+     || {Name, N, Seed} <- [{text, 8, 1}, {grid, 10, 2}, {circles, 10, 3}, {lines, 6, 4}]].
+
+left_to_others(Name, N, Seed) ->
+    Count = counters:new(1, []),
+    Trace = fun(_Now, Robot, Plan, _Robots) -> compare(Robot, Plan, Count) end,
+    Config = config(starl_dpp_pictures:picture(Name, Seed), N),
+    _ = starl_dpp_world:run(#{
+        plan => Config#{seed => Seed}, seed => Seed, make_way => true, trace => Trace
+    }),
+    counters:get(Count, 1).
+
+compare(Robot, Plan, Count) ->
+    {Answer, _} = starl_dpp_assign:request(Robot, Plan),
+    case {answer(Robot, Plan), Answer} of
+        {_, complete} -> ok;
+        {{work, Path}, {assign, Path}} -> ok;
+        {none, none} -> ok;
+        {left, none} -> counters:add(Count, 1, 1);
+        {Want, _} -> error({not_the_answer_of_a_search, Robot, Want, Answer})
+    end.
+
+%% The plain way: search, then ask whether to take it.
+answer(Robot, Plan) ->
+    {P, Really} = starl_dpp_plan:stands(Robot, Plan),
+    Settings = maps:with([horizon, overhead_mm, middle], starl_dpp_plan:config(Plan)),
+    case starl_dpp_choice:best(Really, starl_dpp_plan:view(Robot, Plan), Settings) of
+        none ->
+            none;
+        {ok, #{path := Path, travel_mm := Driven}} ->
+            Ways = [Q || {Q, up} <- Path],
+            case starl_dpp_plan:others_move(Robot, Plan) andalso Ways =/= []
+                 andalso left(Robot, P, lists:last(Ways), Driven, Plan) of
+                true -> left;
+                false -> {work, Path}
+            end
+    end.
+
+left(Robot, P, Begin, Driven, Plan) ->
+    Driven > 1.05 * starl_geometry:distance(P, Begin) + 50.0
+        orelse (Driven > 2000.0 andalso lists:any(
+            fun({Id, Held}) -> Id =/= Robot andalso way(Held, Begin) + 1000.0 < Driven end,
+            starl_dpp_plan:unsafe(Plan)
+        )).
+
+way(Held, Target) ->
+    {_, End} = lists:last(Held),
+    lists:sum([starl_geometry:length(S) || S <- Held]) + starl_geometry:distance(End, Target).
+
+%% Short lines are near, and what hangs together is more elsewhere: the search goes on for it.
+more_ink_is_farther_away_test_() ->
+    Short = [{{X, 1600.0}, {X + 20.0, 1600.0}} || X <- [1500.0, 1900.0, 2300.0]],
+    Long = {{3500.0, 6000.0}, {6000.0, 6000.0}},
+    [
+        fun() -> ?assertEqual(2500, round(first_ink(Segments))) end
+     || Segments <- [[Long | Short], Short ++ [Long]]
+    ].
+
+%% What hangs together is painted in one go, also where it is bent.
+pieces_hang_together_test() ->
+    Corner = {4000.0, 4000.0},
+    ?assertEqual(1500, round(first_ink([{{3000.0, 4000.0}, Corner}, {Corner, {4000.0, 4500.0}}]))).
+
+first_ink(Segments) ->
+    {ok, Plan0} = starl_dpp_plan:new(config(Segments, 1)),
+    Plan = starl_dpp_plan:standing(1, {1500.0, 1500.0}, Plan0),
+    {{assign, Path}, _} = starl_dpp_assign:request(1, Plan),
+    Edges = [E || {_, {down, E}} <- Path],
+    lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- Edges]).
+
+config(Segments, N) ->
+    #{
+        segments => Segments, world => {12000.0, 12000.0}, robots => lists:seq(1, N),
+        tube_radius => ?R
+    }.
