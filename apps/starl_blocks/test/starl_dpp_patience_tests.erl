@@ -58,6 +58,23 @@ way(Held, Target) ->
     {_, End} = lists:last(Held),
     lists:sum([starl_geometry:length(S) || S <- Held]) + starl_geometry:distance(End, Target).
 
+%% Another ends its way 500 mm beside the line: whoever is as far as 2.5 m leaves it to that one,
+%% from 1.8 m away it is taken.
+near_work_is_taken_test_() ->
+    [
+        fun() -> ?assertMatch({Answer, _}, {element(1, first(asked(Mm))), Mm}) end
+     || {Mm, Answer} <- [{1800.0, assign}, {2500.0, none}]
+    ].
+
+first({{assign, _} = Answer, _}) -> Answer;
+first({none, _}) -> {none}.
+
+asked(Mm) ->
+    {ok, Plan0} = starl_dpp_plan:new(config([{{6000.0, 6000.0}, {7000.0, 6000.0}}], 2)),
+    Plan1 = starl_dpp_plan:standing(1, {6000.0 - Mm, 6000.0}, Plan0),
+    Plan2 = starl_dpp_plan:adopt(2, {6000.0, 6700.0}, [{{6000.0, 6500.0}, up}], Plan1),
+    starl_dpp_assign:request(1, Plan2).
+
 %% Short lines are near, and what hangs together is more elsewhere: the search goes on for it.
 more_ink_is_farther_away_test_() ->
     Short = [{{X, 1600.0}, {X + 20.0, 1600.0}} || X <- [1500.0, 1900.0, 2300.0]],

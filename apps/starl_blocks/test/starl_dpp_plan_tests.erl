@@ -40,7 +40,7 @@ long_line_is_divided_and_assigned_test() ->
     ?assertEqual([1, 2, 3, 4], lists:sort(pens(Path))),
     ?assertMatch(#{free := 0, assigned := 4, painted := 0}, starl_dpp_plan:counts(Plan1)),
     Plan2 = starl_dpp_plan:passed(1, length(Path), Plan1),
-    ?assertEqual([1, 2, 3, 4], starl_dpp_plan:painted_edges(Plan2)),
+    ?assertEqual([1, 2, 3, 4], starl_dpp_plan:painted_since(0, Plan2)),
     {End, _} = lists:last(Path),
     ?assertMatch({complete, _}, starl_dpp_assign:request(1, starl_dpp_plan:standing(1, End, Plan2))).
 
@@ -57,7 +57,7 @@ passed_is_monotone_and_idempotent_test() ->
     Plan1 = starl_dpp_plan:passed(1, N - 1, Plan0),
     ?assertEqual(Plan1, starl_dpp_plan:passed(1, N - 1, Plan1)),
     ?assertEqual(Plan1, starl_dpp_plan:passed(1, 1, Plan1)),
-    ?assertEqual(3, length(starl_dpp_plan:painted_edges(Plan1))),
+    ?assertEqual(3, length(starl_dpp_plan:painted_since(0, Plan1))),
     [{1, Held0}] = starl_dpp_plan:unsafe(Plan0),
     [{1, Held1}] = starl_dpp_plan:unsafe(Plan1),
     ?assertEqual([lists:last(Held0)], Held1),
@@ -221,7 +221,7 @@ rebuilt(Seed) ->
     Held = proplists:get_value(2, starl_dpp_plan:unsafe(Plan2)),
     New2 = starl_dpp_plan:adopt(2, From2, [{Q, up} || {_, Q} <- Held], New1),
     ?assertEqual(starl_dpp_plan:unsafe(Plan2), starl_dpp_plan:unsafe(New2)),
-    ?assertEqual([Done], starl_dpp_plan:painted_edges(New2)),
+    ?assertEqual([Done], starl_dpp_plan:painted_since(0, New2)),
     #{assigned := Assigned} = starl_dpp_plan:counts(New2),
     ?assertEqual(length(pens(Path1)) - 1, Assigned),
     {Answer, New3} = starl_dpp_assign:request(3, New2),
@@ -251,6 +251,14 @@ standing_robots_are_moved_apart_test() ->
      || {Id, P} <- Places
     ],
     ?assertEqual(Apart, starl_dpp_plan:apart(Apart)).
+
+%% What was painted is known in the order in which it was told, each edge once.
+painted_since_test() ->
+    Tell = fun starl_dpp_plan:mark_painted/2,
+    Plan = lists:foldl(Tell, new([line()], 1), [[3, 2], [2], [1], [3], [4]]),
+    ?assertEqual([1, 2, 3, 4], starl_dpp_plan:painted_since(0, Plan)),
+    Since = [starl_dpp_plan:painted_since(Known, Plan) || Known <- [0, 2, 3, 4]],
+    ?assertEqual([[1, 2, 3, 4], [1, 4], [4], []], Since).
 
 %%% Deadlock: wherever robots stand, at least one can always leave
 

@@ -66,7 +66,7 @@ honest_ink(Inked, Plan) ->
     [case Driven of
          #{E := {P, Q}} -> same({P, Q}, {A, B}) orelse error({painted_beside, E, {P, Q}, {A, B}});
          #{} -> error({not_painted, E, {A, B}})
-     end || E <- starl_dpp_plan:painted_edges(Plan), {A, B} <- [starl_dpp_plan:target(E, Plan)]].
+     end || E <- starl_dpp_plan:painted_since(0, Plan), {A, B} <- [starl_dpp_plan:target(E, Plan)]].
 
 %% In either direction; a robot may begin a few mm beside.
 same({P, Q}, {A, B}) ->
@@ -252,7 +252,7 @@ disjoint(All, Plan) ->
     true.
 
 disjoint_pair({I, As}, {J, Bs}, Plan) ->
-    R = starl_dpp_plan:tube_radius(Plan),
+    R = starl_dpp_graph:radius(starl_dpp_plan:graph(Plan)),
     D = lists:min([dist(A, B) || A <- As, B <- Bs]),
     D >= 2.0 * R - 1.0e-6 orelse error({tubes_overlap, I, J, D, As, Bs}).
 

@@ -186,8 +186,8 @@ inside({X, Y}, {X0, Y0, X1, Y1}) ->
 
 %%% Internals
 
-%% Of floats that are known to be floats the compiler makes no heap terms, so what is asked most asks
-%% first whether they are. All are, but for whole numbers that were written by hand.
+%% Of floats that are known to be floats the compiler makes no heap terms, so what is asked most
+%% asks first whether they are. All are, but for whole numbers that were written by hand.
 floats({X, Y}) -> {float(X), float(Y)}.
 
 %% Segments that cross far from their ends are rare.
@@ -196,7 +196,8 @@ ends_closer(A, B, T, C, D, S, Mm2) ->
         orelse point_segment2(B, T) < Mm2 orelse point_segment2(D, S) < Mm2
         orelse (Mm2 > 0.0 andalso crosses(A, B, C, D)).
 
-%% Are both of the first two so much more than both of the others? Mostly the first comparison tells.
+%% Are both of the first two so much more than both of the others? Mostly the first comparison
+%% tells.
 beyond(A, B, C, D, Mm) when is_float(A), is_float(B), is_float(C), is_float(D) ->
     A - C >= Mm andalso A - D >= Mm andalso B - C >= Mm andalso B - D >= Mm;
 beyond(A, B, C, D, Mm) ->

@@ -16,8 +16,8 @@
 
 -export([new/1, format_error/1]).
 -export([standing/3, passed/3, send/4, exchange/3, adopt/4, apart/1, mark_painted/2]).
--export([counts/1, painted_edges/1, painted_since/2, target/2, unsafe/1, unknown/1,
-         tube_radius/1, spot/2, parked/2, blocking/2]).
+-export([counts/1, painted_since/2, target/2, unsafe/1, unknown/1,
+         spot/2, parked/2, blocking/2]).
 -export([config/1, graph/1, free/1, masks/2, spots/1, held/2, stands/2, yielded/2, others_move/2,
          view/2]).
 -export_type([t/0, config/0, path/0, waypoint/0, pen/0, counts/0]).
@@ -43,8 +43,7 @@
     unsafe :: starl_dpp_unsafe:t(),
     free :: #{edge_id() => true},
     painted = #{} :: #{edge_id() => true},
-    %% the same in the order in which they became known, latest first
-    latest = [] :: [edge_id()],
+    latest = [] :: [edge_id()],     % the painted ones, the latest known first
     modes = #{} :: #{robot_id() => mode()},
     headings = #{} :: #{robot_id() => float()},
     spots :: starl_dpp_spots:t(),
@@ -153,11 +152,7 @@ counts(#plan{graph = Graph, free = Free, painted = Painted}) ->
     #{free => map_size(Free), painted => map_size(Painted), total => Total,
       assigned => Total - map_size(Free) - map_size(Painted)}.
 
-%% @doc The painted edges, sorted.
--spec painted_edges(t()) -> [edge_id()].
-painted_edges(#plan{painted = Painted}) -> lists:sort(maps:keys(Painted)).
-
-%% @doc The edges that were painted when so many had been, sorted.
+%% @doc The painted edges but for the first so many that became known, sorted.
 -spec painted_since(Known :: non_neg_integer(), t()) -> [edge_id()].
 painted_since(Known, #plan{painted = Painted, latest = Latest}) ->
     lists:sort(lists:sublist(Latest, map_size(Painted) - Known)).
@@ -173,10 +168,6 @@ unsafe(#plan{unsafe = Unsafe}) -> starl_dpp_unsafe:all(Unsafe).
 %% @doc The robots whose place is not known. Until there are none, nothing is assigned.
 -spec unknown(t()) -> [robot_id()].
 unknown(#plan{unsafe = Unsafe}) -> starl_dpp_unsafe:unknown(Unsafe).
-
-%% @doc The radius R of tubes and disks in mm.
--spec tube_radius(t()) -> float().
-tube_radius(#plan{graph = Graph}) -> starl_dpp_graph:radius(Graph).
 
 %% @doc The robot's parking spot at present.
 -spec spot(robot_id(), t()) -> point().
