@@ -63,7 +63,7 @@ everything_painted_test() ->
     {Events, End} = paint(Points),
     {[], Results} = run(square(), Events, End + ?S),
     #{coverage := 1.0, ink_covered := true, ink_mm := Ink, driven_mm := Driven,
-      unpainted_mm := 0.0, ink := #{1 := [Polyline]}} = Results,
+      unpainted_mm := +0.0, ink := #{1 := [Polyline]}} = Results,
     ?assert(abs(Ink - 4000.0) < 0.01),
     ?assert(abs(Driven - 4000.0) < 0.01),
     ?assertEqual(5, length(Polyline)).

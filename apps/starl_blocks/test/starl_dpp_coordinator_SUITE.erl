@@ -238,5 +238,5 @@ records(Tag, Record) ->
           tuple_size(R) > 5].
 
 spot(Robot) ->
-    {ok, Plan} = starl_dpp_plan:new((?CONFIG)#{robots => [1, 2]}),
+    {ok, Plan} = starl_dpp_plan:new(maps:put(robots, [1, 2], ?CONFIG)),
     starl_dpp_plan:spot((Robot - 1) rem 2 + 1, Plan).

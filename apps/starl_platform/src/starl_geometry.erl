@@ -100,9 +100,10 @@ closer({{AX, AY} = A, {BX, BY} = B} = S, {{CX, CY} = C, {DX, DY} = D} = T, Mm) -
 
 %% @doc Where and how two segments meet, decided without tolerance.
 -spec intersection(segment(), segment()) -> intersection().
-intersection({A, A}, {C, D} = T) ->
-    touch_if(point_segment2(A, T) == 0.0 orelse A =:= C orelse A =:= D, A);
-intersection(S, {C, C} = T) ->
+intersection({A, B}, {C, D} = T) when A == B ->
+    %% For `==' 0.0 and -0.0 are one point; for `=:=' and for patterns up to OTP 26 only.
+    touch_if(point_segment2(A, T) == 0.0 orelse A == C orelse A == D, A);
+intersection(S, {C, D} = T) when C == D ->
     intersection(T, S);
 intersection({A, B}, {C, D}) ->
     O1 = side(A, B, C),

@@ -146,3 +146,12 @@ draw(N, Rand0) ->
     {X, Rand1} = rand:uniform_s(Rand0),
     {Xs, Rand2} = draw(N - 1, Rand1),
     {[X | Xs], Rand2}.
+
+%% 0.0 and -0.0 are one coordinate, in every release of OTP: a point is a point, not a line.
+negative_zero_test() ->
+    Point = {{0.0, 5.0}, {-0.0, 5.0}},
+    [?assertMatch({touch, _}, intersection(S, T))
+     || Line <- [{{0.0, 0.0}, {0.0, 10.0}}, {{-5.0, 5.0}, {5.0, 5.0}}],
+        {S, T} <- [{Point, Line}, {Line, Point}]],
+    ?assertMatch({touch, _}, intersection(Point, {{-0.0, 5.0}, {0.0, 5.0}})),
+    ?assertEqual(none, intersection(Point, {{1.0, 0.0}, {1.0, 10.0}})).

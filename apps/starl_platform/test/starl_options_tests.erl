@@ -17,7 +17,7 @@
 defaults_complete_test() ->
     {ok, Checked} = starl_options:check(#{robots => 7}, ?OPTIONS),
     ?assertEqual(9, map_size(Checked)),
-    ?assertMatch(#{robots := 7, loss := 0.0, delay := {5, 20}, mode := slow}, Checked).
+    ?assertMatch(#{robots := 7, loss := +0.0, delay := {5, 20}, mode := slow}, Checked).
 
 all_problems_at_once_test() ->
     Given = #{robots => 0, los => 1, delay => {9, 3}, mode => fats, flag => 1, name => ""},

@@ -13,7 +13,7 @@
 
 -export([run/2, find/2, find/4]).
 
--export_type([result/0, record/0, runner/0, difference/0, found/0]).
+-export_type([result/0, ranges/0, runner/0, difference/0, found/0]).
 
 %% What a run is compared by, and the events that were recorded.
 -type result() :: #{
@@ -31,10 +31,10 @@
     [starl_sim_ledger:checkpoint()]
 }.
 
--type record() :: #{starl:robot_id() => starl_sim_ledger:range()}.
+-type ranges() :: #{starl:robot_id() => starl_sim_ledger:range()}.
 
 %% Runs a scenario in one way, on whichever node.
--type runner() :: fun((record()) -> result()).
+-type runner() :: fun((ranges()) -> result()).
 
 %% The N-th event of a robot in both runs, `none' where a run had no such event, and the events
 %% before it, which are the same in both.
@@ -75,7 +75,7 @@
 
 %% @doc Runs a scenario to its end and records these events; an error of the scenario is the
 %% caller's.
--spec run(#{app := module(), atom() => term()}, record()) -> result().
+-spec run(#{app := module(), atom() => term()}, ranges()) -> result().
 run(Scenario, Record) ->
     {ok, Sim} = starl_sim:start(Scenario, #{record => Record}),
     #{ending := _} = starl_sim:run(Sim),

@@ -11,7 +11,7 @@ takes_away_test() ->
     {ok, Result} = shrink(scenario(40, 10), needing([3, 17, 31], 7)),
     #{scenario := Small, figures := Figures, complete := true} = Result,
     ?assertMatch(
-        #{robots := 7, duplicate := 0.0, clock_drift := 0, delay := {20, 20}, loss := 0.0}, Small
+        #{robots := 7, duplicate := +0.0, clock_drift := 0, delay := {20, 20}, loss := +0.0}, Small
     ),
     ?assertEqual([f3, f17, f31], ids(Small)),
     ?assertMatch(#{faults := 3, faults_before := 40, robots := 7, robots_before := 10}, Figures),
@@ -22,8 +22,8 @@ same_violation_test() ->
     Run = fun(#{faults := Faults} = S) ->
         Violation =
             case {length(Faults), lists:member(f5, ids(S))} of
-                {N, _} when N < 3 -> ?PLANTED#{contract => other};
-                {N, _} when N < 6 -> ?PLANTED#{what => other};
+                {N, _} when N < 3 -> planted(#{contract => other});
+                {N, _} when N < 6 -> planted(#{what => other});
                 {_, true} -> ?PLANTED;
                 {_, false} -> none
             end,
@@ -111,7 +111,7 @@ time_of_the_first_run_test_() ->
 smaller_run_ends_with_its_violation_test() ->
     Run = fun(#{faults := Faults, time := Time} = S) ->
         At = 1000000 * (1 + length(Faults)),
-        outcome(S, case Time * 1.0e6 >= At of true -> ?PLANTED#{at_us => At}; false -> none end)
+        outcome(S, case Time * 1.0e6 >= At of true -> planted(#{at_us => At}); false -> none end)
     end,
     Watch = fun
         Watch(#{faults := 0}) -> {stop, Watch};
@@ -127,7 +127,7 @@ judged_at_the_end_test() ->
     Late = fun(AtUs) ->
         fun(#{time := Time} = S) ->
             EndUs = round(1.0e6 * Time),
-            Violation = case Time >= 1.0 of true -> ?PLANTED#{at_us => AtUs(EndUs)}; _ -> none end,
+            Violation = case Time >= 1.0 of true -> planted(#{at_us => AtUs(EndUs)}); _ -> none end,
             {ok, Outcome} = outcome(S, Violation),
             {ok, Outcome#{end_us := EndUs}}
         end
@@ -206,10 +206,10 @@ losses_become_drops_test() ->
         Missing = [Early, Late] -- Dropped,
         Enough = lists:member(f1, ids(S)) andalso (Loss > 0 orelse Missing =:= [])
             andalso Time >= 1.0005,
-        Violation = case Enough of true -> ?PLANTED#{at_us => 1000500}; false -> none end,
+        Violation = case Enough of true -> planted(#{at_us => 1000500}); false -> none end,
         {ok, (element(2, outcome(S, Violation)))#{lost => [{5, 2, 1, Kept} | Lost]}}
     end,
-    {ok, #{scenario := #{loss := 0.0, faults := Left}, figures := #{drops := 2, faults := 3}}} =
+    {ok, #{scenario := #{loss := +0.0, faults := Left}, figures := #{drops := 2, faults := 3}}} =
         shrink(Before, Run),
     [{f1, _, _, isolate, 1, _} | Drops] = Left,
     %% whenever they are sent: until the end of the run, rounded up to whole milliseconds
@@ -232,14 +232,14 @@ losses_in_their_moment_test() ->
         Violation = case Enough of true -> ?PLANTED; false -> none end,
         {ok, (element(2, outcome(S, Violation)))#{lost => Lost}}
     end,
-    {ok, #{scenario := #{loss := 0.0, faults := Drops}}} = shrink(Before, Run),
+    {ok, #{scenario := #{loss := +0.0, faults := Drops}}} = shrink(Before, Run),
     ?assertEqual(2, length(Drops)).
 
 %% A violation that moves forward takes the end of the run along.
 time_ends_with_the_violation_test() ->
     Run = fun(#{faults := Faults, time := Time} = S) ->
         At = 1000000 * (1 + length(Faults)),
-        outcome(S, case Time * 1.0e6 >= At of true -> ?PLANTED#{at_us => At}; false -> none end)
+        outcome(S, case Time * 1.0e6 >= At of true -> planted(#{at_us => At}); false -> none end)
     end,
     {ok, #{scenario := #{time := 1.0, faults := []}}} = shrink(scenario(12, 3), Run).
 
@@ -316,6 +316,8 @@ needing(Needed, Robots) ->
         Enough = Missing =:= [] andalso N >= Robots andalso Time >= 1,
         outcome(S, case Enough of true -> ?PLANTED; false -> none end)
     end.
+
+planted(Changes) -> maps:merge(?PLANTED, Changes).
 
 outcome(Scenario, Violation) ->
     Found = [maps:merge(#{at_us => 1000000, robots => [], details => #{}}, V)

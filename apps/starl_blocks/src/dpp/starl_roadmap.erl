@@ -127,7 +127,7 @@ side(P, Q, Feet, Spacing) ->
           || F <- Feet, starl_geometry:point_segment(F, {P, Q}) < 1.0e-6],
     Stops = [P] ++ [F || {_, F} <- lists:sort(On)] ++ [Q],
     #{vertices := Points} = subdivide(Stops, Spacing),
-    Order = [{starl_geometry:distance(P, X), X} || X <- Points, X =/= Q],
+    Order = [{starl_geometry:distance(P, X), X} || X <- Points, X /= Q],
     [X || {_, X} <- lists:sort(Order)].
 
 subdivide(Stops, Spacing) ->
@@ -140,7 +140,7 @@ number(Points, From) ->
     To = From + length(Points),
     {lists:zip(lists:seq(From, To - 1), Points), To}.
 
-foot(Foot, RingVs) -> hd([V || {V, P} <- RingVs, P =:= Foot]).
+foot(Foot, RingVs) -> hd([V || {V, P} <- RingVs, P == Foot]).
 
 around([First | _] = Vs) -> lists:zip(Vs, tl(Vs) ++ [First]).
 

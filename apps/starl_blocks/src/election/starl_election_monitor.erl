@@ -21,14 +21,14 @@
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
 %% Ballots drawn, and who elected whom.
--type record() :: {Ballots :: #{robot_id() => term()}, Elected :: #{robot_id() => robot_id()}}.
+-type tally() :: {Ballots :: #{robot_id() => term()}, Elected :: #{robot_id() => robot_id()}}.
 
 -record(state, {
     robots :: [robot_id()],
     bound_us :: pos_integer(),
     complete :: boolean(),
     settle_us :: pos_integer() | infinity,
-    elections = #{} :: #{election() => record()},
+    elections = #{} :: #{election() => tally()},
     %% Who is still electing, and until when.
     open = #{} :: #{{election(), robot_id()} => DeadlineUs :: integer()},
     %% The deadlines in their order; those that `open' does not confirm are void.

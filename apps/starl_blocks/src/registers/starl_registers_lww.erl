@@ -61,13 +61,16 @@
     {ready | recovering, #lww{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, now := Now, incarnation := Start} = Config) ->
     Ahead = maps:get(ahead_ms, Config, 10000) * 1000,
+    %% A number of the stream, never the stream itself: that holds functions of OTP's module rand,
+    %% which hash differently in every release of OTP.
+    {Seed, _} = rand:uniform_s(1 bsl 32, maps:get(random, Config)),
     Lww = #lww{
         self = Self,
         others = starl_team:others(Self, Team),
         owners = maps:get(owners, Config, #{}),
         clock = clock(Start, Self, Ahead, Now),
         %% not the draws of the life before
-        random = rand:seed_s(exsss, erlang:phash2({maps:get(random, Config), Start}, 1 bsl 32)),
+        random = rand:seed_s(exsss, erlang:phash2({Seed, Start}, 1 bsl 32)),
         sync_us = maps:get(sync_ms, Config, 1000) * 1000,
         limit = maps:get(limit, Config, 1024)
     },

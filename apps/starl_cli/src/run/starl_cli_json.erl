@@ -1,5 +1,5 @@
 %% @doc JSON out: the one place that knows which library writes it: `jsx', or OTP's own `json'
-%% (OTP 27 and newer), which is called by name so that older releases compile this.
+%% (OTP 27 and newer). Both are called by name: either may be absent, and calls to it unknown.
 %%
 %% An object is a non-empty list of pairs, in the order in which it is to be written; any other
 %% list is an array. Texts are binaries.
@@ -31,7 +31,7 @@ codecs() -> [Codec || Codec <- [jsx, json], code:ensure_loaded(Codec) =:= {modul
 
 %% @doc A value in one line, written by one of the libraries.
 -spec encode(codec(), value()) -> iodata().
-encode(jsx, Value) -> jsx:encode(Value);
+encode(jsx = Jsx, Value) -> Jsx:encode(Value);
 encode(json = Json, Value) -> Json:encode(Value, fun(V, Encode) -> native(Json, V, Encode) end).
 
 native(Json, [{_, _} | _] = Object, Encode) -> Json:encode_key_value_list(Object, Encode);
