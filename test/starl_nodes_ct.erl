@@ -16,7 +16,8 @@ start_conductor(Config) ->
     Paths = lists:append([["-pa", filename:absname(Dir)] || Dir <- Own, filelib:is_dir(Dir)]),
     {ok, Conductor, _} = peer:start(#{
         connection => standard_io, shutdown => close, wait_boot => 60000,
-        args => ["-nocookie", "-kernel", "logger_level", "none" | Paths]
+        args => ["-nocookie", "-kernel", "logger_level", "none",
+            "-kernel", "prevent_overlapping_partitions", "false" | Paths]
     }),
     [{conductor, Conductor} | Config].
 

@@ -13,10 +13,12 @@
 -export([
     killed/1, suspended_own_peer/1, killed_before_the_finish/1, suspended/1,
     suspended_before_the_start/1, suspended_in_the_launch/1, endless_loop/1, shard_crash/1,
-    watch_gone/1
+    watch_gone/1, others_stay/1
 ]).
 %% called in the conductor
--export([lost/4, lost_own_peer/3, late_loss/2, launch/2, crash/2, orphaned/1, exhausted/1]).
+-export([lost/4, lost_own_peer/3, late_loss/2, launch/2, crash/2, orphaned/1, exhausted/1, apart/2]).
+%% called on a worker
+-export([part_from/1]).
 
 %% From a loss to the end of a run, with much else going on on the machine.
 -define(BOUND_MS, 20000).
@@ -27,7 +29,7 @@ all() ->
     [
         killed, suspended_own_peer, killed_before_the_finish, suspended,
         suspended_before_the_start, suspended_in_the_launch, endless_loop, shard_crash,
-        watch_gone
+        watch_gone, others_stay
     ].
 
 init_per_suite(Config) -> starl_nodes_ct:start_conductor(Config).
@@ -107,6 +109,11 @@ watch_gone(Config) ->
     Nodes = worker_nodes(Config),
     ?assertEqual(gone, in_conductor(orphaned, [Nodes], Config)),
     ?assertEqual([], sites_left(Config)).
+
+%% Two nodes lose sight of each other: the third keeps both, whatever OTP's global thinks of that.
+others_stay(Config) ->
+    [A, B] = worker_nodes(Config),
+    ?assertEqual(lists:sort([A, B]), in_conductor(apart, [A, B], Config)).
 
 is_loss(Node, Why, Robots, {Status, Ms, Losses, {Digest, Left, EndUs}}) ->
     #{ending := Ending, now_us := Now} = Status,
@@ -237,6 +244,21 @@ crash(Nodes, Node) ->
     catch
         exit:{Reason, {gen_server, call, _}} -> Reason
     end.
+
+apart(A, B) ->
+    [] = [A, B] -- nodes(),
+    ok = erpc:call(A, ?MODULE, part_from, [B]),
+    %% whom the two tell of it, has heard it
+    _ = sys:get_state(global_name_server),
+    lists:sort([Node || Node <- nodes(), lists:member(Node, [A, B])]).
+
+part_from(Node) ->
+    true = net_kernel:connect_node(Node),
+    ok = net_kernel:monitor_nodes(true),
+    true = erlang:disconnect_node(Node),
+    receive {nodedown, Node} -> ok end,
+    _ = sys:get_state(global_name_server),
+    ok.
 
 orphaned(Nodes) ->
     _ = process_flag(trap_exit, true),

@@ -73,6 +73,9 @@ a_node_that_waits_test_() ->
             says(0, "result: ", Run ++ [Two, "--nodes", Name, "--cookie", Cookie]),
             ?assertEqual(digest(One), digest(Two)),
             says(2, "cannot be reached", ["run", App, "--nodes", Name, "--cookie", "other"]),
+            %% one line, without the reports of OTP
+            Taken = says(2, "starl: node: this machine cannot be node", ["node", "--name", Name]),
+            ?assertMatch([_], string:lexemes(Taken, "\n")),
             interrupt(Node),
             ?assertMatch({130, _}, rest(Node, ""))
         end)

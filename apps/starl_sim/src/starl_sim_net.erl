@@ -119,9 +119,19 @@ answers(Tries) ->
 
 distribute(#{name := Name} = Wish) ->
     ok = listen_on(maps:get(loopback, Wish, false)),
-    case net_kernel:start([Name, domain(Name)]) of
+    case quietly(fun() -> net_kernel:start([Name, domain(Name)]) end) of
         {ok, _} -> set_cookie(Wish);
         {error, _} -> {error, {no_distribution, Name}}
+    end.
+
+%% OTP reports a name that it cannot have at length; the user gets one line from the caller.
+quietly(Start) ->
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, none),
+    try
+        Start()
+    after
+        ok = logger:set_primary_config(level, Level)
     end.
 
 listen_on(true) -> application:set_env(kernel, inet_dist_use_interface, {127, 0, 0, 1});

@@ -91,13 +91,15 @@ boot() ->
     {Control, Tag}.
 
 %% The code path is this VM's own; what belongs to OTP is found without being told. Ctrl-C of a
-%% terminal reaches every VM: these leave it to the first (+Bi).
+%% terminal reaches every VM: these leave it to the first (+Bi). A node that loses another one must
+%% not be cut off from the rest on account of that, as OTP's global would have it.
 args() ->
     Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
     Paths = lists:append([["-pa", filename:absname(Dir)] || Dir <- Own, filelib:is_dir(Dir)]),
+    Global = ["-kernel", "prevent_overlapping_partitions", "false"],
     Loopback = ["-kernel", "inet_dist_use_interface", "{127,0,0,1}"],
     ["+Bi", "+fnu", "+sbwt", "none", "+sbwtdcpu", "none", "+sbwtdio", "none", "-nocookie"] ++
-        [Arg || Arg <- Loopback, is_on_loopback()] ++ Paths.
+        Global ++ [Arg || Arg <- Loopback, is_on_loopback()] ++ Paths.
 
 is_on_loopback() -> host() =:= "127.0.0.1".
 
