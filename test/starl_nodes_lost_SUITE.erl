@@ -16,7 +16,9 @@
     watch_gone/1, others_stay/1
 ]).
 %% called in the conductor
--export([lost/4, lost_own_peer/3, late_loss/2, launch/2, crash/2, orphaned/1, exhausted/1, apart/2]).
+-export([
+    lost/4, lost_own_peer/3, late_loss/2, launch/2, crash/2, orphaned/1, exhausted/1, apart/2
+]).
 %% called on a worker
 -export([part_from/1]).
 
