@@ -98,7 +98,8 @@ advice(down) ->
 advice(silent) ->
     "see whether it is stopped, swapping or cut off, then run again, without it if need be";
 advice(slow) ->
-    "is there an endless loop in the application? If it only is slow, raise the time-out".
+    "is there an endless loop in the application, or can it not reach one of the other nodes? "
+    "If it only is slow, raise the time-out".
 
 %% -- server ---------------------------------------------------------------------------------
 

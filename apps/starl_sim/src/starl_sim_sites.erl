@@ -140,7 +140,7 @@ format_error({other_code, Node, Modules, Otp, Otp}) ->
 format_error({other_code, Node, Modules, Here, There}) ->
     io_lib:format(
         "node ~ts has other code than this one: ~ts; it was built by OTP ~ts there and ~ts here: "
-        "run both from one build (copy _build)", [Node, names(Modules), There, Here]
+        "install one release of OTP on both", [Node, names(Modules), There, Here]
     );
 format_error({peers, Reason}) ->
     starl_sim_peers:format_error(Reason).
