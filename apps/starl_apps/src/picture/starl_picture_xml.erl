@@ -131,8 +131,7 @@ sax(Document, Vocabulary) ->
     case xmerl_sax_parser:stream(Document, Options) of
         {ok, #reading{root = Root}, Rest} -> finished(Root, Document, Rest);
         {refused, _Location, Problem, _Tags, _Reading} -> {error, Problem};
-        {_Tag, {_, _, Line}, What, _Tags, _Reading} -> {error, malformed(Line, What)};
-        {_Tag, _What} -> {error, {bad_xml, 1, "malformed"}}
+        {_Tag, {_, _, Line}, What, _Tags, _Reading} -> {error, malformed(Line, What)}
     end.
 
 finished(none, _Document, _Rest) ->
