@@ -275,7 +275,7 @@ paint(Edges, #plan{free = Free, painted = Painted, latest = Latest} = Plan) ->
 heading_after(Robot, N, #plan{unsafe = Unsafe}) ->
     Held = starl_dpp_unsafe:held(Robot, Unsafe),
     case lists:nth(min(N, length(Held)), Held) of
-        {P, P} -> #{};
+        {P, Q} when P == Q -> #{};
         {P, Q} -> #{Robot => starl_geometry:heading(P, Q)}
     end.
 
