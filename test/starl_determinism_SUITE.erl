@@ -1,4 +1,4 @@
-%% The contract of the simulator (DESIGN section 4): the same scenario and seed give the same
+%% The contract of the simulator (README): the same scenario and seed give the same
 %% digest, whatever the number of shards or schedulers, load, pauses, and run for run; and the
 %% digest tells runs apart, so that these tests can fail.
 -module(starl_determinism_SUITE).

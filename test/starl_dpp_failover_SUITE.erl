@@ -1,4 +1,4 @@
-%% The contract of path planning when its coordinator fails (DESIGN section 3): separation and
+%% The contract of path planning when its coordinator fails (README): separation and
 %% disjoint tubes always; all lines are painted when the coordinator's machine dies, and all that no
 %% dead robot's body closes when its robot dies for good.
 -module(starl_dpp_failover_SUITE).

@@ -1,4 +1,4 @@
-%% The contract of a simulation over several Erlang nodes (DESIGN section 4): the digest of a run
+%% The contract of a simulation over several Erlang nodes (README): the digest of a run
 %% in one VM, whatever the nodes; and nodes that cannot be used are a clear error. This VM is no
 %% node: it all happens in a conductor (starl_nodes_ct). Lost nodes: starl_nodes_lost_SUITE.
 -module(starl_nodes_SUITE).

@@ -1,4 +1,4 @@
-%% The contract of a simulation over several Erlang nodes (DESIGN section 4) when one is lost: a
+%% The contract of a simulation over several Erlang nodes (README) when one is lost: a
 %% node that is gone, stopped or slow is a clear error in bounded time, with nothing left over
 %% anywhere. This VM is no node: it all happens in a conductor (starl_nodes_ct).
 -module(starl_nodes_lost_SUITE).

@@ -1,4 +1,4 @@
-%% The contract of painting (DESIGN section 3): the ink lies on the lines of the picture and
+%% The contract of painting (README): the ink lies on the lines of the picture and
 %% nowhere else, every line is painted, robots are never nearer than r_s; with loss, any number of
 %% robots, crashes at any moment, and robots that die for good.
 -module(starl_painting_SUITE).

@@ -1,4 +1,4 @@
-%% The contract of the barrier (DESIGN section 3) in the simulator, under faults; the judge is
+%% The contract of the barrier (README) in the simulator, under faults; the judge is
 %% starl_barrier_monitor. And the planted bugs that it must find.
 -module(starl_barrier_SUITE).
 -include_lib("stdlib/include/assert.hrl").

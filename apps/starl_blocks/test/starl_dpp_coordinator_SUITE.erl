@@ -1,4 +1,4 @@
-%% The contract of DPP (DESIGN section 3), the part that its coordinator keeps: who has no quorum
+%% The contract of DPP (README), the part that its coordinator keeps: who has no quorum
 %% assigns nothing; a lost assignment keeps its reservation until the next request clears it or its
 %% leave ends; a late Clear frees nothing; a new coordinator keeps all that robots hold. The machine
 %% is stepped by hand. Participants: starl_dpp_participant_SUITE; both in runs:

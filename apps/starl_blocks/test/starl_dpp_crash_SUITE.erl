@@ -1,4 +1,4 @@
-%% The contract of DPP (DESIGN section 3) in simulated runs in which its machines crash: reservations
+%% The contract of DPP (README) in simulated runs in which its machines crash: reservations
 %% are pairwise disjoint whatever is lost, doubled or late, and the picture is completed. The
 %% monitors judge. When a coordinator's robot is gone for good: starl_dpp_failover_SUITE.
 -module(starl_dpp_crash_SUITE).

@@ -1,4 +1,4 @@
-%% The contract of DPP (DESIGN section 3), the part that its participants keep: a request certifies
+%% The contract of DPP (README), the part that its participants keep: a request certifies
 %% where the robot stands; an answer is taken once, and only the present one's; a path is void for
 %% ever once its leave has ended; a vote is given once; a crash stops the robot. The machine is
 %% stepped by hand. The coordinator: starl_dpp_coordinator_SUITE; both in runs: starl_dpp_crash_SUITE.

@@ -1,4 +1,4 @@
-%% How a coordinator serves its robots (DESIGN section 3, DPP, progress: requests are answered; a
+%% How a coordinator serves its robots (README, DPP, progress: requests are answered; a
 %% deadlock is counted when there is one, and only then).
 -module(starl_dpp_serve_tests).
 -include_lib("eunit/include/eunit.hrl").

@@ -1,4 +1,4 @@
-%% The contracts of the two elections (DESIGN section 3), in the simulator and machine by machine.
+%% The contracts of the two elections (README), in the simulator and machine by machine.
 %% starl_election_monitor and starl_election_bully_monitor are the judges.
 -module(starl_election_SUITE).
 -include_lib("stdlib/include/assert.hrl").

@@ -1,4 +1,4 @@
-%% The contract of the geocast (DESIGN section 3), in the simulator: outside the area during the
+%% The contract of the geocast (README), in the simulator: outside the area during the
 %% whole window, never delivered; nothing delivered after the window; at most once; inside during
 %% the whole window, delivered over several hops. starl_geocast_monitor is the judge.
 -module(starl_geocast_SUITE).

@@ -1,4 +1,4 @@
-%% The contract of mutual exclusion (DESIGN section 3) in the simulator, under faults; the
+%% The contract of mutual exclusion (README) in the simulator, under faults; the
 %% judge is starl_mutex_monitor. And the planted bugs that it must find.
 -module(starl_mutex_SUITE).
 -include_lib("stdlib/include/assert.hrl").

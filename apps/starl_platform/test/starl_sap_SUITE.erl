@@ -1,4 +1,4 @@
-%% The contract of SAP (DESIGN section 3): at most once per receiver, uncorrupted, to the right
+%% The contract of SAP (README): at most once per receiver, uncorrupted, to the right
 %% type, reported lost after the limit, bounded memory; delivered or reported lost in bounded time.
 %% Pure machines in a pure network; starl_sap_monitor is the judge.
 -module(starl_sap_SUITE).

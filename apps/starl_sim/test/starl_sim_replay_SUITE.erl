@@ -1,4 +1,4 @@
-%% Replay (DESIGN section 4): a run can be stopped just after any event of any robot and gone on
+%% Replay (README): a run can be stopped just after any event of any robot and gone on
 %% with as if it had not been; its events can be recorded; checkpoints of the chain do not depend
 %% on either. A violating run ends where it ends however it is paused.
 -module(starl_sim_replay_SUITE).
