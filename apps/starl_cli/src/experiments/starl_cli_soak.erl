@@ -25,6 +25,11 @@
 %% Faults are over and everything has to be done by these times, s.
 -define(HEAL_S, 25).
 -define(CONVERGE_S, 35).
+%% Path planning rests on robots that drive and stop as they are told, when they are told, know
+%% where they are, and measure time with clocks that only drift.
+-define(DPP_BEARS,
+    [network, clock_drift, kill_machine, kill_robot, reboot, location_dropout]
+).
 %% Nobody waits longer for one failing run to become small, s.
 -define(SHRINK_S, 60).
 
@@ -39,7 +44,7 @@ targets() -> starl_exercise:blocks_known() ++ [dpp].
 scenario(dpp, Robots, Seed) ->
     #{
         app => starl_painting, robots => Robots, seed => Seed, picture => "house", time => 300,
-        random_faults => [network, kill_machine, kill_robot], heal => 60
+        random_faults => ?DPP_BEARS, heal => 60
     };
 scenario(Block, Robots, Seed) ->
     #{
