@@ -103,6 +103,7 @@ readable(I) when I > ?FIRST, I < ?FIRST + 100 ->
 readable(I) ->
     case clock(I) of
         none -> I;
+        %% an atom is printed without quotes; as many as there are times in one chart
         Place -> list_to_atom(lists:flatten(ago(I - now(Place))))
     end.
 

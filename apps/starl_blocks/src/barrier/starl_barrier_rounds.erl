@@ -17,9 +17,10 @@
 %% A machine that has crashed has its own counts from the robot's {@link starl_barrier_log}, and
 %% asks the others for theirs when it next waits for them. Only where the log is lost, too (the
 %% robot has rebooted), do the others tell how far this one was: a robot passes only when it also
-%% knows that all others know that it has reached the round, so any of them can. They know what it reached, not what it passed. If one of them has not come so far
-%% itself, nobody has passed that round; else it counts as passed, so the next `sync' is for the
-%% round after it and waits for all, whatever the robot did before.
+%% knows that all others know that it has reached the round, so any of them can. They know what it
+%% reached, not what it passed. If one of them has not come so far itself, nobody has passed that
+%% round; else it counts as passed, so the next `sync' is for the round after it and waits for all,
+%% whatever the robot did before.
 %%
 %% Calls: `{round, Name}' (the round that the next `sync' is for), `{sync, Name, Round, Us}'
 %% (answer `ok' or `{error, timeout}'), `{resume, Name, Round}' (after a crash: this round has
