@@ -51,3 +51,22 @@ newer_announcement_test() ->
     Newer = Next + ?HAND_OVER,
     Sent = sent([{1, {request, T, {3, 1}, Next, home}}, {1, {owner, T, Newer}}]),
     ?assertEqual([{1, {request, T, {3, 1}, Newer, home}}], Sent).
+
+%% A request that comes twice waits once, for the later of the hand-overs that its senders knew of:
+%% an announcement between the two does not send it on.
+twice_test_() ->
+    T = token(),
+    [First, Second, Third, Next] = [?F + K * ?HAND_OVER || K <- [1, 2, 3, 4]],
+    [
+        begin
+            Asked = [{1, {request, T, {3, 1}, Known, home}} || Known <- Order],
+            Told = Asked ++ [{1, {owner, T, Second}}],
+            [
+                ?_assertEqual([], sent(Told)),
+                ?_assertEqual(
+                    [{3, {token, T, Next, [{3, 1}]}}], sent(Told ++ [{1, {token, T, Third, []}}])
+                )
+            ]
+        end
+     || Order <- [[First, Third], [Third, First]]
+    ].
