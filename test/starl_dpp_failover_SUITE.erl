@@ -157,7 +157,7 @@ dead_before_the_election(_) ->
 planted_bugs_are_caught(_) ->
     [
         begin
-            Found = [Seed || Seed <- lists:seq(1, 4), caught(Bug, Range, Seed)],
+            Found = [Seed || Seed <- lists:seq(1, 12), caught(Bug, Range, Seed)],
             ct:log("~p: found with seeds ~w", [Bug, Found]),
             ?assertNotEqual([], Found, Bug),
             ?assertEqual([], [Seed || Seed <- Found, caught("none", Range, Seed)], Bug)
@@ -244,7 +244,7 @@ planning(Given) ->
     Robots = lists:seq(1, maps:get(robots, Given, 4)),
     {ok, #{blocks := Blocks}} = starl_painting:scene(#{
         robots => Robots, world => {12000, 12000}, seed => maps:get(seed, Given),
-        profile => starl_motion:profile(#{}), sap => #{},
+        profile => starl_motion_course:profile(#{}), sap => #{},
         options => #{picture => "house", safety_distance => 400, horizon => 3000}
     }),
     {dpp_coordinator, _, Config} = lists:keyfind(dpp_coordinator, 1, Blocks),

@@ -148,7 +148,7 @@ leader_is_followed_without_vote(_) ->
 leave_ends_for_good(_) ->
     {Id, Moving} = moving(),
     {Go, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
-    ?assertEqual([{call, motion, {go_to, {100.0, 2.0}}, {driven, Id, 1}}], Go),
+    ?assertEqual([{call, motion, {go_along, {{1.0, 2.0}, {100.0, 2.0}}}, {driven, Id, 1}}], Go),
     {Early, _} = at(9 * ?S, {timeout, leave}, leave, Driving),
     ?assertMatch([{{timeout, leave}, _, leave}], Early),
     {Late, Void} = at(10 * ?S, {timeout, leave}, leave, Driving),

@@ -8,15 +8,23 @@
 -export([all/0]).
 -export([
     stays_near_the_line_and_arrives/1, stays_near_the_line_at_the_worst/1, near_the_goal_slower/1,
+    stays_near_the_lines_of_a_path/1,
     arrived_already/1, stop_in_a_drive/1, stop_while_idle/1, another_goal_in_a_drive/1,
-    lost_poses/1, unknown_poses/1, late_pose_is_ignored/1, location_restarts/1, no_goal_no_motion/1
+    lost_poses/1, unknown_poses/1, late_pose_is_ignored/1, location_restarts/1, no_goal_no_motion/1,
+    lost_commands/1, every_command_ends/1, no_look_before_it_stands/1, stalled_wheel/1,
+    stalled_and_another_goal/1, stale_words_of_the_chassis/1, large_turns_are_looked_at/1,
+    out_of_time/1
 ]).
 
 all() ->
     [
         stays_near_the_line_and_arrives, stays_near_the_line_at_the_worst, near_the_goal_slower,
+        stays_near_the_lines_of_a_path,
         arrived_already, stop_in_a_drive, stop_while_idle, another_goal_in_a_drive, lost_poses,
-        unknown_poses, late_pose_is_ignored, location_restarts, no_goal_no_motion
+        unknown_poses, late_pose_is_ignored, location_restarts, no_goal_no_motion, lost_commands,
+        every_command_ends, no_look_before_it_stands, stalled_wheel, stalled_and_another_goal,
+        stale_words_of_the_chassis, large_turns_are_looked_at,
+        out_of_time
     ].
 
 -record(loop, {
@@ -26,6 +34,11 @@ all() ->
     now = 0 :: integer(),
     timer = none :: none | {integer(), term()},
     piece :: term(),
+    %% what the chassis still has to do: when, the rest of the script, its mark
+    chassis = none :: none | {integer(), list(), term()},
+    commands = [] :: list(),
+    %% does the chassis hear the N-th command?
+    ears = fun(_) -> heard end :: fun((integer()) -> heard | lost),
     %% positions at which a piece ended: between two of them the path is straight
     corners = [] :: list(),
     replies = [] :: list(),
@@ -45,10 +58,35 @@ stays_near_the_line_and_arrives(_) ->
     ),
     starl_platform_ct:property(Prop, 400).
 
+%% The lines of a path are given with their beginnings, from which the robot is a little off.
+stays_near_the_lines_of_a_path(_) ->
+    Prop = ?FORALL(
+        {Seed, Goals, Profile},
+        {oneof(lists:seq(1, 10000)), vector(4, goal()), profile()},
+        starl_platform_ct:safely(fun() ->
+            Lines = lists:zip([{0.0, 0.0} | lists:droplast(Goals)], Goals),
+            near_all(Lines, new(uniform(Seed), Profile))
+        end)
+    ),
+    starl_platform_ct:property(Prop, 100),
+    [
+        ?assert(near_all([{{0.0, 0.0}, {3000.0, 0.0}}, {{3000.0, 0.0}, {3000.0, 2000.0}}],
+            new(Noise, starl_motion_course:profile(#{}))))
+     || Noise <- [fun(_) -> 1.0 end, fun(_) -> -1.0 end, fun zigzag/1]
+    ].
+
+near_all([Line | Lines], #loop{piece = Piece, now = Now, profile = Profile} = Loop) ->
+    Here = starl_trajectory:position(Now, Piece),
+    Gone = finish(event({call, {app, 1}}, {go_along, Line}, Loop#loop{corners = [Here]})),
+    off_line(Gone, Line) =< starl_motion_course:tracking_radius(Profile) andalso
+        near_all(Lines, Gone);
+near_all([], _Loop) ->
+    true.
+
 %% All errors at their bounds, to the left, to the right and to and fro.
 stays_near_the_line_at_the_worst(_) ->
     [
-        ?assert(arrives(Noise, Goal, starl_motion:profile(#{speed => Speed})))
+        ?assert(arrives(Noise, Goal, starl_motion_course:profile(#{speed => Speed})))
      || Noise <- [fun(_) -> 1.0 end, fun(_) -> -1.0 end, fun zigzag/1],
         Goal <- [{5000.0, 0.0}, {-3000.0, 4000.0}, {10.0, -8000.0}],
         Speed <- [100.0, 500.0]
@@ -57,7 +95,7 @@ stays_near_the_line_at_the_worst(_) ->
 zigzag(Key) -> 2.0 * (erlang:phash2(Key, 2)) - 1.0.
 
 near_the_goal_slower(_) ->
-    Profile = starl_motion:profile(#{near_mm => 700.0, near_speed => 150.0, near_turn_rate => 0.5}),
+    Profile = starl_motion_course:profile(#{near_mm => 700.0, near_speed => 150.0, near_turn_rate => 0.5}),
     [?assert(arrives(uniform(Seed), {4000.0, 1000.0}, Profile)) || Seed <- lists:seq(1, 30)],
     Loop = drive({4000.0, 0.0}, new(uniform(1), Profile)),
     ?assertMatch([{_, ok}], Loop#loop.replies).
@@ -71,7 +109,7 @@ profile() ->
         {Speed, LegS, Heading, Part, Position, Rate},
         {oneof([50.0, 200.0, 350.0, 500.0]), oneof([0.1, 0.3, 0.7]), oneof([0.0, 0.01, 0.05]),
          oneof([0.0, 0.01, 0.05]), oneof([0.0, 1.0, 5.0]), oneof([1.0, 3.0])},
-        starl_motion:profile(#{
+        starl_motion_course:profile(#{
             speed => Speed, near_speed => Speed, leg_s => LegS, heading_error => Heading,
             distance_error => Part, position_error_mm => Position, turn_rate => Rate,
             near_turn_rate => Rate
@@ -88,12 +126,12 @@ arrives(Noise, Goal, #{speed := Speed, near_speed := Near, goal_mm := GoalMm} = 
     Off = off_line(Loop, {{0.0, 0.0}, Goal}),
     Left = starl_geometry:distance(hd(Loop#loop.corners), Goal),
     Answer =:= ok andalso
-        Off =< starl_motion:tracking_radius(Profile) andalso
+        Off =< starl_motion_course:tracking_radius(Profile) andalso
         Left =< GoalMm + Blur andalso
         ArrivedUs =< Bound * 1.0e6 orelse
         begin
             ct:log("~p: off ~p (~p), left ~p (~p), ~p us (~p s)", [
-                Answer, Off, starl_motion:tracking_radius(Profile), Left, GoalMm, ArrivedUs, Bound
+                Answer, Off, starl_motion_course:tracking_radius(Profile), Left, GoalMm, ArrivedUs, Bound
             ]),
             false
         end.
@@ -104,7 +142,7 @@ off_line(#loop{corners = Corners}, Line) ->
     lists:max([starl_geometry:point_segment(P, Line) || P <- Corners]).
 
 arrived_already(_) ->
-    Loop = drive({1.0, 1.0}, new(uniform(1), starl_motion:profile(#{}))),
+    Loop = drive({1.0, 1.0}, new(uniform(1), starl_motion_course:profile(#{}))),
     ?assertEqual([{0, ok}], Loop#loop.replies),
     ?assert(starl_trajectory:is_still(Loop#loop.piece)).
 
@@ -114,6 +152,7 @@ stop_in_a_drive(_) ->
     ?assertEqual([{3000000, {error, stopped}}, {3000000, ok}], lists:reverse(Stopped#loop.replies)),
     ?assertEqual(none, Stopped#loop.timer),
     ?assertMatch({piece, 3000000, _, _, _, V, W} when V == 0 andalso W == 0, Stopped#loop.piece),
+    ?assertEqual(idle, starl_machine:state(Stopped#loop.machine)),
     Cast = event(cast, stop, Going),
     ?assertEqual([{3000000, {error, stopped}}], Cast#loop.replies).
 
@@ -130,7 +169,7 @@ another_goal_in_a_drive(_) ->
             Loop = finish(goto({0.0, 5000.0}, 2, Going#loop{corners = [Here]})),
             ?assertMatch([{At, {error, stopped}}, {_, ok}], lists:reverse(Loop#loop.replies)),
             Off = off_line(Loop, {Here, {0.0, 5000.0}}),
-            ?assert(Off =< starl_motion:tracking_radius(Loop#loop.profile))
+            ?assert(Off =< starl_motion_course:tracking_radius(Loop#loop.profile))
         end
      || At <- lists:seq(100000, 3000000, 170000)
     ].
@@ -145,11 +184,11 @@ blind(How) ->
     Loop = drive({3000.0, 1000.0}, (fresh())#loop{eyes = Eyes}),
     ?assertMatch([{_, ok}], Loop#loop.replies),
     Off = off_line(Loop, {{0.0, 0.0}, {3000.0, 1000.0}}),
-    ?assert(Off =< starl_motion:tracking_radius(Loop#loop.profile)).
+    ?assert(Off =< starl_motion_course:tracking_radius(Loop#loop.profile)).
 
 late_pose_is_ignored(_) ->
     Loop = goto({3000.0, 0.0}, 1, (fresh())#loop{eyes = fun(_) -> lost end}),
-    Late = event({reply, 0}, {ok, {9.0, 9.0, 0.0}}, Loop),
+    Late = event({reply, 99}, {ok, {9.0, 9.0, 0.0}}, Loop),
     ?assertEqual(locating, starl_machine:state(Late#loop.machine)).
 
 %% The question is put again at once, not when the wait for an answer is over.
@@ -159,6 +198,111 @@ location_restarts(_) ->
     ?assertEqual(0, Again#loop.now),
     ?assertNotEqual(locating, starl_machine:state(Again#loop.machine)).
 
+%% A command that the chassis has not heard is found out, and takes it nowhere.
+lost_commands(_) ->
+    [
+        begin
+            Ears = fun(N) -> case erlang:phash2({Seed, N}, 100) < 40 of true -> lost; _ -> heard end end,
+            Loop = drive({3000.0, 1000.0}, (fresh())#loop{ears = Ears}),
+            ?assertMatch([{_, ok}], Loop#loop.replies),
+            Off = off_line(Loop, {{0.0, 0.0}, {3000.0, 1000.0}}),
+            ?assert(Off =< starl_motion_course:tracking_radius(Loop#loop.profile))
+        end
+     || Seed <- lists:seq(1, 20)
+    ].
+
+%% Whatever becomes of the robot's program: no command is longer than a turn and a leg.
+every_command_ends(_) ->
+    #loop{commands = Commands, profile = #{leg_s := LegS, turn_rate := Rate}} =
+        drive({-3000.0, 4000.0}, fresh()),
+    Longest = round((LegS + math:pi() / Rate) * 1.0e6),
+    ?assert(length(Commands) > 20),
+    [?assert(lists:sum([Us || {_, _, Us} <- Script]) =< Longest) || {_, Script} <- Commands].
+
+%% The chassis is deaf when the robot is to stop: where it is, is asked only once it stands.
+no_look_before_it_stands(_) ->
+    Going = until(3000000, goto({8000.0, 0.0}, 1, fresh())),
+    #loop{asked = Asked} = Deaf = event(cast, stop, Going#loop{ears = fun(_) -> lost end}),
+    Other = goto({0.0, 5000.0}, 2, Deaf),
+    ?assertEqual({halting, Asked}, {starl_machine:state(Other#loop.machine), Other#loop.asked}),
+    Heard = finish(Other#loop{ears = fun(_) -> heard end}),
+    ?assertMatch([{_, ok}, {_, {error, stopped}}], Heard#loop.replies).
+
+%% A wheel that is stuck is tried the other way round, slowly, to and fro, each time after a rest,
+%% until a try succeeds; then it drives on.
+stalled_wheel(_) ->
+    Going = until(3000000, goto({8000.0, 0.0}, 1, fresh())),
+    Stuck = lists:foldl(
+        fun(_, {Loop, Tries}) ->
+            {Next, Try} = stall(Loop),
+            {Next, [Try | Tries]}
+        end, {Going, []}, lists:seq(1, 4)
+    ),
+    {Last, [D, C, B, A]} = Stuck,
+    ?assertEqual([{-100.0, -100.0}, {100.0, 100.0}, {-100.0, -100.0}, {100.0, 100.0}], [A, B, C, D]),
+    Loop = finish(Last),
+    ?assertMatch([{_, ok}], Loop#loop.replies).
+
+%% Another goal makes it try no sooner and drive no faster.
+stalled_and_another_goal(_) ->
+    Going = until(3000000, goto({8000.0, 0.0}, 1, fresh())),
+    Stalled = say_stalled(Going),
+    Said = length(Stalled#loop.commands),
+    Other = goto({0.0, 5000.0}, 2, Stalled),
+    ?assertEqual({stalled, Said}, {state(Other), length(Other#loop.commands)}),
+    Stopped = event(cast, stop, Other),
+    Third = goto({0.0, 9000.0}, 3, Stopped),
+    ?assertMatch({trying, [{_, [{-100.0, -100.0, _}]} | _]}, {state(Third), Third#loop.commands}),
+    ?assertMatch([{_, ok} | _], (finish(Third))#loop.replies).
+
+state(#loop{machine = Machine}) -> starl_machine:state(Machine).
+
+%% The wheels are found stuck; then it tries: the speeds of the try.
+stall(Loop) ->
+    Stalled = say_stalled(Loop),
+    ?assertEqual({stalled, none}, {state(Stalled), Stalled#loop.chassis}),
+    #loop{commands = [{_, [{Left, Right, Us}]} | _]} = Trying = fire(Stalled),
+    ?assertEqual(trying, state(Trying)),
+    ?assert(Us > 15000),
+    {Trying, {Left, Right}}.
+
+say_stalled(#loop{now = Now, commands = [{Mark, Script} | _]} = Loop) ->
+    {Left, Right, _} = lists:last(Script),
+    Standing = wheels(0.0, 0.0, Loop#loop{now = Now + 15000, chassis = none}),
+    event(info, {stalled, Mark, {Left, Right}}, Standing).
+
+%% Words about an earlier command, or of another life, are ignored.
+stale_words_of_the_chassis(_) ->
+    #loop{commands = [{Mark, _} | _]} = Going = until(3000000, goto({8000.0, 0.0}, 1, fresh())),
+    [
+        ?assertEqual(Going#loop.machine, (event(info, Word, Going))#loop.machine)
+     || Word <- [{driven, Mark - 1}, {stalled, Mark - 1, {1.0, 1.0}}, {driven, 1}]
+    ].
+
+%% It does not drive after a turn that may have failed by more than a little.
+large_turns_are_looked_at(_) ->
+    #loop{commands = Commands, profile = #{look_from := LookFrom, turn_rate := Rate}} =
+        drive({-3000.0, 4000.0}, fresh()),
+    Turns = [{Us, Rest} || {_, [{Left, Right, Us} | Rest]} <- Commands, Left + Right == 0.0],
+    Small = round(LookFrom / Rate * 1.0e6),
+    ?assertEqual([], [Turn || {Us, [_]} = Turn <- Turns, Us > Small]),
+    ?assertNotEqual([], [Turn || {Us, []} = Turn <- Turns, Us > Small]).
+
+%% The clock stands still, was set back, or the robot was paused: it does not drive on along a line
+%% that it may have no leave for any more; to a point it goes on.
+out_of_time(_) ->
+    Line = {{0.0, 0.0}, {8000.0, 0.0}},
+    Along = until(3000000, event({call, {app, 1}}, {go_along, Line}, fresh())),
+    To = until(3000000, goto({8000.0, 0.0}, 1, fresh())),
+    Word = fun(#loop{chassis = {Due, [], Mark}} = Loop, Us) ->
+        Said = event(info, {driven, Mark}, Loop#loop{now = Due + Us, chassis = none}),
+        {state(Said), [Answer || {_, Answer} <- Said#loop.replies]}
+    end,
+    [?assertEqual({idle, [{error, out_of_time}]}, Word(Along, Us))
+     || Us <- [-290000, -2000000, -20000, 1000001, 20000000]],
+    [?assertMatch({driving, []}, Word(Along, Us)) || Us <- [-1000, 0, 1000, 999999]],
+    [?assertMatch({driving, []}, Word(To, Us)) || Us <- [-2000000, 0, 20000000]].
+
 no_goal_no_motion(_) ->
     Loop = fresh(),
     ?assert(starl_trajectory:is_still(Loop#loop.piece)),
@@ -166,7 +310,7 @@ no_goal_no_motion(_) ->
 
 %% -- the closed loop ------------------------------------------------------------------------
 
-fresh() -> new(uniform(7), starl_motion:profile(#{})).
+fresh() -> new(uniform(7), starl_motion_course:profile(#{})).
 
 uniform(Seed) -> fun(Key) -> 2.0 * erlang:phash2({Seed, Key}, 1 bsl 27) / (1 bsl 27) - 1.0 end.
 
@@ -184,15 +328,37 @@ drive(Goal, Loop) -> finish(goto(Goal, 1, Loop)).
 
 goto(Goal, Tag, Loop) -> event({call, {app, Tag}}, {go_to, Goal}, Loop).
 
-%% Until the machine rests; an hour is too long.
-finish(#loop{timer = none} = Loop) -> Loop;
-finish(#loop{now = Now} = Loop) when Now < 3600000000 -> finish(fire(Loop)).
+%% Until the machine rests; ten hours are too long.
+finish(#loop{timer = none, chassis = none} = Loop) -> Loop;
+finish(#loop{now = Now} = Loop) when Now < 36000000000 -> finish(fire(Loop)).
 
-until(T, #loop{timer = {Due, _}} = Loop) when Due =< T -> until(T, fire(Loop));
-until(T, Loop) -> Loop#loop{now = T}.
+until(T, Loop) ->
+    case due(Loop) =< T of
+        true -> until(T, fire(Loop));
+        false -> Loop#loop{now = T}
+    end.
 
+%% An atom is more than every number.
+due(#loop{timer = Timer, chassis = Chassis}) -> min(at(Timer), at(Chassis)).
+
+at(none) -> never;
+at(Due) -> element(1, Due).
+
+%% What comes first: the chassis goes on, or the timer expires.
+fire(#loop{chassis = {Due, Script, Mark}, timer = Timer} = Loop) when
+    Timer =:= none; Due =< element(1, Timer)
+->
+    go_on(Script, Mark, Loop#loop{now = Due, chassis = none});
 fire(#loop{timer = {Due, Content}} = Loop) ->
     event(state_timeout, Content, Loop#loop{now = Due, timer = none}).
+
+go_on([], Mark, Loop) ->
+    event(info, {driven, Mark}, wheels(0.0, 0.0, Loop));
+go_on(Script, Mark, Loop) ->
+    turn(Script, Mark, Loop).
+
+turn([{Left, Right, Us} | Rest], Mark, #loop{now = Now} = Loop) ->
+    (wheels((Left + Right) / 2, Right - Left, Loop))#loop{chassis = {Now + Us, Rest, Mark}}.
 
 event(Type, Content, #loop{machine = Machine, now = Now} = Loop) ->
     {Actions, Next} = starl_machine:step(Type, Content, #{now => Now, robot => 1}, Machine),
@@ -208,7 +374,12 @@ perform(Actions, Loop) ->
             )
     end.
 
-act({drive, Left, Right}, Loop) -> wheels((Left + Right) / 2, Right - Left, Loop);
+act({drive, Script, Mark}, #loop{commands = Commands, ears = Ears} = Loop) ->
+    Told = Loop#loop{commands = [{Mark, Script} | Commands]},
+    case Ears(length(Commands)) of
+        lost -> Told;
+        heard -> obey(Script, Mark, Told)
+    end;
 act({state_timeout, cancel}, Loop) -> Loop#loop{timer = none};
 act({state_timeout, Us, Content}, #loop{now = Now} = Loop) ->
     Loop#loop{timer = {Now + Us, Content}};
@@ -221,6 +392,12 @@ act({call, location, {pose, 1}, Tag}, #loop{asked = N, eyes = Eyes} = Loop) ->
         unknown -> answer(Tag, {error, unknown}, Asked);
         lost -> Asked
     end.
+
+obey([], Mark, #loop{local = Local} = Loop) ->
+    Stopped = wheels(0.0, 0.0, Loop),
+    Stopped#loop{chassis = none, local = [{info, {driven, Mark}} | Local]};
+obey(Script, Mark, Loop) ->
+    turn(Script, Mark, Loop).
 
 answer(Tag, Answer, #loop{local = Local} = Loop) ->
     Loop#loop{local = [{{reply, Tag}, Answer} | Local]}.

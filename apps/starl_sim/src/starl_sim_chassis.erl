@@ -2,7 +2,7 @@
 %% of it, straight or an arc, with the errors of a real one. All draws are stateless.
 -module(starl_sim_chassis).
 
--export([command/2, wheels/2, turn/5]).
+-export([command/2, wheels/2, grip/2, is_off/2, errors/3, turn/5]).
 
 -export_type([speeds/0]).
 
@@ -11,6 +11,8 @@
 
 %% The Create's limit, mm/s (Open Interface, Drive Direct).
 -define(MAX_WHEEL, 500.0).
+%% A wheel that turns so much slower than told, as a part, is noticed.
+-define(NOTICED, 0.02).
 
 %% @doc A command as the wheels can follow it, mm/s.
 -spec command(Left :: number(), Right :: number()) -> speeds().
@@ -20,37 +22,56 @@ limit(Speed) -> max(-?MAX_WHEEL, min(?MAX_WHEEL, Speed)).
 
 %% @doc How the wheels turn at a command under these faults.
 -spec wheels(speeds(), [starl_sim_fault:compiled()]) -> speeds().
-wheels(Command, Faults) -> lists:foldl(fun fault/2, Command, Faults).
+wheels(Command, Faults) -> lists:foldl(fun wheel/2, Command, Faults).
 
-fault({_, _, _, wheel_stuck, _, #{wheel := left}}, {_, Right}) -> {0.0, Right};
-fault({_, _, _, wheel_stuck, _, #{wheel := right}}, {Left, _}) -> {Left, 0.0};
-fault({_, _, _, wheel_slow, _, #{wheel := left, factor := F}}, {Left, Right}) -> {F * Left, Right};
-fault({_, _, _, wheel_slow, _, #{wheel := right, factor := F}}, {Left, Right}) -> {Left, F * Right};
-fault({_, _, _, slip, _, #{factor := F}}, {Left, Right}) -> {F * Left, F * Right};
-fault(_, Speeds) -> Speeds.
+wheel({_, _, _, wheel_stuck, _, #{wheel := left}}, {_, Right}) -> {0.0, Right};
+wheel({_, _, _, wheel_stuck, _, #{wheel := right}}, {Left, _}) -> {Left, 0.0};
+wheel({_, _, _, wheel_slow, _, #{wheel := left, factor := F}}, {Left, Right}) -> {F * Left, Right};
+wheel({_, _, _, wheel_slow, _, #{wheel := right, factor := F}}, {Left, Right}) -> {Left, F * Right};
+wheel(_, Speeds) -> Speeds.
 
-%% @doc The piece of motion from now on, and how many draws it took; `same' for a robot that
-%% stands and is to stand. The errors of heading and distance are drawn by the key.
--spec turn(speeds(), starl_sim_queue:time(), starl_trajectory:piece(), Key, Profile) ->
-    same | {starl_trajectory:piece(), Draws :: 0 | 1}
+%% @doc Do the wheels turn so much otherwise than they were told that the chassis notices?
+-spec is_off(Told :: speeds(), Turning :: speeds()) -> boolean().
+is_off({Left, Right}, {Left, Right}) ->
+    false;
+is_off({Left0, Right0}, {Left, Right}) ->
+    abs(Left - Left0) > ?NOTICED * abs(Left0) orelse abs(Right - Right0) > ?NOTICED * abs(Right0).
+
+%% @doc How much of the wheels' turning reaches the floor under these faults: the chassis, which
+%% counts the turns, does not know.
+-spec grip(speeds(), [starl_sim_fault:compiled()]) -> speeds().
+grip(Turning, Faults) -> lists:foldl(fun slip/2, Turning, Faults).
+
+slip({_, _, _, slip, _, #{factor := F}}, {Left, Right}) -> {F * Left, F * Right};
+slip(_, Speeds) -> Speeds.
+
+%% @doc The errors of a command, drawn by the key: of the heading, rad, and the part of the distance
+%% that it comes. A turn in place has none.
+-spec errors(speeds(), Key, starl_motion_course:profile()) -> {Skew :: float(), Part :: float()} when
+    Key :: {Seed :: integer(), starl:robot_id(), non_neg_integer()}.
+errors({Left, Right}, _Key, _Profile) when Left + Right == 0 ->
+    {0.0, 1.0};
+errors(_, {Seed, Id, N}, #{heading_error := Turn, distance_error := Part}) ->
+    {
+        0.75 * Turn * starl_sim_draw:signed({Seed, Id, N, skew}),
+        1.0 + Part * starl_sim_draw:signed({Seed, Id, N, slip})
+    }.
+
+%% @doc The piece of motion from now on; `same' for a robot that stands and is to stand.
+-spec turn(speeds(), {Skew, Part}, AxleMm :: float(), starl_sim_queue:time(), Old) ->
+    same | starl_trajectory:piece()
 when
-    Key :: {Seed :: integer(), starl:robot_id(), non_neg_integer()},
-    Profile :: starl_motion:profile().
-turn({Left, Right}, Now, Old, Key, #{axle_mm := Axle} = Profile) ->
+    Skew :: float(), Part :: float(), Old :: starl_trajectory:piece().
+turn({Left, Right}, {Skew, Part}, Axle, Now, Old) ->
     {X, Y, Heading} = starl_trajectory:pose(Now, Old),
     Speed = (Left + Right) / 2,
     Rate = (Right - Left) / Axle,
     case {Speed == 0, Rate == 0} of
-        {true, true} -> stand(Now, {X, Y}, Heading, starl_trajectory:is_still(Old));
-        {true, false} -> {starl_trajectory:piece(Now, {X, Y}, Heading, 0.0, Rate), 0};
-        {false, _} -> {erring(Now, {X, Y, Heading}, Speed, Rate, Key, Profile), 1}
+        {true, true} -> stand(Now, {X, Y}, Heading, Old);
+        {true, false} -> starl_trajectory:piece(Now, {X, Y}, Heading, 0.0, Rate);
+        {false, _} -> starl_trajectory:piece(Now, {X, Y}, Heading + Skew, Speed * Part, Rate)
     end.
 
-stand(_Now, _Point, _Heading, true) -> same;
-stand(Now, Point, Heading, false) -> {starl_trajectory:standing(Now, Point, Heading), 0}.
-
-erring(Now, {X, Y, Heading}, Speed, Rate, {Seed, Id, N}, Profile) ->
-    #{heading_error := Turn, distance_error := Part} = Profile,
-    Skew = 0.75 * Turn * starl_sim_draw:signed({Seed, Id, N, skew}),
-    Slip = 1.0 + Part * starl_sim_draw:signed({Seed, Id, N, slip}),
-    starl_trajectory:piece(Now, {X, Y}, Heading + Skew, Speed * Slip, Rate).
+%% One that turns in place does not stand.
+stand(_Now, _Point, _Heading, {piece, _, _, _, _, V, W}) when V == 0, W == 0 -> same;
+stand(Now, Point, Heading, _Old) -> starl_trajectory:standing(Now, Point, Heading).

@@ -34,7 +34,7 @@ context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
         robots => lists:seq(1, N),
         world => World,
         seed => Seed,
-        profile => starl_motion:profile(profile(Scenario)),
+        profile => starl_motion_course:profile(profile(Scenario)),
         sap => sap(Scenario),
         options => maps:with([Key || {Key, _, _, _} <- starl_app:options(App)], Scenario)
     }.
@@ -56,7 +56,7 @@ sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
     t().
 make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     #{delay := {MinMs, _}, shards := Shards, faults := Faults} = Scenario,
-    Profile = starl_motion:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
+    Profile = starl_motion_course:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
     Plan = #{
         robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
         crew => crew(mode(Scenario), Scene, Profile, Context),
@@ -101,11 +101,14 @@ world(Scenario, Profile, #{robots := Ids}, Options) ->
         record => maps:get(record, Options, #{})
     }.
 
+location(Scene, #{position_error_mm := Error}) ->
+    #{waypoints => maps:get(waypoints, Scene, #{}), exact => Error == 0}.
+
 crew(Mode, Scene, Profile, #{robots := Ids} = Context) ->
     Sap = maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
     Services = [
         {sap, maps:get(sap_machine, Scene, starl_sap), Sap},
-        {location, starl_location, #{waypoints => maps:get(waypoints, Scene, #{})}},
+        {location, starl_location, location(Scene, Profile)},
         {motion, starl_motion, #{profile => Profile}}
     ],
     Tree = #{

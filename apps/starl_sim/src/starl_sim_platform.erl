@@ -13,7 +13,7 @@
 -export([new/3, boot/4, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
 -export([fire/6, forget_timers/2, ended/1, local_time/1]).
 -export([now/1, piece/1, hash_event/4, hash_event/5, chain/1, packets/1, result/1]).
--export([perform/3, trace/3, stop/1, turn_wheels/1, postpone/2]).
+-export([perform/3, trace/3, stop/1, turn_wheels/1, beat/2, says/2, postpone/2]).
 
 -export_type([t/0, world/0, yield/0]).
 
@@ -30,7 +30,7 @@
     duplicate := float(),
     delay_us := {Min :: pos_integer(), Max :: pos_integer()},
     range_mm := float() | infinity,
-    profile := starl_motion:profile(),
+    profile := starl_motion_course:profile(),
     network := [starl_sim_fault:compiled()],
     clocks := [starl_sim_fault:compiled()],
     location := [starl_sim_fault:compiled()],
@@ -44,6 +44,7 @@
     [starl_sim_queue:event()], [starl_monitor:trace_event()], Changes :: [moved | ended]
 }.
 
+-define(CLASS_CHASSIS, 0).
 -define(CLASS_TIMER, 1).
 
 -record(body, {
@@ -217,8 +218,8 @@ perform([Action | Rest], Name, Body, Local) ->
             perform(Rest, Name, cancel_timer(Name, state_timeout, Body), Local);
         {state_timeout, Us, Content} ->
             perform(Rest, Name, start_timer(Name, state_timeout, Us, Content, Body), Local);
-        {drive, Left, Right} ->
-            perform(Rest, Name, drive({Left, Right}, Body), Local);
+        {drive, Script, Mark} ->
+            perform(Rest, Name, drive(Script, {Name, Mark}, Body), Local);
         {sense, Robots} ->
             {Poses, Next} = sense(Robots, Body),
             perform(Rest, Name, Next, [{Name, info, {located, Poses}} | Local]);
@@ -255,14 +256,41 @@ stop(#body{now = Now, vehicle = Vehicle} = Body) ->
 turn_wheels(#body{now = Now, vehicle = Vehicle} = Body) ->
     moved(starl_sim_vehicle:turn_wheels(Now, Vehicle), Body).
 
-drive(Speeds, #body{now = Now, vehicle = Vehicle} = Body) ->
-    moved(starl_sim_vehicle:drive(Speeds, Now, Vehicle), Body).
+%% @doc The chassis does what it had planned.
+-spec beat(starl_sim_vehicle:beat(), t()) -> t().
+beat(Beat, #body{now = Now, vehicle = Vehicle} = Body) ->
+    moved(starl_sim_vehicle:beat(Beat, Now, Vehicle), Body).
 
-moved({same, Vehicle}, Body) ->
-    Body#body{vehicle = Vehicle};
-moved({moved, Vehicle}, #body{changes = Changes} = Body) ->
+%% @doc Is it still true what the chassis had planned to say of the script of this number?
+-spec says(Run :: integer(), t()) -> boolean().
+says(Run, #body{vehicle = Vehicle}) -> starl_sim_vehicle:says(Run, Vehicle).
+
+drive(Script, Owner, #body{now = Now, vehicle = Vehicle} = Body) ->
+    case starl_sim_vehicle:drive(Script, Owner, Now, Vehicle) of
+        {lost, Deaf} -> Body#body{vehicle = Deaf};
+        Change -> moved(Change, Body)
+    end.
+
+moved({same, Plans, Vehicle}, Body) ->
+    plan(Plans, Body#body{vehicle = Vehicle});
+moved({moved, Plans, Vehicle}, #body{changes = Changes} = Body) ->
     Moved = Body#body{vehicle = Vehicle, changes = [moved | Changes]},
-    trace(chassis, {motion, starl_sim_vehicle:piece(Vehicle)}, Moved).
+    plan(Plans, trace(chassis, {motion, starl_sim_vehicle:piece(Vehicle)}, Moved)).
+
+%% What the chassis does itself comes before everything else of that moment.
+plan([], Body) ->
+    Body;
+plan([{Us, Content} | Plans], #body{id = Id, now = Now, seq = Seq, until = Until} = Body) ->
+    Event = {Id, Now + Us, class(Content), Id, Seq, Content},
+    Next =
+        case Now + Us < Until of
+            true -> Body#body{seq = Seq + 1, soon = [Event | Body#body.soon]};
+            false -> Body#body{seq = Seq + 1, later = [Event | Body#body.later]}
+        end,
+    plan(Plans, Next).
+
+class({says, _, _, _}) -> ?CLASS_TIMER;
+class(_Beat) -> ?CLASS_CHASSIS.
 
 sense(Robots, #body{now = Now, window = From, vehicle = Vehicle} = Body) ->
     {Poses, Sensed} = starl_sim_vehicle:sense(Robots, {Now, From}, Vehicle),

@@ -199,6 +199,14 @@ next([], [{_, Time, _, _, Seq, {timer, Name, Timer, Content}} | Events], Body, M
         {ok, Type, Fired} -> step(Name, Type, Content, [], Events, Fired, Machines, Robot);
         stale -> work([], Events, Body, Machines, Robot)
     end;
+next([], [{_, Time, _, _, _, {says, Run, Name, Content}} | Events], Body, Machines, Robot) ->
+    case starl_sim_platform:says(Run, Body) of
+        true ->
+            Hashed = starl_sim_platform:hash_event(Time, Name, info, Content, Body),
+            step(Name, info, Content, [], Events, Hashed, Machines, Robot);
+        false ->
+            work([], Events, Body, Machines, Robot)
+    end;
 next([], [{Id, Time, Class, Source, Seq, {late, Content}} | Events], Body, Machines, Robot) ->
     next([], [{Id, Time, Class, Source, Seq, Content} | Events], Body, Machines, Robot);
 next([], [{_, Time, _, _, _, {Name, Type, Content}} | Events], Body, Machines, Robot) ->
@@ -250,11 +258,12 @@ plan(Body, Events) -> lists:merge(lists:sort(starl_sim_platform:soon(Body)), Eve
 
 strike(wake, Robot) ->
     Robot;
-strike(turn_wheels, #robot{body = Body, machines = Machines} = Robot) ->
-    case starl_sim_machines:condition(Machines) of
-        up -> Robot#robot{body = starl_sim_platform:turn_wheels(Body)};
-        _ -> Robot
-    end;
+strike(turn_wheels, #robot{body = Body} = Robot) ->
+    settle(Robot#robot{body = starl_sim_platform:turn_wheels(Body)});
+strike({go_on, _} = Beat, #robot{body = Body} = Robot) ->
+    settle(Robot#robot{body = starl_sim_platform:beat(Beat, Body)});
+strike({watch, _, _} = Beat, #robot{body = Body} = Robot) ->
+    settle(Robot#robot{body = starl_sim_platform:beat(Beat, Body)});
 strike({kill_machine, Name}, #robot{machines = Machines} = Robot) ->
     case starl_sim_machines:kill(Name, Machines) of
         {ok, Reason} -> crashed(Name, Reason, Robot);
@@ -266,6 +275,20 @@ strike({lag, Lag}, #robot{hold = {Until, _}} = Robot) ->
     postpone(Robot#robot{hold = {Until, Lag}});
 strike(Fault, #robot{body = Body, machines = Machines} = Robot) ->
     struck(starl_sim_crash:strike(Fault, Body, Machines), Robot).
+
+%% What the chassis has to say in this window takes its place; it may have to wait for the robot.
+settle(#robot{body = Body, events = Events, hold = Hold} = Robot) ->
+    case starl_sim_platform:soon(Body) of
+        [] ->
+            Robot;
+        _ ->
+            Planned = starl_sim_platform:planned(Body),
+            Settled = Robot#robot{events = plan(Body, Events), body = Planned},
+            case Hold of
+                {0, 0} -> Settled;
+                _ -> postpone(Settled)
+            end
+    end.
 
 %% What comes too early for a robot that is held up waits: in this window or for a later one.
 postpone(#robot{events = Events, hold = Hold, body = Body} = Robot) ->

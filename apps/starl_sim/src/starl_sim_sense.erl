@@ -56,7 +56,7 @@ shift(_, _Key, Pose) ->
 
 %% @doc A pose with the positioning system's error: within a disk, and a quarter of the bound on
 %% the heading.
--spec blur(starl:pose(), Key, starl_motion:profile()) -> starl:pose() when
+-spec blur(starl:pose(), Key, starl_motion_course:profile()) -> starl:pose() when
     Key :: {Seed :: integer(), Self :: starl:robot_id(), starl:robot_id(), non_neg_integer()}.
 blur({X, Y, Heading}, Key, #{position_error_mm := Error, heading_error := HeadingError}) ->
     Radius = Error * starl_sim_draw:uniform({Key, radius}),

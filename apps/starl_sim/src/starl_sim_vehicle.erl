@@ -1,21 +1,33 @@
-%% @doc What a simulated robot drives on: how its wheels were told to turn, the piece of motion that
-%% it is in ({@link starl_sim_chassis}, faults of actuation), and what the positioning system shows
-%% of it and of others ({@link starl_sim_sense}, faults of location).
+%% @doc What a simulated robot drives on: the script that its wheels were told, the piece of motion
+%% that it is in ({@link starl_sim_chassis}, faults of actuation), and what the positioning system
+%% shows of it and of others ({@link starl_sim_sense}, faults of location).
+%%
+%% The chassis works off a script by itself, by its own clock, and compares every 15 ms, the period
+%% in which a Create streams its sensors, how its wheels turn with what they were told. What it
+%% has to do or to say later comes as {@link plan()}; a plan of a script that another has taken the
+%% place of is void.
 %%
 %% All draws are stateless: a hash of the seed, the robot, a count and a purpose. Other robots are
 %% seen as they were at the beginning of the present window (`sight' in the world).
 -module(starl_sim_vehicle).
 
--export([new/3, piece/1, drive/3, turn_wheels/2, stop/2, sense/3]).
+-export([new/3, piece/1, drive/4, turn_wheels/2, beat/3, says/2, stop/2, sense/3]).
 
--export_type([t/0, change/0]).
+-export_type([t/0, change/0, plan/0, beat/0]).
 
 -record(vehicle, {
     id :: starl:robot_id(),
     world :: starl_sim_platform:world(),
     piece :: starl_trajectory:piece(),
-    %% as last told
+    %% as the wheels were last told, and the error of the distance; what follows
     command = {0.0, 0.0} :: starl_sim_chassis:speeds(),
+    part = 1.0 :: float(),
+    script = [] :: starl_motion_course:script(),
+    %% the number of the script and whose it is, with its mark
+    run = 0 :: non_neg_integer(),
+    owner = none :: owner() | none,
+    %% since when a wheel has not turned as told
+    off = no :: starl_sim_queue:time() | no,
     draws = 0 :: non_neg_integer(),
     %% where robots were last seen, if sight may freeze
     seen = #{} :: #{starl:robot_id() => starl:pose()}
@@ -23,8 +35,22 @@
 
 -opaque t() :: #vehicle{}.
 
-%% The vehicle, and whether it is in a new piece of motion.
--type change() :: {moved | same, t()}.
+-type owner() :: {starl_machine:name(), Mark :: term()}.
+
+%% What the chassis has to do: go on with the script of this number; see to a wheel that has not
+%% turned as told since then.
+-opaque beat() :: {go_on, Run :: integer()} | {watch, Run :: integer(), Since :: integer()}.
+
+%% So long from now: something to do, or something to say to a machine, if it is still true then.
+-type plan() ::
+    {Us :: non_neg_integer(), beat()}
+    | {Us :: non_neg_integer(), {says, Run :: integer(), starl_machine:name(), Content :: term()}}.
+
+%% Whether it is in a new piece of motion, and what it has to do later.
+-type change() :: {moved | same, [plan()], t()}.
+
+%% How often the chassis looks at its wheels (Open Interface, streaming of sensors).
+-define(WATCH_US, 15000).
 
 %% @doc A vehicle at rest at a pose.
 -spec new(starl:robot_id(), starl:pose(), starl_sim_platform:world()) -> t().
@@ -37,9 +63,10 @@ piece(#vehicle{piece = Piece}) -> Piece.
 
 %% -- wheels ---------------------------------------------------------------------------------
 
-%% @doc The wheels are told to turn at these speeds.
--spec drive(starl_sim_chassis:speeds(), starl_sim_queue:time(), t()) -> change().
-drive({Left, Right}, Now, #vehicle{id = Id, draws = N, world = #{seed := Seed}} = Vehicle) ->
+%% @doc The wheels are told a script, on behalf of a machine; `lost': they have not heard.
+-spec drive(starl_motion_course:script(), owner(), starl_sim_queue:time(), t()) ->
+    change() | {lost, t()}.
+drive(Script, Owner, Now, #vehicle{id = Id, draws = N, world = #{seed := Seed}} = Vehicle) ->
     Faults = held(Now, Vehicle),
     Lost = [
         F
@@ -47,34 +74,73 @@ drive({Left, Right}, Now, #vehicle{id = Id, draws = N, world = #{seed := Seed}} 
         starl_sim_draw:uniform({Seed, Id, N, Name}) < Part
     ],
     case Lost of
-        [] ->
-            Command = starl_sim_chassis:command(Left, Right),
-            Told = Vehicle#vehicle{command = Command, draws = N + length(Faults)},
-            turn_wheels(Faults, Now, Told);
-        [_ | _] ->
-            {same, Vehicle#vehicle{draws = N + 1}}
+        [] -> run(Script, Owner, Faults, Now, Vehicle#vehicle{draws = N + length(Faults)});
+        [_ | _] -> {lost, Vehicle#vehicle{draws = N + 1}}
     end.
+
+run(Script, {Name, Mark} = Owner, Faults, Now, #vehicle{run = Run} = Vehicle) ->
+    Next = Vehicle#vehicle{run = Run + 1, owner = Owner, script = Script},
+    {Change, Plans, Running} = go_on(Faults, Now, Next),
+    Us = lists:sum([Us || {_, _, Us} <- Script]),
+    {Change, [{Us, {says, Run + 1, Name, {driven, Mark}}} | Plans], Running}.
+
+go_on(Faults, Now, #vehicle{script = []} = Vehicle) ->
+    turn_wheels(Faults, Now, 0.0, Vehicle#vehicle{command = {0.0, 0.0}});
+go_on(Faults, Now, #vehicle{script = [{Left, Right, Us} | Script], draws = N} = Vehicle) ->
+    #vehicle{id = Id, run = Run, world = #{seed := Seed, profile := Profile}} = Vehicle,
+    Command = starl_sim_chassis:command(Left, Right),
+    {Skew, Part} = starl_sim_chassis:errors(Command, {Seed, Id, N}, Profile),
+    Told = Vehicle#vehicle{command = Command, script = Script, draws = N + 1, part = Part},
+    {Change, Plans, Turning} = turn_wheels(Faults, Now, Skew, Told),
+    {Change, [{Us, {go_on, Run}} | Plans], Turning}.
+
+%% @doc The chassis does what it had planned.
+-spec beat(beat(), starl_sim_queue:time(), t()) -> change().
+beat({go_on, Run}, Now, #vehicle{run = Run} = Vehicle) ->
+    go_on(held(Now, Vehicle), Now, Vehicle);
+beat({watch, Run, Since}, Now, #vehicle{run = Run, off = Since} = Vehicle) ->
+    #vehicle{owner = {Name, Mark}, command = Command} = Vehicle,
+    {Change, [], Stopped} = stop(Now, Vehicle),
+    {Change, [{0, {says, Run + 1, Name, {stalled, Mark, Command}}}], Stopped};
+beat(_, _Now, Vehicle) ->
+    {same, [], Vehicle}.
+
+%% @doc Is it still true what the chassis had planned to say of the script of this number?
+-spec says(Run :: integer(), t()) -> boolean().
+says(Run, #vehicle{run = Now}) -> Run =:= Now.
 
 %% @doc The wheels as they turn from now on, since a fault of theirs begins or ends.
 -spec turn_wheels(starl_sim_queue:time(), t()) -> change().
-turn_wheels(Now, Vehicle) -> turn_wheels(held(Now, Vehicle), Now, Vehicle).
+turn_wheels(Now, Vehicle) -> turn_wheels(held(Now, Vehicle), Now, 0.0, Vehicle).
 
-%% @doc The wheels stop, whatever the faults.
+%% @doc The wheels stop, whatever the faults, and nobody is told.
 -spec stop(starl_sim_queue:time(), t()) -> change().
-stop(Now, Vehicle) -> turn_wheels([], Now, Vehicle#vehicle{command = {0.0, 0.0}}).
+stop(Now, #vehicle{run = Run} = Vehicle) ->
+    turn_wheels([], Now, 0.0, Vehicle#vehicle{command = {0.0, 0.0}, script = [], run = Run + 1}).
 
 held(_Now, #vehicle{world = #{actuation := []}}) ->
     [];
 held(Now, #vehicle{id = Id, world = #{actuation := All}}) ->
     [F || F <- starl_sim_fault:holding(Now, All), starl_sim_fault:hits(Id, F)].
 
-turn_wheels(Faults, Now, #vehicle{command = Command, piece = Old, draws = N} = Vehicle) ->
-    #vehicle{id = Id, world = #{seed := Seed, profile := Profile}} = Vehicle,
-    Speeds = starl_sim_chassis:wheels(Command, Faults),
-    case starl_sim_chassis:turn(Speeds, Now, Old, {Seed, Id, N}, Profile) of
-        same -> {same, Vehicle};
-        {Piece, Draws} -> {moved, Vehicle#vehicle{piece = Piece, draws = N + Draws}}
+turn_wheels(Faults, Now, Skew, #vehicle{command = Command, piece = Old} = Vehicle) ->
+    #vehicle{part = Part, world = #{profile := #{axle_mm := Axle}}} = Vehicle,
+    Turning = starl_sim_chassis:wheels(Command, Faults),
+    {Plans, Watched} = watch(starl_sim_chassis:is_off(Command, Turning), Now, Vehicle),
+    Speeds = starl_sim_chassis:grip(Turning, Faults),
+    case starl_sim_chassis:turn(Speeds, {Skew, Part}, Axle, Now, Old) of
+        same -> {same, Plans, Watched};
+        Piece -> {moved, Plans, Watched#vehicle{piece = Piece}}
     end.
+
+watch(false, _Now, #vehicle{off = no} = Vehicle) ->
+    {[], Vehicle};
+watch(false, _Now, Vehicle) ->
+    {[], Vehicle#vehicle{off = no}};
+watch(true, Now, #vehicle{off = no} = Vehicle) ->
+    watch(true, Now, Vehicle#vehicle{off = Now});
+watch(true, Now, #vehicle{off = Since, run = Run} = Vehicle) ->
+    {[{max(0, Since + ?WATCH_US - Now), {watch, Run, Since}}], Vehicle}.
 
 %% -- positioning ----------------------------------------------------------------------------
 

@@ -106,16 +106,17 @@ machines() ->
 driving() ->
     World = #{
         seed => 1, team => starl_team:new([1]), clock => {0, 0}, loss => 0.0, duplicate => 0.0,
-        delay_us => {1000, 2000}, range_mm => infinity, profile => starl_motion:profile(#{}),
+        delay_us => {1000, 2000}, range_mm => infinity, profile => starl_motion_course:profile(#{}),
         network => [], clocks => [], location => [], actuation => [],
         sight => starl_sim_sight:new([], infinity)
     },
     New = starl_sim_platform:new(1, {0.0, 0.0, 0.0}, World),
-    {[], Moving} = starl_sim_platform:perform(
-        [{drive, 100.0, 100.0}, {{timeout, t}, 500, x}], motion,
-        starl_sim_platform:open(0, {0, 1000}, New)
+    {[], Waiting} = starl_sim_platform:perform(
+        [{{timeout, t}, 500, x}], motion, starl_sim_platform:open(0, {0, 1000}, New)
     ),
-    {[], Body} = starl_sim_platform:perform([{{timeout, t}, 500, x}], app, Moving),
+    {[], Both} = starl_sim_platform:perform([{{timeout, t}, 500, x}], app, Waiting),
+    Script = [{100.0, 100.0, 1000000}],
+    {[], Body} = starl_sim_platform:perform([{drive, Script, m}], motion, Both),
     %% a new window: what has come out so far is gone
     starl_sim_platform:open(100, {100, 1100}, Body).
 

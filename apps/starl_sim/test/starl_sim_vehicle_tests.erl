@@ -6,24 +6,137 @@
 
 %% Both wheels at 100 mm/s: 100 mm a second straight ahead.
 straight_test() ->
-    {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 0, vehicle([])),
+    {moved, Driving} = drive({100.0, 100.0}, 0, vehicle([])),
     ?assertEqual({100.0, 0.0}, place(?T, Driving)).
 
 %% The Create's wheels turn at most at 500 mm/s.
 limit_test() ->
-    {moved, Driving} = starl_sim_vehicle:drive({900.0, 900.0}, 0, vehicle([])),
+    {moved, Driving} = drive({900.0, 900.0}, 0, vehicle([])),
     ?assertEqual({500.0, 0.0}, place(?T, Driving)).
 
-%% A robot that stands and is told to stand goes on in the same piece.
+%% A robot that stands and is told to stand goes on in the same piece; one that turns in place
+%% does not stand.
 same_test() ->
-    {same, Standing} = starl_sim_vehicle:drive({0.0, 0.0}, ?T, vehicle([])),
-    ?assertEqual(starl_sim_vehicle:piece(vehicle([])), starl_sim_vehicle:piece(Standing)).
+    {same, Standing} = drive({0.0, 0.0}, ?T, vehicle([])),
+    ?assertEqual(starl_sim_vehicle:piece(vehicle([])), starl_sim_vehicle:piece(Standing)),
+    {moved, Turning} = drive({-100.0, 100.0}, 0, vehicle([])),
+    {moved, Stopped} = stop(?T, Turning),
+    ?assertEqual(
+        starl_trajectory:pose(?T, starl_sim_vehicle:piece(Turning)),
+        starl_trajectory:pose(9 * ?T, starl_sim_vehicle:piece(Stopped))
+    ).
+
+%% -- scripts --------------------------------------------------------------------------------
+
+%% One after the other, each for its time, then it stands and says so.
+script_test() ->
+    Script = [{-50.0, 50.0, 2 * ?T}, {100.0, 100.0, 3 * ?T}],
+    {Pieces, Said} = obey([{0, Script, first}], []),
+    ?assertMatch([{0, _}, {2000000, _}, {5000000, _}], Pieces),
+    [{_, Turn}, {_, Drive}, {_, Stand}] = Pieces,
+    ?assert(starl_trajectory:is_still(Turn)),
+    ?assert(near(300.0, starl_trajectory:moved(2 * ?T, 5 * ?T, Drive))),
+    ?assertEqual(starl_trajectory:pose(5 * ?T, Drive), starl_trajectory:pose(9 * ?T, Stand)),
+    ?assertEqual([{5 * ?T, motion, {driven, first}}], Said).
+
+%% Another script takes the place of one that runs, of which nothing is said any more; one without
+%% anything to do stops at once.
+another_script_test() ->
+    Long = [{100.0, 100.0, 5 * ?T}],
+    {Pieces, Said} = obey([{0, Long, a}, {?T, Long, b}, {3 * ?T, [], c}], []),
+    ?assertEqual([0, ?T, 3 * ?T], [T || {T, _} <- Pieces]),
+    ?assertEqual([{3 * ?T, motion, {driven, c}}], Said),
+    {_, Stand} = lists:last(Pieces),
+    ?assertEqual({300.0, 0.0}, starl_trajectory:position(20 * ?T, Stand)).
+
+%% A wheel that does not turn as told: within 15 ms both stand, and the machine is told the speeds.
+stalled_test_() ->
+    Long = [{100.0, 100.0, 5 * ?T}],
+    [
+        ?_assertMatch(
+            {[{0, _}, {?T, _}, {1015000, _}], [{1015000, motion, {stalled, a, {100.0, 100.0}}}]},
+            obey([{0, Long, a}], [stuck(Kind, Params)])
+        )
+     || {Kind, Params} <- [
+            {wheel_stuck, #{wheel => left}}, {wheel_slow, #{wheel => right, factor => 0.9}}
+        ]
+    ].
+
+%% A wheel that is off for a moment only, or hardly, or slips, or that is to stand, is no stall.
+not_stalled_test_() ->
+    Long = [{100.0, 100.0, 3 * ?T}],
+    Said = fun(Fault, Script) -> element(2, obey([{0, Script, a}], [Fault])) end,
+    Short = {a, ?T, ?T + 14000, wheel_stuck, 1, #{wheel => left}},
+    [
+        ?_assertEqual([{3 * ?T, motion, {driven, a}}], Said(Fault, Script))
+     || {Fault, Script} <- [
+            {Short, Long},
+            {stuck(wheel_slow, #{wheel => left, factor => 0.99}), Long},
+            {stuck(slip, #{factor => 0.5}), Long},
+            {stuck(wheel_stuck, #{wheel => left}), [{0.0, 100.0, 3 * ?T}]}
+        ]
+    ].
+
+%% Turns of less than 15 ms each do not hide a stuck wheel.
+short_turns_test() ->
+    Script = lists:duplicate(20, {100.0, 100.0, 10000}),
+    Stuck = {a, 0, 9 * ?T, wheel_stuck, 1, #{wheel => left}},
+    ?assertMatch({_, [{15000, motion, {stalled, a, _}}]}, obey([{0, Script, a}], [Stuck])).
+
+%% The error of a command is drawn once, whatever begins and ends while it is carried out.
+one_error_a_command_test() ->
+    Slips = [{list_to_atom([S]), N * ?T, (N + 1) * ?T, slip, 1, #{factor => 0.9}}
+             || {S, N} <- [{$a, 1}, {$b, 3}]],
+    World = (world(Slips))#{profile := (profile())#{heading_error := 0.1}},
+    Vehicle = starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, World),
+    {Pieces, _} = obey([{0, [{100.0, 100.0, 5 * ?T}], a}], Slips, Vehicle),
+    Headings = [element(3, starl_trajectory:pose(T, Piece)) || {T, Piece} <- Pieces],
+    ?assertEqual(6, length(Pieces)),
+    ?assertMatch([Heading] when Heading /= 0.0, lists:usort(Headings)).
+
+stuck(Kind, Params) -> {a, ?T, 9 * ?T, Kind, 1, Params}.
+
+%% Plays scripts, given as {When, Script, Mark}, for twenty seconds under these faults: the pieces
+%% of motion, and what the chassis has said.
+obey(Commands, Faults) -> obey(Commands, Faults, vehicle(Faults)).
+
+obey(Commands, Faults, Vehicle) ->
+    Told = [{At, 2, {tell, Script, Mark}} || {At, Script, Mark} <- Commands],
+    Turns = [{At, 0, turn_wheels} || {_, From, To, _, _, _} <- Faults, At <- [From, To], At > 0],
+    play(lists:sort(Told ++ Turns), Vehicle, [], []).
+
+play([{At, _, What} | Rest], Vehicle, Pieces, Said) when At =< 20 * ?T ->
+    case done(What, At, Vehicle) of
+        {said, Word} ->
+            play(Rest, Vehicle, Pieces, [Word | Said]);
+        {Change, Plans, Next} ->
+            New = [{At + Us, class(Plan), Plan} || {Us, Plan} <- Plans],
+            Moved = [{At, starl_sim_vehicle:piece(Next)} || Change =:= moved],
+            play(lists:sort(New ++ Rest), Next, Moved ++ Pieces, Said)
+    end;
+play(_, _Vehicle, Pieces, Said) ->
+    {lists:reverse(Pieces), lists:reverse(Said)}.
+
+done(turn_wheels, At, Vehicle) ->
+    starl_sim_vehicle:turn_wheels(At, Vehicle);
+done({tell, Script, Mark}, At, Vehicle) ->
+    starl_sim_vehicle:drive(Script, {motion, Mark}, At, Vehicle);
+done({says, Run, Name, Word}, At, Vehicle) ->
+    case starl_sim_vehicle:says(Run, Vehicle) of
+        true -> {said, {At, Name, Word}};
+        false -> {same, [], Vehicle}
+    end;
+done(Beat, At, Vehicle) ->
+    starl_sim_vehicle:beat(Beat, At, Vehicle).
+
+class({says, _, _, _}) -> 1;
+class(_) -> 0.
 
 %% A slow wheel makes an arc towards its side, a stuck one a turn about it, slip less of both.
 faulty_wheels_test_() ->
     Turns = fun(Kind, Params) ->
         Vehicle = vehicle([fault(Kind, Params)]),
-        {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 0, Vehicle),
+        {moved, Driving} = drive({100.0, 100.0}, 0, Vehicle),
         {_, _, Heading} = starl_trajectory:pose(?T, starl_sim_vehicle:piece(Driving)),
         Heading
     end,
@@ -40,19 +153,19 @@ faulty_wheels_test_() ->
 %% A fault that ends: the wheels turn as they were told before.
 healed_test() ->
     Vehicle = vehicle([fault(wheel_stuck, #{wheel => left})]),
-    {moved, Arc} = starl_sim_vehicle:drive({100.0, 100.0}, 0, Vehicle),
-    {moved, Straight} = starl_sim_vehicle:turn_wheels(10 * ?T, Arc),
+    {moved, Arc} = drive({100.0, 100.0}, 0, Vehicle),
+    {moved, Straight} = turn_wheels(10 * ?T, Arc),
     {X0, Y0} = place(10 * ?T, Straight),
     {X1, Y1} = place(11 * ?T, Straight),
     ?assert(near(100.0, math:sqrt((X1 - X0) * (X1 - X0) + (Y1 - Y0) * (Y1 - Y0)))).
 
 %% A lost command leaves the robot in its piece; stopping is no command and cannot be lost.
 lost_command_test() ->
-    {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 20 * ?T, vehicle([lossy(0, 10)])),
+    {moved, Driving} = drive({100.0, 100.0}, 20 * ?T, vehicle([lossy(0, 10)])),
     Lossy = vehicle([lossy(0, 10)]),
-    {same, Kept} = starl_sim_vehicle:drive({100.0, 100.0}, ?T, Lossy),
+    {same, Kept} = drive({100.0, 100.0}, ?T, Lossy),
     ?assertEqual(starl_sim_vehicle:piece(Lossy), starl_sim_vehicle:piece(Kept)),
-    {moved, Stopped} = starl_sim_vehicle:stop(21 * ?T, Driving),
+    {moved, Stopped} = stop(21 * ?T, Driving),
     ?assertEqual({100.0, 0.0}, place(30 * ?T, Stopped)).
 
 %% A vehicle is where it was put.
@@ -62,7 +175,7 @@ place_and_heading_test() ->
 
 %% The faster wheel is on the outside of the turn.
 left_and_right_test() ->
-    {moved, Left} = starl_sim_vehicle:drive({50.0, 100.0}, 0, vehicle([])),
+    {moved, Left} = drive({50.0, 100.0}, 0, vehicle([])),
     {_, _, Heading} = starl_trajectory:pose(?T, starl_sim_vehicle:piece(Left)),
     ?assert(near(50.0 / maps:get(axle_mm, profile()), Heading)).
 
@@ -71,8 +184,8 @@ left_and_right_test() ->
 fault_begins_test() ->
     Stuck = fun(Robot) -> {a, 2 * ?T, 9 * ?T, wheel_stuck, Robot, #{wheel => left}} end,
     Heading = fun(Faults, At) ->
-        {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 0, vehicle(Faults)),
-        {_, Turned} = starl_sim_vehicle:turn_wheels(At, Driving),
+        {moved, Driving} = drive({100.0, 100.0}, 0, vehicle(Faults)),
+        {_, Turned} = turn_wheels(At, Driving),
         element(3, starl_trajectory:pose(At + ?T, starl_sim_vehicle:piece(Turned)))
     end,
     ?assert(Heading([Stuck(1)], 2 * ?T) > 0.1),
@@ -81,11 +194,11 @@ fault_begins_test() ->
 %% A command that is lost has not been heard, one to stop is not forgotten: nothing changes when a
 %% fault ends.
 what_was_told_last_counts_test() ->
-    {same, Deaf} = starl_sim_vehicle:drive({100.0, 100.0}, ?T, vehicle([lossy(0, 10)])),
-    ?assertMatch({same, _}, starl_sim_vehicle:turn_wheels(10 * ?T, Deaf)),
-    {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 0, vehicle([])),
-    {moved, Stopped} = starl_sim_vehicle:stop(?T, Driving),
-    ?assertMatch({same, _}, starl_sim_vehicle:turn_wheels(10 * ?T, Stopped)).
+    {same, Deaf} = drive({100.0, 100.0}, ?T, vehicle([lossy(0, 10)])),
+    ?assertMatch({same, _}, turn_wheels(10 * ?T, Deaf)),
+    {moved, Driving} = drive({100.0, 100.0}, 0, vehicle([])),
+    {moved, Stopped} = stop(?T, Driving),
+    ?assertMatch({same, _}, turn_wheels(10 * ?T, Stopped)).
 
 %% Each command has a chance of its own to be lost, whether or not its motion errs, and each
 %% motion an error of its own.
@@ -107,7 +220,7 @@ draws_are_independent_test_() ->
 pieces(Wheels, Faults) ->
     World = (world(Faults))#{profile := (profile())#{heading_error := 0.1}},
     Step = fun(S, {Pieces, Vehicle}) ->
-        case starl_sim_vehicle:drive(Wheels(100.0 + S), S * ?T, Vehicle) of
+        case drive(Wheels(100.0 + S), S * ?T, Vehicle) of
             {moved, Next} -> {[starl_sim_vehicle:piece(Next) | Pieces], Next};
             {same, Next} -> {Pieces, Next}
         end
@@ -124,7 +237,7 @@ turns(Before, [Piece | Pieces]) ->
 
 %% The own pose is that of now, another's that of the window's beginning; strangers are not seen.
 sense_test() ->
-    {moved, Driving} = starl_sim_vehicle:drive({100.0, 100.0}, 0, vehicle([])),
+    {moved, Driving} = drive({100.0, 100.0}, 0, vehicle([])),
     {Poses, _} = starl_sim_vehicle:sense([1, 2, 3], {2 * ?T, ?T}, Driving),
     ?assertEqual([{1, {200.0, 0.0, 0.0}}, {2, {10.0, 0.0, 0.0}}], Poses).
 
@@ -168,6 +281,21 @@ error_test() ->
 
 %% -- helpers --------------------------------------------------------------------------------
 
+%% The wheels turn so for a long time.
+drive({Left, Right}, Now, Vehicle) ->
+    case starl_sim_vehicle:drive([{Left, Right, 1000 * ?T}], {motion, m}, Now, Vehicle) of
+        {lost, Deaf} -> {same, Deaf};
+        {Change, _, Driving} -> {Change, Driving}
+    end.
+
+turn_wheels(Now, Vehicle) ->
+    {Change, _, Turned} = starl_sim_vehicle:turn_wheels(Now, Vehicle),
+    {Change, Turned}.
+
+stop(Now, Vehicle) ->
+    {Change, [], Stopped} = starl_sim_vehicle:stop(Now, Vehicle),
+    {Change, Stopped}.
+
 vehicle(Faults) -> starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, world(Faults)).
 
 %% Robot 2 drives with 10 mm/s along x, from where robot 1 begins.
@@ -181,7 +309,7 @@ world(Faults) ->
     }.
 
 profile() ->
-    starl_motion:profile(#{heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0}).
+    starl_motion_course:profile(#{heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0}).
 
 fault(Kind, Params) -> {a, 0, 10 * ?T, Kind, 1, Params}.
 

@@ -97,7 +97,7 @@ handle_event({timeout, tick}, _, _, #drone{tick = K, period_us = Period} = Drone
     {keep_state, Drone#drone{tick = K + 1}, [tick(Period), starl_sap:shout(swarm, ?BODY)]};
 handle_event(info, {located, [{Self, Pose}]}, looking, #drone{self = Self} = Drone, _) ->
     go(Pose, Drone);
-handle_event(state_timeout, look, _, #drone{self = Self} = Drone, _) ->
+handle_event(info, {driven, _}, _, #drone{self = Self} = Drone, _) ->
     {next_state, looking, Drone, [{sense, [Self]}]};
 handle_event(info, {restarted, _}, _, _, _) ->
     keep_state_and_data;
@@ -113,7 +113,7 @@ go(Pose, #drone{side = Side} = Drone) ->
 drive(Room, Drone) ->
     %% rounded down: it never leaves
     Us = trunc(Room / ?SPEED * 1.0e6),
-    {next_state, driving, Drone, [{drive, ?SPEED, ?SPEED}, {state_timeout, Us, look}]}.
+    {next_state, driving, Drone, [{drive, [{?SPEED, ?SPEED, Us}], straight}]}.
 
 %% The shorter way round to a heading with room ahead.
 turn({X, Y, Heading} = Pose, #drone{side = Side, rate = Rate, random = Random0} = Drone) ->
@@ -126,7 +126,7 @@ turn({X, Y, Heading} = Pose, #drone{side = Side, rate = Rate, random = Random0} 
         false ->
             Us = round(abs(Angle) / Rate * 1.0e6),
             Left = case Angle > 0 of true -> -?SPEED; false -> ?SPEED end,
-            {next_state, turning, Turning, [{drive, Left, -Left}, {state_timeout, Us, look}]}
+            {next_state, turning, Turning, [{drive, [{Left, -Left, Us}], turn}]}
     end.
 
 %% How far it is straight ahead to the border, mm.

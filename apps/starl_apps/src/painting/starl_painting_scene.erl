@@ -22,7 +22,7 @@ options() ->
 %% may be from their paths, R = r_s/2 + r(v) the radius of the tubes.
 -spec scene(starl_app:context()) -> {ok, starl_app:scene()} | {error, unicode:chardata()}.
 scene(#{robots := Ids, world := World, profile := Profile, options := Options} = Context) ->
-    Tracking = starl_motion:tracking_radius(Profile),
+    Tracking = starl_motion_course:tracking_radius(Profile),
     Radius = maps:get(safety_distance, Options) / 2 + Tracking,
     case starl_roadmap:layout(floats(World), length(Ids), Radius) of
         {ok, Layout} ->

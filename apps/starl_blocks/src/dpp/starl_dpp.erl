@@ -44,7 +44,7 @@
 -spec blocks(config()) -> [starl_robot_sup:machine()].
 blocks(Config) ->
     [
-        {dpp, starl_dpp_participant, maps:with([slack, lease_ms, drift_ppm], Config)},
+        {dpp, starl_dpp_participant, maps:with([slack, lease_ms, drift_ppm, jump_ms], Config)},
         {dpp_coordinator, starl_dpp_coordinator, Config}
     ].
 

@@ -145,7 +145,7 @@ claim(N, #coordinator{n = Known, self = Self, team = Team, config = Config} = Da
     {next_state, claiming, Asked, stop_timers() ++ [{trace, {claims, Term}}, Timer | Actions]}.
 
 with_blank(#coordinator{blank = none, config = Config, team = Team} = Data) ->
-    Settings = maps:without([lease_ms, drift_ppm], Config),
+    Settings = maps:without([lease_ms, drift_ppm, jump_ms], Config),
     {ok, Plan} = starl_dpp_plan:new(Settings#{robots => Team}),
     Data#coordinator{blank = Plan};
 with_blank(Data) ->

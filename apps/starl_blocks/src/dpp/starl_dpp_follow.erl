@@ -6,7 +6,7 @@
 -export([new/1, join/2, coordinator/1, term/1, answers/3]).
 -export([recover/4, beat/4, missed/2, lead/1]).
 -export([tell/4]).
--export([asked/2, leave_us/2]).
+-export([asked/2, in_no_time/2, leave_us/2]).
 -export_type([t/0, ballot/0, turn/0]).
 
 -type turn() :: {t(), [starl_machine:action()]}.
@@ -143,6 +143,12 @@ ballot(Seq, Now, #follow{vote = Vote0, coordinator = Coordinator} = F) ->
 %% @doc A request is made: its answer will give leave from now on.
 -spec asked(Now :: integer(), t()) -> t().
 asked(Now, F) -> F#follow{asked = Now}.
+
+%% @doc Has the answer to the latest request come in no time, though over the air? Then the own
+%% clock stands still, or was set back, and leave would last too long by it.
+-spec in_no_time(Now :: integer(), t()) -> boolean().
+in_no_time(_Now, #follow{coordinator = Self, self = Self}) -> false;
+in_no_time(Now, #follow{asked = Asked}) -> Now =< Asked.
 
 %% @doc How long the robot may still drive; not at all from 0 down.
 -spec leave_us(Now :: integer(), t()) -> integer().

@@ -6,8 +6,9 @@
 %%   coordinator -> participant   leave to drive what it was assigned  held by the participant
 %% '''
 %% The holder of a promise counts from when it sent the message that was answered with it, and
-%% `drift_ppm' less than the giver, who counts from when it gave it. So the holder's time is over
-%% first, however long a message was on its way and however the two clocks drift within the bound.
+%% `drift_ppm' and `jump_ms' less than the giver, who counts from when it gave it. So the holder's
+%% time is over first, however long a message was on its way, however the two clocks drift within the
+%% bound, and though one of them is set meanwhile.
 %%
 %% A coordinator leads while a quorum's votes last. Any two quorums have a robot in common, so no
 %% two coordinators lead at one time. (Gray and Cheriton, "Leases", 1989; the election by votes is
@@ -19,8 +20,12 @@
 -export_type([t/0, config/0, seq/0, stamp/0]).
 
 %% `lease_ms' (10000): how long a promise lasts, and so, about, how long nobody leads when a
-%% coordinator dies; `drift_ppm' (10000): how much clocks may go wrong against real time.
--type config() :: #{lease_ms => pos_integer(), drift_ppm => non_neg_integer(), atom() => term()}.
+%% coordinator dies; `drift_ppm' (10000): how much clocks may go wrong against real time; `jump_ms'
+%% (2000): by how much they may be set during a lease.
+-type config() :: #{
+    lease_ms => pos_integer(), drift_ppm => non_neg_integer(), jump_ms => non_neg_integer(),
+    atom() => term()
+}.
 %% Numbers the coordinator's beats.
 -type seq() :: non_neg_integer().
 %% A participant's own clock (us) when it sent a message.
@@ -53,7 +58,8 @@ long_us(Config) -> round(1000 * maps:get(lease_ms, Config, 10000)).
 -spec short_us(config()) -> pos_integer().
 short_us(Config) ->
     Drift = maps:get(drift_ppm, Config, 10000),
-    long_us(Config) * (1000000 - Drift) div (1000000 + Drift).
+    Jump = 1000 * maps:get(jump_ms, Config, 2000),
+    max(1, long_us(Config) - Jump) * (1000000 - Drift) div (1000000 + Drift).
 
 %% @doc Are these robots a quorum: more than half of the team, or half of it with its first robot?
 -spec quorum([starl:robot_id()], Team :: [starl:robot_id(), ...]) -> boolean().

@@ -193,9 +193,14 @@ stop_asking() -> [{{timeout, T}, cancel} || T <- [again, patience]].
 
 %% -- moving ---------------------------------------------------------------------------------
 
-%% An assignment whose leave has ended on the way is void.
+%% An assignment whose leave has ended on the way is void; so is one of which, by a clock that does
+%% not go, nobody knows when it ends.
 assigned({moving, Id, From, Path} = Moving, #part{track = Track, from = Caller} = Part) ->
+    #part{follow = Follow, now = Now} = Part,
+    Broken = starl_dpp_follow:in_no_time(Now, Follow),
     case leave_us(Part) of
+        _ when Broken ->
+            {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
         Us when Us > 0 ->
             Begun = Part#part{from = none, track = starl_dpp_track:begins(From, Track)},
             {next_state, Moving, Begun, stop_asking() ++ [
@@ -227,9 +232,10 @@ drive(From, Id, N, {moving, Id, _, Path} = Moving, Part) when N =< length(Path) 
 drive(From, _Id, _N, _Where, _Part) ->
     {keep_state_and_data, [{reply, From, {error, void}}]}.
 
-go_on({moving, Id, _, Path}, #part{drive = {_From, N}}) ->
+go_on({moving, Id, _, Path}, #part{drive = {_From, N}, track = Track}) ->
     {Point, _} = lists:nth(N, Path),
-    [{call, motion, {go_to, Point}, {driven, Id, N}}];
+    Line = {starl_dpp_track:last(Track), Point},
+    [{call, motion, {go_along, Line}, {driven, Id, N}}];
 go_on(_Where, _Part) ->
     [].
 
@@ -239,7 +245,7 @@ driven(Outcome, Id, N, {moving, Id, _, Path}, #part{drive = {From, N}} = Part) -
             Track = starl_dpp_track:reached(N, lists:nth(N, Path), Part#part.track),
             {Told, Report} = report(Id, N, Part#part{drive = none, track = Track}),
             {keep_state, Told, Report ++ [{reply, From, ok}]};
-        {error, stopped} ->
+        {error, _StoppedOrOutOfTime} ->
             {keep_state, Part#part{drive = none}, [{reply, From, {error, void}}]}
     end;
 driven(_Outcome, _Id, _N, _Where, _Part) ->

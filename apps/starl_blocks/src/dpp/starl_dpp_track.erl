@@ -3,7 +3,7 @@
 -module(starl_dpp_track).
 
 -export([new/1, lost/1, halted/2, stands/2, at/1, nominal/1]).
--export([begins/2, reached/3, unreported_mm/1, reported/1, place/2]).
+-export([begins/2, reached/3, last/1, unreported_mm/1, reported/1, place/2]).
 -export([painted/1, learn/2, fresh/1, answered/1]).
 -export_type([t/0, where/0]).
 
@@ -81,6 +81,10 @@ paint(up, Track) ->
     Track;
 paint({down, Edge}, #track{fresh = Fresh} = Track) ->
     learn([Edge], Track#track{fresh = lists:umerge([Edge], Fresh)}).
+
+%% @doc The waypoint that it reached last, or where its path begins.
+-spec last(t()) -> point().
+last(#track{last = Last}) -> Last.
 
 %% @doc How far it has driven since the coordinator was told.
 -spec unreported_mm(t()) -> float().

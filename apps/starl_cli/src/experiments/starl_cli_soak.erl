@@ -25,11 +25,9 @@
 %% Faults are over and everything has to be done by these times, s.
 -define(HEAL_S, 25).
 -define(CONVERGE_S, 35).
-%% Path planning rests on robots that drive and stop as they are told, when they are told, know
-%% where they are, and measure time with clocks that only drift.
--define(DPP_BEARS,
-    [network, clock_drift, kill_machine, kill_robot, reboot, location_dropout]
-).
+%% Path planning rests on positions that are right to within their stated error: noise, bias and
+%% robots taken for each other are beyond it.
+-define(DPP_BEARS, [network, clock, process, location_dropout, location_frozen, actuation]).
 %% Nobody waits longer for one failing run to become small, s.
 -define(SHRINK_S, 60).
 

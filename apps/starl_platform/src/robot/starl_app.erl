@@ -19,7 +19,7 @@
     robots := [starl:robot_id()],
     world := {WidthMm :: number(), HeightMm :: number()},
     seed := integer(),
-    profile := starl_motion:profile(),
+    profile := starl_motion_course:profile(),
     sap := starl_sap:config(),
     options := #{atom() => term()}
 }.

@@ -26,8 +26,9 @@
 %% What kind of event a machine is given:
 %% `cast' and `{call, From}' from another machine of the same robot, `{reply, Tag}' for the
 %% answer to its own call, timeouts as in gen_statem, `packet' from the radio, and `info' from
-%% the platform: `{located, [{robot_id(), pose()}]}' after `sense', `{restarted, Name}' when
-%% another machine of this robot has crashed and come back.
+%% the platform: `{located, [{robot_id(), pose()}]}' after `sense', `{driven, Mark}' or
+%% `{stalled, Mark, {Left, Right}}' after `drive', `{restarted, Name}' when another machine of this
+%% robot has crashed and come back.
 -type event_type() ::
     cast
     | {call, from()}
@@ -52,8 +53,9 @@
     | {transmit, starl:robot_id() | all, starl_packet:t()}
     %% ask the positioning system; answered by the event `info', `{located, …}'
     | {sense, [starl:robot_id()]}
-    %% the speeds of the left and the right wheel, mm/s, until the next such command
-    | {drive, Left :: float(), Right :: float()}
+    %% the wheels turn as the script says and then stand; answered by `info', `{driven, Mark}',
+    %% or `{stalled, Mark, …}' if a wheel does not turn as told; takes the place of one that runs
+    | {drive, starl_motion_course:script(), Mark :: term()}
     %% any other actuator: `{actuate, pen, down}'
     | {actuate, Device :: atom(), Value :: term()}
     %% a fact for the recording and the monitors

@@ -2,7 +2,12 @@
 %%
 %% The only machine that asks the positioning system (`sense'); everybody else asks it. Calls:
 %% `{pose, Robot}' (answer `{ok, pose()}' or `{error, unknown}'), `poses' (all robots seen),
-%% `{waypoint, Name}', `waypoints'. Configuration: `waypoints => #{Name => point()}'.
+%% `{waypoint, Name}', `waypoints'. Configuration: `waypoints => #{Name => point()}', `exact' (false).
+%%
+%% A positioning system that has got stuck goes on to show its last picture. No live one measures
+%% the same pose twice to the bit: so each picture shows the robot itself too, and one that shows it
+%% just as the picture before did is not believed. The first picture has none before it, and is
+%% looked at twice. Only a system that is `exact', without any noise, may repeat itself.
 -module(starl_location).
 -behaviour(starl_machine).
 
@@ -10,8 +15,12 @@
 -export([init/1, handle_event/5]).
 
 -record(location, {
+    self :: starl:robot_id(),
     participants :: starl_team:t(),
     waypoints :: #{atom() => starl_geometry:point()},
+    exact :: boolean(),
+    %% the robot itself in the last picture
+    last = none :: starl:pose() | none,
     %% who waits for the positioning system, oldest first
     asked = [] :: [{starl_machine:from(), {pose, starl:robot_id()} | poses}]
 }).
@@ -21,20 +30,24 @@
 pose(Robot, Tag) -> {call, location, {pose, Robot}, Tag}.
 
 -spec init(starl_machine:config()) -> {ready, #location{}, []}.
-init(#{participants := Participants} = Config) ->
-    Waypoints = maps:get(waypoints, Config, #{}),
-    {ready, #location{participants = Participants, waypoints = Waypoints}, []}.
+init(#{robot := Self, participants := Participants} = Config) ->
+    Location = #location{
+        self = Self,
+        participants = Participants,
+        waypoints = maps:get(waypoints, Config, #{}),
+        exact = maps:get(exact, Config, false)
+    },
+    {ready, Location, []}.
 
 -spec handle_event(
     starl_machine:event_type(), term(), ready, #location{}, starl_machine:meta()
 ) -> starl_machine:result().
-handle_event({call, From}, {pose, Robot} = Question, ready, Location, _Meta) ->
-    ask(From, Question, [Robot], Location);
+handle_event({call, From}, {pose, _} = Question, ready, Location, _Meta) ->
+    ask(From, Question, Location);
 handle_event(info, {located, Poses}, ready, #location{asked = [Asked | Rest]} = Location, _) ->
-    {From, Question} = Asked,
-    {keep_state, Location#location{asked = Rest}, [{reply, From, answer(Question, Poses)}]};
-handle_event({call, From}, poses, ready, #location{participants = Participants} = Location, _) ->
-    ask(From, poses, starl_team:members(Participants), Location);
+    seen(Poses, Asked, Location#location{asked = Rest});
+handle_event({call, From}, poses, ready, Location, _Meta) ->
+    ask(From, poses, Location);
 handle_event({call, From}, {waypoint, Name}, ready, #location{waypoints = Waypoints}, _Meta) ->
     Answer =
         case Waypoints of
@@ -49,8 +62,25 @@ handle_event(info, {restarted, _}, ready, _Location, _Meta) ->
 handle_event(_, _, _, _, _) ->
     unknown_event.
 
-ask(From, Question, Robots, #location{asked = Asked} = Location) ->
-    {keep_state, Location#location{asked = Asked ++ [{From, Question}]}, [{sense, Robots}]}.
+ask(From, Question, #location{asked = Asked} = Location) ->
+    Sense = {sense, robots(Question, Location)},
+    {keep_state, Location#location{asked = Asked ++ [{From, Question}]}, [Sense]}.
+
+robots({pose, Self}, #location{self = Self}) -> [Self];
+robots({pose, Robot}, #location{self = Self}) -> [Self, Robot];
+robots(poses, #location{participants = Participants}) -> starl_team:members(Participants).
+
+seen(Poses, {From, Question}, #location{self = Self, last = Last, exact = Exact} = Location) ->
+    case lists:keyfind(Self, 1, Poses) of
+        {_, Pose} when not Exact, Last =:= none ->
+            ask(From, Question, Location#location{last = Pose});
+        {_, Last} when not Exact ->
+            {keep_state, Location, [{reply, From, answer(Question, [])}]};
+        {_, Pose} ->
+            {keep_state, Location#location{last = Pose}, [{reply, From, answer(Question, Poses)}]};
+        false ->
+            {keep_state, Location, [{reply, From, answer(Question, Poses)}]}
+    end.
 
 answer(poses, Poses) ->
     {ok, maps:from_list(Poses)};

@@ -1,198 +1,201 @@
-%% @doc Motion: drives to a point along a straight line, turning on the spot and driving in
-%% legs, with a look at the position before each.
+%% @doc Motion: drives to a point along a straight line, in legs, with a look at the position
+%% before each ({@link starl_motion_course}), and never without an end.
 %% ```
-%%            go_to                   pose                      turned
-%%   idle ------------> locating -------------> turning ----------------------> driving
-%%     ^                 |  ^  ^                   (small angles are not turned)   |
-%%     |  arrived        |  |  +---------------------------------------------------+
-%%     +-----------------+  +-- state time-out: no pose yet, ask again     leg driven
+%%            go_to          stands               pose                  driven
+%%   idle ----------> halting -----> locating --------------> driving ----------+
+%%     ^   (at once if it stands)     ^  ^ |                   |  | stalled     |
+%%     |            arrived           |  | +------ask again-+  |  v             |
+%%     +------------------------------+--|------------------+  | stalled        |
+%%                                    |  +---------------------|--|-------------+
+%%                 stands             |                        |  v (a while)
+%%        halting --------------------+<--- heard nothing -----+ trying
 %% '''
-%% Assumption II.1 of the paper: while it drives from where it stood to its goal, the robot
-%% stays within r(v) of the straight line. It aims at the point of the line one leg ahead, so a
-%% leg's sideways error does not grow into the next one; with heading errors of at most ε (what
-%% is not worth a turn included) and distance errors of at most δ per leg of length L, at
-%% positions known to within s, it ends within g = L·(ε + δ) + 2s + 0.5 mm of the goal. A path's
-%% next line begins where the robot thinks it should be, so while it drives it is never farther
-%% from the line between two points of a path than g + Lε + s ({@link tracking_radius/1}).
+%% It rests on nothing but the chassis while it drives. Every command says for how long, so a
+%% robot whose program crashes, stands still, is late or has a wrong clock stops by itself where it
+%% would have stopped, within its leg. What it does next follows from the chassis' word that it
+%% stands, and a look at where; a command or its answer that is lost is found out by a time-out,
+%% and only a robot that is told to stop, and has answered that it stands, looks where it is.
 %%
-%% Calls: `{go_to, point()}' (answer `ok' when it is there, `{error, stopped}' when another
-%% command comes first), `stop'. Configuration: {@link profile()}.
+%% A chassis that finds a wheel not turning as it should stops, and says so. What it had begun is
+%% then tried the other way round, slowly and for a moment: a wheel that still does not turn
+%% brings it back to where it was, and no try carries it any farther off; one that turns again
+%% ends the matter.
+%%
+%% Whoever drives by leave that ends at some time must not drive on after having stood still
+%% unawares. So a drive along a given line goes on only while the robot's clock and the chassis agree
+%% on how long a command took: a word of the chassis that comes too early shows a clock that stands
+%% still or was set back, one that comes a second late a robot that was paused.
+%%
+%% Calls: `{go_to, point()}' along the line from where it stands, `{go_along, segment()}' along this
+%% line, near which it stands (answer `ok' when it is there, `{error, stopped}' when another
+%% command comes first, `{error, out_of_time}' in the second case when the times do not agree), `stop' (answer `ok' when it stands). Configuration: `profile'
+%% ({@link starl_motion_course:profile()}).
 -module(starl_motion).
 -behaviour(starl_machine).
 
--export([profile/1, tracking_radius/1, stop/0]).
+-export([stop/0]).
 -export([init/1, handle_event/5]).
 
--export_type([profile/0]).
+%% How long to wait for a position or for a word of the chassis before asking again.
+-define(PATIENCE_US, 500000).
+%% How long a wheel that does not turn is left alone between two tries.
+-define(REST_US, 500000).
+%% By so much the chassis' word may come late, and early by the drift of a clock, as a part.
+-define(LATE_US, 1000000).
+-define(EARLY, 0.05).
+%% A try is longer than the chassis takes to find out (15 ms), and no faster than this, mm/s.
+-define(TRY_US, 20000).
+-define(TRY_SPEED, 100.0).
 
-%% How the robot drives. `speed' and `near_speed' (within `near_mm' of the goal) in mm/s,
-%% `turn_rate' and `near_turn_rate' in rad/s, `leg_s' the time between two looks at the
-%% position, `goal_mm' how near the goal is near enough, `axle_mm' the distance of the wheels.
-%% The bounds of the errors: `heading_error' in rad and `distance_error' as a fraction per leg,
-%% `position_error_mm' of the positioning system.
--type profile() :: #{
-    speed := float(),
-    near_speed := float(),
-    near_mm := float(),
-    turn_rate := float(),
-    near_turn_rate := float(),
-    leg_s := float(),
-    goal_mm := float(),
-    axle_mm := float(),
-    turn_from := float(),
-    heading_error := float(),
-    distance_error := float(),
-    position_error_mm := float()
-}.
-
-%% How long to wait for a position before asking again.
--define(POSE_TIMEOUT_US, 500000).
+-type state() :: idle | halting | locating | driving | stalled | trying.
 
 -record(drive, {
     self :: starl:robot_id(),
-    profile :: profile(),
+    profile :: starl_motion_course:profile(),
+    %% who wants to be at the goal, who only that it stands
     from = none :: starl_machine:from() | none,
+    waiting = [] :: [starl_machine:from()],
     start = unknown :: starl_geometry:point() | unknown,
     goal = {0.0, 0.0} :: starl_geometry:point(),
-    leg_mm = 0.0 :: float(),
-    speed = 0.0 :: float(),
-    asked = 0 :: non_neg_integer()
+    %% the leg that it has turned to
+    leg = none :: starl_motion_course:leg() | none,
+    %% numbers of the last command and of the last look
+    command = 0 :: non_neg_integer(),
+    asked = 0 :: non_neg_integer(),
+    %% when the last command was given, and how long it takes; whether that has to agree
+    now :: integer(),
+    since :: integer(),
+    takes = 0 :: non_neg_integer(),
+    timed = false :: boolean(),
+    %% the chassis has said that it stands, and nothing else was told it since
+    stands = false :: boolean(),
+    %% a wheel did not turn, and nothing has shown since that it does again: the next try
+    doubt = none :: {Left :: float(), Right :: float()} | none
 }).
-
-%% @doc A whole profile: the iRobot Create's defaults, overridden by the given keys.
-%% The Create's limits: 500 mm/s, axle 258 mm (Open Interface document, 2006).
--spec profile(map()) -> profile().
-profile(Overrides) ->
-    Default = #{
-        speed => 500.0,
-        near_speed => 500.0,
-        near_mm => 0.0,
-        turn_rate => 3.0,
-        near_turn_rate => 3.0,
-        leg_s => 0.3,
-        axle_mm => 258.0,
-        turn_from => 0.005,
-        heading_error => 0.02,
-        distance_error => 0.01,
-        position_error_mm => 1.0
-    },
-    Given = maps:merge(Default, Overrides),
-    maps:merge(#{goal_mm => end_error(Given)}, Given).
-
-%% @doc r(v): how far from the straight line the robot may be while it drives, in millimetres.
--spec tracking_radius(profile()) -> float().
-tracking_radius(#{goal_mm := Goal} = Profile) ->
-    #{heading_error := Error, position_error_mm := Position, turn_from := TurnFrom} = Profile,
-    float(Goal + leg(Profile) * (Error + TurnFrom) + Position).
 
 %% @doc The action that stops the robot.
 -spec stop() -> starl_machine:action().
 stop() -> {cast, motion, stop}.
 
--spec init(starl_machine:config()) -> {idle, #drive{}, [starl_machine:action()]}.
-init(#{robot := Self, profile := Profile}) ->
-    {idle, #drive{self = Self, profile = Profile}, [still()]}.
+-spec init(starl_machine:config()) -> {state(), #drive{}, [starl_machine:action()]}.
+init(#{robot := Self, profile := Profile, incarnation := Incarnation, now := Now}) ->
+    %% a robot that drives into the number of another life would believe its chassis too soon
+    Drive = #drive{
+        self = Self, profile = Profile, command = Incarnation bsl 32, now = Now, since = Now
+    },
+    {next_state, halting, Halting, Actions} = stand_still(Drive, []),
+    {halting, Halting, Actions}.
 
 -spec handle_event(
-    starl_machine:event_type(),
-    term(),
-    idle | locating | turning | driving,
-    #drive{},
-    starl_machine:meta()
+    starl_machine:event_type(), term(), state(), #drive{}, starl_machine:meta()
 ) -> starl_machine:result().
-handle_event(state_timeout, drive, turning, Drive, _Meta) ->
-    #drive{leg_mm = Leg, speed = Speed} = Drive,
-    {next_state, driving, Drive, [
-        {drive, Speed, Speed}, {state_timeout, duration_us(Leg, Speed), arrived}
-    ]};
-handle_event(state_timeout, arrived, driving, Drive, _Meta) ->
-    locate(Drive, [still()]);
-handle_event({reply, N}, {ok, Pose}, locating, #drive{asked = N} = Drive, _Meta) ->
+handle_event(Type, Content, State, Drive, #{now := Now}) ->
+    event(Type, Content, State, Drive#drive{now = Now}).
+
+event(info, {driven, N}, driving, #drive{command = N} = Drive) ->
+    case Drive#drive.timed andalso out_of_time(Drive) of
+        true -> given_up(Drive);
+        false -> stands(Drive#drive{stands = true})
+    end;
+event(info, {driven, N}, trying, #drive{command = N} = Drive) ->
+    stands(Drive#drive{stands = true, doubt = none});
+event(info, {driven, N}, halting, #drive{command = N} = Drive) ->
+    stands(Drive#drive{stands = true});
+event(info, {stalled, N, {Left, Right}}, State, #drive{command = N} = Drive) when
+    State =:= driving; State =:= trying
+->
+    Doubtful = Drive#drive{stands = true, leg = none, doubt = slowly(-Left, -Right)},
+    {next_state, stalled, Doubtful, [{state_timeout, ?REST_US, try_again}]};
+event(info, {restarted, location}, locating, Drive) ->
+    locate(Drive, []);
+event(info, {Word, _}, _State, _Drive) when Word =:= driven; Word =:= restarted ->
+    keep_state_and_data;
+event(info, {stalled, _, _}, _State, _Drive) ->
+    keep_state_and_data;
+event(state_timeout, try_again, stalled, Drive) ->
+    try_wheels(Drive);
+event(state_timeout, heard_nothing, _State, Drive) ->
+    stand_still(Drive, []);
+event(state_timeout, ask, locating, Drive) ->
+    locate(Drive, []);
+event({reply, N}, {ok, Pose}, locating, #drive{asked = N} = Drive) ->
     located(Pose, Drive);
-handle_event({call, From}, {go_to, Goal}, _State, Drive, _Meta) ->
-    locate(Drive#drive{from = From, goal = Goal, start = unknown}, [still() | stopped(Drive)]);
-handle_event(state_timeout, ask, locating, Drive, _Meta) ->
-    locate(Drive, []);
-handle_event({reply, _}, _, _State, _Drive, _Meta) ->
+event({reply, _}, _, _State, _Drive) ->
     keep_state_and_data;
-handle_event(cast, stop, _State, Drive, _Meta) ->
-    {next_state, idle, Drive#drive{from = none}, [still() | stopped(Drive)]};
-handle_event({call, From}, stop, _State, Drive, _Meta) ->
-    Actions = [still() | stopped(Drive)] ++ [{reply, From, ok}],
-    {next_state, idle, Drive#drive{from = none}, Actions};
-handle_event(info, {restarted, location}, locating, Drive, _Meta) ->
-    locate(Drive, []);
-handle_event(info, {restarted, _}, _State, _Drive, _Meta) ->
-    keep_state_and_data;
-handle_event(_, _, _, _, _) ->
+event({call, From}, {go_to, Goal}, State, Drive) ->
+    go(State, to(From, {unknown, Goal}, false, Drive), stopped(Drive));
+event({call, From}, {go_along, Line}, State, Drive) ->
+    go(State, to(From, Line, true, Drive), stopped(Drive));
+event({call, From}, stop, _State, #drive{waiting = Waiting} = Drive) ->
+    stand_still(Drive#drive{from = none, waiting = Waiting ++ [From]}, stopped(Drive));
+event(cast, stop, _State, Drive) ->
+    stand_still(Drive#drive{from = none}, stopped(Drive));
+event(_, _, _, _) ->
     unknown_event.
+
+to(From, {Start, Goal}, Timed, Drive) ->
+    Drive#drive{from = From, goal = Goal, start = Start, timed = Timed, leg = none}.
+
+%% One that stands looks where; one that drives stops first; one that waits for a wheel goes on so.
+go(stalled, Drive, Actions) -> {keep_state, Drive, Actions};
+go(_State, #drive{stands = true} = Drive, Actions) -> locate(Drive, Actions);
+go(_State, Drive, Actions) -> stand_still(Drive, Actions).
 
 stopped(#drive{from = none}) -> [];
 stopped(#drive{from = From}) -> [{reply, From, {error, stopped}}].
 
-still() -> {drive, 0.0, 0.0}.
+%% -- the chassis ----------------------------------------------------------------------------
+
+stand_still(Drive, Actions) ->
+    {next_state, State, Halting, Commands} = command(halting, [], Drive#drive{leg = none}),
+    {next_state, State, Halting, Actions ++ Commands}.
+
+command(State, Script, #drive{command = N, now = Now} = Drive) ->
+    Us = lists:sum([Us || {_, _, Us} <- Script]),
+    Told = Drive#drive{command = N + 1, stands = false, since = Now, takes = Us},
+    {next_state, State, Told, [
+        {drive, Script, N + 1}, {state_timeout, Us + ?PATIENCE_US, heard_nothing}
+    ]}.
+
+out_of_time(#drive{now = Now, since = Since, takes = Us}) ->
+    Now - Since < (1.0 - ?EARLY) * Us orelse Now - Since > Us + ?LATE_US.
+
+given_up(#drive{from = From} = Drive) ->
+    {next_state, idle, Drive#drive{from = none, stands = true}, [
+        {reply, From, {error, out_of_time}}
+    ]}.
+
+stands(#drive{from = none, waiting = Waiting} = Drive) ->
+    Replies = [{reply, From, ok} || From <- Waiting],
+    {next_state, idle, Drive#drive{waiting = []}, Replies};
+stands(#drive{waiting = Waiting} = Drive) ->
+    locate(Drive#drive{waiting = []}, [{reply, From, ok} || From <- Waiting]).
+
+try_wheels(#drive{doubt = {Left, Right}} = Drive) ->
+    command(trying, [{Left, Right, ?TRY_US}], Drive).
+
+slowly(Left, Right) ->
+    Part = min(1.0, ?TRY_SPEED / max(abs(Left), abs(Right))),
+    {Part * Left, Part * Right}.
+
+%% -- the course -----------------------------------------------------------------------------
 
 locate(#drive{asked = N, self = Self} = Drive, Actions) ->
-    Ask = [starl_location:pose(Self, N + 1), {state_timeout, ?POSE_TIMEOUT_US, ask}],
+    Ask = [starl_location:pose(Self, N + 1), {state_timeout, ?PATIENCE_US, ask}],
     {next_state, locating, Drive#drive{asked = N + 1}, Actions ++ Ask}.
 
-located({X, Y, Heading}, #drive{start = unknown} = Drive) ->
-    located({X, Y, Heading}, Drive#drive{start = {X, Y}});
-located({X, Y, Heading}, #drive{goal = Goal, profile = Profile, from = From} = Drive) ->
-    Here = {X, Y},
-    Distance = starl_geometry:distance(Here, Goal),
-    case Distance =< maps:get(goal_mm, Profile) of
-        true -> {next_state, idle, Drive#drive{from = none}, [{reply, From, ok}]};
-        false -> leg(Here, Heading, Distance, Drive)
-    end.
+located({X, Y, _} = Pose, #drive{start = unknown} = Drive) ->
+    located(Pose, Drive#drive{start = {X, Y}});
+located(Pose, #drive{leg = none, start = Start, goal = Goal, profile = Profile} = Drive) ->
+    follow(starl_motion_course:next(Pose, {Start, Goal}, Profile), Drive);
+located(Pose, #drive{leg = Leg, profile = Profile} = Drive) ->
+    follow(starl_motion_course:turned(Pose, Leg, Profile), Drive).
 
-%% Turns towards the point of the line one leg ahead, and drives there.
-leg(Here, Heading, Distance, #drive{profile = Profile} = Drive) ->
-    {Speed, TurnRate} = speeds(Distance, Profile),
-    Aim = aim(Here, Distance, Speed, Drive),
-    Leg = starl_geometry:distance(Here, Aim),
-    Angle = starl_geometry:angle_diff(starl_geometry:heading(Here, Aim), Heading),
-    Next = Drive#drive{leg_mm = Leg, speed = Speed},
-    case abs(Angle) =< maps:get(turn_from, Profile) of
-        true ->
-            Actions = [{drive, Speed, Speed}, {state_timeout, duration_us(Leg, Speed), arrived}],
-            {next_state, driving, Next, Actions};
-        false ->
-            Wheel = sign(Angle) * TurnRate * maps:get(axle_mm, Profile) / 2,
-            Turn = {state_timeout, duration_us(abs(Angle), TurnRate), drive},
-            {next_state, turning, Next, [{drive, -Wheel, Wheel}, Turn]}
-    end.
-
-speeds(Distance, #{near_mm := Near} = Profile) when Distance =< Near ->
-    #{near_speed := Speed, near_turn_rate := TurnRate} = Profile,
-    {Speed, TurnRate};
-speeds(_Distance, #{speed := Speed, turn_rate := TurnRate}) ->
-    {Speed, TurnRate}.
-
-%% The point of the line from start to goal that lies one leg ahead of the robot; where the
-%% speed changes near the goal, a leg ends.
-aim(Here, Distance, Speed, #drive{start = Start, goal = Goal, profile = Profile}) ->
-    #{leg_s := LegS, near_mm := Near} = Profile,
-    ToChange =
-        case Distance > Near of
-            true -> max(Distance - Near, 1.0);
-            false -> Distance
-        end,
-    Length = starl_geometry:distance(Start, Goal),
-    Along = starl_geometry:distance(Start, starl_geometry:closest_point(Here, {Start, Goal})),
-    Ahead = Along + min(Speed * LegS, ToChange),
-    case Length =< 0.0 orelse Ahead >= Length of
-        true -> Goal;
-        false -> starl_geometry:interpolate(Start, Goal, Ahead / Length)
-    end.
-
-%% How near to its goal the last leg is sure to end.
-end_error(#{heading_error := Heading, distance_error := Part, turn_from := TurnFrom} = Profile) ->
-    leg(Profile) * (Heading + TurnFrom + Part) + 2 * maps:get(position_error_mm, Profile) + 0.5.
-
-leg(#{speed := Speed, leg_s := LegS}) -> Speed * LegS.
-
-duration_us(Amount, Rate) -> max(1, round(Amount / Rate * 1000000)).
-
-sign(X) when X < 0 -> -1.0;
-sign(_) -> 1.0.
+follow(arrived, #drive{from = From} = Drive) ->
+    {next_state, idle, Drive#drive{from = none}, [{reply, From, ok}]};
+follow({_, _}, #drive{doubt = Doubt} = Drive) when Doubt =/= none ->
+    try_wheels(Drive#drive{leg = none});
+follow({{turn, Leg}, Script}, Drive) ->
+    command(driving, Script, Drive#drive{leg = Leg});
+follow({drive, Script}, Drive) ->
+    command(driving, Script, Drive#drive{leg = none}).

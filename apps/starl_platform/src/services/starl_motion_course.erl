@@ -1,0 +1,162 @@
+%% @doc The course of a robot that drives along a straight line: what it does next, given where it
+%% is, and how far off the line that may take it.
+%%
+%% Assumption II.1 of the paper: while it drives from where it stood to its goal, the robot stays
+%% within r(v) of the straight line. It aims at the point of the line one leg ahead, so a leg's
+%% sideways error does not grow into the next one. Small turns and the drive after them are one
+%% command; a larger turn is looked at before it drives, so that wheels that slip, or commands that
+%% get lost, cannot send it off in a wrong direction.
+%%
+%% The bounds. Per leg of length L the heading errs by at most ε, of which nobody knows, by what is
+%% not worth a turn (`turn_from'), and by what slipping wheels take off a turn that nobody looks at
+%% (half of `look_from'), together ε'; the distance by at most δ·L; positions are known to within s.
+%% So it ends a line within g = L·(ε + turn_from + δ) + 2s + 0.5 mm of the goal, as it sees it, and
+%% begins the next one, if that is given with its beginning, so far off, and by another 3 mm, if a
+%% wheel gets stuck while it turns: until the chassis stops it. A leg that begins d off the line
+%% and aims at it ends at most s + L·ε' off, and between the two it is no farther off than at
+%% both ends. So it is never farther from the line than s + max(g + 3 mm, L·ε')
+%% ({@link tracking_radius/1}).
+-module(starl_motion_course).
+
+-export([profile/1, tracking_radius/1, next/3, turned/3]).
+
+-export_type([profile/0, script/0, leg/0]).
+
+%% How the robot drives. `speed' and `near_speed' (within `near_mm' of the goal) in mm/s,
+%% `turn_rate' and `near_turn_rate' in rad/s, `leg_s' the time between two looks at the
+%% position, `goal_mm' how near the goal is near enough, `axle_mm' the distance of the wheels.
+%% `turn_from' is the least angle worth a turn, `look_from' (but never less than the heading's
+%% error) the least turn worth a look, rad.
+%% The bounds of the errors: `heading_error' in rad and `distance_error' as a fraction per leg,
+%% `position_error_mm' of the positioning system.
+-type profile() :: #{
+    speed := float(),
+    near_speed := float(),
+    near_mm := float(),
+    turn_rate := float(),
+    near_turn_rate := float(),
+    leg_s := float(),
+    goal_mm := float(),
+    axle_mm := float(),
+    turn_from := float(),
+    look_from := float(),
+    heading_error := float(),
+    distance_error := float(),
+    position_error_mm := float()
+}.
+
+%% The speeds of the wheels one after the other, mm/s, each pair for so long (us).
+-type script() :: [{Left :: float(), Right :: float(), Us :: pos_integer()}].
+
+%% A straight drive: in which direction, how far (mm), and how fast (mm/s, rad/s).
+-opaque leg() :: {
+    Heading :: float(), LengthMm :: float(), Speed :: float(), TurnRate :: float()
+}.
+
+%% What to do next: turn to a leg, and then look; or turn a little, if at all, and drive.
+-type step() :: {{turn, leg()}, script()} | {drive, script()}.
+
+%% The part of a turn that slipping wheels may take off.
+-define(SLIP, 0.5).
+%% How long the chassis takes to find out that a wheel is stuck.
+-define(STALL_S, 0.015).
+
+%% @doc A whole profile: the iRobot Create's defaults, overridden by the given keys.
+%% The Create's limits: 500 mm/s, axle 258 mm (Open Interface document, 2006).
+-spec profile(map()) -> profile().
+profile(Overrides) ->
+    Default = #{
+        speed => 500.0,
+        near_speed => 500.0,
+        near_mm => 0.0,
+        turn_rate => 3.0,
+        near_turn_rate => 3.0,
+        leg_s => 0.29,
+        axle_mm => 258.0,
+        turn_from => 0.001,
+        look_from => 0.02,
+        heading_error => 0.02,
+        distance_error => 0.01,
+        position_error_mm => 1.0
+    },
+    Given = maps:merge(Default, Overrides),
+    maps:merge(#{goal_mm => end_error(Given)}, Given).
+
+%% @doc r(v): how far from the straight line the robot may be while it drives, in millimetres.
+-spec tracking_radius(profile()) -> float().
+tracking_radius(#{goal_mm := Goal, turn_from := TurnFrom} = Profile) ->
+    #{heading_error := Error, position_error_mm := Position} = Profile,
+    Aside = length_mm(Profile) * (Error + TurnFrom + ?SLIP * look_from(Profile)),
+    Position + max(Goal + stall_mm(Profile), Aside).
+
+%% The middle of a robot that turns about one wheel moves by half of what the other drives.
+stall_mm(#{turn_rate := Rate, axle_mm := Axle}) -> ?STALL_S * Rate * Axle / 2 / 2.
+
+%% @doc What a robot does next that stands at a pose and is on its way along a line.
+-spec next(starl:pose(), starl_geometry:segment(), profile()) -> arrived | step().
+next({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
+    Here = {X, Y},
+    case starl_geometry:distance(Here, Goal) of
+        Distance when Distance =< Enough -> arrived;
+        Distance -> turned(Pose, leg(Here, Distance, Line, Profile), Profile)
+    end.
+
+%% Towards the point of the line one leg ahead.
+leg(Here, Distance, Line, Profile) ->
+    {Speed, TurnRate} = speeds(Distance, Profile),
+    Aim = aim(Here, Distance, Speed, Line, Profile),
+    {starl_geometry:heading(Here, Aim), starl_geometry:distance(Here, Aim), Speed, TurnRate}.
+
+%% @doc What a robot does next that stands at a pose and has turned to a leg: it drives if the turn
+%% has come about. It keeps to the leg: where legs are short, another look at its place might show
+%% another direction each time.
+-spec turned(starl:pose(), leg(), profile()) -> step().
+turned({_, _, Heading}, {Wanted, Length, Speed, TurnRate} = Leg, Profile) ->
+    #{turn_from := TurnFrom} = Profile,
+    Drive = {Speed, Speed, duration_us(Length, Speed)},
+    LookFrom = look_from(Profile),
+    case starl_geometry:angle_diff(Wanted, Heading) of
+        Angle when abs(Angle) =< TurnFrom -> {drive, [Drive]};
+        Angle when abs(Angle) =< LookFrom -> {drive, [turn(Angle, TurnRate, Profile), Drive]};
+        Angle -> {{turn, Leg}, [turn(Angle, TurnRate, Profile)]}
+    end.
+
+%% Who cannot see headings any better need not look for less.
+look_from(#{look_from := LookFrom, heading_error := Error}) -> max(LookFrom, Error).
+
+turn(Angle, TurnRate, #{axle_mm := Axle}) ->
+    Wheel = sign(Angle) * TurnRate * Axle / 2,
+    {-Wheel, Wheel, duration_us(abs(Angle), TurnRate)}.
+
+speeds(Distance, #{near_mm := Near} = Profile) when Distance =< Near ->
+    #{near_speed := Speed, near_turn_rate := TurnRate} = Profile,
+    {Speed, TurnRate};
+speeds(_Distance, #{speed := Speed, turn_rate := TurnRate}) ->
+    {Speed, TurnRate}.
+
+%% The point of the line from start to goal that lies one leg ahead of the robot; where the
+%% speed changes near the goal, a leg ends.
+aim(Here, Distance, Speed, {Start, Goal}, #{leg_s := LegS, near_mm := Near}) ->
+    ToChange =
+        case Distance > Near of
+            true -> max(Distance - Near, 1.0);
+            false -> Distance
+        end,
+    Length = starl_geometry:distance(Start, Goal),
+    Along = starl_geometry:distance(Start, starl_geometry:closest_point(Here, {Start, Goal})),
+    Ahead = Along + min(Speed * LegS, ToChange),
+    case Length =< 0.0 orelse Ahead >= Length of
+        true -> Goal;
+        false -> starl_geometry:interpolate(Start, Goal, Ahead / Length)
+    end.
+
+%% How near to its goal the last leg is sure to end.
+end_error(#{heading_error := Heading, distance_error := Part, turn_from := TurnFrom} = Profile) ->
+    length_mm(Profile) * (Heading + TurnFrom + Part) + 2 * maps:get(position_error_mm, Profile) + 0.5.
+
+length_mm(#{speed := Speed, leg_s := LegS}) -> Speed * LegS.
+
+duration_us(Amount, Rate) -> max(1, round(Amount / Rate * 1000000)).
+
+sign(X) when X < 0 -> -1.0;
+sign(_) -> 1.0.

@@ -1,0 +1,146 @@
+%% Assumption II.1 of the paper under faults: a robot that drives along lines stays within r(v) of
+%% them, whatever happens to its wheels, its commands, its processes, its computer and its clock, and
+%% however often it sees nothing or an old picture; when all is well again it comes where it was
+%% going.
+-module(starl_sim_motion_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-include_lib("proper/include/proper.hrl").
+
+-export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
+-export([
+    stays_near_its_lines/1, each_kind_of_fault_bites/1, pause_ends_at_the_leg/1,
+    frozen_picture_is_not_believed/1, stuck_wheel_moves_it_no_further/1
+]).
+
+%% Faults are over after so long, ms; the run ends so much later, s.
+-define(HEAL_MS, 40000).
+-define(TIME_S, 150).
+-define(KINDS, [
+    clock_offset, clock_drift, clock_step, clock_freeze, kill_machine, reboot, pause, slow,
+    location_dropout, location_frozen, wheel_stuck, wheel_slow, command_lost, slip
+]).
+
+suite() -> [{timetrap, {minutes, 3}}].
+
+all() ->
+    [
+        stays_near_its_lines, each_kind_of_fault_bites, pause_ends_at_the_leg,
+        frozen_picture_is_not_believed, stuck_wheel_moves_it_no_further
+    ].
+
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
+
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
+
+%% Any of the kinds together, drawn from the seed, at many places.
+stays_near_its_lines(_) ->
+    Prop = ?FORALL(
+        {Seed, Kinds},
+        {oneof(lists:seq(1, 1000000)), non_empty(list(oneof(?KINDS)))},
+        starl_platform_ct:safely(fun() -> near_and_there(Seed, lists:usort(Kinds)) end)
+    ),
+    starl_platform_ct:property(Prop, 150).
+
+near_and_there(Seed, Kinds) ->
+    Outcome = drive(#{seed => Seed, random_faults => Kinds, heal => ?HEAL_MS div 1000}),
+    Off = off(Outcome),
+    Ended = ending(Outcome),
+    (Off =< radius() andalso Ended =:= done) orelse
+        begin
+            ct:log("~p ~p: off ~p, ~p", [Seed, Kinds, Off, Ended]),
+            false
+        end.
+
+%% The same drive under each kind alone comes out otherwise than without: the faults above are not
+%% harmless because they do nothing. (A clock that is only off changes nothing in a drive.)
+each_kind_of_fault_bites(_) ->
+    Sound = drive(#{}),
+    Bites = fun(Kind) ->
+        lists:any(
+            fun(Seed) ->
+                Fault = drive(#{random_faults => [Kind], heal => 40, seed => Seed}),
+                lasted(Fault) =/= lasted(drive(#{seed => Seed}))
+            end, lists:seq(1, 8))
+    end,
+    ?assert(off(Sound) =< radius()),
+    ?assertEqual([], [Kind || Kind <- ?KINDS -- [clock_offset, clock_step, clock_drift, clock_freeze],
+        not Bites(Kind)]).
+
+lasted(#{end_us := Us}) -> Us.
+
+%% The computer stands still in the midst of a leg: the wheels do not turn on.
+pause_ends_at_the_leg(_) ->
+    Outcome = drive(#{faults => [{p, 3000, 20000, pause, 1, #{}}]}),
+    ?assert(driven(3500000, 20000000, Outcome) < 0.001),
+    ?assert(driven(2900000, 3500000, Outcome) > 10.0).
+
+%% What the robot sees is where it was when the picture got stuck: it does not drive by that.
+frozen_picture_is_not_believed(_) ->
+    Outcome = drive(#{faults => [{f, 3000, 20000, location_frozen, 1, #{}}]}),
+    ?assert(driven(4000000, 20000000, Outcome) < 0.001),
+    ?assertEqual(done, ending(Outcome)).
+
+%% It is tried again and again, and is no farther off for it.
+stuck_wheel_moves_it_no_further(_) ->
+    Outcome = drive(#{faults => [{s, 3000, 30000, wheel_stuck, 1, #{wheel => left}}]}),
+    #{monitors := #{starl_sim_order_monitor := #{trace := Trace}}} = Outcome,
+    Tries = [P || {T, 1, chassis, {motion, P}} <- Trace, T > 4000000, T < 30000000],
+    ?assert(length(Tries) > 20),
+    Places = [starl_trajectory:position(element(2, P), P) || P <- Tries],
+    Far = lists:max([starl_geometry:distance(A, B) || A <- Places, B <- Places]),
+    ?assert(Far < 2.0, Far).
+
+%% -- helpers --------------------------------------------------------------------------------
+
+radius() -> starl_motion_course:tracking_radius(starl_motion_course:profile(#{})).
+
+lines() ->
+    Points = [{1000.0, 1000.0}, {4000.0, 1000.0}, {4000.0, 3000.0}, {2000.0, 1500.0},
+              {2300.0, 3500.0}],
+    lists:zip(lists:droplast(Points), tl(Points)).
+
+%% One robot drives along the lines, each as often as it takes.
+drive(More) ->
+    starl_sim_ct:run(maps:merge(#{
+        app => starl_sim_script_app, robots => 1, seed => 1, time => ?TIME_S, mode => inline,
+        script => fun follow/1
+    }, More)).
+
+%% An application that starts anew goes on from the line that the robot is on.
+follow(Robot) ->
+    case starl:position(Robot) of
+        {ok, {X, Y, _}} ->
+            Passed = fun(Line) -> starl_geometry:point_segment({X, Y}, Line) > 2 * radius() end,
+            [ok = along(Line, Robot) || Line <- lists:dropwhile(Passed, lines())];
+        {error, _} ->
+            ok = starl:sleep(Robot, 500),
+            follow(Robot)
+    end.
+
+along(Line, Robot) ->
+    case starl:call(Robot, motion, {go_along, Line}, infinity) of
+        {ok, ok} -> ok;
+        _ -> along(Line, Robot)
+    end.
+
+ending(#{ending := Ending}) -> Ending.
+
+%% How far from the nearest line the robot ever was: pieces are short, so that their ends, and
+%% places on those that bend, tell.
+off(Outcome) ->
+    lists:max([
+        lists:min([starl_geometry:point_segment(Point, Line) || Line <- lines()])
+     || {Piece, From, To} <- pieces(Outcome),
+        Point <- starl_trajectory:polyline(Piece, From, To, 0.01)
+    ]).
+
+driven(From, To, Outcome) ->
+    lists:sum([
+        starl_trajectory:moved(max(From, Begin), min(To, End), Piece)
+     || {Piece, Begin, End} <- pieces(Outcome), Begin < To, End > From
+    ]).
+
+pieces(#{monitors := #{starl_sim_order_monitor := #{trace := Trace}}, end_us := End}) ->
+    Pieces = [Piece || {_, 1, chassis, {motion, Piece}} <- Trace],
+    Ends = [element(2, Piece) || Piece <- tl(Pieces)] ++ [End],
+    lists:zip3(Pieces, [element(2, Piece) || Piece <- Pieces], Ends).
