@@ -10,7 +10,7 @@
 -export([suite/0, all/0]).
 -export([
     nothing_is_assigned_before_all_are_known/1, nothing_is_assigned_without_votes/1,
-    votes_run_out/1, each_request_is_answered_once/1, old_request_is_ignored/1,
+    votes_run_out/1, old_stamp_gives_no_leave/1, each_request_is_answered_once/1, old_request_is_ignored/1,
     late_clear_frees_nothing/1, clear_frees_what_is_behind/1, lost_assignment_stays_reserved/1,
     other_terms_are_ignored/1, recovered_reservation_is_kept/1,
     silent_robot_keeps_all_until_its_leave_ends/1, late_report_of_a_silent_robot/1,
@@ -29,7 +29,7 @@ suite() -> [{timetrap, {minutes, 2}}].
 all() ->
     [
         nothing_is_assigned_before_all_are_known, nothing_is_assigned_without_votes,
-        votes_run_out, each_request_is_answered_once, old_request_is_ignored,
+        votes_run_out, old_stamp_gives_no_leave, each_request_is_answered_once, old_request_is_ignored,
         late_clear_frees_nothing, clear_frees_what_is_behind, lost_assignment_stays_reserved,
         other_terms_are_ignored, recovered_reservation_is_kept,
         silent_robot_keeps_all_until_its_leave_ends, late_report_of_a_silent_robot,
@@ -63,14 +63,27 @@ nothing_is_assigned_without_votes(_) ->
     {Won, _} = step(cast, {message, 3, dpp_here, {{1, 1}, {1, 1, true}}}, C3),
     ?assert(lists:member({trace, {leads, {1, 1}}}, Won)).
 
-%% Votes last for ten seconds from the beat that they answer. Then nothing is assigned.
+%% Votes last for a lease, but for drift and jumps, from the beat that they answer. Then nothing is
+%% assigned.
 votes_run_out(_) ->
     C = open(),
-    {Early, _} = at(9 * ?S, cast, asks(2, 1, spot(2)), C),
+    {Early, _} = at(7 * ?S, cast, asks(2, 1, spot(2)), C),
     ?assertMatch([{2, {assign, _, _}} | _], answers(Early)),
-    {Late, _} = at(10 * ?S, cast, asks(2, 1, spot(2)), C),
+    {Late, _} = at(8 * ?S, cast, asks(2, 1, spot(2)), C),
     ?assertEqual([], answers(Late)),
     ?assert(lists:member({trace, {stepped_down, {1, 1}}}, Late)).
+
+%% Leave counts from the stamp of a request. Of a stamp that has been known for a lease none is left:
+%% the robot's clock stands still, and it is to ask again by another.
+old_stamp_gives_no_leave(_) ->
+    {_, Asked} = at(0, cast, asks(2, 1, spot(2)), open()),
+    C = voted(14, at_beats(lists:seq(1, 14), Asked)),
+    {Actions, _} = at(14 * ?S, cast, asks(2, 2, spot(2)), C),
+    ?assertEqual([again], [A || {cast, sap, {send, 2, dpp_answer, {_, _, A, _}}} <- Actions]),
+    ?assertEqual([], answers(Actions)),
+    {message, _, _, {Term, Id, At, [], 0}} = asks(2, 2, spot(2)),
+    {Fresh, _} = at(14 * ?S, cast, {message, 2, dpp_request, {Term, Id, At, [], 13 * ?S}}, C),
+    ?assertMatch([{2, {assign, _, _}} | _], answers(Fresh)).
 
 %% Each request gets one answer; a doubled request gets no second one.
 each_request_is_answered_once(_) ->

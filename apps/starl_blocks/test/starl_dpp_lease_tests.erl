@@ -22,17 +22,21 @@ half_a_quorum_test() ->
     ?assertNot(starl_dpp_lease:quorum([2, 4], [1, 2, 3, 4])),
     ?assertNot(starl_dpp_lease:quorum([1, 8, 9], [1, 2, 3, 4])).
 
-%% By clocks that are wrong by the bound, one fast and one slow, the holder's time is over first.
+%% By clocks that are wrong by the bound, one fast and one slow, and of which one is set by the
+%% bound, the holder's back or the giver's forward, the holder's time is over first.
 holder_is_first_test() ->
     [
         begin
-            Config = #{lease_ms => Ms, drift_ppm => Ppm},
+            Config = #{lease_ms => Ms, drift_ppm => Ppm, jump_ms => Jump},
             %% the holder's clock is slow, the giver's is fast
-            Holder = starl_dpp_lease:short_us(Config) / (1 - Ppm / 1.0e6),
-            Giver = starl_dpp_lease:long_us(Config) / (1 + Ppm / 1.0e6),
-            ?assert(Holder =< Giver, {Ms, Ppm})
+            Slow = fun(Us) -> Us / (1 - Ppm / 1.0e6) end,
+            Fast = fun(Us) -> Us / (1 + Ppm / 1.0e6) end,
+            Short = starl_dpp_lease:short_us(Config),
+            Long = starl_dpp_lease:long_us(Config),
+            ?assert(Slow(Short + 1000 * Jump) =< Fast(Long), Config),
+            ?assert(Slow(Short) =< Fast(Long - 1000 * Jump), Config)
         end
-     || Ms <- [100, 10000, 60000], Ppm <- [0, 50, 1000, 10000, 100000]
+     || Ms <- [4000, 10000, 60000], Ppm <- [0, 50, 1000, 10000, 100000], Jump <- [0, 500, 2000]
     ].
 
 %% Votes count from the beat that they answer, not from when they come.
@@ -95,7 +99,7 @@ successors_take_turns_test() ->
     ?assertEqual(Times, lists:usort(Times)),
     ?assert(hd(Times) > starl_dpp_lease:long_us(#{})).
 
-new(Team) -> starl_dpp_lease:new(Team, #{lease_ms => 10000, drift_ppm => 0}).
+new(Team) -> starl_dpp_lease:new(Team, #{lease_ms => 10000, drift_ppm => 0, jump_ms => 0}).
 
 vote(Life) -> starl_dpp_vote:new(#{incarnation => Life, now => 0}).
 

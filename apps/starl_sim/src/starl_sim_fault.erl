@@ -21,7 +21,7 @@
     Params :: #{atom() => term()}
 }.
 
--type class() :: network | clock | process | location | actuation.
+-type class() :: network | clock | process | location | actuation | serial.
 
 -type kind() ::
     loss | burst_loss | drop | duplicate | reorder | delay | corrupt | babble
@@ -29,7 +29,8 @@
     | clock_offset | clock_drift | clock_step | clock_freeze
     | kill_machine | kill_robot | reboot | pause | slow
     | location_dropout | location_frozen | location_noise | location_bias | location_swap
-    | wheel_stuck | wheel_slow | command_lost | slip.
+    | wheel_stuck | wheel_slow | command_lost | slip
+    | serial_garbage | serial_split | serial_gone.
 
 %% Whom a fault hits: see the target shapes in {@link spec()}.
 -type target() ::
@@ -114,7 +115,12 @@ kinds() ->
             "a wheel turns slower than told"},
         {command_lost, actuation, robot, [part(0.05, 0.5)], "a part of the commands is not heard"},
         {slip, actuation, robot, [{factor, {number, 0, 1}, {0.5, 0.98}}],
-            "both wheels slip: the robot comes only so far"}
+            "both wheels slip: the robot comes only so far"},
+        {serial_garbage, serial, robot, [part(0.05, 0.5)],
+            "a part of the frames to and from the chassis is garbage, and dropped"},
+        {serial_split, serial, robot, [ms(lag_ms, 5, 200)],
+            "what the chassis says comes in pieces, up to so much later"},
+        {serial_gone, serial, robot, [], "the chassis' port vanishes, and comes back"}
     ].
 
 part(Low, High) -> {part, {number, 0, 1}, {Low, High}}.
@@ -127,7 +133,7 @@ shift(Ms) -> {ms, {integer, -3600000, 3600000}, {-Ms, Ms}}.
 
 %% @doc The classes of faults.
 -spec classes() -> [class()].
-classes() -> [network, clock, process, location, actuation].
+classes() -> [network, clock, process, location, actuation, serial].
 
 %% @doc The kinds that are meant by `all', a class or a kind.
 -spec kinds_of(all | class() | kind()) -> [spec()].

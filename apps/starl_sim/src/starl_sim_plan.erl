@@ -97,7 +97,7 @@ world(Scenario, Profile, #{robots := Ids}, Options) ->
         network => faults(network, Faults),
         clocks => faults(clock, Faults),
         location => faults(location, Faults),
-        actuation => faults(actuation, Faults),
+        actuation => faults(actuation, Faults) ++ faults(serial, Faults),
         record => maps:get(record, Options, #{})
     }.
 

@@ -18,7 +18,7 @@
 -export_type([t/0, world/0, yield/0]).
 
 %% What all robots share: the seed, the radio, the clocks and the chassis' errors, and the faults
-%% of each class.
+%% of each class; those of the serial line are with those of actuation.
 %% `sight' knows the pieces of motion that all robots were in when the window began.
 %% `record' says whose events are to be kept, and which.
 -type world() :: #{

@@ -1,6 +1,6 @@
 %% @doc What a simulated robot drives on: the script that its wheels were told, the piece of motion
-%% that it is in ({@link starl_sim_chassis}, faults of actuation), and what the positioning system
-%% shows of it and of others ({@link starl_sim_sense}, faults of location).
+%% that it is in ({@link starl_sim_chassis}, faults of actuation and of the serial line), and what the
+%% positioning system shows of it and of others ({@link starl_sim_sense}, faults of location).
 %%
 %% The chassis works off a script by itself, by its own clock, and compares every 15 ms, the period
 %% in which a Create streams its sensors, how its wheels turn with what they were told. What it
@@ -68,21 +68,44 @@ piece(#vehicle{piece = Piece}) -> Piece.
     change() | {lost, t()}.
 drive(Script, Owner, Now, #vehicle{id = Id, draws = N, world = #{seed := Seed}} = Vehicle) ->
     Faults = held(Now, Vehicle),
-    Lost = [
-        F
-     || {Name, _, _, command_lost, _, #{part := Part}} = F <- Faults,
-        starl_sim_draw:uniform({Seed, Id, N, Name}) < Part
-    ],
-    case Lost of
-        [] -> run(Script, Owner, Faults, Now, Vehicle#vehicle{draws = N + length(Faults)});
-        [_ | _] -> {lost, Vehicle#vehicle{draws = N + 1}}
+    case deaf(Faults, {Seed, Id, N}) of
+        false -> run(Script, Owner, Faults, Now, Vehicle#vehicle{draws = N + length(Faults)});
+        true -> {lost, Vehicle#vehicle{draws = N + 1}}
     end.
+
+deaf(Faults, Key) -> lists:any(fun(Fault) -> swallows(Fault, Key) end, Faults).
+
+swallows({Id, _, _, Kind, _, #{part := Part}}, Key) when
+    Kind =:= command_lost; Kind =:= serial_garbage
+->
+    starl_sim_draw:uniform({Key, Id}) < Part;
+swallows({_, _, _, serial_gone, _, _}, _Key) ->
+    true;
+swallows(_, _Key) ->
+    false.
 
 run(Script, {Name, Mark} = Owner, Faults, Now, #vehicle{run = Run} = Vehicle) ->
     Next = Vehicle#vehicle{run = Run + 1, owner = Owner, script = Script},
     {Change, Plans, Running} = go_on(Faults, Now, Next),
     Us = lists:sum([Us || {_, _, Us} <- Script]),
-    {Change, [{Us, {says, Run + 1, Name, {driven, Mark}}} | Plans], Running}.
+    {Change, word(Us, Name, {driven, Mark, Now}, Now, Running) ++ Plans, Running}.
+
+%% What the chassis says so long from now, if its line carries it then, and how fast.
+word(Us, Name, Word, Now, #vehicle{id = Id, run = Run, draws = N, world = World} = Vehicle) ->
+    Key = {maps:get(seed, World), Id, N, word},
+    case held(Now + Us, Vehicle) of
+        [] ->
+            [{Us, {says, Run, Name, Word}}];
+        Faults ->
+            Lost = [F || {_, _, _, Kind, _, _} = F <- Faults, Kind =/= command_lost],
+            Late = lists:sum([lag(Fault, Key) || Fault <- Faults]),
+            [{Us + Late, {says, Run, Name, Word}} || not deaf(Lost, Key)]
+    end.
+
+lag({Id, _, _, serial_split, _, #{lag_ms := Ms}}, Key) ->
+    round(1000 * Ms * starl_sim_draw:uniform({Key, Id}));
+lag(_, _Key) ->
+    0.
 
 go_on(Faults, Now, #vehicle{script = []} = Vehicle) ->
     turn_wheels(Faults, Now, 0.0, Vehicle#vehicle{command = {0.0, 0.0}});
@@ -101,7 +124,7 @@ beat({go_on, Run}, Now, #vehicle{run = Run} = Vehicle) ->
 beat({watch, Run, Since}, Now, #vehicle{run = Run, off = Since} = Vehicle) ->
     #vehicle{owner = {Name, Mark}, command = Command} = Vehicle,
     {Change, [], Stopped} = stop(Now, Vehicle),
-    {Change, [{0, {says, Run + 1, Name, {stalled, Mark, Command}}}], Stopped};
+    {Change, word(0, Name, {stalled, Mark, Command}, Now, Stopped), Stopped};
 beat(_, _Now, Vehicle) ->
     {same, [], Vehicle}.
 

@@ -17,7 +17,8 @@
 -define(TIME_S, 150).
 -define(KINDS, [
     clock_offset, clock_drift, clock_step, clock_freeze, kill_machine, reboot, pause, slow,
-    location_dropout, location_frozen, wheel_stuck, wheel_slow, command_lost, slip
+    location_dropout, location_frozen, wheel_stuck, wheel_slow, command_lost, slip, serial_garbage, serial_split,
+    serial_gone
 ]).
 
 suite() -> [{timetrap, {minutes, 3}}].
@@ -60,7 +61,7 @@ each_kind_of_fault_bites(_) ->
             fun(Seed) ->
                 Fault = drive(#{random_faults => [Kind], heal => 40, seed => Seed}),
                 lasted(Fault) =/= lasted(drive(#{seed => Seed}))
-            end, lists:seq(1, 8))
+            end, lists:seq(1, 20))
     end,
     ?assert(off(Sound) =< radius()),
     ?assertEqual([], [Kind || Kind <- ?KINDS -- [clock_offset, clock_step, clock_drift, clock_freeze],

@@ -37,7 +37,7 @@ script_test() ->
     ?assert(starl_trajectory:is_still(Turn)),
     ?assert(near(300.0, starl_trajectory:moved(2 * ?T, 5 * ?T, Drive))),
     ?assertEqual(starl_trajectory:pose(5 * ?T, Drive), starl_trajectory:pose(9 * ?T, Stand)),
-    ?assertEqual([{5 * ?T, motion, {driven, first}}], Said).
+    ?assertEqual([{5 * ?T, motion, {driven, first, 0}}], Said).
 
 %% Another script takes the place of one that runs, of which nothing is said any more; one without
 %% anything to do stops at once.
@@ -45,7 +45,7 @@ another_script_test() ->
     Long = [{100.0, 100.0, 5 * ?T}],
     {Pieces, Said} = obey([{0, Long, a}, {?T, Long, b}, {3 * ?T, [], c}], []),
     ?assertEqual([0, ?T, 3 * ?T], [T || {T, _} <- Pieces]),
-    ?assertEqual([{3 * ?T, motion, {driven, c}}], Said),
+    ?assertEqual([{3 * ?T, motion, {driven, c, 3 * ?T}}], Said),
     {_, Stand} = lists:last(Pieces),
     ?assertEqual({300.0, 0.0}, starl_trajectory:position(20 * ?T, Stand)).
 
@@ -68,7 +68,7 @@ not_stalled_test_() ->
     Said = fun(Fault, Script) -> element(2, obey([{0, Script, a}], [Fault])) end,
     Short = {a, ?T, ?T + 14000, wheel_stuck, 1, #{wheel => left}},
     [
-        ?_assertEqual([{3 * ?T, motion, {driven, a}}], Said(Fault, Script))
+        ?_assertEqual([{3 * ?T, motion, {driven, a, 0}}], Said(Fault, Script))
      || {Fault, Script} <- [
             {Short, Long},
             {stuck(wheel_slow, #{wheel => left, factor => 0.99}), Long},
@@ -93,6 +93,28 @@ one_error_a_command_test() ->
     Headings = [element(3, starl_trajectory:pose(T, Piece)) || {T, Piece} <- Pieces],
     ?assertEqual(6, length(Pieces)),
     ?assertMatch([Heading] when Heading /= 0.0, lists:usort(Headings)).
+
+%% A port that is gone carries neither commands nor words; what the wheels were told they do.
+port_gone_test() ->
+    Long = [{100.0, 100.0, 3 * ?T}],
+    Gone = {a, ?T, 4 * ?T, serial_gone, 1, #{}},
+    {Pieces, Said} = obey([{0, Long, a}, {2 * ?T, [], b}, {5 * ?T, Long, c}], [Gone]),
+    ?assertEqual([0, 3 * ?T, 5 * ?T, 8 * ?T], lists:usort([T || {T, _} <- Pieces]) -- [?T, 4 * ?T]),
+    ?assertEqual([{8 * ?T, motion, {driven, c, 5 * ?T}}], Said).
+
+%% Garbage swallows commands and words; split frames are late by no more than their lag.
+garbled_and_split_test() ->
+    Script = [{100.0, 100.0, 100000}],
+    Commands = [{N * ?T, Script, N} || N <- lists:seq(0, 19)],
+    Said = fun(Fault) -> element(2, obey(Commands, [Fault])) end,
+    Garbage = {a, 0, 20 * ?T, serial_garbage, 1, #{part => 0.3}},
+    Heard = length(Said(Garbage)),
+    %% both ways have to get through: half of them
+    ?assert(Heard > 4 andalso Heard < 16, Heard),
+    Split = {a, 0, 20 * ?T, serial_split, 1, #{lag_ms => 50}},
+    Lags = [T - N * ?T - 100000 || {T, motion, {driven, N, _}} <- Said(Split)],
+    ?assertEqual({20, true, true}, {length(Lags), lists:min(Lags) >= 0, lists:max(Lags) =< 50000}),
+    ?assert(length(lists:usort(Lags)) > 15).
 
 stuck(Kind, Params) -> {a, ?T, 9 * ?T, Kind, 1, Params}.
 
@@ -120,7 +142,10 @@ play(_, _Vehicle, Pieces, Said) ->
 done(turn_wheels, At, Vehicle) ->
     starl_sim_vehicle:turn_wheels(At, Vehicle);
 done({tell, Script, Mark}, At, Vehicle) ->
-    starl_sim_vehicle:drive(Script, {motion, Mark}, At, Vehicle);
+    case starl_sim_vehicle:drive(Script, {motion, Mark}, At, Vehicle) of
+        {lost, Deaf} -> {same, [], Deaf};
+        Change -> Change
+    end;
 done({says, Run, Name, Word}, At, Vehicle) ->
     case starl_sim_vehicle:says(Run, Vehicle) of
         true -> {said, {At, Name, Word}};

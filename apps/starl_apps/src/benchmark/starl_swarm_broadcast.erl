@@ -97,7 +97,7 @@ handle_event({timeout, tick}, _, _, #drone{tick = K, period_us = Period} = Drone
     {keep_state, Drone#drone{tick = K + 1}, [tick(Period), starl_sap:shout(swarm, ?BODY)]};
 handle_event(info, {located, [{Self, Pose}]}, looking, #drone{self = Self} = Drone, _) ->
     go(Pose, Drone);
-handle_event(info, {driven, _}, _, #drone{self = Self} = Drone, _) ->
+handle_event(info, {driven, _, _}, _, #drone{self = Self} = Drone, _) ->
     {next_state, looking, Drone, [{sense, [Self]}]};
 handle_event(info, {restarted, _}, _, _, _) ->
     keep_state_and_data;

@@ -222,8 +222,14 @@ ask_again(Robot, #coordinator{now = Now, term = Term} = Data) ->
     {Data#coordinator{lease = Lease}, [starl_sap:post(Robot, dpp_recover, {Term, Seq, true})]}.
 
 heard(dpp_request, {_, Id, At, Painted, Stamp}, Robot, _State, #coordinator{serve = S} = Data) ->
-    Heard = stamped(Robot, Stamp, Data),
-    keep(served(starl_dpp_serve:requested(Robot, Id, {At, Painted}, S), Heard));
+    #coordinator{lease = Lease, now = Now, term = Term} = Heard = stamped(Robot, Stamp, Data),
+    case starl_dpp_lease:rests(Robot, Now, Lease) of
+        true ->
+            %% of leave counted from this stamp, long known, nothing is left
+            keep({Heard, [starl_sap:post(Robot, dpp_answer, {Term, Id, again, []})]});
+        false ->
+            keep(served(starl_dpp_serve:requested(Robot, Id, {At, Painted}, S), Heard))
+    end;
 heard(dpp_passed, {_, Id, N}, Robot, _State, #coordinator{serve = Serve} = Data) ->
     keep(served(starl_dpp_serve:passed(Robot, Id, N, Serve), Data));
 heard(dpp_state, {_, Id, Place, Painted, Ballot}, Robot, State, #coordinator{serve = S} = Data) ->

@@ -21,7 +21,7 @@
 
 %% `lease_ms' (10000): how long a promise lasts, and so, about, how long nobody leads when a
 %% coordinator dies; `drift_ppm' (10000): how much clocks may go wrong against real time; `jump_ms'
-%% (2000): by how much they may be set during a lease.
+%% (2000): by how much they may be set during a lease, far less than that.
 -type config() :: #{
     lease_ms => pos_integer(), drift_ppm => non_neg_integer(), jump_ms => non_neg_integer(),
     atom() => term()
@@ -59,7 +59,7 @@ long_us(Config) -> round(1000 * maps:get(lease_ms, Config, 10000)).
 short_us(Config) ->
     Drift = maps:get(drift_ppm, Config, 10000),
     Jump = 1000 * maps:get(jump_ms, Config, 2000),
-    max(1, long_us(Config) - Jump) * (1000000 - Drift) div (1000000 + Drift).
+    max(1, long_us(Config) * (1000000 - Drift) div (1000000 + Drift) - Jump).
 
 %% @doc Are these robots a quorum: more than half of the team, or half of it with its first robot?
 -spec quorum([starl:robot_id()], Team :: [starl:robot_id(), ...]) -> boolean().

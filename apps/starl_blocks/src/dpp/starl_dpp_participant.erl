@@ -180,6 +180,8 @@ answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow} = Part) -
             {keep_state, Part, [{trace, {stale_answer, Source, Term, Id}}]};
         {assign, From, Path} ->
             assigned({moving, Id, From, Path}, answered(News, Part));
+        again ->
+            {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
         End ->
             #part{from = Caller} = Part,
             Answered = (answered(News, Part))#part{from = none},

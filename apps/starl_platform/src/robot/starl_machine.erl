@@ -26,7 +26,7 @@
 %% What kind of event a machine is given:
 %% `cast' and `{call, From}' from another machine of the same robot, `{reply, Tag}' for the
 %% answer to its own call, timeouts as in gen_statem, `packet' from the radio, and `info' from
-%% the platform: `{located, [{robot_id(), pose()}]}' after `sense', `{driven, Mark}' or
+%% the platform: `{located, [{robot_id(), pose()}]}' after `sense', `{driven, Mark, Us}' or
 %% `{stalled, Mark, {Left, Right}}' after `drive', `{restarted, Name}' when another machine of this
 %% robot has crashed and come back.
 -type event_type() ::
@@ -53,8 +53,8 @@
     | {transmit, starl:robot_id() | all, starl_packet:t()}
     %% ask the positioning system; answered by the event `info', `{located, …}'
     | {sense, [starl:robot_id()]}
-    %% the wheels turn as the script says and then stand; answered by `info', `{driven, Mark}',
-    %% or `{stalled, Mark, …}' if a wheel does not turn as told; takes the place of one that runs
+    %% the wheels turn as the script says and then stand; takes the place of one that runs; answered
+    %% by `info', `{driven, Mark, …}', or `{stalled, Mark, …}' if a wheel does not turn as told
     | {drive, starl_motion_course:script(), Mark :: term()}
     %% any other actuator: `{actuate, pen, down}'
     | {actuate, Device :: atom(), Value :: term()}

@@ -25,7 +25,8 @@
 %% <dt>`{drive, [{Left, Right, Us}], Mark}'</dt><dd>turns the wheels at these speeds, mm/s, one
 %%   after the other, each for so long by the chassis' own clock, and stops them, whatever becomes of
 %%   the robot's program; no script stops them at once. Answered, when they stand, by the event
-%%   `{Name, info, {driven, Mark}}'; or, at most 15 ms after a wheel has ceased to turn as it was
+%%   `{Name, info, {driven, Mark, Us}}' with what that clock showed when
+%%   it heard the command; or, at most 15 ms after a wheel has ceased to turn as it was
 %%   told and both were stopped, by `{Name, info, {stalled, Mark, {Left, Right}}}' with the speeds
 %%   that it was told. A script that another takes the place of is not answered</dd>
 %% <dt>`{actuate, Device, Value}'</dt><dd>sets another actuator</dd>

@@ -22,9 +22,8 @@
 %% ends the matter.
 %%
 %% Whoever drives by leave that ends at some time must not drive on after having stood still
-%% unawares. So a drive along a given line goes on only while the robot's clock and the chassis agree
-%% on how long a command took: a word of the chassis that comes too early shows a clock that stands
-%% still or was set back, one that comes a second late a robot that was paused.
+%% unawares. So no leg of a drive along a given line begins but just after a word of the chassis, and
+%% only while its clock and the robot's agree ({@link starl_motion_watch}).
 %%
 %% Calls: `{go_to, point()}' along the line from where it stands, `{go_along, segment()}' along this
 %% line, near which it stands (answer `ok' when it is there, `{error, stopped}' when another
@@ -40,9 +39,6 @@
 -define(PATIENCE_US, 500000).
 %% How long a wheel that does not turn is left alone between two tries.
 -define(REST_US, 500000).
-%% By so much the chassis' word may come late, and early by the drift of a clock, as a part.
--define(LATE_US, 1000000).
--define(EARLY, 0.05).
 %% A try is longer than the chassis takes to find out (15 ms), and no faster than this, mm/s.
 -define(TRY_US, 20000).
 -define(TRY_SPEED, 100.0).
@@ -62,14 +58,17 @@
     %% numbers of the last command and of the last look
     command = 0 :: non_neg_integer(),
     asked = 0 :: non_neg_integer(),
-    %% when the last command was given, and how long it takes; whether that has to agree
+    %% the robot's clock; when the last command was given, and how long it takes; how this clock and
+    %% that of the chassis went; whether they have to agree
     now :: integer(),
-    since :: integer(),
-    takes = 0 :: non_neg_integer(),
+    told = {0, 0} :: {ToldUs :: integer(), TakesUs :: non_neg_integer()},
+    watch = starl_motion_watch:new() :: starl_motion_watch:t(),
     timed = false :: boolean(),
     %% the chassis has said that it stands, and nothing else was told it since
     stands = false :: boolean(),
-    %% a wheel did not turn, and nothing has shown since that it does again: the next try
+    %% the speeds of the last command's end
+    speeds = {0.0, 0.0} :: {Left :: float(), Right :: float()},
+    %% a wheel did not turn, or nobody knows, and nothing has shown since that it does: the next try
     doubt = none :: {Left :: float(), Right :: float()} | none
 }).
 
@@ -80,9 +79,7 @@ stop() -> {cast, motion, stop}.
 -spec init(starl_machine:config()) -> {state(), #drive{}, [starl_machine:action()]}.
 init(#{robot := Self, profile := Profile, incarnation := Incarnation, now := Now}) ->
     %% a robot that drives into the number of another life would believe its chassis too soon
-    Drive = #drive{
-        self = Self, profile = Profile, command = Incarnation bsl 32, now = Now, since = Now
-    },
+    Drive = #drive{self = Self, profile = Profile, command = Incarnation bsl 32, now = Now},
     {next_state, halting, Halting, Actions} = stand_still(Drive, []),
     {halting, Halting, Actions}.
 
@@ -92,29 +89,29 @@ init(#{robot := Self, profile := Profile, incarnation := Incarnation, now := Now
 handle_event(Type, Content, State, Drive, #{now := Now}) ->
     event(Type, Content, State, Drive#drive{now = Now}).
 
-event(info, {driven, N}, driving, #drive{command = N} = Drive) ->
-    case Drive#drive.timed andalso out_of_time(Drive) of
-        true -> given_up(Drive);
-        false -> stands(Drive#drive{stands = true})
-    end;
-event(info, {driven, N}, trying, #drive{command = N} = Drive) ->
-    stands(Drive#drive{stands = true, doubt = none});
-event(info, {driven, N}, halting, #drive{command = N} = Drive) ->
-    stands(Drive#drive{stands = true});
+event(info, {driven, N, HeardUs}, State, #drive{command = N, told = {Told, Takes}} = Drive) ->
+    #drive{now = Now, watch = Before} = Drive,
+    {Agree, Watch} = starl_motion_watch:agree({Told, Takes, Now}, HeardUs, Before),
+    stands(State, Agree, Drive#drive{stands = true, watch = Watch});
 event(info, {stalled, N, {Left, Right}}, State, #drive{command = N} = Drive) when
     State =:= driving; State =:= trying
 ->
-    Doubtful = Drive#drive{stands = true, leg = none, doubt = slowly(-Left, -Right)},
+    Doubtful = Drive#drive{stands = true, leg = none, doubt = back({Left, Right})},
     {next_state, stalled, Doubtful, [{state_timeout, ?REST_US, try_again}]};
 event(info, {restarted, location}, locating, Drive) ->
     locate(Drive, []);
-event(info, {Word, _}, _State, _Drive) when Word =:= driven; Word =:= restarted ->
+event(info, {restarted, _}, _State, _Drive) ->
     keep_state_and_data;
-event(info, {stalled, _, _}, _State, _Drive) ->
+event(info, {Word, _, _}, _State, _Drive) when Word =:= driven; Word =:= stalled ->
     keep_state_and_data;
 event(state_timeout, try_again, stalled, Drive) ->
     try_wheels(Drive);
-event(state_timeout, heard_nothing, _State, Drive) ->
+event(state_timeout, heard_nothing, halting, Drive) ->
+    stand_still(Drive, []);
+event(state_timeout, heard_nothing, _State, #drive{speeds = Speeds} = Drive) ->
+    %% what was not heard may have been that a wheel is stuck
+    stand_still(Drive#drive{doubt = back(Speeds)}, []);
+event(state_timeout, ask, locating, #drive{timed = true} = Drive) ->
     stand_still(Drive, []);
 event(state_timeout, ask, locating, Drive) ->
     locate(Drive, []);
@@ -138,7 +135,7 @@ to(From, {Start, Goal}, Timed, Drive) ->
 
 %% One that stands looks where; one that drives stops first; one that waits for a wheel goes on so.
 go(stalled, Drive, Actions) -> {keep_state, Drive, Actions};
-go(_State, #drive{stands = true} = Drive, Actions) -> locate(Drive, Actions);
+go(_State, #drive{stands = true, timed = false} = Drive, Actions) -> locate(Drive, Actions);
 go(_State, Drive, Actions) -> stand_still(Drive, Actions).
 
 stopped(#drive{from = none}) -> [];
@@ -152,31 +149,40 @@ stand_still(Drive, Actions) ->
 
 command(State, Script, #drive{command = N, now = Now} = Drive) ->
     Us = lists:sum([Us || {_, _, Us} <- Script]),
-    Told = Drive#drive{command = N + 1, stands = false, since = Now, takes = Us},
+    Told = Drive#drive{
+        command = N + 1, told = {Now, Us}, stands = false, speeds = last(Script)
+    },
     {next_state, State, Told, [
         {drive, Script, N + 1}, {state_timeout, Us + ?PATIENCE_US, heard_nothing}
     ]}.
 
-out_of_time(#drive{now = Now, since = Since, takes = Us}) ->
-    Now - Since < (1.0 - ?EARLY) * Us orelse Now - Since > Us + ?LATE_US.
-
-given_up(#drive{from = From} = Drive) ->
-    {next_state, idle, Drive#drive{from = none, stands = true}, [
-        {reply, From, {error, out_of_time}}
-    ]}.
-
-stands(#drive{from = none, waiting = Waiting} = Drive) ->
-    Replies = [{reply, From, ok} || From <- Waiting],
-    {next_state, idle, Drive#drive{waiting = []}, Replies};
-stands(#drive{waiting = Waiting} = Drive) ->
+%% A robot that has no goal rests; one whose clock is wrong has none any more.
+stands(_State, false, #drive{from = From, timed = true} = Drive) when From =/= none ->
+    rest(Drive#drive{from = none}, [{reply, From, {error, out_of_time}}]);
+stands(_State, _Agree, #drive{from = none} = Drive) ->
+    rest(Drive, []);
+stands(trying, _Agree, Drive) ->
+    locate(Drive#drive{doubt = none}, []);
+stands(_State, _Agree, #drive{waiting = Waiting} = Drive) ->
     locate(Drive#drive{waiting = []}, [{reply, From, ok} || From <- Waiting]).
+
+rest(#drive{waiting = Waiting} = Drive, Actions) ->
+    Replies = [{reply, From, ok} || From <- Waiting],
+    {next_state, idle, Drive#drive{waiting = []}, Actions ++ Replies}.
 
 try_wheels(#drive{doubt = {Left, Right}} = Drive) ->
     command(trying, [{Left, Right, ?TRY_US}], Drive).
 
-slowly(Left, Right) ->
+last([]) ->
+    {0.0, 0.0};
+last(Script) ->
+    {Left, Right, _} = lists:last(Script),
+    {Left, Right}.
+
+%% The other way round, slowly.
+back({Left, Right}) ->
     Part = min(1.0, ?TRY_SPEED / max(abs(Left), abs(Right))),
-    {Part * Left, Part * Right}.
+    {-Part * Left, -Part * Right}.
 
 %% -- the course -----------------------------------------------------------------------------
 
