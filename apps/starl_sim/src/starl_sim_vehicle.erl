@@ -39,7 +39,7 @@
 
 %% What the chassis has to do: go on with the script of this number; see to a wheel that has not
 %% turned as told since then.
--opaque beat() :: {go_on, Run :: integer()} | {watch, Run :: integer(), Since :: integer()}.
+-type beat() :: {go_on, Run :: integer()} | {watch, Run :: integer(), Since :: integer()}.
 
 %% So long from now: something to do, or something to say to a machine, if it is still true then.
 -type plan() ::

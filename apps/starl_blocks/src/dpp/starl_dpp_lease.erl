@@ -58,7 +58,7 @@ long_us(Config) -> round(1000 * maps:get(lease_ms, Config, 10000)).
 -spec short_us(config()) -> pos_integer().
 short_us(Config) ->
     Drift = maps:get(drift_ppm, Config, 10000),
-    Jump = 1000 * maps:get(jump_ms, Config, 2000),
+    Jump = round(1000 * maps:get(jump_ms, Config, 2000)),
     max(1, long_us(Config) * (1000000 - Drift) div (1000000 + Drift) - Jump).
 
 %% @doc Are these robots a quorum: more than half of the team, or half of it with its first robot?

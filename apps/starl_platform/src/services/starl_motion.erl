@@ -92,7 +92,9 @@ handle_event(Type, Content, State, Drive, #{now := Now}) ->
 event(info, {driven, N, HeardUs}, State, #drive{command = N, told = {Told, Takes}} = Drive) ->
     #drive{now = Now, watch = Before} = Drive,
     {Agree, Watch} = starl_motion_watch:agree({Told, Takes, Now}, HeardUs, Before),
-    stands(State, Agree, Drive#drive{stands = true, watch = Watch});
+    %% wheels that have turned in a try turn, whatever the clock
+    Doubt = case State of trying -> none; _ -> Drive#drive.doubt end,
+    stands(Agree, Drive#drive{stands = true, watch = Watch, doubt = Doubt});
 event(info, {stalled, N, {Left, Right}}, State, #drive{command = N} = Drive) when
     State =:= driving; State =:= trying
 ->
@@ -157,13 +159,11 @@ command(State, Script, #drive{command = N, now = Now} = Drive) ->
     ]}.
 
 %% A robot that has no goal rests; one whose clock is wrong has none any more.
-stands(_State, false, #drive{from = From, timed = true} = Drive) when From =/= none ->
+stands(false, #drive{from = From, timed = true} = Drive) when From =/= none ->
     rest(Drive#drive{from = none}, [{reply, From, {error, out_of_time}}]);
-stands(_State, _Agree, #drive{from = none} = Drive) ->
+stands(_Agree, #drive{from = none} = Drive) ->
     rest(Drive, []);
-stands(trying, _Agree, Drive) ->
-    locate(Drive#drive{doubt = none}, []);
-stands(_State, _Agree, #drive{waiting = Waiting} = Drive) ->
+stands(_Agree, #drive{waiting = Waiting} = Drive) ->
     locate(Drive#drive{waiting = []}, [{reply, From, ok} || From <- Waiting]).
 
 rest(#drive{waiting = Waiting} = Drive, Actions) ->
