@@ -1,14 +1,12 @@
 %% @doc Motion: drives to a point along a straight line, in legs, with a look at the position
 %% before each ({@link starl_motion_course}), and never without an end.
 %% ```
-%%            go_to          stands               pose                  driven
-%%   idle ----------> halting -----> locating --------------> driving ----------+
-%%     ^   (at once if it stands)     ^  ^ |                   |  | stalled     |
-%%     |            arrived           |  | +------ask again-+  |  v             |
-%%     +------------------------------+--|------------------+  | stalled        |
-%%                                    |  +---------------------|--|-------------+
-%%                 stands             |                        |  v (a while)
-%%        halting --------------------+<--- heard nothing -----+ trying
+%%   idle      go_to: halting
+%%   halting   stands: locating, or idle without a goal;   no answer: halting again
+%%   locating  a pose: driving, or idle at the goal;       no answer: locating again
+%%   driving   stands: locating;   stalled: stalled;       no answer: halting
+%%   stalled   half a second later: trying
+%%   trying    stands: locating;   stalled: stalled;       no answer: halting
 %% '''
 %% It rests on nothing but the chassis while it drives. Every command says for how long, so a
 %% robot whose program crashes, stands still, is late or has a wrong clock stops by itself where it
@@ -27,7 +25,8 @@
 %%
 %% Calls: `{go_to, point()}' along the line from where it stands, `{go_along, segment()}' along this
 %% line, near which it stands (answer `ok' when it is there, `{error, stopped}' when another
-%% command comes first, `{error, out_of_time}' in the second case when the times do not agree), `stop' (answer `ok' when it stands). Configuration: `profile'
+%% command comes first, `{error, out_of_time}' in the second case when the clocks do not agree),
+%% `stop' (answer `ok' when it stands). Configuration: `profile'
 %% ({@link starl_motion_course:profile()}).
 -module(starl_motion).
 -behaviour(starl_machine).
