@@ -47,7 +47,9 @@ slip(_, Speeds) -> Speeds.
 
 %% @doc The errors of a command, drawn by the key: of the heading, rad, and the part of the distance
 %% that it comes. A turn in place has none.
--spec errors(speeds(), Key, starl_motion_course:profile()) -> {Skew :: float(), Part :: float()} when
+-spec errors(speeds(), Key, starl_motion_course:profile()) ->
+    {Skew :: float(), Part :: float()}
+when
     Key :: {Seed :: integer(), starl:robot_id(), non_neg_integer()}.
 errors({Left, Right}, _Key, _Profile) when Left + Right == 0 ->
     {0.0, 1.0};

@@ -138,7 +138,10 @@ classes() -> [network, clock, process, location, actuation, serial].
 %% @doc The kinds that are meant by `all', a class or a kind.
 -spec kinds_of(all | class() | kind()) -> [spec()].
 kinds_of(What) ->
-    [Spec || {Kind, Class, _, _, _} = Spec <- kinds(), What =:= all orelse What =:= Class orelse What =:= Kind].
+    [
+        Spec
+     || {Kind, Class, _, _, _} = Spec <- kinds(), lists:member(What, [all, Class, Kind])
+    ].
 
 %% @doc All that is wrong with a list of faults.
 -spec check(term()) -> [problem()].
@@ -146,7 +149,8 @@ check(Faults) -> check(Faults, 1, []).
 
 check([Fault | Rest], N, Seen) when is_tuple(Fault), is_atom(element(1, Fault)) ->
     Id = element(1, Fault),
-    [{same_id, Id} || lists:member(Id, Seen)] ++ problems(Fault, N) ++ check(Rest, N + 1, [Id | Seen]);
+    Same = [{same_id, Id} || lists:member(Id, Seen)],
+    Same ++ problems(Fault, N) ++ check(Rest, N + 1, [Id | Seen]);
 check([Fault | Rest], N, Seen) ->
     [{shape, N, Fault} | check(Rest, N + 1, Seen)];
 check([], _N, _Seen) ->

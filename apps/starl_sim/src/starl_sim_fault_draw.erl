@@ -49,7 +49,9 @@ fault({Kind, _, Shape, Params, _}, Key, N, #{until_ms := UntilMs} = Request) ->
     To = min(UntilMs, From + 1 + Span),
     %% so many at the most as there are kinds times ?MOST
     Id = list_to_atom(lists:concat([Kind, "_", N])),
-    Values = maps:from_list([{Name, value(Type, Range, {Key, Name})} || {Name, Type, Range} <- Params]),
+    Values = maps:from_list([
+        {Name, value(Type, Range, {Key, Name})} || {Name, Type, Range} <- Params
+    ]),
     {Id, From, To, Kind, target(Shape, Key, Request), Values}.
 
 value({integer, _, _}, {Low, High}, Key) -> starl_sim_draw:between(Key, Low, High);

@@ -84,7 +84,7 @@ thin(Ledger) ->
     Ledger.
 
 next(N, #ledger{every = Every, range = none}) -> due(N, Every);
-next(N, #ledger{range = {From, _}} = Ledger) when N < From -> min(From, due(N, Ledger#ledger.every));
+next(N, #ledger{range = {From, _}, every = Every}) when N < From -> min(From, due(N, Every));
 next(N, #ledger{range = {_, To}}) when N < To -> N + 1;
 next(N, #ledger{every = Every}) -> due(N, Every).
 

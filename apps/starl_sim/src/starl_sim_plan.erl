@@ -56,7 +56,8 @@ sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
     t().
 make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     #{delay := {MinMs, _}, shards := Shards, faults := Faults} = Scenario,
-    Profile = starl_motion_course:profile(maps:merge(profile(Scenario), maps:get(profile, Scene, #{}))),
+    Overrides = maps:merge(profile(Scenario), maps:get(profile, Scene, #{})),
+    Profile = starl_motion_course:profile(Overrides),
     Plan = #{
         robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
         crew => crew(mode(Scenario), Scene, Profile, Context),

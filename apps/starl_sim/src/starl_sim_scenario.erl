@@ -37,7 +37,7 @@ options() ->
         {position_error, {number, 0, 50}, 1.0, "error of the positioning system, up to mm"},
         {time, {number, 0, 1.0e6}, 7200, "ends at this virtual time, s"},
         {mode, {one_of, [auto, process, inline]}, auto,
-            "process: each machine of a robot is a process; inline: none is; auto: by their number"},
+            "process: each machine of a robot is a process; inline: none is; auto: by number"},
         {shards, {optional, {integer, 1, 256}}, none,
             "over how many shards the robots are spread; none: by their number and the cores"},
         {faults, {term, "a list of {Id, FromMs, ToMs, Kind, Target, Params}", fun is_list/1}, [],

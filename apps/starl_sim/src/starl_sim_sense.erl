@@ -27,7 +27,9 @@ poses(Robots, #{robot := Self, faults := All, seen := Seen} = Look) ->
         {false, true} ->
             {[{Robot, maps:get(Robot, Seen)} || Robot <- Robots, is_map_key(Robot, Seen)], Seen};
         {false, false} ->
-            Poses = [{R, blurred(R, Pose, Own, Look)} || R <- Robots, Pose <- look_at(R, All, Look)],
+            Poses = [
+                {R, blurred(R, Pose, Own, Look)} || R <- Robots, Pose <- look_at(R, All, Look)
+            ],
             {Poses, maps:merge(Seen, maps:from_list(Poses))}
     end.
 

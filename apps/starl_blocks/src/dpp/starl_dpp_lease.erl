@@ -7,8 +7,8 @@
 %% '''
 %% The holder of a promise counts from when it sent the message that was answered with it, and
 %% `drift_ppm' and `jump_ms' less than the giver, who counts from when it gave it. So the holder's
-%% time is over first, however long a message was on its way, however the two clocks drift within the
-%% bound, and though one of them is set meanwhile.
+%% time is over first, however long a message was on its way, however the two clocks drift within
+%% the bound, and though one of them is set meanwhile.
 %%
 %% A coordinator leads while a quorum's votes last. Any two quorums have a robot in common, so no
 %% two coordinators lead at one time. (Gray and Cheriton, "Leases", 1989; the election by votes is

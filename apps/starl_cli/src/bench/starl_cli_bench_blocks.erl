@@ -28,7 +28,8 @@ run(#{robots := Sizes, loss := Loss} = Options) ->
     starl_cli_terminal:out(
         "packets on the air per operation, all robots at once, loss: ~w\n"
         "theory is for no loss: ballots N^2 and N for each announcement, at most 2 N^2; bully\n"
-        "2 N (N - 1) + N; mutex N + 8; barrier N^2; geocast ~w N offers, N - 1 questions, an answer\n"
+        "2 N (N - 1) + N; mutex N + 8; barrier N^2; geocast ~w N offers, N - 1 questions, "
+        "an answer\n"
         "  block      robots  operations   packets  packets/op    theory   ratio\n",
         [Loss, ?OFFERS]
     ),

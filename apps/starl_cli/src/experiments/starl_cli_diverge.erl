@@ -86,7 +86,8 @@ all(#{ways := Ways} = Setup) ->
     Numbered = lists:zip(lists:seq(1, length(Ways)), Ways),
     Sizes = lists:usort([starl_cli_way:schedulers(Way) || Way <- Ways]),
     Group = fun(Size, Acc) ->
-        group({Size, [P || {_, W} = P <- Numbered, starl_cli_way:schedulers(W) =:= Size]}, Acc, Setup)
+        Same = [P || {_, Way} = P <- Numbered, starl_cli_way:schedulers(Way) =:= Size],
+        group({Size, Same}, Acc, Setup)
     end,
     {How, Results} = lists:foldl(Group, {done, #{}}, Sizes),
     told(How, Results, erlang:monotonic_time(millisecond) - Begin, Setup).

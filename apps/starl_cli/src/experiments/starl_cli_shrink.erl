@@ -119,9 +119,9 @@ help(Word, Flags) ->
         "Usage: ./starl shrink ", Word, " [FLAGS]\n\n",
         starl_cli_terminal:wrap("Takes a run that violates a contract (RUN is the directory of a "
             "run, a scenario file, an application with the flags of ./starl run, or SEED --app "
-            "APPLICATION) and takes away from it whatever is not needed: time, faults, robots, chance, lost packets. "
-            "The result is a scenario file that violates the same contract in the same way; it "
-            "has been run. Ctrl-C writes the smallest so far.", 0, Width),
+            "APPLICATION) and takes away from it whatever is not needed: time, faults, robots, "
+            "chance, lost packets. The result is a scenario file that violates the same contract "
+            "in the same way; it has been run. Ctrl-C writes the smallest so far.", 0, Width),
         "\n\n", starl_cli_flags:help(Flags, Width),
         "\nExit status: 0 shrunk; 1 internal error; 2 bad usage or input, also where the run "
         "violates\nnothing or is not reproducible; 4 the seconds were up; 130 interrupted.\n"

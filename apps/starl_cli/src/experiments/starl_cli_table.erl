@@ -26,7 +26,9 @@ command(Args) ->
         {false, {ok, #{help := true}}} -> help();
         {false, {ok, Values}} -> prepared(maps:merge(starl_cli_flags:defaults(flags()), Values));
         {false, {error, Problems}} ->
-            starl_cli_terminal:bad_input([["table: ", starl_cli_flags:format_problem(P)] || P <- Problems])
+            starl_cli_terminal:bad_input([
+                ["table: ", starl_cli_flags:format_problem(P)] || P <- Problems
+            ])
     end.
 
 flags() ->

@@ -108,7 +108,8 @@ command_line(Command, #{app := App, replay := Word}, Scenario) ->
     Chosen = maps:filter(
         fun(Key, Value) -> maps:find(Key, Defaults) =/= {ok, Value} end, maps:remove(app, Scenario)
     ),
-    lists:join(" ", ["./starl", Command, starl_cli_flags:shell(Word) | starl_cli_flags:arguments(Options, Chosen)]).
+    Arguments = starl_cli_flags:arguments(Options, Chosen),
+    lists:join(" ", ["./starl", Command, starl_cli_flags:shell(Word) | Arguments]).
 
 %% -- flags and help -------------------------------------------------------------------------
 

@@ -2,7 +2,8 @@
 %% output that survives a closed pipe (`./starl ... | head').
 -module(starl_cli_terminal).
 
--export([bad_input/1, out/1, out/2, complain/1, warn/1, draw/1, columns/0, window/0, watched/0, wrap/3]).
+-export([bad_input/1, out/1, out/2, complain/1, warn/1, draw/1]).
+-export([columns/0, window/0, watched/0, wrap/3]).
 
 -export_type([status/0]).
 

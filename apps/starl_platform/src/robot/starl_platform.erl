@@ -23,12 +23,12 @@
 %% <dt>`{sense, Robots}'</dt><dd>answered by the local event `{Name, info, {located, [{Robot,
 %%   Pose}]}}' with those of the robots that the positioning system sees</dd>
 %% <dt>`{drive, [{Left, Right, Us}], Mark}'</dt><dd>turns the wheels at these speeds, mm/s, one
-%%   after the other, each for so long by the chassis' own clock, and stops them, whatever becomes of
-%%   the robot's program; no script stops them at once. Answered, when they stand, by the event
-%%   `{Name, info, {driven, Mark, Us}}' with what that clock showed when
-%%   it heard the command; or, at most 15 ms after a wheel has ceased to turn as it was
-%%   told and both were stopped, by `{Name, info, {stalled, Mark, {Left, Right}}}' with the speeds
-%%   that it was told. A script that another takes the place of is not answered</dd>
+%%   after the other, each for so long by the chassis' own clock, and stops them, whatever becomes
+%%   of the robot's program; no script stops them at once. Answered, when they stand, by the event
+%%   `{Name, info, {driven, Mark, Us}}' with what that clock showed when it heard the command; or,
+%%   at most 15 ms after a wheel has ceased to turn as told and both were stopped, by `{Name, info,
+%%   {stalled, Mark, {Left, Right}}}' with the speeds that it was told. A script that another takes
+%%   the place of is not answered</dd>
 %% <dt>`{actuate, Device, Value}'</dt><dd>sets another actuator</dd>
 %% <dt>`{{timeout, T}, Us, Content}', `{state_timeout, Us, Content}'</dt><dd>starts a timer of
 %%   this machine, by the robot's clock, in place of the one of the same name</dd>

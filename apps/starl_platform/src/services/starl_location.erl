@@ -2,7 +2,8 @@
 %%
 %% The only machine that asks the positioning system (`sense'); everybody else asks it. Calls:
 %% `{pose, Robot}' (answer `{ok, pose()}' or `{error, unknown}'), `poses' (all robots seen),
-%% `{waypoint, Name}', `waypoints'. Configuration: `waypoints => #{Name => point()}', `exact' (false).
+%% `{waypoint, Name}', `waypoints'. Configuration: `waypoints => #{Name => point()}', `exact'
+%% (false).
 %%
 %% A positioning system that has got stuck goes on to show its last picture. No live one measures
 %% the same pose twice to the bit: so each picture shows the robot itself too, and one that shows it

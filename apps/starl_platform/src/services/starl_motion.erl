@@ -20,8 +20,8 @@
 %% ends the matter.
 %%
 %% Whoever drives by leave that ends at some time must not drive on after having stood still
-%% unawares. So no leg of a drive along a given line begins but just after a word of the chassis, and
-%% only while its clock and the robot's agree ({@link starl_motion_watch}).
+%% unawares. So no leg of a drive along a given line begins but just after a word of the chassis,
+%% and only while its clock and the robot's agree ({@link starl_motion_watch}).
 %%
 %% Calls: `{go_to, point()}' along the line from where it stands, `{go_along, segment()}' along this
 %% line, near which it stands (answer `ok' when it is there, `{error, stopped}' when another

@@ -9,10 +9,10 @@
 %%
 %% The bounds. Per leg of length L the heading errs by at most ε, of which nobody knows, by what is
 %% not worth a turn (`turn_from'), and by what slipping wheels take off a turn that nobody looks at
-%% (half of `look_from'), together ε'; the distance by at most δ·L; positions are known to within s.
-%% So it ends a line within g = L·(ε + turn_from + δ) + 2s + 0.5 mm of the goal, as it sees it, and
-%% begins the next one, if that is given with its beginning, so far off, and by another 3 mm, if a
-%% wheel gets stuck while it turns: until the chassis stops it. A leg that begins d off the line
+%% (half of `look_from'), together ε'; the distance by at most δ·L; positions are known to within
+%% s. So it ends a line within g = L·(ε + turn_from + δ) + 2s + 0.5 mm of the goal, as it sees it,
+%% and begins the next one, if that is given with its beginning, so far off, and by another 3 mm, if
+%% a wheel gets stuck while it turns: until the chassis stops it. A leg that begins d off the line
 %% and aims at it ends at most s + L·ε' off, and between the two it is no farther off than at
 %% both ends. So it is never farther from the line than s + max(g + 3 mm, L·ε')
 %% ({@link tracking_radius/1}).
@@ -152,7 +152,8 @@ aim(Here, Distance, Speed, {Start, Goal}, #{leg_s := LegS, near_mm := Near}) ->
 
 %% How near to its goal the last leg is sure to end.
 end_error(#{heading_error := Heading, distance_error := Part, turn_from := TurnFrom} = Profile) ->
-    length_mm(Profile) * (Heading + TurnFrom + Part) + 2 * maps:get(position_error_mm, Profile) + 0.5.
+    #{position_error_mm := Position} = Profile,
+    length_mm(Profile) * (Heading + TurnFrom + Part) + 2 * Position + 0.5.
 
 length_mm(#{speed := Speed, leg_s := LegS}) -> Speed * LegS.
 
