@@ -25,6 +25,8 @@
 %% Faults are over and everything has to be done by these times, s.
 -define(HEAL_S, 25).
 -define(CONVERGE_S, 35).
+%% For path planning faults are over later: how much is painted by then is not judged.
+-define(DPP_HEAL_S, 45).
 %% Path planning rests on positions that are right to within their stated error: noise, bias and
 %% robots taken for each other are beyond it.
 -define(DPP_BEARS, [
@@ -43,8 +45,8 @@ targets() -> starl_exercise:blocks_known() ++ [dpp].
     #{atom() => term()}.
 scenario(dpp, Robots, Seed) ->
     #{
-        app => starl_painting, robots => Robots, seed => Seed, picture => "house", time => 300,
-        random_faults => ?DPP_BEARS, heal => 60
+        app => starl_painting, robots => Robots, seed => Seed, picture => "house",
+        time => ?HEAL_S + ?CONVERGE_S, random_faults => ?DPP_BEARS, heal => ?DPP_HEAL_S
     };
 scenario(Block, Robots, Seed) ->
     #{
