@@ -45,9 +45,8 @@
 %% clock gains in a tick; `grain': time passes to the next timed timer or by so many ticks;
 %% `horizon_us': how long a time in a message that is over is still told from an earlier one,
 %% `past_us': one in a machine's data; `waits': the places where it matters when a machine began,
-%% elsewhere that is long ago; `refresh': an
-%% event that changes nothing but the time that a machine remembers; `fixed': the places of
-%% robots that are unlike all others; `same_random': all robots draw the same.
+%% elsewhere that is long ago; `fixed': the places of robots that are unlike all others;
+%% `same_random': all robots draw the same.
 -type t() :: #{
     block := block(),
     ids := [starl:robot_id()],
@@ -63,7 +62,6 @@
     horizon_us := pos_integer(),
     past_us := non_neg_integer(),
     waits := [starl_check_term:place()],
-    refresh := {starl_machine:name(), starl_machine:event_type(), term()} | none,
     fixed := [starl_check_term:place()],
     same_random := boolean(),
     rounds := pos_integer(),
@@ -114,7 +112,6 @@ new(Block, Options) ->
         horizon_us => 1,
         past_us => 0,
         waits => places(Ids),
-        refresh => none,
         fixed => [],
         same_random => false,
         rounds => maps:get(rounds, Options, 2),
@@ -190,8 +187,6 @@ block(mutex, #{ids := Ids}) ->
         horizon_us => ?LEASE_US,
         %% a machine that starts anew waits as the home that it is, which only one robot is
         waits => [Home],
-        %% there is no job 0
-        refresh => {mutex, {timeout, {again, 0}}, again},
         fixed => [Home]
     };
 block(barrier, #{ids := Ids, rounds := Rounds}) ->

@@ -119,10 +119,10 @@ is_done(#robot{machines = Machines}) ->
 %% @doc The robot when so many ticks have passed. None of its timers has been due earlier.
 -spec shift(Ticks :: pos_integer(), t(), starl_check_model:t()) -> t().
 shift(Ticks, #robot{machines = Machines, timers = Timers} = Robot, Model) ->
-    Aged = older(Machines, Ticks, Model),
-    refresh(Model, Robot#robot{
-        machines = Aged, timers = [{Key, less(Due, Ticks), C} || {Key, Due, C} <- Timers]
-    }).
+    Robot#robot{
+        machines = older(Machines, Ticks, Model),
+        timers = [{Key, less(Due, Ticks), C} || {Key, Due, C} <- Timers]
+    }.
 
 %% All times of a machine that are over are the same to it.
 older(Machines, Ticks, #{rates := Rates, past_us := Past}) ->
@@ -130,14 +130,6 @@ older(Machines, Ticks, #{rates := Rates, past_us := Past}) ->
 
 less(any, _Ticks) -> any;
 less(Due, Ticks) -> Due - Ticks.
-
-%% A machine that remembers the time of its last event is given one that changes nothing else.
-refresh(#{refresh := none}, Robot) ->
-    Robot;
-refresh(#{refresh := {Name, Type, Content}} = Model, Robot) ->
-    #run{robot = Next, sent = [], traces = []} =
-        run([{Name, Type, Content}], #run{robot = Robot, model = Model}),
-    Next.
 
 %% @doc The robot with each robot of the team in the place of another.
 -spec rename(t(), starl_check_term:permutation()) -> t().

@@ -145,19 +145,27 @@ pose(Id, Scene, #{world := {Width, _}}) ->
     },
     maps:get(Id, maps:get(poses, Scene, #{}), Default).
 
-%% Whatever is bounded in time may take longer by what faults of clocks and processes cost.
+%% Whatever is bounded in time may take longer by what faults of clocks and processes cost; a
+%% monitor that asks for it is told which assumptions they break, and when.
 monitors(#{faults := Faults} = Scenario, Scene, #{sap := Sap0, robots := Ids}) ->
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
     Slack = starl_sim_fault:slack_us(Faults),
+    Broken = starl_sim_assumption:broken(Faults),
     %% a hundredth more for the drift of the sender's clock
     Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
     Own = [{starl_sap_monitor, #{bound_us => Bound, robots => Ids}} | progress(Scenario, Ids)],
-    [{Module, widened(Slack, Config)} || {Module, Config} <- Own ++ maps:get(monitors, Scene, [])].
+    [
+        {Module, told(Broken, widened(Slack, Config))}
+     || {Module, Config} <- Own ++ maps:get(monitors, Scene, [])
+    ].
 
 widened(Slack, #{bound_us := Bound} = Config) when is_integer(Bound) ->
     Config#{bound_us := Bound + Slack};
 widened(_Slack, Config) ->
     Config.
+
+told(Broken, #{broken := _} = Config) -> Config#{broken := Broken};
+told(_Broken, Config) -> Config.
 
 progress(#{converge := none}, _Ids) ->
     [];

@@ -4,7 +4,7 @@
 -behaviour(starl_app).
 
 -export([options/0, scene/1, init/2, step/2, report/2]).
--export([blocks_known/0, bears/1]).
+-export([blocks_known/0]).
 
 -export_type([block/0, state/0]).
 
@@ -27,26 +27,13 @@
 
 %% A call may last so much longer than its patience.
 -define(MARGIN_US, 12000000).
+-define(LEASE_MS, 2000).
 %% Registers are read every turn, and written so rarely.
 -define(TURNS_A_WRITE, 3).
 
 %% @doc The blocks that can be exercised.
 -spec blocks_known() -> [block()].
 blocks_known() -> [sap, election, bully, mutex, barrier, geocast, registers].
-
-%% @doc The classes and kinds of faults under which a block's contract is to hold; the others
-%% break one of its assumptions, which its page states. Leases and lifetimes rest on a monotonic
-%% clock, as every computer has one, which drifts but neither steps nor stops; leases also on
-%% robots that notice in time that one is over; areas on positions that are about right.
--spec bears(block()) -> [starl_sim_fault:class() | starl_sim_fault:kind()].
-bears(mutex) ->
-    [network, clock_drift, kill_machine, kill_robot, reboot, slow, location, actuation];
-bears(geocast) ->
-    [network, clock_drift, process, location_dropout, location_noise, location_bias, actuation];
-bears(Block) when
-    Block =:= sap; Block =:= election; Block =:= bully; Block =:= barrier; Block =:= registers
-->
-    [network, clock, process, location, actuation].
 
 -spec options() -> [starl_options:option()].
 options() ->
@@ -76,7 +63,7 @@ scene(#{robots := Robots, options := #{block := Block, patience := Patience} = O
 machines(sap) -> [];
 machines(election) -> [starl_election:block(ballots)];
 machines(bully) -> [starl_election:block(bully)];
-machines(mutex) -> [starl_mutex:block(#{lease_ms => 2000})];
+machines(mutex) -> [starl_mutex:block(#{lease_ms => ?LEASE_MS})];
 machines(barrier) -> starl_barrier:blocks();
 machines(geocast) ->
     %% more than the faults of positions add up to
@@ -90,7 +77,7 @@ monitors(election, Robots, BoundUs) ->
 monitors(bully, Robots, BoundUs) ->
     [{starl_election_bully_monitor, #{robots => Robots, bound_us => BoundUs}}];
 monitors(mutex, _Robots, _BoundUs) ->
-    [{starl_mutex_monitor, #{}}];
+    [{starl_mutex_monitor, #{lease_us => 1000 * ?LEASE_MS, broken => []}}];
 monitors(barrier, Robots, _BoundUs) ->
     [{starl_barrier_monitor, #{robots => Robots}}];
 monitors(geocast, Robots, _BoundUs) ->

@@ -5,7 +5,7 @@
 -module(starl_mutex_acquire).
 
 -export([acquire/5, release/4, again/2, give_up/3, caller_restarted/2]).
--export([settle/1]).
+-export([settle/1, lapse_all/1]).
 
 -import(starl_mutex_state, [act/2, acts/2, post_home/3]).
 
@@ -28,7 +28,8 @@ proceed(Id, Job, Robot) ->
     case starl_mutex_job:next(Job) of
         complete ->
             Done = acts([{{timeout, {T, Id}}, cancel} || T <- [again, patience]], Kept),
-            act({reply, starl_mutex_job:from(Job), {ok, starl_mutex_job:answer(Job)}}, Done);
+            Answer = {reply, starl_mutex_job:from(Job), {ok, starl_mutex_job:answer(Job)}},
+            acts([{trace, {answered, starl_mutex_job:fences(Job)}}, Answer], Done);
         {wait, Token} ->
             Retry = {{timeout, {again, Id}}, starl_mutex_state:retry_us(Kept), again},
             search(Token, Id, acts([{trace, {requested, Token}}, Retry], Kept))
@@ -102,9 +103,8 @@ listed(Token) -> [Token].
 
 %% The job of this caller that holds the token, as one that has all it wants.
 holder(Caller, Token, Robot) ->
-    Now = starl_mutex_state:now(Robot),
     case starl_mutex_state:entry(Token, Robot) of
-        #{lock := {Id, _}, lease_end := End} when Now < End ->
+        #{lock := {Id, _}} ->
             Job = starl_mutex_state:job(Id, Robot),
             [Id || starl_mutex_job:next(Job) =:= complete, starl_mutex_job:caller(Job) =:= Caller];
         _ ->
@@ -119,6 +119,14 @@ drop(Id, Token, Robot) ->
     end.
 
 %% -- what happens to jobs -------------------------------------------------------------------
+
+%% @doc Ends all that whose lease is over: nothing else is to be done before.
+-spec lapse_all(t()) -> t().
+lapse_all(Robot) ->
+    lists:foldl(
+        fun(T, R) -> settle(starl_mutex_robot:lapse(T, R)) end, Robot,
+        starl_mutex_state:over(Robot)
+    ).
 
 %% @doc Tells the jobs what the last operation on a token has brought them.
 -spec settle(t()) -> t().

@@ -26,7 +26,13 @@ requested(Token, Request, Robot) ->
 asked(Kind, Token, Fence, Nonce, By, Robot) ->
     #{now := Now, home := Home} = as_home(Robot),
     {Answer, Next} = starl_mutex_home:Kind(Token, Fence, By, Now, Home),
-    at_home(Token, {[{By, {Answer, Token, Fence, Nonce}}], Next}, Robot).
+    Told = told(Kind, Answer, {Token, Fence, By}, Robot),
+    at_home(Token, {[{By, {Answer, Token, Fence, Nonce}}], Next}, Told).
+
+told(claim, granted, {Token, Fence, By}, Robot) ->
+    act({trace, {granted, Token, Fence, By}}, Robot);
+told(_Kind, _Answer, _Hold, Robot) ->
+    Robot.
 
 %% @doc A token comes back to this home.
 -spec returned(token(), fence(), [request()], starl:robot_id(), t()) -> t().

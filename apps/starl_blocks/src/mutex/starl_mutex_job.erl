@@ -3,7 +3,7 @@
 %% {@link starl_mutex_acquire}.
 -module(starl_mutex_job).
 
--export([new/3, caller/1, from/1, next/1, waits_for/2, answer/1, held/1]).
+-export([new/3, caller/1, from/1, next/1, waits_for/2, answer/1, held/1, fences/1]).
 -export([got/3, without/2, anew/1]).
 
 -export_type([t/0, id/0]).
@@ -51,11 +51,15 @@ waits_for(_Token, #job{}) -> false.
 %% @doc What a job that is complete is answered.
 -spec answer(t()) -> starl_mutex:fence() | [{token(), starl_mutex:fence()}].
 answer(#job{shape = one, got = [{_, Fence}]}) -> Fence;
-answer(#job{shape = set, got = Got}) -> lists:sort(Got).
+answer(#job{shape = set} = Job) -> fences(Job).
 
 %% @doc The tokens that it has got, the last one first.
 -spec held(t()) -> [token()].
 held(#job{got = Got}) -> [Token || {Token, _} <- Got].
+
+%% @doc The same with their fences, in the order of terms.
+-spec fences(t()) -> [{token(), starl_mutex:fence()}].
+fences(#job{got = Got}) -> lists:sort(Got).
 
 %% @doc It has got the token that it waited for.
 -spec got(token(), starl_mutex:fence(), t()) -> t().

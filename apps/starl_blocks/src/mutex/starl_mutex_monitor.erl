@@ -1,14 +1,20 @@
 %% @doc The contract of mutual exclusion by tokens, as a monitor.
 %%
-%% Safety: never two holds of one token at once; the fence of a hold is larger than those of
-%% all earlier holds of the token; only what is held is released or lost. A hold ends with
-%% `released' or `lease_lost', with the crash of the robot's mutex machine, or with the robot.
+%% Safety: see {@link starl_mutex_holds}. Always: fences grow from hold to hold of a robot, and
+%% nobody holds a hand-over but the robot to which the token's home has confirmed it, so that no
+%% fence is there twice; only what is held is answered, released or lost. As long as clocks keep
+%% what is assumed of them: never two holds of one token at once, and the fence of a hold is larger
+%% than those of all earlier holds; as long as robots are prompt: a hold ends with its lease.
+%% `broken' says when an assumption is broken ({@link starl_assumption}; the simulator fills it in
+%% where the key is there), and only what that explains is excused. A hold ends with `released' or
+%% `lease_lost', with the crash of the robot's mutex machine, or with the robot.
 %%
 %% Progress: a request is granted within `bound_us' (default: none), as far as it was made at
 %% `from_us' or later (default 0); with `granted' (default false) a request that fails is a
 %% violation as well. A robot's death or the crash of its mutex machine ends its requests.
 %%
-%% Events of machine `mutex': `{requested, Token}', `{acquired, Token, Fence}',
+%% Events of machine `mutex': `{requested, Token}', `{granted, Token, Fence, To}' at the home,
+%% `{leased, Token, Fence, LeftUs}', `{acquired, Token, Fence}', `{answered, [{Token, Fence}]}',
 %% `{released, Token, Fence}', `{lease_lost, Token, Fence}', `{failed, Token, Reason}',
 %% `crashed'; of machine `robot': `{died, Reason}'.
 -module(starl_mutex_monitor).
@@ -23,8 +29,7 @@
     bound_us :: pos_integer() | infinity,
     from_us :: integer(),
     granted :: boolean(),
-    holds = #{} :: #{token() => [{robot_id(), Fence :: integer()}]},
-    fences = #{} :: #{token() => integer()},
+    holds :: starl_mutex_holds:t(),
     %% requests not granted yet, of each robot's several ones the oldest first
     open = #{} :: #{{token(), robot_id()} => [RequestedUs :: integer()]},
     %% the bounds in their order; those that `open' does not confirm are void
@@ -34,15 +39,25 @@
     failed = 0 :: non_neg_integer()
 }).
 
-%% @doc See above; all keys may be left out.
+%% @doc See above; all keys may be left out. `lease_us', `drift_ppm' and `lag_us' are those of the
+%% machines, by default theirs (8 s, 10000, 250 ms).
 -spec init(#{
-    bound_us => pos_integer() | infinity, from_us => integer(), granted => boolean()
+    bound_us => pos_integer() | infinity,
+    from_us => integer(),
+    granted => boolean(),
+    lease_us => pos_integer(),
+    drift_ppm => non_neg_integer(),
+    lag_us => non_neg_integer(),
+    broken => [starl_assumption:window()]
 }) -> #state{}.
 init(Config) ->
     #state{
         bound_us = maps:get(bound_us, Config, infinity),
         from_us = maps:get(from_us, Config, 0),
-        granted = maps:get(granted, Config, false)
+        granted = maps:get(granted, Config, false),
+        holds = starl_mutex_holds:new(
+            maps:with([lease_us, drift_ppm, lag_us, broken], Config)
+        )
     }.
 
 %% @doc The mutex machines' own events and the end of robots.
@@ -51,7 +66,7 @@ interests() -> [mutex, robot].
 
 %% @doc Who holds, and the fences; without `bound_us' and `granted' nothing else is judged.
 -spec timeless(#state{}) -> term().
-timeless(#state{holds = Holds, fences = Fences}) -> {Holds, Fences}.
+timeless(#state{holds = Holds}) -> starl_mutex_holds:timeless(Holds).
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -73,7 +88,7 @@ finish(EndTimeUs, State) ->
     {Overdue, #state{waits = {Count, Sum, Longest}} = End} = pass(EndTimeUs, State, []),
     Mean = Sum / max(1, Count),
     Results = #{
-        tokens => map_size(End#state.fences),
+        tokens => starl_mutex_holds:tokens(End#state.holds),
         acquired => Count,
         lease_lost => End#state.lost,
         failed => End#state.failed,
@@ -81,7 +96,7 @@ finish(EndTimeUs, State) ->
         mean_wait_us => Mean,
         unfairness => Longest / max(1.0, Mean)
     },
-    {verdict(Overdue), Results}.
+    {verdict(Overdue ++ starl_mutex_holds:finish(EndTimeUs, End#state.holds)), Results}.
 
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.
@@ -90,14 +105,20 @@ verdict(Violations) -> {violation, Violations}.
 
 judge({mutex, {requested, Token}}, T, Robot, State) ->
     {[], request(T, Robot, Token, State)};
-judge({mutex, {acquired, Token, Fence}}, T, Robot, State) ->
-    Broken = second_holder(T, Robot, Token, State) ++ stale_fence(T, Robot, Token, Fence, State),
-    {Broken, hold(Token, Robot, Fence, wait(T, Robot, Token, State))};
-judge({mutex, {released, Token, Fence}}, T, Robot, State) ->
-    {not_held(T, Robot, Token, Fence, State), drop(Token, {Robot, Fence}, State)};
-judge({mutex, {lease_lost, Token, Fence}}, T, Robot, #state{lost = Lost} = State) ->
-    Dropped = drop(Token, {Robot, Fence}, State#state{lost = Lost + 1}),
-    {not_held(T, Robot, Token, Fence, State), Dropped};
+judge({mutex, {granted, Token, Fence, To}}, T, Home, #state{holds = Holds} = State) ->
+    kept(starl_mutex_holds:granted(T, Home, Token, Fence, To, Holds), State);
+judge({mutex, {leased, Token, Fence, Left}}, T, Robot, #state{holds = Holds} = State) ->
+    {[], State#state{holds = starl_mutex_holds:leased(T, Robot, Token, Fence, Left, Holds)}};
+judge({mutex, {acquired, Token, Fence}}, T, Robot, #state{holds = Holds} = State) ->
+    Held = starl_mutex_holds:acquired(T, Robot, Token, Fence, Holds),
+    kept(Held, wait(T, Robot, Token, State));
+judge({mutex, {answered, Fences}}, T, Robot, #state{holds = Holds} = State) ->
+    {starl_mutex_holds:answered(T, Robot, Fences, Holds), State};
+judge({mutex, {released, Token, Fence}}, T, Robot, #state{holds = Holds} = State) ->
+    kept(starl_mutex_holds:ended(released, T, Robot, Token, Fence, Holds), State);
+judge({mutex, {lease_lost, Token, Fence}}, T, Robot, #state{holds = Holds} = State) ->
+    Ended = starl_mutex_holds:ended(lost, T, Robot, Token, Fence, Holds),
+    kept(Ended, State#state{lost = State#state.lost + 1});
 judge({mutex, {failed, Token, Reason}}, T, Robot, #state{failed = Failed} = State) ->
     {Since, Closed} = close(Token, Robot, State#state{failed = Failed + 1}),
     {refused(T, Robot, Token, Reason, Since, State), Closed};
@@ -107,6 +128,8 @@ judge({robot, {died, _Reason}}, _T, Robot, State) ->
     {[], forget(Robot, State)};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
+
+kept({Broken, Holds}, State) -> {Broken, State#state{holds = Holds}}.
 
 request(T, Robot, Token, #state{open = Open, bound_us = Bound, from_us = From} = State) ->
     Key = {Token, Robot},
@@ -133,50 +156,13 @@ close(Token, Robot, #state{open = Open} = State) ->
         #{} -> {none, State}
     end.
 
-hold(Token, Robot, Fence, #state{holds = Holds, fences = Fences} = State) ->
-    State#state{
-        holds = Holds#{Token => [{Robot, Fence} | maps:get(Token, Holds, [])]},
-        fences = Fences#{Token => max(Fence, maps:get(Token, Fences, Fence))}
-    }.
-
-drop(Token, Hold, #state{holds = Holds} = State) ->
-    case lists:delete(Hold, maps:get(Token, Holds, [])) of
-        [] -> State#state{holds = maps:remove(Token, Holds)};
-        Rest -> State#state{holds = Holds#{Token => Rest}}
-    end.
-
 forget(Robot, #state{holds = Holds, open = Open} = State) ->
-    Left = maps:map(fun(_, Of) -> [Hold || {Who, _} = Hold <- Of, Who =/= Robot] end, Holds),
     State#state{
-        holds = maps:filter(fun(_, Of) -> Of =/= [] end, Left),
+        holds = starl_mutex_holds:forget(Robot, Holds),
         open = maps:filter(fun({_, Who}, _) -> Who =/= Robot end, Open)
     }.
 
-%%% The clauses of the contract
-
-second_holder(T, Robot, Token, #state{holds = Holds}) ->
-    case Holds of
-        #{Token := [{Other, Fence} | _]} ->
-            Details = #{token => Token, fence => Fence, holder => Other},
-            [violation(two_holders, T, lists:usort([Other, Robot]), Details)];
-        #{} ->
-            []
-    end.
-
-stale_fence(T, Robot, Token, Fence, #state{fences = Fences}) ->
-    case Fences of
-        #{Token := Last} when Fence =< Last ->
-            Details = #{token => Token, fence => Fence, last => Last},
-            [violation(fence_not_larger, T, [Robot], Details)];
-        #{} ->
-            []
-    end.
-
-not_held(T, Robot, Token, Fence, #state{holds = Holds}) ->
-    [
-        violation(not_held, T, [Robot], #{token => Token, fence => Fence})
-     || not lists:member({Robot, Fence}, maps:get(Token, Holds, []))
-    ].
+%%% The clauses of progress
 
 refused(T, Robot, Token, Reason, Since, #state{granted = true, from_us = From}) when
     is_integer(Since), Since >= From

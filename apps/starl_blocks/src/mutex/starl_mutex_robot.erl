@@ -146,7 +146,9 @@ granted(Token, Fence, {Incarnation, Sent}, Robot) ->
     Now = starl_mutex_state:now(Robot),
     Alive = End > Now andalso Incarnation =:= starl_mutex_state:incarnation(Robot),
     case entry(Token, Robot) of
-        #{fence := Own, lease_end := Before} = Entry when Alive, End > Before ->
+        #{fence := Own, granted := Already, lease_end := Before} = Entry when
+            Alive, not Already orelse End > Before
+        ->
             case base(Own) of
                 Fence -> extend(Token, Entry#{lease_end := End}, Robot);
                 _ -> Robot
@@ -155,14 +157,19 @@ granted(Token, Fence, {Incarnation, Sent}, Robot) ->
             Robot
     end.
 
-extend(Token, #{granted := Already, lease_end := End, fence := Fence} = Entry, Robot) ->
-    Left = End - starl_mutex_state:now(Robot),
-    Timed = act({{timeout, {lease, Token}}, Left, over}, Robot),
+extend(Token, #{granted := Already, fence := Fence, lock := Lock} = Entry, Robot) ->
+    Timed = act({{timeout, {lease, Token}}, left(Entry, Robot), over}, Robot),
     Granted = Entry#{granted := true, tries := 0},
-    case Already of
-        true -> put_entry(Token, Granted, Timed);
-        false -> serve(Token, Granted, announce(Token, base(Fence), Timed))
+    case {Already, Lock} of
+        {false, none} -> serve(Token, Granted, announce(Token, base(Fence), Timed));
+        {true, none} -> put_entry(Token, Granted, Timed);
+        {true, {_, Held}} -> put_entry(Token, Granted, leased(Token, Held, Entry, Timed))
     end.
+
+left(#{lease_end := End}, Robot) -> End - starl_mutex_state:now(Robot).
+
+leased(Token, Fence, Entry, Robot) ->
+    act({trace, {leased, Token, Fence, left(Entry, Robot)}}, Robot).
 
 announce(Token, Fence, Robot) ->
     Broadcast = {cast, sap, {broadcast, mutex, {owner, Token, Fence}}},
@@ -182,39 +189,38 @@ refused(Token, Fence, Robot) ->
     end.
 
 %% Gives a token that is free to whoever is first in its queue.
-serve(Token, #{granted := true, lock := none, lease_end := End} = Entry, Robot) ->
-    case End =< starl_mutex_state:now(Robot) of
-        %% later than its timer, which will tell
-        true -> put_entry(Token, Entry, Robot);
-        false -> serve_first(Token, Entry, Robot)
-    end;
-serve(Token, Entry, Robot) ->
-    put_entry(Token, Entry, Robot).
-
-serve_first(Token, #{fence := Fence, queue := Queue} = Entry, Robot) ->
+serve(Token, #{granted := true, lock := none, fence := Fence, queue := Queue} = Entry, Robot) ->
     Self = starl_mutex_state:self(Robot),
     case trim(Token, Queue, Robot) of
         [] -> put_entry(Token, Entry#{queue := []}, Robot);
         [{Self, Id} | Rest] -> lock(Token, Id, Entry#{queue := Rest}, Robot);
         Others -> pass_on(Token, Fence, Others, forget_entry(Token, Robot))
-    end.
+    end;
+serve(Token, Entry, Robot) ->
+    put_entry(Token, Entry, Robot).
 
 lock(Token, Id, #{fence := Fence} = Entry, Robot) ->
     Locked = Entry#{lock := {Id, Fence}},
-    Held = prolong(Token, Locked, act({trace, {acquired, Token, Fence}}, Robot)),
-    notify({locked, Id, Token, Fence}, Held).
+    Traced = act({trace, {acquired, Token, Fence}}, leased(Token, Fence, Entry, Robot)),
+    notify({locked, Id, Token, Fence}, prolong(Token, Locked, Traced)).
 
 %% A hold begins: the lease must be renewed, at once if more than half of it is over.
-prolong(Token, #{lease_end := End} = Entry, Robot) ->
-    case End - starl_mutex_state:now(Robot) < starl_mutex_state:lease_us(Robot) div 2 of
+prolong(Token, Entry, Robot) ->
+    case left(Entry, Robot) < starl_mutex_state:lease_us(Robot) div 2 of
         true -> ask(renew, Token, Entry, Robot);
         false -> put_entry(Token, Entry, act(renewal(Token, Robot), Robot))
     end.
 
-%% @doc A hold ends; the next one has another number.
+%% @doc A hold ends; the next one has another number. One whose lease is over had ended before.
 -spec unlock(token(), t()) -> t().
 unlock(Token, Robot) ->
-    #{lock := {_, Fence}, queue := Queue} = Entry = entry(Token, Robot),
+    #{queue := Queue} = Entry = entry(Token, Robot),
+    case starl_mutex_state:is_over(Entry, Robot) of
+        true -> orphan(Token, Queue, lose(Token, Entry, Robot));
+        false -> free(Token, Entry, Robot)
+    end.
+
+free(Token, #{lock := {_, Fence}, queue := Queue} = Entry, Robot) ->
     Freed = acts([{trace, {released, Token, Fence}}, {{timeout, {renew, Token}}, cancel}], Robot),
     case starl_mutex_home:last_hold(Fence) of
         true -> pass_on(Token, Fence, Queue, forget_entry(Token, Freed));
@@ -225,15 +231,17 @@ unlock(Token, Robot) ->
 -spec lapse(token(), t()) -> t().
 lapse(Token, Robot) ->
     case entry(Token, Robot) of
-        #{lock := {Id, Fence}, queue := Queue} ->
-            Lost = act({trace, {lease_lost, Token, Fence}}, forget_entry(Token, Robot)),
+        #{lock := {Id, _}, queue := Queue} = Entry ->
             %% the job gives back what else it has before the requests look for another token
-            notify({lost, Id, Token, Queue}, Lost);
+            notify({lost, Id, Token, Queue}, lose(Token, Entry, Robot));
         #{queue := Queue} ->
             orphan(Token, Queue, forget_entry(Token, Robot));
         none ->
             Robot
     end.
+
+lose(Token, #{lock := {_, Fence}}, Robot) ->
+    act({trace, {lease_lost, Token, Fence}}, forget_entry(Token, Robot)).
 
 %% @doc The queue of a token that is no more: its requests go to the home.
 -spec orphan(token(), [request()], t()) -> t().

@@ -8,7 +8,7 @@
 -export([new/1, at/2, now/1, self/1, team_size/1, incarnation/1, lease_us/1, retry_us/1]).
 -export([act/2, acts/2, post/3, post_home/3, result/1, notify/2, take_notices/1]).
 -export([next_job/1, keep_job/3, job/2, waiting/2, jobs_of/2, forget_job/2, suspend_job/2]).
--export([is_wanted/3, entry/2, put_entry/3, forget_entry/2]).
+-export([is_wanted/3, entry/2, put_entry/3, forget_entry/2, is_over/2, over/1]).
 -export([owners/1, put_owners/2, home/1, put_home/2, sent_out/5, take_out/3, outs/1]).
 
 -export_type([t/0, entry/0, notice/0]).
@@ -19,7 +19,7 @@
 -type job_id() :: starl_mutex_job:id().
 
 %% A token that the robot has: the number of the next hold; whether the home has confirmed it, and
-%% until when; who waits for it; the job and the number of the present hold; how often it was
+%% if so until when; who waits for it; the job and the number of the present hold; how often it was
 %% claimed.
 -type entry() :: #{
     fence := fence(),
@@ -40,7 +40,8 @@
     incarnation :: pos_integer(),
     lease_us :: pos_integer(),
     retry_us :: pos_integer(),
-    now :: integer(),
+    %% of the event at hand; nothing is kept of it
+    now = 0 :: integer(),
     home :: starl_mutex_home:t(),
     entries = #{} :: #{token() => entry()},
     jobs = #{} :: #{job_id() => starl_mutex_job:t()},
@@ -65,15 +66,14 @@ new(#{robot := Self, participants := Team, incarnation := Incarnation, now := No
         incarnation = Incarnation,
         lease_us = LeaseUs,
         retry_us = RetryUs,
-        now = Now,
         home = starl_mutex_home:new(Incarnation, Now, LeaseUs, Drift, Lag)
     }.
 
-%% @doc The robot at a later time of its clock.
+%% @doc The robot when an event comes at this time of its clock.
 -spec at(integer(), t()) -> t().
 at(Now, Robot) -> Robot#robot{now = Now}.
 
-%% @doc The time of its clock, in microseconds.
+%% @doc The time of its clock at the event at hand, in microseconds.
 -spec now(t()) -> integer().
 now(#robot{now = Now}) -> Now.
 
@@ -119,7 +119,7 @@ post_home(Token, Body, #robot{team = Team} = Robot) ->
 %% @doc The actions gathered, as a machine's result.
 -spec result(t()) -> starl_machine:result().
 result(#robot{actions = Actions} = Robot) ->
-    {keep_state, Robot#robot{actions = []}, lists:reverse(Actions)}.
+    {keep_state, Robot#robot{actions = [], now = 0}, lists:reverse(Actions)}.
 
 %% @doc Something has happened to a job, which is to be told.
 -spec notify(notice(), t()) -> t().
@@ -198,6 +198,16 @@ put_entry(Token, Entry, #robot{entries = Entries} = Robot) ->
 forget_entry(Token, #robot{entries = Entries} = Robot) ->
     Cancel = [{{timeout, {T, Token}}, cancel} || T <- [renew, lease]],
     acts(Cancel, Robot#robot{entries = maps:remove(Token, Entries)}).
+
+%% @doc Is the lease of a token that the robot has over, by its clock?
+-spec is_over(entry(), t()) -> boolean().
+is_over(#{granted := Granted, lease_end := End}, #robot{now = Now}) ->
+    Granted andalso End =< Now.
+
+%% @doc The tokens whose lease is over, in the order of terms.
+-spec over(t()) -> [token()].
+over(#robot{entries = Entries} = Robot) ->
+    lists:sort([Token || {Token, Entry} <- maps:to_list(Entries), is_over(Entry, Robot)]).
 
 %% @doc What it has heard of owners.
 -spec owners(t()) -> starl_mutex_owners:t().

@@ -10,7 +10,9 @@
 %%     | renew F, while it holds ----------------->|
 %% '''
 %% A robot that has got a token holds it only once the home has confirmed it, and only as long
-%% as the lease that it counts from the sending of its last confirmed claim. The rules of the
+%% as the lease that it counts from the sending of its last confirmed claim. Before it goes about
+%% any event it looks which of its leases are over: one that has stood still finds that out before
+%% it answers anybody or hands anything on. The rules of the
 %% home are those of {@link starl_mutex_home}; nothing but they and the lease is needed for
 %% safety. Requests, queues and announcements may be lost at any time: a robot that waits asks
 %% the home again.
@@ -22,9 +24,12 @@
 %%                   v                      v lease over: forgotten
 %% '''
 %% Calls: `{acquire, Tokens, Us}', `{release, Tokens}', `{owner, Token}'; one message type,
-%% `mutex'. Trace: `{requested, T}', `{acquired, T, Fence}', `{released, T, Fence}',
-%% `{lease_lost, T, Fence}', `{failed, T, timeout | restarted | lease_lost}', and for the reader
-%% of a recording `{handed_over, T, Fence, To}', `{hand_over_lost, T, Fence, To}'.
+%% `mutex'. Trace: `{requested, T}', `{leased, T, Fence, LeftUs}' (a hold that begins now, or is
+%% there, may last so much longer by the robot's clock), `{acquired, T, Fence}',
+%% `{answered, [{T, Fence}]}' (the application is told that it holds these),
+%% `{released, T, Fence}', `{lease_lost, T, Fence}', `{failed, T, timeout | restarted |
+%% lease_lost}', at the home `{granted, T, Fence, To}' (a hand-over), and for the reader of a
+%% recording `{handed_over, T, Fence, To}', `{hand_over_lost, T, Fence, To}'.
 -module(starl_mutex_tokens).
 -behaviour(starl_machine).
 
@@ -50,7 +55,8 @@ init(Config) ->
     starl_machine:event_type(), term(), ready, starl_mutex_state:t(), starl_machine:meta()
 ) -> starl_machine:result().
 handle_event(Type, Content, ready, Robot, #{now := Now}) ->
-    case event(Type, Content, starl_mutex_state:at(Now, Robot)) of
+    Current = starl_mutex_acquire:lapse_all(starl_mutex_state:at(Now, Robot)),
+    case event(Type, Content, Current) of
         unknown_event -> unknown_event;
         Next -> starl_mutex_state:result(starl_mutex_acquire:settle(Next))
     end.

@@ -51,7 +51,7 @@ scenario(dpp, Robots, Seed) ->
 scenario(Block, Robots, Seed) ->
     #{
         app => starl_exercise, block => Block, robots => Robots, seed => Seed,
-        random_faults => starl_exercise:bears(Block), heal => ?HEAL_S, converge => ?CONVERGE_S,
+        random_faults => [all], heal => ?HEAL_S, converge => ?CONVERGE_S,
         time => ?HEAL_S + ?CONVERGE_S
     }.
 

@@ -1,0 +1,290 @@
+%% @doc Who holds which token, as events tell it, and what is wrong with that: the part of
+%% {@link starl_mutex_monitor} that judges safety. Pure.
+%%
+%% Under every fault:
+%% ```
+%%   grant_not_larger    a home has confirmed a hand-over whose number is not larger than the last
+%%   never_granted       a hold of a hand-over that the home has not confirmed to this robot
+%%   fence_not_larger    a fence that is not larger than that of the robot's hold before
+%%   not_held            something is said of a hold that there is not: released, lost, answered
+%% '''
+%% Hand-overs belong to one robot each, and a robot's fences grow: so no fence is there twice.
+%%
+%% As long as clocks keep what is assumed of them:
+%% ```
+%%   two_holders         a second hold of a token begins before the first can be over
+%%   fence_overtaken     a fence that is older than one of another robot's that was held before
+%%   held_too_long       a hold goes on after its lease, and its robot should have noticed
+%% '''
+%% A hold is over when it is released or lost, its machine has crashed, or `lag_us' after the end
+%% of its lease by the holder's clock. A robot that stands still longer than that finds its lease
+%% over when it goes on, and can do nothing before: no pause excuses an overlap.
+%%
+%% What may be wrong with clocks touches an overlap in two ways: the older of the two holders
+%% takes its lease for longer by what its clock has lost since it claimed it, and the home takes
+%% it for shorter by what its own has gained since then. An overlap that is not longer than the two
+%% together is excused, no other one. An older hold overtaken likewise, from when the newer one
+%% began. A hold may go on as much longer as the holder's clock has lost since the lease was told,
+%% and to the end of a pause that it runs into.
+-module(starl_mutex_holds).
+
+-export([new/1, granted/6, leased/6, acquired/5, answered/4, ended/6, forget/2, finish/2]).
+-export([tokens/1, timeless/1]).
+
+-export_type([t/0, config/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type token() :: term().
+-type fence() :: integer().
+
+%% `lease_us', `drift_ppm', `lag_us': as the machines have them; `broken': when assumptions are
+%% broken, by default never.
+-type config() :: #{
+    lease_us => pos_integer(),
+    drift_ppm => non_neg_integer(),
+    lag_us => non_neg_integer(),
+    broken => [starl_assumption:window()]
+}.
+
+%% A lease as its holder told it at a time: until then it lasts by a clock that is right.
+-record(lease, {
+    fence :: fence(),
+    told_us = 0 :: integer(),
+    end_us = infinity :: integer() | infinity
+}).
+
+-record(hold, {robot :: robot_id(), fence :: fence(), since_us :: integer()}).
+
+-record(holds, {
+    lease_us :: integer(),
+    ppm :: non_neg_integer(),
+    lag_us :: non_neg_integer(),
+    assumption :: starl_assumption:t(),
+    %% the last hand-over that was confirmed, to whom and by which home
+    grants = #{} :: #{token() => {fence(), robot_id(), Home :: robot_id()}},
+    %% the same of each robot
+    hand_overs = #{} :: #{{token(), robot_id()} => fence()},
+    %% the last fence of each robot, and the largest of all, with the beginning of that hold
+    fences = #{} :: #{{token(), robot_id()} => fence()},
+    largest = #{} :: #{token() => {fence(), SinceUs :: integer()}},
+    leases = #{} :: #{{token(), robot_id()} => #lease{}},
+    holds = #{} :: #{token() => [#hold{}]}
+}).
+
+-opaque t() :: #holds{}.
+
+-define(LEASE_US, 8000000).
+-define(DRIFT_PPM, 10000).
+-define(LAG_US, 250000).
+-define(MILLION, 1000000).
+
+%% @doc Nobody holds anything.
+-spec new(config()) -> t().
+new(Config) ->
+    Ppm = maps:get(drift_ppm, Config, ?DRIFT_PPM),
+    #holds{
+        lease_us = longest(maps:get(lease_us, Config, ?LEASE_US), Ppm),
+        ppm = Ppm,
+        lag_us = maps:get(lag_us, Config, ?LAG_US),
+        assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm)
+    }.
+
+%% The time that passes at most while a clock that drifts shows so much.
+longest(Us, Ppm) -> Us * ?MILLION div (?MILLION - Ppm) + 1.
+
+%% @doc A home confirms a hand-over of a token to a robot.
+-spec granted(integer(), Home :: robot_id(), token(), fence(), To :: robot_id(), t()) ->
+    {[starl_monitor:violation()], t()}.
+granted(T, Home, Token, Fence, To, #holds{grants = Grants, hand_overs = HandOvers} = Holds) ->
+    Broken =
+        case Grants of
+            #{Token := {Last, Whose, _}} when Fence < Last; Fence =:= Last, To =/= Whose ->
+                Details = #{token => Token, fence => Fence, last => Last},
+                [violation(grant_not_larger, T, [To], Details)];
+            #{} ->
+                []
+        end,
+    {Broken, Holds#holds{
+        grants = Grants#{Token => {Fence, To, Home}},
+        hand_overs = HandOvers#{{Token, To} => Fence}
+    }}.
+
+%% @doc A holder, or one that will be at once, tells how much is left of its lease by its clock.
+-spec leased(integer(), robot_id(), token(), fence(), LeftUs :: integer(), t()) -> t().
+leased(T, Robot, Token, Fence, Left, #holds{leases = Leases, ppm = Ppm} = Holds) ->
+    Lease = #lease{fence = Fence, told_us = T, end_us = T + longest(Left, Ppm)},
+    Holds#holds{leases = Leases#{{Token, Robot} => Lease}}.
+
+%% @doc A hold begins.
+-spec acquired(integer(), robot_id(), token(), fence(), t()) ->
+    {[starl_monitor:violation()], t()}.
+acquired(T, Robot, Token, Fence, #holds{fences = Fences, largest = Largest} = Holds) ->
+    New = #hold{robot = Robot, fence = Fence, since_us = T},
+    Others = holds_of(Token, Holds),
+    Broken =
+        never_granted(T, New, Token, Holds) ++
+            not_larger(T, New, Token, Holds) ++
+            overtaken(T, New, Token, Holds) ++
+            lists:append([beside(T, Old, New, Token, Holds) || Old <- Others]),
+    Last = maps:get(Token, Largest, {Fence, T}),
+    {Broken, put_holds(Token, [New | Others], Holds#holds{
+        fences = Fences#{{Token, Robot} => Fence},
+        largest = Largest#{Token => max({Fence, T}, Last)}
+    })}.
+
+%% @doc The application is told that it holds these.
+-spec answered(integer(), robot_id(), [{token(), fence()}], t()) -> [starl_monitor:violation()].
+answered(T, Robot, Fences, Holds) ->
+    lists:append([not_held(T, Robot, Token, Fence, Holds) || {Token, Fence} <- Fences]).
+
+%% @doc A hold ends: it is released, or lost.
+-spec ended(released | lost, integer(), robot_id(), token(), fence(), t()) ->
+    {[starl_monitor:violation()], t()}.
+ended(How, T, Robot, Token, Fence, Holds) ->
+    case lists:partition(fun(Hold) -> is_hold(Robot, Fence, Hold) end, holds_of(Token, Holds)) of
+        {[], _} ->
+            {not_held(T, Robot, Token, Fence, Holds), Holds};
+        {[Hold], Others} ->
+            {too_long(T, ended_by(How, Hold, Token, Holds), Hold, Token),
+                put_holds(Token, Others, Holds)}
+    end.
+
+is_hold(Robot, Fence, #hold{robot = R, fence = F}) -> R =:= Robot andalso F =:= Fence.
+
+%% @doc The holds of a robot end with its machine.
+-spec forget(robot_id(), t()) -> t().
+forget(Robot, #holds{holds = All} = Holds) ->
+    Left = maps:map(fun(_, Of) -> [Hold || #hold{robot = R} = Hold <- Of, R =/= Robot] end, All),
+    Holds#holds{holds = maps:filter(fun(_, Of) -> Of =/= [] end, Left)}.
+
+%% @doc What goes on too long by the end.
+-spec finish(integer(), t()) -> [starl_monitor:violation()].
+finish(T, #holds{holds = All} = Holds) ->
+    lists:append([
+        too_long(T, ended_by(lost, Hold, Token, Holds), Hold, Token)
+     || {Token, Of} <- lists:sort(maps:to_list(All)), Hold <- Of
+    ]).
+
+%% @doc How many tokens have been held.
+-spec tokens(t()) -> non_neg_integer().
+tokens(#holds{largest = Largest}) -> map_size(Largest).
+
+%% @doc What decides while no time passes.
+-spec timeless(t()) -> term().
+timeless(#holds{grants = Grants, hand_overs = HandOvers, fences = Fences} = Holds) ->
+    #holds{largest = Largest, holds = All} = Holds,
+    {
+        maps:map(fun(_, {Fence, To, _}) -> {Fence, To} end, Grants), HandOvers, Fences,
+        maps:map(fun(_, {Fence, _}) -> Fence end, Largest),
+        maps:map(fun(_, Of) -> [{R, F} || #hold{robot = R, fence = F} <- Of] end, All)
+    }.
+
+holds_of(Token, #holds{holds = All}) -> maps:get(Token, All, []).
+
+put_holds(Token, [], #holds{holds = All} = Holds) -> Holds#holds{holds = maps:remove(Token, All)};
+put_holds(Token, Of, #holds{holds = All} = Holds) -> Holds#holds{holds = All#{Token => Of}}.
+
+%% -- the clauses that hold under every fault --------------------------------------------------
+
+never_granted(T, #hold{robot = Robot, fence = Fence}, Token, #holds{hand_overs = HandOvers}) ->
+    HandOver = starl_mutex_home:hand_over(Fence),
+    case HandOvers of
+        #{{Token, Robot} := HandOver} -> [];
+        #{} -> [violation(never_granted, T, [Robot], #{token => Token, fence => Fence})]
+    end.
+
+not_larger(T, #hold{robot = Robot, fence = Fence}, Token, #holds{fences = Fences}) ->
+    case Fences of
+        #{{Token, Robot} := Last} when Fence =< Last ->
+            Details = #{token => Token, fence => Fence, last => Last},
+            [violation(fence_not_larger, T, [Robot], Details)];
+        #{} ->
+            []
+    end.
+
+not_held(T, Robot, Token, Fence, Holds) ->
+    Details = #{token => Token, fence => Fence},
+    case lists:any(fun(Hold) -> is_hold(Robot, Fence, Hold) end, holds_of(Token, Holds)) of
+        true -> [];
+        false -> [violation(not_held, T, [Robot], Details)]
+    end.
+
+%% -- the clauses that rest on clocks and promptness -------------------------------------------
+
+overtaken(T, #hold{robot = Robot, fence = Fence} = Hold, Token, #holds{largest = Largest} = Holds) ->
+    case Largest of
+        #{Token := {Last, Since}} when Fence < Last ->
+            Details = #{token => Token, fence => Fence, last => Last},
+            [
+                violation(fence_overtaken, T, [Robot], Details)
+             || not is_excused(Since, Hold, Token, Holds)
+            ];
+        #{} ->
+            []
+    end.
+
+%% A hold begins while there is another one.
+beside(T, #hold{robot = Other, fence = Fence} = Old, #hold{robot = Robot} = New, Token, Holds) ->
+    [Older, Newer] = lists:keysort(#hold.fence, [Old, New]),
+    case T =< over_us(Old, Token, Holds) of
+        true ->
+            Details = #{token => Token, fence => Fence, holder => Other},
+            [
+                violation(two_holders, T, lists:usort([Other, Robot]), Details)
+             || not is_excused(Newer#hold.since_us, Older, Token, Holds)
+            ];
+        false ->
+            too_long(T, ended_by(lost, Old, Token, Holds), Old, Token)
+    end.
+
+%% Until when a hold counts, by a right clock.
+over_us(Hold, Token, #holds{lag_us = Lag} = Holds) ->
+    case lease(Hold, Token, Holds) of
+        #lease{end_us = infinity} -> infinity;
+        #lease{end_us = End} -> End + Lag
+    end.
+
+lease(#hold{robot = Robot, fence = Fence}, Token, #holds{leases = Leases}) ->
+    case Leases of
+        #{{Token, Robot} := #lease{fence = Fence} = Lease} -> Lease;
+        #{} -> #lease{fence = Fence}
+    end.
+
+%% Do clocks explain that a newer hold began, then, before an older one was over?
+is_excused(Began, #hold{robot = Robot} = Older, Token, #holds{assumption = A} = Holds) ->
+    case lease(Older, Token, Holds) of
+        #lease{end_us = infinity} ->
+            false;
+        #lease{told_us = Told, end_us = End} ->
+            Claimed = starl_assumption:clock_earlier(Robot, Told, Told - Holds#holds.lease_us, A),
+            Lost = starl_assumption:lost_us(Robot, Claimed, Told, A),
+            End + Holds#holds.lag_us - Began =< Lost + gained(Claimed, Began, Token, Holds)
+    end.
+
+gained(Claimed, Began, Token, #holds{grants = Grants, assumption = Assumption}) ->
+    case Grants of
+        #{Token := {_, _, Home}} ->
+            starl_assumption:gained_us(Home, Claimed, Began, Assumption);
+        #{} ->
+            0
+    end.
+
+%% When the holder must have noticed at the latest that its lease is over. It releases nothing
+%% later than that by its clock.
+ended_by(How, #hold{robot = Robot} = Hold, Token, #holds{assumption = A, lag_us = Lag} = Holds) ->
+    case lease(Hold, Token, Holds) of
+        #lease{end_us = infinity} ->
+            infinity;
+        #lease{told_us = Told, end_us = End} when How =:= released ->
+            starl_assumption:clock_later(Robot, Told, End, A);
+        #lease{told_us = Told, end_us = End} ->
+            Due = starl_assumption:clock_later(Robot, Told, End, A),
+            starl_assumption:handled(Robot, Due, Lag, A)
+    end.
+
+too_long(T, By, #hold{robot = Robot, fence = Fence}, Token) ->
+    Details = #{token => Token, fence => Fence},
+    [violation(held_too_long, T, [Robot], Details) || T > By].
+
+violation(What, T, Robots, Details) ->
+    #{contract => mutex, what => What, at_us => T, robots => Robots, details => Details}.
