@@ -13,7 +13,7 @@
 %% All answers are bounds on the side of the excuse: what goes beyond them no window explains.
 -module(starl_assumption).
 
--export([new/2, is_kept/1]).
+-export([new/2, is_kept/1, is_kept/3]).
 -export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, is_misplaced/4]).
 
 -export_type([t/0, window/0, broken/0]).
@@ -51,6 +51,14 @@ untied({_Robot, From, To, Broken}) -> {From, To, Broken}.
 %% @doc Is it kept by all robots at all times, as far as is known?
 -spec is_kept(t()) -> boolean().
 is_kept(#assumption{windows = Windows}) -> map_size(Windows) =:= 0.
+
+%% @doc Is it kept by all robots between two times?
+-spec is_kept(FromUs :: us(), UntilUs :: us(), t()) -> boolean().
+is_kept(From, Until, #assumption{windows = Windows}) ->
+    lists:all(
+        fun({Begin, End, _}) -> End < From orelse Until < Begin end,
+        lists:append(maps:values(Windows))
+    ).
 
 %% @doc When at the latest a robot's clock shows what it should show at `DueUs', reckoned from
 %% `FromUs' on: later by all that it loses meanwhile.

@@ -81,7 +81,7 @@ monitors(mutex, _Robots, _BoundUs) ->
 monitors(barrier, Robots, _BoundUs) ->
     [{starl_barrier_monitor, #{robots => Robots}}];
 monitors(geocast, Robots, _BoundUs) ->
-    [{starl_geocast_monitor, #{robots => Robots}}];
+    [{starl_geocast_monitor, #{robots => Robots, broken => []}}];
 monitors(registers, Robots, _BoundUs) ->
     [{starl_registers_monitor, #{robots => Robots, owners => #{mine => 1}}}].
 

@@ -77,8 +77,8 @@ located(N, {ok, {X, Y, _}}, Now, Store, #delivery{asked = {N, At}} = Delivery) w
 located(_N, _Answer, _Now, _Store, _Delivery) ->
     stale.
 
-deliver({{Source, _, _} = Id, _Area, Type, Body}, Listeners) ->
+deliver({{Source, _, _} = Id, Area, Type, Body}, Listeners) ->
     [
-        {trace, {delivered, Id}},
+        {trace, {delivered, Id, erlang:phash2({Area, Type, Body})}},
         {cast, maps:get(Type, Listeners), {message, Source, Type, Body}}
     ].

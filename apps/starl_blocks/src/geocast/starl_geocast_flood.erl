@@ -19,13 +19,16 @@
 %% above, which a restarted robot needs: it does not know what it delivered before, so it
 %% delivers only what was surely sent after its restart.
 %%
-%% An id is remembered until its window is surely over everywhere (its whole lifetime from when
+%% An id is known until its window is surely over everywhere (its whole lifetime from when
 %% it was first held: after that nobody gives it), its body no longer than it lives. At most
-%% `limit' messages are held; beyond that new ones are not taken.
+%% `limit' messages are known; beyond that new ones are not taken. What was delivered is remembered
+%% for good ({@link starl_geocast_memory}): a clock that is set or stands still may prolong a
+%% message's life, but delivers nothing twice.
 %%
 %% Calls: `{send, Area, Type, Body, LifetimeUs, Hops}', answer `ok' or `{error, full}'. Casts:
 %% `{listen, Type, Machine}'; a listener gets the cast `{message, From, Type, Body}'.
-%% Trace: `{sent, Id, Area, LifetimeUs}', `{delivered, Id}', `{full, Id}'.
+%% Trace: `{sent, Id, Area, LifetimeUs, Hash}' and `{delivered, Id, Hash}', with a hash of the
+%% content; `{held, Id, From}', the deadline is the one that this robot has given; `{full, Id}'.
 -module(starl_geocast_flood).
 -behaviour(starl_machine).
 
@@ -142,7 +145,7 @@ message({give, Parcel, Askers}, From, Now, #flood{self = Self, incarnation = Lif
             {Id, _, _, _, Lifetime, Left, Hops} = Parcel,
             offered({Id, Lifetime, Left, Hops}, From, Now, Flood);
         [_ | _] = Times ->
-            given(Parcel, lists:max(Times), Now, Flood)
+            given(Parcel, From, lists:max(Times), Now, Flood)
     end;
 message(_, _, _, _) ->
     unknown_event.
@@ -154,7 +157,8 @@ send(From, Content, Now, #flood{next = N, self = Self, incarnation = Incarnation
     {Area, Type, Body, Lifetime, Hops} = Content,
     case starl_geocast_store:takes(Id, Flood#flood.store) of
         true ->
-            Traced = [{reply, From, ok}, {trace, {sent, Id, Area, Lifetime}}],
+            Hash = erlang:phash2({Area, Type, Body}),
+            Traced = [{reply, From, ok}, {trace, {sent, Id, Area, Lifetime, Hash}}],
             Parcel = {Id, Area, Type, Body, Lifetime, Lifetime, Hops},
             Until = starl_geocast_lifetime:deadline(Now, Lifetime, ppm(Flood)),
             hold(Parcel, Until, true, 0, Now, Traced, Flood#flood{next = N + 1});
@@ -193,30 +197,31 @@ ask_again(Id, Now, #flood{wanted = Wanted} = Flood) ->
         #{} -> {keep_state, Flood#flood{wanted = maps:remove(Id, Wanted)}}
     end.
 
--spec given(starl_geocast_store:parcel(), AskedUs :: integer(), integer(), #flood{}) ->
-    starl_machine:result().
-given({Id, Area, Type, Body, Lifetime, Told, Hops}, Asked, Now, Flood) ->
+-spec given(starl_geocast_store:parcel(), starl:robot_id(), AskedUs :: integer(), integer(),
+    #flood{}) -> starl_machine:result().
+given({Id, Area, Type, Body, Lifetime, Told, Hops}, From, Asked, Now, Flood) ->
     #flood{store = Store, wanted = Wanted, started = Started, incarnation = Life} = Flood,
     Left = min(Told, Lifetime),
     Until = starl_geocast_lifetime:deadline(Asked, Left, ppm(Flood)),
     Met = Flood#flood{wanted = maps:remove(Id, Wanted)},
     case starl_geocast_store:look(Id, Store) of
         over -> keep_state_and_data;
-        held -> prolong(Id, Until, Hops - 1, Now, Met);
+        held -> prolong(Id, From, Until, Hops - 1, Now, Met);
         unknown when Until =< Now -> keep_state_and_data;
         unknown ->
             %% the first life of the machine has delivered nothing before
             New = Life =:= 1 orelse starl_geocast_lifetime:is_sent_after(
                 Started, Asked, Lifetime, Left, ppm(Flood)
             ),
-            take({Id, Area, Type, Body, Lifetime, Left, Hops - 1}, Until, New, Now, Met)
+            take({Id, Area, Type, Body, Lifetime, Left, Hops - 1}, From, Until, New, Now, Met)
     end.
 
-take({Id, _, _, _, _, _, _} = Parcel, Until, New, Now, Flood0) ->
+take({Id, _, _, _, _, _, _} = Parcel, From, Until, New, Now, Flood0) ->
     case starl_geocast_store:takes(Id, Flood0#flood.store) of
         true ->
             {Jitter, Flood} = jitter(Flood0),
-            hold(Parcel, Until, New, Jitter, Now, [{{timeout, {ask, Id}}, cancel}], Flood);
+            Answered = [{{timeout, {ask, Id}}, cancel}, {trace, {held, Id, From}}],
+            hold(Parcel, Until, New, Jitter, Now, Answered, Flood);
         false ->
             {keep_state, Flood0, [{trace, {full, Id}}, {{timeout, {ask, Id}}, cancel}]}
     end.
@@ -231,10 +236,11 @@ hold({Id, _, _, _, Lifetime, _, _} = Parcel, Until, New, Jitter, Now, Actions, F
     ],
     check(Now, Actions ++ Timers, Flood#flood{store = Held}).
 
-prolong(Id, Theirs, Hops, Now, #flood{store = Store} = Flood) ->
-    {Until, Better} = starl_geocast_store:prolong(Id, Theirs, Hops, Store),
+prolong(Id, From, Theirs, Hops, Now, #flood{store = Store} = Flood) ->
+    {Until, IsTheirs, Better} = starl_geocast_store:prolong(Id, Theirs, Hops, Store),
     {keep_state, Flood#flood{store = Better}, [
         {{timeout, {ask, Id}}, cancel}, {{timeout, {over, Id}}, max(0, Until - Now), over}
+        | [{trace, {held, Id, From}} || IsTheirs]
     ]}.
 
 %% -- offering and giving --------------------------------------------------------------------

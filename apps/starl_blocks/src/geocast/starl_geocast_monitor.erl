@@ -1,16 +1,31 @@
 %% @doc The contract of the geocast, as a monitor.
 %%
-%% The window of a message is from its sending to the end of its lifetime, both included. Safety:
-%% delivered only what was sent, at most once per robot (also across its restarts), never after
-%% the window, and never at a robot that is outside the area during the whole window. Progress,
-%% with `progress' (default false): a robot that is inside, at least `margin_mm' from the border
-%% (default 4: twice the error of a position), during the whole window has it delivered, unless
-%% it or the source died, or its or the source's geocast machine crashed, in the window or up to
-%% `grace_us' (default 1 s) before. Where robots are is known in continuous time, from the pieces
-%% of their motion.
+%% The window of a message is from its sending to the end of its lifetime, both included.
 %%
-%% Events of machine `geocast': `{sent, Id, Area, LifetimeUs}', `{delivered, Id}', `crashed'; of
-%% machine `chassis': `{motion, piece()}'; of machine `robot': `{died, Reason}'.
+%% Under every fault: delivered only what was sent, as it was sent, and at most once in each life
+%% of a robot's machine. As long as clocks and positions keep what is assumed of them: at most
+%% once per robot, whatever restarts, never after the window, and never at a robot that is outside
+%% the area during the whole window. `broken' says when an assumption is broken
+%% ({@link starl_assumption}; the simulator fills it in where the key is there), and only what
+%% that explains is excused:
+%% ```
+%%   late           by no more than has been lost by the clocks on the way of the message to the
+%%                  robot, each while it counted ({@link starl_geocast_way})
+%%   once more      after a restart, if the message had been sent before that by no more than the
+%%                  other clocks on the way have lost, and the robot's own has gained since then
+%%   outside        if the robot's positions were wrong at the delivery, or up to 0.1 s before,
+%%                  the longest that an answer may take. One that is late and excused has to be
+%%                  inside then
+%% '''
+%% Progress, with `progress' (default false): a robot that is inside, at least `margin_mm' from the
+%% border (default 4: twice the error of a position), during the whole window has it delivered,
+%% unless it or the source died, or its or the source's geocast machine crashed, in the window or
+%% up to `grace_us' (default 1 s) before, or anybody's assumption was broken in the window. Where
+%% robots are is known in continuous time, from the pieces of their motion.
+%%
+%% Events of machine `geocast': `{sent, Id, Area, LifetimeUs, Hash}', `{held, Id, From}',
+%% `{delivered, Id, Hash}', `crashed'; of machine `chassis': `{motion, piece()}'; of machine
+%% `robot': `{died, Reason}'.
 -module(starl_geocast_monitor).
 -behaviour(starl_monitor).
 
@@ -19,12 +34,18 @@
 -type robot_id() :: starl_monitor:robot_id().
 -type id() :: {robot_id(), pos_integer(), pos_integer()}.
 
-%% A message, with who got it and when.
+%% The longest that the answer to the question for the own position may take.
+-define(FRESH_US, 100000).
+-define(DRIFT_PPM, 10000).
+
+%% A message, with who got it and when, latest first.
 -record(message, {
     area :: starl_geocast_area:area(),
+    hash :: integer(),
     from_us :: integer(),
     to_us :: integer(),
-    got = #{} :: #{robot_id() => integer()}
+    way :: starl_geocast_way:t(),
+    got = #{} :: #{robot_id() => [integer(), ...]}
 }).
 
 -record(state, {
@@ -32,6 +53,7 @@
     progress :: boolean(),
     margin_mm :: float(),
     grace_us :: non_neg_integer(),
+    assumption :: starl_assumption:t(),
     messages = #{} :: #{id() => #message{}},
     %% the ends of the windows that are still open, and their beginnings
     open = gb_sets:new() :: gb_sets:set({ToUs :: integer(), id(), FromUs :: integer()}),
@@ -44,19 +66,25 @@
     latency_us = 0 :: integer()
 }).
 
-%% @doc `robots': who listens; the rest as above.
+%% @doc `robots': who listens; `drift_ppm': of the clocks, as the machines have it (default
+%% 10000); the rest as above.
 -spec init(#{
     robots := [robot_id()],
     progress => boolean(),
     margin_mm => float(),
-    grace_us => non_neg_integer()
+    grace_us => non_neg_integer(),
+    drift_ppm => non_neg_integer(),
+    broken => [starl_assumption:window()]
 }) -> #state{}.
 init(#{robots := Robots} = Config) ->
     #state{
         robots = Robots,
         progress = maps:get(progress, Config, false),
         margin_mm = maps:get(margin_mm, Config, 4.0),
-        grace_us = maps:get(grace_us, Config, 1000000)
+        grace_us = maps:get(grace_us, Config, 1000000),
+        assumption = starl_assumption:new(
+            maps:get(broken, Config, []), maps:get(drift_ppm, Config, ?DRIFT_PPM)
+        )
     }.
 
 %% @doc The geocasts' own events, the motion and the end of robots.
@@ -97,15 +125,26 @@ finish(EndTimeUs, State) ->
 judge({chassis, {motion, Piece}}, _T, Robot, #state{paths = Paths} = State) ->
     Path = [Piece | maps:get(Robot, Paths, [])],
     {[], State#state{paths = Paths#{Robot => needed(Path, earliest(State))}}};
-judge({geocast, {sent, Id, Area, Lifetime}}, T, _Robot, State) ->
+judge({geocast, {sent, Id, Area, Lifetime, Hash}}, T, Robot, State) ->
     #state{messages = Messages, open = Open} = State,
-    Message = #message{area = Area, from_us = T, to_us = T + Lifetime},
+    Message = #message{
+        area = Area, hash = Hash, from_us = T, to_us = T + Lifetime,
+        way = starl_geocast_way:new(Robot, T)
+    },
     {[], State#state{
         messages = Messages#{Id => Message}, open = gb_sets:add({T + Lifetime, Id, T}, Open)
     }};
-judge({geocast, {delivered, Id}}, T, Robot, #state{messages = Messages} = State) ->
+judge({geocast, {held, Id, From}}, T, Robot, #state{messages = Messages} = State) ->
+    case starl_assumption:is_kept(State#state.assumption) orelse Messages of
+        #{Id := #message{way = Way} = Message} ->
+            Held = Message#message{way = starl_geocast_way:held(T, Robot, From, Way)},
+            {[], State#state{messages = Messages#{Id := Held}}};
+        _NobodyAsks ->
+            {[], State}
+    end;
+judge({geocast, {delivered, Id, Hash}}, T, Robot, #state{messages = Messages} = State) ->
     case Messages of
-        #{Id := #message{} = Message} -> delivered(Id, Message, T, Robot, State);
+        #{Id := #message{} = Message} -> delivered(Id, Message, Hash, T, Robot, State);
         #{} -> {[violation(never_sent, T, Robot, Id, #{})], State}
     end;
 judge({geocast, crashed}, T, Robot, #state{crashed = Crashed} = State) ->
@@ -115,15 +154,48 @@ judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
 
-delivered(Id, #message{to_us = To, got = Got, from_us = From} = Message, T, Robot, State) ->
+delivered(Id, #message{got = Got, from_us = From} = Message, Hash, T, Robot, State) ->
     Broken =
-        [violation(delivered_twice, T, Robot, Id, #{}) || is_map_key(Robot, Got)] ++
-            [violation(too_late, T, Robot, Id, #{late_us => T - To}) || T > To],
-    Next = Message#message{got = maps:merge(#{Robot => T}, Got)},
+        [violation(changed, T, Robot, Id, #{}) || Hash =/= Message#message.hash] ++
+            twice(Id, Message, T, Robot, State) ++ late(Id, Message, T, Robot, State),
+    Next = Message#message{got = Got#{Robot => [T | maps:get(Robot, Got, [])]}},
     {Broken, State#state{
         messages = (State#state.messages)#{Id := Next},
         latency_us = max(State#state.latency_us, T - From)
     }}.
+
+twice(Id, #message{got = Got, from_us = Sent} = Message, T, Robot, State) ->
+    #state{crashed = Crashed, assumption = Assumption} = State,
+    case {Got, Crashed} of
+        {#{Robot := [Last | _]}, #{Robot := Crash}} when Crash >= Last ->
+            [_Own | Others] = starl_geocast_way:spans(Robot, T, Message#message.way),
+            Gained = starl_assumption:gained_us(Robot, Crash, T, Assumption),
+            [
+                violation(delivered_twice, T, Robot, Id, #{})
+             || Crash - Sent > Gained + lost(Others, Assumption)
+            ];
+        {#{Robot := _}, #{}} ->
+            [violation(delivered_twice, T, Robot, Id, #{})];
+        {#{}, #{}} ->
+            []
+    end.
+
+late(_Id, #message{to_us = To}, T, _Robot, _State) when T =< To ->
+    [];
+late(Id, #message{to_us = To} = Message, T, Robot, #state{assumption = Assumption} = State) ->
+    Spans = starl_geocast_way:spans(Robot, T, Message#message.way),
+    case T - To =< lost(Spans, Assumption) of
+        true ->
+            Now = Message#message{from_us = T - ?FRESH_US, to_us = T},
+            elsewhere(Id, Now, [T], Robot, spans(Now, path(Robot, State)), State);
+        false ->
+            [violation(too_late, T, Robot, Id, #{late_us => T - To})]
+    end.
+
+lost(Spans, Assumption) ->
+    lists:sum([
+        starl_assumption:lost_us(Robot, From, Until, Assumption) || {Robot, From, Until} <- Spans
+    ]).
 
 %% -- the end of a window --------------------------------------------------------------------
 
@@ -152,17 +224,34 @@ close(Id, #state{robots = Robots, messages = Messages} = State0) ->
     {Broken, State#state{paths = Paths}}.
 
 hold_against(Id, #message{got = Got} = Message, Robot, State) ->
-    Spans = spans(Message, maps:get(Robot, State#state.paths, [])),
-    Owed = State#state.progress andalso inside(Message, Spans, State) andalso
-        able(Robot, Message, State) andalso able(element(1, Id), Message, State),
+    Spans = spans(Message, path(Robot, State)),
+    Owed = is_owed(Id, Message, Robot, Spans, State),
     Broken =
         case Got of
-            #{Robot := T} ->
-                [violation(outside, T, Robot, Id, #{}) || outside(Message, Spans)];
+            #{Robot := Times} ->
+                elsewhere(Id, Message, Times, Robot, Spans, State);
             #{} ->
                 [violation(not_delivered, Message#message.to_us, Robot, Id, #{}) || Owed]
         end,
     {Broken, count(Owed)}.
+
+is_owed(Id, #message{from_us = From, to_us = To} = Message, Robot, Spans, State) ->
+    State#state.progress andalso inside(Message, Spans, State) andalso
+        able(Robot, Message, State) andalso able(element(1, Id), Message, State) andalso
+        starl_assumption:is_kept(From, To, State#state.assumption).
+
+%% What was delivered at these times, the latest first, where the robot was not.
+elsewhere(Id, Message, [T | _] = Times, Robot, Spans, #state{assumption = Assumption}) ->
+    [
+        violation(outside, T, Robot, Id, #{})
+     || outside(Message, Spans),
+        not lists:all(
+            fun(At) -> starl_assumption:is_misplaced(Robot, At - ?FRESH_US, At, Assumption) end,
+            Times
+        )
+    ].
+
+path(Robot, #state{paths = Paths}) -> maps:get(Robot, Paths, []).
 
 count(true) -> 1;
 count(false) -> 0.

@@ -1,5 +1,5 @@
 %% @doc The geocasts that a robot knows: those that are alive and held here, who has asked for
-%% them, and the ids of those that are over. Pure; a part of {@link starl_geocast_flood}, which
+%% them, the ids of those that are over, and which have been delivered. Pure; a part of {@link starl_geocast_flood}, which
 %% says what a packet and a timer mean.
 -module(starl_geocast_store).
 
@@ -27,6 +27,8 @@
 -define(BETTER, 8).
 %% So many are given a message with one packet.
 -define(AT_ONCE, 50).
+%% So many ranges of what was delivered are remembered of each source.
+-define(RANGES, 256).
 
 %% A message that is alive, until a time of the own clock; who has asked for it.
 -record(held, {
@@ -45,7 +47,8 @@
     limit :: pos_integer(),
     ppm :: non_neg_integer(),
     %% the ids held or held once
-    known = #{} :: #{id() => #held{} | over}
+    known = #{} :: #{id() => #held{} | over},
+    delivered = starl_geocast_memory:new(?RANGES) :: starl_geocast_memory:t()
 }).
 
 -opaque t() :: #store{}.
@@ -89,22 +92,32 @@ is_worth({Id, Lifetime, Left, Hops}, Now, #store{known = Known}) ->
 hold({Id, Area, Type, Body, Lifetime, _, Hops}, Until, Deliverable, Wait, Store) ->
     put_held(Id, #held{
         area = Area, type = Type, body = Body, lifetime_us = Lifetime, hops = Hops,
-        until = Until, wait_us = Wait, deliverable = Deliverable
+        until = Until, wait_us = Wait,
+        deliverable = Deliverable andalso not is_delivered(Id, Store)
     }, Store).
 
-%% @doc What is held is given once more: the longer deadline, which it tells, and the more hops
-%% count.
--spec prolong(id(), UntilUs :: integer(), Hops :: integer(), t()) -> {UntilUs :: integer(), t()}.
+%% Also one that was forgotten meanwhile.
+is_delivered(Id, #store{delivered = Memory}) -> starl_geocast_memory:is_member(Id, Memory).
+
+%% @doc What is held is given once more: the longer deadline and the more hops count. Tells the
+%% deadline, and whether it is theirs.
+-spec prolong(id(), UntilUs :: integer(), Hops :: integer(), t()) ->
+    {UntilUs :: integer(), IsTheirs :: boolean(), t()}.
 prolong(Id, Theirs, TheirHops, #store{known = Known} = Store) ->
     #{Id := #held{until = Until, hops = Hops} = Held} = Known,
     Longer = max(Until, Theirs),
-    {Longer, put_held(Id, Held#held{until = Longer, hops = max(Hops, TheirHops)}, Store)}.
+    Better = put_held(Id, Held#held{until = Longer, hops = max(Hops, TheirHops)}, Store),
+    {Longer, Theirs > Until, Better}.
 
-%% @doc The message lives no longer; only its id is remembered.
+%% @doc The message lives no longer; only its id is known, unless that is forgotten already, as by
+%% a clock that was set back after the message was asked for.
 -spec over(id(), t()) -> t().
-over(Id, #store{known = Known} = Store) -> Store#store{known = Known#{Id := over}}.
+over(Id, #store{known = Known} = Store) when is_map_key(Id, Known) ->
+    Store#store{known = Known#{Id := over}};
+over(_Id, Store) ->
+    Store.
 
-%% @doc Nobody gives the message any more: it need not be remembered.
+%% @doc Nobody gives the message any more: it need not be known.
 -spec forget(id(), t()) -> t().
 forget(Id, #store{known = Known} = Store) -> Store#store{known = maps:remove(Id, Known)}.
 
@@ -170,9 +183,10 @@ waiting(Now, Listeners, #store{known = Known}) ->
 -spec delivered([id()], t()) -> t().
 delivered(Ids, Store) ->
     lists:foldl(
-        fun(Id, #store{known = Known} = S) ->
+        fun(Id, #store{known = Known, delivered = Memory} = S) ->
             #{Id := #held{} = Held} = Known,
-            put_held(Id, Held#held{deliverable = false}, S)
+            Remembered = S#store{delivered = starl_geocast_memory:add(Id, Memory)},
+            put_held(Id, Held#held{deliverable = false}, Remembered)
         end,
         Store,
         Ids

@@ -1,0 +1,66 @@
+%% @doc The ways that a geocast took: who has the deadline that it holds from whom, and since when.
+%% Pure; a part of {@link starl_geocast_monitor}, which asks whose clocks had a part in a deadline.
+%%
+%% A robot measures what is left of a message from when it asks for it, which it does when the
+%% robot that gives it has it: from then on until it gives it itself, or delivers it, its clock
+%% counts, and before that the clock of the robot that gave it, back to the source.
+-module(starl_geocast_way).
+
+-export([new/2, held/4, spans/3]).
+
+-export_type([t/0, span/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+
+%% While the robot's clock counts (us).
+-type span() :: {robot_id(), FromUs :: integer(), UntilUs :: integer()}.
+
+-record(way, {
+    source :: robot_id(),
+    sent_us :: integer(),
+    %% who has had it from whom, latest first
+    gifts = #{} :: #{robot_id() => [{AtUs :: integer(), From :: robot_id()}]}
+}).
+
+-opaque t() :: #way{}.
+
+%% @doc A message has been sent.
+-spec new(Source :: robot_id(), SentUs :: integer()) -> t().
+new(Source, Sent) -> #way{source = Source, sent_us = Sent}.
+
+%% @doc A robot holds the message until a deadline that this one has given to it.
+-spec held(integer(), robot_id(), From :: robot_id(), t()) -> t().
+held(T, Robot, From, #way{gifts = Gifts} = Way) ->
+    Way#way{gifts = Gifts#{Robot => [{T, From} | maps:get(Robot, Gifts, [])]}}.
+
+%% @doc Whose clocks count for the deadline that a robot has at a time, and while when: its own
+%% first, those of the others in their order.
+-spec spans(robot_id(), UntilUs :: integer(), t()) -> [span(), ...].
+spans(Robot, Until, Way) ->
+    Spans = follow([{Robot, Until}], #{}, Way),
+    {{From, Until}, Others} = maps:take(Robot, Spans),
+    [{Robot, From, Until} | [{R, F, U} || {R, {F, U}} <- lists:sort(maps:to_list(Others))]].
+
+follow([], Spans, _Way) ->
+    Spans;
+follow([{Robot, Until} | More], Spans, Way) ->
+    case Spans of
+        #{Robot := {_, Known}} when Known >= Until ->
+            follow(More, Spans, Way);
+        #{} ->
+            Gifts = gifts(Robot, Until, Way),
+            From = lists:min([Until | [had_since(Giver, Way) || {_, Giver} <- Gifts]]),
+            Before = [{Giver, At} || {At, Giver} <- Gifts],
+            follow(Before ++ More, Spans#{Robot => {earliest(Robot, From, Way), Until}}, Way)
+    end.
+
+gifts(Robot, Until, #way{gifts = Gifts}) ->
+    [Gift || {At, _} = Gift <- maps:get(Robot, Gifts, []), At =< Until].
+
+%% The source has it from the beginning, whatever it is given later.
+earliest(Source, _From, #way{source = Source, sent_us = Sent}) -> Sent;
+earliest(_Robot, From, _Way) -> From.
+
+had_since(Source, #way{source = Source, sent_us = Sent}) -> Sent;
+had_since(Robot, #way{gifts = Gifts, sent_us = Sent}) ->
+    lists:min([At || {At, _} <- maps:get(Robot, Gifts, [{Sent, none}])]).
