@@ -66,6 +66,16 @@ restarted_home_waits_test() ->
     ?assert(G > ?H:next(F)),
     ?assertMatch({refused, _}, ?H:renew(t, F, 1, 7000000, H3)).
 
+%% A robot whose clock stood still may ask too late to go on, just after a crash of the home. Once
+%% the owner that followed it has been renewed, it is refused.
+restarted_home_keeps_to_the_newest_test() ->
+    {F, _} = owned(),
+    New = ?H:new(2, 5000000, ?LEASE, 1000, 0),
+    {granted, H1} = ?H:renew(t, F, 1, 5000010, New),
+    {granted, H2} = ?H:renew(t, ?H:next(F), 2, 5000020, H1),
+    ?assertMatch({refused, _}, ?H:renew(t, F, 1, 5000030, H2)),
+    ?assertMatch({granted, _}, ?H:renew(t, ?H:next(F), 2, 5000040, H2)).
+
 %% Forwarding: two robots that take each other for the owner send a request once each, then it
 %% goes to the home, and once more; it does not go in circles.
 stale_owners_do_not_circle_test() ->

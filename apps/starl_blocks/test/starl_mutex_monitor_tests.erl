@@ -1,12 +1,21 @@
-%% The contract of mutual exclusion, clause by clause: traces that keep it and that break it.
+%% The contract of mutual exclusion, clause by clause: traces that keep it and that break it, and
+%% what is excused where an assumption is broken: just inside of it, and not just outside.
 -module(starl_mutex_monitor_tests).
 -include_lib("eunit/include/eunit.hrl").
+
+%% The home of all tokens; the lease, by clocks that do not drift (us).
+-define(HOME, 9).
+-define(LEASE, 1000).
+-define(LAG, 100).
 
 judge(Events) -> judge(Events, 0, #{}).
 
 judge(Events, End, Config) ->
     {Found, _} = run(Events, End, Config),
     Found.
+
+%% Those of the leases, to the microsecond.
+exact(Broken) -> #{lease_us => ?LEASE, drift_ppm => 0, lag_us => ?LAG, broken => Broken}.
 
 run(Events, End, Config) ->
     Start = starl_monitor:new([{starl_mutex_monitor, Config}]),
@@ -18,7 +27,7 @@ run(Events, End, Config) ->
             end
         end,
         {[], Start},
-        Events
+        lists:flatten(Events)
     ),
     {Late, #{starl_mutex_monitor := Results}} = starl_monitor:finish(End, Fed),
     {[What || #{contract := mutex, what := What} <- Met ++ Late], Results}.
@@ -26,35 +35,287 @@ run(Events, End, Config) ->
 trace({T, Robot, died}) -> {T, Robot, robot, {died, killed}};
 trace({T, Robot, Event}) -> {T, Robot, mutex, Event}.
 
-got(T, Robot, Fence) -> {T, Robot, {acquired, a, Fence}}.
-let_go(T, Robot, Fence) -> {T, Robot, {released, a, Fence}}.
+%% The Hold-th hold of the N-th hand-over.
+fence(N) -> fence(N, 0).
+fence(N, Hold) -> N bsl 8 + Hold.
+
+granted(T, Robot, N) -> {T, ?HOME, {granted, a, fence(N), Robot}}.
+acquired(T, Robot, Fence) -> {T, Robot, {acquired, a, Fence}}.
+let_go(T, Robot, N) -> {T, Robot, {released, a, fence(N)}}.
+lost(T, Robot, N) -> {T, Robot, {lease_lost, a, fence(N)}}.
+leased(T, Robot, N, Left) -> {T, Robot, {leased, a, fence(N), Left}}.
+
+%% A hold of the N-th hand-over, just confirmed.
+got(T, Robot, N) -> [granted(T, Robot, N), acquired(T, Robot, fence(N))].
+
+%% The same, with so much left of the lease (less than one where the claim was long under way).
+got(T, Robot, N, Left) ->
+    [granted(T, Robot, N), leased(T, Robot, N, Left), acquired(T, Robot, fence(N))].
+
+%% -- under every fault ------------------------------------------------------------------------
 
 one_after_the_other_test() ->
     ?assertEqual([], judge([got(1, 1, 5), let_go(2, 1, 5), got(3, 2, 6), let_go(4, 2, 6)])).
 
-two_holders_test() ->
-    ?assertEqual([two_holders], judge([got(1, 1, 5), got(2, 2, 6)])),
-    ?assertEqual([], judge([got(1, 1, 5), {2, 2, {acquired, b, 6}}])).
+%% A home confirms larger and larger hand-overs, and each to one robot; it may do so twice.
+grants_grow_test() ->
+    ?assertEqual([], judge([granted(1, 1, 5), granted(2, 1, 5), granted(3, 2, 6)])),
+    ?assertEqual([grant_not_larger], judge([granted(1, 1, 5), granted(2, 2, 5)])),
+    ?assertEqual([grant_not_larger], judge([granted(1, 1, 5), granted(2, 1, 4)])).
 
-every_end_of_a_hold_test() ->
-    [?assertEqual([], judge([got(1, 1, 5), {2, 1, End}, got(3, 2, 6)]))
-     || End <- [{lease_lost, a, 5}, crashed, died]],
-    ?assertEqual([two_holders], judge([got(1, 1, 5), {2, 3, crashed}, got(3, 2, 6)])),
-    ?assertEqual([two_holders], judge([got(1, 1, 5), {2, 3, died}, got(3, 2, 6)])).
+%% Nobody holds what it was not granted: nothing, another one's, an older or a newer hand-over.
+never_granted_test() ->
+    ?assertEqual([never_granted], judge([acquired(1, 1, fence(5))])),
+    [?assertEqual([never_granted], judge([granted(1, 2, 5), acquired(2, R, fence(N))]))
+     || {R, N} <- [{1, 5}, {2, 4}, {2, 6}]],
+    ?assertEqual([], judge([granted(1, 2, 5), acquired(2, 2, fence(5, 7))])).
 
+%% No fence is there twice: those of a robot's holds grow, also across a crash.
 fences_grow_test() ->
-    [?assertEqual([fence_not_larger], judge([got(1, 1, 5), let_go(2, 1, 5), got(3, R, F)]))
-     || {R, F} <- [{2, 5}, {2, 4}, {1, 5}]].
+    Held = [granted(1, 1, 5), acquired(1, 1, fence(5, 3))],
+    [?assertEqual(Found, judge([Held, {2, 1, End}, acquired(3, 1, fence(5, Hold))]))
+     || End <- [{released, a, fence(5, 3)}, {lease_lost, a, fence(5, 3)}, crashed],
+        {Hold, Found} <- [{4, []}, {3, [fence_not_larger]}, {2, [fence_not_larger]}]].
 
 not_held_test() ->
     ?assertEqual([not_held], judge([let_go(1, 1, 5)])),
-    ?assertEqual([not_held], judge([got(1, 1, 5), {2, 1, {lease_lost, a, 4}}])).
+    ?assertEqual([not_held], judge([got(1, 1, 5), lost(2, 1, 4)])),
+    ?assertEqual([not_held], judge([got(1, 1, 5), let_go(2, 2, 5)])),
+    ?assertEqual([not_held], judge([got(1, 1, 5), let_go(2, 1, 5), let_go(3, 1, 5)])).
+
+%% Whoever is told that it holds a set holds all of it, with these fences.
+answered_test() ->
+    B = [{2, ?HOME, {granted, b, fence(7), 1}}, {2, 1, {acquired, b, fence(7)}}],
+    Answer = fun(Fences) -> {3, 1, {answered, Fences}} end,
+    Both = Answer([{a, fence(5)}, {b, fence(7)}]),
+    ?assertEqual([], judge([got(1, 1, 5), B, Both])),
+    ?assertEqual([not_held], judge([got(1, 1, 5), Both])),
+    ?assertEqual([not_held], judge([got(1, 1, 5), B, lost(3, 1, 5), Both])),
+    ?assertEqual([not_held], judge([got(1, 1, 5), B, Answer([{a, fence(5)}, {b, fence(7, 1)}])])),
+    ?assertEqual([not_held], judge([got(1, 2, 5), B, Both])).
+
+%% No broken assumption excuses any of these.
+always_test() ->
+    Broken = [{all, 0, 1000000, W} || W <- [pause, {clock, -1000000}, {clock, 1000000}, position]],
+    [?assertEqual(Found, judge(Events, 0, exact(Broken)))
+     || {Found, Events} <- [
+            {[grant_not_larger], [granted(1, 1, 5), granted(2, 2, 5)]},
+            {[never_granted], [acquired(1, 1, fence(5))]},
+            {[fence_not_larger], [got(1, 1, 5), lost(2, 1, 5), acquired(3, 1, fence(5))]},
+            {[not_held], [let_go(1, 1, 5)]},
+            {[not_held], [{1, 1, {answered, [{a, 1}]}}]}
+        ]].
+
+%% -- as long as clocks keep what is assumed -----------------------------------------------------
+
+%% Nothing is known of leases.
+two_holders_test() ->
+    ?assertEqual([two_holders], judge([got(1, 1, 5), got(2, 2, 6)])),
+    B = [{2, ?HOME, {granted, b, fence(6), 2}}, {2, 2, {acquired, b, fence(6)}}],
+    ?assertEqual([], judge([got(1, 1, 5), B])),
+    ?assertEqual([two_holders], judge([got(1, 1, 5), got(2, 2, 6)], 0, exact([]))).
+
+every_end_of_a_hold_test() ->
+    [?assertEqual([], judge([got(1, 1, 5), {2, 1, End}, got(3, 2, 6)]))
+     || End <- [{released, a, fence(5)}, {lease_lost, a, fence(5)}, crashed, died]],
+    ?assertEqual([two_holders], judge([got(1, 1, 5), {2, 3, crashed}, got(3, 2, 6)])),
+    ?assertEqual([two_holders], judge([got(1, 1, 5), {2, 3, died}, got(3, 2, 6)])).
+
+%% An owner that has been followed holds the token once more.
+overtaken_test() ->
+    First = [got(1, 1, 5), let_go(2, 1, 5)],
+    Again = acquired(5, 1, fence(5, 1)),
+    ?assertEqual([fence_overtaken], judge([First, got(3, 2, 6), let_go(4, 2, 6), Again])).
+
+%% A hold counts until the holder has noticed the end of its lease; then it must have.
+lease_end_test() ->
+    Over = 10 + ?LEASE + ?LAG,
+    Held = got(10, 1, 5, ?LEASE),
+    [?assertEqual(Found, judge([Held, got(T, 2, 6), lost(T, 1, 5)], 0, exact([])))
+     || {T, Found} <- [{Over - 1, [two_holders]}, {Over, []},
+                       {Over + 1, [held_too_long, held_too_long]}]],
+    ?assertEqual([], judge([Held, lost(Over, 1, 5)], 0, exact([]))),
+    ?assertEqual([held_too_long], judge([Held, lost(Over + 1, 1, 5)], 0, exact([]))),
+    ?assertEqual([held_too_long], judge(Held, Over + 1, exact([]))),
+    ?assertEqual([], judge(Held, Over, exact([]))).
+
+%% Told again, the lease ends later; nothing is released after its end.
+renewed_test() ->
+    Held = [got(10, 1, 5, ?LEASE), leased(510, 1, 5, ?LEASE)],
+    End = 510 + ?LEASE,
+    ?assertEqual([], judge([Held, let_go(End, 1, 5)], 0, exact([]))),
+    ?assertEqual([held_too_long], judge([Held, let_go(End + 1, 1, 5)], 0, exact([]))).
+
+%% A clock that is slow within its bound.
+drift_test() ->
+    Config = (exact([]))#{drift_ppm := 10000},
+    Held = got(0, 1, 5, ?LEASE),
+    End = ?LEASE * 100 div 99 + 1,
+    ?assertEqual([], judge([Held, let_go(End, 1, 5)], 0, Config)),
+    ?assertEqual([held_too_long], judge([Held, let_go(End + 1, 1, 5)], 0, Config)).
+
+%% -- excused: pauses --------------------------------------------------------------------------
+
+%% A robot that stands still when its lease ends notices when it goes on, and the token may have
+%% another holder by then; what it would do first is no release.
+pause_test() ->
+    Held = got(10, 1, 5, ?LEASE),
+    Pause = {1, 1000, 5000, pause},
+    Trace = fun(T) -> [Held, got(2000, 2, 6), lost(T, 1, 5)] end,
+    ?assertEqual([], judge(Trace(5000 + ?LAG), 0, exact([Pause]))),
+    ?assertEqual([held_too_long], judge(Trace(5001 + ?LAG), 0, exact([Pause]))),
+    ?assertEqual([held_too_long], judge([Held, let_go(5000, 1, 5)], 0, exact([Pause]))),
+    [?assertEqual([held_too_long, held_too_long], judge(Trace(5000), 0, exact(Other)))
+     || Other <- [[{2, 1000, 5000, pause}], [{1, 10, 1000, pause}], [{1, 1111, 5000, pause}],
+                  [{?HOME, 1000, 5000, pause}], [{1, 1000, 5000, {clock, 5000}}]]].
+
+%% But it stands still: before its lease is over for good nobody else holds the token.
+pause_is_no_excuse_test() ->
+    Pause = [{all, 1, 5000, pause}],
+    ?assertEqual([two_holders],
+                 judge([got(10, 1, 5, ?LEASE), got(1009 + ?LAG, 2, 6)], 0, exact(Pause))).
+
+%% One pause runs into the next.
+pauses_test() ->
+    Pauses = [{1, 4900, 7000, pause}, {1, 1000, 5000, pause}],
+    Trace = fun(T) -> [got(10, 1, 5, ?LEASE), lost(T, 1, 5)] end,
+    ?assertEqual([], judge(Trace(7000 + ?LAG), 0, exact(Pauses))),
+    ?assertEqual([held_too_long], judge(Trace(7001 + ?LAG), 0, exact(Pauses))).
+
+%% A robot that is slower than is assumed, and one that is not.
+slow_test() ->
+    Trace = fun(T) -> [got(10, 1, 5, ?LEASE), lost(T, 1, 5)] end,
+    Slow = fun(Us) -> exact([{1, 0, 2000, {slow, Us}}]) end,
+    ?assertEqual([], judge(Trace(1010 + 300), 0, Slow(300))),
+    ?assertEqual([held_too_long], judge(Trace(1010 + 301), 0, Slow(300))),
+    ?assertEqual([held_too_long], judge(Trace(1010 + ?LAG + 1), 0, Slow(?LAG))).
+
+%% -- excused: clocks --------------------------------------------------------------------------
+
+%% Robot 1 has claimed at 0 and is told at 100 that it holds: what it thinks is left is too much by
+%% what its clock has lost meanwhile. Robot 2 has the token when the lease is over in truth.
+holders_clock_test() ->
+    %% it shows 60 less than it should
+    Trace = fun(Began) -> [got(100, 1, 5, ?LEASE - 40), got(Began, 2, 6)] end,
+    Set = {1, 50, 50, {clock, -60}},
+    Over = 100 + ?LEASE - 40 + ?LAG,
+    ?assertEqual([], judge(Trace(Over - 60), 0, exact([Set]))),
+    ?assertEqual([two_holders], judge(Trace(Over - 61), 0, exact([Set]))),
+    [?assertEqual([two_holders], judge(Trace(Over - 60), 0, exact([Other])))
+     || Other <- [
+            %% another robot's: the new holder's, the home's, a third one's
+            {2, 50, 50, {clock, -60}}, {?HOME, 50, 50, {clock, -60}}, {3, 50, 50, {clock, -60}},
+            %% too little, ahead, after the telling, before any claim that lasts until then
+            {1, 50, 50, {clock, -59}}, {1, 50, 50, {clock, 60}}, {1, 101, 101, {clock, -60}},
+            {1, 100 - ?LEASE - 2, 100 - ?LEASE - 2, {clock, -60}}, {1, 0, 5000, pause}
+        ]].
+
+%% A lease lasts longer by what the clock has lost: so much farther back its claim may be.
+claimed_earlier_test() ->
+    Trace = fun(Began) -> [got(1100, 1, 5, 60), got(Began, 2, 6)] end,
+    Over = 1160 + ?LAG,
+    Twice = fun(At) -> exact([{1, 1050, 1050, {clock, -60}}, {1, At, At, {clock, -30}}]) end,
+    ?assertEqual([], judge(Trace(Over - 90), 0, Twice(40))),
+    ?assertEqual([two_holders], judge(Trace(Over - 91), 0, Twice(40))),
+    ?assertEqual([two_holders], judge(Trace(Over - 61), 0, Twice(39))).
+
+%% A clock that stands still counts from when to when it does.
+holders_clock_stands_test() ->
+    Trace = fun(Began) -> [got(100, 1, 5, ?LEASE), got(Began, 2, 6)] end,
+    Over = 100 + ?LEASE + ?LAG,
+    Stands = fun(From, To) -> exact([{1, From, To, {clock, From - To}}]) end,
+    ?assertEqual([], judge(Trace(Over - 100), 0, Stands(0, 100))),
+    ?assertEqual([], judge(Trace(Over - 100), 0, Stands(0, 500))),
+    ?assertEqual([two_holders], judge(Trace(Over - 101), 0, Stands(0, 500))),
+    ?assertEqual([two_holders], judge(Trace(Over - 100), 0, Stands(1, 100))).
+
+%% What the clock loses after the telling prolongs the hold itself.
+clock_lost_later_test() ->
+    Trace = fun(T) -> [got(100, 1, 5, ?LEASE), got(1500, 2, 6), lost(T, 1, 5)] end,
+    By = 100 + ?LEASE + 600 + ?LAG,
+    Set = {1, 1000, 1000, {clock, -600}},
+    ?assertEqual([], judge(Trace(By), 0, exact([Set]))),
+    ?assertEqual([held_too_long], judge(Trace(By + 1), 0, exact([Set]))),
+    ?assertEqual([], judge([got(100, 1, 5, ?LEASE), let_go(By - ?LAG, 1, 5)], 0, exact([Set]))),
+    ?assertEqual([held_too_long],
+                 judge([got(100, 1, 5, ?LEASE), let_go(By - ?LAG + 1, 1, 5)], 0, exact([Set]))),
+    [?assertEqual([held_too_long, held_too_long], judge(Trace(By), 0, exact([Other])))
+     || Other <- [{2, 1000, 1000, {clock, -600}}, {1, 99, 99, {clock, -600}},
+                  {1, 1101, 1101, {clock, -600}}, {1, 1000, 1000, {clock, 600}}]].
+
+%% The home's clock is put forward: it takes the lease for over too early, by that much.
+homes_clock_test() ->
+    Trace = fun(Began) -> [got(100, 1, 5, ?LEASE), got(Began, 2, 6)] end,
+    Over = 100 + ?LEASE + ?LAG,
+    Set = {?HOME, 500, 500, {clock, 600}},
+    ?assertEqual([], judge(Trace(Over - 600), 0, exact([Set]))),
+    ?assertEqual([two_holders], judge(Trace(Over - 601), 0, exact([Set]))),
+    [?assertEqual([two_holders], judge(Trace(Over - 600), 0, exact([Other])))
+     || Other <- [
+            {1, 500, 500, {clock, 600}}, {2, 500, 500, {clock, 600}},
+            {?HOME, 500, 500, {clock, 599}}, {?HOME, 500, 500, {clock, -600}},
+            %% after the token was given away, or before the lease can have begun
+            {?HOME, 601, 601, {clock, 600}},
+            {?HOME, 100 - ?LEASE - 2, 100 - ?LEASE - 2, {clock, 600}}
+        ]].
+
+%% What both clocks do adds up.
+both_clocks_test() ->
+    Trace = [got(100, 1, 5, ?LEASE), got(100 + ?LEASE + ?LAG - 110, 2, 6)],
+    Clocks = fun(Gain) -> exact([{1, 50, 50, {clock, -60}}, {?HOME, 500, 500, {clock, Gain}}]) end,
+    ?assertEqual([], judge(Trace, 0, Clocks(50))),
+    ?assertEqual([two_holders], judge(Trace, 0, Clocks(49))).
+
+%% An older owner whose lease is not over holds once more, beside the newer one or after it; what
+%% counts is when the newer one began.
+overtaken_excused_test() ->
+    First = [got(100, 1, 5, ?LEASE), let_go(200, 1, 5)],
+    Next = got(500, 2, 6, ?LEASE),
+    Told = [{600, 1, {leased, a, fence(5, 1), 500}}, acquired(600, 1, fence(5, 1))],
+    Home = fun(Gain) -> exact([{?HOME, 400, 400, {clock, Gain}}]) end,
+    %% over at 1100 + LAG, the newer one began at 500
+    ?assertEqual([], judge_all([First, Next, Told], Home(700))),
+    ?assertEqual([fence_overtaken, two_holders], judge_all([First, Next, Told], Home(699))),
+    Passed = [First, Next, let_go(550, 2, 6), Told],
+    ?assertEqual([], judge_all(Passed, Home(700))),
+    ?assertEqual([fence_overtaken], judge_all(Passed, Home(699))),
+    %% what was told of another hold says nothing of this one
+    Other = [{600, 1, {leased, a, fence(5), 500}}, acquired(600, 1, fence(5, 1))],
+    ?assertEqual([fence_overtaken, two_holders], judge_all([First, Next, Other], Home(700))).
+
+%% All violations of an event, of which the monitor tells the first.
+judge_all(Events, Config) ->
+    {Found, _} = lists:foldl(
+        fun({T, Robot, Event}, {Found, Holds}) ->
+            {New, Next} = holds(Event, T, Robot, Holds),
+            {Found ++ [What || #{what := What} <- New], Next}
+        end,
+        {[], starl_mutex_holds:new(Config)},
+        lists:flatten(Events)
+    ),
+    Found.
+
+holds({granted, Token, Fence, To}, T, Home, Holds) ->
+    starl_mutex_holds:granted(T, Home, Token, Fence, To, Holds);
+holds({leased, Token, Fence, Left}, T, Robot, Holds) ->
+    {[], starl_mutex_holds:leased(T, Robot, Token, Fence, Left, Holds)};
+holds({acquired, Token, Fence}, T, Robot, Holds) ->
+    starl_mutex_holds:acquired(T, Robot, Token, Fence, Holds);
+holds({released, Token, Fence}, T, Robot, Holds) ->
+    starl_mutex_holds:ended(released, T, Robot, Token, Fence, Holds).
+
+%% Robots' clocks excuse nothing where no lease was told.
+no_lease_no_excuse_test() ->
+    Broken = [{all, 0, 10000, {clock, -10000}}, {all, 0, 10000, {clock, 10000}}],
+    ?assertEqual([two_holders], judge([got(1, 1, 5), got(2, 2, 6)], 0, exact(Broken))).
+
+%% -- progress ---------------------------------------------------------------------------------
 
 bound_test() ->
     Asked = [{10, 1, {requested, a}}],
     Bound = #{bound_us => 100},
-    ?assertEqual([], judge(Asked ++ [got(110, 1, 5)], 900, Bound)),
-    ?assertEqual([no_grant_in_time], judge(Asked ++ [got(111, 1, 5)], 900, Bound)),
+    ?assertEqual([], judge(Asked ++ got(110, 1, 5), 900, Bound)),
+    ?assertEqual([no_grant_in_time], judge(Asked ++ got(111, 1, 5), 900, Bound)),
     ?assertEqual([no_grant_in_time], judge(Asked, 900, Bound)),
     ?assertEqual([], judge(Asked, 900, Bound#{from_us => 11})),
     ?assertEqual([], judge(Asked ++ [{20, 1, crashed}], 900, Bound)).
@@ -68,4 +329,4 @@ fairness_test() ->
     {[], Results} = run([{0, 1, {requested, a}}, {0, 2, {requested, a}}, got(10, 1, 5),
                          let_go(20, 1, 5), got(30, 2, 6)], 40, #{}),
     ?assertMatch(#{longest_wait_us := 30, mean_wait_us := 20.0, unfairness := 1.5,
-                   acquired := 2}, Results).
+                   acquired := 2, tokens := 1}, Results).

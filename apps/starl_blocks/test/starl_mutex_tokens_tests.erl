@@ -1,4 +1,5 @@
-%% How a request finds the token when messages overtake each other.
+%% How a request finds the token when messages overtake each other, and what a robot does first
+%% that finds its leases over.
 -module(starl_mutex_tokens_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -70,3 +71,133 @@ twice_test_() ->
         end
      || Order <- [[First, Third], [Third, First]]
     ].
+
+%% -- leases that are over -----------------------------------------------------------------------
+
+-define(LEASE_US, 1000000).
+
+%% Robot 2 begins to acquire these tokens of home 1 at a time, and is granted them as they come; the
+%% actions and the machine, with all claims made at that time.
+holding(Tokens, At) -> holding(Tokens, Tokens, At).
+
+holding(Wanted, Given, At) ->
+    Base = #{
+        robot => 2, participants => [1, 2, 3], name => mutex, incarnation => 1, now => At,
+        random => rand:seed_s(exsss, 1)
+    },
+    {_, New} = starl_machine:new(starl_mutex_tokens, #{lease_ms => ?LEASE_US div 1000}, Base),
+    {_, Asking} = at(At, {call, {app, 1}}, {acquire, Wanted, 5 * ?LEASE_US}, New),
+    lists:foldl(fun(Token, Machine) -> element(2, given(Token, At, Machine)) end, Asking, Given).
+
+given(Token, At, Machine) ->
+    {_, Claiming} = message(At, 1, {token, Token, ?F, [{2, 1}]}, Machine),
+    message(At, 1, {granted, Token, ?F, {1, At}}, Claiming).
+
+message(At, From, Message, Machine) -> at(At, cast, {message, From, mutex, Message}, Machine).
+
+at(At, Type, Content, Machine) ->
+    starl_machine:step(Type, Content, #{now => At, robot => 2}, Machine).
+
+traces(Actions) -> [Event || {trace, Event} <- Actions].
+
+answers(Actions) -> [Answer || {reply, {app, 1}, Answer} <- Actions].
+
+%% Two tokens whose home is robot 1.
+two() -> lists:sublist([T || T <- lists:seq(1, 100), erlang:phash2(T, 3) =:= 0], 2).
+
+%% What a hold is told to the monitor with: the lease, the fence, the answer, in this order.
+told_test() ->
+    [A, B] = two(),
+    Machine = holding([A, B], [A], 50),
+    {_, Claiming} = message(100, 1, {token, B, ?F, [{2, 1}]}, Machine),
+    {Actions, _} = message(300, 1, {granted, B, ?F, {1, 100}}, Claiming),
+    ?assertEqual(
+        [{leased, B, ?F, ?LEASE_US - 200}, {acquired, B, ?F}, {answered, [{A, ?F}, {B, ?F}]}],
+        traces(Actions)
+    ),
+    ?assertEqual([{ok, [{A, ?F}, {B, ?F}]}], answers(Actions)).
+
+%% A renewal is told; one that is no longer is not.
+renewal_told_test() ->
+    [A, _] = two(),
+    Machine = holding([A], 50),
+    {Actions, Renewed} = message(700, 1, {granted, A, ?F, {1, 600}}, Machine),
+    ?assertEqual([{leased, A, ?F, ?LEASE_US - 100}], traces(Actions)),
+    {Older, _} = message(800, 1, {granted, A, ?F, {1, 500}}, Renewed),
+    ?assertEqual([], traces(Older)).
+
+%% A robot that has stood still hands on nothing whose lease is over: whoever asks for it is sent
+%% to the home. Just before the end it does (when it has released it).
+request_comes_first_test() ->
+    [A, _] = two(),
+    Machine = holding(A, [A], 0),
+    {_, Idle} = at(10, {call, {app, 2}}, {release, A}, Machine),
+    Ask = {request, A, {3, 1}, ?F, home},
+    {Before, _} = message(?LEASE_US - 1, 3, Ask, Idle),
+    ?assertMatch([{handed_over, A, _, 3}], traces(Before)),
+    [
+        begin
+            {Actions, _} = message(?LEASE_US, 3, Ask, Had),
+            ?assertEqual(Traced, traces(Actions)),
+            ?assertEqual([], [To || {call, sap, {send, To, mutex, {token, _, _, _}}, _} <- Actions])
+        end
+     || {Had, Traced} <- [{Idle, []}, {Machine, [{lease_lost, A, ?F}]}]
+    ].
+
+%% Whatever comes first: a call to release, to acquire, a timer, a message of another token.
+release_comes_first_test() ->
+    [A, B] = two(),
+    Machine = holding(A, [A], 0),
+    [
+        begin
+            {Actions, After} = at(?LEASE_US, Type, Content, Machine),
+            ?assertEqual([{lease_lost, A, ?F}], [E || {lease_lost, _, _} = E <- traces(Actions)]),
+            ?assertEqual({lease_lost, A, ?F}, hd(traces(Actions))),
+            {Released, _} = at(?LEASE_US, {call, {app, 1}}, {release, A}, After),
+            ?assertEqual([], traces(Released)),
+            ?assertEqual([{error, lost}], answers(Released))
+        end
+     || {Type, Content} <- [
+            {{call, {app, 9}}, {acquire, A, ?LEASE_US}}, {{timeout, {renew, A}}, again},
+            {{timeout, {lease, A}}, over}, {{timeout, {again, 1}}, again},
+            {cast, {message, 1, mutex, {granted, A, ?F, {1, ?LEASE_US - 1}}}},
+            {cast, {message, 1, mutex, {owner, B, ?F}}}, {info, {restarted, sap}}
+        ]
+    ],
+    {Released, _} = at(?LEASE_US, {call, {app, 1}}, {release, A}, Machine),
+    ?assertEqual([{lease_lost, A, ?F}], traces(Released)),
+    ?assertEqual([{error, lost}], answers(Released)),
+    {InTime, _} = at(?LEASE_US - 1, {call, {app, 1}}, {release, A}, Machine),
+    ?assertEqual([{released, A, ?F}], traces(InTime)),
+    ?assertEqual([ok], answers(InTime)).
+
+%% A set of which all is over, complete or not: each hold is lost, none released, and the one that
+%% still waits begins anew once.
+set_is_over_test() ->
+    [A, B] = two(),
+    [C | _] = [T || T <- lists:seq(B + 1, 100), erlang:phash2(T, 3) =:= 0],
+    Lost = [{lease_lost, T, ?F} || T <- [A, B]],
+    {Complete, _} = at(?LEASE_US, info, {restarted, sap}, holding([A, B], 0)),
+    ?assertEqual(Lost, traces(Complete)),
+    {Waits, _} = at(?LEASE_US, info, {restarted, sap}, holding([A, B, C], [A, B], 0)),
+    [LostA, {failed, C, lease_lost}, LostB, {requested, A}] = traces(Waits),
+    ?assertEqual(Lost, [LostA, LostB]).
+
+%% One that has no patience left gives back what is still its own, and nothing else.
+patience_is_over_test() ->
+    [A, B] = two(),
+    Machine = holding([A, B], [A], 0),
+    Gone = fun(At) ->
+        {Actions, _} = at(At, {timeout, {patience, 1}}, patience, Machine),
+        traces(Actions)
+    end,
+    ?assertEqual([{failed, B, timeout}, {released, A, ?F}], Gone(?LEASE_US - 1)),
+    ?assertEqual([{lease_lost, A, ?F}, {failed, B, lease_lost}, {requested, A},
+                  {failed, A, timeout}], Gone(?LEASE_US)).
+
+%% Monotonic clocks may well read less than nothing.
+before_zero_test() ->
+    [A, _] = two(),
+    Machine = holding(A, [A], -5 * ?LEASE_US),
+    {Released, _} = at(-4 * ?LEASE_US - 1, {call, {app, 1}}, {release, A}, Machine),
+    ?assertEqual([ok], answers(Released)).

@@ -13,7 +13,7 @@
 %% All answers are bounds on the side of the excuse: what goes beyond them no window explains.
 -module(starl_assumption).
 
--export([new/2, is_kept/1, is_kept/3]).
+-export([new/2, is_kept/1, is_kept/3, longest_us/2]).
 -export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, is_misplaced/4]).
 
 -export_type([t/0, window/0, broken/0]).
@@ -113,16 +113,21 @@ gained_us(Robot, From, Until, Assumption) ->
         Assumption
     ).
 
-%% The part of the window that lies between the two times, rounded up.
+%% The part of the window that lies between the two times.
 part(_Us, Begin, End, From, Until) when Begin > Until; End < From -> 0;
 part(Us, Moment, Moment, _From, _Until) -> Us;
 part(Us, Begin, End, From, Until) ->
     Length = End - Begin,
-    (Us * (min(End, Until) - max(Begin, From)) + Length - 1) div Length.
+    up(Us * (min(End, Until) - max(Begin, From)), Length).
 
-%% The time that passes at most while a clock shows so much.
-longest(0, _Assumption) -> 0;
-longest(Us, #assumption{drift_ppm = Ppm}) -> Us * ?MILLION div (?MILLION - Ppm) + 1.
+up(Us, Parts) -> (Us + Parts - 1) div Parts.
+
+longest(Us, #assumption{drift_ppm = Ppm}) -> longest_us(Us, Ppm).
+
+%% @doc The time that passes at most while a clock that drifts by at most so many millionths shows
+%% so much.
+-spec longest_us(Us :: us(), DriftPpm :: non_neg_integer()) -> us().
+longest_us(Us, Ppm) -> up(Us * ?MILLION, ?MILLION - Ppm).
 
 %% @doc When at the latest a robot handles what is due at `DueUs', if in order it does so within
 %% `LagUs'.

@@ -76,21 +76,17 @@
 -define(LEASE_US, 8000000).
 -define(DRIFT_PPM, 10000).
 -define(LAG_US, 250000).
--define(MILLION, 1000000).
 
 %% @doc Nobody holds anything.
 -spec new(config()) -> t().
 new(Config) ->
     Ppm = maps:get(drift_ppm, Config, ?DRIFT_PPM),
     #holds{
-        lease_us = longest(maps:get(lease_us, Config, ?LEASE_US), Ppm),
+        lease_us = starl_assumption:longest_us(maps:get(lease_us, Config, ?LEASE_US), Ppm),
         ppm = Ppm,
         lag_us = maps:get(lag_us, Config, ?LAG_US),
         assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm)
     }.
-
-%% The time that passes at most while a clock that drifts shows so much.
-longest(Us, Ppm) -> Us * ?MILLION div (?MILLION - Ppm) + 1.
 
 %% @doc A home confirms a hand-over of a token to a robot.
 -spec granted(integer(), Home :: robot_id(), token(), fence(), To :: robot_id(), t()) ->
@@ -112,7 +108,8 @@ granted(T, Home, Token, Fence, To, #holds{grants = Grants, hand_overs = HandOver
 %% @doc A holder, or one that will be at once, tells how much is left of its lease by its clock.
 -spec leased(integer(), robot_id(), token(), fence(), LeftUs :: integer(), t()) -> t().
 leased(T, Robot, Token, Fence, Left, #holds{leases = Leases, ppm = Ppm} = Holds) ->
-    Lease = #lease{fence = Fence, told_us = T, end_us = T + longest(Left, Ppm)},
+    End = T + starl_assumption:longest_us(Left, Ppm),
+    Lease = #lease{fence = Fence, told_us = T, end_us = End},
     Holds#holds{leases = Leases#{{Token, Robot} => Lease}}.
 
 %% @doc A hold begins.
@@ -226,7 +223,7 @@ overtaken(T, #hold{robot = Robot, fence = Fence} = Hold, Token, #holds{largest =
 %% A hold begins while there is another one.
 beside(T, #hold{robot = Other, fence = Fence} = Old, #hold{robot = Robot} = New, Token, Holds) ->
     [Older, Newer] = lists:keysort(#hold.fence, [Old, New]),
-    case T =< over_us(Old, Token, Holds) of
+    case T < over_us(Old, Token, Holds) of
         true ->
             Details = #{token => Token, fence => Fence, holder => Other},
             [

@@ -8,7 +8,8 @@
 %%   claim F    granted if F is larger than the last granted number (its holder has handed the
 %%              token over, or the token was never granted), or the claimant's own again
 %%   renew F    granted if F is the claimant's own; after a crash of the home, also one of an
-%%              earlier incarnation, as long as nothing has been granted since
+%%              earlier incarnation, as long as nothing has been granted since, nor a newer
+%%              one been renewed
 %%   create     a new token with the next number, when the lease of the last one has surely
 %%              ended, or was given back
 %% '''
@@ -42,6 +43,8 @@
     owner = none :: starl:robot_id() | none,
     %% until when nothing may be granted to anybody else
     until :: us(),
+    %% the newest one of an earlier incarnation that was renewed by this one
+    renewed = 0 :: starl_mutex:fence() | 0,
     pending = [] :: [request()]
 }).
 
@@ -115,9 +118,12 @@ claim(Token, Fence, By, Now, #home{base = Base} = Home) ->
     {granted | refused, t()}.
 renew(Token, Fence, By, Now, #home{base = Base} = Home) ->
     case lease(Token, Home) of
-        #lease{fence = Fence, owner = By} = Lease -> grant(Token, Lease, Now, Home);
-        #lease{fence = Base, owner = none} = Lease -> grant(Token, Lease, Now, Home);
-        #lease{} -> {refused, Home}
+        #lease{fence = Fence, owner = By} = Lease ->
+            grant(Token, Lease, Now, Home);
+        #lease{fence = Base, owner = none, renewed = Newest} = Lease when Fence >= Newest ->
+            grant(Token, Lease#lease{renewed = Fence}, Now, Home);
+        #lease{} ->
+            {refused, Home}
     end.
 
 %% @doc A token comes back: it is not wanted, or its hand-over was reported lost. One that has

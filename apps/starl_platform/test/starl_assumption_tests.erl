@@ -1,0 +1,83 @@
+%% How far a broken assumption reaches: the windows' edges, what adds up, whose they are.
+-module(starl_assumption_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(A, starl_assumption).
+
+but(Windows) -> ?A:new([{1, From, To, Broken} || {From, To, Broken} <- Windows], 0).
+
+lost(Us, At) -> {At, At, {clock, -Us}}.
+gained(Us, At) -> {At, At, {clock, Us}}.
+
+kept_test() ->
+    ?assert(?A:is_kept(but([]))),
+    ?assertNot(?A:is_kept(but([{5, 9, pause}]))),
+    [?assertEqual(Kept, ?A:is_kept(From, To, but([{5, 9, pause}, {7, 8, position}])))
+     || {From, To, Kept} <- [{0, 4, true}, {0, 5, false}, {6, 7, false}, {9, 20, false},
+                             {10, 20, true}]].
+
+%% Each robot's own, and those of all.
+robots_test() ->
+    Mixed = ?A:new([{2, 10, 10, {clock, -1}}, {all, 10, 10, {clock, -10}},
+                    {1, 10, 10, {clock, -100}}], 0),
+    ?assertEqual([110, 11, 10], [?A:lost_us(R, 0, 20, Mixed) || R <- [1, 2, 3]]).
+
+%% What a clock loses until then makes it later, and then counts what it loses until later.
+clock_later_test() ->
+    Set = [lost(5, 20), lost(5, 24), lost(5, 36), lost(7, 9), gained(9, 15)],
+    ?assertEqual(30, ?A:clock_later(1, 10, 20, but(Set))),
+    ?assertEqual(19, ?A:clock_later(1, 10, 19, but(Set))),
+    ?assertEqual(31 + 5, ?A:clock_later(1, 10, 31, but([lost(5, 31)]))),
+    %% one that stands still when it begins
+    ?assertEqual(30, ?A:clock_later(1, 10, 20, but([{0, 10, {clock, -10}}]))),
+    ?assertEqual(20, ?A:clock_later(1, 10, 20, but([{0, 9, {clock, -9}}]))).
+
+%% Likewise, back.
+clock_earlier_test() ->
+    Set = [lost(5, 10), lost(5, 6), lost(5, -1), lost(7, 21), gained(9, 15)],
+    ?assertEqual(0, ?A:clock_earlier(1, 20, 10, but(Set))),
+    ?assertEqual(11, ?A:clock_earlier(1, 20, 11, but(Set))),
+    ?assertEqual([5, 10], [?A:clock_earlier(1, 20, 10, but([lost(5, At)])) || At <- [20, 21]]),
+    ?assertEqual(-10, ?A:clock_earlier(1, 20, 10, but([lost(5, 0) | Set]))).
+
+%% Between the two times, both included; of a clock that stands still the part.
+amounts_test() ->
+    Set = [lost(5, 10), lost(7, 20), gained(3, 12)],
+    [?assertEqual({Lost, Gained}, {?A:lost_us(1, From, To, but(Set)), ?A:gained_us(1, From, To, but(Set))})
+     || {From, To, Lost, Gained} <- [{10, 20, 12, 3}, {11, 20, 7, 3}, {10, 19, 5, 3},
+                                     {12, 12, 0, 3}, {13, 19, 0, 0}]],
+    Stands = but([{10, 20, {clock, -10}}]),
+    ?assertEqual([10, 4, 6, 2, 0],
+                 [?A:lost_us(1, F, T, Stands) || {F, T} <- [{0, 30}, {0, 14}, {14, 30}, {13, 15},
+                                                           {20, 30}]]),
+    ?assertEqual(1, ?A:lost_us(1, 0, 11, but([{10, 20, {clock, -3}}]))).
+
+%% A clock that is slow within its bound takes longer to make up for what it has lost.
+drift_test() ->
+    Drifting = ?A:new([{1, 10, 10, {clock, -98}}], 20000),
+    ?assertEqual(100, ?A:lost_us(1, 0, 20, Drifting)),
+    ?assertEqual(120, ?A:clock_later(1, 0, 20, Drifting)),
+    ?assertEqual([0, 101, 100], [?A:longest_us(Us, Ppm) || {Us, Ppm} <- [{0, 7}, {100, 1}, {100, 0}]]).
+
+%% In order within the lag; else at the end of the pauses that it runs into, or as slow as it is.
+handled_test() ->
+    At = fun(Due, Windows) -> ?A:handled(1, Due, 3, but(Windows)) end,
+    ?assertEqual(13, At(10, [])),
+    ?assertEqual(23, At(10, [{5, 20, pause}])),
+    ?assertEqual(23, At(10, [{13, 20, pause}])),
+    ?assertEqual(13, At(10, [{14, 20, pause}])),
+    ?assertEqual(13, At(10, [{5, 9, pause}])),
+    ?assertEqual(33, At(10, [{21, 30, pause}, {5, 20, pause}])),
+    ?assertEqual(23, At(10, [{24, 30, pause}, {5, 20, pause}])),
+    ?assertEqual(17, At(10, [{5, 20, {slow, 7}}])),
+    ?assertEqual(13, At(10, [{5, 20, {slow, 3}}])),
+    ?assertEqual(13, At(10, [{5, 9, {slow, 7}}])),
+    ?assertEqual(13, At(10, [{14, 20, {slow, 7}}])),
+    ?assertEqual(13, At(10, [{5, 20, {clock, -7}}])).
+
+misplaced_test() ->
+    Told = but([{10, 20, position}, {30, 40, pause}]),
+    [?assertEqual(Wrong, ?A:is_misplaced(1, From, To, Told))
+     || {From, To, Wrong} <- [{0, 9, false}, {0, 10, true}, {19, 25, true}, {20, 25, false},
+                              {30, 40, false}]],
+    ?assertNot(?A:is_misplaced(2, 0, 100, Told)).

@@ -1,0 +1,81 @@
+%% Which faults break an assumption, of whom, when and by how much: held against what the
+%% simulator's clocks, holds and positions make of the same faults.
+-module(starl_sim_assumption_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+broken(Kind, Target, Params) -> broken(Kind, Target, Params, 5).
+
+broken(Kind, Target, Params, To) ->
+    Fault = {f, 2, To, Kind, Target, Params},
+    ?assertEqual([], starl_sim_fault:check([Fault])),
+    starl_sim_assumption:broken([Fault]).
+
+clocks_test() ->
+    ?assertEqual([{3, 2000, 2000, {clock, -7000}}], broken(clock_step, 3, #{ms => -7})),
+    ?assertEqual([{3, 2000, 2000, {clock, 7000}}], broken(clock_step, 3, #{ms => 7}, 2)),
+    ?assertEqual([], broken(clock_step, 3, #{ms => 0})),
+    ?assertEqual([{3, 2000, 2000, {clock, 7000}}, {3, 5000, 5000, {clock, -7000}}],
+                 broken(clock_offset, 3, #{ms => 7})),
+    ?assertEqual([], broken(clock_offset, 3, #{ms => 7}, 2)),
+    ?assertEqual([{3, 2000, 5000, {clock, -3000}}], broken(clock_freeze, 3, #{})).
+
+%% Within 1 % a clock keeps what is assumed.
+drift_test() ->
+    ?assertEqual([], broken(clock_drift, 3, #{ppm => -10000})),
+    ?assertEqual([{3, 2000, 5000, {clock, -60}}], broken(clock_drift, 3, #{ppm => -20000})),
+    ?assertEqual([{3, 2000, 5000, {clock, 60}}], broken(clock_drift, 3, #{ppm => 20000})).
+
+%% A window's gain is by how much the simulated clock leaves a right one behind.
+gain_test() ->
+    [
+        begin
+            Fault = {f, 2, 5, Kind, 3, Params},
+            Clock = starl_sim_clock:new(0, 0, [starl_sim_fault:compile(Fault)]),
+            Gained = fun(Until) ->
+                lists:sum([Us || {3, _, To, {clock, Us}} <- starl_sim_assumption:broken([Fault]),
+                                 To =< Until])
+            end,
+            [?assertEqual({Kind, T + Gained(T)}, {Kind, starl_sim_clock:local(T, Clock)})
+             || T <- [0, 1999, 5000, 9000]]
+        end
+     || {Kind, Params} <- [{clock_step, #{ms => -4}}, {clock_step, #{ms => 4}}, {clock_freeze, #{}},
+                           {clock_offset, #{ms => 4}}, {clock_drift, #{ppm => 20000}}]
+    ].
+
+promptness_test() ->
+    ?assertEqual([{3, 2000, 5000, pause}], broken(pause, 3, #{})),
+    ?assertEqual([], broken(pause, 3, #{}, 2)),
+    ?assertEqual([{3, 2000, 5000, {slow, 300000}}], broken(slow, 3, #{lag_ms => 300})).
+
+positions_test() ->
+    ?assertEqual([{all, 2000, 5000, position}], broken(location_frozen, all, #{})),
+    ?assertEqual([{3, 2000, 5000, position}], broken(location_frozen, 3, #{})),
+    ?assertEqual([{3, 2000, 5000, position}, {1, 2000, 5000, position}],
+                 broken(location_swap, {3, 1}, #{})).
+
+%% Under all other kinds contracts hold, whatever the parameters that are drawn.
+all_others_test() ->
+    Faults = lists:append([
+        starl_sim_fault_draw:draw(#{
+            seed => Seed, robots => 5, machines => [sap], until_ms => 10000, kinds => [all]
+        })
+     || Seed <- lists:seq(1, 50)
+    ]),
+    Breaking = [clock_offset, clock_step, clock_freeze, pause, slow, location_frozen, location_swap],
+    ?assertEqual(
+        lists:sort(Breaking),
+        lists:usort([Kind || {_, _, _, Kind, _, _} = F <- Faults,
+                             starl_sim_assumption:broken([F]) =/= []])
+    ).
+
+%% A monitor is told where it asks, and the simulator has the last word.
+told_test() ->
+    Fault = {f, 2, 5, pause, 3, #{}},
+    Given = #{app => starl_sim_script_app, robots => 3, faults => [Fault], random_faults => []},
+    {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(starl_sim_script_app)),
+    Context = starl_sim_plan:context(starl_sim_script_app, Scenario),
+    Scene = #{app => {sequential, starl_sim_script_app, #{}},
+              monitors => [{asks, #{broken => []}}, {silent, #{}}]},
+    #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
+    ?assertEqual(#{broken => [{3, 2000, 5000, pause}]}, proplists:get_value(asks, Monitors)),
+    ?assertEqual(#{}, proplists:get_value(silent, Monitors)).
