@@ -154,7 +154,7 @@ run(_Bug, dpp, Variant, Seed) ->
         time => 400, seed => Seed};
 run(Bug, Block, _Config, Seed) ->
     #{app => ?MODULE, bug => Bug, block => Block, robots => 6, seed => Seed,
-        random_faults => starl_exercise:bears(Block), heal => 25, converge => 35, time => 60}.
+        random_faults => [all], heal => 25, converge => 35, time => 60}.
 
 sound(#{app := starl_dpp_planted} = Scenario) -> Scenario#{bug => "none"};
 sound(Scenario) -> Scenario#{bug => none}.

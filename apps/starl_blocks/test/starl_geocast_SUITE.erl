@@ -11,6 +11,7 @@
     chain_of_hops/1, lifetimes_and_clocks/1, slow_packets_are_not_late/1,
     memory_shrinks/1, memory_is_bounded/1,
     late_comer_gets_it/1, dead_relay_is_gone_around/1, not_again_after_a_restart/1,
+    not_again_by_a_clock/1,
     sent_after_the_restart/1, listeners_come_late/1, hops_are_limited/1,
     mistakes_of_the_caller/1
 ]).
@@ -21,6 +22,7 @@ all() ->
         chain_of_hops, lifetimes_and_clocks, slow_packets_are_not_late,
         memory_shrinks, memory_is_bounded,
         late_comer_gets_it, dead_relay_is_gone_around, not_again_after_a_restart,
+        not_again_by_a_clock,
         sent_after_the_restart, listeners_come_late, hops_are_limited,
         mistakes_of_the_caller
     ].
@@ -177,8 +179,8 @@ lifetimes_and_clocks(_) ->
         {starl:await(R, news, 4000), starl:await(R, news, 60000)}
     end, #{clock_offset => 600000}),
     ?assertEqual(lists:duplicate(4, {done, {{ok, 2, hello}, timeout}}), Results),
-    [Sent] = [T || {T, _, geocast, {sent, _, _, _}} <- Trace],
-    [?assert(T =< Sent + 1000000) || {T, _, geocast, {delivered, _}} <- Trace].
+    [Sent] = [T || {T, _, geocast, {sent, _, _, _, _}} <- Trace],
+    [?assert(T =< Sent + 1000000) || {T, _, geocast, {delivered, _, _}} <- Trace].
 
 %% Packets that take longer than the lifetime: nothing is delivered but to the sender. A fifth as
 %% long, some come in time; none is late (play/5).
@@ -191,7 +193,7 @@ slow_packets_are_not_late(_) ->
                 starl:sleep(R, 8000)
             end, #{faults => [{slow, 0, 8000, delay, all, #{extra_ms => Extra}}]},
                 #{listeners => #{news => app}}),
-            length([R || {_, R, geocast, {delivered, _}} <- Trace])
+            length([R || {_, R, geocast, {delivered, _, _}} <- Trace])
         end
      || Extra <- [1300, 250, 1]
     ],
@@ -222,7 +224,7 @@ memory_is_bounded(_) ->
         [starl_geocast:send(R, everywhere(), news, K, #{}) || K <- [1, 2, 3], starl:id(R) =:= 1]
     end, #{}, #{limit => 2}),
     ?assertEqual({done, [ok, ok, {error, full}]}, First),
-    ?assertEqual(2, length([Id || {_, _, geocast, {sent, Id, _, _}} <- Trace])).
+    ?assertEqual(2, length([Id || {_, _, geocast, {sent, Id, _, _, _}} <- Trace])).
 
 %% Who comes into the area while the message lives gets it then.
 late_comer_gets_it(_) ->
@@ -240,7 +242,7 @@ late_comer_gets_it(_) ->
         end
     end, #{}),
     ?assertEqual({done, {timeout, {ok, 1, hello}}}, Second),
-    ?assertEqual([1, 2], [R || {_, R, geocast, {delivered, _}} <- Trace]).
+    ?assertEqual([1, 2], [R || {_, R, geocast, {delivered, _, _}} <- Trace]).
 
 %% The robots stand in a square; one of the two ways round dies at once.
 dead_relay_is_gone_around(_) ->
@@ -263,7 +265,24 @@ not_again_after_a_restart(_) ->
         starl:sleep(R, 10000)
     end, #{faults => [{k, 1000, 1000, kill_machine, {2, geocast}, #{}}]},
         #{listeners => #{news => app}}),
-    ?assertEqual([1, 2], [R || {_, R, geocast, {delivered, _}} <- Trace]).
+    ?assertEqual([1, 2], [R || {_, R, geocast, {delivered, _, _}} <- Trace]).
+
+%% The source's clock stands still while the message lives, so that it lives on when the other robot
+%% has long forgotten it. That one holds it again and does not deliver it again. A robot that comes
+%% late, too, gets it too late, and the clock is why.
+not_again_by_a_clock(_) ->
+    Script = fun(R) ->
+        ok = starl_geocast:listen(R, news),
+        Options = #{lifetime_ms => 1000},
+        _ = [starl_geocast:send(R, everywhere(), news, hello, Options) || starl:id(R) =:= 1],
+        starl:sleep(R, 10000)
+    end,
+    Faults = [{stands, 500, 6000, clock_freeze, 1, #{}}, {down, 0, 5000, reboot, 3, #{}}],
+    {_, Trace} = line(3, Script, #{faults => Faults}, #{listeners => #{news => app}}),
+    Held = [{R, T > 6000000} || {T, R, geocast, {held, _, _}} <- Trace],
+    ?assertEqual([{2, false}, {2, true}], [H || {2, _} = H <- Held]),
+    Delivered = [{R, T > 6000000} || {T, R, geocast, {delivered, _, _}} <- Trace],
+    ?assertEqual([{1, false}, {2, false}, {3, true}], Delivered).
 
 %% What is sent after the restart is delivered.
 sent_after_the_restart(_) ->
@@ -273,7 +292,7 @@ sent_after_the_restart(_) ->
         starl:sleep(R, 10000)
     end, #{faults => [{k, 1000, 1000, kill_machine, {2, geocast}, #{}}]},
         #{listeners => #{news => app}}),
-    ?assertEqual([1, 2], [R || {_, R, geocast, {delivered, _}} <- Trace]).
+    ?assertEqual([1, 2], [R || {_, R, geocast, {delivered, _, _}} <- Trace]).
 
 %% A message waits for its listener as long as it lives, and not longer.
 listeners_come_late(_) ->
@@ -291,7 +310,7 @@ hops_are_limited(_) ->
         _ = [starl_geocast:send(R, everywhere(), news, hello, #{hops => 2}) || starl:id(R) =:= 1],
         starl:sleep(R, 6000)
     end, #{}),
-    ?assertEqual([1, 2, 3], [R || {_, R, geocast, {delivered, _}} <- Trace]).
+    ?assertEqual([1, 2, 3], [R || {_, R, geocast, {delivered, _, _}} <- Trace]).
 
 mistakes_of_the_caller(_) ->
     {[{done, Errors}], _} = line(1, fun(R) ->
@@ -327,6 +346,6 @@ play(N, Script, Scenario, Config, Around) ->
 
 scenario(N, Script, Scenario, #{} = Around) -> scenario(N, Script, Scenario, {#{}, Around});
 scenario(N, Script, Scenario, {Config, Around}) ->
-    Monitors = [{starl_geocast_monitor, #{robots => lists:seq(1, N)}}],
+    Monitors = [{starl_geocast_monitor, #{robots => lists:seq(1, N), broken => []}}],
     maps:merge(#{app => starl_blocks_script_app, robots => N, script => Script, time => 200,
         around => Around#{blocks => [starl_geocast:block(Config)], monitors => Monitors}}, Scenario).

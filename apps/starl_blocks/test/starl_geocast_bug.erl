@@ -2,7 +2,7 @@
 %% clocks: packets carry the sender's clock's time of expiry, compared with the receiver's clock;
 %% holds: the time that a message lies with a relay is not deducted;
 %% trusts: what is left counts from the arrival of the answer, not from the question;
-%% forgets: the id of a message is forgotten while copies of it still travel;
+%% forgets: a message is forgotten, and that it was delivered, while copies of it still travel;
 %% restart: a restarted machine takes itself for a new one.
 -module(starl_geocast_bug).
 -behaviour(starl_machine).
@@ -25,8 +25,8 @@ handle_event(cast, {message, From, geocast, {give, Parcel, Askers}}, ready, {tru
     Arrived = [{Robot, {Life, Now}} || {Robot, {Life, _Asked}} <- Askers],
     forward(cast, {message, From, geocast, {give, Parcel, Arrived}}, Bug, Meta);
 handle_event({timeout, {over, Id}}, Content, ready, {forgets, _} = Bug, Meta) ->
-    {keep_state, Data, Actions} = forward({timeout, {over, Id}}, Content, Bug, Meta),
-    {keep_state, Data, Actions ++ [{{timeout, {forget, Id}}, 0, forget}]};
+    {keep_state, {forgets, Data}, Actions} = forward({timeout, {over, Id}}, Content, Bug, Meta),
+    {keep_state, {forgets, emptied(Data)}, Actions ++ [{{timeout, {forget, Id}}, 0, forget}]};
 handle_event(Type, Content, ready, Bug, Meta) ->
     forward(Type, Content, Bug, Meta).
 
@@ -37,6 +37,14 @@ forward(Type, Content, {Bug, Data}, Meta) ->
         {keep_state_and_data, Actions} -> {keep_state_and_data, twist(Bug, Actions, Meta)};
         Other -> Other
     end.
+
+%% The machine's data with empty memories of what was delivered, wherever they are in it.
+emptied(Data) when is_tuple(Data), element(1, Data) =:= memory ->
+    starl_geocast_memory:new(1);
+emptied(Data) when is_tuple(Data) ->
+    list_to_tuple([emptied(Part) || Part <- tuple_to_list(Data)]);
+emptied(Data) ->
+    Data.
 
 twist(Bug, Actions, Meta) -> [twisted(Bug, Action, Meta) || Action <- Actions].
 

@@ -1,4 +1,5 @@
-%% The contract of the geocast, clause by clause: traces that keep it, traces that break it; and
+%% The contract of the geocast, clause by clause: traces that keep it, traces that break it, and
+%% what is excused where an assumption is broken, just inside of it and not just outside; and
 %% the areas. Robot 1 stands at the origin, robot 2 drives along the x axis at 1000 mm/s from
 %% x = 5000 on, away; the area reaches to x = 1000.
 -module(starl_geocast_monitor_tests).
@@ -9,8 +10,10 @@
 
 judge(Events) -> judge(Events, true).
 
-judge(Events, Progress) ->
-    Config = #{robots => [1, 2], progress => Progress},
+judge(Events, Progress) -> judge(Events, Progress, []).
+
+judge(Events, Progress, Broken) ->
+    Config = #{robots => [1, 2], progress => Progress, broken => Broken, drift_ppm => 0},
     Moves = [{0, 1, chassis, {motion, {piece, 0, 0.0, 0.0, 0.0, 0.0, 0.0}}},
              {0, 2, chassis, {motion, {piece, 0, 5000.0, 0.0, 0.0, 1000.0, 0.0}}}],
     M0 = starl_monitor:new([{starl_geocast_monitor, Config}]),
@@ -19,25 +22,32 @@ judge(Events, Progress) ->
             {ok, Next} -> {Acc, Next};
             {violation, V, Next} -> {Acc ++ [V], Next}
         end
-    end, {[], M0}, Moves ++ Events),
+    end, {[], M0}, Moves ++ lists:flatten(Events)),
     {Late, _} = starl_monitor:finish(100000000, M),
     [What || #{what := What} <- Found ++ Late].
 
-sent() -> {10, 1, geocast, {sent, ?ID, ?AREA, 1000000}}.
-delivered(T, Robot) -> {T, Robot, geocast, {delivered, ?ID}}.
+sent() -> {10, 1, geocast, {sent, ?ID, ?AREA, 1000000, 77}}.
+delivered(T, Robot) -> {T, Robot, geocast, {delivered, ?ID, 77}}.
+held(T, Robot, From) -> {T, Robot, geocast, {held, ?ID, From}}.
+crashed(T, Robot) -> {T, Robot, geocast, crashed}.
 
 kept_test() -> ?assertEqual([], judge([sent(), delivered(20, 1)])).
 at_the_very_end_test() -> ?assertEqual([], judge([sent(), delivered(1000010, 1)])).
 too_late_test() -> ?assertEqual([too_late], judge([sent(), delivered(1000011, 1)], false)).
 twice_test() -> ?assertEqual([delivered_twice], judge([sent(), delivered(2, 1), delivered(3, 1)])).
+changed_test() ->
+    ?assertEqual([changed], judge([sent(), {20, 1, geocast, {delivered, ?ID, 78}}])).
 never_sent_test() -> ?assertEqual([never_sent], judge([delivered(2, 1)])).
 outside_test() -> ?assertEqual([outside], judge([sent(), delivered(20, 1), delivered(30, 2)])).
 not_delivered_test() -> ?assertEqual([not_delivered], judge([sent()])).
 safety_only_test() -> ?assertEqual([], judge([sent()], false)).
-crashed_in_the_window_test() -> ?assertEqual([], judge([sent(), {500, 1, geocast, crashed}])).
+crashed_in_the_window_test() -> ?assertEqual([], judge([sent(), crashed(500, 1)])).
 crashed_long_before_test() ->
-    Sent = {9000000, 1, geocast, {sent, ?ID, ?AREA, 1000000}},
-    ?assertEqual([not_delivered], judge([{5, 1, geocast, crashed}, Sent])).
+    Sent = {9000000, 1, geocast, {sent, ?ID, ?AREA, 1000000, 77}},
+    ?assertEqual([not_delivered], judge([crashed(5, 1), Sent])).
+twice_after_a_restart_test() ->
+    ?assertEqual([delivered_twice],
+                 judge([sent(), delivered(20, 1), crashed(30, 1), delivered(40, 1)])).
 died_test() -> ?assertEqual([], judge([sent(), {500, 1, robot, {died, killed}}])).
 
 %% Inside for an instant between two events: no violation; and no debt for who leaves again.
@@ -46,6 +56,102 @@ comes_by_test() ->
     Away = {500000, 2, chassis, {motion, {piece, 500000, 5000.0, 0.0, 0.0, 0.0, 0.0}}},
     ?assertEqual([], judge([sent(), delivered(20, 1), Back, Away])),
     ?assertEqual([], judge([sent(), delivered(20, 1), Back, delivered(400000, 2), Away])).
+
+%% -- excused ----------------------------------------------------------------------------------
+
+-define(END, 1000010).
+
+lost(Robot, At, Us) -> {Robot, At, At, {clock, -Us}}.
+gained(Robot, At, Us) -> {Robot, At, At, {clock, Us}}.
+
+%% The message goes from 1 over 3 to 2, which drives into the area late; 4 has it, too.
+chain() -> [sent(), held(200, 3, 1), held(300, 4, 1), held(400, 2, 3)].
+
+back() -> {500, 2, chassis, {motion, {piece, 500, 500.0, 0.0, 0.0, 0.0, 0.0}}}.
+
+%% Late by what the clocks on the way have lost, each while the deadline was in its hands.
+late_test() ->
+    Late = fun(Us) -> [chain(), back(), delivered(?END + Us, 2)] end,
+    ?assertEqual([too_late], judge(Late(1), false)),
+    [
+        begin
+            ?assertEqual({Window, []}, {Window, judge(Late(50), false, [Window])}),
+            ?assertEqual({Window, [too_late]}, {Window, judge(Late(51), false, [Window])})
+        end
+     || Window <- [lost(1, 10, 50), lost(1, 200, 50), lost(3, 10, 50), lost(3, 400, 50),
+                   lost(2, 200, 50), lost(2, ?END, 50), lost(all, 600, 50),
+                   {3, 350, 450, {clock, -100}}]
+    ],
+    [
+        ?assertEqual({Window, [too_late]}, {Window, judge(Late(50), false, [Window])})
+     || Window <- [lost(1, 201, 50), lost(3, 401, 50), lost(2, 199, 50), lost(4, 350, 50),
+                   gained(3, 300, 50), lost(3, 9, 50), lost(2, ?END + 51, 50), lost(5, 300, 50),
+                   {3, 300, 300, position}, {2, 0, 2 * ?END, pause}]
+    ],
+    Both = [lost(1, 100, 30), lost(2, 500, 20)],
+    ?assertEqual([], judge(Late(50), false, Both)),
+    ?assertEqual([too_late], judge(Late(51), false, Both)).
+
+%% One that is late and excused must be inside then, or have been a moment ago.
+late_elsewhere_test() ->
+    Slow = [lost(2, 600, 2000000)],
+    Away = fun(T) -> {T, 2, chassis, {motion, {piece, T, 5000.0, 0.0, 0.0, 0.0, 0.0}}} end,
+    Late = fun(T) -> [chain(), back(), Away(?END), delivered(T, 2)] end,
+    ?assertEqual([], judge(Late(?END + 99999), false, Slow)),
+    ?assertEqual([outside], judge(Late(?END + 100000), false, Slow)),
+    Swapped = {2, ?END, ?END + 2, position},
+    ?assertEqual([], judge(Late(?END + 100001), false, [Swapped | Slow])),
+    ?assertEqual([outside], judge(Late(?END + 100002), false, [Swapped | Slow])).
+
+%% Once more after a restart: sent before it by no more than clocks explain.
+twice_test_() ->
+    Twice = [sent(), delivered(20, 1), held(25, 3, 1), crashed(30, 1), held(40, 1, 3),
+             delivered(50, 1)],
+    Judge = fun(Windows) -> judge(Twice, false, Windows) end,
+    [
+        ?_assertEqual([delivered_twice], Judge([])),
+        %% the robot's own clock since the restart; it was sent 20 before that
+        ?_assertEqual([], Judge([gained(1, 30, 20)])),
+        ?_assertEqual([], Judge([gained(1, 50, 20)])),
+        ?_assertEqual([delivered_twice], Judge([gained(1, 30, 19)])),
+        ?_assertEqual([delivered_twice], Judge([gained(1, 29, 20)])),
+        ?_assertEqual([delivered_twice], Judge([gained(1, 51, 20)])),
+        ?_assertEqual([delivered_twice], Judge([lost(1, 35, 20)])),
+        ?_assertEqual([delivered_twice], Judge([gained(3, 35, 20)])),
+        %% the clock of the one that it has it from
+        ?_assertEqual([], Judge([lost(3, 40, 20)])),
+        ?_assertEqual([delivered_twice], Judge([lost(3, 41, 20)])),
+        ?_assertEqual([delivered_twice], Judge([lost(3, 40, 19)])),
+        ?_assertEqual([], Judge([lost(3, 35, 11), gained(1, 35, 9)])),
+        %% without a restart in between nothing is an excuse
+        ?_assertEqual([delivered_twice],
+                      judge([sent(), crashed(15, 1), delivered(20, 1), delivered(50, 1)], false,
+                            [lost(all, 35, 1000), gained(all, 35, 1000)]))
+    ].
+
+%% A robot outside that was told a wrong position when it was delivered.
+outside_excused_test() ->
+    Judge = fun(Window) -> judge([sent(), delivered(200000, 2)], false, [Window]) end,
+    [?assertEqual({Window, Found}, {Window, Judge(Window)})
+     || {Window, Found} <- [
+            {{2, 200000, 300000, position}, []}, {{2, 0, 100001, position}, []},
+            {{all, 0, 300000, position}, []}, {{2, 0, 100000, position}, [outside]},
+            {{2, 200001, 300000, position}, [outside]}, {{1, 0, 300000, position}, [outside]},
+            {{2, 0, 300000, pause}, [outside]}, {{2, 0, 300000, {clock, -300000}}, [outside]}
+        ]].
+
+%% The clauses that hold under every fault.
+always_test() ->
+    Broken = [{all, 0, 2 * ?END, W} || W <- [pause, {clock, -?END}, {clock, ?END}, position]],
+    ?assertEqual([never_sent], judge([delivered(2, 1)], false, Broken)),
+    ?assertEqual([delivered_twice], judge([sent(), delivered(20, 1), delivered(30, 1)], false, Broken)),
+    ?assertEqual([changed], judge([sent(), {20, 1, geocast, {delivered, ?ID, 78}}], false, Broken)).
+
+%% Owed, unless somebody's assumption is broken meanwhile.
+progress_excused_test() ->
+    ?assertEqual([not_delivered], judge([sent()], true, [{3, 0, 9, pause}])),
+    ?assertEqual([not_delivered], judge([sent()], true, [gained(3, ?END + 1, 5)])),
+    ?assertEqual([], judge([sent()], true, [gained(3, ?END, 5)])).
 
 %% -- areas ----------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@
 -export([init/1, handle_event/5]).
 
 -define(REAL, starl_mutex_tokens).
+-define(HOUR_US, 3600000000).
 
 %% impatient_home: the home does not wait until a lease is surely over.
 init(#{variant := impatient_home} = Config) -> start(Config#{drift_ppm => -900000});
@@ -29,9 +30,12 @@ handle_event(cast, {message, _, mutex, {token, T, F, _}} = M, ready, {trusting, 
     {keep_state, {trusting, I, Next}, Actions ++ More};
 handle_event(cast, {message, _, mutex, {refused, _, _, _}}, ready, {trusting, _, _}, _Meta) ->
     keep_state_and_data;
-%% overstaying: the holder does not heed the end of its lease.
-handle_event({timeout, {lease, _}}, _, ready, {overstaying, _, _}, _Meta) ->
-    keep_state_and_data;
+%% overstaying: the holder does not heed the end of its lease: it takes it for one of an hour.
+handle_event(cast, {message, From, mutex, {granted, T, F, {Life, Sent}}}, ready,
+             {overstaying, I, Data}, Meta) ->
+    Endless = {message, From, mutex, {granted, T, F, {Life, Sent + ?HOUR_US}}},
+    {Next, Actions} = run(cast, Endless, Data, Meta),
+    {keep_state, {overstaying, I, Next}, Actions};
 %% queueless: what a token brings along of its queue is lost, but for the robot's own request.
 handle_event(cast, {message, From, mutex, {token, T, F, [First | _]}}, ready,
              {queueless, I, Data}, Meta) ->
