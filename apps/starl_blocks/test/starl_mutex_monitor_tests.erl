@@ -197,35 +197,39 @@ slow_test() ->
 holders_clock_test() ->
     %% it shows 60 less than it should
     Trace = fun(Began) -> [got(100, 1, 5, ?LEASE - 40), got(Began, 2, 6)] end,
-    Set = {1, 50, 50, {clock, -60}},
     Over = 100 + ?LEASE - 40 + ?LAG,
-    ?assertEqual([], judge(Trace(Over - 60), 0, exact([Set]))),
-    ?assertEqual([two_holders], judge(Trace(Over - 61), 0, exact([Set]))),
+    Set = fun(At) -> exact([{1, At, At, {clock, -60}}]) end,
+    [?assertEqual({At, []}, {At, judge(Trace(Over - 60), 0, Set(At))}) || At <- [0, 50, 100]],
+    ?assertEqual([two_holders], judge(Trace(Over - 61), 0, Set(50))),
+    [?assertEqual({At, [two_holders]}, {At, judge(Trace(Over - 60), 0, Set(At))}) || At <- [-1, 101]],
     [?assertEqual([two_holders], judge(Trace(Over - 60), 0, exact([Other])))
      || Other <- [
             %% another robot's: the new holder's, the home's, a third one's
             {2, 50, 50, {clock, -60}}, {?HOME, 50, 50, {clock, -60}}, {3, 50, 50, {clock, -60}},
-            %% too little, ahead, after the telling, before any claim that lasts until then
-            {1, 50, 50, {clock, -59}}, {1, 50, 50, {clock, 60}}, {1, 101, 101, {clock, -60}},
-            {1, 100 - ?LEASE - 2, 100 - ?LEASE - 2, {clock, -60}}, {1, 0, 5000, pause}
+            %% too little, ahead, no clock
+            {1, 50, 50, {clock, -59}}, {1, 50, 50, {clock, 60}}, {1, 0, 5000, pause}
         ]].
 
-%% A lease lasts longer by what the clock has lost: so much farther back its claim may be.
-claimed_earlier_test() ->
-    Trace = fun(Began) -> [got(1100, 1, 5, 60), got(Began, 2, 6)] end,
-    Over = 1160 + ?LAG,
-    Twice = fun(At) -> exact([{1, 1050, 1050, {clock, -60}}, {1, At, At, {clock, -30}}]) end,
-    ?assertEqual([], judge(Trace(Over - 90), 0, Twice(40))),
-    ?assertEqual([two_holders], judge(Trace(Over - 91), 0, Twice(40))),
-    ?assertEqual([two_holders], judge(Trace(Over - 61), 0, Twice(39))).
+%% An owner that is idle when its clock is set back holds once more when its lease is over in truth.
+set_back_while_idle_test() ->
+    First = [got(100, 1, 5, ?LEASE), let_go(200, 1, 5), got(1700, 2, 6), let_go(1800, 2, 6)],
+    %% claimed at 100, for it shows 1000 at 2000
+    Again = [{2000, 1, {leased, a, fence(5, 1), 100}}, acquired(2000, 1, fence(5, 1))],
+    Set = fun(At) -> exact([{1, At, At, {clock, -1000}}]) end,
+    [?assertEqual({At, []}, {At, judge([First, Again], 0, Set(At))}) || At <- [100, 300, 2000]],
+    [?assertEqual({At, [fence_overtaken]}, {At, judge([First, Again], 0, Set(At))})
+     || At <- [99, 2001]],
+    ?assertEqual([fence_overtaken],
+                 judge([First, Again], 0, exact([{1, 300, 300, {clock, -400}}]))),
+    ?assertEqual([fence_overtaken],
+                 judge([First, Again], 0, exact([{2, 300, 300, {clock, -1000}}]))).
 
 %% A clock that stands still counts from when to when it does.
 holders_clock_stands_test() ->
     Trace = fun(Began) -> [got(100, 1, 5, ?LEASE), got(Began, 2, 6)] end,
     Over = 100 + ?LEASE + ?LAG,
     Stands = fun(From, To) -> exact([{1, From, To, {clock, From - To}}]) end,
-    ?assertEqual([], judge(Trace(Over - 100), 0, Stands(0, 100))),
-    ?assertEqual([], judge(Trace(Over - 100), 0, Stands(0, 500))),
+    [?assertEqual({To, []}, {To, judge(Trace(Over - 100), 0, Stands(0, To))}) || To <- [100, 500]],
     ?assertEqual([two_holders], judge(Trace(Over - 101), 0, Stands(0, 500))),
     ?assertEqual([two_holders], judge(Trace(Over - 100), 0, Stands(1, 100))).
 
@@ -254,9 +258,8 @@ homes_clock_test() ->
      || Other <- [
             {1, 500, 500, {clock, 600}}, {2, 500, 500, {clock, 600}},
             {?HOME, 500, 500, {clock, 599}}, {?HOME, 500, 500, {clock, -600}},
-            %% after the token was given away, or before the lease can have begun
-            {?HOME, 601, 601, {clock, 600}},
-            {?HOME, 100 - ?LEASE - 2, 100 - ?LEASE - 2, {clock, 600}}
+            %% after the token was given away, or before the lease was claimed
+            {?HOME, 601, 601, {clock, 600}}, {?HOME, 99, 99, {clock, 600}}
         ]].
 
 %% What both clocks do adds up.

@@ -74,21 +74,27 @@ clock_later(Robot, From, Due, Assumption) ->
         Due, of_robot(Robot, Assumption)
     ).
 
-%% @doc When at the earliest a robot's clock showed what it should have shown at `SinceUs',
-%% reckoned back from `UntilUs'.
+%% @doc When at the earliest a robot's clock may have shown what a right one would have shown at
+%% `SinceUs', or more, reckoned back from `UntilUs'. One that is set back shows some times twice, so
+%% the first of them may lie before the setting.
 -spec clock_earlier(robot_id(), UntilUs :: us(), SinceUs :: us(), t()) -> us().
 clock_earlier(Robot, Until, Since, Assumption) ->
-    %% the latest end first
-    Windows = lists:reverse(lists:keysort(2, of_robot(Robot, Assumption))),
-    lists:foldl(
-        fun
-            ({Begin, End, {clock, Gain}}, Early) when Gain < 0, Begin =< Until, Early =< End ->
-                Early - longest(-Gain, Assumption);
-            (_, Early) ->
-                Early
-        end,
-        Since, Windows
-    ).
+    Losses = [
+        {Begin =:= End, End, longest(-Gain, Assumption)}
+     || {Begin, End, {clock, Gain}} <- of_robot(Robot, Assumption), Gain < 0, Begin =< Until
+    ],
+    earlier(Since, Since, Losses).
+
+%% What is lost reaches farther back, and there may have been more.
+earlier(Early, Since, Losses) ->
+    Reached = [
+        Us
+     || {IsSet, End, Us} <- Losses, Early =< End orelse (IsSet andalso Early - Us =< End)
+    ],
+    case Since - lists:sum(Reached) of
+        Early -> Early;
+        Earlier -> earlier(Earlier, Since, Losses)
+    end.
 
 %% @doc By how much a robot's clock has fallen back between two times: so much longer is
 %% whatever it measured.

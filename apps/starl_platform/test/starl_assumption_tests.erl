@@ -34,11 +34,16 @@ clock_later_test() ->
 
 %% Likewise, back.
 clock_earlier_test() ->
-    Set = [lost(5, 10), lost(5, 6), lost(5, -1), lost(7, 21), gained(9, 15)],
-    ?assertEqual(0, ?A:clock_earlier(1, 20, 10, but(Set))),
-    ?assertEqual(11, ?A:clock_earlier(1, 20, 11, but(Set))),
-    ?assertEqual([5, 10], [?A:clock_earlier(1, 20, 10, but([lost(5, At)])) || At <- [20, 21]]),
-    ?assertEqual(-10, ?A:clock_earlier(1, 20, 10, but([lost(5, 0) | Set]))).
+    Earlier = fun(Since, Windows) -> ?A:clock_earlier(1, 20, Since, but(Windows)) end,
+    ?assertEqual(0, Earlier(10, [lost(5, 10), lost(5, 6), lost(7, 21), gained(9, 15)])),
+    ?assertEqual([5, 10], [Earlier(10, [lost(5, At)]) || At <- [20, 21]]),
+    %% set back from 10 at 5, and at 4: 5 it has shown before, which was at 5 and is at 10
+    ?assertEqual([5, 10], [Earlier(10, [lost(5, At)]) || At <- [5, 4]]),
+    %% what stands still shows nothing twice
+    ?assertEqual([5, 10], [Earlier(10, [{At - 5, At, {clock, -5}}]) || At <- [10, 9]]),
+    %% the second one is reached by what the first one has lost, however they lie
+    ?assertEqual([4, 10], [Earlier(10, [lost(5, At), lost(1, 8)]) || At <- [7, 4]]),
+    ?assertEqual([1, 9], [Earlier(10, [lost(1, 9), {At - 8, At, {clock, -8}}]) || At <- [9, 8]]).
 
 %% Between the two times, both included; of a clock that stands still the part.
 amounts_test() ->

@@ -46,9 +46,11 @@
     broken => [starl_assumption:window()]
 }.
 
-%% A lease as its holder told it at a time: until then it lasts by a clock that is right.
+%% A lease as its holder told it at a time: by a clock that is right, it was claimed then at the
+%% earliest, and lasts until then at the latest.
 -record(lease, {
     fence :: fence(),
+    claimed_us = 0 :: integer(),
     told_us = 0 :: integer(),
     end_us = infinity :: integer() | infinity
 }).
@@ -82,7 +84,7 @@
 new(Config) ->
     Ppm = maps:get(drift_ppm, Config, ?DRIFT_PPM),
     #holds{
-        lease_us = starl_assumption:longest_us(maps:get(lease_us, Config, ?LEASE_US), Ppm),
+        lease_us = maps:get(lease_us, Config, ?LEASE_US),
         ppm = Ppm,
         lag_us = maps:get(lag_us, Config, ?LAG_US),
         assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm)
@@ -108,8 +110,13 @@ granted(T, Home, Token, Fence, To, #holds{grants = Grants, hand_overs = HandOver
 %% @doc A holder, or one that will be at once, tells how much is left of its lease by its clock.
 -spec leased(integer(), robot_id(), token(), fence(), LeftUs :: integer(), t()) -> t().
 leased(T, Robot, Token, Fence, Left, #holds{leases = Leases, ppm = Ppm} = Holds) ->
-    End = T + starl_assumption:longest_us(Left, Ppm),
-    Lease = #lease{fence = Fence, told_us = T, end_us = End},
+    Gone = max(0, Holds#holds.lease_us - Left),
+    Lease = #lease{
+        fence = Fence,
+        claimed_us = T - starl_assumption:longest_us(Gone, Ppm),
+        told_us = T,
+        end_us = T + starl_assumption:longest_us(Left, Ppm)
+    },
     Holds#holds{leases = Leases#{{Token, Robot} => Lease}}.
 
 %% @doc A hold begins.
@@ -252,8 +259,8 @@ is_excused(Began, #hold{robot = Robot} = Older, Token, #holds{assumption = A} = 
     case lease(Older, Token, Holds) of
         #lease{end_us = infinity} ->
             false;
-        #lease{told_us = Told, end_us = End} ->
-            Claimed = starl_assumption:clock_earlier(Robot, Told, Told - Holds#holds.lease_us, A),
+        #lease{told_us = Told, end_us = End} = Lease ->
+            Claimed = starl_assumption:clock_earlier(Robot, Told, Lease#lease.claimed_us, A),
             Lost = starl_assumption:lost_us(Robot, Claimed, Told, A),
             End + Holds#holds.lag_us - Began =< Lost + gained(Claimed, Began, Token, Holds)
     end.
