@@ -3,14 +3,19 @@
 %% such that contracts hold under them.
 -module(starl_sim_assumption).
 
--export([broken/1]).
+-export([broken/2]).
 
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
 
-%% @doc The windows in which these faults break an assumption.
--spec broken([starl_sim_fault:t()]) -> [starl_assumption:window()].
-broken(Faults) -> lists:append([windows(starl_sim_fault:compile(Fault)) || Fault <- Faults]).
+%% @doc The windows in which these faults break an assumption, where the positioning system is exact
+%% or not: one that is not is found out when it gets stuck (`starl_location').
+-spec broken([starl_sim_fault:t()], IsExact :: boolean()) -> [starl_assumption:window()].
+broken(Faults, IsExact) ->
+    lists:append([
+        windows(starl_sim_fault:compile(Fault))
+     || {_, _, _, Kind, _, _} = Fault <- Faults, IsExact orelse Kind =/= location_frozen
+    ]).
 
 windows({_, Time, Time, Kind, _, _}) when Kind =/= clock_step ->
     [];

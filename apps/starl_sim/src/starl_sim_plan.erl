@@ -66,7 +66,7 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
         limit_us => limit_us(Scenario),
         shards => shards(Shards, length(Ids), Options),
         faults => strikes(Faults),
-        monitors => monitors(Scenario, Scene, Context) ++ maps:get(watch, Options, [])
+        monitors => monitors(Scenario, Scene, Profile, Context) ++ maps:get(watch, Options, [])
     },
     maps:merge(Plan, nodes(Scenario, Scene, Options)).
 
@@ -102,8 +102,10 @@ world(Scenario, Profile, #{robots := Ids}, Options) ->
         record => maps:get(record, Options, #{})
     }.
 
-location(Scene, #{position_error_mm := Error}) ->
-    #{waypoints => maps:get(waypoints, Scene, #{}), exact => Error == 0}.
+location(Scene, Profile) ->
+    #{waypoints => maps:get(waypoints, Scene, #{}), exact => is_exact(Profile)}.
+
+is_exact(#{position_error_mm := Error}) -> Error == 0.
 
 crew(Mode, Scene, Profile, #{robots := Ids} = Context) ->
     Sap = maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
@@ -147,10 +149,10 @@ pose(Id, Scene, #{world := {Width, _}}) ->
 
 %% Whatever is bounded in time may take longer by what faults of clocks and processes cost; a
 %% monitor that asks for it is told which assumptions they break, and when.
-monitors(#{faults := Faults} = Scenario, Scene, #{sap := Sap0, robots := Ids}) ->
+monitors(#{faults := Faults} = Scenario, Scene, Profile, #{sap := Sap0, robots := Ids}) ->
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
     Slack = starl_sim_fault:slack_us(Faults),
-    Broken = starl_sim_assumption:broken(Faults),
+    Broken = starl_sim_assumption:broken(Faults, is_exact(Profile)),
     %% a hundredth more for the drift of the sender's clock
     Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
     Own = [{starl_sap_monitor, #{bound_us => Bound, robots => Ids}} | progress(Scenario, Ids)],

@@ -8,7 +8,7 @@ broken(Kind, Target, Params) -> broken(Kind, Target, Params, 5).
 broken(Kind, Target, Params, To) ->
     Fault = {f, 2, To, Kind, Target, Params},
     ?assertEqual([], starl_sim_fault:check([Fault])),
-    starl_sim_assumption:broken([Fault]).
+    starl_sim_assumption:broken([Fault], true).
 
 clocks_test() ->
     ?assertEqual([{3, 2000, 2000, {clock, -7000}}], broken(clock_step, 3, #{ms => -7})),
@@ -32,7 +32,7 @@ gain_test() ->
             Fault = {f, 2, 5, Kind, 3, Params},
             Clock = starl_sim_clock:new(0, 0, [starl_sim_fault:compile(Fault)]),
             Gained = fun(Until) ->
-                lists:sum([Us || {3, _, To, {clock, Us}} <- starl_sim_assumption:broken([Fault]),
+                lists:sum([Us || {3, _, To, {clock, Us}} <- starl_sim_assumption:broken([Fault], true),
                                  To =< Until])
             end,
             [?assertEqual({Kind, T + Gained(T)}, {Kind, starl_sim_clock:local(T, Clock)})
@@ -50,6 +50,8 @@ promptness_test() ->
 positions_test() ->
     ?assertEqual([{all, 2000, 5000, position}], broken(location_frozen, all, #{})),
     ?assertEqual([{3, 2000, 5000, position}], broken(location_frozen, 3, #{})),
+    %% but for a system that is not exact: that it stands still is found out
+    ?assertEqual([], starl_sim_assumption:broken([{f, 2, 5, location_frozen, all, #{}}], false)),
     ?assertEqual([{3, 2000, 5000, position}, {1, 2000, 5000, position}],
                  broken(location_swap, {3, 1}, #{})).
 
@@ -61,21 +63,32 @@ all_others_test() ->
         })
      || Seed <- lists:seq(1, 50)
     ]),
-    Breaking = [clock_offset, clock_step, clock_freeze, pause, slow, location_frozen, location_swap],
-    ?assertEqual(
-        lists:sort(Breaking),
-        lists:usort([Kind || {_, _, _, Kind, _, _} = F <- Faults,
-                             starl_sim_assumption:broken([F]) =/= []])
-    ).
+    Breaking = [clock_offset, clock_step, clock_freeze, pause, slow, location_swap],
+    [
+        ?assertEqual(
+            lists:sort(Kinds),
+            lists:usort([Kind || {_, _, _, Kind, _, _} = F <- Faults,
+                                 starl_sim_assumption:broken([F], IsExact) =/= []])
+        )
+     || {IsExact, Kinds} <- [{false, Breaking}, {true, [location_frozen | Breaking]}]
+    ].
 
 %% A monitor is told where it asks, and the simulator has the last word.
 told_test() ->
-    Fault = {f, 2, 5, pause, 3, #{}},
-    Given = #{app => starl_sim_script_app, robots => 3, faults => [Fault], random_faults => []},
+    Told = told(#{position_error => 1.0}),
+    ?assertEqual(#{broken => [{3, 2000, 5000, pause}]}, proplists:get_value(asks, Told)),
+    ?assertEqual(#{}, proplists:get_value(silent, Told)),
+    Exact = [{3, 2000, 5000, pause}, {all, 2000, 5000, position}],
+    ?assertEqual(#{broken => Exact}, proplists:get_value(asks, told(#{position_error => 0}))).
+
+told(Positions) ->
+    Faults = [{f, 2, 5, pause, 3, #{}}, {g, 2, 5, location_frozen, all, #{}}],
+    Given = Positions#{
+        app => starl_sim_script_app, robots => 3, faults => Faults, random_faults => []
+    },
     {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(starl_sim_script_app)),
     Context = starl_sim_plan:context(starl_sim_script_app, Scenario),
     Scene = #{app => {sequential, starl_sim_script_app, #{}},
               monitors => [{asks, #{broken => []}}, {silent, #{}}]},
     #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
-    ?assertEqual(#{broken => [{3, 2000, 5000, pause}]}, proplists:get_value(asks, Monitors)),
-    ?assertEqual(#{}, proplists:get_value(silent, Monitors)).
+    Monitors.

@@ -101,11 +101,18 @@ next({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
         Distance -> turned(Pose, leg(Here, Distance, Line, Profile), Profile)
     end.
 
-%% Towards the point of the line one leg ahead.
+%% Towards the point of the line one leg ahead. A robot that finds itself far off its line, as by
+%% another one's position, does not go all the way there without a look.
 leg(Here, Distance, Line, Profile) ->
     {Speed, TurnRate} = speeds(Distance, Profile),
     Aim = aim(Here, Distance, Speed, Line, Profile),
-    {starl_geometry:heading(Here, Aim), starl_geometry:distance(Here, Aim), Speed, TurnRate}.
+    Longest = Speed * maps:get(leg_s, Profile),
+    Length =
+        case starl_geometry:distance(Here, Aim) of
+            Far when Far > 2 * Longest -> Longest;
+            Near -> Near
+        end,
+    {starl_geometry:heading(Here, Aim), Length, Speed, TurnRate}.
 
 %% @doc What a robot does next that stands at a pose and has turned to a leg: it drives if the turn
 %% has come about. It keeps to the leg: where legs are short, another look at its place might show
