@@ -123,6 +123,9 @@ twice_test_() ->
         ?_assertEqual([delivered_twice], Judge([lost(3, 41, 20)])),
         ?_assertEqual([delivered_twice], Judge([lost(3, 40, 19)])),
         ?_assertEqual([], Judge([lost(3, 35, 11), gained(1, 35, 9)])),
+        %% its own, as long as it gave the message to the others
+        ?_assertEqual([], Judge([lost(1, 25, 20)])),
+        ?_assertEqual([delivered_twice], Judge([lost(1, 26, 20)])),
         %% without a restart in between nothing is an excuse
         ?_assertEqual([delivered_twice],
                       judge([sent(), crashed(15, 1), delivered(20, 1), delivered(50, 1)], false,

@@ -12,7 +12,8 @@
 %%   late           by no more than has been lost by the clocks on the way of the message to the
 %%                  robot, each while it counted ({@link starl_geocast_way})
 %%   once more      after a restart, if the message had been sent before that by no more than the
-%%                  other clocks on the way have lost, and the robot's own has gained since then
+%%                  clocks on the way have lost before it was given to the robot, and the robot's
+%%                  own has gained since the restart
 %%   outside        if the robot's positions were wrong at the delivery, or up to 0.1 s before,
 %%                  the longest that an answer may take. One that is late and excused has to be
 %%                  inside then
@@ -168,11 +169,11 @@ twice(Id, #message{got = Got, from_us = Sent} = Message, T, Robot, State) ->
     #state{crashed = Crashed, assumption = Assumption} = State,
     case {Got, Crashed} of
         {#{Robot := [Last | _]}, #{Robot := Crash}} when Crash >= Last ->
-            [_Own | Others] = starl_geocast_way:spans(Robot, T, Message#message.way),
+            Before = starl_geocast_way:spans_before(Robot, T, Message#message.way),
             Gained = starl_assumption:gained_us(Robot, Crash, T, Assumption),
             [
                 violation(delivered_twice, T, Robot, Id, #{})
-             || Crash - Sent > Gained + lost(Others, Assumption)
+             || Crash - Sent > Gained + lost(Before, Assumption)
             ];
         {#{Robot := _}, #{}} ->
             [violation(delivered_twice, T, Robot, Id, #{})];

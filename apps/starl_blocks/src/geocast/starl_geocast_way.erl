@@ -6,7 +6,7 @@
 %% counts, and before that the clock of the robot that gave it, back to the source.
 -module(starl_geocast_way).
 
--export([new/2, held/4, spans/3]).
+-export([new/2, held/4, spans/3, spans_before/3]).
 
 -export_type([t/0, span/0]).
 
@@ -33,13 +33,18 @@ new(Source, Sent) -> #way{source = Source, sent_us = Sent}.
 held(T, Robot, From, #way{gifts = Gifts} = Way) ->
     Way#way{gifts = Gifts#{Robot => [{T, From} | maps:get(Robot, Gifts, [])]}}.
 
-%% @doc Whose clocks count for the deadline that a robot has at a time, and while when: its own
-%% first, those of the others in their order.
+%% @doc Whose clocks count for the deadline that a robot has at a time, and while when.
 -spec spans(robot_id(), UntilUs :: integer(), t()) -> [span(), ...].
-spans(Robot, Until, Way) ->
-    Spans = follow([{Robot, Until}], #{}, Way),
-    {{From, Until}, Others} = maps:take(Robot, Spans),
-    [{Robot, From, Until} | [{R, F, U} || {R, {F, U}} <- lists:sort(maps:to_list(Others))]].
+spans(Robot, Until, Way) -> listed(follow([{Robot, Until}], #{}, Way)).
+
+%% @doc The same for what was left when it was given to the robot: its own only if it gave it on
+%% before.
+-spec spans_before(robot_id(), UntilUs :: integer(), t()) -> [span()].
+spans_before(Robot, Until, Way) ->
+    Givers = [{Giver, At} || {At, Giver} <- gifts(Robot, Until, Way)],
+    listed(follow(Givers, #{}, Way)).
+
+listed(Spans) -> [{Robot, From, Until} || {Robot, {From, Until}} <- lists:sort(maps:to_list(Spans))].
 
 follow([], Spans, _Way) ->
     Spans;
