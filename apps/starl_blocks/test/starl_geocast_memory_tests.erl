@@ -25,7 +25,8 @@ random_test() ->
             Ids = [{rand:uniform(2), rand:uniform(2), rand:uniform(30)} || _ <- lists:seq(1, 40)],
             Memory = added(Ids, ?M:new(60)),
             All = [{S, I, N} || S <- [1, 2], I <- [1, 2], N <- lists:seq(0, 31)],
-            ?assertEqual({Seed, lists:usort(Ids)}, {Seed, [Id || Id <- All, ?M:is_member(Id, Memory)]})
+            Members = [Id || Id <- All, ?M:is_member(Id, Memory)],
+            ?assertEqual({Seed, lists:usort(Ids)}, {Seed, Members})
         end
      || _ <- lists:seq(1, 50)
     ].

@@ -147,7 +147,8 @@ outside_excused_test() ->
 always_test() ->
     Broken = [{all, 0, 2 * ?END, W} || W <- [pause, {clock, -?END}, {clock, ?END}, position]],
     ?assertEqual([never_sent], judge([delivered(2, 1)], false, Broken)),
-    ?assertEqual([delivered_twice], judge([sent(), delivered(20, 1), delivered(30, 1)], false, Broken)),
+    Twice = [sent(), delivered(20, 1), delivered(30, 1)],
+    ?assertEqual([delivered_twice], judge(Twice, false, Broken)),
     ?assertEqual([changed], judge([sent(), {20, 1, geocast, {delivered, ?ID, 78}}], false, Broken)).
 
 %% Owed, unless somebody's assumption is broken meanwhile.

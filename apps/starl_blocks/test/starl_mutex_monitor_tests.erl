@@ -201,7 +201,8 @@ holders_clock_test() ->
     Set = fun(At) -> exact([{1, At, At, {clock, -60}}]) end,
     [?assertEqual({At, []}, {At, judge(Trace(Over - 60), 0, Set(At))}) || At <- [0, 50, 100]],
     ?assertEqual([two_holders], judge(Trace(Over - 61), 0, Set(50))),
-    [?assertEqual({At, [two_holders]}, {At, judge(Trace(Over - 60), 0, Set(At))}) || At <- [-1, 101]],
+    [?assertEqual({At, [two_holders]}, {At, judge(Trace(Over - 60), 0, Set(At))})
+     || At <- [-1, 101]],
     [?assertEqual([two_holders], judge(Trace(Over - 60), 0, exact([Other])))
      || Other <- [
             %% another robot's: the new holder's, the home's, a third one's

@@ -91,7 +91,7 @@ earlier(Early, Since, Losses) ->
         Us
      || {IsSet, End, Us} <- Losses, Early =< End orelse (IsSet andalso Early - Us =< End)
     ],
-    case Since - lists:sum(Reached) of
+    case lists:foldl(fun(Us, At) -> At - Us end, Since, Reached) of
         Early -> Early;
         Earlier -> earlier(Earlier, Since, Losses)
     end.

@@ -48,7 +48,8 @@ clock_earlier_test() ->
 %% Between the two times, both included; of a clock that stands still the part.
 amounts_test() ->
     Set = [lost(5, 10), lost(7, 20), gained(3, 12)],
-    [?assertEqual({Lost, Gained}, {?A:lost_us(1, From, To, but(Set)), ?A:gained_us(1, From, To, but(Set))})
+    Between = fun(F, T) -> {?A:lost_us(1, F, T, but(Set)), ?A:gained_us(1, F, T, but(Set))} end,
+    [?assertEqual({Lost, Gained}, Between(From, To))
      || {From, To, Lost, Gained} <- [{10, 20, 12, 3}, {11, 20, 7, 3}, {10, 19, 5, 3},
                                      {12, 12, 0, 3}, {13, 19, 0, 0}]],
     Stands = but([{10, 20, {clock, -10}}]),
@@ -62,7 +63,9 @@ drift_test() ->
     Drifting = ?A:new([{1, 10, 10, {clock, -98}}], 20000),
     ?assertEqual(100, ?A:lost_us(1, 0, 20, Drifting)),
     ?assertEqual(120, ?A:clock_later(1, 0, 20, Drifting)),
-    ?assertEqual([0, 101, 100], [?A:longest_us(Us, Ppm) || {Us, Ppm} <- [{0, 7}, {100, 1}, {100, 0}]]).
+    ?assertEqual(
+        [0, 101, 100], [?A:longest_us(Us, Ppm) || {Us, Ppm} <- [{0, 7}, {100, 1}, {100, 0}]]
+    ).
 
 %% In order within the lag; else at the end of the pauses that it runs into, or as slow as it is.
 handled_test() ->

@@ -32,8 +32,8 @@ gain_test() ->
             Fault = {f, 2, 5, Kind, 3, Params},
             Clock = starl_sim_clock:new(0, 0, [starl_sim_fault:compile(Fault)]),
             Gained = fun(Until) ->
-                lists:sum([Us || {3, _, To, {clock, Us}} <- starl_sim_assumption:broken([Fault], true),
-                                 To =< Until])
+                Broken = starl_sim_assumption:broken([Fault], true),
+                lists:sum([Us || {3, _, To, {clock, Us}} <- Broken, To =< Until])
             end,
             [?assertEqual({Kind, T + Gained(T)}, {Kind, starl_sim_clock:local(T, Clock)})
              || T <- [0, 1999, 5000, 9000]]

@@ -1,6 +1,6 @@
 %% @doc The geocasts that a robot knows: those that are alive and held here, who has asked for
-%% them, the ids of those that are over, and which have been delivered. Pure; a part of {@link starl_geocast_flood}, which
-%% says what a packet and a timer mean.
+%% them, the ids of those that are over, and which have been delivered. Pure; a part of
+%% {@link starl_geocast_flood}, which says what a packet and a timer mean.
 -module(starl_geocast_store).
 
 -export([new/2, takes/2, look/2, is_worth/3, hold/5, prolong/4, over/2, forget/2]).

@@ -44,7 +44,7 @@ spans_before(Robot, Until, Way) ->
     Givers = [{Giver, At} || {At, Giver} <- gifts(Robot, Until, Way)],
     listed(follow(Givers, #{}, Way)).
 
-listed(Spans) -> [{Robot, From, Until} || {Robot, {From, Until}} <- lists:sort(maps:to_list(Spans))].
+listed(Spans) -> [{R, From, Until} || {R, {From, Until}} <- lists:sort(maps:to_list(Spans))].
 
 follow([], Spans, _Way) ->
     Spans;

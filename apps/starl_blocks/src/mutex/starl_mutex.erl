@@ -7,7 +7,8 @@
 %%
 %% Guarantee: no two robots hold one token at once, under every fault, as long as no clock is set,
 %% stands still or drifts by more than the stated bound; every hold has a fencing number that is
-%% larger than those of all earlier holds of the token. Whatever clocks do, no number is there twice.
+%% larger than those of all earlier holds of the token. Whatever clocks do, no number is there
+%% twice.
 %% A hold ends with its release, with the lease (the token's home cannot be reached for so
 %% long), or with a crash of the robot's mutex machine. A robot that is late by no more than
 %% `lag_ms' notices the end before anybody else gets the token; one that stands still for longer,

@@ -215,8 +215,8 @@ not_held(T, Robot, Token, Fence, Holds) ->
 
 %% -- the clauses that rest on clocks and promptness -------------------------------------------
 
-overtaken(T, #hold{robot = Robot, fence = Fence} = Hold, Token, #holds{largest = Largest} = Holds) ->
-    case Largest of
+overtaken(T, #hold{robot = Robot, fence = Fence} = Hold, Token, Holds) ->
+    case Holds#holds.largest of
         #{Token := {Last, Since}} when Fence < Last ->
             Details = #{token => Token, fence => Fence, last => Last},
             [

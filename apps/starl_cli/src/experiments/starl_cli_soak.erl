@@ -187,7 +187,8 @@ help() ->
     starl_cli_terminal:out([
         "Usage: ./starl soak BLOCK [FLAGS]\n\n",
         starl_cli_terminal:wrap(["Uses a building block all the time, under random faults of all "
-            "kinds (path planning: of those that it bears), with one seed after the other. Faults are over after ",
+            "kinds (path planning: of those that it bears), with one seed after the other. Faults "
+            "are over after ",
             integer_to_list(?HEAL_S), " s of virtual time; then everything has to be done within ",
             integer_to_list(?CONVERGE_S), " s. The monitors of all contracts judge. For each way "
             "in which a contract is violated it prints the commands that replay and shrink the "
