@@ -29,6 +29,8 @@
 }).
 -record(best, {
     score = 0.0 :: float(),
+    %% what costs more cannot win
+    within = infinity :: starl_dpp_search:within(),
     from = 0 :: non_neg_integer(),
     chain = [] :: [{starl_dpp_graph:vertex(), edge_id()}]
 }).
@@ -133,45 +135,61 @@ job(Stands, #best{from = V, chain = Chain}, Travel0, #{at := P, graph := Graph})
 driven([P, Q | Rest]) -> starl_geometry:distance(P, Q) + driven([Q | Rest]);
 driven([_]) -> 0.0.
 
-visit(V, Cost, Heading, Task, {Tries, #best{score = Score} = Best}) ->
-    #task{most = Most, overhead = Overhead} = Task,
-    Bound = Most / (Cost + Most + Overhead),
-    case open_steps(V, Task, #{}) of
-        _ when Bound =< Score -> {stop, {Tries, Best}};
-        [] -> {continue, within(Task, Score), {Tries, Best}};
-        Steps when Tries =< 1 -> {stop, {0, tried(Steps, V, Cost, Heading, Task, Best)}};
-        Steps ->
-            #best{score = Next} = Tried = tried(Steps, V, Cost, Heading, Task, Best),
-            {continue, within(Task, Next), {Tries - 1, Tried}}
+visit(V, Cost, Heading, Task, {Tries, #best{score = Score, within = Within} = Best} = Acc) ->
+    #task{most = Most, overhead = Overhead, space = #{graph := Graph}} = Task,
+    case Most / (Cost + Most + Overhead) =< Score of
+        true ->
+            {stop, Acc};
+        false ->
+            case open_steps(starl_dpp_graph:lines(V, Graph), Task, #{}) of
+                [] -> {continue, Within, Acc};
+                Steps when Tries =< 1 -> {stop, {0, tried(Steps, V, Cost, Heading, Task, Best)}};
+                Steps ->
+                    Tried = tried(Steps, V, Cost, Heading, Task, Best),
+                    {continue, Tried#best.within, {Tries - 1, Tried}}
+            end
     end.
 
 %% No vertex that costs more can win: a hair above where the bound meets the score, for rounding.
-within(_Task, Score) when Score == 0.0 -> infinity;
 within(#task{most = Most, overhead = Overhead}, Score) ->
     (Most / Score - Most - Overhead) * (1.0 + 1.0e-9) + 1.0e-3.
 
-tried(Steps, V, Cost, Heading, Task, Best) ->
+tried(Steps, V, Cost, Heading, #task{space = #{graph := Graph}} = Task, Best) ->
     %% To begin in the middle of a line leaves two pieces of it instead of one.
-    Factor = case free_degree(V, Task) rem 2 of
+    Factor = case free_degree(starl_dpp_graph:lines(V, Graph), Task#task.free) rem 2 of
         0 -> Task#task.middle;
         1 -> 1.0
     end,
-    Try = fun(Step, #best{score = Score} = Acc) ->
-        {Ink, Spent, Chain} = follow(Step, Heading, Task#task.horizon, Task, #{}, {0.0, 0.0, []}),
-        case Factor * Ink / (Cost + Spent + Task#task.overhead) of
-            Better when Better > Score -> #best{score = Better, from = V, chain = Chain};
-            _ -> Acc
-        end
+    try_each(Steps, V, Cost, Heading, Factor, Task, Best).
+
+try_each([], _V, _Cost, _Heading, _Factor, _Task, Best) ->
+    Best;
+try_each([Step | Steps], V, Cost, Heading, Factor, Task, #best{score = Score} = Best) ->
+    {Ink, Spent, Chain} = follow(Step, Heading, Task#task.horizon, Task, #{}, 0.0, 0.0, []),
+    Next = case Factor * Ink / (Cost + Spent + Task#task.overhead) of
+        Better when Better > Score ->
+            #best{score = Better, within = within(Task, Better), from = V, chain = Chain};
+        _ ->
+            Best
     end,
-    lists:foldl(Try, Best, Steps).
+    try_each(Steps, V, Cost, Heading, Factor, Task, Next).
 
-free_degree(V, #task{space = #{graph := Graph}, free = Free}) ->
-    length([E || {E, _, _, _} <- starl_dpp_graph:lines(V, Graph), is_map_key(E, Free)]).
+free_degree([], _Free) -> 0;
+free_degree([{E, _, _, _} | Lines], Free) when is_map_key(E, Free) -> 1 + free_degree(Lines, Free);
+free_degree([_ | Lines], Free) -> free_degree(Lines, Free).
 
-%% The free edges at a vertex that are safe and not yet in the chain.
-open_steps(V, #task{space = #{graph := Graph}, free = Free} = Task, Used) ->
-    [Step || {E, _, _, _} = Step <- starl_dpp_graph:lines(V, Graph),
-             is_map_key(E, Free), not is_map_key(E, Used), open(E, Task)].
+%% The free ones of these lines that are safe and not yet in the chain.
+open_steps([], _Task, _Used) ->
+    [];
+open_steps([{E, _, _, _} = Step | Lines], #task{free = Free} = Task, Used) when
+    is_map_key(E, Free), not is_map_key(E, Used)
+->
+    case open(E, Task) of
+        true -> [Step | open_steps(Lines, Task, Used)];
+        false -> open_steps(Lines, Task, Used)
+    end;
+open_steps([_ | Lines], Task, Used) ->
+    open_steps(Lines, Task, Used).
 
 open(E, #task{space = #{masks := Masks, own := Own}}) -> not is_blocked(E, Masks, Own).
 
@@ -182,21 +200,21 @@ is_blocked(E, Masks, Own) ->
     end.
 
 %% Paints on along open edges until the horizon; the ink, the mm spent and the chain.
-follow({E, W, Length, Out}, In, Left, Task, Used0, {Ink, Spent, Chain}) ->
-    #task{space = #{turn_mm := TurnMm}} = Task,
-    Turn = starl_dpp_search:turn(In, Out, TurnMm),
+follow({E, W, Length, Out}, In, Left, Task, Used0, Ink0, Spent0, Chain0) when
+    is_float(Length), is_float(Left), is_float(Ink0), is_float(Spent0)
+->
+    #task{space = #{turn_mm := TurnMm, graph := Graph}} = Task,
+    Ink = Ink0 + Length,
+    Spent = Spent0 + Length + starl_dpp_search:turn(In, Out, TurnMm),
+    Chain = [{W, E} | Chain0],
     Used = Used0#{E => true},
-    Acc = {Ink + Length, Spent + Length + Turn, [{W, E} | Chain]},
-    Steps = case Left > Length of
-        true -> open_steps(W, Task, Used);
-        false -> []
-    end,
-    case Steps of
-        [] -> done(Acc);
-        _ -> follow(straightest(Steps, Out, TurnMm), Out, Left - Length, Task, Used, Acc)
+    case Left > Length andalso open_steps(starl_dpp_graph:lines(W, Graph), Task, Used) of
+        [_ | _] = Steps ->
+            Next = straightest(Steps, Out, TurnMm),
+            follow(Next, Out, Left - Length, Task, Used, Ink, Spent, Chain);
+        _None ->
+            {Ink, Spent, lists:reverse(Chain)}
     end.
-
-done({Ink, Spent, Chain}) -> {Ink, Spent, lists:reverse(Chain)}.
 
 straightest([Step], _In, _TurnMm) ->
     Step;

@@ -5,7 +5,7 @@
 -module(starl_dpp_graph).
 
 -export([new/1, format_error/1]).
--export([targets/1, radius/1, point/2, adjacent/2, lines/2, segment/2, ends/2, edge_length/2,
+-export([targets/1, vertices/1, radius/1, point/2, adjacent/2, lines/2, segment/2, ends/2, edge_length/2,
          spots/1, ring/1, joints/3, within/3, reach/3, floor_box/1]).
 -export_type([t/0, edge_id/0, vertex/0, step/0, config/0, reason/0]).
 
@@ -84,6 +84,10 @@ format_error({world_too_small, _} = Reason) ->
 %% @doc The number of target edges.
 -spec targets(t()) -> non_neg_integer().
 targets(#graph{targets = N}) -> N.
+
+%% @doc The number of vertices; they are numbered from 1.
+-spec vertices(t()) -> non_neg_integer().
+vertices(#graph{points = Points}) -> tuple_size(Points).
 
 %% @doc The tube radius R.
 -spec radius(t()) -> float().

@@ -5,10 +5,10 @@
 %% which is not always the cheapest way on, but keeps one label per vertex.
 -module(starl_dpp_search).
 
--export([run/4, start/1, onwards/5, trail/2, turn/3]).
--export_type([space/0, start/0, labels/0, visit/1, front/0, within/0]).
+-export([run/4, trail/2, turn/3]).
+-export_type([space/0, start/0, labels/0, visit/1, within/0]).
 
--compile({inline, [turn/3, blocked/2]}).
+-compile({inline, [turn/3, blocked/2, label/2]}).
 
 -type vertex() :: starl_dpp_graph:vertex().
 -type heading() :: float() | none.
@@ -22,20 +22,17 @@
 %% Where to search: the graph, who blocks what, the mask of robots that do not block (at least
 %% the searching robot itself) and the price of a turn in mm per radian.
 -type start() :: {CostMm :: float(), vertex(), heading()}.
--type labels() :: #{vertex() => {CostMm :: float(), From :: vertex() | start, heading()}}.
-%% The cheapest way found into each vertex; final for those that were visited.
+-type label() :: {CostMm :: float(), From :: vertex() | start, heading()}.
+-opaque labels() :: tuple().
+%% The cheapest way found into each vertex; final for those that were visited. A tuple of tuples
+%% of labels: asked for a label at every edge, it answers several times faster than a map.
 -type within() :: float() | infinity.
 %% A cost in mm.
 -type visit(Acc) ::
     fun((vertex(), CostMm :: float(), heading(), Acc) -> {continue, within(), Acc} | {stop, Acc}).
 %% Called once per vertex, cheapest first. What costs more than it says need not be visited.
 
--record(front, {
-    heap :: starl_dpp_heap:t(float(), vertex()),
-    labels :: labels()
-}).
--opaque front() :: #front{}.
-%% How far a search has come.
+-type heap() :: starl_dpp_heap:t(float(), vertex()).
 
 %% What stays the same in a search.
 -record(terms, {
@@ -45,33 +42,24 @@
     turn_mm :: float()
 }).
 
+%% More than any way costs. To compare a number with `infinity' takes much longer.
+-define(FAR, 1.0e300).
+-define(PAGE_BITS, 5).
+-define(PAGE, (1 bsl ?PAGE_BITS)).
+
 %% @doc Visits vertices in the order of their cost until none is left or the visitor stops.
 -spec run([start()], space(), visit(Acc), Acc) -> {labels(), Acc}.
-run(Starts, Space, Visit, Acc0) ->
-    {stopped, _Cost, Labels, Acc} = onwards(start(Starts), infinity, Space, Visit, Acc0),
-    {Labels, Acc}.
-
-%% @doc A search that has visited nothing yet.
--spec start([start()]) -> front().
-start(Starts) ->
+run(Starts, #{graph := Graph, masks := Masks, own := Own, turn_mm := TurnMm}, Visit, Acc) ->
+    Terms = #terms{graph = Graph, masks = Masks, others = bnot Own, turn_mm = TurnMm},
     Reach = fun({Cost, V, Heading}, {Heap, Labels}) ->
-        case Labels of
-            #{V := {Known, _, _}} when Known =< Cost -> {Heap, Labels};
-            #{} -> reach(Cost, V, start, Heading, Heap, Labels)
+        case label(V, Labels) of
+            {Known, _, _} when Known =< Cost -> {Heap, Labels};
+            {_, _, _} -> reach(Cost, V, start, Heading, Heap, Labels)
         end
     end,
-    {Heap, Labels} = lists:foldl(Reach, {starl_dpp_heap:new(), #{}}, Starts),
-    #front{heap = Heap, labels = Labels}.
-
-%% @doc Visits vertices that cost less than `Until'. The answer is where to go on from, or the
-%% labels and the cost at which it ended: that of the vertex where the visitor stopped, `infinity'
-%% when none was left.
--spec onwards(front(), Until :: within(), space(), visit(Acc), Acc) ->
-    {paused, front(), Acc} | {stopped, within(), labels(), Acc}.
-onwards(#front{heap = Heap} = Front, Until, Space, Visit, Acc) ->
-    #{graph := Graph, masks := Masks, own := Own, turn_mm := TurnMm} = Space,
-    Terms = #terms{graph = Graph, masks = Masks, others = bnot Own, turn_mm = TurnMm},
-    settle(starl_dpp_heap:pop(Heap), Front, Until, Terms, Visit, Acc).
+    Empty = {starl_dpp_heap:new(), unreached(starl_dpp_graph:vertices(Graph))},
+    {Heap, Labels} = lists:foldl(Reach, Empty, Starts),
+    settle(starl_dpp_heap:pop(Heap), Labels, Terms, Visit, Acc).
 
 %% @doc The vertices from the start to a visited vertex.
 -spec trail(vertex(), labels()) -> [vertex(), ...].
@@ -93,49 +81,47 @@ turn(From, To, Mm) when is_float(From), is_float(To), is_float(Mm) ->
 
 %% A vertex is in the heap once for each way into it that was the cheapest so far; its label is of
 %% the cheapest, so all others come out later, with a higher cost.
-settle(empty, #front{labels = Labels}, _Until, _Terms, _Visit, Acc) ->
-    {stopped, infinity, Labels, Acc};
-settle({Cost, _, _}, Front, Until, _Terms, _Visit, Acc) when Cost >= Until ->
-    {paused, Front, Acc};
-settle({Cost, V, Heap}, #front{labels = Labels} = Front, Until, Terms, Visit, Acc0) ->
-    case Labels of
-        #{V := {Less, _, _}} when Less < Cost ->
-            Next = Front#front{heap = Heap},
-            settle(starl_dpp_heap:pop(Heap), Next, Until, Terms, Visit, Acc0);
-        #{V := {_, _, Heading}} ->
+-spec settle(Next, labels(), #terms{}, visit(Acc), Acc) -> {labels(), Acc} when
+    Next :: empty | {float(), vertex(), heap()}.
+settle(empty, Labels, _Terms, _Visit, Acc) ->
+    {Labels, Acc};
+settle({Cost, V, Heap}, Labels, Terms, Visit, Acc0) ->
+    case label(V, Labels) of
+        {Less, _, _} when Less < Cost ->
+            settle(starl_dpp_heap:pop(Heap), Labels, Terms, Visit, Acc0);
+        {_, _, Heading} ->
             case Visit(V, Cost, Heading, Acc0) of
                 {stop, Acc} ->
-                    {stopped, Cost, Labels, Acc};
+                    {Labels, Acc};
                 {continue, Within, Acc} ->
                     Steps = starl_dpp_graph:adjacent(V, Terms#terms.graph),
-                    Next = relax(Steps, V, Cost, Heading, Within, Terms, Heap, Labels),
-                    Open = starl_dpp_heap:pop(Next#front.heap),
-                    settle(Open, Next, Until, Terms, Visit, Acc)
+                    Most = most(Within),
+                    {Open, Next} = relax(Steps, V, Cost, Heading, Most, Terms, Heap, Labels),
+                    settle(starl_dpp_heap:pop(Open), Next, Terms, Visit, Acc)
             end
     end.
 
+most(infinity) -> ?FAR;
+most(Mm) -> Mm.
+
 %% The label is asked first: mostly it is the cheaper one.
-relax([], _V, _Cost, _In, _Within, _Terms, Heap, Labels) ->
-    #front{heap = Heap, labels = Labels};
-relax([{E, W, Length, Out} | Steps], V, Cost, In, Within, Terms, Heap0, Labels0) when
+relax([], _V, _Cost, _In, _Most, _Terms, Heap, Labels) ->
+    {Heap, Labels};
+relax([{E, W, Length, Out} | Steps], V, Cost, In, Most, Terms, Heap0, Labels0) when
     is_float(Cost), is_float(Length)
 ->
-    Known =
-        case Labels0 of
-            #{W := {Least, _, _}} -> Least;
-            #{} -> infinity
-        end,
+    {Known, _, _} = label(W, Labels0),
     case Known =< Cost + Length of
         true ->
-            relax(Steps, V, Cost, In, Within, Terms, Heap0, Labels0);
+            relax(Steps, V, Cost, In, Most, Terms, Heap0, Labels0);
         false ->
             Next = Cost + Length + turn(In, Out, Terms#terms.turn_mm),
-            case Known =< Next orelse Next > Within orelse blocked(E, Terms) of
+            case Known =< Next orelse Next > Most orelse blocked(E, Terms) of
                 true ->
-                    relax(Steps, V, Cost, In, Within, Terms, Heap0, Labels0);
+                    relax(Steps, V, Cost, In, Most, Terms, Heap0, Labels0);
                 false ->
                     {Heap, Labels} = reach(Next, W, V, Out, Heap0, Labels0),
-                    relax(Steps, V, Cost, In, Within, Terms, Heap, Labels)
+                    relax(Steps, V, Cost, In, Most, Terms, Heap, Labels)
             end
     end.
 
@@ -147,10 +133,19 @@ blocked(E, #terms{masks = Masks, others = Others}) ->
 
 %% A vertex can be reached at this cost, the least so far.
 reach(Cost, V, From, Heading, Heap, Labels) ->
-    {starl_dpp_heap:push(Cost, V, Heap), Labels#{V => {Cost, From, Heading}}}.
+    Page = V bsr ?PAGE_BITS + 1,
+    Line = setelement(V band (?PAGE - 1) + 1, element(Page, Labels), {Cost, From, Heading}),
+    {starl_dpp_heap:push(Cost, V, Heap), setelement(Page, Labels, Line)}.
+
+unreached(Vertices) ->
+    Page = erlang:make_tuple(?PAGE, {?FAR, start, none}),
+    erlang:make_tuple(Vertices bsr ?PAGE_BITS + 1, Page).
+
+-spec label(vertex(), labels()) -> label().
+label(V, Labels) -> element(V band (?PAGE - 1) + 1, element(V bsr ?PAGE_BITS + 1, Labels)).
 
 trail(start, _Labels, Trail) ->
     Trail;
 trail(V, Labels, Trail) ->
-    {_, From, _} = maps:get(V, Labels),
+    {_, From, _} = label(V, Labels),
     trail(From, Labels, [V | Trail]).
