@@ -62,7 +62,7 @@ plain([{Cost, V, In} | Open], Seen, #{graph := Graph} = Space) ->
     ],
     [{V, Cost, In} | plain(lists:merge(lists:sort(Next), Open), Seen#{V => true}, Space)].
 
-safe(E, #{masks := Masks, own := Own}) -> maps:get(E, Masks, 0) band (bnot Own) =:= 0.
+safe(E, #{masks := Masks, own := Own}) -> starl_dpp_array:get(E, Masks) band (bnot Own) =:= 0.
 
 cost([First | Rest], Starts, Space) ->
     {Cost, First, Heading} = lists:min([Start || {_, V, _} = Start <- Starts, V =:= First]),
@@ -88,7 +88,10 @@ drawn(Rand0) ->
     Graph = starl_dpp_plan:graph(Plan),
     Edges = lists:seq(1, 3 * starl_dpp_graph:targets(Graph)),
     {Blocks, Rand2} = draws(length(Edges), Rand1),
-    Masks = maps:from_list([{E, 1 + trunc(15 * X)} || {E, X} <- lists:zip(Edges, Blocks), X < 0.2]),
+    Block = fun({E, X}, Acc) -> starl_dpp_array:put(E, 1 + trunc(15 * X), Acc) end,
+    Blocked = [Drawn || {_, X} = Drawn <- lists:zip(Edges, Blocks), X < 0.2],
+    Nobody = starl_dpp_array:new(starl_dpp_graph:edges(Graph), 0),
+    Masks = lists:foldl(Block, Nobody, Blocked),
     {[A, B, C, D], _} = draws(4, Rand2),
     Vertex = fun(X) -> 1 + trunc(X * starl_dpp_graph:targets(Graph) / 2) end,
     Starts = [{900.0 * B, Vertex(A), none}, {900.0 * C, Vertex(A), 1.0}, {400.0 * D, Vertex(C), D}],

@@ -193,11 +193,7 @@ open_steps([_ | Lines], Task, Used) ->
 
 open(E, #task{space = #{masks := Masks, own := Own}}) -> not is_blocked(E, Masks, Own).
 
-is_blocked(E, Masks, Own) ->
-    case Masks of
-        #{E := Mask} -> Mask band (bnot Own) =/= 0;
-        #{} -> false
-    end.
+is_blocked(E, Masks, Own) -> starl_dpp_array:get(E, Masks) band (bnot Own) =/= 0.
 
 %% Paints on along open edges until the horizon; the ink, the mm spent and the chain.
 follow({E, W, Length, Out}, In, Left, Task, Used0, Ink0, Spent0, Chain0) when

@@ -5,9 +5,9 @@
 -module(starl_dpp_graph).
 
 -export([new/1, format_error/1]).
--export([targets/1, vertices/1, radius/1, point/2, adjacent/2, lines/2, segment/2, ends/2, edge_length/2,
-         spots/1, ring/1, joints/3, within/3, reach/3, floor_box/1]).
--export_type([t/0, edge_id/0, vertex/0, step/0, config/0, reason/0]).
+-export([targets/1, edges/1, vertices/1, radius/1, point/2, adjacent/2, lines/2, segment/2, ends/2,
+         edge_length/2, spots/1, ring/1, joints/3, within/3, near/3, part/3, reach/3, floor_box/1]).
+-export_type([t/0, edge_id/0, vertex/0, step/0, near/0, config/0, reason/0]).
 
 -type edge_id() :: pos_integer().
 -type vertex() :: pos_integer().
@@ -16,6 +16,8 @@
 -type segment() :: starl_geometry:segment().
 -type step() :: {edge_id(), To :: vertex(), LengthMm :: float(), Heading :: float()}.
 %% A way out of a vertex.
+-type near() :: {edge_id(), segment()}.
+%% An edge and where it is.
 -type config() :: #{
     segments := [segment()],
     world := starl_roadmap:world(),
@@ -85,6 +87,10 @@ format_error({world_too_small, _} = Reason) ->
 -spec targets(t()) -> non_neg_integer().
 targets(#graph{targets = N}) -> N.
 
+%% @doc The number of edges; they are numbered from 1.
+-spec edges(t()) -> non_neg_integer().
+edges(#graph{edges = Edges}) -> tuple_size(Edges).
+
 %% @doc The number of vertices; they are numbered from 1.
 -spec vertices(t()) -> non_neg_integer().
 vertices(#graph{points = Points}) -> tuple_size(Points).
@@ -133,9 +139,21 @@ ring(#graph{ring = Ring}) -> Ring.
 
 %% @doc The edges less than `Mm' from a segment, among those that `Wanted' accepts.
 -spec within(segment(), {Mm :: float(), fun((edge_id()) -> boolean())}, t()) -> [edge_id()].
-within(Segment, {Mm, Wanted}, #graph{edge_grid = Grid} = Graph) ->
-    [E || E <- starl_grid:near(Segment, Mm, Grid), Wanted(E),
-          starl_geometry:closer(segment(E, Graph), Segment, Mm)].
+within(Segment, {Mm, Wanted}, Graph) ->
+    {Edges, _} = part(Segment, Mm, near(Segment, {Mm, Wanted}, Graph)),
+    lists:reverse(Edges).
+
+%% @doc The edges that may be less than `Mm' from a segment or a box, among those that `Wanted'
+%% accepts.
+-spec near(starl_grid:shape(), {Mm :: float(), fun((edge_id()) -> boolean())}, t()) -> [near()].
+near(Shape, {Mm, Wanted}, #graph{edge_grid = Grid} = Graph) ->
+    [{E, segment(E, Graph)} || E <- starl_grid:near(Shape, Mm, Grid), Wanted(E)].
+
+%% @doc Those of the edges that are less than `Mm' from a segment, and the others.
+-spec part(segment(), Mm :: float(), [near()]) -> {[edge_id()], [near()]}.
+part(Segment, Mm, Near) ->
+    {X0, Y0, X1, Y1} = starl_geometry:grow(starl_geometry:box(Segment), Mm),
+    part(Near, X0, Y0, X1, Y1, Segment, Mm, [], []).
 
 %% @doc Up to about `K' vertices nearest to a point, nearest first.
 -spec joints(point(), K :: pos_integer(), t()) -> [{Mm :: float(), vertex()}].
@@ -222,6 +240,19 @@ check_reach(#graph{spots = Spots, ring = [Root | _], targets = N, radius = R} = 
     case Lost of
         [] -> {ok, Graph};
         [E | _] -> {error, {unreachable_edge, segment(E, Graph)}}
+    end.
+
+%% Nearly all are beside the box, and the first comparisons tell.
+part([], _X0, _Y0, _X1, _Y1, _Segment, _Mm, Within, Others) ->
+    {Within, Others};
+part([{_, {{AX, AY}, {BX, BY}}} = Edge | Near], X0, Y0, X1, Y1, Segment, Mm, Within, Others) when
+    AX =< X0, BX =< X0; AX >= X1, BX >= X1; AY =< Y0, BY =< Y0; AY >= Y1, BY >= Y1
+->
+    part(Near, X0, Y0, X1, Y1, Segment, Mm, Within, [Edge | Others]);
+part([{E, S} = Edge | Near], X0, Y0, X1, Y1, Segment, Mm, Within, Others) ->
+    case starl_geometry:closer(S, Segment, Mm) of
+        true -> part(Near, X0, Y0, X1, Y1, Segment, Mm, [E | Within], Others);
+        false -> part(Near, X0, Y0, X1, Y1, Segment, Mm, Within, [Edge | Others])
     end.
 
 flood([], _Open, _Graph, Seen) ->

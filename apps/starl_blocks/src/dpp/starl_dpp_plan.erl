@@ -204,7 +204,7 @@ masks(Without, #plan{unsafe = Unsafe}) ->
     Masks = starl_dpp_unsafe:masks(Unsafe),
     Bits = [starl_dpp_unsafe:bit(Id, Unsafe) || Id <- Without],
     Kept = bnot lists:foldl(fun erlang:'bor'/2, 0, Bits),
-    fun(E) -> maps:get(E, Masks, 0) band Kept end.
+    fun(E) -> starl_dpp_array:get(E, Masks) band Kept end.
 
 %% @doc Each robot's parking spot at present, sorted by robot.
 -spec spots(t()) -> [{robot_id(), starl_dpp_graph:vertex()}].

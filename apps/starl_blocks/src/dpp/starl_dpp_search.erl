@@ -8,7 +8,7 @@
 -export([run/4, trail/2, turn/3]).
 -export_type([space/0, start/0, labels/0, visit/1, within/0]).
 
--compile({inline, [turn/3, blocked/2, label/2]}).
+-compile({inline, [turn/3]}).
 
 -type vertex() :: starl_dpp_graph:vertex().
 -type heading() :: float() | none.
@@ -23,9 +23,8 @@
 %% the searching robot itself) and the price of a turn in mm per radian.
 -type start() :: {CostMm :: float(), vertex(), heading()}.
 -type label() :: {CostMm :: float(), From :: vertex() | start, heading()}.
--opaque labels() :: tuple().
-%% The cheapest way found into each vertex; final for those that were visited. A tuple of tuples
-%% of labels: asked for a label at every edge, it answers several times faster than a map.
+-opaque labels() :: starl_dpp_array:t(label()).
+%% The cheapest way found into each vertex; final for those that were visited.
 -type within() :: float() | infinity.
 %% A cost in mm.
 -type visit(Acc) ::
@@ -44,21 +43,19 @@
 
 %% More than any way costs. To compare a number with `infinity' takes much longer.
 -define(FAR, 1.0e300).
--define(PAGE_BITS, 5).
--define(PAGE, (1 bsl ?PAGE_BITS)).
 
 %% @doc Visits vertices in the order of their cost until none is left or the visitor stops.
 -spec run([start()], space(), visit(Acc), Acc) -> {labels(), Acc}.
 run(Starts, #{graph := Graph, masks := Masks, own := Own, turn_mm := TurnMm}, Visit, Acc) ->
     Terms = #terms{graph = Graph, masks = Masks, others = bnot Own, turn_mm = TurnMm},
     Reach = fun({Cost, V, Heading}, {Heap, Labels}) ->
-        case label(V, Labels) of
+        case starl_dpp_array:get(V, Labels) of
             {Known, _, _} when Known =< Cost -> {Heap, Labels};
             {_, _, _} -> reach(Cost, V, start, Heading, Heap, Labels)
         end
     end,
-    Empty = {starl_dpp_heap:new(), unreached(starl_dpp_graph:vertices(Graph))},
-    {Heap, Labels} = lists:foldl(Reach, Empty, Starts),
+    Unknown = starl_dpp_array:new(starl_dpp_graph:vertices(Graph), {?FAR, start, none}),
+    {Heap, Labels} = lists:foldl(Reach, {starl_dpp_heap:new(), Unknown}, Starts),
     settle(starl_dpp_heap:pop(Heap), Labels, Terms, Visit, Acc).
 
 %% @doc The vertices from the start to a visited vertex.
@@ -86,7 +83,7 @@ turn(From, To, Mm) when is_float(From), is_float(To), is_float(Mm) ->
 settle(empty, Labels, _Terms, _Visit, Acc) ->
     {Labels, Acc};
 settle({Cost, V, Heap}, Labels, Terms, Visit, Acc0) ->
-    case label(V, Labels) of
+    case starl_dpp_array:get(V, Labels) of
         {Less, _, _} when Less < Cost ->
             settle(starl_dpp_heap:pop(Heap), Labels, Terms, Visit, Acc0);
         {_, _, Heading} ->
@@ -110,42 +107,28 @@ relax([], _V, _Cost, _In, _Most, _Terms, Heap, Labels) ->
 relax([{E, W, Length, Out} | Steps], V, Cost, In, Most, Terms, Heap0, Labels0) when
     is_float(Cost), is_float(Length)
 ->
-    {Known, _, _} = label(W, Labels0),
+    {Known, _, _} = starl_dpp_array:get(W, Labels0),
     case Known =< Cost + Length of
         true ->
             relax(Steps, V, Cost, In, Most, Terms, Heap0, Labels0);
         false ->
             Next = Cost + Length + turn(In, Out, Terms#terms.turn_mm),
-            case Known =< Next orelse Next > Most orelse blocked(E, Terms) of
-                true ->
-                    relax(Steps, V, Cost, In, Most, Terms, Heap0, Labels0);
-                false ->
+            Worth = Next < Known andalso Next =< Most,
+            case Worth andalso starl_dpp_array:get(E, Terms#terms.masks) band Terms#terms.others of
+                0 ->
                     {Heap, Labels} = reach(Next, W, V, Out, Heap0, Labels0),
-                    relax(Steps, V, Cost, In, Most, Terms, Heap, Labels)
+                    relax(Steps, V, Cost, In, Most, Terms, Heap, Labels);
+                _ ->
+                    relax(Steps, V, Cost, In, Most, Terms, Heap0, Labels0)
             end
-    end.
-
-blocked(E, #terms{masks = Masks, others = Others}) ->
-    case Masks of
-        #{E := Mask} -> Mask band Others =/= 0;
-        #{} -> false
     end.
 
 %% A vertex can be reached at this cost, the least so far.
 reach(Cost, V, From, Heading, Heap, Labels) ->
-    Page = V bsr ?PAGE_BITS + 1,
-    Line = setelement(V band (?PAGE - 1) + 1, element(Page, Labels), {Cost, From, Heading}),
-    {starl_dpp_heap:push(Cost, V, Heap), setelement(Page, Labels, Line)}.
-
-unreached(Vertices) ->
-    Page = erlang:make_tuple(?PAGE, {?FAR, start, none}),
-    erlang:make_tuple(Vertices bsr ?PAGE_BITS + 1, Page).
-
--spec label(vertex(), labels()) -> label().
-label(V, Labels) -> element(V band (?PAGE - 1) + 1, element(V bsr ?PAGE_BITS + 1, Labels)).
+    {starl_dpp_heap:push(Cost, V, Heap), starl_dpp_array:put(V, {Cost, From, Heading}, Labels)}.
 
 trail(start, _Labels, Trail) ->
     Trail;
 trail(V, Labels, Trail) ->
-    {_, From, _} = label(V, Labels),
+    {_, From, _} = starl_dpp_array:get(V, Labels),
     trail(From, Labels, [V | Trail]).

@@ -15,8 +15,8 @@
 -type robot_id() :: pos_integer().
 -type segment() :: starl_geometry:segment().
 -type edge_id() :: starl_dpp_graph:edge_id().
--type masks() :: #{edge_id() => pos_integer()}.
-%% The robots that block an edge, a bit each; an edge that nobody blocks is absent.
+-type masks() :: starl_dpp_array:t(non_neg_integer()).
+%% The robots that block each edge, a bit each.
 -type obstacle() :: {ClearanceMm :: float(), starl_geometry:box(), [segment()]}.
 %% Segments of another robot, their box, and how far from them to stay.
 -type item() :: {segment(), [edge_id()]}.
@@ -25,7 +25,7 @@
     graph :: starl_dpp_graph:t(),
     bits :: #{robot_id() => pos_integer()},
     held = #{} :: #{robot_id() => [item()]},
-    masks = #{} :: masks()
+    masks :: masks()
 }).
 -opaque t() :: #unsafe{}.
 
@@ -39,22 +39,16 @@
 -spec new([robot_id()], starl_dpp_graph:t()) -> t().
 new(Robots, Graph) ->
     Bits = lists:zip(Robots, [1 bsl I || I <- lists:seq(0, length(Robots) - 1)]),
-    #unsafe{graph = Graph, bits = maps:from_list(Bits)}.
+    Masks = starl_dpp_array:new(starl_dpp_graph:edges(Graph), 0),
+    #unsafe{graph = Graph, bits = maps:from_list(Bits), masks = Masks}.
 
 %% @doc Replaces the reservation of a robot.
 -spec set(robot_id(), [segment(), ...], t()) -> t().
-set(Robot, Segments, #unsafe{held = Held, masks = Masks0, graph = Graph} = Unsafe) ->
+set(Robot, Segments, #unsafe{held = Held, masks = Masks, graph = Graph} = Unsafe) ->
     Bit = bit(Robot, Unsafe),
-    Masks1 = free(Bit, maps:get(Robot, Held, []), Masks0),
-    Mm = clearance(Graph),
-    Block = fun(Segment, {Items, Masks}) ->
-        %% From the last segment to the first: what a later one blocks stays blocked longer.
-        Open = fun(E) -> maps:get(E, Masks, 0) band Bit =:= 0 end,
-        Edges = starl_dpp_graph:within(Segment, {Mm, Open}, Graph),
-        {[{Segment, Edges} | Items], block(Bit, Edges, Masks)}
-    end,
-    {Items, Masks2} = lists:foldr(Block, {[], Masks1}, Segments),
-    Unsafe#unsafe{held = Held#{Robot => Items}, masks = Masks2}.
+    Freed = free(Bit, maps:get(Robot, Held, []), Masks),
+    {Items, Blocked} = hold(groups(Segments, clearance(Graph)), Bit, Graph, {[], Freed}),
+    Unsafe#unsafe{held = Held#{Robot => Items}, masks = Blocked}.
 
 %% @doc Gives up the first `N' segments of a reservation; the last one always stays.
 -spec drop(robot_id(), N :: non_neg_integer(), t()) -> t().
@@ -141,18 +135,46 @@ away(Steps, {X, Y} = P, Others, Mm) ->
 
 clearance(Graph) -> 2.0 * starl_dpp_graph:radius(Graph) + ?MARGIN.
 
+%% Segments that follow each other and fit into a box as wide as the clearance on both sides, from
+%% the last to the first: what is near is looked up once for all of them.
+groups([First | Segments], Mm) ->
+    Grow = fun(S, {Box, Group, Groups}) ->
+        Wider = starl_geometry:box([corner(I, B) || B <- [Box, starl_geometry:box(S)], I <- [1, 3]]),
+        case Wider of
+            {X0, Y0, X1, Y1} when X1 - X0 =< 2.0 * Mm, Y1 - Y0 =< 2.0 * Mm ->
+                {Wider, [S | Group], Groups};
+            _ ->
+                {starl_geometry:box(S), [S], [{Box, Group} | Groups]}
+        end
+    end,
+    Alone = {starl_geometry:box(First), [First], []},
+    {Box, Group, Groups} = lists:foldl(Grow, Alone, Segments),
+    [{Box, Group} | Groups].
+
+corner(I, Box) -> {element(I, Box), element(I + 1, Box)}.
+
+hold([], _Bit, _Graph, Held) ->
+    Held;
+hold([{Box, Group} | Groups], Bit, Graph, {Items, Masks}) ->
+    Open = fun(E) -> starl_dpp_array:get(E, Masks) band Bit =:= 0 end,
+    Near = starl_dpp_graph:near(Box, {clearance(Graph), Open}, Graph),
+    hold(Groups, Bit, Graph, hold_each(Group, Near, Bit, clearance(Graph), Items, Masks)).
+
+%% What a later segment blocks stays blocked longer, so the earlier ones need not block it.
+hold_each([], _Near, _Bit, _Mm, Items, Masks) ->
+    {Items, Masks};
+hold_each([Segment | Group], Near, Bit, Mm, Items, Masks) ->
+    {Edges, Rest} = starl_dpp_graph:part(Segment, Mm, Near),
+    Next = [{Segment, Edges} | Items],
+    hold_each(Group, Rest, Bit, Mm, Next, block(Bit, Edges, Masks)).
+
 block(Bit, Edges, Masks) ->
-    lists:foldl(fun(E, Acc) -> Acc#{E => maps:get(E, Acc, 0) bor Bit} end, Masks, Edges).
+    Block = fun(E, Acc) -> starl_dpp_array:put(E, starl_dpp_array:get(E, Acc) bor Bit, Acc) end,
+    lists:foldl(Block, Masks, Edges).
 
 free(Bit, Items, Masks) ->
-    lists:foldl(fun({_, Edges}, Acc) -> lists:foldl(fun(E, A) -> unblock(Bit, E, A) end, Acc, Edges)
-                end, Masks, Items).
-
-unblock(Bit, E, Masks) ->
-    case Masks of
-        #{E := Bit} -> maps:remove(E, Masks);
-        #{E := Mask} -> Masks#{E := Mask band (bnot Bit)}
-    end.
+    Free = fun(E, Acc) -> starl_dpp_array:put(E, starl_dpp_array:get(E, Acc) band bnot Bit, Acc) end,
+    lists:foldl(fun({_, Edges}, Acc) -> lists:foldl(Free, Acc, Edges) end, Masks, Items).
 
 obstacles(Own, Full, Segments) ->
     Now = lists:min([Full | [starl_geometry:point_segment(P, S) || P <- Own, S <- Segments]]),

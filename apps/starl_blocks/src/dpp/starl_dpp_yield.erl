@@ -51,7 +51,8 @@ closes(V, #{graph := Graph, free := Free}) ->
 -spec wish([robot_id()], view()) -> {ok, wish()} | none.
 wish(Waiting, #{graph := Graph, free := Free} = View) ->
     #{masks := Masks, own := Own} = Space = starl_dpp_route:space(Waiting, View),
-    Open = fun(E) -> is_map_key(E, Free) andalso maps:get(E, Masks, 0) band (bnot Own) =:= 0 end,
+    Others = bnot Own,
+    Open = fun(E) -> is_map_key(E, Free) andalso starl_dpp_array:get(E, Masks) band Others =:= 0 end,
     Visit = fun(V, Cost, _, none) ->
         case [E || {E, _, _, _} <- starl_dpp_graph:lines(V, Graph), Open(E)] of
             [] -> {continue, infinity, none};
