@@ -82,7 +82,7 @@ reachable(Live, Plan) ->
     lists:any(fun(E) ->
                   {A, _} = starl_dpp_graph:ends(E, Graph),
                   Open(E) andalso is_map_key(A, Reached)
-              end, maps:keys(starl_dpp_plan:free(Plan))).
+              end, starl_dpp_free:edges(starl_dpp_plan:free(Plan))).
 
 %%% Internals: work
 

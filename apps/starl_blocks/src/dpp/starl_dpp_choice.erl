@@ -20,7 +20,7 @@
 
 -record(task, {
     space :: starl_dpp_search:space(),
-    free :: #{edge_id() => true},
+    free :: starl_dpp_free:t(),
     horizon :: float(),
     %% no chain has more ink, up to the horizon
     most = 0.0 :: float(),
@@ -57,36 +57,38 @@ best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
 -spec all_begin(fun((point()) -> boolean()), starl_dpp_route:view()) -> boolean().
 all_begin(Kind, #{robot := Robot, free := Free, graph := Graph} = View) ->
     #{masks := Masks, own := Own} = starl_dpp_route:space([Robot], View),
-    all_begin(maps:next(maps:iterator(Free)), Kind, {Masks, Own, Graph}).
-
-all_begin(none, _Kind, _Given) ->
-    true;
-all_begin({E, true, Rest}, Kind, {Masks, Own, Graph} = Given) ->
-    {A, B} = starl_dpp_graph:segment(E, Graph),
-    (is_blocked(E, Masks, Own) orelse (Kind(A) andalso Kind(B)))
-        andalso all_begin(maps:next(Rest), Kind, Given).
+    Is = fun(E, true) ->
+        {A, B} = starl_dpp_graph:segment(E, Graph),
+        case is_blocked(E, Masks, Own) orelse (Kind(A) andalso Kind(B)) of
+            true -> {continue, true};
+            false -> {stop, false}
+        end
+    end,
+    starl_dpp_free:fold_while(Is, true, Free).
 
 %%% Internals
 
 %% Bounds of what there is to be found: the ink of the open edges that hang together, up to the
 %% horizon, and the number of ends of open edges, up to the number of tries. Nearly always the first
 %% edges answer this. Whole millimetres, rounded up, add to the same sum in any order of the map.
-open_edges(#task{free = Free} = Task) ->
-    open_edges(maps:next(maps:iterator(Free)), 0, {#{}, #{}}, Task).
+open_edges(#task{free = Free, horizon = Horizon} = Task) ->
+    Count = fun(E, Seen) -> count_open(E, open(E, Task), Seen, Task) end,
+    case starl_dpp_free:fold_while(Count, {0, #{}, #{}}, Free) of
+        {enough, Ends} ->
+            {Horizon, map_size(Ends)};
+        {_, Open, Ends} ->
+            {min(float(heaviest(maps:keys(Open), Open, 0, Task)), Horizon), map_size(Ends)}
+    end.
 
-open_edges(_, Ink, {_, Ends}, #task{horizon = Mm}) when Ink >= Mm, map_size(Ends) >= ?TRIES ->
-    {Mm, map_size(Ends)};
-open_edges(none, _Ink, {Open, Ends}, #task{horizon = Mm} = Task) ->
-    {min(float(heaviest(maps:keys(Open), Open, 0, Task)), Mm), map_size(Ends)};
-open_edges({E, true, Rest}, Ink, {Open, Ends} = Seen, #task{space = #{graph := Graph}} = Task) ->
-    case open(E, Task) of
-        true ->
-            {A, B} = starl_dpp_graph:ends(E, Graph),
-            Mm = length_mm(E, Graph),
-            Next = {Open#{E => Mm}, Ends#{A => true, B => true}},
-            open_edges(maps:next(Rest), Ink + Mm, Next, Task);
-        false ->
-            open_edges(maps:next(Rest), Ink, Seen, Task)
+count_open(_E, false, Seen, _Task) ->
+    {continue, Seen};
+count_open(E, true, {Ink0, Open, Ends0}, #task{space = #{graph := Graph}, horizon = Horizon}) ->
+    {A, B} = starl_dpp_graph:ends(E, Graph),
+    Mm = length_mm(E, Graph),
+    Ends = Ends0#{A => true, B => true},
+    case Ink0 + Mm of
+        Ink when Ink >= Horizon, map_size(Ends) >= ?TRIES -> {stop, {enough, Ends}};
+        Ink -> {continue, {Ink, Open#{E => Mm}, Ends}}
     end.
 
 length_mm(E, Graph) -> ceil(starl_dpp_graph:edge_length(E, Graph)).
@@ -136,12 +138,12 @@ driven([P, Q | Rest]) -> starl_geometry:distance(P, Q) + driven([Q | Rest]);
 driven([_]) -> 0.0.
 
 visit(V, Cost, Heading, Task, {Tries, #best{score = Score, within = Within} = Best} = Acc) ->
-    #task{most = Most, overhead = Overhead, space = #{graph := Graph}} = Task,
+    #task{most = Most, overhead = Overhead, free = Free} = Task,
     case Most / (Cost + Most + Overhead) =< Score of
         true ->
             {stop, Acc};
         false ->
-            case open_steps(starl_dpp_graph:lines(V, Graph), Task, #{}) of
+            case open_steps(starl_dpp_free:steps(V, Free), Task, #{}) of
                 [] -> {continue, Within, Acc};
                 Steps when Tries =< 1 -> {stop, {0, tried(Steps, V, Cost, Heading, Task, Best)}};
                 Steps ->
@@ -154,9 +156,9 @@ visit(V, Cost, Heading, Task, {Tries, #best{score = Score, within = Within} = Be
 within(#task{most = Most, overhead = Overhead}, Score) ->
     (Most / Score - Most - Overhead) * (1.0 + 1.0e-9) + 1.0e-3.
 
-tried(Steps, V, Cost, Heading, #task{space = #{graph := Graph}} = Task, Best) ->
+tried(Steps, V, Cost, Heading, #task{free = Free} = Task, Best) ->
     %% To begin in the middle of a line leaves two pieces of it instead of one.
-    Factor = case free_degree(starl_dpp_graph:lines(V, Graph), Task#task.free) rem 2 of
+    Factor = case length(starl_dpp_free:steps(V, Free)) rem 2 of
         0 -> Task#task.middle;
         1 -> 1.0
     end,
@@ -174,22 +176,16 @@ try_each([Step | Steps], V, Cost, Heading, Factor, Task, #best{score = Score} = 
     end,
     try_each(Steps, V, Cost, Heading, Factor, Task, Next).
 
-free_degree([], _Free) -> 0;
-free_degree([{E, _, _, _} | Lines], Free) when is_map_key(E, Free) -> 1 + free_degree(Lines, Free);
-free_degree([_ | Lines], Free) -> free_degree(Lines, Free).
-
-%% The free ones of these lines that are safe and not yet in the chain.
-open_steps([], _Task, _Used) ->
-    [];
-open_steps([{E, _, _, _} = Step | Lines], #task{free = Free} = Task, Used) when
-    is_map_key(E, Free), not is_map_key(E, Used)
-->
+%% Those that are safe and not yet in the chain.
+open_steps([{E, _, _, _} = Step | Steps], Task, Used) when not is_map_key(E, Used) ->
     case open(E, Task) of
-        true -> [Step | open_steps(Lines, Task, Used)];
-        false -> open_steps(Lines, Task, Used)
+        true -> [Step | open_steps(Steps, Task, Used)];
+        false -> open_steps(Steps, Task, Used)
     end;
-open_steps([_ | Lines], Task, Used) ->
-    open_steps(Lines, Task, Used).
+open_steps([_ | Steps], Task, Used) ->
+    open_steps(Steps, Task, Used);
+open_steps([], _Task, _Used) ->
+    [].
 
 open(E, #task{space = #{masks := Masks, own := Own}}) -> not is_blocked(E, Masks, Own).
 
@@ -199,12 +195,12 @@ is_blocked(E, Masks, Own) -> starl_dpp_array:get(E, Masks) band (bnot Own) =/= 0
 follow({E, W, Length, Out}, In, Left, Task, Used0, Ink0, Spent0, Chain0) when
     is_float(Length), is_float(Left), is_float(Ink0), is_float(Spent0)
 ->
-    #task{space = #{turn_mm := TurnMm, graph := Graph}} = Task,
+    #task{space = #{turn_mm := TurnMm}, free = Free} = Task,
     Ink = Ink0 + Length,
     Spent = Spent0 + Length + starl_dpp_search:turn(In, Out, TurnMm),
     Chain = [{W, E} | Chain0],
     Used = Used0#{E => true},
-    case Left > Length andalso open_steps(starl_dpp_graph:lines(W, Graph), Task, Used) of
+    case Left > Length andalso open_steps(starl_dpp_free:steps(W, Free), Task, Used) of
         [_ | _] = Steps ->
             Next = straightest(Steps, Out, TurnMm),
             follow(Next, Out, Left - Length, Task, Used, Ink, Spent, Chain);

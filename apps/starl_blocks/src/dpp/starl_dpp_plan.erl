@@ -41,7 +41,7 @@
     config :: map(),
     graph :: starl_dpp_graph:t(),
     unsafe :: starl_dpp_unsafe:t(),
-    free :: #{edge_id() => true},
+    free :: starl_dpp_free:t(),
     painted = #{} :: #{edge_id() => true},
     latest = [] :: [edge_id()],     % the painted ones, the latest known first
     modes = #{} :: #{robot_id() => mode()},
@@ -149,8 +149,9 @@ mark_painted(Edges, Plan) -> paint(Edges, Plan).
 -spec counts(t()) -> counts().
 counts(#plan{graph = Graph, free = Free, painted = Painted}) ->
     Total = starl_dpp_graph:targets(Graph),
-    #{free => map_size(Free), painted => map_size(Painted), total => Total,
-      assigned => Total - map_size(Free) - map_size(Painted)}.
+    Left = starl_dpp_free:count(Free),
+    #{free => Left, painted => map_size(Painted), total => Total,
+      assigned => Total - Left - map_size(Painted)}.
 
 %% @doc The painted edges but for the first so many that became known, sorted.
 -spec painted_since(Known :: non_neg_integer(), t()) -> [edge_id()].
@@ -184,7 +185,7 @@ parked(Robot, #plan{modes = Modes, spots = Spots}) ->
 %% @doc How many free edges the robot's reservation closes to others.
 -spec blocking(robot_id(), t()) -> non_neg_integer().
 blocking(Robot, #plan{unsafe = Unsafe, free = Free}) ->
-    length([E || E <- starl_dpp_unsafe:blocks(Robot, Unsafe), is_map_key(E, Free)]).
+    length([E || E <- starl_dpp_unsafe:blocks(Robot, Unsafe), starl_dpp_free:has(E, Free)]).
 
 %% @doc The configuration, defaults filled in; without the segments.
 -spec config(t()) -> map().
@@ -195,7 +196,7 @@ config(#plan{config = Config}) -> Config.
 graph(#plan{graph = Graph}) -> Graph.
 
 %% @doc The free edges.
--spec free(t()) -> #{edge_id() => true}.
+-spec free(t()) -> starl_dpp_free:t().
 free(#plan{free = Free}) -> Free.
 
 %% @doc Who blocks which edge, these robots left out.
@@ -246,7 +247,7 @@ plan(Robots, Graph, Config) ->
         config = Config,
         graph = Graph,
         unsafe = starl_dpp_unsafe:new(Robots, Graph),
-        free = maps:from_list([{E, true} || E <- lists:seq(1, starl_dpp_graph:targets(Graph))]),
+        free = starl_dpp_free:new(Graph),
         spots = starl_dpp_spots:new(Robots, Graph)
     }.
 
@@ -256,9 +257,9 @@ pens(Items) -> [E || {_, {down, E}} <- Items].
 release(Robot, #plan{modes = Modes, free = Free, painted = Painted} = Plan) ->
     case Modes of
         #{Robot := {moving, _, Left}} ->
-            Back = [{E, true} || E <- pens(Left), not is_map_key(E, Painted)],
+            Back = [E || E <- pens(Left), not is_map_key(E, Painted)],
             Heading = heading_after(Robot, 1, Plan),
-            Plan#plan{free = maps:merge(Free, maps:from_list(Back)),
+            Plan#plan{free = starl_dpp_free:give(Back, Free),
                       headings = maps:merge(Plan#plan.headings, Heading),
                       modes = maps:remove(Robot, Modes)};
         #{} ->
@@ -267,7 +268,7 @@ release(Robot, #plan{modes = Modes, free = Free, painted = Painted} = Plan) ->
 
 paint(Edges, #plan{free = Free, painted = Painted, latest = Latest} = Plan) ->
     New = [E || E <- lists:usort(Edges), not is_map_key(E, Painted)],
-    Plan#plan{free = maps:without(Edges, Free),
+    Plan#plan{free = starl_dpp_free:take(New, Free),
               painted = lists:foldl(fun(E, Acc) -> Acc#{E => true} end, Painted, New),
               latest = New ++ Latest}.
 
@@ -286,7 +287,7 @@ assign(Robot, From, Path, #plan{} = Plan) ->
     New = [E || E <- pens(Path), not is_map_key(E, Painted)],
     Plan#plan{
         unsafe = starl_dpp_unsafe:set(Robot, Segments, Unsafe),
-        free = maps:without(New, Free),
+        free = starl_dpp_free:take(New, Free),
         modes = Modes#{Robot => {moving, 0, Path}}
     }.
 

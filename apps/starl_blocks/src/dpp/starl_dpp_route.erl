@@ -17,7 +17,7 @@
     heading := float() | none,
     graph := starl_dpp_graph:t(),
     unsafe := starl_dpp_unsafe:t(),
-    free := #{starl_dpp_graph:edge_id() => true},
+    free := starl_dpp_free:t(),
     turn_mm := float(),
     leg := float()
 }.

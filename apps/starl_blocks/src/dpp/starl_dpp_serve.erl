@@ -246,7 +246,7 @@ paints({_Point, Pen}) -> Pen =/= up.
 %% @doc Nobody moves, nothing can be assigned, and the silent robots have not come back.
 -spec give_up(t()) -> turn().
 give_up(#serve{waiting = Waiting, plan = Plan} = S) ->
-    Left = lists:sort(maps:keys(starl_dpp_plan:free(Plan))),
+    Left = starl_dpp_free:edges(starl_dpp_plan:free(Plan)),
     {Told, Actions} = chain([fun(S1) -> answer(R, incomplete, S1) end || R <- Waiting], S),
     %% one that asks later is told later
     {Told#serve{stuck = false}, [{trace, {unreachable, Left}} | Actions]}.

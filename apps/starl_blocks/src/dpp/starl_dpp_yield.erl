@@ -45,16 +45,16 @@ aside(Good, #{graph := Graph} = View) ->
 closes(V, #{graph := Graph, free := Free}) ->
     P = starl_dpp_graph:point(V, Graph),
     Mm = 2.0 * starl_dpp_graph:radius(Graph),
-    starl_dpp_graph:within({P, P}, {Mm, fun(E) -> is_map_key(E, Free) end}, Graph).
+    starl_dpp_graph:within({P, P}, {Mm, fun(E) -> starl_dpp_free:has(E, Free) end}, Graph).
 
 %% @doc What the robot would do if the robots that wait, all standing, were not in the way.
 -spec wish([robot_id()], view()) -> {ok, wish()} | none.
-wish(Waiting, #{graph := Graph, free := Free} = View) ->
+wish(Waiting, #{free := Free} = View) ->
     #{masks := Masks, own := Own} = Space = starl_dpp_route:space(Waiting, View),
     Others = bnot Own,
-    Open = fun(E) -> is_map_key(E, Free) andalso starl_dpp_array:get(E, Masks) band Others =:= 0 end,
+    Open = fun(E) -> starl_dpp_array:get(E, Masks) band Others =:= 0 end,
     Visit = fun(V, Cost, _, none) ->
-        case [E || {E, _, _, _} <- starl_dpp_graph:lines(V, Graph), Open(E)] of
+        case [E || {E, _, _, _} <- starl_dpp_free:steps(V, Free), Open(E)] of
             [] -> {continue, infinity, none};
             [E | _] -> {stop, {Cost, V, E}}
         end
