@@ -143,11 +143,7 @@ others_first(Begin, Driven, Rivals) ->
 
 %% What the others have left to drive, and where they will be then.
 rivals(Robot, Plan) ->
-    [rival(starl_dpp_plan:held(Id, Plan)) || {Id, _} <- starl_dpp_plan:spots(Plan), Id =/= Robot].
-
-rival(Held) ->
-    {_, End} = lists:last(Held),
-    {lists:sum([starl_geometry:length(S) || S <- Held]), End}.
+    [starl_dpp_plan:rest(Id, Plan) || {Id, _} <- starl_dpp_plan:spots(Plan), Id =/= Robot].
 
 %%% Internals: getting out of the way
 

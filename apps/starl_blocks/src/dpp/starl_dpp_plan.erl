@@ -18,8 +18,8 @@
 -export([standing/3, passed/3, send/4, exchange/3, adopt/4, apart/1, mark_painted/2]).
 -export([counts/1, painted_since/2, target/2, unsafe/1, unknown/1,
          spot/2, parked/2, blocking/2]).
--export([config/1, graph/1, free/1, masks/2, spots/1, held/2, stands/2, yielded/2, others_move/2,
-         view/2]).
+-export([config/1, graph/1, free/1, masks/2, spots/1, held/2, rest/2, stands/2, yielded/2,
+         others_move/2, view/2]).
 -export_type([t/0, config/0, path/0, waypoint/0, pen/0, counts/0]).
 
 -type robot_id() :: pos_integer().
@@ -214,6 +214,10 @@ spots(#plan{spots = Spots}) -> starl_dpp_spots:all(Spots).
 %% @doc The segments that a robot holds, `[]' when its place is not known.
 -spec held(robot_id(), t()) -> [segment()].
 held(Robot, #plan{unsafe = Unsafe}) -> starl_dpp_unsafe:held(Robot, Unsafe).
+
+%% @doc How far a robot whose place is known has to drive on what it holds, and where that ends.
+-spec rest(robot_id(), t()) -> {Mm :: float(), point()}.
+rest(Robot, #plan{unsafe = Unsafe}) -> starl_dpp_unsafe:rest(Robot, Unsafe).
 
 %% @doc Where a robot stands: the point reserved for it, and where it was seen.
 -spec stands(robot_id(), t()) -> {Reserved :: point(), Really :: point()} | false.

@@ -8,7 +8,7 @@
 %% segment that blocks it: driving past that segment frees the edge.
 -module(starl_dpp_unsafe).
 
--export([new/2, set/3, drop/3, held/2, all/1, unknown/1, bit/2, masks/1, blocks/2,
+-export([new/2, set/3, drop/3, held/2, rest/2, all/1, unknown/1, bit/2, masks/1, blocks/2,
          others/2, clear/2, away/3, nominal/3]).
 -export_type([t/0, masks/0, obstacle/0]).
 
@@ -21,10 +21,18 @@
 %% Segments of another robot, their box, and how far from them to stay.
 -type item() :: {segment(), [edge_id()]}.
 
+%% What one robot holds, and what follows from it: what others must stay clear of, and how far it
+%% has to drive to where.
+-record(held, {
+    items :: [item()],
+    obstacles :: [obstacle()],
+    rest :: {Mm :: float(), starl_geometry:point()}
+}).
+
 -record(unsafe, {
     graph :: starl_dpp_graph:t(),
     bits :: #{robot_id() => pos_integer()},
-    held = #{} :: #{robot_id() => [item()]},
+    held = #{} :: #{robot_id() => #held{}},
     masks :: masks()
 }).
 -opaque t() :: #unsafe{}.
@@ -44,22 +52,28 @@ new(Robots, Graph) ->
 
 %% @doc Replaces the reservation of a robot.
 -spec set(robot_id(), [segment(), ...], t()) -> t().
-set(Robot, Segments, #unsafe{held = Held, masks = Masks, graph = Graph} = Unsafe) ->
+set(Robot, Segments, #unsafe{masks = Masks, graph = Graph} = Unsafe) ->
     Bit = bit(Robot, Unsafe),
-    Freed = free(Bit, maps:get(Robot, Held, []), Masks),
+    Freed = free(Bit, items(Robot, Unsafe), Masks),
     {Items, Blocked} = hold(groups(Segments, clearance(Graph)), Bit, Graph, {[], Freed}),
-    Unsafe#unsafe{held = Held#{Robot => Items}, masks = Blocked}.
+    holds(Robot, Items, Unsafe#unsafe{masks = Blocked}).
 
 %% @doc Gives up the first `N' segments of a reservation; the last one always stays.
 -spec drop(robot_id(), N :: non_neg_integer(), t()) -> t().
-drop(Robot, N, #unsafe{held = Held, masks = Masks} = Unsafe) ->
-    Items = maps:get(Robot, Held),
+drop(Robot, N, #unsafe{masks = Masks} = Unsafe) ->
+    Items = items(Robot, Unsafe),
     {Passed, Kept} = lists:split(min(N, length(Items) - 1), Items),
-    Unsafe#unsafe{held = Held#{Robot := Kept}, masks = free(bit(Robot, Unsafe), Passed, Masks)}.
+    holds(Robot, Kept, Unsafe#unsafe{masks = free(bit(Robot, Unsafe), Passed, Masks)}).
 
 %% @doc The segments of one robot, `[]' when its place is not known.
 -spec held(robot_id(), t()) -> [segment()].
-held(Robot, #unsafe{held = Held}) -> [S || {S, _} <- maps:get(Robot, Held, [])].
+held(Robot, Unsafe) -> [S || {S, _} <- items(Robot, Unsafe)].
+
+%% @doc How far a robot whose place is known has to drive on what it holds, and where that ends.
+-spec rest(robot_id(), t()) -> {Mm :: float(), starl_geometry:point()}.
+rest(Robot, #unsafe{held = Held}) ->
+    #{Robot := #held{rest = Rest}} = Held,
+    Rest.
 
 %% @doc All reservations in the order of the robots.
 -spec all(t()) -> [{robot_id(), [segment()]}].
@@ -80,19 +94,19 @@ masks(#unsafe{masks = Masks}) -> Masks.
 
 %% @doc The edges that a robot blocks.
 -spec blocks(robot_id(), t()) -> [edge_id()].
-blocks(Robot, #unsafe{held = Held}) ->
-    lists:append([Edges || {_, Edges} <- maps:get(Robot, Held, [])]).
+blocks(Robot, Unsafe) -> lists:append([Edges || {_, Edges} <- items(Robot, Unsafe)]).
 
 %% @doc What a robot must stay clear of.
 %%
 %% Robots that were pushed together, which no reservation allows but the world may, could never
 %% leave under the full clearance. They must not get any nearer than they are.
 -spec others(robot_id(), t()) -> [obstacle()].
-others(Robot, #unsafe{graph = Graph} = Unsafe) ->
-    Own = [P || {P, _} <- lists:sublist(held(Robot, Unsafe), 1)],
-    Full = clearance(Graph),
-    lists:append([obstacles(Own, Full, Segments)
-                  || {Id, Segments} <- all(Unsafe), Id =/= Robot]).
+others(Robot, #unsafe{held = Held} = Unsafe) ->
+    Others = [Obstacles || {Id, #held{obstacles = Obstacles}} <- maps:to_list(Held), Id =/= Robot],
+    case items(Robot, Unsafe) of
+        [{{P, _}, _} | _] -> lists:append([seen_from(P, Obstacles) || Obstacles <- Others]);
+        [] -> lists:append(Others)
+    end.
 
 %% @doc Is the segment far enough from all obstacles?
 -spec clear(segment(), [obstacle()]) -> boolean().
@@ -176,10 +190,28 @@ free(Bit, Items, Masks) ->
     Free = fun(E, Acc) -> starl_dpp_array:put(E, starl_dpp_array:get(E, Acc) band bnot Bit, Acc) end,
     lists:foldl(fun({_, Edges}, Acc) -> lists:foldl(Free, Acc, Edges) end, Masks, Items).
 
-obstacles(Own, Full, Segments) ->
-    Now = lists:min([Full | [starl_geometry:point_segment(P, S) || P <- Own, S <- Segments]]),
-    Clearance = case Now < Full of true -> Now - ?MARGIN; false -> Full end,
-    chunks(Clearance, Segments).
+items(Robot, #unsafe{held = Held}) ->
+    case Held of
+        #{Robot := #held{items = Items}} -> Items;
+        #{} -> []
+    end.
+
+holds(Robot, Items, #unsafe{held = Held, graph = Graph} = Unsafe) ->
+    Segments = [S || {S, _} <- Items],
+    {_, End} = lists:last(Segments),
+    Left = lists:sum([starl_geometry:length(S) || S <- Segments]),
+    Unsafe#unsafe{held = Held#{Robot => #held{
+        items = Items, obstacles = chunks(clearance(Graph), Segments), rest = {Left, End}
+    }}}.
+
+%% Mostly the robot is beside all boxes, so it is as far away as it should be.
+seen_from(P, [{Full, _, _} | _] = Obstacles) ->
+    Inside = lists:any(fun({_, Box, _}) -> starl_geometry:inside(P, Box) end, Obstacles),
+    Segments = [S || Inside, {_, _, Chunk} <- Obstacles, S <- Chunk],
+    case lists:min([Full | [starl_geometry:point_segment(P, S) || S <- Segments]]) of
+        Full -> Obstacles;
+        Now -> chunks(Now - ?MARGIN, Segments)
+    end.
 
 chunks(_Clearance, []) ->
     [];
