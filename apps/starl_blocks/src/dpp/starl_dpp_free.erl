@@ -18,15 +18,8 @@
 %% @doc All target edges are free.
 -spec new(starl_dpp_graph:t()) -> t().
 new(Graph) ->
-    N = starl_dpp_graph:vertices(Graph),
-    Lines = [{V, Steps} || V <- lists:seq(1, N), Steps <- [starl_dpp_graph:lines(V, Graph)],
-                           Steps =/= []],
-    Enter = fun({V, Steps}, Acc) -> starl_dpp_array:put(V, Steps, Acc) end,
-    #free{
-        graph = Graph,
-        edges = maps:from_list([{E, true} || E <- lists:seq(1, starl_dpp_graph:targets(Graph))]),
-        steps = lists:foldl(Enter, starl_dpp_array:new(N, []), Lines)
-    }.
+    Edges = maps:from_list([{E, true} || E <- lists:seq(1, starl_dpp_graph:targets(Graph))]),
+    #free{graph = Graph, edges = Edges, steps = starl_dpp_graph:lines(Graph)}.
 
 %% @doc These edges are free no more.
 -spec take([edge_id()], t()) -> t().

@@ -5,8 +5,8 @@
 -module(starl_dpp_graph).
 
 -export([new/1, format_error/1]).
--export([targets/1, edges/1, vertices/1, radius/1, point/2, adjacent/2, lines/2, segment/2, ends/2,
-         edge_length/2, spots/1, ring/1, joints/3, within/3, near/3, part/3, reach/3, floor_box/1]).
+-export([targets/1, edges/1, vertices/1, radius/1, point/2, adjacent/2, lines/1, lines/2,
+         segment/2, ends/2, edge_length/2, spots/1, ring/1, joints/3, within/3, near/3, part/3, reach/3, floor_box/1]).
 -export_type([t/0, edge_id/0, vertex/0, step/0, near/0, config/0, reason/0]).
 
 -type edge_id() :: pos_integer().
@@ -39,9 +39,9 @@
     targets :: non_neg_integer(),
     points :: tuple(),
     edges :: tuple(),
-    adjacent :: tuple(),
+    adjacent :: starl_dpp_array:t([step()]),
     %% of these the target edges, few at most vertices: looked at far more often than all
-    lines :: tuple(),
+    lines :: starl_dpp_array:t([step()]),
     spots :: #{robot_id() => vertex()},
     ring :: [vertex()],
     edge_grid :: starl_grid:t(edge_id()),
@@ -109,11 +109,15 @@ point(V, #graph{points = Points}) -> element(V, Points).
 
 %% @doc The edges that leave a vertex.
 -spec adjacent(vertex(), t()) -> [step()].
-adjacent(V, #graph{adjacent = Adjacent}) -> element(V, Adjacent).
+adjacent(V, #graph{adjacent = Adjacent}) -> starl_dpp_array:get(V, Adjacent).
 
 %% @doc The target edges that leave a vertex.
 -spec lines(vertex(), t()) -> [step()].
-lines(V, #graph{lines = Lines}) -> element(V, Lines).
+lines(V, #graph{lines = Lines}) -> starl_dpp_array:get(V, Lines).
+
+%% @doc The same for all vertices.
+-spec lines(t()) -> starl_dpp_array:t([step()]).
+lines(#graph{lines = Lines}) -> Lines.
 
 %% @doc The two ends of an edge.
 -spec ends(edge_id(), t()) -> {vertex(), vertex()}.
@@ -181,37 +185,27 @@ build(#{vertices := Drawn, edges := TargetEdges} = Picture, Layout, Config) ->
     Travel = starl_roadmap:travel(Layout, R, Picture, Seed),
     Points = list_to_tuple(Drawn ++ maps:get(points, Travel)),
     All = TargetEdges ++ maps:get(edges, Travel),
-    Targets = length(TargetEdges),
-    Steps = adjacency(All, Points),
-    Lines = [[Step || {E, _, _, _} = Step <- Out, E =< Targets] || Out <- Steps],
-    #graph{radius = R, world = World, targets = Targets, points = Points,
-           edges = list_to_tuple(All), adjacent = list_to_tuple(Steps),
-           lines = list_to_tuple(Lines),
+    %% the target edges come first
+    Nothing = starl_dpp_array:new(tuple_size(Points), []),
+    {Next, Lines} = join(TargetEdges, Points, {1, Nothing}),
+    {_, Adjacent} = join(maps:get(edges, Travel), Points, {Next, Lines}),
+    #graph{radius = R, world = World, targets = Next - 1, points = Points,
+           edges = list_to_tuple(All), adjacent = Adjacent, lines = Lines,
            spots = maps:get(spots, Travel), ring = maps:get(ring, Travel),
            edge_grid = edge_grid(All, Points, R), vertex_grid = vertex_grid(Points, R)}.
 
-%% The ways out of each vertex, in the order of the edges.
-adjacency(Edges, Points) ->
-    Steps = fun({A, B}, {E, Acc}) ->
+%% The ways out of each vertex, those of the latest edge first.
+join(Edges, Points, Joined) ->
+    Both = fun({A, B}, {E, Steps}) ->
         P = element(A, Points),
         Q = element(B, Points),
         D = starl_geometry:distance(P, Q),
-        There = {A, {E, B, D, starl_geometry:heading(P, Q)}},
-        Back = {B, {E, A, D, starl_geometry:heading(Q, P)}},
-        {E + 1, [There, Back | Acc]}
+        There = out(A, {E, B, D, starl_geometry:heading(P, Q)}, Steps),
+        {E + 1, out(B, {E, A, D, starl_geometry:heading(Q, P)}, There)}
     end,
-    {_, All} = lists:foldl(Steps, {1, []}, Edges),
-    %% keysort is stable: at each vertex the latest edge comes first
-    by_vertex(1, tuple_size(Points), lists:keysort(1, All)).
+    lists:foldl(Both, Joined, Edges).
 
-by_vertex(V, Last, []) when V > Last ->
-    [];
-by_vertex(V, Last, Sorted) ->
-    {Own, Rest} = own(V, Sorted, []),
-    [Own | by_vertex(V + 1, Last, Rest)].
-
-own(V, [{V, Step} | Sorted], Own) -> own(V, Sorted, [Step | Own]);
-own(_V, Sorted, Own) -> {Own, Sorted}.
+out(V, Step, Steps) -> starl_dpp_array:put(V, [Step | starl_dpp_array:get(V, Steps)], Steps).
 
 edge_grid(Edges, Points, R) ->
     Enter = fun({A, B}, {E, Grid}) ->

@@ -196,29 +196,38 @@ nearest(P, Grid, Radius, K) ->
 %% Joins every part that cannot be reached from the ring yet: its first vertex, to the nearest
 %% points of the roadmap that can.
 bridges([{Root, _} | _] = Inside, TargetVs, Edges, Spacing) ->
-    Neighbours = neighbours(Edges),
-    Reached = flood([Root], Neighbours, #{Root => true}),
-    Grid = index([VP || {V, _} = VP <- Inside, is_map_key(V, Reached)], Spacing),
+    Vertices = lists:max([V || {V, _} <- Inside ++ TargetVs]),
+    Neighbours = neighbours(Edges, Vertices),
+    Reached = flood(Root, Neighbours, starl_dpp_array:new(Vertices, false)),
+    Grid = index([VP || {V, _} = VP <- Inside, starl_dpp_array:get(V, Reached)], Spacing),
     Bridge = fun({V, P}, {Seen, Acc}) ->
-        case Seen of
-            #{V := _} ->
+        case starl_dpp_array:get(V, Seen) of
+            true ->
                 {Seen, Acc};
-            #{} ->
+            false ->
                 New = [{V, W} || W <- nearest(P, Grid, Spacing, 2)],
-                {flood([V], Neighbours, Seen#{V => true}), New ++ Acc}
+                {flood(V, Neighbours, Seen), New ++ Acc}
         end
     end,
-    Used = [VP || {V, _} = VP <- TargetVs, is_map_key(V, Neighbours)],
+    Used = [VP || {V, _} = VP <- TargetVs, starl_dpp_array:get(V, Neighbours) =/= []],
     {_, Bridges} = lists:foldl(Bridge, {Reached, []}, Used ++ Inside),
     lists:reverse(Bridges).
 
-neighbours(Edges) ->
-    Add = fun(V, W, Acc) -> Acc#{V => [W | maps:get(V, Acc, [])]} end,
-    lists:foldl(fun({V, W}, Acc) -> Add(W, V, Add(V, W, Acc)) end, #{}, Edges).
+neighbours(Edges, Vertices) ->
+    Add = fun(V, W, Acc) -> starl_dpp_array:put(V, [W | starl_dpp_array:get(V, Acc)], Acc) end,
+    Join = fun({V, W}, Acc) -> Add(W, V, Add(V, W, Acc)) end,
+    lists:foldl(Join, starl_dpp_array:new(Vertices, []), Edges).
 
-flood([], _Neighbours, Seen) ->
+flood(Root, Neighbours, Seen) -> flood_on([Root], Neighbours, starl_dpp_array:put(Root, true, Seen)).
+
+flood_on([], _Neighbours, Seen) ->
     Seen;
-flood([V | Rest], Neighbours, Seen0) ->
-    New = [W || W <- lists:usort(maps:get(V, Neighbours, [])), not is_map_key(W, Seen0)],
-    Seen1 = lists:foldl(fun(W, S) -> S#{W => true} end, Seen0, New),
-    flood(New ++ Rest, Neighbours, Seen1).
+flood_on([V | Rest], Neighbours, Seen0) ->
+    See = fun(W, {Found, Seen}) ->
+        case starl_dpp_array:get(W, Seen) of
+            true -> {Found, Seen};
+            false -> {[W | Found], starl_dpp_array:put(W, true, Seen)}
+        end
+    end,
+    {Next, Seen1} = lists:foldl(See, {Rest, Seen0}, starl_dpp_array:get(V, Neighbours)),
+    flood_on(Next, Neighbours, Seen1).
