@@ -22,8 +22,9 @@
     space :: starl_dpp_search:space(),
     free :: starl_dpp_free:t(),
     horizon :: float(),
-    %% no chain has more ink, up to the horizon
+    %% no chain has more ink, up to the horizon; and with the line on which it passes that
     most = 0.0 :: float(),
+    longest = 0.0 :: float(),
     overhead :: float(),
     middle :: float()
 }).
@@ -50,7 +51,7 @@ best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
                  middle = Middle},
     case open_edges(Task) of
         {_, 0} -> none;
-        {Most, Ends} -> search(Stands, min(Ends, ?TRIES), Task#task{most = Most}, View)
+        {Most, Ends} -> search(Stands, min(Ends, ?TRIES), bounded(Most, Task), View)
     end.
 
 %% @doc Are all points where work for the robot could begin of this kind? True when there is none.
@@ -90,6 +91,11 @@ count_open(E, true, {Ink0, Open, Ends0}, #task{space = #{graph := Graph}, horizo
         Ink when Ink >= Horizon, map_size(Ends) >= ?TRIES -> {stop, {enough, Ends}};
         Ink -> {continue, {Ink, Open#{E => Mm}, Ends}}
     end.
+
+bounded(Most, #task{horizon = Horizon} = Task) when Most < Horizon ->
+    Task#task{most = Most, longest = Most};
+bounded(Most, #task{space = #{graph := Graph}} = Task) ->
+    Task#task{most = Most, longest = Most + starl_dpp_graph:longest(Graph)}.
 
 length_mm(E, Graph) -> ceil(starl_dpp_graph:edge_length(E, Graph)).
 
@@ -166,15 +172,27 @@ tried(Steps, V, Cost, Heading, #task{free = Free} = Task, Best) ->
 
 try_each([], _V, _Cost, _Heading, _Factor, _Task, Best) ->
     Best;
-try_each([Step | Steps], V, Cost, Heading, Factor, Task, #best{score = Score} = Best) ->
+try_each([Step | Steps], V, Cost, Heading, Factor, Task, Best) ->
+    Next = case may_win(Step, Cost, Heading, Factor, Task, Best) of
+        true -> try_one(Step, V, Cost, Heading, Factor, Task, Best);
+        false -> Best
+    end,
+    try_each(Steps, V, Cost, Heading, Factor, Task, Next).
+
+%% Would it, with the most ink that any chain has?
+may_win({_, _, _, Out}, Cost, Heading, Factor, Task, #best{score = Score}) ->
+    #task{longest = Ink, overhead = Overhead, space = #{turn_mm := TurnMm}} = Task,
+    Spent = starl_dpp_search:turn(Heading, Out, TurnMm) + Ink,
+    Factor * Ink * (1.0 + 1.0e-9) > Score * (Cost + Spent + Overhead).
+
+try_one(Step, V, Cost, Heading, Factor, Task, #best{score = Score} = Best) ->
     {Ink, Spent, Chain} = follow(Step, Heading, Task#task.horizon, Task, #{}, 0.0, 0.0, []),
-    Next = case Factor * Ink / (Cost + Spent + Task#task.overhead) of
+    case Factor * Ink / (Cost + Spent + Task#task.overhead) of
         Better when Better > Score ->
             #best{score = Better, within = within(Task, Better), from = V, chain = Chain};
         _ ->
             Best
-    end,
-    try_each(Steps, V, Cost, Heading, Factor, Task, Next).
+    end.
 
 %% Those that are safe and not yet in the chain.
 open_steps([{E, _, _, _} = Step | Steps], Task, Used) when not is_map_key(E, Used) ->

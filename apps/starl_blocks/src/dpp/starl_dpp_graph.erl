@@ -6,7 +6,8 @@
 
 -export([new/1, format_error/1]).
 -export([targets/1, edges/1, vertices/1, radius/1, point/2, adjacent/2, lines/1, lines/2,
-         segment/2, ends/2, edge_length/2, spots/1, ring/1, joints/3, within/3, near/3, part/3, reach/3, floor_box/1]).
+         segment/2, ends/2, edge_length/2, longest/1, spots/1, ring/1, joints/3,
+         within/3, near/3, part/3, reach/3, floor_box/1]).
 -export_type([t/0, edge_id/0, vertex/0, step/0, near/0, config/0, reason/0]).
 
 -type edge_id() :: pos_integer().
@@ -42,6 +43,7 @@
     adjacent :: starl_dpp_array:t([step()]),
     %% of these the target edges, few at most vertices: looked at far more often than all
     lines :: starl_dpp_array:t([step()]),
+    longest :: float(),
     spots :: #{robot_id() => vertex()},
     ring :: [vertex()],
     edge_grid :: starl_grid:t(edge_id()),
@@ -133,6 +135,10 @@ segment(E, #graph{edges = Edges, points = Points}) ->
 -spec edge_length(edge_id(), t()) -> float().
 edge_length(E, Graph) -> starl_geometry:length(segment(E, Graph)).
 
+%% @doc The length of the longest target edge.
+-spec longest(t()) -> float().
+longest(#graph{longest = Mm}) -> Mm.
+
 %% @doc The vertices of the parking spots, numbered as the layout does.
 -spec spots(t()) -> #{robot_id() => vertex()}.
 spots(#graph{spots = Spots}) -> Spots.
@@ -191,8 +197,11 @@ build(#{vertices := Drawn, edges := TargetEdges} = Picture, Layout, Config) ->
     {_, Adjacent} = join(maps:get(edges, Travel), Points, {Next, Lines}),
     #graph{radius = R, world = World, targets = Next - 1, points = Points,
            edges = list_to_tuple(All), adjacent = Adjacent, lines = Lines,
+           longest = lists:max([0.0 | [length_of(A, B, Points) || {A, B} <- TargetEdges]]),
            spots = maps:get(spots, Travel), ring = maps:get(ring, Travel),
            edge_grid = edge_grid(All, Points, R), vertex_grid = vertex_grid(Points, R)}.
+
+length_of(A, B, Points) -> starl_geometry:distance(element(A, Points), element(B, Points)).
 
 %% The ways out of each vertex, those of the latest edge first.
 join(Edges, Points, Joined) ->
