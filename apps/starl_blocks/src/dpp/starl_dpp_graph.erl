@@ -191,30 +191,40 @@ build(#{vertices := Drawn, edges := TargetEdges} = Picture, Layout, Config) ->
     Travel = starl_roadmap:travel(Layout, R, Picture, Seed),
     Points = list_to_tuple(Drawn ++ maps:get(points, Travel)),
     All = TargetEdges ++ maps:get(edges, Travel),
-    %% the target edges come first
-    Nothing = starl_dpp_array:new(tuple_size(Points), []),
-    {Next, Lines} = join(TargetEdges, Points, {1, Nothing}),
-    {_, Adjacent} = join(maps:get(edges, Travel), Points, {Next, Lines}),
-    #graph{radius = R, world = World, targets = Next - 1, points = Points,
-           edges = list_to_tuple(All), adjacent = Adjacent, lines = Lines,
+    Targets = length(TargetEdges),
+    Adjacent = adjacency(All, Points),
+    #graph{radius = R, world = World, targets = Targets, points = Points,
+           edges = list_to_tuple(All), adjacent = Adjacent,
+           lines = lines_of(Drawn, Targets, Adjacent, Points),
            longest = lists:max([0.0 | [length_of(A, B, Points) || {A, B} <- TargetEdges]]),
            spots = maps:get(spots, Travel), ring = maps:get(ring, Travel),
            edge_grid = edge_grid(All, Points, R), vertex_grid = vertex_grid(Points, R)}.
 
 length_of(A, B, Points) -> starl_geometry:distance(element(A, Points), element(B, Points)).
 
-%% The ways out of each vertex, those of the latest edge first.
-join(Edges, Points, Joined) ->
+%% The ways out of each vertex, in the order of the edges.
+adjacency(Edges, Points) ->
     Both = fun({A, B}, {E, Steps}) ->
         P = element(A, Points),
         Q = element(B, Points),
         D = starl_geometry:distance(P, Q),
         There = out(A, {E, B, D, starl_geometry:heading(P, Q)}, Steps),
-        {E + 1, out(B, {E, A, D, starl_geometry:heading(Q, P)}, There)}
+        {E - 1, out(B, {E, A, D, starl_geometry:heading(Q, P)}, There)}
     end,
-    lists:foldl(Both, Joined, Edges).
+    Nothing = starl_dpp_array:new(tuple_size(Points), []),
+    {0, Adjacent} = lists:foldr(Both, {length(Edges), Nothing}, Edges),
+    Adjacent.
 
 out(V, Step, Steps) -> starl_dpp_array:put(V, [Step | starl_dpp_array:get(V, Steps)], Steps).
+
+%% Of these the ones along target edges, which come first; the picture's vertices do, too.
+lines_of(Drawn, Targets, Adjacent, Points) ->
+    Is = fun({E, _, _, _}) -> E =< Targets end,
+    Enter = fun(V, Lines) ->
+        starl_dpp_array:put(V, lists:takewhile(Is, starl_dpp_array:get(V, Adjacent)), Lines)
+    end,
+    Nothing = starl_dpp_array:new(tuple_size(Points), []),
+    lists:foldl(Enter, Nothing, lists:seq(1, length(Drawn))).
 
 edge_grid(Edges, Points, R) ->
     Enter = fun({A, B}, {E, Grid}) ->
