@@ -9,7 +9,7 @@
     distance/2, distance2/2,
     point_segment/2, point_segment2/2,
     segment_segment/2, segment_segment2/2,
-    closer/3,
+    closer/3, closer2/3,
     intersection/2,
     closest_point/2,
     interpolate/3,
@@ -97,6 +97,11 @@ closer({{AX, AY} = A, {BX, BY} = B} = S, {{CX, CY} = C, {DX, DY} = D} = T, Mm) -
          orelse beyond(CY, DY, AY, BY, Mm)
          orelse beyond(AY, BY, CY, DY, Mm))
         andalso ends_closer(A, B, T, C, D, S, Mm * Mm).
+
+%% @doc Are two segments less than the root of `Mm2' apart? Quicker than {@link closer/3} when their
+%% boxes are known to be near each other.
+-spec closer2(segment(), segment(), Mm2 :: float()) -> boolean().
+closer2({A, B} = S, {C, D} = T, Mm2) -> ends_closer(A, B, T, C, D, S, Mm2).
 
 %% @doc Where and how two segments meet, decided without tolerance.
 -spec intersection(segment(), segment()) -> intersection().

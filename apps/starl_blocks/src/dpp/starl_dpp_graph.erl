@@ -163,7 +163,7 @@ near(Shape, {Mm, Wanted}, #graph{edge_grid = Grid} = Graph) ->
 -spec part(segment(), Mm :: float(), [near()]) -> {[edge_id()], [near()]}.
 part(Segment, Mm, Near) ->
     {X0, Y0, X1, Y1} = starl_geometry:grow(starl_geometry:box(Segment), Mm),
-    part(Near, X0, Y0, X1, Y1, Segment, Mm, [], []).
+    part(Near, X0, Y0, X1, Y1, Segment, Mm * Mm, [], []).
 
 %% @doc Up to about `K' vertices nearest to a point, nearest first.
 -spec joints(point(), K :: pos_integer(), t()) -> [{Mm :: float(), vertex()}].
@@ -256,16 +256,16 @@ check_reach(#graph{spots = Spots, ring = [Root | _], targets = N, radius = R} = 
     end.
 
 %% Nearly all are beside the box, and the first comparisons tell.
-part([], _X0, _Y0, _X1, _Y1, _Segment, _Mm, Within, Others) ->
+part([], _X0, _Y0, _X1, _Y1, _Segment, _Mm2, Within, Others) ->
     {Within, Others};
-part([{_, {{AX, AY}, {BX, BY}}} = Edge | Near], X0, Y0, X1, Y1, Segment, Mm, Within, Others) when
+part([{_, {{AX, AY}, {BX, BY}}} = Edge | Near], X0, Y0, X1, Y1, Segment, Mm2, Within, Others) when
     AX =< X0, BX =< X0; AX >= X1, BX >= X1; AY =< Y0, BY =< Y0; AY >= Y1, BY >= Y1
 ->
-    part(Near, X0, Y0, X1, Y1, Segment, Mm, Within, [Edge | Others]);
-part([{E, S} = Edge | Near], X0, Y0, X1, Y1, Segment, Mm, Within, Others) ->
-    case starl_geometry:closer(S, Segment, Mm) of
-        true -> part(Near, X0, Y0, X1, Y1, Segment, Mm, [E | Within], Others);
-        false -> part(Near, X0, Y0, X1, Y1, Segment, Mm, Within, [Edge | Others])
+    part(Near, X0, Y0, X1, Y1, Segment, Mm2, Within, [Edge | Others]);
+part([{E, S} = Edge | Near], X0, Y0, X1, Y1, Segment, Mm2, Within, Others) ->
+    case starl_geometry:closer2(S, Segment, Mm2) of
+        true -> part(Near, X0, Y0, X1, Y1, Segment, Mm2, [E | Within], Others);
+        false -> part(Near, X0, Y0, X1, Y1, Segment, Mm2, Within, [Edge | Others])
     end.
 
 flood([], _Open, _Graph, Seen) ->
@@ -284,8 +284,9 @@ joints(P, K, Radius, #graph{vertex_grid = Grid, world = {W, H}} = Graph) ->
     Near = starl_grid:near({P, P}, Radius, Grid),
     case length(Near) >= K orelse Radius > W + H of
         true ->
-            Sorted = lists:sort([{starl_geometry:distance(P, point(V, Graph)), V} || V <- Near]),
-            lists:sublist(Sorted, K);
+            %% keysort is stable, and they come by number
+            Away = [{starl_geometry:distance(P, point(V, Graph)), V} || V <- Near],
+            lists:sublist(lists:keysort(1, Away), K);
         false ->
             joints(P, K, 2.0 * Radius, Graph)
     end.
