@@ -24,9 +24,11 @@ within(Reach, {A, B} = Segment, {C, D} = Other) ->
         Length when Length < 1.0e-9 ->
             dot_within(starl_geometry:point_segment(A, Other) =< Reach, Length);
         Length ->
-            U = direction(A, B, Length),
-            Parts = [disc(Reach, A, U, C), disc(Reach, A, U, D), strip(Reach, A, U, C, D)],
-            hull([Part || {_, _} = Part <- Parts], Length)
+            %% mostly ink follows its line from end to end
+            case is_near(A, Other, Reach) andalso is_near(B, Other, Reach) of
+                true -> {0.0, Length};
+                false -> part_within(Reach, A, direction(A, B, Length), Length, C, D)
+            end
     end.
 
 %% @doc Adds a part to ascending, disjoint parts.
@@ -49,6 +51,12 @@ gap(From, _Length, [{Low, _} | _]) when Low - From > ?SLACK_MM -> {From, Low};
 gap(From, Length, [{_, High} | Parts]) -> gap(max(From, High), Length, Parts).
 
 %% -- internals ------------------------------------------------------------------------------
+
+is_near(P, Segment, Reach) -> starl_geometry:point_segment2(P, Segment) < Reach * Reach.
+
+part_within(Reach, A, U, Length, C, D) ->
+    Parts = [disc(Reach, A, U, C), disc(Reach, A, U, D), strip(Reach, A, U, C, D)],
+    hull([Part || {_, _} = Part <- Parts], Length).
 
 dot_within(true, Length) -> {0.0, Length};
 dot_within(false, _Length) -> none.

@@ -25,9 +25,10 @@
     passed = 0 :: non_neg_integer(),
     last = {0.0, 0.0} :: point(),
     unreported_mm = 0.0 :: float(),
-    %% all edges known to be painted, and own ones not yet in a request that was answered
-    painted = [] :: [edge_id()],
-    fresh = [] :: [edge_id()]
+    %% own edges that are painted and not yet in a request that was answered, and all others that
+    %% are known to be painted
+    fresh = [] :: [edge_id()],
+    painted = [] :: [edge_id()]
 }).
 -opaque t() :: #track{}.
 
@@ -80,7 +81,7 @@ reached(N, {Point, Pen}, #track{last = Last, unreported_mm = Mm} = Track) ->
 paint(up, Track) ->
     Track;
 paint({down, Edge}, #track{fresh = Fresh} = Track) ->
-    learn([Edge], Track#track{fresh = lists:umerge([Edge], Fresh)}).
+    Track#track{fresh = lists:umerge([Edge], Fresh)}.
 
 %% @doc The waypoint that it reached last, or where its path begins.
 -spec last(t()) -> point().
@@ -103,7 +104,7 @@ place(_Where, #track{nominal = Nominal}) when Nominal =/= unknown -> {standing, 
 
 %% @doc All edges known to be painted, sorted.
 -spec painted(t()) -> [edge_id()].
-painted(#track{painted = Painted}) -> Painted.
+painted(#track{painted = Painted, fresh = Fresh}) -> lists:umerge(Fresh, Painted).
 
 %% @doc These edges, sorted, are painted, too.
 -spec learn([edge_id()], t()) -> t().
@@ -117,4 +118,4 @@ fresh(#track{fresh = Fresh}) -> Fresh.
 
 %% @doc A request was answered.
 -spec answered(t()) -> t().
-answered(Track) -> Track#track{fresh = []}.
+answered(#track{fresh = Fresh} = Track) -> learn(Fresh, Track#track{fresh = []}).
