@@ -4,7 +4,7 @@
 -module(starl_dpp_follow).
 
 -export([new/1, join/2, coordinator/1, term/1, answers/3]).
--export([recover/4, beat/4, missed/2, lead/1]).
+-export([recover/4, beat/4, missed/2, lead/1, restarted/1]).
 -export([tell/4]).
 -export([asked/2, in_no_time/2, leave_us/2]).
 -export_type([t/0, ballot/0, turn/0]).
@@ -94,10 +94,10 @@ beat(Source, {Term, Seq, Stamps}, Now, #follow{term = Term, self = Self, granted
 beat(Source, {Term, Seq, _Stamps}, Now, F) ->
     recover(Source, {Term, Seq, true}, Now, F).
 
-%% The coordinator of the own robot hears of the term, too.
-follow(Source, Term, Now, #follow{self = Self} = F) ->
+%% The coordinator of the own robot hears of a new term, too.
+follow(Source, Term, Now, #follow{self = Self, term = Known} = F) ->
     Following = F#follow{coordinator = Source, term = Term, heard = Now},
-    Led = [{cast, dpp_coordinator, {led, Term}} || Source =/= Self],
+    Led = [{cast, dpp_coordinator, {led, Term}} || Source =/= Self, Term =/= Known],
     {Following, Led ++ missing(Following)}.
 
 here(Seq, Now, #follow{wanted = none, here = Last, term = Term} = F) when
@@ -112,6 +112,12 @@ here(_Seq, _Now, F) ->
 -spec missed(Now :: integer(), t()) -> boolean().
 missed(_Now, #follow{heard = none}) -> true;
 missed(Now, #follow{heard = Heard, short_us = Short}) -> Now - Heard > Short.
+
+%% @doc The own robot's coordinator has forgotten all terms: it claims the next one if it led the
+%% last, else it hears of that.
+-spec restarted(t()) -> [starl_machine:action()].
+restarted(#follow{coordinator = Self, self = Self} = F) -> lead(F);
+restarted(#follow{term = Term}) -> [{cast, dpp_coordinator, {led, Term}}].
 
 %% @doc The own robot is to claim the next term; later again.
 -spec lead(t()) -> [starl_machine:action()].

@@ -109,8 +109,8 @@ event(info, {restarted, sap}, _Where, _Part) ->
     {keep_state_and_data, listen()};
 event(info, {restarted, motion}, Where, Part) ->
     {keep_state, Part, go_on(Where, Part)};
-event(info, {restarted, dpp_coordinator}, _Where, #part{self = Self, follow = F} = Part) ->
-    {keep_state, Part, lists:append([starl_dpp_follow:lead(F) || coordinator(Part) =:= Self])};
+event(info, {restarted, dpp_coordinator}, _Where, #part{follow = Follow} = Part) ->
+    {keep_state, Part, starl_dpp_follow:restarted(Follow)};
 event(info, {restarted, _}, _Where, _Part) ->
     keep_state_and_data;
 event(_, _, _, _) ->
