@@ -44,6 +44,10 @@
 %% Feet stay this many R from the ring's corners: spurs around a corner are then 2.12 R apart.
 -define(SPACING, 2.5).
 %% Mean spacing of the roadmap's points in R.
+-define(REACH, 1.3).
+%% How many times that spacing two points of it may be apart and be joined: five neighbours or so.
+%% Ways are cut short where a straight line is clear, so more of them make no way shorter: pictures
+%% take as long to paint as with 1.7 (nine neighbours), and searches cost more.
 -define(MOST_POINTS, 2000).
 
 %% @doc Places `N' robots, numbered from 1, around the walls.
@@ -78,7 +82,7 @@ travel(#{ring := Ring, spots := Spots, feet := Feet} = Layout, R, Picture, Seed)
     Inside = RingVs ++ SampleVs,
     Spurs = [{V, foot(maps:get(Id, Feet), RingVs)} || {Id, {V, _}} <- lists:zip(Robots, SpotVs)],
     {TargetVs, _} = number(Targets, 1),
-    Edges = Spurs ++ around([V || {V, _} <- RingVs]) ++ mesh(RingVs, SampleVs, 1.7 * Spacing)
+    Edges = Spurs ++ around([V || {V, _} <- RingVs]) ++ mesh(RingVs, SampleVs, ?REACH * Spacing)
         ++ links(sparse(TargetVs, R), Inside, Spacing),
     #{points => [P || {_, P} <- RingVs ++ SpotVs ++ SampleVs],
       edges => Edges ++ bridges(Inside, TargetVs, TargetEdges ++ Edges, Spacing),
