@@ -16,7 +16,8 @@
     crashed_robot_does_not_vote/1, earlier_term_is_refused/1, vote_is_kept/1,
     leader_is_followed_without_vote/1, leave_ends_for_good/1, beats_prolong_leave/1,
     late_assignment_is_void/1, missing_coordinator_is_replaced/1,
-    painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1
+    painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1,
+    own_coordinator_hears_of_each_term/1
 ]).
 
 -define(S, 1000000).
@@ -35,7 +36,7 @@ all() ->
         earlier_term_is_refused, vote_is_kept, leader_is_followed_without_vote,
         leave_ends_for_good, beats_prolong_leave, late_assignment_is_void,
         missing_coordinator_is_replaced, painted_goes_with_the_next_request,
-        passed_is_told_now_and_then
+        passed_is_told_now_and_then, own_coordinator_hears_of_each_term
     ].
 
 %% A request says where the robot stands: it is stopped first, then located.
@@ -220,6 +221,22 @@ passed_is_told_now_and_then(_) ->
     {_, P2} = drive(Id, 2, P1),
     {Far, _} = drive(Id, 3, P2),
     ?assertEqual([{4, {{1, 4}, Id, 3}}], sent(dpp_passed, Far)).
+
+%% The robot's own coordinator machine hears of a new term, by a claim or a beat, not of the same
+%% one again; when it was restarted it has forgotten, and hears of it once more.
+own_coordinator_hears_of_each_term(_) ->
+    Told = fun(Actions) -> [Term || {cast, dpp_coordinator, {led, Term}} <- Actions] end,
+    {Claim, P1} = recover(4, {1, 4}, joined()),
+    ?assertEqual([{1, 4}], Told(Claim)),
+    {Beat, P2} = step(cast, {message, 4, dpp_beat, {{1, 4}, 8, []}}, P1),
+    ?assertEqual([], Told(Beat)),
+    {Crash, P3} = step(info, {restarted, dpp_coordinator}, P2),
+    ?assertEqual([{cast, dpp_coordinator, {led, {1, 4}}}], Crash),
+    {Other, P4} = step(cast, {message, 3, dpp_beat, {{2, 3}, 5, []}}, P3),
+    ?assertEqual([{2, 3}], Told(Other)),
+    {_, P5} = step(cast, {message, 1, dpp_beat, {{3, 1}, 5, []}}, P4),
+    {Own, _} = step(info, {restarted, dpp_coordinator}, P5),
+    ?assertMatch([{cast, dpp_coordinator, {lead, 3}} | _], Own).
 
 %% -- helpers --------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 -module(starl_geometry_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--import(starl_geometry, [segment_segment/2, point_segment/2, intersection/2, closer/3]).
+-import(starl_geometry, [segment_segment/2, point_segment/2, intersection/2, closer/3, closer2/3]).
 
 near(A, B) -> abs(A - B) < 1.0e-9.
 
@@ -79,12 +79,14 @@ pieces_of_one_line_random_test() ->
             andalso intersection({A, B}, {C, D}) =:= none
     end).
 
-%% closer/3 is the comparison of the distance, on either side of it.
+%% closer/3 is the comparison of the distance, on either side of it; closer2/3 that of the square.
 closer_random_test() ->
     each(300, fun(Xs) ->
         [S, T] = segments(Xs),
         D = segment_segment(S, T),
-        closer(S, T, D + 0.001) andalso not closer(S, T, max(0.0, D - 0.001))
+        {More, Less} = {D + 0.001, max(0.0, D - 0.001)},
+        closer(S, T, More) andalso not closer(S, T, Less)
+            andalso closer2(S, T, More * More) andalso not closer2(S, T, Less * Less)
     end).
 
 %% Whole numbers, as in a configuration that was written by hand, are as good as floats.

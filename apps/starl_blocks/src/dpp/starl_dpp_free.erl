@@ -64,7 +64,8 @@ fold_on({E, true, Rest}, Fun, Acc0) ->
 %% Looks at the ends of the edges anew.
 update(Edges, #free{graph = Graph, edges = Free, steps = Steps0} = All) ->
     Look = fun(V, Steps) ->
-        Left = [Step || {E, _, _, _} = Step <- starl_dpp_graph:lines(V, Graph), is_map_key(E, Free)],
+        Lines = starl_dpp_graph:lines(V, Graph),
+        Left = [Step || {E, _, _, _} = Step <- Lines, is_map_key(E, Free)],
         starl_dpp_array:put(V, Left, Steps)
     end,
     Ends = lists:append([tuple_to_list(starl_dpp_graph:ends(E, Graph)) || E <- Edges]),

@@ -149,23 +149,20 @@ away(Steps, {X, Y} = P, Others, Mm) ->
 
 clearance(Graph) -> 2.0 * starl_dpp_graph:radius(Graph) + ?MARGIN.
 
-%% Segments that follow each other and fit into a box as wide as the clearance on both sides, from
-%% the last to the first: what is near is looked up once for all of them.
+%% Segments that follow each other and fit into a box twice as wide as the clearance, from the last
+%% to the first: what is near is looked up once for all of them.
 groups([First | Segments], Mm) ->
-    Grow = fun(S, {Box, Group, Groups}) ->
-        Wider = starl_geometry:box([corner(I, B) || B <- [Box, starl_geometry:box(S)], I <- [1, 3]]),
-        case Wider of
-            {X0, Y0, X1, Y1} when X1 - X0 =< 2.0 * Mm, Y1 - Y0 =< 2.0 * Mm ->
-                {Wider, [S | Group], Groups};
+    Join = fun(S, [{Box, Group} | Groups]) ->
+        case around(Box, S) of
+            {X0, Y0, X1, Y1} = Wider when X1 - X0 =< 2.0 * Mm, Y1 - Y0 =< 2.0 * Mm ->
+                [{Wider, [S | Group]} | Groups];
             _ ->
-                {starl_geometry:box(S), [S], [{Box, Group} | Groups]}
+                [{starl_geometry:box(S), [S]}, {Box, Group} | Groups]
         end
     end,
-    Alone = {starl_geometry:box(First), [First], []},
-    {Box, Group, Groups} = lists:foldl(Grow, Alone, Segments),
-    [{Box, Group} | Groups].
+    lists:foldl(Join, [{starl_geometry:box(First), [First]}], Segments).
 
-corner(I, Box) -> {element(I, Box), element(I + 1, Box)}.
+around({X0, Y0, X1, Y1}, {P, Q}) -> starl_geometry:box([{X0, Y0}, {X1, Y1}, P, Q]).
 
 hold([], _Bit, _Graph, Held) ->
     Held;
@@ -187,7 +184,8 @@ block(Bit, Edges, Masks) ->
     lists:foldl(Block, Masks, Edges).
 
 free(Bit, Items, Masks) ->
-    Free = fun(E, Acc) -> starl_dpp_array:put(E, starl_dpp_array:get(E, Acc) band bnot Bit, Acc) end,
+    Others = bnot Bit,
+    Free = fun(E, Acc) -> starl_dpp_array:put(E, starl_dpp_array:get(E, Acc) band Others, Acc) end,
     lists:foldl(fun({_, Edges}, Acc) -> lists:foldl(Free, Acc, Edges) end, Masks, Items).
 
 items(Robot, #unsafe{held = Held}) ->

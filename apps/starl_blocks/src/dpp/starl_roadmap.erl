@@ -222,7 +222,8 @@ neighbours(Edges, Vertices) ->
     Join = fun({V, W}, Acc) -> Add(W, V, Add(V, W, Acc)) end,
     lists:foldl(Join, starl_dpp_array:new(Vertices, []), Edges).
 
-flood(Root, Neighbours, Seen) -> flood_on([Root], Neighbours, starl_dpp_array:put(Root, true, Seen)).
+flood(Root, Neighbours, Seen) ->
+    flood_on([Root], Neighbours, starl_dpp_array:put(Root, true, Seen)).
 
 flood_on([], _Neighbours, Seen) ->
     Seen;

@@ -1,0 +1,109 @@
+%% The job that is chosen is the one with the most ink per distance of all there are: what is not
+%% looked at, since it cannot win, would not have won.
+-module(starl_dpp_choice_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% More than any chain has here.
+-define(HORIZON, 9000.0).
+
+the_best_of_all_test_() ->
+    [{timeout, 30, fun() -> the_best_of_all(Seed) end} || Seed <- lists:seq(1, 50)].
+
+the_best_of_all(Seed) ->
+    {View, At} = drawn(rand:seed_s(exsss, Seed)),
+    ?assertEqual({Seed, plain(View)}, {Seed, painted(At, View, ?HORIZON)}).
+
+%% The edges that the job paints.
+painted(At, View, Horizon) ->
+    Settings = #{horizon => Horizon, overhead_mm => 100.0, middle => 0.7},
+    case starl_dpp_choice:best(At, View, Settings) of
+        {ok, #{path := Path}} -> [E || {_, {down, E}} <- Path];
+        none -> none
+    end.
+
+%% The edge on which the horizon is passed is the last one.
+up_to_the_horizon_test() ->
+    At = {2000.0, 5000.0},
+    {ok, Plan0} = starl_dpp_plan:new((config([{At, {3000.0, 5000.0}}]))#{edge_length => 100.0}),
+    Plan1 = starl_dpp_plan:standing(2, {7000.0, 7000.0}, Plan0),
+    View = starl_dpp_plan:view(1, starl_dpp_plan:standing(1, At, Plan1)),
+    [?assertEqual({Horizon, N}, {Horizon, length(painted(At, View, Horizon))})
+     || {Horizon, N} <- [{50.0, 1}, {450.0, 5}, {1500.0, 10}]].
+
+%% Every chain from every vertex that can be reached.
+plain(#{robot := Robot} = View) ->
+    Space = starl_dpp_route:space([Robot], View),
+    Starts = starl_dpp_route:starts(
+        starl_dpp_route:nearby(View), starl_dpp_route:obstacles(View), View
+    ),
+    Visit = fun(V, Cost, Heading, Acc) -> {continue, infinity, [{V, Cost, Heading} | Acc]} end,
+    {_, Visited} = starl_dpp_search:run(Starts, Space, Visit, []),
+    Chains = [
+        {score(V, Cost, Chain, View), [E || {E, _, _} <- Chain]}
+     || {V, Cost, In} <- lists:reverse(Visited), Step <- open(V, [], Space, View),
+        Chain <- [chain(Step, In, [], Space, View)]
+    ],
+    case Chains of
+        [] -> none;
+        [First | Rest] -> element(2, lists:foldl(fun better/2, First, Rest))
+    end.
+
+better({Score, _} = Chain, {Best, _}) when Score > Best -> Chain;
+better(_Chain, Best) -> Best.
+
+score(V, Cost, Chain, #{free := Free}) ->
+    Middle = case length(starl_dpp_free:steps(V, Free)) rem 2 of 0 -> 0.7; 1 -> 1.0 end,
+    Ink = lists:sum([Mm || {_, Mm, _} <- Chain]),
+    Middle * Ink / (Cost + Ink + lists:sum([Turn || {_, _, Turn} <- Chain]) + 100.0).
+
+%% Straight on along open lines.
+chain({E, W, Length, Out}, In, Used, #{turn_mm := TurnMm} = Space, View) ->
+    Link = {E, Length, starl_dpp_search:turn(In, Out, TurnMm)},
+    Next = [
+        {starl_dpp_search:turn(Out, Heading, TurnMm), Step}
+     || {_, _, _, Heading} = Step <- open(W, [E | Used], Space, View)
+    ],
+    case lists:sort(Next) of
+        [{_, Step} | _] -> [Link | chain(Step, Out, [E | Used], Space, View)];
+        [] -> [Link]
+    end.
+
+open(V, Used, #{masks := Masks, own := Own}, #{free := Free, graph := Graph}) ->
+    [Step || {E, _, _, _} = Step <- starl_dpp_graph:lines(V, Graph), starl_dpp_free:has(E, Free),
+             starl_dpp_array:get(E, Masks) band (bnot Own) =:= 0, not lists:member(E, Used)].
+
+%% Up to nine lines, some of which cross, some of whose parts are taken, and a robot among them.
+%% They have no more ends than a search tries.
+drawn(Rand0) ->
+    {[N, X, Y, P, Q | Numbers], _} = draws(60, Rand0),
+    Segments = lists:sublist(lines(Numbers), 3 + trunc(6.9 * N)),
+    {ok, Plan0} = starl_dpp_plan:new((config(Segments))#{edge_length => 900.0}),
+    At = {2000.0 + 5000.0 * X, 2000.0 + 5000.0 * Y},
+    Plan1 = starl_dpp_plan:standing(2, {2000.0 + 5000.0 * P, 2000.0 + 5000.0 * Q}, Plan0),
+    Taken = [E || E <- lists:seq(1, maps:get(total, starl_dpp_plan:counts(Plan0))),
+                  lists:nth(E, Numbers ++ Numbers) < 0.2],
+    Plan = starl_dpp_plan:mark_painted(Taken, starl_dpp_plan:standing(1, At, Plan1)),
+    {starl_dpp_plan:view(1, Plan), At}.
+
+config(Segments) ->
+    #{
+        segments => Segments, world => {9000.0, 9000.0}, robots => [1, 2], tube_radius => 215.0
+    }.
+
+lines([X, Y, A, B | Numbers]) ->
+    From = {2000.0 + 5000.0 * X, 2000.0 + 5000.0 * Y},
+    [{From, away(From, 6.3 * A, 200.0 + 1400.0 * B)} | lines(Numbers)];
+lines(_) ->
+    [].
+
+away({X, Y}, Angle, Mm) ->
+    {inside(X + Mm * math:cos(Angle)), inside(Y + Mm * math:sin(Angle))}.
+
+inside(X) -> max(1500.0, min(7500.0, X)).
+
+draws(0, Rand) ->
+    {[], Rand};
+draws(N, Rand0) ->
+    {X, Rand1} = rand:uniform_s(Rand0),
+    {Rest, Rand2} = draws(N - 1, Rand1),
+    {[X | Rest], Rand2}.

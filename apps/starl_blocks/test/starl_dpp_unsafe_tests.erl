@@ -1,0 +1,127 @@
+%% What is reserved closes just those edges that come nearer than 2R to it (Lemma 7), through any
+%% history of reservations, and what a robot has passed closes nothing any more. All is held against
+%% the plain geometry.
+-module(starl_dpp_unsafe_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(R, 215.0).
+-define(NEAR, (2.0 * ?R + 1.0e-6)).
+
+closes_what_is_near_test_() ->
+    [{timeout, 30, fun() -> closes_what_is_near(Seed) end} || Seed <- lists:seq(1, 8)].
+
+closes_what_is_near(Seed) ->
+    Graph = graph(),
+    Robots = [1, 2, 3, 4],
+    Empty = starl_dpp_unsafe:new(Robots, Graph),
+    Step = fun(I, {Held, Unsafe0, Rand0}) ->
+        {Robot, Rand1} = rand:uniform_s(4, Rand0),
+        {Now, Unsafe, Rand2} = change(Robot, maps:get(Robot, Held, []), Unsafe0, Rand1),
+        Next = Held#{Robot => Now},
+        agree(Next, Unsafe, Graph, {seed, Seed, step, I}),
+        {Next, Unsafe, Rand2}
+    end,
+    lists:foldl(Step, {#{}, Empty, rand:seed_s(exsss, Seed)}, lists:seq(1, 25)).
+
+%% Another reservation, or the first segments of the present one are given up.
+change(Robot, Held, Unsafe, Rand0) ->
+    {X, Rand1} = rand:uniform_s(Rand0),
+    case Held of
+        [_ | _] when X < 0.5 ->
+            N = trunc(X * 2.0 * (length(Held) + 1)),
+            Kept = lists:nthtail(min(N, length(Held) - 1), Held),
+            {Kept, starl_dpp_unsafe:drop(Robot, N, Unsafe), Rand1};
+        _ ->
+            {Path, Rand2} = path(Rand1),
+            {Path, starl_dpp_unsafe:set(Robot, Path, Unsafe), Rand2}
+    end.
+
+agree(Held, Unsafe, Graph, What) ->
+    Edges = lists:seq(1, starl_dpp_graph:edges(Graph)),
+    Masks = starl_dpp_unsafe:masks(Unsafe),
+    Robots = lists:sort(maps:keys(Held)),
+    Closed = [{Robot, closed(maps:get(Robot, Held), Edges, Graph)} || Robot <- Robots],
+    [begin
+         Bit = starl_dpp_unsafe:bit(Robot, Unsafe),
+         Masked = [E || E <- Edges, starl_dpp_array:get(E, Masks) band Bit =/= 0],
+         ?assertEqual({What, Robot, Near}, {What, Robot, Masked}),
+         ?assertEqual({What, Robot, Near},
+                      {What, Robot, lists:sort(starl_dpp_unsafe:blocks(Robot, Unsafe))}),
+         Own = maps:get(Robot, Held),
+         ?assertEqual({What, Own}, {What, starl_dpp_unsafe:held(Robot, Unsafe)}),
+         {_, End} = lists:last(Own),
+         ?assertEqual({lists:sum([starl_geometry:length(S) || S <- Own]), End},
+                      starl_dpp_unsafe:rest(Robot, Unsafe))
+     end || {Robot, Near} <- Closed],
+    ?assertEqual({What, maps:to_list(Held)}, {What, starl_dpp_unsafe:all(Unsafe)}).
+
+closed(Held, Edges, Graph) ->
+    [E || E <- Edges, lists:any(
+        fun(S) -> starl_geometry:segment_segment(S, starl_dpp_graph:segment(E, Graph)) < ?NEAR end,
+        Held
+    )].
+
+%% A line is clear if it stays 2R from all that the others hold; for a robot that is nearer than
+%% that to another already, if it comes no nearer to that one.
+clear_of_the_others_test_() ->
+    [fun() -> clear_of_the_others(Seed) end || Seed <- lists:seq(1, 20)].
+
+clear_of_the_others(Seed) ->
+    {Paths, Rand} = paths(4, rand:seed_s(exsss, Seed)),
+    [[{P, _} | _] | Others] = Paths,
+    Unsafe = lists:foldl(
+        fun({Robot, Path}, Acc) -> starl_dpp_unsafe:set(Robot, Path, Acc) end,
+        starl_dpp_unsafe:new([1, 2, 3, 4], graph()),
+        [{1, [{P, P}]} | lists:zip([2, 3, 4], Others)]
+    ),
+    {Lines, _} = path(20, P, Rand),
+    Obstacles = starl_dpp_unsafe:others(1, Unsafe),
+    [?assertEqual({Seed, Line, is_clear(Line, P, Others)},
+                  {Seed, Line, starl_dpp_unsafe:clear(Line, Obstacles)}) || Line <- Lines].
+
+is_clear(Line, P, Others) ->
+    lists:all(
+        fun(Held) ->
+            Now = lists:min([starl_geometry:point_segment(P, S) || S <- Held]),
+            Least = case Now < ?NEAR of true -> Now - 1.0e-6; false -> ?NEAR end,
+            lists:all(fun(S) -> starl_geometry:segment_segment(S, Line) >= Least end, Held)
+        end,
+        Others
+    ).
+
+%% -- what is drawn --------------------------------------------------------------------------
+
+graph() ->
+    {ok, Plan} = starl_dpp_plan:new(#{
+        segments => [{{X, 2000.0}, {X + 900.0, 6500.0}} || X <- [2000.0, 3000.0, 3100.0, 5000.0]],
+        world => {9000.0, 9000.0}, robots => [1, 2, 3, 4], tube_radius => ?R
+    }),
+    starl_dpp_plan:graph(Plan).
+
+paths(0, Rand) ->
+    {[], Rand};
+paths(N, Rand0) ->
+    {Path, Rand1} = path(Rand0),
+    {Paths, Rand2} = paths(N - 1, Rand1),
+    {[Path | Paths], Rand2}.
+
+%% A point, or up to twelve segments, some of them short.
+path(Rand0) ->
+    {X, Rand1} = rand:uniform_s(Rand0),
+    {Y, Rand2} = rand:uniform_s(Rand1),
+    {N, Rand3} = rand:uniform_s(13, Rand2),
+    From = {1500.0 + 6000.0 * X, 1500.0 + 6000.0 * Y},
+    case N of
+        13 -> {[{From, From}], Rand3};
+        _ -> path(N, From, Rand3)
+    end.
+
+path(0, _From, Rand) ->
+    {[], Rand};
+path(N, {X, Y} = From, Rand0) ->
+    {A, Rand1} = rand:uniform_s(Rand0),
+    {B, Rand2} = rand:uniform_s(Rand1),
+    Mm = case A < 0.3 of true -> 60.0; false -> 500.0 end,
+    To = {X + Mm * math:cos(6.3 * B), Y + Mm * math:sin(6.3 * B)},
+    {Path, Rand3} = path(N - 1, To, Rand2),
+    {[{From, To} | Path], Rand3}.
