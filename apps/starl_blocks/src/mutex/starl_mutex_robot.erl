@@ -4,7 +4,8 @@
 -module(starl_mutex_robot).
 
 -export([owner/3, sap_restarted/1]).
--export([route/5, supersede/3, receive_token/4, granted/4, refused/3, announced/4, handed/4]).
+-export([route/5, supersede/3, receive_token/4, granted/4, refused/3]).
+-export([announced/4, knows/4, handed/4]).
 -export([renew/2, lapse/2, unlock/2, orphan/3]).
 
 -export_type([nonce/0]).
@@ -70,6 +71,12 @@ announced(Token, Fence, Owner, Robot) ->
                 fun({Request, Known}, R) -> route(Token, Request, Known, home, R) end, Told, Early
             )
     end.
+
+%% @doc Does an announcement of this owner change nothing?
+-spec knows(token(), fence(), starl:robot_id(), t()) -> boolean().
+knows(Token, Fence, Owner, Robot) ->
+    Owners = starl_mutex_state:owners(Robot),
+    starl_mutex_owners:announced(Token, Fence, Owner, Owners) =:= known.
 
 %% -- tokens ---------------------------------------------------------------------------------
 

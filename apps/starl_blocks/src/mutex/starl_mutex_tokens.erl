@@ -55,11 +55,20 @@ init(Config) ->
     starl_machine:event_type(), term(), ready, starl_mutex_state:t(), starl_machine:meta()
 ) -> starl_machine:result().
 handle_event(Type, Content, ready, Robot, #{now := Now}) ->
-    Current = starl_mutex_acquire:lapse_all(starl_mutex_state:at(Now, Robot)),
-    case event(Type, Content, Current) of
+    case event(Type, Content, current(Type, Content, starl_mutex_state:at(Now, Robot))) of
         unknown_event -> unknown_event;
         Next -> starl_mutex_state:result(starl_mutex_acquire:settle(Next))
     end.
+
+%% What is over is over before anything else is done. Only what was announced before does nothing,
+%% now and for ever: the checker leaves it out.
+current(cast, {message, From, mutex, {owner, Token, Fence}}, Robot) ->
+    case starl_mutex_robot:knows(Token, Fence, From, Robot) of
+        true -> Robot;
+        false -> starl_mutex_acquire:lapse_all(Robot)
+    end;
+current(_Type, _Content, Robot) ->
+    starl_mutex_acquire:lapse_all(Robot).
 
 %% The roles: a robot that wants or has tokens, and the home of some.
 event({call, {Caller, _} = From}, {acquire, Tokens, Us}, Robot) ->
