@@ -6,13 +6,6 @@
 
 -export([machine/1]).
 
-%% What a coordinator is made of.
--define(PARTS, [
-    starl_dpp_coordinator, starl_dpp_serve, starl_dpp_plan, starl_dpp_assign, starl_dpp_unsafe,
-    starl_dpp_choice, starl_dpp_route, starl_dpp_search, starl_dpp_yield, starl_dpp_spots,
-    starl_dpp_graph, starl_planar, starl_roadmap
-]).
-
 %% Module, function, its new text.
 edits("captive") ->
     [{starl_dpp_route, space, "
@@ -45,32 +38,63 @@ edits("crossed") ->
             Weld = #weld{tolerance = maps:get(tolerance, Options, 0.05)},
             {Lines, Welded} = lists:mapfoldl(fun weld_segment/2, Weld, Segments),
             divide(unique(Lines), Welded, infinity)."},
-     {starl_dpp_graph, within, "
-        within({P, Q}, {Mm, Wanted}, Graph) ->
-            [E || E <- sound_within({P, Q}, {Mm, Wanted}, Graph), {A, B} <- [segment(E, Graph)],
-                  lists:any(fun(End) -> starl_geometry:point_segment(End, {P, Q}) < Mm end, [A, B])
-                  orelse lists:any(
-                      fun(End) -> starl_geometry:point_segment(End, {A, B}) < Mm end, [P, Q])]."}].
+     {starl_dpp_graph, part, "
+        part({P, Q} = Segment, Mm, Near) ->
+            {Edges, _} = sound_part(Segment, Mm, Near),
+            Is = fun({E, {A, B}}) ->
+                lists:member(E, Edges) andalso lists:any(fun(Mms) -> Mms < Mm end,
+                    [starl_geometry:point_segment(End, Segment) || End <- [A, B]] ++
+                    [starl_geometry:point_segment(End, {A, B}) || End <- [P, Q]])
+            end,
+            {Close, Others} = lists:partition(Is, Near),
+            {[E || {E, _} <- Close], Others}."}].
 
 %% The coordinator's module with the bug.
 machine(Bug) ->
     Machine = renamed(starl_dpp_coordinator, Bug),
     case erlang:module_loaded(Machine) of
         true -> ok;
-        false -> lists:foreach(fun(Part) -> build(Part, Bug) end, lists:reverse(?PARTS))
+        false -> build_all(Bug)
     end,
     Machine.
 
-renamed(Part, Bug) -> list_to_atom(atom_to_list(Part) ++ "_" ++ Bug).
+build_all(Bug) ->
+    _ = application:load(starl_blocks),
+    Parts = parts([starl_dpp_coordinator], #{}),
+    %% an edit of a module that the coordinator does not use would change nothing
+    [] = [Part || {Part, _, _} <- edits(Bug), not is_map_key(Part, Parts)],
+    maps:foreach(fun(Part, Forms) -> build(Part, Forms, Parts, Bug) end, Parts).
 
-build(Part, Bug) ->
+%% What a coordinator is made of, with their forms: the modules of its application that it names,
+%% and that these name.
+parts([], Parts) ->
+    Parts;
+parts([Part | Others], Parts) when is_map_key(Part, Parts) ->
+    parts(Others, Parts);
+parts([Part | Others], Parts) ->
+    {ok, All} = application:get_key(starl_blocks, modules),
+    Forms = forms(Part),
+    Named = [Name || {function, _, _, _, Clauses} <- Forms, Name <- atoms(Clauses)],
+    parts([Name || Name <- Named, lists:member(Name, All)] ++ Others, Parts#{Part => Forms}).
+
+forms(Part) ->
     {Part, Beam, _} = code:get_object_code(Part),
     {ok, {Part, [{abstract_code, {raw_abstract_v1, Forms}}]}} =
         beam_lib:chunks(Beam, [abstract_code]),
+    Forms.
+
+atoms({atom, _, Name}) -> [Name];
+atoms(Term) when is_tuple(Term) -> atoms(tuple_to_list(Term));
+atoms([Head | Tail]) -> atoms(Head) ++ atoms(Tail);
+atoms(_Term) -> [].
+
+renamed(Part, Bug) -> list_to_atom(atom_to_list(Part) ++ "_" ++ Bug).
+
+build(Part, Forms, Parts, Bug) ->
     Edits = [{Name, Text} || {Of, Name, Text} <- edits(Bug), Of =:= Part],
     Edited = lists:foldl(fun edit/2, Forms, Edits),
     Named = renamed(Part, Bug),
-    {ok, Named, Code} = compile:forms(rename(Edited, Bug), [nowarn_unused_function]),
+    {ok, Named, Code} = compile:forms(rename(Edited, Parts, Bug), [nowarn_unused_function]),
     {module, Named} = code:load_binary(Named, atom_to_list(Named), Code).
 
 %% The new function stands where the sound one stood, which follows it.
@@ -86,19 +110,20 @@ defines(Name, Arity, {function, _, Name, Arity, _}) -> true;
 defines(_Name, _Arity, _Form) -> false.
 
 %% Every mention of a part as an atom is meant for the part with the bug; types stay.
-rename([], _Bug) -> [];
-rename([{attribute, Line, module, Part} | Forms], Bug) ->
-    [{attribute, Line, module, renamed(Part, Bug)} | rename(Forms, Bug)];
-rename([{attribute, _, spec, _} | Forms], Bug) -> rename(Forms, Bug);
-rename([{function, _, _, _, _} = Function | Forms], Bug) ->
-    [mentions(Function, Bug) | rename(Forms, Bug)];
-rename([Form | Forms], Bug) -> [Form | rename(Forms, Bug)].
+rename([], _Parts, _Bug) -> [];
+rename([{attribute, Line, module, Part} | Forms], Parts, Bug) ->
+    [{attribute, Line, module, renamed(Part, Bug)} | rename(Forms, Parts, Bug)];
+rename([{attribute, _, spec, _} | Forms], Parts, Bug) -> rename(Forms, Parts, Bug);
+rename([{function, _, _, _, _} = Function | Forms], Parts, Bug) ->
+    [mentions(Function, Parts, Bug) | rename(Forms, Parts, Bug)];
+rename([Form | Forms], Parts, Bug) -> [Form | rename(Forms, Parts, Bug)].
 
-mentions({atom, Line, Name}, Bug) ->
-    case lists:member(Name, ?PARTS) of
+mentions({atom, Line, Name}, Parts, Bug) ->
+    case is_map_key(Name, Parts) of
         true -> {atom, Line, renamed(Name, Bug)};
         false -> {atom, Line, Name}
     end;
-mentions(Term, Bug) when is_tuple(Term) -> list_to_tuple(mentions(tuple_to_list(Term), Bug));
-mentions([Head | Tail], Bug) -> [mentions(Head, Bug) | mentions(Tail, Bug)];
-mentions(Term, _Bug) -> Term.
+mentions(Term, Parts, Bug) when is_tuple(Term) ->
+    list_to_tuple(mentions(tuple_to_list(Term), Parts, Bug));
+mentions([Head | Tail], Parts, Bug) -> [mentions(Head, Parts, Bug) | mentions(Tail, Parts, Bug)];
+mentions(Term, _Parts, _Bug) -> Term.

@@ -1,45 +1,40 @@
-%% The monitors find planted bugs, each within a few seeds, in runs that the sound block comes
-%% through: a sample of what ./starl planted does with all of them.
+%% The monitors find every planted bug, in runs that the sound block comes through: what ./starl
+%% planted does. A change of a block may leave a planted bug without effect; this tells.
 -module(starl_planted_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
--export([one_of_each_block_is_found/1, at_least_one_per_block/1, nothing_is_found_in_the_sound/1]).
+-export([every_bug_is_found/1, at_least_one_per_block/1, nothing_is_found_in_the_sound/1]).
 
-%% One that is found soon, of each block.
--define(SAMPLE, [
-    sap_forgets, sap_restarts, election_incomplete, bully_early, mutex_forgetful_home,
-    barrier_recreated, geocast_clocks, registers_last_heard, dpp_fickle
-]).
-%% Many more than it takes, for a change elsewhere shifts the draws.
--define(SEEDS, 60).
+%% As many as ./starl planted tries; nearly all are found within ten.
+-define(SEEDS, 1000).
 
-suite() -> [{timetrap, {minutes, 3}}].
+suite() -> [{timetrap, {minutes, 10}}].
 
-all() -> [one_of_each_block_is_found, at_least_one_per_block, nothing_is_found_in_the_sound].
+all() -> [every_bug_is_found, at_least_one_per_block, nothing_is_found_in_the_sound].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
 end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
-one_of_each_block_is_found(_) ->
+every_bug_is_found(_) ->
+    Bugs = [Bug || {Bug, _, _} <- starl_planted:bugs()],
+    Found = [{Bug, starl_cli_planted:caught({Bug, ?SEEDS})} || Bug <- Bugs],
+    ct:pal("~p", [Found]),
+    ?assertEqual([], [Bug || {Bug, Other} <- Found, element(1, Other) =/= caught]),
     [
-        begin
-            Found = starl_cli_planted:caught({Bug, ?SEEDS}),
-            ct:pal("~p: ~p", [Bug, Found]),
-            ?assertMatch({Bug, {caught, _, _, _}}, {Bug, Found}),
-            {caught, _, #{contract := Contract}, _} = Found,
-            ?assertEqual({Bug, contract(Bug)}, {Bug, Contract})
-        end
-     || Bug <- ?SAMPLE
+        ?assert(lists:member(Contract, contracts(Bug)), {Bug, Contract})
+     || {Bug, {caught, _, #{contract := Contract}, _}} <- Found
     ].
 
-%% The contract of the block that has the bug.
-contract(Bug) ->
+%% The contracts that the block with the bug is to keep.
+contracts(Bug) ->
     {Bug, Block, _} = lists:keyfind(Bug, 1, starl_planted:bugs()),
     case Block of
-        bully -> election;
-        _ -> Block
+        bully -> [election];
+        %% exercised by painting, which path planning must not keep from its end
+        dpp -> [dpp, painting];
+        _ -> [Block]
     end.
 
 at_least_one_per_block(_) ->
