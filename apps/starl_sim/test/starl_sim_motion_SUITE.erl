@@ -72,8 +72,8 @@ lasted(#{end_us := Us}) -> Us.
 %% The computer stands still in the midst of a leg: the wheels do not turn on.
 pause_ends_at_the_leg(_) ->
     Outcome = drive(#{faults => [{p, 3000, 20000, pause, 1, #{}}]}),
-    ?assert(driven(3500000, 20000000, Outcome) < 0.001),
-    ?assert(driven(2900000, 3500000, Outcome) > 10.0).
+    ?assert(driven(3700000, 20000000, Outcome) < 0.001),
+    ?assert(driven(2900000, 3700000, Outcome) > 10.0).
 
 %% What the robot sees is where it was when the picture got stuck: it does not drive by that.
 frozen_picture_is_not_believed(_) ->

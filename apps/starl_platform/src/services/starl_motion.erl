@@ -38,6 +38,8 @@
 -define(PATIENCE_US, 500000).
 %% How long a wheel that does not turn is left alone between two tries.
 -define(REST_US, 500000).
+%% A robot that stands and was seen so short a time ago is not looked for again.
+-define(SEEN_US, 100000).
 %% A try is longer than the chassis takes to find out (15 ms), and no faster than this, mm/s.
 -define(TRY_US, 20000).
 -define(TRY_SPEED, 100.0).
@@ -63,8 +65,10 @@
     told = {0, 0} :: {ToldUs :: integer(), TakesUs :: non_neg_integer()},
     watch = starl_motion_watch:new() :: starl_motion_watch:t(),
     timed = false :: boolean(),
-    %% the chassis has said that it stands, and nothing else was told it since
+    %% the chassis has said that it stands, and nothing else was told it since; where it was then
+    %% seen to stand, and when
     stands = false :: boolean(),
+    seen = none :: {starl:pose(), AtUs :: integer()} | none,
     %% the speeds of the last command's end
     speeds = {0.0, 0.0} :: {Left :: float(), Right :: float()},
     %% a wheel did not turn, or nobody knows, and nothing has shown since that it does: the next try
@@ -116,8 +120,8 @@ event(state_timeout, ask, locating, #drive{timed = true} = Drive) ->
     stand_still(Drive, []);
 event(state_timeout, ask, locating, Drive) ->
     locate(Drive, []);
-event({reply, N}, {ok, Pose}, locating, #drive{asked = N} = Drive) ->
-    located(Pose, Drive);
+event({reply, N}, {ok, Pose}, locating, #drive{asked = N, now = Now} = Drive) ->
+    located(Pose, Drive#drive{seen = {Pose, Now}});
 event({reply, _}, _, _State, _Drive) ->
     keep_state_and_data;
 event({call, From}, {go_to, Goal}, State, Drive) ->
@@ -136,7 +140,7 @@ to(From, {Start, Goal}, Timed, Drive) ->
 
 %% One that stands looks where; one that drives stops first; one that waits for a wheel goes on so.
 go(stalled, Drive, Actions) -> {keep_state, Drive, Actions};
-go(_State, #drive{stands = true, timed = false} = Drive, Actions) -> locate(Drive, Actions);
+go(_State, #drive{stands = true, timed = false} = Drive, Actions) -> look(Drive, Actions);
 go(_State, Drive, Actions) -> stand_still(Drive, Actions).
 
 stopped(#drive{from = none}) -> [];
@@ -151,11 +155,15 @@ stand_still(Drive, Actions) ->
 command(State, Script, #drive{command = N, now = Now} = Drive) ->
     Us = lists:sum([Us || {_, _, Us} <- Script]),
     Told = Drive#drive{
-        command = N + 1, told = {Now, Us}, stands = false, speeds = last(Script)
+        command = N + 1, told = {Now, Us}, stands = false, seen = still(Script, Drive),
+        speeds = last(Script)
     },
     {next_state, State, Told, [
         {drive, Script, N + 1}, {state_timeout, Us + ?PATIENCE_US, heard_nothing}
     ]}.
+
+still([], #drive{stands = true, seen = Seen}) -> Seen;
+still(_Script, _Drive) -> none.
 
 %% A robot that has no goal rests; one whose clock is wrong has none any more.
 stands(false, #drive{from = From, timed = true} = Drive) when From =/= none ->
@@ -163,7 +171,7 @@ stands(false, #drive{from = From, timed = true} = Drive) when From =/= none ->
 stands(_Agree, #drive{from = none} = Drive) ->
     rest(Drive, []);
 stands(_Agree, #drive{waiting = Waiting} = Drive) ->
-    locate(Drive#drive{waiting = []}, [{reply, From, ok} || From <- Waiting]).
+    look(Drive#drive{waiting = []}, [{reply, From, ok} || From <- Waiting]).
 
 rest(#drive{waiting = Waiting} = Drive, Actions) ->
     Replies = [{reply, From, ok} || From <- Waiting],
@@ -184,6 +192,15 @@ back({Left, Right}) ->
     {-Part * Left, -Part * Right}.
 
 %% -- the course -----------------------------------------------------------------------------
+
+%% Where it stands.
+look(#drive{seen = {Pose, At}, now = Now} = Drive, Actions) when
+    At =< Now, Now - At < ?SEEN_US
+->
+    {next_state, State, Next, Course} = located(Pose, Drive),
+    {next_state, State, Next, Actions ++ Course};
+look(Drive, Actions) ->
+    locate(Drive, Actions).
 
 locate(#drive{asked = N, self = Self} = Drive, Actions) ->
     Ask = [starl_location:pose(Self, N + 1), {state_timeout, ?PATIENCE_US, ask}],

@@ -7,6 +7,8 @@
 %% command; a larger turn is looked at before it drives, so that wheels that slip, or commands that
 %% get lost, cannot send it off in a wrong direction.
 %%
+%% Legs far from the goal are longer than the last ones, as far as that takes it no farther off.
+%%
 %% The bounds. Per leg of length L the heading errs by at most ε, of which nobody knows, by what is
 %% not worth a turn (`turn_from'), and by what slipping wheels take off a turn that nobody looks at
 %% (half of `look_from'), together ε'; the distance by at most δ·L; positions are known to within
@@ -15,7 +17,8 @@
 %% a wheel gets stuck while it turns: until the chassis stops it. A leg that begins d off the line
 %% and aims at it ends at most s + L·ε' off, and between the two it is no farther off than at
 %% both ends. So it is never farther from the line than s + max(g + 3 mm, L·ε')
-%% ({@link tracking_radius/1}).
+%% ({@link tracking_radius/1}). For most profiles g is the larger, so legs that do not lead to the
+%% goal may be longer than L: up to (g + 3 mm) / ε', and at most twice as long.
 -module(starl_motion_course).
 
 -export([profile/1, tracking_radius/1, next/3, turned/3]).
@@ -24,7 +27,7 @@
 
 %% How the robot drives. `speed' and `near_speed' (within `near_mm' of the goal) in mm/s,
 %% `turn_rate' and `near_turn_rate' in rad/s, `leg_s' the time between two looks at the
-%% position, `goal_mm' how near the goal is near enough, `axle_mm' the distance of the wheels.
+%% position near the goal, `goal_mm' how near the goal is near enough, `axle_mm' the distance of the wheels.
 %% `turn_from' is the least angle worth a turn, `look_from' (but never less than the heading's
 %% error) the least turn worth a look, rad.
 %% The bounds of the errors: `heading_error' in rad and `distance_error' as a fraction per leg,
@@ -58,6 +61,8 @@
 
 %% The part of a turn that slipping wheels may take off.
 -define(SLIP, 0.5).
+%% How much longer than the last a leg may be.
+-define(LONGER, 2.0).
 %% How long the chassis takes to find out that a wheel is stuck.
 -define(STALL_S, 0.015).
 
@@ -84,10 +89,18 @@ profile(Overrides) ->
 
 %% @doc r(v): how far from the straight line the robot may be while it drives, in millimetres.
 -spec tracking_radius(profile()) -> float().
-tracking_radius(#{goal_mm := Goal, turn_from := TurnFrom} = Profile) ->
-    #{heading_error := Error, position_error_mm := Position} = Profile,
-    Aside = length_mm(Profile) * (Error + TurnFrom + ?SLIP * look_from(Profile)),
-    Position + max(Goal + stall_mm(Profile), Aside).
+tracking_radius(#{goal_mm := Goal} = Profile) ->
+    #{position_error_mm := Position} = Profile,
+    Position + max(Goal + stall_mm(Profile), length_mm(Profile) * aside(Profile)).
+
+%% ε': how far off it ends for each millimetre of a leg.
+aside(#{heading_error := Error, turn_from := TurnFrom} = Profile) ->
+    Error + TurnFrom + ?SLIP * look_from(Profile).
+
+%% How much longer than the last leg one may be that does not lead to the goal.
+longer(#{goal_mm := Goal} = Profile) ->
+    Far = (Goal + stall_mm(Profile)) / aside(Profile),
+    max(1.0, min(?LONGER, Far / length_mm(Profile))).
 
 %% The middle of a robot that turns about one wheel moves by half of what the other drives.
 stall_mm(#{turn_rate := Rate, axle_mm := Axle}) -> ?STALL_S * Rate * Axle / 2 / 2.
@@ -106,10 +119,11 @@ next({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
 leg(Here, Distance, Line, Profile) ->
     {Speed, TurnRate} = speeds(Distance, Profile),
     Aim = aim(Here, Distance, Speed, Line, Profile),
-    Longest = Speed * maps:get(leg_s, Profile),
+    Last = Speed * maps:get(leg_s, Profile),
+    Longest = 1.1 * longer(Profile) * Last,
     Length =
         case starl_geometry:distance(Here, Aim) of
-            Far when Far > 2 * Longest -> Longest;
+            Far when Far > Longest -> Last;
             Near -> Near
         end,
     {starl_geometry:heading(Here, Aim), Length, Speed, TurnRate}.
@@ -142,8 +156,9 @@ speeds(_Distance, #{speed := Speed, turn_rate := TurnRate}) ->
     {Speed, TurnRate}.
 
 %% The point of the line from start to goal that lies one leg ahead of the robot; where the
-%% speed changes near the goal, a leg ends.
-aim(Here, Distance, Speed, {Start, Goal}, #{leg_s := LegS, near_mm := Near}) ->
+%% speed changes near the goal, a leg ends. What is left for the last leg is no longer than that
+%% may be.
+aim(Here, Distance, Speed, {Start, Goal}, #{leg_s := LegS, near_mm := Near} = Profile) ->
     ToChange =
         case Distance > Near of
             true -> max(Distance - Near, 1.0);
@@ -151,7 +166,8 @@ aim(Here, Distance, Speed, {Start, Goal}, #{leg_s := LegS, near_mm := Near}) ->
         end,
     Length = starl_geometry:distance(Start, Goal),
     Along = starl_geometry:distance(Start, starl_geometry:closest_point(Here, {Start, Goal})),
-    Ahead = Along + min(Speed * LegS, ToChange),
+    Last = Speed * LegS,
+    Ahead = Along + min(ToChange, max(Last, min(longer(Profile) * Last, ToChange - 0.9 * Last))),
     case Length =< 0.0 orelse Ahead >= Length of
         true -> Goal;
         false -> starl_geometry:interpolate(Start, Goal, Ahead / Length)
