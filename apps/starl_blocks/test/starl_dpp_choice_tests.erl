@@ -15,7 +15,9 @@ the_best_of_all(Seed) ->
 
 %% The edges that the job paints.
 painted(At, View, Horizon) ->
-    Settings = #{horizon => Horizon, overhead_mm => 100.0, middle => 0.7},
+    Settings = #{
+        horizon => Horizon, overhead_mm => 100.0, middle => 0.7, reach => infinity
+    },
     case starl_dpp_choice:best(At, View, Settings) of
         {ok, #{path := Path}} -> [E || {_, {down, E}} <- Path];
         none -> none

@@ -6,15 +6,19 @@
 %% more ink than all open edges that hang together, and there is none where no open edge ends.
 -module(starl_dpp_choice).
 
--export([best/3, all_begin/2]).
+-export([best/3, fold_begins/3]).
 -export_type([settings/0, job/0]).
 
 -type edge_id() :: starl_dpp_graph:edge_id().
 -type point() :: starl_geometry:point().
 -type waypoint() :: {point(), up | {down, edge_id()}}.
--type settings() :: #{horizon := float(), overhead_mm := float(), middle := float()}.
+-type settings() :: #{
+    horizon := float(), overhead_mm := float(), middle := float(),
+    reach := starl_dpp_search:within()
+}.
 %% `horizon': paint per assignment in mm. `overhead_mm': what one more assignment costs. `middle':
-%% the score of a chain that begins in the middle of a line is multiplied by this.
+%% the score of a chain that begins in the middle of a line is multiplied by this. `reach': what
+%% costs more to get to is not looked at.
 -type job() :: #{path := [waypoint()], ink_mm := float(), travel_mm := float()}.
 %% `travel_mm' is driven with the pen up.
 
@@ -26,7 +30,8 @@
     most = 0.0 :: float(),
     longest = 0.0 :: float(),
     overhead :: float(),
-    middle :: float()
+    middle :: float(),
+    reach :: starl_dpp_search:within()
 }).
 -record(best, {
     score = 0.0 :: float(),
@@ -45,27 +50,34 @@
 %% reserved for it.
 -spec best(Stands :: point(), starl_dpp_route:view(), settings()) -> {ok, job()} | none.
 best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
-    #{horizon := Horizon, overhead_mm := Overhead, middle := Middle} = Settings,
+    #{horizon := Horizon, overhead_mm := Overhead, middle := Middle, reach := Reach} = Settings,
     Space = starl_dpp_route:space([Robot], View),
     Task = #task{space = Space, free = Free, horizon = Horizon, overhead = Overhead,
-                 middle = Middle},
+                 middle = Middle, reach = Reach},
     case open_edges(Task) of
         {_, 0} -> none;
         {Most, Ends} -> search(Stands, min(Ends, ?TRIES), bounded(Most, Task), View)
     end.
 
-%% @doc Are all points where work for the robot could begin of this kind? True when there is none.
--spec all_begin(fun((point()) -> boolean()), starl_dpp_route:view()) -> boolean().
-all_begin(Kind, #{robot := Robot, free := Free, graph := Graph} = View) ->
+%% @doc Folds over the points where work for the robot could begin, until told to stop; some come
+%% more than once.
+-spec fold_begins(Fun, Acc, starl_dpp_route:view()) -> Acc when
+    Fun :: fun((point(), Acc) -> {continue, Acc} | {stop, Acc}).
+fold_begins(Fun, First, #{robot := Robot, free := Free, graph := Graph} = View) ->
     #{masks := Masks, own := Own} = starl_dpp_route:space([Robot], View),
-    Is = fun(E, true) ->
-        {A, B} = starl_dpp_graph:segment(E, Graph),
-        case is_blocked(E, Masks, Own) orelse (Kind(A) andalso Kind(B)) of
-            true -> {continue, true};
-            false -> {stop, false}
+    Each = fun(E, Acc) ->
+        case is_blocked(E, Masks, Own) of
+            true -> {continue, Acc};
+            false -> both(Fun, starl_dpp_graph:segment(E, Graph), Acc)
         end
     end,
-    starl_dpp_free:fold_while(Is, true, Free).
+    starl_dpp_free:fold_while(Each, First, Free).
+
+both(Fun, {A, B}, Acc) ->
+    case Fun(A, Acc) of
+        {continue, Next} -> Fun(B, Next);
+        {stop, _} = Stop -> Stop
+    end.
 
 %%% Internals
 
@@ -122,7 +134,8 @@ search(Stands, Tries, #task{space = Space} = Task, View) ->
     Obstacles = starl_dpp_route:obstacles(View),
     Starts = starl_dpp_route:starts(starl_dpp_route:nearby(View), Obstacles, View),
     Visit = fun(V, Cost, Heading, Acc) -> visit(V, Cost, Heading, Task, Acc) end,
-    case starl_dpp_search:run(Starts, Space, Visit, {Tries, #best{}}) of
+    Nothing = #best{within = Task#task.reach},
+    case starl_dpp_search:run(Starts, Space, Visit, {Tries, Nothing}) of
         {_, {_, #best{chain = []}}} ->
             none;
         {Labels, {_, #best{from = V} = Best}} ->
@@ -159,8 +172,8 @@ visit(V, Cost, Heading, Task, {Tries, #best{score = Score, within = Within} = Be
     end.
 
 %% No vertex that costs more can win: a hair above where the bound meets the score, for rounding.
-within(#task{most = Most, overhead = Overhead}, Score) ->
-    (Most / Score - Most - Overhead) * (1.0 + 1.0e-9) + 1.0e-3.
+within(#task{most = Most, overhead = Overhead, reach = Reach}, Score) ->
+    min((Most / Score - Most - Overhead) * (1.0 + 1.0e-9) + 1.0e-3, Reach).
 
 tried(Steps, V, Cost, Heading, #task{free = Free} = Task, Best) ->
     %% To begin in the middle of a line leaves two pieces of it instead of one.
