@@ -19,6 +19,9 @@ commands_test_() ->
         {"no picture", fun() -> says(2, "starl: ", ["run", "painting", "--picture", "no.svg"]) end},
         {"bad table", fun() -> says(2, "starl: table: ", ["table", "--seeds", "0"]) end},
         {"bad bench", fun() -> says(2, "starl: bench: ", ["bench", "ring", "--reps", "x"]) end},
+        {"no such picture", fun() ->
+            says(2, "starl: bench: cannot read ", ["bench", "painting", "--pictures", "nope"])
+        end},
         {"no such bench", fun() -> says(2, "did you mean swarm?", ["bench", "swrm"]) end},
         {"help of one bench", fun() ->
             Text = says(0, "events: timers", ["bench", "events", "--help"]),

@@ -66,9 +66,12 @@ default_out() -> filename:join([starl_cli_target:root(), "out", "bench.json"]).
 
 %% Known before the work is done, and an older file stays until then.
 checked(Kinds, #{out := File} = Options) ->
-    case can_write(File) of
+    Problems = lists:append([problems(Kind, with_defaults(Kind, Options)) || Kind <- Kinds]),
+    case Problems =:= [] andalso can_write(File) of
         ok ->
             measured(Kinds, Options);
+        false ->
+            starl_cli_terminal:bad_input(Problems);
         {error, Posix} ->
             starl_cli_terminal:bad_input([["bench: --out: ", File, ": ", file:format_error(Posix)]])
     end.
@@ -96,7 +99,13 @@ measured(Kinds, #{out := File} = Options) ->
 
 bench(Kind, Options) ->
     starl_cli_terminal:out("\n"),
-    (module(Kind)):run(maps:merge(starl_cli_flags:defaults(flags(Kind)), Options)).
+    (module(Kind)):run(with_defaults(Kind, Options)).
+
+with_defaults(Kind, Options) -> maps:merge(starl_cli_flags:defaults(flags(Kind)), Options).
+
+%% Only this one is given anything that may turn out to be wrong.
+problems(painting, Options) -> starl_cli_bench_painting:problems(Options);
+problems(_Kind, _Options) -> [].
 
 sound(Row) -> proplists:get_value(checks, Row, true).
 
