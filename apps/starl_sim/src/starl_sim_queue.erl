@@ -20,8 +20,8 @@
     Content :: term()
 }.
 
-%% How many windows the wheel holds.
--define(WHEEL, 32).
+%% How many windows the wheel holds: most timers, and the legs that robots drive, end within them.
+-define(WHEEL, 128).
 
 -record(queue, {
     width :: pos_integer(),
