@@ -8,7 +8,8 @@
 -export([
     coordinator_machine_killed/1, coordinator_robot_killed/1, coordinator_robot_reboots/1,
     all_machines_of_some_killed/1, successors_killed/1,
-    coordinator_out_of_range/1, everything_at_once/1, dead_before_the_election/1,
+    coordinator_out_of_range/1, everything_at_once/1, claims_out_of_range/1,
+    dead_before_the_election/1,
     planted_bugs_are_caught/1
 ]).
 
@@ -21,7 +22,8 @@ all() ->
     [
         coordinator_machine_killed, coordinator_robot_killed, coordinator_robot_reboots,
         all_machines_of_some_killed, successors_killed,
-        coordinator_out_of_range, everything_at_once, dead_before_the_election,
+        coordinator_out_of_range, everything_at_once, claims_out_of_range,
+        dead_before_the_election,
         planted_bugs_are_caught
     ].
 
@@ -146,6 +148,25 @@ everything_at_once(_) ->
         end
      || _ <- lists:seq(1, 2 * instants())
     ].
+
+%% Robot 3 parks where it hears robot 4, but not the coordinator, which robot 4 hears, too, and claims
+%% term after term. (Found by everything_at_once: robot 4's vote stayed with robot 3, and the others
+%% changed terms for ever.)
+claims_out_of_range(_) ->
+    Kills = [
+        {260, {1, election}}, {28966, {3, election}}, {35536, {2, app}}, {56089, {1, app}},
+        {60091, {4, app}}, {101474, {2, app}}, {142225, {4, dpp}}
+    ],
+    Given = #{
+        seed => 62810, loss => 0.4, range => 9000, clock_drift => 9000, duplicate => 0.2,
+        faults => [
+            kill(N, Ms, Robot, Machine)
+         || {N, {Ms, {Robot, Machine}}} <- lists:zip(lists:seq(1, length(Kills)), Kills)
+        ]
+    },
+    #{violations := Violations, ends := Ends} = play(Given),
+    ?assertEqual([], Violations),
+    ?assertNot(lists:member(running, Ends)).
 
 %% Nobody has all ballots: path planning finds a coordinator without.
 dead_before_the_election(_) ->

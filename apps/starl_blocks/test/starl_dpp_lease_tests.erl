@@ -85,13 +85,25 @@ vote_test() ->
     {true, V1} = starl_dpp_vote:give(3, 5 * ?S, vote(1)),
     ?assertMatch({false, V1}, starl_dpp_vote:give(4, 14 * ?S, V1)),
     {true, V2} = starl_dpp_vote:give(3, 14 * ?S, V1),
-    ?assertNot(starl_dpp_vote:may(4, 16 * ?S, V2)),
-    ?assert(starl_dpp_vote:may(4, 24 * ?S, V2)).
+    ?assertNot(starl_dpp_vote:may_claim(4, 16 * ?S, V2)),
+    ?assert(starl_dpp_vote:may_claim(4, 24 * ?S, V2)).
+
+%% Whom it has promised its vote may claim, but for while another leads; that one always may. The
+%% promise and the leader are apart.
+claims_do_not_disturb_test() ->
+    {true, V1} = starl_dpp_vote:give(3, 5 * ?S, vote(1)),
+    V2 = starl_dpp_vote:leads(1, 7 * ?S, V1),
+    ?assert(starl_dpp_vote:may_claim(3, 7 * ?S, V1)),
+    ?assertNot(starl_dpp_vote:may_claim(3, 17 * ?S - 1, V2)),
+    ?assert(starl_dpp_vote:may_claim(3, 17 * ?S, V2)),
+    ?assertMatch({false, V2}, starl_dpp_vote:give(1, 15 * ?S - 1, V2)),
+    {true, V3} = starl_dpp_vote:give(1, 15 * ?S, V2),
+    ?assert(starl_dpp_vote:may_claim(1, 16 * ?S, V3)).
 
 %% A machine that has crashed may have voted for anybody just before.
 vote_after_a_crash_test() ->
-    ?assertNot(starl_dpp_vote:may(3, 10 * ?S - 1, vote(2))),
-    ?assert(starl_dpp_vote:may(3, 10 * ?S, vote(2))).
+    ?assertNot(starl_dpp_vote:may_claim(3, 10 * ?S - 1, vote(2))),
+    ?assert(starl_dpp_vote:may_claim(3, 10 * ?S, vote(2))).
 
 %% All vote again before the first claims, and they claim one after the other.
 successors_take_turns_test() ->

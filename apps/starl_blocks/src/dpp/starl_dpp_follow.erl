@@ -68,14 +68,16 @@ answers(Source, Term, #follow{coordinator = Coordinator, term = Known}) ->
 %% -- terms ----------------------------------------------------------------------------------
 
 %% @doc One that claims a term, or leads it, wants to know where the robot is. A lower term is
-%% refused always; a claim, where the vote is promised to another; one that leads has a quorum's
-%% votes and needs none.
+%% refused always; a claim, where the vote is promised to another, or another leads; one that leads
+%% has a quorum's votes and needs none.
 -spec recover(starl:robot_id(), {starl_dpp:term_id(), Seq, Leads :: boolean()}, Now, t()) ->
     {followed | refused, turn()} when Seq :: starl_dpp_lease:seq(), Now :: integer().
 recover(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F) ->
-    Own = Term =:= Known orelse Leads orelse starl_dpp_vote:may(Source, Now, Vote),
+    Own = Term =:= Known orelse Leads orelse starl_dpp_vote:may_claim(Source, Now, Vote),
     case Term >= Known andalso Own of
-        true -> {followed, follow(Source, Term, Now, F#follow{wanted = Seq})};
+        true ->
+            Heard = case Leads of true -> led(Source, Now, F); false -> F end,
+            {followed, follow(Source, Term, Now, Heard#follow{wanted = Seq})};
         false -> {refused, {F, [starl_sap:post(Source, dpp_refused, Known)]}}
     end.
 
@@ -88,11 +90,14 @@ recover(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F)
     Now :: integer().
 beat(Source, {Term, Seq, Stamps}, Now, #follow{term = Term, self = Self, granted = Old} = F) ->
     Granted = max(Old, proplists:get_value(Self, Stamps, Old)),
-    {Following, Actions} = follow(Source, Term, Now, F#follow{granted = Granted}),
+    {Following, Actions} = follow(Source, Term, Now, led(Source, Now, F#follow{granted = Granted})),
     {Answered, Here} = here(Seq, Now, Following),
     {beaten, {Answered, Actions ++ Here}};
 beat(Source, {Term, Seq, _Stamps}, Now, F) ->
     recover(Source, {Term, Seq, true}, Now, F).
+
+led(Source, Now, #follow{vote = Vote} = F) ->
+    F#follow{vote = starl_dpp_vote:leads(Source, Now, Vote)}.
 
 %% The coordinator of the own robot hears of a new term, too.
 follow(Source, Term, Now, #follow{self = Self, term = Known} = F) ->

@@ -1,11 +1,16 @@
-%% @doc A participant's vote: whom it has promised to vote for nobody else, and until when. Pure.
+%% @doc A participant's vote: whom it has promised to vote for nobody else, and until when; and who
+%% leads. Pure.
 %%
 %% A machine that has crashed has forgotten its promise, so it votes for nobody until that must
 %% have ended. A promise is to a robot: of the terms that one robot claims only the latest can
 %% still be led, for there is one coordinator machine on it.
+%%
+%% While one leads that is heard, nobody else can win, whoever has the vote. A robot that hears less
+%% than others, and claims term after term for it, must not be let disturb the one that leads (Ongaro
+%% and Ousterhout, 2014, section 6).
 -module(starl_dpp_vote).
 
--export([new/1, may/3, give/3, missing_us/3]).
+-export([new/1, leads/3, may_claim/3, give/3, missing_us/3]).
 -export_type([t/0]).
 
 %% The next robot in the row claims so much later.
@@ -15,7 +20,8 @@
 -record(vote, {
     long_us :: pos_integer(),
     for = none :: starl:robot_id() | none,
-    until :: integer()
+    until :: integer(),
+    leader = none :: {starl:robot_id(), UntilUs :: integer()} | none
 }).
 -opaque t() :: #vote{}.
 
@@ -28,8 +34,15 @@ new(#{incarnation := Incarnation, now := Now} = Config) ->
         _ -> #vote{long_us = Long, until = Now + Long}
     end.
 
-%% @doc May it vote for this robot?
--spec may(starl:robot_id(), Now :: integer(), t()) -> boolean().
+%% @doc A robot that leads was heard.
+-spec leads(starl:robot_id(), Now :: integer(), t()) -> t().
+leads(Robot, Now, #vote{long_us = Long} = Vote) -> Vote#vote{leader = {Robot, Now + Long}}.
+
+%% @doc May the robot claim a term: could it have the vote, and has no other led for a lease?
+-spec may_claim(starl:robot_id(), Now :: integer(), t()) -> boolean().
+may_claim(Robot, Now, #vote{leader = {Leader, Until}}) when Leader =/= Robot, Now < Until -> false;
+may_claim(Robot, Now, Vote) -> may(Robot, Now, Vote).
+
 may(Robot, Now, #vote{for = For, until = Until}) -> For =:= Robot orelse Now >= Until.
 
 %% @doc Votes for this robot, if it may.
