@@ -13,18 +13,6 @@
 -type plan() :: starl_dpp_plan:t().
 -type path() :: starl_dpp_plan:path().
 
--define(FAR, 2000.0).
-%% Up to this far away a robot gets work even if another will be there first,
--define(LEAD, 1000.0).
-%% which counts when it is so much nearer.
--define(HAIR, 1.0e-3).
-%% More than the rounding errors of a way's length.
--define(EVER, 1.0e300).
--define(FEW, 200).
-%% So many free edges are looked at to see how far a robot would go.
--define(ROUND_ABOUT, 2000.0).
-%% So much more than what is driven may a way cost: its turns, and corners that are cut.
-
 %% @doc Work for a robot that stands: a path that paints at least one free edge, clear of all other
 %% reservations, its own standing place included. `none' when no free edge can be reached safely
 %% now, or only by a long way around robots that move (see `patience'); `complete' when no edge is
@@ -92,9 +80,14 @@ reachable(Live, Plan) ->
 %%% Internals: work
 
 find_work(Robot, Patient, Plan) ->
-    case reach(Robot, Patient, Plan) of
+    Reach =
+        case Patient of
+            true -> starl_dpp_patience:reach(Robot, Plan);
+            false -> infinity
+        end,
+    case Reach of
         none -> {none, Plan};
-        Reach -> search_work(Robot, Patient, Reach, Plan)
+        _ -> search_work(Robot, Patient, Reach, Plan)
     end.
 
 search_work(Robot, Patient, Reach, Plan) ->
@@ -102,84 +95,13 @@ search_work(Robot, Patient, Reach, Plan) ->
     Settings = maps:with([horizon, overhead_mm, middle], starl_dpp_plan:config(Plan)),
     case starl_dpp_choice:best(Really, view(Robot, Plan), Settings#{reach => Reach}) of
         {ok, #{path := Path} = Job} ->
-            case Patient andalso (detour(Robot, Job, Plan)
-                                  orelse better_placed(Robot, Job, Plan)) of
+            case Patient andalso starl_dpp_patience:waits(Robot, Job, Plan) of
                 true -> {none, Plan};
                 false -> {{assign, Path}, starl_dpp_plan:send(Robot, Path, work, Plan)}
             end;
         none ->
             {none, Plan}
     end.
-
-%% What the way to work may cost for a robot that would take it; `none' if it would take no work.
-%% Who is patient refuses what is far: no need to search there. (What is near, but found by a way
-%% round about only, it may miss; it asks again when others have moved.)
-reach(_Robot, false, _Plan) ->
-    infinity;
-reach(Robot, true, Plan) ->
-    case starl_dpp_plan:config(Plan) of
-        #{patience := infinity} ->
-            infinity;
-        #{patience := Patience} ->
-            {P, _} = starl_dpp_plan:stands(Robot, Plan),
-            Rivals = rivals(Robot, Plan),
-            Few = starl_dpp_free:count(starl_dpp_plan:free(Plan)) =< ?FEW,
-            Most = fun(Begin, Acc) -> acceptable(Begin, P, Patience, Rivals, Few, Acc) end,
-            case starl_dpp_choice:fold_begins(Most, none, view(Robot, Plan)) of
-                none -> none;
-                Mm -> Mm + ?ROUND_ABOUT
-            end
-    end.
-
-%% The most that the robot would drive to any of some points. Where there are many, one is near.
-acceptable(Begin, P, {Factor, Mm}, Rivals, Few, Most) ->
-    Straight = starl_geometry:distance(P, Begin),
-    case Factor * Straight + Mm of
-        Far when is_float(Most), Far =< Most ->
-            {continue, Most};
-        Far ->
-            case others_first(Begin, Straight - ?HAIR, Rivals) of
-                true -> {continue, Most};
-                false when not Few -> {stop, ?EVER};
-                false -> {continue, farther(min(Far, first(Begin, Rivals)), Most)}
-            end
-    end.
-
-farther(Mm, none) -> Mm;
-farther(Mm, Most) -> max(Mm, Most).
-
-%% How far the robot may drive to a point if none of these others is to be there first.
-first(Begin, Rivals) ->
-    Before = [Left + starl_geometry:distance(End, Begin) + ?LEAD || {Left, End} <- Rivals],
-    max(?FAR, lists:min([?EVER | Before])).
-
-%% A long way around robots that will soon have moved on is not worth its ink, and closes much to
-%% others: better wait.
-detour(Robot, #{path := Path, travel_mm := Driven}, Plan) ->
-    {P, _} = starl_dpp_plan:stands(Robot, Plan),
-    Straight = case [Q || {Q, up} <- Path] of
-        [] -> 0.0;
-        Points -> starl_geometry:distance(P, lists:last(Points))
-    end,
-    case starl_dpp_plan:config(Plan) of
-        #{patience := infinity} -> false;
-        #{patience := {Factor, Mm}} -> Driven > Factor * Straight + Mm
-    end.
-
-%% Another will be there before this one, counting what it has to drive until then.
-better_placed(Robot, #{path := Path, travel_mm := Driven}, Plan) ->
-    #{patience := Patience} = starl_dpp_plan:config(Plan),
-    Patience =/= infinity andalso Driven > ?FAR
-        andalso others_first(lists:last([Q || {Q, up} <- Path]), Driven, rivals(Robot, Plan)).
-
-others_first(Begin, Driven, Rivals) ->
-    Driven > ?FAR andalso lists:any(fun({Left, End}) ->
-        Left + starl_geometry:distance(End, Begin) + ?LEAD < Driven
-    end, Rivals).
-
-%% What the others have left to drive, and where they will be then.
-rivals(Robot, Plan) ->
-    [starl_dpp_plan:rest(Id, Plan) || {Id, _} <- starl_dpp_plan:spots(Plan), Id =/= Robot].
 
 %%% Internals: getting out of the way
 

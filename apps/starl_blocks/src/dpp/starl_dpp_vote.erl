@@ -5,9 +5,9 @@
 %% have ended. A promise is to a robot: of the terms that one robot claims only the latest can
 %% still be led, for there is one coordinator machine on it.
 %%
-%% While one leads that is heard, nobody else can win, whoever has the vote. A robot that hears less
-%% than others, and claims term after term for it, must not be let disturb the one that leads (Ongaro
-%% and Ousterhout, 2014, section 6).
+%% While one leads that is heard, nobody else can win, whoever has the vote. A robot that hears
+%% less than others, and claims term after term for it, must not be let disturb the one that leads
+%% (Ongaro and Ousterhout, 2014, section 6).
 -module(starl_dpp_vote).
 
 -export([new/1, leads/3, may_claim/3, give/3, missing_us/3]).
