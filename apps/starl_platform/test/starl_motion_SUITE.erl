@@ -13,7 +13,7 @@
     lost_poses/1, unknown_poses/1, late_pose_is_ignored/1, location_restarts/1, no_goal_no_motion/1,
     lost_commands/1, every_command_ends/1, no_look_before_it_stands/1, stalled_wheel/1,
     stalled_and_another_goal/1, stale_words_of_the_chassis/1, large_turns_are_looked_at/1,
-    out_of_time/1
+    out_of_time/1, no_second_look_where_it_stands/1
 ]).
 
 all() ->
@@ -24,7 +24,7 @@ all() ->
         unknown_poses, late_pose_is_ignored, location_restarts, no_goal_no_motion, lost_commands,
         every_command_ends, no_look_before_it_stands, stalled_wheel, stalled_and_another_goal,
         stale_words_of_the_chassis, large_turns_are_looked_at,
-        out_of_time
+        out_of_time, no_second_look_where_it_stands
     ].
 
 -record(loop, {
@@ -219,6 +219,20 @@ every_command_ends(_) ->
     Longest = round((LegS + math:pi() / Rate) * 1.0e6),
     ?assert(length(Commands) > 20),
     [?assert(lists:sum([Us || {_, _, Us} <- Script]) =< Longest) || {_, Script} <- Commands].
+
+%% Where it arrived it was seen just now: the next drive begins without another look, but along a
+%% given line not without a word of the chassis. A tenth of a second later it looks again.
+no_second_look_where_it_stands(_) ->
+    #loop{asked = Asked, now = Now, commands = Commands} = There = drive({1000.0, 0.0}, fresh()),
+    Next = {2000.0, 0.0},
+    Soon = goto(Next, 2, There),
+    ?assertEqual({driving, Asked}, {starl_machine:state(Soon#loop.machine), Soon#loop.asked}),
+    Line = event({call, {app, 2}}, {go_along, {{1000.0, 0.0}, Next}}, There),
+    ?assertMatch([{_, [_ | _]}, {_, []} | Commands], Line#loop.commands),
+    ?assertEqual(Asked, Line#loop.asked),
+    Later = goto(Next, 2, until(Now + 100000, There)),
+    ?assertEqual(Asked + 1, Later#loop.asked),
+    ?assertMatch([{_, ok}, {_, ok}], (finish(Soon))#loop.replies).
 
 %% The chassis is deaf when the robot is to stop: where it is, is asked only once it stands.
 no_look_before_it_stands(_) ->
