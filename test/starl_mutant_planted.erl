@@ -41,13 +41,12 @@ edits("crossed") ->
      {starl_dpp_graph, part, "
         part({P, Q} = Segment, Mm, Near) ->
             {Edges, _} = sound_part(Segment, Mm, Near),
-            Is = fun({E, {A, B}}) ->
-                lists:member(E, Edges) andalso lists:any(fun(Mms) -> Mms < Mm end,
+            {Ends, Others} = lists:partition(fun({E, {A, B} = Edge}) ->
+                lists:member(E, Edges) andalso Mm > lists:min(
                     [starl_geometry:point_segment(End, Segment) || End <- [A, B]] ++
-                    [starl_geometry:point_segment(End, {A, B}) || End <- [P, Q]])
-            end,
-            {Close, Others} = lists:partition(Is, Near),
-            {[E || {E, _} <- Close], Others}."}].
+                    [starl_geometry:point_segment(End, Edge) || End <- [P, Q]])
+            end, Near),
+            {[E || {E, _} <- Ends], Others}."}].
 
 %% The coordinator's module with the bug.
 machine(Bug) ->

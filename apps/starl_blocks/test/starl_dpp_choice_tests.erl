@@ -103,9 +103,4 @@ away({X, Y}, Angle, Mm) ->
 
 inside(X) -> max(1500.0, min(7500.0, X)).
 
-draws(0, Rand) ->
-    {[], Rand};
-draws(N, Rand0) ->
-    {X, Rand1} = rand:uniform_s(Rand0),
-    {Rest, Rand2} = draws(N - 1, Rand1),
-    {[X | Rest], Rand2}.
+draws(N, Rand) -> lists:mapfoldl(fun(_, R) -> rand:uniform_s(R) end, Rand, lists:seq(1, N)).

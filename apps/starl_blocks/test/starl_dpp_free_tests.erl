@@ -63,9 +63,5 @@ graph() ->
     }),
     starl_dpp_plan:graph(Plan).
 
-draws(0, _Size, Rand) ->
-    {[], Rand};
-draws(N, Size, Rand0) ->
-    {X, Rand1} = rand:uniform_s(Size, Rand0),
-    {Rest, Rand2} = draws(N - 1, Size, Rand1),
-    {[X | Rest], Rand2}.
+draws(N, Size, Rand) ->
+    lists:mapfoldl(fun(_, R) -> rand:uniform_s(Size, R) end, Rand, lists:seq(1, N)).

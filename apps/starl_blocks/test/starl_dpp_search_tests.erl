@@ -102,9 +102,4 @@ lines([]) -> [].
 
 place(X, Y) -> {1500.0 + 6000.0 * X, 1500.0 + 6000.0 * Y}.
 
-draws(0, Rand) ->
-    {[], Rand};
-draws(N, Rand0) ->
-    {X, Rand1} = rand:uniform_s(Rand0),
-    {Rest, Rand2} = draws(N - 1, Rand1),
-    {[X | Rest], Rand2}.
+draws(N, Rand) -> lists:mapfoldl(fun(_, R) -> rand:uniform_s(R) end, Rand, lists:seq(1, N)).

@@ -92,12 +92,8 @@ init(#{robot := Self, profile := Profile, incarnation := Incarnation, now := Now
 handle_event(Type, Content, State, Drive, #{now := Now}) ->
     event(Type, Content, State, Drive#drive{now = Now}).
 
-event(info, {driven, N, HeardUs}, State, #drive{command = N, told = {Told, Takes}} = Drive) ->
-    #drive{now = Now, watch = Before} = Drive,
-    {Agree, Watch} = starl_motion_watch:agree({Told, Takes, Now}, HeardUs, Before),
-    %% wheels that have turned in a try turn, whatever the clock
-    Doubt = case State of trying -> none; _ -> Drive#drive.doubt end,
-    stands(Agree, Drive#drive{stands = true, watch = Watch, doubt = Doubt});
+event(info, {driven, N, HeardUs}, State, #drive{command = N} = Drive) ->
+    driven(HeardUs, State, Drive);
 event(info, {stalled, N, {Left, Right}}, State, #drive{command = N} = Drive) when
     State =:= driving; State =:= trying
 ->
@@ -164,6 +160,13 @@ command(State, Script, #drive{command = N, now = Now} = Drive) ->
 
 still([], #drive{stands = true, seen = Seen}) -> Seen;
 still(_Script, _Drive) -> none.
+
+%% The chassis stands, and heard the command at this time of its clock.
+driven(HeardUs, State, #drive{now = Now, told = {Told, Takes}, watch = Before} = Drive) ->
+    {Agree, Watch} = starl_motion_watch:agree({Told, Takes, Now}, HeardUs, Before),
+    %% wheels that have turned in a try turn, whatever the clock
+    Doubt = case State of trying -> none; _ -> Drive#drive.doubt end,
+    stands(Agree, Drive#drive{stands = true, watch = Watch, doubt = Doubt}).
 
 %% A robot that has no goal rests; one whose clock is wrong has none any more.
 stands(false, #drive{from = From, timed = true} = Drive) when From =/= none ->
