@@ -107,22 +107,23 @@ interests_of(Module) ->
 
 %% A monitor takes all its events in one go, so that its state stays in its hands.
 feed_all(Events, {Module, Interests, State}, Found0) ->
-    {Next, Found} = feed(Events, 1, Module, Interests, State, Found0),
+    %% the function is looked up once
+    {Next, Found} = feed(Events, 1, fun Module:step/2, Interests, State, Found0),
     {{Module, Interests, Next}, Found}.
 
-feed([], _Place, _Module, _Interests, State, Found) ->
+feed([], _Place, _Step, _Interests, State, Found) ->
     {State, Found};
-feed([Event | Events], Place, Module, Interests, State, Found) ->
+feed([Event | Events], Place, Step, Interests, State, Found) ->
     case is_wanted(element(3, Event), Interests) of
         false ->
-            feed(Events, Place + 1, Module, Interests, State, Found);
+            feed(Events, Place + 1, Step, Interests, State, Found);
         true ->
-            case Module:step(Event, State) of
+            case Step(Event, State) of
                 {ok, Next} ->
-                    feed(Events, Place + 1, Module, Interests, Next, Found);
+                    feed(Events, Place + 1, Step, Interests, Next, Found);
                 {violation, Violation, Next} ->
                     More = [{Place, Violation} | Found],
-                    feed(Events, Place + 1, Module, Interests, Next, More)
+                    feed(Events, Place + 1, Step, Interests, Next, More)
             end
     end.
 

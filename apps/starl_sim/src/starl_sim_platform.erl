@@ -236,13 +236,10 @@ perform([Action | Rest], Name, Body, Local) ->
 transmit(To, Packet, #body{id = Id, now = Now, world = World, seq = Seq} = Body) ->
     #body{transmitter = Transmitter, later = Later, traces = Traces} = Body,
     Sender = {Id, Now, Body#body.window, piece(Body)},
-    {Copies, Lost, Next} = starl_sim_transmitter:send(To, Sender, World, Transmitter),
-    Body#body{
-        seq = Seq + length(Copies),
-        transmitter = Next,
-        later = starl_sim_transmitter:plan(Copies, Packet, Sender, Seq, Later),
-        traces = lists:reverse(Lost, Traces)
-    }.
+    Before = {Seq, Later, Traces},
+    {{Next, Planned, Traced}, Links} =
+        starl_sim_transmitter:send(To, Packet, Sender, World, Before, Transmitter),
+    Body#body{seq = Next, transmitter = Links, later = Planned, traces = Traced}.
 
 %% -- the vehicle ----------------------------------------------------------------------------
 

@@ -21,13 +21,16 @@
 }.
 
 %% How many windows the wheel holds: most timers, and the legs that robots drive, end within them.
--define(WHEEL, 128).
+%% It has rows, since a tuple is copied whenever one of its places is set.
+-define(ROWS, 8).
+-define(ROW, 16).
+-define(WHEEL, (?ROWS * ?ROW)).
 
 -record(queue, {
     width :: pos_integer(),
     %% the first window that the wheel holds; that of number I lies in place I rem WHEEL
     base = 0 :: non_neg_integer(),
-    wheel = erlang:make_tuple(?WHEEL, []) :: tuple(),
+    wheel = erlang:make_tuple(?ROWS, erlang:make_tuple(?ROW, [])) :: wheel(),
     far = #{} :: #{non_neg_integer() => [event()]},
     order = gb_sets:new() :: gb_sets:set(non_neg_integer()),
     %% the first of them; an atom is more than any number
@@ -36,6 +39,8 @@
 }).
 
 -opaque t() :: #queue{}.
+
+-type wheel() :: tuple().
 
 %% @doc An empty queue with buckets of so many microseconds.
 -spec new(Width :: pos_integer()) -> t().
@@ -68,10 +73,9 @@ take_window(Until, #queue{width = Width} = Queue) ->
     case first(Queue) of
         Index when is_integer(Index), (Index + 1) * Width =< Until ->
             #queue{wheel = Wheel, size = Size} = Turned = turn(Index, Queue),
-            Place = place(Index),
-            Events = element(Place, Wheel),
+            Events = bucket(Index, Wheel),
             Left = Turned#queue{
-                wheel = setelement(Place, Wheel, []), size = Size - length(Events)
+                wheel = set_bucket(Index, [], Wheel), size = Size - length(Events)
             },
             {in_order(Events), turn(Index + 1, Left)};
         _ ->
@@ -88,7 +92,16 @@ next_time(#queue{width = Width} = Queue) ->
 
 %% -- internals ------------------------------------------------------------------------------
 
-place(Index) -> Index rem ?WHEEL + 1.
+bucket(Index, Wheel) -> element(Index rem ?ROW + 1, element(row(Index), Wheel)).
+
+set_bucket(Index, Events, Wheel) ->
+    Row = row(Index),
+    setelement(Row, Wheel, setelement(Index rem ?ROW + 1, element(Row, Wheel), Events)).
+
+add_bucket(Index, Events, Wheel) ->
+    set_bucket(Index, Events ++ bucket(Index, Wheel), Wheel).
+
+row(Index) -> Index div ?ROW rem ?ROWS + 1.
 
 index(Event, #queue{width = Width, base = Base}) -> max(Base, element(2, Event) div Width).
 
@@ -100,8 +113,7 @@ group(Event, Queue, Buckets) ->
     end.
 
 enter(Index, Events, #queue{base = Base, wheel = Wheel} = Queue) when Index < Base + ?WHEEL ->
-    Place = place(Index),
-    Queue#queue{wheel = setelement(Place, Wheel, Events ++ element(Place, Wheel))};
+    Queue#queue{wheel = add_bucket(Index, Events, Wheel)};
 enter(Index, Events, #queue{far = Far, order = Order, nearest = Nearest} = Queue) ->
     case Far of
         #{Index := Others} ->
@@ -138,7 +150,7 @@ first(End, End, #queue{nearest = Nearest}) ->
     true = is_integer(Nearest),
     Nearest;
 first(Index, End, #queue{wheel = Wheel} = Queue) ->
-    case element(place(Index), Wheel) of
+    case bucket(Index, Wheel) of
         [] -> first(Index + 1, End, Queue);
         [_ | _] -> Index
     end.
@@ -147,11 +159,10 @@ first(Index, End, #queue{wheel = Wheel} = Queue) ->
 turn(Base, #queue{nearest = Nearest} = Queue) when Nearest >= Base + ?WHEEL ->
     Queue#queue{base = Base};
 turn(Base, #queue{nearest = Index, order = Order, far = Far, wheel = Wheel} = Queue) ->
-    Place = place(Index),
     {Events, Rest} = maps:take(Index, Far),
     {Index, Later} = gb_sets:take_smallest(Order),
     turn(Base, Queue#queue{
-        wheel = setelement(Place, Wheel, Events ++ element(Place, Wheel)),
+        wheel = add_bucket(Index, Events, Wheel),
         far = Rest,
         order = Later,
         nearest = smallest(Later)

@@ -2,7 +2,7 @@
 %% draws are stateless: a hash of the link, the number and the purpose.
 -module(starl_sim_radio).
 
--export([arrivals/3, lost/2, delays/2, range/2]).
+-export([arrivals/3, lost/2, delays/2, range/3]).
 
 -export_type([link/0, arrival/0]).
 
@@ -26,13 +26,12 @@ arrivals(Link, Now, #{network := Faults} = World) ->
 
 %% @doc Is the packet lost without a fault?
 -spec lost(link(), #{loss := number(), _ => _}) -> boolean().
-lost(_Link, #{loss := Loss}) when Loss == 0 -> false;
-lost(Link, #{loss := Loss}) -> starl_sim_draw:uniform({Link, loss}) < Loss.
+lost(Link, #{loss := Loss}) -> Loss > 0.0 andalso starl_sim_draw:uniform({Link, loss}) < Loss.
 
 %% @doc The delays, in microseconds, of the one or two copies that arrive without a fault.
 -spec delays(link(), starl_sim_platform:world()) -> [pos_integer(), ...].
 delays(Link, #{duplicate := Duplicate} = World) ->
-    case Duplicate > 0 andalso starl_sim_draw:uniform({Link, duplicate}) < Duplicate of
+    case Duplicate > 0.0 andalso starl_sim_draw:uniform({Link, duplicate}) < Duplicate of
         true -> [delay({Link, delay}, World), delay({Link, again}, World)];
         false -> [delay({Link, delay}, World)]
     end.
@@ -44,11 +43,11 @@ delay(Key, #{delay_us := {Min, Max}}) ->
     starl_sim_draw:between(Key, Min, Max).
 
 %% @doc How far a robot's radio reaches now, in millimetres.
--spec range({starl:robot_id(), Now :: starl_sim_queue:time()}, starl_sim_platform:world()) ->
+-spec range(starl:robot_id(), Now :: starl_sim_queue:time(), starl_sim_platform:world()) ->
     float() | infinity.
-range(_, #{range_mm := Range, network := []}) ->
+range(_, _, #{range_mm := Range, network := []}) ->
     Range;
-range({Robot, Now}, #{range_mm := Range, network := Faults}) ->
+range(Robot, Now, #{range_mm := Range, network := Faults}) ->
     Shorter = [
         float(Mm)
      || {_, _, _, range, _, #{range_mm := Mm}} = F <- starl_sim_fault:holding(Now, Faults),

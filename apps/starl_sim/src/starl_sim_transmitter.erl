@@ -4,9 +4,9 @@
 %% Robots are in range or not by where they were at the beginning of the present window (`sight').
 -module(starl_sim_transmitter).
 
--export([new/0, send/4, plan/5, packets/1]).
+-export([new/0, send/6, packets/1]).
 
--export_type([t/0, sender/0, copy/0]).
+-export_type([t/0, sender/0, outgoing/0]).
 
 -define(CLASS_PACKET, 2).
 
@@ -21,42 +21,51 @@
     starl_trajectory:piece()
 }.
 
-%% A copy of a packet that arrives.
--type copy() :: {To :: starl:robot_id(), starl_sim_radio:arrival()}.
+%% The sequence number of the sender's next event, what is planned, what has been traced.
+-type outgoing() :: {
+    Seq :: non_neg_integer(), [starl_sim_queue:event()], [starl_monitor:trace_event()]
+}.
 
 %% @doc Nothing has been sent.
 -spec new() -> t().
 new() -> #{}.
 
-%% @doc Sends a packet: gives the copies that arrive, by receiver, and tells for whom it is lost.
--spec send(starl:robot_id() | all, sender(), starl_sim_platform:world(), t()) ->
-    {[copy()], Lost :: [starl_monitor:trace_event()], t()}.
-send(To, {Id, Now, _, _} = Sender, #{seed := Seed} = World, Links) ->
-    N = maps:get(To, Links, 0) + 1,
-    Number = number(To, N),
-    Sent = [
-        {Dest, starl_sim_radio:arrivals({Seed, Id, Dest, Number}, Now, World)}
-     || Dest <- audience(To, Sender, World)
-    ],
-    Copies = [{Dest, Copy} || {Dest, Arrivals} <- Sent, Arrivals =/= lost, Copy <- Arrivals],
-    Lost = [{Now, Id, radio, {lost, Dest, Number}} || {Dest, lost} <- Sent],
-    {Copies, Lost, Links#{To => N}}.
+%% @doc Sends a packet: plans the arrivals of its copies, each under a sequence number of its own,
+%% and traces for whom it is lost.
+-spec send(
+    starl:robot_id() | all, starl_packet:t(), sender(), starl_sim_platform:world(), outgoing(), t()
+) -> {outgoing(), t()}.
+send(To, Packet, Sender, World, Outgoing, Links) ->
+    N =
+        case Links of
+            #{To := Before} -> Before + 1;
+            #{} -> 1
+        end,
+    Dests = audience(To, Sender, World),
+    {send_each(Dests, {number(To, N), Packet}, Sender, World, Outgoing), Links#{To => N}}.
 
 number(all, N) -> {all, N};
 number(_Dest, N) -> N.
 
-%% @doc The arrivals of a packet's copies, before the events that are planned already. The first has
-%% this sequence number of the sender, the others those after it.
--spec plan([copy()], starl_packet:t(), sender(), Seq, [starl_sim_queue:event()]) ->
-    [starl_sim_queue:event()]
-when
-    Seq :: non_neg_integer().
-plan([], _Packet, _Sender, _Seq, Later) ->
-    Later;
-plan([{Dest, {Delay, State}} | Copies], Packet, {Id, Now, _, _} = Sender, Seq, Later) ->
+send_each([], _Numbered, _Sender, _World, Outgoing) ->
+    Outgoing;
+send_each([Dest | Dests], {Number, Packet} = Numbered, Sender, World, {Seq, Plans, Traces}) ->
+    {Id, Now, _, _} = Sender,
+    case starl_sim_radio:arrivals({maps:get(seed, World), Id, Dest, Number}, Now, World) of
+        lost ->
+            Lost = {Now, Id, radio, {lost, Dest, Number}},
+            send_each(Dests, Numbered, Sender, World, {Seq, Plans, [Lost | Traces]});
+        Arrivals ->
+            {Next, More} = plan(Arrivals, Dest, Packet, Id, Now, Seq, Plans),
+            send_each(Dests, Numbered, Sender, World, {Next, More, Traces})
+    end.
+
+plan([], _Dest, _Packet, _Id, _Now, Seq, Plans) ->
+    {Seq, Plans};
+plan([{Delay, State} | Arrivals], Dest, Packet, Id, Now, Seq, Plans) ->
     Content = {sap, packet, received(State, Packet, Seq)},
     Event = {Dest, Now + Delay, ?CLASS_PACKET, Id, Seq, Content},
-    plan(Copies, Packet, Sender, Seq + 1, [Event | Later]).
+    plan(Arrivals, Dest, Packet, Id, Now, Seq + 1, [Event | Plans]).
 
 %% The link's checksum tells a packet that was cut off or has a flipped bit; what is left of it
 %% are bytes without a meaning.
@@ -69,7 +78,7 @@ packets(Links) -> maps:fold(fun(_To, N, Sum) -> N + Sum end, 0, Links).
 
 %% Who is reached, ascending. A fault can but shorten the range.
 audience(To, {Id, Now, _, _} = Sender, #{range_mm := Full, team := Team} = World) ->
-    case {starl_sim_radio:range({Id, Now}, World), To} of
+    case {starl_sim_radio:range(Id, Now, World), To} of
         {infinity, all} -> starl_team:others(Id, Team);
         {infinity, _} -> [To || starl_team:has(To, Team)];
         {Full, all} -> lists:delete(Id, within_range(Sender, World));

@@ -43,20 +43,21 @@ others_as_of_the_window_test() ->
     ].
 
 %% What the radio makes of a packet is drawn by its link and number, with the faults of now; a
-%% doubled packet arrives twice.
+%% doubled packet arrives twice. Each copy has a number of its own.
 drawn_by_link_test() ->
     World = (world(infinity, []))#{duplicate := 1.0},
-    {Copies, [], _} = starl_sim_transmitter:send(all, sender(), World, starl_sim_transmitter:new()),
+    {{11, Planned, []}, _} = sent(all, World, starl_sim_transmitter:new()),
     Drawn = [
-        {Dest, Copy}
-     || Dest <- [2, 3, 4], Copy <- starl_sim_radio:arrivals({1, 1, Dest, {all, 1}}, 7, World)
+        {Dest, 7 + Delay, 2, 1, {sap, packet, <<"hello">>}}
+     || Dest <- [2, 3, 4],
+        {Delay, intact} <- starl_sim_radio:arrivals({1, 1, Dest, {all, 1}}, 7, World)
     ],
     ?assertEqual(6, length(Drawn)),
-    ?assertEqual(Drawn, Copies),
+    ?assertEqual(Drawn, [{D, T, C, S, What} || {D, T, C, S, _, What} <- lists:reverse(Planned)]),
+    ?assertEqual(lists:seq(5, 10), [Seq || {_, _, _, _, Seq, _} <- lists:reverse(Planned)]),
     Deaf = World#{network := [{deaf, 5, 9, loss, all, #{part => 1.0}}]},
     ?assertMatch(
-        {[], [{7, 1, radio, {lost, 2, 1}}], _},
-        starl_sim_transmitter:send(2, sender(), Deaf, starl_sim_transmitter:new())
+        {{5, [], [{7, 1, radio, {lost, 2, 1}}]}, _}, sent(2, Deaf, starl_sim_transmitter:new())
     ).
 
 %% Each link counts its packets, and those for all have a count of their own; lost is told by it.
@@ -64,8 +65,8 @@ counts_by_link_test() ->
     World = (world(infinity, []))#{loss := 1.0},
     {Lost, Sent} = lists:mapfoldl(
         fun(To, Links) ->
-            {[], Lost, Next} = starl_sim_transmitter:send(To, sender(), World, Links),
-            {[{Dest, N} || {7, 1, radio, {lost, Dest, N}} <- Lost], Next}
+            {{5, [], Lost}, Next} = sent(To, World, Links),
+            {lists:reverse([{Dest, N} || {7, 1, radio, {lost, Dest, N}} <- Lost]), Next}
         end,
         starl_sim_transmitter:new(),
         [2, 3, 2, all]
@@ -73,19 +74,30 @@ counts_by_link_test() ->
     ?assertEqual([[{2, 1}], [{3, 1}], [{2, 2}], [{D, {all, 1}} || D <- [2, 3, 4]]], Lost),
     ?assertEqual(4, starl_sim_transmitter:packets(Sent)).
 
-%% Copies arrive after their delays under numbers of their own; a corrupt one is not the packet.
-plan_test() ->
-    Copies = [{2, {50, intact}}, {3, {40, corrupt}}],
-    [Second, First, earlier] =
-        starl_sim_transmitter:plan(Copies, <<"hello">>, sender(), 5, [earlier]),
-    ?assertEqual({2, 57, 2, 1, 5, {sap, packet, <<"hello">>}}, First),
-    ?assertMatch({3, 47, 2, 1, 6, {sap, packet, <<_:32>>}}, Second).
+%% What was planned and traced before stays behind what comes new; a corrupt packet is not itself.
+adds_to_what_is_there_test() ->
+    Corrupt = {flip, 5, 9, corrupt, {1, 2}, #{part => 1.0}},
+    Lossy = {deaf, 5, 9, loss, {1, 3}, #{part => 1.0}},
+    {{7, Planned, Traced}, _} = starl_sim_transmitter:send(
+        all, <<"hello">>, sender(), world(infinity, [Corrupt, Lossy]), {5, [earlier], [fact]},
+        starl_sim_transmitter:new()
+    ),
+    ?assertMatch([{7, 1, radio, {lost, 3, {all, 1}}}, fact], Traced),
+    ?assertMatch(
+        [{4, _, 2, 1, 6, {sap, packet, <<"hello">>}}, {2, _, 2, 1, 5, {sap, packet, <<_:32>>}}, earlier],
+        Planned
+    ).
+
+sent(To, World, Links) ->
+    starl_sim_transmitter:send(To, <<"hello">>, sender(), World, {5, [], []}, Links).
 
 reached(To, World) -> reached(To, sender(), World).
 
 reached(To, Sender, World) ->
-    {Copies, [], _} = starl_sim_transmitter:send(To, Sender, World, starl_sim_transmitter:new()),
-    [Dest || {Dest, {_Delay, intact}} <- Copies].
+    {{_, Planned, []}, _} = starl_sim_transmitter:send(
+        To, <<"hello">>, Sender, World, {0, [], []}, starl_sim_transmitter:new()
+    ),
+    [Dest || {Dest, _, _, _, _, {sap, packet, <<"hello">>}} <- lists:reverse(Planned)].
 
 sender() -> {1, 7, 0, at(0.0)}.
 
