@@ -127,8 +127,11 @@ feed([Event | Events], Place, Step, Interests, State, Found) ->
             end
     end.
 
+%% For a name or two this takes a fraction of what lists:member/2 takes to be called.
 is_wanted(_Machine, all) -> true;
-is_wanted(Machine, Interests) -> lists:member(Machine, Interests).
+is_wanted(Machine, [Machine | _]) -> true;
+is_wanted(Machine, [_ | Others]) -> is_wanted(Machine, Others);
+is_wanted(_Machine, []) -> false.
 
 %% By the events that gave rise to them, then by monitor.
 in_order(Found) -> [Violation || {_Place, Violation} <- lists:keysort(1, lists:reverse(Found))].
