@@ -9,7 +9,7 @@
 
 -export_type([t/0]).
 
--type alarm() :: {DueUs :: integer(), Id :: term()}.
+-type alarm() :: {DueUs :: integer(), starl_sap_sources:id()}.
 
 -opaque t() :: {Front :: [alarm()], Back :: [alarm()], non_neg_integer()}.
 
@@ -20,12 +20,18 @@
 -spec new() -> t().
 new() -> {[], [], 0}.
 
-%% @doc An alarm that is due no earlier than those before; `Open' are the messages still open.
--spec push(DueUs :: integer(), Id :: term(), Open :: #{Id :: term() => term()}, t()) -> t().
-push(Due, Id, Open, {Front, Back, N}) when N > ?COMPACT, N > 2 * map_size(Open) ->
-    Live = [Alarm || {_, Other} = Alarm <- Front ++ lists:reverse(Back), is_map_key(Other, Open)],
-    {Live, [{Due, Id}], length(Live) + 1};
-push(Due, Id, _Open, {Front, Back, N}) ->
+%% @doc An alarm that is due no earlier than those before; the sources know what is outstanding.
+-spec push(DueUs :: integer(), starl_sap_sources:id(), starl_sap_sources:t(), t()) -> t().
+push(Due, Id, Sources, {Front, Back, N}) when N > ?COMPACT ->
+    case N > 2 * starl_sap_sources:outstanding(Sources) of
+        true ->
+            All = Front ++ lists:reverse(Back),
+            Live = [A || {_, Other} = A <- All, starl_sap_sources:find(Other, Sources) =/= none],
+            {Live, [{Due, Id}], length(Live) + 1};
+        false ->
+            {Front, [{Due, Id} | Back], N + 1}
+    end;
+push(Due, Id, _Sources, {Front, Back, N}) ->
     {Front, [{Due, Id} | Back], N + 1}.
 
 %% @doc The first alarm, if it was due before this time.

@@ -24,20 +24,19 @@
 
 -export([init/1, step/2, finish/2, interests/0, timeless/1]).
 
--type msg_id() :: {Source :: starl_monitor:robot_id(), Incarnation :: term(), Seq :: integer()}.
-
 -record(state, {
     bound_us :: pos_integer(),
     late_us :: non_neg_integer(),
     %% The next time at which the head of an alarm queue is due.
     due = infinity :: integer() | infinity,
-    messages = #{} :: #{msg_id() => starl_sap_message:t()},
+    sources = starl_sap_sources:new() :: starl_sap_sources:t(),
     %% The incarnation that each source runs, as far as it said so.
     running = #{} :: #{starl_monitor:robot_id() => term()},
-    %% By source and incarnation.
-    sent = starl_sap_numbers:new() :: starl_sap_numbers:t(),
-    %% Lost and not delivered, the message forgotten: by receiver, source and incarnation.
-    forgotten = starl_sap_numbers:new() :: starl_sap_numbers:t(),
+    %% The numbers of messages that were lost and not delivered, and then forgotten.
+    forgotten = #{} :: #{
+        {Receiver :: starl_monitor:robot_id(), starl_monitor:robot_id(), Incarnation :: term()} =>
+            starl_sap_numbers:t()
+    },
     overdue = starl_sap_alarms:new() :: starl_sap_alarms:t(),
     stale = starl_sap_alarms:new() :: starl_sap_alarms:t(),
     counts = {0, 0, 0, 0} :: {integer(), integer(), integer(), integer()}
@@ -57,8 +56,8 @@ interests() -> [sap, robot].
 
 %% @doc The messages outstanding, and the numbers of all others.
 -spec timeless(#state{}) -> term().
-timeless(#state{messages = Messages, running = Running, sent = Sent, forgotten = Forgotten}) ->
-    {Messages, Running, Sent, Forgotten}.
+timeless(#state{sources = Sources, running = Running, forgotten = Forgotten}) ->
+    {Sources, Running, Forgotten}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -77,10 +76,10 @@ step({T, _, _, _} = Event, State) ->
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, State) ->
-    {Overdue, #state{messages = Messages, counts = Counts}} = pass(EndTimeUs, State),
+    {Overdue, #state{sources = Sources, counts = Counts}} = pass(EndTimeUs, State),
     {Sent, Delivered, Acknowledged, Lost} = Counts,
     Results = #{sent => Sent, delivered => Delivered, acknowledged => Acknowledged,
-                lost => Lost, outstanding => map_size(Messages)},
+                lost => Lost, outstanding => starl_sap_sources:outstanding(Sources)},
     {verdict(Overdue), Results}.
 
 verdict([]) -> ok;
@@ -98,9 +97,9 @@ judge({T, Robot, sap, {sent, {Source, _, _} = Id, Dests, Type, Hash}}, State) ->
         false -> broken(foreign_source, T, [Robot, Source], #{message => Id}, State)
     end;
 judge({T, Robot, sap, {delivered, Id, Type, Hash}}, State) ->
-    case State#state.messages of
-        #{Id := Message} -> delivered(T, Robot, Id, Type, Hash, Message, State);
-        #{} -> delivered_late(T, Robot, Id, State)
+    case starl_sap_sources:find(Id, State#state.sources) of
+        none -> delivered_late(T, Robot, Id, State);
+        Message -> delivered(T, Robot, Id, Type, Hash, Message, State)
     end;
 judge({T, Robot, sap, {outcome, {Source, _, _} = Id, Dest, Outcome}}, State) ->
     case Source =:= Robot of
@@ -122,19 +121,22 @@ kind(lost) -> lost;
 kind(restarted) -> lost;
 kind({lost, _Reason}) -> lost.
 
-sent(T, {Source, Incarnation, Seq} = Id, Dests, Type, Hash, #state{sent = Sent} = State) ->
-    case starl_sap_numbers:add({Source, Incarnation}, Seq, Sent) of
-        {ok, Known} -> {ok, open(T, Id, Dests, Type, Hash, State#state{sent = Known})};
-        member -> broken(message_id_used_twice, T, [Source], #{message => Id}, State)
+sent(T, {Source, _, _} = Id, Dests, Type, Hash, #state{sources = Sources} = State) ->
+    case starl_sap_sources:add(Id, message(T, Dests, Type, Hash), Sources) of
+        {ok, Known} -> {ok, open(T, Id, Dests, Known, State)};
+        used -> broken(message_id_used_twice, T, [Source], #{message => Id}, State)
     end.
 
-open(_T, _Id, [], _Type, _Hash, State) ->
-    State;
-open(T, Id, Dests, Type, Hash, #state{messages = Messages, bound_us = Bound} = State) ->
+message(_T, [], _Type, _Hash) -> none;
+message(T, Dests, Type, Hash) -> starl_sap_message:new(Type, Hash, T, Dests).
+
+open(_T, _Id, [], Sources, State) ->
+    State#state{sources = Sources};
+open(T, Id, Dests, Sources, #state{overdue = Overdue, bound_us = Bound} = State) ->
     Due = T + Bound,
     State#state{
-        messages = Messages#{Id => starl_sap_message:new(Type, Hash, T, Dests)},
-        overdue = starl_sap_alarms:push(Due, Id, Messages, State#state.overdue),
+        sources = Sources,
+        overdue = starl_sap_alarms:push(Due, Id, Sources, Overdue),
         due = min(Due, State#state.due),
         counts = count(1, length(Dests), State)
     }.
@@ -160,24 +162,25 @@ delivered(T, Robot, Id, Message, State) ->
 
 %% The message is not outstanding: it was never sent, is closed, or was lost long ago.
 delivered_late(T, Robot, {Source, Incarnation, Seq} = Id, State) ->
-    #state{sent = Sent, forgotten = Forgotten} = State,
-    case starl_sap_numbers:remove({Robot, Source, Incarnation}, Seq, Forgotten) of
-        {ok, Left} ->
-            {ok, counted(2, State#state{forgotten = Left})};
+    #state{sources = Sources, forgotten = Forgotten} = State,
+    Key = {Robot, Source, Incarnation},
+    case starl_sap_numbers:remove(Seq, maps:get(Key, Forgotten, starl_sap_numbers:new())) of
         absent ->
-            Was = starl_sap_numbers:is_member({Source, Incarnation}, Seq, Sent),
-            broken(unexpected(Was), T, [Robot], #{message => Id, closed => Was}, State)
+            Was = starl_sap_sources:was_sent(Id, Sources),
+            broken(unexpected(Was), T, [Robot], #{message => Id, closed => Was}, State);
+        Left ->
+            {ok, counted(2, State#state{forgotten = Forgotten#{Key := Left}})}
     end.
 
 unexpected(true) -> duplicate_delivery;
 unexpected(false) -> delivered_but_not_sent.
 
-outcome(T, {Source, _, _} = Id, Dest, Kind, #state{messages = Messages} = State) ->
-    case Messages of
-        #{Id := Message} ->
-            outcome(T, Id, Message, starl_sap_message:progress(Dest, Message), Dest, Kind, State);
-        #{} ->
-            stray(closed(Id, State), T, Id, [Source, Dest], State)
+outcome(T, {Source, _, _} = Id, Dest, Kind, #state{sources = Sources} = State) ->
+    case starl_sap_sources:find(Id, Sources) of
+        none ->
+            stray(closed(Id, State), T, Id, [Source, Dest], State);
+        Message ->
+            outcome(T, Id, Message, starl_sap_message:progress(Dest, Message), Dest, Kind, State)
     end.
 
 outcome(T, Id, Message, delivered, Dest, Kind, State) ->
@@ -192,8 +195,8 @@ outcome(T, {Source, _, _} = Id, _Message, stranger, Dest, _Kind, State) ->
 outcome(T, {Source, _, _} = Id, _Message, _Known, Dest, _Kind, State) ->
     stray(outcome_reported_twice, T, Id, [Source, Dest], State).
 
-closed({Source, Incarnation, Seq}, #state{sent = Sent}) ->
-    case starl_sap_numbers:is_member({Source, Incarnation}, Seq, Sent) of
+closed(Id, #state{sources = Sources}) ->
+    case starl_sap_sources:was_sent(Id, Sources) of
         true -> outcome_reported_twice;
         false -> outcome_but_not_sent
     end.
@@ -227,28 +230,28 @@ progress(T, Id, Message, Dest, Progress, State) ->
     settle(T, Id, starl_sap_message:put_progress(Dest, Progress, Message), State).
 
 %% Keeps a message for as long as something may still be said about it.
-settle(T, Id, Message, #state{messages = Messages} = State) ->
+settle(T, Id, Message, #state{sources = Sources} = State) ->
     case starl_sap_message:phase(Message) of
-        done -> State#state{messages = maps:remove(Id, Messages)};
-        open -> State#state{messages = Messages#{Id := Message}};
-        lost -> remember(T, Id, State#state{messages = Messages#{Id := Message}})
+        done -> State#state{sources = starl_sap_sources:close(Id, Sources)};
+        open -> State#state{sources = starl_sap_sources:put(Id, Message, Sources)};
+        lost -> remember(T, Id, State#state{sources = starl_sap_sources:put(Id, Message, Sources)})
     end.
 
-remember(T, Id, #state{late_us = Late, messages = Messages} = State) ->
+remember(T, Id, #state{late_us = Late, sources = Sources} = State) ->
     Due = T + Late,
     State#state{
-        stale = starl_sap_alarms:push(Due, Id, Messages, State#state.stale),
+        stale = starl_sap_alarms:push(Due, Id, Sources, State#state.stale),
         due = min(Due, State#state.due)
     }.
 
 %% The robot's SAP is gone: whatever it had not reported stays open for ever.
-abandon(T, Robot, Incarnation, #state{messages = Messages} = State) ->
-    Gone = [Id || {Source, Inc, _} = Id <- maps:keys(Messages),
-                  Source =:= Robot, Inc =/= Incarnation],
-    lists:foldl(fun(Id, S) -> give_up(T, Id, S) end, State, lists:sort(Gone)).
+abandon(T, Robot, Incarnation, #state{sources = Sources} = State) ->
+    Gone = [Id || {_, Inc, _} = Id <- starl_sap_sources:outstanding(Robot, Sources),
+                  Inc =/= Incarnation],
+    lists:foldl(fun(Id, S) -> give_up(T, Id, S) end, State, Gone).
 
-give_up(T, Id, #state{messages = Messages} = State) ->
-    #{Id := Message} = Messages,
+give_up(T, Id, #state{sources = Sources} = State) ->
+    Message = starl_sap_sources:find(Id, Sources),
     case starl_sap_message:phase(Message) of
         lost -> State;
         _Open -> settle(T, Id, starl_sap_message:give_up(Message), State)
@@ -269,29 +272,41 @@ pass_overdue(T, #state{overdue = Overdue} = State, Found) ->
         {none, Queue} ->
             {lists:reverse(Found), State#state{overdue = Queue}};
         {{Due, Id}, Queue} ->
-            Late = late(Due, Id, State#state.messages),
+            Late = late(Due, Id, State#state.sources),
             pass_overdue(T, State#state{overdue = Queue}, Late ++ Found)
     end.
 
-late(Due, {Source, _, _} = Id, Messages) ->
-    Dests = [Dest || #{Id := Message} <- [Messages], Dest <- starl_sap_message:open(Message)],
-    [violation(outcome_overdue, Due, [Source | Dests], #{message => Id}) || Dests =/= []].
-
-pass_stale(T, #state{stale = Stale, messages = Messages} = State) ->
-    case starl_sap_alarms:pop(T, Stale) of
-        {none, Queue} ->
-            State#state{stale = Queue};
-        {{_Due, Id}, Queue} when is_map_key(Id, Messages) ->
-            pass_stale(T, forget(Id, State#state{stale = Queue}));
-        {{_Due, _Closed}, Queue} ->
-            pass_stale(T, State#state{stale = Queue})
+late(Due, {Source, _, _} = Id, Sources) ->
+    case starl_sap_sources:find(Id, Sources) of
+        none ->
+            [];
+        Message ->
+            Dests = starl_sap_message:open(Message),
+            What = #{message => Id},
+            [violation(outcome_overdue, Due, [Source | Dests], What) || Dests =/= []]
     end.
 
-forget({Source, Incarnation, Seq} = Id, #state{messages = Messages} = State) ->
-    {Message, Left} = maps:take(Id, Messages),
-    Forgotten = lists:foldl(
-        fun(Dest, Acc) -> starl_sap_numbers:put({Dest, Source, Incarnation}, Seq, Acc) end,
-        State#state.forgotten,
-        starl_sap_message:lost(Message)
-    ),
-    State#state{messages = Left, forgotten = Forgotten}.
+pass_stale(T, #state{stale = Stale} = State) ->
+    case starl_sap_alarms:pop(T, Stale) of
+        {none, Queue} -> State#state{stale = Queue};
+        {{_Due, Id}, Queue} -> pass_stale(T, forget(Id, State#state{stale = Queue}))
+    end.
+
+forget(Id, #state{sources = Sources, forgotten = Forgotten} = State) ->
+    case starl_sap_sources:find(Id, Sources) of
+        none ->
+            State;
+        Message ->
+            Lost = starl_sap_message:lost(Message),
+            State#state{
+                sources = starl_sap_sources:close(Id, Sources),
+                forgotten = lists:foldl(fun(To, Acc) -> keep(Id, To, Acc) end, Forgotten, Lost)
+            }
+    end.
+
+keep({Source, Incarnation, Seq}, Dest, Forgotten) ->
+    Key = {Dest, Source, Incarnation},
+    case starl_sap_numbers:add(Seq, maps:get(Key, Forgotten, starl_sap_numbers:new())) of
+        member -> Forgotten;
+        More -> Forgotten#{Key => More}
+    end.
