@@ -86,7 +86,7 @@ reach(Begin, Goal, From, Local, Ppb) ->
     end.
 
 %% So much more on the clock takes so long, rounded up.
-up(Us, 0) ->
+up(Us, 0) when is_integer(Us) ->
     Us;
 up(Us, Ppb) ->
     Rate = ?BILLION + Ppb,
