@@ -93,6 +93,20 @@ same_number_of_two_incarnations_is_two_messages_test() ->
         started(0, 1), sent(1, id(1, 1)), got(2, 2, id(1, 1)), ack(3, id(1, 1)),
         started(4, 2), sent(5, id(2, 1)), got(6, 2, id(2, 1)), ack(7, id(2, 1))])).
 
+%% What an earlier incarnation has sent is known beside what the later one sends.
+earlier_incarnation_test() ->
+    Lives = [
+        started(0, 1), sent(1, id(1, 1)), sent(2, id(1, 2)), started(3, 2), sent(4, id(2, 1)),
+        got(5, 2, id(1, 1)), got(6, 2, id(2, 1)), ack(7, id(2, 1))
+    ],
+    {[], Results} = run(Lives ++ [got(8, 2, id(1, 2))], 9000),
+    ?assertMatch(#{sent := 3, delivered := 3, outstanding := 0}, Results),
+    ?assertEqual([], judge(Lives, 9000)),
+    ?assertEqual([duplicate_delivery], judge(Lives ++ [got(8, 2, id(1, 1))])),
+    ?assertEqual([delivered_but_not_sent], judge(Lives ++ [got(8, 2, id(1, 3))])),
+    ?assertEqual([message_id_used_twice], judge(Lives ++ [sent(8, id(1, 2))])),
+    ?assertEqual([message_id_used_twice], judge(Lives ++ [sent(8, id(1, 4)), sent(9, id(1, 1))])).
+
 numbers_that_restart_with_the_robot_test() ->
     ?assertEqual([message_id_used_twice], judge([
         started(0, 1), sent(1, id(1)), got(2, 2, id(1)), ack(3, id(1)), sent(5, id(1))])).
