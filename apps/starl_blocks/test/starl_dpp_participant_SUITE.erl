@@ -17,7 +17,8 @@
     leader_is_followed_without_vote/1, leave_ends_for_good/1, beats_prolong_leave/1,
     late_assignment_is_void/1, missing_coordinator_is_replaced/1,
     painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1,
-    own_coordinator_hears_of_each_term/1
+    own_coordinator_hears_of_each_term/1, no_answer_at_all/1, unsent_request_is_sent_again/1,
+    crashed_sap_is_told_who_listens/1, crashed_motion_is_told_to_go_on/1
 ]).
 
 -define(S, 1000000).
@@ -36,7 +37,9 @@ all() ->
         earlier_term_is_refused, vote_is_kept, leader_is_followed_without_vote,
         leave_ends_for_good, beats_prolong_leave, late_assignment_is_void,
         missing_coordinator_is_replaced, painted_goes_with_the_next_request,
-        passed_is_told_now_and_then, own_coordinator_hears_of_each_term
+        passed_is_told_now_and_then, own_coordinator_hears_of_each_term, no_answer_at_all,
+        unsent_request_is_sent_again, crashed_sap_is_told_who_listens,
+        crashed_motion_is_told_to_go_on
     ].
 
 %% A request says where the robot stands: it is stopped first, then located.
@@ -237,6 +240,46 @@ own_coordinator_hears_of_each_term(_) ->
     {_, P5} = step(cast, {message, 1, dpp_beat, {{3, 1}, 5, []}}, P4),
     {Own, _} = step(info, {restarted, dpp_coordinator}, P5),
     ?assertMatch([{cast, dpp_coordinator, {lead, 3}} | _], Own).
+
+%% Who asks does not wait for ever, and takes no answer after that.
+no_answer_at_all(_) ->
+    {Ask, _} = step({call, {app, 1}}, request, led()),
+    ?assertMatch([_], [A || {{timeout, patience}, _, patience} = A <- Ask]),
+    {Id, P} = asking(led()),
+    {Told, Tired} = step({timeout, patience}, patience, P),
+    ?assertEqual([{reply, {app, 1}, {error, no_answer}}], replies(Told)),
+    ?assert(lists:member({{timeout, again}, cancel}, Told)),
+    {Late, _} = answer(4, {1, 4}, Id, Tired),
+    ?assertEqual([{trace, {stale_answer, 4, {1, 4}, Id}}], Late).
+
+%% SAP says that the request was lost: it is sent again soon. An earlier one's loss is no news.
+unsent_request_is_sent_again(_) ->
+    {{_, N}, P} = asking(led()),
+    ?assertMatch({[], _}, step({reply, {sent, N - 1}}, {error, lost}, P)),
+    {Again, Waiting} = step({reply, {sent, N}}, {error, lost}, P),
+    ?assertMatch([{{timeout, again}, _, request}], Again),
+    {Ask, _} = step({timeout, again}, request, Waiting),
+    ?assertMatch([{4, _}], sent(dpp_request, Ask)).
+
+%% A request may have been lost with the SAP that crashed.
+crashed_sap_is_told_who_listens(_) ->
+    Listens = [
+        {cast, sap, {listen, Type, dpp}} || Type <- [dpp_answer, dpp_recover, dpp_beat]
+    ],
+    ?assertMatch({Listens, _}, step(info, {restarted, sap}, led())),
+    {_, P} = asking(led()),
+    {Actions, _} = step(info, {restarted, sap}, P),
+    ?assertMatch([{{timeout, again}, _, request}], Actions -- Listens),
+    ?assertEqual([], Listens -- Actions).
+
+%% What motion had been told is lost with it: the same line again, if it was on one.
+crashed_motion_is_told_to_go_on(_) ->
+    {Id, Moving} = moving(),
+    ?assertMatch({[], _}, step(info, {restarted, motion}, Moving)),
+    {Go, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
+    ?assertMatch([_], Go),
+    ?assertMatch({Go, _}, step(info, {restarted, motion}, Driving)),
+    ?assertMatch({[], _}, step(info, {restarted, motion}, led())).
 
 %% -- helpers --------------------------------------------------------------------------------
 
