@@ -1,7 +1,7 @@
 %% Coordinators of path planning with one function of the planner replaced, for pitfalls that lie
 %% too deep for a machine around the sound one. The modules that a coordinator consists of are
 %% compiled once more from their debugging information under other names, so that the sound ones
-%% stay as they are. The function that is replaced is left as `sound_' and its name.
+%% stay as they are. The function that is replaced is left as `sound'.
 -module(starl_mutant_planted).
 
 -export([machine/1]).
@@ -9,30 +9,30 @@
 %% Module, function, its new text.
 edits("captive") ->
     [{starl_dpp_route, space, "
-        space(Ignored, #{robot := Robot} = View) -> sound_space(Ignored -- [Robot], View)."},
+        space(Ignored, #{robot := Robot} = View) -> sound(Ignored -- [Robot], View)."},
      {starl_dpp_route, obstacles, "
         obstacles(#{robot := Robot, unsafe := Unsafe, graph := Graph} = View) ->
             Mm = 2.0 * starl_dpp_graph:radius(Graph),
             Own = starl_dpp_unsafe:held(Robot, Unsafe),
             Box = starl_geometry:box(lists:append([[P, Q] || {P, Q} <- Own])),
-            [{Mm, starl_geometry:grow(Box, Mm), Own} | sound_obstacles(View)]."}];
+            [{Mm, starl_geometry:grow(Box, Mm), Own} | sound(View)]."}];
 edits("blind_start") ->
     [{starl_dpp_unsafe, clear, "
         clear(_Segment, _Obstacles) -> true."}];
 edits("hoarding") ->
     [{starl_dpp_unsafe, set, "
         set(Robot, Segments, Unsafe) ->
-            sound_set(Robot, Segments ++ held(Robot, Unsafe), Unsafe)."}];
+            sound(Robot, Segments ++ held(Robot, Unsafe), Unsafe)."}];
 edits("short_edges") ->
     [{starl_dpp_graph, new, "
-        new(Config) -> sound_new(Config#{edge_length := 1.0e9})."},
+        new(Config) -> sound(Config#{edge_length := 1.0e9})."},
      {starl_dpp_choice, open_steps, "
         open_steps(V, Task, Used) ->
-            [Step || {_, _, Mm, _} = Step <- sound_open_steps(V, Task, Used),
+            [Step || {_, _, Mm, _} = Step <- sound(V, Task, Used),
                      Mm =< Task#task.horizon]."}];
 edits("crossed") ->
     [{starl_dpp_graph, new, "
-        new(Config) -> sound_new(Config#{edge_length := 1.0e9})."},
+        new(Config) -> sound(Config#{edge_length := 1.0e9})."},
      {starl_planar, planarise, "
         planarise(Segments, Options) ->
             Weld = #weld{tolerance = maps:get(tolerance, Options, 0.05)},
@@ -40,7 +40,7 @@ edits("crossed") ->
             divide(unique(Lines), Welded, infinity)."},
      {starl_dpp_graph, part, "
         part({P, Q} = Segment, Mm, Near) ->
-            {Edges, _} = sound_part(Segment, Mm, Near),
+            {Edges, _} = sound(Segment, Mm, Near),
             {Ends, Others} = lists:partition(fun({E, {A, B} = Edge}) ->
                 lists:member(E, Edges) andalso Mm > lists:min(
                     [starl_geometry:point_segment(End, Segment) || End <- [A, B]] ++
@@ -87,6 +87,7 @@ atoms(Term) when is_tuple(Term) -> atoms(tuple_to_list(Term));
 atoms([Head | Tail]) -> atoms(Head) ++ atoms(Tail);
 atoms(_Term) -> [].
 
+%% A new module has a new name: so many as there are parts and bugs, whatever is given.
 renamed(Part, Bug) -> list_to_atom(atom_to_list(Part) ++ "_" ++ Bug).
 
 build(Part, Forms, Parts, Bug) ->
@@ -102,8 +103,7 @@ edit({Name, Text}, Forms) ->
     {ok, {function, _, Name, Arity, _} = New} = erl_parse:parse_form(Tokens),
     {Before, [{function, Line, Name, Arity, Clauses} | After]} =
         lists:splitwith(fun(Form) -> not defines(Name, Arity, Form) end, Forms),
-    Sound = list_to_atom("sound_" ++ atom_to_list(Name)),
-    Before ++ [New, {function, Line, Sound, Arity, Clauses} | After].
+    Before ++ [New, {function, Line, sound, Arity, Clauses} | After].
 
 defines(Name, Arity, {function, _, Name, Arity, _}) -> true;
 defines(_Name, _Arity, _Form) -> false.
