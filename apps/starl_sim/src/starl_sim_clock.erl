@@ -46,10 +46,6 @@ rate(_) -> 0.
 
 %% @doc What the clock shows at a virtual time, in microseconds.
 -spec local(starl_sim_queue:time(), t()) -> integer().
-local(Time, [{From, Local, 0} | _]) when
-    is_integer(Time), is_integer(From), is_integer(Local), Time >= From
-->
-    Local + (Time - From);
 local(Time, [{From, Local, Ppb} | _]) when
     is_integer(Time), is_integer(From), is_integer(Local), Time >= From
 ->
@@ -86,8 +82,6 @@ reach(Begin, Goal, From, Local, Ppb) ->
     end.
 
 %% So much more on the clock takes so long, rounded up.
-up(Us, 0) when is_integer(Us) ->
-    Us;
 up(Us, Ppb) ->
     Rate = ?BILLION + Ppb,
     (Us * ?BILLION + Rate - 1) div Rate.
