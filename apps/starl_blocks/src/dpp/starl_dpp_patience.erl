@@ -10,17 +10,18 @@
 -type robot_id() :: pos_integer().
 -type plan() :: starl_dpp_plan:t().
 
--define(FAR, 2000.0).
 %% Up to this far away a robot gets work even if another will be there first,
--define(LEAD, 1000.0).
+-define(FAR, 2000.0).
 %% which counts when it is so much nearer.
--define(HAIR, 1.0e-3).
+-define(LEAD, 1000.0).
 %% More than the rounding errors of a way's length.
+-define(HAIR, 1.0e-3).
+%% Farther than any way.
 -define(EVER, 1.0e300).
--define(FEW, 200).
 %% So many free edges are looked at to see how far a robot would go.
--define(ROUND_ABOUT, 2000.0).
+-define(FEW, 200).
 %% So much more than what is driven may a way cost: its turns, and corners that are cut.
+-define(ROUND_ABOUT, 2000.0).
 
 %% @doc What the way to work may cost for a robot that would take it; `none' if it would take no work.
 %% What it refuses is far: no need to search there. (What is near, but found by a way round about
