@@ -22,17 +22,21 @@ new() -> {[], [], 0}.
 
 %% @doc An alarm that is due no earlier than those before; the sources know what is outstanding.
 -spec push(DueUs :: integer(), starl_sap_sources:id(), starl_sap_sources:t(), t()) -> t().
-push(Due, Id, Sources, {Front, Back, N}) when N > ?COMPACT ->
-    case N > 2 * starl_sap_sources:outstanding(Sources) of
-        true ->
-            All = Front ++ lists:reverse(Back),
-            Live = [A || {_, Other} = A <- All, starl_sap_sources:find(Other, Sources) =/= none],
-            {Live, [{Due, Id}], length(Live) + 1};
-        false ->
-            {Front, [{Due, Id} | Back], N + 1}
-    end;
-push(Due, Id, _Sources, {Front, Back, N}) ->
+push(Due, Id, Sources, {_, _, Count} = Alarms) ->
+    {Front, Back, N} =
+        case Count > ?COMPACT andalso Count > 2 * starl_sap_sources:outstanding(Sources) of
+            true -> compacted(Sources, Alarms);
+            false -> Alarms
+        end,
     {Front, [{Due, Id} | Back], N + 1}.
+
+compacted(Sources, {Front, Back, _}) ->
+    Live = [
+        Alarm
+     || {_, Id} = Alarm <- Front ++ lists:reverse(Back),
+        starl_sap_sources:find(Id, Sources) =/= none
+    ],
+    {Live, [], length(Live)}.
 
 %% @doc The first alarm, if it was due before this time.
 -spec pop(TimeUs :: integer(), t()) -> {alarm() | none, t()}.

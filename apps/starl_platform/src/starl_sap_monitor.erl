@@ -169,7 +169,13 @@ delivered_late(T, Robot, {Source, Incarnation, Seq} = Id, State) ->
             Was = starl_sap_sources:was_sent(Id, Sources),
             broken(unexpected(Was), T, [Robot], #{message => Id, closed => Was}, State);
         Left ->
-            {ok, counted(2, State#state{forgotten = Forgotten#{Key := Left}})}
+            {ok, counted(2, State#state{forgotten = put_left(Key, Left, Forgotten)})}
+    end.
+
+put_left(Key, Left, Forgotten) ->
+    case starl_sap_numbers:is_empty(Left) of
+        true -> maps:remove(Key, Forgotten);
+        false -> Forgotten#{Key := Left}
     end.
 
 unexpected(true) -> duplicate_delivery;

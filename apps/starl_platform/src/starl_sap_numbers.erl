@@ -2,7 +2,7 @@
 %% next to nothing. Pure; a part of {@link starl_sap_monitor}.
 -module(starl_sap_numbers).
 
--export([new/0, add/2, remove/2, is_member/2]).
+-export([new/0, add/2, remove/2, is_member/2, is_empty/1]).
 
 -export_type([t/0]).
 
@@ -43,6 +43,10 @@ is_member(_N, []) -> false;
 is_member(N, [{_, High} | _]) when N > High -> false;
 is_member(N, [{Low, _} | _]) when N >= Low -> true;
 is_member(N, [_ | Rest]) -> is_member(N, Rest).
+
+%% @doc Are there none?
+-spec is_empty(t()) -> boolean().
+is_empty(Set) -> Set =:= [].
 
 join({Low, High}, [{Low2, High2} | Rest]) when High2 + 1 =:= Low -> [{Low2, High} | Rest];
 join(Interval, Rest) -> [Interval | Rest].

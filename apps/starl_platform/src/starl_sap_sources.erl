@@ -28,10 +28,12 @@ new() -> {0, #{}}.
 add({Source, Incarnation, Seq}, Message, {N, Sources}) ->
     {_, Sent, Open} = life(Source, Incarnation, Sources),
     case starl_sap_numbers:add(Seq, Sent) of
-        member -> used;
-        More when Message =:= none -> {ok, {N, live(Source, {Incarnation, More, Open}, Sources)}};
-        More ->
-            Life = {Incarnation, More, Open#{Seq => Message}},
+        member ->
+            used;
+        Numbers when Message =:= none ->
+            {ok, {N, live(Source, {Incarnation, Numbers, Open}, Sources)}};
+        Numbers ->
+            Life = {Incarnation, Numbers, Open#{Seq => Message}},
             {ok, {N + 1, live(Source, Life, Sources)}}
     end.
 

@@ -107,6 +107,24 @@ earlier_incarnation_test() ->
     ?assertEqual([message_id_used_twice], judge(Lives ++ [sent(8, id(1, 2))])),
     ?assertEqual([message_id_used_twice], judge(Lives ++ [sent(8, id(1, 4)), sent(9, id(1, 1))])).
 
+%% What was lost, forgotten and delivered at last leaves no more behind than what was delivered.
+nothing_is_left_of_what_is_forgotten_test() ->
+    Config = #{bound_us => ?BOUND, late_us => ?LATE},
+    Timeless = fun(Events) ->
+        Step = fun(Event, S0) ->
+            {ok, S} = starl_sap_monitor:step(trace(Event), S0),
+            S
+        end,
+        starl_sap_monitor:timeless(
+            lists:foldl(Step, starl_sap_monitor:init(Config), Events))
+    end,
+    Lost = [sent(1, id(1)), lost(2, id(1))],
+    Forgotten = Lost ++ [started(9000, 1)],
+    ?assertNotEqual(Timeless(Lost ++ [got(3, 2, id(1)), started(9000, 1)]), Timeless(Forgotten)),
+    ?assertEqual(
+        Timeless(Lost ++ [got(3, 2, id(1)), started(9000, 1)]),
+        Timeless(Forgotten ++ [got(9001, 2, id(1))])).
+
 numbers_that_restart_with_the_robot_test() ->
     ?assertEqual([message_id_used_twice], judge([
         started(0, 1), sent(1, id(1)), got(2, 2, id(1)), ack(3, id(1)), sent(5, id(1))])).
