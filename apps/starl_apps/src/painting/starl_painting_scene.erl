@@ -77,10 +77,9 @@ monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options}) ->
         }}
     ].
 
-%% A shipped picture is named without its folder and ending.
 picture(Name, Area) ->
     File =
-        case filename:extension(Name) =:= "" andalso not filelib:is_file(Name) of
+        case is_shipped(Name) of
             true -> shipped(Name);
             false -> Name
         end,
@@ -88,6 +87,13 @@ picture(Name, Area) ->
         {ok, _} = Ok -> Ok;
         {error, Reason} -> {error, starl_picture:format_error(Reason)}
     end.
+
+%% A shipped picture is named without its folder and ending. A file of that name comes before it;
+%% a directory, such as the results of an earlier run, does not hide it.
+is_shipped(Name) ->
+    filename:extension(Name) =:= "" andalso
+        (not filelib:is_file(Name) orelse
+            filelib:is_dir(Name) andalso filelib:is_regular(shipped(Name))).
 
 shipped(Name) -> filename:join([code:priv_dir(starl_apps), "pictures", Name ++ ".svg"]).
 

@@ -1,0 +1,41 @@
+%% The scene of painting: which picture a name stands for.
+-module(starl_painting_scene_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% In a directory of its own, which has a file and a directory of shipped pictures' names.
+names_test_() ->
+    {setup, fun enter/0, fun leave/1, [
+        {"a shipped picture", ?_assertMatch({ok, _}, scene("house"))},
+        {"a directory does not hide it", ?_assertMatch({ok, _}, scene("rocket"))},
+        {"a file of its name does", ?_assertMatch({error, _}, scene("lines"))},
+        {"a file", ?_assertMatch({ok, _}, scene("my.svg"))},
+        {"a file without an ending", ?_assertMatch({ok, _}, scene("mine"))},
+        {"a directory is no picture", ?_test(says("it is a directory", scene("results")))},
+        {"nothing", ?_test(says("there is no such file", scene("nothing")))}
+    ]}.
+
+enter() ->
+    {ok, Before} = file:get_cwd(),
+    Name = "starl_scene_" ++ os:getpid() ++ "_" ++ integer_to_list(erlang:unique_integer([positive])),
+    Dir = filename:join([Before, "_build", Name]),
+    House = filename:join([code:priv_dir(starl_apps), "pictures", "house.svg"]),
+    ok = filelib:ensure_path(Dir),
+    ok = file:set_cwd(Dir),
+    [{ok, _} = file:copy(House, File) || File <- ["my.svg", "mine"]],
+    ok = file:write_file("lines", "no picture"),
+    [ok = file:make_dir(Each) || Each <- ["rocket", "results"]],
+    {Before, Dir}.
+
+leave({Before, Dir}) ->
+    ok = file:set_cwd(Before),
+    ok = file:del_dir_r(Dir).
+
+scene(Picture) ->
+    starl_painting:scene(#{
+        robots => [1, 2], world => {10000, 8000}, seed => 1, sap => #{},
+        profile => starl_motion_course:profile(#{}),
+        options => #{picture => Picture, safety_distance => 400, horizon => 3000}
+    }).
+
+says(What, {error, Why}) ->
+    ?assertNotEqual(nomatch, string:find(unicode:characters_to_list(Why), What)).
