@@ -91,7 +91,12 @@
 -callback handle_event(event_type(), Content :: term(), State :: term(), Data :: term(), meta()) ->
     result().
 
--record(machine, {module :: module(), state :: term(), data :: term()}).
+-record(machine, {
+    %% the callback, looked up once; a fun of this kind means the latest version of its module
+    handle :: fun((event_type(), term(), State :: term(), Data :: term(), meta()) -> result()),
+    state :: term(),
+    data :: term()
+}).
 
 %% A machine with its present state.
 -opaque t() :: #machine{}.
@@ -101,12 +106,12 @@
 -spec new(module(), Config :: map(), Base :: config()) -> {[action()], t()}.
 new(Module, Config, Base) ->
     {State, Data, Actions} = Module:init(maps:merge(Config, Base)),
-    {Actions, #machine{module = Module, state = State, data = Data}}.
+    {Actions, #machine{handle = fun Module:handle_event/5, state = State, data = Data}}.
 
 %% @doc Handles one event; gives the actions in the order in which they are to take place.
 -spec step(event_type(), Content :: term(), meta(), t()) -> {[action()], t()}.
-step(Type, Content, Meta, #machine{module = Module, state = State, data = Data} = Machine) ->
-    case Module:handle_event(Type, Content, State, Data, Meta) of
+step(Type, Content, Meta, #machine{handle = Handle, state = State, data = Data} = Machine) ->
+    case Handle(Type, Content, State, Data, Meta) of
         {keep_state, NewData, Actions} -> {Actions, Machine#machine{data = NewData}};
         {keep_state_and_data, Actions} -> {Actions, Machine};
         {keep_state, NewData} -> {[], Machine#machine{data = NewData}};
@@ -118,7 +123,9 @@ step(Type, Content, Meta, #machine{module = Module, state = State, data = Data} 
 
 %% @doc The callback module.
 -spec module(t()) -> module().
-module(#machine{module = Module}) -> Module.
+module(#machine{handle = Handle}) ->
+    {module, Module} = erlang:fun_info(Handle, module),
+    Module.
 
 %% @doc The present state, for inspection.
 -spec state(t()) -> term().
