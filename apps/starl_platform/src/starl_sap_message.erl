@@ -27,8 +27,6 @@ compare(_Type, _Hash, {Sent, _, _, _}) -> {wrong_type, Sent}.
 
 %% @doc What is known about a robot; a stranger is none of its destinations.
 -spec progress(starl_monitor:robot_id(), t()) -> progress() | stranger.
-progress(Robot, {_, _, _, [{Robot, Progress} | _]}) ->
-    Progress;
 progress(Robot, {_, _, _, Dests}) ->
     case lists:keyfind(Robot, 1, Dests) of
         {_, Progress} -> Progress;
@@ -37,8 +35,6 @@ progress(Robot, {_, _, _, Dests}) ->
 
 %% @doc More is known about a destination.
 -spec put_progress(starl_monitor:robot_id(), progress(), t()) -> t().
-put_progress(Dest, Progress, {Type, Hash, SentUs, [{Dest, _} | Others]}) ->
-    {Type, Hash, SentUs, [{Dest, Progress} | Others]};
 put_progress(Dest, Progress, {Type, Hash, SentUs, Dests}) ->
     {Type, Hash, SentUs, lists:keyreplace(Dest, 1, Dests, {Dest, Progress})}.
 

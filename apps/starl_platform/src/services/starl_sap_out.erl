@@ -78,17 +78,14 @@ send_own(Type, Body, From, #out{self = Self, next = Seq} = Out) ->
 transmit(Seq, #message{tries = Tries, waiting = Waiting} = Message, Next, Out) ->
     #out{self = Self, incarnation = Incarnation, low = Low, messages = Messages} = Out,
     #message{type = Type, body = Body, for = For} = Message,
-    Packet = starl_packet:data({Self, Incarnation, Seq, Low, meant(Waiting, For), Type, Body}),
+    Meant = maps:with(Waiting, For),
+    Packet = starl_packet:data({Self, Incarnation, Seq, Low, Meant, Type, Body}),
     Actions = [
         {{timeout, {retransmit, Seq}}, lists:nth(Tries + 1, Out#out.delays), again}
         | [{transmit, Dest, Packet} || Dest <- on_air(Message)]
     ],
     Tried = Messages#{Seq => Message#message{tries = Tries + 1}},
     {Actions, Out#out{next = Next, messages = Tried}}.
-
-%% The incarnations that count for those who are still waited for; mostly nobody has restarted.
-meant(_Waiting, For) when map_size(For) =:= 0 -> For;
-meant(Waiting, For) -> maps:with(Waiting, For).
 
 on_air(#message{broadcast = true, tries = 0}) -> [all];
 on_air(#message{waiting = Waiting}) -> Waiting.

@@ -61,25 +61,14 @@ heard(Robot, Incarnation, Peers) ->
 -spec take(starl:robot_id(), Low :: starl_packet:seq(), starl_packet:seq(), t()) ->
     {new | seen, t()}.
 take(Source, Low, Seq, Peers) ->
-    #peer{low = Lowest, seen = Seen} = Peer = forget_below(Low, peer(Source, Peers)),
+    #peer{low = Lowest, seen = Seen} = Peer =
+        forget_below(Low, maps:get(Source, Peers, #peer{})),
     case Seq < Lowest orelse lists:member(Seq, Seen) of
         true -> {seen, Peers#{Source => Peer}};
-        false -> {new, Peers#{Source => Peer#peer{seen = insert(Seq, Seen)}}}
+        false -> {new, Peers#{Source => Peer#peer{seen = lists:merge([Seq], Seen)}}}
     end.
-
-peer(Robot, Peers) ->
-    case Peers of
-        #{Robot := Peer} -> Peer;
-        #{} -> #peer{}
-    end.
-
-insert(Seq, [Lower | Seen]) when Lower < Seq -> [Lower | insert(Seq, Seen)];
-insert(Seq, Seen) -> [Seq | Seen].
 
 %% The source waits for nothing below Low any more.
 forget_below(Low, #peer{low = Known} = Peer) when Low =< Known -> Peer;
 forget_below(Low, #peer{seen = Seen} = Peer) ->
-    Peer#peer{low = Low, seen = from(Low, Seen)}.
-
-from(Low, [Seq | Seen]) when Seq < Low -> from(Low, Seen);
-from(_Low, Seen) -> Seen.
+    Peer#peer{low = Low, seen = lists:dropwhile(fun(Seq) -> Seq < Low end, Seen)}.
