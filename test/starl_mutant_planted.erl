@@ -50,6 +50,8 @@ edits("crossed") ->
 
 %% The coordinator's module with the bug.
 machine(Bug) ->
+    %% no name is made for a bug that is not one of these
+    [_ | _] = edits(Bug),
     Machine = renamed(starl_dpp_coordinator, Bug),
     case erlang:module_loaded(Machine) of
         true -> ok;
@@ -87,7 +89,7 @@ atoms(Term) when is_tuple(Term) -> atoms(tuple_to_list(Term));
 atoms([Head | Tail]) -> atoms(Head) ++ atoms(Tail);
 atoms(_Term) -> [].
 
-%% A new module has a new name: so many as there are parts and bugs, whatever is given.
+%% A new module needs a new name: at most as many as there are parts, for each bug of `edits/1'.
 renamed(Part, Bug) -> list_to_atom(atom_to_list(Part) ++ "_" ++ Bug).
 
 build(Part, Forms, Parts, Bug) ->
