@@ -6,7 +6,7 @@
 %% What a machine of this name is booted with, in this of its lives.
 base(Robot, Name, Life, Team) ->
     #{
-        robot => Robot, participants => Team, name => Name, incarnation => Life,
+        robot => Robot, participants => Team, name => Name, incarnation => Life, stored => none,
         random => rand:seed_s(exsss, 1), now => 0
     }.
 

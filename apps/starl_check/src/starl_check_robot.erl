@@ -2,8 +2,8 @@
 %%
 %% An event is worked off with all the local events that it gives rise to, as the runtime does
 %% (see starl_sim_robot): nothing else happens to the robot meanwhile. A crash is that of one
-%% machine: it starts anew with the next incarnation, its timers are forgotten, and the robot's
-%% other machines are told.
+%% machine: it starts anew with the next incarnation and with what it has stored, its timers are
+%% forgotten, and the robot's other machines are told.
 -module(starl_check_robot).
 
 -export([boot/2, event/3, timers/1, calls/1, is_done/1, shift/3, rename/2]).
@@ -35,6 +35,7 @@
     %% in the order in which they start
     machines = [] :: [{starl_machine:name(), starl_machine:t()}],
     incarnations = #{} :: #{starl_machine:name() => pos_integer()},
+    stored = #{} :: #{starl_machine:name() => term()},
     timers = [] :: [{timer(), due(), Content :: term()}],
     sap :: starl_check_sap:t() | real
 }).
@@ -121,6 +122,7 @@ is_done(#robot{machines = Machines}) ->
 shift(Ticks, #robot{machines = Machines, timers = Timers} = Robot, Model) ->
     Robot#robot{
         machines = older(Machines, Ticks, Model),
+        stored = older(Robot#robot.stored, Ticks, Model),
         timers = [{Key, less(Due, Ticks), C} || {Key, Due, C} <- Timers]
     }.
 
@@ -135,6 +137,7 @@ less(Due, Ticks) -> Due - Ticks.
 -spec rename(t(), starl_check_term:permutation()) -> t().
 rename(#robot{place = Place, machines = Machines, timers = Timers, sap = Sap} = Robot, To) ->
     Robot#robot{
+        stored = starl_check_term:rename(Robot#robot.stored, To),
         place = element(Place, To),
         machines = starl_check_term:rename(Machines, To),
         timers = lists:sort(starl_check_term:rename(Timers, To)),
@@ -155,9 +158,8 @@ handle(Name, boot, none, #run{robot = #robot{place = Place} = Robot, model = Mod
     #robot{machines = Machines, incarnations = Incarnations} = Robot,
     Incarnation = maps:get(Name, Incarnations, 0) + 1,
     {_, Module, Config} = lists:keyfind(Name, 1, starl_check_model:machines(Place, Model)),
-    {Actions, Machine} = starl_machine:new(
-        Module, Config, base(Name, Incarnation, Place, Model)
-    ),
+    Base = (base(Name, Incarnation, Place, Model))#{stored => stored(Name, Robot)},
+    {Actions, Machine} = starl_machine:new(Module, Config, Base),
     perform(Actions, Name, Run#run{
         robot = Robot#robot{
             machines = lists:keystore(Name, 1, Machines, {Name, older(Machine, 0, Model)}),
@@ -175,6 +177,12 @@ handle(Name, Type, Content, #run{robot = #robot{place = Place} = Robot} = Run) -
     {Actions, Next} = starl_machine:step(Type, Content, Meta, Machine),
     Kept = lists:keyreplace(Name, 1, Machines, {Name, Next}),
     perform(Actions, Name, Run#run{robot = Robot#robot{machines = Kept}}).
+
+stored(Name, #robot{stored = Stored}) ->
+    case Stored of
+        #{Name := Term} -> {stored, Term};
+        #{} -> none
+    end.
 
 base(Name, Incarnation, Place, #{ids := Ids, same_random := Same, waits := Waits}) ->
     Seed =
@@ -218,6 +226,9 @@ perform(Actions, Name, Run) ->
 
 perform_one({trace, Event}, Name, Run) ->
     trace(Name, Event, Run);
+perform_one({store, Term}, Name, #run{robot = Robot, model = Model} = Run) ->
+    Stored = (Robot#robot.stored)#{Name => older(Term, 0, Model)},
+    Run#run{robot = Robot#robot{stored = Stored}};
 perform_one({transmit, Dest, Packet}, _Name, #run{robot = Robot, model = Model} = Run) ->
     Dests =
         case Dest of

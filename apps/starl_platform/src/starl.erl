@@ -9,7 +9,7 @@
 -export([id/1, participants/1, now/1, random/1]).
 -export([send/4, post/4, broadcast/3, listen/2, await/2, await/3]).
 -export([position/1, position/2, positions/1, waypoint/2, waypoints/1]).
--export([go_to/2, sleep/2, actuate/3, trace/2, call/4]).
+-export([go_to/2, sleep/2, actuate/3, trace/2, store/2, stored/1, call/4]).
 -export([robot/2]).
 
 -export_type([robot/0, robot_id/0, pose/0, goal/0, outcome/0]).
@@ -128,6 +128,16 @@ actuate(#robot{}, Device, Value) -> starl_app_proc:perform([{actuate, Device, Va
 %% @doc Leaves an event in the recording, where monitors see it.
 -spec trace(robot(), Event :: term()) -> ok.
 trace(#robot{}, Event) -> starl_app_proc:perform([{trace, Event}]).
+
+%% @doc Keeps a term durably, over a crash of the application and a reboot of the robot, in place of
+%% what was kept before. Nothing that the application does afterwards takes place before the term
+%% is durable; if it cannot be written the application crashes instead, when it next blocks.
+-spec store(robot(), term()) -> ok.
+store(#robot{}, Term) -> starl_app_proc:store(Term).
+
+%% @doc What was kept last; `none': never anything; `damaged': it cannot be read.
+-spec stored(robot()) -> none | {stored, term()} | damaged.
+stored(#robot{}) -> starl_app_proc:stored().
 
 %% @doc Calls a machine of this robot: what the building blocks' interfaces are made of.
 -spec call(robot(), starl_machine:name(), Request :: term(), Ms :: pos_integer() | infinity) ->

@@ -60,6 +60,20 @@ unknown_event_is_traced_test() ->
     ?assertEqual([{trace, {unknown_event, packet, x}}], event(packet, x, Pid)),
     stop(Pid).
 
+%% What an application keeps goes out in its place among the other actions; it reads what an
+%% earlier life kept until it keeps something itself.
+stored_test() ->
+    Pid = start(fun(R) ->
+        Found = starl:stored(R),
+        starl:trace(R, a), starl:store(R, new), starl:trace(R, b),
+        {done, {Found, starl:stored(R)}}
+    end),
+    ?assertEqual(
+        [{trace, a}, {store, new}, {trace, b}, {done, {{stored, old}, {stored, new}}}],
+        boot(Pid, {stored, old})
+    ),
+    stop(Pid).
+
 %% An answer that comes after the time-out of its call is not taken for the next one's.
 late_reply_test() ->
     Pid = start(fun(R) ->
@@ -101,7 +115,11 @@ start(Step) ->
     receive {starl_attach, 1, app, Pid} -> Pid end.
 
 boot(Pid) ->
-    Pid ! {starl_boot, #{now => 5000, random => rand:seed_s(exsss, 1), incarnation => 1}},
+    boot(Pid, none).
+
+boot(Pid, Stored) ->
+    Random = rand:seed_s(exsss, 1),
+    Pid ! {starl_boot, #{now => 5000, random => Random, incarnation => 1, stored => Stored}},
     done().
 
 event(Type, Content, Pid) -> event(Type, Content, 6000, Pid).

@@ -21,7 +21,7 @@
     Params :: #{atom() => term()}
 }.
 
--type class() :: network | clock | process | location | actuation | serial.
+-type class() :: network | clock | process | location | actuation | serial | store.
 
 -type kind() ::
     loss | burst_loss | drop | duplicate | reorder | delay | corrupt | babble
@@ -30,7 +30,8 @@
     | kill_machine | kill_robot | reboot | pause | slow
     | location_dropout | location_frozen | location_noise | location_bias | location_swap
     | wheel_stuck | wheel_slow | command_lost | slip
-    | serial_garbage | serial_split | serial_gone.
+    | serial_garbage | serial_split | serial_gone
+    | store_full | store_damaged.
 
 %% Whom a fault hits: see the target shapes in {@link spec()}.
 -type target() ::
@@ -100,7 +101,7 @@ kinds() ->
         {clock_freeze, clock, robot, [], "the clock stands still, and goes on from there"},
         {kill_machine, process, machine, [], "a machine crashes; it is restarted"},
         {kill_robot, process, robot, [], "the robot dies for good"},
-        {reboot, process, robot, [], "the robot goes down and starts anew, knowing nothing"},
+        {reboot, process, robot, [], "the robot goes down and starts anew, with what it stored"},
         {pause, process, robot, [], "the robot's computer stands still; what comes waits"},
         {slow, process, robot, [ms(lag_ms, 5, 200)], "every event is handled so much later"},
         {location_dropout, location, robots, [], "the positioning system sees no robot for them"},
@@ -120,7 +121,9 @@ kinds() ->
             "a part of the frames to and from the chassis is garbage, and dropped"},
         {serial_split, serial, robot, [ms(lag_ms, 5, 200)],
             "what the chassis says comes in pieces, up to so much later"},
-        {serial_gone, serial, robot, [], "the chassis' port vanishes, and comes back"}
+        {serial_gone, serial, robot, [], "the chassis' port vanishes, and comes back"},
+        {store_full, store, robot, [], "what machines want to store cannot be written: they crash"},
+        {store_damaged, store, robot, [], "machines that start find what they stored damaged"}
     ].
 
 part(Low, High) -> {part, {number, 0, 1}, {Low, High}}.
@@ -133,7 +136,7 @@ shift(Ms) -> {ms, {integer, -3600000, 3600000}, {-Ms, Ms}}.
 
 %% @doc The classes of faults.
 -spec classes() -> [class()].
-classes() -> [network, clock, process, location, actuation, serial].
+classes() -> [network, clock, process, location, actuation, serial, store].
 
 %% @doc The kinds that are meant by `all', a class or a kind.
 -spec kinds_of(all | class() | kind()) -> [spec()].

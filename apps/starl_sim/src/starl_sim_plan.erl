@@ -99,6 +99,7 @@ world(Scenario, Profile, #{robots := Ids}, Options) ->
         clocks => faults(clock, Faults),
         location => faults(location, Faults),
         actuation => faults(actuation, Faults) ++ faults(serial, Faults),
+        store => faults(store, Faults),
         record => maps:get(record, Options, #{})
     }.
 

@@ -35,6 +35,7 @@
     clocks := [starl_sim_fault:compiled()],
     location := [starl_sim_fault:compiled()],
     actuation := [starl_sim_fault:compiled()],
+    store := [starl_sim_fault:compiled()],
     record => #{starl:robot_id() => starl_sim_ledger:range()}
 }.
 
@@ -59,6 +60,7 @@
     transmitter = starl_sim_transmitter:new() :: starl_sim_transmitter:t(),
     timers = starl_sim_timers:new() :: starl_sim_timers:t(),
     vehicle :: starl_sim_vehicle:t(),
+    store :: starl_sim_store:t(),
     chain :: starl_sim_chain:t(),
     result = running :: running | {done, term()},
     %% what came out: own events of this window, all others, the trace, newest first
@@ -76,13 +78,14 @@ new(Id, Pose, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
     Vehicle = starl_sim_vehicle:new(Id, Pose, World),
     Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
     Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
-    Faults = [F || F <- maps:get(clocks, World), starl_sim_fault:hits(Id, F)],
+    Hitting = fun(Class) -> [F || F <- maps:get(Class, World), starl_sim_fault:hits(Id, F)] end,
     #body{
         id = Id,
         world = World,
         chain = starl_sim_chain:new(maps:get(Id, maps:get(record, World, #{}), none)),
-        clock = starl_sim_clock:new(Offset, Drift, Faults),
+        clock = starl_sim_clock:new(Offset, Drift, Hitting(clocks)),
         vehicle = Vehicle,
+        store = starl_sim_store:new(Hitting(store)),
         traces = [{0, Id, chassis, {motion, starl_sim_vehicle:piece(Vehicle)}}]
     }.
 
@@ -122,12 +125,14 @@ yield(#body{later = Later, traces = Traces, changes = Changes}) -> {Later, Trace
 %% @doc What a machine is given when it starts.
 -spec boot(starl:robot_id(), starl_machine:name(), Incarnation :: pos_integer(), t()) ->
     starl_machine:config().
-boot(Id, Name, Incarnation, #body{world = #{seed := Seed, team := Team}} = Body) ->
+boot(Id, Name, Incarnation, #body{world = World, now = Now, store = Store} = Body) ->
+    #{seed := Seed, team := Team} = World,
     #{
         robot => Id,
         participants => Team,
         name => Name,
         incarnation => Incarnation,
+        stored => starl_sim_store:kept(Name, Now, Store),
         random => rand:seed_s(exsss, erlang:phash2({Seed, Id, Name}, 4294967296)),
         now => local_time(Body)
     }.
@@ -197,7 +202,7 @@ result(#body{result = Result}) -> Result.
 %% -- carrying out what machines ask for -----------------------------------------------------
 
 -spec perform([starl_machine:action()], starl_machine:name(), t()) ->
-    {[starl_platform:local()], t()}.
+    {[starl_platform:local()], t()} | {store_full, [starl_platform:local()], t()}.
 perform(Actions, Name, Body) -> perform(Actions, Name, Body, []).
 
 perform([], _Name, Body, []) ->
@@ -227,8 +232,17 @@ perform([Action | Rest], Name, Body, Local) ->
             perform(Rest, Name, trace(chassis, {actuated, Device, Value}, Body), Local);
         {done, Result} ->
             perform(Rest, Name, done(Result, Body), Local);
+        {store, Term} ->
+            store(Term, Rest, Name, Body, Local);
         _ ->
             perform(Rest, Name, Body, [starl_platform:local(Action, Name) | Local])
+    end.
+
+%% What follows the write takes place only when that is done.
+store(Term, Rest, Name, #body{store = Store, now = Now} = Body, Local) ->
+    case starl_sim_store:keep(Name, Term, Now, Store) of
+        {ok, Next} -> perform(Rest, Name, Body#body{store = Next}, Local);
+        full -> {store_full, lists:reverse(Local), Body}
     end.
 
 %% -- the radio ------------------------------------------------------------------------------

@@ -242,14 +242,26 @@ refusal(_Name, _Type) -> [].
 perform([], _Name, Local, Events, Body, Machines, Robot) ->
     work(Local, Events, Body, Machines, Robot);
 perform(Actions, Name, Local, Events, Body0, Machines, Robot) ->
-    {New, Body} = starl_sim_platform:perform(Actions, Name, Body0),
+    case starl_sim_platform:perform(Actions, Name, Body0) of
+        {New, Body} -> performed(Local ++ New, Events, Body, Machines, Robot);
+        {store_full, New, Body} -> fail_stop(Name, Local ++ New, Events, Body, Machines, Robot)
+    end.
+
+performed(Local, Events, Body, Machines, Robot) ->
     case starl_sim_platform:soon(Body) of
         [] ->
-            work(Local ++ New, Events, Body, Machines, Robot);
+            work(Local, Events, Body, Machines, Robot);
         _ ->
             Planned = starl_sim_platform:planned(Body),
-            work(Local ++ New, plan(Body, Events), Planned, Machines, Robot)
+            work(Local, plan(Body, Events), Planned, Machines, Robot)
     end.
+
+%% The machine could not make durable what the rest of its actions rests on.
+fail_stop(Name, Local, Events, Body, Machines, Robot) ->
+    {ok, _Killed} = starl_sim_machines:kill(Name, Machines),
+    Planned = starl_sim_platform:planned(Body),
+    Stopped = put_back(Local, plan(Body, Events), Planned, Machines, Robot),
+    proceed(crashed(Name, store_full, Stopped)).
 
 %% New events of this robot in this window take their places among the others.
 plan(Body, Events) -> lists:merge(lists:sort(starl_sim_platform:soon(Body)), Events).

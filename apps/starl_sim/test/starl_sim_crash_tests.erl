@@ -107,7 +107,7 @@ driving() ->
     World = #{
         seed => 1, team => starl_team:new([1]), clock => {0, 0}, loss => 0.0, duplicate => 0.0,
         delay_us => {1000, 2000}, range_mm => infinity, profile => starl_motion_course:profile(#{}),
-        network => [], clocks => [], location => [], actuation => [],
+        network => [], clocks => [], location => [], actuation => [], store => [],
         sight => starl_sim_sight:new([], infinity)
     },
     New = starl_sim_platform:new(1, {0.0, 0.0, 0.0}, World),

@@ -36,7 +36,7 @@ every_kind_takes_effect(_) ->
     #{digest := Without} = run(Plain),
     [
         begin
-            Faults = [example(Kind)],
+            Faults = [example(Kind) | maps:get(faults, Plain)],
             #{digest := With, violations := Broken} = run(Plain#{faults => Faults}),
             ?assertEqual({Kind, []}, {Kind, Broken}),
             ?assertNotEqual({Kind, Without}, {Kind, With}),
@@ -68,10 +68,13 @@ value(_, {one_of, [First | _]}, _) -> First;
 value(_, {number, _, _}, {_, High}) -> High;
 value(_, {integer, _, _}, {_, High}) -> High.
 
-%% Four robots that talk, look around and drive, for ten seconds.
+%% Four robots that talk, look around, store and drive, for ten seconds; what one has stored it
+%% reads after a crash.
 busy(More) ->
     maps:merge(#{
         app => ?APP, robots => 4, seed => 5, time => 60, mode => process, delay => {5, 20},
+        around => #{blocks => [{kept, starl_sim_store_machine, #{}}]},
+        faults => [{base, 3000, 3000, kill_machine, {1, kept}, #{}}],
         script => fun(R) ->
             ok = starl:listen(R, word),
             [turn(K, R) || K <- lists:seq(1, 20)]
@@ -82,6 +85,8 @@ turn(K, R) ->
     _ = starl:post(R, 1 + (starl:id(R) + K) rem 4, word, {K, starl:now(R)}),
     {ok, {X, Y, _}} = look(R),
     _ = starl:go_to(R, {X + 50.0 - 100.0 * (K rem 2), Y + 20.0}),
+    _ = starl:call(R, kept, stored, infinity),
+    _ = starl:call(R, kept, {keep, K}, infinity),
     _ = starl:positions(R),
     _ = starl:await(R, word, 100),
     starl:sleep(R, 200).

@@ -49,7 +49,7 @@
 
 -spec init(starl_machine:config()) -> {idle, #coordinator{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, now := Now} = Config) ->
-    Given = maps:without([robot, participants, incarnation, name, random, now], Config),
+    Given = maps:without([robot, participants, incarnation, name, random, now, stored], Config),
     Members = starl_team:members(Team),
     Data = #coordinator{
         self = Self, team = Members, config = Given, now = Now,

@@ -31,7 +31,7 @@
 %% Path planning rests on positions that are right to within their stated error: noise, bias and
 %% robots taken for each other are beyond it.
 -define(DPP_BEARS, [
-    network, clock, process, location_dropout, location_frozen, actuation, serial
+    network, clock, process, location_dropout, location_frozen, actuation, serial, store
 ]).
 %% Nobody waits longer for one failing run to become small, s.
 -define(SHRINK_S, 60).

@@ -11,7 +11,7 @@
 -module(starl_app_proc).
 
 -export([start_link/1, init/1]).
--export([perform/1, now/0, random/0, call/3, await/2, sleep/1]).
+-export([perform/1, store/1, stored/0, now/0, random/0, call/3, await/2, sleep/1]).
 
 -define(TURN, starl_turn).
 -define(INBOX_LIMIT, 1000).
@@ -23,6 +23,7 @@
     actions = [] :: [starl_machine:action()],
     inbox = [] :: [message()],
     random :: rand:state(),
+    stored :: starl_machine:stored(),
     %% of an earlier life's calls, no answer is taken for one of this life's
     tag :: {Incarnation :: pos_integer(), non_neg_integer()},
     %% what to say again to a machine that has restarted
@@ -52,12 +53,14 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
     Driver ! {starl_attach, Id, app, self()},
     proc_lib:init_ack({ok, self()}),
     receive
-        {starl_boot, #{now := Now, random := Random, incarnation := Incarnation}} ->
+        {starl_boot, Boot} ->
+            #{now := Now, random := Random, incarnation := Incarnation, stored := Stored} = Boot,
             _ = put(?TURN, #turn{
                 robot = Id,
                 driver = Driver,
                 now = Now,
                 random = Random,
+                stored = Stored,
                 tag = {Incarnation, 0}
             }),
             loop(Robot, Module, Module:init(Robot, Args), version(Module))
@@ -70,6 +73,17 @@ perform(New) ->
     Listening = lists:foldl(fun listening/2, Turn#turn.listening, New),
     _ = put(?TURN, Turn#turn{actions = lists:reverse(New, Actions), listening = Listening}),
     ok.
+
+%% @doc Keeps a term over crashes and reboots, in place of what was kept before.
+-spec store(term()) -> ok.
+store(Term) ->
+    ok = perform([{store, Term}]),
+    _ = put(?TURN, (get(?TURN))#turn{stored = {stored, Term}}),
+    ok.
+
+%% @doc What was kept last, in this life or an earlier one.
+-spec stored() -> starl_machine:stored().
+stored() -> (get(?TURN))#turn.stored.
 
 %% @doc The robot's own clock, in microseconds, at the beginning of this turn.
 -spec now() -> integer().

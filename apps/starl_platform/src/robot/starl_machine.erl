@@ -12,7 +12,8 @@
 
 -export([new/3, step/4, module/1, state/1, data/1]).
 
--export_type([t/0, name/0, tag/0, from/0, event_type/0, action/0, meta/0, config/0, result/0]).
+-export_type([t/0, name/0, tag/0, from/0, event_type/0, action/0, stored/0, meta/0, config/0]).
+-export_type([result/0]).
 
 %% The name of a machine within its robot: `sap', `motion', `election', `app', …
 -type name() :: atom().
@@ -58,6 +59,10 @@
     | {drive, starl_motion_course:script(), Mark :: term()}
     %% any other actuator: `{actuate, pen, down}'
     | {actuate, Device :: atom(), Value :: term()}
+    %% kept for this machine over crashes and reboots, in place of what it kept before; what follows
+    %% takes place only when the term is durable, and not at all when it cannot be written: then the
+    %% machine crashes (see {@link stored()})
+    | {store, Term :: term()}
     %% a fact for the recording and the monitors
     | {trace, Event :: term()}
     %% the application has finished with this result
@@ -66,13 +71,22 @@
 %% What a machine may know of the world when it handles an event: the robot's own clock (µs).
 -type meta() :: #{now := integer(), robot := starl:robot_id()}.
 
+%% What a machine kept with the action `store', given back after a crash of the machine and after a
+%% reboot of the robot alike; `none': it has never kept anything. `damaged': something was kept and
+%% cannot be read, so the machine must take it that it has promised whatever it ever may. A full
+%% store crashes the machine that writes, before anything that was to follow; so a machine that
+%% wrote in `init/1' would crash as often as it is restarted: it writes when it has to promise.
+-type stored() :: none | {stored, Term :: term()} | damaged.
+
 %% The configuration given to `init/1'. `incarnation' counts the starts of this machine on this
-%% robot (1, 2, …); `random' is its own random stream.
+%% robot (1, 2, …), over reboots too: the platform keeps it in the robot's store, apart from what
+%% machines keep and twice, so no fault of the store touches it. `random' is its own random stream.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
     name := name(),
     incarnation := pos_integer(),
+    stored := stored(),
     random := rand:state(),
     now := integer(),
     atom() => term()

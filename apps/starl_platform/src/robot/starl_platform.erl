@@ -33,12 +33,15 @@
 %% <dt>`{{timeout, T}, Us, Content}', `{state_timeout, Us, Content}'</dt><dd>starts a timer of
 %%   this machine, by the robot's clock, in place of the one of the same name</dd>
 %% <dt>`{{timeout, T}, cancel}', `{state_timeout, cancel}'</dt><dd>stops it if it runs</dd>
+%% <dt>`{store, Term}'</dt><dd>makes the term durable, in place of what this machine stored before,
+%%   and goes on when it is; where it cannot be written, nothing that follows takes place: `perform'
+%%   answers `store_full' with the events so far, and the driver has the machine crash</dd>
 %% <dt>`{trace, Event}'</dt><dd>records a fact</dd>
 %% <dt>`{done, Result}'</dt><dd>the application has finished</dd>
 %% <dt>`{cast, …}', `{call, …}', `{reply, …}'</dt><dd>see {@link local/2}</dd>
 %% </dl>
 -callback perform([starl_machine:action()], Name :: starl_machine:name(), State) ->
-    {[local()], State}
+    {[local()], State} | {store_full, [local()], State}
 when
     State :: term().
 

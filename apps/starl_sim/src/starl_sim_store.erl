@@ -1,0 +1,38 @@
+%% @doc The durable store of a simulated robot: what each of its machines keeps over crashes and
+%% reboots, and the faults of the class `store'.
+-module(starl_sim_store).
+
+-export([new/1, keep/4, kept/3]).
+
+-export_type([t/0]).
+
+-record(store, {
+    faults :: [starl_sim_fault:compiled()],
+    kept = #{} :: #{starl_machine:name() => term()}
+}).
+
+-opaque t() :: #store{}.
+
+%% @doc An empty store that these faults strike.
+-spec new([starl_sim_fault:compiled()]) -> t().
+new(Faults) -> #store{faults = Faults}.
+
+%% @doc Keeps a term for a machine in place of what it kept before; `full': nothing is written.
+-spec keep(starl_machine:name(), term(), starl_sim_queue:time(), t()) -> {ok, t()} | full.
+keep(Name, Term, Now, #store{kept = Kept} = Store) ->
+    case suffers(store_full, Now, Store) of
+        true -> full;
+        false -> {ok, Store#store{kept = Kept#{Name => Term}}}
+    end.
+
+%% @doc What a machine that starts now finds. Where nothing was ever kept nothing is damaged.
+-spec kept(starl_machine:name(), starl_sim_queue:time(), t()) -> starl_machine:stored().
+kept(Name, Now, #store{kept = Kept} = Store) ->
+    case {Kept, suffers(store_damaged, Now, Store)} of
+        {#{Name := _}, true} -> damaged;
+        {#{Name := Term}, false} -> {stored, Term};
+        {#{}, _} -> none
+    end.
+
+suffers(Kind, Now, #store{faults = Faults}) ->
+    lists:keymember(Kind, 4, starl_sim_fault:holding(Now, Faults)).

@@ -1,0 +1,34 @@
+%% The store of a simulated robot, and the faults that strike it.
+-module(starl_sim_store_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% The latest term of each machine is kept, apart from those of the others.
+keeps_the_latest_test() ->
+    Store = keep([{a, 1}, {b, 2}, {a, 3}], 0, starl_sim_store:new([])),
+    ?assertEqual(
+        [{stored, 3}, {stored, 2}, none], [starl_sim_store:kept(N, 9, Store) || N <- [a, b, c]]
+    ).
+
+%% While it is full nothing is written, and what was kept before stays.
+full_test() ->
+    Store = keep([{a, 1}], 0, starl_sim_store:new([fault(store_full, 5, 8)])),
+    ?assertEqual([full, full], [starl_sim_store:keep(a, 2, T, Store) || T <- [5000, 7999]]),
+    ?assertMatch({ok, _}, starl_sim_store:keep(a, 2, 8000, Store)),
+    ?assertEqual({stored, 1}, starl_sim_store:kept(a, 6000, Store)).
+
+%% What was kept is damaged for who starts meanwhile; where nothing was, nothing is.
+damaged_test() ->
+    Store = keep([{a, 1}], 6000, starl_sim_store:new([fault(store_damaged, 5, 8)])),
+    ?assertEqual(
+        [{stored, 1}, damaged, damaged, {stored, 1}],
+        [starl_sim_store:kept(a, T, Store) || T <- [4999, 5000, 7999, 8000]]
+    ),
+    ?assertEqual(none, starl_sim_store:kept(b, 6000, Store)).
+
+keep(Terms, Now, Store) ->
+    lists:foldl(fun({Name, Term}, S) ->
+        {ok, Next} = starl_sim_store:keep(Name, Term, Now, S),
+        Next
+    end, Store, Terms).
+
+fault(Kind, From, To) -> starl_sim_fault:compile({f, From, To, Kind, 1, #{}}).
