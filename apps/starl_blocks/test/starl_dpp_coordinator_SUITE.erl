@@ -53,14 +53,14 @@ nothing_is_assigned_without_votes(_) ->
     {_, C1} = claimed([1, 2, 3]),
     C2 = lists:foldl(
         fun(R, C) ->
-            {_, Next} = state(R, {standing, spot(R)}, {1, 0, R =:= 2}, C),
+            {_, Next} = state(R, {standing, spot(R)}, {0, 0, R =:= 2}, C),
             Next
         end,
         C1, [2, 3, 1]
     ),
     {Actions, C3} = ask(1, 1, spot(1), C2),
     ?assertEqual([], answers(Actions)),
-    {Won, _} = step(cast, {message, 3, dpp_here, {{1, 1}, {1, 1, true}}}, C3),
+    {Won, _} = step(cast, {message, 3, dpp_here, {{1, 1}, {0, 1, true}}}, C3),
     ?assert(lists:member({trace, {leads, {1, 1}}}, Won)).
 
 %% Votes last for a lease, but for drift and jumps, from the beat that they answer. Then nothing is
@@ -168,7 +168,7 @@ late_report_of_a_silent_robot(_) ->
     {_, C4} = at(11 * ?S, {timeout, beat}, beat, voted(10, C3)),
     {X, Y} = spot(2),
     {_, C5} = at(11 * ?S, {reply, {rest, {1, 1}, 2}}, {ok, {X, Y, 0.0}}, C4),
-    Late = {{1, 1}, {1, 5}, {moving, 0, From, Path}, [], {1, 0, true}},
+    Late = {{1, 1}, {1, 5}, {moving, 0, From, Path}, [], {0, 0, true}},
     {_, C6} = at(11 * ?S, cast, {message, 2, dpp_state, Late}, C5),
     ?assertEqual([{spot(2), spot(2)}], held(2, C6)).
 
@@ -196,15 +196,8 @@ at_beats(Seconds, C) ->
     ).
 
 voted(T, C) ->
-    #{seq := Seq} = beats(C),
-    {_, Voted} = at(T * ?S, cast, {message, 1, dpp_here, {{1, 1}, {Seq, T * ?S, true}}}, C),
+    {_, Voted} = at(T * ?S, cast, {message, 1, dpp_here, {{1, 1}, {T * ?S, T * ?S, true}}}, C),
     Voted.
-
-%% The number of the next beat, by having one sent and thrown away.
-beats(C) ->
-    {Actions, _} = at(0, {timeout, beat}, beat, C),
-    [Seq] = [S || {cast, sap, {shout, dpp_beat, {_, S, _}}} <- Actions],
-    #{seq => Seq - 1}.
 
 %% A coordinator that was asked for a path and claims a term.
 claimed(Team) ->
@@ -213,7 +206,7 @@ claimed(Team) ->
     ),
     step(cast, {message, 1, dpp_request, {{0, 0}, {1, 0}, spot(1), [], 0}}, C).
 
-state(Robot, Place, C) -> state(Robot, Place, {1, 0, true}, C).
+state(Robot, Place, C) -> state(Robot, Place, {0, 0, true}, C).
 
 state(Robot, Place, Ballot, C) ->
     step(cast, {message, Robot, dpp_state, {{1, 1}, {1, 0}, Place, [], Ballot}}, C).

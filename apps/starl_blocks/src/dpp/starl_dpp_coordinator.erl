@@ -27,6 +27,30 @@
 
 -export([init/1, handle_event/5]).
 
+-export_type([service/0]).
+
+%% What a coordinator knows of its robots, private to the module of its service: `serve' in the
+%% configuration, by default {@link starl_dpp_serve}. The exhaustive checker gives a smaller one.
+-type service() :: term().
+-type turn() :: {service(), [starl_machine:action()]}.
+
+%% What is the same in all terms; it takes time.
+-callback prepare(starl_dpp_settings:t()) -> Blank :: term().
+-callback new(Blank :: term(), starl_dpp:term_id()) -> service().
+-callback lead(service()) -> turn().
+-callback unknown(service()) -> [starl:robot_id()].
+-callback knows(starl:robot_id(), service()) -> boolean().
+-callback silent(starl:robot_id(), service()) -> boolean().
+-callback requested(starl:robot_id(), starl_dpp:request_id(), {At, [Edge]}, service()) ->
+    turn() when At :: starl_geometry:point(), Edge :: starl_dpp_graph:edge_id().
+-callback reported(starl:robot_id(), starl_dpp:request_id(), {Place, [Edge]}, service()) ->
+    turn() when Place :: starl_dpp:place(), Edge :: starl_dpp_graph:edge_id().
+-callback passed(starl:robot_id(), starl_dpp:request_id(), N :: pos_integer(), service()) -> turn().
+-callback rests(starl:robot_id(), starl_geometry:point(), service()) -> turn().
+-callback serve(service()) -> turn().
+-callback give_up(service()) -> turn().
+-callback answered(starl:robot_id(), ok | lost, service()) -> service().
+
 -define(BEAT_US, 1000000).
 %% Robots whose place is not known are asked again after so long.
 -define(RECOVER_US, 2000000).
@@ -36,23 +60,27 @@
     team :: [starl:robot_id()],
     config :: starl_dpp:config(),
     now :: integer(),
-    %% the plan with nothing known in it; building it takes time
-    blank = none :: starl_dpp_plan:t() | none,
+    service :: module(),
+    %% what the service has prepared
+    blank = none :: term() | none,
     %% the highest term's number known, and the own term
     n = 0 :: non_neg_integer(),
     term = {0, 0} :: starl_dpp:term_id(),
     lease :: starl_dpp_lease:t(),
-    serve = none :: starl_dpp_serve:t() | none
+    serve = none :: service() | none
 }).
 
 -type state() :: idle | claiming | leading.
 
 -spec init(starl_machine:config()) -> {idle, #coordinator{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, now := Now} = Config) ->
-    Given = maps:without([robot, participants, incarnation, name, random, now, stored], Config),
+    Given = maps:without(
+        [robot, participants, incarnation, name, random, now, stored, serve], Config
+    ),
     Members = starl_team:members(Team),
     Data = #coordinator{
         self = Self, team = Members, config = Given, now = Now,
+        service = maps:get(serve, Config, starl_dpp_serve),
         lease = starl_dpp_lease:new(Members, Given)
     },
     {idle, Data, listen()}.
@@ -85,10 +113,10 @@ event({timeout, beat}, _, leading, Data) ->
     keep(beat(Data));
 event({timeout, recover}, _, State, Data) when State =/= idle ->
     keep(ask_unknown(State, Data));
-event({timeout, serve}, _, leading, #coordinator{serve = Serve} = Data) ->
-    keep(served(starl_dpp_serve:serve(Serve), Data));
-event({timeout, give_up}, _, leading, #coordinator{serve = Serve} = Data) ->
-    keep(served(starl_dpp_serve:give_up(Serve), Data));
+event({timeout, serve}, _, leading, #coordinator{service = Service, serve = Serve} = Data) ->
+    keep(served(Service:serve(Serve), Data));
+event({timeout, give_up}, _, leading, #coordinator{service = Service, serve = Serve} = Data) ->
+    keep(served(Service:give_up(Serve), Data));
 event({timeout, claim}, _, claiming, Data) ->
     {next_state, idle, Data, stop_timers()};
 event({timeout, _}, _, _State, _Data) ->
@@ -96,9 +124,9 @@ event({timeout, _}, _, _State, _Data) ->
 event({reply, {rest, Term, Robot}}, {ok, {X, Y, _}}, leading, #coordinator{term = Term} = Data) ->
     keep(rests(Robot, {X, Y}, Data));
 event({reply, {answered, Term, Robot}}, Outcome, leading, #coordinator{term = Term} = Data) ->
+    #coordinator{service = Service, serve = Serve} = Data,
     Arrived = case Outcome of ok -> ok; {error, _} -> lost end,
-    Serve = starl_dpp_serve:answered(Robot, Arrived, Data#coordinator.serve),
-    {keep_state, Data#coordinator{serve = Serve}, []};
+    {keep_state, Data#coordinator{serve = Service:answered(Robot, Arrived, Serve)}, []};
 event({reply, _}, _, _State, _Data) ->
     keep_state_and_data;
 event(cast, {lead, N}, State, #coordinator{n = Known} = Data) ->
@@ -132,39 +160,40 @@ higher({N, _}, #coordinator{n = Known} = Data) -> Data#coordinator{n = max(N, Kn
 
 %% Begins a term above all that are known.
 claim(N, #coordinator{n = Known, self = Self, team = Team, config = Config} = Data0) ->
-    #coordinator{blank = Blank} = Data = with_blank(Data0),
+    #coordinator{service = Service, blank = Blank} = Data = with_blank(Data0),
     Next = max(N, Known) + 1,
     Term = {Next, Self},
     Claiming = Data#coordinator{
         n = Next, term = Term,
         lease = starl_dpp_lease:new(Team, Config),
-        serve = starl_dpp_serve:new(Blank, Term)
+        serve = Service:new(Blank, Term)
     },
     {Asked, Actions} = ask_unknown(claiming, Claiming),
     Timer = {{timeout, claim}, starl_dpp_lease:long_us(Config) * 3 div 2, claim},
     {next_state, claiming, Asked, stop_timers() ++ [{trace, {claims, Term}}, Timer | Actions]}.
 
 with_blank(#coordinator{blank = none, config = Config, team = Team} = Data) ->
+    #coordinator{service = Service} = Data,
     Settings = maps:without([lease_ms, drift_ppm, jump_ms], Config),
-    {ok, Plan} = starl_dpp_plan:new(Settings#{robots => Team}),
-    Data#coordinator{blank = Plan};
+    Data#coordinator{blank = Service:prepare(Settings#{robots => Team})};
 with_blank(Data) ->
     Data.
 
 %% One packet for all at first; those that have not answered are asked again one by one. The own
 %% participant comes last, when with its vote there is a quorum: a robot that nobody votes for
 %% goes on following the one that leads.
-ask_unknown(State, #coordinator{serve = Serve, self = Self, team = Team} = Data) ->
+ask_unknown(State, #coordinator{service = Service, self = Self, team = Team} = Data) ->
     {Seq, Lease} = starl_dpp_lease:beat(Data#coordinator.now, Data#coordinator.lease),
     Body = {Data#coordinator.term, Seq, State =:= leading},
-    Unknown = starl_dpp_serve:unknown(Serve) -- [Self || not hopeful(Data)],
+    All = Service:unknown(Data#coordinator.serve),
+    Unknown = All -- [Self || not hopeful(Data)],
     Messages =
         case Unknown -- [Self] =:= Team -- [Self] of
             true -> [{cast, sap, {broadcast, dpp_recover, Body}}];
             false -> [starl_sap:post(Robot, dpp_recover, Body) || Robot <- Unknown -- [Self]]
         end,
     Own = [starl_sap:post(Self, dpp_recover, Body) || lists:member(Self, Unknown)],
-    Timer = [{{timeout, recover}, ?RECOVER_US, recover} || starl_dpp_serve:unknown(Serve) =/= []],
+    Timer = [{{timeout, recover}, ?RECOVER_US, recover} || All =/= []],
     {Data#coordinator{lease = Lease}, Messages ++ Own ++ Timer}.
 
 hopeful(#coordinator{self = Self, team = Team, lease = Lease, now = Now}) ->
@@ -187,12 +216,12 @@ beat(#coordinator{now = Now, term = Term, lease = Lease0, self = Self, team = Te
     ]}.
 
 %% All leave that the robot may have has ended.
-may_rest(Robot, #coordinator{now = Now, lease = Lease, serve = Serve}) ->
-    starl_dpp_lease:rests(Robot, Now, Lease) andalso not starl_dpp_serve:silent(Robot, Serve).
+may_rest(Robot, #coordinator{now = Now, lease = Lease, service = Service, serve = Serve}) ->
+    starl_dpp_lease:rests(Robot, Now, Lease) andalso not Service:silent(Robot, Serve).
 
-rests(Robot, At, #coordinator{serve = Serve} = Data) ->
+rests(Robot, At, #coordinator{service = Service, serve = Serve} = Data) ->
     case may_rest(Robot, Data) of
-        true -> served(starl_dpp_serve:rests(Robot, At, Serve), Data);
+        true -> served(Service:rests(Robot, At, Serve), Data);
         false -> {Data, []}
     end.
 
@@ -223,22 +252,25 @@ ask_again(Robot, #coordinator{now = Now, term = Term} = Data) ->
 
 heard(dpp_request, {_, Id, At, Painted, Stamp}, Robot, _State, #coordinator{serve = S} = Data) ->
     #coordinator{lease = Lease, now = Now, term = Term} = Heard = stamped(Robot, Stamp, Data),
+    Service = Data#coordinator.service,
     case starl_dpp_lease:rests(Robot, Now, Lease) of
         true ->
             %% of leave counted from this stamp, long known, nothing is left
             keep({Heard, [starl_sap:post(Robot, dpp_answer, {Term, Id, again, []})]});
         false ->
-            keep(served(starl_dpp_serve:requested(Robot, Id, {At, Painted}, S), Heard))
+            keep(served(Service:requested(Robot, Id, {At, Painted}, S), Heard))
     end;
-heard(dpp_passed, {_, Id, N}, Robot, _State, #coordinator{serve = Serve} = Data) ->
-    keep(served(starl_dpp_serve:passed(Robot, Id, N, Serve), Data));
+heard(dpp_passed, {_, Id, N}, Robot, _State, #coordinator{serve = S} = Data) ->
+    keep(served((Data#coordinator.service):passed(Robot, Id, N, S), Data));
 heard(dpp_state, {_, Id, Place, Painted, Ballot}, Robot, State, #coordinator{serve = S} = Data) ->
     {_, Stamp, _} = Ballot,
-    {Told, Actions} = served(starl_dpp_serve:reported(Robot, Id, {Place, Painted}, S), Data),
+    Reported = (Data#coordinator.service):reported(Robot, Id, {Place, Painted}, S),
+    {Told, Actions} = served(Reported, Data),
     elected(State, Actions, voted(Robot, Ballot, stamped(Robot, Stamp, Told)));
 heard(dpp_here, {_, {_, Stamp, _} = Ballot}, Robot, State, #coordinator{serve = Serve} = Data) ->
+    Service = Data#coordinator.service,
     Heard =
-        case starl_dpp_serve:knows(Robot, Serve) andalso not starl_dpp_serve:silent(Robot, Serve) of
+        case Service:knows(Robot, Serve) andalso not Service:silent(Robot, Serve) of
             true -> stamped(Robot, Stamp, Data);
             false -> Data
         end,
@@ -255,13 +287,14 @@ elected(claiming, Actions, #coordinator{lease = Lease, now = Now, self = Self} =
     case {starl_dpp_lease:leads(Now, Lease), hopeful(Data)} of
         {true, _} ->
             Leading = Data#coordinator{lease = starl_dpp_lease:since(Now, Lease)},
-            {Served, More} = served(starl_dpp_serve:lead(Data#coordinator.serve), Leading),
+            #coordinator{service = Service, serve = Serve} = Data,
+            {Served, More} = served(Service:lead(Serve), Leading),
             {Beaten, Beat} = beat(Served),
             Trace = {trace, {leads, Data#coordinator.term}},
             Timers = [{{timeout, claim}, cancel}, {{timeout, recover}, ?RECOVER_US, recover}],
             {next_state, leading, Beaten, Actions ++ [Trace | More] ++ Beat ++ Timers};
         {false, true} ->
-            case starl_dpp_serve:knows(Self, Data#coordinator.serve) of
+            case (Data#coordinator.service):knows(Self, Data#coordinator.serve) of
                 true ->
                     {keep_state, Data, Actions};
                 false ->

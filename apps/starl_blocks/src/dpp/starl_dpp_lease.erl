@@ -26,8 +26,8 @@
     lease_ms => pos_integer(), drift_ppm => non_neg_integer(), jump_ms => non_neg_integer(),
     atom() => term()
 }.
-%% Numbers the coordinator's beats.
--type seq() :: non_neg_integer().
+%% Names a beat of a coordinator: its own clock (us) when it sent it.
+-type seq() :: integer().
 %% A participant's own clock (us) when it sent a message.
 -type stamp() :: integer().
 
@@ -35,9 +35,8 @@
     team :: [starl:robot_id()],
     short_us :: pos_integer(),
     long_us :: pos_integer(),
-    seq = 0 :: seq(),
-    %% when the beats of the last lease were sent
-    sent = [] :: [{seq(), Us :: integer()}],
+    %% the beats of the last lease, latest first
+    sent = [] :: [seq()],
     votes = #{} :: #{starl:robot_id() => UntilUs :: integer()},
     heard = #{} :: #{starl:robot_id() => {stamp(), AtUs :: integer()}},
     %% when it began to lead
@@ -70,18 +69,18 @@ quorum(Robots, [First | _] = Team) ->
         More -> More > 0
     end.
 
-%% @doc A beat is sent: its number. Votes will answer it.
+%% @doc A beat is sent: its name. Votes will answer it.
 -spec beat(Now :: integer(), t()) -> {seq(), t()}.
-beat(Now, #lease{seq = Seq, sent = Sent, short_us = Short} = Lease) ->
-    Recent = [Beat || {_, Us} = Beat <- Sent, Us + Short > Now],
-    {Seq + 1, Lease#lease{seq = Seq + 1, sent = [{Seq + 1, Now} | Recent]}}.
+beat(Now, #lease{sent = Sent, short_us = Short} = Lease) ->
+    Recent = [Us || Us <- Sent, Us + Short > Now, Us =/= Now],
+    {Now, Lease#lease{sent = [Now | Recent]}}.
 
 %% @doc The robot has answered this beat with its vote; one that is too old does not count.
 -spec voted(starl:robot_id(), seq(), Vote :: boolean(), t()) -> t().
 voted(Robot, Seq, true, #lease{sent = Sent, votes = Votes, short_us = Short} = Lease) ->
-    case lists:keyfind(Seq, 1, Sent) of
-        {Seq, Us} ->
-            Until = max(Us + Short, maps:get(Robot, Votes, Us)),
+    case lists:member(Seq, Sent) of
+        true ->
+            Until = max(Seq + Short, maps:get(Robot, Votes, Seq)),
             Lease#lease{votes = Votes#{Robot => Until}};
         false ->
             Lease

@@ -12,8 +12,9 @@
 %% `{assigned, Robot, Id, Segments}', `{deadlock_resolved, Robots}', `{silent, Robot}',
 %% `{unreachable, Edges}'.
 -module(starl_dpp_serve).
+-behaviour(starl_dpp_coordinator).
 
--export([new/2, lead/1, unknown/1, knows/2, silent/2]).
+-export([prepare/1, new/2, lead/1, unknown/1, knows/2, silent/2]).
 -export([requested/4, reported/4, passed/4, rests/3, serve/1, give_up/1, answered/3]).
 -export_type([t/0, turn/0]).
 
@@ -43,6 +44,12 @@
 }).
 -opaque t() :: #serve{}.
 -type turn() :: {t(), [starl_machine:action()]}.
+
+%% @doc The plan with nothing known in it.
+-spec prepare(starl_dpp_settings:t()) -> starl_dpp_plan:t().
+prepare(Settings) ->
+    {ok, Plan} = starl_dpp_plan:new(Settings),
+    Plan.
 
 %% @doc No robot's place is known.
 -spec new(starl_dpp_plan:t(), starl_dpp:term_id()) -> t().
