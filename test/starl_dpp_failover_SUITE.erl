@@ -9,7 +9,7 @@
     coordinator_machine_killed/1, coordinator_robot_killed/1, coordinator_robot_reboots/1,
     all_machines_of_some_killed/1, successors_killed/1,
     coordinator_out_of_range/1, everything_at_once/1, claims_out_of_range/1,
-    dead_before_the_election/1,
+    dead_before_the_election/1, terms_outlive_reboots/1, damaged_stores/1,
     planted_bugs_are_caught/1
 ]).
 
@@ -23,7 +23,7 @@ all() ->
         coordinator_machine_killed, coordinator_robot_killed, coordinator_robot_reboots,
         all_machines_of_some_killed, successors_killed,
         coordinator_out_of_range, everything_at_once, claims_out_of_range,
-        dead_before_the_election,
+        dead_before_the_election, terms_outlive_reboots, damaged_stores,
         planted_bugs_are_caught
     ].
 
@@ -173,6 +173,51 @@ dead_before_the_election(_) ->
     [painted_but_for_the_dead(#{seed => Seed, faults => [death(1, 0, R)]})
      || {Seed, R} <- [{1, 1}, {2, 3}]].
 
+%% The coordinator dies and all others who know its term reboot: who leads then leads a later one.
+%% (Found by soaks of two and three robots: all forgot the term, and began again with the first.)
+terms_outlive_reboots(_) ->
+    [
+        begin
+            Run = play(Given#{delay => {20, 20}, clock_offset => 0}),
+            ?assertMatch(#{violations := []}, Run, Given),
+            ?assertNot(lists:member(running, maps:get(ends, Run)), Given)
+        end
+     || Given <- [
+            #{robots => 3, seed => 5050, faults => [
+                death(1, 10215, 3), reboot(1, 19757, 20174, 2), reboot(2, 14228, 15733, 1)
+            ]},
+            #{robots => 2, seed => 20184, faults => [death(1, 4670, 2), reboot(1, 3521, 6348, 1)]},
+            #{robots => 3, seed => 20374, faults => [
+                death(1, 33251, 3), reboot(1, 15720, 20612, 1), reboot(2, 28857, 31144, 1),
+                reboot(3, 23599, 24907, 2)
+            ]}
+        ]
+    ].
+
+%% The same with stores that are damaged when the robots come back, or full meanwhile.
+damaged_stores(_) ->
+    [
+        begin
+            Run = play(Given),
+            ?assertMatch(#{violations := []}, Run, Given),
+            ?assertNot(lists:member(running, maps:get(ends, Run)), Given)
+        end
+     || {Robots, Seed} <- [{1, 1}, {2, 2}, {2, 20184}, {3, 3}, {3, 5050}, {4, 4}],
+        Given <- [
+            #{robots => Robots, seed => Seed, faults => [
+                death(1, 15000, Robots)
+             || Robots > 1
+            ] ++ lists:append([
+                [
+                    reboot(R, 12000 + 2000 * R, 13000 + 2000 * R, R),
+                    {label(900 + R), 10000, 30000, Kind, R, #{}}
+                ]
+             || R <- lists:seq(1, Robots)
+            ])}
+         || Kind <- [store_damaged, store_full]
+        ]
+    ].
+
 %% Each half of the protocol is needed: without it the monitors find a violation within so many
 %% runs, and without the bug they find none in these.
 planted_bugs_are_caught(_) ->
@@ -272,6 +317,8 @@ planning(Given) ->
     Config#{robots => Robots}.
 
 kill(N, Ms, Robot, Machine) -> {label(N), Ms, Ms, kill_machine, {Robot, Machine}, #{}}.
+
+reboot(N, From, To, Robot) -> {label(500 + N), From, To, reboot, Robot, #{}}.
 
 death(N, Ms, Robot) -> {label(N), Ms, Ms, kill_robot, Robot, #{}}.
 

@@ -39,12 +39,12 @@ all() ->
 %% A team of two, whose first robot is a quorum.
 nothing_is_assigned_before_all_are_known(_) ->
     {First, C1} = claimed([1, 2]),
-    ?assertMatch([{{1, 1}, _, false}], [B || {cast, sap, {broadcast, dpp_recover, B}} <- First]),
+    ?assertMatch([{{1, 1, 1}, _, false}], [B || {cast, sap, {broadcast, dpp_recover, B}} <- First]),
     {_, C2} = state(1, {standing, spot(1)}, C1),
     {Asked, C3} = ask(1, 1, spot(1), C2),
     ?assertEqual([], answers(Asked)),
     {Known, C4} = state(2, {standing, spot(2)}, C3),
-    ?assert(lists:member({trace, {coordinator, {1, 1}}}, Known)),
+    ?assert(lists:member({trace, {coordinator, {1, 1, 1}}}, Known)),
     {Second, _} = ask(2, 1, spot(2), C4),
     ?assertMatch([{2, {assign, _, _}} | _], answers(Second)).
 
@@ -60,8 +60,8 @@ nothing_is_assigned_without_votes(_) ->
     ),
     {Actions, C3} = ask(1, 1, spot(1), C2),
     ?assertEqual([], answers(Actions)),
-    {Won, _} = step(cast, {message, 3, dpp_here, {{1, 1}, {0, 1, true}}}, C3),
-    ?assert(lists:member({trace, {leads, {1, 1}}}, Won)).
+    {Won, _} = step(cast, {message, 3, dpp_here, {{1, 1, 1}, {0, 1, true}}}, C3),
+    ?assert(lists:member({trace, {leads, {1, 1, 1}}}, Won)).
 
 %% Votes last for a lease, but for drift and jumps, from the beat that they answer. Then nothing is
 %% assigned.
@@ -71,7 +71,7 @@ votes_run_out(_) ->
     ?assertMatch([{2, {assign, _, _}} | _], answers(Early)),
     {Late, _} = at(8 * ?S, cast, asks(2, 1, spot(2)), C),
     ?assertEqual([], answers(Late)),
-    ?assert(lists:member({trace, {stepped_down, {1, 1}}}, Late)).
+    ?assert(lists:member({trace, {stepped_down, {1, 1, 1}}}, Late)).
 
 %% Leave counts from the stamp of a request. Of a stamp that has been known for a lease none is left:
 %% the robot's clock stands still, and it is to ask again by another.
@@ -100,22 +100,22 @@ old_request_is_ignored(_) ->
 %% Pitfall: a late or doubled Clear of an earlier path frees space of the present one.
 late_clear_frees_nothing(_) ->
     {_, {I, N}, Held, C} = assigned(),
-    {Late, C1} = step(cast, {message, 2, dpp_passed, {{1, 1}, {I, N - 1}, 1}}, C),
+    {Late, C1} = step(cast, {message, 2, dpp_passed, {{1, 1, 1}, {I, N - 1}, 1}}, C),
     ?assertEqual([], Late),
     ?assertEqual(Held, held(2, C1)).
 
 clear_frees_what_is_behind(_) ->
     {_, Id, Held, C} = assigned(),
-    {_, C1} = step(cast, {message, 2, dpp_passed, {{1, 1}, Id, 1}}, C),
+    {_, C1} = step(cast, {message, 2, dpp_passed, {{1, 1, 1}, Id, 1}}, C),
     Left = held(2, C1),
     ?assertNotEqual(Held, Left),
-    {_, C2} = step(cast, {message, 2, dpp_passed, {{1, 1}, Id, 1}}, C1),
+    {_, C2} = step(cast, {message, 2, dpp_passed, {{1, 1, 1}, Id, 1}}, C1),
     ?assertEqual(Left, held(2, C2)).
 
 %% Pitfall: the assignment is lost, the reservation stays; the robot's next request clears it.
 lost_assignment_stays_reserved(_) ->
     {_, {I, N}, Held, C} = assigned(),
-    {_, C1} = step({reply, {answered, {1, 1}, 2}}, {error, lost}, C),
+    {_, C1} = step({reply, {answered, {1, 1, 1}, 2}}, {error, lost}, C),
     ?assertEqual(Held, held(2, C1)),
     {Next, C2} = request(2, {I, N + 5}, spot(2), C1),
     ?assertMatch([{2, {assign, _, _}} | _], answers(Next)),
@@ -125,13 +125,13 @@ lost_assignment_stays_reserved(_) ->
 %% the robot is told of the term. A later term begins a new claim.
 other_terms_are_ignored(_) ->
     C = open(),
-    Early = {message, 2, dpp_request, {{0, 0}, {1, 9}, spot(1), [], 0}},
+    Early = {message, 2, dpp_request, {{0, 0, 0}, {1, 9}, spot(1), [], 0}},
     {Told, C1} = step(cast, Early, C),
     ?assertEqual([], answers(Told)),
-    ?assertMatch([{2, {{1, 1}, _, true}}], sent(dpp_recover, Told)),
+    ?assertMatch([{2, {{1, 1, 1}, _, true}}], sent(dpp_recover, Told)),
     ?assertEqual([{spot(2), spot(2)}], held(2, C1)),
-    {Higher, _} = step(cast, {message, 2, dpp_refused, {4, 2}}, C1),
-    ?assert(lists:member({trace, {claims, {5, 1}}}, Higher)).
+    {Higher, _} = step(cast, {message, 2, dpp_refused, {4, 2, 1}}, C1),
+    ?assert(lists:member({trace, {claims, {5, 1, 1}}}, Higher)).
 
 %% What a robot says that it holds is its reservation with the new coordinator, too.
 recovered_reservation_is_kept(_) ->
@@ -151,10 +151,10 @@ silent_robot_keeps_all_until_its_leave_ends(_) ->
     C1 = at_beats(lists:seq(1, 10), C),
     ?assertEqual(Held, held(2, C1)),
     {Looks, C2} = at(11 * ?S, {timeout, beat}, beat, voted(10, C1)),
-    ?assert(lists:member({call, location, {pose, 2}, {rest, {1, 1}, 2}}, Looks)),
+    ?assert(lists:member({call, location, {pose, 2}, {rest, {1, 1, 1}, 2}}, Looks)),
     ?assertEqual(Held, held(2, C2)),
     {X, Y} = spot(2),
-    {Found, C3} = at(11 * ?S, {reply, {rest, {1, 1}, 2}}, {ok, {X, Y, 0.0}}, C2),
+    {Found, C3} = at(11 * ?S, {reply, {rest, {1, 1, 1}, 2}}, {ok, {X, Y, 0.0}}, C2),
     ?assert(lists:member({trace, {silent, 2}}, Found)),
     ?assertEqual([{spot(2), spot(2)}], held(2, C3)).
 
@@ -167,8 +167,8 @@ late_report_of_a_silent_robot(_) ->
     C3 = at_beats(lists:seq(1, 10), C2),
     {_, C4} = at(11 * ?S, {timeout, beat}, beat, voted(10, C3)),
     {X, Y} = spot(2),
-    {_, C5} = at(11 * ?S, {reply, {rest, {1, 1}, 2}}, {ok, {X, Y, 0.0}}, C4),
-    Late = {{1, 1}, {1, 5}, {moving, 0, From, Path}, [], {0, 0, true}},
+    {_, C5} = at(11 * ?S, {reply, {rest, {1, 1, 1}, 2}}, {ok, {X, Y, 0.0}}, C4),
+    Late = {{1, 1, 1}, {1, 5}, {moving, 0, From, Path}, [], {0, 0, true}},
     {_, C6} = at(11 * ?S, cast, {message, 2, dpp_state, Late}, C5),
     ?assertEqual([{spot(2), spot(2)}], held(2, C6)).
 
@@ -196,7 +196,7 @@ at_beats(Seconds, C) ->
     ).
 
 voted(T, C) ->
-    {_, Voted} = at(T * ?S, cast, {message, 1, dpp_here, {{1, 1}, {T * ?S, T * ?S, true}}}, C),
+    {_, Voted} = at(T * ?S, cast, {message, 1, dpp_here, {{1, 1, 1}, {T * ?S, T * ?S, true}}}, C),
     Voted.
 
 %% A coordinator that was asked for a path and claims a term.
@@ -204,12 +204,12 @@ claimed(Team) ->
     {_, C} = starl_machine:new(
         starl_dpp_coordinator, ?CONFIG, base(1, dpp_coordinator, 1, Team)
     ),
-    step(cast, {message, 1, dpp_request, {{0, 0}, {1, 0}, spot(1), [], 0}}, C).
+    step(cast, {message, 1, dpp_request, {{0, 0, 0}, {1, 0}, spot(1), [], 0}}, C).
 
 state(Robot, Place, C) -> state(Robot, Place, {0, 0, true}, C).
 
 state(Robot, Place, Ballot, C) ->
-    step(cast, {message, Robot, dpp_state, {{1, 1}, {1, 0}, Place, [], Ballot}}, C).
+    step(cast, {message, Robot, dpp_state, {{1, 1, 1}, {1, 0}, Place, [], Ballot}}, C).
 
 %% It leads, and both robots are known.
 open() ->
@@ -228,7 +228,7 @@ ask(Robot, N, At, C) -> request(Robot, {1, N}, At, C).
 
 request(Robot, Id, At, C) -> step(cast, asks(Robot, element(2, Id), At), C).
 
-asks(Robot, N, At) -> {message, Robot, dpp_request, {{1, 1}, {1, N}, At, [], 0}}.
+asks(Robot, N, At) -> {message, Robot, dpp_request, {{1, 1, 1}, {1, N}, At, [], 0}}.
 
 answers(Actions) ->
     [{R, A} || {call, sap, {send, R, dpp_answer, {_, _, A, _}}, _} <- Actions].

@@ -1,12 +1,14 @@
 %% The machines of path planning for tests, stepped by hand: events of robot 1 in, actions out.
 -module(starl_dpp_ct).
 
--export([base/4, step/3, at/4, sent/2]).
+-export([base/4, base/5, step/3, at/4, sent/2]).
 
-%% What a machine of this name is booted with, in this of its lives.
-base(Robot, Name, Life, Team) ->
+%% What a machine of this name is booted with, in this of its lives, with what it stored.
+base(Robot, Name, Life, Team) -> base(Robot, Name, Life, Team, none).
+
+base(Robot, Name, Life, Team, Stored) ->
     #{
-        robot => Robot, participants => Team, name => Name, incarnation => Life, stored => none,
+        robot => Robot, participants => Team, name => Name, incarnation => Life, stored => Stored,
         random => rand:seed_s(exsss, 1), now => 0
     }.
 

@@ -82,7 +82,7 @@ stamps_ascend_test() ->
 
 %% A vote is for one robot until its time is over.
 vote_test() ->
-    {true, V1} = starl_dpp_vote:give(3, 5 * ?S, vote(1)),
+    {true, V1} = starl_dpp_vote:give(3, 5 * ?S, vote(none)),
     ?assertMatch({false, V1}, starl_dpp_vote:give(4, 14 * ?S, V1)),
     {true, V2} = starl_dpp_vote:give(3, 14 * ?S, V1),
     ?assertNot(starl_dpp_vote:may_claim(4, 16 * ?S, V2)),
@@ -91,7 +91,7 @@ vote_test() ->
 %% Whom it has promised its vote may claim, but for while another leads; that one always may. The
 %% promise and the leader are apart.
 claims_do_not_disturb_test() ->
-    {true, V1} = starl_dpp_vote:give(3, 5 * ?S, vote(1)),
+    {true, V1} = starl_dpp_vote:give(3, 5 * ?S, vote(none)),
     V2 = starl_dpp_vote:leads(1, 7 * ?S, V1),
     ?assert(starl_dpp_vote:may_claim(3, 7 * ?S, V1)),
     ?assertNot(starl_dpp_vote:may_claim(3, 17 * ?S - 1, V2)),
@@ -102,18 +102,18 @@ claims_do_not_disturb_test() ->
 
 %% A machine that has crashed may have voted for anybody just before.
 vote_after_a_crash_test() ->
-    ?assertNot(starl_dpp_vote:may_claim(3, 10 * ?S - 1, vote(2))),
-    ?assert(starl_dpp_vote:may_claim(3, 10 * ?S, vote(2))).
+    ?assertNot(starl_dpp_vote:may_claim(3, 10 * ?S - 1, vote({stored, {1, 3, 1}}))),
+    ?assert(starl_dpp_vote:may_claim(3, 10 * ?S, vote({stored, {1, 3, 1}}))).
 
 %% All vote again before the first claims, and they claim one after the other.
 successors_take_turns_test() ->
-    Times = [starl_dpp_vote:missing_us(3, R, {[1, 3, 4, 6], vote(1)}) || R <- [3, 4, 6, 1]],
+    Times = [starl_dpp_vote:missing_us(3, R, {[1, 3, 4, 6], vote(none)}) || R <- [3, 4, 6, 1]],
     ?assertEqual(Times, lists:usort(Times)),
     ?assert(hd(Times) > starl_dpp_lease:long_us(#{})).
 
 new(Team) -> starl_dpp_lease:new(Team, #{lease_ms => 10000, drift_ppm => 0, jump_ms => 0}).
 
-vote(Life) -> starl_dpp_vote:new(#{incarnation => Life, now => 0}).
+vote(Stored) -> starl_dpp_vote:new(#{stored => Stored, now => 0}).
 
 voted(Robots, Seq, Lease) ->
     lists:foldl(fun(R, L) -> starl_dpp_lease:voted(R, Seq, true, L) end, Lease, Robots).

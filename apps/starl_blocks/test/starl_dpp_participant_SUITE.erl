@@ -4,7 +4,7 @@
 %% stepped by hand. The coordinator: starl_dpp_coordinator_SUITE; both in runs: starl_dpp_crash_SUITE.
 -module(starl_dpp_participant_SUITE).
 -include_lib("stdlib/include/assert.hrl").
--import(starl_dpp_ct, [base/4, step/3, at/4, sent/2]).
+-import(starl_dpp_ct, [base/4, base/5, step/3, at/4, sent/2]).
 
 -export([suite/0, all/0]).
 -export([
@@ -17,7 +17,8 @@
     leader_is_followed_without_vote/1, leave_ends_for_good/1, beats_prolong_leave/1,
     late_assignment_is_void/1, missing_coordinator_is_replaced/1,
     painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1,
-    own_coordinator_hears_of_each_term/1, no_answer_at_all/1, unsent_request_is_sent_again/1,
+    term_is_stored_first/1, reboot_forgets_no_term/1, reboot_tells_its_place/1,
+    damaged_term_is_the_highest/1, own_coordinator_hears_of_each_term/1, no_answer_at_all/1, unsent_request_is_sent_again/1,
     crashed_sap_is_told_who_listens/1, crashed_motion_is_told_to_go_on/1
 ]).
 
@@ -34,6 +35,8 @@ all() ->
         lost_answer_is_asked_for_again, lost_pose_is_asked_for_again,
         ids_ascend_over_a_crash, recover_while_standing, recover_while_moving,
         recover_while_asking, crash_stops_the_robot, crashed_robot_does_not_vote,
+        term_is_stored_first, reboot_forgets_no_term, reboot_tells_its_place,
+        damaged_term_is_the_highest,
         earlier_term_is_refused, vote_is_kept, leader_is_followed_without_vote,
         leave_ends_for_good, beats_prolong_leave, late_assignment_is_void,
         missing_coordinator_is_replaced, painted_goes_with_the_next_request,
@@ -49,7 +52,7 @@ request_certifies_the_place(_) ->
     {Look, P2} = step({reply, {halted, N}}, ok, P1),
     ?assertEqual([{call, location, {pose, 1}, {pose, N}}], Look),
     {Ask, _} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2),
-    ?assertMatch([{4, {{0, 0}, {1, _}, {1.0, 2.0}, [], 0}}], sent(dpp_request, Ask)).
+    ?assertMatch([{4, {{0, 0, 0}, {1, _}, {1.0, 2.0}, [], 0}}], sent(dpp_request, Ask)).
 
 request_without_coordinator(_) ->
     {Actions, _} = step({call, {app, 1}}, request, participant(1)),
@@ -57,10 +60,10 @@ request_without_coordinator(_) ->
 
 answer_is_taken_once(_) ->
     {Id, P} = asking(led()),
-    {Actions, Moving} = answer(4, {1, 4}, Id, P),
+    {Actions, Moving} = answer(4, {1, 4, 1}, Id, P),
     ?assertEqual([{reply, {app, 1}, {ok, {Id, path()}}}], replies(Actions)),
-    {Again, _} = answer(4, {1, 4}, Id, Moving),
-    ?assertEqual([{trace, {stale_answer, 4, {1, 4}, Id}}], Again).
+    {Again, _} = answer(4, {1, 4, 1}, Id, Moving),
+    ?assertEqual([{trace, {stale_answer, 4, {1, 4, 1}, Id}}], Again).
 
 %% Answers to another request, of another term or of another robot are dropped, and traced.
 stale_answers_are_refused(_) ->
@@ -68,8 +71,8 @@ stale_answers_are_refused(_) ->
     [
         ?assertMatch({[{trace, {stale_answer, _, _, _}}], _}, answer(Source, Term, Which, P))
      || {Source, Term, Which} <- [
-            {4, {1, 4}, {I, N - 1}}, {4, {1, 4}, {I, N + 1}}, {4, {0, 4}, Id}, {3, {2, 3}, Id},
-            {3, {1, 4}, Id}, {4, {1, 4}, {I + 1, N}}
+            {4, {1, 4, 1}, {I, N - 1}}, {4, {1, 4, 1}, {I, N + 1}}, {4, {0, 4, 1}, Id}, {3, {2, 3, 1}, Id},
+            {3, {1, 4, 1}, Id}, {4, {1, 4, 1}, {I + 1, N}}
         ]
     ].
 
@@ -77,7 +80,7 @@ stale_answers_are_refused(_) ->
 %% The coordinator's own robot is answered at once.
 answer_in_no_time(_) ->
     {Id, P} = asking(led()),
-    Answer = {message, 4, dpp_answer, {{1, 4}, Id, assignment(), []}},
+    Answer = {message, 4, dpp_answer, {{1, 4, 1}, Id, assignment(), []}},
     [
         begin
             {Actions, _} = at(Us, cast, Answer, P),
@@ -91,7 +94,7 @@ answer_in_no_time(_) ->
 %% The coordinator knows this stamp for a lease: it has to be another.
 asked_to_ask_again(_) ->
     {Id, P} = asking(led()),
-    {Actions, Told} = at(?AIR_US, cast, {message, 4, dpp_answer, {{1, 4}, Id, again, []}}, P),
+    {Actions, Told} = at(?AIR_US, cast, {message, 4, dpp_answer, {{1, 4, 1}, Id, again, []}}, P),
     ?assertMatch([{{timeout, again}, _, request}], Actions),
     {Ask, _} = at(?S, {timeout, again}, request, Told),
     ?assertMatch([{4, {_, _, {1.0, 2.0}, [], ?S}}], sent(dpp_request, Ask)).
@@ -101,8 +104,8 @@ lost_answer_is_asked_for_again(_) ->
     {Actions, Again} = step({timeout, again}, request, P),
     [{4, {_, Second, {1.0, 2.0}, [], _}}] = sent(dpp_request, Actions),
     ?assert(Second > First),
-    ?assertMatch({[{trace, {stale_answer, _, _, First}}], _}, answer(4, {1, 4}, First, Again)),
-    {Taken, _} = answer(4, {1, 4}, Second, Again),
+    ?assertMatch({[{trace, {stale_answer, _, _, First}}], _}, answer(4, {1, 4, 1}, First, Again)),
+    {Taken, _} = answer(4, {1, 4, 1}, Second, Again),
     ?assertMatch([_], replies(Taken)).
 
 lost_pose_is_asked_for_again(_) ->
@@ -117,9 +120,9 @@ ids_ascend_over_a_crash(_) ->
 
 %% A coordinator that begins is told where the robot stands, once it is stopped and seen; once.
 recover_while_standing(_) ->
-    {Stop, P1} = recover(3, {1, 3}, participant(1)),
+    {Stop, P1} = recover(3, {1, 3, 1}, participant(1)),
     {Told, P2} = located(Stop, P1),
-    ?assertMatch([{3, {{1, 3}, _, {standing, {1.0, 2.0}}, [], {7, 0, true}}}],
+    ?assertMatch([{3, {{1, 3, 1}, _, {standing, {1.0, 2.0}}, [], {7, 0, true}}}],
                  sent(dpp_state, Told)),
     [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
     {Twice, _} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2),
@@ -129,18 +132,18 @@ recover_while_standing(_) ->
 recover_while_moving(_) ->
     {Id, Moving} = moving(),
     {_, Passed} = drive(Id, 1, Moving),
-    {Told, _} = recover(4, {2, 4}, Passed),
+    {Told, _} = recover(4, {2, 4, 1}, Passed),
     [{First, _} | Rest] = path(),
-    ?assertEqual([{4, {{2, 4}, Id, {moving, 1, First, Rest}, [7], {7, 0, true}}}],
+    ?assertEqual([{4, {{2, 4, 1}, Id, {moving, 1, First, Rest}, [7], {7, 0, true}}}],
                  sent(dpp_state, Told)).
 
 %% A robot that asks tells its place and asks anew; an answer of the term before is refused.
 recover_while_asking(_) ->
     {Id, P} = asking(led()),
-    {Told, Aware} = recover(4, {2, 4}, P),
-    ?assertMatch([{4, {{2, 4}, Id, {standing, {1.0, 2.0}}, [], _}}], sent(dpp_state, Told)),
+    {Told, Aware} = recover(4, {2, 4, 1}, P),
+    ?assertMatch([{4, {{2, 4, 1}, Id, {standing, {1.0, 2.0}}, [], _}}], sent(dpp_state, Told)),
     ?assertMatch([_], [A || {{timeout, again}, _, _} = A <- Told]),
-    ?assertMatch({[{trace, {stale_answer, _, _, _}}], _}, answer(4, {1, 4}, Id, Aware)).
+    ?assertMatch({[{trace, {stale_answer, _, _, _}}], _}, answer(4, {1, 4, 1}, Id, Aware)).
 
 %% Pitfall: a participant that has crashed does not know whether its robot drives: it stops it.
 crash_stops_the_robot(_) ->
@@ -149,31 +152,77 @@ crash_stops_the_robot(_) ->
 
 %% Pitfall: it has forgotten its vote, too, and must not give a second one while that lasts.
 crashed_robot_does_not_vote(_) ->
-    {Refused, P} = recover(3, {1, 3}, participant(2)),
-    ?assertEqual([{3, {0, 0}}], sent(dpp_refused, Refused)),
-    {Stop, P1} = at(10 * ?S, cast, {message, 3, dpp_recover, {{1, 3}, 9, false}}, P),
+    {Refused, P} = recover(3, {2, 3, 1}, restarted({stored, {1, 4, 1}})),
+    ?assertEqual([{3, {1, 4, 1}}], sent(dpp_refused, Refused)),
+    {Stop, P1} = at(10 * ?S, cast, {message, 3, dpp_recover, {{2, 3, 1}, 9, false}}, P),
     {Told, _} = located(10 * ?S, Stop, P1),
     ?assertMatch([{3, {_, _, _, _, {9, _, true}}}], sent(dpp_state, Told)).
 
+%% Nothing is said in a term before that is stored, and it is stored once.
+term_is_stored_first(_) ->
+    {[First | Stop], P} = recover(4, {1, 4, 1}, joined()),
+    ?assertEqual({store, {1, 4, 1}}, First),
+    {_, P1} = located(Stop, P),
+    {Beat, _} = step(cast, {message, 4, dpp_beat, {{1, 4, 1}, 8, []}}, P1),
+    ?assertEqual([], [A || {store, _} = A <- Beat]),
+    {[Next | _], _} = step(cast, {message, 3, dpp_beat, {{2, 3, 1}, 8, []}}, P1),
+    ?assertEqual({store, {2, 3, 1}}, Next).
+
+%% After a crash or a reboot it knows the term that it followed and whom: it takes none that is
+%% lower, and waits no longer for that coordinator than others do.
+reboot_forgets_no_term(_) ->
+    P = restarted({stored, {2, 4, 1}}),
+    ?assertMatch({[{reply, _, 4}], _}, step({call, {app, 1}}, coordinator, P)),
+    {Refused, _} = at(20 * ?S, cast, {message, 3, dpp_recover, {{1, 3, 9}, 7, false}}, P),
+    ?assertEqual([{3, {2, 4, 1}}], sent(dpp_refused, Refused)),
+    Missing = [Us || {{timeout, missing}, Us, _} <- started(2, {stored, {2, 4, 1}})],
+    ?assertEqual([Us || {{timeout, missing}, Us, _} <- element(1, recover(4, {2, 4, 1}, P))], Missing),
+    ?assertMatch([_], Missing),
+    ?assertEqual([], [T || {{timeout, missing}, _, _} = T <- started(1)]).
+
+%% Its coordinator, in the same term, is told where it stands now before it is answered otherwise.
+reboot_tells_its_place(_) ->
+    {Stop, P} = step(cast, {message, 4, dpp_beat, {{2, 4, 1}, 8, []}}, restarted({stored, {2, 4, 1}})),
+    ?assertEqual([], sent(dpp_here, Stop)),
+    {Told, P1} = located(Stop, P),
+    ?assertMatch([{4, {{2, 4, 1}, {2, _}, {standing, {1.0, 2.0}}, [], {8, 0, false}}}],
+                 sent(dpp_state, Told)),
+    {Here, _} = at(3 * ?S, cast, {message, 4, dpp_beat, {{2, 4, 1}, 9, []}}, P1),
+    ?assertMatch([{4, {{2, 4, 1}, {9, _, false}}}], sent(dpp_here, Here)).
+
+%% What it cannot read may have been any term, of this life's or of any earlier one's time: the one
+%% that claims has to go above that, and it votes for nobody for a lease.
+damaged_term_is_the_highest(_) ->
+    P = restarted(damaged),
+    {Refused, _} = at(20 * ?S, cast, {message, 3, dpp_recover, {{1000000, 3, 7}, 7, true}}, P),
+    [{3, {N, _, _} = Highest}] = sent(dpp_refused, Refused),
+    ?assert(N > 1000000),
+    Claim = {message, 3, dpp_recover, {{N + 1, 3, 7}, 7, false}},
+    ?assertMatch({[{cast, sap, {send, 3, dpp_refused, Highest}}], _}, step(cast, Claim, P)),
+    {[First | _], _} = at(20 * ?S, cast, Claim, P),
+    ?assertEqual({store, {N + 1, 3, 7}}, First),
+    {[{reply, _, ok} | _], Joined} = step({call, {app, 0}}, {join, 4}, P),
+    ?assertMatch({[{reply, _, 4}], _}, step({call, {app, 1}}, coordinator, Joined)).
+
 earlier_term_is_refused(_) ->
-    {Actions, P} = recover(3, {0, 3}, led()),
-    ?assertEqual([{3, {1, 4}}], sent(dpp_refused, Actions)),
-    {Beat, _} = step(cast, {message, 3, dpp_beat, {{0, 3}, 1, [{1, 5}]}}, P),
-    ?assertEqual([{3, {1, 4}}], sent(dpp_refused, Beat)).
+    {Actions, P} = recover(3, {0, 3, 1}, led()),
+    ?assertEqual([{3, {1, 4, 1}}], sent(dpp_refused, Actions)),
+    {Beat, _} = step(cast, {message, 3, dpp_beat, {{0, 3, 1}, 1, [{1, 5}]}}, P),
+    ?assertEqual([{3, {1, 4, 1}}], sent(dpp_refused, Beat)).
 
 %% It has voted for robot 4 for ten seconds: before they are over robot 3 gets no vote.
 vote_is_kept(_) ->
-    {Early, P} = at(9 * ?S, cast, {message, 3, dpp_recover, {{2, 3}, 7, false}}, led()),
-    ?assertEqual([{3, {1, 4}}], sent(dpp_refused, Early)),
-    {Late, P1} = at(10 * ?S, cast, {message, 3, dpp_recover, {{2, 3}, 8, false}}, P),
+    {Early, P} = at(9 * ?S, cast, {message, 3, dpp_recover, {{2, 3, 1}, 7, false}}, led()),
+    ?assertEqual([{3, {1, 4, 1}}], sent(dpp_refused, Early)),
+    {Late, P1} = at(10 * ?S, cast, {message, 3, dpp_recover, {{2, 3, 1}, 8, false}}, P),
     {Told, _} = located(10 * ?S, Late, P1),
-    ?assertMatch([{3, {{2, 3}, _, _, _, {8, _, true}}}], sent(dpp_state, Told)).
+    ?assertMatch([{3, {{2, 3, 1}, _, _, _, {8, _, true}}}], sent(dpp_state, Told)).
 
 %% One that leads is followed at once, but has no vote while it is promised to another.
 leader_is_followed_without_vote(_) ->
-    {Stop, P} = step(cast, {message, 3, dpp_beat, {{2, 3}, 5, []}}, led()),
+    {Stop, P} = step(cast, {message, 3, dpp_beat, {{2, 3, 1}, 5, []}}, led()),
     {Told, _} = located(Stop, P),
-    ?assertMatch([{3, {{2, 3}, _, _, _, {5, 0, false}}}], sent(dpp_state, Told)).
+    ?assertMatch([{3, {{2, 3, 1}, _, _, _, {5, 0, false}}}], sent(dpp_state, Told)).
 
 %% At the end of its leave the robot stops; a beat that comes later does not bring it back.
 leave_ends_for_good(_) ->
@@ -185,14 +234,14 @@ leave_ends_for_good(_) ->
     {Late, Void} = at(8 * ?S, {timeout, leave}, leave, Driving),
     ?assert(lists:member({cast, motion, stop}, Late)),
     ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Late)),
-    {_, Told} = at(10 * ?S, cast, {message, 4, dpp_beat, {{1, 4}, 9, [{1, 9 * ?S}]}}, Void),
+    {_, Told} = at(10 * ?S, cast, {message, 4, dpp_beat, {{1, 4, 1}, 9, [{1, 9 * ?S}]}}, Void),
     {Refused, _} = at(10 * ?S, {call, {app, 3}}, {drive, Id, 1}, Told),
     ?assertEqual([{reply, {app, 3}, {error, void}}], Refused).
 
 beats_prolong_leave(_) ->
     {Id, Moving} = moving(),
     {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
-    {_, Beaten} = at(6 * ?S, cast, {message, 4, dpp_beat, {{1, 4}, 9, [{1, 5 * ?S}]}}, Driving),
+    {_, Beaten} = at(6 * ?S, cast, {message, 4, dpp_beat, {{1, 4, 1}, 9, [{1, 5 * ?S}]}}, Driving),
     {Still, _} = at(12 * ?S, {timeout, leave}, leave, Beaten),
     ?assertMatch([{{timeout, leave}, _, leave}], Still),
     {Over, _} = at(13 * ?S, {timeout, leave}, leave, Beaten),
@@ -202,7 +251,7 @@ beats_prolong_leave(_) ->
 late_assignment_is_void(_) ->
     {Id, P} = asking(led()),
     {Actions, _} =
-        at(10 * ?S, cast, {message, 4, dpp_answer, {{1, 4}, Id, assignment(), []}}, P),
+        at(10 * ?S, cast, {message, 4, dpp_answer, {{1, 4, 1}, Id, assignment(), []}}, P),
     ?assertEqual([], replies(Actions)),
     ?assertMatch([{4, {_, _, _, _, _}}], sent(dpp_request, Actions)).
 
@@ -223,21 +272,21 @@ passed_is_told_now_and_then(_) ->
     ?assertEqual([], sent(dpp_passed, Near)),
     {_, P2} = drive(Id, 2, P1),
     {Far, _} = drive(Id, 3, P2),
-    ?assertEqual([{4, {{1, 4}, Id, 3}}], sent(dpp_passed, Far)).
+    ?assertEqual([{4, {{1, 4, 1}, Id, 3}}], sent(dpp_passed, Far)).
 
 %% The robot's own coordinator machine hears of a new term, by a claim or a beat, not of the same
 %% one again; when it was restarted it has forgotten, and hears of it once more.
 own_coordinator_hears_of_each_term(_) ->
     Told = fun(Actions) -> [Term || {cast, dpp_coordinator, {led, Term}} <- Actions] end,
-    {Claim, P1} = recover(4, {1, 4}, joined()),
-    ?assertEqual([{1, 4}], Told(Claim)),
-    {Beat, P2} = step(cast, {message, 4, dpp_beat, {{1, 4}, 8, []}}, P1),
+    {Claim, P1} = recover(4, {1, 4, 1}, joined()),
+    ?assertEqual([{1, 4, 1}], Told(Claim)),
+    {Beat, P2} = step(cast, {message, 4, dpp_beat, {{1, 4, 1}, 8, []}}, P1),
     ?assertEqual([], Told(Beat)),
     {Crash, P3} = step(info, {restarted, dpp_coordinator}, P2),
-    ?assertEqual([{cast, dpp_coordinator, {led, {1, 4}}}], Crash),
-    {Other, P4} = step(cast, {message, 3, dpp_beat, {{2, 3}, 5, []}}, P3),
-    ?assertEqual([{2, 3}], Told(Other)),
-    {_, P5} = step(cast, {message, 1, dpp_beat, {{3, 1}, 5, []}}, P4),
+    ?assertEqual([{cast, dpp_coordinator, {led, {1, 4, 1}}}], Crash),
+    {Other, P4} = step(cast, {message, 3, dpp_beat, {{2, 3, 1}, 5, []}}, P3),
+    ?assertEqual([{2, 3, 1}], Told(Other)),
+    {_, P5} = step(cast, {message, 1, dpp_beat, {{3, 1, 1}, 5, []}}, P4),
     {Own, _} = step(info, {restarted, dpp_coordinator}, P5),
     ?assertMatch([{cast, dpp_coordinator, {lead, 3}} | _], Own).
 
@@ -249,8 +298,8 @@ no_answer_at_all(_) ->
     {Told, Tired} = step({timeout, patience}, patience, P),
     ?assertEqual([{reply, {app, 1}, {error, no_answer}}], replies(Told)),
     ?assert(lists:member({{timeout, again}, cancel}, Told)),
-    {Late, _} = answer(4, {1, 4}, Id, Tired),
-    ?assertEqual([{trace, {stale_answer, 4, {1, 4}, Id}}], Late).
+    {Late, _} = answer(4, {1, 4, 1}, Id, Tired),
+    ?assertEqual([{trace, {stale_answer, 4, {1, 4, 1}, Id}}], Late).
 
 %% SAP says that the request was lost: it is sent again soon. An earlier one's loss is no news.
 unsent_request_is_sent_again(_) ->
@@ -287,8 +336,15 @@ participant(Life) ->
     {_, P} = starl_machine:new(starl_dpp_participant, #{}, base(1, dpp, Life, [1, 2, 3, 4])),
     P.
 
-started(Life) ->
-    {Actions, _} = starl_machine:new(starl_dpp_participant, #{}, base(1, dpp, Life, [1, 2, 3, 4])),
+restarted(Stored) ->
+    {_, P} = starl_machine:new(starl_dpp_participant, #{}, base(1, dpp, 2, [1, 2, 3, 4], Stored)),
+    P.
+
+started(Life) -> started(Life, none).
+
+started(Life, Stored) ->
+    Base = base(1, dpp, Life, [1, 2, 3, 4], Stored),
+    {Actions, _} = starl_machine:new(starl_dpp_participant, #{}, Base),
     Actions.
 
 joined() -> joined(1).
@@ -300,7 +356,7 @@ joined(Life) ->
 
 %% A participant that has voted for robot 4.
 led() ->
-    {Stop, P} = recover(4, {1, 4}, joined()),
+    {Stop, P} = recover(4, {1, 4, 1}, joined()),
     {_, Led} = located(Stop, P),
     Led.
 
@@ -323,7 +379,7 @@ asking(P0) ->
 
 moving() ->
     {Id, P} = asking(led()),
-    {_, Moving} = answer(4, {1, 4}, Id, P),
+    {_, Moving} = answer(4, {1, 4, 1}, Id, P),
     {Id, Moving}.
 
 drive(Id, N, P) ->

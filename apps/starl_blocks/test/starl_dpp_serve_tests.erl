@@ -21,7 +21,7 @@ report_and_request_in_either_order_test() ->
 %% What a participant sends that asks when it hears of a new term.
 state_and_request() ->
     {_, P0} = starl_machine:new(starl_dpp_participant, #{}, #{
-        robot => 2, participants => [1, 2], name => dpp, incarnation => 1,
+        robot => 2, participants => [1, 2], name => dpp, incarnation => 1, stored => none,
         random => rand:seed_s(exsss, 1), now => 0
     }),
     {X, Y} = spot(2),
@@ -30,7 +30,7 @@ state_and_request() ->
         {{reply, {halted, 1}}, ok}, {{reply, {pose, 1}}, {ok, {X, Y, 0.0}}}
     ], P0),
     {Sent, _} = events([
-        {cast, {message, 1, dpp_recover, {{1, 1}, 7, false}}}, {{timeout, again}, request}
+        {cast, {message, 1, dpp_recover, {{1, 1, 1}, 7, false}}}, {{timeout, again}, request}
     ], P),
     [State] = [Body || {cast, sap, {send, 1, dpp_state, Body}} <- Sent],
     [Request] = [Body || {call, sap, {send, 1, dpp_request, Body}, _} <- Sent],
@@ -107,7 +107,7 @@ config(Lines, N) ->
 %% A coordinator that leads.
 new(Lines, N) ->
     {ok, Plan} = starl_dpp_plan:new(config(Lines, N)),
-    {S, _} = starl_dpp_serve:lead(starl_dpp_serve:new(Plan, {1, 1})),
+    {S, _} = starl_dpp_serve:lead(starl_dpp_serve:new(Plan, {1, 1, 1})),
     S.
 
 spot(Robot) ->

@@ -187,7 +187,7 @@ next([{Name, boot, none} | Local], Events, Body, Machines, #robot{id = Id} = Rob
     Incarnation = starl_sim_machines:incarnation(Name, Machines),
     Base = starl_sim_platform:boot(Id, Name, Incarnation, Hashed),
     Answer = starl_sim_machines:boot(Name, Base, Machines),
-    answer(Answer, Name, boot, Local, Events, Hashed, Machines, Robot);
+    answer(Answer, Name, boot, Local, Events, found(Base, Hashed), Machines, Robot);
 next([{Name, Type, Content} | Local], Events, Body, Machines, Robot) ->
     Hashed = starl_sim_platform:hash_event(Name, Type, Content, Body),
     step(Name, Type, Content, Local, Events, Hashed, Machines, Robot);
@@ -214,6 +214,12 @@ next([], [{_, Time, _, _, _, {Name, Type, Content}} | Events], Body, Machines, R
     step(Name, Type, Content, [], Events, Hashed, Machines, Robot);
 next([], [], Body, Machines, Robot) ->
     {idle, put_back([], [], Body, Machines, Robot)}.
+
+%% Monitors are told by the platform of what a machine cannot know any more.
+found(#{stored := damaged, name := Name}, Body) ->
+    starl_sim_platform:trace(Name, store_damaged, Body);
+found(_Base, Body) ->
+    Body.
 
 count(Body) -> starl_sim_chain:events(starl_sim_platform:chain(Body)).
 

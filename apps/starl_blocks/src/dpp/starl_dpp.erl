@@ -29,8 +29,10 @@
 %% Ascending per robot, also over a crash.
 -type request_id() :: {Incarnation :: pos_integer(), N :: non_neg_integer()}.
 
-%% A term has one coordinator at most: the robot that claimed it.
--type term_id() :: {N :: non_neg_integer(), starl:robot_id() | 0}.
+%% A term has one coordinator at most: the robot that claimed it, in that life of its coordinator's
+%% machine. So no term is ever claimed twice, whatever was forgotten.
+-type term_id() ::
+    {N :: non_neg_integer(), starl:robot_id() | 0, Incarnation :: non_neg_integer()}.
 
 %% Where a robot is: it stands, or has passed N waypoints of its path and has the rest before it.
 -type place() ::

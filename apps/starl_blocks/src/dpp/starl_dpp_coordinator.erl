@@ -8,7 +8,7 @@
 %%     +----------------------------------------------- leading
 %% '''
 %% One machine on every robot; the robot that leads is the coordinator. A claim begins a new term,
-%% {N, Robot}, higher than all terms known: it asks all participants for their vote and where they
+%% {N, Robot, Incarnation}, higher than all terms known: it asks all participants for their vote and where they
 %% are and what they hold (`dpp_recover'). Terms fence: participants take nothing from a lower one.
 %% A coordinator assigns while a quorum's votes last ({@link starl_dpp_lease}) and only when it
 %% knows of every robot: from the robot's own report in this term, or, of a robot that says nothing,
@@ -57,6 +57,7 @@
 
 -record(coordinator, {
     self :: starl:robot_id(),
+    incarnation :: pos_integer(),
     team :: [starl:robot_id()],
     config :: starl_dpp:config(),
     now :: integer(),
@@ -65,7 +66,7 @@
     blank = none :: term() | none,
     %% the highest term's number known, and the own term
     n = 0 :: non_neg_integer(),
-    term = {0, 0} :: starl_dpp:term_id(),
+    term = {0, 0, 0} :: starl_dpp:term_id(),
     lease :: starl_dpp_lease:t(),
     serve = none :: service() | none
 }).
@@ -73,13 +74,13 @@
 -type state() :: idle | claiming | leading.
 
 -spec init(starl_machine:config()) -> {idle, #coordinator{}, [starl_machine:action()]}.
-init(#{robot := Self, participants := Team, now := Now} = Config) ->
+init(#{robot := Self, participants := Team, incarnation := Life, now := Now} = Config) ->
     Given = maps:without(
         [robot, participants, incarnation, name, random, now, stored, serve], Config
     ),
     Members = starl_team:members(Team),
     Data = #coordinator{
-        self = Self, team = Members, config = Given, now = Now,
+        self = Self, incarnation = Life, team = Members, config = Given, now = Now,
         service = maps:get(serve, Config, starl_dpp_serve),
         lease = starl_dpp_lease:new(Members, Given)
     },
@@ -102,7 +103,7 @@ after_end(Type, Content, Data) ->
         {next_state, State, Next, Actions} -> {next_state, State, Next, Ended ++ Actions};
         {keep_state, Next, Actions} -> {next_state, idle, Next, Ended ++ Actions};
         keep_state_and_data -> {next_state, idle, Data, Ended};
-        unknown_event -> {next_state, idle, Data, Ended}
+        unknown_event -> {next_state, idle, Data, [{trace, {unknown_event, Type, Content}} | Ended]}
     end.
 
 stop_timers() -> [{{timeout, T}, cancel} || T <- [serve, give_up, beat, recover, claim]].
@@ -154,7 +155,7 @@ listen() ->
 
 keep({Data, Actions}) -> {keep_state, Data, Actions}.
 
-higher({N, _}, #coordinator{n = Known} = Data) -> Data#coordinator{n = max(N, Known)}.
+higher({N, _, _}, #coordinator{n = Known} = Data) -> Data#coordinator{n = max(N, Known)}.
 
 %% -- claiming -------------------------------------------------------------------------------
 
@@ -162,7 +163,7 @@ higher({N, _}, #coordinator{n = Known} = Data) -> Data#coordinator{n = max(N, Kn
 claim(N, #coordinator{n = Known, self = Self, team = Team, config = Config} = Data0) ->
     #coordinator{service = Service, blank = Blank} = Data = with_blank(Data0),
     Next = max(N, Known) + 1,
-    Term = {Next, Self},
+    Term = {Next, Self, Data#coordinator.incarnation},
     Claiming = Data#coordinator{
         n = Next, term = Term,
         lease = starl_dpp_lease:new(Team, Config),
@@ -231,11 +232,12 @@ served({Serve, Actions}, Data) -> {Data#coordinator{serve = Serve}, Actions}.
 
 %% Only what was said in this term counts: an older message says nothing of what another
 %% coordinator has assigned since.
-message(dpp_refused, Term, _Robot, State, #coordinator{n = Known} = Data) ->
-    case Term of
-        {N, _} when N > Known, State =/= idle -> claim(N, Data);
-        _ -> {keep_state, higher(Term, Data), []}
-    end;
+message(dpp_refused, {N, _, _} = Term, _Robot, State, #coordinator{term = Own} = Data) when
+    State =/= idle, Term > Own
+->
+    claim(N, Data);
+message(dpp_refused, Term, _Robot, _State, Data) ->
+    {keep_state, higher(Term, Data), []};
 message(Type, Body, Robot, State, #coordinator{term = Own} = Data) ->
     case element(1, Body) of
         Own when State =/= idle -> heard(Type, Body, Robot, State, Data);

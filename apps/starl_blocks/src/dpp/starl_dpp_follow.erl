@@ -3,7 +3,7 @@
 %% drive. Pure; the participant's side of {@link starl_dpp_lease}.
 -module(starl_dpp_follow).
 
--export([new/1, join/2, coordinator/1, term/1, answers/3]).
+-export([new/1, begins/1, join/2, coordinator/1, term/1, answers/3]).
 -export([recover/4, beat/4, missed/2, lead/1, restarted/1]).
 -export([tell/4]).
 -export([asked/2, in_no_time/2, leave_us/2]).
@@ -15,14 +15,18 @@
 
 %% Beats are answered so often.
 -define(HERE_US, 2000000).
+%% No robot claims so many terms in its life, not in 100 years.
+-define(FORGOTTEN_BITS, 32).
 
 -record(follow, {
     self :: starl:robot_id(),
     team :: [starl:robot_id()],
     coordinator = none :: starl:robot_id() | none,
     vote :: starl_dpp_vote:t(),
-    %% the highest term heard of; the beat of it that wants to know where the robot is
-    term = {0, 0} :: starl_dpp:term_id(),
+    %% the highest term heard of, in this life or an earlier one; was it not heard of in this one?
+    term :: starl_dpp:term_id(),
+    anew = true :: boolean(),
+    %% the beat of it that wants to know where the robot is
     wanted = none :: starl_dpp_lease:seq() | none,
     %% when the coordinator was last heard, and last answered
     heard = none :: integer() | none,
@@ -35,18 +39,31 @@
 }).
 -opaque t() :: #follow{}.
 
-%% @doc Nobody is followed yet; there is no leave.
+%% @doc The coordinator of the term that was last stored is followed; there is no leave. No term that
+%% is lower was voted for since, nor is one from now on.
 -spec new(starl_machine:config()) -> t().
 new(#{robot := Self, participants := Team, now := Now} = Config) ->
     Short = starl_dpp_lease:short_us(Config),
+    {_, Claimant, _} = Term = stored(Config),
     #follow{
         self = Self, team = starl_team:members(Team), vote = starl_dpp_vote:new(Config),
+        coordinator = case Claimant of 0 -> none; _ -> Claimant end, term = Term,
         short_us = Short, granted = Now - Short, asked = Now - Short
     }.
 
-%% @doc Names the first coordinator; whoever has heard of a term stays with that one's.
+%% What is forgotten is taken to be higher than any term that is reached by counting.
+stored(#{stored := none}) -> {0, 0, 0};
+stored(#{stored := {stored, Term}}) -> Term;
+stored(#{stored := damaged, incarnation := Life}) -> {Life bsl ?FORGOTTEN_BITS, 0, 0}.
+
+%% @doc If there was a coordinator in an earlier life and it says nothing, another has to lead.
+-spec begins(t()) -> [starl_machine:action()].
+begins(#follow{coordinator = none}) -> [];
+begins(F) -> missing(F).
+
+%% @doc Names the first coordinator; whoever knows of one stays with that.
 -spec join(starl:robot_id(), t()) -> turn().
-join(Coordinator, #follow{term = {0, 0}} = F) ->
+join(Coordinator, #follow{coordinator = none} = F) ->
     Joined = F#follow{coordinator = Coordinator},
     {Joined, missing(Joined)};
 join(_Coordinator, F) ->
@@ -76,7 +93,7 @@ recover(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F)
     Own = Term =:= Known orelse Leads orelse starl_dpp_vote:may_claim(Source, Now, Vote),
     case Term >= Known andalso Own of
         true ->
-            Heard = case Leads of true -> led(Source, Now, F); false -> F end,
+            Heard = case Leads of true -> leads(Source, Now, F); false -> F end,
             {followed, follow(Source, Term, Now, Heard#follow{wanted = Seq})};
         false -> {refused, {F, [starl_sap:post(Source, dpp_refused, Known)]}}
     end.
@@ -88,22 +105,27 @@ recover(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F)
     {beaten | followed | refused, turn()} when
     Seq :: starl_dpp_lease:seq(), Stamp :: {starl:robot_id(), starl_dpp_lease:stamp()},
     Now :: integer().
-beat(Source, {Term, Seq, Stamps}, Now, #follow{term = Term, self = Self, granted = Old} = F) ->
+beat(Source, {Term, Seq, Stamps}, Now, #follow{term = Term, anew = false} = F) ->
+    #follow{self = Self, granted = Old} = F,
     Granted = max(Old, proplists:get_value(Self, Stamps, Old)),
-    {Following, Actions} = follow(Source, Term, Now, led(Source, Now, F#follow{granted = Granted})),
+    {Following, Actions} = follow(Source, Term, Now, leads(Source, Now, F#follow{granted = Granted})),
     {Answered, Here} = here(Seq, Now, Following),
     {beaten, {Answered, Actions ++ Here}};
 beat(Source, {Term, Seq, _Stamps}, Now, F) ->
     recover(Source, {Term, Seq, true}, Now, F).
 
-led(Source, Now, #follow{vote = Vote} = F) ->
+leads(Source, Now, #follow{vote = Vote} = F) ->
     F#follow{vote = starl_dpp_vote:leads(Source, Now, Vote)}.
 
-%% The coordinator of the own robot hears of a new term, too.
+%% A new term is stored before anything is said in it. The coordinator of the own robot hears of it,
+%% too.
 follow(Source, Term, Now, #follow{self = Self, term = Known} = F) ->
-    Following = F#follow{coordinator = Source, term = Term, heard = Now},
-    Led = [{cast, dpp_coordinator, {led, Term}} || Source =/= Self, Term =/= Known],
-    {Following, Led ++ missing(Following)}.
+    Following = F#follow{coordinator = Source, term = Term, anew = false, heard = Now},
+    New = [Action || Term =/= Known, Action <- [{store, Term} | led(Source, Term, Self)]],
+    {Following, New ++ missing(Following)}.
+
+led(Self, _Term, Self) -> [];
+led(_Source, Term, _Self) -> [{cast, dpp_coordinator, {led, Term}}].
 
 here(Seq, Now, #follow{wanted = none, here = Last, term = Term} = F) when
     Last =:= none; Now - Last >= ?HERE_US
@@ -126,7 +148,7 @@ restarted(#follow{term = Term}) -> [{cast, dpp_coordinator, {led, Term}}].
 
 %% @doc The own robot is to claim the next term; later again.
 -spec lead(t()) -> [starl_machine:action()].
-lead(#follow{term = {N, _}} = F) -> [{cast, dpp_coordinator, {lead, N}} | missing(F)].
+lead(#follow{term = {N, _, _}} = F) -> [{cast, dpp_coordinator, {lead, N}} | missing(F)].
 
 %% The own robot claims when nothing is heard of the coordinator.
 missing(#follow{coordinator = Coordinator, self = Self, team = Team, vote = Vote}) ->

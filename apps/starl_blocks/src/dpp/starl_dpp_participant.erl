@@ -52,12 +52,13 @@
 
 -spec init(starl_machine:config()) -> {standing, #part{}, [starl_machine:action()]}.
 init(#{robot := Self, incarnation := Life, now := Now} = Config) ->
+    Follow = starl_dpp_follow:new(Config),
     Part = #part{
         self = Self, incarnation = Life, now = Now,
-        track = starl_dpp_track:new(maps:get(slack, Config, 0.0)),
-        follow = starl_dpp_follow:new(Config)
+        track = starl_dpp_track:new(maps:get(slack, Config, 0.0)), follow = Follow
     },
-    {standing, Part, listen() ++ [starl_motion:stop() || Life > 1]}.
+    Stop = [starl_motion:stop() || Life > 1],
+    {standing, Part, listen() ++ Stop ++ starl_dpp_follow:begins(Follow)}.
 
 -spec handle_event(starl_machine:event_type(), term(), where(), #part{}, starl_machine:meta()) ->
     starl_machine:result().

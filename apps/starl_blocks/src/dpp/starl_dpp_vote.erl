@@ -2,7 +2,7 @@
 %% leads. Pure.
 %%
 %% A machine that has crashed has forgotten its promise, so it votes for nobody until that must
-%% have ended. A promise is to a robot: of the terms that one robot claims only the latest can
+%% have ended; what it has stored tells whether it may have voted at all. A promise is to a robot: of the terms that one robot claims only the latest can
 %% still be led, for there is one coordinator machine on it.
 %%
 %% While one leads that is heard, nobody else can win, whoever has the vote. A robot that hears
@@ -25,12 +25,12 @@
 }).
 -opaque t() :: #vote{}.
 
-%% @doc A first machine may vote at once.
--spec new(#{incarnation := pos_integer(), now := integer(), atom() => term()}) -> t().
-new(#{incarnation := Incarnation, now := Now} = Config) ->
+%% @doc One that has never followed a term has not voted and may do so at once.
+-spec new(#{stored := starl_machine:stored(), now := integer(), atom() => term()}) -> t().
+new(#{stored := Stored, now := Now} = Config) ->
     Long = starl_dpp_lease:long_us(Config),
-    case Incarnation of
-        1 -> #vote{long_us = Long, until = Now};
+    case Stored of
+        none -> #vote{long_us = Long, until = Now};
         _ -> #vote{long_us = Long, until = Now + Long}
     end.
 
