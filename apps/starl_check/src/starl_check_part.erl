@@ -41,7 +41,7 @@
 %% @doc The robot of a place when all its machines have started.
 -spec boot(place(), model(), store()) -> happening().
 boot(Place, Model, Store) ->
-    happening(Place, starl_check_robot:boot(Place, Model), Model, Store).
+    happening(Place, fun() -> starl_check_robot:boot(Place, Model) end, Model, Store).
 
 %% @doc The robot after an event.
 -spec event(place(), Robot :: ref(), event(), model(), store()) -> happening().
@@ -54,30 +54,32 @@ event(Place, Number, Event, Model, Store) ->
 
 happen(Place, Number, Event, Model, Store) ->
     Robot = starl_check_store:term(Number, Store),
-    try starl_check_robot:event(robot_event(Event, Store), Robot, Model) of
-        Result -> happening(Place, Result, Model, Store)
+    Happens = fun() -> starl_check_robot:event(robot_event(Event, Store), Robot, Model) end,
+    happening(Place, Happens, Model, Store).
+
+%% A machine that crashes by itself breaks its contract, as in a simulation.
+happening(Place, Happens, Model, Store) ->
+    try Happens() of
+        Result -> happened(Place, Result, Model, Store)
     catch
-        error:Reason:Stack -> {broken, crashed(Place, Reason, Stack)}
+        throw:{crashed, Name, Reason} ->
+            Id = starl_check_term:id(Place),
+            {broken, starl_crash_monitor:violation(0, Id, Name, starl_crash:cause(Reason))}
     end.
 
-happening(Place, {Sent, Traces, Robot}, #{monitor := {Module, _}}, Store) ->
+happened(Place, {Sent, Traces, Robot}, #{monitor := {Module, _}}, Store) ->
     Items = [item_number(new_item(Place, One), Store) || One <- Sent],
     Wanted = Module:interests(),
     Judged = [T || {_, _, Name, _} = T <- Traces, lists:member(Name, Wanted)],
     {
-        starl_check_store:number(Robot, Robot, Store), lists:sort(Items),
-        unless_empty(Traces, Store), unless_empty(Judged, Store)
+        starl_check_store:number(Robot, Robot, Store),
+        lists:sort(Items),
+        unless_empty(Traces, Store),
+        unless_empty(Judged, Store)
     }.
 
 unless_empty([], _Store) -> none;
 unless_empty(Traces, Store) -> starl_check_store:number(Traces, Traces, Store).
-
-%% A machine that cannot handle what happened to it.
-crashed(Place, Reason, Stack) ->
-    #{
-        contract => machine, what => crashed, at_us => 0, robots => [starl_check_term:id(Place)],
-        details => #{reason => Reason, at => lists:sublist([{M, F} || {M, F, _, _} <- Stack], 1)}
-    }.
 
 robot_event(I, Store) when is_integer(I) ->
     case item(I, Store) of

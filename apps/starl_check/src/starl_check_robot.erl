@@ -52,7 +52,8 @@
 
 -type result() :: {[sent()], [starl_monitor:trace_event()], t()}.
 
-%% @doc The robot at a place of its team, when all its machines have started.
+%% @doc The robot at a place of its team, when all its machines have started. A machine that crashes
+%% by itself, now or at an event, is thrown: `{crashed, Machine, Reason}'.
 -spec boot(starl_check_term:place(), starl_check_model:t()) -> result().
 boot(Place, #{sap := Sap} = Model) ->
     Service =
@@ -149,7 +150,8 @@ rename(#robot{place = Place, machines = Machines, timers = Timers, sap = Sap} = 
 result(#run{robot = Robot, sent = Sent, traces = Traces}) ->
     {lists:reverse(Sent), lists:reverse(Traces), Robot}.
 
-run([], Run) -> Run;
+run([], Run) ->
+    Run;
 run([{Name, Type, Content} | Local], Run) ->
     {New, Next} = handle(Name, Type, Content, Run),
     run(Local ++ New, Next).
@@ -159,7 +161,7 @@ handle(Name, boot, none, #run{robot = #robot{place = Place} = Robot, model = Mod
     Incarnation = maps:get(Name, Incarnations, 0) + 1,
     {_, Module, Config} = lists:keyfind(Name, 1, starl_check_model:machines(Place, Model)),
     Base = (base(Name, Incarnation, Place, Model))#{stored => stored(Name, Robot)},
-    {Actions, Machine} = starl_machine:new(Module, Config, Base),
+    {Actions, Machine} = guarded(Name, fun() -> starl_machine:new(Module, Config, Base) end),
     perform(Actions, Name, Run#run{
         robot = Robot#robot{
             machines = lists:keystore(Name, 1, Machines, {Name, older(Machine, 0, Model)}),
@@ -174,7 +176,7 @@ handle(Name, Type, Content, #run{robot = #robot{place = Place} = Robot} = Run) -
     #robot{machines = Machines} = Robot,
     {Name, Machine} = lists:keyfind(Name, 1, Machines),
     Meta = #{now => starl_check_term:now(Place), robot => starl_check_term:id(Place)},
-    {Actions, Next} = starl_machine:step(Type, Content, Meta, Machine),
+    {Actions, Next} = guarded(Name, fun() -> starl_machine:step(Type, Content, Meta, Machine) end),
     Kept = lists:keyreplace(Name, 1, Machines, {Name, Next}),
     perform(Actions, Name, Run#run{robot = Robot#robot{machines = Kept}}).
 
@@ -182,6 +184,14 @@ stored(Name, #robot{stored = Stored}) ->
     case Stored of
         #{Name := Term} -> {stored, Term};
         #{} -> none
+    end.
+
+%% A machine that cannot handle what happens to it ends the event there.
+guarded(Name, Fun) ->
+    try
+        Fun()
+    catch
+        Class:Reason:Stack -> throw({crashed, Name, starl_crash:reason(Class, Reason, Stack)})
     end.
 
 base(Name, Incarnation, Place, #{ids := Ids, same_random := Same, waits := Waits}) ->

@@ -2,7 +2,9 @@
 %%
 %% All functions are called in the application's own process, from `Module:init/2' or
 %% `Module:step/2' of a {@link starl_app}. Positions are in millimetres, headings in radians,
-%% durations in milliseconds. The building blocks have their own interfaces
+%% durations in whole milliseconds. An argument that cannot be (`starl:sleep(Robot, 0.5)') is the
+%% caller's mistake: the error {@link starl_caller:mistake()} at the call, a crash of the
+%% application alone. The building blocks have their own interfaces
 %% (`starl_election', `starl_dpp', …), built on {@link call/4}.
 -module(starl).
 
@@ -52,26 +54,34 @@ random(#robot{}) -> starl_app_proc:random().
 %% @doc Sends a message reliably (SAP) and waits until its outcome is known.
 -spec send(robot(), robot_id(), Type :: atom(), Body :: term()) -> outcome().
 send(#robot{} = Robot, To, Type, Body) ->
+    ok = starl_caller:check({?MODULE, send, 4}, 'To', robot, To),
+    ok = starl_caller:check({?MODULE, send, 4}, 'Type', name, Type),
     flatten(call(Robot, sap, {send, To, Type, Body}, infinity)).
 
 %% @doc Sends a message reliably and does not wait; its outcome is only traced.
 -spec post(robot(), robot_id(), Type :: atom(), Body :: term()) -> ok.
 post(#robot{}, To, Type, Body) ->
+    ok = starl_caller:check({?MODULE, post, 4}, 'To', robot, To),
+    ok = starl_caller:check({?MODULE, post, 4}, 'Type', name, Type),
     starl_app_proc:perform([{cast, sap, {send, To, Type, Body}}]).
 
 %% @doc Sends a message reliably to all others and waits until every outcome is known.
 -spec broadcast(robot(), Type :: atom(), Body :: term()) ->
     ok | {error, restarted | overload | {lost, [robot_id()]}}.
 broadcast(#robot{} = Robot, Type, Body) ->
+    ok = starl_caller:check({?MODULE, broadcast, 3}, 'Type', name, Type),
     flatten(call(Robot, sap, {broadcast, Type, Body}, infinity)).
 
 %% @doc From now on messages of this type come to the application ({@link await/2}).
 -spec listen(robot(), Type :: atom()) -> ok.
-listen(#robot{}, Type) -> starl_app_proc:perform([{cast, sap, {listen, Type, app}}]).
+listen(#robot{}, Type) ->
+    ok = starl_caller:check({?MODULE, listen, 2}, 'Type', name, Type),
+    starl_app_proc:perform([{cast, sap, {listen, Type, app}}]).
 
 %% @doc Waits for a message of this type.
 -spec await(robot(), Type :: atom()) -> {ok, From :: robot_id(), Body :: term()}.
 await(#robot{}, Type) ->
+    ok = starl_caller:check({?MODULE, await, 2}, 'Type', name, Type),
     {ok, {From, Type, Body}} = starl_app_proc:await([Type], infinity),
     {ok, From, Body}.
 
@@ -79,6 +89,8 @@ await(#robot{}, Type) ->
 -spec await(robot(), Type :: atom(), Ms :: non_neg_integer()) ->
     {ok, From :: robot_id(), Body :: term()} | timeout.
 await(#robot{}, Type, Ms) ->
+    ok = starl_caller:check({?MODULE, await, 3}, 'Type', name, Type),
+    ok = starl_caller:check({?MODULE, await, 3}, 'Ms', ms, Ms),
     case starl_app_proc:await([Type], Ms * 1000) of
         {ok, {From, Type, Body}} -> {ok, From, Body};
         timeout -> timeout
@@ -90,16 +102,21 @@ position(#robot{id = Id} = Robot) -> position(Robot, Id).
 
 %% @doc The position of another robot, as the positioning system last saw it.
 -spec position(robot(), robot_id()) -> {ok, pose()} | {error, restarted | unknown}.
-position(#robot{} = Robot, Id) -> flatten(call(Robot, location, {pose, Id}, infinity)).
+position(#robot{} = Robot, Id) ->
+    ok = starl_caller:check({?MODULE, position, 2}, 'Id', robot, Id),
+    flatten(call(Robot, location, {pose, Id}, infinity)).
 
-%% @doc The positions of all robots that the positioning system sees.
--spec positions(robot()) -> {ok, #{robot_id() => pose()}} | {error, restarted}.
+%% @doc The positions of all robots that the positioning system sees. `unknown': it does not answer.
+-spec positions(robot()) ->
+    {ok, #{robot_id() => pose()}} | {error, restarted | unknown}.
 positions(#robot{} = Robot) -> flatten(call(Robot, location, poses, infinity)).
 
 %% @doc A named waypoint.
 -spec waypoint(robot(), Name :: atom()) ->
     {ok, starl_geometry:point()} | {error, restarted | unknown}.
-waypoint(#robot{} = Robot, Name) -> flatten(call(Robot, location, {waypoint, Name}, infinity)).
+waypoint(#robot{} = Robot, Name) ->
+    ok = starl_caller:check({?MODULE, waypoint, 2}, 'Name', name, Name),
+    flatten(call(Robot, location, {waypoint, Name}, infinity)).
 
 %% @doc All named waypoints.
 -spec waypoints(robot()) -> {ok, #{atom() => starl_geometry:point()}} | {error, restarted}.
@@ -109,21 +126,26 @@ waypoints(#robot{} = Robot) -> flatten(call(Robot, location, waypoints, infinity
 %% While it drives the robot keeps within r(v) of the line (Assumption II.1 of the paper;
 %% {@link starl_motion_course:tracking_radius/1}). `stopped': another command came in between.
 -spec go_to(robot(), goal()) -> ok | {error, stopped | restarted | unknown}.
-go_to(#robot{} = Robot, {_, _} = Point) ->
-    flatten(call(Robot, motion, {go_to, Point}, infinity));
-go_to(#robot{} = Robot, Name) ->
+go_to(#robot{} = Robot, Name) when is_atom(Name) ->
     case waypoint(Robot, Name) of
         {ok, Point} -> go_to(Robot, Point);
         {error, _} = Error -> Error
-    end.
+    end;
+go_to(#robot{} = Robot, Point) ->
+    ok = starl_caller:check({?MODULE, go_to, 2}, 'Goal', point, Point),
+    flatten(call(Robot, motion, {go_to, Point}, infinity)).
 
 %% @doc Waits for so long by the robot's own clock.
 -spec sleep(robot(), Ms :: non_neg_integer()) -> ok.
-sleep(#robot{}, Ms) -> starl_app_proc:sleep(Ms * 1000).
+sleep(#robot{}, Ms) ->
+    ok = starl_caller:check({?MODULE, sleep, 2}, 'Ms', ms, Ms),
+    starl_app_proc:sleep(Ms * 1000).
 
 %% @doc Sets an actuator: `starl:actuate(Robot, pen, down)'.
 -spec actuate(robot(), Device :: atom(), Value :: term()) -> ok.
-actuate(#robot{}, Device, Value) -> starl_app_proc:perform([{actuate, Device, Value}]).
+actuate(#robot{}, Device, Value) ->
+    ok = starl_caller:check({?MODULE, actuate, 3}, 'Device', name, Device),
+    starl_app_proc:perform([{actuate, Device, Value}]).
 
 %% @doc Leaves an event in the recording, where monitors see it.
 -spec trace(robot(), Event :: term()) -> ok.
@@ -142,12 +164,17 @@ stored(#robot{}) -> starl_app_proc:stored().
 %% @doc Calls a machine of this robot: what the building blocks' interfaces are made of.
 -spec call(robot(), starl_machine:name(), Request :: term(), Ms :: pos_integer() | infinity) ->
     {ok, Answer :: term()} | {error, timeout | restarted}.
-call(#robot{}, Name, Request, infinity) -> starl_app_proc:call(Name, Request, infinity);
-call(#robot{}, Name, Request, Ms) -> starl_app_proc:call(Name, Request, Ms * 1000).
+call(#robot{}, Name, Request, Ms) ->
+    ok = starl_caller:check({?MODULE, call, 4}, 'Name', name, Name),
+    ok = starl_caller:check({?MODULE, call, 4}, 'Ms', ms_or_infinity, Ms),
+    starl_app_proc:call(Name, Request, us(Ms)).
 
 %% @private Made by the runtime only.
 -spec robot(robot_id(), starl_team:t()) -> robot().
 robot(Id, Team) -> #robot{id = Id, team = Team}.
+
+us(infinity) -> infinity;
+us(Ms) -> Ms * 1000.
 
 flatten({ok, Answer}) -> Answer;
 flatten({error, _} = Error) -> Error.

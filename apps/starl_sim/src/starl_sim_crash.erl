@@ -1,7 +1,7 @@
 %% @doc The crashes of a robot and its recoveries: a machine of it, or the whole robot for a
 %% while or for good. Virtual time waits meanwhile for whoever restarts it.
 %% ```
-%%           machine gone: the rest goes on, it is restarted
+%%           machine gone: the rest goes on, it is restarted, or given up
 %%              +--+                 gave up, killed
 %%              |  v          +------------------------> dead
 %%               up ----------+                            ^
@@ -10,7 +10,7 @@
 %% '''
 -module(starl_sim_crash).
 
--export([strike/3, crashed/3, die/3, boots/1]).
+-export([strike/3, crashed/4, die/3, boots/1]).
 
 -export_type([aftermath/0, local/0, struck/0]).
 
@@ -36,14 +36,42 @@ strike(Fault, Body, Machines) ->
         _ -> {go_on, Body, Machines}
     end.
 
-%% @doc A machine is gone. Virtual time waits until it has been restarted; the others are told. If
-%% its supervisor gives up, the robot has died.
--spec crashed(starl_machine:name(), starl_sim_platform:t(), starl_sim_machines:t()) -> struck().
-crashed(Name, Body, Machines) ->
-    Bare = lose(Name, Body),
+%% @doc A machine is gone, for this reason. Virtual time waits until it has been restarted; the
+%% others are told. A block or an application that crashes too often is given up, and the robot does
+%% without; without its services it has died.
+-spec crashed(
+    starl_machine:name(), Reason :: term(), starl_sim_platform:t(), starl_sim_machines:t()
+) -> struck().
+crashed(Name, Reason, Body, Machines) ->
+    Bare = blame(Name, starl_crash:cause(Reason), lose(Name, Body)),
     case starl_sim_machines:crashed(Name, Machines) of
-        {ok, Names, Back} -> {{first, restarts(Names, starl_sim_machines:names(Back))}, Bare, Back};
-        gave_up -> die(gave_up, Bare, Machines)
+        {ok, Names, GivenUp, Back} ->
+            Others = starl_sim_machines:names(Back),
+            Ends = [End || Lost <- GivenUp, End <- farewell(Lost, Others)],
+            Left = lists:foldl(fun give_up/2, Bare, GivenUp),
+            {{first, Ends ++ restarts(Names, Others)}, Left, Back};
+        gave_up ->
+            die(gave_up, Bare, Machines)
+    end.
+
+%% What was done to a machine is not its fault.
+blame(_Name, none, Body) -> Body;
+blame(Name, Cause, Body) -> starl_sim_platform:trace(supervisor, {crashed, Name, Cause}, Body).
+
+give_up(Name, Body) ->
+    Traced = starl_sim_platform:trace(supervisor, {given_up, Name}, Body),
+    case Name of
+        app -> starl_sim_platform:give_up(Traced);
+        _ -> Traced
+    end.
+
+%% Nobody but its application has an idea where the robot is to go.
+farewell(Name, Others) ->
+    Stop = [starl_platform:local(starl_motion:stop(), app) || lists:member(motion, Others)],
+    Told = [{To, info, {given_up, Name}} || To <- Others],
+    case Name of
+        app -> Stop ++ Told;
+        _ -> Told
     end.
 
 restarts(Names, All) ->

@@ -32,33 +32,45 @@
 
 %% An inline machine may be restarted as often as a simulated robot's supervisor would.
 -define(RESTARTS, 1000).
+%% The machines without which a robot is none.
+-define(SERVICES, [sap, location, motion]).
 
 -record(machines, {
     robot :: starl:robot_id(),
     %% starts the robot's tree; none: it has no processes
-    start :: fun(() -> pid()) | none,
+    start :: start() | none,
     sup :: pid() | none,
+    %% its supervisors: of the services, of a block, of the application
+    parts = #{} :: #{starl_robot_sup:part() => pid()},
     condition = up :: up | down | dead,
     now = #{} :: #{starl_machine:name() => pid() | starl_machine:t() | waiting},
     inline :: inline(),
     starts = #{} :: #{starl_machine:name() => pos_integer()},
-    restarts = 0 :: non_neg_integer()
+    restarts = #{} :: #{starl_robot_sup:part() => pos_integer()}
 }).
 
 -opaque t() :: #machines{}.
 
+%% Starts a robot's tree; gives its supervisors.
+-type start() :: fun(() -> {pid(), [{starl_robot_sup:part(), pid()}]}).
+
 %% @doc The machines of a robot, whose tree this function starts; none of them has been booted.
--spec new(starl:robot_id(), fun(() -> pid()) | none, inline()) -> t().
+-spec new(starl:robot_id(), start() | none, inline()) -> t().
 new(Robot, Start, Inline) ->
     launch(#machines{robot = Robot, start = Start, sup = none, inline = Inline}).
 
 launch(#machines{start = Start, inline = Inline} = Machines) ->
-    Waiting = Machines#machines{condition = up, now = maps:map(fun(_, _) -> waiting end, Inline)},
+    Now = maps:map(fun(_, _) -> waiting end, Inline),
+    Waiting = Machines#machines{condition = up, now = Now, restarts = #{}},
     Launched = lists:foldl(fun started/2, Waiting, lists:sort(maps:keys(Inline))),
     case Start of
         none -> Launched;
-        _ -> attached(Launched#machines{sup = Start()})
+        _ -> attached(with_tree(Start(), Launched))
     end.
+
+with_tree({Sup, Parts}, Machines) ->
+    _ = [erlang:monitor(process, Part) || {_, Part} <- Parts],
+    Machines#machines{sup = Sup, parts = maps:from_list(Parts)}.
 
 %% All processes of the tree have started, and have said so.
 attached(#machines{robot = Robot} = Machines) ->
@@ -75,7 +87,7 @@ attach(Name, Pid, #machines{now = Now} = Machines) ->
 -spec down(down | dead, t()) -> t().
 down(Condition, #machines{sup = Sup} = Machines) ->
     ok = kill_tree(Sup),
-    Machines#machines{condition = Condition, sup = none, now = #{}}.
+    Machines#machines{condition = Condition, sup = none, parts = #{}, now = #{}}.
 
 kill_tree(none) ->
     ok;
@@ -116,7 +128,7 @@ boot(Name, Base, #machines{now = Now, inline = Inline} = Machines) ->
                 {Actions, Machine} ->
                     {done, Actions, Machines#machines{now = Now#{Name := Machine}}}
             catch
-                Class:Reason:Stack -> {crashed, exit_reason(Class, Reason, Stack)}
+                Class:Reason:Stack -> {crashed, starl_crash:reason(Class, Reason, Stack)}
             end;
         #{} ->
             absent
@@ -136,47 +148,72 @@ step(Name, Type, Content, Meta, #machines{now = Now} = Machines) ->
             try starl_machine:step(Type, Content, Meta, Machine) of
                 {Actions, Next} -> {done, Actions, Machines#machines{now = Now#{Name := Next}}}
             catch
-                Class:Reason:Stack -> {crashed, exit_reason(Class, Reason, Stack)}
+                Class:Reason:Stack -> {crashed, starl_crash:reason(Class, Reason, Stack)}
             end;
         #{} ->
             absent
     end.
 
-exit_reason(exit, Reason, _Stack) -> Reason;
-exit_reason(error, Reason, Stack) -> {Reason, Stack};
-exit_reason(throw, Value, Stack) -> {{nocatch, Value}, Stack}.
-
 %% @doc A machine is gone. Returns when whoever restarts it has done so, with the machines that
-%% have come back, in the order in which they are to be booted; or the supervisor has given up.
--spec crashed(starl_machine:name(), t()) -> {ok, [starl_machine:name()], t()} | gave_up.
-crashed(Name, #machines{inline = Inline, restarts = N} = Machines) when
+%% have come back, in the order in which they are to be booted, and those that have crashed so often
+%% that they do not; or the robot has no services any more.
+-spec crashed(starl_machine:name(), t()) ->
+    {ok, Back :: [starl_machine:name()], GivenUp :: [starl_machine:name()], t()} | gave_up.
+crashed(Name, #machines{inline = Inline, restarts = Restarts} = Machines) when
     is_map_key(Name, Inline)
 ->
-    case N < ?RESTARTS of
-        true ->
+    Part = part(Name),
+    case {maps:get(Part, Restarts, 0), Part} of
+        {N, _} when N < ?RESTARTS ->
             #machines{now = Now} = Machines,
-            Waiting = Machines#machines{now = Now#{Name := waiting}, restarts = N + 1},
-            {ok, [Name], started(Name, Waiting)};
-        false ->
-            gave_up
+            Counted = Restarts#{Part => N + 1},
+            Waiting = Machines#machines{now = Now#{Name := waiting}, restarts = Counted},
+            {ok, [Name], [], started(Name, Waiting)};
+        {_, services} ->
+            gave_up;
+        _ ->
+            {ok, [], [Name], forget(Name, Machines)}
     end;
 crashed(Name, Machines) ->
-    await_restart([Name], [], forget(Name, Machines)).
+    await_restart([Name], [], [], forget(Name, Machines)).
+
+part(Name) ->
+    case lists:member(Name, ?SERVICES) of
+        true -> services;
+        false -> Name
+    end.
 
 %% Another robot's process that goes down meanwhile is left for the shard to see.
-await_restart([], Back, Machines) ->
-    {ok, boot_order(Back), Machines};
-await_restart(Missing, Back, #machines{robot = Robot, sup = Sup, now = Now} = Machines) ->
-    Own = maps:from_list([{Pid, Name} || {Name, Pid} <- maps:to_list(Now), is_pid(Pid)]),
+await_restart([], Back, GivenUp, Machines) ->
+    {ok, boot_order(Back), GivenUp, Machines};
+await_restart(Missing, Back, GivenUp, #machines{robot = Robot, sup = Sup} = Machines) ->
+    Own = own(Machines),
+    Guards = guards(Missing, Machines),
     receive
         {starl_attach, Robot, Name, Pid} ->
-            await_restart(lists:delete(Name, Missing), [Name | Back], attach(Name, Pid, Machines));
+            Left = lists:delete(Name, Missing),
+            await_restart(Left, [Name | Back], GivenUp, attach(Name, Pid, Machines));
         {'DOWN', _, process, Sup, _} ->
             gave_up;
+        {'DOWN', _, process, Pid, _} when is_map_key(Pid, Guards) ->
+            case {maps:get(Pid, Guards), is_process_alive(Sup)} of
+                {Name, true} when Name =/= services ->
+                    Left = lists:delete(Name, Missing),
+                    await_restart(Left, Back, [Name | GivenUp], Machines);
+                _ ->
+                    gave_up
+            end;
         {'DOWN', _, process, Pid, _} when is_map_key(Pid, Own) ->
             Name = maps:get(Pid, Own),
-            await_restart([Name | Missing], lists:delete(Name, Back), forget(Name, Machines))
+            Now = lists:delete(Name, Back),
+            await_restart([Name | Missing], Now, GivenUp, forget(Name, Machines))
     end.
+
+own(#machines{now = Now}) -> maps:from_list([{P, N} || {N, P} <- maps:to_list(Now), is_pid(P)]).
+
+%% The supervisors that restart these machines, or give them up.
+guards(Missing, #machines{parts = Parts}) ->
+    maps:from_list([{maps:get(part(Name), Parts), part(Name)} || Name <- Missing]).
 
 forget(Name, #machines{now = Now} = Machines) -> Machines#machines{now = maps:remove(Name, Now)}.
 
@@ -241,6 +278,6 @@ sequential(undefined) ->
 is_runtime(Module) -> lists:member(Module, [starl_app_proc, proc_lib]).
 
 boot_order(Names) ->
-    First = [Name || Name <- [sap, location, motion], lists:member(Name, Names)],
+    First = [Name || Name <- ?SERVICES, lists:member(Name, Names)],
     Last = [app || lists:member(app, Names)],
     First ++ lists:sort(Names -- (First ++ Last)) ++ Last.

@@ -156,11 +156,19 @@ monitors(#{faults := Faults} = Scenario, Scene, Profile, #{sap := Sap0, robots :
     Broken = starl_sim_assumption:broken(Faults, is_exact(Profile)),
     %% a hundredth more for the drift of the sender's clock
     Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
-    Own = [{starl_sap_monitor, #{bound_us => Bound, robots => Ids}} | progress(Scenario, Ids)],
+    Own = [
+        {starl_sap_monitor, #{bound_us => Bound, robots => Ids}},
+        {starl_crash_monitor, #{excused => excused(Scene)}}
+        | progress(Scenario, Ids)
+    ],
     [
         {Module, told(Broken, widened(Slack, Config))}
      || {Module, Config} <- Own ++ maps:get(monitors, Scene, [])
     ].
+
+%% A user's application may crash; it is told.
+excused(#{never_crashes := true}) -> [];
+excused(_Scene) -> [app].
 
 widened(Slack, #{bound_us := Bound} = Config) when is_integer(Bound) ->
     Config#{bound_us := Bound + Slack};

@@ -11,7 +11,7 @@
 -behaviour(starl_platform).
 
 -export([new/3, boot/4, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
--export([fire/6, forget_timers/2, ended/1, local_time/1]).
+-export([fire/6, forget_timers/2, ended/1, give_up/1, local_time/1]).
 -export([now/1, piece/1, hash_event/4, hash_event/5, chain/1, packets/1, result/1]).
 -export([perform/3, trace/3, stop/1, turn_wheels/1, beat/2, says/2, postpone/2]).
 
@@ -62,7 +62,7 @@
     vehicle :: starl_sim_vehicle:t(),
     store :: starl_sim_store:t(),
     chain :: starl_sim_chain:t(),
-    result = running :: running | {done, term()},
+    result = running :: running | given_up | {done, term()},
     %% what came out: own events of this window, all others, the trace, newest first
     soon = [] :: [starl_sim_queue:event()],
     later = [] :: [starl_sim_queue:event()],
@@ -140,8 +140,12 @@ boot(Id, Name, Incarnation, #body{world = World, now = Now, store = Store} = Bod
 %% @doc A timer event, at a later time than the last event: chained into the digest if it is
 %% still awaited.
 -spec fire(
-    starl_sim_queue:time(), starl_machine:name(), Timer :: term(), Content :: term(),
-    Seq :: non_neg_integer(), t()
+    starl_sim_queue:time(),
+    starl_machine:name(),
+    Timer :: term(),
+    Content :: term(),
+    Seq :: non_neg_integer(),
+    t()
 ) -> {ok, starl_machine:event_type(), t()} | stale.
 fire(Now, Machine, Timer, Content, Seq, #body{timers = Timers, chain = Chain} = Body) ->
     case starl_sim_timers:expire(Machine, Timer, Seq, Timers) of
@@ -162,6 +166,11 @@ forget_timers(Machine, #body{timers = Timers} = Body) ->
 -spec ended(t()) -> t().
 ended(#body{result = running, changes = Changes} = Body) -> Body#body{changes = [ended | Changes]};
 ended(Body) -> Body.
+
+%% @doc The application is not started any more; one that has finished has.
+-spec give_up(t()) -> t().
+give_up(#body{result = running} = Body) -> (ended(Body))#body{result = given_up};
+give_up(Body) -> Body.
 
 %% @doc The virtual time that the robot is at.
 -spec now(t()) -> starl_sim_queue:time().
@@ -196,7 +205,7 @@ chain(#body{chain = Chain}) -> Chain.
 packets(#body{transmitter = Transmitter}) -> starl_sim_transmitter:packets(Transmitter).
 
 %% @doc What the application has returned.
--spec result(t()) -> running | {done, term()}.
+-spec result(t()) -> running | given_up | {done, term()}.
 result(#body{result = Result}) -> Result.
 
 %% -- carrying out what machines ask for -----------------------------------------------------

@@ -22,7 +22,7 @@
     checkpoints := [starl_sim_ledger:checkpoint()],
     events := non_neg_integer(),
     packets := non_neg_integer(),
-    result := running | died | {done, term()},
+    result := running | died | given_up | {done, term()},
     pose := starl:pose(),
     crashes := [{starl_machine:name(), Reason :: term()}]
 }.
@@ -130,7 +130,7 @@ busy(#robot{id = Id, busy = Name}) -> [{Id, Name}].
 owns(Pid, #robot{machines = Machines}) -> starl_sim_machines:owns(Pid, Machines).
 
 %% @doc Its application's result.
--spec result(t()) -> running | died | {done, term()}.
+-spec result(t()) -> running | died | given_up | {done, term()}.
 result(#robot{body = Body, machines = Machines}) ->
     case starl_sim_machines:condition(Machines) of
         dead -> died;
@@ -316,7 +316,30 @@ postpone(#robot{events = Events, hold = Hold, body = Body} = Robot) ->
 
 crashed(Name, Reason, #robot{body = Body, machines = Machines, crashes = Crashes} = Robot) ->
     Remembered = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED),
-    struck(starl_sim_crash:crashed(Name, Body, Machines), Robot#robot{crashes = Remembered}).
+    Struck = starl_sim_crash:crashed(Name, Reason, Body, Machines),
+    ok = tell(Name, Reason, Struck, Robot),
+    struck(Struck, Robot#robot{crashes = Remembered}).
+
+%% The log has one line for each crash that nobody planned, in every mode.
+tell(Name, Reason, {_, _, Left}, #robot{id = Id, machines = Machines}) ->
+    Lost = starl_sim_machines:names(Machines) -- starl_sim_machines:names(Left),
+    What =
+        case lists:member(Name, Lost) of
+            true -> given_up;
+            false -> crashed
+        end,
+    case starl_crash:cause(Reason) of
+        none when What =:= crashed -> ok;
+        none -> told(What, Id, Name, "it was killed too often");
+        Cause -> told(What, Id, Name, starl_crash:format(Cause))
+    end.
+
+told(What, Id, Name, Why) ->
+    Text = unicode:characters_to_binary(Why),
+    logger:error(
+        #{what => What, robot => Id, machine => Name, reason => Text},
+        #{domain => [starl, robot], robot => Id, machine => Name}
+    ).
 
 died(Reason, #robot{body = Body, machines = Machines} = Robot) ->
     struck(starl_sim_crash:die(Reason, Body, Machines), Robot).

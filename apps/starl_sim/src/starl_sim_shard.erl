@@ -166,5 +166,5 @@ starter(Id, Tree, #shard{robots_sup = Sup}) ->
     fun() ->
         {ok, Pid} = supervisor:start_child(Sup, [Spec]),
         _ = erlang:monitor(process, Pid),
-        Pid
+        {Pid, starl_robot_sup:parts(Pid)}
     end.

@@ -186,10 +186,10 @@ call_times_out(_) ->
     end, crashing(#{})),
     ?assertEqual([{done, {{error, timeout}, {ok, 1}}}], Results).
 
-%% It is not answered at all, nor waits for ever: the application crashes, until its robot dies.
+%% It is not answered at all, nor waits for ever: the application crashes, until it is given up.
 call_to_no_machine_is_a_mistake(_) ->
     {_, Results, Trace} = play(1, fun(R) -> starl:call(R, no_such, x, infinity) end, #{}),
-    ?assertEqual([died], Results),
+    ?assertEqual([given_up], Results),
     ?assertMatch([_ | _], [E || {_, 1, no_such, {unknown_machine, _} = E} <- Trace]).
 
 unreachable_robot_is_lost(_) ->

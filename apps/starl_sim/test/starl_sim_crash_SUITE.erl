@@ -2,7 +2,7 @@
 %% a fault or from outside, comes back or dies; virtual time waits for it, the others go on.
 -module(starl_sim_crash_SUITE).
 -include_lib("stdlib/include/assert.hrl").
--import(starl_sim_ct, [start/3, play/3, end_of/1, well_ended/1, trace/1, crashing/1, point/1,
+-import(starl_sim_ct, [start/3, play/3, played/3, end_of/1, well_ended/1, trace/1, crashing/1, point/1,
                        pid_of/3, kill/2, robot_of/1, no_jump/1]).
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
@@ -11,7 +11,9 @@
     ended_is_ended_once/1, late_answers_do_not_reach_the_next_app/1,
     listening_survives_a_killed_sap/1, killed_robot_dies_alone/1, crash_with_events_waiting/1,
     app_crash_with_messages_waiting/1, killed_from_outside/1,
-    killed_from_outside_while_all_rest/1, robot_killed_from_outside/1, supervisor_gives_up/1,
+    killed_from_outside_while_all_rest/1, robot_killed_from_outside/1,
+    app_that_crashes_for_ever_is_given_up/1, block_that_crashes_for_ever_is_given_up/1,
+    own_crash_is_a_violation/1, vouched_for_app_must_not_crash/1,
     fault_at_no_machine_is_told/1
 ]).
 
@@ -25,7 +27,9 @@ all() ->
         ended_is_ended_once, late_answers_do_not_reach_the_next_app,
         listening_survives_a_killed_sap, killed_robot_dies_alone, crash_with_events_waiting,
         app_crash_with_messages_waiting, killed_from_outside,
-        killed_from_outside_while_all_rest, robot_killed_from_outside, supervisor_gives_up,
+        killed_from_outside_while_all_rest, robot_killed_from_outside,
+        app_that_crashes_for_ever_is_given_up, block_that_crashes_for_ever_is_given_up,
+        own_crash_is_a_violation, vouched_for_app_must_not_crash,
         fault_at_no_machine_is_told
     ].
 
@@ -131,7 +135,7 @@ killed_robot_dies_alone(_) ->
 %% A machine that crashes while further events of the same moment wait for it comes back first
 %% and then gets them.
 crash_with_events_waiting(_) ->
-    {_, Results, Trace} = play(1, fun(R) ->
+    {_, Results, Trace} = played(1, fun(R) ->
         ok = starl_app_proc:perform([{cast, crash, boom}, {cast, crash, {count, 1}}]),
         ok = starl:sleep(R, 1000),
         starl:call(R, crash, incarnation, 1000)
@@ -208,17 +212,102 @@ robot_killed_from_outside(_) ->
                  [Result || {_, #{result := Result}} <- maps:get(robots, Outcome)]),
     no_jump(trace(Outcome)).
 
-%% A machine that crashes again and again: its supervisor gives up, the robot has died, and the
-%% others go on.
-supervisor_gives_up(_) ->
-    {_, Results, Trace} = play(2, fun(R) ->
-        case starl:id(R) of
-            1 -> error(always);
-            2 -> ok = starl:sleep(R, 5000), starl:position(R, 1)
+%% An application that crashes again and again is given up, and only it: the blocks and services of
+%% its robot go on and answer, and the robot stands.
+app_that_crashes_for_ever_is_given_up(_) ->
+    [
+        begin
+            {_, Results, Trace} = play(2, fun(R) ->
+                case {starl:id(R), starl:now(R) < 2000} of
+                    {1, true} ->
+                        ok = starl_app_proc:perform([{cast, motion, {go_to, {9000.0, 1000.0}}},
+                                                     {call, motion, {go_to, {9000.0, 1000.0}}, x}]),
+                        starl:sleep(R, 2000),
+                        error(always);
+                    {1, false} ->
+                        error(always);
+                    {2, _} ->
+                        ok = starl:sleep(R, 8000),
+                        {ok, First} = starl:position(R, 1),
+                        Outcome = starl:send(R, 1, a, hello),
+                        {ok, Second} = starl:position(R, 1),
+                        Moved = starl_geometry:distance(point(First), point(Second)),
+                        {Outcome, Moved < 5.0}
+                end
+            end, crashing(#{mode => Mode, clock_offset => 0, speed => 100})),
+            ?assertEqual([given_up, {done, {ok, true}}], Results),
+            ?assertMatch([{_, 1, supervisor, {given_up, app}}],
+                         [E || {_, _, _, {given_up, _}} = E <- Trace]),
+            ?assertEqual([], [E || {_, _, robot, _} = E <- Trace])
         end
-    end, #{}),
-    ?assertMatch([died, {done, {ok, {_, _, _}}}], Results),
-    ?assertMatch([{_, 1, robot, {died, gave_up}}], [E || {_, _, robot, _} = E <- Trace]).
+     || Mode <- [process, inline]
+    ].
+
+%% A block is given up alone, too; whoever calls it then is told so.
+block_that_crashes_for_ever_is_given_up(_) ->
+    [
+        begin
+            {Outcome, Results, Trace} = played(1, fun(R) ->
+                Boom = [{cast, crash, boom} || _ <- lists:seq(1, 1001)],
+                ok = starl_app_proc:perform(Boom),
+                ok = starl:sleep(R, 1000),
+                Call = fun(Name) ->
+                    try
+                        starl:call(R, Name, incarnation, infinity)
+                    catch
+                        error:Reason -> Reason
+                    end
+                end,
+                {Call(crash), Call(other), starl:position(R), starl:send(R, 1, a, b)}
+            end, crashing(#{mode => Mode})),
+            ?assertMatch(
+                [{done, {{given_up, crash, _}, {ok, 1}, {ok, {_, _, _}}, ok}}], Results
+            ),
+            ?assertEqual([crash], [Name || {_, _, supervisor, {given_up, Name}} <- Trace]),
+            ?assertMatch([#{contract := crash, what := crashed} | _],
+                         maps:get(violations, Outcome))
+        end
+     || Mode <- [process, inline]
+    ].
+
+%% A machine that crashes by itself is a violation with its place in the code, the same in every
+%% mode; what a fault kills is none, and a user's application is told of.
+own_crash_is_a_violation(_) ->
+    Play = fun(Mode, Word) ->
+        {#{digest := Digest} = Outcome, _, _} = played(1, fun(R) ->
+            ok = starl_app_proc:perform([{cast, crash, Word}]),
+            ok = starl:sleep(R, 1000),
+            starl:now(R) < 1500 andalso error(mine),
+            starl:call(R, crash, incarnation, infinity)
+        end, crashing(#{mode => Mode, clock_offset => 0,
+                        faults => [{a, 500, 500, kill_machine, {1, other}, #{}}]})),
+        {maps:get(violations, Outcome), Digest,
+         maps:get(starl_crash_monitor, maps:get(monitors, Outcome))}
+    end,
+    [
+        begin
+            {[Violation | _], Digest, Results} = Play(process, Word),
+            ?assertMatch(
+                {Word, #{contract := crash, what := crashed, robots := [1],
+                         details := #{reason := Reason}}},
+                {Word, Violation}
+            ),
+            #{details := #{stack := Stack}} = Violation,
+            ?assertMatch({match, _}, re:run(Stack, "starl_sim_crash_machine:handle_event/5 "
+                                                   "\\(starl_sim_crash_machine.erl:[0-9]+\\)")),
+            ?assertMatch(#{first_crash := {_, 1, app, {"mine", [_ | _]}}}, Results),
+            {[Inline | _], SameDigest, SameResults} = Play(inline, Word),
+            ?assertEqual({Violation, Digest, Results}, {Inline, SameDigest, SameResults})
+        end
+     || {Word, Reason} <- [{boom, "{exit,boom}"}, {match, "{badmatch,<>}"}, {throw, "{nocatch,ball}"}]
+    ].
+
+%% An application that we vouch for is held to it like a block.
+vouched_for_app_must_not_crash(_) ->
+    {#{violations := Violations}, _, _} = played(1, fun(R) ->
+        starl:now(R) < 1500 andalso begin ok = starl:sleep(R, 2000), error(mine) end
+    end, #{clock_offset => 0, around => #{never_crashes => true}}),
+    ?assertMatch([#{contract := app, what := crashed}], Violations).
 
 %% A fault that strikes nothing is a mistake in the scenario, not a success.
 fault_at_no_machine_is_told(_) ->

@@ -12,7 +12,7 @@ boots_test() ->
 %% The machine starts again, then the others are told, not itself; its timers are forgotten, the
 %% others' are not, and the robot drives on.
 machine_crashed_test() ->
-    {Aftermath, Body, Machines} = starl_sim_crash:crashed(motion, driving(), machines()),
+    {Aftermath, Body, Machines} = starl_sim_crash:crashed(motion, killed, driving(), machines()),
     ?assertEqual(
         {first, [{motion, boot, none} | [{To, info, {restarted, motion}} || To <- [sap, block, app]]]},
         Aftermath
@@ -26,18 +26,54 @@ machine_crashed_test() ->
          starl_sim_machines:incarnation(app, Machines)}
     ).
 
-%% A supervisor that gives up takes the robot along.
-gave_up_test() ->
-    {Body, Machines} = crash_often(1000, driving(), machines()),
-    {nothing, Dead, Gone} = starl_sim_crash:crashed(app, Body, Machines),
+%% What crashed by itself is told with its cause, what was killed is not.
+cause_is_told_test() ->
+    Reason = {oops, [{m, f, [1, 2], [{file, "/a/m.erl"}, {line, 7}]}, {starl_machine, step, 4, []}]},
+    {_, Body, _} = starl_sim_crash:crashed(block, Reason, driving(), machines()),
+    ?assertEqual(
+        [{100, 1, block, crashed},
+         {100, 1, supervisor, {crashed, block, {"oops", [{m, f, 2, "m.erl", 7}]}}}],
+        traced(Body)
+    ).
+
+%% An application that crashes too often is given up: its robot stops, its services and blocks are
+%% told and go on, and the application has ended.
+app_given_up_test() ->
+    {Body, Machines} = crash_often(1000, app, driving(), machines()),
+    {{first, Told}, Left, Back} = starl_sim_crash:crashed(app, killed, Body, Machines),
+    ?assertEqual(
+        [{motion, cast, stop} | [{To, info, {given_up, app}} || To <- [sap, motion, block]]], Told
+    ),
+    ?assertEqual({up, [sap, motion, block]}, {starl_sim_machines:condition(Back),
+                                              starl_sim_machines:names(Back)}),
+    ?assertMatch({100, 1, supervisor, {given_up, app}}, lists:last(traced(Left))),
+    ?assertEqual(given_up, starl_sim_platform:result(Left)),
+    ?assertMatch({_, _, [ended]}, starl_sim_platform:yield(Left)).
+
+%% Likewise a block, but the robot drives on: its application knows what to do about it.
+block_given_up_test() ->
+    {Body, Machines} = crash_often(1000, block, driving(), machines()),
+    {{first, Told}, Left, Back} = starl_sim_crash:crashed(block, killed, Body, Machines),
+    ?assertEqual([{To, info, {given_up, block}} || To <- [sap, motion, app]], Told),
+    ?assertEqual([sap, motion, app], starl_sim_machines:names(Back)),
+    ?assertEqual(running, starl_sim_platform:result(Left)).
+
+%% Each block and the application have restarts of their own, the services have theirs together:
+%% without them the robot has died.
+services_given_up_test() ->
+    {Body0, Machines0} = crash_often(1000, app, driving(), machines()),
+    {Body1, Machines1} = crash_often(999, sap, Body0, Machines0),
+    {Body, Machines} = crash_often(1, motion, Body1, Machines1),
+    {nothing, Dead, Gone} = starl_sim_crash:crashed(sap, killed, Body, Machines),
     ?assertEqual(dead, starl_sim_machines:condition(Gone)),
     ?assertMatch({100, 1, robot, {died, gave_up}}, lists:last(traced(Dead))).
 
-crash_often(0, Body, Machines) ->
+crash_often(0, _Name, Body, Machines) ->
     {Body, Machines};
-crash_often(N, Body, Machines) ->
-    {{first, _}, Bare, Back} = starl_sim_crash:crashed(app, Body, Machines),
-    crash_often(N - 1, Bare, Back).
+crash_often(N, Name, Body, Machines) ->
+    {{first, [{Name, boot, none} | _]}, Bare, Back} =
+        starl_sim_crash:crashed(Name, killed, Body, Machines),
+    crash_often(N - 1, Name, Bare, Back).
 
 %% A robot that dies stands where it is, its application has ended, and no machine is left.
 dies_test_() ->

@@ -121,7 +121,8 @@ kill_all_sap(Sim) ->
     Pids = [
         Pid
      || Sup <- starl_sim:robot_pids(Sim, all),
-        {sap, Pid, _, _} <- supervisor:which_children(Sup)
+        {services, Services} <- starl_robot_sup:parts(Sup),
+        {sap, Pid, _, _} <- supervisor:which_children(Services)
     ],
     Refs = [monitor(process, Pid) || Pid <- Pids],
     _ = [exit(Pid, kill) || Pid <- Pids],

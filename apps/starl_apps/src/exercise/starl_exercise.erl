@@ -54,21 +54,28 @@ options() ->
 scene(#{robots := Robots, options := #{block := Block, patience := Patience} = Options}) ->
     {ok, #{
         app => {sequential, ?MODULE, Options},
+        never_crashes => true,
         %% who is dead is given up soon
         sap => #{limit => 6},
         blocks => machines(Block),
         monitors => monitors(Block, Robots, 1000 * Patience + ?MARGIN_US)
     }}.
 
-machines(sap) -> [];
-machines(election) -> [starl_election:block(ballots)];
-machines(bully) -> [starl_election:block(bully)];
-machines(mutex) -> [starl_mutex:block(#{lease_ms => ?LEASE_MS})];
-machines(barrier) -> starl_barrier:blocks();
+machines(sap) ->
+    [];
+machines(election) ->
+    [starl_election:block(ballots)];
+machines(bully) ->
+    [starl_election:block(bully)];
+machines(mutex) ->
+    [starl_mutex:block(#{lease_ms => ?LEASE_MS})];
+machines(barrier) ->
+    starl_barrier:blocks();
 machines(geocast) ->
     %% more than the faults of positions add up to
     [starl_geocast:block(#{listeners => #{news => app}, position_error_mm => 400.0})];
-machines(registers) -> [starl_registers:block(#{owners => #{mine => 1}})].
+machines(registers) ->
+    [starl_registers:block(#{owners => #{mine => 1}})].
 
 monitors(sap, _Robots, _BoundUs) ->
     [];

@@ -51,11 +51,15 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
         {ok, _} ->
             {ok, #{
                 app => {sequential, starl_painting, none},
+                never_crashes => true,
                 blocks => [starl_election:block() | starl_dpp:blocks(Plan)],
                 poses => maps:map(fun(_, Spot) -> facing(Spot, World) end, Spots),
                 monitors => monitors(Lines, Radius, Tracking, Context),
                 memo => #{
-                    picture => Picture, world => World, robots => length(Ids), speed => Speed,
+                    picture => Picture,
+                    world => World,
+                    robots => length(Ids),
+                    speed => Speed,
                     safety_distance => maps:get(safety_distance, Options)
                 }
             }};

@@ -3,7 +3,10 @@
 %% `step/2' is the body of "repeat … until done". It may block in `starl:send', `starl:await',
 %% `starl:go_to', `starl:sleep' and in the calls of the building blocks. The runtime calls it
 %% through its fully qualified name, so newly loaded code takes effect at the next step; an
-%% optional `code_change/2' (old state, old module version) carries the state over.
+%% optional `code_change/2' (old state, old module version) carries the state over. If that fails,
+%% the application waits with its old state in front of the step until other code is loaded that can
+%% take it over, the code before among others; the rest of the robot goes on. What it did and what
+%% others sent meanwhile is kept.
 %%
 %% An application may also say what it needs around it: its own options, and the scene it plays
 %% in (waypoints, building blocks, where the robots start, the contracts it is held to) and what
@@ -34,6 +37,8 @@
     monitors => [{module(), map()}],
     profile => map(),
     sap => starl_sap:config(),
+    %% a crash of the application by itself is a violation, as that of a block is (false)
+    never_crashes => boolean(),
     %% another implementation of SAP, for tests
     sap_machine => module(),
     %% whatever report/2 needs

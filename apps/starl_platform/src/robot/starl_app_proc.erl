@@ -12,22 +12,32 @@
 
 -export([start_link/1, init/1]).
 -export([perform/1, store/1, stored/0, now/0, random/0, call/3, await/2, sleep/1]).
+-export([application/0]).
 
 -define(TURN, starl_turn).
 -define(INBOX_LIMIT, 1000).
+%% So many actions and steps may be in one turn.
+-define(TURN_LIMIT, 100000).
+%% How long an application whose state new code could not take over waits for other code.
+-define(OTHER_CODE_US, 1000000).
 
 -record(turn, {
     robot :: pos_integer(),
+    module :: module(),
     driver :: pid(),
     now :: integer(),
     actions = [] :: [starl_machine:action()],
+    %% how many actions and steps the turn has had
+    count = 0 :: non_neg_integer(),
     inbox = [] :: [message()],
     random :: rand:state(),
     stored :: starl_machine:stored(),
     %% of an earlier life's calls, no answer is taken for one of this life's
     tag :: {Incarnation :: pos_integer(), non_neg_integer()},
     %% what to say again to a machine that has restarted
-    listening = [] :: [{starl_machine:name(), Word :: term()}]
+    listening = [] :: [{starl_machine:name(), Word :: term()}],
+    %% machines that are not started any more
+    given_up = [] :: [starl_machine:name()]
 }).
 
 %% A message that waits in the inbox.
@@ -57,19 +67,38 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
             #{now := Now, random := Random, incarnation := Incarnation, stored := Stored} = Boot,
             _ = put(?TURN, #turn{
                 robot = Id,
+                module = Module,
                 driver = Driver,
                 now = Now,
                 random = Random,
                 stored = Stored,
                 tag = {Incarnation, 0}
             }),
-            loop(Robot, Module, Module:init(Robot, Args), version(Module))
+            run(Robot, Module, Args)
     end.
 
-%% @doc Adds actions to the turn; they take place when the application next blocks.
+%% However it crashes, the reason says where.
+run(Robot, Module, Args) ->
+    try
+        loop(Robot, Module, Module:init(Robot, Args), version(Module))
+    catch
+        Class:Reason:Stack when Class =/= error -> exit(starl_crash:reason(Class, Reason, Stack))
+    end.
+
+%% @doc The application whose process this is; `none': it is no application's.
+-spec application() -> module() | none.
+application() ->
+    case get(?TURN) of
+        #turn{module = Module} -> Module;
+        undefined -> none
+    end.
+
+%% @doc Adds actions to the turn; they take place when the application next blocks. A malformed
+%% action is the application's crash ({@link starl_action}), and so is a turn of too many.
 -spec perform([starl_machine:action()]) -> ok.
 perform(New) ->
-    #turn{actions = Actions} = Turn = get(?TURN),
+    ok = starl_action:check(New),
+    #turn{actions = Actions} = Turn = counted(length(New), turn()),
     Listening = lists:foldl(fun listening/2, Turn#turn.listening, New),
     _ = put(?TURN, Turn#turn{actions = lists:reverse(New, Actions), listening = Listening}),
     ok.
@@ -78,21 +107,33 @@ perform(New) ->
 -spec store(term()) -> ok.
 store(Term) ->
     ok = perform([{store, Term}]),
-    _ = put(?TURN, (get(?TURN))#turn{stored = {stored, Term}}),
+    _ = put(?TURN, (turn())#turn{stored = {stored, Term}}),
     ok.
 
 %% @doc What was kept last, in this life or an earlier one.
 -spec stored() -> starl_machine:stored().
-stored() -> (get(?TURN))#turn.stored.
+stored() -> (turn())#turn.stored.
+
+turn() ->
+    case get(?TURN) of
+        #turn{} = Turn -> Turn;
+        undefined -> error({not_in_an_application, self()})
+    end.
+
+%% What a turn gathers is handed over when the application blocks, and lies in memory until then.
+counted(N, #turn{count = Count} = Turn) when Count + N =< ?TURN_LIMIT ->
+    Turn#turn{count = Count + N};
+counted(_N, #turn{module = Module}) ->
+    error({step_never_blocks, #{application => Module, actions_and_steps => ?TURN_LIMIT}}).
 
 %% @doc The robot's own clock, in microseconds, at the beginning of this turn.
 -spec now() -> integer().
-now() -> (get(?TURN))#turn.now.
+now() -> (turn())#turn.now.
 
 %% @doc A number in 0.0 =< X < 1.0 from the application's own random stream.
 -spec random() -> float().
 random() ->
-    #turn{random = Random} = Turn = get(?TURN),
+    #turn{random = Random} = Turn = turn(),
     {X, Next} = rand:uniform_s(Random),
     _ = put(?TURN, Turn#turn{random = Next}),
     X.
@@ -109,20 +150,30 @@ call(Name, Request, Us) ->
         ({reply, T}, Reply) when T =:= Tag -> {answer, Reply};
         ({timeout, T}, call) when T =:= Tag -> timeout;
         (info, {restarted, N}) when N =:= Name -> restarted;
+        (info, {given_up, N}) when N =:= Name -> given_up;
         (_, _) -> skip
     end),
     stop_timer(Tag, Us),
     case Answer of
         {answer, Reply} -> {ok, Reply};
-        no_such_machine -> error({no_such_machine, Name, add_it_to_blocks});
+        no_such_machine -> error(missing(Name));
+        given_up -> error(missing(Name));
         timeout -> {error, timeout};
         restarted -> {error, restarted}
+    end.
+
+%% A machine that crashed too often is not there any more, either.
+missing(Name) ->
+    #turn{given_up = GivenUp} = get(?TURN),
+    case lists:member(Name, GivenUp) of
+        true -> {given_up, Name, it_crashed_too_often};
+        false -> {no_such_machine, Name, add_it_to_blocks}
     end.
 
 %% @doc Waits for a message of one of the given types; messages that came earlier count.
 -spec await([atom()], Us :: non_neg_integer() | infinity) -> {ok, message()} | timeout.
 await(Types, Us) ->
-    #turn{inbox = Inbox} = Turn = get(?TURN),
+    #turn{inbox = Inbox} = Turn = turn(),
     case lists:splitwith(fun({_, Type, _}) -> not lists:member(Type, Types) end, Inbox) of
         {Before, [Message | After]} ->
             _ = put(?TURN, Turn#turn{inbox = Before ++ After}),
@@ -145,24 +196,53 @@ sleep(Us) ->
 %% -- internals ------------------------------------------------------------------------------
 
 loop(Robot, Module, State0, Version0) ->
-    Version = version(Module),
-    State = upgrade(Module, State0, Version0, Version),
+    {State, Version} = upgrade(Module, State0, Version0),
+    _ = put(?TURN, counted(1, turn())),
     case Module:step(Robot, State) of
         {continue, Next} ->
             loop(Robot, Module, Next, Version);
         {done, Result} ->
             perform([{done, Result}]),
-            wait(fun(_, _) -> skip end)
+            wait(fun(_, _) -> skip end);
+        Other ->
+            error({bad_return, {Module, step}, Other})
     end.
 
 version(Module) -> Module:module_info(md5).
 
-upgrade(_Module, State, Version, Version) ->
-    State;
-upgrade(Module, State, Old, _New) ->
-    case erlang:function_exported(Module, code_change, 2) of
-        true -> Module:code_change(State, Old);
-        false -> State
+%% A state never meets code that cannot take it over: the application waits with it, in front of the
+%% next step, until there is code that can. The code that it came from is such.
+upgrade(Module, State, Old) ->
+    case version(Module) of
+        Old -> {State, Old};
+        New -> upgrade(carried(Module, State, Old), Module, State, Old, New)
+    end.
+
+upgrade({ok, Next}, _Module, _State, _Old, New) ->
+    {Next, New};
+upgrade({failed, Cause}, Module, State, Old, New) ->
+    perform([{trace, {code_change_failed, Cause}}, starl_motion:stop()]),
+    Why = unicode:characters_to_binary(starl_crash:format(Cause)),
+    logger:error(#{what => code_change_failed, application => Module, reason => Why}),
+    ok = await_other_code(Module, New),
+    upgrade(Module, State, Old).
+
+await_other_code(Module, Failed) ->
+    ok = sleep(?OTHER_CODE_US),
+    case version(Module) of
+        Failed -> await_other_code(Module, Failed);
+        _ -> ok
+    end.
+
+carried(Module, State, Old) ->
+    try
+        case erlang:function_exported(Module, code_change, 2) of
+            true -> {ok, Module:code_change(State, Old)};
+            false -> {ok, State}
+        end
+    catch
+        Class:Reason:Stack ->
+            {failed, starl_crash:cause(starl_crash:reason(Class, Reason, Stack))}
     end.
 
 await_new(Types, Us) ->
@@ -192,7 +272,7 @@ wait(Match) ->
     Driver ! {starl_done, Id, lists:reverse(Actions)},
     receive
         {starl_step, Type, Content, #{now := Now}} ->
-            _ = put(?TURN, Turn#turn{actions = [], now = Now}),
+            _ = put(?TURN, Turn#turn{actions = [], count = 0, now = Now}),
             heed(Type, Content),
             case Match(Type, Content) of
                 skip ->
@@ -214,6 +294,10 @@ listening(_, Known) ->
 heed(info, {restarted, Machine}) ->
     #turn{listening = Listening} = get(?TURN),
     perform([{cast, Machine, Word} || {M, Word} <- Listening, M =:= Machine]);
+heed(info, {given_up, Machine}) ->
+    #turn{given_up = GivenUp} = Turn = get(?TURN),
+    _ = put(?TURN, Turn#turn{given_up = [Machine | GivenUp]}),
+    ok;
 heed(_, _) ->
     ok.
 
@@ -228,13 +312,13 @@ keep({timeout, _}, call) ->
     ok;
 keep({reply, _}, _) ->
     ok;
-keep(info, {restarted, _}) ->
+keep(info, {Word, _}) when Word =:= restarted; Word =:= given_up ->
     ok;
 keep(Type, Content) ->
     perform([{trace, {unknown_event, Type, Content}}]).
 
 new_tag() ->
-    #turn{tag = {Life, N}} = Turn = get(?TURN),
+    #turn{tag = {Life, N}} = Turn = turn(),
     _ = put(?TURN, Turn#turn{tag = {Life, N + 1}}),
     {Life, N + 1}.
 

@@ -29,7 +29,8 @@
 %% answer to its own call, timeouts as in gen_statem, `packet' from the radio, and `info' from
 %% the platform: `{located, [{robot_id(), pose()}]}' after `sense', `{driven, Mark, Us}' or
 %% `{stalled, Mark, {Left, Right}}' after `drive', `{restarted, Name}' when another machine of this
-%% robot has crashed and come back.
+%% robot has crashed and come back, `{given_up, Name}' when it does not come back any more (a machine
+%% that need not know does not handle it).
 -type event_type() ::
     cast
     | {call, from()}
@@ -39,7 +40,7 @@
     | packet
     | info.
 
-%% Everything that leaves a machine.
+%% Everything that leaves a machine. A malformed action is its crash ({@link starl_action}).
 -type action() ::
     %% to another machine of the same robot
     {cast, name(), Content :: term()}
@@ -119,21 +120,44 @@
 %% configuration that the platform gives, `Config' the machine's own.
 -spec new(module(), Config :: map(), Base :: config()) -> {[action()], t()}.
 new(Module, Config, Base) ->
-    {State, Data, Actions} = Module:init(maps:merge(Config, Base)),
-    {Actions, #machine{handle = fun Module:handle_event/5, state = State, data = Data}}.
+    case Module:init(maps:merge(Config, Base)) of
+        {State, Data, Actions} ->
+            Machine = #machine{handle = fun Module:handle_event/5, state = State, data = Data},
+            {checked(Actions), Machine};
+        Other ->
+            bad_return(Module, init, Other)
+    end.
 
 %% @doc Handles one event; gives the actions in the order in which they are to take place.
 -spec step(event_type(), Content :: term(), meta(), t()) -> {[action()], t()}.
 step(Type, Content, Meta, #machine{handle = Handle, state = State, data = Data} = Machine) ->
     case Handle(Type, Content, State, Data, Meta) of
-        {keep_state, NewData, Actions} -> {Actions, Machine#machine{data = NewData}};
-        {keep_state_and_data, Actions} -> {Actions, Machine};
-        {keep_state, NewData} -> {[], Machine#machine{data = NewData}};
-        keep_state_and_data -> {[], Machine};
-        {next_state, NewState, NewData, Actions} -> moved(NewState, NewData, Actions, Machine);
-        {next_state, NewState, NewData} -> moved(NewState, NewData, [], Machine);
-        unknown_event -> {[{trace, {unknown_event, Type, Content}}], Machine}
+        {keep_state, NewData, Actions} ->
+            {checked(Actions), Machine#machine{data = NewData}};
+        {keep_state_and_data, Actions} ->
+            {checked(Actions), Machine};
+        {keep_state, NewData} ->
+            {[], Machine#machine{data = NewData}};
+        keep_state_and_data ->
+            {[], Machine};
+        {next_state, NewState, NewData, Actions} ->
+            moved(NewState, NewData, checked(Actions), Machine);
+        {next_state, NewState, NewData} ->
+            moved(NewState, NewData, [], Machine);
+        unknown_event when Type =:= info, element(1, Content) =:= given_up -> {[], Machine};
+        unknown_event ->
+            {[{trace, {unknown_event, Type, Content}}], Machine};
+        Other ->
+            bad_return(module(Machine), handle_event, Other)
     end.
+
+%% The platform carries out what it is given: a mistake must be found here.
+checked(Actions) ->
+    ok = starl_action:check(Actions),
+    Actions.
+
+-spec bad_return(module(), init | handle_event, term()) -> no_return().
+bad_return(Module, Function, Other) -> error({bad_return, {Module, Function}, Other}).
 
 %% @doc The callback module.
 -spec module(t()) -> module().

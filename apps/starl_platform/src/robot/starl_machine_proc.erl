@@ -57,14 +57,22 @@ init(#{robot := Robot, name := Name, driver := Driver} = Spec) ->
 -spec handle_event(gen_statem:event_type(), term(), waiting | stepping, spec() | #shell{}) ->
     gen_statem:event_handler_result(waiting | stepping).
 handle_event(info, {starl_step, Type, Content, Meta}, stepping, #shell{} = Shell) ->
-    {Actions, Machine} = starl_machine:step(Type, Content, Meta, Shell#shell.machine),
-    Shell#shell.driver ! {starl_done, Shell#shell.robot, Actions},
-    {keep_state, Shell#shell{machine = Machine}};
+    try starl_machine:step(Type, Content, Meta, Shell#shell.machine) of
+        {Actions, Machine} ->
+            Shell#shell.driver ! {starl_done, Shell#shell.robot, Actions},
+            {keep_state, Shell#shell{machine = Machine}}
+    catch
+        Class:Reason:Stack when Class =/= error -> exit(starl_crash:reason(Class, Reason, Stack))
+    end;
 handle_event(info, {starl_boot, Base}, waiting, Spec) ->
     #{driver := Driver, robot := Robot, module := Module, config := Config} = Spec,
-    {Actions, Machine} = starl_machine:new(Module, Config, Base),
-    Driver ! {starl_done, Robot, Actions},
-    {next_state, stepping, #shell{driver = Driver, robot = Robot, machine = Machine}};
+    try starl_machine:new(Module, Config, Base) of
+        {Actions, Machine} ->
+            Driver ! {starl_done, Robot, Actions},
+            {next_state, stepping, #shell{driver = Driver, robot = Robot, machine = Machine}}
+    catch
+        Class:Reason:Stack when Class =/= error -> exit(starl_crash:reason(Class, Reason, Stack))
+    end;
 handle_event({call, From}, machine, stepping, #shell{machine = Machine}) ->
     {keep_state_and_data, [{reply, From, Machine}]};
 handle_event({call, From}, machine, waiting, _Spec) ->

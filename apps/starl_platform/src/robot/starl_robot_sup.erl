@@ -1,27 +1,36 @@
 %% @doc One robot: its supervision tree.
 %% ```
-%%   starl_robot_sup (one_for_one)
-%%     sap, location, motion        the platform's machines
-%%     starl_blocks_sup             election, dpp, … : the application's building blocks
-%%     app                          the application
+%%   starl_robot_sup
+%%     services: sap, location, motion     the platform's machines
+%%     election                            a supervisor each for the application's building blocks
+%%     dpp
+%%     ...
+%%     app                                 and for the application
 %% '''
 %% Nothing in it has a registered name, so any number of robots live in one VM. A crash restarts
 %% that process alone: the driver tells the robot's other machines with `{restarted, Name}', and
 %% a restarted SAP has a new incarnation.
+%%
+%% A block or an application that crashes again and again is given up: its supervisor ends and is
+%% not restarted, and all else goes on. A robot without its services is none: when their supervisor
+%% gives up, so does the robot's.
 -module(starl_robot_sup).
 -behaviour(supervisor).
 
--export([start_link/1]).
+-export([start_link/1, parts/1]).
 -export([init/1]).
 
--export_type([spec/0, machine/0]).
+-export_type([spec/0, machine/0, part/0]).
 
 %% A machine of the robot: its name, callback module and own configuration.
 -type machine() :: {starl_machine:name(), module(), Config :: map()}.
 
+%% A supervisor of the robot: that of the services, of a block's machine, or of the application.
+-type part() :: services | starl_machine:name().
+
 %% A robot. `services' are the platform's machines, in start order; `app' is a sequential
 %% application ({@link starl_app}) or a machine. `intensity' is how many restarts in an hour of
-%% wall time a supervisor bears.
+%% wall time each of its supervisors bears.
 -type spec() :: #{
     id := starl:robot_id(),
     participants := starl_team:t(),
@@ -36,26 +45,33 @@
 -spec start_link(spec()) -> supervisor:startlink_ret().
 start_link(Spec) -> supervisor:start_link(?MODULE, Spec).
 
--spec init(spec() | {blocks, spec()}) ->
-    {ok, {supervisor:sup_flags(), [supervisor:child_spec()]}}.
-init({blocks, #{blocks := Blocks} = Spec}) ->
-    {ok, {flags(Spec), [machine(M, Spec) || M <- Blocks]}};
-init(#{services := Services, app := App} = Spec) ->
-    Children = [machine(M, Spec) || M <- Services] ++ blocks_sup(Spec) ++ [app(App, Spec)],
-    {ok, {flags(Spec), Children}}.
+%% @doc Its supervisors, with the machines that each has.
+-spec parts(Robot :: pid()) -> [{part(), pid()}].
+parts(Sup) ->
+    [{Part, Pid} || {Part, Pid, supervisor, _} <- supervisor:which_children(Sup), is_pid(Pid)].
 
-flags(Spec) ->
-    #{strategy => one_for_one, intensity => maps:get(intensity, Spec, 20), period => 3600}.
+-spec init(spec() | {machines, [supervisor:child_spec()], supervisor:sup_flags()}) ->
+    {ok, {supervisor:sup_flags(), [supervisor:child_spec()]}}.
+init({machines, Children, Flags}) ->
+    {ok, {Flags, Children}};
+init(#{services := Services, blocks := Blocks, app := App} = Spec) ->
+    Service = [machine(M, Spec) || M <- Services],
+    Others = [machine(M, Spec) || M <- Blocks] ++ [app(App, Spec)],
+    Parts = [part(services, Service, permanent, Spec) || Service =/= []],
+    Alone = [part(Name, [Child], temporary, Spec) || #{id := Name} = Child <- Others],
+    %% services that were given up are not started again
+    {ok, {#{strategy => one_for_one, intensity => 0, period => 1}, Parts ++ Alone}}.
+
+part(Part, Children, Restart, Spec) ->
+    Flags = #{
+        strategy => one_for_one, intensity => maps:get(intensity, Spec, 20), period => 3600
+    },
+    Start = {supervisor, start_link, [?MODULE, {machines, Children, Flags}]},
+    #{id => Part, type => supervisor, restart => Restart, start => Start}.
 
 machine({Name, Module, Config}, #{id := Id, driver := Driver}) ->
     Spec = #{robot => Id, name => Name, module => Module, config => Config, driver => Driver},
     #{id => Name, start => {starl_machine_proc, start_link, [Spec]}}.
-
-blocks_sup(#{blocks := []}) ->
-    [];
-blocks_sup(Spec) ->
-    Start = {supervisor, start_link, [?MODULE, {blocks, Spec}]},
-    [#{id => blocks, type => supervisor, start => Start}].
 
 app({machine, Module, Config}, Spec) ->
     machine({app, Module, Config}, Spec);

@@ -1,0 +1,122 @@
+%% @doc Whether actions are well formed: what a machine or an application hands to the platform is
+%% checked where it is given, so that a mistake is the crash of whoever made it, with a reason that
+%% shows the action, and never that of the platform, which carries actions out for many robots.
+%%
+%% Requests to the robot's services are checked too; what other machines take is their own affair.
+-module(starl_action).
+
+-export([check/1, longest_us/0]).
+
+-export_type([mistake/0]).
+
+%% The reason of the error: the action, and what it has to be.
+-type mistake() :: {bad_action, Action :: term(), Expected :: string()}.
+
+%% No timer runs for longer: 35 years.
+-define(LONGEST_US, (1 bsl 50)).
+%% No wheel is told to be faster (mm/s), and no point lies farther off (mm).
+-define(FASTEST, 1.0e6).
+-define(FARTHEST, 1.0e9).
+
+-define(IS_ROBOT(R), is_integer(R), R > 0).
+-define(IS_TIME(Us), is_integer(Us), Us >= 0, Us =< ?LONGEST_US).
+-define(IS_WITHIN(X, Most), is_number(X), X =< Most, X >= -Most).
+
+%% @doc The longest time of a timer, in microseconds.
+-spec longest_us() -> pos_integer().
+longest_us() -> ?LONGEST_US.
+
+%% @doc Fails with a {@link mistake()} unless all actions are what they should be.
+-spec check([starl_machine:action()]) -> ok.
+check([]) ->
+    ok;
+check([{trace, _} | Rest]) ->
+    check(Rest);
+check([{cast, To, Word} | Rest]) when is_atom(To), is_tuple(Word) -> asked(To, Word, Rest);
+check([{cast, To, _} | Rest]) when is_atom(To) -> check(Rest);
+check([{{timeout, _}, cancel} | Rest]) ->
+    check(Rest);
+check([{state_timeout, cancel} | Rest]) ->
+    check(Rest);
+check([{{timeout, _}, Us, _} | Rest]) when ?IS_TIME(Us) -> check(Rest);
+check([{state_timeout, Us, _} | Rest]) when ?IS_TIME(Us) -> check(Rest);
+check([{transmit, all, _} | Rest]) ->
+    check(Rest);
+check([{transmit, To, _} | Rest]) when ?IS_ROBOT(To) -> check(Rest);
+check([{reply, {To, _}, _} | Rest]) when is_atom(To) -> check(Rest);
+check([{call, To, Word, _} | Rest]) when is_atom(To), is_tuple(Word) -> asked(To, Word, Rest);
+check([{call, To, _, _} | Rest]) when is_atom(To) -> check(Rest);
+check([{sense, Robots} = Action | Rest]) ->
+    right(are_robots(Robots), Action),
+    check(Rest);
+check([{drive, Script, _} = Action | Rest]) ->
+    right(is_script(Script), Action),
+    check(Rest);
+check([{actuate, Device, _} | Rest]) when is_atom(Device) -> check(Rest);
+check([{done, _} | Rest]) ->
+    check(Rest);
+check([Action | _]) ->
+    wrong(Action);
+check(Other) ->
+    error({bad_action, Other, "a list of actions (starl_machine:action())"}).
+
+asked(To, Word, Rest) ->
+    case is_request(To, Word) of
+        true -> check(Rest);
+        false -> error({bad_action, {To, Word}, request(element(1, Word))})
+    end.
+
+%% Words that a service does not know are its own to trace.
+is_request(sap, {send, To, Type, _}) when ?IS_ROBOT(To) -> is_atom(Type);
+is_request(sap, {send, _, _, _}) -> false;
+is_request(sap, {Cast, Type, _}) when Cast =:= broadcast; Cast =:= shout -> is_atom(Type);
+is_request(sap, {listen, Type, Machine}) -> is_atom(Type) andalso is_atom(Machine);
+is_request(location, {pose, Robot}) -> are_robots([Robot]);
+is_request(motion, {go_to, Point}) -> is_point(Point);
+is_request(motion, {go_along, {From, To}}) -> is_point(From) andalso is_point(To);
+is_request(motion, {go_along, _}) -> false;
+is_request(_, _) -> true.
+
+request(send) -> "{send, Robot, Type, Body}: Robot is a number from 1, Type an atom";
+request(listen) -> "{listen, Type, Machine}: both are atoms";
+request(pose) -> "{pose, Robot}: Robot is a number from 1";
+request(go_to) -> "{go_to, {X, Y}}: mm, within 1.0e9";
+request(go_along) -> "{go_along, {{X0, Y0}, {X1, Y1}}}: mm, within 1.0e9";
+request(_) -> "{broadcast | shout, Type, Body}: Type is an atom".
+
+is_point({X, Y}) when ?IS_WITHIN(X, ?FARTHEST), ?IS_WITHIN(Y, ?FARTHEST) -> true;
+is_point(_) -> false.
+
+are_robots([]) -> true;
+are_robots([Robot | Robots]) when ?IS_ROBOT(Robot) -> are_robots(Robots);
+are_robots(_) -> false.
+
+is_script([]) ->
+    true;
+is_script([{Left, Right, Us} | Script]) when
+    ?IS_WITHIN(Left, ?FASTEST),
+    ?IS_WITHIN(Right, ?FASTEST),
+    is_integer(Us),
+    Us > 0,
+    Us =< ?LONGEST_US
+->
+    is_script(Script);
+is_script(_) ->
+    false.
+
+right(true, _Action) -> ok;
+right(false, Action) -> wrong(Action).
+
+-spec wrong(term()) -> no_return().
+wrong(Action) -> error({bad_action, Action, expected(Action)}).
+
+expected({{timeout, _}, _, _}) -> "microseconds: a whole number from 0 to 2^50";
+expected({state_timeout, _, _}) -> "microseconds: a whole number from 0 to 2^50";
+expected({transmit, _, _}) -> "a robot's number from 1, or all";
+expected({sense, _}) -> "a list of robots' numbers from 1";
+expected({drive, _, _}) -> "[{Left, Right, Us}]: mm/s within 1.0e6, Us from 1";
+expected({actuate, _, _}) -> "a device, which is an atom";
+expected({reply, _, _}) -> "{Machine, Tag} as it came with the call";
+expected({Word, _, _}) when Word =:= cast -> "the name of a machine, which is an atom";
+expected({call, _, _, _}) -> "the name of a machine, which is an atom";
+expected(_) -> "an action (starl_machine:action())".

@@ -1,0 +1,67 @@
+%% @doc The arguments that an application gives to `starl' and to the interfaces of the blocks: one
+%% that cannot be is the caller's mistake, at the call. The error names function, argument and
+%% application; it is raised in the application's own process, and is a crash of that alone.
+-module(starl_caller).
+
+-export([check/4, mistake/4]).
+
+-export_type([kind/0, mistake/0]).
+
+%% What an argument may be: milliseconds, from 0 or from 1; a number from 1; a robot; an atom; a
+%% point of the floor.
+-type kind() :: ms | positive_ms | ms_or_infinity | number | robot | name | point.
+
+%% The reason of the error. `application' is `none' outside an application.
+-type mistake() ::
+    {bad_argument, #{
+        function := {module(), Name :: atom(), arity()},
+        argument := Name :: atom(),
+        given := term(),
+        expected := string(),
+        application := module() | none
+    }}.
+
+%% No point lies farther off, mm.
+-define(FARTHEST, 1.0e9).
+
+%% @doc Fails with a {@link mistake()} unless the argument is of its kind.
+-spec check(mfa(), Argument :: atom(), kind(), Given :: term()) -> ok.
+check(Function, Argument, Kind, Given) ->
+    case is(Kind, Given) of
+        true -> ok;
+        false -> mistake(Function, Argument, Given, expected(Kind))
+    end.
+
+%% @doc Fails: the argument cannot be.
+-spec mistake(mfa(), Argument :: atom(), Given :: term(), Expected :: string()) -> no_return().
+mistake(Function, Argument, Given, Expected) ->
+    error(
+        {bad_argument, #{
+            function => Function,
+            argument => Argument,
+            given => Given,
+            expected => Expected,
+            application => starl_app_proc:application()
+        }}
+    ).
+
+is(ms, Ms) -> is_integer(Ms) andalso Ms >= 0 andalso Ms =< longest_ms();
+is(positive_ms, Ms) -> is(ms, Ms) andalso Ms > 0;
+is(ms_or_infinity, Ms) -> Ms =:= infinity orelse is(positive_ms, Ms);
+is(number, N) -> is_integer(N) andalso N > 0;
+is(robot, Id) -> is_integer(Id) andalso Id > 0;
+is(name, Name) -> is_atom(Name);
+is(point, {X, Y}) -> is_coordinate(X) andalso is_coordinate(Y);
+is(point, _) -> false.
+
+is_coordinate(X) -> is_number(X) andalso X =< ?FARTHEST andalso X >= -?FARTHEST.
+
+longest_ms() -> starl_action:longest_us() div 1000.
+
+expected(ms) -> "milliseconds: a whole number from 0";
+expected(positive_ms) -> "milliseconds: a whole number from 1";
+expected(ms_or_infinity) -> "milliseconds: a whole number from 1, or infinity";
+expected(number) -> "a whole number from 1";
+expected(robot) -> "a robot: a whole number from 1";
+expected(name) -> "an atom";
+expected(point) -> "a point {X, Y}: two numbers, mm, within 1.0e9".

@@ -1,0 +1,72 @@
+%% @doc No machine crashes by itself: the contract that every machine of StarL keeps, whatever its
+%% input. What a fault kills does not count; it was not its doing.
+%%
+%% Events of machine `supervisor': `{crashed, Machine, Cause}' with the {@link starl_crash:cause()},
+%% and `{given_up, Machine}': it crashed so often that it is not started any more. The crashes of
+%% machines that are `excused' (a user's application) are told in the results: how many there were,
+%% and the first.
+-module(starl_crash_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0, violation/4]).
+
+-export_type([excused/0]).
+
+%% A crash that is no violation: when (us), where, and why.
+-type excused() :: {
+    TimeUs :: integer(), starl:robot_id(), starl_machine:name(), starl_crash:cause()
+}.
+
+-record(state, {
+    excused :: [starl_machine:name()],
+    first = none :: excused() | none,
+    count = 0 :: non_neg_integer(),
+    given_up = [] :: [{starl:robot_id(), starl_machine:name()}]
+}).
+
+%% @doc `excused': the machines that may crash.
+-spec init(#{excused => [starl_machine:name()]}) -> #state{}.
+init(Config) -> #state{excused = maps:get(excused, Config, [])}.
+
+%% @doc What a robot's supervisors see.
+-spec interests() -> [supervisor].
+interests() -> [supervisor].
+
+%% @doc Judges one event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, supervisor, {crashed, Machine, Cause}}, #state{excused = Excused} = State) ->
+    case lists:member(Machine, Excused) of
+        true -> {ok, noted({T, Robot, Machine, Cause}, State)};
+        false -> {violation, violation(T, Robot, Machine, Cause), State}
+    end;
+step({_T, Robot, supervisor, {given_up, Machine}}, #state{given_up = GivenUp} = State) ->
+    {ok, State#state{given_up = [{Robot, Machine} | GivenUp]}};
+step(_, State) ->
+    {ok, State}.
+
+noted(Crash, #state{first = none} = State) -> State#state{first = Crash, count = 1};
+noted(_Crash, #state{count = Count} = State) -> State#state{count = Count + 1}.
+
+%% @doc The violation that a crash is: the contract is the machine's.
+-spec violation(TimeUs :: integer(), starl:robot_id(), starl_machine:name(), starl_crash:cause()) ->
+    starl_monitor:violation().
+violation(T, Robot, Machine, {Reason, Stack}) ->
+    Where = unicode:characters_to_list(starl_crash:format({"", Stack})),
+    #{
+        contract => Machine,
+        what => crashed,
+        at_us => T,
+        robots => [Robot],
+        details => #{reason => Reason, stack => string:trim(Where)}
+    }.
+
+%% @doc Nothing is left to be judged; what was excused is told.
+-spec finish(integer(), #state{}) ->
+    {ok, #{
+        crashes := non_neg_integer(),
+        first_crash := excused() | none,
+        given_up := [{starl:robot_id(), starl_machine:name()}]
+    }}.
+finish(_EndUs, #state{first = First, count = Count, given_up = GivenUp}) ->
+    {ok, #{crashes => Count, first_crash => First, given_up => lists:sort(GivenUp)}}.
