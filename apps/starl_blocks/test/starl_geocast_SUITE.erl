@@ -316,14 +316,14 @@ mistakes_of_the_caller(_) ->
     {[{done, Errors}], _} = line(1, fun(R) ->
         [
             try starl_geocast:send(R, Area, news, x, Options) of Answer -> Answer
-            catch error:Reason -> element(1, Reason) end
+            catch error:{bad_argument, #{argument := Which}} -> Which end
          || {Area, Options} <- [
                 {{circle, {0, 0}, 1}, #{}}, {{polygon, []}, #{}}, {everywhere(), #{lifetime => 1}},
                 {everywhere(), #{lifetime_ms => 0}}
             ]
         ]
     end, #{}),
-    ?assertEqual([bad_area, bad_area, unknown_options, not_positive], Errors).
+    ?assertEqual(['Area', 'Area', 'Options', lifetime_ms], Errors).
 
 %% -- helpers --------------------------------------------------------------------------------
 

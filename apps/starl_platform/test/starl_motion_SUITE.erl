@@ -17,7 +17,7 @@
     lost_poses/1, unknown_poses/1, late_pose_is_ignored/1, location_restarts/1, no_goal_no_motion/1,
     lost_commands/1, every_command_ends/1, no_look_before_it_stands/1, stalled_wheel/1,
     stalled_and_another_goal/1, stale_words_of_the_chassis/1, large_turns_are_looked_at/1,
-    out_of_time/1, no_second_look_where_it_stands/1
+    out_of_time/1, no_second_look_where_it_stands/1, stalled_where_it_was_to_stand/1
 ]).
 
 all() ->
@@ -28,7 +28,7 @@ all() ->
         unknown_poses, late_pose_is_ignored, location_restarts, no_goal_no_motion, lost_commands,
         every_command_ends, no_look_before_it_stands, stalled_wheel, stalled_and_another_goal,
         stale_words_of_the_chassis, large_turns_are_looked_at,
-        out_of_time, no_second_look_where_it_stands
+        out_of_time, no_second_look_where_it_stands, stalled_where_it_was_to_stand
     ].
 
 %% Random goals, speeds, legs and errors within the profile's bounds.
@@ -250,6 +250,34 @@ stalled_and_another_goal(_) ->
     Third = goto({0.0, 9000.0}, 3, Stopped),
     ?assertMatch({trying, [{_, [{-100.0, -100.0, _}]} | _]}, {state(Third), Third#loop.commands}),
     ?assertMatch([{_, ok} | _], (finish(Third))#loop.replies).
+
+%% A chassis that says that wheels which were told to stand do not is told once more, and the drive
+%% goes on; there is nothing to try the other way round. What is no word of a chassis is traced.
+stalled_where_it_was_to_stand(_) ->
+    Going = until(3000000, goto({8000.0, 0.0}, 1, fresh())),
+    [
+        begin
+            Mark = element(1, hd(Going#loop.commands)),
+            Told = event(info, {stalled, Mark, Zero}, wheels(0.0, 0.0, Going#loop{chassis = none})),
+            ?assertMatch({driving, [_, {_, []} | _]}, {state(Told), Told#loop.commands}),
+            ?assertMatch([{_, ok}], (finish(Told))#loop.replies),
+            %% the same of a wheel that had stuck before
+            Trying = fire(say_stalled(Going)),
+            ?assertEqual(trying, state(Trying)),
+            Next = element(1, hd(Trying#loop.commands)),
+            Again = event(info, {stalled, Next, Zero}, wheels(0.0, 0.0, Trying#loop{chassis = none})),
+            ?assertMatch([{_, ok}], (finish(Again))#loop.replies)
+        end
+     || Zero <- [{0.0, 0.0}, {0, 0}, {-0.0, 0.0}]
+    ],
+    Mark = element(1, hd(Going#loop.commands)),
+    [
+        ?assertMatch(
+            {[{trace, {unknown_event, info, Word}}], _},
+            starl_machine:step(info, Word, #{now => 0, robot => 1}, Going#loop.machine)
+        )
+     || Word <- [{stalled, Mark, {fast, 0.0}}, {stalled, Mark, x}, {driven, Mark, soon}]
+    ].
 
 state(#loop{machine = Machine}) -> starl_machine:state(Machine).
 

@@ -350,7 +350,10 @@ struck({Aftermath, Body, Machines}, Robot) ->
 after_that(go_on, Robot) ->
     Robot;
 after_that({first, New}, #robot{local = Local} = Robot) ->
-    Robot#robot{local = New ++ Local};
+    %% who has yet to start need not be told
+    Waiting = [Name || {Name, boot, none} <- Local],
+    Heard = [L || {To, Type, _} = L <- New, Type =/= info orelse not lists:member(To, Waiting)],
+    Robot#robot{local = Heard ++ Local};
 after_that({anew, New}, Robot) ->
     Robot#robot{local = New};
 after_that(faults_only, #robot{events = Events} = Robot) ->

@@ -41,6 +41,7 @@ sync(Robot, Name) -> sync(Robot, Name, 30000).
 %% crashed meanwhile (`restarted').
 -spec sync(starl:robot(), name(), Ms :: pos_integer()) -> ok | {error, timeout | restarted}.
 sync(Robot, Name, Ms) ->
+    ok = starl_caller:check({?MODULE, sync, 3}, 'Ms', positive_ms, Ms),
     %% Two calls, so that the number of the round is known here should the machine crash.
     case starl:call(Robot, barrier, {round, Name}, Ms) of
         {ok, Round} -> pass(Robot, Name, Round, Ms);

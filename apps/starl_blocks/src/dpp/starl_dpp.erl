@@ -54,6 +54,8 @@ blocks(Config) ->
 %% stays with it. When a coordinator dies its successor finds the robots by itself.
 -spec join(starl:robot(), Coordinator :: starl:robot_id()) -> ok | {error, restarted}.
 join(Robot, Coordinator) ->
+    lists:member(Coordinator, starl:participants(Robot)) orelse
+        starl_caller:mistake({?MODULE, join, 2}, 'Coordinator', Coordinator, "a robot of the team"),
     case starl:call(Robot, dpp, {join, Coordinator}, infinity) of
         {ok, ok} -> ok;
         {error, restarted} -> {error, restarted}
@@ -84,20 +86,29 @@ request_path(Robot) ->
 %% @doc The path's waypoints in order, numbered from 1, each with the pen's state on the way to
 %% it.
 -spec waypoints(path()) -> [{pos_integer(), starl_geometry:point(), up | down}].
-waypoints({_Id, Waypoints}) ->
+waypoints({_Id, Waypoints}) when is_list(Waypoints) ->
     [
         {N, Point, pen(Pen)}
      || {N, {Point, Pen}} <- lists:zip(lists:seq(1, length(Waypoints)), Waypoints)
-    ].
+    ];
+waypoints(Other) ->
+    not_a_path({?MODULE, waypoints, 1}, Other).
 
 %% @doc Drives straight to waypoint N of the path and clears what lies behind it. `void': the robot
 %% has lost its coordinator for so long that it must not drive on; it is stopped, and asks anew.
 -spec drive(starl:robot(), path(), N :: pos_integer()) -> ok | {error, void | restarted}.
-drive(Robot, {Id, _Waypoints}, N) ->
+drive(Robot, {Id, Waypoints}, N) when is_list(Waypoints) ->
+    is_integer(N) andalso N >= 1 andalso N =< length(Waypoints) orelse
+        starl_caller:mistake({?MODULE, drive, 3}, 'N', N, "the number of a waypoint of the path"),
     case starl:call(Robot, dpp, {drive, Id, N}, infinity) of
         {ok, Answer} -> Answer;
         {error, restarted} -> {error, restarted}
-    end.
+    end;
+drive(_Robot, Other, _N) ->
+    not_a_path({?MODULE, drive, 3}, Other).
+
+not_a_path(Function, Path) ->
+    starl_caller:mistake(Function, 'Path', Path, "a path that request_path/1 gave").
 
 pen(up) -> up;
 pen({down, _Edge}) -> down.

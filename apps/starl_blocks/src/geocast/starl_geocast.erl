@@ -22,6 +22,8 @@
 %% transmissions it may travel (default 32).
 -type options() :: #{lifetime_ms => pos_integer(), hops => pos_integer()}.
 
+-define(SEND, {?MODULE, send, 5}).
+
 %% @doc The machine that a robot needs to send, relay and receive geocasts.
 -spec block() -> starl_robot_sup:machine().
 block() -> block(#{}).
@@ -35,12 +37,15 @@ block(Config) -> {geocast, starl_geocast_flood, Config}.
 %% is the caller's mistake.
 -spec send(starl:robot(), area(), Type :: atom(), Body :: term(), options()) ->
     ok | {error, full | restarted}.
-send(Robot, Area, Type, Body, Options) when is_atom(Type) ->
+send(Robot, Area, Type, Body, Options) ->
     ok = checked(starl_geocast_area:check(Area), Area),
+    ok = starl_caller:check(?SEND, 'Type', name, Type),
     ok = known(Options),
-    Lifetime = positive(maps:get(lifetime_ms, Options, 5000)) * 1000,
-    Hops = positive(maps:get(hops, Options, 32)),
-    case starl:call(Robot, geocast, {send, Area, Type, Body, Lifetime, Hops}, infinity) of
+    Lifetime = maps:get(lifetime_ms, Options, 5000),
+    ok = starl_caller:check(?SEND, lifetime_ms, positive_ms, Lifetime),
+    Hops = maps:get(hops, Options, 32),
+    ok = starl_caller:check(?SEND, hops, number, Hops),
+    case starl:call(Robot, geocast, {send, Area, Type, Body, Lifetime * 1000, Hops}, infinity) of
         {ok, Answer} -> Answer;
         {error, restarted} -> {error, restarted}
     end.
@@ -49,18 +54,17 @@ send(Robot, Area, Type, Body, Options) when is_atom(Type) ->
 %% included that are still alive here. To be called again after `{error, restarted}'; a
 %% configuration with `listeners' outlives restarts.
 -spec listen(starl:robot(), Type :: atom()) -> ok.
-listen(_Robot, Type) when is_atom(Type) ->
+listen(_Robot, Type) ->
+    ok = starl_caller:check({?MODULE, listen, 2}, 'Type', name, Type),
     starl_app_proc:perform([{cast, geocast, {listen, Type, app}}]).
 
-checked(ok, _Area) -> ok;
+checked(ok, _Area) ->
+    ok;
 checked({error, Reason}, Area) ->
-    error({bad_area, Area, starl_geocast_area:format_error(Reason)}).
+    starl_caller:mistake(?SEND, 'Area', Area, starl_geocast_area:format_error(Reason)).
 
 known(Options) ->
-    case maps:keys(maps:without([lifetime_ms, hops], Options)) of
-        [] -> ok;
-        Unknown -> error({unknown_options, Unknown})
+    case is_map(Options) andalso maps:without([lifetime_ms, hops], Options) =:= #{} of
+        true -> ok;
+        false -> starl_caller:mistake(?SEND, 'Options', Options, "a map of lifetime_ms and hops")
     end.
-
-positive(N) when is_integer(N), N > 0 -> N;
-positive(Other) -> error({not_positive, Other}).

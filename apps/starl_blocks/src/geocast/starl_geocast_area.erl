@@ -25,15 +25,19 @@
 %% Paths shorter than this (mm) are not halved any further.
 -define(PRECISION_MM, 1.0e-3).
 
+%% Nothing is farther off (mm): larger numbers have no square.
+-define(FARTHEST, 1.0e9).
+-define(IS_LENGTH(X), is_float(X), X =< ?FARTHEST, X >= -?FARTHEST).
+
 %% @doc Is this an area?
 -spec check(term()) -> ok | {error, reason()}.
-check({circle, {X, Y}, R}) when is_float(X), is_float(Y), is_float(R) ->
+check({circle, {X, Y}, R}) when ?IS_LENGTH(X), ?IS_LENGTH(Y), ?IS_LENGTH(R) ->
     verdict(R >= 0.0, negative_radius);
 check({rectangle, {X0, Y0, X1, Y1}}) when
-    is_float(X0), is_float(Y0), is_float(X1), is_float(Y1)
+    ?IS_LENGTH(X0), ?IS_LENGTH(Y0), ?IS_LENGTH(X1), ?IS_LENGTH(Y1)
 ->
     verdict(X0 =< X1 andalso Y0 =< Y1, upside_down);
-check({polygon, Points}) when is_list(Points) ->
+check({polygon, Points}) when length(Points) >= 0 ->
     case length(Points) >= 3 of
         true -> verdict(lists:all(fun is_point/1, Points), not_an_area);
         false -> {error, too_few_points}
@@ -45,7 +49,7 @@ check(_) ->
 -spec format_error(reason()) -> string().
 format_error(not_an_area) ->
     "an area is {circle, Centre, Radius}, {rectangle, {X0, Y0, X1, Y1}} or {polygon, Points},"
-    " all numbers floats (mm)";
+    " all numbers floats (mm) within 1.0e9";
 format_error(negative_radius) ->
     "the radius of a circle must not be negative";
 format_error(upside_down) ->
@@ -96,7 +100,7 @@ keeps_outside(Piece, T1, T2, Area) ->
 verdict(true, _Reason) -> ok;
 verdict(false, Reason) -> {error, Reason}.
 
-is_point({X, Y}) -> is_float(X) andalso is_float(Y);
+is_point({X, Y}) when ?IS_LENGTH(X), ?IS_LENGTH(Y) -> true;
 is_point(_) -> false.
 
 square(X) -> X * X.

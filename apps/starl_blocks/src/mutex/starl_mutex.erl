@@ -57,6 +57,8 @@ acquire(Robot, Tokens) -> acquire(Robot, Tokens, ?PATIENCE_MS).
 -spec acquire(starl:robot(), token() | [token()], Ms :: pos_integer()) ->
     {ok, fence() | [{token(), fence()}]} | {error, timeout | restarted}.
 acquire(Robot, Tokens, Ms) ->
+    ok = tokens({?MODULE, acquire, 3}, Tokens),
+    ok = starl_caller:check({?MODULE, acquire, 3}, 'Ms', positive_ms, Ms),
     case starl:call(Robot, mutex, {acquire, Tokens, Ms * 1000}, infinity) of
         {ok, Answer} -> Answer;
         {error, restarted} -> {error, restarted}
@@ -66,6 +68,7 @@ acquire(Robot, Tokens, Ms) ->
 %% another robot may have held it meanwhile; the others are released.
 -spec release(starl:robot(), token() | [token()]) -> ok | {error, lost | restarted}.
 release(Robot, Tokens) ->
+    ok = tokens({?MODULE, release, 2}, Tokens),
     case starl:call(Robot, mutex, {release, Tokens}, infinity) of
         {ok, Answer} -> Answer;
         {error, restarted} -> {error, restarted}
@@ -75,6 +78,7 @@ release(Robot, Tokens) ->
 %% token is its owner until it hands it over.
 -spec owner(starl:robot(), token()) -> {ok, starl:robot_id() | none} | {error, restarted}.
 owner(Robot, Token) ->
+    ok = token({?MODULE, owner, 2}, Token),
     case starl:call(Robot, mutex, {owner, Token}, infinity) of
         {ok, Answer} -> {ok, Answer};
         {error, restarted} -> {error, restarted}
@@ -87,10 +91,30 @@ owner(Robot, Token) ->
 when
     Fun :: fun((fence() | [{token(), fence()}]) -> Result).
 with_token(Robot, Tokens, Fun) ->
+    is_function(Fun, 1) orelse
+        starl_caller:mistake({?MODULE, with_token, 3}, 'Fun', Fun, "a function of the fence"),
     case acquire(Robot, Tokens) of
         {ok, Fence} -> released(Fun(Fence), release(Robot, Tokens));
         {error, _} = Error -> Error
     end.
+
+tokens(Function, Tokens) when is_list(Tokens) ->
+    is_list_of_tokens(Tokens) orelse
+        starl_caller:mistake(
+            Function, 'Tokens', Tokens, "a token that is no list, or a list of them"
+        ),
+    ok;
+tokens(_Function, _Token) ->
+    ok.
+
+is_list_of_tokens([]) -> true;
+is_list_of_tokens([Token | Tokens]) when not is_list(Token) -> is_list_of_tokens(Tokens);
+is_list_of_tokens(_) -> false.
+
+token(Function, Token) ->
+    is_list(Token) andalso
+        starl_caller:mistake(Function, 'Token', Token, "a token, which is no list"),
+    ok.
 
 released(Result, ok) -> {ok, Result};
 released(Result, {error, Why}) -> {error, {Why, Result}}.

@@ -92,18 +92,19 @@ init(#{robot := Self, profile := Profile, incarnation := Incarnation, now := Now
 handle_event(Type, Content, State, Drive, #{now := Now}) ->
     event(Type, Content, State, Drive#drive{now = Now}).
 
-event(info, {driven, N, HeardUs}, State, #drive{command = N} = Drive) ->
+event(info, {driven, N, HeardUs}, State, #drive{command = N} = Drive) when is_integer(HeardUs) ->
     driven(HeardUs, State, Drive);
 event(info, {stalled, N, {Left, Right}}, State, #drive{command = N} = Drive) when
-    State =:= driving; State =:= trying
+    is_number(Left), is_number(Right), State =:= driving orelse State =:= trying
 ->
-    Doubtful = Drive#drive{stands = true, leg = none, doubt = back({Left, Right})},
-    {next_state, stalled, Doubtful, [{state_timeout, ?REST_US, try_again}]};
+    stalled(back({Left, Right}), Drive);
 event(info, {restarted, location}, locating, Drive) ->
     locate(Drive, []);
 event(info, {restarted, _}, _State, _Drive) ->
     keep_state_and_data;
-event(info, {Word, _, _}, _State, _Drive) when Word =:= driven; Word =:= stalled ->
+event(info, {driven, _, Us}, _State, _Drive) when is_integer(Us) ->
+    keep_state_and_data;
+event(info, {stalled, _, {Left, Right}}, _State, _Drive) when is_number(Left), is_number(Right) ->
     keep_state_and_data;
 event(state_timeout, try_again, stalled, Drive) ->
     try_wheels(Drive);
@@ -189,7 +190,16 @@ last(Script) ->
     {Left, Right, _} = lists:last(Script),
     {Left, Right}.
 
-%% The other way round, slowly.
+%% A chassis that was told to stand, and says that its wheels do not, is told so again.
+stalled(none, Drive) ->
+    stand_still(Drive, []);
+stalled(Doubt, Drive) ->
+    Doubtful = Drive#drive{stands = true, leg = none, doubt = Doubt},
+    {next_state, stalled, Doubtful, [{state_timeout, ?REST_US, try_again}]}.
+
+%% The other way round, slowly. Wheels that were told to stand leave nothing to try.
+back({Left, Right}) when Left == 0, Right == 0 ->
+    none;
 back({Left, Right}) ->
     Part = min(1.0, ?TRY_SPEED / max(abs(Left), abs(Right))),
     {-Part * Left, -Part * Right}.

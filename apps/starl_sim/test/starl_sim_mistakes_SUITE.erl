@@ -1,0 +1,159 @@
+%% Mistakes of a user's application or machine are its own crash, with a reason that says what is
+%% wrong; the simulation goes on, with processes and inline alike.
+-module(starl_sim_mistakes_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-import(starl_sim_ct, [played/3]).
+
+-export([all/0, init_per_suite/1, end_per_suite/1]).
+-export([
+    wrong_arguments/1, wrong_actions_of_a_machine/1, wrong_actions_at_the_start/1,
+    an_application_that_is_a_machine/1, a_step_that_never_blocks/1, steps_that_never_block/1
+]).
+
+-define(MODES, [process, inline]).
+
+all() ->
+    [
+        wrong_arguments, wrong_actions_of_a_machine, wrong_actions_at_the_start,
+        an_application_that_is_a_machine, a_step_that_never_blocks, steps_that_never_block
+    ].
+
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
+
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
+
+%% The application crashes at the call and starts anew; the others do not notice.
+wrong_arguments(_) ->
+    Mistakes = [
+        {sleep, fun(R) -> starl:sleep(R, 0.5) end},
+        {sleep, fun(R) -> starl:sleep(R, -5) end},
+        {go_to, fun(R) -> starl:go_to(R, {north, 1.0}) end},
+        {send, fun(R) -> starl:send(R, north, a, b) end},
+        {await, fun(R) -> starl:await(R, a, -1) end},
+        {position, fun(R) -> starl:position(R, me) end},
+        {elect, fun(R) -> starl_machine_call(R, fun() -> starl:call(R, sap, x, 0.5) end) end}
+    ],
+    [
+        begin
+            {Outcome, Results, Trace} = played(2, life(Mistake), #{mode => Mode, clock_offset => 0}),
+            ?assertEqual({Name, [], [{done, recovered}, {done, fine}]},
+                         {Name, maps:get(violations, Outcome), Results}),
+            [{_, {Reason, [_ | _] = Stack}}] =
+                [{T, Cause} || {T, 1, supervisor, {crashed, app, Cause}} <- Trace],
+            ?assertMatch({match, _}, re:run(Reason, "^{bad_argument,")),
+            ?assertMatch({match, _}, re:run(Reason, "application => starl_sim_script_app")),
+            ?assertMatch([_ | _], [F || {?MODULE, _, _, _, _} = F <- Stack])
+        end
+     || {Name, Mistake} <- Mistakes, Mode <- ?MODES
+    ].
+
+starl_machine_call(_R, Call) -> Call().
+
+life(Mistake) ->
+    fun(R) ->
+        case {starl:id(R), starl:now(R) < 500} of
+            {1, true} ->
+                ok = starl:sleep(R, 1000),
+                Answer = Mistake(R),
+                {not_refused, Answer};
+            {1, false} ->
+                recovered;
+            {2, _} ->
+                ok = starl:sleep(R, 5000),
+                fine
+        end
+    end.
+
+%% It is the machine that crashes, in its own process or inline; the run judges it and goes on.
+wrong_actions_of_a_machine(_) ->
+    Wrong = [
+        {timeout, 500000, tick}, {{timeout, t}, 0.5, x}, {{timeout, t}, -5, x},
+        {state_timeout, -1, x}, {transmit, everybody, p}, {sense, me}, {sense, [me]},
+        {drive, [{fast, 1.0, 5}], m}, {drive, now, m}, {actuate, "pen", up}, {cast, 5, x},
+        {reply, nobody, x}, {call, motion, {go_to, {north, 1.0}}, t}, nonsense,
+        {cast, sap, {send, north, a, b}}
+    ],
+    [
+        ?assertMatch({Action, {[{bad_action, _}], _}}, {Action, careless({act, [Action]})})
+     || Action <- Wrong
+    ],
+    ?assertMatch({[{bad_action, _}], _}, careless({act, all})),
+    ?assertMatch({[{bad_return, _}], _}, careless({return, {noreply, x}})).
+
+%% The crashes of the machine and the rest of the run, the same in every mode.
+careless(Word) ->
+    [Same, Same] = [
+        begin
+            {#{digest := Digest} = Outcome, Results, Trace} = played(2, fun(R) ->
+                _ = [ok = starl_app_proc:perform([{cast, careless, Word}]) || starl:id(R) =:= 1],
+                ok = starl:sleep(R, 10),
+                starl:position(R) =/= none
+            end, #{mode => Mode, around => #{blocks => [{careless, starl_sim_careless, #{}}]}}),
+            ?assertEqual([{done, true}, {done, true}], Results),
+            ?assertMatch([#{contract := careless, what := crashed}],
+                         maps:get(violations, Outcome)),
+            {[kind(Reason) || {_, 1, supervisor, {crashed, careless, {Reason, _}}} <- Trace], Digest}
+        end
+     || Mode <- ?MODES
+    ],
+    Same.
+
+kind("{bad_action," ++ Rest) -> {bad_action, Rest};
+kind("{bad_return," ++ Rest) -> {bad_return, Rest};
+kind(Other) -> Other.
+
+%% A machine that cannot even start is given up; all else goes on.
+wrong_actions_at_the_start(_) ->
+    [
+        begin
+            Blocks = [{careless, starl_sim_careless, #{actions => [{state_timeout, soon, x}]}}],
+            {_, Results, Trace} = played(2, fun(R) ->
+                ok = starl:sleep(R, 10),
+                starl:send(R, 3 - starl:id(R), a, b)
+            end, #{mode => Mode, around => #{blocks => Blocks}}),
+            ?assertEqual([{done, ok}, {done, ok}], Results),
+            ?assertEqual([1, 2], [R || {_, R, supervisor, {given_up, careless}} <- Trace])
+        end
+     || Mode <- ?MODES
+    ].
+
+%% An application that is a machine is no different.
+an_application_that_is_a_machine(_) ->
+    [
+        begin
+            App = {machine, starl_sim_careless, #{actions => [{timeout, 500000, tick}]}},
+            {Outcome, Results, Trace} =
+                played(2, fun(_) -> none end, #{mode => Mode, around => #{app => App}}),
+            ?assertEqual({[], [given_up, given_up]}, {maps:get(violations, Outcome), Results}),
+            ?assertEqual([1, 2], [R || {_, R, supervisor, {given_up, app}} <- Trace])
+        end
+     || Mode <- ?MODES
+    ].
+
+%% What a turn gathers is bounded; a long but sensible one is no mistake.
+a_step_that_never_blocks(_) ->
+    {_, Results, Trace} = played(1, fun(R) ->
+        [ok = starl:trace(R, K) || K <- lists:seq(1, 50000)],
+        case starl:now(R) < 500 of
+            true -> ok = starl:sleep(R, 1000), for_ever(R);
+            false -> recovered
+        end
+    end, #{clock_offset => 0}),
+    ?assertEqual([{done, recovered}], Results),
+    told_so(Trace).
+
+for_ever(R) ->
+    ok = starl:trace(R, again),
+    for_ever(R).
+
+%% Likewise a step that goes on with the next, and so on.
+steps_that_never_block(_) ->
+    {_, Results, Trace} = played(1, fun(_) -> none end, #{
+        clock_offset => 0, around => #{app => {sequential, starl_sim_restless, none}}
+    }),
+    ?assertEqual([{done, recovered}], Results),
+    told_so(Trace).
+
+told_so(Trace) ->
+    [Reason] = [Reason || {_, 1, supervisor, {crashed, app, {Reason, _}}} <- Trace],
+    ?assertMatch({match, _}, re:run(Reason, "^{step_never_blocks,.*application =>")).
