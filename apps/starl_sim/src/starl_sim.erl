@@ -15,7 +15,7 @@
 -module(starl_sim).
 
 -export([start/1, start/2, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
--export([run_until_event/3, robots/1, events/2]).
+-export([run_until_event/3, robots/1, events/2, reload/2, reload/3]).
 -export([scenario/1, robot_pids/2, format_error/1]).
 
 -export_type([sim/0, options/0, reason/0]).
@@ -50,6 +50,7 @@
     | {fault_target, atom(), starl:robot_id()}
     | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
     | {nodes, starl_sim_nodes:reason()}
+    | {reload, {no_code, module()} | starl_sim_reload:reason()}
     | starl_sim_run:missed().
 
 %% @doc Starts the simulation of a scenario. The key `app' is the application's module.
@@ -111,6 +112,32 @@ robots(#sim{run = Run}) -> starl_sim_run:robots(Run).
 -spec events(sim(), starl:robot_id()) -> [starl_sim_ledger:event()] | unknown | {error, running}.
 events(#sim{run = Run}, Robot) -> starl_sim_run:events(Run, Robot).
 
+%% @doc Loads a module anew, from where the code lies; each application takes it up at its next step.
+%% However often it is called while steps block, no application is killed: `waits' says that these
+%% robots are in the midst of a step of the version before last. The code is loaded as soon as they
+%% have ended it and the run goes on; of several that wait, the last.
+-spec reload(sim(), module()) -> ok | {waits, [starl:robot_id()]} | {error, reason()}.
+reload(Sim, Module) ->
+    case code:get_object_code(Module) of
+        {Module, Beam, File} -> reload(Sim, File, Beam);
+        error -> {error, {reload, {no_code, Module}}}
+    end.
+
+%% @doc The same with code that was compiled in memory.
+-spec reload(sim(), file:filename(), Beam :: binary()) ->
+    ok | {waits, [starl:robot_id()]} | {error, reason()}.
+reload(#sim{run = Run}, File, Beam) ->
+    case starl_sim_run:reload(Run, {module_of(Beam), File, Beam}) of
+        {error, Reason} -> {error, {reload, Reason}};
+        Answer -> Answer
+    end.
+
+module_of(Beam) ->
+    case beam_lib:info(Beam) of
+        [_ | _] = Info -> proplists:get_value(module, Info);
+        {error, beam_lib, _} -> none
+    end.
+
 %% @doc The checked scenario, with all defaults.
 -spec scenario(sim()) -> starl_sim_scenario:t().
 scenario(#sim{scenario = Scenario}) -> Scenario.
@@ -139,6 +166,12 @@ format_error({scene, Why}) -> Why;
 format_error({no_such_app, App}) -> io_lib:format("there is no application ~ts", [App]);
 format_error({nodes, Reason}) -> starl_sim_nodes:format_error(Reason);
 format_error({lost, Loss}) -> starl_sim_nodes:format_loss(Loss);
+format_error({reload, {no_code, Module}}) ->
+    io_lib:format("there is no code of ~ts to be loaded; is it compiled and in the path?", [Module]);
+format_error({reload, {bad_code, _, _} = Reason}) ->
+    starl_code:format_error(Reason);
+format_error({reload, {Node, unreachable}}) ->
+    io_lib:format("node ~ts cannot be reached: no code was loaded", [Node]);
 format_error({fault_target, Id, Robot}) ->
     io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]);
 format_error({fault_machine, Id, Name, Known}) ->

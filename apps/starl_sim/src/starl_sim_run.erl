@@ -9,7 +9,7 @@
 -module(starl_sim_run).
 -behaviour(gen_server).
 
--export([start_link/1, run/2, run_to/2, stop/1, status/1, inspect/2, robots/1, events/2, finish/1]).
+-export([start_link/1, run/2, run_to/2, stop/1, status/1, inspect/2, robots/1, events/2, finish/1, reload/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([status/0, outcome/0, ending/0, missed/0, progress/0]).
@@ -50,6 +50,8 @@
     running :: non_neg_integer(),
     ending = none :: ending() | none,
     stop = false :: boolean(),
+    %% new code that waits
+    reload :: starl_sim_reload:t(),
     lost = [] :: [starl_sim_nodes:loss()]
 }).
 
@@ -98,6 +100,11 @@ robots(Run) -> gen_server:call(Run, robots, infinity).
     [starl_sim_ledger:event()] | unknown | {error, running}.
 events(Run, Robot) -> gen_server:call(Run, {events, Robot}, infinity).
 
+%% @doc Loads new code of a module, at once or as soon as no robot is in the midst of a step of the
+%% version before last; may be asked while it runs.
+-spec reload(pid(), {module(), file:filename(), Beam :: binary()}) -> starl_sim_reload:answer().
+reload(Run, Code) -> gen_server:call(Run, {reload, Code}, infinity).
+
 %% @doc Closes the monitors and tells everything known; the run can go on no further.
 -spec finish(pid()) -> outcome().
 finish(Run) -> gen_server:call(Run, finish, infinity).
@@ -117,7 +124,8 @@ set_out(#{window_us := WindowUs, robots := Robots, limit_us := LimitUs} = Plan) 
         window_us = WindowUs,
         shards = starl_sim_shards:start(Plan),
         judge = starl_sim_judge:new(maps:get(monitors, Plan)),
-        running = length(Robots)
+        running = length(Robots),
+        reload = starl_sim_reload:new([Node || #{node := Node} <- maps:get(sites, Plan)])
     }.
 
 -spec handle_call(term(), gen_server:from(), #run{}) ->
@@ -128,6 +136,9 @@ handle_call({run, _Until}, _From, Run) ->
     {reply, status_of(Run), Run};
 handle_call(status, _From, Run) ->
     {reply, status_of(Run), Run};
+handle_call({reload, {Module, File, Beam}}, _From, #run{reload = Reload} = Run) ->
+    {Answer, Next} = starl_sim_reload:load(Module, File, Beam, Reload),
+    {reply, Answer, Run#run{reload = Next}};
 handle_call(_Question, _From, #run{caller = Caller} = Run) when Caller =/= none ->
     {reply, {error, running}, Run};
 handle_call({run_to, _Goal}, _From, #run{lost = [Loss | _]} = Run) ->
@@ -169,7 +180,7 @@ handle_info(_LastWords, #run{lost = [_ | _]} = Run) ->
 handle_info({window_done, Shard, N, Trace}, #run{judge = Judge, shards = Shards} = Run) ->
     case starl_sim_judge:told(Shard, N, Trace, starl_sim_shards:count(Shards), Judge) of
         {ok, Next} ->
-            {noreply, approve(Run#run{judge = Next})};
+            {noreply, approve(renew(Run#run{judge = Next}))};
         {violation, Next} ->
             ok = starl_sim_shards:halt(Shards),
             {noreply, Run#run{judge = Next}}
@@ -195,7 +206,8 @@ handle_info({'DOWN', _, process, Shard, Reason}, #run{shards = Shards} = Run) ->
     end.
 
 %% Whole windows only, so that where a run pauses does not change it.
-go(Until, Goal, From, #run{window_us = Width, limit_us = Limit, shards = Shards} = Run) ->
+go(Until, Goal, From, #run{window_us = Width, limit_us = Limit, shards = Shards} = Run0) ->
+    Run = renew(Run0),
     Whole = (min(Until, Limit) + Width - 1) div Width * Width,
     ok = starl_sim_shards:run(Whole, Goal, Shards),
     Run#run{caller = From, goal = Goal, resting = 0, running = 0}.
@@ -203,6 +215,13 @@ go(Until, Goal, From, #run{window_us = Width, limit_us = Limit, shards = Shards}
 ask(What, Id, #run{shards = Shards}) -> starl_sim_shards:ask(What, Id, Shards).
 
 %% -- judging --------------------------------------------------------------------------------
+
+%% Steps have ended meanwhile.
+renew(#run{reload = Reload} = Run) ->
+    case starl_sim_reload:is_waiting(Reload) of
+        true -> Run#run{reload = starl_sim_reload:retry(Reload)};
+        false -> Run
+    end.
 
 %% After a violation no further window is approved.
 approve(#run{judge = Judge, approved = Approved, stop = Stop} = Run) ->

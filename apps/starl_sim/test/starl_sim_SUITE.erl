@@ -12,6 +12,8 @@
     actuate_and_trace/1, call_times_out/1, call_to_no_machine_is_a_mistake/1,
     unreachable_robot_is_lost/1,
     hot_reload_carries_the_state/1, hot_reload_without_code_change/1,
+    reloads_in_one_step_kill_nobody/1, waiting_code_is_loaded_after_the_step/1,
+    failed_code_change_keeps_the_state/1, bad_code_is_refused/1,
     errors_of_start/1, run_step_stop_status/1, inspect_before_the_first_step/1,
     inspect_what_restarts/1, time_never_runs_back/1, ending_time/1,
     finish_leaves_nothing/1, two_simulations_at_once/1
@@ -30,6 +32,8 @@ all() ->
         actuate_and_trace, call_times_out, call_to_no_machine_is_a_mistake,
         unreachable_robot_is_lost,
         hot_reload_carries_the_state, hot_reload_without_code_change,
+        reloads_in_one_step_kill_nobody, waiting_code_is_loaded_after_the_step,
+        failed_code_change_keeps_the_state, bad_code_is_refused,
         errors_of_start, run_step_stop_status, inspect_before_the_first_step,
         inspect_what_restarts, time_never_runs_back, ending_time,
         finish_leaves_nothing, two_simulations_at_once
@@ -224,13 +228,112 @@ reload(Change, Pattern, Check) ->
     {#{robots := Robots}, _} = starl_sim:finish(Sim),
     Check([Result || {_, #{result := Result}} <- Robots]).
 
+%% However often new code comes during one step, the application keeps its life and its state, and
+%% the newest code takes over.
+reloads_in_one_step_kill_nobody(_) ->
+    load("init(_, _) -> [].
+          step(R, Ks) -> ok = starl:sleep(R, 10000), {continue, [1 | Ks]}."),
+    {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 2}),
+    #{ending := none} = starl_sim:run(Sim, 5),
+    Answers = [
+        starl_sim:reload(Sim, "starl_sim_reloaded.erl", compiled(lists:concat([
+            "init(_, _) -> error(started_anew).
+             code_change(Ks, _) -> [v", V, " | Ks].
+             step(_, Ks) -> {done, {", V, ", Ks}}."
+        ])))
+     || V <- lists:seq(2, 6)
+    ],
+    ?assertEqual([ok | lists:duplicate(4, {waits, [1, 2]})], Answers),
+    #{ending := done} = starl_sim:run(Sim),
+    {#{robots := Robots}, _} = starl_sim:finish(Sim),
+    %% the second version is the one that was there when the step ended
+    ?assertEqual([{done, {2, [v2, 1]}}, {done, {2, [v2, 1]}}],
+                 [Result || {_, #{result := Result}} <- Robots]).
+
+%% What waits takes effect when the steps that were in the way have ended.
+waiting_code_is_loaded_after_the_step(_) ->
+    Long = "step(R, Ks) when length(Ks) < 5 -> ok = starl:sleep(R, 10000), {continue, [1 | Ks]};
+            step(_, Ks) -> {done, Ks}.",
+    load("init(_, _) -> []. " ++ Long),
+    {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 2}),
+    #{ending := none} = starl_sim:run(Sim, 5),
+    Carry = fun(V) ->
+        Code = lists:concat(["init(_, _) -> error(started_anew).
+                              code_change(Ks, _) -> [v", V, " | Ks]. ", Long]),
+        starl_sim:reload(Sim, "starl_sim_reloaded.erl", compiled(Code))
+    end,
+    ?assertEqual([ok, {waits, [1, 2]}, {waits, [1, 2]}], [Carry(V) || V <- [2, 3, 4]]),
+    %% resting or running, it waits
+    #{ending := none} = starl_sim:run(Sim, 8),
+    #{ending := none} = starl_sim:run(Sim, 15),
+    #{ending := none} = starl_sim:run(Sim, 16),
+    #{ending := done} = starl_sim:run(Sim),
+    {#{robots := Robots}, _} = starl_sim:finish(Sim),
+    %% one step in the first version, one in the second, the rest in the last
+    ?assertEqual([{done, [1, v4, 1, v2, 1]}, {done, [1, v4, 1, v2, 1]}],
+                 [Result || {_, #{result := Result}} <- Robots]).
+
+%% Code that cannot take over the state does not get it: the application waits with it, keeps what
+%% it is sent, and goes on when other code comes, the code before among others.
+failed_code_change_keeps_the_state(_) ->
+    First = "init(R, _) -> starl:listen(R, a), starl:post(R, 1, a, kept), 0.
+             step(R, N) when N < 3 -> ok = starl:sleep(R, 1000), {continue, N + 1};
+             step(R, N) -> {done, {N, starl:await(R, a)}}.",
+    Better = "init(_, _) -> error(started_anew).
+              code_change(N, _) -> {better, N}.
+              step(R, {better, N}) -> {done, {better, N, starl:await(R, a)}}.",
+    Bad = "init(_, _) -> error(started_anew).
+           code_change(N, _) when is_list(N) -> N.
+           step(_, _) -> error(stepped_with_a_state_of_other_code).",
+    [
+        begin
+            load(First),
+            {ok, Sim} = starl_sim:start(
+                #{app => starl_sim_reloaded, robots => 1, clock_offset => 0, clock_drift => 0},
+                #{watch => [{starl_sim_order_monitor, #{}}]}
+            ),
+            #{ending := none} = starl_sim:run(Sim, 1.5),
+            ok = starl_sim:reload(Sim, "starl_sim_reloaded.erl", compiled(Bad)),
+            #{ending := none, running := 1} = starl_sim:run(Sim, 20),
+            %% the rest of the robot goes on
+            ?assertMatch(#{sap := _, motion := _}, starl_sim:inspect(Sim, 1)),
+            ok = starl_sim:reload(Sim, "starl_sim_reloaded.erl", compiled(Next)),
+            #{ending := Ending} = starl_sim:run(Sim, 30),
+            {#{robots := [{1, #{result := Result}}]} = Outcome, _} = starl_sim:finish(Sim),
+            ?assertEqual({done, {done, Expected}}, {Ending, Result}),
+            Trace = starl_sim_ct:trace(Outcome),
+            ?assertEqual([], [E || {_, _, supervisor, _} = E <- Trace]),
+            ?assertMatch([{_, 1, app, {code_change_failed, {"function_clause", [_ | _]}}}],
+                         [E || {_, _, _, {code_change_failed, _}} = E <- Trace])
+        end
+     || {Next, Expected} <- [{First, {3, {ok, 1, kept}}}, {Better, {better, 2, {ok, 1, kept}}}]
+    ].
+
+bad_code_is_refused(_) ->
+    load("init(_, _) -> 0. step(R, 0) -> ok = starl:sleep(R, 1000), {done, fine}."),
+    {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 1}),
+    [
+        begin
+            {error, Reason} = Refused,
+            ?assertMatch([_ | _], lists:flatten(io_lib:format("~ts", [starl_sim:format_error(Reason)])))
+        end
+     || Refused <- [starl_sim:reload(Sim, "x.erl", <<"no beam">>), starl_sim:reload(Sim, no_such)]
+    ],
+    #{ending := done} = starl_sim:run(Sim),
+    {#{robots := [{1, #{result := {done, fine}}}]}, _} = starl_sim:finish(Sim).
+
 load(Code) ->
+    Beam = compiled(Code),
+    true = code:soft_purge(starl_sim_reloaded),
+    {module, _} = code:load_binary(starl_sim_reloaded, "starl_sim_reloaded.erl", Beam).
+
+compiled(Code) ->
     Source = "-module(starl_sim_reloaded).
 -compile([export_all, nowarn_export_all]).\n" ++ Code,
     {ok, Tokens, _} = erl_scan:string(Source),
     Forms = [begin {ok, Form} = erl_parse:parse_form(F), Form end || F <- forms(Tokens, [])],
-    {ok, Module, Binary} = compile:forms(Forms),
-    {module, Module} = code:load_binary(Module, "starl_sim_reloaded.erl", Binary).
+    {ok, starl_sim_reloaded, Binary} = compile:forms(Forms),
+    Binary.
 
 forms([], []) -> [];
 forms([{dot, _} = Dot | Rest], Form) -> [lists:reverse([Dot | Form]) | forms(Rest, [])];

@@ -1,0 +1,63 @@
+%% @doc New code for applications that run, without harm to those that are in the midst of a step.
+%%
+%% The VM keeps two versions of a module: the newest, and the one before it for processes that are
+%% still in that. A step that blocks stays in the code that it began with. To load a third version
+%% would take the oldest away, and the VM kills whoever is in it: the application and its state. So
+%% code is loaded here only when nobody is in the version before last; else it has to wait.
+-module(starl_code).
+
+-export([check/3, is_free/1, load/3, users/1, format_error/1]).
+
+-export_type([reason/0]).
+
+%% Why code cannot be loaded: the file is none for this module, or not for this VM.
+-type reason() :: {bad_code, module(), term()}.
+
+%% @doc Can this be loaded at all?
+-spec check(module(), file:filename(), Beam :: binary()) -> ok | {error, reason()}.
+check(Module, File, Beam) ->
+    case code:prepare_loading([{Module, File, Beam}]) of
+        {ok, _Prepared} -> ok;
+        {error, Reasons} -> {error, {bad_code, Module, Reasons}}
+    end.
+
+%% @doc Is nobody in the version before the newest? That version is gone then.
+-spec is_free(module()) -> boolean().
+is_free(Module) -> code:soft_purge(Module).
+
+%% @doc Loads new code, unless somebody is in the version before the newest. Never ends a process.
+-spec load(module(), file:filename(), Beam :: binary()) -> ok | waits | {error, reason()}.
+load(Module, File, Beam) ->
+    case code:prepare_loading([{Module, File, Beam}]) of
+        {ok, Prepared} -> finished(is_free(Module), Module, Prepared);
+        {error, Reasons} -> {error, {bad_code, Module, Reasons}}
+    end.
+
+finished(false, _Module, _Prepared) ->
+    waits;
+finished(true, Module, Prepared) ->
+    case code:finish_loading(Prepared) of
+        ok -> ok;
+        %% somebody else has loaded code meanwhile
+        {error, [{Module, not_purged}]} -> waits;
+        {error, Reasons} -> {error, {bad_code, Module, Reasons}}
+    end.
+
+%% @doc The robots whose processes are in the version before the newest.
+-spec users(module()) -> [starl:robot_id()].
+users(Module) ->
+    Late = [Pid || Pid <- processes(), erlang:check_process_code(Pid, Module) =:= true],
+    lists:usort([Robot || Pid <- Late, Robot <- robot(Pid)]).
+
+robot(Pid) ->
+    case erlang:process_info(Pid, dictionary) of
+        {dictionary, Words} ->
+            [Robot || {'$logger_metadata$', #{robot := Robot}} <- Words];
+        undefined ->
+            []
+    end.
+
+%% @doc One line that says why code cannot be loaded.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({bad_code, Module, Reasons}) ->
+    io_lib:format("~ts: this is no code that can be loaded for it: ~0tp", [Module, Reasons]).
