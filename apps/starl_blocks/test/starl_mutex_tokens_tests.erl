@@ -201,3 +201,15 @@ before_zero_test() ->
     Machine = holding(A, [A], -5 * ?LEASE_US),
     {Released, _} = at(-4 * ?LEASE_US - 1, {call, {app, 1}}, {release, A}, Machine),
     ?assertEqual([ok], answers(Released)).
+
+%% An application that is not started any more holds nothing and waits for nothing.
+caller_given_up_test() ->
+    [A, B] = two(),
+    [
+        ?assertEqual(
+            at(100, info, {restarted, app}, Machine), at(100, info, {given_up, app}, Machine)
+        )
+     || Machine <- [holding([A, B], 50), holding([A, B], [A], 50)]
+    ],
+    {Actions, _} = at(100, info, {given_up, app}, holding([A, B], 50)),
+    ?assertEqual(lists:sort([A, B]), lists:sort([T || {released, T, _} <- traces(Actions)])).

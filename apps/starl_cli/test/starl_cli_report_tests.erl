@@ -106,6 +106,22 @@ the_dead_are_told_test() ->
     Report = report(#{figures => painting(0.5), outcome => outcome([died, done], [])}),
     shows("robot 1 died", headline(Report)).
 
+%% A user's application that crashes is no violation, and is told all the same.
+crashes_of_the_application_are_told_test() ->
+    Outcome = outcome([given_up, done], []),
+    #{monitors := Monitors} = Outcome,
+    Seen = #{
+        crashes => 2, given_up => [{1, app}],
+        first_crash => {1500000, 1, app, {"badarg", [{my_app, step, 2, "my_app.erl", 7}]}}
+    },
+    Report = report(#{
+        figures => [], outcome => Outcome#{monitors := Monitors#{starl_crash_monitor => Seen}}
+    }),
+    shows("NOT COMPLETE (the application crashed for ever on robot 1)", headline(Report)),
+    ?assertNot(starl_cli_report:complete(Report)),
+    shows("THE APPLICATION CRASHED 2 times; first on robot 1 at 1.500000 s: badarg at "
+          "my_app:step/2 (my_app.erl:7)", text([[L, "\n"] || L <- starl_cli_report:summary(Report)])).
+
 interrupted_is_told_test() ->
     shows("interrupted, 50.00 %", headline(report(#{figures => painting(0.5), ending => stopped}))).
 

@@ -161,11 +161,16 @@ close(#sim{sup = Sup}) -> starl_sim_sup:stop(Sup).
 
 %% @doc One line that says why a simulation could not be started.
 -spec format_error(reason()) -> unicode:chardata().
-format_error({scenario, Reason}) -> starl_sim_scenario:format_error(Reason);
-format_error({scene, Why}) -> Why;
-format_error({no_such_app, App}) -> io_lib:format("there is no application ~ts", [App]);
-format_error({nodes, Reason}) -> starl_sim_nodes:format_error(Reason);
-format_error({lost, Loss}) -> starl_sim_nodes:format_loss(Loss);
+format_error({scenario, Reason}) ->
+    starl_sim_scenario:format_error(Reason);
+format_error({scene, Why}) ->
+    Why;
+format_error({no_such_app, App}) ->
+    io_lib:format("there is no application ~ts", [App]);
+format_error({nodes, Reason}) ->
+    starl_sim_nodes:format_error(Reason);
+format_error({lost, Loss}) ->
+    starl_sim_nodes:format_loss(Loss);
 format_error({reload, {no_code, Module}}) ->
     io_lib:format("there is no code of ~ts to be loaded; is it compiled and in the path?", [Module]);
 format_error({reload, {bad_code, _, _} = Reason}) ->

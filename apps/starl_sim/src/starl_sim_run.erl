@@ -9,7 +9,18 @@
 -module(starl_sim_run).
 -behaviour(gen_server).
 
--export([start_link/1, run/2, run_to/2, stop/1, status/1, inspect/2, robots/1, events/2, finish/1, reload/2]).
+-export([
+    start_link/1,
+    run/2,
+    run_to/2,
+    stop/1,
+    status/1,
+    inspect/2,
+    robots/1,
+    events/2,
+    finish/1,
+    reload/2
+]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([status/0, outcome/0, ending/0, missed/0, progress/0]).

@@ -89,7 +89,9 @@ handle_event(info, {restarted, sap}, ready, _Barrier, _Meta) ->
     {keep_state_and_data, [starl_sap:listen(barrier, barrier)]};
 handle_event(info, {restarted, Log}, ready, #barrier{log = Log} = Barrier, _Meta) ->
     {keep_state, Barrier, note_all(Barrier)};
-handle_event(info, {restarted, Caller}, ready, Barrier, _Meta) ->
+handle_event(info, {Gone, Caller}, ready, Barrier, _Meta) when
+    Gone =:= restarted; Gone =:= given_up
+->
     caller_restarted(Caller, Barrier);
 handle_event(_, _, _, _, _) ->
     unknown_event.

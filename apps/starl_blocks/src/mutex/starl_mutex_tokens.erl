@@ -93,7 +93,7 @@ event({timeout, {patience, Job}}, _, Robot) ->
     starl_mutex_acquire:give_up(Job, timeout, Robot);
 event(info, {restarted, sap}, Robot) ->
     starl_mutex_robot:sap_restarted(Robot);
-event(info, {restarted, Caller}, Robot) ->
+event(info, {Gone, Caller}, Robot) when Gone =:= restarted; Gone =:= given_up ->
     starl_mutex_acquire:caller_restarted(Caller, Robot);
 event(_, _, _) ->
     unknown_event.

@@ -31,6 +31,7 @@ line({Id, #{at_us := At, events := Events, pose := {X, Y, Heading}} = Summary, M
 
 application(#{result := {done, _}}, _Machines) -> "done";
 application(#{result := died}, _Machines) -> "died";
+application(#{result := given_up}, _Machines) -> "given up: it crashed too often";
 application(#{result := running}, #{app := #{stack := [Frame | _]}}) -> ["in ", frame(Frame)];
 application(#{result := running}, #{app := _}) -> "running";
 application(#{result := running}, #{}) -> "down".

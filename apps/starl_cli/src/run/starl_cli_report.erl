@@ -19,7 +19,10 @@
     fields :: [{atom(), starl_cli_json:value()}],
     ending :: starl_sim_run:ending(),
     running :: [starl:robot_id()],
-    died :: [starl:robot_id()]
+    died :: [starl:robot_id()],
+    %% whose application was given up; how often applications crashed, and the first
+    given_up :: [starl:robot_id()],
+    crashes :: {non_neg_integer(), starl_crash_monitor:excused() | none}
 }).
 
 -opaque t() :: #report{}.
@@ -39,12 +42,15 @@
 
 %% @doc Puts together what is known of a run.
 -spec make(input()) -> t().
-make(#{outcome := #{robots := Robots}, ending := Ending} = Input) ->
+make(#{outcome := #{robots := Robots, monitors := Monitors}, ending := Ending} = Input) ->
+    Seen = maps:get(starl_crash_monitor, Monitors, #{}),
     #report{
         fields = fields(Input),
         ending = Ending,
         running = [Id || {Id, #{result := running}} <- Robots],
-        died = [Id || {Id, #{result := died}} <- Robots]
+        died = [Id || {Id, #{result := died}} <- Robots],
+        given_up = [Id || {Id, #{result := given_up}} <- Robots],
+        crashes = {maps:get(crashes, Seen, 0), maps:get(first_crash, Seen, none)}
     }.
 
 fields(#{name := Name, scenario := Scenario, figures := Figures} = Input) ->
@@ -67,7 +73,14 @@ fields(#{name := Name, scenario := Scenario, figures := Figures} = Input) ->
             {digest, hex(maps:get(digest, Outcome))},
             {violations, [violation(V) || V <- Violations]},
             {ending, atom_to_binary(Ending)}
-        ] ++ More.
+        ] ++ More ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})).
+
+%% Where applications crashed.
+crashes(#{crashes := Count, first_crash := {_, _, _, Cause}}) ->
+    First = unicode:characters_to_binary(starl_crash:format(Cause)),
+    [{application_crashes, Count}, {first_crash, First}];
+crashes(#{}) ->
+    [].
 
 violation(#{contract := Contract, what := What, at_us := At, robots := Robots} = Violation) ->
     [
@@ -80,7 +93,8 @@ violation(#{contract := Contract, what := What, at_us := At, robots := Robots} =
 
 %% Covered ink and separations are never made to look better than they are.
 rounded(_How, Value) when not is_float(Value) -> whole(Value);
-rounded({near, Digits}, Value) -> list_to_float(float_to_list(Value, [{decimals, max(1, Digits)}]));
+rounded({near, Digits}, Value) ->
+    list_to_float(float_to_list(Value, [{decimals, max(1, Digits)}]));
 rounded({down, Digits}, Value) ->
     Scale = math:pow(10, Digits),
     floor(Value * Scale) / Scale.
@@ -107,7 +121,7 @@ complete(#report{ending = lost}) ->
     false;
 complete(Report) ->
     case figure(ink_covered, Report) of
-        null -> ending(Report) =:= done andalso Report#report.died =:= [];
+        null -> ending(Report) =:= done andalso Report#report.died ++ Report#report.given_up =:= [];
         Covered -> Covered >= 1.0
     end.
 
@@ -143,7 +157,10 @@ summary(Report) ->
 headline(Report) ->
     Robots = figure(robots, Report),
     io_lib:format("~ts: ~ts, ~b robot~ts, ~ts s", [
-        figure(app, Report), verdict(Report), Robots, plural(Robots),
+        figure(app, Report),
+        verdict(Report),
+        Robots,
+        plural(Robots),
         decimals(1, figure(virtual_s, Report))
     ]).
 
@@ -169,6 +186,8 @@ why(time, Report) ->
     ["the time was up", still("; ", Report)];
 why(lost, _Report) ->
     "a node was lost";
+why(_, #report{died = [], given_up = [_ | _] = GivenUp} = Report) ->
+    ["the application crashed for ever on ", robots(GivenUp), still("; ", Report)];
 why(_, #report{died = [], running = []}) ->
     "no robot could do more";
 why(_, #report{died = [], running = _} = Report) ->
@@ -184,7 +203,24 @@ robots([Id]) -> ["robot ", integer_to_list(Id)];
 robots(Ids) -> ["robots ", lists:join(", ", [integer_to_list(Id) || Id <- Ids])].
 
 details(Report) ->
-    [driven(Report), closest(Report), planned(Report), radio(Report), cost(Report)].
+    [
+        crashed(Report),
+        driven(Report),
+        closest(Report),
+        planned(Report),
+        radio(Report),
+        cost(Report)
+    ].
+
+crashed(#report{crashes = {_, none}}) ->
+    none;
+crashed(#report{crashes = {Count, {AtUs, Robot, _Machine, Cause}}}) ->
+    io_lib:format("  THE APPLICATION CRASHED ~ts; first on robot ~b at ~.6f s: ~ts", [
+        times(Count), Robot, AtUs / 1.0e6, starl_crash:format(Cause)
+    ]).
+
+times(1) -> "once";
+times(Count) -> io_lib:format("~b times", [Count]).
 
 driven(Report) ->
     case [figure(Key, Report) || Key <- [ink_mm, driven_mm, makespan_bound_ratio]] of
@@ -198,7 +234,8 @@ driven(Report) ->
 
 closest(Report) ->
     case {figure(min_separation_mm, Report), figure(safety_distance_mm, Report)} of
-        {null, _} -> none;
+        {null, _} ->
+            none;
         {Least, Safe} ->
             io_lib:format("  the closest two robots came to each other: ~ts mm (at least ~ts)", [
                 decimals(1, Least), decimals(0, Safe)
@@ -207,7 +244,8 @@ closest(Report) ->
 
 planned(Report) ->
     case {figure(assignments, Report), figure(deadlocks_resolved, Report)} of
-        {null, _} -> none;
+        {null, _} ->
+            none;
         {Paths, Resolved} ->
             io_lib:format("  ~b paths assigned, ~b deadlock~ts resolved", [
                 Paths, Resolved, plural(Resolved)
@@ -221,8 +259,11 @@ radio(Report) ->
 cost(Report) ->
     {Virtual, Wall} = {figure(virtual_s, Report), figure(wall_s, Report)},
     io_lib:format("  ~b events in ~ts s, ~ts x real time; seed ~b~ts", [
-        figure(events, Report), decimals(1, Wall), decimals(0, Virtual / max(0.001, Wall)),
-        figure(seed, Report), digest(figure(digest, Report))
+        figure(events, Report),
+        decimals(1, Wall),
+        decimals(0, Virtual / max(0.001, Wall)),
+        figure(seed, Report),
+        digest(figure(digest, Report))
     ]).
 
 digest(null) -> "";
