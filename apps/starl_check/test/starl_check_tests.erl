@@ -133,3 +133,22 @@ faults_test() ->
     ?assertEqual({error, {unknown_fault, "flood"}}, starl_check:parse_faults("flood:1")),
     ?assertEqual({error, {bad_count, "loss:x"}}, starl_check:parse_faults("loss:x")),
     ?assertEqual({error, {twice, loss}}, starl_check:parse_faults("loss:1,loss:2")).
+
+%% -- crashes -----------------------------------------------------------------------------------
+
+%% A machine that crashes by itself breaks its contract, however it does, with the place in its
+%% code; also when it starts.
+own_crash_test_() ->
+    [
+        {atom_to_list(How), fun() ->
+            Machine = {starl_check_crash_planted, #{how => How}},
+            {violated, #{violation := Violation}} = check(barrier, 2, #{}, #{machine => Machine}),
+            ?assertMatch(#{contract := barrier, what := crashed, details := #{reason := Reason}},
+                         Violation),
+            #{details := #{stack := Stack}} = Violation,
+            ?assertMatch({match, _}, re:run(Stack, "starl_check_crash_planted:[a-z_]+/[15] "
+                                                   "\\(starl_check_crash_planted.erl:[0-9]+\\)"))
+        end}
+     || {How, Reason} <- [{error, "oops"}, {exit, "{exit,oops}"}, {throw, "{nocatch,oops}"},
+                          {start, "oops"}]
+    ].
