@@ -17,7 +17,7 @@ good() ->
         {{timeout, t}, 0, x}, {{timeout, t}, cancel}, {state_timeout, 7, x},
         {state_timeout, cancel}, {transmit, all, p}, {transmit, 3, p}, {sense, []}, {sense, [1, 2]},
         {drive, [], m}, {drive, [{-500, 500.0, 15000}], m}, {actuate, pen, <<"any">>}, {trace, any},
-        {done, any}, {cast, sap, {send, 2, a, b}}, {cast, sap, {broadcast, a, b}},
+        {done, any}, {store, any}, {cast, sap, {send, 2, a, b}}, {cast, sap, {broadcast, a, b}},
         {cast, sap, {listen, a, m}}, {cast, sap, {no, such}}, {call, location, {pose, 1}, t},
         {call, location, {waypoint, "any"}, t}, {call, motion, {go_to, {1, 2.0}}, t},
         {call, motion, {go_along, {{0, 0}, {1.0, 1.0}}}, t}, {cast, motion, stop}

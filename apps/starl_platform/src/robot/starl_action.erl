@@ -53,6 +53,8 @@ check([{drive, Script, _} = Action | Rest]) ->
     right(is_script(Script), Action),
     check(Rest);
 check([{actuate, Device, _} | Rest]) when is_atom(Device) -> check(Rest);
+check([{store, _} | Rest]) ->
+    check(Rest);
 check([{done, _} | Rest]) ->
     check(Rest);
 check([Action | _]) ->
