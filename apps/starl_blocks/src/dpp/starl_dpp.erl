@@ -107,6 +107,7 @@ drive(Robot, {Id, Waypoints}, N) when is_list(Waypoints) ->
 drive(_Robot, Other, _N) ->
     not_a_path({?MODULE, drive, 3}, Other).
 
+-spec not_a_path(mfa(), term()) -> no_return().
 not_a_path(Function, Path) ->
     starl_caller:mistake(Function, 'Path', Path, "a path that request_path/1 gave").
 

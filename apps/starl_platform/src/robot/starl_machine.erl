@@ -107,8 +107,9 @@
     result().
 
 -record(machine, {
-    %% the callback, looked up once; a fun of this kind means the latest version of its module
-    handle :: fun((event_type(), term(), State :: term(), Data :: term(), meta()) -> result()),
+    %% the callback, looked up once; a fun of this kind means the latest version of its module;
+    %% a mistaken one gives anything
+    handle :: fun((event_type(), term(), State :: term(), Data :: term(), meta()) -> term()),
     state :: term(),
     data :: term()
 }).
