@@ -66,6 +66,8 @@ commands() ->
             "soak BLOCK        use a block under random faults, with many seeds"},
         {"planted", fun starl_cli_planted:command/1,
             "planted           find broken building blocks, one per pitfall"},
+        {"mutate", fun starl_cli_mutate:command/1,
+            "mutate BLOCK      change a block's code in small places; do its tests notice?"},
         {"shrink", fun starl_cli_shrink:command/1,
             "shrink RUN        make a run that violates a contract small"},
         {"replay", fun starl_cli_replay:command/1,

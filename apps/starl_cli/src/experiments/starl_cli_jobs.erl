@@ -12,8 +12,10 @@
 -export_type([plan/2, answer/1, ran/0]).
 
 %% The function `work' of one argument is called for each job in one of `at_once' VMs, into which
-%% `code' is loaded; each has one scheduler, or so many. `each' is told of every answer; `before'
-%% jobs were done earlier.
+%% `code' is loaded; each has one scheduler, or so many, and is started with `args' besides. `each'
+%% is told of every answer; `before' jobs were done earlier. A job that takes longer than `limit_ms'
+%% says has crashed. After an answer for which `renew' holds, and after a crash, where there is a
+%% `renew', the next job has a new VM.
 -type plan(Job, Acc) :: #{
     work := {module(), Function :: atom()},
     at_once := pos_integer(),
@@ -21,6 +23,9 @@
     each := fun((Job, answer(term()), Acc) -> Acc),
     code => [starl_cli_target:code()],
     schedulers => pos_integer(),
+    args => [string()],
+    limit_ms => fun((Job) -> pos_integer()),
+    renew => fun((Answer :: term()) -> boolean()),
     before => non_neg_integer()
 }.
 
@@ -126,35 +131,59 @@ dismiss(Pid, Ref) ->
     true = exit(Pid, shutdown),
     ok.
 
-worker(Master, #{work := Work} = Plan) ->
-    Vm = vm(maps:get(schedulers, Plan, 1), maps:get(code, Plan, [])),
+worker(Master, Plan) ->
+    Vm = vm(Plan),
     Master ! {ready, self()},
-    work(Master, Vm, Work).
+    work(Master, Vm, Plan).
+
+vm(Plan) ->
+    vm(maps:get(schedulers, Plan, 1), maps:get(args, Plan, []), maps:get(code, Plan, [])).
 
 %% @doc Starts a VM with so many schedulers and this code, linked to the caller.
 -spec vm(Schedulers :: pos_integer(), [starl_cli_target:code()]) -> pid().
-vm(Schedulers, Codes) ->
+vm(Schedulers, Codes) -> vm(Schedulers, [], Codes).
+
+vm(Schedulers, More, Codes) ->
     %% what belongs to OTP is found without being told
     Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
     Paths = lists:append([["-pa", filename:absname(Dir)] || Dir <- Own, filelib:is_dir(Dir)]),
     %% A terminal sends Ctrl-C to every VM: these leave it to the first (+Bi).
-    Args = ["+S", integer_to_list(Schedulers), "+Bi", "+fnu", "+sbwt", "none" | Paths],
+    Args = ["+S", integer_to_list(Schedulers), "+Bi", "+fnu", "+sbwt", "none" | More ++ Paths],
     {ok, Vm, _Node} = peer:start_link(#{connection => standard_io, args => Args}),
     ok = peer:call(Vm, ?MODULE, prepare, [Codes], infinity),
     Vm.
 
-work(Master, Vm, {Module, Function} = Work) ->
+work(Master, Vm, #{work := {Module, Function}} = Plan) ->
     receive
         {job, Job} ->
             Answer =
                 try
-                    {ok, peer:call(Vm, Module, Function, [Job], infinity)}
+                    {ok, peer:call(Vm, Module, Function, [Job], limit(Job, Plan))}
                 catch
                     _:Reason -> {crashed, Reason}
                 end,
             Master ! {answer, self(), Answer},
-            work(Master, Vm, Work)
+            work(Master, renewed(Answer, Vm, Plan), Plan)
     end.
+
+limit(Job, #{limit_ms := Limit}) -> Limit(Job);
+limit(_Job, _Plan) -> infinity.
+
+renewed({ok, Answer}, Vm, #{renew := Renew} = Plan) ->
+    case Renew(Answer) of
+        true -> other(Vm, Plan);
+        false -> Vm
+    end;
+renewed({crashed, _}, Vm, #{renew := _} = Plan) ->
+    other(Vm, Plan);
+renewed(_Answer, Vm, _Plan) ->
+    Vm.
+
+%% It may be too busy to end by itself: it ends with its standard input.
+other(Vm, Plan) ->
+    true = unlink(Vm),
+    true = exit(Vm, kill),
+    vm(Plan).
 
 %% @private Called in a VM of its own: its terminal is not for the reports of machines that
 %% faults have killed.

@@ -1,0 +1,180 @@
+%% @doc The blocks whose code is mutated: the sources of each, and the tests that are to notice.
+%%
+%% Sources and tests are wildcards: a new module of a block needs no word here. A test that calls
+%% nothing of a mutated function is not run for it, so a test too many costs little.
+-module(starl_mutate_block).
+
+-export([names/0, sources/2, units/3]).
+
+-export_type([name/0, unit/0, layer/0]).
+
+-type name() ::
+    sap | election | bully | mutex | barrier | geocast | registers | dpp | monitors | all.
+
+%% What can notice a mutant: an EUnit module, a run of `soak', a small search of the checker, a
+%% test case of Common Test.
+-type unit() ::
+    {unit, module()}
+    | {soak, Block :: atom(), Robots :: pos_integer(), Seed :: non_neg_integer()}
+    | {check, starl_check_model:block(), Robots :: pos_integer(), starl_check_model:budgets()}
+    | {suite, module(), starl_mutate_suite:path()}.
+
+-type layer() :: unit | soak | check | suite.
+
+-type block() :: #{
+    sources := [string()],
+    unit := [string()],
+    suite := [string()],
+    soak := [atom()],
+    check := [{starl_check_model:block(), pos_integer(), starl_check_model:budgets()}]
+}.
+
+%% Teams of these sizes are soaked in turn: what goes wrong goes wrong in small ones most often.
+-define(TEAMS, [2, 3, 5, 10]).
+
+%% @doc All blocks, `monitors' and `all'.
+-spec names() -> [name(), ...].
+names() -> maps:keys(blocks()) ++ [monitors, all].
+
+-spec block(name()) -> block().
+block(all) -> lists:foldl(fun both/2, block(monitors), maps:values(blocks()));
+block(monitors) -> monitors();
+block(Name) -> maps:get(Name, blocks()).
+
+both(One, Other) ->
+    maps:map(fun(Key, Some) -> lists:usort(Some ++ maps:get(Key, Other)) end, One).
+
+-spec blocks() -> #{name() => block()}.
+blocks() ->
+    #{
+        sap => #{
+            sources => [
+                "apps/starl_platform/src/services/starl_{sap,packet}*.erl",
+                "apps/starl_platform/src/starl_sap_*.erl"
+            ],
+            unit => ["starl_sap_*", "starl_packet_*"],
+            suite => ["starl_sap_SUITE"],
+            soak => [sap],
+            check => [{sap, 2, #{crash => 1}}, {sap, 2, #{dup => 1}}, {sap, 2, #{loss => 1}}]
+        },
+        election => #{
+            sources => [
+                "apps/starl_blocks/src/election/starl_election.erl",
+                "apps/starl_blocks/src/election/starl_election_{ballots,monitor}*.erl"
+            ],
+            unit => ["starl_election_*"],
+            suite => ["starl_election_SUITE"],
+            soak => [election],
+            check => [{election, 2, #{loss => 1, crash => 1}}, {election, 3, #{late => 1}}]
+        },
+        bully => #{
+            sources => [
+                "apps/starl_blocks/src/election/starl_election.erl",
+                "apps/starl_blocks/src/election/starl_election_bully*.erl"
+            ],
+            unit => ["starl_election_*"],
+            suite => ["starl_election_SUITE"],
+            soak => [bully],
+            check => [{bully, 2, #{loss => 1, crash => 1, sap => 1}}, {bully, 3, #{loss => 1}}]
+        },
+        mutex => #{
+            sources => ["apps/starl_blocks/src/mutex/*.erl"],
+            unit => ["starl_mutex_*"],
+            suite => ["starl_mutex_SUITE"],
+            soak => [mutex],
+            check => [{mutex, 2, #{loss => 1}}, {mutex, 2, #{crash => 1}}, {mutex, 3, #{}}]
+        },
+        barrier => #{
+            sources => ["apps/starl_blocks/src/barrier/*.erl"],
+            unit => ["starl_barrier_*"],
+            suite => ["starl_barrier_SUITE"],
+            soak => [barrier],
+            check => [
+                {barrier, 2, #{loss => 1}}, {barrier, 2, #{timeout => 1}},
+                {barrier, 2, #{sap => 1}}, {barrier, 2, #{crash => 1}}
+            ]
+        },
+        geocast => #{
+            sources => ["apps/starl_blocks/src/geocast/*.erl"],
+            unit => ["starl_geocast_*"],
+            suite => ["starl_geocast_SUITE"],
+            soak => [geocast],
+            check => []
+        },
+        registers => #{
+            sources => ["apps/starl_blocks/src/registers/*.erl"],
+            unit => ["starl_registers_*", "starl_hlc_*"],
+            suite => ["starl_registers_SUITE"],
+            soak => [registers],
+            check => []
+        },
+        dpp => #{
+            sources => ["apps/starl_blocks/src/dpp/*.erl"],
+            unit => ["starl_dpp_*", "starl_planar_*", "starl_roadmap_*"],
+            suite => ["starl_dpp_*_SUITE"],
+            soak => [dpp],
+            check => []
+        }
+    }.
+
+-spec monitors() -> block().
+monitors() ->
+    #{
+        sources => [
+            "apps/*/src/**/starl_*_monitor.erl",
+            "apps/starl_platform/src/starl_{monitor,separation,assumption}.erl",
+            "apps/starl_platform/src/starl_sap_{alarms,numbers,sources}.erl",
+            "apps/starl_sim/src/starl_sim_{assumption,judge}.erl"
+        ],
+        unit => [
+            "starl_*_monitor_*", "starl_monitor_*", "starl_separation_*", "starl_assumption_*",
+            "starl_sim_judge_*", "starl_sim_assumption_*", "starl_sim_outcome_*"
+        ],
+        suite => [
+            "starl_{sap,election,mutex,barrier,geocast,registers}_SUITE", "starl_exercise_SUITE",
+            "starl_planted_SUITE"
+        ],
+        soak => maps:fold(fun(_, #{soak := Soaked}, All) -> Soaked ++ All end, [], blocks()),
+        check => lists:append([Checked || #{check := Checked} <- maps:values(blocks())])
+    }.
+
+%% @doc The sources of a block, below the root of a checkout.
+-spec sources(name(), file:filename()) -> [file:filename()].
+sources(Name, Root) ->
+    #{sources := Patterns} = block(Name),
+    Files = [File || Pattern <- Patterns, File <- filelib:wildcard(Pattern, Root)],
+    lists:usort(Files).
+
+%% @doc What can notice a mutant of a block: the tests among these modules, so many runs of
+%% `soak' for each of its blocks, and its searches.
+-spec units(name(), [module()], Seeds :: non_neg_integer()) -> [unit()].
+units(Name, Tests, Seeds) ->
+    #{unit := Units, suite := Suites, soak := Soaked, check := Checked} = block(Name),
+    [{unit, Test} || Test <- matching(Units, "_tests", Tests)] ++
+        [{soak, Block, robots(Seed), Seed} || Seed <- lists:seq(1, Seeds), Block <- Soaked] ++
+        [{check, Block, Robots, Faults} || {Block, Robots, Faults} <- Checked] ++
+        [
+            {suite, Suite, Path}
+         || Suite <- matching(Suites, "_SUITE", Tests), Path <- starl_mutate_suite:paths(Suite)
+        ].
+
+robots(Seed) -> lists:nth(1 + Seed rem length(?TEAMS), ?TEAMS).
+
+matching(Patterns, Suffix, Modules) ->
+    Expressions = [expression(Pattern) || Pattern <- Patterns],
+    [
+        Module
+     || Module <- Modules,
+        Name <- [atom_to_list(Module)],
+        lists:suffix(Suffix, Name),
+        lists:any(fun(E) -> re:run(Name, E, [{capture, none}]) =:= match end, Expressions)
+    ].
+
+%% The stars and braces of a wildcard.
+expression(Pattern) -> "^" ++ lists:flatmap(fun letter/1, Pattern) ++ "$".
+
+letter($*) -> ".*";
+letter(${) -> "(";
+letter($,) -> "|";
+letter($}) -> ")";
+letter(C) -> [C].

@@ -1,0 +1,305 @@
+%% @doc Mutation operators on the abstract code of a function. Each makes one small change: what a
+%% programmer gets wrong, at one place.
+%%
+%% Patterns and bodies are told apart. Of a pattern nothing but the integers is changed: the rest
+%% would not compile, or never match. Neither binaries nor names of functions, fields and records
+%% are changed.
+-module(starl_mutate_operators).
+
+-export([mutants/1, operators/0]).
+
+-export_type([mutant/0, operator/0, form/0]).
+
+%% A function in the abstract format.
+-type form() :: erl_parse:abstract_form().
+
+-type operator() ::
+    compare | constant | clause | guard | action | field | element | negate | arithmetic | call.
+
+%% The changed function, where the change is, and the number of the clause that has it.
+-type mutant() :: #{
+    operator := operator(),
+    location := erl_anno:location(),
+    clause := pos_integer(),
+    form := form()
+}.
+
+-type context() :: body | guard | pattern.
+-type change() :: {operator(), erl_anno:anno(), New :: term()}.
+
+%% @doc All operators, and what each does.
+-spec operators() -> [{operator(), string()}].
+operators() ->
+    [
+        {compare, "a comparison is replaced: by its neighbour (< by =<) and by its opposite"},
+        {constant, "a number is changed by one"},
+        {clause, "a clause is left out"},
+        {guard, "a test of a guard, a side of a condition or a filter is left out"},
+        {action, "an expression that is there for its effect is left out"},
+        {field, "a field of a map or a record is not updated"},
+        {element, "an element of a list, or a part of a ++, is left out"},
+        {negate, "a condition, or a truth value, is turned round"},
+        {arithmetic, "an arithmetic operator is replaced"},
+        {call, "a call that changes a collection, or takes a minimum, is left out or swapped"}
+    ].
+
+%% @doc Every mutant of a function, in the order of the code. Other forms have none.
+-spec mutants(form()) -> [mutant()].
+mutants({function, Anno, Name, Arity, Clauses}) ->
+    Whole = fun(New) -> {function, Anno, Name, Arity, New} end,
+    [
+        #{
+            operator => Operator, location => erl_anno:location(At), clause => N,
+            form => Whole(New)
+        }
+     || {N, {Operator, At, New}} <- of_clauses(Clauses), New =/= Clauses
+    ];
+mutants(_Form) ->
+    [].
+
+of_clauses(Clauses) ->
+    lists:append([
+        [{N, {clause, element(2, Clause), without(N, Clauses)}} || length(Clauses) > 1] ++
+            [{N, {Operator, At, with(N, New, Clauses)}}
+             || {Operator, At, New} <- changes(Clause, body)]
+     || {N, Clause} <- numbered(Clauses)
+    ]).
+
+%% -- every place ----------------------------------------------------------------------------
+
+-spec changes(term(), context()) -> [change()].
+changes(Nodes, Context) when is_list(Nodes) ->
+    [
+        {Operator, At, with(N, New, Nodes)}
+     || {N, Node} <- numbered(Nodes), {Operator, At, New} <- changes(Node, Context)
+    ];
+changes(Node, Context) when is_tuple(Node) ->
+    own(Node, Context) ++
+        [
+            {Operator, At, setelement(Place, Node, New)}
+         || {Place, Inner} <- parts(Node, Context),
+            {Operator, At, New} <- changes(element(Place, Node), Inner)
+        ];
+changes(_Other, _Context) ->
+    [].
+
+%% The places of a node that are gone into, each with its context.
+-spec parts(tuple(), context()) -> [{pos_integer(), context()}].
+parts({clause, _, _, _, _}, _) -> [{3, pattern}, {4, guard}, {5, body}];
+parts({match, _, _, _}, Context) -> [{3, pattern}, {4, Context}];
+parts({Generate, _, _, _}, _) when Generate =:= generate; Generate =:= b_generate;
+                                   Generate =:= generate_strict; Generate =:= b_generate_strict ->
+    [{3, pattern}, {4, body}];
+parts({call, _, _, _}, Context) -> [{4, Context}];
+parts({'fun', _, {clauses, _}}, _) -> [{3, body}];
+parts({clauses, _}, _) -> [{2, body}];
+parts({named_fun, _, _, _}, _) -> [{4, body}];
+parts({record, _, _Name, _}, Context) -> [{4, Context}];
+parts({record, _, _Record, _Name, _}, Context) -> [{3, Context}, {5, Context}];
+parts({record_field, _, _Name, _}, Context) -> [{4, Context}];
+parts({record_field, _, _Record, _Name, _}, Context) -> [{3, Context}];
+parts({op, _, _, _}, Context) -> [{4, Context}];
+parts({op, _, _, _, _}, Context) -> [{4, Context}, {5, Context}];
+parts(Node, _) when element(1, Node) =:= bin; element(1, Node) =:= 'fun';
+                    element(1, Node) =:= remote; element(1, Node) =:= record_index;
+                    element(1, Node) =:= string; element(1, Node) =:= char;
+                    element(1, Node) =:= atom; element(1, Node) =:= var;
+                    element(1, Node) =:= integer; element(1, Node) =:= float ->
+    [];
+parts(Node, Context) ->
+    [{Place, Context} || Place <- lists:seq(3, tuple_size(Node))].
+
+%% -- at one place ---------------------------------------------------------------------------
+
+-spec own(tuple(), context()) -> [change()].
+own({integer, A, N}, _) ->
+    [{constant, A, {integer, A, N + 1}}] ++ [{constant, A, {integer, A, N - 1}} || N > 0];
+own(_Node, pattern) ->
+    [];
+own({float, A, X}, _) ->
+    [{constant, A, {float, A, X + 1.0}}];
+own({atom, A, Truth}, _) when is_boolean(Truth) ->
+    [{negate, A, {atom, A, not Truth}}];
+own({op, A, 'not', Operand}, _) ->
+    [{negate, A, Operand}];
+own({op, A, Op, Left, Right}, _) ->
+    operator(Op, A, Left, Right);
+own({cons, A, _Head, Tail}, _) ->
+    [{element, A, Tail}];
+own({map, A, Map, Fields}, _) ->
+    [{field, At, updated({map, A, Map}, Map, Left)} || {At, Left} <- all_but_one(Fields)];
+own({record, A, Record, Name, Fields}, _) ->
+    [{field, At, updated({record, A, Record, Name}, Record, L)} || {At, L} <- all_but_one(Fields)];
+own({call, A, {remote, At, {atom, _, Module} = M, {atom, F, Function}}, Args}, _) ->
+    [
+        {call, A, New}
+     || New <- called({Module, Function, Args}, fun(Name) ->
+            {call, A, {remote, At, M, {atom, F, Name}}, Args}
+        end)
+    ];
+own({call, A, {atom, F, Function}, [_, _] = Args}, _) when Function =:= max; Function =:= min ->
+    [{call, A, {call, A, {atom, F, opposite(Function)}, Args}}];
+own({'case', A, Of, Clauses}, _) ->
+    [{negate, A, {'case', A, negated(Of), Clauses}} || truth(Clauses), negatable(Of)] ++
+        fewer(Clauses, fun(Left) -> {'case', A, Of, Left} end);
+own({'if', A, Clauses}, _) ->
+    fewer(Clauses, fun(Left) -> {'if', A, Left} end);
+own({'receive', A, Clauses}, _) ->
+    fewer(Clauses, fun(Left) -> {'receive', A, Left} end);
+own({'receive', A, Clauses, After, Body}, _) ->
+    fewer(Clauses, fun(Left) -> {'receive', A, Left, After, Body} end);
+own({'fun', A, {clauses, Clauses}}, _) ->
+    fewer(Clauses, fun(Left) -> {'fun', A, {clauses, Left}} end);
+own({named_fun, A, Name, Clauses}, _) ->
+    fewer(Clauses, fun(Left) -> {named_fun, A, Name, Left} end);
+own({Comprehension, A, Template, Qualifiers}, _) when Comprehension =:= lc; Comprehension =:= bc ->
+    [
+        {guard, element(2, Filter), {Comprehension, A, Template, without(N, Qualifiers)}}
+     || {N, Filter} <- numbered(Qualifiers), not generator(Filter)
+    ];
+own({block, A, Body}, _) ->
+    [{action, At, {block, A, Left}} || {At, Left} <- bodies(Body)];
+own({clause, A, Patterns, Guard, Body}, _) ->
+    [{guard, At, {clause, A, Patterns, Left, Body}} || {At, Left} <- guards(Guard)] ++
+        [{action, At, {clause, A, Patterns, Guard, Left}} || {At, Left} <- bodies(Body)];
+own(_Node, _) ->
+    [].
+
+operator(Op, A, Left, Right) ->
+    [{compare, A, {op, A, New, Left, Right}} || New <- comparisons(Op)] ++
+        [{arithmetic, A, {op, A, New, Left, Right}} || New <- arithmetic(Op)] ++
+        condition(Op, A, Left, Right) ++ joined(Op, A, Left, Right).
+
+%% Two truth values: one of them, the other connective, or one turned round.
+condition(Op, A, Left, Right) when Op =:= 'andalso'; Op =:= 'orelse' ->
+    [{guard, A, Left}, {guard, A, Right}, {negate, A, {op, A, opposite(Op), Left, Right}}] ++
+        [{negate, A, {op, A, Op, negated(Left), Right}} || negatable(Left)] ++
+        [{negate, A, {op, A, Op, Left, negated(Right)}} || negatable(Right)];
+condition(_Op, _A, _Left, _Right) ->
+    [].
+
+joined('++', A, Left, Right) -> [{element, A, Left}, {element, A, Right}];
+joined('--', A, Left, _Right) -> [{element, A, Left}];
+joined(_Op, _A, _Left, _Right) -> [].
+
+comparisons('=:=') -> ['=/='];
+comparisons('=/=') -> ['=:='];
+comparisons('==') -> ['/='];
+comparisons('/=') -> ['=='];
+comparisons('<') -> ['=<', '>='];
+comparisons('=<') -> ['<', '>'];
+comparisons('>') -> ['>=', '=<'];
+comparisons('>=') -> ['>', '<'];
+comparisons(_) -> [].
+
+arithmetic('+') -> ['-'];
+arithmetic('-') -> ['+'];
+arithmetic('*') -> ['+'];
+arithmetic('/') -> ['*'];
+arithmetic('div') -> ['*', 'rem'];
+arithmetic('rem') -> ['div'];
+arithmetic('band') -> ['bor'];
+arithmetic('bor') -> ['band'];
+arithmetic('bxor') -> ['bor'];
+arithmetic('bsl') -> ['bsr'];
+arithmetic('bsr') -> ['bsl'];
+arithmetic(_) -> [].
+
+opposite('andalso') -> 'orelse';
+opposite('orelse') -> 'andalso';
+opposite(max) -> min;
+opposite(min) -> max.
+
+%% What stands for a call of a library: the collection that it was to change.
+called({maps, put, [_, _, Map]}, _) -> [Map];
+called({maps, remove, [_, Map]}, _) -> [Map];
+called({maps, without, [_, Map]}, _) -> [Map];
+called({maps, merge, [Map, More]}, _) -> [Map, More];
+called({maps, filter, [_, Map]}, _) -> [Map];
+called({lists, delete, [_, List]}, _) -> [List];
+called({lists, keydelete, [_, _, List]}, _) -> [List];
+called({lists, keystore, [_, _, List, _]}, _) -> [List];
+called({lists, filter, [_, List]}, _) -> [List];
+called({lists, Sorted, [List]}, _) when Sorted =:= sort; Sorted =:= usort; Sorted =:= reverse ->
+    [List];
+called({lists, all, [_, _]}, Renamed) -> [Renamed(any)];
+called({lists, any, [_, _]}, Renamed) -> [Renamed(all)];
+called({lists, max, [_]}, Renamed) -> [Renamed(min)];
+called({lists, min, [_]}, Renamed) -> [Renamed(max)];
+called({Sets, add_element, [_, Set]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set];
+called({Sets, del_element, [_, Set]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set];
+called({Sets, union, [Set, More]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set, More];
+called({Sets, subtract, [Set, _]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set];
+called(_, _) -> [].
+
+%% -- clauses, guards, bodies ------------------------------------------------------------------
+
+fewer([_], _Whole) ->
+    [];
+fewer(Clauses, Whole) ->
+    [{clause, element(2, C), Whole(without(N, Clauses))} || {N, C} <- numbered(Clauses)].
+
+%% A guard is a list of alternatives, each a list of tests.
+guards([[Test]]) ->
+    [{element(2, Test), []}];
+guards(Guard) ->
+    lists:append([
+        [{element(2, hd(Tests)), without(N, Guard)} || length(Guard) > 1] ++
+            [
+                {element(2, Test), with(N, without(K, Tests), Guard)}
+             || length(Tests) > 1, {K, Test} <- numbered(Tests)
+            ]
+     || {N, Tests} <- numbered(Guard)
+    ]).
+
+%% What is not the value of a body, and binds no variable.
+bodies(Body) ->
+    [
+        {element(2, Expression), without(N, Body)}
+     || {N, Expression} <- numbered(lists:droplast(Body)), not binds(Expression)
+    ].
+
+binds({match, _, Pattern, _}) -> named(Pattern);
+binds(_) -> false.
+
+named({var, _, '_'}) -> false;
+named({var, _, _}) -> true;
+named(Node) when is_tuple(Node) -> named(tuple_to_list(Node));
+named([Head | Tail]) -> named(Head) orelse named(Tail);
+named(_) -> false.
+
+truth(Clauses) ->
+    lists:all(
+        fun
+            ({clause, _, [{atom, _, Truth}], [], _}) -> is_boolean(Truth);
+            (_) -> false
+        end,
+        Clauses
+    ).
+
+%% Comparisons and connectives have changes of their own.
+negatable({call, _, _, _}) -> true;
+negatable({var, _, _}) -> true;
+negatable(_) -> false.
+
+negated(Node) -> {op, element(2, Node), 'not', Node}.
+
+generator(Qualifier) ->
+    lists:member(element(1, Qualifier), [
+        generate, b_generate, m_generate, zip, generate_strict, b_generate_strict,
+        m_generate_strict
+    ]).
+
+all_but_one(Fields) -> [{element(2, Field), without(N, Fields)} || {N, Field} <- numbered(Fields)].
+
+%% An update of no field is none.
+updated(_Start, Whole, []) -> Whole;
+updated(Start, _Whole, Fields) -> erlang:append_element(Start, Fields).
+
+%% -- lists ------------------------------------------------------------------------------------
+
+numbered(List) -> lists:zip(lists:seq(1, length(List)), List).
+
+without(N, List) -> lists:sublist(List, N - 1) ++ lists:nthtail(N, List).
+
+with(N, New, List) -> lists:sublist(List, N - 1) ++ [New | lists:nthtail(N, List)].
