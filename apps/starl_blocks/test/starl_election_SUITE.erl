@@ -9,7 +9,8 @@
     ballots_under_faults/1, bully_under_faults/1, bully_without_loss/1,
     planted_bugs_are_caught/1, bully_highest_are_dead/1, bully_one_leader_per_term/1, bully_remembers_old_elections/1,
     ballots_incomplete_set_elects_nobody/1, ballots_before_the_start_count/1,
-    ballots_of_another_election_do_not_count/1
+    ballots_of_another_election_do_not_count/1, ballots_late_one_is_answered/1,
+    ballots_awaited_election_is_kept/1, bully_challenged_takes_part/1
 ]).
 
 all() ->
@@ -17,7 +18,8 @@ all() ->
         ballots_under_faults, bully_under_faults, bully_without_loss,
         planted_bugs_are_caught, bully_highest_are_dead, bully_one_leader_per_term, bully_remembers_old_elections,
         ballots_incomplete_set_elects_nobody, ballots_before_the_start_count,
-        ballots_of_another_election_do_not_count
+        ballots_of_another_election_do_not_count, ballots_late_one_is_answered,
+        ballots_awaited_election_is_kept, bully_challenged_takes_part
     ].
 
 -define(PATIENCE_MS, 20000).
@@ -180,6 +182,63 @@ ballots_of_another_election_do_not_count(_) ->
     {A4, _} = message(2, ballot, {e2, {1 bsl 40, 2}}, M3),
     ?assertEqual([], replies(A3)),
     ?assertEqual([{a, {ok, 2}}], replies(A4)).
+
+%% A ballot that comes when the election is over here is answered with the leader, whether this
+%% robot took part or only heard: else one that has missed the announcement never gets a result.
+ballots_late_one_is_answered(_) ->
+    M1 = start(starl_election_ballots, 1, [1, 2, 3]),
+    {_, M2} = message(2, leader, {e1, 3}, M1),
+    {Answer, _} = message(2, ballot, {e1, {9, 2}}, M2),
+    ?assertEqual([{2, leader, {e1, 3}}], sent(Answer)),
+    {_, M3} = call(e2, a, M1),
+    {_, M4} = message(2, ballot, {e2, {1 bsl 40, 2}}, M3),
+    {Elected, M5} = message(3, ballot, {e2, {8, 3}}, M4),
+    ?assertEqual([{a, {ok, 2}}], replies(Elected)),
+    {Again, _} = message(3, ballot, {e2, {8, 3}}, M5),
+    ?assertEqual([{3, leader, {e2, 2}}], sent(Again)),
+    %% before it is over nobody is answered
+    {Early, _} = message(3, ballot, {e2, {8, 3}}, M4),
+    ?assertNotEqual([{3, leader, {e2, 2}}], sent(Early)).
+
+%% However many elections are heard of meanwhile, one that is waited for keeps its ballots and its
+%% caller; of those that nobody waits for the oldest are forgotten, the latest 64 are not.
+ballots_awaited_election_is_kept(_) ->
+    M1 = start(starl_election_ballots, 1, [1, 2, 3]),
+    {_, M2} = call(waited, a, M1),
+    {_, M3} = message(2, ballot, {waited, {1 bsl 40, 2}}, M2),
+    Heard = fun(Count) ->
+        lists:foldl(
+            fun(N, M) -> element(2, message(3, leader, {N, 3}, M)) end, M3, lists:seq(1, Count)
+        )
+    end,
+    {Elected, _} = message(3, ballot, {waited, {8, 3}}, Heard(200)),
+    ?assertEqual([{a, {ok, 2}}], replies(Elected)),
+    %% nobody waits for the first: it was 64 elections ago, or one more
+    {Known, _} = call(1, b, Heard(64)),
+    ?assertEqual([{b, {ok, 3}}], replies(Known)),
+    {Forgotten, _} = call(1, b, Heard(65)),
+    ?assertEqual([], replies(Forgotten)).
+
+%% Who is challenged says that it is alive and challenges those above it itself, though its
+%% application has not called; the highest of the team is leader at once.
+bully_challenged_takes_part(_) ->
+    M1 = start(starl_election_bully, 2, [1, 2, 3, 4]),
+    {Actions, M2} = message(1, bully_challenge, e1, M1),
+    ?assertEqual(
+        [{1, bully_alive, e1}, {3, bully_challenge, e1}, {4, bully_challenge, e1}], sent(Actions)
+    ),
+    ?assertMatch([_], [Us || {{timeout, {round, e1}}, Us, _} <- Actions]),
+    %% it is at it: asked again it answers, and asks nobody anew
+    {Again, M3} = message(1, bully_challenge, e1, M2),
+    ?assertEqual([{1, bully_alive, e1}], sent(Again)),
+    %% nobody above answers: it leads
+    {Won, _} = step({timeout, {round, e1}}, over, M3),
+    ?assertEqual([{elected, e1, 2, highest}], [E || {trace, {elected, _, _, _} = E} <- Won]),
+    {Highest, _} = message(1, bully_challenge, e1, start(starl_election_bully, 4, [1, 2, 3, 4])),
+    ?assertEqual([{1, bully_alive, e1}], sent(Highest)),
+    ?assertEqual([{elected, e1, 4, highest}], [E || {trace, {elected, _, _, _} = E} <- Highest]).
+
+sent(Actions) -> [{To, Type, Body} || {cast, sap, {send, To, Type, Body}} <- Actions].
 
 start(Module, Self, Team) ->
     {_, Machine} = starl_machine:new(Module, #{}, #{

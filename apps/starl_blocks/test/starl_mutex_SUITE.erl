@@ -7,13 +7,15 @@
 -export([all/0]).
 -export([
     contract_under_faults/1, contract_with_short_leases/1, progress_without_crashes/1,
-    holder_crash_recovers/1, home_crash_recovers/1, planted_bugs_are_caught/1
+    holder_crash_recovers/1, home_crash_recovers/1, planted_bugs_are_caught/1,
+    long_holds_are_renewed/1
 ]).
 
 all() ->
     [
         contract_under_faults, contract_with_short_leases, progress_without_crashes,
-        holder_crash_recovers, home_crash_recovers, planted_bugs_are_caught
+        holder_crash_recovers, home_crash_recovers, planted_bugs_are_caught,
+        long_holds_are_renewed
     ].
 
 %% Safety: never two holders, fences grow, under loss, duplicates, delays, drift and crashes.
@@ -64,6 +66,34 @@ recovers(Strikes) ->
         end
      || Seed <- lists:seq(1, 10)
     ].
+
+%% A hold much longer than a lease is not lost: neither one of a token that came for it nor one of a
+%% token that was idle here, of this robot as its home or not.
+long_holds_are_renewed(_) ->
+    Script = fun(R) ->
+        Mine = [{token, N, starl:id(R)} || N <- [1, 2, 3, 4]],
+        [
+            begin
+                {ok, _} = starl_mutex:acquire(R, Token, 20000),
+                ok = starl_mutex:release(R, Token),
+                ok = starl:sleep(R, 200 * Idle),
+                {ok, _} = starl_mutex:acquire(R, Token, 20000),
+                ok = starl:sleep(R, 5000),
+                starl_mutex:release(R, Token)
+            end
+         || Token <- Mine, Idle <- [0, 1, 2]
+        ]
+    end,
+    Around = #{
+        blocks => [starl_mutex:block(#{lease_ms => 1000})],
+        monitors => [{starl_mutex_monitor, #{lease_us => 1000000}}]
+    },
+    #{violations := [], robots := Robots} =
+        starl_blocks_script_app:play(Script, Around, #{robots => 2, time => 200, seed => 1}),
+    ?assertEqual(
+        [{done, lists:duplicate(12, ok)} || _ <- Robots],
+        [Result || {_, #{result := Result}} <- Robots]
+    ).
 
 %% Each planted bug is found within 100 seeds.
 planted_bugs_are_caught(_) ->

@@ -126,6 +126,31 @@ renewal_told_test() ->
     {Older, _} = message(800, 1, {granted, A, ?F, {1, 500}}, Renewed),
     ?assertEqual([], traces(Older)).
 
+%% A hold is renewed from its beginning on, also one of a token that lies idle here: the timer of
+%% the claim is over by then. One whose lease is more than half over is renewed at once.
+renewed_from_the_beginning_test() ->
+    [A, _] = two(),
+    Machine = holding(A, [A], 0),
+    {_, Idle} = at(10, {call, {app, 1}}, {release, A}, Machine),
+    [
+        begin
+            {Actions, Held} = at(At, {call, {app, 1}}, {acquire, A, ?LEASE_US}, Idle),
+            ?assertMatch([{leased, A, _, _}, {acquired, A, _} | _], tl(traces(Actions))),
+            ?assertEqual([?LEASE_US div 4], renewals(A, Actions)),
+            ?assertEqual(Asked, asked(Actions)),
+            %% and so on, as long as it is held
+            {Again, _} = at(At + ?LEASE_US div 4, {timeout, {renew, A}}, again, Held),
+            ?assertEqual([?LEASE_US div 4], renewals(A, Again)),
+            ?assertEqual([renew], asked(Again))
+        end
+     || {At, Asked} <- [{20, []}, {?LEASE_US div 2, []}, {?LEASE_US div 2 + 1, [renew]}]
+    ].
+
+renewals(Token, Actions) -> [Us || {{timeout, {renew, T}}, Us, again} <- Actions, T =:= Token].
+
+asked(Actions) ->
+    [Kind || {cast, sap, {send, 1, mutex, {ask, Kind, _, _, _}}} <- Actions].
+
 %% A robot that has stood still hands on nothing whose lease is over: whoever asks for it is sent
 %% to the home. Just before the end it does (when it has released it).
 request_comes_first_test() ->

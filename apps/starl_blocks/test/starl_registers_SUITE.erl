@@ -8,13 +8,15 @@
 -export([all/0]).
 -export([
     contract_under_faults/1, planted_bugs_are_caught/1, single_writer/1,
-    recovers_from_peers/1, subscribers_are_told/1, too_far_ahead_waits/1
+    recovers_from_peers/1, subscribers_are_told/1, too_far_ahead_waits/1,
+    same_time_is_decided_by_robots/1, every_write_has_a_stamp/1
 ]).
 
 all() ->
     [
         contract_under_faults, planted_bugs_are_caught, single_writer,
-        recovers_from_peers, subscribers_are_told, too_far_ahead_waits
+        recovers_from_peers, subscribers_are_told, too_far_ahead_waits,
+        same_time_is_decided_by_robots, every_write_has_a_stamp
     ].
 
 %% Agreement within so long after the last write or crash.
@@ -140,6 +142,63 @@ too_far_ahead_waits(_) ->
     ?assertEqual({done, {{ok, here}, {ok, here}}}, A),
     ?assertEqual(A, B),
     ?assertNotEqual([], [T || {T, _, registers, {too_far_ahead, _, _}} <- Trace]).
+
+%% Two robots write one register at the same time of equal clocks: the larger robot's value wins
+%% everywhere, whichever copy comes first.
+same_time_is_decided_by_robots(_) ->
+    {Results, Trace} = play(3, fun(R) ->
+        _ = [ok = starl_registers:put(R, x, starl:id(R)) || starl:id(R) =/= 2],
+        ok = starl:sleep(R, 20000),
+        starl_registers:get(R, x)
+    end, #{clock_offset => 0, clock_drift => 0}, #{}),
+    Stamps = [{Time, Count} || {_, _, registers, {put, x, _, {Time, Count, _}}} <- Trace],
+    ?assertMatch([Same, Same], Stamps),
+    ?assertEqual(lists:duplicate(3, {done, {ok, 3}}), Results),
+    %% the same in a machine alone, in either order
+    [
+        ?assertEqual({ok, V}, read(x, lists:foldl(fun written/2, machine(Self), Writes)))
+     || Self <- [1, 2, 3],
+        V <- [3],
+        Writes <- [[{1, 7, 0}, {3, 7, 0}], [{3, 7, 0}, {1, 7, 0}]]
+    ].
+
+%% No two writes of a robot have one stamp, though its clock stands still; so none is taken for
+%% another, and the later one wins.
+every_write_has_a_stamp(_) ->
+    {Last, Stamps} = lists:foldl(
+        fun(V, {Machine, Given}) ->
+            {Actions, Next} = step({call, {app, V}}, {put, x, V}, Machine),
+            {Next, Given ++ [Stamp || {trace, {put, x, _, Stamp}} <- Actions]}
+        end,
+        {machine(1), []},
+        [1, 2, 3]
+    ),
+    ?assertEqual([{7, 0, 1}, {7, 1, 1}, {7, 2, 1}], Stamps),
+    ?assertEqual({ok, 3}, read(x, Last)),
+    %% and a write after one that was heard of is later than that
+    {Actions, _} = step({call, {app, 4}}, {put, x, 4}, written({2, 7, 9}, machine(1))),
+    ?assertEqual([{7, 10, 1}], [Stamp || {trace, {put, x, _, Stamp}} <- Actions]).
+
+machine(Self) ->
+    {_, Machine} = starl_machine:new(starl_registers_lww, #{}, #{
+        robot => Self, participants => [1, 2, 3], name => registers, incarnation => 1,
+        random => rand:seed_s(exsss, 1), now => 7
+    }),
+    Machine.
+
+%% A write of another robot arrives: its value is the robot's number.
+written({Writer, Time, Count}, Machine) ->
+    Body = {write, x, Writer, {Time, Count, Writer}},
+    {_, Next} = step(cast, {message, Writer, registers, Body}, Machine),
+    Next.
+
+read(Name, Machine) ->
+    {Actions, _} = step({call, {app, read}}, {get, Name}, Machine),
+    [Answer] = [A || {reply, {app, read}, A} <- Actions],
+    Answer.
+
+step(Type, Content, Machine) ->
+    starl_machine:step(Type, Content, #{now => 7, robot => 1}, Machine).
 
 play(N, Script, Scenario, Config) ->
     Monitor = #{robots => lists:seq(1, N), owners => maps:get(owners, Config, #{})},

@@ -171,6 +171,19 @@ outcome_of_nothing_test() ->
     ?assertEqual([outcome_but_not_sent], judge([lost(1, id(1))])),
     ?assertEqual([outcome_for_stranger], judge([sent(1, id(1)), ack(2, id(1), 3)])).
 
+%% To whom nothing was sent nothing can be acknowledged, nor lost; and a robot tells of its own
+%% messages alone.
+outcome_of_strangers_test() ->
+    Sent = [sent(1, id(1), [2, 4])],
+    Lost = {2, 1, {outcome, id(1), 3, lost}},
+    ?assertEqual([outcome_for_stranger], judge(Sent ++ [Lost])),
+    ?assertEqual([outcome_for_stranger], judge(Sent ++ [got(2, 2, id(1)), ack(3, id(1), 3)])),
+    ?assertEqual([foreign_source], judge(Sent ++ [{2, 2, {outcome, id(1), 2, lost}}])),
+    ?assertEqual([foreign_source], judge([{1, 2, {sent, id(1), [1], greeting, 99}}])),
+    %% nothing has become of the message by that
+    {[outcome_for_stranger, outcome_overdue], Results} = run(Sent ++ [Lost], 9000),
+    ?assertMatch(#{sent := 2, lost := 0, acknowledged := 0, outstanding := 1}, Results).
+
 outcome_at_the_bound_test() ->
     ?assertEqual([], judge([sent(1, id(1)), lost(1 + ?BOUND, id(1))], 9000)),
     ?assertEqual([], judge([sent(1, id(1))], 1 + ?BOUND)).

@@ -34,6 +34,19 @@ a_pair_is_reported_once_test() ->
     Two = [{0, 2, still(0.0, 0.0)}, {0, 1, drive(0, 1.0, 0.0, 0.0, 1.0)}],
     ?assertMatch({[{1.0, 0, {1, 2}}], {1.0, 0, {1, 2}}}, watch(50.0, Two, 9 * ?S)).
 
+%% While time passes: in the slice that has it, once, and no more at the end.
+encounters_during_the_run_test() ->
+    S0 = starl_separation:new(50.0),
+    S1 = starl_separation:motion(1, drive(0, 0.0, 0.0, 0.0, 100.0), S0),
+    S2 = starl_separation:motion(2, still(1000.0, 10.0), S1),
+    {[], S3} = starl_separation:advance(9 * ?S, S2),
+    {[{_, At, {1, 2}}], S4} = starl_separation:advance(12 * ?S, S3),
+    ?assertEqual(10 * ?S, At),
+    ?assertMatch({[], _}, starl_separation:advance(13 * ?S, S4)),
+    ?assertMatch({[], {_, At, {1, 2}}}, starl_separation:finish(20 * ?S, S4)),
+    %% several slices at once lose none of theirs
+    ?assertMatch({[{_, At, {1, 2}}], _}, starl_separation:advance(30 * ?S, S2)).
+
 %% Between two instants at which both are far apart: no tick would see it.
 passing_between_ticks_test() ->
     Two = [{0, 1, drive(0, -1000.0, 0.0, 0.0, 4000.0)}, {0, 2, still(0.0, 10.0)}],

@@ -14,7 +14,7 @@
 %% The function `work' of one argument is called for each job in one of `at_once' VMs, into which
 %% `code' is loaded; each has one scheduler, or so many, and is started with `args' besides. `each'
 %% is told of every answer; `before' jobs were done earlier. A job that takes longer than `limit_ms'
-%% says has crashed. After an answer for which `renew' holds, and after a crash, where there is a
+%% says has crashed. What the VMs print goes to `output', a group leader. After an answer for which `renew' holds, and after a crash, where there is a
 %% `renew', the next job has a new VM.
 -type plan(Job, Acc) :: #{
     work := {module(), Function :: atom()},
@@ -25,6 +25,7 @@
     schedulers => pos_integer(),
     args => [string()],
     limit_ms => fun((Job) -> pos_integer()),
+    output => pid(),
     renew => fun((Answer :: term()) -> boolean()),
     before => non_neg_integer()
 }.
@@ -132,6 +133,7 @@ dismiss(Pid, Ref) ->
     ok.
 
 worker(Master, Plan) ->
+    true = group_leader(maps:get(output, Plan, group_leader()), self()),
     Vm = vm(Plan),
     Master ! {ready, self()},
     work(Master, Vm, Plan).

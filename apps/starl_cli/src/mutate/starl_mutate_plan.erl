@@ -24,7 +24,7 @@
 baseline(Units, Modules, Most) ->
     {How, {Measures, Failed}} = starl_cli_jobs:run([{Unit, Modules} || Unit <- Units], #{
         work => {starl_mutate_worker, measure}, at_once => Most, what => "tests, unchanged",
-        each => fun measured/3, args => heap()
+        each => fun measured/3, args => heap(), output => starl_mutate_worker:sink()
     }, {#{}, []}),
     {How, Measures, lists:sort(Failed)}.
 
@@ -75,7 +75,7 @@ limits(#{cpu_ms := Cpu, wall_ms := Wall}) -> {?TIMES * Cpu + ?CPU_MS, ?TIMES * W
 run(Jobs, Most, Tell) ->
     starl_cli_jobs:run(Jobs, #{
         work => {starl_mutate_worker, attempt}, at_once => Most, what => "mutants",
-        args => heap(), renew => fun damaged/1, limit_ms => fun limit_ms/1,
+        args => heap(), output => starl_mutate_worker:sink(), renew => fun damaged/1, limit_ms => fun limit_ms/1,
         each => fun(#{id := Id} = Job, Answer, Found) ->
             Verdict = verdict(Job, Answer),
             ok = Tell(Id),

@@ -5,6 +5,7 @@
 %% busy machine kills no mutant; a test that waits for ever is ended by the clock all the same.
 -module(starl_mutate_worker).
 
+-export([sink/0]).
 %% called in VMs of their own
 -export([measure/1, attempt/1]).
 
@@ -92,7 +93,7 @@ set_up() ->
 -spec limited(starl_mutate_block:unit(), limits()) -> outcome().
 limited(Unit, {MostCpu, MostWall}) ->
     Before = processes(),
-    Sink = spawn_link(fun sink/0),
+    Sink = sink(),
     {Pid, Ref} = spawn_monitor(fun() ->
         true = group_leader(Sink, self()),
         exit({outcome, outcome(Unit)})
@@ -123,14 +124,18 @@ watch(Pid, Ref, {Cpu, Wall} = Ends) ->
 %% OTP's own servers have names; what a test has left behind has none.
 stray(Pid) -> erlang:process_info(Pid, registered_name) =:= [].
 
-%% What a test prints is for nobody.
-sink() ->
+%% @doc A group leader for what is printed for nobody; linked to the caller.
+-spec sink() -> pid().
+sink() -> spawn_link(fun swallow/0).
+
+-spec swallow() -> no_return().
+swallow() ->
     receive
         {io_request, From, Tag, Request} ->
             From ! {io_reply, Tag, answer(Request)},
-            sink();
+            swallow();
         _ ->
-            sink()
+            swallow()
     end.
 
 answer(Request) when element(1, Request) =:= put_chars; element(1, Request) =:= requests -> ok;

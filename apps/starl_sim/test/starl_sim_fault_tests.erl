@@ -1,0 +1,60 @@
+%% How much longer than usual anything may take because of faults, and the bounds that monitors get:
+%% wider by that, and by no more.
+-module(starl_sim_fault_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+slack(Faults) ->
+    starl_sim_fault:slack_us([{f, From, To, Kind, 1, P} || {From, To, Kind, P} <- Faults]).
+
+%% A robot that is slow is late at most once at each of SAP's retransmissions, twenty at most.
+slow_test() ->
+    ?assertEqual(20 * 50 * 1000, slack([{100, 9000, slow, #{lag_ms => 50}}])).
+
+%% One that stands still is late by that long, whatever became of it.
+standing_test_() ->
+    [
+        {atom_to_list(Kind), ?_assertEqual(900 * 1000, slack([{100, 1000, Kind, #{}}]))}
+     || Kind <- [pause, reboot, clock_freeze]
+    ].
+
+%% A clock that is wrong is late by how much it is wrong, to either side; drift by its part.
+clocks_test() ->
+    [
+        ?assertEqual(700 * 1000, slack([{100, 1000, Kind, #{ms => Ms}}]))
+     || Kind <- [clock_step, clock_offset], Ms <- [700, -700]
+    ],
+    [
+        ?assertEqual(20 * 1000, slack([{0, 2000, clock_drift, #{ppm => Ppm}}]))
+     || Ppm <- [10000, -10000]
+    ],
+    ?assertEqual(1000, slack([{0, 1, clock_drift, #{ppm => 1}}])).
+
+others_test() ->
+    ?assertEqual(0, slack([])),
+    ?assertEqual(0, slack([{0, 9000, Kind, #{}} || Kind <- [kill_robot, kill_machine, loss]])).
+
+sum_test() ->
+    ?assertEqual(
+        (20 * 50 + 900) * 1000,
+        slack([{100, 9000, slow, #{lag_ms => 50}}, {100, 1000, pause, #{}}])
+    ).
+
+%% What is bounded in time gets that much more time, what is not gets none.
+bounds_test() ->
+    Sound = bounds([]),
+    Slow = bounds([{f, 100, 9000, slow, 1, #{lag_ms => 50}}]),
+    ?assertEqual([bounded, starl_sap_monitor], lists:sort(maps:keys(Sound))),
+    ?assertEqual(1000, maps:get(bounded, Sound)),
+    ?assertEqual(maps:map(fun(_, Us) -> Us + 1000000 end, Sound), Slow).
+
+bounds(Faults) ->
+    App = starl_sim_script_app,
+    Given = #{app => App, robots => 3, faults => Faults, random_faults => []},
+    {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
+    Scene = #{
+        app => {sequential, App, #{}},
+        monitors => [{bounded, #{bound_us => 1000}}, {free, #{bound_us => infinity}}, {other, #{}}]
+    },
+    Context = starl_sim_plan:context(App, Scenario),
+    #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
+    maps:from_list([{M, Us} || {M, #{bound_us := Us}} <- Monitors, is_integer(Us)]).
