@@ -11,11 +11,21 @@ judge(Events, End) ->
     Config = #{robots => [1, 2, 3], deadline_us => ?DEADLINE},
     M0 = starl_monitor:new([{starl_sim_progress_monitor, Config}]),
     M = lists:foldl(
-        fun(Event, Monitor) -> {ok, Next} = starl_monitor:step(Event, Monitor), Next end, M0, Events
+        fun(Event, Monitor) ->
+            {ok, Next} = starl_monitor:step(Event, Monitor),
+            Next
+        end,
+        M0,
+        Events
     ),
     {Late, #{starl_sim_progress_monitor := #{unfinished := Count}}} = starl_monitor:finish(End, M),
-    {[{What, At, Robots} || #{contract := progress, what := What, at_us := At, robots := Robots} <- Late],
-        Count}.
+    {
+        [
+            {What, At, Robots}
+         || #{contract := progress, what := What, at_us := At, robots := Robots} <- Late
+        ],
+        Count
+    }.
 
 done(Robot) -> {10, Robot, app, {done, ok}}.
 
@@ -36,8 +46,11 @@ crashed_is_not_done_test() ->
     [
         ?assertEqual({[{not_finished, ?DEADLINE, [2]}], 1}, judge(Others ++ [Event]))
      || Event <- [
-            {10, 2, app, crashed}, {10, 2, app, {crashed, why}}, {10, 2, robot, down},
-            {10, 2, robot, up}, {10, 2, app, {stopped, ok}}
+            {10, 2, app, crashed},
+            {10, 2, app, {crashed, why}},
+            {10, 2, robot, down},
+            {10, 2, robot, up},
+            {10, 2, app, {stopped, ok}}
         ]
     ],
     ?assertEqual({[], 0}, judge(Others ++ [{10, 2, app, crashed}, done(2)])).

@@ -14,8 +14,8 @@
 %% The function `work' of one argument is called for each job in one of `at_once' VMs, into which
 %% `code' is loaded; each has one scheduler, or so many, and is started with `args' besides. `each'
 %% is told of every answer; `before' jobs were done earlier. A job that takes longer than `limit_ms'
-%% says has crashed. What the VMs print goes to `output', a group leader. After an answer for which `renew' holds, and after a crash, where there is a
-%% `renew', the next job has a new VM.
+%% says has crashed. What the VMs print goes to `output', a group leader. Where there is a `renew',
+%% the next job has a new VM after an answer for which it holds, and after a crash.
 -type plan(Job, Acc) :: #{
     work := {module(), Function :: atom()},
     at_once := pos_integer(),

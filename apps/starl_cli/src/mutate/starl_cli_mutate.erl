@@ -9,8 +9,10 @@
 %% @doc Runs the command; gives the exit status.
 -spec command([string()]) -> starl_cli_terminal:status().
 command([Help | _]) when Help =:= "--help"; Help =:= "-h" -> help();
-command([]) -> refuse(["name a block to mutate, one of ", names()]);
-command(["-" ++ _ = Flag | _]) -> refuse(["a block comes first, not ", Flag, ": one of ", names()]);
+command([]) ->
+    refuse(["name a block to mutate, one of ", names()]);
+command(["-" ++ _ = Flag | _]) ->
+    refuse(["a block comes first, not ", Flag, ": one of ", names()]);
 command([Name | Args]) ->
     case [Block || Block <- starl_mutate_block:names(), atom_to_list(Block) =:= Name] of
         [Block] -> parsed(Block, Args);
@@ -19,7 +21,8 @@ command([Name | Args]) ->
 
 parsed(Block, Args) ->
     case {starl_cli_setup:help_wanted(Args), starl_cli_flags:parse(Args, flags())} of
-        {true, _} -> help();
+        {true, _} ->
+            help();
         {false, {ok, Values}} ->
             All = maps:merge(starl_cli_flags:defaults(flags()), Values),
             with_tests(starl_mutate_code:tests(starl_cli_target:root()), Block, All);
@@ -48,9 +51,12 @@ with_tests({ok, Dir, Tests}, Block, Values) ->
     Files = starl_mutate_block:sources(Block, starl_cli_target:root()),
     Read = [starl_mutate_code:forms(File) || File <- Files],
     case {[Source || {ok, Source} <- Read], [Problem || {error, Problem} <- Read]} of
-        {[], []} -> refuse(["no sources here; run it in a checkout"]);
-        {Sources, []} -> drawn(wanted(starl_mutate_sample:all(Sources), Values), Block, Tests, Values);
-        {_, Problems} -> refuse_all(Problems)
+        {[], []} ->
+            refuse(["no sources here; run it in a checkout"]);
+        {Sources, []} ->
+            drawn(wanted(starl_mutate_sample:all(Sources), Values), Block, Tests, Values);
+        {_, Problems} ->
+            refuse_all(Problems)
     end.
 
 wanted(All, #{only := none}) -> All;
@@ -61,7 +67,8 @@ drawn([], _Block, _Tests, #{only := Id}) ->
 drawn(Candidates, Block, Tests, #{sample := Sample, from := From, seeds := Seeds} = Values) ->
     {Drawn, #{broken := Broken, same := Same}} = starl_mutate_sample:draw(Candidates, Sample, From),
     starl_cli_terminal:out(
-        "~b of ~b mutants of ~s, drawn with --from ~b; ~b more did not compile, ~b were the same code~n",
+        "~b of ~b mutants of ~s, drawn with --from ~b; "
+        "~b more did not compile, ~b were the same code~n",
         [length(Drawn), length(Candidates), Block, From, Broken, Same]
     ),
     Units = starl_mutate_block:units(Block, Tests, Seeds),
@@ -107,9 +114,13 @@ tell(How, Results, #{at_least := Least, list := List} = Values) ->
         [starl_mutate_report:line(Result) || Result <- Results, List],
         starl_mutate_report:survivors(Results, Reviewed),
         [starl_mutate_report:table(Results) || maps:get(only, Values) =:= none],
+        [["named equivalent, but caught: ", Id, "\n"] || Id <- caught(Results, Reviewed)],
         Words
     ]),
     status(How, 100 * Part >= Least).
+
+caught(Results, Reviewed) ->
+    [Id || {#{id := Id}, {caught, _, _}} <- Results, is_map_key(Id, Reviewed)].
 
 status(interrupted, _) -> 130;
 status(done, true) -> 0;
@@ -118,7 +129,10 @@ status(done, false) -> 3.
 %% The survivors that were looked at: why each is no other program than the block.
 reviewed() ->
     Pattern = filename:join([starl_cli_target:root(), "test", "mutants", "*.term"]),
-    Terms = [Term || File <- filelib:wildcard(Pattern), {ok, Read} <- [file:consult(File)], Term <- Read],
+    Terms = [
+        Term
+     || File <- filelib:wildcard(Pattern), {ok, Read} <- [file:consult(File)], Term <- Read
+    ],
     maps:from_list(lists:append(Terms)).
 
 names() -> lists:join(", ", [atom_to_list(Block) || Block <- starl_mutate_block:names()]).
@@ -127,15 +141,25 @@ help() ->
     Width = starl_cli_terminal:columns(),
     starl_cli_terminal:out([
         "Usage: ./starl mutate BLOCK [FLAGS]\n\n",
-        starl_cli_terminal:wrap("Changes the code of a block in one small place at a time and runs "
+        starl_cli_terminal:wrap(
+            "Changes the code of a block in one small place at a time and runs "
             "the block's tests against each such mutant, the cheapest first, until one notices: "
             "EUnit, runs of soak, the quick check, Common Test. Only tests that call the changed "
             "function run. It prints who caught how many, and the survivors as differences: each "
             "needs a test, or a line in test/mutants/BLOCK.term that says why it is equivalent. "
-            "doc/mutation.md tells more.", 0, Width),
-        "\n\nBlocks: ", names(), "\n\nOperators:\n",
-        [io_lib:format("  ~-11s ~ts~n", [O, Doc]) || {O, Doc} <- starl_mutate_operators:operators()],
-        "\nFlags:\n", starl_cli_flags:help(flags(), Width),
+            "doc/mutation.md tells more.",
+            0,
+            Width
+        ),
+        "\n\nBlocks: ",
+        names(),
+        "\n\nOperators:\n",
+        [
+            io_lib:format("  ~-11s ~ts~n", [O, Doc])
+         || {O, Doc} <- starl_mutate_operators:operators()
+        ],
+        "\nFlags:\n",
+        starl_cli_flags:help(flags(), Width),
         "\nExit status: 0 enough mutants were caught; 3 too few; 4 a test fails on the unchanged\n"
         "code; 2 bad usage or input; 130 interrupted, with the results so far.\n"
     ]),

@@ -90,8 +90,10 @@ blocks() ->
             suite => ["starl_barrier_SUITE"],
             soak => [barrier],
             check => [
-                {barrier, 2, #{loss => 1}}, {barrier, 2, #{timeout => 1}},
-                {barrier, 2, #{sap => 1}}, {barrier, 2, #{crash => 1}}
+                {barrier, 2, #{loss => 1}},
+                {barrier, 2, #{timeout => 1}},
+                {barrier, 2, #{sap => 1}},
+                {barrier, 2, #{crash => 1}}
             ]
         },
         geocast => #{
@@ -127,11 +129,17 @@ monitors() ->
             "apps/starl_sim/src/starl_sim_{assumption,judge}.erl"
         ],
         unit => [
-            "starl_*_monitor_*", "starl_monitor_*", "starl_separation_*", "starl_assumption_*",
-            "starl_sim_judge_*", "starl_sim_assumption_*", "starl_sim_outcome_*"
+            "starl_*_monitor_*",
+            "starl_monitor_*",
+            "starl_separation_*",
+            "starl_assumption_*",
+            "starl_sim_judge_*",
+            "starl_sim_assumption_*",
+            "starl_sim_outcome_*"
         ],
         suite => [
-            "starl_{sap,election,mutex,barrier,geocast,registers}_SUITE", "starl_exercise_SUITE",
+            "starl_{sap,election,mutex,barrier,geocast,registers}_SUITE",
+            "starl_exercise_SUITE",
             "starl_planted_SUITE"
         ],
         soak => maps:fold(fun(_, #{soak := Soaked}, All) -> Soaked ++ All end, [], blocks()),

@@ -41,7 +41,8 @@ kept(Options) -> [O || O <- Options, O =:= strict_record_updates].
 %% @doc The machine code with one function changed: none if it does not compile or is the same
 %% as before.
 -spec compiled(erl_parse:abstract_form(), source()) -> {ok, binary()} | broken | same.
-compiled({function, _, Name, Arity, _} = Function, #{forms := Forms, options := Options} = Source) ->
+compiled({function, _, Name, Arity, _} = Function, #{forms := Forms} = Source) ->
+    #{options := Options} = Source,
     Changed = [changed(Form, Name, Arity, Function) || Form <- Forms],
     try compile:forms(Changed, [return_errors | Options]) of
         {ok, _Module, Code} -> differs(Code, Source);

@@ -49,7 +49,9 @@ mutants({function, Anno, Name, Arity, Clauses}) ->
     Whole = fun(New) -> {function, Anno, Name, Arity, New} end,
     [
         #{
-            operator => Operator, location => erl_anno:location(At), clause => N,
+            operator => Operator,
+            location => erl_anno:location(At),
+            clause => N,
             form => Whole(New)
         }
      || {N, {Operator, At, New}} <- of_clauses(Clauses), New =/= Clauses
@@ -60,8 +62,10 @@ mutants(_Form) ->
 of_clauses(Clauses) ->
     lists:append([
         [{N, {clause, element(2, Clause), without(N, Clauses)}} || length(Clauses) > 1] ++
-            [{N, {Operator, At, with(N, New, Clauses)}}
-             || {Operator, At, New} <- changes(Clause, body)]
+            [
+                {N, {Operator, At, with(N, New, Clauses)}}
+             || {Operator, At, New} <- changes(Clause, body)
+            ]
      || {N, Clause} <- numbered(Clauses)
     ]).
 
@@ -85,26 +89,49 @@ changes(_Other, _Context) ->
 
 %% The places of a node that are gone into, each with its context.
 -spec parts(tuple(), context()) -> [{pos_integer(), context()}].
-parts({clause, _, _, _, _}, _) -> [{3, pattern}, {4, guard}, {5, body}];
-parts({match, _, _, _}, Context) -> [{3, pattern}, {4, Context}];
-parts({Generate, _, _, _}, _) when Generate =:= generate; Generate =:= b_generate;
-                                   Generate =:= generate_strict; Generate =:= b_generate_strict ->
+parts({clause, _, _, _, _}, _) ->
+    [{3, pattern}, {4, guard}, {5, body}];
+parts({match, _, _, _}, Context) ->
+    [{3, pattern}, {4, Context}];
+parts({Generate, _, _, _}, _) when
+    Generate =:= generate;
+    Generate =:= b_generate;
+    Generate =:= generate_strict;
+    Generate =:= b_generate_strict
+->
     [{3, pattern}, {4, body}];
-parts({call, _, _, _}, Context) -> [{4, Context}];
-parts({'fun', _, {clauses, _}}, _) -> [{3, body}];
-parts({clauses, _}, _) -> [{2, body}];
-parts({named_fun, _, _, _}, _) -> [{4, body}];
-parts({record, _, _Name, _}, Context) -> [{4, Context}];
-parts({record, _, _Record, _Name, _}, Context) -> [{3, Context}, {5, Context}];
-parts({record_field, _, _Name, _}, Context) -> [{4, Context}];
-parts({record_field, _, _Record, _Name, _}, Context) -> [{3, Context}];
-parts({op, _, _, _}, Context) -> [{4, Context}];
-parts({op, _, _, _, _}, Context) -> [{4, Context}, {5, Context}];
-parts(Node, _) when element(1, Node) =:= bin; element(1, Node) =:= 'fun';
-                    element(1, Node) =:= remote; element(1, Node) =:= record_index;
-                    element(1, Node) =:= string; element(1, Node) =:= char;
-                    element(1, Node) =:= atom; element(1, Node) =:= var;
-                    element(1, Node) =:= integer; element(1, Node) =:= float ->
+parts({call, _, _, _}, Context) ->
+    [{4, Context}];
+parts({'fun', _, {clauses, _}}, _) ->
+    [{3, body}];
+parts({clauses, _}, _) ->
+    [{2, body}];
+parts({named_fun, _, _, _}, _) ->
+    [{4, body}];
+parts({record, _, _Name, _}, Context) ->
+    [{4, Context}];
+parts({record, _, _Record, _Name, _}, Context) ->
+    [{3, Context}, {5, Context}];
+parts({record_field, _, _Name, _}, Context) ->
+    [{4, Context}];
+parts({record_field, _, _Record, _Name, _}, Context) ->
+    [{3, Context}];
+parts({op, _, _, _}, Context) ->
+    [{4, Context}];
+parts({op, _, _, _, _}, Context) ->
+    [{4, Context}, {5, Context}];
+parts(Node, _) when
+    element(1, Node) =:= bin;
+    element(1, Node) =:= 'fun';
+    element(1, Node) =:= remote;
+    element(1, Node) =:= record_index;
+    element(1, Node) =:= string;
+    element(1, Node) =:= char;
+    element(1, Node) =:= atom;
+    element(1, Node) =:= var;
+    element(1, Node) =:= integer;
+    element(1, Node) =:= float
+->
     [];
 parts(Node, Context) ->
     [{Place, Context} || Place <- lists:seq(3, tuple_size(Node))].
@@ -211,26 +238,40 @@ opposite(max) -> min;
 opposite(min) -> max.
 
 %% What stands for a call of a library: the collection that it was to change.
-called({maps, put, [_, _, Map]}, _) -> [Map];
-called({maps, remove, [_, Map]}, _) -> [Map];
-called({maps, without, [_, Map]}, _) -> [Map];
-called({maps, merge, [Map, More]}, _) -> [Map, More];
-called({maps, filter, [_, Map]}, _) -> [Map];
-called({lists, delete, [_, List]}, _) -> [List];
-called({lists, keydelete, [_, _, List]}, _) -> [List];
-called({lists, keystore, [_, _, List, _]}, _) -> [List];
-called({lists, filter, [_, List]}, _) -> [List];
+called({maps, put, [_, _, Map]}, _) ->
+    [Map];
+called({maps, remove, [_, Map]}, _) ->
+    [Map];
+called({maps, without, [_, Map]}, _) ->
+    [Map];
+called({maps, merge, [Map, More]}, _) ->
+    [Map, More];
+called({maps, filter, [_, Map]}, _) ->
+    [Map];
+called({lists, delete, [_, List]}, _) ->
+    [List];
+called({lists, keydelete, [_, _, List]}, _) ->
+    [List];
+called({lists, keystore, [_, _, List, _]}, _) ->
+    [List];
+called({lists, filter, [_, List]}, _) ->
+    [List];
 called({lists, Sorted, [List]}, _) when Sorted =:= sort; Sorted =:= usort; Sorted =:= reverse ->
     [List];
-called({lists, all, [_, _]}, Renamed) -> [Renamed(any)];
-called({lists, any, [_, _]}, Renamed) -> [Renamed(all)];
-called({lists, max, [_]}, Renamed) -> [Renamed(min)];
-called({lists, min, [_]}, Renamed) -> [Renamed(max)];
+called({lists, all, [_, _]}, Renamed) ->
+    [Renamed(any)];
+called({lists, any, [_, _]}, Renamed) ->
+    [Renamed(all)];
+called({lists, max, [_]}, Renamed) ->
+    [Renamed(min)];
+called({lists, min, [_]}, Renamed) ->
+    [Renamed(max)];
 called({Sets, add_element, [_, Set]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set];
 called({Sets, del_element, [_, Set]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set];
 called({Sets, union, [Set, More]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set, More];
 called({Sets, subtract, [Set, _]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set];
-called(_, _) -> [].
+called(_, _) ->
+    [].
 
 %% -- clauses, guards, bodies ------------------------------------------------------------------
 
@@ -286,7 +327,12 @@ negated(Node) -> {op, element(2, Node), 'not', Node}.
 
 generator(Qualifier) ->
     lists:member(element(1, Qualifier), [
-        generate, b_generate, m_generate, zip, generate_strict, b_generate_strict,
+        generate,
+        b_generate,
+        m_generate,
+        zip,
+        generate_strict,
+        b_generate_strict,
         m_generate_strict
     ]).
 

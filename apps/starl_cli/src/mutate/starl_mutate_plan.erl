@@ -14,18 +14,26 @@
 %% A process of a mutant that has more words than this is ended.
 -define(HEAP_WORDS, 60000000).
 %% A test of a mutant may take so many times what it takes with the sound code, and so long besides.
--define(TIMES, 10).
--define(CPU_MS, 5000).
+-define(TIMES, 5).
+-define(CPU_MS, 2000).
 -define(WALL_MS, 30000).
 
 %% @doc Runs every test on the sound code. Those that fail are told apart.
 -spec baseline([starl_mutate_block:unit()], [module()], Jobs :: pos_integer()) ->
     {done | interrupted, measures(), Failed :: [{starl_mutate_block:unit(), term()}]}.
 baseline(Units, Modules, Most) ->
-    {How, {Measures, Failed}} = starl_cli_jobs:run([{Unit, Modules} || Unit <- Units], #{
-        work => {starl_mutate_worker, measure}, at_once => Most, what => "tests, unchanged",
-        each => fun measured/3, args => heap(), output => starl_mutate_worker:sink()
-    }, {#{}, []}),
+    {How, {Measures, Failed}} = starl_cli_jobs:run(
+        [{Unit, Modules} || Unit <- Units],
+        #{
+            work => {starl_mutate_worker, measure},
+            at_once => Most,
+            what => "tests, unchanged",
+            each => fun measured/3,
+            args => heap(),
+            output => starl_mutate_worker:sink()
+        },
+        {#{}, []}
+    ),
     {How, Measures, lists:sort(Failed)}.
 
 heap() -> ["+hmax", integer_to_list(?HEAP_WORDS), "+hmaxk", "true", "+hmaxel", "false"].
@@ -43,7 +51,9 @@ jobs(Drawn, Measures) ->
     Callers = maps:fold(fun callers/3, #{}, Measures),
     [
         #{
-            id => Id, module => Module, code => Code,
+            id => Id,
+            module => Module,
+            code => Code,
             units => [{U, limits(maps:get(U, Measures))} || U <- maps:get(changed(C), Ordered, [])]
         }
      || Ordered <- [maps:map(fun(_, Units) -> ordered(Units, Measures) end, Callers)],
@@ -73,15 +83,24 @@ limits(#{cpu_ms := Cpu, wall_ms := Wall}) -> {?TIMES * Cpu + ?CPU_MS, ?TIMES * W
 -spec run([starl_mutate_worker:job()], Jobs :: pos_integer(), fun((string()) -> ok)) ->
     {done | interrupted, found()}.
 run(Jobs, Most, Tell) ->
-    starl_cli_jobs:run(Jobs, #{
-        work => {starl_mutate_worker, attempt}, at_once => Most, what => "mutants",
-        args => heap(), output => starl_mutate_worker:sink(), renew => fun damaged/1, limit_ms => fun limit_ms/1,
-        each => fun(#{id := Id} = Job, Answer, Found) ->
-            Verdict = verdict(Job, Answer),
-            ok = Tell(Id),
-            [{Id, Verdict} | Found]
-        end
-    }, []).
+    starl_cli_jobs:run(
+        Jobs,
+        #{
+            work => {starl_mutate_worker, attempt},
+            at_once => Most,
+            what => "mutants",
+            args => heap(),
+            output => starl_mutate_worker:sink(),
+            renew => fun damaged/1,
+            limit_ms => fun limit_ms/1,
+            each => fun(#{id := Id} = Job, Answer, Found) ->
+                Verdict = verdict(Job, Answer),
+                ok = Tell(Id),
+                [{Id, Verdict} | Found]
+            end
+        },
+        []
+    ).
 
 damaged({caught, _, timeout}) -> true;
 damaged(_) -> false.

@@ -24,8 +24,13 @@ table(Results) ->
     ],
     All = row("all", [Verdict || {_, Verdict} <- Results]),
     [
-        heading("module"), Rows, All, "\n", heading("operator"),
-        Operators, "\n"
+        heading("module"),
+        Rows,
+        All,
+        "\n",
+        heading("operator"),
+        Operators,
+        "\n"
     ].
 
 heading(What) -> cells([What, "mutants" | [atom_to_list(C) || C <- ?COLUMNS]]).
@@ -69,7 +74,9 @@ diff(#{id := Id, candidate := Candidate}) ->
     [
         io_lib:format("~ts:~b: ~ts  ~ts~n", [File, line_of(Location), Operator, Id]),
         lines(" ", lists:nthtail(max(0, length(Same) - 1), Same)),
-        lines("-", Minus), lines("+", Plus), lines(" ", lists:sublist(Rest, 1))
+        lines("-", Minus),
+        lines("+", Plus),
+        lines(" ", lists:sublist(Rest, 1))
     ].
 
 line_of({Line, _Column}) -> Line;
@@ -84,7 +91,9 @@ texts(N, {function, _, _, _, Old} = Before, {function, _, _, _, New}) ->
 text(_Function, []) ->
     [];
 text({function, Anno, Name, Arity, _}, Clauses) ->
-    Text = erl_pp:form({function, Anno, Name, Arity, Clauses}, [{linewidth, 96}, {encoding, unicode}]),
+    Text = erl_pp:form({function, Anno, Name, Arity, Clauses}, [
+        {linewidth, 96}, {encoding, unicode}
+    ]),
     string:lexemes(unicode:characters_to_list(Text), "\n").
 
 %% What two texts begin with, what each has of its own, what both end with.

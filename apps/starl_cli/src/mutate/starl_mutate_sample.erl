@@ -52,12 +52,16 @@ shuffled(List, Seed) ->
     ),
     [Element || {_, Element} <- lists:keysort(1, Keyed)].
 
-take(_Candidates, 0, Drawn, Left) -> {lists:reverse(Drawn), Left};
-take([], _Most, Drawn, Left) -> {lists:reverse(Drawn), Left};
+take(_Candidates, 0, Drawn, Left) ->
+    {lists:reverse(Drawn), Left};
+take([], _Most, Drawn, Left) ->
+    {lists:reverse(Drawn), Left};
 take([#{source := Source, mutant := #{form := Form}} = One | Others], Most, Drawn, Left) ->
     case starl_mutate_code:compiled(Form, Source) of
         {ok, Code} ->
-            take(Others, less(Most), [#{id => id(One), code => Code, candidate => One} | Drawn], Left);
+            take(
+                Others, less(Most), [#{id => id(One), code => Code, candidate => One} | Drawn], Left
+            );
         Why ->
             take(Others, Most, Drawn, maps:update_with(Why, fun(N) -> N + 1 end, Left))
     end.

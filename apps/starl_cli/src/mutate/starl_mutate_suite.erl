@@ -15,9 +15,12 @@
 -spec paths(module()) -> [path()].
 paths(Suite) -> lists:append([below(Test, Suite) || Test <- Suite:all()]).
 
-below({group, Name}, Suite) -> in_group(lists:keyfind(Name, 1, Suite:groups()), Suite);
-below({group, Name, _Properties}, Suite) -> below({group, Name}, Suite);
-below({testcase, Case, _Properties}, _Suite) -> [[Case]];
+below({group, Name}, Suite) ->
+    in_group(lists:keyfind(Name, 1, Suite:groups()), Suite);
+below({group, Name, _Properties}, Suite) ->
+    below({group, Name}, Suite);
+below({testcase, Case, _Properties}, _Suite) ->
+    [[Case]];
 below({Name, Properties, Tests}, Suite) when is_list(Properties) ->
     in_group({Name, Properties, Tests}, Suite);
 below(Case, _Suite) when is_atom(Case) -> [[Case]].

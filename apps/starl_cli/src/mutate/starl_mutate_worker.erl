@@ -26,7 +26,9 @@
 
 %% A mutant: its name, its code, and what may notice it, the cheapest first.
 -type job() :: #{
-    id := string(), module := module(), code := binary(),
+    id := string(),
+    module := module(),
+    code := binary(),
     units := [{starl_mutate_block:unit(), limits()}]
 }.
 
@@ -73,7 +75,8 @@ attempt(#{module := Module, code := Code, units := Units}) ->
     _ = code:purge(Module),
     Verdict.
 
-first([]) -> survived;
+first([]) ->
+    survived;
 first([{Unit, Limits} | Units]) ->
     case limited(Unit, Limits) of
         passed -> first(Units);
