@@ -73,6 +73,27 @@ second_ballot_after_death_test() ->
 stranger_test() ->
     ?assertEqual([not_a_participant], judge([entered(1, 4)])).
 
+%% Each breach names its robots, the lower one first: those that elected otherwise, or the one.
+robots_test() ->
+    [
+        ?assertEqual([{What, Robots}], blamed(Events))
+     || {What, Robots, Events} <- [
+            {different_leaders, [1, 2], ballots() ++ [elected(9, 2, 3), elected(9, 1, 2)]},
+            {different_leaders, [1, 2], ballots() ++ [elected(9, 1, 3), elected(9, 2, 2)]},
+            {two_leaders_at_one_robot, [1], ballots() ++ [elected(9, 1, 3), elected(9, 1, 2)]},
+            {leader_without_ballot, [1], [ballot(1, 1, 7), announced(9, 1, 2)]},
+            {second_ballot, [1], [ballot(1, 1, 7), ballot(2, 1, 8)]},
+            {not_a_participant, [4], [entered(1, 4)]},
+            {no_result, [2], [entered(1, 2), ballot(2 + ?BOUND, 1, 7)]}
+        ]
+    ].
+
+blamed(Events) ->
+    Config = #{robots => [1, 2, 3], bound_us => ?BOUND},
+    M0 = starl_monitor:new([{starl_election_monitor, Config}]),
+    {Met, _} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- Events]),
+    [{What, Robots} || #{what := What, robots := Robots} <- Met].
+
 %%% Bounded time
 
 result_at_the_bound_test() ->
@@ -92,6 +113,22 @@ failing_is_a_result_test() ->
 death_is_no_breach_test() ->
     ?assertEqual([], judge([entered(1, 1), {5, 1, died}], 9000)),
     ?assertEqual([no_result], judge([entered(1, 1), {5, 2, died}], 9000)).
+
+%% A machine that crashed may take part anew; nobody else's result is due any later.
+crash_is_no_breach_test() ->
+    ?assertEqual([], judge([entered(1, 1), {5, 1, crashed}], 9000)),
+    ?assertEqual([no_result], judge([entered(1, 1), {5, 2, crashed}], 9000)),
+    ?assertEqual([no_result], judge([entered(1, 1), {5, 1, crashed}, entered(6, 1)], 9000)).
+
+%% What is due at one time is told in the order in which it came to be due.
+order_test() ->
+    Settle = #{settle_us => 10},
+    ?assertEqual([not_settled, not_settled, not_settled], judge(ballots(), 900, Settle)),
+    Config = #{robots => [1, 2, 3], bound_us => ?BOUND, settle_us => 10},
+    M0 = starl_monitor:new([{starl_election_monitor, Config}]),
+    {[], M} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- ballots()]),
+    {Late, _} = starl_monitor:finish(900, M),
+    ?assertEqual([[1], [2], [3]], [Robots || #{robots := Robots} <- Late]).
 
 entering_again_starts_afresh_test() ->
     Again = [entered(1, 1), entered(500, 1)],
