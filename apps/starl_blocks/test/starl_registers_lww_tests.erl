@@ -1,0 +1,268 @@
+%% The registers, event by event: what a robot answers, stores, traces and sends.
+-module(starl_registers_lww_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(NOW, 1000).
+
+new(Incarnation, Config) ->
+    starl_machine:new(starl_registers_lww, Config, #{
+        robot => 1,
+        participants => [1, 2, 3, 4, 5],
+        name => registers,
+        incarnation => Incarnation,
+        random => rand:seed_s(exsss, 1),
+        now => ?NOW
+    }).
+
+started() -> started(#{}).
+
+started(Config) -> element(2, new(1, Config)).
+
+step(Type, Content, Machine) -> at(?NOW, Type, Content, Machine).
+
+at(Now, Type, Content, Machine) ->
+    starl_machine:step(Type, Content, #{now => Now, robot => 1}, Machine).
+
+call(Request, Machine) -> step({call, {app, x}}, Request, Machine).
+
+hears(From, Body, Machine) -> step(cast, {message, From, registers, Body}, Machine).
+
+after_all(Steps, Machine) -> lists:foldl(fun(Step, M) -> element(2, Step(M)) end, Machine, Steps).
+
+put_(Name, Value) -> fun(M) -> call({put, Name, Value}, M) end.
+
+write(From, Name, Value, Time) ->
+    fun(M) -> hears(From, {write, Name, Value, {Time, 0, From}}, M) end.
+
+sent(Actions) -> [{To, Body} || {cast, sap, {send, To, registers, Body}} <- Actions].
+
+traced(Actions) -> [Event || {trace, Event} <- Actions].
+
+answers(Actions) -> [Answer || {reply, {app, x}, Answer} <- Actions].
+
+read(Name, Machine) -> hd(answers(element(1, call({get, Name}, Machine)))).
+
+listening() -> {cast, sap, {listen, registers, registers}}.
+
+ticks(Actions) -> [Us || {{timeout, sync}, Us, sync} <- Actions].
+
+%% -- the start --------------------------------------------------------------------------------
+
+%% The first start knows that there is nothing; the time to the next exchange is drawn, between a
+%% half and one and a half of its mean.
+first_start_test() ->
+    {Actions, Machine} = new(1, #{sync_ms => 4}),
+    ?assertMatch([_, {{timeout, sync}, _, sync}], Actions),
+    ?assertEqual(listening(), hd(Actions)),
+    ?assertEqual({error, unset}, read(x, Machine)),
+    {_, Drawn} = lists:foldl(
+        fun(_, {M, All}) ->
+            {Next, After} = step({timeout, sync}, sync, M),
+            {After, ticks(Next) ++ All}
+        end,
+        {Machine, []},
+        lists:seq(1, 2000)
+    ),
+    ?assertEqual(2000, length(Drawn)),
+    ?assert(lists:min(Drawn) > 2000 andalso lists:max(Drawn) =< 6000),
+    ?assert(lists:min(Drawn) < 2100 andalso lists:max(Drawn) > 5900),
+    ?assert(lists:max(ticks(element(1, new(1, #{})))) > 500000).
+
+%% A restarted machine asks three different others, and answers nobody before one has told.
+restart_test() ->
+    {Actions, Machine} = new(2, #{recover_ms => 7}),
+    ?assertMatch([_, {{timeout, sync}, _, sync}, {{timeout, recover}, 7000, recover} | _], Actions),
+    ?assertEqual(listening(), hd(Actions)),
+    Asked = sent(Actions),
+    ?assertMatch([{_, {digest, []}}, {_, {digest, []}}, {_, {digest, []}}], Asked),
+    ?assertEqual(3, length(lists:usort([To || {To, _} <- Asked]))),
+    ?assertNot(lists:keymember(1, 1, Asked)),
+    {None, Waiting} = call({get, x}, Machine),
+    ?assertEqual([], None),
+    {_, Both} = step({call, {app, y}}, {put, y, 1}, Waiting),
+    %% other messages end no recovery
+    {Written, Still} = hears(2, {write, x, a, {5, 0, 2}}, Both),
+    ?assertEqual([], [A || {reply, _, _} = A <- Written]),
+    {Told, Ready} = hears(3, {entries, [{x, b, {6, 0, 3}}]}, Still),
+    ?assertEqual([{app, x}, {app, y}], [To || {reply, To, _} <- Told]),
+    ?assertEqual([{ok, b}], answers(Told)),
+    ?assert(lists:member({{timeout, recover}, cancel}, Told)),
+    ?assertEqual({ok, b}, read(x, Ready)),
+    %% those who waited are answered once
+    {Again, _} = hears(2, {entries, []}, Ready),
+    ?assertEqual([], [A || {reply, _, _} = A <- Again]).
+
+%% Nobody tells: it answers all the same in the end; a team of one asks nobody.
+recover_alone_test() ->
+    {_, Waiting} = call({get, x}, element(2, new(2, #{}))),
+    {Told, Ready} = step({timeout, recover}, recover, Waiting),
+    ?assertEqual([{error, unset}], answers(Told)),
+    ?assertEqual({error, unset}, read(x, Ready)),
+    {Actions, Alone} = starl_machine:new(starl_registers_lww, #{}, #{
+        robot => 1,
+        participants => [1],
+        name => registers,
+        incarnation => 2,
+        random => rand:seed_s(exsss, 1),
+        now => ?NOW
+    }),
+    ?assertMatch([_, {{timeout, sync}, _, sync}], Actions),
+    ?assertEqual({error, unset}, read(x, Alone)),
+    ?assertEqual({[], Alone}, step({timeout, sync}, sync, Alone)).
+
+%% Its stamps are later than all that the life before may have given.
+stamps_after_restart_test() ->
+    {_, Machine} = step({timeout, recover}, recover, element(2, new(2, #{ahead_ms => 3}))),
+    {Actions, _} = call({put, x, 1}, Machine),
+    ?assertMatch([{put, x, _, {Time, _, 1}} | _] when Time > ?NOW + 3000, traced(Actions)).
+
+others_restart_test() ->
+    Machine = started(),
+    ?assertEqual({[listening()], Machine}, step(info, {restarted, sap}, Machine)),
+    ?assertEqual({[], Machine}, step(info, {restarted, app}, Machine)),
+    ?assertMatch({[{trace, {unknown_event, cast, what}}], _}, step(cast, what, Machine)),
+    ?assertEqual({[{trace, {unknown_message, 2, what}}], Machine}, hears(2, what, Machine)).
+
+%% -- reads and writes -------------------------------------------------------------------------
+
+write_test() ->
+    {Actions, Machine} = call({put, x, a}, started()),
+    Stamp = {?NOW, 0, 1},
+    ?assertEqual(
+        [
+            {trace, {put, x, erlang:phash2(a), Stamp}},
+            {trace, {holds, x, Stamp}},
+            {cast, sap, {broadcast, registers, {write, x, a, Stamp}}},
+            {reply, {app, x}, ok}
+        ],
+        Actions
+    ),
+    {Read, _} = call({get, x}, Machine),
+    ?assertEqual([{trace, {got, x, erlang:phash2(a), Stamp}}, {reply, {app, x}, {ok, a}}], Read),
+    ?assertEqual(
+        [{trace, {got, y, unset}}, {reply, {app, x}, {error, unset}}],
+        element(1, call({get, y}, Machine))
+    ).
+
+%% An owner alone writes, here and from elsewhere; there is room for so many registers.
+refused_test() ->
+    Machine = after_all([put_(a, 1)], started(#{owners => #{mine => 2, own => 1}, limit => 3})),
+    ?assertEqual([{error, not_owner}], answers(element(1, call({put, mine, 1}, Machine)))),
+    ?assertEqual([ok], answers(element(1, call({put, own, 1}, Machine)))),
+    {Foreign, Same} = (write(3, mine, 1, 5))(Machine),
+    ?assertEqual({[{trace, {refused, mine, 3, not_owner}}], Machine}, {Foreign, Same}),
+    ?assertMatch([{holds, mine, _}], traced(element(1, (write(2, mine, 1, 5))(Machine)))),
+    Full = after_all([put_(b, 1), put_(c, 1)], Machine),
+    ?assertEqual([{error, full}], answers(element(1, call({put, d, 1}, Full)))),
+    ?assertEqual([{refused, d, 2, full}], traced(element(1, (write(2, d, 1, 5))(Full)))),
+    %% what is there already may be written
+    ?assertEqual([ok], answers(element(1, call({put, c, 2}, Full)))).
+
+%% What is later is taken, what is not is not; the own clock is beyond both afterwards.
+later_wins_test() ->
+    {Taken, Machine} = (write(2, x, b, 7000))(after_all([put_(x, a)], started())),
+    ?assertEqual([{trace, {holds, x, {7000, 0, 2}}}], Taken),
+    ?assertEqual({[], {ok, b}}, begin
+        {Older, Next} = (write(3, x, c, 6999))(Machine),
+        {Older, read(x, Next)}
+    end),
+    %% the very same again is no news
+    ?assertMatch({[], _}, (write(2, x, b, 7000))(Machine)),
+    {Actions, _} = call({put, x, d}, Machine),
+    ?assertMatch([{put, x, _, {7000, 1, 1}} | _], traced(Actions)).
+
+%% A stamp too far ahead is told and left for later; at the edge it is taken.
+ahead_test() ->
+    Machine = started(#{ahead_ms => 2}),
+    Late = {?NOW + 2001, 0, 2},
+    ?assertEqual(
+        {[{trace, {too_far_ahead, x, Late}}], Machine},
+        (write(2, x, b, ?NOW + 2001))(Machine)
+    ),
+    ?assertEqual(
+        [{holds, x, {?NOW + 2000, 0, 2}}],
+        traced(element(1, (write(2, x, b, ?NOW + 2000))(Machine)))
+    ),
+    {Taken, _} = at(?NOW + 1, cast, {message, 2, registers, {write, x, b, Late}}, Machine),
+    ?assertEqual([{holds, x, Late}], traced(Taken)),
+    Default = started(),
+    ?assertMatch([{holds, _, _}], traced(element(1, (write(2, x, b, ?NOW + 10000000))(Default)))),
+    ?assertMatch(
+        [{too_far_ahead, _, _}],
+        traced(element(1, (write(2, x, b, ?NOW + 10000001))(Default)))
+    ).
+
+%% A subscriber is told what there is, and each change, with its writer.
+subscribe_test() ->
+    Told = fun(Writer, Value) ->
+        [{cast, app, {message, Writer, register, {x, Value}}}]
+    end,
+    {None, Early} = step(cast, {subscribe, x, app}, started()),
+    ?assertEqual([], None),
+    {Written, Machine} = (write(2, x, b, 5))(Early),
+    ?assertEqual([{trace, {holds, x, {5, 0, 2}}}] ++ Told(2, b), Written),
+    ?assertEqual(Told(2, b), element(1, step(cast, {subscribe, x, app}, Machine))),
+    ?assertEqual([{trace, {holds, y, {5, 0, 2}}}], element(1, (write(2, y, b, 5))(Machine))),
+    {Own, _} = call({put, x, c}, Machine),
+    ?assertEqual(Told(1, c), [A || {cast, app, _} = A <- Own]).
+
+%% -- the exchange -----------------------------------------------------------------------------
+
+entry(Name, Value, Time, Writer) -> {Name, Value, {Time, 0, Writer}}.
+
+stamp(Name, Time, Writer) -> {Name, {Time, 0, Writer}}.
+
+two() -> after_all([write(2, a, 1, 5), write(3, b, 2, 6)], started()).
+
+%% Once in a while one of the others is told a hash of what is here; each has its turn.
+sync_test() ->
+    {Actions, _} = step({timeout, sync}, sync, two()),
+    Hash = erlang:phash2([stamp(a, 5, 2), stamp(b, 6, 3)]),
+    ?assertMatch([{_, {sync, Hash}}], sent(Actions)),
+    ?assertMatch([_], ticks(Actions)),
+    {_, Asked} = lists:foldl(
+        fun(_, {M, All}) ->
+            {Next, After} = step({timeout, sync}, sync, M),
+            {After, [To || {To, _} <- sent(Next)] ++ All}
+        end,
+        {two(), []},
+        lists:seq(1, 100)
+    ),
+    ?assertEqual([2, 3, 4, 5], lists:usort(Asked)).
+
+%% Equal: nothing to do; else the stamps of what is here.
+answer_to_sync_test() ->
+    Own = [stamp(a, 5, 2), stamp(b, 6, 3)],
+    ?assertEqual([], element(1, hears(2, {sync, erlang:phash2(Own)}, two()))),
+    ?assertEqual([{2, {digest, Own}}], sent(element(1, hears(2, {sync, 0}, two())))).
+
+%% What is later here is told, what is later there is asked for, and nothing else.
+answer_to_digest_test() ->
+    Answer = fun(Theirs) -> sent(element(1, hears(2, {digest, Theirs}, two()))) end,
+    [A, B] = [entry(a, 1, 5, 2), entry(b, 2, 6, 3)],
+    ?assertEqual([], Answer([stamp(a, 5, 2), stamp(b, 6, 3)])),
+    ?assertEqual([{2, {entries, [A]}}], Answer([stamp(a, 4, 2), stamp(b, 6, 3)])),
+    ?assertEqual([{2, {entries, [B]}}], Answer([stamp(a, 5, 2)])),
+    ?assertEqual(
+        [{2, {want, [a, c]}}],
+        Answer([stamp(a, 7, 2), stamp(b, 6, 3), stamp(c, 1, 1)])
+    ),
+    ?assertEqual(
+        [{2, {entries, [B]}}, {2, {want, [a]}}],
+        Answer([stamp(a, 7, 2), stamp(b, 5, 3)])
+    ),
+    %% who knows nothing is answered, be it with nothing
+    ?assertEqual([{2, {entries, [A, B]}}], Answer([])),
+    ?assertEqual([{2, {entries, []}}], sent(element(1, hears(2, {digest, []}, started())))).
+
+%% What is asked for is told as far as it is here; what is told is taken, in its order.
+entries_test() ->
+    ?assertEqual(
+        [{2, {entries, [entry(b, 2, 6, 3)]}}],
+        sent(element(1, hears(2, {want, [b, c]}, two())))
+    ),
+    {Taken, Machine} = hears(
+        2, {entries, [entry(a, 9, 4, 4), entry(b, 8, 7, 4), entry(c, 7, 1, 2)]}, two()
+    ),
+    ?assertEqual([{holds, b, {7, 0, 4}}, {holds, c, {1, 0, 2}}], traced(Taken)),
+    ?assertEqual([{ok, 1}, {ok, 8}, {ok, 7}], [read(N, Machine) || N <- [a, b, c]]).
