@@ -73,7 +73,12 @@ barrier() ->
         {barrier_recreated, barrier, starl_barrier_planted, #{variant => recreated},
             #{robots => 4}, "a late duplicate opens the entry of the next round"},
         {barrier_alone, barrier, starl_barrier_planted, #{variant => alone},
-            #{robots => 4}, "does not wait for those it has not heard of"}
+            #{robots => 4}, "does not wait for those it has not heard of"},
+        {barrier_hasty, barrier, starl_barrier_planted, #{variant => hasty},
+            #{robots => 4}, "does not store that it has passed a round"},
+        {barrier_careless, barrier, starl_barrier_planted, #{variant => careless},
+            #{robots => 3, random_faults => [process, store]},
+            "takes a damaged store for one that was never used"}
     ].
 
 geocast() ->

@@ -1,5 +1,6 @@
 %% An application for the tests of barriers: all robots go through so many rounds of two names
-%% in turn, with pauses between, and call again when a call fails.
+%% in turn, with pauses between, and call again when a call fails. When it begins anew it goes on
+%% where its robot is.
 -module(starl_barrier_app).
 -behaviour(starl_app).
 
@@ -19,14 +20,17 @@ options() ->
 scene(#{robots := Robots, options := #{machine := Machine, config := Config} = Options}) ->
     {ok, #{
         app => {sequential, ?MODULE, Options},
-        blocks => [
-            {barrier, Machine, Config#{log => barrier_log}}, {barrier_log, starl_barrier_log, #{}}
-        ],
+        blocks => [{barrier, Machine, Config}],
         monitors => [{starl_barrier_monitor, (maps:get(judge, Options))#{robots => Robots}}]
     }}.
 
-init(_Robot, Options) -> {Options, 1, 0}.
+init(_Robot, Options) -> {Options, anew, 0}.
 
+step(Robot, {#{names := Names} = Options, anew, Failed}) ->
+    case done(Robot, lists:usort(Names), 0) of
+        {ok, Done} -> {continue, {Options, Done + 1, Failed}};
+        {error, _} -> starl:sleep(Robot, 100), {continue, {Options, anew, Failed + 1}}
+    end;
 step(_Robot, {#{rounds := Rounds}, K, Failed}) when K > 2 * Rounds ->
     {done, {2 * Rounds, Failed}};
 step(Robot, {#{pause := Pause, patience := Patience, names := Names} = Options, K, Failed}) ->
@@ -37,4 +41,13 @@ step(Robot, {#{pause := Pause, patience := Patience, names := Names} = Options, 
             {continue, {Options, K + 1, Failed}};
         {error, _} ->
             {continue, {Options, K, Failed + 1}}
+    end.
+
+%% How many rounds of these names its robot has passed.
+done(_Robot, [], Sum) ->
+    {ok, Sum};
+done(Robot, [Name | Names], Sum) ->
+    case starl_barrier:round(Robot, Name) of
+        {ok, Round} -> done(Robot, Names, Sum + Round - 1);
+        {error, _} = Error -> Error
     end.

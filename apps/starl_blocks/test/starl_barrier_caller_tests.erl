@@ -14,9 +14,9 @@ caller_gone_test() ->
     ].
 
 waiting() ->
-    {_, New} = starl_machine:new(starl_barrier_rounds, #{log => barrier_log}, #{
+    {_, New} = starl_machine:new(starl_barrier_rounds, #{}, #{
         robot => 1, participants => [1, 2], name => barrier, incarnation => 1,
-        random => rand:seed_s(exsss, 1), now => 0
+        stored => none, random => rand:seed_s(exsss, 1), now => 0
     }),
     {Actions, Waiting} = step({call, {app, 1}}, {sync, a, 1, 5000000}, New),
     ?assertMatch([_ | _], [A || {{timeout, {patience, a}}, _, _} = A <- Actions]),

@@ -25,7 +25,7 @@ run(Events, End, Extra) ->
 
 trace({T, R, died}) -> {T, R, robot, {died, killed}};
 trace({T, R, crashed}) -> {T, R, barrier, crashed};
-trace({T, R, down}) -> {T, R, robot, down};
+trace({T, R, damaged}) -> {T, R, barrier, store_damaged};
 trace({T, R, Event, K}) -> {T, R, barrier, {Event, b, K}}.
 
 all_reach() -> [{1, 1, reached, 1}, {2, 2, reached, 1}].
@@ -47,20 +47,64 @@ out_of_order_test() ->
                  judge(all_reach() ++ [{5, 1, passed, 1}, {6, 1, passed, 1}])),
     ?assertEqual([], judge(all_reach() ++ [{3, 1, reached, 1}])).
 
-%% Who has rebooted does not know whether it has passed the round that it had reached. It may go
-%% on with the one after it, once, and passes neither early nor a round of before.
+%% Who has rebooted goes on with the first round that it has not passed.
 reboot_test() ->
-    Down = all_reach() ++ [{3, 2, down}],
-    ?assertEqual([], judge(Down ++ [{4, 2, reached, 1}, {5, 2, passed, 1}])),
-    ?assertEqual([], judge(Down ++ [{4, 2, reached, 2}])),
-    ?assertEqual([passed_early], judge(Down ++ [{4, 2, reached, 2}, {5, 2, passed, 2}])),
-    ?assertEqual([passed_out_of_order], judge(Down ++ [{4, 2, reached, 2}, {5, 2, passed, 1}])),
-    ?assertEqual([reached_out_of_order], judge(Down ++ [{4, 2, reached, 3}])),
+    Down = all_reach() ++ [{3, 2, crashed}],
+    ?assertEqual([], judge(Down ++ [{4, 2, reached, 1}, {5, 2, passed, 1}, {6, 2, reached, 2}])),
+    ?assertEqual([reached_out_of_order], judge(Down ++ [{4, 2, reached, 2}])),
+    ?assertEqual([passed_out_of_order], judge(Down ++ [{4, 2, passed, 1}, {5, 2, passed, 1}])),
+    Passed = all_reach() ++ [{3, 2, passed, 1}, {4, 2, crashed}],
+    ?assertEqual([], judge(Passed ++ [{5, 2, reached, 2}])),
+    ?assertEqual([reached_out_of_order], judge(Passed ++ [{5, 2, reached, 1}])).
+
+%% Whose store was damaged does not know whether it has passed the round that it had reached. It may
+%% go on with the one after it, once, and passes neither early nor a round of before.
+damaged_test() ->
+    Damaged = all_reach() ++ [{3, 2, crashed}, {3, 2, damaged}],
+    ?assertEqual([], judge(Damaged ++ [{4, 2, reached, 1}, {5, 2, passed, 1}])),
+    ?assertEqual([], judge(Damaged ++ [{4, 2, reached, 2}])),
+    ?assertEqual([passed_early], judge(Damaged ++ [{4, 2, reached, 2}, {5, 2, passed, 2}])),
+    ?assertEqual([passed_out_of_order], judge(Damaged ++ [{4, 2, reached, 2}, {5, 2, passed, 1}])),
+    ?assertEqual([reached_out_of_order], judge(Damaged ++ [{4, 2, reached, 3}])),
     ?assertEqual([reached_out_of_order],
-                 judge(Down ++ [{4, 2, reached, 2}, {5, 2, reached, 3}])),
-    ?assertEqual([reached_out_of_order], judge(Down ++ [{4, 1, reached, 2}])),
-    ?assertEqual([reached_out_of_order],
-                 judge(all_reach() ++ [{3, 2, crashed}, {4, 2, reached, 2}])).
+                 judge(Damaged ++ [{4, 2, reached, 2}, {5, 2, reached, 3}])),
+    ?assertEqual([reached_out_of_order], judge(Damaged ++ [{4, 1, reached, 2}])).
+
+%% The round that was skipped counts as passed: it is reached once more after a crash, and passed.
+skipped_round_counts_test() ->
+    Skipped = all_reach() ++ [{3, 2, damaged}, {4, 2, reached, 2}, {5, 2, crashed}],
+    ?assertEqual([], judge(Skipped ++ [{6, 2, reached, 2}, {7, 1, passed, 1}, {8, 1, reached, 2},
+                                       {9, 2, passed, 2}, {9, 2, reached, 3}])),
+    ?assertEqual([reached_out_of_order], judge(Skipped ++ [{6, 2, reached, 1}])).
+
+%% It begins a round that it has passed once more only if another robot has forgotten, too, that it
+%% had reached it, and an earlier one only if nothing is left that is stored.
+damaged_and_forgotten_test() ->
+    Far = all_reach() ++ [{3, R, passed, 1} || R <- [1, 2]] ++ [{4, R, reached, 2} || R <- [1, 2]]
+        ++ [{5, 2, passed, 2}],
+    Again = fun(Events, K) ->
+        judge(Far ++ [{6, R, What} || {R, What} <- Events] ++ [{7, 2, reached, K}])
+    end,
+    ?assertEqual([reached_out_of_order], Again([{2, damaged}], 2)),
+    ?assertEqual([reached_out_of_order], Again([{2, damaged}, {2, crashed}], 2)),
+    ?assertEqual([], Again([{2, damaged}, {1, crashed}], 2)),
+    ?assertEqual([], Again([{1, crashed}, {2, damaged}], 2)),
+    ?assertEqual([reached_out_of_order], Again([{1, crashed}, {2, damaged}], 1)),
+    ?assertEqual([reached_out_of_order], Again([{1, crashed}, {2, crashed}], 2)),
+    ?assertEqual([], Again([{2, damaged}, {1, crashed}], 3)),
+    ?assertEqual([], Again([{1, damaged}, {2, damaged}], 1)),
+    ?assertEqual([], Again([{2, damaged}, {1, crashed}, {1, damaged}, {2, crashed}], 1)),
+    ?assertEqual([], Again([{1, damaged}, {2, damaged}, {1, crashed}], 1)),
+    ?assertEqual([reached_out_of_order], Again([{1, damaged}, {2, damaged}], 4)).
+
+%% All begin again, and pass; what a robot had reached it has reached, even if it begins again.
+begins_again_test() ->
+    Far = all_reach() ++ [{3, R, passed, 1} || R <- [1, 2]] ++ [{4, R, reached, 2} || R <- [1, 2]],
+    ?assertEqual([], judge(Far ++ [{5, R, damaged} || R <- [1, 2]] ++
+                           [{6, R, reached, 1} || R <- [1, 2]] ++
+                           [{7, R, passed, 1} || R <- [1, 2]])),
+    ?assertEqual([], judge(Far ++ [{5, 1, crashed}, {5, 2, damaged}, {6, 2, reached, 1},
+                                   {7, 1, passed, 2}])).
 
 late_pass_test() ->
     Late = all_reach() ++ [{5, 1, passed, 1}, {16, 2, passed, 1}],

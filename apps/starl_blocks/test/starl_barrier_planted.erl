@@ -7,7 +7,9 @@
 -define(REAL, starl_barrier_rounds).
 
 %% forgetful: after a crash it begins again with round 1 and asks nobody.
-init(#{variant := forgetful} = Config) -> start(Config#{incarnation => 1});
+init(#{variant := forgetful} = Config) -> start(Config#{incarnation => 1, stored => none});
+%% careless: what is damaged it takes for what was never stored.
+init(#{variant := careless, stored := damaged} = Config) -> start(Config#{stored => none});
 init(Config) -> start(Config).
 
 start(#{variant := Variant} = Config) ->
@@ -32,8 +34,18 @@ handle_event({timeout, {again, Name}} = T, C, ready, {alone, Seen, Data}, #{robo
         lists:delete(Me, [1, 2, 3, 4])
     ),
     pass(alone, Seen, ?REAL:handle_event(T, C, ready, Forged, Meta), Forged);
+%% hasty: stores what it has reached, and not that it has passed it.
+handle_event(Type, Content, ready, {hasty, Seen, Data}, Meta) ->
+    pass(hasty, Seen, hastened(?REAL:handle_event(Type, Content, ready, Data, Meta)), Data);
 handle_event(Type, Content, ready, {Variant, Seen, Data}, Meta) ->
     pass(Variant, Seen, ?REAL:handle_event(Type, Content, ready, Data, Meta), Data).
+
+hastened({keep_state, Next, Actions}) -> {keep_state, Next, hastened_actions(Actions)};
+hastened(Result) -> Result.
+
+hastened_actions([{store, _}, {trace, {passed, _, _}} = Passed | Actions]) -> [Passed | Actions];
+hastened_actions([Action | Actions]) -> [Action | hastened_actions(Actions)];
+hastened_actions([]) -> [].
 
 pass(Variant, Seen, {keep_state, Next, Actions}, _) -> {keep_state, {Variant, Seen, Next}, Actions};
 pass(Variant, Seen, {keep_state, Next}, _) -> {keep_state, {Variant, Seen, Next}, []};

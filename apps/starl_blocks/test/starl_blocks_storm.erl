@@ -24,14 +24,26 @@ run(App, {Seed, Loss, Duplicate, Delay, Drift, Strikes}, Options) ->
         Outcome
     end).
 
-faults(Strikes) -> [fault(N, S) || {N, S} <- lists:zip(lists:seq(1, length(Strikes)), Strikes)].
+faults(Strikes) ->
+    lists:append([faults(N, S) || {N, S} <- lists:zip(lists:seq(1, length(Strikes)), Strikes)]).
 
-fault(N, {Tenths, Robot, robot}) ->
-    {name(N), Tenths * 100, Tenths * 100, kill_robot, Robot, #{}};
-fault(N, {Tenths, Robot, Machine}) ->
-    {name(N), Tenths * 100, Tenths * 100, kill_machine, {Robot, Machine}, #{}}.
+%% A robot, a machine, or a robot's store is struck; `damaged': it comes up anew and can read
+%% nothing of what it has stored.
+faults(N, {Tenths, Robot, robot}) ->
+    [{name(N), Tenths * 100, Tenths * 100, kill_robot, Robot, #{}}];
+faults(N, {Tenths, Robot, Kind}) when Kind =:= reboot; Kind =:= store_full ->
+    [{name(N), Tenths * 100, ends(Tenths, Robot), Kind, Robot, #{}}];
+faults(N, {Tenths, Robot, damaged}) ->
+    [
+        {name(N), Tenths * 100, ends(Tenths, Robot), reboot, Robot, #{}},
+        {name(1000 + N), Tenths * 100, ends(Tenths, Robot) + 1000, store_damaged, Robot, #{}}
+    ];
+faults(N, {Tenths, Robot, Machine}) ->
+    [{name(N), Tenths * 100, Tenths * 100, kill_machine, {Robot, Machine}, #{}}].
 
-name(N) -> starl_platform_ct:fault_id(kill_, N).
+ends(Tenths, Robot) -> Tenths * 100 + 1 + erlang:phash2({Tenths, Robot}, 8000).
+
+name(N) -> starl_platform_ct:fault_id(fault_, N).
 
 %% The N-th storm of a series: a function of N alone.
 drawn(N, Machine) ->

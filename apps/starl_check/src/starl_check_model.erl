@@ -193,7 +193,7 @@ block(barrier, #{ids := Ids, rounds := Rounds}) ->
     #{
         blocks => starl_barrier:blocks(),
         script => fun(_) -> [{sync, gate, Rounds} || _ <- lists:seq(1, Rounds)] end,
-        crash => [barrier, barrier_log, app],
+        crash => [barrier, app],
         monitor => {starl_barrier_monitor, #{robots => Ids}}
     }.
 

@@ -3,14 +3,19 @@
 %% A barrier has a name, any small term, and as many rounds as are needed: a robot's K-th
 %% {@link sync/2} with a name is its round K. All robots of the team take part.
 %%
+%% Rounds are the robot's, not its application's: an application that begins anew, since it or its
+%% robot has crashed, goes on with the first round not passed; {@link round/2} tells which.
+%%
 %% Guarantee: nobody passes round K of a name before all robots have reached it. When messages
 %% get through, all pass within a short time of each other. A name costs memory once, its
 %% rounds cost none; names are meant to be few.
 -module(starl_barrier).
 
--export([blocks/0, blocks/1, sync/2, sync/3]).
+-export([blocks/0, blocks/1, sync/2, sync/3, round/2, round/3]).
 
 -export_type([name/0, round/0, options/0]).
+
+-define(PATIENCE_MS, 30000).
 
 -type name() :: term().
 
@@ -20,21 +25,27 @@
 %% `retry_ms': how often a robot that waits asks those that it misses.
 -type options() :: #{retry_ms => pos_integer()}.
 
-%% @doc The machines that a robot needs to take part: the barriers, and their log.
+%% @doc The machines that a robot needs to take part.
 -spec blocks() -> [starl_robot_sup:machine()].
 blocks() -> blocks(#{}).
 
 %% @doc The same with options.
 -spec blocks(options()) -> [starl_robot_sup:machine()].
-blocks(Options) ->
-    [
-        {barrier, starl_barrier_rounds, Options#{log => barrier_log}},
-        {barrier_log, starl_barrier_log, #{}}
-    ].
+blocks(Options) -> [{barrier, starl_barrier_rounds, Options}].
+
+%% @doc The round that the next `sync' with this name is for, with half a minute's patience: it is
+%% known at once unless what the robot stored is damaged.
+-spec round(starl:robot(), name()) -> {ok, round()} | {error, timeout | restarted}.
+round(Robot, Name) -> round(Robot, Name, ?PATIENCE_MS).
+
+%% @doc The same with so many milliseconds of patience.
+-spec round(starl:robot(), name(), Ms :: pos_integer()) ->
+    {ok, round()} | {error, timeout | restarted}.
+round(Robot, Name, Ms) -> starl:call(Robot, barrier, {round, Name}, Ms).
 
 %% @doc Waits until all robots have reached this round, with half a minute's patience.
 -spec sync(starl:robot(), name()) -> ok | {error, timeout | restarted}.
-sync(Robot, Name) -> sync(Robot, Name, 30000).
+sync(Robot, Name) -> sync(Robot, Name, ?PATIENCE_MS).
 
 %% @doc The same with so many milliseconds of patience. A robot that failed may call again: it
 %% has still reached the round and waits for the same one, also when its barrier machine has
@@ -43,7 +54,7 @@ sync(Robot, Name) -> sync(Robot, Name, 30000).
 sync(Robot, Name, Ms) ->
     ok = starl_caller:check({?MODULE, sync, 3}, 'Ms', positive_ms, Ms),
     %% Two calls, so that the number of the round is known here should the machine crash.
-    case starl:call(Robot, barrier, {round, Name}, Ms) of
+    case round(Robot, Name, Ms) of
         {ok, Round} -> pass(Robot, Name, Round, Ms);
         {error, _} = Error -> Error
     end.

@@ -1,13 +1,14 @@
 %% @doc One name of a barrier as one robot sees it: how far the robot has come, how far the
 %% others, and what they know of it. Pure; a part of {@link starl_barrier_rounds}.
 %%
-%% All counts only grow. A gate is <em>unsure</em> while what this robot did before is known only
-%% from what the others say.
+%% All counts only grow, and none is more than what is true: so nobody is taken for further than it
+%% has come. A gate is <em>unsure</em> while what this robot did before is known only from what the
+%% others say.
 -module(starl_barrier_gate).
 
--export([new/1, next/1, is_sure/1, caller/1, counts/1, fact/2]).
--export([resume/2, reach/4, pass/1, missed/1, unheard/1, fail/1]).
--export([hear/4, learn/5, assure/2, recall/2, certain/1]).
+-export([new/1, recall/1, next/1, is_sure/1, caller/1, counts/1, fact/2]).
+-export([resume/2, is_passed/2, tell/2, reach/4, pass/1, missed/1, unheard/1, fail/1]).
+-export([hear/4, learn/5, assure/2]).
 
 -export_type([t/0]).
 
@@ -19,6 +20,8 @@
     sure = true :: boolean(),
     at = 0 :: round(),
     passed = 0 :: round(),
+    %% the last round that the application has passed, as far as it knows
+    told = 0 :: round(),
     %% the last round that somebody has surely passed: so all have reached it
     done = 0 :: round(),
     reached = #{} :: counts(),
@@ -34,9 +37,13 @@
 -spec new(IsSure :: boolean()) -> t().
 new(Sure) -> #gate{sure = Sure}.
 
-%% @doc The first round not passed.
+%% @doc A name of which these counts were stored. Whoever passes knows that all have reached.
+-spec recall({At :: round(), Passed :: round()}) -> t().
+recall({At, Passed}) -> #gate{at = At, passed = Passed, told = Passed, done = Passed}.
+
+%% @doc The first round that the application has not passed.
 -spec next(t()) -> pos_integer().
-next(#gate{passed = Passed}) -> Passed + 1.
+next(#gate{told = Told}) -> Told + 1.
 
 %% @doc Is it known what this robot did before?
 -spec is_sure(t()) -> boolean().
@@ -58,13 +65,22 @@ fact(Robot, #gate{at = At, done = Done, reached = Reached}) ->
 
 %% -- the robot's own rounds -----------------------------------------------------------------
 
-%% @doc The robot says that this is the first round not passed. The caller knows better than the
-%% others what it has passed.
+%% @doc The application says that this is the first round that it has not passed. It knows better
+%% than the others; and a round passed just before a crash it has not been told of.
 -spec resume(pos_integer(), t()) -> t().
 resume(Round, #gate{sure = false} = Gate) ->
-    Gate#gate{sure = true, at = Round - 1, passed = Round - 1};
-resume(_Round, Gate) ->
-    Gate.
+    Before = Round - 1,
+    Gate#gate{sure = true, at = Before, passed = Before, told = Before};
+resume(Round, Gate) ->
+    Gate#gate{told = Round - 1}.
+
+%% @doc Is this a round that the robot has passed, though its application has not been told?
+-spec is_passed(pos_integer(), t()) -> boolean().
+is_passed(Round, #gate{passed = Passed}) -> Round =< Passed.
+
+%% @doc The application is told that it has passed a round.
+-spec tell(pos_integer(), t()) -> t().
+tell(Round, Gate) -> Gate#gate{told = Round}.
 
 %% @doc The robot has reached a round, for the first time or again, and waits for the others.
 -spec reach(pos_integer(), starl_machine:from(), [starl:robot_id()], t()) -> {new | again, t()}.
@@ -80,7 +96,7 @@ reach(Round, From, Others, Gate0) ->
 %% @doc Passes, if all have reached the round and know that this robot has.
 -spec pass(t()) -> {passed, starl_machine:from(), round(), t()} | waits.
 pass(#gate{at = At, from = From, awaited = []} = Gate) when From =/= none ->
-    {passed, From, At, Gate#gate{passed = At, done = At, from = none}};
+    {passed, From, At, Gate#gate{passed = At, told = At, done = At, from = none}};
 pass(#gate{}) ->
     waits.
 
@@ -127,23 +143,17 @@ remember(_Known, Gate) -> Gate.
 learn(Robot, Round, Known, Done, #gate{done = Before} = Gate) ->
     hear(Robot, Round, Known, remember(Done, Gate#gate{done = max(Done, Before)})).
 
-%% -- after a crash --------------------------------------------------------------------------
+%% -- after what was stored is lost ----------------------------------------------------------
 
 %% @doc All that can be known is known. If a witness (that knows its own counts) has not come so
 %% far itself, nobody has passed the round that this robot reached; else it counts as passed.
 -spec assure(Witnesses :: [starl:robot_id()], t()) -> t().
 assure(Witnesses, #gate{sure = false, at = At, reached = Reached} = Gate) ->
-    case lists:any(fun(Witness) -> maps:get(Witness, Reached, 0) < At end, Witnesses) of
-        true -> Gate#gate{sure = true, passed = At - 1};
-        false -> Gate#gate{sure = true, passed = At}
-    end;
+    Passed =
+        case lists:any(fun(Witness) -> maps:get(Witness, Reached, 0) < At end, Witnesses) of
+            true -> At - 1;
+            false -> At
+        end,
+    Gate#gate{sure = true, passed = Passed, told = Passed};
 assure(_Witnesses, Gate) ->
     Gate.
-
-%% @doc The counts that a log has kept, which are exact.
--spec recall({At :: round(), Passed :: round()}, t()) -> t().
-recall({At, Passed}, Gate) -> Gate#gate{sure = true, at = At, passed = Passed}.
-
-%% @doc A name that the log does not know has not been used.
--spec certain(t()) -> t().
-certain(Gate) -> Gate#gate{sure = true}.

@@ -2,9 +2,12 @@
 %%
 %% Safety: nobody passes round K of a name before all participants have reached it; a robot
 %% passes only the round that it has reached last, each once; the round that it reaches is the
-%% one after the last that it has passed. There is one exception: a robot that has rebooted, and
-%% its application with it, does not know whether it has passed the last round that it had
-%% reached, and may go on with the one after it.
+%% one after the last that it has passed, whatever crashes and reboots there are.
+%%
+%% Only a robot whose store was damaged when its barrier machine started may go on with another
+%% round, once: with the one after the last that it has reached; with the last that it has
+%% passed, if another robot's machine has crashed, too, since it reached that one; or with an
+%% earlier one, if the stores of all robots were damaged.
 %%
 %% Progress: whoever has reached a round passes it or fails within `bound_us' (default: none)
 %% of the last participant's reaching it, or, if not all reach it, need not pass. With
@@ -12,7 +15,7 @@
 %% that died or whose barrier machine crashed may take longer.
 %%
 %% Events of machine `barrier': `{reached, Name, K}', `{passed, Name, K}',
-%% `{failed, Name, K, Reason}'.
+%% `{failed, Name, K, Reason}', and the driver's `crashed', `store_damaged'.
 -module(starl_barrier_monitor).
 -behaviour(starl_monitor).
 
@@ -20,6 +23,12 @@
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
+
+-type key() :: {name(), robot_id()}.
+
+%% What another robot has known of this one may be forgotten; what this one has stored is damaged,
+%% and that, too; or nobody knows anything, as all robots' stores are damaged.
+-type doubt() :: forgotten | damaged | damaged_and_forgotten | lost.
 
 %% A round that not all have passed: when the last robot reached it, and when which robots
 %% passed it.
@@ -34,10 +43,12 @@
     robots :: [robot_id()],
     bound_us :: pos_integer() | infinity,
     delta_us :: pos_integer() | infinity,
-    reached = #{} :: #{{name(), robot_id()} => non_neg_integer()},
-    %% of the robots that have rebooted since they last reached a round, the names and robots
-    rebooted = [] :: [{name(), robot_id()}],
-    passed = #{} :: #{{name(), robot_id()} => non_neg_integer()},
+    %% the highest and the last round reached, the last passed
+    reached = #{} :: #{key() => non_neg_integer()},
+    at = #{} :: #{key() => non_neg_integer()},
+    passed = #{} :: #{key() => non_neg_integer()},
+    %% what has happened since the last round was reached
+    doubts = #{} :: #{key() => doubt()},
     rounds = #{} :: #{{name(), K :: pos_integer()} => #round{}},
     excused = [] :: [robot_id()],
     %% of the rounds that all have passed
@@ -63,10 +74,11 @@ init(#{robots := Robots} = Config) ->
 -spec interests() -> [atom()].
 interests() -> [barrier, robot].
 
-%% @doc How far each robot has come; without `bound_us' and `delta_us' nothing else is judged.
+%% @doc How far each robot has come; without `bound_us' and `delta_us' nothing else is judged. The
+%% checker damages no store, so what the others have forgotten makes no difference.
 -spec timeless(#state{}) -> term().
-timeless(#state{reached = Reached, passed = Passed, rebooted = Rebooted}) ->
-    {Reached, Passed, Rebooted}.
+timeless(#state{reached = Reached, at = At, passed = Passed, doubts = Doubts}) ->
+    {Reached, At, Passed, maps:filter(fun(_Key, Doubt) -> Doubt =/= forgotten end, Doubts)}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -105,23 +117,52 @@ judge({barrier, {passed, Name, K}}, T, Robot, State) ->
 judge({barrier, {failed, _Name, _K, _Reason}}, _T, Robot, #state{failed = Failed} = State) ->
     {[], excuse(Robot, State#state{failed = Failed + 1})};
 judge({barrier, crashed}, _T, Robot, State) ->
-    {[], excuse(Robot, State)};
+    {[], excuse(Robot, forgets(Robot, State))};
+judge({barrier, store_damaged}, _T, Robot, State) ->
+    {[], damage(Robot, State)};
 judge({robot, {died, _Reason}}, _T, Robot, State) ->
     {[], excuse(Robot, State)};
-judge({robot, down}, _T, Robot, #state{reached = Reached, rebooted = Rebooted} = State) ->
-    Keys = [Key || {_, R} = Key <- maps:keys(Reached), R =:= Robot],
-    {[], State#state{rebooted = lists:usort(Keys ++ Rebooted)}};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
 
 excuse(Robot, #state{excused = Excused} = State) ->
     State#state{excused = lists:usort([Robot | Excused])}.
 
-reach(T, Robot, Name, K, #state{reached = Reached, rebooted = Rebooted} = State) ->
+%% A machine that crashed has forgotten how far the others are.
+forgets(Robot, State) ->
+    doubt(fun(R) -> R =/= Robot end, fun forgotten/1, State).
+
+forgotten(Doubt) when Doubt =:= none; Doubt =:= forgotten -> forgotten;
+forgotten(lost) -> lost;
+forgotten(_Damaged) -> damaged_and_forgotten.
+
+damage(Robot, State) ->
+    Damaged = doubt(fun(R) -> R =:= Robot end, fun damaged/1, State),
+    Doubts = Damaged#state.doubts,
+    Sound = [Key || Key <- maps:keys(State#state.reached), not is_damaged(Key, Doubts)],
+    Lost = [Key || {Name, _} = Key <- maps:keys(Doubts), not lists:keymember(Name, 1, Sound)],
+    Damaged#state{doubts = maps:merge(Doubts, maps:from_keys(Lost, lost))}.
+
+damaged(none) -> damaged;
+damaged(forgotten) -> damaged_and_forgotten;
+damaged(Damaged) -> Damaged.
+
+is_damaged(Key, Doubts) ->
+    not lists:member(maps:get(Key, Doubts, none), [none, forgotten]).
+
+doubt(Concerns, Grow, #state{reached = Reached, doubts = Doubts} = State) ->
+    Concerned = [Key || {_, Robot} = Key <- maps:keys(Reached), Concerns(Robot)],
+    Grown = maps:from_list([{Key, Grow(maps:get(Key, Doubts, none))} || Key <- Concerned]),
+    State#state{doubts = maps:merge(Doubts, Grown)}.
+
+reach(T, Robot, Name, K, #state{reached = Reached, passed = Passed} = State) ->
     Key = {Name, Robot},
     Next = State#state{
         reached = Reached#{Key => max(K, maps:get(Key, Reached, 0))},
-        rebooted = lists:delete(Key, Rebooted)
+        at = (State#state.at)#{Key => K},
+        %% a round that was skipped counts as passed, one that comes again does not
+        passed = Passed#{Key => K - 1},
+        doubts = maps:remove(Key, State#state.doubts)
     },
     Round = round_of(Name, K, Next),
     case Round#round.complete_us =:= none andalso absent(Name, K, Next) =:= [] of
@@ -133,11 +174,14 @@ pass(T, Robot, Name, K, #state{passed = Passed, passes = Passes, robots = Robots
     #round{passed = N, first_us = First} = Round = round_of(Name, K, State),
     Next = State#state{passed = Passed#{{Name, Robot} => K}, passes = Passes + 1},
     case {N + 1 =:= length(Robots), First} of
-        {true, none} -> close(Name, K, 0, Next);
-        {true, _} -> close(Name, K, T - First, Next);
+        {true, none} ->
+            close(Name, K, 0, Next);
+        {true, _} ->
+            close(Name, K, T - First, Next);
         {false, none} ->
             put_round(Name, K, Round#round{passed = 1, first_us = T, last_us = T}, Next);
-        {false, _} -> put_round(Name, K, Round#round{passed = N + 1, last_us = T}, Next)
+        {false, _} ->
+            put_round(Name, K, Round#round{passed = N + 1, last_us = T}, Next)
     end.
 
 close(Name, K, Delta, #state{rounds = Rounds, deltas = {Count, Sum, Longest}} = State) ->
@@ -163,21 +207,26 @@ early(T, Robot, Name, K, State) ->
      || Absent =/= []
     ].
 
-out_of_order(T, Robot, Name, K, #state{passed = Passed, reached = Reached}) ->
+out_of_order(T, Robot, Name, K, #state{passed = Passed, at = At}) ->
     Last = maps:get({Name, Robot}, Passed, 0),
     [
         violation(passed_out_of_order, T, [Robot], #{name => Name, round => K, last => Last})
-     || K =< Last orelse K =/= maps:get({Name, Robot}, Reached, 0)
+     || K =< Last orelse K =/= maps:get({Name, Robot}, At, 0)
     ].
 
-skipped(T, Robot, Name, K, #state{passed = Passed, reached = Reached} = State) ->
+skipped(T, Robot, Name, K, #state{passed = Passed, reached = Reached, doubts = Doubts}) ->
     Key = {Name, Robot},
     Last = maps:get(Key, Passed, 0),
-    May = lists:member(Key, State#state.rebooted) andalso K =:= maps:get(Key, Reached) + 1,
+    Doubt = maps:get(Key, Doubts, none),
     [
         violation(reached_out_of_order, T, [Robot], #{name => Name, round => K, passed => Last})
-     || K =/= Last + 1, not May
+     || K =/= Last + 1, not may_be_next(Doubt, K, Last, maps:get(Key, Reached, 0))
     ].
+
+may_be_next(lost, K, _Last, Reached) -> K =< Reached + 1;
+may_be_next(damaged_and_forgotten, K, Last, Reached) -> K >= Last andalso K =< Reached + 1;
+may_be_next(damaged, K, Last, Reached) -> K > Last andalso K =< Reached + 1;
+may_be_next(_Sound, _K, _Last, _Reached) -> false.
 
 late(T, Robot, Name, K, #state{delta_us = Delta, excused = Excused} = State) ->
     case round_of(Name, K, State) of

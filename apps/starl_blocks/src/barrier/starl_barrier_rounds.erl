@@ -7,24 +7,26 @@
 %%     | reached {Name, K, ask} -------------------->|   now and then, to those it misses
 %%     |<--- reached {Name, their K, what they know} |
 %%
-%%     | who --------------------------------------->|   after a reboot
+%%     | who --------------------------------------->|   if what it stored is damaged
 %%     |<-------- told [{Name, their K, my K, ...}]  |
 %% '''
-%% What is kept of a name ({@link starl_barrier_gate}) is how far each robot has come; that only
+%% What is known of a name ({@link starl_barrier_gate}) is how far each robot has come; that only
 %% grows, so what is late or comes twice changes nothing, and no entry is ever deleted that it
 %% could bring back.
 %%
-%% A machine that has crashed has its own counts from the robot's {@link starl_barrier_log}, and
-%% asks the others for theirs when it next waits for them. Only where the log is lost, too (the
-%% robot has rebooted), do the others tell how far this one was: a robot passes only when it also
-%% knows that all others know that it has reached the round, so any of them can. They know what it
-%% reached, not what it passed. If one of them has not come so far itself, nobody has passed that
-%% round; else it counts as passed, so the next `sync' is for the round after it and waits for all,
-%% whatever the robot did before.
+%% Its own counts the robot stores: that it has reached a round before it says so, that it has
+%% passed one before it answers. So they outlive a crash of the machine and a reboot of the robot.
+%% How far the others are it asks when it next waits for them.
+%%
+%% Only where the store is damaged do the others tell how far this robot was: it passes only when
+%% it also knows that all others know that it has reached the round, so any of them can. They know
+%% what it reached, not what it passed. If one of them has not come so far itself, nobody has
+%% passed that round; else it counts as passed, so the next `sync' is for the round after it and
+%% waits for all, whatever the robot did before.
 %%
 %% Calls: `{round, Name}' (the round that the next `sync' is for), `{sync, Name, Round, Us}'
-%% (answer `ok' or `{error, timeout}'), `{resume, Name, Round}' (after a crash: this round has
-%% not been passed). Trace: `{reached, Name, K}', `{passed, Name, K}',
+%% (answer `ok' or `{error, timeout}'), `{resume, Name, Round}' (after a crash: the application has
+%% not passed this round). Trace: `{reached, Name, K}', `{passed, Name, K}',
 %% `{failed, Name, K, timeout | restarted}'.
 -module(starl_barrier_rounds).
 -behaviour(starl_machine).
@@ -37,12 +39,11 @@
     others :: [starl:robot_id()],
     incarnation :: pos_integer(),
     retry_us :: pos_integer(),
-    log :: starl_machine:name() | none,
     gates = #{} :: #{starl_barrier:name() => starl_barrier_gate:t()},
-    %% is what this robot did before known, from the log or the others?
+    %% is what this robot did before known, from its store or from the others?
     settled :: boolean(),
-    %% without a log: who has not told yet what it knows, and who of the others has told and
-    %% knew its own counts
+    %% if the store is damaged: who has not told yet what it knows, and who of the others has told
+    %% and knew its own counts
     untold = [] :: [starl:robot_id()],
     witnesses = [] :: [starl:robot_id()],
     %% who asked for a round before that was known
@@ -51,17 +52,26 @@
 
 -spec init(starl_machine:config()) -> {ready, #barrier{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config) ->
+    #{stored := Stored} = Config,
     Others = starl_team:others(Self, Team),
-    Log = maps:get(log, Config, none),
+    {Extent, Gates} = recall(Stored),
+    Settled = Extent =:= complete orelse Others =:= [],
     Barrier = #barrier{
         others = Others,
         incarnation = Incarnation,
         retry_us = 1000 * maps:get(retry_ms, Config, ?RETRY_MS),
-        log = Log,
-        settled = Incarnation =:= 1 orelse {Others, Log} =:= {[], none}
+        gates = Gates,
+        settled = Settled,
+        untold = [Other || Other <- Others, not Settled]
     },
-    {Begun, Actions} = remember(Barrier),
-    {ready, Begun, [starl_sap:listen(barrier, barrier) | Actions]}.
+    {ready, Barrier, [starl_sap:listen(barrier, barrier) | ask_untold(Barrier)]}.
+
+recall(none) ->
+    {complete, #{}};
+recall({stored, {Extent, Counts}}) ->
+    {Extent, maps:map(fun(_Name, Count) -> starl_barrier_gate:recall(Count) end, Counts)};
+recall(damaged) ->
+    {partial, #{}}.
 
 -spec handle_event(
     starl_machine:event_type(), term(), ready, #barrier{}, starl_machine:meta()
@@ -69,7 +79,7 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
 handle_event({call, From}, {round, Name}, ready, Barrier, _Meta) ->
     round_of(From, Name, Barrier);
 handle_event({call, From}, {sync, Name, Round, Us}, ready, Barrier, _Meta) ->
-    reach(From, Name, Round, Us, Barrier);
+    sync(From, Name, Round, Us, Barrier);
 handle_event({call, From}, {resume, Name, Round}, ready, Barrier, _Meta) ->
     Gate = starl_barrier_gate:resume(Round, gate(Name, Barrier)),
     {keep_state, put_gate(Name, Gate, Barrier), [{reply, From, ok}]};
@@ -77,8 +87,6 @@ handle_event(cast, {message, From, barrier, Message}, ready, Barrier, _Meta) ->
     message(Message, From, Barrier);
 handle_event({reply, {announced, Name, Round}}, Outcome, ready, Barrier, _Meta) ->
     announced(Name, Round, Outcome, Barrier);
-handle_event({reply, recalled}, Answer, ready, Barrier, _Meta) ->
-    recalled(Answer, Barrier);
 handle_event({timeout, {again, Name}}, _, ready, Barrier, _Meta) ->
     again(Name, Barrier);
 handle_event({timeout, {patience, Name}}, _, ready, Barrier, _Meta) ->
@@ -87,8 +95,6 @@ handle_event({timeout, untold}, _, ready, Barrier, _Meta) ->
     {keep_state, Barrier, ask_untold(Barrier)};
 handle_event(info, {restarted, sap}, ready, _Barrier, _Meta) ->
     {keep_state_and_data, [starl_sap:listen(barrier, barrier)]};
-handle_event(info, {restarted, Log}, ready, #barrier{log = Log} = Barrier, _Meta) ->
-    {keep_state, Barrier, note_all(Barrier)};
 handle_event(info, {Gone, Caller}, ready, Barrier, _Meta) when
     Gone =:= restarted; Gone =:= given_up
 ->
@@ -112,12 +118,22 @@ message(_, _, _) ->
 
 %% -- the robot's own rounds -----------------------------------------------------------------
 
-%% The round not passed yet. After a reboot only the others know.
+%% The round not passed yet. If the store is damaged only the others know.
 round_of({Caller, _} = From, Name, #barrier{asking = Asking} = Barrier) ->
     Gate = gate(Name, Barrier),
     case starl_barrier_gate:is_sure(Gate) of
         false -> {keep_state, Barrier#barrier{asking = Asking#{{Caller, Name} => From}}, []};
         true -> {keep_state, Barrier, [{reply, From, starl_barrier_gate:next(Gate)}]}
+    end.
+
+sync(From, Name, Round, Us, Barrier) ->
+    Gate = gate(Name, Barrier),
+    case starl_barrier_gate:is_passed(Round, Gate) of
+        true ->
+            Told = put_gate(Name, starl_barrier_gate:tell(Round, Gate), Barrier),
+            {keep_state, Told, [{reply, From, ok}]};
+        false ->
+            reach(From, Name, Round, Us, Barrier)
     end.
 
 reach(From, Name, Round, Us, #barrier{retry_us = Retry, others = Others} = Barrier) ->
@@ -143,9 +159,21 @@ ask_forgotten(Name, Barrier) ->
     ].
 
 announce(Name, Round, Barrier) ->
-    Announce = {call, sap, {broadcast, barrier, {reached, Name, Round, 0, false}},
-        {announced, Name, Round}},
-    note(Name, Barrier) ++ [{trace, {reached, Name, Round}}, Announce].
+    Announce =
+        {call, sap, {broadcast, barrier, {reached, Name, Round, 0, false}},
+            {announced, Name, Round}},
+    [store(Barrier), {trace, {reached, Name, Round}}, Announce].
+
+%% What must not be forgotten: how far the robot has come; `partial': of these names only.
+store(#barrier{gates = Gates, settled = Settled}) ->
+    Sure = maps:filter(fun(_Name, Gate) -> starl_barrier_gate:is_sure(Gate) end, Gates),
+    Counts = maps:map(fun(_Name, Gate) -> starl_barrier_gate:counts(Gate) end, Sure),
+    Extent =
+        case Settled of
+            true -> complete;
+            false -> partial
+        end,
+    {store, {Extent, Counts}}.
 
 %% Passes, if all is well.
 check(Name, Actions, Barrier) ->
@@ -153,7 +181,7 @@ check(Name, Actions, Barrier) ->
         {passed, From, Round, Gate} ->
             Passed = put_gate(Name, Gate, Barrier),
             Done = [{trace, {passed, Name, Round}}, {reply, From, ok} | stop(Name)],
-            {keep_state, Passed, Actions ++ note(Name, Passed) ++ Done};
+            {keep_state, Passed, Actions ++ [store(Passed) | Done]};
         waits ->
             {keep_state, Barrier, Actions}
     end.
@@ -226,19 +254,7 @@ report(Name, To, Answer, Barrier) ->
     {At, Reached, _} = starl_barrier_gate:fact(To, gate(Name, Barrier)),
     starl_sap:post(To, barrier, {reached, Name, At, Reached, Answer}).
 
-%% -- after a crash --------------------------------------------------------------------------
-
-%% The log is asked first: its answer comes at once.
-remember(#barrier{settled = true} = Barrier) ->
-    {Barrier, []};
-remember(#barrier{log = none} = Barrier) ->
-    ask_others(Barrier);
-remember(#barrier{log = Log} = Barrier) ->
-    {Barrier, [starl_barrier_log:recall(Log, recalled)]}.
-
-ask_others(#barrier{others = Others} = Barrier) ->
-    Asking = Barrier#barrier{untold = Others},
-    {Asking, ask_untold(Asking)}.
+%% -- after what was stored is lost ----------------------------------------------------------
 
 ask_untold(#barrier{untold = []}) ->
     [];
@@ -271,44 +287,14 @@ told(Certain, Facts, From, #barrier{untold = Untold, witnesses = Witnesses} = Ba
     end.
 
 %% All that can be known is known.
-settle(#barrier{gates = Gates, witnesses = Witnesses} = Barrier) ->
+settle(#barrier{gates = Gates, witnesses = Witnesses, asking = Asking} = Barrier) ->
     Assured = maps:map(fun(_, Gate) -> starl_barrier_gate:assure(Witnesses, Gate) end, Gates),
     Settled = Barrier#barrier{settled = true, gates = Assured},
-    answer_asking(note_all(Settled), Settled).
-
-answer_asking(Actions, #barrier{asking = Asking} = Barrier) ->
     Replies = [
-        {reply, From, starl_barrier_gate:next(gate(Name, Barrier))}
+        {reply, From, starl_barrier_gate:next(gate(Name, Settled))}
      || {{_Caller, Name}, From} <- lists:sort(maps:to_list(Asking))
     ],
-    {keep_state, Barrier#barrier{asking = #{}}, Actions ++ Replies}.
-
-%% What the log says is exact.
-recalled({complete, Notes}, #barrier{settled = false} = Barrier) ->
-    Recalled = maps:fold(fun recall/3, Barrier#barrier{settled = true}, Notes),
-    All = maps:map(fun(_, Gate) -> starl_barrier_gate:certain(Gate) end, Recalled#barrier.gates),
-    answer_asking([], Recalled#barrier{gates = All});
-recalled(_Partial, #barrier{settled = false, others = []} = Barrier) ->
-    settle(Barrier);
-recalled(_Partial, #barrier{settled = false} = Barrier) ->
-    {Asking, Actions} = ask_others(Barrier),
-    {keep_state, Asking, Actions};
-recalled(_Answer, _Barrier) ->
-    keep_state_and_data.
-
-recall(Name, Counts, Barrier) ->
-    put_gate(Name, starl_barrier_gate:recall(Counts, gate(Name, Barrier)), Barrier).
-
-%% The log is told how far the robot has come.
-note(Name, #barrier{log = Log} = Barrier) ->
-    starl_barrier_log:note(Log, Name, starl_barrier_gate:counts(gate(Name, Barrier))).
-
-%% It is told everything, unless that would make it believe in what is not known yet.
-note_all(#barrier{settled = false}) ->
-    [];
-note_all(#barrier{log = Log, gates = Gates}) ->
-    Notes = maps:map(fun(_, Gate) -> starl_barrier_gate:counts(Gate) end, Gates),
-    starl_barrier_log:notes(Log, Notes).
+    {keep_state, Settled#barrier{asking = #{}}, Replies}.
 
 gate(Name, #barrier{gates = Gates, settled = Settled}) ->
     maps:get(Name, Gates, starl_barrier_gate:new(Settled)).
