@@ -1,5 +1,8 @@
 %% @doc The API that an application sees (the paper's Table of primitives).
 %%
+%% An application's types of messages are its own: they do not meet those that building blocks send,
+%% whatever they are called.
+%%
 %% All functions are called in the application's own process, from `Module:init/2' or
 %% `Module:step/2' of a {@link starl_app}. Positions are in millimetres, headings in radians,
 %% durations in whole milliseconds. An argument that cannot be (`starl:sleep(Robot, 0.5)') is the
@@ -56,33 +59,33 @@ random(#robot{}) -> starl_app_proc:random().
 send(#robot{} = Robot, To, Type, Body) ->
     ok = starl_caller:check({?MODULE, send, 4}, 'To', robot, To),
     ok = starl_caller:check({?MODULE, send, 4}, 'Type', name, Type),
-    flatten(call(Robot, sap, {send, To, Type, Body}, infinity)).
+    flatten(call(Robot, sap, {send, To, {app, Type}, Body}, infinity)).
 
 %% @doc Sends a message reliably and does not wait; its outcome is only traced.
 -spec post(robot(), robot_id(), Type :: atom(), Body :: term()) -> ok.
 post(#robot{}, To, Type, Body) ->
     ok = starl_caller:check({?MODULE, post, 4}, 'To', robot, To),
     ok = starl_caller:check({?MODULE, post, 4}, 'Type', name, Type),
-    starl_app_proc:perform([{cast, sap, {send, To, Type, Body}}]).
+    starl_app_proc:perform([{cast, sap, {send, To, {app, Type}, Body}}]).
 
 %% @doc Sends a message reliably to all others and waits until every outcome is known.
 -spec broadcast(robot(), Type :: atom(), Body :: term()) ->
     ok | {error, restarted | overload | {lost, [robot_id()]}}.
 broadcast(#robot{} = Robot, Type, Body) ->
     ok = starl_caller:check({?MODULE, broadcast, 3}, 'Type', name, Type),
-    flatten(call(Robot, sap, {broadcast, Type, Body}, infinity)).
+    flatten(call(Robot, sap, {broadcast, {app, Type}, Body}, infinity)).
 
 %% @doc From now on messages of this type come to the application ({@link await/2}).
 -spec listen(robot(), Type :: atom()) -> ok.
 listen(#robot{}, Type) ->
     ok = starl_caller:check({?MODULE, listen, 2}, 'Type', name, Type),
-    starl_app_proc:perform([{cast, sap, {listen, Type, app}}]).
+    starl_app_proc:listen({app, Type}).
 
 %% @doc Waits for a message of this type.
 -spec await(robot(), Type :: atom()) -> {ok, From :: robot_id(), Body :: term()}.
 await(#robot{}, Type) ->
     ok = starl_caller:check({?MODULE, await, 2}, 'Type', name, Type),
-    {ok, {From, Type, Body}} = starl_app_proc:await([Type], infinity),
+    {ok, {From, _, Body}} = starl_app_proc:await(types(Type), infinity),
     {ok, From, Body}.
 
 %% @doc Waits for a message of this type, at most so many milliseconds.
@@ -91,10 +94,13 @@ await(#robot{}, Type) ->
 await(#robot{}, Type, Ms) ->
     ok = starl_caller:check({?MODULE, await, 3}, 'Type', name, Type),
     ok = starl_caller:check({?MODULE, await, 3}, 'Ms', ms, Ms),
-    case starl_app_proc:await([Type], Ms * 1000) of
-        {ok, {From, Type, Body}} -> {ok, From, Body};
+    case starl_app_proc:await(types(Type), Ms * 1000) of
+        {ok, {From, _, Body}} -> {ok, From, Body};
         timeout -> timeout
     end.
+
+%% A block that delivers messages to the application, such as geocast, calls their type as it is.
+types(Type) -> [{app, Type}, Type].
 
 %% @doc The robot's own position.
 -spec position(robot()) -> {ok, pose()} | {error, restarted | unknown}.

@@ -3,31 +3,45 @@
 -module(starl_sap_message).
 
 -export([new/4, compare/3, progress/2, put_progress/3, phase/1, give_up/1, open/1, lost/1]).
+-export([called/2, failed/3, due/1, answered/1]).
 
--export_type([t/0, progress/0]).
+-export_type([t/0, progress/0, how/0, answer/0]).
 
 %% What is known about one destination: nothing, delivered, outcome known, or both.
 -type progress() :: waiting | delivered | lost | done.
 
+%% A call of a message to one robot or to all.
+-type how() :: one | all.
+
+%% What a caller is to be told.
+-type answer() :: ok | {error, lost | restarted | {lost, [starl_monitor:robot_id(), ...]}}.
+
+%% A call that is not answered yet, and where its message was lost, and why.
+-type call() :: none | {how(), [{starl_monitor:robot_id(), lost | restarted}]}.
+
 -opaque t() :: {
-    Type :: atom(), Hash :: integer(), SentUs :: integer(),
-    [{starl_monitor:robot_id(), progress()}]
+    Type :: term(),
+    Hash :: integer(),
+    SentUs :: integer(),
+    [{starl_monitor:robot_id(), progress()}],
+    call()
 }.
 
 %% @doc A message that has just been sent.
--spec new(Type :: atom(), Hash :: integer(), SentUs :: integer(), [starl_monitor:robot_id()]) ->
+-spec new(Type :: term(), Hash :: integer(), SentUs :: integer(), [starl_monitor:robot_id()]) ->
     t().
-new(Type, Hash, T, Dests) -> {Type, Hash, T, [{Dest, waiting} || Dest <- Dests]}.
+new(Type, Hash, T, Dests) -> {Type, Hash, T, [{Dest, waiting} || Dest <- Dests], none}.
 
 %% @doc Is that what was sent?
--spec compare(Type :: atom(), Hash :: integer(), t()) -> ok | corrupted | {wrong_type, atom()}.
-compare(Type, Hash, {Type, Hash, _, _}) -> ok;
-compare(Type, _Hash, {Type, _Other, _, _}) -> corrupted;
-compare(_Type, _Hash, {Sent, _, _, _}) -> {wrong_type, Sent}.
+-spec compare(Type :: term(), Hash :: integer(), t()) ->
+    ok | corrupted | {wrong_type, Sent :: term()}.
+compare(Type, Hash, {Type, Hash, _, _, _}) -> ok;
+compare(Type, _Hash, {Type, _Other, _, _, _}) -> corrupted;
+compare(_Type, _Hash, {Sent, _, _, _, _}) -> {wrong_type, Sent}.
 
 %% @doc What is known about a robot; a stranger is none of its destinations.
 -spec progress(starl_monitor:robot_id(), t()) -> progress() | stranger.
-progress(Robot, {_, _, _, Dests}) ->
+progress(Robot, {_, _, _, Dests, _}) ->
     case lists:keyfind(Robot, 1, Dests) of
         {_, Progress} -> Progress;
         false -> stranger
@@ -35,22 +49,24 @@ progress(Robot, {_, _, _, Dests}) ->
 
 %% @doc More is known about a destination.
 -spec put_progress(starl_monitor:robot_id(), progress(), t()) -> t().
-put_progress(Dest, Progress, {Type, Hash, SentUs, Dests}) ->
-    {Type, Hash, SentUs, lists:keyreplace(Dest, 1, Dests, {Dest, Progress})}.
+put_progress(Dest, Progress, {Type, Hash, SentUs, Dests, Call}) ->
+    {Type, Hash, SentUs, lists:keyreplace(Dest, 1, Dests, {Dest, Progress}), Call}.
 
-%% @doc Is an outcome open, or may something lost still be delivered, or can nothing more come?
+%% @doc Is an outcome or an answer open, or may something lost still be delivered, or can nothing
+%% more come?
 -spec phase(t()) -> open | lost | done.
-phase({_, _, _, Dests}) -> phase(Dests, done).
+phase({_, _, _, Dests, none}) -> phase(Dests, done);
+phase({_, _, _, _, _Called}) -> open.
 
 phase([], Phase) -> Phase;
 phase([{_, done} | Dests], Phase) -> phase(Dests, Phase);
 phase([{_, lost} | Dests], _Phase) -> phase(Dests, lost);
 phase([_Open | _Dests], _Phase) -> open.
 
-%% @doc The outcomes that are open will never be told.
+%% @doc The outcomes that are open will never be told, nor the answer.
 -spec give_up(t()) -> t().
-give_up({Type, Hash, SentUs, Dests}) ->
-    {Type, Hash, SentUs, [{Dest, given_up(Progress)} || {Dest, Progress} <- Dests]}.
+give_up({Type, Hash, SentUs, Dests, _Call}) ->
+    {Type, Hash, SentUs, [{Dest, given_up(Progress)} || {Dest, Progress} <- Dests], none}.
 
 given_up(waiting) -> lost;
 given_up(delivered) -> done;
@@ -58,8 +74,37 @@ given_up(Known) -> Known.
 
 %% @doc The destinations whose outcome is open.
 -spec open(t()) -> [starl_monitor:robot_id()].
-open({_, _, _, Dests}) -> [Dest || {Dest, P} <- Dests, P =:= waiting orelse P =:= delivered].
+open({_, _, _, Dests, _}) -> [Dest || {Dest, P} <- Dests, P =:= waiting orelse P =:= delivered].
 
 %% @doc The destinations where it was reported lost and not delivered so far.
 -spec lost(t()) -> [starl_monitor:robot_id()].
-lost({_, _, _, Dests}) -> [Dest || {Dest, lost} <- Dests].
+lost({_, _, _, Dests, _}) -> [Dest || {Dest, lost} <- Dests].
+
+%% @doc A caller waits for the answer.
+-spec called(how(), t()) -> t().
+called(How, {Type, Hash, SentUs, Dests, none}) -> {Type, Hash, SentUs, Dests, {How, []}}.
+
+%% @doc The message was lost at this destination; a caller has to hear of it.
+-spec failed(starl_monitor:robot_id(), lost | restarted, t()) -> t().
+failed(_Dest, _Why, {_, _, _, _, none} = Message) ->
+    Message;
+failed(Dest, Why, {Type, Hash, SentUs, Dests, {How, Failed}}) ->
+    {Type, Hash, SentUs, Dests, {How, [{Dest, Why} | Failed]}}.
+
+%% @doc What the caller is to be told: nobody has called, or not all outcomes are known yet.
+-spec due(t()) -> {answer, answer()} | not_called | too_early.
+due({_, _, _, _, none}) ->
+    not_called;
+due({_, _, _, _, {How, Failed}} = Message) ->
+    case open(Message) of
+        [] -> {answer, answer(How, lists:sort(Failed))};
+        _ -> too_early
+    end.
+
+answer(_How, []) -> ok;
+answer(one, [{_, Why}]) -> {error, Why};
+answer(_All, Failed) -> {error, {lost, [Dest || {Dest, _} <- Failed]}}.
+
+%% @doc The caller has been told.
+-spec answered(t()) -> t().
+answered({Type, Hash, SentUs, Dests, _Call}) -> {Type, Hash, SentUs, Dests, none}.

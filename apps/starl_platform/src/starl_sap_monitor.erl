@@ -7,10 +7,19 @@
 %% delivered later. When the sender's SAP restarts or its robot dies, the outcomes that were
 %% open are not expected any more; deliveries of those messages are still judged.
 %%
+%% Answers: what a caller is told is what has become of its message at all its destinations, and it
+%% is told within `bound_us' too: `ok' where all have acknowledged, else where it was lost.
+%%
+%% The application: it reads the messages of each type in the order in which they were delivered,
+%% leaves none out, and has never more of them unread than there is room for. A type has one
+%% listener.
+%%
 %% Events of machine `sap': `{started, Incarnation}', `{sent, MsgId, Dests, Type, Hash}',
 %% `{delivered, MsgId, Type, Hash}' at the receiver, `{outcome, MsgId, Dest, Outcome}' at the
 %% sender with Outcome `acknowledged', `lost', `{lost, Reason}' or `restarted' (lost because the
-%% receiver restarted); of machine `robot': `{died, Reason}' and `down' (until it starts
+%% receiver restarted), `{called, MsgId, one | all}' after `sent' where a caller waits for an
+%% answer, `{answered, MsgId | none, Answer}', `{listener_refused, Type, Machine, Holder}'; of
+%% machine `app': `{read, Source, Type, Hash}' and `crashed'; of machine `robot': `{died, Reason}' and `down' (until it starts
 %% anew). `MsgId' is `{Source, Incarnation, Seq}'.
 %%
 %% Memory: one entry per message that is outstanding. An undelivered message whose outcomes are
@@ -39,25 +48,41 @@
     },
     overdue = starl_sap_alarms:new() :: starl_sap_alarms:t(),
     stale = starl_sap_alarms:new() :: starl_sap_alarms:t(),
+    unread = #{} :: #{starl_monitor:robot_id() => starl_sap_unread:t()},
+    room :: non_neg_integer(),
+    is_alone :: boolean(),
     counts = {0, 0, 0, 0} :: {integer(), integer(), integer(), integer()}
 }).
 
 -define(LATE_US, 60_000_000).
+%% What an application and its SAP keep for it, at most.
+-define(ROOM, 1256).
 
 %% @doc `bound_us': the longest time from sending to the last outcome; `late_us' (default one
-%% minute): how long the content of a lost message is remembered.
--spec init(#{bound_us := pos_integer(), late_us => non_neg_integer()}) -> #state{}.
+%% minute): how long the content of a lost message is remembered; `robots': the team; `room': how
+%% many messages an application may have unread.
+-spec init(#{
+    bound_us := pos_integer(),
+    late_us => non_neg_integer(),
+    robots => [starl_monitor:robot_id()],
+    room => non_neg_integer()
+}) -> #state{}.
 init(#{bound_us := Bound} = Config) ->
-    #state{bound_us = Bound, late_us = maps:get(late_us, Config, ?LATE_US)}.
+    #state{
+        bound_us = Bound,
+        late_us = maps:get(late_us, Config, ?LATE_US),
+        room = maps:get(room, Config, ?ROOM),
+        is_alone = length(maps:get(robots, Config, [])) < 2
+    }.
 
-%% @doc The SAP's own events and the end of robots.
+%% @doc The SAP's own events, what the application reads, and the end of robots.
 -spec interests() -> [atom()].
-interests() -> [sap, robot].
+interests() -> [sap, robot, app].
 
 %% @doc The messages outstanding, and the numbers of all others.
 -spec timeless(#state{}) -> term().
-timeless(#state{sources = Sources, running = Running, forgotten = Forgotten}) ->
-    {Sources, Running, Forgotten}.
+timeless(#state{sources = Sources, running = Running} = State) ->
+    {Sources, Running, State#state.forgotten, State#state.unread}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -78,8 +103,13 @@ step({T, _, _, _} = Event, State) ->
 finish(EndTimeUs, State) ->
     {Overdue, #state{sources = Sources, counts = Counts}} = pass(EndTimeUs, State),
     {Sent, Delivered, Acknowledged, Lost} = Counts,
-    Results = #{sent => Sent, delivered => Delivered, acknowledged => Acknowledged,
-                lost => Lost, outstanding => starl_sap_sources:outstanding(Sources)},
+    Results = #{
+        sent => Sent,
+        delivered => Delivered,
+        acknowledged => Acknowledged,
+        lost => Lost,
+        outstanding => starl_sap_sources:outstanding(Sources)
+    },
     {verdict(Overdue), Results}.
 
 verdict([]) -> ok;
@@ -98,21 +128,35 @@ judge({T, Robot, sap, {sent, {Source, _, _} = Id, Dests, Type, Hash}}, State) ->
     end;
 judge({T, Robot, sap, {delivered, Id, Type, Hash}}, State) ->
     case starl_sap_sources:find(Id, State#state.sources) of
-        none -> delivered_late(T, Robot, Id, State);
-        Message -> delivered(T, Robot, Id, Type, Hash, Message, State)
+        none ->
+            handed_on(T, Robot, Id, Type, Hash, delivered_late(T, Robot, Id, State));
+        Message ->
+            Judged = delivered(T, Robot, Id, Type, Hash, Message, State),
+            handed_on(T, Robot, Id, Type, Hash, Judged)
     end;
 judge({T, Robot, sap, {outcome, {Source, _, _} = Id, Dest, Outcome}}, State) ->
     case Source =:= Robot of
-        true -> outcome(T, Id, Dest, kind(Outcome), State);
+        true -> outcome(T, Id, Dest, kind(Outcome), failed(Id, Dest, Outcome, State));
         false -> broken(foreign_source, T, [Robot, Source], #{message => Id}, State)
     end;
+judge({T, Robot, sap, {called, Id, How}}, State) ->
+    called(T, Robot, Id, How, State);
+judge({T, Robot, sap, {answered, Id, Answer}}, State) ->
+    answered(T, Robot, Id, Answer, State);
+judge({T, Robot, sap, {listener_refused, Type, Machine, Holder}}, State) ->
+    Details = #{type => Type, listener => Machine, held_by => Holder},
+    broken(two_listeners, T, [Robot], Details, State);
 judge({T, Robot, sap, {started, Incarnation}}, #state{running = Running} = State) ->
     Started = State#state{running = Running#{Robot => Incarnation}},
-    {ok, abandon(T, Robot, Incarnation, Started)};
+    {ok, abandon(T, Robot, Incarnation, unsure(Robot, Started))};
+judge({T, Robot, app, {read, Source, Type, Hash}}, State) ->
+    read(T, Robot, Source, Type, Hash, State);
+judge({_T, Robot, app, crashed}, State) ->
+    {ok, unsure(Robot, State)};
 judge({T, Robot, robot, {died, _Reason}}, State) ->
     {ok, abandon(T, Robot, none, State)};
 judge({T, Robot, robot, down}, State) ->
-    {ok, abandon(T, Robot, none, State)};
+    {ok, abandon(T, Robot, none, unsure(Robot, State))};
 judge({_T, _Robot, _Machine, _Other}, State) ->
     {ok, State}.
 
@@ -201,6 +245,21 @@ outcome(T, {Source, _, _} = Id, _Message, stranger, Dest, _Kind, State) ->
 outcome(T, {Source, _, _} = Id, _Message, _Known, Dest, _Kind, State) ->
     stray(outcome_reported_twice, T, Id, [Source, Dest], State).
 
+%% Only what a caller has to hear of is noted.
+failed(_Id, _Dest, acknowledged, State) ->
+    State;
+failed(Id, Dest, Outcome, #state{sources = Sources} = State) ->
+    case starl_sap_sources:find(Id, Sources) of
+        none ->
+            State;
+        Message ->
+            Failed = starl_sap_message:failed(Dest, why(Outcome), Message),
+            State#state{sources = starl_sap_sources:put(Id, Failed, Sources)}
+    end.
+
+why(restarted) -> restarted;
+why(_Lost) -> lost.
+
 closed(Id, #state{sources = Sources}) ->
     case starl_sap_sources:was_sent(Id, Sources) of
         true -> outcome_reported_twice;
@@ -230,6 +289,72 @@ counted(Column, State) ->
 count(Column, N, #state{counts = Counts}) ->
     setelement(Column, Counts, element(Column, Counts) + N).
 
+%%% Answers
+
+called(T, Robot, {Source, _, _} = Id, How, #state{sources = Sources} = State) ->
+    case starl_sap_sources:find(Id, Sources) of
+        Message when Message =/= none, Source =:= Robot ->
+            Called = starl_sap_message:called(How, Message),
+            {ok, State#state{sources = starl_sap_sources:put(Id, Called, Sources)}};
+        _ ->
+            stray(called_but_not_sent, T, Id, [Robot], State)
+    end.
+
+%% Nothing was sent, as too much is under way or nobody else is there.
+answered(_T, _Robot, none, {error, overload}, State) ->
+    {ok, State};
+answered(_T, _Robot, none, ok, #state{is_alone = true} = State) ->
+    {ok, State};
+answered(T, Robot, none, Answer, State) ->
+    broken(answer_untrue, T, [Robot], #{answer => Answer}, State);
+answered(T, Robot, Id, Answer, #state{sources = Sources} = State) ->
+    case starl_sap_sources:find(Id, Sources) of
+        none -> stray(answered_nobody, T, Id, [Robot], State);
+        Message -> answered(T, Robot, Id, Answer, Message, State)
+    end.
+
+answered(T, Robot, Id, Answer, Message, State) ->
+    Told = settle(T, Id, starl_sap_message:answered(Message), State),
+    Details = #{message => Id, answer => Answer},
+    case starl_sap_message:due(Message) of
+        {answer, Answer} -> {ok, Told};
+        {answer, True} -> broken(answer_untrue, T, [Robot], Details#{true => True}, Told);
+        too_early -> broken(answered_too_early, T, [Robot], Details, Told);
+        not_called -> broken(answered_nobody, T, [Robot], Details, State)
+    end.
+
+%%% The application
+
+%% What is delivered to the application it has to read. Nothing is asked of a machine.
+handed_on(T, Robot, {Source, _, _}, {app, _} = Type, Hash, {ok, State}) ->
+    Unread = starl_sap_unread:delivered(Type, Source, Hash, unread(Robot, State)),
+    Handed = put_unread(Robot, Unread, State),
+    case starl_sap_unread:count(Unread) > State#state.room of
+        true -> broken(more_than_it_can_keep, T, [Robot], #{type => Type}, Handed);
+        false -> {ok, Handed}
+    end;
+handed_on(_T, _Robot, _Id, _Type, _Hash, Judged) ->
+    Judged.
+
+read(T, Robot, Source, Type, Hash, State) ->
+    Details = #{type => Type, source => Source},
+    case starl_sap_unread:read(Type, Source, Hash, unread(Robot, State)) of
+        {ok, Left} -> {ok, put_unread(Robot, Left, State)};
+        skipped -> broken(acknowledged_but_not_readable, T, [Robot], Details, State);
+        not_delivered -> broken(read_but_not_delivered, T, [Robot], Details, State)
+    end.
+
+unsure(Robot, #state{unread = All} = State) ->
+    case All of
+        #{Robot := Unread} -> put_unread(Robot, starl_sap_unread:crashed(Unread), State);
+        #{} -> State
+    end.
+
+unread(Robot, #state{unread = Unread}) -> maps:get(Robot, Unread, starl_sap_unread:new()).
+
+put_unread(Robot, Left, #state{unread = Unread} = State) ->
+    State#state{unread = Unread#{Robot => Left}}.
+
 %%% Messages
 
 progress(T, Id, Message, Dest, Progress, State) ->
@@ -252,8 +377,11 @@ remember(T, Id, #state{late_us = Late, sources = Sources} = State) ->
 
 %% The robot's SAP is gone: whatever it had not reported stays open for ever.
 abandon(T, Robot, Incarnation, #state{sources = Sources} = State) ->
-    Gone = [Id || {_, Inc, _} = Id <- starl_sap_sources:outstanding(Robot, Sources),
-                  Inc =/= Incarnation],
+    Gone = [
+        Id
+     || {_, Inc, _} = Id <- starl_sap_sources:outstanding(Robot, Sources),
+        Inc =/= Incarnation
+    ],
     lists:foldl(fun(Id, S) -> give_up(T, Id, S) end, State, Gone).
 
 give_up(T, Id, #state{sources = Sources} = State) ->
@@ -288,9 +416,15 @@ late(Due, {Source, _, _} = Id, Sources) ->
             [];
         Message ->
             Dests = starl_sap_message:open(Message),
-            What = #{message => Id},
-            [violation(outcome_overdue, Due, [Source | Dests], What) || Dests =/= []]
+            overdue(Due, Source, Dests, #{message => Id}, starl_sap_message:due(Message))
     end.
+
+overdue(Due, Source, [_ | _] = Dests, What, _Answer) ->
+    [violation(outcome_overdue, Due, [Source | Dests], What)];
+overdue(Due, Source, [], What, {answer, _}) ->
+    [violation(answer_overdue, Due, [Source], What)];
+overdue(_Due, _Source, [], _What, not_called) ->
+    [].
 
 pass_stale(T, #state{stale = Stale} = State) ->
     case starl_sap_alarms:pop(T, Stale) of

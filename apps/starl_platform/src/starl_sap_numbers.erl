@@ -1,8 +1,8 @@
 %% @doc A set of sequence numbers, as disjoint intervals: numbers that come nearly in order cost
-%% next to nothing. Pure; a part of {@link starl_sap_monitor}.
+%% next to nothing. Pure; a part of {@link starl_sap_peers} and of {@link starl_sap_monitor}.
 -module(starl_sap_numbers).
 
--export([new/0, add/2, remove/2, is_member/2, is_empty/1]).
+-export([new/0, add/2, remove/2, is_member/2, is_empty/1, rise/2]).
 
 -export_type([t/0]).
 
@@ -47,6 +47,15 @@ is_member(N, [_ | Rest]) -> is_member(N, Rest).
 %% @doc Are there none?
 -spec is_empty(t()) -> boolean().
 is_empty(Set) -> Set =:= [].
+
+%% @doc The lowest number from a floor on that is not in the set, and those above it.
+-spec rise(Floor :: integer(), t()) -> {Floor :: integer(), t()}.
+rise(Floor, []) -> {Floor, []};
+rise(Floor, [{_, High} | _]) when High < Floor -> {Floor, []};
+rise(Floor, [{Low, High} | _]) when Low =< Floor -> {High + 1, []};
+rise(Floor, [Interval | Rest]) ->
+    {Risen, Left} = rise(Floor, Rest),
+    {Risen, [Interval | Left]}.
 
 join({Low, High}, [{Low2, High2} | Rest]) when High2 + 1 =:= Low -> [{Low2, High} | Rest];
 join(Interval, Rest) -> [Interval | Rest].

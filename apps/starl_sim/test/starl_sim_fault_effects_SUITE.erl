@@ -226,7 +226,7 @@ lost_command(_) ->
 
 %% -- helpers --------------------------------------------------------------------------------
 
-shout(Type, Body) -> starl_app_proc:perform([starl_sap:shout(Type, Body)]).
+shout(Type, Body) -> starl_app_proc:perform([starl_sap:shout({app, Type}, Body)]).
 
 %% Both modes come to the same: the outcome and the robots' results.
 play(N, Script, More) ->

@@ -3,7 +3,10 @@
 %% It speaks the driver protocol of {@link starl_machine_proc}. Between two events the
 %% application runs on its own stack; a blocking call hands control back to the driver with the
 %% actions gathered so far and waits for the event it needs. Other events that arrive meanwhile
-%% are kept: messages in a bounded inbox, in their order.
+%% are kept: messages in a bounded inbox, in their order. SAP hands over no more of them than there
+%% is room for: it is told the room with the first type that the application listens to, and then
+%% what has been read. What else sends messages, such as geocast, is not held back: those for which
+%% there is no room are dropped, with a trace event.
 %%
 %% The turn (the clock and the actions not yet handed back) lives in the process dictionary,
 %% under one key: the application's own functions lie between the calls on the stack, so there
@@ -11,11 +14,13 @@
 -module(starl_app_proc).
 
 -export([start_link/1, init/1]).
--export([perform/1, store/1, stored/0, now/0, random/0, call/3, await/2, sleep/1]).
+-export([perform/1, store/1, stored/0, now/0, random/0, listen/1, call/3, await/2, sleep/1]).
 -export([application/0]).
 
 -define(TURN, starl_turn).
 -define(INBOX_LIMIT, 1000).
+%% SAP hears of what was read so many messages at a time, or one by one when room is scarce.
+-define(READ_AT_ONCE, 100).
 %% So many actions and steps may be in one turn.
 -define(TURN_LIMIT, 100000).
 %% How long an application whose state new code could not take over waits for other code.
@@ -30,6 +35,9 @@
     %% how many actions and steps the turn has had
     count = 0 :: non_neg_integer(),
     inbox = [] :: [message()],
+    %% has SAP been told what room there is? How many messages it has not heard yet to be read
+    room_told = false :: boolean(),
+    unsaid = 0 :: non_neg_integer(),
     random :: rand:state(),
     stored :: starl_machine:stored(),
     %% of an earlier life's calls, no answer is taken for one of this life's
@@ -41,7 +49,7 @@
 }).
 
 %% A message that waits in the inbox.
--type message() :: {From :: starl:robot_id(), Type :: atom(), Body :: term()}.
+-type message() :: {From :: starl:robot_id(), starl_packet:type(), Body :: term()}.
 
 %% What the process needs to know. `handle' is what the application calls its `Robot'.
 -type spec() :: #{
@@ -126,6 +134,18 @@ counted(N, #turn{count = Count} = Turn) when Count + N =< ?TURN_LIMIT ->
 counted(_N, #turn{module = Module}) ->
     error({step_never_blocks, #{application => Module, actions_and_steps => ?TURN_LIMIT}}).
 
+%% @doc Listens to a type of message of SAP.
+-spec listen(starl_packet:type()) -> ok.
+listen(Type) ->
+    case turn() of
+        #turn{room_told = true} ->
+            perform([{cast, sap, {listen, Type, app}}]);
+        #turn{inbox = Inbox} = Turn ->
+            _ = put(?TURN, Turn#turn{room_told = true, unsaid = 0}),
+            Room = max(0, ?INBOX_LIMIT - length(Inbox)),
+            perform([{cast, sap, {listen, Type, app, Room}}])
+    end.
+
 %% @doc The robot's own clock, in microseconds, at the beginning of this turn.
 -spec now() -> integer().
 now() -> (turn())#turn.now.
@@ -171,13 +191,14 @@ missing(Name) ->
     end.
 
 %% @doc Waits for a message of one of the given types; messages that came earlier count.
--spec await([atom()], Us :: non_neg_integer() | infinity) -> {ok, message()} | timeout.
+-spec await([starl_packet:type()], Us :: non_neg_integer() | infinity) ->
+    {ok, message()} | timeout.
 await(Types, Us) ->
     #turn{inbox = Inbox} = Turn = turn(),
     case lists:splitwith(fun({_, Type, _}) -> not lists:member(Type, Types) end, Inbox) of
         {Before, [Message | After]} ->
             _ = put(?TURN, Turn#turn{inbox = Before ++ After}),
-            {ok, Message};
+            {ok, read(Message)};
         {_, []} ->
             await_new(Types, Us)
     end.
@@ -261,9 +282,23 @@ await_new(Types, Us) ->
     end),
     stop_timer(Tag, Us),
     case Answer of
-        {message, Message} -> {ok, Message};
+        {message, Message} -> {ok, read(Message)};
         timeout -> timeout
     end.
+
+%% What SAP has acknowledged and the application has read is judged, and makes room.
+read({From, {app, _} = Type, Body} = Message) ->
+    #turn{inbox = Inbox, unsaid = Unsaid} = Turn = get(?TURN),
+    Said = said(Unsaid + 1, ?INBOX_LIMIT - length(Inbox)),
+    _ = put(?TURN, Turn#turn{unsaid = Unsaid + 1 - Said}),
+    Credit = [{cast, sap, {read, app, Said}} || Said > 0],
+    ok = perform([{trace, {read, From, Type, erlang:phash2(Body)}} | Credit]),
+    Message;
+read(Message) ->
+    Message.
+
+said(Unsaid, Free) when Unsaid >= ?READ_AT_ONCE; Free - Unsaid < ?READ_AT_ONCE -> Unsaid;
+said(_Unsaid, _Free) -> 0.
 
 %% Hands the gathered actions back and takes events until Match knows one.
 -spec wait(fun((starl_machine:event_type(), term()) -> skip | term())) -> term().
@@ -283,6 +318,8 @@ wait(Match) ->
             end
     end.
 
+listening({cast, sap, {listen, Type, app, _Room}}, Known) ->
+    lists:umerge([{sap, {listen, Type, app}}], Known);
 listening({cast, Machine, {listen, _, _} = Word}, Known) ->
     lists:umerge([{Machine, Word}], Known);
 listening({cast, Machine, {subscribe, _, _} = Word}, Known) ->
@@ -291,6 +328,10 @@ listening(_, Known) ->
     Known.
 
 %% A machine that has restarted knows no listeners.
+heed(info, {restarted, sap}) ->
+    #turn{listening = Listening} = Turn = get(?TURN),
+    _ = put(?TURN, Turn#turn{room_told = false}),
+    lists:foreach(fun listen/1, [Type || {sap, {listen, Type, app}} <- Listening]);
 heed(info, {restarted, Machine}) ->
     #turn{listening = Listening} = get(?TURN),
     perform([{cast, Machine, Word} || {M, Word} <- Listening, M =:= Machine]);
@@ -302,6 +343,9 @@ heed(_, _) ->
     ok.
 
 %% Events that nobody waits for at the moment.
+keep(cast, {message, From, {app, _} = Type, Body}) ->
+    #turn{inbox = Inbox} = Turn = get(?TURN),
+    put(?TURN, Turn#turn{inbox = Inbox ++ [{From, Type, Body}]});
 keep(cast, {message, From, Type, Body}) ->
     #turn{inbox = Inbox} = Turn = get(?TURN),
     case length(Inbox) < ?INBOX_LIMIT of

@@ -1,15 +1,28 @@
 %% @doc The packets of SAP: the one place that makes and reads them.
 %%
-%% A data packet carries its source's incarnation and sequence number, the lowest sequence
-%% number that its source still waits for (the receiver may forget all below it), and for each
-%% receiver the incarnation that it is meant for. Incarnation 1 is the default and not written.
+%% A data packet carries its source's incarnation, the message's name within it, its number among
+%% the messages to its receiver or among the broadcasts, and for each receiver the incarnation that
+%% it is meant for. Incarnation 1 is the default and not written.
+%%
+%% Whoever has a radio can put anything on the air. {@link source/1} lets nothing pass but packets
+%% of exactly these shapes, whatever they say; what they say is for {@link starl_sap} to judge.
 -module(starl_packet).
 
--export([data/1, ack/4, refusal/4, hello/2, shout/3]).
+-export([data/1, ack/4, refusal/4, hello/2, shout/3, ask/2, told/4]).
+-export([source/1]).
 
--export_type([t/0, data/0, incarnation/0, seq/0]).
+-export_type([t/0, data/0, incarnation/0, seq/0, numbering/0, type/0, lows/0]).
 
 -define(VERSION, 1).
+
+%% No robot counts further: numbers stay small integers.
+-define(MOST, 16#3FFFFFFFFFFFFFF).
+
+-define(IS_COUNT(N), (is_integer(N) andalso N > 0 andalso N =< ?MOST)).
+-define(IS_TYPE(T),
+    (is_atom(T) orelse
+        (tuple_size(T) =:= 2 andalso element(1, T) =:= app andalso is_atom(element(2, T))))
+).
 
 %% Counts the starts of a robot's SAP.
 -type incarnation() :: pos_integer().
@@ -17,15 +30,25 @@
 %% Counts the messages of one incarnation.
 -type seq() :: pos_integer().
 
+%% Counts the messages to one receiver, or the broadcasts: what is lost on the way to one robot
+%% leaves no gap for another.
+-type numbering() :: seq() | {all, seq()}.
+
+%% A machine's type of message, or a sequential application's, which lie in a space of their own.
+-type type() :: atom() | {app, atom()}.
+
+%% The lowest numbers that a source still waits for at a robot: of messages to it, of broadcasts.
+-type lows() :: {seq(), seq()}.
+
 %% A tuple, not a map: a message is copied and hashed at every hop.
 -type data() :: {
     Source :: starl:robot_id(),
     incarnation(),
     seq(),
-    Low :: seq(),
+    numbering(),
     %% the receivers' incarnations where they are not 1
     For :: #{starl:robot_id() => incarnation()},
-    Type :: atom(),
+    type(),
     Body :: term()
 }.
 
@@ -38,8 +61,12 @@
     | {starl, 1, refusal, By :: starl:robot_id(), incarnation(), incarnation(), seq()}
     %% a robot's SAP has started anew
     | {starl, 1, hello, starl:robot_id(), incarnation()}
+    %% By doubts what came in the name of the receiver of this packet
+    | {starl, 1, ask, By :: starl:robot_id(), Nonce :: pos_integer()}
+    %% the answer of the robot itself
+    | {starl, 1, told, starl:robot_id(), incarnation(), Nonce :: pos_integer(), lows()}
     %% for all in range; nobody acknowledges it
-    | {starl, 1, shout, Source :: starl:robot_id(), Type :: atom(), Body :: term()}.
+    | {starl, 1, shout, Source :: starl:robot_id(), type(), Body :: term()}.
 
 %% @doc A message.
 -spec data(data()) -> t().
@@ -58,5 +85,42 @@ refusal(By, Own, Incarnation, Seq) -> {starl, ?VERSION, refusal, By, Own, Incarn
 hello(Robot, Incarnation) -> {starl, ?VERSION, hello, Robot, Incarnation}.
 
 %% @doc A message of `Source' for all in range, without acknowledgement.
--spec shout(Source :: starl:robot_id(), Type :: atom(), Body :: term()) -> t().
+-spec shout(Source :: starl:robot_id(), type(), Body :: term()) -> t().
 shout(Source, Type, Body) -> {starl, ?VERSION, shout, Source, Type, Body}.
+
+%% @doc `By' asks a robot which incarnation it is.
+-spec ask(By :: starl:robot_id(), Nonce :: pos_integer()) -> t().
+ask(By, Nonce) -> {starl, ?VERSION, ask, By, Nonce}.
+
+%% @doc The answer: the incarnation, and what it still waits for at the robot that asks.
+-spec told(starl:robot_id(), incarnation(), Nonce :: pos_integer(), lows()) -> t().
+told(Robot, Incarnation, Nonce, Lows) -> {starl, ?VERSION, told, Robot, Incarnation, Nonce, Lows}.
+
+%% @doc In whose name a packet comes; `malformed' if it is none.
+-spec source(term()) -> starl:robot_id() | malformed.
+source({starl, ?VERSION, data, {Source, Incarnation, Seq, Number, For, Type, _Body}}) when
+    ?IS_COUNT(Source), ?IS_COUNT(Incarnation), ?IS_COUNT(Seq), is_map(For), ?IS_TYPE(Type)
+->
+    numbered(Number, Source);
+source({starl, ?VERSION, ack, By, Own, Incarnation, Seq}) when
+    ?IS_COUNT(By), ?IS_COUNT(Own), ?IS_COUNT(Incarnation), ?IS_COUNT(Seq)
+->
+    By;
+source({starl, ?VERSION, refusal, By, Own, Incarnation, Seq}) when
+    ?IS_COUNT(By), ?IS_COUNT(Own), ?IS_COUNT(Incarnation), ?IS_COUNT(Seq)
+->
+    By;
+source({starl, ?VERSION, hello, By, Own}) when ?IS_COUNT(By), ?IS_COUNT(Own) -> By;
+source({starl, ?VERSION, shout, Source, Type, _Body}) when ?IS_COUNT(Source), ?IS_TYPE(Type) ->
+    Source;
+source({starl, ?VERSION, ask, By, Nonce}) when ?IS_COUNT(By), ?IS_COUNT(Nonce) -> By;
+source({starl, ?VERSION, told, By, Own, Nonce, {Low, Casts}}) when
+    ?IS_COUNT(By), ?IS_COUNT(Own), ?IS_COUNT(Nonce), ?IS_COUNT(Low), ?IS_COUNT(Casts)
+->
+    By;
+source(_Other) ->
+    malformed.
+
+numbered(Number, Source) when ?IS_COUNT(Number) -> Source;
+numbered({all, Number}, Source) when ?IS_COUNT(Number) -> Source;
+numbered(_Other, _Source) -> malformed.

@@ -5,23 +5,32 @@
 %% Exchange rules:
 %% ```
 %%   source                                   receiver
-%%     | data {incarnation, seq, low, for} ---->|  new: delivered to the listener of its type
+%%     | data {incarnation, seq, number, for} ->|  new: delivered to the listener of its type
 %%     |<----------- ack {incarnation, seq} ----|  seen before: acknowledged only
 %%     | (again after a back-off, at most `limit' times, then reported lost)
 %%     |<------- refusal {its incarnation} -----|  meant for an earlier incarnation of the receiver
+%%     |<------------------------ ask {nonce} --|  what came in the source's name is doubtful
+%%     | told {incarnation, nonce, lows} ------>|  the source's own word
 %% '''
-%% At most once: the receiver remembers which sequence numbers of a source's incarnation it has
-%% taken, down to the source's own `low' mark, so the memory is bounded by the messages that are
-%% under way. A message that the receiver's previous incarnation may have taken is refused by
-%% the next one and reported lost. A lost report does not say that the message was not
-%% delivered. A message whose type has no listener yet waits for one, within bounds; beyond them
-%% it is not acknowledged.
+%% At most once: the receiver remembers which numbers of a source's incarnation it has taken,
+%% within a window ({@link starl_sap_peers}). A message that the receiver's previous incarnation
+%% may have taken is refused by the next one and reported `restarted'. A lost report does not say
+%% that the message was not delivered. A message whose type has no listener yet waits for one,
+%% within bounds; beyond them, or where its listener has no room for it, it is not acknowledged, so
+%% the source tries again.
+%%
+%% Packets are not trusted: {@link starl_packet:source/1} lets only well-formed ones in, strangers
+%% are not heard, and no packet but a robot's own answer to a question can make others believe that
+%% it is far ahead. What is dropped leaves a trace.
 %%
 %% Calls: `{send, To, Type, Body}' (answer {@link starl:outcome()}), `{broadcast, Type, Body}'
 %% (answer `ok', `{error, {lost, Robots}}' or `{error, overload}'): one packet on the air, then
 %% again to each that did not acknowledge. Casts: `{send, To, Type, Body}',
-%% `{broadcast, Type, Body}' without an answer, `{listen, Type, Machine}'. A listener gets the
-%% cast `{message, From, Type, Body}'.
+%% `{broadcast, Type, Body}' without an answer, `{listen, Type, Machine}',
+%% `{listen, Type, Machine, Room}' from a listener that keeps at most so many messages more than it
+%% has now, and `{read, Machine, Count}' when it has read some. A listener gets the cast
+%% `{message, From, Type, Body}'. A type has one listener: another one is refused, and the monitor
+%% takes it for a violation.
 %%
 %% Beside the reliable service there is a datagram: the cast `{shout, Type, Body}' puts one packet
 %% on the air for all in range. It is not acknowledged or repeated, may arrive twice, and is
@@ -30,7 +39,12 @@
 %%
 %% Trace: `{started, Incarnation}', `{sent, Id, Dests, Type, Hash}', `{delivered, Id, Type, Hash}',
 %% `{outcome, Id, Dest, acknowledged | lost | restarted}' with Id = {source, incarnation, seq};
-%% a hash is `erlang:phash2(Body)'.
+%% a hash is `erlang:phash2(Body)'. `{called, Id, one | all}' with `sent' where a caller waits, and
+%% `{answered, Id | none, Answer}' with the answer. `{overload, Type}': not sent.
+%% `{full | unclaimed_full, Source, Type}': not taken for want of room. `{dropped, Why, Robot}': a
+%% packet in the name of that robot was not heeded: it is a `stranger', or the `incarnation', the
+%% `number', what is said of a message (`acknowledged', `restarted') or an `answer' cannot be true.
+%% `{listener_refused, Type, Machine, Holder}'.
 -module(starl_sap).
 -behaviour(starl_machine).
 
@@ -40,8 +54,8 @@
 -export_type([config/0]).
 
 %% `retransmit_ms': the first retransmission's delay; each further one waits `backoff' times
-%% longer, at most `longest_ms'; `limit': how many retransmissions; `window': how far sequence
-%% numbers under way may lie apart; `unclaimed': how many messages may wait for a listener.
+%% longer, at most `longest_ms'; `limit': how many retransmissions; `window': how far numbers
+%% under way to one robot may lie apart; `unclaimed': how many messages may wait for a listener.
 -type config() :: #{
     retransmit_ms => pos_integer(),
     backoff => float(),
@@ -57,29 +71,31 @@
     incarnation :: starl_packet:incarnation(),
     out :: starl_sap_out:t(),
     peers = starl_sap_peers:new() :: starl_sap_peers:t(),
-    inbox :: starl_sap_inbox:t()
+    inbox :: starl_sap_inbox:t(),
+    window :: pos_integer(),
+    nonce :: pos_integer()
 }).
 
 %% @doc The action that sends a message; its outcome comes back as the event `{reply, Tag}'.
--spec send(starl:robot_id(), Type :: atom(), Body :: term(), starl_machine:tag()) ->
+-spec send(starl:robot_id(), starl_packet:type(), Body :: term(), starl_machine:tag()) ->
     starl_machine:action().
 send(To, Type, Body, Tag) -> {call, sap, {send, To, Type, Body}, Tag}.
 
 %% @doc The action that sends a message whose outcome nobody waits for.
--spec post(starl:robot_id(), Type :: atom(), Body :: term()) -> starl_machine:action().
+-spec post(starl:robot_id(), starl_packet:type(), Body :: term()) -> starl_machine:action().
 post(To, Type, Body) -> {cast, sap, {send, To, Type, Body}}.
 
 %% @doc The action that sends one unacknowledged packet to all in range.
--spec shout(Type :: atom(), Body :: term()) -> starl_machine:action().
+-spec shout(starl_packet:type(), Body :: term()) -> starl_machine:action().
 shout(Type, Body) -> {cast, sap, {shout, Type, Body}}.
 
 %% @doc The action by which robot `Self' sends one unacknowledged packet to one robot.
--spec datagram(Self :: starl:robot_id(), starl:robot_id(), Type :: atom(), Body :: term()) ->
+-spec datagram(Self :: starl:robot_id(), starl:robot_id(), starl_packet:type(), Body :: term()) ->
     starl_machine:action().
 datagram(Self, To, Type, Body) -> {transmit, To, starl_packet:shout(Self, Type, Body)}.
 
 %% @doc The action by which a machine listens to messages of a type.
--spec listen(Type :: atom(), starl_machine:name()) -> starl_machine:action().
+-spec listen(starl_packet:type(), starl_machine:name()) -> starl_machine:action().
 listen(Type, Machine) -> {cast, sap, {listen, Type, Machine}}.
 
 %% @doc The longest time from sending a message to the report of its outcome, in microseconds
@@ -89,11 +105,14 @@ bound_us(Config) -> round(lists:sum(delays(Config))).
 
 -spec init(starl_machine:config()) -> {ready, #sap{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config) ->
+    Window = maps:get(window, Config, 4096),
     Sap = #sap{
         self = Self,
         team = Team,
         incarnation = Incarnation,
-        out = starl_sap_out:new(Self, Incarnation, delays(Config), maps:get(window, Config, 4096)),
+        window = Window,
+        nonce = nonce(Config),
+        out = starl_sap_out:new(Self, Incarnation, delays(Config), Window),
         inbox = starl_sap_inbox:new(maps:get(unclaimed, Config, 256))
     },
     Hello = [{transmit, all, starl_packet:hello(Self, Incarnation)} || Incarnation > 1],
@@ -101,64 +120,70 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
 
 -spec handle_event(starl_machine:event_type(), term(), ready, #sap{}, starl_machine:meta()) ->
     starl_machine:result().
-handle_event(packet, {starl, 1, data, Data}, ready, Sap, _Meta) ->
-    receive_data(Data, Sap);
-handle_event(packet, {starl, 1, ack, By, Own, Incarnation, Seq}, ready, Sap, _Meta) ->
-    settle(By, Own, Incarnation, Seq, acknowledged, Sap);
+handle_event(packet, Packet, ready, Sap, _Meta) ->
+    receive_packet(starl_packet:source(Packet), Packet, Sap);
 handle_event(cast, {send, To, Type, Body}, ready, Sap, _Meta) ->
-    send_message([To], Type, Body, none, false, Sap);
+    send_message(To, Type, Body, none, Sap);
 handle_event({call, From}, {send, To, Type, Body}, ready, Sap, _Meta) ->
-    send_message([To], Type, Body, From, false, Sap);
+    send_message(To, Type, Body, From, Sap);
 handle_event({timeout, {retransmit, Seq}}, _, ready, Sap, _Meta) ->
     retransmit(Seq, Sap);
 handle_event(cast, {broadcast, Type, Body}, ready, Sap, _Meta) ->
-    send_message(others(Sap), Type, Body, none, true, Sap);
+    broadcast(others(Sap), Type, Body, none, Sap);
 handle_event({call, From}, {broadcast, Type, Body}, ready, Sap, _Meta) ->
-    send_message(others(Sap), Type, Body, From, true, Sap);
-handle_event(packet, {starl, 1, refusal, By, Own, Incarnation, Seq}, ready, Sap, _Meta) ->
-    settle(By, Own, Incarnation, Seq, restarted, Sap);
-handle_event(packet, {starl, 1, hello, By, Own}, ready, Sap, _Meta) ->
-    {keep_state, heard(By, Own, Sap)};
+    broadcast(others(Sap), Type, Body, From, Sap);
 handle_event(cast, {shout, Type, Body}, ready, #sap{self = Self}, _Meta) ->
     {keep_state_and_data, [{transmit, all, starl_packet:shout(Self, Type, Body)}]};
-handle_event(packet, {starl, 1, shout, Source, Type, Body}, ready, Sap, _Meta) ->
-    {keep_state_and_data, [starl_sap_inbox:overhear(Source, Type, Body, Sap#sap.inbox)]};
-handle_event(cast, {listen, Type, Machine}, ready, #sap{inbox = Inbox} = Sap, _Meta) ->
-    {Messages, Next} = starl_sap_inbox:listen(Type, Machine, Inbox),
+handle_event(cast, {listen, Type, Machine}, ready, Sap, _Meta) ->
+    listen(Type, Machine, Sap);
+handle_event(cast, {listen, Type, Machine, Room}, ready, #sap{inbox = Inbox} = Sap, _Meta) ->
+    listen(Type, Machine, Sap#sap{inbox = starl_sap_inbox:room(Machine, Room, Inbox)});
+handle_event(cast, {read, Machine, Count}, ready, #sap{inbox = Inbox} = Sap, _Meta) ->
+    {Messages, Next} = starl_sap_inbox:read(Machine, Count, Inbox),
     {keep_state, Sap#sap{inbox = Next}, Messages};
 handle_event(info, {restarted, _}, ready, _Sap, _Meta) ->
     keep_state_and_data;
 handle_event(_, _, _, _, _) ->
     unknown_event.
 
+listen(Type, Machine, #sap{inbox = Inbox} = Sap) ->
+    case starl_sap_inbox:listen(Type, Machine, Inbox) of
+        {held_by, Holder} ->
+            {keep_state, Sap, [{trace, {listener_refused, Type, Machine, Holder}}]};
+        {Messages, Next} ->
+            {keep_state, Sap#sap{inbox = Next}, Messages}
+    end.
+
 %% -- sending --------------------------------------------------------------------------------
 
 others(#sap{self = Self, team = Team}) -> starl_team:others(Self, Team).
 
-send_message([], _Type, _Body, From, _Broadcast, Sap) ->
-    {keep_state, Sap, starl_sap_out:answer(From, ok)};
-send_message([Self], Type, Body, From, _Broadcast, #sap{self = Self, inbox = Inbox} = Sap) ->
-    case starl_sap_inbox:has_room(Type, Inbox) of
-        true -> send_own(Type, Body, From, Sap);
-        false -> {keep_state, Sap, overload(Type, From)}
-    end;
-send_message(Dests, Type, Body, From, Broadcast, #sap{out = Out, peers = Peers} = Sap) ->
-    case starl_sap_out:is_full(Out) of
-        true ->
-            {keep_state, Sap, overload(Type, From)};
-        false ->
-            For = starl_sap_peers:later(Dests, Peers),
-            {Actions, Sent} = starl_sap_out:send({Dests, Type, Body}, {From, Broadcast}, For, Out),
-            {keep_state, Sap#sap{out = Sent}, Actions}
-    end.
+send_message(Self, Type, Body, From, #sap{self = Self} = Sap) ->
+    send_own(Type, Body, From, Sap);
+send_message(To, Type, Body, From, #sap{out = Out, peers = Peers} = Sap) ->
+    For = starl_sap_peers:later([To], Peers),
+    sent(starl_sap_out:send({To, {Type, Body}}, From, For, Out), Type, From, Sap).
+
+broadcast([], _Type, _Body, From, Sap) ->
+    {keep_state, Sap, starl_sap_out:answer(From, none, ok)};
+broadcast(Dests, Type, Body, From, #sap{out = Out, peers = Peers} = Sap) ->
+    For = starl_sap_peers:later(Dests, Peers),
+    sent(starl_sap_out:broadcast({Dests, {Type, Body}}, From, For, Out), Type, From, Sap).
+
+sent(full, Type, From, Sap) -> {keep_state, Sap, overload(Type, From)};
+sent({Actions, Sent}, _Type, _From, Sap) -> {keep_state, Sap#sap{out = Sent}, Actions}.
 
 overload(Type, From) ->
-    [{trace, {overload, Type}} | starl_sap_out:answer(From, {error, overload})].
+    [{trace, {overload, Type}} | starl_sap_out:answer(From, none, {error, overload})].
 
 send_own(Type, Body, From, #sap{self = Self, out = Out, inbox = Inbox} = Sap) ->
     {Id, Before, After, Sent} = starl_sap_out:send_own(Type, Body, From, Out),
-    {Actions, Delivered} = starl_sap_inbox:deliver(Self, Type, Body, Id, Inbox),
-    {keep_state, Sap#sap{out = Sent, inbox = Delivered}, Before ++ Actions ++ After}.
+    case starl_sap_inbox:deliver(Self, Type, Body, Id, Inbox) of
+        {Actions, Delivered} ->
+            {keep_state, Sap#sap{out = Sent, inbox = Delivered}, Before ++ Actions ++ After};
+        _Full ->
+            {keep_state, Sap, overload(Type, From)}
+    end.
 
 retransmit(Seq, #sap{out = Out} = Sap) ->
     case starl_sap_out:retransmit(Seq, Out) of
@@ -166,54 +191,111 @@ retransmit(Seq, #sap{out = Out} = Sap) ->
         none -> keep_state_and_data
     end.
 
-settle(By, Own, Incarnation, Seq, Outcome, #sap{out = Out, peers = Peers} = Sap) ->
-    Heard = starl_sap_peers:heard(By, Own, Peers),
-    case starl_sap_out:settle(By, Incarnation, Seq, Outcome, Out) of
-        {Actions, Next} -> {keep_state, Sap#sap{out = Next, peers = Heard}, Actions};
-        none -> {keep_state, Sap#sap{peers = Heard}}
-    end.
-
 %% -- receiving ------------------------------------------------------------------------------
 
-receive_data({Source, Theirs, Seq, _Low, For, _Type, _Body} = Data, Sap) ->
+receive_packet(malformed, _Packet, _Sap) ->
+    unknown_event;
+receive_packet(Source, Packet, #sap{self = Self, team = Team, peers = Peers} = Sap) ->
+    Known = starl_sap_peers:is_known(Source, Peers),
+    case Known orelse (Source =/= Self andalso starl_team:has(Source, Team)) of
+        true -> packet(Packet, Sap);
+        false -> {keep_state_and_data, [dropped(stranger, Source)]}
+    end.
+
+dropped(Why, Source) -> {trace, {dropped, Why, Source}}.
+
+packet({starl, _, data, Data}, Sap) ->
+    receive_data(Data, Sap);
+packet({starl, _, ack, By, Theirs, Own, Seq}, Sap) ->
+    settle({By, Theirs}, Own, Seq, acknowledged, Sap);
+packet({starl, _, refusal, By, Theirs, Own, Seq}, Sap) ->
+    settle({By, Theirs}, Own, Seq, restarted, Sap);
+packet({starl, _, hello, By, Theirs}, #sap{peers = Peers} = Sap) ->
+    case starl_sap_peers:heard(By, Theirs, Peers) of
+        {far, _} -> doubt(By, Sap, []);
+        {_, Heard} -> {keep_state, Sap#sap{peers = Heard}}
+    end;
+packet({starl, _, shout, Source, Type, Body}, #sap{inbox = Inbox}) ->
+    {keep_state_and_data, [starl_sap_inbox:overhear(Source, Type, Body, Inbox)]};
+packet({starl, _, ask, By, Nonce}, #sap{self = Self, incarnation = Own, out = Out}) ->
+    Told = starl_packet:told(Self, Own, Nonce, starl_sap_out:lows(By, Out)),
+    {keep_state_and_data, [{transmit, By, Told}]};
+packet({starl, _, told, By, Theirs, Nonce, Lows}, #sap{peers = Peers} = Sap) ->
+    case starl_sap_peers:told(By, Theirs, Nonce, Lows, Peers) of
+        {ok, Heard} -> {keep_state, Sap#sap{peers = Heard}};
+        not_asked -> {keep_state_and_data, [dropped(answer, By)]}
+    end.
+
+%% Asks a robot which incarnation it is, and where its numbers begin.
+ask(Robot, #sap{self = Self, peers = Peers, nonce = Next} = Sap) ->
+    {Nonce, Asked} = starl_sap_peers:ask(Robot, Next, Peers),
+    {{transmit, Robot, starl_packet:ask(Self, Nonce)}, Sap#sap{peers = Asked, nonce = Next + 1}}.
+
+doubt(Robot, Sap, Actions) ->
+    {Ask, Asked} = ask(Robot, Sap),
+    {keep_state, Asked, [dropped(incarnation, Robot) | Actions] ++ [Ask]}.
+
+settle({By, Theirs} = Robot, Own, Seq, Outcome, #sap{out = Out} = Sap) ->
+    case starl_sap_out:settle(Robot, Own, Seq, Outcome, Out) of
+        {Actions, Next} -> settled(By, Theirs, Outcome, Actions, Sap#sap{out = Next});
+        none -> keep_state_and_data;
+        untrue -> {keep_state_and_data, [dropped(Outcome, By)]}
+    end.
+
+%% A robot that refuses may be an earlier incarnation than it is taken for.
+settled(By, Theirs, Outcome, Actions, #sap{peers = Peers} = Sap) ->
+    case starl_sap_peers:heard(By, Theirs, Peers) of
+        {present, Heard} -> {keep_state, Sap#sap{peers = Heard}, Actions};
+        {earlier, _} when Outcome =:= acknowledged -> {keep_state, Sap, Actions};
+        {_, _} -> doubt(By, Sap, Actions)
+    end.
+
+receive_data({Source, Theirs, Seq, _Number, For, _Type, _Body} = Data, Sap) ->
     #sap{self = Self, incarnation = Own, peers = Peers} = Sap,
     Meant = maps:get(Self, For, 1),
-    case starl_sap_peers:incarnation(Source, Peers) of
-        Later when Theirs < Later ->
-            %% An earlier incarnation of the source; nobody waits for the outcome any more.
-            keep_state_and_data;
-        _ when Meant =/= Own ->
+    case starl_sap_peers:heard(Source, Theirs, Peers) of
+        {present, Heard} when Meant =:= Own ->
+            take(Data, Heard, Sap);
+        {present, Heard} ->
             Refusal = starl_packet:refusal(Self, Own, Theirs, Seq),
-            {keep_state, heard(Source, Theirs, Sap), [{transmit, Source, Refusal}]};
-        _ ->
-            take(Data, starl_sap_peers:heard(Source, Theirs, Peers), Sap)
+            {keep_state, Sap#sap{peers = Heard}, [{transmit, Source, Refusal}]};
+        {_, _} ->
+            doubt(Source, Sap, [])
     end.
 
-take({Source, Theirs, Seq, Low, _For, Type, _Body} = Data, Peers, Sap) ->
-    #sap{self = Self, incarnation = Own, inbox = Inbox} = Sap,
+take({Source, Theirs, Seq, Number, _For, _Type, _Body} = Data, Heard, Sap) ->
+    #sap{self = Self, incarnation = Own, window = Window} = Sap,
     Ack = {transmit, Source, starl_packet:ack(Self, Own, Theirs, Seq)},
-    case starl_sap_peers:take(Source, Low, Seq, Peers) of
-        {seen, Known} ->
-            {keep_state, Sap#sap{peers = Known}, [Ack]};
-        {new, Taken} ->
-            case starl_sap_inbox:has_room(Type, Inbox) of
-                true -> take_new(Data, Ack, Taken, Sap);
-                %% Not taken; it will come again.
-                false -> {keep_state, Sap#sap{peers = Peers}, [full(Source, Type)]}
-            end
+    case starl_sap_peers:take(Source, Number, Window, Heard) of
+        {new, Taken} -> take_new(Data, Ack, Taken, Heard, Sap);
+        seen -> {keep_state, Sap#sap{peers = Heard}, [Ack]};
+        {wide, Taken} -> take_wide(Source, take_new(Data, Ack, Taken, Heard, Sap));
+        far -> far(Source, Sap#sap{peers = Heard})
     end.
 
-take_new({Source, Theirs, Seq, _Low, _For, Type, Body}, Ack, Taken, #sap{inbox = Inbox} = Sap) ->
-    Id = {Source, Theirs, Seq},
-    {Actions, Delivered} = starl_sap_inbox:deliver(Source, Type, Body, Id, Inbox),
-    {keep_state, Sap#sap{peers = Taken, inbox = Delivered}, [Ack | Actions]}.
+take_new({Source, Theirs, Seq, _Number, _For, Type, Body}, Ack, Taken, Heard, Sap) ->
+    case starl_sap_inbox:deliver(Source, Type, Body, {Source, Theirs, Seq}, Sap#sap.inbox) of
+        {Actions, Delivered} ->
+            {keep_state, Sap#sap{peers = Taken, inbox = Delivered}, [Ack | Actions]};
+        %% Not taken; it will come again.
+        Full ->
+            {keep_state, Sap#sap{peers = Heard}, [{trace, {Full, Source, Type}}]}
+    end.
 
-full(Source, Type) -> {trace, {unclaimed_full, Source, Type}}.
+take_wide(Source, {keep_state, Sap, Actions}) ->
+    {Ask, Asked} = ask(Source, Sap),
+    {keep_state, Asked, Actions ++ [Ask]}.
 
-heard(Robot, Incarnation, #sap{peers = Peers} = Sap) ->
-    Sap#sap{peers = starl_sap_peers:heard(Robot, Incarnation, Peers)}.
+far(Source, Sap) ->
+    {Ask, Asked} = ask(Source, Sap),
+    {keep_state, Asked, [dropped(number, Source), Ask]}.
 
 %% -- configuration --------------------------------------------------------------------------
+
+%% Where the nonces begin, which only those can know who hear the questions.
+nonce(#{random := Random}) ->
+    {N, _} = rand:uniform_s(1 bsl 32, Random),
+    N.
 
 %% The waiting times after each transmission, in microseconds.
 delays(Config) ->
@@ -223,6 +305,7 @@ delays(Config) ->
     delays(First, Backoff, max(First, Longest), maps:get(limit, Config, 15) + 1).
 
 -spec delays(pos_integer(), float(), pos_integer(), non_neg_integer()) -> [pos_integer()].
-delays(_Us, _Backoff, _Longest, 0) -> [];
+delays(_Us, _Backoff, _Longest, 0) ->
+    [];
 delays(Us, Backoff, Longest, N) ->
     [Us | delays(min(round(Us * Backoff), Longest), Backoff, Longest, N - 1)].

@@ -1,31 +1,40 @@
 %% @doc The messages of a robot that are under way: numbered, sent again until they are
 %% acknowledged, at last reported. Pure; a part of {@link starl_sap}.
 %%
-%% Numbers go up and are never used twice in an incarnation; every packet carries the lowest that
-%% is still under way, so that receivers may forget those below it.
+%% A message has a name, which is never used twice in an incarnation, and a number: among the
+%% messages to its receiver, or among the broadcasts. The numbers under way to one robot lie within
+%% a window. Where it is used up a robot is not sent to: so one that is dead holds up nobody else.
 -module(starl_sap_out).
 
--export([new/4, is_full/1, send/4, send_own/4, retransmit/2, settle/5, answer/2]).
+-export([new/4, send/4, broadcast/4, send_own/4, retransmit/2, settle/5, lows/2, answer/3]).
 
--export_type([t/0, id/0, origin/0]).
+-export_type([t/0, id/0, content/0]).
 
 -type id() :: {starl:robot_id(), starl_packet:incarnation(), starl_packet:seq()}.
 
-%% Who waits for the outcome, and is it a broadcast, which goes out as one packet at first?
--type origin() :: {starl_machine:from() | none, IsBroadcast :: boolean()}.
+-type content() :: {starl_packet:type(), Body :: term()}.
+
+-type incarnations() :: #{starl:robot_id() => starl_packet:incarnation()}.
 
 %% A message under way: who has not acknowledged, who asked, how often it was sent.
 -record(message, {
-    type :: atom(),
+    number :: starl_packet:numbering(),
+    type :: starl_packet:type(),
     body :: term(),
     waiting :: [starl:robot_id()],
     %% the receivers' incarnations when it was first sent: a retransmission must not be taken by a
     %% later one, for the earlier may have delivered it
-    for :: #{starl:robot_id() => starl_packet:incarnation()},
+    for :: incarnations(),
     lost = [] :: [starl:robot_id()],
     from :: starl_machine:from() | none,
-    broadcast :: boolean(),
     tries = 0 :: non_neg_integer()
+}).
+
+%% What is under way to one robot: numbers, ascending.
+-record(link, {
+    next = 1 :: starl_packet:seq(),
+    ones = [] :: [starl_packet:seq()],
+    casts = [] :: [starl_packet:seq()]
 }).
 
 -record(out, {
@@ -33,53 +42,99 @@
     incarnation :: starl_packet:incarnation(),
     delays :: [pos_integer()],
     window :: pos_integer(),
+    %% the next message's name, the next broadcast's number
     next = 1 :: starl_packet:seq(),
-    low = 1 :: starl_packet:seq(),
+    cast = 1 :: starl_packet:seq(),
+    links = #{} :: #{starl:robot_id() => #link{}},
     messages = #{} :: #{starl_packet:seq() => #message{}}
 }).
 
 -opaque t() :: #out{}.
 
 %% @doc Nothing is under way. The waiting times after each transmission are in microseconds;
-%% `Window': how far numbers under way may lie apart.
+%% `Window': how far numbers under way to one robot may lie apart.
 -spec new(
-    starl:robot_id(), starl_packet:incarnation(), DelaysUs :: [pos_integer()],
+    starl:robot_id(),
+    starl_packet:incarnation(),
+    DelaysUs :: [pos_integer()],
     Window :: pos_integer()
 ) -> t().
 new(Self, Incarnation, Delays, Window) ->
     #out{self = Self, incarnation = Incarnation, delays = Delays, window = Window}.
 
-%% @doc Is there no number for one more?
--spec is_full(t()) -> boolean().
-is_full(#out{next = Next, low = Low, window = Window}) -> Next - Low >= Window.
-
-%% @doc Sends a message to others. `For': the incarnations of those that have restarted.
+%% @doc Sends a message to another robot, unless its window is used up. `For': its incarnation, if
+%% it has restarted.
 -spec send(
-    {[starl:robot_id(), ...], Type :: atom(), Body :: term()}, origin(),
-    For :: #{starl:robot_id() => starl_packet:incarnation()}, t()
-) -> {[starl_machine:action()], t()}.
-send({Dests, Type, Body}, {From, Broadcast}, For, #out{next = Seq} = Out) ->
-    Message = #message{
-        type = Type, body = Body, waiting = Dests, from = From, broadcast = Broadcast, for = For
-    },
-    {Actions, Sent} = transmit(Seq, Message, Seq + 1, Out),
-    {[{trace, {sent, id(Seq, Out), Dests, Type, erlang:phash2(Body)}} | Actions], Sent}.
+    {starl:robot_id(), content()}, starl_machine:from() | none, For :: incarnations(), t()
+) -> {[starl_machine:action()], t()} | full.
+send({Dest, Content}, From, For, #out{links = Links, window = Window} = Out) ->
+    case maps:get(Dest, Links, #link{}) of
+        #link{next = Number, ones = [Low | _]} when Number - Low >= Window ->
+            full;
+        #link{next = Number, ones = Ones} = Link ->
+            Open = Link#link{next = Number + 1, ones = Ones ++ [Number]},
+            Message = message(Number, Content, [Dest], From, For),
+            send(Message, [Dest], Out#out{links = Links#{Dest => Open}})
+    end.
 
-%% @doc Sends a message to oneself, which needs no packet; its number is used up at once. What is
-%% to be told before its delivery, and after it.
--spec send_own(Type :: atom(), Body :: term(), starl_machine:from() | none, t()) ->
+%% @doc Sends a message to many robots, in one packet at first. It is lost at once at those whose
+%% window is used up, unless it is at all of them.
+-spec broadcast(
+    {[starl:robot_id(), ...], content()}, starl_machine:from() | none, For :: incarnations(), t()
+) -> {[starl_machine:action()], t()} | full.
+broadcast({Dests, Content}, From, For, #out{cast = Number} = Out) ->
+    case lists:partition(fun(Dest) -> has_room(Dest, Out) end, Dests) of
+        {[], _} ->
+            full;
+        {Ready, Full} ->
+            Links = lists:foldl(fun(D, L) -> cast(Number, D, L) end, Out#out.links, Ready),
+            Message = message({all, Number}, Content, Ready, From, For),
+            Traces = [{trace, {outcome, id(Out#out.next, Out), Dest, lost}} || Dest <- Full],
+            {Actions, Sent} = send(
+                Message#message{lost = Full}, Dests, Out#out{cast = Number + 1, links = Links}
+            ),
+            {Actions ++ Traces, Sent}
+    end.
+
+has_room(Dest, #out{cast = Number, links = Links, window = Window}) ->
+    case Links of
+        #{Dest := #link{casts = [Low | _]}} -> Number - Low < Window;
+        #{} -> true
+    end.
+
+cast(Number, Dest, Links) ->
+    #link{casts = Casts} = Link = maps:get(Dest, Links, #link{}),
+    Links#{Dest => Link#link{casts = Casts ++ [Number]}}.
+
+message(Number, {Type, Body}, Waiting, From, For) ->
+    #message{
+        number = Number, type = Type, body = Body, waiting = Waiting, from = From, for = For
+    }.
+
+send(#message{type = Type, body = Body, from = From} = Message, Dests, #out{next = Seq} = Out) ->
+    {Actions, Sent} = transmit(Seq, Message, Seq + 1, Out),
+    Id = id(Seq, Out),
+    Called = called(From, Id, how(Message)),
+    {[{trace, {sent, Id, Dests, Type, erlang:phash2(Body)}} | Called ++ Actions], Sent}.
+
+how(#message{number = {all, _}}) -> all;
+how(#message{}) -> one.
+
+%% @doc Sends a message to oneself, which needs no packet and has no number. What is to be told
+%% before its delivery, and after it.
+-spec send_own(starl_packet:type(), Body :: term(), starl_machine:from() | none, t()) ->
     {id(), Before :: [starl_machine:action()], After :: [starl_machine:action()], t()}.
 send_own(Type, Body, From, #out{self = Self, next = Seq} = Out) ->
     Id = id(Seq, Out),
-    Before = [{trace, {sent, Id, [Self], Type, erlang:phash2(Body)}}],
-    After = [{trace, {outcome, Id, Self, acknowledged}} | answer(From, ok)],
-    {Id, Before, After, advance_low(Out#out{next = Seq + 1})}.
+    Sent = {trace, {sent, Id, [Self], Type, erlang:phash2(Body)}},
+    After = [{trace, {outcome, Id, Self, acknowledged}} | answer(From, Id, ok)],
+    {Id, [Sent | called(From, Id, one)], After, Out#out{next = Seq + 1}}.
 
 transmit(Seq, #message{tries = Tries, waiting = Waiting} = Message, Next, Out) ->
-    #out{self = Self, incarnation = Incarnation, low = Low, messages = Messages} = Out,
-    #message{type = Type, body = Body, for = For} = Message,
+    #out{self = Self, incarnation = Incarnation, messages = Messages} = Out,
+    #message{number = Number, type = Type, body = Body, for = For} = Message,
     Meant = maps:with(Waiting, For),
-    Packet = starl_packet:data({Self, Incarnation, Seq, Low, Meant, Type, Body}),
+    Packet = starl_packet:data({Self, Incarnation, Seq, Number, Meant, Type, Body}),
     Actions = [
         {{timeout, {retransmit, Seq}}, lists:nth(Tries + 1, Out#out.delays), again}
         | [{transmit, Dest, Packet} || Dest <- on_air(Message)]
@@ -87,7 +142,7 @@ transmit(Seq, #message{tries = Tries, waiting = Waiting} = Message, Next, Out) -
     Tried = Messages#{Seq => Message#message{tries = Tries + 1}},
     {Actions, Out#out{next = Next, messages = Tried}}.
 
-on_air(#message{broadcast = true, tries = 0}) -> [all];
+on_air(#message{number = {all, _}, tries = 0}) -> [all];
 on_air(#message{waiting = Waiting}) -> Waiting.
 
 %% @doc It is time to send a message again, or to report it lost.
@@ -99,23 +154,32 @@ retransmit(Seq, #out{messages = Messages, delays = Delays, next = Next} = Out) -
         #{Seq := #message{waiting = Waiting, lost = Lost} = Message} ->
             Traces = [{trace, {outcome, id(Seq, Out), Dest, lost}} || Dest <- Waiting],
             Done = Message#message{waiting = [], lost = Waiting ++ Lost},
-            {Actions, Finished} = finish(Seq, Done, lost, Out),
+            {Actions, Finished} = finish(Seq, Done, lost, closed(Waiting, Message, Out)),
             {Traces ++ Actions, Finished};
         #{} ->
             none
     end.
 
-%% @doc The outcome of one message at one receiver is known.
+%% @doc A robot, in this incarnation of it, says that it has a message, or that it has restarted
+%% and does not take it. `none': nothing is waited for; `untrue': of another incarnation.
 -spec settle(
-    By :: starl:robot_id(), starl_packet:incarnation(), starl_packet:seq(),
-    acknowledged | restarted, t()
-) -> {[starl_machine:action()], t()} | none.
-settle(By, Incarnation, Seq, Outcome, #out{incarnation = Incarnation, messages = Sent} = Out) ->
+    {By :: starl:robot_id(), starl_packet:incarnation()},
+    starl_packet:incarnation(),
+    starl_packet:seq(),
+    acknowledged | restarted,
+    t()
+) -> {[starl_machine:action()], t()} | none | untrue.
+settle({By, Theirs}, Own, Seq, Outcome, #out{incarnation = Own, messages = Sent} = Out) ->
     case Sent of
-        #{Seq := #message{waiting = Waiting} = Message} ->
+        #{Seq := #message{waiting = Waiting, for = For} = Message} ->
+            Meant = maps:get(By, For, 1) =:= Theirs,
             case lists:member(By, Waiting) of
-                true -> settled(By, Seq, Message, Outcome, Out);
-                false -> none
+                true when Meant =:= (Outcome =:= acknowledged) ->
+                    settled(By, Seq, Message, Outcome, closed([By], Message, Out));
+                true ->
+                    untrue;
+                false ->
+                    none
             end;
         #{} ->
             none
@@ -137,28 +201,39 @@ settled(By, Seq, #message{waiting = Waiting, lost = Lost} = Message, Outcome, Ou
             {[Trace], Out#out{messages = (Out#out.messages)#{Seq := Rest}}}
     end.
 
+%% The number is not under way to these robots any more.
+closed(Dests, #message{number = Number}, #out{links = Links} = Out) ->
+    Out#out{links = lists:foldl(fun(Dest, L) -> close(Number, Dest, L) end, Links, Dests)}.
+
+close({all, Number}, Dest, Links) ->
+    #{Dest := #link{casts = Casts} = Link} = Links,
+    Links#{Dest := Link#link{casts = lists:delete(Number, Casts)}};
+close(Number, Dest, Links) ->
+    #{Dest := #link{ones = Ones} = Link} = Links,
+    Links#{Dest := Link#link{ones = lists:delete(Number, Ones)}}.
+
 finish(Seq, #message{from = From} = Message, Outcome, #out{messages = Messages} = Out) ->
     Left = Out#out{messages = maps:remove(Seq, Messages)},
-    {answer(From, result(Message, Outcome)), advance_low(Left)}.
+    {answer(From, id(Seq, Out), result(Message, Outcome)), Left}.
 
 result(#message{lost = []}, _) -> ok;
-result(#message{broadcast = true, lost = Lost}, _) -> {error, {lost, lists:sort(Lost)}};
+result(#message{number = {all, _}, lost = Lost}, _) -> {error, {lost, lists:sort(Lost)}};
 result(#message{}, Outcome) -> {error, Outcome}.
 
-%% @doc Tells the outcome to whoever waits for it.
--spec answer(starl_machine:from() | none, Outcome :: term()) -> [starl_machine:action()].
-answer(none, _) -> [];
-answer(From, Result) -> [{reply, From, Result}].
+%% @doc The lowest numbers that are still waited for at a robot.
+-spec lows(starl:robot_id(), t()) -> starl_packet:lows().
+lows(Robot, #out{links = Links, cast = Cast}) ->
+    #link{next = Next, ones = Ones, casts = Casts} = maps:get(Robot, Links, #link{}),
+    {hd(Ones ++ [Next]), hd(Casts ++ [Cast])}.
 
-advance_low(#out{low = Low, next = Next, messages = Messages} = Out) ->
-    case lowest(Low, Next, Messages) of
-        Low -> Out;
-        Higher -> Out#out{low = Higher}
-    end.
+%% Somebody waits for the outcome: an answer is due.
+called(none, _Id, _How) -> [];
+called(_From, Id, How) -> [{trace, {called, Id, How}}].
 
-lowest(Low, Next, Messages) when Low < Next, not is_map_key(Low, Messages) ->
-    lowest(Low + 1, Next, Messages);
-lowest(Low, _Next, _Messages) ->
-    Low.
+%% @doc Tells the outcome to whoever waits for it; what it is told is judged.
+-spec answer(starl_machine:from() | none, id() | none, Outcome :: term()) ->
+    [starl_machine:action()].
+answer(none, _Id, _) -> [];
+answer(From, Id, Result) -> [{trace, {answered, Id, Result}}, {reply, From, Result}].
 
 id(Seq, #out{self = Self, incarnation = Incarnation}) -> {Self, Incarnation, Seq}.

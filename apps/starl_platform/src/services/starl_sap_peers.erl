@@ -1,21 +1,36 @@
 %% @doc What a robot knows of the sources of messages: the incarnation of each, and which of its
-%% sequence numbers have been taken. Pure; the part of {@link starl_sap} that "at most once" rests
-%% on.
+%% numbers have been taken. Pure; the part of {@link starl_sap} that "at most once" rests on.
 %%
-%% The numbers are kept from the source's own low mark on, below which nothing comes any more: so
-%% they are no more than the messages under way.
+%% Numbers are taken from a floor on, within a window: below the floor all have been taken, or the
+%% source waits for them no more. The floor rises with what is taken one after the other, and over
+%% a gap, which a lost message leaves, when the source says that it may. So no packet, whatever
+%% numbers it bears, moves the floor by more than itself.
+%%
+%% An incarnation a little later than the one known is believed at once. One that is far beyond it,
+%% or before it, may be false, or the one known may be: the robot itself is asked, and its answer
+%% counts, whatever was believed. The answer bears the nonce of the question, so it was given after
+%% what is believed now was true.
 -module(starl_sap_peers).
 
--export([new/0, incarnation/2, later/2, heard/3, take/4]).
+-export([new/0, incarnation/2, is_known/2, later/2, heard/3, take/4, ask/3, told/5]).
 
 -export_type([t/0]).
 
-%% The incarnation, the lowest sequence number that may still come, and those taken from there on,
-%% ascending.
+%% So many starts of a robot may have gone unheard.
+-define(LEAP, 16).
+
+%% The numbers taken, from a floor on; all below it are.
+-record(taken, {
+    floor = 1 :: starl_packet:seq(),
+    above = starl_sap_numbers:new() :: starl_sap_numbers:t()
+}).
+
 -record(peer, {
     incarnation = 1 :: starl_packet:incarnation(),
-    low = 1 :: starl_packet:seq(),
-    seen = [] :: [starl_packet:seq()]
+    ones = #taken{} :: #taken{},
+    casts = #taken{} :: #taken{},
+    %% of the question that it has not answered yet
+    nonce = none :: pos_integer() | none
 }).
 
 -opaque t() :: #{starl:robot_id() => #peer{}}.
@@ -32,6 +47,10 @@ incarnation(Robot, Peers) ->
         #{} -> 1
     end.
 
+%% @doc Has the robot been heard before?
+-spec is_known(starl:robot_id(), t()) -> boolean().
+is_known(Robot, Peers) -> is_map_key(Robot, Peers).
+
 %% @doc The incarnations of those of the robots that have restarted.
 -spec later([starl:robot_id()], t()) -> #{starl:robot_id() => starl_packet:incarnation()}.
 later([Robot], Peers) ->
@@ -47,28 +66,78 @@ later(Robots, Peers) ->
      || Robot <- Robots, Incarnation <- [incarnation(Robot, Peers)], Incarnation > 1
     ]).
 
-%% @doc Learns a robot's incarnation from any of its packets. What was taken of an earlier one
-%% need not be known any more.
--spec heard(starl:robot_id(), starl_packet:incarnation(), t()) -> t().
+%% @doc Learns a robot's incarnation from a packet: it is the one that is known now, an earlier
+%% one, or far beyond it. What was taken of an earlier one need not be known any more.
+-spec heard(starl:robot_id(), starl_packet:incarnation(), t()) -> {present | earlier | far, t()}.
 heard(Robot, Incarnation, Peers) ->
-    case incarnation(Robot, Peers) < Incarnation of
-        true -> Peers#{Robot => #peer{incarnation = Incarnation}};
-        false -> Peers
+    case incarnation(Robot, Peers) of
+        Incarnation ->
+            {present, Peers};
+        Later when Incarnation < Later -> {earlier, Peers};
+        Known when Incarnation =< Known + ?LEAP ->
+            {present, Peers#{Robot => #peer{incarnation = Incarnation}}};
+        _ ->
+            {far, Peers}
     end.
 
-%% @doc Takes a message of the source's present incarnation, of which nothing below `Low' comes
-%% any more, unless it has been taken before.
--spec take(starl:robot_id(), Low :: starl_packet:seq(), starl_packet:seq(), t()) ->
-    {new | seen, t()}.
-take(Source, Low, Seq, Peers) ->
-    #peer{low = Lowest, seen = Seen} = Peer =
-        forget_below(Low, maps:get(Source, Peers, #peer{})),
-    case Seq < Lowest orelse lists:member(Seq, Seen) of
-        true -> {seen, Peers#{Source => Peer}};
-        false -> {new, Peers#{Source => Peer#peer{seen = lists:merge([Seq], Seen)}}}
+%% @doc Takes a message of the source's present incarnation, unless it has been taken before or
+%% lies `Window' or more above the floor. `wide': half of the window is used up by gaps.
+-spec take(starl:robot_id(), starl_packet:numbering(), Window :: pos_integer(), t()) ->
+    {new | wide, t()} | seen | far.
+take(Source, {all, Number}, Window, Peers) ->
+    #peer{casts = Taken} = Peer = maps:get(Source, Peers, #peer{}),
+    case take(Number, Window, Taken) of
+        {How, More} -> {How, Peers#{Source => Peer#peer{casts = More}}};
+        No -> No
+    end;
+take(Source, Number, Window, Peers) ->
+    #peer{ones = Taken} = Peer = maps:get(Source, Peers, #peer{}),
+    case take(Number, Window, Taken) of
+        {How, More} -> {How, Peers#{Source => Peer#peer{ones = More}}};
+        No -> No
     end.
 
-%% The source waits for nothing below Low any more.
-forget_below(Low, #peer{low = Known} = Peer) when Low =< Known -> Peer;
-forget_below(Low, #peer{seen = Seen} = Peer) ->
-    Peer#peer{low = Low, seen = lists:dropwhile(fun(Seq) -> Seq < Low end, Seen)}.
+take(Number, _Window, #taken{floor = Floor}) when Number < Floor -> seen;
+take(Number, Window, #taken{floor = Floor}) when Number - Floor >= Window -> far;
+take(Number, Window, #taken{floor = Floor, above = Above}) ->
+    case starl_sap_numbers:add(Number, Above) of
+        member ->
+            seen;
+        More ->
+            {Risen, Left} = starl_sap_numbers:rise(Floor, More),
+            {width(Number - Risen, Window), #taken{floor = Risen, above = Left}}
+    end.
+
+width(Width, Window) when 2 * Width >= Window -> wide;
+width(_Width, _Window) -> new.
+
+%% @doc A robot is to be asked; by this nonce, or by the one of the question that is still open.
+-spec ask(starl:robot_id(), Nonce :: pos_integer(), t()) -> {pos_integer(), t()}.
+ask(Robot, Nonce, Peers) ->
+    case maps:get(Robot, Peers, #peer{}) of
+        #peer{nonce = none} = Peer -> {Nonce, Peers#{Robot => Peer#peer{nonce = Nonce}}};
+        #peer{nonce = Asked} -> {Asked, Peers}
+    end.
+
+%% @doc A robot answers which incarnation it is, and up to which numbers it waits for nothing.
+-spec told(
+    starl:robot_id(), starl_packet:incarnation(), Nonce :: pos_integer(), starl_packet:lows(), t()
+) -> {ok, t()} | not_asked.
+told(Robot, Incarnation, Nonce, {Low, Casts}, Peers) ->
+    case Peers of
+        #{Robot := #peer{nonce = Nonce} = Peer} ->
+            #peer{ones = Ones, casts = All} = Now = present(Incarnation, Peer),
+            {ok, Peers#{
+                Robot => Now#peer{ones = rise(Low, Ones), casts = rise(Casts, All), nonce = none}
+            }};
+        #{} ->
+            not_asked
+    end.
+
+present(Incarnation, #peer{incarnation = Incarnation} = Peer) -> Peer;
+present(Incarnation, _Other) -> #peer{incarnation = Incarnation}.
+
+rise(Low, #taken{floor = Floor} = Taken) when Low =< Floor -> Taken;
+rise(Low, #taken{above = Above}) ->
+    {Floor, Left} = starl_sap_numbers:rise(Low, Above),
+    #taken{floor = Floor, above = Left}.
