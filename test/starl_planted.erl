@@ -27,6 +27,8 @@ sap() ->
             "reports as acknowledged what nobody acknowledged"},
         {sap_tireless, sap, starl_sap_planted, #{variant => tireless}, #{},
             "no report after the last retransmission"},
+        {sap_leaves_out, sap, starl_sap_planted, #{variant => leaves_out}, #{},
+            "the answer to a broadcast leaves out the robots that refused it"},
         {sap_late, sap, starl_sap_planted, #{variant => late}, prompt(),
             "reports an outcome only when a retransmission is due"}
     ].

@@ -3,6 +3,7 @@
 %% forgets: what was taken of a source is forgotten at its next packet;
 %% claims: a message that nobody acknowledged is reported as acknowledged;
 %% tireless: after the last retransmission it says nothing;
+%% leaves_out: the answer to a broadcast leaves out the robots that refused it;
 %% late: what an acknowledgement says is reported when the next retransmission is due.
 -module(starl_sap_planted).
 -behaviour(starl_machine).
@@ -18,6 +19,9 @@ init(Config) -> start(Config).
 start(#{variant := late} = Config) ->
     {ready, Data, Actions} = starl_sap:init(Config),
     {ready, {{late, #{}}, Data}, Actions};
+start(#{variant := leaves_out} = Config) ->
+    {ready, Data, Actions} = starl_sap:init(Config),
+    {ready, {{leaves_out, []}, Data}, Actions};
 start(#{variant := Variant} = Config) ->
     {ready, Data, Actions} = starl_sap:init(Config),
     {ready, {Variant, Data}, Actions}.
@@ -39,8 +43,31 @@ handle_event({timeout, {retransmit, Seq}} = Type, Content, ready, {{late, Held},
         {keep_state, Next, Actions} -> {keep_state, Next, Due ++ Actions};
         keep_state_and_data -> {keep_state, {Left, Data}, Due}
     end;
+handle_event(Type, Content, ready, {{leaves_out, Refused}, Data}, Meta) ->
+    case forward(Type, Content, {leaves_out, Data}, Meta) of
+        {keep_state, {_, Next}, Actions} ->
+            More = [{Id, By} || {trace, {outcome, Id, By, restarted}} <- Actions] ++ Refused,
+            {keep_state, {{leaves_out, More}, Next}, left_out(More, Actions)};
+        {keep_state, {_, Next}} ->
+            {keep_state, {{leaves_out, Refused}, Next}};
+        Other ->
+            Other
+    end;
 handle_event(Type, Content, ready, Planted, Meta) ->
     forward(Type, Content, Planted, Meta).
+
+%% What is told of and what is told are the same.
+left_out(Refused, [{trace, {answered, Id, {error, {lost, Lost}}}}, {reply, From, _} | Actions]) ->
+    Answer =
+        case Lost -- [By || {I, By} <- Refused, I =:= Id] of
+            [] -> ok;
+            Left -> {error, {lost, Left}}
+        end,
+    [{trace, {answered, Id, Answer}}, {reply, From, Answer} | left_out(Refused, Actions)];
+left_out(Refused, [Action | Actions]) ->
+    [Action | left_out(Refused, Actions)];
+left_out(_Refused, []) ->
+    [].
 
 forward(Type, Content, {Variant, Data}, Meta) ->
     case starl_sap:handle_event(Type, Content, ready, Data, Meta) of
