@@ -31,7 +31,7 @@
 -module(starl_barrier_rounds).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5]).
+-export([init/1, handle_event/5, accepts/2]).
 
 -define(RETRY_MS, 3000).
 
@@ -101,6 +101,18 @@ handle_event(info, {Gone, Caller}, ready, Barrier, _Meta) when
     caller_restarted(Caller, Barrier);
 handle_event(_, _, _, _, _) ->
     unknown_event.
+
+%% @private What comes over the radio.
+-spec accepts(starl_packet:type(), Body :: term()) -> boolean().
+accepts(barrier, {reached, _, _, _, _} = Body) ->
+    starl_shape:is([any, any, natural, natural, boolean], Body);
+accepts(barrier, {who, Incarnation}) ->
+    starl_shape:is(count, Incarnation);
+accepts(barrier, {told, _, _, _} = Body) ->
+    Facts = {list, [any, natural, natural, natural]},
+    starl_shape:is([any, count, boolean, Facts], Body);
+accepts(_Type, _Body) ->
+    false.
 
 message({reached, Name, Round, Known, Answer}, From, Barrier) ->
     Heard = hear(Name, From, Round, Known, Barrier),

@@ -25,7 +25,7 @@
 -module(starl_dpp_coordinator).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5]).
+-export([init/1, handle_event/5, accepts/2]).
 
 -export_type([service/0]).
 
@@ -147,6 +147,10 @@ event(info, {restarted, _}, _State, _Data) ->
 event(_, _, _, _) ->
     unknown_event.
 
+%% @private What comes over the radio.
+-spec accepts(starl_packet:type(), Body :: term()) -> boolean().
+accepts(Type, Body) -> starl_dpp_message:accepts(Type, Body).
+
 listen() ->
     [
         starl_sap:listen(Type, dpp_coordinator)
@@ -240,11 +244,18 @@ message(dpp_refused, Term, _Robot, _State, Data) ->
     {keep_state, higher(Term, Data), []};
 message(Type, Body, Robot, State, #coordinator{term = Own} = Data) ->
     case element(1, Body) of
-        Own when State =/= idle -> heard(Type, Body, Robot, State, Data);
+        Own when State =/= idle -> looked_at(Type, Body, Robot, State, Data);
         Term when State =:= idle, Type =:= dpp_request -> claim(element(1, Term), Data);
         Term when State =/= idle, Term > Own -> claim(element(1, Term), Data);
         Term when State =:= leading, Term < Own -> keep(ask_again(Robot, Data));
         Term -> {keep_state, higher(Term, Data), []}
+    end.
+
+%% It may name lines that are not in the picture.
+looked_at(Type, Body, Robot, State, #coordinator{blank = Plan} = Data) ->
+    case starl_dpp_plan:are_targets(starl_dpp_message:edges(Type, Body), Plan) of
+        true -> heard(Type, Body, Robot, State, Data);
+        false -> {keep_state, Data, [{trace, {malformed, Robot, Type, Body}}]}
     end.
 
 %% It follows an earlier term.

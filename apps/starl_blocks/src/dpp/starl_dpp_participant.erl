@@ -26,7 +26,7 @@
 -module(starl_dpp_participant).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5]).
+-export([init/1, handle_event/5, accepts/2]).
 
 -type where() :: starl_dpp_track:where().
 
@@ -116,6 +116,10 @@ event(info, {restarted, _}, _Where, _Part) ->
     keep_state_and_data;
 event(_, _, _, _) ->
     unknown_event.
+
+%% @private What comes over the radio.
+-spec accepts(starl_packet:type(), Body :: term()) -> boolean().
+accepts(Type, Body) -> starl_dpp_message:accepts(Type, Body).
 
 listen() -> [starl_sap:listen(Type, dpp) || Type <- [dpp_answer, dpp_recover, dpp_beat]].
 

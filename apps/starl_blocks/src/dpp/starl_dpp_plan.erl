@@ -16,7 +16,7 @@
 
 -export([new/1, format_error/1]).
 -export([standing/3, passed/3, send/4, exchange/3, adopt/4, apart/1, mark_painted/2]).
--export([counts/1, painted_since/2, target/2, unsafe/1, unknown/1,
+-export([counts/1, painted_since/2, target/2, are_targets/2, unsafe/1, unknown/1,
          spot/2, parked/2, blocking/2]).
 -export([config/1, graph/1, free/1, masks/2, spots/1, held/2, rest/2, stands/2, yielded/2,
          others_move/2, view/2]).
@@ -161,6 +161,12 @@ painted_since(Known, #plan{painted = Painted, latest = Latest}) ->
 %% @doc A target edge as a segment.
 -spec target(edge_id(), t()) -> segment().
 target(E, #plan{graph = Graph}) -> starl_dpp_graph:segment(E, Graph).
+
+%% @doc Are these target edges of the picture?
+-spec are_targets([pos_integer()], t()) -> boolean().
+are_targets(Edges, #plan{graph = Graph}) ->
+    Most = starl_dpp_graph:targets(Graph),
+    lists:all(fun(E) -> E =< Most end, Edges).
 
 %% @doc All reservations, sorted by robot. One that stands holds a segment of length zero.
 -spec unsafe(t()) -> [{robot_id(), [segment()]}].

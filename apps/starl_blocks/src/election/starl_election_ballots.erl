@@ -19,7 +19,7 @@
 -module(starl_election_ballots).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5]).
+-export([init/1, handle_event/5, accepts/2]).
 
 -type ballot() :: {non_neg_integer(), starl:robot_id()}.
 
@@ -66,6 +66,12 @@ handle_event(info, {restarted, _}, ready, _Data, _Meta) ->
     keep_state_and_data;
 handle_event(_, _, _, _, _) ->
     unknown_event.
+
+%% @private What comes over the radio.
+-spec accepts(starl_packet:type(), Body :: term()) -> boolean().
+accepts(ballot, Body) -> starl_shape:is([any, [natural, count]], Body);
+accepts(leader, Body) -> starl_shape:is([any, count], Body);
+accepts(_Type, _Body) -> false.
 
 listen() -> [starl_sap:listen(ballot, election), starl_sap:listen(leader, election)].
 

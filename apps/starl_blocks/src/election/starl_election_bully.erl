@@ -24,7 +24,7 @@
 -module(starl_election_bully).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5]).
+-export([init/1, handle_event/5, accepts/2]).
 
 -export_type([config/0]).
 
@@ -87,6 +87,11 @@ handle_event(info, {restarted, _}, ready, _Bully, _Meta) ->
     keep_state_and_data;
 handle_event(_, _, _, _, _) ->
     unknown_event.
+
+%% @private What comes over the radio.
+-spec accepts(starl_packet:type(), Body :: term()) -> boolean().
+accepts(bully_leader, Body) -> starl_shape:is([any, count], Body);
+accepts(Type, _Election) -> Type =:= bully_challenge orelse Type =:= bully_alive.
 
 listen() ->
     [starl_sap:listen(T, election) || T <- [bully_challenge, bully_alive, bully_leader]].

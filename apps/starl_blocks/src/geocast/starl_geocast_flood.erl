@@ -32,7 +32,7 @@
 -module(starl_geocast_flood).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5]).
+-export([init/1, handle_event/5, accepts/2]).
 
 -export_type([config/0]).
 
@@ -134,6 +134,23 @@ handle_event(info, {restarted, _}, ready, _Flood, _Meta) ->
     keep_state_and_data;
 handle_event(_, _, _, _, _) ->
     unknown_event.
+
+%% @private What comes over the radio.
+-spec accepts(starl_packet:type(), Body :: term()) -> boolean().
+accepts(geocast, {offer, _, _, _, _} = Body) ->
+    starl_shape:is([any, id(), count, integer, integer], Body);
+accepts(geocast, {ask, _, _} = Body) ->
+    starl_shape:is([any, id(), [count, integer]], Body);
+accepts(geocast, {give, {Id, Area, Type, _Body, Lifetime, Left, Hops}, Askers}) ->
+    starl_geocast_area:check(Area) =:= ok andalso
+        starl_shape:is(
+            [id(), atom, count, integer, integer, {list, [count, [count, integer]]}],
+            {Id, Type, Lifetime, Left, Hops, Askers}
+        );
+accepts(_Type, _Body) ->
+    false.
+
+id() -> [count, count, count].
 
 message({offer, Id, Lifetime, Left, Hops}, From, Now, Flood) ->
     offered({Id, Lifetime, Left, Hops}, From, Now, Flood);

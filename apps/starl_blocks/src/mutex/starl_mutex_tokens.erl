@@ -33,7 +33,7 @@
 -module(starl_mutex_tokens).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5]).
+-export([init/1, handle_event/5, accepts/2]).
 
 -define(LEASE_MS, 8000).
 -define(DRIFT_PPM, 10000).
@@ -97,6 +97,22 @@ event(info, {Gone, Caller}, Robot) when Gone =:= restarted; Gone =:= given_up ->
     starl_mutex_acquire:caller_restarted(Caller, Robot);
 event(_, _, _) ->
     unknown_event.
+
+%% @private What comes over the radio.
+-spec accepts(starl_packet:type(), Body :: term()) -> boolean().
+accepts(mutex, Body) when tuple_size(Body) > 0 -> starl_shape:is(shape(element(1, Body)), Body);
+accepts(_Type, _Body) -> false.
+
+shape(request) -> [any, any, request(), natural, {either, [{is, home}, {is, none}]}];
+shape(token) -> [any, any, count, {list, request()}];
+shape(granted) -> [any, any, count, [count, integer]];
+shape(refused) -> [any, any, count, any];
+shape(owner) -> [any, any, count];
+shape(ask) -> [any, {either, [{is, claim}, {is, renew}]}, any, count, [count, integer]];
+shape(return) -> [any, any, count, {list, request()}];
+shape(_Unknown) -> {either, []}.
+
+request() -> [count, count].
 
 message({request, Token, Request, Known, Via}, _From, Robot) ->
     starl_mutex_robot:route(Token, Request, Known, Via, Robot);

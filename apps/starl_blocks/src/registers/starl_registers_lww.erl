@@ -24,7 +24,7 @@
 -module(starl_registers_lww).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5]).
+-export([init/1, handle_event/5, accepts/2]).
 
 -export_type([config/0]).
 
@@ -164,6 +164,17 @@ write(From, Name, Value, Now, #lww{clock = Clock0} = Lww) ->
     ]}.
 
 %% -- messages -------------------------------------------------------------------------------
+
+%% @private What comes over the radio.
+-spec accepts(starl_packet:type(), Body :: term()) -> boolean().
+accepts(registers, {write, _, _, Stamp}) -> starl_shape:is(stamp(), Stamp);
+accepts(registers, {entries, Entries}) -> starl_shape:is({list, [any, any, stamp()]}, Entries);
+accepts(registers, {sync, Hash}) -> starl_shape:is(natural, Hash);
+accepts(registers, {digest, Digest}) -> starl_shape:is({list, [any, stamp()]}, Digest);
+accepts(registers, {want, Names}) -> starl_shape:is({list, any}, Names);
+accepts(_Type, _Body) -> false.
+
+stamp() -> [integer, natural, count].
 
 message({write, Name, Value, Stamp}, _Source, Now, Lww) ->
     take([{Name, Value, Stamp}], Now, Lww);

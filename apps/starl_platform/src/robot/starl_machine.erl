@@ -7,7 +7,9 @@
 %% and by the exhaustive checker.
 %%
 %% An event that a machine does not know is answered with `unknown_event': it is traced, never
-%% fatal, never silent.
+%% fatal, never silent. A message from another robot may hold anything: a machine that exports
+%% `accepts/2' is given only those whose body it accepts; the others leave the trace event
+%% `{malformed, From, Type, Body}'.
 -module(starl_machine).
 
 -export([new/3, step/4, module/1, state/1, data/1]).
@@ -105,11 +107,16 @@
 -callback init(config()) -> {State :: term(), Data :: term(), [action()]}.
 -callback handle_event(event_type(), Content :: term(), State :: term(), Data :: term(), meta()) ->
     result().
+%% Does the machine take messages of this type with this body ({@link starl_shape:is/2})?
+-callback accepts(starl_packet:type(), Body :: term()) -> boolean().
+-optional_callbacks([accepts/2]).
 
 -record(machine, {
     %% the callback, looked up once; a fun of this kind means the latest version of its module;
     %% a mistaken one gives anything
     handle :: fun((event_type(), term(), State :: term(), Data :: term(), meta()) -> term()),
+    %% likewise, of a machine that looks at messages before it takes them
+    accepts = all :: all | fun((starl_packet:type(), Body :: term()) -> boolean()),
     state :: term(),
     data :: term()
 }).
@@ -123,15 +130,36 @@
 new(Module, Config, Base) ->
     case Module:init(maps:merge(Config, Base)) of
         {State, Data, Actions} ->
-            Machine = #machine{handle = fun Module:handle_event/5, state = State, data = Data},
+            Machine = #machine{
+                handle = fun Module:handle_event/5,
+                accepts = accepts(Module),
+                state = State,
+                data = Data
+            },
             {checked(Actions), Machine};
         Other ->
             bad_return(Module, init, Other)
     end.
 
+accepts(Module) ->
+    case erlang:function_exported(Module, accepts, 2) of
+        true -> fun Module:accepts/2;
+        false -> all
+    end.
+
 %% @doc Handles one event; gives the actions in the order in which they are to take place.
 -spec step(event_type(), Content :: term(), meta(), t()) -> {[action()], t()}.
-step(Type, Content, Meta, #machine{handle = Handle, state = State, data = Data} = Machine) ->
+step(cast, {message, From, Type, Body} = Message, Meta, #machine{accepts = Accepts} = Machine) when
+    Accepts =/= all
+->
+    case Accepts(Type, Body) of
+        true -> handle(cast, Message, Meta, Machine);
+        false -> {[{trace, {malformed, From, Type, Body}}], Machine}
+    end;
+step(Type, Content, Meta, Machine) ->
+    handle(Type, Content, Meta, Machine).
+
+handle(Type, Content, Meta, #machine{handle = Handle, state = State, data = Data} = Machine) ->
     case Handle(Type, Content, State, Data, Meta) of
         {keep_state, NewData, Actions} ->
             {checked(Actions), Machine#machine{data = NewData}};
