@@ -120,7 +120,7 @@ bodies(geocast) ->
         {give, Parcel, [{1, {1, 5000}}, {2, {1, 5000}}]}
     ]];
 bodies(dpp) ->
-    Term = {1, 3},
+    Term = {1, 3, 1},
     Id = {1, 9},
     Path = [{{100.0, 200.0}, up}, {{300.0, 400.0}, {down, 1}}],
     Ballot = {1, 5000, true},

@@ -2,7 +2,7 @@
 %% radio.
 -module(starl_dpp_message).
 
--export([accepts/2, edges/2]).
+-export([accepts/2]).
 
 %% @doc Is that the body of a message of this type?
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
@@ -12,26 +12,17 @@ accepts(dpp_state, Body) -> starl_shape:is([term(), id(), place(), edges(), ball
 accepts(dpp_here, Body) -> starl_shape:is([term(), ballot()], Body);
 accepts(dpp_refused, Body) -> starl_shape:is(term(), Body);
 accepts(dpp_answer, Body) -> starl_shape:is([term(), id(), answer(), edges()], Body);
-accepts(dpp_recover, Body) -> starl_shape:is([term(), natural, boolean], Body);
-accepts(dpp_beat, Body) -> starl_shape:is([term(), natural, {list, [count, integer]}], Body);
+accepts(dpp_recover, Body) -> starl_shape:is([term(), integer, boolean], Body);
+accepts(dpp_beat, Body) -> starl_shape:is([term(), integer, {list, [count, integer]}], Body);
 accepts(_Type, _Body) -> false.
 
-%% @doc The target edges that a message names.
--spec edges(starl_packet:type(), Body :: tuple()) -> [starl_dpp_graph:edge_id()].
-edges(dpp_request, {_, _, _, Painted, _}) -> Painted;
-edges(dpp_state, {_, _, {moving, _, _, Path}, Painted, _}) -> pens(Path) ++ Painted;
-edges(dpp_state, {_, _, _, Painted, _}) -> Painted;
-edges(_Type, _Body) -> [].
-
-pens(Path) -> [Edge || {_, {down, Edge}} <- Path].
-
-term() -> [natural, natural].
+term() -> [natural, natural, natural].
 
 id() -> [count, natural].
 
 edges() -> {list, count}.
 
-ballot() -> [natural, integer, boolean].
+ballot() -> [integer, integer, boolean].
 
 place() ->
     {either, [[{is, standing}, point], [{is, moving}, natural, point, {list, waypoint()}]]}.
