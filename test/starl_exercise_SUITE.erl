@@ -6,7 +6,7 @@
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
     scenarios_are_sound/1, team_elects_under_loss/1, team_passes_barrier_under_loss/1,
-    contended_tokens_are_granted/1, turns_bound_the_work/1, random_faults/1
+    contended_tokens_are_granted/1, types_do_not_meet/1, turns_bound_the_work/1, random_faults/1
 ]).
 
 %% Runs of each block.
@@ -17,12 +17,29 @@ suite() -> [{timetrap, {minutes, 2}}].
 all() ->
     [
         scenarios_are_sound, team_elects_under_loss, team_passes_barrier_under_loss,
-        contended_tokens_are_granted, turns_bound_the_work, random_faults
+        contended_tokens_are_granted, types_do_not_meet, turns_bound_the_work, random_faults
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
 end_per_suite(Config) -> starl_platform_ct:with_log(Config).
+
+%% An application may call its messages what a block calls its own: neither gets the other's.
+types_do_not_meet(_) ->
+    Script = fun(R) ->
+        [ok = starl:listen(R, Type) || Type <- [ballot, leader]],
+        ok = starl:broadcast(R, ballot, {mine, starl:id(R)}),
+        {ok, _} = starl_election:elect(R, first, 20000),
+        lists:sort([begin {ok, F, {mine, F}} = starl:await(R, ballot), F end || _ <- [1, 2]])
+    end,
+    {ok, Sim} = starl_sim:start(#{
+        app => starl_sim_script_app, script => Script, robots => 3, seed => 5, time => 60,
+        around => #{blocks => [starl_election:block()]}
+    }),
+    _ = starl_sim:run(Sim),
+    {#{robots := Robots, violations := Broken}, _} = starl_sim:finish(Sim),
+    ?assertEqual([{done, [1, 2, 3] -- [R]} || R <- [1, 2, 3]], [D || {_, #{result := D}} <- Robots]),
+    ?assertEqual([], Broken).
 
 %% The scenario files of this suite's subjects are read and accepted.
 scenarios_are_sound(_) ->

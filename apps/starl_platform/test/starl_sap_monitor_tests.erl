@@ -214,6 +214,106 @@ death_drops_open_outcomes_test() ->
     ?assertEqual([], judge([sent(1, id(1)), {2, 1, died}, got(3, 2, id(1))], 9000)),
     ?assertEqual([outcome_overdue], judge([sent(1, id(1)), {2, 2, died}], 9000)).
 
+%%% Answers: a caller is told what has become of its message, when all of it is known
+
+called(T, Id, How) -> {T, 1, {called, Id, How}}.
+told(T, Id, Answer) -> {T, 1, {answered, Id, Answer}}.
+
+true_answers_test() ->
+    ?assertEqual([], judge([sent(1, id(1)), called(1, id(1), one), got(2, 2, id(1)), ack(3, id(1)),
+                            told(3, id(1), ok)], 9000)),
+    ?assertEqual([], judge([sent(1, id(1)), called(1, id(1), one), lost(3, id(1)),
+                            told(3, id(1), {error, lost}), got(4, 2, id(1))], 9000)),
+    ?assertEqual([], judge(refused() ++ [told(5, id(1), {error, {lost, [3, 4]}})], 9000)),
+    ?assertEqual([], judge([{1, 1, {overload, a}}, told(1, none, {error, overload})], 9000)).
+
+%% Robot 2 has it, 3 refuses it, at 4 it is lost.
+refused() ->
+    [sent(1, id(1), [2, 3, 4]), called(1, id(1), all), got(2, 2, id(1)), ack(3, id(1)),
+     {4, 1, {outcome, id(1), 3, restarted}}, {5, 1, {outcome, id(1), 4, lost}}].
+
+untrue_answers_test_() ->
+    Said = fun(Answer) -> judge(refused() ++ [told(5, id(1), Answer)], 9000) end,
+    [?_assertEqual([answer_untrue], Said(Answer))
+     || Answer <- [ok, {error, {lost, [4]}}, {error, {lost, [3]}}, {error, {lost, [2, 3, 4]}},
+                   {error, lost}, {error, restarted}, {error, overload}]].
+
+one_answer_for_one_test() ->
+    Refused = [sent(1, id(1)), called(1, id(1), one), {3, 1, {outcome, id(1), 2, restarted}}],
+    ?assertEqual([], judge(Refused ++ [told(3, id(1), {error, restarted})], 9000)),
+    ?assertEqual([answer_untrue], judge(Refused ++ [told(3, id(1), {error, lost})], 9000)),
+    ?assertEqual([answer_untrue], judge(Refused ++ [told(3, id(1), ok)], 9000)).
+
+answer_before_all_is_known_test() ->
+    ?assertEqual([answered_too_early, outcome_overdue],
+                 judge([sent(1, id(1), [2, 3]), called(1, id(1), all), got(2, 2, id(1)),
+                        ack(3, id(1)), told(3, id(1), ok)], 9000)).
+
+answer_missing_test() ->
+    Done = [sent(1, id(1)), called(1, id(1), one), got(2, 2, id(1)), ack(3, id(1))],
+    ?assertEqual([answer_overdue], judge(Done, 9000)),
+    ?assertEqual([], judge(Done, 900)),
+    ?assertEqual([], judge(Done ++ [started(4, 2)], 9000)).
+
+answer_to_nobody_test() ->
+    Posted = [started(0, 1), sent(1, id(1)), got(2, 2, id(1)), ack(3, id(1))],
+    ?assertEqual([answered_nobody], judge(Posted ++ [told(3, id(1), ok)], 9000)),
+    ?assertEqual([answered_nobody], judge([sent(1, id(1)), told(1, id(1), ok)], 2)),
+    Twice = [sent(1, id(1)), called(1, id(1), one), got(2, 2, id(1)), ack(3, id(1)),
+             told(3, id(1), ok), told(4, id(1), ok)],
+    ?assertEqual([answered_nobody], judge(Twice, 9000)).
+
+%% `ok' without a message is for a robot that is alone.
+answer_without_a_message_test() ->
+    Alone = starl_sap_monitor:init(#{bound_us => ?BOUND, robots => [1]}),
+    Team = starl_sap_monitor:init(#{bound_us => ?BOUND, robots => [1, 2]}),
+    Event = trace(told(1, none, ok)),
+    ?assertMatch({ok, _}, starl_sap_monitor:step(Event, Alone)),
+    ?assertMatch({violation, #{what := answer_untrue}, _}, starl_sap_monitor:step(Event, Team)).
+
+%%% The application reads what was delivered to it
+
+app_got(T, Id, Hash) -> {T, 2, {delivered, Id, {app, a}, Hash}}.
+app_sent(T, Id, Hash) -> {T, 1, {sent, Id, [2], {app, a}, Hash}}.
+read(T, Hash) -> {T, 2, app, {read, 1, {app, a}, Hash}}.
+
+read_in_order_test() ->
+    ?assertEqual([], judge_reads([1, 2, 3], [1, 2, 3])),
+    ?assertEqual([], judge_reads([1, 2, 3], [1])),
+    ?assertEqual([acknowledged_but_not_readable], judge_reads([1, 2, 3], [2])),
+    ?assertEqual([acknowledged_but_not_readable], judge_reads([1, 2, 3], [1, 3])),
+    ?assertEqual([read_but_not_delivered], judge_reads([1], [1, 1])),
+    ?assertEqual([read_but_not_delivered], judge_reads([], [1])).
+
+%% A crash of SAP or of the application may cost what was not read, nothing that comes later.
+read_after_a_crash_test() ->
+    [begin
+         ?assertEqual([], judge_reads([1, 2, Crash, 3], [3])),
+         ?assertEqual([], judge_reads([1, 2, Crash, 3], [2, 3])),
+         ?assertEqual([acknowledged_but_not_readable], judge_reads([1, Crash, 2, 3], [3]))
+     end || Crash <- [sap, app]].
+
+more_than_there_is_room_for_test() ->
+    ?assertEqual([], judge_reads(lists:seq(1, 5), [])),
+    ?assertEqual([more_than_it_can_keep], judge_reads(lists:seq(1, 6), [])).
+
+judge_reads(Delivered, Read) ->
+    Reads = [read(10000, Hash) || Hash <- Read],
+    M0 = starl_monitor:new([{starl_sap_monitor, #{bound_us => 1000000, room => 5}}]),
+    Feed = lists:append([delivery(N, What) || {N, What} <- lists:zip(
+        lists:seq(1, length(Delivered)), Delivered)]) ++ Reads,
+    {Met, _} = lists:foldl(fun step/2, {[], M0}, Feed),
+    [What || #{what := What} <- Met].
+
+delivery(N, sap) -> [trace({10 * N, 2, {started, 2}})];
+delivery(N, app) -> [{10 * N, 2, app, crashed}];
+delivery(N, Hash) -> [trace(E) || E <- [app_sent(10 * N, id(N), Hash), app_got(10 * N, id(N), Hash)]].
+
+%%% A type has one listener
+
+second_listener_test() ->
+    ?assertEqual([two_listeners], judge([{1, 2, {listener_refused, ballot, app, election}}])).
+
 %%% Memory: bounded by what is outstanding, however many messages were sent
 
 memory_is_bounded_test_() ->

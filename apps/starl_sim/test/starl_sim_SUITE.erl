@@ -7,7 +7,8 @@
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
     every_function_of_the_api/1, send_and_await/1, post_and_broadcast/1, await_times_out/1,
-    sleep_by_the_robots_clock/1, messages_wait_in_the_inbox/1, go_to_and_positions/1,
+    sleep_by_the_robots_clock/1, messages_wait_in_the_inbox/1, full_inbox_pushes_back/1,
+    full_inbox_of_ones_own/1, full_inbox_over_restarts/1, go_to_and_positions/1,
     unknown_waypoint_and_robot/1, send_to_a_robot_that_is_not/1, random_from_the_seed/1,
     actuate_and_trace/1, call_times_out/1, call_to_no_machine_is_a_mistake/1,
     unreachable_robot_is_lost/1,
@@ -27,7 +28,8 @@ suite() -> [{timetrap, {minutes, 1}}].
 all() ->
     [
         every_function_of_the_api, send_and_await, post_and_broadcast, await_times_out,
-        sleep_by_the_robots_clock, messages_wait_in_the_inbox, go_to_and_positions,
+        sleep_by_the_robots_clock, messages_wait_in_the_inbox, full_inbox_pushes_back,
+        full_inbox_of_ones_own, full_inbox_over_restarts, go_to_and_positions,
         unknown_waypoint_and_robot, send_to_a_robot_that_is_not, random_from_the_seed,
         actuate_and_trace, call_times_out, call_to_no_machine_is_a_mistake,
         unreachable_robot_is_lost,
@@ -125,6 +127,63 @@ messages_wait_in_the_inbox(_) ->
         end
     end, #{}),
     ?assertEqual(lists:seq(1, 50), Got).
+
+%% Two sources send more than the inbox holds before the application reads: whatever they are told
+%% is delivered it reads, and the rest they are told is lost. Types share the inbox.
+full_inbox_pushes_back(_) ->
+    {Outcome, [{done, Told}, {done, Read}, {done, Told3}], _} = play(3, fun(R) ->
+        case starl:id(R) of
+            2 ->
+                [ok = starl:listen(R, T) || T <- [a, b]],
+                ok = starl:sleep(R, 45000),
+                read_all(R, [a, b]);
+            Id ->
+                Type = lists:nth(Id, [a, x, b]),
+                [K || K <- lists:seq(1, 800), starl:send(R, 2, Type, {Id, K}) =:= ok]
+        end
+    end, #{time => 300}),
+    Sent = [{1, K} || K <- Told] ++ [{3, K} || K <- Told3],
+    ?assertEqual(lists:sort(Sent), lists:sort(Read)),
+    ?assert(length(Read) > 1500),
+    ?assertEqual([], maps:get(violations, Outcome)).
+
+read_all(R, Types) -> lists:append([read_type(R, Type) || Type <- Types ++ Types]).
+
+read_type(R, Type) ->
+    case starl:await(R, Type, 3000) of
+        {ok, _, Body} -> [Body | read_type(R, Type)];
+        timeout -> []
+    end.
+
+%% To itself a robot can send as many as it has room for; the next is refused at once.
+full_inbox_of_ones_own(_) ->
+    {Outcome, [{done, {Told, Read}}], Trace} = play(1, fun(R) ->
+        ok = starl:listen(R, a),
+        Told = [starl:send(R, 1, a, K) || K <- lists:seq(1, 1001)],
+        {Told, read_type(R, a)}
+    end, #{}),
+    ?assertEqual([ok || _ <- lists:seq(1, 1000)] ++ [{error, overload}], Told),
+    ?assertEqual(lists:seq(1, 1000), Read),
+    ?assertMatch([_], [E || {_, 1, sap, {overload, _} = E} <- Trace]),
+    ?assertEqual([], maps:get(violations, Outcome)).
+
+%% So it is when SAP or the application crashes meanwhile: what is acknowledged afterwards is read.
+full_inbox_over_restarts(_) ->
+    [
+        begin
+            {Outcome, [{done, Told}, {done, Read}], _} = play(2, fun(R) ->
+                case starl:id(R) of
+                    1 -> [K || K <- lists:seq(1, 1400), starl:send(R, 2, a, K) =:= ok];
+                    2 -> ok = starl:listen(R, a), ok = starl:sleep(R, 60000), read_type(R, a)
+                end
+            end, #{time => 300, faults => [{crash, 20000, 20000, kill_machine, {2, Machine}, #{}}]}),
+            Crashed = length([K || K <- Told, not lists:member(K, Read)]),
+            ?assertEqual({Machine, []}, {Machine, maps:get(violations, Outcome)}),
+            ?assertEqual({Machine, []}, {Machine, [K || K <- Read, not lists:member(K, Told), K > 1000]}),
+            ?assert(Machine =:= app orelse Crashed =:= 0, {Machine, Crashed})
+        end
+     || Machine <- [sap, app]
+    ].
 
 go_to_and_positions(_) ->
     Waypoints = #{dock => {6000.0, 2500.0}},
