@@ -242,11 +242,13 @@ settle({By, Theirs} = Robot, Own, Seq, Outcome, #sap{out = Out} = Sap) ->
         untrue -> {keep_state_and_data, [dropped(Outcome, By)]}
     end.
 
-%% A robot that refuses may be an earlier incarnation than it is taken for.
-settled(By, Theirs, Outcome, Actions, #sap{peers = Peers} = Sap) ->
+%% An acknowledgement comes from the incarnation that the message was meant for: that is no news.
+%% A robot that refuses may be an earlier one than it is taken for.
+settled(_By, _Theirs, acknowledged, Actions, Sap) ->
+    {keep_state, Sap, Actions};
+settled(By, Theirs, restarted, Actions, #sap{peers = Peers} = Sap) ->
     case starl_sap_peers:heard(By, Theirs, Peers) of
         {present, Heard} -> {keep_state, Sap#sap{peers = Heard}, Actions};
-        {earlier, _} when Outcome =:= acknowledged -> {keep_state, Sap, Actions};
         {_, _} -> doubt(By, Sap, Actions)
     end.
 

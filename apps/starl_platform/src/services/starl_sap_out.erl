@@ -175,7 +175,7 @@ settle({By, Theirs}, Own, Seq, Outcome, #out{incarnation = Own, messages = Sent}
             Meant = maps:get(By, For, 1) =:= Theirs,
             case lists:member(By, Waiting) of
                 true when Meant =:= (Outcome =:= acknowledged) ->
-                    settled(By, Seq, Message, Outcome, closed([By], Message, Out));
+                    settled(By, Seq, Message, Outcome, closed(By, Message, Out));
                 true ->
                     untrue;
                 false ->
@@ -201,9 +201,13 @@ settled(By, Seq, #message{waiting = Waiting, lost = Lost} = Message, Outcome, Ou
             {[Trace], Out#out{messages = (Out#out.messages)#{Seq := Rest}}}
     end.
 
-%% The number is not under way to these robots any more.
-closed(Dests, #message{number = Number}, #out{links = Links} = Out) ->
-    Out#out{links = lists:foldl(fun(Dest, L) -> close(Number, Dest, L) end, Links, Dests)}.
+%% The number is not under way to the robot, or to these robots, any more.
+closed([], _Message, Out) ->
+    Out;
+closed([Dest | Dests], Message, Out) ->
+    closed(Dests, Message, closed(Dest, Message, Out));
+closed(Dest, #message{number = Number}, #out{links = Links} = Out) ->
+    Out#out{links = close(Number, Dest, Links)}.
 
 close({all, Number}, Dest, Links) ->
     #{Dest := #link{casts = Casts} = Link} = Links,

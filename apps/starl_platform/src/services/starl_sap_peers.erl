@@ -99,7 +99,13 @@ take(Source, Number, Window, Peers) ->
 
 take(Number, _Window, #taken{floor = Floor}) when Number < Floor -> seen;
 take(Number, Window, #taken{floor = Floor}) when Number - Floor >= Window -> far;
-take(Number, Window, #taken{floor = Floor, above = Above}) ->
+take(Number, Window, #taken{floor = Floor, above = Above} = Taken) ->
+    case Number =:= Floor andalso starl_sap_numbers:is_empty(Above) of
+        true -> {new, Taken#taken{floor = Floor + 1}};
+        false -> take_above(Number, Window, Taken)
+    end.
+
+take_above(Number, Window, #taken{floor = Floor, above = Above}) ->
     case starl_sap_numbers:add(Number, Above) of
         member ->
             seen;
