@@ -69,15 +69,19 @@ asked(To, Word, Rest) ->
     end.
 
 %% Words that a service does not know are its own to trace.
-is_request(sap, {send, To, Type, _}) when ?IS_ROBOT(To) -> is_atom(Type);
+is_request(sap, {send, To, Type, _}) when ?IS_ROBOT(To) -> is_type(Type);
 is_request(sap, {send, _, _, _}) -> false;
-is_request(sap, {Cast, Type, _}) when Cast =:= broadcast; Cast =:= shout -> is_atom(Type);
-is_request(sap, {listen, Type, Machine}) -> is_atom(Type) andalso is_atom(Machine);
+is_request(sap, {Cast, Type, _}) when Cast =:= broadcast; Cast =:= shout -> is_type(Type);
+is_request(sap, {listen, Type, Machine}) -> is_type(Type) andalso is_atom(Machine);
 is_request(location, {pose, Robot}) -> are_robots([Robot]);
 is_request(motion, {go_to, Point}) -> is_point(Point);
 is_request(motion, {go_along, {From, To}}) -> is_point(From) andalso is_point(To);
 is_request(motion, {go_along, _}) -> false;
 is_request(_, _) -> true.
+
+%% `{app, Type}' is the type of a sequential application's message.
+is_type({app, Type}) -> is_atom(Type);
+is_type(Type) -> is_atom(Type).
 
 request(send) -> "{send, Robot, Type, Body}: Robot is a number from 1, Type an atom";
 request(listen) -> "{listen, Type, Machine}: both are atoms";
