@@ -10,6 +10,7 @@
     all_machines_of_some_killed/1, successors_killed/1,
     coordinator_out_of_range/1, everything_at_once/1, claims_out_of_range/1,
     dead_before_the_election/1, terms_outlive_reboots/1, damaged_stores/1,
+    leader_with_a_stopped_clock/1,
     planted_bugs_are_caught/1
 ]).
 
@@ -24,6 +25,7 @@ all() ->
         all_machines_of_some_killed, successors_killed,
         coordinator_out_of_range, everything_at_once, claims_out_of_range,
         dead_before_the_election, terms_outlive_reboots, damaged_stores,
+        leader_with_a_stopped_clock,
         planted_bugs_are_caught
     ].
 
@@ -216,6 +218,23 @@ damaged_stores(_) ->
             ])}
          || Kind <- [store_damaged, store_full]
         ]
+    ].
+
+%% The coordinator is cut off while its clock stands still, alone or with another robot, so that by
+%% its clock its votes never run out. Its chassis shows it.
+leader_with_a_stopped_clock(_) ->
+    [
+        begin
+            Given = #{robots => Robots, seed => Seed},
+            #{leader := Leader} = play(Given#{time => 8}),
+            Group = [Leader | lists:sublist(lists:delete(Leader, lists:seq(1, Robots)), Others)],
+            Run = play(Given#{time => 100, faults => [
+                {cut, 10000, 70000, partition, Group, #{}},
+                {stop, 10500, 50000, clock_freeze, Leader, #{}}
+            ]}),
+            ?assertMatch(#{violations := [], coordinators := [_, _ | _]}, Run, Given)
+        end
+     || {Robots, Others} <- [{3, 0}, {5, 1}], Seed <- [1, 2, 5]
     ].
 
 %% Each half of the protocol is needed: without it the monitors find a violation within so many

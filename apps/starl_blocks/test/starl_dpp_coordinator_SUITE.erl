@@ -10,7 +10,8 @@
 -export([suite/0, all/0]).
 -export([
     nothing_is_assigned_before_all_are_known/1, nothing_is_assigned_without_votes/1,
-    votes_run_out/1, old_stamp_gives_no_leave/1, each_request_is_answered_once/1, old_request_is_ignored/1,
+    votes_run_out/1, wrong_clock_voids_votes/1, refused_for_a_later_term/1,
+    after_the_end_all_is_traced/1, old_stamp_gives_no_leave/1, each_request_is_answered_once/1, old_request_is_ignored/1,
     late_clear_frees_nothing/1, clear_frees_what_is_behind/1, lost_assignment_stays_reserved/1,
     other_terms_are_ignored/1, recovered_reservation_is_kept/1,
     silent_robot_keeps_all_until_its_leave_ends/1, late_report_of_a_silent_robot/1,
@@ -29,7 +30,8 @@ suite() -> [{timetrap, {minutes, 2}}].
 all() ->
     [
         nothing_is_assigned_before_all_are_known, nothing_is_assigned_without_votes,
-        votes_run_out, old_stamp_gives_no_leave, each_request_is_answered_once, old_request_is_ignored,
+        votes_run_out, wrong_clock_voids_votes, refused_for_a_later_term,
+        after_the_end_all_is_traced, old_stamp_gives_no_leave, each_request_is_answered_once, old_request_is_ignored,
         late_clear_frees_nothing, clear_frees_what_is_behind, lost_assignment_stays_reserved,
         other_terms_are_ignored, recovered_reservation_is_kept,
         silent_robot_keeps_all_until_its_leave_ends, late_report_of_a_silent_robot,
@@ -72,6 +74,33 @@ votes_run_out(_) ->
     {Late, _} = at(8 * ?S, cast, asks(2, 1, spot(2)), C),
     ?assertEqual([], answers(Late)),
     ?assert(lists:member({trace, {stepped_down, {1, 1, 1}}}, Late)).
+
+%% The chassis has shown that the clock stood still: votes count from now on only, in a term of their
+%% own. One that does not lead has nothing to lose.
+wrong_clock_voids_votes(_) ->
+    {Claims, C} = at(7 * ?S, cast, out_of_time, open()),
+    ?assert(lists:member({trace, {claims, {2, 1, 1}}}, Claims)),
+    {_, C1} = at(7 * ?S, cast, {message, 1, dpp_here, {{1, 1, 1}, {7 * ?S, 7 * ?S, true}}}, C),
+    {Asked, _} = at(7 * ?S, cast, asks(2, 1, spot(2)), C1),
+    ?assertEqual([], answers(Asked)),
+    {_, Idle} = step({timeout, claim}, claim, C1),
+    ?assertMatch({[], _}, step(cast, out_of_time, Idle)).
+
+%% A term of the same number, but of a robot with a higher one, is above the own, too.
+refused_for_a_later_term(_) ->
+    Claims = fun(Term) ->
+        {Actions, _} = step(cast, {message, 2, dpp_refused, Term}, open()),
+        [Claimed || {trace, {claims, Claimed}} <- Actions]
+    end,
+    ?assertEqual(
+        [[{2, 1, 1}], [{2, 1, 1}], [], []],
+        [Claims(Term) || Term <- [{1, 2, 1}, {1, 1, 2}, {1, 1, 1}, {0, 9, 9}]]
+    ).
+
+%% What nobody knows is traced also when it comes as the votes run out.
+after_the_end_all_is_traced(_) ->
+    {Actions, _} = at(8 * ?S, packet, x, open()),
+    ?assert(lists:member({trace, {unknown_event, packet, x}}, Actions)).
 
 %% Leave counts from the stamp of a request. Of a stamp that has been known for a lease none is left:
 %% the robot's clock stands still, and it is to ask again by another.

@@ -18,7 +18,7 @@
     late_assignment_is_void/1, missing_coordinator_is_replaced/1,
     painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1,
     term_is_stored_first/1, reboot_forgets_no_term/1, reboot_tells_its_place/1,
-    damaged_term_is_the_highest/1, own_coordinator_hears_of_each_term/1, no_answer_at_all/1, unsent_request_is_sent_again/1,
+    damaged_term_is_the_highest/1, wrong_clock_is_told/1, own_coordinator_hears_of_each_term/1, no_answer_at_all/1, unsent_request_is_sent_again/1,
     crashed_sap_is_told_who_listens/1, crashed_motion_is_told_to_go_on/1
 ]).
 
@@ -36,7 +36,7 @@ all() ->
         ids_ascend_over_a_crash, recover_while_standing, recover_while_moving,
         recover_while_asking, crash_stops_the_robot, crashed_robot_does_not_vote,
         term_is_stored_first, reboot_forgets_no_term, reboot_tells_its_place,
-        damaged_term_is_the_highest,
+        damaged_term_is_the_highest, wrong_clock_is_told,
         earlier_term_is_refused, vote_is_kept, leader_is_followed_without_vote,
         leave_ends_for_good, beats_prolong_leave, late_assignment_is_void,
         missing_coordinator_is_replaced, painted_goes_with_the_next_request,
@@ -203,6 +203,26 @@ damaged_term_is_the_highest(_) ->
     ?assertEqual({store, {N + 1, 3, 7}}, First),
     {[{reply, _, ok} | _], Joined} = step({call, {app, 0}}, {join, 4}, P),
     ?assertMatch({[{reply, _, 4}], _}, step({call, {app, 1}}, coordinator, Joined)).
+
+%% What the chassis shows of the robot's clock the own coordinator must know, whether the robot was
+%% stopped or was to drive.
+wrong_clock_is_told(_) ->
+    Told = fun(Actions) -> [told || {cast, dpp_coordinator, out_of_time} <- Actions] end,
+    {Stop, P1} = step({call, {app, 1}}, request, led()),
+    [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
+    {Right, _} = step({reply, {halted, N}}, ok, P1),
+    {Wrong, _} = step({reply, {halted, N}}, {error, out_of_time}, P1),
+    ?assertEqual({[], [told]}, {Told(Right), Told(Wrong)}),
+    ?assertEqual(Right, Wrong -- [{cast, dpp_coordinator, out_of_time}]),
+    {Id, Moving} = moving(),
+    {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
+    [
+        begin
+            {Actions, _} = step({reply, {driven, Id, 1}}, {error, Why}, Driving),
+            ?assertEqual({Why, Expected}, {Why, Told(Actions)})
+        end
+     || {Why, Expected} <- [{out_of_time, [told]}, {stopped, []}]
+    ].
 
 earlier_term_is_refused(_) ->
     {Actions, P} = recover(3, {0, 3, 1}, led()),

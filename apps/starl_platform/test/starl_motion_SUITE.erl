@@ -17,7 +17,8 @@
     lost_poses/1, unknown_poses/1, late_pose_is_ignored/1, location_restarts/1, no_goal_no_motion/1,
     lost_commands/1, every_command_ends/1, no_look_before_it_stands/1, stalled_wheel/1,
     stalled_and_another_goal/1, stale_words_of_the_chassis/1, large_turns_are_looked_at/1,
-    out_of_time/1, no_second_look_where_it_stands/1, stalled_where_it_was_to_stand/1
+    out_of_time/1, out_of_time_at_a_stop/1, no_second_look_where_it_stands/1,
+    stalled_where_it_was_to_stand/1
 ]).
 
 all() ->
@@ -28,7 +29,8 @@ all() ->
         unknown_poses, late_pose_is_ignored, location_restarts, no_goal_no_motion, lost_commands,
         every_command_ends, no_look_before_it_stands, stalled_wheel, stalled_and_another_goal,
         stale_words_of_the_chassis, large_turns_are_looked_at,
-        out_of_time, no_second_look_where_it_stands, stalled_where_it_was_to_stand
+        out_of_time, out_of_time_at_a_stop, no_second_look_where_it_stands,
+        stalled_where_it_was_to_stand
     ].
 
 %% Random goals, speeds, legs and errors within the profile's bounds.
@@ -326,6 +328,16 @@ out_of_time(_) ->
      || Us <- [-290000, -2000000, -20000, 1100000, 20000000]],
     [?assertMatch({driving, []}, Word(Along, Us)) || Us <- [-1000, 0, 1000, 999999]],
     [?assertMatch({driving, []}, Word(To, Us)) || Us <- [-2000000, 0, 20000000]].
+
+%% Who has the robot stop is told of its clock, too.
+out_of_time_at_a_stop(_) ->
+    Stop = fun(Us) ->
+        Deaf = (fresh())#loop{now = 1000000, ears = fun(_) -> lost end},
+        #loop{commands = [{Mark, []} | _]} = Loop = event({call, {app, 1}}, stop, Deaf),
+        Said = event(info, {driven, Mark, 1000000 + Us}, Loop),
+        [Answer || {_, Answer} <- Said#loop.replies]
+    end,
+    ?assertEqual([[ok], [{error, out_of_time}]], [Stop(Us) || Us <- [0, 10000000]]).
 
 no_goal_no_motion(_) ->
     Loop = fresh(),

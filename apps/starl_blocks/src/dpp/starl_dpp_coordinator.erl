@@ -19,7 +19,8 @@
 %%
 %% Messages: `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}' and `dpp_answer' to
 %% participants; from them `dpp_request', `dpp_passed', `dpp_state', `dpp_here', `dpp_refused'.
-%% Casts from the own participant: `{lead, N}', `{led, Term}'.
+%% Casts from the own participant: `{lead, N}', `{led, Term}', and `out_of_time' when the robot's clock
+%% has stood still or was set: no vote counts that was given before.
 %%
 %% Trace: `{claims, Term}', `{leads, Term}', `{stepped_down, Term}', and those of the service.
 -module(starl_dpp_coordinator).
@@ -140,6 +141,10 @@ event(cast, {led, Term}, State, #coordinator{term = Own} = Data) when Term > Own
     {next_state, idle, higher(Term, Data), Ended ++ stop_timers()};
 event(cast, {led, _Term}, _State, _Data) ->
     keep_state_and_data;
+event(cast, out_of_time, idle, _Data) ->
+    keep_state_and_data;
+event(cast, out_of_time, _State, #coordinator{n = N} = Data) ->
+    claim(N, Data);
 event(info, {restarted, sap}, _State, Data) ->
     {keep_state, Data, listen()};
 event(info, {restarted, _}, _State, _Data) ->

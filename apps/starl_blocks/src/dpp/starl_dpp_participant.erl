@@ -75,8 +75,8 @@ event({reply, {driven, Id, N}}, Outcome, Where, Part) ->
     driven(Outcome, Id, N, Where, Part);
 event({timeout, leave}, _, Where, Part) ->
     leave(Where, Part);
-event({reply, {halted, N}}, ok, _Where, #part{n = N} = Part) ->
-    {keep_state, Part, look(Part)};
+event({reply, {halted, N}}, Outcome, _Where, #part{n = N} = Part) ->
+    {keep_state, Part, distrust(Outcome) ++ look(Part)};
 event({reply, {pose, N}}, {ok, {X, Y, _}}, Where, #part{n = N} = Part) ->
     stands({X, Y}, Where, Part);
 event(cast, {message, Source, dpp_answer, {Term, Id, Answer, News}}, Where, Part) ->
@@ -253,10 +253,16 @@ driven(Outcome, Id, N, {moving, Id, _, Path}, #part{drive = {From, N}} = Part) -
             {Told, Report} = report(Id, N, Part#part{drive = none, track = Track}),
             {keep_state, Told, Report ++ [{reply, From, ok}]};
         {error, _StoppedOrOutOfTime} ->
-            {keep_state, Part#part{drive = none}, [{reply, From, {error, void}}]}
+            Void = [{reply, From, {error, void}}],
+            {keep_state, Part#part{drive = none}, distrust(Outcome) ++ Void}
     end;
 driven(_Outcome, _Id, _N, _Where, _Part) ->
     keep_state_and_data.
+
+%% The chassis shows that the robot's clock has stood still or was set: the own coordinator must not
+%% count leases by it.
+distrust({error, out_of_time}) -> [{cast, dpp_coordinator, out_of_time}];
+distrust(_Outcome) -> [].
 
 %% Clear: the coordinator is told now and then. What is painted goes with the next request.
 report(Id, N, #part{track = Track} = Part) ->

@@ -26,8 +26,8 @@
 %% Calls: `{go_to, point()}' along the line from where it stands, `{go_along, segment()}' along this
 %% line, near which it stands (answer `ok' when it is there, `{error, stopped}' when another
 %% command comes first, `{error, out_of_time}' in the second case when the clocks do not agree),
-%% `stop' (answer `ok' when it stands). Configuration: `profile'
-%% ({@link starl_motion_course:profile()}).
+%% `stop' (answer when it stands: `ok', or `{error, out_of_time}' when they do not agree).
+%% Configuration: `profile' ({@link starl_motion_course:profile()}).
 -module(starl_motion).
 -behaviour(starl_machine).
 
@@ -171,15 +171,17 @@ driven(HeardUs, State, #drive{now = Now, told = {Told, Takes}, watch = Before} =
 
 %% A robot that has no goal rests; one whose clock is wrong has none any more.
 stands(false, #drive{from = From, timed = true} = Drive) when From =/= none ->
-    rest(Drive#drive{from = none}, [{reply, From, {error, out_of_time}}]);
-stands(_Agree, #drive{from = none} = Drive) ->
-    rest(Drive, []);
-stands(_Agree, #drive{waiting = Waiting} = Drive) ->
-    look(Drive#drive{waiting = []}, [{reply, From, ok} || From <- Waiting]).
+    rest(false, Drive#drive{from = none}, [{reply, From, {error, out_of_time}}]);
+stands(Agree, #drive{from = none} = Drive) ->
+    rest(Agree, Drive, []);
+stands(Agree, #drive{waiting = Waiting} = Drive) ->
+    look(Drive#drive{waiting = []}, stood(Agree, Waiting)).
 
-rest(#drive{waiting = Waiting} = Drive, Actions) ->
-    Replies = [{reply, From, ok} || From <- Waiting],
-    {next_state, idle, Drive#drive{waiting = []}, Actions ++ Replies}.
+rest(Agree, #drive{waiting = Waiting} = Drive, Actions) ->
+    {next_state, idle, Drive#drive{waiting = []}, Actions ++ stood(Agree, Waiting)}.
+
+stood(true, Waiting) -> [{reply, From, ok} || From <- Waiting];
+stood(false, Waiting) -> [{reply, From, {error, out_of_time}} || From <- Waiting].
 
 try_wheels(#drive{doubt = {Left, Right}} = Drive) ->
     command(trying, [{Left, Right, ?TRY_US}], Drive).
