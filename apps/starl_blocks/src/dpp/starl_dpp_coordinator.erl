@@ -14,7 +14,7 @@
 %% knows of every robot: from the robot's own report in this term, or, of a robot that says nothing,
 %% by seeing where it stands once all leave that it may have to drive has ended.
 %%
-%% Its beats, one a second, carry what gives the participants leave to drive on. A machine that
+%% Its beats, one a second or more often ({@link starl_dpp_lease:beat_us/1}), carry what gives the participants leave to drive on. A machine that
 %% crashed has forgotten its term; its robot's participants vote for it again at once.
 %%
 %% Messages: `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}' and `dpp_answer' to
@@ -52,7 +52,6 @@
 -callback give_up(service()) -> turn().
 -callback answered(starl:robot_id(), ok | lost, service()) -> service().
 
--define(BEAT_US, 1000000).
 %% Robots whose place is not known are asked again after so long.
 -define(RECOVER_US, 2000000).
 
@@ -221,7 +220,7 @@ beat(#coordinator{now = Now, term = Term, lease = Lease0, self = Self, team = Te
     {Data#coordinator{lease = Lease}, [
         starl_sap:shout(dpp_beat, Body),
         starl_sap:post(Self, dpp_beat, Body),
-        {{timeout, beat}, ?BEAT_US, beat}
+        {{timeout, beat}, starl_dpp_lease:beat_us(Data#coordinator.config), beat}
         | Lost
     ]}.
 

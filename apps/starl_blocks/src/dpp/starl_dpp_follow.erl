@@ -13,8 +13,6 @@
 %% Answers the coordinator's beat Seq: the own clock, and whether it has the vote.
 -type ballot() :: {starl_dpp_lease:seq(), starl_dpp_lease:stamp(), Vote :: boolean()}.
 
-%% Beats are answered so often.
--define(HERE_US, 2000000).
 %% No robot claims so many terms in its life, not in 100 years.
 -define(FORGOTTEN_BITS, 32).
 
@@ -31,6 +29,8 @@
     %% when the coordinator was last heard, and last answered
     heard = none :: integer() | none,
     here = none :: integer() | none,
+    %% beats are answered so often
+    here_us :: pos_integer(),
     %% leave lasts so long from these: the latest of its own stamps that came back in a beat, and
     %% the stamp of the latest request
     short_us :: pos_integer(),
@@ -48,6 +48,7 @@ new(#{robot := Self, participants := Team, now := Now} = Config) ->
     #follow{
         self = Self, team = starl_team:members(Team), vote = starl_dpp_vote:new(Config),
         coordinator = case Claimant of 0 -> none; _ -> Claimant end, term = Term,
+        here_us = 2 * starl_dpp_lease:beat_us(Config),
         short_us = Short, granted = Now - Short, asked = Now - Short
     }.
 
@@ -127,8 +128,8 @@ follow(Source, Term, Now, #follow{self = Self, term = Known} = F) ->
 led(Self, _Term, Self) -> [];
 led(_Source, Term, _Self) -> [{cast, dpp_coordinator, {led, Term}}].
 
-here(Seq, Now, #follow{wanted = none, here = Last, term = Term} = F) when
-    Last =:= none; Now - Last >= ?HERE_US
+here(Seq, Now, #follow{wanted = none, here = Last, here_us = Us, term = Term} = F) when
+    Last =:= none; Now - Last >= Us
 ->
     {Ballot, Voted} = ballot(Seq, Now, F),
     {Voted, [starl_sap:post(Voted#follow.coordinator, dpp_here, {Term, Ballot})]};

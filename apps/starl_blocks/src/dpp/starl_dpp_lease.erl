@@ -15,7 +15,7 @@
 %% that of Ongaro and Ousterhout, "In search of an understandable consensus algorithm", 2014.)
 -module(starl_dpp_lease).
 
--export([new/2, short_us/1, long_us/1, quorum/2]).
+-export([new/2, short_us/1, long_us/1, beat_us/1, quorum/2]).
 -export([beat/2, voted/4, heard/4, since/2, leads/2, votes/2, stamps/1, rests/3]).
 -export_type([t/0, config/0, seq/0, stamp/0]).
 
@@ -30,6 +30,10 @@
 -type seq() :: integer().
 %% A participant's own clock (us) when it sent a message.
 -type stamp() :: integer().
+
+-define(BEAT_US, 1000000).
+%% So many beats at least are sent while a promise lasts.
+-define(BEATS, 7).
 
 -record(lease, {
     team :: [starl:robot_id()],
@@ -59,6 +63,11 @@ short_us(Config) ->
     Drift = maps:get(drift_ppm, Config, 10000),
     Jump = round(1000 * maps:get(jump_ms, Config, 2000)),
     max(1, long_us(Config) * (1000000 - Drift) div (1000000 + Drift) - Jump).
+
+%% @doc How often a coordinator sends a beat: at most once a second, and often enough that a few may
+%% be lost before a promise has ended that they prolong. Participants answer every other one.
+-spec beat_us(config()) -> pos_integer().
+beat_us(Config) -> min(?BEAT_US, short_us(Config) div ?BEATS + 1).
 
 %% @doc Are these robots a quorum: more than half of the team, or half of it with its first robot?
 -spec quorum([starl:robot_id()], Team :: [starl:robot_id(), ...]) -> boolean().
