@@ -39,6 +39,20 @@ holder_is_first_test() ->
      || Ms <- [4000, 10000, 60000], Ppm <- [0, 50, 1000, 10000, 100000], Jump <- [0, 500, 2000]
     ].
 
+%% What is counted from a robot's stamp is prolonged in time though a beat or its answer is lost: it
+%% answers every other beat, and each stamp comes back with the next. No more than a beat a second.
+beats_fit_into_a_lease_test() ->
+    [
+        begin
+            Config = #{lease_ms => Ms, drift_ppm => 10000, jump_ms => Jump},
+            Beat = starl_dpp_lease:beat_us(Config),
+            ?assert(Beat =< ?S),
+            ?assert(6 * Beat =< starl_dpp_lease:short_us(Config), Config)
+        end
+     || {Ms, Jump} <- [{10000, 2000}, {6000, 2000}, {3000, 100}, {2500, 50}, {1000, 10}]
+    ],
+    ?assertEqual(?S, starl_dpp_lease:beat_us(#{})).
+
 %% Votes count from the beat that they answer, not from when they come.
 votes_count_from_the_beat_test() ->
     {Seq, L1} = starl_dpp_lease:beat(0, new([1, 2, 3])),

@@ -18,7 +18,8 @@
     late_assignment_is_void/1, missing_coordinator_is_replaced/1,
     painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1,
     term_is_stored_first/1, reboot_forgets_no_term/1, reboot_tells_its_place/1,
-    damaged_term_is_the_highest/1, wrong_clock_is_told/1, own_coordinator_hears_of_each_term/1, no_answer_at_all/1, unsent_request_is_sent_again/1,
+    damaged_term_is_the_highest/1, wrong_clock_is_told/1, short_lease_is_answered_more_often/1,
+    own_coordinator_hears_of_each_term/1, no_answer_at_all/1, unsent_request_is_sent_again/1,
     crashed_sap_is_told_who_listens/1, crashed_motion_is_told_to_go_on/1
 ]).
 
@@ -37,6 +38,7 @@ all() ->
         recover_while_asking, crash_stops_the_robot, crashed_robot_does_not_vote,
         term_is_stored_first, reboot_forgets_no_term, reboot_tells_its_place,
         damaged_term_is_the_highest, wrong_clock_is_told,
+        short_lease_is_answered_more_often,
         earlier_term_is_refused, vote_is_kept, leader_is_followed_without_vote,
         leave_ends_for_good, beats_prolong_leave, late_assignment_is_void,
         missing_coordinator_is_replaced, painted_goes_with_the_next_request,
@@ -223,6 +225,24 @@ wrong_clock_is_told(_) ->
         end
      || {Why, Expected} <- [{out_of_time, [told]}, {stopped, []}]
     ].
+
+%% A beat is answered when the last answer is two beats old, however long those are.
+short_lease_is_answered_more_often(_) ->
+    Answers = fun(Config) ->
+        {_, P0} = starl_machine:new(
+            starl_dpp_participant, Config, base(1, dpp, 2, [1, 2, 3, 4], {stored, {1, 4, 1}})
+        ),
+        {Stop, P1} = step(cast, {message, 4, dpp_beat, {{1, 4, 1}, 0, []}}, P0),
+        {_, P2} = located(Stop, P1),
+        Two = 2 * starl_dpp_lease:beat_us(Config),
+        Here = fun(Us) ->
+            {Actions, _} = at(Us, cast, {message, 4, dpp_beat, {{1, 4, 1}, Us, []}}, P2),
+            length(sent(dpp_here, Actions))
+        end,
+        {Two, Here(Two - 1), Here(Two)}
+    end,
+    ?assertEqual({2 * ?S, 0, 1}, Answers(#{})),
+    ?assertMatch({Us, 0, 1} when Us < ?S, Answers(#{lease_ms => 3000, jump_ms => 100})).
 
 earlier_term_is_refused(_) ->
     {Actions, P} = recover(3, {0, 3, 1}, led()),
