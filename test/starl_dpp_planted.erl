@@ -1,6 +1,6 @@
 %% Painting with a bug planted in the participants of path planning, to show that the monitors find
 %% it. `overstaying': they drive on when their leave has ended. `fickle': they vote for whoever
-%% asks, whatever they have promised. Other bugs are the coordinator's, in modules of their own.
+%% asks, whatever they have promised, and tell no coordinator of another's term. Other bugs are the coordinator's, in modules of their own.
 -module(starl_dpp_planted).
 -behaviour(starl_app).
 -behaviour(starl_machine).
@@ -69,8 +69,11 @@ says(Bug, {keep_state, Data, Actions}) ->
 says(Bug, {keep_state, Data}) -> {keep_state, {Bug, Data}};
 says(_Bug, Nothing) -> Nothing.
 
-votes("fickle", Actions) -> [vote(Action) || Action <- Actions];
+votes("fickle", Actions) -> [vote(Action) || Action <- Actions, not refuses(Action)];
 votes(_Bug, Actions) -> Actions.
+
+refuses({cast, sap, {send, _, dpp_refused, _}}) -> true;
+refuses(_Action) -> false.
 
 vote({cast, sap, {send, To, dpp_here, {Term, {Seq, Stamp, _}}}}) ->
     {cast, sap, {send, To, dpp_here, {Term, {Seq, Stamp, true}}}};
