@@ -8,7 +8,7 @@
 -export([init/1, handle_event/5]).
 
 init(#{bug := restart} = Config) ->
-    begin_as(restart, Config#{incarnation := 1, now := 0});
+    begin_as(restart, Config#{incarnation := 1, now := 0, stored => none});
 init(#{bug := Bug} = Config) ->
     begin_as(Bug, Config).
 

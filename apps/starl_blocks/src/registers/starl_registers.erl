@@ -24,7 +24,7 @@ block() -> block(#{}).
 -spec block(starl_registers_lww:config()) -> starl_robot_sup:machine().
 block(Config) -> {registers, starl_registers_lww, Config}.
 
-%% @doc Writes a register. `full': there are too many registers.
+%% @doc Writes a register. `full': it would be one more than there may be.
 -spec put(starl:robot(), name(), Value :: term()) ->
     ok | {error, not_owner | full | restarted}.
 put(Robot, Name, Value) -> flatten(starl:call(Robot, registers, {put, Name, Value}, infinity)).

@@ -13,9 +13,17 @@
 %% Writes are announced by a broadcast of SAP; the exchange of digests repairs whatever that
 %% misses: partitions, restarts, robots out of range. A restarted machine knows nothing: it asks
 %% some others first and answers its application when the first has told what it has, or after
-%% `recover_ms'. Its clock starts beyond all that it has ever given ({@link starl_hlc}). A stamp
-%% more than `ahead_ms' ahead of the own clock is not taken until the own clock has come nearer;
-%% so `ahead_ms' must exceed the clocks' differences.
+%% `recover_ms'. A stamp more than `ahead_ms' ahead of the own clock is not taken until the own
+%% clock has come nearer; so `ahead_ms' must exceed the clocks' differences.
+%%
+%% Before a stamp is given a later time is stored, and no stamp reaches that time before a later
+%% one is: the clock of a restarted machine starts there, beyond all that it has ever given,
+%% whatever the physical clock shows. Where the store is damaged it starts so far ahead that only a
+%% physical clock that has run backwards can spoil it ({@link starl_hlc}).
+%%
+%% `limit' bounds what a robot adds: a register that another one has added is taken, full or not, or
+%% else two robots that are full of different registers would never agree. So there are at most
+%% `limit' registers times robots.
 %%
 %% Calls: `{put, Name, Value}' (answer `ok', `{error, not_owner | full}'), `{get, Name}' (answer
 %% `{ok, Value}', `{error, unset}'). Cast: `{subscribe, Name, Machine}'; the subscriber gets the
@@ -42,6 +50,8 @@
 
 %% So many others are asked after a restart.
 -define(ASKED, 3).
+%% The time that is stored is so far ahead: so rarely, at most, is one stored.
+-define(RESERVED_US, 1000000).
 
 -record(lww, {
     self :: starl:robot_id(),
@@ -54,7 +64,9 @@
     entries = #{} :: #{starl_registers:name() => {Value :: term(), starl_hlc:stamp()}},
     subscribers = #{} :: #{starl_registers:name() => starl_machine:name()},
     %% the calls that wait for the recovery, latest first
-    waiting = [] :: [{starl_machine:from(), Request :: term()}]
+    waiting = [] :: [{starl_machine:from(), Request :: term()}],
+    %% stamps are given before this time; it is stored
+    reserved = none :: integer() | none
 }).
 
 -spec init(starl_machine:config()) ->
@@ -68,7 +80,7 @@ init(#{robot := Self, participants := Team, now := Now, incarnation := Start} = 
         self = Self,
         others = starl_team:others(Self, Team),
         owners = maps:get(owners, Config, #{}),
-        clock = clock(Start, Self, Ahead, Now),
+        clock = clock(maps:get(stored, Config, none), Start, {Self, Ahead}, Now),
         %% not the draws of the life before
         random = rand:seed_s(exsss, erlang:phash2({Seed, Start}, 1 bsl 32)),
         sync_us = maps:get(sync_ms, Config, 1000) * 1000,
@@ -76,8 +88,13 @@ init(#{robot := Self, participants := Team, now := Now, incarnation := Start} = 
     },
     start(Start, maps:get(recover_ms, Config, 1000) * 1000, Lww).
 
-clock(1, Self, Ahead, _Now) -> starl_hlc:new(Self, Ahead);
-clock(Start, Self, Ahead, Now) -> starl_hlc:after_restart(Self, Ahead, Now, Start).
+%% A machine that has stored nothing has given no stamp.
+clock(none, _Start, {Self, Ahead}, _Now) ->
+    starl_hlc:new(Self, Ahead);
+clock({stored, Reserved}, _Start, {Self, Ahead}, _Now) ->
+    starl_hlc:observe({Reserved, 0, Self}, Reserved, starl_hlc:new(Self, Ahead));
+clock(damaged, Start, {Self, Ahead}, Now) ->
+    starl_hlc:after_restart(Self, Ahead, Now, Start).
 
 start(Start, _RecoverUs, #lww{others = Others} = Lww0) when Start =:= 1; Others =:= [] ->
     {Tick, Lww} = tick(Lww0),
@@ -136,7 +153,7 @@ be_ready(Now, #lww{waiting = Waiting} = Lww0, Before) ->
 %% -- the application's calls ----------------------------------------------------------------
 
 serve(From, {put, Name, Value}, Now, Lww) ->
-    case may_write(Name, Lww#lww.self, Lww) of
+    case may_add(Name, Lww) of
         ok -> write(From, Name, Value, Now, Lww);
         {error, _} = Error -> {Lww, [{reply, From, Error}]}
     end;
@@ -148,20 +165,32 @@ serve(From, {get, Name}, _Now, #lww{entries = Entries} = Lww) ->
             {Lww, [{trace, {got, Name, unset}}, {reply, From, {error, unset}}]}
     end.
 
-may_write(Name, Writer, #lww{owners = Owners, entries = Entries, limit = Limit}) ->
-    case Owners of
-        #{Name := Owner} when Owner =/= Writer -> {error, not_owner};
-        #{} when is_map_key(Name, Entries); map_size(Entries) < Limit -> ok;
-        #{} -> {error, full}
+may_add(Name, #lww{self = Self, entries = Entries, limit = Limit} = Lww) ->
+    case may_write(Name, Self, Lww) of
+        true when is_map_key(Name, Entries); map_size(Entries) < Limit -> ok;
+        true -> {error, full};
+        false -> {error, not_owner}
     end.
+
+may_write(Name, Writer, #lww{owners = Owners}) -> maps:get(Name, Owners, Writer) =:= Writer.
 
 write(From, Name, Value, Now, #lww{clock = Clock0} = Lww) ->
     {Stamp, Clock} = starl_hlc:stamp(Now, Clock0),
-    {Written, Actions} = store({Name, Value, Stamp}, Lww#lww{clock = Clock}),
+    {Reserve, Reserved} = reserve(Stamp, Lww#lww{clock = Clock}),
+    {Written, Actions} = store({Name, Value, Stamp}, Reserved),
     Announce = {cast, sap, {broadcast, registers, {write, Name, Value, Stamp}}},
-    {Written, [{trace, {put, Name, hash(Value), Stamp}} | Actions] ++ [
-        Announce, {reply, From, ok}
-    ]}.
+    {Written,
+        Reserve ++ [{trace, {put, Name, hash(Value), Stamp}} | Actions] ++
+            [
+                Announce, {reply, From, ok}
+            ]}.
+
+%% What is stored comes before everything that follows from the stamp.
+reserve({Time, _, _}, #lww{reserved = Reserved} = Lww) when is_integer(Reserved), Time < Reserved ->
+    {[], Lww};
+reserve({Time, _, _}, Lww) ->
+    Later = Time + ?RESERVED_US,
+    {[{store, Later}], Lww#lww{reserved = Later}}.
 
 %% -- messages -------------------------------------------------------------------------------
 
@@ -185,13 +214,17 @@ message({sync, Hash}, Source, _Now, Lww) ->
     {Lww, [post(Source, {digest, Own}) || hash(Own) =/= Hash]};
 message({digest, Theirs}, Source, _Now, #lww{entries = Entries} = Lww) ->
     Known = maps:from_list(Theirs),
-    Later = [{Name, V, S} || {Name, {V, S}} <- lists:sort(maps:to_list(Entries)),
-             not is_map_key(Name, Known) orelse map_get(Name, Known) < S],
+    Later = [
+        {Name, V, S}
+     || {Name, {V, S}} <- lists:sort(maps:to_list(Entries)),
+        not is_map_key(Name, Known) orelse map_get(Name, Known) < S
+    ],
     Want = [Name || {Name, Stamp} <- Theirs, is_later(Name, Stamp, Entries)],
     %% who knows nothing waits for an answer, be it empty
     Told = Later =/= [] orelse Theirs =:= [],
-    {Lww, [post(Source, {entries, Later}) || Told] ++
-        [post(Source, {want, Want}) || Want =/= []]};
+    {Lww,
+        [post(Source, {entries, Later}) || Told] ++
+            [post(Source, {want, Want}) || Want =/= []]};
 message({want, Names}, Source, _Now, #lww{entries = Entries} = Lww) ->
     Wanted = [{Name, V, S} || Name <- Names, #{Name := {V, S}} <- [Entries]],
     {Lww, [post(Source, {entries, Wanted})]};
@@ -205,21 +238,22 @@ take(Entries, Now, Lww0) ->
             {Next, New} = take_one(Entry, Now, Lww),
             {Next, Actions ++ New}
         end,
-        {Lww0, []}, Entries
+        {Lww0, []},
+        Entries
     ).
 
 take_one({Name, _Value, {_, _, Writer} = Stamp} = Entry, Now, #lww{clock = Clock} = Lww) ->
     case {may_write(Name, Writer, Lww), starl_hlc:admits(Stamp, Now, Clock)} of
-        {ok, true} ->
+        {true, true} ->
             Observed = Lww#lww{clock = starl_hlc:observe(Stamp, Now, Clock)},
             case is_later(Name, Stamp, Lww#lww.entries) of
                 true -> store(Entry, Observed);
                 false -> {Observed, []}
             end;
-        {ok, false} ->
+        {true, false} ->
             {Lww, [{trace, {too_far_ahead, Name, Stamp}}]};
-        {{error, Reason}, _} ->
-            {Lww, [{trace, {refused, Name, Writer, Reason}}]}
+        {false, _} ->
+            {Lww, [{trace, {refused, Name, Writer, not_owner}}]}
     end.
 
 is_later(Name, Stamp, Entries) ->

@@ -2,13 +2,17 @@
 %%
 %% Safety: a read returns a value that was written, under the stamp of its write; reads of a
 %% register at one robot never go back to an earlier stamp, nor to `unset', except after a crash
-%% of its machine; a robot's own stamps always grow, also across its restarts, and carry its
-%% number; a register with an owner is written by it only. Progress, with `bound_us': so long
-%% after the last write of a register and the last crash or death of a robot, all robots alive
-%% hold the same write of it.
+%% of its machine; a robot's own stamps always grow, also across its restarts, unless what its
+%% machine had stored is damaged, and carry its number; a register with an owner is written by it
+%% only.
+%%
+%% Progress, with `bound_us': so long after the last write of a register and the last crash or
+%% death of a robot, and after `healed_us' (default 0; the simulator fills in where the key is
+%% there when the last fault is over), all robots alive hold the same write of it. With `within_us'
+%% in its place faults do not widen the bound.
 %%
 %% Events of machine `registers': `{put, Name, Hash, Stamp}', `{got, Name, Hash, Stamp}',
-%% `{got, Name, unset}', `{holds, Name, Stamp}', `crashed'; of machine `robot':
+%% `{got, Name, unset}', `{holds, Name, Stamp}', `crashed', `store_damaged'; of machine `robot':
 %% `{died, Reason}'.
 -module(starl_registers_monitor).
 -behaviour(starl_monitor).
@@ -23,6 +27,7 @@
     robots :: [robot_id()],
     owners :: #{name() => robot_id()},
     bound_us :: pos_integer() | infinity,
+    healed :: integer() | never,
     writes = #{} :: #{{name(), stamp()} => Hash :: integer()},
     %% each robot's last stamp, last read of a register, and present copies
     stamps = #{} :: #{robot_id() => stamp()},
@@ -38,13 +43,18 @@
 
 %% @doc `robots': the team; `owners' as in the configuration of the machines.
 -spec init(#{
-    robots := [robot_id()], owners => #{name() => robot_id()}, bound_us => pos_integer()
+    robots := [robot_id()],
+    owners => #{name() => robot_id()},
+    bound_us => pos_integer(),
+    within_us => pos_integer(),
+    healed_us => integer() | never
 }) -> #state{}.
 init(#{robots := Robots} = Config) ->
     #state{
         robots = Robots,
         owners = maps:get(owners, Config, #{}),
-        bound_us = maps:get(bound_us, Config, infinity)
+        bound_us = maps:get(within_us, Config, maps:get(bound_us, Config, infinity)),
+        healed = maps:get(healed_us, Config, 0)
     }.
 
 %% @doc The registers' own events and the end of robots.
@@ -80,10 +90,15 @@ finish(EndTimeUs, State) ->
 judge({registers, {put, Name, Hash, Stamp}}, T, Robot, State) ->
     #state{writes = Writes, stamps = Stamps} = State,
     Broken = stamp_back(Name, Stamp, T, Robot, Stamps) ++ not_owner(Name, T, Robot, State),
-    {Broken, postpone(T, State#state{
-        writes = maps:merge(#{{Name, Stamp} => Hash}, Writes),
-        stamps = Stamps#{Robot => Stamp}
-    }, [Name])};
+    {Broken,
+        postpone(
+            T,
+            State#state{
+                writes = maps:merge(#{{Name, Stamp} => Hash}, Writes),
+                stamps = Stamps#{Robot => Stamp}
+            },
+            [Name]
+        )};
 judge({registers, {got, Name, Hash, Stamp}}, T, Robot, #state{reads = Reads} = State) ->
     Broken = unwritten(Name, Hash, Stamp, T, Robot, State) ++ back(Name, Stamp, T, Robot, State),
     Read = note(Robot, Name, Stamp, State#state.read),
@@ -98,6 +113,8 @@ judge({registers, crashed}, T, Robot, #state{read = Read, holds = Holds} = State
         read = maps:remove(Robot, Read), holds = maps:remove(Robot, Holds)
     },
     {[], postpone(T, Forgotten, written(State))};
+judge({registers, store_damaged}, _T, Robot, #state{stamps = Stamps} = State) ->
+    {[], State#state{stamps = maps:remove(Robot, Stamps)}};
 judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
     {[], postpone(T, State#state{died = [Robot | Died]}, written(State))};
 judge({_Machine, _Other}, _T, _Robot, State) ->
@@ -116,8 +133,10 @@ stamp_back(Name, {_, _, Writer} = Stamp, T, Robot, Stamps) ->
         [violation(stamp_of_another, T, [Robot], #{name => Name}) || Writer =/= Robot].
 
 not_owner(Name, T, Robot, #state{owners = Owners}) ->
-    [violation(not_owner, T, [Robot], #{name => Name})
-     || maps:get(Name, Owners, Robot) =/= Robot].
+    [
+        violation(not_owner, T, [Robot], #{name => Name})
+     || maps:get(Name, Owners, Robot) =/= Robot
+    ].
 
 unwritten(Name, Hash, Stamp, T, Robot, #state{writes = Writes}) ->
     case Writes of
@@ -133,10 +152,12 @@ back(Name, Stamp, T, Robot, #state{read = Read}) ->
             []
     end.
 
-postpone(_T, #state{bound_us = infinity} = State, _Names) ->
+postpone(_T, #state{bound_us = Bound, healed = Healed} = State, _Names) when
+    Bound =:= infinity; Healed =:= never
+->
     State#state{due = #{}};
-postpone(T, #state{bound_us = Bound, due = Due} = State, Names) ->
-    Later = maps:from_list([{Name, T + Bound} || Name <- Names]),
+postpone(T, #state{bound_us = Bound, healed = Healed, due = Due} = State, Names) ->
+    Later = maps:from_list([{Name, max(T, Healed) + Bound} || Name <- Names]),
     first_due(State#state{due = maps:merge(Due, Later)}).
 
 first_due(#state{due = Due} = State) ->
