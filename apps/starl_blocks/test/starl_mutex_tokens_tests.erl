@@ -9,7 +9,11 @@
 %% Robot 2 of three, which is not the token's home and wants nothing.
 robot() ->
     Base = #{
-        robot => 2, participants => [1, 2, 3], name => mutex, incarnation => 1, now => 0,
+        robot => 2,
+        participants => [1, 2, 3],
+        name => mutex,
+        incarnation => 1,
+        now => 0,
         random => rand:seed_s(exsss, 1)
     },
     {_, Machine} = starl_machine:new(starl_mutex_tokens, #{}, Base),
@@ -31,7 +35,13 @@ sent(Messages) ->
     [{To, Body} || {Kind, sap, {send, To, mutex, Body}} <- casts(Last), Kind =:= cast].
 
 casts(Actions) ->
-    [case A of {call, M, R, _} -> {cast, M, R}; _ -> A end || A <- Actions, tuple_size(A) > 2].
+    [
+        case A of
+            {call, M, R, _} -> {cast, M, R};
+            _ -> A
+        end
+     || A <- Actions, tuple_size(A) > 2
+    ].
 
 %% Robot 3's request waits for the token that robot 1 is handing over. An announcement of robot 1's
 %% own, earlier hold comes late: the request goes on waiting, and on with the token.
@@ -82,7 +92,11 @@ holding(Tokens, At) -> holding(Tokens, Tokens, At).
 
 holding(Wanted, Given, At) ->
     Base = #{
-        robot => 2, participants => [1, 2, 3], name => mutex, incarnation => 1, now => At,
+        robot => 2,
+        participants => [1, 2, 3],
+        name => mutex,
+        incarnation => 1,
+        now => At,
         random => rand:seed_s(exsss, 1)
     },
     {_, New} = starl_machine:new(starl_mutex_tokens, #{lease_ms => ?LEASE_US div 1000}, Base),
@@ -100,7 +114,7 @@ at(At, Type, Content, Machine) ->
 
 traces(Actions) -> [Event || {trace, Event} <- Actions].
 
-answers(Actions) -> [Answer || {reply, {app, 1}, Answer} <- Actions].
+answers(Actions) -> [Answer || {reply, {app, _}, Answer} <- Actions].
 
 %% Two tokens whose home is robot 1.
 two() -> lists:sublist([T || T <- lists:seq(1, 100), erlang:phash2(T, 3) =:= 0], 2).
@@ -183,10 +197,13 @@ release_comes_first_test() ->
             ?assertEqual([{error, lost}], answers(Released))
         end
      || {Type, Content} <- [
-            {{call, {app, 9}}, {acquire, A, ?LEASE_US}}, {{timeout, {renew, A}}, again},
-            {{timeout, {lease, A}}, over}, {{timeout, {again, 1}}, again},
+            {{call, {app, 9}}, {acquire, A, ?LEASE_US}},
+            {{timeout, {renew, A}}, again},
+            {{timeout, {lease, A}}, over},
+            {{timeout, {again, 1}}, again},
             {cast, {message, 1, mutex, {granted, A, ?F, {1, ?LEASE_US - 1}}}},
-            {cast, {message, 1, mutex, {owner, B, ?F}}}, {info, {restarted, sap}}
+            {cast, {message, 1, mutex, {owner, B, ?F}}},
+            {info, {restarted, sap}}
         ]
     ],
     {Released, _} = at(?LEASE_US, {call, {app, 1}}, {release, A}, Machine),
@@ -217,8 +234,15 @@ patience_is_over_test() ->
         traces(Actions)
     end,
     ?assertEqual([{failed, B, timeout}, {released, A, ?F}], Gone(?LEASE_US - 1)),
-    ?assertEqual([{lease_lost, A, ?F}, {failed, B, lease_lost}, {requested, A},
-                  {failed, A, timeout}], Gone(?LEASE_US)).
+    ?assertEqual(
+        [
+            {lease_lost, A, ?F},
+            {failed, B, lease_lost},
+            {requested, A},
+            {failed, A, timeout}
+        ],
+        Gone(?LEASE_US)
+    ).
 
 %% Monotonic clocks may well read less than nothing.
 before_zero_test() ->
@@ -238,3 +262,56 @@ caller_given_up_test() ->
     ],
     {Actions, _} = at(100, info, {given_up, app}, holding([A, B], 50)),
     ?assertEqual(lists:sort([A, B]), lists:sort([T || {released, T, _} <- traces(Actions)])).
+
+%% -- holds that begin with a lease that is there already -----------------------------------------
+
+%% An idle token is held again at once while its lease is fresh; then the hold is renewed in time,
+%% by a timer that stands from its beginning on.
+fresh_lease_test() ->
+    [A, _] = two(),
+    {Actions, Again} = acquired_again(A, ?LEASE_US div 2),
+    ?assertMatch(
+        [{requested, A}, {leased, A, _, _}, {acquired, A, _}, {answered, _}], traces(Actions)
+    ),
+    ?assertMatch([Us] when Us =< ?LEASE_US div 2, renewals(A, Actions)),
+    {Renewing, _} = at(?LEASE_US * 3 div 4, {timeout, {renew, A}}, again, Again),
+    ?assertEqual([renew], asked(Renewing)),
+    ?assertMatch([_], renewals(A, Renewing)).
+
+%% When more than half of it is over the home is asked first, again and again: no hold begins that
+%% might be lost at once. With the home's word it begins, with the new lease.
+worn_lease_test() ->
+    [A, _] = two(),
+    At = ?LEASE_US - 10000,
+    {Actions, Asking} = acquired_again(A, At),
+    ?assertEqual([{requested, A}], traces(Actions)),
+    ?assertEqual([], answers(Actions)),
+    ?assertEqual([renew], asked(Actions)),
+    {Repeated, _} = at(At + 5000, {timeout, {renew, A}}, again, Asking),
+    ?assertEqual([renew], asked(Repeated)),
+    {Begun, _} = message(At + 9000, 1, {granted, A, ?F, {1, At}}, Asking),
+    ?assertEqual(
+        [{leased, A, ?F + 1, ?LEASE_US - 9000}, {acquired, A, ?F + 1}],
+        lists:sublist(traces(Begun), 2)
+    ),
+    ?assertMatch([{ok, _}], answers(Begun)),
+    %% whoever else asks meanwhile is next
+    {Queued, Later} = message(At + 1, 3, {request, A, {3, 1}, ?F, home}, Asking),
+    ?assertEqual([], traces(Queued)),
+    {_, Held} = message(At + 9000, 1, {granted, A, ?F, {1, At}}, Later),
+    {Released, _} = at(At + 9500, {call, {app, 3}}, {release, A}, Held),
+    ?assertMatch([{released, A, _}, {handed_over, A, _, 3}], traces(Released)),
+    %% where the home says nothing the request goes to it when the lease is over
+    {Over, _} = at(?LEASE_US, {timeout, {lease, A}}, over, Asking),
+    ?assertEqual([{1, {request, A, {2, 2}, 0, home}}], [{To, M} || {To, M} <- posts(Over)]).
+
+%% Robot 2 has held a token, and wants it again at a time.
+acquired_again(Token, At) ->
+    {_, Idle} = at(10, {call, {app, 2}}, {release, Token}, holding(Token, [Token], 0)),
+    at(At, {call, {app, 3}}, {acquire, Token, 5 * ?LEASE_US}, Idle).
+
+renewals(Token, Actions) -> [Us || {{timeout, {renew, T}}, Us, again} <- Actions, T =:= Token].
+
+asked(Actions) -> [Kind || {_, {ask, Kind, _, _, _}} <- posts(Actions)].
+
+posts(Actions) -> [{To, M} || {cast, sap, {send, To, mutex, M}} <- Actions].

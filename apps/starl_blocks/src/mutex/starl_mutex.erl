@@ -16,7 +16,7 @@
 %% What must not happen after the end of a hold belongs behind a check of the fencing number.
 -module(starl_mutex).
 
--export([block/0, block/1, acquire/2, acquire/3, release/2, owner/2, with_token/3]).
+-export([block/0, block/1, acquire/2, acquire/3, release/2, owner/2, with_token/3, home/2]).
 
 -export_type([token/0, fence/0, options/0]).
 
@@ -115,6 +115,11 @@ token(Function, Token) ->
     is_list(Token) andalso
         starl_caller:mistake(Function, 'Token', Token, "a token, which is no list"),
     ok.
+
+%% @doc The home of a token in a team, by a hash of its name: as long as it lives, the token is
+%% there to be had.
+-spec home(token(), [starl:robot_id(), ...]) -> starl:robot_id().
+home(Token, Team) -> lists:nth(erlang:phash2(Token, length(Team)) + 1, Team).
 
 released(Result, ok) -> {ok, Result};
 released(Result, {error, Why}) -> {error, {Why, Result}}.

@@ -143,6 +143,7 @@ renew(Token, Robot) ->
         #{granted := false, tries := ?CLAIMS} -> lapse(Token, Robot);
         #{granted := false} = Entry -> ask(claim, Token, Entry, Robot);
         #{lock := {_, _}} = Entry -> ask(renew, Token, Entry, Robot);
+        #{queue := [_ | _]} = Entry -> ask(renew, Token, Entry, Robot);
         _ -> Robot
     end.
 
@@ -168,8 +169,8 @@ extend(Token, #{granted := Already, fence := Fence, lock := Lock} = Entry, Robot
     Timed = act({{timeout, {lease, Token}}, left(Entry, Robot), over}, Robot),
     Granted = Entry#{granted := true, tries := 0},
     case {Already, Lock} of
-        {false, none} -> serve(Token, Granted, announce(Token, base(Fence), Timed));
-        {true, none} -> put_entry(Token, Granted, Timed);
+        {false, none} -> serve(fresh, Token, Granted, announce(Token, base(Fence), Timed));
+        {true, none} -> serve(fresh, Token, Granted, Timed);
         {true, {_, Held}} -> put_entry(Token, Granted, leased(Token, Held, Entry, Timed))
     end.
 
@@ -196,15 +197,34 @@ refused(Token, Fence, Robot) ->
     end.
 
 %% Gives a token that is free to whoever is first in its queue.
-serve(Token, #{granted := true, lock := none, fence := Fence, queue := Queue} = Entry, Robot) ->
+serve(Token, Entry, Robot) -> serve(used, Token, Entry, Robot).
+
+serve(How, Token, #{granted := true, lock := none, queue := Queue} = Entry, Robot) ->
     Self = starl_mutex_state:self(Robot),
     case trim(Token, Queue, Robot) of
-        [] -> put_entry(Token, Entry#{queue := []}, Robot);
-        [{Self, Id} | Rest] -> lock(Token, Id, Entry#{queue := Rest}, Robot);
-        Others -> pass_on(Token, Fence, Others, forget_entry(Token, Robot))
+        [] ->
+            put_entry(Token, Entry#{queue := []}, Robot);
+        [{Self, Id} | Rest] ->
+            begin_hold(How, Token, Id, Entry#{queue := Rest}, Robot);
+        [_ | _] = Others ->
+            pass_on(Token, map_get(fence, Entry), Others, forget_entry(Token, Robot))
     end;
-serve(Token, Entry, Robot) ->
+serve(_How, Token, Entry, Robot) ->
     put_entry(Token, Entry, Robot).
+
+%% A hold that began with the rest of an old lease might be over before it is renewed: the home is
+%% asked first. The lease that it has just given is taken as it is, however long that took.
+begin_hold(used, Token, Id, #{queue := Rest} = Entry, Robot) ->
+    case is_worn(Entry, Robot) of
+        true ->
+            ask(renew, Token, Entry#{queue := [{starl_mutex_state:self(Robot), Id} | Rest]}, Robot);
+        false ->
+            lock(Token, Id, Entry, Robot)
+    end;
+begin_hold(fresh, Token, Id, Entry, Robot) ->
+    lock(Token, Id, Entry, Robot).
+
+is_worn(Entry, Robot) -> left(Entry, Robot) < starl_mutex_state:lease_us(Robot) div 2.
 
 lock(Token, Id, #{fence := Fence} = Entry, Robot) ->
     Locked = Entry#{lock := {Id, Fence}},
@@ -213,7 +233,7 @@ lock(Token, Id, #{fence := Fence} = Entry, Robot) ->
 
 %% A hold begins: the lease must be renewed, at once if more than half of it is over.
 prolong(Token, Entry, Robot) ->
-    case left(Entry, Robot) < starl_mutex_state:lease_us(Robot) div 2 of
+    case is_worn(Entry, Robot) of
         true -> ask(renew, Token, Entry, Robot);
         false -> put_entry(Token, Entry, act(renewal(Token, Robot), Robot))
     end.
@@ -269,10 +289,13 @@ pass_on(Token, Fence, Queue, Robot) ->
     end.
 
 hand_over(Token, Next, [{To, _} | _] = Queue, Robot) ->
-    Sent = acts([
-        {trace, {handed_over, Token, Next, To}},
-        starl_sap:send(To, mutex, {token, Token, Next, Queue}, {hand, Token, Next})
-    ], Robot),
+    Sent = acts(
+        [
+            {trace, {handed_over, Token, Next, To}},
+            starl_sap:send(To, mutex, {token, Token, Next, Queue}, {hand, Token, Next})
+        ],
+        Robot
+    ),
     Owners = starl_mutex_owners:handed(Token, Next, To, starl_mutex_state:owners(Sent)),
     starl_mutex_state:put_owners(
         Owners, starl_mutex_state:sent_out(Token, Next, To, Queue, Sent)
