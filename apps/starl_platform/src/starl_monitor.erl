@@ -12,8 +12,8 @@
 %% listens to costs one look-up in a small map.
 -module(starl_monitor).
 
--export([new/1, step/2, finish/2, format_violation/1]).
--export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0]).
+-export([new/1, step/2, finish/2, format_violation/1, shape/1]).
+-export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, shape/0]).
 
 %% A robot's number.
 -type robot_id() :: pos_integer().
@@ -30,6 +30,9 @@
 }.
 %% The state of a monitor, private to its module.
 -type state() :: term().
+%% What is left of a violation when its numbers are taken away.
+-opaque shape() ::
+    {atom(), atom(), none | one | two | many, Details :: [term()], Order :: [term()]}.
 %% Figures that a monitor measured, for the report.
 -type results() :: #{atom() => term()}.
 
@@ -97,6 +100,42 @@ format_violation(Violation) ->
     io_lib:format("~ts broken at ~.6f s by ~ts: ~ts~ts", [
         Contract, At / 1.0e6, format_robots(Robots), words(What), format_details(Details)
     ]).
+
+%% @doc Which contract is broken, how, and how the details are built: with whatever number of robots
+%% beyond two, whatever numbers. What is kept of the numbers is which of two details is larger: a
+%% round that comes again is not one that was left out. Two violations of different shapes have
+%% different causes, as a rule.
+-spec shape(violation()) -> shape().
+shape(#{contract := Contract, what := What, robots := Robots, details := Details}) ->
+    {Contract, What, how_many(Robots), outline(Details), order(Details)}.
+
+how_many([]) -> none;
+how_many([_]) -> one;
+how_many([_, _]) -> two;
+how_many([_, _ | _]) -> many.
+
+outline(Map) when is_map(Map) ->
+    lists:usort([{outline(Key), outline(Value)} || {Key, Value} <- maps:to_list(Map)]);
+outline(Tuple) when is_tuple(Tuple) ->
+    list_to_tuple([outline(Part) || Part <- tuple_to_list(Tuple)]);
+outline([Head | Tail]) ->
+    outlines([Head | Tail], []);
+outline(Number) when is_number(Number) -> number;
+outline(Bits) when is_bitstring(Bits) -> bits;
+outline(Other) -> Other.
+
+%% Of alike parts of a list one; the end may be improper.
+outlines([Head | Tail], Known) -> outlines(Tail, [outline(Head) | Known]);
+outlines([], Known) -> lists:usort(Known);
+outlines(Tail, Known) -> [outline(Tail) | lists:usort(Known)].
+
+order(Details) ->
+    Numbers = lists:sort([Pair || {_, N} = Pair <- maps:to_list(Details), is_number(N)]),
+    [{A, compared(M, N), B} || {A, M} <- Numbers, {B, N} <- Numbers, A < B].
+
+compared(M, N) when M < N -> less;
+compared(M, N) when M == N -> equal;
+compared(_, _) -> more.
 
 interests_of(Module) ->
     {module, Module} = code:ensure_loaded(Module),

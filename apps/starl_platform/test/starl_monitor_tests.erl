@@ -56,3 +56,32 @@ formats_one_line_test() ->
     Line = unicode:characters_to_list(
         starl_monitor:format_violation((objection(1_500_000, 7))#{robots => [7, 12]})),
     ?assertEqual("test broken at 1.500000 s by robots 7, 12: bad event (n 1)", Line).
+
+%% Violations have one shape whatever their numbers, times and robots are, but not with other words,
+%% with one robot and two, or where of two figures the other one is larger.
+shape_test() ->
+    V = fun(Robots, Details) ->
+        #{contract => c, what => w, at_us => 1, robots => Robots, details => Details}
+    end,
+    Shape = fun(Robots, Details) -> starl_monitor:shape(V(Robots, Details)) end,
+    Plain = Shape([1], #{name => {token, 1}, last => 3, round => 7}),
+    ?assertEqual(Plain, Shape([9], #{name => {token, 2}, last => 30, round => 31.5})),
+    Later = (V([2], #{name => {token, 1}, last => 3, round => 7}))#{at_us := 99},
+    ?assertEqual(Plain, starl_monitor:shape(Later)),
+    [
+        ?assertNotEqual({Robots, Details, Plain}, {Robots, Details, Shape(Robots, Details)})
+     || {Robots, Details} <- [
+            {[1, 2], #{name => {token, 1}, last => 3, round => 7}},
+            {[1], #{name => {token, 1}, last => 7, round => 3}},
+            {[1], #{name => {token, 1}, last => 3, round => 3}},
+            {[1], #{name => {door, 1}, last => 3, round => 7}},
+            {[1], #{name => token, last => 3, round => 7}},
+            {[1], #{name => {token, 1}, last => 3}}
+        ]
+    ],
+    ?assertNotEqual(Shape([1], #{stack => [{m, f}]}), Shape([1], #{stack => [{m, g}]})),
+    ?assertEqual(Shape([1], #{all => [1, 2, 3]}), Shape([1], #{all => [5]})),
+    ?assertEqual(Shape([1], #{all => <<1>>}), Shape([1], #{all => <<"longer">>})),
+    ?assertEqual(Shape([1, 2, 3], #{}), Shape([1, 2, 3, 4, 5], #{})),
+    Other = (V([1], #{name => {token, 1}, last => 3, round => 7}))#{what := other},
+    ?assertNotEqual(Plain, starl_monitor:shape(Other)).

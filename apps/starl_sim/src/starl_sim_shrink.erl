@@ -7,14 +7,16 @@
 %% the faults aimed at them; settings that blur the run are set to nothing; and random loss
 %% becomes a list of faults of kind `drop', one per packet that was lost, for ddmin as well.
 %%
-%% A smaller scenario counts only if it violates the same contract in the same way (`contract'
-%% and `what' of the violation). Each one that counts ends the time with its own violation, so
-%% the violation only moves forward and the runs get shorter.
+%% A smaller scenario counts only if it violates the same contract in the same way: the violation
+%% has the same shape ({@link starl_monitor:shape/1}), and a robot of a team is not one that is
+%% alone. Of each other shape that turns up the smallest scenario is told, too. Each one that counts
+%% ends the time with its own violation, so the violation only moves forward and the runs get
+%% shorter.
 -module(starl_sim_shrink).
 
 -export([shrink/2, format_error/1]).
 
--export_type([request/0, result/0, watch/0, figures/0, reason/0]).
+-export_type([request/0, result/0, watch/0, figures/0, reason/0, met/0]).
 
 %% `run' judges a scenario; `digest' is that of the run to be shrunk, where it is known.
 -type request() :: #{
@@ -42,8 +44,14 @@
     violation := starl_monitor:violation(),
     digest := binary(),
     figures := figures(),
-    complete := boolean()
+    complete := boolean(),
+    others := [met()]
 }.
+
+%% Something else that a smaller scenario violates: another cause, found on the way.
+-type met() :: #{scenario := starl_sim_scenario:t(), violation := starl_monitor:violation()}.
+
+-type shape() :: {alone | team, starl_monitor:shape()}.
 
 -type reason() ::
     holds
@@ -57,6 +65,8 @@
     best :: starl_sim_scenario:t(),
     outcome :: starl_sim_trial:outcome(),
     violation :: starl_monitor:violation(),
+    shape :: shape(),
+    others = #{} :: #{shape() => met()},
     runs :: non_neg_integer(),
     faults_before :: non_neg_integer(),
     robots_before :: pos_integer(),
@@ -69,6 +79,8 @@
 -define(ROUNDS, 4).
 %% How often the time is halved where a violation shows at the end of a run.
 -define(HALVINGS, 5).
+%% No more other causes are told.
+-define(OTHERS, 5).
 %% Values that take the chance out of a run.
 -define(PLAIN, [
     {duplicate, 0.0}, {clock_offset, 0}, {clock_drift, 0}, {heading_error, 0.0},
@@ -102,6 +114,7 @@ begin_with(#{scenario := Scenario, violations := [First | _]} = Outcome, Request
         best = ending_with(Outcome, Scenario),
         outcome = Outcome,
         violation = First,
+        shape = shape(First, Scenario),
         runs = 2,
         faults_before = length(Faults),
         robots_before = Robots
@@ -120,8 +133,12 @@ rounds(N, #search{best = Before} = Search) ->
 result(#search{best = Best, violation = Violation, outcome = #{digest := Digest}} = Search) ->
     #{
         scenario => Best, violation => Violation, digest => Digest, figures => figures(Search),
-        complete => not Search#search.stopped
+        complete => not Search#search.stopped,
+        others => others(Search)
     }.
+
+others(#search{others = Others}) ->
+    lists:sublist(lists:sort(fun is_smaller/2, maps:values(Others)), ?OTHERS).
 
 figures(#search{best = #{faults := Faults, robots := Robots}, drops = Drops} = Search) ->
     #{
@@ -140,23 +157,40 @@ attempt(_Candidate, #search{stopped = true} = Search) ->
     {false, Search};
 attempt(Candidate, #search{run = Run, runs = Runs} = Search) ->
     Counted = Search#search{runs = Runs + 1},
-    case found(Run(Candidate), Search) of
-        {Violation, Outcome} ->
-            Best = ending_with(Outcome, Candidate),
-            {true, told(Counted#search{best = Best, outcome = Outcome, violation = Violation})};
-        none ->
-            {false, told(Counted)}
+    case Run(Candidate) of
+        %% what cannot be run violates nothing
+        {error, _} -> {false, told(Counted)};
+        {ok, Outcome} -> found(Outcome, ending_with(Outcome, Candidate), Counted)
     end.
 
-%% What cannot be run violates nothing.
-found({error, _}, _Search) ->
-    none;
-found({ok, #{violations := Violations} = Outcome}, #search{violation = Known}) ->
-    #{contract := Contract, what := What} = Known,
-    case [V || #{contract := C, what := W} = V <- Violations, C =:= Contract, W =:= What] of
-        [] -> none;
-        [First | _] -> {First, Outcome}
+found(#{violations := Violations} = Outcome, Smaller, #search{shape = Shape} = Search) ->
+    case [V || V <- Violations, shape(V, Smaller) =:= Shape] of
+        [First | _] ->
+            {true, told(Search#search{best = Smaller, outcome = Outcome, violation = First})};
+        [] ->
+            {false, told(lists:foldl(fun(V, S) -> met(V, Smaller, S) end, Search, Violations))}
     end.
+
+shape(Violation, #{robots := 1}) -> {alone, starl_monitor:shape(Violation)};
+shape(Violation, #{robots := _}) -> {team, starl_monitor:shape(Violation)}.
+
+%% Of each other shape the smallest.
+met(Violation, Scenario, #search{others = Others} = Search) ->
+    Shape = shape(Violation, Scenario),
+    Met = #{scenario => Scenario, violation => Violation},
+    case Others of
+        #{Shape := Known} ->
+            case is_smaller(Known, Met) of
+                true -> Search;
+                false -> Search#search{others = Others#{Shape := Met}}
+            end;
+        #{} ->
+            Search#search{others = Others#{Shape => Met}}
+    end.
+
+is_smaller(#{scenario := A}, #{scenario := B}) -> extent(A) =< extent(B).
+
+extent(#{faults := Faults, robots := Robots, time := Time}) -> {length(Faults), Robots, Time}.
 
 %% Where the run has ended nothing more is needed of it.
 ending_with(#{end_us := EndUs}, #{time := Time} = Scenario) ->

@@ -33,6 +33,38 @@ same_violation_test() ->
     ?assertEqual(6, length(ids(Small))),
     ?assert(lists:member(f5, ids(Small))).
 
+%% Neither is a violation of another shape: with other robots, other words in its details, or
+%% numbers that lie the other way round. Of each the smallest scenario that was met is told.
+same_shape_test() ->
+    Passed = fun(Last, K) -> planted(#{robots => [1], details => #{last => Last, round => K}}) end,
+    Run = fun(#{faults := Faults} = S) ->
+        case length(Faults) of
+            N when N >= 20 -> outcome(S, Passed(N, N + 7));
+            N when N >= 12 -> outcome(S, Passed(N, N));
+            N when N >= 6 -> outcome(S, (Passed(N, N + 7))#{robots := [1, 2]});
+            _ -> outcome(S, none)
+        end
+    end,
+    {ok, #{scenario := Small, others := Others}} = shrink(scenario(40, 10), Run),
+    ?assert(length(ids(Small)) >= 20),
+    Met = [
+        {length(F), N, V}
+     || #{scenario := #{faults := F, robots := N}, violation := V} <- Others
+    ],
+    %% the last is that of one robot alone
+    ?assertMatch(
+        [
+            {Two, 2, #{robots := [1, 2]}}, {Again, 2, #{details := #{last := N, round := N}}},
+            {Alone, 1, #{}}
+        ] when Two < 12 andalso Again >= 12 andalso Again < 20 andalso Alone >= 20,
+        Met
+    ).
+
+%% What one robot alone violates is told, and is not what was to be shrunk.
+alone_is_no_team_test() ->
+    {ok, #{scenario := #{robots := 2}, others := [#{scenario := #{robots := 1}}]}} =
+        shrink(scenario(0, 6), needing([], 1)).
+
 %% A scenario that cannot be run violates nothing.
 what_cannot_run_is_not_smaller_test() ->
     Run = fun
@@ -143,15 +175,15 @@ second_round_test() ->
         Needed = N < 5 orelse lists:member(f1, ids(S)),
         outcome(S, case Needed of true -> ?PLANTED; false -> none end)
     end,
-    {ok, #{scenario := #{robots := 1, faults := []}}} = shrink(scenario(3, 8), Run).
+    {ok, #{scenario := #{robots := 2, faults := []}}} = shrink(scenario(3, 8), Run).
 
-%% The smallest team that will do, of any size.
+%% The smallest team that will do, of any size; one robot alone is no team.
 smallest_team_test() ->
     [
         begin
             {ok, #{scenario := #{robots := Robots}}} =
                 shrink((scenario(0, 1))#{robots := Team}, needing([], Needed)),
-            ?assertEqual({Team, Needed}, {Team, Robots})
+            ?assertEqual({Team, max(min(Team, 2), Needed)}, {Team, Robots})
         end
      || {Team, Needed} <- [{1000, 513} | [{T, N} || T <- lists:seq(1, 12), N <- lists:seq(1, T)]]
     ].

@@ -99,7 +99,7 @@ write(File, Text) ->
         {error, Posix} -> {error, [File, ": ", file:format_error(Posix)]}
     end.
 
-replayed(true, Result, Ms, Interrupted, #{file := File, scenario := Before}) ->
+replayed(true, Result, Ms, Interrupted, #{file := File, scenario := Before} = Job) ->
     #{violation := Violation, complete := Complete} = Result,
     How =
         case {Complete, Interrupted} of
@@ -107,17 +107,45 @@ replayed(true, Result, Ms, Interrupted, #{file := File, scenario := Before}) ->
             {false, 0} -> out_of_time;
             {false, 1} -> interrupted
         end,
-    {ok, [
+    Shrunk = [
         starl_monitor:format_violation(Violation),
-        ["shrunk to ", size(Result, Before), io_lib:format(" (~.1f s)", [Ms / 1000])],
+        ["shrunk to ", size(Result, Before), io_lib:format(" (~.1f s)", [Ms / 1000])]
+    ],
+    Where = [
         ["result: ", starl_cli_out:shown(File)],
         ["replay: ./starl run ", starl_cli_flags:shell(starl_cli_out:shown(File))]
-    ], How};
+    ],
+    {ok, Shrunk ++ others(Result, Job) ++ Where, How};
 replayed(false, _Result, _Ms, _Interrupted, #{file := File}) ->
     {error, internal, [
         File, ": run as the robots' processes it violates something else than inline; "
         "./starl diverge tells where the runs part"
     ]}.
+
+%% What else was met on the way, each in a file of its own, not made small any further.
+others(#{others := Others} = Result, #{file := File} = Job) ->
+    lists:append([
+        other(Result#{scenario := Scenario, violation := Violation}, beside(File, N), Job)
+     || {N, #{scenario := Scenario, violation := Violation}} <- lists:enumerate(Others)
+    ]).
+
+beside(File, N) -> lists:concat([filename:rootname(File), "-other-", N, ".term"]).
+
+other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
+    #{target := Target, scenario := Before} = Job,
+    #{faults := Faults, robots := Robots} = Scenario,
+    #{figures := Figures} = Met,
+    Sized = Met#{figures := Figures#{faults := length(Faults), robots := Robots, drops := 0}},
+    case write(File, text(Sized, File, Target, Before)) of
+        ok ->
+            [[
+                "met on the way, in ", counted(Robots, "robot"), " under ",
+                counted(length(Faults), "fault"), ": ", starl_monitor:format_violation(Violation),
+                "; ./starl shrink ", starl_cli_flags:shell(starl_cli_out:shown(File))
+            ]];
+        {error, _} ->
+            []
+    end.
 
 %% The file is read and run as ./starl run does it.
 replay(File, #{app := App}, #{digest := Digest}) ->

@@ -40,11 +40,13 @@ failing(Blocks, Founds) ->
     lists:append([lists:enumerate(ways(Block, Founds)) || Block <- Blocks]).
 
 ways(Block, Founds) ->
-    Broken = [{way(V), Seed, V} || {B, Seed, {ok, [V | _], _}} <- Founds, B =:= Block],
+    Broken = [
+        {starl_monitor:shape(V), Seed, V}
+     || {B, Seed, {ok, [V | _], _}} <- Founds, B =:= Block
+    ],
     First = lists:ukeysort(1, Broken),
     [
         {Block, Seed, V, length([x || {W, _, _} <- Broken, W =:= Way])}
      || {Way, Seed, V} <- lists:keysort(2, First)
     ].
 
-way(#{contract := Contract, what := What}) -> {Contract, What}.
