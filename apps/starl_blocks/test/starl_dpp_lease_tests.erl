@@ -64,6 +64,14 @@ votes_count_from_the_beat_test() ->
     ?assert(starl_dpp_lease:leads(17 * ?S, L4)),
     ?assertNot(starl_dpp_lease:leads(18 * ?S, L4)).
 
+%% Also one that comes when later beats have been sent.
+late_vote_counts_from_its_beat_test() ->
+    {First, L1} = starl_dpp_lease:beat(0, new([1, 2, 3])),
+    {_, L2} = starl_dpp_lease:beat(4 * ?S, L1),
+    L3 = voted([1, 2], First, L2),
+    ?assert(starl_dpp_lease:leads(7 * ?S, L3)),
+    ?assertNot(starl_dpp_lease:leads(10 * ?S, L3)).
+
 %% A vote that answers no known beat, or none at all, does not count; a late one takes nothing back.
 void_votes_test() ->
     {Seq, L1} = starl_dpp_lease:beat(0, new([1])),

@@ -110,6 +110,18 @@ two_coordinators_test() ->
     {[], Results} = run(Begin ++ Next ++ [{4, 8, dpp_coordinator, {coordinator, 3}}], 9),
     ?assertMatch(#{coordinators := [9, 8]}, Results).
 
+%% So does one whose successor has the votes, though that has assigned nothing yet; and what an
+%% earlier term won means nothing any more.
+two_leaders_test() ->
+    Leads = fun(T, Robot, Term) -> {T, Robot, dpp_coordinator, {leads, Term}} end,
+    Begin = [Leads(0, 9, {1, 9, 1}), {0, 9, dpp_coordinator, {coordinator, {1, 9, 1}}}],
+    Assigned = assigned(3, 9, 2, level(900.0)),
+    ?assertEqual([], judge(Begin ++ [Assigned])),
+    ?assertEqual([{two_coordinators, [8, 9]}], judge(Begin ++ [Leads(2, 8, {2, 8, 1}), Assigned])),
+    ?assertEqual([], judge(Begin ++ [Assigned, Leads(4, 8, {2, 8, 1})])),
+    ?assertEqual([], judge(Begin ++ [Leads(2, 8, {0, 8, 1}), Assigned])),
+    ?assertEqual([], judge(Begin ++ [Leads(2, 9, {2, 9, 2}), Assigned])).
+
 %%% Leave: r(v) is 50 mm here, and 1 mm is the error of the positions
 
 leave_test() ->

@@ -4,12 +4,13 @@
 %% is at least two tube radii away from every other robot's. Separation: any two robots are at
 %% least `r_s' apart at every instant, in continuous time ({@link starl_separation}).
 %%
-%% Leadership: only the robot that leads the latest term assigns. Leave: a robot begins no motion
+%% Leadership: only the robot that leads the latest term assigns, from the moment on in which that
+%% has the votes, which is before it assigns anything itself. Leave: a robot begins no motion
 %% outside of what is reserved for it, so it does not drive on when its space has been given free.
 %%
-%% Events of machine `dpp_coordinator': `{coordinator, Epoch}' (a later epoch starts with an
-%% empty view, filled before anything is assigned), `{assigned, Robot, ReqId, Segments}' and
-%% `{reserved, Robot, Segments}' (the robot's whole reservation afterwards); of machine `chassis':
+%% Events of machine `dpp_coordinator': `{leads, Term}', `{coordinator, Epoch}' (a later epoch
+%% starts with an empty view, filled before anything is assigned), `{assigned, Robot, ReqId,
+%% Segments}' and `{reserved, Robot, Segments}' (the robot's whole reservation afterwards); of machine `chassis':
 %% `{motion, Piece}'; of machine `robot': `{died, Reason}' (the robot stays where it is, and so does
 %% its reservation).
 %%
@@ -30,8 +31,9 @@
     %% How far a robot may be from its centre line (mm).
     off_mm :: float(),
     epoch = none :: term(),
-    %% Who has led, latest first.
+    %% Who has led, latest first, and who has won the latest term.
     coordinators = [] :: [robot_id()],
+    leads = none :: {Term :: term(), robot_id()} | none,
     reservations = #{} :: #{robot_id() => reservation()},
     %% Have any two of them been too near to each other, ever?
     overlaps = false :: boolean(),
@@ -119,12 +121,19 @@ judge({dpp_coordinator, {coordinator, Epoch}}, _T, Robot, #state{epoch = Last} =
     {[], State#state{
         epoch = Epoch, reservations = #{}, coordinators = led(Robot, Known)
     }};
+judge({dpp_coordinator, {leads, Term}}, _T, Robot, #state{leads = Latest} = State) when
+    Latest =:= none; {Term, Robot} > Latest
+->
+    {[], State#state{leads = {Term, Robot}}};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
 
 led(Robot, [Robot | _] = Known) -> Known;
 led(Robot, Known) -> [Robot | Known].
 
+usurped(T, Coordinator, #state{leads = {Term, Leader}}) when Leader =/= Coordinator ->
+    Robots = [min(Coordinator, Leader), max(Coordinator, Leader)],
+    [violation(two_coordinators, T, Robots, #{term => Term})];
 usurped(_T, _Coordinator, #state{coordinators = []}) ->
     [];
 usurped(_T, Coordinator, #state{coordinators = [Coordinator | _]}) ->
