@@ -19,6 +19,10 @@ edits("captive") ->
 edits("blind_start") ->
     [{starl_dpp_unsafe, clear, "
         clear(_Segment, _Obstacles) -> true."}];
+edits("newest") ->
+    [{starl_dpp_lease, voted, "
+        voted(Robot, Seq, Vote, #lease{sent = Sent} = Lease) ->
+            sound(Robot, hd(Sent ++ [Seq]), Vote, Lease)."}];
 edits("hoarding") ->
     [{starl_dpp_unsafe, set, "
         set(Robot, Segments, Unsafe) ->

@@ -65,7 +65,9 @@ mutex() ->
         {mutex_circles, mutex, starl_mutex_planted, #{variant => circles}, granted(),
             "chases stale owners in circles"},
         {mutex_queueless, mutex, starl_mutex_planted, #{variant => queueless}, queued(),
-            "loses the queue of requesters at a hand-over"}
+            "loses the queue of requesters at a hand-over"},
+        {mutex_unreleased, mutex, starl_mutex_planted, #{variant => unreleased}, healed(),
+            "keeps the tokens of an application that has crashed"}
     ].
 
 barrier() ->
@@ -114,6 +116,8 @@ dpp() ->
             "drives on when its leave has ended"},
         {dpp_fickle, dpp, starl_dpp_planted, "fickle", #{range => 9000},
             "votes for whoever asks, whatever it has promised"},
+        {dpp_newest, dpp, starl_mutant_planted, "newest", {soaked, late_votes()},
+            "counts every vote from the newest beat"},
         {dpp_captive, dpp, starl_mutant_planted, "captive", complete(),
             "takes the robot's own tube for an obstacle"},
         {dpp_blind_start, dpp, starl_mutant_planted, "blind_start", #{},
@@ -144,6 +148,20 @@ granted() ->
     #{random_faults => [network, kill_machine], heal => 10, converge => 50, work => 40,
         judge => #{granted => true, from_us => 25000000}}.
 
+%% The votes of the other robot come later and later, then nothing is heard any more of the one that
+%% leads: soak draws such faults, but rarely in this order where a single vote decides.
+late_votes() ->
+    Late = [
+        {list_to_atom("late_" ++ integer_to_list(N)), 4000 * N, 60000, delay, {1, 2},
+            #{extra_ms => 1000}}
+     || N <- lists:seq(1, 8)
+    ],
+    #{robots => 2, lease => 5000, jump => 50, random_faults => [],
+        faults => [{cut, 36000, 60000, one_way_partition, [2], #{}} | Late]}.
+
+%% What was promised has to come true when all faults are over.
+healed() -> #{final => 2, converge => 2000, time => 7200}.
+
 %% Nothing goes wrong: a request waits for some holds of at most 100 ms, or until the requester asks
 %% again, after 3 s, where it came to a robot that has handed the token over. It need not ask twice.
 queued() -> #{random_faults => [], hold => 100, judge => #{bound_us => 4500000}}.
@@ -153,8 +171,14 @@ complete() -> #{speed => 500, time => 3600, judge => #{complete => true}}.
 
 %% The run of a bug with a seed, and the same without the bug.
 scenario(Bug, Seed) ->
-    {Bug, Block, _Machine, Config, Changes, _Doc} = lists:keyfind(Bug, 1, table()),
-    maps:merge(run(Bug, Block, Config, Seed), Changes).
+    case lists:keyfind(Bug, 1, table()) of
+        %% short leases, and faults that outlast them
+        {Bug, dpp, _Machine, Variant, {soaked, Changes}, _Doc} ->
+            Soaked = starl_cli_soak:scenario(dpp, none, Seed),
+            maps:merge(Soaked#{app := starl_dpp_planted, bug => Variant}, Changes);
+        {Bug, Block, _Machine, Config, Changes, _Doc} ->
+            maps:merge(run(Bug, Block, Config, Seed), Changes)
+    end.
 
 run(_Bug, dpp, Variant, Seed) ->
     #{app => starl_dpp_planted, bug => Variant, picture => "house", robots => 5, speed => 100,
@@ -188,11 +212,9 @@ planted({_, sap, Machine, Config, _, _}, #{sap := Sap} = Scene) ->
 planted({_, _, Machine, Config, _, _}, #{blocks := [{Name, _, Sound} | Blocks]} = Scene) ->
     Scene#{blocks := [{Name, Machine, maps:merge(Sound, Config)} | Blocks]}.
 
+judged(#{block := sap, judge := #{bound_us := _} = Judge}, #{monitors := Others} = Scene) ->
+    Scene#{monitors := [{starl_sap_prompt_planted, Judge} | Others]};
 judged(#{judge := Judge}, #{monitors := [{Monitor, Config} | Others]} = Scene) ->
-    Scene#{monitors := [{Monitor, maps:merge(Config, Judge)} | Others]};
-judged(#{judge := #{bound_us := _} = Judge}, #{monitors := []} = Scene) ->
-    Scene#{monitors := [{starl_sap_prompt_planted, Judge}]};
-judged(_Options, #{monitors := []} = Scene) ->
-    Scene.
+    Scene#{monitors := [{Monitor, maps:merge(Config, Judge)} | Others]}.
 
 report(Scene, Outcome) -> starl_exercise:report(Scene, Outcome).

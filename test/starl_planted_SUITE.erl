@@ -34,7 +34,7 @@ contracts(Bug) ->
         bully -> [election];
         %% exercised by painting, which path planning must not keep from its end
         dpp -> [dpp, painting];
-        _ -> [Block]
+        _ -> [Block, calls]
     end.
 
 at_least_one_per_block(_) ->

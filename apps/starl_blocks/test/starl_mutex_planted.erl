@@ -41,6 +41,9 @@ handle_event(cast, {message, From, mutex, {token, T, F, [First | _]}}, ready,
              {queueless, I, Data}, Meta) ->
     {Next, Actions} = run(cast, {message, From, mutex, {token, T, F, [First]}}, Data, Meta),
     {keep_state, {queueless, I, Next}, Actions};
+%% unreleased: the tokens of an application that has crashed are kept.
+handle_event(info, {restarted, app}, ready, {unreleased, _, _}, _Meta) ->
+    keep_state_and_data;
 %% circles: a request is sent after the other robot that was last heard to own the token, however
 %% old that is, and to the home only if there is none.
 handle_event(Type, Content, ready, {circles, Owners, Data}, Meta) ->

@@ -67,11 +67,11 @@ failing_test() ->
         ]
     ).
 
-%% What a soak runs is what the printed command runs.
+%% What a soak runs is what the printed command runs, with all that was drawn.
 scenario_test() ->
     [
         begin
-            #{app := App} = Given = starl_cli_soak:scenario(Block, 6, 3),
+            #{app := App} = Given = starl_cli_soak:scenario(Block, Robots, Seed),
             {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
             {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
             {ok, Target} = starl_cli_target:resolve(Name),
@@ -79,7 +79,47 @@ scenario_test() ->
             Words = string:lexemes(lists:flatten(Replay), " "),
             ["./starl", "run" | Args] = [string:trim(W, both, "'") || W <- Words],
             {ok, #{scenario := Again}} = starl_cli_setup:read(Args),
-            ?assertEqual({Block, Scenario}, {Block, Again})
+            ?assertEqual({Block, Seed, Scenario}, {Block, Seed, Again})
+        end
+     || Block <- starl_cli_soak:targets(), Robots <- [6, none], Seed <- lists:seq(1, 12)
+    ].
+
+%% Teams of all sizes are drawn, faults that outlast leases, leases of several lengths, holds longer
+%% than a lease, clocks near the bound of their drift; the same for the same seed.
+drawn_test() ->
+    Drawn = fun(Block, Key, Robots) ->
+        lists:usort([
+            maps:get(Key, starl_cli_soak:scenario(Block, Robots, Seed), none)
+         || Seed <- lists:seq(1, 200)
+        ])
+    end,
+    [
+        begin
+            ?assertEqual(lists:seq(1, 10), Drawn(Block, robots, none)),
+            ?assertEqual([3], Drawn(Block, robots, 3)),
+            ?assertMatch([_, Heal] when Heal >= 25, Drawn(Block, longest_fault, none)),
+            ?assertEqual([9999, none], Drawn(Block, clock_drift, none))
         end
      || Block <- starl_cli_soak:targets()
+    ],
+    ?assertEqual([500, 1000, 2000, 4000], Drawn(mutex, lease, none)),
+    ?assertEqual([3, 6, 1024], Drawn(registers, limit, none)),
+    ?assert(length(Drawn(dpp, lease, none)) > 100),
+    Longer = [
+        Seed
+     || Seed <- lists:seq(1, 200),
+        #{hold := Hold, lease := Lease} <- [starl_cli_soak:scenario(mutex, none, Seed)],
+        Hold > Lease
+    ],
+    ?assert(length(Longer) > 50).
+
+%% Where clocks are near the bound no fault lets one drift further.
+drift_within_its_bound_test() ->
+    [
+        ?assertNot(lists:member(clock_drift, [Kind || W <- What, Kind <- kinds(W)]))
+     || Block <- starl_cli_soak:targets(), Seed <- lists:seq(1, 50),
+        #{clock_drift := 9999, random_faults := What} <-
+            [starl_cli_soak:scenario(Block, none, Seed)]
     ].
+
+kinds(What) -> [Kind || {Kind, _, _, _, _} <- starl_sim_fault:kinds_of(What)].

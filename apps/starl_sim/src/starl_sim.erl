@@ -217,7 +217,7 @@ check_faults(#{faults := Faults} = Scenario, Scene, Context, Options) ->
 with_random_faults(_Known, #{random_faults := []} = Scenario) ->
     Scenario;
 with_random_faults(Known, #{faults := Given, random_faults := What, heal := Heal} = Scenario) ->
-    Drawn = starl_sim_fault_draw:draw(#{
+    Drawn = starl_sim_fault_draw:draw((longest(Scenario))#{
         seed => maps:get(seed, Scenario),
         robots => maps:get(robots, Scenario),
         machines => Known,
@@ -225,6 +225,9 @@ with_random_faults(Known, #{faults := Given, random_faults := What, heal := Heal
         kinds => What
     }),
     Scenario#{faults := Given ++ Drawn, random_faults := []}.
+
+longest(#{longest_fault := none}) -> #{};
+longest(#{longest_fault := Seconds}) -> #{longest_ms => max(1, round(1000 * Seconds))}.
 
 launch(Scenario, Scene, Context, Options) ->
     case starl_sim_sup:start_link(starl_sim_plan:make(Scenario, Scene, Context, Options)) of

@@ -7,7 +7,7 @@
 -module(starl_sim_fault).
 
 -export([kinds/0, classes/0, kinds_of/1, check/1, targets/1, format_problem/1]).
--export([compile/1, strikes/1, holding/2, hits/2, slack_us/1]).
+-export([compile/1, strikes/1, holding/2, hits/2, slack_us/1, healed_us/1]).
 -export([class/1]).
 
 -export_type([t/0, kind/0, class/0, target/0, compiled/0, problem/0, spec/0]).
@@ -83,7 +83,7 @@ kinds() ->
         {duplicate, network, link, [part(0.05, 0.6)], "a part of the packets arrives twice"},
         {reorder, network, link, [part(0.05, 0.6), ms(extra_ms, 10, 300)],
             "a part of the packets comes up to so much later"},
-        {delay, network, link, [ms(extra_ms, 10, 500)], "all packets come so much later"},
+        {delay, network, link, [ms(extra_ms, 10, 4000)], "all packets come so much later"},
         {corrupt, network, link, [part(0.05, 0.5)],
             "a part of the packets arrives cut off or with a flipped bit"},
         {babble, network, robot, [{copies, {integer, 2, 100}, {2, 6}}],
@@ -290,3 +290,17 @@ slack_ms({_, _, _, slow, _, #{lag_ms := Ms}}) ->
     20 * Ms;
 slack_ms(_) ->
     0.
+
+%% @doc From when on nothing goes wrong any more, in microseconds: the last packets that were late
+%% have come. Who has died stays dead.
+-spec healed_us([t()]) -> starl_sim_queue:time().
+healed_us(Faults) -> 1000 * lists:max([0 | [end_ms(Fault) || Fault <- Faults]]).
+
+end_ms({_, From, _, Kind, _, _}) when
+    Kind =:= kill_machine; Kind =:= kill_robot; Kind =:= clock_step
+->
+    From;
+end_ms({_, _, To, _, _, #{extra_ms := Ms}}) ->
+    To + Ms;
+end_ms({_, _, To, _, _, _}) ->
+    To.

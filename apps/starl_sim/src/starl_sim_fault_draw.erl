@@ -9,12 +9,14 @@
 
 -export_type([request/0]).
 
-%% Of which robots and machines, before which time, and of what: `all', classes and kinds.
+%% Of which robots and machines, before which time, none longer than so long (a third of that time),
+%% and of what: `all', classes and kinds.
 -type request() :: #{
     seed := integer(),
     robots := pos_integer(),
     machines := [starl_machine:name()],
     until_ms := pos_integer(),
+    longest_ms => pos_integer(),
     kinds := [all | starl_sim_fault:class() | starl_sim_fault:kind()]
 }.
 
@@ -33,24 +35,31 @@ draw(#{seed := Seed, kinds := What} = Request) ->
      || {Kind, Class, _, _, _} = Spec <- Specs,
         %% single packets are for the shrinker to name
         Kind =/= drop,
+        is_possible(Spec, Request),
         uniform({Seed, Class, in}) < ?CLASS_IN,
         uniform({Seed, Kind, in}) < ?KIND_IN
     ]).
+
+%% One robot cannot be taken for another one.
+is_possible({_, _, two, _, _}, #{robots := 1}) -> false;
+is_possible(_Spec, _Request) -> true.
 
 faults({Kind, _, _, _, _} = Spec, #{seed := Seed} = Request) ->
     Count = starl_sim_draw:between({Seed, Kind, count}, 1, ?MOST),
     [fault(Spec, {Seed, Kind, N}, N, Request) || N <- lists:seq(1, Count)].
 
-fault({Kind, _, Shape, Params, _}, Key, N, #{until_ms := UntilMs} = Request) ->
+fault({Kind, _, Shape, Params, _}, Key, N, Request) ->
+    #{until_ms := UntilMs} = Request,
+    Longest = maps:get(longest_ms, Request, max(1, UntilMs div 3)),
     From = starl_sim_draw:between({Key, from}, 0, UntilMs - 1),
-    %% mostly short, now and then up to a third of the time
-    Longest = max(1, UntilMs div 3),
+    %% mostly short, now and then as long as may be
     Span = round(Longest * math:pow(uniform({Key, span}), 2)),
     To = min(UntilMs, From + 1 + Span),
     %% so many at the most as there are kinds times ?MOST
     Id = list_to_atom(lists:concat([Kind, "_", N])),
     Values = maps:from_list([
-        {Name, value(Type, Range, {Key, Name})} || {Name, Type, Range} <- Params
+        {Name, value(Type, Range, {Key, Name})}
+     || {Name, Type, Range} <- Params
     ]),
     {Id, From, To, Kind, target(Shape, Key, Request), Values}.
 
@@ -67,23 +76,29 @@ target(robot, Key, Request) ->
     robot(Key, Request);
 target(machine, Key, #{machines := Names} = Request) ->
     {robot(Key, Request), pick(Names, {Key, machine})};
-target(link, Key, #{robots := N} = Request) ->
+target(link, Key, Request) ->
     case starl_sim_draw:between({Key, link}, 1, 3) of
         1 -> all;
         2 -> robot(Key, Request);
-        3 -> {robot(Key, Request), starl_sim_draw:between({Key, dest}, 1, N)}
+        3 -> {robot(Key, Request), robot({Key, dest}, Request)}
     end;
-target(group, Key, #{robots := N}) ->
-    Group = [R || R <- lists:seq(1, N), uniform({Key, member, R}) < 0.5],
-    case Group of
-        [] -> [1];
-        [_ | _] -> Group
-    end;
+target(group, Key, #{robots := N} = Request) ->
+    %% halves of a team hide what one robot shows that is cut off alone
+    Size = starl_sim_draw:between({Key, size}, 1, max(1, N - 1)),
+    First = robot(Key, Request),
+    Others = lists:sort([{uniform({Key, member, R}), R} || R <- lists:seq(1, N), R =/= First]),
+    lists:sort([First | [R || {_, R} <- lists:sublist(Others, Size - 1)]]);
 target(two, Key, #{robots := N} = Request) ->
     A = robot(Key, Request),
-    {A, 1 + (A - 1 + starl_sim_draw:between({Key, other}, 1, max(1, N - 1))) rem max(2, N)}.
+    {A, 1 + (A - 1 + starl_sim_draw:between({Key, other}, 1, N - 1)) rem N}.
 
-robot(Key, #{robots := N}) -> starl_sim_draw:between({Key, robot}, 1, N).
+%% Half of what hits one robot hits the same one: it takes several faults of one robot to show what
+%% one of each of many does not.
+robot(Key, #{robots := N, seed := Seed}) ->
+    case uniform({Key, victim}) < 0.5 of
+        true -> starl_sim_draw:between({Seed, victim}, 1, N);
+        false -> starl_sim_draw:between({Key, robot}, 1, N)
+    end.
 
 pick(List, Key) -> lists:nth(starl_sim_draw:between(Key, 1, length(List)), List).
 

@@ -149,21 +149,24 @@ pose(Id, Scene, #{world := {Width, _}}) ->
     maps:get(Id, maps:get(poses, Scene, #{}), Default).
 
 %% Whatever is bounded in time may take longer by what faults of clocks and processes cost; a
-%% monitor that asks for it is told which assumptions they break, and when.
+%% monitor that asks for it is told which assumptions they break, and when, and when all is over.
+%% That not all are done in time comes last: other contracts know better what is wrong.
 monitors(#{faults := Faults} = Scenario, Scene, Profile, #{sap := Sap0, robots := Ids}) ->
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
     Slack = starl_sim_fault:slack_us(Faults),
-    Broken = starl_sim_assumption:broken(Faults, is_exact(Profile)),
+    Known = #{
+        broken => starl_sim_assumption:broken(Faults, is_exact(Profile)),
+        healed_us => healed_us(Scenario)
+    },
     %% a hundredth more for the drift of the sender's clock
     Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
     Own = [
         {starl_sap_monitor, #{bound_us => Bound, robots => Ids}},
         {starl_crash_monitor, #{excused => excused(Scene)}}
-        | progress(Scenario, Ids)
     ],
     [
-        {Module, told(Broken, widened(Slack, Config))}
-     || {Module, Config} <- Own ++ maps:get(monitors, Scene, [])
+        {Module, told(Known, widened(Slack, Config))}
+     || {Module, Config} <- Own ++ maps:get(monitors, Scene, []) ++ progress(Scenario, Ids)
     ].
 
 %% A user's application may crash; it is told.
@@ -175,8 +178,14 @@ widened(Slack, #{bound_us := Bound} = Config) when is_integer(Bound) ->
 widened(_Slack, Config) ->
     Config.
 
-told(Broken, #{broken := _} = Config) -> Config#{broken := Broken};
-told(_Broken, Config) -> Config.
+%% Only what it has a key for.
+told(Known, Config) -> maps:merge(Config, maps:with(maps:keys(Config), Known)).
+
+%% Where packets are lost by chance, or robots are out of reach, that is never over.
+healed_us(#{loss := Loss, range := none, faults := Faults}) when Loss == 0 ->
+    starl_sim_fault:healed_us(Faults);
+healed_us(_Scenario) ->
+    never.
 
 progress(#{converge := none}, _Ids) ->
     [];

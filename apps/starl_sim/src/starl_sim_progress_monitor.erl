@@ -1,7 +1,9 @@
 %% @doc Bounded convergence as a contract: so long after the last fault has healed, the
 %% applications of all robots that live have finished.
 %%
-%% Events of machine `app': `{done, Result}'; of machine `robot': `{died, Reason}'.
+%% An application that crashes has to finish anew; only a robot that dies need not.
+%%
+%% Events of machine `app': `{done, Result}', `crashed'; of machine `robot': `{died, Reason}'.
 -module(starl_sim_progress_monitor).
 -behaviour(starl_monitor).
 
@@ -9,7 +11,8 @@
 
 -record(state, {
     deadline_us :: non_neg_integer(),
-    open :: #{starl:robot_id() => true}
+    open :: #{starl:robot_id() => true},
+    died = #{} :: #{starl:robot_id() => true}
 }).
 
 %% @doc `robots' have to finish by `deadline_us' of virtual time.
@@ -24,7 +27,10 @@ interests() -> [app, robot].
 %% @doc Judges one event: nothing is too late before the end.
 -spec step(starl_monitor:trace_event(), #state{}) -> {ok, #state{}}.
 step({_, Robot, app, {done, _}}, State) -> {ok, closed(Robot, State)};
-step({_, Robot, robot, {died, _}}, State) -> {ok, closed(Robot, State)};
+step({_, Robot, app, crashed}, #state{open = Open, died = Died} = State) ->
+    {ok, State#state{open = maps:merge(Open, maps:without(maps:keys(Died), #{Robot => true}))}};
+step({_, Robot, robot, {died, _}}, #state{died = Died} = State) ->
+    {ok, closed(Robot, State#state{died = Died#{Robot => true}})};
 step(_, State) -> {ok, State}.
 
 closed(Robot, #state{open = Open} = State) -> State#state{open = maps:remove(Robot, Open)}.

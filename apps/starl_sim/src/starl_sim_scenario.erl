@@ -45,6 +45,8 @@ options() ->
         {random_faults, {term, "a list of all, classes and kinds of faults", fun is_list/1}, [],
             "further faults of these are drawn from the seed"},
         {heal, {number, 0.001, 1.0e6}, 60, "drawn faults are over by this virtual time, s"},
+        {longest_fault, {optional, {number, 0.001, 1.0e6}}, none,
+            "no drawn fault lasts longer, s; none: a third of the time until the heal"},
         {converge, {optional, {number, 0, 1.0e6}}, none,
             "so long after the heal all applications must be done, s"}
     ].

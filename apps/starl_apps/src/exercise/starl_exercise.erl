@@ -1,12 +1,14 @@
 %% @doc An application that does nothing but use one building block all the time, under the
 %% monitor of its contract: as in `./starl run exercise --block mutex --random-faults [network]'.
+%% With `final' each robot makes some more calls when its work is done, and another monitor
+%% ({@link starl_exercise_monitor}) says which calls should have succeeded and did not.
 -module(starl_exercise).
 -behaviour(starl_app).
 
 -export([options/0, scene/1, init/2, step/2, report/2]).
--export([blocks_known/0]).
+-export([blocks_known/0, within_ms/1, final_patience_ms/1]).
 
--export_type([block/0, state/0]).
+-export_type([block/0, use/0, state/0]).
 
 -type block() :: sap | election | bully | mutex | barrier | geocast | registers.
 
@@ -19,17 +21,31 @@
     patience := pos_integer(),
     tokens := pos_integer(),
     hold := pos_integer(),
-    lifetime := pos_integer() | none
+    lease := pos_integer(),
+    sync := pos_integer(),
+    limit := pos_integer(),
+    retry := pos_integer(),
+    lifetime := pos_integer() | none,
+    final := non_neg_integer(),
+    team => pos_integer()
 }.
 
-%% What it does, until when by its own clock (ms), and the how many-eth turn it is.
--opaque state() :: {use(), Until :: integer(), Turn :: pos_integer()}.
+%% What it does, until when by its own clock (ms), and the number of the turn; or, when the work is
+%% done, how many turns there were, and the number of the call.
+-opaque state() ::
+    {use(), Until :: integer(), Turn :: pos_integer()}
+    | {final, use(), Turns :: non_neg_integer(), N :: pos_integer()}.
 
 %% A call may last so much longer than its patience.
 -define(MARGIN_US, 12000000).
--define(LEASE_MS, 2000).
-%% Registers are read every turn, and written so rarely.
--define(TURNS_A_WRITE, 3).
+%% What is promised has come true so long after nothing goes wrong any more, ms: what clocks that
+%% were set add to a lease, some retries, and the exchange between registers.
+-define(WITHIN_MS, 20000).
+%% One robot comes to its final calls so much later than another: it has restarted at the end of
+%% the faults.
+-define(APART_MS, 45000).
+-define(AHEAD_MS, 60000).
+-define(POSITION_ERROR_MM, 400.0).
 
 %% @doc The blocks that can be exercised.
 -spec blocks_known() -> [block()].
@@ -46,51 +62,110 @@ options() ->
         {patience, {integer, 1, 10000000}, 8000, "no call is waited for longer, ms"},
         {tokens, {integer, 1, 100000}, 3, "mutex: how many tokens there are"},
         {hold, {integer, 1, 1000000}, 300, "mutex: the longest hold, ms"},
+        {lease, {integer, 100, 1000000}, 2000,
+            "mutex: how long a hold lasts that is not renewed, ms"},
+        {sync, {integer, 10, 1000000}, 1000, "registers: the mean time between two exchanges, ms"},
+        {limit, {integer, 1, 1000000}, 1024, "registers: how many there may be"},
+        {retry, {integer, 10, 1000000}, 3000,
+            "mutex, barrier: who waits asks again after this, ms"},
         {lifetime, {optional, {integer, 1, 1000000}}, none,
-            "geocast: lifetime, ms; none: 200, 1000 or 4000 at random"}
+            "geocast: lifetime, ms; none: 200, 1000 or 4000 at random"},
+        {final, {integer, 0, 1000}, 0,
+            "how many further calls each robot makes in the end, judged by how they end"}
     ].
 
 -spec scene(starl_app:context()) -> {ok, starl_app:scene()}.
-scene(#{robots := Robots, options := #{block := Block, patience := Patience} = Options}) ->
+scene(#{robots := Robots, options := #{block := Block} = Options}) ->
+    Use = Options#{team => length(Robots)},
+    Calls = #{
+        block => Block,
+        robots => Robots,
+        healed_us => never,
+        within_us => 1000 * within_ms(Use),
+        margin_us => ?MARGIN_US,
+        bound_us => ?MARGIN_US
+    },
     {ok, #{
-        app => {sequential, ?MODULE, Options},
+        app => {sequential, ?MODULE, Use},
         never_crashes => true,
         %% who is dead is given up soon
         sap => #{limit => 6},
-        blocks => machines(Block),
-        monitors => monitors(Block, Robots, 1000 * Patience + ?MARGIN_US)
+        blocks => machines(Block, Use),
+        monitors => monitors(Block, Robots, 1000 * longest_patience_ms(Use) + ?MARGIN_US, Use) ++
+            [{starl_exercise_monitor, Calls}]
     }}.
 
-machines(sap) ->
-    [];
-machines(election) ->
-    [starl_election:block(ballots)];
-machines(bully) ->
-    [starl_election:block(bully)];
-machines(mutex) ->
-    [starl_mutex:block(#{lease_ms => ?LEASE_MS})];
-machines(barrier) ->
-    starl_barrier:blocks();
-machines(geocast) ->
-    %% more than the faults of positions add up to
-    [starl_geocast:block(#{listeners => #{news => app}, position_error_mm => 400.0})];
-machines(registers) ->
-    [starl_registers:block(#{owners => #{mine => 1}})].
+%% @doc With how much patience the final calls are made: more than it takes until they must have
+%% succeeded, so that none ends before.
+-spec final_patience_ms(use()) -> pos_integer().
+final_patience_ms(Use) -> within_ms(Use) + ?APART_MS.
 
-monitors(sap, _Robots, _BoundUs) ->
+longest_patience_ms(#{final := 0, patience := Ms}) -> Ms;
+longest_patience_ms(#{patience := Ms} = Use) -> max(Ms, final_patience_ms(Use)).
+
+%% @doc What is promised of a call has come true so long after nothing goes wrong any more. All
+%% robots may be in front, each with its longest holds, and a lease has to end first.
+-spec within_ms(use()) -> pos_integer().
+within_ms(#{block := mutex, team := N, hold := Hold, lease := Lease, retry := Retry}) ->
+    ?WITHIN_MS + 2 * (Lease + Retry + N * Hold);
+within_ms(#{block := registers, sync := Sync}) ->
+    5000 + 15 * Sync;
+within_ms(#{retry := Retry}) ->
+    ?WITHIN_MS + 2 * Retry.
+
+machines(sap, _Use) ->
     [];
-monitors(election, Robots, BoundUs) ->
+machines(election, _Use) ->
+    [starl_election:block(ballots)];
+machines(bully, _Use) ->
+    [starl_election:block(bully)];
+machines(mutex, #{lease := Lease, retry := Retry}) ->
+    [starl_mutex:block(#{lease_ms => Lease, retry_ms => Retry})];
+machines(barrier, #{retry := Retry}) ->
+    starl_barrier:blocks(#{retry_ms => Retry});
+machines(geocast, _Use) ->
+    %% more than the faults of positions add up to
+    [starl_geocast:block(#{listeners => #{news => app}, position_error_mm => ?POSITION_ERROR_MM})];
+machines(registers, #{sync := Sync, limit := Limit}) ->
+    [
+        starl_registers:block(#{
+            owners => #{mine => 1},
+            sync_ms => Sync,
+            limit => Limit,
+            %% more than the faults of clocks add up to
+            ahead_ms => ?AHEAD_MS
+        })
+    ].
+
+monitors(sap, _Robots, _BoundUs, _Use) ->
+    [];
+monitors(election, Robots, BoundUs, _Use) ->
     [{starl_election_monitor, #{robots => Robots, bound_us => BoundUs}}];
-monitors(bully, Robots, BoundUs) ->
+monitors(bully, Robots, BoundUs, _Use) ->
     [{starl_election_bully_monitor, #{robots => Robots, bound_us => BoundUs}}];
-monitors(mutex, _Robots, _BoundUs) ->
-    [{starl_mutex_monitor, #{lease_us => 1000 * ?LEASE_MS, broken => []}}];
-monitors(barrier, Robots, _BoundUs) ->
+monitors(mutex, _Robots, _BoundUs, #{lease := Lease}) ->
+    [{starl_mutex_monitor, #{lease_us => 1000 * Lease, broken => []}}];
+monitors(barrier, Robots, _BoundUs, _Use) ->
     [{starl_barrier_monitor, #{robots => Robots}}];
-monitors(geocast, Robots, _BoundUs) ->
-    [{starl_geocast_monitor, #{robots => Robots, broken => []}}];
-monitors(registers, Robots, _BoundUs) ->
-    [{starl_registers_monitor, #{robots => Robots, owners => #{mine => 1}}}].
+monitors(geocast, Robots, _BoundUs, _Use) ->
+    [
+        {starl_geocast_monitor, #{
+            robots => Robots,
+            broken => [],
+            progress => true,
+            healed_us => never,
+            margin_mm => 2.0 * ?POSITION_ERROR_MM
+        }}
+    ];
+monitors(registers, Robots, _BoundUs, Use) ->
+    [
+        {starl_registers_monitor, #{
+            robots => Robots,
+            owners => #{mine => 1},
+            within_us => 1000 * within_ms(Use),
+            healed_us => never
+        }}
+    ].
 
 -spec init(starl:robot(), use()) -> state().
 init(Robot, #{block := Block, work := Seconds} = Use) ->
@@ -98,72 +173,21 @@ init(Robot, #{block := Block, work := Seconds} = Use) ->
     {Use, starl:now(Robot) + round(1000 * Seconds), 1}.
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, Turns :: pos_integer()}.
+step(Robot, {final, #{block := Block, final := Most} = Use, Turn, N}) when N =< Most ->
+    _ = starl_exercise_use:final(Block, {Robot, N}, Use),
+    {continue, {final, Use, Turn, N + 1}};
+step(_Robot, {final, _Use, Turn, _N}) ->
+    {done, Turn};
 step(Robot, {#{turns := Turns, block := Block, pause := Pause} = Use, Until, Turn}) ->
     %% an atom is more than every number
     case starl:now(Robot) >= Until orelse Turn > Turns of
         true ->
-            {done, Turn};
+            {continue, {final, Use, Turn, 1}};
         false ->
-            use(Block, Robot, Turn, Use),
-            ok = starl:sleep(Robot, 1 + within(Robot, Pause)),
+            _ = starl_exercise_use:work(Block, Robot, Turn, Use),
+            ok = starl:sleep(Robot, 2 + trunc(starl:random(Robot) * Pause)),
             {continue, {Use, Until, Turn + 1}}
     end.
-
-use(sap, Robot, Turn, _Use) ->
-    _ = starl:send(Robot, other(Robot), word, Turn),
-    _ = [starl:broadcast(Robot, word, {all, Turn}) || Turn rem 4 =:= 0],
-    _ = starl:await(Robot, word, 50),
-    ok;
-use(Block, Robot, Turn, #{patience := Patience}) when Block =:= election; Block =:= bully ->
-    %% elections that follow one another, entered at different times
-    _ = starl_election:elect(Robot, {term, Turn div 2}, Patience),
-    ok;
-use(mutex, Robot, _Turn, #{patience := Patience, tokens := Count, hold := Hold}) ->
-    Tokens =
-        case within(Robot, 3) of
-            1 -> {token, within(Robot, Count)};
-            _ -> [{token, within(Robot, Count)} || _ <- [1, 2]]
-        end,
-    case starl_mutex:acquire(Robot, Tokens, Patience) of
-        {ok, _} ->
-            ok = starl:sleep(Robot, within(Robot, Hold)),
-            _ = starl_mutex:release(Robot, Tokens),
-            ok;
-        {error, _} ->
-            ok
-    end;
-use(barrier, Robot, _Turn, #{patience := Patience}) ->
-    _ = starl_barrier:sync(Robot, round, Patience),
-    ok;
-use(geocast, Robot, Turn, #{lifetime := Given}) ->
-    Area = {circle, {1000.0 * within(Robot, 10), 1000.0 * within(Robot, 3)}, 3000.0},
-    Lifetime =
-        case Given of
-            none -> lists:nth(within(Robot, 3), [200, 1000, 4000]);
-            _ -> Given
-        end,
-    _ = starl_geocast:send(Robot, Area, news, Turn, #{lifetime_ms => Lifetime}),
-    _ = starl:await(Robot, news, 100),
-    _ = starl:go_to(Robot, {1000.0 * within(Robot, 10), 1000.0 * within(Robot, 3)}),
-    ok;
-use(registers, Robot, Turn, _Use) ->
-    %% a write is a broadcast, so they are rare; the first turn is one, for a robot that has
-    %% restarted must not write with a clock that has gone back
-    _ = [
-        starl_registers:put(Robot, Name, {starl:id(Robot), Turn})
-     || Turn rem ?TURNS_A_WRITE =:= 1, Name <- [within(Robot, 3), mine]
-    ],
-    _ = [starl_registers:get(Robot, Name) || Name <- [1, 2, 3, mine]],
-    ok.
-
-other(Robot) ->
-    Others = lists:delete(starl:id(Robot), starl:participants(Robot)),
-    case Others of
-        [] -> starl:id(Robot);
-        [_ | _] -> lists:nth(within(Robot, length(Others)), Others)
-    end.
-
-within(Robot, N) -> 1 + trunc(starl:random(Robot) * N).
 
 %% @doc How often the block was used, and what its monitor has counted: of the mutex, the longest
 %% and the mean wait for a token and how unfair they are (the longest by the mean).

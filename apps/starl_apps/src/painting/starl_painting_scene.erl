@@ -15,7 +15,11 @@ options() ->
     [
         {picture, string, "house", "an SVG file, or a picture that ships with the project"},
         {safety_distance, {number, ?CONTACT_MM, 5000}, 400, "robots keep so far apart (r_s), mm"},
-        {horizon, {number, 100, 100000}, 3000, "paint per assignment, mm"}
+        {horizon, {number, 100, 100000}, 3000, "paint per assignment, mm"},
+        {lease, {integer, 100, 1000000}, 10000,
+            "how long the coordinator leads by a vote, and a robot drives by a leave, ms"},
+        {jump, {integer, 0, 1000000}, 2000,
+            "by how much clocks may be set meanwhile, ms; far less than a lease"}
     ].
 
 %% @doc Puts the picture on the floor. r_s is the least distance of two robots, r(v) how far they
@@ -45,6 +49,8 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
         tube_radius => Radius,
         slack => Tracking,
         horizon => float(maps:get(horizon, Options)),
+        lease_ms => maps:get(lease, Options),
+        jump_ms => maps:get(jump, Options),
         seed => Seed
     },
     case starl_dpp_plan:new(Plan#{robots => Ids}) of

@@ -23,16 +23,6 @@
     shrink := non_neg_integer()
 }.
 
-%% Faults are over and everything has to be done by these times, s.
--define(HEAL_S, 25).
--define(CONVERGE_S, 35).
-%% For path planning faults are over later: how much is painted by then is not judged.
--define(DPP_HEAL_S, 45).
-%% Path planning rests on positions that are right to within their stated error: noise, bias and
-%% robots taken for each other are beyond it.
--define(DPP_BEARS, [
-    network, clock, process, location_dropout, location_frozen, actuation, serial, store
-]).
 %% Nobody waits longer for one failing run to become small, s.
 -define(SHRINK_S, 60).
 
@@ -40,21 +30,11 @@
 -spec targets() -> [atom(), ...].
 targets() -> starl_exercise:blocks_known() ++ [dpp].
 
-%% @doc The values of the runs of a block, but for the defaults. Painting stands for path planning:
-%% it has to be safe at all times; how long a picture takes depends on what goes wrong.
--spec scenario(atom(), Robots :: pos_integer(), Seed :: non_neg_integer()) ->
+%% @doc The values of the runs of a block, but for the defaults; without a number of robots that is
+%% drawn, too.
+-spec scenario(atom(), Robots :: pos_integer() | none, Seed :: non_neg_integer()) ->
     #{atom() => term()}.
-scenario(dpp, Robots, Seed) ->
-    #{
-        app => starl_painting, robots => Robots, seed => Seed, picture => "house",
-        time => ?HEAL_S + ?CONVERGE_S, random_faults => ?DPP_BEARS, heal => ?DPP_HEAL_S
-    };
-scenario(Block, Robots, Seed) ->
-    #{
-        app => starl_exercise, block => Block, robots => Robots, seed => Seed,
-        random_faults => [all], heal => ?HEAL_S, converge => ?CONVERGE_S,
-        time => ?HEAL_S + ?CONVERGE_S
-    }.
+scenario(Block, Robots, Seed) -> starl_cli_soak_draw:scenario(Block, Robots, Seed).
 
 %% @doc Runs the command; gives the exit status.
 -spec command([string()]) -> starl_cli_terminal:status().
@@ -84,7 +64,8 @@ flags() ->
     [
         {seeds, {integer, 1, 10000000}, 100, "how many runs of each block"},
         {from, {integer, 0, 1 bsl 31}, 1, "the first seed"},
-        {robots, {integer, 2, 10000}, 10, "robots in the team"},
+        {robots, {optional, {integer, 1, 10000}}, none,
+            "robots in the team; none: from 1 to 10, drawn for each run"},
         {shrink, {integer, 0, 1000}, 1, "how many failing runs of a block are made small"},
         starl_cli_jobs:at_once(),
         {help, switch, false, "this help"}
@@ -187,12 +168,12 @@ help() ->
     starl_cli_terminal:out([
         "Usage: ./starl soak BLOCK [FLAGS]\n\n",
         starl_cli_terminal:wrap(["Uses a building block all the time, under random faults of all "
-            "kinds (path planning: of those that it bears), with one seed after the other. Faults "
-            "are over after ",
-            integer_to_list(?HEAL_S), " s of virtual time; then everything has to be done within ",
-            integer_to_list(?CONVERGE_S), " s. The monitors of all contracts judge. For each way "
-            "in which a contract is violated it prints the commands that replay and shrink the "
-            "first run, and shrinks it."], 0, Width),
+            "kinds (path planning: of those that it bears), with one seed after the other. Drawn "
+            "with the seed are also the size of the team, how long faults last, leases and the "
+            "drift of clocks. Faults are over after 25 s of virtual time (path planning: 45 s); "
+            "then every call has to end as its block promises. The monitors of all contracts "
+            "judge. For each way in which a contract is violated it prints the commands that "
+            "replay and shrink the first run, and shrinks it."], 0, Width),
         "\n\nBlocks: ", names(), "\n\nFlags:\n", starl_cli_flags:help(flags(), Width),
         "\nExit status: 0 all contracts held; 1 a simulation failed; 2 bad usage or input; 3 a\n"
         "contract was violated; 130 interrupted, with the results so far.\n"

@@ -1,0 +1,208 @@
+%% What each call of `exercise' is promised after the heal, by traces that keep it and traces that
+%% do not. The heal is at 100 s; what is promised is true within 20 s.
+-module(starl_exercise_monitor_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(S, 1000000).
+
+judge(Events) -> judge(Events, #{}).
+
+judge(Events, Changes) ->
+    Config = maps:merge(
+        #{
+            block => mutex,
+            robots => [1, 2, 3],
+            healed_us => 100 * ?S,
+            within_us => 20 * ?S,
+            margin_us => 5 * ?S,
+            bound_us => 50 * ?S
+        },
+        Changes
+    ),
+    {Found, Last} = lists:foldl(
+        fun({Seconds, Robot, Machine, Event}, {Broken, State}) ->
+            case starl_exercise_monitor:step({Seconds * ?S, Robot, Machine, Event}, State) of
+                {ok, Next} -> {Broken, Next};
+                {violation, #{contract := calls} = V, Next} -> {Broken ++ [V], Next}
+            end
+        end,
+        {[], starl_exercise_monitor:init(Config)},
+        Events
+    ),
+    Late =
+        case starl_exercise_monitor:finish(400 * ?S, Last) of
+            {ok, _} -> [];
+            {{violation, More}, _} -> More
+        end,
+    [What || #{what := What} <- Found ++ Late].
+
+%% Robot 1 calls at a time and is answered at another.
+call(What, Since, Outcome, At) -> call(What, none, Since, Outcome, At).
+
+call(What, Ms, Since, Outcome, At) ->
+    [{Since, 1, app, {call, What, Ms}}, {At, 1, app, {answer, Outcome}}].
+
+%% -- what is the same of all calls ------------------------------------------------------------
+
+%% Before the heal any answer will do; later, only the promised one, in time.
+after_the_heal_test() ->
+    Send = {send, 2},
+    ?assertEqual([], judge(call(Send, 10, {error, lost}, 20))),
+    ?assertEqual([], judge(call(Send, 99, {error, lost}, 101))),
+    ?assertEqual([], judge(call(Send, 110, ok, 111))),
+    ?assertEqual([not_as_promised], judge(call(Send, 110, {error, lost}, 111))),
+    ?assertEqual([too_late], judge(call(Send, 110, ok, 131))),
+    ?assertEqual([], judge(call(Send, 110, ok, 130))),
+    %% one that waits at the heal has as long from then on
+    ?assertEqual([], judge(call(Send, 50, ok, 120))),
+    ?assertEqual([too_late], judge(call(Send, 50, ok, 121))).
+
+%% A robot that has just restarted is not found out at once.
+settling_test() ->
+    ?assertEqual([], judge(call({send, 2}, 104, {error, restarted}, 105))),
+    ?assertEqual([not_as_promised], judge(call({send, 2}, 105, {error, restarted}, 106))).
+
+%% A caller that waits no longer than it will may go away empty-handed.
+impatient_test() ->
+    Acquire = {acquire, a},
+    ?assertEqual([], judge(call(Acquire, 8000, 110, {error, timeout}, 118))),
+    ?assertEqual([not_as_promised], judge(call(Acquire, 30000, 110, {error, timeout}, 140))).
+
+no_answer_test() ->
+    ?assertEqual([no_answer], judge([{110, 1, app, {call, {send, 2}, none}}])),
+    %% nothing is promised, but it ends
+    ?assertEqual([no_answer], judge([{110, 1, app, {call, {elect, x}, 8000}}])),
+    ?assertEqual([no_answer], judge(call({elect, x}, 8000, 110, {error, timeout}, 124))),
+    ?assertEqual([], judge(call({elect, x}, 8000, 110, {error, timeout}, 123))),
+    %% under faults and after them
+    ?assertEqual([no_answer], judge(call({elect, x}, 8000, 1, {error, timeout}, 60))),
+    ?assertEqual([], judge(call({elect, x}, 8000, 1, {error, timeout}, 59))).
+
+%% Where nothing heals, calls end all the same.
+never_healed_test() ->
+    Never = #{healed_us => never},
+    ?assertEqual([], judge(call({send, 2}, 110, {error, lost}, 111), Never)),
+    ?assertEqual([], judge([{110, 1, app, {call, {send, 2}, none}}], Never)),
+    ?assertEqual([no_answer], judge([{110, 1, app, {call, {elect, x}, 8000}}], Never)).
+
+%% With the application goes its call; an answer that belongs to none means nothing.
+crashed_test() ->
+    Call = {110, 1, app, {call, {send, 2}, none}},
+    ?assertEqual([], judge([Call, {111, 1, app, crashed}])),
+    ?assertEqual([], judge([Call, {111, 1, robot, {died, killed}}])),
+    ?assertEqual([no_answer], judge([Call, {111, 2, app, crashed}, {111, 1, sap, crashed}])),
+    ?assertEqual([], judge([{111, 1, app, {answer, ok}}])).
+
+%% -- what is promised of each -----------------------------------------------------------------
+
+sap_test() ->
+    Dead = {50, 3, robot, {died, killed}},
+    ?assertEqual([], judge([Dead | call({send, 3}, 110, {error, lost}, 111)])),
+    ?assertEqual([not_as_promised], judge([Dead | call({send, 2}, 110, {error, lost}, 111)])),
+    ?assertEqual([], judge([Dead | call(broadcast, 110, {error, {lost, [3]}}, 111)])),
+    ?assertEqual([not_as_promised], judge(call(broadcast, 110, {error, {lost, [3]}}, 111))),
+    ?assertEqual([], judge(call(broadcast, 110, ok, 111))).
+
+%% The home of a token that anybody has asked for must live: who waits for it holds others.
+mutex_test() ->
+    Home = starl_mutex:home(a, [1, 2, 3]),
+    Other = starl_mutex:home(b, [1, 2, 3]),
+    ?assertNotEqual(Home, Other),
+    Dead = {50, Other, robot, {died, killed}},
+    Late = call({acquire, a}, 90000, 110, {error, timeout}, 200),
+    ?assertEqual([not_as_promised], judge(Late)),
+    ?assertEqual([], judge([{50, Home, robot, {died, killed}} | Late])),
+    ?assertEqual([not_as_promised], judge([Dead | Late])),
+    ?assertEqual(
+        [],
+        judge([
+            Dead,
+            {60, 2, app, {call, {acquire, [a, b]}, 9000}},
+            {69, 2, app, {answer, {error, timeout}}}
+            | Late
+        ])
+    ),
+    ?assertEqual([], judge(call({acquire, a}, 90000, 110, {ok, 7}, 111))).
+
+%% What was got after the heal is not lost any more.
+release_test() ->
+    Held = fun(At) -> call({acquire, a}, 9000, At, {ok, 7}, At + 1) end,
+    Lost = call({release, a}, 110, {error, lost}, 110),
+    ?assertEqual([not_as_promised], judge(Held(105) ++ Lost)),
+    ?assertEqual([], judge(Held(90) ++ Lost)),
+    ?assertEqual([], judge(Held(105) ++ call({release, a}, 110, ok, 110))).
+
+%% All robots that have to take part do, and none has died: then all elect.
+election_test() ->
+    Kind = #{block => election},
+    E = {final, 1},
+    In = fun(Robot, At) -> {At, Robot, app, {call, {elect, E}, 90000}} end,
+    Out = fun(Outcome, At) -> {At, 1, app, {answer, Outcome}} end,
+    Others = [{130, R, app, {answer, {ok, 3}}} || R <- [2, 3]],
+    All = [In(1, 105), In(2, 110), In(3, 120)],
+    ?assertEqual([not_as_promised], judge(All ++ Others ++ [Out({error, timeout}, 195)], Kind)),
+    ?assertEqual([too_late], judge(All ++ Others ++ [Out({ok, 3}, 141)], Kind)),
+    ?assertEqual([], judge(All ++ Others ++ [Out({ok, 3}, 140)], Kind)),
+    Two = [In(1, 105), In(2, 110)],
+    Gone = [{130, 2, app, {answer, {ok, 2}}}, Out({error, timeout}, 195)],
+    ?assertEqual([], judge(Two ++ Gone, Kind)),
+    %% one that takes no part any more, one whose machine has forgotten, a dead one
+    ?assertEqual([], judge(All ++ [{121, 3, app, crashed}] ++ Gone, Kind)),
+    ?assertEqual([], judge(All ++ [{121, 3, app, {answer, {error, timeout}}}] ++ Gone, Kind)),
+    ?assertEqual(
+        [],
+        judge(
+            All ++ [{121, 3, election, crashed}] ++ Others ++
+                [Out({error, timeout}, 195)],
+            Kind
+        )
+    ),
+    ?assertEqual([], judge(All ++ [{121, 3, robot, {died, killed}}] ++ Gone, Kind)),
+    %% during the work everybody comes and goes
+    ?assertEqual([], judge(call({elect, {term, 2}}, 90000, 110, {error, timeout}, 200), Kind)).
+
+bully_test() ->
+    Kind = #{block => bully},
+    Elect = fun(Since, Outcome) -> call({elect, x}, 90000, Since, Outcome, Since + 10) end,
+    Dead = {50, 3, robot, {died, killed}},
+    ?assertEqual([], judge(Elect(110, {ok, 3}), Kind)),
+    ?assertEqual([not_as_promised], judge(Elect(110, {ok, 2}), Kind)),
+    ?assertEqual([not_as_promised], judge([Dead | Elect(110, {ok, 3})], Kind)),
+    ?assertEqual([], judge([Dead | Elect(110, {ok, 2})], Kind)),
+    %% one that began under faults may have ended with another leader
+    Early = {90, 2, app, {call, {elect, x}, 8000}},
+    ?assertEqual([], judge([Early, {91, 2, app, {answer, {ok, 2}}} | Elect(110, {ok, 2})], Kind)),
+    Late = call({elect, x}, 90000, 110, {error, timeout}, 200),
+    ?assertEqual([not_as_promised], judge([Early, {91, 2, app, {answer, {ok, 2}}} | Late], Kind)).
+
+%% All have reached the round, and nobody has died.
+barrier_test() ->
+    Kind = #{block => barrier},
+    At = fun(Robot, K, Seconds) -> {Seconds, Robot, barrier, {reached, final, K}} end,
+    Late = fun(Reached) ->
+        [{105, 1, app, {call, {sync, final}, 90000}}] ++ Reached ++
+            [{195, 1, app, {answer, {error, timeout}}}]
+    end,
+    All = [At(1, 4, 105), At(2, 5, 110), At(3, 4, 115)],
+    ?assertEqual([not_as_promised], judge(Late(All), Kind)),
+    ?assertEqual([], judge(Late([At(1, 4, 105), At(2, 5, 110), At(3, 3, 115)]), Kind)),
+    ?assertEqual([], judge(Late(tl(All)), Kind)),
+    ?assertEqual([], judge(Late([{50, 3, robot, {died, killed}} | All]), Kind)).
+
+registers_test() ->
+    Kind = #{block => registers},
+    Put = [{106, 2, app, {call, {put, {final, 2}}, none}}, {107, 2, app, {answer, ok}}],
+    Late = call({learn, {final, 2}}, 90000, 108, {error, timeout}, 199),
+    ?assertEqual([not_as_promised], judge(Put ++ Late, Kind)),
+    ?assertEqual([], judge(Late, Kind)),
+    ?assertEqual([], judge(Put ++ [{107, 2, registers, crashed}] ++ Late, Kind)),
+    ?assertEqual([not_as_promised], judge(Put ++ [{107, 3, registers, crashed}] ++ Late, Kind)),
+    [
+        begin
+            ?assertEqual([], judge(call({What, 1}, 110, {error, any}, 111), Kind)),
+            ?assertEqual(
+                [not_as_promised], judge(call({What, 1}, 110, {error, restarted}, 111), Kind)
+            )
+        end
+     || What <- [put, get, geocast]
+    ].

@@ -1,0 +1,99 @@
+%% What faults cost: by how much they widen a bound in time, and when they are over.
+-module(starl_sim_fault_cost_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% A bound is widened by what makes a robot late, to the millisecond, and by nothing else: a bound
+%% that is wider than that judges nothing.
+slack_test_() ->
+    [
+        {
+            atom_to_list(Kind),
+            ?_assertEqual(1000 * Ms, starl_sim_fault:slack_us([fault(Kind, Params)]))
+        }
+     || {Kind, Params, Ms} <- [
+            {pause, #{}, 3000},
+            {reboot, #{}, 3000},
+            {clock_freeze, #{}, 3000},
+            {clock_step, #{ms => -70}, 70},
+            {clock_offset, #{ms => 70}, 70},
+            {clock_drift, #{ppm => -500}, 2},
+            {slow, #{lag_ms => 40}, 800},
+            {kill_robot, #{}, 0},
+            {loss, #{part => 0.9}, 0},
+            {serial_split, #{lag_ms => 40}, 0}
+        ]
+    ].
+
+%% Each robot may be late after the other.
+slack_is_a_sum_test() ->
+    Faults = [fault(pause, #{}), fault(slow, #{lag_ms => 10}), fault(reboot, #{})],
+    ?assertEqual(6200000, starl_sim_fault:slack_us(Faults)),
+    ?assertEqual(0, starl_sim_fault:slack_us([])).
+
+%% What the monitors of a run are told: a bound plus that, and when all faults are over.
+monitors_are_told_test() ->
+    Faults = [fault(slow, #{lag_ms => 40}), {dead, 9000, 9500, kill_robot, 1, #{}}],
+    Told = fun(Changes) ->
+        {ok, Scenario} = starl_sim_scenario:check(maps:merge(#{faults => Faults}, Changes), []),
+        Context = starl_sim_plan:context(?MODULE, Scenario),
+        Scene = #{
+            app => {sequential, ?MODULE, none},
+            monitors => [{asks, #{bound_us => 5, healed_us => 0, broken => []}}, {asks_not, #{}}]
+        },
+        #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
+        {_, Config} = lists:keyfind(asks, 1, Monitors),
+        ?assertEqual({asks_not, #{}}, lists:keyfind(asks_not, 1, Monitors)),
+        maps:with([bound_us, healed_us], Config)
+    end,
+    ?assertEqual(#{bound_us => 800005, healed_us => 9000000}, Told(#{})),
+    ?assertEqual(#{bound_us => 800005, healed_us => never}, Told(#{loss => 0.1})),
+    ?assertEqual(#{bound_us => 800005, healed_us => never}, Told(#{range => 5000})).
+
+%% A fault of a moment is over at its beginning, every other one at its end.
+healed_test() ->
+    ?assertEqual(0, starl_sim_fault:healed_us([])),
+    ?assertEqual(5000000, starl_sim_fault:healed_us([fault(pause, #{})])),
+    %% what was sent before that comes later
+    Late = {late, 2000, 5000, delay, all, #{extra_ms => 700}},
+    ?assertEqual(5700000, starl_sim_fault:healed_us([Late, fault(pause, #{})])),
+    [
+        ?assertEqual({Kind, 2000000}, {Kind, starl_sim_fault:healed_us([fault(Kind, Params)])})
+     || {Kind, Params} <- [{kill_machine, #{}}, {kill_robot, #{}}, {clock_step, #{ms => 1}}]
+    ].
+
+%% Groups of all sizes are drawn, one robot alone among them, and never the whole team; faults
+%% last as long as is asked for, and no longer.
+drawn_test() ->
+    Drawn = fun(Seed, Robots, More) ->
+        starl_sim_fault_draw:draw(
+            maps:merge(More, #{
+                seed => Seed, robots => Robots, machines => [sap], until_ms => 30000, kinds => [all]
+            })
+        )
+    end,
+    Groups = [
+        length(G)
+     || S <- lists:seq(1, 200), {_, _, _, _, G, _} <- Drawn(S, 6, #{}), is_list(G)
+    ],
+    ?assertEqual([1, 2, 3, 4, 5], lists:usort(Groups)),
+    Spans = fun(More) ->
+        Faults = lists:append([Drawn(S, 3, More) || S <- lists:seq(1, 200)]),
+        lists:max([To - From || {_, From, To, _, _, _} <- Faults])
+    end,
+    ?assert(Spans(#{}) =< 10001),
+    ?assert(Spans(#{longest_ms => 30000}) > 20000),
+    [
+        ?assertEqual([], [R || F <- Drawn(S, 1, #{}), R <- starl_sim_fault:targets(F), R > 1])
+     || S <- lists:seq(1, 200)
+    ].
+
+fault(Kind, Params) ->
+    Target =
+        case Kind of
+            kill_machine -> {1, sap};
+            loss -> all;
+            _ -> 1
+        end,
+    Fault = {Kind, 2000, 5000, Kind, Target, Params},
+    ?assertEqual([], starl_sim_fault:check([Fault])),
+    Fault.
