@@ -294,10 +294,11 @@ far(Source, Sap) ->
 
 %% -- configuration --------------------------------------------------------------------------
 
-%% Where the nonces begin, which only those can know who hear the questions.
-nonce(#{random := Random}) ->
+%% Where the nonces begin, which only those can know who hear the questions. Each incarnation has
+%% its own, whatever its random stream: an answer to an earlier one is none to this one.
+nonce(#{random := Random, incarnation := Incarnation}) ->
     {N, _} = rand:uniform_s(1 bsl 32, Random),
-    N.
+    1 + erlang:phash2({N, Incarnation}, 1 bsl 32).
 
 %% The waiting times after each transmission, in microseconds.
 delays(Config) ->
