@@ -12,7 +12,7 @@
 -export([all/0]).
 -export([
     stays_near_the_line_and_arrives/1, stays_near_the_line_at_the_worst/1, near_the_goal_slower/1,
-    stays_near_the_lines_of_a_path/1,
+    stays_near_the_lines_of_a_path/1, draws_lines_from_end_to_end/1,
     arrived_already/1, stop_in_a_drive/1, stop_while_idle/1, another_goal_in_a_drive/1,
     lost_poses/1, unknown_poses/1, late_pose_is_ignored/1, location_restarts/1, no_goal_no_motion/1,
     lost_commands/1, every_command_ends/1, no_look_before_it_stands/1, stalled_wheel/1,
@@ -24,7 +24,7 @@
 all() ->
     [
         stays_near_the_line_and_arrives, stays_near_the_line_at_the_worst, near_the_goal_slower,
-        stays_near_the_lines_of_a_path,
+        stays_near_the_lines_of_a_path, draws_lines_from_end_to_end,
         arrived_already, stop_in_a_drive, stop_while_idle, another_goal_in_a_drive, lost_poses,
         unknown_poses, late_pose_is_ignored, location_restarts, no_goal_no_motion, lost_commands,
         every_command_ends, no_look_before_it_stands, stalled_wheel, stalled_and_another_goal,
@@ -66,6 +66,55 @@ near_all([Line | Lines], #loop{piece = Piece, now = Now, profile = Profile} = Lo
         near_all(Lines, Gone);
 near_all([], _Loop) ->
     true.
+
+%% Lines of any length, one after the other: where the robot stands at the beginning of one, looking
+%% along it, and at its end, is as near to those along the line as is promised, by errors at random
+%% and by the worst; on the way between it is no farther off than ever.
+draws_lines_from_end_to_end(_) ->
+    Prop = ?FORALL(
+        {Seed, Lines, Profile},
+        {oneof(lists:seq(1, 10000)), vector(6, stroke()), profile()},
+        starl_platform_ct:safely(fun() -> drawn(Lines, new(uniform(Seed), Profile)) end)
+    ),
+    starl_platform_ct:property(Prop, 200),
+    Short = [{{10.0 * N, 7.0 * N}, {10.0 * N + 6.0, 7.0 * N}} || N <- lists:seq(0, 30)],
+    [
+        ?assert(drawn(Short, new(Noise, starl_motion_course:profile(#{}))))
+     || Noise <- [fun(_) -> 1.0 end, fun(_) -> -1.0 end, fun zigzag/1, uniform(3)]
+    ].
+
+stroke() ->
+    ?LET(
+        {X, Y, Length, Turn},
+        {coordinate(), coordinate(), oneof([1, 3, 6, 7, 20, 45, 100, 300, 700]), oneof(lists:seq(0, 6))},
+        {{float(X), float(Y)}, {X + Length * math:cos(Turn), Y + Length * math:sin(Turn)}}
+    ).
+
+drawn([], _Loop) ->
+    true;
+drawn([{Start, Goal} = Line | Lines], Loop) ->
+    {Ready, _} = travel({go_along, {here(Loop), Start}}, Loop),
+    {Begun, _} = travel({face, Line}, Ready),
+    {Ended, Off} = travel({go_along, Line}, Begun#loop{corners = [here(Begun)]}),
+    #loop{profile = Profile} = Loop,
+    Ends = starl_motion_stroke:ends_mm(Profile) + 1.0e-6,
+    Towards = starl_geometry:heading(Start, Goal),
+    Along = [along(here(Begun), Start, Towards), along(here(Ended), Goal, Towards)],
+    (lists:all(fun(Mm) -> abs(Mm) =< Ends end, Along) andalso
+        Off =< starl_motion_course:tracking_radius(Profile) orelse
+        begin
+            ct:log("~p: ~p (~p), off ~p", [Line, Along, Ends, Off]),
+            false
+        end) andalso drawn(Lines, Ended).
+
+here(#loop{piece = Piece, now = Now}) -> starl_trajectory:position(Now, Piece).
+
+travel({_, Line} = Call, Loop) ->
+    #loop{replies = [{_, ok} | _]} = Gone = finish(event({call, {app, 1}}, Call, Loop)),
+    {Gone, off_line(Gone, Line)}.
+
+%% How far from a point in the direction of a line.
+along({X, Y}, {X0, Y0}, Heading) -> (X - X0) * math:cos(Heading) + (Y - Y0) * math:sin(Heading).
 
 %% All errors at their bounds, to the left, to the right and to and fro.
 stays_near_the_line_at_the_worst(_) ->

@@ -24,10 +24,11 @@
 %% and only while its clock and the robot's agree ({@link starl_motion_watch}).
 %%
 %% Calls: `{go_to, point()}' along the line from where it stands, `{go_along, segment()}' along this
-%% line, near which it stands (answer `ok' when it is there, `{error, stopped}' when another
-%% command comes first, `{error, out_of_time}' in the second case when the clocks do not agree),
-%% `stop' (answer when it stands: `ok', or `{error, out_of_time}' when they do not agree).
-%% Configuration: `profile' ({@link starl_motion_course:profile()}).
+%% line, near which it stands, to its very end ({@link starl_motion_stroke}), `{face, segment()}' to
+%% the beginning of this line, near which it stands, looking along it (answer `ok' when it is there,
+%% `{error, stopped}' when another command comes first, `{error, out_of_time}' in all but the first
+%% case when the clocks do not agree), `stop' (answer when it stands: `ok', or `{error, out_of_time}'
+%% when they do not agree). Configuration: `profile' ({@link starl_motion_course:profile()}).
 -module(starl_motion).
 -behaviour(starl_machine).
 
@@ -54,17 +55,18 @@
     waiting = [] :: [starl_machine:from()],
     start = unknown :: starl_geometry:point() | unknown,
     goal = {0.0, 0.0} :: starl_geometry:point(),
+    %% to the goal, or along a given line, or to the beginning of one
+    way = to :: to | along | face,
     %% the leg that it has turned to
     leg = none :: starl_motion_course:leg() | none,
     %% numbers of the last command and of the last look
     command = 0 :: non_neg_integer(),
     asked = 0 :: non_neg_integer(),
     %% the robot's clock; when the last command was given, and how long it takes; how this clock and
-    %% that of the chassis went; whether they have to agree
+    %% that of the chassis went: along given lines they have to agree
     now :: integer(),
     told = {0, 0} :: {ToldUs :: integer(), TakesUs :: non_neg_integer()},
     watch = starl_motion_watch:new() :: starl_motion_watch:t(),
-    timed = false :: boolean(),
     %% the chassis has said that it stands, and nothing else was told it since; where it was then
     %% seen to stand, and when
     stands = false :: boolean(),
@@ -113,18 +115,20 @@ event(state_timeout, heard_nothing, halting, Drive) ->
 event(state_timeout, heard_nothing, _State, #drive{speeds = Speeds} = Drive) ->
     %% what was not heard may have been that a wheel is stuck
     stand_still(Drive#drive{doubt = back(Speeds)}, []);
-event(state_timeout, ask, locating, #drive{timed = true} = Drive) ->
-    stand_still(Drive, []);
-event(state_timeout, ask, locating, Drive) ->
+event(state_timeout, ask, locating, #drive{way = to} = Drive) ->
     locate(Drive, []);
+event(state_timeout, ask, locating, Drive) ->
+    stand_still(Drive, []);
 event({reply, N}, {ok, Pose}, locating, #drive{asked = N, now = Now} = Drive) ->
     located(Pose, Drive#drive{seen = {Pose, Now}});
 event({reply, _}, _, _State, _Drive) ->
     keep_state_and_data;
 event({call, From}, {go_to, Goal}, State, Drive) ->
-    go(State, to(From, {unknown, Goal}, false, Drive), stopped(Drive));
+    go(State, to(From, {unknown, Goal}, to, Drive), stopped(Drive));
 event({call, From}, {go_along, Line}, State, Drive) ->
-    go(State, to(From, Line, true, Drive), stopped(Drive));
+    go(State, to(From, Line, along, Drive), stopped(Drive));
+event({call, From}, {face, Line}, State, Drive) ->
+    go(State, to(From, Line, face, Drive), stopped(Drive));
 event({call, From}, stop, _State, #drive{waiting = Waiting} = Drive) ->
     stand_still(Drive#drive{from = none, waiting = Waiting ++ [From]}, stopped(Drive));
 event(cast, stop, _State, Drive) ->
@@ -132,12 +136,12 @@ event(cast, stop, _State, Drive) ->
 event(_, _, _, _) ->
     unknown_event.
 
-to(From, {Start, Goal}, Timed, Drive) ->
-    Drive#drive{from = From, goal = Goal, start = Start, timed = Timed, leg = none}.
+to(From, {Start, Goal}, Way, Drive) ->
+    Drive#drive{from = From, goal = Goal, start = Start, way = Way, leg = none}.
 
 %% One that stands looks where; one that drives stops first; one that waits for a wheel goes on so.
 go(stalled, Drive, Actions) -> {keep_state, Drive, Actions};
-go(_State, #drive{stands = true, timed = false} = Drive, Actions) -> look(Drive, Actions);
+go(_State, #drive{stands = true, way = to} = Drive, Actions) -> look(Drive, Actions);
 go(_State, Drive, Actions) -> stand_still(Drive, Actions).
 
 stopped(#drive{from = none}) -> [];
@@ -170,7 +174,7 @@ driven(HeardUs, State, #drive{now = Now, told = {Told, Takes}, watch = Before} =
     stands(Agree, Drive#drive{stands = true, watch = Watch, doubt = Doubt}).
 
 %% A robot that has no goal rests; one whose clock is wrong has none any more.
-stands(false, #drive{from = From, timed = true} = Drive) when From =/= none ->
+stands(false, #drive{from = From, way = Way} = Drive) when From =/= none, Way =/= to ->
     rest(false, Drive#drive{from = none}, [{reply, From, {error, out_of_time}}]);
 stands(Agree, #drive{from = none} = Drive) ->
     rest(Agree, Drive, []);
@@ -223,10 +227,17 @@ locate(#drive{asked = N, self = Self} = Drive, Actions) ->
 
 located({X, Y, _} = Pose, #drive{start = unknown} = Drive) ->
     located(Pose, Drive#drive{start = {X, Y}});
-located(Pose, #drive{leg = none, start = Start, goal = Goal, profile = Profile} = Drive) ->
-    follow(starl_motion_course:next(Pose, {Start, Goal}, Profile), Drive);
+located(Pose, #drive{leg = none, start = Start, goal = Goal} = Drive) ->
+    follow(next(Pose, {Start, Goal}, Drive), Drive);
 located(Pose, #drive{leg = Leg, profile = Profile} = Drive) ->
     follow(starl_motion_course:turned(Pose, Leg, Profile), Drive).
+
+next(Pose, Line, #drive{way = to, profile = Profile}) ->
+    starl_motion_course:next(Pose, Line, Profile);
+next(Pose, Line, #drive{way = along, profile = Profile}) ->
+    starl_motion_stroke:along(Pose, Line, Profile);
+next(Pose, Line, #drive{way = face, profile = Profile}) ->
+    starl_motion_stroke:face(Pose, Line, Profile).
 
 follow(arrived, #drive{from = From} = Drive) ->
     {next_state, idle, Drive#drive{from = none}, [{reply, From, ok}]};

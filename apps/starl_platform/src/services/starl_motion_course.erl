@@ -22,8 +22,9 @@
 -module(starl_motion_course).
 
 -export([profile/1, tracking_radius/1, next/3, turned/3]).
+-export([towards/4, towards/5, turn/2, straight/2, look_from/1, longest_mm/1, last_mm/1]).
 
--export_type([profile/0, script/0, leg/0]).
+-export_type([profile/0, script/0, leg/0, step/0]).
 
 %% How the robot drives. `speed' and `near_speed' (within `near_mm' of the goal) in mm/s,
 %% `turn_rate' and `near_turn_rate' in rad/s, `leg_s' the time between two looks at the
@@ -114,19 +115,52 @@ next({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
         Distance -> turned(Pose, leg(Here, Distance, Line, Profile), Profile)
     end.
 
-%% Towards the point of the line one leg ahead. A robot that finds itself far off its line, as by
-%% another one's position, does not go all the way there without a look.
+%% Towards the point of the line one leg ahead.
 leg(Here, Distance, Line, Profile) ->
-    {Speed, TurnRate} = speeds(Distance, Profile),
+    {Speed, _} = speeds(Distance, Profile),
     Aim = aim(Here, Distance, Speed, Line, Profile),
+    leg_to(Here, Aim, starl_geometry:distance(Here, Aim), Distance, Profile).
+
+%% A robot that finds itself far off its line, as by another one's position, does not go all the way
+%% there without a look.
+leg_to(Here, Aim, Mm, Distance, Profile) ->
+    {Speed, TurnRate} = speeds(Distance, Profile),
     Last = Speed * maps:get(leg_s, Profile),
-    Longest = 1.1 * longer(Profile) * Last,
     Length =
-        case starl_geometry:distance(Here, Aim) of
-            Far when Far > Longest -> Last;
-            Near -> Near
+        case Mm > 1.1 * longer(Profile) * Last of
+            true -> Last;
+            false -> Mm
         end,
     {starl_geometry:heading(Here, Aim), Length, Speed, TurnRate}.
+
+%% @doc Towards a point, and all the way if that is no longer than a leg; the goal is so far away.
+-spec towards(starl:pose(), starl_geometry:point(), ToGoalMm :: float(), profile()) -> step().
+towards({X, Y, _} = Pose, Aim, Distance, Profile) ->
+    towards(Pose, Aim, starl_geometry:distance({X, Y}, Aim), Distance, Profile).
+
+%% @doc The same, but for so many millimetres.
+-spec towards(starl:pose(), starl_geometry:point(), Mm, ToGoalMm, profile()) -> step() when
+    Mm :: float(), ToGoalMm :: float().
+towards({X, Y, _} = Pose, Aim, Mm, Distance, Profile) ->
+    turned(Pose, leg_to({X, Y}, Aim, Mm, Distance, Profile), Profile).
+
+%% @doc Turns in place, left or right (rad).
+-spec turn(float(), profile()) -> step().
+turn(Angle, #{turn_rate := TurnRate} = Profile) -> {drive, [turn(Angle, TurnRate, Profile)]}.
+
+%% @doc Drives straight on, or back, so far (mm) and so fast (mm/s).
+-spec straight(float(), Speed :: float()) -> step().
+straight(Mm, Speed) ->
+    V = sign(Mm) * Speed,
+    {drive, [{V, V, duration_us(abs(Mm), Speed)}]}.
+
+%% @doc The longest leg that does not lead to the goal, mm.
+-spec longest_mm(profile()) -> float().
+longest_mm(Profile) -> longer(Profile) * length_mm(Profile).
+
+%% @doc The longest leg that may lead to the goal, mm.
+-spec last_mm(profile()) -> float().
+last_mm(Profile) -> length_mm(Profile).
 
 %% @doc What a robot does next that stands at a pose and has turned to a leg: it drives if the turn
 %% has come about. It keeps to the leg: where legs are short, another look at its place might show
@@ -142,7 +176,8 @@ turned({_, _, Heading}, {Wanted, Length, Speed, TurnRate} = Leg, Profile) ->
         Angle -> {{turn, Leg}, [turn(Angle, TurnRate, Profile)]}
     end.
 
-%% Who cannot see headings any better need not look for less.
+%% @doc The least turn worth a look, rad. Who cannot see headings any better need not look for less.
+-spec look_from(profile()) -> float().
 look_from(#{look_from := LookFrom, heading_error := Error}) -> max(LookFrom, Error).
 
 turn(Angle, TurnRate, #{axle_mm := Axle}) ->
