@@ -63,7 +63,7 @@ request_without_coordinator(_) ->
 answer_is_taken_once(_) ->
     {Id, P} = asking(led()),
     {Actions, Moving} = answer(4, {1, 4, 1}, Id, P),
-    ?assertEqual([{reply, {app, 1}, {ok, {Id, path()}}}], replies(Actions)),
+    ?assertEqual([{reply, {app, 1}, {ok, {Id, {1.0, 2.0}, path()}}}], replies(Actions)),
     {Again, _} = answer(4, {1, 4, 1}, Id, Moving),
     ?assertEqual([{trace, {stale_answer, 4, {1, 4, 1}, Id}}], Again).
 
@@ -268,7 +268,7 @@ leader_is_followed_without_vote(_) ->
 leave_ends_for_good(_) ->
     {Id, Moving} = moving(),
     {Go, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
-    ?assertEqual([{call, motion, {go_along, {{1.0, 2.0}, {100.0, 2.0}}}, {driven, Id, 1}}], Go),
+    ?assertEqual([{call, motion, {go_along, {{1.0, 2.0}, {100.0, 2.0}}}, {driven, drive, Id, 1}}], Go),
     {Early, _} = at(7 * ?S, {timeout, leave}, leave, Driving),
     ?assertMatch([{{timeout, leave}, _, leave}], Early),
     {Late, Void} = at(8 * ?S, {timeout, leave}, leave, Driving),
@@ -424,7 +424,7 @@ moving() ->
 
 drive(Id, N, P) ->
     {_, Driving} = step({call, {app, drive}}, {drive, Id, N}, P),
-    step({reply, {driven, Id, N}}, ok, Driving).
+    step({reply, {driven, drive, Id, N}}, ok, Driving).
 
 answer(Source, Term, Id, P) ->
     at(?AIR_US, cast, {message, Source, dpp_answer, {Term, Id, assignment(), []}}, P).

@@ -29,7 +29,7 @@
     | clock_offset | clock_drift | clock_step | clock_freeze
     | kill_machine | kill_robot | reboot | pause | slow
     | location_dropout | location_frozen | location_noise | location_bias | location_swap
-    | wheel_stuck | wheel_slow | command_lost | slip
+    | wheel_stuck | wheel_slow | command_lost | slip | actuator_lost | actuator_stuck
     | serial_garbage | serial_split | serial_gone
     | store_full | store_damaged.
 
@@ -114,9 +114,13 @@ kinds() ->
         {wheel_slow, actuation, robot,
             [{wheel, {one_of, [left, right]}, {0, 1}}, {factor, {number, 0, 1}, {0.3, 0.95}}],
             "a wheel turns slower than told"},
-        {command_lost, actuation, robot, [part(0.05, 0.5)], "a part of the commands is not heard"},
+        {command_lost, actuation, robot, [part(0.05, 0.5)],
+            "a part of the commands to the wheels is not heard"},
         {slip, actuation, robot, [{factor, {number, 0, 1}, {0.5, 0.98}}],
             "both wheels slip: the robot comes only so far"},
+        {actuator_lost, actuation, robot, [part(0.05, 0.9)],
+            "a part of the commands to other actuators, as the pen, is not heard"},
+        {actuator_stuck, actuation, robot, [], "other actuators, as the pen, do not move"},
         {serial_garbage, serial, robot, [part(0.05, 0.5)],
             "a part of the frames to and from the chassis is garbage, and dropped"},
         {serial_split, serial, robot, [ms(lag_ms, 5, 200)],

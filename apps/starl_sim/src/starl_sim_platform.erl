@@ -238,7 +238,9 @@ perform([Action | Rest], Name, Body, Local) ->
             {Poses, Next} = sense(Robots, Body),
             perform(Rest, Name, Next, [{Name, info, {located, Poses}} | Local]);
         {actuate, Device, Value} ->
-            perform(Rest, Name, trace(chassis, {actuated, Device, Value}, Body), Local);
+            perform(Rest, Name, actuate(Device, Value, none, Body), Local);
+        {actuate, Device, Value, Mark} ->
+            perform(Rest, Name, actuate(Device, Value, {Name, Mark}, Body), Local);
         {done, Result} ->
             perform(Rest, Name, done(Result, Body), Local);
         {store, Term} ->
@@ -291,6 +293,14 @@ drive(Script, Owner, #body{now = Now, vehicle = Vehicle} = Body) ->
         Change -> moved(Change, Body)
     end.
 
+actuate(Device, Value, Owner, #body{now = Now, vehicle = Vehicle} = Body) ->
+    {Set, Plans, Actuated} = starl_sim_vehicle:actuate({Device, Value}, Owner, Now, Vehicle),
+    Planned = plan(Plans, Body#body{vehicle = Actuated}),
+    case Set of
+        set -> trace(chassis, {actuated, Device, Value}, Planned);
+        same -> Planned
+    end.
+
 moved({same, Plans, Vehicle}, Body) ->
     plan(Plans, Body#body{vehicle = Vehicle});
 moved({moved, Plans, Vehicle}, #body{changes = Changes} = Body) ->
@@ -310,6 +320,7 @@ plan([{Us, Content} | Plans], #body{id = Id, now = Now, seq = Seq, until = Until
     plan(Plans, Next).
 
 class({says, _, _, _}) -> ?CLASS_TIMER;
+class({_Name, info, _}) -> ?CLASS_TIMER;
 class(_Beat) -> ?CLASS_CHASSIS.
 
 sense(Robots, #body{now = Now, window = From, vehicle = Vehicle} = Body) ->

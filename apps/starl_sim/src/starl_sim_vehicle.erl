@@ -1,6 +1,6 @@
 %% @doc What a simulated robot drives on: the script that its wheels were told, the piece of motion
-%% that it is in ({@link starl_sim_chassis}, faults of actuation and of the serial line), and what
-%% the positioning system shows of it and of others ({@link starl_sim_sense}, faults of location).
+%% that it is in ({@link starl_sim_chassis}, faults of actuation and of the serial line), its other
+%% actuators, and what the positioning system shows of it and of others ({@link starl_sim_sense}, faults of location).
 %%
 %% The chassis works off a script by itself, by its own clock, and compares every 15 ms, the period
 %% in which a Create streams its sensors, how its wheels turn with what they were told. What it
@@ -11,7 +11,7 @@
 %% seen as they were at the beginning of the present window (`sight' in the world).
 -module(starl_sim_vehicle).
 
--export([new/3, piece/1, drive/4, turn_wheels/2, beat/3, says/2, stop/2, sense/3]).
+-export([new/3, piece/1, drive/4, actuate/4, turn_wheels/2, beat/3, says/2, stop/2, sense/3]).
 
 -export_type([t/0, change/0, plan/0, beat/0]).
 
@@ -29,6 +29,8 @@
     %% since when a wheel has not turned as told
     off = no :: starl_sim_queue:time() | no,
     draws = 0 :: non_neg_integer(),
+    %% how its other actuators are, as far as they were ever told
+    devices = #{} :: #{atom() => term()},
     %% where robots were last seen, if sight may freeze
     seen = #{} :: #{starl:robot_id() => starl:pose()}
 }).
@@ -41,10 +43,12 @@
 %% turned as told since then.
 -type beat() :: {go_on, Run :: integer()} | {watch, Run :: integer(), Since :: integer()}.
 
-%% So long from now: something to do, or something to say to a machine, if it is still true then.
+%% So long from now: something to do; something to say to a machine, if it is still true then, or in
+%% any case.
 -type plan() ::
     {Us :: non_neg_integer(), beat()}
-    | {Us :: non_neg_integer(), {says, Run :: integer(), starl_machine:name(), Content :: term()}}.
+    | {Us :: non_neg_integer(), {says, Run :: integer(), starl_machine:name(), Content :: term()}}
+    | {Us :: non_neg_integer(), {starl_machine:name(), info, Content :: term()}}.
 
 %% Whether it is in a new piece of motion, and what it has to do later.
 -type change() :: {moved | same, [plan()], t()}.
@@ -68,20 +72,23 @@ piece(#vehicle{piece = Piece}) -> Piece.
     change() | {lost, t()}.
 drive(Script, Owner, Now, #vehicle{id = Id, draws = N, world = #{seed := Seed}} = Vehicle) ->
     Faults = held(Now, Vehicle),
-    case deaf(Faults, {Seed, Id, N}) of
+    case deaf(wheels, Faults, {Seed, Id, N}) of
         false -> run(Script, Owner, Faults, Now, Vehicle#vehicle{draws = N + length(Faults)});
         true -> {lost, Vehicle#vehicle{draws = N + 1}}
     end.
 
-deaf(Faults, Key) -> lists:any(fun(Fault) -> swallows(Fault, Key) end, Faults).
+%% Does the line swallow what is said to the wheels or to another device, or what the chassis says?
+deaf(Whom, Faults, Key) -> lists:any(fun(Fault) -> swallows(Whom, Fault, Key) end, Faults).
 
-swallows({Id, _, _, Kind, _, #{part := Part}}, Key) when
-    Kind =:= command_lost; Kind =:= serial_garbage
+swallows(Whom, {Id, _, _, Kind, _, #{part := Part}}, Key) when
+    Kind =:= serial_garbage;
+    Kind =:= command_lost, Whom =:= wheels;
+    Kind =:= actuator_lost, Whom =:= device
 ->
     starl_sim_draw:uniform({Key, Id}) < Part;
-swallows({_, _, _, serial_gone, _, _}, _Key) ->
+swallows(_Whom, {_, _, _, serial_gone, _, _}, _Key) ->
     true;
-swallows(_, _Key) ->
+swallows(_Whom, _, _Key) ->
     false.
 
 run(Script, {Name, Mark} = Owner, Faults, Now, #vehicle{run = Run} = Vehicle) ->
@@ -97,11 +104,10 @@ word(Us, Name, Word, Now, #vehicle{id = Id, run = Run, draws = N, world = World}
         [] ->
             [{Us, {says, Run, Name, Word}}];
         Faults ->
-            Lost = [F || {_, _, _, Kind, _, _} = F <- Faults, Kind =/= command_lost],
-            Late = lists:sum([lag(Fault, Key) || Fault <- Faults]),
-            [{Us + Late, {says, Run, Name, Word}} || not deaf(Lost, Key)]
+            [{Us + lag(Faults, Key), {says, Run, Name, Word}} || not deaf(nobody, Faults, Key)]
     end.
 
+lag(Faults, Key) when is_list(Faults) -> lists:sum([lag(Fault, Key) || Fault <- Faults]);
 lag({Id, _, _, serial_split, _, #{lag_ms := Ms}}, Key) ->
     round(1000 * Ms * starl_sim_draw:uniform({Key, Id}));
 lag(_, _Key) ->
@@ -164,6 +170,35 @@ watch(true, Now, #vehicle{off = no} = Vehicle) ->
     watch(true, Now, Vehicle#vehicle{off = Now});
 watch(true, Now, #vehicle{off = Since, run = Run} = Vehicle) ->
     {[{max(0, Since + ?WATCH_US - Now), {watch, Run, Since}}], Vehicle}.
+
+%% -- other actuators ------------------------------------------------------------------------
+
+%% @doc Another actuator is told to be so, on behalf of a machine that wants to know what became of
+%% it, or of none. Is it so now, and what does the chassis say?
+-spec actuate({Device :: atom(), Value :: term()}, owner() | none, starl_sim_queue:time(), t()) ->
+    {set | same, [plan()], t()}.
+actuate({Device, Value}, Owner, Now, #vehicle{id = Id, draws = N, devices = Old} = Vehicle) ->
+    #vehicle{world = #{seed := Seed}} = Vehicle,
+    Faults = held(Now, Vehicle),
+    Drawn = Vehicle#vehicle{draws = N + length(Faults)},
+    case {deaf(device, Faults, {Seed, Id, N, Device}), is_stuck(Faults)} of
+        {true, _} ->
+            {same, [], Drawn};
+        {false, true} ->
+            {same, state(Device, maps:get(Device, Old, unknown), Owner, Faults, Vehicle), Drawn};
+        {false, false} ->
+            Devices = Old#{Device => Value},
+            {set, state(Device, Value, Owner, Faults, Vehicle), Drawn#vehicle{devices = Devices}}
+    end.
+
+is_stuck(Faults) -> lists:any(fun({_, _, _, Kind, _, _}) -> Kind =:= actuator_stuck end, Faults).
+
+state(_Device, _Value, none, _Faults, _Vehicle) ->
+    [];
+state(Device, Value, {Name, Mark}, Faults, #vehicle{id = Id, draws = N, world = World}) ->
+    Key = {maps:get(seed, World), Id, N, Device, word},
+    Word = {Name, info, {actuated, Mark, Device, Value}},
+    [{lag(Faults, Key), Word} || not deaf(nobody, Faults, Key)].
 
 %% -- positioning ----------------------------------------------------------------------------
 

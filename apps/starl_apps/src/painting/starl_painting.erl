@@ -1,11 +1,21 @@
 %% @doc Collaborative painting (the paper's Subroutine 6): the team elects a coordinator; then
 %% each robot, until the picture is complete, asks for a path, follows it with the pen down on
 %% the lines that are to be painted, and clears what it has passed.
+%%
+%% A line is painted by a drive along it: the robot stands at its beginning and looks along it, the
+%% pen is down, as its sensor shows, and comes up again at the end. Nothing is driven before the pen
+%% is as it should be.
+%%
+%% Trace: `{stroke, Line}' when the robot sets out to paint this line (see
+%% {@link starl_painting_monitor}).
 -module(starl_painting).
 -behaviour(starl_app).
 
 -export([init/2, step/2]).
 -export([options/0, scene/1, report/2]).
+
+%% Two lines whose directions differ by less are one, rad.
+-define(STRAIGHT, 0.01).
 
 -type state() :: elect | {paint, Leader :: starl:robot_id()}.
 
@@ -53,16 +63,50 @@ join(Robot, Leader) ->
     Leader.
 
 %% Until the path ends, or must not be followed any further: the lines that are not painted go to
-%% whoever asks next.
+%% whoever asks next. After a crash the pen may be anyhow.
 follow(Robot, Path) ->
-    _ = lists:all(
-        fun({N, _Point, Pen}) ->
-            starl:actuate(Robot, pen, Pen),
-            starl_dpp:drive(Robot, Path, N) =:= ok
-        end,
-        starl_dpp:waypoints(Path)
-    ),
-    starl:actuate(Robot, pen, up).
+    pen(Robot, up),
+    follow(Robot, Path, starl_dpp:lines(Path), none),
+    pen(Robot, up).
+
+%% `Inked': the line to the end of which the pen is down, if it is.
+follow(Robot, Path, [{N, Line, Pen} | Lines], Inked) ->
+    case leg(Robot, Path, N, Line, Pen, Inked) of
+        ok -> follow(Robot, Path, Lines, inked(Pen, Line));
+        {error, _VoidOrRestarted} -> ok
+    end;
+follow(_Robot, _Path, [], _Inked) ->
+    ok.
+
+inked(up, _Line) -> none;
+inked(down, Line) -> Line.
+
+leg(Robot, Path, N, _Line, up, Inked) ->
+    Inked =:= none orelse pen(Robot, up),
+    starl_dpp:drive(Robot, Path, N);
+leg(Robot, Path, N, Line, down, Inked) ->
+    case goes_on(Inked, Line) orelse starl_dpp:face(Robot, Path, N) of
+        {error, _} = Error ->
+            Error;
+        _Ready ->
+            starl:trace(Robot, {stroke, Line}),
+            Inked =/= none orelse pen(Robot, down),
+            starl_dpp:drive(Robot, Path, N)
+    end.
+
+%% A line that goes on straight where the last one ends is begun already.
+goes_on({A, B}, {B, C}) ->
+    Turn = starl_geometry:angle_diff(starl_geometry:heading(A, B), starl_geometry:heading(B, C)),
+    abs(Turn) < ?STRAIGHT;
+goes_on(_Inked, _Line) ->
+    false.
+
+%% Waits until it is so.
+pen(Robot, State) ->
+    case starl_actuator:set(Robot, pen, State) of
+        ok -> ok;
+        {error, _} -> pen(Robot, State)
+    end.
 
 %% -- what it needs, and what it tells -------------------------------------------------------
 

@@ -1,15 +1,23 @@
 %% @doc The contract of the painting application, as a monitor: the ink lies on the lines of the
 %% picture and nowhere else, and every line is painted.
 %%
-%% Ink is what a robot drives with its pen down. "On a line" means no farther from it than the
-%% ink radius (the r(v) of the tracking guarantee) plus the tolerance with which the picture was
-%% flattened. Straight motion is judged exactly: the part of one segment that lies within a
-%% radius of another is an interval in closed form ({@link starl_painting_parts}), and the union
-%% of these intervals must cover the ink; with the roles exchanged, the same intervals give how
-%% much of a line is painted. An arc is taken as chords that stay within 0.01 mm of it.
+%% Ink is what a robot drives with its pen down. It lies on the lines if it is no farther from one
+%% than the ink radius (the r(v) of the tracking guarantee) plus the tolerance with which the picture
+%% was flattened. Straight motion is judged exactly: the part of one segment that lies within a
+%% radius of another is an interval in closed form ({@link starl_painting_parts}), and the union of
+%% these intervals must cover the ink. An arc is taken as chords that stay within 0.01 mm of it.
+%%
+%% A line is painted by drives along it, and by no others: where lines are close to each other, ink
+%% could lie near several. So a robot says which line it sets out to paint, `{stroke, Segment}', and
+%% what it inks until its next word counts for the lines of the picture that this segment lies on,
+%% no matter what else is near. The tolerance is across the line only. Along it all has to be inked
+%% but `ends_mm' at each end, and where two strokes meet as much of both.
+%%
+%% Who says that the picture is complete, `{done, complete}', has to be right.
 %%
 %% Events of machine `chassis': `{motion, Piece}' and `{actuated, pen, down | up}' (the pen
-%% starts up); of machine `robot': `{died, Reason}' (the robot stays where it is).
+%% starts up), what it does and not what it was told; of machine `app': `{stroke, Segment}' and
+%% `{done, Result}'; of machine `robot': `{died, Reason}' (the robot stays where it is).
 %%
 %% A violation comes at the end of the stretch that it lies in, once for each time a pen is
 %% lowered, and names the moment at which the ink left the lines.
@@ -28,6 +36,8 @@
     piece = none :: starl_trajectory:piece() | none,
     since = 0 :: integer(),
     pen = up :: up | down,
+    %% the lines that it paints
+    stroke = [] :: [pos_integer()],
     drawing = [] :: [point()],
     strayed = false :: boolean(),
     drawn = [] :: [[point(), ...]]
@@ -39,7 +49,9 @@
     %% How far from a line ink may lie (mm).
     reach_mm :: float(),
     complete :: boolean(),
-    %% The painted parts of each line, ascending and disjoint.
+    %% How much of a line may be missing at each end (mm).
+    ends_mm :: float(),
+    %% The painted parts of each line, ascending and disjoint; up to `ends_mm' beyond its ends.
     painted = #{} :: #{pos_integer() => [starl_painting_parts:part(), ...]},
     tracks = #{} :: #{robot_id() => #track{}},
     ink_mm = 0.0 :: float(),
@@ -52,11 +64,15 @@
 -define(CHORD_MM, 0.01).
 %% Two points no farther apart are one; a larger jump starts a new polyline (mm).
 -define(JUMP_MM, 1.0e-3).
+%% A stroke lies on a line that it is no farther from (mm); a shorter line is none.
+-define(ON_MM, 0.5).
 
 %% @doc `lines': the picture; `ink_radius_mm' and `tolerance_mm': how far ink may lie from them;
-%% `complete' (default true): whether unpainted lines at the finish break the contract.
+%% `ends_mm' (default 2): how much of a line may be missing at each end; `complete' (default true):
+%% whether unpainted lines at the finish break the contract even if nobody has said that it is
+%% complete.
 -spec init(#{lines := [segment()], ink_radius_mm := float(), tolerance_mm := float(),
-             complete => boolean()}) -> #state{}.
+             ends_mm => float(), complete => boolean()}) -> #state{}.
 init(#{lines := Lines, ink_radius_mm := Radius, tolerance_mm := Tolerance} = Config) ->
     Numbered = lists:zip(lists:seq(1, length(Lines)), Lines),
     Reach = Radius + Tolerance + ?SLACK_MM,
@@ -65,12 +81,13 @@ init(#{lines := Lines, ink_radius_mm := Radius, tolerance_mm := Tolerance} = Con
         lines = maps:from_list(Numbered),
         grid = lists:foldl(fun({N, Line}, G) -> starl_grid:add(N, Line, G) end, Empty, Numbered),
         reach_mm = Reach,
+        ends_mm = maps:get(ends_mm, Config, 2.0),
         complete = maps:get(complete, Config, true)
     }.
 
-%% @doc The motions and pens, and the end of robots.
+%% @doc The motions and pens, the strokes, and the end of robots.
 -spec interests() -> [atom()].
-interests() -> [chassis, robot].
+interests() -> [chassis, app, robot].
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -80,6 +97,11 @@ step({T, Robot, chassis, {motion, Piece}}, State) ->
     change(Since, Robot, fun(Track) -> on_paper(Track#track{piece = Piece}) end, State);
 step({T, Robot, chassis, {actuated, pen, Pen}}, State) when Pen =:= up; Pen =:= down ->
     change(T, Robot, fun(Track) -> pen(Pen, Track) end, State);
+step({T, Robot, app, {stroke, {{_, _}, {_, _}} = Segment}}, State) ->
+    Lines = lines_under(Segment, State),
+    change(T, Robot, fun(Track) -> Track#track{stroke = Lines} end, State);
+step({_T, _Robot, app, {done, complete}}, State) ->
+    {ok, State#state{complete = true}};
 step({T, Robot, robot, {died, _Reason}}, #state{tracks = Tracks} = State) ->
     case Tracks of
         #{Robot := #track{piece = {piece, _, _, _, _, _, _} = Piece}} ->
@@ -91,8 +113,9 @@ step({T, Robot, robot, {died, _Reason}}, #state{tracks = Tracks} = State) ->
 step(_Other, State) ->
     {ok, State}.
 
-%% @doc Judges the time until `EndTimeUs'. Results: `coverage' (0..1, the painted fraction of
-%% the lines' length), `ink_covered' (whether that is all of it), `unpainted_mm', `ink_mm' and
+%% @doc Judges the time until `EndTimeUs'. Results: `coverage' (0..1, the part of the lines' length
+%% that is painted, where what may be missing at ends is not), `ink_covered' (whether that is all of
+%% it), `unpainted_mm', `inked' (0..1, the part that there is ink on, to the millimetre), `ink_mm' and
 %% `driven_mm' (lengths driven with the pen down, and in all), `ink' (polylines by robot).
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
@@ -110,15 +133,15 @@ finish(EndTimeUs, #state{tracks = Tracks} = State) ->
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.
 
-results(#state{lines = Lines, painted = Painted, tracks = Tracks} = State) ->
+results(#state{lines = Lines, tracks = Tracks} = State) ->
     Lengths = [{N, starl_geometry:length(Line)} || {N, Line} <- lists:sort(maps:to_list(Lines))],
     Total = lists:sum([Length || {_, Length} <- Lengths]),
-    Unpainted = lists:sum([unpainted(maps:get(N, Painted, []), Length) || {N, Length} <- Lengths]),
-    Coverage = fraction(Total - Unpainted, Total),
+    Unpainted = lists:sum([unpainted(N, Length, State) || {N, Length} <- Lengths]),
     #{
-        coverage => Coverage,
-        ink_covered => Coverage >= 1.0 - 1.0e-9,
+        coverage => fraction(Total - Unpainted, Total),
+        ink_covered => Unpainted =< 1.0e-9 * Total,
         unpainted_mm => Unpainted,
+        inked => fraction(lists:sum([inked(N, Length, State) || {N, Length} <- Lengths]), Total),
         ink_mm => State#state.ink_mm,
         driven_mm => State#state.driven_mm,
         ink => maps:map(fun(_Robot, #track{drawn = Drawn}) -> lists:reverse(Drawn) end, Tracks)
@@ -127,8 +150,15 @@ results(#state{lines = Lines, painted = Painted, tracks = Tracks} = State) ->
 fraction(_Part, Total) when Total == 0 -> 1.0;
 fraction(Part, Total) -> max(0.0, Part / Total).
 
-unpainted(Parts, Length) ->
-    lists:foldl(fun({From, To}, Left) -> Left - (To - From) end, Length, Parts).
+unpainted(_N, Length, _State) when Length < ?ON_MM ->
+    0.0;
+unpainted(N, Length, #state{ends_mm = Ends} = State) ->
+    lists:sum([To - From || {From, To} <- starl_painting_parts:gaps(Length, Ends, parts(N, State))]).
+
+inked(N, Length, State) ->
+    lists:sum([max(0.0, min(Length, To) - max(0.0, From)) || {From, To} <- parts(N, State)]).
+
+parts(N, #state{painted = Painted}) -> maps:get(N, Painted, []).
 
 unfinished(T, #{ink_covered := false, unpainted_mm := Unpainted}, #state{complete = true}) ->
     [violation(unfinished, T, [], #{unpainted_mm => Unpainted})];
@@ -162,7 +192,7 @@ draw(T, Robot, #track{piece = Piece, since = Since} = Track, State) ->
     [Start | Points] = starl_trajectory:polyline(Piece, Since, T, ?CHORD_MM),
     Step = (T - Since) / max(1, length(Points)),
     Stroke = fun(Point, {N, From, Found, S}) ->
-        {Strays, Inked} = ink({From, Point}, S),
+        {Strays, Inked} = ink({From, Point}, Track#track.stroke, S),
         Times = [Since + round((N + Share) * Step) || {Share, _} <- Strays],
         {N + 1, Point, lists:zip(Times, Strays) ++ Found, Inked}
     end,
@@ -175,7 +205,7 @@ dot(T, Robot, #track{pen = down, drawing = []} = Track, State) when
     Track#track.piece =/= none
 ->
     Point = starl_trajectory:position(T, Track#track.piece),
-    {Strays, Inked} = ink({Point, Point}, State),
+    {Strays, Inked} = ink({Point, Point}, Track#track.stroke, State),
     Fresh = Track#track{drawing = [Point], strayed = false},
     report([{T, Stray} || Stray <- Strays], Robot, Fresh, Inked);
 dot(_T, Robot, Track, State) ->
@@ -215,19 +245,31 @@ violation(What, T, Robots, Details) ->
 
 %%% Ink and lines
 
-%% Enters a straight piece of ink. Returns where it leaves the lines: the fraction of its length
-%% at which that begins, and a point in the middle of what is outside.
-ink(Ink, #state{grid = Grid, lines = Lines, reach_mm = Reach, painted = Painted} = State) ->
-    Near = [{N, map_get(N, Lines)} || N <- starl_grid:near(Ink, Reach, Grid)],
-    Inked = [starl_painting_parts:within(Reach, Ink, Line) || {_, Line} <- Near],
+%% The lines of the picture that a stroke lies on.
+lines_under({P, Q}, #state{grid = Grid, lines = Lines}) ->
+    [
+        N
+     || N <- starl_grid:near({P, Q}, ?ON_MM, Grid),
+        Line <- [map_get(N, Lines)],
+        starl_geometry:length(Line) >= ?ON_MM,
+        starl_geometry:point_segment(P, Line) =< ?ON_MM,
+        starl_geometry:point_segment(Q, Line) =< ?ON_MM
+    ].
+
+%% Enters a straight piece of ink that is to paint these lines. Returns where it leaves the lines of
+%% the picture: the fraction of its length at which that begins, and a point in the middle of what is
+%% outside.
+ink(Ink, Stroke, #state{lines = Lines, reach_mm = Reach, ends_mm = Ends} = State) ->
+    Near = [map_get(N, Lines) || N <- starl_grid:near(Ink, Reach, State#state.grid)],
+    Inked = [starl_painting_parts:within(Reach, Ink, Line) || Line <- Near],
     Covered = lists:foldl(fun starl_painting_parts:unite/2, [], [P || {_, _} = P <- Inked]),
-    Paint = fun({N, Line}, Acc) ->
-        case starl_painting_parts:within(Reach, Line, Ink) of
+    Paint = fun(N, Acc) ->
+        case starl_painting_parts:beside(Reach, Ends, map_get(N, Lines), Ink) of
             none -> Acc;
             Part -> Acc#{N => starl_painting_parts:unite(Part, maps:get(N, Acc, []))}
         end
     end,
-    {strays(Ink, Covered), State#state{painted = lists:foldl(Paint, Painted, Near)}}.
+    {strays(Ink, Covered), State#state{painted = lists:foldl(Paint, State#state.painted, Stroke)}}.
 
 strays({From, To} = Ink, Covered) ->
     case starl_geometry:length(Ink) of

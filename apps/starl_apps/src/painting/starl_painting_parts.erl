@@ -2,7 +2,7 @@
 %% together, and what they leave out. Lengths are millimetres.
 -module(starl_painting_parts).
 
--export([within/3, unite/2, gap/2]).
+-export([within/3, beside/4, unite/2, gap/2, gaps/3]).
 
 -export_type([part/0]).
 
@@ -30,6 +30,42 @@ within(Reach, {A, B} = Segment, {C, D} = Other) ->
                 false -> part_within(Reach, A, direction(A, B, Length), Length, C, D)
             end
     end.
+
+%% @doc The part of a line (mm from its start) that a piece of ink is beside, at most `Reach' mm to its
+%% left or right. Ink before its start or past its end counts for up to `Ends' mm: the part may begin
+%% below 0 and end beyond the length.
+-spec beside(Reach :: float(), Ends :: float(), Line :: segment(), Ink :: segment()) ->
+    part() | none.
+beside(Reach, Ends, {A, B}, {P, Q}) ->
+    Length = starl_geometry:length({A, B}),
+    {PX, PY} = in_frame(P, A, B, Length),
+    {QX, QY} = in_frame(Q, A, B, Length),
+    case both(slab(PY, QY - PY, -Reach, Reach), {0.0, 1.0}) of
+        none ->
+            none;
+        {S, T} ->
+            Ax = PX + S * (QX - PX),
+            Bx = PX + T * (QX - PX),
+            both({min(Ax, Bx), max(Ax, Bx)}, {-Ends, Length + Ends})
+    end.
+
+%% Along the line and to its left.
+in_frame({X, Y}, {AX, AY} = A, B, Length) ->
+    {UX, UY} = direction(A, B, Length),
+    {(X - AX) * UX + (Y - AY) * UY, (Y - AY) * UX - (X - AX) * UY}.
+
+%% @doc What these ascending parts of a segment of this length leave out, where that is more than
+%% `Ends' at one of its ends, or twice as much between two of them: there two strokes meet.
+-spec gaps(Length :: float(), Ends :: float(), [part()]) -> [part()].
+gaps(Length, _Ends, []) ->
+    [{0.0, Length}];
+gaps(Length, Ends, [{First, To} | Parts]) ->
+    [{0.0, First} || First > Ends + ?SLACK_MM] ++ between(To, Parts, Length, Ends).
+
+between(To, [], Length, Ends) ->
+    [{max(0.0, To), Length} || Length - To > Ends + ?SLACK_MM];
+between(To, [{From, Next} | Parts], Length, Ends) ->
+    [{To, From} || From - To > 2 * Ends + ?SLACK_MM] ++ between(Next, Parts, Length, Ends).
 
 %% @doc Adds a part to ascending, disjoint parts.
 -spec unite(part(), [part()]) -> [part(), ...].

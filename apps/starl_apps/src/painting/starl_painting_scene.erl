@@ -54,11 +54,11 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
         seed => Seed
     },
     case starl_dpp_plan:new(Plan#{robots => Ids}) of
-        {ok, _} ->
+        {ok, Empty} ->
             {ok, #{
                 app => {sequential, starl_painting, none},
                 never_crashes => true,
-                blocks => [starl_election:block() | starl_dpp:blocks(Plan)],
+                blocks => [starl_election:block(), starl_actuator:block() | starl_dpp:blocks(Plan)],
                 poses => maps:map(fun(_, Spot) -> facing(Spot, World) end, Spots),
                 monitors => monitors(Lines, Radius, Tracking, Context),
                 memo => #{
@@ -66,6 +66,7 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
                     world => World,
                     robots => length(Ids),
                     speed => Speed,
+                    lines_mm => lines_mm(Empty),
                     safety_distance => maps:get(safety_distance, Options)
                 }
             }};
@@ -73,7 +74,14 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
             {error, starl_dpp_plan:format_error(Reason)}
     end.
 
-monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options}) ->
+%% Where lines lie on each other they are painted once.
+lines_mm(Plan) ->
+    #{total := Total} = starl_dpp_plan:counts(Plan),
+    lists:sum([
+        starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- lists:seq(1, Total)
+    ]).
+
+monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options, profile := Profile}) ->
     [
         {starl_election_monitor, #{robots => Ids, bound_us => 31000000}},
         {starl_dpp_monitor, #{
@@ -83,6 +91,7 @@ monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options}) ->
             lines => Lines,
             ink_radius_mm => Tracking,
             tolerance_mm => ?TOLERANCE_MM,
+            ends_mm => starl_motion_stroke:ends_mm(Profile),
             complete => false
         }}
     ].
@@ -119,13 +128,14 @@ floats({Width, Height}) -> {float(Width), float(Height)}.
 -spec report(starl_app:scene(), starl_app:outcome()) -> starl_app:report().
 report(#{memo := Memo}, #{monitors := Monitors, end_us := EndUs} = Outcome) ->
     #{starl_painting_monitor := Paint, starl_dpp_monitor := Dpp} = Monitors,
-    #{picture := Picture, robots := N, speed := Speed} = Memo,
-    Length = lists:sum([starl_geometry:length(S) || S <- starl_picture:segments(Picture)]),
+    #{lines_mm := Length, robots := N, speed := Speed} = Memo,
     Bound = Length / (N * Speed),
     #{
         figures => [
             {ink_mm, maps:get(ink_mm, Paint)},
             {ink_covered, maps:get(coverage, Paint)},
+            {lines_inked, maps:get(inked, Paint)},
+            {ink_per_line, ratio(maps:get(ink_mm, Paint), Length)},
             {driven_mm, maps:get(driven_mm, Paint)},
             {lines_mm, Length},
             {makespan_bound_ratio, EndUs / 1.0e6 / Bound},
@@ -137,6 +147,9 @@ report(#{memo := Memo}, #{monitors := Monitors, end_us := EndUs} = Outcome) ->
         ],
         write => fun(Dir) -> draw(Dir, Memo, Paint, Outcome) end
     }.
+
+ratio(_Mm, Length) when Length == 0 -> null;
+ratio(Mm, Length) -> Mm / Length.
 
 %% A single robot is not at any distance from others.
 number(infinity) -> null;

@@ -1,19 +1,19 @@
 %% @doc Distributed path planning (DPP): the interface.
 %%
 %% The team shares a set of target edges, the lines of a picture. A robot asks the coordinator
-%% for a path ({@link request_path/1}), drives it waypoint by waypoint and says what it has
-%% passed ({@link passed/3}). Guarantee (the paper's Lemma 7): the tubes around all paths that
+%% for a path ({@link request_path/1}) and drives it line by line ({@link drive/3}). Guarantee (the paper's Lemma 7): the tubes around all paths that
 %% are held at one time are pairwise disjoint, so robots that keep within r(v) of their paths are
 %% never nearer to each other than the safety distance.
 %% ```
 %%   {ok, Path} = starl_dpp:request_path(Robot),
 %%   [begin
-%%        starl:actuate(Robot, pen, Pen), ok = starl_dpp:drive(Robot, Path, N)
-%%    end || {N, _Point, Pen} <- starl_dpp:waypoints(Path)]
+%%        ok = starl_dpp:face(Robot, Path, N), starl:actuate(Robot, pen, Pen),
+%%        ok = starl_dpp:drive(Robot, Path, N)
+%%    end || {N, _Line, Pen} <- starl_dpp:lines(Path)]
 %% '''
 -module(starl_dpp).
 
--export([blocks/1, join/2, coordinator/1, request_path/1, waypoints/1, drive/3]).
+-export([blocks/1, join/2, coordinator/1, request_path/1, lines/1, face/3, drive/3]).
 
 -export_type([config/0, path/0, request_id/0, term_id/0, place/0]).
 
@@ -39,8 +39,8 @@
     {standing, starl_geometry:point()}
     | {moving, N :: non_neg_integer(), From :: starl_geometry:point(), [starl_dpp_plan:waypoint()]}.
 
-%% A path that the robot holds.
--opaque path() :: {request_id(), starl_dpp_plan:path()}.
+%% A path that the robot holds, and where it begins.
+-opaque path() :: {request_id(), starl_geometry:point(), starl_dpp_plan:path()}.
 
 %% @doc The machines that a robot needs for DPP.
 -spec blocks(config()) -> [starl_robot_sup:machine()].
@@ -83,29 +83,40 @@ request_path(Robot) ->
         {error, restarted} -> {error, restarted}
     end.
 
-%% @doc The path's waypoints in order, numbered from 1, each with the pen's state on the way to
-%% it.
--spec waypoints(path()) -> [{pos_integer(), starl_geometry:point(), up | down}].
-waypoints({_Id, Waypoints}) when is_list(Waypoints) ->
+%% @doc The lines of the path in order, numbered from 1: each leads to a waypoint, with the pen in
+%% this state.
+-spec lines(path()) -> [{pos_integer(), starl_geometry:segment(), up | down}].
+lines({_Id, From, Waypoints}) when is_list(Waypoints) ->
+    Points = [Point || {Point, _} <- Waypoints],
     [
-        {N, Point, pen(Pen)}
-     || {N, {Point, Pen}} <- lists:zip(lists:seq(1, length(Waypoints)), Waypoints)
+        {N, {A, B}, pen(Pen)}
+     || {N, A, {B, Pen}} <- lists:zip3(
+            lists:seq(1, length(Points)), [From | lists:droplast(Points)], Waypoints
+        )
     ];
-waypoints(Other) ->
-    not_a_path({?MODULE, waypoints, 1}, Other).
+lines(Other) ->
+    not_a_path({?MODULE, lines, 1}, Other).
 
-%% @doc Drives straight to waypoint N of the path and clears what lies behind it. `void': the robot
-%% has lost its coordinator for so long that it must not drive on; it is stopped, and asks anew.
+%% @doc Turns to line N of the path, at the beginning of which the robot is, and takes the last
+%% millimetres to it. `void' as for {@link drive/3}.
+-spec face(starl:robot(), path(), N :: pos_integer()) -> ok | {error, void | restarted}.
+face(Robot, Path, N) -> move(Robot, face, Path, N).
+
+%% @doc Drives straight along line N of the path to its end, and clears what lies behind it. `void':
+%% the robot has lost its coordinator for so long that it must not drive on; it is stopped, and asks
+%% anew.
 -spec drive(starl:robot(), path(), N :: pos_integer()) -> ok | {error, void | restarted}.
-drive(Robot, {Id, Waypoints}, N) when is_list(Waypoints) ->
+drive(Robot, Path, N) -> move(Robot, drive, Path, N).
+
+move(Robot, What, {Id, _From, Waypoints}, N) when is_list(Waypoints) ->
     is_integer(N) andalso N >= 1 andalso N =< length(Waypoints) orelse
-        starl_caller:mistake({?MODULE, drive, 3}, 'N', N, "the number of a waypoint of the path"),
-    case starl:call(Robot, dpp, {drive, Id, N}, infinity) of
+        starl_caller:mistake({?MODULE, What, 3}, 'N', N, "the number of a line of the path"),
+    case starl:call(Robot, dpp, {What, Id, N}, infinity) of
         {ok, Answer} -> Answer;
         {error, restarted} -> {error, restarted}
     end;
-drive(_Robot, Other, _N) ->
-    not_a_path({?MODULE, drive, 3}, Other).
+move(_Robot, What, Other, _N) ->
+    not_a_path({?MODULE, What, 3}, Other).
 
 -spec not_a_path(mfa(), term()) -> no_return().
 not_a_path(Function, Path) ->

@@ -18,7 +18,7 @@
 %% It follows the coordinator of the highest term it has heard of, and has a vote
 %% ({@link starl_dpp_vote}). When it misses its coordinator, its own robot's claims a term.
 %%
-%% Calls: `{join, Coordinator}', `coordinator', `request', `{drive, Id, N}' (see
+%% Calls: `{join, Coordinator}', `coordinator', `request', `{face, Id, N}', `{drive, Id, N}' (see
 %% {@link starl_dpp}). Messages to the coordinator: `dpp_request {Term, Id, At, Painted, Stamp}',
 %% `dpp_passed {Term, Id, N}', `dpp_state {Term, Id, Place, Painted, Ballot}', `dpp_here {Term,
 %% Ballot}', with Ballot = {Seq, Stamp, Vote}, and `dpp_refused Term'; from it: `dpp_answer {Term,
@@ -45,7 +45,7 @@
     n = 0 :: non_neg_integer(),
     %% the application's request or drive
     from = none :: starl_machine:from() | none,
-    drive = none :: {starl_machine:from(), N :: pos_integer()} | none,
+    drive = none :: {starl_machine:from(), face | drive, N :: pos_integer()} | none,
     track :: starl_dpp_track:t(),
     follow :: starl_dpp_follow:t()
 }).
@@ -69,10 +69,10 @@ event(cast, {message, Source, dpp_beat, Beat}, Where, Part) ->
     beat(Source, Beat, Where, Part);
 event({call, From}, request, Where, Part) ->
     request(From, Where, Part);
-event({call, From}, {drive, Id, N}, Where, Part) ->
-    drive(From, Id, N, Where, Part);
-event({reply, {driven, Id, N}}, Outcome, Where, Part) ->
-    driven(Outcome, Id, N, Where, Part);
+event({call, From}, {What, Id, N}, Where, Part) when What =:= face; What =:= drive ->
+    drive({From, What, N}, Id, Where, Part);
+event({reply, {driven, What, Id, N}}, Outcome, Where, Part) ->
+    driven(Outcome, {What, N}, Id, Where, Part);
 event({timeout, leave}, _, Where, Part) ->
     leave(Where, Part);
 event({reply, {halted, N}}, Outcome, _Where, #part{n = N} = Part) ->
@@ -211,7 +211,7 @@ assigned({moving, Id, From, Path} = Moving, #part{track = Track, from = Caller} 
         Us when Us > 0 ->
             Begun = Part#part{from = none, track = starl_dpp_track:begins(From, Track)},
             {next_state, Moving, Begun, stop_asking() ++ [
-                {{timeout, leave}, Us, leave}, {reply, Caller, {ok, {Id, Path}}}
+                {{timeout, leave}, Us, leave}, {reply, Caller, {ok, {Id, From, Path}}}
             ]};
         _Ended ->
             ask(Part)
@@ -227,36 +227,36 @@ leave({moving, Id, _, _} = Moving, #part{track = Track, drive = Drive} = Part) -
             {keep_state, Part, [{{timeout, leave}, Us, leave}]};
         _Ended ->
             Void = Part#part{drive = none, track = starl_dpp_track:halted(Moving, Track)},
-            Replies = [{reply, From, {error, void}} || {From, _} <- [Drive]],
+            Replies = [{reply, From, {error, void}} || {From, _, _} <- [Drive]],
             {next_state, standing, Void, [starl_motion:stop(), {trace, {void, Id}} | Replies]}
     end;
 leave(_Where, Part) ->
     {keep_state, Part}.
 
-drive(From, Id, N, {moving, Id, _, Path} = Moving, Part) when N =< length(Path) ->
-    Driving = Part#part{drive = {From, N}},
+drive({_, _, N} = Drive, Id, {moving, Id, _, Path} = Moving, Part) when N =< length(Path) ->
+    Driving = Part#part{drive = Drive},
     {keep_state, Driving, go_on(Moving, Driving)};
-drive(From, _Id, _N, _Where, _Part) ->
+drive({From, _, _}, _Id, _Where, _Part) ->
     {keep_state_and_data, [{reply, From, {error, void}}]}.
 
-go_on({moving, Id, _, Path}, #part{drive = {_From, N}, track = Track}) ->
+go_on({moving, Id, _, Path}, #part{drive = {_From, What, N}, track = Track}) ->
     {Point, _} = lists:nth(N, Path),
     Line = {starl_dpp_track:last(Track), Point},
-    [{call, motion, {go_along, Line}, {driven, Id, N}}];
+    Way = case What of face -> face; drive -> go_along end,
+    [{call, motion, {Way, Line}, {driven, What, Id, N}}];
 go_on(_Where, _Part) ->
     [].
 
-driven(Outcome, Id, N, {moving, Id, _, Path}, #part{drive = {From, N}} = Part) ->
-    case Outcome of
-        ok ->
-            Track = starl_dpp_track:reached(N, lists:nth(N, Path), Part#part.track),
-            {Told, Report} = report(Id, N, Part#part{drive = none, track = Track}),
-            {keep_state, Told, Report ++ [{reply, From, ok}]};
-        {error, _StoppedOrOutOfTime} ->
-            Void = [{reply, From, {error, void}}],
-            {keep_state, Part#part{drive = none}, distrust(Outcome) ++ Void}
-    end;
-driven(_Outcome, _Id, _N, _Where, _Part) ->
+driven(ok, {face, N}, Id, {moving, Id, _, _}, #part{drive = {From, face, N}} = Part) ->
+    {keep_state, Part#part{drive = none}, [{reply, From, ok}]};
+driven(ok, {drive, N}, Id, {moving, Id, _, Path}, #part{drive = {From, drive, N}} = Part) ->
+    Track = starl_dpp_track:reached(N, lists:nth(N, Path), Part#part.track),
+    {Told, Report} = report(Id, N, Part#part{drive = none, track = Track}),
+    {keep_state, Told, Report ++ [{reply, From, ok}]};
+driven({error, _} = Outcome, {What, N}, Id, {moving, Id, _, _}, #part{drive = {From, What, N}} = Part) ->
+    %% stopped, or out of time
+    {keep_state, Part#part{drive = none}, distrust(Outcome) ++ [{reply, From, {error, void}}]};
+driven(_Outcome, _What, _Id, _Where, _Part) ->
     keep_state_and_data.
 
 %% The chassis shows that the robot's clock has stood still or was set: the own coordinator must not

@@ -31,6 +31,8 @@
 -define(FIGURES, [
     {ink_mm, {near, 1}},
     {ink_covered, {down, 6}},
+    {ink_per_line, {near, 6}},
+    {lines_inked, {near, 6}},
     {driven_mm, {near, 1}},
     {makespan_bound_ratio, {near, 3}},
     {min_separation_mm, {down, 3}},

@@ -30,9 +30,10 @@
 %% `cast' and `{call, From}' from another machine of the same robot, `{reply, Tag}' for the
 %% answer to its own call, timeouts as in gen_statem, `packet' from the radio, and `info' from
 %% the platform: `{located, [{robot_id(), pose()}]}' after `sense', `{driven, Mark, Us}' or
-%% `{stalled, Mark, {Left, Right}}' after `drive', `{restarted, Name}' when another machine of this
-%% robot has crashed and come back, `{given_up, Name}' when it does not come back any more (a machine
-%% that need not know does not handle it).
+%% `{stalled, Mark, {Left, Right}}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
+%% with a mark, `{restarted, Name}' when another machine of this robot has crashed and come back,
+%% `{given_up, Name}' when it does not come back any more (a machine that need not know does not
+%% handle it).
 -type event_type() ::
     cast
     | {call, from()}
@@ -60,8 +61,10 @@
     %% the wheels turn as the script says and then stand; takes the place of one that runs; answered
     %% by `info', `{driven, Mark, …}', or `{stalled, Mark, …}' if a wheel does not turn as told
     | {drive, starl_motion_course:script(), Mark :: term()}
-    %% any other actuator: `{actuate, pen, down}'
+    %% any other actuator: `{actuate, pen, down}'; with a mark, answered by `info', `{actuated, Mark,
+    %% Device, Value}' with what its sensor shows
     | {actuate, Device :: atom(), Value :: term()}
+    | {actuate, Device :: atom(), Value :: term(), Mark :: term()}
     %% kept for this machine over crashes and reboots, in place of what it kept before; what follows
     %% takes place only when the term is durable, and not at all when it cannot be written: then the
     %% machine crashes (see {@link stored()})

@@ -30,6 +30,9 @@
 %%   {stalled, Mark, {Left, Right}}}' with the speeds that it was told. A script that another takes
 %%   the place of is not answered</dd>
 %% <dt>`{actuate, Device, Value}'</dt><dd>sets another actuator</dd>
+%% <dt>`{actuate, Device, Value, Mark}'</dt><dd>the same, answered by the event `{Name, info,
+%%   {actuated, Mark, Device, Value}}' with the state that the device's sensor shows then; a command
+%%   or an answer may be lost</dd>
 %% <dt>`{{timeout, T}, Us, Content}', `{state_timeout, Us, Content}'</dt><dd>starts a timer of
 %%   this machine, by the robot's clock, in place of the one of the same name</dd>
 %% <dt>`{{timeout, T}, cancel}', `{state_timeout, cancel}'</dt><dd>stops it if it runs</dd>

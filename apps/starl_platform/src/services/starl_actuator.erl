@@ -1,0 +1,75 @@
+%% @doc Actuators, such as a pen: each is told what to do until its sensor shows that it has.
+%% ```
+%%   caller               actuator                       chassis
+%%     |--- set ------------->|--- actuate, mark ----------->|   heard, or not
+%%     |                      |<-- actuated, mark, state ----|   what the sensor shows
+%%     |<-- ok ---------------|   if the state is the one that was wanted; else again, and again
+%% '''
+%% A command or an answer that is lost is found out by a time-out. A device that is stuck is told
+%% again until it moves: the caller waits so long, for what it does next rests on it.
+%%
+%% Calls: `{set, Device, Value}' (answer `ok' when the device is so, `{error, replaced}' when another
+%% value is wanted before).
+-module(starl_actuator).
+-behaviour(starl_machine).
+
+-export([block/0, set/3]).
+-export([init/1, handle_event/5]).
+
+%% A device that has not answered, or is not as it should be, is told again after so long.
+-define(AGAIN_US, 200000).
+
+-type device() :: atom().
+
+-record(actuator, {
+    %% the number of the last command
+    n :: non_neg_integer(),
+    wanted = #{} :: #{device() => {starl_machine:from(), Value :: term(), N :: non_neg_integer()}}
+}).
+
+%% @doc The machine that a robot needs for it.
+-spec block() -> starl_robot_sup:machine().
+block() -> {actuator, ?MODULE, #{}}.
+
+%% @doc Sets a device, `starl_actuator:set(Robot, pen, down)', and waits until it is so.
+-spec set(starl:robot(), device(), Value :: term()) -> ok | {error, replaced | restarted}.
+set(Robot, Device, Value) ->
+    case starl:call(Robot, actuator, {set, Device, Value}, infinity) of
+        {ok, Answer} -> Answer;
+        {error, restarted} -> {error, restarted}
+    end.
+
+-spec init(starl_machine:config()) -> {ready, #actuator{}, []}.
+init(#{incarnation := Incarnation}) ->
+    %% an answer to a command of another life is none
+    {ready, #actuator{n = Incarnation bsl 32}, []}.
+
+-spec handle_event(
+    starl_machine:event_type(), term(), ready, #actuator{}, starl_machine:meta()
+) -> starl_machine:result().
+handle_event({call, From}, {set, Device, Value}, ready, #actuator{wanted = Wanted} = A, _Meta) ->
+    Replaced = [{reply, Old, {error, replaced}} || #{Device := {Old, _, _}} <- [Wanted]],
+    tell(Device, From, Value, A, Replaced);
+handle_event(info, {actuated, N, Device, State}, ready, #actuator{wanted = Wanted} = A, _Meta) ->
+    case Wanted of
+        #{Device := {From, State, N}} ->
+            Done = A#actuator{wanted = maps:remove(Device, Wanted)},
+            {keep_state, Done, [{{timeout, Device}, cancel}, {reply, From, ok}]};
+        #{} ->
+            keep_state_and_data
+    end;
+handle_event({timeout, Device}, again, ready, #actuator{wanted = Wanted} = A, _Meta) ->
+    case Wanted of
+        #{Device := {From, Value, _}} -> tell(Device, From, Value, A, []);
+        #{} -> keep_state_and_data
+    end;
+handle_event(info, {restarted, _}, ready, _A, _Meta) ->
+    keep_state_and_data;
+handle_event(_, _, _, _, _) ->
+    unknown_event.
+
+tell(Device, From, Value, #actuator{n = N, wanted = Wanted} = A, Actions) ->
+    Told = A#actuator{n = N + 1, wanted = Wanted#{Device => {From, Value, N + 1}}},
+    {keep_state, Told, Actions ++ [
+        {actuate, Device, Value, N + 1}, {{timeout, Device}, ?AGAIN_US, again}
+    ]}.
