@@ -1,6 +1,7 @@
 %% Painting with a bug planted in the participants of path planning, to show that the monitors find
 %% it. `overstaying': they drive on when their leave has ended. `fickle': they vote for whoever
-%% asks, whatever they have promised, and tell no coordinator of another's term. Other bugs are the coordinator's, in modules of their own.
+%% asks, whatever they have promised, and tell no coordinator of another's term. `deaf_pen' is the
+%% actuator's. Other bugs are the coordinator's, in modules of their own.
 -module(starl_dpp_planted).
 -behaviour(starl_app).
 -behaviour(starl_machine).
@@ -31,6 +32,8 @@ judged(Judge, {starl_painting_monitor, Config}) ->
 judged(_Judge, Monitor) ->
     Monitor.
 
+planted("deaf_pen", {actuator, _, Config}) -> {actuator, starl_actuator_planted, Config};
+planted("deaf_pen", Block) -> Block;
 planted(Bug, {dpp, starl_dpp_participant, Config}) -> {dpp, ?MODULE, Config#{bug => Bug}};
 planted(Bug, {dpp_coordinator, _, Config}) when Bug =:= "late_clear"; Bug =:= "freed" ->
     {dpp_coordinator, starl_coordinator_planted, Config#{bug => Bug}};

@@ -34,6 +34,11 @@ edits("short_edges") ->
         open_steps(V, Task, Used) ->
             [Step || {_, _, Mm, _} = Step <- sound(V, Task, Used),
                      Mm =< Task#task.horizon]."}];
+edits("blind") ->
+    [{starl_dpp_graph, new, "
+        new(#{segments := Segments} = Config) ->
+            Numbered = lists:zip(lists:seq(1, length(Segments)), Segments),
+            sound(Config#{segments := [S || {N, S} <- Numbered, N rem 2 =:= 1]})."}];
 edits("crossed") ->
     [{starl_dpp_graph, new, "
         new(Config) -> sound(Config#{edge_length := 1.0e9})."},

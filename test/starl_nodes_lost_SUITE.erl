@@ -22,9 +22,6 @@
 %% called on a worker
 -export([part_from/1]).
 
-%% From a loss to the end of a run, with much else going on on the machine.
--define(BOUND_MS, 20000).
-
 suite() -> [{timetrap, {minutes, 2}}].
 
 all() ->
@@ -92,11 +89,10 @@ suspended_in_the_launch(Config) ->
 %% A node that is not dead but does not get on, either.
 endless_loop(Config) ->
     [A, B] = worker_nodes(Config),
-    {Status, Ms, Losses, Robots} = in_conductor(exhausted, [[A, B]], Config),
+    {Status, Losses, Robots} = in_conductor(exhausted, [[A, B]], Config),
     ?assertMatch(#{ending := lost}, Status),
     ?assertMatch([#{node := B, why := slow}], Losses),
     ?assertEqual([1], Robots),
-    ?assert(Ms < ?BOUND_MS),
     ?assertEqual([], sites_left(Config)).
 
 %% A shard that breaks is an error of the simulator on any node, not the loss of one.
@@ -117,13 +113,12 @@ others_stay(Config) ->
     [A, B] = worker_nodes(Config),
     ?assertEqual(lists:sort([A, B]), in_conductor(apart, [A, B], Config)).
 
-is_loss(Node, Why, Robots, {Status, Ms, Losses, {Digest, Left, EndUs}}) ->
+is_loss(Node, Why, Robots, {Status, Losses, {Digest, Left, EndUs}}) ->
     #{ending := Ending, now_us := Now} = Status,
     ?assertEqual({lost, EndUs}, {Ending, Now}),
     [#{node := Node, why := Why, at_us := At} = Loss] = Losses,
     ?assert(At > 0),
     ?assertEqual({At, Robots, <<>>}, {EndUs, Left, Digest}),
-    ?assert(Ms < ?BOUND_MS),
     Line = lists:flatten(starl_sim_nodes:format_loss(Loss)),
     [
         ?assertNotEqual(nomatch, string:find(Line, Part))
@@ -167,12 +162,10 @@ lost(Sim, Signal, OsPid) ->
     _ = starl_sim:run(Sim, 1.0),
     Run = spawn_running(Sim),
     "" = os:cmd("kill -" ++ Signal ++ " " ++ OsPid),
-    Begin = erlang:monotonic_time(millisecond),
     Status = receive {Run, S} -> S end,
     {Outcome, _} = starl_sim:finish(Sim),
-    Ms = erlang:monotonic_time(millisecond) - Begin,
     #{lost := Losses, digest := Digest, robots := Robots, end_us := End} = Outcome,
-    {Status, Ms, Losses, {Digest, [Id || {Id, _} <- Robots], End}}.
+    {Status, Losses, {Digest, [Id || {Id, _} <- Robots], End}}.
 
 %% Returns when the run is under way.
 spawn_running(Sim) ->
@@ -199,9 +192,9 @@ late_loss(Nodes, OsPid) ->
 exhausted(Nodes) ->
     Scenario = #{app => starl_sim_script_app, robots => 2, shards => 2, script => fun spin/1},
     {ok, Sim} = starl_sim:start(Scenario, options(Nodes)),
-    {Us, Status} = timer:tc(fun() -> starl_sim:run(Sim) end),
+    Status = starl_sim:run(Sim),
     {#{lost := Losses, robots := Robots}, _} = starl_sim:finish(Sim),
-    {Status, Us div 1000, Losses, [Id || {Id, _} <- Robots]}.
+    {Status, Losses, [Id || {Id, _} <- Robots]}.
 
 spin(Robot) ->
     case starl:id(Robot) of

@@ -133,7 +133,13 @@ dpp() ->
             "takes a late Clear for one of the present path"},
         {dpp_crossed, dpp, starl_mutant_planted, "crossed",
             #{picture => "lines", horizon => 100000},
-            "takes edges that cross without a common vertex for apart"}
+            "takes edges that cross without a common vertex for apart"},
+        {dpp_blind, dpp, starl_mutant_planted, "blind",
+            #{picture => "hatch", speed => 500, time => 3600},
+            "never sees every second line of the picture"},
+        {painting_deaf_pen, dpp, starl_actuator_planted, "deaf_pen",
+            #{random_faults => [actuator_lost], heal => 200, speed => 500, time => 3600},
+            "takes the pen for lowered or raised without its word"}
     ].
 
 %% Robots may die; nothing else goes wrong, so that the highest must be elected.

@@ -86,14 +86,47 @@ point(near_parallel, Rand0) ->
     {Y, Rand2} = rand:uniform_s(Rand1),
     {{50.0 * X, 3.0 * Y}, Rand2}.
 
-%% Two thousand lines with some ten thousand crossings take about a second, not minutes.
+%% The work grows about as the lines and their crossings do: twice the lines over twice the floor are
+%% little more than twice the work, and nothing like four times.
 fast_test_() ->
-    {timeout, 30, fun() ->
-        Segments = short_lines(2000, rand:seed_s(exsss, 7)),
-        {Us, #{edges := E}} = timer:tc(fun() -> graph(Segments) end),
-        ?assert(length(E) > 8000),
-        ?assert(Us < 6000000)
+    {timeout, 60, fun() ->
+        Work = fun(Lines) ->
+            {Work, #{edges := E}} = starl_platform_ct:work(fun() -> graph(Lines) end),
+            {Work, length(E)}
+        end,
+        Lines = short_lines(1000, rand:seed_s(exsss, 7)),
+        Beside = [{{X + 20000.0, Y}, {Z + 20000.0, W}} || {{X, Y}, {Z, W}} <- Lines],
+        {Once, Edges} = Work(Lines),
+        ?assert(Edges > 2000),
+        {Twice, Both} = Work(Lines ++ Beside),
+        ?assertEqual(2 * Edges, Both),
+        ?assert(Twice < 2.7 * Once, {Once, Twice})
     end}.
+
+%% Two thousand long lines cross half a million times. Who allows for twenty thousand hears so after
+%% a small part of that.
+refused_while_counting_test_() ->
+    {timeout, 60, fun() ->
+        {Lines, _} = lists:mapfoldl(fun line/2, rand:seed_s(exsss, 7), lists:seq(1, 2000)),
+        Limited = fun(Most) -> starl_planar:planarise(Lines, #{most => Most}) end,
+        {Few, too_many} = starl_platform_ct:work(fun() -> Limited(2000) end),
+        {Many, too_many} = starl_platform_ct:work(fun() -> Limited(20000) end),
+        ?assert(Many < 12 * Few, {Few, Many})
+    end}.
+
+line(_, Rand0) ->
+    {P, Rand1} = point(lines, Rand0),
+    {Q, Rand} = point(lines, Rand1),
+    {{P, Q}, Rand}.
+
+%% A drawing within the limit comes out as without one; the limit counts places where lines cross,
+%% not the ends of lines.
+limit_test() ->
+    Crossing = [{{0.0, 10.0 * I}, {100.0, 10.0 * I}} || I <- lists:seq(1, 5)]
+        ++ [{{10.0 * I, 0.0}, {10.0 * I, 100.0}} || I <- lists:seq(1, 5)],
+    Limited = fun(Most) -> starl_planar:planarise(Crossing, #{most => Most}) end,
+    ?assertEqual(graph(Crossing), Limited(25)),
+    ?assertEqual(too_many, Limited(24)).
 
 short_lines(0, _) -> [];
 short_lines(N, Rand0) ->

@@ -5,7 +5,7 @@
 -module(starl_platform_ct).
 -include_lib("proper/include/proper.hrl").
 
--export([property/2, safely/1, seed/0, within/2]).
+-export([property/2, safely/1, seed/0, within/2, work/1]).
 -export([without_log/1, with_log/1, quietly/1, tell/1, fault_id/2]).
 
 %% Checks a property in so many cases; fails the test case with the seed and the shrunk case.
@@ -58,6 +58,21 @@ within(Ms, Fun) ->
         receive
             {'DOWN', Ref, process, Pid, _} -> error({no_answer_within_ms, Ms})
         end
+    end.
+
+%% How much work a function makes, in reductions, and what it answers: the same on a fast machine, a
+%% slow one and a busy one. It runs in a process of its own, so that only it is counted.
+work(Fun) ->
+    Count = fun() ->
+        {reductions, Before} = process_info(self(), reductions),
+        Answer = Fun(),
+        {reductions, After} = process_info(self(), reductions),
+        exit({work, After - Before, Answer})
+    end,
+    {Pid, Ref} = spawn_monitor(Count),
+    receive
+        {'DOWN', Ref, process, Pid, {work, Work, Answer}} -> {Work, Answer};
+        {'DOWN', Ref, process, Pid, Reason} -> error(Reason)
     end.
 
 %% For init_per_suite/1 and end_per_suite/1 of suites in which crashes are planned: their reports

@@ -136,7 +136,7 @@ verdict(Violations) -> {violation, Violations}.
 results(#state{lines = Lines, tracks = Tracks} = State) ->
     Lengths = [{N, starl_geometry:length(Line)} || {N, Line} <- lists:sort(maps:to_list(Lines))],
     Total = lists:sum([Length || {_, Length} <- Lengths]),
-    Unpainted = lists:sum([unpainted(N, Length, State) || {N, Length} <- Lengths]),
+    Unpainted = lists:sum([0.0 | [unpainted(N, Length, State) || {N, Length} <- Lengths]]),
     #{
         coverage => fraction(Total - Unpainted, Total),
         ink_covered => Unpainted =< 1.0e-9 * Total,
@@ -153,7 +153,8 @@ fraction(Part, Total) -> max(0.0, Part / Total).
 unpainted(_N, Length, _State) when Length < ?ON_MM ->
     0.0;
 unpainted(N, Length, #state{ends_mm = Ends} = State) ->
-    lists:sum([To - From || {From, To} <- starl_painting_parts:gaps(Length, Ends, parts(N, State))]).
+    Gaps = starl_painting_parts:gaps(Length, Ends, parts(N, State)),
+    lists:sum([0.0 | [To - From || {From, To} <- Gaps]]).
 
 inked(N, Length, State) ->
     lists:sum([max(0.0, min(Length, To) - max(0.0, From)) || {From, To} <- parts(N, State)]).

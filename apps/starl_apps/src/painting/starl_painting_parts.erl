@@ -60,7 +60,7 @@ in_frame({X, Y}, {AX, AY} = A, B, Length) ->
 gaps(Length, _Ends, []) ->
     [{0.0, Length}];
 gaps(Length, Ends, [{First, To} | Parts]) ->
-    [{0.0, First} || First > Ends + ?SLACK_MM] ++ between(To, Parts, Length, Ends).
+    [{0.0, min(First, Length)} || First > Ends + ?SLACK_MM] ++ between(To, Parts, Length, Ends).
 
 between(To, [], Length, Ends) ->
     [{max(0.0, To), Length} || Length - To > Ends + ?SLACK_MM];

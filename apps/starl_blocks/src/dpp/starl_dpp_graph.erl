@@ -29,7 +29,7 @@
 }.
 -type reason() ::
     no_robots
-    | {too_many_edges, Edges :: pos_integer(), Most :: pos_integer()}
+    | {too_many_edges, Edges :: pos_integer() | more, Most :: pos_integer()}
     | {outside_area, point(), starl_geometry:box()}
     | {unreachable_edge, segment()}
     | starl_roadmap:reason().
@@ -62,8 +62,11 @@ new(#{segments := Segments, world := World, robots := Robots, tube_radius := R} 
     case starl_roadmap:layout(World, length(Robots), R) of
         {ok, Layout} ->
             MaxLength = maps:get(edge_length, Config),
-            Picture = starl_planar:planarise(Segments, #{max_length => MaxLength}),
-            checked(Picture, Layout, Config);
+            Limits = #{max_length => MaxLength, most => ?MOST_EDGES},
+            case starl_planar:planarise(Segments, Limits) of
+                too_many -> {error, {too_many_edges, more, ?MOST_EDGES}};
+                Picture -> checked(Picture, Layout, Config)
+            end;
         {error, _} = Error ->
             Error
     end.
@@ -72,6 +75,9 @@ new(#{segments := Segments, world := World, robots := Robots, tube_radius := R} 
 -spec format_error(reason()) -> iolist().
 format_error(no_robots) ->
     "path planning needs at least one robot";
+format_error({too_many_edges, more, Most}) ->
+    io_lib:format("the picture's lines cross at more than ~b places, at most ~b edges can be planned: "
+                  "simplify it", [Most, Most]);
 format_error({too_many_edges, N, Most}) ->
     io_lib:format("the picture has ~b edges, at most ~b can be planned: simplify it", [N, Most]);
 format_error({outside_area, {X, Y}, {X0, Y0, X1, Y1}}) ->

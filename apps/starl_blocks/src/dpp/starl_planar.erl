@@ -13,15 +13,20 @@
 -export_type([graph/0, options/0, vertex/0]).
 
 -type vertex() :: pos_integer().
--type options() :: #{tolerance => float(), max_length => float() | infinity}.
+-type options() :: #{
+    tolerance => float(), max_length => float() | infinity, most => pos_integer() | infinity
+}.
 %% `tolerance' (0.05): points closer than this are the same. `max_length' (infinity): no edge is
-%% longer than this.
+%% longer than this. `most' (infinity): a drawing whose lines cross at more places than this, so that
+%% it has more edges, is refused as soon as so many are counted.
 -type graph() :: #{vertices := [starl_geometry:point()], edges := [{vertex(), vertex()}]}.
 %% The n-th point is vertex n, the n-th pair is edge n.
 
 -record(weld, {
     tolerance :: float(),
     count = 0 :: non_neg_integer(),
+    %% no more vertices than this
+    most = infinity :: pos_integer() | infinity,
     points = #{} :: #{vertex() => starl_geometry:point()},
     cells = #{} :: #{{integer(), integer()} => [vertex()]}
 }).
@@ -29,12 +34,20 @@
 -define(MAX_PASSES, 8).
 
 %% @doc The planar graph of some lines.
--spec planarise([starl_geometry:segment()], options()) -> graph().
+-spec planarise([starl_geometry:segment()], options()) -> graph() | too_many.
 planarise(Segments, Options) ->
     Weld0 = #weld{tolerance = maps:get(tolerance, Options, 0.05)},
     {Lines, Weld1} = lists:mapfoldl(fun weld_segment/2, Weld0, Segments),
-    {Edges, Weld2} = cut_all(unique(Lines), Weld1, ?MAX_PASSES),
-    divide(Edges, Weld2, maps:get(max_length, Options, infinity)).
+    Most = most(maps:get(most, Options, infinity), Weld1),
+    case cut_all(unique(Lines), Weld1#weld{most = Most}, ?MAX_PASSES) of
+        too_many -> too_many;
+        {Edges, Weld2} -> divide(Edges, Weld2, maps:get(max_length, Options, infinity))
+    end.
+
+%% Each new vertex is where two lines cross, so two edges at least end there: there are at least as
+%% many edges as new vertices.
+most(infinity, _Weld) -> infinity;
+most(Most, #weld{count = Drawn}) -> Drawn + Most.
 
 %%% Joining points
 
@@ -80,10 +93,10 @@ first_seen({A, B} = Edge, {Edges, Seen}) ->
 cut_all(Edges, Weld, 0) ->
     {Edges, Weld};
 cut_all(Edges, Weld0, Passes) ->
-    {Cuts, Weld1} = find_cuts(Edges, Weld0),
-    case map_size(Cuts) of
-        0 -> {Edges, Weld1};
-        _ -> cut_all(unique(apply_cuts(Edges, Cuts, Weld1)), Weld1, Passes - 1)
+    case find_cuts(Edges, Weld0) of
+        too_many -> too_many;
+        {Cuts, Weld1} when map_size(Cuts) =:= 0 -> {Edges, Weld1};
+        {Cuts, Weld1} -> cut_all(unique(apply_cuts(Edges, Cuts, Weld1)), Weld1, Passes - 1)
     end.
 
 %% The vertices at which each edge, by its place in the list, must be cut.
@@ -95,13 +108,17 @@ find_cuts(Edges, #weld{points = Points, tolerance = Tol} = Weld) ->
     Empty = starl_grid:new(cell_size(Table, Tol)),
     Enter = fun(N, Acc) -> starl_grid:add(N, segment(N, Table), Acc) end,
     Grid = lists:foldl(Enter, Empty, Numbers),
-    Find = fun(N, Acc) ->
-        Near = starl_grid:near(segment(N, Table), Tol, Grid),
-        Line = element(N, Table),
-        lists:foldl(fun(M, A) -> cut_pair({N, Line}, {M, element(M, Table)}, A) end, Acc,
-                    [M || M <- Near, M > N])
-    end,
-    lists:foldl(Find, {#{}, Weld}, Numbers).
+    find_cuts(1, Table, Grid, {#{}, Weld}).
+
+find_cuts(_N, _Table, _Grid, {_, #weld{count = Count, most = Most}}) when Count > Most ->
+    too_many;
+find_cuts(N, Table, _Grid, Found) when N > tuple_size(Table) ->
+    Found;
+find_cuts(N, Table, Grid, {_, #weld{tolerance = Tol}} = Found) ->
+    Near = starl_grid:near(segment(N, Table), Tol, Grid),
+    Line = element(N, Table),
+    Cut = fun(M, Acc) -> cut_pair({N, Line}, {M, element(M, Table)}, Acc) end,
+    find_cuts(N + 1, Table, Grid, lists:foldl(Cut, Found, [M || M <- Near, M > N])).
 
 line({A, B}, Points) -> {A, B, {maps:get(A, Points), maps:get(B, Points)}}.
 
