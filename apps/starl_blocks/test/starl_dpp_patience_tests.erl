@@ -99,6 +99,29 @@ asked(Mm) ->
     Plan2 = starl_dpp_plan:adopt(2, {6000.0, 6700.0}, [{{6000.0, 6500.0}, up}], Plan1),
     starl_dpp_assign:request(1, Plan2).
 
+%% A robot that stands at the work is left that work, unless it is known to say nothing any more; as
+%% soon as it is heard again it is.
+the_dead_do_no_work_test_() ->
+    Beside = {6000.0, 6500.0},
+    Silent = fun(Plan) -> starl_dpp_plan:silent(2, Beside, Plan) end,
+    [
+        {Name, fun() -> ?assertEqual(Answer, element(1, first(asked_beside(Second)))) end}
+     || {Name, Answer, Second} <- [
+            {"alive", none, fun(Plan) -> starl_dpp_plan:standing(2, Beside, Plan) end},
+            {"dead", assign, Silent},
+            {"back", none, fun(Plan) -> starl_dpp_plan:standing(2, Beside, Silent(Plan)) end},
+            {"back on its way", none, fun(Plan) ->
+                starl_dpp_plan:adopt(2, {6000.0, 6700.0}, [{Beside, up}], Silent(Plan))
+            end}
+        ]
+    ].
+
+asked_beside(Second) ->
+    {ok, Plan0} = starl_dpp_plan:new(config([{{6000.0, 6000.0}, {7000.0, 6000.0}}], 3)),
+    Plan1 = starl_dpp_plan:standing(1, {3500.0, 6000.0}, Plan0),
+    Plan2 = starl_dpp_plan:adopt(3, {9000.0, 2000.0}, [{{9000.0, 1500.0}, up}], Second(Plan1)),
+    starl_dpp_assign:request(1, Plan2).
+
 %% Short lines are near, and what hangs together is more elsewhere: the search goes on for it.
 more_ink_is_farther_away_test_() ->
     Short = [{{X, 1600.0}, {X + 20.0, 1600.0}} || X <- [1500.0, 1900.0, 2300.0]],

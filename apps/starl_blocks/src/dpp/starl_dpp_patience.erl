@@ -94,6 +94,7 @@ others_first(Begin, Driven, Rivals) ->
         Left + starl_geometry:distance(End, Begin) + ?LEAD < Driven
     end, Rivals).
 
-%% What the others have left to drive, and where they will be then.
+%% What the others have left to drive, and where they will be then. Those that say nothing, because
+%% they are dead, do no work.
 rivals(Robot, Plan) ->
-    [starl_dpp_plan:rest(Id, Plan) || {Id, _} <- starl_dpp_plan:spots(Plan), Id =/= Robot].
+    [starl_dpp_plan:rest(Id, Plan) || Id <- starl_dpp_plan:at_work(Plan), Id =/= Robot].

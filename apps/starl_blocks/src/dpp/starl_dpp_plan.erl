@@ -15,11 +15,11 @@
 -module(starl_dpp_plan).
 
 -export([new/1, format_error/1]).
--export([standing/3, passed/3, send/4, exchange/3, adopt/4, apart/1, mark_painted/2]).
+-export([standing/3, silent/3, passed/3, send/4, exchange/3, adopt/4, apart/1, mark_painted/2]).
 -export([counts/1, painted_since/2, target/2, are_targets/2, unsafe/1, unknown/1,
          spot/2, parked/2, blocking/2]).
 -export([config/1, graph/1, free/1, masks/2, spots/1, held/2, rest/2, stands/2, yielded/2,
-         others_move/2, view/2]).
+         others_move/2, at_work/1, view/2]).
 -export_type([t/0, config/0, path/0, waypoint/0, pen/0, counts/0]).
 
 -type robot_id() :: pos_integer().
@@ -45,6 +45,8 @@
     painted = #{} :: #{edge_id() => true},
     latest = [] :: [edge_id()],     % the painted ones, the latest known first
     modes = #{} :: #{robot_id() => mode()},
+    %% robots that stand and say nothing
+    silent = #{} :: #{robot_id() => true},
     headings = #{} :: #{robot_id() => float()},
     spots :: starl_dpp_spots:t(),
     yielded = #{} :: #{robot_id() => true}
@@ -78,9 +80,17 @@ standing(Robot, P, #plan{unsafe = Unsafe, modes = Modes} = Plan0) ->
     Q = starl_dpp_unsafe:nominal(P, starl_dpp_unsafe:held(Robot, Unsafe), Slack),
     Plan1 = release(Robot, Plan0),
     claim_spot(Robot, Q, Plan1#plan{
+        silent = maps:remove(Robot, Plan1#plan.silent),
         unsafe = starl_dpp_unsafe:set(Robot, [{Q, Q}], Unsafe),
         modes = Modes#{Robot => {standing, Q, P}}
     }).
+
+%% @doc The robot says nothing any more, and was seen to stand here: it holds no assignment, and will
+%% not do any work before it is heard of again.
+-spec silent(robot_id(), point(), t()) -> t().
+silent(Robot, P, Plan) ->
+    #plan{silent = Silent} = Stands = standing(Robot, P, Plan),
+    Stands#plan{silent = Silent#{Robot => true}}.
 
 %% @doc The robot has reached the waypoint with this index, counted from 1, of its assignment.
 %% Reports that are late or repeated change nothing.
@@ -121,7 +131,8 @@ exchange(Robot, Owner, #plan{spots = Spots} = Plan) ->
 %% robot is on its way from the point along the path. For one that is part of the way, take over
 %% the whole path and then report the last waypoint it has {@link passed/3}.
 -spec adopt(robot_id(), From :: point(), path(), t()) -> t().
-adopt(Robot, From, Path, Plan) -> assign(Robot, From, Path, release(Robot, Plan)).
+adopt(Robot, From, Path, #plan{silent = Silent} = Plan) ->
+    assign(Robot, From, Path, release(Robot, Plan#plan{silent = maps:remove(Robot, Silent)})).
 
 %% @doc Moves the reservations of robots that stand, within the slack, to 2R from all others: two
 %% robots that report where they are may each be off the place that they held by a little.
@@ -241,6 +252,11 @@ yielded(Robot, #plan{yielded = Yielded}) -> is_map_key(Robot, Yielded).
 -spec others_move(robot_id(), t()) -> boolean().
 others_move(Robot, #plan{modes = Modes}) ->
     [] =/= [Id || {Id, {moving, _, [_ | _]}} <- maps:to_list(Modes), Id =/= Robot].
+
+%% @doc The robots but for those that say nothing, sorted.
+-spec at_work(t()) -> [robot_id()].
+at_work(#plan{silent = Silent} = Plan) ->
+    [Id || {Id, _} <- spots(Plan), not is_map_key(Id, Silent)].
 
 %% @doc The plan as a robot that stands sees it.
 -spec view(robot_id(), t()) -> starl_dpp_route:view().

@@ -130,7 +130,7 @@ passed(Robot, Id, N, #serve{latest = Latest, moving = Moving, plan = Plan} = S) 
 -spec rests(starl:robot_id(), starl_geometry:point(), t()) -> turn().
 rests(Robot, At, #serve{plan = Plan, silent = Silent, waiting = Waiting} = S) ->
     Known = S#serve{
-        plan = starl_dpp_plan:standing(Robot, At, Plan),
+        plan = starl_dpp_plan:silent(Robot, At, Plan),
         silent = lists:usort([Robot | Silent]),
         waiting = lists:delete(Robot, Waiting),
         moving = maps:remove(Robot, S#serve.moving)
