@@ -8,7 +8,9 @@
 -export([suite/0, all/0, groups/0, init_per_suite/1, end_per_suite/1, init_per_testcase/2,
          end_per_testcase/2]).
 -export([
-    house/1, text/1, curve/1, lines/1, rocket/1, snowflake/1,
+    house/1, text/1, curve/1, lines/1, rocket/1, snowflake/1, hatch/1,
+    short_lines/1, close_lines/1, stipple/1, overlapping_lines/1, too_complex/1,
+    killed_actuator/1, pen_fails/1, pen_never_moves_again/1,
     killed_sap/1, killed_motion/1, killed_location/1, killed_participant/1, killed_coordinator/1,
     killed_election/1, killed_app/1, several_killed_at_once/1, all_killed_on_all_robots/1,
     killed_at_random/1, killed_at_the_start/1, elections_forgotten/1,
@@ -17,17 +19,19 @@
     all_but_one_die/1, reservation_of_the_dead_is_kept/1, crossing_lines/1, drawings/1
 ]).
 
--define(SHIPPED, [house, text, curve, lines, rocket, snowflake]).
+-define(SHIPPED, [house, text, curve, lines, rocket, snowflake, hatch]).
 
 suite() -> [{timetrap, {minutes, 3}}].
 
-all() -> [{group, shipped}, {group, crashes}, {group, deaths}, {group, random}].
+all() -> [{group, shipped}, {group, fine}, {group, crashes}, {group, pen}, {group, deaths}, {group, random}].
 
 groups() ->
     [
         {shipped, [], ?SHIPPED},
+        {fine, [], [short_lines, close_lines, stipple, overlapping_lines, too_complex]},
+        {pen, [], [pen_fails, pen_never_moves_again]},
         {crashes, [], [
-            killed_sap, killed_motion, killed_location, killed_participant, killed_coordinator,
+            killed_actuator, killed_sap, killed_motion, killed_location, killed_participant, killed_coordinator,
             killed_election, killed_app, several_killed_at_once, all_killed_on_all_robots,
             killed_at_random, killed_at_the_start, elections_forgotten, reported_as_held
         ]},
@@ -56,6 +60,7 @@ curve(_) -> table("curve").
 lines(_) -> table("lines").
 rocket(_) -> table("rocket").
 snowflake(_) -> table("snowflake").
+hatch(_) -> table("hatch").
 
 table(Picture) ->
     [
@@ -63,9 +68,121 @@ table(Picture) ->
      || N <- [1, 4, 8, 16], Loss <- [0.0, 0.2, 0.4]
     ].
 
+%% -- short lines, close lines, lines on lines ----------------------------------------------
+
+%% 100 lines of 6 mm: each is driven from its beginning to its end.
+short_lines(Config) ->
+    [
+        inked(dashes(10, 6.0), 600.0, #{robots => N, seed => Seed, loss => Loss}, Config)
+     || {N, Seed, Loss} <- [{1, 1, 0.0}, {4, 2, 0.2}, {16, 3, 0.0}]
+    ].
+
+%% 21 lines, 7 mm apart: nearer to each other than the robots are exact.
+close_lines(Config) ->
+    Lines = [{{3000.0, 3000.0 + 7.0 * I}, {6000.0, 3000.0 + 7.0 * I}} || I <- lists:seq(0, 20)],
+    [inked(Lines, 63000.0, #{robots => N, seed => N}, Config) || N <- [1, 4]],
+    Dashes = [{A, {3006.0, Y}} || {A, {_, Y}} <- Lines],
+    inked(Dashes, 126.0, #{robots => 2}, Config).
+
+stipple(Config) -> inked(dashes(50, 6.0), 15000.0, #{robots => 8}, Config).
+
+%% What lies on another line is painted once, and counted once.
+overlapping_lines(Config) ->
+    Line = {{1000.0, 1000.0}, {7000.0, 1000.0}},
+    Parts = [{{5000.0, 1000.0}, {2000.0, 1000.0}}, {{2500.0, 1000.0}, {7000.0, 1000.0}}],
+    Ratio = fun(Lines) ->
+        #{makespan_bound_ratio := Times} = inked(Lines, 6000.0, #{robots => 1}, Config),
+        Times
+    end,
+    [?assert(Ratio(Lines) > 1.0) || Lines <- [[Line], [Line, Line], [Line | Parts]]].
+
+%% 2,000 long lines cross half a million times: that is said in one line, before they are counted.
+too_complex(Config) ->
+    _ = rand:seed(exsss, 7),
+    Place = fun() -> {9000.0 * rand:uniform(), 9000.0 * rand:uniform()} end,
+    File = drawn([{Place(), Place()} || _ <- lists:seq(1, 2000)], 4, Config),
+    {Work, {error, Reason}} = starl_platform_ct:work(fun() ->
+        starl_sim:start(#{app => starl_painting, picture => File, robots => 4})
+    end),
+    ?assertMatch({_, _}, binary:match(unicode:characters_to_binary(
+        starl_sim:format_error(Reason)), <<"at most 20000 edges">>)),
+    %% it was a hundred times as much
+    ?assert(Work < 100000000, Work).
+
+%% So many dashes to the side, as long, in all directions.
+dashes(N, Mm) ->
+    Step = 9000.0 / N,
+    [
+        {{X, Y}, {X + Mm * math:cos(Turn), Y + Mm * math:sin(Turn)}}
+     || I <- lists:seq(1, N), J <- lists:seq(1, N),
+        {X, Y, Turn} <- [{(I - 0.5) * Step, (J - 0.5) * Step, float(erlang:phash2({I, J}, 7))}]
+    ].
+
+inked(Lines, LinesMm, #{robots := N} = Given, Config) ->
+    #{figures := Figures} = complete(Given#{picture => drawn(Lines, N, Config)}),
+    #{lines_mm := Length, ink_per_line := Ink} = Known = maps:from_list(Figures),
+    ?assert(abs(Length - LinesMm) < 1.0, {Length, LinesMm}),
+    ?assert(Ink >= 0.99, {Ink, Given}),
+    Known.
+
+%% A picture on the floor in millimetres: as large as the area that so many robots can paint.
+drawn(Lines, Robots, Config) ->
+    Tracking = starl_motion_course:tracking_radius(starl_motion_course:profile(#{})),
+    {ok, #{area := {X0, Y0, X1, Y1}}} =
+        starl_roadmap:layout({12000.0, 12000.0}, Robots, 200.0 + Tracking),
+    File = filename:join(proplists:get_value(priv_dir, Config), "drawn.svg"),
+    ok = file:write_file(File, [
+        io_lib:format("<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 ~f ~f'>", [X1 - X0, Y1 - Y0]),
+        [
+            io_lib:format("<line x1='~f' y1='~f' x2='~f' y2='~f'/>", [AX, AY, BX, BY])
+         || {{AX, AY}, {BX, BY}} <- Lines
+        ],
+        "</svg>"
+    ]),
+    File.
+
+%% -- the pen --------------------------------------------------------------------------------
+
+%% Commands to the pen are lost, it sticks, its line is noisy, slow or gone: nothing is painted where
+%% it should not be, and all that should.
+pen_fails(_) ->
+    [
+        complete(#{seed => Seed, picture => Picture, faults => [
+            {label(K), 3000 * K, 3000 * K + Ms, Kind, K rem 4 + 1, Params}
+         || {K, {Kind, Params, Ms}} <- numbered(pen_faults())
+        ]})
+     || Picture <- ["house", "hatch"], Seed <- [1, 2]
+    ],
+    [
+        complete(#{seed => Seed, random_faults => [actuator_lost, actuator_stuck, serial, kill_machine], heal => 90})
+     || Seed <- lists:seq(1, 10)
+    ].
+
+pen_faults() ->
+    [{actuator_lost, #{part => Part}, 15000} || Part <- [0.3, 0.6, 0.9, 1.0]] ++
+        [{actuator_stuck, #{}, Ms} || Ms <- [2000, 5000, 20000, 30000]] ++
+        [{serial_garbage, #{part => 0.5}, 10000}, {serial_gone, #{}, 8000},
+         {serial_split, #{lag_ms => 200}, 15000}].
+
+%% Beyond repair: that robot waits where it is and keeps the lines that it had set out to paint; what
+%% is there of them is on the lines, and the others paint the rest.
+pen_never_moves_again(_) ->
+    [
+        begin
+            #{violations := Violations, covered := Covered, results := Results} = play(#{
+                time => 600, seed => Seed, faults => [{stuck, 20000, 700000, actuator_stuck, 2, #{}}]
+            }),
+            ?assertEqual([], Violations),
+            ?assert(Covered > 0.8, Covered),
+            ?assertEqual(running, proplists:get_value(2, Results))
+        end
+     || Seed <- [1, 2, 3]
+    ].
+
 %% -- crashes --------------------------------------------------------------------------------
 
 killed_sap(_) -> killed(sap).
+killed_actuator(_) -> killed(actuator).
 killed_motion(_) -> killed(motion).
 killed_location(_) -> killed(location).
 killed_participant(_) -> killed(dpp).
@@ -155,7 +272,7 @@ elections_forgotten(_) ->
      || Seed <- [1, 2], Victim <- [1, 4], Machine <- [dpp, app]
     ].
 
-machines() -> [sap, location, motion, election, dpp, dpp_coordinator, app].
+machines() -> [sap, location, motion, actuator, election, dpp, dpp_coordinator, app].
 
 %% -- deaths ---------------------------------------------------------------------------------
 
@@ -265,7 +382,8 @@ complete(Given) ->
     #{violations := Violations, covered := Covered, separation := Separation} = Run,
     Ends = lists:usort([S || {_, S} <- maps:get(results, Run)]),
     ?assertEqual({[], 1.0, [{done, complete}]}, {Violations, Covered, Ends}, Given),
-    ?assert(Separation >= 400, Given).
+    ?assert(Separation >= 400, Given),
+    Run.
 
 play(Given) ->
     Default = #{app => starl_painting, robots => 4, picture => "house", time => 3000},
@@ -283,6 +401,7 @@ play(Given) ->
         violations => Violations,
         covered => proplists:get_value(ink_covered, Figures),
         separation => Separation,
+        figures => Figures,
         leader => case Leaders of [{painting, [L]}] -> L; _ -> none end,
         results => [{Id, Result} || {Id, #{result := Result}} <- Robots]
     }.

@@ -6,7 +6,8 @@
          kill/2, robot_of/1, no_jump/1]).
 
 -define(APP, starl_sim_script_app).
--define(WALL_MS, 10000).
+%% No run waits for ever, however busy the machine.
+-define(WALL_MS, 50000).
 
 start(N, Script, Scenario) ->
     starl_sim:start(maps:merge(#{app => ?APP, robots => N, script => Script, time => 3600}, Scenario)).
