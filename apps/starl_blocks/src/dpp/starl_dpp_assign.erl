@@ -44,7 +44,10 @@ make_way(Robot, Plan) ->
          andalso unknown(Plan) =:= [] of
         true ->
             View = view(Robot, Plan),
-            step_aside(Robot, fun(V) -> starl_dpp_yield:closes(V, View) =:= [] end, Plan);
+            case step_aside(Robot, fun(V) -> starl_dpp_yield:closes(V, View) =:= [] end, Plan) of
+                {none, Plan1} -> retreat(Robot, Plan1);
+                Assigned -> Assigned
+            end;
         false ->
             {none, Plan}
     end.
