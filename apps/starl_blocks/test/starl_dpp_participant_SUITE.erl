@@ -14,7 +14,7 @@
     lost_pose_is_asked_for_again/1, ids_ascend_over_a_crash/1, recover_while_standing/1,
     recover_while_moving/1, recover_while_asking/1, crash_stops_the_robot/1,
     crashed_robot_does_not_vote/1, earlier_term_is_refused/1, vote_is_kept/1,
-    leader_is_followed_without_vote/1, leave_ends_for_good/1, beats_prolong_leave/1,
+    leader_is_followed_without_vote/1, leave_ends_for_good/1, faces_only_by_leave/1, beats_prolong_leave/1,
     late_assignment_is_void/1, missing_coordinator_is_replaced/1,
     painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1,
     term_is_stored_first/1, reboot_forgets_no_term/1, reboot_tells_its_place/1,
@@ -40,7 +40,7 @@ all() ->
         damaged_term_is_the_highest, wrong_clock_is_told,
         short_lease_is_answered_more_often,
         earlier_term_is_refused, vote_is_kept, leader_is_followed_without_vote,
-        leave_ends_for_good, beats_prolong_leave, late_assignment_is_void,
+        leave_ends_for_good, faces_only_by_leave, beats_prolong_leave, late_assignment_is_void,
         missing_coordinator_is_replaced, painted_goes_with_the_next_request,
         passed_is_told_now_and_then, own_coordinator_hears_of_each_term, no_answer_at_all,
         unsent_request_is_sent_again, crashed_sap_is_told_who_listens,
@@ -276,6 +276,25 @@ leave_ends_for_good(_) ->
     ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Late)),
     {_, Told} = at(10 * ?S, cast, {message, 4, dpp_beat, {{1, 4, 1}, 9, [{1, 9 * ?S}]}}, Void),
     {Refused, _} = at(10 * ?S, {call, {app, 3}}, {drive, Id, 1}, Told),
+    ?assertEqual([{reply, {app, 3}, {error, void}}], Refused).
+
+%% The beginning of a line is taken as its drive is: by leave, anew when motion has crashed, and with
+%% nothing passed or painted by it.
+faces_only_by_leave(_) ->
+    {Id, Moving} = moving(),
+    {Go, Facing} = step({call, {app, 2}}, {face, Id, 1}, Moving),
+    Call = {call, motion, {face, {{1.0, 2.0}, {100.0, 2.0}}}, {driven, face, Id, 1}},
+    ?assertEqual([Call], Go),
+    ?assertEqual([Call], element(1, step(info, {restarted, motion}, Facing))),
+    {Ready, Faced} = step({reply, {driven, face, Id, 1}}, ok, Facing),
+    ?assertEqual([{reply, {app, 2}, ok}], Ready),
+    {Driven, _} = drive(Id, 1, Faced),
+    ?assertEqual([{reply, {app, drive}, ok}], replies(Driven)),
+    {Stopped, _} = step({reply, {driven, face, Id, 1}}, {error, stopped}, Facing),
+    ?assertEqual([{reply, {app, 2}, {error, void}}], Stopped),
+    {Late, Void} = at(8 * ?S, {timeout, leave}, leave, Facing),
+    ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Late)),
+    {Refused, _} = at(10 * ?S, {call, {app, 3}}, {face, Id, 1}, Void),
     ?assertEqual([{reply, {app, 3}, {error, void}}], Refused).
 
 beats_prolong_leave(_) ->

@@ -330,3 +330,20 @@ place_at(cluster, X, Y, Grow) -> {900.0 + 900.0 * Grow * X, 900.0 + 900.0 * Grow
 place_at(ring, X, Y, Grow) -> {700.0 + 3000.0 * Grow * X, 500.0 + 350.0 * Y};
 place_at(corridor, X, Y, Grow) -> {?R + 5000.0 * Grow * X, ?R + 450.0 * Y};
 place_at(scattered, X, Y, _) -> {?R + 11500.0 * X, ?R + 11500.0 * Y}.
+
+%% Who has made way aside, and stands in the way of free edges again, parks.
+idle_robot_makes_way_twice_test() ->
+    {ok, Plan0} = starl_dpp_plan:new(config([{{5000.0, 6000.0}, {7000.0, 6000.0}}], 2)),
+    Plan1 = starl_dpp_plan:standing(2, starl_dpp_plan:spot(2, Plan0), Plan0),
+    Plan2 = starl_dpp_plan:standing(1, {6000.0, 6300.0}, Plan1),
+    {{assign, Aside}, Plan3} = starl_dpp_assign:make_way(1, Plan2),
+    {End, up} = lists:last(Aside),
+    ?assertNot(is_spot(End, Plan3)),
+    Plan4 = starl_dpp_plan:standing(1, End, Plan3),
+    ?assertMatch({none, _}, starl_dpp_assign:make_way(1, Plan4)),
+    Plan5 = starl_dpp_plan:standing(1, {6000.0, 5700.0}, Plan4),
+    {{assign, Away}, Plan6} = starl_dpp_assign:make_way(1, Plan5),
+    ?assert(is_spot(element(1, lists:last(Away)), Plan6)).
+
+is_spot(Point, Plan) ->
+    lists:any(fun(Robot) -> starl_geometry:distance(Point, starl_dpp_plan:spot(Robot, Plan)) < 1.0 end, [1, 2]).

@@ -10,7 +10,7 @@
     drop_takes_that_packet/1, corrupt_packets_are_traced/1, range_fault_shortens_the_radio/1,
     pause_holds_everything_up/1, slow_robot_is_late/1, reboot_forgets/1, reboot_of_the_app/1,
     frozen_clock_stands_still/1, stepped_clock/1, location_faults/1, wheel_faults/1,
-    lost_command/1
+    lost_command/1, actuator_faults/1
 ]).
 
 -define(APP, starl_sim_script_app).
@@ -22,7 +22,8 @@ all() ->
         partition_cuts_both_ways, one_way_partition_cuts_one_way, isolated_and_ring,
         drop_takes_that_packet, corrupt_packets_are_traced, range_fault_shortens_the_radio,
         pause_holds_everything_up, slow_robot_is_late, reboot_forgets, reboot_of_the_app,
-        frozen_clock_stands_still, stepped_clock, location_faults, wheel_faults, lost_command
+        frozen_clock_stands_still, stepped_clock, location_faults, wheel_faults, lost_command,
+        actuator_faults
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -223,6 +224,42 @@ lost_command(_) ->
     {#{violations := []}, [{done, ok}, _]} = play(2, fun(R) ->
         starl:go_to(R, {1000.0, 3000.0})
     end, #{faults => [{l, 0, 3000, command_lost, 1, #{part => 0.5}}]}).
+
+%% A pen that has not heard, does not move, or cannot be heard is told again, and moves when the fault
+%% is over; who lowers it waits for that. What the trace tells is what the pen has done.
+actuator_faults(_) ->
+    Down = fun(Fault) ->
+        {Outcome, [{done, Ms}, _]} = play(2, fun(R) ->
+            ok = starl:sleep(R, 1000),
+            Begin = starl:now(R),
+            ok = starl_actuator:set(R, pen, down),
+            starl:now(R) - Begin
+        end, #{
+            faults => Fault, clock_drift => 0,
+            around => #{blocks => [starl_actuator:block()]}
+        }),
+        {Ms, [T || {T, 1, chassis, {actuated, pen, down}} <- starl_sim_ct:trace(Outcome)]}
+    end,
+    Fault = fun(Kind, Params) -> [{x, 500, 5000, Kind, 1, Params}] end,
+    {0, [Told]} = Down([]),
+    [
+        begin
+            {Ms, [T | _]} = Down(Fault(Kind, Params)),
+            ?assert(Ms >= 3900 andalso Ms =< 4300, {Kind, Ms}),
+            ?assert(T > Told + 3900000, {Kind, T})
+        end
+     || {Kind, Params} <- [
+            {actuator_lost, #{part => 1.0}}, {actuator_stuck, #{}}, {serial_gone, #{}},
+            {serial_garbage, #{part => 1.0}}
+        ]
+    ],
+    %% the wheels' commands are others; one that is heard, but whose answer is late
+    ?assertMatch({0, [Told]}, Down(Fault(command_lost, #{part => 1.0}))),
+    {Late, [Told | _]} = Down(Fault(serial_split, #{lag_ms => 150})),
+    ?assert(Late > 0 andalso Late =< 150, Late),
+    %% a part of the commands
+    {Some, [_]} = Down(Fault(actuator_lost, #{part => 0.5})),
+    ?assert(Some < 3900, Some).
 
 %% -- helpers --------------------------------------------------------------------------------
 
