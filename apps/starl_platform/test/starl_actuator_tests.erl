@@ -56,8 +56,12 @@ fresh() -> fresh(1).
 
 fresh(Incarnation) ->
     {ready, A, []} = starl_actuator:init(#{
-        robot => 1, participants => [1], name => actuator, incarnation => Incarnation,
-        random => rand:seed_s(exsss, 1), now => 0
+        robot => 1,
+        participants => [1],
+        name => actuator,
+        incarnation => Incarnation,
+        random => rand:seed_s(exsss, 1),
+        now => 0
     }),
     A.
 

@@ -70,6 +70,8 @@ handle_event(_, _, _, _, _) ->
 
 tell(Device, From, Value, #actuator{n = N, wanted = Wanted} = A, Actions) ->
     Told = A#actuator{n = N + 1, wanted = Wanted#{Device => {From, Value, N + 1}}},
-    {keep_state, Told, Actions ++ [
-        {actuate, Device, Value, N + 1}, {{timeout, Device}, ?AGAIN_US, again}
-    ]}.
+    {keep_state, Told,
+        Actions ++
+            [
+                {actuate, Device, Value, N + 1}, {{timeout, Device}, ?AGAIN_US, again}
+            ]}.
