@@ -1,6 +1,7 @@
 %% @doc What a simulated robot drives on: the script that its wheels were told, the piece of motion
 %% that it is in ({@link starl_sim_chassis}, faults of actuation and of the serial line), its other
-%% actuators, and what the positioning system shows of it and of others ({@link starl_sim_sense}, faults of location).
+%% actuators, and what the positioning system shows of it and of others ({@link starl_sim_sense},
+%% faults of location).
 %%
 %% The chassis works off a script by itself, by its own clock, and compares every 15 ms, the period
 %% in which a Create streams its sensors, how its wheels turn with what they were told. What it

@@ -1,7 +1,8 @@
 %% @doc Distributed path planning (DPP): the interface.
 %%
 %% The team shares a set of target edges, the lines of a picture. A robot asks the coordinator
-%% for a path ({@link request_path/1}) and drives it line by line ({@link drive/3}). Guarantee (the paper's Lemma 7): the tubes around all paths that
+%% for a path ({@link request_path/1}) and drives it line by line ({@link drive/3}).
+%% Guarantee (the paper's Lemma 7): the tubes around all paths that
 %% are held at one time are pairwise disjoint, so robots that keep within r(v) of their paths are
 %% never nearer to each other than the safety distance.
 %% ```
