@@ -9,6 +9,8 @@
 %%   yet: the message does not arrive and will be reported so</dd>
 %% <dt>`{fire, Place, Timer}'</dt><dd>a time-out, or the client's next call</dd>
 %% <dt>`{crash, Place, Machine}'</dt><dd>a machine crashes and starts anew</dd>
+%% <dt>`{down | up | die, Place}'</dt><dd>a robot goes down, or dies for good; one that is down
+%%   starts anew</dd>
 %% <dt>`tick'</dt><dd>time passes to the next timed timer, or by the model's grain</dd>
 %% </dl>
 %% A loss of which nobody hears is not a step of its own. What never arrives stays under way for
@@ -36,6 +38,7 @@
     | {outcome, place(), starl_check_sap:ref(), Lost :: [starl:robot_id()]}
     | {fire, place(), starl_check_robot:timer()}
     | {crash, place(), starl_machine:name()}
+    | {down | up | die, place()}
     | tick.
 
 %% @doc The messages under way to these robots, each once.
@@ -46,7 +49,16 @@ items(Places, #{items := Items}) ->
 %% @doc What may happen at one robot and rests on nothing elsewhere: messages arrive, a machine
 %% crashes, a timer fires that does not wait for messages.
 -spec local(place(), state(), model(), store()) -> [t()].
-local(Place, #{dup := Dup, robots := Robots} = State, Model, Store) ->
+local(Place, #{robots := Robots} = State, Model, Store) ->
+    case starl_check_part:condition(element(Place, Robots), Store) of
+        up -> at_running(Place, State, Model, Store);
+        down -> [{up, Place}] ++ death(Place, State);
+        dead -> []
+    end.
+
+death(Place, #{death := Death}) -> [{die, Place} || Death > 0].
+
+at_running(Place, #{dup := Dup, robots := Robots} = State, Model, Store) ->
     Mine = items([Place], State),
     [{deliver, I} || I <- Mine] ++
         [{again, I} || Dup > 0, I <- Mine, starl_check_part:age(I) =:= packet] ++
@@ -56,7 +68,8 @@ local(Place, #{dup := Dup, robots := Robots} = State, Model, Store) ->
             Kind =:= step orelse {Kind, Due} =:= {timed, 0}
         ] ++
         [{crash, Place, Name} || maps:get(crash, State) > 0, Name <- maps:get(crash, Model)] ++
-        [{crash, Place, sap} || maps:get(sap, State) > 0].
+        [{crash, Place, sap} || maps:get(sap, State) > 0] ++
+        [{down, Place} || maps:get(reboot, State) > 0] ++ death(Place, State).
 
 %% @doc Messages that a restarted SAP may refuse.
 -spec refusals(state()) -> [t()].
@@ -180,7 +193,8 @@ is_silent(I, #{robots := Robots, stale := Stale}, Model, Store) ->
 -spec is_stuck(state(), model(), store()) -> boolean().
 is_stuck(#{robots := Robots, items := Items, loss := Loss}, Model, Store) ->
     Numbers = tuple_to_list(Robots),
-    lists:all(fun(N) -> starl_check_part:timers(N, Model, Store) =:= [] end, Numbers) andalso
+    lists:all(fun(N) -> starl_check_part:condition(N, Store) =/= down end, Numbers) andalso
+        lists:all(fun(N) -> starl_check_part:timers(N, Model, Store) =:= [] end, Numbers) andalso
         lists:all(fun(N) -> starl_check_part:calls(N, Store) =:= [] end, Numbers) andalso
         not lists:all(fun(N) -> starl_check_part:is_done(N, Store) end, Numbers) andalso
         length([I || I <- Items, starl_check_part:age(I) =/= ghost]) =< Loss.

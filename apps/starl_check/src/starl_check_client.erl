@@ -7,6 +7,7 @@
 %%   {try, Machine, Request}            once, whatever the answer
 %%   {hold, Token}                      acquire it from the mutex, and in a further step release it
 %%   {sync, Name, Last}                 a round of a barrier, unless all up to the Last are passed
+%%   {join, First, Later}               a coordinator of path planning; after a restart the other
 %%   {listen, Type}                     to messages, which it forgets
 %% '''
 %% A call that its machine's crash ended is made again, as the blocks' interfaces do it. After its
@@ -26,6 +27,7 @@
     | {release, starl_mutex:token()}
     | {sync, starl_barrier:name(), Last :: pos_integer()}
     | {listen, Type :: atom()}
+    | {join, First :: starl:robot_id(), Later :: starl:robot_id()}
 ].
 
 %% So patient that it is the checker that decides when a call fails.
@@ -84,6 +86,10 @@ begin_step({hold, Token}, Client) ->
     call(mutex, {acquire, Token, ?PATIENCE_US}, acquire, [], Client);
 begin_step({release, Token}, Client) ->
     call(mutex, {release, Token}, 'try', [], Client);
+begin_step({join, First, _}, #client{incarnation = 1} = Client) ->
+    call(dpp, {join, First}, join, [], Client);
+begin_step({join, _, Later}, Client) ->
+    call(dpp, {join, Later}, join, [], Client);
 begin_step({sync, Name, _Last}, Client) ->
     call(barrier, {round, Name}, round, [], Client).
 

@@ -13,6 +13,12 @@ step({{fire, Place, {Name, Timer}}, none, Traces}) ->
     {{mark, Place, happens, Text}, Traces};
 step({{crash, Place, Name}, none, Traces}) ->
     {{mark, Place, crash, [atom_to_list(Name), " crashes"]}, Traces};
+step({{down, Place}, none, Traces}) ->
+    {{mark, Place, crash, "goes down"}, Traces};
+step({{die, Place}, none, Traces}) ->
+    {{mark, Place, crash, "dies"}, Traces};
+step({{up, Place}, none, Traces}) ->
+    {{mark, Place, happens, "starts anew"}, Traces};
 step({{outcome, Place, _, Lost}, none, Traces}) ->
     {{mark, Place, happens, ["hears from SAP: ", heard(Lost)]}, Traces};
 step({tick, none, Traces}) ->

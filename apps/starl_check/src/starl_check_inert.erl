@@ -21,8 +21,13 @@
 
 %% @doc The state without those messages.
 -spec without(starl_check_state:t(), model(), store()) -> starl_check_state:t().
-without(#{crash := 0, sap := 0, items := Items} = State, #{leave_out := true} = Model, Store) ->
-    State#{items := [I || I <- Items, not is_inert(I, State, Model, Store)]};
+without(#{crash := 0, sap := 0, reboot := 0} = State, #{leave_out := true} = Model, Store) ->
+    #{items := Items, robots := Robots} = State,
+    Conditions = [starl_check_part:condition(R, Store) || R <- tuple_to_list(Robots)],
+    case lists:member(down, Conditions) of
+        false -> State#{items := [I || I <- Items, not is_inert(I, State, Model, Store)]};
+        true -> State
+    end;
 without(State, _Model, _Store) ->
     State.
 
@@ -58,6 +63,7 @@ claim(_, _, Claims) -> Claims.
 
 %% Where a step leads to, if it is one of a robot.
 step({Robot, {crash, _}}, _, Steps) when is_integer(Robot) -> Steps;
+step({Robot, Event}, _, Steps) when is_integer(Robot), is_atom(Event) -> Steps;
 step({Robot, _Event}, {Next, _, _, _}, Steps) when is_integer(Robot) -> add(Robot, Next, Steps);
 step({later, Robot, _Ticks}, Next, Steps) -> add(Robot, Next, Steps);
 step(_, _, Steps) -> Steps.

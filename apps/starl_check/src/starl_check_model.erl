@@ -10,13 +10,14 @@
 
 -export_type([t/0, block/0, options/0, budgets/0, timer_kind/0]).
 
--type block() :: sap | election | bully | mutex | barrier.
+-type block() :: sap | election | bully | mutex | barrier | terms.
 
 %% How often each fault may happen; see {@link starl_check}.
 -type budgets() :: #{
     loss := non_neg_integer(), crash := non_neg_integer(), sap := non_neg_integer(),
     dup := non_neg_integer(),
-    late := non_neg_integer(), timeout := non_neg_integer()
+    late := non_neg_integer(), timeout := non_neg_integer(),
+    reboot := non_neg_integer(), death := non_neg_integer()
 }.
 
 %% `machine': another machine in the place of the block's, with what it adds to the
@@ -41,7 +42,8 @@
 }.
 
 %% `sap': real, over packets, or as its contract says; `crash': which machines may crash; `timed':
-%% the timers whose order matters, the others fire at any time; `rates': µs that each robot's
+%% the timers whose order matters, `steps' those that fire at any moment, as the client's do, the
+%% others when nothing is under way; `rates': µs that each robot's
 %% clock gains in a tick; `grain': time passes to the next timed timer or by so many ticks;
 %% `horizon_us': how long a time in a message that is over is still told from an earlier one,
 %% `past_us': one in a machine's data; `waits': the places where it matters when a machine began,
@@ -57,6 +59,7 @@
     crash := [starl_machine:name()],
     monitor := {module(), Config :: map()},
     timed := [atom()],
+    steps := [atom()],
     rates := tuple(),
     grain := pos_integer() | none,
     horizon_us := pos_integer(),
@@ -80,6 +83,7 @@
 -define(FAST, 101).
 -define(TOKEN, door).
 -define(LEASE_US, 8000000).
+-define(TERM_LEASE_US, 4000000).
 %% It does not pay to spread fewer bytes of states over several cores.
 -define(SPREAD, 100000).
 
@@ -91,7 +95,8 @@ blocks() ->
         {election, "election by randomized ballots"},
         {bully, "election by the bully algorithm"},
         {mutex, "mutual exclusion, with leases and drifting clocks"},
-        {barrier, "barrier, two rounds"}
+        {barrier, "barrier, two rounds"},
+        {terms, "path planning: votes, leases and terms of coordinators, with drifting clocks"}
     ].
 
 %% @doc The model of a block.
@@ -99,7 +104,8 @@ blocks() ->
 new(Block, Options) ->
     Robots = maps:get(robots, Options, 3),
     Ids = [starl_check_term:id(Place) || Place <- lists:seq(1, Robots)],
-    None = #{loss => 0, crash => 0, sap => 0, dup => 0, late => 0, timeout => 0},
+    None = #{loss => 0, crash => 0, sap => 0, dup => 0, late => 0, timeout => 0,
+        reboot => 0, death => 0},
     Faults = faults(Block, maps:merge(None, maps:get(faults, Options, #{}))),
     Common = #{
         block => Block,
@@ -107,6 +113,7 @@ new(Block, Options) ->
         faults => Faults,
         sap => contract,
         timed => [],
+        steps => [],
         rates => erlang:make_tuple(Robots, ?FAST),
         grain => none,
         horizon_us => 1,
@@ -195,6 +202,31 @@ block(barrier, #{ids := Ids, rounds := Rounds}) ->
         script => fun(_) -> [{sync, gate, Rounds} || _ <- lists:seq(1, Rounds)] end,
         crash => [barrier, app],
         monitor => {starl_barrier_monitor, #{robots => Ids}}
+    };
+%% The last robot is named as the first coordinator, and after a restart the first one: by its
+%% place in the team and by its number a robot comes before another or after it, so no two are
+%% alike. The lease is as short as the beats allow, so that its end is near.
+block(terms, #{ids := Ids}) ->
+    Lease = #{lease_ms => ?TERM_LEASE_US div 1000, jump_ms => 0},
+    #{
+        blocks => [
+            {dpp, starl_dpp_participant, Lease},
+            {dpp_coordinator, starl_dpp_coordinator, Lease#{serve => starl_check_service}},
+            {motion, starl_check_body, #{}},
+            {location, starl_check_body, #{}}
+        ],
+        script => fun(_) -> [{join, lists:last(Ids), hd(Ids)}] end,
+        crash => [dpp, dpp_coordinator],
+        monitor => {starl_check_terms, #{tube_radius => 200.0, r_s => 330.0}},
+        timed => [beat, recover, claim, missing, again, look, leave],
+        steps => [serve],
+        %% the clock of the first coordinator is slow, so that its votes last longest, and those of
+        %% the robots that give them are fast
+        rates => setelement(length(Ids), erlang:make_tuple(length(Ids), ?FAST), ?SLOW),
+        grain => ?TERM_LEASE_US div ?SLOW,
+        horizon_us => ?TERM_LEASE_US + 1,
+        past_us => ?TERM_LEASE_US + 1,
+        fixed => places(Ids)
     }.
 
 %% @doc Is a message of this kind worth a try as one that changes nothing for ever once it changes
@@ -227,12 +259,13 @@ machines(Place, #{blocks := Blocks, script := Script}) ->
 -spec timer(starl_check_robot:timer(), t()) -> timer_kind().
 timer({app, _}, _Model) ->
     step;
-timer({_, Timer}, #{timed := Timed}) ->
+timer({_, Timer}, #{timed := Timed, steps := Steps}) ->
     Tag = tag(Timer),
-    case lists:member(Tag, Timed) of
-        true -> timed;
-        false when Tag =:= patience -> patience;
-        false -> free
+    case {lists:member(Tag, Timed), lists:member(Tag, Steps)} of
+        {true, _} -> timed;
+        {false, true} -> step;
+        _ when Tag =:= patience -> patience;
+        _ -> free
     end.
 
 tag(Timer) when is_tuple(Timer) -> element(1, Timer);

@@ -4,7 +4,7 @@
 -module(starl_check_part).
 
 -export([boot/3, event/5, judge_number/2, judge/4, traces/2]).
--export([calls/2, timers/3, is_done/2]).
+-export([calls/2, timers/3, is_done/2, condition/2]).
 -export([item/2, item_number/2, source/1, receiver/1, age/1, grown_old/3]).
 -export([later_robot/4, later_item/4]).
 -export([renamed_robot/3, renamed_item/3, renamed_monitor/4]).
@@ -152,6 +152,11 @@ timers(Number, Model, Store) ->
 -spec is_done(Robot :: ref(), store()) -> boolean().
 is_done(Number, Store) ->
     of_robot(done, Number, fun starl_check_robot:is_done/1, Store).
+
+%% @doc Is a robot up?
+-spec condition(Robot :: ref(), store()) -> starl_check_robot:condition().
+condition(Number, Store) ->
+    of_robot(condition, Number, fun starl_check_robot:condition/1, Store).
 
 of_robot(What, Number, Compute, Store) ->
     starl_check_store:memo(

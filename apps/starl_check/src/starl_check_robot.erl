@@ -6,9 +6,9 @@
 %% forgotten, and the robot's other machines are told.
 -module(starl_check_robot).
 
--export([boot/2, event/3, timers/1, calls/1, is_done/1, shift/3, rename/2]).
+-export([boot/2, event/3, timers/1, calls/1, is_done/1, condition/1, shift/3, rename/2]).
 
--export_type([t/0, event/0, sent/0, timer/0, due/0]).
+-export_type([t/0, event/0, sent/0, timer/0, due/0, condition/0]).
 
 %% Where a timer belongs and what it is called.
 -type timer() :: {starl_machine:name(), Timer :: term()}.
@@ -20,7 +20,10 @@
     | {delayed, starl_check_sap:ref()}
     | {packet, starl_packet:t()}
     | {fire, timer()}
-    | {crash, starl_machine:name()}.
+    | {crash, starl_machine:name()}
+    | down
+    | up
+    | die.
 
 %% What the robot puts under way.
 -type sent() ::
@@ -30,8 +33,12 @@
 %% When a timer may fire: at any time, or when so many ticks have passed.
 -type due() :: any | non_neg_integer().
 
+%% `down': it will start anew; `dead': it never will.
+-type condition() :: up | down | dead.
+
 -record(robot, {
     place :: starl_check_term:place(),
+    condition = up :: condition(),
     %% in the order in which they start
     machines = [] :: [{starl_machine:name(), starl_machine:t()}],
     incarnations = #{} :: #{starl_machine:name() => pos_integer()},
@@ -62,8 +69,7 @@ boot(Place, #{sap := Sap} = Model) ->
             contract -> starl_check_sap:new()
         end,
     Robot = #robot{place = Place, sap = Service},
-    Names = [Name || {Name, _, _} <- starl_check_model:machines(Place, Model)],
-    result(run([{Name, boot, none} || Name <- Names], #run{robot = Robot, model = Model})).
+    result(run(boots(Place, Model), #run{robot = Robot, model = Model})).
 
 %% @doc The robot after an event.
 -spec event(event(), t(), starl_check_model:t()) -> result().
@@ -95,7 +101,26 @@ happen({crash, Name}, #run{robot = #robot{timers = Timers} = Robot} = Run) ->
     case {Name, Robot#robot.sap} of
         {sap, Sap} when Sap =/= real -> run(Told, new_service(Bare));
         _ -> run([{Name, boot, none} | Told], Bare)
+    end;
+happen(down, #run{robot = #robot{machines = Machines}} = Run) ->
+    Gone = gone(down, trace(robot, down, Run)),
+    lists:foldl(fun({Name, _}, R) -> trace(Name, crashed, R) end, Gone, Machines);
+happen(die, Run) ->
+    gone(dead, trace(robot, {died, killed}, Run));
+happen(up, #run{robot = #robot{place = Place} = Robot, model = Model} = Run) ->
+    Up = trace(robot, up, Run#run{robot = Robot#robot{condition = up}}),
+    run(boots(Place, Model), Up).
+
+%% Nothing is left of a robot but its numbers of starts.
+gone(Condition, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
+    Bare = Robot#robot{condition = Condition, machines = [], timers = []},
+    case Sap of
+        real -> Run#run{robot = Bare};
+        _ -> new_service(Run#run{robot = Bare})
     end.
+
+boots(Place, Model) ->
+    [{Name, boot, none} || {Name, _, _} <- starl_check_model:machines(Place, Model)].
 
 new_service(#run{robot = Robot} = Run) ->
     Run#run{robot = Robot#robot{sap = starl_check_sap:new()}}.
@@ -112,8 +137,16 @@ timers(#robot{timers = Timers}) -> [{Key, Due} || {Key, Due, _} <- Timers].
 calls(#robot{sap = real}) -> [];
 calls(#robot{sap = Sap}) -> starl_check_sap:calls(Sap).
 
-%% @doc Has its application ended?
+%% @doc Is it up?
+-spec condition(t()) -> condition().
+condition(#robot{condition = Condition}) -> Condition.
+
+%% @doc Has its application ended, or died?
 -spec is_done(t()) -> boolean().
+is_done(#robot{condition = dead}) ->
+    true;
+is_done(#robot{condition = down}) ->
+    false;
 is_done(#robot{machines = Machines}) ->
     {app, App} = lists:keyfind(app, 1, Machines),
     starl_machine:state(App) =:= done.
@@ -239,13 +272,14 @@ perform_one({trace, Event}, Name, Run) ->
 perform_one({store, Term}, Name, #run{robot = Robot, model = Model} = Run) ->
     Stored = (Robot#robot.stored)#{Name => older(Term, 0, Model)},
     Run#run{robot = Robot#robot{stored = Stored}};
-perform_one({transmit, Dest, Packet}, _Name, #run{robot = Robot, model = Model} = Run) ->
-    Dests =
-        case Dest of
-            all -> lists:delete(starl_check_term:id(Robot#robot.place), maps:get(ids, Model));
-            _ -> [Dest]
-        end,
-    Sent = [{packet, To, Packet} || To <- Dests],
+%% A datagram: over SAP's contract a message like others, of which nobody hears.
+perform_one({transmit, Dest, {starl, 1, shout, _, Type, Body}}, _Name, #run{
+    robot = #robot{sap = Sap}
+} = Run) when Sap =/= real ->
+    Sent = [{message, To, Type, Body, none} || To <- dests(Dest, Run)],
+    Run#run{sent = lists:reverse(Sent, Run#run.sent)};
+perform_one({transmit, Dest, Packet}, _Name, #run{} = Run) ->
+    Sent = [{packet, To, Packet} || To <- dests(Dest, Run)],
     Run#run{sent = lists:reverse(Sent, Run#run.sent)};
 perform_one({{timeout, Timer}, cancel}, Name, Run) ->
     cancel({Name, Timer}, Run);
@@ -259,6 +293,11 @@ perform_one(Action, Name, _Run) when
     element(1, Action) =:= cast; element(1, Action) =:= call; element(1, Action) =:= reply
 ->
     starl_platform:local(Action, Name).
+
+dests(all, #run{robot = #robot{place = Place}, model = #{ids := Ids}}) ->
+    lists:delete(starl_check_term:id(Place), Ids);
+dests(Dest, _Run) ->
+    [Dest].
 
 trace(Name, Event, #run{robot = #robot{place = Place}, traces = Traces} = Run) ->
     Run#run{traces = [{0, starl_check_term:id(Place), Name, Event} | Traces]}.

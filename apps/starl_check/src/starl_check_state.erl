@@ -26,6 +26,8 @@
     dup := non_neg_integer(),
     late := non_neg_integer(),
     timeout := non_neg_integer(),
+    reboot := non_neg_integer(),
+    death := non_neg_integer(),
     stale := [{place(), place()}]
 }.
 
@@ -48,14 +50,16 @@ places(#{robots := Robots}) -> lists:seq(1, tuple_size(Robots)).
 pack(#{monitor := Monitor, robots := Robots, items := Items, stale := Stale} = State) ->
     #{loss := Loss, crash := Crash, sap := Sap} = State,
     #{dup := Dup, late := Late, timeout := Timeout} = State,
+    #{reboot := Reboot, death := Death} = State,
     Pairs = << <<A, B>> || {A, B} <- Stale >>,
     Parts = << <<N:32>> || N <- tuple_to_list(Robots) ++ Items >>,
-    <<(tuple_size(Robots)), Monitor:32, Loss, Crash, Sap, Dup, Late, Timeout, (length(Stale)),
-        Pairs/binary, Parts/binary>>.
+    <<(tuple_size(Robots)), Monitor:32, Loss, Crash, Sap, Dup, Late, Timeout, Reboot, Death,
+        (length(Stale)), Pairs/binary, Parts/binary>>.
 
 %% @doc The state that was packed.
 -spec unpack(binary()) -> t().
-unpack(<<Size, Monitor:32, Loss, Crash, Sap, Dup, Late, Timeout, Stale, Rest/binary>>) ->
+unpack(<<Size, Monitor:32, Counts:8/binary, Stale, Rest/binary>>) ->
+    <<Loss, Crash, Sap, Dup, Late, Timeout, Reboot, Death>> = Counts,
     <<Pairs:Stale/binary-unit:16, Robots:Size/binary-unit:32, Items/binary>> = Rest,
     #{
         monitor => Monitor,
@@ -67,6 +71,8 @@ unpack(<<Size, Monitor:32, Loss, Crash, Sap, Dup, Late, Timeout, Stale, Rest/bin
         dup => Dup,
         late => Late,
         timeout => Timeout,
+        reboot => Reboot,
+        death => Death,
         stale => [{A, B} || <<A, B>> <= Pairs]
     }.
 

@@ -57,6 +57,12 @@ step({crash, Place, sap}, #{sap := Sap} = State, #{sap := contract} = Model, Sto
     happen(Place, {crash, sap}, Struck, Model, Store);
 step({crash, Place, Name}, #{crash := Crash} = State, Model, Store) ->
     happen(Place, {crash, Name}, State#{crash := Crash - 1}, Model, Store);
+step({down, Place}, #{reboot := Reboot} = State, Model, Store) ->
+    happen(Place, down, gone(Place, State#{reboot := Reboot - 1}, Model, Store), Model, Store);
+step({die, Place}, #{death := Death} = State, Model, Store) ->
+    happen(Place, die, gone(Place, State#{death := Death - 1}, Model, Store), Model, Store);
+step({up, Place}, State, Model, Store) ->
+    happen(Place, up, State, Model, Store);
 step(tick, State, Model, Store) ->
     Ticks = starl_check_choice:next_due(State, Model, Store),
     {ok, none, pass(Ticks, slow(State, Model, Store), Model, Store)}.
@@ -74,11 +80,27 @@ happened(Place, {Number, Sent, Traces, Judged}, State, Model, Store) ->
         {violation, Violation} ->
             {violation, Traces, Violation};
         Next ->
-            {ok, Traces, State#{
-                robots := setelement(Place, Robots, Number),
-                items := lists:merge(Sent, Items),
-                monitor := Next
-            }}
+            After = State#{robots := setelement(Place, Robots, Number), monitor := Next},
+            {To, Nobody} = lists:partition(fun(I) -> is_taken(I, After, Store) end, Sent),
+            Put = After#{items := lists:merge(To, Items)},
+            {ok, Traces, lists:foldl(fun(I, S) -> vain(I, S, Model, Store) end, Put, Nobody)}
+    end.
+
+%% Is the robot there to which a message goes? When the team starts not all are there yet.
+is_taken(I, #{robots := Robots}, Store) ->
+    case element(starl_check_part:receiver(I), Robots) of
+        none -> true;
+        Number -> starl_check_part:condition(Number, Store) =:= up
+    end.
+
+%% What is sent to a robot that is down or dead does not arrive; its source hears so, sometime.
+vain(I, State, Model, Store) ->
+    Refused = note(refused, I, State, Model, Store),
+    case starl_check_part:item(I, Store) of
+        {message, From, _, _, _, Ref, _} when Ref =/= none ->
+            inform(From, {delayed, Ref}, Refused, Model, Store);
+        _ ->
+            Refused
     end.
 
 %% A robot's SAP learns something; its machines do not yet.
@@ -131,6 +153,12 @@ grow_old({Place, Ref}, _Age, State, Model, Store) ->
 grow_old(I, Age, #{items := Items} = State, _Model, Store) ->
     Old = starl_check_part:grown_old(I, Age, Store),
     State#{items := lists:merge([Old], lists:delete(I, Items))}.
+
+%% A robot is gone, and its SAP with it; packets do not wait for the next one.
+gone(Place, State, #{sap := contract} = Model, Store) ->
+    forsake(Place, State, Model, Store);
+gone(Place, #{items := Items} = State, _Model, _Store) ->
+    State#{items := [I || I <- Items, starl_check_part:receiver(I) =/= Place]}.
 
 %% A robot's SAP is gone: messages under way to it are refused; its own may arrive or not, and
 %% nobody waits for what becomes of them.

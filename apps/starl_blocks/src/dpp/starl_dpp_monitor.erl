@@ -19,7 +19,7 @@
 -module(starl_dpp_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type reservation() :: {starl_geometry:box(), [starl_geometry:segment(), ...]}.
@@ -64,6 +64,12 @@ init(#{tube_radius := Radius, r_s := Limit} = Config) ->
 %% @doc Plans, motions and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [dpp_coordinator, chassis, robot].
+
+%% @doc Who leads, and what is reserved, while nobody moves.
+-spec timeless(#state{}) -> term().
+timeless(#state{epoch = Epoch, coordinators = Coordinators} = State) ->
+    #state{reservations = Reservations, overlaps = Overlaps, waiting = Waiting} = State,
+    {Epoch, lists:sublist(Coordinators, 1), Reservations, Overlaps, Waiting}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->

@@ -1,0 +1,50 @@
+%% @doc What the votes, leases and terms of path planning are held to: its own monitor ({@link
+%% starl_dpp_monitor}), and what that one cannot see of a run: a coordinator that acts, though it
+%% assigns nothing yet, when another one has been elected after it. `{acts, Term}' comes from
+%% {@link starl_check_service}.
+-module(starl_check_terms).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0, timeless/1]).
+
+-record(state, {
+    plan :: starl_monitor:state(),
+    %% the latest term that was won
+    led = {0, 0} :: starl_dpp:term_id()
+}).
+
+-spec init(map()) -> #state{}.
+init(Config) -> #state{plan = starl_dpp_monitor:init(Config)}.
+
+-spec interests() -> [atom()].
+interests() -> starl_dpp_monitor:interests().
+
+-spec timeless(#state{}) -> term().
+timeless(#state{plan = Plan, led = Led}) -> {starl_dpp_monitor:timeless(Plan), Led}.
+
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, dpp_coordinator, {acts, Term}}, #state{led = Led} = State) when Term < Led ->
+    {_, Leader} = Led,
+    {violation,
+        #{
+            contract => dpp, what => two_coordinators, at_us => T,
+            robots => lists:usort([Robot, Leader]), details => #{term => Led}
+        },
+        State};
+step({_, _, dpp_coordinator, {acts, _}}, State) ->
+    {ok, State};
+step({_, _, dpp_coordinator, {leads, Term}} = Event, #state{led = Led} = State) ->
+    planned(Event, State#state{led = max(Term, Led)});
+step(Event, State) ->
+    planned(Event, State).
+
+planned(Event, #state{plan = Plan} = State) ->
+    case starl_dpp_monitor:step(Event, Plan) of
+        {ok, Next} -> {ok, State#state{plan = Next}};
+        {violation, Violation, Next} -> {violation, Violation, State#state{plan = Next}}
+    end.
+
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(End, #state{plan = Plan}) -> starl_dpp_monitor:finish(End, Plan).
