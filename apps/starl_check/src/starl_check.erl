@@ -6,7 +6,7 @@
 %% over SAP's contract. README.md tells what is covered and what is not.
 -module(starl_check).
 
--export([blocks/0, run/3, faults/0, parse_faults/1, format_error/1]).
+-export([blocks/0, run/3, faults/0, parse_faults/1, format_error/1, format_unlike/1]).
 
 -export_type([options/0, outcome/0, reason/0]).
 
@@ -121,6 +121,19 @@ count(Text) ->
         {Count, ""} when is_integer(Count), Count >= 0, Count =< ?MOST -> {ok, Count};
         _ -> error
     end.
+
+%% @doc In a few words, in what robots are not alike that were taken for one another.
+-spec format_unlike(starl_check_search:unlike()) -> unicode:chardata().
+format_unlike({Choice, Item, Permutation}) ->
+    {Event, []} = starl_check_explain:step({Choice, Item, []}),
+    Moves = [
+        io_lib:format("~b as ~b", [From, To])
+     || {From, To} <- lists:enumerate(tuple_to_list(Permutation)), From =/= To
+    ],
+    [
+        "\"", starl_check_chart:text(Event), "\" comes to something else with robot ",
+        lists:join(", ", Moves)
+    ].
 
 %% @doc One line that says what is wrong.
 -spec format_error(reason()) -> unicode:chardata().

@@ -9,9 +9,9 @@
 %% dotted one the report of an outcome. What the robots traced in a step stands below it.
 -module(starl_check_chart).
 
--export([format/2]).
+-export([format/2, text/1]).
 
--export_type([step/0]).
+-export_type([step/0, event/0]).
 
 %% What happened, and what the robots traced of it.
 -type step() :: {event(), [starl_monitor:trace_event()]}.
@@ -45,6 +45,8 @@ row(Number, Lanes, Text) ->
     Line = [Number, lists:duplicate(?MARGIN - 5, $\s), Lanes, Text],
     [string:trim(lists:flatten(Line), trailing), "\n"].
 
+%% @doc What is said of an event.
+-spec text(event()) -> iodata().
 text({arrow, _, _, _, Text}) -> Text;
 text({mark, _, _, Text}) -> Text;
 text({note, Text}) -> Text.

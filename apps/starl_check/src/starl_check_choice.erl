@@ -22,7 +22,7 @@
 %% want of patience as often as `timeout' says.
 -module(starl_check_choice).
 
--export([local/4, refusals/1, waiting/3, outcomes/3, global/3]).
+-export([local/4, refusals/1, waiting/3, outcomes/3, global/3, renamed/3]).
 -export([items/2, is_silent/4, is_stuck/3, price/5, fresh/2, next_due/3, heard/2]).
 
 -export_type([t/0]).
@@ -40,6 +40,19 @@
     | {crash, place(), starl_machine:name()}
     | {down | up | die, place()}
     | tick.
+
+%% @doc What may happen, when robots change places.
+-spec renamed(starl_check_term:permutation(), t(), store()) -> t().
+renamed(Permutation, {Kind, I}, Store) when Kind =:= deliver; Kind =:= again; Kind =:= refuse ->
+    {Kind, starl_check_part:renamed_item(Permutation, I, Store)};
+renamed(Permutation, {Kind, Place}, _Store) ->
+    {Kind, element(Place, Permutation)};
+renamed(Permutation, {outcome, Place, Ref, Lost}, _Store) ->
+    {outcome, element(Place, Permutation), Ref, starl_check_term:rename(Lost, Permutation)};
+renamed(Permutation, {Kind, Place, What}, _Store) ->
+    {Kind, element(Place, Permutation), starl_check_term:rename(What, Permutation)};
+renamed(_Permutation, tick, _Store) ->
+    tick.
 
 %% @doc The messages under way to these robots, each once.
 -spec items([place()], state()) -> [ref()].

@@ -26,7 +26,7 @@
 %% do so: as long as it stays under way all remains possible that is possible without it.
 -module(starl_check_reduce).
 
--export([runs/3]).
+-export([runs/3, choices/3, may_end/3]).
 -export_type([run/0]).
 
 -type store() :: starl_check_store:t().
@@ -64,7 +64,7 @@ left_out(Other, _Model, _Store) ->
 all_runs(State, #{reduce := false} = Model, Store) ->
     [
         {[Choice], starl_check_step:step(Choice, State, Model, Store)}
-     || Choice <- all(State, Model, Store)
+     || Choice <- choices(State, Model, Store)
     ] ++ [{[], stuck} || starl_check_choice:is_stuck(State, Model, Store)];
 all_runs(State, Model, Store) ->
     Places = starl_check_state:places(State),
@@ -77,7 +77,9 @@ all_runs(State, Model, Store) ->
         lists:append([answers(Place, State, Each, Model, Store) || Place <- Places]) ++
         everywhere(State, Each, Model, Store).
 
-all(State, Model, Store) ->
+%% @doc All that may happen, without reduction.
+-spec choices(state(), model(), store()) -> [starl_check_choice:t()].
+choices(State, Model, Store) ->
     Places = starl_check_state:places(State),
     lists:append([starl_check_choice:local(Place, State, Model, Store) || Place <- Places]) ++
         starl_check_choice:refusals(State) ++
@@ -86,6 +88,24 @@ all(State, Model, Store) ->
          || Place <- Places, {_, Choice} <- starl_check_choice:outcomes(Place, State, Store)
         ] ++
         starl_check_choice:global(State, Model, Store).
+
+%% @doc Are all clients done, or is nothing missing for it but silent arrivals? Not of what was
+%% reported lost.
+-spec may_end(state(), model(), store()) -> boolean().
+may_end(#{robots := Robots, items := Items} = State, Model, Store) ->
+    Kept = State#{items := [I || I <- Items, starl_check_part:age(I) =/= ghost]},
+    lists:all(
+        fun(Place) ->
+            starl_check_part:is_done(element(Place, Robots), Store) orelse
+                lists:any(
+                    fun(#taken{state = #{robots := Then}}) ->
+                        starl_check_part:is_done(element(Place, Then), Store)
+                    end,
+                    taken(Place, Kept, Model, Store)
+                )
+        end,
+        starl_check_state:places(State)
+    ).
 
 %% -- the kinds of runs ----------------------------------------------------------------------
 

@@ -9,22 +9,28 @@
 
 -export([run/3]).
 
--export_type([limits/0, figures/0, ending/0, way/0, control/1]).
+-export_type([limits/0, figures/0, unlike/0, ending/0, way/0, control/1]).
 
 %% `depth': steps in a row; `memory': bytes of the whole VM.
 -type limits() :: #{depth := pos_integer() | infinity, memory := pos_integer()}.
 
 %% `states' met, of which `waiting' have not been gone into, `runs' taken, `depth': all states that
-%% are fewer steps away have been gone into.
+%% are fewer steps away have been gone into. `unlike': in what robots were found to differ; then
+%% these are the figures of a search without symmetry.
 -type figures() :: #{
     states := non_neg_integer(), waiting := non_neg_integer(), runs := non_neg_integer(),
-    depth := non_neg_integer()
+    depth := non_neg_integer(), unlike := none | unlike()
 }.
+
+%% What has another effect at one robot than at another one.
+-type unlike() :: {starl_check_choice:t(), starl_check_part:item() | none,
+    starl_check_term:permutation()}.
 
 %% Asked now and then whether to go on; keeps a state of its own.
 -type control(State) :: fun((figures(), State) -> {continue | stop, State}).
 
--type ending() :: complete | depth | memory | interrupted.
+%% `endless': more steps in a row than can be told, as of a team in which a number grows for ever.
+-type ending() :: complete | depth | endless | memory | interrupted.
 
 %% What happened from the beginning on, with the message if there is one, and what the robots
 %% traced; the last step breaks the contract.
@@ -50,8 +56,10 @@
     count = 0 :: non_neg_integer(),
     runs = 0 :: non_neg_integer(),
     depth = 0 :: non_neg_integer(),
-    %% was anything left out because of the depth asked for?
-    cut = false :: boolean(),
+    %% was anything left out because of the depth?
+    cut = no :: no | depth | endless,
+    progress = starl_check_progress:new() :: starl_check_progress:t(),
+    unlike = none :: none | unlike(),
     %% the nearest violation: how many steps away, what, in which state, by which run
     found = none :: none | found(),
     until_look = 0 :: non_neg_integer()
@@ -86,16 +94,23 @@ run(#{workers := Count} = Model, Limits, Control) ->
     ok = starl_check_store:delete(Whole),
     case Checked of
         unproved -> run(Model#{leave_out := false}, Limits, Control);
+        {unlike, How} -> told(How, run(Model#{symmetry := false}, Limits, Control));
         %% which of several ways it is depends on who was faster
         any_way -> run(Model#{workers := 1}, Limits, Control);
         _ -> Checked
     end.
 
+told(How, {holds, Ending, Figures}) ->
+    {holds, Ending, Figures#{unlike := How}};
+told(How, {violated, Violation, Way, Figures}) ->
+    {violated, Violation, Way, Figures#{unlike := How}}.
+
 first({violation, _, Violation}, Search) -> {violated, Violation, [], figures(Search)};
 first({ok, _, State}, Search) ->
     #search{model = Model, store = Store, permutations = Permutations} = Search,
     Key = starl_check_state:key(State, Permutations, Model, Store),
-    nearest(meet(Key, starl_check_state:pack(State), 0, {0, 0}, Search)).
+    {Met, 0} = meet(Key, starl_check_state:pack(State), 0, {0, 0}, Search),
+    nearest(Met).
 
 proved({holds, _, _} = Held, Permutations, Model, Store) ->
     case starl_check_inert:is_proved(Permutations, Model, Store) of
@@ -106,6 +121,8 @@ proved(Other, _Permutations, _Model, _Store) ->
     Other.
 
 %% Goes into the states that are nearest.
+nearest(#search{unlike = Unlike}) when Unlike =/= none ->
+    {unlike, Unlike};
 nearest(#search{waiting = Waiting} = Search) when map_size(Waiting) =:= 0 ->
     ended(Search);
 nearest(#search{waiting = Waiting} = Search) ->
@@ -120,11 +137,28 @@ nearest(#search{waiting = Waiting} = Search) ->
             end
     end.
 
-ended(#search{found = none, cut = true} = Search) -> {holds, depth, figures(Search)};
-ended(#search{found = none} = Search) -> {holds, complete, figures(Search)};
+ended(#search{found = none, cut = no} = Search) -> hopeful(Search);
+ended(#search{found = none, cut = Cut} = Search) -> {holds, Cut, figures(Search)};
 ended(#search{parallel = true}) -> any_way;
 ended(#search{found = {_, Violation, Number, Run}} = Search) ->
     {violated, Violation, walk(Number, Run, Search), figures(Search)}.
+
+%% Can the clients come to an end from everywhere? If not, the nearest state is told.
+hopeful(#search{progress = Progress, visited = Visited, parallel = Parallel} = Search) ->
+    Steps = fun(Number) -> element(3, starl_check_visited:way(Number, Visited)) end,
+    case starl_check_progress:hopeless(starl_check_visited:count(Visited), Progress) of
+        [] ->
+            {holds, complete, figures(Search)};
+        [_ | _] when Parallel ->
+            any_way;
+        Numbers ->
+            {_, Nearest} = lists:min([{Steps(Number), Number} || Number <- Numbers]),
+            {Way, _} = walk(Nearest, Search),
+            {violated, no_end(Search), Way, figures(Search)}
+    end.
+
+no_end(#search{model = #{block := Block}}) ->
+    #{contract => Block, what => calls_never_end, at_us => 0, robots => [], details => #{}}.
 
 layer(States, #search{workers = Workers, model = #{spread := Least}} = Search) ->
     case byte_size(States) >= Least andalso starl_check_workers:are_there(Workers) of
@@ -141,7 +175,7 @@ expand(States, Search) ->
     #search{model = Model, permutations = Permutations, store = Store} = Search,
     {Some, Rest, Taken} = some(States, 1, [], Search),
     Context = {Model, Permutations, Store},
-    Answers = [{Number, starl_check_workers:outcomes(P, Context)} || {Number, P} <- Some],
+    Answers = [starl_check_workers:answer(Number, P, Context) || {Number, P} <- Some],
     expand(Rest, gone_into(Answers, Taken)).
 
 %% By the workers.
@@ -176,8 +210,22 @@ some(<<Number:40, Length:16, Packed:Length/binary, Rest/binary>>, Left, Some, Se
 
 gone_into(Answers, Search) ->
     lists:foldl(
-        fun({Number, Outcomes}, S) -> follow(Outcomes, 0, Number, S) end, Search, Answers
+        fun({Number, Outcomes, MayEnd, Differs}, S) ->
+            follow(Outcomes, 0, Number, unlike(Differs, ends(MayEnd, Number, S)))
+        end,
+        Search,
+        Answers
     ).
+
+ends(true, Number, #search{progress = Progress} = Search) ->
+    Search#search{progress = starl_check_progress:ends(Number, Progress)};
+ends(false, _Number, Search) ->
+    Search.
+
+unlike({Choice, Permutation}, #search{unlike = none, store = Store} = Search) ->
+    Search#search{unlike = {Choice, item(Choice, Store), Permutation}};
+unlike(_Differs, Search) ->
+    Search.
 
 follow([], _N, _From, Search) ->
     Search;
@@ -185,14 +233,22 @@ follow([{Length, Outcome} | Outcomes], N, From, Search) ->
     #search{depth = Depth, runs = Count, limits = #{depth := Most}} = Search,
     Steps = Depth + Length,
     Counted = Search#search{runs = Count + 1},
+    TooMany = Steps > starl_check_visited:most_steps(),
     Next =
         case Outcome of
-            _ when Steps > Most -> Counted#search{cut = true};
-            {ok, Key, Packed} -> meet(Key, Packed, Steps, {From, N}, Counted);
+            _ when Steps > Most -> Counted#search{cut = depth};
+            _ when TooMany -> Counted#search{cut = endless};
+            {ok, Key, Packed, true} -> lead(meet(Key, Packed, Steps, {From, N}, Counted), From);
+            {ok, Key, Packed, false} ->
+                {Met, _To} = meet(Key, Packed, Steps, {From, N}, Counted),
+                Met;
             {violation, Violation} -> found({Steps, Violation, From, N}, Counted);
             stuck -> found({Steps, stuck(Search), From, N}, Counted)
         end,
     follow(Outcomes, N + 1, From, Next).
+
+lead({#search{progress = Progress} = Search, To}, From) ->
+    Search#search{progress = starl_check_progress:leads(From, To, Progress)}.
 
 found(Found, #search{found = none} = Search) -> Search#search{found = Found};
 found({Steps, _, _, _} = Found, #search{found = {Before, _, _, _}} = Search) when Steps < Before ->
@@ -206,18 +262,24 @@ stuck(#search{model = #{block := Block}}) ->
 meet(Key, Packed, Steps, {From, N}, #search{visited = Visited} = Search) ->
     case starl_check_visited:meet(Key, Visited) of
         {new, Number, Met} ->
-            wait(Number, Packed, Steps, Search#search{
-                visited = starl_check_visited:put_way(Number, {From, N, Steps}, Met)
-            });
+            {
+                wait(Number, Packed, Steps, Search#search{
+                    visited = starl_check_visited:put_way(Number, {From, N, Steps}, Met)
+                }),
+                Number
+            };
         {known, Number, _} ->
-            case starl_check_visited:way(Number, Visited) of
-                {_, _, Before} when Before =< Steps ->
-                    Search;
-                _ ->
-                    wait(Number, Packed, Steps, Search#search{
-                        visited = starl_check_visited:put_way(Number, {From, N, Steps}, Visited)
-                    })
-            end
+            {nearer(Number, Packed, Steps, {From, N}, Search), Number}
+    end.
+
+nearer(Number, Packed, Steps, {From, N}, #search{visited = Visited} = Search) ->
+    case starl_check_visited:way(Number, Visited) of
+        {_, _, Before} when Before =< Steps ->
+            Search;
+        _ ->
+            wait(Number, Packed, Steps, Search#search{
+                visited = starl_check_visited:put_way(Number, {From, N, Steps}, Visited)
+            })
     end.
 
 wait(Number, Packed, Steps, #search{waiting = Waiting, count = Count} = Search) ->
@@ -242,17 +304,24 @@ look(#search{limits = #{memory := Most}, control = {Control, Own}} = Search, Con
     end.
 
 figures(#search{visited = Visited, count = Count, runs = Runs, depth = Depth}) ->
-    #{states => starl_check_visited:count(Visited), waiting => Count, runs => Runs, depth => Depth}.
+    #{
+        states => starl_check_visited:count(Visited), waiting => Count, runs => Runs,
+        depth => Depth, unlike => none
+    }.
 
 %% -- the way --------------------------------------------------------------------------------
 
-walk(Number, Last, #search{model = Model, store = Store, visited = Visited} = Search) ->
+walk(Number, Last, Search) ->
+    {Way, End} = walk(Number, Search),
+    {LastRun, _} = walk_run(Last, End, Search),
+    Way ++ LastRun.
+
+walk(Number, #search{model = Model, store = Store, visited = Visited} = Search) ->
     {ok, _, State} = starl_check_step:initial(Model, Store),
     {Way, End} = lists:mapfoldl(
         fun(N, At) -> walk_run(N, At, Search) end, State, numbers(Number, [], Visited)
     ),
-    {LastRun, _} = walk_run(Last, End, Search),
-    lists:append(Way ++ [LastRun]).
+    {lists:append(Way), End}.
 
 numbers(0, Numbers, _Visited) ->
     Numbers;

@@ -6,7 +6,7 @@
 %% their number may change places: of the states that come about so, the least one is canonical.
 -module(starl_check_state).
 
--export([new/2, places/1, pack/1, unpack/1, key/4]).
+-export([new/2, places/1, pack/1, unpack/1, budgets/1, key/4, renamed/4]).
 
 -export_type([t/0]).
 
@@ -76,6 +76,10 @@ unpack(<<Size, Monitor:32, Counts:8/binary, Stale, Rest/binary>>) ->
         stale => [{A, B} || <<A, B>> <= Pairs]
     }.
 
+%% @doc How many faults may still happen, of a packed state.
+-spec budgets(binary()) -> binary().
+budgets(<<_Size, _Monitor:32, Counts:8/binary, _/binary>>) -> Counts.
+
 %% -- what is known of it --------------------------------------------------------------------
 
 %% @doc The hash of the canonical form, for robots that may change places in these ways.
@@ -92,6 +96,11 @@ canonical(#{robots := Robots, monitor := Monitor} = State, Permutations, Model, 
     Least = lists:min([Own | [Core || {Core, _} <- Cores]]),
     Images = [image(P, Core, State, Store) || {Core, P} <- Cores, Core =:= Least],
     lists:min([State || Own =:= Least] ++ Images).
+
+%% @doc The state when robots change places.
+-spec renamed(starl_check_term:permutation(), t(), model(), store()) -> t().
+renamed(Permutation, State, Model, Store) ->
+    image(Permutation, core(Permutation, State, Model, Store), State, Store).
 
 %% The robots and the monitor of the state that differs by this permutation.
 core(Permutation, #{robots := Robots, monitor := Monitor}, #{monitor := {Module, _}}, Store) ->

@@ -7,7 +7,7 @@
 %% there is one word more: by which way it was met.
 -module(starl_check_visited).
 
--export([new/0, meet/2, count/1, way/2, put_way/3]).
+-export([new/0, meet/2, count/1, way/2, put_way/3, most_steps/0]).
 
 -export_type([t/0, state_number/0, way/0]).
 
@@ -108,6 +108,10 @@ copy(Index, #table{words = Words} = Table, Larger) ->
 %% @doc How many states have been met.
 -spec count(t()) -> non_neg_integer().
 count(#visited{count = Count}) -> Count.
+
+%% @doc More steps in a row cannot be told.
+-spec most_steps() -> pos_integer().
+most_steps() -> 4095.
 
 %% @doc By which way a state was met.
 -spec way(state_number(), t()) -> way().

@@ -100,11 +100,68 @@ past_test() ->
     {holds, complete, #{states := Many}} = check(mutex, 2, #{crash => 1}, Told),
     ?assert(Few < Many).
 
+%% -- robots that are not alike -----------------------------------------------------------------
+
+%% A bug of one robot's is missed where it is taken for another one; that it is not like the others
+%% is seen, and the bug is found.
+unlike_test_() ->
+    ?SLOW(begin
+        Partial = #{machine => {starl_check_planted, #{variant => partial}}, workers => 1},
+        {violated, Found} = check(barrier, 2, #{crash => 1}, Partial),
+        #{violation := #{what := What}, figures := #{unlike := Unlike}} = Found,
+        ?assertEqual(reached_out_of_order, What),
+        {violated, Told} = check(barrier, 2, #{crash => 1}, Partial#{symmetry => false}),
+        ?assertMatch(#{violation := #{what := What}, figures := #{unlike := none}}, Told),
+        ?assertEqual(maps:with([steps, chart], Told), maps:with([steps, chart], Found)),
+        Words = unicode:characters_to_list(starl_check:format_unlike(Unlike)),
+        ?assertNotEqual(nomatch, string:find(Words, "with robot 1 as 2, 2 as 1"))
+    end).
+
+%% Of those that are alike no difference is seen.
+alike_test_() ->
+    [
+        {atom_to_list(Block), ?SLOW(
+            begin
+                {holds, complete, Figures} = check(Block, 3, Faults, #{workers => 1}),
+                ?assertMatch(#{unlike := none}, Figures)
+            end
+        )}
+     || {Block, Faults} <- [
+            {election, #{late => 1}}, {mutex, #{}}, {barrier, #{loss => 1}}
+        ]
+    ].
+
+%% -- clients that wait for ever ----------------------------------------------------------------
+
+%% Though a timer always runs: from the beginning, or once the machine has crashed.
+waits_for_ever_test_() ->
+    [
+        {atom_to_list(Variant), ?SLOW(
+            begin
+                Patient = #{machine => {starl_check_planted, #{variant => Variant}}},
+                {violated, #{violation := #{what := What}, steps := Steps}} =
+                    check(election, 2, Faults, maps:merge(Patient, Options)),
+                ?assertEqual({calls_never_end, Needed}, {What, Steps})
+            end
+        )}
+     || {Variant, Faults, Needed} <- [{patient, #{}, 0}, {weary, #{crash => 1}, 1}],
+        Options <- [#{}, plain(), #{workers => 3, spread => 0}]
+    ].
+
 %% -- limits ------------------------------------------------------------------------------------
 
 depth_is_told_test() ->
     {holds, depth, #{depth := Depth, waiting := _}} = check(mutex, 3, #{}, #{depth => 12}),
     ?assert(Depth =< 12).
+
+%% A search without an end says so.
+endless_is_told_test_() ->
+    ?SLOW(begin
+        Counting = #{machine => {starl_check_planted, #{variant => counting}}, workers => 1},
+        {holds, endless, #{depth := Depth}} = check(election, 1, #{}, Counting),
+        ?assertEqual(4095, Depth),
+        {holds, depth, #{}} = check(election, 1, #{}, Counting#{depth => 100})
+    end).
 
 memory_is_told_test() ->
     {holds, memory, #{}} = check(mutex, 3, #{}, #{memory => 1}).

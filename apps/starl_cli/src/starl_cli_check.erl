@@ -25,6 +25,7 @@ flags() ->
             "none for nothing"},
         {depth, ?DEPTH, none, "at most so many steps in a row"},
         {memory, {integer, 100, 1000000}, 4000, "MB of memory to use at most"},
+        {'no-symmetry', switch, false, "take no robot for another one that is like it"},
         {quiet, switch, false, "no progress line"},
         {help, switch, false, "this help"}
     ].
@@ -62,7 +63,8 @@ graver(One, Other) -> max(One, Other).
 checked(Block, #{robots := Robots, faults := Faults, memory := Megabytes} = Values) ->
     Options = #{
         robots => Robots, faults => Faults, memory => Megabytes * 1000000,
-        depth => depth(maps:get(depth, Values))
+        depth => depth(maps:get(depth, Values)),
+        symmetry => not maps:get('no-symmetry', Values)
     },
     Stop = atomics:new(1, []),
     starl_cli_signal:on_interrupt(fun() -> atomics:put(Stop, 1, 1) end),
@@ -103,6 +105,7 @@ words(#{states := States, waiting := Waiting, depth := Depth}) ->
 tell({violated, Found}, Block, Values, Seconds) ->
     #{violation := Violation, steps := Steps, chart := Chart, figures := Figures} = Found,
     starl_cli_terminal:out([
+        unlike(Figures),
         "VIOLATED: ", starl_monitor:format_violation(Violation), "\n",
         io_lib:format("A shortest way there, ~b steps:~n~n", [Steps]), Chart, "\n",
         covered(Figures, Block, Values, Seconds), "\n"
@@ -110,13 +113,14 @@ tell({violated, Found}, Block, Values, Seconds) ->
     3;
 tell({holds, Ending, Figures}, Block, Values, Seconds) ->
     starl_cli_terminal:out([
-        verdict(Ending, Block), "\n", covered(Figures, Block, Values, Seconds), "\n",
+        unlike(Figures), verdict(Ending, Block), "\n", covered(Figures, Block, Values, Seconds), "\n",
         [[What, "\n"] || What <- left(Ending, Figures, Values)]
     ]),
     status(Ending).
 
 status(complete) -> 0;
 status(depth) -> 0;
+status(endless) -> 4;
 status(memory) -> 4;
 status(interrupted) -> 130.
 
@@ -147,6 +151,9 @@ left(Why, #{depth := Depth, waiting := Waiting}, #{memory := Megabytes}) ->
     Reason =
         case Why of
             depth -> "stopped at the depth asked for";
+            endless ->
+                "the search does not end: more than 4,095 steps in a row lead to new states, as "
+                "where a number in a machine grows for ever";
             memory ->
                 io_lib:format("~b MB of memory are used up (--memory gives more)", [Megabytes]);
             interrupted -> "interrupted"
@@ -154,6 +161,11 @@ left(Why, #{depth := Depth, waiting := Waiting}, #{memory := Megabytes}) ->
     [io_lib:format("~ts: everything up to depth ~b is covered, ~ts states are not gone into", [
         Reason, Depth, grouped(Waiting)
     ])].
+
+unlike(#{unlike := none}) ->
+    [];
+unlike(#{unlike := Unlike}) ->
+    ["Robots are not alike, so all were told apart: ", starl_check:format_unlike(Unlike), "\n"].
 
 %% 1234567 as 1,234,567.
 grouped(N) when N < 1000 -> integer_to_list(N);
@@ -172,7 +184,7 @@ help() ->
         "\nFlags:\n",
         starl_cli_flags:help(flags(), Width),
         "\nExit status: 0 the contract holds, 3 it is violated (and here is how), 4 out of memory\n"
-        "before all was covered, 2 bad input, 130 interrupted; what was covered is told.\n"
+        "before all was covered, or a search without end, 2 bad input, 130 interrupted; what was covered is told.\n"
     ]),
     0.
 

@@ -1,0 +1,45 @@
+%% Machines with bugs that only the checker itself can miss, chosen by the key `variant':
+%% `partial', a barrier that forgets its rounds in a crash, but at the last of the team only;
+%% `patient', an election that never answers and looks again and again whether it can; `weary', one
+%% that does so after a crash; `counting', a patient one that counts how often it has looked.
+-module(starl_check_planted).
+-behaviour(starl_machine).
+
+-export([init/1, handle_event/5]).
+
+init(#{variant := partial, robot := Self, participants := Team} = Config) ->
+    Module =
+        case lists:last(Team) of
+            Self -> starl_barrier_planted;
+            _ -> starl_barrier_rounds
+        end,
+    {State, Data, Actions} = Module:init(Config#{variant => forgetful}),
+    {State, {Module, Data}, Actions};
+init(#{variant := weary, incarnation := 1} = Config) ->
+    {State, Data, Actions} = starl_election_ballots:init(Config),
+    {State, {starl_election_ballots, Data}, Actions};
+init(#{variant := weary} = Config) ->
+    init(Config#{variant := patient});
+init(#{variant := Variant}) ->
+    {waiting, {Variant, 0}, []}.
+
+handle_event({call, _From}, {elect, _, _}, waiting, {Variant, N}, _Meta) ->
+    {keep_state, {Variant, N}, again()};
+handle_event({timeout, again}, _, waiting, {counting, N}, _Meta) ->
+    {keep_state, {counting, N + 1}, again()};
+handle_event({timeout, again}, _, waiting, {patient, N}, _Meta) ->
+    {keep_state, {patient, N}, again()};
+handle_event(_, _, waiting, {patient, _}, _Meta) ->
+    keep_state_and_data;
+handle_event(_, _, waiting, {counting, _}, _Meta) ->
+    keep_state_and_data;
+handle_event(Type, Content, State, {Module, Data}, Meta) ->
+    case Module:handle_event(Type, Content, State, Data, Meta) of
+        {next_state, To, Next, Actions} -> {next_state, To, {Module, Next}, Actions};
+        {next_state, To, Next} -> {next_state, To, {Module, Next}};
+        {keep_state, Next, Actions} -> {keep_state, {Module, Next}, Actions};
+        {keep_state, Next} -> {keep_state, {Module, Next}};
+        Other -> Other
+    end.
+
+again() -> [{{timeout, again}, 1000000, again}].
