@@ -80,7 +80,7 @@ rests(Robot, _At, #service{silent = Silent, waiting = Waiting} = S) ->
 
 %% @doc The coordinator acts.
 -spec serve(t()) -> turn().
-serve(#service{term = {_, Self} = Term, open = Open} = S) ->
+serve(#service{term = {_, Self, _} = Term, open = Open} = S) ->
     At = starl_check_body:at(Self),
     {S, [{trace, {acts, Term}}] ++
         [{trace, {assigned, Self, {1, 1}, [{At, At}]}} || Open] ++

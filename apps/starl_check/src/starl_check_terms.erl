@@ -1,7 +1,7 @@
 %% @doc What the votes, leases and terms of path planning are held to: its own monitor ({@link
 %% starl_dpp_monitor}), and what that one cannot see of a run: a coordinator that acts, though it
-%% assigns nothing yet, when another one has been elected after it. `{acts, Term}' comes from
-%% {@link starl_check_service}.
+%% assigns nothing yet, when another one has been elected after it, and a term that is won twice or
+%% after a later one. `{acts, Term}' comes from {@link starl_check_service}.
 -module(starl_check_terms).
 -behaviour(starl_monitor).
 
@@ -10,7 +10,7 @@
 -record(state, {
     plan :: starl_monitor:state(),
     %% the latest term that was won
-    led = {0, 0} :: starl_dpp:term_id()
+    led = {0, 0, 0} :: starl_dpp:term_id()
 }).
 
 -spec init(map()) -> #state{}.
@@ -25,19 +25,21 @@ timeless(#state{plan = Plan, led = Led}) -> {starl_dpp_monitor:timeless(Plan), L
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({T, Robot, dpp_coordinator, {acts, Term}}, #state{led = Led} = State) when Term < Led ->
-    {_, Leader} = Led,
-    {violation,
-        #{
-            contract => dpp, what => two_coordinators, at_us => T,
-            robots => lists:usort([Robot, Leader]), details => #{term => Led}
-        },
-        State};
+    {violation, violation(two_coordinators, T, Robot, Led), State};
 step({_, _, dpp_coordinator, {acts, _}}, State) ->
     {ok, State};
-step({_, _, dpp_coordinator, {leads, Term}} = Event, #state{led = Led} = State) ->
-    planned(Event, State#state{led = max(Term, Led)});
+step({T, Robot, dpp_coordinator, {leads, Term}}, #state{led = Led} = State) when Term =< Led ->
+    {violation, violation(term_goes_back, T, Robot, Led), State};
+step({_, _, dpp_coordinator, {leads, Term}} = Event, State) ->
+    planned(Event, State#state{led = Term});
 step(Event, State) ->
     planned(Event, State).
+
+violation(What, T, Robot, {_, Leader, _} = Led) ->
+    #{
+        contract => dpp, what => What, at_us => T, robots => lists:usort([Robot, Leader]),
+        details => #{term => Led}
+    }.
 
 planned(Event, #state{plan = Plan} = State) ->
     case starl_dpp_monitor:step(Event, Plan) of
