@@ -7,7 +7,8 @@
 %%   {try, Machine, Request}            once, whatever the answer
 %%   {hold, Token}                      acquire it from the mutex, and in a further step release it
 %%   {sync, Name, Last}                 a round of a barrier, unless all up to the Last are passed
-%%   {join, First, Later}               a coordinator of path planning; after a restart the other
+%%   {join, First, Later}               a coordinator of path planning; after a restart the other;
+%%                                      as the first step at once
 %%   {listen, Type}                     to messages, which it forgets
 %% '''
 %% A call that its machine's crash ended is made again, as the blocks' interfaces do it. After its
@@ -49,8 +50,14 @@ init(#{incarnation := Incarnation, script := Script}) ->
         script = [Step || Step <- Script, not is_listen(Step)],
         listens = Types
     },
-    {State, Actions} = next(Client#client.script),
-    {State, Client, listen(Types) ++ Actions}.
+    case Client#client.script of
+        [{join, _, _} = Join | _] ->
+            {keep_state, Joining, Actions} = begin_step(Join, Client),
+            {running, Joining, listen(Types) ++ Actions};
+        Script ->
+            {State, Actions} = next(Script),
+            {State, Client, listen(Types) ++ Actions}
+    end.
 
 -spec handle_event(
     starl_machine:event_type(), term(), running | done, #client{}, starl_machine:meta()

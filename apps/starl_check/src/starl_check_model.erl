@@ -32,6 +32,7 @@
     machine => {module(), Config :: map()},
     crash => [starl_machine:name()],
     rounds => pos_integer(),
+    terms => pos_integer(),
     symmetry => boolean(),
     reduce => boolean(),
     leave_out => boolean(),
@@ -48,7 +49,8 @@
 %% `horizon_us': how long a time in a message that is over is still told from an earlier one,
 %% `past_us': one in a machine's data; `waits': the places where it matters when a machine began,
 %% elsewhere that is long ago; `fixed': the places of robots that are unlike all others;
-%% `same_random': all robots draw the same.
+%% `same_random': all robots draw the same; `beyond': what would come after one of these events is
+%% not gone into.
 -type t() :: #{
     block := block(),
     ids := [starl:robot_id()],
@@ -67,7 +69,9 @@
     waits := [starl_check_term:place()],
     fixed := [starl_check_term:place()],
     same_random := boolean(),
+    beyond := fun((starl_monitor:trace_event()) -> boolean()),
     rounds := pos_integer(),
+    terms := pos_integer(),
     symmetry := boolean(),
     reduce := boolean(),
     leave_out := boolean(),
@@ -83,7 +87,10 @@
 -define(FAST, 101).
 -define(TOKEN, door).
 -define(LEASE_US, 8000000).
+-define(SECOND_US, 1000000).
 -define(TERM_LEASE_US, 4000000).
+%% So many terms in a row are followed.
+-define(TERMS, 3).
 %% It does not pay to spread fewer bytes of states over several cores.
 -define(SPREAD, 100000).
 
@@ -121,7 +128,9 @@ new(Block, Options) ->
         waits => places(Ids),
         fixed => [],
         same_random => false,
+        beyond => fun(_) -> false end,
         rounds => maps:get(rounds, Options, 2),
+        terms => maps:get(terms, Options, ?TERMS),
         symmetry => maps:get(symmetry, Options, true),
         reduce => maps:get(reduce, Options, true),
         leave_out => maps:get(leave_out, Options, true),
@@ -206,7 +215,7 @@ block(barrier, #{ids := Ids, rounds := Rounds}) ->
 %% The last robot is named as the first coordinator, and after a restart the first one: by its
 %% place in the team and by its number a robot comes before another or after it, so no two are
 %% alike. The lease is as short as the beats allow, so that its end is near.
-block(terms, #{ids := Ids}) ->
+block(terms, #{ids := Ids, terms := Terms}) ->
     Lease = #{lease_ms => ?TERM_LEASE_US div 1000, jump_ms => 0},
     #{
         blocks => [
@@ -220,10 +229,13 @@ block(terms, #{ids := Ids}) ->
         monitor => {starl_check_terms, #{tube_radius => 200.0, r_s => 330.0}},
         timed => [beat, recover, claim, missing, again, look, leave],
         steps => [serve],
+        beyond => fun(Event) -> claims_more(Event, Terms) end,
         %% the clock of the first coordinator is slow, so that its votes last longest, and those of
-        %% the robots that give them are fast
-        rates => setelement(length(Ids), erlang:make_tuple(length(Ids), ?FAST), ?SLOW),
-        grain => ?TERM_LEASE_US div ?SLOW,
+        %% the robots that give them are fast; a tick is a second
+        rates => setelement(
+            length(Ids), erlang:make_tuple(length(Ids), ?SECOND_US * ?FAST div ?SLOW), ?SECOND_US
+        ),
+        grain => 1,
         horizon_us => ?TERM_LEASE_US + 1,
         past_us => ?TERM_LEASE_US + 1,
         fixed => places(Ids)
@@ -239,6 +251,10 @@ may_be_inert(mutex, {owner, _, _}, #{block := mutex}) -> true;
 may_be_inert(barrier, {reached, _, _, _, false}, #{block := barrier}) -> true;
 may_be_inert(barrier, {told, _, _, _}, #{block := barrier}) -> true;
 may_be_inert(_Type, _Body, _Model) -> false.
+
+%% Who is alone claims in vain for ever.
+claims_more({_, _, dpp_coordinator, {claims, {N, _, _}}}, Terms) -> N > Terms;
+claims_more(_Event, _Terms) -> false.
 
 places(Ids) -> lists:seq(1, length(Ids)).
 

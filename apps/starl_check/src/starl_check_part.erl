@@ -36,7 +36,8 @@
 %% that part of it that the monitor judges.
 -type happening() ::
     {Robot :: ref(), Sent :: [ref()], Traces :: ref() | none, Judged :: ref() | none}
-    | {broken, starl_monitor:violation()}.
+    | {broken, starl_monitor:violation()}
+    | beyond.
 
 %% @doc The robot of a place when all its machines have started.
 -spec boot(place(), model(), store()) -> happening().
@@ -67,7 +68,13 @@ happening(Place, Happens, Model, Store) ->
             {broken, starl_crash_monitor:violation(0, Id, Name, starl_crash:cause(Reason))}
     end.
 
-happened(Place, {Sent, Traces, Robot}, #{monitor := {Module, _}}, Store) ->
+happened(Place, {_, Traces, _} = Result, #{beyond := IsBeyond} = Model, Store) ->
+    case lists:any(IsBeyond, Traces) of
+        true -> beyond;
+        false -> within(Place, Result, Model, Store)
+    end.
+
+within(Place, {Sent, Traces, Robot}, #{monitor := {Module, _}}, Store) ->
     Items = [item_number(new_item(Place, One), Store) || One <- Sent],
     Wanted = Module:interests(),
     Judged = [T || {_, _, Name, _} = T <- Traces, lists:member(Name, Wanted)],

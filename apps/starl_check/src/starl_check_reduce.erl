@@ -54,7 +54,7 @@
 -spec runs(state(), model(), store()) -> [run()].
 runs(State, Model, Store) ->
     All = all_runs(State, Model, Store),
-    [{Choices, left_out(Result, Model, Store)} || {Choices, Result} <- All].
+    [{Choices, left_out(Result, Model, Store)} || {Choices, Result} <- All, Result =/= beyond].
 
 left_out({ok, Traces, State}, Model, Store) ->
     {ok, Traces, starl_check_inert:without(State, Model, Store)};
@@ -237,8 +237,10 @@ follow(Some, Choose, Model, Store) ->
 %% All that may happen in a state, and what it leads to.
 tried(State, Choose, Model, Store) ->
     [
-        {Choice, starl_check_step:step(Choice, State, Model, Store)}
-     || Choice <- Choose(State)
+        {Choice, Result}
+     || Choice <- Choose(State),
+        Result <- [starl_check_step:step(Choice, State, Model, Store)],
+        Result =/= beyond
     ].
 
 %% `Earlier': every arrival that may be the last one, and what may happen before it.

@@ -10,10 +10,11 @@
 -type state() :: starl_check_state:t().
 
 %% What a step leads to, with what the robots traced (see {@link starl_check_part:traces/2}); or
-%% how it broke a contract.
+%% how it broke a contract; `beyond': to where the model does not follow.
 -type result() ::
     {ok, starl_check_part:ref() | none, state()}
-    | {violation, starl_check_part:ref() | none, starl_monitor:violation()}.
+    | {violation, starl_check_part:ref() | none, starl_monitor:violation()}
+    | beyond.
 
 %% @doc The team when all machines have started.
 -spec initial(model(), store()) -> result().
@@ -72,6 +73,8 @@ happen(Place, Event, #{robots := Robots} = State, Model, Store) ->
     Happening = starl_check_part:event(Place, element(Place, Robots), Event, Model, Store),
     happened(Place, Happening, State, Model, Store).
 
+happened(_Place, beyond, _State, _Model, _Store) ->
+    beyond;
 happened(_Place, {broken, Violation}, _State, _Model, _Store) ->
     {violation, none, Violation};
 happened(Place, {Number, Sent, Traces, Judged}, State, Model, Store) ->
@@ -154,11 +157,23 @@ grow_old(I, Age, #{items := Items} = State, _Model, Store) ->
     Old = starl_check_part:grown_old(I, Age, Store),
     State#{items := lists:merge([Old], lists:delete(I, Items))}.
 
-%% A robot is gone, and its SAP with it; packets do not wait for the next one.
-gone(Place, State, #{sap := contract} = Model, Store) ->
-    forsake(Place, State, Model, Store);
-gone(Place, #{items := Items} = State, _Model, _Store) ->
-    State#{items := [I || I <- Items, starl_check_part:receiver(I) =/= Place]}.
+%% A robot is gone, and its SAP with it: what is under way to it does not arrive. What it has sent
+%% does, but nobody waits for what becomes of it. When it starts anew everybody hears so.
+gone(Place, #{items := Items, stale := Stale} = State, Model, Store) ->
+    {Its, Left} = lists:partition(fun(I) -> starl_check_part:receiver(I) =:= Place end, Items),
+    Told = lists:foldl(fun(I, S) -> note(refused, I, S, Model, Store) end, State, Its),
+    Told#{
+        items := lists:sort([unheeded(Place, I, Store) || I <- Left]),
+        stale := [Pair || {A, B} = Pair <- Stale, A =/= Place, B =/= Place]
+    }.
+
+unheeded(Place, I, Store) ->
+    case starl_check_part:item(I, Store) of
+        {message, Place, To, Type, Body, _, Age} ->
+            starl_check_part:item_number({message, Place, To, Type, Body, none, Age}, Store);
+        _ ->
+            I
+    end.
 
 %% A robot's SAP is gone: messages under way to it are refused; its own may arrive or not, and
 %% nobody waits for what becomes of them.
