@@ -17,7 +17,7 @@
     faults => starl_check_model:budgets(),
     depth => pos_integer() | infinity,
     memory => pos_integer(),
-    machine => {module(), Config :: map()},
+    machine => {module(), Config :: map()} | {starl_machine:name(), module(), Config :: map()},
     symmetry => boolean()
 }.
 

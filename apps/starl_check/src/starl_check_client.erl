@@ -9,6 +9,7 @@
 %%   {sync, Name, Last}                 a round of a barrier, unless all up to the Last are passed
 %%   {join, First, Later}               a coordinator of path planning; after a restart the other;
 %%                                      as the first step at once
+%%   {window, Us}                       says when so much time has passed
 %%   {listen, Type}                     to messages, which it forgets
 %% '''
 %% A call that its machine's crash ended is made again, as the blocks' interfaces do it. After its
@@ -28,6 +29,7 @@
     | {release, starl_mutex:token()}
     | {sync, starl_barrier:name(), Last :: pos_integer()}
     | {listen, Type :: atom()}
+    | {window, Us :: pos_integer()}
     | {join, First :: starl:robot_id(), Later :: starl:robot_id()}
 ].
 
@@ -64,6 +66,9 @@ init(#{incarnation := Incarnation, script := Script}) ->
 ) -> starl_machine:result().
 handle_event({timeout, go}, _, running, #client{script = [Step | _]} = Client, _Meta) ->
     begin_step(Step, Client);
+handle_event({timeout, window}, _, running, Client, _Meta) ->
+    {next_state, State, Next, Actions} = step_over(Client),
+    {next_state, State, Next, [{trace, {window, over}} | Actions]};
 handle_event({reply, {Life, Mark}}, Answer, running, #client{incarnation = Life} = Client, _) ->
     case Client#client.waits of
         {_, Mark} -> answered(Mark, Answer, Client#client{waits = none});
@@ -126,6 +131,8 @@ step_over(#client{script = [_ | Rest]} = Client) ->
 once_more(Client) -> {keep_state, Client, go()}.
 
 next([]) -> {done, []};
+%% The window begins with the step before.
+next([{window, Us} | _]) -> {running, [{{timeout, window}, Us, over}]};
 next([_ | _]) -> {running, go()}.
 
 go() -> [{{timeout, go}, 0, go}].

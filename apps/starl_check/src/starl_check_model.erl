@@ -10,7 +10,7 @@
 
 -export_type([t/0, block/0, options/0, budgets/0, timer_kind/0]).
 
--type block() :: sap | election | bully | mutex | barrier | terms.
+-type block() :: sap | election | bully | mutex | barrier | terms | registers | geocast.
 
 %% How often each fault may happen; see {@link starl_check}.
 -type budgets() :: #{
@@ -29,7 +29,7 @@
 -type options() :: #{
     robots => pos_integer(),
     faults => budgets(),
-    machine => {module(), Config :: map()},
+    machine => {module(), Config :: map()} | {starl_machine:name(), module(), Config :: map()},
     crash => [starl_machine:name()],
     rounds => pos_integer(),
     terms => pos_integer(),
@@ -49,7 +49,7 @@
 %% `horizon_us': how long a time in a message that is over is still told from an earlier one,
 %% `past_us': one in a machine's data; `waits': the places where it matters when a machine began,
 %% elsewhere that is long ago; `fixed': the places of robots that are unlike all others;
-%% `same_random': all robots draw the same; `beyond': what would come after one of these events is
+%% `same_random': all robots draw the same; `draws': a robot draws the `same' each time; `beyond': what would come after one of these events is
 %% not gone into.
 -type t() :: #{
     block := block(),
@@ -69,6 +69,7 @@
     waits := [starl_check_term:place()],
     fixed := [starl_check_term:place()],
     same_random := boolean(),
+    draws := free | same,
     beyond := fun((starl_monitor:trace_event()) -> boolean()),
     rounds := pos_integer(),
     terms := pos_integer(),
@@ -87,7 +88,11 @@
 -define(FAST, 101).
 -define(TOKEN, door).
 -define(LEASE_US, 8000000).
--define(SECOND_US, 1000000).
+%% A message's lifetime, and a part of it that is told from the next.
+-define(CAST_US, 400000).
+-define(CAST_TICK_US, 50000).
+%% As many make about a second.
+-define(TICKS, 10000).
 -define(TERM_LEASE_US, 4000000).
 %% So many terms in a row are followed.
 -define(TERMS, 3).
@@ -103,7 +108,9 @@ blocks() ->
         {bully, "election by the bully algorithm"},
         {mutex, "mutual exclusion, with leases and drifting clocks"},
         {barrier, "barrier, two rounds"},
-        {terms, "path planning: votes, leases and terms of coordinators, with drifting clocks"}
+        {terms, "path planning: votes, leases and terms of coordinators, with drifting clocks"},
+        {registers, "shared registers: two writers of one register, and who reads it"},
+        {geocast, "a message to an area and its lifetime, with drifting clocks"}
     ].
 
 %% @doc The model of a block.
@@ -128,6 +135,7 @@ new(Block, Options) ->
         waits => places(Ids),
         fixed => [],
         same_random => false,
+        draws => free,
         beyond => fun(_) -> false end,
         rounds => maps:get(rounds, Options, 2),
         terms => maps:get(terms, Options, ?TERMS),
@@ -148,6 +156,10 @@ faults(_Block, Faults) -> Faults.
 
 with_machine(error, Model) ->
     Model;
+with_machine({ok, {Name, Module, Extra}}, #{blocks := Blocks} = Model) ->
+    {Name, _, Config} = lists:keyfind(Name, 1, Blocks),
+    Planted = {Name, Module, maps:merge(Config, Extra)},
+    Model#{blocks := lists:keyreplace(Name, 1, Blocks, Planted)};
 with_machine({ok, {Module, Extra}}, #{blocks := [{Name, _, Config} | Rest]} = Model) ->
     Model#{blocks := [{Name, Module, maps:merge(Config, Extra)} | Rest]}.
 
@@ -212,6 +224,39 @@ block(barrier, #{ids := Ids, rounds := Rounds}) ->
         crash => [barrier, app],
         monitor => {starl_barrier_monitor, #{robots => Ids}}
     };
+%% Time stands still, so only the counts of stamps decide, and robots' clocks are as far apart as
+%% their numbers. All draw the same again and again, so each exchanges with one other robot.
+block(registers, #{ids := Ids}) ->
+    Ahead = (starl_check_term:now(8) - starl_check_term:now(0)) div 1000,
+    #{
+        blocks => [{registers, starl_registers_lww, #{ahead_ms => Ahead}}],
+        script => fun(Place) -> register_script(Place) end,
+        crash => [registers],
+        monitor => {starl_registers_monitor, #{robots => Ids}},
+        fixed => places(Ids),
+        draws => same
+    };
+%% The source's clock is taken for the true one; of the others the second is slow, so it holds what
+%% it has for longest, the rest are fast.
+block(geocast, #{ids := Ids}) ->
+    Config = #{
+        jitter_ms => 0, gather_ms => 0, check_ms => ?CAST_US div 2000,
+        listeners => #{note => app}
+    },
+    #{
+        blocks => [
+            {geocast, starl_geocast_flood, Config}, {location, starl_check_body, #{}}
+        ],
+        script => fun(Place) -> geocast_script(Place) end,
+        crash => [geocast],
+        monitor => {starl_check_casts, #{robots => Ids, lifetime_us => ?CAST_US}},
+        timed => [offer, give, ask, over, forget, check, window],
+        rates => list_to_tuple([geocast_rate(Place) || Place <- places(Ids)]),
+        grain => 2,
+        horizon_us => 2 * ?CAST_US,
+        past_us => 2 * ?CAST_US,
+        fixed => places(Ids)
+    };
 %% The last robot is named as the first coordinator, and after a restart the first one: by its
 %% place in the team and by its number a robot comes before another or after it, so no two are
 %% alike. The lease is as short as the beats allow, so that its end is near.
@@ -231,9 +276,9 @@ block(terms, #{ids := Ids, terms := Terms}) ->
         steps => [serve],
         beyond => fun(Event) -> claims_more(Event, Terms) end,
         %% the clock of the first coordinator is slow, so that its votes last longest, and those of
-        %% the robots that give them are fast; a tick is a second
+        %% the robots that give them are fast; a tick is about a second
         rates => setelement(
-            length(Ids), erlang:make_tuple(length(Ids), ?SECOND_US * ?FAST div ?SLOW), ?SECOND_US
+            length(Ids), erlang:make_tuple(length(Ids), ?TICKS * ?FAST), ?TICKS * ?SLOW
         ),
         grain => 1,
         horizon_us => ?TERM_LEASE_US + 1,
@@ -258,6 +303,21 @@ claims_more(_Event, _Terms) -> false.
 
 places(Ids) -> lists:seq(1, length(Ids)).
 
+register_script(1) -> [{'try', registers, {put, x, a}}, {'try', registers, {get, x}}];
+register_script(2) -> [{'try', registers, {put, x, b}}, {'try', registers, {get, x}}];
+register_script(_) -> [{'try', registers, {get, x}}, {'try', registers, {get, x}}].
+
+%% Everybody is inside.
+geocast_script(1) ->
+    Area = {circle, {0.0, 0.0}, 1.0e6},
+    [{'try', geocast, {send, Area, note, hello, ?CAST_US, 8}}, {window, ?CAST_US}];
+geocast_script(_) ->
+    [].
+
+geocast_rate(1) -> ?CAST_TICK_US;
+geocast_rate(2) -> ?CAST_TICK_US * ?SLOW div 100;
+geocast_rate(_) -> ?CAST_TICK_US * ?FAST div 100.
+
 sap_script(1, [_, To | _]) ->
     [{listen, note}, {'try', sap, {send, To, note, a}}, {'try', sap, {send, To, note, b}}];
 sap_script(2, _Ids) ->
@@ -273,6 +333,8 @@ machines(Place, #{blocks := Blocks, script := Script}) ->
 %% @doc What kind of timer this is: of the client (`step'), ordered by time (`timed'), the end of
 %% a call's patience, or one that may fire at any time.
 -spec timer(starl_check_robot:timer(), t()) -> timer_kind().
+timer({app, window}, _Model) ->
+    timed;
 timer({app, _}, _Model) ->
     step;
 timer({_, Timer}, #{timed := Timed, steps := Steps}) ->

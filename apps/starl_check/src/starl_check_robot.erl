@@ -209,7 +209,8 @@ handle(Name, Type, Content, #run{robot = #robot{place = Place} = Robot} = Run) -
     #robot{machines = Machines} = Robot,
     {Name, Machine} = lists:keyfind(Name, 1, Machines),
     Meta = #{now => starl_check_term:now(Place), robot => starl_check_term:id(Place)},
-    {Actions, Next} = guarded(Name, fun() -> starl_machine:step(Type, Content, Meta, Machine) end),
+    Drawing = before_draws(Machine, Run),
+    {Actions, Next} = guarded(Name, fun() -> starl_machine:step(Type, Content, Meta, Drawing) end),
     Kept = lists:keyreplace(Name, 1, Machines, {Name, Next}),
     perform(Actions, Name, Run#run{robot = Robot#robot{machines = Kept}}).
 
@@ -226,6 +227,10 @@ guarded(Name, Fun) ->
     catch
         Class:Reason:Stack -> throw({crashed, Name, starl_crash:reason(Class, Reason, Stack)})
     end.
+
+%% Where a machine is to draw the same each time, its stream does not go on.
+before_draws(Machine, #run{model = #{draws := free}}) -> Machine;
+before_draws(Machine, _Run) -> starl_check_term:redrawn(Machine).
 
 base(Name, Incarnation, Place, #{ids := Ids, same_random := Same, waits := Waits}) ->
     Seed =

@@ -12,7 +12,7 @@
 %% `horizon' is kept at the horizon.
 -module(starl_check_term).
 
--export([id/1, number/1, now/1, long_ago/1, shift/4, rename/2, shown/1]).
+-export([id/1, number/1, now/1, long_ago/1, shift/4, rename/2, redrawn/1, shown/1]).
 
 -export_type([place/0, permutation/0]).
 
@@ -93,6 +93,12 @@ renamed(I, Permutation) ->
         _ ->
             I
     end.
+
+%% @doc The term with its streams of random numbers at their beginning.
+-spec redrawn(Term) -> Term.
+redrawn({#{type := exsss, next := _}, _}) -> rand:seed_s(exsss, 1);
+redrawn(Tuple) when is_tuple(Tuple) -> list_to_tuple([redrawn(E) || E <- tuple_to_list(Tuple)]);
+redrawn(Other) -> Other.
 
 %% @doc The term as a person reads it: robots by their places, times in milliseconds from now.
 -spec shown(term()) -> term().

@@ -15,6 +15,10 @@ init(#{variant := partial, robot := Self, participants := Team} = Config) ->
         end,
     {State, Data, Actions} = Module:init(Config#{variant => forgetful}),
     {State, {Module, Data}, Actions};
+init(#{variant := unread, incarnation := Life} = Config) ->
+    Read = [{stored, {0, 0, 0}} || Life > 1] ++ [none],
+    {State, Data, Actions} = starl_dpp_participant:init(Config#{stored := hd(Read)}),
+    {State, {starl_dpp_participant, Data}, Actions};
 init(#{variant := weary, incarnation := 1} = Config) ->
     {State, Data, Actions} = starl_election_ballots:init(Config),
     {State, {starl_election_ballots, Data}, Actions};

@@ -33,7 +33,7 @@ left(Deadline, Now, Ppm) -> max(0, Deadline - Now) * ?MILLION div (?MILLION - Pp
     SinceUs :: us(), AskedUs :: us(), LifetimeUs :: us(), LeftUs :: us(), ppm()
 ) -> boolean().
 is_sent_after(Since, Asked, Lifetime, Left, Ppm) ->
-    Lifetime - Left =< shortest(Asked - Since, Ppm).
+    Lifetime - Left < shortest(Asked - Since, Ppm).
 
 %% @doc So long after a message was first heard, by the own clock, its window is surely over
 %% everywhere.

@@ -17,7 +17,7 @@
 -module(starl_registers_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
@@ -60,6 +60,10 @@ init(#{robots := Robots} = Config) ->
 %% @doc The registers' own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [registers, robot].
+
+%% @doc What was written and read; without `bound_us' nothing else is judged.
+-spec timeless(#state{}) -> term().
+timeless(#state{writes = Writes, stamps = Stamps, read = Read}) -> {Writes, Stamps, Read}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
