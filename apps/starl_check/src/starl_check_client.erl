@@ -56,8 +56,8 @@ init(#{incarnation := Incarnation, script := Script}) ->
         [{join, _, _} = Join | _] ->
             {keep_state, Joining, Actions} = begin_step(Join, Client),
             {running, Joining, listen(Types) ++ Actions};
-        Script ->
-            {State, Actions} = next(Script),
+        Steps ->
+            {State, Actions} = next(Steps),
             {State, Client, listen(Types) ++ Actions}
     end.
 

@@ -303,9 +303,11 @@ claims_more(_Event, _Terms) -> false.
 
 places(Ids) -> lists:seq(1, length(Ids)).
 
-register_script(1) -> [{'try', registers, {put, x, a}}, {'try', registers, {get, x}}];
-register_script(2) -> [{'try', registers, {put, x, b}}, {'try', registers, {get, x}}];
-register_script(_) -> [{'try', registers, {get, x}}, {'try', registers, {get, x}}].
+register_script(1) -> [{'try', registers, {put, x, a}}, {'try', registers, {put, x, b}}];
+register_script(2) -> [{'try', registers, {put, x, c}} | gets(2)];
+register_script(_) -> gets(1).
+
+gets(Count) -> lists:duplicate(Count, {'try', registers, {get, x}}).
 
 %% Everybody is inside.
 geocast_script(1) ->

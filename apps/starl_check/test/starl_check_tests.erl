@@ -2,7 +2,7 @@
 -module(starl_check_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--define(SLOW(Body), {timeout, 60, fun() -> Body end}).
+-define(SLOW(Body), {timeout, 600, fun() -> Body end}).
 
 on() -> {fun(_Figures, State) -> {continue, State} end, none}.
 
@@ -29,7 +29,13 @@ planted() ->
             two_leaders_at_one_robot, 4},
         {sap, 2, #{crash => 1}, {starl_check_sap_planted, #{variant => same_incarnation}},
             message_id_used_twice, 3},
-        {sap, 2, #{}, {starl_check_sap_planted, #{variant => careless}}, duplicate_delivery, 5}
+        {sap, 2, #{}, {starl_check_sap_planted, #{variant => careless}}, duplicate_delivery, 5},
+        {terms, 2, #{reboot => 1}, {starl_check_planted, #{variant => unread}}, term_goes_back, 22},
+        {registers, 2, #{crash => 1}, {starl_registers_bug, #{bug => restart}}, stamp_goes_back, 3},
+        {registers, 2, #{}, {starl_registers_bug, #{bug => last_heard}}, read_goes_back, 5},
+        {geocast, 2, #{crash => 1}, {starl_geocast_bug, #{bug => restart}}, delivered_twice, 12},
+        {geocast, 2, #{late => 2}, {starl_geocast_bug, #{bug => trusts}}, too_late, 21},
+        {geocast, 2, #{late => 1}, {starl_geocast_bug, #{bug => forgets}}, delivered_twice, 25}
     ].
 
 planted_test_() ->
@@ -65,9 +71,20 @@ sound_test_() ->
             {sap, 2, #{crash => 1}}, {sap, 2, #{dup => 1}}, {election, 2, #{loss => 1, crash => 1}},
             {election, 3, #{late => 1}}, {bully, 2, #{loss => 1, crash => 1, sap => 1}},
             {mutex, 2, #{loss => 1}}, {mutex, 2, #{crash => 1}}, {barrier, 2, #{loss => 1}},
-            {barrier, 2, #{timeout => 1}}, {barrier, 2, #{sap => 1}}
+            {barrier, 2, #{timeout => 1}}, {barrier, 2, #{sap => 1}}, {terms, 2, #{reboot => 1}},
+            {registers, 2, #{crash => 1}}, {geocast, 2, #{loss => 1}}
         ]
     ].
+
+%% One robot dies and two reboot: robots that do not read what they have stored vote for a term that
+%% is over.
+forgotten_terms_test_() ->
+    {timeout, 600, fun() ->
+        Unread = #{machine => {starl_check_planted, #{variant => unread}}},
+        {violated, #{violation := Violation}} =
+            check(terms, 3, #{reboot => 2, death => 1}, Unread),
+        ?assertMatch(#{contract := dpp, what := term_goes_back}, Violation)
+    end}.
 
 %% Several processes find exactly what one finds, however fast each is.
 spread_test_() ->
