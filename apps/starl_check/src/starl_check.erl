@@ -107,8 +107,10 @@ parse_faults([Word | Words], Known, Faults) ->
             [Before, After] -> {Before, After}
         end,
     case {lists:search(fun({F, _}) -> atom_to_list(F) =:= Name end, faults()), count(Number)} of
-        {false, _} -> {error, {unknown_fault, Name}};
-        {_, error} -> {error, {bad_count, Word}};
+        {false, _} ->
+            {error, {unknown_fault, Name}};
+        {_, error} ->
+            {error, {bad_count, Word}};
         {{value, {Fault, _}}, {ok, Count}} ->
             case lists:member(Fault, Known) of
                 true -> {error, {twice, Fault}};
@@ -131,7 +133,9 @@ format_unlike({Choice, Item, Permutation}) ->
      || {From, To} <- lists:enumerate(tuple_to_list(Permutation)), From =/= To
     ],
     [
-        "\"", starl_check_chart:text(Event), "\" comes to something else with robot ",
+        "\"",
+        starl_check_chart:text(Event),
+        "\" comes to something else with robot ",
         lists:join(", ", Moves)
     ].
 

@@ -147,10 +147,12 @@ subsets(_Left, [], _Place, _State) ->
 subsets(Left, [Dest | Rest], Place, #{stale := Stale} = State) ->
     Without = subsets(Left, Rest, Place, State),
     case lists:member({Place, starl_check_term:number(Dest)}, Stale) of
-        true -> Without ++ [[Dest | Others] || Others <- Without];
+        true ->
+            Without ++ [[Dest | Others] || Others <- Without];
         false when Left > 0 ->
             Without ++ [[Dest | Others] || Others <- subsets(Left - 1, Rest, Place, State)];
-        false -> Without
+        false ->
+            Without
     end.
 
 %% @doc What may happen only when nothing is under way any more but what is slow or lost: the

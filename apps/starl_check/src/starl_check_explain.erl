@@ -4,8 +4,8 @@
 -export([step/1]).
 
 %% @doc A step as a line of a chart.
--spec step({starl_check_choice:t(), starl_check_part:item() | none,
-    [starl_monitor:trace_event()]}) -> starl_check_chart:step().
+-spec step({starl_check_choice:t(), starl_check_part:item() | none, [starl_monitor:trace_event()]}) ->
+    starl_check_chart:step().
 step({{fire, Place, {app, _}}, none, Traces}) ->
     {{mark, Place, happens, "the application goes on"}, Traces};
 step({{fire, Place, {Name, Timer}}, none, Traces}) ->
@@ -33,7 +33,8 @@ arrow(deliver, {message, From, To, Type, Body, _, Age}) ->
 arrow(refuse, {message, From, To, Type, Body, _, _}) ->
     {arrow, From, To, dotted, [atom_to_list(Type), " ", shown(Body), "  (refused)"]}.
 
-heard([]) -> "nothing is lost";
+heard([]) ->
+    "nothing is lost";
 heard(Lost) ->
     ["lost at ", lists:join(", ", [integer_to_list(starl_check_term:number(R)) || R <- Lost])].
 

@@ -14,10 +14,14 @@
 
 %% How often each fault may happen; see {@link starl_check}.
 -type budgets() :: #{
-    loss := non_neg_integer(), crash := non_neg_integer(), sap := non_neg_integer(),
+    loss := non_neg_integer(),
+    crash := non_neg_integer(),
+    sap := non_neg_integer(),
     dup := non_neg_integer(),
-    late := non_neg_integer(), timeout := non_neg_integer(),
-    reboot := non_neg_integer(), death := non_neg_integer()
+    late := non_neg_integer(),
+    timeout := non_neg_integer(),
+    reboot := non_neg_integer(),
+    death := non_neg_integer()
 }.
 
 %% `machine': another machine in the place of the block's, with what it adds to the
@@ -49,7 +53,8 @@
 %% `horizon_us': how long a time in a message that is over is still told from an earlier one,
 %% `past_us': one in a machine's data; `waits': the places where it matters when a machine began,
 %% elsewhere that is long ago; `fixed': the places of robots that are unlike all others;
-%% `same_random': all robots draw the same; `draws': a robot draws the `same' each time; `beyond': what would come after one of these events is
+%% `same_random': all robots draw the same; `draws': a robot draws the `same' each time;
+%% `beyond': what would come after one of these events is
 %% not gone into.
 -type t() :: #{
     block := block(),
@@ -118,8 +123,16 @@ blocks() ->
 new(Block, Options) ->
     Robots = maps:get(robots, Options, 3),
     Ids = [starl_check_term:id(Place) || Place <- lists:seq(1, Robots)],
-    None = #{loss => 0, crash => 0, sap => 0, dup => 0, late => 0, timeout => 0,
-        reboot => 0, death => 0},
+    None = #{
+        loss => 0,
+        crash => 0,
+        sap => 0,
+        dup => 0,
+        late => 0,
+        timeout => 0,
+        reboot => 0,
+        death => 0
+    },
     Faults = faults(Block, maps:merge(None, maps:get(faults, Options, #{}))),
     Common = #{
         block => Block,
@@ -240,7 +253,9 @@ block(registers, #{ids := Ids}) ->
 %% it has for longest, the rest are fast.
 block(geocast, #{ids := Ids}) ->
     Config = #{
-        jitter_ms => 0, gather_ms => 0, check_ms => ?CAST_US div 2000,
+        jitter_ms => 0,
+        gather_ms => 0,
+        check_ms => ?CAST_US div 2000,
         listeners => #{note => app}
     },
     #{

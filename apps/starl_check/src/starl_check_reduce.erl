@@ -36,8 +36,9 @@
 
 %% What happens one after the other, and what the last of it leads to; `stuck' if nothing can
 %% happen any more.
--type run() :: {[starl_check_choice:t(), ...], starl_check_step:result()} |
-    {[starl_check_choice:t()], stuck}.
+-type run() ::
+    {[starl_check_choice:t(), ...], starl_check_step:result()}
+    | {[starl_check_choice:t()], stuck}.
 
 %% What one robot may have taken of what is silent: in one of the orders that lead here, the
 %% state if no other robot takes anything, and from where it has come by which last arrival.
@@ -262,7 +263,8 @@ combined([#taken{state = State} | Others], Model, Store) ->
         deliveries(Others)
     ).
 
-one_less([]) -> [];
+one_less([]) ->
+    [];
 one_less([#taken{before = Before} = One | Others]) ->
     [{Last, [Less | Others]} || {Last, Less} <- Before] ++
         [{Last, [One | Fewer]} || {Last, Fewer} <- one_less(Others)].

@@ -278,9 +278,13 @@ perform_one({store, Term}, Name, #run{robot = Robot, model = Model} = Run) ->
     Stored = (Robot#robot.stored)#{Name => older(Term, 0, Model)},
     Run#run{robot = Robot#robot{stored = Stored}};
 %% A datagram: over SAP's contract a message like others, of which nobody hears.
-perform_one({transmit, Dest, {starl, 1, shout, _, Type, Body}}, _Name, #run{
-    robot = #robot{sap = Sap}
-} = Run) when Sap =/= real ->
+perform_one(
+    {transmit, Dest, {starl, 1, shout, _, Type, Body}},
+    _Name,
+    #run{
+        robot = #robot{sap = Sap}
+    } = Run
+) when Sap =/= real ->
     Sent = [{message, To, Type, Body, none} || To <- dests(Dest, Run)],
     Run#run{sent = lists:reverse(Sent, Run#run.sent)};
 perform_one({transmit, Dest, Packet}, _Name, #run{} = Run) ->

@@ -18,8 +18,11 @@
 %% What has become of the message of a call: the receivers that it has not reached, those that it
 %% has, those that refused it; and whether the answer is slow.
 -type call() :: {
-    ref(), Open :: [starl:robot_id()], Reached :: [starl:robot_id()],
-    Refused :: [starl:robot_id()], IsSlow :: boolean()
+    ref(),
+    Open :: [starl:robot_id()],
+    Reached :: [starl:robot_id()],
+    Refused :: [starl:robot_id()],
+    IsSlow :: boolean()
 }.
 
 %% The service knows at once what has become of a message; its caller hears of it later, when the
@@ -46,8 +49,13 @@
 new() -> #sap{}.
 
 %% @doc What a machine of the robot asks for: events for its machines, messages to put under way.
--spec request(Request :: tuple(), starl_machine:from() | none, starl:robot_id(),
-    [starl:robot_id()], t()) ->
+-spec request(
+    Request :: tuple(),
+    starl_machine:from() | none,
+    starl:robot_id(),
+    [starl:robot_id()],
+    t()
+) ->
     {[starl_platform:local()], [{starl:robot_id(), atom(), term(), ref() | none}], t()}.
 request({listen, Type, Machine}, none, _Self, _Others, #sap{} = Sap) ->
     #sap{listeners = Listeners, unclaimed = Unclaimed} = Sap,
@@ -90,17 +98,25 @@ message(Machine, Source, Type, Body) -> {Machine, cast, {message, Source, Type, 
 -spec acknowledge(ref(), starl:robot_id(), t()) -> t().
 acknowledge(Ref, Dest, Sap) ->
     #call{open = Open, reached = Reached} = Call = call(Ref, Sap),
-    put_call(Ref, Call#call{
-        open = lists:delete(Dest, Open), reached = lists:sort([Dest | Reached])
-    }, Sap).
+    put_call(
+        Ref,
+        Call#call{
+            open = lists:delete(Dest, Open), reached = lists:sort([Dest | Reached])
+        },
+        Sap
+    ).
 
 %% @doc A receiver that has restarted refuses the message of a call.
 -spec refuse(ref(), starl:robot_id(), t()) -> t().
 refuse(Ref, Dest, Sap) ->
     #call{open = Open, refused = Refused} = Call = call(Ref, Sap),
-    put_call(Ref, Call#call{
-        open = lists:delete(Dest, Open), refused = lists:sort([Dest | Refused])
-    }, Sap).
+    put_call(
+        Ref,
+        Call#call{
+            open = lists:delete(Dest, Open), refused = lists:sort([Dest | Refused])
+        },
+        Sap
+    ).
 
 %% @doc The answer to a call is slow.
 -spec delay(ref(), t()) -> t().
@@ -112,11 +128,14 @@ settle(Ref, Lost, #sap{calls = Calls} = Sap) ->
     #call{from = From} = Call = call(Ref, Sap),
     {answer(From, result(Call, Lost)), Sap#sap{calls = maps:remove(Ref, Calls)}}.
 
-result(#call{refused = []}, []) -> ok;
+result(#call{refused = []}, []) ->
+    ok;
 result(#call{broadcast = true, refused = Refused}, Lost) ->
     {error, {lost, lists:usort(Refused ++ Lost)}};
-result(#call{refused = []}, [_]) -> {error, lost};
-result(#call{refused = [_]}, []) -> {error, restarted}.
+result(#call{refused = []}, [_]) ->
+    {error, lost};
+result(#call{refused = [_]}, []) ->
+    {error, restarted}.
 
 %% @doc The calls that wait for an answer, by their numbers.
 -spec calls(t()) -> [call()].

@@ -18,13 +18,17 @@
 %% are fewer steps away have been gone into. `unlike': in what robots were found to differ; then
 %% these are the figures of a search without symmetry.
 -type figures() :: #{
-    states := non_neg_integer(), waiting := non_neg_integer(), runs := non_neg_integer(),
-    depth := non_neg_integer(), unlike := none | unlike()
+    states := non_neg_integer(),
+    waiting := non_neg_integer(),
+    runs := non_neg_integer(),
+    depth := non_neg_integer(),
+    unlike := none | unlike()
 }.
 
 %% What has another effect at one robot than at another one.
--type unlike() :: {starl_check_choice:t(), starl_check_part:item() | none,
-    starl_check_term:permutation()}.
+-type unlike() :: {
+    starl_check_choice:t(), starl_check_part:item() | none, starl_check_term:permutation()
+}.
 
 %% Asked now and then whether to go on; keeps a state of its own.
 -type control(State) :: fun((figures(), State) -> {continue | stop, State}).
@@ -66,7 +70,9 @@
 }).
 
 -type found() :: {
-    Steps :: non_neg_integer(), starl_monitor:violation(), starl_check_visited:state_number(),
+    Steps :: non_neg_integer(),
+    starl_monitor:violation(),
+    starl_check_visited:state_number(),
     Run :: non_neg_integer()
 }.
 
@@ -105,7 +111,8 @@ told(How, {holds, Ending, Figures}) ->
 told(How, {violated, Violation, Way, Figures}) ->
     {violated, Violation, Way, Figures#{unlike := How}}.
 
-first({violation, _, Violation}, Search) -> {violated, Violation, [], figures(Search)};
+first({violation, _, Violation}, Search) ->
+    {violated, Violation, [], figures(Search)};
 first({ok, _, State}, Search) ->
     #search{model = Model, store = Store, permutations = Permutations} = Search,
     Key = starl_check_state:key(State, Permutations, Model, Store),
@@ -137,9 +144,12 @@ nearest(#search{waiting = Waiting} = Search) ->
             end
     end.
 
-ended(#search{found = none, cut = no} = Search) -> hopeful(Search);
-ended(#search{found = none, cut = Cut} = Search) -> {holds, Cut, figures(Search)};
-ended(#search{parallel = true}) -> any_way;
+ended(#search{found = none, cut = no} = Search) ->
+    hopeful(Search);
+ended(#search{found = none, cut = Cut} = Search) ->
+    {holds, Cut, figures(Search)};
+ended(#search{parallel = true}) ->
+    any_way;
 ended(#search{found = {_, Violation, Number, Run}} = Search) ->
     {violated, Violation, walk(Number, Run, Search), figures(Search)}.
 
@@ -238,19 +248,23 @@ follow([{Length, Outcome} | Outcomes], N, From, Search) ->
         case Outcome of
             _ when Steps > Most -> Counted#search{cut = depth};
             _ when TooMany -> Counted#search{cut = endless};
-            {ok, Key, Packed, true} -> lead(meet(Key, Packed, Steps, {From, N}, Counted), From);
+            {ok, Key, Packed, true} ->
+                lead(meet(Key, Packed, Steps, {From, N}, Counted), From);
             {ok, Key, Packed, false} ->
                 {Met, _To} = meet(Key, Packed, Steps, {From, N}, Counted),
                 Met;
-            {violation, Violation} -> found({Steps, Violation, From, N}, Counted);
-            stuck -> found({Steps, stuck(Search), From, N}, Counted)
+            {violation, Violation} ->
+                found({Steps, Violation, From, N}, Counted);
+            stuck ->
+                found({Steps, stuck(Search), From, N}, Counted)
         end,
     follow(Outcomes, N + 1, From, Next).
 
 lead({#search{progress = Progress} = Search, To}, From) ->
     Search#search{progress = starl_check_progress:leads(From, To, Progress)}.
 
-found(Found, #search{found = none} = Search) -> Search#search{found = Found};
+found(Found, #search{found = none} = Search) ->
+    Search#search{found = Found};
 found({Steps, _, _, _} = Found, #search{found = {Before, _, _, _}} = Search) when Steps < Before ->
     Search#search{found = Found};
 found(_Later, Search) ->
@@ -305,8 +319,11 @@ look(#search{limits = #{memory := Most}, control = {Control, Own}} = Search, Con
 
 figures(#search{visited = Visited, count = Count, runs = Runs, depth = Depth}) ->
     #{
-        states => starl_check_visited:count(Visited), waiting => Count, runs => Runs,
-        depth => Depth, unlike => none
+        states => starl_check_visited:count(Visited),
+        waiting => Count,
+        runs => Runs,
+        depth => Depth,
+        unlike => none
     }.
 
 %% -- the way --------------------------------------------------------------------------------
@@ -344,4 +361,5 @@ walk_step(Choice, State, #search{model = Model, store = Store}) ->
 
 item({Kind, I}, Store) when Kind =:= deliver; Kind =:= again; Kind =:= refuse ->
     starl_check_part:item(I, Store);
-item(_, _Store) -> none.
+item(_, _Store) ->
+    none.

@@ -54,9 +54,11 @@ silent(Robot, #service{silent = Silent}) -> lists:member(Robot, Silent).
 -spec requested(starl:robot_id(), starl_dpp:request_id(), {starl_geometry:point(), list()}, t()) ->
     turn().
 requested(Robot, Id, {_At, _Painted}, #service{waiting = Waiting} = S) ->
-    {Known, Actions} = open(alive(Robot, S#service{
-        waiting = lists:keystore(Robot, 1, Waiting, {Robot, Id})
-    })),
+    {Known, Actions} = open(
+        alive(Robot, S#service{
+            waiting = lists:keystore(Robot, 1, Waiting, {Robot, Id})
+        })
+    ),
     {Told, More} = answer(Known),
     {Told, Actions ++ More}.
 
@@ -82,9 +84,10 @@ rests(Robot, _At, #service{silent = Silent, waiting = Waiting} = S) ->
 -spec serve(t()) -> turn().
 serve(#service{term = {_, Self, _} = Term, open = Open} = S) ->
     At = starl_check_body:at(Self),
-    {S, [{trace, {acts, Term}}] ++
-        [{trace, {assigned, Self, {1, 1}, [{At, At}]}} || Open] ++
-        [{{timeout, serve}, 0, serve}]}.
+    {S,
+        [{trace, {acts, Term}}] ++
+            [{trace, {assigned, Self, {1, 1}, [{At, At}]}} || Open] ++
+            [{{timeout, serve}, 0, serve}]}.
 
 %% @doc Nobody is given up.
 -spec give_up(t()) -> turn().

@@ -51,10 +51,23 @@ pack(#{monitor := Monitor, robots := Robots, items := Items, stale := Stale} = S
     #{loss := Loss, crash := Crash, sap := Sap} = State,
     #{dup := Dup, late := Late, timeout := Timeout} = State,
     #{reboot := Reboot, death := Death} = State,
-    Pairs = << <<A, B>> || {A, B} <- Stale >>,
-    Parts = << <<N:32>> || N <- tuple_to_list(Robots) ++ Items >>,
-    <<(tuple_size(Robots)), Monitor:32, Loss, Crash, Sap, Dup, Late, Timeout, Reboot, Death,
-        (length(Stale)), Pairs/binary, Parts/binary>>.
+    Pairs = <<<<A, B>> || {A, B} <- Stale>>,
+    Parts = <<<<N:32>> || N <- tuple_to_list(Robots) ++ Items>>,
+    <<
+        (tuple_size(Robots)),
+        Monitor:32,
+        Loss,
+        Crash,
+        Sap,
+        Dup,
+        Late,
+        Timeout,
+        Reboot,
+        Death,
+        (length(Stale)),
+        Pairs/binary,
+        Parts/binary
+    >>.
 
 %% @doc The state that was packed.
 -spec unpack(binary()) -> t().

@@ -50,7 +50,8 @@ long_ago(Place) -> now(Place) - ?REACH div 2.
 shift(Term, Ticks, Rates, Horizon) ->
     walk(fun(I) -> back(clock(I), I, Ticks, Rates, Horizon) end, Term).
 
-back(none, I, _Ticks, _Rates, _Horizon) -> I;
+back(none, I, _Ticks, _Rates, _Horizon) ->
+    I;
 back(Place, I, _Ticks, Rates, _Horizon) when Place > tuple_size(Rates) -> I;
 back(Place, I, Ticks, Rates, Horizon) ->
     max(I - Ticks * element(Place, Rates), now(Place) - Horizon).
@@ -80,7 +81,8 @@ in_order(Tuple, P) when is_tuple(Tuple) ->
         false -> list_to_tuple([in_order(E, P) || E <- Elements])
     end;
 in_order(Map, P) when is_map(Map) -> maps:map(fun(_, V) -> in_order(V, P) end, Map);
-in_order(Other, _P) -> Other.
+in_order(Other, _P) ->
+    Other.
 
 is_robot(I) -> is_integer(I) andalso I > ?FIRST andalso I < ?FIRST + 100.
 
@@ -117,7 +119,8 @@ ago(Us) -> io_lib:format("t~s~b", [[$+ || Us >= 0], Us div 1000]).
 
 %% Every integer of a term, in tuples, lists and maps, keys included.
 walk(Fun, I) when is_integer(I) -> Fun(I);
-walk(Fun, [Head | Tail]) -> [walk(Fun, Head) | walk(Fun, Tail)];
+walk(Fun, [Head | Tail]) ->
+    [walk(Fun, Head) | walk(Fun, Tail)];
 walk(Fun, Tuple) when is_tuple(Tuple) ->
     list_to_tuple([walk(Fun, E) || E <- tuple_to_list(Tuple)]);
 walk(Fun, Map) when is_map(Map) ->

@@ -37,7 +37,10 @@ step(Event, State) ->
 
 violation(What, T, Robot, {_, Leader, _} = Led) ->
     #{
-        contract => dpp, what => What, at_us => T, robots => lists:usort([Robot, Leader]),
+        contract => dpp,
+        what => What,
+        at_us => T,
+        robots => lists:usort([Robot, Leader]),
         details => #{term => Led}
     }.
 

@@ -24,7 +24,9 @@
 %% What there is to know of a state: the runs from it, whether the clients are done, and in what
 %% robots were found to differ that are taken for one another.
 -type answer() :: {
-    starl_check_visited:state_number(), [outcome()], MayEnd :: boolean(),
+    starl_check_visited:state_number(),
+    [outcome()],
+    MayEnd :: boolean(),
     none | starl_check_symmetry:difference()
 }.
 

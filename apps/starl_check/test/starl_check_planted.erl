@@ -8,13 +8,13 @@
 -export([init/1, handle_event/5]).
 
 init(#{variant := partial, robot := Self, participants := Team} = Config) ->
-    Module =
+    Known =
         case lists:last(Team) of
-            Self -> starl_barrier_planted;
-            _ -> starl_barrier_rounds
+            Self -> Config#{incarnation := 1, stored := none};
+            _ -> Config
         end,
-    {State, Data, Actions} = Module:init(Config#{variant => forgetful}),
-    {State, {Module, Data}, Actions};
+    {State, Data, Actions} = starl_barrier_rounds:init(Known),
+    {State, {starl_barrier_rounds, Data}, Actions};
 init(#{variant := unread, incarnation := Life} = Config) ->
     Read = [{stored, {0, 0, 0}} || Life > 1] ++ [none],
     {State, Data, Actions} = starl_dpp_participant:init(Config#{stored := hd(Read)}),

@@ -16,17 +16,16 @@ planted() ->
     [
         {barrier, 2, #{crash => 1}, {starl_barrier_planted, #{variant => forgetful}},
             reached_out_of_order, 7},
-        {barrier, 2, #{loss => 1}, {starl_barrier_planted, #{variant => recreated}},
-            passed_early, 7},
+        {barrier, 2, #{loss => 1}, {starl_barrier_planted, #{variant => recreated}}, passed_early,
+            7},
         {mutex, 3, #{}, {starl_mutex_planted, #{variant => impatient_home}}, two_holders, 15},
         {mutex, 3, #{crash => 1}, {starl_mutex_planted, #{variant => forgetful_home}},
             grant_not_larger, 9},
         {mutex, 3, #{loss => 1}, {starl_mutex_planted, #{variant => trusting}}, never_granted, 3},
-        {mutex, 3, #{loss => 1}, {starl_mutex_planted, #{variant => overstaying}},
-            two_holders, 13},
+        {mutex, 3, #{loss => 1}, {starl_mutex_planted, #{variant => overstaying}}, two_holders, 13},
         {election, 3, #{}, {starl_election_bug, #{bug => incomplete}}, different_leaders, 5},
-        {bully, 3, #{loss => 1}, {starl_election_bug, #{bug => fickle}},
-            two_leaders_at_one_robot, 4},
+        {bully, 3, #{loss => 1}, {starl_election_bug, #{bug => fickle}}, two_leaders_at_one_robot,
+            4},
         {sap, 2, #{crash => 1}, {starl_check_sap_planted, #{variant => same_incarnation}},
             message_id_used_twice, 3},
         {sap, 2, #{}, {starl_check_sap_planted, #{variant => careless}}, duplicate_delivery, 5},
@@ -40,13 +39,16 @@ planted() ->
 
 planted_test_() ->
     [
-        {lists:flatten(io_lib:format("~p ~p", [element(2, Machine), Way])), ?SLOW(
-            begin
-                {violated, #{violation := #{what := Found}, steps := Needed}} =
-                    check(Block, Robots, Faults, Options#{machine => Machine}),
-                ?assertEqual({What, Steps}, {Found, Needed})
-            end
-        )}
+        {
+            lists:flatten(io_lib:format("~p ~p", [element(2, Machine), Way])),
+            ?SLOW(
+                begin
+                    {violated, #{violation := #{what := Found}, steps := Needed}} =
+                        check(Block, Robots, Faults, Options#{machine => Machine}),
+                    ?assertEqual({What, Steps}, {Found, Needed})
+                end
+            )
+        }
      || {Block, Robots, Faults, Machine, What, Steps} <- planted(),
         {Way, Options} <- ways()
     ].
@@ -60,19 +62,31 @@ plain() -> #{reduce => false, symmetry => false, leave_out => false, workers => 
 %% Both searches cover everything, the reduced one with fewer states.
 sound_test_() ->
     [
-        {lists:flatten(io_lib:format("~p ~p", [Block, Faults])), ?SLOW(
-            begin
-                {holds, complete, #{states := Few}} = check(Block, Robots, Faults, #{}),
-                {holds, complete, #{states := Many}} = check(Block, Robots, Faults, plain()),
-                ?assert(Few < Many)
-            end
-        )}
+        {
+            lists:flatten(io_lib:format("~p ~p", [Block, Faults])),
+            ?SLOW(
+                begin
+                    {holds, complete, #{states := Few}} = check(Block, Robots, Faults, #{}),
+                    {holds, complete, #{states := Many}} = check(Block, Robots, Faults, plain()),
+                    ?assert(Few < Many)
+                end
+            )
+        }
      || {Block, Robots, Faults} <- [
-            {sap, 2, #{crash => 1}}, {sap, 2, #{dup => 1}}, {election, 2, #{loss => 1, crash => 1}},
-            {election, 3, #{late => 1}}, {bully, 2, #{loss => 1, crash => 1, sap => 1}},
-            {mutex, 2, #{loss => 1}}, {mutex, 2, #{crash => 1}}, {barrier, 2, #{loss => 1}},
-            {barrier, 2, #{timeout => 1}}, {barrier, 2, #{sap => 1}}, {terms, 2, #{reboot => 1}},
-            {registers, 2, #{crash => 1}}, {geocast, 2, #{loss => 1}}
+            {sap, 2, #{crash => 1}},
+            {sap, 2, #{dup => 1}},
+            {election, 2, #{loss => 1, crash => 1}},
+            {election, 3, #{late => 1}},
+            {bully, 2, #{loss => 1, crash => 1, sap => 1}},
+            {mutex, 2, #{loss => 1}},
+            {mutex, 2, #{crash => 1}},
+            {barrier, 2, #{loss => 1}},
+            {barrier, 2, #{timeout => 1}},
+            {barrier, 2, #{sap => 1}},
+            {terms, 2, #{reboot => 1}},
+            {registers, 2, #{crash => 1}},
+            {geocast, 2, #{crash => 1}},
+            {geocast, 2, #{loss => 1}}
         ]
     ].
 
@@ -90,15 +104,21 @@ forgotten_terms_test_() ->
 spread_test_() ->
     Many = #{workers => 3, spread => 0},
     [
-        {lists:flatten(io_lib:format("~p ~p", [Block, Faults])), ?SLOW(
-            begin
-                {holds, complete, Alone} = check(Block, Robots, Faults, #{workers => 1}),
-                ?assertEqual({holds, complete, Alone}, check(Block, Robots, Faults, Many))
-            end
-        )}
+        {
+            lists:flatten(io_lib:format("~p ~p", [Block, Faults])),
+            ?SLOW(
+                begin
+                    {holds, complete, Alone} = check(Block, Robots, Faults, #{workers => 1}),
+                    ?assertEqual({holds, complete, Alone}, check(Block, Robots, Faults, Many))
+                end
+            )
+        }
      || {Block, Robots, Faults} <- [
-            {mutex, 3, #{}}, {mutex, 2, #{loss => 1, crash => 1}}, {election, 3, #{late => 1}},
-            {barrier, 2, #{timeout => 1}}, {sap, 2, #{crash => 1}}
+            {mutex, 3, #{}},
+            {mutex, 2, #{loss => 1, crash => 1}},
+            {election, 3, #{late => 1}},
+            {barrier, 2, #{timeout => 1}},
+            {sap, 2, #{crash => 1}}
         ]
     ].
 
@@ -137,12 +157,15 @@ unlike_test_() ->
 %% Of those that are alike no difference is seen.
 alike_test_() ->
     [
-        {atom_to_list(Block), ?SLOW(
-            begin
-                {holds, complete, Figures} = check(Block, 3, Faults, #{workers => 1}),
-                ?assertMatch(#{unlike := none}, Figures)
-            end
-        )}
+        {
+            atom_to_list(Block),
+            ?SLOW(
+                begin
+                    {holds, complete, Figures} = check(Block, 3, Faults, #{workers => 1}),
+                    ?assertMatch(#{unlike := none}, Figures)
+                end
+            )
+        }
      || {Block, Faults} <- [
             {election, #{late => 1}}, {mutex, #{}}, {barrier, #{loss => 1}}
         ]
@@ -153,14 +176,17 @@ alike_test_() ->
 %% Though a timer always runs: from the beginning, or once the machine has crashed.
 waits_for_ever_test_() ->
     [
-        {atom_to_list(Variant), ?SLOW(
-            begin
-                Patient = #{machine => {starl_check_planted, #{variant => Variant}}},
-                {violated, #{violation := #{what := What}, steps := Steps}} =
-                    check(election, 2, Faults, maps:merge(Patient, Options)),
-                ?assertEqual({calls_never_end, Needed}, {What, Steps})
-            end
-        )}
+        {
+            atom_to_list(Variant),
+            ?SLOW(
+                begin
+                    Patient = #{machine => {starl_check_planted, #{variant => Variant}}},
+                    {violated, #{violation := #{what := What}, steps := Steps}} =
+                        check(election, 2, Faults, maps:merge(Patient, Options)),
+                    ?assertEqual({calls_never_end, Needed}, {What, Steps})
+                end
+            )
+        }
      || {Variant, Faults, Needed} <- [{patient, #{}, 0}, {weary, #{crash => 1}, 1}],
         Options <- [#{}, plain(), #{workers => 3, spread => 0}]
     ].
@@ -217,12 +243,24 @@ own_crash_test_() ->
         {atom_to_list(How), fun() ->
             Machine = {starl_check_crash_planted, #{how => How}},
             {violated, #{violation := Violation}} = check(barrier, 2, #{}, #{machine => Machine}),
-            ?assertMatch(#{contract := barrier, what := crashed, details := #{reason := Reason}},
-                         Violation),
+            ?assertMatch(
+                #{contract := barrier, what := crashed, details := #{reason := Reason}},
+                Violation
+            ),
             #{details := #{stack := Stack}} = Violation,
-            ?assertMatch({match, _}, re:run(Stack, "starl_check_crash_planted:[a-z_]+/[15] "
-                                                   "\\(starl_check_crash_planted.erl:[0-9]+\\)"))
+            ?assertMatch(
+                {match, _},
+                re:run(
+                    Stack,
+                    "starl_check_crash_planted:[a-z_]+/[15] "
+                    "\\(starl_check_crash_planted.erl:[0-9]+\\)"
+                )
+            )
         end}
-     || {How, Reason} <- [{error, "oops"}, {exit, "{exit,oops}"}, {throw, "{nocatch,oops}"},
-                          {start, "oops"}]
+     || {How, Reason} <- [
+            {error, "oops"},
+            {exit, "{exit,oops}"},
+            {throw, "{nocatch,oops}"},
+            {start, "oops"}
+        ]
     ].
