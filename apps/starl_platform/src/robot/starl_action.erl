@@ -53,6 +53,7 @@ check([{drive, Script, _} = Action | Rest]) ->
     right(is_script(Script), Action),
     check(Rest);
 check([{actuate, Device, _} | Rest]) when is_atom(Device) -> check(Rest);
+check([{actuate, Device, _, _} | Rest]) when is_atom(Device) -> check(Rest);
 check([{store, _} | Rest]) ->
     check(Rest);
 check([{done, _} | Rest]) ->
@@ -122,6 +123,7 @@ expected({transmit, _, _}) -> "a robot's number from 1, or all";
 expected({sense, _}) -> "a list of robots' numbers from 1";
 expected({drive, _, _}) -> "[{Left, Right, Us}]: mm/s within 1.0e6, Us from 1";
 expected({actuate, _, _}) -> "a device, which is an atom";
+expected({actuate, _, _, _}) -> "a device, which is an atom";
 expected({reply, _, _}) -> "{Machine, Tag} as it came with the call";
 expected({Word, _, _}) when Word =:= cast -> "the name of a machine, which is an atom";
 expected({call, _, _, _}) -> "the name of a machine, which is an atom";
