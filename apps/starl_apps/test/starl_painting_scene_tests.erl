@@ -31,10 +31,10 @@ leave({Before, Dir}) ->
     ok = file:del_dir_r(Dir).
 
 scene(Picture) ->
+    {ok, Options} = starl_options:check(#{picture => Picture}, starl_painting:options()),
     starl_painting:scene(#{
         robots => [1, 2], world => {10000, 8000}, seed => 1, sap => #{},
-        profile => starl_motion_course:profile(#{}),
-        options => #{picture => Picture, safety_distance => 400, horizon => 3000}
+        profile => starl_motion_course:profile(#{}), options => Options
     }).
 
 says(What, {error, Why}) ->

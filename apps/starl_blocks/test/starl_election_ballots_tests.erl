@@ -55,7 +55,7 @@ listens_test() ->
 
 unknown_test() ->
     Unknown = {message, 2, other, what},
-    ?assertMatch({[{trace, {unknown_event, cast, Unknown}}], _}, step(cast, Unknown, started())).
+    ?assertMatch({[{trace, {malformed, 2, other, what}}], _}, step(cast, Unknown, started())).
 
 %% Who takes part casts a ballot to all, asks again in a while, and has no patience for ever.
 takes_part_test() ->

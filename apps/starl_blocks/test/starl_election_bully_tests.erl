@@ -60,7 +60,7 @@ listens_test() ->
     ?assertEqual({listening(), Machine}, step(info, {restarted, sap}, Machine)),
     ?assertEqual({[], Machine}, step(info, {restarted, app}, Machine)),
     Unknown = {message, 2, other, what},
-    ?assertMatch({[{trace, {unknown_event, cast, Unknown}}], _}, step(cast, Unknown, Machine)).
+    ?assertMatch({[{trace, {malformed, 2, other, what}}], _}, step(cast, Unknown, Machine)).
 
 %% Who enters asks those above; the highest has nobody to ask.
 enters_test() ->

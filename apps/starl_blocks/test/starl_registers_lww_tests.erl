@@ -121,7 +121,7 @@ others_restart_test() ->
     ?assertEqual({[listening()], Machine}, step(info, {restarted, sap}, Machine)),
     ?assertEqual({[], Machine}, step(info, {restarted, app}, Machine)),
     ?assertMatch({[{trace, {unknown_event, cast, what}}], _}, step(cast, what, Machine)),
-    ?assertEqual({[{trace, {unknown_message, 2, what}}], Machine}, hears(2, what, Machine)).
+    ?assertEqual({[{trace, {malformed, 2, registers, what}}], Machine}, hears(2, what, Machine)).
 
 %% -- reads and writes -------------------------------------------------------------------------
 

@@ -227,9 +227,7 @@ message({digest, Theirs}, Source, _Now, #lww{entries = Entries} = Lww) ->
             [post(Source, {want, Want}) || Want =/= []]};
 message({want, Names}, Source, _Now, #lww{entries = Entries} = Lww) ->
     Wanted = [{Name, V, S} || Name <- Names, #{Name := {V, S}} <- [Entries]],
-    {Lww, [post(Source, {entries, Wanted})]};
-message(Unknown, Source, _Now, Lww) ->
-    {Lww, [{trace, {unknown_message, Source, Unknown}}]}.
+    {Lww, [post(Source, {entries, Wanted})]}.
 
 -spec take([entry()], Now :: integer(), #lww{}) -> {#lww{}, [starl_machine:action()]}.
 take(Entries, Now, Lww0) ->

@@ -51,7 +51,7 @@ own(Stack) ->
     Above = lists:takewhile(fun(Frame) -> not is_interpreter(Frame) end, Stack),
     [plain(Frame) || Frame <- Above, not is_runtime(element(1, Frame))].
 
-is_interpreter({starl_machine, Function, _, _}) -> Function =:= new orelse Function =:= step;
+is_interpreter({starl_machine, Function, _, _}) -> lists:member(Function, [new, step, handle]);
 is_interpreter(_) -> false.
 
 is_runtime(Module) ->
