@@ -95,18 +95,22 @@ choices(State, Model, Store) ->
 -spec may_end(state(), model(), store()) -> boolean().
 may_end(#{robots := Robots, items := Items} = State, Model, Store) ->
     Kept = State#{items := [I || I <- Items, starl_check_part:age(I) =/= ghost]},
-    lists:all(
-        fun(Place) ->
-            starl_check_part:is_done(element(Place, Robots), Store) orelse
-                lists:any(
-                    fun(#taken{state = #{robots := Then}}) ->
-                        starl_check_part:is_done(element(Place, Then), Store)
-                    end,
-                    taken(Place, Kept, Model, Store)
-                )
-        end,
-        starl_check_state:places(State)
-    ).
+    Places = starl_check_state:places(State),
+    Waiting = [P || P <- Places, not starl_check_part:is_done(element(P, Robots), Store)],
+    lists:all(fun(Place) -> ends_at(Place, Kept, Model, Store) end, Waiting).
+
+%% It depends on the robot and on what is under way to it.
+ends_at(Place, #{robots := Robots, stale := Stale} = State, Model, Store) ->
+    Mine = starl_check_choice:items([Place], State),
+    IsDone = fun(#taken{state = #{robots := Then}}) ->
+        starl_check_part:is_done(element(Place, Then), Store)
+    end,
+    Mine =/= [] andalso
+        starl_check_store:memo(
+            {may_end, element(Place, Robots), Mine, Stale},
+            fun() -> lists:any(IsDone, taken(Place, State, Model, Store)) end,
+            Store
+        ).
 
 %% -- the kinds of runs ----------------------------------------------------------------------
 

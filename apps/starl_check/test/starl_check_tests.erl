@@ -29,7 +29,7 @@ planted() ->
         {sap, 2, #{crash => 1}, {starl_check_sap_planted, #{variant => same_incarnation}},
             message_id_used_twice, 3},
         {sap, 2, #{}, {starl_check_sap_planted, #{variant => careless}}, duplicate_delivery, 5},
-        {terms, 2, #{reboot => 1}, {starl_check_planted, #{variant => unread}}, term_goes_back, 22},
+        {terms, 2, #{reboot => 1}, {starl_check_planted, #{variant => unread}}, term_goes_back, 25},
         {registers, 2, #{crash => 1}, {starl_registers_bug, #{bug => restart}}, stamp_goes_back, 3},
         {registers, 2, #{}, {starl_registers_bug, #{bug => last_heard}}, read_goes_back, 5},
         {geocast, 2, #{crash => 1}, {starl_geocast_bug, #{bug => restart}}, delivered_twice, 12},

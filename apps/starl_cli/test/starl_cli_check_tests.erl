@@ -14,6 +14,10 @@ refused_test_() ->
 holds_test() ->
     ?assertEqual(0, starl_cli_check:command(["bully", "--faults", "none", "--quiet"])).
 
+no_symmetry_test() ->
+    Args = ["election", "--faults", "none", "--quiet", "--no-symmetry"],
+    ?assertEqual(0, starl_cli_check:command(Args)).
+
 depth_test() ->
     ?assertEqual(0, starl_cli_check:command(["mutex", "--depth", "5", "--quiet"])).
 
