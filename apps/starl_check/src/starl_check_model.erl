@@ -14,14 +14,14 @@
 
 %% How often each fault may happen; see {@link starl_check}.
 -type budgets() :: #{
-    loss := non_neg_integer(),
-    crash := non_neg_integer(),
-    sap := non_neg_integer(),
-    dup := non_neg_integer(),
-    late := non_neg_integer(),
-    timeout := non_neg_integer(),
-    reboot := non_neg_integer(),
-    death := non_neg_integer()
+    loss => non_neg_integer(),
+    crash => non_neg_integer(),
+    sap => non_neg_integer(),
+    dup => non_neg_integer(),
+    late => non_neg_integer(),
+    timeout => non_neg_integer(),
+    reboot => non_neg_integer(),
+    death => non_neg_integer()
 }.
 
 %% `machine': another machine in the place of the block's, with what it adds to the
@@ -240,7 +240,7 @@ block(barrier, #{ids := Ids, rounds := Rounds}) ->
 %% Time stands still, so only the counts of stamps decide, and robots' clocks are as far apart as
 %% their numbers. All draw the same again and again, so each exchanges with one other robot.
 block(registers, #{ids := Ids}) ->
-    Ahead = (starl_check_term:now(8) - starl_check_term:now(0)) div 1000,
+    Ahead = starl_check_term:now(8) div 1000,
     #{
         blocks => [{registers, starl_registers_lww, #{ahead_ms => Ahead}}],
         script => fun(Place) -> register_script(Place) end,

@@ -17,7 +17,8 @@
     | beyond.
 
 %% @doc The team when all machines have started.
--spec initial(model(), store()) -> result().
+-spec initial(model(), store()) ->
+    {ok, none, state()} | {violation, starl_check_part:ref() | none, starl_monitor:violation()}.
 initial(Model, Store) ->
     Empty = starl_check_state:new(Model, Store),
     boot(starl_check_state:places(Empty), Empty, Model, Store).
