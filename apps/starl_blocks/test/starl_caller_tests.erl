@@ -54,15 +54,16 @@ mistakes() ->
         {'Type', "a", fun(X) -> starl_geocast:listen(?R, X) end},
         {'Coordinator', 7, fun(X) -> starl_dpp:join(?R, X) end},
         {'Coordinator', me, fun(X) -> starl_dpp:join(?R, X) end},
-        {'Path', complete, fun(X) -> starl_dpp:waypoints(X) end},
+        {'Path', complete, fun(X) -> starl_dpp:lines(X) end},
         {'Path', {error, restarted}, fun(X) -> starl_dpp:drive(?R, X, 1) end},
         {'N', 0, fun(X) -> starl_dpp:drive(?R, path(), X) end},
-        {'N', 2, fun(X) -> starl_dpp:drive(?R, path(), X) end}
+        {'N', 2, fun(X) -> starl_dpp:drive(?R, path(), X) end},
+        {'N', 2, fun(X) -> starl_dpp:face(?R, path(), X) end}
     ].
 
 area() -> {circle, {0.0, 0.0}, 1.0}.
 
-path() -> {{1, 1}, [{{0.0, 0.0}, up}]}.
+path() -> {{1, 1}, {0.0, 0.0}, [{{0.0, 0.0}, up}]}.
 
 mistakes_test_() ->
     [

@@ -220,7 +220,7 @@ wrong_clock_is_told(_) ->
     {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
     [
         begin
-            {Actions, _} = step({reply, {driven, Id, 1}}, {error, Why}, Driving),
+            {Actions, _} = step({reply, {driven, drive, Id, 1}}, {error, Why}, Driving),
             ?assertEqual({Why, Expected}, {Why, Told(Actions)})
         end
      || {Why, Expected} <- [{out_of_time, [told]}, {stopped, []}]
