@@ -9,7 +9,7 @@
          end_per_testcase/2]).
 -export([
     house/1, text/1, curve/1, lines/1, rocket/1, snowflake/1, hatch/1,
-    short_lines/1, close_lines/1, stipple/1, overlapping_lines/1, too_complex/1, narrow_fan/1,
+    short_lines/1, close_lines/1, stipple/1, overlapping_lines/1, too_complex/1,
     killed_actuator/1, pen_fails/1, pen_never_moves_again/1,
     killed_sap/1, killed_motion/1, killed_location/1, killed_participant/1, killed_coordinator/1,
     killed_election/1, killed_app/1, several_killed_at_once/1, all_killed_on_all_robots/1,
@@ -28,7 +28,7 @@ all() -> [{group, shipped}, {group, fine}, {group, crashes}, {group, pen}, {grou
 groups() ->
     [
         {shipped, [], ?SHIPPED},
-        {fine, [], [short_lines, close_lines, stipple, overlapping_lines, too_complex, narrow_fan]},
+        {fine, [], [short_lines, close_lines, stipple, overlapping_lines, too_complex]},
         {pen, [], [pen_fails, pen_never_moves_again]},
         {crashes, [], [
             killed_actuator, killed_sap, killed_motion, killed_location, killed_participant, killed_coordinator,
@@ -108,18 +108,6 @@ too_complex(Config) ->
         starl_sim:format_error(Reason)), <<"at most 20000 edges">>)),
     %% it was a hundred times as much
     ?assert(Work < 100000000, Work).
-
-%% Forty-one lines in a narrow fan are work for a few robots. More of them do not take longer by more
-%% than a few percent: who can do nothing but stand in the way parks.
-narrow_fan(Config) ->
-    Lines = [{{1000.0, 5000.0}, {9000.0, 5000.0 + 7.0 * (I - 20)}} || I <- lists:seq(0, 40)],
-    Seconds = fun(N) ->
-        #{end_us := Us} = complete(#{robots => N, picture => drawn(Lines, N, Config)}),
-        Us / 1.0e6
-    end,
-    {Some, Many} = {Seconds(16), Seconds(64)},
-    ct:log("16 robots ~p s, 64 robots ~p s", [Some, Many]),
-    ?assert(Many < 1.05 * Some, {Some, Many}).
 
 %% So many dashes to the side, as long, in all directions.
 dashes(N, Mm) ->
@@ -402,7 +390,7 @@ play(Given) ->
     {ok, Sim} = starl_sim:start(maps:merge(Default, Given)),
     starl_sim:run(Sim),
     {Outcome, #{figures := Figures}} = starl_sim:finish(Sim),
-    #{violations := Violations, robots := Robots, monitors := Monitors, end_us := EndUs} = Outcome,
+    #{violations := Violations, robots := Robots, monitors := Monitors} = Outcome,
     #{starl_election_monitor := #{leaders := Leaders}} = Monitors,
     Separation =
         case proplists:get_value(min_separation_mm, Figures) of
@@ -414,7 +402,6 @@ play(Given) ->
         covered => proplists:get_value(ink_covered, Figures),
         separation => Separation,
         figures => Figures,
-        end_us => EndUs,
         leader => case Leaders of [{painting, [L]}] -> L; _ -> none end,
         results => [{Id, Result} || {Id, #{result := Result}} <- Robots]
     }.
