@@ -327,10 +327,11 @@ covered({A, B} = Edge, Drawn, Reach) ->
 %% What the team plans with.
 planning(Given) ->
     Robots = lists:seq(1, maps:get(robots, Given, 4)),
+    {ok, Options} = starl_options:check(#{}, starl_painting:options()),
     {ok, #{blocks := Blocks}} = starl_painting:scene(#{
         robots => Robots, world => {12000, 12000}, seed => maps:get(seed, Given),
         profile => starl_motion_course:profile(#{}), sap => #{},
-        options => #{picture => "house", safety_distance => 400, horizon => 3000}
+        options => Options
     }),
     {dpp_coordinator, _, Config} = lists:keyfind(dpp_coordinator, 1, Blocks),
     Config#{robots => Robots}.

@@ -76,7 +76,7 @@ told(Type, Body, Machine) ->
 
 base(Name) ->
     #{
-        robot => 1, participants => [1, 2, 3], name => Name, incarnation => 1,
+        robot => 1, participants => [1, 2, 3], name => Name, incarnation => 1, stored => none,
         random => rand:seed_s(exsss, 1), now => 0
     }.
 

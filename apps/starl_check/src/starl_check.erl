@@ -18,7 +18,8 @@
     depth => pos_integer() | infinity,
     memory => pos_integer(),
     machine => {module(), Config :: map()} | {starl_machine:name(), module(), Config :: map()},
-    symmetry => boolean()
+    symmetry => boolean(),
+    workers => pos_integer()
 }.
 
 %% With a violation: the chart of a shortest way to it, and the number of its steps.

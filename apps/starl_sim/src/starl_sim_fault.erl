@@ -298,7 +298,7 @@ slack_ms(_) ->
 %% @doc From when on nothing goes wrong any more, in microseconds: the last packets that were late
 %% have come. Who has died stays dead.
 -spec healed_us([t()]) -> starl_sim_queue:time().
-healed_us(Faults) -> 1000 * lists:max([0 | [end_ms(Fault) || Fault <- Faults]]).
+healed_us(Faults) -> round(1000 * lists:max([0 | [end_ms(Fault) || Fault <- Faults]])).
 
 end_ms({_, From, _, Kind, _, _}) when
     Kind =:= kill_machine; Kind =:= kill_robot; Kind =:= clock_step

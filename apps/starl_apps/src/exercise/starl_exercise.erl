@@ -107,11 +107,11 @@ longest_patience_ms(#{patience := Ms} = Use) -> max(Ms, final_patience_ms(Use)).
 %% robots may be in front, each with its longest holds, and a lease has to end first.
 -spec within_ms(use()) -> pos_integer().
 within_ms(#{block := mutex, team := N, hold := Hold, lease := Lease, retry := Retry}) ->
-    ?WITHIN_MS + 2 * (Lease + Retry + N * Hold);
+    ?WITHIN_MS + round(2 * (Lease + Retry + N * Hold));
 within_ms(#{block := registers, sync := Sync}) ->
-    5000 + 15 * Sync;
+    5000 + round(15 * Sync);
 within_ms(#{retry := Retry}) ->
-    ?WITHIN_MS + 2 * Retry.
+    ?WITHIN_MS + round(2 * Retry).
 
 machines(sap, _Use) ->
     [];

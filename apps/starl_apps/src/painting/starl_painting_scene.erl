@@ -49,16 +49,16 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
         tube_radius => Radius,
         slack => Tracking,
         horizon => float(maps:get(horizon, Options)),
-        lease_ms => maps:get(lease, Options),
-        jump_ms => maps:get(jump, Options),
         seed => Seed
     },
+    Leases = #{lease_ms => maps:get(lease, Options), jump_ms => maps:get(jump, Options)},
+    Dpp = starl_dpp:blocks(maps:merge(Plan, Leases)),
     case starl_dpp_plan:new(Plan#{robots => Ids}) of
         {ok, Empty} ->
             {ok, #{
                 app => {sequential, starl_painting, none},
                 never_crashes => true,
-                blocks => [starl_election:block(), starl_actuator:block() | starl_dpp:blocks(Plan)],
+                blocks => [starl_election:block(), starl_actuator:block() | Dpp],
                 poses => maps:map(fun(_, Spot) -> facing(Spot, World) end, Spots),
                 monitors => monitors(Lines, Radius, Tracking, Context),
                 memo => #{

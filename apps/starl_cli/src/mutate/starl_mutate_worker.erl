@@ -99,7 +99,7 @@ limited(Unit, {MostCpu, MostWall}) ->
     Sink = sink(),
     {Pid, Ref} = spawn_monitor(fun() ->
         true = group_leader(Sink, self()),
-        exit({outcome, outcome(Unit)})
+        exit(self(), {outcome, outcome(Unit)})
     end),
     {Cpu, _} = statistics(runtime),
     Wall = erlang:monotonic_time(millisecond),
@@ -145,7 +145,7 @@ answer(Request) when element(1, Request) =:= put_chars; element(1, Request) =:= 
 answer(Request) when element(1, Request) =:= setopts -> ok;
 answer(_) -> {error, enotsup}.
 
--spec outcome(starl_mutate_block:unit()) -> outcome().
+-spec outcome(starl_mutate_block:unit()) -> passed | {failed, term()}.
 outcome(Unit) ->
     try passes(Unit) of
         true -> passed;

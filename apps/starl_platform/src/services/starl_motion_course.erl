@@ -160,7 +160,7 @@ longest_mm(Profile) -> longer(Profile) * length_mm(Profile).
 
 %% @doc The longest leg that may lead to the goal, mm.
 -spec last_mm(profile()) -> float().
-last_mm(Profile) -> length_mm(Profile).
+last_mm(Profile) -> float(length_mm(Profile)).
 
 %% @doc What a robot does next that stands at a pose and has turned to a leg: it drives if the turn
 %% has come about. It keeps to the leg: where legs are short, another look at its place might show

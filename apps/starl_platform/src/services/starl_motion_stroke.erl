@@ -25,7 +25,7 @@
 %% @doc How far along a line its beginning and its end may be from where a robot began and ended
 %% it, in millimetres.
 -spec ends_mm(starl_motion_course:profile()) -> float().
-ends_mm(#{position_error_mm := Position} = Profile) -> window(Profile) + Position.
+ends_mm(#{position_error_mm := Position} = Profile) -> float(window(Profile) + Position).
 
 window(#{position_error_mm := Position}) -> max(1.0, Position).
 
