@@ -50,7 +50,7 @@ killed(Config) ->
 %% A peer that is stopped would not hear that it is to end; the other one ends as well.
 suspended_own_peer(Config) ->
     {Node, Lost, OsPids} = in_conductor(lost_own_peer, [2, "STOP", 1], Config),
-    ?assertMatch({#{ending := lost}, _, [#{node := Node, why := silent}], _}, Lost),
+    ?assertMatch({#{ending := lost}, [#{node := Node, why := silent}], _}, Lost),
     Alive = [Pid || Pid <- OsPids, is_alive(Pid)],
     lists:foreach(fun starl_nodes_ct:kill/1, Alive),
     ?assertEqual([], Alive).

@@ -68,31 +68,41 @@ painted(Lines, N) ->
     {S2, _} = starl_dpp_serve:reported(1, {1, 2}, {{standing, spot(1)}, Edges}, S1),
     S2.
 
-%% Robot 2 stands beside the line, which is closed to it by the path of robot 1 (that is why it was
-%% sent aside, and it has not gone). When robot 1 has stopped, far away, robot 2 gets the line in the
-%% same turn: no deadlock.
+%% Robot 2 stands beside the line. The path of robot 1, all around both, closes the line to it, and
+%% every way out. When robot 1 has stopped, far away, robot 2 gets the line in the same turn: no
+%% deadlock.
 granted_is_no_deadlock_test() ->
     Beside = {6050.0, 6300.0},
-    End = {9000.0, 5800.0},
-    Passing = fun(S) ->
-        starl_dpp_serve:reported(1, {1, 5}, {{moving, 0, {5000.0, 5800.0}, [{End, up}]}, []}, S)
-    end,
-    Refused = [Passing, stands(2, Beside), asks(2, 2, Beside), asks(2, 3, Beside)],
-    {Before, S1} = chain(new([short()], 2), Refused),
-    ?assertEqual([], [Id || {2, {1, 3} = Id, _} <- sent(Before)]),
-    {Granted, _} = chain(S1, [asks(1, 6, End)]),
-    ?assertMatch([{2, {1, 3}, {assign, _, _}}], sent(Granted)),
+    Around = around(1, {5400.0, 5700.0}, {6700.0, 6900.0}),
+    {Before, S1} = chain(new([short()], 2), [Around, stands(2, Beside), asks(2, 2, Beside)]),
+    ?assertEqual([], sent(Before)),
+    {Granted, _} = chain(S1, [asks(1, 6, {9000.0, 5800.0})]),
+    ?assertMatch([{2, {1, 2}, {assign, _, _}}], sent(Granted)),
     ?assertEqual([], resolved(Granted)).
 
-%% The last line is between two robots that stand too near to it to let the other paint it. Both
-%% have been sent aside and have not gone: all are refused, nobody moves, and that is a deadlock.
+%% The last line is between two robots that stand too near to it to let the other paint it; they
+%% cannot get away, for the path of a third is all around them. When that one has stopped, far away,
+%% and asks as well, nobody moves and all are refused: a deadlock. One is sent out of the way.
 deadlock_is_counted_test() ->
-    Left = {5800.0, 6000.0},
-    Right = {6300.0, 6000.0},
-    Stand = [stands(1, Left), stands(2, Right)],
-    {_, S} = chain(new([short()], 2), Stand ++ [asks(1, 1, Left), asks(2, 1, Right)]),
-    {Actions, _} = chain(S, [asks(1, 2, Left), asks(2, 2, Right)]),
+    {Left, Right} = {{5800.0, 6000.0}, {6300.0, 6000.0}},
+    Stand = [around(3, {5300.0, 5500.0}, {6800.0, 6500.0}), stands(1, Left), stands(2, Right)],
+    {Before, S} = chain(new([short()], 3), Stand ++ [asks(1, 1, Left), asks(2, 1, Right)]),
+    ?assertEqual([], sent(Before)),
+    {Actions, _} = chain(S, [asks(3, 9, {9000.0, 9000.0})]),
     ?assertMatch([[_ | _]], resolved(Actions)).
+
+%% Two that close the last line to each other: who has been told to make way, and has not gone, is
+%% sent to park, so nobody waits for a deadlock.
+blockers_park_test() ->
+    {Left, Right} = {{5800.0, 6000.0}, {6300.0, 6000.0}},
+    Stand = [stands(1, Left), stands(2, Right), asks(1, 1, Left), asks(2, 1, Right)],
+    {_, S} = chain(new([short()], 2), Stand),
+    {Actions, _} = chain(S, [asks(1, 2, Left)]),
+    [{1, {1, 2}, {assign, _, Path}}] = sent(Actions),
+    {ok, Plan} = starl_dpp_plan:new(config([short()], 2)),
+    {End, up} = lists:last(Path),
+    ?assert(lists:member(End, [starl_dpp_plan:spot(Robot, Plan) || Robot <- [1, 2]])),
+    ?assertEqual([], resolved(Actions)).
 
 %% -- helpers --------------------------------------------------------------------------------
 
@@ -120,6 +130,11 @@ known(Robots, S0) ->
 
 stands(Robot, At) ->
     fun(S) -> starl_dpp_serve:reported(Robot, {1, 0}, {{standing, At}, []}, S) end.
+
+%% The robot drives all around a rectangle, but for the last bit.
+around(Robot, {X0, Y0}, {X1, Y1}) ->
+    Path = [{{X1, Y0}, up}, {{X1, Y1}, up}, {{X0, Y1}, up}, {{X0, Y0 + 100.0}, up}],
+    fun(S) -> starl_dpp_serve:reported(Robot, {1, 5}, {{moving, 0, {X0, Y0}, Path}, []}, S) end.
 
 asks(Robot, N) -> asks(Robot, N, spot(Robot)).
 
