@@ -1,5 +1,5 @@
-%% An actuator with a bug: it answers as soon as it has told its device what to do, without a word of
-%% the device, and never tells it again.
+%% An actuator with a bug: it answers as soon as it has told its device what to do, without a word
+%% of the device, and never tells it again.
 -module(starl_actuator_planted).
 -behaviour(starl_machine).
 

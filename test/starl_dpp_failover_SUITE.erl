@@ -151,9 +151,9 @@ everything_at_once(_) ->
      || _ <- lists:seq(1, 2 * instants())
     ].
 
-%% Robot 3 parks where it hears robot 4, but not the coordinator, which robot 4 hears, too, and claims
-%% term after term. (Found by everything_at_once: robot 4's vote stayed with robot 3, and the others
-%% changed terms for ever.)
+%% Robot 3 parks where it hears robot 4, but not the coordinator, which robot 4 hears, too, and
+%% claims term after term. (Found by everything_at_once: robot 4's vote stayed with robot 3, and the
+%% others changed terms for ever.)
 claims_out_of_range(_) ->
     Kills = [
         {260, {1, election}}, {28966, {3, election}}, {35536, {2, app}}, {56089, {1, app}},

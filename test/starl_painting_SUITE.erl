@@ -143,8 +143,8 @@ drawn(Lines, Robots, Config) ->
 
 %% -- the pen --------------------------------------------------------------------------------
 
-%% Commands to the pen are lost, it sticks, its line is noisy, slow or gone: nothing is painted where
-%% it should not be, and all that should.
+%% Commands to the pen are lost, it sticks, its line is noisy, slow or gone: nothing is painted
+%% where it should not be, and all that should.
 pen_fails(_) ->
     [
         complete(#{seed => Seed, picture => Picture, faults => [
@@ -164,8 +164,8 @@ pen_faults() ->
         [{serial_garbage, #{part => 0.5}, 10000}, {serial_gone, #{}, 8000},
          {serial_split, #{lag_ms => 200}, 15000}].
 
-%% Beyond repair: that robot waits where it is and keeps the lines that it had set out to paint; what
-%% is there of them is on the lines, and the others paint the rest.
+%% Beyond repair: that robot waits where it is and keeps the lines that it had set out to paint;
+%% what is there of them is on the lines, and the others paint the rest.
 pen_never_moves_again(_) ->
     [
         begin

@@ -38,8 +38,8 @@ pen(T, Robot, Pen) -> {T, Robot, chassis, {actuated, pen, Pen}}.
 stroke(T, Robot, Line) -> {T, Robot, app, {stroke, Line}}.
 stand(T, X, Y) -> starl_trajectory:standing(T, {X, Y}, 0.0).
 
-%% Drives through the points with 100 mm/s, from time T on, and says of each way that it is a stroke;
-%% returns the events and the end.
+%% Drives through the points with 100 mm/s, from time T on, and says of each way that it is a
+%% stroke; returns the events and the end.
 tour(T, Robot, [_]) ->
     {[{T, Robot, pause}], T};
 tour(T, Robot, [{X, Y} = A, B | Points]) ->
@@ -149,7 +149,8 @@ close_lines_are_told_apart_test() ->
 for(Line, {T, Robot, app, {stroke, _}}) -> stroke(T, Robot, Line);
 for(_Line, Event) -> Event.
 
-%% Ink of a robot that does not say for what is no stroke; one stroke paints all lines that it is on.
+%% Ink of a robot that does not say for what is no stroke; one stroke paints all lines that it is
+%% on.
 strokes_test() ->
     {Events, End} = paint([{0.0, 0.0}, {1000.0, 0.0}]),
     Silent = [E || {_, _, Machine, _} = E <- Events, Machine =/= app],

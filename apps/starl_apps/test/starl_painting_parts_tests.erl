@@ -5,7 +5,8 @@
 
 -import(starl_painting_parts, [unite/2, gap/2]).
 
-%% In whatever order parts come, what they cover is ascending and disjoint; parts that touch are one.
+%% In whatever order parts come, what they cover is ascending and disjoint; parts that touch are
+%% one.
 unite_test() ->
     Parts = [{0.0, 1.0}, {1.0, 2.0}, {5.0, 6.0}, {3.0, 4.0}, {3.5, 5.5}, {8.0, 9.0}],
     [

@@ -75,8 +75,8 @@ votes_run_out(_) ->
     ?assertEqual([], answers(Late)),
     ?assert(lists:member({trace, {stepped_down, {1, 1, 1}}}, Late)).
 
-%% The chassis has shown that the clock stood still: votes count from now on only, in a term of their
-%% own. One that does not lead has nothing to lose.
+%% The chassis has shown that the clock stood still: votes count from now on only, in a term of
+%% their own. One that does not lead has nothing to lose.
 wrong_clock_voids_votes(_) ->
     {Claims, C} = at(7 * ?S, cast, out_of_time, open()),
     ?assert(lists:member({trace, {claims, {2, 1, 1}}}, Claims)),
@@ -102,8 +102,8 @@ after_the_end_all_is_traced(_) ->
     {Actions, _} = at(8 * ?S, packet, x, open()),
     ?assert(lists:member({trace, {unknown_event, packet, x}}, Actions)).
 
-%% Leave counts from the stamp of a request. Of a stamp that has been known for a lease none is left:
-%% the robot's clock stands still, and it is to ask again by another.
+%% Leave counts from the stamp of a request. Of a stamp that has been known for a lease none is
+%% left: the robot's clock stands still, and it is to ask again by another.
 old_stamp_gives_no_leave(_) ->
     {_, Asked} = at(0, cast, asks(2, 1, spot(2)), open()),
     C = voted(14, at_beats(lists:seq(1, 14), Asked)),

@@ -1,7 +1,7 @@
-%% The contract of DPP (README), the part that its participants keep: a request certifies
-%% where the robot stands; an answer is taken once, and only the present one's; a path is void for
-%% ever once its leave has ended; a vote is given once; a crash stops the robot. The machine is
-%% stepped by hand. The coordinator: starl_dpp_coordinator_SUITE; both in runs: starl_dpp_crash_SUITE.
+%% The contract of DPP (README), the part that its participants keep: a request certifies where the
+%% robot stands; an answer is taken once, and only the present one's; a path is void for ever once
+%% its leave has ended; a vote is given once; a crash stops the robot. The machine is stepped by
+%% hand. The coordinator: starl_dpp_coordinator_SUITE; both in runs: starl_dpp_crash_SUITE.
 -module(starl_dpp_participant_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 -import(starl_dpp_ct, [base/4, base/5, step/3, at/4, sent/2]).
@@ -78,8 +78,8 @@ stale_answers_are_refused(_) ->
         ]
     ].
 
-%% By a clock that stands still, or was set back, nobody knows when leave ends: the path is not taken.
-%% The coordinator's own robot is answered at once.
+%% By a clock that stands still, or was set back, nobody knows when leave ends: the path is not
+%% taken. The coordinator's own robot is answered at once.
 answer_in_no_time(_) ->
     {Id, P} = asking(led()),
     Answer = {message, 4, dpp_answer, {{1, 4, 1}, Id, assignment(), []}},
@@ -278,8 +278,8 @@ leave_ends_for_good(_) ->
     {Refused, _} = at(10 * ?S, {call, {app, 3}}, {drive, Id, 1}, Told),
     ?assertEqual([{reply, {app, 3}, {error, void}}], Refused).
 
-%% The beginning of a line is taken as its drive is: by leave, anew when motion has crashed, and with
-%% nothing passed or painted by it.
+%% The beginning of a line is taken as its drive is: by leave, anew when motion has crashed, and
+%% with nothing passed or painted by it.
 faces_only_by_leave(_) ->
     {Id, Moving} = moving(),
     {Go, Facing} = step({call, {app, 2}}, {face, Id, 1}, Moving),

@@ -86,8 +86,8 @@ point(near_parallel, Rand0) ->
     {Y, Rand2} = rand:uniform_s(Rand1),
     {{50.0 * X, 3.0 * Y}, Rand2}.
 
-%% The work grows about as the lines and their crossings do: twice the lines over twice the floor are
-%% little more than twice the work, and nothing like four times.
+%% The work grows about as the lines and their crossings do: twice the lines over twice the floor
+%% are little more than twice the work, and nothing like four times.
 fast_test_() ->
     {timeout, 60, fun() ->
         Work = fun(Lines) ->

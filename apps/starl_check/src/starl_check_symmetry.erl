@@ -1,7 +1,7 @@
 %% @doc Are robots alike that are taken for one another? It must come to the same whether they
-%% change places before a step or after it. This is tried out, on some of the states of every search: each
-%% change of places, and everything that may happen. A machine that does something else at one
-%% robot than at another is found so, or one whose data cannot be renamed.
+%% change places before a step or after it. This is tried out, on some of the states of every
+%% search: each change of places, and everything that may happen. A machine that does something else
+%% at one robot than at another is found so, or one whose data cannot be renamed.
 -module(starl_check_symmetry).
 
 -export([differs/4]).

@@ -15,12 +15,12 @@
 %% listener.
 %%
 %% Events of machine `sap': `{started, Incarnation}', `{sent, MsgId, Dests, Type, Hash}',
-%% `{delivered, MsgId, Type, Hash}' at the receiver, `{outcome, MsgId, Dest, Outcome}' at the
-%% sender with Outcome `acknowledged', `lost', `{lost, Reason}' or `restarted' (lost because the
-%% receiver restarted), `{called, MsgId, one | all}' after `sent' where a caller waits for an
-%% answer, `{answered, MsgId | none, Answer}', `{listener_refused, Type, Machine, Holder}'; of
-%% machine `app': `{read, Source, Type, Hash}' and `crashed'; of machine `robot': `{died, Reason}' and `down' (until it starts
-%% anew). `MsgId' is `{Source, Incarnation, Seq}'.
+%% `{delivered, MsgId, Type, Hash}' at the receiver, `{outcome, MsgId, Dest, Outcome}' at the sender
+%% with Outcome `acknowledged', `lost', `{lost, Reason}' or `restarted' (lost because the receiver
+%% restarted), `{called, MsgId, one | all}' after `sent' where a caller waits for an answer,
+%% `{answered, MsgId | none, Answer}', `{listener_refused, Type, Machine, Holder}'; of machine
+%% `app': `{read, Source, Type, Hash}' and `crashed'; of machine `robot': `{died, Reason}' and
+%% `down' (until it starts anew). `MsgId' is `{Source, Incarnation, Seq}'.
 %%
 %% Memory: one entry per message that is outstanding. An undelivered message whose outcomes are
 %% all known is outstanding for `late_us' more; then only its sequence number is kept, in

@@ -1,4 +1,5 @@
-%% An actuator is told until its sensor shows that it is as wanted: what a caller is answered, and when.
+%% An actuator is told until its sensor shows that it is as wanted: what a caller is answered, and
+%% when.
 -module(starl_actuator_tests).
 -include_lib("eunit/include/eunit.hrl").
 

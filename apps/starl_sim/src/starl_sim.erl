@@ -112,10 +112,10 @@ robots(#sim{run = Run}) -> starl_sim_run:robots(Run).
 -spec events(sim(), starl:robot_id()) -> [starl_sim_ledger:event()] | unknown | {error, running}.
 events(#sim{run = Run}, Robot) -> starl_sim_run:events(Run, Robot).
 
-%% @doc Loads a module anew, from where the code lies; each application takes it up at its next step.
-%% However often it is called while steps block, no application is killed: `waits' says that these
-%% robots are in the midst of a step of the version before last. The code is loaded as soon as they
-%% have ended it and the run goes on; of several that wait, the last.
+%% @doc Loads a module anew, from where the code lies; each application takes it up at its next
+%% step. However often it is called while steps block, no application is killed: `waits' says that
+%% these robots are in the midst of a step of the version before last. The code is loaded as soon as
+%% they have ended it and the run goes on; of several that wait, the last.
 -spec reload(sim(), module()) -> ok | {waits, [starl:robot_id()]} | {error, reason()}.
 reload(Sim, Module) ->
     case code:get_object_code(Module) of

@@ -1,5 +1,5 @@
-%% A machine for tests: `boom', `match' and `throw' crash it, `{count, K}' is traced; a call is answered by its
-%% incarnation.
+%% A machine for tests: `boom', `match' and `throw' crash it, `{count, K}' is traced; a call is
+%% answered by its incarnation.
 -module(starl_sim_crash_machine).
 -behaviour(starl_machine).
 

@@ -225,8 +225,8 @@ lost_command(_) ->
         starl:go_to(R, {1000.0, 3000.0})
     end, #{faults => [{l, 0, 3000, command_lost, 1, #{part => 0.5}}]}).
 
-%% A pen that has not heard, does not move, or cannot be heard is told again, and moves when the fault
-%% is over; who lowers it waits for that. What the trace tells is what the pen has done.
+%% A pen that has not heard, does not move, or cannot be heard is told again, and moves when the
+%% fault is over; who lowers it waits for that. What the trace tells is what the pen has done.
 actuator_faults(_) ->
     Down = fun(Fault) ->
         {Outcome, [{done, Ms}, _]} = play(2, fun(R) ->

@@ -2,10 +2,11 @@
 %% picture and nowhere else, and every line is painted.
 %%
 %% Ink is what a robot drives with its pen down. It lies on the lines if it is no farther from one
-%% than the ink radius (the r(v) of the tracking guarantee) plus the tolerance with which the picture
-%% was flattened. Straight motion is judged exactly: the part of one segment that lies within a
-%% radius of another is an interval in closed form ({@link starl_painting_parts}), and the union of
-%% these intervals must cover the ink. An arc is taken as chords that stay within 0.01 mm of it.
+%% than the ink radius (the r(v) of the tracking guarantee) plus the tolerance with which the
+%% picture was flattened. Straight motion is judged exactly: the part of one segment that lies
+%% within a radius of another is an interval in closed form ({@link starl_painting_parts}), and the
+%% union of these intervals must cover the ink. An arc is taken as chords that stay within 0.01 mm
+%% of it.
 %%
 %% A line is painted by drives along it, and by no others: where lines are close to each other, ink
 %% could lie near several. So a robot says which line it sets out to paint, `{stroke, Segment}', and
@@ -115,8 +116,8 @@ step(_Other, State) ->
 
 %% @doc Judges the time until `EndTimeUs'. Results: `coverage' (0..1, the part of the lines' length
 %% that is painted, where what may be missing at ends is not), `ink_covered' (whether that is all of
-%% it), `unpainted_mm', `inked' (0..1, the part that there is ink on, to the millimetre), `ink_mm' and
-%% `driven_mm' (lengths driven with the pen down, and in all), `ink' (polylines by robot).
+%% it), `unpainted_mm', `inked' (0..1, the part that there is ink on, to the millimetre), `ink_mm'
+%% and `driven_mm' (lengths driven with the pen down, and in all), `ink' (polylines by robot).
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, #state{tracks = Tracks} = State) ->
@@ -258,8 +259,8 @@ lines_under({P, Q}, #state{grid = Grid, lines = Lines}) ->
     ].
 
 %% Enters a straight piece of ink that is to paint these lines. Returns where it leaves the lines of
-%% the picture: the fraction of its length at which that begins, and a point in the middle of what is
-%% outside.
+%% the picture: the fraction of its length at which that begins, and a point in the middle of what
+%% is outside.
 ink(Ink, Stroke, #state{lines = Lines, reach_mm = Reach, ends_mm = Ends} = State) ->
     Near = [map_get(N, Lines) || N <- starl_grid:near(Ink, Reach, State#state.grid)],
     Inked = [starl_painting_parts:within(Reach, Ink, Line) || Line <- Near],

@@ -31,9 +31,9 @@ within(Reach, {A, B} = Segment, {C, D} = Other) ->
             end
     end.
 
-%% @doc The part of a line (mm from its start) that a piece of ink is beside, at most `Reach' mm to its
-%% left or right. Ink before its start or past its end counts for up to `Ends' mm: the part may begin
-%% below 0 and end beyond the length.
+%% @doc The part of a line (mm from its start) that a piece of ink is beside, at most `Reach' mm to
+%% its left or right. Ink before its start or past its end counts for up to `Ends' mm: the part may
+%% begin below 0 and end beyond the length.
 -spec beside(Reach :: float(), Ends :: float(), Line :: segment(), Ink :: segment()) ->
     part() | none.
 beside(Reach, Ends, {A, B}, {P, Q}) ->

@@ -8,19 +8,20 @@
 %%     +----------------------------------------------- leading
 %% '''
 %% One machine on every robot; the robot that leads is the coordinator. A claim begins a new term,
-%% {N, Robot, Incarnation}, higher than all terms known: it asks all participants for their vote and where they
-%% are and what they hold (`dpp_recover'). Terms fence: participants take nothing from a lower one.
-%% A coordinator assigns while a quorum's votes last ({@link starl_dpp_lease}) and only when it
-%% knows of every robot: from the robot's own report in this term, or, of a robot that says nothing,
-%% by seeing where it stands once all leave that it may have to drive has ended.
+%% {N, Robot, Incarnation}, higher than all terms known: it asks all participants for their vote and
+%% where they are and what they hold (`dpp_recover'). Terms fence: participants take nothing from a
+%% lower one. A coordinator assigns while a quorum's votes last ({@link starl_dpp_lease}) and only
+%% when it knows of every robot: from the robot's own report in this term, or, of a robot that says
+%% nothing, by seeing where it stands once all leave that it may have to drive has ended.
 %%
-%% Its beats, one a second or more often ({@link starl_dpp_lease:beat_us/1}), carry what gives the participants leave to drive on. A machine that
-%% crashed has forgotten its term; its robot's participants vote for it again at once.
+%% Its beats, one a second or more often ({@link starl_dpp_lease:beat_us/1}), carry what gives the
+%% participants leave to drive on. A machine that crashed has forgotten its term; its robot's
+%% participants vote for it again at once.
 %%
 %% Messages: `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}' and `dpp_answer' to
 %% participants; from them `dpp_request', `dpp_passed', `dpp_state', `dpp_here', `dpp_refused'.
-%% Casts from the own participant: `{lead, N}', `{led, Term}', and `out_of_time' when the robot's clock
-%% has stood still or was set: no vote counts that was given before.
+%% Casts from the own participant: `{lead, N}', `{led, Term}', and `out_of_time' when the robot's
+%% clock has stood still or was set: no vote counts that was given before.
 %%
 %% Trace: `{claims, Term}', `{leads, Term}', `{stepped_down, Term}', and those of the service.
 -module(starl_dpp_coordinator).

@@ -39,8 +39,8 @@
 }).
 -opaque t() :: #follow{}.
 
-%% @doc The coordinator of the term that was last stored is followed; there is no leave. No term that
-%% is lower was voted for since, nor is one from now on.
+%% @doc The coordinator of the term that was last stored is followed; there is no leave. No term
+%% that is lower was voted for since, nor is one from now on.
 -spec new(starl_machine:config()) -> t().
 new(#{robot := Self, participants := Team, now := Now} = Config) ->
     Short = starl_dpp_lease:short_us(Config),

@@ -10,9 +10,9 @@
 %%
 %% Events of machine `dpp_coordinator': `{leads, Term}', `{coordinator, Epoch}' (a later epoch
 %% starts with an empty view, filled before anything is assigned), `{assigned, Robot, ReqId,
-%% Segments}' and `{reserved, Robot, Segments}' (the robot's whole reservation afterwards); of machine `chassis':
-%% `{motion, Piece}'; of machine `robot': `{died, Reason}' (the robot stays where it is, and so does
-%% its reservation).
+%% Segments}' and `{reserved, Robot, Segments}' (the robot's whole reservation afterwards); of
+%% machine `chassis': `{motion, Piece}'; of machine `robot': `{died, Reason}' (the robot stays where
+%% it is, and so does its reservation).
 %%
 %% Separation is judged when a slice of time is over, so its violations come up to a second
 %% after the moment that they name; a pair is reported once.

@@ -23,9 +23,9 @@
 %% So much more than what is driven may a way cost: its turns, and corners that are cut.
 -define(ROUND_ABOUT, 2000.0).
 
-%% @doc What the way to work may cost for a robot that would take it; `none' if it would take no work.
-%% What it refuses is far: no need to search there. (What is near, but found by a way round about
-%% only, it may miss; it asks again when others have moved.)
+%% @doc What the way to work may cost for a robot that would take it; `none' if it would take no
+%% work. What it refuses is far: no need to search there. (What is near, but found by a way round
+%% about only, it may miss; it asks again when others have moved.)
 -spec reach(robot_id(), plan()) -> starl_dpp_search:within() | none.
 reach(Robot, Plan) ->
     case starl_dpp_plan:config(Plan) of

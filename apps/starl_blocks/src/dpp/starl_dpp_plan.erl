@@ -85,8 +85,8 @@ standing(Robot, P, #plan{unsafe = Unsafe, modes = Modes} = Plan0) ->
         modes = Modes#{Robot => {standing, Q, P}}
     }).
 
-%% @doc The robot says nothing any more, and was seen to stand here: it holds no assignment, and will
-%% not do any work before it is heard of again.
+%% @doc The robot says nothing any more, and was seen to stand here: it holds no assignment, and
+%% will not do any work before it is heard of again.
 -spec silent(robot_id(), point(), t()) -> t().
 silent(Robot, P, Plan) ->
     #plan{silent = Silent} = Stands = standing(Robot, P, Plan),

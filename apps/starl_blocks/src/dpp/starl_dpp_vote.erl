@@ -1,9 +1,10 @@
 %% @doc A participant's vote: whom it has promised to vote for nobody else, and until when; and who
 %% leads. Pure.
 %%
-%% A machine that has crashed has forgotten its promise, so it votes for nobody until that must
-%% have ended; what it has stored tells whether it may have voted at all. A promise is to a robot: of the terms that one robot claims only the latest can
-%% still be led, for there is one coordinator machine on it.
+%% A machine that has crashed has forgotten its promise, so it votes for nobody until that must have
+%% ended; what it has stored tells whether it may have voted at all. A promise is to a robot: of the
+%% terms that one robot claims only the latest can still be led, for there is one coordinator
+%% machine on it.
 %%
 %% While one leads that is heard, nobody else can win, whoever has the vote. A robot that hears
 %% less than others, and claims term after term for it, must not be let disturb the one that leads

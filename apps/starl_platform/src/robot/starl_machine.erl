@@ -61,8 +61,8 @@
     %% the wheels turn as the script says and then stand; takes the place of one that runs; answered
     %% by `info', `{driven, Mark, …}', or `{stalled, Mark, …}' if a wheel does not turn as told
     | {drive, starl_motion_course:script(), Mark :: term()}
-    %% any other actuator: `{actuate, pen, down}'; with a mark, answered by `info', `{actuated, Mark,
-    %% Device, Value}' with what its sensor shows
+    %% any other actuator: `{actuate, pen, down}'; with a mark, answered by `info', `{actuated,
+    %% Mark, Device, Value}' with what its sensor shows
     | {actuate, Device :: atom(), Value :: term()}
     | {actuate, Device :: atom(), Value :: term(), Mark :: term()}
     %% kept for this machine over crashes and reboots, in place of what it kept before; what follows

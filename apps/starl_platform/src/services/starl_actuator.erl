@@ -8,8 +8,8 @@
 %% A command or an answer that is lost is found out by a time-out. A device that is stuck is told
 %% again until it moves: the caller waits so long, for what it does next rests on it.
 %%
-%% Calls: `{set, Device, Value}' (answer `ok' when the device is so, `{error, replaced}' when another
-%% value is wanted before).
+%% Calls: `{set, Device, Value}' (answer `ok' when the device is so, `{error, replaced}' when
+%% another value is wanted before).
 -module(starl_actuator).
 -behaviour(starl_machine).
 

@@ -27,8 +27,9 @@
 %% line, near which it stands, to its very end ({@link starl_motion_stroke}), `{face, segment()}' to
 %% the beginning of this line, near which it stands, looking along it (answer `ok' when it is there,
 %% `{error, stopped}' when another command comes first, `{error, out_of_time}' in all but the first
-%% case when the clocks do not agree), `stop' (answer when it stands: `ok', or `{error, out_of_time}'
-%% when they do not agree). Configuration: `profile' ({@link starl_motion_course:profile()}).
+%% case when the clocks do not agree), `stop' (answer when it stands: `ok', or `{error,
+%% out_of_time}' when they do not agree). Configuration: `profile' ({@link
+%% starl_motion_course:profile()}).
 -module(starl_motion).
 -behaviour(starl_machine).
 

@@ -27,12 +27,11 @@
 -export_type([profile/0, script/0, leg/0, step/0]).
 
 %% How the robot drives. `speed' and `near_speed' (within `near_mm' of the goal) in mm/s,
-%% `turn_rate' and `near_turn_rate' in rad/s, `leg_s' the time between two looks at the
-%% position near the goal, `goal_mm' how near the goal is near enough, `axle_mm' the distance of the wheels.
+%% `turn_rate' and `near_turn_rate' in rad/s, `leg_s' the time between two looks at the position
+%% near the goal, `goal_mm' how near the goal is near enough, `axle_mm' the distance of the wheels.
 %% `turn_from' is the least angle worth a turn, `look_from' (but never less than the heading's
-%% error) the least turn worth a look, rad.
-%% The bounds of the errors: `heading_error' in rad and `distance_error' as a fraction per leg,
-%% `position_error_mm' of the positioning system.
+%% error) the least turn worth a look, rad. The bounds of the errors: `heading_error' in rad and
+%% `distance_error' as a fraction per leg, `position_error_mm' of the positioning system.
 -type profile() :: #{
     speed := float(),
     near_speed := float(),
