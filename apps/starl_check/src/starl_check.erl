@@ -50,7 +50,7 @@ faults() ->
         {loss, "messages that SAP reports lost; they may have been delivered, or be so later"},
         {crash, "machines that crash and start anew: the block's, the application"},
         {sap, "SAP machines that crash and start anew"},
-        {reboot, "robots that go down, for some time, and start anew knowing nothing"},
+        {reboot, "robots that go down, for some time, and start anew with what they stored"},
         {death, "robots that die for good"},
         {dup, "packets that arrive twice"},
         {late, "messages that are slower than time-outs"},

@@ -183,8 +183,9 @@ help() ->
         [io_lib:format("  ~-10s ~ts~n", [Fault, Doc]) || {Fault, Doc} <- starl_check:faults()],
         "\nFlags:\n",
         starl_cli_flags:help(flags(), Width),
-        "\nExit status: 0 the contract holds, 3 it is violated (and here is how), 4 out of memory\n"
-        "before all was covered, or a search without end, 2 bad input, 130 interrupted; what was covered is told.\n"
+        "\nExit status: 0 the contract holds; 2 bad input; 3 it is violated, and here is how;\n"
+        "4 out of memory before all was covered, or a search without end; 130 interrupted, with\n"
+        "what was covered.\n"
     ]),
     0.
 
