@@ -6,7 +6,8 @@
 
 -export([suite/0, all/0, groups/0, init_per_group/2, end_per_group/2]).
 -export([
-    outlives_crash_and_reboot/1, full_store_stops_the_writer/1, damaged_store_is_told/1,
+    outlives_crash_and_reboot/1, full_store_stops_the_writer/1, full_store_is_outlived/1,
+    damaged_store_is_told/1,
     application_keeps/1, application_crashes_on_a_full_store/1, modes_agree/1
 ]).
 
@@ -16,7 +17,8 @@ all() -> [{group, process}, {group, inline}, modes_agree].
 
 groups() ->
     Tests = [
-        outlives_crash_and_reboot, full_store_stops_the_writer, damaged_store_is_told,
+        outlives_crash_and_reboot, full_store_stops_the_writer, full_store_is_outlived,
+        damaged_store_is_told,
         application_keeps, application_crashes_on_a_full_store
     ],
     [{process, [], Tests}, {inline, [], Tests}].
@@ -51,6 +53,19 @@ outlives_crash_and_reboot(Config) ->
         end
     end, scenario(Faults, Config)),
     ?assertEqual({done, [{ok, {stored, 4}}, {ok, {stored, 3}}]}, Result).
+
+%% Whoever asks again and again has a machine that cannot write crash each time; not so often that it
+%% is given up before there is room.
+full_store_is_outlived(Config) ->
+    Faults = [{full, 0, 45000, store_full, 1, #{}}],
+    {_, Results, _} = play(1, fun kept_at_last/1, scenario(Faults, Config)),
+    ?assertEqual([{done, kept}], Results).
+
+kept_at_last(R) ->
+    case starl:call(R, a, {keep, 1}, infinity) of
+        {ok, ok} -> kept;
+        {error, restarted} -> kept_at_last(R)
+    end.
 
 %% Nothing that was to follow the write happens, its timer neither; the caller is told; what was
 %% kept before is still there, and when there is room again the machine goes on.

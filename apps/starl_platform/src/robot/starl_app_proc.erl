@@ -23,6 +23,8 @@
 -define(READ_AT_ONCE, 100).
 %% So many actions and steps may be in one turn.
 -define(TURN_LIMIT, 100000).
+%% How long a caller waits after a crash of the machine that it called.
+-define(RESTARTED_US, 250000).
 %% How long an application whose state new code could not take over waits for other code.
 -define(OTHER_CODE_US, 1000000).
 
@@ -159,7 +161,8 @@ random() ->
     X.
 
 %% @doc Calls another machine of the robot and waits for its answer.
-%% `{error, restarted}': the machine crashed; what it had begun may or may not have happened.
+%% `{error, restarted}': the machine crashed, a quarter of a second ago; what it had begun may or may
+%% not have happened.
 -spec call(starl_machine:name(), Request :: term(), Us :: pos_integer() | infinity) ->
     {ok, Answer :: term()} | {error, timeout | restarted}.
 call(Name, Request, Us) ->
@@ -179,8 +182,14 @@ call(Name, Request, Us) ->
         no_such_machine -> error(missing(Name));
         given_up -> error(missing(Name));
         timeout -> {error, timeout};
-        restarted -> {error, restarted}
+        restarted -> restarted()
     end.
+
+%% What made the machine crash, such as a full store, may last: whoever calls again at once would
+%% have it crash until it is given up.
+restarted() ->
+    ok = sleep(?RESTARTED_US),
+    {error, restarted}.
 
 %% A machine that crashed too often is not there any more, either.
 missing(Name) ->
