@@ -149,14 +149,17 @@ pose(Id, Scene, #{world := {Width, _}}) ->
     maps:get(Id, maps:get(poses, Scene, #{}), Default).
 
 %% Whatever is bounded in time may take longer by what faults of clocks and processes cost; a
-%% monitor that asks for it is told which assumptions they break, and when, and when all is over.
-%% That not all are done in time comes last: other contracts know better what is wrong.
-monitors(#{faults := Faults} = Scenario, Scene, Profile, #{sap := Sap0, robots := Ids}) ->
+%% monitor that asks for it is told which assumptions they break, and when, when all is over, and how
+%% long a packet is under way then. That not all are done in time comes last: other contracts know
+%% better what is wrong.
+monitors(Scenario, Scene, Profile, #{sap := Sap0, robots := Ids}) ->
+    #{faults := Faults, delay := {_, MaxMs}} = Scenario,
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
     Slack = starl_sim_fault:slack_us(Faults),
     Known = #{
         broken => starl_sim_assumption:broken(Faults, is_exact(Profile)),
-        healed_us => healed_us(Scenario)
+        healed_us => healed_us(Scenario),
+        delay_us => round(1000 * MaxMs)
     },
     %% a hundredth more for the drift of the sender's clock
     Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,

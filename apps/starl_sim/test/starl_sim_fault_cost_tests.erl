@@ -30,7 +30,8 @@ slack_is_a_sum_test() ->
     ?assertEqual(6200000, starl_sim_fault:slack_us(Faults)),
     ?assertEqual(0, starl_sim_fault:slack_us([])).
 
-%% What the monitors of a run are told: a bound plus that, and when all faults are over.
+%% What the monitors of a run are told: a bound plus that, when all faults are over, and how long a
+%% packet takes then.
 monitors_are_told_test() ->
     Faults = [fault(slow, #{lag_ms => 40}), {dead, 9000, 9500, kill_robot, 1, #{}}],
     Told = fun(Changes) ->
@@ -38,16 +39,21 @@ monitors_are_told_test() ->
         Context = starl_sim_plan:context(?MODULE, Scenario),
         Scene = #{
             app => {sequential, ?MODULE, none},
-            monitors => [{asks, #{bound_us => 5, healed_us => 0, broken => []}}, {asks_not, #{}}]
+            monitors => [
+                {asks, #{bound_us => 5, healed_us => 0, broken => [], delay_us => 0}},
+                {asks_not, #{}}
+            ]
         },
         #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
         {_, Config} = lists:keyfind(asks, 1, Monitors),
         ?assertEqual({asks_not, #{}}, lists:keyfind(asks_not, 1, Monitors)),
-        maps:with([bound_us, healed_us], Config)
+        maps:with([bound_us, healed_us, delay_us], Config)
     end,
-    ?assertEqual(#{bound_us => 800005, healed_us => 9000000}, Told(#{})),
-    ?assertEqual(#{bound_us => 800005, healed_us => never}, Told(#{loss => 0.1})),
-    ?assertEqual(#{bound_us => 800005, healed_us => never}, Told(#{range => 5000})).
+    All = #{bound_us => 800005, healed_us => 9000000, delay_us => 20000},
+    ?assertEqual(All, Told(#{})),
+    ?assertEqual(All#{healed_us := never}, Told(#{loss => 0.1})),
+    ?assertEqual(All#{healed_us := never}, Told(#{range => 5000})),
+    ?assertEqual(All#{delay_us := 1500}, Told(#{delay => {1, 1.5}})).
 
 %% A fault of a moment is over at its beginning, every other one at its end.
 healed_test() ->
