@@ -11,7 +11,7 @@
     chain_of_hops/1, lifetimes_and_clocks/1, slow_packets_are_not_late/1,
     memory_shrinks/1, memory_is_bounded/1,
     late_comer_gets_it/1, dead_relay_is_gone_around/1, not_again_after_a_restart/1,
-    not_again_by_a_clock/1,
+    not_again_by_a_clock/1, not_before_the_clock_is_back/1, lives_long_enough/1,
     sent_after_the_restart/1, listeners_come_late/1, hops_are_limited/1,
     mistakes_of_the_caller/1
 ]).
@@ -22,7 +22,7 @@ all() ->
         chain_of_hops, lifetimes_and_clocks, slow_packets_are_not_late,
         memory_shrinks, memory_is_bounded,
         late_comer_gets_it, dead_relay_is_gone_around, not_again_after_a_restart,
-        not_again_by_a_clock,
+        not_again_by_a_clock, not_before_the_clock_is_back, lives_long_enough,
         sent_after_the_restart, listeners_come_late, hops_are_limited,
         mistakes_of_the_caller
     ].
@@ -284,6 +284,50 @@ not_again_by_a_clock(_) ->
     Delivered = [{R, T > 6000000} || {T, R, geocast, {delivered, _, _}} <- Trace],
     ?assertEqual([{1, false}, {2, false}, {3, true}], Delivered).
 
+%% A clock that is set back after the restart: until it shows again what it showed then, no message
+%% is surely a later one. Nothing is owed before that; afterwards all is as ever.
+not_before_the_clock_is_back(_) ->
+    Script = fun(R) ->
+        Send = fun(Ms) ->
+            ok = starl:sleep(R, Ms),
+            starl_geocast:send(R, everywhere(), news, hello, #{lifetime_ms => 500})
+        end,
+        _ = [Send(Ms) || starl:id(R) =:= 1, Ms <- [4000, 4000]],
+        starl:sleep(R, 10000)
+    end,
+    Faults = [
+        {k, 1000, 1000, kill_machine, {2, geocast}, #{}},
+        {back, 3500, 3500, clock_step, 2, #{ms => -4000}}
+    ],
+    {_, Trace} = line(2, Script, #{faults => Faults}, #{listeners => #{news => app}}, progress()),
+    Delivered = [{R, N} || {_, R, geocast, {delivered, {1, 1, N}, _}} <- Trace],
+    ?assertEqual([{1, 1}, {1, 2}, {2, 2}], Delivered).
+
+%% Where no packet takes longer than a time, each message that lives as long as that needs comes to
+%% all that hear it.
+lives_long_enough(_) ->
+    Least = starl_geocast_lifetime:least_us(100000, 3000, 10000) div 1000 + 1,
+    First = starl_platform_ct:seed() band 16#ffffff,
+    Script = fun(R) ->
+        [
+            begin
+                ok = starl:sleep(R, 1 + trunc(700 * starl:random(R))),
+                starl_geocast:send(R, everywhere(), news, N, #{lifetime_ms => Least})
+            end
+         || N <- lists:seq(1, 8)
+        ],
+        starl:sleep(R, 2000)
+    end,
+    [
+        begin
+            Scenario = #{range => none, delay => {2, 100}, clock_drift => 9000, seed => Seed},
+            {_, Trace} = line(6, Script, Scenario, #{listeners => #{news => app}}, progress()),
+            Delivered = [R || {_, R, geocast, {delivered, _, _}} <- Trace],
+            ?assertEqual({Seed, 6 * 8 * 6}, {Seed, length(Delivered)})
+        end
+     || Seed <- lists:seq(First, First + 19)
+    ].
+
 %% What is sent after the restart is delivered.
 sent_after_the_restart(_) ->
     {_, Trace} = line(2, fun(R) ->
@@ -331,10 +375,16 @@ everywhere() -> {rectangle, {-1.0e6, -1.0e6, 1.0e6, 1.0e6}}.
 
 line(N, Script, Scenario) -> line(N, Script, Scenario, #{}).
 
+line(N, Script, Scenario, Config) -> line(N, Script, Scenario, Config, #{}).
+
 %% Robots in a line two metres apart that hear their neighbours only.
-line(N, Script, Scenario, Config) ->
+line(N, Script, Scenario, Config, Judged) ->
     Poses = maps:from_list([{I, {2000.0 * I - 1000.0, 1000.0, 0.0}} || I <- lists:seq(1, N)]),
-    play(N, Script, maps:merge(#{range => 2500}, Scenario), Config, #{poses => Poses}).
+    Around = #{poses => Poses, judged => Judged},
+    play(N, Script, maps:merge(#{range => 2500}, Scenario), Config, Around).
+
+%% Progress is judged, too.
+progress() -> #{progress => true}.
 
 %% Plays; no contract may be broken. The robots' results and the trace.
 play(N, Script, Scenario, Config, Around) ->
@@ -346,6 +396,7 @@ play(N, Script, Scenario, Config, Around) ->
 
 scenario(N, Script, Scenario, #{} = Around) -> scenario(N, Script, Scenario, {#{}, Around});
 scenario(N, Script, Scenario, {Config, Around}) ->
-    Monitors = [{starl_geocast_monitor, #{robots => lists:seq(1, N), broken => []}}],
+    Judged = maps:merge(#{robots => lists:seq(1, N), broken => []}, maps:get(judged, Around, #{})),
+    Monitors = [{starl_geocast_monitor, Judged}],
     maps:merge(#{app => starl_blocks_script_app, robots => N, script => Script, time => 200,
         around => Around#{blocks => [starl_geocast:block(Config)], monitors => Monitors}}, Scenario).

@@ -12,8 +12,10 @@ judge(Events) -> judge(Events, true).
 
 judge(Events, Progress) -> judge(Events, Progress, []).
 
-judge(Events, Progress, Broken) ->
-    Config = #{robots => [1, 2], progress => Progress, broken => Broken, drift_ppm => 0},
+judge(Events, Progress, Broken) -> judge(Events, Progress, Broken, #{}).
+
+judge(Events, Progress, Broken, More) ->
+    Config = More#{robots => [1, 2], progress => Progress, broken => Broken, drift_ppm => 0},
     Moves = [{0, 1, chassis, {motion, {piece, 0, 0.0, 0.0, 0.0, 0.0, 0.0}}},
              {0, 2, chassis, {motion, {piece, 0, 5000.0, 0.0, 0.0, 1000.0, 0.0}}}],
     M0 = starl_monitor:new([{starl_geocast_monitor, Config}]),
@@ -156,6 +158,38 @@ progress_excused_test() ->
     ?assertEqual([not_delivered], judge([sent()], true, [{3, 0, 9, pause}])),
     ?assertEqual([not_delivered], judge([sent()], true, [gained(3, ?END + 1, 5)])),
     ?assertEqual([], judge([sent()], true, [gained(3, ?END, 5)])).
+
+%% Nothing is owed of a message that ends before packets could carry it, or was sent too early.
+lives_long_enough_test() ->
+    Judge = fun(Config) -> judge([sent()], true, [], Config) end,
+    %% five delays and twice the gathering, and more
+    ?assertEqual([not_delivered], Judge(#{delay_us => 198799})),
+    ?assertEqual([], Judge(#{delay_us => 198800})),
+    ?assertEqual([not_delivered], Judge(#{healed_us => 10})),
+    ?assertEqual([], Judge(#{healed_us => 11})),
+    ?assertEqual([], Judge(#{healed_us => never})).
+
+%% A robot delivers what was surely sent after its machine began: not as long as its clock, that
+%% was set back, shows less than then; and nothing is owed so shortly after a reboot, either.
+sent_after_the_beginning_test() ->
+    Sent = fun(T) -> {T, 1, geocast, {sent, ?ID, ?AREA, 1000000, 77}} end,
+    Got = fun(T) -> {T + 20, 1, geocast, {delivered, ?ID, 77}} end,
+    Here = {2, 2, chassis, {motion, {piece, 2, 500.0, 0.0, 0.0, 0.0, 0.0}}},
+    Judge = fun(Began, T, Windows) -> judge([Here, Began, Sent(T), Got(T)], true, Windows) end,
+    Up = {5, 2, robot, up},
+    ?assertEqual([], Judge(Up, 1000005, [])),
+    ?assertEqual([not_delivered], Judge(Up, 1000006, [])),
+    Crashed = crashed(5, 2),
+    Back = [lost(2, 700, 300)],
+    ?assertEqual([], Judge(Crashed, 1000305, Back)),
+    ?assertEqual([not_delivered], Judge(Crashed, 1000306, Back)),
+    %% what the clock lost before, or another one, or gained, makes no difference
+    [
+        ?assertEqual({Other, [not_delivered]}, {Other, Judge(Crashed, 1000100, [Other])})
+     || Other <- [lost(2, 4, 300), lost(1, 700, 300), gained(2, 700, 300)]
+    ],
+    %% the source's clock has no say in it
+    ?assertEqual([not_delivered], Judge(crashed(5, 1), 1000100, [lost(1, 700, 300)])).
 
 %% -- areas ----------------------------------------------------------------------------------
 

@@ -154,6 +154,7 @@ monitors(geocast, Robots, _BoundUs, _Use) ->
             broken => [],
             progress => true,
             healed_us => never,
+            delay_us => 0,
             margin_mm => 2.0 * ?POSITION_ERROR_MM
         }}
     ];

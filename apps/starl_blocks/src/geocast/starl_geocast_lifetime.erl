@@ -9,7 +9,7 @@
 %% of delays (Cristian, "Probabilistic clock synchronization", 1989, uses the round trip alike).
 -module(starl_geocast_lifetime).
 
--export([deadline/3, left/3, is_sent_after/5, memory_us/2]).
+-export([deadline/3, left/3, is_sent_after/5, memory_us/2, least_us/3]).
 
 -define(MILLION, 1000000).
 
@@ -39,6 +39,22 @@ is_sent_after(Since, Asked, Lifetime, Left, Ppm) ->
 %% everywhere.
 -spec memory_us(LifetimeUs :: us(), ppm()) -> us().
 memory_us(Lifetime, Ppm) -> Lifetime * (?MILLION + Ppm) div ?MILLION + 1.
+
+%% @doc A message that lives so long comes in time to all robots that hear the source, if no packet
+%% is under way for longer than `DelayUs' and who gives it waits `GatherUs' for others that ask.
+%%
+%% A robot asks when it hears the first offer, `a' after the sending, `DelayUs' at most. Whose offer
+%% it is may have lost `a' of the lifetime itself. The question takes `q', the answer `d':
+%% ```
+%%   sent     asks             is answered              holds it       its deadline
+%%     |--------|-- question -->|-- gather --|-- answer -->| ... |
+%%     0        a             a + q        a + q + g    a + q + g + d  L - a - q - g
+%% '''
+%% So it is held in time if L is more than 2 a + 2 q + 2 g + d. Two clocks drift, each against a
+%% deadline that the other's drift has shortened.
+-spec least_us(DelayUs :: us(), GatherUs :: us(), ppm()) -> us().
+least_us(Delay, Gather, Ppm) ->
+    (5 * Delay + 2 * Gather) * ?MILLION div (?MILLION - 4 * Ppm) + 1.
 
 %% What surely shows on a clock while so much time passes, at least that much of the time does
 %% while it shows.

@@ -19,16 +19,19 @@
 %%                  inside then
 %% '''
 %% Progress, with `progress' (default false), of messages that are sent at `healed_us' or later
-%% (default 0; the simulator fills in where the key is there when the last fault is over): a robot
-%% that is inside, at least `margin_mm' from the border (default 4: twice the error of a position),
-%% during the whole window has it delivered, unless it or the source died, or its or the source's
-%% geocast machine crashed, in the window or up to `grace_us' (default 1 s) before, or anybody's
-%% assumption was broken in the window. Where robots are is known in continuous time, from the
-%% pieces of their motion.
+%% (default 0; the simulator fills in where the key is there when the last fault is over) and live
+%% long enough for packets that take `delay_us' (default 0; likewise, the longest delay; {@link
+%% starl_geocast_lifetime:least_us/3}): a robot that is inside, at least `margin_mm' from the border
+%% (default 4: twice the error of a position), during the whole window has it delivered, unless it
+%% or the source died, or its or the source's geocast machine began anew, in the window or up to
+%% `grace_us' (default 1 s) before, or anybody's assumption was broken in the window. The robot's
+%% own begins that much later as its clock has lost since then: until the clock shows again what it
+%% showed at the beginning, no message is surely a later one. Where robots are is known in
+%% continuous time, from the pieces of their motion.
 %%
 %% Events of machine `geocast': `{sent, Id, Area, LifetimeUs, Hash}', `{held, Id, From}',
 %% `{delivered, Id, Hash}', `crashed'; of machine `chassis': `{motion, piece()}'; of machine
-%% `robot': `{died, Reason}'.
+%% `robot': `up', `{died, Reason}'.
 -module(starl_geocast_monitor).
 -behaviour(starl_monitor).
 
@@ -39,6 +42,8 @@
 
 %% The longest that the answer to the question for the own position may take.
 -define(FRESH_US, 100000).
+%% How long who gives a message waits for others that ask for it.
+-define(GATHER_US, 3000).
 -define(DRIFT_PPM, 10000).
 
 %% A message, with who got it and when, latest first.
@@ -57,14 +62,16 @@
     healed :: integer() | never,
     margin_mm :: float(),
     grace_us :: non_neg_integer(),
+    least_us :: non_neg_integer(),
     assumption :: starl_assumption:t(),
     messages = #{} :: #{id() => #message{}},
     %% the ends of the windows that are still open, and their beginnings
     open = gb_sets:new() :: gb_sets:set({ToUs :: integer(), id(), FromUs :: integer()}),
     %% the motion of each robot, latest piece first, from the beginning of the open windows on
     paths = #{} :: #{robot_id() => [starl_trajectory:piece()]},
-    %% when its machine crashed last; when it died
+    %% when its machine crashed last, and began anew; when it died
     crashed = #{} :: #{robot_id() => integer()},
+    began = #{} :: #{robot_id() => integer()},
     died = #{} :: #{robot_id() => integer()},
     owed = 0 :: non_neg_integer(),
     latency_us = 0 :: integer()
@@ -76,21 +83,23 @@
     robots := [robot_id()],
     progress => boolean(),
     healed_us => integer() | never,
+    delay_us => non_neg_integer(),
     margin_mm => float(),
     grace_us => non_neg_integer(),
     drift_ppm => non_neg_integer(),
     broken => [starl_assumption:window()]
 }) -> #state{}.
 init(#{robots := Robots} = Config) ->
+    Ppm = maps:get(drift_ppm, Config, ?DRIFT_PPM),
+    Delay = maps:get(delay_us, Config, 0),
     #state{
         robots = Robots,
         progress = maps:get(progress, Config, false),
         healed = maps:get(healed_us, Config, 0),
         margin_mm = maps:get(margin_mm, Config, 4.0),
         grace_us = maps:get(grace_us, Config, 1000000),
-        assumption = starl_assumption:new(
-            maps:get(broken, Config, []), maps:get(drift_ppm, Config, ?DRIFT_PPM)
-        )
+        least_us = starl_geocast_lifetime:least_us(Delay, ?GATHER_US, Ppm),
+        assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm)
     }.
 
 %% @doc The geocasts' own events, the motion and the end of robots.
@@ -153,8 +162,10 @@ judge({geocast, {delivered, Id, Hash}}, T, Robot, #state{messages = Messages} = 
         #{Id := #message{} = Message} -> delivered(Id, Message, Hash, T, Robot, State);
         #{} -> {[violation(never_sent, T, Robot, Id, #{})], State}
     end;
-judge({geocast, crashed}, T, Robot, #state{crashed = Crashed} = State) ->
-    {[], State#state{crashed = Crashed#{Robot => T}}};
+judge({geocast, crashed}, T, Robot, #state{crashed = Crashed, began = Began} = State) ->
+    {[], State#state{crashed = Crashed#{Robot => T}, began = Began#{Robot => T}}};
+judge({robot, up}, T, Robot, #state{began = Began} = State) ->
+    {[], State#state{began = Began#{Robot => T}}};
 judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
     {[], State#state{died = Died#{Robot => T}}};
 judge({_Machine, _Other}, _T, _Robot, State) ->
@@ -242,11 +253,12 @@ hold_against(Id, #message{got = Got} = Message, Robot, State) ->
     {Broken, count(Owed)}.
 
 is_owed(Id, #message{from_us = From, to_us = To} = Message, Robot, Spans, State) ->
+    #state{assumption = Assumption} = State,
     %% an atom is more than every number
     State#state.progress andalso From >= State#state.healed andalso
-        inside(Message, Spans, State) andalso able(Robot, Message, State) andalso
-        able(element(1, Id), Message, State) andalso
-        starl_assumption:is_kept(From, To, State#state.assumption).
+        To - From >= State#state.least_us andalso inside(Message, Spans, State) andalso
+        able(Robot, Message, State) andalso able(element(1, Id), Message, State) andalso
+        is_later(Robot, From, State) andalso starl_assumption:is_kept(From, To, Assumption).
 
 %% What was delivered at these times, the latest first, where the robot was not.
 elsewhere(Id, Message, [T | _] = Times, Robot, Spans, #state{assumption = Assumption}) ->
@@ -279,9 +291,16 @@ inside(#message{area = Area}, Spans, #state{margin_mm = Margin}) ->
         Spans
     ).
 
-able(Robot, #message{from_us = From}, #state{crashed = Crashed, died = Died} = State) ->
+able(Robot, #message{from_us = From}, #state{began = Began, died = Died} = State) ->
     not is_map_key(Robot, Died) andalso
-        maps:get(Robot, Crashed, -infinite()) < From - State#state.grace_us.
+        maps:get(Robot, Began, -infinite()) < From - State#state.grace_us.
+
+%% Was it sent after the robot's machine began, also by the robot's own clock?
+is_later(Robot, From, #state{began = Began, grace_us = Grace, assumption = Assumption}) ->
+    case Began of
+        #{Robot := At} -> At + starl_assumption:lost_us(Robot, At, From, Assumption) < From - Grace;
+        #{} -> true
+    end.
 
 infinite() -> 1 bsl 62.
 
