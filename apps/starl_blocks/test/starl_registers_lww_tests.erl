@@ -268,3 +268,19 @@ entries_test() ->
     ),
     ?assertEqual([{holds, b, {7, 0, 4}}, {holds, c, {1, 0, 2}}], traced(Taken)),
     ?assertEqual([{ok, 1}, {ok, 8}, {ok, 7}], [read(N, Machine) || N <- [a, b, c]]).
+
+%% Whom it tells does not follow from when it does.
+partner_and_time_test() ->
+    {_, _, Pairs} = lists:foldl(
+        fun(_, {M, [Us], All}) ->
+            {Actions, Next} = step({timeout, sync}, sync, M),
+            [{To, _}] = sent(Actions),
+            {Next, ticks(Actions), [{Us rem 4, To} | All]}
+        end,
+        begin
+            {Actions, Machine} = new(1, #{sync_ms => 4}),
+            {Machine, ticks(Actions), []}
+        end,
+        lists:seq(1, 1000)
+    ),
+    ?assertEqual(16, length(lists:usort(Pairs))).
