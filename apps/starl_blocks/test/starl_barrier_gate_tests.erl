@@ -1,0 +1,146 @@
+%% One name of a barrier as one robot sees it: what it learns from each word of the others, when it
+%% passes, and what it goes on with when its own counts are known from the others only.
+-module(starl_barrier_gate_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(G, starl_barrier_gate).
+-define(APP, {app, 1}).
+
+%% A robot that has reached round K for the first time, of a team of three.
+reached(K) -> element(2, ?G:reach(K, ?APP, [2, 3], ?G:recall({K - 1, K - 1}))).
+
+heard(Words, Gate) ->
+    lists:foldl(fun({R, K, Known}, G) -> ?G:hear(R, K, Known, G) end, Gate, Words).
+
+%% -- what is known at first -------------------------------------------------------------------
+
+nothing_is_known_test() ->
+    New = ?G:new(true),
+    ?assert(?G:is_sure(New)),
+    ?assertNot(?G:is_sure(?G:new(false))),
+    ?assertEqual({0, 0}, ?G:counts(New)),
+    ?assertEqual({0, 0, 0}, ?G:fact(2, New)),
+    ?assertEqual(1, ?G:next(New)),
+    ?assertNot(?G:is_passed(1, New)),
+    ?assertEqual({none, [], waits}, {?G:caller(New), ?G:missed(New), ?G:pass(New)}).
+
+%% What was stored is sure, and that the robot has passed a round says that all have reached it.
+recalled_test() ->
+    Gate = ?G:recall({4, 3}),
+    ?assert(?G:is_sure(Gate)),
+    ?assertEqual({4, 3}, ?G:counts(Gate)),
+    ?assertEqual({4, 0, 3}, ?G:fact(2, Gate)),
+    ?assertEqual(4, ?G:next(Gate)),
+    ?assertEqual([true, true, false], [?G:is_passed(K, Gate) || K <- [2, 3, 4]]).
+
+%% -- the robot's own rounds -------------------------------------------------------------------
+
+%% It has reached a round for the first time once; it waits again for those that it still misses.
+reach_test() ->
+    {new, First} = ?G:reach(1, ?APP, [2, 3], ?G:new(true)),
+    ?assertEqual({?APP, {1, 0}, [2, 3]}, {?G:caller(First), ?G:counts(First), ?G:missed(First)}),
+    Failed = ?G:fail(?G:hear(2, 1, 1, First)),
+    ?assertEqual({none, {1, 0}, []}, {?G:caller(Failed), ?G:counts(Failed), ?G:missed(Failed)}),
+    ?assertEqual(waits, ?G:pass(Failed)),
+    {again, Second} = ?G:reach(1, {app, 2}, [2, 3], Failed),
+    ?assertEqual({{app, 2}, [3]}, {?G:caller(Second), ?G:missed(Second)}),
+    ?assertEqual(1, ?G:next(Second)).
+
+%% It passes when each of the others has reached the round and knows that it has, and once.
+pass_test() ->
+    Waits = reached(5),
+    [
+        ?assertEqual({Words, waits}, {Words, ?G:pass(heard(Words, Waits))})
+     || Words <- [
+            [],
+            [{2, 5, 5}],
+            [{3, 5, 5}],
+            [{2, 5, 5}, {3, 5, 4}],
+            [{2, 5, 5}, {3, 4, 5}],
+            [{2, 5, 5}, {2, 6, 5}]
+        ]
+    ],
+    [
+        begin
+            {passed, ?APP, 5, Gate} = ?G:pass(heard(Words, Waits)),
+            ?assertEqual({{5, 5}, 6, none}, {?G:counts(Gate), ?G:next(Gate), ?G:caller(Gate)}),
+            ?assertMatch({5, _, 5}, ?G:fact(2, Gate)),
+            ?assertEqual(waits, ?G:pass(Gate))
+        end
+     || Words <- [
+            [{2, 5, 5}, {3, 5, 5}],
+            [{3, 6, 7}, {2, 6, 6}],
+            %% in several words, one of each half, and in any order
+            [{2, 0, 5}, {3, 5, 0}, {2, 5, 0}, {3, 0, 5}]
+        ]
+    ].
+
+%% A robot that is alone waits for nobody.
+alone_test() ->
+    {new, Gate} = ?G:reach(1, ?APP, [], ?G:new(true)),
+    ?assertMatch({passed, ?APP, 1, _}, ?G:pass(Gate)).
+
+%% A word that is late or comes twice makes no count smaller.
+counts_grow_test() ->
+    Gate = heard([{2, 6, 5}, {3, 5, 5}, {2, 4, 3}, {3, 0, 0}, {2, 6, 5}], reached(5)),
+    ?assertMatch({5, 6, _}, ?G:fact(2, Gate)),
+    ?assertMatch({5, 5, _}, ?G:fact(3, Gate)),
+    ?assertMatch({passed, ?APP, 5, _}, ?G:pass(Gate)),
+    %% what was heard before the robot came so far counts as well
+    {new, Later} = ?G:reach(6, ?APP, [2, 3], Gate),
+    ?assertEqual([2, 3], ?G:missed(Later)),
+    ?assertEqual([3], ?G:missed(?G:hear(2, 0, 6, Later))),
+    {again, Same} = ?G:reach(5, ?APP, [2, 3], ?G:hear(3, 4, 4, Gate)),
+    ?assertEqual([], ?G:missed(Same)).
+
+%% Of those that it misses nothing is known of some: it asks only those after a crash.
+unheard_test() ->
+    ?assertEqual([2, 3], ?G:unheard(reached(5))),
+    ?assertEqual([2], ?G:unheard(?G:hear(3, 0, 0, reached(5)))),
+    ?assertEqual([], ?G:unheard(?G:fail(reached(5)))).
+
+%% The application knows which round it has not passed: that it was not told does not undo a pass.
+resume_test() ->
+    Sure = ?G:resume(3, ?G:recall({3, 3})),
+    ?assertEqual({3, {3, 3}, true}, {?G:next(Sure), ?G:counts(Sure), ?G:is_passed(3, Sure)}),
+    ?assertEqual(4, ?G:next(?G:tell(3, Sure))),
+    Known = ?G:resume(3, ?G:hear(2, 3, 7, ?G:new(false))),
+    ?assert(?G:is_sure(Known)),
+    ?assertEqual({3, {2, 2}, false}, {?G:next(Known), ?G:counts(Known), ?G:is_passed(3, Known)}),
+    ?assert(?G:is_passed(2, Known)).
+
+%% -- what is known from the others only -------------------------------------------------------
+
+%% How far the others have heard of it, or that somebody has passed a round, tells how far it was;
+%% one that knows that itself learns nothing of it.
+remembers_test() ->
+    At = fun(Words, Gate) ->
+        Learned = lists:foldl(
+            fun({R, K, Known, Done}, G) -> ?G:learn(R, K, Known, Done, G) end, Gate, Words
+        ),
+        {element(1, ?G:counts(Learned)), element(3, ?G:fact(2, Learned))}
+    end,
+    ?assertEqual({3, 1}, At([{2, 5, 3, 1}], ?G:new(false))),
+    ?assertEqual({3, 3}, At([{2, 5, 2, 3}], ?G:new(false))),
+    ?assertEqual({4, 3}, At([{2, 5, 4, 3}, {3, 5, 2, 1}], ?G:new(false))),
+    ?assertEqual({4, 3}, At([{2, 5, 2, 1}, {3, 5, 4, 3}], ?G:new(false))),
+    ?assertEqual({1, 3}, At([{2, 5, 4, 3}], ?G:recall({1, 1}))),
+    ?assertEqual({3, 5, 1}, ?G:fact(2, ?G:learn(2, 5, 3, 1, ?G:new(false)))).
+
+%% Where one that knows its own counts is not so far, nobody has passed the round; else it counts as
+%% passed. One that it has not heard of a name has reached nothing; one that is unsure says nothing.
+assure_test() ->
+    Gate = heard([{2, 3, 4}, {3, 4, 4}], ?G:new(false)),
+    [
+        begin
+            Sure = ?G:assure(Witnesses, Gate),
+            ?assert(?G:is_sure(Sure)),
+            ?assertEqual({Witnesses, Passed}, {Witnesses, element(2, ?G:counts(Sure))}),
+            ?assertEqual(Passed + 1, ?G:next(Sure))
+        end
+     || {Witnesses, Passed} <- [{[2, 3], 3}, {[2], 3}, {[3], 4}, {[], 4}, {[3, 4], 3}]
+    ],
+    ?assertEqual(1, ?G:next(?G:assure([2, 3], ?G:new(false)))),
+    %% who knows it from its store keeps to that
+    Stored = heard([{2, 5, 5}, {3, 5, 5}], ?G:recall({5, 4})),
+    ?assertEqual(Stored, ?G:assure([2, 3], Stored)).

@@ -1,0 +1,56 @@
+%% An application's function, played through by hand: for the tests of the blocks' interfaces.
+-module(starl_blocks_driver).
+
+-export([play/2]).
+-export([init/2, step/2]).
+
+-type answer() :: {answer, term()} | timeout | restarted.
+
+%% The application: its state is the function.
+init(_Robot, Fun) -> Fun.
+
+step(Robot, Fun) -> {done, Fun(Robot)}.
+
+%% What the function calls, with which patience (us), when it is answered like this, and what it
+%% comes to.
+-spec play(fun((starl:robot()) -> Result), [answer()]) ->
+    {[{starl_machine:name(), Request :: term(), pos_integer() | infinity}], Result}.
+play(Fun, Answers) ->
+    {ok, Pid} = starl_app_proc:start_link(#{
+        robot => 1,
+        handle => starl:robot(1, [1, 2, 3]),
+        module => ?MODULE,
+        args => Fun,
+        driver => self()
+    }),
+    ok =
+        receive
+            {starl_attach, 1, app, Pid} -> ok
+        end,
+    Random = rand:seed_s(exsss, 1),
+    Pid ! {starl_boot, #{now => 0, random => Random, incarnation => 1, stored => none}},
+    Played = go_on(Pid, done(), Answers, []),
+    unlink(Pid),
+    exit(Pid, kill),
+    Played.
+
+go_on(Pid, Actions, Answers, Calls) ->
+    case {[Result || {done, Result} <- Actions], Answers} of
+        {[Result], []} ->
+            {lists:reverse(Calls), Result};
+        {[], [Answer | Rest]} ->
+            [{Name, Request, Tag}] = [{N, R, T} || {call, N, R, T} <- Actions],
+            Us = hd([U || {{timeout, T}, U, call} <- Actions, T =:= Tag] ++ [infinity]),
+            {Type, Content} = event(Answer, Name, Tag),
+            Pid ! {starl_step, Type, Content, #{now => 0, robot => 1}},
+            go_on(Pid, done(), Rest, [{Name, Request, Us} | Calls])
+    end.
+
+event({answer, Answer}, _Name, Tag) -> {{reply, Tag}, Answer};
+event(timeout, _Name, Tag) -> {{timeout, Tag}, call};
+event(restarted, Name, _Tag) -> {info, {restarted, Name}}.
+
+done() ->
+    receive
+        {starl_done, 1, Actions} -> Actions
+    end.
