@@ -79,6 +79,9 @@ results_test() ->
     {[], Results} = three(Rounds, 90, #{}),
     ?assertMatch(#{rounds := 2, passed := 6, failed := 0, longest_delta_us := 20}, Results),
     ?assertEqual(13.0, maps:get(mean_delta_us, Results)),
+    %% that of one round is its own
+    {[], One} = three(lists:sublist(Rounds, 6), 90, #{}),
+    ?assertEqual({20, 20.0}, {maps:get(longest_delta_us, One), maps:get(mean_delta_us, One)}),
     {[], Part} = three(reach_all(1, 1) ++ [{5, 1, passed, 1}, {6, 2, passed, 1}]),
     ?assertMatch(#{rounds := 0, passed := 2, longest_delta_us := 0}, Part),
     {[], Failed} = three([

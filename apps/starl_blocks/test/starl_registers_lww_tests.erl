@@ -284,3 +284,14 @@ partner_and_time_test() ->
         lists:seq(1, 1000)
     ),
     ?assertEqual(16, length(lists:usort(Pairs))).
+
+%% What the page promises where nothing is said: an exchange a second, a second for the recovery, room
+%% for 1024 registers.
+defaults_test() ->
+    ?assertEqual(ticks(element(1, new(1, #{sync_ms => 1000}))), ticks(element(1, new(1, #{})))),
+    Recovery = [Us || {{timeout, recover}, Us, recover} <- element(1, new(2, #{}))],
+    ?assertEqual([1000000], Recovery),
+    Full = after_all([put_(K, 1) || K <- lists:seq(1, 1023)], started()),
+    {Last, Machine} = call({put, 1024, 1}, Full),
+    ?assertEqual([ok], answers(Last)),
+    ?assertEqual([{error, full}], answers(element(1, call({put, 1025, 1}, Machine)))).

@@ -1,0 +1,337 @@
+%% Mutual exclusion event by event: what a robot that wants a token asks, tells and gives back, and
+%% what the machine of a token's home does.
+-module(starl_mutex_machine_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(F, (1 bsl 44)).
+-define(LEASE, 1000000).
+-define(US, 5000000).
+
+new(Robot, Config) ->
+    starl_machine:new(starl_mutex_tokens, Config, #{
+        robot => Robot,
+        participants => [1, 2, 3],
+        name => mutex,
+        incarnation => 1,
+        now => 0,
+        random => rand:seed_s(exsss, 1)
+    }).
+
+%% Robot 2, which is not the home of `a()' and `b()'; and robot 1, which is.
+asker() -> element(2, new(2, #{lease_ms => ?LEASE div 1000})).
+
+home() -> element(2, new(1, #{lease_ms => ?LEASE div 1000, drift_ppm => 0, lag_ms => 0})).
+
+%% Two tokens whose home is robot 1, in the order of terms.
+a() -> hd(tokens()).
+
+b() -> lists:nth(2, tokens()).
+
+tokens() -> [T || T <- lists:seq(1, 100), erlang:phash2(T, 3) =:= 0].
+
+at(Now, Type, Content, Machine) ->
+    starl_machine:step(Type, Content, #{now => Now, robot => 2}, Machine).
+
+hears(Now, From, Message, Machine) ->
+    at(Now, cast, {message, From, mutex, Message}, Machine).
+
+call(Now, Caller, Request, Machine) -> at(Now, {call, {Caller, Now}}, Request, Machine).
+
+acquires(Now, Caller, Tokens, Machine) -> call(Now, Caller, {acquire, Tokens, ?US}, Machine).
+
+%% What the actions are, each kind in its order.
+sent(Actions) -> [{To, M} || {cast, sap, {send, To, mutex, M}} <- Actions].
+
+handed(Actions) -> [{To, M} || {call, sap, {send, To, mutex, M}, _} <- Actions].
+
+announced(Actions) -> [M || {cast, sap, {broadcast, mutex, M}} <- Actions].
+
+traces(Actions) -> [Event || {trace, Event} <- Actions].
+
+answers(Actions) -> [{Caller, Answer} || {reply, {Caller, _}, Answer} <- Actions].
+
+timers(Actions) -> [{Timer, Us} || {{timeout, Timer}, Us, _} <- Actions].
+
+cancelled(Actions) -> [Timer || {{timeout, Timer}, cancel} <- Actions].
+
+%% The machine after all these steps.
+after_all(Steps, Machine) -> lists:foldl(fun(Step, M) -> element(2, Step(M)) end, Machine, Steps).
+
+%% Robot 2 holds this token since 0; its application's job is number 1.
+holding(Token) ->
+    after_all(
+        [
+            fun(M) -> acquires(0, app, Token, M) end,
+            fun(M) -> hears(0, 1, {token, Token, ?F, [{2, 1}]}, M) end,
+            fun(M) -> hears(0, 1, {granted, Token, ?F, {1, 0}}, M) end
+        ],
+        asker()
+    ).
+
+%% -- asking -------------------------------------------------------------------------------------
+
+%% Who wants a token asks its home, again and again, as long as its patience lasts.
+asks_test() ->
+    {Actions, Machine} = acquires(0, app, a(), asker()),
+    Asked = [{1, {request, a(), {2, 1}, 0, home}}],
+    ?assertEqual([{requested, a()}], traces(Actions)),
+    ?assertEqual(Asked, sent(Actions)),
+    ?assertEqual([{{again, 1}, 3000000}, {{patience, 1}, ?US}], lists:sort(timers(Actions))),
+    {Again, Waits} = at(3000000, {timeout, {again, 1}}, again, Machine),
+    ?assertEqual(Asked, sent(Again)),
+    ?assertEqual([{{again, 1}, 3000000}], timers(Again)),
+    {Failed, Gone} = at(?US, {timeout, {patience, 1}}, patience, Waits),
+    ?assertEqual([{failed, a(), timeout}], traces(Failed)),
+    ?assertEqual([{app, {error, timeout}}], answers(Failed)),
+    ?assertEqual([{again, 1}, {patience, 1}], lists:sort(cancelled(Failed))),
+    [
+        ?assertEqual({[], Gone}, at(?US, {timeout, {Timer, 1}}, x, Gone))
+     || Timer <- [again, patience]
+    ],
+    %% another retry, as configured
+    {_, Often} = new(2, #{retry_ms => 7}),
+    ?assert(lists:member({{again, 1}, 7000}, timers(element(1, acquires(0, app, a(), Often))))),
+    ?assertEqual([{app, {ok, []}}], answers(element(1, acquires(0, app, [], asker())))).
+
+%% A token that comes is claimed: each quarter of a lease, and given up after so many claims; then
+%% those that wait for it ask its home.
+claims_test() ->
+    {_, Asking} = acquires(0, app, a(), asker()),
+    {First, Claiming} = hears(10, 3, {token, a(), ?F, [{2, 1}, {3, 7}]}, Asking),
+    Claim = fun(Now) -> [{1, {ask, claim, a(), ?F, {1, Now}}}] end,
+    ?assertEqual(Claim(10), sent(First)),
+    ?assertEqual([{{renew, a()}, ?LEASE div 4}], timers(First)),
+    ?assertEqual([], traces(First)),
+    Repeat = fun Repeat(Now, Machine, Count) ->
+        {Actions, Next} = at(Now, {timeout, {renew, a()}}, again, Machine),
+        case sent(Actions) =:= Claim(Now) of
+            true when Count < 100 -> Repeat(Now + ?LEASE div 4, Next, Count + 1);
+            false -> {Count, sent(Actions), Next}
+        end
+    end,
+    {Count, Last, Lost} = Repeat(?LEASE div 4, Claiming, 1),
+    ?assertEqual(16, Count),
+    ?assertEqual([{1, {request, a(), R, 0, home}} || R <- [{2, 1}, {3, 7}]], Last),
+    %% the home's word comes too late
+    ?assertEqual([], answers(element(1, hears(10, 1, {granted, a(), ?F, {1, 10}}, Lost)))).
+
+%% The home's word counts for this life's claim of this hand-over, while its lease is not over.
+granted_test() ->
+    {_, Asking} = acquires(0, app, a(), asker()),
+    {_, Claiming} = hears(10, 3, {token, a(), ?F, [{2, 1}]}, Asking),
+    [
+        ?assertEqual({[], Claiming}, hears(Now, 1, {granted, Token, Fence, Nonce}, Claiming))
+     || {Now, Token, Fence, Nonce} <- [
+            {20, a(), ?F, {2, 10}},
+            {20, a(), ?F + 256, {1, 10}},
+            {20, b(), ?F, {1, 10}},
+            {10 + ?LEASE, a(), ?F, {1, 10}}
+        ]
+    ],
+    {Granted, Holds} = hears(20, 1, {granted, a(), ?F, {1, 10}}, Claiming),
+    ?assertEqual(
+        [{leased, a(), ?F, ?LEASE - 10}, {acquired, a(), ?F}, {answered, [{a(), ?F}]}],
+        traces(Granted)
+    ),
+    ?assertEqual([{app, {ok, ?F}}], answers(Granted)),
+    ?assertEqual([{owner, a(), ?F}], announced(Granted)),
+    ?assertEqual([{{lease, a()}, ?LEASE - 10}, {{renew, a()}, ?LEASE div 4}], timers(Granted)),
+    ?assertEqual([{again, 1}, {patience, 1}], lists:sort(cancelled(Granted))),
+    ?assertEqual([{app, 2}], answers(element(1, call(30, app, {owner, a()}, Holds)))),
+    ?assertEqual([{app, none}], answers(element(1, call(30, app, {owner, b()}, Holds)))).
+
+%% Refused: there is a newer one. Those that waited with it ask the home.
+refused_test() ->
+    {_, Asking} = acquires(0, app, a(), asker()),
+    {_, Claiming} = hears(10, 3, {token, a(), ?F, [{2, 1}, {3, 7}]}, Asking),
+    ?assertEqual({[], Claiming}, hears(20, 1, {refused, a(), ?F + 256, {1, 10}}, Claiming)),
+    ?assertEqual({[], Claiming}, hears(20, 1, {refused, b(), ?F, {1, 10}}, Claiming)),
+    {Refused, _} = hears(20, 1, {refused, a(), ?F, {1, 10}}, Claiming),
+    ?assertEqual([{1, {request, a(), R, 0, home}} || R <- [{2, 1}, {3, 7}]], sent(Refused)),
+    %% one that is held is lost
+    {Lost, Without} = hears(20, 1, {refused, a(), ?F, {1, 10}}, holding(a())),
+    ?assertEqual([{lease_lost, a(), ?F}], traces(Lost)),
+    ?assertEqual(
+        [{app, {error, lost}}], answers(element(1, call(30, app, {release, a()}, Without)))
+    ).
+
+%% A token that nobody wants here goes on at once: to who does, or back to its home.
+passes_on_test() ->
+    {Back, _} = hears(10, 3, {token, a(), ?F, []}, asker()),
+    ?assertEqual([{1, {return, a(), ?F, []}}], sent(Back)),
+    {On, _} = hears(10, 3, {token, a(), ?F, [{2, 1}, {1, 4}, {3, 2}]}, asker()),
+    ?assertEqual([{1, {token, a(), ?F + 256, [{1, 4}, {3, 2}]}}], handed(On)),
+    ?assertEqual([{handed_over, a(), ?F + 256, 1}], traces(On)),
+    %% one that is older than one that is known is no token
+    {_, Knows} = hears(10, 3, {owner, a(), ?F}, asker()),
+    ?assertEqual({[], Knows}, hears(20, 3, {token, a(), ?F, [{1, 4}]}, Knows)).
+
+%% -- holding ------------------------------------------------------------------------------------
+
+%% Only its caller releases a hold; what it does not hold is lost, and the rest released.
+release_test() ->
+    Machine = holding(a()),
+    {Other, _} = call(10, other, {release, a()}, Machine),
+    ?assertEqual({[{other, {error, lost}}], []}, {answers(Other), traces(Other)}),
+    {Part, _} = call(10, app, {release, [a(), b()]}, Machine),
+    ?assertEqual([{app, {error, lost}}], answers(Part)),
+    ?assertEqual([{released, a(), ?F}], traces(Part)),
+    {All, Idle} = call(10, app, {release, [a(), a()]}, Machine),
+    ?assertEqual([{app, ok}], answers(All)),
+    ?assertEqual([{released, a(), ?F}], traces(All)),
+    ?assert(lists:member({renew, a()}, cancelled(All))),
+    %% the next hold has the next number
+    {Next, _} = acquires(20, app, a(), Idle),
+    ?assertEqual([{app, {ok, ?F + 1}}], answers(Next)).
+
+%% At the release the token goes to the next of its queue, with those that come after it.
+hands_over_test() ->
+    Machine = after_all(
+        [
+            fun(M) -> hears(10, R, {request, a(), {R, 5}, ?F, none}, M) end
+         || R <- [3, 1, 3]
+        ],
+        holding(a())
+    ),
+    {Actions, Gone} = call(20, app, {release, a()}, Machine),
+    Next = ?F + 256,
+    ?assertEqual([{released, a(), ?F}, {handed_over, a(), Next, 3}], traces(Actions)),
+    ?assertEqual([{3, {token, a(), Next, [{3, 5}, {1, 5}]}}], handed(Actions)),
+    ?assertEqual([], [{lease, a()}, {renew, a()}] -- cancelled(Actions)),
+    %% who looks for it is sent on there
+    {On, _} = hears(30, 1, {request, a(), {1, 6}, ?F, none}, Gone),
+    ?assertEqual([{3, {request, a(), {1, 6}, Next, none}}], sent(On)),
+    %% it has arrived: nothing more is to be done, whatever is heard
+    Outcome = fun(What, M) -> at(30, {reply, {hand, a(), Next}}, What, M) end,
+    {[], Done} = Outcome(ok, Gone),
+    ?assertEqual({[], Done}, Outcome({error, {lost, [3]}}, Done)),
+    %% it may be lost: its queue goes to the home, behind it the one that was not reached
+    {Lost, Told} = Outcome({error, {lost, [3]}}, Gone),
+    ?assertEqual([{hand_over_lost, a(), Next, 3}], traces(Lost)),
+    ?assertEqual([{1, {return, a(), Next, [{1, 5}, {3, 5}]}}], sent(Lost)),
+    ?assertEqual({[], Told}, Outcome({error, {lost, [3]}}, Told)),
+    %% so are all that are under way when SAP crashes
+    {Crashed, _} = at(30, info, {restarted, sap}, Gone),
+    ?assertEqual([{1, {return, a(), Next, [{1, 5}, {3, 5}]}}], sent(Crashed)),
+    ?assert(lists:member({cast, sap, {listen, mutex, mutex}}, Crashed)),
+    ?assertEqual([], sent(element(1, at(30, info, {restarted, sap}, Done)))).
+
+%% An idle owner sends nothing; a request of its own that is over does not keep it going.
+idle_test() ->
+    {_, Two} = acquires(10, other, a(), holding(a())),
+    {Failed, One} = at(20, {timeout, {patience, 2}}, patience, Two),
+    ?assertEqual([{other, {error, timeout}}], answers(Failed)),
+    {Released, Idle} = call(30, app, {release, a()}, One),
+    ?assertEqual([{released, a(), ?F}], traces(Released)),
+    ?assertEqual([], sent(element(1, at(?LEASE div 4, {timeout, {renew, a()}}, again, Idle)))),
+    {Over, Gone} = at(?LEASE, {timeout, {lease, a()}}, over, Idle),
+    ?assertEqual({[], []}, {sent(Over), traces(Over)}),
+    {Again, _} = acquires(?LEASE + 10, app, a(), Gone),
+    ?assertEqual([{requested, a()}], traces(Again)),
+    %% while others wait it asks the home for more
+    {Renews, _} = at(?LEASE div 4, {timeout, {renew, a()}}, again, holding(a())),
+    ?assertEqual([{1, {ask, renew, a(), ?F, {1, ?LEASE div 4}}}], sent(Renews)).
+
+%% A renewal makes the lease longer, never shorter.
+renewed_test() ->
+    {Longer, Later} = hears(700, 1, {granted, a(), ?F, {1, 600}}, holding(a())),
+    ?assertEqual([{{lease, a()}, ?LEASE - 100}], timers(Longer)),
+    ?assertEqual({[], Later}, hears(800, 1, {granted, a(), ?F, {1, 500}}, Later)),
+    ?assertEqual({[], Later}, hears(800, 1, {granted, a(), ?F, {1, 600}}, Later)),
+    {InTime, _} = call(?LEASE + 599, app, {release, a()}, Later),
+    ?assertEqual([{app, ok}], answers(InTime)),
+    {TooLate, _} = call(?LEASE + 600, app, {release, a()}, Later),
+    ?assertEqual([{app, {error, lost}}], answers(TooLate)).
+
+%% Two that want the same token here have it one after the other, in the order in which they came.
+own_queue_test() ->
+    {None, Two} = acquires(10, other, a(), holding(a())),
+    ?assertEqual({[], []}, {answers(None), sent(None)}),
+    {_, Three} = hears(15, 3, {request, a(), {3, 1}, ?F, none}, Two),
+    {Released, Other} = call(20, app, {release, a()}, Three),
+    ?assertEqual([{app, ok}, {other, {ok, ?F + 1}}], lists:sort(answers(Released))),
+    {Last, _} = call(30, other, {release, a()}, Other),
+    ?assertEqual([{3, {token, a(), ?F + 256, [{3, 1}]}}], handed(Last)).
+
+%% -- the home -----------------------------------------------------------------------------------
+
+%% The home makes a token for who asks and confirms it; when the lease is over and somebody waits,
+%% it makes a newer one.
+home_test() ->
+    {Made, M1} = hears(0, 2, {request, a(), {2, 1}, 0, home}, home()),
+    [{2, {token, T, F, [{2, 1}]}}] = sent(Made),
+    ?assertEqual(a(), T),
+    {Granted, M2} = hears(10, 2, {ask, claim, a(), F, {1, 5}}, M1),
+    ?assertEqual([{2, {granted, a(), F, {1, 5}}}], sent(Granted)),
+    ?assertEqual([{granted, a(), F, 2}], traces(Granted)),
+    ?assertEqual([{home, a()}], cancelled(Granted)),
+    {Renewed, M3} = hears(20, 2, {ask, renew, a(), F, {1, 15}}, M2),
+    ?assertEqual([{2, {granted, a(), F, {1, 15}}}], sent(Renewed)),
+    ?assertEqual([], traces(Renewed)),
+    {Refused, _} = hears(20, 3, {ask, claim, a(), F, {1, 15}}, M3),
+    ?assertEqual({[{3, {refused, a(), F, {1, 15}}}], []}, {sent(Refused), traces(Refused)}),
+    {Waits, M4} = hears(30, 3, {request, a(), {3, 1}, 0, home}, M3),
+    ?assertEqual([{2, {request, a(), {3, 1}, F, home}}], sent(Waits)),
+    [{{home, T}, Us}] = timers(Waits),
+    ?assert(Us >= ?LEASE - 10),
+    ?assertEqual([], sent(element(1, at(100, {timeout, {home, a()}}, check, M4)))),
+    {Expired, _} = at(30 + Us, {timeout, {home, a()}}, check, M4),
+    ?assertMatch([{3, {token, T, G, [{3, 1}]}}] when G > F, sent(Expired)),
+    %% the owner gives it back
+    {Returned, _} = hears(40, 2, {return, a(), F, [{1, 9}]}, M4),
+    ?assertMatch([{1, {token, T, G, [{1, 9}, {3, 1}]}}] when G > F, sent(Returned)).
+
+%% -- everything else ----------------------------------------------------------------------------
+
+%% What none of them says is not taken, at the edge of each number.
+malformed_test() ->
+    Machine = holding(a()),
+    Malformed = fun(Body) ->
+        [T || {malformed, T, _, _} <- traces(element(1, hears(10, 3, Body, Machine)))]
+    end,
+    [
+        ?assertEqual({Body, [3]}, {Body, Malformed(Body)})
+     || Body <- [
+            what,
+            {},
+            {what},
+            {request, a, {0, 1}, 0, home},
+            {request, a, {1, 0}, 0, home},
+            {request, a, {1, 1}, -1, home},
+            {request, a, {1, 1}, 0, away},
+            {token, a, 0, []},
+            {token, a, 1, [{1, 0}]},
+            {token, a, 1, none},
+            {granted, a, 0, {1, 1}},
+            {granted, a, 1, {0, 1}},
+            {granted, a, 1, {1, now}},
+            {refused, a, 0, x},
+            {owner, a, 0},
+            {ask, what, a, 1, {1, 1}},
+            {ask, claim, a, 0, {1, 1}},
+            {ask, renew, a, 1, {0, 1}},
+            {return, a, 0, []},
+            {return, a, 1, [x]}
+        ]
+    ],
+    [
+        ?assertEqual({Body, []}, {Body, Malformed(Body)})
+     || Body <- [
+            {request, a, {1, 1}, 0, home},
+            {request, a, {1, 1}, 0, none},
+            {token, a, 1, [{1, 1}]},
+            {granted, a, 1, {1, -1}},
+            {refused, a, 1, {1, 1}},
+            {owner, a, 1},
+            {ask, claim, a, 1, {1, 1}},
+            {ask, renew, a, 1, {1, -1}},
+            {return, a, 1, [{1, 1}]}
+        ]
+    ].
+
+others_test() ->
+    Machine = holding(a()),
+    ?assertMatch({[{cast, sap, {listen, mutex, mutex}}], _}, new(2, #{})),
+    ?assertEqual({[], Machine}, at(10, info, {restarted, other}, Machine)),
+    ?assertMatch({[{trace, {unknown_event, cast, what}}], _}, at(10, cast, what, Machine)),
+    ?assertMatch({[{trace, {unknown_event, info, _}}], _}, at(10, info, {born, app}, Machine)).
