@@ -173,6 +173,17 @@ overdue_test() ->
         lists:sort(element(1, told(Events, 90, #{bound_us => 10})))
     ).
 
+%% Where nobody's store is whole, a robot may go on at the latest with the round after the last that
+%% it has reached.
+lost_test() ->
+    Far =
+        all_reach() ++ [{3, R, passed, 1} || R <- [1, 2]] ++ [{4, R, reached, 2} || R <- [1, 2]] ++
+            [{5, R, damaged} || R <- [1, 2]],
+    [
+        ?assertEqual({K, Found}, {K, element(1, run(Far ++ [{6, 1, reached, K}], 9, #{}))})
+     || {K, Found} <- [{1, []}, {2, []}, {3, []}, {4, [reached_out_of_order]}]
+    ].
+
 %% -- several names ----------------------------------------------------------------------------
 
 %% Each name has rounds of its own.

@@ -141,6 +141,9 @@ assure_test() ->
      || {Witnesses, Passed} <- [{[2, 3], 3}, {[2], 3}, {[3], 4}, {[], 4}, {[3, 4], 3}]
     ],
     ?assertEqual(1, ?G:next(?G:assure([2, 3], ?G:new(false)))),
+    %% also in the first round
+    First = ?G:hear(3, 1, 1, ?G:new(false)),
+    ?assertEqual([1, 2], [?G:next(?G:assure([Witness], First)) || Witness <- [2, 3]]),
     %% who knows it from its store keeps to that
     Stored = heard([{2, 5, 5}, {3, 5, 5}], ?G:recall({5, 4})),
     ?assertEqual(Stored, ?G:assure([2, 3], Stored)).

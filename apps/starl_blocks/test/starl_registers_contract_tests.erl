@@ -116,6 +116,15 @@ bound_test() ->
     ?assertEqual([{no_agreement, 15}], Judge(One, 16)),
     ?assertEqual([], Judge(One ++ [holds(15, 2, x, s(5, 1))], 16)),
     ?assertEqual([{no_agreement, 15}], Judge(One ++ [holds(16, 2, x, s(5, 1))], 90)),
+    %% at the bound of one register those that are due before it are judged, and it is not
+    ?assertEqual(
+        [],
+        Judge(
+            One ++ agree(x, s(5, 1)) ++
+                [put(8, 1, y), holds(8, 1, y, s(8, 1)), holds(18, 2, y, s(8, 1))],
+            90
+        )
+    ),
     %% once told
     ?assertEqual(
         [{no_agreement, 15}], Judge(One ++ [{20, 1, {got, z, unset}}, {30, 1, {got, z, unset}}], 90)

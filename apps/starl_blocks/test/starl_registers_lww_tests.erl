@@ -285,6 +285,19 @@ partner_and_time_test() ->
     ),
     ?assertEqual(16, length(lists:usort(Pairs))).
 
+%% It is never sooner than half of the mean, nor later than one and a half, to the microsecond.
+sync_bounds_test() ->
+    {Actions, Machine} = new(1, #{sync_ms => 1}),
+    {_, Drawn} = lists:foldl(
+        fun(_, {M, All}) ->
+            {Next, After} = step({timeout, sync}, sync, M),
+            {After, ticks(Next) ++ All}
+        end,
+        {Machine, ticks(Actions)},
+        lists:seq(1, 10000)
+    ),
+    ?assertEqual({501, 1500}, {lists:min(Drawn), lists:max(Drawn)}).
+
 %% What the page promises where nothing is said: an exchange a second, a second for the recovery, room
 %% for 1024 registers.
 defaults_test() ->
