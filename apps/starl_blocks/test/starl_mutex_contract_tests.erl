@@ -159,6 +159,9 @@ results_test() ->
     ),
     {[], None} = told([], 90, #{}),
     ?assertMatch(#{tokens := 0, acquired := 0, longest_wait_us := 0}, None),
+    %% one that waited is its own mean
+    {[], One} = told([asks(0, 1) | got(1, 1, 5)], 90, #{}),
+    ?assertEqual({1.0, 1.0}, {maps:get(mean_wait_us, One), maps:get(unfairness, One)}),
     %% a hold that nobody asked for counts as no wait
     {[], Unasked} = told(got(10, 1, 5), 90, #{}),
     ?assertMatch(#{tokens := 1, acquired := 0}, Unasked).

@@ -166,6 +166,21 @@ passes_on_test() ->
     {_, Knows} = hears(10, 3, {owner, a(), ?F}, asker()),
     ?assertEqual({[], Knows}, hears(20, 3, {token, a(), ?F, [{1, 4}]}, Knows)).
 
+%% A token that comes twice, or an older one, is no other token; a newer one takes its place, and
+%% those that waited with the older one ask the home.
+comes_again_test() ->
+    {_, Asking} = acquires(0, app, a(), asker()),
+    {_, Claiming} = hears(10, 3, {token, a(), ?F, [{2, 1}]}, Asking),
+    [
+        ?assertEqual({[], Claiming}, hears(20, 3, {token, a(), Fence, [{2, 1}]}, Claiming))
+     || Fence <- [?F, ?F - 256]
+    ],
+    {Newer, _} = hears(20, 3, {token, a(), ?F + 256, [{3, 9}]}, Claiming),
+    ?assertEqual([{1, {request, a(), {2, 1}, 0, home}}], sent(Newer)),
+    ?assertEqual([{3, {token, a(), ?F + 512, [{3, 9}]}}], handed(Newer)),
+    {Lost, _} = hears(20, 3, {token, a(), ?F + 256, [{3, 9}]}, holding(a())),
+    ?assertEqual([{lease_lost, a(), ?F}, {handed_over, a(), ?F + 512, 3}], traces(Lost)).
+
 %% -- holding ------------------------------------------------------------------------------------
 
 %% Only its caller releases a hold; what it does not hold is lost, and the rest released.
@@ -228,7 +243,10 @@ idle_test() ->
     ?assertEqual({[], []}, {sent(Over), traces(Over)}),
     {Again, _} = acquires(?LEASE + 10, app, a(), Gone),
     ?assertEqual([{requested, a()}], traces(Again)),
-    %% while others wait it asks the home for more
+    %% nor does it look for another token when the lease is over while it is held
+    {Lapsed, _} = at(?LEASE, {timeout, {lease, a()}}, over, One),
+    ?assertEqual({[], [{lease_lost, a(), ?F}]}, {sent(Lapsed), traces(Lapsed)}),
+    %% while it is held the home is asked for more
     {Renews, _} = at(?LEASE div 4, {timeout, {renew, a()}}, again, holding(a())),
     ?assertEqual([{1, {ask, renew, a(), ?F, {1, ?LEASE div 4}}}], sent(Renews)).
 

@@ -203,3 +203,18 @@ restarted_test() ->
     ?assert(G > F),
     ?assertMatch({refused, _}, ?H:renew(t, F, 1, ?LEASE, Made)),
     ?assertMatch({granted, _}, ?H:claim(t, G, 2, ?LEASE, Made)).
+
+%% A home that has crashed begins beyond all the numbers that it ever gave, however many those are.
+incarnations_test() ->
+    Make = fun(_, {F, H}) ->
+        {[{2, {token, t, G, _}}], Next} = ?H:return(t, F, 2, [{2, 1}], 10, H),
+        ?assert(G > F),
+        {G, Next}
+    end,
+    {[{2, {token, t, First, _}}], Home} = ?H:request(t, {2, 1}, 0, home()),
+    {Last, _} = lists:foldl(Make, {First, Home}, lists:seq(1, 500)),
+    New = ?H:new(2, 0, ?LEASE, 1000, 0),
+    {[], Waits} = ?H:request(t, {2, 1}, 10, New),
+    {[{2, {token, t, Fence, _}}], _} = ?H:expire(t, ?H:due(t, Waits), Waits),
+    ?assert(Fence > Last),
+    ?assertEqual({refused, New}, ?H:claim(t, Last, 2, 10, New)).
