@@ -299,6 +299,37 @@ home_test() ->
     {Returned, _} = hears(40, 2, {return, a(), F, [{1, 9}]}, M4),
     ?assertMatch([{1, {token, T, G, [{1, 9}, {3, 1}]}}] when G > F, sent(Returned)).
 
+%% It waits for the lease, for what clocks may drift, and for the lag.
+waits_test() ->
+    Wait = fun(Config) ->
+        {_, New} = new(1, Config#{lease_ms => ?LEASE div 1000}),
+        {_, Made} = hears(0, 2, {request, a(), {2, 1}, 0, home}, New),
+        {Actions, _} = hears(0, 3, {request, a(), {3, 1}, 0, home}, Made),
+        [{{home, _}, Us}] = timers(Actions),
+        Us
+    end,
+    [
+        ?assert(Wait(Config) >= Us andalso Wait(Config) =< Us + 5000)
+     || {Config, Us} <- [
+            {#{drift_ppm => 0, lag_ms => 0}, ?LEASE},
+            {#{drift_ppm => 0, lag_ms => 250}, ?LEASE + 250000},
+            {#{drift_ppm => 10000, lag_ms => 0}, ?LEASE * 101 div 99}
+        ]
+    ].
+
+%% What the page says is there where nothing is said.
+defaults_test() ->
+    Init = fun(Config) ->
+        starl_mutex_tokens:init(Config#{
+            robot => 2,
+            participants => [1, 2, 3],
+            incarnation => 2,
+            now => 0
+        })
+    end,
+    Said = #{lease_ms => 8000, drift_ppm => 10000, lag_ms => 250, retry_ms => 3000},
+    ?assertEqual(Init(Said), Init(#{})).
+
 %% -- everything else ----------------------------------------------------------------------------
 
 %% What none of them says is not taken, at the edge of each number.
