@@ -194,6 +194,11 @@ timeless_test() ->
         ]
     ].
 
+%% Where nothing is said the leases are judged as those that machines have where nothing is said.
+defaults_test() ->
+    Said = #{lease_us => 8000000, drift_ppm => 10000, lag_us => 250000},
+    ?assertEqual(starl_mutex_monitor:init(Said), starl_mutex_monitor:init(#{})).
+
 others_test() ->
     ?assertEqual([mutex, robot], lists:sort(starl_mutex_monitor:interests())),
     Start = starl_mutex_monitor:init(#{granted => true, bound_us => 1}),

@@ -250,6 +250,21 @@ idle_test() ->
     {Renews, _} = at(?LEASE div 4, {timeout, {renew, a()}}, again, holding(a())),
     ?assertEqual([{1, {ask, renew, a(), ?F, {1, ?LEASE div 4}}}], sent(Renews)).
 
+%% An idle token is held again at once while half of its lease is left, else when that is renewed.
+half_test() ->
+    {_, Idle} = call(10, app, {release, a()}, holding(a())),
+    [
+        begin
+            {Actions, _} = acquires(Now, app, a(), Idle),
+            ?assertEqual({Now, Answers}, {Now, answers(Actions)}),
+            ?assertEqual({Now, Asked}, {Now, [Kind || {1, {ask, Kind, _, _, _}} <- sent(Actions)]})
+        end
+     || {Now, Answers, Asked} <- [
+            {?LEASE div 2, [{app, {ok, ?F + 1}}], []},
+            {?LEASE div 2 + 1, [], [renew]}
+        ]
+    ].
+
 %% A renewal makes the lease longer, never shorter.
 renewed_test() ->
     {Longer, Later} = hears(700, 1, {granted, a(), ?F, {1, 600}}, holding(a())),
