@@ -41,14 +41,26 @@ go_on(Pid, Actions, Answers, Calls) ->
         {[], [Answer | Rest]} ->
             [{Name, Request, Tag}] = [{N, R, T} || {call, N, R, T} <- Actions],
             Us = hd([U || {{timeout, T}, U, call} <- Actions, T =:= Tag] ++ [infinity]),
-            {Type, Content} = event(Answer, Name, Tag),
-            Pid ! {starl_step, Type, Content, #{now => 0, robot => 1}},
-            go_on(Pid, done(), Rest, [{Name, Request, Us} | Calls])
+            {Type, Content} = answered(Answer, Name, Tag),
+            Next = awake(Pid, event(Pid, Type, Content)),
+            go_on(Pid, Next, Rest, [{Name, Request, Us} | Calls])
     end.
 
-event({answer, Answer}, _Name, Tag) -> {{reply, Tag}, Answer};
-event(timeout, _Name, Tag) -> {{timeout, Tag}, call};
-event(restarted, Name, _Tag) -> {info, {restarted, Name}}.
+%% A caller sleeps for a while when the machine that it called has crashed.
+awake(Pid, Actions) ->
+    Calls = [call || {call, _, _, _} <- Actions],
+    case {Calls, [Timer || {{timeout, Timer}, Us, call} <- Actions, is_integer(Us)]} of
+        {[], [Timer]} -> awake(Pid, event(Pid, {timeout, Timer}, call));
+        {_, _} -> Actions
+    end.
+
+event(Pid, Type, Content) ->
+    Pid ! {starl_step, Type, Content, #{now => 0, robot => 1}},
+    done().
+
+answered({answer, Answer}, _Name, Tag) -> {{reply, Tag}, Answer};
+answered(timeout, _Name, Tag) -> {{timeout, Tag}, call};
+answered(restarted, Name, _Tag) -> {info, {restarted, Name}}.
 
 done() ->
     receive
