@@ -184,6 +184,22 @@ lost_test() ->
      || {K, Found} <- [{1, []}, {2, []}, {3, []}, {4, [reached_out_of_order]}]
     ].
 
+%% A round that comes again, as all stores were damaged, is another one.
+again_test() ->
+    Passed = all_reach() ++ [{3, 1, passed, 1}, {4, 2, passed, 1}],
+    Again =
+        [{5, R, damaged} || R <- [1, 2]] ++ [{16, R, reached, 1} || R <- [1, 2]] ++
+            [{17, 1, passed, 1}, {18, 2, passed, 1}],
+    {[], Results} = run(Passed ++ Again, 90, #{delta_us => 10, bound_us => 10}),
+    ?assertMatch(#{rounds := 2, passed := 4, longest_delta_us := 1}, Results).
+
+%% However many are overdue, they are told in the order of names and rounds.
+order_test() ->
+    Names = lists:seq(1, 40),
+    Events = [{1, R, barrier, {reached, Name, 1}} || Name <- Names, R <- [1, 2]],
+    Late = element(1, told(Events, 90, #{bound_us => 10})),
+    ?assertEqual(Names, [Name || {not_passed, _, _, #{name := Name}} <- Late]).
+
 %% -- several names ----------------------------------------------------------------------------
 
 %% Each name has rounds of its own.
