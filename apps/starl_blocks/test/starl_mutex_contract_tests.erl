@@ -90,6 +90,20 @@ whose_test() ->
     ?assertEqual([{held_too_long, 116, [1], Fences(5, #{})}], found(Held, 116, Lease)),
     ?assertEqual([], found(Held, 115, Lease)).
 
+%% However many are held too long, they are told in the order of tokens.
+order_test() ->
+    Tokens = lists:seq(1, 40),
+    Held = lists:append([
+        [
+            {5, ?HOME, {granted, Token, fence(5), 1}},
+            {5, 1, {leased, Token, fence(5), 100}},
+            {5, 1, {acquired, Token, fence(5)}}
+        ]
+     || Token <- Tokens
+    ]),
+    Found = found(Held, 900, #{lease_us => 100, drift_ppm => 0, lag_us => 10}),
+    ?assertEqual(Tokens, [Token || {held_too_long, _, _, #{token := Token}} <- Found]).
+
 %% -- progress -----------------------------------------------------------------------------------
 
 %% Each request has a bound of its own, in time at the bound itself; they are told in their order.

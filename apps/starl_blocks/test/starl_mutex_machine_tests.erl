@@ -162,9 +162,19 @@ passes_on_test() ->
     {On, _} = hears(10, 3, {token, a(), ?F, [{2, 1}, {1, 4}, {3, 2}]}, asker()),
     ?assertEqual([{1, {token, a(), ?F + 256, [{1, 4}, {3, 2}]}}], handed(On)),
     ?assertEqual([{handed_over, a(), ?F + 256, 1}], traces(On)),
+    %% when the numbers of its creation are used up its home makes a newer one
+    {Used, _} = hears(10, 3, {token, a(), last_hand_over(?F), [{1, 4}]}, asker()),
+    ?assertEqual([{1, {return, a(), last_hand_over(?F), [{1, 4}]}}], sent(Used)),
+    ?assertEqual([], handed(Used)),
     %% one that is older than one that is known is no token
     {_, Knows} = hears(10, 3, {owner, a(), ?F}, asker()),
     ?assertEqual({[], Knows}, hears(20, 3, {token, a(), ?F, [{1, 4}]}, Knows)).
+
+last_hand_over(Fence) ->
+    case starl_mutex_home:last_hand_over(Fence) of
+        true -> Fence;
+        false -> last_hand_over(starl_mutex_home:next(Fence))
+    end.
 
 %% A token that comes twice, or an older one, is no other token; a newer one takes its place, and
 %% those that waited with the older one ask the home.
