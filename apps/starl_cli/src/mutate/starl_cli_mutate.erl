@@ -133,7 +133,7 @@ reviewed() ->
         Term
      || File <- filelib:wildcard(Pattern), {ok, Read} <- [file:consult(File)], Term <- Read
     ],
-    maps:from_list(lists:append(Terms)).
+    lists:foldl(fun maps:merge/2, #{}, Terms).
 
 names() -> lists:join(", ", [atom_to_list(Block) || Block <- starl_mutate_block:names()]).
 
