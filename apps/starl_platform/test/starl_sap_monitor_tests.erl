@@ -314,6 +314,187 @@ delivery(N, Hash) -> [trace(E) || E <- [app_sent(10 * N, id(N), Hash), app_got(1
 second_listener_test() ->
     ?assertEqual([two_listeners], judge([{1, 2, {listener_refused, ballot, app, election}}])).
 
+%%% What is told of a violation: when, between whom, and about what
+
+%% The violations of a trace, in full but for the contract.
+told_of(Events) -> told_of(Events, 0).
+
+told_of(Events, End) ->
+    M0 = starl_monitor:new([{starl_sap_monitor, #{bound_us => ?BOUND, late_us => ?LATE}}]),
+    {Met, M} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- Events]),
+    {Late, _} = starl_monitor:finish(End, M),
+    [
+        {What, At, Robots, Details}
+     || #{contract := sap, what := What, at_us := At, robots := Robots, details := Details} <-
+            Met ++ Late
+    ].
+
+told_of_messages_test() ->
+    Of1 = #{message => id(1)},
+    Foreign = [{foreign_source, 7, [3, 1], Of1}],
+    ?assertEqual(Foreign, told_of([{7, 3, {sent, id(1), [2], greeting, 99}}])),
+    ?assertEqual(Foreign, told_of([sent(1, id(1)), {7, 3, {outcome, id(1), 2, lost}}])),
+    ?assertEqual([{message_id_used_twice, 7, [1], Of1}], told_of([sent(1, id(1)), sent(7, id(1))])),
+    Got = fun(Robot, Type, Hash) ->
+        told_of([sent(1, id(1)), {7, Robot, {delivered, id(1), Type, Hash}}])
+    end,
+    ?assertEqual([{corrupted, 7, [2], Of1}], Got(2, greeting, 98)),
+    Types = #{message => id(1), sent => greeting, delivered => other},
+    ?assertEqual([{wrong_type, 7, [2], Types}], Got(2, other, 99)),
+    ?assertEqual([{delivered_to_stranger, 7, [3], Of1}], Got(3, greeting, 99)),
+    Done = [sent(1, id(1)), got(2, 2, id(1))],
+    ?assertEqual([{duplicate_delivery, 7, [2], Of1}], told_of(Done ++ [got(7, 2, id(1))])),
+    Late = told_of(Done ++ [ack(3, id(1)), got(7, 2, id(1))]),
+    ?assertEqual([{duplicate_delivery, 7, [2], #{message => id(1), closed => true}}], Late),
+    Never = [{delivered_but_not_sent, 7, [2], #{message => id(1), closed => false}}],
+    ?assertEqual(Never, told_of([got(7, 2, id(1))])).
+
+told_of_outcomes_test() ->
+    Of1 = #{message => id(1)},
+    Done = [sent(1, id(1)), got(2, 2, id(1))],
+    ?assertEqual(
+        [{acknowledged_but_not_delivered, 7, [1, 2], Of1}], told_of([sent(1, id(1)), ack(7, id(1))])
+    ),
+    ?assertEqual([{outcome_for_stranger, 7, [1, 3], Of1}], told_of(Done ++ [ack(7, id(1), 3)])),
+    Twice = [{outcome_reported_twice, 7, [1, 2], Of1}],
+    ?assertEqual(Twice, told_of(Done ++ [ack(3, id(1)), ack(7, id(1))])),
+    ?assertEqual(Twice, told_of([sent(1, id(1)), lost(3, id(1)), lost(7, id(1))])),
+    ?assertEqual([{outcome_but_not_sent, 7, [1, 2], Of1}], told_of([lost(7, id(1))])),
+    ?assertEqual(
+        [{outcome_overdue, 1 + ?BOUND, [1, 2, 3], Of1}], told_of([sent(1, id(1), [2, 3])], 9000)
+    ),
+    %% it is told of those whose outcome is open, at the next event
+    One = [sent(1, id(1), [2, 3]), got(2, 2, id(1)), ack(3, id(1)), started(9000, 1)],
+    ?assertEqual([{outcome_overdue, 1 + ?BOUND, [1, 3], Of1}], told_of(One)).
+
+told_of_answers_test() ->
+    Answer = #{message => id(1), answer => ok},
+    Lost = [sent(1, id(1)), called(1, id(1), one), lost(3, id(1))],
+    Untrue = [{answer_untrue, 7, [1], Answer#{true => {error, lost}}}],
+    ?assertEqual(Untrue, told_of(Lost ++ [told(7, id(1), ok)])),
+    Early = [sent(1, id(1)), called(1, id(1), one), told(7, id(1), ok)],
+    ?assertEqual([{answered_too_early, 7, [1], Answer}], told_of(Early)),
+    Nobody = [sent(1, id(1)), told(7, id(1), ok)],
+    ?assertEqual([{answered_nobody, 7, [1], Answer}], told_of(Nobody)),
+    Of1 = #{message => id(1)},
+    ?assertEqual([{answered_nobody, 7, [1], Of1}], told_of([told(7, id(1), ok)])),
+    ?assertEqual([{called_but_not_sent, 7, [1], Of1}], told_of([called(7, id(1), one)])),
+    ?assertEqual(
+        [{called_but_not_sent, 7, [2], Of1}],
+        told_of([sent(1, id(1)), {7, 2, {called, id(1), one}}])
+    ),
+    ?assertEqual([{answer_untrue, 7, [1], #{answer => lost}}], told_of([told(7, none, lost)])),
+    ?assertEqual([{answer_overdue, 1 + ?BOUND, [1], Of1}], told_of(Lost, 9000)).
+
+told_of_applications_test() ->
+    Of = #{type => {app, a}, source => 1},
+    ?assertEqual([{read_but_not_delivered, 7, [2], Of}], told_of_read([read(7, 5)])),
+    Two = [trace(E) || N <- [1, 2], E <- [app_sent(N, id(N), N), app_got(N, id(N), N)]],
+    ?assertEqual(
+        [{acknowledged_but_not_readable, 7, [2], Of}], told_of_read(Two ++ [read(7, 2)])
+    ),
+    ?assertEqual(
+        [{two_listeners, 7, [2], #{type => ballot, listener => app, held_by => election}}],
+        told_of([{7, 2, {listener_refused, ballot, app, election}}])
+    ).
+
+told_of_read(Events) ->
+    M0 = starl_monitor:new([{starl_sap_monitor, #{bound_us => ?BOUND}}]),
+    {Met, _} = lists:foldl(fun step/2, {[], M0}, Events),
+    [{W, T, R, D} || #{what := W, at_us := T, robots := R, details := D} <- Met].
+
+%% What was overdue comes before what an event breaks: one violation an event.
+overdue_comes_first_test() ->
+    Overdue = [{outcome_overdue, 1 + ?BOUND, [1, 2], #{message => id(1)}}],
+    ?assertEqual(Overdue, told_of([sent(1, id(1)), got(9000, 2, id(7))])).
+
+%% A message that was lost, forgotten and delivered after all is delivered, not sent, once more.
+results_of_late_deliveries_test() ->
+    {[], Results} = run([sent(1, id(1)), lost(3, id(1)), started(9000, 1), got(9001, 2, id(1))], 0),
+    ?assertEqual(
+        #{sent => 1, delivered => 1, acknowledged => 0, lost => 1, outstanding => 0}, Results
+    ),
+    {[], Before} = run([sent(1, id(1)), lost(3, id(1)), got(4, 2, id(1))], 0),
+    ?assertEqual(Results, Before).
+
+results_of_outcomes_test() ->
+    Sent = [sent(1, id(1), [2, 3]), got(2, 2, id(1)), got(2, 3, id(1))],
+    Count = fun(Events) ->
+        {[], #{acknowledged := Acknowledged, lost := Lost}} = run(Sent ++ Events, 0),
+        {Acknowledged, Lost}
+    end,
+    ?assertEqual({2, 0}, Count([ack(3, id(1)), ack(4, id(1), 3)])),
+    ?assertEqual({1, 1}, Count([lost(3, id(1)), ack(4, id(1), 3)])),
+    ?assertEqual({0, 1}, Count([{3, 1, {outcome, id(1), 2, restarted}}])),
+    ?assertEqual({0, 0}, Count([])).
+
+%% A start gives up what earlier incarnations have sent, not what the one that starts has.
+start_keeps_its_own_test() ->
+    ?assertEqual([outcome_overdue], judge([sent(1, id(1)), started(2, 1)], 9000)),
+    Both = [sent(1, id(1, 1)), sent(1, id(2, 1)), started(2, 2)],
+    ?assertEqual([{outcome_overdue, 1 + ?BOUND, [1, 2], #{message => id(2, 1)}}],
+                 told_of(Both, 9000)).
+
+%% A robot that goes down may lose what its application has not read, and reports nothing more.
+down_test() ->
+    Down = {3, 1, robot, down},
+    Feed = fun(Events) ->
+        M0 = starl_monitor:new([{starl_sap_monitor, #{bound_us => ?BOUND}}]),
+        {Met, M} = lists:foldl(fun step/2, {[], M0}, Events),
+        {Late, _} = starl_monitor:finish(9000, M),
+        [What || #{what := What} <- Met ++ Late]
+    end,
+    ?assertEqual([], Feed([trace(sent(1, id(1))), Down])),
+    ?assertEqual([outcome_overdue], Feed([trace(sent(1, id(1))), setelement(2, Down, 2)])),
+    Read = fun(Robot) ->
+        Two = [trace(E) || N <- [1, 2], E <- [app_sent(N, id(N), N), app_got(N, id(N), N)]],
+        Feed(Two ++ [Down, setelement(2, Down, Robot), read(4, 2)])
+    end,
+    ?assertEqual([], Read(2)),
+    ?assertEqual([acknowledged_but_not_readable], Read(3)).
+
+%% The application's room is 1000 messages, and SAP keeps 256 for it, unless it says otherwise.
+usual_room_test() ->
+    Traffic = fun(N) ->
+        [trace(E) || I <- lists:seq(1, N), E <- [app_sent(I, id(I), I), app_got(I, id(I), I)]]
+    end,
+    Broken = fun(N) ->
+        M0 = starl_monitor:new([{starl_sap_monitor, #{bound_us => 1_000_000}}]),
+        case starl_monitor:step(Traffic(N), M0) of
+            {ok, _} -> none;
+            {violation, #{what := What, robots := [2], details := Details}, _} -> {What, Details}
+        end
+    end,
+    ?assertEqual(none, Broken(1256)),
+    ?assertEqual({more_than_it_can_keep, #{type => {app, a}}}, Broken(1257)).
+
+%% The content of a lost message is remembered for a minute, unless it says otherwise.
+usual_memory_test() ->
+    Broken = fun(Us) ->
+        M0 = starl_monitor:new([{starl_sap_monitor, #{bound_us => ?BOUND}}]),
+        Feed = [sent(1, id(1)), lost(2, id(1)), {Us, 2, {delivered, id(1), greeting, 98}}],
+        {Met, _} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- Feed]),
+        [What || #{what := What} <- Met]
+    end,
+    ?assertEqual([corrupted], Broken(2 + 60_000_000)),
+    ?assertEqual([], Broken(3 + 60_000_000)).
+
+%% Each type of an application is read in its own order.
+order_is_of_a_type_test() ->
+    Of = fun(N, Type) ->
+        [
+            {N, 1, sap, {sent, id(N), [2], {app, Type}, N}},
+            {N, 2, sap, {delivered, id(N), {app, Type}, N}}
+        ]
+    end,
+    Read = fun(N, Type) -> {100, 2, app, {read, 1, {app, Type}, N}} end,
+    Three = Of(1, a) ++ Of(2, b) ++ Of(3, b),
+    ?assertEqual([], told_of_read(Three ++ [Read(2, b), Read(3, b), Read(1, a)])),
+    ?assertMatch(
+        [{acknowledged_but_not_readable, 100, [2], #{type := {app, b}, source := 1}}],
+        told_of_read(Three ++ [Read(3, b)])
+    ).
+
 %%% Memory: bounded by what is outstanding, however many messages were sent
 
 memory_is_bounded_test_() ->

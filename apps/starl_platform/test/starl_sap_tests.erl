@@ -1,0 +1,361 @@
+%% SAP event by event: what it sends, tells and asks, packet by packet.
+-module(starl_sap_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+new() -> new(#{}).
+
+%% Robot 1 of three, in the incarnation that the configuration says.
+new(Config) ->
+    Base = #{
+        robot => 1,
+        participants => [1, 2, 3],
+        name => sap,
+        incarnation => maps:get(incarnation, Config, 1),
+        random => rand:seed_s(exsss, maps:get(seed, Config, 1)),
+        now => 0
+    },
+    starl_machine:new(starl_sap, Config, Base).
+
+started() -> started(#{}).
+
+started(Config) -> element(2, new(Config)).
+
+step(Type, Content, Sap) -> starl_machine:step(Type, Content, #{now => 0, robot => 1}, Sap).
+
+%% The actions alone, or the machine after them.
+actions({Actions, _}) -> Actions.
+
+after_all(Steps, Sap) ->
+    lists:foldl(fun({T, Content}, S) -> element(2, step(T, Content, S)) end, Sap, Steps).
+
+data(Seq, Number) -> data(1, Seq, Number, #{}).
+
+data(Theirs, Seq, Number, For) -> {packet, starl_packet:data({2, Theirs, Seq, Number, For, t, hi})}.
+
+hears({packet, Packet}, Sap) -> step(packet, Packet, Sap).
+
+listens() -> {cast, {listen, t, door}}.
+
+acked(Seq) -> acked(1, Seq).
+
+acked(Theirs, Seq) -> {transmit, 2, starl_packet:ack(1, 1, Theirs, Seq)}.
+
+delivered(Seq) -> delivered(1, Seq).
+
+delivered(Theirs, Seq) ->
+    [
+        acked(Theirs, Seq),
+        {trace, {delivered, {2, Theirs, Seq}, t, erlang:phash2(hi)}},
+        {cast, door, {message, 2, t, hi}}
+    ].
+
+%% The question that is among the actions.
+asked(Actions) ->
+    [Nonce] = [N || {transmit, 2, {starl, 1, ask, 1, N}} <- Actions],
+    Nonce.
+
+told(Theirs, Nonce) -> told(Theirs, Nonce, {1, 1}).
+
+told(Theirs, Nonce, Lows) -> {packet, starl_packet:told(2, Theirs, Nonce, Lows)}.
+
+dropped(Why, Robot) -> {trace, {dropped, Why, Robot}}.
+
+%% -- the start -------------------------------------------------------------------------------
+
+%% Only a restart is told the others.
+hello_test() ->
+    ?assertEqual([{trace, {started, 1}}], actions(new())),
+    Hello = {transmit, all, starl_packet:hello(1, 2)},
+    ?assertEqual([{trace, {started, 2}}, Hello], actions(new(#{incarnation => 2}))).
+
+%% 250 ms, half as long again each time, up to 2 s, 15 times: 25 s and a bit in all.
+usual_back_off_test() ->
+    Delays = delays(started(), 1),
+    ?assertEqual([250000, 375000, 562500, 843750, 1265625, 1898438, 2000000], prefix(7, Delays)),
+    ?assertEqual(16, length(Delays)),
+    ?assertEqual(lists:sum(Delays), starl_sap:bound_us(#{})),
+    ?assertEqual([2000000], lists:usort(lists:nthtail(6, Delays))).
+
+prefix(N, List) -> lists:sublist(List, N).
+
+chosen_back_off_test() ->
+    Config = #{retransmit_ms => 10, backoff => 2.0, longest_ms => 30, limit => 3},
+    ?assertEqual([10000, 20000, 30000, 30000], delays(started(Config), 1)),
+    ?assertEqual(90000, starl_sap:bound_us(Config)),
+    ?assertEqual([250000], delays(started(#{limit => 0}), 1)).
+
+%% The first waiting time is as asked for, even if it is the longer one.
+long_first_time_test() ->
+    Config = #{retransmit_ms => 50, longest_ms => 20, limit => 2},
+    ?assertEqual([50000, 50000, 50000], delays(started(Config), 1)).
+
+%% The waiting times of a message that nobody acknowledges.
+delays(Sap, Seq) ->
+    {Actions, Sent} = step(cast, {send, 2, t, hi}, Sap),
+    delays(Actions, Sent, Seq).
+
+delays(Actions, Sap, Seq) ->
+    case [Us || {{timeout, {retransmit, S}}, Us, again} <- Actions, S =:= Seq] of
+        [Us] ->
+            {More, Next} = step({timeout, {retransmit, Seq}}, again, Sap),
+            [Us | delays(More, Next, Seq)];
+        [] ->
+            ?assertEqual([{trace, {outcome, {1, 1, Seq}, 2, lost}}], Actions),
+            []
+    end.
+
+%% -- sending ---------------------------------------------------------------------------------
+
+%% The packet says which incarnation it is meant for, where it is not the first.
+meant_for_test() ->
+    For = fun(Content, Sap) ->
+        [F] = [
+            F
+         || {transmit, _, {starl, 1, data, D}} <- actions(step(cast, Content, Sap)),
+            F <- [element(5, D)]
+        ],
+        F
+    end,
+    Sap = after_all([{packet, starl_packet:hello(2, 3)}], started()),
+    ?assertEqual(#{2 => 3}, For({send, 2, t, hi}, Sap)),
+    ?assertEqual(#{}, For({send, 3, t, hi}, Sap)),
+    ?assertEqual(#{2 => 3}, For({broadcast, t, hi}, Sap)),
+    ?assertEqual(#{}, For({broadcast, t, hi}, started())).
+
+overload_test() ->
+    Full = after_all([{cast, {send, 2, t, hi}}], started(#{window => 1})),
+    Overload = {trace, {overload, t}},
+    ?assertEqual([Overload], actions(step(cast, {send, 2, t, hi}, Full))),
+    ?assertEqual(
+        [Overload, {trace, {answered, none, {error, overload}}}, {reply, {app, tag}, {error, overload}}],
+        actions(step({call, {app, tag}}, {send, 2, t, hi}, Full))
+    ).
+
+%% Alone there is nobody to send to.
+alone_test() ->
+    Base = #{
+        robot => 1,
+        participants => [1],
+        name => sap,
+        incarnation => 1,
+        random => rand:seed_s(exsss, 1),
+        now => 0
+    },
+    {_, Sap} = starl_machine:new(starl_sap, #{}, Base),
+    ?assertEqual([], actions(step(cast, {broadcast, t, hi}, Sap))),
+    ?assertEqual(
+        [{trace, {answered, none, ok}}, {reply, {app, tag}, ok}],
+        actions(step({call, {app, tag}}, {broadcast, t, hi}, Sap))
+    ).
+
+%% A message to oneself is delivered at once; where nobody can keep it, it is an overload.
+own_message_test() ->
+    Hash = erlang:phash2(hi),
+    ?assertEqual(
+        [
+            {trace, {sent, {1, 1, 1}, [1], t, Hash}},
+            {trace, {called, {1, 1, 1}, one}},
+            {trace, {delivered, {1, 1, 1}, t, Hash}},
+            {cast, door, {message, 1, t, hi}},
+            {trace, {outcome, {1, 1, 1}, 1, acknowledged}},
+            {trace, {answered, {1, 1, 1}, ok}},
+            {reply, {app, tag}, ok}
+        ],
+        actions(step({call, {app, tag}}, {send, 1, t, hi}, after_all([listens()], started())))
+    ),
+    Full = started(#{unclaimed => 0}),
+    ?assertEqual([{trace, {overload, t}}], actions(step(cast, {send, 1, t, hi}, Full))).
+
+shout_test() ->
+    Shout = starl_packet:shout(1, t, hi),
+    ?assertEqual([{transmit, all, Shout}], actions(step(cast, {shout, t, hi}, started()))),
+    ?assertEqual({transmit, 2, Shout}, starl_sap:datagram(1, 2, t, hi)).
+
+%% -- messages that come ----------------------------------------------------------------------
+
+once_test() ->
+    {Actions, Sap} = hears(data(7, 1), after_all([listens()], started())),
+    ?assertEqual(delivered(7), Actions),
+    ?assertEqual([acked(7)], actions(hears(data(7, 1), Sap))),
+    ?assertEqual(delivered(8), actions(hears(data(8, 2), Sap))).
+
+%% What there is no room for is neither acknowledged nor taken: it comes again.
+not_taken_test() ->
+    Sap = started(#{unclaimed => 0}),
+    {Actions, Next} = hears(data(7, 1), Sap),
+    ?assertEqual([{trace, {unclaimed_full, 2, t}}], Actions),
+    ?assertEqual(delivered(7), actions(hears(data(7, 1), after_all([listens()], Next)))),
+    Full = after_all([{cast, {listen, t, door, 0}}], started()),
+    {NoRoom, Left} = hears(data(7, 1), Full),
+    ?assertEqual([{trace, {full, 2, t}}], NoRoom),
+    Read = after_all([{cast, {read, door, 1}}], Left),
+    ?assertEqual(delivered(7), actions(hears(data(7, 1), Read))).
+
+%% Room and listener are told together; what has waited comes then, and with reading.
+room_test() ->
+    Sap = after_all([data(1, 1), data(2, 2)], started()),
+    {First, Next} = step(cast, {listen, t, door, 1}, Sap),
+    Message = {cast, door, {message, 2, t, hi}},
+    ?assertEqual([Message], First),
+    ?assertEqual([Message], actions(step(cast, {read, door, 1}, Next))).
+
+second_listener_test() ->
+    Sap = after_all([listens()], started()),
+    {Actions, Next} = step(cast, {listen, t, window}, Sap),
+    ?assertEqual([{trace, {listener_refused, t, window, door}}], Actions),
+    ?assertEqual(delivered(1), actions(hears(data(1, 1), Next))).
+
+%% A message that was meant for an earlier incarnation, or another one, is refused.
+refusal_test() ->
+    Sap = after_all([listens()], started()),
+    Refusal = {transmit, 2, starl_packet:refusal(1, 1, 1, 7)},
+    {Actions, Next} = hears(data(1, 7, 1, #{1 => 2}), Sap),
+    ?assertEqual([Refusal], Actions),
+    ?assertEqual(delivered(7), actions(hears(data(7, 1), Next))),
+    Second = after_all([listens()], started(#{incarnation => 2})),
+    [{transmit, 2, Packet}] = actions(hears(data(7, 1), Second)),
+    ?assertEqual(starl_packet:refusal(1, 2, 1, 7), Packet),
+    ?assertMatch([_, _, _], actions(hears(data(1, 7, 1, #{1 => 2}), Second))).
+
+%% What is refused tells of its source's restart all the same.
+refusal_tells_of_a_restart_test() ->
+    {_, Next} = hears(data(3, 7, 1, #{1 => 2}), started()),
+    ?assertEqual([dropped(incarnation, 2)], prefix(1, actions(hears(data(2, 1, 1, #{}), Next)))).
+
+%% A source's next incarnation counts anew; what comes of the earlier one is doubtful.
+restarted_source_test() ->
+    Sap = after_all([listens(), data(7, 1), {packet, starl_packet:hello(2, 2)}], started()),
+    ?assertEqual(delivered(2, 1), actions(hears(data(2, 1, 1, #{}), Sap))),
+    [Dropped | Ask] = actions(hears(data(8, 2), Sap)),
+    ?assertEqual(dropped(incarnation, 2), Dropped),
+    ?assert(is_integer(asked(Ask))).
+
+%% Far beyond what is known: the robot is asked, and its own answer counts.
+far_incarnation_test() ->
+    Sap = after_all([listens()], started()),
+    Far = starl_packet:hello(2, 100),
+    {[Dropped, _] = Actions, Doubting} = step(packet, Far, Sap),
+    ?assertEqual(dropped(incarnation, 2), Dropped),
+    Nonce = asked(Actions),
+    ?assertEqual(Nonce, asked(actions(hears(data(100, 1, 1, #{}), Doubting)))),
+    ?assertEqual(
+        [dropped(answer, 2)], actions(hears(told(100, Nonce + 1), Doubting))
+    ),
+    {[], Told} = hears(told(100, Nonce), Doubting),
+    ?assertEqual(delivered(100, 1), actions(hears(data(100, 1, 1, #{}), Told))),
+    ?assertEqual([dropped(answer, 2)], actions(hears(told(100, Nonce), Told))).
+
+%% Each question has a nonce of its own, and each incarnation, and each robot.
+nonces_test() ->
+    Question = fun(Sap) -> step(packet, starl_packet:hello(2, 100), Sap) end,
+    {First, Asked} = Question(started()),
+    {[], Told} = hears(told(1, asked(First)), Asked),
+    ?assertNotEqual(asked(First), asked(actions(Question(Told)))),
+    Others = [#{seed => 2}, #{incarnation => 2}, #{incarnation => 3}],
+    Nonces = [asked(actions(Question(started(Config)))) || Config <- [#{} | Others]],
+    ?assertEqual(4, length(lists:usort(Nonces))).
+
+%% A number beyond the window is not taken: where the numbers begin is asked.
+far_number_test() ->
+    Sap = after_all([listens()], started(#{window => 4})),
+    {[Dropped | _] = Actions, Asked} = hears(data(7, 5), Sap),
+    ?assertEqual(dropped(number, 2), Dropped),
+    ?assertEqual(2, length(Actions)),
+    {[], Told} = hears(told(1, asked(Actions), {5, 1}), Asked),
+    ?assertEqual(delivered(7), actions(hears(data(7, 5), Told))).
+
+%% The usual window holds 4096 numbers.
+usual_window_test() ->
+    Sap = after_all([listens()], started()),
+    ?assertMatch([{trace, {dropped, number, 2}}, _], actions(hears(data(7, 4097), Sap))),
+    ?assertEqual(delivered(7), prefix(3, actions(hears(data(7, 4096), Sap)))).
+
+%% A gap of half a window is taken, and asked about.
+wide_gap_test() ->
+    Sap = after_all([listens()], started(#{window => 4})),
+    {Actions, Asked} = hears(data(7, 3), Sap),
+    ?assertEqual(delivered(7), prefix(3, Actions)),
+    {[], Told} = hears(told(1, asked(Actions), {3, 1}), Asked),
+    ?assertEqual([acked(7)], actions(hears(data(7, 3), Told))),
+    ?assertEqual(delivered(8), actions(hears(data(8, 4), Told))).
+
+%% -- what is said of messages under way ------------------------------------------------------
+
+sends() -> {cast, {send, 2, t, hi}}.
+
+acknowledged_test() ->
+    Sap = after_all([sends()], started()),
+    {Actions, Next} = step(packet, starl_packet:ack(2, 1, 1, 1), Sap),
+    Outcome = {trace, {outcome, {1, 1, 1}, 2, acknowledged}},
+    ?assertEqual([Outcome, {{timeout, {retransmit, 1}}, cancel}], Actions),
+    ?assertEqual([], actions(step(packet, starl_packet:ack(2, 1, 1, 1), Next))),
+    ?assertEqual([], actions(step({timeout, {retransmit, 1}}, again, Next))),
+    Untrue = starl_packet:ack(2, 2, 1, 1),
+    ?assertEqual([dropped(acknowledged, 2)], actions(step(packet, Untrue, Sap))).
+
+%% Who refuses has restarted, and what is sent next is meant for it.
+restarted_receiver_test() ->
+    Sap = after_all([sends()], started()),
+    {Actions, Next} = step(packet, starl_packet:refusal(2, 2, 1, 1), Sap),
+    Outcome = {trace, {outcome, {1, 1, 1}, 2, restarted}},
+    ?assertEqual([Outcome, {{timeout, {retransmit, 1}}, cancel}], Actions),
+    Packets = [P || {transmit, 2, P} <- actions(step(cast, {send, 2, t, hi}, Next))],
+    ?assertEqual([starl_packet:data({1, 1, 2, 2, #{2 => 2}, t, hi})], Packets),
+    Untrue = starl_packet:refusal(2, 1, 1, 1),
+    ?assertEqual([dropped(restarted, 2)], actions(step(packet, Untrue, Sap))).
+
+%% A refusal of an incarnation that may be false settles the message and is asked about.
+doubtful_refusal_test() ->
+    Sap = after_all([sends()], started()),
+    {Actions, _} = step(packet, starl_packet:refusal(2, 100, 1, 1), Sap),
+    ?assert(lists:member({trace, {outcome, {1, 1, 1}, 2, restarted}}, Actions)),
+    ?assert(lists:member({{timeout, {retransmit, 1}}, cancel}, Actions)),
+    ?assert(lists:member(dropped(incarnation, 2), Actions)),
+    ?assert(is_integer(asked(Actions))).
+
+%% Who asks is told the own incarnation, and the lowest numbers under way to it.
+told_test() ->
+    Sap = after_all([sends(), {cast, {broadcast, t, hi}}, {cast, {send, 3, t, hi}}], started()),
+    Acked = after_all([{packet, starl_packet:ack(2, 1, 1, 1)}], Sap),
+    Answers = fun(Robot, S) -> actions(step(packet, starl_packet:ask(Robot, 4711), S)) end,
+    ?assertEqual([{transmit, 2, starl_packet:told(1, 1, 4711, {1, 1})}], Answers(2, Sap)),
+    ?assertEqual([{transmit, 2, starl_packet:told(1, 1, 4711, {2, 1})}], Answers(2, Acked)),
+    Second = started(#{incarnation => 2}),
+    ?assertEqual([{transmit, 3, starl_packet:told(1, 2, 4711, {1, 1})}], Answers(3, Second)).
+
+%% -- who is heard ----------------------------------------------------------------------------
+
+%% Strangers and a second one of the own name are not heard; what is no packet is told so.
+stranger_test() ->
+    [
+        ?assertEqual(
+            {[dropped(stranger, Robot)], started()},
+            step(packet, starl_packet:hello(Robot, 2), started())
+        )
+     || Robot <- [1, 4]
+    ],
+    ?assertEqual(
+        [{trace, {unknown_event, packet, {starl, 1, hello}}}],
+        actions(step(packet, {starl, 1, hello}, started()))
+    ).
+
+%% Another machine's restart is nothing to SAP; other events are none that it knows.
+other_events_test() ->
+    ?assertEqual({[], started()}, step(info, {restarted, app}, started())),
+    ?assertEqual(
+        [{trace, {unknown_event, cast, what}}], actions(step(cast, what, started()))
+    ).
+
+overheard_test() ->
+    Shout = starl_packet:shout(2, {app, t}, hi),
+    ?assertEqual([{trace, {unheard, 2, {app, t}}}], actions(step(packet, Shout, started()))),
+    Sap = after_all([{cast, {listen, {app, t}, app}}], started()),
+    ?assertEqual([{cast, app, {message, 2, t, hi}}], actions(step(packet, Shout, Sap))).
+
+%% -- what machines ask for -------------------------------------------------------------------
+
+actions_of_machines_test() ->
+    ?assertEqual({call, sap, {send, 2, t, hi}, tag}, starl_sap:send(2, t, hi, tag)),
+    ?assertEqual({cast, sap, {send, 2, t, hi}}, starl_sap:post(2, t, hi)),
+    ?assertEqual({cast, sap, {shout, t, hi}}, starl_sap:shout(t, hi)),
+    ?assertEqual({cast, sap, {listen, t, door}}, starl_sap:listen(t, door)).
