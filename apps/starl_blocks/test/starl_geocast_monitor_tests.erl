@@ -191,6 +191,135 @@ sent_after_the_beginning_test() ->
     %% the source's clock has no say in it
     ?assertEqual([not_delivered], Judge(crashed(5, 1), 1000100, [lost(1, 700, 300)])).
 
+%% -- what is told -----------------------------------------------------------------------------
+
+%% The violations in full but for the contract, and the results.
+told(Events, Config) ->
+    Moves = [
+        {0, 1, chassis, {motion, {piece, 0, 0.0, 0.0, 0.0, 0.0, 0.0}}},
+        {0, 2, chassis, {motion, {piece, 0, 5000.0, 0.0, 0.0, 1000.0, 0.0}}}
+    ],
+    Known = maps:merge(#{robots => [1, 2], progress => true, drift_ppm => 0}, Config),
+    M0 = starl_monitor:new([{starl_geocast_monitor, Known}]),
+    {Found, M} = lists:foldl(
+        fun(Event, {Acc, Monitor}) ->
+            case starl_monitor:step(Event, Monitor) of
+                {ok, Next} -> {Acc, Next};
+                {violation, V, Next} -> {Acc ++ [V], Next}
+            end
+        end,
+        {[], M0},
+        Moves ++ lists:flatten(Events)
+    ),
+    {Late, #{starl_geocast_monitor := Results}} = starl_monitor:finish(100000000, M),
+    {[{What, At, Robots, Details} || V <- Found ++ Late, {What, At, Robots, Details} <- [in_full(V)]],
+        Results}.
+
+in_full(#{contract := geocast, what := What, at_us := At, robots := Robots, details := Details}) ->
+    {What, At, Robots, Details}.
+
+told(Events) -> element(1, told(Events, #{progress => false})).
+
+%% What broke, when, at which robot, and of which message.
+violations_in_full_test() ->
+    Of = #{id => ?ID},
+    ?assertEqual([{never_sent, 7, [2], Of}], told([delivered(7, 2)])),
+    ?assertEqual([{delivered_twice, 30, [1], Of}], told([sent(), delivered(20, 1), delivered(30, 1)])),
+    ?assertEqual([{changed, 20, [1], Of}], told([sent(), {20, 1, geocast, {delivered, ?ID, 78}}])),
+    ?assertEqual(
+        [{too_late, ?END + 3, [1], Of#{late_us => 3}}], told([sent(), delivered(?END + 3, 1)])
+    ),
+    ?assertEqual([{outside, 30, [2], Of}], told([sent(), delivered(30, 2)])),
+    ?assertMatch({[{not_delivered, ?END, [1], Of}], _}, told([sent()], #{})).
+
+%% Each delivery counts once per robot; what was owed to whom, and the longest time that one took.
+results_test() ->
+    Results = fun(Events) -> element(2, told(Events, #{})) end,
+    None = #{sent => 0, delivered => 0, owed => 0, latency_us => 0},
+    ?assertEqual(None, Results([])),
+    ?assertEqual(None#{sent => 1, owed => 1}, Results([sent()])),
+    Met = None#{sent => 1, delivered => 1, owed => 1, latency_us => 20},
+    ?assertEqual(Met, Results([sent(), delivered(30, 1)])),
+    Near = {5, 2, chassis, {motion, {piece, 5, 500.0, 0.0, 0.0, 0.0, 0.0}}},
+    Second = {50, 2, geocast, {sent, {2, 1, 1}, ?AREA, 1000000, 77}},
+    ?assertEqual(
+        #{sent => 2, delivered => 3, owed => 4, latency_us => 90},
+        Results([
+            Near, sent(), delivered(30, 2), Second, delivered(100, 1),
+            {60 + 60, 1, geocast, {delivered, {2, 1, 1}, 77}}
+        ])
+    ).
+
+%% -- what is owed -----------------------------------------------------------------------------
+
+owed(Events) -> owed(Events, #{}).
+
+owed(Events, Config) ->
+    {_, #{owed := Owed}} = told(Events, Config),
+    Owed.
+
+%% What was sent before the last fault was over is owed to nobody.
+healed_test() ->
+    ?assertEqual(1, owed([sent()], #{healed_us => 10})),
+    ?assertEqual(0, owed([sent()], #{healed_us => 11})),
+    ?assertEqual(0, owed([sent()], #{healed_us => never})).
+
+%% At the border by the margin, during the whole window.
+margin_test() ->
+    At = fun(X) -> {5, 2, chassis, {motion, {piece, 5, X, 0.0, 0.0, 0.0, 0.0}}} end,
+    ?assertEqual(2, owed([At(995.0), sent()])),
+    ?assertEqual(1, owed([At(997.0), sent()])),
+    ?assertEqual(2, owed([At(997.0), sent()], #{margin_mm => 2.0})),
+    ?assertEqual(1, owed([At(1010.0), sent()])),
+    Leaves = {?END - 1, 2, chassis, {motion, {piece, ?END - 1, 5000.0, 0.0, 0.0, 0.0, 0.0}}},
+    ?assertEqual(1, owed([At(500.0), sent(), Leaves])),
+    Comes = fun(T) -> {T, 2, chassis, {motion, {piece, T, 500.0, 0.0, 0.0, 0.0, 0.0}}} end,
+    ?assertEqual(1, owed([sent(), Comes(11)])),
+    ?assertEqual(2, owed([Comes(10), sent()])),
+    Gone = {?END + 1, 2, chassis, {motion, {piece, ?END + 1, 5000.0, 0.0, 0.0, 0.0, 0.0}}},
+    ?assertEqual(2, owed([At(500.0), sent(), Gone])).
+
+%% A robot whose place is not known is owed nothing, and is not outside either.
+unknown_place_test() ->
+    ?assertEqual(1, owed([sent()], #{robots => [1, 3]})),
+    ?assertEqual([], told([sent(), delivered(20, 3)])).
+
+%% The machine of the robot, or of the source, crashed up to the grace before, or in the window.
+crashes_test() ->
+    Sent = {2000000, 1, geocast, {sent, ?ID, ?AREA, 1000000, 77}},
+    Near = {5, 2, chassis, {motion, {piece, 5, 500.0, 0.0, 0.0, 0.0, 0.0}}},
+    Crash = fun(T, Robot) -> owed([Near, crashed(T, Robot), Sent]) end,
+    ?assertEqual(2, Crash(999999, 2)),
+    ?assertEqual(1, Crash(1000000, 2)),
+    ?assertEqual(1, Crash(1999999, 2)),
+    ?assertEqual(2, Crash(999999, 1)),
+    ?assertEqual(0, Crash(1000000, 1)),
+    ?assertEqual(1, owed([Near, Sent, crashed(3000000, 2)])),
+    ?assertEqual(2, owed([Near, Sent, crashed(3000001, 2)])),
+    ?assertEqual(2, owed([Near, crashed(1999990, 2), Sent], #{grace_us => 9})),
+    ?assertEqual(1, owed([Near, crashed(1999990, 2), Sent], #{grace_us => 10})).
+
+%% Who died is owed nothing, and owes nothing, whenever it was.
+deaths_test() ->
+    Near = {5, 2, chassis, {motion, {piece, 5, 500.0, 0.0, 0.0, 0.0, 0.0}}},
+    Died = fun(Robot) -> {9, Robot, robot, {died, killed}} end,
+    ?assertEqual(2, owed([Near, sent()])),
+    ?assertEqual(1, owed([Near, Died(2), sent()])),
+    ?assertEqual(0, owed([Near, Died(1), sent()])),
+    ?assertEqual(2, owed([Near, Died(3), sent()])).
+
+%% Windows end on their own, each for its message; what lay before them is not needed any more.
+two_messages_test() ->
+    Second = {500000, 1, geocast, {sent, {1, 1, 2}, ?AREA, 200000, 78}},
+    {Told, #{owed := 2}} = told([sent(), Second], #{}),
+    ?assertEqual(
+        [
+            {not_delivered, 700000, [1], #{id => {1, 1, 2}}},
+            {not_delivered, ?END, [1], #{id => ?ID}}
+        ],
+        Told
+    ).
+
 %% -- areas ----------------------------------------------------------------------------------
 
 %% A notch is cut into the square from above: (5, 8) lies in the notch.
