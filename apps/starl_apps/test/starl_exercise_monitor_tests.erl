@@ -21,19 +21,15 @@ judge(Events, Changes) ->
     ),
     {Found, Last} = lists:foldl(
         fun({Seconds, Robot, Machine, Event}, {Broken, State}) ->
-            case starl_exercise_monitor:step({Seconds * ?S, Robot, Machine, Event}, State) of
+            case starl_monitor:step({Seconds * ?S, Robot, Machine, Event}, State) of
                 {ok, Next} -> {Broken, Next};
                 {violation, #{contract := calls} = V, Next} -> {Broken ++ [V], Next}
             end
         end,
-        {[], starl_exercise_monitor:init(Config)},
+        {[], starl_monitor:new([{starl_exercise_monitor, Config}])},
         Events
     ),
-    Late =
-        case starl_exercise_monitor:finish(400 * ?S, Last) of
-            {ok, _} -> [];
-            {{violation, More}, _} -> More
-        end,
+    {Late, _} = starl_monitor:finish(400 * ?S, Last),
     [What || #{what := What} <- Found ++ Late].
 
 %% Robot 1 calls at a time and is answered at another.

@@ -34,6 +34,52 @@ round_test() ->
     {[], Results} = run(all_reach() ++ [{5, 1, passed, 1}, {9, 2, passed, 1}], 9, #{}),
     ?assertMatch(#{rounds := 1, passed := 2, longest_delta_us := 4}, Results).
 
+%% One robot is a team: nobody passes later than the first.
+alone_test() ->
+    M0 = starl_monitor:new([{starl_barrier_monitor, #{robots => [1]}}]),
+    Events = [trace(E) || E <- [{1, 1, reached, 1}, {5, 1, passed, 1}]],
+    {ok, M} = starl_monitor:step(Events, M0),
+    {[], #{starl_barrier_monitor := Results}} = starl_monitor:finish(9, M),
+    ?assertMatch(#{rounds := 1, passed := 1, longest_delta_us := 0}, Results),
+    ?assert(maps:get(mean_delta_us, Results) == 0).
+
+%% What broke, when, whose it is, and in which round.
+told_test() ->
+    Told = fun(Events, End, Extra) ->
+        M0 = starl_monitor:new([{starl_barrier_monitor, Extra#{robots => [1, 2]}}]),
+        {Met, M} = lists:foldl(
+            fun(Event, {Found, M1}) ->
+                case starl_monitor:step(trace(Event), M1) of
+                    {ok, Next} -> {Found, Next};
+                    {violation, V, Next} -> {Found ++ [V], Next}
+                end
+            end,
+            {[], M0},
+            Events
+        ),
+        {Late, _} = starl_monitor:finish(End, M),
+        [{W, T, R, D} || #{what := W, at_us := T, robots := R, details := D} <- Met ++ Late]
+    end,
+    Of = #{name => b, round => 1},
+    ?assertEqual(
+        [{passed_early, 2, [1], Of#{absent => [2]}}],
+        Told([{1, 1, reached, 1}, {2, 1, passed, 1}], 0, #{})
+    ),
+    Passed = all_reach() ++ [{5, 1, passed, 1}],
+    ?assertEqual(
+        [{passed_out_of_order, 6, [1], Of#{last => 1}}], Told(Passed ++ [{6, 1, passed, 1}], 0, #{})
+    ),
+    ?assertEqual(
+        [{reached_out_of_order, 1, [1], Of#{round := 2, passed => 0}}],
+        Told([{1, 1, reached, 2}], 0, #{})
+    ),
+    ?assertEqual(
+        [{late_pass, 9, [2], Of#{after_us => 4}}],
+        Told(Passed ++ [{9, 2, passed, 1}], 0, #{delta_us => 3})
+    ),
+    ?assertEqual([{not_passed, 12, [2], Of}], Told(Passed, 99, #{bound_us => 10})),
+    ?assertEqual([{not_passed, 12, [1, 2], Of}], Told(all_reach(), 99, #{bound_us => 10})).
+
 passed_early_test() ->
     ?assertEqual([passed_early], judge([{1, 1, reached, 1}, {2, 1, passed, 1}])),
     ?assertEqual([passed_early], judge(all_reach() ++ [{5, 1, passed, 1}, {6, 1, reached, 2},

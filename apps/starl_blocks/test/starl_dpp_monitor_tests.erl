@@ -134,6 +134,7 @@ leave_test() ->
         [What || #{what := What} <- Found]
     end,
     ?assertEqual([], Judge(50.9, level(0.0))),
+    ?assertEqual([], Judge(51.0, level(0.0))),
     ?assertEqual([moves_without_leave], Judge(51.1, level(0.0))),
     %% its space has been given free but for the place where it was seen
     ?assertEqual([moves_without_leave], Judge(0.0, [{{0.0, 0.0}, {0.0, 0.0}}])).

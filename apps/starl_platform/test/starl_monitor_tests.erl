@@ -85,3 +85,48 @@ shape_test() ->
     ?assertEqual(Shape([1, 2, 3], #{}), Shape([1, 2, 3, 4, 5], #{})),
     Other = (V([1], #{name => {token, 1}, last => 3, round => 7}))#{what := other},
     ?assertNotEqual(Plain, starl_monitor:shape(Other)).
+
+%% Of none, of one and of two robots; without details there are no brackets; numbers of all kinds.
+formats_robots_and_details_test() ->
+    Line = fun(Robots, Details) ->
+        V = (objection(2_000_000, 7))#{robots := Robots, details := Details},
+        unicode:characters_to_list(starl_monitor:format_violation(V))
+    end,
+    ?assertEqual("test broken at 2.000000 s by no robot: bad event", Line([], #{})),
+    ?assertEqual("test broken at 2.000000 s by robot 7: bad event", Line([7], #{})),
+    ?assertEqual(
+        "test broken at 2.000000 s by robots 1, 2: bad event (a 1, b {x,2})",
+        Line([1, 2], #{b => {x, 2}, a => 1})
+    ).
+
+%% Of one call the violation of the earliest event comes first, whichever monitor found it.
+first_of_several_monitors_test() ->
+    M0 = starl_monitor:new([{?MODULE, #{start => 0}}, {starl_sap_monitor, #{bound_us => 10}}]),
+    Sap = {1, 1, sap, {delivered, {2, 1, 1}, t, 0}},
+    Own = {2, 1, counted, bad},
+    {violation, #{contract := sap}, M1} = starl_monitor:step([Sap, Own], M0),
+    ?assertMatch({[#{contract := test}], _}, starl_monitor:finish(3, M1)),
+    {violation, #{contract := test}, M2} = starl_monitor:step([Own, setelement(1, Sap, 2)], M0),
+    ?assertMatch({[#{contract := sap}], _}, starl_monitor:finish(3, M2)),
+    Three = [Own, Own, Own],
+    {violation, #{contract := test}, M4} = starl_monitor:step(Three ++ [setelement(1, Sap, 2)], M0),
+    ?assertMatch(
+        {[#{contract := test}, #{contract := test}, #{contract := sap}], _},
+        starl_monitor:finish(3, M4)
+    ),
+    %% of one time, that of the monitor that was named first
+    {ok, M3} = starl_monitor:step([{1, 1, sap, {sent, {1, 1, 1}, [2], t, 0}}], M0),
+    ?assertMatch({violation, #{contract := test}, _}, starl_monitor:step({50, 1, counted, bad}, M3)).
+
+%% A thousand are kept, of all calls together; those returned at once count too.
+keeps_a_thousand_of_all_calls_test() ->
+    M0 = starl_monitor:new([{?MODULE, #{start => 101}}]),
+    Feed = fun(N, M) ->
+        {violation, #{}, Next} = starl_monitor:step(lists:duplicate(N, {1, 7, counted, bad}), M),
+        Next
+    end,
+    Kept = fun(M) -> length(element(1, starl_monitor:finish(9, M))) end,
+    ?assertEqual(10, Kept(Feed(10, M0))),
+    ?assertEqual(998, Kept(Feed(500, Feed(500, M0)))),
+    ?assertEqual(998, Kept(Feed(501, Feed(500, M0)))),
+    ?assertEqual(998, Kept(Feed(1, Feed(500, Feed(600, M0))))).

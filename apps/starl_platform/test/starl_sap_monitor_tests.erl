@@ -67,6 +67,25 @@ lost_but_delivered_when_forgotten_test() ->
     ?assertEqual([duplicate_delivery], judge(Trace ++ [got(9002, 2, id(1))])),
     ?assertEqual([duplicate_delivery], judge(Trace ++ [got(9002, 3, id(1))])).
 
+%% Of several that are forgotten each may come once.
+several_are_forgotten_test() ->
+    Lost = lists:append([[sent(N, id(N)), lost(N, id(N))] || N <- [1, 2, 3]]),
+    Trace = Lost ++ [started(9000, 1), got(9001, 2, id(2))],
+    ?assertEqual([], judge(Trace ++ [got(9002, 2, id(1)), got(9003, 2, id(3))])),
+    ?assertEqual([duplicate_delivery], judge(Trace ++ [got(9002, 2, id(2))])).
+
+%% Also where that is shorter than the time in which an outcome is due.
+forgotten_before_the_bound_test() ->
+    Config = #{bound_us => 1000, late_us => 10},
+    Judge = fun(T) ->
+        M0 = starl_monitor:new([{starl_sap_monitor, Config}]),
+        Trace = [sent(1, id(1)), lost(3, id(1)), {T, 2, {delivered, id(1), greeting, 98}}],
+        {Met, _} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- Trace]),
+        [What || #{what := What} <- Met]
+    end,
+    ?assertEqual([corrupted], Judge(13)),
+    ?assertEqual([], Judge(14)).
+
 lost_content_is_remembered_for_a_while_test() ->
     ?assertEqual([corrupted], judge([
         sent(1, id(1)), lost(3, id(1)), {3 + ?LATE, 2, {delivered, id(1), greeting, 98}}])).

@@ -23,6 +23,11 @@ nobody_and_one_test() ->
     ?assertEqual({[], none}, watch(100.0, [], ?S)),
     ?assertEqual({[], none}, watch(100.0, [{0, 1, still(0.0, 0.0)}], ?S)).
 
+%% A slice takes time.
+slice_test() ->
+    ?assertError(function_clause, starl_separation:new(100.0, 0)),
+    ?assertEqual({[], none}, starl_separation:finish(?S, starl_separation:new(100.0, 1))).
+
 exactly_at_the_limit_test() ->
     Two = [{0, 1, still(0.0, 0.0)}, {0, 2, still(30.0, 40.0)}],
     ?assertEqual({[], {50.0, 0, {1, 2}}}, watch(50.0, Two, 9 * ?S)),

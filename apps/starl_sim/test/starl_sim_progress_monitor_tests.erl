@@ -58,3 +58,12 @@ crashed_is_not_done_test() ->
 %% A run that ends before the deadline is not judged.
 before_the_deadline_test() ->
     ?assertEqual({[], 3}, judge([], ?DEADLINE - 1)).
+
+%% What is told names the deadline; at the deadline it is judged. Whose robot died is not waited for
+%% any more, whatever its application did then.
+told_test() ->
+    M = starl_monitor:new([{starl_sim_progress_monitor, #{robots => [2], deadline_us => 50}}]),
+    ?assertMatch({[#{details := #{deadline_us := 50}}], _}, starl_monitor:finish(50, M)),
+    Died = {10, 2, robot, {died, killed}},
+    ?assertEqual({[], 0}, judge([done(1), done(3), Died, {11, 2, app, crashed}])),
+    ?assertEqual({[], 0}, judge([done(1), done(3), {9, 2, app, crashed}, Died])).
