@@ -17,6 +17,61 @@ judge(Events, Lossless) ->
     {Late, _} = starl_monitor:finish(9000, M),
     [What || #{what := What} <- Found ++ Late].
 
+%% When each was broken, by which robots, and in which election; and the results.
+in_full(Events, Lossless) -> in_full(Events, Lossless, 9000).
+
+in_full(Events, Lossless, End) ->
+    Config = #{robots => [1, 2, 3], bound_us => 1000, lossless => Lossless},
+    M0 = starl_monitor:new([{starl_election_bully_monitor, Config}]),
+    {Found, M} = lists:foldl(fun({T, Robot, What}, {Acc, Monitor}) ->
+        Machine = case What of {died, _} -> robot; _ -> election end,
+        case starl_monitor:step({T, Robot, Machine, What}, Monitor) of
+            {ok, Next} -> {Acc, Next};
+            {violation, V, Next} -> {Acc ++ [V], Next}
+        end
+    end, {[], M0}, Events),
+    {Late, #{starl_election_bully_monitor := Results}} = starl_monitor:finish(End, M),
+    {[{What, T, R} || #{contract := election, what := What, at_us := T, robots := R,
+                        details := #{election := e}} <- Found ++ Late], Results}.
+
+told_test() ->
+    Told = fun(Events, Lossless) -> element(1, in_full(Events, Lossless)) end,
+    ?assertEqual([{two_leaders_at_one_robot, 3, [1]}],
+                 Told([elected(2, 1, 3, announcement), elected(3, 1, 2, announcement)], false)),
+    ?assertEqual([{no_result, 1001, [1]}, {no_result, 1002, [2]}],
+                 Told([entered(1, 1), entered(2, 2)], false)),
+    ?assertEqual([{failed_without_loss, 9, [1]}],
+                 Told([entered(1, 1), {9, 1, {failed, e, timeout}}], true)),
+    ?assertEqual([{not_a_robot, 2, [1]}], Told([elected(2, 1, 7, announcement)], false)),
+    ?assertEqual([{not_itself, 2, [1]}], Told([elected(2, 1, 2, highest)], false)),
+    ?assertEqual([{not_the_highest, 2, [1, 2, 3]}], Told([elected(2, 1, 1, highest)], true)),
+    ?assertEqual([{dead_leader, 2, [2]}],
+                 Told([{1, 3, {died, k}}, elected(2, 2, 3, announcement)], true)),
+    ?assertEqual([{different_leaders, 4, [1]}],
+                 Told([entered(1, 1), elected(2, 2, 3, known), {3, 3, {died, k}},
+                       elected(4, 1, 2, known)], true)).
+
+results_test() ->
+    ?assertEqual({[], #{elections => 0, elected => 0, failed => 0, leaders => []}},
+                 in_full([], false)),
+    Events = [entered(1, 1), entered(1, 2), elected(2, 1, 3, known), elected(3, 1, 3, known),
+              {4, 2, {failed, e, timeout}}, {5, 3, {failed, e, timeout}},
+              elected(6, 3, 2, known), {7, 3, {elected, f, 1, known}}],
+    ?assertEqual({[], #{elections => 2, elected => 3, failed => 2,
+                        leaders => [{e, [2, 3]}, {f, [1]}]}}, in_full(Events, false)).
+
+%% At the bound it is in time; a robot that is the highest from the beginning on counts, one whose
+%% machine crashed when it began or later does not.
+bounds_test() ->
+    ?assertMatch({[], _}, in_full([entered(1, 1)], false, 1001)),
+    ?assertMatch({[{no_result, 1001, [1]}], _}, in_full([entered(1, 1)], false, 1002)),
+    Crash = fun(T) -> judge([{T, 3, crashed}, entered(5, 2), elected(9, 2, 2, highest)], true) end,
+    ?assertEqual([not_the_highest], Crash(4)),
+    ?assertEqual([], Crash(5)),
+    Died = fun(T) -> judge([{T, 3, {died, k}}, entered(5, 2), elected(9, 2, 3, known)], true) end,
+    ?assertEqual([dead_leader], Died(4)),
+    ?assertEqual([], Died(5)).
+
 entered(T, Robot) -> {T, Robot, {entered, e}}.
 elected(T, Robot, Leader, How) -> {T, Robot, {elected, e, Leader, How}}.
 
