@@ -55,3 +55,22 @@ is_sent_after_test() ->
     ?assert(?L:is_sent_after(0, 1020000, 5000000, 4000000, ?PPM)),
     ?assertNot(?L:is_sent_after(0, 1000000, 5000000, 4000000, ?PPM)),
     ?assertNot(?L:is_sent_after(1020000, 1020000, 5000000, 4999999, ?PPM)).
+
+%% To the microsecond: what is held is held for less, what is told is what that stands for, and an id
+%% is known for longer than any clock gives the message.
+exact_test() ->
+    ?assertEqual(1000 + 990000, ?L:deadline(1000, 1000000, ?PPM)),
+    ?assertEqual(1000 + 1000000, ?L:deadline(1000, 1000000, 0)),
+    ?assertEqual(1000000, ?L:left(2000000, 1010000, ?PPM)),
+    ?assertEqual(2000000, ?L:left(3000000, 1000000, 0)),
+    ?assertEqual(0, ?L:left(1000, 1000, ?PPM)),
+    ?assertEqual(1010001, ?L:memory_us(1000000, ?PPM)),
+    ?assertEqual(1000001, ?L:memory_us(1000000, 0)),
+    ?assertEqual(3000001, ?L:memory_us(3000000, 0)).
+
+%% What may have been sent at that very moment was not surely sent after it.
+is_sent_after_bounds_test() ->
+    ?assert(?L:is_sent_after(500, 1500, 5000, 4001, 0)),
+    ?assertNot(?L:is_sent_after(500, 1500, 5000, 4000, 0)),
+    ?assert(?L:is_sent_after(0, 1000000, 5000000, 4010001, ?PPM)),
+    ?assertNot(?L:is_sent_after(0, 1000000, 5000000, 4010000, ?PPM)).

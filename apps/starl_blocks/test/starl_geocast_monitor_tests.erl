@@ -277,7 +277,9 @@ margin_test() ->
     ?assertEqual(1, owed([sent(), Comes(11)])),
     ?assertEqual(2, owed([Comes(10), sent()])),
     Gone = {?END + 1, 2, chassis, {motion, {piece, ?END + 1, 5000.0, 0.0, 0.0, 0.0, 0.0}}},
-    ?assertEqual(2, owed([At(500.0), sent(), Gone])).
+    ?assertEqual(2, owed([At(500.0), sent(), Gone])),
+    %% also where it was said before that it would begin
+    ?assertEqual(2, owed([At(500.0), sent(), setelement(1, Gone, 500000)])).
 
 %% A robot whose place is not known is owed nothing, and is not outside either.
 unknown_place_test() ->
