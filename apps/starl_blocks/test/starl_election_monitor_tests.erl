@@ -94,6 +94,30 @@ blamed(Events) ->
     {Met, _} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- Events]),
     [{What, Robots} || #{what := What, robots := Robots} <- Met].
 
+%% When it was, and what is told of it.
+told_test() ->
+    Told = fun(Events, End, Extra) ->
+        Config = maps:merge(#{robots => [1, 2, 3], bound_us => ?BOUND}, Extra),
+        M0 = starl_monitor:new([{starl_election_monitor, Config}]),
+        {Met, M} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- Events]),
+        {Late, _} = starl_monitor:finish(End, M),
+        [{W, T, R, D} || #{what := W, at_us := T, robots := R, details := D} <- Met ++ Late]
+    end,
+    Of = #{election => e1},
+    ?assertEqual([{different_leaders, 9, [2, 3], Of#{leaders => [3, 2]}}],
+                 Told(ballots() ++ [elected(9, 2, 3), announced(9, 3, 2)], 0, #{})),
+    ?assertEqual([{leader_without_ballot, 9, [1], Of#{leader => 2}}],
+                 Told([ballot(1, 1, 7), announced(9, 1, 2)], 0, #{})),
+    ?assertEqual([{second_ballot, 2, [1], Of#{first => 7, second => 8}}],
+                 Told([ballot(1, 1, 7), ballot(2, 1, 8)], 0, #{})),
+    ?assertEqual([{not_a_participant, 1, [4], Of}], Told([{1, 4, {entered, e1}}], 0, #{})),
+    ?assertEqual([{incomplete_ballots, 9, [1], Of#{missing => [3]}}],
+                 Told([ballot(1, 1, 7), ballot(1, 2, 8), elected(9, 1, 2)], 0,
+                      #{complete => true})),
+    ?assertEqual([{no_result, 1 + ?BOUND, [1], Of}], Told([entered(1, 1)], 9000, #{})),
+    ?assertEqual([{not_settled, 13, [R], Of} || R <- [1, 2, 3]],
+                 Told(ballots(), 900, #{settle_us => 10})).
+
 %%% Bounded time
 
 result_at_the_bound_test() ->

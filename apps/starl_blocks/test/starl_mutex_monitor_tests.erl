@@ -94,6 +94,76 @@ answered_test() ->
     ?assertEqual([not_held], judge([got(1, 1, 5), B, Answer([{a, fence(5)}, {b, fence(7, 1)}])])),
     ?assertEqual([not_held], judge([got(1, 2, 5), B, Both])).
 
+%% What broke, when, whose it is, and of which token.
+in_full(Events, End, Config) ->
+    Start = starl_monitor:new([{starl_mutex_monitor, Config}]),
+    {Met, Fed} = lists:foldl(
+        fun(Event, {Found, M}) ->
+            case starl_monitor:step(trace(Event), M) of
+                {ok, Next} -> {Found, Next};
+                {violation, V, Next} -> {Found ++ [V], Next}
+            end
+        end,
+        {[], Start},
+        lists:flatten(Events)
+    ),
+    {Late, #{starl_mutex_monitor := Results}} = starl_monitor:finish(End, Fed),
+    Told = [{W, T, R, D} || #{what := W, at_us := T, robots := R, details := D} <- Met ++ Late],
+    {Told, Results}.
+
+told_test() ->
+    Told = fun(Events) -> element(1, in_full(Events, 0, #{})) end,
+    A = fun(Fence) -> #{token => a, fence => Fence} end,
+    Five = fence(5),
+    ?assertEqual([{grant_not_larger, 2, [2], (A(Five))#{last => Five}}],
+                 Told([granted(1, 1, 5), granted(2, 2, 5)])),
+    ?assertEqual([{never_granted, 1, [1], A(Five)}], Told([acquired(1, 1, Five)])),
+    Again = [got(1, 1, 5), let_go(2, 1, 5), acquired(3, 1, Five)],
+    ?assertEqual([{fence_not_larger, 3, [1], (A(Five))#{last => Five}}], Told(Again)),
+    ?assertEqual([{not_held, 1, [1], A(Five)}], Told([let_go(1, 1, 5)])),
+    ?assertEqual([{not_held, 3, [1], A(Five)}], Told([{3, 1, {answered, [{a, Five}]}}])),
+    ?assertEqual([{two_holders, 2, [1, 2], (A(Five))#{holder => 1}}],
+                 Told([got(1, 1, 5), got(2, 2, 6)])),
+    ?assertEqual([{two_holders, 2, [1, 2], (A(Five))#{holder => 2}}],
+                 Told([got(1, 2, 5), got(2, 1, 6)])),
+    Overtaken = [got(1, 1, 5), let_go(2, 1, 5), got(3, 2, 6), let_go(4, 2, 6),
+                 acquired(5, 1, fence(5, 1))],
+    ?assertEqual([{fence_overtaken, 5, [1], (A(fence(5, 1)))#{last => fence(6)}}],
+                 Told(Overtaken)),
+    {Long, _} = in_full(got(10, 1, 5, ?LEASE), 9999, exact([])),
+    ?assertEqual([{held_too_long, 9999, [1], A(Five)}], Long),
+    Asked = [{10, 1, {requested, a}}],
+    ?assertMatch({[{no_grant_in_time, 110, [1], #{token := a}}], _},
+                 in_full(Asked, 900, #{bound_us => 100})),
+    ?assertMatch({[{not_granted, 20, [1], #{token := a, reason := timeout}}], _},
+                 in_full(Asked ++ [{20, 1, {failed, a, timeout}}], 900, #{granted => true})).
+
+%% What was asked for before that time is not judged; a request is answered by one grant.
+requests_test() ->
+    Asked = fun(T) -> {T, 1, {requested, a}} end,
+    Failed = {20, 1, {failed, a, timeout}},
+    Granted = #{granted => true, from_us => 10},
+    ?assertEqual([not_granted], judge([Asked(10), Failed], 900, Granted)),
+    ?assertEqual([], judge([Asked(9), Failed], 900, Granted)),
+    Bound = #{bound_us => 100},
+    ?assertEqual([no_grant_in_time], judge([Asked(10)], 900, Bound#{from_us => 10})),
+    ?assertEqual([no_grant_in_time], judge([Asked(10), Asked(15), got(20, 1, 5)], 900, Bound)),
+    ?assertEqual([], judge([Asked(10), Asked(15), got(20, 1, 5), let_go(21, 1, 5), got(30, 1, 6)],
+                           900, Bound)),
+    ?assertEqual([no_grant_in_time], judge([Asked(10), {20, 2, crashed}], 900, Bound)),
+    ?assertEqual([], judge([Asked(10), {20, 1, died}], 900, Bound)),
+    ?assertEqual([], judge([Asked(10), Failed], 900, Bound)).
+
+results_test() ->
+    None = #{tokens => 0, acquired => 0, lease_lost => 0, failed => 0, longest_wait_us => 0,
+             mean_wait_us => 0.0, unfairness => 0.0},
+    ?assertEqual({[], None}, in_full([], 0, #{})),
+    Events = [{10, 1, {requested, a}}, got(40, 1, 5), lost(50, 1, 5), {60, 1, {requested, a}},
+              {70, 1, {failed, a, timeout}}, {80, 1, {requested, a}}, got(90, 1, 6)],
+    ?assertEqual({[], #{tokens => 1, acquired => 2, lease_lost => 1, failed => 1,
+                        longest_wait_us => 30, mean_wait_us => 20.0, unfairness => 1.5}},
+                 in_full(Events, 90, #{})).
+
 %% No broken assumption excuses any of these.
 always_test() ->
     Broken = [{all, 0, 1000000, W} || W <- [pause, {clock, -1000000}, {clock, 1000000}, position]],
