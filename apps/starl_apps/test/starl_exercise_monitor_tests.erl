@@ -38,6 +38,59 @@ call(What, Since, Outcome, At) -> call(What, none, Since, Outcome, At).
 call(What, Ms, Since, Outcome, At) ->
     [{Since, 1, app, {call, What, Ms}}, {At, 1, app, {answer, Outcome}}].
 
+%% How many calls were promised something, when they ended.
+judged_test() ->
+    Config = #{
+        block => mutex,
+        robots => [1, 2, 3],
+        healed_us => 100 * ?S,
+        within_us => 20 * ?S,
+        margin_us => 5 * ?S,
+        bound_us => 50 * ?S
+    },
+    Judged = fun(Events) ->
+        M0 = starl_monitor:new([{starl_exercise_monitor, Config}]),
+        {ok, M} = starl_monitor:step([setelement(1, E, element(1, E) * ?S) || E <- Events], M0),
+        {[], #{starl_exercise_monitor := #{judged := N}}} = starl_monitor:finish(400 * ?S, M),
+        N
+    end,
+    Sent = call({send, 2}, 110, ok, 111),
+    ?assertEqual(0, Judged([])),
+    ?assertEqual(1, Judged(Sent)),
+    ?assertEqual(2, Judged(Sent ++ call({send, 3}, 112, ok, 113))),
+    ?assertEqual(0, Judged([{9, 2, robot, {died, killed}} | Sent])).
+
+%% What is told of a call: when it ended, whose it was, since when, and how it came out.
+told_test() ->
+    Config = #{
+        block => mutex,
+        robots => [1, 2, 3],
+        healed_us => 100 * ?S,
+        within_us => 20 * ?S,
+        margin_us => 5 * ?S,
+        bound_us => 50 * ?S
+    },
+    Told = fun(Events) ->
+        M0 = starl_monitor:new([{starl_exercise_monitor, Config}]),
+        Feed = [setelement(1, E, element(1, E) * ?S) || E <- Events],
+        Found =
+            case starl_monitor:step(Feed, M0) of
+                {ok, M} -> element(1, starl_monitor:finish(400 * ?S, M));
+                {violation, V, _} -> [V]
+            end,
+        [{W, T, R, D} || #{what := W, at_us := T, robots := R, details := D} <- Found]
+    end,
+    Of = #{call => {send, 2}, since_us => 110 * ?S},
+    Lost = {error, lost},
+    ?assertEqual(
+        [{not_as_promised, 111 * ?S, [1], Of#{outcome => Lost}}],
+        Told(call({send, 2}, 110, Lost, 111))
+    ),
+    ?assertEqual(
+        [{too_late, 131 * ?S, [1], Of#{outcome => ok}}], Told(call({send, 2}, 110, ok, 131))
+    ),
+    ?assertEqual([{no_answer, 130 * ?S, [1], Of}], Told([hd(call({send, 2}, 110, ok, 131))])).
+
 %% -- what is the same of all calls ------------------------------------------------------------
 
 %% Before the heal any answer will do; later, only the promised one, in time.

@@ -78,7 +78,10 @@ told_test() ->
         Told(Passed ++ [{9, 2, passed, 1}], 0, #{delta_us => 3})
     ),
     ?assertEqual([{not_passed, 12, [2], Of}], Told(Passed, 99, #{bound_us => 10})),
-    ?assertEqual([{not_passed, 12, [1, 2], Of}], Told(all_reach(), 99, #{bound_us => 10})).
+    ?assertEqual([{not_passed, 12, [1, 2], Of}], Told(all_reach(), 99, #{bound_us => 10})),
+    %% reached again, the round is not complete any later
+    Again = all_reach() ++ [{8, 1, reached, 1}],
+    ?assertEqual([{not_passed, 12, [1, 2], Of}], Told(Again, 99, #{bound_us => 10})).
 
 passed_early_test() ->
     ?assertEqual([passed_early], judge([{1, 1, reached, 1}, {2, 1, passed, 1}])),

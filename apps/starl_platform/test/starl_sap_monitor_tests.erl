@@ -72,7 +72,12 @@ several_are_forgotten_test() ->
     Lost = lists:append([[sent(N, id(N)), lost(N, id(N))] || N <- [1, 2, 3]]),
     Trace = Lost ++ [started(9000, 1), got(9001, 2, id(2))],
     ?assertEqual([], judge(Trace ++ [got(9002, 2, id(1)), got(9003, 2, id(3))])),
-    ?assertEqual([duplicate_delivery], judge(Trace ++ [got(9002, 2, id(2))])).
+    ?assertEqual([duplicate_delivery], judge(Trace ++ [got(9002, 2, id(2))])),
+    Apart = lists:append([[sent(N, id(N)), lost(N, id(N))] || N <- [1, 3, 5]]),
+    [
+        ?assertEqual([], judge(Apart ++ [started(9000, 1) | [got(9001, 2, id(N)) || N <- Order]]))
+     || Order <- [[1, 3, 5], [5, 3, 1], [3, 1, 5], [3, 5, 1]]
+    ].
 
 %% Also where that is shorter than the time in which an outcome is due.
 forgotten_before_the_bound_test() ->

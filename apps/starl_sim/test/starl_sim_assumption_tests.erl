@@ -22,6 +22,9 @@ clocks_test() ->
 %% Within 1 % a clock keeps what is assumed.
 drift_test() ->
     ?assertEqual([], broken(clock_drift, 3, #{ppm => -10000})),
+    ?assertEqual([], broken(clock_drift, 3, #{ppm => 10000})),
+    ?assertEqual([{3, 2000, 5000, {clock, -30}}], broken(clock_drift, 3, #{ppm => -10001})),
+    ?assertEqual([{3, 2000, 5000, {clock, 30}}], broken(clock_drift, 3, #{ppm => 10001})),
     ?assertEqual([{3, 2000, 5000, {clock, -60}}], broken(clock_drift, 3, #{ppm => -20000})),
     ?assertEqual([{3, 2000, 5000, {clock, 60}}], broken(clock_drift, 3, #{ppm => 20000})).
 
