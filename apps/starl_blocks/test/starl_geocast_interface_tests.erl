@@ -43,9 +43,16 @@ sent(Options, Event) ->
     end),
     {Type, Content} = Event(Tag),
     Pid ! {starl_step, Type, Content, #{now => 0, robot => 1}},
-    [{done, Result}] = done(),
+    Result = result(done(), Pid),
     stop(Pid),
     {Request, Result}.
+
+%% It may wait a moment for the machine that crashed.
+result([{done, Result}], _Pid) ->
+    Result;
+result([{{timeout, Tag}, _Us, call}], Pid) ->
+    Pid ! {starl_step, {timeout, Tag}, call, #{now => 0, robot => 1}},
+    result(done(), Pid).
 
 answers(Answer) -> fun(Tag) -> {{reply, Tag}, Answer} end.
 
