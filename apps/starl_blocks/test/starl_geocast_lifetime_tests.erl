@@ -68,6 +68,12 @@ exact_test() ->
     ?assertEqual(1000001, ?L:memory_us(1000000, 0)),
     ?assertEqual(3000001, ?L:memory_us(3000000, 0)).
 
+%% Longer than five packets are under way and two gatherings take, by clocks that drift apart.
+least_test() ->
+    ?assertEqual(5 * 100 + 2 * 3 + 1, ?L:least_us(100, 3, 0)),
+    ?assertEqual(7, ?L:least_us(0, 3, 0)),
+    ?assertEqual(50001, ?L:least_us(9600, 0, 10000)).
+
 %% What may have been sent at that very moment was not surely sent after it.
 is_sent_after_bounds_test() ->
     ?assert(?L:is_sent_after(500, 1500, 5000, 4001, 0)),
