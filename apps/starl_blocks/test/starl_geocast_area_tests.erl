@@ -6,7 +6,7 @@
 
 box() -> {rectangle, {0.0, 0.0, 10.0, 20.0}}.
 
-%% -- what is an area ---------------------------------------------------------------------------
+%% -- what is an area --------------------------------------------------------------------------
 
 %% Each number of each shape in turn is replaced: floats up to 1.0e9 on either side are in.
 numbers_test() ->
@@ -80,7 +80,7 @@ errors_are_lines_test() ->
      || R <- [not_an_area, negative_radius, upside_down, too_few_points]
     ].
 
-%% -- depth -------------------------------------------------------------------------------------
+%% -- depth ------------------------------------------------------------------------------------
 
 %% Each side, each corner and the middle of a rectangle.
 rectangle_test() ->
@@ -122,7 +122,7 @@ polygon_as_rectangle_test() ->
     {polygon, Points} = Polygon,
     ?assert(starl_geocast_area:depth({5.0, 10.0}, {polygon, lists:reverse(Points)}) > 4.9).
 
-%% -- keeping -----------------------------------------------------------------------------------
+%% -- keeping ----------------------------------------------------------------------------------
 
 still(X, Y) -> starl_trajectory:standing(0, {X, Y}, 0.0).
 

@@ -56,8 +56,8 @@ is_sent_after_test() ->
     ?assertNot(?L:is_sent_after(0, 1000000, 5000000, 4000000, ?PPM)),
     ?assertNot(?L:is_sent_after(1020000, 1020000, 5000000, 4999999, ?PPM)).
 
-%% To the microsecond: what is held is held for less, what is told is what that stands for, and an id
-%% is known for longer than any clock gives the message.
+%% To the microsecond: what is held is held for less, what is told is what that stands for, and an
+%% id is known for longer than any clock gives the message.
 exact_test() ->
     ?assertEqual(1000 + 990000, ?L:deadline(1000, 1000000, ?PPM)),
     ?assertEqual(1000 + 1000000, ?L:deadline(1000, 1000000, 0)),

@@ -212,8 +212,7 @@ told(Events, Config) ->
         Moves ++ lists:flatten(Events)
     ),
     {Late, #{starl_geocast_monitor := Results}} = starl_monitor:finish(100000000, M),
-    {[{What, At, Robots, Details} || V <- Found ++ Late, {What, At, Robots, Details} <- [in_full(V)]],
-        Results}.
+    {[in_full(Violation) || Violation <- Found ++ Late], Results}.
 
 in_full(#{contract := geocast, what := What, at_us := At, robots := Robots, details := Details}) ->
     {What, At, Robots, Details}.
@@ -224,7 +223,8 @@ told(Events) -> element(1, told(Events, #{progress => false})).
 violations_in_full_test() ->
     Of = #{id => ?ID},
     ?assertEqual([{never_sent, 7, [2], Of}], told([delivered(7, 2)])),
-    ?assertEqual([{delivered_twice, 30, [1], Of}], told([sent(), delivered(20, 1), delivered(30, 1)])),
+    Twice = [sent(), delivered(20, 1), delivered(30, 1)],
+    ?assertEqual([{delivered_twice, 30, [1], Of}], told(Twice)),
     ?assertEqual([{changed, 20, [1], Of}], told([sent(), {20, 1, geocast, {delivered, ?ID, 78}}])),
     ?assertEqual(
         [{too_late, ?END + 3, [1], Of#{late_us => 3}}], told([sent(), delivered(?END + 3, 1)])

@@ -58,7 +58,7 @@ holding(Machine) ->
     {_, Asking} = offered(100, 1, 900000, Machine),
     element(2, given(200, 1, 100, 900000, Asking)).
 
-%% -- the start -------------------------------------------------------------------------------
+%% -- the start --------------------------------------------------------------------------------
 
 %% A new SAP knows no listeners; another machine's restart is nothing to the geocast.
 listens_test() ->
@@ -70,7 +70,7 @@ listens_test() ->
     {Unknown, _} = at(0, cast, what, Machine),
     ?assertEqual([{trace, {unknown_event, cast, what}}], Unknown).
 
-%% -- sending ---------------------------------------------------------------------------------
+%% -- sending ----------------------------------------------------------------------------------
 
 %% The source answers at once, holds the message for its lifetime and offers it.
 send_test() ->
@@ -116,7 +116,7 @@ own_message_test() ->
         [{trace, {delivered, {2, 1, 1}, ?HASH}}, {cast, app, {message, 2, news, hello}}], Told
     ).
 
-%% -- asking ----------------------------------------------------------------------------------
+%% -- asking -----------------------------------------------------------------------------------
 
 %% Four questions, each waited for twice as long as the one before, then no more.
 ask_test() ->
@@ -153,7 +153,7 @@ not_worth_it_test() ->
     {Earlier, _} = message(100, 1, {give, parcel(900000, 5), [{2, {2, 50}}]}, started()),
     ?assertEqual([question(1, 100), timer(ask, 100000, again)], Earlier).
 
-%% -- taking ----------------------------------------------------------------------------------
+%% -- taking -----------------------------------------------------------------------------------
 
 %% It lives for what was left, from when it was asked for; with one hop less.
 take_test() ->
@@ -228,7 +228,7 @@ over_while_asking_test() ->
     {_, Over} = at(900100, {timeout, {over, ?ID}}, over, Asking),
     {[], _} = at(900200, {timeout, {ask, ?ID}}, again, Over).
 
-%% -- offering and giving -----------------------------------------------------------------------
+%% -- offering and giving ----------------------------------------------------------------------
 
 %% Offered after 50 ms, doubled up to a second.
 offers_test() ->
@@ -264,7 +264,7 @@ give_many_test() ->
     ?assertEqual(timer(give, 0, give), More),
     ?assertMatch({[_], _}, at(3300, {timeout, {give, ?ID}}, give, Left)).
 
-%% -- delivering --------------------------------------------------------------------------------
+%% -- delivering -------------------------------------------------------------------------------
 
 %% Who listens later is asked for its place then, and again from time to time.
 listen_test() ->
@@ -290,7 +290,7 @@ after_a_restart_test() ->
     ?assertEqual([timer], Told(?LIFETIME - 99999)),
     ?assertEqual([], Told(?LIFETIME - 100000)).
 
-%% -- what is let in ------------------------------------------------------------------------------
+%% -- what is let in ---------------------------------------------------------------------------
 
 accepts_test() ->
     Good = [
@@ -327,7 +327,7 @@ accepts_test() ->
         [{trace, {malformed, 3, geocast, none}}], element(1, message(5, 3, none, started()))
     ).
 
-%% -- the usual configuration ---------------------------------------------------------------------
+%% -- the usual configuration ------------------------------------------------------------------
 
 defaults_test() ->
     Base = #{

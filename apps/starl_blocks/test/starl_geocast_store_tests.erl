@@ -1,4 +1,4 @@
-%% The geocasts that a robot knows: which are worth asking for, what is offered, given and forgotten.
+%% The geocasts that a robot knows: which are worth asking for, what is offered and given.
 -module(starl_geocast_store_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -19,7 +19,7 @@ offer(Left, Hops) -> {?ID, ?LIFETIME, Left, Hops}.
 
 is_worth(Left, Hops, Now, Store) -> starl_geocast_store:is_worth(offer(Left, Hops), Now, Store).
 
-%% -- what is known ---------------------------------------------------------------------------
+%% -- what is known ----------------------------------------------------------------------------
 
 look_test() ->
     ?assertEqual(unknown, starl_geocast_store:look(?ID, new())),
@@ -40,7 +40,7 @@ limit_test() ->
     ?assertNot(starl_geocast_store:takes({1, 1, 3}, Over)),
     ?assert(starl_geocast_store:takes({1, 1, 3}, starl_geocast_store:forget(?ID, Over))).
 
-%% -- what is worth asking for ------------------------------------------------------------------
+%% -- what is worth asking for -----------------------------------------------------------------
 
 %% The unknown, if it lives and travels on.
 unknown_is_worth_test() ->
@@ -63,7 +63,7 @@ held_is_worth_test() ->
 over_is_worth_nothing_test() ->
     ?assertNot(is_worth(7000, 30, 0, starl_geocast_store:over(?ID, held()))).
 
-%% -- prolonging ----------------------------------------------------------------------------------
+%% -- prolonging -------------------------------------------------------------------------------
 
 %% The longer deadline counts, and the more hops, each for itself.
 prolong_test() ->
@@ -76,7 +76,7 @@ prolong_test() ->
     ?assertEqual({1000, false, 900, 9}, Prolonged(500, 9)),
     ?assertEqual({1000, false, 900, 5}, Prolonged(1000, 5)).
 
-%% -- offering ------------------------------------------------------------------------------------
+%% -- offering ---------------------------------------------------------------------------------
 
 %% The wait doubles up to the longest.
 offer_test() ->
@@ -99,7 +99,7 @@ offer_of_nothing_test() ->
     One = starl_geocast_store:hold(parcel(?ID, 900, 1), 1000, true, 50, new()),
     ?assertMatch({_, _, _}, starl_geocast_store:offer(?ID, 100, 150, One)).
 
-%% -- asking and giving -----------------------------------------------------------------------------
+%% -- asking and giving ------------------------------------------------------------------------
 
 asker(N) -> {N, {1, 10 * N}}.
 
@@ -139,7 +139,7 @@ nothing_to_give_test() ->
     ?assertMatch({_, _, _, _}, starl_geocast_store:give(?ID, 999, Asked)),
     ?assertEqual(none, starl_geocast_store:give(?ID, 100, held())).
 
-%% -- delivering ------------------------------------------------------------------------------------
+%% -- delivering -------------------------------------------------------------------------------
 
 waiting(Now, Store) ->
     [Id || {Id, ?AREA, news, hello} <- starl_geocast_store:waiting(Now, #{news => app}, Store)].

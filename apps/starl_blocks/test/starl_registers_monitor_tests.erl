@@ -102,7 +102,10 @@ registers_results_test() ->
 
 %% The time runs from the last write of the register, the last crash or death, and the heal.
 due_test() ->
-    Due = fun(Events, Extra) -> [T || {no_agreement, T, _, _} <- element(1, in_full(Events, 99000, Extra))] end,
+    Due = fun(Events, Extra) ->
+        {Told, _} = in_full(Events, 99000, Extra),
+        [T || {no_agreement, T, _, _} <- Told]
+    end,
     Written = [put(5, 1, x), holds(5, 1, x, s(5, 1))],
     ?assertEqual([1005], Due(Written, #{})),
     ?assertEqual([1009], Due(Written ++ [{9, 2, crashed}], #{})),

@@ -116,7 +116,8 @@ first_of_several_monitors_test() ->
     ),
     %% of one time, that of the monitor that was named first
     {ok, M3} = starl_monitor:step([{1, 1, sap, {sent, {1, 1, 1}, [2], t, 0}}], M0),
-    ?assertMatch({violation, #{contract := test}, _}, starl_monitor:step({50, 1, counted, bad}, M3)).
+    Late = {50, 1, counted, bad},
+    ?assertMatch({violation, #{contract := test}, _}, starl_monitor:step(Late, M3)).
 
 %% A thousand are kept, of all calls together; those returned at once count too.
 keeps_a_thousand_of_all_calls_test() ->

@@ -96,7 +96,8 @@ waits_for_room_test() ->
     ?assertEqual([message(app, t, a)], First),
     {Rest, Empty} = starl_sap_inbox:read(app, 2, Left),
     ?assertEqual([message(app, t, b), message(app, t, c)], Rest),
-    ?assertEqual({[], full}, {element(1, starl_sap_inbox:read(app, 0, Empty)), deliver(t, d, Empty)}).
+    ?assertMatch({[], _}, starl_sap_inbox:read(app, 0, Empty)),
+    ?assertEqual(full, deliver(t, d, Empty)).
 
 %% A datagram goes to who listens, by its plain name, and waits for nobody; it takes no room.
 overhear_test() ->

@@ -11,7 +11,7 @@ members(Set) -> [N || N <- lists:seq(-1, 16), starl_sap_numbers:is_member(N, Set
 
 seed() -> list_to_integer(os:getenv("STARL_SEED", "1")).
 
-%% All sets of eight numbers: what is added is there, what is taken is not, and nothing else changes.
+%% All sets of eight numbers: what is added is there, what is taken is not, the rest is as it was.
 all_small_sets_test_() ->
     {timeout, 60, fun() -> [small(Numbers) || Numbers <- subsets(lists:seq(1, 8))] end}.
 

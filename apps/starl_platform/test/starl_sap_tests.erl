@@ -127,7 +127,11 @@ overload_test() ->
     Overload = {trace, {overload, t}},
     ?assertEqual([Overload], actions(step(cast, {send, 2, t, hi}, Full))),
     ?assertEqual(
-        [Overload, {trace, {answered, none, {error, overload}}}, {reply, {app, tag}, {error, overload}}],
+        [
+            Overload,
+            {trace, {answered, none, {error, overload}}},
+            {reply, {app, tag}, {error, overload}}
+        ],
         actions(step({call, {app, tag}}, {send, 2, t, hi}, Full))
     ).
 
