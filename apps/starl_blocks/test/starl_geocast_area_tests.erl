@@ -143,6 +143,14 @@ standing_test() ->
     ?assertNot(Outside(0.0)),
     ?assertNot(Outside(1.0)).
 
+%% What is not certain within a moment is not claimed, however fast the robot is.
+fast_test() ->
+    Fast = starl_trajectory:piece(0, {0.001, 10.0}, 0.0, 5000.0, 0.0),
+    ?assertNot(starl_geocast_area:keeps_inside(Fast, 0, 0, box(), 0.0)),
+    ?assertNot(starl_geocast_area:keeps_inside(Fast, 1, 2, box(), 0.01)),
+    Later = starl_trajectory:piece(1000, {0.001, 10.0}, 0.0, 5000.0, 0.0),
+    ?assertNot(starl_geocast_area:keeps_inside(Later, 1000, 1000, box(), 0.0)).
+
 %% The first and the last instant count.
 ends_test() ->
     Drive = starl_trajectory:piece(0, {0.5, 10.0}, 0.0, 1.0, 0.0),

@@ -145,6 +145,13 @@ outside_excused_test() ->
             {{2, 0, 300000, pause}, [outside]}, {{2, 0, 300000, {clock, -300000}}, [outside]}
         ]].
 
+%% Each delivery needs its own excuse.
+outside_twice_test() ->
+    Twice = [sent(), delivered(200000, 2), crashed(300000, 2), delivered(400000, 2)],
+    Judge = fun(To) -> judge(Twice, false, [{2, 150000, To, position}]) end,
+    ?assertEqual([delivered_twice], Judge(500000)),
+    ?assertEqual([delivered_twice, outside], Judge(250000)).
+
 %% The clauses that hold under every fault.
 always_test() ->
     Broken = [{all, 0, 2 * ?END, W} || W <- [pause, {clock, -?END}, {clock, ?END}, position]],
@@ -267,7 +274,7 @@ healed_test() ->
 %% At the border by the margin, during the whole window.
 margin_test() ->
     At = fun(X) -> {5, 2, chassis, {motion, {piece, 5, X, 0.0, 0.0, 0.0, 0.0}}} end,
-    ?assertEqual(2, owed([At(995.0), sent()])),
+    ?assertEqual(2, owed([At(996.0), sent()])),
     ?assertEqual(1, owed([At(997.0), sent()])),
     ?assertEqual(2, owed([At(997.0), sent()], #{margin_mm => 2.0})),
     ?assertEqual(1, owed([At(1010.0), sent()])),

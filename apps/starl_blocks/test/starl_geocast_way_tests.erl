@@ -26,6 +26,11 @@ others_test() ->
     Gifts = [{20, 2, 1}, {25, 5, 1}, {30, 3, 2}, {60, 2, 5}],
     ?assertEqual([{1, 10, 20}, {2, 10, 30}, {3, 20, 50}], spans(3, 50, Gifts)).
 
+%% Two that give it to each other in the same moment: each counts, once.
+each_other_test() ->
+    Gifts = [{20, 2, 1}, {20, 3, 1}, {30, 2, 3}, {30, 3, 2}, {30, 4, 2}],
+    ?assertEqual([{1, 10, 20}, {2, 10, 30}, {3, 10, 30}, {4, 20, 90}], spans(4, 90, Gifts)).
+
 %% Given again: both ways count, each robot once and for as long as it counts in any.
 again_test() ->
     Gifts = [{20, 2, 1}, {25, 5, 1}, {30, 3, 2}, {40, 3, 5}],
