@@ -145,6 +145,17 @@ outside_excused_test() ->
             {{2, 0, 300000, pause}, [outside]}, {{2, 0, 300000, {clock, -300000}}, [outside]}
         ]].
 
+%% Clocks drift by 1 %, unless it is said otherwise: so long it takes to make up for what was lost.
+usual_drift_test() ->
+    Late = fun(Us) ->
+        Config = #{robots => [1], broken => [lost(1, 100, 990000)]},
+        M0 = starl_monitor:new([{starl_geocast_monitor, Config}]),
+        Here = {0, 1, chassis, {motion, {piece, 0, 0.0, 0.0, 0.0, 0.0, 0.0}}},
+        starl_monitor:step([Here, sent(), delivered(?END + Us, 1)], M0)
+    end,
+    ?assertMatch({ok, _}, Late(1000000)),
+    ?assertMatch({violation, #{what := too_late}, _}, Late(1000001)).
+
 %% Each delivery needs its own excuse.
 outside_twice_test() ->
     Twice = [sent(), delivered(200000, 2), crashed(300000, 2), delivered(400000, 2)],

@@ -145,6 +145,7 @@ requests_test() ->
     Granted = #{granted => true, from_us => 10},
     ?assertEqual([not_granted], judge([Asked(10), Failed], 900, Granted)),
     ?assertEqual([], judge([Asked(9), Failed], 900, Granted)),
+    ?assertEqual([], judge([Failed], 900, Granted)),
     Bound = #{bound_us => 100},
     ?assertEqual([no_grant_in_time], judge([Asked(10)], 900, Bound#{from_us => 10})),
     ?assertEqual([no_grant_in_time], judge([Asked(10), Asked(15), got(20, 1, 5)], 900, Bound)),

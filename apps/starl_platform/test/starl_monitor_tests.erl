@@ -5,12 +5,14 @@
 
 -export([init/1, step/2, finish/2, interests/0]).
 
-%% A monitor of its own: counts events of machine `counted', objects to the event `bad'.
+%% A monitor of its own: counts events of machine `counted', objects to the event `bad' and to
+%% all of machine `app'.
 init(#{start := N}) -> N.
 
-interests() -> [counted].
+interests() -> [counted, app].
 
 step({T, Robot, counted, bad}, N) -> {violation, objection(T, Robot), N + 1};
+step({T, Robot, app, _Event}, N) -> {violation, objection(T, Robot), N + 1};
 step({_T, _Robot, counted, _Event}, N) -> {ok, N + 1}.
 
 finish(End, N) when N > 100 -> {{violation, [objection(End, 1)]}, #{seen => N}};
@@ -83,6 +85,11 @@ shape_test() ->
     ?assertEqual(Shape([1], #{all => [1, 2, 3]}), Shape([1], #{all => [5]})),
     ?assertEqual(Shape([1], #{all => <<1>>}), Shape([1], #{all => <<"longer">>})),
     ?assertEqual(Shape([1, 2, 3], #{}), Shape([1, 2, 3, 4, 5], #{})),
+    %% which of two terms is larger says nothing
+    ?assertEqual(
+        Shape([1], #{first => {a, 1}, second => {a, 2}}),
+        Shape([1], #{first => {a, 2}, second => {a, 1}})
+    ),
     Other = (V([1], #{name => {token, 1}, last => 3, round => 7}))#{what := other},
     ?assertNotEqual(Plain, starl_monitor:shape(Other)).
 
@@ -114,7 +121,14 @@ first_of_several_monitors_test() ->
         {[#{contract := test}, #{contract := test}, #{contract := sap}], _},
         starl_monitor:finish(3, M4)
     ),
-    %% of one time, that of the monitor that was named first
+    %% of one event, that of the monitor that was named first
+    Read = {1, 2, app, {read, 1, {app, a}, 5}},
+    {violation, #{contract := test}, M5} = starl_monitor:step(Read, M0),
+    ?assertMatch({[#{contract := sap}], _}, starl_monitor:finish(3, M5)),
+    Turned = starl_monitor:new([{starl_sap_monitor, #{bound_us => 10}}, {?MODULE, #{start => 0}}]),
+    {violation, #{contract := sap}, M6} = starl_monitor:step(Read, Turned),
+    ?assertMatch({[#{contract := test}], _}, starl_monitor:finish(3, M6)),
+    %% of one time, likewise
     {ok, M3} = starl_monitor:step([{1, 1, sap, {sent, {1, 1, 1}, [2], t, 0}}], M0),
     Late = {50, 1, counted, bad},
     ?assertMatch({violation, #{contract := test}, _}, starl_monitor:step(Late, M3)).

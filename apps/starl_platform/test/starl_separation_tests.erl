@@ -72,6 +72,15 @@ open_piece_counts_test() ->
     ?assertMatch({[], {_, 90_000_000, _}}, watch(50.0, Two, 90 * ?S)),
     ?assertMatch({[{_, _, {1, 2}}], _}, watch(50.0, Two, 96 * ?S)).
 
+%% What is said beforehand takes nothing from what is driven until then.
+announced_motion_test() ->
+    Drive = drive(0, 0.0, 0.0, 0.0, 100.0),
+    Then = starl_trajectory:standing(5 * ?S, {500.0, 0.0}, 0.0),
+    Events = [{0, 1, Drive}, {0, 1, Then}, {0, 2, still(300.0, 10.0)}],
+    {[{Distance, At, {1, 2}}], _} = watch(50.0, Events, 10 * ?S),
+    ?assertEqual(3 * ?S, At),
+    ?assert(abs(Distance - 10.0) < 1.0e-9).
+
 %% A robot that has stopped is met by one that starts an hour later.
 stopped_robot_still_counts_test() ->
     Hour = 3600 * ?S,

@@ -25,6 +25,8 @@ drift_test() ->
     ?assertEqual([], broken(clock_drift, 3, #{ppm => 10000})),
     ?assertEqual([{3, 2000, 5000, {clock, -30}}], broken(clock_drift, 3, #{ppm => -10001})),
     ?assertEqual([{3, 2000, 5000, {clock, 30}}], broken(clock_drift, 3, #{ppm => 10001})),
+    ?assertEqual([{3, 2000, 100002000, {clock, 2000000}}],
+                 broken(clock_drift, 3, #{ppm => 20000}, 100002)),
     ?assertEqual([{3, 2000, 5000, {clock, -60}}], broken(clock_drift, 3, #{ppm => -20000})),
     ?assertEqual([{3, 2000, 5000, {clock, 60}}], broken(clock_drift, 3, #{ppm => 20000})).
 

@@ -55,6 +55,13 @@ crashed_is_not_done_test() ->
     ],
     ?assertEqual({[], 0}, judge(Others ++ [{10, 2, app, crashed}, done(2)])).
 
+%% Who had finished and crashed has to finish anew.
+crashed_when_done_test() ->
+    All = [done(R) || R <- [1, 2, 3]],
+    Crashed = All ++ [{11, 2, app, crashed}],
+    ?assertEqual({[{not_finished, ?DEADLINE, [2]}], 1}, judge(Crashed)),
+    ?assertEqual({[], 0}, judge(Crashed ++ [done(2)])).
+
 %% A run that ends before the deadline is not judged.
 before_the_deadline_test() ->
     ?assertEqual({[], 3}, judge([], ?DEADLINE - 1)).
