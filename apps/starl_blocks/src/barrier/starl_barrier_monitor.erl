@@ -35,7 +35,6 @@
 -record(round, {
     complete_us = none :: integer() | none,
     first_us = none :: integer() | none,
-    last_us = none :: integer() | none,
     passed = 0 :: non_neg_integer()
 }).
 
@@ -179,9 +178,9 @@ pass(T, Robot, Name, K, #state{passed = Passed, passes = Passes, robots = Robots
         {true, _} ->
             close(Name, K, T - First, Next);
         {false, none} ->
-            put_round(Name, K, Round#round{passed = 1, first_us = T, last_us = T}, Next);
+            put_round(Name, K, Round#round{passed = 1, first_us = T}, Next);
         {false, _} ->
-            put_round(Name, K, Round#round{passed = N + 1, last_us = T}, Next)
+            put_round(Name, K, Round#round{passed = N + 1}, Next)
     end.
 
 close(Name, K, Delta, #state{rounds = Rounds, deltas = {Count, Sum, Longest}} = State) ->

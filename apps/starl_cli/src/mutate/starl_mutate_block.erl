@@ -133,6 +133,7 @@ monitors() ->
             "starl_monitor_*",
             "starl_separation_*",
             "starl_assumption_*",
+            "starl_sap_*",
             "starl_sim_judge_*",
             "starl_sim_assumption_*",
             "starl_sim_outcome_*"
