@@ -111,6 +111,47 @@ settling_test() ->
     ?assertEqual([], judge(call({send, 2}, 104, {error, restarted}, 105))),
     ?assertEqual([not_as_promised], judge(call({send, 2}, 105, {error, restarted}, 106))).
 
+%% Whoever sends first after a restart, its own or the receiver's, may find that out instead, once.
+finds_out_test() ->
+    Kind = #{block => sap},
+    Started = fun(T, Robot, N) -> {T, Robot, sap, {started, N}} end,
+    Acked = fun(T) -> {T, 1, sap, {outcome, {1, 1, 1}, 2, acknowledged}} end,
+    [
+        begin
+            ?assertEqual([], judge([Again | refused(110)], Kind)),
+            ?assertEqual([not_as_promised], judge([Again] ++ refused(110) ++ refused(112), Kind)),
+            ?assertEqual([not_as_promised], judge([Again, Acked(60) | refused(110)], Kind)),
+            %% that may have been under way
+            ?assertEqual([], judge([Acked(54), Again | refused(110)], Kind)),
+            ?assertEqual([], judge([Acked(40), Again | refused(110)], Kind))
+        end
+     || Again <- [Started(50, 1, 2), Started(50, 2, 2)]
+    ],
+    %% neither a first start, nor another robot's, nor a loss
+    ?assertEqual([not_as_promised], judge([Started(50, 2, 1) | refused(110)], Kind)),
+    ?assertEqual([not_as_promised], judge([Started(50, 3, 2) | refused(110)], Kind)),
+    Lost = call({send, 2}, 110, {error, lost}, 111),
+    ?assertEqual([not_as_promised], judge([Started(50, 2, 2) | Lost], Kind)).
+
+%% A send that is refused by the next incarnation of its receiver.
+refused(T) -> refused({send, 2}, T, {error, restarted}).
+
+refused(What, T, Outcome) ->
+    [Call, Answer] = call(What, T, Outcome, T + 1),
+    [Call, {T + 1, 1, sap, {outcome, {1, 1, 9}, 2, restarted}}, Answer].
+
+%% A broadcast names those that it did not reach.
+broadcast_finds_out_test() ->
+    Kind = #{block => sap},
+    Again = {50, 2, sap, {started, 2}},
+    Refused = fun(T, Robots) -> refused(broadcast, T, {error, {lost, Robots}}) end,
+    ?assertEqual([], judge([Again | Refused(110, [2])], Kind)),
+    ?assertEqual([not_as_promised], judge([Again | Refused(110, [2, 3])], Kind)),
+    ?assertEqual([not_as_promised], judge([Again] ++ Refused(110, [2]) ++ Refused(112, [2]), Kind)),
+    %% who was missed was not met
+    Missed = call(broadcast, 60, {error, {lost, [2]}}, 70),
+    ?assertEqual([], judge([Again] ++ Missed ++ Refused(110, [2]), Kind)).
+
 %% A caller that waits no longer than it will may go away empty-handed.
 impatient_test() ->
     Acquire = {acquire, a},

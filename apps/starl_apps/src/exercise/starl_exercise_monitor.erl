@@ -4,7 +4,8 @@
 %% {@link starl_exercise_use}. So long (`within_us') after it was made, after the heal, and after
 %% the last robot that it waits for has come, a call has ended as promised:
 %% ```
-%%   send, broadcast   acknowledged, unless a receiver has died
+%%   send, broadcast   acknowledged, unless a receiver has died; the first after the restart of
+%%                     either SAP may find that out instead (`restarted')
 %%   acquire           granted, unless the home of any token has died: others hold what they have
 %%                     while they wait for that one
 %%   release           not lost, if the hold began after the heal; likewise
@@ -18,8 +19,8 @@
 %% every call with a patience ends `bound_us' after it at the latest, `margin_us' after the heal.
 %%
 %% Events of machine `app': `{call, What, PatienceMs | none}', `{answer, Outcome}', `crashed'; of
-%% the machines `barrier' (`{reached, Name, K}'), `election' and `registers' (`crashed'); of machine
-%% `robot': `down', `{died, Reason}'.
+%% the machines `barrier' (`{reached, Name, K}'), `election' and `registers' (`crashed'), `sap'
+%% (`{started, Incarnation}', `{outcome, Id, Robot, Outcome}'); of machine `robot': `down', `{died, Reason}'.
 -module(starl_exercise_monitor).
 -behaviour(starl_monitor).
 
@@ -39,6 +40,11 @@
     bound :: us(),
     open = #{} :: #{robot_id() => #call{}},
     died = [] :: [robot_id()],
+    %% when a robot's SAP restarted last; when one knew last which incarnation another's is, and what
+    %% it has found out of that in its present call
+    restarted = #{} :: #{robot_id() => us()},
+    contact = #{} :: #{{robot_id(), robot_id()} => us()},
+    found = #{} :: #{robot_id() => #{{robot_id(), robot_id()} => us()}},
     %% since when a robot has the tokens that it has acquired last
     held = #{} :: #{robot_id() => us()},
     %% the homes of the tokens that anybody has asked for
@@ -53,6 +59,8 @@
     judged = 0 :: non_neg_integer()
 }).
 
+%% An acknowledgement is under way for no longer: it may have been given before a restart.
+-define(UNDER_WAY_US, 5000000).
 %% Others may find out so much later that a robot has restarted.
 -define(SETTLED_US, 5000000).
 
@@ -78,7 +86,7 @@ init(#{block := Block, robots := Robots, healed_us := Healed} = Config) ->
 
 %% @doc The applications, the end of robots, and how far the blocks have come.
 -spec interests() -> [atom()].
-interests() -> [app, barrier, election, registers, robot].
+interests() -> [app, barrier, election, registers, robot, sap].
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -122,6 +130,13 @@ noted(election, crashed, _T, Robot, State) ->
     votes_for_nobody(Robot, State);
 noted(registers, crashed, _T, Robot, #state{written = Written} = State) ->
     State#state{written = maps:filter(fun(_, {Writer, _}) -> Writer =/= Robot end, Written)};
+noted(sap, {started, N}, T, Robot, #state{restarted = Restarted} = State) when N > 1 ->
+    State#state{restarted = Restarted#{Robot => T}};
+noted(sap, {outcome, _Id, To, acknowledged}, T, Robot, #state{contact = Contact} = State) ->
+    State#state{contact = Contact#{{Robot, To} => T}};
+noted(sap, {outcome, _Id, To, restarted}, T, Robot, #state{found = Found} = State) ->
+    New = maps:get(Robot, Found, #{}),
+    State#state{found = Found#{Robot => New#{{Robot, To} => T}}};
 noted(barrier, {reached, Name, K}, T, Robot, #state{reached = Reached} = State) ->
     Of = maps:get(Name, Reached, #{}),
     State#state{reached = Reached#{Name => Of#{Robot => {K, T}}}};
@@ -147,8 +162,10 @@ begun(_What, _T, _Robot, State) ->
 votes_for_nobody(Robot, #state{voters = Voters} = State) ->
     State#state{voters = maps:map(fun(_, Of) -> maps:remove(Robot, Of) end, Voters)}.
 
-answered(T, Robot, Call, Outcome, State) ->
+answered(T, Robot, Call, Outcome, #state{contact = Contact, found = Found} = State) ->
     noted_answer(Call, Outcome, T, Robot, State#state{
+        contact = maps:merge(Contact, maps:get(Robot, Found, #{})),
+        found = maps:remove(Robot, Found),
         judged = State#state.judged + length([x || promise(Robot, Call, State) =/= none])
     }).
 
@@ -162,6 +179,11 @@ noted_answer(#call{what = {elect, Election}}, {error, _}, _T, Robot, State) ->
 noted_answer(_Call, _Outcome, _T, _Robot, State) ->
     State.
 
+%% Has one of the two restarted, and they have not met since?
+is_news(Robot, To, #state{restarted = Restarted, contact = Contact}) ->
+    Latest = lists:max([maps:get(R, Restarted, -1) || R <- [Robot, To]]),
+    Latest >= 0 andalso Latest > maps:get({Robot, To}, Contact, 0) - ?UNDER_WAY_US.
+
 %% -- the judgement --------------------------------------------------------------------------
 
 ended(T, Robot, #call{since = Since} = Call, Outcome, #state{healed = Healed} = State) ->
@@ -169,13 +191,20 @@ ended(T, Robot, #call{since = Since} = Call, Outcome, #state{healed = Healed} = 
         none ->
             overdue(T, Robot, Call, State);
         {Due, Expected} ->
-            Kept = keeps(Expected, Outcome),
+            Kept = keeps(Expected, Outcome) orelse finds_out(Call, Outcome, Robot, State),
             IsBound = Outcome =/= {error, timeout} andalso Since >= add(Healed, ?SETTLED_US),
             [
                 violation(what(Kept), T, Robot, Call, #{outcome => Outcome})
              || T > Due orelse (IsBound andalso not Kept)
             ]
     end.
+
+finds_out(#call{what = {send, To}}, {error, restarted}, Robot, State) ->
+    is_news(Robot, To, State);
+finds_out(#call{what = broadcast}, {error, {lost, Lost}}, Robot, State) ->
+    lists:all(fun(To) -> is_news(Robot, To, State) end, Lost);
+finds_out(_Call, _Outcome, _Robot, _State) ->
+    false.
 
 what(true) -> too_late;
 what(false) -> not_as_promised.
