@@ -69,6 +69,7 @@
     n = 0 :: non_neg_integer(),
     term = {0, 0, 0} :: starl_dpp:term_id(),
     lease :: starl_dpp_lease:t(),
+    witness = starl_dpp_witness:new() :: starl_dpp_witness:t(),
     serve = none :: service() | none
 }).
 
@@ -261,7 +262,21 @@ ask_again(Robot, #coordinator{now = Now, term = Term} = Data) ->
     {Seq, Lease} = starl_dpp_lease:beat(Now, Data#coordinator.lease),
     {Data#coordinator{lease = Lease}, [starl_sap:post(Robot, dpp_recover, {Term, Seq, true})]}.
 
-heard(dpp_request, {_, Id, At, Painted, Stamp}, Robot, _State, #coordinator{serve = S} = Data) ->
+%% Where others' clocks show that the own one has stood still, no vote counts that was given before.
+heard(Type, Body, Robot, State, Data) ->
+    #coordinator{now = Now, config = Config, witness = Before, n = N} = Data,
+    Bounds = starl_dpp_lease:bounds(Config),
+    case starl_dpp_witness:hear(Robot, stamp(Type, Body), Now, Bounds, Before) of
+        {agrees, Witness} -> in_time(Type, Body, Robot, State, Data#coordinator{witness = Witness});
+        {lags, Witness} -> claim(N, Data#coordinator{witness = Witness})
+    end.
+
+stamp(dpp_request, {_, _Id, _At, _Painted, Stamp}) -> Stamp;
+stamp(dpp_state, {_, _Id, _Place, _Painted, {_, Stamp, _}}) -> Stamp;
+stamp(dpp_here, {_, {_, Stamp, _}}) -> Stamp;
+stamp(dpp_passed, _Body) -> none.
+
+in_time(dpp_request, {_, Id, At, Painted, Stamp}, Robot, _State, #coordinator{serve = S} = Data) ->
     #coordinator{lease = Lease, now = Now, term = Term} = Heard = stamped(Robot, Stamp, Data),
     Service = Data#coordinator.service,
     case starl_dpp_lease:rests(Robot, Now, Lease) of
@@ -271,14 +286,14 @@ heard(dpp_request, {_, Id, At, Painted, Stamp}, Robot, _State, #coordinator{serv
         false ->
             keep(served(Service:requested(Robot, Id, {At, Painted}, S), Heard))
     end;
-heard(dpp_passed, {_, Id, N}, Robot, _State, #coordinator{serve = S} = Data) ->
+in_time(dpp_passed, {_, Id, N}, Robot, _State, #coordinator{serve = S} = Data) ->
     keep(served((Data#coordinator.service):passed(Robot, Id, N, S), Data));
-heard(dpp_state, {_, Id, Place, Painted, Ballot}, Robot, State, #coordinator{serve = S} = Data) ->
+in_time(dpp_state, {_, Id, Place, Painted, Ballot}, Robot, State, #coordinator{serve = S} = Data) ->
     {_, Stamp, _} = Ballot,
     Reported = (Data#coordinator.service):reported(Robot, Id, {Place, Painted}, S),
     {Told, Actions} = served(Reported, Data),
     elected(State, Actions, voted(Robot, Ballot, stamped(Robot, Stamp, Told)));
-heard(dpp_here, {_, {_, Stamp, _} = Ballot}, Robot, State, #coordinator{serve = Serve} = Data) ->
+in_time(dpp_here, {_, {_, Stamp, _} = Ballot}, Robot, State, #coordinator{serve = Serve} = Data) ->
     Service = Data#coordinator.service,
     Heard =
         case Service:knows(Robot, Serve) andalso not Service:silent(Robot, Serve) of

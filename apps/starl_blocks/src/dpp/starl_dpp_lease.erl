@@ -15,7 +15,7 @@
 %% that of Ongaro and Ousterhout, "In search of an understandable consensus algorithm", 2014.)
 -module(starl_dpp_lease).
 
--export([new/2, short_us/1, long_us/1, beat_us/1, quorum/2]).
+-export([new/2, short_us/1, long_us/1, bounds/1, beat_us/1, quorum/2]).
 -export([beat/2, voted/4, heard/4, since/2, leads/2, votes/2, stamps/1, rests/3]).
 -export_type([t/0, config/0, seq/0, stamp/0]).
 
@@ -63,6 +63,11 @@ short_us(Config) ->
     Drift = maps:get(drift_ppm, Config, 10000),
     Jump = round(1000 * maps:get(jump_ms, Config, 2000)),
     max(1, long_us(Config) * (1000000 - Drift) div (1000000 + Drift) - Jump).
+
+%% @doc By how much a clock may be set (us), and how much it may drift (ppm).
+-spec bounds(config()) -> {JumpUs :: non_neg_integer(), Ppm :: non_neg_integer()}.
+bounds(Config) ->
+    {round(1000 * maps:get(jump_ms, Config, 2000)), maps:get(drift_ppm, Config, 10000)}.
 
 %% @doc How often a coordinator sends a beat: at most once a second, and often enough that a few may
 %% be lost before a promise has ended that they prolong. Participants answer every other one.

@@ -1,0 +1,47 @@
+%% Other robots' clocks as witnesses against the own one (the page on path planning, clocks that
+%% stand still).
+-module(starl_dpp_witness_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(S, 1000000).
+
+%% What is made of messages {Robot, Stamp, Now}: clocks may be set by 2 s and drift by 1 %.
+heard(Messages) ->
+    {Answers, _} = lists:mapfoldl(
+        fun({Robot, Stamp, Now}, Witnesses) ->
+            starl_dpp_witness:hear(Robot, Stamp, Now, {2 * ?S, 10000}, Witnesses)
+        end,
+        starl_dpp_witness:new(),
+        Messages
+    ),
+    Answers.
+
+%% However far apart the clocks are, and however long a later message takes.
+clocks_that_agree_test() ->
+    ?assertEqual([agrees, agrees, agrees], heard([
+        {1, 500 * ?S, 0}, {1, 510 * ?S, 10 * ?S}, {1, 520 * ?S, 60 * ?S}
+    ])),
+    ?assertEqual([agrees, agrees], heard([{1, -500 * ?S, 0}, {1, none, 9 * ?S}])).
+
+%% The own clock stands still, or was set back, by more than it may be.
+own_clock_lags_test() ->
+    ?assertEqual([agrees, agrees], heard([{1, 0, 0}, {1, 2 * ?S, 0}])),
+    ?assertEqual([agrees, lags], heard([{1, 0, 0}, {1, 2 * ?S + 1, 0}])),
+    ?assertEqual([agrees, agrees, lags], heard([{1, 0, 0}, {2, 9 * ?S, 0}, {1, 3 * ?S, 0}])).
+
+%% Both clocks may drift while time shows.
+drift_test() ->
+    ?assertEqual([agrees, agrees], heard([{1, 0, 0}, {1, 104 * ?S, 100 * ?S}])),
+    ?assertEqual([agrees, lags], heard([{1, 0, 0}, {1, 104 * ?S + 1, 100 * ?S}])).
+
+%% A message that took long shows less; the one that took least counts.
+least_delay_counts_test() ->
+    ?assertEqual([agrees, agrees, agrees, lags], heard([
+        {1, 0, ?S}, {1, ?S, ?S}, {1, ?S, 2 * ?S}, {1, 4 * ?S + 40001, 2 * ?S}
+    ])).
+
+%% What was lost is known then, of all robots: it is not found again.
+known_once_test() ->
+    ?assertEqual([agrees, agrees, lags, agrees, agrees, lags], heard([
+        {1, 0, 0}, {2, 0, 0}, {1, 5 * ?S, 0}, {1, 5 * ?S, 0}, {2, 5 * ?S, 0}, {2, 8 * ?S, 0}
+    ])).
