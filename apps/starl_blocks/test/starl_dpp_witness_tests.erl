@@ -40,6 +40,10 @@ least_delay_counts_test() ->
         {1, 0, ?S}, {1, ?S, ?S}, {1, ?S, 2 * ?S}, {1, 4 * ?S + 40001, 2 * ?S}
     ])).
 
+%% So a first message that took long makes the bound no tighter, once another has come.
+first_was_slow_test() ->
+    ?assertEqual([agrees, agrees, agrees], heard([{1, 0, ?S}, {1, ?S, ?S}, {1, 3 * ?S, ?S}])).
+
 %% What was lost is known then, of all robots: it is not found again.
 known_once_test() ->
     ?assertEqual([agrees, agrees, lags, agrees, agrees, lags], heard([
