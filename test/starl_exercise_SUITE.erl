@@ -7,7 +7,7 @@
 -export([
     scenarios_are_sound/1, team_elects_under_loss/1, team_passes_barrier_under_loss/1,
     contended_tokens_are_granted/1, types_do_not_meet/1, turns_bound_the_work/1,
-    short_messages_are_not_owed/1, random_faults/1
+    short_messages_are_not_owed/1, damaged_stores_are_ahead/1, random_faults/1
 ]).
 
 %% Runs of each block.
@@ -19,7 +19,7 @@ all() ->
     [
         scenarios_are_sound, team_elects_under_loss, team_passes_barrier_under_loss,
         contended_tokens_are_granted, types_do_not_meet, turns_bound_the_work,
-        short_messages_are_not_owed, random_faults
+        short_messages_are_not_owed, damaged_stores_are_ahead, random_faults
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -125,6 +125,21 @@ figures(Scenario) ->
     {#{violations := Violations}, #{figures := Figures}} = run(maps:merge(Defaults, Scenario)),
     ?assertEqual([], Violations),
     maps:from_list(Figures).
+
+%% What a register is written after its store was damaged is ahead of all clocks: one that stood still
+%% for 15 s takes it 15 s later.
+damaged_stores_are_ahead(_) ->
+    {#{violations := Violations}, _} = run(#{
+        app => starl_exercise, block => registers, sync => 200, final => 2, mode => inline,
+        robots => 2, seed => 820164, delay => {20, 20}, clock_offset => 0, clock_drift => 0,
+        time => 60, heal => 25,
+        faults => [
+            {clock_freeze_1, 10359, 25000, clock_freeze, 2, #{}},
+            {store_damaged_1, 8414, 25000, store_damaged, 1, #{}},
+            {store_full_1, 7896, 22266, store_full, 1, #{}}
+        ]
+    }),
+    ?assertEqual([], Violations).
 
 %% Every block keeps its contract under all faults, and all robots are done after the heal.
 random_faults(_) ->

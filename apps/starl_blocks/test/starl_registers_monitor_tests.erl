@@ -111,6 +111,12 @@ due_test() ->
     ?assertEqual([1009], Due(Written ++ [{9, 2, crashed}], #{})),
     ?assertEqual([1009], Due(Written ++ [{9, 3, {died, k}}], #{})),
     ?assertEqual([1005], Due(Written ++ [{9, 3, store_damaged}], #{})),
+    %% what follows a damaged store has to wait for the slowest clock
+    Apart = #{apart_us => 100},
+    ?assertEqual([1104], Due([{4, 3, store_damaged} | Written], Apart)),
+    ?assertEqual([1104], Due([{4, 3, store_damaged} | Written] ++ [{9, 2, crashed}], Apart)),
+    ?assertEqual([1005], Due(Written ++ [{9, 3, store_damaged}], Apart)),
+    ?assertEqual([1005], Due(Written, Apart)),
     ?assertEqual([1005], Due(Written ++ [put(9, 1, y) | agreed(y, s(9, 1))], #{})),
     ?assertEqual([3000], Due(Written, #{healed_us => 2000})),
     ?assertEqual([1005], Due(Written, #{healed_us => 5})),

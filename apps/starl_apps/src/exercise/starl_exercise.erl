@@ -83,7 +83,8 @@ scene(#{robots := Robots, options := #{block := Block} = Options}) ->
         healed_us => never,
         within_us => 1000 * within_ms(Use),
         margin_us => ?MARGIN_US,
-        bound_us => ?MARGIN_US
+        bound_us => ?MARGIN_US,
+        apart_us => 1000 * ?AHEAD_MS
     },
     {ok, #{
         app => {sequential, ?MODULE, Use},
@@ -164,6 +165,7 @@ monitors(registers, Robots, _BoundUs, Use) ->
             robots => Robots,
             owners => #{mine => 1},
             within_us => 1000 * within_ms(Use),
+            apart_us => 1000 * ?AHEAD_MS,
             healed_us => never
         }}
     ].

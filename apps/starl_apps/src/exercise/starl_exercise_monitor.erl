@@ -12,15 +12,17 @@
 %%   elect             ballots: a leader, when all take part and nobody has died
 %%                     bully: a leader; the highest that lives, if nobody took part before the heal
 %%   sync              passed, when all have reached the round and nobody has died
-%%   learn             another robot's write has come, unless its machine has crashed since
+%%   learn             another robot's write has come, unless its machine has crashed since; where a
+%%                     store of registers was damaged, `apart_us' later (starl_registers_monitor)
 %%   put, get, geocast an answer
 %% '''
 %% A call whose patience ends before that may fail. Whatever is promised, and whatever goes wrong,
 %% every call with a patience ends `bound_us' after it at the latest, `margin_us' after the heal.
 %%
 %% Events of machine `app': `{call, What, PatienceMs | none}', `{answer, Outcome}', `crashed'; of
-%% the machines `barrier' (`{reached, Name, K}'), `election' and `registers' (`crashed'), `sap'
-%% (`{started, Incarnation}', `{outcome, Id, Robot, Outcome}'); of machine `robot': `down', `{died, Reason}'.
+%% the machines `barrier' (`{reached, Name, K}'), `election' and `registers' (`crashed',
+%% the latter `store_damaged', too), `sap' (`{started, Incarnation}', `{outcome, Id, Robot, Outcome}');
+%% of machine `robot': `down', `{died, Reason}'.
 -module(starl_exercise_monitor).
 -behaviour(starl_monitor).
 
@@ -38,6 +40,7 @@
     within :: us(),
     margin :: us(),
     bound :: us(),
+    apart :: us(),
     open = #{} :: #{robot_id() => #call{}},
     died = [] :: [robot_id()],
     %% when a robot's SAP restarted last; when one knew last which incarnation another's is, and what
@@ -56,6 +59,8 @@
     reached = #{} :: #{Name :: term() => #{robot_id() => {pos_integer(), us()}}},
     %% when a register was written last
     written = #{} :: #{Name :: term() => {robot_id(), us()}},
+    %% when all clocks admit the stamps of machines with damaged stores, at the latest
+    admitted = 0 :: us(),
     judged = 0 :: non_neg_integer()
 }).
 
@@ -71,7 +76,8 @@
     healed_us := us() | never,
     within_us := us(),
     margin_us := us(),
-    bound_us := us()
+    bound_us := us(),
+    apart_us => us()
 }) -> #state{}.
 init(#{block := Block, robots := Robots, healed_us := Healed} = Config) ->
     #{within_us := Within, margin_us := Margin, bound_us := Bound} = Config,
@@ -81,7 +87,8 @@ init(#{block := Block, robots := Robots, healed_us := Healed} = Config) ->
         healed = Healed,
         within = Within,
         margin = Margin,
-        bound = Bound
+        bound = Bound,
+        apart = maps:get(apart_us, Config, 0)
     }.
 
 %% @doc The applications, the end of robots, and how far the blocks have come.
@@ -130,6 +137,8 @@ noted(election, crashed, _T, Robot, State) ->
     votes_for_nobody(Robot, State);
 noted(registers, crashed, _T, Robot, #state{written = Written} = State) ->
     State#state{written = maps:filter(fun(_, {Writer, _}) -> Writer =/= Robot end, Written)};
+noted(registers, store_damaged, T, _Robot, #state{apart = Apart} = State) ->
+    State#state{admitted = T + Apart};
 noted(sap, {started, N}, T, Robot, #state{restarted = Restarted} = State) when N > 1 ->
     State#state{restarted = Restarted#{Robot => T}};
 noted(sap, {outcome, _Id, To, acknowledged}, T, Robot, #state{contact = Contact} = State) ->
@@ -257,7 +266,9 @@ promise(Robot, #call{what = {sync, Name}} = Call, #state{reached = Reached} = St
     when_all([T || {K, T} <- maps:values(Of), Round > 0, K >= Round], Call, ok, State);
 promise(_Robot, #call{what = {learn, Name}} = Call, #state{written = Written} = State) ->
     case Written of
-        #{Name := {_, T}} -> {max(T + State#state.within, soon(Call, State)), ok};
+        #{Name := {_, T}} ->
+            #state{within = Within, admitted = Admitted} = State,
+            {max(max(T, Admitted) + Within, soon(Call, State)), ok};
         #{} -> none
     end;
 promise(_Robot, #call{what = {What, _}} = Call, State) when

@@ -9,7 +9,9 @@
 %% Progress, with `bound_us': so long after the last write of a register and the last crash or
 %% death of a robot, and after `healed_us' (default 0; the simulator fills in where the key is
 %% there when the last fault is over), all robots alive hold the same write of it. With `within_us'
-%% in its place faults do not widen the bound.
+%% in its place faults do not widen the bound. A machine whose store is damaged may begin so far ahead
+%% that slower clocks admit no stamp that follows until they are as far: that adds `apart_us' after its
+%% start, by how much physical clocks may differ (default 0).
 %%
 %% Events of machine `registers': `{put, Name, Hash, Stamp}', `{got, Name, Hash, Stamp}',
 %% `{got, Name, unset}', `{holds, Name, Stamp}', `crashed', `store_damaged'; of machine `robot':
@@ -28,6 +30,9 @@
     owners :: #{name() => robot_id()},
     bound_us :: pos_integer() | infinity,
     healed :: integer() | never,
+    apart_us :: non_neg_integer(),
+    %% when all clocks admit what machines with damaged stores write, at the latest
+    admitted = 0 :: integer(),
     writes = #{} :: #{{name(), stamp()} => Hash :: integer()},
     %% each robot's last stamp, last read of a register, and present copies
     stamps = #{} :: #{robot_id() => stamp()},
@@ -47,6 +52,7 @@
     owners => #{name() => robot_id()},
     bound_us => pos_integer(),
     within_us => pos_integer(),
+    apart_us => non_neg_integer(),
     healed_us => integer() | never
 }) -> #state{}.
 init(#{robots := Robots} = Config) ->
@@ -54,7 +60,8 @@ init(#{robots := Robots} = Config) ->
         robots = Robots,
         owners = maps:get(owners, Config, #{}),
         bound_us = maps:get(within_us, Config, maps:get(bound_us, Config, infinity)),
-        healed = maps:get(healed_us, Config, 0)
+        healed = maps:get(healed_us, Config, 0),
+        apart_us = maps:get(apart_us, Config, 0)
     }.
 
 %% @doc The registers' own events and the end of robots.
@@ -117,8 +124,9 @@ judge({registers, crashed}, T, Robot, #state{read = Read, holds = Holds} = State
         read = maps:remove(Robot, Read), holds = maps:remove(Robot, Holds)
     },
     {[], postpone(T, Forgotten, written(State))};
-judge({registers, store_damaged}, _T, Robot, #state{stamps = Stamps} = State) ->
-    {[], State#state{stamps = maps:remove(Robot, Stamps)}};
+judge({registers, store_damaged}, T, Robot, #state{stamps = Stamps, apart_us = Apart} = State) ->
+    Admitted = T + Apart,
+    {[], State#state{stamps = maps:remove(Robot, Stamps), admitted = Admitted}};
 judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
     {[], postpone(T, State#state{died = [Robot | Died]}, written(State))};
 judge({_Machine, _Other}, _T, _Robot, State) ->
@@ -161,7 +169,8 @@ postpone(_T, #state{bound_us = Bound, healed = Healed} = State, _Names) when
 ->
     State#state{due = #{}};
 postpone(T, #state{bound_us = Bound, healed = Healed, due = Due} = State, Names) ->
-    Later = maps:from_list([{Name, max(T, Healed) + Bound} || Name <- Names]),
+    From = lists:max([T, Healed, State#state.admitted]),
+    Later = maps:from_list([{Name, From + Bound} || Name <- Names]),
     first_due(State#state{due = maps:merge(Due, Later)}).
 
 first_due(#state{due = Due} = State) ->
