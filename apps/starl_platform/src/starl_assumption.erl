@@ -79,21 +79,29 @@ clock_later(Robot, From, Due, Assumption) ->
 %% the first of them may lie before the setting.
 -spec clock_earlier(robot_id(), UntilUs :: us(), SinceUs :: us(), t()) -> us().
 clock_earlier(Robot, Until, Since, Assumption) ->
-    Losses = [
-        {Begin =:= End, End, longest(-Gain, Assumption)}
-     || {Begin, End, {clock, Gain}} <- of_robot(Robot, Assumption), Gain < 0, Begin =< Until
-    ],
-    earlier(Since, Since, Losses).
+    Shows = fun(At) -> At + lost_us(Robot, At, Until, Assumption) end,
+    Turns = lists:usort([
+        Turn
+     || {Begin, End, {clock, Gain}} <- of_robot(Robot, Assumption),
+        Gain < 0,
+        Begin =< Until,
+        Turn <- [Begin, Begin + 1, End, End + 1]
+    ]),
+    case Turns of
+        [] -> Since;
+        [First | _] -> earliest(First - max(0, Shows(First) - Since), Turns, Since, Shows)
+    end.
 
-%% What is lost reaches farther back, and there may have been more.
-earlier(Early, Since, Losses) ->
-    Reached = [
-        Us
-     || {IsSet, End, Us} <- Losses, Early =< End orelse (IsSet andalso Early - Us =< End)
-    ],
-    case lists:foldl(fun(Us, At) -> At - Us end, Since, Reached) of
-        Early -> Early;
-        Earlier -> earlier(Earlier, Since, Losses)
+%% The clock goes evenly before the first turn, from one turn to the next, and after the last.
+earliest(Before, [First | _], _Since, _Shows) when Before < First -> Before;
+earliest(_Before, Turns, Since, Shows) -> reached(Turns, Since, Shows).
+
+reached([Last], Since, Shows) -> max(Last, Last + Since - Shows(Last));
+reached([A, B | Turns], Since, Shows) ->
+    case {Shows(A), Shows(B)} of
+        {X, _} when X >= Since -> A;
+        {X, Y} when Y >= Since -> A + (Since - X) * (B - A) div (Y - X);
+        _ -> reached([B | Turns], Since, Shows)
     end.
 
 %% @doc By how much a robot's clock has fallen back between two times: so much longer is

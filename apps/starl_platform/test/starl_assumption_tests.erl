@@ -42,8 +42,45 @@ clock_earlier_test() ->
     %% what stands still shows nothing twice
     ?assertEqual([5, 10], [Earlier(10, [{At - 5, At, {clock, -5}}]) || At <- [10, 9]]),
     %% the second one is reached by what the first one has lost, however they lie
-    ?assertEqual([4, 10], [Earlier(10, [lost(5, At), lost(1, 8)]) || At <- [7, 4]]),
-    ?assertEqual([1, 9], [Earlier(10, [lost(1, 9), {At - 8, At, {clock, -8}}]) || At <- [9, 8]]).
+    ?assertEqual([4, 4, 10], [Earlier(10, [lost(5, At), lost(1, 8)]) || At <- [7, 4, 3]]),
+    ?assertEqual([1, 9], [Earlier(10, [lost(1, 9), {At - 8, At, {clock, -8}}]) || At <- [9, 8]]),
+    %% it stood still from 2 to 8, and was set back by 3 meanwhile: what it shows at 10 it shows at
+    %% 1, too; set back by 1, what it shows at 9 it showed until 4; at 10 it showed that never before
+    ?assertEqual(1, Earlier(10, [lost(3, 4), {2, 8, {clock, -6}}])),
+    ?assertEqual(2, Earlier(9, [lost(1, 4), {2, 8, {clock, -6}}])),
+    ?assertEqual(10, Earlier(10, [lost(1, 4), {2, 8, {clock, -6}}])).
+
+%% Held against a clock that is looked at in every microsecond.
+clock_earlier_is_exact_test() ->
+    Seed = starl_platform_ct:seed(),
+    io:format("seed ~p~n", [Seed]),
+    lists:foldl(
+        fun(_, Random0) ->
+            {Windows, Since, Random} = drawn(Random0),
+            A = but(Windows),
+            Shown = [At || At <- lists:seq(-300, 60), At + ?A:lost_us(1, At, 60, A) >= Since],
+            ?assertEqual({Windows, Since, hd(Shown)},
+                         {Windows, Since, ?A:clock_earlier(1, 60, Since, A)}),
+            Random
+        end,
+        rand:seed_s(exsss, Seed), lists:seq(1, 2000)
+    ).
+
+drawn(Random0) ->
+    lists:foldl(
+        fun(_, {Windows, Since, R0}) ->
+            {From, R1} = rand:uniform_s(60, R0),
+            {Long, R2} = rand:uniform_s(15, R1),
+            {Kind, R3} = rand:uniform_s(2, R2),
+            Window =
+                case Kind of
+                    1 -> lost(Long, From);
+                    2 -> {From, From + Long, {clock, -Long}}
+                end,
+            {[Window | Windows], Since, R3}
+        end,
+        begin {Since, R} = rand:uniform_s(60, Random0), {[], Since, R} end, [1, 2, 3]
+    ).
 
 %% Between the two times, both included; of a clock that stands still the part.
 amounts_test() ->
