@@ -122,6 +122,46 @@ two_leaders_test() ->
     ?assertEqual([], judge(Begin ++ [Leads(2, 8, {0, 8, 1}), Assigned])),
     ?assertEqual([], judge(Begin ++ [Leads(2, 9, {2, 9, 2}), Assigned])).
 
+%% One whose clock has stood still for more than a jump within a lease may not know, and is not heeded:
+%% what it reserves is nobody's, what it opens hides nothing. A lease is 10 s here, a jump 2 s.
+deluded_leader_test() ->
+    Coordinates = fun(T, Robot, Event) -> {T * ?S, Robot, dpp_coordinator, Event} end,
+    Begin = [Coordinates(0, 9, {leads, {1, 9, 1}}), Coordinates(0, 9, {coordinator, {1, 9, 1}}),
+             Coordinates(20, 8, {leads, {2, 8, 1}}), Coordinates(20, 8, {coordinator, {2, 8, 1}}),
+             Coordinates(20, 8, {reserved, 1, level(0.0)})],
+    Two = [Coordinates(21, 9, {reserved, 2, level(100.0)}),
+           Coordinates(21, 9, {assigned, 2, {2, 1}, level(100.0)})],
+    Judge = fun(Events, Broken) ->
+        Config = #{tube_radius => ?TUBE, r_s => ?R_S, robots => [7, 8, 9], broken => Broken},
+        M0 = starl_monitor:new([{starl_dpp_monitor, Config}]),
+        {Found, _} = lists:foldl(fun step/2, {[], M0}, Events),
+        [What || #{what := What} <- Found]
+    end,
+    Stood = fun(Robot, From, To) -> [{Robot, From, To, {clock, From - To}}] end,
+    ?assertEqual([tubes_overlap, two_coordinators], Judge(Begin ++ Two, [])),
+    ?assertEqual([], Judge(Begin ++ Two, Stood(9, 18 * ?S, 20 * ?S + 1))),
+    ?assertEqual([tubes_overlap, two_coordinators],
+                 Judge(Begin ++ Two, Stood(9, 18 * ?S, 20 * ?S - 20001))),
+    %% long ago, by its clock, or after that, or of another robot's clock
+    ?assertEqual([], Judge(Begin ++ Two, Stood(9, ?S, 11 * ?S))),
+    ?assertEqual([tubes_overlap, two_coordinators], Judge(Begin ++ Two, Stood(9, 0, 10 * ?S))),
+    ?assertEqual([tubes_overlap, two_coordinators], Judge(Begin ++ Two, Stood(8, 0, 20 * ?S))),
+    %% a voter's clock that has gained as much
+    Gained = fun(Robot, Ms) -> [{Robot, 15 * ?S, 15 * ?S, {clock, 1000 * Ms}}] end,
+    ?assertEqual([], Judge(Begin ++ Two, Gained(7, 2001))),
+    ?assertEqual([tubes_overlap, two_coordinators], Judge(Begin ++ Two, Gained(7, 1900))),
+    ?assertEqual([tubes_overlap, two_coordinators], Judge(Begin ++ Two, Gained(9, 2001))),
+    %% whoever drives by it is judged by what the one that leads has reserved
+    Off = [{22 * ?S, 1, chassis, {motion, drive(22 * ?S, 0.0, 300.0, 0.0)}}],
+    By = [Coordinates(21, 9, {assigned, 1, {1, 1}, level(300.0)})],
+    ?assertEqual([moves_without_leave], Judge(Begin ++ By ++ Off, Stood(9, 15 * ?S, 20 * ?S))),
+    %% it may come to lead again
+    Again = [Coordinates(23, 9, {leads, {3, 9, 1}}), Coordinates(23, 9, {coordinator, {3, 9, 1}})],
+    Then = [Coordinates(23, 9, {assigned, 1, {1, 1}, level(300.0)}),
+            Coordinates(24, 8, {assigned, 1, {1, 1}, level(300.0)})],
+    ?assertEqual([two_coordinators],
+                 Judge(Begin ++ Two ++ Again ++ Then, Stood(9, 15 * ?S, 20 * ?S))).
+
 %%% Leave: r(v) is 50 mm here, and 1 mm is the error of the positions
 
 leave_test() ->

@@ -85,7 +85,12 @@ monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options, profile :
     [
         {starl_election_monitor, #{robots => Ids, bound_us => 31000000}},
         {starl_dpp_monitor, #{
-            tube_radius => Radius, r_s => float(maps:get(safety_distance, Options))
+            tube_radius => Radius,
+            r_s => float(maps:get(safety_distance, Options)),
+            robots => Ids,
+            lease_us => 1000 * maps:get(lease, Options),
+            jump_us => 1000 * maps:get(jump, Options),
+            broken => []
         }},
         {starl_painting_monitor, #{
             lines => Lines,

@@ -34,6 +34,11 @@
     %% Who has led, latest first, and who has won the latest term.
     coordinators = [] :: [robot_id()],
     leads = none :: {Term :: term(), robot_id()} | none,
+    %% What is assumed of clocks, and by whom.
+    robots :: [robot_id()],
+    lease_us :: non_neg_integer(),
+    jump_us :: non_neg_integer(),
+    assumption :: starl_assumption:t(),
     reservations = #{} :: #{robot_id() => reservation()},
     %% Have any two of them been too near to each other, ever?
     overlaps = false :: boolean(),
@@ -48,16 +53,35 @@
 -define(SLACK_MM, 1.0e-6).
 %% A robot that stands is where it is seen, to within so many mm.
 -define(SEEN_MM, 1.0).
+-define(LEASE_US, 10000000).
+-define(JUMP_US, 2000000).
+-define(DRIFT_PPM, 10000).
 
 %% @doc `tube_radius': the radius of a reach tube (mm); `r_s': the least distance of two robots
-%% (mm); `slice_us': the time that is judged at once (default one second).
--spec init(#{tube_radius := float(), r_s := float(), slice_us => pos_integer()}) -> #state{}.
+%% (mm); `slice_us': the time that is judged at once (default one second). `lease_us', `jump_us' and
+%% `drift_ppm' are those of the machines (by default 10 s, 2 s, 10000); `robots': the team, `broken':
+%% when clocks were not as assumed (by default never).
+-spec init(#{
+    tube_radius := float(),
+    r_s := float(),
+    slice_us => pos_integer(),
+    robots => [robot_id()],
+    lease_us => pos_integer(),
+    jump_us => non_neg_integer(),
+    drift_ppm => non_neg_integer(),
+    broken => [starl_assumption:window()]
+}) -> #state{}.
 init(#{tube_radius := Radius, r_s := Limit} = Config) ->
     Slice = maps:get(slice_us, Config, 1_000_000),
+    Ppm = maps:get(drift_ppm, Config, ?DRIFT_PPM),
     #state{
         apart_mm = 2 * Radius - ?SLACK_MM,
         r_s = float(Limit),
         off_mm = Radius - Limit / 2 + ?SEEN_MM,
+        robots = maps:get(robots, Config, []),
+        lease_us = starl_assumption:longest_us(maps:get(lease_us, Config, ?LEASE_US), Ppm),
+        jump_us = maps:get(jump_us, Config, ?JUMP_US),
+        assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm),
         separation = starl_separation:new(Limit, Slice)
     }.
 
@@ -112,27 +136,56 @@ judge({chassis, {motion, Piece}}, T, Robot, #state{separation = Separation} = St
         State#state{separation = starl_separation:motion(Robot, Piece, Separation)}};
 judge({robot, {died, _Reason}}, T, Robot, #state{separation = Separation} = State) ->
     {[], State#state{separation = starl_separation:stop(Robot, T, Separation)}};
-judge({dpp_coordinator, {assigned, Robot, _ReqId, Segments}}, T, Coordinator, State) ->
+judge({dpp_coordinator, Event}, T, Coordinator, State) ->
+    case is_deluded(T, Coordinator, State) of
+        true when element(1, Event) =/= leads -> {[], State};
+        _ -> coordinated(Event, T, Coordinator, State)
+    end;
+judge({_Machine, _Other}, _T, _Robot, State) ->
+    {[], State}.
+
+coordinated({assigned, Robot, _ReqId, Segments}, T, Coordinator, State) ->
     {Broken, Next} =
         reserve(T, Robot, Segments, State#state{assignments = State#state.assignments + 1}),
     {usurped(T, Coordinator, State) ++ Broken, Next};
-judge({dpp_coordinator, {deadlock_resolved, _Robots}}, _T, _Robot, #state{deadlocks = N} = State) ->
+coordinated({deadlock_resolved, _Robots}, _T, _Robot, #state{deadlocks = N} = State) ->
     {[], State#state{deadlocks = N + 1}};
-judge({dpp_coordinator, {reserved, Robot, Segments}}, T, _Coordinator, State) ->
+coordinated({reserved, Robot, Segments}, T, _Coordinator, State) ->
     reserve(T, Robot, Segments, State);
-judge({dpp_coordinator, {coordinator, Epoch}}, _T, Robot, #state{epoch = Last} = State) when
+coordinated({coordinator, Epoch}, _T, Robot, #state{epoch = Last} = State) when
     Last =:= none; Epoch > Last
 ->
     #state{coordinators = Known} = State,
     {[], State#state{
         epoch = Epoch, reservations = #{}, coordinators = led(Robot, Known)
     }};
-judge({dpp_coordinator, {leads, Term}}, _T, Robot, #state{leads = Latest} = State) when
+coordinated({leads, Term}, _T, Robot, #state{leads = Latest} = State) when
     Latest =:= none; {Term, Robot} > Latest
 ->
     {[], State#state{leads = {Term, Robot}}};
-judge({_Machine, _Other}, _T, _Robot, State) ->
+coordinated(_Other, _T, _Robot, State) ->
     {[], State}.
+
+%% Another one leads, and clocks explain that this one does not know.
+is_deluded(_T, Robot, #state{leads = {_, Robot}}) ->
+    false;
+is_deluded(_T, _Robot, #state{leads = none}) ->
+    false;
+is_deluded(T, Robot, #state{robots = Robots, assumption = Assumption} = State) ->
+    case starl_assumption:is_kept(Assumption) of
+        true ->
+            false;
+        false ->
+            Since = starl_assumption:clock_earlier(
+                Robot, T, T - State#state.lease_us, Assumption
+            ),
+            Lost = starl_assumption:lost_us(Robot, Since, T, Assumption),
+            Gained = [
+                starl_assumption:gained_us(Voter, Since, T, Assumption)
+             || Voter <- Robots, Voter =/= Robot
+            ],
+            Lost + lists:max([0 | Gained]) > State#state.jump_us
+    end.
 
 led(Robot, [Robot | _] = Known) -> Known;
 led(Robot, Known) -> [Robot | Known].
