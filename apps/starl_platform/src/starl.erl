@@ -50,7 +50,7 @@ participants(#robot{team = Team}) -> starl_team:members(Team).
 -spec now(robot()) -> integer().
 now(#robot{}) -> starl_app_proc:now() div 1000.
 
-%% @doc A number in 0.0 =< X < 1.0, from the seed of the run.
+%% @doc A number in `0.0 =< X < 1.0', from the seed of the run.
 -spec random(robot()) -> float().
 random(#robot{}) -> starl_app_proc:random().
 

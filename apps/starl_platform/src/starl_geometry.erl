@@ -24,7 +24,7 @@
 -type segment() :: {From :: point(), To :: point()}.
 %% A straight line between two points, both included.
 -type box() :: {X0 :: float(), Y0 :: float(), X1 :: float(), Y1 :: float()}.
-%% An axis-parallel box, X0 =< X1 and Y0 =< Y1, its edges included.
+%% An axis-parallel box, `X0 =< X1' and `Y0 =< Y1', its edges included.
 -type intersection() ::
     none | {proper, point()} | {touch, point()} | {overlap, segment()}.
 %% How two segments meet: not at all; crossing in their interiors; in one point that is an end

@@ -152,7 +152,7 @@ listen(Type) ->
 -spec now() -> integer().
 now() -> (turn())#turn.now.
 
-%% @doc A number in 0.0 =< X < 1.0 from the application's own random stream.
+%% @doc A number in `0.0 =< X < 1.0' from the application's own random stream.
 -spec random() -> float().
 random() ->
     #turn{random = Random} = Turn = turn(),
