@@ -64,5 +64,5 @@ answered(restarted, Name, _Tag) -> {info, {restarted, Name}}.
 
 done() ->
     receive
-        {starl_done, 1, Actions} -> Actions
+        {starl_done, 1, _Pid, Actions} -> Actions
     end.

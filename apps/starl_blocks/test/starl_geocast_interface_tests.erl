@@ -29,7 +29,7 @@ begun(Fun) ->
 
 done() ->
     receive
-        {starl_done, 1, Actions} -> Actions
+        {starl_done, 1, _Pid, Actions} -> Actions
     end.
 
 stop(Pid) ->

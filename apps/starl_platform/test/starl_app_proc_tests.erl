@@ -129,7 +129,7 @@ event(Type, Content, Now, Pid) ->
     Pid ! {starl_step, Type, Content, #{now => Now, robot => 1}},
     done().
 
-done() -> receive {starl_done, 1, Actions} -> Actions end.
+done() -> receive {starl_done, 1, _Pid, Actions} -> Actions end.
 
 stop(Pid) ->
     unlink(Pid),

@@ -31,7 +31,7 @@
     | starl_sim_mail:mail()
     | {'DOWN', reference(), process, pid(), Reason :: term()}
     | {down, pid(), Reason :: term()}
-    | {starl_attach, starl:robot_id(), starl_machine:name(), pid()}
+    | starl_driver:attach()
     | {out_of_patience, starl_sim_robot:window()}.
 
 %% A window that is not over: a robot of this shard was held in it, this much is to be done then,

@@ -9,11 +9,13 @@
 %% often ({@link starl_sim_vehicle}), or once ({@link starl_sim_chain}), has a record of its own.
 -module(starl_sim_platform).
 -behaviour(starl_platform).
+-behaviour(starl_robot).
+-include_lib("starl_platform/include/starl_robot_order.hrl").
 
--export([new/3, boot/4, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
--export([fire/6, forget_timers/2, ended/1, give_up/1, local_time/1]).
--export([now/1, piece/1, hash_event/4, hash_event/5, chain/1, packets/1, result/1]).
--export([perform/3, trace/3, stop/1, turn_wheels/1, beat/2, says/2, postpone/2]).
+-export([new/3, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
+-export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
+-export([now/1, piece/1, happens/5, chain/1, packets/1, result/1]).
+-export([turn_wheels/1, beat/2, says/2, postpone/2]).
 
 -export_type([t/0, world/0, yield/0]).
 
@@ -45,9 +47,6 @@
     [starl_sim_queue:event()], [starl_monitor:trace_event()], Changes :: [moved | ended]
 }.
 
--define(CLASS_CHASSIS, 0).
--define(CLASS_TIMER, 1).
-
 -record(body, {
     id :: starl:robot_id(),
     world :: world(),
@@ -58,7 +57,6 @@
     clock :: starl_sim_clock:t(),
     seq = 0 :: non_neg_integer(),
     transmitter = starl_sim_transmitter:new() :: starl_sim_transmitter:t(),
-    timers = starl_sim_timers:new() :: starl_sim_timers:t(),
     vehicle :: starl_sim_vehicle:t(),
     store :: starl_sim_store:t(),
     chain :: starl_sim_chain:t(),
@@ -123,9 +121,8 @@ planned(Body) -> Body#body{soon = []}.
 yield(#body{later = Later, traces = Traces, changes = Changes}) -> {Later, Traces, Changes}.
 
 %% @doc What a machine is given when it starts.
--spec boot(starl:robot_id(), starl_machine:name(), Incarnation :: pos_integer(), t()) ->
-    starl_machine:config().
-boot(Id, Name, Incarnation, #body{world = World, now = Now, store = Store} = Body) ->
+-spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
+base(Name, Incarnation, #body{id = Id, world = World, now = Now, store = Store} = Body) ->
     #{seed := Seed, team := Team} = World,
     #{
         robot => Id,
@@ -134,66 +131,40 @@ boot(Id, Name, Incarnation, #body{world = World, now = Now, store = Store} = Bod
         incarnation => Incarnation,
         stored => starl_sim_store:kept(Name, Now, Store),
         random => rand:seed_s(exsss, erlang:phash2({Seed, Id, Name}, 4294967296)),
-        now => local_time(Body)
+        now => clock(Body)
     }.
 
-%% @doc A timer event, at a later time than the last event: chained into the digest if it is
-%% still awaited.
--spec fire(
-    starl_sim_queue:time(),
-    starl_machine:name(),
-    Timer :: term(),
-    Content :: term(),
-    Seq :: non_neg_integer(),
-    t()
-) -> {ok, starl_machine:event_type(), t()} | stale.
-fire(Now, Machine, Timer, Content, Seq, #body{timers = Timers, chain = Chain} = Body) ->
-    case starl_sim_timers:expire(Machine, Timer, Seq, Timers) of
-        {ok, Left} ->
-            Type = starl_sim_timers:event_type(Timer),
-            Next = starl_sim_chain:add(Now, Machine, Type, Content, Chain),
-            {ok, Type, Body#body{now = Now, timers = Left, chain = Next}};
-        stale ->
-            stale
-    end.
+%% @doc The application has ended. What it has come to first counts, but for a result.
+-spec ended(starl_robot:ended(), t()) -> t().
+ended({done, _} = Done, Body) -> (over(Body))#body{result = Done};
+ended(given_up, #body{result = running} = Body) -> (over(Body))#body{result = given_up};
+ended(_, Body) -> over(Body).
 
-%% @doc Forgets the timers of a machine that crashed.
--spec forget_timers(starl_machine:name(), t()) -> t().
-forget_timers(Machine, #body{timers = Timers} = Body) ->
-    Body#body{timers = starl_sim_timers:forget(Machine, Timers)}.
-
-%% @doc The robot has died, and its application with it.
--spec ended(t()) -> t().
-ended(#body{result = running, changes = Changes} = Body) -> Body#body{changes = [ended | Changes]};
-ended(Body) -> Body.
-
-%% @doc The application is not started any more; one that has finished has.
--spec give_up(t()) -> t().
-give_up(#body{result = running} = Body) -> (ended(Body))#body{result = given_up};
-give_up(Body) -> Body.
+over(#body{result = running, changes = Changes} = Body) -> Body#body{changes = [ended | Changes]};
+over(Body) -> Body.
 
 %% @doc The virtual time that the robot is at.
 -spec now(t()) -> starl_sim_queue:time().
 now(#body{now = Now}) -> Now.
 
 %% @doc The robot's own clock in microseconds.
--spec local_time(t()) -> integer().
-local_time(#body{now = Now, clock = Clock}) -> starl_sim_clock:local(Now, Clock).
+-spec clock(t()) -> integer().
+clock(#body{now = Now, clock = Clock}) -> starl_sim_clock:local(Now, Clock).
 
 %% @doc The piece of motion that the robot is in.
 -spec piece(t()) -> starl_trajectory:piece().
 piece(#body{vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
 
-%% @doc Chains an event into the robot's digest.
--spec hash_event(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
-hash_event(Machine, Type, Content, #body{now = Now} = Body) ->
-    hash_event(Now, Machine, Type, Content, Body).
+%% @doc Chains a local event into the robot's digest.
+-spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
+handles(Machine, Type, Content, #body{now = Now, chain = Chain} = Body) ->
+    Body#body{chain = starl_sim_chain:add(Now, Machine, Type, Content, Chain)}.
 
 %% @doc The same for an event at a later time than the last.
--spec hash_event(
-    starl_sim_queue:time(), starl_machine:name(), starl_machine:event_type() | boot, term(), t()
+-spec happens(
+    starl_sim_queue:time(), starl_machine:name(), starl_machine:event_type(), term(), t()
 ) -> t().
-hash_event(Now, Machine, Type, Content, #body{chain = Chain} = Body) ->
+happens(Now, Machine, Type, Content, #body{chain = Chain} = Body) ->
     Body#body{now = Now, chain = starl_sim_chain:add(Now, Machine, Type, Content, Chain)}.
 
 %% @doc The chain of the robot's events.
@@ -210,50 +181,27 @@ result(#body{result = Result}) -> Result.
 
 %% -- carrying out what machines ask for -----------------------------------------------------
 
--spec perform([starl_machine:action()], starl_machine:name(), t()) ->
-    {[starl_platform:local()], t()} | {store_full, [starl_platform:local()], t()}.
-perform(Actions, Name, Body) -> perform(Actions, Name, Body, []).
+%% @doc Carries out what a machine asks of the world.
+-spec perform(starl_platform:world_action(), starl_machine:name(), t()) ->
+    {[starl_robot:local()], t()}.
+perform({transmit, Dest, Packet}, _Name, Body) ->
+    {[], transmit(Dest, Packet, Body)};
+perform({drive, Script, Mark}, Name, Body) ->
+    {[], drive(Script, {Name, Mark}, Body)};
+perform({sense, Robots}, Name, Body) ->
+    {Poses, Next} = sense(Robots, Body),
+    {[{Name, info, {located, Poses}}], Next};
+perform({actuate, Device, Value}, _Name, Body) ->
+    {[], actuate(Device, Value, none, Body)};
+perform({actuate, Device, Value, Mark}, Name, Body) ->
+    {[], actuate(Device, Value, {Name, Mark}, Body)}.
 
-perform([], _Name, Body, []) ->
-    {[], Body};
-perform([], _Name, Body, Local) ->
-    {lists:reverse(Local), Body};
-perform([Action | Rest], Name, Body, Local) ->
-    case Action of
-        {trace, Event} ->
-            perform(Rest, Name, trace(Name, Event, Body), Local);
-        {transmit, Dest, Packet} ->
-            perform(Rest, Name, transmit(Dest, Packet, Body), Local);
-        {{timeout, Timer}, cancel} ->
-            perform(Rest, Name, cancel_timer(Name, Timer, Body), Local);
-        {{timeout, Timer}, Us, Content} ->
-            perform(Rest, Name, start_timer(Name, Timer, Us, Content, Body), Local);
-        {state_timeout, cancel} ->
-            perform(Rest, Name, cancel_timer(Name, state_timeout, Body), Local);
-        {state_timeout, Us, Content} ->
-            perform(Rest, Name, start_timer(Name, state_timeout, Us, Content, Body), Local);
-        {drive, Script, Mark} ->
-            perform(Rest, Name, drive(Script, {Name, Mark}, Body), Local);
-        {sense, Robots} ->
-            {Poses, Next} = sense(Robots, Body),
-            perform(Rest, Name, Next, [{Name, info, {located, Poses}} | Local]);
-        {actuate, Device, Value} ->
-            perform(Rest, Name, actuate(Device, Value, none, Body), Local);
-        {actuate, Device, Value, Mark} ->
-            perform(Rest, Name, actuate(Device, Value, {Name, Mark}, Body), Local);
-        {done, Result} ->
-            perform(Rest, Name, done(Result, Body), Local);
-        {store, Term} ->
-            store(Term, Rest, Name, Body, Local);
-        _ ->
-            perform(Rest, Name, Body, [starl_platform:local(Action, Name) | Local])
-    end.
-
-%% What follows the write takes place only when that is done.
-store(Term, Rest, Name, #body{store = Store, now = Now} = Body, Local) ->
+%% @doc Keeps a term of a machine over crashes and reboots.
+-spec store(starl_machine:name(), term(), t()) -> {ok, t()} | full.
+store(Name, Term, #body{store = Store, now = Now} = Body) ->
     case starl_sim_store:keep(Name, Term, Now, Store) of
-        {ok, Next} -> perform(Rest, Name, Body#body{store = Next}, Local);
-        full -> {store_full, lists:reverse(Local), Body}
+        {ok, Next} -> {ok, Body#body{store = Next}};
+        full -> full
     end.
 
 %% -- the radio ------------------------------------------------------------------------------
@@ -295,33 +243,33 @@ drive(Script, Owner, #body{now = Now, vehicle = Vehicle} = Body) ->
 
 actuate(Device, Value, Owner, #body{now = Now, vehicle = Vehicle} = Body) ->
     {Set, Plans, Actuated} = starl_sim_vehicle:actuate({Device, Value}, Owner, Now, Vehicle),
-    Planned = plan(Plans, Body#body{vehicle = Actuated}),
+    Planned = chassis(Plans, Body#body{vehicle = Actuated}),
     case Set of
         set -> trace(chassis, {actuated, Device, Value}, Planned);
         same -> Planned
     end.
 
 moved({same, Plans, Vehicle}, Body) ->
-    plan(Plans, Body#body{vehicle = Vehicle});
+    chassis(Plans, Body#body{vehicle = Vehicle});
 moved({moved, Plans, Vehicle}, #body{changes = Changes} = Body) ->
     Moved = Body#body{vehicle = Vehicle, changes = [moved | Changes]},
-    plan(Plans, trace(chassis, {motion, starl_sim_vehicle:piece(Vehicle)}, Moved)).
+    chassis(Plans, trace(chassis, {motion, starl_sim_vehicle:piece(Vehicle)}, Moved)).
 
 %% What the chassis does itself comes before everything else of that moment.
-plan([], Body) ->
+chassis([], Body) ->
     Body;
-plan([{Us, Content} | Plans], #body{id = Id, now = Now, seq = Seq, until = Until} = Body) ->
+chassis([{Us, Content} | Plans], #body{id = Id, now = Now, seq = Seq, until = Until} = Body) ->
     Event = {Id, Now + Us, class(Content), Id, Seq, Content},
     Next =
         case Now + Us < Until of
             true -> Body#body{seq = Seq + 1, soon = [Event | Body#body.soon]};
             false -> Body#body{seq = Seq + 1, later = [Event | Body#body.later]}
         end,
-    plan(Plans, Next).
+    chassis(Plans, Next).
 
 class({says, _, _, _}) -> ?CLASS_TIMER;
 class({_Name, info, _}) -> ?CLASS_TIMER;
-class(_Beat) -> ?CLASS_CHASSIS.
+class(_Beat) -> ?CLASS_WORLD.
 
 sense(Robots, #body{now = Now, window = From, vehicle = Vehicle} = Body) ->
     {Poses, Sensed} = starl_sim_vehicle:sense(Robots, {Now, From}, Vehicle),
@@ -329,20 +277,17 @@ sense(Robots, #body{now = Now, window = From, vehicle = Vehicle} = Body) ->
 
 %% -- timers and traces ----------------------------------------------------------------------
 
-start_timer(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) ->
-    #body{timers = Timers, until = Until, clock = Clock} = Body,
+%% @doc Plans the event of a timer, under its sequence number.
+-spec plan(
+    starl_machine:name(), starl_robot_timers:timer(), Us :: non_neg_integer(), term(), t()
+) -> {Seq :: non_neg_integer(), t()}.
+plan(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) ->
+    #body{until = Until, clock = Clock} = Body,
     Due = starl_sim_clock:due(Now, Us, Clock),
     Event = {Id, Due, ?CLASS_TIMER, Id, Seq, {timer, Machine, Timer, Content}},
-    Running = starl_sim_timers:start(Machine, Timer, Seq, Timers),
     case Due < Until of
-        true -> Body#body{seq = Seq + 1, timers = Running, soon = [Event | Body#body.soon]};
-        false -> Body#body{seq = Seq + 1, timers = Running, later = [Event | Body#body.later]}
-    end.
-
-cancel_timer(Machine, Timer, #body{timers = Timers} = Body) ->
-    case starl_sim_timers:cancel(Machine, Timer, Timers) of
-        Timers -> Body;
-        Left -> Body#body{timers = Left}
+        true -> {Seq, Body#body{seq = Seq + 1, soon = [Event | Body#body.soon]}};
+        false -> {Seq, Body#body{seq = Seq + 1, later = [Event | Body#body.later]}}
     end.
 
 %% @doc Plans events of the robot anew, in this window or later ones.
@@ -355,5 +300,3 @@ postpone(Events, #body{until = Until, soon = Soon, later = Later} = Body) ->
 -spec trace(starl_machine:name(), term(), t()) -> t().
 trace(Machine, Event, #body{id = Id, now = Now, traces = Traces} = Body) ->
     Body#body{traces = [{Now, Id, Machine, Event} | Traces]}.
-
-done(Result, Body) -> trace(app, {done, Result}, (ended(Body))#body{result = {done, Result}}).

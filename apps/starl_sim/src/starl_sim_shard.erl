@@ -39,7 +39,7 @@
 
 %% What all robots are made of: the tree of a robot's processes, if it has any, but for its
 %% number and its driver; and the machines that get no process.
--type crew() :: #{tree := map() | none, inline := starl_sim_machines:inline()}.
+-type crew() :: #{tree := map() | none, inline := starl_robot_machines:inline()}.
 
 %% What a shard begins with. `peers' are the other shards, `owners' says which shard has a robot.
 -type load() :: #{
@@ -155,8 +155,9 @@ handle_info(Message, #shard{steps = Steps} = Shard) ->
 %% -- starting -------------------------------------------------------------------------------
 
 start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, World, Shard) ->
-    Machines = starl_sim_machines:new(Id, starter(Id, Tree, Shard), Inline),
-    {Id, starl_sim_robot:new(Id, starl_sim_platform:new(Id, Pose, World), Machines)}.
+    {Processes, Machines} = starl_sim_machines:launch(Id, starter(Id, Tree, Shard), Inline),
+    Body = starl_sim_platform:new(Id, Pose, World),
+    {Id, starl_sim_robot:new(Id, Body, Machines, Processes)}.
 
 %% start_child returns when the whole tree has started, so all attachments are here then.
 starter(_Id, none, _Shard) ->

@@ -3,12 +3,11 @@
 %%
 %% Robots are in range or not by where they were at the beginning of the present window (`sight').
 -module(starl_sim_transmitter).
+-include_lib("starl_platform/include/starl_robot_order.hrl").
 
 -export([new/0, send/6, packets/1]).
 
 -export_type([t/0, sender/0, outgoing/0]).
-
--define(CLASS_PACKET, 2).
 
 %% How many packets went to each robot, and to all.
 -opaque t() :: #{starl:robot_id() | all => pos_integer()}.

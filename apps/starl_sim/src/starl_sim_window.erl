@@ -1,7 +1,7 @@
 %% @doc A window: the robots of a shard at work, until none has anything left to do in it.
 %%
 %% A robot's machine is stepped by one message and answers with its actions (see
-%% {@link starl_machine_proc}); nothing else of that robot runs meanwhile, but other robots do:
+%% {@link starl_driver}); nothing else of that robot runs meanwhile, but other robots do:
 %% what a robot does reaches the others in a later window only, so within one they cannot
 %% disturb each other ({@link starl_sim_robot}).
 %%
@@ -110,8 +110,8 @@ collect(0, _Window) ->
     ok;
 collect(Active, Window) ->
     receive
-        {starl_done, Id, Actions} ->
-            case starl_sim_robot:answered(Actions, get(Id)) of
+        {starl_done, Id, Process, Actions} ->
+            case starl_sim_robot:answered(Process, Actions, get(Id)) of
                 ignored -> collect(Active, Window);
                 Answered -> collect(Active - 1 + keep(Id, Answered), Window)
             end;

@@ -1,6 +1,6 @@
 %% @doc The process of a sequential application, and how its calls block.
 %%
-%% It speaks the driver protocol of {@link starl_machine_proc}. Between two events the
+%% It speaks the driver protocol of {@link starl_driver}. Between two events the
 %% application runs on its own stack; a blocking call hands control back to the driver with the
 %% actions gathered so far and waits for the event it needs. Other events that arrive meanwhile
 %% are kept: messages in a bounded inbox, in their order. SAP hands over no more of them than there
@@ -70,7 +70,7 @@ start_link(Spec) -> proc_lib:start_link(?MODULE, init, [Spec]).
 -spec init(spec()) -> no_return().
 init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := Driver}) ->
     logger:set_process_metadata(#{domain => [starl, robot], robot => Id, machine => app}),
-    Driver ! {starl_attach, Id, app, self()},
+    _ = starl_driver:attach(Driver, Id, app),
     proc_lib:init_ack({ok, self()}),
     receive
         {starl_boot, Boot} ->
@@ -313,7 +313,7 @@ said(_Unsaid, _Free) -> 0.
 -spec wait(fun((starl_machine:event_type(), term()) -> skip | term())) -> term().
 wait(Match) ->
     #turn{robot = Id, driver = Driver, actions = Actions} = Turn = get(?TURN),
-    Driver ! {starl_done, Id, lists:reverse(Actions)},
+    _ = starl_driver:done(Driver, Id, lists:reverse(Actions)),
     receive
         {starl_step, Type, Content, #{now := Now}} ->
             _ = put(?TURN, Turn#turn{actions = [], count = 0, now = Now}),

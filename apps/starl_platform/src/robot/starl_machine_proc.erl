@@ -1,16 +1,7 @@
 %% @doc The process around a {@link starl_machine}: a thin gen_statem.
 %%
-%% The process is stepped by its driver (a simulator shard, or the link of a real robot) and is
-%% quiescent when it has answered:
-%% ```
-%%   process                          driver
-%%      | -- {starl_attach, Robot, Name, Pid} -->|   once, when the process has started
-%%      |<-- {starl_boot, Base} ---------------- |   the configuration; runs init/1
-%%      | -- {starl_done, Robot, Actions} -------->|
-%%      |<-- {starl_step, Type, Content, Meta} --|   one event
-%%      | -- {starl_done, Robot, Actions} -------->|
-%% '''
-%% {@link starl_app_proc} speaks the same protocol.
+%% The process is stepped by its driver (a simulator shard, or the link of a real robot), in the
+%% words of {@link starl_driver}, and is at rest when it has answered.
 -module(starl_machine_proc).
 -behaviour(gen_statem).
 
@@ -49,7 +40,7 @@ callback_mode() -> handle_event_function.
 -spec init(spec()) -> {ok, waiting, spec()}.
 init(#{robot := Robot, name := Name, driver := Driver} = Spec) ->
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot, machine => Name}),
-    Driver ! {starl_attach, Robot, Name, self()},
+    _ = starl_driver:attach(Driver, Robot, Name),
     {ok, waiting, Spec}.
 
 %% The machine's own state lies in the data: the process has but two states, so that gen_statem
@@ -59,7 +50,7 @@ init(#{robot := Robot, name := Name, driver := Driver} = Spec) ->
 handle_event(info, {starl_step, Type, Content, Meta}, stepping, #shell{} = Shell) ->
     try starl_machine:step(Type, Content, Meta, Shell#shell.machine) of
         {Actions, Machine} ->
-            Shell#shell.driver ! {starl_done, Shell#shell.robot, Actions},
+            _ = starl_driver:done(Shell#shell.driver, Shell#shell.robot, Actions),
             {keep_state, Shell#shell{machine = Machine}}
     catch
         Class:Reason:Stack when Class =/= error -> exit(starl_crash:reason(Class, Reason, Stack))
@@ -68,7 +59,7 @@ handle_event(info, {starl_boot, Base}, waiting, Spec) ->
     #{driver := Driver, robot := Robot, module := Module, config := Config} = Spec,
     try starl_machine:new(Module, Config, Base) of
         {Actions, Machine} ->
-            Driver ! {starl_done, Robot, Actions},
+            _ = starl_driver:done(Driver, Robot, Actions),
             {next_state, stepping, #shell{driver = Driver, robot = Robot, machine = Machine}}
     catch
         Class:Reason:Stack when Class =/= error -> exit(starl_crash:reason(Class, Reason, Stack))

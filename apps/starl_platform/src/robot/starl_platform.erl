@@ -1,26 +1,28 @@
-%% @doc The platform behaviour: what a robot needs of the world below it (the paper's platform
-%% layer: packets, location, motion, clock, trace).
+%% @doc The platform behaviour: what a robot needs of the world below it (the paper's platform layer:
+%% packets, location, motion, other actuators).
 %%
-%% An adapter (the simulator, a real chassis with its radio) carries out what machines ask for,
-%% over a state of its own, one per robot. What one machine says to another of the same robot is
-%% no business of the world's: {@link local/2} turns it into an event to deliver. The clock and
-%% the events that come from the world (`packet', time-outs, `located') reach the machines through
-%% the driver that steps them ({@link starl_machine_proc}).
+%% An adapter (the simulator, a real chassis with its radio) carries out what machines ask of the
+%% world, over a state of its own, one per robot. Time, the trace, the store and the other machines of
+%% the robot are no business of the world's ({@link starl_robot}). What comes from the world (`packet',
+%% `located', `driven', `actuated', ...) reaches the machines as events, which the driver hands in.
 -module(starl_platform).
 
--export([local/2]).
+-export_type([world_action/0]).
 
--export_type([local/0]).
+%% What a machine asks of the world.
+-type world_action() ::
+    {transmit, starl:robot_id() | all, starl_packet:t()}
+    | {sense, [starl:robot_id()]}
+    | {drive, starl_motion_course:script(), Mark :: term()}
+    | {actuate, Device :: atom(), Value :: term()}
+    | {actuate, Device :: atom(), Value :: term(), Mark :: term()}.
 
-%% An event for a machine of the same robot.
--type local() :: {starl_machine:name(), starl_machine:event_type(), Content :: term()}.
-
-%% Carries out the actions of the machine `Name' in their order; gives the events for machines of
-%% the same robot in the order in which they are to be delivered.
+%% Carries out an action of the machine `Name'; gives the events that answer it at once, in the order
+%% in which they are to be delivered.
 %% <dl>
 %% <dt>`{transmit, Dest | all, Packet}'</dt><dd>puts one packet on the air, for one robot or for
 %%   all in range</dd>
-%% <dt>`{sense, Robots}'</dt><dd>answered by the local event `{Name, info, {located, [{Robot,
+%% <dt>`{sense, Robots}'</dt><dd>answered by the event `{Name, info, {located, [{Robot,
 %%   Pose}]}}' with those of the robots that the positioning system sees</dd>
 %% <dt>`{drive, [{Left, Right, Us}], Mark}'</dt><dd>turns the wheels at these speeds, mm/s, one
 %%   after the other, each for so long by the chassis' own clock, and stops them, whatever becomes
@@ -33,23 +35,11 @@
 %% <dt>`{actuate, Device, Value, Mark}'</dt><dd>the same, answered by the event `{Name, info,
 %%   {actuated, Mark, Device, Value}}' with the state that the device's sensor shows then; a command
 %%   or an answer may be lost</dd>
-%% <dt>`{{timeout, T}, Us, Content}', `{state_timeout, Us, Content}'</dt><dd>starts a timer of
-%%   this machine, by the robot's clock, in place of the one of the same name</dd>
-%% <dt>`{{timeout, T}, cancel}', `{state_timeout, cancel}'</dt><dd>stops it if it runs</dd>
-%% <dt>`{store, Term}'</dt><dd>makes the term durable, in place of what this machine stored before,
-%%   and goes on when it is; where it cannot be written, nothing that follows takes place: `perform'
-%%   answers `store_full' with the events so far, and the driver has the machine crash</dd>
-%% <dt>`{trace, Event}'</dt><dd>records a fact</dd>
-%% <dt>`{done, Result}'</dt><dd>the application has finished</dd>
-%% <dt>`{cast, …}', `{call, …}', `{reply, …}'</dt><dd>see {@link local/2}</dd>
 %% </dl>
--callback perform([starl_machine:action()], Name :: starl_machine:name(), State) ->
-    {[local()], State} | {store_full, [local()], State}
+-callback perform(world_action(), starl_machine:name(), State) ->
+    {[starl_robot:local()], State}
 when
     State :: term().
 
-%% @doc The event that a machine's word to another machine of the same robot becomes.
--spec local(starl_machine:action(), Name :: starl_machine:name()) -> local().
-local({cast, To, Content}, _Name) -> {To, cast, Content};
-local({reply, {To, Tag}, Answer}, _Name) -> {To, {reply, Tag}, Answer};
-local({call, To, Request, Tag}, Name) -> {To, {call, {Name, Tag}}, Request}.
+%% Nobody commands the chassis any more: its wheels stand.
+-callback stop(State) -> State when State :: term().

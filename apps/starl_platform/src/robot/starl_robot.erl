@@ -1,0 +1,445 @@
+%% @doc One robot, the same under every driver (the simulator, the checker, the link of a real robot):
+%% a machine is given an event, what it asks for is carried out, what that brings about for other
+%% machines of the robot comes next, until nobody has anything left to do.
+%% ```
+%%     event of the world or a timer --> machine --> actions --> world, timers, trace, store
+%%                                          ^           |
+%%                                          +-----------+ local events, in their order
+%% '''
+%% Pure: a driver hands events in, and carries out what comes of a {@link turn()}. It adds time, a store, a trace, and the world
+%% ({@link starl_platform}), over a state of its own, the callbacks of this behaviour.
+%%
+%% Rules for a driver:
+%% <ul>
+%% <li>An event of the world or of a timer is handed in when the robot is quiet, one at a time, in
+%%   the order of time, then class (`starl_robot_order.hrl'). Local events come before.</li>
+%% <li>A timer is planned and never taken back: when its event comes, {@link expire/4} says whether
+%%   it is still waited for; one that was cancelled or replaced meanwhile is dropped there.</li>
+%% <li>While a process is at work nothing else is handed in. What it asks for, and what it traces,
+%%   bears the time at which its event began, not that of its answer.</li>
+%% <li>An answer counts only if it comes from the process that is at work: see {@link answered/3}.</li>
+%% <li>A process may attach before the end of the one before it is heard of. It has to wait until that
+%%   has been seen to ({@link starl_robot_machines:attach/3} says `early').</li>
+%% <li>A store that is full is a crash of the machine that stores: its process, if it has one, is
+%%   ended by the driver, and nothing that was to follow the store takes place.</li>
+%% <li>When the robot goes down or dies, or its services are given up, the chassis stops
+%%   (`stop'), and no event but those of the chassis itself reaches it.</li>
+%% </ul>
+-module(starl_robot).
+
+-export([new/4, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1]).
+-export([run/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
+-export([lost/3, attach/3, back/3, first/2, die/2, go_down/1, come_up/2]).
+
+-export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0]).
+
+%% What one of the machines has to do: handle an event, or start.
+-type local() ::
+    {starl_machine:name(), starl_machine:event_type(), Content :: term()}
+    | {starl_machine:name(), boot, none}.
+
+%% The driver's own state.
+-type world() :: term().
+
+%% Up, down for a while, or dead for good.
+-type condition() :: up | down | dead.
+
+%% How its application has ended: with a result, crashed too often, or died with the robot.
+-type ended() :: {done, Result :: term()} | given_up | died.
+
+%% The robot has nothing left to do; this process is at work on this order, which the driver sends
+%% it; this machine has crashed, by itself or since its store is full; or it pauses ({@link pace/2}).
+-type turn() ::
+    {quiet, t()}
+    | {ask, pid(), starl_driver:order(), t()}
+    | {crashed, starl_machine:name(), Reason :: term(), t()}
+    | {paused, t()}.
+
+%% A machine is about to handle a local event, or to start. That of an event that is handed in is
+%% seen to by the driver itself.
+-callback handles(starl_machine:name(), starl_machine:event_type() | boot, Content, World) ->
+    World
+when
+    Content :: term(), World :: world().
+%% What the robot's own clock shows, in microseconds.
+-callback clock(world()) -> integer().
+%% What a machine is given when it starts.
+-callback base(starl_machine:name(), Incarnation :: pos_integer(), world()) ->
+    starl_machine:config().
+%% Records a fact.
+-callback trace(starl_machine:name(), Event :: term(), World) -> World when World :: world().
+%% Plans a timer's event so long from now, by the robot's clock, under this mark.
+-callback plan(starl_machine:name(), starl_robot_timers:timer(), Us, Content, World) ->
+    {starl_robot_timers:mark(), World}
+when
+    Us :: non_neg_integer(), Content :: term(), World :: world().
+%% Makes a term durable for a machine in place of what it stored before; `full': it cannot.
+-callback store(starl_machine:name(), term(), World) -> {ok, World} | full when World :: world().
+%% The application has ended.
+-callback ended(ended(), World) -> World when World :: world().
+
+%% The driver's functions, looked up once: a call of one is much cheaper than one by module and name.
+-record(driver, {
+    module :: module(),
+    handles :: fun(),
+    clock :: fun(),
+    trace :: fun(),
+    plan :: fun(),
+    perform :: fun()
+}).
+
+-record(robot, {
+    id :: starl:robot_id(),
+    driver :: #driver{},
+    condition = up :: condition(),
+    world :: world(),
+    machines :: starl_robot_machines:t(),
+    timers = starl_robot_timers:new() :: starl_robot_timers:t(),
+    %% local events of the present moment, in order
+    local = [] :: [local()],
+    %% the machine whose process is at work
+    busy = none :: {starl_machine:name(), pid()} | none,
+    pace = on :: on | single
+}).
+
+-opaque t() :: #robot{}.
+
+%% @doc A robot all of whose machines are to be booted before anything else.
+-spec new(starl:robot_id(), module(), world(), starl_robot_machines:t()) -> t().
+new(Id, Driver, World, Machines) ->
+    Robot = #robot{id = Id, driver = driver(Driver), world = World, machines = Machines},
+    Robot#robot{local = boots(Machines)}.
+
+%% @doc A quiet robot as it was.
+-spec restore(#{
+    id := starl:robot_id(),
+    driver := module(),
+    world := world(),
+    condition := condition(),
+    machines := starl_robot_machines:t(),
+    timers := starl_robot_timers:t()
+}) -> t().
+restore(#{id := Id, driver := Driver, world := World} = Parts) ->
+    #{condition := Condition, machines := Machines, timers := Timers} = Parts,
+    #robot{
+        id = Id,
+        driver = driver(Driver),
+        condition = Condition,
+        world = World,
+        machines = Machines,
+        timers = Timers
+    }.
+
+driver(Module) ->
+    #driver{
+        module = Module,
+        handles = fun Module:handles/4,
+        clock = fun Module:clock/1,
+        trace = fun Module:trace/3,
+        plan = fun Module:plan/5,
+        perform = fun Module:perform/3
+    }.
+
+%% @doc Its number.
+-spec id(t()) -> starl:robot_id().
+id(#robot{id = Id}) -> Id.
+
+%% @doc Is it up?
+-spec condition(t()) -> condition().
+condition(#robot{condition = Condition}) -> Condition.
+
+%% @doc The driver's own state.
+-spec world(t()) -> world().
+world(#robot{world = World}) -> World.
+
+%% @doc The robot with another state of its driver's.
+-spec world(world(), t()) -> t().
+world(World, Robot) -> Robot#robot{world = World}.
+
+%% @doc Its machines.
+-spec machines(t()) -> starl_robot_machines:t().
+machines(#robot{machines = Machines}) -> Machines.
+
+%% @doc The robot with other machines.
+-spec machines(starl_robot_machines:t(), t()) -> t().
+machines(Machines, Robot) -> Robot#robot{machines = Machines}.
+
+%% @doc The timers that run.
+-spec timers(t()) -> starl_robot_timers:t().
+timers(#robot{timers = Timers}) -> Timers.
+
+%% @doc The machine whose process is at work.
+-spec busy(t()) -> starl_machine:name() | none.
+busy(#robot{busy = none}) -> none;
+busy(#robot{busy = {Name, _}}) -> Name.
+
+%% @doc Whether it goes on until it is quiet, or pauses after each event.
+-spec pace(on | single, t()) -> t().
+pace(Pace, Robot) -> Robot#robot{pace = Pace}.
+
+%% -- the loop -------------------------------------------------------------------------------
+
+%% @doc Goes on with its local events.
+-spec run(t()) -> turn().
+run(#robot{local = []} = Robot) ->
+    {quiet, Robot};
+run(#robot{local = Local, world = World, machines = Machines, timers = Timers} = Robot) ->
+    next(Local, World, Machines, Timers, Robot).
+
+%% @doc Takes an event that has come to a machine, and what that leads to. The driver's state is that
+%% of the event's time.
+-spec event(starl_machine:name(), starl_machine:event_type(), Content :: term(), world(), t()) ->
+    turn().
+event(Name, Type, Content, World, #robot{machines = Machines, timers = Timers} = Robot) ->
+    step(Name, Type, Content, Robot#robot.local, World, Machines, Timers, Robot).
+
+%% @doc The event of a timer has come, under this mark: if it is still waited for, what kind of event
+%% that is, and the timers that are left, for {@link fire/6}.
+-spec expire(starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark(), t()) ->
+    {ok, starl_machine:event_type(), Left :: starl_robot_timers:t()} | stale.
+expire(Name, Timer, Mark, #robot{timers = Timers}) ->
+    case starl_robot_timers:expire(Name, Timer, Mark, Timers) of
+        {ok, Left} -> {ok, starl_robot_timers:event_type(Timer), Left};
+        stale -> stale
+    end.
+
+%% @doc Takes the event of a timer that has expired, as {@link event/5}.
+-spec fire(
+    starl_machine:name(), starl_machine:event_type(), Content :: term(), world(), Left, t()
+) ->
+    turn()
+when
+    Left :: starl_robot_timers:t().
+fire(Name, Type, Content, World, Left, #robot{local = Local, machines = Machines} = Robot) ->
+    step(Name, Type, Content, Local, World, Machines, Left, Robot).
+
+%% @doc A process has answered with its machine's actions; `ignored' if it is not the one at work, as
+%% the last word of one that was killed meanwhile.
+-spec answered(pid(), [starl_machine:action()], t()) -> turn() | ignored.
+answered(Pid, Actions, #robot{busy = {Name, Pid}, world = World, machines = Machines} = Robot) ->
+    #robot{local = Local, timers = Timers} = Robot,
+    perform(Actions, Name, [], Local, World, Machines, Timers, Robot#robot{busy = none});
+answered(_Pid, _Actions, #robot{}) ->
+    ignored.
+
+%% @doc Takes the next local event away.
+-spec next(t()) -> {local(), t()} | none.
+next(#robot{local = []}) -> none;
+next(#robot{local = [Event | Local]} = Robot) -> {Event, Robot#robot{local = Local}}.
+
+%% What changes at every event is passed along beside the record, which would be copied each time.
+work(Local, World, Machines, Timers, #robot{pace = on} = Robot) ->
+    next(Local, World, Machines, Timers, Robot);
+work(Local, World, Machines, Timers, Robot) ->
+    {paused, put_back(Local, World, Machines, Timers, Robot)}.
+
+next([], World, Machines, Timers, Robot) ->
+    {quiet, put_back([], World, Machines, Timers, Robot)};
+next([{Name, boot, none} | Local], World, Machines, Timers, Robot) ->
+    boot(Name, Local, World, Machines, Timers, Robot);
+next([{Name, Type, Content} | Local], World, Machines, Timers, #robot{driver = Driver} = Robot) ->
+    Handles = Driver#driver.handles,
+    Noted = Handles(Name, Type, Content, World),
+    step(Name, Type, Content, Local, Noted, Machines, Timers, Robot).
+
+put_back(Local, World, Machines, Timers, Robot) ->
+    Robot#robot{local = Local, world = World, machines = Machines, timers = Timers}.
+
+boot(Name, Local, World, Machines, Timers, #robot{driver = Driver} = Robot) ->
+    #driver{module = Module, handles = Handles, trace = Trace} = Driver,
+    Noted = Handles(Name, boot, none, World),
+    Base = Module:base(Name, starl_robot_machines:incarnation(Name, Machines), Noted),
+    %% monitors are told of what the machine cannot know any more
+    Known =
+        case Base of
+            #{stored := damaged} -> Trace(Name, store_damaged, Noted);
+            #{} -> Noted
+        end,
+    Answer = starl_robot_machines:boot(Name, Base, Machines),
+    answer(Answer, Name, boot, Local, Known, Machines, Timers, Robot).
+
+step(Name, Type, Content, Local, World, Machines, Timers, #robot{id = Id} = Robot) ->
+    Clock = (Robot#robot.driver)#driver.clock,
+    Meta = #{now => Clock(World), robot => Id},
+    Answer = starl_robot_machines:step(Name, Type, Content, Meta, Machines),
+    answer(Answer, Name, Type, Local, World, Machines, Timers, Robot).
+
+answer({done, Actions, Machines}, Name, _Type, Local, World, _Before, Timers, Robot) ->
+    perform(Actions, Name, [], Local, World, Machines, Timers, Robot);
+answer({ask, Pid, Order}, Name, _Type, Local, World, Machines, Timers, Robot) ->
+    Asked = Robot#robot{
+        local = Local, world = World, machines = Machines, timers = Timers, busy = {Name, Pid}
+    },
+    {ask, Pid, Order, Asked};
+answer({crashed, Reason}, Name, _Type, Local, World, Machines, Timers, Robot) ->
+    {crashed, Name, Reason, put_back(Local, World, Machines, Timers, Robot)};
+answer(absent, Name, Type, Local, World, Machines, Timers, #robot{driver = Driver} = Robot) ->
+    Trace = Driver#driver.trace,
+    Traced = Trace(Name, {unknown_machine, Name}, World),
+    work(Local ++ refusal(Name, Type), Traced, Machines, Timers, Robot).
+
+%% A call to a machine that the robot does not have must not wait for ever.
+refusal(Name, {call, {From, Tag}}) -> [{From, {reply, Tag}, {no_such_machine, Name}}];
+refusal(_Name, _Type) -> [].
+
+%% Carries out actions in their order; New are the local events that come of them, newest first.
+perform([], _Name, [], Local, World, Machines, Timers, Robot) ->
+    work(Local, World, Machines, Timers, Robot);
+perform([], _Name, New, Local, World, Machines, Timers, Robot) ->
+    work(Local ++ lists:reverse(New), World, Machines, Timers, Robot);
+perform([Action | Rest], Name, New, Local, World, Machines, Timers, Robot) ->
+    case Action of
+        {trace, Event} ->
+            Trace = (Robot#robot.driver)#driver.trace,
+            perform(Rest, Name, New, Local, Trace(Name, Event, World), Machines, Timers, Robot);
+        {cast, To, Content} ->
+            Heard = [{To, cast, Content} | New],
+            perform(Rest, Name, Heard, Local, World, Machines, Timers, Robot);
+        {reply, {To, Tag}, Answer} ->
+            Heard = [{To, {reply, Tag}, Answer} | New],
+            perform(Rest, Name, Heard, Local, World, Machines, Timers, Robot);
+        {call, To, Request, Tag} ->
+            Heard = [{To, {call, {Name, Tag}}, Request} | New],
+            perform(Rest, Name, Heard, Local, World, Machines, Timers, Robot);
+        {{timeout, Timer}, cancel} ->
+            Left = starl_robot_timers:cancel(Name, Timer, Timers),
+            perform(Rest, Name, New, Local, World, Machines, Left, Robot);
+        {{timeout, Timer}, Us, Content} ->
+            start(Timer, Us, Content, Rest, Name, New, Local, World, Machines, Timers, Robot);
+        {state_timeout, cancel} ->
+            Left = starl_robot_timers:cancel(Name, state_timeout, Timers),
+            perform(Rest, Name, New, Local, World, Machines, Left, Robot);
+        {state_timeout, Us, Content} ->
+            start(
+                state_timeout, Us, Content, Rest, Name, New, Local, World, Machines, Timers, Robot
+            );
+        {store, Term} ->
+            store(Term, Rest, Name, New, Local, World, Machines, Timers, Robot);
+        {done, Result} ->
+            Done = done(Result, World, Robot),
+            perform(Rest, Name, New, Local, Done, Machines, Timers, Robot);
+        _ ->
+            Perform = (Robot#robot.driver)#driver.perform,
+            case Perform(Action, Name, World) of
+                {[], Next} ->
+                    perform(Rest, Name, New, Local, Next, Machines, Timers, Robot);
+                {Told, Next} ->
+                    Heard = lists:reverse(Told, New),
+                    perform(Rest, Name, Heard, Local, Next, Machines, Timers, Robot)
+            end
+    end.
+
+start(Timer, Us, Content, Rest, Name, New, Local, World, Machines, Timers, Robot) ->
+    Plan = (Robot#robot.driver)#driver.plan,
+    {Mark, Planned} = Plan(Name, Timer, Us, Content, World),
+    Running = starl_robot_timers:start(Name, Timer, Mark, Timers),
+    perform(Rest, Name, New, Local, Planned, Machines, Running, Robot).
+
+%% What follows takes place only when the term is durable.
+store(Term, Rest, Name, New, Local, World, Machines, Timers, #robot{driver = Driver} = Robot) ->
+    case (Driver#driver.module):store(Name, Term, World) of
+        {ok, Stored} ->
+            perform(Rest, Name, New, Local, Stored, Machines, Timers, Robot);
+        full ->
+            Left = put_back(Local ++ lists:reverse(New), World, Machines, Timers, Robot),
+            {crashed, Name, store_full, Left}
+    end.
+
+done(Result, World, #robot{driver = #driver{module = Module, trace = Trace}}) ->
+    Trace(app, {done, Result}, Module:ended({done, Result}, World)).
+
+%% -- crashes --------------------------------------------------------------------------------
+
+%% @doc A machine is gone, for this reason: its timers are forgotten. What was done to it is not its
+%% fault; what it did itself is told.
+-spec lost(starl_machine:name(), Reason :: term(), t()) -> t().
+lost(Name, Reason, #robot{busy = Busy} = Robot) ->
+    Bare = lose(Name, Robot),
+    Left =
+        case Busy of
+            {Name, _} -> Bare#robot{busy = none};
+            _ -> Bare
+        end,
+    case starl_crash:cause(Reason) of
+        none -> Left;
+        Cause -> trace(supervisor, {crashed, Name, Cause}, Left)
+    end.
+
+lose(Name, #robot{timers = Timers} = Robot) ->
+    trace(Name, crashed, Robot#robot{timers = starl_robot_timers:forget(Name, Timers)}).
+
+%% @doc A process has started as the machine of this name ({@link starl_robot_machines:attach/3}).
+-spec attach(starl_machine:name(), pid(), t()) -> {ok, t()} | early.
+attach(Name, Pid, #robot{machines = Machines} = Robot) ->
+    case starl_robot_machines:attach(Name, Pid, Machines) of
+        {ok, Attached} -> {ok, Robot#robot{machines = Attached}};
+        early -> early
+    end.
+
+%% @doc What happens first after crashes: these machines, which have come back, boot, and the robot's
+%% others are told, also of those that have crashed so often that they do not come back. Without its
+%% application the robot stops: nobody else has an idea where it is to go.
+-spec back(Back :: [starl_machine:name()], GivenUp :: [starl_machine:name()], t()) -> t().
+back(Back, GivenUp, #robot{machines = Machines} = Robot) ->
+    Names = starl_robot_machines:names(Machines),
+    Ends = [End || Name <- GivenUp, End <- farewell(Name, Names)],
+    Left = lists:foldl(fun give_up/2, Robot, GivenUp),
+    first(Ends ++ restarts(starl_robot_order:boot(Back), Names), Left).
+
+give_up(app, Robot) -> ended(given_up, trace(supervisor, {given_up, app}, Robot));
+give_up(Name, Robot) -> trace(supervisor, {given_up, Name}, Robot).
+
+farewell(Name, Others) ->
+    Stop = [{motion, cast, stop} || Name =:= app, lists:member(motion, Others)],
+    Stop ++ [{To, info, {given_up, Name}} || To <- Others].
+
+restarts(Back, All) ->
+    [{Name, boot, none} || Name <- Back] ++
+        [{To, info, {restarted, Name}} || Name <- Back, To <- All, To =/= Name].
+
+%% @doc Puts local events before those that there are. Who has yet to start need not be told.
+-spec first([local()], t()) -> t().
+first(New, #robot{local = Local} = Robot) ->
+    Waiting = [Name || {Name, boot, none} <- Local],
+    Heard = [L || {To, Type, _} = L <- New, Type =/= info orelse not lists:member(To, Waiting)],
+    Robot#robot{local = Heard ++ Local}.
+
+%% @doc The robot dies for good: it stands where it is, for ever.
+-spec die(gave_up | killed, t()) -> t().
+die(Reason, Robot) ->
+    Dead = ended(died, trace(robot, {died, Reason}, stop(Robot))),
+    gone(dead, Dead).
+
+%% @doc The robot goes down for a while: it stops, and all its machines are lost.
+-spec go_down(t()) -> t().
+go_down(#robot{machines = Machines} = Robot) ->
+    Stopped = trace(robot, down, stop(Robot)),
+    gone(down, lists:foldl(fun lose/2, Stopped, starl_robot_machines:names(Machines))).
+
+%% Nothing is left of it but its numbers of starts.
+gone(Condition, #robot{machines = Machines} = Robot) ->
+    Robot#robot{
+        condition = Condition,
+        machines = starl_robot_machines:down(Machines),
+        timers = starl_robot_timers:new(),
+        local = [],
+        busy = none
+    }.
+
+%% @doc A robot that was down comes up: all its machines boot.
+-spec come_up(starl_robot_machines:t(), t()) -> t().
+come_up(Machines, #robot{condition = down} = Robot) ->
+    trace(robot, up, Robot#robot{
+        condition = up, machines = Machines, local = boots(Machines)
+    }).
+
+boots(Machines) -> [{Name, boot, none} || Name <- starl_robot_machines:names(Machines)].
+
+trace(Name, Event, #robot{driver = #driver{trace = Trace}, world = World} = Robot) ->
+    Robot#robot{world = Trace(Name, Event, World)}.
+
+stop(#robot{driver = #driver{module = Module}, world = World} = Robot) ->
+    Robot#robot{world = Module:stop(World)}.
+
+ended(How, #robot{driver = #driver{module = Module}, world = World} = Robot) ->
+    Robot#robot{world = Module:ended(How, World)}.

@@ -1,0 +1,171 @@
+%% @doc The machines of one robot by name, and how often each has started: processes, or inline,
+%% which is the same {@link starl_machine} in the hands of the robot's driver.
+%%
+%% A process is given an order ({@link starl_driver}) and is at work until it has answered; an inline
+%% machine has answered at once. Both crash, are restarted and begin a new incarnation in the same
+%% way. A sequential application has a stack of its own and is a process always.
+%%
+%% The number of starts of each machine outlives it, and has to outlive the robot's reboots, too:
+%% incarnation 1 means that the machine has never run before.
+-module(starl_robot_machines).
+
+-export([new/1, restore/3, names/1, has/2, incarnation/2, starts/1]).
+-export([boot/3, step/5, attach/3, lose/2, restart/3, down/1, up/1]).
+-export([process/2, name_of/2, processes/1, inline/1, to_map/1]).
+
+-export_type([t/0, inline/0, answer/0, machine/0]).
+
+%% The machines that get no process, by their names.
+-type inline() :: #{starl_machine:name() => {module(), Config :: map()}}.
+
+%% `waiting': it has yet to boot.
+-type machine() :: pid() | starl_machine:t() | waiting.
+
+%% What comes of a step: this process is to carry out this order, it is done, the machine has crashed,
+%% or there is no such machine.
+-type answer() ::
+    {ask, pid(), starl_driver:order()}
+    | {done, [starl_machine:action()], t()}
+    | {crashed, Reason :: term()}
+    | absent.
+
+-record(machines, {
+    now = #{} :: #{starl_machine:name() => machine()},
+    inline :: inline(),
+    starts = #{} :: #{starl_machine:name() => pos_integer()},
+    %% since the robot came up
+    restarts = #{} :: #{starl_robot_sup:part() => pos_integer()}
+}).
+
+-opaque t() :: #machines{}.
+
+%% @doc The machines of a robot that starts for the first time; processes attach later.
+-spec new(inline()) -> t().
+new(Inline) -> up(#machines{inline = Inline}).
+
+%% @doc Machines as they were: all are inline.
+-spec restore(inline(), #{starl_machine:name() => starl_machine:t()}, Starts) -> t() when
+    Starts :: #{starl_machine:name() => pos_integer()}.
+restore(Inline, Now, Starts) -> #machines{inline = Inline, now = Now, starts = Starts}.
+
+%% @doc The machines that there are now, in the order in which they boot.
+-spec names(t()) -> [starl_machine:name()].
+names(#machines{now = Now}) -> starl_robot_order:boot(maps:keys(Now)).
+
+%% @doc Is there a machine of this name?
+-spec has(starl_machine:name(), t()) -> boolean().
+has(Name, #machines{now = Now}) -> is_map_key(Name, Now).
+
+%% @doc How often a machine has been started.
+-spec incarnation(starl_machine:name(), t()) -> pos_integer().
+incarnation(Name, #machines{starts = Starts}) -> maps:get(Name, Starts).
+
+%% @doc How often each machine has been started, those that are gone, too.
+-spec starts(t()) -> #{starl_machine:name() => pos_integer()}.
+starts(#machines{starts = Starts}) -> Starts.
+
+%% @doc Boots a machine with this configuration.
+-spec boot(starl_machine:name(), starl_machine:config(), t()) -> answer().
+boot(Name, Base, #machines{now = Now, inline = Inline} = Machines) ->
+    case Now of
+        #{Name := Pid} when is_pid(Pid) ->
+            {ask, Pid, starl_driver:boot(Base)};
+        #{Name := _} ->
+            #{Name := {Module, Config}} = Inline,
+            try starl_machine:new(Module, Config, Base) of
+                {Actions, Machine} ->
+                    {done, Actions, Machines#machines{now = Now#{Name := Machine}}}
+            catch
+                Class:Reason:Stack -> {crashed, starl_crash:reason(Class, Reason, Stack)}
+            end;
+        #{} ->
+            absent
+    end.
+
+%% @doc Gives a machine an event. Whatever goes wrong inside is the machine's crash, as it is
+%% for a process.
+-spec step(
+    starl_machine:name(), starl_machine:event_type(), Content :: term(), starl_machine:meta(), t()
+) -> answer().
+step(Name, Type, Content, Meta, #machines{now = Now} = Machines) ->
+    case Now of
+        #{Name := Pid} when is_pid(Pid) ->
+            {ask, Pid, starl_driver:step(Type, Content, Meta)};
+        #{Name := Machine} ->
+            try starl_machine:step(Type, Content, Meta, Machine) of
+                {Actions, Next} -> {done, Actions, Machines#machines{now = Now#{Name := Next}}}
+            catch
+                Class:Reason:Stack -> {crashed, starl_crash:reason(Class, Reason, Stack)}
+            end;
+        #{} ->
+            absent
+    end.
+
+%% @doc A machine's process has started; it is to be booted. `early': the process before it is still
+%% there, as far as is known. Its end was not heard of yet, and has to be seen to first.
+-spec attach(starl_machine:name(), pid(), t()) -> {ok, t()} | early.
+attach(Name, _Pid, #machines{now = Now}) when is_map_key(Name, Now) -> early;
+attach(Name, Pid, #machines{now = Now} = Machines) ->
+    {ok, started(Name, Machines#machines{now = Now#{Name => Pid}})}.
+
+%% @doc A machine is gone.
+-spec lose(starl_machine:name(), t()) -> t().
+lose(Name, #machines{now = Now} = Machines) -> Machines#machines{now = maps:remove(Name, Now)}.
+
+%% @doc An inline machine that crashed is to be booted anew, unless its part of the robot has been
+%% restarted so often already: then it is given up, and without its services so is the robot.
+-spec restart(starl_machine:name(), Bears :: non_neg_integer() | infinity, t()) ->
+    {ok, t()} | given_up | gave_up.
+restart(Name, Bears, #machines{now = Now, restarts = Restarts} = Machines) ->
+    Part = starl_robot_order:part(Name),
+    case {maps:get(Part, Restarts, 0), Part} of
+        {N, _} when N < Bears ->
+            Counted = Restarts#{Part => N + 1},
+            {ok, started(Name, Machines#machines{now = Now#{Name => waiting}, restarts = Counted})};
+        {_, services} ->
+            gave_up;
+        _ ->
+            given_up
+    end.
+
+%% @doc The robot is down: all its machines are gone.
+-spec down(t()) -> t().
+down(Machines) -> Machines#machines{now = #{}}.
+
+%% @doc The robot comes up: its inline machines are to be booted; processes attach.
+-spec up(t()) -> t().
+up(#machines{inline = Inline} = Machines) ->
+    Now = maps:map(fun(_, _) -> waiting end, Inline),
+    lists:foldl(fun started/2, Machines#machines{now = Now, restarts = #{}}, maps:keys(Inline)).
+
+started(Name, #machines{starts = Starts} = Machines) ->
+    Machines#machines{starts = Starts#{Name => maps:get(Name, Starts, 0) + 1}}.
+
+%% @doc A machine's process; `none': it is inline, or there is none of this name.
+-spec process(starl_machine:name(), t()) -> pid() | none.
+process(Name, #machines{now = Now}) ->
+    case Now of
+        #{Name := Pid} when is_pid(Pid) -> Pid;
+        #{} -> none
+    end.
+
+%% @doc Which machine is this process?
+-spec name_of(pid(), t()) -> {ok, starl_machine:name()} | none.
+name_of(Pid, Machines) ->
+    case processes(Machines) of
+        #{Pid := Name} -> {ok, Name};
+        #{} -> none
+    end.
+
+%% @doc The processes, and which machine each is.
+-spec processes(t()) -> #{pid() => starl_machine:name()}.
+processes(#machines{now = Now}) ->
+    maps:from_list([{Pid, Name} || {Name, Pid} <- maps:to_list(Now), is_pid(Pid)]).
+
+%% @doc The machines that get no process.
+-spec inline(t()) -> inline().
+inline(#machines{inline = Inline}) -> Inline.
+
+%% @doc All machines as they are now.
+-spec to_map(t()) -> #{starl_machine:name() => machine()}.
+to_map(#machines{now = Now}) -> Now.

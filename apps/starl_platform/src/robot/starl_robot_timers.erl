@@ -1,0 +1,73 @@
+%% @doc The timers that run on a robot, by machine and name. Each has a mark, under which its driver
+%% planned the event. A driver plans, and never takes a plan back: a timer that was cancelled, or
+%% started anew meanwhile, is known by its mark when the event comes, and the event is dropped then.
+-module(starl_robot_timers).
+
+-export([new/0, start/4, cancel/3, expire/4, forget/2, to_list/1, from_list/1, event_type/1]).
+
+-export_type([t/0, timer/0, mark/0]).
+
+%% `state_timeout', or the name of another: whatever the machine calls it.
+-type timer() :: term().
+
+%% What the driver knows the timer's event by.
+-type mark() :: term().
+
+%% By machine and timer: two names are found faster than a pair of them.
+-opaque t() :: #{starl_machine:name() => #{timer() => mark()}}.
+
+%% @doc None runs.
+-spec new() -> t().
+new() -> #{}.
+
+%% @doc Starts a timer whose event has this mark; one of its name that runs counts no more.
+-spec start(starl_machine:name(), timer(), mark(), t()) -> t().
+start(Machine, Timer, Mark, Timers) ->
+    case Timers of
+        #{Machine := Own} -> Timers#{Machine := Own#{Timer => Mark}};
+        #{} -> Timers#{Machine => #{Timer => Mark}}
+    end.
+
+%% @doc Cancels a timer, if it runs.
+-spec cancel(starl_machine:name(), timer(), t()) -> t().
+cancel(Machine, Timer, Timers) ->
+    case Timers of
+        #{Machine := #{Timer := _} = Own} -> Timers#{Machine := maps:remove(Timer, Own)};
+        #{} -> Timers
+    end.
+
+%% @doc The event of this mark has come: is the timer still waited for?
+-spec expire(starl_machine:name(), timer(), mark(), t()) -> {ok, t()} | stale.
+expire(Machine, Timer, Mark, Timers) ->
+    case Timers of
+        #{Machine := #{Timer := Mark} = Own} ->
+            {ok, Timers#{Machine := maps:remove(Timer, Own)}};
+        #{} ->
+            stale
+    end.
+
+%% @doc Forgets the timers of a machine that crashed.
+-spec forget(starl_machine:name(), t()) -> t().
+forget(Machine, Timers) -> maps:remove(Machine, Timers).
+
+%% @doc All that run, in the order of their names.
+-spec to_list(t()) -> [{starl_machine:name(), timer(), mark()}].
+to_list(Timers) ->
+    lists:sort([
+        {Machine, Timer, Mark}
+     || {Machine, Own} <- maps:to_list(Timers), {Timer, Mark} <- maps:to_list(Own)
+    ]).
+
+%% @doc These timers run.
+-spec from_list([{starl_machine:name(), timer(), mark()}]) -> t().
+from_list(Running) ->
+    lists:foldl(
+        fun({Machine, Timer, Mark}, Timers) -> start(Machine, Timer, Mark, Timers) end,
+        new(),
+        Running
+    ).
+
+%% @doc How the machine is told that a timer has expired.
+-spec event_type(timer()) -> starl_machine:event_type().
+event_type(state_timeout) -> state_timeout;
+event_type(Timer) -> {timeout, Timer}.
