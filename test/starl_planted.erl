@@ -180,7 +180,7 @@ scenario(Bug, Seed) ->
     case lists:keyfind(Bug, 1, table()) of
         %% short leases, and faults that outlast them
         {Bug, dpp, _Machine, Variant, {soaked, Changes}, _Doc} ->
-            Soaked = starl_cli_soak:scenario(dpp, none, Seed),
+            Soaked = starl_lab_soak:scenario(dpp, none, Seed),
             maps:merge(Soaked#{app := starl_dpp_planted, bug => Variant}, Changes);
         {Bug, Block, _Machine, Config, Changes, _Doc} ->
             maps:merge(run(Bug, Block, Config, Seed), Changes)

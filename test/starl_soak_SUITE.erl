@@ -135,7 +135,7 @@ tell({error, _, Why}) -> ct:log("~ts", [Why]).
 
 shrink(App, Given, Config) ->
     {ok, Scenario} = starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)),
-    starl_cli_shrunk:shrink(#{
+    starl_lab_shrunk:shrink(#{
         target => target(App), scenario => Scenario, file => file(Config), digest => any,
         seconds => 60, quiet => true
     }).

@@ -2,24 +2,27 @@
 -module(starl_cli_check_tests).
 -include_lib("eunit/include/eunit.hrl").
 
+check(Args) -> starl_cli_command:run(starl_cli_check, Args).
+
 refused_test_() ->
     [
-        ?_assertEqual(2, starl_cli_check:command(Args))
+        ?_assertEqual(2, check(Args))
      || Args <- [
-            [], ["dpp"], ["--robots", "3"], ["mutex", "--robots", "9"],
+            [], ["dpp"], ["--robots", "3"],
+            ["mutex", "--robots", "9"],
             ["mutex", "--faults", "flood:1"], ["mutex", "--depth", "0"], ["mutex", "more"]
         ]
     ].
 
 holds_test() ->
-    ?assertEqual(0, starl_cli_check:command(["bully", "--faults", "none", "--quiet"])).
+    ?assertEqual(0, check(["bully", "--faults", "none", "--quiet"])).
 
 no_symmetry_test() ->
     Args = ["election", "--faults", "none", "--quiet", "--no-symmetry"],
-    ?assertEqual(0, starl_cli_check:command(Args)).
+    ?assertEqual(0, check(Args)).
 
 depth_test() ->
-    ?assertEqual(0, starl_cli_check:command(["mutex", "--depth", "5", "--quiet"])).
+    ?assertEqual(0, check(["mutex", "--depth", "5", "--quiet"])).
 
 help_test() ->
-    ?assertEqual(0, starl_cli_check:command(["mutex", "--help"])).
+    ?assertEqual(0, check(["mutex", "--help"])).

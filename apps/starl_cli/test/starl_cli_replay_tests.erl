@@ -1,10 +1,9 @@
-%% `./starl replay' and `./starl diverge' as their user meets them: a recorded run comes to the same
-%% digest again, a run stops exactly where it is told to, the printed commands work, and two runs
-%% that hang on a pid are led back to the event.
+%% `./starl replay' as its user meets it: a recorded run comes to the same digest again, a run stops
+%% exactly where it is told to, and the printed commands work.
 -module(starl_cli_replay_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--import(starl_cli_vm, [says/3, contains/2, start/1, rest/2, until/3, in_directory/1]).
+-import(starl_cli_vm, [says/3, contains/2, start/1, rest/2, until/3, printed/2, in_directory/1]).
 
 -define(PATIENCE_S, 60).
 
@@ -63,14 +62,6 @@ printed_commands_test_() ->
         end)
     end}.
 
-printed(Key, Text) ->
-    [_, Rest] = string:split(Text, "\n" ++ Key),
-    [Line | _] = string:split(Rest, "\n"),
-    ["./starl" | Args] = string:lexemes(
-        os:cmd("for a in " ++ Line ++ "; do printf '%s\\n' \"$a\"; done"), "\n"
-    ),
-    Args.
-
 digest(Text) ->
     {match, [Digest]} = re:run(Text, "digest ([0-9a-f]+)", [{capture, [1], list}]),
     Digest.
@@ -99,23 +90,29 @@ until_time_test_() ->
         contains("#location{", says(0, "exercise at its end (done)", Args ++ ["--inspect", "1"]))
     end}.
 
+setup(Args) ->
+    case starl_cli_command:read(starl_cli_replay, Args) of
+        {ok, Call} -> starl_cli_replay:setup(Call);
+        Other -> Other
+    end.
+
 %% SEED --app TARGET is TARGET --seed SEED.
 seed_test() ->
-    {ok, #{run := #{scenario := One}}} = starl_cli_replay:setup(["7", "--loss", "0.1", "--app", "exercise"]),
-    {ok, #{run := #{scenario := Two}}} = starl_cli_replay:setup(["exercise", "--loss", "0.1", "--seed", "7"]),
+    {ok, #{run := #{scenario := One}}} = setup(["7", "--loss", "0.1", "--app", "exercise"]),
+    {ok, #{run := #{scenario := Two}}} = setup(["exercise", "--loss", "0.1", "--seed", "7"]),
     ?assertMatch(#{seed := 7, loss := 0.1}, One),
     ?assertEqual(One, Two).
 
 bad_input_test_() ->
     [
         {Part, fun() ->
-            {error, Lines} = starl_cli_replay:setup(Args),
+            {error, Lines} = setup(Args),
             Text = unicode:characters_to_list(lists:join("\n", Lines)),
             ?assertNotEqual({nomatch, Text}, {string:find(Text, Part), Text})
         end}
      || {Part, Args} <- [
-            {"name a run", []},
-            {"name a run before", ["--until", "3"]},
+            {"name a run first", []},
+            {"name a run first", ["--until", "3"]},
             {"no application or scenario", ["nowhere"]},
             {"no run is recorded here", ["/"]},
             {"no such file", ["nowhere/run.term"]},
@@ -144,57 +141,8 @@ a_record_is_run_as_it_was_test() ->
         ok = starl_cli_record:write(Dir, starl_cli_record:make(exercise, Scenario, {done, #{
             digest => <<1>>, end_us => 1, events => 1, violations => []
         }})),
-        ?assertMatch({ok, #{record := #{}, run := #{scenario := Scenario}}}, starl_cli_replay:setup([Dir])),
-        ?assertMatch({error, [_]}, starl_cli_replay:setup([Dir, "--loss", "0.3"])),
-        ?assertMatch({ok, #{scenario := Scenario}}, starl_cli_setup:read([Dir]))
+        ?assertMatch({ok, #{record := #{}, run := #{scenario := Scenario}}}, setup([Dir])),
+        ?assertMatch({error, [_]}, setup([Dir, "--loss", "0.3"])),
+        {ok, Call} = starl_cli_command:read(starl_cli_run, [Dir]),
+        ?assertMatch({ok, #{scenario := Scenario}}, starl_cli_setup:check(Call))
     end).
-
-%% -- diverge --------------------------------------------------------------------------------
-
-no_difference_test_() ->
-    {timeout, ?PATIENCE_S, fun() ->
-        says(0, "4 seeds, 3 ways: no digest differs", ["diverge", "exercise", "--work", "2",
-            "--random-faults", "[all]", "--heal", "2", "--seeds", "5..8",
-            "--ways", "process:2,inline:3,process:1:2"])
-    end}.
-
-%% A decision by self(): how long robot 2 sleeps after its tenth turn. Its timer is the event that
-%% differs; the command that is printed stops right before it.
-planted_self_test_() ->
-    {timeout, ?PATIENCE_S, fun() ->
-        in_directory(fun(Dir) ->
-            File = filename:join(Dir, "starl_cli_by_pid.erl"),
-            ok = file:write_file(File, by_pid()),
-            Text = says(3, "2 seeds, 2 ways: DIFFERENT DIGESTS of 2 seeds",
-                ["diverge", File, "--robots", "3", "--seeds", "1,2", "--ways", "process:1,process:2"]),
-            {match, [N]} = re:run(Text, "the first difference is event ([0-9]+) of robot 2",
-                [{capture, [1], list}]),
-            ?assertMatch({match, _}, re:run(Text, "  " ++ N ++ "  [0-9.]+ s  app\n    type    {timeout,")),
-            Seen = says(0, "robot 2", printed("look: ", Text)),
-            Before = integer_to_list(list_to_integer(N) - 1),
-            contains("just after event " ++ Before ++ " of robot 2", Seen)
-        end)
-    end}.
-
-by_pid() ->
-    "-module(starl_cli_by_pid).\n"
-    "-export([init/2, step/2]).\n"
-    "init(_, _) -> 0.\n"
-    "step(_, 20) -> {done, 20};\n"
-    "step(Robot, N) ->\n"
-    "    ok = starl:sleep(Robot, 300),\n"
-    "    _ = [starl:sleep(Robot, 1 + erlang:phash2(self(), 100000))\n"
-    "        || starl:id(Robot) =:= 2, N =:= 10],\n"
-    "    {continue, N + 1}.\n".
-
-bad_ways_test_() ->
-    [
-        ?_assertEqual({error, {bad_way, Bad}}, starl_cli_way:parse("process:1," ++ Bad))
-     || Bad <- ["", "thread:1", "process", "process:0", "inline:1:0", "inline:1:1:1", "inline:x"]
-    ] ++
-        [
-            ?_assertEqual({error, {one_way, "inline:1"}}, starl_cli_way:parse("inline:1")),
-            ?_assertEqual(
-                {ok, [{process, 2, 1}, {inline, 3, 2}]}, starl_cli_way:parse("process:2,inline:3:2")
-            )
-        ].

@@ -2,7 +2,11 @@
 -module(starl_cli_run_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-setup(Args) -> starl_cli_setup:read(Args).
+setup(Args) ->
+    case starl_cli_command:read(starl_cli_run, Args) of
+        {ok, Call} -> starl_cli_setup:check(Call);
+        Other -> Other
+    end.
 
 scenario(Args) ->
     {ok, #{scenario := Scenario}} = setup(Args),
@@ -46,9 +50,9 @@ the_target_may_stand_behind_flags_test() ->
     ?assertMatch(#{app := starl_ring_shuttle, seed := 5}, Scenario).
 
 help_wins_test() ->
-    ?assertEqual(help, setup(["--help"])),
-    ?assertMatch({help, #{app := starl_painting}}, setup(["painting", "--robotz", "-h"])),
-    ?assertMatch({help, #{app := starl_painting}}, setup(["painting", "--help"])).
+    ?assertEqual({help, none, none}, setup(["--help"])),
+    ?assertMatch({help, "painting", #{app := starl_painting}}, setup(["painting", "--robotz", "-h"])),
+    ?assertMatch({help, "painting", #{app := starl_painting}}, setup(["painting", "--help"])).
 
 a_replay_is_the_same_scenario_test() ->
     {ok, #{scenario := Scenario, target := Target}} = setup([
@@ -69,8 +73,8 @@ bad_input_test_() ->
     [
         {Part, fun() -> complains(Part, Args) end}
      || {Part, Args} <- [
-            {"name what is to run", []},
-            {"before its flags", ["--robots", "3"]},
+            {"name a target first, as in ./starl run painting", []},
+            {"name a target first", ["--robots", "3"]},
             {"did you mean painting?", ["paintig"]},
             {"no application or scenario", ["xyz"]},
             {"--robots: a whole number", ["painting", "--robots", "0"]},

@@ -15,7 +15,7 @@ commands_test_() ->
         {"--version", fun() -> says(0, "starl ", ["--version"]) end},
         {"apps", fun() -> says(0, "painting", ["apps"]) end},
         {"unknown command", fun() -> says(2, "starl: unknown command rnu (did you", ["rnu"]) end},
-        {"bad value", fun() -> says(2, "starl: --loss: ", ["run", "painting", "--loss", "2"]) end},
+        {"bad value", fun() -> says(2, "starl: run: --loss: ", ["run", "painting", "--loss", "2"]) end},
         {"no picture", fun() -> says(2, "starl: ", ["run", "painting", "--picture", "no.svg"]) end},
         {"bad table", fun() -> says(2, "starl: table: ", ["table", "--seeds", "0"]) end},
         {"bad bench", fun() -> says(2, "starl: bench: ", ["bench", "ring", "--reps", "x"]) end},

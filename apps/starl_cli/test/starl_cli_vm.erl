@@ -2,7 +2,7 @@
 -module(starl_cli_vm).
 -include_lib("eunit/include/eunit.hrl").
 
--export([says/3, contains/2, start/1, rest/2, until/3, interrupt/1, in_directory/1]).
+-export([says/3, contains/2, start/1, rest/2, until/3, interrupt/1, printed/2, in_directory/1]).
 
 says(Status, Part, Args) ->
     {Got, Text} = rest(start(Args), ""),
@@ -37,6 +37,15 @@ until(Part, Port, Text) ->
         _ ->
             Text
     end.
+
+%% The arguments of a command that was printed behind a word, as a shell takes them.
+printed(Key, Text) ->
+    [_, Rest] = string:split(Text, "\n" ++ Key),
+    [Line | _] = string:split(Rest, "\n"),
+    ["./starl" | Args] = string:lexemes(
+        os:cmd("for a in " ++ Line ++ "; do printf '%s\\n' \"$a\"; done"), "\n"
+    ),
+    Args.
 
 in_directory(Test) ->
     Dir = filename:join("/tmp", "starl-cli-vm-" ++ os:getpid()),

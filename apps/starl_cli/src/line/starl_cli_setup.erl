@@ -1,8 +1,8 @@
 %% @doc The command line of a run, checked: what all commands share that run something.
 -module(starl_cli_setup).
 
--export([read/1, take_target/1, scenario/2, replay/2, command_line/3]).
--export([help_wanted/1, flag_lines/1, out/2, options/1, own_flags/0]).
+-export([check/1, given/2, scenario/2, replay/2, command_line/3]).
+-export([out/2, options/1, own_flags/0]).
 
 -export_type([t/0, answer/0]).
 
@@ -16,66 +16,28 @@
     print_scenario := boolean()
 }.
 
--define(EXAMPLE, "as in ./starl run painting; ./starl run --help tells more").
+-type answer() :: {ok, t()} | {error, [unicode:chardata(), ...]}.
 
--type answer() ::
-    {ok, t()} | help | {help, starl_cli_target:t()} | {error, [unicode:chardata(), ...]}.
-
-%% @doc Reads and checks the arguments, all in one go.
--spec read([string()]) -> answer().
-read(Args) ->
-    case take_target(Args) of
-        {none, []} -> {error, ["run: name what is to run, " ?EXAMPLE]};
-        {none, [Flag | _]} when Flag =:= "--help"; Flag =:= "-h" -> help;
-        {none, _} -> {error, ["run: name what is to run before its flags, " ?EXAMPLE]};
-        {Word, Others} -> with_target(starl_cli_target:resolve(Word), Others)
-    end.
-
-%% @doc Takes the word that names the target from the arguments. It comes first; behind flags it
-%% is known by what it names.
--spec take_target([string()]) -> {string() | none, [string()]}.
-take_target([[C | _] = Word | Args]) when C =/= $- ->
-    {Word, Args};
-take_target(Args) ->
-    case lists:splitwith(fun(Arg) -> not starl_cli_target:looks_like_one(Arg) end, Args) of
-        {Before, [Word | After]} -> {Word, Before ++ After};
-        {_, []} -> {none, Args}
-    end.
-
-with_target({error, Problems}, _Args) ->
-    {error, Problems};
-with_target({ok, #{app := App} = Target}, Args) ->
-    case {help_wanted(Args), starl_cli_flags:parse(Args, flags(App))} of
-        {true, _} -> {help, Target};
-        {false, {ok, Values}} -> checked(Target, Values, []);
-        {false, {error, Problems}} -> checked(Target, #{}, flag_lines(Problems))
-    end.
-
-%% @doc Whether help is asked for, whatever else.
--spec help_wanted([string()]) -> boolean().
-help_wanted(Args) -> lists:member("--help", Args) orelse lists:member("-h", Args).
-
-%% @doc The problems of flags as lines.
--spec flag_lines([starl_cli_flags:problem()]) -> [unicode:chardata()].
-flag_lines(Problems) -> [starl_cli_flags:format_problem(P) || P <- Problems].
-
-%% Values of a scenario file give way to flags.
-checked(#{name := Name, given := FromFile} = Target, Values, Flagged) ->
-    Own = [Key || {Key, _, _, _} <- own_flags()],
-    Given = maps:merge(FromFile, maps:without(Own, Values)),
-    {Unsound, Scenario} = scenario(Target, Given),
-    {Unwritable, Out} = out(maps:get(out, Values, none), Name),
-    {Unusable, Nodes} = starl_cli_nodes:plan(Values),
-    case Flagged ++ Unsound ++ Unwritable ++ Unusable of
+%% @doc Checks the command line of a run, all in one go.
+-spec check(starl_cli_command:call()) -> answer().
+check(#{subject := #{name := Name} = Target, values := Values} = Call) ->
+    {Unsound, Scenario} = scenario(Target, given(Call, own_flags())),
+    {Unwritable, Out} = out(maps:get(out, Values), Name),
+    {Unusable, Nodes} = starl_cli_nodes:plan(maps:get(given, Call)),
+    case Unsound ++ Unwritable ++ Unusable of
         [] ->
-            {ok, #{
-                target => Target, scenario => Scenario, out => Out, nodes => Nodes,
-                quiet => maps:get(quiet, Values, false),
-                print_scenario => maps:get(print_scenario, Values, false)
+            {ok, (maps:with([quiet, print_scenario], Values))#{
+                target => Target, scenario => Scenario, out => Out, nodes => Nodes
             }};
         Problems ->
             {error, Problems}
     end.
+
+%% @doc The values of a simulation that a command line gives, for a command with flags of its own:
+%% those of a scenario file give way to flags.
+-spec given(starl_cli_command:call(), Own :: [starl_cli_flags:flag()]) -> #{atom() => term()}.
+given(#{subject := #{given := InFile}, given := Given}, Own) ->
+    maps:merge(InFile, maps:without([Key || {Key, _, _, _} <- Own], Given)).
 
 %% @doc Checks the values for a target; gives what is wrong, and the scenario.
 -spec scenario(starl_cli_target:t(), #{atom() => term()}) ->
@@ -111,13 +73,11 @@ command_line(Command, #{app := App, replay := Word}, Scenario) ->
     Arguments = starl_cli_flags:arguments(Options, Chosen),
     lists:join(" ", ["./starl", Command, starl_cli_flags:shell(Word) | Arguments]).
 
-%% -- flags and help -------------------------------------------------------------------------
+%% -- flags ----------------------------------------------------------------------------------
 
 %% @doc The options of a simulation and of its application.
 -spec options(module()) -> [starl_options:option()].
 options(App) -> starl_sim_scenario:options() ++ starl_app:options(App).
-
-flags(App) -> own_flags() ++ options(App).
 
 %% @doc The flags of a run that are not the simulation's.
 -spec own_flags() -> [starl_cli_flags:flag()].
@@ -126,7 +86,6 @@ own_flags() ->
         {out, string, none, "directory for the results; without it a new one under out/"},
         {quiet, switch, false, "no progress and no summary, only where the result is"},
         {print_scenario, switch, false,
-            "no run: prints all values as a scenario file, which ./starl run FILE.term runs"},
-        {help, switch, false, "this help"}
+            "no run: prints all values as a scenario file, which ./starl run FILE.term runs"}
         | starl_cli_nodes:flags()
     ].

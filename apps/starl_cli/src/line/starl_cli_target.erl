@@ -2,7 +2,7 @@
 %% user's own, as Erlang source, and recorded runs, by their directory or their `run.term'.
 -module(starl_cli_target).
 
--export([apps/0, scenarios/0, resolve/1, looks_like_one/1, root/0]).
+-export([apps/0, scenarios/0, resolve/1, subject/2, seeded/2, looks_like_one/1, root/0]).
 
 -export_type([t/0, code/0]).
 
@@ -23,14 +23,9 @@
 
 -type answer() :: {ok, t()} | {error, [unicode:chardata(), ...]}.
 
--define(PREFIX, "starl_").
-
 %% @doc The applications that ship: name and module.
 -spec apps() -> [{Name :: string(), module()}].
-apps() ->
-    Beams = filelib:wildcard(?PREFIX "*.beam", filename:dirname(code:which(starl_painting))),
-    Modules = [list_to_atom(filename:rootname(Beam)) || Beam <- Beams],
-    [{short(Module), Module} || Module <- lists:sort(Modules), is_app(Module)].
+apps() -> starl_cli_catalogue:apps().
 
 %% @doc The scenario files that ship: name, file and its first comment line.
 -spec scenarios() -> [{Name :: string(), file:filename(), Doc :: unicode:chardata()}].
@@ -62,6 +57,32 @@ resolve(Word) ->
             scenario(File);
         unknown ->
             {error, [unknown(Word)]}
+    end.
+
+%% @doc What the word of a command names, with the other arguments.
+-spec subject(Word :: string(), Args) -> {ok, t(), Args} | {error, [unicode:chardata(), ...]} when
+    Args :: [string()].
+subject(Word, Args) ->
+    case resolve(Word) of
+        {ok, Target} -> {ok, Target, Args};
+        {error, _} = Error -> Error
+    end.
+
+%% @doc `SEED --app TARGET' is `TARGET --seed SEED'.
+-spec seeded(Word, Args) -> {Word, Args} | {error, [unicode:chardata(), ...]} when
+    Word :: string(), Args :: [string()].
+seeded(Word, Args) ->
+    case lists:all(fun(C) -> C >= $0 andalso C =< $9 end, Word) andalso app(Args) of
+        false -> {Word, Args};
+        none -> {error, [["seed ", Word, " of what? Name it, as in --app painting"]]};
+        {App, Others} -> {App, ["--seed", Word | Others]}
+    end.
+
+app(Args) ->
+    case lists:splitwith(fun(Arg) -> not lists:prefix("--app", Arg) end, Args) of
+        {Before, ["--app", App | After]} -> {App, Before ++ After};
+        {Before, ["--app=" ++ App | After]} -> {App, Before ++ After};
+        {_, _} -> none
     end.
 
 kind(Word) ->
@@ -146,15 +167,6 @@ doc(File) ->
 first_comment([<<"%", Line/binary>> | _]) -> string:trim(Line, both, "% \r");
 first_comment([_ | Lines]) -> first_comment(Lines);
 first_comment([]) -> "".
-
-%% -- applications ---------------------------------------------------------------------------
-
-is_app(Module) ->
-    {module, Module} = code:ensure_loaded(Module),
-    Attributes = Module:module_info(attributes),
-    lists:member(starl_app, proplists:append_values(behaviour, Attributes)).
-
-short(Module) -> lists:nthtail(length(?PREFIX), atom_to_list(Module)).
 
 cwd() ->
     {ok, Dir} = file:get_cwd(),

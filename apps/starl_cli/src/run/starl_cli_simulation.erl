@@ -13,19 +13,19 @@
     app := starl_app:report()
 }.
 
-%% @doc Runs what a command line asks for; gives the exit status.
--spec run(starl_cli_setup:t()) -> starl_cli_terminal:status().
+%% @doc Runs what a command line asks for.
+-spec run(starl_cli_setup:t()) -> starl_cli_command:answer().
 run(#{nodes := Nodes, target := Target} = Setup) ->
     case starl_cli_nodes:options(Nodes, Target) of
         {ok, Options} -> run(Options, Setup);
-        {error, Line} -> starl_cli_terminal:bad_input([Line])
+        {error, Line} -> {error, [Line]}
     end.
 
 run(Options, #{scenario := Scenario} = Setup) ->
     case starl_cli_drive:with(Scenario, Options, fun(Sim) -> to_the_end(Sim, Setup) end) of
         {ok, Ran} -> tell(Setup, Ran);
         {error, {nodes, {lost, Loss}}} -> lost([Loss], 4);
-        {error, Reason} -> starl_cli_terminal:bad_input([starl_sim:format_error(Reason)]);
+        {error, Reason} -> {error, [starl_sim:format_error(Reason)]};
         {failed, Reason} -> failed(Reason, Setup)
     end.
 

@@ -1,0 +1,19 @@
+%% @doc `./starl apps': the applications that there are to run, a name a line.
+-module(starl_cli_apps).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, about/1, run/1]).
+
+-spec name() -> string().
+name() -> "apps".
+
+-spec synopsis() -> string().
+synopsis() -> "list the applications".
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) -> ["Lists the applications that ship; ./starl run NAME runs one."].
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(_Call) ->
+    starl_cli_terminal:out([[Name, "\n"] || {Name, _} <- starl_cli_target:apps()]),
+    0.

@@ -1,0 +1,188 @@
+%% @doc `./starl check BLOCK': the exhaustive checker of a building block.
+-module(starl_cli_check).
+
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, run/1]).
+
+-define(DEPTH, {optional, {integer, 1, 1000000}}).
+
+-spec name() -> string().
+name() -> "check".
+
+-spec synopsis() -> string().
+synopsis() -> "go through all that can happen to a small team".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "BLOCK", starl_check:blocks() ++ [{all, "one after the other"}]}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    {required, _, Blocks} = argument(),
+    [
+        "Goes through all that can happen to a small team that uses a block, with the code that "
+        "robots run, and holds it to the block's contract.",
+        {list, "Blocks", named(Blocks)},
+        {list, "Faults", named(starl_check:faults())}
+    ].
+
+named(Known) -> [{atom_to_list(Name), Doc} || {Name, Doc} <- Known].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(_Subject) ->
+    [{"Flags", [
+        {robots, {integer, 1, 8}, 3, "robots in the team"},
+        {faults, string, "loss:1,crash:1", "what may happen how often, as in loss:2,crash:1; "
+            "none for nothing"},
+        {depth, ?DEPTH, none, "at most so many steps in a row"},
+        {memory, {integer, 100, 1000000}, 4000, "MB of memory to use at most"},
+        {'no-symmetry', switch, false, "take no robot for another one that is like it"},
+        {quiet, switch, false, "no progress line"}
+    ]}].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "the contract holds"}, {3, "it is violated, and here is how"},
+        {4, "out of memory before all was covered, or a search without end"},
+        {130, "interrupted, with what was covered"}
+    ].
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := Wanted, values := #{faults := Text} = Values}) ->
+    case faults(Text) of
+        {ok, Faults} -> each(blocks(Wanted), Values#{faults := Faults}, 0);
+        {error, Reason} -> {error, [["--faults: ", starl_check:format_error(Reason)]]}
+    end.
+
+blocks(all) -> [Block || {Block, _} <- starl_check:blocks()];
+blocks(Block) -> [Block].
+
+faults("none") -> starl_check:parse_faults("");
+faults(Text) -> starl_check:parse_faults(Text).
+
+%% One after the other; the gravest status, and nothing more after an interruption.
+each([], _Values, Status) ->
+    Status;
+each([Block | Blocks], Values, Status) ->
+    case checked(Block, Values) of
+        130 -> 130;
+        Next -> each(Blocks, Values, graver(Status, Next))
+    end.
+
+graver(3, _) -> 3;
+graver(_, 3) -> 3;
+graver(One, Other) -> max(One, Other).
+
+checked(Block, #{robots := Robots, faults := Faults, memory := Megabytes} = Values) ->
+    Options = #{
+        robots => Robots, faults => Faults, memory => Megabytes * 1000000,
+        depth => depth(maps:get(depth, Values)),
+        symmetry => not maps:get('no-symmetry', Values)
+    },
+    Stop = atomics:new(1, []),
+    starl_cli_signal:on_interrupt(fun() -> atomics:put(Stop, 1, 1) end),
+    Begin = now_ms(),
+    Outcome = starl_check:run(Block, Options, control(Stop, Values)),
+    starl_cli_signal:on_interrupt(quit),
+    starl_cli_progress:erase(),
+    tell(Outcome, Block, Values, (now_ms() - Begin) / 1000).
+
+depth(none) -> infinity;
+depth(Depth) -> Depth.
+
+control(Stop, #{quiet := Quiet}) ->
+    How =
+        case Quiet of
+            true -> quiet;
+            false -> auto
+        end,
+    Look = fun(Figures, Progress) ->
+        Next = starl_cli_progress:show(Progress, unknown, fun() -> words(Figures) end),
+        case atomics:get(Stop, 1) of
+            0 -> {continue, Next};
+            1 -> {stop, Next}
+        end
+    end,
+    {Look, starl_cli_progress:new(How)}.
+
+words(#{states := States, waiting := Waiting, depth := Depth}) ->
+    [
+        io_lib:format("~ts states", [grouped(States)]),
+        io_lib:format("~ts waiting", [grouped(Waiting)]),
+        io_lib:format("depth ~b", [Depth]),
+        io_lib:format("~b MB", [erlang:memory(total) div 1000000])
+    ].
+
+%% -- what came out --------------------------------------------------------------------------
+
+tell({violated, Found}, Block, Values, Seconds) ->
+    #{violation := Violation, steps := Steps, chart := Chart, figures := Figures} = Found,
+    starl_cli_terminal:out([
+        unlike(Figures),
+        "VIOLATED: ", starl_monitor:format_violation(Violation), "\n",
+        io_lib:format("A shortest way there, ~b steps:~n~n", [Steps]), Chart, "\n",
+        covered(Figures, Block, Values, Seconds), "\n"
+    ]),
+    3;
+tell({holds, Ending, Figures}, Block, Values, Seconds) ->
+    starl_cli_terminal:out([
+        unlike(Figures), verdict(Ending, Block), "\n", covered(Figures, Block, Values, Seconds), "\n",
+        [[What, "\n"] || What <- left(Ending, Figures, Values)]
+    ]),
+    status(Ending).
+
+status(complete) -> 0;
+status(depth) -> 0;
+status(endless) -> 4;
+status(memory) -> 4;
+status(interrupted) -> 130.
+
+verdict(complete, Block) ->
+    ["The contract of ", atom_to_list(Block), " holds in every state."];
+verdict(_, Block) ->
+    ["NOT COMPLETE: the contract of ", atom_to_list(Block), " holds in every state met so far."].
+
+covered(#{states := States, runs := Runs, depth := Depth}, Block, Values, Seconds) ->
+    #{robots := Robots, faults := Faults} = Values,
+    io_lib:format("~ts, ~b robots, ~ts: ~ts states, ~ts runs, depth ~b, ~.1f s", [
+        Block, Robots, fault_text(Faults), grouped(States), grouped(Runs), Depth, Seconds
+    ]).
+
+fault_text(Faults) ->
+    Given = [
+        io_lib:format("~ts:~b", [Fault, Count])
+     || {Fault, _} <- starl_check:faults(), Count <- [maps:get(Fault, Faults)], Count > 0
+    ],
+    case Given of
+        [] -> "no faults";
+        _ -> lists:join(",", Given)
+    end.
+
+left(complete, _, _) ->
+    [];
+left(Why, #{depth := Depth, waiting := Waiting}, #{memory := Megabytes}) ->
+    Reason =
+        case Why of
+            depth -> "stopped at the depth asked for";
+            endless ->
+                "the search does not end: more than 4,095 steps in a row lead to new states, as "
+                "where a number in a machine grows for ever";
+            memory ->
+                io_lib:format("~b MB of memory are used up (--memory gives more)", [Megabytes]);
+            interrupted -> "interrupted"
+        end,
+    [io_lib:format("~ts: everything up to depth ~b is covered, ~ts states are not gone into", [
+        Reason, Depth, grouped(Waiting)
+    ])].
+
+unlike(#{unlike := none}) ->
+    [];
+unlike(#{unlike := Unlike}) ->
+    ["Robots are not alike, so all were told apart: ", starl_check:format_unlike(Unlike), "\n"].
+
+%% 1234567 as 1,234,567.
+grouped(N) when N < 1000 -> integer_to_list(N);
+grouped(N) -> grouped(N div 1000) ++ io_lib:format(",~3..0b", [N rem 1000]).
+
+now_ms() -> erlang:monotonic_time(millisecond).

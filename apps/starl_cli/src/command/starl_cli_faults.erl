@@ -1,0 +1,57 @@
+%% @doc `./starl faults': the kinds of faults, one line each.
+-module(starl_cli_faults).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, about/1, run/1]).
+
+-spec name() -> string().
+name() -> "faults".
+
+-spec synopsis() -> string().
+synopsis() -> "list the kinds of faults".
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "Lists what can go wrong in a simulation: class, kind, whom it hits, parameters, and what it "
+        "does. A scenario has faults as {Id, FromMs, ToMs, Kind, Target, Params}:",
+        {lines,
+            "  faults => [{away, 2000, 9000, isolate, 3, #{}},\n"
+            "             {bad, 0, 60000, loss, all, #{part => 0.2}}]"},
+        "or, drawn from the seed, random_faults => [network, kill_machine], classes and kinds. "
+        "Targets: robots is all or one Robot; robot a Robot; machine {Robot, Machine}; link all, the "
+        "Robot that sends, or {From, To}; group a list of robots; two {A, B}."
+    ].
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(_Call) ->
+    Rows = [row(Spec) || Spec <- starl_sim_fault:kinds()],
+    Widths = [lists:max([string:length(Cell) || Cell <- Column]) || Column <- columns(Rows)],
+    starl_cli_terminal:out([line(Row, Widths) || Row <- Rows]),
+    0.
+
+row({Kind, Class, Target, Params, Doc}) ->
+    Texts = [[atom_to_list(Key), " ", type(Type), unit(Key)] || {Key, Type, _} <- Params],
+    [
+        atom_to_list(Class), atom_to_list(Kind), atom_to_list(Target),
+        lists:flatten(lists:join(", ", Texts)), Doc
+    ].
+
+type({one_of, Atoms}) -> lists:join("|", [atom_to_list(Atom) || Atom <- Atoms]);
+type({_, Low, High}) -> io_lib:format("~b..~b", [Low, High]).
+
+%% The key ends with its unit; what has none is a part or a number.
+unit(Key) ->
+    case lists:last(string:lexemes(atom_to_list(Key), "_")) of
+        "ms" -> " ms";
+        "mm" -> " mm";
+        "ppm" -> " ppm";
+        _ -> ""
+    end.
+
+%% All columns but the last, which needs no width.
+columns(Rows) -> [[lists:nth(N, Row) || Row <- Rows] || N <- [1, 2, 3, 4]].
+
+line(Row, Widths) ->
+    {Cells, [Doc]} = lists:split(length(Widths), Row),
+    [[string:pad(Cell, Width + 2) || {Cell, Width} <- lists:zip(Cells, Widths)], Doc, "\n"].

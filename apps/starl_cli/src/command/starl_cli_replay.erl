@@ -1,0 +1,233 @@
+%% @doc `./starl replay': runs a recorded run again and compares the digests, or stops on the way
+%% to it and shows the robots.
+-module(starl_cli_replay).
+
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([setup/1]).
+
+-export_type([setup/0, stop/0]).
+
+%% Where to stop: at a virtual time, just after the N-th event of a robot, or at the end.
+-type stop() :: {at_us, non_neg_integer()} | {event, starl:robot_id(), N :: pos_integer()} | 'end'.
+
+%% A checked command line: as that of a run, with the place to stop at, if any, the robots to
+%% show in full there, and the record to compare with, if there is one.
+-type setup() :: #{
+    run := starl_cli_setup:t(),
+    stop := stop() | none,
+    inspect := [starl:robot_id()],
+    record := starl_cli_record:t() | none
+}.
+
+-spec name() -> string().
+name() -> "replay".
+
+-spec synopsis() -> string().
+synopsis() -> "run a recorded run again, or stop in it and look at the robots".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "RUN", {example, "out/painting-1"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "RUN is the directory of a run or its run.term: the run is done again and its digest "
+        "compared (--mode and --shards may differ, which changes nothing). It may also be whatever "
+        "./starl run takes, with the same flags; SEED --app TARGET is TARGET --seed SEED."
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(none) -> [{"Flags", own_flags()}];
+flags(Target) -> [{"Flags", own_flags()}, {hidden, run_flags(Target)}].
+
+%% A recorded run is run as it was, but for what does not change it.
+run_flags(#{app := App, record := _}) ->
+    Options = starl_cli_setup:options(App),
+    [Flag || {Key, _, _, _} = Flag <- Options, Key =:= mode orelse Key =:= shards];
+run_flags(#{app := App}) ->
+    starl_cli_setup:options(App).
+
+own_flags() ->
+    [
+        {until, string, none, "stop here and show all robots: at a virtual time, s (the end of the "
+            "window that it lies in), or ROBOT:N, just after the N-th event of a robot"},
+        {inspect, {list, {integer, 1, 100000}}, none, "show these robots in full: every machine's "
+            "state and data"},
+        {out, string, none, "directory for the results of a run that is not compared"},
+        {quiet, switch, false, "no progress and no summary"}
+    ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "the same digest, or stopped where asked for"}, {3, "another digest"},
+        {130, "interrupted; without a record those of ./starl run"}
+    ].
+
+-spec subject(string(), [string()]) ->
+    {ok, starl_cli_target:t(), [string()]} | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) ->
+    case starl_cli_target:seeded(Word, Args) of
+        {error, _} = Error -> Error;
+        {Target, Others} -> recorded(starl_cli_target:looks_like_one(Target), Target, Others)
+    end.
+
+recorded(Known, Word, Args) ->
+    case not Known andalso filelib:is_dir(Word) of
+        true -> {error, [starl_cli_record:format_error({no_record, Word})]};
+        false -> starl_cli_target:subject(Word, Args)
+    end.
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(Call) ->
+    case setup(Call) of
+        {ok, #{stop := none, record := none, run := Run}} -> starl_cli_simulation:run(Run);
+        {ok, #{stop := none} = Setup} -> again(Setup);
+        {ok, Setup} -> look(Setup);
+        {error, _} = Error -> Error
+    end.
+
+%% @doc Checks a command line, all in one go.
+-spec setup(starl_cli_command:call()) -> {ok, setup()} | {error, [unicode:chardata(), ...]}.
+setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
+    {Unsound, Scenario} = starl_cli_setup:scenario(Target, starl_cli_setup:given(Call, own_flags())),
+    {Unwritable, Out} = starl_cli_setup:out(maps:get(out, Values), Name),
+    Inspect = robots(maps:get(inspect, Values)),
+    {Unknown, Stop} = stop(maps:get(until, Values), Inspect),
+    case Unsound ++ Unwritable ++ Unknown ++ absent(Stop, Inspect, Scenario) of
+        [] ->
+            {ok, #{
+                run => #{
+                    target => Target, scenario => Scenario, out => Out, nodes => none,
+                    quiet => maps:get(quiet, Values), print_scenario => false
+                },
+                stop => Stop,
+                inspect => Inspect,
+                record => maps:get(record, Target, none)
+            }};
+        Problems ->
+            {error, Problems}
+    end.
+
+robots(none) -> [];
+robots(Ids) -> Ids.
+
+stop(none, []) -> {[], none};
+stop(none, [_ | _]) -> {[], 'end'};
+stop(Text, _Inspect) ->
+    case [number(Part) || Part <- string:split(Text, ":", all)] of
+        [Seconds] when is_number(Seconds) -> {[], {at_us, round(Seconds * 1.0e6)}};
+        [Robot, N] when is_integer(Robot), is_integer(N), Robot > 0, N > 0 ->
+            {[], {event, Robot, N}};
+        _ ->
+            {[["--until: seconds or ROBOT:N expected, as in 12.5 or 2:37, not ", Text]], none}
+    end.
+
+number(Text) ->
+    case starl_options:parse({number, 0, 1.0e9}, Text) of
+        {ok, Number} -> Number;
+        error -> none
+    end.
+
+%% Robots that there are none of.
+absent(Stop, Inspect, #{robots := Robots}) ->
+    Until = [{"--until", Id} || {event, Id, _} <- [Stop]],
+    [
+        io_lib:format("~ts: there is no robot ~b, only 1 to ~b", [Flag, Id, Robots])
+     || {Flag, Id} <- Until ++ [{"--inspect", Id} || Id <- Inspect], Id > Robots
+    ];
+absent(_Stop, _Inspect, #{}) ->
+    [].
+
+%% -- the same again -------------------------------------------------------------------------
+
+again(#{run := #{scenario := #{time := Seconds} = Scenario} = Run, record := Record} = Setup) ->
+    %% what was interrupted is compared as far as it came
+    UntilUs =
+        case Record of
+            #{ending := stopped, end_us := EndUs} -> EndUs;
+            #{} -> round(Seconds * 1.0e6)
+        end,
+    Ran = starl_cli_drive:with(Scenario, fun(Sim) ->
+        {Ending, _} = starl_cli_drive:run(Sim, UntilUs, Run),
+        {Outcome, _} = starl_sim:finish(Sim),
+        {Ending, Outcome}
+    end),
+    came(Ran, Setup).
+
+came({ok, {stopped, _}}, _Setup) ->
+    starl_cli_terminal:out("interrupted: not compared\n"),
+    130;
+came({ok, {_Ending, Outcome}}, #{record := Record} = Setup) ->
+    #{digest := Digest, violations := Violations, end_us := EndUs, events := Events} = Outcome,
+    #{run := #{target := #{name := Name}}} = Setup,
+    Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
+    Head = io_lib:format("~ts: ~b events in ~.1f s~n", [Name, Events, EndUs / 1.0e6]),
+    starl_cli_terminal:out([Head, Lines]),
+    compare(starl_cli_record:hex(Digest), Record, Setup);
+came(Failed, #{run := Run}) ->
+    failed(Failed, Run).
+
+failed({error, Reason}, _Run) -> {error, [starl_sim:format_error(Reason)]};
+failed({failed, Reason}, Run) -> starl_cli_simulation:failed(Reason, Run).
+
+compare(Digest, #{ending := lost}, _Setup) ->
+    starl_cli_terminal:out(["the recorded run lost a node: not compared; digest ", Digest, "\n"]),
+    0;
+compare(Digest, #{digest := Digest}, _Setup) ->
+    starl_cli_terminal:out(["same digest ", Digest, "\n"]),
+    0;
+compare(Digest, #{digest := Recorded, events := Events}, #{run := #{target := #{file := File}}}) ->
+    starl_cli_terminal:out([
+        "NOT THE SAME: digest ", Digest, ", recorded was ", Recorded,
+        io_lib:format(" (~b events)~n", [Events]),
+        "Unless the code is another one, something outside the scenario has a part in it; where:\n",
+        "  ./starl diverge ", starl_cli_flags:shell(File), "\n"
+    ]),
+    3.
+
+%% -- a look inside --------------------------------------------------------------------------
+
+look(#{run := #{scenario := Scenario} = Run} = Setup) ->
+    case starl_cli_drive:with(Scenario, fun(Sim) -> stopped(go(Sim, Setup), Sim, Setup) end) of
+        {ok, Answer} -> Answer;
+        Failed -> failed(Failed, Run)
+    end.
+
+go(Sim, #{stop := {event, Robot, N}}) ->
+    starl_sim:run_until_event(Sim, Robot, N);
+go(Sim, #{stop := 'end', run := #{scenario := #{time := Seconds}}} = Setup) ->
+    go(Sim, Setup#{stop := {at_us, round(Seconds * 1.0e6)}});
+go(Sim, #{stop := {at_us, Us}, run := Run}) ->
+    _ = starl_cli_drive:run(Sim, Us, Run),
+    {ok, starl_sim:status(Sim)}.
+
+stopped({ok, #{ending := stopped}}, _Sim, _Setup) ->
+    interrupted();
+stopped({ok, #{now_us := Now, ending := Ending}}, Sim, Setup) ->
+    #{stop := Stop, inspect := Inspect, run := #{target := #{name := Name}}} = Setup,
+    Width = starl_cli_terminal:columns(),
+    Robots = [{Id, Summary, starl_sim:inspect(Sim, Id)} || {Id, Summary} <- starl_sim:robots(Sim)],
+    starl_cli_terminal:out([
+        Name, where(Ending, Stop), " ", starl_cli_inspect:overview(Now, Robots, Width),
+        [
+            ["\n", starl_cli_inspect:robot(Id, Summary, Machines, Width)]
+         || {Id, Summary, Machines} <- Robots, lists:member(Id, Inspect)
+        ]
+    ]),
+    0;
+stopped({error, Missed}, Sim, _Setup) ->
+    case starl_sim:status(Sim) of
+        #{ending := stopped} -> interrupted();
+        #{} -> {error, [["--until: ", starl_sim:format_error(Missed)]]}
+    end.
+
+interrupted() ->
+    starl_cli_terminal:out("interrupted\n"),
+    130.
+
+where(none, {event, Robot, N}) -> io_lib:format(" just after event ~b of robot ~b", [N, Robot]);
+where(none, _) -> "";
+where(Ending, _) -> [" at its end (", atom_to_list(Ending), ")"].

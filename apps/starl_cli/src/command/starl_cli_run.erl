@@ -1,0 +1,67 @@
+%% @doc `./starl run': one simulation, from the flags to the directory with its results.
+-module(starl_cli_run).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+
+-spec name() -> string().
+name() -> "run".
+
+-spec synopsis() -> string().
+synopsis() -> "run an application or a scenario".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "TARGET", {example, "painting"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(none) ->
+    [
+        "TARGET is an application, a scenario, a scenario file (FILE.term) or an application of "
+        "your own (FILE.erl).",
+        {list, "TARGET", [
+            {"applications", names(starl_cli_target:apps())},
+            {"scenarios", names(starl_cli_target:scenarios())}
+        ]},
+        "./starl run TARGET --help lists the flags of TARGET."
+    ];
+about(_Target) ->
+    [].
+
+names(Known) -> lists:join(", ", [element(1, Item) || Item <- Known]).
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(none) ->
+    [];
+flags(#{app := App, name := Name}) ->
+    Own = [{["Flags of ", Name], starl_app:options(App)}],
+    [Group || {_, [_ | _]} = Group <- Own] ++
+        [
+            {"Flags of every simulation", starl_sim_scenario:options()},
+            {"Other flags", starl_cli_setup:own_flags()}
+        ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "done"},
+        {1, "internal error"},
+        {3, "a contract was violated"},
+        {4, "ended before the work was complete (time up, robots died, a node was lost)"},
+        {130, "interrupted"}
+    ].
+
+-spec subject(string(), [string()]) ->
+    {ok, starl_cli_target:t(), [string()]} | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) -> starl_cli_target:subject(Word, Args).
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(Call) ->
+    case starl_cli_setup:check(Call) of
+        {ok, #{print_scenario := true} = Setup} ->
+            starl_cli_terminal:out(starl_cli_files:scenario(Setup)),
+            0;
+        {ok, Setup} ->
+            starl_cli_simulation:run(Setup);
+        {error, _} = Error ->
+            Error
+    end.

@@ -1,0 +1,21 @@
+%% @doc `./starl scenarios': the scenarios that ship, each with what it shows.
+-module(starl_cli_scenarios).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, about/1, run/1]).
+
+-spec name() -> string().
+name() -> "scenarios".
+
+-spec synopsis() -> string().
+synopsis() -> "list the scenarios".
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) -> ["Lists the scenarios that ship; ./starl run NAME runs one."].
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(_Call) ->
+    Found = [{Name, Doc} || {Name, _, Doc} <- starl_cli_target:scenarios()],
+    Width = lists:max([0 | [string:length(Name) || {Name, _} <- Found]]),
+    starl_cli_terminal:out([[string:pad(Name, Width + 2), Doc, "\n"] || {Name, Doc} <- Found]),
+    0.

@@ -1,0 +1,96 @@
+%% @doc The helps: of all commands, and of one, made from what the commands say of themselves and
+%% set for the width of the terminal.
+-module(starl_cli_usage).
+
+-export([general/0, command/3, names/0, flag_names/2]).
+
+%% Names stand in a column of at most this width, where there is room for it.
+-define(WIDEST_NAME, 18).
+%% Below this width what a name means stands in the line below it.
+-define(NARROW, 60).
+%% Between a number and what it means no line ends.
+-define(NO_BREAK, 16#A0).
+
+%% @doc The help of all commands.
+-spec general() -> unicode:chardata().
+general() ->
+    Groups = [
+        {Title, [{lists:flatten(usage(C, none)), C:synopsis()} || C <- Commands]}
+     || {Title, Commands} <- starl_cli_command:all()
+    ],
+    Column = column(lists:append([Items || {_, Items} <- Groups])),
+    [
+        "StarL: programs for teams of robots.\n\nUsage: ./starl COMMAND [ARGUMENTS]\n",
+        [section(Title, Items, Column) || {Title, Items} <- Groups],
+        "\n",
+        prose("./starl COMMAND --help tells more; ./starl --version tells which StarL this is."),
+        prose("To begin with: ./starl run painting")
+    ].
+
+%% @doc The names of all commands, for completion.
+-spec names() -> [string()].
+names() -> [Command:name() || {_, Commands} <- starl_cli_command:all(), Command <- Commands].
+
+%% @doc The flags of a command, for completion.
+-spec flag_names(module(), starl_cli_command:subject()) -> [string()].
+flag_names(Command, Subject) ->
+    [
+        starl_cli_flags:flag(Key)
+     || {_, Flags} <- starl_cli_command:flags(Command, Subject), {Key, _, _, _} <- Flags
+    ].
+
+%% @doc The help of a command, with the word that it was asked with.
+-spec command(module(), Word :: string() | none, starl_cli_command:subject()) ->
+    unicode:chardata().
+command(Command, Word, Subject) ->
+    [
+        "Usage: ./starl ",
+        usage(Command, Word),
+        " [FLAGS]\n",
+        [paragraph(Paragraph) || Paragraph <- Command:about(Subject)],
+        [group(Group) || Group <- starl_cli_command:flags(Command, Subject)],
+        statuses(starl_cli_command:statuses(Command))
+    ].
+
+usage(Command, none) -> [Command:name(), placeholder(starl_cli_command:argument(Command))];
+usage(Command, Word) -> [Command:name(), " ", starl_cli_flags:shell(Word)].
+
+placeholder(none) -> "";
+placeholder({required, Placeholder, _}) -> [" ", Placeholder];
+placeholder({optional, Placeholder, _}) -> [" [", Placeholder, "]"].
+
+paragraph({lines, Lines}) -> ["\n", Lines, "\n"];
+paragraph({list, Title, Items}) -> section(Title, Items, column(Items));
+paragraph(Text) -> ["\n", prose(Text)].
+
+group({hidden, _}) -> [];
+group({shown, Title, Flags}) -> group({Title, Flags});
+group({Title, Flags}) -> ["\n", prose([Title, ":"]), starl_cli_flags:help(Flags, width())].
+
+statuses([]) ->
+    [];
+statuses(Statuses) ->
+    Texts = [[integer_to_list(Status), ?NO_BREAK, Text] || {Status, Text} <- Statuses],
+    ["\n", prose(["Exit status: ", lists:join("; ", Texts), "."])].
+
+prose(Text) ->
+    Lines = starl_cli_terminal:wrap(Text, 0, width()),
+    [string:replace(Lines, [?NO_BREAK], " ", all), "\n"].
+
+section(Title, Items, Column) ->
+    ["\n", Title, ":\n", [item(Item, Column, width()) || Item <- Items]].
+
+column(Items) ->
+    Widths = [string:length(Name) || {Name, _} <- Items],
+    lists:max([0 | [Width || Width <- Widths, Width =< ?WIDEST_NAME]]).
+
+item({Name, Doc}, Column, Width) ->
+    Indent = Column + 4,
+    case string:length(Name) =< Column andalso Width >= ?NARROW of
+        true -> ["  ", string:pad(Name, Column + 2), wrapped(Doc, Indent, Width)];
+        false -> ["  ", Name, "\n      ", wrapped(Doc, 6, Width)]
+    end.
+
+wrapped(Doc, Indent, Width) -> [starl_cli_terminal:wrap(Doc, Indent, Width), "\n"].
+
+width() -> starl_cli_terminal:columns().

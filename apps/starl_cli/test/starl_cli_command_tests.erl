@@ -1,0 +1,169 @@
+%% What every command has from the behaviour: a help, a place in the list, an answer to what it does
+%% not know; and that every one that there is, is offered.
+-module(starl_cli_command_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+commands() -> [Command || {_, Commands} <- starl_cli_command:all(), Command <- Commands].
+
+of_each(Test) -> [{Command:name(), fun() -> Test(Command) end} || Command <- commands()].
+
+%% What the command prints, on both outputs, and its exit status.
+said(Args) ->
+    Self = self(),
+    {Pid, Ref} = spawn_monitor(fun() ->
+        Errors = whereis(standard_error),
+        Sink = spawn_link(fun() -> sink([]) end),
+        true = unregister(standard_error),
+        true = register(standard_error, Sink),
+        true = group_leader(Sink, self()),
+        Status = starl_cli:command(Args),
+        true = unregister(standard_error),
+        true = register(standard_error, Errors),
+        Sink ! {said, self()},
+        receive
+            {Sink, Text} -> Self ! {self(), {Status, Text}}
+        end
+    end),
+    receive
+        {Pid, Said} ->
+            true = demonitor(Ref, [flush]),
+            Said;
+        {'DOWN', Ref, process, Pid, Reason} ->
+            error(Reason)
+    end.
+
+sink(Said) ->
+    receive
+        {said, Pid} ->
+            Pid ! {self(), unicode:characters_to_list(lists:reverse(Said))};
+        {io_request, From, Tag, {put_chars, unicode, Text}} ->
+            From ! {io_reply, Tag, ok},
+            sink([Text | Said]);
+        {io_request, From, Tag, _} ->
+            From ! {io_reply, Tag, {error, enotsup}},
+            sink(Said)
+    end.
+
+contains(Part, Text) ->
+    ?assertNotEqual({Part, nomatch, Text}, {Part, string:find(Text, Part), Text}).
+
+%% The word that a command begins with.
+word(Command) ->
+    case starl_cli_command:argument(Command) of
+        {required, _, {example, _}} -> ["painting"];
+        {required, _, [{Name, _} | _]} -> [atom_to_list(Name)];
+        _ -> []
+    end.
+
+in_its_place(Width, Test) ->
+    Before = os:getenv("COLUMNS", ""),
+    true = os:putenv("COLUMNS", integer_to_list(Width)),
+    try
+        Test()
+    after
+        os:putenv("COLUMNS", Before)
+    end.
+
+help_test_() ->
+    of_each(fun(Command) ->
+        {0, Text} = said([Command:name(), "--help"]),
+        contains("Usage: ./starl " ++ Command:name(), Text),
+        contains("--help", Text),
+        ?assertEqual({0, Text}, said([Command:name(), "-h"])),
+        ?assertEqual({0, Text}, said(["help", Command:name()])),
+        {0, _} = said([Command:name() | word(Command) ++ ["--nonsense", "-h"]])
+    end).
+
+help_fits_the_width_test_() ->
+    of_each(fun(Command) ->
+        in_its_place(60, fun() ->
+            {0, Text} = said([Command:name(), "--help"]),
+            Verbatim = ["  faults =>", "             {", "Completion in"],
+            Wide = [
+                Line
+             || Line <- string:split(Text, "\n", all),
+                string:length(Line) > 60,
+                not lists:any(fun(Begin) -> lists:prefix(Begin, Line) end, Verbatim)
+            ],
+            ?assertEqual([], Wide)
+        end)
+    end).
+
+an_unknown_flag_is_refused_with_a_suggestion_test_() ->
+    of_each(fun(Command) ->
+        {Status, Text} = said([Command:name() | word(Command) ++ ["--helpp"]]),
+        ?assertEqual({2, Text}, {Status, Text}),
+        contains(
+            "starl: " ++ Command:name() ++ ": unknown flag --helpp (did you mean --help?)", Text
+        )
+    end).
+
+an_unknown_flag_of_its_own_is_known_by_its_neighbour_test_() ->
+    [
+        {Command:name(), fun() ->
+            [Flag | _] = starl_cli_usage:flag_names(Command, none),
+            {2, Text} = said([Command:name() | word(Command) ++ [Flag ++ "x"]]),
+            contains("unknown flag " ++ Flag ++ "x (did you mean --", Text)
+        end}
+     || Command <- commands()
+    ].
+
+a_missing_word_is_named_test_() ->
+    [
+        {Command:name(), fun() ->
+            {2, Text} = said([Command:name()]),
+            contains("starl: " ++ Command:name() ++ ": name a ", Text)
+        end}
+     || Command <- commands(), {required, _, _} <- [starl_cli_command:argument(Command)]
+    ].
+
+a_mistyped_choice_is_known_by_its_neighbour_test_() ->
+    [
+        {Command:name(), fun() ->
+            {2, Text} = said([Command:name(), atom_to_list(Name) ++ "x"]),
+            contains("(did you mean ", Text),
+            {2, Unknown} = said([Command:name(), "xyzzyxyzzy"]),
+            contains("; there are ", Unknown)
+        end}
+     || Command <- commands(), {_, _, [{Name, _} | _]} <- [starl_cli_command:argument(Command)]
+    ].
+
+every_command_is_listed_test() ->
+    {0, Text} = said([]),
+    [contains("\n  " ++ Command:name() ++ " ", Text) || Command <- commands()],
+    [contains(Command:synopsis(), Text) || Command <- commands(), length(Command:synopsis()) < 40],
+    {0, Names} = said(["help", "--names"]),
+    ?assertEqual([Command:name() || Command <- commands()], string:lexemes(Names, "\n")),
+    ?assertEqual(length(commands()), length(lists:usort(string:lexemes(Names, "\n")))).
+
+%% The word may stand behind flags.
+a_choice_behind_flags_test() ->
+    {ok, #{subject := Block, values := Values}} =
+        starl_cli_command:read(starl_cli_check, ["--robots", "2", "mutex", "--depth", "3"]),
+    ?assertEqual(mutex, Block),
+    ?assertMatch(#{robots := 2, depth := 3, quiet := false}, Values).
+
+%% A command or an application that nobody lists would be there for nobody.
+all_that_there_are_are_offered_test() ->
+    Apps = [Module || {_, Module} <- starl_cli_catalogue:apps()],
+    ?assertEqual([], implementing(starl_cli_command) -- commands()),
+    ?assertEqual([], implementing(starl_app) -- Apps).
+
+implementing(Behaviour) ->
+    lists:usort([
+        Module
+     || App <- [starl_cli, starl_lab, starl_dev, starl_apps],
+        Dir <- [filename:dirname(code:where_is_file(atom_to_list(App) ++ ".app"))],
+        Beam <- filelib:wildcard("*.beam", Dir),
+        Module <- [list_to_atom(filename:rootname(Beam))],
+        {module, _} <- [code:ensure_loaded(Module)],
+        lists:member(
+            Behaviour, proplists:append_values(behaviour, Module:module_info(attributes))
+        )
+    ]).
+
+%% A lower layer comes first.
+layers_in_their_order_test() ->
+    [{First, _} | _] = All = starl_cli_command:all(),
+    ?assertEqual("Run and look", First),
+    ?assertEqual("To work on StarL", element(1, lists:last(All))).

@@ -1,0 +1,118 @@
+%% @doc `./starl bench': how fast the simulator and the planner run on this machine. Each
+%% benchmark prints a table; all figures go to a file as JSON.
+-module(starl_dev_bench).
+
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, run/1]).
+
+-define(BENCHMARKS, [
+    {ring, starl_dev_bench_ring, "robots that send a message every 100 ms and drive to and fro"},
+    {swarm, starl_dev_bench_swarm, "robots that broadcast to those within a metre"},
+    {events, starl_dev_bench_events, "timers and deliveries, nothing else"},
+    {scale, starl_dev_bench_scale, "start-up and memory of up to 10,000 robots"},
+    {painting, starl_dev_bench_painting, "a picture painted, in times of real time"},
+    {blocks, starl_dev_bench_blocks, "packets of elections, entries, rounds and geocasts"},
+    {dpp, starl_dev_bench_dpp, "requests to the coordinator of distributed path planning"}
+]).
+
+-spec name() -> string().
+name() -> "bench".
+
+-spec synopsis() -> string().
+synopsis() -> "measure how fast it runs".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {optional, "BENCHMARK", [{Kind, Doc} || {Kind, _, Doc} <- ?BENCHMARKS]}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "Measures how fast the simulator and the planner run on this machine, each beside its "
+        "baseline. Without a name all benchmarks run, with their defaults."
+    ].
+
+%% All together run with their defaults: a flag like --robots means another thing to each.
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(none) -> [{shown, title(Kind), flags_of(Kind)} || Kind <- kinds()] ++ [own_flags()];
+flags(Kind) -> [{title(Kind), flags_of(Kind)}, own_flags()].
+
+own_flags() -> {"all", [{out, string, none, "a JSON file for the figures (out/bench.json)"}]}.
+
+title(Kind) -> [atom_to_list(Kind), ": ", element(3, lists:keyfind(Kind, 1, ?BENCHMARKS))].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "measured"}, {3, "a check failed"}, {130, "interrupted"}
+    ].
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := none, values := Values}) -> checked(kinds(), with_out(Values));
+run(#{subject := Kind, values := Values}) -> checked([Kind], with_out(Values)).
+
+with_out(#{out := none} = Values) -> Values#{out := default_out()};
+with_out(Values) -> Values.
+
+kinds() -> [Kind || {Kind, _, _} <- ?BENCHMARKS].
+
+module(Kind) -> element(2, lists:keyfind(Kind, 1, ?BENCHMARKS)).
+
+flags_of(Kind) -> (module(Kind)):flags().
+
+default_out() -> filename:join([starl_cli_target:root(), "out", "bench.json"]).
+
+%% Known before the work is done, and an older file stays until then.
+checked(Kinds, #{out := File} = Options) ->
+    Problems = lists:append([problems(Kind, with_defaults(Kind, Options)) || Kind <- Kinds]),
+    case Problems =:= [] andalso can_write(File) of
+        ok ->
+            measured(Kinds, Options);
+        false ->
+            {error, Problems};
+        {error, Posix} ->
+            {error, [["--out: ", File, ": ", file:format_error(Posix)]]}
+    end.
+
+can_write(File) ->
+    case filelib:ensure_dir(File) of
+        ok ->
+            case file:open(File, [append]) of
+                {ok, Device} -> file:close(Device);
+                {error, _} = Error -> Error
+            end;
+        {error, _} = Error ->
+            Error
+    end.
+
+measured(Kinds, #{out := File} = Options) ->
+    ok = starl_cli_log:install(),
+    Figures = [{Kind, bench(Kind, Options)} || Kind <- Kinds],
+    ok = file:write_file(File, starl_cli_json:pretty(machine() ++ Figures)),
+    starl_cli_terminal:out(["\nfigures: ", File, "\n"]),
+    case lists:all(fun sound/1, [Row || {_, Rows} <- Figures, Row <- Rows]) of
+        true -> 0;
+        false -> 3
+    end.
+
+bench(Kind, Options) ->
+    starl_cli_terminal:out("\n"),
+    (module(Kind)):run(with_defaults(Kind, Options)).
+
+with_defaults(Kind, Options) -> maps:merge(starl_cli_flags:defaults(flags_of(Kind)), Options).
+
+problems(Kind, Options) ->
+    Module = module(Kind),
+    case erlang:function_exported(Module, problems, 1) of
+        true -> Module:problems(Options);
+        false -> []
+    end.
+
+sound(Row) -> proplists:get_value(checks, Row, true).
+
+machine() ->
+    [
+        {otp, list_to_binary(erlang:system_info(otp_release))},
+        {schedulers, erlang:system_info(schedulers_online)},
+        {emulator, atom_to_binary(erlang:system_info(emu_flavor))}
+    ].

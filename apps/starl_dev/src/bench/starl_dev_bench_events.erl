@@ -1,0 +1,78 @@
+%% @doc The plain-events benchmark: timers and deliveries per second on one core, inline, beside
+%% the round trips of two bare processes in the same minute.
+-module(starl_dev_bench_events).
+
+-export([flags/0, run/1]).
+
+-type figures() :: [{atom(), starl_cli_json:value()}].
+
+%% NeXosim's (Rust) events per round trip of two bare processes, taken on one machine.
+-define(NEXOSIM, 0.8).
+-define(PER_S, 10).
+-define(LOSS, 0.05).
+
+%% @doc The flags of this benchmark.
+-spec flags() -> [starl_cli_flags:flag()].
+flags() ->
+    [
+        {robots, {list, {integer, 2, 100000}}, [1000, 10000], "sizes of the ring"},
+        {seconds, {integer, 1, 3600}, 20, "virtual time, s"},
+        {reps, {integer, 1, 100}, 3, "repetitions; the one of the least CPU time is told"}
+    ].
+
+%% @doc Measures and prints a line for each size; the figures for a file.
+-spec run(#{atom() => term()}) -> [figures()].
+run(#{robots := Sizes, seconds := Seconds, reps := Reps}) ->
+    starl_cli_terminal:out(
+        "plain events, ~b s of virtual time, inline, one core, best of ~b; an event: a timer or a"
+        " delivery\nratio: events per CPU s over round trips of two bare processes per CPU s;"
+        " NeXosim: ~.1f\n",
+        [Seconds, Reps, ?NEXOSIM]
+    ),
+    starl_cli_terminal:out(
+        "  robots    events   run s   CPU s    events/s  events/CPU s      bare/s  ratio"
+        "  x NeXosim\n"
+    ),
+    [size(N, Seconds, Reps) || N <- Sizes].
+
+size(N, Seconds, Reps) ->
+    Rounds = [{starl_dev_bench_run:bare(), once(N, Seconds)} || _ <- lists:seq(1, Reps)],
+    Bare = lists:max([Rate || {#{per_cpu_s := Rate}, _} <- Rounds]),
+    row(N, Seconds, Bare, [Run || {_, Run} <- Rounds]).
+
+once(N, Seconds) ->
+    Scenario = #{
+        app => starl_plain_events, robots => N, shards => 1, mode => inline, delay => {10, 50},
+        loss => ?LOSS, clock_drift => 0, messages => ?PER_S * Seconds, time => Seconds + 1
+    },
+    starl_dev_bench_run:on_cores(1, fun() -> starl_dev_bench_run:simulate(Scenario) end).
+
+row(N, Seconds, Bare, Runs) ->
+    #{wall_s := Wall, cpu_s := Cpu, figures := Told} = starl_dev_bench_run:best(Runs),
+    Events = proplists:get_value(events, Told),
+    Ratio = Events / Cpu / Bare,
+    Name = io_lib:format("events, ~b robots", [N]),
+    Checks = lists:usort(lists:append([checks(N, Seconds, Run) || Run <- Runs])),
+    Figures = [
+        {robots, N}, {events, Events}, {wall_s, Wall}, {cpu_s, Cpu},
+        {events_per_s, Events / Wall}, {events_per_cpu_s, Events / Cpu},
+        {bare_round_trips_per_cpu_s, Bare}, {events_per_bare_round_trip, Ratio},
+        {times_nexosim, Ratio / ?NEXOSIM}, {checks, starl_dev_bench_run:sound(Name, Checks)}
+    ],
+    starl_cli_terminal:out(
+        "~8b ~9b ~7.2f ~7.2f ~11b ~13b ~11b ~6.2f ~10.2f\n",
+        [N, Events, Wall, Cpu | [trunc(V) || V <- [Events / Wall, Events / Cpu, Bare]]] ++
+            [Ratio, Ratio / ?NEXOSIM]
+    ),
+    Figures.
+
+%% Of what was sent the radio lost what it was asked to, within five standard deviations.
+checks(N, Seconds, #{ending := Ending, figures := Told, outcome := #{packets := Packets}}) ->
+    Sent = ?PER_S * Seconds * N,
+    Lost = Sent - proplists:get_value(received, Told),
+    Spread = 5 * math:sqrt(Sent * ?LOSS * (1 - ?LOSS)),
+    [
+        {"ending", done, Ending},
+        {"packets", Sent, Packets},
+        {"lost about 5 %", true, abs(Lost - ?LOSS * Sent) =< Spread}
+    ].

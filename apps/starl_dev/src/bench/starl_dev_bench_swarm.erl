@@ -1,0 +1,109 @@
+%% @doc The swarm-broadcast benchmark: simulated seconds per wall second, beside ARGoS 3.
+-module(starl_dev_bench_swarm).
+
+-export([flags/0, run/1]).
+
+-type figures() :: [{atom(), starl_cli_json:value()}].
+
+-define(PER_S, 10).
+%% Receivers are placed as of the beginning of a window of 10 ms, the least delay: at 100 mm/s
+%% they are at most 1 mm from where they are then.
+-define(DELAY_MS, {10, 50}).
+-define(RANGE_MM, 1000).
+-define(PER_TICK, {5, 7}).
+
+%% ARGoS 3 (headless, foot-bots, range-and-bearing radio) on a two-core machine, simulated seconds
+%% per wall second: dynamics2d, contact physics, two threads; pointmass3d, none, one thread.
+-define(CONTACT, #{1000 => 5.1, 5000 => 0.55, 10000 => 0.23}).
+-define(NO_CONTACT, #{1000 => 16}).
+
+%% @doc The flags of this benchmark.
+-spec flags() -> [starl_cli_flags:flag()].
+flags() ->
+    [
+        {robots, {list, {integer, 50, 100000}}, [1000, 10000], "sizes of the swarm"},
+        {seconds, {integer, 1, 3600}, 20, "virtual time, s"},
+        {mode, {one_of, [auto, process, inline]}, auto,
+            "how robots are simulated; auto: as in a run"},
+        {shards, {optional, {integer, 1, 256}}, none, "over how many shards; none: as in a run"},
+        {reps, {integer, 1, 100}, 2, "repetitions; the fastest is told"}
+    ].
+
+%% @doc Measures and prints a line for each size; the figures for a file.
+-spec run(#{atom() => term()}) -> [figures()].
+run(#{robots := Sizes, seconds := Seconds} = Options) ->
+    starl_cli_terminal:out(
+        "swarm-broadcast, ~b s of virtual time, shards: ~ts, mode: ~w, the fastest of ~b\n"
+        "x: so many times the simulated seconds per wall second of ARGoS 3 with contact physics and"
+        " two threads,\nand without contact physics (as here)\n",
+        [
+            Seconds, starl_dev_bench_run:shards(maps:get(shards, Options)),
+            maps:get(mode, Options), maps:get(reps, Options)
+        ]
+    ),
+    starl_cli_terminal:out(
+        "  robots  start s   run s   CPU s  virt/wall  receptions/s  per tick  digest"
+        " | contact: virt/wall      x | without: virt/wall      x\n"
+    ),
+    [size(N, Options) || N <- Sizes].
+
+size(N, #{seconds := Seconds, reps := Reps, shards := Shards, mode := Mode}) ->
+    Scenario = #{
+        app => starl_swarm_broadcast, robots => N, shards => Shards, mode => Mode,
+        delay => ?DELAY_MS, range => ?RANGE_MM, clock_drift => 0,
+        messages => ?PER_S * Seconds, time => Seconds + 1
+    },
+    row(N, Seconds, [starl_dev_bench_run:simulate(Scenario) || _ <- lists:seq(1, Reps)]).
+
+row(N, Seconds, Runs) ->
+    [#{wall_s := Wall, cpu_s := Cpu} = Run | _] =
+        lists:sort(fun(#{wall_s := A}, #{wall_s := B}) -> A =< B end, Runs),
+    #{figures := Told, outcome := #{digest := Digest}} = Run,
+    Speed = Seconds / Wall,
+    Figures = [
+        {robots, N}, {start_s, maps:get(start_s, Run)}, {wall_s, Wall}, {cpu_s, Cpu},
+        {virtual_per_wall, Speed}, {virtual_per_cpu_s, Seconds / Cpu},
+        {receptions_per_s, proplists:get_value(received, Told) / Wall},
+        {per_tick, proplists:get_value(per_tick, Told)},
+        {digest, string:lowercase(binary:encode_hex(Digest))},
+        {contact, maps:get(N, ?CONTACT, null)}, {times_contact, times(Speed, N, ?CONTACT)},
+        {no_contact, maps:get(N, ?NO_CONTACT, null)},
+        {times_no_contact, times(Speed, N, ?NO_CONTACT)},
+        {checks, starl_dev_bench_run:sound(io_lib:format("swarm, ~b robots", [N]), checks(Runs))}
+    ],
+    starl_cli_terminal:out(line(Figures)),
+    Figures.
+
+times(Speed, N, Peer) ->
+    case Peer of
+        #{N := Theirs} -> Speed / Theirs;
+        #{} -> null
+    end.
+
+%% Every run ends well and has the receptions that the workload is made for; all are the same.
+checks([#{outcome := #{digest := Digest}} | _] = Runs) ->
+    {Least, Most} = ?PER_TICK,
+    lists:usort(lists:append([
+        [
+            {"ending", done, Ending},
+            {"digest", Digest, Own},
+            {"receptions per robot and tick between 5 and 7", true,
+                PerTick >= Least andalso PerTick =< Most}
+        ]
+     || #{ending := Ending, outcome := #{digest := Own}, figures := Told} <- Runs,
+        PerTick <- [proplists:get_value(per_tick, Told)]
+    ])).
+
+line(Figures) ->
+    Get = fun(Key) -> proplists:get_value(Key, Figures) end,
+    io_lib:format(
+        "~8b ~8.3f ~7.2f ~7.2f ~10.2f ~13b ~9.2f  ~ts | ~18ts ~6ts | ~18ts ~6ts\n",
+        [
+            Get(robots), Get(start_s), Get(wall_s), Get(cpu_s), Get(virtual_per_wall),
+            trunc(Get(receptions_per_s)), Get(per_tick), binary:part(Get(digest), 0, 6)
+            | [cell(Get(K)) || K <- [contact, times_contact, no_contact, times_no_contact]]
+        ]
+    ).
+
+cell(null) -> "-";
+cell(Number) -> io_lib:format("~.2f", [float(Number)]).

@@ -1,0 +1,31 @@
+%% @doc `./starl test' as the help knows it; the script `./starl' runs it.
+-module(starl_dev_test).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, statuses/0, subject/2, run/1]).
+
+-spec name() -> string().
+name() -> "test".
+
+-spec synopsis() -> string().
+synopsis() -> "run every test, or some".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {optional, "MODULE...", {example, "starl_sap_SUITE"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "Runs xref, then EUnit, then Common Test, and ends with the line 'N passed, N failed'. With "
+        "names, only those modules run: NAME_SUITE is a Common Test suite, any other is a module for "
+        "EUnit."
+    ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() -> [{0, "all passed"}, {1, "some failed, or a call goes upwards"}].
+
+-spec subject(string(), [string()]) -> {ok, string(), [string()]}.
+subject(Word, Args) -> {ok, Word, Args}.
+
+-spec run(starl_cli_command:call()) -> {error, [string(), ...]}.
+run(_Call) -> {error, ["only the script ./starl runs this"]}.

@@ -1,0 +1,177 @@
+%% @doc Runs tests against mutants, in a VM of its own that has one scheduler: a mutant may run for
+%% ever, or eat memory.
+%%
+%% The limit of a test is the processor time of the VM rather than the time of a clock, so that a
+%% busy machine kills no mutant; a test that waits for ever is ended by the clock all the same.
+-module(starl_mutate_worker).
+
+-export([sink/0]).
+%% called in VMs of their own
+-export([measure/1, attempt/1]).
+
+-export_type([measured/0, limits/0, job/0, verdict/0]).
+
+%% A test on the sound code: what it came to, the processor time and the time it took, and the
+%% functions of the block that it called.
+-type measured() :: #{
+    outcome := outcome(),
+    cpu_ms := non_neg_integer(),
+    wall_ms := non_neg_integer(),
+    called := [mfa()]
+}.
+
+-type outcome() :: passed | {failed, term()} | timeout.
+
+-type limits() :: {Cpu :: pos_integer(), Wall :: pos_integer()}.
+
+%% A mutant: its name, its code, and what may notice it, the cheapest first.
+-type job() :: #{
+    id := string(),
+    module := module(),
+    code := binary(),
+    units := [{starl_mutate_block:unit(), limits()}]
+}.
+
+-type verdict() ::
+    {caught, starl_mutate_block:unit(), {failed, Reason :: string()} | timeout} | survived.
+
+%% How often time is looked at, ms.
+-define(LOOK_MS, 50).
+%% The sound code is given this long for one test, ms.
+-define(MEASURE, {300000, 600000}).
+%% States that the quick check goes into at most.
+-define(STATES, 60000).
+-define(REASON_DEPTH, 12).
+
+%% @doc Runs a test on the sound code.
+-spec measure({starl_mutate_block:unit(), [module()]}) -> measured().
+measure({Unit, Modules}) ->
+    ok = set_up(),
+    _ = [{module, Module} = code:ensure_loaded(Module) || Module <- Modules],
+    _ = [erlang:trace_pattern({M, '_', '_'}, true, [local, call_count]) || M <- Modules],
+    {Cpu, _} = statistics(runtime),
+    Begin = erlang:monotonic_time(millisecond),
+    Outcome = limited(Unit, ?MEASURE),
+    Wall = erlang:monotonic_time(millisecond) - Begin,
+    Called = [{M, F, A} || M <- Modules, {F, A} <- M:module_info(functions), called({M, F, A})],
+    {Now, _} = statistics(runtime),
+    #{outcome => Outcome, cpu_ms => Now - Cpu, wall_ms => Wall, called => Called}.
+
+called(Function) ->
+    case erlang:trace_info(Function, call_count) of
+        {call_count, Count} when is_integer(Count) -> Count > 0;
+        _ -> false
+    end.
+
+%% @doc Loads a mutant and runs its tests until one notices.
+-spec attempt(job()) -> verdict().
+attempt(#{module := Module, code := Code, units := Units}) ->
+    ok = set_up(),
+    _ = code:purge(Module),
+    {module, Module} = code:load_binary(Module, atom_to_list(Module), Code),
+    Verdict = first(Units),
+    _ = code:purge(Module),
+    {module, Module} = code:load_file(Module),
+    _ = code:purge(Module),
+    Verdict.
+
+first([]) ->
+    survived;
+first([{Unit, Limits} | Units]) ->
+    case limited(Unit, Limits) of
+        passed -> first(Units);
+        {failed, Reason} -> {caught, Unit, {failed, shown(Reason)}};
+        timeout -> {caught, Unit, timeout}
+    end.
+
+shown(Reason) -> lists:flatten(io_lib:format("~0tP", [Reason, ?REASON_DEPTH])).
+
+%% Random tests draw the same for each mutant.
+set_up() ->
+    _ = [os:putenv("STARL_SEED", "1") || os:getenv("STARL_SEED") =:= false],
+    logger:set_primary_config(level, none).
+
+%% -- one test, with an end --------------------------------------------------------------------
+
+-spec limited(starl_mutate_block:unit(), limits()) -> outcome().
+limited(Unit, {MostCpu, MostWall}) ->
+    Before = processes(),
+    Sink = sink(),
+    {Pid, Ref} = spawn_monitor(fun() ->
+        true = group_leader(Sink, self()),
+        exit(self(), {outcome, outcome(Unit)})
+    end),
+    {Cpu, _} = statistics(runtime),
+    Wall = erlang:monotonic_time(millisecond),
+    Outcome = watch(Pid, Ref, {Cpu + MostCpu, Wall + MostWall}),
+    true = unlink(Sink),
+    _ = [exit(Left, kill) || Left <- processes() -- Before, stray(Left)],
+    Outcome.
+
+watch(Pid, Ref, {Cpu, Wall} = Ends) ->
+    receive
+        {'DOWN', Ref, process, Pid, {outcome, Outcome}} -> Outcome;
+        {'DOWN', Ref, process, Pid, Reason} -> {failed, Reason}
+    after ?LOOK_MS ->
+        {Now, _} = statistics(runtime),
+        case Now > Cpu orelse erlang:monotonic_time(millisecond) > Wall of
+            false ->
+                watch(Pid, Ref, Ends);
+            true ->
+                true = exit(Pid, kill),
+                true = demonitor(Ref, [flush]),
+                timeout
+        end
+    end.
+
+%% OTP's own servers have names; what a test has left behind has none.
+stray(Pid) -> erlang:process_info(Pid, registered_name) =:= [].
+
+%% @doc A group leader for what is printed for nobody; linked to the caller.
+-spec sink() -> pid().
+sink() -> spawn_link(fun swallow/0).
+
+-spec swallow() -> no_return().
+swallow() ->
+    receive
+        {io_request, From, Tag, Request} ->
+            From ! {io_reply, Tag, answer(Request)},
+            swallow();
+        _ ->
+            swallow()
+    end.
+
+answer(Request) when element(1, Request) =:= put_chars; element(1, Request) =:= requests -> ok;
+answer(Request) when element(1, Request) =:= setopts -> ok;
+answer(_) -> {error, enotsup}.
+
+-spec outcome(starl_mutate_block:unit()) -> passed | {failed, term()}.
+outcome(Unit) ->
+    try passes(Unit) of
+        true -> passed;
+        Other -> {failed, Other}
+    catch
+        _Class:Reason:_ -> {failed, Reason}
+    end.
+
+passes({unit, Module}) ->
+    eunit:test(Module, [no_tty]) =:= ok;
+passes({soak, Block, Robots, Seed}) ->
+    #{app := App} = Given = starl_lab_soak:scenario(Block, Robots, Seed),
+    {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
+    case starl_sim_trial:run(Scenario) of
+        {ok, #{violations := []}} -> true;
+        {ok, #{violations := [Violation | _]}} -> maps:with([contract, what], Violation);
+        {error, Reason} -> Reason
+    end;
+passes({check, Block, Robots, Faults}) ->
+    Options = #{robots => Robots, faults => Faults, workers => 1},
+    case starl_check:run(Block, Options, {fun enough/2, none}) of
+        {holds, _, _} -> true;
+        {violated, #{violation := Violation}} -> maps:with([contract, what], Violation)
+    end;
+passes({suite, Suite, Path}) ->
+    starl_mutate_suite:run(Suite, Path) =:= ok.
+
+enough(#{states := States}, State) when States > ?STATES -> {stop, State};
+enough(_Figures, State) -> {continue, State}.

@@ -1,0 +1,161 @@
+%% @doc `./starl planted': broken building blocks, one per pitfall, and what finds them. The broken
+%% ones live with the tests; they are compiled in memory when they are wanted.
+-module(starl_dev_planted).
+
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
+-export([sources/0, compiled/1]).
+%% called in VMs of their own
+-export([caught/1]).
+
+-export_type([answer/0]).
+
+-type answer() ::
+    {caught, Seed :: pos_integer(), starl_monitor:violation(), Seconds :: float()}
+    | {not_caught, Seeds :: pos_integer(), Seconds :: float()}
+    | {failed, term()}.
+
+-spec name() -> string().
+name() -> "planted".
+
+-spec synopsis() -> string().
+synopsis() -> "find broken building blocks, one per pitfall".
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "Shows that the monitors find bugs: every broken building block of the tests, one per "
+        "pitfall, runs under random faults with seeds 1, 2, ... until a contract is violated that "
+        "the sound one keeps in the same run. The table has the contract, the seed and the time. The "
+        "broken ones are no part of StarL: their sources (apps/*/test/*_bug.erl, *_planted.erl, "
+        "test/*_planted.erl) are compiled in memory."
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(_Subject) ->
+    [{"Flags", [
+        {bug, {list, string}, none, "only these bugs"},
+        {seeds, {integer, 1, 1000000}, 1000, "with so many seeds at most"},
+        starl_lab_jobs:at_once()
+    ]}].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "all were found"}, {4, "some were not"}, {130, "interrupted"}
+    ].
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{values := Values}) -> loaded(compiled(sources()), Values).
+
+%% @doc The sources of the broken machines, in a checkout.
+-spec sources() -> [file:filename()].
+sources() ->
+    Root = starl_cli_target:root(),
+    lists:append([
+        lists:sort(filelib:wildcard(filename:join(Root, Pattern)))
+     || Pattern <- ["apps/*/test/*_{bug,planted}.erl", "test/*_planted.erl"]
+    ]).
+
+%% @doc Compiles and loads them.
+-spec compiled([file:filename()]) ->
+    {ok, [starl_cli_target:code()]} | {error, [unicode:chardata(), ...]}.
+compiled([]) ->
+    {error, ["there are no tests beside this StarL; run it in a checkout"]};
+compiled(Files) ->
+    Codes = [{File, compile:file(File, [binary, return_errors])} || File <- Files],
+    case [File || {File, Answer} <- Codes, element(1, Answer) =/= ok] of
+        [] -> {ok, [code(File, Module, Beam) || {File, {ok, Module, Beam}} <- Codes]};
+        Bad -> {error, [[File, ": does not compile"] || File <- Bad]}
+    end.
+
+code(File, Module, Beam) ->
+    {module, Module} = code:load_binary(Module, File, Beam),
+    {Module, File, Beam}.
+
+loaded({error, _} = Error, _Values) ->
+    Error;
+loaded({ok, Codes}, #{bug := Wanted} = Values) ->
+    Catalogue = catalogue(),
+    Bugs = Catalogue:bugs(),
+    Names = [atom_to_list(Bug) || {Bug, _, _} <- Bugs],
+    case [Name || Wanted =/= none, Name <- Wanted, not lists:member(Name, Names)] of
+        [] ->
+            Some = [B || {Bug, _, _} = B <- Bugs,
+                         Wanted =:= none orelse lists:member(atom_to_list(Bug), Wanted)],
+            search(Some, Codes, Values);
+        [Name | _] ->
+            {error, [["--bug: there is no bug ", Name, "; there are ", lists:join(", ", Names)]]}
+    end.
+
+%% The test module that knows them all, with `bugs/0', `scenario/2' and `sound/1'. It is there when
+%% the tests have been compiled, not before.
+catalogue() -> list_to_existing_atom("starl_planted").
+
+%% -- the search -----------------------------------------------------------------------------
+
+search(Bugs, Codes, #{seeds := Seeds, jobs := Most}) ->
+    ok = starl_cli_log:install(),
+    Jobs = [{Bug, Seeds} || {Bug, _, _} <- Bugs],
+    {How, Answers} = starl_lab_jobs:run(Jobs, #{
+        work => {?MODULE, caught}, at_once => Most, what => "bugs", each => fun noted/3,
+        code => Codes
+    }, #{}),
+    Rows = [row(B, maps:get(Bug, Answers)) || {Bug, _, _} = B <- Bugs, is_map_key(Bug, Answers)],
+    Caught = length([x || {caught, _, _, _} <- maps:values(Answers)]),
+    starl_cli_terminal:out([
+        [table_row(Row) || Row <- [["bug", "pitfall", "found as", "seed", "s"] | Rows]],
+        io_lib:format("~b of ~b found, each with at most ~b seeds\n", [Caught, length(Bugs), Seeds])
+    ]),
+    status(How, Caught =:= length(Bugs)).
+
+status(interrupted, _) -> 130;
+status(done, true) -> 0;
+status(done, false) -> 4.
+
+noted({Bug, _}, {ok, Answer}, Answers) -> Answers#{Bug => Answer};
+noted({Bug, _}, {crashed, Reason}, Answers) -> Answers#{Bug => {failed, Reason}}.
+
+row({Bug, _Block, Pitfall}, Answer) -> [atom_to_list(Bug), Pitfall | found(Answer)].
+
+found({caught, Seed, #{contract := Contract, what := What}, Seconds}) ->
+    Words = string:replace(atom_to_list(What), "_", " ", all),
+    [[atom_to_list(Contract), ": ", Words], integer_to_list(Seed), seconds(Seconds)];
+found({not_caught, Seeds, Seconds}) ->
+    ["NOT FOUND", integer_to_list(Seeds), seconds(Seconds)];
+found({failed, Reason}) ->
+    [io_lib:format("FAILED: ~0tP", [Reason, 8]), "", ""].
+
+seconds(Seconds) -> io_lib:format("~.1f", [Seconds]).
+
+table_row([Bug, Pitfall, Found, Seed, Seconds]) ->
+    [
+        string:pad(Bug, 22), string:pad(Pitfall, 58), string:pad(Found, 38),
+        string:pad(Seed, 5, leading), string:pad(Seconds, 7, leading), "\n"
+    ].
+
+%% @private The first seed whose run violates a contract with the bug and does not without it.
+-spec caught({Bug :: atom(), Seeds :: pos_integer()}) -> answer().
+caught({Bug, Seeds}) -> caught(Bug, 1, Seeds, erlang:monotonic_time(millisecond)).
+
+caught(_Bug, Seed, Seeds, Begin) when Seed > Seeds ->
+    {not_caught, Seeds, since(Begin)};
+caught(Bug, Seed, Seeds, Begin) ->
+    Catalogue = catalogue(),
+    Scenario = Catalogue:scenario(Bug, Seed),
+    case starl_sim_trial:run(Scenario) of
+        {ok, #{violations := []}} -> caught(Bug, Seed + 1, Seeds, Begin);
+        {ok, #{violations := [First | _]}} -> proven(Scenario, First, {Bug, Seed, Seeds, Begin});
+        {error, Reason} -> {failed, Reason}
+    end.
+
+proven(Scenario, Violation, {Bug, Seed, Seeds, Begin}) ->
+    Catalogue = catalogue(),
+    case starl_sim_trial:run(Catalogue:sound(Scenario)) of
+        {ok, #{violations := []}} -> {caught, Seed, Violation, since(Begin)};
+        {ok, _} -> caught(Bug, Seed + 1, Seeds, Begin);
+        {error, Reason} -> {failed, Reason}
+    end.
+
+since(Begin) -> (erlang:monotonic_time(millisecond) - Begin) / 1000.

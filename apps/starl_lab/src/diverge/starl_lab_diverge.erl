@@ -1,0 +1,237 @@
+%% @doc `./starl diverge': runs every seed in several ways that must come to the same digest, and
+%% leads the first seed for which they do not back to the first event that differs.
+-module(starl_lab_diverge).
+
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+
+-type setup() :: #{
+    target := starl_cli_target:t(),
+    scenario := starl_sim_scenario:t(),
+    seeds := [non_neg_integer(), ...],
+    ways := [starl_lab_way:t(), ...],
+    jobs := pos_integer()
+}.
+
+%% What came of a seed in each way that it was run in yet, by the way's place in the list.
+-type results() :: #{Seed :: non_neg_integer() => #{pos_integer() => answer()}}.
+-type answer() :: starl_lab_way:outcome() | {crashed, Reason :: term()}.
+
+-spec name() -> string().
+name() -> "diverge".
+
+-spec synopsis() -> string().
+synopsis() -> "run seeds in several ways that must agree; find where two differ".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "TARGET", {example, "painting --seeds 1..10"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "Runs each seed in several ways that must come to the same digest of all events: with a "
+        "process for each machine and inline, with the robots spread over shards, in VMs of more "
+        "schedulers. Where two differ, the first event that does is printed from both. TARGET and "
+        "all other flags are those of ./starl run."
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(none) -> [{"Flags", own_flags()}];
+flags(#{app := App}) -> [{"Flags", own_flags()}, {hidden, starl_cli_setup:options(App)}].
+
+own_flags() ->
+    [
+        {seeds, {list, {integer, 0, 1 bsl 32}}, none,
+            "the seeds to run; without it that of --seed"},
+        {ways, string, starl_lab_way:usual(), "the ways to run each in, MODE:SHARDS or "
+            "MODE:SHARDS:SCHEDULERS, with commas between"},
+        starl_lab_jobs:at_once()
+    ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "no digest differs"}, {1, "a simulation failed"}, {3, "a digest differs"},
+        {130, "interrupted"}
+    ].
+
+-spec subject(string(), [string()]) ->
+    {ok, starl_cli_target:t(), [string()]} | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) -> starl_cli_target:subject(Word, Args).
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := Target, values := Values} = Call) ->
+    {Unsound, Scenario} = starl_cli_setup:scenario(Target, starl_cli_setup:given(Call, own_flags())),
+    {Unknown, Ways} = ways(starl_lab_way:parse(maps:get(ways, Values))),
+    case Unsound ++ Unknown of
+        [] ->
+            probed(#{
+                target => Target, scenario => Scenario, ways => Ways,
+                jobs => maps:get(jobs, Values), seeds => seeds(maps:get(seeds, Values), Scenario)
+            });
+        Problems ->
+            {error, Problems}
+    end.
+
+ways({ok, Ways}) -> {[], Ways};
+ways({error, Reason}) -> {[["--ways: ", starl_lab_way:format_error(Reason)]], []}.
+
+seeds(none, #{seed := Seed}) -> [Seed];
+seeds(Seeds, _Scenario) -> lists:usort(Seeds).
+
+%% -- all seeds, in all ways -----------------------------------------------------------------
+
+%% What can be started with one seed can be started with all.
+-spec probed(setup()) -> starl_cli_command:answer().
+probed(#{scenario := Scenario, seeds := [Seed | _]} = Setup) ->
+    case starl_lab_jobs:set_up(Scenario#{seed => Seed}) of
+        {ok, _} -> all(Setup);
+        {error, Why} -> {error, [Why]}
+    end.
+
+%% VMs of as many schedulers as the ways need, one size after the other.
+all(#{ways := Ways} = Setup) ->
+    Begin = erlang:monotonic_time(millisecond),
+    Numbered = lists:zip(lists:seq(1, length(Ways)), Ways),
+    Sizes = lists:usort([starl_lab_way:schedulers(Way) || Way <- Ways]),
+    Group = fun(Size, Acc) ->
+        Same = [P || {_, Way} = P <- Numbered, starl_lab_way:schedulers(Way) =:= Size],
+        group({Size, Same}, Acc, Setup)
+    end,
+    {How, Results} = lists:foldl(Group, {done, #{}}, Sizes),
+    told(How, Results, erlang:monotonic_time(millisecond) - Begin, Setup).
+
+group(_Group, {interrupted, _} = Acc, _Setup) ->
+    Acc;
+group({Schedulers, Numbered}, {done, Results}, Setup) ->
+    #{scenario := Scenario, seeds := Seeds, jobs := Jobs, target := Target} = Setup,
+    {Places, Ways} = lists:unzip(Numbered),
+    Names = lists:join(", ", [starl_lab_way:text(Way) || Way <- Ways]),
+    Plan = #{
+        work => {starl_lab_way, digests},
+        at_once => max(1, Jobs div Schedulers),
+        schedulers => Schedulers,
+        what => lists:flatten(["seeds, ", Names]),
+        code => [Code || {code, Code} <- maps:to_list(Target)],
+        each => fun({#{seed := Seed}, _}, Answer, Acc) -> add(Seed, Places, Answer, Acc) end
+    },
+    starl_lab_jobs:run([{Scenario#{seed => Seed}, Ways} || Seed <- Seeds], Plan, Results).
+
+-spec add(non_neg_integer(), [pos_integer()], {ok, [term()]} | {crashed, term()}, results()) ->
+    results().
+add(Seed, Places, {ok, Outcomes}, Results) ->
+    merge(Seed, maps:from_list(lists:zip(Places, Outcomes)), Results);
+add(Seed, Places, {crashed, Reason}, Results) ->
+    merge(Seed, maps:from_list([{Place, {crashed, Reason}} || Place <- Places]), Results).
+
+merge(Seed, New, Results) -> Results#{Seed => maps:merge(maps:get(Seed, Results, #{}), New)}.
+
+%% -- what came out --------------------------------------------------------------------------
+
+told(How, Results, Ms, #{ways := Ways} = Setup) ->
+    Runs = lists:sum([map_size(Answers) || Answers <- maps:values(Results)]),
+    Differ = [S || {S, Answers} <- lists:sort(maps:to_list(Results)), differ(Answers)],
+    Violated = length([S || {S, #{1 := {_, _, V}}} <- maps:to_list(Results), V > 0]),
+    starl_cli_terminal:out([
+        [["interrupted: "] || How =:= interrupted],
+        io_lib:format("~b seed~ts, ~b ways: ~ts~n", [
+            map_size(Results), plural(map_size(Results)), length(Ways), verdict(Differ)
+        ]),
+        io_lib:format("  ~b runs in ~.1f s, ~b a minute~n", [
+            Runs, Ms / 1000, Runs * 60000 div max(1, Ms)
+        ]),
+        [io_lib:format("  ~b of the seeds violate a contract~n", [Violated]) || Violated > 0]
+    ]),
+    status(How, Differ, Results, Setup).
+
+verdict([]) -> "no digest differs";
+verdict([_]) -> "DIFFERENT DIGESTS of one seed";
+verdict(Seeds) -> io_lib:format("DIFFERENT DIGESTS of ~b seeds", [length(Seeds)]).
+
+plural(1) -> "";
+plural(_) -> "s".
+
+%% A run that came to grief is as good as different.
+differ(Answers) -> length(lists:usort([known(A) || A <- maps:values(Answers)])) > 1.
+
+known({crashed, _}) -> crashed;
+known({Digest, _, _}) -> Digest.
+
+status(_How, [Seed | _], Results, Setup) ->
+    locate(Seed, lists:sort(maps:to_list(maps:get(Seed, Results))), Setup),
+    3;
+status(How, [], Results, _Setup) ->
+    Crashed = [R || Answers <- maps:values(Results), {crashed, R} <- maps:values(Answers)],
+    case Crashed of
+        [Reason | _] ->
+            starl_cli_terminal:complain(io_lib:format("the simulation failed: ~0tP", [Reason, 15])),
+            1;
+        [] when How =:= interrupted -> 130;
+        [] -> 0
+    end.
+
+%% -- where ----------------------------------------------------------------------------------
+
+locate(Seed, [{_, First} | Others], #{scenario := Scenario, ways := Ways} = Setup) ->
+    [{Place, Other} | _] = [{P, A} || {P, A} <- Others, known(A) =/= known(First)],
+    {A, B} = {hd(Ways), lists:nth(Place, Ways)},
+    starl_cli_terminal:out(io_lib:format("seed ~b, ~ts and ~ts: ", [
+        Seed, starl_lab_way:text(A), starl_lab_way:text(B)
+    ])),
+    case [Reason || {crashed, Reason} <- [First, Other]] of
+        [Reason | _] -> starl_cli_terminal:out("one of them failed: ~0tP~n", [Reason, 15]);
+        [] -> find(Scenario#{seed => Seed}, {A, B}, Setup)
+    end.
+
+%% Runs that follow one another in one VM have other pids, references and times each.
+find(Scenario, {A, B} = Ways, #{target := Target} = Setup) ->
+    starl_cli_signal:on_interrupt(quit),
+    Codes = [Code || {code, Code} <- maps:to_list(Target)],
+    Vms = maps:from_list([
+        {Size, starl_lab_jobs:vm(Size, Codes)}
+     || Size <- lists:usort([starl_lab_way:schedulers(Way) || Way <- [A, B]])
+    ]),
+    Runner = fun(Way) ->
+        Vm = maps:get(starl_lab_way:schedulers(Way), Vms),
+        Full = starl_lab_way:apply_to(Scenario, Way),
+        fun(Record) -> peer:call(Vm, starl_sim_divergence, run, [Full, Record], infinity) end
+    end,
+    Answer = starl_sim_divergence:find(Runner(A), Runner(B)),
+    _ = [peer:stop(Vm) || Vm <- maps:values(Vms)],
+    starl_cli_terminal:out(found(Answer, Ways, Scenario, Setup)).
+
+found({differ, #{robot := Robot, n := N} = Difference}, {A, B}, Scenario, #{target := Target}) ->
+    #{at_us := AtUs, first := First, second := Second, before := Before} = Difference,
+    {Mode, Shards, _} = A,
+    Run = Scenario#{mode => Mode, shards => Shards},
+    Command = starl_cli_setup:command_line("replay", Target, Run),
+    [
+        io_lib:format("the first difference is event ~b of robot ~b, at ~.6f s~n", [
+            N, Robot, AtUs / 1.0e6
+        ]),
+        [["before it, in both:\n", [event(E) || E <- Before]] || Before =/= []],
+        [starl_lab_way:text(A), ":\n", event(First)],
+        [starl_lab_way:text(B), ":\n", event(Second)],
+        [
+            [
+                "look: ", Command,
+                io_lib:format(" --until ~b:~b --inspect ~b~n", [Robot, N - 1, Robot])
+            ]
+         || N > 1
+        ]
+    ];
+found(not_found, _Ways, _Scenario, _Setup) ->
+    "they differ elsewhere each time they are run again\n";
+found(_SameOrGone, _Ways, _Scenario, _Setup) ->
+    "run again, they no longer differ: what they hang on is not in the scenario\n".
+
+event(none) ->
+    "  no such event: the run ended before\n";
+event(#{n := N, at_us := AtUs, machine := Machine, type := Type, content := Content}) ->
+    Width = starl_cli_terminal:columns(),
+    [
+        io_lib:format("  ~b  ~.6f s  ~tp~n", [N, AtUs / 1.0e6, Machine]),
+        "    type    ", starl_cli_inspect:term(Type, 12, Width), "\n",
+        "    content ", starl_cli_inspect:term(Content, 12, Width), "\n"
+    ].

@@ -1,0 +1,76 @@
+%% @doc The ways in which one scenario can be run that must not make a difference: how machines
+%% are interpreted, over how many shards the robots are spread, and how many schedulers the VM
+%% has. On the command line a way is `MODE:SHARDS' or `MODE:SHARDS:SCHEDULERS'.
+-module(starl_lab_way).
+
+-export([usual/0, parse/1, format_error/1, text/1, schedulers/1, apply_to/2]).
+-export([digests/1]).
+
+-export_type([t/0, outcome/0, reason/0]).
+
+-type t() :: {process | inline, Shards :: pos_integer(), Schedulers :: pos_integer()}.
+
+%% What runs are compared by, and how many contracts were violated.
+-type outcome() ::
+    {Digest :: binary(), Events :: non_neg_integer(), Violations :: non_neg_integer()}.
+
+-type reason() :: {bad_way, string()} | {one_way, string()}.
+
+-define(MOST, 256).
+
+%% @doc Both modes, one to three shards, one and two schedulers.
+-spec usual() -> string().
+usual() -> "process:1:1,process:2:2,inline:1:1,inline:3:2".
+
+%% @doc Reads ways with commas between; it takes two to differ. Without a number the VM has one
+%% scheduler.
+-spec parse(string()) -> {ok, [t(), ...]} | {error, reason()}.
+parse(Text) ->
+    Ways = [{Part, way(string:split(Part, ":", all))} || Part <- string:split(Text, ",", all)],
+    case [Part || {Part, error} <- Ways] of
+        [Part | _] -> {error, {bad_way, Part}};
+        [] when length(Ways) < 2 -> {error, {one_way, Text}};
+        [] -> {ok, [Way || {_, Way} <- Ways]}
+    end.
+
+way([Mode, Shards]) ->
+    way([Mode, Shards, "1"]);
+way([Mode, Shards, Schedulers]) ->
+    Count = {integer, 1, ?MOST},
+    Modes = {one_of, [process, inline]},
+    Parts = [{Modes, Mode}, {Count, Shards}, {Count, Schedulers}],
+    case [starl_options:parse(Type, Text) || {Type, Text} <- Parts] of
+        [{ok, M}, {ok, N}, {ok, S}] -> {M, N, S};
+        _ -> error
+    end;
+way(_) ->
+    error.
+
+%% @doc One line that says what is wrong, and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({bad_way, Text}) ->
+    ["MODE:SHARDS or MODE:SHARDS:SCHEDULERS expected, as in process:1 or inline:3:2, not ", Text];
+format_error({one_way, Text}) ->
+    ["two ways or more are needed, not only ", Text].
+
+%% @doc A way as it is written.
+-spec text(t()) -> string().
+text({Mode, Shards, Schedulers}) ->
+    lists:flatten(io_lib:format("~ts:~b:~b", [Mode, Shards, Schedulers])).
+
+%% @doc How many schedulers the VM is to have.
+-spec schedulers(t()) -> pos_integer().
+schedulers({_, _, Schedulers}) -> Schedulers.
+
+%% @doc A scenario to be run in this way.
+-spec apply_to(starl_sim_scenario:t(), t()) -> starl_sim_scenario:t().
+apply_to(Scenario, {Mode, Shards, _}) -> Scenario#{mode => Mode, shards => Shards}.
+
+%% @doc Runs a scenario in these ways, one after the other. (Called in a VM of its own.)
+-spec digests({starl_sim_scenario:t(), [t()]}) -> [outcome()].
+digests({Scenario, Ways}) -> [outcome(apply_to(Scenario, Way)) || Way <- Ways].
+
+outcome(Scenario) ->
+    #{digest := Digest, events := Events, violations := Violations} =
+        starl_sim_divergence:run(Scenario, #{}),
+    {Digest, Events, Violations}.

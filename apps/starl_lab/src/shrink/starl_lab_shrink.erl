@@ -1,0 +1,116 @@
+%% @doc `./starl shrink': from a run that violates a contract to a small scenario file that
+%% violates the same.
+-module(starl_lab_shrink).
+
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+
+-spec name() -> string().
+name() -> "shrink".
+
+-spec synopsis() -> string().
+synopsis() -> "make a run that violates a contract small".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "RUN", {example, "out/painting-1"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "Takes a run that violates a contract (RUN is the directory of a run, a scenario file, an "
+        "application with the flags of ./starl run, or SEED --app APPLICATION) and takes away from "
+        "it whatever is not needed: time, faults, robots, chance, lost packets. The result is a "
+        "scenario file that violates the same contract in the same way; it has been run. Ctrl-C "
+        "writes the smallest so far."
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(none) -> [{"Flags", own_flags()}];
+flags(#{app := App}) -> [{"Flags", own_flags() ++ starl_cli_setup:options(App)}].
+
+own_flags() ->
+    [
+        {out, string, none, "the file for the result, FILE.term; without it one under out/"},
+        {seconds, {optional, {number, 0.001, 1.0e6}}, none,
+            "ends after so many seconds with the smallest so far"},
+        {quiet, switch, false, "no progress line"}
+    ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "shrunk"}, {1, "internal error"},
+        {2, "bad usage or input, also where the run violates nothing or is not reproducible"},
+        {4, "the seconds were up"}, {130, "interrupted"}
+    ].
+
+%% A run's directory, a scenario file or the name of an application. The directory of a run that
+%% failed has no record.
+-spec subject(string(), [string()]) ->
+    {ok, starl_cli_target:t(), [string()]} | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) ->
+    case starl_cli_target:seeded(Word, Args) of
+        {error, _} = Error -> Error;
+        {Target, Others} -> starl_cli_target:subject(source(Target), Others)
+    end.
+
+source(Word) ->
+    Scenario = filename:join(Word, "scenario.term"),
+    Recorded = filelib:is_regular(filename:join(Word, "run.term")),
+    case filelib:is_regular(Scenario) andalso not Recorded of
+        true -> Scenario;
+        false -> Word
+    end.
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := Target, values := Values} = Call) ->
+    {Unsound, Scenario} = starl_cli_setup:scenario(Target, starl_cli_setup:given(Call, own_flags())),
+    {Unwritable, File} = out(maps:get(out, Values), Target, Scenario),
+    case Unsound ++ Unwritable of
+        [] ->
+            shrink((maps:with([seconds, quiet], Values))#{
+                target => Target, scenario => Scenario, file => File, digest => digest(Call)
+            });
+        Problems ->
+            {error, Problems}
+    end.
+
+%% A recorded run has a digest that must come out again; one with other values has another digest.
+digest(#{subject := #{record := #{digest := Hex}}, given := Given}) ->
+    case maps:without([Key || {Key, _, _, _} <- own_flags()], Given) of
+        Chosen when map_size(Chosen) =:= 0 -> binary:decode_hex(list_to_binary(Hex));
+        _ -> any
+    end;
+digest(_Call) ->
+    any.
+
+out(none, Target, Scenario) ->
+    {[], starl_lab_shrunk:file(Target, Scenario)};
+out(File, _Target, _Scenario) ->
+    case {filename:extension(File), filelib:is_dir(File)} of
+        {".term", false} -> {[], File};
+        {_, true} -> {[["--out: ", File, " is a directory; name a file as in small.term"]], none};
+        {_, false} -> {[["--out: ", File, ": name a file that ends in .term"]], none}
+    end.
+
+shrink(Job) ->
+    ok = starl_cli_log:install(),
+    Answer = starl_lab_shrunk:shrink(Job),
+    starl_cli_progress:erase(),
+    case Answer of
+        {ok, Lines, complete} -> told(Lines, 0);
+        {ok, Lines, out_of_time} -> told(Lines, 4);
+        {ok, Lines, interrupted} -> told(["interrupted; this is the smallest so far" | Lines], 130);
+        {error, input, Why} -> {error, [Why]};
+        {error, interrupted, Why} -> told([Why], 130);
+        {error, internal, Why} -> failed(Why)
+    end.
+
+told(Lines, Status) ->
+    starl_cli_terminal:out([[Line, "\n"] || Line <- Lines]),
+    Status.
+
+failed(Why) ->
+    starl_cli_terminal:complain(["shrink: ", Why]),
+    1.

@@ -1,0 +1,209 @@
+%% @doc Shrinking on the command line: progress, Ctrl-C, the file with the result, and the run
+%% that shows that the file does what it says.
+-module(starl_lab_shrunk).
+
+-export([shrink/1, file/2, text/4]).
+
+-export_type([job/0]).
+
+%% The run to be shrunk, with its digest where that is known; where the result goes; and after
+%% how many seconds to end.
+-type job() :: #{
+    target := starl_cli_target:t(),
+    scenario := starl_sim_scenario:t(),
+    file := file:filename_all(),
+    digest := binary() | any,
+    seconds := number() | none,
+    quiet := boolean()
+}.
+
+-type answer() ::
+    {ok, [unicode:chardata()], complete | out_of_time | interrupted}
+    | {error, input | internal | interrupted, unicode:chardata()}.
+
+%% After so many runs it is known that the run can be made again.
+-define(REPRODUCED, 2).
+
+-record(watch, {
+    stop :: atomics:atomics_ref(),
+    progress :: starl_cli_progress:t(),
+    %% monotonic, in ms
+    deadline :: integer() | infinity
+}).
+
+%% @doc Shrinks a run and writes the result; gives the lines that tell of it.
+-spec shrink(job()) -> answer().
+shrink(#{scenario := Scenario, digest := Digest, seconds := Seconds, quiet := Quiet} = Job) ->
+    Begin = now_ms(),
+    Stop = atomics:new(1, []),
+    Watch = #watch{
+        stop = Stop,
+        progress = starl_cli_progress:new(case Quiet of true -> quiet; false -> auto end),
+        deadline = deadline(Seconds, Begin)
+    },
+    Answer = starl_sim_shrink:shrink(Scenario, #{
+        run => fun(S) -> starl_sim_trial:run(S, fun(Sim) -> stoppable(Sim, Stop) end) end,
+        watch => watch(Watch),
+        digest => Digest
+    }),
+    starl_cli_signal:on_interrupt(quit),
+    Interrupted = atomics:get(Stop, 1),
+    case Answer of
+        {ok, Result} -> written(Result, now_ms() - Begin, Interrupted, Job);
+        %% a run that was stopped is another run
+        {error, _} when Interrupted =:= 1 -> {error, interrupted, "interrupted, nothing is shrunk"};
+        {error, Reason} -> {error, blame(Reason), starl_sim_shrink:format_error(Reason)}
+    end.
+
+blame({trial, {failed, _}}) -> internal;
+blame(_) -> input.
+
+deadline(none, _Begin) -> infinity;
+deadline(Seconds, Begin) -> Begin + round(1000 * Seconds).
+
+stoppable(Sim, Stop) ->
+    starl_cli_signal:on_interrupt(fun() ->
+        atomics:put(Stop, 1, 1),
+        starl_sim:stop(Sim)
+    end).
+
+watch(#watch{stop = Stop, progress = Progress, deadline = Deadline} = Watch) ->
+    fun(#{runs := Runs} = Figures) ->
+        _ = [starl_cli_terminal:out("reproduced; taking away\n") || Runs =:= ?REPRODUCED],
+        Shown = starl_cli_progress:show(Progress, unknown, fun() -> [words(Figures)] end),
+        %% a number is less than the atom infinity
+        case atomics:get(Stop, 1) =:= 1 orelse now_ms() >= Deadline of
+            true -> {stop, watch(Watch#watch{progress = Shown})};
+            false -> {continue, watch(Watch#watch{progress = Shown})}
+        end
+    end.
+
+words(#{faults := Faults, faults_before := Before, robots := Robots, runs := Runs}) ->
+    io_lib:format("~b faults of ~b, ~b robots, ~b runs", [Faults, Before, Robots, Runs]).
+
+counted(1, What) -> ["1 ", What];
+counted(N, What) -> [integer_to_list(N), " ", What, "s"].
+
+%% -- the result -----------------------------------------------------------------------------
+
+written(Result, Ms, Interrupted, #{file := File, target := Target, scenario := Before} = Job) ->
+    Text = text(Result, File, Target, Before),
+    case write(File, Text) of
+        ok -> replayed(replay(File, Target, Result), Result, Ms, Interrupted, Job);
+        {error, Why} -> {error, internal, ["the result could not be written: ", Why, "\n", Text]}
+    end.
+
+write(File, Text) ->
+    case filelib:ensure_dir(File) of
+        ok -> starl_cli_files:put_all(filename:dirname(File), [{filename:basename(File), Text}]);
+        {error, Posix} -> {error, [File, ": ", file:format_error(Posix)]}
+    end.
+
+replayed(true, Result, Ms, Interrupted, #{file := File, scenario := Before} = Job) ->
+    #{violation := Violation, complete := Complete} = Result,
+    How =
+        case {Complete, Interrupted} of
+            {true, _} -> complete;
+            {false, 0} -> out_of_time;
+            {false, 1} -> interrupted
+        end,
+    Shrunk = [
+        starl_monitor:format_violation(Violation),
+        ["shrunk to ", size(Result, Before), io_lib:format(" (~.1f s)", [Ms / 1000])]
+    ],
+    Where = [
+        ["result: ", starl_cli_out:shown(File)],
+        ["replay: ./starl run ", starl_cli_flags:shell(starl_cli_out:shown(File))]
+    ],
+    {ok, Shrunk ++ others(Result, Job) ++ Where, How};
+replayed(false, _Result, _Ms, _Interrupted, #{file := File}) ->
+    {error, internal, [
+        File, ": run as the robots' processes it violates something else than inline; "
+        "./starl diverge tells where the runs part"
+    ]}.
+
+%% What else was met on the way, each in a file of its own, not made small any further.
+others(#{others := Others} = Result, #{file := File} = Job) ->
+    lists:append([
+        other(Result#{scenario := Scenario, violation := Violation}, beside(File, N), Job)
+     || {N, #{scenario := Scenario, violation := Violation}} <- lists:enumerate(Others)
+    ]).
+
+beside(File, N) -> lists:concat([filename:rootname(File), "-other-", N, ".term"]).
+
+other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
+    #{target := Target, scenario := Before} = Job,
+    #{faults := Faults, robots := Robots} = Scenario,
+    #{figures := Figures} = Met,
+    Sized = Met#{figures := Figures#{faults := length(Faults), robots := Robots, drops := 0}},
+    case write(File, text(Sized, File, Target, Before)) of
+        ok ->
+            [[
+                "met on the way, in ", counted(Robots, "robot"), " under ",
+                counted(length(Faults), "fault"), ": ", starl_monitor:format_violation(Violation),
+                "; ./starl shrink ", starl_cli_flags:shell(starl_cli_out:shown(File))
+            ]];
+        {error, _} ->
+            []
+    end.
+
+%% The file is read and run as ./starl run does it.
+replay(File, #{app := App}, #{digest := Digest}) ->
+    {ok, Given} = starl_sim_scenario:read(File),
+    {ok, Scenario} = starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)),
+    case starl_lab_jobs:simulate(Scenario) of
+        {ok, #{outcome := #{digest := Digest}}} -> true;
+        _ -> false
+    end.
+
+size(#{scenario := #{time := Time}, figures := Figures}, #{time := TimeBefore}) ->
+    #{faults := Faults, faults_before := FaultsBefore, drops := Drops} = Figures,
+    #{robots := Robots, robots_before := RobotsBefore, runs := Runs} = Figures,
+    [
+        counted(Faults - Drops, "fault"), " of ", integer_to_list(FaultsBefore),
+        [[", ", counted(Drops, "lost packet")] || Drops > 0],
+        ", ", counted(Robots, "robot"), " of ", integer_to_list(RobotsBefore),
+        io_lib:format(", ~ts s of ~ts s", [seconds(Time), seconds(TimeBefore)]),
+        io_lib:format(", in ~b runs", [Runs])
+    ].
+
+seconds(Time) -> io_lib:format("~.2f", [float(Time)]).
+
+%% @doc Where the result goes if nothing else is said.
+-spec file(starl_cli_target:t(), starl_sim_scenario:t()) -> file:filename_all().
+file(#{name := Name}, Scenario) ->
+    Seed = maps:get(seed, Scenario, 0),
+    Base = lists:concat([Name, "-", Seed, "-shrunk.term"]),
+    filename:join([starl_cli_target:root(), "out", Base]).
+
+%% @doc The scenario file: what it shows, then the values that are not the usual ones.
+-spec text(starl_sim_shrink:result(), file:filename_all(), starl_cli_target:t(), Before) ->
+    [unicode:chardata()]
+when
+    Before :: starl_sim_scenario:t().
+text(#{violation := Violation, scenario := Scenario} = Result, File, Target, Before) ->
+    #{app := App} = Target,
+    Options = starl_cli_setup:options(App),
+    Usual = maps:without([robots, seed, time, faults], starl_cli_flags:defaults(Options)),
+    Lines = [
+        line(Key, Value)
+     || {Key, _, _, _} <- Options,
+        Value <- [maps:get(Key, Scenario)],
+        maps:find(Key, Usual) =/= {ok, Value}
+    ],
+    Name = starl_cli_flags:shell(starl_cli_out:shown(File)),
+    [
+        "%% ", starl_monitor:format_violation(Violation), ".\n",
+        "%% Shrunk to ", size(Result, Before), ".\n",
+        "%% Replay it with: ./starl run ", Name, "\n",
+        "#{\n", lists:join(",\n", [line(app, starl_cli_files:app(Target)) | Lines]), "\n}.\n"
+    ].
+
+line(faults, [_ | _] = Faults) ->
+    ["    faults => [\n", lists:join(",\n", [["        ", term(F)] || F <- Faults]), "\n    ]"];
+line(Key, Value) ->
+    ["    ", term(Key), " => ", term(Value)].
+
+term(Term) -> io_lib:format("~0tp", [Term]).
+
+now_ms() -> erlang:monotonic_time(millisecond).

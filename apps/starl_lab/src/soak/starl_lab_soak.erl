@@ -1,0 +1,174 @@
+%% @doc `./starl soak': a building block under random faults of all kinds (path planning: of those
+%% that it bears), seed for seed, one VM a core. The monitors judge safety all the time and progress
+%% after the faults.
+-module(starl_lab_soak).
+
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, run/1]).
+-export([scenario/3, targets/0]).
+%% called in VMs of their own
+-export([one/1]).
+
+-export_type([run/0, found/0]).
+
+%% What is soaked, and with which seed.
+-type run() :: {Block :: atom(), Seed :: non_neg_integer(), starl_sim_scenario:t()}.
+
+%% What a run came to: its violations and the wall time that it took.
+-type found() ::
+    {ok, [starl_monitor:violation()], Seconds :: float()} | {failed, starl_sim_trial:reason()}.
+
+-type plan() :: #{
+    blocks := [atom(), ...],
+    runs := [run(), ...],
+    jobs := pos_integer(),
+    shrink := non_neg_integer()
+}.
+
+%% Nobody waits longer for one failing run to become small, s.
+-define(SHRINK_S, 60).
+
+%% @doc What can be soaked: the blocks of `exercise', and path planning.
+-spec targets() -> [atom(), ...].
+targets() -> starl_exercise:blocks_known() ++ [dpp].
+
+%% @doc The values of the runs of a block, but for the defaults; without a number of robots that is
+%% drawn, too.
+-spec scenario(atom(), Robots :: pos_integer() | none, Seed :: non_neg_integer()) ->
+    #{atom() => term()}.
+scenario(Block, Robots, Seed) -> starl_lab_soak_draw:scenario(Block, Robots, Seed).
+
+-spec name() -> string().
+name() -> "soak".
+
+-spec synopsis() -> string().
+synopsis() -> "use a block under random faults, with many seeds".
+
+-spec argument() -> starl_cli_command:argument().
+argument() ->
+    {required, "BLOCK", [{Block, ""} || Block <- targets()] ++ [{all, "one after the other"}]}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "Uses a building block all the time, under random faults of all kinds (path planning: of "
+        "those that it bears), with one seed after the other. Drawn with the seed are also the size "
+        "of the team, how long faults last, leases and the drift of clocks. Faults are over after "
+        "25 s of virtual time (path planning: 45 s); then every call has to end as its block "
+        "promises. The monitors of all contracts judge. For each way in which a contract is "
+        "violated it prints the commands that replay and shrink the first run, and shrinks it.",
+        ["Blocks: ", lists:join(", ", [atom_to_list(Block) || Block <- targets() ++ [all]])]
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(_Subject) ->
+    [{"Flags", [
+        {seeds, {integer, 1, 10000000}, 100, "how many runs of each block"},
+        {from, {integer, 0, 1 bsl 31}, 1, "the first seed"},
+        {robots, {optional, {integer, 1, 10000}}, none,
+            "robots in the team; none: from 1 to 10, drawn for each run"},
+        {shrink, {integer, 0, 1000}, 1, "how many failing runs of a block are made small"},
+        starl_lab_jobs:at_once()
+    ]}].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "all contracts held"}, {1, "a simulation failed"}, {3, "a contract was violated"},
+        {130, "interrupted, with the results so far"}
+    ].
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := all, values := Values}) -> soak(plan(targets(), Values));
+run(#{subject := Block, values := Values}) -> soak(plan([Block], Values)).
+
+plan(Blocks, #{seeds := Count, from := From, robots := Robots} = Values) ->
+    (maps:with([jobs, shrink], Values))#{
+        blocks => Blocks,
+        runs => [
+            {Block, Seed, checked(scenario(Block, Robots, Seed))}
+         || Block <- Blocks, Seed <- lists:seq(From, From + Count - 1)
+        ]
+    }.
+
+checked(#{app := App} = Given) ->
+    {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
+    Scenario.
+
+-spec soak(plan()) -> starl_cli_terminal:status().
+soak(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}) ->
+    ok = starl_cli_log:install(),
+    {How, Founds} = starl_lab_jobs:run(Runs, #{
+        work => {?MODULE, one}, at_once => Most, what => "runs", each => fun noted/3
+    }, []),
+    starl_cli_signal:on_interrupt(quit),
+    Sorted = lists:sort(Founds),
+    starl_lab_soak_report:tell(Blocks, Sorted),
+    Failing = starl_lab_soak_report:failing(Blocks, Sorted),
+    Scenarios = maps:from_list([{{Block, Seed}, Scenario} || {Block, Seed, Scenario} <- Runs]),
+    _ = [
+        violated(Failed, maps:get({Block, Seed}, Scenarios), How =:= done andalso N =< Shrink)
+     || {N, {Block, Seed, _, _} = Failed} <- Failing
+    ],
+    status(How, Failing, Sorted).
+
+noted({Block, Seed, _}, {ok, Found}, Founds) -> [{Block, Seed, Found} | Founds];
+noted({Block, Seed, _}, {crashed, Reason}, Founds) ->
+    [{Block, Seed, {failed, {failed, Reason}}} | Founds].
+
+status(interrupted, _, _) -> 130;
+status(done, _, Founds) ->
+    case {[x || {_, _, {failed, _}} <- Founds], [x || {_, _, {ok, [_ | _], _}} <- Founds]} of
+        {_, [_ | _]} -> 3;
+        {[_ | _], []} -> 1;
+        {[], []} -> 0
+    end.
+
+%% The first run that fails in a way, as commands and as a small scenario.
+violated({Block, Seed, Violation, Count}, Scenario, Shrunk) ->
+    Target = target(Scenario),
+    Replay = lists:flatten(unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario))),
+    starl_cli_terminal:out([
+        "\n", starl_monitor:format_violation(Violation), runs(Count), "\n",
+        "replay: ", Replay, "\n",
+        "shrink: ", string:replace(Replay, "./starl run ", "./starl shrink "), "\n"
+    ]),
+    _ = [small(file(Block, Seed), Target, Scenario) || Shrunk],
+    ok.
+
+target(#{app := App}) ->
+    {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
+    {ok, Target} = starl_cli_target:resolve(Name),
+    Target.
+
+runs(1) -> "";
+runs(Count) -> io_lib:format(" (and so in ~b more runs)", [Count - 1]).
+
+file(Block, Seed) ->
+    Name = lists:concat(["soak-", Block, "-", Seed, ".term"]),
+    filename:join([starl_cli_target:root(), "out", Name]).
+
+small(File, Target, Scenario) ->
+    Job = #{
+        target => Target, scenario => Scenario, file => File,
+        digest => any, seconds => ?SHRINK_S, quiet => false
+    },
+    Answer = starl_lab_shrunk:shrink(Job),
+    starl_cli_progress:erase(),
+    starl_cli_terminal:out([
+        [Line, "\n"]
+     || Line <- case Answer of {ok, Lines, _} -> tl(Lines); {error, _, Why} -> [Why] end
+    ]).
+
+%% @private One run, in a VM of its own.
+-spec one(run()) -> found().
+one({_Block, _Seed, Scenario}) ->
+    Begin = erlang:monotonic_time(microsecond),
+    case starl_sim_trial:run(Scenario) of
+        {ok, #{violations := Violations}} ->
+            Us = erlang:monotonic_time(microsecond) - Begin,
+            {ok, lists:sublist(Violations, 1), Us / 1.0e6};
+        {error, Reason} ->
+            {failed, Reason}
+    end.

@@ -1,0 +1,52 @@
+%% @doc What a soak has found, as a table and as the first run of each kind of violation.
+-module(starl_lab_soak_report).
+
+-export([tell/2, failing/2]).
+
+-type founds() :: [{Block :: atom(), Seed :: non_neg_integer(), starl_lab_soak:found()}].
+
+%% The first run that violates a contract in a way, and how many do.
+-type failure() :: {
+    Block :: atom(), Seed :: non_neg_integer(), starl_monitor:violation(), Runs :: pos_integer()
+}.
+
+%% @doc Prints a line for each block.
+-spec tell([atom(), ...], founds()) -> ok.
+tell(Blocks, Founds) ->
+    Rows = [row(Block, of_block(Block, Founds)) || Block <- Blocks],
+    Head = io_lib:format("~-10s ~7s ~10s ~9s ~14s~n", [
+        "block", "seeds", "violations", "failures", "seeds/min/core"
+    ]),
+    starl_cli_terminal:out([Head, Rows, [failure(Found) || {_, _, {failed, _}} = Found <- Founds]]).
+
+failure({Block, Seed, {failed, Reason}}) ->
+    Why = starl_sim_shrink:format_error({trial, Reason}),
+    io_lib:format("~ts, seed ~b: ~ts~n", [Block, Seed, Why]).
+
+row(Block, Founds) ->
+    Seconds = lists:sum([S || {ok, _, S} <- Founds]),
+    Judged = length([x || {ok, _, _} <- Founds]),
+    io_lib:format("~-10s ~7b ~10b ~9b ~14b~n", [
+        Block, length(Founds), length([x || {ok, [_ | _], _} <- Founds]),
+        length(Founds) - Judged, round(60 * Judged / max(1.0e-6, Seconds))
+    ]).
+
+of_block(Block, Founds) -> [Found || {B, _, Found} <- Founds, B =:= Block].
+
+%% @doc For each way in which a contract of a block is violated its first run, numbered within
+%% the block.
+-spec failing([atom(), ...], founds()) -> [{N :: pos_integer(), failure()}].
+failing(Blocks, Founds) ->
+    lists:append([lists:enumerate(ways(Block, Founds)) || Block <- Blocks]).
+
+ways(Block, Founds) ->
+    Broken = [
+        {starl_monitor:shape(V), Seed, V}
+     || {B, Seed, {ok, [V | _], _}} <- Founds, B =:= Block
+    ],
+    First = lists:ukeysort(1, Broken),
+    [
+        {Block, Seed, V, length([x || {W, _, _} <- Broken, W =:= Way])}
+     || {Way, Seed, V} <- lists:keysort(2, First)
+    ].
+

@@ -1,0 +1,129 @@
+%% @doc `./starl sweep': all combinations of some settings, each with several seeds, over all
+%% cores. A directory takes a row for each run as it ends, and at the end the medians and a plot;
+%% a sweep that was stopped goes on with the runs that have no row yet.
+-module(starl_lab_sweep).
+
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+
+-spec name() -> string().
+name() -> "sweep".
+
+-spec synopsis() -> string().
+synopsis() -> "run every combination of settings and seeds; CSV and a plot".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "TARGET", {example, "painting --robots 1..8"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "Runs every combination of the values of the flags with every seed. The directory of the "
+        "results gets runs.csv, a row for each run; summary.csv, median, least and most of each "
+        "figure; and a plot. The same command goes on where it was stopped."
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(none) -> flags_for(starl_sim_scenario:options());
+flags(Target) -> flags_for(options(Target)).
+
+flags_for(Options) -> [{"Flags", starl_lab_sweep_grid:flags(Options) ++ own_flags()}].
+
+options(#{app := App}) -> starl_cli_setup:options(App).
+
+own_flags() ->
+    [
+        {plot, {list, string}, none, "which figures of the report to plot, completion time and"
+            " assignments without it"},
+        {out, string, none, "directory for the results; without it out/TARGET-sweep"},
+        starl_lab_jobs:at_once()
+    ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "all complete"}, {1, "a simulation failed"}, {3, "a contract was violated"},
+        {4, "a run ended before its work was complete"}, {130, "interrupted"}
+    ].
+
+-spec subject(string(), [string()]) ->
+    {ok, starl_cli_target:t(), [string()]} | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) -> starl_cli_target:subject(Word, Args).
+
+%% -- before the runs ------------------------------------------------------------------------
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := Target, given := Given, values := Values, args := Args}) ->
+    #{name := Name, given := InFile} = Target,
+    Own = [Key || {Key, _, _, _} <- own_flags()],
+    Grid = starl_lab_sweep_grid:new(options(Target), InFile, maps:without(Own, Given), Args),
+    Checked = [{P, starl_cli_setup:scenario(Target, maps:merge(InFile, P))}
+        || P <- starl_lab_sweep_grid:points(Grid)],
+    Unsound = lists:uniq([unicode:characters_to_list(L) || {_, {Ls, _}} <- Checked, L <- Ls]),
+    Dir = directory(maps:get(out, Values), Name),
+    {Unwritable, _} = starl_cli_setup:out(Dir, Name),
+    case Unsound ++ Unwritable of
+        [] ->
+            probed(#{
+                args => Args, target => Target, grid => Grid, dir => Dir,
+                points => [{P, Scenario} || {P, {[], Scenario}} <- Checked],
+                jobs => maps:get(jobs, Values),
+                plot => maps:get(plot, Values)
+            });
+        Problems ->
+            {error, Problems}
+    end.
+
+directory(none, Name) -> filename:join([starl_cli_target:root(), "out", Name ++ "-sweep"]);
+directory(Dir, _Name) -> string:trim(Dir, trailing, "/").
+
+%% Every point is prepared once, without a run: a picture may not fit on the floor, and the
+%% figures of the report are the columns.
+probed(#{points := Points, target := #{name := Name}} = Sweep) ->
+    ok = starl_cli_log:install(),
+    Jobs = [{N, {Name, Scenario}} || {N, {_, Scenario}} <- lists:enumerate(Points)],
+    Each = fun({N, _}, Answer, Reports) -> Reports#{N => Answer} end,
+    Plan = starl_lab_sweep_run:plan(Sweep, probe, "points checked", Each),
+    case starl_lab_jobs:run(Jobs, Plan, #{}) of
+        {interrupted, _} -> interrupted_early();
+        {done, Answers} -> sound([Why || {_, Why} <- lists:sort(maps:to_list(Answers))], Sweep)
+    end.
+
+interrupted_early() ->
+    starl_cli_terminal:out("interrupted before the first run\n"),
+    130.
+
+sound(Answers, Sweep) ->
+    case lists:uniq([problem(A) || A <- Answers, not is_sound(A)]) of
+        [] ->
+            {ok, {ok, Report}} = hd(Answers),
+            with_columns(starl_lab_sweep_rows:columns(maps:get(grid, Sweep), Report), Sweep);
+        Problems ->
+            {error, Problems}
+    end.
+
+is_sound({ok, {ok, _}}) -> true;
+is_sound(_) -> false.
+
+problem({ok, {error, Why}}) -> unicode:characters_to_list(Why);
+problem({crashed, Reason}) -> lists:flatten(io_lib:format("the set-up fails: ~0tP", [Reason, 15])).
+
+with_columns(Columns, #{dir := Dir, plot := Plot} = Sweep) ->
+    Numbers = starl_lab_sweep_rows:numbers(Columns),
+    File = filename:join(Dir, "runs.csv"),
+    case {starl_lab_sweep_plot:chosen(Plot, Numbers), starl_lab_sweep_rows:read(File, Columns)} of
+        {{ok, Figures}, {ok, Rows, Bytes}} ->
+            starl_lab_sweep_run:run(Sweep, Columns, Figures, Rows, Bytes);
+        {{unknown, Names}, _} ->
+            {error, [unknown_figure(Name, Numbers) || Name <- Names]};
+        {_, {error, Reason}} ->
+            {error, [starl_lab_sweep_rows:format_error(Reason)]}
+    end.
+
+unknown_figure(Name, Numbers) ->
+    Texts = [atom_to_list(Key) || Key <- Numbers],
+    case starl_cli_flags:nearest(Name, Texts) of
+        [Near | _] -> ["--plot: there is no figure ", Name, " (did you mean ", Near, "?)"];
+        [] -> ["--plot: there is no figure ", Name, "; there are ", lists:join(", ", Texts)]
+    end.

@@ -1,0 +1,201 @@
+%% @doc The runs of a sweep that have no row yet, and what is made of all rows: the summary, the
+%% plot and the exit status.
+-module(starl_lab_sweep_run).
+
+-export([run/5, plan/4]).
+%% called in VMs of their own
+-export([probe/1, one/1]).
+
+-export_type([sweep/0, job/0]).
+
+%% A checked command line. `points' has the scenario of each point, with any seed.
+-type sweep() :: #{
+    args := [string()],
+    target := starl_cli_target:t(),
+    grid := starl_lab_sweep_grid:t(),
+    points := [{starl_lab_sweep_grid:point(), starl_sim_scenario:t()}, ...],
+    dir := file:filename(),
+    jobs := pos_integer(),
+    plot := none | [string()]
+}.
+
+%% A run that is to be made, with the name of its application.
+-type job() :: {starl_lab_sweep_rows:key(), App :: string(), starl_sim_scenario:t()}.
+
+-record(made, {
+    rows :: starl_lab_sweep_rows:rows(),
+    columns :: starl_lab_sweep_rows:columns(),
+    device :: file:io_device()
+}).
+
+-type run() :: {starl_lab_sweep_rows:key(), starl_sim_scenario:t()}.
+
+%% @doc Makes the runs.
+-spec run(sweep(), Columns, Figures, Rows, Bytes) -> starl_cli_command:answer() when
+    Columns :: starl_lab_sweep_rows:columns(),
+    Figures :: [atom(), ...],
+    Rows :: starl_lab_sweep_rows:rows(),
+    Bytes :: non_neg_integer().
+run(#{dir := Dir} = Sweep, Columns, Figures, Rows, Bytes) ->
+    case starl_lab_sweep_rows:open(filename:join(Dir, "runs.csv"), Columns, Bytes) of
+        {ok, Device} ->
+            Made = #made{rows = Rows, columns = Columns, device = Device},
+            all(runs(Sweep), Made, Figures, Sweep);
+        {error, Reason} ->
+            {error, [starl_lab_sweep_rows:format_error(Reason)]}
+    end.
+
+-spec runs(sweep()) -> [run(), ...].
+runs(#{points := Points, grid := Grid, target := #{name := Name}}) ->
+    [
+        {starl_lab_sweep_rows:key(Name, Grid, Scenario, Seed), Scenario#{seed := Seed}}
+     || {_, Scenario} <- Points, Seed <- starl_lab_sweep_grid:seeds(Grid)
+    ].
+
+all(Runs, #made{rows = Rows, device = Device} = Made, Figures, Sweep) ->
+    #{target := #{name := Name}} = Sweep,
+    Later = [{Key, Name, S} || {Key, S} <- Runs, not is_map_key(Key, Rows)],
+    Before = length(Runs) - length(Later),
+    Plan = plan(Sweep, one, "runs", fun noted/3),
+    {How, #made{rows = Known}} = starl_lab_jobs:run(Later, Plan#{before => Before}, Made),
+    ok = starl_lab_sweep_rows:close(Device),
+    ended(How, Runs, Made#made{rows = Known}, Figures, Sweep).
+
+noted({Key, _, _}, Answer, #made{rows = Rows, columns = Columns, device = Device} = Made) ->
+    Report =
+        case Answer of
+            {ok, {ok, _} = Known} -> Known;
+            _ -> failed
+        end,
+    Row = starl_lab_sweep_rows:row(Columns, Key, Report),
+    ok = starl_lab_sweep_rows:append(Device, Row),
+    Made#made{rows = Rows#{Key => Row}}.
+
+%% @doc How the jobs of a sweep are done, by a function of this module.
+-spec plan(sweep(), probe | one, What :: string(), Each) -> starl_lab_jobs:plan(Job, Acc) when
+    Each :: fun((Job, starl_lab_jobs:answer(term()), Acc) -> Acc).
+plan(#{jobs := Most, target := Target}, Function, What, Each) ->
+    #{
+        work => {?MODULE, Function}, at_once => Most, what => What, each => Each,
+        code => [Code || #{code := Code} <- [Target]]
+    }.
+
+%% -- the end --------------------------------------------------------------------------------
+
+ended(interrupted, Runs, #made{rows = Rows}, _Figures, #{dir := Dir, args := Args}) ->
+    Known = length([Key || {Key, _} <- Runs, is_map_key(Key, Rows)]),
+    starl_cli_terminal:out("interrupted; ~b of ~b runs are kept in ~ts\ngo on with: ~ts\n", [
+        Known, length(Runs), starl_cli_out:shown(filename:join(Dir, "runs.csv")),
+        lists:join(" ", ["./starl sweep" | [starl_cli_flags:shell(Arg) || Arg <- Args]])
+    ]),
+    130;
+ended(done, Runs, #made{rows = Rows, columns = Columns}, Figures, #{target := Target} = Sweep) ->
+    Points = points(Columns, Rows, Sweep),
+    Text = starl_lab_sweep_rows:ordered(Columns, [Key || {Key, _} <- Runs], Rows),
+    Written = write(Text, Points, Columns, Figures, Sweep),
+    Judged = [
+        {starl_lab_sweep_rows:status(Columns, maps:get(Key, Rows)), Scenario}
+     || {Key, Scenario} <- Runs
+    ],
+    told(Judged, Target),
+    written(Written, verdict([How || {How, _} <- Judged])).
+
+points(Columns, Rows, #{points := Points, grid := Grid, target := #{name := Name}}) ->
+    Seeds = starl_lab_sweep_grid:seeds(Grid),
+    [
+        begin
+            Keys = [starl_lab_sweep_rows:key(Name, Grid, Scenario, Seed) || Seed <- Seeds],
+            Cells = lists:droplast(hd(Keys)),
+            Known = [maps:get(Key, Rows) || Key <- Keys],
+            {Point, starl_lab_sweep_summary:summarize(Columns, Cells, Known)}
+        end
+     || {Point, Scenario} <- Points
+    ].
+
+%% The files are made elsewhere and moved in: rows in their order take the place of those in the
+%% order in which the runs have ended.
+write(Text, Points, Columns, Figures, #{dir := Dir, grid := Grid, target := #{name := Name}}) ->
+    {ok, Plan} = starl_cli_out:plan(Dir, Name),
+    Summary = starl_lab_sweep_summary:csv(Columns, [Sum || {_, Sum} <- Points]),
+    starl_cli_out:write(Plan, fun(New) ->
+        Files = [{"runs.csv", Text}, {"summary.csv", Summary}],
+        case plot(Name, Grid, Points, Figures) of
+            {ok, Plot} ->
+                Script = starl_lab_sweep_plot:script(Plot),
+                drawn(starl_cli_files:put_all(New, Files ++ [{"plot.gp", Script}]), New);
+            {none, Why} ->
+                starl_cli_terminal:warn(["no plot: ", Why]),
+                starl_cli_files:put_all(New, Files)
+        end
+    end).
+
+plot(Name, Grid, Points, Figures) ->
+    case starl_lab_sweep_plot:axis(Grid) of
+        {ok, X} -> with_points(starl_lab_sweep_plot:data(Name, Grid, X, Points, Figures));
+        none -> {none, "no setting with numbers has several values"}
+    end.
+
+with_points(#{panels := []}) -> {none, "no run has a figure to plot"};
+with_points(Plot) -> {ok, Plot}.
+
+%% A plot that cannot be drawn is no failure: everything else is there.
+drawn({error, _} = Error, _Dir) ->
+    Error;
+drawn(ok, Dir) ->
+    case starl_lab_sweep_plot:draw(Dir) of
+        ok -> ok;
+        {error, Why} -> starl_cli_terminal:complain(Why)
+    end.
+
+told(Judged, Target) ->
+    lists:foreach(
+        fun({How, Scenario}) ->
+            Replay = starl_cli_setup:replay(Target, Scenario),
+            starl_cli_terminal:out([words(How), "; replay: ", Replay, "\n"])
+        end,
+        [Run || {How, _} = Run <- Judged, How =:= violation orelse How =:= failed]
+    ),
+    Counts = [
+        io_lib:format("~b ~ts", [length(Known), words(How)])
+     || How <- [complete, incomplete, violation, failed],
+        Known <- [[x || {H, _} <- Judged, H =:= How]],
+        Known =/= []
+    ],
+    starl_cli_terminal:out("~b runs: ~ts\n", [length(Judged), lists:join(", ", Counts)]).
+
+words(complete) -> "complete";
+words(incomplete) -> "NOT COMPLETE";
+words(violation) -> "A CONTRACT WAS VIOLATED";
+words(failed) -> "THE SIMULATION FAILED".
+
+verdict(Known) ->
+    Worst = [
+        Status
+     || {How, Status} <- [{violation, 3}, {failed, 1}, {incomplete, 4}], lists:member(How, Known)
+    ],
+    hd(Worst ++ [0]).
+
+written({ok, Dir}, Status) ->
+    starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), "\n"]),
+    Status;
+written({error, Why}, _Status) ->
+    starl_cli_terminal:complain(["the results could not be written: ", Why]),
+    1.
+
+%% -- in a VM of its own ---------------------------------------------------------------------
+
+%% @private The report of a simulation that has only been set up.
+-spec probe({N :: pos_integer(), {App :: string(), starl_sim_scenario:t()}}) ->
+    {ok, starl_cli_report:t()} | {error, unicode:chardata()}.
+probe({_N, {Name, Scenario}}) -> report(Name, Scenario, starl_lab_jobs:set_up(Scenario)).
+
+%% @private The report of a run.
+-spec one(job()) -> {ok, starl_cli_report:t()} | {error, unicode:chardata()}.
+one({_Key, Name, Scenario}) -> report(Name, Scenario, starl_lab_jobs:simulate(Scenario)).
+
+report(_Name, _Scenario, {error, Why}) ->
+    {error, Why};
+report(Name, Scenario, {ok, #{app := #{figures := Figures}} = Ran}) ->
+    {ok, starl_cli_report:make((maps:with([ending, outcome, wall_s], Ran))#{
+        name => Name, scenario => Scenario, figures => Figures
+    })}.

@@ -1,0 +1,74 @@
+%% @doc Medians and ranges: for each point of a sweep's grid the median, the least and the most of
+%% every figure over its seeds.
+%%
+%% Runs in which a contract was violated, or that failed, are counted but not measured: they
+%% stopped somewhere in the middle.
+-module(starl_lab_sweep_summary).
+
+-export([summarize/3, csv/2, range/2, median/1]).
+
+-export_type([t/0, range/0]).
+
+%% A point: its settings as texts, its runs, how many of them were complete, and the ranges.
+-type t() :: #{
+    cells := [string()],
+    runs := non_neg_integer(),
+    complete := non_neg_integer(),
+    ranges := #{Figure :: atom() => range()}
+}.
+
+%% none where no run has the figure, such as the separation of a single robot.
+-type range() :: {Median :: number(), Min :: number(), Max :: number()} | none.
+
+%% @doc Summarizes the runs of a point.
+-spec summarize(starl_lab_sweep_rows:columns(), Cells, [starl_lab_sweep_rows:row()]) -> t() when
+    Cells :: [string()].
+summarize(Columns, Cells, Rows) ->
+    Judged = [{starl_lab_sweep_rows:status(Columns, Row), Row} || Row <- Rows],
+    Measured = [Row || {How, Row} <- Judged, How =:= complete orelse How =:= incomplete],
+    #{
+        cells => Cells,
+        runs => length(Rows),
+        complete => length([Row || {complete, Row} <- Judged]),
+        ranges => maps:from_list([
+            {Figure, range_of(Columns, Figure, Measured)}
+         || Figure <- starl_lab_sweep_rows:numbers(Columns)
+        ])
+    }.
+
+range_of(Columns, Figure, Rows) ->
+    Found = [starl_lab_sweep_rows:figure(Columns, Figure, Row) || Row <- Rows],
+    case [Number || {ok, Number} <- Found] of
+        [] -> none;
+        Numbers -> {median(Numbers), lists:min(Numbers), lists:max(Numbers)}
+    end.
+
+%% @doc The range of one figure.
+-spec range(atom(), t()) -> range().
+range(Figure, #{ranges := Ranges}) -> maps:get(Figure, Ranges).
+
+%% @doc The median; of an even number of values the mean of the two in the middle.
+-spec median([number(), ...]) -> number().
+median(Values) ->
+    Sorted = lists:sort(Values),
+    N = length(Sorted),
+    case N rem 2 of
+        1 -> lists:nth(N div 2 + 1, Sorted);
+        0 -> (lists:nth(N div 2, Sorted) + lists:nth(N div 2 + 1, Sorted)) / 2
+    end.
+
+%% @doc The text of `summary.csv'. The first column of the settings is the application.
+-spec csv(starl_lab_sweep_rows:columns(), [t()]) -> unicode:chardata().
+csv(Columns, Points) ->
+    Figures = starl_lab_sweep_rows:numbers(Columns),
+    Settings = starl_lab_sweep_rows:settings(Columns),
+    Three = [[atom_to_list(F) ++ End || End <- ["_median", "_min", "_max"]] || F <- Figures],
+    Header = Settings ++ ["runs", "complete" | lists:append(Three)],
+    [starl_lab_csv:line(Line) || Line <- [Header | [line(Figures, Point) || Point <- Points]]].
+
+line(Figures, #{cells := Cells, runs := Runs, complete := Complete} = Point) ->
+    Ranges = lists:append([texts(range(Figure, Point)) || Figure <- Figures]),
+    Cells ++ [integer_to_list(Runs), integer_to_list(Complete) | Ranges].
+
+texts(none) -> ["", "", ""];
+texts({Median, Min, Max}) -> [io_lib:format("~w", [X]) || X <- [Median, Min, Max]].

@@ -1,0 +1,132 @@
+%% ./starl soak, planted and faults: what they print and how they end.
+-module(starl_lab_soak_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-import(starl_cli_vm, [says/3, contains/2]).
+
+-define(PATIENCE_S, 60).
+
+commands_test_() ->
+    {timeout, ?PATIENCE_S, [
+        {"soak --help", fun() -> says(0, "Usage: ./starl soak BLOCK", ["soak", "--help"]) end},
+        {"no block", fun() -> says(2, "starl: soak: name a block", ["soak"]) end},
+        {"flag first", fun() -> says(2, "name a block first", ["soak", "--seeds", "3"]) end},
+        {"bad block", fun() -> says(2, "there is no block mutx", ["soak", "mutx"]) end},
+        {"bad seeds", fun() -> says(2, "soak: --seeds: ", ["soak", "sap", "--seeds", "0"]) end},
+        {"planted --help", fun() -> says(0, "Usage: ./starl planted", ["planted", "--help"]) end},
+        {"bad bug", fun() -> says(2, "there is no bug x", ["planted", "--bug", "x"]) end},
+        {"faults", fun() ->
+            Text = says(0, "burst_loss", ["faults"]),
+            Lines = length(string:lexemes(Text, "\n")),
+            ?assertEqual(length(starl_sim_fault:kinds()), Lines),
+            contains("range_mm 1..10000000 mm", Text)
+        end},
+        {"faults --help", fun() -> says(0, "Usage: ./starl faults", ["faults", "--help"]) end},
+        {"faults x", fun() -> says(2, "unexpected argument \"x\"", ["faults", "x"]) end}
+    ]}.
+
+%% A sound block holds: the table has its line, the exit status is 0.
+sound_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        Args = ["soak", "sap", "--seeds", "4", "--from", "7", "--robots", "3", "--jobs", "2"],
+        contains("sap              4          0         0", says(0, "seeds/min/core", Args))
+    end}.
+
+%% The broken blocks of the tests are compiled, run and found.
+planted_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        Args = ["planted", "--bug", "sap_forgets,mutex_impatient_home", "--jobs", "2"],
+        Text = says(0, "2 of 2 found", Args),
+        contains("sap: duplicate delivery", Text),
+        contains("mutex: two holders", Text)
+    end}.
+
+%% With too few seeds a bug is not found, which is told.
+planted_not_found_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        says(4, "NOT FOUND", ["planted", "--bug", "registers_no_exchange", "--seeds", "1"])
+    end}.
+
+%% Of each way in which a contract is violated the first seed, and how many there are.
+failing_test() ->
+    V = fun(Contract, What) ->
+        #{contract => Contract, what => What, at_us => 1, robots => [], details => #{}}
+    end,
+    Founds = [
+        {mutex, 9, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 3, {ok, [], 0.1}},
+        {mutex, 7, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 4, {failed, {failed, crash}}},
+        {mutex, 5, {ok, [V(sap, outcome_overdue)], 0.1}},
+        {barrier, 8, {ok, [V(barrier, passed_early)], 0.1}}
+    ],
+    ?assertEqual(
+        [{1, mutex, 5, sap, 1}, {2, mutex, 7, mutex, 2}, {1, barrier, 8, barrier, 1}],
+        [
+            {N, Block, Seed, Contract, Count}
+         || {N, {Block, Seed, #{contract := Contract}, Count}} <-
+                starl_lab_soak_report:failing([mutex, barrier], lists:sort(Founds))
+        ]
+    ).
+
+%% What a soak runs is what the printed command runs, with all that was drawn.
+scenario_test_() ->
+    {timeout, ?PATIENCE_S, fun replayed/0}.
+
+replayed() ->
+    [
+        begin
+            #{app := App} = Given = starl_lab_soak:scenario(Block, Robots, Seed),
+            {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
+            {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
+            {ok, Target} = starl_cli_target:resolve(Name),
+            Replay = unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario)),
+            Words = string:lexemes(lists:flatten(Replay), " "),
+            ["./starl", "run" | Args] = [string:trim(W, both, "'") || W <- Words],
+            {ok, Call} = starl_cli_command:read(starl_cli_run, Args),
+            {ok, #{scenario := Again}} = starl_cli_setup:check(Call),
+            ?assertEqual({Block, Seed, Scenario}, {Block, Seed, Again})
+        end
+     || Block <- starl_lab_soak:targets(), {Robots, Seed} <- [{6, 1}, {none, 2}, {none, 3}]
+    ].
+
+%% Teams of all sizes are drawn, faults that outlast leases, leases of several lengths, holds longer
+%% than a lease, clocks near the bound of their drift; the same for the same seed.
+drawn_test_() ->
+    {timeout, ?PATIENCE_S, fun drawn/0}.
+
+drawn() ->
+    Drawn = fun(Block, Key, Robots) ->
+        lists:usort([
+            maps:get(Key, starl_lab_soak:scenario(Block, Robots, Seed), none)
+         || Seed <- lists:seq(1, 200)
+        ])
+    end,
+    [
+        begin
+            ?assertEqual(lists:seq(1, 10), Drawn(Block, robots, none)),
+            ?assertEqual([3], Drawn(Block, robots, 3)),
+            ?assertMatch([_, Heal] when Heal >= 25, Drawn(Block, longest_fault, none)),
+            ?assertEqual([9999, none], Drawn(Block, clock_drift, none))
+        end
+     || Block <- starl_lab_soak:targets()
+    ],
+    ?assertEqual([500, 1000, 2000, 4000], Drawn(mutex, lease, none)),
+    ?assertEqual([3, 6, 1024], Drawn(registers, limit, none)),
+    ?assert(length(Drawn(dpp, lease, none)) > 100),
+    Longer = [
+        Seed
+     || Seed <- lists:seq(1, 200),
+        #{hold := Hold, lease := Lease} <- [starl_lab_soak:scenario(mutex, none, Seed)],
+        Hold > Lease
+    ],
+    ?assert(length(Longer) > 50).
+
+%% Where clocks are near the bound no fault lets one drift further.
+drift_within_its_bound_test() ->
+    [
+        ?assertNot(lists:member(clock_drift, [Kind || W <- What, Kind <- kinds(W)]))
+     || Block <- starl_lab_soak:targets(), Seed <- lists:seq(1, 50),
+        #{clock_drift := 9999, random_faults := What} <-
+            [starl_lab_soak:scenario(Block, none, Seed)]
+    ].
+
+kinds(What) -> [Kind || {Kind, _, _, _, _} <- starl_sim_fault:kinds_of(What)].
