@@ -1,0 +1,93 @@
+%% `./starl' as a shell script calls it: what it reads, and which commands are its own.
+-module(starl_script_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+
+-export([suite/0, all/0]).
+-export([standard_input_is_left_alone/1, a_closed_standard_input_is_none/1]).
+-export([the_shell_reads_standard_input/1, commands_of_the_script_are_explained/1]).
+-export([flags_of_the_script_are_refused/1]).
+
+suite() -> [{timetrap, {minutes, 5}}].
+
+all() ->
+    [
+        standard_input_is_left_alone,
+        a_closed_standard_input_is_none,
+        the_shell_reads_standard_input,
+        commands_of_the_script_are_explained,
+        flags_of_the_script_are_refused
+    ].
+
+%% A list that a loop reads its turns from is not eaten by the first of them.
+standard_input_is_left_alone(Config) ->
+    Run = "run exercise --work 1 --quiet --out \"$out/$seed\" --seed \"$seed\"",
+    Loop = "while read seed; do ./starl " ++ Run ++ " >/dev/null || echo bad; echo $seed; done",
+    ?assertEqual({0, "3\n5\n8\n"}, sh("printf '3\\n5\\n8\\n' | " ++ Loop, Config)).
+
+a_closed_standard_input_is_none(Config) ->
+    {0, Text} = sh("./starl apps <&-", Config),
+    ?assertNotEqual(nomatch, string:find(Text, "painting")).
+
+the_shell_reads_standard_input(Config) ->
+    {_, Text} = sh("echo 'starl_sim:module_info(module), 40 + 2.' | ./starl shell", Config),
+    ?assertNotEqual({nomatch, Text}, {string:find(Text, "42"), Text}).
+
+commands_of_the_script_are_explained(Config) ->
+    [
+        begin
+            Usage = "Usage: ./starl " ++ Name,
+            {0, Text} = sh("./starl " ++ Name ++ " --help", Config),
+            ?assertEqual({Text, true}, {Text, lists:prefix(Usage, Text)})
+        end
+     || Name <- ["test", "shell", "setup"]
+    ].
+
+flags_of_the_script_are_refused(Config) ->
+    [
+        ?assertMatch({2, "starl: " ++ _}, sh("./starl " ++ Line, Config))
+     || Line <- ["test --helpp", "setup --helpp", "setup now", "test no/such-name"]
+    ].
+
+%% Runs a line in the checkout, with the environment in which ./starl itself has built it.
+sh(Line, Config) ->
+    Root = root(filename:dirname(code:which(?MODULE))),
+    Port = open_port({spawn_executable, os:find_executable("sh")}, [
+        {args, ["-c", Line]},
+        {cd, Root},
+        exit_status,
+        stderr_to_stdout,
+        hide,
+        {env, [
+            {"out", proplists:get_value(priv_dir, Config)},
+            {"ERL_AFLAGS", false},
+            {"ERL_LIBS", libraries(Root)},
+            {"PATH", path()}
+        ]}
+    ]),
+    rest(Port, "").
+
+rest(Port, Text) ->
+    receive
+        {Port, {data, More}} -> rest(Port, Text ++ More);
+        {Port, {exit_status, Status}} -> {Status, Text}
+    end.
+
+root(Dir) ->
+    case filelib:is_regular(filename:join(Dir, "starl")) of
+        true -> Dir;
+        false when Dir =/= "/" -> root(filename:dirname(Dir))
+    end.
+
+%% An Erlang VM puts two folders of its own before the others.
+path() ->
+    Dirs = string:lexemes(os:getenv("PATH"), ":"),
+    Own = [os:getenv("BINDIR", ""), filename:join(code:root_dir(), "bin")],
+    lists:append(lists:join(":", Dirs -- Own)).
+
+%% rebar3 adds the libraries in .deps, which ./starl adds by itself.
+libraries(Root) ->
+    Own = filename:join(Root, ".deps"),
+    case [Dir || Dir <- string:lexemes(os:getenv("ERL_LIBS", ""), ":"), Dir =/= Own] of
+        [] -> false;
+        Dirs -> lists:append(lists:join(":", Dirs))
+    end.
