@@ -1,0 +1,124 @@
+%% @doc The pages of all modules, made by EDoc ({@link starl_dev_doc_source}). Whatever EDoc says, and
+%% every link from page to page that leads nowhere, is a problem: documentation that does not build
+%% is as wrong as code that does not compile.
+-module(starl_dev_doc_pages).
+
+-export([make/3]).
+
+-export_type([problem/0]).
+
+%% One line: what is wrong, and where.
+-type problem() :: unicode:chardata().
+
+%% @doc Makes the pages of these sources in a directory, which is emptied before; the first one is
+%% `index.html', with the text of the overview. Gives the number of pages of modules.
+-spec make([file:filename()], Overview :: file:filename(), Dir :: file:filename()) ->
+    {ok, pos_integer()} | {error, [problem(), ...]}.
+make(Files, Overview, Dir) ->
+    _ = file:del_dir_r(Dir),
+    Sources = filename:join(Dir, "src"),
+    ok = filelib:ensure_dir(filename:join(Sources, "any")),
+    Copies = [copied(File, Sources) || File <- Files],
+    Options = [{overview, Overview}, {title, "StarL"}, {todo, false}],
+    Said = said_by(fun() -> edoc:files(Copies, [{dir, Dir} | Options]) end),
+    ok = file:del_dir_r(Sources),
+    lists:foreach(fun to_otp/1, pages(Dir)),
+    case [original(Line, Sources, Files) || Line <- Said] ++ dead_links(Dir) of
+        [] -> {ok, length(Files)};
+        Problems -> {error, Problems}
+    end.
+
+copied(File, Dir) ->
+    {ok, Text} = file:read_file(File),
+    Lines = string:split(unicode:characters_to_list(Text), "\n", all),
+    Copy = filename:join(Dir, filename:basename(File)),
+    Turned = lists:join("\n", starl_dev_doc_source:for_edoc(Lines)),
+    ok = file:write_file(Copy, unicode:characters_to_binary(Turned)),
+    Copy.
+
+%% EDoc names the copy; people look for the file that it was made from.
+original(Line, Sources, Files) ->
+    lists:foldl(
+        fun(File, Text) ->
+            string:replace(Text, filename:join(Sources, filename:basename(File)), File, all)
+        end,
+        Line, Files
+    ).
+
+%% -- what EDoc says -------------------------------------------------------------------------
+
+%% EDoc prints its warnings and has no other way to tell them: so its output is read.
+said_by(Fun) ->
+    Leader = spawn_link(fun() -> listen([]) end),
+    {Pid, Ref} = spawn_monitor(fun() ->
+        true = group_leader(Leader, self()),
+        Fun()
+    end),
+    Ended =
+        receive
+            {'DOWN', Ref, process, Pid, normal} -> [];
+            {'DOWN', Ref, process, Pid, Reason} -> [io_lib:format("EDoc ended: ~0tP", [Reason, 20])]
+        end,
+    Leader ! {text, self()},
+    receive
+        {text, Text} -> [L || L <- string:split(Text, "\n", all), string:trim(L) =/= ""] ++ Ended
+    end.
+
+listen(Said) ->
+    receive
+        {io_request, From, Ref, Request} ->
+            From ! {io_reply, Ref, ok},
+            listen([chars(Request) | Said]);
+        {text, To} ->
+            To ! {text, unicode:characters_to_list(lists:reverse(Said))}
+    end.
+
+chars({put_chars, _Encoding, Chars}) -> Chars;
+chars({put_chars, _Encoding, Module, Function, Args}) -> apply(Module, Function, Args);
+chars(_Other) -> "".
+
+%% EDoc links the behaviours of OTP as if they had pages here.
+to_otp(Page) ->
+    Text = re:replace(
+        read(Page), "href=\"((?:gen|supervisor)[a-z_]*)\\.html\"",
+        "href=\"https://www.erlang.org/doc/man/\\1.html\"", [global]
+    ),
+    ok = file:write_file(Page, Text).
+
+pages(Dir) -> filelib:wildcard(filename:join(Dir, "*.html")).
+
+%% -- links ----------------------------------------------------------------------------------
+
+%% Links to other pages of ours, and to places in them, that there are not.
+dead_links(Dir) ->
+    Pages = [{filename:basename(File), read(File)} || File <- pages(Dir)],
+    Places = maps:from_list([{Page, places(Page, Text)} || {Page, Text} <- Pages]),
+    [
+        io_lib:format("~ts: a link leads nowhere: ~ts", [filename:rootname(Page), Link])
+     || {Page, Text} <- Pages, Link <- lists:usort(links(Text)), is_dead(Link, Page, Places)
+    ].
+
+read(File) ->
+    {ok, Text} = file:read_file(File),
+    Text.
+
+links(Text) -> found(Text, " href=\"([^\"#]*(?:#[^\"]*)?)\"").
+
+places(Page, Text) -> [Page | [[Page, "#", Name] || Name <- found(Text, " name=\"([^\"]*)\"")]].
+
+found(Text, Pattern) ->
+    case re:run(Text, Pattern, [global, {capture, all_but_first, list}]) of
+        {match, Found} -> lists:append(Found);
+        nomatch -> []
+    end.
+
+is_dead("#" ++ _ = Place, Page, Places) ->
+    is_dead(Page ++ Place, Page, Places);
+is_dead(Link, _Page, Places) ->
+    case string:split(Link, "#") of
+        ["http" ++ _ | _] -> false;
+        [File | _] when is_map_key(File, Places) -> not is_place(Link, maps:get(File, Places));
+        [File | _] -> filename:extension(File) =:= ".html"
+    end.
+
+is_place(Link, Places) -> lists:any(fun(Place) -> lists:flatten(Place) =:= Link end, Places).
