@@ -222,7 +222,7 @@ too_close_is_told_during_the_run_test() ->
     Passing = [motion(0, 1, drive(0, 0.0, 0.0, 0.0)),
                motion(0, 2, drive(0, 1000.0, 250.0, math:pi()))],
     M0 = starl_monitor:new([{starl_dpp_monitor, #{tube_radius => ?TUBE, r_s => ?R_S}}]),
-    Step = fun(T, M) -> step({T, 9, dpp_coordinator, tick}, {[], M}) end,
+    Step = fun(T, M) -> step({T, 9, dpp_coordinator, {silent, 9}}, {[], M}) end,
     {[], M1} = lists:foldl(fun step/2, {[], M0}, Passing),
     {[], M2} = Step(4 * ?S, M1),
     {[#{what := too_close, robots := [1, 2], at_us := At}], M3} = Step(7 * ?S, M2),

@@ -1,10 +1,11 @@
 %% @doc What a geocast is held to where the time of day is not known: its own monitor ({@link
 %% starl_geocast_monitor}), which is told times that are in the right order. Every crash takes
-%% a microsecond; when the client's timer says that the window is over (`{window, over}'), it is.
+%% a microsecond; when the client's timer says that the window is over ({@link
+%% starl_check_client:event()}), it is.
 -module(starl_check_casts).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, timeless/1]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -record(state, {
     casts :: starl_monitor:state(),
@@ -19,6 +20,10 @@ init(#{lifetime_us := Lifetime} = Config) ->
 
 -spec interests() -> [atom()].
 interests() -> [app, geocast, robot].
+
+%% @doc The geocast's own, and the client's.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() -> (starl_geocast_monitor:vocabulary())#{app => [{window, 1}]}.
 
 -spec timeless(#state{}) -> term().
 timeless(#state{casts = Casts, now_us = Now}) -> {Now, Casts}.

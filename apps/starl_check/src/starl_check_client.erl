@@ -19,7 +19,10 @@
 
 -export([init/1, handle_event/5]).
 
--export_type([script/0]).
+-export_type([script/0, event/0]).
+
+%% What it traces: the time that it was to wait is over.
+-type event() :: {window, over}.
 
 -type script() :: [
     {call | 'try', starl_machine:name(), Request :: term()}

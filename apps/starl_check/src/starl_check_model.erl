@@ -55,7 +55,7 @@
 %% elsewhere that is long ago; `fixed': the places of robots that are unlike all others;
 %% `same_random': all robots draw the same; `draws': a robot draws the `same' each time;
 %% `beyond': what would come after one of these events is
-%% not gone into.
+%% not gone into; `known': what may be traced.
 -type t() :: #{
     block := block(),
     ids := [starl:robot_id()],
@@ -65,6 +65,7 @@
     script := fun((starl_check_term:place()) -> starl_check_client:script()),
     crash := [starl_machine:name()],
     monitor := {module(), Config :: map()},
+    known := starl_event:known(),
     timed := [atom()],
     steps := [atom()],
     rates := tuple(),
@@ -161,7 +162,9 @@ new(Block, Options) ->
     Told = maps:with([past_us, waits], Options),
     Model = maps:merge(maps:merge(Common, block(Block, Common)), Told),
     Crash = maps:get(crash, Options, maps:get(crash, Model)),
-    with_machine(maps:find(machine, Options), Model#{crash := Crash}).
+    #{monitor := {Monitor, _}} = Model,
+    Judged = Model#{crash := Crash, known => starl_monitor:known([Monitor])},
+    with_machine(maps:find(machine, Options), Judged).
 
 %% Where SAP is what is checked, its crashes are those of the block's machine.
 faults(sap, #{crash := Crash, sap := Sap} = Faults) -> Faults#{crash := Crash + Sap, sap := 0};

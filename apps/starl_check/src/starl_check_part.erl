@@ -68,11 +68,15 @@ happening(Place, Happens, Model, Store) ->
             {broken, starl_crash_monitor:violation(0, Id, Name, starl_crash:cause(Reason))}
     end.
 
-happened(Place, {_, Traces, _} = Result, #{beyond := IsBeyond} = Model, Store) ->
-    case lists:any(IsBeyond, Traces) of
-        true -> beyond;
-        false -> within(Place, Result, Model, Store)
+happened(Place, {_, Traces, _} = Result, #{beyond := IsBeyond, known := Known} = Model, Store) ->
+    case {unknown(Traces, Known), lists:any(IsBeyond, Traces)} of
+        {[Event | _], _} -> {broken, starl_event:violation(Event)};
+        {[], true} -> beyond;
+        {[], false} -> within(Place, Result, Model, Store)
     end.
+
+unknown(Traces, Known) ->
+    [T || {_, _, Name, Event} = T <- Traces, not starl_event:is_known(Name, Event, Known)].
 
 within(Place, {Sent, Traces, Robot}, #{monitor := {Module, _}}, Store) ->
     Items = [item_number(new_item(Place, One), Store) || One <- Sent],

@@ -9,7 +9,14 @@
 -export([prepare/1, new/2, lead/1, unknown/1, knows/2, silent/2]).
 -export([requested/4, reported/4, passed/4, rests/3, serve/1, give_up/1, answered/3]).
 
--export_type([t/0]).
+-export_type([t/0, event/0]).
+
+%% What it traces, in the name of the coordinator.
+-type event() ::
+    {acts, starl_dpp:term_id()}
+    | {coordinator, starl_dpp:term_id()}
+    | {assigned, starl:robot_id(), starl_dpp:request_id(), [starl_geometry:segment()]}
+    | {silent, starl:robot_id()}.
 
 -record(service, {
     term :: starl_dpp:term_id(),

@@ -5,7 +5,7 @@
 -module(starl_check_terms).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, timeless/1]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -record(state, {
     plan :: starl_monitor:state(),
@@ -18,6 +18,13 @@ init(Config) -> #state{plan = starl_dpp_monitor:init(Config)}.
 
 -spec interests() -> [atom()].
 interests() -> starl_dpp_monitor:interests().
+
+%% @doc Those of path planning, and `acts'.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() ->
+    Planning = starl_dpp_monitor:vocabulary(),
+    #{dpp_coordinator := Own} = Planning,
+    Planning#{dpp_coordinator := [{acts, 1} | Own]}.
 
 -spec timeless(#state{}) -> term().
 timeless(#state{plan = Plan, led = Led}) -> {starl_dpp_monitor:timeless(Plan), Led}.

@@ -1,10 +1,8 @@
 %% @doc No machine crashes by itself: the contract that every machine of StarL keeps, whatever its
 %% input. What a fault kills does not count; it was not its doing.
 %%
-%% Events of machine `supervisor': `{crashed, Machine, Cause}' with the {@link starl_crash:cause()},
-%% and `{given_up, Machine}': it crashed so often that it is not started any more. The crashes of
-%% machines that are `excused' (a user's application) are told in the results: how many there were,
-%% and the first.
+%% Events of machine `supervisor': {@link starl_event:supervisor()}. The crashes of machines that
+%% are `excused' (a user's application) are told in the results: how many there were, and the first.
 -module(starl_crash_monitor).
 -behaviour(starl_monitor).
 

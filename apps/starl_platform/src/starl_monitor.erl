@@ -8,11 +8,13 @@
 %% with the events it is interested in and at the finish. A violation does not end the
 %% monitoring: a caller may stop at the first one or go on and collect them all.
 %%
-%% The runner dispatches by the name of the machine: an event of a machine that no monitor
-%% listens to costs one look-up in a small map.
+%% The runner dispatches by the name of the machine. Before that it holds every event against the
+%% vocabulary of its machine ({@link starl_event}): one that is not in it is a violation,
+%% `unknown_event', told once for each machine and event of that name. So no monitor need look for
+%% events that it does not know, and none swallows them.
 -module(starl_monitor).
 
--export([new/1, step/2, finish/2, format_violation/1, shape/1]).
+-export([new/1, step/2, finish/2, known/1, format_violation/1, shape/1]).
 -export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, shape/0]).
 
 %% A robot's number.
@@ -42,13 +44,17 @@
     {ok | {violation, [violation(), ...]}, results()}.
 %% The machines whose events the monitor wants; without this callback, all.
 -callback interests() -> [Machine :: atom()] | all.
+%% The machines whose contract the monitor stands for, with all the events that they trace of their
+%% own, those too that it does not judge; without this callback, none.
+-callback vocabulary() -> starl_event:vocabulary().
 %% What decides on the violations to come while no time passes: two states that are alike in this
 %% judge alike. For the exhaustive checker; figures and times are left out.
 -callback timeless(state()) -> term().
--optional_callbacks([interests/0, timeless/1]).
+-optional_callbacks([interests/0, vocabulary/0, timeless/1]).
 
 -record(runner, {
     monitors :: [monitor()],
+    known :: starl_event:known(),
     %% Violations not returned yet, latest first, and how many more would still be kept.
     violations = [] :: [violation()],
     room :: non_neg_integer()
@@ -69,17 +75,24 @@ new(Monitors) ->
     length(lists:usort(Modules)) =:= length(Modules) orelse error(badarg, [Monitors]),
     #runner{
         monitors = [{M, interests_of(M), M:init(Config)} || {M, Config} <- Monitors],
+        known = known(Modules),
         room = ?KEPT
     }.
+
+%% @doc What the trace may hold when these monitors judge it.
+-spec known([module()]) -> starl_event:known().
+known(Modules) -> starl_event:known([optional(Module, vocabulary, #{}) || Module <- Modules]).
 
 %% @doc Feeds one event or several. All of them are judged by all monitors, also after a
 %% violation; the first violation of this call is returned.
 -spec step(trace_event() | [trace_event()], t()) -> {ok, t()} | {violation, violation(), t()}.
 step([], Runner) ->
     {ok, Runner};
-step(Events, #runner{monitors = Monitors} = Runner) when is_list(Events) ->
-    {Fed, Found} = lists:mapfoldl(fun(M, Found) -> feed_all(Events, M, Found) end, [], Monitors),
-    answer(in_order(Found), Runner#runner{monitors = Fed});
+step(Events, #runner{monitors = Monitors, known = Known0} = Runner) when is_list(Events) ->
+    {Unknown, Known} = unknown(Events, 1, Known0, []),
+    Feed = fun(Monitor, Found) -> feed_all(Events, Monitor, Found) end,
+    {Fed, Found} = lists:mapfoldl(Feed, Unknown, Monitors),
+    answer(in_order(Found), Runner#runner{monitors = Fed, known = Known});
 step(Event, Runner) ->
     step([Event], Runner).
 
@@ -137,11 +150,25 @@ compared(M, N) when M < N -> less;
 compared(M, N) when M == N -> equal;
 compared(_, _) -> more.
 
-interests_of(Module) ->
+interests_of(Module) -> optional(Module, interests, all).
+
+optional(Module, Callback, Default) ->
     {module, Module} = code:ensure_loaded(Module),
-    case erlang:function_exported(Module, interests, 0) of
-        true -> Module:interests();
-        false -> all
+    case erlang:function_exported(Module, Callback, 0) of
+        true -> Module:Callback();
+        false -> Default
+    end.
+
+%% The events that their machines do not trace, and what is known when they have been told.
+unknown([], _Place, Known, Found) ->
+    {Found, Known};
+unknown([{_, _, Machine, Event} = Traced | Events], Place, Known, Found) ->
+    case starl_event:is_known(Machine, Event, Known) of
+        true ->
+            unknown(Events, Place + 1, Known, Found);
+        false ->
+            More = [{Place, starl_event:violation(Traced)} | Found],
+            unknown(Events, Place + 1, starl_event:tell(Machine, Event, Known), More)
     end.
 
 %% A monitor takes all its events in one go, so that its state stays in its hands.
@@ -172,7 +199,7 @@ is_wanted(Machine, [Machine | _]) -> true;
 is_wanted(Machine, [_ | Others]) -> is_wanted(Machine, Others);
 is_wanted(_Machine, []) -> false.
 
-%% By the events that gave rise to them, then by monitor.
+%% By the events that gave rise to them; what is unknown first, then by monitor.
 in_order(Found) -> [Violation || {_Place, Violation} <- lists:keysort(1, lists:reverse(Found))].
 
 answer([], Runner) ->

@@ -14,13 +14,9 @@
 %% leaves none out, and has never more of them unread than there is room for. A type has one
 %% listener.
 %%
-%% Events of machine `sap': `{started, Incarnation}', `{sent, MsgId, Dests, Type, Hash}',
-%% `{delivered, MsgId, Type, Hash}' at the receiver, `{outcome, MsgId, Dest, Outcome}' at the sender
-%% with Outcome `acknowledged', `lost', `{lost, Reason}' or `restarted' (lost because the receiver
-%% restarted), `{called, MsgId, one | all}' after `sent' where a caller waits for an answer,
-%% `{answered, MsgId | none, Answer}', `{listener_refused, Type, Machine, Holder}'; of machine
-%% `app': `{read, Source, Type, Hash}' and `crashed'; of machine `robot': `{died, Reason}' and
-%% `down' (until it starts anew). `MsgId' is `{Source, Incarnation, Seq}'.
+%% Events: of machine `sap', {@link starl_sap:event()} (a recording may give an outcome as `{lost,
+%% Reason}', too); of machine `app', `read' and `crashed'; of machine `robot', `died' and `down'
+%% (until it starts anew).
 %%
 %% Memory: one entry per message that is outstanding. An undelivered message whose outcomes are
 %% all known is outstanding for `late_us' more; then only its sequence number is kept, in
@@ -31,7 +27,7 @@
 -module(starl_sap_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, timeless/1]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -record(state, {
     bound_us :: pos_integer(),
@@ -78,6 +74,17 @@ init(#{bound_us := Bound} = Config) ->
 %% @doc The SAP's own events, what the application reads, and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [sap, robot, app].
+
+%% @doc {@link starl_sap:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() ->
+    #{
+        sap => [
+            {started, 1}, {sent, 4}, {called, 2}, {answered, 2}, {overload, 1}, {outcome, 3},
+            {delivered, 3}, {full, 2}, {unclaimed_full, 2}, {unheard, 2}, {dropped, 2},
+            {listener_refused, 3}
+        ]
+    }.
 
 %% @doc The messages outstanding, and the numbers of all others.
 -spec timeless(#state{}) -> term().

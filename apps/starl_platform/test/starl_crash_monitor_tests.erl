@@ -32,8 +32,7 @@ run(Config, Events) ->
 none() -> #{crashes => 0, first_crash => none, given_up => []}.
 
 no_crash_test() ->
-    ?assertEqual({[], none()}, run(#{}, [])),
-    ?assertEqual({[], none()}, run(#{}, [{1, 1, supervisor, {started, door}}])).
+    ?assertEqual({[], none()}, run(#{}, [])).
 
 %% The contract is the machine's; the reason and the place are told.
 crash_test() ->

@@ -3,7 +3,7 @@
 %%
 %% An application that crashes has to finish anew; only a robot that dies need not.
 %%
-%% Events of machine `app': `{done, Result}', `crashed'; of machine `robot': `{died, Reason}'.
+%% Events of machine `app': `done', `crashed'; of machine `robot': `died'.
 -module(starl_sim_progress_monitor).
 -behaviour(starl_monitor).
 

@@ -14,7 +14,6 @@ lost_test() ->
         #{lost => [{5, 1, 2, 7}, {6, 2, 3, {all, 1}}, {6, 2, 1, {all, 1}}]},
         run([
             {5, 1, radio, {lost, 2, 7}},
-            {5, 1, radio, {sent, 2, 8}},
             {5, 1, sap, {lost, 2, 9}},
             {6, 2, radio, {lost, 3, {all, 1}}},
             {6, 2, radio, {lost, 1, {all, 1}}}

@@ -19,14 +19,13 @@
 %% A call whose patience ends before that may fail. Whatever is promised, and whatever goes wrong,
 %% every call with a patience ends `bound_us' after it at the latest, `margin_us' after the heal.
 %%
-%% Events of machine `app': `{call, What, PatienceMs | none}', `{answer, Outcome}', `crashed'; of
-%% the machines `barrier' (`{reached, Name, K}'), `election' and `registers' (`crashed',
-%% the latter `store_damaged', too), `sap' (`{started, Incarnation}', `{outcome, Id, Robot, Outcome}');
-%% of machine `robot': `down', `{died, Reason}'.
+%% Events of machine `app': {@link starl_exercise_use:event()}, `crashed'; of the machines `barrier'
+%% (`reached'), `election' and `registers' (`crashed', and `store_damaged' of `registers'), `sap'
+%% (`started', `outcome'); of machine `robot': `died'.
 -module(starl_exercise_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type us() :: integer().
@@ -94,6 +93,10 @@ init(#{block := Block, robots := Robots, healed_us := Healed} = Config) ->
 %% @doc The applications, the end of robots, and how far the blocks have come.
 -spec interests() -> [atom()].
 interests() -> [app, barrier, election, registers, robot, sap].
+
+%% @doc {@link starl_exercise_use:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() -> #{app => [{call, 2}, {answer, 1}]}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->

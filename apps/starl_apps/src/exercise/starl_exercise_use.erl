@@ -1,13 +1,16 @@
 %% @doc How `exercise' uses each building block: during its work now this, now that; at its end the
 %% calls that have to succeed when nothing goes wrong any more. Every call leaves what it was and
-%% what came of it in the trace, for {@link starl_exercise_monitor}.
-%%
-%% Trace: `{call, What, PatienceMs | none}' and `{answer, Outcome}', in turns.
+%% what came of it in the trace ({@link event()}), for {@link starl_exercise_monitor}.
 -module(starl_exercise_use).
 
 -export([work/4, final/3]).
 
--export_type([call/0]).
+-export_type([call/0, event/0]).
+
+%% What the application traces, in turns: a call with its patience, and what it answered.
+-type event() ::
+    {call, call(), PatienceMs :: pos_integer() | none}
+    | {answer, Outcome :: term()}.
 
 %% What is called.
 -type call() ::

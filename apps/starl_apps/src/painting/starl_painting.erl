@@ -6,13 +6,17 @@
 %% pen is down, as its sensor shows, and comes up again at the end. Nothing is driven before the pen
 %% is as it should be.
 %%
-%% Trace: `{stroke, Line}' when the robot sets out to paint this line (see
-%% {@link starl_painting_monitor}).
+%% Trace: {@link event()} (see {@link starl_painting_monitor}).
 -module(starl_painting).
 -behaviour(starl_app).
 
 -export([init/2, step/2]).
 -export([options/0, scene/1, report/2]).
+
+-export_type([event/0]).
+
+%% What it traces: the robot sets out to paint this line, mm.
+-type event() :: {stroke, starl_geometry:segment()}.
 
 %% Two lines whose directions differ by less are one, rad.
 -define(STRAIGHT, 0.01).

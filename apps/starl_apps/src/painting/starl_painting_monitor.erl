@@ -16,16 +16,16 @@
 %%
 %% Who says that the picture is complete, `{done, complete}', has to be right.
 %%
-%% Events of machine `chassis': `{motion, Piece}' and `{actuated, pen, down | up}' (the pen
-%% starts up), what it does and not what it was told; of machine `app': `{stroke, Segment}' and
-%% `{done, Result}'; of machine `robot': `{died, Reason}' (the robot stays where it is).
+%% Events of machine `chassis': `motion' and `actuated' (the pen starts up), what it does and not
+%% what it was told; of machine `app': {@link starl_painting:event()}, `done'; of machine `robot': `died'
+%% (the robot stays where it is).
 %%
 %% A violation comes at the end of the stretch that it lies in, once for each time a pen is
 %% lowered, and names the moment at which the ink left the lines.
 -module(starl_painting_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type point() :: starl_geometry:point().
@@ -89,6 +89,10 @@ init(#{lines := Lines, ink_radius_mm := Radius, tolerance_mm := Tolerance} = Con
 %% @doc The motions and pens, the strokes, and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [chassis, app, robot].
+
+%% @doc {@link starl_painting:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() -> #{app => [{stroke, 1}]}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->

@@ -14,12 +14,12 @@
 %% `delta_us' (default: none) the last robot passes at most so long after the first. A robot
 %% that died or whose barrier machine crashed may take longer.
 %%
-%% Events of machine `barrier': `{reached, Name, K}', `{passed, Name, K}',
-%% `{failed, Name, K, Reason}', and the driver's `crashed', `store_damaged'.
+%% Events of machine `barrier': {@link starl_barrier_rounds:event()}, `crashed', `store_damaged';
+%% of machine `robot': `died'.
 -module(starl_barrier_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, timeless/1]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
@@ -72,6 +72,10 @@ init(#{robots := Robots} = Config) ->
 %% @doc The barrier machines' own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [barrier, robot].
+
+%% @doc {@link starl_barrier_rounds:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() -> #{barrier => [{reached, 2}, {passed, 2}, {failed, 3}]}.
 
 %% @doc How far each robot has come; without `bound_us' and `delta_us' nothing else is judged. The
 %% checker damages no store, so what the others have forgotten makes no difference.

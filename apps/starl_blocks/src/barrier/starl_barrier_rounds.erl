@@ -26,12 +26,20 @@
 %%
 %% Calls: `{round, Name}' (the round that the next `sync' is for), `{sync, Name, Round, Us}'
 %% (answer `ok' or `{error, timeout}'), `{resume, Name, Round}' (after a crash: the application has
-%% not passed this round). Trace: `{reached, Name, K}', `{passed, Name, K}',
-%% `{failed, Name, K, timeout | restarted}'.
+%% not passed this round). Trace: {@link event()}.
 -module(starl_barrier_rounds).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5, accepts/2]).
+
+-export_type([event/0]).
+
+%% What it traces, of each round of a name.
+-type event() ::
+    {reached, starl_barrier:name(), starl_barrier:round()}
+    | {passed, starl_barrier:name(), starl_barrier:round()}
+    %% the caller waits no longer: its patience is at an end, or SAP has restarted
+    | {failed, starl_barrier:name(), starl_barrier:round(), timeout | restarted}.
 
 -define(RETRY_MS, 3000).
 

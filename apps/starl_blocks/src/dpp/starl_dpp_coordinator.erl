@@ -23,13 +23,21 @@
 %% Casts from the own participant: `{lead, N}', `{led, Term}', and `out_of_time' when the robot's
 %% clock has stood still or was set: no vote counts that was given before.
 %%
-%% Trace: `{claims, Term}', `{leads, Term}', `{stepped_down, Term}', and those of the service.
+%% Trace: {@link event()}.
 -module(starl_dpp_coordinator).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5, accepts/2]).
 
--export_type([service/0]).
+-export_type([service/0, event/0]).
+
+%% What it traces.
+-type event() ::
+    %% it asks for votes; it has those of a quorum; it leads no longer
+    {claims, starl_dpp:term_id()}
+    | {leads, starl_dpp:term_id()}
+    | {stepped_down, starl_dpp:term_id()}
+    | starl_dpp_serve:event().
 
 %% What a coordinator knows of its robots, private to the module of its service: `serve' in the
 %% configuration, by default {@link starl_dpp_serve}. The exhaustive checker gives a smaller one.

@@ -8,18 +8,17 @@
 %% has the votes, which is before it assigns anything itself. Leave: a robot begins no motion
 %% outside of what is reserved for it, so it does not drive on when its space has been given free.
 %%
-%% Events of machine `dpp_coordinator': `{leads, Term}', `{coordinator, Epoch}' (a later epoch
-%% starts with an empty view, filled before anything is assigned), `{assigned, Robot, ReqId,
-%% Segments}' and `{reserved, Robot, Segments}' (the robot's whole reservation afterwards); of
-%% machine `chassis': `{motion, Piece}'; of machine `robot': `{died, Reason}' (the robot stays where
-%% it is, and so does its reservation).
+%% Events of machine `dpp_coordinator': {@link starl_dpp_coordinator:event()} (a later `coordinator'
+%% starts with an empty view, filled before anything is assigned; `assigned' and `reserved' tell the
+%% robot's whole reservation afterwards); of machine `chassis': `motion'; of machine `robot': `died'
+%% (the robot stays where it is, and so does its reservation).
 %%
 %% Separation is judged when a slice of time is over, so its violations come up to a second
 %% after the moment that they name; a pair is reported once.
 -module(starl_dpp_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, timeless/1]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type reservation() :: {starl_geometry:box(), [starl_geometry:segment(), ...]}.
@@ -88,6 +87,17 @@ init(#{tube_radius := Radius, r_s := Limit} = Config) ->
 %% @doc Plans, motions and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [dpp_coordinator, chassis, robot].
+
+%% @doc {@link starl_dpp_coordinator:event()}, {@link starl_dpp_participant:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() ->
+    #{
+        dpp => [{stale_answer, 3}, {void, 1}],
+        dpp_coordinator => [
+            {claims, 1}, {leads, 1}, {stepped_down, 1}, {coordinator, 1}, {reserved, 2},
+            {assigned, 3}, {deadlock_resolved, 1}, {silent, 1}, {unreachable, 1}, {malformed, 2}
+        ]
+    }.
 
 %% @doc Who leads, and what is reserved, while nobody moves.
 -spec timeless(#state{}) -> term().

@@ -23,10 +23,21 @@
 %% `dpp_passed {Term, Id, N}', `dpp_state {Term, Id, Place, Painted, Ballot}', `dpp_here {Term,
 %% Ballot}', with Ballot = {Seq, Stamp, Vote}, and `dpp_refused Term'; from it: `dpp_answer {Term,
 %% Id, Answer, News}', `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}'.
+%%
+%% Trace: {@link event()}.
 -module(starl_dpp_participant).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5, accepts/2]).
+
+-export_type([event/0]).
+
+%% What it traces.
+-type event() ::
+    %% an answer of this robot and term, not to the present request
+    {stale_answer, starl:robot_id(), starl_dpp:term_id(), starl_dpp:request_id()}
+    %% the leave to drive along the path of this answer has ended
+    | {void, starl_dpp:request_id()}.
 
 -type where() :: starl_dpp_track:where().
 

@@ -8,15 +8,28 @@
 %% If only robots that no longer answer stand between the team and the rest of the picture, those
 %% who wait are told `incomplete'.
 %%
-%% Trace: `{coordinator, Term}' when it opens, `{reserved, Robot, Segments}',
-%% `{assigned, Robot, Id, Segments}', `{deadlock_resolved, Robots}', `{silent, Robot}',
-%% `{unreachable, Edges}'.
+%% Trace: {@link event()}.
 -module(starl_dpp_serve).
 -behaviour(starl_dpp_coordinator).
 
 -export([prepare/1, new/2, lead/1, unknown/1, knows/2, silent/2]).
 -export([requested/4, reported/4, passed/4, rests/3, serve/1, give_up/1, answered/3]).
--export_type([t/0, turn/0]).
+-export_type([t/0, turn/0, event/0]).
+
+%% What the coordinator traces of its service. Segments are those whose tubes the robot holds, mm.
+-type event() ::
+    %% it is open: all robots' places are known
+    {coordinator, starl_dpp:term_id()}
+    | {reserved, starl:robot_id(), [starl_geometry:segment()]}
+    | {assigned, starl:robot_id(), starl_dpp:request_id(), [starl_geometry:segment()]}
+    %% these robots were sent out of the way of others
+    | {deadlock_resolved, [starl:robot_id(), ...]}
+    %% the robot's leave has ended without a word
+    | {silent, starl:robot_id()}
+    %% only robots that are silent stand between the team and the rest of the picture
+    | {unreachable, [starl_dpp_graph:edge_id()]}
+    %% the robot says that it has painted lines that are not in the picture
+    | {malformed, starl:robot_id(), {edges, term()}}.
 
 %% Waiters are served again so long after something became free.
 -define(SERVE_US, 200000).

@@ -14,13 +14,24 @@
 %% so a robot that failed can call again.
 %%
 %% Call: `{elect, Election, TimeoutUs}', answer `{ok, Leader}' or `{error, timeout}'.
-%% Trace: `{entered, E}', `{ballot, E, B}', `{elected, E, Leader, all_ballots | announcement}',
-%% `{failed, E, timeout}'.
+%% Trace: {@link event()}.
 -module(starl_election_ballots).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5, accepts/2]).
 
+-export_type([event/0]).
+
+%% What it traces.
+-type event() ::
+    %% the application has called
+    {entered, starl_election:election()}
+    | {ballot, starl_election:election(), ballot()}
+    %% by all ballots, or since another one announced it
+    | {elected, starl_election:election(), Leader :: starl:robot_id(), all_ballots | announcement}
+    | {failed, starl_election:election(), timeout}.
+
+%% A number drawn at random, and whose it is.
 -type ballot() :: {non_neg_integer(), starl:robot_id()}.
 
 %% How many elections are remembered; the oldest are forgotten first.

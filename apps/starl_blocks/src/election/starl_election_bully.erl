@@ -19,14 +19,23 @@
 %% nobody above itself, so all elect it. With loss, robots may elect different leaders: whoever
 %% needs agreement under every fault takes the ballots.
 %%
-%% Call: `{elect, Election, TimeoutUs}', answer `{ok, Leader}' or `{error, timeout}'. Trace:
-%% `{entered, E}', `{elected, E, Leader, highest | announcement | known}', `{failed, E, timeout}'.
+%% Call: `{elect, Election, TimeoutUs}', answer `{ok, Leader}' or `{error, timeout}'.
+%% Trace: {@link event()}.
 -module(starl_election_bully).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5, accepts/2]).
 
--export_type([config/0]).
+-export_type([config/0, event/0]).
+
+%% What it traces.
+-type event() ::
+    %% the application has called
+    {entered, starl_election:election()}
+    %% itself, as nobody higher is alive; since another one announced it; elected before the call
+    | {elected, starl_election:election(), Leader :: starl:robot_id(),
+        highest | announcement | known}
+    | {failed, starl_election:election(), timeout}.
 
 %% `answer_ms': how long to wait for higher robots to say that they are alive; with a little
 %% more than twice the longest delay of a packet the guarantee holds, with time for a few

@@ -8,13 +8,12 @@
 %% the leader was alive from the beginning of the election until it was elected, unless its
 %% machine crashed in between; and the leader was alive when the election began.
 %%
-%% Events of machine `election': `{entered, Election}', `{elected, Election, Leader, highest |
-%% announcement | known}', `{failed, Election, Reason}', `crashed'; of machine `robot':
-%% `{died, Reason}'.
+%% Events of machine `election': {@link starl_election_bully:event()}, `crashed'; of machine
+%% `robot': `died'.
 -module(starl_election_bully_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, timeless/1]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
@@ -43,6 +42,10 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
 %% @doc The elections' own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [election, robot].
+
+%% @doc {@link starl_election_bully:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() -> #{election => [{entered, 1}, {elected, 3}, {failed, 2}]}.
 
 %% @doc The leaders reported, in which lives, and who is missing.
 -spec timeless(#state{}) -> term().

@@ -10,13 +10,12 @@
 %% message's longest way, every robot that is electing when the last ballot is cast has elected
 %% so long after it: it must have kept the ballots that came before it took part itself.
 %%
-%% Events of machine `election': `{entered, Election}', `{ballot, Election, Ballot}',
-%% `{elected, Election, Leader, all_ballots | announcement}', `{failed, Election, Reason}'; of
-%% machine `robot': `{died, Reason}'. Entering again, after a restart, starts the bound afresh.
+%% Events of machine `election': {@link starl_election_ballots:event()}, `crashed'; of machine
+%% `robot': `died'. Entering again, after a restart, starts the bound afresh.
 -module(starl_election_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, timeless/1]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
@@ -56,6 +55,10 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
 %% @doc The elections' own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [election, robot].
+
+%% @doc {@link starl_election_ballots:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() -> #{election => [{entered, 1}, {ballot, 2}, {elected, 3}, {failed, 2}]}.
 
 %% @doc The ballots and who elected whom.
 -spec timeless(#state{}) -> term().

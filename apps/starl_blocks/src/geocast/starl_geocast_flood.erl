@@ -27,14 +27,23 @@
 %%
 %% Calls: `{send, Area, Type, Body, LifetimeUs, Hops}', answer `ok' or `{error, full}'. Casts:
 %% `{listen, Type, Machine}'; a listener gets the cast `{message, From, Type, Body}'.
-%% Trace: `{sent, Id, Area, LifetimeUs, Hash}' and `{delivered, Id, Hash}', with a hash of the
-%% content; `{held, Id, From}', the deadline is the one that this robot has given; `{full, Id}'.
+%% Trace: {@link event()}.
 -module(starl_geocast_flood).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5, accepts/2]).
 
--export_type([config/0]).
+-export_type([config/0, event/0]).
+
+%% What it traces; a hash is one of area, type and body.
+-type event() ::
+    %% at the source
+    {sent, id(), starl_geocast:area(), LifetimeUs :: pos_integer(), Hash :: non_neg_integer()}
+    %% the robot has the message now; its deadline is the one that this robot has given
+    | {held, id(), From :: starl:robot_id()}
+    | {delivered, id(), Hash :: non_neg_integer()}
+    %% not taken: as many messages as may be are known
+    | {full, id()}.
 
 %% `drift_ppm': the greatest drift of a clock; `position_error_mm': how far a position told may
 %% be from the true one; `first_ms', `longest_ms': the first wait before an offer is repeated,

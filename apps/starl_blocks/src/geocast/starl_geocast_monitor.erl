@@ -29,13 +29,12 @@
 %% showed at the beginning, no message is surely a later one. Where robots are is known in
 %% continuous time, from the pieces of their motion.
 %%
-%% Events of machine `geocast': `{sent, Id, Area, LifetimeUs, Hash}', `{held, Id, From}',
-%% `{delivered, Id, Hash}', `crashed'; of machine `chassis': `{motion, piece()}'; of machine
-%% `robot': `up', `{died, Reason}'.
+%% Events of machine `geocast': {@link starl_geocast_flood:event()}, `crashed'; of machine
+%% `chassis': `motion'; of machine `robot': `up', `died'.
 -module(starl_geocast_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type id() :: {robot_id(), pos_integer(), pos_integer()}.
@@ -105,6 +104,10 @@ init(#{robots := Robots} = Config) ->
 %% @doc The geocasts' own events, the motion and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [geocast, chassis, robot].
+
+%% @doc {@link starl_geocast_flood:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() -> #{geocast => [{sent, 4}, {held, 2}, {delivered, 2}, {full, 1}]}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->

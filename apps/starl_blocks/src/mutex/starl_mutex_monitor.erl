@@ -13,14 +13,12 @@
 %% `from_us' or later (default 0); with `granted' (default false) a request that fails is a
 %% violation as well. A robot's death or the crash of its mutex machine ends its requests.
 %%
-%% Events of machine `mutex': `{requested, Token}', `{granted, Token, Fence, To}' at the home,
-%% `{leased, Token, Fence, LeftUs}', `{acquired, Token, Fence}', `{answered, [{Token, Fence}]}',
-%% `{released, Token, Fence}', `{lease_lost, Token, Fence}', `{failed, Token, Reason}',
-%% `crashed'; of machine `robot': `{died, Reason}'.
+%% Events of machine `mutex': {@link starl_mutex_tokens:event()}, `crashed'; of machine `robot':
+%% `died'.
 -module(starl_mutex_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, timeless/1]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type token() :: term().
@@ -63,6 +61,16 @@ init(Config) ->
 %% @doc The mutex machines' own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [mutex, robot].
+
+%% @doc {@link starl_mutex_tokens:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() ->
+    #{
+        mutex => [
+            {requested, 1}, {leased, 3}, {acquired, 2}, {answered, 1}, {released, 2},
+            {lease_lost, 2}, {failed, 2}, {granted, 3}, {handed_over, 3}, {hand_over_lost, 3}
+        ]
+    }.
 
 %% @doc Who holds, and the fences; without `bound_us' and `granted' nothing else is judged.
 -spec timeless(#state{}) -> term().

@@ -24,16 +24,32 @@
 %%                   v                      v lease over: forgotten
 %% '''
 %% Calls: `{acquire, Tokens, Us}', `{release, Tokens}', `{owner, Token}'; one message type,
-%% `mutex'. Trace: `{requested, T}', `{leased, T, Fence, LeftUs}' (a hold that begins now, or is
-%% there, may last so much longer by the robot's clock), `{acquired, T, Fence}',
-%% `{answered, [{T, Fence}]}' (the application is told that it holds these),
-%% `{released, T, Fence}', `{lease_lost, T, Fence}', `{failed, T, timeout | restarted |
-%% lease_lost}', at the home `{granted, T, Fence, To}' (a hand-over), and for the reader of a
-%% recording `{handed_over, T, Fence, To}', `{hand_over_lost, T, Fence, To}'.
+%% `mutex'. Trace: {@link event()}.
 -module(starl_mutex_tokens).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5, accepts/2]).
+
+-export_type([event/0]).
+
+%% What it traces.
+-type event() ::
+    {requested, starl_mutex:token()}
+    %% a hold that begins now, or is there, may last so much longer by the robot's clock (us)
+    | {leased, starl_mutex:token(), starl_mutex:fence(), LeftUs :: integer()}
+    | {acquired, starl_mutex:token(), starl_mutex:fence()}
+    %% the application is told that it holds these
+    | {answered, [{starl_mutex:token(), starl_mutex:fence()}]}
+    | {released, starl_mutex:token(), starl_mutex:fence()}
+    %% the lease of a hold is over
+    | {lease_lost, starl_mutex:token(), starl_mutex:fence()}
+    %% a request has ended without the token
+    | {failed, starl_mutex:token(), timeout | restarted | lease_lost}
+    %% at the home: the hand-over to this robot counts
+    | {granted, starl_mutex:token(), starl_mutex:fence(), To :: starl:robot_id()}
+    %% for the reader of a recording: the token is sent on; SAP reports that message lost
+    | {handed_over, starl_mutex:token(), starl_mutex:fence(), To :: starl:robot_id()}
+    | {hand_over_lost, starl_mutex:token(), starl_mutex:fence(), To :: starl:robot_id()}.
 
 -define(LEASE_MS, 8000).
 -define(DRIFT_PPM, 10000).

@@ -27,14 +27,26 @@
 %%
 %% Calls: `{put, Name, Value}' (answer `ok', `{error, not_owner | full}'), `{get, Name}' (answer
 %% `{ok, Value}', `{error, unset}'). Cast: `{subscribe, Name, Machine}'; the subscriber gets the
-%% cast `{message, Writer, register, {Name, Value}}'. Trace: `{put, Name, Hash, Stamp}',
-%% `{got, Name, Hash, Stamp}', `{got, Name, unset}', `{holds, Name, Stamp}' when a copy changes.
+%% cast `{message, Writer, register, {Name, Value}}'. Trace: {@link event()}.
 -module(starl_registers_lww).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5, accepts/2]).
 
--export_type([config/0]).
+-export_type([config/0, event/0]).
+
+%% What it traces; a hash is one of the value.
+-type event() ::
+    {put, starl_registers:name(), Hash :: non_neg_integer(), starl_hlc:stamp()}
+    %% a read, and what it returned
+    | {got, starl_registers:name(), Hash :: non_neg_integer(), starl_hlc:stamp()}
+    | {got, starl_registers:name(), unset}
+    %% the copy of this robot has changed
+    | {holds, starl_registers:name(), starl_hlc:stamp()}
+    %% what another robot told is not taken: its stamp is too far ahead of the own clock, or its
+    %% writer may not write it
+    | {too_far_ahead, starl_registers:name(), starl_hlc:stamp()}
+    | {refused, starl_registers:name(), Writer :: starl:robot_id(), not_owner}.
 
 %% `owners': the only writers of these registers; `ahead_ms': see above; `sync_ms': the mean time
 %% between two exchanges; `limit': how many registers there may be.

@@ -13,13 +13,12 @@
 %% that slower clocks admit no stamp that follows until they are as far: that adds `apart_us' after its
 %% start, by how much physical clocks may differ (default 0).
 %%
-%% Events of machine `registers': `{put, Name, Hash, Stamp}', `{got, Name, Hash, Stamp}',
-%% `{got, Name, unset}', `{holds, Name, Stamp}', `crashed', `store_damaged'; of machine `robot':
-%% `{died, Reason}'.
+%% Events of machine `registers': {@link starl_registers_lww:event()}, `crashed',
+%% `store_damaged'; of machine `robot': `died'.
 -module(starl_registers_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, timeless/1]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
@@ -67,6 +66,15 @@ init(#{robots := Robots} = Config) ->
 %% @doc The registers' own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [registers, robot].
+
+%% @doc {@link starl_registers_lww:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() ->
+    #{
+        registers => [
+            {put, 3}, {got, 3}, {got, 2}, {holds, 2}, {too_far_ahead, 2}, {refused, 3}
+        ]
+    }.
 
 %% @doc What was written and read; without `bound_us' nothing else is judged.
 -spec timeless(#state{}) -> term().

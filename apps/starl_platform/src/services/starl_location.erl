@@ -18,6 +18,11 @@
 -export([pose/2]).
 -export([init/1, handle_event/5]).
 
+-export_type([event/0]).
+
+%% It traces nothing of its own.
+-type event() :: none().
+
 %% How long to wait for the positioning system before asking it again.
 -define(PATIENCE_US, 500000).
 %% So many questions may be open, and so many more for each robot of the team.

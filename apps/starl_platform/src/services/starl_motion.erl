@@ -36,6 +36,11 @@
 -export([stop/0]).
 -export([init/1, handle_event/5]).
 
+-export_type([event/0]).
+
+%% It traces nothing of its own.
+-type event() :: none().
+
 %% How long to wait for a position or for a word of the chassis before asking again.
 -define(PATIENCE_US, 500000).
 %% How long a wheel that does not turn is left alone between two tries.

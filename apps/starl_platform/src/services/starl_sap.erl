@@ -37,21 +37,43 @@
 %% dropped where nobody listens to its type; the contract of SAP does not cover it. The same
 %% packet may be sent to one robot alone ({@link datagram/4}).
 %%
-%% Trace: `{started, Incarnation}', `{sent, Id, Dests, Type, Hash}', `{delivered, Id, Type, Hash}',
-%% `{outcome, Id, Dest, acknowledged | lost | restarted}' with Id = {source, incarnation, seq};
-%% a hash is `erlang:phash2(Body)'. `{called, Id, one | all}' with `sent' where a caller waits, and
-%% `{answered, Id | none, Answer}' with the answer. `{overload, Type}': not sent.
-%% `{full | unclaimed_full, Source, Type}': not taken for want of room. `{dropped, Why, Robot}': a
-%% packet in the name of that robot was not heeded: it is a `stranger', or the `incarnation', the
-%% `number', what is said of a message (`acknowledged', `restarted') or an `answer' cannot be true.
-%% `{listener_refused, Type, Machine, Holder}'.
+%% Trace: {@link event()}.
 -module(starl_sap).
 -behaviour(starl_machine).
 
 -export([send/4, post/3, shout/2, datagram/4, listen/2, bound_us/1]).
 -export([init/1, handle_event/5]).
 
--export_type([config/0]).
+-export_type([config/0, event/0]).
+
+%% What it traces. Ids are {source, incarnation, sequence number}, hashes `erlang:phash2(Body)'.
+-type event() ::
+    {started, starl_packet:incarnation()}
+    | {sent, starl_sap_out:id(), To :: [starl:robot_id()], starl_packet:type(), hash()}
+    %% beside `sent', where a caller waits for the outcome: at one robot, or at all
+    | {called, starl_sap_out:id(), one | all}
+    %% the caller's answer; without an id nothing was sent
+    | {answered, starl_sap_out:id() | none, starl:outcome() | {error, overload}}
+    %% not sent: as much as may be is under way
+    | {overload, starl_packet:type()}
+    %% at the source, for each destination
+    | {outcome, starl_sap_out:id(), At :: starl:robot_id(), acknowledged | lost | restarted}
+    %% at the receiver
+    | {delivered, starl_sap_out:id(), starl_packet:type(), hash()}
+    %% not taken: its listener has no room, or there is none for messages without a listener
+    | {full, From :: starl:robot_id(), starl_packet:type()}
+    | {unclaimed_full, From :: starl:robot_id(), starl_packet:type()}
+    %% a datagram that nobody listens to
+    | {unheard, From :: starl:robot_id(), starl_packet:type()}
+    %% a packet in the name of that robot was not heeded: it is a `stranger', or the `incarnation',
+    %% the `number', what is said of a message (`acknowledged', `restarted') or an `answer' cannot
+    %% be true
+    | {dropped, stranger | incarnation | number | acknowledged | restarted | answer,
+        starl:robot_id()}
+    %% the type has a listener already
+    | {listener_refused, starl_packet:type(), starl_machine:name(), Holder :: starl_machine:name()}.
+
+-type hash() :: non_neg_integer().
 
 %% `retransmit_ms': the first retransmission's delay; each further one waits `backoff' times
 %% longer, at most `longest_ms'; `limit': how many retransmissions; `window': how far numbers

@@ -1,0 +1,142 @@
+%% @doc What may be traced: the events of the platform itself, and the vocabulary that the trace of
+%% a run is held to.
+%%
+%% Each machine exports the type `event()' of what it traces. The monitor of its contract names the
+%% same events in its `vocabulary/0' ({@link starl_monitor}): those that it judges, and those that
+%% it has no use for. An event that is in no vocabulary of its machine breaks the contract: else an
+%% event under another name, which no monitor waits for, would switch the contract off.
+%%
+%% The platform's events are known to every runner: those of `robot', `supervisor', `chassis' and
+%% `radio', those that the platform traces in the name of any machine, and of the services that
+%% trace nothing of their own. A machine that no monitor answers for, as the application of a user,
+%% may trace what it likes.
+-module(starl_event).
+
+-export([platform/0, known/1, is_known/3, tell/3, violation/1]).
+
+-export_type([robot/0, supervisor/0, chassis/0, radio/0, machine/0, app/0]).
+-export_type([name/0, vocabulary/0, known/0]).
+
+%% Machine `robot': all of its machines go `down' with it and start anew when it is `up'; it does
+%% not come back when it has `died'.
+-type robot() :: down | up | {died, gave_up | killed}.
+
+%% Machine `supervisor': a machine has crashed by itself; it has crashed so often that it is not
+%% started any more.
+-type supervisor() ::
+    {crashed, starl_machine:name(), starl_crash:cause()}
+    | {given_up, starl_machine:name()}.
+
+%% Machine `chassis': how the robot moves from now on (mm, radians, µs); what an actuator has been
+%% set to.
+-type chassis() ::
+    {motion, starl_trajectory:piece()}
+    | {actuated, Device :: atom(), Value :: term()}.
+
+%% Machine `radio': this packet of the sender, the N-th to that robot, does not arrive there; one
+%% to all in range is the N-th of those.
+-type radio() :: {lost, To :: starl:robot_id(), N :: pos_integer() | {all, pos_integer()}}.
+
+%% Any machine: it is gone, by its own fault or another; what it had stored cannot be read; an event
+%% that it does not know; a message whose body it does not accept; it was called or sent something,
+%% and the robot has no such machine.
+-type machine() ::
+    crashed
+    | store_damaged
+    | {unknown_event, starl_machine:event_type(), Content :: term()}
+    | {malformed, From :: starl:robot_id(), starl_packet:type(), Body :: term()}
+    | {unknown_machine, starl_machine:name()}.
+
+%% Machine `app', beside what the application traces: it has read a message, with the hash of its
+%% body (`erlang:phash2/1'); it had no room for one; new code could not take its state over; it is
+%% done.
+-type app() ::
+    {read, From :: starl:robot_id(), Type :: atom(), Hash :: non_neg_integer()}
+    | {inbox_full, From :: starl:robot_id(), Type :: atom()}
+    | {code_change_failed, starl_crash:cause()}
+    | {done, Result :: term()}.
+
+%% An event as `{Tag, Size}': its first element, and how many elements follow. `{up, 0}' stands for
+%% the atom `up', `{died, 1}' for `{died, Reason}'.
+-type name() :: {Tag :: atom(), Size :: non_neg_integer()}.
+
+%% All events of some machines.
+-type vocabulary() :: #{starl_machine:name() => [name()]}.
+
+%% The vocabularies that a trace is held to. Of other machines nothing is known.
+-opaque known() :: #{starl_machine:name() => #{Tag :: term() => [Size :: non_neg_integer()]}}.
+
+-define(EVERY_MACHINE, [
+    {crashed, 0}, {store_damaged, 0}, {unknown_event, 2}, {malformed, 3}, {unknown_machine, 1}
+]).
+-define(EVERY_APP, [{read, 3}, {inbox_full, 2}, {code_change_failed, 1}, {done, 1}]).
+
+%% @doc What every runner knows.
+-spec platform() -> vocabulary().
+platform() ->
+    #{
+        robot => [{down, 0}, {up, 0}, {died, 1}],
+        supervisor => [{crashed, 2}, {given_up, 1}],
+        chassis => [{motion, 1}, {actuated, 2}],
+        radio => [{lost, 2}],
+        location => ?EVERY_MACHINE,
+        motion => ?EVERY_MACHINE
+    }.
+
+%% @doc The platform's vocabulary together with these.
+-spec known([vocabulary()]) -> known().
+known(Vocabularies) ->
+    Whole = [maps:map(fun whole/2, Vocabulary) || Vocabulary <- Vocabularies],
+    lists:foldl(fun add/2, #{}, lists:append([maps:to_list(V) || V <- [platform() | Whole]])).
+
+%% What the platform traces in a machine's name is added to the machine's own.
+whole(app, Names) -> ?EVERY_APP ++ ?EVERY_MACHINE ++ Names;
+whole(_Machine, Names) -> ?EVERY_MACHINE ++ Names.
+
+add({Machine, Names}, Known) ->
+    Before = maps:get(Machine, Known, #{}),
+    Known#{Machine => lists:foldl(fun add_name/2, Before, Names)}.
+
+add_name({Tag, Size}, Names) -> Names#{Tag => [Size | maps:get(Tag, Names, [])]}.
+
+%% @doc May the machine trace this event? Asked of every event of a run.
+-spec is_known(starl_machine:name(), Event :: term(), known()) -> boolean().
+is_known(Machine, Event, Known) ->
+    case Known of
+        #{Machine := Names} -> is_one(Event, Names);
+        #{} -> true
+    end.
+
+is_one(Event, Names) when tuple_size(Event) > 0 ->
+    Tag = element(1, Event),
+    case Names of
+        #{Tag := Sizes} -> has(tuple_size(Event) - 1, Sizes);
+        #{} -> false
+    end;
+is_one(Event, Names) ->
+    case Names of
+        #{Event := Sizes} -> has(0, Sizes);
+        #{} -> false
+    end.
+
+has(Size, [Size | _]) -> true;
+has(Size, [_ | Sizes]) -> has(Size, Sizes);
+has(_Size, []) -> false.
+
+%% @doc The event is known from now on: a violation is told once.
+-spec tell(starl_machine:name(), Event :: term(), known()) -> known().
+tell(Machine, Event, Known) -> add({Machine, [name(Event)]}, Known).
+
+name(Event) when tuple_size(Event) > 0 -> {element(1, Event), tuple_size(Event) - 1};
+name(Event) -> {Event, 0}.
+
+%% @doc The violation that an unknown event is: the contract is the machine's.
+-spec violation(starl_monitor:trace_event()) -> starl_monitor:violation().
+violation({T, Robot, Machine, Event}) ->
+    #{
+        contract => Machine,
+        what => unknown_event,
+        at_us => T,
+        robots => [Robot],
+        details => #{event => Event}
+    }.
