@@ -210,7 +210,8 @@ unreachable_unknown_robot_ends(_) ->
     [{_, Us, give_up}] = [A || {{timeout, give_up}, _, _} = A <- Asked],
     C4 = at_beats(lists:seq(1, Us div ?S), C3),
     {Ended, _} = at(Us, {timeout, give_up}, give_up, C4),
-    ?assertEqual([{1, incomplete}], answers(Ended)).
+    ?assertEqual([{1, incomplete}], answers(Ended)),
+    ?assertMatch([[_ | _]], [Edges || {trace, {unreachable, Edges}} <- Ended]).
 
 %% -- helpers --------------------------------------------------------------------------------
 

@@ -45,6 +45,14 @@ events(Events, P) ->
         {[], P}, Events
     ).
 
+%% Who says that it has painted lines that are not in the picture is not believed: that is traced.
+stray_lines_are_traced_test() ->
+    {S, Actions} = starl_dpp_serve:reported(
+        1, {1, 9}, {{standing, spot(1)}, [4711]}, new([short()], 2)
+    ),
+    ?assertEqual([{malformed, 1, {edges, [4711]}}], [E || {trace, E} <- Actions]),
+    ?assertNot(starl_dpp_serve:knows(1, S)).
+
 %% The last line is painted: all who wait are told at once, and nobody is sent anywhere.
 completion_is_no_deadlock_test() ->
     {Actions, _} = chain(painted([short()], 3), [asks(3, 2)]),

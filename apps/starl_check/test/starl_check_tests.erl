@@ -264,3 +264,12 @@ own_crash_test_() ->
             {start, "oops"}
         ]
     ].
+
+%% An event that no vocabulary knows is a violation, as in a simulation.
+unknown_event_test() ->
+    Machine = {starl_check_crash_planted, #{how => renamed}},
+    {violated, #{violation := Violation}} = check(barrier, 2, #{}, #{machine => Machine}),
+    ?assertMatch(
+        #{contract := barrier, what := unknown_event, details := #{event := {came, gate, 1}}},
+        Violation
+    ).

@@ -51,8 +51,8 @@
 %% body (`erlang:phash2/1'); it had no room for one; new code could not take its state over; it is
 %% done.
 -type app() ::
-    {read, From :: starl:robot_id(), Type :: atom(), Hash :: non_neg_integer()}
-    | {inbox_full, From :: starl:robot_id(), Type :: atom()}
+    {read, From :: starl:robot_id(), starl_packet:type(), Hash :: non_neg_integer()}
+    | {inbox_full, From :: starl:robot_id(), starl_packet:type()}
     | {code_change_failed, starl_crash:cause()}
     | {done, Result :: term()}.
 
@@ -63,8 +63,9 @@
 %% All events of some machines.
 -type vocabulary() :: #{starl_machine:name() => [name()]}.
 
-%% The vocabularies that a trace is held to. Of other machines nothing is known.
--opaque known() :: #{starl_machine:name() => #{Tag :: term() => [Size :: non_neg_integer()]}}.
+%% The vocabularies that a trace is held to, with the sizes of events as tuples, 0 of an atom. Of
+%% other machines nothing is known.
+-opaque known() :: #{starl_machine:name() => #{Tag :: term() => [TupleSize :: non_neg_integer()]}}.
 
 -define(EVERY_MACHINE, [
     {crashed, 0}, {store_damaged, 0}, {unknown_event, 2}, {malformed, 3}, {unknown_machine, 1}
@@ -80,7 +81,8 @@ platform() ->
         chassis => [{motion, 1}, {actuated, 2}],
         radio => [{lost, 2}],
         location => ?EVERY_MACHINE,
-        motion => ?EVERY_MACHINE
+        motion => ?EVERY_MACHINE,
+        actuator => ?EVERY_MACHINE
     }.
 
 %% @doc The platform's vocabulary together with these.
@@ -97,7 +99,10 @@ add({Machine, Names}, Known) ->
     Before = maps:get(Machine, Known, #{}),
     Known#{Machine => lists:foldl(fun add_name/2, Before, Names)}.
 
-add_name({Tag, Size}, Names) -> Names#{Tag => [Size | maps:get(Tag, Names, [])]}.
+add_name({Tag, 0}, Names) -> add_size(Tag, 0, Names);
+add_name({Tag, Size}, Names) -> add_size(Tag, Size + 1, Names).
+
+add_size(Tag, Size, Names) -> Names#{Tag => [Size | maps:get(Tag, Names, [])]}.
 
 %% @doc May the machine trace this event? Asked of every event of a run.
 -spec is_known(starl_machine:name(), Event :: term(), known()) -> boolean().
@@ -110,7 +115,7 @@ is_known(Machine, Event, Known) ->
 is_one(Event, Names) when tuple_size(Event) > 0 ->
     Tag = element(1, Event),
     case Names of
-        #{Tag := Sizes} -> has(tuple_size(Event) - 1, Sizes);
+        #{Tag := Sizes} -> has(tuple_size(Event), Sizes);
         #{} -> false
     end;
 is_one(Event, Names) ->
@@ -125,10 +130,14 @@ has(_Size, []) -> false.
 
 %% @doc The event is known from now on: a violation is told once.
 -spec tell(starl_machine:name(), Event :: term(), known()) -> known().
-tell(Machine, Event, Known) -> add({Machine, [name(Event)]}, Known).
+tell(Machine, Event, Known) ->
+    #{Machine := Names} = Known,
+    Known#{Machine := tell(Event, Names)}.
 
-name(Event) when tuple_size(Event) > 0 -> {element(1, Event), tuple_size(Event) - 1};
-name(Event) -> {Event, 0}.
+tell(Event, Names) when tuple_size(Event) > 0 ->
+    add_size(element(1, Event), tuple_size(Event), Names);
+tell(Event, Names) ->
+    add_size(Event, 0, Names).
 
 %% @doc The violation that an unknown event is: the contract is the machine's.
 -spec violation(starl_monitor:trace_event()) -> starl_monitor:violation().

@@ -3,13 +3,16 @@
 -behaviour(starl_monitor).
 -include_lib("eunit/include/eunit.hrl").
 
--export([init/1, step/2, finish/2, interests/0]).
+-export([init/1, step/2, finish/2, interests/0, vocabulary/0]).
 
 %% A monitor of its own: counts events of machine `counted', objects to the event `bad' and to
 %% all of machine `app'.
 init(#{start := N}) -> N.
 
 interests() -> [counted, app].
+
+%% It answers for a machine that it does not listen to.
+vocabulary() -> #{door => [{open, 0}, {knock, 1}, {knock, 2}]}.
 
 step({T, Robot, counted, bad}, N) -> {violation, objection(T, Robot), N + 1};
 step({T, Robot, app, _Event}, N) -> {violation, objection(T, Robot), N + 1};
@@ -132,6 +135,60 @@ first_of_several_monitors_test() ->
     {ok, M3} = starl_monitor:step([{1, 1, sap, {sent, {1, 1, 1}, [2], t, 0}}], M0),
     Late = {50, 1, counted, bad},
     ?assertMatch({violation, #{contract := test}, _}, starl_monitor:step(Late, M3)).
+
+unknown(T, Robot, Machine, Event) ->
+    #{
+        contract => Machine, what => unknown_event, at_us => T, robots => [Robot],
+        details => #{event => Event}
+    }.
+
+%% An event that its machine does not trace is a violation, whoever listens, by its name and by how
+%% many parts it has; the platform's events are known of every machine that somebody answers for.
+unknown_event_test() ->
+    M = starl_monitor:new([{?MODULE, #{start => 0}}]),
+    Known = [
+        {1, 1, door, E}
+     || E <- [
+            open, {knock, 1}, {knock, 1, 2}, crashed, store_damaged, {unknown_event, info, x},
+            {malformed, 2, t, x}, {unknown_machine, door}
+        ]
+    ] ++ [{1, 1, robot, up}, {1, 1, chassis, {actuated, pen, down}}, {1, 1, counted, what}],
+    ?assertMatch({ok, _}, starl_monitor:step(Known, M)),
+    [
+        ?assertMatch(
+            {Machine, Event, {violation, #{}, _}},
+            {Machine, Event, starl_monitor:step({1, 1, Machine, Event}, M)}
+        )
+     || {Machine, Event} <- [
+            {door, opened}, {door, {open}}, {door, {knock}}, {door, {knock, 1, 2, 3}}, {door, {}},
+            {door, "open"}, {door, {crashed}}, {door, {done, x}}, {door, {started, 1}},
+            {robot, {up, 1}}, {robot, dead}, {robot, crashed}, {chassis, {moves, 1}},
+            {radio, {sent, 2, 1}}, {supervisor, {started, door}}, {location, open}, {motion, open}
+        ]
+    ],
+    {violation, V, _} = starl_monitor:step({7, 2, door, {opened, 1}}, M),
+    ?assertEqual(unknown(7, 2, door, {opened, 1}), V),
+    ?assertEqual(
+        "door broken at 0.000007 s by robot 2: unknown event (event {opened,1})",
+        unicode:characters_to_list(starl_monitor:format_violation(V))
+    ).
+
+%% It is told once for each machine and name, before what monitors say of the same event.
+unknown_event_is_told_once_test() ->
+    M0 = starl_monitor:new([{?MODULE, #{start => 0}}, {starl_sap_monitor, #{bound_us => 10}}]),
+    Events = [{1, 1, door, shut}, {2, 2, door, shut}, {3, 1, sap, shut}, {4, 1, counted, bad}],
+    {violation, First, M1} = starl_monitor:step(Events, M0),
+    ?assertEqual(unknown(1, 1, door, shut), First),
+    {ok, M2} = starl_monitor:step({5, 1, door, shut}, M1),
+    {violation, Longer, M3} = starl_monitor:step({6, 1, door, {shut, 1}}, M2),
+    ?assertEqual(unknown(6, 1, door, {shut, 1}), Longer),
+    {Late, _} = starl_monitor:finish(9, M3),
+    ?assertEqual([unknown(3, 1, sap, shut), objection(4, 1)], Late).
+
+%% What applications trace is theirs, unless a monitor answers for them.
+application_test() ->
+    M = starl_monitor:new([{starl_sap_monitor, #{bound_us => 10}}]),
+    ?assertMatch({ok, _}, starl_monitor:step({1, 1, app, {anything, 1}}, M)).
 
 %% A thousand are kept, of all calls together; those returned at once count too.
 keeps_a_thousand_of_all_calls_test() ->

@@ -19,6 +19,11 @@
 %% A device that has not answered, or is not as it should be, is told again after so long.
 -define(AGAIN_US, 200000).
 
+-export_type([event/0]).
+
+%% It traces nothing of its own.
+-type event() :: none().
+
 -type device() :: atom().
 
 -record(actuator, {

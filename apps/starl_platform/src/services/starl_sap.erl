@@ -53,7 +53,7 @@
     %% beside `sent', where a caller waits for the outcome: at one robot, or at all
     | {called, starl_sap_out:id(), one | all}
     %% the caller's answer; without an id nothing was sent
-    | {answered, starl_sap_out:id() | none, starl:outcome() | {error, overload}}
+    | {answered, starl_sap_out:id() | none, starl_sap_message:answer() | {error, overload}}
     %% not sent: as much as may be is under way
     | {overload, starl_packet:type()}
     %% at the source, for each destination
