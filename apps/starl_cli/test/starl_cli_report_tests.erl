@@ -17,7 +17,7 @@ input() ->
         ending => done,
         wall_s => 1.23456,
         outcome => outcome([done, done], []),
-        figures => painting(1.0)
+        app => painting(1.0)
     }.
 
 outcome(Results, Violations) ->
@@ -38,12 +38,26 @@ outcome(Results, Violations) ->
 result(done) -> {done, complete};
 result(Other) -> Other.
 
-painting(Covered) ->
-    [
-        {ink_mm, 1000.04}, {ink_covered, Covered}, {driven_mm, 2000.0},
-        {makespan_bound_ratio, 1.5}, {min_separation_mm, 399.99996}, {safety_distance_mm, 400},
-        {deadlocks_resolved, 1}, {assignments, 9}, {lines_mm, 999.0}
-    ].
+%% What an application says of a run in which so much was painted, a robot alone or not.
+painting(Covered) -> painting(Covered, 399.99996).
+
+painting(Covered, Separation) ->
+    Scene = #{memo => #{
+        lines_mm => 999.0, robots => 2, speed => 500, safety_distance => 400, picture => none,
+        world => none
+    }},
+    starl_painting:report(Scene, #{
+        end_us => 12345678,
+        robots => [],
+        monitors => #{
+            starl_painting_monitor => #{
+                ink_mm => 1000.04, coverage => Covered, inked => Covered, driven_mm => 2000.0
+            },
+            starl_dpp_monitor => #{
+                min_separation_mm => Separation, deadlocks_resolved => 1, assignments => 9
+            }
+        }
+    }).
 
 violation() ->
     #{contract => dpp, what => too_close, at_us => 1500000, robots => [1, 2], details => #{}}.
@@ -85,7 +99,7 @@ codecs_agree_test() ->
     [?assertEqual(Wanted, Text) || Text <- Texts].
 
 never_better_than_it_is_test() ->
-    Report = report(#{figures => painting(0.99999999)}),
+    Report = report(#{app => painting(0.99999999)}),
     ?assertEqual(0.999999, starl_cli_report:figure(ink_covered, Report)),
     ?assertEqual(399.999, starl_cli_report:figure(min_separation_mm, Report)),
     ?assertNot(starl_cli_report:complete(Report)),
@@ -97,13 +111,13 @@ complete_is_told_test() ->
 
 time_over_is_told_test() ->
     Report = report(#{
-        figures => painting(0.5), ending => time, outcome => outcome([running, done], [])
+        app => painting(0.5), ending => time, outcome => outcome([running, done], [])
     }),
     shows("NOT COMPLETE, 50.00 % of the lines painted (the time was up; one robot was still",
         headline(Report)).
 
 the_dead_are_told_test() ->
-    Report = report(#{figures => painting(0.5), outcome => outcome([died, done], [])}),
+    Report = report(#{app => painting(0.5), outcome => outcome([died, done], [])}),
     shows("robot 1 died", headline(Report)).
 
 %% A user's application that crashes is no violation, and is told all the same.
@@ -115,7 +129,7 @@ crashes_of_the_application_are_told_test() ->
         first_crash => {1500000, 1, app, {"badarg", [{my_app, step, 2, "my_app.erl", 7}]}}
     },
     Report = report(#{
-        figures => [], outcome => Outcome#{monitors := Monitors#{starl_crash_monitor => Seen}}
+        app => #{figures => []}, outcome => Outcome#{monitors := Monitors#{starl_crash_monitor => Seen}}
     }),
     shows("NOT COMPLETE (the application crashed for ever on robot 1)", headline(Report)),
     ?assertNot(starl_cli_report:complete(Report)),
@@ -123,7 +137,7 @@ crashes_of_the_application_are_told_test() ->
           "my_app:step/2 (my_app.erl:7)", text([[L, "\n"] || L <- starl_cli_report:summary(Report)])).
 
 interrupted_is_told_test() ->
-    shows("interrupted, 50.00 %", headline(report(#{figures => painting(0.5), ending => stopped}))).
+    shows("interrupted, 50.00 %", headline(report(#{app => painting(0.5), ending => stopped}))).
 
 a_violation_is_told_test() ->
     Report = report(#{outcome => outcome([done, done], [violation()])}),
@@ -131,8 +145,8 @@ a_violation_is_told_test() ->
     Text = text(starl_cli_report:text(Report)),
     shows("dpp broken at 1.500000 s by robots 1, 2: too close", Text).
 
-an_app_without_ink_test() ->
-    Without = #{figures => [{received, 3}]},
+an_app_that_says_nothing_is_complete_when_all_have_ended_test() ->
+    Without = #{app => #{figures => [{received, 3}]}},
     ?assert(starl_cli_report:complete(report(Without))),
     ?assertNot(starl_cli_report:complete(report(Without#{ending => time}))),
     ?assertNot(starl_cli_report:complete(report(Without#{outcome => outcome([died, done], [])}))),
@@ -140,7 +154,24 @@ an_app_without_ink_test() ->
     ?assertEqual(nomatch, string:find(text(starl_cli_report:text(report(Without))), "ink_mm")).
 
 a_lonely_robot_test() ->
-    Figures = lists:keystore(min_separation_mm, 1, painting(1.0), {min_separation_mm, null}),
-    Report = report(#{figures => Figures}),
+    Report = report(#{app => painting(1.0, infinity)}),
     ?assertEqual(4, length(starl_cli_report:summary(Report)) - 1),
     ?assertEqual(null, starl_cli_report:figure(min_separation_mm, Report)).
+
+%% The application alone says when it is complete and how its figures are written.
+the_application_has_the_word_test() ->
+    App = #{
+        figures => [{b, 1.23456}, {a, 0.99999}, {c, 2.5}],
+        formats => #{a => #{decimals => 2, rounded => down}, b => #{decimals => 1}},
+        complete => false,
+        done => "half of it",
+        summary => ["and more"]
+    },
+    Report = report(#{app => App}),
+    Own = [{K, V} || {K, V} <- starl_cli_report:figures(Report), lists:member(K, [a, b, c])],
+    ?assertEqual([{b, 1.2}, {a, 0.99}, {c, 2.5}], Own),
+    ?assertNot(starl_cli_report:complete(Report)),
+    shows("NOT COMPLETE, half of it (no robot could do more)", headline(Report)),
+    ?assertEqual("  and more", text(lists:nth(2, starl_cli_report:summary(Report)))),
+    ?assert(starl_cli_report:complete(report(#{app => App#{complete := true}, ending => time}))),
+    ?assertNot(starl_cli_report:complete(report(#{app => App#{complete := true}, ending => lost}))).

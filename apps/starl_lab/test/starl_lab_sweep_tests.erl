@@ -90,11 +90,17 @@ report(Changes) ->
             digest => <<1, 2>>, events => 3, packets => 4,
             monitors => #{starl_sap_monitor => #{sent => 5}}
         },
-        figures => [
-            {ink_covered, maps:get(ink_covered, Changes, 1.0)}, {min_separation_mm, null},
-            {assignments_per_robot, 1.5}
-        ]
+        app => #{
+            figures => [
+                {ink_covered, maps:get(ink_covered, Changes, 1.0)}, {min_separation_mm, null},
+                {assignments_per_robot, 1.5}
+            ],
+            formats => formats(),
+            complete => maps:get(ink_covered, Changes, 1.0) >= 1.0
+        }
     }).
+
+formats() -> #{assignments_per_robot => #{label => "paths of a robot", plotted => true}}.
 
 violation() ->
     #{contract => sanity, what => lost, at_us => 1, robots => [1], details => #{}}.
@@ -218,7 +224,9 @@ plot(Args, Figures) ->
      || Point <- starl_lab_sweep_grid:points(Grid)
     ],
     {ok, X} = starl_lab_sweep_plot:axis(Grid),
-    starl_lab_sweep_plot:data("painting", Grid, X, Points, Figures).
+    Names = [atom_to_list(Figure) || Figure <- Figures],
+    {ok, Chosen} = starl_lab_sweep_plot:chosen(Names, Figures, formats()),
+    starl_lab_sweep_plot:data("painting", Grid, X, Points, Chosen).
 
 %% The first swept setting with numbers is the axis, the others make the curves.
 curves_test() ->
@@ -246,7 +254,7 @@ script_test() ->
             "$panel1_curve1 << EOD\n2 12.5 12.5 12.5\n3 12.5 12.5 12.5\n4 12.5 12.5 12.5\nEOD\n",
             "$panel2_curve2 << EOD\n2 1.5 1.5 1.5\n", "set multiplot layout 1,2 title 'painting: ",
             "set xlabel 'number of robots'", "set ylabel 'completion time, s'",
-            "set ylabel 'assignments per robot'", "set xtics (2, 3, 4)", "title 'picture it''s'"
+            "set ylabel 'paths of a robot'", "set xtics (2, 3, 4)", "title 'picture it''s'"
         ]
     ].
 
@@ -259,11 +267,16 @@ figures_that_no_run_has_are_left_out_test() ->
 no_numbers_no_axis_test() ->
     ?assertEqual(none, starl_lab_sweep_plot:axis(grid(#{}, ["--picture", "a,b", "--robots", "4"]))).
 
+%% The application says what is plotted besides, and what it is called.
 chosen_figures_test() ->
-    Known = [virtual_s, events],
-    ?assertEqual({ok, [virtual_s]}, starl_lab_sweep_plot:chosen(none, Known)),
-    ?assertEqual({ok, [events]}, starl_lab_sweep_plot:chosen(["events", "events"], Known)),
-    ?assertEqual({unknown, ["evnts"]}, starl_lab_sweep_plot:chosen(["events", "evnts"], Known)).
+    Known = [virtual_s, events, assignments_per_robot],
+    Time = {virtual_s, "completion time, s"},
+    Paths = {assignments_per_robot, "paths of a robot"},
+    Chosen = fun(Names, Formats) -> starl_lab_sweep_plot:chosen(Names, Known, Formats) end,
+    ?assertEqual({ok, [Time]}, Chosen(none, #{})),
+    ?assertEqual({ok, [Time, Paths]}, Chosen(none, formats())),
+    ?assertEqual({ok, [{events, "events"}]}, Chosen(["events", "events"], formats())),
+    ?assertEqual({unknown, ["evnts"]}, Chosen(["events", "evnts"], formats())).
 
 %% -- a whole sweep --------------------------------------------------------------------------
 

@@ -121,4 +121,4 @@ options() -> starl_painting_scene:options().
 scene(Context) -> starl_painting_scene:scene(Context).
 
 -spec report(starl_app:scene(), starl_app:outcome()) -> starl_app:report().
-report(Scene, Outcome) -> starl_painting_scene:report(Scene, Outcome).
+report(Scene, Outcome) -> starl_painting_report:report(Scene, Outcome).

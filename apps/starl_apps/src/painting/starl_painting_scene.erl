@@ -1,8 +1,8 @@
 %% @doc The scene of the painting application: the picture on the floor, the robots on their
-%% parking spots, the blocks and contracts; and what is told of a run.
+%% parking spots, the blocks and contracts.
 -module(starl_painting_scene).
 
--export([options/0, scene/1, report/2]).
+-export([options/0, scene/1]).
 
 %% How far the polylines may lie from the picture's curves, on the floor.
 -define(TOLERANCE_MM, 2.0).
@@ -126,49 +126,3 @@ facing({X, Y}, {Width, Height}) ->
     {X, Y, starl_geometry:heading({X, Y}, {Width / 2, Height / 2})}.
 
 floats({Width, Height}) -> {float(Width), float(Height)}.
-
-%% -- what is told of a run ------------------------------------------------------------------
-
-%% @doc The figures of a run, and its picture.
--spec report(starl_app:scene(), starl_app:outcome()) -> starl_app:report().
-report(#{memo := Memo}, #{monitors := Monitors, end_us := EndUs} = Outcome) ->
-    #{starl_painting_monitor := Paint, starl_dpp_monitor := Dpp} = Monitors,
-    #{lines_mm := Length, robots := N, speed := Speed} = Memo,
-    Bound = Length / (N * Speed),
-    #{
-        figures => [
-            {ink_mm, maps:get(ink_mm, Paint)},
-            {ink_covered, maps:get(coverage, Paint)},
-            {lines_inked, maps:get(inked, Paint)},
-            {ink_per_line, ratio(maps:get(ink_mm, Paint), Length)},
-            {driven_mm, maps:get(driven_mm, Paint)},
-            {lines_mm, Length},
-            {makespan_bound_ratio, EndUs / 1.0e6 / Bound},
-            {min_separation_mm, number(maps:get(min_separation_mm, Dpp))},
-            {safety_distance_mm, maps:get(safety_distance, Memo)},
-            {deadlocks_resolved, maps:get(deadlocks_resolved, Dpp)},
-            {assignments, maps:get(assignments, Dpp)},
-            {assignments_per_robot, maps:get(assignments, Dpp) / N}
-        ],
-        write => fun(Dir) -> draw(Dir, Memo, Paint, Outcome) end
-    }.
-
-ratio(_Mm, Length) when Length == 0 -> null;
-ratio(Mm, Length) -> Mm / Length.
-
-%% A single robot is not at any distance from others.
-number(infinity) -> null;
-number(X) -> X.
-
-draw(Dir, #{picture := Picture, world := World}, #{ink := Ink}, #{robots := Robots}) ->
-    Drawing = #{
-        floor => World,
-        target => starl_picture:segments(Picture),
-        ink => Ink,
-        robots => [{Id, {X, Y}, Heading} || {Id, #{pose := {X, Y, Heading}}} <- Robots],
-        title => starl_picture:title(Picture)
-    },
-    case starl_picture_draw:write(Dir, "painting", Drawing) of
-        {ok, Files} -> {ok, Files};
-        {error, Reason} -> {error, starl_picture_draw:format_error(Reason)}
-    end.

@@ -1,7 +1,8 @@
-%% @doc What is told of a run: its figures in their order, as JSON, as a text and in a few words.
+%% @doc What is told of a run: its figures in their order, as JSON, as a text and in a few words. What
+%% is the application's, its figures and when its work is complete, the application says.
 -module(starl_cli_report).
 
--export([make/1, text/1, json/1, summary/1, figures/1, figure/2, complete/1, ending/1]).
+-export([make/1, text/1, json/1, summary/1, figures/1, figure/2, formats/1, complete/1, ending/1]).
 
 -export_type([t/0, input/0]).
 
@@ -12,12 +13,13 @@
     ending := starl_sim_run:ending(),
     wall_s := float(),
     outcome := starl_sim_run:outcome(),
-    figures := [{atom(), starl_cli_json:value()}]
+    app := starl_app:report()
 }.
 
 -record(report, {
     fields :: [{atom(), starl_cli_json:value()}],
     ending :: starl_sim_run:ending(),
+    app :: starl_app:report(),
     running :: [starl:robot_id()],
     died :: [starl:robot_id()],
     %% whose application was given up; how often applications crashed, and the first
@@ -27,47 +29,34 @@
 
 -opaque t() :: #report{}.
 
-%% The figures that every report has, in their order, with how they are rounded.
--define(FIGURES, [
-    {ink_mm, {near, 1}},
-    {ink_covered, {down, 6}},
-    {ink_per_line, {near, 6}},
-    {lines_inked, {near, 6}},
-    {driven_mm, {near, 1}},
-    {makespan_bound_ratio, {near, 3}},
-    {min_separation_mm, {down, 3}},
-    {safety_distance_mm, {near, 3}},
-    {deadlocks_resolved, {near, 0}},
-    {assignments, {near, 0}},
-    {assignments_per_robot, {near, 3}}
-]).
-
 %% @doc Puts together what is known of a run.
 -spec make(input()) -> t().
-make(#{outcome := #{robots := Robots, monitors := Monitors}, ending := Ending} = Input) ->
+make(#{outcome := Outcome, ending := Ending, app := App} = Input) ->
+    #{robots := Robots, monitors := Monitors} = Outcome,
     Seen = maps:get(starl_crash_monitor, Monitors, #{}),
     #report{
         fields = fields(Input),
         ending = Ending,
+        %% a function cannot be told to another VM
+        app = maps:remove(write, App),
         running = [Id || {Id, #{result := running}} <- Robots],
         died = [Id || {Id, #{result := died}} <- Robots],
         given_up = [Id || {Id, #{result := given_up}} <- Robots],
         crashes = {maps:get(crashes, Seen, 0), maps:get(first_crash, Seen, none)}
     }.
 
-fields(#{name := Name, scenario := Scenario, figures := Figures} = Input) ->
+fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App} = Input) ->
     #{outcome := Outcome, wall_s := Wall, ending := Ending} = Input,
     #{end_us := EndUs, monitors := Monitors, violations := Violations} = Outcome,
-    Figure = fun(Key) -> proplists:get_value(Key, Figures, null) end,
-    Known = [{Key, rounded(How, Figure(Key))} || {Key, How} <- ?FIGURES],
-    More = [{K, rounded({near, 3}, V)} || {K, V} <- Figures, not lists:keymember(K, 1, ?FIGURES)],
+    Formats = maps:get(formats, App, #{}),
+    Own = [{Key, rounded(maps:get(Key, Formats, #{}), Value)} || {Key, Value} <- Figures],
     [
         {app, unicode:characters_to_binary(Name)},
         {seed, maps:get(seed, Scenario)},
         {robots, maps:get(robots, Scenario)},
-        {virtual_s, rounded({near, 6}, EndUs / 1.0e6)},
-        {wall_s, rounded({near, 3}, Wall)}
-    ] ++ Known ++
+        {virtual_s, rounded(#{decimals => 6}, EndUs / 1.0e6)},
+        {wall_s, rounded(#{}, Wall)}
+    ] ++ Own ++
         [
             {messages, maps:get(sent, maps:get(starl_sap_monitor, Monitors))},
             {packets, maps:get(packets, Outcome)},
@@ -75,7 +64,7 @@ fields(#{name := Name, scenario := Scenario, figures := Figures} = Input) ->
             {digest, hex(maps:get(digest, Outcome))},
             {violations, [violation(V) || V <- Violations]},
             {ending, atom_to_binary(Ending)}
-        ] ++ More ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})).
+        ] ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})).
 
 %% Where applications crashed.
 crashes(#{crashes := Count, first_crash := {_, _, _, Cause}}) ->
@@ -93,13 +82,17 @@ violation(#{contract := Contract, what := What, at_us := At, robots := Robots} =
         {text, unicode:characters_to_binary(starl_monitor:format_violation(Violation))}
     ].
 
-%% Covered ink and separations are never made to look better than they are.
-rounded(_How, Value) when not is_float(Value) -> whole(Value);
-rounded({near, Digits}, Value) ->
-    list_to_float(float_to_list(Value, [{decimals, max(1, Digits)}]));
-rounded({down, Digits}, Value) ->
-    Scale = math:pow(10, Digits),
-    floor(Value * Scale) / Scale.
+rounded(_Format, Value) when not is_float(Value) ->
+    whole(Value);
+rounded(Format, Value) ->
+    Digits = maps:get(decimals, Format, 3),
+    case maps:get(rounded, Format, near) of
+        near ->
+            list_to_float(float_to_list(Value, [{decimals, max(1, Digits)}]));
+        down ->
+            Scale = math:pow(10, Digits),
+            floor(Value * Scale) / Scale
+    end.
 
 whole(infinity) -> null;
 whole(Value) -> Value.
@@ -116,16 +109,16 @@ figure(Key, #report{fields = Fields}) -> proplists:get_value(Key, Fields, null).
 -spec ending(t()) -> starl_sim_run:ending().
 ending(#report{ending = Ending}) -> Ending.
 
-%% @doc Whether the work is done: all ink on the floor, or, where no ink is told of, every
-%% application at its end.
+%% @doc How the application's figures are written.
+-spec formats(t()) -> #{atom() => starl_app:format()}.
+formats(#report{app = App}) -> maps:get(formats, App, #{}).
+
+%% @doc Whether the work is done: as the application says, or else when each has come to its end.
 -spec complete(t()) -> boolean().
-complete(#report{ending = lost}) ->
-    false;
-complete(Report) ->
-    case figure(ink_covered, Report) of
-        null -> ending(Report) =:= done andalso Report#report.died ++ Report#report.given_up =:= [];
-        Covered -> Covered >= 1.0
-    end.
+complete(#report{ending = lost}) -> false;
+complete(#report{app = #{complete := Complete}}) -> Complete;
+complete(#report{ending = Ending, died = Died, given_up = GivenUp}) ->
+    Ending =:= done andalso Died ++ GivenUp =:= [].
 
 %% @doc The report as JSON.
 -spec json(t()) -> iolist().
@@ -174,15 +167,8 @@ verdict(Report) ->
         {[], Ending, false} -> ["NOT COMPLETE", share(", ", Report), " (", why(Ending, Report), ")"]
     end.
 
-share(Before, Report) ->
-    case figure(ink_covered, Report) of
-        null -> "";
-        Covered -> [Before, percent(Covered), " of the lines painted"]
-    end.
-
-%% 99.99 % must not read 100 %.
-percent(1.0) -> "100 %";
-percent(Part) -> [decimals(2, floor(Part * 10000) / 100), " %"].
+share(Before, #report{app = #{done := Done}}) -> [Before, Done];
+share(_Before, _Report) -> "".
 
 why(time, Report) ->
     ["the time was up", still("; ", Report)];
@@ -204,15 +190,9 @@ still(Before, #report{running = Ids}) -> [Before, integer_to_list(length(Ids)), 
 robots([Id]) -> ["robot ", integer_to_list(Id)];
 robots(Ids) -> ["robots ", lists:join(", ", [integer_to_list(Id) || Id <- Ids])].
 
-details(Report) ->
-    [
-        crashed(Report),
-        driven(Report),
-        closest(Report),
-        planned(Report),
-        radio(Report),
-        cost(Report)
-    ].
+details(#report{app = App} = Report) ->
+    Own = [["  ", Line] || Line <- maps:get(summary, App, [])],
+    [crashed(Report)] ++ Own ++ [radio(Report), cost(Report)].
 
 crashed(#report{crashes = {_, none}}) ->
     none;
@@ -223,36 +203,6 @@ crashed(#report{crashes = {Count, {AtUs, Robot, _Machine, Cause}}}) ->
 
 times(1) -> "once";
 times(Count) -> io_lib:format("~b times", [Count]).
-
-driven(Report) ->
-    case [figure(Key, Report) || Key <- [ink_mm, driven_mm, makespan_bound_ratio]] of
-        [Ink, Driven, Ratio] when is_number(Ink), is_number(Driven), is_number(Ratio) ->
-            io_lib:format("  ink ~ts m of ~ts m driven; ~ts x the least time possible", [
-                decimals(1, Ink / 1000), decimals(1, Driven / 1000), decimals(2, Ratio)
-            ]);
-        _ ->
-            none
-    end.
-
-closest(Report) ->
-    case {figure(min_separation_mm, Report), figure(safety_distance_mm, Report)} of
-        {null, _} ->
-            none;
-        {Least, Safe} ->
-            io_lib:format("  the closest two robots came to each other: ~ts mm (at least ~ts)", [
-                decimals(1, Least), decimals(0, Safe)
-            ])
-    end.
-
-planned(Report) ->
-    case {figure(assignments, Report), figure(deadlocks_resolved, Report)} of
-        {null, _} ->
-            none;
-        {Paths, Resolved} ->
-            io_lib:format("  ~b paths assigned, ~b deadlock~ts resolved", [
-                Paths, Resolved, plural(Resolved)
-            ])
-    end.
 
 radio(Report) ->
     {Messages, Packets} = {figure(messages, Report), figure(packets, Report)},

@@ -51,7 +51,7 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
     Report = starl_cli_report:make(#{
         name => Name, scenario => Scenario, ending => Ending, wall_s => WallMs / 1000,
-        outcome => Outcome, figures => maps:get(figures, App)
+        outcome => Outcome, app => App
     }),
     %% the scenario that has run: with the faults that were drawn
     #{scenario := Effective} = Ran,

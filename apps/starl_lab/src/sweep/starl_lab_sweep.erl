@@ -34,8 +34,8 @@ options(#{app := App}) -> starl_cli_setup:options(App).
 
 own_flags() ->
     [
-        {plot, {list, string}, none, "which figures of the report to plot, completion time and"
-            " assignments without it"},
+        {plot, {list, string}, none, "which figures of the report to plot; without it completion"
+            " time and those that the application names"},
         {out, string, none, "directory for the results; without it out/TARGET-sweep"},
         starl_lab_jobs:at_once()
     ].
@@ -98,7 +98,8 @@ sound(Answers, Sweep) ->
     case lists:uniq([problem(A) || A <- Answers, not is_sound(A)]) of
         [] ->
             {ok, {ok, Report}} = hd(Answers),
-            with_columns(starl_lab_sweep_rows:columns(maps:get(grid, Sweep), Report), Sweep);
+            Columns = starl_lab_sweep_rows:columns(maps:get(grid, Sweep), Report),
+            with_columns(Columns, starl_cli_report:formats(Report), Sweep);
         Problems ->
             {error, Problems}
     end.
@@ -109,10 +110,11 @@ is_sound(_) -> false.
 problem({ok, {error, Why}}) -> unicode:characters_to_list(Why);
 problem({crashed, Reason}) -> lists:flatten(io_lib:format("the set-up fails: ~0tP", [Reason, 15])).
 
-with_columns(Columns, #{dir := Dir, plot := Plot} = Sweep) ->
+with_columns(Columns, Formats, #{dir := Dir, plot := Plot} = Sweep) ->
     Numbers = starl_lab_sweep_rows:numbers(Columns),
     File = filename:join(Dir, "runs.csv"),
-    case {starl_lab_sweep_plot:chosen(Plot, Numbers), starl_lab_sweep_rows:read(File, Columns)} of
+    Chosen = starl_lab_sweep_plot:chosen(Plot, Numbers, Formats),
+    case {Chosen, starl_lab_sweep_rows:read(File, Columns)} of
         {{ok, Figures}, {ok, Rows, Bytes}} ->
             starl_lab_sweep_run:run(Sweep, Columns, Figures, Rows, Bytes);
         {{unknown, Names}, _} ->

@@ -3,9 +3,12 @@
 %% is the x axis; each combination of the other swept settings is a curve.
 -module(starl_lab_sweep_plot).
 
--export([axis/1, chosen/2, script/1, data/5, draw/1]).
+-export([axis/1, chosen/3, script/1, data/5, draw/1]).
 
--export_type([plot/0, panel/0]).
+-export_type([plot/0, panel/0, figure/0]).
+
+%% A figure of the report and what its axis says.
+-type figure() :: {Key :: atom(), Label :: string()}.
 
 -type plot() :: #{title := string(), x := string(), panels := [panel()]}.
 -type panel() :: #{y := string(), curves := [curve(), ...]}.
@@ -29,17 +32,24 @@ axis(Grid) ->
         [] -> none
     end.
 
-%% @doc The figures to plot: those that were asked for, else the completion time and, where there
-%% are any, the assignments per robot. Gives back the names that are no figures.
--spec chosen(none | [string()], Known :: [atom()]) -> {ok, [atom(), ...]} | {unknown, [string()]}.
-chosen(none, Known) ->
-    {ok, [Key || Key <- [virtual_s, assignments_per_robot], lists:member(Key, Known)]};
-chosen(Names, Known) ->
+%% @doc The figures to plot: those that were asked for, else the completion time and those that the
+%% application wants to be plotted. Gives back the names that are no figures.
+-spec chosen(none | [string()], Known :: [atom()], #{atom() => starl_app:format()}) ->
+    {ok, [figure(), ...]} | {unknown, [string()]}.
+chosen(none, Known, Formats) ->
+    Plotted = [Key || Key <- Known, maps:get(plotted, maps:get(Key, Formats, #{}), false)],
+    {ok, [labelled(Key, Formats) || Key <- [virtual_s | Plotted]]};
+chosen(Names, Known, Formats) ->
     Texts = [{atom_to_list(Key), Key} || Key <- Known],
     case [Name || Name <- Names, not lists:keymember(Name, 1, Texts)] of
-        [] -> {ok, [element(2, lists:keyfind(Name, 1, Texts)) || Name <- lists:uniq(Names)]};
-        Unknown -> {unknown, Unknown}
+        [] ->
+            Keys = [element(2, lists:keyfind(Name, 1, Texts)) || Name <- lists:uniq(Names)],
+            {ok, [labelled(Key, Formats) || Key <- Keys]};
+        Unknown ->
+            {unknown, Unknown}
     end.
+
+labelled(Key, Formats) -> {Key, maps:get(label, maps:get(Key, Formats, #{}), label(Key))}.
 
 %% @doc The plot of some figures over the points of a grid. Figures that no run has, such as the
 %% separation of a single robot, have no panel.
@@ -48,7 +58,7 @@ chosen(Names, Known) ->
     Point :: starl_lab_sweep_grid:point(),
     X :: starl_lab_sweep_grid:setting(),
     Summary :: starl_lab_sweep_summary:t(),
-    Figures :: [atom(), ...].
+    Figures :: [figure(), ...].
 data(App, Grid, {Key, _, _}, Points, Figures) ->
     Others = [Setting || {K, _, _} = Setting <- starl_lab_sweep_grid:swept(Grid), K =/= Key],
     Named = [{named(Others, Point), maps:get(Key, Point), Sum} || {Point, Sum} <- Points],
@@ -57,8 +67,8 @@ data(App, Grid, {Key, _, _}, Points, Figures) ->
         title => title(App, starl_lab_sweep_grid:fixed(Grid), starl_lab_sweep_grid:seeds(Grid)),
         x => label(Key),
         panels => [
-            #{y => label(Figure), curves => Curves}
-         || Figure <- Figures, Curves <- [curves(Names, Figure, Named)], Curves =/= []
+            #{y => Label, curves => Curves}
+         || {Figure, Label} <- Figures, Curves <- [curves(Names, Figure, Named)], Curves =/= []
         ]
     }.
 
@@ -85,12 +95,10 @@ title(App, Fixed, Seeds) ->
     Runs = io_lib:format("median and range of ~b seed~ts", [N, [$s || N > 1]]),
     lists:flatten([App, ": ", lists:join(", ", Texts ++ [Runs])]).
 
-%% Names with units, for what is plotted most.
+%% Names with units, for what a simulation has of itself.
 label(robots) -> "number of robots";
 label(virtual_s) -> "completion time, s";
-label(assignments_per_robot) -> "assignments per robot";
 label(loss) -> "part of the packets lost";
-label(ink_covered) -> "part of the lines painted";
 label(Key) -> with_unit(atom_to_list(Key)).
 
 with_unit(Name) ->

@@ -33,7 +33,7 @@
 %% @doc Makes the runs.
 -spec run(sweep(), Columns, Figures, Rows, Bytes) -> starl_cli_command:answer() when
     Columns :: starl_lab_sweep_rows:columns(),
-    Figures :: [atom(), ...],
+    Figures :: [starl_lab_sweep_plot:figure(), ...],
     Rows :: starl_lab_sweep_rows:rows(),
     Bytes :: non_neg_integer().
 run(#{dir := Dir} = Sweep, Columns, Figures, Rows, Bytes) ->
@@ -195,7 +195,5 @@ one({_Key, Name, Scenario}) -> report(Name, Scenario, starl_lab_jobs:simulate(Sc
 
 report(_Name, _Scenario, {error, Why}) ->
     {error, Why};
-report(Name, Scenario, {ok, #{app := #{figures := Figures}} = Ran}) ->
-    {ok, starl_cli_report:make((maps:with([ending, outcome, wall_s], Ran))#{
-        name => Name, scenario => Scenario, figures => Figures
-    })}.
+report(Name, Scenario, {ok, Ran}) ->
+    {ok, starl_cli_report:make(Ran#{name => Name, scenario => Scenario})}.

@@ -15,7 +15,7 @@
 
 -export([options/1, scene/2, report/3]).
 
--export_type([context/0, scene/0, outcome/0, report/0]).
+-export_type([context/0, scene/0, outcome/0, report/0, format/0]).
 
 %% What a scene is made for.
 -type context() :: #{
@@ -53,11 +53,27 @@
     atom() => term()
 }.
 
-%% Figures for the report, in the order in which they are to stand there, and a function that
-%% writes further files into a directory and tells their names.
+%% What is told of a run. The figures are in the order in which they are to stand in the report.
+%% Whether the work is complete is the application's to say; if it does not, it is when every robot's
+%% application has come to its end. `done' says in a few words how much is done, `summary' has
+%% further lines for the terminal; `write' puts further files into a directory and tells their names.
 -type report() :: #{
     figures := [{Key :: atom(), Value :: number() | binary() | boolean() | null}],
+    formats => #{Key :: atom() => format()},
+    complete => boolean(),
+    done => unicode:chardata(),
+    summary => [unicode:chardata()],
     write => fun((Dir :: file:filename()) -> {ok, [file:filename()]} | {error, string()})
+}.
+
+%% How a figure is written: with how many decimals (3) and how they are rounded, `down' for what must
+%% not look better than it is (near). What an axis of a plot says, with the unit; and whether it
+%% is plotted where nothing else is asked for (false).
+-type format() :: #{
+    decimals => 0..9,
+    rounded => near | down,
+    label => string(),
+    plotted => boolean()
 }.
 
 -callback init(starl:robot(), Args :: term()) -> State :: term().
