@@ -124,8 +124,8 @@ at_rest(#separation{pieces = Pieces, from = From}) ->
 
 judge(To, #separation{pieces = Pieces, from = From, reported = Reported} = State) ->
     Paths = [
-        path(Robot, clip(lists:reverse(Known), From, To), From)
-        || {Robot, [{piece, T0, _, _, _, _, _} | _] = Known} <- started(Pieces, To), T0 =< To
+        path(Robot, clip(lists:reverse(Begun), From, To), From)
+        || {Robot, Begun} <- started(Pieces, To)
     ],
     {Least, Met} = encounters(Paths, State),
     New = [Meeting || {_, _, Pair} = Meeting <- Met, not is_map_key(Pair, Reported)],

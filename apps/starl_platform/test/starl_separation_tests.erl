@@ -52,6 +52,25 @@ encounters_during_the_run_test() ->
     %% several slices at once lose none of theirs
     ?assertMatch({[{_, At, {1, 2}}], _}, starl_separation:advance(30 * ?S, S2)).
 
+%% The end belongs to what is judged: a robot that starts in that moment is seen.
+starting_at_the_end_test() ->
+    Two = [{0, 1, still(0.0, 0.0)}, {?S, 2, starl_trajectory:standing(?S, {30.0, 0.0}, 0.0)}],
+    ?assertEqual({[{30.0, ?S, {1, 2}}], {30.0, ?S, {1, 2}}}, watch(50.0, Two, ?S)).
+
+%% A robot that drives piece after piece: those that are over are forgotten.
+memory_test() ->
+    Driven = fun(N) ->
+        lists:foldl(
+            fun(I, S) ->
+                {[], Judged} = starl_separation:advance(I * ?S, S),
+                starl_separation:motion(1, drive(I * ?S, 100.0 * I, 0.0, 0.0, 100.0), Judged)
+            end,
+            starl_separation:new(50.0),
+            lists:seq(0, N)
+        )
+    end,
+    ?assertEqual(erts_debug:flat_size(Driven(5)), erts_debug:flat_size(Driven(50))).
+
 %% Between two instants at which both are far apart: no tick would see it.
 passing_between_ticks_test() ->
     Two = [{0, 1, drive(0, -1000.0, 0.0, 0.0, 4000.0)}, {0, 2, still(0.0, 10.0)}],

@@ -140,7 +140,7 @@ judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
 
-written(#state{writes = Writes}) -> lists:usort([Name || {Name, _} <- maps:keys(Writes)]).
+written(#state{writes = Writes}) -> [Name || {Name, _} <- maps:keys(Writes)].
 
 note(Robot, Name, Stamp, Notes) ->
     Notes#{Robot => (maps:get(Robot, Notes, #{}))#{Name => Stamp}}.
