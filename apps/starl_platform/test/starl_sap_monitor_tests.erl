@@ -321,6 +321,19 @@ more_than_there_is_room_for_test() ->
     ?assertEqual([], judge_reads(lists:seq(1, 5), [])),
     ?assertEqual([more_than_it_can_keep], judge_reads(lists:seq(1, 6), [])).
 
+%% What is read makes room.
+read_makes_room_test() ->
+    Got = fun(N) -> [trace(E) || E <- [app_sent(N, id(N), N), app_got(N, id(N), N)]] end,
+    Five = lists:append([Got(N) || N <- lists:seq(1, 5)]),
+    Read = Five ++ [read(5, 1), read(5, 2)],
+    Judge = fun(Events) ->
+        M0 = starl_monitor:new([{starl_sap_monitor, #{bound_us => 1000000, room => 5}}]),
+        {Met, _} = lists:foldl(fun step/2, {[], M0}, Events),
+        [{What, At} || #{what := What, at_us := At} <- Met]
+    end,
+    ?assertEqual([], Judge(Read ++ Got(6) ++ Got(7))),
+    ?assertEqual([{more_than_it_can_keep, 8}], Judge(Read ++ Got(6) ++ Got(7) ++ Got(8))).
+
 judge_reads(Delivered, Read) ->
     Reads = [read(10000, Hash) || Hash <- Read],
     M0 = starl_monitor:new([{starl_sap_monitor, #{bound_us => 1000000, room => 5}}]),
@@ -426,6 +439,11 @@ told_of_read(Events) ->
     M0 = starl_monitor:new([{starl_sap_monitor, #{bound_us => ?BOUND}}]),
     {Met, _} = lists:foldl(fun step/2, {[], M0}, Events),
     [{W, T, R, D} || #{what := W, at_us := T, robots := R, details := D} <- Met].
+
+%% Each message that is overdue is told of, in the order of time.
+several_are_overdue_test() ->
+    Overdue = [{outcome_overdue, N + ?BOUND, [1, 2], #{message => id(N)}} || N <- [1, 2, 3]],
+    ?assertEqual(Overdue, told_of([sent(N, id(N)) || N <- [1, 2, 3]], 9000)).
 
 %% What was overdue comes before what an event breaks: one violation an event.
 overdue_comes_first_test() ->

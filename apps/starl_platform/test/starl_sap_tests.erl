@@ -195,6 +195,14 @@ not_taken_test() ->
     Read = after_all([{cast, {read, door, 1}}], Left),
     ?assertEqual(delivered(7), actions(hears(data(7, 1), Read))).
 
+%% Usually 256 messages wait for a listener.
+usual_unclaimed_test() ->
+    Full = after_all([data(N, N) || N <- lists:seq(1, 255)], started()),
+    {Last, Next} = hears(data(256, 256), Full),
+    Taken = {trace, {delivered, {2, 1, 256}, t, erlang:phash2(hi)}},
+    ?assertEqual([acked(256), Taken], Last),
+    ?assertEqual([{trace, {unclaimed_full, 2, t}}], actions(hears(data(257, 257), Next))).
+
 %% Room and listener are told together; what has waited comes then, and with reading.
 room_test() ->
     Sap = after_all([data(1, 1), data(2, 2)], started()),
