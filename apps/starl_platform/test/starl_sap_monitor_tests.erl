@@ -53,6 +53,25 @@ results_test() ->
     ?assertEqual(#{sent => 2, delivered => 1, acknowledged => 1, lost => 1, outstanding => 1},
                  Results).
 
+%% A message to nobody is sent, and nothing is to come of it; its name is used.
+message_to_nobody_test() ->
+    Nobody = [sent(1, id(1), [])],
+    {[], Results} = run(Nobody ++ [started(2, 2), {3, 1, died}], 9000),
+    ?assertEqual(
+        #{sent => 0, delivered => 0, acknowledged => 0, lost => 0, outstanding => 0}, Results
+    ),
+    ?assertEqual([message_id_used_twice], judge(Nobody ++ Nobody)).
+
+%% The end is a violation where something is overdue, and only there.
+verdict_test() ->
+    Verdict = fun(End) ->
+        State = starl_sap_monitor:init(#{bound_us => ?BOUND}),
+        {ok, Sent} = starl_sap_monitor:step(trace(sent(1, id(1))), State),
+        element(1, starl_sap_monitor:finish(End, Sent))
+    end,
+    ?assertEqual(ok, Verdict(1 + ?BOUND)),
+    ?assertMatch({violation, [#{what := outcome_overdue}]}, Verdict(2 + ?BOUND)).
+
 %%% A lost report may still have been delivered, before or after it
 
 lost_but_delivered_before_test() ->

@@ -153,7 +153,7 @@ retransmit(Seq, #out{messages = Messages, delays = Delays, next = Next} = Out) -
             transmit(Seq, Message, Next, Out);
         #{Seq := #message{waiting = Waiting, lost = Lost} = Message} ->
             Traces = [{trace, {outcome, id(Seq, Out), Dest, lost}} || Dest <- Waiting],
-            Done = Message#message{waiting = [], lost = Waiting ++ Lost},
+            Done = Message#message{lost = Waiting ++ Lost},
             {Actions, Finished} = finish(Seq, Done, lost, closed(Waiting, Message, Out)),
             {Traces ++ Actions, Finished};
         #{} ->
