@@ -32,6 +32,23 @@ up_to_the_horizon_test() ->
     [?assertEqual({Horizon, N}, {Horizon, length(painted(At, View, Horizon))})
      || {Horizon, N} <- [{50.0, 1}, {450.0, 5}, {1500.0, 10}]].
 
+%% Lines are begun at no more than 40 places, the nearest ones: of those the best is taken, though a
+%% line farther away has more ink for what it costs.
+as_many_tries_test() ->
+    At = {2000.0, 5000.0},
+    Short = fun(N) ->
+        [{{2000.0 + 10.0 * I, 5200.0}, {2000.0 + 10.0 * I, 5210.0}} || I <- lists:seq(1, N)]
+    end,
+    Long = {{6000.0, 5000.0}, {6000.0, 7000.0}},
+    Ink = fun(N) ->
+        {ok, Plan0} = starl_dpp_plan:new(config([Long | Short(N)])),
+        Plan1 = starl_dpp_plan:standing(2, {7400.0, 2000.0}, Plan0),
+        Plan = starl_dpp_plan:standing(1, At, Plan1),
+        Edges = painted(At, starl_dpp_plan:view(1, Plan), ?HORIZON),
+        round(lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- Edges]))
+    end,
+    ?assertEqual([2000, 10], [Ink(19), Ink(20)]).
+
 %% Every chain from every vertex that can be reached.
 plain(#{robot := Robot} = View) ->
     Space = starl_dpp_route:space([Robot], View),

@@ -14,7 +14,8 @@
     lost_pose_is_asked_for_again/1, ids_ascend_over_a_crash/1, recover_while_standing/1,
     recover_while_moving/1, recover_while_asking/1, crash_stops_the_robot/1,
     crashed_robot_does_not_vote/1, earlier_term_is_refused/1, vote_is_kept/1,
-    leader_is_followed_without_vote/1, leave_ends_for_good/1, faces_only_by_leave/1, beats_prolong_leave/1,
+    leader_is_followed_without_vote/1, leave_ends_for_good/1, faces_only_by_leave/1,
+    failed_drive_is_told_once/1, beats_prolong_leave/1,
     late_assignment_is_void/1, missing_coordinator_is_replaced/1,
     painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1,
     term_is_stored_first/1, reboot_forgets_no_term/1, reboot_tells_its_place/1,
@@ -40,7 +41,8 @@ all() ->
         damaged_term_is_the_highest, wrong_clock_is_told,
         short_lease_is_answered_more_often,
         earlier_term_is_refused, vote_is_kept, leader_is_followed_without_vote,
-        leave_ends_for_good, faces_only_by_leave, beats_prolong_leave, late_assignment_is_void,
+        leave_ends_for_good, faces_only_by_leave, failed_drive_is_told_once, beats_prolong_leave,
+        late_assignment_is_void,
         missing_coordinator_is_replaced, painted_goes_with_the_next_request,
         passed_is_told_now_and_then, own_coordinator_hears_of_each_term, no_answer_at_all,
         unsent_request_is_sent_again, crashed_sap_is_told_who_listens,
@@ -296,6 +298,16 @@ faces_only_by_leave(_) ->
     ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Late)),
     {Refused, _} = at(10 * ?S, {call, {app, 3}}, {face, Id, 1}, Void),
     ?assertEqual([{reply, {app, 3}, {error, void}}], Refused).
+
+%% Who drove, and was stopped, is told so; not again when leave ends, and motion drives no more.
+failed_drive_is_told_once(_) ->
+    {Id, Moving} = moving(),
+    {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
+    {Told, Stopped} = step({reply, {driven, drive, Id, 1}}, {error, stopped}, Driving),
+    ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Told)),
+    ?assertEqual([], element(1, step(info, {restarted, motion}, Stopped))),
+    {Late, _} = at(8 * ?S, {timeout, leave}, leave, Stopped),
+    ?assertEqual([], replies(Late)).
 
 beats_prolong_leave(_) ->
     {Id, Moving} = moving(),

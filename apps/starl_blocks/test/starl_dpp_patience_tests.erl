@@ -99,6 +99,31 @@ asked(Mm) ->
     Plan2 = starl_dpp_plan:adopt(2, {6000.0, 6700.0}, [{{6000.0, 6500.0}, up}], Plan1),
     starl_dpp_assign:request(1, Plan2).
 
+%% As soon as another is nearer by more than a metre; not where it is just that.
+just_a_metre_nearer_test_() ->
+    [
+        fun() -> ?assertEqual({Mm, Answer}, {Mm, element(1, first(asked_beside(standing(Mm))))}) end
+     || {Mm, Answer} <- [{1500.0, assign}, {1499.0, none}]
+    ].
+
+%% Robot 2 stands so far above the beginning of the line.
+standing(Mm) -> fun(Plan) -> starl_dpp_plan:standing(2, {6000.0, 6000.0 + Mm}, Plan) end.
+
+%% Up to 200 free edges are looked at to see how far a robot would go; of more, one is near.
+reach_test_() ->
+    [
+        fun() -> ?assertEqual({N, IsNear}, {N, reach(N) < 20000.0}) end
+     || {N, IsNear} <- [{199, true}, {200, true}, {201, false}]
+    ].
+
+%% Of a line of so many edges.
+reach(N) ->
+    End = 3000.0 + 10.0 * N,
+    Config = (config([{{3000.0, 6000.0}, {End, 6000.0}}], 1))#{edge_length => 10.0},
+    {ok, Plan0} = starl_dpp_plan:new(Config),
+    ?assertMatch(#{free := N}, starl_dpp_plan:counts(Plan0)),
+    starl_dpp_patience:reach(1, starl_dpp_plan:standing(1, {2000.0, 6000.0}, Plan0)).
+
 %% A robot that stands at the work is left that work, unless it is known to say nothing any more; as
 %% soon as it is heard again it is.
 the_dead_do_no_work_test_() ->

@@ -112,6 +112,19 @@ blockers_park_test() ->
     ?assert(lists:member(End, [starl_dpp_plan:spot(Robot, Plan) || Robot <- [1, 2]])),
     ?assertEqual([], resolved(Actions)).
 
+%% One whose leave has ended waits for nothing any more: it is told nothing before it is heard again.
+silent_robot_waits_no_more_test() ->
+    S0 = known([1, 2, 3], new([short()], 3)),
+    {First, S1} = chain(S0, [asks(1, 1), asks(2, 1), asks(3, 1)]),
+    [{1, {1, 1}, {assign, _, Path}}] = sent(First),
+    Edges = [E || {_, {down, E}} <- Path],
+    {Silent, S2} = chain(S1, [fun(S) -> starl_dpp_serve:rests(2, spot(2), S) end]),
+    ?assertEqual({[], [2]}, {sent(Silent), [R || {trace, {silent, R}} <- Silent]}),
+    Painted = fun(S) -> starl_dpp_serve:requested(1, {1, 2}, {spot(1), Edges}, S) end,
+    {Last, S3} = chain(S2, [Painted]),
+    ?assertEqual([{1, {1, 2}, complete}, {3, {1, 1}, complete}], lists:sort(sent(Last))),
+    ?assertEqual([{2, {1, 2}, complete}], answers([asks(2, 2)], S3)).
+
 %% -- helpers --------------------------------------------------------------------------------
 
 short() -> {{6000.0, 6000.0}, {6100.0, 6000.0}}.
