@@ -159,6 +159,11 @@ impatient_test() ->
     ?assertEqual([not_as_promised], judge(call(Acquire, 30000, 110, {error, timeout}, 140))).
 
 no_answer_test() ->
+    %% by a clock that is slow by two in a hundred
+    Elects = fun(At) ->
+        judge(call({elect, x}, 1000000, 10, {error, timeout}, At), #{bound_us => 2 * ?S})
+    end,
+    ?assertEqual([[], [no_answer]], [Elects(1032), Elects(1033)]),
     ?assertEqual([no_answer], judge([{110, 1, app, {call, {send, 2}, none}}])),
     %% nothing is promised, but it ends
     ?assertEqual([no_answer], judge([{110, 1, app, {call, {elect, x}, 8000}}])),

@@ -160,6 +160,29 @@ strokes_test() ->
     ?assertMatch({[], #{coverage := 1.0}}, run(line(), [for({{0.0, 0.4}, {9.0, 0.4}}, E) || E <- Events], End)),
     ?assertMatch({[_], #{coverage := +0.0}}, run(line(), [for({{0.0, 0.6}, {9.0, 0.6}}, E) || E <- Events], End)).
 
+%% A stroke is on a line when both of its ends are.
+stroke_that_ends_beside_test() ->
+    {Events, End} = paint([{0.0, 0.0}, {1000.0, 0.0}]),
+    Coverage = fun(Stroke) ->
+        {_, #{coverage := C}} = run(line(), [for(Stroke, E) || E <- Events], End),
+        C
+    end,
+    On = {9.0, 0.4},
+    [
+        ?assertEqual({Stroke, Expected}, {Stroke, Coverage(Stroke)})
+     || {Stroke, Expected} <- [
+            {{On, {500.0, 0.5}}, 1.0}, {{On, {500.0, 0.6}}, 0.0}, {{{500.0, 0.6}, On}, 0.0}
+        ]
+    ].
+
+%% What is shorter than half a millimetre is no line.
+shortest_line_test() ->
+    Unpainted = fun(Mm) ->
+        {_, #{unpainted_mm := Left}} = run([{{0.0, 0.0}, {Mm, 0.0}}], [], ?S, #{ends_mm => 0.0}),
+        Left
+    end,
+    ?assertEqual([0.0, 0.5], [Unpainted(0.499), Unpainted(0.5)]).
+
 no_lines_are_all_painted_test() ->
     ?assertMatch({[], #{coverage := 1.0}}, run([], [], ?S)).
 
@@ -251,6 +274,33 @@ a_jump_is_not_connected_test() ->
               motion(5, 1, stand(5, 900.0, 0.0))],
     {[], #{ink := #{1 := Polylines}}} = run(line(), Events, 9, #{complete => false}),
     ?assertEqual([[{0.0, 0.0}], [{900.0, 0.0}]], Polylines).
+
+%% One is a jump from a thousandth of a millimetre on.
+small_jump_test() ->
+    Polylines = fun(X) ->
+        Events = [
+            motion(0, 1, stand(0, 0.0, 0.0)), pen(0, 1, down), motion(5, 1, stand(5, X, 0.0))
+        ],
+        {[], #{ink := #{1 := Ink}}} = run(line(), Events, 9, #{complete => false}),
+        length(Ink)
+    end,
+    ?assertEqual([1, 2], [Polylines(0.0005), Polylines(0.5)]).
+
+%% A motion that is told before it begins changes nothing until then.
+told_beforehand_test() ->
+    Drive = starl_trajectory:piece(0, {0.0, 0.0}, 0.0, 100.0, 0.0),
+    Then = stand(2 * ?S, 200.0, 0.0),
+    Events = [motion(0, 1, Drive), pen(0, 1, down), motion(?S, 1, Then)],
+    {[], #{ink_mm := Ink}} = run(line(), Events, 5 * ?S, #{complete => false}),
+    ?assert(abs(Ink - 200.0) < 1.0e-6).
+
+%% At the end the robots come in their order, also where there are many.
+strays_of_many_test() ->
+    Robots = lists:seq(1, 40),
+    Drive = starl_trajectory:piece(0, {900.0, 0.0}, 0.0, 100.0, 0.0),
+    Events = [E || R <- Robots, E <- [motion(0, R, Drive), pen(0, R, down)]],
+    {Found, _} = run(line(), Events, 2 * ?S, #{complete => false}),
+    ?assertEqual([[R] || R <- Robots], [Who || #{robots := Who} <- Found]).
 
 %%% Intervals and coverage against sampling
 

@@ -34,6 +34,15 @@ round_test() ->
     {[], Results} = run(all_reach() ++ [{5, 1, passed, 1}, {9, 2, passed, 1}], 9, #{}),
     ?assertMatch(#{rounds := 1, passed := 2, longest_delta_us := 4}, Results).
 
+%% The longest and the mean time from the first pass to the last.
+deltas_test() ->
+    Round = fun(T, K, Us) ->
+        [{T, R, reached, K} || R <- [1, 2]] ++ [{T + 1, 1, passed, K}, {T + 1 + Us, 2, passed, K}]
+    end,
+    {[], Results} = run(Round(0, 1, 4) ++ Round(10, 2, 6) ++ Round(20, 3, 2), 30, #{}),
+    ?assertMatch(#{rounds := 3, longest_delta_us := 6}, Results),
+    ?assertEqual(4.0, maps:get(mean_delta_us, Results)).
+
 %% One robot is a team: nobody passes later than the first.
 alone_test() ->
     M0 = starl_monitor:new([{starl_barrier_monitor, #{robots => [1]}}]),
@@ -141,6 +150,11 @@ damaged_and_forgotten_test() ->
     ?assertEqual([reached_out_of_order], Again([{1, crashed}, {2, damaged}], 1)),
     ?assertEqual([reached_out_of_order], Again([{1, crashed}, {2, crashed}], 2)),
     ?assertEqual([], Again([{2, damaged}, {1, crashed}], 3)),
+    %% damaged once more, it is no other
+    ?assertEqual([reached_out_of_order], Again([{2, damaged}, {2, damaged}], 2)),
+    ?assertEqual([], Again([{2, damaged}, {1, crashed}, {2, damaged}], 2)),
+    ?assertEqual([reached_out_of_order], Again([{2, damaged}, {1, crashed}, {2, damaged}], 1)),
+    ?assertEqual([], Again([{1, damaged}, {2, damaged}, {2, damaged}], 1)),
     ?assertEqual([], Again([{1, damaged}, {2, damaged}], 1)),
     ?assertEqual([], Again([{2, damaged}, {1, crashed}, {1, damaged}, {2, crashed}], 1)),
     ?assertEqual([], Again([{1, damaged}, {2, damaged}, {1, crashed}], 1)),

@@ -162,6 +162,22 @@ deluded_leader_test() ->
     ?assertEqual([two_coordinators],
                  Judge(Begin ++ Two ++ Again ++ Then, Stood(9, 15 * ?S, 20 * ?S))).
 
+%% Without time two runs are alike if the same robot has led last and the same is reserved.
+timeless_test() ->
+    Timeless = fun(Events) ->
+        Step = fun(Event, S0) ->
+            {ok, S} = starl_dpp_monitor:step(Event, S0),
+            S
+        end,
+        M0 = starl_dpp_monitor:init(#{tube_radius => ?TUBE, r_s => ?R_S}),
+        starl_dpp_monitor:timeless(lists:foldl(Step, M0, Events))
+    end,
+    Begins = fun(Robot, Epoch) -> {0, Robot, dpp_coordinator, {coordinator, Epoch}} end,
+    ?assertEqual(Timeless([Begins(9, 2)]), Timeless([Begins(8, 1), Begins(9, 2)])),
+    ?assertNotEqual(Timeless([Begins(9, 2)]), Timeless([Begins(8, 2)])),
+    ?assertNotEqual(Timeless([Begins(9, 2)]), Timeless([Begins(9, 1)])),
+    ?assertNotEqual(Timeless([]), Timeless([reserved(0, 1, level(0.0))])).
+
 %%% Leave: r(v) is 50 mm here, and 1 mm is the error of the positions
 
 leave_test() ->
@@ -197,6 +213,20 @@ all_overlaps_are_reported_test() ->
     Across = [{{250.0, -900.0}, {250.0, 900.0}}],
     ?assertEqual([{tubes_overlap, [1, 3]}, {tubes_overlap, [2, 3]}], judge([
         assigned(1, 1, level(0.0)), assigned(2, 2, level(400.0)), assigned(3, 3, Across)])).
+
+%% Also of many robots in their order.
+overlaps_of_many_test() ->
+    Robots = lists:seq(1, 40),
+    Stand = [reserved(1, R, [{{400.0 * R, 0.0}, {400.0 * R, 0.0}}]) || R <- Robots],
+    Across = assigned(2, 41, [{{0.0, 0.0}, {20000.0, 0.0}}]),
+    ?assertEqual([{tubes_overlap, [R, 41]} || R <- Robots], judge(Stand ++ [Across])).
+
+%% Reservations that are apart may lie in one box.
+beside_a_slope_test() ->
+    Slope = [{{0.0, 0.0}, {5000.0, 5000.0}}],
+    Stand = fun(X) -> reserved(2, 2, [{{X, 0.0}, {X, 0.0}}]) end,
+    ?assertEqual([], judge([assigned(1, 1, Slope), Stand(300.0)])),
+    ?assertEqual([{tubes_overlap, [1, 2]}], judge([assigned(1, 1, Slope), Stand(280.0)])).
 
 %%% Separation
 

@@ -41,6 +41,22 @@ changed_test() ->
     ?assertEqual([changed], judge([sent(), {20, 1, geocast, {delivered, ?ID, 78}}])).
 never_sent_test() -> ?assertEqual([never_sent], judge([delivered(2, 1)])).
 outside_test() -> ?assertEqual([outside], judge([sent(), delivered(20, 1), delivered(30, 2)])).
+%% Who was inside until shortly before the end may get it at the very end.
+left_before_the_end_test() ->
+    Back = {500, 2, chassis, {motion, {piece, 500, 500.0, 0.0, 0.0, 0.0, 0.0}}},
+    Away = {600000, 2, chassis, {motion, {piece, 600000, 5000.0, 0.0, 0.0, 0.0, 0.0}}},
+    ?assertEqual([], judge([sent(), Back, Away, delivered(1000010, 2)], false)).
+
+%% It is told of a window by the first event after it.
+told_at_the_next_event_test() ->
+    M0 = starl_geocast_monitor:init(#{robots => [1], progress => true, drift_ppm => 0}),
+    Here = {0, 1, chassis, {motion, {piece, 0, 0.0, 0.0, 0.0, 0.0, 0.0}}},
+    {ok, M1} = starl_geocast_monitor:step(Here, M0),
+    {ok, M2} = starl_geocast_monitor:step(sent(), M1),
+    Next = fun(T) -> starl_geocast_monitor:step({T, 1, robot, up}, M2) end,
+    ?assertMatch({ok, _}, Next(1000010)),
+    ?assertMatch({violation, #{what := not_delivered, at_us := 1000010}, _}, Next(1000011)).
+
 not_delivered_test() -> ?assertEqual([not_delivered], judge([sent()])).
 safety_only_test() -> ?assertEqual([], judge([sent()], false)).
 crashed_in_the_window_test() -> ?assertEqual([], judge([sent(), crashed(500, 1)])).

@@ -117,6 +117,7 @@ handled_test() ->
     ?assertEqual(17, At(10, [{5, 20, {slow, 7}}])),
     ?assertEqual(13, At(10, [{5, 20, {slow, 3}}])),
     ?assertEqual(13, At(10, [{5, 9, {slow, 7}}])),
+    ?assertEqual([17, 17], [At(10, [{5, 10, {slow, 7}}]), At(10, [{13, 20, {slow, 7}}])]),
     ?assertEqual(13, At(10, [{14, 20, {slow, 7}}])),
     ?assertEqual(13, At(10, [{5, 20, {clock, -7}}])).
 

@@ -71,6 +71,60 @@ memory_test() ->
     end,
     ?assertEqual(erts_debug:flat_size(Driven(5)), erts_debug:flat_size(Driven(50))).
 
+%% Who appears after a time in which nothing moved is seen at once.
+appearing_test() ->
+    [
+        begin
+            Here = starl_trajectory:standing(T, {30.0, 0.0}, 0.0),
+            Events = [{0, 1, still(0.0, 0.0)}, {0, 2, still(1000.0, 0.0)}, {T, 2, Here}],
+            ?assertMatch({T, {[{30.0, T, {1, 2}}], _}}, {T, watch(50.0, Events, 6 * ?S)})
+        end
+     || Slices <- [2, 3], T <- [Slices * ?S - 1, Slices * ?S, Slices * ?S + 1]
+    ].
+
+%% What is announced may be called off: it is not judged before its time.
+called_off_test() ->
+    Events = [
+        {0, 1, drive(0, 0.0, 0.0, 0.0, 100.0)},
+        {0, 1, starl_trajectory:standing(5 * ?S, {500.0, 0.0}, 0.0)},
+        {0, 2, still(300.0, 10.0)},
+        {0, 2, starl_trajectory:standing(5 * ?S, {300.0, 10.0}, 0.0)},
+        {2 * ?S, 1, starl_trajectory:standing(2 * ?S, {200.0, 0.0}, 0.0)}
+    ],
+    {[], {Distance, At, {1, 2}}} = watch(50.0, Events, 10 * ?S),
+    ?assertEqual(2 * ?S, At),
+    ?assert(abs(Distance - math:sqrt(10100.0)) < 1.0e-9).
+
+%% Of two that go on with another piece in one moment, what one has done before does not meet what
+%% the other does then.
+both_change_at_once_test() ->
+    Then = fun(X) -> starl_trajectory:standing(?S div 2, {X, 0.0}, 0.0) end,
+    Events = [
+        {0, 1, still(0.0, 0.0)}, {0, 2, still(1000.0, 0.0)},
+        {?S div 2, 1, Then(5000.0)}, {?S div 2, 2, Then(10.0)}
+    ],
+    ?assertEqual({[], {1000.0, 0, {1, 2}}}, watch(50.0, Events, 3 * ?S)).
+
+%% Two that come towards each other fast enough to be far apart in the middle of a second.
+far_apart_in_the_middle_test() ->
+    Two = [
+        {0, 1, drive(0, 1000.0, 0.0, 0.0, 4000.0)},
+        {0, 2, drive(0, 10000.0, 0.0, math:pi(), 4000.0)}
+    ],
+    {[{Distance, ?S, {1, 2}}], _} = watch(1001.0, Two, ?S),
+    ?assert(abs(Distance - 1000.0) < 1.0e-6).
+
+%% Wherever the two stand, on whatever sides of a corner of the grid.
+around_a_corner_test() ->
+    [
+        begin
+            Two = [{0, 1, still(XA, YA)}, {0, 2, still(XB, YB)}],
+            ?assertMatch({{{XA, YA}, {XB, YB}}, {[_], _}},
+                         {{{XA, YA}, {XB, YB}}, watch(50.0, Two, ?S)})
+        end
+     || XA <- [49.0, 51.0], YA <- [49.0, 51.0], XB <- [49.0, 51.0], YB <- [49.0, 51.0]
+    ].
+
 %% Between two instants at which both are far apart: no tick would see it.
 passing_between_ticks_test() ->
     Two = [{0, 1, drive(0, -1000.0, 0.0, 0.0, 4000.0)}, {0, 2, still(0.0, 10.0)}],
