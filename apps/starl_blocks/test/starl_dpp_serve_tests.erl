@@ -125,6 +125,22 @@ silent_robot_waits_no_more_test() ->
     ?assertEqual([{1, {1, 2}, complete}, {3, {1, 1}, complete}], lists:sort(sent(Last))),
     ?assertEqual([{2, {1, 2}, complete}], answers([asks(2, 2)], S3)).
 
+%% A waypoint that is passed gives free what lies behind it, counted along the path of this very
+%% request, also by a coordinator that has learnt of the path on its way.
+passed_test() ->
+    Points = [{{6000.0 + 100.0 * I, 8000.0}, up} || I <- lists:seq(1, 4)],
+    Way = {moving, 2, {6000.0, 8000.0}, Points},
+    S0 = known([2], new([short()], 2)),
+    {S1, _} = starl_dpp_serve:reported(1, {1, 5}, {Way, []}, S0),
+    Passed = fun(Id, N, S) ->
+        {Next, Actions} = starl_dpp_serve:passed(1, Id, N, S),
+        {[length(Held) || {trace, {reserved, 1, Held}} <- Actions], Next}
+    end,
+    ?assertEqual({[], S1}, Passed({1, 5}, 2, S1)),
+    ?assertEqual({[], S1}, Passed({1, 4}, 3, S1)),
+    {[3], S2} = Passed({1, 5}, 3, S1),
+    {[1], _} = Passed({1, 5}, 5, S2).
+
 %% -- helpers --------------------------------------------------------------------------------
 
 short() -> {{6000.0, 6000.0}, {6100.0, 6000.0}}.

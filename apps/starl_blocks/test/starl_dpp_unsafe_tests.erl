@@ -89,6 +89,21 @@ is_clear(Line, P, Others) ->
         Others
     ).
 
+%% Who stands too near to another moves straight away from the nearest one until it is far enough;
+%% who is far enough stays.
+away_test() ->
+    Stand = fun(P) -> [{P, P}] end,
+    Unsafe = lists:foldl(
+        fun({Robot, P}, Acc) -> starl_dpp_unsafe:set(Robot, Stand(P), Acc) end,
+        starl_dpp_unsafe:new([1, 2, 3, 4], graph()),
+        [{2, {8000.0, 8000.0}}, {3, {4000.0, 4000.0}}, {4, {4000.0, 4700.0}}]
+    ),
+    Away = fun(P) -> starl_dpp_unsafe:away(1, P, Unsafe) end,
+    ?assertEqual({4000.0, 3500.0}, Away({4000.0, 3500.0})),
+    {X, Y} = Away({4000.0, 3600.0}),
+    ?assertEqual(4000.0, X),
+    ?assert(abs(Y - (4000.0 - ?NEAR)) < 1.0e-5).
+
 %% -- what is drawn --------------------------------------------------------------------------
 
 graph() ->

@@ -49,7 +49,6 @@ halted(_Where, Track) ->
     lost(Track).
 
 segments(From, []) -> [{From, From}];
-segments(From, [{Point, _}]) -> [{From, Point}];
 segments(From, [{Point, _} | Path]) -> [{From, Point} | segments(Point, Path)].
 
 %% @doc The robot, stopped, is seen at a point. As in the plan: near what it holds, it counts as
