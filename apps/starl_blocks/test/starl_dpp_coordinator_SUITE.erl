@@ -14,7 +14,7 @@
     after_the_end_all_is_traced/1, old_stamp_gives_no_leave/1, each_request_is_answered_once/1, old_request_is_ignored/1,
     late_clear_frees_nothing/1, clear_frees_what_is_behind/1, lost_assignment_stays_reserved/1,
     other_terms_are_ignored/1, recovered_reservation_is_kept/1,
-    silent_robot_keeps_all_until_its_leave_ends/1, late_report_of_a_silent_robot/1,
+    silent_robot_keeps_all_until_its_leave_ends/1, heard_again_while_looked_for/1, late_report_of_a_silent_robot/1,
     unreachable_unknown_robot_ends/1
 ]).
 
@@ -34,7 +34,8 @@ all() ->
         after_the_end_all_is_traced, old_stamp_gives_no_leave, each_request_is_answered_once, old_request_is_ignored,
         late_clear_frees_nothing, clear_frees_what_is_behind, lost_assignment_stays_reserved,
         other_terms_are_ignored, recovered_reservation_is_kept,
-        silent_robot_keeps_all_until_its_leave_ends, late_report_of_a_silent_robot,
+        silent_robot_keeps_all_until_its_leave_ends, heard_again_while_looked_for,
+        late_report_of_a_silent_robot,
         unreachable_unknown_robot_ends
     ].
 
@@ -186,6 +187,22 @@ silent_robot_keeps_all_until_its_leave_ends(_) ->
     {Found, C3} = at(11 * ?S, {reply, {rest, {1, 1, 1}, 2}}, {ok, {X, Y, 0.0}}, C2),
     ?assert(lists:member({trace, {silent, 2}}, Found)),
     ?assertEqual([{spot(2), spot(2)}], held(2, C3)).
+
+%% Nobody is looked for whose leave may last; and what is seen of one that was heard again meanwhile
+%% says nothing of where it stands.
+heard_again_while_looked_for(_) ->
+    {_, _, Held, C} = assigned(),
+    Looked = fun(Actions) -> [R || {call, location, {pose, R}, {rest, _, _}} <- Actions] end,
+    C1 = at_beats(lists:seq(1, 9), C),
+    {Early, C2} = at(10 * ?S, {timeout, beat}, beat, C1),
+    ?assertEqual([], Looked(Early)),
+    {Looks, C3} = at(11 * ?S, {timeout, beat}, beat, voted(10, C2)),
+    ?assertEqual([2], Looked(Looks)),
+    Here = {message, 2, dpp_here, {{1, 1, 1}, {10 * ?S, 11 * ?S, true}}},
+    {_, C4} = at(11 * ?S, cast, Here, C3),
+    {X, Y} = spot(2),
+    {Found, C5} = at(11 * ?S, {reply, {rest, {1, 1, 1}, 2}}, {ok, {X, Y, 0.0}}, C4),
+    ?assertEqual({[], Held}, {Found, held(2, C5)}).
 
 %% Pitfall: a report of a moving robot that was so long on its way that the robot has been found
 %% standing meanwhile gives it nothing back.
