@@ -43,6 +43,18 @@ deltas_test() ->
     ?assertMatch(#{rounds := 3, longest_delta_us := 6}, Results),
     ?assertEqual(4.0, maps:get(mean_delta_us, Results)).
 
+%% Of three robots the last one ends the round.
+three_test() ->
+    M0 = starl_monitor:new([{starl_barrier_monitor, #{robots => [1, 2, 3]}}]),
+    Events = [{1, R, reached, 1} || R <- [1, 2, 3]] ++ [{4 + R, R, passed, 1} || R <- [1, 2, 3]],
+    Results = fun(N) ->
+        {ok, M} = starl_monitor:step([trace(E) || E <- lists:sublist(Events, N)], M0),
+        {[], #{starl_barrier_monitor := R}} = starl_monitor:finish(9, M),
+        R
+    end,
+    ?assertMatch(#{rounds := 0, passed := 2}, Results(5)),
+    ?assertMatch(#{rounds := 1, passed := 3, longest_delta_us := 2}, Results(6)).
+
 %% One robot is a team: nobody passes later than the first.
 alone_test() ->
     M0 = starl_monitor:new([{starl_barrier_monitor, #{robots => [1]}}]),

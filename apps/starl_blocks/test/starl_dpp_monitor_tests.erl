@@ -214,6 +214,14 @@ all_overlaps_are_reported_test() ->
     ?assertEqual([{tubes_overlap, [1, 3]}, {tubes_overlap, [2, 3]}], judge([
         assigned(1, 1, level(0.0)), assigned(2, 2, level(400.0)), assigned(3, 3, Across)])).
 
+%% How near they are, and how near they may be.
+overlap_in_full_test() ->
+    {[#{at_us := 2, details := Details}], _} =
+        run([assigned(1, 1, level(0.0)), assigned(2, 2, level(150.0))], 9),
+    #{distance_mm := Distance, limit_mm := Limit} = Details,
+    ?assert(abs(Distance - 150.0) < 1.0e-9),
+    ?assert(abs(Limit - 2 * ?TUBE) < 1.0e-9).
+
 %% Also of many robots in their order.
 overlaps_of_many_test() ->
     Robots = lists:seq(1, 40),

@@ -106,6 +106,14 @@ told_test() ->
     Of = #{election => e1},
     ?assertEqual([{different_leaders, 9, [2, 3], Of#{leaders => [3, 2]}}],
                  Told(ballots() ++ [elected(9, 2, 3), announced(9, 3, 2)], 0, #{})),
+    %% of several that chose otherwise it is told of the lowest
+    ?assertEqual(
+        [
+            {different_leaders, 8, [1, 3], Of#{leaders => [3, 2]}},
+            {different_leaders, 9, [1, 2], Of#{leaders => [3, 1]}}
+        ],
+        Told(ballots() ++ [elected(7, 1, 3), announced(8, 3, 2), announced(9, 2, 1)], 0, #{})
+    ),
     ?assertEqual([{leader_without_ballot, 9, [1], Of#{leader => 2}}],
                  Told([ballot(1, 1, 7), announced(9, 1, 2)], 0, #{})),
     ?assertEqual([{second_ballot, 2, [1], Of#{first => 7, second => 8}}],

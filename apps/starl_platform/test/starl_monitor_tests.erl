@@ -86,6 +86,7 @@ shape_test() ->
     ],
     ?assertNotEqual(Shape([1], #{stack => [{m, f}]}), Shape([1], #{stack => [{m, g}]})),
     ?assertEqual(Shape([1], #{all => [1, 2, 3]}), Shape([1], #{all => [5]})),
+    ?assertEqual(Shape([1], #{per => #{1 => 5, 2 => 6}}), Shape([1], #{per => #{7 => 8}})),
     ?assertEqual(Shape([1], #{all => <<1>>}), Shape([1], #{all => <<"longer">>})),
     ?assertEqual(Shape([1, 2, 3], #{}), Shape([1, 2, 3, 4, 5], #{})),
     %% which of two terms is larger says nothing

@@ -105,6 +105,19 @@ both_change_at_once_test() ->
     ],
     ?assertEqual({[], {1000.0, 0, {1, 2}}}, watch(50.0, Events, 3 * ?S)).
 
+%% What a robot did before another one appeared does not meet that one.
+over_before_the_other_came_test() ->
+    At = fun(Us, X, Y) -> starl_trajectory:standing(Us, {X, Y}, 0.0) end,
+    Events = [
+        {0, 1, drive(0, 0.0, 0.0, 0.0, 1000.0)},
+        {300_000, 1, At(300_000, 300.0, 0.0)},
+        {500_000, 2, At(500_000, 500.0, 0.0)}
+    ],
+    ?assertEqual({[], {200.0, 500_000, {1, 2}}}, watch(50.0, Events, ?S)),
+    %% likewise where others are nearer
+    Near = [{0, 3, still(0.0, 9000.0)}, {0, 4, still(100.0, 9000.0)} | Events],
+    ?assertEqual({[], {100.0, 0, {3, 4}}}, watch(50.0, Near, ?S)).
+
 %% Two that come towards each other fast enough to be far apart in the middle of a second.
 far_apart_in_the_middle_test() ->
     Two = [
