@@ -55,7 +55,8 @@ listens_test() ->
 
 unknown_test() ->
     Unknown = {message, 2, other, what},
-    ?assertMatch({[{trace, {malformed, 2, other, what}}], _}, step(cast, Unknown, started())).
+    ?assertMatch({[{trace, {malformed, 2, other, what}}], _}, step(cast, Unknown, started())),
+    ?assertMatch({[{trace, {unknown_event, cast, what}}], _}, step(cast, what, started())).
 
 %% Who takes part casts a ballot to all, asks again in a while, and has no patience for ever.
 takes_part_test() ->
@@ -82,6 +83,25 @@ draws_test() ->
     ?assertEqual(Drawn(1, e), Drawn(1, e)),
     ?assertEqual(
         30, length(lists:usort([Drawn(S, {e, N}) || S <- [1, 2, 3], N <- lists:seq(1, 10)]))
+    ).
+
+%% Ballots are 30 bits wide, and every bit is drawn: two alike are rare.
+draws_wide_test() ->
+    Drawn = [
+        N
+     || E <- lists:seq(1, 40),
+        {trace, {ballot, _, {N, 1}}} <- element(1, call(E, a, started()))
+    ],
+    ?assertEqual((1 bsl 30) - 1, lists:foldl(fun(N, Bits) -> N bor Bits end, 0, Drawn)).
+
+%% The same ballot in every release of OTP: a run has the same digest in all of them.
+draws_for_ever_test() ->
+    Drawn = fun(Seed) ->
+        {Actions, _} = call({again, 7}, a, element(2, new(Seed))),
+        [N || {trace, {ballot, _, {N, 1}}} <- Actions]
+    end,
+    ?assertEqual(
+        [[103183139], [815379478], [765018138], [715287315]], [Drawn(S) || S <- [1, 2, 3, 4]]
     ).
 
 %% With the last ballot the largest wins; all are told, the caller last but for them.

@@ -71,7 +71,8 @@ second_ballot_after_death_test() ->
     ?assertEqual([second_ballot], judge([ballot(1, 1, 7), {2, 1, died}, ballot(3, 1, 8)])).
 
 stranger_test() ->
-    ?assertEqual([not_a_participant], judge([entered(1, 4)])).
+    ?assertEqual([not_a_participant], judge([entered(1, 4)])),
+    ?assertEqual([not_a_participant], judge([ballot(1, 1, 7), elected(2, 4, 1)])).
 
 %% Each breach names its robots, the lower one first: those that elected otherwise, or the one.
 robots_test() ->
@@ -80,7 +81,11 @@ robots_test() ->
      || {What, Robots, Events} <- [
             {different_leaders, [1, 2], ballots() ++ [elected(9, 2, 3), elected(9, 1, 2)]},
             {different_leaders, [1, 2], ballots() ++ [elected(9, 1, 3), elected(9, 2, 2)]},
+            {different_leaders, [1, 3],
+                ballots() ++ [elected(9, 1, 3), elected(9, 2, 3), elected(9, 3, 2)]},
             {two_leaders_at_one_robot, [1], ballots() ++ [elected(9, 1, 3), elected(9, 1, 2)]},
+            {two_leaders_at_one_robot, [2],
+                ballots() ++ [elected(9, 1, 3), elected(9, 2, 3), elected(9, 2, 2)]},
             {leader_without_ballot, [1], [ballot(1, 1, 7), announced(9, 1, 2)]},
             {second_ballot, [1], [ballot(1, 1, 7), ballot(2, 1, 8)]},
             {not_a_participant, [4], [entered(1, 4)]},
@@ -88,11 +93,14 @@ robots_test() ->
         ]
     ].
 
-blamed(Events) ->
+blamed(Events) -> blamed(Events, 0).
+
+blamed(Events, End) ->
     Config = #{robots => [1, 2, 3], bound_us => ?BOUND},
     M0 = starl_monitor:new([{starl_election_monitor, Config}]),
-    {Met, _} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- Events]),
-    [{What, Robots} || #{what := What, robots := Robots} <- Met].
+    {Met, M} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- Events]),
+    {Late, _} = starl_monitor:finish(End, M),
+    [{What, Robots} || #{what := What, robots := Robots} <- Met ++ Late].
 
 %% When it was, and what is told of it.
 told_test() ->
@@ -160,7 +168,25 @@ order_test() ->
     M0 = starl_monitor:new([{starl_election_monitor, Config}]),
     {[], M} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- ballots()]),
     {Late, _} = starl_monitor:finish(900, M),
-    ?assertEqual([[1], [2], [3]], [Robots || #{robots := Robots} <- Late]).
+    ?assertEqual([[1], [2], [3]], [Robots || #{robots := Robots} <- Late]),
+    ?assertEqual([{no_result, [R]} || R <- [2, 3, 1]],
+                 blamed([entered(1, 2), entered(1, 3), entered(2, 1)], 9000)).
+
+%% The verdict says whether there is anything that is broken; elections come in their order.
+finish_test() ->
+    Finish = fun(Events) ->
+        M0 = starl_election_monitor:init(#{robots => [1, 2, 3], bound_us => ?BOUND}),
+        M = lists:foldl(fun(Event, Before) ->
+            {ok, After} = starl_election_monitor:step(trace(Event), Before),
+            After
+        end, M0, Events),
+        starl_election_monitor:finish(9000, M)
+    end,
+    ?assertMatch({ok, #{elections := 0}}, Finish([])),
+    ?assertMatch({{violation, [#{what := no_result}]}, _}, Finish([entered(1, 1)])),
+    Many = lists:seq(1, 40),
+    {ok, #{leaders := Leaders}} = Finish([{E, 1, {ballot, E, 7}} || E <- Many]),
+    ?assertEqual([{E, []} || E <- Many], Leaders).
 
 entering_again_starts_afresh_test() ->
     Again = [entered(1, 1), entered(500, 1)],
