@@ -60,6 +60,12 @@ results_test() ->
     ?assertEqual({[], #{elections => 2, elected => 3, failed => 2,
                         leaders => [{e, [2, 3]}, {f, [1]}]}}, in_full(Events, false)).
 
+%% Elections come in their order, however many there are.
+leaders_test() ->
+    Many = lists:seq(1, 40),
+    {_, #{leaders := Leaders}} = in_full([{1, 1, {elected, E, 1, known}} || E <- Many], false),
+    ?assertEqual([{E, [1]} || E <- Many], Leaders).
+
 %% At the bound it is in time; a robot that is the highest from the beginning on counts, one whose
 %% machine crashed when it began or later does not.
 bounds_test() ->
@@ -85,11 +91,18 @@ a_crash_begins_a_term_test() ->
     ?assertEqual([], judge([elected(2, 1, 3, announcement), {3, 1, crashed},
                             elected(4, 1, 2, announcement)])).
 no_result_test() -> ?assertEqual([no_result], judge([entered(1, 1), elected(1002, 1, 3, known)])).
+%% What is overdue is told once.
+told_once_test() ->
+    ?assertEqual([no_result], judge([entered(1, 1), {2000, 2, crashed}, {2001, 2, crashed}])).
 failed_in_time_test() -> ?assertEqual([], judge([entered(1, 1), {1001, 1, {failed, e, timeout}}])).
 failed_without_loss_test() ->
     ?assertEqual([failed_without_loss], judge([entered(1, 1), {9, 1, {failed, e, timeout}}], true)).
 dead_owe_nothing_test() ->
     ?assertEqual([], judge([entered(1, 1), entered(1, 2), {5, 1, {died, k}}, {6, 2, crashed}])).
+the_others_owe_it_still_test() ->
+    [?assertMatch({[{no_result, 1001, [2]}], _},
+                  in_full([entered(1, 1), entered(1, 2), {5, 1, End}], false))
+     || End <- [{died, k}, crashed]].
 not_a_robot_test() -> ?assertEqual([not_a_robot], judge([elected(2, 1, 7, announcement)])).
 not_itself_test() -> ?assertEqual([not_itself], judge([elected(2, 1, 2, highest)])).
 not_the_highest_test() -> ?assertEqual([not_the_highest], judge([elected(2, 2, 2, highest)], true)).

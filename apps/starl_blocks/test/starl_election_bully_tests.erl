@@ -60,7 +60,8 @@ listens_test() ->
     ?assertEqual({listening(), Machine}, step(info, {restarted, sap}, Machine)),
     ?assertEqual({[], Machine}, step(info, {restarted, app}, Machine)),
     Unknown = {message, 2, other, what},
-    ?assertMatch({[{trace, {malformed, 2, other, what}}], _}, step(cast, Unknown, Machine)).
+    ?assertMatch({[{trace, {malformed, 2, other, what}}], _}, step(cast, Unknown, Machine)),
+    ?assertMatch({[{trace, {unknown_event, cast, what}}], _}, step(cast, what, Machine)).
 
 %% Who enters asks those above; the highest has nobody to ask.
 enters_test() ->
@@ -136,7 +137,12 @@ rounds_test() ->
         Challenged(robot(2)),
         [1, 2, 3, 4]
     ),
-    ?assertEqual(100, Rounds(after_all([calls()], Tired))).
+    ?assertEqual(100, Rounds(after_all([calls()], Tired))),
+    %% and so it is when nobody waits any more
+    [
+        ?assertEqual(4, Rounds(after_all([calls(), fun no_patience/1], Machine)))
+     || Machine <- [robot(2), Tired]
+    ].
 
 %% How many rounds of challenges there are, at most so many, when those above only say that they
 %% are alive.
@@ -183,4 +189,19 @@ remembers() ->
     ?assertEqual([false, true, true], [IsKnown(N, More) || N <- [1, 2, 1025]]),
     Waiting = Heard(1100, after_all([calls()], robot(2))),
     ?assertEqual([false, true, true], [IsKnown(N, Waiting) || N <- [77, 78, 1100]]),
-    ?assertEqual([{app, a}], [To || {reply, To, {ok, 2}} <- element(1, round_over(Waiting))]).
+    ?assertEqual([{app, a}], [To || {reply, To, {ok, 2}} <- element(1, round_over(Waiting))]),
+    %% no longer waited for it goes with the next ones
+    Elected = after_all([calls(), fun(M) -> hears(3, bully_leader, {e, 3}, M) end], robot(2)),
+    Over = Heard(1024, Elected),
+    ?assertMatch([{trace, {entered, e}}, {{timeout, _}, _, _} | _], element(1, call(e, b, Over))),
+    %% where all are waited for none goes
+    Calls = [fun(M) -> call(N, N, M) end || N <- lists:seq(1, 1025)],
+    Full = after_all(Calls, robot(2)),
+    ?assertEqual(
+        [{app, 1}], [To || {reply, To, _} <- element(1, hears(3, bully_leader, {1, 3}, Full))]
+    ),
+    %% but they all go later, the latest, too
+    Ends = [fun(M) -> hears(3, bully_leader, {N, 3}, M) end || N <- lists:seq(1, 2050)],
+    ?assertEqual(
+        [false, false, true], [IsKnown(N, after_all(Ends, Full)) || N <- [1, 1025, 1026]]
+    ).
