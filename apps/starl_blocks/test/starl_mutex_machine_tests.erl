@@ -148,6 +148,7 @@ refused_test() ->
     ?assertEqual({[], Claiming}, hears(20, 1, {refused, b(), ?F, {1, 10}}, Claiming)),
     {Refused, _} = hears(20, 1, {refused, a(), ?F, {1, 10}}, Claiming),
     ?assertEqual([{1, {request, a(), R, 0, home}} || R <- [{2, 1}, {3, 7}]], sent(Refused)),
+    ?assertEqual([{lease, a()}, {renew, a()}], lists:sort(cancelled(Refused))),
     %% one that is held is lost
     {Lost, Without} = hears(20, 1, {refused, a(), ?F, {1, 10}}, holding(a())),
     ?assertEqual([{lease_lost, a(), ?F}], traces(Lost)),
@@ -185,6 +186,9 @@ comes_again_test() ->
         ?assertEqual({[], Claiming}, hears(20, 3, {token, a(), Fence, [{2, 1}]}, Claiming))
      || Fence <- [?F, ?F - 256]
     ],
+    %% a newer one that somebody else is known to have is none that comes
+    {_, Knows} = hears(20, 3, {owner, a(), ?F + 256}, Claiming),
+    ?assertEqual({[], Knows}, hears(20, 3, {token, a(), ?F + 256, [{3, 9}]}, Knows)),
     {Newer, _} = hears(20, 3, {token, a(), ?F + 256, [{3, 9}]}, Claiming),
     ?assertEqual([{1, {request, a(), {2, 1}, 0, home}}], sent(Newer)),
     ?assertEqual([{3, {token, a(), ?F + 512, [{3, 9}]}}], handed(Newer)),
@@ -295,6 +299,14 @@ own_queue_test() ->
     ?assertEqual([{app, ok}, {other, {ok, ?F + 1}}], lists:sort(answers(Released))),
     {Last, _} = call(30, other, {release, a()}, Other),
     ?assertEqual([{3, {token, a(), ?F + 256, [{3, 1}]}}], handed(Last)).
+
+%% An announcement that is known changes nothing, whatever is over: the checker leaves it out.
+known_announcement_test() ->
+    Holds = holding(a()),
+    {[], Knows} = hears(10, 3, {owner, b(), ?F}, Holds),
+    ?assertEqual({[], Knows}, hears(?LEASE, 3, {owner, b(), ?F}, Knows)),
+    {Lapsed, _} = hears(?LEASE, 3, {owner, b(), ?F + 256}, Knows),
+    ?assertEqual([{lease_lost, a(), ?F}], traces(Lapsed)).
 
 %% -- the home -----------------------------------------------------------------------------------
 

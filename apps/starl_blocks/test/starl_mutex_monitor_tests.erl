@@ -165,6 +165,38 @@ results_test() ->
                         longest_wait_us => 30, mean_wait_us => 20.0, unfairness => 1.5}},
                  in_full(Events, 90, #{})).
 
+%% The verdict says whether there is anything that is broken. What is over is forgotten.
+finish_test() ->
+    M = starl_mutex_monitor,
+    Fed = fun(Events, Config) ->
+        lists:foldl(
+            fun(Event, Before) ->
+                {ok, After} = M:step(trace(Event), Before),
+                After
+            end,
+            M:init(Config),
+            lists:flatten(Events)
+        )
+    end,
+    ?assertMatch({ok, #{acquired := 0}}, M:finish(0, Fed(got(10, 1, 5, ?LEASE), exact([])))),
+    ?assertMatch(
+        {{violation, [#{what := held_too_long}]}, _},
+        M:finish(9999, Fed(got(10, 1, 5, ?LEASE), exact([])))
+    ),
+    Size = fun(N) ->
+        Asked = [[{T, 1, {requested, a}}, {T, 1, {failed, a, timeout}}] || T <- lists:seq(1, N)],
+        erts_debug:flat_size(Fed(Asked, #{}))
+    end,
+    ?assertEqual(Size(1), Size(100)).
+
+%% With its machine a robot's hold is over as if it had been released.
+forgotten_test() ->
+    H = starl_mutex_holds,
+    {_, Held} = H:acquired(2, 1, a, fence(5), H:new(exact([]))),
+    {[], Released} = H:ended(released, 3, 1, a, fence(5), Held),
+    ?assertEqual(H:timeless(Released), H:timeless(H:forget(1, Held))),
+    ?assertEqual(H:timeless(Held), H:timeless(H:forget(2, Held))).
+
 %% No broken assumption excuses any of these.
 always_test() ->
     Broken = [{all, 0, 1000000, W} || W <- [pause, {clock, -1000000}, {clock, 1000000}, position]],
@@ -209,6 +241,21 @@ lease_end_test() ->
     ?assertEqual([held_too_long], judge([Held, lost(Over + 1, 1, 5)], 0, exact([]))),
     ?assertEqual([held_too_long], judge(Held, Over + 1, exact([]))),
     ?assertEqual([], judge(Held, Over, exact([]))).
+
+%% One that begins with an older fence is overtaken, but alone if the newer hold is over by then.
+overtaken_at_the_end_test() ->
+    H = starl_mutex_holds,
+    Steps = [
+        fun(S) -> H:granted(1, ?HOME, a, fence(5), 2, S) end,
+        fun(S) -> H:granted(2, ?HOME, a, fence(6), 1, S) end,
+        fun(S) -> {[], H:leased(10, 1, a, fence(6), ?LEASE, S)} end,
+        fun(S) -> H:acquired(10, 1, a, fence(6), S) end,
+        fun(S) -> {[], H:leased(20, 2, a, fence(5), 2 * ?LEASE, S)} end
+    ],
+    Held = lists:foldl(fun(Step, S) -> {[], Next} = Step(S), Next end, H:new(exact([])), Steps),
+    Over = 10 + ?LEASE + ?LAG,
+    [?assertEqual(Found, [What || #{what := What} <- element(1, H:acquired(T, 2, a, fence(5), Held))])
+     || {T, Found} <- [{Over - 1, [fence_overtaken, two_holders]}, {Over, [fence_overtaken]}]].
 
 %% Told again, the lease ends later; nothing is released after its end.
 renewed_test() ->
@@ -318,6 +365,16 @@ clock_lost_later_test() ->
     [?assertEqual([held_too_long, held_too_long], judge(Trace(By), 0, exact([Other])))
      || Other <- [{2, 1000, 1000, {clock, -600}}, {1, 99, 99, {clock, -600}},
                   {1, 1101, 1101, {clock, -600}}, {1, 1000, 1000, {clock, 600}}]].
+
+%% Of a home that has granted nothing no clock has gained anything.
+no_home_test() ->
+    New = starl_mutex_holds:new(exact([])),
+    Told = starl_mutex_holds:leased(100, 1, a, fence(5), ?LEASE, New),
+    {[#{what := never_granted}], Held} = starl_mutex_holds:acquired(100, 1, a, fence(5), Told),
+    Over = 100 + ?LEASE + ?LAG,
+    [?assertEqual(Found, [What || #{what := What} <- element(1, Acquired)])
+     || {T, Found} <- [{Over - 1, [never_granted, two_holders]}, {Over, [never_granted]}],
+        Acquired <- [starl_mutex_holds:acquired(T, 2, a, fence(6), Held)]].
 
 %% The home's clock is put forward: it takes the lease for over too early, by that much.
 homes_clock_test() ->

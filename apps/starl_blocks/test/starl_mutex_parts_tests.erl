@@ -105,18 +105,18 @@ numbers_test() ->
 %% The lease of the home is longer than the holder's by the drift of two clocks and the lag, and
 %% not by much more: a token whose owner is gone is had again soon.
 longer_test() ->
-    Due = fun(Ppm, Lag) ->
-        {[_], H} = ?H:request(t, {1, 1}, 0, ?H:new(1, 0, ?LEASE, Ppm, Lag)),
+    Due = fun(Lease, Ppm, Lag) ->
+        {[_], H} = ?H:request(t, {1, 1}, 0, ?H:new(1, 0, Lease, Ppm, Lag)),
         {_, Waits} = ?H:request(t, {2, 1}, 10, H),
         ?H:due(t, Waits)
     end,
     [
         begin
-            Right = (?LEASE + Lag) * (1000000 + Ppm) / (1000000 - Ppm),
-            ?assert(Due(Ppm, Lag) >= Right),
-            ?assert(Due(Ppm, Lag) =< Right + 2000)
+            Right = (Lease + Lag) * (1000000 + Ppm) / (1000000 - Ppm),
+            ?assert(Due(Lease, Ppm, Lag) >= Right),
+            ?assert(Due(Lease, Ppm, Lag) =< Right + 2000)
         end
-     || Ppm <- [0, 1000, 10000], Lag <- [0, 250000]
+     || Lease <- [?LEASE, 3600 * ?LEASE], Ppm <- [0, 1000, 10000], Lag <- [0, 250000]
     ].
 
 %% Who owns the token is confirmed, again and again; nobody else with the same number or an older.
@@ -217,4 +217,7 @@ incarnations_test() ->
     {[], Waits} = ?H:request(t, {2, 1}, 10, New),
     {[{2, {token, t, Fence, _}}], _} = ?H:expire(t, ?H:due(t, Waits), Waits),
     ?assert(Fence > Last),
-    ?assertEqual({refused, New}, ?H:claim(t, Last, 2, 10, New)).
+    ?assertEqual({refused, New}, ?H:claim(t, Last, 2, 10, New)),
+    %% there is room for 24 bits of creations in a life
+    {Second, _} = Make(1, {First, Home}),
+    ?assertEqual((Second - First) bsl 24, Fence - First).

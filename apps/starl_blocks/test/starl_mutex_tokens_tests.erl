@@ -63,6 +63,18 @@ newer_announcement_test() ->
     Sent = sent([{1, {request, T, {3, 1}, Next, home}}, {1, {owner, T, Newer}}]),
     ?assertEqual([{1, {request, T, {3, 1}, Newer, home}}], Sent).
 
+%% The owner itself asks, as its hold is over: its home knows more than it does.
+owner_asks_test() ->
+    T = token(),
+    Owner = {3, {owner, T, ?F}},
+    ?assertEqual(
+        [{1, {request, T, {3, 1}, 0, home}}], sent([Owner, {3, {request, T, {3, 1}, 0, none}}])
+    ),
+    ?assertEqual([], sent([Owner, {1, {request, T, {3, 1}, 1, home}}])),
+    ?assertEqual(
+        [{3, {request, T, {1, 1}, ?F, none}}], sent([Owner, {1, {request, T, {1, 1}, 0, none}}])
+    ).
+
 %% A request that comes twice waits once, for the later of the hand-overs that its senders knew of:
 %% an announcement between the two does not send it on.
 twice_test_() ->
