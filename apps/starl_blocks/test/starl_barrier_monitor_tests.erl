@@ -104,6 +104,23 @@ told_test() ->
     Again = all_reach() ++ [{8, 1, reached, 1}],
     ?assertEqual([{not_passed, 12, [1, 2], Of}], Told(Again, 99, #{bound_us => 10})).
 
+%% The verdict says whether there is anything that is broken.
+finish_test() ->
+    Finish = fun(Events) ->
+        M0 = starl_barrier_monitor:init(#{robots => [1, 2], bound_us => 10}),
+        M = lists:foldl(
+            fun(Event, Before) ->
+                {ok, After} = starl_barrier_monitor:step(trace(Event), Before),
+                After
+            end,
+            M0,
+            Events
+        ),
+        starl_barrier_monitor:finish(99, M)
+    end,
+    ?assertMatch({ok, #{rounds := 0}}, Finish([])),
+    ?assertMatch({{violation, [#{what := not_passed}]}, #{rounds := 0}}, Finish(all_reach())).
+
 passed_early_test() ->
     ?assertEqual([passed_early], judge([{1, 1, reached, 1}, {2, 1, passed, 1}])),
     ?assertEqual([passed_early], judge(all_reach() ++ [{5, 1, passed, 1}, {6, 1, reached, 2},
@@ -167,6 +184,10 @@ damaged_and_forgotten_test() ->
     ?assertEqual([], Again([{2, damaged}, {1, crashed}, {2, damaged}], 2)),
     ?assertEqual([reached_out_of_order], Again([{2, damaged}, {1, crashed}, {2, damaged}], 1)),
     ?assertEqual([], Again([{1, damaged}, {2, damaged}, {2, damaged}], 1)),
+    %% a store that is damaged twice is damaged
+    ?assertEqual([], Again([{2, damaged}, {2, damaged}], 3)),
+    ?assertEqual([reached_out_of_order], Again([{2, damaged}, {2, damaged}], 2)),
+    ?assertEqual([], Again([{2, damaged}, {1, crashed}, {2, damaged}], 2)),
     ?assertEqual([], Again([{1, damaged}, {2, damaged}], 1)),
     ?assertEqual([], Again([{2, damaged}, {1, crashed}, {1, damaged}, {2, crashed}], 1)),
     ?assertEqual([], Again([{1, damaged}, {2, damaged}, {1, crashed}], 1)),
