@@ -239,3 +239,9 @@ restart_no_later_test() ->
     {Stamp, _} = starl_hlc:stamp(100, starl_hlc:after_restart(1, 1000, 100, 2)),
     Other = starl_hlc:new(2, 1000),
     ?assertEqual([false, true], [starl_hlc:admits(Stamp, Now, Other) || Now <- [100, 101]]).
+
+%% Two starts within one microsecond are apart by more stamps than there will be in it: 32 bits.
+starts_test() ->
+    [{{_, First, _}, _}, {{_, Second, _}, _}] =
+        [starl_hlc:stamp(100, starl_hlc:after_restart(1, 1000, 100, Start)) || Start <- [2, 3]],
+    ?assertEqual(1 bsl 32, Second - First).

@@ -117,6 +117,7 @@ due_test() ->
     ?assertEqual([1104], Due([{4, 3, store_damaged} | Written] ++ [{9, 2, crashed}], Apart)),
     ?assertEqual([1005], Due(Written ++ [{9, 3, store_damaged}], Apart)),
     ?assertEqual([1005], Due(Written, Apart)),
+    ?assertEqual([1005], Due([{5, 3, store_damaged} | Written], #{})),
     ?assertEqual([1005], Due(Written ++ [put(9, 1, y) | agreed(y, s(9, 1))], #{})),
     ?assertEqual([3000], Due(Written, #{healed_us => 2000})),
     ?assertEqual([1005], Due(Written, #{healed_us => 5})),
