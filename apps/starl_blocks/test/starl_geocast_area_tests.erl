@@ -143,11 +143,20 @@ standing_test() ->
     ?assertNot(Outside(0.0)),
     ?assertNot(Outside(1.0)).
 
+%% Along the border it keeps inside if it does so by more than a thousandth of a millimetre.
+precision_test() ->
+    Along = fun(X) ->
+        Drive = starl_trajectory:piece(0, {X, 5.0}, math:pi() / 2, 1.0, 0.0),
+        starl_geocast_area:keeps_inside(Drive, 0, 5000000, box(), 0.0)
+    end,
+    ?assertEqual([false, false, true, true], [Along(X) || X <- [0.0, 0.0005, 0.0011, 1.0]]).
+
 %% What is not certain within a moment is not claimed, however fast the robot is.
 fast_test() ->
     Fast = starl_trajectory:piece(0, {0.001, 10.0}, 0.0, 5000.0, 0.0),
     ?assertNot(starl_geocast_area:keeps_inside(Fast, 0, 0, box(), 0.0)),
     ?assertNot(starl_geocast_area:keeps_inside(Fast, 1, 2, box(), 0.01)),
+    ?assertNot(starl_geocast_area:keeps_inside(Fast, 1, 2, box(), 0.0)),
     Later = starl_trajectory:piece(1000, {0.001, 10.0}, 0.0, 5000.0, 0.0),
     ?assertNot(starl_geocast_area:keeps_inside(Later, 1000, 1000, box(), 0.0)).
 

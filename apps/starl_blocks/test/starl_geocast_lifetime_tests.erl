@@ -72,6 +72,7 @@ exact_test() ->
 least_test() ->
     ?assertEqual(5 * 100 + 2 * 3 + 1, ?L:least_us(100, 3, 0)),
     ?assertEqual(7, ?L:least_us(0, 3, 0)),
+    ?assertEqual(50000001, ?L:least_us(10000000, 0, 0)),
     ?assertEqual(50001, ?L:least_us(9600, 0, 10000)).
 
 %% What may have been sent at that very moment was not surely sent after it.

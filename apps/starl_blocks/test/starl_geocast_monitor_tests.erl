@@ -57,6 +57,10 @@ told_at_the_next_event_test() ->
     ?assertMatch({ok, _}, Next(1000010)),
     ?assertMatch({violation, #{what := not_delivered, at_us := 1000010}, _}, Next(1000011)).
 
+%% Who is not said to listen delivers nothing outside either.
+stranger_outside_test() ->
+    Stands = {0, 3, chassis, {motion, {piece, 0, 5000.0, 0.0, 0.0, 0.0, 0.0}}},
+    ?assertEqual([outside], judge([Stands, sent(), delivered(20, 1), delivered(30, 3)])).
 not_delivered_test() -> ?assertEqual([not_delivered], judge([sent()])).
 safety_only_test() -> ?assertEqual([], judge([sent()], false)).
 crashed_in_the_window_test() -> ?assertEqual([], judge([sent(), crashed(500, 1)])).
@@ -74,6 +78,14 @@ comes_by_test() ->
     Away = {500000, 2, chassis, {motion, {piece, 500000, 5000.0, 0.0, 0.0, 0.0, 0.0}}},
     ?assertEqual([], judge([sent(), delivered(20, 1), Back, Away])),
     ?assertEqual([], judge([sent(), delivered(20, 1), Back, delivered(400000, 2), Away])).
+
+%% The end of the window belongs to it.
+comes_at_the_end_test() ->
+    Comes = fun(T) -> {T, 2, chassis, {motion, {piece, T, 0.0, 0.0, 0.0, 0.0, 0.0}}} end,
+    [
+        ?assertEqual(Found, judge([sent(), delivered(20, 1), delivered(30, 2), Comes(T)]))
+     || {T, Found} <- [{1000010, []}, {1000011, [outside]}]
+    ].
 
 %% -- excused ----------------------------------------------------------------------------------
 

@@ -344,3 +344,28 @@ defaults_test() ->
     Full = lists:foldl(fun(_, M) -> element(2, send(0, M)) end, Usual, lists:seq(1, 255)),
     {[{reply, _, ok} | _], Last} = send(0, Full),
     ?assertMatch({[{reply, _, {error, full}}], _}, send(0, Last)).
+
+%% All of them: what is not said is as if these were.
+all_defaults_test() ->
+    Init = fun(Config) ->
+        starl_geocast_flood:init(Config#{
+            robot => 2,
+            participants => [1, 2, 3],
+            incarnation => 1,
+            now => 0,
+            random => rand:seed_s(exsss, 1)
+        })
+    end,
+    Said = #{
+        drift_ppm => 10000,
+        position_error_mm => 2.0,
+        first_ms => 50,
+        longest_ms => 1000,
+        jitter_ms => 5,
+        ask_ms => 100,
+        gather_ms => 3,
+        check_ms => 250,
+        limit => 256,
+        listeners => #{}
+    },
+    ?assertEqual(Init(Said), Init(#{})).

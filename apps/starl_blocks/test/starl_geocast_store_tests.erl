@@ -154,7 +154,11 @@ waiting_test() ->
     ?assertEqual([{1, 1, 2}], waiting(100, starl_geocast_store:delivered([?ID], Two))),
     ?assertEqual([{1, 1, 2}], waiting(100, starl_geocast_store:over(?ID, Two))),
     Passing = starl_geocast_store:hold(parcel(?ID, 900, 5), 1000, false, 50, new()),
-    ?assertEqual([], waiting(100, Passing)).
+    ?assertEqual([], waiting(100, Passing)),
+    %% in their order, however many
+    Ids = [{1, 1, N} || N <- lists:seq(1, 40)],
+    Many = lists:foldl(fun held/2, starl_geocast_store:new(100, 0), Ids),
+    ?assertEqual(Ids, waiting(100, Many)).
 
 %% What was forgotten meanwhile is not delivered again.
 delivered_once_test() ->
