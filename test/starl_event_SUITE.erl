@@ -80,7 +80,7 @@ block(registers) -> {[{starl_registers_lww, event}], "starl_registers"}.
 
 platform() ->
     maps:from_list([
-        {Machine, {[{starl_event, Machine}], "starl_sim"}}
+        {Machine, {[{starl_event, Machine}], "starl"}}
      || Machine <- [robot, supervisor, chassis, radio]
     ]).
 
@@ -200,7 +200,7 @@ traced(Block, Seed, Traced) ->
     maps:merge(maps:from_list([{Event, Seed} || Event <- Seen]), Traced).
 
 run(Block, Seed, Watch) ->
-    Scenario = starl_cli_soak:scenario(Block, none, Seed),
+    Scenario = starl_lab_soak:scenario(Block, none, Seed),
     {ok, Sim} = starl_sim:start(Scenario#{mode => inline, shards => 1}, #{watch => Watch}),
     _ = starl_sim:run(Sim),
     {Outcome, _} = starl_sim:finish(Sim),

@@ -54,8 +54,8 @@ renamed(true, Event, Tag, Size) when element(1, Event) =:= Tag, tuple_size(Event
     setelement(1, Event, renamed);
 renamed(_, Event, _Tag, _Size) -> Event.
 
-%% What is traced where: as a machine's action, by the simulator, in the list that it keeps.
-%% Patterns stay as they are.
+%% What is traced where: as a machine's action, by the loop of a robot and its driver (`trace/3'), in
+%% the list that the simulator keeps. Patterns stay as they are.
 asking({function, _, _, _, Clauses} = Form, Module) ->
     setelement(5, Form, asking(Clauses, Module));
 asking({clause, _, _, _, Body} = Clause, Module) ->
@@ -68,11 +68,10 @@ asking({tuple, At, [T, Robot, {atom, _, Machine} = Name, Event]}, Module) when
     Machine =:= chassis; Machine =:= radio
 ->
     {tuple, At, [T, Robot, Name, ask(At, Module, Event)]};
-asking({call, At, {remote, _, {atom, _, starl_sim_platform}, {atom, _, trace}} = Trace, Args}, M) ->
-    [Machine, Event, Body] = Args,
-    {call, At, Trace, [Machine, ask(At, M, Event), asking(Body, M)]};
-asking({call, At, {atom, _, trace} = Trace, [{atom, _, _} = Machine, Event, Body]}, Module) ->
-    {call, At, Trace, [Machine, ask(At, Module, Event), asking(Body, Module)]};
+asking({call, At, {Kind, _, Name} = Trace, [Machine, Event, World]}, Module) when
+    Kind =:= atom, Name =:= trace; Kind =:= var, Name =:= 'Trace'
+->
+    {call, At, Trace, [Machine, ask(At, Module, Event), asking(World, Module)]};
 asking({attribute, _, _, _} = Form, _Module) ->
     Form;
 asking(Form, Module) when is_tuple(Form) ->
