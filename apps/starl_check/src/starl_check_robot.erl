@@ -1,9 +1,9 @@
 %% @doc One robot of a checked team: its machines, their timers, its part of SAP. Pure.
 %%
-%% An event is worked off with all the local events that it gives rise to, as the runtime does
-%% (see starl_sim_robot): nothing else happens to the robot meanwhile. A crash is that of one
-%% machine: it starts anew with the next incarnation and with what it has stored, its timers are
-%% forgotten, and the robot's other machines are told.
+%% An event is worked off with all the local events that it gives rise to, in the loop of every
+%% robot ({@link starl_robot}, {@link starl_check_world}): nothing else happens to the robot
+%% meanwhile. A crash is that of one machine: it starts anew with the next incarnation and with what
+%% it has stored.
 -module(starl_check_robot).
 
 -export([boot/2, event/3, timers/1, calls/1, is_done/1, condition/1, shift/3, rename/2]).
@@ -25,16 +25,12 @@
     | up
     | die.
 
-%% What the robot puts under way.
--type sent() ::
-    {message, starl:robot_id(), Type :: atom(), Body :: term(), starl_check_sap:ref() | none}
-    | {packet, starl:robot_id(), starl_packet:t()}.
+-type sent() :: starl_check_world:sent().
 
-%% When a timer may fire: at any time, or when so many ticks have passed.
--type due() :: any | non_neg_integer().
+-type due() :: starl_check_world:due().
 
 %% `down': it will start anew; `dead': it never will.
--type condition() :: up | down | dead.
+-type condition() :: starl_robot:condition().
 
 -record(robot, {
     place :: starl_check_term:place(),
@@ -49,12 +45,12 @@
 
 -opaque t() :: #robot{}.
 
-%% What an event brings about, newest first.
+%% While an event is worked off.
 -record(run, {
-    robot :: #robot{},
+    robot :: starl_robot:t(),
+    place :: starl_check_term:place(),
     model :: starl_check_model:t(),
-    sent = [] :: [sent()],
-    traces = [] :: [starl_monitor:trace_event()]
+    sap :: starl_check_sap:t() | real
 }).
 
 -type result() :: {[sent()], [starl_monitor:trace_event()], t()}.
@@ -68,65 +64,60 @@ boot(Place, #{sap := Sap} = Model) ->
             real -> real;
             contract -> starl_check_sap:new()
         end,
-    Robot = #robot{place = Place, sap = Service},
-    result(run(boots(Place, Model), #run{robot = Robot, model = Model})).
+    World = starl_check_world:new(Place, #{}, Model),
+    Machines = starl_robot_machines:new(inline(Place, Model)),
+    Robot = starl_robot:new(starl_check_term:id(Place), starl_check_world, World, Machines),
+    result(run(#run{robot = single(Robot), place = Place, model = Model, sap = Service})).
 
 %% @doc The robot after an event.
 -spec event(event(), t(), starl_check_model:t()) -> result().
+event({fire, {Name, Timer} = Key}, #robot{timers = Timers} = Robot, Model) ->
+    {value, {_, _, Content}, Rest} = lists:keytake(Key, 1, Timers),
+    Event = {Name, starl_robot_timers:event_type(Timer), Content},
+    result(run([Event], begun(#{}, Robot#robot{timers = Rest}, Model)));
+event({crash, _} = Crash, #robot{place = Place} = Robot, Model) ->
+    result(happen(Crash, begun(inline(Place, Model), Robot, Model)));
+event(up, #robot{place = Place} = Robot, Model) ->
+    result(happen(up, begun(inline(Place, Model), Robot, Model)));
 event(Event, Robot, Model) ->
-    result(happen(Event, #run{robot = Robot, model = Model})).
+    result(happen(Event, begun(#{}, Robot, Model))).
 
-happen({message, From, Type, Body}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
+happen({message, From, Type, Body}, #run{sap = Sap} = Run) ->
     {Local, Next} = starl_check_sap:deliver(From, Type, Body, Sap),
-    run(Local, Run#run{robot = Robot#robot{sap = Next}});
-happen({outcome, Ref, Lost}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
+    run(Local, Run#run{sap = Next});
+happen({outcome, Ref, Lost}, #run{sap = Sap} = Run) ->
     {Local, Next} = starl_check_sap:settle(Ref, Lost, Sap),
-    run(Local, Run#run{robot = Robot#robot{sap = Next}});
-happen({acknowledged, Ref, Dest}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
-    Run#run{robot = Robot#robot{sap = starl_check_sap:acknowledge(Ref, Dest, Sap)}};
-happen({refused, Ref, Dest}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
-    Run#run{robot = Robot#robot{sap = starl_check_sap:refuse(Ref, Dest, Sap)}};
-happen({delayed, Ref}, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
-    Run#run{robot = Robot#robot{sap = starl_check_sap:delay(Ref, Sap)}};
+    run(Local, Run#run{sap = Next});
+happen({acknowledged, Ref, Dest}, #run{sap = Sap} = Run) ->
+    Run#run{sap = starl_check_sap:acknowledge(Ref, Dest, Sap)};
+happen({refused, Ref, Dest}, #run{sap = Sap} = Run) ->
+    Run#run{sap = starl_check_sap:refuse(Ref, Dest, Sap)};
+happen({delayed, Ref}, #run{sap = Sap} = Run) ->
+    Run#run{sap = starl_check_sap:delay(Ref, Sap)};
 happen({packet, Packet}, Run) ->
     run([{sap, packet, Packet}], Run);
-happen({fire, {Name, Timer} = Key}, #run{robot = #robot{timers = Timers} = Robot} = Run) ->
-    {value, {_, _, Content}, Rest} = lists:keytake(Key, 1, Timers),
-    run([{Name, timer_type(Timer), Content}], Run#run{robot = Robot#robot{timers = Rest}});
-happen({crash, Name}, #run{robot = #robot{timers = Timers} = Robot} = Run) ->
-    Left = [T || {{Of, _}, _, _} = T <- Timers, Of =/= Name],
-    Bare = trace(Name, crashed, Run#run{robot = Robot#robot{timers = Left}}),
-    Others = [Other || {Other, _} <- Robot#robot.machines, Other =/= Name],
-    Told = [{Other, info, {restarted, Name}} || Other <- Others],
-    case {Name, Robot#robot.sap} of
-        {sap, Sap} when Sap =/= real -> run(Told, new_service(Bare));
-        _ -> run([{Name, boot, none} | Told], Bare)
-    end;
-happen(down, #run{robot = #robot{machines = Machines}} = Run) ->
-    Gone = gone(down, trace(robot, down, Run)),
-    lists:foldl(fun({Name, _}, R) -> trace(Name, crashed, R) end, Gone, Machines);
-happen(die, Run) ->
-    gone(dead, trace(robot, {died, killed}, Run));
-happen(up, #run{robot = #robot{place = Place} = Robot, model = Model} = Run) ->
-    Up = trace(robot, up, Run#run{robot = Robot#robot{condition = up}}),
-    run(boots(Place, Model), Up).
+happen({crash, sap}, #run{robot = Robot, sap = Sap} = Run) when Sap =/= real ->
+    Bare = starl_robot:lost(sap, killed, Robot),
+    Names = starl_robot_machines:names(starl_robot:machines(Bare)),
+    run([{Name, info, {restarted, sap}} || Name <- Names], new_service(Run#run{robot = Bare}));
+happen({crash, Name}, #run{robot = Robot} = Run) ->
+    Bare = starl_robot:lost(Name, killed, Robot),
+    {ok, Machines} = starl_robot_machines:restart(Name, infinity, starl_robot:machines(Bare)),
+    run(Run#run{robot = starl_robot:back([Name], [], starl_robot:machines(Machines, Bare))});
+happen(down, #run{robot = Robot} = Run) ->
+    new_service(Run#run{robot = starl_robot:go_down(Robot)});
+happen(die, #run{robot = Robot} = Run) ->
+    new_service(Run#run{robot = starl_robot:die(killed, Robot)});
+happen(up, #run{robot = Robot} = Run) ->
+    Machines = starl_robot_machines:up(starl_robot:machines(Robot)),
+    run(Run#run{robot = starl_robot:come_up(Machines, Robot)}).
 
-%% Nothing is left of a robot but its numbers of starts.
-gone(Condition, #run{robot = #robot{sap = Sap} = Robot} = Run) ->
-    Bare = Robot#robot{condition = Condition, machines = [], timers = []},
-    case Sap of
-        real -> Run#run{robot = Bare};
-        _ -> new_service(Run#run{robot = Bare})
-    end.
+new_service(#run{sap = real} = Run) -> Run;
+new_service(Run) -> Run#run{sap = starl_check_sap:new()}.
 
-boots(Place, Model) ->
-    [{Name, boot, none} || {Name, _, _} <- starl_check_model:machines(Place, Model)].
-
-new_service(#run{robot = Robot} = Run) ->
-    Run#run{robot = Robot#robot{sap = starl_check_sap:new()}}.
-
-timer_type(state_timeout) -> state_timeout;
-timer_type(Timer) -> {timeout, Timer}.
+inline(Place, Model) ->
+    Machines = starl_check_model:machines(Place, Model),
+    maps:from_list([{Name, {Module, Config}} || {Name, Module, Config} <- Machines]).
 
 %% @doc Its timers that run, and when they may fire.
 -spec timers(t()) -> [{timer(), due()}].
@@ -180,150 +171,75 @@ rename(#robot{place = Place, machines = Machines, timers = Timers, sap = Sap} = 
 
 %% -- running to completion ------------------------------------------------------------------
 
-result(#run{robot = Robot, sent = Sent, traces = Traces}) ->
-    {lists:reverse(Sent), lists:reverse(Traces), Robot}.
+%% The robot as the loop knows it.
+begun(Inline, #robot{place = Place, machines = Machines, timers = Timers} = Robot, Model) ->
+    #robot{condition = Condition, incarnations = Starts, stored = Stored, sap = Sap} = Robot,
+    Running = [{Name, Timer, {Due, Content}} || {{Name, Timer}, Due, Content} <- Timers],
+    Restored = starl_robot:restore(#{
+        id => starl_check_term:id(Place),
+        driver => starl_check_world,
+        condition => Condition,
+        world => starl_check_world:new(Place, Stored, Model),
+        machines => starl_robot_machines:restore(Inline, maps:from_list(Machines), Starts),
+        timers => starl_robot_timers:from_list(Running)
+    }),
+    #run{robot = single(Restored), place = Place, model = Model, sap = Sap}.
 
-run([], Run) ->
-    Run;
-run([{Name, Type, Content} | Local], Run) ->
-    {New, Next} = handle(Name, Type, Content, Run),
-    run(Local ++ New, Next).
+single(Robot) -> starl_robot:pace(single, Robot).
 
-handle(Name, boot, none, #run{robot = #robot{place = Place} = Robot, model = Model} = Run) ->
-    #robot{machines = Machines, incarnations = Incarnations} = Robot,
-    Incarnation = maps:get(Name, Incarnations, 0) + 1,
-    {_, Module, Config} = lists:keyfind(Name, 1, starl_check_model:machines(Place, Model)),
-    Base = (base(Name, Incarnation, Place, Model))#{stored => stored(Name, Robot)},
-    {Actions, Machine} = guarded(Name, fun() -> starl_machine:new(Module, Config, Base) end),
-    perform(Actions, Name, Run#run{
-        robot = Robot#robot{
-            machines = lists:keystore(Name, 1, Machines, {Name, older(Machine, 0, Model)}),
-            incarnations = Incarnations#{Name => Incarnation}
-        }
-    });
-handle(sap, {call, From}, Request, #run{robot = #robot{sap = Sap}} = Run) when Sap =/= real ->
-    serve(Request, From, Run);
-handle(sap, cast, Request, #run{robot = #robot{sap = Sap}} = Run) when Sap =/= real ->
-    serve(Request, none, Run);
-handle(Name, Type, Content, #run{robot = #robot{place = Place} = Robot} = Run) ->
-    #robot{machines = Machines} = Robot,
-    {Name, Machine} = lists:keyfind(Name, 1, Machines),
-    Meta = #{now => starl_check_term:now(Place), robot => starl_check_term:id(Place)},
-    Drawing = before_draws(Machine, Run),
-    {Actions, Next} = guarded(Name, fun() -> starl_machine:step(Type, Content, Meta, Drawing) end),
-    Kept = lists:keyreplace(Name, 1, Machines, {Name, Next}),
-    perform(Actions, Name, Run#run{robot = Robot#robot{machines = Kept}}).
+%% And as the checker keeps it: the same situation is the same term, however it came about.
+result(#run{robot = Robot, place = Place, sap = Sap}) ->
+    Machines = starl_robot:machines(Robot),
+    Now = starl_robot_machines:to_map(Machines),
+    World = starl_robot:world(Robot),
+    Timers = starl_robot_timers:to_list(starl_robot:timers(Robot)),
+    Kept = #robot{
+        place = Place,
+        condition = starl_robot:condition(Robot),
+        machines = [{Name, maps:get(Name, Now)} || Name <- starl_robot_machines:names(Machines)],
+        incarnations = starl_robot_machines:starts(Machines),
+        stored = starl_check_world:stored(World),
+        timers = [{{Name, Timer}, Due, Content} || {Name, Timer, {Due, Content}} <- Timers],
+        sap = Sap
+    },
+    {starl_check_world:sent(World), starl_check_world:traces(World), Kept}.
 
-stored(Name, #robot{stored = Stored}) ->
-    case Stored of
-        #{Name := Term} -> {stored, Term};
-        #{} -> none
+run(Local, #run{robot = Robot} = Run) -> run(Run#run{robot = starl_robot:first(Local, Robot)}).
+
+%% Event by event. SAP as its contract states it has no machine.
+run(#run{robot = Robot, sap = Sap} = Run) ->
+    case starl_robot:next(Robot) of
+        none -> Run;
+        {{sap, {call, From}, Request}, Rest} when Sap =/= real -> serve(Request, From, Rest, Run);
+        {{sap, cast, Request}, Rest} when Sap =/= real -> serve(Request, none, Rest, Run);
+        {{Name, boot, none}, _} -> run(Run#run{robot = aged(Name, stepped(Robot), Run)});
+        {{Name, _, _}, _} -> run(Run#run{robot = stepped(redrawn(Name, Robot, Run))})
     end.
 
 %% A machine that cannot handle what happens to it ends the event there.
-guarded(Name, Fun) ->
-    try
-        Fun()
-    catch
-        Class:Reason:Stack -> throw({crashed, Name, starl_crash:reason(Class, Reason, Stack)})
+stepped(Robot) ->
+    case starl_robot:run(Robot) of
+        {paused, Next} -> Next;
+        {crashed, Name, Reason, _} -> throw({crashed, Name, Reason})
     end.
 
+%% All times of a new machine that are over are the same to it.
+aged(Name, Robot, #run{model = Model}) ->
+    update(Name, fun(Machine) -> older(Machine, 0, Model) end, Robot).
+
 %% Where a machine is to draw the same each time, its stream does not go on.
-before_draws(Machine, #run{model = #{draws := free}}) -> Machine;
-before_draws(Machine, _Run) -> starl_check_term:redrawn(Machine).
+redrawn(_Name, Robot, #run{model = #{draws := free}}) -> Robot;
+redrawn(Name, Robot, _Run) -> update(Name, fun starl_check_term:redrawn/1, Robot).
 
-base(Name, Incarnation, Place, #{ids := Ids, same_random := Same, waits := Waits}) ->
-    Seed =
-        case Same of
-            true -> erlang:phash2(Name);
-            false -> erlang:phash2({Place, Name})
-        end,
-    #{
-        robot => starl_check_term:id(Place),
-        participants => Ids,
-        name => Name,
-        incarnation => Incarnation,
-        random => rand:seed_s(exsss, Seed),
-        now => started(Place, lists:member(Place, Waits))
-    }.
+update(Name, Fun, Robot) ->
+    starl_robot:machines(
+        starl_robot_machines:update(Name, Fun, starl_robot:machines(Robot)), Robot
+    ).
 
-started(Place, true) -> starl_check_term:now(Place);
-started(Place, false) -> starl_check_term:long_ago(Place).
-
-serve(Request, From, #run{robot = #robot{place = Place, sap = Sap} = Robot} = Run) ->
+serve(Request, From, Robot, #run{place = Place, sap = Sap, model = #{ids := Ids}} = Run) ->
     Self = starl_check_term:id(Place),
-    Others = lists:delete(Self, maps:get(ids, Run#run.model)),
-    {Local, Messages, Next} = starl_check_sap:request(Request, From, Self, Others, Sap),
+    {Local, Messages, Next} =
+        starl_check_sap:request(Request, From, Self, lists:delete(Self, Ids), Sap),
     Sent = [{message, To, Type, Body, Ref} || {To, Type, Body, Ref} <- Messages],
-    {Local, Run#run{
-        robot = Robot#robot{sap = Next}, sent = lists:reverse(Sent, Run#run.sent)
-    }}.
-
-perform(Actions, Name, Run) ->
-    {Local, Done} = lists:foldl(
-        fun(Action, {L, R}) ->
-            case perform_one(Action, Name, R) of
-                #run{} = Next -> {L, Next};
-                Event -> {[Event | L], R}
-            end
-        end,
-        {[], Run},
-        Actions
-    ),
-    {lists:reverse(Local), Done}.
-
-perform_one({trace, Event}, Name, Run) ->
-    trace(Name, Event, Run);
-perform_one({store, Term}, Name, #run{robot = Robot, model = Model} = Run) ->
-    Stored = (Robot#robot.stored)#{Name => older(Term, 0, Model)},
-    Run#run{robot = Robot#robot{stored = Stored}};
-%% A datagram: over SAP's contract a message like others, of which nobody hears.
-perform_one(
-    {transmit, Dest, {starl, 1, shout, _, Type, Body}},
-    _Name,
-    #run{
-        robot = #robot{sap = Sap}
-    } = Run
-) when Sap =/= real ->
-    Sent = [{message, To, Type, Body, none} || To <- dests(Dest, Run)],
-    Run#run{sent = lists:reverse(Sent, Run#run.sent)};
-perform_one({transmit, Dest, Packet}, _Name, #run{} = Run) ->
-    Sent = [{packet, To, Packet} || To <- dests(Dest, Run)],
-    Run#run{sent = lists:reverse(Sent, Run#run.sent)};
-perform_one({{timeout, Timer}, cancel}, Name, Run) ->
-    cancel({Name, Timer}, Run);
-perform_one({state_timeout, cancel}, Name, Run) ->
-    cancel({Name, state_timeout}, Run);
-perform_one({{timeout, Timer}, Us, Content}, Name, Run) ->
-    start({Name, Timer}, Us, Content, Run);
-perform_one({state_timeout, Us, Content}, Name, Run) ->
-    start({Name, state_timeout}, Us, Content, Run);
-perform_one(Action, Name, _Run) when
-    element(1, Action) =:= cast; element(1, Action) =:= call; element(1, Action) =:= reply
-->
-    starl_platform:local(Action, Name).
-
-dests(all, #run{robot = #robot{place = Place}, model = #{ids := Ids}}) ->
-    lists:delete(starl_check_term:id(Place), Ids);
-dests(Dest, _Run) ->
-    [Dest].
-
-trace(Name, Event, #run{robot = #robot{place = Place}, traces = Traces} = Run) ->
-    Run#run{traces = [{0, starl_check_term:id(Place), Name, Event} | Traces]}.
-
-cancel(Key, #run{robot = #robot{timers = Timers} = Robot} = Run) ->
-    Run#run{robot = Robot#robot{timers = lists:keydelete(Key, 1, Timers)}}.
-
-%% Rounded up to ticks: a timer never fires before its time.
-start(Key, Us, Content, #run{robot = Robot, model = Model} = Run) ->
-    #robot{place = Place, timers = Timers} = Robot,
-    Due =
-        case starl_check_model:timer(Key, Model) of
-            timed ->
-                Rate = element(Place, maps:get(rates, Model)),
-                (Us + Rate - 1) div Rate;
-            _ ->
-                any
-        end,
-    New = lists:keystore(Key, 1, Timers, {Key, Due, Content}),
-    Run#run{robot = Robot#robot{timers = lists:sort(New)}}.
+    World = starl_check_world:put_under_way(Sent, starl_robot:world(Robot)),
+    run(Run#run{robot = starl_robot:then(Local, starl_robot:world(World, Robot)), sap = Next}).

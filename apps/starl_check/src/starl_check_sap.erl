@@ -56,7 +56,7 @@ new() -> #sap{}.
     [starl:robot_id()],
     t()
 ) ->
-    {[starl_platform:local()], [{starl:robot_id(), atom(), term(), ref() | none}], t()}.
+    {[starl_robot:local()], [{starl:robot_id(), atom(), term(), ref() | none}], t()}.
 request({listen, Type, Machine}, none, _Self, _Others, #sap{} = Sap) ->
     #sap{listeners = Listeners, unclaimed = Unclaimed} = Sap,
     {Mine, Rest} = lists:partition(fun({_, T, _}) -> T =:= Type end, Unclaimed),
@@ -85,7 +85,7 @@ lowest(Ref, Calls) when is_map_key(Ref, Calls) -> lowest(Ref + 1, Calls);
 lowest(Ref, _Calls) -> Ref.
 
 %% @doc A message has come.
--spec deliver(starl:robot_id(), atom(), Body :: term(), t()) -> {[starl_platform:local()], t()}.
+-spec deliver(starl:robot_id(), atom(), Body :: term(), t()) -> {[starl_robot:local()], t()}.
 deliver(Source, Type, Body, #sap{listeners = Listeners, unclaimed = Unclaimed} = Sap) ->
     case Listeners of
         #{Type := Machine} -> {[message(Machine, Source, Type, Body)], Sap};
@@ -123,7 +123,7 @@ refuse(Ref, Dest, Sap) ->
 delay(Ref, Sap) -> put_call(Ref, (call(Ref, Sap))#call{slow = true}, Sap).
 
 %% @doc The caller hears what has become of its message; at these receivers it is reported lost.
--spec settle(ref(), Lost :: [starl:robot_id()], t()) -> {[starl_platform:local()], t()}.
+-spec settle(ref(), Lost :: [starl:robot_id()], t()) -> {[starl_robot:local()], t()}.
 settle(Ref, Lost, #sap{calls = Calls} = Sap) ->
     #call{from = From} = Call = call(Ref, Sap),
     {answer(From, result(Call, Lost)), Sap#sap{calls = maps:remove(Ref, Calls)}}.

@@ -29,7 +29,7 @@
 
 -export([new/4, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1]).
 -export([run/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
--export([lost/3, attach/3, back/3, first/2, die/2, go_down/1, come_up/2]).
+-export([lost/3, attach/3, back/3, first/2, then/2, die/2, go_down/1, come_up/2]).
 
 -export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0]).
 
@@ -403,6 +403,10 @@ first(New, #robot{local = Local} = Robot) ->
     Waiting = [Name || {Name, boot, none} <- Local],
     Heard = [L || {To, Type, _} = L <- New, Type =/= info orelse not lists:member(To, Waiting)],
     Robot#robot{local = Heard ++ Local}.
+
+%% @doc Puts local events behind those that there are.
+-spec then([local()], t()) -> t().
+then(New, #robot{local = Local} = Robot) -> Robot#robot{local = Local ++ New}.
 
 %% @doc The robot dies for good: it stands where it is, for ever.
 -spec die(gave_up | killed, t()) -> t().

@@ -10,7 +10,7 @@
 -module(starl_robot_machines).
 
 -export([new/1, restore/3, names/1, has/2, incarnation/2, starts/1]).
--export([boot/3, step/5, attach/3, lose/2, restart/3, down/1, up/1]).
+-export([boot/3, step/5, attach/3, lose/2, restart/3, update/3, down/1, up/1]).
 -export([process/2, name_of/2, processes/1, inline/1, to_map/1]).
 
 -export_type([t/0, inline/0, answer/0, machine/0]).
@@ -127,6 +127,11 @@ restart(Name, Bears, #machines{now = Now, restarts = Restarts} = Machines) ->
         _ ->
             given_up
     end.
+
+%% @doc Changes an inline machine that has booted.
+-spec update(starl_machine:name(), fun((starl_machine:t()) -> starl_machine:t()), t()) -> t().
+update(Name, Fun, #machines{now = Now} = Machines) ->
+    Machines#machines{now = maps:update_with(Name, Fun, Now)}.
 
 %% @doc The robot is down: all its machines are gone.
 -spec down(t()) -> t().

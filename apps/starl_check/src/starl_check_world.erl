@@ -1,0 +1,133 @@
+%% @doc The world of a checked robot, as it is while one event is worked off: a clock that stands
+%% still, timers that fire when the checker chooses, a store that is never full. It collects what the
+%% robot sends and traces.
+-module(starl_check_world).
+-behaviour(starl_robot).
+-behaviour(starl_platform).
+
+-export([new/3, sent/1, put_under_way/2, traces/1, stored/1]).
+-export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
+
+-export_type([t/0, sent/0, due/0]).
+
+%% What the robot puts under way.
+-type sent() ::
+    {message, starl:robot_id(), Type :: atom(), Body :: term(), starl_check_sap:ref() | none}
+    | {packet, starl:robot_id(), starl_packet:t()}.
+
+%% When a timer may fire: at any time, or when so many ticks have passed.
+-type due() :: any | non_neg_integer().
+
+-record(world, {
+    place :: starl_check_term:place(),
+    model :: starl_check_model:t(),
+    stored :: #{starl_machine:name() => term()},
+    %% newest first
+    sent = [] :: [sent()],
+    traces = [] :: [starl_monitor:trace_event()]
+}).
+
+-opaque t() :: #world{}.
+
+%% @doc The world of the robot at a place, whose machines have stored these terms.
+-spec new(starl_check_term:place(), #{starl_machine:name() => term()}, starl_check_model:t()) ->
+    t().
+new(Place, Stored, Model) -> #world{place = Place, stored = Stored, model = Model}.
+
+%% @doc What the robot has put under way, in order.
+-spec sent(t()) -> [sent()].
+sent(#world{sent = Sent}) -> lists:reverse(Sent).
+
+%% @doc Puts more under way.
+-spec put_under_way([sent()], t()) -> t().
+put_under_way(New, #world{sent = Sent} = World) -> World#world{sent = lists:reverse(New, Sent)}.
+
+%% @doc What the robot has traced, in order.
+-spec traces(t()) -> [starl_monitor:trace_event()].
+traces(#world{traces = Traces}) -> lists:reverse(Traces).
+
+%% @doc What its machines have stored.
+-spec stored(t()) -> #{starl_machine:name() => term()}.
+stored(#world{stored = Stored}) -> Stored.
+
+%% @doc Nothing is noted of an event.
+-spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
+handles(_Name, _Type, _Content, World) -> World.
+
+%% @doc The robot's clock stands still ({@link starl_check_term}).
+-spec clock(t()) -> integer().
+clock(#world{place = Place}) -> starl_check_term:now(Place).
+
+%% @doc What a machine is given when it starts.
+-spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
+base(Name, Incarnation, #world{place = Place, model = Model, stored = Stored}) ->
+    #{ids := Ids, same_random := Same, waits := Waits} = Model,
+    Seed =
+        case Same of
+            true -> erlang:phash2(Name);
+            false -> erlang:phash2({Place, Name})
+        end,
+    #{
+        robot => starl_check_term:id(Place),
+        participants => Ids,
+        name => Name,
+        incarnation => Incarnation,
+        stored => kept(Name, Stored),
+        random => rand:seed_s(exsss, Seed),
+        now => started(Place, lists:member(Place, Waits))
+    }.
+
+kept(Name, Stored) ->
+    case Stored of
+        #{Name := Term} -> {stored, Term};
+        #{} -> none
+    end.
+
+started(Place, true) -> starl_check_term:now(Place);
+started(Place, false) -> starl_check_term:long_ago(Place).
+
+%% @doc Records a fact.
+-spec trace(starl_machine:name(), term(), t()) -> t().
+trace(Name, Event, #world{place = Place, traces = Traces} = World) ->
+    World#world{traces = [{0, starl_check_term:id(Place), Name, Event} | Traces]}.
+
+%% @doc A timer is marked with when it is due, rounded up to ticks, for it never fires before its
+%% time; and with its content.
+-spec plan(starl_machine:name(), starl_robot_timers:timer(), non_neg_integer(), term(), t()) ->
+    {{due(), Content :: term()}, t()}.
+plan(Name, Timer, Us, Content, #world{place = Place, model = Model} = World) ->
+    case starl_check_model:timer({Name, Timer}, Model) of
+        timed ->
+            Rate = element(Place, maps:get(rates, Model)),
+            {{(Us + Rate - 1) div Rate, Content}, World};
+        _ ->
+            {{any, Content}, World}
+    end.
+
+%% @doc Keeps a term; times in it that are over are all the same.
+-spec store(starl_machine:name(), term(), t()) -> {ok, t()}.
+store(Name, Term, #world{stored = Stored, model = #{rates := Rates, past_us := Past}} = World) ->
+    {ok, World#world{stored = Stored#{Name => starl_check_term:shift(Term, 0, Rates, Past)}}}.
+
+%% @doc That the application has ended shows in its state.
+-spec ended(starl_robot:ended(), t()) -> t().
+ended(_How, World) -> World.
+
+%% @doc A checked robot does nothing in the world but send. A datagram over SAP's contract is a
+%% message like others, of which nobody hears.
+-spec perform(starl_platform:world_action(), starl_machine:name(), t()) -> {[], t()}.
+perform(
+    {transmit, Dest, {starl, 1, shout, _, Type, Body}}, _, #world{model = #{sap := contract}} = W
+) ->
+    {[], put_under_way([{message, To, Type, Body, none} || To <- dests(Dest, W)], W)};
+perform({transmit, Dest, Packet}, _Name, World) ->
+    {[], put_under_way([{packet, To, Packet} || To <- dests(Dest, World)], World)}.
+
+dests(all, #world{place = Place, model = #{ids := Ids}}) ->
+    lists:delete(starl_check_term:id(Place), Ids);
+dests(Dest, _World) ->
+    [Dest].
+
+%% @doc It stands always.
+-spec stop(t()) -> t().
+stop(World) -> World.
