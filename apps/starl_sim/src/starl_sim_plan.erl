@@ -103,38 +103,24 @@ world(Scenario, Profile, #{robots := Ids}, Options) ->
         record => maps:get(record, Options, #{})
     }.
 
-location(Scene, Profile) ->
-    #{waypoints => maps:get(waypoints, Scene, #{}), exact => is_exact(Profile)}.
-
 is_exact(#{position_error_mm := Error}) -> Error == 0.
 
 crew(Mode, Scene, Profile, #{robots := Ids} = Context) ->
-    Sap = maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
-    Services = [
-        {sap, maps:get(sap_machine, Scene, starl_sap), Sap},
-        {location, starl_location, location(Scene, Profile)},
-        {motion, starl_motion, #{profile => Profile}}
-    ],
-    Tree = #{
-        participants => starl_team:new(Ids),
-        services => Services,
-        blocks => maps:get(blocks, Scene, []),
-        app => maps:get(app, Scene),
+    Given = maps:with([app, blocks, waypoints, sap_machine], Scene),
+    Tree = starl_robot_crew:tree(Given#{
+        robots => Ids,
+        profile => Profile,
+        sap => maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
         intensity => ?INTENSITY
-    },
+    }),
     interpreted(Mode, Tree).
 
 %% Inline, only a sequential application is left as a process.
 interpreted(process, Tree) ->
     #{tree => Tree, inline => #{}};
-interpreted(inline, #{services := Services, blocks := Blocks, app := App} = Tree) ->
-    Machines = maps:from_list([{Name, {M, Config}} || {Name, M, Config} <- Services ++ Blocks]),
-    case App of
-        {machine, Module, Config} ->
-            #{tree => none, inline => Machines#{app => {Module, Config}}};
-        {sequential, _, _} ->
-            #{tree => Tree#{services := [], blocks := []}, inline => Machines}
-    end.
+interpreted(inline, Tree) ->
+    {Left, Inline} = starl_robot_crew:inline(Tree),
+    #{tree => Left, inline => Inline}.
 
 mode(#{mode := auto, robots := N}) when N > ?MANY_ROBOTS -> inline;
 mode(#{mode := auto}) -> process;

@@ -39,7 +39,7 @@
 
 %% What all robots are made of: the tree of a robot's processes, if it has any, but for its
 %% number and its driver; and the machines that get no process.
--type crew() :: #{tree := map() | none, inline := starl_robot_machines:inline()}.
+-type crew() :: #{tree := starl_robot_crew:tree() | none, inline := starl_robot_machines:inline()}.
 
 %% What a shard begins with. `peers' are the other shards, `owners' says which shard has a robot.
 -type load() :: #{

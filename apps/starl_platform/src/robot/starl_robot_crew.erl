@@ -1,0 +1,63 @@
+%% @doc The crew of a robot: the services that every robot has, their configuration, and the tree of
+%% its processes; the same for every driver.
+-module(starl_robot_crew).
+
+-export([tree/1, inline/1]).
+
+-export_type([t/0, tree/0]).
+
+%% What the robots of a team are made of. `sap': what overrides its configuration; `sap_machine':
+%% another implementation, for tests; `profile': how the body drives; `waypoints': the places that
+%% have a name. `intensity': how many restarts in an hour each supervisor bears.
+-type t() :: #{
+    robots := [starl:robot_id()],
+    profile := starl_motion_course:profile(),
+    app := {sequential, module(), Args :: term()} | {machine, module(), Config :: map()},
+    blocks => [starl_robot_sup:machine()],
+    sap => starl_sap:config(),
+    sap_machine => module(),
+    waypoints => #{atom() => starl_geometry:point()},
+    intensity => pos_integer()
+}.
+
+%% A robot's supervision tree but for its number and its driver ({@link starl_robot_sup:spec()}).
+-type tree() :: #{
+    participants := starl_team:t(),
+    services := [starl_robot_sup:machine()],
+    blocks := [starl_robot_sup:machine()],
+    app := term(),
+    intensity => pos_integer()
+}.
+
+%% @doc The tree of a robot whose machines are processes.
+-spec tree(t()) -> tree().
+tree(#{robots := Ids, app := App} = Crew) ->
+    Tree = #{
+        participants => starl_team:new(Ids),
+        services => services(Crew),
+        blocks => maps:get(blocks, Crew, []),
+        app => App
+    },
+    maps:merge(Tree, maps:with([intensity], Crew)).
+
+%% @doc The machines of a robot that runs inline, and the tree of what cannot: a sequential
+%% application is a process always.
+-spec inline(tree()) -> {tree() | none, starl_robot_machines:inline()}.
+inline(#{services := Services, blocks := Blocks, app := App} = Tree) ->
+    Machines = maps:from_list([{Name, {M, Config}} || {Name, M, Config} <- Services ++ Blocks]),
+    case App of
+        {machine, Module, Config} -> {none, Machines#{app => {Module, Config}}};
+        {sequential, _, _} -> {Tree#{services := [], blocks := []}, Machines}
+    end.
+
+%% In the order in which they start.
+services(#{profile := Profile} = Crew) ->
+    [
+        {sap, maps:get(sap_machine, Crew, starl_sap), maps:get(sap, Crew, #{})},
+        {location, starl_location, location(Crew)},
+        {motion, starl_motion, #{profile => Profile}}
+    ].
+
+%% Only a positioning system without any noise may repeat itself.
+location(#{profile := #{position_error_mm := Error}} = Crew) ->
+    #{waypoints => maps:get(waypoints, Crew, #{}), exact => Error == 0}.
