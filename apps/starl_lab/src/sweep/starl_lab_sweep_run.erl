@@ -31,11 +31,12 @@
 -type run() :: {starl_lab_sweep_rows:key(), starl_sim_scenario:t()}.
 
 %% @doc Makes the runs.
--spec run(sweep(), Columns, Figures, Rows, Bytes) -> starl_cli_command:answer() when
+-spec run(sweep(), Columns, Figures, Rows, Bytes) -> Status | {error, [unicode:chardata(), ...]} when
     Columns :: starl_lab_sweep_rows:columns(),
     Figures :: [starl_lab_sweep_plot:figure(), ...],
     Rows :: starl_lab_sweep_rows:rows(),
-    Bytes :: non_neg_integer().
+    Bytes :: non_neg_integer(),
+    Status :: 0 | 1 | 3 | 4 | 130.
 run(#{dir := Dir} = Sweep, Columns, Figures, Rows, Bytes) ->
     case starl_lab_sweep_rows:open(filename:join(Dir, "runs.csv"), Columns, Bytes) of
         {ok, Device} ->
