@@ -64,7 +64,7 @@ default_out() -> filename:join([starl_cli_target:root(), "out", "bench.json"]).
 
 %% Known before the work is done, and an older file stays until then.
 checked(Kinds, #{out := File} = Options) ->
-    Problems = lists:append([problems(Kind, with_defaults(Kind, Options)) || Kind <- Kinds]),
+    Problems = lists:append([problems(Kind, Options) || Kind <- Kinds]),
     case Problems =:= [] andalso can_write(File) of
         ok ->
             measured(Kinds, Options);
@@ -102,11 +102,7 @@ bench(Kind, Options) ->
 with_defaults(Kind, Options) -> maps:merge(starl_cli_flags:defaults(flags_of(Kind)), Options).
 
 problems(Kind, Options) ->
-    Module = module(Kind),
-    case erlang:function_exported(Module, problems, 1) of
-        true -> Module:problems(Options);
-        false -> []
-    end.
+    starl_dev_benchmark:problems(module(Kind), with_defaults(Kind, Options)).
 
 sound(Row) -> proplists:get_value(checks, Row, true).
 

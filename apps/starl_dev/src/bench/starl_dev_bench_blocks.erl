@@ -1,10 +1,9 @@
 %% @doc The building-blocks benchmark: the packets that an election, an entry, a round and a
 %% geocast take, acknowledgements included, beside the formulas of the blocks' pages.
 -module(starl_dev_bench_blocks).
+-behaviour(starl_dev_benchmark).
 
 -export([flags/0, run/1]).
-
--type figures() :: [{atom(), starl_cli_json:value()}].
 
 -define(ROUNDS, 5).
 -define(LIFETIME_MS, 5000).
@@ -23,7 +22,7 @@ flags() ->
     ].
 
 %% @doc Measures and prints a line for each block and size; the figures for a file.
--spec run(#{atom() => term()}) -> [figures()].
+-spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, loss := Loss} = Options) ->
     starl_cli_terminal:out(
         "packets on the air per operation, all robots at once, loss: ~w\n"

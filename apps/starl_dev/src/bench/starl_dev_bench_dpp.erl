@@ -2,10 +2,10 @@
 %% random lines is driven abstractly: every robot moves at 500 mm/s from waypoint to waypoint,
 %% reports each, and asks again at its end.
 -module(starl_dev_bench_dpp).
+-behaviour(starl_dev_benchmark).
 
 -export([flags/0, run/1]).
 
--type figures() :: [{atom(), starl_cli_json:value()}].
 -type robot_id() :: starl:robot_id().
 
 -record(robot, {
@@ -43,7 +43,7 @@ flags() ->
     ].
 
 %% @doc Measures and prints a line for each size; the figures for a file.
--spec run(#{atom() => term()}) -> [figures()].
+-spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{edges := Sizes, robots := Team, requests := Requests}) ->
     starl_cli_terminal:out("requests to the coordinator, ~b robots\n", [Team]),
     starl_cli_terminal:out("   edges  plan s  requests  median ms    p95 ms    max ms  painted\n"),

@@ -1,10 +1,9 @@
 %% @doc The plain-events benchmark: timers and deliveries per second on one core, inline, beside
 %% the round trips of two bare processes in the same minute.
 -module(starl_dev_bench_events).
+-behaviour(starl_dev_benchmark).
 
 -export([flags/0, run/1]).
-
--type figures() :: [{atom(), starl_cli_json:value()}].
 
 %% NeXosim's (Rust) events per round trip of two bare processes, taken on one machine.
 -define(NEXOSIM, 0.8).
@@ -21,7 +20,7 @@ flags() ->
     ].
 
 %% @doc Measures and prints a line for each size; the figures for a file.
--spec run(#{atom() => term()}) -> [figures()].
+-spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, seconds := Seconds, reps := Reps}) ->
     starl_cli_terminal:out(
         "plain events, ~b s of virtual time, inline, one core, best of ~b; an event: a timer or a"

@@ -2,10 +2,9 @@
 %% one core, with the digest and all monitors on. Runs of several seeds are added up: how long one
 %% takes to paint, and to compute, depends on who comes in whose way.
 -module(starl_dev_bench_painting).
+-behaviour(starl_dev_benchmark).
 
 -export([flags/0, problems/1, run/1]).
-
--type figures() :: [{atom(), starl_cli_json:value()}].
 
 %% @doc The flags of this benchmark.
 -spec flags() -> [starl_cli_flags:flag()].
@@ -36,7 +35,7 @@ scenario(Picture, N, Mode, Seed) ->
     #{app => starl_painting, robots => N, picture => Picture, mode => Mode, seed => Seed}.
 
 %% @doc Measures and prints a line for each picture, size and mode; the figures for a file.
--spec run(#{atom() => term()}) -> [figures()].
+-spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, pictures := Pictures, modes := Modes, seeds := Seeds, reps := Reps}) ->
     starl_cli_terminal:out(
         "painting, one core, digest and monitors on, seeds 1 to ~b together, best of ~b each\n"

@@ -2,10 +2,9 @@
 %% by process and inline, on one core and over shards; beside the round trips of two bare
 %% processes in the same minute and the Java StarL simulator's figures.
 -module(starl_dev_bench_ring).
+-behaviour(starl_dev_benchmark).
 
 -export([flags/0, run/1, scenario/1, checks/3]).
-
--type figures() :: [{atom(), starl_cli_json:value()}].
 
 -define(TICKS, 600).
 -define(RUN_S, 60).
@@ -32,7 +31,7 @@ flags() ->
     ].
 
 %% @doc Measures and prints a line for each size, mode and number of shards; the figures.
--spec run(#{atom() => term()}) -> [figures()].
+-spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, modes := Modes, shards := Shards, reps := Reps}) ->
     starl_cli_terminal:out(
         "ring-shuttle, ~b s of virtual time, best of ~b; a shard has a core\n"

@@ -1,10 +1,9 @@
 %% @doc Start-up and memory per robot, up to ten thousand robots, each a whole supervision tree
 %% (process) or a term in a shard (inline); and 60 s of ring-shuttle with one message a second.
 -module(starl_dev_bench_scale).
+-behaviour(starl_dev_benchmark).
 
 -export([flags/0, run/1]).
-
--type figures() :: [{atom(), starl_cli_json:value()}].
 
 -define(MESSAGES, 60).
 -define(RUN_S, 60).
@@ -19,7 +18,7 @@ flags() ->
     ].
 
 %% @doc Measures and prints a line for each size; the figures for a file.
--spec run(#{atom() => term()}) -> [figures()].
+-spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, modes := Modes, shards := Shards}) ->
     starl_cli_terminal:out(
         "scale: ring-shuttle, ~b s of virtual time, a message per robot and second, shards: ~ts\n"

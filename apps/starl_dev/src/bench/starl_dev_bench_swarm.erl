@@ -1,9 +1,8 @@
 %% @doc The swarm-broadcast benchmark: simulated seconds per wall second, beside ARGoS 3.
 -module(starl_dev_bench_swarm).
+-behaviour(starl_dev_benchmark).
 
 -export([flags/0, run/1]).
-
--type figures() :: [{atom(), starl_cli_json:value()}].
 
 -define(PER_S, 10).
 %% Receivers are placed as of the beginning of a window of 10 ms, the least delay: at 100 mm/s
@@ -30,7 +29,7 @@ flags() ->
     ].
 
 %% @doc Measures and prints a line for each size; the figures for a file.
--spec run(#{atom() => term()}) -> [figures()].
+-spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, seconds := Seconds} = Options) ->
     starl_cli_terminal:out(
         "swarm-broadcast, ~b s of virtual time, shards: ~ts, mode: ~w, the fastest of ~b\n"
