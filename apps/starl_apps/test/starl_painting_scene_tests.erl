@@ -34,7 +34,7 @@ scene(Picture) ->
     {ok, Options} = starl_options:check(#{picture => Picture}, starl_painting:options()),
     starl_painting:scene(#{
         robots => [1, 2], world => {10000, 8000}, seed => 1, sap => #{},
-        profile => starl_motion_course:profile(#{}), options => Options
+        profiles => [starl_chassis:profile(starl_chassis_differential, #{})], options => Options
     }).
 
 says(What, {error, Why}) ->

@@ -130,7 +130,7 @@ waypoints(#robot{} = Robot) -> flatten(call(Robot, location, waypoints, infinity
 
 %% @doc Drives in a straight line to a point or a named waypoint and waits until it is there.
 %% While it drives the robot keeps within r(v) of the line (Assumption II.1 of the paper;
-%% {@link starl_motion_course:tracking_radius/1}). `stopped': another command came in between.
+%% {@link starl_chassis:tracking_radius/1}). `stopped': another command came in between.
 -spec go_to(robot(), goal()) -> ok | {error, stopped | restarted | unknown}.
 go_to(#robot{} = Robot, Name) when is_atom(Name) ->
     case waypoint(Robot, Name) of

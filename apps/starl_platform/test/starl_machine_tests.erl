@@ -49,7 +49,7 @@ unknown_event_is_traced_test() ->
 machines_know_what_they_do_not_know_test_() ->
     Configs = [
         {starl_sap, #{}}, {starl_location, #{}},
-        {starl_motion, #{profile => starl_motion_course:profile(#{})}}
+        {starl_motion, #{profiles => [starl_chassis:profile(starl_chassis_differential, #{})]}}
     ],
     [
         {atom_to_list(Module), fun() ->

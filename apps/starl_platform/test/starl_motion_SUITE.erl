@@ -55,14 +55,14 @@ stays_near_the_lines_of_a_path(_) ->
     starl_platform_ct:property(Prop, 100),
     [
         ?assert(near_all([{{0.0, 0.0}, {3000.0, 0.0}}, {{3000.0, 0.0}, {3000.0, 2000.0}}],
-            new(Noise, starl_motion_course:profile(#{}))))
+            new(Noise, starl_chassis:profile(starl_chassis_differential, #{}))))
      || Noise <- [fun(_) -> 1.0 end, fun(_) -> -1.0 end, fun zigzag/1]
     ].
 
 near_all([Line | Lines], #loop{piece = Piece, now = Now, profile = Profile} = Loop) ->
     Here = starl_trajectory:position(Now, Piece),
     Gone = finish(event({call, {app, 1}}, {go_along, Line}, Loop#loop{corners = [Here]})),
-    off_line(Gone, Line) =< starl_motion_course:tracking_radius(Profile) andalso
+    off_line(Gone, Line) =< starl_chassis:tracking_radius(Profile) andalso
         near_all(Lines, Gone);
 near_all([], _Loop) ->
     true.
@@ -79,7 +79,7 @@ draws_lines_from_end_to_end(_) ->
     starl_platform_ct:property(Prop, 200),
     Short = [{{10.0 * N, 7.0 * N}, {10.0 * N + 6.0, 7.0 * N}} || N <- lists:seq(0, 30)],
     [
-        ?assert(drawn(Short, new(Noise, starl_motion_course:profile(#{}))))
+        ?assert(drawn(Short, new(Noise, starl_chassis:profile(starl_chassis_differential, #{}))))
      || Noise <- [fun(_) -> 1.0 end, fun(_) -> -1.0 end, fun zigzag/1, uniform(3)]
     ].
 
@@ -97,11 +97,11 @@ drawn([{Start, Goal} = Line | Lines], Loop) ->
     {Begun, _} = travel({face, Line}, Ready),
     {Ended, Off} = travel({go_along, Line}, Begun#loop{corners = [here(Begun)]}),
     #loop{profile = Profile} = Loop,
-    Ends = starl_motion_stroke:ends_mm(Profile) + 1.0e-6,
+    Ends = starl_chassis:ends_mm(Profile) + 1.0e-6,
     Towards = starl_geometry:heading(Start, Goal),
     Along = [along(here(Begun), Start, Towards), along(here(Ended), Goal, Towards)],
     (lists:all(fun(Mm) -> abs(Mm) =< Ends end, Along) andalso
-        Off =< starl_motion_course:tracking_radius(Profile) orelse
+        Off =< starl_chassis:tracking_radius(Profile) orelse
         begin
             ct:log("~p: ~p (~p), off ~p", [Line, Along, Ends, Off]),
             false
@@ -119,7 +119,7 @@ along({X, Y}, {X0, Y0}, Heading) -> (X - X0) * math:cos(Heading) + (Y - Y0) * ma
 %% All errors at their bounds, to the left, to the right and to and fro.
 stays_near_the_line_at_the_worst(_) ->
     [
-        ?assert(arrives(Noise, Goal, starl_motion_course:profile(#{speed => Speed})))
+        ?assert(arrives(Noise, Goal, starl_chassis:profile(starl_chassis_differential, #{speed => Speed})))
      || Noise <- [fun(_) -> 1.0 end, fun(_) -> -1.0 end, fun zigzag/1],
         Goal <- [{5000.0, 0.0}, {-3000.0, 4000.0}, {10.0, -8000.0}],
         Speed <- [100.0, 500.0]
@@ -128,7 +128,7 @@ stays_near_the_line_at_the_worst(_) ->
 zigzag(Key) -> 2.0 * (erlang:phash2(Key, 2)) - 1.0.
 
 near_the_goal_slower(_) ->
-    Profile = starl_motion_course:profile(#{near_mm => 700.0, near_speed => 150.0, near_turn_rate => 0.5}),
+    Profile = starl_chassis:profile(starl_chassis_differential, #{near_mm => 700.0, near_speed => 150.0, near_turn_rate => 0.5}),
     [?assert(arrives(uniform(Seed), {4000.0, 1000.0}, Profile)) || Seed <- lists:seq(1, 30)],
     Loop = drive({4000.0, 0.0}, new(uniform(1), Profile)),
     ?assertMatch([{_, ok}], Loop#loop.replies).
@@ -142,7 +142,7 @@ profile() ->
         {Speed, LegS, Heading, Part, Position, Rate},
         {oneof([50.0, 200.0, 350.0, 500.0]), oneof([0.1, 0.3, 0.7]), oneof([0.0, 0.01, 0.05]),
          oneof([0.0, 0.01, 0.05]), oneof([0.0, 1.0, 5.0]), oneof([1.0, 3.0])},
-        starl_motion_course:profile(#{
+        starl_chassis:profile(starl_chassis_differential, #{
             speed => Speed, near_speed => Speed, leg_s => LegS, heading_error => Heading,
             distance_error => Part, position_error_mm => Position, turn_rate => Rate,
             near_turn_rate => Rate
@@ -159,12 +159,12 @@ arrives(Noise, Goal, #{speed := Speed, near_speed := Near, goal_mm := GoalMm} = 
     Off = off_line(Loop, {{0.0, 0.0}, Goal}),
     Left = starl_geometry:distance(hd(Loop#loop.corners), Goal),
     Answer =:= ok andalso
-        Off =< starl_motion_course:tracking_radius(Profile) andalso
+        Off =< starl_chassis:tracking_radius(Profile) andalso
         Left =< GoalMm + Blur andalso
         ArrivedUs =< Bound * 1.0e6 orelse
         begin
             ct:log("~p: off ~p (~p), left ~p (~p), ~p us (~p s)", [
-                Answer, Off, starl_motion_course:tracking_radius(Profile), Left, GoalMm, ArrivedUs, Bound
+                Answer, Off, starl_chassis:tracking_radius(Profile), Left, GoalMm, ArrivedUs, Bound
             ]),
             false
         end.
@@ -175,7 +175,7 @@ off_line(#loop{corners = Corners}, Line) ->
     lists:max([starl_geometry:point_segment(P, Line) || P <- Corners]).
 
 arrived_already(_) ->
-    Loop = drive({1.0, 1.0}, new(uniform(1), starl_motion_course:profile(#{}))),
+    Loop = drive({1.0, 1.0}, new(uniform(1), starl_chassis:profile(starl_chassis_differential, #{}))),
     ?assertEqual([{0, ok}], Loop#loop.replies),
     ?assert(starl_trajectory:is_still(Loop#loop.piece)).
 
@@ -202,7 +202,7 @@ another_goal_in_a_drive(_) ->
             Loop = finish(goto({0.0, 5000.0}, 2, Going#loop{corners = [Here]})),
             ?assertMatch([{At, {error, stopped}}, {_, ok}], lists:reverse(Loop#loop.replies)),
             Off = off_line(Loop, {Here, {0.0, 5000.0}}),
-            ?assert(Off =< starl_motion_course:tracking_radius(Loop#loop.profile))
+            ?assert(Off =< starl_chassis:tracking_radius(Loop#loop.profile))
         end
      || At <- lists:seq(100000, 3000000, 170000)
     ].
@@ -217,7 +217,7 @@ blind(How) ->
     Loop = drive({3000.0, 1000.0}, (fresh())#loop{eyes = Eyes}),
     ?assertMatch([{_, ok}], Loop#loop.replies),
     Off = off_line(Loop, {{0.0, 0.0}, {3000.0, 1000.0}}),
-    ?assert(Off =< starl_motion_course:tracking_radius(Loop#loop.profile)).
+    ?assert(Off =< starl_chassis:tracking_radius(Loop#loop.profile)).
 
 late_pose_is_ignored(_) ->
     Loop = goto({3000.0, 0.0}, 1, (fresh())#loop{eyes = fun(_) -> lost end}),
@@ -239,7 +239,7 @@ lost_commands(_) ->
             Loop = drive({3000.0, 1000.0}, (fresh())#loop{ears = Ears}),
             ?assertMatch([{_, ok}], Loop#loop.replies),
             Off = off_line(Loop, {{0.0, 0.0}, {3000.0, 1000.0}}),
-            ?assert(Off =< starl_motion_course:tracking_radius(Loop#loop.profile))
+            ?assert(Off =< starl_chassis:tracking_radius(Loop#loop.profile))
         end
      || Seed <- lists:seq(1, 20)
     ].

@@ -7,12 +7,12 @@
 
 -include("starl_motion_loop.hrl").
 
-fresh() -> new(uniform(7), starl_motion_course:profile(#{})).
+fresh() -> new(uniform(7), starl_chassis:profile(starl_chassis_differential, #{})).
 
 uniform(Seed) -> fun(Key) -> 2.0 * erlang:phash2({Seed, Key}, 1 bsl 27) / (1 bsl 27) - 1.0 end.
 
 new(Noise, Profile) ->
-    {Actions, Machine} = starl_machine:new(starl_motion, #{profile => Profile}, #{
+    {Actions, Machine} = starl_machine:new(starl_motion, #{profiles => [Profile]}, #{
         robot => 1, participants => [1], name => motion, incarnation => 1,
         random => rand:seed_s(exsss, 1), now => 0
     }),
@@ -71,7 +71,7 @@ perform(Actions, Loop) ->
             )
     end.
 
-act({drive, Script, Mark}, #loop{commands = Commands, ears = Ears} = Loop) ->
+act({drive, {_, Script}, Mark}, #loop{commands = Commands, ears = Ears} = Loop) ->
     Told = Loop#loop{commands = [{Mark, Script} | Commands]},
     case Ears(length(Commands)) of
         lost -> Told;

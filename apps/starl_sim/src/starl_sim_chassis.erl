@@ -1,79 +1,64 @@
-%% @doc The simulated chassis: what its wheels make of a command, and the piece of motion that comes
-%% of it, straight or an arc, with the errors of a real one. All draws are stateless.
+%% @doc The behaviour of a simulated chassis: what a kind of body ({@link starl_chassis}) does with the
+%% commands of a script, with the errors of a real one and under faults of actuation. Scripts, their
+%% numbers, words and clocks are the same for all ({@link starl_sim_vehicle}).
 -module(starl_sim_chassis).
 
--export([command/2, wheels/2, grip/2, is_off/2, errors/3, turn/5]).
+-export([names/0, profiles/2, of_kind/1]).
 
--export_type([speeds/0]).
+-export_type([name/0, command/0, errors/0, drive/0, key/0]).
 
-%% The speeds of the left and the right wheel, mm/s.
--type speeds() :: {Left :: number(), Right :: number()}.
+%% A chassis' name in a scenario.
+-type name() :: differential | holonomic.
 
-%% The Create's limit, mm/s (Open Interface, Drive Direct).
--define(MAX_WHEEL, 500.0).
-%% A wheel that turns so much slower than told, as a part, is noticed.
--define(NOTICED, 0.02).
+%% What the drive is told, as far as it can follow.
+-type command() :: starl_chassis:told().
 
-%% @doc A command as the wheels can follow it, mm/s.
--spec command(Left :: number(), Right :: number()) -> speeds().
-command(Left, Right) -> {limit(Left), limit(Right)}.
+%% The error of the heading, rad, and the part of the distance that it comes.
+-type errors() :: {Skew :: float(), Part :: float()}.
 
-limit(Speed) -> max(-?MAX_WHEEL, min(?MAX_WHEEL, Speed)).
+%% A command with its errors, which begins now, or is carried out already.
+-type drive() :: {command(), errors(), begins | goes_on}.
 
-%% @doc How the wheels turn at a command under these faults.
--spec wheels(speeds(), [starl_sim_fault:compiled()]) -> speeds().
-wheels(Command, Faults) -> lists:foldl(fun wheel/2, Command, Faults).
+%% What draws hang on.
+-type key() :: {Seed :: integer(), starl:robot_id(), non_neg_integer()}.
 
-wheel({_, _, _, wheel_stuck, _, #{wheel := left}}, {_, Right}) -> {0.0, Right};
-wheel({_, _, _, wheel_stuck, _, #{wheel := right}}, {Left, _}) -> {Left, 0.0};
-wheel({_, _, _, wheel_slow, _, #{wheel := left, factor := F}}, {Left, Right}) -> {F * Left, Right};
-wheel({_, _, _, wheel_slow, _, #{wheel := right, factor := F}}, {Left, Right}) -> {Left, F * Right};
-wheel(_, Speeds) -> Speeds.
-
-%% @doc Do the wheels turn so much otherwise than they were told that the chassis notices?
--spec is_off(Told :: speeds(), Turning :: speeds()) -> boolean().
-is_off({Left, Right}, {Left, Right}) ->
-    false;
-is_off({Left0, Right0}, {Left, Right}) ->
-    abs(Left - Left0) > ?NOTICED * abs(Left0) orelse abs(Right - Right0) > ?NOTICED * abs(Right0).
-
-%% @doc How much of the wheels' turning reaches the floor under these faults: the chassis, which
-%% counts the turns, does not know.
--spec grip(speeds(), [starl_sim_fault:compiled()]) -> speeds().
-grip(Turning, Faults) -> lists:foldl(fun slip/2, Turning, Faults).
-
-slip({_, _, _, slip, _, #{factor := F}}, {Left, Right}) -> {F * Left, F * Right};
-slip(_, Speeds) -> Speeds.
-
-%% @doc The errors of a command, drawn by the key: of the heading, rad, and the part of the distance
-%% that it comes. A turn in place has none.
--spec errors(speeds(), Key, starl_motion_course:profile()) ->
-    {Skew :: float(), Part :: float()}
+%% The command that has it stand.
+-callback standing() -> command().
+%% A command of a script, and how long it lasts.
+-callback command(tuple(), starl_chassis:profile()) -> {command(), Us :: pos_integer()}.
+%% The errors of a command, drawn by the key.
+-callback errors(command(), key(), starl_chassis:profile()) -> errors().
+%% The piece of motion from now on, `same' if it goes on as it did; and whether the chassis notices
+%% that it does not do what it was told.
+-callback move(drive(), Faults, Now, Old, starl_chassis:profile()) ->
+    {IsOff :: boolean(), same | starl_trajectory:piece()}
 when
-    Key :: {Seed :: integer(), starl:robot_id(), non_neg_integer()}.
-errors({Left, Right}, _Key, _Profile) when Left + Right == 0 ->
-    {0.0, 1.0};
-errors(_, {Seed, Id, N}, #{heading_error := Turn, distance_error := Part}) ->
-    {
-        0.75 * Turn * starl_sim_draw:signed({Seed, Id, N, skew}),
-        1.0 + Part * starl_sim_draw:signed({Seed, Id, N, slip})
-    }.
+    Faults :: [starl_sim_fault:compiled()],
+    Now :: starl_sim_queue:time(),
+    Old :: starl_trajectory:piece().
+%% How long a script takes until the robot stands, if that is known beforehand.
+-callback lasts_us(starl_chassis:commands()) -> Us :: non_neg_integer() | unknown.
+%% How long a robot still moves that was told to stand and is in this piece of motion.
+-callback stops_us(starl_sim_queue:time(), starl_trajectory:piece()) -> Us :: non_neg_integer().
 
-%% @doc The piece of motion from now on; `same' for a robot that stands and is to stand.
--spec turn(speeds(), {Skew, Part}, AxleMm :: float(), starl_sim_queue:time(), Old) ->
-    same | starl_trajectory:piece()
-when
-    Skew :: float(), Part :: float(), Old :: starl_trajectory:piece().
-turn({Left, Right}, {Skew, Part}, Axle, Now, Old) ->
-    {X, Y, Heading} = starl_trajectory:pose(Now, Old),
-    Speed = (Left + Right) / 2,
-    Rate = (Right - Left) / Axle,
-    case {Speed == 0, Rate == 0} of
-        {true, true} -> stand(Now, {X, Y}, Heading, Old);
-        {true, false} -> starl_trajectory:piece(Now, {X, Y}, Heading, 0.0, Rate);
-        {false, _} -> starl_trajectory:piece(Now, {X, Y}, Heading + Skew, Speed * Part, Rate)
-    end.
+%% @doc What can be simulated.
+-spec names() -> [name()].
+names() -> [Name || {Name, _, _} <- kinds()].
 
-%% One that turns in place does not stand.
-stand(_Now, _Point, _Heading, {piece, _, _, _, _, V, W}) when V == 0, W == 0 -> same;
-stand(Now, Point, Heading, _Old) -> starl_trajectory:standing(Now, Point, Heading).
+%% Name, the chassis, how it is simulated.
+kinds() ->
+    [
+        {differential, starl_chassis_differential, starl_sim_differential}
+    ].
+
+%% @doc The profiles of a team whose robots drive on these in turn.
+-spec profiles([name(), ...], map()) -> starl_chassis:profiles().
+profiles(Names, Overrides) ->
+    [
+        starl_chassis:profile(element(2, lists:keyfind(Name, 1, kinds())), Overrides)
+     || Name <- Names
+    ].
+
+%% @doc How a chassis is simulated.
+-spec of_kind(Chassis :: module()) -> module().
+of_kind(Chassis) -> element(3, lists:keyfind(Chassis, 2, kinds())).

@@ -34,10 +34,14 @@ context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
         robots => lists:seq(1, N),
         world => World,
         seed => Seed,
-        profile => starl_motion_course:profile(profile(Scenario)),
+        profiles => profiles(#{}, Scenario),
         sap => sap(Scenario),
         options => maps:with([Key || {Key, _, _, _} <- starl_app:options(App)], Scenario)
     }.
+
+%% The application's scene may ask for others.
+profiles(Overrides, Scenario) ->
+    starl_sim_chassis:profiles([differential], maps:merge(profile(Scenario), Overrides)).
 
 profile(#{speed := Speed, heading_error := H, distance_error := D, position_error := P}) ->
     #{
@@ -56,17 +60,16 @@ sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
     t().
 make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     #{delay := {MinMs, _}, shards := Shards, faults := Faults} = Scenario,
-    Overrides = maps:merge(profile(Scenario), maps:get(profile, Scene, #{})),
-    Profile = starl_motion_course:profile(Overrides),
+    Profiles = profiles(maps:get(profile, Scene, #{}), Scenario),
     Plan = #{
         robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
-        crew => crew(mode(Scenario), Scene, Profile, Context),
-        world => world(Scenario, Profile, Context, Options),
+        crew => crew(mode(Scenario), Scene, Profiles, Context),
+        world => world(Scenario, Profiles, Context, Options),
         window_us => round(MinMs * 1000),
         limit_us => limit_us(Scenario),
         shards => shards(Shards, length(Ids), Options),
         faults => strikes(Faults),
-        monitors => monitors(Scenario, Scene, Profile, Context) ++ maps:get(watch, Options, [])
+        monitors => monitors(Scenario, Scene, Profiles, Context) ++ maps:get(watch, Options, [])
     },
     maps:merge(Plan, nodes(Scenario, Scene, Options)).
 
@@ -84,7 +87,7 @@ nodes(#{app := App}, #{app := Playing} = Scene, #{nodes := Nodes} = Options) ->
 nodes(_Scenario, _Scene, _Options) ->
     #{}.
 
-world(Scenario, Profile, #{robots := Ids}, Options) ->
+world(Scenario, Profiles, #{robots := Ids}, Options) ->
     #{delay := {MinMs, MaxMs}, faults := Faults} = Scenario,
     #{
         seed => maps:get(seed, Scenario),
@@ -94,7 +97,7 @@ world(Scenario, Profile, #{robots := Ids}, Options) ->
         delay_us => {round(MinMs * 1000), round(MaxMs * 1000)},
         range_mm => range(Scenario),
         clock => clock(Scenario),
-        profile => Profile,
+        profiles => Profiles,
         network => faults(network, Faults),
         clocks => faults(clock, Faults),
         location => faults(location, Faults),
@@ -103,13 +106,14 @@ world(Scenario, Profile, #{robots := Ids}, Options) ->
         record => maps:get(record, Options, #{})
     }.
 
-is_exact(#{position_error_mm := Error}) -> Error == 0.
+%% The positioning system is one for all.
+is_exact([#{position_error_mm := Error} | _]) -> Error == 0.
 
-crew(Mode, Scene, Profile, #{robots := Ids} = Context) ->
+crew(Mode, Scene, Profiles, #{robots := Ids} = Context) ->
     Given = maps:with([app, blocks, waypoints, sap_machine], Scene),
     Tree = starl_robot_crew:tree(Given#{
         robots => Ids,
-        profile => Profile,
+        profiles => Profiles,
         sap => maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
         intensity => ?INTENSITY
     }),
@@ -138,12 +142,12 @@ pose(Id, Scene, #{world := {Width, _}}) ->
 %% monitor that asks for it is told which assumptions they break, and when, when all is over, and how
 %% long a packet is under way then. That not all are done in time comes last: other contracts know
 %% better what is wrong.
-monitors(Scenario, Scene, Profile, #{sap := Sap0, robots := Ids}) ->
+monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}) ->
     #{faults := Faults, delay := {_, MaxMs}} = Scenario,
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
     Slack = starl_sim_fault:slack_us(Faults),
     Known = #{
-        broken => starl_sim_assumption:broken(Faults, is_exact(Profile)),
+        broken => starl_sim_assumption:broken(Faults, is_exact(Profiles)),
         healed_us => healed_us(Scenario),
         delay_us => round(1000 * MaxMs)
     },

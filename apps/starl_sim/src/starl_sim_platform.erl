@@ -32,7 +32,7 @@
     duplicate := float(),
     delay_us := {Min :: pos_integer(), Max :: pos_integer()},
     range_mm := float() | infinity,
-    profile := starl_motion_course:profile(),
+    profiles := starl_chassis:profiles(),
     network := [starl_sim_fault:compiled()],
     clocks := [starl_sim_fault:compiled()],
     location := [starl_sim_fault:compiled()],
@@ -221,7 +221,7 @@ transmit(To, Packet, #body{id = Id, now = Now, world = World, seq = Seq} = Body)
 stop(#body{now = Now, vehicle = Vehicle} = Body) ->
     moved(starl_sim_vehicle:stop(Now, Vehicle), Body).
 
-%% @doc The wheels as they turn from now on, since a fault of theirs begins or ends.
+%% @doc How the chassis drives from now on, since a fault of its drive begins or ends.
 -spec turn_wheels(t()) -> t().
 turn_wheels(#body{now = Now, vehicle = Vehicle} = Body) ->
     moved(starl_sim_vehicle:turn_wheels(Now, Vehicle), Body).
@@ -238,6 +238,7 @@ says(Run, #body{vehicle = Vehicle}) -> starl_sim_vehicle:says(Run, Vehicle).
 drive(Script, Owner, #body{now = Now, vehicle = Vehicle} = Body) ->
     case starl_sim_vehicle:drive(Script, Owner, Now, Vehicle) of
         {lost, Deaf} -> Body#body{vehicle = Deaf};
+        not_understood -> trace(chassis, {not_understood, element(2, Script)}, Body);
         Change -> moved(Change, Body)
     end.
 

@@ -28,7 +28,8 @@ poses(Robots, #{robot := Self, faults := All, seen := Seen} = Look) ->
             {[{Robot, maps:get(Robot, Seen)} || Robot <- Robots, is_map_key(Robot, Seen)], Seen};
         {false, false} ->
             Poses = [
-                {R, blurred(R, Pose, Own, Look)} || R <- Robots, Pose <- look_at(R, All, Look)
+                {R, blurred(R, Pose, Own, Look)}
+             || R <- Robots, Pose <- look_at(R, All, Look)
             ],
             {Poses, maps:merge(Seen, maps:from_list(Poses))}
     end.
@@ -58,7 +59,7 @@ shift(_, _Key, Pose) ->
 
 %% @doc A pose with the positioning system's error: within a disk, and a quarter of the bound on
 %% the heading.
--spec blur(starl:pose(), Key, starl_motion_course:profile()) -> starl:pose() when
+-spec blur(starl:pose(), Key, starl_chassis:profile()) -> starl:pose() when
     Key :: {Seed :: integer(), Self :: starl:robot_id(), starl:robot_id(), non_neg_integer()}.
 blur({X, Y, Heading}, Key, #{position_error_mm := Error, heading_error := HeadingError}) ->
     Radius = Error * starl_sim_draw:uniform({Key, radius}),

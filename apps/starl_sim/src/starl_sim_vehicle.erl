@@ -1,11 +1,10 @@
-%% @doc What a simulated robot drives on: the script that its wheels were told, the piece of motion
+%% @doc What a simulated robot drives on: the script that its chassis was told, the piece of motion
 %% that it is in ({@link starl_sim_chassis}, faults of actuation and of the serial line), its other
 %% actuators, and what the positioning system shows of it and of others ({@link starl_sim_sense},
 %% faults of location).
 %%
 %% The chassis works off a script by itself, by its own clock, and compares every 15 ms, the period
-%% in which a Create streams its sensors, how its wheels turn with what they were told. What it
-%% has to do or to say later comes as {@link plan()}; a plan of a script that another has taken the
+%% in which a Create streams its sensors, what its drive does with what it was told. What it has to do or to say later comes as {@link plan()}; a plan of a script that another has taken the
 %% place of is void.
 %%
 %% All draws are stateless: a hash of the seed, the robot, a count and a purpose. Other robots are
@@ -19,15 +18,20 @@
 -record(vehicle, {
     id :: starl:robot_id(),
     world :: starl_sim_platform:world(),
+    profile :: starl_chassis:profile(),
+    %% how its chassis is simulated
+    kind :: module(),
     piece :: starl_trajectory:piece(),
-    %% as the wheels were last told, and the error of the distance; what follows
-    command = {0.0, 0.0} :: starl_sim_chassis:speeds(),
-    part = 1.0 :: float(),
-    script = [] :: starl_motion_course:script(),
-    %% the number of the script and whose it is, with its mark
+    %% as it was last told, and its errors; what follows
+    command :: starl_sim_chassis:command(),
+    errors = {0.0, 1.0} :: starl_sim_chassis:errors(),
+    script = [] :: starl_chassis:commands(),
+    %% the number of the script and whose it is, with its mark; what is to be said when it stands, if
+    %% nobody knows yet when that will be
     run = 0 :: non_neg_integer(),
     owner = none :: owner() | none,
-    %% since when a wheel has not turned as told
+    word = none :: {driven, Mark :: term(), HeardUs :: starl_sim_queue:time()} | none,
+    %% since when the drive has not done as told
     off = no :: starl_sim_queue:time() | no,
     draws = 0 :: non_neg_integer(),
     %% how its other actuators are, as far as they were ever told
@@ -40,8 +44,8 @@
 
 -type owner() :: {starl_machine:name(), Mark :: term()}.
 
-%% What the chassis has to do: go on with the script of this number; see to a wheel that has not
-%% turned as told since then.
+%% What the chassis has to do: go on with the script of this number; see to a drive that has not done
+%% as told since then.
 -type beat() :: {go_on, Run :: integer()} | {watch, Run :: integer(), Since :: integer()}.
 
 %% So long from now: something to do; something to say to a machine, if it is still true then, or in
@@ -54,36 +58,49 @@
 %% Whether it is in a new piece of motion, and what it has to do later.
 -type change() :: {moved | same, [plan()], t()}.
 
-%% How often the chassis looks at its wheels (Open Interface, streaming of sensors).
+%% How often the chassis looks at its drive (Open Interface, streaming of sensors).
 -define(WATCH_US, 15000).
 
 %% @doc A vehicle at rest at a pose.
 -spec new(starl:robot_id(), starl:pose(), starl_sim_platform:world()) -> t().
-new(Id, {X, Y, Heading}, World) ->
-    #vehicle{id = Id, world = World, piece = starl_trajectory:standing(0, {X, Y}, Heading)}.
+new(Id, {X, Y, Heading}, #{profiles := Profiles} = World) ->
+    Profile = starl_chassis:of_robot(Id, Profiles),
+    Kind = starl_sim_chassis:of_kind(starl_chassis:kind(Profile)),
+    #vehicle{
+        id = Id,
+        world = World,
+        profile = Profile,
+        kind = Kind,
+        command = Kind:standing(),
+        piece = starl_trajectory:standing(0, {X, Y}, Heading)
+    }.
 
 %% @doc The piece of motion that it is in.
 -spec piece(t()) -> starl_trajectory:piece().
 piece(#vehicle{piece = Piece}) -> Piece.
 
-%% -- wheels ---------------------------------------------------------------------------------
+%% -- driving --------------------------------------------------------------------------------
 
-%% @doc The wheels are told a script, on behalf of a machine; `lost': they have not heard.
--spec drive(starl_motion_course:script(), owner(), starl_sim_queue:time(), t()) ->
-    change() | {lost, t()}.
-drive(Script, Owner, Now, #vehicle{id = Id, draws = N, world = #{seed := Seed}} = Vehicle) ->
+%% @doc The chassis is told a script, on behalf of a machine; `lost': it has not heard; a script of
+%% another chassis is not understood.
+-spec drive(starl_chassis:script(), owner(), starl_sim_queue:time(), t()) ->
+    change() | {lost, t()} | not_understood.
+drive({Chassis, Script}, Owner, Now, #vehicle{profile = #{chassis := Chassis}} = Vehicle) ->
+    #vehicle{id = Id, draws = N, world = #{seed := Seed}} = Vehicle,
     Faults = held(Now, Vehicle),
-    case deaf(wheels, Faults, {Seed, Id, N}) of
+    case deaf(drive, Faults, {Seed, Id, N}) of
         false -> run(Script, Owner, Faults, Now, Vehicle#vehicle{draws = N + length(Faults)});
         true -> {lost, Vehicle#vehicle{draws = N + 1}}
-    end.
+    end;
+drive(_Script, _Owner, _Now, _Vehicle) ->
+    not_understood.
 
-%% Does the line swallow what is said to the wheels or to another device, or what the chassis says?
+%% Does the line swallow what is said to the drive or to another device, or what the chassis says?
 deaf(Whom, Faults, Key) -> lists:any(fun(Fault) -> swallows(Whom, Fault, Key) end, Faults).
 
 swallows(Whom, {Id, _, _, Kind, _, #{part := Part}}, Key) when
     Kind =:= serial_garbage;
-    Kind =:= command_lost, Whom =:= wheels;
+    Kind =:= command_lost, Whom =:= drive;
     Kind =:= actuator_lost, Whom =:= device
 ->
     starl_sim_draw:uniform({Key, Id}) < Part;
@@ -92,11 +109,16 @@ swallows(_Whom, {_, _, _, serial_gone, _, _}, _Key) ->
 swallows(_Whom, _, _Key) ->
     false.
 
-run(Script, {Name, Mark} = Owner, Faults, Now, #vehicle{run = Run} = Vehicle) ->
-    Next = Vehicle#vehicle{run = Run + 1, owner = Owner, script = Script},
-    {Change, Plans, Running} = go_on(Faults, Now, Next),
-    Us = lists:sum([Us || {_, _, Us} <- Script]),
-    {Change, word(Us, Name, {driven, Mark, Now}, Now, Running) ++ Plans, Running}.
+run(Script, {Name, Mark} = Owner, Faults, Now, #vehicle{run = Run, kind = Kind} = Vehicle) ->
+    Next = Vehicle#vehicle{run = Run + 1, owner = Owner, script = Script, word = none},
+    Word = {driven, Mark, Now},
+    case Kind:lasts_us(Script) of
+        unknown ->
+            go_on(Faults, Now, Next#vehicle{word = Word});
+        Us ->
+            {Change, Plans, Running} = go_on(Faults, Now, Next),
+            {Change, word(Us, Name, Word, Now, Running) ++ Plans, Running}
+    end.
 
 %% What the chassis says so long from now, if its line carries it then, and how fast.
 word(Us, Name, Word, Now, #vehicle{id = Id, run = Run, draws = N, world = World} = Vehicle) ->
@@ -114,15 +136,24 @@ lag({Id, _, _, serial_split, _, #{lag_ms := Ms}}, Key) ->
 lag(_, _Key) ->
     0.
 
-go_on(Faults, Now, #vehicle{script = []} = Vehicle) ->
-    turn_wheels(Faults, Now, 0.0, Vehicle#vehicle{command = {0.0, 0.0}});
-go_on(Faults, Now, #vehicle{script = [{Left, Right, Us} | Script], draws = N} = Vehicle) ->
-    #vehicle{id = Id, run = Run, world = #{seed := Seed, profile := Profile}} = Vehicle,
-    Command = starl_sim_chassis:command(Left, Right),
-    {Skew, Part} = starl_sim_chassis:errors(Command, {Seed, Id, N}, Profile),
-    Told = Vehicle#vehicle{command = Command, script = Script, draws = N + 1, part = Part},
-    {Change, Plans, Turning} = turn_wheels(Faults, Now, Skew, Told),
-    {Change, [{Us, {go_on, Run}} | Plans], Turning}.
+go_on(Faults, Now, #vehicle{script = [], kind = Kind} = Vehicle) ->
+    stands(Now, move(goes_on, Faults, Now, Vehicle#vehicle{command = Kind:standing()}));
+go_on(Faults, Now, #vehicle{script = [First | Script], draws = N, kind = Kind} = Vehicle) ->
+    #vehicle{id = Id, run = Run, profile = Profile, world = #{seed := Seed}} = Vehicle,
+    {Command, Us} = Kind:command(First, Profile),
+    Errors = Kind:errors(Command, {Seed, Id, N}, Profile),
+    Told = Vehicle#vehicle{command = Command, script = Script, draws = N + 1, errors = Errors},
+    {Change, Plans, Moving} = move(begins, Faults, Now, Told),
+    {Change, [{Us, {go_on, Run}} | Plans], Moving}.
+
+%% Now it is known when it will stand.
+stands(_Now, {_, _, #vehicle{word = none}} = Stopping) ->
+    Stopping;
+stands(Now, {Change, Plans, #vehicle{word = Word, owner = {Name, _}} = Vehicle}) ->
+    Said = word(stops_us(Now, Vehicle), Name, Word, Now, Vehicle),
+    {Change, Said ++ Plans, Vehicle#vehicle{word = none}}.
+
+stops_us(Now, #vehicle{kind = Kind, piece = Piece}) -> Kind:stops_us(Now, Piece).
 
 %% @doc The chassis does what it had planned.
 -spec beat(beat(), starl_sim_queue:time(), t()) -> change().
@@ -131,7 +162,8 @@ beat({go_on, Run}, Now, #vehicle{run = Run} = Vehicle) ->
 beat({watch, Run, Since}, Now, #vehicle{run = Run, off = Since} = Vehicle) ->
     #vehicle{owner = {Name, Mark}, command = Command} = Vehicle,
     {Change, [], Stopped} = stop(Now, Vehicle),
-    {Change, word(0, Name, {stalled, Mark, Command}, Now, Stopped), Stopped};
+    Us = stops_us(Now, Stopped),
+    {Change, word(Us, Name, {stalled, Mark, Command}, Now, Stopped), Stopped};
 beat(_, _Now, Vehicle) ->
     {same, [], Vehicle}.
 
@@ -139,26 +171,27 @@ beat(_, _Now, Vehicle) ->
 -spec says(Run :: integer(), t()) -> boolean().
 says(Run, #vehicle{run = Now}) -> Run =:= Now.
 
-%% @doc The wheels as they turn from now on, since a fault of theirs begins or ends.
+%% @doc How it drives from now on, since a fault of its drive begins or ends.
 -spec turn_wheels(starl_sim_queue:time(), t()) -> change().
-turn_wheels(Now, Vehicle) -> turn_wheels(held(Now, Vehicle), Now, 0.0, Vehicle).
+turn_wheels(Now, Vehicle) -> move(goes_on, held(Now, Vehicle), Now, Vehicle).
 
-%% @doc The wheels stop, whatever the faults, and nobody is told.
+%% @doc The chassis stops, whatever the faults, and nobody is told.
 -spec stop(starl_sim_queue:time(), t()) -> change().
-stop(Now, #vehicle{run = Run} = Vehicle) ->
-    turn_wheels([], Now, 0.0, Vehicle#vehicle{command = {0.0, 0.0}, script = [], run = Run + 1}).
+stop(Now, #vehicle{run = Run, kind = Kind} = Vehicle) ->
+    move(goes_on, [], Now, Vehicle#vehicle{
+        command = Kind:standing(), script = [], run = Run + 1, word = none
+    }).
 
 held(_Now, #vehicle{world = #{actuation := []}}) ->
     [];
 held(Now, #vehicle{id = Id, world = #{actuation := All}}) ->
     [F || F <- starl_sim_fault:holding(Now, All), starl_sim_fault:hits(Id, F)].
 
-turn_wheels(Faults, Now, Skew, #vehicle{command = Command, piece = Old} = Vehicle) ->
-    #vehicle{part = Part, world = #{profile := #{axle_mm := Axle}}} = Vehicle,
-    Turning = starl_sim_chassis:wheels(Command, Faults),
-    {Plans, Watched} = watch(starl_sim_chassis:is_off(Command, Turning), Now, Vehicle),
-    Speeds = starl_sim_chassis:grip(Turning, Faults),
-    case starl_sim_chassis:turn(Speeds, {Skew, Part}, Axle, Now, Old) of
+move(When, Faults, Now, #vehicle{kind = Kind, command = Command, piece = Old} = Vehicle) ->
+    #vehicle{errors = Errors, profile = Profile} = Vehicle,
+    {IsOff, Motion} = Kind:move({Command, Errors, When}, Faults, Now, Old, Profile),
+    {Plans, Watched} = watch(IsOff, Now, Vehicle),
+    case Motion of
         same -> {same, Plans, Watched};
         Piece -> {moved, Plans, Watched#vehicle{piece = Piece}}
     end.
@@ -230,5 +263,5 @@ see(Other, {_Now, From}, #vehicle{world = #{sight := Sight}} = Vehicle) ->
         unknown -> []
     end.
 
-blur(Robot, Pose, #vehicle{id = Id, draws = N, world = #{seed := Seed, profile := Profile}}) ->
+blur(Robot, Pose, #vehicle{id = Id, draws = N, profile = Profile, world = #{seed := Seed}}) ->
     starl_sim_sense:blur(Pose, {Seed, Id, Robot, N}, Profile).

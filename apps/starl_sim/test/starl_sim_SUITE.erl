@@ -201,7 +201,7 @@ go_to_and_positions(_) ->
                 Pose
         end
     end, #{around => #{waypoints => Waypoints}}),
-    Goal = maps:get(goal_mm, starl_motion_course:profile(#{})),
+    Goal = maps:get(goal_mm, starl_chassis:profile(starl_chassis_differential, #{})),
     [
         ?assert(starl_geometry:distance({X, Y}, {6000.0, 2500.0}) =< Goal + 3.0)
      || {X, Y, _} <- [Own, Seen]

@@ -159,7 +159,8 @@ crashed(Name, Reason, Robot) ->
 body() ->
     World = #{
         seed => 1, team => starl_team:new([1]), clock => {0, 0}, loss => 0.0, duplicate => 0.0,
-        delay_us => {1000, 2000}, range_mm => infinity, profile => starl_motion_course:profile(#{}),
+        delay_us => {1000, 2000}, range_mm => infinity,
+        profiles => [starl_chassis:profile(starl_chassis_differential, #{})],
         network => [], clocks => [], location => [], actuation => [], store => [],
         sight => starl_sim_sight:new([], infinity)
     },
@@ -171,7 +172,7 @@ driving() ->
         motion, t, 500, x, starl_sim_platform:open(0, {0, 1000}, body())
     ),
     {1, Both} = starl_sim_platform:plan(app, t, 500, x, Waiting),
-    Script = [{100.0, 100.0, 1000000}],
+    Script = {starl_chassis_differential, [{100.0, 100.0, 1000000}]},
     {[], Body} = starl_sim_platform:perform({drive, Script, m}, motion, Both),
     starl_robot:restore(#{
         id => 1, driver => starl_sim_platform, condition => up, machines => machines(),

@@ -93,7 +93,7 @@ stuck_wheel_moves_it_no_further(_) ->
 
 %% -- helpers --------------------------------------------------------------------------------
 
-radius() -> starl_motion_course:tracking_radius(starl_motion_course:profile(#{})).
+radius() -> starl_chassis:tracking_radius(starl_chassis:profile(starl_chassis_differential, #{})).
 
 lines() ->
     Points = [{1000.0, 1000.0}, {4000.0, 1000.0}, {4000.0, 3000.0}, {2000.0, 1500.0},

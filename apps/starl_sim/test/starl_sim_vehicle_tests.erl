@@ -87,7 +87,7 @@ short_turns_test() ->
 one_error_a_command_test() ->
     Slips = [{list_to_atom([S]), N * ?T, (N + 1) * ?T, slip, 1, #{factor => 0.9}}
              || {S, N} <- [{$a, 1}, {$b, 3}]],
-    World = (world(Slips))#{profile := (profile())#{heading_error := 0.1}},
+    World = (world(Slips))#{profiles := [(profile())#{heading_error := 0.1}]},
     Vehicle = starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, World),
     {Pieces, _} = obey([{0, [{100.0, 100.0, 5 * ?T}], a}], Slips, Vehicle),
     Headings = [element(3, starl_trajectory:pose(T, Piece)) || {T, Piece} <- Pieces],
@@ -142,7 +142,7 @@ play(_, _Vehicle, Pieces, Said) ->
 done(turn_wheels, At, Vehicle) ->
     starl_sim_vehicle:turn_wheels(At, Vehicle);
 done({tell, Script, Mark}, At, Vehicle) ->
-    case starl_sim_vehicle:drive(Script, {motion, Mark}, At, Vehicle) of
+    case starl_sim_vehicle:drive(wheels(Script), {motion, Mark}, At, Vehicle) of
         {lost, Deaf} -> {same, [], Deaf};
         Change -> Change
     end;
@@ -243,7 +243,7 @@ draws_are_independent_test_() ->
 
 %% The pieces of motion that sixty commands lead to, of which some are lost.
 pieces(Wheels, Faults) ->
-    World = (world(Faults))#{profile := (profile())#{heading_error := 0.1}},
+    World = (world(Faults))#{profiles := [(profile())#{heading_error := 0.1}]},
     Step = fun(S, {Pieces, Vehicle}) ->
         case drive(Wheels(100.0 + S), S * ?T, Vehicle) of
             {moved, Next} -> {[starl_sim_vehicle:piece(Next) | Pieces], Next};
@@ -268,7 +268,7 @@ sense_test() ->
 
 %% Two robots at one place are seen at two.
 errors_of_each_robot_test() ->
-    World = (world([]))#{profile := (profile())#{position_error_mm := 5.0}},
+    World = (world([]))#{profiles := [(profile())#{position_error_mm := 5.0}]},
     Vehicle = starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, World),
     {[{1, {X1, Y1, _}}, {2, {X2, Y2, _}}], _} = starl_sim_vehicle:sense([1, 2], {0, 0}, Vehicle),
     ?assertNotEqual({X1, Y1}, {X2, Y2}).
@@ -297,7 +297,7 @@ noise_test() ->
 
 %% Two looks at one robot err independently, within the bound.
 error_test() ->
-    World = (world([]))#{profile := (profile())#{position_error_mm := 5.0}},
+    World = (world([]))#{profiles := [(profile())#{position_error_mm := 5.0}]},
     Vehicle = starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, World),
     {[{1, {X1, Y1, _}}], Next} = starl_sim_vehicle:sense([1], {0, 0}, Vehicle),
     {[{1, {X2, Y2, _}}], _} = starl_sim_vehicle:sense([1], {0, 0}, Next),
@@ -308,10 +308,12 @@ error_test() ->
 
 %% The wheels turn so for a long time.
 drive({Left, Right}, Now, Vehicle) ->
-    case starl_sim_vehicle:drive([{Left, Right, 1000 * ?T}], {motion, m}, Now, Vehicle) of
+    case starl_sim_vehicle:drive(wheels([{Left, Right, 1000 * ?T}]), {motion, m}, Now, Vehicle) of
         {lost, Deaf} -> {same, Deaf};
         {Change, _, Driving} -> {Change, Driving}
     end.
+
+wheels(Script) -> {starl_chassis_differential, Script}.
 
 turn_wheels(Now, Vehicle) ->
     {Change, _, Turned} = starl_sim_vehicle:turn_wheels(Now, Vehicle),
@@ -328,13 +330,13 @@ world(Faults) ->
     Other = starl_trajectory:piece(0, {0.0, 0.0}, 0.0, 10.0, 0.0),
     #{
         seed => 1, team => starl_team:new([1, 2]), clock => {0, 0}, loss => 0.0,
-        duplicate => 0.0, delay_us => {1000, 2000}, range_mm => infinity, profile => profile(),
+        duplicate => 0.0, delay_us => {1000, 2000}, range_mm => infinity, profiles => [profile()],
         network => [], clocks => [], location => [], actuation => Faults,
         sight => starl_sim_sight:new([{2, Other}], infinity)
     }.
 
 profile() ->
-    starl_motion_course:profile(#{heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0}).
+    starl_chassis:profile(starl_chassis_differential, #{heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0}).
 
 fault(Kind, Params) -> {a, 0, 10 * ?T, Kind, 1, Params}.
 

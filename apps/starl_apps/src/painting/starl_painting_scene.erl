@@ -23,10 +23,11 @@ options() ->
     ].
 
 %% @doc Puts the picture on the floor. r_s is the least distance of two robots, r(v) how far they
-%% may be from their paths, R = r_s/2 + r(v) the radius of the tubes.
+%% may be from their paths, R = r_s/2 + r(v) the radius of the tubes; all tubes are as wide as that
+%% of the robot that needs most.
 -spec scene(starl_app:context()) -> {ok, starl_app:scene()} | {error, unicode:chardata()}.
-scene(#{robots := Ids, world := World, profile := Profile, options := Options} = Context) ->
-    Tracking = starl_motion_course:tracking_radius(Profile),
+scene(#{robots := Ids, world := World, profiles := Profiles, options := Options} = Context) ->
+    Tracking = starl_chassis:widest(Profiles),
     Radius = maps:get(safety_distance, Options) / 2 + Tracking,
     case starl_roadmap:layout(floats(World), length(Ids), Radius) of
         {ok, Layout} ->
@@ -39,10 +40,10 @@ scene(#{robots := Ids, world := World, profile := Profile, options := Options} =
     end.
 
 place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
-    #{robots := Ids, world := World, seed := Seed, profile := Profile} = Context,
+    #{robots := Ids, world := World, seed := Seed, profiles := Profiles} = Context,
     #{options := Options} = Context,
     Lines = starl_picture:segments(Picture),
-    #{speed := Speed} = Profile,
+    Speed = lists:max([Speed || #{speed := Speed} <- Profiles]),
     Plan = #{
         segments => Lines,
         world => floats(World),
@@ -77,11 +78,9 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
 %% Where lines lie on each other they are painted once.
 lines_mm(Plan) ->
     #{total := Total} = starl_dpp_plan:counts(Plan),
-    lists:sum([
-        starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- lists:seq(1, Total)
-    ]).
+    lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- lists:seq(1, Total)]).
 
-monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options, profile := Profile}) ->
+monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options, profiles := Profiles}) ->
     [
         {starl_election_monitor, #{robots => Ids, bound_us => 31000000}},
         {starl_dpp_monitor, #{
@@ -96,7 +95,7 @@ monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options, profile :
             lines => Lines,
             ink_radius_mm => Tracking,
             tolerance_mm => ?TOLERANCE_MM,
-            ends_mm => starl_motion_stroke:ends_mm(Profile),
+            ends_mm => lists:max([starl_chassis:ends_mm(Profile) || Profile <- Profiles]),
             complete => false
         }}
     ].

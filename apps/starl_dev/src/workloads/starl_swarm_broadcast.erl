@@ -46,7 +46,7 @@ options() ->
 %% @doc The arena's corners are (0, 0) and (side, side). The range of the radio, 1000 mm, is the
 %% scenario's.
 -spec scene(starl_app:context()) -> {ok, starl_app:scene()}.
-scene(#{robots := Ids, seed := Seed, profile := Profile, options := Options}) ->
+scene(#{robots := Ids, seed := Seed, profiles := [Profile | _], options := Options}) ->
     #{period := Ms, messages := Messages} = Options,
     Side = side(length(Ids)),
     {Poses, _} = lists:mapfoldl(
@@ -55,8 +55,10 @@ scene(#{robots := Ids, seed := Seed, profile := Profile, options := Options}) ->
     {ok, #{
         app =>
             {machine, ?MODULE, #{
-                side => Side, axle_mm => maps:get(axle_mm, Profile),
-                period_us => Ms * 1000, messages => Messages
+                side => Side,
+                axle_mm => maps:get(axle_mm, Profile),
+                period_us => Ms * 1000,
+                messages => Messages
             }},
         poses => maps:from_list(Poses),
         profile => #{heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0},
@@ -113,7 +115,7 @@ go(Pose, #drone{side = Side} = Drone) ->
 drive(Room, Drone) ->
     %% rounded down: it never leaves
     Us = trunc(Room / ?SPEED * 1.0e6),
-    {next_state, driving, Drone, [{drive, [{?SPEED, ?SPEED, Us}], straight}]}.
+    {next_state, driving, Drone, [wheels(?SPEED, ?SPEED, Us, straight)]}.
 
 %% The shorter way round to a heading with room ahead.
 turn({X, Y, Heading} = Pose, #drone{side = Side, rate = Rate, random = Random0} = Drone) ->
@@ -125,9 +127,16 @@ turn({X, Y, Heading} = Pose, #drone{side = Side, rate = Rate, random = Random0} 
             turn(Pose, Turning);
         false ->
             Us = round(abs(Angle) / Rate * 1.0e6),
-            Left = case Angle > 0 of true -> -?SPEED; false -> ?SPEED end,
-            {next_state, turning, Turning, [{drive, [{Left, -Left, Us}], turn}]}
+            Left =
+                case Angle > 0 of
+                    true -> -?SPEED;
+                    false -> ?SPEED
+                end,
+            {next_state, turning, Turning, [wheels(Left, -Left, Us, turn)]}
     end.
+
+wheels(Left, Right, Us, Mark) ->
+    {drive, {starl_chassis_differential, [{Left, Right, Us}]}, Mark}.
 
 %% How far it is straight ahead to the border, mm.
 ahead({X, Y, Heading}, Side) ->

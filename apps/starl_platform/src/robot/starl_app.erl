@@ -22,7 +22,8 @@
     robots := [starl:robot_id()],
     world := {WidthMm :: number(), HeightMm :: number()},
     seed := integer(),
-    profile := starl_motion_course:profile(),
+    %% what the robots drive on, in turn
+    profiles := starl_chassis:profiles(),
     sap := starl_sap:config(),
     options := #{atom() => term()}
 }.

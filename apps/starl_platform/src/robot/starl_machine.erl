@@ -30,7 +30,7 @@
 %% `cast' and `{call, From}' from another machine of the same robot, `{reply, Tag}' for the
 %% answer to its own call, timeouts as in gen_statem, `packet' from the radio, and `info' from
 %% the platform: `{located, [{robot_id(), pose()}]}' after `sense', `{driven, Mark, Us}' or
-%% `{stalled, Mark, {Left, Right}}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
+%% `{stalled, Mark, Told}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
 %% with a mark, `{restarted, Name}' when another machine of this robot has crashed and come back,
 %% `{given_up, Name}' when it does not come back any more (a machine that need not know does not
 %% handle it).
@@ -58,9 +58,9 @@
     | {transmit, starl:robot_id() | all, starl_packet:t()}
     %% ask the positioning system; answered by the event `info', `{located, …}'
     | {sense, [starl:robot_id()]}
-    %% the wheels turn as the script says and then stand; takes the place of one that runs; answered
-    %% by `info', `{driven, Mark, …}', or `{stalled, Mark, …}' if a wheel does not turn as told
-    | {drive, starl_motion_course:script(), Mark :: term()}
+    %% the chassis drives as the script says and then stands; takes the place of one that runs;
+    %% answered by `info', `{driven, Mark, …}', or `{stalled, Mark, …}' if it cannot do as told
+    | {drive, starl_chassis:script(), Mark :: term()}
     %% any other actuator: `{actuate, pen, down}'; with a mark, answered by `info', `{actuated,
     %% Mark, Device, Value}' with what its sensor shows
     | {actuate, Device :: atom(), Value :: term()}

@@ -24,13 +24,14 @@
 %%   all in range</dd>
 %% <dt>`{sense, Robots}'</dt><dd>answered by the event `{Name, info, {located, [{Robot,
 %%   Pose}]}}' with those of the robots that the positioning system sees</dd>
-%% <dt>`{drive, [{Left, Right, Us}], Mark}'</dt><dd>turns the wheels at these speeds, mm/s, one
-%%   after the other, each for so long by the chassis' own clock, and stops them, whatever becomes
-%%   of the robot's program; no script stops them at once. Answered, when they stand, by the event
+%% <dt>`{drive, {Chassis, Commands}, Mark}'</dt><dd>the chassis carries out the commands, one after
+%%   the other, each for so long by its own clock, and stops, whatever becomes of the robot's
+%%   program; without commands it stops as soon as it can. Answered, when it stands, by the event
 %%   `{Name, info, {driven, Mark, Us}}' with what that clock showed when it heard the command; or,
-%%   at most 15 ms after a wheel has ceased to turn as told and both were stopped, by `{Name, info,
-%%   {stalled, Mark, {Left, Right}}}' with the speeds that it was told. A script that another takes
-%%   the place of is not answered</dd>
+%%   when it has found out within 15 ms that it does not do as it was told and has stopped, by
+%%   `{Name, info, {stalled, Mark, Told}}' with what it was told ({@link starl_chassis:told()}). A
+%%   script that another takes the place of is not answered, nor is one of another chassis, which
+%%   is not carried out but traced, `{not_understood, Commands}'</dd>
 %% <dt>`{actuate, Device, Value}'</dt><dd>sets another actuator</dd>
 %% <dt>`{actuate, Device, Value, Mark}'</dt><dd>the same, answered by the event `{Name, info,
 %%   {actuated, Mark, Device, Value}}' with the state that the device's sensor shows then; a command

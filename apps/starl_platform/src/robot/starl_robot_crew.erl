@@ -7,11 +7,11 @@
 -export_type([t/0, tree/0]).
 
 %% What the robots of a team are made of. `sap': what overrides its configuration; `sap_machine':
-%% another implementation, for tests; `profile': how the body drives; `waypoints': the places that
+%% another implementation, for tests; `profiles': how the bodies drive; `waypoints': the places that
 %% have a name. `intensity': how many restarts in an hour each supervisor bears.
 -type t() :: #{
     robots := [starl:robot_id()],
-    profile := starl_motion_course:profile(),
+    profiles := starl_chassis:profiles(),
     app := {sequential, module(), Args :: term()} | {machine, module(), Config :: map()},
     blocks => [starl_robot_sup:machine()],
     sap => starl_sap:config(),
@@ -51,13 +51,13 @@ inline(#{services := Services, blocks := Blocks, app := App} = Tree) ->
     end.
 
 %% In the order in which they start.
-services(#{profile := Profile} = Crew) ->
+services(#{profiles := Profiles} = Crew) ->
     [
         {sap, maps:get(sap_machine, Crew, starl_sap), maps:get(sap, Crew, #{})},
         {location, starl_location, location(Crew)},
-        {motion, starl_motion, #{profile => Profile}}
+        {motion, starl_motion, #{profiles => Profiles}}
     ].
 
 %% Only a positioning system without any noise may repeat itself.
-location(#{profile := #{position_error_mm := Error}} = Crew) ->
+location(#{profiles := [#{position_error_mm := Error} | _]} = Crew) ->
     #{waypoints => maps:get(waypoints, Crew, #{}), exact => Error == 0}.

@@ -19,10 +19,12 @@
 %% When the robot gave the last command that was answered, and when the chassis heard it.
 -opaque t() :: none | {ToldUs :: integer(), HeardUs :: integer()}.
 
-%% A command: when it was given and how long it takes, when its answer was handled, by the robot's
-%% clock.
+%% A command: when it was given and how long it takes, at least and at most, when its answer was
+%% handled, by the robot's clock.
 -type command() :: {
-    ToldUs :: integer(), TakesUs :: non_neg_integer(), AnsweredUs :: integer()
+    ToldUs :: integer(),
+    Takes :: {LeastUs :: non_neg_integer(), MostUs :: non_neg_integer()},
+    AnsweredUs :: integer()
 }.
 
 %% @doc Nothing was compared yet.
@@ -34,10 +36,11 @@ new() -> none.
 agree({Told, Takes, Answered}, Heard, Watch) ->
     {in_time(Answered - Told, Takes) andalso since(Told, Heard, Watch), {Told, Heard}}.
 
-in_time(Took, Takes) ->
-    Took >= Takes - fine(Takes) andalso Took =< Takes + fine(Takes) + ?LATE_US.
+in_time(Took, {Least, Most}) ->
+    Took >= Least - fine(Least) andalso Took =< Most + fine(Most) + ?LATE_US.
 
-since(_Told, _Heard, none) -> true;
+since(_Told, _Heard, none) ->
+    true;
 since(Told, Heard, {Told0, Heard0}) ->
     abs((Told - Told0) - (Heard - Heard0)) =< fine(Heard - Heard0).
 

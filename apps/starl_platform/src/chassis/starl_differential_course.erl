@@ -1,4 +1,4 @@
-%% @doc The course of a robot that drives along a straight line: what it does next, given where it
+%% @doc The course of a robot with two wheels along a straight line: what it does next, given where it
 %% is, and how far off the line that may take it.
 %%
 %% Assumption II.1 of the paper: while it drives from where it stood to its goal, the robot stays
@@ -19,12 +19,12 @@
 %% both ends. So it is never farther from the line than s + max(g + 3 mm, L·ε')
 %% ({@link tracking_radius/1}). For most profiles g is the larger, so legs that do not lead to the
 %% goal may be longer than L: up to (g + 3 mm) / ε', and at most twice as long.
--module(starl_motion_course).
+-module(starl_differential_course).
 
 -export([profile/1, tracking_radius/1, next/3, turned/3]).
 -export([towards/4, towards/5, turn/2, straight/2, look_from/1, longest_mm/1, last_mm/1]).
 
--export_type([profile/0, script/0, leg/0, step/0]).
+-export_type([profile/0, leg/0, step/0]).
 
 %% How the robot drives. `speed' and `near_speed' (within `near_mm' of the goal) in mm/s,
 %% `turn_rate' and `near_turn_rate' in rad/s, `leg_s' the time between two looks at the position
@@ -45,11 +45,9 @@
     look_from := float(),
     heading_error := float(),
     distance_error := float(),
-    position_error_mm := float()
+    position_error_mm := float(),
+    chassis => module()
 }.
-
-%% The speeds of the wheels one after the other, mm/s, each pair for so long (us).
--type script() :: [{Left :: float(), Right :: float(), Us :: pos_integer()}].
 
 %% A straight drive: in which direction, how far (mm), and how fast (mm/s, rad/s).
 -opaque leg() :: {
@@ -57,7 +55,9 @@
 }.
 
 %% What to do next: turn to a leg, and then look; or turn a little, if at all, and drive.
--type step() :: {{turn, leg()}, script()} | {drive, script()}.
+-type step() ::
+    {{look, leg()}, starl_chassis_differential:commands()}
+    | {drive, starl_chassis_differential:commands()}.
 
 %% The part of a turn that slipping wheels may take off.
 -define(SLIP, 0.5).
@@ -172,7 +172,7 @@ turned({_, _, Heading}, {Wanted, Length, Speed, TurnRate} = Leg, Profile) ->
     case starl_geometry:angle_diff(Wanted, Heading) of
         Angle when abs(Angle) =< TurnFrom -> {drive, [Drive]};
         Angle when abs(Angle) =< LookFrom -> {drive, [turn(Angle, TurnRate, Profile), Drive]};
-        Angle -> {{turn, Leg}, [turn(Angle, TurnRate, Profile)]}
+        Angle -> {{look, Leg}, [turn(Angle, TurnRate, Profile)]}
     end.
 
 %% @doc The least turn worth a look, rad. Who cannot see headings any better need not look for less.

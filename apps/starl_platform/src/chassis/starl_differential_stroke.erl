@@ -1,5 +1,5 @@
-%% @doc The course of a robot that drives along a given line, from its beginning to its end, to a
-%% few millimetres: what it does next, given where it is ({@link starl_motion_course}). So a pen
+%% @doc The course of a robot with two wheels along a given line, from its beginning to its end, to a
+%% few millimetres: what it does next, given where it is ({@link starl_differential_course}). So a pen
 %% that is lowered at the beginning and raised at the end draws that line, however short it is.
 %%
 %% Near the end a leg is short, and what is still missing along the line is driven slowly, forwards
@@ -9,11 +9,11 @@
 %%
 %% It aims a quarter of w outside of the line's ends, and takes less for too little than for too
 %% much: seen from 1/2 w inside to w outside is near enough.
--module(starl_motion_stroke).
+-module(starl_differential_stroke).
 
 -export([ends_mm/1, along/3, face/3]).
 
--type step() :: starl_motion_course:step().
+-type step() :: starl_differential_course:step().
 
 %% The last leg of a line is hardly longer, so that it ends near it, mm.
 -define(LAST_MM, 40.0).
@@ -24,20 +24,20 @@
 
 %% @doc How far along a line its beginning and its end may be from where a robot began and ended
 %% it, in millimetres.
--spec ends_mm(starl_motion_course:profile()) -> float().
+-spec ends_mm(starl_differential_course:profile()) -> float().
 ends_mm(#{position_error_mm := Position} = Profile) -> float(window(Profile) + Position).
 
 window(#{position_error_mm := Position}) -> max(1.0, Position).
 
 %% @doc What a robot does next that stands at a pose and is on its way along a line to its end.
--spec along(starl:pose(), starl_geometry:segment(), starl_motion_course:profile()) ->
+-spec along(starl:pose(), starl_geometry:segment(), starl_differential_course:profile()) ->
     arrived | step().
 along({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
     Window = window(Profile),
     Distance = starl_geometry:distance({X, Y}, Goal),
     case frame({X, Y}, Line) of
         no_direction ->
-            starl_motion_course:next(Pose, Line, Profile);
+            starl_differential_course:next(Pose, Line, Profile);
         {_, Past, _} when Distance =< Enough, Past >= -Window / 2, Past =< Window ->
             arrived;
         {_, Past, _} when Distance =< Enough ->
@@ -48,7 +48,7 @@ along({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
 
 %% @doc What a robot does next that stands at a pose near the beginning of a line and is to stand
 %% at the beginning, looking along it.
--spec face(starl:pose(), starl_geometry:segment(), starl_motion_course:profile()) ->
+-spec face(starl:pose(), starl_geometry:segment(), starl_differential_course:profile()) ->
     arrived | step().
 face({X, Y, Heading} = Pose, {Start, Goal} = Line, #{goal_mm := Enough} = Profile) ->
     Window = window(Profile),
@@ -56,11 +56,11 @@ face({X, Y, Heading} = Pose, {Start, Goal} = Line, #{goal_mm := Enough} = Profil
         {_, no_direction} ->
             arrived;
         {Distance, _} when Distance > 2 * Enough ->
-            starl_motion_course:towards(Pose, Start, Distance, Profile);
+            starl_differential_course:towards(Pose, Start, Distance, Profile);
         {_, {Along, _, _}} ->
             Angle = starl_geometry:angle_diff(starl_geometry:heading(Start, Goal), Heading),
-            case abs(Angle) =< starl_motion_course:look_from(Profile) of
-                false -> starl_motion_course:turn(Angle, Profile);
+            case abs(Angle) =< starl_differential_course:look_from(Profile) of
+                false -> starl_differential_course:turn(Angle, Profile);
                 true when Along >= -Window, Along =< Window / 2 -> arrived;
                 true -> nudge(-Window / 4 - Along, Pose, Line, Profile)
             end
@@ -83,14 +83,14 @@ unit({AX, AY}, {BX, BY}, Length) -> {(BX - AX) / Length, (BY - AY) / Length}.
 
 %% Some millimetres along the line, or back, the way that the robot looks; else it turns first.
 nudge(Mm, {_, _, Heading}, {Start, Goal}, #{speed := Speed} = Profile) ->
-    Straight = max(?STRAIGHT, 2 * starl_motion_course:look_from(Profile)),
+    Straight = max(?STRAIGHT, 2 * starl_differential_course:look_from(Profile)),
     case starl_geometry:angle_diff(starl_geometry:heading(Start, Goal), Heading) of
         Angle when abs(Angle) =< Straight ->
-            starl_motion_course:straight(Mm, min(Speed, ?SLOW));
+            starl_differential_course:straight(Mm, min(Speed, ?SLOW));
         Angle when abs(Angle) >= 3.141592653589793 - Straight ->
-            starl_motion_course:straight(-Mm, min(Speed, ?SLOW));
+            starl_differential_course:straight(-Mm, min(Speed, ?SLOW));
         Angle ->
-            starl_motion_course:turn(Angle, Profile)
+            starl_differential_course:turn(Angle, Profile)
     end.
 
 %% A line that is nearly done is driven to its end beside where it is, if that is near: to steer
@@ -104,12 +104,12 @@ leg({Along, Past, Across}, Distance, {X, Y, _} = Pose, {Start, Goal} = Line, Pro
             Ahead = max(Left, Last),
             Aim = starl_geometry:interpolate(Start, Goal, (Along + Ahead) / Length),
             Slant = starl_geometry:distance({X, Y}, Aim) / Ahead,
-            starl_motion_course:towards(Pose, Aim, Left * Slant, Distance, Profile);
+            starl_differential_course:towards(Pose, Aim, Left * Slant, Distance, Profile);
         true ->
-            starl_motion_course:towards(Pose, Goal, Distance, Profile);
+            starl_differential_course:towards(Pose, Goal, Distance, Profile);
         false ->
             On = max(0.0, min(Length, Along)),
-            Longest = starl_motion_course:longest_mm(Profile),
+            Longest = starl_differential_course:longest_mm(Profile),
             Ahead = min(Longest, max(Length - On - Last, 0.0)),
             Aim = starl_geometry:interpolate(Start, Goal, (On + Ahead) / Length),
             far(Pose, Aim, Distance, Line, Profile)
@@ -118,8 +118,8 @@ leg({Along, Past, Across}, Distance, {X, Y, _} = Pose, {Start, Goal} = Line, Pro
 %% From far off the line all that is left of it may be its end.
 far({X, Y, _} = Pose, Aim, Distance, {_, Goal}, Profile) ->
     case starl_geometry:distance({X, Y}, Aim) > last_mm(Profile) / 2 of
-        true -> starl_motion_course:towards(Pose, Aim, Distance, Profile);
-        false -> starl_motion_course:towards(Pose, Goal, Distance, Profile)
+        true -> starl_differential_course:towards(Pose, Aim, Distance, Profile);
+        false -> starl_differential_course:towards(Pose, Goal, Distance, Profile)
     end.
 
-last_mm(Profile) -> min(?LAST_MM, starl_motion_course:last_mm(Profile)).
+last_mm(Profile) -> min(?LAST_MM, starl_differential_course:last_mm(Profile)).

@@ -1,13 +1,13 @@
 %% How long a leg is.
--module(starl_motion_course_tests).
+-module(starl_differential_course_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 %% What a robot at this point, headed for the leg's end, drives towards (1000, 0) from (0, 0), mm.
 leg({X, Y} = Here, Towards) ->
-    Profile = starl_motion_course:profile(#{speed => 500.0, leg_s => 0.3}),
+    Profile = starl_differential_course:profile(#{speed => 500.0, leg_s => 0.3}),
     Pose = {X, Y, starl_geometry:heading(Here, Towards)},
     {drive, [{V, V, Us}]} =
-        starl_motion_course:next(Pose, {{0.0, 0.0}, {1000.0, 0.0}}, Profile),
+        starl_differential_course:next(Pose, {{0.0, 0.0}, {1000.0, 0.0}}, Profile),
     round(V * Us / 1.0e6).
 
 %% Twice as long as the last one may be, as long as more than that is left.
@@ -32,13 +32,13 @@ no_farther_off_test_() ->
     ].
 
 long_leg(Heading) ->
-    Profile = starl_motion_course:profile(#{
+    Profile = starl_differential_course:profile(#{
         speed => 500.0, leg_s => 0.3, heading_error => Heading
     }),
     Line = {{0.0, 0.0}, {5000.0, 0.0}},
-    {drive, [{V, V, Us}]} = starl_motion_course:next({0.0, 0.0, 0.0}, Line, Profile),
+    {drive, [{V, V, Us}]} = starl_differential_course:next({0.0, 0.0, 0.0}, Line, Profile),
     Long = V * Us / 1.0e6,
     %% what is off at the end of the leg, as the derivation has it; durations are whole us
     Aside = Long * (Heading + 0.001 + max(0.02, Heading) / 2) + 1.0,
-    ?assert(Aside =< starl_motion_course:tracking_radius(Profile) + 1.0e-3),
+    ?assert(Aside =< starl_differential_course:tracking_radius(Profile) + 1.0e-3),
     round(Long).

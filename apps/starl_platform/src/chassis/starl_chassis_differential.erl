@@ -1,0 +1,72 @@
+%% @doc The chassis with two wheels on one axle, as the iRobot Create has them: it turns in place and
+%% drives straight on, in legs ({@link starl_differential_course}, {@link
+%% starl_differential_stroke}).
+-module(starl_chassis_differential).
+-behaviour(starl_chassis).
+
+-export([profile/1, check/1, duration_us/2, next/4, resume/3, last/1, undo/1]).
+-export([tracking_radius/1, ends_mm/1]).
+
+-export_type([commands/0]).
+
+%% The speeds of the wheels one after the other, mm/s, each pair for so long (us).
+-type commands() :: [{Left :: number(), Right :: number(), Us :: pos_integer()}].
+
+%% No wheel is told to be faster (mm/s), or turns for longer (us).
+-define(FASTEST, 1.0e6).
+-define(LONGEST_US, (1 bsl 50)).
+-define(IS_SPEED(V), is_number(V), V =< ?FASTEST, V >= -?FASTEST).
+%% A try is longer than the chassis takes to find out (15 ms), and no faster than this, mm/s.
+-define(TRY_US, 20000).
+-define(TRY_SPEED, 100.0).
+
+-spec profile(map()) -> starl_differential_course:profile().
+profile(Overrides) -> starl_differential_course:profile(Overrides).
+
+-spec check(term()) -> ok | {error, string()}.
+check([]) ->
+    ok;
+check([{Left, Right, Us} | Commands]) when
+    ?IS_SPEED(Left), ?IS_SPEED(Right), is_integer(Us), Us > 0, Us =< ?LONGEST_US
+->
+    check(Commands);
+check(_) ->
+    {error, "[{Left, Right, Us}]: mm/s within 1.0e6, Us from 1"}.
+
+-spec duration_us(commands(), starl_chassis:profile()) -> {Us, Us} when Us :: non_neg_integer().
+duration_us(Commands, _Profile) ->
+    Us = lists:sum([Us || {_, _, Us} <- Commands]),
+    {Us, Us}.
+
+-spec next(starl_chassis:way(), starl:pose(), starl_geometry:segment(), starl_chassis:profile()) ->
+    arrived | starl_chassis:step().
+next(to, Pose, Line, Profile) -> starl_differential_course:next(Pose, Line, Profile);
+next(along, Pose, Line, Profile) -> starl_differential_stroke:along(Pose, Line, Profile);
+next(face, Pose, Line, Profile) -> starl_differential_stroke:face(Pose, Line, Profile).
+
+-spec resume(starl:pose(), starl_differential_course:leg(), starl_chassis:profile()) ->
+    starl_chassis:step().
+resume(Pose, Leg, Profile) -> starl_differential_course:turned(Pose, Leg, Profile).
+
+-spec last(commands()) -> {Left :: number(), Right :: number()}.
+last([]) ->
+    {0.0, 0.0};
+last(Commands) ->
+    {Left, Right, _} = lists:last(Commands),
+    {Left, Right}.
+
+%% A wheel that still does not turn brings the robot back to where it was.
+-spec undo(term()) -> {ok, commands()} | none | unknown.
+undo({Left, Right}) when Left == 0, Right == 0 ->
+    none;
+undo({Left, Right}) when ?IS_SPEED(Left), ?IS_SPEED(Right) ->
+    Part = min(1.0, ?TRY_SPEED / max(abs(Left), abs(Right))),
+    {ok, [{-Part * Left, -Part * Right, ?TRY_US}]};
+undo(_) ->
+    unknown.
+
+-spec tracking_radius(starl_chassis:profile()) -> float().
+tracking_radius(Profile) -> starl_differential_course:tracking_radius(Profile).
+
+-spec ends_mm(starl_chassis:profile()) -> float().
+ends_mm(Profile) -> starl_differential_stroke:ends_mm(Profile).
