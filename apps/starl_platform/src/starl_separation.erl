@@ -58,10 +58,11 @@ new(LimitMm, SliceUs) when SliceUs > 0 ->
 
 %% @doc From its start on, the robot moves along this piece.
 -spec motion(robot_id(), starl_trajectory:piece(), t()) -> t().
-motion(Robot, {piece, T0, _, _, _, _, _} = Piece, #separation{pieces = Pieces} = State) ->
+motion(Robot, Piece, #separation{pieces = Pieces} = State) ->
+    T0 = starl_trajectory:start_us(Piece),
     Known = maps:get(Robot, Pieces, []),
     %% What was announced for later than this piece's start is no longer going to happen.
-    Before = lists:dropwhile(fun(Earlier) -> element(2, Earlier) > T0 end, Known),
+    Before = lists:dropwhile(fun(Earlier) -> starl_trajectory:start_us(Earlier) > T0 end, Known),
     start(T0, State#separation{pieces = Pieces#{Robot => [Piece | Before]}}).
 
 %% @doc From `T' on, the robot stays where it is. Unknown robots are ignored.
@@ -69,13 +70,17 @@ motion(Robot, {piece, T0, _, _, _, _, _} = Piece, #separation{pieces = Pieces} =
 stop(Robot, T, #separation{pieces = Pieces} = State) ->
     case Pieces of
         #{Robot := Known} ->
-            case [Piece || {piece, T0, _, _, _, _, _} = Piece <- Known, T0 =< T] of
-                [Current | _] -> motion(Robot, starl_trajectory:stop(T, Current), State);
+            case begun(Known, T) of
+                [Current | _] -> stopped(Robot, starl_trajectory:stop(T, Current), Current, State);
                 [] -> State
             end;
         #{} ->
             State
     end.
+
+%% One that brakes already does so.
+stopped(_Robot, Current, Current, State) -> State;
+stopped(Robot, Standing, _Current, State) -> motion(Robot, Standing, State).
 
 %% @doc Time is `T' now: judges the slices that are over. Returns the pairs that came nearer
 %% than the limit for the first time, in the order of time.
@@ -110,13 +115,11 @@ finish(EndUs, State) ->
 start(T0, #separation{from = none} = State) -> State#separation{from = T0};
 start(_T0, State) -> State.
 
-%% Nothing moves in the open slice: one still piece each, older than the slice.
+%% Nothing moves in the open slice: one piece each, on which it stands since before the slice.
 at_rest(#separation{pieces = Pieces, from = From}) ->
     Rests = fun
-        ([{piece, T0, _, _, _, _, _} = Piece]) ->
-            T0 < From andalso starl_trajectory:is_still(Piece);
-        (_Several) ->
-            false
+        ([Piece]) -> starl_trajectory:rests_from(Piece) < From;
+        (_Several) -> false
     end,
     lists:all(Rests, maps:values(Pieces)).
 
@@ -124,8 +127,8 @@ at_rest(#separation{pieces = Pieces, from = From}) ->
 
 judge(To, #separation{pieces = Pieces, from = From, reported = Reported} = State) ->
     Paths = [
-        path(Robot, clip(lists:reverse(Begun), From, To), From)
-        || {Robot, Begun} <- started(Pieces, To)
+        path(Robot, clip(lists:reverse(Known), From, To), From)
+     || {Robot, Known} <- started(Pieces, To)
     ],
     {Least, Met} = encounters(Paths, State),
     New = [Meeting || {_, _, Pair} = Meeting <- Met, not is_map_key(Pair, Reported)],
@@ -141,27 +144,28 @@ judge(To, #separation{pieces = Pieces, from = From, reported = Reported} = State
 started(Pieces, To) ->
     [
         {Robot, Begun}
-        || {Robot, Known} <- lists:sort(maps:to_list(Pieces)),
-           [_ | _] = Begun <- [[P || {piece, T0, _, _, _, _, _} = P <- Known, T0 =< To]]
+     || {Robot, Known} <- lists:sort(maps:to_list(Pieces)),
+        [_ | _] = Begun <- [begun(Known, To)]
     ].
 
+begun(Known, T) -> [Piece || Piece <- Known, starl_trajectory:start_us(Piece) =< T].
+
 %% The pieces that still matter after `To': later ones and the one that is driven then.
-current([{piece, T0, _, _, _, _, _} = Piece | _], To) when T0 =< To -> [Piece];
+current([Piece | _], To) when element(2, Piece) =< To -> [Piece];
 current([Piece], _To) -> [Piece];
 current([Piece | Earlier], To) -> [Piece | current(Earlier, To)].
 
-clip([{piece, T0, _, _, _, _, _} = Piece], From, To) ->
-    [{max(T0, From), To, Piece}];
-clip([{piece, T0, _, _, _, _, _} = Piece | [{piece, T1, _, _, _, _, _} | _] = Later], From, To) ->
-    case T1 < From of
-        true -> clip(Later, From, To);
-        false -> [{max(T0, From), T1, Piece} | clip(Later, From, To)]
+clip([Piece], From, To) ->
+    [{max(element(2, Piece), From), To, Piece}];
+clip([Piece | [Next | _] = Later], From, To) ->
+    case element(2, Next) of
+        T1 when T1 < From -> clip(Later, From, To);
+        T1 -> [{max(element(2, Piece), From), T1, Piece} | clip(Later, From, To)]
     end.
 
 path(Robot, [{T1, T2, Piece}] = Stretches, From) ->
     {{X, Y}, Radius} = starl_trajectory:enclosing(T1, T2, Piece),
-    Moved = T1 > From orelse not starl_trajectory:is_still(Piece)
-        orelse element(2, Piece) >= From,
+    Moved = T1 > From orelse starl_trajectory:rests_from(Piece) >= From,
     #path{robot = Robot, stretches = Stretches, x = X, y = Y, radius = Radius, moved = Moved};
 path(Robot, Stretches, _From) ->
     Discs = [starl_trajectory:enclosing(T1, T2, Piece) || {T1, T2, Piece} <- Stretches],

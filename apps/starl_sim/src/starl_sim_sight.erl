@@ -52,11 +52,11 @@ new(Pieces, Range) ->
 moved([], _Sight) ->
     ok;
 moved(Pieces, #sight{table = Table}) ->
-    Fastest = lists:max([ets:lookup_element(Table, fastest, 2) | [speed(P) || {_, P} <- Pieces]]),
+    Fastest = lists:max([
+        ets:lookup_element(Table, fastest, 2) | [starl_trajectory:fastest(P) || {_, P} <- Pieces]
+    ]),
     true = ets:insert(Table, [{fastest, Fastest} | Pieces]),
     ok.
-
-speed(Piece) -> starl_trajectory:moved(0, 1000000, Piece).
 
 %% @doc The piece that a robot is in.
 -spec piece(starl:robot_id(), t()) -> {ok, starl_trajectory:piece()} | unknown.

@@ -72,8 +72,13 @@
 %% `ends_mm' (default 2): how much of a line may be missing at each end; `complete' (default true):
 %% whether unpainted lines at the finish break the contract even if nobody has said that it is
 %% complete.
--spec init(#{lines := [segment()], ink_radius_mm := float(), tolerance_mm := float(),
-             ends_mm => float(), complete => boolean()}) -> #state{}.
+-spec init(#{
+    lines := [segment()],
+    ink_radius_mm := float(),
+    tolerance_mm := float(),
+    ends_mm => float(),
+    complete => boolean()
+}) -> #state{}.
 init(#{lines := Lines, ink_radius_mm := Radius, tolerance_mm := Tolerance} = Config) ->
     Numbered = lists:zip(lists:seq(1, length(Lines)), Lines),
     Reach = Radius + Tolerance + ?SLACK_MM,
@@ -98,7 +103,7 @@ vocabulary() -> #{app => [{stroke, 1}]}.
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({T, Robot, chassis, {motion, Piece}}, State) ->
-    Since = max(T, element(2, Piece)),
+    Since = max(T, starl_trajectory:start_us(Piece)),
     change(Since, Robot, fun(Track) -> on_paper(Track#track{piece = Piece}) end, State);
 step({T, Robot, chassis, {actuated, pen, Pen}}, State) when Pen =:= up; Pen =:= down ->
     change(T, Robot, fun(Track) -> pen(Pen, Track) end, State);
@@ -109,7 +114,7 @@ step({_T, _Robot, app, {done, complete}}, State) ->
     {ok, State#state{complete = true}};
 step({T, Robot, robot, {died, _Reason}}, #state{tracks = Tracks} = State) ->
     case Tracks of
-        #{Robot := #track{piece = {piece, _, _, _, _, _, _} = Piece}} ->
+        #{Robot := #track{piece = Piece}} when Piece =/= none ->
             Still = starl_trajectory:stop(T, Piece),
             change(T, Robot, fun(Track) -> Track#track{piece = Still} end, State);
         #{} ->
@@ -199,12 +204,17 @@ draw(T, Robot, #track{piece = Piece, since = Since} = Track, State) ->
     Step = (T - Since) / max(1, length(Points)),
     Stroke = fun(Point, {N, From, Found, S}) ->
         {Strays, Inked} = ink({From, Point}, Track#track.stroke, S),
-        Times = [Since + round((N + Share) * Step) || {Share, _} <- Strays],
+        Times = [moment(N, Share, Since, Step, Piece) || {Share, _} <- Strays],
         {N + 1, Point, lists:zip(Times, Strays) ++ Found, Inked}
     end,
     {_, _, Found, Inked} = lists:foldl(Stroke, {0, Start, [], State}, Points),
     Drawn = Track#track{drawing = lists:reverse(Points, Track#track.drawing)},
     report(lists:sort(Found), Robot, Drawn, Inked).
+
+%% Chords take equal times.
+moment(N, Share, Since, Step, Piece) ->
+    [From, To] = [Since + round(Chord * Step) || Chord <- [N, N + 1]],
+    starl_trajectory:passing(Share, Piece, From, To).
 
 %% A pen that comes down, or is down where the motion starts, makes a dot.
 dot(T, Robot, #track{pen = down, drawing = []} = Track, State) when
@@ -218,11 +228,18 @@ dot(_T, Robot, Track, State) ->
     {[], store(Robot, Track, State)}.
 
 report([{At, {_Share, Point}} | _], Robot, #track{strayed = false} = Track, State) ->
-    Distance = lists:min([infinity | [starl_geometry:point_segment(Point, Line)
-                                      || Line <- maps:values(State#state.lines)]]),
+    Distance = lists:min([
+        infinity
+        | [
+            starl_geometry:point_segment(Point, Line)
+         || Line <- maps:values(State#state.lines)
+        ]
+    ]),
     Details = #{at => Point, distance_mm => Distance, limit_mm => State#state.reach_mm},
-    {[violation(ink_off_the_lines, At, [Robot], Details)],
-        store(Robot, Track#track{strayed = true}, State)};
+    {
+        [violation(ink_off_the_lines, At, [Robot], Details)],
+        store(Robot, Track#track{strayed = true}, State)
+    };
 report(_Strays, Robot, Track, State) ->
     {[], store(Robot, Track, State)}.
 

@@ -6,7 +6,8 @@
 %%
 %% Leadership: only the robot that leads the latest term assigns, from the moment on in which that
 %% has the votes, which is before it assigns anything itself. Leave: a robot begins no motion
-%% outside of what is reserved for it, so it does not drive on when its space has been given free.
+%% outside of what is reserved for it, so it does not drive on when its space has been given free; it
+%% may come to rest there.
 %%
 %% Events of machine `dpp_coordinator': {@link starl_dpp_coordinator:event()} (a later `coordinator'
 %% starts with an empty view, filled before anything is assigned; `assigned' and `reserved' tell the
@@ -124,7 +125,8 @@ step({T, Robot, Machine, Event}, #state{separation = Separation, r_s = Limit} = 
 finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit} = State) ->
     {Met, Least} = starl_separation:finish(EndTimeUs, Separation),
     Counts = #{
-        assignments => State#state.assignments, deadlocks_resolved => State#state.deadlocks,
+        assignments => State#state.assignments,
+        deadlocks_resolved => State#state.deadlocks,
         coordinators => lists:reverse(State#state.coordinators)
     },
     Verdict = verdict(Waiting ++ [encounter(Meeting, Limit) || Meeting <- Met]),
@@ -142,8 +144,9 @@ encounter({Distance, AtUs, {A, B}}, Limit) ->
     violation(too_close, AtUs, [A, B], #{distance_mm => Distance, limit_mm => Limit}).
 
 judge({chassis, {motion, Piece}}, T, Robot, #state{separation = Separation} = State) ->
-    {without_leave(T, Robot, Piece, State),
-        State#state{separation = starl_separation:motion(Robot, Piece, Separation)}};
+    {without_leave(T, Robot, Piece, State), State#state{
+        separation = starl_separation:motion(Robot, Piece, Separation)
+    }};
 judge({robot, {died, _Reason}}, T, Robot, #state{separation = Separation} = State) ->
     {[], State#state{separation = starl_separation:stop(Robot, T, Separation)}};
 judge({dpp_coordinator, Event}, T, Coordinator, State) ->
@@ -221,7 +224,7 @@ without_leave(T, Robot, Piece, #state{reservations = Reservations, off_mm = Most
                 violation(moves_without_leave, T, [Robot], #{
                     off_mm => lists:min([Off(S) || S <- Segments]), limit_mm => Most
                 })
-             || not starl_trajectory:is_still(Piece),
+             || starl_trajectory:rests_from(Piece) =:= never,
                 not lists:any(fun(S) -> Off(S) =< Most end, Segments)
             ];
         #{} ->
@@ -251,9 +254,13 @@ is_part(Segments, {_Box, Held}) -> lists:suffix(Segments, Held).
 overlaps(T, Robot, {Box, Segments} = Own, #state{reservations = Reservations} = State) ->
     Apart = State#state.apart_mm,
     Zone = starl_geometry:grow(Box, Apart),
-    Near = [Other || {Who, {Theirs, Held}} = Other <- maps:to_list(Reservations),
-                     Who =/= Robot, starl_geometry:overlap(Zone, Theirs),
-                     closer(Segments, Held, Apart)],
+    Near = [
+        Other
+     || {Who, {Theirs, Held}} = Other <- maps:to_list(Reservations),
+        Who =/= Robot,
+        starl_geometry:overlap(Zone, Theirs),
+        closer(Segments, Held, Apart)
+    ],
     [overlap(T, Robot, Own, Other, State) || Other <- lists:sort(Near)].
 
 box(Segments) ->

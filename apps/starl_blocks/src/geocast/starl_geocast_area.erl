@@ -114,8 +114,8 @@ right_of({X, Y}, {{X0, Y0}, {X1, Y1}}) -> X < X0 + (Y - Y0) * (X1 - X0) / (Y1 - 
 %% Is Slack, which changes no faster than the robot moves, never negative?
 keeps(Slack, Piece, T1, T2) ->
     Middle = (T1 + T2) div 2,
-    Here = Slack(starl_trajectory:position(Middle, Piece)),
-    Reach = starl_trajectory:moved(Middle, T2 + 1, Piece),
+    {Point, Reach} = starl_trajectory:enclosing(T1, T2, Piece),
+    Here = Slack(Point),
     if
         Here >= Reach -> true;
         Here < 0.0 -> false;

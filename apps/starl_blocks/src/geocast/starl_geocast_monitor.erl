@@ -146,7 +146,10 @@ judge({chassis, {motion, Piece}}, _T, Robot, #state{paths = Paths} = State) ->
 judge({geocast, {sent, Id, Area, Lifetime, Hash}}, T, Robot, State) ->
     #state{messages = Messages, open = Open} = State,
     Message = #message{
-        area = Area, hash = Hash, from_us = T, to_us = T + Lifetime,
+        area = Area,
+        hash = Hash,
+        from_us = T,
+        to_us = T + Lifetime,
         way = starl_geocast_way:new(Robot, T)
     },
     {[], State#state{
@@ -214,7 +217,8 @@ late(Id, #message{to_us = To} = Message, T, Robot, #state{assumption = Assumptio
 
 lost(Spans, Assumption) ->
     lists:sum([
-        starl_assumption:lost_us(Robot, From, Until, Assumption) || {Robot, From, Until} <- Spans
+        starl_assumption:lost_us(Robot, From, Until, Assumption)
+     || {Robot, From, Until} <- Spans
     ]).
 
 %% -- the end of a window --------------------------------------------------------------------
@@ -236,7 +240,8 @@ close(Id, #state{robots = Robots, messages = Messages} = State0) ->
             {New, Due} = hold_against(Id, Message, Robot, State0),
             {Found ++ New, N + Due}
         end,
-        {[], 0}, lists:usort(Robots ++ maps:keys(Message#message.got))
+        {[], 0},
+        lists:usort(Robots ++ maps:keys(Message#message.got))
     ),
     State = State0#state{owed = State0#state.owed + Owed},
     Earliest = earliest(State),
@@ -339,10 +344,13 @@ needed(Path, Earliest) ->
     {Later, Before} = lists:splitwith(fun(Piece) -> began(Piece) > Earliest end, Path),
     Later ++ lists:sublist(Before, 1).
 
-began({piece, T0us, _, _, _, _, _}) -> T0us.
+began(Piece) -> starl_trajectory:start_us(Piece).
 
 violation(What, T, Robot, Id, Details) ->
     #{
-        contract => geocast, what => What, at_us => T, robots => [Robot],
+        contract => geocast,
+        what => What,
+        at_us => T,
+        robots => [Robot],
         details => Details#{id => Id}
     }.
