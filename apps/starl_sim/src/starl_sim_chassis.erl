@@ -3,7 +3,7 @@
 %% numbers, words and clocks are the same for all ({@link starl_sim_vehicle}).
 -module(starl_sim_chassis).
 
--export([names/0, profiles/2, of_kind/1]).
+-export([option/0, profiles/2, of_kind/1]).
 
 -export_type([name/0, command/0, errors/0, drive/0, key/0]).
 
@@ -41,22 +41,37 @@ when
 %% How long a robot still moves that was told to stand and is in this piece of motion.
 -callback stops_us(starl_sim_queue:time(), starl_trajectory:piece()) -> Us :: non_neg_integer().
 
-%% @doc What can be simulated.
--spec names() -> [name()].
-names() -> [Name || {Name, _, _} <- kinds()].
+%% @doc What a scenario may say about the chassis of its robots: one name for all, or a list of names
+%% that the robots take in turn, robot 1 the first; `mixed' is every other one.
+-spec option() -> starl_options:option().
+option() ->
+    {chassis, {term, "differential, holonomic, mixed, or a list of the first two", fun is_choice/1},
+        differential,
+        "what the robots drive on: two wheels or any way; mixed: by turns; or a list to take in turn"}.
+
+is_choice(mixed) -> true;
+is_choice([_ | _] = Names) -> length(Names) > 0 andalso lists:all(fun is_name/1, Names);
+is_choice(Name) -> is_name(Name).
+
+is_name(Name) -> lists:keymember(Name, 1, kinds()).
+
+in_turn(mixed) -> [Name || {Name, _, _} <- kinds()];
+in_turn([_ | _] = Names) -> Names;
+in_turn(Name) -> [Name].
 
 %% Name, the chassis, how it is simulated.
 kinds() ->
     [
-        {differential, starl_chassis_differential, starl_sim_differential}
+        {differential, starl_chassis_differential, starl_sim_differential},
+        {holonomic, starl_chassis_holonomic, starl_sim_holonomic}
     ].
 
-%% @doc The profiles of a team whose robots drive on these in turn.
--spec profiles([name(), ...], map()) -> starl_chassis:profiles().
-profiles(Names, Overrides) ->
+%% @doc The profiles of a team with this choice.
+-spec profiles(mixed | name() | [name(), ...], map()) -> starl_chassis:profiles().
+profiles(Choice, Overrides) ->
     [
         starl_chassis:profile(element(2, lists:keyfind(Name, 1, kinds())), Overrides)
-     || Name <- Names
+     || Name <- in_turn(Choice)
     ].
 
 %% @doc How a chassis is simulated.

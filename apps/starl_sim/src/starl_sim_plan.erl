@@ -40,12 +40,13 @@ context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
     }.
 
 %% The application's scene may ask for others.
-profiles(Overrides, Scenario) ->
-    starl_sim_chassis:profiles([differential], maps:merge(profile(Scenario), Overrides)).
+profiles(Overrides, #{chassis := Choice} = Scenario) ->
+    starl_sim_chassis:profiles(Choice, maps:merge(profile(Scenario), Overrides)).
 
-profile(#{speed := Speed, heading_error := H, distance_error := D, position_error := P}) ->
+profile(#{speed := Speed, acceleration := Acceleration, heading_error := H, distance_error := D, position_error := P}) ->
     #{
         speed => float(Speed),
+        acceleration => float(Acceleration),
         near_speed => float(Speed),
         heading_error => float(H),
         distance_error => float(D),

@@ -1,0 +1,73 @@
+%% @doc The chassis that drives in any direction without a turn: the paper's quadrotor, flown at one
+%% height, taken as a point mass with a limit of speed and one of acceleration.
+%%
+%% A command is a velocity in the robot's own frame, `{Forward, Left, Us}', mm/s, for so long. The
+%% chassis takes to it at its limit of acceleration, from whatever velocity it has, and keeps it for
+%% the rest of the time; after the last command it brakes at that limit and stands. So a robot that
+%% stands and is told one velocity v for a time t ends v·t from where it stood, if t is no shorter
+%% than it takes to v: what it lacks at the beginning it drives while it brakes.
+%%
+%% How a course is planned with this is said in {@link starl_holonomic_course}.
+-module(starl_chassis_holonomic).
+-behaviour(starl_chassis).
+
+-export([profile/1, check/1, duration_us/2, next/4, last/1, undo/1]).
+-export([tracking_radius/1, ends_mm/1]).
+
+-export_type([commands/0]).
+
+-type commands() :: [{Forward :: number(), Left :: number(), Us :: pos_integer()}].
+
+%% Nothing is told to be faster (mm/s), or for longer (us).
+-define(FASTEST, 1.0e6).
+-define(LONGEST_US, (1 bsl 50)).
+-define(IS_SPEED(V), is_number(V), V =< ?FASTEST, V >= -?FASTEST).
+%% A try is longer than the chassis takes to find out (15 ms), and no faster than this, mm/s.
+-define(TRY_US, 20000).
+-define(TRY_SPEED, 10.0).
+
+-spec profile(map()) -> starl_holonomic_course:profile().
+profile(Overrides) -> starl_holonomic_course:profile(Overrides).
+
+-spec check(term()) -> ok | {error, string()}.
+check([]) ->
+    ok;
+check([{Forward, Left, Us} | Commands]) when
+    ?IS_SPEED(Forward), ?IS_SPEED(Left), is_integer(Us), Us > 0, Us =< ?LONGEST_US
+->
+    check(Commands);
+check(_) ->
+    {error, "[{Forward, Left, Us}]: mm/s within 1.0e6, Us from 1"}.
+
+%% It brakes at the end, from a speed that may be less than told, by slip, or more, by its error.
+-spec duration_us(commands(), starl_chassis:profile()) -> {Least, Most} when
+    Least :: non_neg_integer(), Most :: non_neg_integer().
+duration_us(Commands, #{acceleration := Acceleration, speed := Speed}) ->
+    Us = lists:sum([Us || {_, _, Us} <- Commands]),
+    {Us, Us + ceil(Speed / Acceleration * 1.0e6)}.
+
+-spec next(starl_chassis:way(), starl:pose(), starl_geometry:segment(), starl_chassis:profile()) ->
+    arrived | starl_chassis:step().
+next(Way, Pose, Line, Profile) -> starl_holonomic_course:next(Way, Pose, Line, Profile).
+
+-spec last(commands()) -> {Forward :: number(), Left :: number()}.
+last([]) ->
+    {0.0, 0.0};
+last(Commands) ->
+    {Forward, Left, _} = lists:last(Commands),
+    {Forward, Left}.
+
+-spec undo(term()) -> {ok, commands()} | none | unknown.
+undo({Forward, Left}) when Forward == 0, Left == 0 ->
+    none;
+undo({Forward, Left}) when ?IS_SPEED(Forward), ?IS_SPEED(Left) ->
+    Part = min(1.0, ?TRY_SPEED / math:sqrt(Forward * Forward + Left * Left)),
+    {ok, [{-Part * Forward, -Part * Left, ?TRY_US}]};
+undo(_) ->
+    unknown.
+
+-spec tracking_radius(starl_chassis:profile()) -> float().
+tracking_radius(Profile) -> starl_holonomic_course:tracking_radius(Profile).
+
+-spec ends_mm(starl_chassis:profile()) -> float().
+ends_mm(Profile) -> starl_holonomic_course:ends_mm(Profile).
