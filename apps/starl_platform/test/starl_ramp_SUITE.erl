@@ -7,7 +7,7 @@
 
 -export([all/0]).
 -export([
-    closest_approach/1, kinks_and_rests/1, length_disc_and_chords/1, share_of_the_way/1,
+    closest_approach/1, there_and_back/1, kinks_and_rests/1, length_disc_and_chords/1, share_of_the_way/1,
     separation_of_a_team/1, a_braking_robot_that_dies/1
 ]).
 
@@ -16,7 +16,7 @@
 
 all() ->
     [
-        closest_approach, kinks_and_rests, length_disc_and_chords, share_of_the_way,
+        closest_approach, there_and_back, kinks_and_rests, length_disc_and_chords, share_of_the_way,
         separation_of_a_team, a_braking_robot_that_dies
     ].
 
@@ -42,6 +42,20 @@ exact(A, B, T1, T2) ->
         abs(Distance - apart(At, A, B)) =< Speed * 1.0e-6 + 1.0e-6 andalso
         Distance >= Sampled - Between andalso
         Farther =:= farther.
+
+%% Straight towards a robot that stands, and back: the moment of the turn, which lies anywhere, is
+%% found by the bound of the acceleration alone.
+there_and_back(_) ->
+    Post = starl_trajectory:standing(0, {0.0, -1000.0}, 0.0),
+    [
+        begin
+            Ramp = starl_trajectory:ramp(0, {0.0, 0.0}, 0.0, {0.0, -V}, {0.0, W}, ?S),
+            {Distance, _} = starl_trajectory:closest_approach(Ramp, Post, 0, ?S),
+            True = 1000.0 - V * V / (V + W) / 2,
+            ?assert(Distance >= True - 1.0e-9 andalso Distance =< True + 1.0e-3, {V, W, Distance - True})
+        end
+     || V <- [130.0, 310.0, 500.0], W <- [11.0 + 7.3 * I || I <- lists:seq(0, 60)]
+    ].
 
 samples(T1, T2) -> [T1 + I * (T2 - T1) div ?SAMPLES || I <- lists:seq(0, ?SAMPLES)].
 

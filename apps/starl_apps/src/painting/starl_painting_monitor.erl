@@ -49,6 +49,8 @@
     grid :: starl_grid:t(pos_integer()),
     %% How far from a line ink may lie (mm).
     reach_mm :: float(),
+    %% that of single robots, where it is less
+    reaches = #{} :: #{robot_id() => float()},
     complete :: boolean(),
     %% How much of a line may be missing at each end (mm).
     ends_mm :: float(),
@@ -69,6 +71,7 @@
 -define(ON_MM, 0.5).
 
 %% @doc `lines': the picture; `ink_radius_mm' and `tolerance_mm': how far ink may lie from them;
+%% `tracking_mm': the ink radius of single robots, where it is less;
 %% `ends_mm' (default 2): how much of a line may be missing at each end; `complete' (default true):
 %% whether unpainted lines at the finish break the contract even if nobody has said that it is
 %% complete.
@@ -76,17 +79,20 @@
     lines := [segment()],
     ink_radius_mm := float(),
     tolerance_mm := float(),
+    tracking_mm => #{robot_id() => float()},
     ends_mm => float(),
     complete => boolean()
 }) -> #state{}.
 init(#{lines := Lines, ink_radius_mm := Radius, tolerance_mm := Tolerance} = Config) ->
     Numbered = lists:zip(lists:seq(1, length(Lines)), Lines),
     Reach = Radius + Tolerance + ?SLACK_MM,
+    Own = fun(_Robot, Mm) -> min(Reach, Mm + Tolerance + ?SLACK_MM) end,
     Empty = starl_grid:new(max(50.0, 4 * Reach)),
     #state{
         lines = maps:from_list(Numbered),
         grid = lists:foldl(fun({N, Line}, G) -> starl_grid:add(N, Line, G) end, Empty, Numbered),
         reach_mm = Reach,
+        reaches = maps:map(Own, maps:get(tracking_mm, Config, #{})),
         ends_mm = maps:get(ends_mm, Config, 2.0),
         complete = maps:get(complete, Config, true)
     }.
@@ -203,7 +209,7 @@ draw(T, Robot, #track{piece = Piece, since = Since} = Track, State) ->
     [Start | Points] = starl_trajectory:polyline(Piece, Since, T, ?CHORD_MM),
     Step = (T - Since) / max(1, length(Points)),
     Stroke = fun(Point, {N, From, Found, S}) ->
-        {Strays, Inked} = ink({From, Point}, Track#track.stroke, S),
+        {Strays, Inked} = ink({From, Point}, Track#track.stroke, reach(Robot, S), S),
         Times = [moment(N, Share, Since, Step, Piece) || {Share, _} <- Strays],
         {N + 1, Point, lists:zip(Times, Strays) ++ Found, Inked}
     end,
@@ -221,7 +227,7 @@ dot(T, Robot, #track{pen = down, drawing = []} = Track, State) when
     Track#track.piece =/= none
 ->
     Point = starl_trajectory:position(T, Track#track.piece),
-    {Strays, Inked} = ink({Point, Point}, Track#track.stroke, State),
+    {Strays, Inked} = ink({Point, Point}, Track#track.stroke, reach(Robot, State), State),
     Fresh = Track#track{drawing = [Point], strayed = false},
     report([{T, Stray} || Stray <- Strays], Robot, Fresh, Inked);
 dot(_T, Robot, Track, State) ->
@@ -235,7 +241,7 @@ report([{At, {_Share, Point}} | _], Robot, #track{strayed = false} = Track, Stat
          || Line <- maps:values(State#state.lines)
         ]
     ]),
-    Details = #{at => Point, distance_mm => Distance, limit_mm => State#state.reach_mm},
+    Details = #{at => Point, distance_mm => Distance, limit_mm => reach(Robot, State)},
     {
         [violation(ink_off_the_lines, At, [Robot], Details)],
         store(Robot, Track#track{strayed = true}, State)
@@ -282,7 +288,7 @@ lines_under({P, Q}, #state{grid = Grid, lines = Lines}) ->
 %% Enters a straight piece of ink that is to paint these lines. Returns where it leaves the lines of
 %% the picture: the fraction of its length at which that begins, and a point in the middle of what
 %% is outside.
-ink(Ink, Stroke, #state{lines = Lines, reach_mm = Reach, ends_mm = Ends} = State) ->
+ink(Ink, Stroke, Reach, #state{lines = Lines, ends_mm = Ends} = State) ->
     Near = [map_get(N, Lines) || N <- starl_grid:near(Ink, Reach, State#state.grid)],
     Inked = [starl_painting_parts:within(Reach, Ink, Line) || Line <- Near],
     Covered = lists:foldl(fun starl_painting_parts:unite/2, [], [P || {_, _} = P <- Inked]),
@@ -293,6 +299,8 @@ ink(Ink, Stroke, #state{lines = Lines, reach_mm = Reach, ends_mm = Ends} = State
         end
     end,
     {strays(Ink, Covered), State#state{painted = lists:foldl(Paint, State#state.painted, Stroke)}}.
+
+reach(Robot, #state{reaches = Reaches, reach_mm = Most}) -> maps:get(Robot, Reaches, Most).
 
 strays({From, To} = Ink, Covered) ->
     case starl_geometry:length(Ink) of

@@ -81,10 +81,12 @@ lines_mm(Plan) ->
     lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- lists:seq(1, Total)]).
 
 monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options, profiles := Profiles}) ->
+    Own = tracking(Ids, Profiles),
     [
         {starl_election_monitor, #{robots => Ids, bound_us => 31000000}},
         {starl_dpp_monitor, #{
             tube_radius => Radius,
+            tracking_mm => Own,
             r_s => float(maps:get(safety_distance, Options)),
             robots => Ids,
             lease_us => 1000 * maps:get(lease, Options),
@@ -94,11 +96,21 @@ monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options, profiles 
         {starl_painting_monitor, #{
             lines => Lines,
             ink_radius_mm => Tracking,
+            tracking_mm => Own,
             tolerance_mm => ?TOLERANCE_MM,
             ends_mm => lists:max([starl_chassis:ends_mm(Profile) || Profile <- Profiles]),
             complete => false
         }}
     ].
+
+%% What is less than the largest of the team.
+tracking(_Ids, [_AllTheSame]) ->
+    #{};
+tracking(Ids, Profiles) ->
+    maps:from_list([
+        {Id, starl_chassis:tracking_radius(starl_chassis:of_robot(Id, Profiles))}
+     || Id <- Ids
+    ]).
 
 picture(Name, Area) ->
     File =

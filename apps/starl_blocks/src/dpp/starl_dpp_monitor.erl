@@ -30,6 +30,8 @@
     r_s :: float(),
     %% How far a robot may be from its centre line (mm).
     off_mm :: float(),
+    %% that of single robots, where it is less
+    offs = #{} :: #{robot_id() => float()},
     epoch = none :: term(),
     %% Who has led, latest first, and who has won the latest term.
     coordinators = [] :: [robot_id()],
@@ -58,12 +60,14 @@
 -define(DRIFT_PPM, 10000).
 
 %% @doc `tube_radius': the radius of a reach tube (mm); `r_s': the least distance of two robots
-%% (mm); `slice_us': the time that is judged at once (default one second). `lease_us', `jump_us' and
+%% (mm); `tracking_mm': r(v) of single robots, where it is less than tubes have room for;
+%% `slice_us': the time that is judged at once (default one second). `lease_us', `jump_us' and
 %% `drift_ppm' are those of the machines (by default 10 s, 2 s, 10000); `robots': the team, `broken':
 %% when clocks were not as assumed (by default never).
 -spec init(#{
     tube_radius := float(),
     r_s := float(),
+    tracking_mm => #{robot_id() => float()},
     slice_us => pos_integer(),
     robots => [robot_id()],
     lease_us => pos_integer(),
@@ -78,6 +82,7 @@ init(#{tube_radius := Radius, r_s := Limit} = Config) ->
         apart_mm = 2 * Radius - ?SLACK_MM,
         r_s = float(Limit),
         off_mm = Radius - Limit / 2 + ?SEEN_MM,
+        offs = maps:map(fun(_, Mm) -> Mm + ?SEEN_MM end, maps:get(tracking_mm, Config, #{})),
         robots = maps:get(robots, Config, []),
         lease_us = starl_assumption:longest_us(maps:get(lease_us, Config, ?LEASE_US), Ppm),
         jump_us = maps:get(jump_us, Config, ?JUMP_US),
@@ -214,7 +219,8 @@ usurped(T, Coordinator, #state{coordinators = [Leader | _], epoch = Epoch}) ->
     Robots = [min(Coordinator, Leader), max(Coordinator, Leader)],
     [violation(two_coordinators, T, Robots, #{term => Epoch})].
 
-without_leave(T, Robot, Piece, #state{reservations = Reservations, off_mm = Most}) ->
+without_leave(T, Robot, Piece, #state{reservations = Reservations, off_mm = Widest} = State) ->
+    Most = maps:get(Robot, State#state.offs, Widest),
     case Reservations of
         #{Robot := {_, Segments}} ->
             Point = starl_trajectory:position(T, Piece),

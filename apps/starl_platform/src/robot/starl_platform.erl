@@ -13,7 +13,7 @@
 -type world_action() ::
     {transmit, starl:robot_id() | all, starl_packet:t()}
     | {sense, [starl:robot_id()]}
-    | {drive, starl_motion_course:script(), Mark :: term()}
+    | {drive, starl_chassis:script(), Mark :: term()}
     | {actuate, Device :: atom(), Value :: term()}
     | {actuate, Device :: atom(), Value :: term(), Mark :: term()}.
 
@@ -42,5 +42,5 @@
 when
     State :: term().
 
-%% Nobody commands the chassis any more: its wheels stand.
+%% Nobody commands the chassis any more: it comes to rest.
 -callback stop(State) -> State when State :: term().
