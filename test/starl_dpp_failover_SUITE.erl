@@ -369,7 +369,7 @@ planning(Given) ->
     {ok, Options} = starl_options:check(#{}, starl_painting:options()),
     {ok, #{blocks := Blocks}} = starl_painting:scene(#{
         robots => Robots, world => {12000, 12000}, seed => maps:get(seed, Given),
-        profile => starl_motion_course:profile(#{}), sap => #{},
+        profiles => [starl_chassis:profile(starl_chassis_differential, #{})], sap => #{},
         options => Options
     }),
     {dpp_coordinator, _, Config} = lists:keyfind(dpp_coordinator, 1, Blocks),

@@ -127,7 +127,7 @@ inked(Lines, LinesMm, #{robots := N} = Given, Config) ->
 
 %% A picture on the floor in millimetres: as large as the area that so many robots can paint.
 drawn(Lines, Robots, Config) ->
-    Tracking = starl_motion_course:tracking_radius(starl_motion_course:profile(#{})),
+    Tracking = starl_chassis:tracking_radius(starl_chassis:profile(starl_chassis_differential, #{})),
     {ok, #{area := {X0, Y0, X1, Y1}}} =
         starl_roadmap:layout({12000.0, 12000.0}, Robots, 200.0 + Tracking),
     File = filename:join(proplists:get_value(priv_dir, Config), "drawn.svg"),

@@ -11,7 +11,7 @@ tree_test() ->
     ?assertEqual(
         [{sap, starl_sap, #{limit => 3}},
          {location, starl_location, #{waypoints => #{home => {1.0, 2.0}}, exact => false}},
-         {motion, starl_motion, #{profile => profile(1.0)}}],
+         {motion, starl_motion, #{profiles => [profile(1.0)]}}],
         Services
     ),
     ?assertEqual({[block()], starl_team:new([1, 2, 5])}, {Blocks, Team}).
@@ -19,7 +19,7 @@ tree_test() ->
 %% A positioning system without noise may repeat itself.
 exact_test() ->
     #{services := [_, {location, _, Config} | _]} =
-        starl_robot_crew:tree((crew(#{}))#{profile => profile(0.0)}),
+        starl_robot_crew:tree((crew(#{}))#{profiles => [profile(0.0)]}),
     ?assertMatch(#{exact := true}, Config).
 
 %% Inline, a machine's application has no process, a sequential one is all that is left of the tree.
@@ -34,6 +34,7 @@ inline_test() ->
 block() -> {block, some_block, #{}}.
 
 crew(More) ->
-    maps:merge(#{robots => [1, 2, 5], profile => profile(1.0), app => {sequential, a, x}}, More).
+    maps:merge(#{robots => [1, 2, 5], profiles => [profile(1.0)], app => {sequential, a, x}}, More).
 
-profile(Error) -> starl_motion_course:profile(#{position_error_mm => Error}).
+profile(Error) ->
+    starl_chassis:profile(starl_chassis_differential, #{position_error_mm => Error}).
