@@ -3,7 +3,7 @@
 -behaviour(starl_app).
 -export([blocks/0, init/2, step/2]).
 
-blocks() -> [starl_election:block()].
+blocks() -> [starl_election].
 
 init(Robot, _Options) ->
     starl:listen(Robot, place),

@@ -3,7 +3,7 @@
 %% asks, whatever they have promised, and tell no coordinator of another's term. `deaf_pen' is the
 %% actuator's. Other bugs are the coordinator's, in modules of their own.
 -module(starl_dpp_planted).
--behaviour(starl_app).
+-behaviour(starl_scene).
 -behaviour(starl_machine).
 
 -export([options/0, scene/1, report/2]).
@@ -21,10 +21,11 @@ scene(#{options := Options} = Context) ->
     #{bug := Bug, judge := Judge, sap := Sap} = Options,
     Known = Context#{options => maps:without([bug, judge, sap], Options)},
     {ok, #{blocks := Blocks, monitors := Monitors} = Scene} = starl_painting:scene(Known),
+    {ok, {Machines, Contracts}} = starl_block:expand(Blocks, Known),
     {ok, Scene#{
         sap => Sap,
-        blocks => [planted(Bug, Block) || Block <- Blocks],
-        monitors => [judged(Judge, Monitor) || Monitor <- Monitors]
+        blocks => [planted(Bug, Machine) || Machine <- Machines],
+        monitors => Contracts ++ [judged(Judge, Monitor) || Monitor <- Monitors]
     }}.
 
 judged(Judge, {starl_painting_monitor, Config}) ->

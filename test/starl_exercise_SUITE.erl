@@ -36,7 +36,7 @@ types_do_not_meet(_) ->
     end,
     {ok, Sim} = starl_sim:start(#{
         app => starl_sim_script_app, script => Script, robots => 3, seed => 5, time => 60,
-        around => #{blocks => [starl_election:block()]}
+        around => #{blocks => [starl_election]}
     }),
     _ = starl_sim:run(Sim),
     {#{robots := Robots, violations := Broken}, _} = starl_sim:finish(Sim),

@@ -4,6 +4,7 @@
 %% that came to. With the block `dpp' the team paints.
 -module(starl_hostile_planted).
 -behaviour(starl_app).
+-behaviour(starl_scene).
 -behaviour(starl_machine).
 
 -export([options/0, scene/1]).
@@ -20,8 +21,11 @@ options() ->
 
 scene(#{options := #{block := dpp, messages := Messages} = Options} = Context) ->
     Painting = maps:without([block, messages], Options),
-    {ok, #{blocks := Blocks} = Scene} = starl_painting:scene(Context#{options := Painting}),
-    {ok, Scene#{blocks := Blocks ++ [hostile(Messages)], monitors => []}};
+    Known = Context#{options := Painting},
+    {ok, #{blocks := Blocks} = Scene} = starl_painting:scene(Known),
+    %% what is forged breaks contracts: only their machines
+    {ok, {Machines, _Contracts}} = starl_block:expand(Blocks, Known),
+    {ok, Scene#{blocks := Machines ++ [hostile(Messages)], monitors => []}};
 scene(#{options := #{block := Block, messages := Messages}}) ->
     {ok, #{
         app => {sequential, ?MODULE, Block},
@@ -31,12 +35,12 @@ scene(#{options := #{block := Block, messages := Messages}}) ->
 
 hostile(Messages) -> {hostile, ?MODULE, #{messages => Messages}}.
 
-blocks(election) -> [starl_election:block(ballots)];
-blocks(bully) -> [starl_election:block(bully)];
-blocks(mutex) -> [starl_mutex:block(#{lease_ms => 1000})];
-blocks(barrier) -> starl_barrier:blocks();
-blocks(registers) -> [starl_registers:block()];
-blocks(geocast) -> [starl_geocast:block()].
+blocks(election) -> starl_election:machines(#{});
+blocks(bully) -> starl_bully:machines(#{});
+blocks(mutex) -> starl_mutex:machines(#{lease_ms => 1000});
+blocks(barrier) -> starl_barrier:machines(#{});
+blocks(registers) -> starl_registers:machines(#{});
+blocks(geocast) -> starl_geocast:machines(#{}).
 
 %% -- the machine that sends them ------------------------------------------------------------
 

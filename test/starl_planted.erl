@@ -2,7 +2,7 @@
 %% monitors find it under random faults. It is `exercise' with a broken machine in the place of
 %% the sound one; `none' is the sound one. `./starl planted' prints them all.
 -module(starl_planted).
--behaviour(starl_app).
+-behaviour(starl_scene).
 
 -export([bugs/0, scenario/2, sound/1]).
 -export([options/0, scene/1, report/2]).
@@ -208,8 +208,12 @@ options() ->
 
 scene(#{options := #{bug := Bug} = Options} = Context) ->
     Known = Context#{options := maps:without([bug, judge], Options)},
-    {ok, Scene} = starl_exercise:scene(Known),
-    {ok, judged(Options, planted(lists:keyfind(Bug, 1, table()), Scene))}.
+    {ok, Listed} = starl_exercise:scene(Known),
+    {ok, judged(Options, planted(lists:keyfind(Bug, 1, table()), expanded(Listed, Known)))}.
+
+expanded(#{blocks := Blocks, monitors := Others} = Scene, Context) ->
+    {ok, {Machines, Contracts}} = starl_block:expand(Blocks, Context),
+    Scene#{blocks := Machines, monitors := Contracts ++ Others}.
 
 planted(false, Scene) ->
     Scene;

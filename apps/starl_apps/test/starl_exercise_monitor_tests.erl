@@ -10,7 +10,7 @@ judge(Events) -> judge(Events, #{}).
 judge(Events, Changes) ->
     Config = maps:merge(
         #{
-            block => mutex,
+            exercise => starl_sap_exercise,
             robots => [1, 2, 3],
             healed_us => 100 * ?S,
             within_us => 20 * ?S,
@@ -41,7 +41,7 @@ call(What, Ms, Since, Outcome, At) ->
 %% How many calls were promised something, when they ended.
 judged_test() ->
     Config = #{
-        block => mutex,
+        exercise => starl_sap_exercise,
         robots => [1, 2, 3],
         healed_us => 100 * ?S,
         within_us => 20 * ?S,
@@ -63,7 +63,7 @@ judged_test() ->
 %% What is told of a call: when it ended, whose it was, since when, and how it came out.
 told_test() ->
     Config = #{
-        block => mutex,
+        exercise => starl_sap_exercise,
         robots => [1, 2, 3],
         healed_us => 100 * ?S,
         within_us => 20 * ?S,
@@ -113,7 +113,7 @@ settling_test() ->
 
 %% Whoever sends first after a restart, its own or the receiver's, may find that out instead, once.
 finds_out_test() ->
-    Kind = #{block => sap},
+    Kind = #{exercise => starl_sap_exercise},
     Started = fun(T, Robot, N) -> {T, Robot, sap, {started, N}} end,
     Acked = fun(T) -> {T, 1, sap, {outcome, {1, 1, 1}, 2, acknowledged}} end,
     [
@@ -142,7 +142,7 @@ refused(What, T, Outcome) ->
 
 %% A broadcast names those that it did not reach.
 broadcast_finds_out_test() ->
-    Kind = #{block => sap},
+    Kind = #{exercise => starl_sap_exercise},
     Again = {50, 2, sap, {started, 2}},
     Refused = fun(T, Robots) -> refused(broadcast, T, {error, {lost, Robots}}) end,
     ?assertEqual([], judge([Again | Refused(110, [2])], Kind)),
@@ -154,9 +154,10 @@ broadcast_finds_out_test() ->
 
 %% A caller that waits no longer than it will may go away empty-handed.
 impatient_test() ->
+    Kind = #{exercise => starl_mutex_exercise},
     Acquire = {acquire, a},
-    ?assertEqual([], judge(call(Acquire, 8000, 110, {error, timeout}, 118))),
-    ?assertEqual([not_as_promised], judge(call(Acquire, 30000, 110, {error, timeout}, 140))).
+    ?assertEqual([], judge(call(Acquire, 8000, 110, {error, timeout}, 118), Kind)),
+    ?assertEqual([not_as_promised], judge(call(Acquire, 30000, 110, {error, timeout}, 140), Kind)).
 
 no_answer_test() ->
     %% by a clock that is slow by two in a hundred
@@ -205,31 +206,33 @@ mutex_test() ->
     ?assertNotEqual(Home, Other),
     Dead = {50, Other, robot, {died, killed}},
     Late = call({acquire, a}, 90000, 110, {error, timeout}, 200),
-    ?assertEqual([not_as_promised], judge(Late)),
-    ?assertEqual([], judge([{50, Home, robot, {died, killed}} | Late])),
-    ?assertEqual([not_as_promised], judge([Dead | Late])),
+    ?assertEqual([not_as_promised], mutex(Late)),
+    ?assertEqual([], mutex([{50, Home, robot, {died, killed}} | Late])),
+    ?assertEqual([not_as_promised], mutex([Dead | Late])),
     ?assertEqual(
         [],
-        judge([
+        mutex([
             Dead,
             {60, 2, app, {call, {acquire, [a, b]}, 9000}},
             {69, 2, app, {answer, {error, timeout}}}
             | Late
         ])
     ),
-    ?assertEqual([], judge(call({acquire, a}, 90000, 110, {ok, 7}, 111))).
+    ?assertEqual([], mutex(call({acquire, a}, 90000, 110, {ok, 7}, 111))).
 
 %% What was got after the heal is not lost any more.
 release_test() ->
     Held = fun(At) -> call({acquire, a}, 9000, At, {ok, 7}, At + 1) end,
     Lost = call({release, a}, 110, {error, lost}, 110),
-    ?assertEqual([not_as_promised], judge(Held(105) ++ Lost)),
-    ?assertEqual([], judge(Held(90) ++ Lost)),
-    ?assertEqual([], judge(Held(105) ++ call({release, a}, 110, ok, 110))).
+    ?assertEqual([not_as_promised], mutex(Held(105) ++ Lost)),
+    ?assertEqual([], mutex(Held(90) ++ Lost)),
+    ?assertEqual([], mutex(Held(105) ++ call({release, a}, 110, ok, 110))).
+
+mutex(Events) -> judge(Events, #{exercise => starl_mutex_exercise}).
 
 %% All robots that have to take part do, and none has died: then all elect.
 election_test() ->
-    Kind = #{block => election},
+    Kind = #{exercise => starl_election_exercise},
     E = {final, 1},
     In = fun(Robot, At) -> {At, Robot, app, {call, {elect, E}, 90000}} end,
     Out = fun(Outcome, At) -> {At, 1, app, {answer, Outcome}} end,
@@ -257,7 +260,7 @@ election_test() ->
     ?assertEqual([], judge(call({elect, {term, 2}}, 90000, 110, {error, timeout}, 200), Kind)).
 
 bully_test() ->
-    Kind = #{block => bully},
+    Kind = #{exercise => starl_bully_exercise},
     Elect = fun(Since, Outcome) -> call({elect, x}, 90000, Since, Outcome, Since + 10) end,
     Dead = {50, 3, robot, {died, killed}},
     ?assertEqual([], judge(Elect(110, {ok, 3}), Kind)),
@@ -272,7 +275,7 @@ bully_test() ->
 
 %% All have reached the round, and nobody has died.
 barrier_test() ->
-    Kind = #{block => barrier},
+    Kind = #{exercise => starl_barrier_exercise},
     At = fun(Robot, K, Seconds) -> {Seconds, Robot, barrier, {reached, final, K}} end,
     Late = fun(Reached) ->
         [{105, 1, app, {call, {sync, final}, 90000}}] ++ Reached ++
@@ -285,7 +288,7 @@ barrier_test() ->
     ?assertEqual([], judge(Late([{50, 3, robot, {died, killed}} | All]), Kind)).
 
 registers_test() ->
-    Kind = #{block => registers},
+    Kind = #{exercise => starl_registers_exercise},
     Put = [{106, 2, app, {call, {put, {final, 2}}, none}}, {107, 2, app, {answer, ok}}],
     Late = call({learn, {final, 2}}, 90000, 108, {error, timeout}, 199),
     ?assertEqual([not_as_promised], judge(Put ++ Late, Kind)),

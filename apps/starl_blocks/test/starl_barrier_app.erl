@@ -3,6 +3,7 @@
 %% where its robot is.
 -module(starl_barrier_app).
 -behaviour(starl_app).
+-behaviour(starl_scene).
 
 -export([options/0, scene/1, init/2, step/2]).
 

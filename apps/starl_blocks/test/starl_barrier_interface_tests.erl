@@ -50,6 +50,6 @@ mistake_test() ->
     ).
 
 blocks_test() ->
-    ?assertEqual([{barrier, starl_barrier_rounds, #{}}], starl_barrier:blocks()),
+    ?assertEqual([{barrier, starl_barrier_rounds, #{}}], starl_barrier:machines(#{})),
     Options = #{retry_ms => 7},
-    ?assertEqual([{barrier, starl_barrier_rounds, Options}], starl_barrier:blocks(Options)).
+    ?assertEqual([{barrier, starl_barrier_rounds, Options}], starl_barrier:machines(Options)).

@@ -2,6 +2,7 @@
 %% whose value is the robot's result; `around' is merged into the scene.
 -module(starl_blocks_script_app).
 -behaviour(starl_app).
+-behaviour(starl_scene).
 
 -export([options/0, scene/1, init/2, step/2]).
 -export([play/3, trace/1]).

@@ -97,8 +97,8 @@ run(#{robots := N, faults := Faults, lossless := Lossless} = Case, Block) ->
         faults => planned(Faults), time => 90
     }).
 
-block(ballots) -> {starl_election:block(ballots), starl_election_monitor};
-block(bully) -> {starl_election:block(bully), starl_election_bully_monitor};
+block(ballots) -> {hd(starl_election:machines(#{})), starl_election_monitor};
+block(bully) -> {hd(starl_bully:machines(#{})), starl_election_bully_monitor};
 block({bug, incomplete}) -> {bug(incomplete), starl_election_monitor};
 block({bug, Bug}) -> {bug(Bug), starl_election_bully_monitor}.
 

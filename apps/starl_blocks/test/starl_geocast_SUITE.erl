@@ -123,7 +123,9 @@ area() ->
 %% Each robot sends a message now and then; with `drives' they go to and fro.
 run(#{progress := Progress, robots := N, faults := Faults} = Case, Bug) ->
     Config = #{listeners => #{news => app}},
-    Monitor = #{robots => lists:seq(1, N), progress => Progress},
+    Monitor = #{
+        robots => lists:seq(1, N), progress => Progress, healed_us => 0, delay_us => 0, broken => []
+    },
     Around = #{
         blocks => [machine(Bug, Config)], monitors => [{starl_geocast_monitor, Monitor}],
         %% four in a row, two metres apart
@@ -134,7 +136,7 @@ run(#{progress := Progress, robots := N, faults := Faults} = Case, Bug) ->
         faults => planned(Faults), time => 30
     }).
 
-machine(none, Config) -> starl_geocast:block(Config);
+machine(none, Config) -> hd(starl_geocast:machines(Config));
 machine(Bug, Config) -> {geocast, starl_geocast_bug, Config#{bug => Bug}}.
 
 pose(I) -> {1000.0 + 2000.0 * ((I - 1) rem 4), 1000.0 + 2000.0 * ((I - 1) div 4), 0.0}.
@@ -396,7 +398,8 @@ play(N, Script, Scenario, Config, Around) ->
 
 scenario(N, Script, Scenario, #{} = Around) -> scenario(N, Script, Scenario, {#{}, Around});
 scenario(N, Script, Scenario, {Config, Around}) ->
-    Judged = maps:merge(#{robots => lists:seq(1, N), broken => []}, maps:get(judged, Around, #{})),
+    Default = #{robots => lists:seq(1, N), healed_us => 0, delay_us => 0},
+    Judged = maps:merge(Default, maps:get(judged, Around, #{})),
     Monitors = [{starl_geocast_monitor, Judged}],
     maps:merge(#{app => starl_blocks_script_app, robots => N, script => Script, time => 200,
-        around => Around#{blocks => [starl_geocast:block(Config)], monitors => Monitors}}, Scenario).
+        around => Around#{blocks => starl_geocast:machines(Config), monitors => Monitors}}, Scenario).

@@ -73,9 +73,9 @@ listen_test() ->
     stop(Pid).
 
 blocks_test() ->
-    ?assertEqual({geocast, starl_geocast_flood, #{}}, starl_geocast:block()),
+    ?assertEqual([{geocast, starl_geocast_flood, #{}}], starl_geocast:machines(#{})),
     ?assertEqual(
-        {geocast, starl_geocast_flood, #{limit => 7}}, starl_geocast:block(#{limit => 7})
+        [{geocast, starl_geocast_flood, #{limit => 7}}], starl_geocast:machines(#{limit => 7})
     ).
 
 %% What is no area, type or option is the caller's mistake, told by its name.

@@ -85,7 +85,7 @@ long_holds_are_renewed(_) ->
         ]
     end,
     Around = #{
-        blocks => [starl_mutex:block(#{lease_ms => 1000})],
+        blocks => starl_mutex:machines(#{lease_ms => 1000}),
         monitors => [{starl_mutex_monitor, #{lease_us => 1000000}}]
     },
     #{violations := [], robots := Robots} =

@@ -2,6 +2,7 @@
 %% alone and in sets, holds them for a while and releases them, until its time is up.
 -module(starl_mutex_app).
 -behaviour(starl_app).
+-behaviour(starl_scene).
 
 -export([options/0, scene/1, init/2, step/2]).
 

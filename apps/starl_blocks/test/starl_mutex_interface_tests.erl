@@ -58,8 +58,10 @@ mistakes_test() ->
     ].
 
 block_test() ->
-    ?assertEqual({mutex, starl_mutex_tokens, #{}}, starl_mutex:block()),
-    ?assertEqual({mutex, starl_mutex_tokens, #{lag_ms => 1}}, starl_mutex:block(#{lag_ms => 1})).
+    ?assertEqual([{mutex, starl_mutex_tokens, #{}}], starl_mutex:machines(#{})),
+    ?assertEqual(
+        [{mutex, starl_mutex_tokens, #{lag_ms => 1}}], starl_mutex:machines(#{lag_ms => 1})
+    ).
 
 %% The home is where the machines take it to be: of each token one robot, and all have their share.
 home_test() ->

@@ -66,7 +66,7 @@ moment() -> oneof([10, 700, 1300, 2500, 4000]).
 
 run(#{robots := N, faults := Faults} = Case, Bug) ->
     Team = lists:seq(1, N),
-    Monitor = #{robots => Team, owners => #{mine => 1}, bound_us => ?BOUND_US},
+    Monitor = #{robots => Team, owners => #{mine => 1}, bound_us => ?BOUND_US, healed_us => 0},
     Around = #{
         blocks => [machine(Bug, #{owners => #{mine => 1}})],
         monitors => [{starl_registers_monitor, Monitor}]
@@ -75,7 +75,7 @@ run(#{robots := N, faults := Faults} = Case, Bug) ->
         faults => planned(Faults), time => 80
     }).
 
-machine(none, Config) -> starl_registers:block(Config);
+machine(none, Config) -> hd(starl_registers:machines(Config));
 machine(Bug, Config) -> {registers, starl_registers_bug, Config#{bug => Bug}}.
 
 script(R) ->
@@ -203,7 +203,7 @@ step(Type, Content, Machine) ->
 play(N, Script, Scenario, Config) ->
     Monitor = #{robots => lists:seq(1, N), owners => maps:get(owners, Config, #{})},
     Around = #{
-        blocks => [starl_registers:block(Config)],
+        blocks => starl_registers:machines(Config),
         monitors => [{starl_registers_monitor, Monitor}]
     },
     Outcome = starl_blocks_script_app:play(Script, Around, Scenario#{robots => N, time => 100}),

@@ -59,7 +59,7 @@ faults() ->
 
 %% @doc Checks a block. `Control' is asked now and then, with the figures so far and its own
 %% state, whether to go on; it is called in another process.
--spec run(starl_check_model:block(), options(), {starl_check_search:control(State), State}) ->
+-spec run(starl_check_model:block() | starl_block:model_entry(), options(), {starl_check_search:control(State), State}) ->
     outcome().
 run(Block, Options, Control) ->
     Limits = #{

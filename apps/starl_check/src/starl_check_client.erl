@@ -1,17 +1,8 @@
 %% @doc The application of a checked robot: it makes the calls of its script one after the other
 %% and ends. When it makes the next one is up to the checker: each call waits for the timer `go'.
 %%
-%% A step of the script:
-%% ```
-%%   {call, Machine, Request}           again until it succeeds ({ok, _}, or ok)
-%%   {try, Machine, Request}            once, whatever the answer
-%%   {hold, Token}                      acquire it from the mutex, and in a further step release it
-%%   {sync, Name, Last}                 a round of a barrier, unless all up to the Last are passed
-%%   {join, First, Later}               a coordinator of path planning; after a restart the other;
-%%                                      as the first step at once
-%%   {window, Us}                       says when so much time has passed
-%%   {listen, Type}                     to messages, which it forgets
-%% '''
+%% The steps of a script: {@link starl_block:script()}.
+%%
 %% A call that its machine's crash ended is made again, as the blocks' interfaces do it. After its
 %% own crash the client begins anew. Its state is `running' or `done'.
 -module(starl_check_client).
@@ -19,29 +10,14 @@
 
 -export([init/1, handle_event/5]).
 
--export_type([script/0, event/0]).
+-export_type([event/0]).
 
 %% What it traces: the time that it was to wait is over.
 -type event() :: {window, over}.
 
--type script() :: [
-    {call | 'try', starl_machine:name(), Request :: term()}
-    | {hold, starl_mutex:token()}
-    %% what that turns into
-    | hold
-    | {release, starl_mutex:token()}
-    | {sync, starl_barrier:name(), Last :: pos_integer()}
-    | {listen, Type :: atom()}
-    | {window, Us :: pos_integer()}
-    | {join, First :: starl:robot_id(), Later :: starl:robot_id()}
-].
-
-%% So patient that it is the checker that decides when a call fails.
--define(PATIENCE_US, 30000000).
-
 -record(client, {
     incarnation :: pos_integer(),
-    script :: script(),
+    script :: starl_block:script(),
     listens :: [atom()],
     %% the call that is not answered yet: to whom, and its mark
     waits = none :: none | {starl_machine:name(), Mark :: term()}
@@ -56,9 +32,9 @@ init(#{incarnation := Incarnation, script := Script}) ->
         listens = Types
     },
     case Client#client.script of
-        [{join, _, _} = Join | _] ->
-            {keep_state, Joining, Actions} = begin_step(Join, Client),
-            {running, Joining, listen(Types) ++ Actions};
+        [{start, _, _, _} = Start | _] ->
+            {keep_state, Starting, Actions} = begin_step(Start, Client),
+            {running, Starting, listen(Types) ++ Actions};
         Steps ->
             {State, Actions} = next(Steps),
             {State, Client, listen(Types) ++ Actions}
@@ -97,29 +73,26 @@ is_listen(_) -> false.
 
 begin_step({Kind, Machine, Request}, Client) when Kind =:= call; Kind =:= 'try' ->
     call(Machine, Request, Kind, [], Client);
-begin_step({hold, Token}, Client) ->
-    call(mutex, {acquire, Token, ?PATIENCE_US}, acquire, [], Client);
-begin_step({release, Token}, Client) ->
-    call(mutex, {release, Token}, 'try', [], Client);
-begin_step({join, First, _}, #client{incarnation = 1} = Client) ->
-    call(dpp, {join, First}, join, [], Client);
-begin_step({join, _, Later}, Client) ->
-    call(dpp, {join, Later}, join, [], Client);
-begin_step({sync, Name, _Last}, Client) ->
-    call(barrier, {round, Name}, round, [], Client).
+begin_step({start, Machine, Request, _}, #client{incarnation = 1} = Client) ->
+    call(Machine, Request, start, [], Client);
+begin_step({start, Machine, _, Later}, Client) ->
+    call(Machine, Later, start, [], Client);
+begin_step({talk, Module, Args}, Client) ->
+    talk(Module:first(Args), [], Client).
+
+talk({Machine, Request, Mark}, Before, Client) ->
+    call(Machine, Request, {talk, Mark}, Before, Client).
 
 call(Machine, Request, Mark, Before, #client{incarnation = Life} = Client) ->
     Waiting = Client#client{waits = {Machine, Mark}},
     {keep_state, Waiting, Before ++ [{call, Machine, Request, {Life, Mark}}]}.
 
-answered(round, Round, #client{script = [{sync, _, Last} | _]} = Client) when Round > Last ->
-    step_over(Client);
-answered(round, Round, #client{script = [{sync, Name, _} | _]} = Client) ->
-    call(barrier, {sync, Name, Round, ?PATIENCE_US}, {sync, Round}, [], Client);
-answered({resume, _}, ok, Client) ->
-    once_more(Client);
-answered(acquire, {ok, _}, #client{script = [{hold, Token} | Rest]} = Client) ->
-    step_over(Client#client{script = [hold, {release, Token} | Rest]});
+answered({talk, Mark}, Answer, #client{script = [{talk, Module, Args} | _]} = Client) ->
+    case Module:answered(Mark, Answer, Args) of
+        {call, Call} -> talk(Call, [], Client);
+        over -> step_over(Client);
+        again -> once_more(Client)
+    end;
 answered('try', _, Client) ->
     step_over(Client);
 answered(_, {error, _}, Client) ->
@@ -140,13 +113,17 @@ next([_ | _]) -> {running, go()}.
 
 go() -> [{{timeout, go}, 0, go}].
 
-%% Whoever waits for a barrier tells its new machine which round that was.
-restarted({_, Round}, Heard, #client{script = [{sync, Name, _} | _]} = Client) ->
-    call(barrier, {resume, Name, Round}, {resume, Round}, Heard, Client);
+restarted({talk, Mark}, Heard, #client{script = [{talk, Module, Args} | _]} = Client) ->
+    case Module:restarted(Mark, Args) of
+        {call, Call} -> talk(Call, Heard, Client);
+        over -> passed(Heard, Client);
+        again -> {keep_state, Client, Heard ++ go()}
+    end;
 restarted('try', Heard, Client) ->
-    {State, Client1, Actions} = stepped(step_over(Client)),
-    {next_state, State, Client1, Heard ++ Actions};
+    passed(Heard, Client);
 restarted(_, Heard, Client) ->
     {keep_state, Client, Heard ++ go()}.
 
-stepped({next_state, State, Client, Actions}) -> {State, Client, Actions}.
+passed(Heard, Client) ->
+    {next_state, State, Next, Actions} = step_over(Client),
+    {next_state, State, Next, Heard ++ Actions}.

@@ -37,7 +37,7 @@
 -type ran() :: #{
     ending := starl_sim_run:ending(),
     outcome := starl_sim_run:outcome(),
-    app := starl_app:report(),
+    app := starl_scene:report(),
     wall_s := float()
 }.
 

@@ -14,8 +14,8 @@
 %% events that it does not know, and none swallows them.
 -module(starl_monitor).
 
--export([new/1, step/2, finish/2, known/1, format_violation/1, shape/1]).
--export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, shape/0]).
+-export([new/1, step/2, finish/2, known/1, informed/2, name/1, format_violation/1, shape/1]).
+-export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, shape/0, known/0]).
 
 %% A robot's number.
 -type robot_id() :: pos_integer().
@@ -37,6 +37,15 @@
     {atom(), atom(), none | one | two | many, Details :: [term()], Order :: [term()]}.
 %% Figures that a monitor measured, for the report.
 -type results() :: #{atom() => term()}.
+%% What is known of a run beside its events: which assumptions its faults break; when nothing goes
+%% wrong any more; how long a packet is under way at most; how much longer faults of clocks and
+%% processes may make whatever is bounded in time. Of real robots nothing is known.
+-type known() :: #{
+    broken := [starl_assumption:window()],
+    healed_us := integer() | never,
+    delay_us := non_neg_integer(),
+    slack_us := non_neg_integer()
+}.
 
 -callback init(Config :: map()) -> state().
 -callback step(trace_event(), state()) -> {ok, state()} | {violation, violation(), state()}.
@@ -44,13 +53,18 @@
     {ok | {violation, [violation(), ...]}, results()}.
 %% The machines whose events the monitor wants; without this callback, all.
 -callback interests() -> [Machine :: atom()] | all.
+%% The same of a monitor whose configuration decides.
+-callback interests(state()) -> [Machine :: atom()] | all.
+%% The configuration with what the monitor needs of what is known of the run: excuses and bounds.
+%% Without this callback a monitor is told nothing.
+-callback context(known(), Config :: map()) -> Config :: map().
 %% The machines whose contract the monitor stands for, with all the events that they trace of their
 %% own, those too that it does not judge; without this callback, none.
 -callback vocabulary() -> starl_event:vocabulary().
 %% What decides on the violations to come while no time passes: two states that are alike in this
 %% judge alike. For the exhaustive checker; figures and times are left out.
 -callback timeless(state()) -> term().
--optional_callbacks([interests/0, vocabulary/0, timeless/1]).
+-optional_callbacks([interests/0, interests/1, context/2, vocabulary/0, timeless/1]).
 
 -record(runner, {
     monitors :: [monitor()],
@@ -74,7 +88,7 @@ new(Monitors) ->
     Modules = [Module || {Module, _Config} <- Monitors],
     length(lists:usort(Modules)) =:= length(Modules) orelse error(badarg, [Monitors]),
     #runner{
-        monitors = [{M, interests_of(M), M:init(Config)} || {M, Config} <- Monitors],
+        monitors = [started(M, M:init(Config)) || {M, Config} <- Monitors],
         known = known(Modules),
         room = ?KEPT
     }.
@@ -82,6 +96,26 @@ new(Monitors) ->
 %% @doc What the trace may hold when these monitors judge it.
 -spec known([module()]) -> starl_event:known().
 known(Modules) -> starl_event:known([optional(Module, vocabulary, #{}) || Module <- Modules]).
+
+%% @doc The monitors with what each needs of what is known of the run.
+-spec informed([{module(), Config :: map()}], known()) -> [{module(), Config :: map()}].
+informed(Monitors, Known) ->
+    [
+        case exports(Module, context, 2) of
+            true -> {Module, Module:context(Known, Config)};
+            false -> {Module, Config}
+        end
+     || {Module, Config} <- Monitors
+    ].
+
+%% @doc A monitor's name, as in reports: `mutex' of the module `starl_mutex_monitor'.
+-spec name(module()) -> string().
+name(Module) ->
+    Name = string:replace(atom_to_list(Module), "_monitor", "", trailing),
+    case lists:flatten(Name) of
+        "starl_" ++ Short -> Short;
+        Other -> Other
+    end.
 
 %% @doc Feeds one event or several. All of them are judged by all monitors, also after a
 %% violation; the first violation of this call is returned.
@@ -150,11 +184,16 @@ compared(M, N) when M < N -> less;
 compared(M, N) when M == N -> equal;
 compared(_, _) -> more.
 
-interests_of(Module) -> optional(Module, interests, all).
+started(Module, State) -> {Module, interests_of(Module, State), State}.
+
+interests_of(Module, State) ->
+    case exports(Module, interests, 1) of
+        true -> Module:interests(State);
+        false -> optional(Module, interests, all)
+    end.
 
 optional(Module, Callback, Default) ->
-    {module, Module} = code:ensure_loaded(Module),
-    case erlang:function_exported(Module, Callback, 0) of
+    case exports(Module, Callback, 0) of
         true -> Module:Callback();
         false -> Default
     end.
@@ -170,6 +209,10 @@ unknown([{_, _, Machine, Event} = Traced | Events], Place, Known, Found) ->
             More = [{Place, starl_event:violation(Traced)} | Found],
             unknown(Events, Place + 1, starl_event:tell(Machine, Event, Known), More)
     end.
+
+exports(Module, Function, Arity) ->
+    {module, Module} = code:ensure_loaded(Module),
+    erlang:function_exported(Module, Function, Arity).
 
 %% A monitor takes all its events in one go, so that its state stays in its hands.
 feed_all(Events, {Module, Interests, State}, Found0) ->

@@ -27,7 +27,7 @@
 -module(starl_sap_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -record(state, {
     bound_us :: pos_integer(),
@@ -70,6 +70,11 @@ init(#{bound_us := Bound} = Config) ->
         room = maps:get(room, Config, ?ROOM),
         is_alone = length(maps:get(robots, Config, [])) < 2
     }.
+
+%% @doc Faults of clocks and processes widen the bound.
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{slack_us := Slack}, #{bound_us := Bound} = Config) ->
+    Config#{bound_us := Bound + Slack}.
 
 %% @doc The SAP's own events, what the application reads, and the end of robots.
 -spec interests() -> [atom()].

@@ -24,7 +24,7 @@
     sup :: pid(),
     run :: pid(),
     scenario :: starl_sim_scenario:t(),
-    scene :: starl_app:scene()
+    scene :: starl_scene:t()
 }).
 
 %% A running simulation, linked to the process that started it.
@@ -149,11 +149,11 @@ robot_pids(#sim{sup = Sup}, all) ->
     [Pid || Robots <- Pools, {_, Pid, _, _} <- supervisor:which_children(Robots)].
 
 %% @doc Ends the simulation and tells what came of it.
--spec finish(sim()) -> {starl_sim_run:outcome(), starl_app:report()}.
+-spec finish(sim()) -> {starl_sim_run:outcome(), starl_scene:report()}.
 finish(#sim{run = Run, scenario = #{app := App}, scene = Scene} = Sim) ->
     Outcome = starl_sim_run:finish(Run),
     close(Sim),
-    {Outcome, starl_app:report(App, Scene, Outcome)}.
+    {Outcome, starl_scene:report(App, Scene, Outcome)}.
 
 %% @doc Ends the simulation.
 -spec close(sim()) -> ok.
@@ -201,7 +201,7 @@ prepare(App, Scenario, Options) ->
 
 set_scene(App, Scenario, Options) ->
     Context = starl_sim_plan:context(App, Scenario),
-    case starl_app:scene(App, Context) of
+    case starl_scene:make(App, Context) of
         {ok, Scene} -> check_faults(Scenario, Scene, Context, Options);
         {error, Why} -> {error, {scene, Why}}
     end.

@@ -28,7 +28,7 @@
 -define(NODE_TIMEOUT_MS, 30000).
 
 %% @doc What the application is told to set its scene by.
--spec context(module(), starl_sim_scenario:t()) -> starl_app:context().
+-spec context(module(), starl_sim_scenario:t()) -> starl_scene:context().
 context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
     #{
         robots => lists:seq(1, N),
@@ -57,7 +57,7 @@ profile(#{speed := Speed, acceleration := Acceleration, heading_error := H, dist
 sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
 
 %% @doc What is to be simulated of a checked scenario, all of whose faults have been drawn.
--spec make(starl_sim_scenario:t(), starl_app:scene(), starl_app:context(), starl_sim:options()) ->
+-spec make(starl_sim_scenario:t(), starl_scene:t(), starl_scene:context(), starl_sim:options()) ->
     t().
 make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     #{delay := {MinMs, _}, shards := Shards, faults := Faults} = Scenario,
@@ -139,15 +139,14 @@ pose(Id, Scene, #{world := {Width, _}}) ->
     },
     maps:get(Id, maps:get(poses, Scene, #{}), Default).
 
-%% Whatever is bounded in time may take longer by what faults of clocks and processes cost; a
-%% monitor that asks for it is told which assumptions they break, and when, when all is over, and how
-%% long a packet is under way then. That not all are done in time comes last: other contracts know
-%% better what is wrong.
+%% Monitors are told which assumptions the faults break, and when, when all is over, how long a
+%% packet is under way then, and how much longer faults of clocks and processes may make anything.
+%% That not all are done in time comes last: other contracts know better what is wrong.
 monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}) ->
     #{faults := Faults, delay := {_, MaxMs}} = Scenario,
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
-    Slack = starl_sim_fault:slack_us(Faults),
     Known = #{
+        slack_us => starl_sim_fault:slack_us(Faults),
         broken => starl_sim_assumption:broken(Faults, is_exact(Profiles)),
         healed_us => healed_us(Scenario),
         delay_us => round(1000 * MaxMs)
@@ -158,22 +157,13 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}) ->
         {starl_sap_monitor, #{bound_us => Bound, robots => Ids}},
         {starl_crash_monitor, #{excused => excused(Scene)}}
     ],
-    [
-        {Module, told(Known, widened(Slack, Config))}
-     || {Module, Config} <- Own ++ maps:get(monitors, Scene, []) ++ progress(Scenario, Ids)
-    ].
+    starl_monitor:informed(
+        Own ++ maps:get(monitors, Scene, []) ++ progress(Scenario, Ids), Known
+    ).
 
 %% A user's application may crash; it is told.
 excused(#{never_crashes := true}) -> [];
 excused(_Scene) -> [app].
-
-widened(Slack, #{bound_us := Bound} = Config) when is_integer(Bound) ->
-    Config#{bound_us := Bound + Slack};
-widened(_Slack, Config) ->
-    Config.
-
-%% Only what it has a key for.
-told(Known, Config) -> maps:merge(Config, maps:with(maps:keys(Config), Known)).
 
 %% Where packets are lost by chance, or robots are out of reach, that is never over.
 healed_us(#{loss := Loss, range := none, faults := Faults}) when Loss == 0 ->

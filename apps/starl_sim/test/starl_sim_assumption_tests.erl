@@ -81,10 +81,12 @@ all_others_test() ->
 %% A monitor is told where it asks, and the simulator has the last word.
 told_test() ->
     Told = told(#{position_error => 1.0}),
-    ?assertEqual(#{broken => [{3, 2000, 5000, pause}]}, proplists:get_value(asks, Told)),
-    ?assertEqual(#{}, proplists:get_value(silent, Told)),
+    ?assertMatch(
+        #{broken := [{3, 2000, 5000, pause}]}, proplists:get_value(starl_sim_told_monitor, Told)
+    ),
+    ?assertEqual(#{}, proplists:get_value(starl_sim_order_monitor, Told)),
     Exact = [{3, 2000, 5000, pause}, {all, 2000, 5000, position}],
-    ?assertEqual(#{broken => Exact}, proplists:get_value(asks, told(#{position_error => 0}))).
+    ?assertMatch(#{broken := Exact}, proplists:get_value(starl_sim_told_monitor, told(#{position_error => 0}))).
 
 told(Positions) ->
     Faults = [{f, 2, 5, pause, 3, #{}}, {g, 2, 5, location_frozen, all, #{}}],
@@ -94,6 +96,6 @@ told(Positions) ->
     {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(starl_sim_script_app)),
     Context = starl_sim_plan:context(starl_sim_script_app, Scenario),
     Scene = #{app => {sequential, starl_sim_script_app, #{}},
-              monitors => [{asks, #{broken => []}}, {silent, #{}}]},
+              monitors => [{starl_sim_told_monitor, #{}}, {starl_sim_order_monitor, #{}}]},
     #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
     Monitors.

@@ -40,13 +40,14 @@ monitors_are_told_test() ->
         Scene = #{
             app => {sequential, ?MODULE, none},
             monitors => [
-                {asks, #{bound_us => 5, healed_us => 0, broken => [], delay_us => 0}},
-                {asks_not, #{}}
+                {starl_sim_told_monitor, #{bound_us => 5}},
+                {starl_sim_order_monitor, #{}}
             ]
         },
         #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
-        {_, Config} = lists:keyfind(asks, 1, Monitors),
-        ?assertEqual({asks_not, #{}}, lists:keyfind(asks_not, 1, Monitors)),
+        {_, Config} = lists:keyfind(starl_sim_told_monitor, 1, Monitors),
+        Order = starl_sim_order_monitor,
+        ?assertEqual({Order, #{}}, lists:keyfind(Order, 1, Monitors)),
         maps:with([bound_us, healed_us, delay_us], Config)
     end,
     All = #{bound_us => 800005, healed_us => 9000000, delay_us => 20000},

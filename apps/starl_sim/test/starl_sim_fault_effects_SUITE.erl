@@ -236,7 +236,7 @@ actuator_faults(_) ->
             starl:now(R) - Begin
         end, #{
             faults => Fault, clock_drift => 0,
-            around => #{blocks => [starl_actuator:block()]}
+            around => #{blocks => [starl_actuator]}
         }),
         {Ms, [T || {T, 1, chassis, {actuated, pen, down}} <- starl_sim_ct:trace(Outcome)]}
     end,

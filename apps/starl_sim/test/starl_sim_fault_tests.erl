@@ -43,9 +43,14 @@ sum_test() ->
 bounds_test() ->
     Sound = bounds([]),
     Slow = bounds([{f, 100, 9000, slow, 1, #{lag_ms => 50}}]),
-    ?assertEqual([bounded, starl_sap_monitor], lists:sort(maps:keys(Sound))),
-    ?assertEqual(1000, maps:get(bounded, Sound)),
-    ?assertEqual(maps:map(fun(_, Us) -> Us + 1000000 end, Sound), Slow).
+    ?assertEqual(
+        [starl_sap_monitor, starl_sim_order_monitor, starl_sim_told_monitor],
+        lists:sort(maps:keys(Sound))
+    ),
+    ?assertEqual(1000, maps:get(starl_sim_told_monitor, Sound)),
+    Wider = maps:map(fun(_, Us) -> Us + 1000000 end, Sound),
+    %% one that needs nothing is told nothing
+    ?assertEqual(Wider#{starl_sim_order_monitor := 7}, Slow).
 
 bounds(Faults) ->
     App = starl_sim_script_app,
@@ -53,7 +58,9 @@ bounds(Faults) ->
     {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
     Scene = #{
         app => {sequential, App, #{}},
-        monitors => [{bounded, #{bound_us => 1000}}, {free, #{bound_us => infinity}}, {other, #{}}]
+        monitors => [
+            {starl_sim_told_monitor, #{bound_us => 1000}}, {starl_sim_order_monitor, #{bound_us => 7}}
+        ]
     },
     Context = starl_sim_plan:context(App, Scenario),
     #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),

@@ -9,6 +9,7 @@
 %% Trace: {@link event()} (see {@link starl_painting_monitor}).
 -module(starl_painting).
 -behaviour(starl_app).
+-behaviour(starl_scene).
 
 -export([init/2, step/2]).
 -export([options/0, scene/1, report/2]).
@@ -117,8 +118,8 @@ pen(Robot, State) ->
 -spec options() -> [starl_options:option()].
 options() -> starl_painting_scene:options().
 
--spec scene(starl_app:context()) -> {ok, starl_app:scene()} | {error, unicode:chardata()}.
+-spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
 scene(Context) -> starl_painting_scene:scene(Context).
 
--spec report(starl_app:scene(), starl_app:outcome()) -> starl_app:report().
+-spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(Scene, Outcome) -> starl_painting_report:report(Scene, Outcome).

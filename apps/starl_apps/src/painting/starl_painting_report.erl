@@ -7,7 +7,7 @@
 -type figures() :: [{atom(), number() | null}].
 
 %% @doc The report of a run. The picture is complete when all of the lines are covered with ink.
--spec report(starl_app:scene(), starl_app:outcome()) -> starl_app:report().
+-spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(#{memo := Memo}, #{monitors := Monitors} = Outcome) ->
     #{starl_painting_monitor := #{coverage := Covered} = Paint} = Monitors,
     Figures = figures(Memo, Outcome),
@@ -20,7 +20,7 @@ report(#{memo := Memo}, #{monitors := Monitors} = Outcome) ->
         write => fun(Dir) -> draw(Dir, Memo, Paint, Outcome) end
     }.
 
--spec figures(map(), starl_app:outcome()) -> figures().
+-spec figures(map(), starl_scene:outcome()) -> figures().
 figures(Memo, #{monitors := Monitors, end_us := EndUs}) ->
     #{starl_painting_monitor := Paint, starl_dpp_monitor := Dpp} = Monitors,
     #{lines_mm := Length, robots := N, speed := Speed} = Memo,
@@ -48,7 +48,7 @@ number(infinity) -> null;
 number(X) -> X.
 
 %% Covered ink and separations are never made to look better than they are.
--spec formats() -> #{atom() => starl_app:format()}.
+-spec formats() -> #{atom() => starl_scene:format()}.
 formats() ->
     #{
         ink_mm => #{decimals => 1},

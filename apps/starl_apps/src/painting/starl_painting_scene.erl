@@ -8,6 +8,8 @@
 -define(TOLERANCE_MM, 2.0).
 %% Two Creates (radius 165 mm) that touch are 330 mm apart.
 -define(CONTACT_MM, 330).
+%% That of elect/2.
+-define(PATIENCE_MS, 30000).
 
 %% @doc The options of painting.
 -spec options() -> [starl_options:option()].
@@ -25,7 +27,7 @@ options() ->
 %% @doc Puts the picture on the floor. r_s is the least distance of two robots, r(v) how far they
 %% may be from their paths, R = r_s/2 + r(v) the radius of the tubes; all tubes are as wide as that
 %% of the robot that needs most.
--spec scene(starl_app:context()) -> {ok, starl_app:scene()} | {error, unicode:chardata()}.
+-spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
 scene(#{robots := Ids, world := World, profiles := Profiles, options := Options} = Context) ->
     Tracking = starl_chassis:widest(Profiles),
     Radius = maps:get(safety_distance, Options) / 2 + Tracking,
@@ -53,15 +55,18 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
         seed => Seed
     },
     Leases = #{lease_ms => maps:get(lease, Options), jump_ms => maps:get(jump, Options)},
-    Dpp = starl_dpp:blocks(maps:merge(Plan, Leases)),
     case starl_dpp_plan:new(Plan#{robots => Ids}) of
         {ok, Empty} ->
             {ok, #{
                 app => {sequential, starl_painting, none},
                 never_crashes => true,
-                blocks => [starl_election:block(), starl_actuator:block() | Dpp],
+                blocks => [
+                    {starl_election, #{patience_ms => ?PATIENCE_MS}},
+                    starl_actuator,
+                    {starl_dpp, maps:merge(Plan, Leases)}
+                ],
                 poses => maps:map(fun(_, Spot) -> facing(Spot, World) end, Spots),
-                monitors => monitors(Lines, Radius, Tracking, Context),
+                monitors => monitors(Lines, Tracking, Context),
                 memo => #{
                     picture => Picture,
                     world => World,
@@ -80,19 +85,9 @@ lines_mm(Plan) ->
     #{total := Total} = starl_dpp_plan:counts(Plan),
     lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- lists:seq(1, Total)]).
 
-monitors(Lines, Radius, Tracking, #{robots := Ids, options := Options, profiles := Profiles}) ->
+monitors(Lines, Tracking, #{robots := Ids, profiles := Profiles}) ->
     Own = tracking(Ids, Profiles),
     [
-        {starl_election_monitor, #{robots => Ids, bound_us => 31000000}},
-        {starl_dpp_monitor, #{
-            tube_radius => Radius,
-            tracking_mm => Own,
-            r_s => float(maps:get(safety_distance, Options)),
-            robots => Ids,
-            lease_us => 1000 * maps:get(lease, Options),
-            jump_us => 1000 * maps:get(jump, Options),
-            broken => []
-        }},
         {starl_painting_monitor, #{
             lines => Lines,
             ink_radius_mm => Tracking,

@@ -10,10 +10,12 @@
 %% get through, all pass within a short time of each other. A name costs memory once, its
 %% rounds cost none; names are meant to be few.
 -module(starl_barrier).
+-behaviour(starl_block).
 
--export([blocks/0, blocks/1, sync/2, sync/3, round/2, round/3]).
+-export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0, benchmark/0]).
+-export([sync/2, sync/3, round/2, round/3]).
 
--export_type([name/0, round/0, options/0]).
+-export_type([name/0, round/0]).
 
 -define(PATIENCE_MS, 30000).
 
@@ -21,17 +23,6 @@
 
 %% Counts the rounds of a name, from 1.
 -type round() :: pos_integer().
-
-%% `retry_ms': how often a robot that waits asks those that it misses.
--type options() :: #{retry_ms => pos_integer()}.
-
-%% @doc The machines that a robot needs to take part.
--spec blocks() -> [starl_robot_sup:machine()].
-blocks() -> blocks(#{}).
-
-%% @doc The same with options.
--spec blocks(options()) -> [starl_robot_sup:machine()].
-blocks(Options) -> [{barrier, starl_barrier_rounds, Options}].
 
 %% @doc The round that the next `sync' with this name is for, with half a minute's patience: it is
 %% known at once unless what the robot stored is damaged.
@@ -74,3 +65,36 @@ remind(Robot, Name, Round) ->
         {ok, ok} -> ok;
         {error, restarted} -> remind(Robot, Name, Round)
     end.
+
+%% -- the block ------------------------------------------------------------------------------
+
+-spec options() -> [starl_options:option()].
+options() ->
+    [
+        {retry_ms, {integer, 1, 1000000000}, 3000,
+            "a robot that waits asks those that it misses after this, ms"}
+    ].
+
+-spec machines(starl_block:options()) -> [starl_robot_sup:machine()].
+machines(Options) -> [{barrier, starl_barrier_rounds, Options}].
+
+-spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
+monitors(_Options, #{robots := Robots}) -> [{starl_barrier_monitor, #{robots => Robots}}].
+
+-spec contract() -> string().
+contract() -> "nobody passes a round before all have reached it".
+
+-spec exercise() -> module().
+exercise() -> starl_barrier_exercise.
+
+-spec models() -> [starl_block:model_entry()].
+models() -> [{barrier, "barrier, two rounds", fun starl_barrier_model:new/1}].
+
+-spec benchmark() -> starl_block:benchmark().
+benchmark() ->
+    #{
+        workload => #{turns => 5},
+        operations => rounds,
+        packets => fun(N) -> N * N end,
+        formula => "N^2"
+    }.

@@ -19,7 +19,7 @@
 -module(starl_barrier_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
@@ -68,6 +68,13 @@ init(#{robots := Robots} = Config) ->
         bound_us = maps:get(bound_us, Config, infinity),
         delta_us = maps:get(delta_us, Config, infinity)
     }.
+
+%% @doc Faults of clocks and processes widen the bound.
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{slack_us := Slack}, #{bound_us := Bound} = Config) when is_integer(Bound) ->
+    Config#{bound_us := Bound + Slack};
+context(_Known, Config) ->
+    Config.
 
 %% @doc The barrier machines' own events and the end of robots.
 -spec interests() -> [atom()].

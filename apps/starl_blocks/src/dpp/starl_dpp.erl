@@ -13,13 +13,15 @@
 %%    end || {N, _Line, Pen} <- starl_dpp:lines(Path)]
 %% '''
 -module(starl_dpp).
+-behaviour(starl_block).
 
--export([blocks/1, join/2, coordinator/1, request_path/1, lines/1, face/3, drive/3]).
+-export([options/0, machines/1, monitors/2, contract/0, models/0]).
+-export([join/2, coordinator/1, request_path/1, lines/1, face/3, drive/3]).
 
 -export_type([config/0, path/0, request_id/0, term_id/0, place/0]).
 
 %% What a team must agree on: see {@link starl_dpp_settings:t()}, without the robots, and
-%% {@link starl_dpp_lease:config()}.
+%% {@link starl_dpp_lease:config()}; the block's options.
 -type config() :: #{
     segments := [starl_geometry:segment()],
     world := {number(), number()},
@@ -42,14 +44,6 @@
 
 %% A path that the robot holds, and where it begins.
 -opaque path() :: {request_id(), starl_geometry:point(), starl_dpp_plan:path()}.
-
-%% @doc The machines that a robot needs for DPP.
--spec blocks(config()) -> [starl_robot_sup:machine()].
-blocks(Config) ->
-    [
-        {dpp, starl_dpp_participant, maps:with([slack, lease_ms, drift_ppm, jump_ms], Config)},
-        {dpp_coordinator, starl_dpp_coordinator, Config}
-    ].
 
 %% @doc Names the first coordinator, usually the elected leader. A robot that knows of one already
 %% stays with it. When a coordinator dies its successor finds the robots by itself.
@@ -125,3 +119,50 @@ not_a_path(Function, Path) ->
 
 pen(up) -> up;
 pen({down, _Edge}) -> down.
+
+%% -- the block ------------------------------------------------------------------------------
+
+-spec options() -> [starl_options:option()].
+options() -> starl_dpp_settings:options() ++ starl_dpp_lease:options().
+
+-spec machines(starl_block:options()) -> [starl_robot_sup:machine()].
+machines(Options) ->
+    [
+        {dpp, starl_dpp_participant, maps:with([slack, lease_ms, drift_ppm, jump_ms], Options)},
+        {dpp_coordinator, starl_dpp_coordinator, Options}
+    ].
+
+%% Two robots within the slack of their paths are no nearer to each other than what is left of two
+%% tubes.
+-spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
+monitors(#{tube_radius := Radius, slack := Slack} = Options, Context) ->
+    #{robots := Robots, profiles := Profiles} = Context,
+    #{lease_ms := Lease, jump_ms := Jump, drift_ppm := Ppm} = Options,
+    [
+        {starl_dpp_monitor, #{
+            tube_radius => Radius,
+            tracking_mm => tracking(Robots, Profiles),
+            r_s => 2 * (Radius - Slack),
+            robots => Robots,
+            lease_us => 1000 * Lease,
+            jump_us => 1000 * Jump,
+            drift_ppm => Ppm
+        }}
+    ].
+
+%% Where robots drive on different chassis, r(v) of each.
+tracking(_Robots, [_AllTheSame]) ->
+    #{};
+tracking(Robots, Profiles) ->
+    maps:from_list([
+        {Robot, starl_chassis:tracking_radius(starl_chassis:of_robot(Robot, Profiles))}
+     || Robot <- Robots
+    ]).
+
+-spec contract() -> string().
+contract() -> "the tubes that robots hold are disjoint, and robots keep their distance".
+
+-spec models() -> [starl_block:model_entry()].
+models() ->
+    Doc = "path planning: votes, leases and terms of coordinators, with drifting clocks",
+    [{terms, Doc, fun starl_dpp_model:new/1}].

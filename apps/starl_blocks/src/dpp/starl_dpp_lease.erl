@@ -15,7 +15,7 @@
 %% that of Ongaro and Ousterhout, "In search of an understandable consensus algorithm", 2014.)
 -module(starl_dpp_lease).
 
--export([new/2, short_us/1, long_us/1, bounds/1, beat_us/1, quorum/2]).
+-export([options/0, new/2, short_us/1, long_us/1, bounds/1, beat_us/1, quorum/2]).
 -export([beat/2, voted/4, heard/4, since/2, leads/2, votes/2, stamps/1, rests/3]).
 -export_type([t/0, config/0, seq/0, stamp/0]).
 
@@ -47,6 +47,18 @@
     since = none :: integer() | none
 }).
 -opaque t() :: #lease{}.
+
+%% @doc What of it can be set, see {@link config()}.
+-spec options() -> [starl_options:option()].
+options() ->
+    [
+        {lease_ms, {integer, 1, 1000000000}, 10000,
+            "how long the coordinator leads by a vote, and a robot drives by a leave, ms"},
+        {drift_ppm, {integer, 0, 100000}, 10000,
+            "no clock is faster or slower than real time by more, ppm"},
+        {jump_ms, {integer, 0, 1000000000}, 2000,
+            "by how much clocks may be set meanwhile, ms; far less than a lease"}
+    ].
 
 %% @doc No votes yet.
 -spec new([starl:robot_id()], config()) -> t().

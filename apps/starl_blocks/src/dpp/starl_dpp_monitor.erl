@@ -19,7 +19,7 @@
 -module(starl_dpp_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type reservation() :: {starl_geometry:box(), [starl_geometry:segment(), ...]}.
@@ -89,6 +89,10 @@ init(#{tube_radius := Radius, r_s := Limit} = Config) ->
         assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm),
         separation = starl_separation:new(Limit, Slice)
     }.
+
+%% @doc Told when clocks were not as assumed.
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{broken := Broken}, Config) -> maps:merge(#{broken => Broken}, Config).
 
 %% @doc Plans, motions and the end of robots.
 -spec interests() -> [atom()].

@@ -1,7 +1,7 @@
 %% @doc What path planning must be told, and the defaults of what it need not.
 -module(starl_dpp_settings).
 
--export([complete/1]).
+-export([complete/1, options/0]).
 -export_type([t/0]).
 
 -type t() :: #{
@@ -33,5 +33,31 @@
 complete(Settings) -> maps:merge(defaults(), Settings).
 
 defaults() ->
-    #{slack => 0.0, horizon => 3000.0, edge_length => 500.0, leg => 500.0, turn_mm => 160.0,
-      overhead_mm => 100.0, middle => 0.7, patience => {1.05, 50.0}, seed => 1}.
+    Required = [segments, world, tube_radius],
+    maps:from_list([
+        {Key, Default} || {Key, _, Default, _} <- options(), not lists:member(Key, Required)
+    ]).
+
+%% @doc The same as a table.
+-spec options() -> [starl_options:option()].
+options() ->
+    Mm = {number, 0, 1.0e9},
+    [
+        {segments, {term, "a list of lines {{X1, Y1}, {X2, Y2}}", fun is_list/1}, [],
+            "the target edges: what is to be painted, mm"},
+        {world, {size, {number, 1000, 1000000}}, {12000.0, 12000.0}, "the floor, mm"},
+        {tube_radius, Mm, 365.0, "the radius of the tubes that robots hold, mm"},
+        {slack, Mm, 0.0, "how far from its path a robot may be, the paper's r(v), mm"},
+        {horizon, Mm, 3000.0, "paint per assignment, mm"},
+        {edge_length, Mm, 500.0, "the longest target edge, mm"},
+        {leg, Mm, 500.0, "the longest segment without paint, mm"},
+        {turn_mm, Mm, 160.0, "mm driven in the time of turning one radian"},
+        {overhead_mm, Mm, 100.0, "mm driven in the time of a request"},
+        {middle, {number, 0, 1}, 0.7, "how much a line counts that is begun in its middle"},
+        {patience, {term, "{Factor, Mm}, or infinity", fun is_patience/1}, {1.05, 50.0},
+            "how long a way round others may be, against the straight one"},
+        {seed, {integer, 0, 1 bsl 64}, 1, "where the points of the roadmap fall"}
+    ].
+
+is_patience({Factor, Mm}) -> is_number(Factor) andalso is_number(Mm);
+is_patience(Patience) -> Patience =:= infinity.

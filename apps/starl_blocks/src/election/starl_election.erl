@@ -6,27 +6,19 @@
 %% the same leader; a robot that gets only the announcement elects the announced; else it fails
 %% in bounded time. When no message is lost, all elect.
 %%
-%% That is what the ballots keep ({@link starl_election_ballots}, the default). The bully
-%% algorithm ({@link starl_election_bully}) gives the highest robot that is alive, with dead
-%% robots in the team, too; but under loss two robots may elect different leaders.
+%% That is what the ballots keep ({@link starl_election_ballots}). The bully algorithm, the block
+%% {@link starl_bully} in the place of this one, gives the highest robot that is alive, with dead
+%% robots in the team, too; but under loss two robots may elect different leaders. The interface is
+%% the same.
 -module(starl_election).
+-behaviour(starl_block).
 
--export([block/0, block/1, elect/2, elect/3]).
+-export([elect/2, elect/3]).
+-export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0, benchmark/0]).
 
 -export_type([election/0]).
 
 -type election() :: term().
-
-%% @doc The machine that a robot needs to take part in elections.
--spec block() -> starl_robot_sup:machine().
-block() -> block(ballots).
-
-%% @doc The same, by the algorithm of this name; the bully algorithm takes a configuration.
--spec block(ballots | bully | {bully, starl_election_bully:config()}) ->
-    starl_robot_sup:machine().
-block(ballots) -> {election, starl_election_ballots, #{}};
-block(bully) -> block({bully, #{}});
-block({bully, Config}) -> {election, starl_election_bully, Config}.
 
 %% @doc Takes part in an election, with half a minute's patience.
 -spec elect(starl:robot(), election()) ->
@@ -44,3 +36,55 @@ elect(Robot, Election, Ms) ->
         {ok, Answer} -> Answer;
         {error, restarted} -> {error, restarted}
     end.
+
+%% -- the block ------------------------------------------------------------------------------
+
+%% @doc `patience_ms': no call has more patience; one that lasts a second longer breaks the contract.
+-spec options() -> [starl_options:option()].
+options() ->
+    [
+        {patience_ms, {integer, 1, 1000000000}, 600000,
+            "no call of elect/3 has more patience: one that lasts longer breaks the contract, ms"}
+    ].
+
+-spec machines(starl_block:options()) -> [starl_robot_sup:machine()].
+machines(_Options) -> [{election, starl_election_ballots, #{}}].
+
+-spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
+monitors(#{patience_ms := Ms}, #{robots := Robots}) ->
+    [{starl_election_monitor, #{robots => Robots, bound_us => 1000 * Ms + 1000000}}].
+
+-spec contract() -> string().
+contract() -> "two robots that elect in one election elect the same leader".
+
+-spec exercise() -> module().
+exercise() -> starl_election_exercise.
+
+-spec models() -> [starl_block:model_entry()].
+models() -> [{election, "election by randomized ballots", fun model/1}].
+
+%% Only the largest ballot of a complete set counts, so nothing but the place of its robot could
+%% make a difference, and every place is as good as the last: all draw the same ballot here, the
+%% robot's number decides, and all robots but the last are alike. A robot that has a leader keeps it.
+model(#{robots := Ids}) ->
+    #{
+        same_random => true,
+        blocks => machines(#{}),
+        script => fun(_) -> [{call, election, {elect, first, 30000000}}] end,
+        crash => [election, app],
+        monitor => {starl_election_monitor, #{robots => Ids, bound_us => 1}},
+        fixed => [length(Ids)],
+        inert => fun
+            (leader, {_, _}) -> true;
+            (_, _) -> false
+        end
+    }.
+
+-spec benchmark() -> starl_block:benchmark().
+benchmark() ->
+    #{
+        workload => #{turns => 1},
+        operations => elections,
+        packets => fun(N) -> 2 * N * N end,
+        formula => "ballots N^2 and N for each announcement, at most 2 N^2"
+    }.

@@ -13,7 +13,7 @@
 -module(starl_election_bully_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
@@ -38,6 +38,11 @@
     #state{}.
 init(#{robots := Robots, bound_us := Bound} = Config) ->
     #state{robots = Robots, bound_us = Bound, lossless = maps:get(lossless, Config, false)}.
+
+%% @doc Faults of clocks and processes widen the bound.
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{slack_us := Slack}, #{bound_us := Bound} = Config) ->
+    Config#{bound_us := Bound + Slack}.
 
 %% @doc The elections' own events and the end of robots.
 -spec interests() -> [atom()].

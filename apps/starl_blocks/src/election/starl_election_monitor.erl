@@ -15,7 +15,7 @@
 -module(starl_election_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
@@ -51,6 +51,11 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
         complete = maps:get(complete, Config, false),
         settle_us = maps:get(settle_us, Config, infinity)
     }.
+
+%% @doc Faults of clocks and processes widen the bound.
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{slack_us := Slack}, #{bound_us := Bound} = Config) ->
+    Config#{bound_us := Bound + Slack}.
 
 %% @doc The elections' own events and the end of robots.
 -spec interests() -> [atom()].

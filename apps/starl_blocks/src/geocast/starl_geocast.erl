@@ -10,8 +10,10 @@
 %% nobody twice; whoever is inside during the whole window gets it, over several hops, when
 %% packets get through. What that rests on stands in {@link starl_geocast_flood}.
 -module(starl_geocast).
+-behaviour(starl_block).
 
--export([block/0, block/1, send/5, listen/2]).
+-export([send/5, listen/2]).
+-export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0, benchmark/0]).
 
 -export_type([area/0, options/0]).
 
@@ -23,14 +25,6 @@
 -type options() :: #{lifetime_ms => pos_integer(), hops => pos_integer()}.
 
 -define(SEND, {?MODULE, send, 5}).
-
-%% @doc The machine that a robot needs to send, relay and receive geocasts.
--spec block() -> starl_robot_sup:machine().
-block() -> block(#{}).
-
-%% @doc The same with a configuration of its own.
--spec block(starl_geocast_flood:config()) -> starl_robot_sup:machine().
-block(Config) -> {geocast, starl_geocast_flood, Config}.
 
 %% @doc Sends a message to all robots inside an area, this one included, and does not wait for
 %% them. `full': too many geocasts are alive. A term that is no area, or an option that is none,
@@ -68,3 +62,65 @@ known(Options) ->
         true -> ok;
         false -> starl_caller:mistake(?SEND, 'Options', Options, "a map of lifetime_ms and hops")
     end.
+
+%% -- the block ------------------------------------------------------------------------------
+
+%% @doc See {@link starl_geocast_flood:config()}.
+-spec options() -> [starl_options:option()].
+options() ->
+    [
+        {position_error_mm, {number, 0, 100000}, 2.0,
+            "how far a position may be from the true one, mm"},
+        {drift_ppm, {integer, 0, 100000}, 10000, "the greatest drift of a clock, ppm"},
+        {first_ms, {integer, 1, 1000000}, 50, "the first wait before an offer is repeated, ms"},
+        {longest_ms, {integer, 1, 1000000}, 1000,
+            "the longest wait before an offer is repeated, ms"},
+        {jitter_ms, {integer, 0, 1000000}, 5, "a relay waits up to this before its first offer, ms"},
+        {ask_ms, {integer, 1, 1000000}, 100,
+            "how long to wait for what was asked for before asking again, ms"},
+        {gather_ms, {integer, 0, 1000000}, 3,
+            "how long to wait for others that ask for the same, ms"},
+        {check_ms, {integer, 1, 1000000}, 250,
+            "how often a robot looks whether it has come into an area, ms"},
+        {limit, {integer, 1, 1000000}, 256, "how many messages are known at most"},
+        {listeners, {term, "a map of types and machines, as #{news => app}", fun is_map/1}, #{},
+            "who listens from the start on, also after a restart"},
+        {all_listen, boolean, false,
+            "everything that is sent has a listener: then delivery is judged, too"}
+    ].
+
+-spec machines(starl_block:options()) -> [starl_robot_sup:machine()].
+machines(Options) -> [{geocast, starl_geocast_flood, maps:remove(all_listen, Options)}].
+
+-spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
+monitors(#{position_error_mm := Error, drift_ppm := Ppm, all_listen := All}, Context) ->
+    [
+        {starl_geocast_monitor, #{
+            robots => maps:get(robots, Context),
+            progress => All,
+            margin_mm => 2.0 * Error,
+            drift_ppm => Ppm
+        }}
+    ].
+
+-spec contract() -> string().
+contract() -> "never delivered outside the area or after its time, and at most once".
+
+-spec exercise() -> module().
+exercise() -> starl_geocast_exercise.
+
+-spec models() -> [starl_block:model_entry()].
+models() ->
+    Doc = "a message to an area and its lifetime, with drifting clocks",
+    [{geocast, Doc, fun starl_geocast_model:new/1}].
+
+%% A geocast is offered after 0, 50, 150, 350, 750, 1550, … ms, a hundredth of its lifetime left for
+%% the drift of clocks: nine times in five seconds.
+-spec benchmark() -> starl_block:benchmark().
+benchmark() ->
+    #{
+        workload => #{turns => 1, lifetime => 5000, work => 20},
+        operations => sent,
+        packets => fun(N) -> 9 * N + N end,
+        formula => "9 N offers, N - 1 questions, an answer"
+    }.

@@ -6,7 +6,7 @@
 %% of a robot's machine. As long as clocks and positions keep what is assumed of them: at most
 %% once per robot, whatever restarts, never after the window, and never at a robot that is outside
 %% the area during the whole window. `broken' says when an assumption is broken
-%% ({@link starl_assumption}; the simulator fills it in where the key is there), and only what
+%% ({@link starl_assumption}; see {@link context/2}), and only what
 %% that explains is excused:
 %% ```
 %%   late           by no more than has been lost by the clocks on the way of the message to the
@@ -19,7 +19,7 @@
 %%                  inside then
 %% '''
 %% Progress, with `progress' (default false), of messages that are sent at `healed_us' or later
-%% (default 0; the simulator fills in where the key is there when the last fault is over) and live
+%% (default 0; when the last fault is over, see {@link context/2}) and live
 %% long enough for packets that take `delay_us' (default 0; likewise, the longest delay; {@link
 %% starl_geocast_lifetime:least_us/3}): a robot that is inside, at least `margin_mm' from the border
 %% (default 4: twice the error of a position), during the whole window has it delivered, unless it
@@ -34,7 +34,7 @@
 -module(starl_geocast_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, vocabulary/0]).
+-export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type id() :: {robot_id(), pos_integer(), pos_integer()}.
@@ -100,6 +100,12 @@ init(#{robots := Robots} = Config) ->
         least_us = starl_geocast_lifetime:least_us(Delay, ?GATHER_US, Ppm),
         assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm)
     }.
+
+%% @doc Told when assumptions are broken, when nothing goes wrong any more and how long a packet is
+%% under way.
+-spec context(starl_monitor:known(), map()) -> map().
+context(Known, Config) ->
+    maps:merge(maps:with([broken, healed_us, delay_us], Known), Config).
 
 %% @doc The geocasts' own events, the motion and the end of robots.
 -spec interests() -> [atom()].

@@ -15,10 +15,12 @@
 %% as soon as it goes on.
 %% What must not happen after the end of a hold belongs behind a check of the fencing number.
 -module(starl_mutex).
+-behaviour(starl_block).
 
--export([block/0, block/1, acquire/2, acquire/3, release/2, owner/2, with_token/3, home/2]).
+-export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0, benchmark/0]).
+-export([acquire/2, acquire/3, release/2, owner/2, with_token/3, home/2]).
 
--export_type([token/0, fence/0, options/0]).
+-export_type([token/0, fence/0]).
 
 %% The name of a token: any small term but a list.
 -type token() :: term().
@@ -26,25 +28,7 @@
 %% The number of a hold; grows from hold to hold of a token, whoever holds it.
 -type fence() :: pos_integer().
 
-%% `lease_ms': how long a hold outlives the last answer of the token's home; `drift_ppm': no
-%% clock is faster or slower than real time by more; `lag_ms': no robot handles an event later
-%% than this after it is due; `retry_ms': how often a robot that waits asks again.
--type options() :: #{
-    lease_ms => pos_integer(),
-    drift_ppm => non_neg_integer(),
-    lag_ms => non_neg_integer(),
-    retry_ms => pos_integer()
-}.
-
 -define(PATIENCE_MS, 30000).
-
-%% @doc The machine that a robot needs to take part.
--spec block() -> starl_robot_sup:machine().
-block() -> block(#{}).
-
-%% @doc The same with options; they must be the same on all robots.
--spec block(options()) -> starl_robot_sup:machine().
-block(Options) -> {mutex, starl_mutex_tokens, Options}.
 
 %% @doc Acquires a token or a set of tokens, with half a minute's patience.
 -spec acquire(starl:robot(), token() | [token()]) ->
@@ -123,3 +107,43 @@ home(Token, Team) -> lists:nth(erlang:phash2(Token, length(Team)) + 1, Team).
 
 released(Result, ok) -> {ok, Result};
 released(Result, {error, Why}) -> {error, {Why, Result}}.
+
+%% -- the block ------------------------------------------------------------------------------
+
+-spec options() -> [starl_options:option()].
+options() ->
+    [
+        {lease_ms, {integer, 1, 1000000000}, 8000,
+            "how long a hold outlives the last answer of the token's home, ms"},
+        {drift_ppm, {integer, 0, 100000}, 10000,
+            "no clock is faster or slower than real time by more, ppm"},
+        {lag_ms, {integer, 0, 1000000}, 250,
+            "no robot handles an event later than this after it is due, ms"},
+        {retry_ms, {integer, 1, 1000000000}, 3000, "a robot that waits asks again after this, ms"}
+    ].
+
+-spec machines(starl_block:options()) -> [starl_robot_sup:machine()].
+machines(Options) -> [{mutex, starl_mutex_tokens, Options}].
+
+-spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
+monitors(#{lease_ms := Lease, drift_ppm := Ppm, lag_ms := Lag}, _Context) ->
+    [{starl_mutex_monitor, #{lease_us => 1000 * Lease, drift_ppm => Ppm, lag_us => 1000 * Lag}}].
+
+-spec contract() -> string().
+contract() -> "no two robots hold one token at once; no fencing number is given twice".
+
+-spec exercise() -> module().
+exercise() -> starl_mutex_exercise.
+
+-spec models() -> [starl_block:model_entry()].
+models() ->
+    [{mutex, "mutual exclusion, with leases and drifting clocks", fun starl_mutex_model:new/1}].
+
+-spec benchmark() -> starl_block:benchmark().
+benchmark() ->
+    #{
+        workload => #{tokens => 1, hold => 50, pause => 100, work => 60},
+        operations => acquired,
+        packets => fun(N) -> N + 8 end,
+        formula => "N + 8"
+    }.

@@ -5,8 +5,8 @@
 %% fence is there twice; only what is held is answered, released or lost. As long as clocks keep
 %% what is assumed of them: never two holds of one token at once, and the fence of a hold is larger
 %% than those of all earlier holds; as long as robots are prompt: a hold ends with its lease.
-%% `broken' says when an assumption is broken ({@link starl_assumption}; the simulator fills it in
-%% where the key is there), and only what that explains is excused. A hold ends with `released' or
+%% `broken' says when an assumption is broken ({@link starl_assumption}; see {@link context/2}), and
+%% only what that explains is excused. A hold ends with `released' or
 %% `lease_lost', with the crash of the robot's mutex machine, or with the robot.
 %%
 %% Progress: a request is granted within `bound_us' (default: none), as far as it was made at
@@ -18,7 +18,7 @@
 -module(starl_mutex_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type token() :: term().
@@ -57,6 +57,15 @@ init(Config) ->
             maps:with([lease_us, drift_ppm, lag_us, broken], Config)
         )
     }.
+
+%% @doc Told when assumptions are broken; faults of clocks and processes widen the bound.
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{broken := Broken, slack_us := Slack}, Config) ->
+    Told = maps:merge(#{broken => Broken}, Config),
+    case Told of
+        #{bound_us := Bound} when is_integer(Bound) -> Told#{bound_us := Bound + Slack};
+        #{} -> Told
+    end.
 
 %% @doc The mutex machines' own events and the end of robots.
 -spec interests() -> [atom()].

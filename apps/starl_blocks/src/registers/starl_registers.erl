@@ -7,22 +7,16 @@
 %% writes stop and messages get through, all robots agree. It is no transaction: two robots that
 %% read and then write may lose one of the writes; for that there is mutual exclusion.
 %%
-%% With `owners' in the configuration a register has one writer only.
+%% With the option `owners' a register has one writer only.
 -module(starl_registers).
+-behaviour(starl_block).
 
--export([block/0, block/1, put/3, get/2, subscribe/2]).
+-export([put/3, get/2, subscribe/2, within_ms/1]).
+-export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0]).
 
 -export_type([name/0]).
 
 -type name() :: term().
-
-%% @doc The machine that a robot needs to share registers, all of them with many writers.
--spec block() -> starl_robot_sup:machine().
-block() -> block(#{}).
-
-%% @doc The same with a configuration; `#{owners => #{Name => Robot}}' names single writers.
--spec block(starl_registers_lww:config()) -> starl_robot_sup:machine().
-block(Config) -> {registers, starl_registers_lww, Config}.
 
 %% @doc Writes a register. `full': it would be one more than there may be.
 -spec put(starl:robot(), name(), Value :: term()) ->
@@ -42,3 +36,66 @@ subscribe(_Robot, Name) ->
 
 flatten({ok, Answer}) -> Answer;
 flatten({error, restarted}) -> {error, restarted}.
+
+%% -- the block ------------------------------------------------------------------------------
+
+%% @doc See {@link starl_registers_lww:config()}.
+-spec options() -> [starl_options:option()].
+options() ->
+    [
+        {owners, {term, "a map of registers and robots, as #{plan => 1}", fun is_map/1}, #{},
+            "the only writers of these registers"},
+        {ahead_ms, {integer, 1, 1000000000}, 10000, "more than clocks differ by, ms"},
+        {sync_ms, {integer, 1, 1000000000}, 1000, "the mean time between two exchanges, ms"},
+        {recover_ms, {integer, 1, 1000000000}, 1000,
+            "how long a restarted robot waits for others before it answers, ms"},
+        {limit, {integer, 1, 1000000000}, 1024, "how many registers a robot adds at most"}
+    ].
+
+-spec machines(starl_block:options()) -> [starl_robot_sup:machine()].
+machines(Options) -> [{registers, starl_registers_lww, Options}].
+
+-spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
+monitors(#{owners := Owners, sync_ms := Sync, ahead_ms := Ahead}, #{robots := Robots}) ->
+    [
+        {starl_registers_monitor, #{
+            robots => Robots,
+            owners => Owners,
+            within_us => 1000 * within_ms(Sync),
+            apart_us => 1000 * Ahead
+        }}
+    ].
+
+%% @doc So long (ms) after the last write all robots agree, when messages get through, with this
+%% mean time between two exchanges.
+-spec within_ms(SyncMs :: pos_integer()) -> pos_integer().
+within_ms(Sync) -> 5000 + round(15 * Sync).
+
+-spec contract() -> string().
+contract() -> "a read returns what was written and never goes back; all robots come to agree".
+
+-spec exercise() -> module().
+exercise() -> starl_registers_exercise.
+
+-spec models() -> [starl_block:model_entry()].
+models() ->
+    Doc = "shared registers: two writers of one register, and who reads it",
+    [{registers, Doc, fun model/1}].
+
+%% Time stands still, so only the counts of stamps decide, and robots' clocks are as far apart as
+%% their numbers. All draw the same again and again, so each exchanges with one other robot.
+model(#{robots := Ids, clock_us := Clock}) ->
+    #{
+        blocks => machines(#{ahead_ms => Clock(8) div 1000}),
+        script => fun script/1,
+        crash => [registers],
+        monitor => {starl_registers_monitor, #{robots => Ids}},
+        fixed => lists:seq(1, length(Ids)),
+        draws => same
+    }.
+
+script(1) -> [{'try', registers, {put, x, a}}, {'try', registers, {put, x, b}}];
+script(2) -> [{'try', registers, {put, x, c}} | gets(2)];
+script(_) -> gets(1).
+
+gets(Count) -> lists:duplicate(Count, {'try', registers, {get, x}}).

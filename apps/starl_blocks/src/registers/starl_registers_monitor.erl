@@ -7,18 +7,18 @@
 %% only.
 %%
 %% Progress, with `bound_us': so long after the last write of a register and the last crash or
-%% death of a robot, and after `healed_us' (default 0; the simulator fills in where the key is
-%% there when the last fault is over), all robots alive hold the same write of it. With `within_us'
-%% in its place faults do not widen the bound. A machine whose store is damaged may begin so far ahead
-%% that slower clocks admit no stamp that follows until they are as far: that adds `apart_us' after its
-%% start, by how much physical clocks may differ (default 0).
+%% death of a robot, and after `healed_us' (default 0; when the last fault is over, see
+%% {@link context/2}), all robots alive hold the same write of it. With `within_us' in its place
+%% faults do not widen the bound. A machine whose store is damaged may begin so far ahead that slower
+%% clocks admit no stamp that follows until they are as far: that adds `apart_us' after its start, by
+%% how much physical clocks may differ (default 0).
 %%
 %% Events of machine `registers': {@link starl_registers_lww:event()}, `crashed',
 %% `store_damaged'; of machine `robot': `died'.
 -module(starl_registers_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
@@ -62,6 +62,15 @@ init(#{robots := Robots} = Config) ->
         healed = maps:get(healed_us, Config, 0),
         apart_us = maps:get(apart_us, Config, 0)
     }.
+
+%% @doc Told when nothing goes wrong any more; faults of clocks and processes widen `bound_us'.
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{healed_us := Healed, slack_us := Slack}, Config) ->
+    Told = maps:merge(#{healed_us => Healed}, Config),
+    case Told of
+        #{bound_us := Bound} -> Told#{bound_us := Bound + Slack};
+        #{} -> Told
+    end.
 
 %% @doc The registers' own events and the end of robots.
 -spec interests() -> [atom()].

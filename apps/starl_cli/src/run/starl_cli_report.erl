@@ -13,13 +13,13 @@
     ending := starl_sim_run:ending(),
     wall_s := float(),
     outcome := starl_sim_run:outcome(),
-    app := starl_app:report()
+    app := starl_scene:report()
 }.
 
 -record(report, {
     fields :: [{atom(), starl_cli_json:value()}],
     ending :: starl_sim_run:ending(),
-    app :: starl_app:report(),
+    app :: starl_scene:report(),
     running :: [starl:robot_id()],
     died :: [starl:robot_id()],
     %% whose application was given up; how often applications crashed, and the first
@@ -110,7 +110,7 @@ figure(Key, #report{fields = Fields}) -> proplists:get_value(Key, Fields, null).
 ending(#report{ending = Ending}) -> Ending.
 
 %% @doc How the application's figures are written.
--spec formats(t()) -> #{atom() => starl_app:format()}.
+-spec formats(t()) -> #{atom() => starl_scene:format()}.
 formats(#report{app = App}) -> maps:get(formats, App, #{}).
 
 %% @doc Whether the work is done: as the application says, or else when each has come to its end.

@@ -10,7 +10,7 @@
     ending := starl_sim_run:ending(),
     wall_ms := integer(),
     outcome := starl_sim_run:outcome(),
-    app := starl_app:report()
+    app := starl_scene:report()
 }.
 
 %% @doc Runs what a command line asks for.

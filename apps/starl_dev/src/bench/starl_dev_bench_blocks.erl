@@ -5,11 +5,6 @@
 
 -export([flags/0, run/1]).
 
--define(ROUNDS, 5).
--define(LIFETIME_MS, 5000).
-%% A geocast is offered after 0, 50, 150, 350, 750, 1550, … ms, a hundredth of its lifetime left for
-%% the drift of clocks.
--define(OFFERS, 9).
 -define(PATIENCE_MS, 60000).
 
 %% @doc The flags of this benchmark.
@@ -26,26 +21,32 @@ flags() ->
 run(#{robots := Sizes, loss := Loss} = Options) ->
     starl_cli_terminal:out(
         "packets on the air per operation, all robots at once, loss: ~w\n"
-        "theory is for no loss: ballots N^2 and N for each announcement, at most 2 N^2; bully\n"
-        "2 N (N - 1) + N; mutex N + 8; barrier N^2; geocast ~w N offers, N - 1 questions, "
-        "an answer\n"
+        "theory is for no loss:\n~ts"
         "  block      robots  operations   packets  packets/op    theory   ratio\n",
-        [Loss, ?OFFERS]
+        [Loss, [formula(Name, Said) || {Name, Said} <- benchmarks()]]
     ),
-    [measure(Block, N, Options) || Block <- blocks(), N <- Sizes].
+    [measure(Name, Said, N, Options) || {Name, Said} <- benchmarks(), N <- Sizes].
 
-blocks() -> [election, bully, mutex, barrier, geocast].
+%% What each block says of itself.
+benchmarks() ->
+    [
+        {Name, Block:benchmark()}
+     || Name <- starl_blocks:able(bench), {ok, Block} <- [starl_blocks:find(Name)]
+    ].
 
-measure(Block, N, #{loss := Loss, seed := Seed}) ->
+formula(Name, #{formula := Formula}) -> io_lib:format("  ~ts: ~ts~n", [Name, Formula]).
+
+measure(Block, Said, N, #{loss := Loss, seed := Seed}) ->
+    #{workload := Workload, operations := Counted, packets := Theoretical} = Said,
     Common = #{
         app => starl_exercise, block => Block, robots => N, loss => Loss, seed => Seed,
         world => {50000, 50000}, mode => inline, patience => ?PATIENCE_MS, pause => 1
     },
     #{ending := Ending, outcome := Outcome, figures := Told} =
-        starl_dev_bench_run:simulate(maps:merge(Common, workload(Block))),
+        starl_dev_bench_run:simulate(maps:merge(Common, Workload)),
     #{packets := Packets, violations := Broken} = Outcome,
-    Operations = operations(Block, Told),
-    Theory = theory(Block, N),
+    Operations = proplists:get_value(Counted, Told),
+    Theory = Theoretical(N),
     Figures = [
         {block, Block}, {robots, N}, {operations, Operations}, {packets, Packets},
         {packets_per_operation, Packets / max(1, Operations)}, {theory, Theory},
@@ -56,26 +57,6 @@ measure(Block, N, #{loss := Loss, seed := Seed}) ->
     ],
     starl_cli_terminal:out(line(Figures)),
     Figures.
-
-workload(Block) when Block =:= election; Block =:= bully -> #{turns => 1};
-workload(mutex) -> #{tokens => 1, hold => 50, pause => 100, work => 60};
-workload(barrier) -> #{turns => ?ROUNDS};
-workload(geocast) -> #{turns => 1, lifetime => ?LIFETIME_MS, work => 20}.
-
-%% What is counted: elections, entries, rounds, messages.
-operations(election, Told) -> told(elections, Told);
-operations(bully, Told) -> told(elections, Told);
-operations(mutex, Told) -> told(acquired, Told);
-operations(barrier, Told) -> told(rounds, Told);
-operations(geocast, Told) -> told(sent, Told).
-
-told(Key, Told) -> proplists:get_value(Key, Told).
-
-theory(election, N) -> 2 * N * N;
-theory(bully, N) -> 2 * N * (N - 1) + N;
-theory(mutex, N) -> N + 8;
-theory(barrier, N) -> N * N;
-theory(geocast, N) -> ?OFFERS * N + N.
 
 line(Figures) ->
     Get = fun(Key) -> proplists:get_value(Key, Figures) end,

@@ -3,7 +3,7 @@
 %% simulator do nothing but events: timers and deliveries.
 -module(starl_plain_events).
 -behaviour(starl_machine).
--behaviour(starl_app).
+-behaviour(starl_scene).
 
 -export([scene/1, options/0, report/2]).
 -export([init/1, handle_event/5]).
@@ -24,7 +24,7 @@ options() ->
         {messages, {integer, 1, 1000000000}, 600, "how many messages each robot sends"}
     ].
 
--spec scene(starl_app:context()) -> {ok, starl_app:scene()}.
+-spec scene(starl_scene:context()) -> {ok, starl_scene:t()}.
 scene(#{options := #{period := Ms, messages := Messages}}) ->
     {ok, #{
         app => {machine, ?MODULE, #{period_us => Ms * 1000, messages => Messages}},
@@ -32,7 +32,7 @@ scene(#{options := #{period := Ms, messages := Messages}}) ->
     }}.
 
 %% @doc `received' of all robots; `events', their timers and deliveries.
--spec report(starl_app:scene(), starl_app:outcome()) -> starl_app:report().
+-spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(#{memo := Messages}, #{robots := Robots}) ->
     Received = lists:sum([N || {_, #{result := {done, N}}} <- Robots]),
     Timers = (Messages + 1) * length(Robots),

@@ -5,7 +5,7 @@
 %% messages delivered, none twice, mean latency about 15 ms, 7 legs per robot in 60 s.
 -module(starl_ring_shuttle).
 -behaviour(starl_machine).
--behaviour(starl_app).
+-behaviour(starl_scene).
 
 -export([scene/1, options/0, report/2]).
 -export([init/1, handle_event/5]).
@@ -31,7 +31,7 @@ options() ->
 
 %% @doc Robot i starts at A = ((i-1) mod c · 2000, (i-1) div c · 1000), c = ceil(sqrt N); B is
 %% one metre to the right of A.
--spec scene(starl_app:context()) -> {ok, starl_app:scene()}.
+-spec scene(starl_scene:context()) -> {ok, starl_scene:t()}.
 scene(#{robots := Ids, options := #{period := Ms, messages := Messages}}) ->
     Columns = ceil(math:sqrt(length(Ids))),
     Place = fun(Id) -> place(Id, Columns) end,
@@ -56,7 +56,7 @@ scene(#{robots := Ids, options := #{period := Ms, messages := Messages}}) ->
         sap => #{retransmit_ms => 250, backoff => 1.0, limit => 15}
     }}.
 
--spec report(starl_app:scene(), starl_app:outcome()) -> starl_app:report().
+-spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(_Scene, #{robots := Robots}) ->
     Done = [{Received, Legs} || {_, #{result := {done, {Received, Legs}}}} <- Robots],
     #{

@@ -11,7 +11,7 @@
 %% motion in closed form, so a robot on its way costs nothing.
 -module(starl_swarm_broadcast).
 -behaviour(starl_machine).
--behaviour(starl_app).
+-behaviour(starl_scene).
 
 -export([scene/1, options/0, report/2, side/1]).
 -export([init/1, handle_event/5]).
@@ -45,7 +45,7 @@ options() ->
 
 %% @doc The arena's corners are (0, 0) and (side, side). The range of the radio, 1000 mm, is the
 %% scenario's.
--spec scene(starl_app:context()) -> {ok, starl_app:scene()}.
+-spec scene(starl_scene:context()) -> {ok, starl_scene:t()}.
 scene(#{robots := Ids, seed := Seed, profiles := [Profile | _], options := Options}) ->
     #{period := Ms, messages := Messages} = Options,
     Side = side(length(Ids)),
@@ -71,7 +71,7 @@ side(Robots) -> ?RANGE_MM * math:sqrt(Robots * math:pi() / ?NEIGHBOURS).
 
 %% @doc `received' of all robots, and `per_tick', the mean of a robot's receptions for each
 %% broadcast that it made.
--spec report(starl_app:scene(), starl_app:outcome()) -> starl_app:report().
+-spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(#{memo := Messages}, #{robots := Robots}) ->
     Received = lists:sum([N || {_, #{result := {done, N}}} <- Robots]),
     #{figures => [{received, Received}, {per_tick, Received / (Messages * length(Robots))}]}.

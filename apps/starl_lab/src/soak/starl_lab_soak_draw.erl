@@ -104,22 +104,18 @@ clocks(Block, Seed) ->
 
 is_steady(Block, Seed) -> starl_sim_draw:uniform({Seed, Block, steady}) < ?STEADY.
 
-figures(mutex, Seed) ->
-    Lease = one_of([500, 1000, 2000, 4000], {Seed, lease}),
-    %% up to twice a lease
-    Hold = starl_sim_draw:between({Seed, hold}, 50, 2 * Lease),
-    #{lease => Lease, hold => Hold, retry => retry(Seed)};
-figures(barrier, Seed) ->
-    #{retry => retry(Seed)};
-figures(registers, Seed) ->
-    #{
-        sync => one_of([200, 1000, 3000], {Seed, sync}),
-        %% now and then there is no room for all
-        limit => one_of([1024, 1024, 3, 6], {Seed, limit})
-    };
-figures(_Block, _Seed) ->
-    #{}.
-
-retry(Seed) -> one_of([500, 1000, 3000], {Seed, retry}).
+%% What the block draws for its exercise; the flags of a user's own go by `with'.
+figures(Name, Seed) ->
+    {ok, Block} = starl_blocks:find(Name),
+    Draw = fun
+        (Key, Values) when is_list(Values) -> one_of(Values, {Seed, Key});
+        (Key, {Low, High}) -> starl_sim_draw:between({Seed, Key}, Low, High)
+    end,
+    Drawn = starl_block_exercise:draw(Block:exercise(), Draw),
+    Known = [Key || {Key, _, _, _} <- starl_exercise:options()],
+    case maps:without(Known, Drawn) of
+        None when None =:= #{} -> Drawn;
+        Own -> (maps:with(Known, Drawn))#{with => Own}
+    end.
 
 one_of(List, Key) -> lists:nth(starl_sim_draw:between(Key, 1, length(List)), List).

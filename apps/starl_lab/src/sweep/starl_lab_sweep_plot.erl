@@ -34,7 +34,7 @@ axis(Grid) ->
 
 %% @doc The figures to plot: those that were asked for, else the completion time and those that the
 %% application wants to be plotted. Gives back the names that are no figures.
--spec chosen(none | [string()], Known :: [atom()], #{atom() => starl_app:format()}) ->
+-spec chosen(none | [string()], Known :: [atom()], #{atom() => starl_scene:format()}) ->
     {ok, [figure(), ...]} | {unknown, [string()]}.
 chosen(none, Known, Formats) ->
     Plotted = [Key || Key <- Known, maps:get(plotted, maps:get(Key, Formats, #{}), false)],

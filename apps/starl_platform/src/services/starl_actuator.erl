@@ -12,8 +12,10 @@
 %% another value is wanted before).
 -module(starl_actuator).
 -behaviour(starl_machine).
+-behaviour(starl_block).
 
--export([block/0, set/3]).
+-export([set/3]).
+-export([options/0, machines/1, monitors/2, contract/0]).
 -export([init/1, handle_event/5]).
 
 %% A device that has not answered, or is not as it should be, is told again after so long.
@@ -32,9 +34,17 @@
     wanted = #{} :: #{device() => {starl_machine:from(), Value :: term(), N :: non_neg_integer()}}
 }).
 
-%% @doc The machine that a robot needs for it.
--spec block() -> starl_robot_sup:machine().
-block() -> {actuator, ?MODULE, #{}}.
+-spec options() -> [].
+options() -> [].
+
+-spec machines(starl_block:options()) -> [starl_robot_sup:machine()].
+machines(_Options) -> [{actuator, ?MODULE, #{}}].
+
+-spec monitors(starl_block:options(), starl_block:context()) -> [].
+monitors(_Options, _Context) -> [].
+
+-spec contract() -> string().
+contract() -> "when a call ends a device is as it was told to be, as its sensor shows".
 
 %% @doc Sets a device, `starl_actuator:set(Robot, pen, down)', and waits until it is so.
 -spec set(starl:robot(), device(), Value :: term()) -> ok | {error, replaced | restarted}.

@@ -1,9 +1,9 @@
-%% @doc The service of a coordinator of path planning that is checked ({@link
-%% starl_dpp_coordinator}), in the place of the planner: only who leads and may assign counts, not
+%% @doc The service of a coordinator that is checked ({@link starl_dpp_coordinator},
+%% {@link starl_dpp_model}), in the place of the planner: only who leads and may assign counts, not
 %% what. Robots are known or not, as to the planner; whoever asks for a path is told that there is
 %% nothing to do; and at every moment at which the coordinator leads it may act, which shows in the
 %% trace: `{acts, Term}', and once all robots are known also `{assigned, Robot, Id, Segments}'.
--module(starl_check_service).
+-module(starl_dpp_model_service).
 -behaviour(starl_dpp_coordinator).
 
 -export([prepare/1, new/2, lead/1, unknown/1, knows/2, silent/2]).
@@ -90,7 +90,8 @@ rests(Robot, _At, #service{silent = Silent, waiting = Waiting} = S) ->
 %% @doc The coordinator acts.
 -spec serve(t()) -> turn().
 serve(#service{term = {_, Self, _} = Term, open = Open} = S) ->
-    At = starl_check_body:at(Self),
+    %% a place that is nobody else's
+    At = {1000.0 * Self, 0.0},
     {S,
         [{trace, {acts, Term}}] ++
             [{trace, {assigned, Self, {1, 1}, [{At, At}]}} || Open] ++

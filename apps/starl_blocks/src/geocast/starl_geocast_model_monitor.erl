@@ -1,8 +1,7 @@
 %% @doc What a geocast is held to where the time of day is not known: its own monitor ({@link
 %% starl_geocast_monitor}), which is told times that are in the right order. Every crash takes
-%% a microsecond; when the client's timer says that the window is over ({@link
-%% starl_check_client:event()}), it is.
--module(starl_check_casts).
+%% a microsecond; when the client's timer says that the window is over (`{window, over}'), it is.
+-module(starl_geocast_model_monitor).
 -behaviour(starl_monitor).
 
 -export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).

@@ -1,8 +1,8 @@
 %% @doc What the votes, leases and terms of path planning are held to: its own monitor ({@link
 %% starl_dpp_monitor}), and what that one cannot see of a run: a coordinator that acts, though it
 %% assigns nothing yet, when another one has been elected after it, and a term that is won twice or
-%% after a later one. `{acts, Term}' comes from {@link starl_check_service}.
--module(starl_check_terms).
+%% after a later one. `{acts, Term}' comes from {@link starl_dpp_model_service}.
+-module(starl_dpp_model_monitor).
 -behaviour(starl_monitor).
 
 -export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).

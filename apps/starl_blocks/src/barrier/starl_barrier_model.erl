@@ -1,0 +1,53 @@
+%% @doc What is checked of the barrier: all robots pass some rounds of one barrier. An application
+%% that waits tells a new machine of its barrier which round that was, as {@link starl_barrier}
+%% does.
+-module(starl_barrier_model).
+-behaviour(starl_block_talk).
+
+-export([new/1]).
+-export([first/1, answered/3, restarted/2]).
+
+-type place_in_rounds() :: {starl_barrier:name(), Last :: pos_integer()}.
+-type mark() :: round | {sync | resume, starl_barrier:round()}.
+
+%% So patient that it is the checker that decides when a call fails.
+-define(PATIENCE_US, 30000000).
+
+%% @doc The model for a team.
+-spec new(starl_block:team()) -> starl_block:model().
+new(#{robots := Ids, rounds := Rounds}) ->
+    #{
+        blocks => starl_barrier:machines(#{}),
+        script => fun(_) -> [{talk, ?MODULE, {gate, Rounds}} || _ <- lists:seq(1, Rounds)] end,
+        crash => [barrier, app],
+        monitor => {starl_barrier_monitor, #{robots => Ids}},
+        inert => fun is_inert/2
+    }.
+
+%% The counts of a barrier only grow.
+is_inert(barrier, {reached, _, _, _, false}) -> true;
+is_inert(barrier, {told, _, _, _}) -> true;
+is_inert(_Type, _Body) -> false.
+
+%% -- a round --------------------------------------------------------------------------------
+
+%% @doc Asks which round it is.
+-spec first(place_in_rounds()) -> starl_block_talk:call().
+first({Name, _Last}) -> {barrier, {round, Name}, round}.
+
+%% @doc Passes it, unless all are passed.
+-spec answered(mark(), term(), place_in_rounds()) -> starl_block_talk:next().
+answered(round, Round, {_Name, Last}) when Round > Last -> over;
+answered(round, Round, {Name, _Last}) ->
+    {call, {barrier, {sync, Name, Round, ?PATIENCE_US}, {sync, Round}}};
+answered({resume, _}, ok, _Gate) ->
+    again;
+answered({sync, _}, {error, _}, _Gate) ->
+    again;
+answered({sync, _}, ok, _Gate) ->
+    over.
+
+%% @doc Tells the new machine which round was not passed.
+-spec restarted(mark(), place_in_rounds()) -> starl_block_talk:next().
+restarted({_, Round}, {Name, _Last}) -> {call, {barrier, {resume, Name, Round}, {resume, Round}}};
+restarted(round, _Gate) -> again.

@@ -1,0 +1,59 @@
+%% @doc Leader election by the bully algorithm, as a block in the place of {@link starl_election}: the
+%% highest robot that is alive is elected. Its interface is that of `starl_election'.
+-module(starl_bully).
+-behaviour(starl_block).
+
+-export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0, benchmark/0]).
+
+%% @doc See {@link starl_election_bully:config()}; `patience_ms' as in {@link starl_election}.
+-spec options() -> [starl_options:option()].
+options() ->
+    [
+        {answer_ms, {integer, 1, 1000000}, 500,
+            "how long to wait for higher robots to say that they are alive, ms"},
+        {rounds, {integer, 1, 1000}, 4,
+            "how often a robot challenges whose application does not wait"}
+        | starl_election:options()
+    ].
+
+-spec machines(starl_block:options()) -> [starl_robot_sup:machine()].
+machines(Options) ->
+    [{election, starl_election_bully, maps:with([answer_ms, rounds], Options)}].
+
+-spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
+monitors(#{patience_ms := Ms}, #{robots := Robots}) ->
+    [{starl_election_bully_monitor, #{robots => Robots, bound_us => 1000 * Ms + 1000000}}].
+
+-spec contract() -> string().
+contract() -> "a robot never reports two leaders for one term".
+
+-spec exercise() -> module().
+exercise() -> starl_bully_exercise.
+
+-spec models() -> [starl_block:model_entry()].
+models() -> [{bully, "election by the bully algorithm", fun model/1}].
+
+%% A robot that has a leader keeps it.
+model(#{robots := Ids, faults := Faults}) ->
+    Lossless = lists:sum(maps:values(Faults)) =:= 0,
+    Judge = #{robots => Ids, bound_us => 1, lossless => Lossless},
+    #{
+        blocks => machines(#{}),
+        script => fun(_) -> [{call, election, {elect, first, 30000000}}] end,
+        crash => [election, app],
+        monitor => {starl_election_bully_monitor, Judge},
+        fixed => lists:seq(1, length(Ids)),
+        inert => fun
+            (bully_leader, {_, _}) -> true;
+            (_, _) -> false
+        end
+    }.
+
+-spec benchmark() -> starl_block:benchmark().
+benchmark() ->
+    #{
+        workload => #{turns => 1},
+        operations => elections,
+        packets => fun(N) -> 2 * N * (N - 1) + N end,
+        formula => "2 N (N - 1) + N"
+    }.

@@ -1,0 +1,45 @@
+%% @doc How an election by the bully algorithm is exercised: as that by ballots.
+%%
+%% Promised is a leader: the highest robot that lives, if nobody took part before the heal.
+-module(starl_bully_exercise).
+-behaviour(starl_block_exercise).
+
+-export([block_options/1, work/3, final/3, seen/1, noted/2, promise/3]).
+
+%% When anybody first took part in an election.
+-type seen() :: #{Election :: term() => integer()}.
+
+%% Others may find out so much later that a robot has restarted.
+-define(SETTLED_US, 5000000).
+
+-spec block_options(starl_block_exercise:use()) -> starl_block:options().
+block_options(Use) -> starl_election_exercise:block_options(Use).
+
+-spec work(starl:robot(), pos_integer(), starl_block_exercise:use()) -> term().
+work(Robot, Turn, Use) -> starl_election_exercise:work(Robot, Turn, Use).
+
+-spec final(starl:robot(), pos_integer(), starl_block_exercise:use()) -> term().
+final(Robot, N, Use) -> starl_election_exercise:final(Robot, N, Use).
+
+-spec seen([starl_monitor:robot_id()]) -> seen().
+seen(_Robots) -> #{}.
+
+-spec noted(starl_monitor:trace_event(), seen()) -> seen().
+noted({T, _Robot, app, {call, {elect, Election}, _}}, First) ->
+    maps:merge(#{Election => T}, First);
+noted(_Event, First) ->
+    First.
+
+-spec promise(starl_promise:call(), starl_promise:team(), seen()) -> starl_promise:t().
+promise(#{what := {elect, Election}} = Call, Team, First) ->
+    starl_promise:soon(Call, leader(maps:get(Election, First, none), Team), Team);
+promise(_Call, _Team, _First) ->
+    none.
+
+leader(T, #{healed_us := Healed, robots := Robots, died := Died}) when
+    is_integer(T), is_integer(Healed), T >= Healed + ?SETTLED_US
+->
+    Leader = lists:max(Robots -- Died),
+    fun(Outcome) -> Outcome =:= {ok, Leader} end;
+leader(_T, _Team) ->
+    fun starl_promise:is_some/1.

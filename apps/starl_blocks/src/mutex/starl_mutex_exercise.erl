@@ -1,0 +1,106 @@
+%% @doc How mutual exclusion is exercised: each robot holds now one token, now two, for some time.
+%%
+%% Promised is that a token is granted, unless the home of any token has died: others hold what they
+%% have while they wait for that one; and, likewise, that a hold that began after the heal is not
+%% lost.
+-module(starl_mutex_exercise).
+-behaviour(starl_block_exercise).
+
+-export([flags/0, block_options/1, within_ms/1, draw/1, work/3, final/3]).
+-export([seen/1, noted/2, promise/3]).
+
+-type robot_id() :: starl_monitor:robot_id().
+
+-record(seen, {
+    robots :: [robot_id()],
+    %% since when a robot has the tokens that it has acquired last
+    held = #{} :: #{robot_id() => integer()},
+    %% the homes of the tokens that anybody has asked for
+    homes = #{} :: #{robot_id() => true}
+}).
+
+%% All robots may be in front, each with its longest holds, and a lease has to end first.
+-define(WITHIN_MS, 20000).
+
+-spec flags() -> [starl_options:option()].
+flags() ->
+    [
+        {tokens, {integer, 1, 100000}, 3, "mutex: how many tokens there are"},
+        {hold, {integer, 1, 1000000}, 300, "mutex: the longest hold, ms"},
+        {lease, {integer, 100, 1000000}, 2000,
+            "mutex: how long a hold lasts that is not renewed, ms"},
+        {retry, {integer, 10, 1000000}, 3000, "mutex, barrier: who waits asks again after this, ms"}
+    ].
+
+-spec block_options(starl_block_exercise:use()) -> starl_block:options().
+block_options(#{lease := Lease, retry := Retry}) -> #{lease_ms => Lease, retry_ms => Retry}.
+
+-spec within_ms(starl_block_exercise:use()) -> pos_integer().
+within_ms(#{team := N, hold := Hold, lease := Lease, retry := Retry}) ->
+    ?WITHIN_MS + round(2 * (Lease + Retry + N * Hold)).
+
+-spec draw(starl_block_exercise:draw()) -> #{atom() => term()}.
+draw(Draw) ->
+    Lease = Draw(lease, [500, 1000, 2000, 4000]),
+    %% up to twice a lease
+    #{lease => Lease, hold => Draw(hold, {50, 2 * Lease}), retry => Draw(retry, [500, 1000, 3000])}.
+
+-spec work(starl:robot(), pos_integer(), starl_block_exercise:use()) -> term().
+work(Robot, _Turn, #{patience := Patience, tokens := Count, hold := Hold}) ->
+    Tokens =
+        case pick(Robot, 3) of
+            1 -> {token, pick(Robot, Count)};
+            _ -> [{token, pick(Robot, Count)} || _ <- [1, 2]]
+        end,
+    hold(Robot, Tokens, Patience, pick(Robot, Hold)).
+
+%% One by one, the next time all at once.
+-spec final(starl:robot(), pos_integer(), starl_block_exercise:use()) -> term().
+final(Robot, N, #{tokens := Count, last_patience := Patience}) ->
+    Tokens = [{token, T} || T <- lists:seq(1, Count)],
+    [hold(Robot, Some, Patience, 50) || Some <- in_turn(N, Tokens)].
+
+in_turn(N, Tokens) when N rem 2 =:= 1 -> Tokens;
+in_turn(_N, Tokens) -> [Tokens].
+
+hold(Robot, Tokens, Patience, Ms) ->
+    Acquire = fun() -> starl_mutex:acquire(Robot, Tokens, Patience) end,
+    case starl_block_exercise:call(Robot, {acquire, Tokens}, Patience, Acquire) of
+        {ok, _} ->
+            ok = starl:sleep(Robot, Ms),
+            Release = fun() -> starl_mutex:release(Robot, Tokens) end,
+            starl_block_exercise:call(Robot, {release, Tokens}, Release);
+        {error, _} = Error ->
+            Error
+    end.
+
+pick(Robot, N) -> starl_block_exercise:pick(Robot, N).
+
+-spec seen([robot_id()]) -> #seen{}.
+seen(Robots) -> #seen{robots = Robots}.
+
+-spec noted(starl_monitor:trace_event(), #seen{}) -> #seen{}.
+noted({_, _, app, {call, {acquire, Tokens}, _}}, #seen{homes = Homes, robots = Robots} = Seen) ->
+    New = [starl_mutex:home(Token, Robots) || Token <- lists:flatten([Tokens])],
+    Seen#seen{homes = maps:merge(Homes, maps:from_keys(New, true))};
+noted({T, Robot, app, {answered, #{what := {acquire, _}}, {ok, _}}}, #seen{held = Held} = Seen) ->
+    Seen#seen{held = Held#{Robot => T}};
+noted(_Event, Seen) ->
+    Seen.
+
+-spec promise(starl_promise:call(), starl_promise:team(), #seen{}) -> starl_promise:t().
+promise(Call, Team, #seen{homes = Homes} = Seen) ->
+    case starl_promise:has_died(maps:keys(Homes), Team) of
+        true -> none;
+        false -> with_homes(Call, Team, Seen)
+    end.
+
+with_homes(#{what := {acquire, _}} = Call, Team, _Seen) ->
+    starl_promise:soon(Call, fun starl_promise:is_some/1, Team);
+with_homes(#{what := {release, _}, robot := Robot} = Call, Team, #seen{held = Held}) ->
+    case maps:get(Robot, Held, 0) < maps:get(healed_us, Team) of
+        true -> none;
+        false -> starl_promise:soon(Call, fun starl_promise:is_ok/1, Team)
+    end;
+with_homes(_Call, _Team, _Seen) ->
+    none.

@@ -1,0 +1,52 @@
+%% @doc What is checked of mutual exclusion: one token, and all robots but its home want it once. The
+%% times are the block's defaults: nothing depends on their size, only on their proportions.
+%%
+%% The home's clock is fast, all others slow: so a holder's lease lasts longest and the home's
+%% shortest, the only two that are held against each other. The home's own application wants nothing:
+%% what it asks of its own machine needs no message.
+-module(starl_mutex_model).
+
+-export([new/1]).
+
+%% µs that a clock gains in a tick; the ratio of the slowest to the fastest is the default bound
+%% on drift, 10000 ppm.
+-define(SLOW, 99).
+-define(FAST, 101).
+-define(TOKEN, door).
+-define(LEASE_US, 8000000).
+%% So patient that it is the checker that decides when a call fails.
+-define(PATIENCE_US, 30000000).
+
+%% @doc The model for a team.
+-spec new(starl_block:team()) -> starl_block:model().
+new(#{robots := Ids}) ->
+    Home = erlang:phash2(?TOKEN, length(Ids)) + 1,
+    Slow = erlang:make_tuple(length(Ids), ?SLOW),
+    #{
+        blocks => starl_mutex:machines(#{}),
+        script => fun(Place) -> script(Place, Home) end,
+        crash => [mutex, app],
+        monitor => {starl_mutex_monitor, #{}},
+        timed => [lease, home],
+        rates => setelement(Home, Slow, ?FAST),
+        grain => ?LEASE_US div (2 * ?SLOW) + 1,
+        %% at most a lease is added to the time that a message carries before it is compared with
+        %% the present. A machine keeps ends of leases, which are compared as they are: one that
+        %% is over is over, however long
+        horizon_us => ?LEASE_US,
+        %% a machine that starts anew waits as the home that it is, which only one robot is
+        waits => [Home],
+        fixed => [Home],
+        inert => fun is_inert/2
+    }.
+
+script(Home, Home) ->
+    [];
+script(_Place, _Home) ->
+    [
+        {call, mutex, {acquire, ?TOKEN, ?PATIENCE_US}}, {'try', mutex, {release, ?TOKEN}}
+    ].
+
+%% The fence of the owner known only grows.
+is_inert(mutex, {owner, _, _}) -> true;
+is_inert(_Type, _Body) -> false.

@@ -1,0 +1,48 @@
+%% @doc The building blocks that ship: the one table. A block is added by one line here and a folder
+%% with its modules ({@link starl_block}).
+-module(starl_blocks).
+
+-export([known/0, find/1, name/1, able/1, models/0]).
+
+%% @doc The blocks with the names that they have on the command line, in the order of lists.
+-spec known() -> [{Name :: atom(), module()}].
+known() ->
+    [
+        {sap, starl_sap_block},
+        {election, starl_election},
+        {bully, starl_bully},
+        {mutex, starl_mutex},
+        {barrier, starl_barrier},
+        {geocast, starl_geocast},
+        {registers, starl_registers},
+        {actuator, starl_actuator},
+        {dpp, starl_dpp}
+    ].
+
+%% @doc The block of a name: one that ships, or a user's own module that is loaded.
+-spec find(atom()) -> {ok, module()} | error.
+find(Name) ->
+    case lists:keyfind(Name, 1, known()) of
+        {Name, Block} -> {ok, Block};
+        false -> own(Name, starl_block:is_block(Name))
+    end.
+
+own(Block, true) -> {ok, Block};
+own(_Name, false) -> error.
+
+%% @doc The name of a block; that of a user's own is its module's.
+-spec name(module()) -> atom().
+name(Block) ->
+    case lists:keyfind(Block, 2, known()) of
+        {Name, Block} -> Name;
+        false -> Block
+    end.
+
+%% @doc The names of those that can be exercised, checked, measured.
+-spec able(starl_block:capability()) -> [atom()].
+able(What) -> [Name || {Name, Block} <- known(), starl_block:can(What, Block)].
+
+%% @doc What can be checked of them.
+-spec models() -> [starl_block:model_entry()].
+models() ->
+    lists:append([Block:models() || {_, Block} <- known(), starl_block:can(check, Block)]).

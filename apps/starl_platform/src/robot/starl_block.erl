@@ -1,0 +1,242 @@
+%% @doc A building block: one behaviour in which a block says all that others need to know of it.
+%% ```
+%%   blocks() -> [starl_election, {starl_mutex, #{lease_ms => 2000}}].
+%% '''
+%% An application lists its blocks like that. Each entry becomes the block's machines on every robot
+%% and the block's contract, as monitors that judge the run ({@link expand/2}). A block may also be
+%% a user's own module: nothing else has to know of it.
+%%
+%% Three optional callbacks let the tools work with the block: `exercise/0' names a module that
+%% uses it ({@link starl_block_exercise}), for `./starl run exercise' and `./starl soak'; `models/0'
+%% tells what the exhaustive checker explores, for `./starl check'; `benchmark/0' tells what
+%% `./starl bench blocks' counts.
+-module(starl_block).
+
+-export([expand/2, is_block/1, can/2, monitors/1]).
+
+-export_type([entry/0, options/0, context/0, capability/0]).
+-export_type([model_entry/0, team/0, model/0, script/0, place/0, benchmark/0]).
+
+%% What an application lists: a block, a block with options, or a machine that is no block's.
+-type entry() :: module() | {module(), options()} | starl_robot_sup:machine().
+
+%% Checked options, completed with the defaults of the block's table.
+-type options() :: #{atom() => term()}.
+
+%% The team and its surroundings: what monitors are told.
+-type context() :: starl_scene:context().
+
+-type capability() :: exercise | check | bench.
+
+%% The table of the block's options.
+-callback options() -> [starl_options:option()].
+%% What each robot needs for the block, in start order.
+-callback machines(options()) -> [starl_robot_sup:machine()].
+%% The contract: the monitors that judge every run with the block.
+-callback monitors(options(), context()) -> [{module(), Config :: map()}].
+%% The guarantee in one line, for lists.
+-callback contract() -> string().
+%% The module that uses the block for `exercise' and `soak'.
+-callback exercise() -> module().
+%% What the checker explores, as a rule one model with the name of the block.
+-callback models() -> [model_entry()].
+-callback benchmark() -> benchmark().
+
+-optional_callbacks([exercise/0, models/0, benchmark/0]).
+
+%% A model: its name, what it covers in a few words, and the model for a team.
+-type model_entry() :: {Name :: atom(), Doc :: string(), fun((team()) -> model())}.
+
+%% A robot's place in a team that is checked, from 1.
+-type place() :: pos_integer().
+
+%% The team that is checked. `clock_us' is what the clock of the robot at a place reads. `faults' is
+%% how often each may happen; `rounds' and `terms' bound what would go on for ever.
+-type team() :: #{
+    robots := [starl:robot_id(), ...],
+    faults := #{atom() => non_neg_integer()},
+    rounds := pos_integer(),
+    terms := pos_integer(),
+    clock_us := fun((place()) -> integer())
+}.
+
+%% What a robot's application does in a model, step by step.
+%% ```
+%%   {call, Machine, Request}           again until it succeeds ({ok, _}, or ok)
+%%   {try, Machine, Request}            once, whatever the answer
+%%   {start, Machine, Request, Later}   as the first step, at once; Later after a restart
+%%   {talk, Module, Args}               several calls in turn, see {@link starl_block_talk}
+%%   {window, Us}                       says when so much time has passed
+%%   {listen, Type}                     to messages, which it forgets
+%% '''
+-type script() :: [
+    {call | 'try', starl_machine:name(), Request :: term()}
+    | {start, starl_machine:name(), Request :: term(), Later :: term()}
+    | {talk, module(), Args :: term()}
+    | {listen, Type :: atom()}
+    | {window, Us :: pos_integer()}
+].
+
+%% The smallest configuration that shows what a block does, as a term. All keys but the first three
+%% may be left out. `blocks' are the machines, the first is the block's own; `stands' are services
+%% of a body that stands still, for blocks that ask for positions.
+%%
+%% Who: `crash' are the machines that may crash (by default all of `blocks'); `fixed' are the places
+%% of robots that are unlike all others (default: none, all are alike).
+%%
+%% Timers: those in `timed' fire in the order of time, those in `steps' at any moment, as the
+%% application's next call does; all others only when nothing is under way. `rates' are the µs that
+%% each robot's clock gains in a tick; `grain' is how many ticks pass at most at once (`none': time
+%% stands still). A time in a message that is over by `horizon_us' is kept at that, one in a
+%% machine's data at `past_us'; at the places in `waits' it matters when a machine began (default:
+%% everywhere).
+%%
+%% Random: `same_random', all robots draw the same; `draws', a robot draws the `same' each time.
+%%
+%% Bounds: what would come after an event for which `beyond' holds is not gone into. A message for
+%% which `inert' holds is tried as one that changes nothing any more; that is proved in the end.
+%%
+%% `sap' is the real machine, over packets, only where SAP itself is checked.
+-type model() :: #{
+    blocks := [starl_robot_sup:machine()],
+    script := fun((place()) -> script()),
+    monitor := {module(), Config :: map()},
+    sap => real | contract,
+    stands => [location | motion],
+    crash => [starl_machine:name()],
+    fixed => [place()],
+    timed => [atom()],
+    steps => [atom()],
+    rates => tuple(),
+    grain => pos_integer() | none,
+    horizon_us => pos_integer(),
+    past_us => non_neg_integer(),
+    waits => [place()],
+    same_random => boolean(),
+    draws => free | same,
+    beyond => fun((starl_monitor:trace_event()) -> boolean()),
+    inert => fun((Type :: atom(), Body :: term()) -> boolean())
+}.
+
+%% What the benchmark of messages runs and counts: values of `exercise', the figure of its report
+%% that counts operations, and the packets that an operation takes in a team of N, with that in words.
+-type benchmark() :: #{
+    workload := #{atom() => term()},
+    operations := atom(),
+    packets := fun((N :: pos_integer()) -> number()),
+    formula := string()
+}.
+
+%% Names that every robot has.
+-define(RESERVED, [sap, location, motion, app]).
+
+%% @doc The machines and the contracts of the blocks that an application lists; or one line that
+%% says what is wrong with the list.
+-spec expand([entry()], context()) ->
+    {ok, {[starl_robot_sup:machine()], [{module(), map()}]}} | {error, unicode:chardata()}.
+expand(Entries, Context) when is_list(Entries) ->
+    expand(Entries, Context, [], []);
+expand(Other, _Context) ->
+    {error, io_lib:format("a list of building blocks expected, not ~0tP", [Other, 20])}.
+
+expand([], _Context, _Seen, Parts) ->
+    Machines = lists:append([M || {_, M, _} <- lists:reverse(Parts)]),
+    Monitors = lists:append([J || {_, _, J} <- lists:reverse(Parts)]),
+    case {twice([N || {N, _, _} <- Machines] ++ ?RESERVED), twice([J || {J, _} <- Monitors])} of
+        {none, none} -> {ok, {Machines, Monitors}};
+        {{twice, Name}, _} -> {error, name_twice(Name, Parts)};
+        {none, {twice, Monitor}} -> {error, monitor_twice(Monitor)}
+    end;
+expand([Entry | Entries], Context, Seen, Parts) ->
+    case part(Entry, Context) of
+        {ok, {Block, _, _} = Part} ->
+            case lists:member(Block, Seen) of
+                false -> expand(Entries, Context, [Block | Seen], [Part | Parts]);
+                true -> {error, io_lib:format("block ~ts is listed twice", [Block])}
+            end;
+        {error, _} = Error ->
+            Error
+    end.
+
+part(Block, Context) when is_atom(Block) ->
+    part({Block, #{}}, Context);
+part({Block, Given}, Context) when is_atom(Block), is_map(Given) ->
+    case is_block(Block) of
+        true -> checked(Block, starl_options:check(Given, Block:options()), Context);
+        false -> {error, io_lib:format("~tp is no building block: ~ts", [Block, why_not(Block)])}
+    end;
+part({Name, Module, Config} = Machine, _Context) when
+    is_atom(Name), is_atom(Module), is_map(Config)
+->
+    {ok, {{machine, Name}, [Machine], []}};
+part(Other, _Context) ->
+    {error,
+        io_lib:format("a building block is listed as Module or {Module, #{...}}, not as ~0tP", [
+            Other, 20
+        ])}.
+
+checked(Block, {ok, Options}, Context) ->
+    {ok, {Block, Block:machines(Options), Block:monitors(Options, Context)}};
+checked(Block, {error, Problems}, _Context) ->
+    Lines = lists:join("; ", [starl_options:format_problem(P) || P <- Problems]),
+    {error, ["block ", atom_to_list(Block), ": ", Lines]}.
+
+why_not(Module) ->
+    case code:ensure_loaded(Module) of
+        {module, _} -> "it does not export options/0, machines/1 and monitors/2";
+        {error, _} -> "there is no such module"
+    end.
+
+twice(Names) ->
+    case Names -- lists:usort(Names) of
+        [] -> none;
+        [Name | _] -> {twice, Name}
+    end.
+
+name_twice(Name, Parts) ->
+    Blocks = [who(Block) || {Block, Ms, _} <- lists:reverse(Parts), {N, _, _} <- Ms, N =:= Name],
+    case lists:member(Name, ?RESERVED) of
+        true ->
+            io_lib:format("~ts: every robot has a machine ~ts already", [Blocks, Name]);
+        false ->
+            Who = lists:join(" and ", Blocks),
+            io_lib:format("~ts have a machine of the same name, ~ts", [Who, Name])
+    end.
+
+who({machine, Name}) -> ["the machine ", atom_to_list(Name)];
+who(Block) -> ["block ", atom_to_list(Block)].
+
+monitor_twice(Monitor) ->
+    io_lib:format("monitor ~ts is there twice", [Monitor]).
+
+%% @doc Is this module a building block?
+-spec is_block(module()) -> boolean().
+is_block(Module) ->
+    exports(Module, options, 0) andalso exports(Module, machines, 1) andalso
+        exports(Module, monitors, 2).
+
+%% @doc Can the block be exercised, checked, measured?
+-spec can(capability(), module()) -> boolean().
+can(exercise, Block) -> exports(Block, exercise, 0);
+can(check, Block) -> exports(Block, models, 0);
+can(bench, Block) -> exports(Block, benchmark, 0).
+
+exports(Module, Function, Arity) ->
+    _ = code:ensure_loaded(Module),
+    erlang:function_exported(Module, Function, Arity).
+
+%% @doc The monitors of a block with its default options, in some team: for lists.
+-spec monitors(module()) -> [module()].
+monitors(Block) ->
+    {ok, Options} = starl_options:check(#{}, Block:options()),
+    [Monitor || {Monitor, _} <- Block:monitors(Options, example())].
+
+example() ->
+    #{
+        robots => [1, 2, 3],
+        world => {12000, 12000},
+        seed => 1,
+        profiles => [starl_chassis:profile(starl_chassis_differential, #{})],
+        sap => #{},
+        options => #{}
+    }.

@@ -1,0 +1,152 @@
+%% @doc How a building block is exercised: used all the time, by every robot, under faults. That is
+%% what the application `exercise' does and what `./starl soak' draws at random.
+%%
+%% A module with this behaviour ({@link starl_block}, `exercise/0') says what one turn of the work is
+%% and which calls come at the end, and what is promised of a call when nothing goes wrong any more
+%% ({@link starl_promise}). Every call goes through {@link call/4}, which leaves what it was and what
+%% came of it in the trace ({@link event()}); a
+%% monitor holds it to the promise.
+-module(starl_block_exercise).
+
+-export([call/3, call/4, again/1, pick/2]).
+-export([flags/1, block_options/2, prepare/3, final/4, within_ms/2, draw/2]).
+-export([watches/1, seen/2, noted/3, promise/4]).
+
+-export_type([use/0, draw/0, event/0]).
+
+%% The values of the exercise: those of the application `exercise', of the block's own flags, and
+%% `team', the number of robots; `within', after how many milliseconds a promise has come true; and
+%% `last_patience', with how much patience (ms) the calls at the end are made: more than it takes
+%% until they must have succeeded.
+-type use() :: #{
+    patience := pos_integer(),
+    final := non_neg_integer(),
+    team := pos_integer(),
+    within => pos_integer(),
+    last_patience => pos_integer(),
+    atom() => term()
+}.
+
+%% What the application traces, in turns: a call with its patience, and what it answered.
+-type event() ::
+    {call, What :: term(), PatienceMs :: pos_integer() | none}
+    | {answer, Outcome :: term()}.
+
+%% Draws a value of this name for a seed: one of a list, or a whole number between two.
+-type draw() :: fun((Key :: atom(), [term(), ...] | {integer(), integer()}) -> term()).
+
+%% One turn of the work.
+-callback work(starl:robot(), Turn :: pos_integer(), use()) -> term().
+%% The N-th of the calls at the end.
+-callback final(starl:robot(), N :: pos_integer(), use()) -> term().
+%% Flags of its own.
+-callback flags() -> [starl_options:option()].
+%% The block's options for these values.
+-callback block_options(use()) -> starl_block:options().
+%% What the application does before its first turn.
+-callback prepare(starl:robot(), use()) -> term().
+%% So long (ms) after nothing goes wrong any more a promise has come true.
+-callback within_ms(use()) -> pos_integer().
+%% Values for a soak, of its own flags.
+-callback draw(draw()) -> #{atom() => term()}.
+%% The machines, besides the application, whose events decide on what is promised.
+-callback watches() -> [starl_machine:name()].
+%% What is remembered of these events, and of the calls, for the promises: at the beginning, and
+%% after an event. At the end of a call that is `{Us, Robot, app, {answered, Call, Outcome}}'.
+-callback seen([starl_monitor:robot_id()]) -> Seen :: term().
+-callback noted(starl_monitor:trace_event(), Seen) -> Seen when Seen :: term().
+%% What is promised of a call, and by when. Without this callback every call ends in time, somehow.
+-callback promise(starl_promise:call(), starl_promise:team(), Seen :: term()) ->
+    starl_promise:t().
+
+-optional_callbacks([
+    final/3,
+    flags/0,
+    block_options/1,
+    prepare/2,
+    within_ms/1,
+    draw/1,
+    watches/0,
+    seen/1,
+    noted/2,
+    promise/3
+]).
+
+-define(WITHIN_MS, 20000).
+
+%% -- for those who exercise -----------------------------------------------------------------
+
+%% @doc Makes a call that has no patience of its own.
+-spec call(starl:robot(), What :: term(), fun(() -> Outcome)) -> Outcome.
+call(Robot, What, Call) -> call(Robot, What, none, Call).
+
+%% @doc Makes a call with so many milliseconds of patience; it stands in the trace.
+-spec call(starl:robot(), What :: term(), Ms :: pos_integer() | none, fun(() -> Outcome)) ->
+    Outcome.
+call(Robot, What, Patience, Call) ->
+    ok = starl:trace(Robot, {call, What, Patience}),
+    Outcome = Call(),
+    ok = starl:trace(Robot, {answer, Outcome}),
+    Outcome.
+
+%% @doc Calls until the machine does not restart meanwhile: for calls that others wait for.
+-spec again(fun(() -> Outcome)) -> Outcome when Outcome :: term().
+again(Call) ->
+    case Call() of
+        {error, restarted} -> again(Call);
+        Outcome -> Outcome
+    end.
+
+%% @doc A number from 1 to N, at random.
+-spec pick(starl:robot(), N :: pos_integer()) -> pos_integer().
+pick(Robot, N) -> 1 + trunc(starl:random(Robot) * N).
+
+%% -- what an exercise says, or the default --------------------------------------------------
+
+%% @doc Its flags.
+-spec flags(module()) -> [starl_options:option()].
+flags(Exercise) -> said(Exercise, flags, [], []).
+
+%% @doc The block's options.
+-spec block_options(module(), use()) -> starl_block:options().
+block_options(Exercise, Use) -> said(Exercise, block_options, [Use], #{}).
+
+%% @doc Before the first turn.
+-spec prepare(module(), starl:robot(), use()) -> term().
+prepare(Exercise, Robot, Use) -> said(Exercise, prepare, [Robot, Use], ok).
+
+%% @doc A call at the end.
+-spec final(module(), starl:robot(), N :: pos_integer(), use()) -> term().
+final(Exercise, Robot, N, Use) -> said(Exercise, final, [Robot, N, Use], ok).
+
+%% @doc When promises have come true, by default after 20 s.
+-spec within_ms(module(), use()) -> pos_integer().
+within_ms(Exercise, Use) -> said(Exercise, within_ms, [Use], ?WITHIN_MS).
+
+%% @doc What a soak draws.
+-spec draw(module(), draw()) -> #{atom() => term()}.
+draw(Exercise, Draw) -> said(Exercise, draw, [Draw], #{}).
+
+%% @doc Whose events it watches.
+-spec watches(module()) -> [starl_machine:name()].
+watches(Exercise) -> said(Exercise, watches, [], []).
+
+%% @doc What is remembered at the beginning.
+-spec seen(module(), [starl_monitor:robot_id()]) -> Seen :: term().
+seen(Exercise, Robots) -> said(Exercise, seen, [Robots], none).
+
+%% @doc What is remembered after an event.
+-spec noted(module(), starl_monitor:trace_event(), Seen) -> Seen when Seen :: term().
+noted(Exercise, Event, Seen) -> said(Exercise, noted, [Event, Seen], Seen).
+
+%% @doc What is promised of a call.
+-spec promise(module(), starl_promise:call(), starl_promise:team(), Seen :: term()) ->
+    starl_promise:t().
+promise(Exercise, Call, Team, Seen) -> said(Exercise, promise, [Call, Team, Seen], none).
+
+said(Module, Function, Args, Else) ->
+    _ = erlang:module_loaded(Module) orelse code:ensure_loaded(Module),
+    case erlang:function_exported(Module, Function, length(Args)) of
+        true -> apply(Module, Function, Args);
+        false -> Else
+    end.

@@ -1,0 +1,41 @@
+%% @doc Reliable messages as a block: SAP is a service that every robot has and a contract that every
+%% run is held to, so there is nothing to be listed; it is exercised and checked like a block.
+-module(starl_sap_block).
+-behaviour(starl_block).
+
+-export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0]).
+
+-spec options() -> [starl_options:option()].
+options() -> [].
+
+-spec machines(starl_block:options()) -> [].
+machines(_Options) -> [].
+
+-spec monitors(starl_block:options(), starl_block:context()) -> [].
+monitors(_Options, _Context) -> [].
+
+-spec contract() -> string().
+contract() -> "a message is delivered at most once, as it was sent, or reported lost".
+
+-spec exercise() -> module().
+exercise() -> starl_sap_exercise.
+
+-spec models() -> [starl_block:model_entry()].
+models() -> [{sap, "reliable messages, packet by packet", fun model/1}].
+
+%% The first robot sends to the second, the second to all; one retransmission.
+model(#{robots := Ids}) ->
+    #{
+        sap => real,
+        blocks => [{sap, starl_sap, #{limit => 1}}],
+        script => fun(Place) -> script(Place, Ids) end,
+        monitor => {starl_sap_monitor, #{bound_us => 1}},
+        fixed => lists:seq(1, length(Ids))
+    }.
+
+script(1, [_, To | _]) ->
+    [{listen, note}, {'try', sap, {send, To, note, a}}, {'try', sap, {send, To, note, b}}];
+script(2, _Ids) ->
+    [{listen, note}, {'try', sap, {broadcast, note, c}}];
+script(_, _Ids) ->
+    [{listen, note}].

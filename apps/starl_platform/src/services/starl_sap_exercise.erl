@@ -1,0 +1,95 @@
+%% @doc How SAP is exercised: messages to one robot, now and then to all.
+%%
+%% Promised is that a message is acknowledged unless a receiver has died. The first call after the
+%% restart of either SAP may find that out instead (`restarted').
+-module(starl_sap_exercise).
+-behaviour(starl_block_exercise).
+
+-export([prepare/2, work/3, final/3, watches/0, seen/1, noted/2, promise/3]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type pair() :: {robot_id(), robot_id()}.
+
+%% An acknowledgement is under way for no longer: it may have been given before a restart.
+-define(UNDER_WAY_US, 5000000).
+
+-record(seen, {
+    %% when a robot's SAP restarted last; when one knew last which incarnation another's is, and
+    %% what it has found out of that in its present call
+    restarted = #{} :: #{robot_id() => integer()},
+    contact = #{} :: #{pair() => integer()},
+    found = #{} :: #{robot_id() => #{pair() => integer()}}
+}).
+
+-spec prepare(starl:robot(), starl_block_exercise:use()) -> ok.
+prepare(Robot, _Use) -> starl:listen(Robot, word).
+
+-spec work(starl:robot(), pos_integer(), starl_block_exercise:use()) -> term().
+work(Robot, Turn, _Use) ->
+    _ = send(Robot, other(Robot), Turn),
+    _ = [broadcast(Robot, {all, Turn}) || Turn rem 4 =:= 0],
+    starl:await(Robot, word, 50).
+
+-spec final(starl:robot(), pos_integer(), starl_block_exercise:use()) -> term().
+final(Robot, N, _Use) ->
+    _ = [send(Robot, To, {final, N}) || To <- starl:participants(Robot)],
+    broadcast(Robot, {final, N}).
+
+send(Robot, To, Body) ->
+    Send = fun() -> starl:send(Robot, To, word, Body) end,
+    starl_block_exercise:call(Robot, {send, To}, Send).
+
+broadcast(Robot, Body) ->
+    starl_block_exercise:call(Robot, broadcast, fun() -> starl:broadcast(Robot, word, Body) end).
+
+other(Robot) ->
+    case lists:delete(starl:id(Robot), starl:participants(Robot)) of
+        [] -> starl:id(Robot);
+        [_ | _] = Others -> lists:nth(starl_block_exercise:pick(Robot, length(Others)), Others)
+    end.
+
+-spec watches() -> [starl_machine:name()].
+watches() -> [sap].
+
+-spec seen([robot_id()]) -> #seen{}.
+seen(_Robots) -> #seen{}.
+
+-spec noted(starl_monitor:trace_event(), #seen{}) -> #seen{}.
+noted({T, Robot, sap, {started, N}}, #seen{restarted = Restarted} = Seen) when N > 1 ->
+    Seen#seen{restarted = Restarted#{Robot => T}};
+noted({T, Robot, sap, {outcome, _Id, To, acknowledged}}, #seen{contact = Contact} = Seen) ->
+    Seen#seen{contact = Contact#{{Robot, To} => T}};
+noted({T, Robot, sap, {outcome, _Id, To, restarted}}, #seen{found = Found} = Seen) ->
+    New = maps:get(Robot, Found, #{}),
+    Seen#seen{found = Found#{Robot => New#{{Robot, To} => T}}};
+noted({_, Robot, app, {answered, _, _}}, #seen{contact = Contact, found = Found} = Seen) ->
+    Seen#seen{
+        contact = maps:merge(Contact, maps:get(Robot, Found, #{})),
+        found = maps:remove(Robot, Found)
+    };
+noted(_Event, Seen) ->
+    Seen.
+
+-spec promise(starl_promise:call(), starl_promise:team(), #seen{}) -> starl_promise:t().
+promise(#{what := {send, To}, robot := Robot} = Call, Team, Seen) ->
+    Is = fun(Outcome) ->
+        Outcome =:= ok orelse (Outcome =:= {error, restarted} andalso is_news(Robot, To, Seen))
+    end,
+    case starl_promise:has_died([To], Team) of
+        true -> none;
+        false -> starl_promise:soon(Call, Is, Team)
+    end;
+promise(#{what := broadcast, robot := Robot} = Call, #{died := []} = Team, Seen) ->
+    starl_promise:soon(Call, fun(Outcome) -> is_sent(Outcome, Robot, Seen) end, Team);
+promise(_Call, _Team, _Seen) ->
+    none.
+
+is_sent({error, {lost, Lost}}, Robot, Seen) ->
+    lists:all(fun(To) -> is_news(Robot, To, Seen) end, Lost);
+is_sent(Outcome, _Robot, _Seen) ->
+    Outcome =:= ok.
+
+%% Has one of the two restarted, and they have not met since?
+is_news(Robot, To, #seen{restarted = Restarted, contact = Contact}) ->
+    Latest = lists:max([maps:get(R, Restarted, -1) || R <- [Robot, To]]),
+    Latest >= 0 andalso Latest > maps:get({Robot, To}, Contact, 0) - ?UNDER_WAY_US.
