@@ -3,7 +3,7 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, run/1]).
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
 
 -define(DEPTH, {optional, {integer, 1, 1000000}}).
 
@@ -22,7 +22,7 @@ about(_Subject) ->
     [
         "Goes through all that can happen to a small team that uses a block, with the code that "
         "robots run, and holds it to the block's contract.",
-        {list, "Blocks", named(Blocks)},
+        {list, "Blocks", named(Blocks) ++ [{"FILE.erl", "a block of your own"}]},
         {list, "Faults", named(starl_check:faults())}
     ].
 
@@ -48,15 +48,25 @@ statuses() ->
         {130, "interrupted, with what was covered"}
     ].
 
+%% @doc A block of the user's own.
+-spec subject(string(), [string()]) ->
+    {ok, {own, module()}, [string()]} | {error, [unicode:chardata(), ...]}.
+subject(File, Args) ->
+    case starl_cli_block:own(File, check) of
+        {ok, Block, _} -> {ok, {own, Block}, Args};
+        {error, _} = Error -> Error
+    end.
+
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := Wanted, values := #{faults := Text} = Values}) ->
     case faults(Text) of
-        {ok, Faults} -> each(blocks(Wanted), Values#{faults := Faults}, 0);
+        {ok, Faults} -> each(models(Wanted), Values#{faults := Faults}, 0);
         {error, Reason} -> {error, [["--faults: ", starl_check:format_error(Reason)]]}
     end.
 
-blocks(all) -> [Block || {Block, _} <- starl_check:blocks()];
-blocks(Block) -> [Block].
+models(all) -> starl_blocks:models();
+models({own, Block}) -> Block:models();
+models(Name) -> [lists:keyfind(Name, 1, starl_blocks:models())].
 
 faults("none") -> starl_check:parse_faults("");
 faults(Text) -> starl_check:parse_faults(Text).
@@ -74,7 +84,7 @@ graver(3, _) -> 3;
 graver(_, 3) -> 3;
 graver(One, Other) -> max(One, Other).
 
-checked(Block, #{robots := Robots, faults := Faults, memory := Megabytes} = Values) ->
+checked({Block, _, _} = Model, #{robots := Robots, faults := Faults, memory := Megabytes} = Values) ->
     Options = #{
         robots => Robots, faults => Faults, memory => Megabytes * 1000000,
         depth => depth(maps:get(depth, Values)),
@@ -83,7 +93,7 @@ checked(Block, #{robots := Robots, faults := Faults, memory := Megabytes} = Valu
     Stop = atomics:new(1, []),
     starl_cli_signal:on_interrupt(fun() -> atomics:put(Stop, 1, 1) end),
     Begin = now_ms(),
-    Outcome = starl_check:run(Block, Options, control(Stop, Values)),
+    Outcome = starl_check:run(Model, Options, control(Stop, Values)),
     starl_cli_signal:on_interrupt(quit),
     starl_cli_progress:erase(),
     tell(Outcome, Block, Values, (now_ms() - Begin) / 1000).

@@ -59,7 +59,8 @@
 -callback flags(subject()) -> [group()].
 %% What exit statuses mean, but for 2, bad usage or input.
 -callback statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-%% Understands the word, where that is not one of some choices; gives the other arguments on.
+%% Understands the word, where that is not one of some choices; gives the other arguments on. A
+%% command with choices is asked for files, FILE.erl.
 -callback subject(Word :: string(), Args :: [string()]) ->
     {ok, subject(), [string()]} | {error, [unicode:chardata(), ...]}.
 -callback run(call()) -> answer().
@@ -146,10 +147,18 @@ with_word({_, Placeholder, Known}, Command, {Word, Others, Args}, Help) ->
 
 subject({example, _}, _Placeholder, Command, Word, Args) ->
     Command:subject(Word, Args);
-subject(Choices, Placeholder, _Command, Word, Args) ->
+subject(Choices, Placeholder, Command, Word, Args) ->
     case [Name || {Name, _} <- Choices, atom_to_list(Name) =:= Word] of
         [Name] -> {ok, Name, Args};
-        [] -> {error, [unknown(Word, string:lowercase(Placeholder), names(Choices))]}
+        [] -> other(Choices, Placeholder, Command, {Word, Args})
+    end.
+
+%% A file of the user's own may stand for one of the choices.
+other(Choices, Placeholder, Command, {Word, Args}) ->
+    Takes = erlang:function_exported(Command, subject, 2) andalso filename:extension(Word) =:= ".erl",
+    case Takes of
+        true -> Command:subject(Word, Args);
+        false -> {error, [unknown(Word, string:lowercase(Placeholder), names(Choices))]}
     end.
 
 unknown(Word, What, Names) ->

@@ -134,7 +134,7 @@ host(Node) -> lists:last(string:split(atom_to_list(Node), "@")).
 options(none, _Target) ->
     {ok, #{}};
 options(#{nodes := Nodes, timeout_ms := Ms, name := Name, cookie := Cookie}, Target) ->
-    Code = [maps:get(code, Target) || is_map_key(code, Target)],
+    Code = maps:get(code, Target, []),
     Options = #{nodes => Nodes, node_timeout_ms => Ms, code => Code},
     case Name =:= none orelse starl_sim_net:start(#{name => Name, cookie => Cookie}) of
         {error, Reason} -> {error, ["--nodes: ", starl_sim_net:format_error(Reason)]};

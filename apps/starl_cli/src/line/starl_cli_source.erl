@@ -1,46 +1,115 @@
-%% @doc An application of the user's own: compiled in memory, with one line for each error.
+%% @doc Modules of the user's own: compiled in memory, with one line for each error. A file comes with
+%% the files beside it whose modules it names, and these with those that they name.
 -module(starl_cli_source).
 
--export([load/1]).
+-export([load/1, modules/1]).
 
-%% @doc Compiles and loads a source file.
+%% @doc Compiles and loads a source file: an application, or a building block, which is exercised.
 -spec load(file:filename()) ->
     {ok, starl_cli_target:t()} | {error, [unicode:chardata(), ...]}.
 load(File) ->
+    case modules(File) of
+        {ok, Module, Codes} -> target(File, Module, Codes);
+        {error, _} = Error -> Error
+    end.
+
+%% @doc Compiles and loads a source file and those that it needs; gives its module.
+-spec modules(file:filename()) ->
+    {ok, module(), [starl_cli_target:code(), ...]} | {error, [unicode:chardata(), ...]}.
+modules(File) ->
+    case compiled([File], []) of
+        {ok, Codes} ->
+            _ = [{module, M} = code:load_binary(M, F, Code) || {M, F, Code} <- Codes],
+            {ok, element(1, hd(Codes)), Codes};
+        {error, _} = Error ->
+            Error
+    end.
+
+compiled([], Codes) ->
+    {ok, lists:reverse(Codes)};
+compiled([File | Files], Codes) ->
+    case code(File) of
+        {ok, {Module, _, Beam} = Code} ->
+            Known = Files ++ [F || {_, F, _} <- Codes],
+            compiled(Files ++ (beside(File, Module, Beam) -- Known), [Code | Codes]);
+        {error, _} = Error ->
+            Error
+    end.
+
+code(File) ->
     case filelib:is_regular(File) of
-        true -> compiled(File, compile:file(File, [binary, return, debug_info]));
+        true -> sound(File, compile:file(File, [binary, return, debug_info]));
         false -> {error, [[File, ": there is no such file"]]}
     end.
 
-compiled(File, {ok, Module, Code, Warnings}) ->
+sound(File, {ok, Module, Beam, Warnings}) ->
     _ = [starl_cli_terminal:warn(["warning: ", Line]) || Line <- lines(Warnings)],
-    case code:which(Module) of
-        non_existing ->
-            {module, Module} = code:load_binary(Module, File, Code),
-            check(File, Module, Code);
-        _ ->
+    case lists:member(code:which(Module), [non_existing, File]) of
+        true ->
+            {ok, {Module, File, Beam}};
+        false ->
             {error, [
                 io_lib:format("~ts: there is a module ~ts already; give yours another name", [
                     File, Module
                 ])
             ]}
     end;
-compiled(_File, {error, Errors, _Warnings}) ->
+sound(_File, {error, Errors, _Warnings}) ->
     {error, lines(Errors)}.
 
-check(File, Module, Code) ->
-    Runs = lists:any(fun({F, A}) -> erlang:function_exported(Module, F, A) end, [
-        {step, 2}, {scene, 1}
-    ]),
-    case Runs of
-        true ->
-            {ok, #{
-                app => Module, name => atom_to_list(Module), replay => File, file => File,
-                given => #{}, code => {Module, File, Code}
-            }};
-        false ->
-            {error, [[File, ": this is no application: it exports neither step/2 nor scene/1"]]}
+%% The files beside this one whose modules are named in it and are not there already.
+beside(File, Module, Beam) ->
+    {ok, {Module, [{atoms, Atoms}]}} = beam_lib:chunks(Beam, [atoms]),
+    Names = [Atom || {_, Atom} <- lists:sort(Atoms), Atom =/= Module, is_plain(Atom)],
+    Beside = [
+        {Name, filename:join(filename:dirname(File), atom_to_list(Name) ++ ".erl")}
+     || Name <- Names
+    ],
+    [
+        path(File, Path)
+     || {Name, Path} <- Beside,
+        filelib:is_regular(Path),
+        lists:member(code:which(Name), [non_existing, path(File, Path)])
+    ].
+
+%% As the user wrote it: without "./".
+path(File, Path) ->
+    case filename:dirname(File) of
+        "." -> filename:basename(Path);
+        _ -> Path
     end.
+
+is_plain(Atom) ->
+    re:run(atom_to_list(Atom), "^[a-z][a-zA-Z0-9_]*$", [{capture, none}]) =:= match.
+
+target(File, Module, Codes) ->
+    Target = #{
+        app => Module,
+        name => atom_to_list(Module),
+        replay => File,
+        file => File,
+        given => #{},
+        code => Codes
+    },
+    case {runs(Module), starl_block:is_block(Module), starl_block:can(exercise, Module)} of
+        {true, _, _} ->
+            {ok, Target};
+        {false, true, true} ->
+            {ok, Target#{app := starl_exercise, given := #{block => Module}}};
+        {false, true, false} ->
+            {error, [[File, ": this block says not how it is exercised (exercise/0)"]]};
+        {false, false, _} ->
+            {error, [
+                [
+                    File,
+                    ": this is no application: it exports neither step/2 nor scene/1; "
+                    "and no building block (starl_block)"
+                ]
+            ]}
+    end.
+
+runs(Module) ->
+    lists:any(fun({F, A}) -> erlang:function_exported(Module, F, A) end, [{step, 2}, {scene, 1}]).
 
 lines(Found) -> [line(File, Info) || {File, Infos} <- Found, Info <- Infos].
 

@@ -7,7 +7,7 @@
 -export_type([t/0, code/0]).
 
 %% `given' are the values of a scenario file; `replay' names the target on a command line, `file'
-%% is where the values come from. The `code' of an application of the user's own is in no file. A
+%% is where the values come from. The `code' of modules of the user's own is in no file. A
 %% recorded run comes with its `record'.
 -type t() :: #{
     app := module(),
@@ -15,7 +15,7 @@
     replay := string(),
     file := string(),
     given := #{atom() => term()},
-    code => code(),
+    code => [code(), ...],
     record => starl_cli_record:t()
 }.
 

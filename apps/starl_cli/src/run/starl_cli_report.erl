@@ -62,9 +62,14 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
             {packets, maps:get(packets, Outcome)},
             {events, maps:get(events, Outcome)},
             {digest, hex(maps:get(digest, Outcome))},
+            {contracts, contracts(Monitors)},
             {violations, [violation(V) || V <- Violations]},
             {ending, atom_to_binary(Ending)}
         ] ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})).
+
+%% By which contracts the run was judged.
+contracts(Monitors) ->
+    [unicode:characters_to_binary(starl_monitor:name(M)) || M <- lists:sort(maps:keys(Monitors))].
 
 %% Where applications crashed.
 crashes(#{crashes := Count, first_crash := {_, _, _, Cause}}) ->
@@ -136,6 +141,7 @@ text(#report{fields = Fields}) ->
     ].
 
 plain(Text) when is_binary(Text) -> Text;
+plain([Text | _] = Texts) when is_binary(Text) -> lists:join(", ", Texts);
 plain(Value) when is_float(Value) -> io_lib:format("~w", [Value]);
 plain(Value) -> io_lib:format("~0tp", [Value]).
 

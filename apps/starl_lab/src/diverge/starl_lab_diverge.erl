@@ -113,7 +113,7 @@ group({Schedulers, Numbered}, {done, Results}, Setup) ->
         at_once => max(1, Jobs div Schedulers),
         schedulers => Schedulers,
         what => lists:flatten(["seeds, ", Names]),
-        code => [Code || {code, Code} <- maps:to_list(Target)],
+        code => maps:get(code, Target, []),
         each => fun({#{seed := Seed}, _}, Answer, Acc) -> add(Seed, Places, Answer, Acc) end
     },
     starl_lab_jobs:run([{Scenario#{seed => Seed}, Ways} || Seed <- Seeds], Plan, Results).

@@ -5,7 +5,7 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, run/1]).
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
 -export([scenario/3, targets/0]).
 %% called in VMs of their own
 -export([one/1]).
@@ -25,6 +25,8 @@
     jobs := pos_integer(),
     shrink := non_neg_integer()
 }.
+
+-type own() :: {own, module(), file:filename(), [starl_cli_target:code(), ...]}.
 
 %% Nobody waits longer for one failing run to become small, s.
 -define(SHRINK_S, 60).
@@ -58,7 +60,11 @@ about(_Subject) ->
         "25 s of virtual time (path planning: 45 s); then every call has to end as its block "
         "promises. The monitors of all contracts judge. For each way in which a contract is "
         "violated it prints the commands that replay and shrink the first run, and shrinks it.",
-        ["Blocks: ", lists:join(", ", [atom_to_list(Block) || Block <- targets() ++ [all]])]
+        [
+            "Blocks: ",
+            lists:join(", ", [atom_to_list(Block) || Block <- targets() ++ [all]]),
+            ", or FILE.erl with one of your own"
+        ]
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -80,8 +86,18 @@ statuses() ->
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{subject := all, values := Values}) -> soak(plan(targets(), Values));
-run(#{subject := Block, values := Values}) -> soak(plan([Block], Values)).
+run(#{subject := all, values := Values}) -> soak(plan(targets(), Values), none);
+run(#{subject := {own, Block, _, _} = Own, values := Values}) -> soak(plan([Block], Values), Own);
+run(#{subject := Block, values := Values}) -> soak(plan([Block], Values), none).
+
+%% @doc A block of the user's own.
+-spec subject(string(), [string()]) ->
+    {ok, own(), [string()]} | {error, [unicode:chardata(), ...]}.
+subject(File, Args) ->
+    case starl_cli_block:own(File, exercise) of
+        {ok, Block, Codes} -> {ok, {own, Block, File, Codes}, Args};
+        {error, _} = Error -> Error
+    end.
 
 plan(Blocks, #{seeds := Count, from := From, robots := Robots} = Values) ->
     (maps:with([jobs, shrink], Values))#{
@@ -96,11 +112,12 @@ checked(#{app := App} = Given) ->
     {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
     Scenario.
 
--spec soak(plan()) -> starl_cli_terminal:status().
-soak(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}) ->
+-spec soak(plan(), own() | none) -> starl_cli_terminal:status().
+soak(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}, Own) ->
     ok = starl_cli_log:install(),
     {How, Founds} = starl_lab_jobs:run(Runs, #{
-        work => {?MODULE, one}, at_once => Most, what => "runs", each => fun noted/3
+        work => {?MODULE, one}, at_once => Most, what => "runs", each => fun noted/3,
+        code => codes(Own)
     }, []),
     starl_cli_signal:on_interrupt(quit),
     Sorted = lists:sort(Founds),
@@ -108,8 +125,9 @@ soak(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}) ->
     Failing = starl_lab_soak_report:failing(Blocks, Sorted),
     Scenarios = maps:from_list([{{Block, Seed}, Scenario} || {Block, Seed, Scenario} <- Runs]),
     _ = [
-        violated(Failed, maps:get({Block, Seed}, Scenarios), How =:= done andalso N =< Shrink)
-     || {N, {Block, Seed, _, _} = Failed} <- Failing
+        violated(Failed, target(Own, Scenario), Scenario, How =:= done andalso N =< Shrink)
+     || {N, {Block, Seed, _, _} = Failed} <- Failing,
+        Scenario <- [maps:get({Block, Seed}, Scenarios)]
     ],
     status(How, Failing, Sorted).
 
@@ -126,8 +144,7 @@ status(done, _, Founds) ->
     end.
 
 %% The first run that fails in a way, as commands and as a small scenario.
-violated({Block, Seed, Violation, Count}, Scenario, Shrunk) ->
-    Target = target(Scenario),
+violated({Block, Seed, Violation, Count}, Target, Scenario, Shrunk) ->
     Replay = lists:flatten(unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario))),
     starl_cli_terminal:out([
         "\n", starl_monitor:format_violation(Violation), runs(Count), "\n",
@@ -137,7 +154,15 @@ violated({Block, Seed, Violation, Count}, Scenario, Shrunk) ->
     _ = [small(file(Block, Seed), Target, Scenario) || Shrunk],
     ok.
 
-target(#{app := App}) ->
+codes(none) -> [];
+codes({own, _, _, Codes}) -> Codes.
+
+target({own, Block, File, Codes}, #{app := App}) ->
+    #{
+        app => App, name => atom_to_list(Block), replay => File, file => File,
+        given => #{block => Block}, code => Codes
+    };
+target(none, #{app := App}) ->
     {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
     {ok, Target} = starl_cli_target:resolve(Name),
     Target.

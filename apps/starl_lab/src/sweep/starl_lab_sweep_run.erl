@@ -78,7 +78,7 @@ noted({Key, _, _}, Answer, #made{rows = Rows, columns = Columns, device = Device
 plan(#{jobs := Most, target := Target}, Function, What, Each) ->
     #{
         work => {?MODULE, Function}, at_once => Most, what => What, each => Each,
-        code => [Code || #{code := Code} <- [Target]]
+        code => maps:get(code, Target, [])
     }.
 
 %% -- the end --------------------------------------------------------------------------------

@@ -15,7 +15,8 @@ machines(_Options) -> [].
 monitors(_Options, _Context) -> [].
 
 -spec contract() -> string().
-contract() -> "a message is delivered at most once, as it was sent, or reported lost".
+contract() ->
+    "a message is delivered at most once, as it was sent, or reported lost; judged in every run".
 
 -spec exercise() -> module().
 exercise() -> starl_sap_exercise.
