@@ -14,7 +14,8 @@ bugs() ->
 %% Name, block, broken machine, its configuration, changes of the scenario, and the pitfall.
 table() ->
     lists:append([
-        sap(), election(), bully(), mutex(), barrier(), geocast(), registers(), dpp()
+        sap(), election(), bully(), mutex(), barrier(), geocast(), registers(),
+        counter(), dpp()
     ]).
 
 sap() ->
@@ -108,6 +109,14 @@ registers() ->
         {registers_no_exchange, registers, starl_registers_bug, #{bug => no_exchange},
             #{judge => #{bound_us => 8000000}},
             "what a broadcast missed stays missed"}
+    ].
+
+counter() ->
+    [
+        {counter_adds, counter, starl_counter_bug, #{bug => adds}, #{},
+            "adds what it hears to what it has"},
+        {counter_replaces, counter, starl_counter_bug, #{bug => replaces}, #{},
+            "replaces what it has by what it hears"}
     ].
 
 dpp() ->

@@ -15,6 +15,7 @@ known() ->
         {barrier, starl_barrier},
         {geocast, starl_geocast},
         {registers, starl_registers},
+        {counter, starl_counter},
         {actuator, starl_actuator},
         {dpp, starl_dpp}
     ].

@@ -1,0 +1,70 @@
+%% @doc A counter that all robots share and that only grows: the interface. It is the example of
+%% CONTRIBUTING.md, "To add a block": small, and complete.
+%%
+%% Each robot counts its own increments; the value is the sum over all robots, as far as this one has
+%% heard. Guarantee: a value never goes back at a robot, unless its machine has restarted, and never
+%% exceeds the increments that were made; when increments stop and messages get through, all robots
+%% read the same value. Increments that nobody else had heard of when their robot crashed are lost.
+%% ```
+%%   blocks() -> [starl_counter].
+%%   {ok, Value} = starl_counter:increment(Robot),
+%%   {ok, Later} = starl_counter:value(Robot)
+%% '''
+-module(starl_counter).
+-behaviour(starl_block).
+
+-export([increment/1, value/1, within_ms/2]).
+-export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0]).
+
+%% @doc Counts one more; gives the value, with it.
+-spec increment(starl:robot()) -> {ok, Value :: pos_integer()} | {error, restarted}.
+increment(Robot) -> starl:call(Robot, counter, increment, infinity).
+
+%% @doc The value, as far as this robot has heard.
+-spec value(starl:robot()) -> {ok, Value :: non_neg_integer()} | {error, restarted}.
+value(Robot) -> starl:call(Robot, counter, value, infinity).
+
+%% -- the block ------------------------------------------------------------------------------
+
+-spec options() -> [starl_options:option()].
+options() ->
+    [
+        {gossip_ms, {integer, 10, 1000000}, 1000,
+            "the time between two messages with what a robot has heard, ms"}
+    ].
+
+-spec machines(starl_block:options()) -> [starl_robot_sup:machine()].
+machines(Options) -> [{counter, starl_counter_gossip, Options}].
+
+-spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
+monitors(#{gossip_ms := Ms}, #{robots := Robots}) ->
+    Within = 1000 * within_ms(Ms, length(Robots)),
+    [{starl_counter_monitor, #{robots => Robots, within_us => Within}}].
+
+%% @doc So long (ms) after the last increment all robots agree, when messages get through: each
+%% tells all others in turn, twice, as the first message to a robot that has restarted may be refused.
+-spec within_ms(GossipMs :: pos_integer(), Robots :: pos_integer()) -> pos_integer().
+within_ms(Gossip, Robots) -> 5000 + 2 * Robots * Gossip.
+
+-spec contract() -> string().
+contract() -> "the value never goes back and never exceeds the increments; all come to agree".
+
+-spec exercise() -> module().
+exercise() -> starl_counter_exercise.
+
+-spec models() -> [starl_block:model_entry()].
+models() -> [{counter, "a shared counter that only grows", fun model/1}].
+
+%% The first robot counts twice, the others once and read. All know that a robot tells the others in
+%% the order of their numbers, so no two are alike.
+model(#{robots := Ids}) ->
+    #{
+        blocks => machines(#{}),
+        script => fun script/1,
+        crash => [counter],
+        monitor => {starl_counter_monitor, #{robots => Ids}},
+        fixed => lists:seq(1, length(Ids))
+    }.
+
+script(1) -> [{'try', counter, increment}, {'try', counter, increment}];
+script(_) -> [{'try', counter, increment}, {'try', counter, value}].

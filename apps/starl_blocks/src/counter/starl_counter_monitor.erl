@@ -1,0 +1,114 @@
+%% @doc The contract of the shared counter, as a monitor.
+%%
+%% Safety: the value of a robot never goes back, except after a crash of its machine, and never
+%% exceeds the number of increments that were made.
+%%
+%% Progress, with `within_us' (default: none): so long after the last increment and the last crash or
+%% death of a robot, and after `healed_us' (default 0; when the last fault is over, see
+%% {@link context/2}), all robots alive have the same value.
+%%
+%% Events of machine `counter': those of {@link starl_counter_gossip:event()}, and `crashed'; of
+%% machine `robot': `{died, Reason}'.
+-module(starl_counter_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, context/2, step/2, finish/2, interests/0, timeless/1]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type us() :: integer().
+
+-record(state, {
+    within :: us() | infinity,
+    healed :: us() | never,
+    made = 0 :: non_neg_integer(),
+    %% each robot's value; the dead are not there
+    values :: #{robot_id() => non_neg_integer()},
+    due = infinity :: us() | infinity,
+    judged = 0 :: non_neg_integer()
+}).
+
+%% @doc See above.
+-spec init(#{robots := [robot_id()], within_us => us(), healed_us => us() | never}) -> #state{}.
+init(#{robots := Robots} = Config) ->
+    #state{
+        within = maps:get(within_us, Config, infinity),
+        healed = maps:get(healed_us, Config, 0),
+        values = maps:from_keys(Robots, 0)
+    }.
+
+%% @doc Told when nothing goes wrong any more.
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{healed_us := Healed}, Config) -> maps:merge(#{healed_us => Healed}, Config).
+
+%% @doc The counters' own events and the end of robots.
+-spec interests() -> [atom()].
+interests() -> [counter, robot].
+
+%% @doc What was made and what each robot has; without `within_us' nothing else is judged.
+-spec timeless(#state{}) -> term().
+timeless(#state{made = Made, values = Values}) -> {Made, Values}.
+
+%% @doc Judges one event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, Machine, Event}, State) ->
+    {Late, Current} = agreement(T, State),
+    {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
+    case Late ++ Broken of
+        [] -> {ok, Next};
+        [First | _] -> {violation, First, Next}
+    end.
+
+%% @doc Judges the time until `EndUs'. Results: how many `increments' were made, and how often
+%% agreement was `agreed'.
+-spec finish(us(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndUs, State) ->
+    {Late, #state{made = Made, judged = Judged}} = agreement(EndUs, State),
+    {verdict(Late), #{increments => Made, agreed => Judged}}.
+
+verdict([]) -> ok;
+verdict(Violations) -> {violation, Violations}.
+
+judge({counter, {incremented, Value}}, T, Robot, #state{made = Made} = State) ->
+    has(Value, T, Robot, postponed(T, State#state{made = Made + 1}));
+judge({counter, {holds, Value}}, T, Robot, State) ->
+    has(Value, T, Robot, State);
+judge({counter, {read, Value}}, T, Robot, State) ->
+    has(Value, T, Robot, State);
+judge({counter, crashed}, T, Robot, #state{values = Values} = State) ->
+    {[], postponed(T, State#state{values = Values#{Robot => 0}})};
+judge({robot, {died, _Reason}}, T, Robot, #state{values = Values} = State) ->
+    {[], postponed(T, State#state{values = maps:remove(Robot, Values)})};
+judge(_Other, _T, _Robot, State) ->
+    {[], State}.
+
+has(Value, T, Robot, #state{made = Made, values = Values} = State) ->
+    Before = maps:get(Robot, Values, 0),
+    Broken =
+        [violation(goes_back, T, [Robot], #{from => Before, to => Value}) || Value < Before] ++
+            [violation(exceeds, T, [Robot], #{value => Value, made => Made}) || Value > Made],
+    {Broken, State#state{values = Values#{Robot => Value}}}.
+
+%% Agreement is due later. An atom is more than every number.
+postponed(_T, #state{within = infinity} = State) ->
+    State;
+postponed(_T, #state{healed = never} = State) ->
+    State;
+postponed(T, #state{within = Within, healed = Healed} = State) ->
+    State#state{due = max(T, Healed) + Within}.
+
+agreement(T, #state{due = Due, values = Values, judged = Judged} = State) when Due < T ->
+    case lists:usort(maps:values(Values)) of
+        [_, _ | _] = Different ->
+            Details = #{values => Different},
+            Broken = violation(no_agreement, Due, lists:sort(maps:keys(Values)), Details),
+            {[Broken], State#state{due = infinity}};
+        _ ->
+            {[], State#state{due = infinity, judged = Judged + 1}}
+    end;
+agreement(_T, State) ->
+    {[], State}.
+
+violation(What, T, Robots, Details) ->
+    #{contract => counter, what => What, at_us => T, robots => Robots, details => Details}.

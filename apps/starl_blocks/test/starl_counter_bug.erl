@@ -1,0 +1,28 @@
+%% Counters with a bug, to show that the monitor finds it. `adds': what is heard is added to what is
+%% known. `replaces': what is heard takes the place of what is known.
+-module(starl_counter_bug).
+-behaviour(starl_machine).
+
+-export([init/1, handle_event/5]).
+
+init(#{bug := Bug} = Config) ->
+    {State, Data, Actions} = starl_counter_gossip:init(maps:remove(bug, Config)),
+    {State, {Bug, Data}, Actions}.
+
+handle_event(Type, Content, State, {Bug, Data}, Meta) ->
+    Heard = heard(Bug, Type, Content, Meta),
+    Known = known(Bug, Type, Data),
+    wrapped(Bug, starl_counter_gossip:handle_event(Type, Heard, State, Known, Meta)).
+
+%% The third element of its record are its entries.
+known(replaces, cast, Data) -> setelement(3, Data, #{});
+known(_Bug, _Type, Data) -> Data.
+
+%% Counts that are added look like those of a life that nobody has.
+heard(adds, cast, {message, From, counter, {entries, [{Robot, Life, N} | Rest]}}, #{now := Now}) ->
+    {message, From, counter, {entries, [{Robot, Life + abs(Now), N} | Rest]}};
+heard(_Bug, _Type, Content, _Meta) ->
+    Content.
+
+wrapped(Bug, {keep_state, Data, Actions}) -> {keep_state, {Bug, Data}, Actions};
+wrapped(_Bug, Other) -> Other.

@@ -1,0 +1,205 @@
+%% The shared counter: its machine, its contract by traces that keep it and traces that do not, and
+%% the contract under drawn faults.
+-module(starl_counter_tests).
+%% in this order: both have a macro LET
+-include_lib("proper/include/proper.hrl").
+-include_lib("eunit/include/eunit.hrl").
+
+-define(META, #{now => 0}).
+
+%% -- the machine ----------------------------------------------------------------------------
+
+start(Life) ->
+    {ready, Data, Actions} = starl_counter_gossip:init(#{
+        robot => 2, participants => starl_team:new([1, 2, 3]), incarnation => Life, gossip_ms => 5
+    }),
+    ?assertEqual([starl_sap:listen(counter, counter), {{timeout, gossip}, 5000, gossip}], Actions),
+    Data.
+
+does(Type, Content, Data) ->
+    case starl_counter_gossip:handle_event(Type, Content, ready, Data, ?META) of
+        {keep_state, Next, Actions} -> {Next, Actions};
+        {keep_state_and_data, Actions} -> {Data, Actions};
+        keep_state_and_data -> {Data, []}
+    end.
+
+hears(List, Data) -> does(cast, {message, 1, counter, {entries, List}}, Data).
+
+value(Data) ->
+    {Data, [{trace, {read, Value}}, {reply, {app, t}, Value}]} = does(
+        {call, {app, t}}, value, Data
+    ),
+    Value.
+
+increments_are_answered_with_the_value_test() ->
+    Data = start(1),
+    ?assertEqual(0, value(Data)),
+    {One, Said} = does({call, {app, t}}, increment, Data),
+    ?assertEqual([{trace, {incremented, 1}}, {reply, {app, t}, 1}], Said),
+    {Two, _} = does({call, {app, t}}, increment, One),
+    ?assertEqual(2, value(Two)).
+
+%% Of two numbers for one entry the larger counts, in whatever order they come, and once.
+merged_by_maximum_test() ->
+    {A, Said} = hears([{1, 1, 4}, {3, 2, 5}], start(1)),
+    ?assertEqual([{trace, {holds, 9}}], Said),
+    ?assertEqual({A, []}, hears([{1, 1, 3}, {3, 2, 5}], A)),
+    {B, _} = hears([{1, 1, 6}], A),
+    ?assertEqual(11, value(B)).
+
+%% The others are told in turn; who knows of nothing tells nothing.
+gossip_test() ->
+    Empty = start(1),
+    ?assertMatch({_, [{{timeout, gossip}, 5000, gossip}]}, does({timeout, gossip}, gossip, Empty)),
+    {One, _} = does({call, {app, t}}, increment, Empty),
+    Told = fun(To) -> starl_sap:post(To, counter, {entries, [{2, 1, 1}]}) end,
+    {Next, [To1, {{timeout, gossip}, 5000, gossip}]} = does({timeout, gossip}, gossip, One),
+    {Last, [To3, _]} = does({timeout, gossip}, gossip, Next),
+    {_, [Again, _]} = does({timeout, gossip}, gossip, Last),
+    ?assertEqual([Told(1), Told(3), Told(1)], [To1, To3, Again]).
+
+%% Another life counts in an entry of its own.
+restarted_test() ->
+    {Known, _} = hears([{2, 1, 7}], start(2)),
+    {One, _} = does({call, {app, t}}, increment, Known),
+    ?assertEqual(8, value(One)),
+    ?assertEqual(
+        [starl_sap:listen(counter, counter)], element(2, does(info, {restarted, sap}, One))
+    ),
+    ?assertEqual([], element(2, does(info, {restarted, app}, One))),
+    ?assertEqual(
+        unknown_event, starl_counter_gossip:handle_event(cast, nonsense, ready, One, ?META)
+    ).
+
+accepts_test() ->
+    ?assert(starl_counter_gossip:accepts(counter, {entries, [{1, 1, 1}]})),
+    [
+        ?assertNot(starl_counter_gossip:accepts(Type, Body))
+     || {Type, Body} <- [
+            {counter, {entries, [{1, 1, 0}]}},
+            {counter, {entries, [{1, 1, -1}]}},
+            {counter, {entries, [{1, 1}]}},
+            {counter, {entries, x}},
+            {other, {entries, []}}
+        ]
+    ].
+
+%% -- the contract ---------------------------------------------------------------------------
+
+judge(Events) -> judge(Events, #{}).
+
+judge(Events, Config) ->
+    Monitor = starl_monitor:new([
+        {starl_counter_monitor, maps:merge(#{robots => [1, 2, 3]}, Config)}
+    ]),
+    {Found, Last} = lists:foldl(fun fed/2, {[], Monitor}, Events),
+    {Late, _} = starl_monitor:finish(100, Last),
+    [{What, At} || #{what := What, at_us := At} <- Found ++ Late].
+
+fed(Event, {Found, Monitor}) ->
+    case starl_monitor:step(Event, Monitor) of
+        {ok, Next} -> {Found, Next};
+        {violation, Violation, Next} -> {Found ++ [Violation], Next}
+    end.
+
+count(T, Robot, Value) -> {T, Robot, counter, {incremented, Value}}.
+holds(T, Robot, Value) -> {T, Robot, counter, {holds, Value}}.
+reads(T, Robot, Value) -> {T, Robot, counter, {read, Value}}.
+
+%% One value back is a violation, the same value is none, and none after a crash.
+goes_back_test() ->
+    Two = [count(1, 1, 1), count(2, 1, 2)],
+    ?assertEqual([], judge(Two ++ [reads(3, 1, 2)])),
+    ?assertEqual([{goes_back, 3}], judge(Two ++ [reads(3, 1, 1)])),
+    ?assertEqual([{goes_back, 3}], judge(Two ++ [holds(3, 1, 1)])),
+    ?assertEqual([], judge(Two ++ [{3, 1, counter, crashed}, reads(3, 1, 1)])),
+    ?assertEqual([{goes_back, 3}], judge(Two ++ [{3, 2, counter, crashed}, reads(3, 1, 1)])).
+
+exceeds_test() ->
+    ?assertEqual([], judge([count(1, 1, 1), holds(2, 2, 1)])),
+    ?assertEqual([{exceeds, 2}], judge([count(1, 1, 1), holds(2, 2, 2)])),
+    ?assertEqual([{exceeds, 1}], judge([count(1, 1, 2)])).
+
+%% So long after the last increment, crash or death, and after the heal, those alive agree.
+agreement_test() ->
+    Bound = #{within_us => 10},
+    One = [count(1, 1, 1), holds(2, 2, 1)],
+    ?assertEqual([{no_agreement, 11}], judge(One, Bound)),
+    ?assertEqual([], judge(One)),
+    ?assertEqual([], judge(One ++ [holds(11, 3, 1)], Bound)),
+    ?assertEqual([{no_agreement, 11}], judge(One ++ [holds(12, 3, 1)], Bound)),
+    ?assertEqual([], judge(One ++ [{5, 3, robot, {died, killed}}], Bound)),
+    ?assertEqual([{no_agreement, 15}], judge(One ++ [{5, 2, counter, crashed}], Bound)),
+    ?assertEqual([{no_agreement, 30}], judge(One, Bound#{healed_us => 20})),
+    ?assertEqual([], judge(One, Bound#{healed_us => never})),
+    Known = #{broken => [], healed_us => 20, delay_us => 1, slack_us => 5},
+    ?assertEqual([{no_agreement, 30}], judge(One, starl_counter_monitor:context(Known, Bound))).
+
+results_test() ->
+    State = starl_counter_monitor:init(#{robots => [1], within_us => 1}),
+    {ok, Next} = starl_counter_monitor:step(count(1, 1, 1), State),
+    ?assertEqual(
+        {ok, #{increments => 1, agreed => 1}}, starl_counter_monitor:finish(9, Next)
+    ),
+    ?assertEqual({1, #{1 => 1}}, starl_counter_monitor:timeless(Next)).
+
+%% -- the contract under drawn faults ----------------------------------------------------------
+
+contract_holds_test_() ->
+    {timeout, 120, fun() -> starl_platform_ct:property(prop_contract(none), 30) end}.
+
+%% The same property fails over a counter with a bug.
+bugs_are_found_test_() ->
+    {timeout, 120, fun() ->
+        [
+            ?assertEqual(
+                {Bug, true},
+                {Bug,
+                    lists:any(
+                        fun(Seed) -> broken(Bug, 4, Seed) =/= [] end, lists:seq(1, 30)
+                    )}
+            )
+         || Bug <- [adds, replaces]
+        ]
+    end}.
+
+prop_contract(Bug) ->
+    ?FORALL(
+        {N, Seed},
+        {proper_types:oneof([1, 2, 4, 6]), proper_types:oneof(lists:seq(1, 100000))},
+        starl_platform_ct:safely(fun() -> broken(Bug, N, Seed) =:= [] end)
+    ).
+
+broken(Bug, N, Seed) ->
+    #{violations := Violations} =
+        starl_blocks_script_app:play(fun script/1, around(Bug, N), #{
+            robots => N,
+            seed => Seed,
+            random_faults => [network, process, clock],
+            heal => 10,
+            time => 60
+        }),
+    Violations.
+
+around(none, _N) ->
+    #{blocks => [{starl_counter, #{gossip_ms => 500}}]};
+around(Bug, N) ->
+    #{
+        blocks => [{counter, starl_counter_bug, #{bug => Bug, gossip_ms => 500}}],
+        monitors => [
+            {starl_counter_monitor, #{
+                robots => lists:seq(1, N), within_us => 1000 * starl_counter:within_ms(500, N)
+            }}
+        ]
+    }.
+
+script(Robot) ->
+    _ = [
+        begin
+            _ = starl_counter:increment(Robot),
+            ok = starl:sleep(Robot, 1 + trunc(2000 * starl:random(Robot)))
+        end
+     || _ <- lists:seq(1, 10)
+    ],
+    ok = starl:sleep(Robot, 20000),
+    starl_counter:value(Robot).
