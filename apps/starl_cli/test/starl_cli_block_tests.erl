@@ -8,11 +8,11 @@
 -define(PATIENCE_S, 90).
 
 commands_test_() ->
-    {timeout, ?PATIENCE_S, [
+    patient([
         {"blocks", fun all_are_listed/0},
         {"blocks --help", fun() -> says(0, "Usage: ./starl blocks", ["blocks", "--help"]) end},
         {"blocks mutx", fun() -> says(2, "did you mean mutex?", ["blocks", "mutx"]) end},
-        {"blocks a b", fun() -> says(2, "unexpected argument b", ["blocks", "a", "b"]) end},
+        {"blocks a b", fun() -> says(2, "unexpected argument \"b\"", ["blocks", "sap", "b"]) end},
         {"blocks FILE", fun() ->
             Text = says(0, "no more greetings are heard", ["blocks", own("my_relay")]),
             contains("contracts: my_relay", Text),
@@ -21,7 +21,7 @@ commands_test_() ->
         {"blocks of an application", fun() ->
             says(2, "this is no building block", ["blocks", own("my_relay_app")])
         end}
-    ]}.
+    ]).
 
 %% Every block with its guarantee, its contracts, what it can and its options.
 all_are_listed() ->
@@ -33,7 +33,7 @@ all_are_listed() ->
 
 %% The example of CONTRIBUTING.md.
 counter_test_() ->
-    {timeout, ?PATIENCE_S, [
+    patient([
         {"soak", fun() ->
             Args = ["soak", "counter", "--seeds", "6", "--from", "3", "--jobs", "1"],
             contains("counter          6          0         0", says(0, "seeds/min/core", Args))
@@ -53,7 +53,7 @@ counter_test_() ->
                 ?assertMatch({match, _}, re:run(Report, "agreed +[1-9]"))
             end)
         end}
-    ]}.
+    ]).
 
 %% Beside its application, a block is found; what judged stands in the report.
 own_run_test_() ->
@@ -92,25 +92,25 @@ own_is_judged_test_() ->
 
 %% One line that names the application, the block and the key.
 mistakes_test_() ->
-    {timeout, ?PATIENCE_S, [
+    patient([
         {Part, fun() -> mistaken(Blocks, Part) end}
      || {Blocks, Part} <- [
             {"[{starl_mutex, #{lease_m => 2000}}]",
-                "starl: mine: block starl_mutex: unknown key lease_m (did you mean lease_ms?)\n"},
+                "mine: block starl_mutex: unknown key lease_m (did you mean lease_ms?)\n"},
             {"[{starl_mutex, #{lease_ms => soon}}]",
-                "starl: mine: block starl_mutex: lease_ms: a whole number from"},
+                "mine: block starl_mutex: lease_ms: a whole number from"},
             {"[starl_mutex, {starl_mutex, #{}}]",
-                "starl: mine: block starl_mutex is listed twice\n"},
+                "mine: block starl_mutex is listed twice\n"},
             {"[starl_election, starl_bully]",
-                "starl: mine: block starl_election and block starl_bully have a machine of the same "
+                "mine: block starl_election and block starl_bully have a machine of the same "
                 "name, election\n"},
-            {"[starl_mutx]", "starl: mine: starl_mutx is no building block: there is no such"},
-            {"[starl_sap]", "starl: mine: starl_sap is no building block: it does not export"},
-            {"[\"mutex\"]", "starl: mine: a building block is listed as Module or"},
-            {"starl_mutex", "starl: mine: a list of building blocks expected"},
+            {"[starl_mutx]", "mine: starl_mutx is no building block: there is no such"},
+            {"[starl_sap]", "mine: starl_sap is no building block: it does not export"},
+            {"[\"mutex\"]", "mine: a building block is listed as Module or"},
+            {"starl_mutex", "mine: a list of building blocks expected"},
             {"[{sap, starl_sap, #{}}]", "the machine sap: every robot has a machine sap already\n"}
         ]
-    ]}.
+    ]).
 
 mistaken(Blocks, Part) ->
     in_directory(fun(Dir) ->
@@ -151,6 +151,9 @@ line_up_test_() ->
             contains("crash, election, sap", binary_to_list(Report))
         end)
     end}.
+
+%% Each in a VM of its own, which takes its time.
+patient(Tests) -> [{Title, {timeout, ?PATIENCE_S, Test}} || {Title, Test} <- Tests].
 
 own(Name) -> filename:join([root(), "apps", "starl_cli", "test", "own", Name ++ ".erl"]).
 

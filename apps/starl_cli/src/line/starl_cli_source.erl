@@ -59,8 +59,9 @@ sound(_File, {error, Errors, _Warnings}) ->
 
 %% The files beside this one whose modules are named in it and are not there already.
 beside(File, Module, Beam) ->
-    {ok, {Module, [{atoms, Atoms}]}} = beam_lib:chunks(Beam, [atoms]),
-    Names = [Atom || {_, Atom} <- lists:sort(Atoms), Atom =/= Module, is_plain(Atom)],
+    {ok, {Module, [{abstract_code, {raw_abstract_v1, Forms}}]}} =
+        beam_lib:chunks(Beam, [abstract_code]),
+    Names = [Name || Name <- lists:usort(atoms(Forms)), Name =/= Module, is_plain(Name)],
     Beside = [
         {Name, filename:join(filename:dirname(File), atom_to_list(Name) ++ ".erl")}
      || Name <- Names
@@ -78,6 +79,15 @@ path(File, Path) ->
         "." -> filename:basename(Path);
         _ -> Path
     end.
+
+atoms({atom, _, Atom}) when is_atom(Atom) -> [Atom];
+atoms(Form) when is_tuple(Form) -> atoms(tuple_to_list(Form));
+atoms(Forms) when is_list(Forms) -> lists:append([atoms(Form) || Form <- some(Forms)]);
+atoms(_Other) -> [].
+
+%% Improper lists are text and places, which name nothing.
+some([Form | Forms]) -> [Form | some(Forms)];
+some(_End) -> [].
 
 is_plain(Atom) ->
     re:run(atom_to_list(Atom), "^[a-z][a-zA-Z0-9_]*$", [{capture, none}]) =:= match.

@@ -187,7 +187,7 @@ locate(Seed, [{_, First} | Others], #{scenario := Scenario, ways := Ways} = Setu
 %% Runs that follow one another in one VM have other pids, references and times each.
 find(Scenario, {A, B} = Ways, #{target := Target} = Setup) ->
     starl_cli_signal:on_interrupt(quit),
-    Codes = [Code || {code, Code} <- maps:to_list(Target)],
+    Codes = maps:get(code, Target, []),
     Vms = maps:from_list([
         {Size, starl_lab_jobs:vm(Size, Codes)}
      || Size <- lists:usort([starl_lab_way:schedulers(Way) || Way <- [A, B]])
