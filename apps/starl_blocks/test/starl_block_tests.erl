@@ -9,7 +9,7 @@ context(Robots) ->
         seed => 1,
         sap => #{},
         options => #{},
-        profile => starl_motion_course:profile(#{})
+        profiles => [starl_chassis:profile(starl_chassis_differential, #{})]
     }.
 
 %% Machines and contracts stand in the order of the list; a machine that is no block's stays.
