@@ -11,7 +11,7 @@
 
 %% So many runs of soak of each block.
 -define(SEEDS, 10).
--define(BLOCKS, [sap, election, bully, mutex, barrier, geocast, registers, dpp]).
+-define(BLOCKS, [sap, election, bully, mutex, barrier, geocast, registers, counter, dpp]).
 
 suite() -> [{timetrap, {minutes, 8}}].
 
@@ -65,7 +65,7 @@ services() ->
         sap => {[{starl_sap, event}], "starl_sap"},
         location => {[{starl_location, event}], "starl_location"},
         motion => {[{starl_motion, event}], "starl_motion"},
-        app => {[{starl_exercise_use, event}, {starl_event, app}], "starl"}
+        app => {[{starl_block_exercise, event}, {starl_event, app}], "starl"}
     }.
 
 name(bully) -> election;
@@ -76,7 +76,8 @@ block(bully) -> {[{starl_election_bully, event}], "starl_election_bully"};
 block(mutex) -> {[{starl_mutex_tokens, event}], "starl_mutex"};
 block(barrier) -> {[{starl_barrier_rounds, event}], "starl_barrier"};
 block(geocast) -> {[{starl_geocast_flood, event}], "starl_geocast"};
-block(registers) -> {[{starl_registers_lww, event}], "starl_registers"}.
+block(registers) -> {[{starl_registers_lww, event}], "starl_registers"};
+block(counter) -> {[{starl_counter_gossip, event}], "starl_counter"}.
 
 platform() ->
     maps:from_list([
@@ -121,10 +122,11 @@ monitors() ->
         {starl_barrier_monitor, [{barrier, starl_barrier_rounds}]},
         {starl_geocast_monitor, [{geocast, starl_geocast_flood}]},
         {starl_registers_monitor, [{registers, starl_registers_lww}]},
+        {starl_counter_monitor, [{counter, starl_counter_gossip}]},
         {starl_dpp_monitor, [
             {dpp, starl_dpp_participant}, {dpp_coordinator, starl_dpp_coordinator}
         ]},
-        {starl_exercise_monitor, [{app, starl_exercise_use}]},
+        {starl_exercise_monitor, [{app, starl_block_exercise}]},
         {starl_painting_monitor, [{app, starl_painting}]}
     ].
 
@@ -144,7 +146,7 @@ event({Tag, Size}) -> list_to_tuple([Tag | lists:duplicate(Size, x)]).
 pages_list_the_events(_) ->
     [
         ?assertEqual({Type, Name, true}, {Type, Name, is_listed(Name, page(Type))})
-     || {_, Types, Names} <- vocabularies(), Type <- [type_of(Types)], Type =/= starl_exercise_use,
+     || {_, Types, Names} <- vocabularies(), Type <- [type_of(Types)], Type =/= starl_block_exercise,
         Name <- Names
     ].
 

@@ -27,10 +27,9 @@ mistake_test() ->
     ).
 
 block_test() ->
-    ?assertEqual({election, starl_election_ballots, #{}}, starl_election:block()),
-    ?assertEqual({election, starl_election_ballots, #{}}, starl_election:block(ballots)),
-    ?assertEqual({election, starl_election_bully, #{}}, starl_election:block(bully)),
+    ?assertEqual([{election, starl_election_ballots, #{}}], starl_election:machines(#{})),
+    ?assertEqual([{election, starl_election_bully, #{}}], starl_bully:machines(#{})),
     ?assertEqual(
-        {election, starl_election_bully, #{rounds => 7}},
-        starl_election:block({bully, #{rounds => 7}})
+        [{election, starl_election_bully, #{rounds => 7}}],
+        starl_bully:machines(#{rounds => 7, patience_ms => 9})
     ).

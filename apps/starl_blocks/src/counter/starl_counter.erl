@@ -44,7 +44,8 @@ monitors(#{gossip_ms := Ms}, #{robots := Robots}) ->
 %% @doc So long (ms) after the last increment all robots agree, when messages get through: each
 %% tells all others in turn, twice, as the first message to a robot that has restarted may be refused.
 -spec within_ms(GossipMs :: pos_integer(), Robots :: pos_integer()) -> pos_integer().
-within_ms(Gossip, Robots) -> 5000 + 2 * Robots * Gossip.
+within_ms(Gossip, Robots) when is_integer(Gossip), is_integer(Robots) ->
+    5000 + 2 * Robots * Gossip.
 
 -spec contract() -> string().
 contract() -> "the value never goes back and never exceeds the increments; all come to agree".

@@ -12,7 +12,7 @@
 -module(starl_counter_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, timeless/1]).
+-export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type us() :: integer().
@@ -43,6 +43,10 @@ context(#{healed_us := Healed}, Config) -> maps:merge(#{healed_us => Healed}, Co
 %% @doc The counters' own events and the end of robots.
 -spec interests() -> [atom()].
 interests() -> [counter, robot].
+
+%% @doc {@link starl_counter_gossip:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() -> #{counter => [{incremented, 1}, {holds, 1}, {read, 1}]}.
 
 %% @doc What was made and what each robot has; without `within_us' nothing else is judged.
 -spec timeless(#state{}) -> term().

@@ -4,8 +4,7 @@
 %% A module with this behaviour ({@link starl_block}, `exercise/0') says what one turn of the work is
 %% and which calls come at the end, and what is promised of a call when nothing goes wrong any more
 %% ({@link starl_promise}). Every call goes through {@link call/4}, which leaves what it was and what
-%% came of it in the trace ({@link event()}); a
-%% monitor holds it to the promise.
+%% came of it in the trace ({@link event()}); a monitor holds it to the promise.
 -module(starl_block_exercise).
 
 -export([call/3, call/4, again/1, pick/2]).

@@ -4,10 +4,11 @@
 
 -export([due_us/2, soon/3, when_all/4, has_died/2, is_ok/1, is_some/1, is_answer/1]).
 
--export_type([t/0, call/0, team/0]).
+-export_type([t/0, due/0, call/0, team/0]).
 
 %% Nothing; or by this time an outcome of which this holds.
--type t() :: none | {DueUs :: us() | never, fun((Outcome :: term()) -> boolean())}.
+-type t() :: none | due().
+-type due() :: {DueUs :: us() | never, fun((Outcome :: term()) -> boolean())}.
 
 %% A call of the exercise.
 -type call() :: #{
@@ -34,11 +35,11 @@ due_us(#{since_us := Since}, #{healed_us := Healed, within_us := Within}) ->
     %% an atom is more than every number
     case max(Since, Healed) of
         never -> never;
-        From -> From + Within
+        From when is_integer(From), is_integer(Within) -> From + Within
     end.
 
 %% @doc An outcome of which this holds, by then.
--spec soon(call(), fun((term()) -> boolean()), team()) -> t().
+-spec soon(call(), fun((term()) -> boolean()), team()) -> due().
 soon(Call, Is, Team) -> {due_us(Call, Team), Is}.
 
 %% @doc The same when all robots take part, at these times, and none has died.
