@@ -161,7 +161,8 @@ other_terms_are_ignored(_) ->
     ?assertMatch([{2, {{1, 1, 1}, _, true}}], sent(dpp_recover, Told)),
     ?assertEqual([{spot(2), spot(2)}], held(2, C1)),
     {Higher, _} = step(cast, {message, 2, dpp_refused, {4, 2, 1}}, C1),
-    ?assert(lists:member({trace, {claims, {5, 1, 1}}}, Higher)).
+    ?assert(lists:member({trace, {claims, {5, 1, 1}}}, Higher)),
+    ?assertEqual({[], C1}, step(cast, {led, {1, 1, 1}}, C1)).
 
 %% What a robot says that it holds is its reservation with the new coordinator, too.
 recovered_reservation_is_kept(_) ->

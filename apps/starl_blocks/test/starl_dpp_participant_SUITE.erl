@@ -377,7 +377,7 @@ unsent_request_is_sent_again(_) ->
     {{_, N}, P} = asking(led()),
     ?assertMatch({[], _}, step({reply, {sent, N - 1}}, {error, lost}, P)),
     {Again, Waiting} = step({reply, {sent, N}}, {error, lost}, P),
-    ?assertMatch([{{timeout, again}, _, request}], Again),
+    ?assertEqual([{{timeout, again}, ?S div 2, request}], Again),
     {Ask, _} = step({timeout, again}, request, Waiting),
     ?assertMatch([{4, _}], sent(dpp_request, Ask)).
 

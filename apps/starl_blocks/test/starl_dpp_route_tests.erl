@@ -26,6 +26,16 @@ straight_test() ->
     ?assertMatch([{500.0, 1, _}], starts({3500.0, 4000.0}, {4800.0, 4000.0})),
     ?assertEqual([], starts({3500.0, 4000.0}, {3750.0, 4100.0})).
 
+%% A way is divided into legs that are not too long, a short one is not.
+legs_test() ->
+    Legs = fun(Points) -> starl_dpp_route:legs(Points, 4.0) end,
+    ?assertEqual([], Legs([{0.0, 0.0}])),
+    ?assertEqual([{4.0, 0.0}], Legs([{0.0, 0.0}, {4.0, 0.0}])),
+    ?assertEqual(
+        [{3.0, 0.0}, {6.0, 0.0}, {9.0, 0.0}, {9.0, 2.0}],
+        Legs([{0.0, 0.0}, {9.0, 0.0}, {9.0, 2.0}])
+    ).
+
 %% Who is at a vertex need not drive there, though it stands a hair beside, and nearer to another
 %% than it may be.
 there_already_test() ->

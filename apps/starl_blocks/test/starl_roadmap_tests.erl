@@ -36,6 +36,25 @@ few_are_spread_evenly_test() ->
     Least = lists:min([starl_geometry:distance(P, Q) || P <- Points, Q <- Points, P < Q]),
     ?assert(Least > 5000.0).
 
+%% Four robots get a wall each, and stand in its middle.
+middle_of_the_walls_test() ->
+    #{spots := Spots} = layout(4),
+    Middles = [{6000.0, ?R}, {12000.0 - ?R, 6000.0}, {6000.0, 12000.0 - ?R}, {?R, 6000.0}],
+    [
+        ?assert(starl_geometry:distance(maps:get(Id, Spots), P) < 1.0e-6, {Id, Spots})
+     || {Id, P} <- lists:zip([1, 2, 3, 4], Middles)
+    ].
+
+%% What is drawn near the ring is joined to it.
+joined_to_the_ring_test() ->
+    #{ring := [{X, Y} | _]} = Layout = layout(4),
+    Line = {{X + 150.0, Y + 100.0}, {X + 250.0, Y + 100.0}},
+    Picture = starl_planar:planarise([Line], #{}),
+    #{ring := Ring, edges := Edges} = starl_roadmap:travel(Layout, ?R, Picture, 1),
+    Joins = [E || {A, B} = E <- Edges, A =< 2 orelse B =< 2,
+                  lists:member(A, Ring) orelse lists:member(B, Ring)],
+    ?assertMatch([_ | _], Joins).
+
 too_many_is_an_error_test() ->
     {error, Reason} = starl_roadmap:layout({12000.0, 12000.0}, 200, ?R),
     ?assertMatch({world_too_small, #{robots := 200, most := Most}} when Most > 80, Reason),
