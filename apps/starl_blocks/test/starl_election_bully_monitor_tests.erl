@@ -40,6 +40,8 @@ told_test() ->
                  Told([elected(2, 1, 3, announcement), elected(3, 1, 2, announcement)], false)),
     ?assertEqual([{no_result, 1001, [1]}, {no_result, 1002, [2]}],
                  Told([entered(1, 1), entered(2, 2)], false)),
+    ?assertEqual([{no_result, 1001, [2]}, {no_result, 1002, [1]}],
+                 Told([entered(1, 2), entered(2, 1)], false)),
     ?assertEqual([{failed_without_loss, 9, [1]}],
                  Told([entered(1, 1), {9, 1, {failed, e, timeout}}], true)),
     ?assertEqual([{not_a_robot, 2, [1]}], Told([elected(2, 1, 7, announcement)], false)),
