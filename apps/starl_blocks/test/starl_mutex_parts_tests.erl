@@ -35,6 +35,23 @@ one_test() ->
     ?assertEqual([b], ?J:held(?J:without(a, Two))),
     ?assertEqual(none, ?J:without(b, ?J:without(a, Two))).
 
+%% What happens to acquisitions is told once, the first first.
+notices_test() ->
+    New = starl_mutex_state:new(#{
+        robot => 1,
+        participants => [1, 2],
+        incarnation => 1,
+        now => 0,
+        lease_us => ?LEASE,
+        drift_ppm => 0,
+        lag_us => 0,
+        retry_us => 1
+    }),
+    Notices = [{locked, 1, a, 7}, {lost, 2, b, []}, {locked, 3, c, 8}],
+    Told = lists:foldl(fun starl_mutex_state:notify/2, New, Notices),
+    ?assertEqual({Notices, New}, starl_mutex_state:take_notices(Told)),
+    ?assertEqual({[], New}, starl_mutex_state:take_notices(New)).
+
 %% -- owners -------------------------------------------------------------------------------------
 
 %% Only a newer owner is news, and sets those going that wait here for the token.
