@@ -179,15 +179,15 @@ damaged_and_forgotten_test() ->
     ?assertEqual([reached_out_of_order], Again([{1, crashed}, {2, damaged}], 1)),
     ?assertEqual([reached_out_of_order], Again([{1, crashed}, {2, crashed}], 2)),
     ?assertEqual([], Again([{2, damaged}, {1, crashed}], 3)),
+    ?assertEqual([reached_out_of_order], Again([{2, damaged}, {1, crashed}], 4)),
+    %% who has forgotten twice has forgotten
+    ?assertEqual([reached_out_of_order], Again([{1, crashed}, {1, crashed}], 2)),
     %% damaged once more, it is no other
     ?assertEqual([reached_out_of_order], Again([{2, damaged}, {2, damaged}], 2)),
     ?assertEqual([], Again([{2, damaged}, {1, crashed}, {2, damaged}], 2)),
     ?assertEqual([reached_out_of_order], Again([{2, damaged}, {1, crashed}, {2, damaged}], 1)),
     ?assertEqual([], Again([{1, damaged}, {2, damaged}, {2, damaged}], 1)),
-    %% a store that is damaged twice is damaged
     ?assertEqual([], Again([{2, damaged}, {2, damaged}], 3)),
-    ?assertEqual([reached_out_of_order], Again([{2, damaged}, {2, damaged}], 2)),
-    ?assertEqual([], Again([{2, damaged}, {1, crashed}, {2, damaged}], 2)),
     ?assertEqual([], Again([{1, damaged}, {2, damaged}], 1)),
     ?assertEqual([], Again([{2, damaged}, {1, crashed}, {1, damaged}, {2, crashed}], 1)),
     ?assertEqual([], Again([{1, damaged}, {2, damaged}, {1, crashed}], 1)),

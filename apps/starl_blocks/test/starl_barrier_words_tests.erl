@@ -252,6 +252,18 @@ asked_meanwhile_test() ->
         [{app, 1}, {app, 3}], lists:sort(Tell(element(2, step(info, {given_up, other}, One))))
     ).
 
+%% Many that ask are answered in the order of the names that they ask for.
+answers_in_order_test() ->
+    Names = lists:seq(1, 40),
+    Asked = lists:foldl(
+        fun(Name, M) -> element(2, step({call, {app, Name}}, {round, Name}, M)) end,
+        start(2, damaged),
+        Names
+    ),
+    {_, One} = hears(2, {told, 2, true, []}, Asked),
+    {Actions, _} = hears(3, {told, 2, true, []}, One),
+    ?assertEqual([{Name, 1} || Name <- Names], [{N, K} || {reply, {app, N}, K} <- Actions]).
+
 %% Where only some have told, what is stored says so: the next life asks again.
 partial_test() ->
     {_, Resumed} = call(app, {resume, gate, 4}, start(2, damaged)),
