@@ -81,7 +81,11 @@ told_test() ->
     ?assertEqual([{not_owner, 5, [2], #{name => mine}}],
                  Told([put(5, 2, mine) | agreed(mine, s(5, 2))])),
     ?assertEqual([{no_agreement, 1005, [1, 2], X}],
-                 Told([put(5, 1, x), holds(5, 1, x, s(5, 1))])).
+                 Told([put(5, 1, x), holds(5, 1, x, s(5, 1))])),
+    %% what was due first is told first, whatever its name
+    ?assertEqual([{no_agreement, 1005, [1, 2], X}, {no_agreement, 1006, [1, 2], #{name => a}}],
+                 Told([put(5, 1, x), holds(5, 1, x, s(5, 1)),
+                       put(6, 1, a), holds(6, 1, a, s(6, 1))])).
 
 %% A damaged store excuses stamps that go back, a crash alone does not; reads begin anew after both.
 damaged_test() ->
