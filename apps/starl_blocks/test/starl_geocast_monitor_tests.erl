@@ -79,6 +79,11 @@ comes_by_test() ->
     ?assertEqual([], judge([sent(), delivered(20, 1), Back, Away])),
     ?assertEqual([], judge([sent(), delivered(20, 1), Back, delivered(400000, 2), Away])).
 
+%% One that lives for less than two waits for others that ask for it is owed to nobody.
+least_test() ->
+    Lives = fun(Us) -> judge([{10, 1, geocast, {sent, ?ID, ?AREA, Us, 77}}]) end,
+    ?assertEqual([[], [not_delivered]], [Lives(Us) || Us <- [6000, 6001]]).
+
 %% The end of the window belongs to it.
 comes_at_the_end_test() ->
     Comes = fun(T) -> {T, 2, chassis, {motion, {piece, T, 0.0, 0.0, 0.0, 0.0, 0.0}}} end,
