@@ -17,7 +17,7 @@ good() ->
     [
         {cast, a, b}, {cast, a, {b, c}}, {call, a, b, t}, {reply, {a, t}, x},
         {{timeout, t}, 0, x}, {{timeout, t}, cancel}, {state_timeout, 7, x},
-        {state_timeout, cancel}, {transmit, all, p}, {transmit, 3, p}, {sense, []}, {sense, [1, 2]},
+        {state_timeout, cancel}, {transmit, all, p}, {transmit, 3, p}, {sense, [], t}, {sense, [1, 2], t},
         {drive, ?WHEELS([]), m}, {drive, ?WHEELS([{-500, 500.0, 15000}]), m}, {actuate, pen, <<"any">>}, {actuate, pen, up, 7}, {trace, any},
         {done, any}, {store, any}, {cast, sap, {send, 2, a, b}}, {cast, sap, {broadcast, a, b}},
         {cast, sap, {listen, a, m}}, {cast, sap, {no, such}}, {call, location, {pose, 1}, t},
@@ -30,7 +30,7 @@ bad() ->
         {timeout, 500000, tick}, {{timeout, t}, 0.5, x}, {{timeout, t}, -1, x},
         {{timeout, t}, 1 bsl 60, x}, {{timeout, t}, infinity, x}, {state_timeout, 0.5, x},
         {state_timeout, -5, x}, {transmit, everybody, p}, {transmit, 0, p}, {transmit, 1.0, p},
-        {sense, 1}, {sense, [a]}, {sense, [1 | 2]}, {drive, ?WHEELS([{1.0, 1.0, 0.5}]), m}, {drive, [{1.0, 1.0, 5}], m},
+        {sense, 1, t}, {sense, [a], t}, {sense, [1 | 2], t}, {sense, [1]}, {drive, ?WHEELS([{1.0, 1.0, 0.5}]), m}, {drive, [{1.0, 1.0, 5}], m},
         {drive, ?WHEELS([{fast, 1.0, 5}]), m}, {drive, ?WHEELS([{1.0e300, 1.0, 5}]), m},
         {drive, ?WHEELS(stop), m}, {drive, {no_such_chassis, []}, m}, {drive, {lists, []}, m}, {drive, {1, []}, m},
         {drive, ?WHEELS([{1 bsl 2000, 1.0, 5}]), m}, {drive, ?WHEELS([{1.0, 1.0, 0}]), m},

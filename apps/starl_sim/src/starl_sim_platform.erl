@@ -155,8 +155,11 @@ clock(#body{now = Now, clock = Clock}) -> starl_sim_clock:local(Now, Clock).
 -spec piece(t()) -> starl_trajectory:piece().
 piece(#body{vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
 
-%% @doc Chains a local event into the robot's digest.
+%% @doc Chains a local event into the robot's digest. Of what is seen only the poses count: the tag and
+%% the ages are the driver's own.
 -spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
+handles(Machine, info, {located, _Tag, Seen}, Body) ->
+    handles(Machine, info, {located, [{Robot, Pose} || {Robot, Pose, _Age} <- Seen]}, Body);
 handles(Machine, Type, Content, #body{now = Now, chain = Chain} = Body) ->
     Body#body{chain = starl_sim_chain:add(Now, Machine, Type, Content, Chain)}.
 
@@ -188,9 +191,9 @@ perform({transmit, Dest, Packet}, _Name, Body) ->
     {[], transmit(Dest, Packet, Body)};
 perform({drive, Script, Mark}, Name, Body) ->
     {[], drive(Script, {Name, Mark}, Body)};
-perform({sense, Robots}, Name, Body) ->
-    {Poses, Next} = sense(Robots, Body),
-    {[{Name, info, {located, Poses}}], Next};
+perform({sense, Robots, Tag}, Name, Body) ->
+    {Seen, Next} = sense(Robots, Body),
+    {[{Name, info, {located, Tag, Seen}}], Next};
 perform({actuate, Device, Value}, _Name, Body) ->
     {[], actuate(Device, Value, none, Body)};
 perform({actuate, Device, Value, Mark}, Name, Body) ->
@@ -272,9 +275,14 @@ class({says, _, _, _}) -> ?CLASS_TIMER;
 class({_Name, info, _}) -> ?CLASS_TIMER;
 class(_Beat) -> ?CLASS_WORLD.
 
-sense(Robots, #body{now = Now, window = From, vehicle = Vehicle} = Body) ->
+%% The robot itself is seen as it is now, the others as of the beginning of the window.
+sense(Robots, #body{id = Id, now = Now, window = From, vehicle = Vehicle} = Body) ->
     {Poses, Sensed} = starl_sim_vehicle:sense(Robots, {Now, From}, Vehicle),
-    {Poses, Body#body{vehicle = Sensed}}.
+    Age = fun
+        (Robot) when Robot =:= Id -> 0;
+        (_Other) -> Now - From
+    end,
+    {[{Robot, Pose, Age(Robot)} || {Robot, Pose} <- Poses], Body#body{vehicle = Sensed}}.
 
 %% -- timers and traces ----------------------------------------------------------------------
 

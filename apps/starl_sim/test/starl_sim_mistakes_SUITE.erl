@@ -68,7 +68,7 @@ life(Mistake) ->
 wrong_actions_of_a_machine(_) ->
     Wrong = [
         {timeout, 500000, tick}, {{timeout, t}, 0.5, x}, {{timeout, t}, -5, x},
-        {state_timeout, -1, x}, {transmit, everybody, p}, {sense, me}, {sense, [me]},
+        {state_timeout, -1, x}, {transmit, everybody, p}, {sense, me, t}, {sense, [me], t},
         {drive, {starl_chassis_differential, [{fast, 1.0, 5}]}, m}, {drive, now, m}, {actuate, "pen", up}, {cast, 5, x},
         {reply, nobody, x}, {call, motion, {go_to, {north, 1.0}}, t}, nonsense,
         {cast, sap, {send, north, a, b}}

@@ -86,7 +86,7 @@ init(#{robot := Id, side := Side, axle_mm := Axle, period_us := Period} = Config
         period_us = Period,
         ticks = maps:get(messages, Config)
     },
-    {looking, Drone, [starl_sap:listen(swarm, app), {sense, [Id]}, tick(0)]}.
+    {looking, Drone, [starl_sap:listen(swarm, app), {sense, [Id], look}, tick(0)]}.
 
 -spec handle_event(
     starl_machine:event_type(), term(), state(), #drone{}, starl_machine:meta()
@@ -97,10 +97,10 @@ handle_event({timeout, tick}, _, _, #drone{tick = K, ticks = K, received = N} = 
     {keep_state, Drone, [{done, N}]};
 handle_event({timeout, tick}, _, _, #drone{tick = K, period_us = Period} = Drone, _) ->
     {keep_state, Drone#drone{tick = K + 1}, [tick(Period), starl_sap:shout(swarm, ?BODY)]};
-handle_event(info, {located, [{Self, Pose}]}, looking, #drone{self = Self} = Drone, _) ->
+handle_event(info, {located, look, [{Self, Pose, _}]}, looking, #drone{self = Self} = Drone, _) ->
     go(Pose, Drone);
 handle_event(info, {driven, _, _}, _, #drone{self = Self} = Drone, _) ->
-    {next_state, looking, Drone, [{sense, [Self]}]};
+    {next_state, looking, Drone, [{sense, [Self], look}]};
 handle_event(info, {restarted, _}, _, _, _) ->
     keep_state_and_data;
 handle_event(_, _, _, _, _) ->

@@ -29,7 +29,7 @@
 %% What kind of event a machine is given:
 %% `cast' and `{call, From}' from another machine of the same robot, `{reply, Tag}' for the
 %% answer to its own call, timeouts as in gen_statem, `packet' from the radio, and `info' from
-%% the platform: `{located, [{robot_id(), pose()}]}' after `sense', `{driven, Mark, Us}' or
+%% the platform: `{located, Tag, [{robot_id(), pose(), AgeUs}]}' after `sense', `{driven, Mark, Us}' or
 %% `{stalled, Mark, Told}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
 %% with a mark, `{restarted, Name}' when another machine of this robot has crashed and come back,
 %% `{given_up, Name}' when it does not come back any more (a machine that need not know does not
@@ -56,8 +56,8 @@
     | {state_timeout, cancel}
     %% the radio: one packet on the air, for one robot or for all in range
     | {transmit, starl:robot_id() | all, starl_packet:t()}
-    %% ask the positioning system; answered by the event `info', `{located, …}'
-    | {sense, [starl:robot_id()]}
+    %% ask the positioning system; answered by the event `info', `{located, Tag, …}'
+    | {sense, [starl:robot_id()], Tag :: term()}
     %% the chassis drives as the script says and then stands; takes the place of one that runs;
     %% answered by `info', `{driven, Mark, …}', or `{stalled, Mark, …}' if it cannot do as told
     | {drive, starl_chassis:script(), Mark :: term()}

@@ -12,7 +12,7 @@
 %% What a machine asks of the world.
 -type world_action() ::
     {transmit, starl:robot_id() | all, starl_packet:t()}
-    | {sense, [starl:robot_id()]}
+    | {sense, [starl:robot_id()], Tag :: term()}
     | {drive, starl_chassis:script(), Mark :: term()}
     | {actuate, Device :: atom(), Value :: term()}
     | {actuate, Device :: atom(), Value :: term(), Mark :: term()}.
@@ -22,8 +22,10 @@
 %% <dl>
 %% <dt>`{transmit, Dest | all, Packet}'</dt><dd>puts one packet on the air, for one robot or for
 %%   all in range</dd>
-%% <dt>`{sense, Robots}'</dt><dd>answered by the event `{Name, info, {located, [{Robot,
-%%   Pose}]}}' with those of the robots that the positioning system sees</dd>
+%% <dt>`{sense, Robots, Tag}'</dt><dd>answered by the event `{Name, info, {located, Tag, [{Robot, Pose,
+%%   AgeUs}]}}' with those of the robots that the positioning system sees, and how long ago it measured
+%%   where each is. A system that sends pictures at its own pace is best answered with its next one
+%%   (see {@link starl_location})</dd>
 %% <dt>`{drive, {Chassis, Commands}, Mark}'</dt><dd>the chassis carries out the commands, one after
 %%   the other, each for so long by its own clock, and stops, whatever becomes of the robot's
 %%   program; without commands it stops as soon as it can. Answered, when it stands, by the event

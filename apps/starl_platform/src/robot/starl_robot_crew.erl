@@ -8,7 +8,8 @@
 
 %% What the robots of a team are made of. `sap': what overrides its configuration; `sap_machine':
 %% another implementation, for tests; `profiles': how the bodies drive; `waypoints': the places that
-%% have a name. `intensity': how many restarts in an hour each supervisor bears.
+%% have a name; `exact': the positioning system may show the same pose twice to the bit (only where it
+%% has no error). `intensity': how many restarts in an hour each supervisor bears.
 -type t() :: #{
     robots := [starl:robot_id()],
     profiles := starl_chassis:profiles(),
@@ -17,6 +18,7 @@
     sap => starl_sap:config(),
     sap_machine => module(),
     waypoints => #{atom() => starl_geometry:point()},
+    exact => boolean(),
     intensity => pos_integer()
 }.
 
@@ -58,6 +60,8 @@ services(#{profiles := Profiles} = Crew) ->
         {motion, starl_motion, #{profiles => Profiles}}
     ].
 
-%% Only a positioning system without any noise may repeat itself.
 location(#{profiles := [#{position_error_mm := Error} | _]} = Crew) ->
-    #{waypoints => maps:get(waypoints, Crew, #{}), exact => Error == 0}.
+    #{
+        waypoints => maps:get(waypoints, Crew, #{}),
+        exact => maps:get(exact, Crew, Error == 0)
+    }.

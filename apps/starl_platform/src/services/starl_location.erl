@@ -1,14 +1,22 @@
 %% @doc Location: the positions of all robots and the named waypoints.
 %%
-%% The only machine that asks the positioning system (`sense'); everybody else asks it. Calls:
+%% The only service that asks the positioning system (`sense'); everybody else asks it. Calls:
 %% `{pose, Robot}' (answer `{ok, pose()}' or `{error, unknown}'), `poses' (all robots seen),
 %% `{waypoint, Name}', `waypoints'. Configuration: `waypoints => #{Name => point()}', `exact'
-%% (false).
+%% (false), `oldest_us' (infinity).
 %%
-%% A positioning system that has got stuck goes on to show its last picture. No live one measures
-%% the same pose twice to the bit: so each picture shows the robot itself too, and one that shows it
-%% just as the picture before did is not believed. The first picture has none before it, and is
-%% looked at twice. Only a system that is `exact', without any noise, may repeat itself.
+%% <em>How fresh a picture has to be.</em> An answer says how old each pose is. Each picture shows the
+%% robot itself, and answers a question only if that was taken after the question: a robot that
+%% stopped and asks where it stands must not be told where it drove. An older picture leaves the
+%% question open, and the system is asked again after a moment. Other robots may be shown older, up
+%% to `oldest_us'; who is shown older than that is not seen.
+%%
+%% <em>A positioning system that has got stuck</em> goes on to show its last picture as a new one. No
+%% live one measures the same pose twice to the bit: so a picture that answers a later question than
+%% the one before it, and shows the robot itself just as that did, is not believed. One picture may
+%% answer all questions that were open when it was taken. The first picture has none before it, and
+%% is looked at twice. Only a system that is `exact', without any noise, or that rounds what it
+%% measures, may repeat itself: there nothing but the age tells.
 %%
 %% A system that does not answer is asked again, all that is open, after half a second. No more than
 %% some questions a robot are open at a time: beyond that the oldest is answered `{error, unknown}'.
@@ -23,8 +31,10 @@
 %% It traces nothing of its own.
 -type event() :: none().
 
-%% How long to wait for the positioning system before asking it again.
+%% How long to wait for the positioning system before asking it again; and after a picture that was
+%% taken too early.
 -define(PATIENCE_US, 500000).
+-define(MOMENT_US, 20000).
 %% So many questions may be open, and so many more for each robot of the team.
 -define(OPEN, 16).
 -define(OPEN_A_ROBOT, 2).
@@ -34,24 +44,40 @@
     participants :: starl_team:t(),
     waypoints :: #{atom() => starl_geometry:point()},
     exact :: boolean(),
-    %% the robot itself in the last picture
-    last = none :: starl:pose() | none,
+    oldest_us :: non_neg_integer() | infinity,
+    %% the robot itself in the last picture, and the last question that this picture answers
+    last = none :: {starl:pose(), seq()} | none,
+    %% the number of the last question; no two lives of the machine have a number in common
+    number :: seq(),
     %% who waits for the positioning system, oldest first; how many may
-    asked = [] :: [{starl_machine:from(), {pose, starl:robot_id()} | poses}],
+    asked = [] :: [asked()],
     most :: pos_integer()
 }).
+
+%% The number of a question.
+-type seq() :: non_neg_integer().
+
+-type question() :: {pose, starl:robot_id()} | poses.
+
+%% A question, when it was asked, and who waits for the answer.
+-type asked() :: {seq(), AtUs :: integer(), starl_machine:from(), question()}.
+
+%% What the positioning system shows: poses, and how long ago each was measured.
+-type seen() :: [{starl:robot_id(), starl:pose(), AgeUs :: non_neg_integer()}].
 
 %% @doc The action that asks for a robot's pose; the answer is the event `{reply, Tag}'.
 -spec pose(starl:robot_id(), starl_machine:tag()) -> starl_machine:action().
 pose(Robot, Tag) -> {call, location, {pose, Robot}, Tag}.
 
 -spec init(starl_machine:config()) -> {ready, #location{}, []}.
-init(#{robot := Self, participants := Participants} = Config) ->
+init(#{robot := Self, participants := Participants, incarnation := Incarnation} = Config) ->
     Location = #location{
         self = Self,
         participants = Participants,
         waypoints = maps:get(waypoints, Config, #{}),
         exact = maps:get(exact, Config, false),
+        oldest_us = maps:get(oldest_us, Config, infinity),
+        number = Incarnation bsl 32,
         most = ?OPEN + ?OPEN_A_ROBOT * starl_team:count(Participants)
     },
     {ready, Location, []}.
@@ -59,17 +85,19 @@ init(#{robot := Self, participants := Participants} = Config) ->
 -spec handle_event(
     starl_machine:event_type(), term(), ready, #location{}, starl_machine:meta()
 ) -> starl_machine:result().
-handle_event({call, From}, {pose, _} = Question, ready, Location, _Meta) ->
-    ask(From, Question, Location);
-handle_event(info, {located, Poses}, ready, #location{asked = [Asked | Rest]} = Location, _) ->
-    waited(seen(Poses, Asked, Location#location{asked = Rest}));
-handle_event(info, {located, _Late}, ready, #location{asked = []}, _Meta) ->
-    keep_state_and_data;
+handle_event({call, From}, {pose, _} = Question, ready, Location, #{now := Now}) ->
+    ask(From, Question, Now, Location);
+handle_event(info, {located, N, Seen}, ready, #location{asked = Asked} = Location, #{now := Now}) ->
+    case lists:keytake(N, 1, Asked) of
+        {value, Question, Rest} -> located(Seen, Question, Rest, Now, Location);
+        false -> keep_state_and_data
+    end;
 handle_event(state_timeout, again, ready, #location{asked = Asked} = Location, _Meta) ->
-    Again = [{sense, robots(Question, Location)} || {_, Question} <- Asked],
-    {keep_state_and_data, Again ++ [patience()]};
-handle_event({call, From}, poses, ready, Location, _Meta) ->
-    ask(From, poses, Location);
+    {keep_state_and_data, [sense(Question, Location) || Question <- Asked] ++ [patience()]};
+handle_event({timeout, moment}, again, ready, #location{asked = Asked} = Location, _Meta) ->
+    {keep_state_and_data, [sense(Question, Location) || Question <- Asked]};
+handle_event({call, From}, poses, ready, Location, #{now := Now}) ->
+    ask(From, poses, Now, Location);
 handle_event({call, From}, {waypoint, Name}, ready, #location{waypoints = Waypoints}, _Meta) ->
     Answer =
         case Waypoints of
@@ -84,17 +112,27 @@ handle_event(info, {restarted, _}, ready, _Location, _Meta) ->
 handle_event(_, _, _, _, _) ->
     unknown_event.
 
-ask(From, Question, #location{asked = Asked, most = Most} = Location) ->
-    Sense = {sense, robots(Question, Location)},
+%% -- questions ------------------------------------------------------------------------------
+
+ask(From, Question, Now, #location{asked = Asked, most = Most, number = N} = Location) ->
+    New = {N + 1, Now, From, Question},
+    Numbered = Location#location{number = N + 1},
+    Sense = sense(New, Location),
     case Asked of
         [] ->
-            {keep_state, Location#location{asked = [{From, Question}]}, [Sense, patience()]};
-        [{Oldest, _} | Rest] when length(Asked) >= Most ->
+            {keep_state, Numbered#location{asked = [New]}, [Sense, patience()]};
+        [{_, _, Oldest, _} | Rest] when length(Asked) >= Most ->
             Unknown = {reply, Oldest, {error, unknown}},
-            {keep_state, Location#location{asked = Rest ++ [{From, Question}]}, [Unknown, Sense]};
+            {keep_state, Numbered#location{asked = Rest ++ [New]}, [Unknown, Sense]};
         _ ->
-            {keep_state, Location#location{asked = Asked ++ [{From, Question}]}, [Sense]}
+            {keep_state, Numbered#location{asked = Asked ++ [New]}, [Sense]}
     end.
+
+sense({N, _, _, Question}, Location) -> {sense, robots(Question, Location), N}.
+
+robots({pose, Self}, #location{self = Self}) -> [Self];
+robots({pose, Robot}, #location{self = Self}) -> [Self, Robot];
+robots(poses, #location{participants = Participants}) -> starl_team:members(Participants).
 
 patience() -> {state_timeout, ?PATIENCE_US, again}.
 
@@ -104,26 +142,51 @@ waited({keep_state, #location{asked = []} = Location, Actions}) ->
 waited({keep_state, Location, Actions}) ->
     {keep_state, Location, Actions ++ [patience()]}.
 
-robots({pose, Self}, #location{self = Self}) -> [Self];
-robots({pose, Robot}, #location{self = Self}) -> [Self, Robot];
-robots(poses, #location{participants = Participants}) -> starl_team:members(Participants).
+%% -- answers --------------------------------------------------------------------------------
 
-seen(Poses, {From, Question}, #location{self = Self, last = Last, exact = Exact} = Location) ->
-    case lists:keyfind(Self, 1, Poses) of
-        {_, Pose} when not Exact, Last =:= none ->
-            ask(From, Question, Location#location{last = Pose});
-        {_, Last} when not Exact ->
-            {keep_state, Location, [{reply, From, answer(Question, [])}]};
-        {_, Pose} ->
-            {keep_state, Location#location{last = Pose}, [{reply, From, answer(Question, Poses)}]};
+located(Seen, {_, At, _, _} = Question, Rest, Now, #location{self = Self} = Location) ->
+    case lists:keyfind(Self, 1, Seen) of
+        {_, _, Age} when Age > Now - At ->
+            too_early(Question, Now, Location);
+        {_, Pose, Age} ->
+            Left = Location#location{asked = Rest},
+            waited(shown(Pose, Now - Age, Now, Seen, Question, Left));
         false ->
-            {keep_state, Location, [{reply, From, answer(Question, Poses)}]}
+            waited(answered(Seen, Question, Location#location{asked = Rest}))
     end.
 
-answer(poses, Poses) ->
-    {ok, maps:from_list(Poses)};
-answer({pose, Robot}, Poses) ->
-    case lists:keyfind(Robot, 1, Poses) of
-        {Robot, Pose} -> {ok, Pose};
+%% A clock that was set back is behind the question: that is asked from now on.
+too_early({N, At, From, Question}, Now, #location{asked = Asked} = Location) when Now < At ->
+    Anew = lists:keyreplace(N, 1, Asked, {N, Now, From, Question}),
+    {keep_state, Location#location{asked = Anew}, [{{timeout, moment}, ?MOMENT_US, again}]};
+too_early(_Question, _Now, _Location) ->
+    {keep_state_and_data, [{{timeout, moment}, ?MOMENT_US, again}]}.
+
+%% Is the picture of a system that lives? It was taken then.
+shown(Pose, _Taken, Now, _Seen, {N, _, From, Question}, #location{exact = false, last = none} = L) ->
+    ask(From, Question, Now, L#location{last = {Pose, N}});
+shown(Pose, Taken, _Now, Seen, {N, _, _, _} = Question, #location{exact = Exact} = Location) ->
+    case Location#location.last of
+        {Pose, Upto} when not Exact, N > Upto -> answered([], Question, Location);
+        _ -> answered(Seen, Question, Location#location{last = {Pose, upto(Taken, N, Location)}})
+    end.
+
+%% The last question that a picture answers that was taken then.
+upto(Taken, N, #location{asked = Asked, last = Last}) ->
+    Before = [Upto || {_, Upto} <- [Last]],
+    lists:max([N | Before] ++ [Open || {Open, At, _, _} <- Asked, At =< Taken]).
+
+answered(Seen, {_, _, From, Question}, #location{} = Location) ->
+    {keep_state, Location, [{reply, From, answer(Question, recent(Seen, Location))}]}.
+
+recent(Seen, #location{oldest_us = infinity}) -> Seen;
+recent(Seen, #location{oldest_us = Us}) -> [One || {_, _, Age} = One <- Seen, Age =< Us].
+
+-spec answer(question(), seen()) -> {ok, term()} | {error, unknown}.
+answer(poses, Seen) ->
+    {ok, maps:from_list([{Robot, Pose} || {Robot, Pose, _} <- Seen])};
+answer({pose, Robot}, Seen) ->
+    case lists:keyfind(Robot, 1, Seen) of
+        {Robot, Pose, _} -> {ok, Pose};
         false -> {error, unknown}
     end.
