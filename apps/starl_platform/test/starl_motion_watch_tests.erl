@@ -34,13 +34,33 @@ paused_test() ->
     Paused = fun(50) -> 20 * ?S; (K) -> late(K) end,
     ?assertEqual([50], broken(fun(T) -> T end, Paused)).
 
+%% Commands that are heard late, at random: by as much as the profile bears, the clocks agree; by more
+%% they do not, so a line that is slower than said is found out.
+latency_test_() ->
+    Heard = fun(Ms) -> fun(K) -> K * ?S + erlang:phash2({K, heard}, 1000 * Ms + 1) end end,
+    Count = fun(Said, Ms) ->
+        length(broken(#{latency_ms => Said}, fun(T) -> T end, fun(_) -> 0 end, Heard(Ms)))
+    end,
+    [?_assertEqual({Said, 0}, {Said, Count(Said, Said)}) || Said <- [5, 20, 50]] ++
+        [?_assert(Count(5, Ms) > 0) || Ms <- [50, 100]] ++
+        [?_assertEqual(0, length(broken(#{}, fun(T) -> T end, fun(_) -> 0 end, Heard(5))))].
+
+%% A pause longer than the latency and the drift explain is noticed all the same.
+pause_with_latency_test() ->
+    After = fun(T) when T > 50 * ?S + 700000 -> T - 250000; (T) -> T end,
+    ?assertEqual(
+        [51], broken(#{latency_ms => 50}, After, fun late/1, fun(K) -> K * ?S end)
+    ).
+
+broken(Clock, Late) -> broken(#{}, Clock, Late, fun(K) -> K * ?S end).
+
 %% Commands are given once a second and take 0.29 s: the numbers of those after which the clocks
 %% did not agree. The chassis' clock shows the true time.
-broken(Clock, Late) ->
+broken(Profile, Clock, Late, Heard) ->
     Step = fun(K, {Broken, Watch}) ->
-        Command = {Clock(K * ?S), 290000, Clock(K * ?S + 290000 + Late(K))},
-        {Agree, Next} = starl_motion_watch:agree(Command, K * ?S, Watch),
+        Command = {Clock(K * ?S), {290000, 290000}, Clock(K * ?S + 290000 + Late(K))},
+        {Agree, Next} = starl_motion_watch:agree(Command, Heard(K), Watch),
         {[K || not Agree] ++ Broken, Next}
     end,
-    {Broken, _} = lists:foldl(Step, {[], starl_motion_watch:new()}, lists:seq(1, 100)),
+    {Broken, _} = lists:foldl(Step, {[], starl_motion_watch:new(Profile)}, lists:seq(1, 100)),
     lists:reverse(Broken).

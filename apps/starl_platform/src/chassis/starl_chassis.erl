@@ -23,13 +23,16 @@
 
 %% How a robot drives. `chassis' is the callback module, `speed' the highest speed (mm/s). The
 %% bounds of the errors: `heading_error' in rad and `distance_error' as a fraction, per leg,
-%% `position_error_mm' of the positioning system. The other keys are the chassis' own.
+%% `position_error_mm' of the positioning system. `latency_ms' (5) bounds how late the chassis hears a
+%% command, over its line ({@link starl_motion_watch}: what rests on it). The other keys are the
+%% chassis' own.
 -type profile() :: #{
     chassis := module(),
     speed := float(),
     heading_error := float(),
     distance_error := float(),
     position_error_mm := float(),
+    latency_ms => number(),
     atom() => term()
 }.
 

@@ -71,7 +71,7 @@
     %% that of the chassis went: along given lines they have to agree
     now :: integer(),
     told = {0, {0, 0}} :: {ToldUs :: integer(), Takes :: {Least :: integer(), Most :: integer()}},
-    watch = starl_motion_watch:new() :: starl_motion_watch:t(),
+    watch :: starl_motion_watch:t(),
     %% the chassis has said that it stands, and nothing else was told it since; where it was then
     %% seen to stand, and when
     stands = false :: boolean(),
@@ -93,6 +93,7 @@ init(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := N
         self = Self,
         chassis = starl_chassis:kind(Profile),
         profile = Profile,
+        watch = starl_motion_watch:new(Profile),
         now = Now,
         %% a robot that drives into the number of another life would believe its chassis too soon
         command = Incarnation bsl 32
