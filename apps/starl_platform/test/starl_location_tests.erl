@@ -123,6 +123,16 @@ stuck_test_() ->
      || How <- [next, last], Seed <- lists:seq(1, 5)
     ].
 
+%% A picture that was under way when the next question was asked does not answer that: when it comes
+%% again, as a new one, the system is stuck.
+picture_under_way_test() ->
+    {[{sense, [1], N} | _], A} = ask(0, x, {pose, 1}, located_once()),
+    {[{sense, [1], K}], B} = ask(50000, y, {pose, 1}, A),
+    {[{reply, {app, x}, {ok, ?HERE}} | _], C} = located(60000, N, [{1, ?HERE, 40000}], B),
+    ?assertMatch(
+        {[{reply, {app, y}, {error, unknown}} | _], _}, located(70000, K, [{1, ?HERE, 0}], C)
+    ).
+
 %% A source that rounds to whole millimetres shows a robot that stands the same pose again and again.
 %% It is `exact', and its pictures are believed by their age alone.
 whole_millimetres_test() ->
