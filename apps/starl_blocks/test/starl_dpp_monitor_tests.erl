@@ -208,6 +208,21 @@ dead_robots_keep_their_tube_test() ->
     ?assertEqual([{tubes_overlap, [1, 2]}], judge([
         assigned(1, 1, level(0.0)), {2, 1, robot, {died, killed}}, assigned(3, 2, level(0.0))])).
 
+%% A robot of which more is known than what its tube has room for is held to that.
+own_tracking_radius_test() ->
+    Judge = fun(Y, Own) ->
+        M0 = starl_monitor:new([
+            {starl_dpp_monitor, #{tube_radius => 200.0, r_s => 300.0, tracking_mm => Own}}
+        ]),
+        {Found, _} = lists:foldl(fun step/2, {[], M0}, [
+            reserved(1, 1, level(0.0)), motion(2, 1, drive(2, 100.0, Y, 0.0))
+        ]),
+        [What || #{what := What} <- Found]
+    end,
+    ?assertEqual([[], []], [Judge(45.0, #{}), Judge(45.0, #{2 => 20.0})]),
+    ?assertEqual([], Judge(20.9, #{1 => 20.0})),
+    ?assertEqual([moves_without_leave], Judge(21.1, #{1 => 20.0})).
+
 %% Every overlap at one change is reported.
 all_overlaps_are_reported_test() ->
     Across = [{{250.0, -900.0}, {250.0, 900.0}}],

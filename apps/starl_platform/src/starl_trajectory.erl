@@ -21,7 +21,7 @@
 -export([start_us/1, pose/2, position/2, velocity/2, moved/3, fastest/1, enclosing/3]).
 -export([is_still/1, is_bent/1, rests_from/1]).
 -export([closest_approach/4, closest_within/5, polyline/4, passing/4]).
--export_type([piece/0, point/0, pose/0, velocity/0, approach/0]).
+-export_type([piece/0, arc/0, ramp/0, point/0, pose/0, velocity/0, approach/0]).
 
 %% Position on the floor, mm; x to the right, y up.
 -type point() :: {X :: float(), Y :: float()}.
@@ -29,13 +29,15 @@
 -type pose() :: {X :: float(), Y :: float(), Heading :: float()}.
 %% In mm/s.
 -type velocity() :: {VX :: float(), VY :: float()}.
-%% Constant speed `V' (mm/s) and turn rate `W' (rad/s) from time `T0us' on; or a velocity that
-%% changes evenly from the first to the second within `Us', and then stays so.
--type piece() ::
+%% Constant speed `V' (mm/s) and turn rate `W' (rad/s) from time `T0us' on.
+-type arc() ::
     {piece, T0us :: integer(), X :: float(), Y :: float(), Heading :: float(), V :: float(),
-        W :: float()}
-    | {ramp, T0us :: integer(), X :: float(), Y :: float(), Heading :: float(), velocity(),
+        W :: float()}.
+%% A velocity that changes evenly from the first to the second within `Us', and then stays so.
+-type ramp() ::
+    {ramp, T0us :: integer(), X :: float(), Y :: float(), Heading :: float(), velocity(),
         velocity(), Us :: non_neg_integer()}.
+-type piece() :: arc() | ramp().
 %% The least distance (mm) and a moment at which it is attained (rounded to a microsecond).
 -type approach() :: {MinDistanceMm :: float(), AtUs :: integer()}.
 
@@ -45,19 +47,19 @@
 -define(SMALL_ANGLE, 1.0e-4).
 
 %% @doc A robot that stands at `Pose' from `T0us' on.
--spec standing(T0us :: integer(), point(), Heading :: float()) -> piece().
+-spec standing(T0us :: integer(), point(), Heading :: float()) -> arc().
 standing(T0us, {X, Y}, Heading) ->
     {piece, T0us, X, Y, Heading, 0.0, 0.0}.
 
 %% @doc A robot that moves from `Pose' at `T0us' on with `V' mm/s and `W' rad/s.
--spec piece(T0us :: integer(), point(), Heading :: float(), V :: float(), W :: float()) -> piece().
+-spec piece(T0us :: integer(), point(), Heading :: float(), V :: float(), W :: float()) -> arc().
 piece(T0us, {X, Y}, Heading, V, W) ->
     {piece, T0us, X, Y, Heading, V, W}.
 
 %% @doc A robot that moves from there at `T0us' on and whose velocity changes evenly from `V0' to `V1'
 %% within `Us'.
 -spec ramp(T0us :: integer(), point(), Heading :: float(), velocity(), velocity(), Us) ->
-    piece()
+    ramp()
 when
     Us :: non_neg_integer().
 ramp(T0us, {X, Y}, Heading, V0, V1, Us) ->
@@ -124,7 +126,7 @@ moved(T1, T2, {ramp, T0, _, _, _, _, V1, Us} = Piece) ->
 
 %% @doc The highest speed on this piece (mm/s).
 -spec fastest(piece()) -> float().
-fastest({piece, _T0, _X, _Y, _Heading, V, _W}) -> abs(V);
+fastest({piece, _T0, _X, _Y, _Heading, V, _W}) -> float(abs(V));
 fastest({ramp, _T0, _X, _Y, _Heading, V0, V1, _Us}) -> max(speed(V0), speed(V1)).
 
 %% @doc Whether the robot keeps its position (it may turn in place).
@@ -211,10 +213,12 @@ smooth_line(_Elsewhere, Piece, T1, T2, ToleranceMm) ->
 
 %% @doc When a robot on this piece has driven this share of its way between two moments.
 -spec passing(Share :: float(), piece(), T1 :: integer(), T2 :: integer()) -> integer().
-passing(Share, {piece, _, _, _, _, _, _}, T1, T2) -> T1 + round(Share * (T2 - T1));
-passing(Share, Piece, T1, T2) -> passing(Share * moved(T1, T2, Piece), T1, Piece, T1, T2).
+passing(Share, {piece, _, _, _, _, _, _}, T1, T2) when is_integer(T1) ->
+    T1 + round(Share * (T2 - T1));
+passing(Share, Piece, T1, T2) ->
+    passing(Share * moved(T1, T2, Piece), T1, Piece, T1, T2).
 
-passing(_Mm, _T0, _Piece, T1, T2) when T2 - T1 =< 1 ->
+passing(_Mm, _T0, _Piece, T1, T2) when is_integer(T2), T2 - T1 =< 1 ->
     T2;
 passing(Mm, T0, Piece, T1, T2) ->
     Middle = (T1 + T2) div 2,

@@ -88,7 +88,8 @@ now(goes_on, {_Skew, Part}) -> {0.0, Part}.
 
 %% @doc How long a script takes.
 -spec lasts_us(starl_chassis_differential:commands()) -> non_neg_integer().
-lasts_us(Commands) -> lists:sum([Us || {_, _, Us} <- Commands]).
+lasts_us([]) -> 0;
+lasts_us([{_, _, Us} | Commands]) when is_integer(Us) -> Us + lasts_us(Commands).
 
 %% @doc How long it takes to stop.
 -spec stops_us(starl_sim_queue:time(), starl_trajectory:piece()) -> 0.

@@ -66,7 +66,8 @@ take_to(Aim, Now, Point, Heading, Old, #{acceleration := Acceleration}) ->
     {AX, AY} = Aim,
     Change = math:sqrt((AX - VX) * (AX - VX) + (AY - VY) * (AY - VY)),
     case aims_at(Old) of
-        Aim -> same;
+        Aim ->
+            same;
         _ ->
             Us = ceil(Change / Acceleration * 1.0e6),
             starl_trajectory:ramp(Now, Point, Heading, Velocity, Aim, Us)
@@ -83,5 +84,5 @@ lasts_us(_Commands) -> unknown.
 -spec stops_us(starl_sim_queue:time(), starl_trajectory:piece()) -> non_neg_integer().
 stops_us(Now, Piece) ->
     case starl_trajectory:rests_from(Piece) of
-        T when is_integer(T) -> max(0, T - Now)
+        T when is_integer(T), is_integer(Now) -> max(0, T - Now)
     end.

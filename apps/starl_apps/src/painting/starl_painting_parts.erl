@@ -69,7 +69,8 @@ between(To, [{From, Next} | Parts], Length, Ends) ->
 
 %% @doc Adds a part to ascending, disjoint parts.
 -spec unite(part(), [part()]) -> [part(), ...].
-unite(Part, []) -> [Part];
+unite(Part, []) ->
+    [Part];
 unite({_, High} = Part, [{Low, _} | _] = Parts) when High < Low -> [Part | Parts];
 unite({Low, _} = Part, [{_, High} = First | Parts]) when Low > High ->
     [First | unite(Part, Parts)];

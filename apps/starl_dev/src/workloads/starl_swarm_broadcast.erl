@@ -45,8 +45,13 @@ options() ->
 
 %% @doc The arena's corners are (0, 0) and (side, side). The range of the radio, 1000 mm, is the
 %% scenario's.
--spec scene(starl_scene:context()) -> {ok, starl_scene:t()}.
-scene(#{robots := Ids, seed := Seed, profiles := [Profile | _], options := Options}) ->
+-spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, string()}.
+scene(#{profiles := [#{chassis := starl_chassis_differential} = Profile]} = Context) ->
+    arena(Profile, Context);
+scene(_Context) ->
+    {error, "the swarm drives on two wheels: leave --chassis out"}.
+
+arena(Profile, #{robots := Ids, seed := Seed, options := Options}) ->
     #{period := Ms, messages := Messages} = Options,
     Side = side(length(Ids)),
     {Poses, _} = lists:mapfoldl(

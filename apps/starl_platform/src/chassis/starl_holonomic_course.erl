@@ -189,7 +189,11 @@ leg({X, Y, _} = Pose, Aim, Profile) ->
 
 %% Some millimetres along the line, or back.
 nudge(Mm, Pose, {Start, Goal}, #{speed := Speed} = Profile) ->
-    Back = case Mm < 0 of true -> math:pi(); false -> 0.0 end,
+    Back =
+        case Mm < 0 of
+            true -> math:pi();
+            false -> 0.0
+        end,
     Direction = starl_geometry:heading(Start, Goal) + Back,
     straight(Pose, Direction, abs(Mm), min(Speed, ?SLOW), Profile).
 
