@@ -205,10 +205,10 @@ own_ink_radius_test() ->
     {Events, End} = paint([{0.0, 9.0}, {1000.0, 9.0}]),
     Judge = fun(Own) ->
         {Found, _} = run(line(), Events, End, #{tracking_mm => Own}),
-        [What || #{what := What} <- Found]
+        [What || #{what := ink_off_the_lines = What} <- Found]
     end,
     ?assertEqual([[], []], [Judge(#{}), Judge(#{2 => 1.0})]),
-    ?assert(lists:member(ink_off_the_lines, Judge(#{1 => 1.0}))).
+    ?assertEqual([ink_off_the_lines], Judge(#{1 => 1.0})).
 
 ink_past_the_end_of_the_line_test() ->
     Past = fun(X) -> {Events, End} = paint([{0.0, 0.0}, {X, 0.0}]),

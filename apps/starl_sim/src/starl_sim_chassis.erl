@@ -49,9 +49,12 @@ option() ->
         differential,
         "what the robots drive on: two wheels or any way; mixed: by turns; or a list to take in turn"}.
 
-is_choice(mixed) -> true;
-is_choice([_ | _] = Names) -> length(Names) > 0 andalso lists:all(fun is_name/1, Names);
-is_choice(Name) -> is_name(Name).
+is_choice(mixed) ->
+    true;
+is_choice([Name | Names]) ->
+    is_name(Name) andalso (Names =:= [] orelse is_list(Names) andalso is_choice(Names));
+is_choice(Name) ->
+    is_name(Name).
 
 is_name(Name) -> lists:keymember(Name, 1, kinds()).
 
