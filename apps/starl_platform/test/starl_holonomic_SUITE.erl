@@ -32,7 +32,16 @@ draws_lines_from_end_to_end(_) ->
         {choose(1, 1000000), vector(5, stroke()), profile()},
         starl_platform_ct:safely(fun() -> drawn(Lines, {0.0, 0.0, 0.7}, uniform(Seed), Profile) end)
     ),
-    starl_platform_ct:property(Prop, 200).
+    starl_platform_ct:property(Prop, 200),
+    %% a leg may come out longer than it was told, and is farther off then
+    Short = {{0.0, 0.0}, {1.0, 0.0}},
+    Long = {{-733.0, -537.0}, {-1425.994747620312, -438.215994358093}},
+    ?assert(
+        drawn([Short, Short, Short, Long, Short], {0.0, 0.0, 0.7}, uniform(37), profile(#{
+            speed => 50.0, acceleration => 100.0, leg_s => 0.3, heading_error => 0.05,
+            position_error_mm => 0.0
+        }))
+    ).
 
 %% All errors at their bounds, to the left, to the right and to and fro.
 the_worst_errors(_) ->

@@ -8,7 +8,8 @@
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
     stays_near_its_lines/1, each_kind_of_fault_bites/1, stuck_drive_moves_it_no_further/1,
-    stops_within_its_brake/1, pause_ends_at_the_leg/1, dies_braking/1, another_chassis_script/1,
+    stops_within_its_brake/1, stalls_and_says_so_when_it_stands/1, never_faster_than_its_limit/1,
+    pause_ends_at_the_leg/1, dies_braking/1, another_chassis_script/1,
     mixed_team_is_the_same_in_every_mode/1
 ]).
 
@@ -26,7 +27,7 @@ suite() -> [{timetrap, {minutes, 5}}].
 all() ->
     [
         stays_near_its_lines, each_kind_of_fault_bites, stuck_drive_moves_it_no_further,
-        stops_within_its_brake, pause_ends_at_the_leg, dies_braking, another_chassis_script,
+        stops_within_its_brake, stalls_and_says_so_when_it_stands, never_faster_than_its_limit, pause_ends_at_the_leg, dies_braking, another_chassis_script,
         mixed_team_is_the_same_in_every_mode
     ].
 
@@ -124,6 +125,27 @@ stops_within_its_brake(_) ->
     ?assertEqual([{200000, {says, 1, motion, {driven, a, 0}}}], Words),
     {End, _} = starl_trajectory:position(1200000, starl_sim_vehicle:piece(Braking)),
     ?assert(abs(End - 400.0) < 1.0e-6, End).
+
+%% A drive that sticks brakes, and is found out 15 ms later: by then it has lost 30 of 400 mm/s. It says
+%% so when it stands: who looked where it is before would see it on its way.
+stalls_and_says_so_when_it_stands(_) ->
+    Stuck = {s, 500000, 9000000, wheel_stuck, 1, #{wheel => left}},
+    {moved, _, Going} = tell([{400.0, 0.0, 1000000}], a, 0, vehicle([Stuck])),
+    {moved, [{15000, {watch, 1, 500000} = Watch}], Stalling} =
+        starl_sim_vehicle:turn_wheels(500000, Going),
+    {same, Said, Stopping} = starl_sim_vehicle:beat(Watch, 515000, Stalling),
+    ?assertEqual([{185000, {says, 2, motion, {stalled, a, {400.0, 0.0}}}}], Said),
+    ?assertEqual(700000, starl_trajectory:rests_from(starl_sim_vehicle:piece(Stopping))).
+
+%% Whatever it is told, and however its errors fall.
+never_faster_than_its_limit(_) ->
+    Fastest = fun(Told, N) ->
+        Vehicle = vehicle([], #{distance_error => 0.1}, N),
+        {moved, _, Going} = tell([{Told, Told, 1000000}], a, 0, Vehicle),
+        starl_trajectory:fastest(starl_sim_vehicle:piece(Going))
+    end,
+    [?assert(Fastest(Told, N) =< 500.0 + 1.0e-9) || Told <- [353.0, 400.0, 9000.0], N <- lists:seq(1, 20)],
+    ?assert(lists:max([Fastest(340.0, N) || N <- lists:seq(1, 20)]) > 481.0).
 
 %% The computer stands still in the midst of a leg: the body does not drive on.
 pause_ends_at_the_leg(_) ->
@@ -227,12 +249,13 @@ pieces(#{monitors := #{starl_sim_order_monitor := #{trace := Trace}}, end_us := 
     Starts = [starl_trajectory:start_us(Piece) || Piece <- Pieces],
     lists:zip3(Pieces, Starts, tl(Starts) ++ [End]).
 
-vehicle(Faults) ->
-    Profiles = starl_sim_chassis:profiles(holonomic, #{
-        heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0
-    }),
+vehicle(Faults) -> vehicle(Faults, #{}, 1).
+
+vehicle(Faults, Errors, Seed) ->
+    Exact = #{heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0},
+    Profiles = starl_sim_chassis:profiles(holonomic, maps:merge(Exact, Errors)),
     starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, #{
-        seed => 1, team => starl_team:new([1]), clock => {0, 0}, loss => 0.0, duplicate => 0.0,
+        seed => Seed, team => starl_team:new([1]), clock => {0, 0}, loss => 0.0, duplicate => 0.0,
         delay_us => {1000, 2000}, range_mm => infinity, profiles => Profiles, network => [],
         clocks => [], location => [], actuation => Faults, store => [],
         sight => starl_sim_sight:new([], infinity)

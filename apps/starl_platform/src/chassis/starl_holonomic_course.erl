@@ -5,7 +5,7 @@
 %% Every step is one straight leg from standing to standing: towards the point of the line one leg
 %% ahead, so a leg's sideways error does not grow into the next one. A robot that is seen to be
 %% farther off the line than g goes straight back to it first. At the ends of a given line what is
-%% missing along it is driven slowly, forwards or backwards, until the robot is <em>seen</em> to be
+%% missing is driven slowly, straight to the right place, until the robot is <em>seen</em> to be
 %% within w = max(1 mm, s) of the right place along the line: so it is within w + s ({@link
 %% ends_mm/1}). It aims a quarter of w outside of the line's ends, as two wheels do ({@link
 %% starl_differential_stroke}).
@@ -13,10 +13,10 @@
 %% <b>The bounds.</b> Over a leg of length L the direction errs by at most ε, the distance by at most
 %% δ·L; positions are known to within s. A leg to the goal is no longer than L = speed · `leg_s', so it
 %% ends within g = L·(ε + δ) + 2s + 0.5 mm of the goal, as it is seen. Legs that do not lead to the
-%% goal may be longer, up to 2L, as long as their error L'·ε + 2s is no more than g.
+%% goal may be longer, up to 2L, as long as their error L'·(1 + δ)·ε + 2s is no more than g.
 %%
 %% A leg along the line begins at most g off it as it is seen, and so g + s. It aims at the line and
-%% ends at most L'·ε + s off it; between the two it is no farther off than at both ends, since the
+%% ends at most L'·(1 + δ)·ε + s off it; between the two it is no farther off than at both ends, since the
 %% path is straight: a robot that brakes before its time does so along its path, and needs no more
 %% room than is left of it. Slip makes it shorter, and no more.
 %%
@@ -94,9 +94,10 @@ window(#{position_error_mm := Position}) -> max(1.0, Position).
 
 length_mm(#{speed := Speed, leg_s := LegS}) -> Speed * LegS.
 
-longest_mm(#{goal_mm := Goal, heading_error := Error, position_error_mm := Position} = Profile) ->
+longest_mm(#{goal_mm := Goal, position_error_mm := Position} = Profile) ->
+    #{heading_error := Error, distance_error := Part} = Profile,
     Last = length_mm(Profile),
-    Most = (Goal - 2 * Position) / max(Error, 1.0e-9),
+    Most = (Goal - 2 * Position) / max(Error * (1 + Part), 1.0e-9),
     max(Last, min(?LONGER * Last, Most)).
 
 %% @doc What a robot does next that stands at a pose and is on its way.
@@ -126,19 +127,19 @@ along({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
         Distance when Distance =< Enough, Past >= -Window / 2, Past =< Window ->
             arrived;
         Distance when Distance =< Enough ->
-            nudge(Window / 4 - Past, Pose, Line, Profile);
+            nudge(beyond(Window / 4, Line), Pose, Profile);
         _ ->
             End = beyond(Window / 4, Line),
             Last = min(?LAST_MM, length_mm(Profile)),
             follow(Pose, ahead(Pose, Line, {1.5 * Last, Last}, End, Profile), Line, Profile)
     end.
 
-face({X, Y, _} = Pose, {Start, _} = Line, #{goal_mm := Enough} = Profile) ->
+face({X, Y, _} = Pose, {Start, Goal} = Line, #{goal_mm := Enough} = Profile) ->
     Window = window(Profile),
     {Along, _} = frame({X, Y}, Line),
     case starl_geometry:distance({X, Y}, Start) of
         Distance when Distance =< Enough, Along >= -Window, Along =< Window / 2 -> arrived;
-        Distance when Distance =< Enough -> nudge(-Window / 4 - Along, Pose, Line, Profile);
+        Distance when Distance =< Enough -> nudge(beyond(Window / 4, {Goal, Start}), Pose, Profile);
         _ -> leg(Pose, Start, Profile)
     end.
 
@@ -187,15 +188,10 @@ leg({X, Y, _} = Pose, Aim, Profile) ->
     #{speed := Speed} = Profile,
     straight(Pose, starl_geometry:heading({X, Y}, Aim), Length, Speed, Profile).
 
-%% Some millimetres along the line, or back.
-nudge(Mm, Pose, {Start, Goal}, #{speed := Speed} = Profile) ->
-    Back =
-        case Mm < 0 of
-            true -> math:pi();
-            false -> 0.0
-        end,
-    Direction = starl_geometry:heading(Start, Goal) + Back,
-    straight(Pose, Direction, abs(Mm), min(Speed, ?SLOW), Profile).
+%% Some millimetres to the very place, slowly.
+nudge({_, _} = Place, {X, Y, _} = Pose, #{speed := Speed} = Profile) ->
+    Mm = starl_geometry:distance({X, Y}, Place),
+    straight(Pose, starl_geometry:heading({X, Y}, Place), Mm, min(Speed, ?SLOW), Profile).
 
 %% So fast that it is not too fast if it errs, and has come to that speed before it has to brake.
 straight({_, _, Heading}, Direction, Mm, Fastest, Profile) ->
