@@ -31,6 +31,8 @@
 %% set to.
 -type chassis() ::
     {motion, starl_trajectory:piece()}
+    %% a script of another chassis, which is not carried out
+    | {not_understood, starl_chassis:commands()}
     | {actuated, Device :: atom(), Value :: term()}.
 
 %% Machine `radio': this packet of the sender, the N-th to that robot, does not arrive there; one
@@ -78,7 +80,7 @@ platform() ->
     #{
         robot => [{down, 0}, {up, 0}, {died, 1}],
         supervisor => [{crashed, 2}, {given_up, 1}],
-        chassis => [{motion, 1}, {actuated, 2}],
+        chassis => [{motion, 1}, {actuated, 2}, {not_understood, 1}],
         radio => [{lost, 2}],
         location => ?EVERY_MACHINE,
         motion => ?EVERY_MACHINE,
