@@ -126,7 +126,7 @@ monitors() ->
             "apps/*/src/**/starl_*_monitor.erl",
             "apps/starl_platform/src/starl_{monitor,separation,assumption}.erl",
             "apps/starl_platform/src/starl_sap_{alarms,numbers,sources}.erl",
-            "apps/starl_sim/src/starl_sim_{assumption,judge}.erl"
+            "apps/starl_sim/src/*/starl_sim_{assumption,judge}.erl"
         ],
         unit => [
             "starl_*_monitor_*",
