@@ -88,7 +88,9 @@ contract() -> "nobody passes a round before all have reached it".
 exercise() -> starl_barrier_exercise.
 
 -spec models() -> [starl_block:model_entry()].
-models() -> [{barrier, "barrier, two rounds", fun starl_barrier_model:new/1}].
+models() ->
+    New = fun(Team) -> starl_barrier_model:new(machines(#{}), Team) end,
+    [{barrier, "barrier, two rounds", New}].
 
 -spec benchmark() -> starl_block:benchmark().
 benchmark() ->

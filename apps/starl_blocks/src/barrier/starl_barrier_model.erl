@@ -4,7 +4,7 @@
 -module(starl_barrier_model).
 -behaviour(starl_block_talk).
 
--export([new/1]).
+-export([new/2]).
 -export([first/1, answered/3, restarted/2]).
 
 -type place_in_rounds() :: {starl_barrier:name(), Last :: pos_integer()}.
@@ -13,11 +13,11 @@
 %% So patient that it is the checker that decides when a call fails.
 -define(PATIENCE_US, 30000000).
 
-%% @doc The model for a team.
--spec new(starl_block:team()) -> starl_block:model().
-new(#{robots := Ids, rounds := Rounds}) ->
+%% @doc The model for a team with these machines.
+-spec new([starl_robot_sup:machine()], starl_block:team()) -> starl_block:model().
+new(Machines, #{robots := Ids, rounds := Rounds}) ->
     #{
-        blocks => starl_barrier:machines(#{}),
+        blocks => Machines,
         script => fun(_) -> [{talk, ?MODULE, {gate, Rounds}} || _ <- lists:seq(1, Rounds)] end,
         crash => [barrier, app],
         monitor => {starl_barrier_monitor, #{robots => Ids}},

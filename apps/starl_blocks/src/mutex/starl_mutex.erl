@@ -137,7 +137,8 @@ exercise() -> starl_mutex_exercise.
 
 -spec models() -> [starl_block:model_entry()].
 models() ->
-    [{mutex, "mutual exclusion, with leases and drifting clocks", fun starl_mutex_model:new/1}].
+    New = fun(Team) -> starl_mutex_model:new(machines(#{}), Team) end,
+    [{mutex, "mutual exclusion, with leases and drifting clocks", New}].
 
 -spec benchmark() -> starl_block:benchmark().
 benchmark() ->

@@ -6,7 +6,7 @@
 %% what it asks of its own machine needs no message.
 -module(starl_mutex_model).
 
--export([new/1]).
+-export([new/2]).
 
 %% µs that a clock gains in a tick; the ratio of the slowest to the fastest is the default bound
 %% on drift, 10000 ppm.
@@ -17,13 +17,13 @@
 %% So patient that it is the checker that decides when a call fails.
 -define(PATIENCE_US, 30000000).
 
-%% @doc The model for a team.
--spec new(starl_block:team()) -> starl_block:model().
-new(#{robots := Ids}) ->
+%% @doc The model for a team with these machines.
+-spec new([starl_robot_sup:machine()], starl_block:team()) -> starl_block:model().
+new(Machines, #{robots := Ids}) ->
     Home = erlang:phash2(?TOKEN, length(Ids)) + 1,
     Slow = erlang:make_tuple(length(Ids), ?SLOW),
     #{
-        blocks => starl_mutex:machines(#{}),
+        blocks => Machines,
         script => fun(Place) -> script(Place, Home) end,
         crash => [mutex, app],
         monitor => {starl_mutex_monitor, #{}},
