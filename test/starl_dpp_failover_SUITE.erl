@@ -367,7 +367,7 @@ covered({A, B} = Edge, Drawn, Reach) ->
 planning(Given) ->
     Robots = lists:seq(1, maps:get(robots, Given, 4)),
     {ok, Options} = starl_options:check(#{}, starl_painting:options()),
-    {ok, #{blocks := Blocks}} = starl_painting:scene(#{
+    {ok, #{blocks := Blocks}} = starl_scene:make(starl_painting, #{
         robots => Robots, world => {12000, 12000}, seed => maps:get(seed, Given),
         profiles => [starl_chassis:profile(starl_chassis_differential, #{})], sap => #{},
         options => Options

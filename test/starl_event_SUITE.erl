@@ -257,6 +257,7 @@ rare() ->
     [
         {supervisor, {crashed, 2}, {starl_sim_crash_tests, machine_crashed_test, 0}},
         {supervisor, {given_up, 1}, {starl_sim_crash_tests, block_given_up_test, 0}},
+        {chassis, {not_understood, 1}, {starl_sim_holonomic_SUITE, another_chassis_script, 1}},
         {starl_sap, {overload, 1}, {starl_sap_tests, overload_test, 0}},
         {starl_sap, {full, 2}, {starl_sap_tests, not_taken_test, 0}},
         {starl_sap, {unclaimed_full, 2}, {starl_sap_tests, not_taken_test, 0}},

@@ -155,6 +155,6 @@ line_up_test_() ->
 %% Each in a VM of its own, which takes its time.
 patient(Tests) -> [{Title, {timeout, ?PATIENCE_S, Test}} || {Title, Test} <- Tests].
 
-own(Name) -> filename:join([root(), "apps", "starl_cli", "test", "own", Name ++ ".erl"]).
+own(Name) -> filename:join([root(), "examples", "own_block", Name ++ ".erl"]).
 
 root() -> hd(string:split(code:which(?MODULE), "/_build/")).
