@@ -79,5 +79,5 @@ blocks_test() ->
             {dpp, starl_dpp_participant, maps:remove(horizon, Config)},
             {dpp_coordinator, starl_dpp_coordinator, Config}
         ],
-        starl_dpp:blocks(Config)
+        starl_dpp:machines(Config)
     ).
