@@ -1,13 +1,13 @@
 %% @doc The API that an application sees (the paper's Table of primitives).
 %%
-%% An application's types of messages are its own: they do not meet those that building blocks send,
-%% whatever they are called.
+%% An application's message types are its own: they never clash with the types that building blocks
+%% send, even under the same name.
 %%
 %% All functions are called in the application's own process, from `Module:init/2' or
 %% `Module:step/2' of a {@link starl_app}. Positions are in millimetres, headings in radians,
-%% durations in whole milliseconds. An argument that cannot be (`starl:sleep(Robot, 0.5)') is the
-%% caller's mistake: the error {@link starl_caller:mistake()} at the call, a crash of the
-%% application alone. The building blocks have their own interfaces
+%% durations in whole milliseconds. An invalid argument (`starl:sleep(Robot, 0.5)') is the
+%% caller's mistake: the call fails with the error {@link starl_caller:mistake()}, and only the
+%% application crashes. The building blocks have their own interfaces
 %% (`starl_election', `starl_dpp', …), built on {@link call/4}.
 -module(starl).
 
@@ -28,9 +28,9 @@
 %% A point of the floor, or the name of a waypoint.
 -type goal() :: starl_geometry:point() | atom().
 
-%% Why a message may not have arrived: no acknowledgement after the last retransmission
-%% (`lost': it may have been delivered all the same), the receiver's or the own SAP restarted
-%% (likewise), or too many messages are under way (`overload': it was not sent).
+%% Why a message may not have arrived. `lost': no acknowledgement after the last retransmission; the
+%% message may have been delivered all the same. `restarted': the receiver's or the sender's own SAP
+%% restarted; likewise. `overload': too many messages are under way; the message was not sent.
 -type outcome() :: ok | {error, lost | restarted | overload}.
 
 -record(robot, {id :: robot_id(), team :: starl_team:t()}).
@@ -54,7 +54,7 @@ now(#robot{}) -> starl_app_proc:now() div 1000.
 -spec random(robot()) -> float().
 random(#robot{}) -> starl_app_proc:random().
 
-%% @doc Sends a message reliably (SAP) and waits until its outcome is known.
+%% @doc Sends a message reliably (SAP) and waits for its outcome.
 -spec send(robot(), robot_id(), Type :: atom(), Body :: term()) -> outcome().
 send(#robot{} = Robot, To, Type, Body) ->
     ok = starl_caller:check({?MODULE, send, 4}, 'To', robot, To),
@@ -68,14 +68,14 @@ post(#robot{}, To, Type, Body) ->
     ok = starl_caller:check({?MODULE, post, 4}, 'Type', name, Type),
     starl_app_proc:perform([{cast, sap, {send, To, {app, Type}, Body}}]).
 
-%% @doc Sends a message reliably to all others and waits until every outcome is known.
+%% @doc Sends a message reliably to all other robots and waits for every outcome.
 -spec broadcast(robot(), Type :: atom(), Body :: term()) ->
     ok | {error, restarted | overload | {lost, [robot_id()]}}.
 broadcast(#robot{} = Robot, Type, Body) ->
     ok = starl_caller:check({?MODULE, broadcast, 3}, 'Type', name, Type),
     flatten(call(Robot, sap, {broadcast, {app, Type}, Body}, infinity)).
 
-%% @doc From now on messages of this type come to the application ({@link await/2}).
+%% @doc Listens to a type: from now on the application receives its messages ({@link await/2}).
 -spec listen(robot(), Type :: atom()) -> ok.
 listen(#robot{}, Type) ->
     ok = starl_caller:check({?MODULE, listen, 2}, 'Type', name, Type),
@@ -88,7 +88,7 @@ await(#robot{}, Type) ->
     {ok, {From, _, Body}} = starl_app_proc:await(types(Type), infinity),
     {ok, From, Body}.
 
-%% @doc Waits for a message of this type, at most so many milliseconds.
+%% @doc Waits for a message of this type, for at most the given milliseconds.
 -spec await(robot(), Type :: atom(), Ms :: non_neg_integer()) ->
     {ok, From :: robot_id(), Body :: term()} | timeout.
 await(#robot{}, Type, Ms) ->
@@ -99,7 +99,7 @@ await(#robot{}, Type, Ms) ->
         timeout -> timeout
     end.
 
-%% A block that delivers messages to the application, such as geocast, calls their type as it is.
+%% A block that delivers messages to the application, such as geocast, uses the plain type.
 types(Type) -> [{app, Type}, Type].
 
 %% @doc The robot's own position.
@@ -112,7 +112,7 @@ position(#robot{} = Robot, Id) ->
     ok = starl_caller:check({?MODULE, position, 2}, 'Id', robot, Id),
     flatten(call(Robot, location, {pose, Id}, infinity)).
 
-%% @doc The positions of all robots that the positioning system sees. `unknown': it does not answer.
+%% @doc The positions of all robots that the positioning system sees. `unknown': it gives no answer.
 -spec positions(robot()) ->
     {ok, #{robot_id() => pose()}} | {error, restarted | unknown}.
 positions(#robot{} = Robot) -> flatten(call(Robot, location, poses, infinity)).
@@ -128,9 +128,9 @@ waypoint(#robot{} = Robot, Name) ->
 -spec waypoints(robot()) -> {ok, #{atom() => starl_geometry:point()}} | {error, restarted}.
 waypoints(#robot{} = Robot) -> flatten(call(Robot, location, waypoints, infinity)).
 
-%% @doc Drives in a straight line to a point or a named waypoint and waits until it is there.
-%% While it drives the robot keeps within r(v) of the line (Assumption II.1 of the paper;
-%% {@link starl_chassis:tracking_radius/1}). `stopped': another command came in between.
+%% @doc Drives in a straight line to a point or a named waypoint and waits for the arrival.
+%% While it drives, the robot keeps within r(v) of the line (Assumption II.1 of the paper;
+%% {@link starl_chassis:tracking_radius/1}). `stopped': another command came first.
 -spec go_to(robot(), goal()) -> ok | {error, stopped | restarted | unknown}.
 go_to(#robot{} = Robot, Name) when is_atom(Name) ->
     case waypoint(Robot, Name) of
@@ -141,7 +141,7 @@ go_to(#robot{} = Robot, Point) ->
     ok = starl_caller:check({?MODULE, go_to, 2}, 'Goal', point, Point),
     flatten(call(Robot, motion, {go_to, Point}, infinity)).
 
-%% @doc Waits for so long by the robot's own clock.
+%% @doc Waits for this time by the robot's own clock.
 -spec sleep(robot(), Ms :: non_neg_integer()) -> ok.
 sleep(#robot{}, Ms) ->
     ok = starl_caller:check({?MODULE, sleep, 2}, 'Ms', ms, Ms),
@@ -153,21 +153,21 @@ actuate(#robot{}, Device, Value) ->
     ok = starl_caller:check({?MODULE, actuate, 3}, 'Device', name, Device),
     starl_app_proc:perform([{actuate, Device, Value}]).
 
-%% @doc Leaves an event in the recording, where monitors see it.
+%% @doc Records an event, which monitors see.
 -spec trace(robot(), Event :: term()) -> ok.
 trace(#robot{}, Event) -> starl_app_proc:perform([{trace, Event}]).
 
-%% @doc Keeps a term durably, over a crash of the application and a reboot of the robot, in place of
-%% what was kept before. Nothing that the application does afterwards takes place before the term
-%% is durable; if it cannot be written the application crashes instead, when it next blocks.
+%% @doc Keeps a term durably, over a crash of the application and a reboot of the robot; it replaces
+%% the term kept before. Later actions of the application take place only when the term is durable;
+%% if it cannot be written, the application crashes instead, when it next blocks.
 -spec store(robot(), term()) -> ok.
 store(#robot{}, Term) -> starl_app_proc:store(Term).
 
-%% @doc What was kept last; `none': never anything; `damaged': it cannot be read.
+%% @doc The term that was kept last; `none': nothing was ever kept; `damaged': it is unreadable.
 -spec stored(robot()) -> none | {stored, term()} | damaged.
 stored(#robot{}) -> starl_app_proc:stored().
 
-%% @doc Calls a machine of this robot: what the building blocks' interfaces are made of.
+%% @doc Calls a machine of this robot; the building blocks' interfaces are built on it.
 -spec call(robot(), starl_machine:name(), Request :: term(), Ms :: pos_integer() | infinity) ->
     {ok, Answer :: term()} | {error, timeout | restarted}.
 call(#robot{}, Name, Request, Ms) ->
@@ -175,7 +175,7 @@ call(#robot{}, Name, Request, Ms) ->
     ok = starl_caller:check({?MODULE, call, 4}, 'Ms', ms_or_infinity, Ms),
     starl_app_proc:call(Name, Request, us(Ms)).
 
-%% @private Made by the runtime only.
+%% @private Only the runtime makes handles.
 -spec robot(robot_id(), starl_team:t()) -> robot().
 robot(Id, Team) -> #robot{id = Id, team = Team}.
 

@@ -1,16 +1,17 @@
-%% @doc What contracts assume of clocks, of promptness and of positions, and when which robot does
-%% not keep it: windows, for monitors that judge what rests on an assumption everywhere else.
+%% @doc The assumptions of contracts about clocks, promptness and positions, and the windows in
+%% which a robot breaks one of them. A monitor that rests on an assumption excuses what happens
+%% within such a window, and judges everything else.
 %%
-%% Assumed is that no clock is set, stands still or drifts by more than its bound, that no robot
-%% handles an event later than a bound after it is due, and that positions are about right. Who
-%% injects faults knows when that is not so and says it as data ({@link window()}); of real robots
+%% The assumptions: no clock is set, stands still or drifts by more than its bound; no robot
+%% handles an event later than a bound after it is due; positions are about right. A fault injector
+%% knows when an assumption is broken and says so as data ({@link window()}); of real robots
 %% nothing is known, and nothing is excused. A monitor asks how far a broken assumption reaches:
 %% ```
 %%   true time       S            T0   clock set back by 2     E          E + 2
 %%                   |-------------|-----------v---------------|-----------|
 %%   claimed ..............  told: 5 left    lost = 2     clock_later(T0, E) = E + 2
 %% '''
-%% All answers are bounds on the side of the excuse: what goes beyond them no window explains.
+%% All answers are generous bounds: no window explains an event beyond them.
 -module(starl_assumption).
 
 -export([new/2, is_kept/1, is_kept/3, longest_us/2]).
@@ -18,13 +19,14 @@
 
 -export_type([t/0, window/0, broken/0]).
 
-%% Whose assumption is broken, from when to when (us), and which.
+%% The robot that breaks an assumption, from when to when (us), and which assumption.
 -type window() ::
     {starl_monitor:robot_id() | all, FromUs :: integer(), ToUs :: integer(), broken()}.
 
-%% The clock gains so much in the window (a negative number: it loses), beyond what it drifts; at
-%% once where the window is a moment. Nothing is handled before the end of the window. Events are
-%% handled up to so much later. Positions are those of another time or of another robot.
+%% `clock': the clock gains this much in the window (it loses if negative), on top of its drift; the
+%% gain is a jump where the window is a moment. `pause': no event is handled before the end of the
+%% window. `slow': events are handled up to `LagUs' later. `position': positions are those of
+%% another time or of another robot.
 -type broken() :: {clock, GainUs :: integer()} | pause | {slow, LagUs :: integer()} | position.
 
 -type us() :: integer().
@@ -32,7 +34,7 @@
 
 -record(assumption, {
     drift_ppm :: non_neg_integer(),
-    %% in the order of their beginnings
+    %% ordered by their beginnings
     windows = #{} :: #{robot_id() | all => [{us(), us(), broken()}]}
 }).
 
@@ -40,7 +42,7 @@
 
 -define(MILLION, 1000000).
 
-%% @doc The assumption is kept outside these windows; clocks drift by at most so many millionths.
+%% @doc The assumption is kept outside these windows; clocks drift by at most `DriftPpm' millionths.
 -spec new([window()], DriftPpm :: non_neg_integer()) -> t().
 new(Windows, Ppm) ->
     Of = maps:groups_from_list(fun({Robot, _, _, _}) -> Robot end, fun untied/1, Windows),
@@ -48,11 +50,11 @@ new(Windows, Ppm) ->
 
 untied({_Robot, From, To, Broken}) -> {From, To, Broken}.
 
-%% @doc Is it kept by all robots at all times, as far as is known?
+%% @doc Do all robots keep it at all times, as far as is known?
 -spec is_kept(t()) -> boolean().
 is_kept(#assumption{windows = Windows}) -> map_size(Windows) =:= 0.
 
-%% @doc Is it kept by all robots between two times?
+%% @doc Do all robots keep it between two times?
 -spec is_kept(FromUs :: us(), UntilUs :: us(), t()) -> boolean().
 is_kept(From, Until, #assumption{windows = Windows}) ->
     lists:all(
@@ -60,8 +62,8 @@ is_kept(From, Until, #assumption{windows = Windows}) ->
         lists:append(maps:values(Windows))
     ).
 
-%% @doc When at the latest a robot's clock shows what it should show at `DueUs', reckoned from
-%% `FromUs' on: later by all that it loses meanwhile.
+%% @doc The latest time at which a robot's clock shows what it should show at `DueUs', counted from
+%% `FromUs' on: later by everything that the clock loses meanwhile.
 -spec clock_later(robot_id(), FromUs :: us(), DueUs :: us(), t()) -> us().
 clock_later(Robot, From, Due, Assumption) ->
     lists:foldl(
@@ -74,9 +76,9 @@ clock_later(Robot, From, Due, Assumption) ->
         Due, of_robot(Robot, Assumption)
     ).
 
-%% @doc When at the earliest a robot's clock may have shown what a right one would have shown at
-%% `SinceUs', or more, reckoned back from `UntilUs'. One that is set back shows some times twice, so
-%% the first of them may lie before the setting.
+%% @doc The earliest time at which a robot's clock may have shown what a right clock would have
+%% shown at `SinceUs', or more, counted back from `UntilUs'. A clock that is set back shows some
+%% times twice, so the first of them may lie before the setting.
 -spec clock_earlier(robot_id(), UntilUs :: us(), SinceUs :: us(), t()) -> us().
 clock_earlier(Robot, Until, Since, Assumption) ->
     Shows = fun(At) -> At + lost_us(Robot, At, Until, Assumption) end,
@@ -92,7 +94,7 @@ clock_earlier(Robot, Until, Since, Assumption) ->
         [First | _] -> earliest(First - max(0, Shows(First) - Since), Turns, Since, Shows)
     end.
 
-%% The clock goes evenly before the first turn, from one turn to the next, and after the last.
+%% The clock runs evenly before the first turn, between two turns, and after the last one.
 earliest(Before, [First | _], _Since, _Shows) when Before < First -> Before;
 earliest(_Before, Turns, Since, Shows) -> reached(Turns, Since, Shows).
 
@@ -104,8 +106,8 @@ reached([A, B | Turns], Since, Shows) ->
         _ -> reached([B | Turns], Since, Shows)
     end.
 
-%% @doc By how much a robot's clock has fallen back between two times: so much longer is
-%% whatever it measured.
+%% @doc The time that a robot's clock has lost between two moments: a duration that it measures is
+%% longer than measured by this time.
 -spec lost_us(robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> us().
 lost_us(Robot, From, Until, Assumption) ->
     longest(
@@ -116,7 +118,7 @@ lost_us(Robot, From, Until, Assumption) ->
         Assumption
     ).
 
-%% @doc By how much it has run ahead: so much shorter is whatever it measured.
+%% @doc The time that the clock has gained: a duration that it measures is shorter by this time.
 -spec gained_us(robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> us().
 gained_us(Robot, From, Until, Assumption) ->
     longest(
@@ -127,7 +129,7 @@ gained_us(Robot, From, Until, Assumption) ->
         Assumption
     ).
 
-%% The part of the window that lies between the two times.
+%% The part of the gain that falls between the two times.
 part(_Us, Begin, End, From, Until) when Begin > Until; End < From -> 0;
 part(Us, Moment, Moment, _From, _Until) -> Us;
 part(Us, Begin, End, From, Until) ->
@@ -138,13 +140,13 @@ up(Us, Parts) -> (Us + Parts - 1) div Parts.
 
 longest(Us, #assumption{drift_ppm = Ppm}) -> longest_us(Us, Ppm).
 
-%% @doc The time that passes at most while a clock that drifts by at most so many millionths shows
-%% so much.
+%% @doc The longest real time that passes while a clock, which drifts by at most `DriftPpm'
+%% millionths, advances by `Us'.
 -spec longest_us(Us :: us(), DriftPpm :: non_neg_integer()) -> us().
 longest_us(Us, Ppm) -> up(Us * ?MILLION, ?MILLION - Ppm).
 
-%% @doc When at the latest a robot handles what is due at `DueUs', if in order it does so within
-%% `LagUs'.
+%% @doc The latest time at which a robot handles an event that is due at `DueUs', where an unbroken
+%% robot handles it within `LagUs'.
 -spec handled(robot_id(), DueUs :: us(), LagUs :: us(), t()) -> us().
 handled(Robot, Due, Lag, Assumption) ->
     Windows = of_robot(Robot, Assumption),
@@ -159,7 +161,7 @@ handled(Robot, Due, Lag, Assumption) ->
         Due + lists:max([Lag | Slow]), Windows
     ).
 
-%% @doc May the robot have been told a wrong position between two times?
+%% @doc May the robot have received a wrong position between two times?
 -spec is_misplaced(robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> boolean().
 is_misplaced(Robot, From, Until, Assumption) ->
     [

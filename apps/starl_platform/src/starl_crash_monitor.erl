@@ -1,8 +1,9 @@
-%% @doc No machine crashes by itself: the contract that every machine of StarL keeps, whatever its
-%% input. What a fault kills does not count; it was not its doing.
+%% @doc The contract of every machine of StarL: no machine crashes by itself, on any input. A crash
+%% that a fault caused does not count.
 %%
 %% Events of machine `supervisor': {@link starl_event:supervisor()}. The crashes of machines that
-%% are `excused' (a user's application) are told in the results: how many there were, and the first.
+%% are `excused' (a user's application) are reported in the results: their number, and the first
+%% one.
 -module(starl_crash_monitor).
 -behaviour(starl_monitor).
 
@@ -10,7 +11,7 @@
 
 -export_type([excused/0]).
 
-%% A crash that is no violation: when (us), where, and why.
+%% A crash that is no violation: when (us), which robot and machine, and the cause.
 -type excused() :: {
     TimeUs :: integer(), starl:robot_id(), starl_machine:name(), starl_crash:cause()
 }.
@@ -26,7 +27,7 @@
 -spec init(#{excused => [starl_machine:name()]}) -> #state{}.
 init(Config) -> #state{excused = maps:get(excused, Config, [])}.
 
-%% @doc What a robot's supervisors see.
+%% @doc The events of a robot's supervisors.
 -spec interests() -> [supervisor].
 interests() -> [supervisor].
 
@@ -46,7 +47,7 @@ step(_, State) ->
 noted(Crash, #state{first = none} = State) -> State#state{first = Crash, count = 1};
 noted(_Crash, #state{count = Count} = State) -> State#state{count = Count + 1}.
 
-%% @doc The violation that a crash is: the contract is the machine's.
+%% @doc The violation for a crash: the contract is that of the machine.
 -spec violation(TimeUs :: integer(), starl:robot_id(), starl_machine:name(), starl_crash:cause()) ->
     starl_monitor:violation().
 violation(T, Robot, Machine, {Reason, Stack}) ->
@@ -59,7 +60,7 @@ violation(T, Robot, Machine, {Reason, Stack}) ->
         details => #{reason => Reason, stack => string:trim(Where)}
     }.
 
-%% @doc Nothing is left to be judged; what was excused is told.
+%% @doc Judges nothing at the end; reports the excused crashes.
 -spec finish(integer(), #state{}) ->
     {ok, #{
         crashes := non_neg_integer(),

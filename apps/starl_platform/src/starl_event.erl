@@ -1,15 +1,15 @@
-%% @doc What may be traced: the events of the platform itself, and the vocabulary that the trace of
-%% a run is held to.
+%% @doc The events that may be traced: those of the platform itself, and the vocabulary against
+%% which a run's trace is checked.
 %%
-%% Each machine exports the type `event()' of what it traces. The monitor of its contract names the
-%% same events in its `vocabulary/0' ({@link starl_monitor}): those that it judges, and those that
-%% it has no use for. An event that is in no vocabulary of its machine breaks the contract: else an
-%% event under another name, which no monitor waits for, would switch the contract off.
+%% Each machine exports the type `event()' of the events that it traces. The monitor of its contract
+%% lists the same events in its `vocabulary/0' ({@link starl_monitor}), those that it does not judge
+%% included. An event that is in no vocabulary of its machine breaks the contract: otherwise a
+%% renamed event, for which no monitor waits, would switch the contract off.
 %%
-%% The platform's events are known to every runner: those of `robot', `supervisor', `chassis' and
-%% `radio', those that the platform traces in the name of any machine, and of the services that
-%% trace nothing of their own. A machine that no monitor answers for, as the application of a user,
-%% may trace what it likes.
+%% Every runner knows the platform's events: those of `robot', `supervisor', `chassis' and `radio',
+%% those that the platform traces in the name of any machine, and those of the services that trace
+%% nothing of their own. A machine without a monitor, such as a user's application, may trace any
+%% event.
 -module(starl_event).
 
 -export([platform/0, known/1, is_known/3, tell/3, violation/1]).
@@ -17,31 +17,31 @@
 -export_type([robot/0, supervisor/0, chassis/0, radio/0, machine/0, app/0]).
 -export_type([name/0, vocabulary/0, known/0]).
 
-%% Machine `robot': all of its machines go `down' with it and start anew when it is `up'; it does
-%% not come back when it has `died'.
+%% Machine `robot': `down' and `up' apply to the robot with all of its machines, which start anew; a
+%% robot that has `died' does not come back.
 -type robot() :: down | up | {died, gave_up | killed}.
 
-%% Machine `supervisor': a machine has crashed by itself; it has crashed so often that it is not
-%% started any more.
+%% Machine `supervisor': a machine has crashed by itself; a machine has crashed too often and is not
+%% started again.
 -type supervisor() ::
     {crashed, starl_machine:name(), starl_crash:cause()}
     | {given_up, starl_machine:name()}.
 
-%% Machine `chassis': how the robot moves from now on (mm, radians, µs); what an actuator has been
-%% set to.
+%% Machine `chassis': the robot's motion from now on (mm, radians, µs); the new state of an
+%% actuator.
 -type chassis() ::
     {motion, starl_trajectory:piece()}
     %% a script of another chassis, which is not carried out
     | {not_understood, starl_chassis:commands()}
     | {actuated, Device :: atom(), Value :: term()}.
 
-%% Machine `radio': this packet of the sender, the N-th to that robot, does not arrive there; one
-%% to all in range is the N-th of those.
+%% Machine `radio': a packet of the sender is lost. `N' counts the packets to that robot, `{all, N}'
+%% the packets to all in range.
 -type radio() :: {lost, To :: starl:robot_id(), N :: pos_integer() | {all, pos_integer()}}.
 
-%% Any machine: it is gone, by its own fault or another; what it had stored cannot be read; an event
-%% that it does not know; a message whose body it does not accept; it was called or sent something,
-%% and the robot has no such machine.
+%% Any machine: it is gone, by its own fault or another; its stored term is unreadable; an event that
+%% it does not know; a message whose body it does not accept; the robot has no machine of this name,
+%% and another machine called it or sent it something.
 -type machine() ::
     crashed
     | store_damaged
@@ -49,9 +49,9 @@
     | {malformed, From :: starl:robot_id(), starl_packet:type(), Body :: term()}
     | {unknown_machine, starl_machine:name()}.
 
-%% Machine `app', beside what the application traces: it has read a message, with the hash of its
-%% body (`erlang:phash2/1'); it had no room for one; new code could not take its state over; it is
-%% done.
+%% Machine `app', beside the events that the application traces: it has read a message, with the
+%% hash of its body (`erlang:phash2/1'); it had no room for a message; new code could not take its
+%% state over; it is done.
 -type app() ::
     {read, From :: starl:robot_id(), starl_packet:type(), Hash :: non_neg_integer()}
     | {inbox_full, From :: starl:robot_id(), starl_packet:type()}
@@ -65,8 +65,8 @@
 %% All events of some machines.
 -type vocabulary() :: #{starl_machine:name() => [name()]}.
 
-%% The vocabularies that a trace is held to, with the sizes of events as tuples, 0 of an atom. Of
-%% other machines nothing is known.
+%% The vocabularies by machine, with the sizes of events as tuples, 0 for an atom. Events of other
+%% machines are not checked.
 -opaque known() :: #{starl_machine:name() => #{Tag :: term() => [TupleSize :: non_neg_integer()]}}.
 
 -define(EVERY_MACHINE, [
@@ -74,7 +74,7 @@
 ]).
 -define(EVERY_APP, [{read, 3}, {inbox_full, 2}, {code_change_failed, 1}, {done, 1}]).
 
-%% @doc What every runner knows.
+%% @doc The vocabulary that every runner knows.
 -spec platform() -> vocabulary().
 platform() ->
     #{
@@ -93,7 +93,7 @@ known(Vocabularies) ->
     Whole = [maps:map(fun whole/2, Vocabulary) || Vocabulary <- Vocabularies],
     lists:foldl(fun add/2, #{}, lists:append([maps:to_list(V) || V <- [platform() | Whole]])).
 
-%% What the platform traces in a machine's name is added to the machine's own.
+%% The events that the platform traces in a machine's name are added to the machine's own.
 whole(app, Names) -> ?EVERY_APP ++ ?EVERY_MACHINE ++ Names;
 whole(_Machine, Names) -> ?EVERY_MACHINE ++ Names.
 
@@ -130,7 +130,7 @@ has(Size, [Size | _]) -> true;
 has(Size, [_ | Sizes]) -> has(Size, Sizes);
 has(_Size, []) -> false.
 
-%% @doc The event is known from now on: a violation is told once.
+%% @doc Makes the event known from now on, so that its violation is reported once.
 -spec tell(starl_machine:name(), Event :: term(), known()) -> known().
 tell(Machine, Event, Known) ->
     #{Machine := Names} = Known,
@@ -141,7 +141,7 @@ tell(Event, Names) when tuple_size(Event) > 0 ->
 tell(Event, Names) ->
     add_size(Event, 0, Names).
 
-%% @doc The violation that an unknown event is: the contract is the machine's.
+%% @doc The violation for an unknown event: the contract is that of the machine.
 -spec violation(starl_monitor:trace_event()) -> starl_monitor:violation().
 violation({T, Robot, Machine, Event}) ->
     #{

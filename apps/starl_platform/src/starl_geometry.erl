@@ -87,26 +87,26 @@ segment_segment2({A, B} = S, {C, D} = T) ->
                 min(point_segment2(C, S), point_segment2(D, S)))
     end.
 
-%% @doc Are two segments less than `Mm' apart? Quick when they are far from each other, or when an
-%% end of one is near to the other.
+%% @doc Are two segments less than `Mm' apart? Fast when they are far from each other, or when an
+%% end of one is near the other.
 -spec closer(segment(), segment(), Mm :: float()) -> boolean().
 closer({{AX, AY} = A, {BX, BY} = B} = S, {{CX, CY} = C, {DX, DY} = D} = T, Mm) ->
-    %% The boxes are compared first: nearly every pair is far apart.
+    %% The boxes are compared first: nearly all pairs are far apart.
     not (beyond(CX, DX, AX, BX, Mm)
          orelse beyond(AX, BX, CX, DX, Mm)
          orelse beyond(CY, DY, AY, BY, Mm)
          orelse beyond(AY, BY, CY, DY, Mm))
         andalso ends_closer(A, B, T, C, D, S, Mm * Mm).
 
-%% @doc Are two segments less than the root of `Mm2' apart? Quicker than {@link closer/3} when their
+%% @doc Are two segments less than the root of `Mm2' apart? Faster than {@link closer/3} when their
 %% boxes are known to be near each other.
 -spec closer2(segment(), segment(), Mm2 :: float()) -> boolean().
 closer2({A, B} = S, {C, D} = T, Mm2) -> ends_closer(A, B, T, C, D, S, Mm2).
 
-%% @doc Where and how two segments meet, decided without tolerance.
+%% @doc How two segments meet, and where, decided without tolerance.
 -spec intersection(segment(), segment()) -> intersection().
 intersection({A, B}, {C, D} = T) when A == B ->
-    %% For `==' 0.0 and -0.0 are one point; for `=:=' and for patterns up to OTP 26 only.
+    %% 0.0 and -0.0 are one point for `==', but for `=:=' and for patterns only up to OTP 26.
     touch_if(point_segment2(A, T) == 0.0 orelse A == C orelse A == D, A);
 intersection(S, {C, D} = T) when C == D ->
     intersection(T, S);
@@ -192,8 +192,8 @@ inside({X, Y}, {X0, Y0, X1, Y1}) ->
 
 %%% Internals
 
-%% Of floats that are known to be floats the compiler makes no heap terms, so what is asked most
-%% asks first whether they are. All are, but for whole numbers that were written by hand.
+%% The compiler keeps values that are known to be floats off the heap, so the functions that are
+%% called most check for floats first. All values are floats except whole numbers written by hand.
 floats({X, Y}) -> {float(X), float(Y)}.
 
 %% Segments that cross far from their ends are rare.
@@ -202,8 +202,8 @@ ends_closer(A, B, T, C, D, S, Mm2) ->
         orelse point_segment2(B, T) < Mm2 orelse point_segment2(D, S) < Mm2
         orelse (Mm2 > 0.0 andalso crosses(A, B, C, D)).
 
-%% Are both of the first two so much more than both of the others? Mostly the first comparison
-%% tells.
+%% Are both of the first two larger than both of the others by this margin? Usually the first
+%% comparison decides.
 beyond(A, B, C, D, Mm) when is_float(A), is_float(B), is_float(C), is_float(D) ->
     A - C >= Mm andalso A - D >= Mm andalso B - C >= Mm andalso B - D >= Mm;
 beyond(A, B, C, D, Mm) ->
@@ -223,7 +223,7 @@ side({AX, AY}, {BX, BY}, {CX, CY}) when
 side(A, B, C) ->
     side(floats(A), floats(B), floats(C)).
 
-%% Collinear and zero-length pairs answer false: the distances of the ends then decide.
+%% False for collinear pairs and pairs of length zero: the distances of the ends then decide.
 crosses(A, B, C, D) ->
     O1 = side(A, B, C),
     O2 = side(A, B, D),
@@ -236,8 +236,8 @@ crosses(A, B, C, D) ->
             O3 * O4 =< 0.0 andalso not (O3 == 0.0 andalso O4 == 0.0) andalso meet(A, B, C, D)
     end.
 
-%% Of segments on nearly one line rounding decides on which side an end is, so that they may seem
-%% to cross far from each other. Only what has a common box can.
+%% On segments that lie nearly on one line, rounding decides on which side an end lies, so they may
+%% seem to cross where they are far apart. Only segments whose boxes overlap can cross.
 meet(A, B, C, D) -> overlap(box([A, B]), box([C, D])).
 
 touch_if(true, P) -> {touch, P};

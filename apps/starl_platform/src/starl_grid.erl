@@ -1,4 +1,4 @@
-%% @doc A spatial index: keys with a place on the floor, found again by where they are.
+%% @doc A spatial index: stores keys with a place on the floor and finds them by their place.
 %%
 %% The plane is cut into square cells; a key is listed in every cell that its segment passes
 %% through or its box covers. A query answers with candidates, every key whose shape is within the
@@ -11,8 +11,8 @@
 
 -type shape() :: starl_geometry:segment() | starl_geometry:box().
 -type cell() :: integer().
-%% Column and row in one number, which is found faster than a pair. Should two cells ever have the
-%% same, both only hold more candidates.
+%% Column and row in one number, which is found faster than a pair. If two cells ever have the same
+%% number, both hold more candidates, and answers stay correct.
 
 -record(grid, {
     size :: float(),
@@ -26,7 +26,7 @@
 -spec new(CellMm :: float()) -> t(any()).
 new(CellMm) when CellMm > 0 -> #grid{size = float(CellMm)}.
 
-%% @doc Enter a key. A key may be entered with several shapes.
+%% @doc Enters a key. A key may be entered with several shapes.
 -spec add(Key, shape(), t(Key)) -> t(Key).
 add(Key, Shape, #grid{size = Size, cells = Cells} = Grid) ->
     Enter = fun(Cell, Acc) ->
@@ -37,7 +37,7 @@ add(Key, Shape, #grid{size = Size, cells = Cells} = Grid) ->
     end,
     Grid#grid{cells = lists:foldl(Enter, Cells, covered(Shape, 0.0, Size))}.
 
-%% @doc Take out a key that was entered with this shape. Unknown keys change nothing.
+%% @doc Removes a key that was entered with this shape. Unknown keys change nothing.
 -spec remove(Key, shape(), t(Key)) -> t(Key).
 remove(Key, Shape, #grid{size = Size, cells = Cells} = Grid) ->
     Leave = fun(Cell, Acc) ->

@@ -1,17 +1,17 @@
 %% @doc Contracts as monitors over trace events, and the runner that feeds them.
 %%
 %% A monitor is a pure callback module that reads the events of a run one by one and says when
-%% the contract it stands for is broken. The same monitor judges simulation runs, property
+%% its contract is broken. The same monitor judges simulation runs, property
 %% tests, explored interleavings and recordings of real robots.
 %%
-%% Events reach a monitor in the order of their time (never decreasing); time passes for it
-%% with the events it is interested in and at the finish. A violation does not end the
+%% Events reach a monitor in the order of their time (never decreasing); for a monitor, time passes
+%% only with the events that it wants and at the finish. A violation does not end the
 %% monitoring: a caller may stop at the first one or go on and collect them all.
 %%
-%% The runner dispatches by the name of the machine. Before that it holds every event against the
-%% vocabulary of its machine ({@link starl_event}): one that is not in it is a violation,
-%% `unknown_event', told once for each machine and event of that name. So no monitor need look for
-%% events that it does not know, and none swallows them.
+%% The runner dispatches by the name of the machine. First it checks every event against the
+%% vocabulary of its machine ({@link starl_event}): an event that is not in it is the violation
+%% `unknown_event', reported once for each machine and event name. So no monitor has to look for
+%% unknown events, and none swallows them.
 -module(starl_monitor).
 
 -export([new/1, step/2, finish/2, known/1, informed/2, name/1, format_violation/1, shape/1]).
@@ -19,10 +19,10 @@
 
 %% A robot's number.
 -type robot_id() :: pos_integer().
-%% What a machine of a robot did, and when (us).
+%% A trace event: time (us), robot, machine, and what the machine did.
 -type trace_event() ::
     {TimeUs :: integer(), Robot :: robot_id(), Machine :: atom(), Event :: term()}.
-%% How a contract was broken: by what, when (us), and which robots take part.
+%% A broken contract: what happened, when (us), and which robots take part.
 -type violation() :: #{
     contract := atom(),
     what := atom(),
@@ -32,7 +32,7 @@
 }.
 %% The state of a monitor, private to its module.
 -type state() :: term().
-%% What is left of a violation when its numbers are taken away.
+%% A violation without its numbers ({@link shape/1}).
 -opaque shape() ::
     {atom(), atom(), none | one | two | many, Details :: [term()], Order :: [term()]}.
 %% Figures that a monitor measured, for the report.
@@ -61,15 +61,15 @@
 %% The machines whose contract the monitor stands for, with all the events that they trace of their
 %% own, those too that it does not judge; without this callback, none.
 -callback vocabulary() -> starl_event:vocabulary().
-%% What decides on the violations to come while no time passes: two states that are alike in this
-%% judge alike. For the exhaustive checker; figures and times are left out.
+%% The part of the state that decides on later violations while no time passes: two states that are
+%% equal in it judge alike. For the exhaustive checker; figures and times are left out.
 -callback timeless(state()) -> term().
 -optional_callbacks([interests/0, interests/1, context/2, vocabulary/0, timeless/1]).
 
 -record(runner, {
     monitors :: [monitor()],
     known :: starl_event:known(),
-    %% Violations not returned yet, latest first, and how many more would still be kept.
+    %% Violations not returned yet, latest first, and room for further ones.
     violations = [] :: [violation()],
     room :: non_neg_integer()
 }).
@@ -93,7 +93,7 @@ new(Monitors) ->
         room = ?KEPT
     }.
 
-%% @doc What the trace may hold when these monitors judge it.
+%% @doc The events that the trace may hold when these monitors judge it.
 -spec known([module()]) -> starl_event:known().
 known(Modules) -> starl_event:known([optional(Module, vocabulary, #{}) || Module <- Modules]).
 
@@ -148,10 +148,10 @@ format_violation(Violation) ->
         Contract, At / 1.0e6, format_robots(Robots), words(What), format_details(Details)
     ]).
 
-%% @doc Which contract is broken, how, and how the details are built: with whatever number of robots
-%% beyond two, whatever numbers. What is kept of the numbers is which of two details is larger: a
-%% round that comes again is not one that was left out. Two violations of different shapes have
-%% different causes, as a rule.
+%% @doc The shape of a violation: which contract is broken, how, and the structure of its details.
+%% Numbers are left out, and robots beyond two count as many. Of the numbers in the details only
+%% their order is kept: a round that comes again is not a round that was left out. Violations of
+%% different shapes usually have different causes.
 -spec shape(violation()) -> shape().
 shape(#{contract := Contract, what := What, robots := Robots, details := Details}) ->
     {Contract, What, how_many(Robots), outline(Details), order(Details)}.
@@ -171,7 +171,7 @@ outline(Number) when is_number(Number) -> number;
 outline(Bits) when is_bitstring(Bits) -> bits;
 outline(Other) -> Other.
 
-%% Of alike parts of a list one; the end may be improper.
+%% Equal parts of a list are kept once; the list may be improper.
 outlines([Head | Tail], Known) -> outlines(Tail, [outline(Head) | Known]);
 outlines([], Known) -> lists:usort(Known);
 outlines(Tail, Known) -> [outline(Tail) | lists:usort(Known)].
@@ -198,7 +198,7 @@ optional(Module, Callback, Default) ->
         false -> Default
     end.
 
-%% The events that their machines do not trace, and what is known when they have been told.
+%% The events that are in no vocabulary, and the vocabularies once these have been reported.
 unknown([], _Place, Known, Found) ->
     {Found, Known};
 unknown([{_, _, Machine, Event} = Traced | Events], Place, Known, Found) ->
@@ -236,13 +236,13 @@ feed([Event | Events], Place, Step, Interests, State, Found) ->
             end
     end.
 
-%% For a name or two this takes a fraction of what lists:member/2 takes to be called.
+%% For one or two names this costs a fraction of a call of lists:member/2.
 is_wanted(_Machine, all) -> true;
 is_wanted(Machine, [Machine | _]) -> true;
 is_wanted(Machine, [_ | Others]) -> is_wanted(Machine, Others);
 is_wanted(_Machine, []) -> false.
 
-%% By the events that gave rise to them; what is unknown first, then by monitor.
+%% Ordered by event; for one event the unknown event comes first, then the order of the monitors.
 in_order(Found) -> [Violation || {_Place, Violation} <- lists:keysort(1, lists:reverse(Found))].
 
 answer([], Runner) ->

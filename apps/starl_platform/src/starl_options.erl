@@ -1,12 +1,12 @@
 %% @doc Configuration as data: tables of key, type, default and documentation, and the check of
-%% given values against them. All problems are reported together; unknown keys are problems.
+%% given values against them. All problems are reported together; an unknown key is a problem.
 -module(starl_options).
 
 -export([check/2, parse/2, format_problem/1, type_text/1, suggestion/2]).
 
 -export_type([option/0, type/0, problem/0]).
 
-%% What a value may be. Bounds are inclusive. `{between, T}' is two values {Low, High} of T.
+%% The type of a value. Bounds are inclusive. `{between, T}' is two values {Low, High} of T.
 -type type() ::
     {integer, Min :: integer(), Max :: integer()}
     | {number, Min :: number(), Max :: number()}
@@ -23,7 +23,7 @@
 -type problem() ::
     {unknown_key, Key :: term(), Near :: [atom()]} | {bad_value, atom(), Value :: term(), type()}.
 
-%% @doc Checks given values; gives them completed with the defaults.
+%% @doc Checks given values; returns them completed with the defaults.
 -spec check(#{atom() => term()}, [option()]) -> {ok, #{atom() => term()}} | {error, [problem()]}.
 check(Given, Options) ->
     Keys = [Key || {Key, _, _, _} <- Options],
@@ -81,7 +81,7 @@ parse({term, _, _} = Type, Text) ->
             error
     end.
 
-%% @doc One line that says what is wrong.
+%% @doc One line that describes a problem.
 -spec format_problem(problem()) -> unicode:chardata().
 format_problem({unknown_key, Key, []}) ->
     io_lib:format("unknown key ~tp", [Key]);
@@ -102,7 +102,7 @@ type_text(string) -> "a text";
 type_text(boolean) -> "true or false";
 type_text({term, Shape, _}) -> Shape.
 
-%% @doc The keys that a mistyped one may have meant, best first.
+%% @doc The known keys that resemble a mistyped one, best first.
 -spec suggestion(term(), [atom()]) -> [atom()].
 suggestion(Key, Keys) when is_atom(Key) ->
     Text = atom_to_list(Key),
@@ -113,7 +113,7 @@ suggestion(_, _) ->
 
 %% -- internals ------------------------------------------------------------------------------
 
-%% One value stands for two that are the same.
+%% A single value stands for a pair of equal values.
 whole(Key, Value, Options) ->
     case lists:keyfind(Key, 1, Options) of
         {_, {between, _}, _, _} when not is_tuple(Value) -> {Value, Value};
@@ -153,7 +153,7 @@ number(Text) ->
         _ -> whole_or_fraction(Text)
     end.
 
-%% "3" and ".5" are numbers, too.
+%% "3" and ".5" are numbers too.
 whole_or_fraction([$. | _] = Text) -> number("0" ++ Text);
 whole_or_fraction(Text) -> whole(Text).
 
@@ -173,8 +173,8 @@ pair(_, _, _) ->
 text(X) when is_integer(X) -> integer_to_list(X);
 text(X) -> lists:flatten(io_lib:format("~p", [X])).
 
-%% How many letters must be put in, taken out or changed to make the one text from the other
-%% (Levenshtein), row by row.
+%% The edit distance of two texts (Levenshtein): the number of letters to insert, delete or change,
+%% computed row by row.
 edits(A, B) ->
     First = lists:seq(0, length(B)),
     lists:last(lists:foldl(fun(Letter, Row) -> edit_row(Letter, B, Row) end, First, A)).

@@ -1,7 +1,7 @@
-%% @doc Messages to look at when their time has passed, first in first out. Pure; a part of
-%% {@link starl_sap_monitor}.
+%% @doc A first-in-first-out queue of messages, each to be checked after its due time. Pure; a part
+%% of {@link starl_sap_monitor}.
 %%
-%% Most messages are closed long before their time: their entries are thrown out when they
+%% Most messages are closed long before they are due: their entries are thrown out when they
 %% outnumber the others.
 -module(starl_sap_alarms).
 
@@ -20,7 +20,8 @@
 -spec new() -> t().
 new() -> {[], [], 0}.
 
-%% @doc An alarm that is due no earlier than those before; the sources know what is outstanding.
+%% @doc Adds an alarm that is due no earlier than those before; the sources know which messages are
+%% outstanding.
 -spec push(DueUs :: integer(), starl_sap_sources:id(), starl_sap_sources:t(), t()) -> t().
 push(Due, Id, Sources, {_, _, Count} = Alarms) ->
     {Front, Back, N} =

@@ -1,5 +1,5 @@
-%% @doc A message as the monitor of the SAP knows it: what was sent, and how far it has come at
-%% each of its destinations. Pure; a part of {@link starl_sap_monitor}.
+%% @doc A message in the monitor of the SAP: its type and content, and its progress at each
+%% destination. Pure; a part of {@link starl_sap_monitor}.
 -module(starl_sap_message).
 
 -export([new/4, compare/3, progress/2, put_progress/3, phase/1, give_up/1, open/1, lost/1]).
@@ -13,10 +13,10 @@
 %% A call of a message to one robot or to all.
 -type how() :: one | all.
 
-%% What a caller is to be told.
+%% The answer that a caller must get.
 -type answer() :: ok | {error, lost | restarted | {lost, [starl_monitor:robot_id(), ...]}}.
 
-%% A call that is not answered yet, and where its message was lost, and why.
+%% An open call, with the destinations at which its message was lost, and why.
 -type call() :: none | {how(), [{starl_monitor:robot_id(), lost | restarted}]}.
 
 -opaque t() :: {
@@ -32,14 +32,14 @@
     t().
 new(Type, Hash, T, Dests) -> {Type, Hash, T, [{Dest, waiting} || Dest <- Dests], none}.
 
-%% @doc Is that what was sent?
+%% @doc Are these the type and the content that were sent?
 -spec compare(Type :: term(), Hash :: integer(), t()) ->
     ok | corrupted | {wrong_type, Sent :: term()}.
 compare(Type, Hash, {Type, Hash, _, _, _}) -> ok;
 compare(Type, _Hash, {Type, _Other, _, _, _}) -> corrupted;
 compare(_Type, _Hash, {Sent, _, _, _, _}) -> {wrong_type, Sent}.
 
-%% @doc What is known about a robot; a stranger is none of its destinations.
+%% @doc The progress at a robot; `stranger': the robot is none of the destinations.
 -spec progress(starl_monitor:robot_id(), t()) -> progress() | stranger.
 progress(Robot, {_, _, _, Dests, _}) ->
     case lists:keyfind(Robot, 1, Dests) of
@@ -47,13 +47,13 @@ progress(Robot, {_, _, _, Dests, _}) ->
         false -> stranger
     end.
 
-%% @doc More is known about a destination.
+%% @doc Sets the progress at a destination.
 -spec put_progress(starl_monitor:robot_id(), progress(), t()) -> t().
 put_progress(Dest, Progress, {Type, Hash, SentUs, Dests, Call}) ->
     {Type, Hash, SentUs, lists:keyreplace(Dest, 1, Dests, {Dest, Progress}), Call}.
 
-%% @doc Is an outcome or an answer open, or may something lost still be delivered, or can nothing
-%% more come?
+%% @doc `open': an outcome or the answer is still to come; `lost': only a lost message may still be
+%% delivered; `done': nothing more can come.
 -spec phase(t()) -> open | lost | done.
 phase({_, _, _, Dests, none}) -> phase(Dests, done);
 phase({_, _, _, _, _Called}) -> open.
@@ -63,7 +63,7 @@ phase([{_, done} | Dests], Phase) -> phase(Dests, Phase);
 phase([{_, lost} | Dests], _Phase) -> phase(Dests, lost);
 phase([_Open | _Dests], _Phase) -> open.
 
-%% @doc The outcomes that are open will never be told, nor the answer.
+%% @doc Gives up the open outcomes and the answer: they will never be reported.
 -spec give_up(t()) -> t().
 give_up({Type, Hash, SentUs, Dests, _Call}) ->
     {Type, Hash, SentUs, [{Dest, given_up(Progress)} || {Dest, Progress} <- Dests], none}.
@@ -76,7 +76,7 @@ given_up(Known) -> Known.
 -spec open(t()) -> [starl_monitor:robot_id()].
 open({_, _, _, Dests, _}) -> [Dest || {Dest, P} <- Dests, P =:= waiting orelse P =:= delivered].
 
-%% @doc The destinations where it was reported lost and not delivered so far.
+%% @doc The destinations where it was reported lost and has not been delivered so far.
 -spec lost(t()) -> [starl_monitor:robot_id()].
 lost({_, _, _, Dests, _}) -> [Dest || {Dest, lost} <- Dests].
 
@@ -84,14 +84,14 @@ lost({_, _, _, Dests, _}) -> [Dest || {Dest, lost} <- Dests].
 -spec called(how(), t()) -> t().
 called(How, {Type, Hash, SentUs, Dests, none}) -> {Type, Hash, SentUs, Dests, {How, []}}.
 
-%% @doc The message was lost at this destination; a caller has to hear of it.
+%% @doc The message was lost at this destination; a caller must learn of it.
 -spec failed(starl_monitor:robot_id(), lost | restarted, t()) -> t().
 failed(_Dest, _Why, {_, _, _, _, none} = Message) ->
     Message;
 failed(Dest, Why, {Type, Hash, SentUs, Dests, {How, Failed}}) ->
     {Type, Hash, SentUs, Dests, {How, [{Dest, Why} | Failed]}}.
 
-%% @doc What the caller is to be told: nobody has called, or not all outcomes are known yet.
+%% @doc The answer that the caller must get, unless nobody has called or an outcome is still open.
 -spec due(t()) -> {answer, answer()} | not_called | too_early.
 due({_, _, _, _, none}) ->
     not_called;
@@ -105,6 +105,6 @@ answer(_How, []) -> ok;
 answer(one, [{_, Why}]) -> {error, Why};
 answer(_All, Failed) -> {error, {lost, [Dest || {Dest, _} <- Failed]}}.
 
-%% @doc The caller has been told.
+%% @doc The caller has its answer.
 -spec answered(t()) -> t().
 answered({Type, Hash, SentUs, Dests, _Call}) -> {Type, Hash, SentUs, Dests, none}.

@@ -1,29 +1,29 @@
 %% @doc The contract of the SAP, the reliable message service, as a monitor.
 %%
-%% Safety: a message is delivered at most once per receiver, whatever restarts; only if it was
-%% sent, to an addressee, with the type and content it was sent with; it is reported
-%% acknowledged only if it was delivered to that destination; each destination gets one outcome,
+%% Safety: a message is delivered at most once per receiver, over all restarts; only if it was
+%% sent, to an addressee, with the type and content with which it was sent. A message is reported
+%% acknowledged only if it was delivered to that destination. Each destination gets one outcome,
 %% within `bound_us' of sending. A message reported lost may still have been delivered, or be
-%% delivered later. When the sender's SAP restarts or its robot dies, the outcomes that were
-%% open are not expected any more; deliveries of those messages are still judged.
+%% delivered later. When the sender's SAP restarts or its robot dies, the open outcomes are
+%% not expected any more; deliveries of those messages are still judged.
 %%
-%% Answers: what a caller is told is what has become of its message at all its destinations, and it
-%% is told within `bound_us' too: `ok' where all have acknowledged, else where it was lost.
+%% Answers: a caller is told the outcome of its message at all destinations, also within
+%% `bound_us': `ok' if all have acknowledged, else the destinations at which it was lost.
 %%
 %% The application: it reads the messages of each type in the order in which they were delivered,
-%% leaves none out, and has never more of them unread than there is room for. A type has one
+%% leaves none out, and never has more unread messages than it has room for. A type has one
 %% listener.
 %%
 %% Events: of machine `sap', {@link starl_sap:event()} (a recording may give an outcome as `{lost,
 %% Reason}', too); of machine `app', `read' and `crashed'; of machine `robot', `died' and `down'
 %% (until it starts anew).
 %%
-%% Memory: one entry per message that is outstanding. An undelivered message whose outcomes are
-%% all known is outstanding for `late_us' more; then only its sequence number is kept, in
-%% interval sets per (receiver, source, incarnation), and a delivery after that is accepted
-%% without a look at its content. Delivered messages leave nothing but an interval of sent
-%% sequence numbers per incarnation; a delivery of one of those counts as a duplicate, also
-%% where the receiver was no addressee.
+%% Memory: one entry per outstanding message. An undelivered message whose outcomes are
+%% all known stays outstanding for another `late_us'; then only its sequence number is kept, in
+%% interval sets per (receiver, source, incarnation), and a later delivery is accepted
+%% without a check of its content. Delivered messages leave nothing but an interval of sent
+%% sequence numbers per incarnation; a second delivery of one of those counts as a duplicate, even
+%% if the receiver was no addressee.
 -module(starl_sap_monitor).
 -behaviour(starl_monitor).
 
@@ -35,9 +35,9 @@
     %% The next time at which the head of an alarm queue is due.
     due = infinity :: integer() | infinity,
     sources = starl_sap_sources:new() :: starl_sap_sources:t(),
-    %% The incarnation that each source runs, as far as it said so.
+    %% The incarnation that each source has announced.
     running = #{} :: #{starl_monitor:robot_id() => term()},
-    %% The numbers of messages that were lost and not delivered, and then forgotten.
+    %% The numbers of messages that were lost, not delivered, and then forgotten.
     forgotten = #{} :: #{
         {Receiver :: starl_monitor:robot_id(), starl_monitor:robot_id(), Incarnation :: term()} =>
             starl_sap_numbers:t()
@@ -51,12 +51,12 @@
 }).
 
 -define(LATE_US, 60_000_000).
-%% What an application and its SAP keep for it, at most.
+%% The largest number of unread messages that an application and its SAP keep.
 -define(ROOM, 1256).
 
 %% @doc `bound_us': the longest time from sending to the last outcome; `late_us' (default one
-%% minute): how long the content of a lost message is remembered; `robots': the team; `room': how
-%% many messages an application may have unread.
+%% minute): how long the content of a lost message is remembered; `robots': the team; `room': the
+%% largest number of unread messages of an application.
 -spec init(#{
     bound_us := pos_integer(),
     late_us => non_neg_integer(),
@@ -91,7 +91,7 @@ vocabulary() ->
         ]
     }.
 
-%% @doc The messages outstanding, and the numbers of all others.
+%% @doc The outstanding messages, and the numbers of all others.
 -spec timeless(#state{}) -> term().
 timeless(#state{sources = Sources, running = Running} = State) ->
     {Sources, Running, State#state.forgotten, State#state.unread}.
@@ -127,7 +127,7 @@ finish(EndTimeUs, State) ->
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.
 
-%% One event gives one violation: what was overdue came first.
+%% One event gives one violation: an overdue message comes first.
 first(Violation, {ok, State}) -> {violation, Violation, State};
 first(Violation, {violation, _Second, State}) -> {violation, Violation, State}.
 
@@ -257,7 +257,7 @@ outcome(T, {Source, _, _} = Id, _Message, stranger, Dest, _Kind, State) ->
 outcome(T, {Source, _, _} = Id, _Message, _Known, Dest, _Kind, State) ->
     stray(outcome_reported_twice, T, Id, [Source, Dest], State).
 
-%% Only what a caller has to hear of is noted.
+%% Only failures that a caller must learn of are noted.
 failed(_Id, _Dest, acknowledged, State) ->
     State;
 failed(Id, Dest, Outcome, #state{sources = Sources} = State) ->
@@ -312,7 +312,7 @@ called(T, Robot, {Source, _, _} = Id, How, #state{sources = Sources} = State) ->
             stray(called_but_not_sent, T, Id, [Robot], State)
     end.
 
-%% Nothing was sent, as too much is under way or nobody else is there.
+%% Nothing was sent: too much is under way, or the team has no other robot.
 answered(_T, _Robot, none, {error, overload}, State) ->
     {ok, State};
 answered(_T, _Robot, none, ok, #state{is_alone = true} = State) ->
@@ -337,7 +337,7 @@ answered(T, Robot, Id, Answer, Message, State) ->
 
 %%% The application
 
-%% What is delivered to the application it has to read. Nothing is asked of a machine.
+%% The application must read what is delivered to it. A machine need not.
 handed_on(T, Robot, {Source, _, _}, {app, _} = Type, Hash, {ok, State}) ->
     Unread = starl_sap_unread:delivered(Type, Source, Hash, unread(Robot, State)),
     Handed = put_unread(Robot, Unread, State),
@@ -372,7 +372,7 @@ put_unread(Robot, Left, #state{unread = Unread} = State) ->
 progress(T, Id, Message, Dest, Progress, State) ->
     settle(T, Id, starl_sap_message:put_progress(Dest, Progress, Message), State).
 
-%% Keeps a message for as long as something may still be said about it.
+%% Keeps a message until nothing more can happen to it.
 settle(T, Id, Message, #state{sources = Sources} = State) ->
     case starl_sap_message:phase(Message) of
         done -> State#state{sources = starl_sap_sources:close(Id, Sources)};
@@ -387,7 +387,7 @@ remember(T, Id, #state{late_us = Late, sources = Sources} = State) ->
         due = min(Due, State#state.due)
     }.
 
-%% The robot's SAP is gone: whatever it had not reported stays open for ever.
+%% The robot's SAP is gone: outcomes that it has not reported stay open for ever.
 abandon(T, Robot, Incarnation, #state{sources = Sources} = State) ->
     Gone = [
         Id
@@ -405,7 +405,7 @@ give_up(T, Id, #state{sources = Sources} = State) ->
 
 %%% Time
 
-%% Raises every alarm that is due before `T' (an alarm at exactly `T' is still in time).
+%% Raises every alarm that is due before `T' (an alarm due exactly at `T' is still in time).
 pass(T, State) ->
     {Overdue, Current} = pass_overdue(T, State, []),
     Forgetful = pass_stale(T, Current),

@@ -1,5 +1,5 @@
-%% @doc A set of sequence numbers, as disjoint intervals: numbers that come nearly in order cost
-%% next to nothing. Pure; a part of {@link starl_sap_peers} and of {@link starl_sap_monitor}.
+%% @doc A set of sequence numbers, kept as disjoint intervals: numbers that arrive nearly in order
+%% take almost no memory. Pure; a part of {@link starl_sap_peers} and of {@link starl_sap_monitor}.
 -module(starl_sap_numbers).
 
 -export([new/0, add/2, remove/2, is_member/2, is_empty/1, rise/2]).
@@ -9,11 +9,11 @@
 %% Closed intervals, highest first.
 -opaque t() :: [{Low :: integer(), High :: integer()}].
 
-%% @doc No numbers.
+%% @doc The empty set.
 -spec new() -> t().
 new() -> [].
 
-%% @doc One number more, unless it is there already.
+%% @doc Adds a number, unless it is in the set already.
 -spec add(integer(), t()) -> t() | member.
 add(N, []) -> [{N, N}];
 add(N, [{Low, High} | Rest]) when N =:= High + 1 -> [{Low, N} | Rest];
@@ -25,7 +25,7 @@ add(N, [Interval | Rest]) ->
         More -> join(Interval, More)
     end.
 
-%% @doc One number less, if it is there.
+%% @doc Removes a number, if it is in the set.
 -spec remove(integer(), t()) -> t() | absent.
 remove(_N, []) -> absent;
 remove(N, [{_, High} | _]) when N > High -> absent;
@@ -37,18 +37,18 @@ remove(N, [Interval | Rest]) ->
         Left -> [Interval | Left]
     end.
 
-%% @doc Is the number there?
+%% @doc Is the number in the set?
 -spec is_member(integer(), t()) -> boolean().
 is_member(_N, []) -> false;
 is_member(N, [{_, High} | _]) when N > High -> false;
 is_member(N, [{Low, _} | _]) when N >= Low -> true;
 is_member(N, [_ | Rest]) -> is_member(N, Rest).
 
-%% @doc Are there none?
+%% @doc Is the set empty?
 -spec is_empty(t()) -> boolean().
 is_empty(Set) -> Set =:= [].
 
-%% @doc The lowest number from a floor on that is not in the set, and those above it.
+%% @doc The lowest number from a floor on that is not in the set, and the numbers above it.
 -spec rise(Floor :: integer(), t()) -> {Floor :: integer(), t()}.
 rise(Floor, []) -> {Floor, []};
 rise(Floor, [{_, High} | _]) when High < Floor -> {Floor, []};

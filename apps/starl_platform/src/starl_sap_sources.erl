@@ -1,8 +1,8 @@
-%% @doc What each source has sent, in each of its incarnations: the numbers of all messages, and
-%% the messages that are outstanding. Pure; a part of {@link starl_sap_monitor}.
+%% @doc The messages that each source has sent, in each of its incarnations: the numbers of all of
+%% them, and the outstanding ones in full. Pure; a part of {@link starl_sap_monitor}.
 %%
-%% By source first, and by number within: adding to and taking from a small map costs a fraction
-%% of what it costs with a large one.
+%% The map is keyed by source first and by number within: an update of a small map costs a fraction
+%% of an update of a large one.
 -module(starl_sap_sources).
 
 -export([new/0, add/3, find/2, put/3, close/2, was_sent/2, outstanding/1, outstanding/2]).
@@ -16,14 +16,14 @@
 }.
 -type message() :: starl_sap_message:t().
 
-%% Of each source its lives, the latest first.
+%% The lives of each source, latest first.
 -opaque t() :: {Outstanding :: non_neg_integer(), #{starl_monitor:robot_id() => [life(), ...]}}.
 
 %% @doc Nobody has sent anything.
 -spec new() -> t().
 new() -> {0, #{}}.
 
-%% @doc One message more, `none' if nothing is to come of it; unless its number was used before.
+%% @doc Adds a message, unless its number was used before. `none': the message has no destination.
 -spec add(id(), message() | none, t()) -> {ok, t()} | used.
 add({Source, Incarnation, Seq}, Message, {N, Sources}) ->
     {_, Sent, Open} = life(Source, Incarnation, Sources),
@@ -37,7 +37,7 @@ add({Source, Incarnation, Seq}, Message, {N, Sources}) ->
             {ok, {N + 1, live(Source, Life, Sources)}}
     end.
 
-%% @doc A message that is outstanding.
+%% @doc An outstanding message.
 -spec find(id(), t()) -> message() | none.
 find({Source, Incarnation, Seq}, {_, Sources}) ->
     case life(Source, Incarnation, Sources) of
@@ -45,13 +45,13 @@ find({Source, Incarnation, Seq}, {_, Sources}) ->
         {_, _, _} -> none
     end.
 
-%% @doc More is known of a message that is outstanding.
+%% @doc Replaces an outstanding message by its next state.
 -spec put(id(), message(), t()) -> t().
 put({Source, Incarnation, Seq}, Message, {N, Sources}) ->
     {_, Sent, Open} = life(Source, Incarnation, Sources),
     {N, live(Source, {Incarnation, Sent, Open#{Seq := Message}}, Sources)}.
 
-%% @doc A message is not outstanding any more.
+%% @doc Removes a message from the outstanding ones.
 -spec close(id(), t()) -> t().
 close({Source, Incarnation, Seq}, {N, Sources}) ->
     {_, Sent, #{Seq := _} = Open} = life(Source, Incarnation, Sources),
@@ -63,11 +63,11 @@ was_sent({Source, Incarnation, Seq}, {_, Sources}) ->
     {_, Sent, _} = life(Source, Incarnation, Sources),
     starl_sap_numbers:is_member(Seq, Sent).
 
-%% @doc How many messages are outstanding.
+%% @doc The number of outstanding messages.
 -spec outstanding(t()) -> non_neg_integer().
 outstanding({N, _}) -> N.
 
-%% @doc A source's messages that are outstanding, sorted.
+%% @doc A source's outstanding messages, sorted.
 -spec outstanding(starl_monitor:robot_id(), t()) -> [id()].
 outstanding(Source, {_, Sources}) ->
     Lives = maps:get(Source, Sources, []),

@@ -1,8 +1,8 @@
-%% @doc What a robot's SAP has delivered to its application and the application has not read yet.
-%% Pure; a part of {@link starl_sap_monitor}.
+%% @doc The messages that a robot's SAP has delivered to its application and the application has not
+%% read yet. Pure; a part of {@link starl_sap_monitor}.
 %%
-%% An application reads the messages of a type in the order in which they were delivered. When it
-%% or SAP has crashed, those that were delivered before may be gone or not.
+%% An application reads the messages of a type in the order in which they were delivered. After a
+%% crash of the application or of SAP, the messages delivered before may be gone or not.
 -module(starl_sap_unread).
 
 -export([new/0, delivered/4, read/4, crashed/1, count/1]).
@@ -12,7 +12,7 @@
 -type message() :: {Type :: term(), Source :: starl_monitor:robot_id(), Hash :: integer()}.
 
 -record(unread, {
-    %% how many are there for certain, and of each type, in their order
+    %% the number of messages that are there for certain, and those of each type, in their order
     count = 0 :: non_neg_integer(),
     certain = #{} :: #{Type :: term() => queue:queue(message())},
     perhaps = [] :: [message()]
@@ -31,7 +31,7 @@ delivered(Type, Source, Hash, #unread{count = Count, certain = Certain} = Unread
     Longer = queue:in({Type, Source, Hash}, Queue),
     Unread#unread{count = Count + 1, certain = Certain#{Type => Longer}}.
 
-%% @doc A message is read: the next one of its type, another one, or none that was delivered.
+%% @doc Reads a message: the next one of its type, another one, or one that was never delivered.
 -spec read(Type :: term(), starl_monitor:robot_id(), Hash :: integer(), t()) ->
     {ok, t()} | skipped | not_delivered.
 read(Type, Source, Hash, #unread{count = Count, certain = Certain} = Unread) ->
@@ -56,6 +56,6 @@ crashed(#unread{certain = Certain, perhaps = Perhaps}) ->
     Delivered = lists:append([queue:to_list(Queue) || Queue <- maps:values(Certain)]),
     #unread{perhaps = Delivered ++ Perhaps}.
 
-%% @doc How many there are for certain.
+%% @doc The number of messages that are there for certain.
 -spec count(t()) -> non_neg_integer().
 count(#unread{count = Count}) -> Count.

@@ -1,10 +1,10 @@
-%% @doc The least distance of any two robots, over all time, from their piecewise motions.
+%% @doc Finds the least distance of any two robots, over all time, from their piecewise motions.
 %%
-%% Time is cut into slices. A slice is judged when time has passed its end: every robot's motion
+%% Time is cut into slices. A slice is judged when time has passed its end: each robot's motion
 %% in it lies in a disc, the discs are put in a grid, and the closest approach is computed for
 %% pairs that may come nearer than the limit or the least distance so far. So every encounter
-%% below the limit is found and the reported minimum is the true one, and the cost of a slice is
-%% about linear in the number of robots. Pairs that both stood still are not looked at again.
+%% below the limit is found, the reported minimum is the true one, and the cost of a slice is
+%% about linear in the number of robots. A pair of robots that stand still is skipped.
 -module(starl_separation).
 
 -export([new/1, new/2, motion/3, stop/3, advance/2, finish/2]).
@@ -15,7 +15,7 @@
 -type encounter() :: {
     DistanceMm :: float(), AtUs :: integer(), {robot_id(), robot_id()}
 }.
-%% The nearest that any two robots came, `none' while there are fewer than two.
+%% The least distance of any two robots so far, `none' while there are fewer than two.
 -type least() :: encounter() | none.
 %% A piece of motion and the closed interval in which it was driven.
 -type stretch() :: {FromUs :: integer(), ToUs :: integer(), starl_trajectory:piece()}.
@@ -43,7 +43,7 @@
 
 -opaque t() :: #separation{}.
 
-%% Rounding: this much below the limit is no encounter (mm).
+%% Rounding: a distance less than this below the limit is no encounter (mm).
 -define(SLACK_MM, 1.0e-6).
 -define(SLICE_US, 1_000_000).
 
@@ -61,7 +61,7 @@ new(LimitMm, SliceUs) when SliceUs > 0 ->
 motion(Robot, Piece, #separation{pieces = Pieces} = State) ->
     T0 = starl_trajectory:start_us(Piece),
     Known = maps:get(Robot, Pieces, []),
-    %% What was announced for later than this piece's start is no longer going to happen.
+    %% Pieces announced to start later than this one are no longer going to happen.
     Before = lists:dropwhile(fun(Earlier) -> starl_trajectory:start_us(Earlier) > T0 end, Known),
     start(T0, State#separation{pieces = Pieces#{Robot => [Piece | Before]}}).
 
@@ -78,12 +78,12 @@ stop(Robot, T, #separation{pieces = Pieces} = State) ->
             State
     end.
 
-%% One that brakes already does so.
+%% A robot that brakes already stops anyway.
 stopped(_Robot, Current, Current, State) -> State;
 stopped(Robot, Standing, _Current, State) -> motion(Robot, Standing, State).
 
-%% @doc Time is `T' now: judges the slices that are over. Returns the pairs that came nearer
-%% than the limit for the first time, in the order of time.
+%% @doc Advances the time to `T': judges the slices that are over. Returns the pairs that came
+%% nearer than the limit for the first time, ordered by time.
 -spec advance(T :: integer(), t()) -> {[encounter()], t()}.
 advance(T, #separation{from = From, slice_us = Slice} = State) when
     From =/= none, T > From + Slice
@@ -115,7 +115,7 @@ finish(EndUs, State) ->
 start(T0, #separation{from = none} = State) -> State#separation{from = T0};
 start(_T0, State) -> State.
 
-%% Nothing moves in the open slice: one piece each, on which it stands since before the slice.
+%% Nothing moves in the open slice: each robot has one piece, on which it stood before the slice.
 at_rest(#separation{pieces = Pieces, from = From}) ->
     Rests = fun
         ([Piece]) -> starl_trajectory:rests_from(Piece) < From;
@@ -140,7 +140,7 @@ judge(To, #separation{pieces = Pieces, from = From, reported = Reported} = State
         reported = maps:merge(Reported, Seen)
     }}.
 
-%% Robots with their pieces up to `To', in the order of their ids.
+%% Robots with their pieces up to `To', ordered by id.
 started(Pieces, To) ->
     [
         {Robot, Begun}
@@ -150,7 +150,7 @@ started(Pieces, To) ->
 
 begun(Known, T) -> [Piece || Piece <- Known, starl_trajectory:start_us(Piece) =< T].
 
-%% The pieces that still matter after `To': later ones and the one that is driven then.
+%% The pieces that still matter after `To': later ones and the one that is current then.
 current([Piece | _], To) when element(2, Piece) =< To -> [Piece];
 current([Piece], _To) -> [Piece];
 current([Piece | Earlier], To) -> [Piece | current(Earlier, To)].
@@ -184,7 +184,7 @@ encounters([_, _ | _] = Paths, #separation{least = {Nearest, _, _} = Least, limi
 encounters(_TooFew, #separation{least = Least}) ->
     {Least, []}.
 
-%% Some pair that is near in the order of places: an upper bound that keeps the grid fine.
+%% The distance of some pair of neighbours by place: an upper bound that keeps the grid fine.
 estimate(Paths) ->
     [First | Rest] = lists:keysort(#path.x, lists:keysort(#path.y, Paths)),
     {_, Pairs} = lists:foldl(fun(P, {Q, Acc}) -> {P, [{Q, P} | Acc]} end, {First, []}, Rest),
@@ -194,7 +194,7 @@ enter(#path{x = X, y = Y} = Path, Cell, Cells) ->
     Key = {floor(X / Cell), floor(Y / Cell)},
     Cells#{Key => [Path | maps:get(Key, Cells, [])]}.
 
-%% Every pair of the same cell or of neighbouring cells, once.
+%% Each pair of the same cell or of neighbouring cells, once.
 fold_cells([], _Cells, _Limit, Found) ->
     Found;
 fold_cells([{I, J} = Key | Keys], Cells, Limit, Found) ->

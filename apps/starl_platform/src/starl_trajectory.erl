@@ -56,8 +56,8 @@ standing(T0us, {X, Y}, Heading) ->
 piece(T0us, {X, Y}, Heading, V, W) ->
     {piece, T0us, X, Y, Heading, V, W}.
 
-%% @doc A robot that moves from there at `T0us' on and whose velocity changes evenly from `V0' to `V1'
-%% within `Us'.
+%% @doc A robot that moves from `Pose' at `T0us' on and whose velocity changes evenly from `V0' to
+%% `V1' within `Us'.
 -spec ramp(T0us :: integer(), point(), Heading :: float(), velocity(), velocity(), Us) ->
     ramp()
 when
@@ -65,8 +65,8 @@ when
 ramp(T0us, {X, Y}, Heading, V0, V1, Us) ->
     {ramp, T0us, X, Y, Heading, V0, V1, Us}.
 
-%% @doc The piece of a robot that stops at `T' while on `Piece': it stands; one that is coming to rest
-%% by itself does so.
+%% @doc The piece of a robot that stops at `T' while on `Piece': it stands. A robot that is coming
+%% to rest by itself keeps its piece.
 -spec stop(T :: integer(), piece()) -> piece().
 stop(_T, {ramp, _T0, _X, _Y, _Heading, _V0, {VX, VY}, _Us} = Piece) when VX == 0, VY == 0 ->
     Piece;
@@ -74,7 +74,7 @@ stop(T, Piece) ->
     {X, Y, Heading} = pose(T, Piece),
     {piece, T, X, Y, Heading, 0.0, 0.0}.
 
-%% @doc When it begins.
+%% @doc The time at which the piece begins.
 -spec start_us(piece()) -> integer().
 start_us(Piece) -> element(2, Piece).
 
@@ -129,18 +129,18 @@ moved(T1, T2, {ramp, T0, _, _, _, _, V1, Us} = Piece) ->
 fastest({piece, _T0, _X, _Y, _Heading, V, _W}) -> float(abs(V));
 fastest({ramp, _T0, _X, _Y, _Heading, V0, V1, _Us}) -> max(speed(V0), speed(V1)).
 
-%% @doc Whether the robot keeps its position (it may turn in place).
+%% @doc Does the robot keep its position (it may turn in place)?
 -spec is_still(piece()) -> boolean().
 is_still({piece, _T0, _X, _Y, _Heading, V, _W}) -> V == 0;
 is_still({ramp, _T0, _X, _Y, _Heading, V0, V1, _Us}) -> speed(V0) == 0 andalso speed(V1) == 0.
 
-%% @doc From when on it keeps its position, on this piece.
+%% @doc The time from which on the robot keeps its position, on this piece.
 -spec rests_from(piece()) -> T :: integer() | never.
 rests_from({piece, T0, _X, _Y, _Heading, V, _W}) when V == 0 -> T0;
 rests_from({ramp, T0, _X, _Y, _Heading, _V0, {VX, VY}, Us}) when VX == 0, VY == 0 -> T0 + Us;
 rests_from(_Moving) -> never.
 
-%% @doc Whether any of the path is an arc or a parabola (which may lie on one straight line).
+%% @doc Is any of the path an arc or a parabola (which may lie on one straight line)?
 -spec is_bent(piece()) -> boolean().
 is_bent({piece, _T0, _X, _Y, _Heading, V, W}) -> V /= 0 andalso W /= 0;
 is_bent({ramp, _T0, _X, _Y, _Heading, V0, V1, Us}) -> Us > 0 andalso V0 /= V1.
@@ -171,7 +171,7 @@ closest_approach(A, B, T1, T2) when T1 =< T2 ->
         Later
     ).
 
-%% Where the acceleration jumps.
+%% The moments at which the acceleration jumps.
 kinks({piece, _, _, _, _, _, _}) -> [];
 kinks({ramp, T0, _, _, _, _, _, Us}) -> [T0 + Us].
 
@@ -211,7 +211,8 @@ smooth_line([Kink], Piece, T1, T2, ToleranceMm) when T1 < Kink, Kink < T2 ->
 smooth_line(_Elsewhere, Piece, T1, T2, ToleranceMm) ->
     chords(Piece, T1, T2, chord_count(Piece, T1, T2, ToleranceMm)).
 
-%% @doc When a robot on this piece has driven this share of its way between two moments.
+%% @doc The moment at which a robot on this piece has driven this share of its way between two
+%% times.
 -spec passing(Share :: float(), piece(), T1 :: integer(), T2 :: integer()) -> integer().
 passing(Share, {piece, _, _, _, _, _, _}, T1, T2) when is_integer(T1) ->
     T1 + round(Share * (T2 - T1));
@@ -236,7 +237,7 @@ after_s(S, {piece, _T0, X, Y, Heading, V, W}) ->
     Chord = V * S * sinc(Half),
     {X + Chord * math:cos(Heading + Half), Y + Chord * math:sin(Heading + Half)};
 after_s(S, {ramp, _T0, X, Y, _Heading, {VX0, VY0}, {VX1, VY1}, Us}) ->
-    %% the time on the ramp, and the mean velocity on it; the time after it
+    %% the time on the ramp, and the mean velocity on it; the time after the ramp
     Even = min(S, Us / 1.0e6),
     Part = part(Even, Us) / 2,
     Rest = S - Even,
@@ -251,8 +252,9 @@ part(Even, Us) -> Even * 1.0e6 / Us.
 speed({VX, VY}) -> length(VX, VY).
 
 %% The length of a path on which the velocity changes evenly: the integral of the root of w^2 + q^2,
-%% w and q the speeds along and across the acceleration. Where the change is small against the
-%% speed the closed form would be a difference of large numbers; Simpson's rule errs by less there.
+%% w and q being the speeds along and across the acceleration. Where the change is small against the
+%% speed, the closed form would subtract two large numbers; Simpson's rule has a smaller error
+%% there.
 parabola({VX0, VY0} = V0, {VX1, VY1} = V1, S) ->
     DX = VX1 - VX0,
     DY = VY1 - VY0,
@@ -273,8 +275,8 @@ root_integral(W, Q) -> (W * length(W, Q) + Q * Q * math:asinh(W / Q)) / 2.
 sinc(U) when abs(U) < ?SMALL_ANGLE -> 1.0 - U * U / 6.0;
 sinc(U) -> math:sin(U) / U.
 
-%% Over the time h it stays within A h^2 / 8 of its chord. One that neither turns aside nor back lies
-%% on its chord.
+%% The path over a time h stays within A h^2 / 8 of its chord. A path that turns neither aside nor
+%% back lies on its chord.
 chord_count({ramp, _, _, _, _, _, _, _} = Piece, T1, T2, Tolerance) ->
     {VX0, VY0} = V0 = velocity(T1, Piece),
     {VX1, VY1} = V1 = velocity(T2, Piece),
@@ -333,7 +335,7 @@ bent_approach(A, B, T1, T2) ->
     {Distance, S} = bound(0.0, Start, Span, End, Relative, Acceleration / 8, Best),
     {Distance, T1 + round(S * 1.0e6)}.
 
-%% From `T' to the next kink.
+%% The interval from `T' to the next kink.
 acceleration(_T, {piece, _T0, _X, _Y, _Heading, V, W}) ->
     abs(V * W);
 acceleration(T, {ramp, T0, _X, _Y, _Heading, {VX0, VY0}, {VX1, VY1}, Us}) when
@@ -349,7 +351,7 @@ relative(S, T1, A, B) ->
     {XA - XB, YA - YB}.
 
 %% `Best' is the least distance met so far; an interval whose lower bound cannot improve on it
-%% by more than the precision is left out. The earlier half comes first, so that equal
+%% by more than the precision is skipped. The earlier half comes first, so that equal
 %% distances give the earliest moment.
 bound(S1, P1, S2, P2, Relative, Bend, {Least, _} = Best) ->
     H = S2 - S1,

@@ -1,31 +1,31 @@
-%% @doc Whether actions are well formed: what a machine or an application hands to the platform is
-%% checked where it is given, so that a mistake is the crash of whoever made it, with a reason that
-%% shows the action, and never that of the platform, which carries actions out for many robots.
+%% @doc Checks that actions are well formed. An action is checked when a machine or an application
+%% hands it to the platform, so a mistake crashes the machine that made it, with a reason that
+%% shows the action. It never crashes the platform, which carries out actions for many robots.
 %%
-%% Requests to the robot's services are checked too; what other machines take is their own affair.
+%% Requests to the robot's services are checked too; other machines check their own requests.
 -module(starl_action).
 
 -export([check/1, longest_us/0]).
 
 -export_type([mistake/0]).
 
-%% The reason of the error: the action, and what it has to be.
+%% The reason of the error: the action, and the expected form.
 -type mistake() :: {bad_action, Action :: term(), Expected :: string()}.
 
-%% No timer runs for longer: 35 years.
+%% The longest timer: 35 years.
 -define(LONGEST_US, (1 bsl 50)).
-%% No point lies farther off (mm).
+%% The largest coordinate of a point (mm).
 -define(FARTHEST, 1.0e9).
 
 -define(IS_ROBOT(R), is_integer(R), R > 0).
 -define(IS_TIME(Us), is_integer(Us), Us >= 0, Us =< ?LONGEST_US).
 -define(IS_WITHIN(X, Most), is_number(X), X =< Most, X >= -Most).
 
-%% @doc The longest time of a timer, in microseconds.
+%% @doc The longest duration of a timer, in microseconds.
 -spec longest_us() -> pos_integer().
 longest_us() -> ?LONGEST_US.
 
-%% @doc Fails with a {@link mistake()} unless all actions are what they should be.
+%% @doc Fails with a {@link mistake()} unless all actions are well formed.
 -spec check([starl_machine:action()]) -> ok.
 check([]) ->
     ok;
@@ -68,7 +68,7 @@ asked(To, Word, Rest) ->
         false -> error({bad_action, {To, Word}, request(element(1, Word))})
     end.
 
-%% Words that a service does not know are its own to trace.
+%% Requests that a service does not know pass: the service traces them itself.
 is_request(sap, {send, To, Type, _}) when ?IS_ROBOT(To) -> is_type(Type);
 is_request(sap, {send, _, _, _}) -> false;
 is_request(sap, {Cast, Type, _}) when Cast =:= broadcast; Cast =:= shout -> is_type(Type);
@@ -97,7 +97,7 @@ are_robots([]) -> true;
 are_robots([Robot | Robots]) when ?IS_ROBOT(Robot) -> are_robots(Robots);
 are_robots(_) -> false.
 
-%% A script is the chassis' own to judge.
+%% The chassis checks its own scripts.
 driven(ok, _Action) -> ok;
 driven({error, Expected}, Action) -> error({bad_action, Action, Expected}).
 

@@ -1,12 +1,12 @@
-%% @doc The behaviour of a sequential application: it reads like the paper's pseudo-code.
+%% @doc The behaviour of a sequential application, which reads like the paper's pseudo-code.
 %%
 %% `step/2' is the body of "repeat … until done". It may block in `starl:send', `starl:await',
 %% `starl:go_to', `starl:sleep' and in the calls of the building blocks. The runtime calls it
 %% through its fully qualified name, so newly loaded code takes effect at the next step; an
-%% optional `code_change/2' (old state, old module version) carries the state over. If that fails,
-%% the application waits with its old state in front of the step until other code is loaded that can
-%% take it over, the code before among others; the rest of the robot goes on. What it did and what
-%% others sent meanwhile is kept.
+%% optional `code_change/2' (old state, old module version) converts the state. If that fails,
+%% the application waits with its old state before the next step until other code is loaded that can
+%% convert the state; the old code can, too. The rest of the robot goes on. Earlier effects of the
+%% application, and messages that arrive meanwhile, are kept.
 %%
 %% An application may also say which building blocks it uses and which options it has; with its
 %% blocks it gets their contracts. A scene of its own, beyond that, is the behaviour

@@ -1,16 +1,16 @@
-%% @doc The process of a sequential application, and how its calls block.
+%% @doc The process of a sequential application; it makes the application's calls block.
 %%
 %% It speaks the driver protocol of {@link starl_driver}. Between two events the
-%% application runs on its own stack; a blocking call hands control back to the driver with the
-%% actions gathered so far and waits for the event it needs. Other events that arrive meanwhile
-%% are kept: messages in a bounded inbox, in their order. SAP hands over no more of them than there
-%% is room for: it is told the room with the first type that the application listens to, and then
-%% what has been read. What else sends messages, such as geocast, is not held back: those for which
-%% there is no room are dropped, with a trace event.
+%% application runs on its own stack; a blocking call hands control back to the driver, with the
+%% actions gathered so far, and waits for its event. Other events that arrive meanwhile
+%% are kept: messages in a bounded inbox, in their order. SAP never hands over more messages than
+%% there is room for: it is told the room with the first type that the application listens to, and
+%% later the number of messages read. Other senders, such as geocast, are not held back: a message
+%% without room is dropped, with a trace event.
 %%
 %% The turn (the clock and the actions not yet handed back) lives in the process dictionary,
-%% under one key: the application's own functions lie between the calls on the stack, so there
-%% is no state to thread through them.
+%% under one key: the application's own functions lie between the calls on the stack, so no
+%% state can be threaded through them.
 -module(starl_app_proc).
 
 -export([start_link/1, init/1]).
@@ -19,13 +19,13 @@
 
 -define(TURN, starl_turn).
 -define(INBOX_LIMIT, 1000).
-%% SAP hears of what was read so many messages at a time, or one by one when room is scarce.
+%% SAP is told of read messages in batches of this size, or one by one when room is scarce.
 -define(READ_AT_ONCE, 100).
-%% So many actions and steps may be in one turn.
+%% The largest number of actions and steps in one turn.
 -define(TURN_LIMIT, 100000).
-%% How long a caller waits after a crash of the machine that it called.
+%% The time that a caller waits after a crash of the machine that it called.
 -define(RESTARTED_US, 250000).
-%% How long an application whose state new code could not take over waits for other code.
+%% The time between two attempts to carry a state over into other code.
 -define(OTHER_CODE_US, 1000000).
 
 -record(turn, {
@@ -34,26 +34,26 @@
     driver :: pid(),
     now :: integer(),
     actions = [] :: [starl_machine:action()],
-    %% how many actions and steps the turn has had
+    %% the number of actions and steps in this turn
     count = 0 :: non_neg_integer(),
     inbox = [] :: [message()],
-    %% has SAP been told what room there is? How many messages it has not heard yet to be read
+    %% whether SAP knows the room; the number of messages read that SAP has not been told of
     room_told = false :: boolean(),
     unsaid = 0 :: non_neg_integer(),
     random :: rand:state(),
     stored :: starl_machine:stored(),
-    %% of an earlier life's calls, no answer is taken for one of this life's
+    %% of a call; an answer to a call of an earlier incarnation is not accepted
     tag :: {Incarnation :: pos_integer(), non_neg_integer()},
-    %% what to say again to a machine that has restarted
+    %% subscriptions, repeated to a machine that has restarted
     listening = [] :: [{starl_machine:name(), Word :: term()}],
-    %% machines that are not started any more
+    %% machines that are not started again
     given_up = [] :: [starl_machine:name()]
 }).
 
 %% A message that waits in the inbox.
 -type message() :: {From :: starl:robot_id(), starl_packet:type(), Body :: term()}.
 
-%% What the process needs to know. `handle' is what the application calls its `Robot'.
+%% The start arguments. `handle' is the application's `Robot'.
 -type spec() :: #{
     robot := pos_integer(),
     handle := term(),
@@ -87,7 +87,7 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
             run(Robot, Module, Args)
     end.
 
-%% However it crashes, the reason says where.
+%% Every kind of crash carries its stack.
 run(Robot, Module, Args) ->
     try
         loop(Robot, Module, Module:init(Robot, Args), version(Module))
@@ -95,7 +95,7 @@ run(Robot, Module, Args) ->
         Class:Reason:Stack when Class =/= error -> exit(starl_crash:reason(Class, Reason, Stack))
     end.
 
-%% @doc The application whose process this is; `none': it is no application's.
+%% @doc The application that runs in this process; `none': it is no process of an application.
 -spec application() -> module() | none.
 application() ->
     case get(?TURN) of
@@ -104,7 +104,7 @@ application() ->
     end.
 
 %% @doc Adds actions to the turn; they take place when the application next blocks. A malformed
-%% action is the application's crash ({@link starl_action}), and so is a turn of too many.
+%% action crashes the application ({@link starl_action}), and so does a turn with too many actions.
 -spec perform([starl_machine:action()]) -> ok.
 perform(New) ->
     ok = starl_action:check(New),
@@ -113,14 +113,14 @@ perform(New) ->
     _ = put(?TURN, Turn#turn{actions = lists:reverse(New, Actions), listening = Listening}),
     ok.
 
-%% @doc Keeps a term over crashes and reboots, in place of what was kept before.
+%% @doc Keeps a term over crashes and reboots, in place of the term kept before.
 -spec store(term()) -> ok.
 store(Term) ->
     ok = perform([{store, Term}]),
     _ = put(?TURN, (turn())#turn{stored = {stored, Term}}),
     ok.
 
-%% @doc What was kept last, in this life or an earlier one.
+%% @doc The term that was kept last, in this incarnation or an earlier one.
 -spec stored() -> starl_machine:stored().
 stored() -> (turn())#turn.stored.
 
@@ -130,7 +130,7 @@ turn() ->
         undefined -> error({not_in_an_application, self()})
     end.
 
-%% What a turn gathers is handed over when the application blocks, and lies in memory until then.
+%% The actions of a turn stay in memory until the application blocks.
 counted(N, #turn{count = Count} = Turn) when Count + N =< ?TURN_LIMIT ->
     Turn#turn{count = Count + N};
 counted(_N, #turn{module = Module}) ->
@@ -161,8 +161,8 @@ random() ->
     X.
 
 %% @doc Calls another machine of the robot and waits for its answer.
-%% `{error, restarted}': the machine crashed, a quarter of a second ago; what it had begun may or may
-%% not have happened.
+%% `{error, restarted}': the machine crashed, a quarter of a second ago; the request may or may not
+%% have taken effect.
 -spec call(starl_machine:name(), Request :: term(), Us :: pos_integer() | infinity) ->
     {ok, Answer :: term()} | {error, timeout | restarted}.
 call(Name, Request, Us) ->
@@ -185,13 +185,13 @@ call(Name, Request, Us) ->
         restarted -> restarted()
     end.
 
-%% What made the machine crash, such as a full store, may last: whoever calls again at once would
-%% have it crash until it is given up.
+%% The cause of the crash, such as a full store, may last: a caller that tried again at once would
+%% crash the machine until it is given up.
 restarted() ->
     ok = sleep(?RESTARTED_US),
     {error, restarted}.
 
-%% A machine that crashed too often is not there any more, either.
+%% A machine that was given up is missing, too.
 missing(Name) ->
     #turn{given_up = GivenUp} = get(?TURN),
     case lists:member(Name, GivenUp) of
@@ -212,7 +212,7 @@ await(Types, Us) ->
             await_new(Types, Us)
     end.
 
-%% @doc Waits for so long by the robot's own clock.
+%% @doc Waits for this time by the robot's own clock.
 -spec sleep(Us :: non_neg_integer()) -> ok.
 sleep(Us) ->
     Tag = new_tag(),
@@ -240,8 +240,8 @@ loop(Robot, Module, State0, Version0) ->
 
 version(Module) -> Module:module_info(md5).
 
-%% A state never meets code that cannot take it over: the application waits with it, in front of the
-%% next step, until there is code that can. The code that it came from is such.
+%% A state never meets code that cannot take it over: the application waits with it before the
+%% next step until suitable code is loaded. The code that the state came from is suitable.
 upgrade(Module, State, Old) ->
     case version(Module) of
         Old -> {State, Old};
@@ -295,7 +295,7 @@ await_new(Types, Us) ->
         timeout -> timeout
     end.
 
-%% What SAP has acknowledged and the application has read is judged, and makes room.
+%% Traces a message of SAP that was read, for the monitor, and gives its room back.
 read({From, {app, _} = Type, Body} = Message) ->
     #turn{inbox = Inbox, unsaid = Unsaid} = Turn = get(?TURN),
     Said = said(Unsaid + 1, ?INBOX_LIMIT - length(Inbox)),
@@ -309,7 +309,7 @@ read(Message) ->
 said(Unsaid, Free) when Unsaid >= ?READ_AT_ONCE; Free - Unsaid < ?READ_AT_ONCE -> Unsaid;
 said(_Unsaid, _Free) -> 0.
 
-%% Hands the gathered actions back and takes events until Match knows one.
+%% Hands the gathered actions back and takes events until Match accepts one.
 -spec wait(fun((starl_machine:event_type(), term()) -> skip | term())) -> term().
 wait(Match) ->
     #turn{robot = Id, driver = Driver, actions = Actions} = Turn = get(?TURN),
@@ -336,7 +336,7 @@ listening({cast, Machine, {subscribe, _, _} = Word}, Known) ->
 listening(_, Known) ->
     Known.
 
-%% A machine that has restarted knows no listeners.
+%% A restarted machine has lost its listeners: the application listens again.
 heed(info, {restarted, sap}) ->
     #turn{listening = Listening} = Turn = get(?TURN),
     _ = put(?TURN, Turn#turn{room_told = false}),
@@ -351,7 +351,7 @@ heed(info, {given_up, Machine}) ->
 heed(_, _) ->
     ok.
 
-%% Events that nobody waits for at the moment.
+%% Keeps or traces an event for which the application does not wait.
 keep(cast, {message, From, {app, _} = Type, Body}) ->
     #turn{inbox = Inbox} = Turn = get(?TURN),
     put(?TURN, Turn#turn{inbox = Inbox ++ [{From, Type, Body}]});

@@ -1,13 +1,13 @@
-%% @doc The arguments that an application gives to `starl' and to the interfaces of the blocks: one
-%% that cannot be is the caller's mistake, at the call. The error names function, argument and
-%% application; it is raised in the application's own process, and is a crash of that alone.
+%% @doc Checks the arguments that an application gives to `starl' and to the interfaces of the
+%% blocks. An invalid argument is the caller's mistake: the call fails with an error that names
+%% function, argument and application; only the application's own process crashes.
 -module(starl_caller).
 
 -export([check/4, mistake/4]).
 
 -export_type([kind/0, mistake/0]).
 
-%% What an argument may be: milliseconds, from 0 or from 1; a number from 1; a robot; an atom; a
+%% The kind of an argument: milliseconds, from 0 or from 1; a number from 1; a robot; an atom; a
 %% point of the floor.
 -type kind() :: ms | positive_ms | ms_or_infinity | number | robot | name | point.
 
@@ -21,7 +21,7 @@
         application := module() | none
     }}.
 
-%% No point lies farther off, mm.
+%% The largest coordinate of a point, mm.
 -define(FARTHEST, 1.0e9).
 
 %% @doc Fails with a {@link mistake()} unless the argument is of its kind.
@@ -32,7 +32,7 @@ check(Function, Argument, Kind, Given) ->
         false -> mistake(Function, Argument, Given, expected(Kind))
     end.
 
-%% @doc Fails: the argument cannot be.
+%% @doc Fails: the argument is invalid.
 -spec mistake(mfa(), Argument :: atom(), Given :: term(), Expected :: string()) -> no_return().
 mistake(Function, Argument, Given, Expected) ->
     error(

@@ -1,19 +1,20 @@
-%% @doc New code for applications that run, without harm to those that are in the midst of a step.
+%% @doc Loads new code for running applications, without harm to an application in mid-step.
 %%
-%% The VM keeps two versions of a module: the newest, and the one before it for processes that are
-%% still in that. A step that blocks stays in the code that it began with. To load a third version
-%% would take the oldest away, and the VM kills whoever is in it: the application and its state. So
-%% code is loaded here only when nobody is in the version before last; else it has to wait.
+%% The VM keeps two versions of a module: the newest, and the previous one for processes that still
+%% run it. A step that blocks stays in the code in which it began. To load a third version removes
+%% the oldest, and the VM kills every process that runs it: the application and its state. So this
+%% module loads code only when no process runs the version before the newest; else the new code has
+%% to wait.
 -module(starl_code).
 
 -export([check/3, is_free/1, load/3, users/1, format_error/1]).
 
 -export_type([reason/0]).
 
-%% Why code cannot be loaded: the file is none for this module, or not for this VM.
+%% Why code cannot be loaded: the file does not fit this module, or not this VM.
 -type reason() :: {bad_code, module(), term()}.
 
-%% @doc Can this be loaded at all?
+%% @doc Can this code be loaded at all?
 -spec check(module(), file:filename(), Beam :: binary()) -> ok | {error, reason()}.
 check(Module, File, Beam) ->
     case code:prepare_loading([{Module, File, Beam}]) of
@@ -21,11 +22,11 @@ check(Module, File, Beam) ->
         {error, Reasons} -> {error, {bad_code, Module, Reasons}}
     end.
 
-%% @doc Is nobody in the version before the newest? That version is gone then.
+%% @doc Does no process run the version before the newest? If so, that version is removed.
 -spec is_free(module()) -> boolean().
 is_free(Module) -> code:soft_purge(Module).
 
-%% @doc Loads new code, unless somebody is in the version before the newest. Never ends a process.
+%% @doc Loads new code, unless a process runs the version before the newest. Never ends a process.
 -spec load(module(), file:filename(), Beam :: binary()) -> ok | waits | {error, reason()}.
 load(Module, File, Beam) ->
     case code:prepare_loading([{Module, File, Beam}]) of
@@ -38,12 +39,12 @@ finished(false, _Module, _Prepared) ->
 finished(true, Module, Prepared) ->
     case code:finish_loading(Prepared) of
         ok -> ok;
-        %% somebody else has loaded code meanwhile
+        %% another process has loaded code meanwhile
         {error, [{Module, not_purged}]} -> waits;
         {error, Reasons} -> {error, {bad_code, Module, Reasons}}
     end.
 
-%% @doc The robots whose processes are in the version before the newest.
+%% @doc The robots whose processes run the version before the newest.
 -spec users(module()) -> [starl:robot_id()].
 users(Module) ->
     Late = [Pid || Pid <- processes(), erlang:check_process_code(Pid, Module) =:= true],

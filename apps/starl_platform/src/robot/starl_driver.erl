@@ -1,6 +1,6 @@
-%% @doc The words between a robot's driver (a simulator's shard, the link of a real robot) and the
-%% processes of its machines ({@link starl_machine_proc}, {@link starl_app_proc}). A process does
-%% nothing but what it is ordered to, and is at rest when it has answered:
+%% @doc The messages between a robot's driver (a simulator's shard, the link of a real robot) and
+%% the processes of its machines ({@link starl_machine_proc}, {@link starl_app_proc}). A process
+%% only carries out orders, and is at rest when it has answered:
 %% ```
 %%   process                                   driver
 %%      | -- {starl_attach, Robot, Name, Pid} -->|   once, when the process has started
@@ -9,23 +9,23 @@
 %%      |<-- {starl_step, Type, Content, Meta} --|   one event
 %%      | -- {starl_done, Robot, Pid, Actions} ->|
 %% '''
-%% An answer says whose it is: the last word of a process that was killed is not taken for its
-%% successor's. A driver has one order open with a process at a time.
+%% An answer names its process: the last answer of a killed process is not taken for its
+%% successor's. A driver has one open order with a process at a time.
 -module(starl_driver).
 
 -export([attach/3, done/3, boot/1, step/3]).
 
 -export_type([attach/0, order/0, done/0]).
 
-%% A process has started, as the machine of this name.
+%% A process has started as the machine of this name.
 -type attach() :: {starl_attach, starl:robot_id(), starl_machine:name(), pid()}.
 
-%% What a process is to do: start its machine, or have it handle an event.
+%% An order to a process: start its machine, or handle an event.
 -type order() ::
     {starl_boot, Base :: starl_machine:config()}
     | {starl_step, starl_machine:event_type(), Content :: term(), starl_machine:meta()}.
 
-%% What came of an order.
+%% The answer to an order.
 -type done() :: {starl_done, starl:robot_id(), pid(), [starl_machine:action()]}.
 
 %% @doc A process tells its driver that it has started.

@@ -6,9 +6,9 @@
 %% {@link starl_machine_proc} (a process in a robot's supervision tree), inline in a simulator,
 %% and by the exhaustive checker.
 %%
-%% An event that a machine does not know is answered with `unknown_event': it is traced, never
-%% fatal, never silent. A message from another robot may hold anything: a machine that exports
-%% `accepts/2' is given only those whose body it accepts; the others leave the trace event
+%% A machine answers an unknown event with `unknown_event': the event is traced, never
+%% fatal, never silent. A message from another robot may hold any term: a machine that exports
+%% `accepts/2' gets only messages whose body it accepts; each other message leaves the trace event
 %% `{malformed, From, Type, Body}'.
 -module(starl_machine).
 
@@ -20,19 +20,19 @@
 %% The name of a machine within its robot: `sap', `motion', `election', `app', …
 -type name() :: atom().
 
-%% A caller's own mark on a call; comes back with the reply.
+%% A caller's own mark on a call; it comes back with the reply.
 -type tag() :: term().
 
-%% Where a reply goes.
+%% The receiver of a reply.
 -type from() :: {name(), tag()}.
 
-%% What kind of event a machine is given:
+%% The kind of an event:
 %% `cast' and `{call, From}' from another machine of the same robot, `{reply, Tag}' for the
 %% answer to its own call, timeouts as in gen_statem, `packet' from the radio, and `info' from
 %% the platform: `{located, Tag, [{robot_id(), pose(), AgeUs}]}' after `sense', `{driven, Mark, Us}' or
 %% `{stalled, Mark, Told}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
 %% with a mark, `{restarted, Name}' when another machine of this robot has crashed and come back,
-%% `{given_up, Name}' when it does not come back any more (a machine that need not know does not
+%% `{given_up, Name}' when it does not come back (a machine may leave it unhandled).
 %% handle it).
 -type event_type() ::
     cast
@@ -43,7 +43,7 @@
     | packet
     | info.
 
-%% Everything that leaves a machine. A malformed action is its crash ({@link starl_action}).
+%% Everything that leaves a machine. A malformed action crashes it ({@link starl_action}).
 -type action() ::
     %% to another machine of the same robot
     {cast, name(), Content :: term()}
@@ -62,12 +62,12 @@
     %% answered by `info', `{driven, Mark, …}', or `{stalled, Mark, …}' if it cannot do as told
     | {drive, starl_chassis:script(), Mark :: term()}
     %% any other actuator: `{actuate, pen, down}'; with a mark, answered by `info', `{actuated,
-    %% Mark, Device, Value}' with what its sensor shows
+    %% Mark, Device, Value}' with the state of its sensor
     | {actuate, Device :: atom(), Value :: term()}
     | {actuate, Device :: atom(), Value :: term(), Mark :: term()}
-    %% kept for this machine over crashes and reboots, in place of what it kept before; what follows
-    %% takes place only when the term is durable, and not at all when it cannot be written: then the
-    %% machine crashes (see {@link stored()})
+    %% keeps a term for this machine over crashes and reboots, in place of the term kept before;
+    %% later actions take place only when the term is durable; if it cannot be written, the machine
+    %% crashes instead (see {@link stored()})
     | {store, Term :: term()}
     %% a fact for the recording and the monitors
     | {trace, Event :: term()}
@@ -77,16 +77,17 @@
 %% What a machine may know of the world when it handles an event: the robot's own clock (µs).
 -type meta() :: #{now := integer(), robot := starl:robot_id()}.
 
-%% What a machine kept with the action `store', given back after a crash of the machine and after a
-%% reboot of the robot alike; `none': it has never kept anything. `damaged': something was kept and
-%% cannot be read, so the machine must take it that it has promised whatever it ever may. A full
-%% store crashes the machine that writes, before anything that was to follow; so a machine that
-%% wrote in `init/1' would crash as often as it is restarted: it writes when it has to promise.
+%% The term that a machine kept with the action `store', given back after a crash of the machine and
+%% after a reboot of the robot alike. `none': it has never kept a term. `damaged': it kept a term
+%% that cannot be read, so the machine must assume that it has made every promise it could have
+%% made. A full store crashes the machine that writes, before any later action. A machine that wrote
+%% in `init/1' would crash at every restart, so a machine writes only when it makes a promise.
 -type stored() :: none | {stored, Term :: term()} | damaged.
 
 %% The configuration given to `init/1'. `incarnation' counts the starts of this machine on this
-%% robot (1, 2, …), over reboots too: the platform keeps it in the robot's store, apart from what
-%% machines keep and twice, so no fault of the store touches it. `random' is its own random stream.
+%% robot (1, 2, …), over reboots too: the platform keeps this number in the robot's store twice,
+%% apart from the machines' terms, so no fault of the store affects it. `random' is the machine's
+%% own random stream.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
@@ -115,10 +116,10 @@
 -optional_callbacks([accepts/2]).
 
 -record(machine, {
-    %% the callback, looked up once; a fun of this kind means the latest version of its module;
-    %% a mistaken one gives anything
+    %% the callback, looked up once; a fun of this kind calls the latest version of its module;
+    %% a faulty callback may return any term
     handle :: fun((event_type(), term(), State :: term(), Data :: term(), meta()) -> term()),
-    %% likewise, of a machine that looks at messages before it takes them
+    %% likewise, for a machine that checks messages before it takes them
     accepts = all :: all | fun((starl_packet:type(), Body :: term()) -> boolean()),
     state :: term(),
     data :: term()
@@ -127,8 +128,8 @@
 %% A machine with its present state.
 -opaque t() :: #machine{}.
 
-%% @doc A machine in its first state, with the actions of its start. `Base' is the part of the
-%% configuration that the platform gives, `Config' the machine's own.
+%% @doc A machine in its first state, with the actions of its start. `Base' is the platform's part
+%% of the configuration, `Config' the machine's own.
 -spec new(module(), Config :: map(), Base :: config()) -> {[action()], t()}.
 new(Module, Config, Base) ->
     case Module:init(maps:merge(Config, Base)) of
@@ -150,7 +151,7 @@ accepts(Module) ->
         false -> all
     end.
 
-%% @doc Handles one event; gives the actions in the order in which they are to take place.
+%% @doc Handles one event; returns the actions in the order in which they are to take place.
 -spec step(event_type(), Content :: term(), meta(), t()) -> {[action()], t()}.
 step(cast, {message, From, Type, Body} = Message, Meta, #machine{accepts = Accepts} = Machine) when
     Accepts =/= all
@@ -183,7 +184,7 @@ handle(Type, Content, Meta, #machine{handle = Handle, state = State, data = Data
             bad_return(module(Machine), handle_event, Other)
     end.
 
-%% The platform carries out what it is given: a mistake must be found here.
+%% The platform trusts the actions that it carries out: a mistake must be found here.
 checked(Actions) ->
     ok = starl_action:check(Actions),
     Actions.

@@ -10,7 +10,7 @@
 
 -export_type([spec/0]).
 
-%% What the process needs to know.
+%% The start arguments.
 -type spec() :: #{
     robot := starl:robot_id(),
     name := starl_machine:name(),

@@ -1,15 +1,15 @@
-%% @doc The platform behaviour: what a robot needs of the world below it (the paper's platform layer:
-%% packets, location, motion, other actuators).
+%% @doc The platform behaviour: the services of the world that a robot needs (the paper's platform
+%% layer: packets, location, motion, other actuators).
 %%
-%% An adapter (the simulator, a real chassis with its radio) carries out what machines ask of the
-%% world, over a state of its own, one per robot. Time, the trace, the store and the other machines of
-%% the robot are no business of the world's ({@link starl_robot}). What comes from the world (`packet',
-%% `located', `driven', `actuated', ...) reaches the machines as events, which the driver hands in.
+%% An adapter (the simulator, a real chassis with its radio) carries out the actions of machines on
+%% the world, with a state of its own, one per robot. The adapter has nothing to do with time, the
+%% trace, the store and the robot's other machines ({@link starl_robot}). The driver hands the
+%% events of the world (`packet', `located', `driven', `actuated', ...) to the machines.
 -module(starl_platform).
 
 -export_type([world_action/0]).
 
-%% What a machine asks of the world.
+%% An action of a machine on the world.
 -type world_action() ::
     {transmit, starl:robot_id() | all, starl_packet:t()}
     | {sense, [starl:robot_id()], Tag :: term()}
@@ -17,8 +17,8 @@
     | {actuate, Device :: atom(), Value :: term()}
     | {actuate, Device :: atom(), Value :: term(), Mark :: term()}.
 
-%% Carries out an action of the machine `Name'; gives the events that answer it at once, in the order
-%% in which they are to be delivered.
+%% Carries out an action of the machine `Name'; returns the events that answer it at once, in the
+%% order in which they are to be delivered.
 %% <dl>
 %% <dt>`{transmit, Dest | all, Packet}'</dt><dd>puts one packet on the air, for one robot or for
 %%   all in range</dd>
@@ -27,13 +27,13 @@
 %%   where each is. A system that sends pictures at its own pace is best answered with its next one
 %%   (see {@link starl_location})</dd>
 %% <dt>`{drive, {Chassis, Commands}, Mark}'</dt><dd>the chassis carries out the commands, one after
-%%   the other, each for so long by its own clock, and stops, whatever becomes of the robot's
-%%   program; without commands it stops as soon as it can. Answered, when it stands, by the event
-%%   `{Name, info, {driven, Mark, Us}}' with what that clock showed when it heard the command; or,
-%%   when it has found out within 15 ms that it does not do as it was told and has stopped, by
-%%   `{Name, info, {stalled, Mark, Told}}' with what it was told ({@link starl_chassis:told()}). A
-%%   script that another takes the place of is not answered, nor is one of another chassis, which
-%%   is not carried out but traced, `{not_understood, Commands}'</dd>
+%%   the other, each for its duration by the chassis' own clock, and stops, whatever happens to the
+%%   robot's program; without commands it stops as soon as it can. When it stands, it answers with
+%%   the event `{Name, info, {driven, Mark, Us}}'; `Us' is the time of its clock at which it heard
+%%   the command. If it finds within 15 ms that its drive does not obey, it stops and answers with
+%%   `{Name, info, {stalled, Mark, Told}}' and the command ({@link starl_chassis:told()}). A
+%%   script that another one replaces is not answered. A script of another chassis is neither
+%%   carried out nor answered, but traced: `{not_understood, Commands}'</dd>
 %% <dt>`{actuate, Device, Value}'</dt><dd>sets another actuator</dd>
 %% <dt>`{actuate, Device, Value, Mark}'</dt><dd>the same, answered by the event `{Name, info,
 %%   {actuated, Mark, Device, Value}}' with the state that the device's sensor shows then; a command
@@ -44,5 +44,5 @@
 when
     State :: term().
 
-%% Nobody commands the chassis any more: it comes to rest.
+%% No machine commands the chassis any more: it comes to rest.
 -callback stop(State) -> State when State :: term().

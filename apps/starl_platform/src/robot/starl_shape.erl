@@ -1,16 +1,16 @@
-%% @doc The shapes of messages: is a term that came over the radio what a machine expects?
+%% @doc The shapes of messages: checks whether a term from the radio has the expected shape.
 %%
-%% A packet that says that it comes from another robot's machine may come from anywhere, and hold
-%% anything. A machine that says what it takes ({@link starl_machine}, `accepts/2') is given nothing
-%% else.
+%% A packet that claims to come from another robot's machine may come from anywhere and hold
+%% any term. A machine that declares the messages that it accepts ({@link starl_machine},
+%% `accepts/2') gets no others.
 -module(starl_shape).
 
 -export([is/2]).
 
 -export_type([t/0]).
 
-%% `integer', `natural' (from 0) and `count' (from 1) are of at most 58 bits; `mm' is a float of a
-%% length that is possible, `point' a pair of them; a list stands for a tuple with elements of
+%% `integer', `natural' (from 0) and `count' (from 1) have at most 58 bits; `mm' is a float of a
+%% possible length, `point' a pair of them; a list stands for a tuple with elements of
 %% these shapes, `{list, Shape}' for a proper list.
 -type t() ::
     any
@@ -29,7 +29,7 @@
 -define(MOST, 16#3FFFFFFFFFFFFFF).
 -define(MOST_MM, 1.0e9).
 
-%% @doc Is the term of this shape?
+%% @doc Has the term this shape?
 -spec is(t(), term()) -> boolean().
 is(any, _Term) -> true;
 is(atom, Term) -> is_atom(Term);

@@ -1,5 +1,5 @@
-%% @doc The robots of a team, kept as runs of consecutive numbers: a team of ten thousand takes
-%% no more room in each of its robots' machines than a team of two.
+%% @doc The robots of a team, kept as runs of consecutive numbers: each machine needs as little
+%% memory for a team of ten thousand as for a team of two.
 -module(starl_team).
 
 -export([new/1, members/1, others/2, count/1, next/2, has/2]).
@@ -23,7 +23,7 @@ members([Robot | Rest]) -> [Robot | members(Rest)].
 -spec others(starl:robot_id(), t()) -> [starl:robot_id()].
 others(Robot, Team) -> lists:delete(Robot, members(Team)).
 
-%% @doc How many there are.
+%% @doc The number of its robots.
 -spec count(t()) -> non_neg_integer().
 count(Team) -> length(members(Team)).
 
@@ -38,7 +38,7 @@ has(Robot, [_ | Rest]) -> has(Robot, Rest).
 -spec next(starl:robot_id(), t()) -> starl:robot_id().
 next(Robot, Team) -> next(Robot, Team, first(Team)).
 
-%% Else is the answer when no robot comes after this one.
+%% Else is the answer when no later robot follows.
 next(_Robot, [], Else) -> Else;
 next(Robot, [{_, Last} | Rest], Else) when Robot >= Last -> next(Robot, Rest, Else);
 next(Robot, [{First, _} | _], _Else) -> max(First, Robot + 1);

@@ -1,15 +1,15 @@
-%% @doc Actuators, such as a pen: each is told what to do until its sensor shows that it has.
+%% @doc Drives actuators, such as a pen: repeats a command until the device's sensor confirms it.
 %% ```
 %%   caller               actuator                       chassis
 %%     |--- set ------------->|--- actuate, mark ----------->|   heard, or not
 %%     |                      |<-- actuated, mark, state ----|   what the sensor shows
 %%     |<-- ok ---------------|   if the state is the one that was wanted; else again, and again
 %% '''
-%% A command or an answer that is lost is found out by a time-out. A device that is stuck is told
-%% again until it moves: the caller waits so long, for what it does next rests on it.
+%% A time-out reveals a lost command or answer. A device that is stuck gets its command again and
+%% again until it moves: the caller waits all the while, since its next step depends on it.
 %%
-%% Calls: `{set, Device, Value}' (answer `ok' when the device is so, `{error, replaced}' when
-%% another value is wanted before).
+%% Calls: `{set, Device, Value}' (answer `ok' when the device has this value, `{error, replaced}'
+%% when another value is requested first).
 -module(starl_actuator).
 -behaviour(starl_machine).
 -behaviour(starl_block).
@@ -18,7 +18,7 @@
 -export([options/0, machines/1, monitors/2, contract/0]).
 -export([init/1, handle_event/5]).
 
-%% A device that has not answered, or is not as it should be, is told again after so long.
+%% The time after which a command is repeated to a device that has not confirmed it.
 -define(AGAIN_US, 200000).
 
 -export_type([event/0]).
@@ -46,7 +46,8 @@ monitors(_Options, _Context) -> [].
 -spec contract() -> string().
 contract() -> "when a call ends a device is as it was told to be, as its sensor shows".
 
-%% @doc Sets a device, `starl_actuator:set(Robot, pen, down)', and waits until it is so.
+%% @doc Sets a device, `starl_actuator:set(Robot, pen, down)', and waits until its sensor confirms
+%% it.
 -spec set(starl:robot(), device(), Value :: term()) -> ok | {error, replaced | restarted}.
 set(Robot, Device, Value) ->
     case starl:call(Robot, actuator, {set, Device, Value}, infinity) of
@@ -56,7 +57,7 @@ set(Robot, Device, Value) ->
 
 -spec init(starl_machine:config()) -> {ready, #actuator{}, []}.
 init(#{incarnation := Incarnation}) ->
-    %% an answer to a command of another life is none
+    %% an answer to a command of an earlier incarnation is not accepted
     {ready, #actuator{n = Incarnation bsl 32}, []}.
 
 -spec handle_event(

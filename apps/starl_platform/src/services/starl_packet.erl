@@ -1,11 +1,11 @@
-%% @doc The packets of SAP: the one place that makes and reads them.
+%% @doc The packets of SAP: the one module that builds and checks them.
 %%
-%% A data packet carries its source's incarnation, the message's name within it, its number among
-%% the messages to its receiver or among the broadcasts, and for each receiver the incarnation that
-%% it is meant for. Incarnation 1 is the default and not written.
+%% A data packet carries its source's incarnation, the message's sequence number within it, its
+%% number among the messages to its receiver or among the broadcasts, and for each receiver the
+%% incarnation that it is meant for. Incarnation 1 is the default and not written.
 %%
-%% Whoever has a radio can put anything on the air. {@link source/1} lets nothing pass but packets
-%% of exactly these shapes, whatever they say; what they say is for {@link starl_sap} to judge.
+%% Anybody with a radio can put anything on the air. {@link source/1} accepts only packets of
+%% exactly these shapes, whatever values they carry; {@link starl_sap} judges the values.
 -module(starl_packet).
 
 -export([data/1, ack/4, refusal/4, hello/2, shout/3, ask/2, told/4]).
@@ -15,7 +15,7 @@
 
 -define(VERSION, 1).
 
-%% No robot counts further: numbers stay small integers.
+%% The largest number that any robot counts to: numbers stay small integers.
 -define(MOST, 16#3FFFFFFFFFFFFFF).
 
 -define(IS_COUNT(N), (is_integer(N) andalso N > 0 andalso N =< ?MOST)).
@@ -30,11 +30,11 @@
 %% Counts the messages of one incarnation.
 -type seq() :: pos_integer().
 
-%% Counts the messages to one receiver, or the broadcasts: what is lost on the way to one robot
+%% Counts the messages to one receiver, or the broadcasts: a message lost on the way to one robot
 %% leaves no gap for another.
 -type numbering() :: seq() | {all, seq()}.
 
-%% A machine's type of message, or a sequential application's, which lie in a space of their own.
+%% The type of a machine's message, or of an application's; the two have separate name spaces.
 -type type() :: atom() | {app, atom()}.
 
 %% The lowest numbers that a source still waits for at a robot: of messages to it, of broadcasts.
@@ -57,18 +57,18 @@
     {starl, Version :: 1, data, data()}
     %% By has the message {Incarnation, Seq} of the receiver of this packet
     | {starl, 1, ack, By :: starl:robot_id(), incarnation(), incarnation(), seq()}
-    %% By is a new incarnation and does not take the message
+    %% By is a later incarnation and does not take the message
     | {starl, 1, refusal, By :: starl:robot_id(), incarnation(), incarnation(), seq()}
     %% a robot's SAP has started anew
     | {starl, 1, hello, starl:robot_id(), incarnation()}
-    %% By doubts what came in the name of the receiver of this packet
+    %% By doubts a packet that came in the name of the receiver of this one
     | {starl, 1, ask, By :: starl:robot_id(), Nonce :: pos_integer()}
-    %% the answer of the robot itself
+    %% the answer to `ask', from the robot itself
     | {starl, 1, told, starl:robot_id(), incarnation(), Nonce :: pos_integer(), lows()}
-    %% for all in range; nobody acknowledges it
+    %% a datagram for all in range; nobody acknowledges it
     | {starl, 1, shout, Source :: starl:robot_id(), type(), Body :: term()}.
 
-%% @doc A message.
+%% @doc A data packet.
 -spec data(data()) -> t().
 data(Data) -> {starl, ?VERSION, data, Data}.
 
@@ -76,7 +76,7 @@ data(Data) -> {starl, ?VERSION, data, Data}.
 -spec ack(By :: starl:robot_id(), Own :: incarnation(), incarnation(), seq()) -> t().
 ack(By, Own, Incarnation, Seq) -> {starl, ?VERSION, ack, By, Own, Incarnation, Seq}.
 
-%% @doc `By' did not take the message: it was meant for an earlier incarnation of `By'.
+%% @doc `By' does not take the message: it was meant for an earlier incarnation of `By'.
 -spec refusal(By :: starl:robot_id(), Own :: incarnation(), incarnation(), seq()) -> t().
 refusal(By, Own, Incarnation, Seq) -> {starl, ?VERSION, refusal, By, Own, Incarnation, Seq}.
 
@@ -88,15 +88,15 @@ hello(Robot, Incarnation) -> {starl, ?VERSION, hello, Robot, Incarnation}.
 -spec shout(Source :: starl:robot_id(), type(), Body :: term()) -> t().
 shout(Source, Type, Body) -> {starl, ?VERSION, shout, Source, Type, Body}.
 
-%% @doc `By' asks a robot which incarnation it is.
+%% @doc `By' asks a robot for its incarnation.
 -spec ask(By :: starl:robot_id(), Nonce :: pos_integer()) -> t().
 ask(By, Nonce) -> {starl, ?VERSION, ask, By, Nonce}.
 
-%% @doc The answer: the incarnation, and what it still waits for at the robot that asks.
+%% @doc The answer: the incarnation, and the lowest numbers still waited for at the asking robot.
 -spec told(starl:robot_id(), incarnation(), Nonce :: pos_integer(), lows()) -> t().
 told(Robot, Incarnation, Nonce, Lows) -> {starl, ?VERSION, told, Robot, Incarnation, Nonce, Lows}.
 
-%% @doc In whose name a packet comes; `malformed' if it is none.
+%% @doc The robot in whose name a packet comes; `malformed': the term is no packet.
 -spec source(term()) -> starl:robot_id() | malformed.
 source({starl, ?VERSION, data, {Source, Incarnation, Seq, Number, For, Type, _Body}}) when
     ?IS_COUNT(Source), ?IS_COUNT(Incarnation), ?IS_COUNT(Seq), is_map(For), ?IS_TYPE(Type)

@@ -1,6 +1,6 @@
-%% @doc SAP, the reliable message service (the paper's send/receive with acknowledgement). Here
-%% is what packets and requests mean; {@link starl_sap_out} keeps what is under way, {@link
-%% starl_sap_peers} what has been taken, {@link starl_sap_inbox} who listens.
+%% @doc SAP, the reliable message service (the paper's send/receive with acknowledgement). This
+%% module gives packets and requests their meaning; {@link starl_sap_out} keeps the messages under
+%% way, {@link starl_sap_peers} the messages taken, {@link starl_sap_inbox} the listeners.
 %%
 %% Exchange rules:
 %% ```
@@ -9,33 +9,32 @@
 %%     |<----------- ack {incarnation, seq} ----|  seen before: acknowledged only
 %%     | (again after a back-off, at most `limit' times, then reported lost)
 %%     |<------- refusal {its incarnation} -----|  meant for an earlier incarnation of the receiver
-%%     |<------------------------ ask {nonce} --|  what came in the source's name is doubtful
-%%     | told {incarnation, nonce, lows} ------>|  the source's own word
+%%     |<------------------------ ask {nonce} --|  a packet in the source's name is doubtful
+%%     | told {incarnation, nonce, lows} ------>|  the source's own answer
 %% '''
 %% At most once: the receiver remembers which numbers of a source's incarnation it has taken,
 %% within a window ({@link starl_sap_peers}). A message that the receiver's previous incarnation
-%% may have taken is refused by the next one and reported `restarted'. A lost report does not say
-%% that the message was not delivered. A message whose type has no listener yet waits for one,
-%% within bounds; beyond them, or where its listener has no room for it, it is not acknowledged, so
-%% the source tries again.
+%% may have taken is refused by the next one and reported `restarted'. A message reported lost
+%% may still have been delivered. A message whose type has no listener yet waits for one,
+%% within bounds; beyond them, or when its listener has no room, it is not acknowledged, so the
+%% source tries again.
 %%
-%% Packets are not trusted: {@link starl_packet:source/1} lets only well-formed ones in, strangers
-%% are not heard, and no packet but a robot's own answer to a question can make others believe that
-%% it is far ahead. What is dropped leaves a trace.
+%% Packets are not trusted: only well-formed ones are accepted ({@link starl_packet:source/1}),
+%% strangers are ignored, and only a robot's own answer to a question can make others believe that
+%% it is far ahead. A dropped packet leaves a trace event.
 %%
 %% Calls: `{send, To, Type, Body}' (answer {@link starl:outcome()}), `{broadcast, Type, Body}'
-%% (answer `ok', `{error, {lost, Robots}}' or `{error, overload}'): one packet on the air, then
-%% again to each that did not acknowledge. Casts: `{send, To, Type, Body}',
-%% `{broadcast, Type, Body}' without an answer, `{listen, Type, Machine}',
-%% `{listen, Type, Machine, Room}' from a listener that keeps at most so many messages more than it
-%% has now, and `{read, Machine, Count}' when it has read some. A listener gets the cast
-%% `{message, From, Type, Body}'. A type has one listener: another one is refused, and the monitor
-%% takes it for a violation.
+%% (answer `ok', `{error, {lost, Robots}}' or `{error, overload}'): one packet on the air, then one
+%% to each robot that did not acknowledge. Casts: `{send, To, Type, Body}', `{broadcast, Type,
+%% Body}' without an answer, `{listen, Type, Machine}', `{listen, Type, Machine, Room}' from a
+%% listener that can keep `Room' more messages than it has now, and `{read, Machine, Count}' when it
+%% has read `Count' messages. A listener gets the cast `{message, From, Type, Body}'. A type has one
+%% listener: a second one is refused, which the monitor judges as a violation.
 %%
 %% Beside the reliable service there is a datagram: the cast `{shout, Type, Body}' puts one packet
-%% on the air for all in range. It is not acknowledged or repeated, may arrive twice, and is
-%% dropped where nobody listens to its type; the contract of SAP does not cover it. The same
-%% packet may be sent to one robot alone ({@link datagram/4}).
+%% on the air for all in range. It is neither acknowledged nor repeated, may arrive twice, and is
+%% dropped by a robot that does not listen to its type; the contract of SAP does not cover it. The
+%% same packet may be sent to one robot alone ({@link datagram/4}).
 %%
 %% Trace: {@link event()}.
 -module(starl_sap).
@@ -46,28 +45,28 @@
 
 -export_type([config/0, event/0]).
 
-%% What it traces. Ids are {source, incarnation, sequence number}, hashes `erlang:phash2(Body)'.
+%% Its trace. Ids are {source, incarnation, sequence number}, hashes `erlang:phash2(Body)'.
 -type event() ::
     {started, starl_packet:incarnation()}
     | {sent, starl_sap_out:id(), To :: [starl:robot_id()], starl_packet:type(), hash()}
-    %% beside `sent', where a caller waits for the outcome: at one robot, or at all
+    %% beside `sent', when a caller waits for the outcome: at one robot, or at all
     | {called, starl_sap_out:id(), one | all}
     %% the caller's answer; without an id nothing was sent
     | {answered, starl_sap_out:id() | none, starl_sap_message:answer() | {error, overload}}
-    %% not sent: as much as may be is under way
+    %% not sent: too much is under way
     | {overload, starl_packet:type()}
     %% at the source, for each destination
     | {outcome, starl_sap_out:id(), At :: starl:robot_id(), acknowledged | lost | restarted}
     %% at the receiver
     | {delivered, starl_sap_out:id(), starl_packet:type(), hash()}
-    %% not taken: its listener has no room, or there is none for messages without a listener
+    %% not taken: its listener has no room, or too many messages wait for a listener
     | {full, From :: starl:robot_id(), starl_packet:type()}
     | {unclaimed_full, From :: starl:robot_id(), starl_packet:type()}
     %% a datagram that nobody listens to
     | {unheard, From :: starl:robot_id(), starl_packet:type()}
-    %% a packet in the name of that robot was not heeded: it is a `stranger', or the `incarnation',
-    %% the `number', what is said of a message (`acknowledged', `restarted') or an `answer' cannot
-    %% be true
+    %% a packet in that robot's name was dropped: it is a `stranger', or the `incarnation', the
+    %% `number', the claim about a message (`acknowledged', `restarted') or the `answer' cannot be
+    %% true
     | {dropped, stranger | incarnation | number | acknowledged | restarted | answer,
         starl:robot_id()}
     %% the type has a listener already
@@ -75,9 +74,10 @@
 
 -type hash() :: non_neg_integer().
 
-%% `retransmit_ms': the first retransmission's delay; each further one waits `backoff' times
-%% longer, at most `longest_ms'; `limit': how many retransmissions; `window': how far numbers
-%% under way to one robot may lie apart; `unclaimed': how many messages may wait for a listener.
+%% `retransmit_ms': the delay of the first retransmission; each further delay is `backoff' times as
+%% long, at most `longest_ms'; `limit': the number of retransmissions; `window': the largest
+%% distance of the numbers under way to one robot; `unclaimed': the number of messages that may wait
+%% for a listener.
 -type config() :: #{
     retransmit_ms => pos_integer(),
     backoff => float(),
@@ -248,7 +248,7 @@ packet({starl, _, told, By, Theirs, Nonce, Lows}, #sap{peers = Peers} = Sap) ->
         not_asked -> {keep_state_and_data, [dropped(answer, By)]}
     end.
 
-%% Asks a robot which incarnation it is, and where its numbers begin.
+%% Asks a robot for its incarnation, and for the lowest numbers that it still waits for.
 ask(Robot, #sap{self = Self, peers = Peers, nonce = Next} = Sap) ->
     {Nonce, Asked} = starl_sap_peers:ask(Robot, Next, Peers),
     {{transmit, Robot, starl_packet:ask(Self, Nonce)}, Sap#sap{peers = Asked, nonce = Next + 1}}.
@@ -264,8 +264,8 @@ settle({By, Theirs} = Robot, Own, Seq, Outcome, #sap{out = Out} = Sap) ->
         untrue -> {keep_state_and_data, [dropped(Outcome, By)]}
     end.
 
-%% An acknowledgement comes from the incarnation that the message was meant for: that is no news.
-%% A robot that refuses may be an earlier one than it is taken for.
+%% An acknowledgement comes from the incarnation that the message was meant for: nothing to learn.
+%% A refusal may come from an earlier incarnation than the one known.
 settled(_By, _Theirs, acknowledged, Actions, Sap) ->
     {keep_state, Sap, Actions};
 settled(By, Theirs, restarted, Actions, #sap{peers = Peers} = Sap) ->
@@ -301,7 +301,7 @@ take_new({Source, Theirs, Seq, _Number, _For, Type, Body}, Ack, Taken, Heard, Sa
     case starl_sap_inbox:deliver(Source, Type, Body, {Source, Theirs, Seq}, Sap#sap.inbox) of
         {Actions, Delivered} ->
             {keep_state, Sap#sap{peers = Taken, inbox = Delivered}, [Ack | Actions]};
-        %% Not taken; it will come again.
+        %% Not taken; the source sends it again.
         Full ->
             {keep_state, Sap#sap{peers = Heard}, [{trace, {Full, Source, Type}}]}
     end.
@@ -316,8 +316,8 @@ far(Source, Sap) ->
 
 %% -- configuration --------------------------------------------------------------------------
 
-%% Where the nonces begin, which only those can know who hear the questions. Each incarnation has
-%% its own, whatever its random stream: an answer to an earlier one is none to this one.
+%% The first nonce, which only a robot that hears the questions can know. Each incarnation has
+%% its own, even with the same random stream: an answer to an earlier incarnation does not count.
 nonce(#{random := Random, incarnation := Incarnation}) ->
     {N, _} = rand:uniform_s(1 bsl 32, Random),
     1 + erlang:phash2({N, Incarnation}, 1 bsl 32).

@@ -1,8 +1,8 @@
-%% @doc To whom the messages that come go: the machine that listens to their type, or, within
-%% bounds, whoever will listen to it later. Pure; a part of {@link starl_sap}.
+%% @doc Hands incoming messages to the machine that listens to their type; messages without a
+%% listener wait for one, within bounds. Pure; a part of {@link starl_sap}.
 %%
-%% A type has one listener. A listener that keeps messages until it reads them says how many it has
-%% room for; one that handles them at once has room for all.
+%% A type has one listener. A listener that keeps messages until it reads them announces how many it
+%% has room for; a listener that handles them at once has unlimited room.
 -module(starl_sap_inbox).
 
 -export([new/1, listen/3, room/3, read/3, deliver/5, overhear/4]).
@@ -12,19 +12,20 @@
 -record(inbox, {
     limit :: non_neg_integer(),
     listeners = #{} :: #{starl_packet:type() => starl_machine:name()},
-    %% how many messages more the machine can keep
+    %% how many more messages the machine can keep
     rooms = #{} :: #{starl_machine:name() => non_neg_integer()},
-    %% messages that could not be handed on yet, latest first
+    %% messages that have found no listener or no room yet, latest first
     unclaimed = [] :: [{starl:robot_id(), starl_packet:type(), Body :: term()}]
 }).
 
 -opaque t() :: #inbox{}.
 
-%% @doc Nobody listens; so many messages may wait for a listener.
+%% @doc An inbox without listeners, in which `Limit' messages may wait for one.
 -spec new(non_neg_integer()) -> t().
 new(Limit) -> #inbox{limit = Limit}.
 
-%% @doc A machine listens to a type, unless another one does, and gets what has waited for it.
+%% @doc Registers a machine as the listener of a type, unless another one has it, and hands on the
+%% messages that have waited.
 -spec listen(starl_packet:type(), starl_machine:name(), t()) ->
     {[starl_machine:action()], t()} | {held_by, starl_machine:name()}.
 listen(Type, Machine, #inbox{listeners = Listeners} = Inbox) ->
@@ -33,13 +34,13 @@ listen(Type, Machine, #inbox{listeners = Listeners} = Inbox) ->
         #{} -> hand_on(Inbox#inbox{listeners = Listeners#{Type => Machine}})
     end.
 
-%% @doc A machine has room for so many messages, whatever it had before.
+%% @doc Sets a machine's room, in place of the room that it had before.
 -spec room(starl_machine:name(), non_neg_integer(), t()) -> t().
 room(Machine, Room, #inbox{rooms = Rooms} = Inbox) ->
     Inbox#inbox{rooms = Rooms#{Machine => Room}}.
 
-%% @doc A machine has read so many messages. One that has not said what room it has, as it has not
-%% heard yet that SAP has restarted, will count them when it does.
+%% @doc Adds the messages that a machine has read to its room. A machine without an announced room
+%% has not yet heard of a restart of SAP; it counts them when it announces its room.
 -spec read(starl_machine:name(), non_neg_integer(), t()) -> {[starl_machine:action()], t()}.
 read(Machine, Count, #inbox{rooms = Rooms} = Inbox) ->
     case Rooms of
@@ -47,7 +48,7 @@ read(Machine, Count, #inbox{rooms = Rooms} = Inbox) ->
         #{} -> {[], Inbox}
     end.
 
-%% What has waited goes on, the oldest first, as far as there is room.
+%% Hands on the messages that have waited, oldest first, as far as there is room.
 hand_on(#inbox{unclaimed = Unclaimed} = Inbox) ->
     {Messages, Handed} = lists:foldl(
         fun hand_on/2,
@@ -62,7 +63,7 @@ hand_on({Source, Type, Body} = Message, {Messages, #inbox{unclaimed = Unclaimed}
         _ -> {Messages, Inbox#inbox{unclaimed = [Message | Unclaimed]}}
     end.
 
-%% The machine that listens, and what has become of its room; nobody listens, or it has none.
+%% The listener of a type, with its room reduced by one; else nobody listens, or it has no room.
 machine(Type, #inbox{listeners = Listeners, rooms = Rooms} = Inbox) ->
     case Listeners of
         #{Type := Machine} ->
@@ -75,8 +76,8 @@ machine(Type, #inbox{listeners = Listeners, rooms = Rooms} = Inbox) ->
             nobody
     end.
 
-%% @doc Delivers a message: to its listener, or to whoever will listen. If neither has room for it,
-%% it is not taken.
+%% @doc Delivers a message to its listener, or keeps it for a later one. Without room for it, the
+%% message is not taken.
 -spec deliver(starl:robot_id(), starl_packet:type(), Body :: term(), starl_sap_out:id(), t()) ->
     {[starl_machine:action()], t()} | full | unclaimed_full.
 deliver(Source, Type, Body, Id, #inbox{unclaimed = Unclaimed, limit = Limit} = Inbox) ->
@@ -94,8 +95,8 @@ deliver(Source, Type, Body, Id, #inbox{unclaimed = Unclaimed, limit = Limit} = I
 
 delivered(Id, Type, Body) -> {trace, {delivered, Id, Type, erlang:phash2(Body)}}.
 
-%% @doc Passes a datagram on, if anybody listens. It is none of the messages that are counted: an
-%% application gets it by its plain name.
+%% @doc Passes a datagram on, if anybody listens. Datagrams are not counted as messages: an
+%% application gets them under the plain name of their type.
 -spec overhear(starl:robot_id(), starl_packet:type(), Body :: term(), t()) ->
     starl_machine:action().
 overhear(Source, Type, Body, #inbox{listeners = Listeners}) ->

@@ -1,9 +1,10 @@
-%% @doc The messages of a robot that are under way: numbered, sent again until they are
-%% acknowledged, at last reported. Pure; a part of {@link starl_sap}.
+%% @doc The messages of a robot that are under way: numbered, retransmitted until they are
+%% acknowledged, and reported in the end. Pure; a part of {@link starl_sap}.
 %%
-%% A message has a name, which is never used twice in an incarnation, and a number: among the
-%% messages to its receiver, or among the broadcasts. The numbers under way to one robot lie within
-%% a window. Where it is used up a robot is not sent to: so one that is dead holds up nobody else.
+%% A message has a sequence number, which is never used twice in an incarnation, and a number: among
+%% the messages to its receiver, or among the broadcasts. The numbers under way to one robot lie
+%% within a window. A robot whose window is used up gets no further messages, so a dead robot holds
+%% up nobody else.
 -module(starl_sap_out).
 
 -export([new/4, send/4, broadcast/4, send_own/4, retransmit/2, settle/5, lows/2, answer/3]).
@@ -16,21 +17,21 @@
 
 -type incarnations() :: #{starl:robot_id() => starl_packet:incarnation()}.
 
-%% A message under way: who has not acknowledged, who asked, how often it was sent.
+%% A message under way: the robots that have not acknowledged, the caller, the number of tries.
 -record(message, {
     number :: starl_packet:numbering(),
     type :: starl_packet:type(),
     body :: term(),
     waiting :: [starl:robot_id()],
-    %% the receivers' incarnations when it was first sent: a retransmission must not be taken by a
-    %% later one, for the earlier may have delivered it
+    %% the receivers' incarnations when it was first sent: a later incarnation must not take a
+    %% retransmission, since the earlier one may have delivered the message
     for :: incarnations(),
     lost = [] :: [starl:robot_id()],
     from :: starl_machine:from() | none,
     tries = 0 :: non_neg_integer()
 }).
 
-%% What is under way to one robot: numbers, ascending.
+%% The numbers under way to one robot, ascending.
 -record(link, {
     next = 1 :: starl_packet:seq(),
     ones = [] :: [starl_packet:seq()],
@@ -42,7 +43,7 @@
     incarnation :: starl_packet:incarnation(),
     delays :: [pos_integer()],
     window :: pos_integer(),
-    %% the next message's name, the next broadcast's number
+    %% the next message's sequence number, the next broadcast's number
     next = 1 :: starl_packet:seq(),
     cast = 1 :: starl_packet:seq(),
     links = #{} :: #{starl:robot_id() => #link{}},
@@ -51,8 +52,8 @@
 
 -opaque t() :: #out{}.
 
-%% @doc Nothing is under way. The waiting times after each transmission are in microseconds;
-%% `Window': how far numbers under way to one robot may lie apart.
+%% @doc No messages are under way. `Delays': the waiting times after each transmission, in
+%% microseconds; `Window': the largest distance of the numbers under way to one robot.
 -spec new(
     starl:robot_id(),
     starl_packet:incarnation(),
@@ -77,8 +78,8 @@ send({Dest, Content}, From, For, #out{links = Links, window = Window} = Out) ->
             send(Message, [Dest], Out#out{links = Links#{Dest => Open}})
     end.
 
-%% @doc Sends a message to many robots, in one packet at first. It is lost at once at those whose
-%% window is used up, unless it is at all of them.
+%% @doc Sends a message to many robots, in one packet at first. It is lost at once at the robots
+%% whose window is used up; if all windows are, it is not sent.
 -spec broadcast(
     {[starl:robot_id(), ...], content()}, starl_machine:from() | none, For :: incarnations(), t()
 ) -> {[starl_machine:action()], t()} | full.
@@ -120,8 +121,8 @@ send(#message{type = Type, body = Body, from = From} = Message, Dests, #out{next
 how(#message{number = {all, _}}) -> all;
 how(#message{}) -> one.
 
-%% @doc Sends a message to oneself, which needs no packet and has no number. What is to be told
-%% before its delivery, and after it.
+%% @doc Sends a message to the robot itself, without a packet and without a number. Returns the
+%% actions before its delivery, and those after it.
 -spec send_own(starl_packet:type(), Body :: term(), starl_machine:from() | none, t()) ->
     {id(), Before :: [starl_machine:action()], After :: [starl_machine:action()], t()}.
 send_own(Type, Body, From, #out{self = Self, next = Seq} = Out) ->
@@ -145,7 +146,7 @@ transmit(Seq, #message{tries = Tries, waiting = Waiting} = Message, Next, Out) -
 on_air(#message{number = {all, _}, tries = 0}) -> [all];
 on_air(#message{waiting = Waiting}) -> Waiting.
 
-%% @doc It is time to send a message again, or to report it lost.
+%% @doc Sends a message again when its time has come, or reports it lost.
 -spec retransmit(starl_packet:seq(), t()) -> {[starl_machine:action()], t()} | none.
 retransmit(Seq, #out{messages = Messages, delays = Delays, next = Next} = Out) ->
     case Messages of
@@ -160,8 +161,8 @@ retransmit(Seq, #out{messages = Messages, delays = Delays, next = Next} = Out) -
             none
     end.
 
-%% @doc A robot, in this incarnation of it, says that it has a message, or that it has restarted
-%% and does not take it. `none': nothing is waited for; `untrue': of another incarnation.
+%% @doc A robot, in its given incarnation, acknowledges a message, or refuses it after a restart.
+%% `none': nobody waits for this; `untrue': the incarnation does not fit.
 -spec settle(
     {By :: starl:robot_id(), starl_packet:incarnation()},
     starl_packet:incarnation(),
@@ -201,7 +202,7 @@ settled(By, Seq, #message{waiting = Waiting, lost = Lost} = Message, Outcome, Ou
             {[Trace], Out#out{messages = (Out#out.messages)#{Seq := Rest}}}
     end.
 
-%% The number is not under way to the robot, or to these robots, any more.
+%% Removes the number from those under way to one robot, or to several.
 closed([], _Message, Out) ->
     Out;
 closed([Dest | Dests], Message, Out) ->
@@ -224,17 +225,17 @@ result(#message{lost = []}, _) -> ok;
 result(#message{number = {all, _}, lost = Lost}, _) -> {error, {lost, lists:sort(Lost)}};
 result(#message{}, Outcome) -> {error, Outcome}.
 
-%% @doc The lowest numbers that are still waited for at a robot.
+%% @doc The lowest numbers that still wait for an acknowledgement of this robot.
 -spec lows(starl:robot_id(), t()) -> starl_packet:lows().
 lows(Robot, #out{links = Links, cast = Cast}) ->
     #link{next = Next, ones = Ones, casts = Casts} = maps:get(Robot, Links, #link{}),
     {hd(Ones ++ [Next]), hd(Casts ++ [Cast])}.
 
-%% Somebody waits for the outcome: an answer is due.
+%% A caller waits for the outcome: an answer is due.
 called(none, _Id, _How) -> [];
 called(_From, Id, How) -> [{trace, {called, Id, How}}].
 
-%% @doc Tells the outcome to whoever waits for it; what it is told is judged.
+%% @doc Answers the caller, if there is one, and traces the answer, which the monitor judges.
 -spec answer(starl_machine:from() | none, id() | none, Outcome :: term()) ->
     [starl_machine:action()].
 answer(none, _Id, _) -> [];

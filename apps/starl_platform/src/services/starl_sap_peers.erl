@@ -1,25 +1,25 @@
 %% @doc What a robot knows of the sources of messages: the incarnation of each, and which of its
-%% numbers have been taken. Pure; the part of {@link starl_sap} that "at most once" rests on.
+%% numbers have been taken. Pure; the part of {@link starl_sap} that guarantees "at most once".
 %%
-%% Numbers are taken from a floor on, within a window: below the floor all have been taken, or the
-%% source waits for them no more. The floor rises with what is taken one after the other, and over
-%% a gap, which a lost message leaves, when the source says that it may. So no packet, whatever
-%% numbers it bears, moves the floor by more than itself.
+%% Numbers are taken from a floor on, within a window: each number below the floor has been taken,
+%% or the source has stopped waiting for it. The floor rises when numbers are taken in sequence. A
+%% lost message leaves a gap; the floor rises over it when the source allows that. So a packet,
+%% whatever numbers it carries, uses up one number at most and cannot make the floor jump.
 %%
-%% An incarnation a little later than the one known is believed at once. One that is far beyond it,
-%% or before it, may be false, or the one known may be: the robot itself is asked, and its answer
-%% counts, whatever was believed. The answer bears the nonce of the question, so it was given after
-%% what is believed now was true.
+%% An incarnation a little later than the one known is believed at once. If it is far later, or
+%% earlier, it may be false, or the known one may be: the robot itself is asked, and its answer
+%% replaces the earlier belief. The answer carries the nonce of the question, so it is newer than
+%% that belief.
 -module(starl_sap_peers).
 
 -export([new/0, incarnation/2, is_known/2, later/2, heard/3, take/4, ask/3, told/5]).
 
 -export_type([t/0]).
 
-%% So many starts of a robot may have gone unheard.
+%% The number of a robot's starts that may have gone unheard.
 -define(LEAP, 16).
 
-%% The numbers taken, from a floor on; all below it are.
+%% The numbers taken from a floor on; all numbers below it count as taken.
 -record(taken, {
     floor = 1 :: starl_packet:seq(),
     above = starl_sap_numbers:new() :: starl_sap_numbers:t()
@@ -29,17 +29,17 @@
     incarnation = 1 :: starl_packet:incarnation(),
     ones = #taken{} :: #taken{},
     casts = #taken{} :: #taken{},
-    %% of the question that it has not answered yet
+    %% the nonce of the open question to this robot
     nonce = none :: pos_integer() | none
 }).
 
 -opaque t() :: #{starl:robot_id() => #peer{}}.
 
-%% @doc Nobody has been heard yet.
+%% @doc No robot has been heard yet.
 -spec new() -> t().
 new() -> #{}.
 
-%% @doc The latest incarnation of a robot that has been heard; 1 if none has.
+%% @doc The latest known incarnation of a robot; 1 if none has been heard.
 -spec incarnation(starl:robot_id(), t()) -> starl_packet:incarnation().
 incarnation(Robot, Peers) ->
     case Peers of
@@ -51,7 +51,7 @@ incarnation(Robot, Peers) ->
 -spec is_known(starl:robot_id(), t()) -> boolean().
 is_known(Robot, Peers) -> is_map_key(Robot, Peers).
 
-%% @doc The incarnations of those of the robots that have restarted.
+%% @doc The incarnations of those robots that have restarted.
 -spec later([starl:robot_id()], t()) -> #{starl:robot_id() => starl_packet:incarnation()}.
 later([Robot], Peers) ->
     case Peers of
@@ -66,8 +66,9 @@ later(Robots, Peers) ->
      || Robot <- Robots, Incarnation <- [incarnation(Robot, Peers)], Incarnation > 1
     ]).
 
-%% @doc Learns a robot's incarnation from a packet: it is the one that is known now, an earlier
-%% one, or far beyond it. What was taken of an earlier one need not be known any more.
+%% @doc Learns a robot's incarnation from a packet: `present': it is the one that is known now;
+%% `earlier': an earlier one; `far': far beyond it. A new incarnation makes the numbers taken of
+%% the earlier one obsolete.
 -spec heard(starl:robot_id(), starl_packet:incarnation(), t()) -> {present | earlier | far, t()}.
 heard(Robot, Incarnation, Peers) ->
     case incarnation(Robot, Peers) of
@@ -81,7 +82,7 @@ heard(Robot, Incarnation, Peers) ->
     end.
 
 %% @doc Takes a message of the source's present incarnation, unless it has been taken before or
-%% lies `Window' or more above the floor. `wide': half of the window is used up by gaps.
+%% lies `Window' or more above the floor. `wide': gaps use up half of the window.
 -spec take(starl:robot_id(), starl_packet:numbering(), Window :: pos_integer(), t()) ->
     {new | wide, t()} | seen | far.
 take(Source, {all, Number}, Window, Peers) ->
@@ -117,7 +118,7 @@ take_above(Number, Window, #taken{floor = Floor, above = Above}) ->
 width(Width, Window) when 2 * Width >= Window -> wide;
 width(_Width, _Window) -> new.
 
-%% @doc A robot is to be asked; by this nonce, or by the one of the question that is still open.
+%% @doc Prepares a question to a robot: with this nonce, or with that of a question still open.
 -spec ask(starl:robot_id(), Nonce :: pos_integer(), t()) -> {pos_integer(), t()}.
 ask(Robot, Nonce, Peers) ->
     case maps:get(Robot, Peers, #peer{}) of
@@ -125,7 +126,7 @@ ask(Robot, Nonce, Peers) ->
         #peer{nonce = Asked} -> {Asked, Peers}
     end.
 
-%% @doc A robot answers which incarnation it is, and up to which numbers it waits for nothing.
+%% @doc A robot answers with its incarnation, and with the lowest numbers that it still waits for.
 -spec told(
     starl:robot_id(), starl_packet:incarnation(), Nonce :: pos_integer(), starl_packet:lows(), t()
 ) -> {ok, t()} | not_asked.
