@@ -1,5 +1,5 @@
-%% @doc The simulator's interface: start a simulation, run it on in virtual time, look inside,
-%% and tell what came of it.
+%% @doc The simulator's interface: starts a simulation, runs it in virtual time, looks inside,
+%% and reports the outcome.
 %% ```
 %%   {ok, Sim} = starl_sim:start(#{app => starl_painting, robots => 4}).
 %%   starl_sim:run(Sim, 10.0).          % to virtual second 10
@@ -30,11 +30,10 @@
 %% A running simulation, linked to the process that started it.
 -opaque sim() :: #sim{}.
 
-%% What does not belong to the scenario: the events of which robots are to be recorded, and
-%% further monitors, which look on; over which nodes the run goes, so many peers on this machine
-%% or nodes that run already with the same code ({@link starl_sim_nodes}), how long, in wall time,
-%% one may keep the others waiting, and modules that were compiled in memory and are to be loaded
-%% there.
+%% Options outside the scenario: the events of which robots to record; further monitors, which only
+%% look on; the nodes of the run, either a number of peers on this machine or nodes that already run
+%% the same code ({@link starl_sim_nodes}); the wall time that one node may keep the others waiting;
+%% and modules that were compiled in memory, to be loaded on the nodes.
 -type options() :: #{
     record => #{starl:robot_id() => starl_sim_ledger:range()},
     watch => [{module(), map()}],
@@ -57,7 +56,7 @@
 -spec start(#{app := module(), atom() => term()}) -> {ok, sim()} | {error, reason()}.
 start(Given) -> start(Given, #{}).
 
-%% @doc The same with options of the run, which change nothing in it.
+%% @doc Starts the simulation with options of the run, which do not change its result.
 -spec start(#{app := module(), atom() => term()}, options()) -> {ok, sim()} | {error, reason()}.
 start(#{app := App} = Given, Options) ->
     case code:ensure_loaded(App) of
@@ -70,52 +69,52 @@ start(#{app := App} = Given, Options) ->
             {error, {no_such_app, App}}
     end.
 
-%% @doc Runs to the end: all applications done, the scenario's time up, a contract violated.
+%% @doc Runs to the end: all applications are done, the time is up, or a contract is violated.
 -spec run(sim()) -> starl_sim_run:status().
 run(#sim{run = Run, scenario = #{time := Seconds}}) -> starl_sim_run:run(Run, micros(Seconds)).
 
-%% @doc Runs to a virtual time in seconds, or an earlier end.
+%% @doc Runs to a virtual time in seconds, or to an earlier end.
 -spec run(sim(), Seconds :: number()) -> starl_sim_run:status().
 run(#sim{run = Run}, Seconds) -> starl_sim_run:run(Run, micros(Seconds)).
 
-%% @doc Runs so many virtual seconds on.
+%% @doc Runs on for the given virtual seconds.
 -spec step(sim(), Seconds :: number()) -> starl_sim_run:status().
 step(#sim{run = Run}, Seconds) ->
     #{now_us := Now} = starl_sim_run:status(Run),
     starl_sim_run:run(Run, Now + micros(Seconds)).
 
-%% @doc Runs until just after the N-th event of a robot. That robot does no more in the window,
-%% the others finish it; {@link run/1} goes on from there as if there had been no stop.
+%% @doc Runs until just after the N-th event of a robot. That robot pauses for the rest of the
+%% window, the others finish it; {@link run/1} goes on from there as if there had been no stop.
 -spec run_until_event(sim(), starl:robot_id(), N :: pos_integer()) ->
     {ok, starl_sim_run:status()} | {error, starl_sim_run:missed() | running}.
 run_until_event(#sim{run = Run}, Robot, N) -> starl_sim_run:run_to(Run, {Robot, N}).
 
-%% @doc Ends a run after the present window; may be called from any process.
+%% @doc Ends a run after the present window; any process may call it.
 -spec stop(sim()) -> ok.
 stop(#sim{run = Run}) -> starl_sim_run:stop(Run).
 
-%% @doc The virtual time, and how many applications still run.
+%% @doc The virtual time, and the number of applications that still run.
 -spec status(sim()) -> starl_sim_run:status().
 status(#sim{run = Run}) -> starl_sim_run:status(Run).
 
-%% @doc The machines of a robot, each with its state and data; while the run rests.
+%% @doc The machines of a robot, each with its state and data. Only while the run rests.
 -spec inspect(sim(), starl:robot_id()) ->
     #{starl_machine:name() => starl_sim_machines:seen()} | unknown | {error, running}.
 inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
 
-%% @doc What is known of every robot; while the run rests.
+%% @doc A summary of every robot. Only while the run rests.
 -spec robots(sim()) -> [{starl:robot_id(), starl_sim_robot:summary()}] | {error, running}.
 robots(#sim{run = Run}) -> starl_sim_run:robots(Run).
 
-%% @doc The events of a robot that the option `record' of {@link start/2} asked for and that have
-%% taken place; while the run rests.
+%% @doc The recorded events of a robot so far, as the option `record' of {@link start/2} asked.
+%% Only while the run rests.
 -spec events(sim(), starl:robot_id()) -> [starl_sim_ledger:event()] | unknown | {error, running}.
 events(#sim{run = Run}, Robot) -> starl_sim_run:events(Run, Robot).
 
-%% @doc Loads a module anew, from where the code lies; each application takes it up at its next
-%% step. However often it is called while steps block, no application is killed: `waits' says that
-%% these robots are in the midst of a step of the version before last. The code is loaded as soon as
-%% they have ended it and the run goes on; of several that wait, the last.
+%% @doc Loads a module anew, from the place of its code; each application uses it from its next
+%% step on. No application is ever killed, even if steps block and this is called again and again.
+%% `waits' lists the robots in the middle of a step of the version before last. The code is loaded
+%% as soon as they have ended that step and the run goes on; of several waiting versions, the last.
 -spec reload(sim(), module()) -> ok | {waits, [starl:robot_id()]} | {error, reason()}.
 reload(Sim, Module) ->
     case code:get_object_code(Module) of
@@ -123,7 +122,7 @@ reload(Sim, Module) ->
         error -> {error, {reload, {no_code, Module}}}
     end.
 
-%% @doc The same with code that was compiled in memory.
+%% @doc Loads code that was compiled in memory, as {@link reload/2} does.
 -spec reload(sim(), file:filename(), Beam :: binary()) ->
     ok | {waits, [starl:robot_id()]} | {error, reason()}.
 reload(#sim{run = Run}, File, Beam) ->
@@ -142,7 +141,7 @@ module_of(Beam) ->
 -spec scenario(sim()) -> starl_sim_scenario:t().
 scenario(#sim{scenario = Scenario}) -> Scenario.
 
-%% @doc The supervisors of the robots, for a look at their trees with OTP's own tools.
+%% @doc The supervisors of the robots, to inspect their trees with OTP's own tools.
 -spec robot_pids(sim(), all) -> [pid()].
 robot_pids(#sim{sup = Sup}, all) ->
     Pools = [Robots || #{robots_sup := Robots} <- starl_sim_sup:sites(Sup)],
@@ -159,7 +158,7 @@ finish(#sim{run = Run, scenario = #{app := App}, scene = Scene} = Sim) ->
 -spec close(sim()) -> ok.
 close(#sim{sup = Sup}) -> starl_sim_sup:stop(Sup).
 
-%% @doc One line that says why a simulation could not be started.
+%% @doc One line on why a simulation could not be started.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({scenario, Reason}) ->
     starl_sim_scenario:format_error(Reason);
@@ -213,7 +212,7 @@ check_faults(#{faults := Faults} = Scenario, Scene, Context, Options) ->
         [{Id, Name} | _] -> {error, {fault_machine, Id, Name, Known}}
     end.
 
-%% What was drawn stands in the scenario from now on as if it had been given.
+%% Drawn faults stand in the scenario from now on as if the user had given them.
 with_random_faults(_Known, #{random_faults := []} = Scenario) ->
     Scenario;
 with_random_faults(Known, #{faults := Given, random_faults := What, heal := Heal} = Scenario) ->

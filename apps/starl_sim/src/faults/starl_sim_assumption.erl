@@ -1,6 +1,6 @@
-%% @doc Which faults of a run break what contracts assume of clocks, promptness and positions, when
-%% and of whom: for the monitors that ask for it ({@link starl_assumption}). All other faults are
-%% such that contracts hold under them.
+%% @doc Lists the windows in which a run's faults break an assumption of contracts about clocks,
+%% promptness or positions ({@link starl_assumption}), for the monitors that ask for it. Contracts
+%% must hold under all other faults.
 -module(starl_sim_assumption).
 
 -export([broken/2]).
@@ -8,8 +8,9 @@
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
 
-%% @doc The windows in which these faults break an assumption, where the positioning system is exact
-%% or not: one that is not is found out when it gets stuck (`starl_location').
+%% @doc The windows in which these faults break an assumption. A positioning system that is not
+%% exact is found out when it freezes (`starl_location'), so only an exact one breaks an assumption
+%% then.
 -spec broken([starl_sim_fault:t()], IsExact :: boolean()) -> [starl_assumption:window()].
 broken(Faults, IsExact) ->
     lists:append([

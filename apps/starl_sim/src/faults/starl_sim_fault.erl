@@ -1,8 +1,8 @@
-%% @doc Faults as data: what can go wrong, with whom, from when to when.
+%% @doc Faults as data: each names its kind, its target and its time span.
 %%
 %% A fault is `{Id, FromMs, ToMs, Kind, Target, Params}'; times are of the run, in milliseconds,
-%% and a fault holds from FromMs on and before ToMs. The table {@link kinds/0} is all there is to
-%% know of a kind: its class, what its target may be, and its parameters. Faults of a moment
+%% and a fault holds from FromMs on and before ToMs. The table {@link kinds/0} defines each
+%% kind completely: its class, its possible targets, and its parameters. Momentary faults
 %% (a crash, a step of a clock) happen at FromMs.
 -module(starl_sim_fault).
 
@@ -33,7 +33,7 @@
     | serial_garbage | serial_split | serial_gone
     | store_full | store_damaged.
 
-%% Whom a fault hits: see the target shapes in {@link spec()}.
+%% The target of a fault: see the shapes in {@link spec()}.
 -type target() ::
     all
     | starl:robot_id()
@@ -41,9 +41,9 @@
     | {starl:robot_id(), starl:robot_id()}
     | [starl:robot_id()].
 
-%% A kind: its class; its target, `robots' (all or one robot), `robot', `{Robot, Machine}',
-%% `link' (all, the source Robot, or {Source, Destination}), a `group' of robots or two; and its
-%% parameters, with a range that random faults are drawn from.
+%% A kind: its class; its target, `robots' (all or one robot), `robot', `machine' (`{Robot,
+%% Machine}'), `link' (all, the source Robot, or {Source, Destination}), a `group' of robots, or
+%% `two' robots; and its parameters, each with a range for random faults.
 -type spec() :: {
     kind(),
     class(),
@@ -142,7 +142,7 @@ shift(Ms) -> {ms, {integer, -3600000, 3600000}, {-Ms, Ms}}.
 -spec classes() -> [class()].
 classes() -> [network, clock, process, location, actuation, serial, store].
 
-%% @doc The kinds that are meant by `all', a class or a kind.
+%% @doc The kinds that `all', a class or a kind stands for.
 -spec kinds_of(all | class() | kind()) -> [spec()].
 kinds_of(What) ->
     [
@@ -150,7 +150,7 @@ kinds_of(What) ->
      || {Kind, Class, _, _, _} = Spec <- kinds(), lists:member(What, [all, Class, Kind])
     ].
 
-%% @doc All that is wrong with a list of faults.
+%% @doc All problems of a list of faults.
 -spec check(term()) -> [problem()].
 check(Faults) -> check(Faults, 1, []).
 
@@ -208,7 +208,7 @@ targets({_, _, _, _, {A, B}, _}) -> [A, B];
 targets({_, _, _, _, Group, _}) when is_list(Group) -> Group;
 targets({_, _, _, _, Robot, _}) -> [Robot].
 
-%% @doc One line that says what is wrong, where, and what to do.
+%% @doc One line on a problem: what is wrong, where, and what to do.
 -spec format_problem(problem()) -> unicode:chardata().
 format_problem({shape, N, Fault}) ->
     io_lib:format("faults, place ~b: {Id, FromMs, ToMs, Kind, Target, #{}} expected, not ~tP", [
@@ -238,7 +238,7 @@ shape(link) -> "all, a Robot that sends, or {From, To}";
 shape(two) -> "two robots, {A, B}";
 shape(group) -> "a list of robots".
 
-%% @doc The same with microseconds.
+%% @doc The same fault, with its times in microseconds.
 -spec compile(t()) -> compiled().
 compile({Id, From, To, Kind, Target, Params}) ->
     {Id, From * 1000, To * 1000, Kind, Target, Params}.
@@ -249,7 +249,7 @@ class({_, _, _, Kind, _, _}) ->
     {_, Class, _, _, _} = lists:keyfind(Kind, 1, kinds()),
     Class.
 
-%% @doc What happens to robots at the moments when faults begin or end: whom, when (us), what.
+%% @doc The effects on robots when a fault begins or ends: which robot, when (us), and the effect.
 -spec strikes(t()) -> [{starl:robot_id(), starl_sim_queue:time(), Strike :: term()}].
 strikes({_, From, To, Kind, Target, Params}) ->
     Begin = 1000 * From,
@@ -270,7 +270,7 @@ strikes({_, From, To, Kind, Target, Params}) ->
 -spec holding(starl_sim_queue:time(), [compiled()]) -> [compiled()].
 holding(Now, Faults) -> [F || {_, From, To, _, _, _} = F <- Faults, From =< Now, Now < To].
 
-%% @doc Is this robot a target?
+%% @doc Is this robot a target of the fault?
 -spec hits(starl:robot_id(), compiled()) -> boolean().
 hits(_Robot, {_, _, _, _, all, _}) -> true;
 hits(Robot, {_, _, _, _, Robot, _}) -> true;
@@ -278,8 +278,8 @@ hits(Robot, {_, _, _, _, {A, B}, _}) -> Robot =:= A orelse Robot =:= B;
 hits(Robot, {_, _, _, _, Group, _}) when is_list(Group) -> lists:member(Robot, Group);
 hits(_, _) -> false.
 
-%% @doc By how much at most these faults of clocks and processes make a robot late, in
-%% microseconds: what a bound in time must be widened by.
+%% @doc The largest delay that these clock and process faults cause, in microseconds: bounds in time
+%% must be widened by it.
 -spec slack_us([t()]) -> non_neg_integer().
 slack_us(Faults) -> round(1000 * lists:sum([slack_ms(Fault) || Fault <- Faults])).
 
@@ -295,8 +295,8 @@ slack_ms({_, _, _, slow, _, #{lag_ms := Ms}}) ->
 slack_ms(_) ->
     0.
 
-%% @doc From when on nothing goes wrong any more, in microseconds: the last packets that were late
-%% have come. Who has died stays dead.
+%% @doc The time from which on no fault acts any more, in microseconds: the last delayed packets
+%% have arrived. A dead robot stays dead.
 -spec healed_us([t()]) -> starl_sim_queue:time().
 healed_us(Faults) -> round(1000 * lists:max([0 | [end_ms(Fault) || Fault <- Faults]])).
 

@@ -1,16 +1,16 @@
-%% @doc Random faults by swarm testing (Groce and others, 2012): a run draws whole classes in or
-%% out, then kinds, then faults. With some features left out the others meet in combinations
-%% that a run with all of them hardly ever shows.
+%% @doc Draws random faults by swarm testing (Groce and others, 2012): a run first draws which
+%% classes take part, then which kinds, then the faults. Without some features, the others meet in
+%% combinations that are rare in a run with all of them.
 %%
-%% All draws are stateless, so that what is drawn of one kind does not depend on another.
+%% All draws are stateless, so the draws for one kind do not depend on another.
 -module(starl_sim_fault_draw).
 
 -export([draw/1]).
 
 -export_type([request/0]).
 
-%% Of which robots and machines, before which time, none longer than so long (a third of that time),
-%% and of what: `all', classes and kinds.
+%% The robots and machines to hit, the time before which faults end, the longest fault (default a
+%% third of that time), and what to draw: `all', classes and kinds.
 -type request() :: #{
     seed := integer(),
     robots := pos_integer(),
@@ -20,27 +20,26 @@
     kinds := [all | starl_sim_fault:class() | starl_sim_fault:kind()]
 }.
 
-%% How probably a class, and a kind of a class that is in, takes part; and the most faults of a
-%% kind.
+%% The probability that a class takes part, and a kind of such a class; the most faults of a kind.
 -define(CLASS_IN, 0.7).
 -define(KIND_IN, 0.5).
 -define(MOST, 3).
 
-%% @doc The faults of a run; all are over before the given time, but for what is for ever.
+%% @doc The faults of a run; all end before the given time, except permanent ones.
 -spec draw(request()) -> [starl_sim_fault:t()].
 draw(#{seed := Seed, kinds := What} = Request) ->
     Specs = lists:usort(lists:append([starl_sim_fault:kinds_of(W) || W <- What])),
     lists:append([
         faults(Spec, Request)
      || {Kind, Class, _, _, _} = Spec <- Specs,
-        %% single packets are for the shrinker to name
+        %% drops of single packets are left to the shrinker
         Kind =/= drop,
         is_possible(Spec, Request),
         uniform({Seed, Class, in}) < ?CLASS_IN,
         uniform({Seed, Kind, in}) < ?KIND_IN
     ]).
 
-%% One robot cannot be taken for another one.
+%% A single robot has no other to be confused with.
 is_possible({_, _, two, _, _}, #{robots := 1}) -> false;
 is_possible(_Spec, _Request) -> true.
 
@@ -52,10 +51,10 @@ fault({Kind, _, Shape, Params, _}, Key, N, Request) ->
     #{until_ms := UntilMs} = Request,
     Longest = maps:get(longest_ms, Request, max(1, UntilMs div 3)),
     From = starl_sim_draw:between({Key, from}, 0, UntilMs - 1),
-    %% mostly short, now and then as long as may be
+    %% mostly short, now and then nearly as long as allowed
     Span = round(Longest * math:pow(uniform({Key, span}), 2)),
     To = min(UntilMs, From + 1 + Span),
-    %% so many at the most as there are kinds times ?MOST
+    %% a bounded number of atoms: the number of kinds times ?MOST
     Id = list_to_atom(lists:concat([Kind, "_", N])),
     Values = maps:from_list([
         {Name, value(Type, Range, {Key, Name})}
@@ -83,7 +82,7 @@ target(link, Key, Request) ->
         3 -> {robot(Key, Request), robot({Key, dest}, Request)}
     end;
 target(group, Key, #{robots := N} = Request) ->
-    %% halves of a team hide what one robot shows that is cut off alone
+    %% halves of a team would hide a failure that a single robot shows when it is cut off
     Size = starl_sim_draw:between({Key, size}, 1, max(1, N - 1)),
     First = robot(Key, Request),
     Others = lists:sort([{uniform({Key, member, R}), R} || R <- lists:seq(1, N), R =/= First]),
@@ -92,8 +91,8 @@ target(two, Key, #{robots := N} = Request) ->
     A = robot(Key, Request),
     {A, 1 + (A - 1 + starl_sim_draw:between({Key, other}, 1, N - 1)) rem N}.
 
-%% Half of what hits one robot hits the same one: it takes several faults of one robot to show what
-%% one of each of many does not.
+%% Half of all faults of one robot hit the same robot: several faults of one robot show more
+%% than one fault on each of many.
 robot(Key, #{robots := N, seed := Seed}) ->
     case uniform({Key, victim}) < 0.5 of
         true -> starl_sim_draw:between({Seed, victim}, 1, N);

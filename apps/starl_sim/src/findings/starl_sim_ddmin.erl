@@ -1,23 +1,23 @@
-%% @doc Delta debugging: a small part of a list that still does what the whole list does, by the
-%% ddmin of Zeller and Hildebrandt (Simplifying and Isolating Failure-Inducing Input, IEEE
-%% Transactions on Software Engineering 28(2), 2002, section 3).
+%% @doc Delta debugging: finds a small part of a list that still fails as the whole list does, by
+%% the ddmin algorithm of Zeller and Hildebrandt (Simplifying and Isolating Failure-Inducing Input,
+%% IEEE Transactions on Software Engineering 28(2), 2002, section 3).
 %%
-%% The list is cut into parts, two at first. Does one part alone fail, the search goes on in it.
-%% Otherwise each part is left out in turn, for good where the rest still fails, until all are
-%% needed; then the parts are halved. The result is 1-minimal: without any one of its items it
-%% fails no more.
+%% The list is cut into parts, two at first. If one part alone fails, the search goes on in it.
+%% Otherwise each part is left out in turn, for good if the rest still fails, until all are needed;
+%% then the parts are halved. The result is 1-minimal: without any one of its items it no longer
+%% fails.
 -module(starl_sim_ddmin).
 
 -export([minimize/3]).
 
 -export_type([test/2]).
 
-%% Whether a part of the list, in the order of the list, still fails. What the tests accumulate
-%% is handed through.
+%% Tests whether a part of the list, in the order of the list, still fails. The accumulator of
+%% the tests is passed through.
 -type test(Item, Acc) :: fun(([Item], Acc) -> {boolean(), Acc}).
 
 %% @doc A 1-minimal part of a list that fails. The whole list is not tested; for n items there
-%% are at most n^2 + 5n + 1 tests, and in the order of k log n where k items are needed.
+%% are at most n^2 + 5n + 1 tests, and about k log n if k items are needed.
 -spec minimize([Item], test(Item, Acc), Acc) -> {[Item], Acc}.
 minimize([], _Test, Acc) ->
     {[], Acc};
@@ -52,7 +52,7 @@ without(Parts, Test, Acc) ->
         {Fewer, Next} -> without(Fewer, Test, Next)
     end.
 
-%% Of two parts neither fails alone, which is known.
+%% Of two parts, each is the other's complement, and neither fails alone.
 pass(Needed, Parts, _Test, Acc) when length(Needed) + length(Parts) =:= 2; Parts =:= [] ->
     {lists:reverse(Needed, Parts), Acc};
 pass(Needed, [Part | Parts], Test, Acc) ->

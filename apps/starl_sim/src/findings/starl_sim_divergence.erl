@@ -1,9 +1,9 @@
 %% @doc Finds the first event in which two runs differ that should be equal.
 %%
 %% Two runs are compared by the checkpoints of each robot's chain ({@link starl_sim_ledger}): the
-%% first difference of a robot lies between its last checkpoint that is the same and its first
-%% that is not. Both are run again with the events between the two recorded, for those robots
-%% whose first difference may be the earliest of all. A run that hangs on something outside the
+%% first difference of a robot lies between its last equal checkpoint and its first different
+%% one. Both runs are repeated with the events between the two recorded, for those robots
+%% whose first difference may be the earliest of all. A run that depends on something outside the
 %% scenario may differ elsewhere each time; then the search goes on from the newer runs.
 %% ```
 %%   Run = fun(Record) -> starl_sim_divergence:run(Scenario, Record) end,
@@ -15,7 +15,7 @@
 
 -export_type([result/0, ranges/0, runner/0, difference/0, found/0]).
 
-%% What a run is compared by, and the events that were recorded.
+%% The data by which a run is compared, and its recorded events.
 -type result() :: #{
     digest := binary(),
     end_us := starl_sim_queue:time(),
@@ -25,7 +25,7 @@
     recorded := #{starl:robot_id() => [starl_sim_ledger:event()]}
 }.
 
-%% A robot's chain at its end, after so many events, with its checkpoints.
+%% A robot's final chain, its number of events, and its checkpoints.
 -type chain() :: {
     starl:robot_id(), Chain :: non_neg_integer(), Events :: non_neg_integer(),
     [starl_sim_ledger:checkpoint()]
@@ -33,10 +33,10 @@
 
 -type ranges() :: #{starl:robot_id() => starl_sim_ledger:range()}.
 
-%% Runs a scenario in one way, on whichever node.
+%% Runs a scenario in one way, on any node.
 -type runner() :: fun((ranges()) -> result()).
 
-%% The N-th event of a robot in both runs, `none' where a run had no such event, and the events
+%% The N-th event of a robot in both runs, `none' if a run had no such event, and the events
 %% before it, which are the same in both.
 -type difference() :: #{
     robot := starl:robot_id(),
@@ -47,16 +47,15 @@
     before := [starl_sim_ledger:event()]
 }.
 
-%% `gone': they differed, but no more when they were run again. `not_found': they differ somewhere
-%% else each time.
+%% `gone': the runs differed, but not when repeated. `not_found': they differ elsewhere each time.
 -type found() :: {differ, difference()} | gone | not_found.
 
-%% So many robots are recorded at once, and so often are both runs repeated.
+%% The number of robots recorded at once, and the largest number of repetitions of both runs.
 -define(AT_ONCE, 64).
 -define(REPEATS, 12).
 -define(BEFORE, 3).
 
-%% Where the first difference of a robot lies, by number and by time.
+%% The place of a robot's first difference, by number and by time.
 -record(suspect, {
     id :: starl:robot_id(),
     range :: starl_sim_ledger:range(),
@@ -64,7 +63,7 @@
     until_us :: starl_sim_queue:time() | infinity
 }).
 
-%% What is known so far: the robots whose difference was looked for, and the earliest one.
+%% The state of the search: the robots that were examined, and the earliest difference.
 -record(search, {
     first :: runner(),
     second :: runner(),
@@ -73,8 +72,7 @@
     repeats = ?REPEATS :: non_neg_integer()
 }).
 
-%% @doc Runs a scenario to its end and records these events; an error of the scenario is the
-%% caller's.
+%% @doc Runs a scenario to its end and records these events; the scenario must be valid.
 -spec run(#{app := module(), atom() => term()}, ranges()) -> result().
 run(Scenario, Record) ->
     {ok, Sim} = starl_sim:start(Scenario, #{record => Record}),
@@ -120,7 +118,7 @@ search(A, B, #search{covered = Covered, best = Best, repeats = Repeats} = Search
         [_ | _] -> repeat(lists:sublist(Left, ?AT_ONCE), A, B, Search)
     end.
 
-%% What was found in earlier runs counts only if the new ones are the same.
+%% A difference found in earlier runs counts only if the new runs are the same.
 repeat(Suspects, A, B, #search{first = First, second = Second} = Search) ->
     Record = maps:from_list([{Id, Range} || #suspect{id = Id, range = Range} <- Suspects]),
     {NewA, NewB} = {First(Record), Second(Record)},
@@ -154,7 +152,7 @@ earliest(Found) ->
 
 %% -- by checkpoints -------------------------------------------------------------------------
 
-%% Those that differ soonest come first.
+%% Robots that differ earliest come first.
 suspects(#{chains := As}, #{chains := Bs}) ->
     Suspects = [
         suspect(Id, A, B)
@@ -172,7 +170,7 @@ suspect(Id, {Id, _, EventsA, As}, {Id, _, EventsB, Bs}) ->
         end,
     #suspect{id = Id, range = {Equal + 1, To}, after_us = After, until_us = Until}.
 
-%% Long runs have fewer checkpoints, but at numbers that short ones have, too.
+%% Long runs keep fewer checkpoints, but always at numbers that short runs keep, too.
 common([{N, _, _} = A | As], [{N, _, _} = B | Bs]) -> [{A, B} | common(As, Bs)];
 common([{N, _, _} | As], [{M, _, _} | _] = Bs) when N < M -> common(As, Bs);
 common([_ | _] = As, [_ | Bs]) -> common(As, Bs);
@@ -188,7 +186,7 @@ split([], Last) ->
 
 %% -- by events ------------------------------------------------------------------------------
 
-%% What was recorded counts only if both were the same before it.
+%% Recorded events count only if both runs were the same before them.
 difference(#suspect{id = Id, range = {From, _}}, A, B) ->
     case at(From - 1, Id, A) =:= at(From - 1, Id, B) of
         true -> differing(recorded(Id, A), recorded(Id, B), Id, From, []);
@@ -203,7 +201,7 @@ at(N, Id, #{chains := Chains}) ->
 
 recorded(Id, #{recorded := Recorded}) -> maps:get(Id, Recorded).
 
-%% The chain stands for the event and all before it.
+%% The chain stands for the event and all events before it.
 differing([#{chain := Chain} = Event | As], [#{chain := Chain} | Bs], Id, N, Before) ->
     differing(As, Bs, Id, N + 1, lists:sublist([Event | Before], ?BEFORE));
 differing([], [], _Id, _N, _Before) ->

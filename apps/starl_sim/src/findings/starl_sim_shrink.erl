@@ -1,16 +1,16 @@
-%% @doc The shrinker: from a scenario whose run violates a contract to a small one whose run
-%% violates the same. It knows runs only as a function from a scenario to a verdict.
+%% @doc The shrinker: turns a scenario whose run violates a contract into a small one whose run
+%% violates the same contract. It knows runs only as a function from a scenario to a verdict.
 %%
-%% First the run is made twice, and drawn faults are made explicit: the digests must be equal.
-%% Then, in rounds until nothing changes: the time ends with the violation; faults are taken
-%% away by ddmin ({@link starl_sim_ddmin}); robots are taken away from the highest id on, and
-%% the faults aimed at them; settings that blur the run are set to nothing; and random loss
-%% becomes a list of faults of kind `drop', one per packet that was lost, for ddmin as well.
+%% First the run is repeated with its drawn faults made explicit: the digests must be equal.
+%% Then, in rounds until nothing changes: the time is cut at the violation; faults are removed
+%% by ddmin ({@link starl_sim_ddmin}); robots are removed from the highest id on, together with
+%% the faults aimed at them; settings that blur the run are set to zero or none; and random loss
+%% becomes a list of faults of kind `drop', one per lost packet, for ddmin as well.
 %%
 %% A smaller scenario counts only if it violates the same contract in the same way: the violation
-%% has the same shape ({@link starl_monitor:shape/1}), and a robot of a team is not one that is
-%% alone. Of each other shape that turns up the smallest scenario is told, too. Each one that counts
-%% ends the time with its own violation, so the violation only moves forward and the runs get
+%% has the same shape ({@link starl_monitor:shape/1}), and a robot of a team is not taken for one
+%% that is alone. For each other shape the smallest scenario is reported, too. Each scenario
+%% that counts ends with its own violation, so the violation only moves forward and the runs get
 %% shorter.
 -module(starl_sim_shrink).
 
@@ -18,17 +18,17 @@
 
 -export_type([request/0, result/0, watch/0, figures/0, reason/0, met/0]).
 
-%% `run' judges a scenario; `digest' is that of the run to be shrunk, where it is known.
+%% `run' judges a scenario; `digest' is that of the run to be shrunk, if it is known.
 -type request() :: #{
     run := fun((starl_sim_scenario:t()) -> starl_sim_trial:verdict()),
     watch := watch(),
     digest => binary() | any
 }.
 
-%% Is told after each run how far it is; says whether to go on, and who is told the next time.
+%% Gets the figures after each run; decides whether to go on, and returns its own successor.
 -type watch() :: fun((figures()) -> {continue | stop, watch()}).
 
-%% How small it is, and what it was: faults, `drop's of single packets among them, and robots.
+%% The size now and at the beginning: faults, `drop's of single packets among them, and robots.
 -type figures() :: #{
     runs := non_neg_integer(),
     faults := non_neg_integer(),
@@ -38,7 +38,7 @@
     robots_before := pos_integer()
 }.
 
-%% The smallest scenario found, what its run violates, and whether the search came to its end.
+%% The smallest scenario found, its violation, and whether the search was completed.
 -type result() :: #{
     scenario := starl_sim_scenario:t(),
     violation := starl_monitor:violation(),
@@ -48,7 +48,7 @@
     others := [met()]
 }.
 
-%% Something else that a smaller scenario violates: another cause, found on the way.
+%% Another violation that a smaller scenario showed: another cause, found on the way.
 -type met() :: #{scenario := starl_sim_scenario:t(), violation := starl_monitor:violation()}.
 
 -type shape() :: {alone | team, starl_monitor:shape()}.
@@ -75,19 +75,19 @@
     stopped = false :: boolean()
 }).
 
-%% More rounds than this have never been of use.
+%% Further rounds have never helped.
 -define(ROUNDS, 4).
-%% How often the time is halved where a violation shows at the end of a run.
+%% The number of halvings of the time, for a violation that shows only at the end of a run.
 -define(HALVINGS, 5).
-%% No more other causes are told.
+%% The most other causes to report.
 -define(OTHERS, 5).
-%% Values that take the chance out of a run.
+%% Values that remove randomness from a run.
 -define(PLAIN, [
     {duplicate, 0.0}, {clock_offset, 0}, {clock_drift, 0}, {heading_error, 0.0},
     {distance_error, 0.0}, {position_error, 0.0}, {range, none}
 ]).
 
-%% @doc The smallest scenario found whose run violates what this one's violates.
+%% @doc The smallest scenario found whose run has the violation of this scenario's run.
 -spec shrink(starl_sim_scenario:t(), request()) -> {ok, result()} | {error, reason()}.
 shrink(Scenario, #{run := Run} = Request) ->
     case {Run(Scenario), maps:get(digest, Request, any)} of
@@ -98,7 +98,7 @@ shrink(Scenario, #{run := Run} = Request) ->
         {{ok, Outcome}, _} -> explicit(Outcome, Request)
     end.
 
-%% Drawn faults stand in the scenario of the outcome; with them it must be the same run.
+%% The outcome's scenario holds the drawn faults; with them it must be the same run.
 explicit(#{scenario := Scenario, digest := Digest} = Outcome, #{run := Run} = Request) ->
     case Run(Scenario) of
         {ok, #{digest := Digest}} -> begin_with(Outcome, Request);
@@ -152,13 +152,13 @@ figures(#search{best = #{faults := Faults, robots := Robots}, drops = Drops} = S
 
 %% -- one run --------------------------------------------------------------------------------
 
-%% Does a smaller scenario still do it? Then it is the best one from now on.
+%% Does a smaller scenario still have the violation? If so, it becomes the best one.
 attempt(_Candidate, #search{stopped = true} = Search) ->
     {false, Search};
 attempt(Candidate, #search{run = Run, runs = Runs} = Search) ->
     Counted = Search#search{runs = Runs + 1},
     case Run(Candidate) of
-        %% what cannot be run violates nothing
+        %% a scenario that cannot be run violates nothing
         {error, _} -> {false, told(Counted)};
         {ok, Outcome} -> found(Outcome, ending_with(Outcome, Candidate), Counted)
     end.
@@ -174,7 +174,7 @@ found(#{violations := Violations} = Outcome, Smaller, #search{shape = Shape} = S
 shape(Violation, #{robots := 1}) -> {alone, starl_monitor:shape(Violation)};
 shape(Violation, #{robots := _}) -> {team, starl_monitor:shape(Violation)}.
 
-%% Of each other shape the smallest.
+%% Keeps the smallest scenario of each other shape.
 met(Violation, Scenario, #search{others = Others} = Search) ->
     Shape = shape(Violation, Scenario),
     Met = #{scenario => Scenario, violation => Violation},
@@ -192,7 +192,7 @@ is_smaller(#{scenario := A}, #{scenario := B}) -> extent(A) =< extent(B).
 
 extent(#{faults := Faults, robots := Robots, time := Time}) -> {length(Faults), Robots, Time}.
 
-%% Where the run has ended nothing more is needed of it.
+%% The time after the end of the run is not needed.
 ending_with(#{end_us := EndUs}, #{time := Time} = Scenario) ->
     Scenario#{time := min(Time, max(1, EndUs) / 1.0e6)}.
 
@@ -209,7 +209,7 @@ tried(Candidate, Search) ->
 %% -- the steps ------------------------------------------------------------------------------
 
 %% A violation that shows at once has ended the run already; others are judged at its end, which
-%% may lie earlier.
+%% may be moved forward.
 horizon(#search{best = #{time := Time} = Best, violation = #{at_us := At}} = Search) ->
     case max(1, At) / 1.0e6 of
         Earlier when Earlier < Time -> halve(?HALVINGS, tried(Best#{time := Earlier}, Search));
@@ -226,7 +226,7 @@ halve(N, #search{best = #{time := Time} = Best} = Search) ->
 
 faults(#search{best = #{faults := Faults}} = Search) -> minimize(Faults, [], Search).
 
-%% Of these faults as few as will do, besides those that stay.
+%% The fewest of these faults that still suffice, besides those that stay.
 minimize(Faults, Stay, Search) ->
     Test = fun(Some, #search{best = Best} = S) ->
         attempt(Best#{faults := Stay ++ Some}, S)
@@ -234,7 +234,8 @@ minimize(Faults, Stay, Search) ->
     {_, Next} = starl_sim_ddmin:minimize(Faults, Test, Search),
     Next.
 
-%% The smallest teams are the fastest to try: 1, 2, 4, ... robots, then between the last two.
+%% The smallest teams are tried first, since they are fastest: 1, 2, 4, ... robots, then between the
+%% last two.
 robots(#search{best = #{robots := Robots}} = Search) -> grow(1, Robots, Search).
 
 grow(N, Robots, Search) when N >= Robots -> between(N div 2, Robots, Search);
@@ -255,7 +256,7 @@ between(TooFew, Enough, Search) ->
 with_robots(N, #search{best = #{faults := Faults} = Best}) ->
     Best#{robots := N, faults := [Fault || F <- Faults, Fault <- within(N, F)]}.
 
-%% The fault in a team of N, if it hits anybody there.
+%% The fault in a team of N, if it hits any robot there.
 within(N, {Id, From, To, Kind, Group, Params}) when is_list(Group) ->
     [{Id, From, To, Kind, Some, Params} || Some <- [[R || R <- Group, R =< N]], Some =/= []];
 within(N, Fault) ->
@@ -271,9 +272,9 @@ settle({Key, Value}, #search{best = Best} = Search) ->
         #{} -> tried(Best#{Key := Value}, Search)
     end.
 
-%% Random loss as faults: the N-th packet of a link is lost whenever it is sent. (A packet to
-%% one robot and one to all may have the same number: if both being lost spoils it, each
-%% is lost only in the millisecond in which it was.)
+%% Random loss as faults: the N-th packet of a link is lost at any time. (A packet to
+%% one robot and one to all may have the same number: if the loss of both changes the outcome, each
+%% fault holds only in the millisecond in which its packet was lost.)
 losses(#search{best = #{loss := Loss}} = Search) when Loss == 0 -> Search;
 losses(#search{best = #{faults := Faults} = Best} = Search) ->
     Lost = lost(Search),
@@ -295,7 +296,7 @@ first([{Drops, Candidate} | Others], Search) ->
         {false, Next} -> first(Others, Next)
     end.
 
-%% What was lost without any fault, each packet once.
+%% The packets lost without any fault, each once.
 lost(#search{best = #{seed := Seed} = Best, outcome = #{lost := Lost}}) ->
     [L || {_, From, To, N} = L <- Lost, starl_sim_radio:lost({Seed, From, To, N}, Best)].
 
@@ -313,7 +314,7 @@ span(Span, _Ms) -> Span.
 
 span_ms(#{time := Seconds}) -> ceil(1000 * Seconds).
 
-%% @doc One line that says why a run cannot be shrunk.
+%% @doc One line on why a run cannot be shrunk.
 -spec format_error(reason()) -> unicode:chardata().
 format_error(holds) ->
     "the run violates no contract, so there is nothing to shrink";

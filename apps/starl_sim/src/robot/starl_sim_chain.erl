@@ -1,6 +1,6 @@
-%% @doc A robot's digest chain: each of its events is hashed onto those before it, so two runs
-%% that come to the same number have had the same events. What is kept of them lies in a ledger
-%% ({@link starl_sim_ledger}), which looks at the few events only that it has asked for.
+%% @doc A robot's digest chain: each event is hashed onto those before it, so two runs with the
+%% same final number have had the same events. The ledger keeps checkpoints and recorded events
+%% ({@link starl_sim_ledger}); it sees only the few events that it has asked for.
 -module(starl_sim_chain).
 
 -export([new/1, add/5, value/1, events/1, ledger/1]).
@@ -32,7 +32,7 @@ new(Range) ->
 add(Now, Machine, Type, Content, #chain{value = Before, events = Events, mark = Mark} = Chain) ->
     Value = erlang:phash2({Before, Now, Machine, Type, Content}, ?VALUES),
     case Events + 1 of
-        %% few events are noted, so for all others this is one comparison
+        %% few events are noted, so all others cost one comparison
         N when N < Mark ->
             Chain#chain{value = Value, events = N};
         N ->
@@ -48,10 +48,10 @@ note(Now, Event, #chain{ledger = Ledger} = Chain) ->
 -spec value(t()) -> non_neg_integer().
 value(#chain{value = Value}) -> Value.
 
-%% @doc How many events there were.
+%% @doc The number of events so far.
 -spec events(t()) -> non_neg_integer().
 events(#chain{events = Events}) -> Events.
 
-%% @doc What was kept of the events.
+%% @doc The ledger's checkpoints and recorded events.
 -spec ledger(t()) -> starl_sim_ledger:t().
 ledger(#chain{ledger = Ledger}) -> Ledger.

@@ -1,18 +1,18 @@
-%% @doc A robot's own clock: a broken line over the virtual time. It has an offset and drifts
-%% from the beginning; faults set it, let it drift more or stop it.
+%% @doc A robot's own clock: a piecewise linear function of virtual time. It has an offset and a
+%% drift from the beginning; faults set it, change its drift or stop it.
 -module(starl_sim_clock).
 
 -export([new/3, local/2, due/3]).
 
 -export_type([t/0]).
 
-%% Pieces, latest first: from this time on the clock shows Local and gains Ppb microseconds in
+%% Pieces, latest first: from `From' on the clock shows `Local' and gains `Ppb' microseconds in
 %% 1e9; a clock that stands still gains -1e9.
 -opaque t() :: [{From :: starl_sim_queue:time(), Local :: integer(), Ppb :: integer()}, ...].
 
 -define(BILLION, 1000000000).
 
-%% @doc A clock with an offset and a drift, under these of its faults.
+%% @doc A clock with an offset, a drift, and its own faults.
 -spec new(OffsetUs :: integer(), DriftPpb :: integer(), [starl_sim_fault:compiled()]) -> t().
 new(Offset, Drift, Faults) ->
     Times = lists:usort(lists:append([[From, To] || {_, From, To, _, _, _} <- Faults])),
@@ -53,8 +53,8 @@ local(Time, [{From, Local, Ppb} | _]) when
 local(Time, [_, Before | Earlier]) ->
     local(Time, [Before | Earlier]).
 
-%% @doc The first virtual time from Now on at which the clock shows so many microseconds more
-%% than now: a timer never fires before its time on the robot's clock.
+%% @doc The first virtual time from Now on at which the clock has advanced by this many
+%% microseconds: a timer never fires before its time on the robot's clock.
 -spec due(Now :: starl_sim_queue:time(), Us :: non_neg_integer(), t()) -> starl_sim_queue:time().
 due(Now, Us, [{From, _, Ppb}]) when is_integer(Now), Now >= From ->
     Now + up(Us, Ppb);
@@ -73,7 +73,7 @@ later(Now, Goal, [{From, Local, Ppb}]) ->
         never -> error({clock_stands_still_for_ever, From})
     end.
 
-%% When this piece, from Begin on, first shows the goal.
+%% The time at which this piece, from Begin on, first shows the goal.
 reach(Begin, Goal, From, Local, Ppb) ->
     case local(Begin, [{From, Local, Ppb}]) of
         Shown when Shown >= Goal -> Begin;
@@ -81,7 +81,7 @@ reach(Begin, Goal, From, Local, Ppb) ->
         _ -> From + up(Goal - Local, Ppb)
     end.
 
-%% So much more on the clock takes so long, rounded up.
+%% The virtual time in which the clock advances this far, rounded up.
 up(Us, Ppb) ->
     Rate = ?BILLION + Ppb,
     (Us * ?BILLION + Rate - 1) div Rate.

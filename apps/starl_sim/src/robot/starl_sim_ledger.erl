@@ -1,21 +1,21 @@
-%% @doc What is kept of one robot's events: its digest chain at every 1,000th event, so that two
+%% @doc A ledger of one robot's events: its digest chain at every 1,000th event, so that two
 %% runs can be compared piece by piece, and the events themselves where that was asked for.
 %%
-%% The robot looks into its ledger at the events that {@link note/3} names only; at all others it
-%% compares two numbers.
+%% The robot calls its ledger only at the events that {@link note/3} asks for; all other events
+%% cost one comparison of two numbers.
 -module(starl_sim_ledger).
 
 -export([new/1, note/3, checkpoints/1, events/1]).
 
 -export_type([t/0, checkpoint/0, event/0, range/0]).
 
-%% How far the chain was after the N-th event, at which time (us).
+%% The chain after the N-th event, and the time of that event (us).
 -type checkpoint() :: {N :: pos_integer(), AtUs :: non_neg_integer(), Chain :: non_neg_integer()}.
 
-%% The events that are to be recorded: from the first number to the second.
+%% The events to record: from the first number to the second.
 -type range() :: {From :: pos_integer(), To :: pos_integer()}.
 
-%% One event of a robot: its number, when (us), what it was, and the chain with it.
+%% One event of a robot: its number, its time (us), its content, and the chain after it.
 -type event() :: #{
     n := pos_integer(),
     at_us := non_neg_integer(),
@@ -26,12 +26,12 @@
 }.
 
 -define(EVERY, 1000).
-%% With more checkpoints than this, every other one is given up.
+%% Above this number of checkpoints, every other one is dropped.
 -define(MOST, 512).
 
 -record(ledger, {
     every = ?EVERY :: pos_integer(),
-    %% newest first, and how many
+    %% newest first, and their number
     checkpoints = [] :: [checkpoint()],
     count = 0 :: non_neg_integer(),
     range = none :: range() | none,
@@ -46,13 +46,13 @@ new(Range) ->
     Ledger = #ledger{range = Range},
     {next(0, Ledger), Ledger}.
 
-%% @doc Notes an event; gives the number of the next one to note.
+%% @doc Notes an event; returns the number of the next one to note.
 -spec note(starl_sim_queue:time(), event(), t()) -> {Next :: pos_integer(), t()}.
 note(AtUs, #{n := N, chain := Chain} = Event, Ledger) ->
     Noted = check({N, AtUs, Chain}, recorded(Event, Ledger)),
     {next(N, Noted), Noted}.
 
-%% @doc The checkpoints, ascending. In a long run they lie a multiple of 1,000 apart, by a power
+%% @doc The checkpoints, ascending. In a long run their distance is 1,000 times a power
 %% of two, so two ledgers always have numbers in common.
 -spec checkpoints(t()) -> [checkpoint()].
 checkpoints(#ledger{checkpoints = Checkpoints}) -> lists:reverse(Checkpoints).

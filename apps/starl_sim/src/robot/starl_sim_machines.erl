@@ -1,25 +1,25 @@
-%% @doc The processes of one simulated robot: its supervision tree, which restarts what crashes.
-%% Virtual time waits for it. A robot all of whose machines are inline has none, and restarts them as
-%% its supervisors would.
+%% @doc The processes of one simulated robot: its supervision tree, which restarts crashed
+%% processes. Virtual time waits for a restart. A robot with inline machines only has no processes;
+%% it restarts its machines as its supervisors would.
 -module(starl_sim_machines).
 
 -export([launch/3, launch/2, down/1, restart/3, kill/2, owns/3, inspect/1]).
 
 -export_type([t/0, start/0, seen/0, restarted/0]).
 
-%% A machine as it can be looked at; `waiting' before it has been booted. Of a sequential
-%% application its stack is known, as far as it is its own.
+%% A machine as an inspection shows it; `waiting' before it has been booted. For a sequential
+%% application, the part of its stack that is its own.
 -type seen() ::
     waiting
     | #{module := module(), state := term(), data := term()}
     | #{state := sequential, stack := [tuple()]}.
 
-%% An inline machine may be restarted as often as a simulated robot's supervisor would.
+%% An inline machine may be restarted as often as under a simulated robot's supervisor.
 -define(RESTARTS, 1000).
 
 -record(tree, {
     robot :: starl:robot_id(),
-    %% starts the robot's tree; none: it has no processes
+    %% starts the robot's tree; none: the robot has no processes
     start :: start() | none,
     sup = none :: pid() | none,
     %% its supervisors: of the services, of a block, of the application
@@ -28,11 +28,11 @@
 
 -opaque t() :: #tree{}.
 
-%% Starts a robot's tree; gives its supervisors.
+%% Starts a robot's tree; returns its supervisors.
 -type start() :: fun(() -> {pid(), [{starl_robot_sup:part(), pid()}]}).
 
-%% The machines that have come back, those that do not any more, and whatever else crashed meanwhile;
-%% or the robot has no services any more.
+%% The machines that have come back, those that were given up, and the other crashes meanwhile;
+%% or `gave_up': the robot has no services any more.
 -type restarted() ::
     {ok,
         #{
@@ -43,13 +43,13 @@
         starl_robot_machines:t()}
     | gave_up.
 
-%% @doc The machines of a robot, whose tree this function starts; none of them has been booted.
+%% @doc The machines of a robot, whose tree this function starts; no machine is booted yet.
 -spec launch(starl:robot_id(), start() | none, starl_robot_machines:inline()) ->
     {t(), starl_robot_machines:t()}.
 launch(Robot, Start, Inline) ->
     launch(#tree{robot = Robot, start = Start}, starl_robot_machines:new(Inline)).
 
-%% @doc Likewise of a robot that was down; its machines know how often they have started.
+%% @doc The same for a robot that was down; its machines know how often they have started.
 -spec launch(t(), starl_robot_machines:t()) -> {t(), starl_robot_machines:t()}.
 launch(#tree{start = none} = Tree, Machines) ->
     {Tree, Machines};
@@ -58,7 +58,7 @@ launch(#tree{start = Start} = Tree, Machines) ->
     _ = [erlang:monitor(process, Part) || {_, Part} <- Parts],
     {Tree#tree{sup = Sup, parts = maps:from_list(Parts)}, attached(Tree, Machines)}.
 
-%% All processes of the tree have started, and have said so.
+%% All processes of the tree have started and attached.
 attached(#tree{robot = Robot} = Tree, Machines) ->
     receive
         {starl_attach, Robot, Name, Pid} -> attached(Tree, attach(Name, Pid, Machines))
@@ -85,7 +85,7 @@ kill_tree(Sup) ->
         {'DOWN', Ref, process, Sup, _} -> ok
     end.
 
-%% @doc A machine is gone. Returns when whoever restarts it has done so, or has given it up.
+%% @doc A machine is gone. Returns when its supervisor has restarted it, or has given it up.
 -spec restart(starl_machine:name(), starl_robot_machines:t(), t()) -> restarted().
 restart(Name, Machines, Tree) ->
     case starl_robot_machines:inline(Machines) of
@@ -104,14 +104,14 @@ inline(Name, given_up, Machines) ->
     GivenUp = #{back => [], given_up => [Name], lost => []},
     {ok, GivenUp, starl_robot_machines:lose(Name, Machines)}.
 
-%% Another robot's process that goes down meanwhile is left for the shard to see.
+%% If a process of another robot goes down meanwhile, the shard handles it later.
 await([], So, Machines, _Tree) ->
     {ok, So, Machines};
 await(Missing, So, Machines, #tree{robot = Robot, sup = Sup} = Tree) ->
     Own = starl_robot_machines:processes(Machines),
     Guards = guards(Missing, Tree),
     receive
-        %% the end of a process is seen to before its successor
+        %% the end of a process is handled before its successor
         {'DOWN', _, process, Pid, Reason} when is_map_key(Pid, Own) ->
             lose(maps:get(Pid, Own), Reason, Missing, So, Machines, Tree);
         {starl_attach, Robot, Name, Pid} ->
@@ -129,7 +129,7 @@ await(Missing, So, Machines, #tree{robot = Robot, sup = Sup} = Tree) ->
             end
     end.
 
-%% One more has crashed meanwhile.
+%% Another machine has crashed meanwhile.
 lose(Name, Reason, Missing, #{back := Back, lost := Lost} = So, Machines, Tree) ->
     More = So#{back := lists:delete(Name, Back), lost := [{Name, Reason} | Lost]},
     await([Name | Missing], More, starl_robot_machines:lose(Name, Machines), Tree).
@@ -152,7 +152,7 @@ guards(Missing, #tree{parts = Parts}) ->
     Named = [starl_robot_order:part(Name) || Name <- Missing],
     maps:from_list([{maps:get(Part, Parts), Part} || Part <- Named]).
 
-%% @doc Ends a machine's process, if it has one; gives the reason that the machine went with, `none'
+%% @doc Ends a machine's process, if it has one; returns the reason of the machine's end, `none'
 %% if there is no such machine.
 -spec kill(starl_machine:name(), starl_robot_machines:t()) -> {ok, Reason :: term()} | none.
 kill(Name, Machines) ->
@@ -168,12 +168,12 @@ kill(Name, Machines) ->
             end
     end.
 
-%% @doc Is this the supervisor or one of the processes?
+%% @doc Is this process the supervisor or one of the machines' processes?
 -spec owns(pid(), starl_robot_machines:t(), t()) -> boolean().
 owns(Pid, _Machines, #tree{sup = Pid}) -> true;
 owns(Pid, Machines, _Tree) -> starl_robot_machines:name_of(Pid, Machines) =/= none.
 
-%% @doc All machines as they are now.
+%% @doc All machines in their present state.
 -spec inspect(starl_robot_machines:t()) -> #{starl_machine:name() => seen()}.
 inspect(Machines) ->
     maps:map(fun(_, Machine) -> seen(Machine) end, starl_robot_machines:to_map(Machines)).
@@ -192,8 +192,8 @@ seen(Machine) ->
         data => starl_machine:data(Machine)
     }.
 
-%% Where the application itself waits: the innermost call first. The whole stack is cut off at the
-%% VM's `backtrace_depth'.
+%% The place where the application waits: the innermost call first. The whole stack is cut off at
+%% the VM's `backtrace_depth'.
 sequential({current_stacktrace, [{starl_app_proc, init, _, _} | _]}) ->
     waiting;
 sequential({current_stacktrace, Frames}) ->

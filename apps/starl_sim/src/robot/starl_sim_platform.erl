@@ -1,12 +1,12 @@
 %% @doc The simulator as a platform: one robot's clock, radio and vehicle in virtual time.
 %%
 %% All network, sensor and actuator draws are stateless: a hash of the seed, the robots, a
-%% count and a purpose, so that taking one of them away shifts no other. Other robots are seen
+%% count and a purpose, so removing a draw shifts no other. Other robots are seen
 %% as they were at the beginning of the present window (`sight'), which makes the result
 %% independent of how robots are spread over shards.
 %%
-%% What an event changes lies in one record, which is copied with each change: what changes less
-%% often ({@link starl_sim_vehicle}), or once ({@link starl_sim_chain}), has a record of its own.
+%% One record holds the values that an event changes; it is copied with each change. Values that
+%% change less often ({@link starl_sim_vehicle}, {@link starl_sim_chain}) have records of their own.
 -module(starl_sim_platform).
 -behaviour(starl_platform).
 -behaviour(starl_robot).
@@ -19,10 +19,10 @@
 
 -export_type([t/0, world/0, yield/0]).
 
-%% What all robots share: the seed, the radio, the clocks and the chassis' errors, and the faults
-%% of each class; those of the serial line are with those of actuation.
+%% The data that all robots share: the seed, the radio, the clocks and the chassis' errors, and the
+%% faults of each class; faults of the serial line are among those of actuation.
 %% `sight' knows the pieces of motion that all robots were in when the window began.
-%% `record' says whose events are to be kept, and which.
+%% `record' names the robots and events to record.
 -type world() :: #{
     seed := integer(),
     team := starl_team:t(),
@@ -41,8 +41,8 @@
     record => #{starl:robot_id() => starl_sim_ledger:range()}
 }.
 
-%% What comes out of a window: events for other robots or later windows; the trace, newest
-%% first; whether the robot's motion has changed, whether its application has ended.
+%% The yield of a window: events for other robots or later windows; the trace, newest
+%% first; whether the robot's motion has changed, and whether its application has ended.
 -type yield() :: {
     [starl_sim_queue:event()], [starl_monitor:trace_event()], Changes :: [moved | ended]
 }.
@@ -51,7 +51,7 @@
     id :: starl:robot_id(),
     world :: world(),
     now = 0 :: starl_sim_queue:time(),
-    %% when the present window began, if it is in one, and when it ends
+    %% when the present window began, if the robot is in one, and when it ends
     window = none :: starl_sim_queue:time() | none,
     until = 0 :: starl_sim_queue:time(),
     clock :: starl_sim_clock:t(),
@@ -61,7 +61,7 @@
     store :: starl_sim_store:t(),
     chain :: starl_sim_chain:t(),
     result = running :: running | given_up | {done, term()},
-    %% what came out: own events of this window, all others, the trace, newest first
+    %% the yield: own events of this window, all other events, the trace, newest first
     soon = [] :: [starl_sim_queue:event()],
     later = [] :: [starl_sim_queue:event()],
     traces = [] :: [starl_monitor:trace_event()],
@@ -87,7 +87,7 @@ new(Id, Pose, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
         traces = [{0, Id, chassis, {motion, starl_sim_vehicle:piece(Vehicle)}}]
     }.
 
-%% @doc The robot at a later time, in a new window; what it yields begins with what happened
+%% @doc The robot at a later time, in a new window; its yield begins with what happened
 %% since the last one.
 -spec open(starl_sim_queue:time(), starl_sim_robot:window(), t()) -> t().
 open(Now, {From, Until}, #body{window = none} = Body) ->
@@ -112,15 +112,15 @@ at(Now, Body) -> Body#body{now = Now}.
 -spec soon(t()) -> [starl_sim_queue:event()].
 soon(#body{soon = Soon}) -> Soon.
 
-%% @doc The new events of the present window have been planned.
+%% @doc Marks the new events of the present window as planned.
 -spec planned(t()) -> t().
 planned(Body) -> Body#body{soon = []}.
 
-%% @doc What has come out in the present window.
+%% @doc The yield of the present window.
 -spec yield(t()) -> yield().
 yield(#body{later = Later, traces = Traces, changes = Changes}) -> {Later, Traces, Changes}.
 
-%% @doc What a machine is given when it starts.
+%% @doc The start configuration of a machine.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
 base(Name, Incarnation, #body{id = Id, world = World, now = Now, store = Store} = Body) ->
     #{seed := Seed, team := Team} = World,
@@ -134,7 +134,7 @@ base(Name, Incarnation, #body{id = Id, world = World, now = Now, store = Store} 
         now => clock(Body)
     }.
 
-%% @doc The application has ended. What it has come to first counts, but for a result.
+%% @doc The application has ended. Its first end counts, unless a result follows.
 -spec ended(starl_robot:ended(), t()) -> t().
 ended({done, _} = Done, Body) -> (over(Body))#body{result = Done};
 ended(given_up, #body{result = running} = Body) -> (over(Body))#body{result = given_up};
@@ -143,7 +143,7 @@ ended(_, Body) -> over(Body).
 over(#body{result = running, changes = Changes} = Body) -> Body#body{changes = [ended | Changes]};
 over(Body) -> Body.
 
-%% @doc The virtual time that the robot is at.
+%% @doc The robot's virtual time.
 -spec now(t()) -> starl_sim_queue:time().
 now(#body{now = Now}) -> Now.
 
@@ -163,7 +163,7 @@ handles(Machine, info, {located, _Tag, Seen}, Body) ->
 handles(Machine, Type, Content, #body{now = Now, chain = Chain} = Body) ->
     Body#body{chain = starl_sim_chain:add(Now, Machine, Type, Content, Chain)}.
 
-%% @doc The same for an event at a later time than the last.
+%% @doc The same for an event at a later time than the last one.
 -spec happens(
     starl_sim_queue:time(), starl_machine:name(), starl_machine:event_type(), term(), t()
 ) -> t().
@@ -174,17 +174,17 @@ happens(Now, Machine, Type, Content, #body{chain = Chain} = Body) ->
 -spec chain(t()) -> starl_sim_chain:t().
 chain(#body{chain = Chain}) -> Chain.
 
-%% @doc How many packets the robot has sent.
+%% @doc The number of packets that the robot has sent.
 -spec packets(t()) -> non_neg_integer().
 packets(#body{transmitter = Transmitter}) -> starl_sim_transmitter:packets(Transmitter).
 
-%% @doc What the application has returned.
+%% @doc The result of the application.
 -spec result(t()) -> running | given_up | {done, term()}.
 result(#body{result = Result}) -> Result.
 
-%% -- carrying out what machines ask for -----------------------------------------------------
+%% -- the actions of machines on the world ---------------------------------------------------
 
-%% @doc Carries out what a machine asks of the world.
+%% @doc Carries out an action of a machine on the world.
 -spec perform(starl_platform:world_action(), starl_machine:name(), t()) ->
     {[starl_robot:local()], t()}.
 perform({transmit, Dest, Packet}, _Name, Body) ->
@@ -219,22 +219,22 @@ transmit(To, Packet, #body{id = Id, now = Now, world = World, seq = Seq} = Body)
 
 %% -- the vehicle ----------------------------------------------------------------------------
 
-%% @doc The chassis stops: nobody commands it any more.
+%% @doc Stops the chassis: no machine commands it any more.
 -spec stop(t()) -> t().
 stop(#body{now = Now, vehicle = Vehicle} = Body) ->
     moved(starl_sim_vehicle:stop(Now, Vehicle), Body).
 
-%% @doc How the chassis drives from now on, since a fault of its drive begins or ends.
+%% @doc Adapts the motion when a fault of the drive begins or ends.
 -spec turn_wheels(t()) -> t().
 turn_wheels(#body{now = Now, vehicle = Vehicle} = Body) ->
     moved(starl_sim_vehicle:turn_wheels(Now, Vehicle), Body).
 
-%% @doc The chassis does what it had planned.
+%% @doc The chassis does its planned step.
 -spec beat(starl_sim_vehicle:beat(), t()) -> t().
 beat(Beat, #body{now = Now, vehicle = Vehicle} = Body) ->
     moved(starl_sim_vehicle:beat(Beat, Now, Vehicle), Body).
 
-%% @doc Is it still true what the chassis had planned to say of the script of this number?
+%% @doc Is the planned answer to the script of this number still valid?
 -spec says(Run :: integer(), t()) -> boolean().
 says(Run, #body{vehicle = Vehicle}) -> starl_sim_vehicle:says(Run, Vehicle).
 
@@ -259,7 +259,7 @@ moved({moved, Plans, Vehicle}, #body{changes = Changes} = Body) ->
     Moved = Body#body{vehicle = Vehicle, changes = [moved | Changes]},
     chassis(Plans, trace(chassis, {motion, starl_sim_vehicle:piece(Vehicle)}, Moved)).
 
-%% What the chassis does itself comes before everything else of that moment.
+%% The chassis' own steps come before all other events of that moment.
 chassis([], Body) ->
     Body;
 chassis([{Us, Content} | Plans], #body{id = Id, now = Now, seq = Seq, until = Until} = Body) ->
@@ -299,7 +299,7 @@ plan(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) -
         false -> {Seq, Body#body{seq = Seq + 1, later = [Event | Body#body.later]}}
     end.
 
-%% @doc Plans events of the robot anew, in this window or later ones.
+%% @doc Plans delayed events of the robot again, in this window or later ones.
 -spec postpone([starl_sim_queue:event()], t()) -> t().
 postpone(Events, #body{until = Until, soon = Soon, later = Later} = Body) ->
     {Now, Then} = lists:partition(fun(Event) -> element(2, Event) < Until end, Events),

@@ -1,4 +1,4 @@
-%% @doc The durable store of a simulated robot: what each of its machines keeps over crashes and
+%% @doc The durable store of a simulated robot: the terms that its machines keep over crashes and
 %% reboots, and the faults of the class `store'.
 -module(starl_sim_store).
 
@@ -13,11 +13,11 @@
 
 -opaque t() :: #store{}.
 
-%% @doc An empty store that these faults strike.
+%% @doc An empty store, with the faults that strike it.
 -spec new([starl_sim_fault:compiled()]) -> t().
 new(Faults) -> #store{faults = Faults}.
 
-%% @doc Keeps a term for a machine in place of what it kept before; `full': nothing is written.
+%% @doc Keeps a term for a machine in place of its earlier term; `full': nothing is written.
 -spec keep(starl_machine:name(), term(), starl_sim_queue:time(), t()) -> {ok, t()} | full.
 keep(Name, Term, Now, #store{kept = Kept} = Store) ->
     case suffers(store_full, Now, Store) of
@@ -25,7 +25,8 @@ keep(Name, Term, Now, #store{kept = Kept} = Store) ->
         false -> {ok, Store#store{kept = Kept#{Name => Term}}}
     end.
 
-%% @doc What a machine that starts now finds. Where nothing was ever kept nothing is damaged.
+%% @doc The stored term for a machine that starts now. A machine that never kept a term finds
+%% `none', even if the store is damaged.
 -spec kept(starl_machine:name(), starl_sim_queue:time(), t()) -> starl_machine:stored().
 kept(Name, Now, #store{kept = Kept} = Store) ->
     case {Kept, suffers(store_damaged, Now, Store)} of

@@ -1,9 +1,8 @@
-%% @doc Whether two nodes run the same code: a run over several nodes comes to the digest of a
-%% run in one VM only if every module that takes part is the same on all of them.
+%% @doc Compares the code of two nodes: a run over several nodes has the digest of a
+%% run in one VM only if every module that takes part is the same on all nodes.
 %%
-%% Modules are told apart by the MD5 of their code, which the compiler has put into them. OTP's
-%% own modules are not compared: nodes may run different releases, as long as StarL itself is the
-%% same build.
+%% A module is identified by the MD5 of its code, which the compiler stores in it. OTP's own modules
+%% are not compared: nodes may run different releases, as long as they run the same build of StarL.
 -module(starl_sim_code).
 
 -export([modules/1, digests/1, differing/2]).
@@ -12,8 +11,8 @@
 
 -type digests() :: [{module(), MD5 :: binary() | missing}].
 
-%% @doc The modules that take part where these do: those of their applications, and of the
-%% applications that these need, as far as they are not OTP's.
+%% @doc All modules that take part, given some of them: the modules of their applications, and of
+%% the applications that these need, without OTP's.
 -spec modules([module()]) -> [module()].
 modules(Seeds) ->
     Apps = lists:usort([App || Module <- Seeds, App <- application_of(Module)]),
@@ -24,7 +23,7 @@ modules(Seeds) ->
 -spec digests([module()]) -> digests().
 digests(Modules) -> [{Module, digest(Module)} || Module <- Modules].
 
-%% @doc The modules that are not the same in both.
+%% @doc The modules that differ between the two.
 -spec differing(digests(), digests()) -> [module()].
 differing(Ours, Theirs) -> [Module || {Module, _} <- Ours -- Theirs].
 
@@ -34,13 +33,13 @@ digest(Module) ->
         {error, _} -> missing
     end.
 
-%% The application in whose folder a module lies; an application of the user's own, or a module
+%% The application in whose folder a module lies; a user's own application, or a module
 %% that was compiled in memory, lies in none.
 application_of(Module) ->
     case code:which(Module) of
         File when is_list(File), File =/= "" ->
             Files = filelib:wildcard(filename:join(filename:dirname(File), "*.app")),
-            %% the folder of code that runs here: as many as applications are installed
+            %% the folder of code that runs here: a bounded number of atoms, one per application
             [list_to_atom(filename:basename(App, ".app")) || App <- Files];
         _ ->
             []

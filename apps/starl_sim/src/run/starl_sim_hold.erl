@@ -1,5 +1,5 @@
-%% @doc A robot that is held up: paused, or slow. Its events are handled later than they came; the
-%% faults themselves strike when they do.
+%% @doc A robot that is held up: paused, or slow. It handles its events later than they arrive; the
+%% faults themselves strike on time.
 -module(starl_sim_hold).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
@@ -7,10 +7,10 @@
 
 -export_type([t/0]).
 
-%% Nothing is handled before a time, and nothing sooner than so long after it came.
+%% No event is handled before `UntilUs', nor earlier than `LagUs' after its arrival.
 -type t() :: {UntilUs :: starl_sim_queue:time(), LagUs :: non_neg_integer()}.
 
-%% @doc Parts events into those that are put off, at their new times, and those that are not.
+%% @doc Splits events into delayed ones, at their new times, and those that are not delayed.
 -spec part([starl_sim_queue:event()], t()) ->
     {Late :: [starl_sim_queue:event()], Ready :: [starl_sim_queue:event()]}.
 part(Events, Hold) ->

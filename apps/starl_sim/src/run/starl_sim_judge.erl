@@ -1,5 +1,6 @@
-%% @doc The windows of a run under the eyes of its monitors. The shards tell of a window each in
-%% their own time; it is judged when all have told of it and those before it are judged.
+%% @doc Feeds the windows of a run to its monitors. Each shard reports a window in
+%% its own time; the window is judged when all shards have reported it and all earlier ones are
+%% judged.
 -module(starl_sim_judge).
 
 -export([new/1, told/5, judged/1, seen/1, is_sound/1, missing/2, close/2]).
@@ -9,7 +10,7 @@
 -record(judge, {
     monitors :: starl_monitor:t(),
     violations = [] :: [starl_monitor:violation()],
-    %% traces of windows that not all shards have told of yet; how many windows were judged
+    %% traces of windows that some shard has not reported yet; the number of windows judged
     traces = #{} :: #{pos_integer() => [{Shard :: pid(), [starl_monitor:trace_event()]}]},
     judged = 0 :: non_neg_integer(),
     %% the time of the last event judged
@@ -22,8 +23,8 @@
 -spec new([{module(), map()}]) -> t().
 new(Monitors) -> #judge{monitors = starl_monitor:new(Monitors)}.
 
-%% @doc One of so many shards tells of its N-th window, in the order of time, then robot. Says
-%% whether a contract is violated in what can be judged with that.
+%% @doc One of `Shards' shards reports its N-th window, ordered by time, then robot. Tells
+%% whether a contract is violated in the windows that can be judged now.
 -spec told(Shard :: pid(), N :: pos_integer(), [starl_monitor:trace_event()], Shards, t()) ->
     {ok | violation, t()}
 when
@@ -47,7 +48,7 @@ judge(Shards, #judge{traces = Traces, judged = Judged} = Judge) ->
             Judge
     end.
 
-%% The shards' traces in the order of time, then robot. A robot belongs to one shard, so events
+%% The shards' traces merged by time, then robot. A robot belongs to one shard, so two events
 %% of one robot and time are never compared.
 merge([Trace]) -> Trace;
 merge(Traces) -> lists:merge(Traces).
@@ -64,7 +65,7 @@ watch(Trace, #judge{monitors = Monitors, violations = Violations} = Judge) ->
 last([], #judge{seen = Seen}) -> Seen;
 last([_ | _] = Trace, _Judge) -> element(1, lists:last(Trace)).
 
-%% @doc How many windows are judged.
+%% @doc The number of windows judged.
 -spec judged(t()) -> non_neg_integer().
 judged(#judge{judged = Judged}) -> Judged.
 
@@ -72,16 +73,16 @@ judged(#judge{judged = Judged}) -> Judged.
 -spec seen(t()) -> starl_sim_queue:time().
 seen(#judge{seen = Seen}) -> Seen.
 
-%% @doc Has no contract been violated?
+%% @doc Is no contract violated so far?
 -spec is_sound(t()) -> boolean().
 is_sound(#judge{violations = Violations}) -> Violations =:= [].
 
-%% @doc Those of the shards that have not told of the next window yet.
+%% @doc Those of the shards that have not reported the next window yet.
 -spec missing([pid()], t()) -> [pid()].
 missing(Shards, #judge{judged = Judged, traces = Traces}) ->
     Shards -- [Shard || {Shard, _} <- maps:get(Judged + 1, Traces, [])].
 
-%% @doc Closes the monitors at a time: all violations, and what each monitor has found.
+%% @doc Closes the monitors at a time: all violations, and each monitor's results.
 -spec close(starl_sim_queue:time(), t()) -> {[starl_monitor:violation()], #{module() => map()}}.
 close(Now, #judge{monitors = Monitors, violations = Violations}) ->
     {Late, Results} = starl_monitor:finish(Now, Monitors),

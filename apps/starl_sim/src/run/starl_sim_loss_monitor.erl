@@ -1,5 +1,5 @@
-%% @doc Notes which packets the radio has lost, and when; it judges nothing. Its result `lost' has
-%% them in the order of time.
+%% @doc Records which packets the radio has lost, and when; it judges nothing. Its result `lost'
+%% lists them in the order of time.
 -module(starl_sim_loss_monitor).
 -behaviour(starl_monitor).
 

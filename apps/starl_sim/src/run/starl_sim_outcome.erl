@@ -1,4 +1,4 @@
-%% @doc What came of a run: why it ended, what the monitors say, what is known of each robot, and
+%% @doc The outcome of a run: why it ended, the monitors' results, a summary of each robot, and
 %% the digest, which is equal for two runs whose robots have had the same events.
 -module(starl_sim_outcome).
 
@@ -7,11 +7,10 @@
 -export_type([t/0, ending/0]).
 
 %% Why a run ended: all applications finished, its time was up, a contract was violated, it was
-%% stopped from outside, nothing can happen any more, or a node is lost.
+%% stopped from outside, nothing could happen any more, or a node was lost.
 -type ending() :: done | time | violation | stopped | quiet | lost.
 
-%% Everything known at the end. Where nodes were lost, their robots are missing in it, and the
-%% digest is empty.
+%% The outcome. The robots of lost nodes are missing in it, and the digest is empty then.
 -type t() :: #{
     ending := ending() | none,
     end_us := starl_sim_queue:time(),
@@ -26,7 +25,7 @@
 
 -type robot() :: {starl:robot_id(), starl_sim_robot:summary()}.
 
-%% @doc The outcome of a run that ends now and had so many robots; these are known of, ascending.
+%% @doc The outcome of a run that ends now, from the summaries of its known robots, ascending.
 -spec new(End, starl_sim_judge:t()) -> t() when
     End :: #{
         ending := ending() | none,
@@ -45,7 +44,7 @@ new(#{end_us := Now, robots := Robots, team := Team} = End, Judge) ->
         packets => lists:sum([N || {_, #{packets := N}} <- Robots])
     }.
 
-%% Only the digest of all robots can be compared with that of another run.
+%% Only a digest over all robots can be compared with that of another run.
 digest(Robots, Team) when length(Robots) < Team ->
     <<>>;
 digest(Robots, _Team) ->

@@ -1,7 +1,7 @@
-%% @doc Bounded convergence as a contract: so long after the last fault has healed, the
-%% applications of all robots that live have finished.
+%% @doc The contract of bounded convergence: within a bound after the last fault has healed, the
+%% applications of all living robots have finished.
 %%
-%% An application that crashes has to finish anew; only a robot that dies need not.
+%% An application that crashes has to finish again; only a dead robot need not.
 %%
 %% Events of machine `app': `done', `crashed'; of machine `robot': `died'.
 -module(starl_sim_progress_monitor).
@@ -20,7 +20,7 @@
 init(#{robots := Robots, deadline_us := Deadline}) ->
     #state{deadline_us = Deadline, open = maps:from_keys(Robots, true)}.
 
-%% @doc Applications and robots.
+%% @doc The events of applications and robots.
 -spec interests() -> [atom()].
 interests() -> [app, robot].
 
@@ -35,7 +35,7 @@ step(_, State) -> {ok, State}.
 
 closed(Robot, #state{open = Open} = State) -> State#state{open = maps:remove(Robot, Open)}.
 
-%% @doc Whoever has not finished by the deadline breaks the contract.
+%% @doc Each robot that has not finished by the deadline breaks the contract.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndUs, #state{deadline_us = Deadline, open = Open}) ->

@@ -1,6 +1,7 @@
-%% @doc New code for a running simulation, on all its nodes at once. Code that cannot be loaded yet,
-%% since a robot is in the midst of a step of the version before last ({@link starl_code}), waits
-%% here; of one module, the newest waits. It is tried again as the run goes on.
+%% @doc Loads new code into a running simulation, on all its nodes at once. Code that cannot be
+%% loaded yet, since a robot is in the middle of a step of the version before last ({@link
+%% starl_code}), waits here; of one module, the newest version waits. It is tried again as the run
+%% goes on.
 -module(starl_sim_reload).
 
 -export([new/1, load/4, retry/1, is_waiting/1]).
@@ -16,16 +17,16 @@
 
 -type reason() :: starl_code:reason() | {node(), unreachable}.
 
-%% Loaded; or it waits for these robots to end their steps.
+%% The code is loaded, or waits for these robots to end their steps.
 -type answer() :: ok | {waits, [starl:robot_id()]} | {error, reason()}.
 
 -define(NODE_MS, 30000).
 
-%% @doc Nothing waits on these nodes.
+%% @doc No code waits for these nodes.
 -spec new([node()]) -> t().
 new(Nodes) -> #reload{nodes = lists:usort(Nodes)}.
 
-%% @doc Loads new code, or has it wait.
+%% @doc Loads new code, or keeps it waiting.
 -spec load(module(), file:filename(), Beam :: binary(), t()) -> {answer(), t()}.
 load(Module, File, Beam, #reload{nodes = Nodes, waiting = Waiting} = Reload) ->
     Errors = [E || Node <- Nodes, {error, _} = E <- [on(Node, check, [Module, File, Beam])]],
@@ -45,7 +46,7 @@ load(Module, File, Beam, #reload{nodes = Nodes, waiting = Waiting} = Reload) ->
             end
     end.
 
-%% @doc Tries again what waits.
+%% @doc Tries again to load the waiting code.
 -spec retry(t()) -> t().
 retry(#reload{waiting = Waiting, nodes = Nodes} = Reload) ->
     Reload#reload{
@@ -63,11 +64,11 @@ still_waits(Module, File, Beam, Nodes) ->
             false
     end.
 
-%% @doc Does anything wait?
+%% @doc Does any code wait?
 -spec is_waiting(t()) -> boolean().
 is_waiting(#reload{waiting = Waiting}) -> Waiting =/= #{}.
 
-%% On none before it can be loaded on all.
+%% The code is loaded on no node before it can be loaded on all.
 try_all(Module, File, Beam, Nodes) ->
     case lists:all(fun(Node) -> on(Node, is_free, [Module]) =:= true end, Nodes) of
         true -> first_trouble([on(Node, load, [Module, File, Beam]) || Node <- Nodes]);

@@ -1,10 +1,10 @@
-%% @doc One simulation: it starts the shards, has them run until a virtual time, and holds what
-%% they tell of each window against the monitors. The shards run on meanwhile
+%% @doc Runs one simulation: starts the shards, has them run until a virtual time, and feeds
+%% the traces of their windows to the monitors. The shards run on meanwhile
 %% ({@link starl_sim_shard}); a violation ends the run a fixed number of windows later.
 %% ```
 %%   resting --- run(Until) ---> running --- Until, all done, violation or stop ---> resting
 %% '''
-%% A run that pauses between a violation and the end that follows from it goes on to that end: the
+%% A run that pauses after a violation still goes on to the end that follows from it: the
 %% digest does not depend on pauses.
 -module(starl_sim_run).
 -behaviour(gen_server).
@@ -29,7 +29,7 @@
 
 -type outcome() :: starl_sim_outcome:t().
 
-%% How far a run is: windows judged, shards that rest, and the shards that it waits for.
+%% The progress of a run: windows judged, shards that rest, and the shards that it waits for.
 -type progress() :: {Judged :: non_neg_integer(), Resting :: non_neg_integer(), Late :: [pid()]}.
 
 -type status() :: #{
@@ -38,7 +38,7 @@
     ending := ending() | none
 }.
 
-%% Why a run cannot stop at an event: there is no such robot, it has had more events already, or
+%% Why a run cannot stop at an event: there is no such robot, the robot has had more events already,
 %% the run ended before, or it lost a node.
 -type missed() ::
     {no_robot, starl:robot_id()}
@@ -51,7 +51,7 @@
     window_us :: pos_integer(),
     shards :: starl_sim_shards:t(),
     judge :: starl_sim_judge:t(),
-    %% how many windows the shards know to be judged
+    %% the number of windows that the shards know to be judged
     approved = 0 :: non_neg_integer(),
     now = 0 :: starl_sim_queue:time(),
     caller = none :: gen_server:from() | none,
@@ -66,11 +66,11 @@
     lost = [] :: [starl_sim_nodes:loss()]
 }).
 
-%% The shards are told after so many judged windows.
+%% The shards are told after this many newly judged windows.
 -define(APPROVE_EVERY, 4).
-%% So long after a node's shards have gone it is known to be lost.
+%% The time within which the loss of a node is known after its shards have gone.
 -define(LAST_WORDS_MS, 5000).
-%% Traces come and go fast.
+%% Traces are short-lived: a large heap saves collections.
 -define(HEAP_WORDS, 100000).
 
 %% @doc Starts the simulation at virtual time 0.
@@ -79,21 +79,21 @@ start_link(Plan) ->
     Heap = {spawn_opt, [{min_heap_size, ?HEAP_WORDS}]},
     gen_server:start_link(?MODULE, Plan, [{timeout, infinity}, Heap]).
 
-%% @doc Runs until a virtual time, or an earlier end.
+%% @doc Runs until a virtual time, or to an earlier end.
 -spec run(pid(), Until :: starl_sim_queue:time()) -> status().
 run(Run, Until) -> gen_server:call(Run, {run, Until}, infinity).
 
-%% @doc Runs until just after the N-th event of a robot: it does no more, the others finish the
-%% window. An end that comes before that is an error.
+%% @doc Runs until just after the N-th event of a robot: that robot halts there, the others finish
+%% the window. It is an error if the run ends before.
 -spec run_to(pid(), {starl:robot_id(), N :: pos_integer()}) ->
     {ok, status()} | {error, missed() | running}.
 run_to(Run, Event) -> gen_server:call(Run, {run_to, Event}, infinity).
 
-%% @doc Ends the run, a fixed number of windows ahead of what is judged.
+%% @doc Ends the run, a fixed number of windows ahead of the judged ones.
 -spec stop(pid()) -> ok.
 stop(Run) -> gen_server:cast(Run, stop).
 
-%% @doc How far it is; answers also while it runs.
+%% @doc The status of the run; answers while it runs, too.
 -spec status(pid()) -> status().
 status(Run) -> gen_server:call(Run, status, infinity).
 
@@ -102,21 +102,21 @@ status(Run) -> gen_server:call(Run, status, infinity).
     #{starl_machine:name() => starl_sim_machines:seen()} | unknown | {error, running}.
 inspect(Run, Robot) -> gen_server:call(Run, {inspect, Robot}, infinity).
 
-%% @doc What is known of all robots, while the run rests.
+%% @doc The summaries of all robots, while the run rests.
 -spec robots(pid()) -> [{starl:robot_id(), starl_sim_robot:summary()}] | {error, running}.
 robots(Run) -> gen_server:call(Run, robots, infinity).
 
-%% @doc The events of a robot that were recorded so far, while the run rests.
+%% @doc The recorded events of a robot so far, while the run rests.
 -spec events(pid(), starl:robot_id()) ->
     [starl_sim_ledger:event()] | unknown | {error, running}.
 events(Run, Robot) -> gen_server:call(Run, {events, Robot}, infinity).
 
-%% @doc Loads new code of a module, at once or as soon as no robot is in the midst of a step of the
+%% @doc Loads new code of a module, at once or as soon as no robot is in the middle of a step of the
 %% version before last; may be asked while it runs.
 -spec reload(pid(), {module(), file:filename(), Beam :: binary()}) -> starl_sim_reload:answer().
 reload(Run, Code) -> gen_server:call(Run, {reload, Code}, infinity).
 
-%% @doc Closes the monitors and tells everything known; the run can go on no further.
+%% @doc Closes the monitors and returns the outcome; the run cannot go on afterwards.
 -spec finish(pid()) -> outcome().
 finish(Run) -> gen_server:call(Run, finish, infinity).
 
@@ -197,7 +197,7 @@ handle_info({window_done, Shard, N, Trace}, #run{judge = Judge, shards = Shards}
             {noreply, Run#run{judge = Next}}
     end;
 handle_info({resting, _Shard, Now, Reason, Running}, #run{resting = Resting} = Run) ->
-    %% where a window is not over, only some of the shards know whose application has ended in it
+    %% in an unfinished window, only some shards know which applications have ended
     Most = max(Running, Run#run.running),
     Next = Run#run{resting = Resting + 1, now = Now, running = Most},
     case Resting + 1 =:= starl_sim_shards:count(Run#run.shards) of
@@ -208,7 +208,7 @@ handle_info({'DOWN', _, process, Shard, Reason}, Run) when
     node(Shard) =/= node(), Reason =:= noconnection orelse Reason =:= killed;
     node(Shard) =/= node(), Reason =:= shutdown
 ->
-    %% its node goes down or its site ends: who watches them tells why
+    %% its node goes down or its site ends: the process that watches nodes reports why
     {noreply, Run};
 handle_info({'DOWN', _, process, Shard, Reason}, #run{shards = Shards} = Run) ->
     case starl_sim_shards:is_one(Shard, Shards) of
@@ -216,7 +216,7 @@ handle_info({'DOWN', _, process, Shard, Reason}, #run{shards = Shards} = Run) ->
         false -> {noreply, Run}
     end.
 
-%% Whole windows only, so that where a run pauses does not change it.
+%% Rounded up to whole windows, so that the place of a pause does not change the run.
 go(Until, Goal, From, #run{window_us = Width, limit_us = Limit, shards = Shards} = Run0) ->
     Run = renew(Run0),
     Whole = (min(Until, Limit) + Width - 1) div Width * Width,
@@ -227,7 +227,7 @@ ask(What, Id, #run{shards = Shards}) -> starl_sim_shards:ask(What, Id, Shards).
 
 %% -- judging --------------------------------------------------------------------------------
 
-%% Steps have ended meanwhile.
+%% Tries waiting code again: steps have ended meanwhile.
 renew(#run{reload = Reload} = Run) ->
     case starl_sim_reload:is_waiting(Reload) of
         true -> Run#run{reload = starl_sim_reload:retry(Reload)};
@@ -274,13 +274,13 @@ reply({Id, _N}, _Reason, Run) -> {error, {ended, Id, ask(count, Id, Run)}}.
 
 %% -- lost nodes -----------------------------------------------------------------------------
 
-%% Whoever has not told of the next window is waited for; when all rest, nobody is.
+%% The shards that have not reported the next window are awaited; when all rest, none is.
 progress(#run{caller = none, judge = Judge, resting = Resting}) ->
     {starl_sim_judge:judged(Judge), Resting, []};
 progress(#run{judge = Judge, resting = Resting, shards = Shards}) ->
     {starl_sim_judge:judged(Judge), Resting, starl_sim_shards:missing(Judge, Shards)}.
 
-%% The windows that all shards have told of stand; the others come to no end any more.
+%% The windows that all shards have reported count; the others are never finished.
 lose(#{node := Node} = Loss, #run{shards = Shards, caller = Caller, judge = Judge} = Run) ->
     Seen = starl_sim_judge:seen(Judge),
     Ended = Run#run{
@@ -306,7 +306,7 @@ conclude(Run) ->
         _ -> conclude(Robots, Run)
     end.
 
-%% A node was lost this very moment: who watches it is about to tell.
+%% A node was lost this very moment: the process that watches nodes is about to report it.
 await_loss(Run) ->
     receive
         {lost, Loss} -> lose(Loss, Run)

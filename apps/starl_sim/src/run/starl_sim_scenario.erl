@@ -1,6 +1,6 @@
-%% @doc Scenarios: everything that, with the code, decides a run. A scenario is a map of Erlang
-%% terms; a scenario file in `config/scenarios/' holds one, and every key is a flag of the
-%% command line as well (`delay' is `--delay 5..50').
+%% @doc Scenarios: all values that, with the code, determine a run. A scenario is a map of Erlang
+%% terms; a scenario file in `config/scenarios/' holds one, and every key is also a flag of the
+%% command line (`delay' is `--delay 5..50').
 -module(starl_sim_scenario).
 
 -export([options/0, check/2, read/1, format_error/1]).
@@ -54,7 +54,7 @@ options() ->
             "so long after the heal all applications must be done, s"}
     ].
 
-%% @doc Checks a scenario for an application with these options of its own.
+%% @doc Checks a scenario for an application that has these options of its own.
 -spec check(#{atom() => term()}, [starl_options:option()]) -> {ok, t()} | {error, reason()}.
 check(Given, AppOptions) ->
     Checked = starl_options:check(maps:remove(app, Given), options() ++ AppOptions),
@@ -84,7 +84,7 @@ read(File) ->
         {error, Posix} -> {error, {file, File, Posix}}
     end.
 
-%% @doc One line that says what is wrong, where, and what to do.
+%% @doc One line on a problem: what is wrong, where, and what to do.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({problems, Problems}) ->
     lists:join("; ", [format_problem(P) || P <- Problems]);

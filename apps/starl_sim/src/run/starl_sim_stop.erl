@@ -3,7 +3,7 @@
 
 -export([shutdown/2]).
 
-%% @doc Tells a process to shut down and waits until it is gone. One that is still there after
+%% @doc Tells a process to shut down and waits for its end. A process that is still there after
 %% `Ms' milliseconds is killed, and not waited for. It may be gone already. A caller that is
 %% linked to it unlinks or traps exits.
 -spec shutdown(pid(), Ms :: timeout()) -> ok.

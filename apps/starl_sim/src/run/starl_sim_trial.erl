@@ -1,12 +1,12 @@
-%% @doc One run of a scenario for its verdict alone, as searches over many scenarios need it:
-%% inline and with one shard, which is fast and, by contract, changes nothing.
+%% @doc Runs a scenario once for its verdict alone, as searches over many scenarios need it:
+%% inline and with one shard, which is fast and, by contract, changes no result.
 -module(starl_sim_trial).
 
 -export([run/1, run/2]).
 
 -export_type([verdict/0, outcome/0, reason/0]).
 
-%% What came of a run. `scenario' has the faults that were drawn, `lost' the packets that the
+%% The outcome of a run. `scenario' includes the drawn faults, `lost' lists the packets that the
 %% radio has lost.
 -type outcome() :: #{
     scenario := starl_sim_scenario:t(),
@@ -18,7 +18,7 @@
     lost := [starl_sim_loss_monitor:lost()]
 }.
 
-%% The scenario cannot be run, or the simulation itself came to grief.
+%% The scenario cannot be run, or the simulation itself failed.
 -type reason() :: {start, starl_sim:reason()} | {failed, term()}.
 
 -type verdict() :: {ok, outcome()} | {error, reason()}.
@@ -27,7 +27,7 @@
 -spec run(#{app := module(), atom() => term()}) -> verdict().
 run(Scenario) -> run(Scenario, fun(_Sim) -> ok end).
 
-%% @doc The same; a function is told of the simulation when it has started, so that it can be
+%% @doc The same; calls a function with the simulation when it has started, so that it can be
 %% stopped.
 -spec run(#{app := module(), atom() => term()}, fun((starl_sim:sim()) -> term())) -> verdict().
 run(Scenario, Started) ->
@@ -42,7 +42,7 @@ run(Scenario, Started) ->
             {error, {failed, Reason}}
     end.
 
-%% In a process of its own: a simulation that breaks takes it along.
+%% Runs in a process of its own, which a failing simulation takes along.
 play(Scenario, Started) ->
     Watch = #{watch => [{starl_sim_loss_monitor, #{}}]},
     case starl_sim:start(Scenario#{mode => inline, shards => 1}, Watch) of
@@ -56,6 +56,6 @@ play(Scenario, Started) ->
 
 outcome(Given, Ran, {#{monitors := #{starl_sim_loss_monitor := #{lost := Lost}}} = Outcome, _}) ->
     Known = maps:with([digest, ending, end_us, events, violations], Outcome),
-    %% the way it was run is no part of the scenario
+    %% the mode of the run is no part of the scenario
     As = maps:with([mode, shards], Given),
     {ok, Known#{lost => Lost, scenario => maps:merge(maps:without([mode, shards], Ran), As)}}.

@@ -1,6 +1,7 @@
-%% @doc Window after window in step with the other shards: which window is next, how far it may be
-%% ahead of the monitors, and when to rest. All shards decide by the same numbers, which they tell
-%% each other at the end of each window ({@link starl_sim_mail}), so nobody has to decide for all.
+%% @doc Keeps a shard in step with the other shards, window by window: which window is next, how far
+%% the shard may be ahead of the monitors, and when to rest. All shards decide by the same numbers,
+%% which they exchange at the end of each window ({@link starl_sim_mail}), so no one decides for
+%% all.
 %% ```
 %%   resting --- run ---> a window --- mail from all ---> the next ... --- reason() ---> resting
 %%                           | a robot halts in it: mail `held'
@@ -15,15 +16,15 @@
 
 -define(AHEAD, 16).
 
-%% Why the shards rest: all applications have ended, the time is reached, nothing can happen any
-%% more, they were told to halt, or a robot has come to the event that it is to halt after.
+%% Why the shards rest: all applications have ended; the time is reached; nothing can happen any
+%% more; they were told to halt; a robot has reached the event after which it is to halt.
 -type reason() :: done | until | quiet | halted | held.
 
-%% The robot that is to halt, and after how many events.
+%% The robot that is to halt, and the number of the event after which it halts.
 -type stop() :: {starl:robot_id(), N :: pos_integer()} | none.
 
-%% What comes while the shard rests: the run's word, a peer's mail, news of processes, and the end
-%% of a patience that is over.
+%% A message to a resting shard: an order of the run, a peer's mail, news of processes, or the end
+%% of an old timer.
 -type message() ::
     {approve, N :: pos_integer()}
     | halt
@@ -34,9 +35,9 @@
     | starl_driver:attach()
     | {out_of_patience, starl_sim_robot:window()}.
 
-%% A window that is not over: a robot of this shard was held in it, this much is to be done then,
-%% and this news has come of processes meanwhile, the latest first; or it is a peer's, and its
-%% mail is yet to come.
+%% A window that is not over: either a robot of this shard was held in it, with the data to finish
+%% the window and the news of processes since then, latest first; or a robot of a peer was held, and
+%% the peer's mail is still to come.
 -type open() ::
     none
     | #{
@@ -55,14 +56,14 @@
     queue :: starl_sim_queue:t(),
     mail :: starl_sim_mail:t(),
     sight = none :: starl_sim_sight:t() | none,
-    %% how many windows were run, and how many of them are approved
+    %% the number of windows run, and of those approved
     windows = 0 :: non_neg_integer(),
     approved = 0 :: non_neg_integer(),
     now = 0 :: starl_sim_queue:time(),
     %% the same in all shards
     next = 0 :: starl_sim_queue:time() | infinity,
     running = 0 :: non_neg_integer(),
-    %% told to halt while it rested
+    %% was it told to halt while it rested?
     halt = false :: boolean(),
     %% the robot of this shard that is to halt; the window in which one was held
     stop = none :: starl:robot_id() | none,
@@ -72,13 +73,14 @@
 
 -opaque t() :: #steps{}.
 
-%% @doc A shard without robots or peers, which tells this process of its windows.
+%% @doc A shard without robots or peers, which reports its windows to the process `Run'.
 -spec new(Run :: pid(), WindowUs :: pos_integer()) -> t().
 new(Run, Width) ->
     Queue = starl_sim_queue:new(Width),
     #steps{run = Run, window_us = Width, queue = Queue, mail = starl_sim_mail:new([], #{})}.
 
-%% @doc All robots are in place: so many run in all, these faults strike this shard's.
+%% @doc All robots are in place: the number of running applications of the whole team, and the
+%% faults that strike this shard's robots.
 -spec launch(
     Running :: non_neg_integer(), [starl_sim_queue:event()],
     {starl_sim_sight:t(), starl_sim_mail:t()}, t()
@@ -87,8 +89,8 @@ launch(Running, Faults, {Sight, Mail}, #steps{queue = Queue} = Steps) ->
     Planned = starl_sim_queue:add_all(Faults, Queue),
     Steps#steps{queue = Planned, sight = Sight, mail = Mail, running = Running}.
 
-%% @doc Runs until a time or, if that is earlier, until just after an event of one robot; what it
-%% tells the run meanwhile: {@link starl_sim_shard:run/3}.
+%% @doc Runs until a time or, if that is earlier, until just after an event of one robot; meanwhile
+%% it reports to the run as {@link starl_sim_shard:run/3} says.
 -spec run(Until :: starl_sim_queue:time(), stop(), t()) -> t().
 run(Until, Stop, #steps{now = Now, mail = Mail} = Steps) ->
     Timer = starl_sim_window:be_patient({Now, Now}),
@@ -97,18 +99,18 @@ run(Until, Stop, #steps{now = Now, mail = Mail} = Steps) ->
     _ = erlang:cancel_timer(Timer),
     Rested.
 
-%% @doc A message while it rests. A process that went down between two windows was killed from
-%% outside, or is one of a robot that died. The robot is woken to go on in the next window.
+%% @doc Handles a message while it rests. A process that went down between two windows was killed
+%% from outside, or belongs to a robot that died. The robot is woken to go on in the next window.
 -spec hear(message(), t()) -> t().
 hear(News, #steps{open = #{news := Earlier} = Open} = Steps) when
     element(1, News) =:= 'DOWN'; element(1, News) =:= down; element(1, News) =:= starl_attach
 ->
-    %% left for the moment when the window goes on, which sees to both in their order
+    %% kept until the window goes on, which handles both in their order
     Steps#steps{open = Open#{news := [News | Earlier]}};
 hear({'DOWN', _, process, Pid, Reason}, Steps) ->
     down(Pid, Reason, Steps);
 hear({starl_attach, _, _, _} = Attach, Steps) ->
-    %% a process that was restarted may say so before the end of the one before it is heard of
+    %% a restarted process may attach before the end of its predecessor is known
     receive
         {'DOWN', _, process, Pid, Reason} ->
             self() ! Attach,
@@ -129,7 +131,7 @@ hear({out_of_patience, _}, Steps) ->
 
 %% -- window after window --------------------------------------------------------------------
 
-%% Only one robot is to halt at a time.
+%% Only one robot can be set to halt.
 arm(Stop, #steps{stop = Old} = Steps) ->
     _ = Old =/= none andalso starl_sim_window:halt_after(Old, none),
     case Stop of
@@ -146,7 +148,7 @@ arm(_Id, _N, false, Steps) ->
 go_on(Until, #steps{open = none} = Steps) -> advance(Until, agree(Steps));
 go_on(Until, Steps) -> advance(Until, Steps).
 
-%% A robot may have been woken since all rested, so the next window is found again.
+%% A robot may have been woken since all rested, so the shards agree on the next window again.
 agree(#steps{windows = 0} = Steps) -> Steps;
 agree(Steps) -> exchange(#{later => [], moved => [], ended => 0, trace => []}, Steps).
 
@@ -177,8 +179,8 @@ advance(Until, Steps) ->
 
 rest(Reason, #steps{now = Now} = Steps) -> rest(Reason, Now, Steps).
 
-%% The first window that is not run any more: the same time whether or not the run paused on the
-%% way there, where nothing happens.
+%% The start of the first window that is not run: the same time whether or not the run paused on
+%% the way there, in a stretch where nothing happens.
 rest_halted(#steps{next = Next, window_us = Width} = Steps) ->
     rest(halted, Next - Next rem Width, Steps).
 
@@ -186,7 +188,7 @@ rest(Reason, Now, #steps{run = Run, running = Running} = Steps) ->
     Run ! {resting, self(), Now, Reason, Running},
     Steps.
 
-%% Processes that went down while their robots had nothing to do.
+%% Handles processes that went down while their robots had nothing to do.
 look_up(Steps) ->
     receive
         {down, Pid, Reason} -> look_up(down(Pid, Reason, Steps))
@@ -209,14 +211,14 @@ run_window(#steps{next = Next, window_us = Width, queue = Queue, windows = N} = 
     Ids = starl_sim_window:run({From, To}, Events),
     close({From, To}, Ids, none, Steps#steps{queue = Rest, now = To, windows = N + 1}).
 
-%% The window's end, but for a robot that was held. `Mails' has what the peers sent meanwhile.
+%% Ends the window, unless a robot was held in it. `Mails' holds what the peers sent meanwhile.
 close(Window, Ids, Mails, #steps{stop = Stop} = Steps) ->
     case Stop =/= none andalso starl_sim_robot:halted(starl_sim_window:robot(Stop)) of
         {at, At} -> hold(At, Window, Ids, Mails, Steps);
         _ -> finish(Ids, Mails, Steps)
     end.
 
-%% Nothing of the peers' mail is taken before the window is over: its robots must not see it.
+%% The peers' mail waits until the window is over: this shard's robots must not see it earlier.
 hold(At, Window, Ids, Mails0, #steps{mail = Mail, windows = N, stop = Id} = Steps) ->
     ok = starl_sim_mail:tell_held(N, At, Mail),
     Mails =
@@ -249,7 +251,7 @@ resume(#steps{open = {peer, Peer, _}} = Steps) ->
 resume(#steps{open = none} = Steps) ->
     Steps.
 
-%% Everybody tells everybody what they must know to run the next window.
+%% Each shard tells every other one what it must know to run the next window.
 exchange(Yields, #steps{mail = Mail} = Steps) ->
     lists:foldl(fun receive_mail/2, tell(Yields, Steps), starl_sim_mail:peers(Mail)).
 

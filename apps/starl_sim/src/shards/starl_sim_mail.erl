@@ -1,6 +1,6 @@
-%% @doc What shards tell each other at the end of a window, each all others: what all must know to
-%% agree on the next one, and the packets for each other's robots. Nobody goes on before all have
-%% told, so of each peer one mail at most lies ahead.
+%% @doc The mail between shards: at the end of a window each shard sends all others what they need
+%% to agree on the next one, and the packets for their robots. No shard goes on before it has the
+%% mail of all others, so each peer is at most one mail ahead.
 -module(starl_sim_mail).
 
 -export([new/2, peers/1, is_own/2, tell/4, tell_held/3, await/2, keep/2, deliver/1]).
@@ -10,7 +10,7 @@
 -record(mail, {
     peers :: [pid()],
     owners :: #{starl:robot_id() => pid()},
-    %% of peers that were told to run before this shard was, newest first
+    %% mail of peers that were told to run before this shard, newest first
     early = [] :: [mail()]
 }).
 
@@ -18,11 +18,11 @@
 
 -type mail() :: {mail, Peer :: pid(), Window :: pos_integer(), content()}.
 
-%% A robot was held in the window, at a time; otherwise the news of it.
+%% The news of a window, or the time at which a robot was held in it.
 -type content() :: news() | {held, starl_sim_queue:time()}.
 
-%% When the next event is due, as far as the sender knows; how many applications have ended; the
-%% pieces of motion that robots are newly in; events for the receiver's robots.
+%% The time of the sender's next event; the number of applications that have ended; new pieces of
+%% motion by robot; events for the receiver's robots.
 -type news() :: {
     Next :: starl_sim_queue:time() | infinity,
     Ended :: non_neg_integer(),
@@ -30,7 +30,7 @@
     Events :: [starl_sim_queue:event()]
 }.
 
-%% @doc A shard's mail with these peers; the owners are the shards that have the robots.
+%% @doc A shard's mail with these peers; `Owners' gives the shard of each robot.
 -spec new(Peers :: [pid()], Owners :: #{starl:robot_id() => pid()}) -> t().
 new(Peers, Owners) -> #mail{peers = Peers, owners = Owners}.
 
@@ -46,8 +46,8 @@ is_own(Id, #mail{owners = Owners}) ->
         #{} -> false
     end.
 
-%% @doc Tells all peers what came of the N-th window. What is for the shard's own robots goes to its
-%% queue; gives its own news.
+%% @doc Sends all peers the news of the N-th window. Events for the shard's own robots go to its
+%% queue. Returns its own news.
 -spec tell(N :: non_neg_integer(), Yields, starl_sim_queue:t(), t()) ->
     {news(), starl_sim_queue:t()}
 when
@@ -72,8 +72,8 @@ tell_held(N, At, #mail{peers = Peers}) ->
 
 send(Peer, N, Content) -> Peer ! {mail, self(), N, Content}.
 
-%% @doc Waits for a peer's mail of the N-th window. Whoever is told to abandon the run waits for no
-%% other peer, either.
+%% @doc Waits for a peer's mail of the N-th window. A shard that is told to abandon the run stops
+%% waiting for the other peers, too.
 -spec await(Peer :: pid(), N :: non_neg_integer()) -> content() | abandoned.
 await(Peer, N) ->
     receive
@@ -84,11 +84,11 @@ await(Peer, N) ->
             abandoned
     end.
 
-%% @doc Keeps a mail that came before the shard was told to run.
+%% @doc Keeps a mail that arrived before the shard was told to run.
 -spec keep(mail(), t()) -> t().
 keep(Early, #mail{early = Others} = Mail) -> Mail#mail{early = [Early | Others]}.
 
-%% @doc Has what was kept come now.
+%% @doc Delivers the mail that was kept.
 -spec deliver(t()) -> t().
 deliver(#mail{early = Early} = Mail) ->
     _ = [self() ! Each || Each <- Early],

@@ -1,13 +1,13 @@
-%% @doc Makes this VM a node of Erlang's distribution while it runs: a name, a cookie, and the
-%% port mapper `epmd', which is started where none runs.
+%% @doc Makes this VM a node of Erlang's distribution: with a name, a cookie, and the
+%% port mapper `epmd', which is started if none runs.
 -module(starl_sim_net).
 
 -export([start/1, random_cookie/0, full_name/1, format_error/1]).
 
 -export_type([wish/0, reason/0]).
 
-%% How the node is to be known. `loopback' keeps it from the network: only nodes of this machine
-%% reach it. Without a cookie it takes the user's own, of `~/.erlang.cookie'.
+%% The identity of the node. `loopback' keeps it off the network: only nodes of this machine
+%% reach it. Without a cookie it uses the user's own, from `~/.erlang.cookie'.
 -type wish() :: #{name := node(), cookie => atom(), loopback => boolean()}.
 
 -type reason() ::
@@ -17,7 +17,7 @@
     | {no_distribution, node()}
     | {is_named, node()}.
 
-%% An epmd that was just started listens after a few of these.
+%% A fresh epmd listens after a few waits of this length.
 -define(EPMD_TRIES, 60).
 -define(EPMD_WAIT_MS, 50).
 -define(LONGEST_NAME, 200).
@@ -31,13 +31,13 @@ start(#{name := Name} = Wish) ->
         Other -> {error, {is_named, Other}}
     end.
 
-%% @doc A cookie that nobody guesses; one in the life of a VM.
+%% @doc A random cookie that nobody can guess; made once in the life of a VM.
 -spec random_cookie() -> atom().
 random_cookie() ->
     binary_to_atom(binary:encode_hex(crypto:strong_rand_bytes(16))).
 
-%% @doc A node's name from text: with this machine's name behind it where it has none. The text
-%% is bounded and what the user has typed, a name or a few in the life of a VM: hence atoms.
+%% @doc A node's name from text, completed with this machine's name where that is missing. The text
+%% is bounded and typed by the user, a few names in the life of a VM: hence atoms.
 -spec full_name(string()) -> {ok, node()} | {error, reason()}.
 full_name(Text) when length(Text) =< ?LONGEST_NAME ->
     case string:split(Text, "@", all) of
@@ -59,7 +59,7 @@ hostname() ->
     {ok, Host} = inet:gethostname(),
     Host.
 
-%% @doc One line that says what is wrong and what to do.
+%% @doc One line on a problem: what is wrong and what to do.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({bad_name, Text}) ->
     ["\"", Text, "\" is no name of a node; a node is called like robots@host1"];
@@ -83,7 +83,7 @@ with_epmd(Wish) ->
         {error, _} -> with_exe(epmd(), Wish)
     end.
 
-%% It belongs to the Erlang that runs, or to another one: all of them speak one protocol.
+%% The epmd of this Erlang, or of another one: all versions speak one protocol.
 epmd() ->
     Erts = "erts-" ++ erlang:system_info(version),
     Own = filename:join([code:root_dir(), Erts, "bin", "epmd"]),
@@ -104,7 +104,7 @@ with_exe(Exe, Wish) ->
         false -> {error, {epmd, Exe}}
     end.
 
-%% The daemon tells nobody when it is ready.
+%% The daemon does not announce when it is ready.
 answers(0) ->
     false;
 answers(Tries) ->
@@ -124,7 +124,7 @@ distribute(#{name := Name} = Wish) ->
         {error, _} -> {error, {no_distribution, Name}}
     end.
 
-%% OTP reports a name that it cannot have at length; the user gets one line from the caller.
+%% OTP reports an invalid name at length; the user gets one line from the caller instead.
 quietly(Start) ->
     #{level := Level} = logger:get_primary_config(),
     ok = logger:set_primary_config(level, none),
@@ -137,7 +137,7 @@ quietly(Start) ->
 listen_on(true) -> application:set_env(kernel, inet_dist_use_interface, {127, 0, 0, 1});
 listen_on(false) -> ok.
 
-%% The part behind the @ of a long name has a dot in it.
+%% The host of a long name, behind the @, contains a dot.
 domain(Name) ->
     case lists:member($., atom_to_list(Name)) of
         true -> longnames;

@@ -1,15 +1,15 @@
-%% @doc The nodes of a simulation: it has sites opened on them before the run ({@link
-%% starl_sim_sites}), tells where the shards go, and watches the nodes meanwhile. Whatever befalls
-%% a node, the run learns of it in bounded time.
+%% @doc Manages the nodes of a simulation: opens sites on them before the run ({@link
+%% starl_sim_sites}), says where the shards go, and watches the nodes meanwhile. The run learns of
+%% every failure of a node in bounded time.
 %% ```
 %%   node gone          its site's monitor fires                        down
 %%   node stopped       it answers no ping for the time-out             silent
 %%   a shard hangs      the node answers, but no window has come to     slow
 %%                      an end within the time-out
 %% '''
-%% A silent node is disconnected, which frees all who wait for it or for room in the buffer to
-%% it. Time is counted in ticks that this process has seen: if this VM was held up itself, nobody
-%% else is to blame.
+%% A silent node is disconnected, which frees all processes that wait for it or for room in the
+%% buffer to it. Time is counted in ticks that this process has seen: if this VM itself was held up,
+%% no other node is blamed.
 -module(starl_sim_nodes).
 -behaviour(gen_server).
 
@@ -18,7 +18,7 @@
 
 -export_type([options/0, nodes/0, loss/0, reason/0]).
 
-%% A number of peers on this machine, or nodes that run already, with the application's code.
+%% A number of peers on this machine, or running nodes that have the application's code.
 -type nodes() :: pos_integer() | [node(), ...].
 
 %% `modules' are those of the scene; `code' was compiled in memory and is in no file.
@@ -29,7 +29,7 @@
     code := [{module(), file:filename(), Beam :: binary()}]
 }.
 
-%% A node that is lost, why, and the virtual time until which all windows are known.
+%% A lost node, why it was lost, and the virtual time up to which all windows are known.
 -type loss() :: #{
     node := node(),
     why := down | silent | slow,
@@ -43,21 +43,21 @@
     timeout_ms = 0 :: non_neg_integer(),
     peers = [] :: [starl_sim_peers:t()],
     sites = #{} :: #{node() => starl_sim_site:t()},
-    %% how many pings were sent to each since its last answer
+    %% the number of pings sent to each node since its last answer
     unanswered = #{} :: #{node() => non_neg_integer()},
     run = none :: pid() | none,
     lost = [] :: [loss()],
-    %% what the run told last, and how often it has told the same
+    %% the run's last report of its progress, and how often it has repeated it
     progress = none :: starl_sim_run:progress() | none,
     same = 0 :: non_neg_integer(),
     asked = false :: boolean()
 }).
 
-%% So many ticks make the time-out; at least so many milliseconds a tick.
+%% The number of ticks in the time-out, and the shortest tick in milliseconds.
 -define(TICKS, 10).
 -define(LEAST_TICK_MS, 20).
 
-%% @doc Starts without any nodes.
+%% @doc Starts the process, without any nodes.
 -spec start_link() -> gen_server:start_ret().
 start_link() -> gen_server:start_link(?MODULE, [], []).
 
@@ -65,11 +65,11 @@ start_link() -> gen_server:start_link(?MODULE, [], []).
 -spec open(pid(), options()) -> {ok, [starl_sim_site:t()]} | {error, reason()}.
 open(Nodes, Options) -> gen_server:call(Nodes, {open, Options}, infinity).
 
-%% @doc From now on this run is told of a lost node: `{lost, loss()}'.
+%% @doc Registers the run: from now on it gets `{lost, loss()}' when a node is lost.
 -spec watch(pid(), Run :: pid()) -> ok.
 watch(Nodes, Run) -> gen_server:cast(Nodes, {watch, Run}).
 
-%% @doc What has become of a node that was found to be out of reach.
+%% @doc The loss of a node that was found to be out of reach.
 -spec loss(pid(), node()) -> loss().
 loss(Nodes, Node) -> gen_server:call(Nodes, {loss, Node}, infinity).
 
@@ -77,12 +77,12 @@ loss(Nodes, Node) -> gen_server:call(Nodes, {loss, Node}, infinity).
 -spec sites(pid()) -> [starl_sim_site:t()].
 sites(Nodes) -> gen_server:call(Nodes, sites, infinity).
 
-%% @doc One line that says why the nodes cannot be used, and what to do.
+%% @doc One line on why the nodes cannot be used, and what to do.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({lost, Loss}) -> format_loss(Loss);
 format_error(Reason) -> starl_sim_sites:format_error(Reason).
 
-%% @doc One line that says which node was lost, when, and what to do.
+%% @doc One line on a lost node: which node, when, and what to do.
 -spec format_loss(loss()) -> unicode:chardata().
 format_loss(#{node := Node, why := Why, at_us := At, timeout_ms := Ms}) ->
     io_lib:format("node ~ts ~ts; virtual time ~.3f s; ~ts", [
@@ -153,7 +153,7 @@ handle_info({'DOWN', _, process, Site, _}, #nodes{sites = Sites} = Nodes) ->
 handle_info({timeout, _, close}, Nodes) ->
     {noreply, Nodes};
 handle_info({'EXIT', _Peer, _}, Nodes) ->
-    %% the node's monitor tells of it
+    %% the node's monitor reports it
     {noreply, Nodes}.
 
 %% Nothing is left over: not on other nodes, and no peer.
@@ -197,14 +197,14 @@ ping(#nodes{sites = Sites, unanswered = Unanswered} = Nodes) ->
     ok = lists:foreach(fun(Site) -> starl_sim_site:ping(Site, 0) end, maps:values(Sites)),
     Nodes#nodes{unanswered = maps:map(fun(_, K) -> K + 1 end, Unanswered)}.
 
-%% One question at a time: a run that is busy judging must not answer many of them at once.
+%% One question at a time: a run that is busy judging must not have to answer many of them.
 ask(#nodes{run = Run, asked = false} = Nodes) when is_pid(Run) ->
     Run ! {progress, self()},
     Nodes#nodes{asked = true};
 ask(Nodes) ->
     Nodes.
 
-%% The shards of a run that does not get on wait for those that it still misses.
+%% When a run makes no progress, its shards wait for the shards that are still missing.
 progressed({_, _, [Late | _]} = Progress, #nodes{progress = Progress, same = ?TICKS} = Nodes) ->
     Node = node(Late),
     Why =
@@ -224,7 +224,7 @@ lose(Node, Why, #nodes{sites = Sites, timeout_ms = Ms} = Nodes) ->
     _ = Why =:= silent andalso erlang:disconnect_node(Node),
     ok = lists:foreach(fun(Site) -> starl_sim_site:abandon(Site, Node) end, maps:values(Left)),
     _ = is_pid(Nodes#nodes.run) andalso (Nodes#nodes.run ! {lost, Loss}),
-    %% a slow node hears that it is over
+    %% a slow node is told that the run is over
     Slow = [Site || {N, Site} <- maps:to_list(Sites), N =:= Node, Why =:= slow],
     ok = starl_sim_sites:close(Slow),
     Nodes#nodes{

@@ -1,8 +1,8 @@
-%% @doc Nodes of a simulation's own, on this machine: OTP's `peer', held by its standard input
-%% and output, so that they end with whoever started them, whatever happens to that.
+%% @doc Starts further nodes for a simulation, on this machine: OTP's `peer' holds each by its
+%% standard input and output, so a peer always ends with the process that started it.
 %%
-%% They are reached by Erlang's distribution, too. A VM that is no node yet becomes one for the
-%% purpose, with a name and a cookie that nobody else has, on the loopback interface only. The
+%% Peers are also reached by Erlang's distribution. A VM that is no node yet becomes one for this
+%% purpose, with a unique name and cookie, on the loopback interface only. The
 %% cookie stands on no command line and in no file.
 -module(starl_sim_peers).
 
@@ -19,7 +19,7 @@
 -define(BOOT_MS, 60000).
 -define(END_MS, 5000).
 
-%% @doc Starts so many, linked to the calling process, which must trap exits.
+%% @doc Starts `N' peers, linked to the calling process, which must trap exits.
 -spec start(pos_integer()) -> {ok, [t()]} | {error, reason()}.
 start(N) ->
     case distribute() of
@@ -41,16 +41,16 @@ stop(#peer{control = Control, node = Node} = Peer) ->
     after ?END_MS -> kill(Peer)
     end.
 
-%% @doc Ends a peer that does not answer: it may be stopped, and would live on until it is not.
+%% @doc Ends a peer that does not answer: its process may be suspended and would live on.
 -spec kill(t()) -> ok.
 kill(#peer{control = Control, os_pid = OsPid}) ->
-    %% what closing the channel would not end
+    %% a suspended peer would not notice the closed channel
     _ = os:cmd("kill -KILL " ++ OsPid),
     close(Control).
 
 close(Control) -> starl_sim_stop:shutdown(Control, ?END_MS).
 
-%% @doc One line that says why there are no peers.
+%% @doc One line on why there are no peers.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({no_peer, Why}) ->
     io_lib:format("a further Erlang VM could not be started on this machine: ~0tP", [Why, 10]);
@@ -62,7 +62,7 @@ format_error(Reason) ->
 distribute() ->
     case erlang:node() of
         nonode@nohost ->
-            %% one name in the life of a VM
+            %% one new name in the life of a VM
             starl_sim_net:start(#{
                 name => list_to_atom(unique("starl") ++ "@127.0.0.1"),
                 cookie => starl_sim_net:random_cookie(),
@@ -74,7 +74,7 @@ distribute() ->
 
 unique(Prefix) -> peer:random_name(Prefix).
 
-%% All boot at once.
+%% All peers boot at the same time.
 start_all(N) ->
     try [boot() || _ <- lists:seq(1, N)] of
         Boots -> named([await(Boot) || Boot <- Boots], [])
@@ -90,9 +90,9 @@ boot() ->
     {ok, Control} = peer:start_link(Options),
     {Control, Tag}.
 
-%% The code path is this VM's own; what belongs to OTP is found without being told. Ctrl-C of a
-%% terminal reaches every VM: these leave it to the first (+Bi). A node that loses another one must
-%% not be cut off from the rest on account of that, as OTP's global would have it.
+%% The code path is this VM's own; the peer finds OTP's code itself. Ctrl-C of a
+%% terminal reaches every VM: peers leave it to the first one (+Bi). A node that loses another one
+%% must stay connected to the rest, which OTP's global would prevent.
 args() ->
     Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
     Paths = lists:append([["-pa", filename:absname(Dir)] || Dir <- Own, filelib:is_dir(Dir)]),
@@ -115,7 +115,7 @@ await({Control, Tag}) ->
 named([], Peers) ->
     {ok, lists:reverse(Peers)};
 named([{ok, Control} | Rest], Peers) ->
-    %% a random name, an atom for each peer that is started: a few in a run, never from input
+    %% a random name, an atom for each started peer: a few in a run, never from input
     Node = list_to_atom(unique("starl_peer") ++ "@" ++ host()),
     case name(Control, Node) of
         {ok, OsPid} ->

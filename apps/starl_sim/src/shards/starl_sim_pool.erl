@@ -1,4 +1,4 @@
-%% @doc The supervisors of a simulation's robots and of its shards, wherever these are.
+%% @doc The supervisors of a simulation's robots and of its shards, on any node.
 -module(starl_sim_pool).
 -behaviour(supervisor).
 
@@ -9,11 +9,11 @@
 
 -type which() :: robots | shards.
 
-%% @doc Starts an empty one, linked to the calling process.
+%% @doc Starts an empty supervisor, linked to the calling process.
 -spec start_link(which()) -> supervisor:startlink_ret().
 start_link(Which) -> supervisor:start_link(?MODULE, Which).
 
-%% @doc It as a child of a supervisor.
+%% @doc The child specification of such a supervisor.
 -spec child(which()) -> supervisor:child_spec().
 child(Which) -> #{id => Which, type => supervisor, start => {?MODULE, start_link, [Which]}}.
 

@@ -1,6 +1,6 @@
-%% @doc The event queue of a shard, a calendar: events lie unsorted in buckets of one window
-%% each, and a bucket is sorted when its time comes. So adding costs O(1), and taking no more
-%% than the sort. The buckets of the next windows form a wheel, those farther ahead a map.
+%% @doc The event queue of a shard, a calendar queue: events lie unsorted in buckets of one window
+%% each, and a bucket is sorted when its time comes. So adding costs O(1), and taking costs
+%% the sort. The buckets of the next windows form a wheel, later buckets a map.
 -module(starl_sim_queue).
 
 -export([new/1, add/2, add_all/2, take_window/2, next_time/1, size/1]).
@@ -20,20 +20,20 @@
     Content :: term()
 }.
 
-%% How many windows the wheel holds: most timers, and the legs that robots drive, end within them.
-%% It has rows, since a tuple is copied whenever one of its places is set.
+%% The number of windows in the wheel: most timers, and the legs that robots drive, end within them.
+%% The wheel has rows, since a tuple is copied whenever one of its elements is set.
 -define(ROWS, 8).
 -define(ROW, 16).
 -define(WHEEL, (?ROWS * ?ROW)).
 
 -record(queue, {
     width :: pos_integer(),
-    %% the first window that the wheel holds; that of number I lies in place I rem WHEEL
+    %% the first window of the wheel; window I lies at place I rem WHEEL
     base = 0 :: non_neg_integer(),
     wheel = erlang:make_tuple(?ROWS, erlang:make_tuple(?ROW, [])) :: wheel(),
     far = #{} :: #{non_neg_integer() => [event()]},
     order = gb_sets:new() :: gb_sets:set(non_neg_integer()),
-    %% the first of them; an atom is more than any number
+    %% the first of them; an atom is larger than any number
     nearest = none :: non_neg_integer() | none,
     size = 0 :: non_neg_integer()
 }).
@@ -42,21 +42,21 @@
 
 -type wheel() :: tuple().
 
-%% @doc An empty queue with buckets of so many microseconds.
+%% @doc An empty queue with buckets of `Width' microseconds.
 -spec new(Width :: pos_integer()) -> t().
 new(Width) -> #queue{width = Width}.
 
-%% @doc The number of events in it.
+%% @doc The number of events in the queue.
 -spec size(t()) -> non_neg_integer().
 size(#queue{size = Size}) -> Size.
 
-%% @doc Adds an event; one whose window is over counts to the first that is not.
+%% @doc Adds an event; if its window is over, it falls into the first window that is not.
 -spec add(event(), t()) -> t().
 add(Event, #queue{size = Size} = Queue) ->
     enter(index(Event, Queue), [Event], Queue#queue{size = Size + 1}).
 
-%% @doc Adds many events: by their windows, of which there are few, for the wheel is copied
-%% whenever it is touched.
+%% @doc Adds many events, grouped by their few windows, since the wheel is copied
+%% at each change.
 -spec add_all([event()], t()) -> t().
 add_all([], Queue) ->
     Queue;
@@ -66,8 +66,8 @@ add_all(Events, #queue{size = Size} = Queue) ->
     Buckets = lists:foldl(fun(Event, Acc) -> group(Event, Queue, Acc) end, #{}, Events),
     maps:fold(fun enter/3, Queue#queue{size = Size + length(Events)}, Buckets).
 
-%% @doc Takes the events of the first window, by robot and then in the robot's order, if it ends
-%% not later than this.
+%% @doc Takes the events of the first window, if it ends no later than the given time; ordered by
+%% robot, then in the robot's order.
 -spec take_window(Until :: time(), t()) -> {[event()], t()}.
 take_window(Until, #queue{width = Width} = Queue) ->
     case first(Queue) of
@@ -82,7 +82,7 @@ take_window(Until, #queue{width = Width} = Queue) ->
             {[], Queue}
     end.
 
-%% @doc When the first window that has an event begins.
+%% @doc The beginning of the first window that has an event.
 -spec next_time(t()) -> time() | infinity.
 next_time(#queue{width = Width} = Queue) ->
     case first(Queue) of
@@ -126,7 +126,7 @@ enter(Index, Events, #queue{far = Far, order = Order, nearest = Nearest} = Queue
             }
     end.
 
-%% By robot first, by the rest of the key within each: comparing numbers is much cheaper than
+%% Sorts by robot first, then by the rest of the key: comparing numbers is much faster than
 %% comparing tuples.
 in_order(Events) -> each_robot(lists:keysort(1, Events)).
 
@@ -155,7 +155,7 @@ first(Index, End, #queue{wheel = Wheel} = Queue) ->
         [_ | _] -> Index
     end.
 
-%% The wheel begins at a later window; what comes into its reach is moved there.
+%% Moves the wheel to a later window, and the events that come within its reach into it.
 turn(Base, #queue{nearest = Nearest} = Queue) when Nearest >= Base + ?WHEEL ->
     Queue#queue{base = Base};
 turn(Base, #queue{nearest = Index, order = Order, far = Far, wheel = Wheel} = Queue) ->

@@ -10,18 +10,18 @@
 %%     |                        | ...
 %%     |<--- resting, why ------|
 %% '''
-%% A window is as long as the shortest delay of a packet, so what is sent in one arrives in a
-%% later one. All shards decide by the same numbers which window is next and when to rest
-%% ({@link starl_sim_lockstep}). They run at most 16 windows ahead of what the monitors have judged,
-%% and rest there if they are told to halt, so where a run ends depends on nothing but the scenario.
+%% A window is as long as the shortest delay of a packet, so a packet sent in one window arrives in
+%% a later one. All shards decide by the same numbers which window is next and when to rest ({@link
+%% starl_sim_lockstep}). They run at most 16 windows ahead of the judged ones, and rest there if
+%% they are told to halt, so the end of a run depends only on the scenario.
 %%
-%% A robot may be told to halt just after its N-th event. When it does, the other robots finish
-%% the window; the mail of its shard says `held', and all shards rest until it is resumed.
+%% A robot may be told to halt just after its N-th event. When it does, the other robots finish the
+%% window; the mail of its shard says `held', and all shards rest until it is resumed.
 %%
-%% Shards may be on different nodes. One that waits for what will never come, since a node is lost,
-%% is told to abandon the run, and rests for good.
+%% Shards may be on different nodes. A shard that waits for a lost node is told to abandon the run,
+%% and rests for good.
 %%
-%% Each shard keeps its own copy of where all robots were when the window began.
+%% Each shard keeps its own copy of all robots' places at the beginning of the window.
 -module(starl_sim_shard).
 -behaviour(gen_server).
 
@@ -30,18 +30,19 @@
 
 -export_type([load/0, crew/0, question/0, answer/0]).
 
-%% The shard's heap turns over fast, and what lives in it is copied each time: room for so many
-%% words per robot, within these bounds. Up to some 80 robots it stays below 128 Ki words, so that
-%% it is collected in place: a larger one is handed to a dirty scheduler each time, and waited for.
+%% The shard's heap turns over fast, and each collection copies its live data: initial words per
+%% robot, within these bounds. Up to some 80 robots the heap stays below 128 Ki words and
+%% is collected in place: a larger one is handed to a dirty scheduler, which the shard waits for.
 -define(WORDS_PER_ROBOT, 1500).
 -define(LEAST_WORDS, 100000).
 -define(MOST_WORDS, 1000000).
 
-%% What all robots are made of: the tree of a robot's processes, if it has any, but for its
-%% number and its driver; and the machines that get no process.
+%% The parts of every robot: the tree of its processes, if it has any, without its
+%% number and driver; and the machines that get no process.
 -type crew() :: #{tree := starl_robot_crew:tree() | none, inline := starl_robot_machines:inline()}.
 
-%% What a shard begins with. `peers' are the other shards, `owners' says which shard has a robot.
+%% The initial load of a shard. `peers' are the other shards, `owners' gives the shard of each
+%% robot.
 -type load() :: #{
     robots := [{starl:robot_id(), starl:pose()}],
     crew := crew(),
@@ -52,8 +53,8 @@
     running := non_neg_integer()
 }.
 
-%% What can be asked about robots: a summary of all at a time; one's machines, how many events it
-%% has had, or its recorded events.
+%% A question about robots: a summary of all at a time; one robot's machines, its number of events,
+%% or its recorded events.
 -type question() ::
     {summary, starl_sim_queue:time()} | {robot | count | events, starl:robot_id()}.
 
@@ -70,7 +71,7 @@
     steps :: starl_sim_lockstep:t()
 }).
 
-%% @doc Starts an empty shard for about so many robots.
+%% @doc Starts an empty shard, with room for about `robots' robots.
 -spec start_link(#{
     run := pid(),
     world := starl_sim_platform:world(),
@@ -88,8 +89,8 @@ start_link(#{robots := Robots} = Config) ->
 launch(Shard, Load) -> gen_server:call(Shard, {launch, Load}, infinity).
 
 %% @doc Runs until a time or, if that is earlier, until just after an event of one robot; must be
-%% asked of all shards. Each tells of its windows with `{window_done, Shard, N, Trace}' and at last
-%% `{resting, Shard, Now, Reason, Running}' ({@link starl_sim_lockstep:reason()}).
+%% called for all shards. Each shard reports its windows with `{window_done, Shard, N, Trace}' and
+%% in the end `{resting, Shard, Now, Reason, Running}' ({@link starl_sim_lockstep:reason()}).
 -spec run(pid(), Until :: starl_sim_queue:time(), starl_sim_lockstep:stop()) -> ok.
 run(Shard, Until, Stop) -> gen_server:cast(Shard, {run, Until, Stop}).
 
@@ -99,19 +100,19 @@ approve(Shard, N) ->
     Shard ! {approve, N},
     ok.
 
-%% @doc Has the shards rest as far ahead of the last approval as they may go.
+%% @doc Lets the shards rest as far ahead of the last approval as they may go.
 -spec halt(pid()) -> ok.
 halt(Shard) ->
     Shard ! halt,
     ok.
 
-%% @doc The run cannot go on: the shard rests, wherever it waits.
+%% @doc The run cannot go on: the shard rests, whatever it waits for.
 -spec abandon(pid()) -> ok.
 abandon(Shard) ->
     Shard ! abandon,
     ok.
 
-%% @doc Looks at the robots. For a shard that rests.
+%% @doc Answers a question about robots, while the shard rests.
 -spec inspect(pid(), question(), Ms :: timeout()) -> answer().
 inspect(Shard, What, Ms) -> gen_server:call(Shard, {inspect, What}, Ms).
 
@@ -159,7 +160,7 @@ start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, World, Shard) ->
     Body = starl_sim_platform:new(Id, Pose, World),
     {Id, starl_sim_robot:new(Id, Body, Machines, Processes)}.
 
-%% start_child returns when the whole tree has started, so all attachments are here then.
+%% start_child returns when the whole tree has started, so all attach messages are here then.
 starter(_Id, none, _Shard) ->
     none;
 starter(Id, Tree, #shard{robots_sup = Sup}) ->

@@ -1,5 +1,5 @@
-%% @doc The shards of a run, as it starts, tells and asks them. Where a node is lost, so are its
-%% shards and what they know of their robots; the others go on answering.
+%% @doc The shards of a run: starts them, gives them orders and asks them. A lost node takes
+%% its shards and their knowledge of robots along; the other shards go on answering.
 -module(starl_sim_shards).
 
 -export([start/1, count/1, team/1, is_one/2, missing/2]).
@@ -10,17 +10,17 @@
 -record(shards, {
     pids :: [pid()],
     owners :: #{starl:robot_id() => pid()},
-    %% how long one may take for an answer
+    %% the longest time to wait for an answer
     patience_ms = infinity :: timeout()
 }).
 
 -opaque t() :: #shards{}.
 
-%% What a shard that waited for a lost node may take to tell of its robots.
+%% The time that a shard which waited for a lost node has to answer about its robots.
 -define(LAST_WORDS_MS, 5000).
 
 %% @doc Starts the shards of a plan on its sites, monitored by the calling process, and the robots
-%% on them. Exits as a call does where a node is lost meanwhile.
+%% on them. Exits as a failed call does if a node is lost meanwhile.
 -spec start(starl_sim_plan:t()) -> t().
 start(#{robots := Robots} = Plan) ->
     Pids = start_all(Plan),
@@ -39,11 +39,11 @@ start_one(#{shard_sup := Sup, robots_sup := Robots}, Config) ->
     _ = erlang:monitor(process, Shard),
     Shard.
 
-%% @doc How many there are, the lost ones apart.
+%% @doc The number of shards, without the lost ones.
 -spec count(t()) -> non_neg_integer().
 count(#shards{pids = Pids}) -> length(Pids).
 
-%% @doc How many robots they have, or had.
+%% @doc The number of robots, those of lost shards included.
 -spec team(t()) -> pos_integer().
 team(#shards{owners = Owners}) -> map_size(Owners).
 
@@ -51,11 +51,11 @@ team(#shards{owners = Owners}) -> map_size(Owners).
 -spec is_one(pid(), t()) -> boolean().
 is_one(Pid, #shards{pids = Pids}) -> lists:member(Pid, Pids).
 
-%% @doc Those that have not told of the next window yet.
+%% @doc The shards that have not reported the next window yet.
 -spec missing(starl_sim_judge:t(), t()) -> [pid()].
 missing(Judge, #shards{pids = Pids}) -> starl_sim_judge:missing(Pids, Judge).
 
-%% @doc Has all run ({@link starl_sim_shard:run/3}).
+%% @doc Lets all shards run ({@link starl_sim_shard:run/3}).
 -spec run(Until :: starl_sim_queue:time(), starl_sim_lockstep:stop(), t()) -> ok.
 run(Until, Stop, #shards{pids = Pids}) ->
     lists:foreach(fun(Shard) -> ok = starl_sim_shard:run(Shard, Until, Stop) end, Pids).
@@ -65,11 +65,11 @@ run(Until, Stop, #shards{pids = Pids}) ->
 approve(N, #shards{pids = Pids}) ->
     lists:foreach(fun(Shard) -> ok = starl_sim_shard:approve(Shard, N) end, Pids).
 
-%% @doc Has all rest as far ahead as they may go.
+%% @doc Lets all shards rest as far ahead as they may go.
 -spec halt(t()) -> ok.
 halt(#shards{pids = Pids}) -> lists:foreach(fun starl_sim_shard:halt/1, Pids).
 
-%% @doc What its shard knows of one robot.
+%% @doc Asks the shard of a robot about it.
 -spec ask(robot | count | events, starl:robot_id(), t()) -> starl_sim_shard:answer().
 ask(What, Id, #shards{owners = Owners} = Shards) ->
     case Owners of
@@ -77,13 +77,13 @@ ask(What, Id, #shards{owners = Owners} = Shards) ->
         #{} -> unknown
     end.
 
-%% @doc What is known of all robots at a time, ascending.
+%% @doc The summaries of all robots at a time, ascending.
 -spec summaries(starl_sim_queue:time(), t()) -> [{starl:robot_id(), starl_sim_robot:summary()}].
 summaries(Now, #shards{pids = Pids} = Shards) ->
     Told = [asked(Shard, {summary, Now}, [], Shards) || Shard <- Pids],
     lists:keysort(1, lists:append(Told)).
 
-%% @doc A node is lost: its shards have no answer any more; of the others each has some time for it.
+%% @doc A node is lost: its shards answer no more; each of the others has some time for its answer.
 -spec lose(node(), t()) -> t().
 lose(Node, #shards{pids = Pids} = Shards) ->
     Left = [Shard || Shard <- Pids, node(Shard) =/= Node],

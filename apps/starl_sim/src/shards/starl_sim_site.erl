@@ -1,11 +1,11 @@
-%% @doc What a simulation has on a node: a supervisor of robots and one of shards. On a node
-%% other than the run's a process holds them, which ends with them when the run's side has
-%% ended or is out of reach, so that nothing is left over there.
+%% @doc The part of a simulation on one node: a supervisor of robots and one of shards. On a node
+%% other than the run's, a process holds them; it ends with them when the run's side has
+%% ended or is out of reach, so nothing is left over there.
 %% ```
 %%   starl_sim_nodes                       site
-%%      | ping, K -------------------------->|   that it answers, and in time
+%%      | ping, K -------------------------->|   does it answer, and in time?
 %%      |<------------------------ pong, K --|
-%%      | abandon, Node -------------------->|   another node is lost: whoever waits for it stops
+%%      | abandon, Node -------------------->|   another node is lost: its waiters stop waiting
 %%      | close (or gone) ------------------>|   ends with all its shards and robots
 %% '''
 -module(starl_sim_site).
@@ -17,7 +17,7 @@
 
 -export_type([t/0]).
 
-%% `server' is the process that holds the two others.
+%% `server' is the process that holds both supervisors.
 -type t() :: #{
     node := node(), server := pid() | none, robots_sup := pid(), shard_sup := pid()
 }.
@@ -35,24 +35,24 @@
 -spec open(node(), Owner :: pid(), Ms :: timeout()) -> t().
 open(Node, Owner, Ms) -> erpc:call(Node, ?MODULE, serve, [Owner], Ms).
 
-%% @doc The site of these two supervisors, which belong to somebody else.
+%% @doc The site of two supervisors that belong to another process.
 -spec local(RobotsSup :: pid(), ShardSup :: pid()) -> t().
 local(Robots, Shards) ->
     #{node => node(), server => none, robots_sup => Robots, shard_sup => Shards}.
 
-%% @doc Asks whether it answers; it sends `{pong, Site, K}'. Never waits, not for a full buffer.
+%% @doc Sends a ping; the site answers with `{pong, Site, K}'. Never blocks, even on a full buffer.
 -spec ping(t(), K :: integer()) -> ok.
 ping(#{server := Server}, K) ->
     _ = erlang:send(Server, {ping, self(), K}, [nosuspend, noconnect]),
     ok.
 
-%% @doc Another node is lost to the run.
+%% @doc Tells the site that another node is lost to the run.
 -spec abandon(t(), node()) -> ok.
 abandon(#{server := Server}, Node) ->
     _ = erlang:send(Server, {abandon, Node}, [nosuspend, noconnect]),
     ok.
 
-%% @doc Has it end; it is gone when its process is.
+%% @doc Ends the site; it is gone when its process is.
 -spec close(t()) -> ok.
 close(#{server := Server}) ->
     _ = erlang:send(Server, close, [nosuspend, noconnect]),
@@ -84,7 +84,7 @@ handle_info({ping, From, K}, Site) ->
     _ = erlang:send(From, {pong, self(), K}, [nosuspend, noconnect]),
     {noreply, Site};
 handle_info({abandon, Node}, #site{shard_sup = Shards} = Site) ->
-    %% whoever is held up in sending to that node goes on
+    %% processes that are held up in sending to that node go on
     _ = Node =/= node() andalso erlang:disconnect_node(Node),
     _ = [ok = starl_sim_shard:abandon(Pid) || {_, Pid, _, _} <- supervisor:which_children(Shards)],
     {noreply, Site};
@@ -95,7 +95,7 @@ handle_info({'DOWN', _, process, Owner, _}, #site{owner = Owner} = Site) ->
 handle_info({'EXIT', _Pool, Reason}, Site) ->
     {stop, {shutdown, Reason}, Site}.
 
-%% The shards first: they would take the end of their robots for crashes.
+%% The shards end first: they would take the end of their robots for crashes.
 -spec terminate(term(), #site{}) -> ok.
 terminate(_Reason, #site{robots_sup = Robots, shard_sup = Shards}) ->
     lists:foreach(fun(Pool) -> starl_sim_stop:shutdown(Pool, ?STOP_MS) end, [Shards, Robots]).

@@ -1,6 +1,6 @@
-%% @doc The sites of a simulation over several nodes ({@link starl_sim_site}), before the run and
-%% after it: nodes are started or connected to, each is checked to run the same code as this one
-%% ({@link starl_sim_code}), and a site is opened on it; in the end all are closed.
+%% @doc Opens and closes the sites of a simulation over several nodes ({@link starl_sim_site}):
+%% nodes are started or connected, each is checked to run the same code as this one ({@link
+%% starl_sim_code}), and a site is opened on it; in the end all are closed.
 -module(starl_sim_sites).
 
 -export([start/1, open/2, close/1, format_error/1]).
@@ -18,12 +18,12 @@
     | {peers, starl_sim_peers:reason()}.
 
 -define(CLOSE_MS, 10000).
-%% A node loads all the code when that is checked.
+%% The check makes a node load all the code, which takes time.
 -define(LEAST_CHECK_MS, 5000).
 -define(MOST_NAMES, 3).
 
-%% @doc The names of the nodes that are asked for ({@link starl_sim_nodes:nodes()}), or what is
-%% wrong with them; peers are started, linked to the calling process, which must trap exits and
+%% @doc The names of the requested nodes ({@link starl_sim_nodes:nodes()}), or the
+%% problem with them; peers are started, linked to the calling process, which must trap exits and
 %% has to stop them.
 -spec start(Wanted :: term()) ->
     {ok, [node(), ...], [starl_sim_peers:t()]} | {error, reason()}.
@@ -44,7 +44,7 @@ start(Other) ->
     {error, {bad_nodes, Other}}.
 
 %% @doc Checks the nodes and opens a site on each, in their order, for as long as the calling
-%% process lives. If one cannot be used there are no sites.
+%% process lives. If one node cannot be used, no site stays open.
 -spec open([node(), ...], starl_sim_nodes:options()) ->
     {ok, [starl_sim_site:t()]} | {error, reason()}.
 open(Names, #{modules := Seeds, code := Code, timeout_ms := Ms}) ->
@@ -94,8 +94,8 @@ site(Node, #{code := Code, ms := Ms}) ->
     ],
     starl_sim_site:open(Node, self(), Ms).
 
-%% @doc Has sites end, all at once, and waits for it, but for no longer than it may take. For a
-%% process that ignores the messages `{timeout, _, close}' which may come later.
+%% @doc Closes all sites at once and waits for their end, up to a time limit. The calling
+%% process must ignore messages `{timeout, _, close}', which may arrive later.
 -spec close([starl_sim_site:t()]) -> ok.
 close(Sites) ->
     Refs = [
@@ -115,7 +115,7 @@ closed([Ref | Refs] = Waiting, Timer) ->
         {timeout, Timer, close} -> lists:foreach(fun erlang:demonitor/1, Waiting)
     end.
 
-%% @doc One line that says why the nodes cannot be used, and what to do.
+%% @doc One line on why the nodes cannot be used, and what to do.
 -spec format_error(reason()) -> unicode:chardata().
 format_error(not_distributed) ->
     "nodes: this VM is no node itself; start it with a name, as in erl -sname me";

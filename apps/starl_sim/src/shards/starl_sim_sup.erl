@@ -1,21 +1,21 @@
-%% @doc The processes of one simulation. Nothing is registered, so any number of simulations
-%% live in one VM.
+%% @doc Supervises the processes of one simulation. Nothing is registered, so any number of
+%% simulations live in one VM.
 %% ```
 %%   starl_sim_sup (one_for_all, no restarts: a broken simulator is an error, not a fault)
 %%     robots: simple_one_for_one of starl_robot_sup (temporary)
 %%     shards: simple_one_for_one of starl_sim_shard (temporary)
 %%     run:    starl_sim_run
 %% '''
-%% Over several nodes, the robots and shards are on those ({@link starl_sim_site}), and
-%% `nodes' ({@link starl_sim_nodes}) stands in their place.
+%% In a run over several nodes, each node has its robots and shards ({@link starl_sim_site}), and
+%% `nodes' ({@link starl_sim_nodes}) stands here in their place.
 -module(starl_sim_sup).
 -behaviour(supervisor).
 
 -export([start_link/1, stop/1, run/1, sites/1]).
 -export([init/1]).
 
-%% @doc Starts a simulation; `Plan' is the run's without the sites. With the key `nodes' it
-%% goes over these.
+%% @doc Starts a simulation from the plan of a run, which has no sites yet. With the key `nodes' it
+%% runs over these nodes.
 -spec start_link(starl_sim_plan:t()) -> {ok, pid()} | {error, starl_sim_nodes:reason()}.
 start_link(Plan) ->
     {ok, Sup} = supervisor:start_link(?MODULE, top),
@@ -50,17 +50,17 @@ start_run(Sup, Nodes, Plan) ->
             exit(Reason)
     end.
 
-%% Ending the nodes takes as long as it takes; they bound it themselves.
+%% The end of the nodes has no time limit here; they limit it themselves.
 child(Id, Module, Args, Restart) ->
     #{id => Id, start => {Module, start_link, Args}, restart => Restart, shutdown => 60000}.
 
-%% @doc Ends a simulation that the calling process has started; all of it is gone afterwards.
+%% @doc Ends a simulation of the calling process; all of it is gone afterwards.
 -spec stop(pid()) -> ok.
 stop(Sup) ->
     true = unlink(Sup),
     starl_sim_stop:shutdown(Sup, infinity).
 
-%% @doc Where robots and shards are.
+%% @doc The sites of robots and shards.
 -spec sites(pid()) -> [starl_sim_site:t()].
 sites(Sup) ->
     Children = supervisor:which_children(Sup),

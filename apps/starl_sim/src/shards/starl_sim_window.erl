@@ -1,8 +1,8 @@
-%% @doc A window: the robots of a shard at work, until none has anything left to do in it.
+%% @doc Runs a window: the robots of a shard work until none has anything left to do in it.
 %%
 %% A robot's machine is stepped by one message and answers with its actions (see
-%% {@link starl_driver}); nothing else of that robot runs meanwhile, but other robots do:
-%% what a robot does reaches the others in a later window only, so within one they cannot
+%% {@link starl_driver}). Meanwhile nothing else of that robot runs, but other robots do:
+%% a robot's actions reach other robots only in a later window, so within one they cannot
 %% disturb each other ({@link starl_sim_robot}).
 %%
 %% The shard's robots lie in its process dictionary, under their numbers: they are put back at
@@ -15,8 +15,8 @@
 
 -export_type([yields/0]).
 
-%% What came of a window: events for later ones, the trace in the order of time, then robot, the
-%% pieces of motion that robots are newly in, and how many applications have ended.
+%% The yields of a window: events for later ones, the trace ordered by time, then robot, new
+%% pieces of motion by robot, and the number of applications that have ended.
 -type yields() :: #{
     later := [starl_sim_queue:event()],
     trace := [starl_monitor:trace_event()],
@@ -24,10 +24,10 @@
     ended := non_neg_integer()
 }.
 
-%% How long, in wall time, the robots may take before the run is given up.
+%% The wall time that the robots may take before the run is given up.
 -define(PATIENCE_MS, 60000).
 
-%% @doc Makes these the shard's robots.
+%% @doc Puts these robots into the shard.
 -spec hold([{starl:robot_id(), starl_sim_robot:t()}]) -> ok.
 hold(Robots) -> lists:foreach(fun({Id, Robot}) -> put(Id, Robot) end, Robots).
 
@@ -39,24 +39,24 @@ robots() -> lists:sort([{Id, Robot} || {Id, Robot} <- get(), is_integer(Id)]).
 -spec robot(starl:robot_id()) -> starl_sim_robot:t() | undefined.
 robot(Id) -> get(Id).
 
-%% @doc Gives the robots so long from now. One timer serves many windows: one in each receive
-%% would cost as much as the event.
+%% @doc Starts the time limit of the robots' work. One timer serves many windows: a timer in each
+%% receive would cost as much as the event.
 -spec be_patient(starl_sim_robot:window()) -> reference().
 be_patient(Window) -> erlang:send_after(?PATIENCE_MS, self(), {out_of_patience, Window}).
 
-%% @doc Runs a window with these events, which come by robot and in each robot's order; gives
-%% the robots that were at work, in descending order.
+%% @doc Runs a window with these events, which are ordered by robot, then in each robot's order;
+%% returns the robots that were at work, in descending order.
 -spec run(starl_sim_robot:window(), [starl_sim_queue:event()]) -> [starl:robot_id()].
 run(Window, Events) ->
     {Ids, Active} = begin_robots(agenda(Window, Events), Window, [], 0),
     ok = collect(Active, Window),
     Ids.
 
-%% @doc What came of the window for the robots that were at work in it.
+%% @doc The yields of the window, from the robots that were at work in it.
 -spec yields([starl:robot_id()]) -> yields().
 yields(Ids) -> yields(Ids, [], [], [], 0).
 
-%% @doc Has a robot halt just after its N-th event; `none': no more.
+%% @doc Makes a robot halt just after its N-th event; `none': it does not halt any more.
 -spec halt_after(starl:robot_id(), N :: pos_integer() | none) -> ok.
 halt_after(Id, N) ->
     _ = put(Id, starl_sim_robot:halt_after(N, get(Id))),
@@ -66,8 +66,8 @@ halt_after(Id, N) ->
 -spec resume(starl_sim_robot:window(), starl:robot_id()) -> ok.
 resume(Window, Id) -> collect(keep(Id, starl_sim_robot:resume(get(Id))), Window).
 
-%% @doc A process has gone down between two windows: the robot, if it is one of these, that has
-%% to go on in the next window.
+%% @doc A process has gone down between two windows. Returns its robot, if it is one of these; the
+%% robot has to go on in the next window.
 -spec crashed(pid(), Reason :: term(), Now :: starl_sim_queue:time()) ->
     {ok, starl:robot_id()} | none.
 crashed(Pid, Reason, Now) ->
@@ -98,7 +98,7 @@ take_own(Id, [{Id, _, _, _, _, _} = Event | Events], Own) -> take_own(Id, Events
 take_own(_Id, Events, [_] = Own) -> {Own, Events};
 take_own(_Id, Events, Own) -> {lists:reverse(Own), Events}.
 
-%% How many of the robot's machines are at work: one or none.
+%% The number of the robot's machines at work: one or none.
 keep(Id, {busy, Robot}) ->
     _ = put(Id, Robot),
     1;
@@ -124,8 +124,8 @@ collect(Active, Window) ->
             collect(Active, Window)
     end.
 
-%% A crash of a robot at work: it goes on when its supervisor has restarted what crashed. The
-%% processes of the others are left for the time between the windows.
+%% A crash of a robot at work: the robot goes on when its supervisor has restarted the machine.
+%% Other robots' processes are handled between the windows.
 interrupted(Pid, Reason) ->
     case owner(Pid) of
         {Id, Robot} ->
@@ -146,7 +146,7 @@ owner(Pid) ->
         [] -> none
     end.
 
-%% Robots come in descending order, so that what they yield is in ascending order.
+%% Robots come in descending order, so their yields are in ascending order.
 yields([], Later, Trace, Moved, Ended) ->
     %% keysort is stable
     #{later => Later, trace => lists:keysort(1, Trace), moved => Moved, ended => Ended};

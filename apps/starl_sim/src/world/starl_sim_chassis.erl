@@ -1,6 +1,7 @@
-%% @doc The behaviour of a simulated chassis: what a kind of body ({@link starl_chassis}) does with the
-%% commands of a script, with the errors of a real one and under faults of actuation. Scripts, their
-%% numbers, words and clocks are the same for all ({@link starl_sim_vehicle}).
+%% @doc The behaviour of a simulated chassis: it turns the commands of a script into motion, for one
+%% kind of chassis ({@link starl_chassis}), with the errors of a real one and under faults of
+%% actuation. {@link starl_sim_vehicle} handles scripts, their numbers, answers and clocks for all
+%% kinds.
 -module(starl_sim_chassis).
 
 -export([option/0, profiles/2, of_kind/1]).
@@ -10,39 +11,39 @@
 %% A chassis' name in a scenario.
 -type name() :: differential | holonomic.
 
-%% What the drive is told, as far as it can follow.
+%% The command to the drive, as far as the drive can follow it.
 -type command() :: starl_chassis:told().
 
-%% The error of the heading, rad, and the part of the distance that it comes.
+%% The error of the heading, rad, and the actual distance as a fraction of the commanded one.
 -type errors() :: {Skew :: float(), Part :: float()}.
 
-%% A command with its errors, which begins now, or is carried out already.
+%% A command with its errors; it begins now, or goes on.
 -type drive() :: {command(), errors(), begins | goes_on}.
 
-%% What draws hang on.
+%% The key of random draws.
 -type key() :: {Seed :: integer(), starl:robot_id(), non_neg_integer()}.
 
-%% The command that has it stand.
+%% The command to stand.
 -callback standing() -> command().
-%% A command of a script, and how long it lasts.
+%% A command of a script, and its duration.
 -callback command(tuple(), starl_chassis:profile()) -> {command(), Us :: pos_integer()}.
 %% The errors of a command, drawn by the key.
 -callback errors(command(), key(), starl_chassis:profile()) -> errors().
-%% The piece of motion from now on, `same' if it goes on as it did; and whether the chassis notices
-%% that it does not do what it was told.
+%% The piece of motion from now on, `same' if it does not change; and whether the chassis notices
+%% that its drive does not obey.
 -callback move(drive(), Faults, Now, Old, starl_chassis:profile()) ->
     {IsOff :: boolean(), same | starl_trajectory:piece()}
 when
     Faults :: [starl_sim_fault:compiled()],
     Now :: starl_sim_queue:time(),
     Old :: starl_trajectory:piece().
-%% How long a script takes until the robot stands, if that is known beforehand.
+%% The duration of a script until the robot stands, if it is known beforehand.
 -callback lasts_us(starl_chassis:commands()) -> Us :: non_neg_integer() | unknown.
-%% How long a robot still moves that was told to stand and is in this piece of motion.
+%% The time until a robot in this piece of motion stands, once it is told to stand.
 -callback stops_us(starl_sim_queue:time(), starl_trajectory:piece()) -> Us :: non_neg_integer().
 
-%% @doc What a scenario may say about the chassis of its robots: one name for all, or a list of names
-%% that the robots take in turn, robot 1 the first; `mixed' is every other one.
+%% @doc The scenario's option for the chassis of its robots: one name for all, or a list of names
+%% that the robots take in turn, robot 1 the first; `mixed' alternates between all kinds.
 -spec option() -> starl_options:option().
 option() ->
     {chassis, {term, "differential, holonomic, mixed, or a list of the first two", fun is_choice/1},
@@ -62,7 +63,7 @@ in_turn(mixed) -> [Name || {Name, _, _} <- kinds()];
 in_turn([_ | _] = Names) -> Names;
 in_turn(Name) -> [Name].
 
-%% Name, the chassis, how it is simulated.
+%% Name, chassis module, simulation module.
 kinds() ->
     [
         {differential, starl_chassis_differential, starl_sim_differential},
@@ -77,6 +78,6 @@ profiles(Choice, Overrides) ->
      || Name <- in_turn(Choice)
     ].
 
-%% @doc How a chassis is simulated.
+%% @doc The module that simulates a chassis.
 -spec of_kind(Chassis :: module()) -> module().
 of_kind(Chassis) -> element(3, lists:keyfind(Chassis, 2, kinds())).

@@ -1,11 +1,11 @@
-%% @doc The simulated chassis with two wheels ({@link starl_chassis_differential}): what its wheels
-%% make of a command, and the piece of motion that comes of it, straight or an arc, with the errors
-%% of a real one. It stands as soon as it is told to.
+%% @doc The simulated chassis with two wheels ({@link starl_chassis_differential}): turns a command
+%% into wheel speeds, and these into a piece of motion, straight or an arc, with the errors
+%% of a real chassis. It stands as soon as it is told to.
 -module(starl_sim_differential).
 -behaviour(starl_sim_chassis).
 
 -export([standing/0, command/2, errors/3, move/5, lasts_us/1, stops_us/2]).
-%% shared with the other chassis
+%% for the other simulated chassis as well
 -export([failing/2, is_off/2, slipping/2]).
 
 -export_type([speeds/0]).
@@ -15,20 +15,20 @@
 
 %% The Create's limit, mm/s (Open Interface, Drive Direct).
 -define(MAX_WHEEL, 500.0).
-%% A wheel that turns so much slower than told, as a part, is noticed.
+%% The loss of speed, as a fraction, from which on the chassis notices a slow wheel.
 -define(NOTICED, 0.02).
 
 -spec standing() -> speeds().
 standing() -> {0.0, 0.0}.
 
-%% @doc A command as the wheels can follow it, mm/s.
+%% @doc A command within the limits of the wheels, mm/s.
 -spec command({Left :: number(), Right :: number(), Us :: pos_integer()}, starl_chassis:profile()) ->
     {speeds(), Us :: pos_integer()}.
 command({Left, Right, Us}, _Profile) -> {{limit(Left), limit(Right)}, Us}.
 
 limit(Speed) -> max(-?MAX_WHEEL, min(?MAX_WHEEL, Speed)).
 
-%% @doc How the wheels turn at a command under these faults.
+%% @doc The actual speeds of the wheels at a command under these faults.
 -spec failing(speeds(), [starl_sim_fault:compiled()]) -> speeds().
 failing(Command, Faults) -> lists:foldl(fun wheel/2, Command, Faults).
 
@@ -43,23 +43,23 @@ wheel({_, _, _, wheel_slow, _, #{wheel := right, factor := F}}, {Left, Right}) -
 wheel(_, Speeds) ->
     Speeds.
 
-%% @doc Do the wheels turn so much otherwise than they were told that the chassis notices?
+%% @doc Do the wheels deviate from their command so far that the chassis notices?
 -spec is_off(Told :: speeds(), Turning :: speeds()) -> boolean().
 is_off({Left, Right}, {Left, Right}) ->
     false;
 is_off({Left0, Right0}, {Left, Right}) ->
     abs(Left - Left0) > ?NOTICED * abs(Left0) orelse abs(Right - Right0) > ?NOTICED * abs(Right0).
 
-%% @doc How much of the wheels' turning reaches the floor under these faults: the chassis, which
-%% counts the turns, does not know.
+%% @doc The part of the wheels' turning that reaches the floor under these faults. The chassis,
+%% which counts the turns, does not notice slip.
 -spec slipping(speeds(), [starl_sim_fault:compiled()]) -> speeds().
 slipping(Turning, Faults) -> lists:foldl(fun slip/2, Turning, Faults).
 
 slip({_, _, _, slip, _, #{factor := F}}, {Left, Right}) -> {F * Left, F * Right};
 slip(_, Speeds) -> Speeds.
 
-%% @doc The errors of a command, drawn by the key: of the heading, rad, and the part of the distance
-%% that it comes. A turn in place has none.
+%% @doc The errors of a command, drawn by the key: of the heading, rad, and the actual distance as a
+%% fraction. A turn in place has none.
 -spec errors(speeds(), starl_sim_chassis:key(), starl_chassis:profile()) ->
     starl_sim_chassis:errors().
 errors({Left, Right}, _Key, _Profile) when Left + Right == 0 ->
@@ -70,8 +70,8 @@ errors(_, {Seed, Id, N}, #{heading_error := Turn, distance_error := Part}) ->
         1.0 + Part * starl_sim_draw:signed({Seed, Id, N, slip})
     }.
 
-%% @doc How the robot goes on, and whether the chassis notices that its wheels do not turn as told.
-%% The heading's error is made once for each command.
+%% @doc The robot's next motion, and whether the chassis notices that its wheels do not obey.
+%% The heading's error applies once for each command.
 -spec move(starl_sim_chassis:drive(), Faults, Now, Old, starl_chassis:profile()) ->
     {IsOff :: boolean(), same | starl_trajectory:piece()}
 when
@@ -86,12 +86,12 @@ move({Command, Errors, When}, Faults, Now, Old, #{axle_mm := Axle}) ->
 now(begins, Errors) -> Errors;
 now(goes_on, {_Skew, Part}) -> {0.0, Part}.
 
-%% @doc How long a script takes.
+%% @doc The duration of a script.
 -spec lasts_us(starl_chassis_differential:commands()) -> non_neg_integer().
 lasts_us([]) -> 0;
 lasts_us([{_, _, Us} | Commands]) when is_integer(Us) -> Us + lasts_us(Commands).
 
-%% @doc How long it takes to stop.
+%% @doc The time that it takes to stop.
 -spec stops_us(starl_sim_queue:time(), starl_trajectory:piece()) -> 0.
 stops_us(_Now, _Piece) -> 0.
 
@@ -105,6 +105,6 @@ turn({Left, Right}, {Skew, Part}, Axle, Now, Old) ->
         {false, _} -> starl_trajectory:piece(Now, {X, Y}, Heading + Skew, Speed * Part, Rate)
     end.
 
-%% One that turns in place does not stand.
+%% A robot that turns in place does not stand.
 stand(_Now, _Point, _Heading, {piece, _, _, _, _, V, W}) when V == 0, W == 0 -> same;
 stand(Now, Point, Heading, _Old) -> starl_trajectory:standing(Now, Point, Heading).

@@ -1,4 +1,4 @@
-%% @doc Stateless random draws: a hash of the seed and what the draw is for.
+%% @doc Stateless random draws: a hash of the seed and the purpose of the draw.
 -module(starl_sim_draw).
 
 -export([uniform/1, signed/1, between/3]).

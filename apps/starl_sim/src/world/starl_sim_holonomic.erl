@@ -1,12 +1,12 @@
-%% @doc The simulated chassis that drives in any direction ({@link starl_chassis_holonomic}): a point
-%% mass that takes to the velocity that it is told, at its limit of acceleration, with the errors of
-%% a real one. It does not turn.
+%% @doc The simulated chassis that drives in any direction ({@link starl_chassis_holonomic}): a
+%% point mass that approaches the commanded velocity at its limit of acceleration, with the errors
+%% of a real one. It does not turn.
 %%
-%% Faults of actuation are those of a drive along one of the body's axes, `left' the one forwards and
-%% `right' the one sideways: a stuck one brakes and then holds its part of the velocity at nothing, a
-%% slow one comes to a part of what it was told only. Slip is a wind that it cannot measure: it comes
-%% to a part of its velocity over ground. All of them change what the body takes to, none how fast:
-%% it brakes as ever.
+%% Faults of actuation act on the drive along one of the body's axes, `left' on the one forwards and
+%% `right' on the one sideways: a stuck drive brakes and then keeps its part of the velocity at
+%% zero, a slow one reaches only a fraction of its command. Slip acts as a wind that the body cannot
+%% measure: it reaches only a fraction of its velocity over ground. All of them change the velocity
+%% that the body approaches, none its acceleration: it brakes as usual.
 -module(starl_sim_holonomic).
 -behaviour(starl_sim_chassis).
 
@@ -17,7 +17,7 @@
 -spec standing() -> velocity().
 standing() -> {0.0, 0.0}.
 
-%% @doc No faster than its limit.
+%% @doc A command within the limit of speed.
 -spec command({Forward :: number(), Left :: number(), Us}, starl_chassis:profile()) ->
     {velocity(), Us}
 when
@@ -39,7 +39,7 @@ errors(_Command, {Seed, Id, N}, #{heading_error := Turn, distance_error := Part}
         1.0 + Part * starl_sim_draw:signed({Seed, Id, N, slip})
     }.
 
-%% @doc From now on it takes to another velocity; `same' if it does already.
+%% @doc The approach to a new velocity; `same' if the body approaches it already.
 -spec move(starl_sim_chassis:drive(), Faults, Now, Old, starl_chassis:profile()) ->
     {IsOff :: boolean(), same | starl_trajectory:piece()}
 when
@@ -73,14 +73,14 @@ take_to(Aim, Now, Point, Heading, Old, #{acceleration := Acceleration}) ->
             starl_trajectory:ramp(Now, Point, Heading, Velocity, Aim, Us)
     end.
 
-%% What it comes to in the end.
+%% The velocity that a piece reaches in the end.
 aims_at(Piece) -> starl_trajectory:velocity(1 bsl 62, Piece).
 
-%% @doc Nobody knows how long it will brake.
+%% @doc Unknown: the time to brake depends on the velocity then.
 -spec lasts_us(starl_chassis_holonomic:commands()) -> unknown.
 lasts_us(_Commands) -> unknown.
 
-%% @doc How long it still brakes.
+%% @doc The time that it still brakes.
 -spec stops_us(starl_sim_queue:time(), starl_trajectory:piece()) -> non_neg_integer().
 stops_us(Now, Piece) ->
     case starl_trajectory:rests_from(Piece) of

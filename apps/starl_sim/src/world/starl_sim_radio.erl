@@ -1,4 +1,4 @@
-%% @doc The simulated radio: what becomes of the N-th packet from one robot to another. All
+%% @doc The simulated radio: decides the fate of the N-th packet from one robot to another. All
 %% draws are stateless: a hash of the link, the number and the purpose.
 -module(starl_sim_radio).
 
@@ -6,15 +6,15 @@
 
 -export_type([link/0, arrival/0]).
 
-%% The seed, the source, the destination, and the packet's number among those that went this way,
-%% or among those for all.
+%% The seed, the source, the destination, and the packet's number among those on this link,
+%% or among those to all.
 -type link() ::
     {integer(), starl:robot_id(), starl:robot_id(), pos_integer() | {all, pos_integer()}}.
 
-%% A copy of the packet that arrives: after how many microseconds, and whether intact.
+%% A copy of the packet that arrives: its delay in microseconds, and whether it is intact.
 -type arrival() :: {DelayUs :: pos_integer(), intact | corrupt}.
 
-%% @doc The copies of a packet, sent now, that arrive.
+%% @doc The copies that arrive of a packet sent now.
 -spec arrivals(link(), Now :: starl_sim_queue:time(), starl_sim_platform:world()) ->
     [arrival()] | lost.
 arrivals(Link, Now, #{network := Faults} = World) ->
@@ -36,13 +36,13 @@ delays(Link, #{duplicate := Duplicate} = World) ->
         false -> [delay({Link, delay}, World)]
     end.
 
-%% Whole milliseconds where both bounds are, as in the paper's and our benchmarks' workloads.
+%% Whole milliseconds if both bounds are, as in the workloads of the paper and of our benchmarks.
 delay(Key, #{delay_us := {Min, Max}}) when Min rem 1000 =:= 0, Max rem 1000 =:= 0 ->
     1000 * starl_sim_draw:between(Key, Min div 1000, Max div 1000);
 delay(Key, #{delay_us := {Min, Max}}) ->
     starl_sim_draw:between(Key, Min, Max).
 
-%% @doc How far a robot's radio reaches now, in millimetres.
+%% @doc The range of a robot's radio now, in millimetres.
 -spec range(starl:robot_id(), Now :: starl_sim_queue:time(), starl_sim_platform:world()) ->
     float() | infinity.
 range(_, _, #{range_mm := Range, network := []}) ->
@@ -85,7 +85,7 @@ is_hit(_, _, _) -> false.
 
 are_neighbours(A, B, Team) -> starl_team:next(A, Team) =:= B orelse starl_team:next(B, Team) =:= A.
 
-%% Is the packet lost to this fault?
+%% Does this fault lose the packet?
 swallows({Id, _, _, loss, _, #{part := Part}}, Link, _Now) ->
     starl_sim_draw:uniform({Link, Id}) < Part;
 swallows({Id, From, _, burst_loss, _, #{part := Part, burst_ms := Ms}}, Link, Now) ->
@@ -105,7 +105,7 @@ arrive(Faults, Link, World) ->
      || {N, Delay} <- Numbered
     ].
 
-%% The keys by which the delays of further copies are drawn.
+%% The keys for the delays of further copies.
 copies({Id, _, _, duplicate, _, #{part := Part}}, Link) ->
     [{Link, Id, again} || starl_sim_draw:uniform({Link, Id}) < Part];
 copies({Id, _, _, babble, _, #{copies := Copies}}, Link) ->

@@ -1,12 +1,12 @@
-%% @doc What a robot gets to see of the positioning system: its error, and its faults.
+%% @doc The simulated positioning system as one robot sees it: with its error and its faults.
 -module(starl_sim_sense).
 
 -export([poses/2, blur/3]).
 
 -export_type([look/0]).
 
-%% A look at robots: whose, the faults that hold now, the key of its draws, what is seen without
-%% a fault (one pose or none), and what was seen last.
+%% A look at robots: the robot that looks, the present faults, the key of its draws, a function for
+%% the view without a fault (one pose or none), and the poses seen last.
 -type look() :: #{
     robot := starl:robot_id(),
     faults := [starl_sim_fault:compiled()],
@@ -15,7 +15,7 @@
     seen := #{starl:robot_id() => starl:pose()}
 }.
 
-%% @doc The poses of these robots, as far as they are seen, and what has been seen by now.
+%% @doc The poses of these robots, if they are seen, and all poses seen so far.
 -spec poses([starl:robot_id()], look()) ->
     {[{starl:robot_id(), starl:pose()}], #{starl:robot_id() => starl:pose()}}.
 poses(Robots, #{robot := Self, faults := All, seen := Seen} = Look) ->
@@ -57,8 +57,8 @@ shift({Id, _, _, location_bias, _, #{mm := Mm}}, _Key, {X, Y, Heading}) ->
 shift(_, _Key, Pose) ->
     Pose.
 
-%% @doc A pose with the positioning system's error: within a disk, and a quarter of the bound on
-%% the heading.
+%% @doc A pose with the positioning system's error: within a disk, and within a quarter of the bound
+%% on the heading.
 -spec blur(starl:pose(), Key, starl_chassis:profile()) -> starl:pose() when
     Key :: {Seed :: integer(), Self :: starl:robot_id(), starl:robot_id(), non_neg_integer()}.
 blur({X, Y, Heading}, Key, #{position_error_mm := Error, heading_error := HeadingError}) ->

@@ -1,14 +1,15 @@
-%% @doc Where all robots are, as a shard knows it: the piece of motion that each was in when the
-%% present window began, and a spatial index over them for those in range of a place.
+%% @doc The places of all robots, as a shard knows them: the piece of motion of each robot when the
+%% present window began, and a spatial index that finds the robots in range of a place.
 %%
-%% The index is a grid of cells, as wide as the range, that holds where the robots were at one
-%% moment. It is not touched when they move: it is searched within the range and how far any can
-%% have come since, and who is neither surely in nor surely out is measured. A new grid is made
-%% when robots have come too far, or when so many questions were asked of the old one that the
-%% new one pays for itself. An answer never depends on the grid's age.
+%% The index is a grid of cells, as wide as the range, that holds the robots' places at one moment.
+%% It does not change when they move: a search covers the range plus the distance that any robot can
+%% have moved since, and measures the robots that are neither surely in range nor surely out. A new
+%% grid is made when robots may have moved too far, or when the questions asked of the old one would
+%% have paid for a new one. An answer never depends on the grid's age.
 %%
-%% A table and not a term: robots of a shard ask it in the middle of their work, and who kept a
-%% term would keep all that was ever known. Lengths are millimetres, times microseconds.
+%% The data lie in a table, not in a term: robots of a shard ask it in the middle of their work, and
+%% a robot that kept a term would keep all earlier data. Lengths are millimetres, times
+%% microseconds.
 -module(starl_sim_sight).
 
 -export([new/2, moved/2, piece/2, within/3]).
@@ -19,8 +20,8 @@
 -type cell() :: {Column :: integer(), Row :: integer()}.
 
 %% The rows of the table: pieces by robot, entries by cell, and two more. `fastest' is the
-%% highest speed (mm/s) of any piece so far; `grid' says when the grid was made and how many
-%% questions it may answer yet before another is worth while.
+%% highest speed (mm/s) of any piece so far; `grid' holds the time of the grid and the number of
+%% questions that it may still answer before a new grid is worth its cost.
 -type row() ::
     {starl:robot_id(), starl_trajectory:piece()}
     | {cell(), [entry()]}
@@ -31,14 +32,14 @@
 
 -opaque t() :: #sight{}.
 
-%% A grid is too old when a robot can have come so many parts of the range.
+%% A grid is too old when a robot can have moved by this fraction of the range.
 -define(STALE, 0.5).
 %% A grid of N robots has paid for itself after N / WORTH questions.
 -define(WORTH, 4).
 %% More than the rounding errors of a position, mm.
 -define(HAIR_MM, 1.0e-3).
 
-%% @doc These robots are all there are. Questions will be about this range.
+%% @doc The index of these robots, for questions about this range.
 -spec new([{starl:robot_id(), starl_trajectory:piece()}], RangeMm :: float() | infinity) -> t().
 new(Pieces, Range) ->
     Table = ets:new(starl_sim_sight, [set, private]),
@@ -47,7 +48,7 @@ new(Pieces, Range) ->
     ok = moved(Pieces, Sight),
     Sight.
 
-%% @doc These robots go on in these pieces, from where they were.
+%% @doc Sets new pieces of motion of these robots, which go on from their places.
 -spec moved([{starl:robot_id(), starl_trajectory:piece()}], t()) -> ok.
 moved([], _Sight) ->
     ok;
@@ -66,14 +67,14 @@ piece(Robot, #sight{table = Table}) ->
         [] -> unknown
     end.
 
-%% @doc The robots that at this time are within the range of a point, ascending. The times of
-%% questions never decrease.
+%% @doc The robots within the range of a point at a time, ascending. The times of
+%% successive questions never decrease.
 -spec within(starl_geometry:point(), starl_sim_queue:time(), t()) -> [starl:robot_id()].
 within(Point, Now, #sight{range = Range} = Sight) when is_float(Range) ->
     Slack = slack(Now, Sight),
     lists:sort(search(Point, Now, Slack, Sight)).
 
-%% How far robots can have come since the grid was made.
+%% The distance that robots can have moved since the grid was made.
 slack(Now, #sight{table = Table, range = Range} = Sight) ->
     [{grid, Made, Left}] = ets:lookup(Table, grid),
     Slack = come(Made, Now, ets:lookup_element(Table, fastest, 2)),
@@ -86,7 +87,7 @@ slack(Now, #sight{table = Table, range = Range} = Sight) ->
             0.0
     end.
 
-%% An atom is more than any number.
+%% An atom is larger than any number.
 come(none, _Now, _Fastest) -> infinity;
 come(Made, Now, Fastest) -> Fastest * (Now - Made) / 1.0e6.
 
@@ -126,7 +127,7 @@ entries(Cell, #sight{table = Table}) ->
         [] -> []
     end.
 
-%% From the square of the distance in the grid; who may be either is measured.
+%% Decides by the squared distance in the grid; measures where that is not enough.
 is_within(Square, Slack, Id, Point, Now, #sight{range = Range} = Sight) ->
     Out = Range + Slack + ?HAIR_MM,
     In = Range - Slack - ?HAIR_MM,

@@ -1,7 +1,7 @@
-%% @doc A robot's transmitter: whom a packet reaches, and what becomes of it on the way there
+%% @doc A robot's transmitter: finds the robots that a packet reaches, and its fate on the way there
 %% ({@link starl_sim_radio}). It counts the packets of each link, since all draws are by number.
 %%
-%% Robots are in range or not by where they were at the beginning of the present window (`sight').
+%% Being in range is decided by the places at the beginning of the present window (`sight').
 -module(starl_sim_transmitter).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
@@ -9,10 +9,10 @@
 
 -export_type([t/0, sender/0, outgoing/0]).
 
-%% How many packets went to each robot, and to all.
+%% The number of packets to each robot, and to all.
 -opaque t() :: #{starl:robot_id() | all => pos_integer()}.
 
-%% Who sends, now, in a window that began then, and in which piece of motion.
+%% The sender, the present time, the beginning of its window, and its piece of motion.
 -type sender() :: {
     starl:robot_id(),
     Now :: starl_sim_queue:time(),
@@ -20,7 +20,7 @@
     starl_trajectory:piece()
 }.
 
-%% The sequence number of the sender's next event, what is planned, what has been traced.
+%% The sequence number of the sender's next event, the planned events, the trace.
 -type outgoing() :: {
     Seq :: non_neg_integer(), [starl_sim_queue:event()], [starl_monitor:trace_event()]
 }.
@@ -30,7 +30,7 @@
 new() -> #{}.
 
 %% @doc Sends a packet: plans the arrivals of its copies, each under a sequence number of its own,
-%% and traces for whom it is lost.
+%% and traces each loss.
 -spec send(
     starl:robot_id() | all, starl_packet:t(), sender(), starl_sim_platform:world(), outgoing(), t()
 ) -> {outgoing(), t()}.
@@ -66,16 +66,16 @@ plan([{Delay, State} | Arrivals], Dest, Packet, Id, Now, Seq, Plans) ->
     Event = {Dest, Now + Delay, ?CLASS_PACKET, Id, Seq, Content},
     plan(Arrivals, Dest, Packet, Id, Now, Seq + 1, [Event | Plans]).
 
-%% The link's checksum tells a packet that was cut off or has a flipped bit; what is left of it
+%% The link's checksum detects a packet that was cut off or has a flipped bit; its remains
 %% are bytes without a meaning.
 received(intact, Packet, _Seq) -> Packet;
 received(corrupt, Packet, Seq) -> <<(erlang:phash2({Packet, Seq})):32>>.
 
-%% @doc How many packets were sent.
+%% @doc The number of packets sent.
 -spec packets(t()) -> non_neg_integer().
 packets(Links) -> maps:fold(fun(_To, N, Sum) -> N + Sum end, 0, Links).
 
-%% Who is reached, ascending. A fault can but shorten the range.
+%% The robots that are reached, ascending. A fault can only shorten the range.
 audience(To, {Id, Now, _, _} = Sender, #{range_mm := Full, team := Team} = World) ->
     case {starl_sim_radio:range(Id, Now, World), To} of
         {infinity, all} -> starl_team:others(Id, Team);

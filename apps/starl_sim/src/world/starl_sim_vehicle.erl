@@ -1,11 +1,11 @@
-%% @doc What a simulated robot drives on: the script that its chassis was told, the piece of motion
-%% that it is in ({@link starl_sim_chassis}, faults of actuation and of the serial line), its other
-%% actuators, and what the positioning system shows of it and of others ({@link starl_sim_sense},
-%% faults of location).
+%% @doc The vehicle of a simulated robot: the present script of its chassis, its piece of motion
+%% ({@link starl_sim_chassis}, with faults of actuation and of the serial line), its other
+%% actuators, and its view of the positioning system ({@link starl_sim_sense}, with faults of
+%% location).
 %%
-%% The chassis works off a script by itself, by its own clock, and compares every 15 ms, the period
-%% in which a Create streams its sensors, what its drive does with what it was told. What it has to do or to say later comes as {@link plan()}; a plan of a script that another has taken the
-%% place of is void.
+%% The chassis carries out a script by itself, by its own clock. Every 15 ms, the period
+%% in which a Create streams its sensors, it checks whether its drive obeys. Its later steps and
+%% answers are {@link plan()}s; the plans of a replaced script are void.
 %%
 %% All draws are stateless: a hash of the seed, the robot, a count and a purpose. Other robots are
 %% seen as they were at the beginning of the present window (`sight' in the world).
@@ -19,24 +19,24 @@
     id :: starl:robot_id(),
     world :: starl_sim_platform:world(),
     profile :: starl_chassis:profile(),
-    %% how its chassis is simulated
+    %% the module that simulates its chassis
     kind :: module(),
     piece :: starl_trajectory:piece(),
-    %% as it was last told, and its errors; what follows
+    %% the present command, and its errors; the rest of the script
     command :: starl_sim_chassis:command(),
     errors = {0.0, 1.0} :: starl_sim_chassis:errors(),
     script = [] :: starl_chassis:commands(),
-    %% the number of the script and whose it is, with its mark; what is to be said when it stands, if
-    %% nobody knows yet when that will be
+    %% the number of the script; its owner and mark; the answer still due when the robot stands, if
+    %% that time was not known beforehand
     run = 0 :: non_neg_integer(),
     owner = none :: owner() | none,
     word = none :: {driven, Mark :: term(), HeardUs :: starl_sim_queue:time()} | none,
-    %% since when the drive has not done as told
+    %% the time since which the drive has not obeyed
     off = no :: starl_sim_queue:time() | no,
     draws = 0 :: non_neg_integer(),
-    %% how its other actuators are, as far as they were ever told
+    %% the values of its other actuators, as far as they were ever set
     devices = #{} :: #{atom() => term()},
-    %% where robots were last seen, if sight may freeze
+    %% the last seen poses of robots, if sight may freeze
     seen = #{} :: #{starl:robot_id() => starl:pose()}
 }).
 
@@ -44,21 +44,21 @@
 
 -type owner() :: {starl_machine:name(), Mark :: term()}.
 
-%% What the chassis has to do: go on with the script of this number; see to a drive that has not done
-%% as told since then.
+%% A step of the chassis: go on with the script of this number; handle a drive that has not
+%% obeyed since then.
 -type beat() :: {go_on, Run :: integer()} | {watch, Run :: integer(), Since :: integer()}.
 
-%% So long from now: something to do; something to say to a machine, if it is still true then, or in
-%% any case.
+%% A plan, with its delay: a step; an answer to a machine, valid only for the present script; an
+%% answer that is always valid.
 -type plan() ::
     {Us :: non_neg_integer(), beat()}
     | {Us :: non_neg_integer(), {says, Run :: integer(), starl_machine:name(), Content :: term()}}
     | {Us :: non_neg_integer(), {starl_machine:name(), info, Content :: term()}}.
 
-%% Whether it is in a new piece of motion, and what it has to do later.
+%% Whether the piece of motion has changed, and the plans.
 -type change() :: {moved | same, [plan()], t()}.
 
-%% How often the chassis looks at its drive (Open Interface, streaming of sensors).
+%% The period in which the chassis checks its drive (Open Interface, streaming of sensors).
 -define(WATCH_US, 15000).
 
 %% @doc A vehicle at rest at a pose.
@@ -81,8 +81,8 @@ piece(#vehicle{piece = Piece}) -> Piece.
 
 %% -- driving --------------------------------------------------------------------------------
 
-%% @doc The chassis is told a script, on behalf of a machine; `lost': it has not heard; a script of
-%% another chassis is not understood.
+%% @doc Gives the chassis a script on behalf of a machine. `lost': the chassis has not heard it;
+%% `not_understood': the script is for another chassis.
 -spec drive(starl_chassis:script(), owner(), starl_sim_queue:time(), t()) ->
     change() | {lost, t()} | not_understood.
 drive({Chassis, Script}, Owner, Now, #vehicle{profile = #{chassis := Chassis}} = Vehicle) ->
@@ -95,7 +95,7 @@ drive({Chassis, Script}, Owner, Now, #vehicle{profile = #{chassis := Chassis}} =
 drive(_Script, _Owner, _Now, _Vehicle) ->
     not_understood.
 
-%% Does the line swallow what is said to the drive or to another device, or what the chassis says?
+%% Is a command to the drive or to another device lost on the line, or an answer of the chassis?
 deaf(Whom, Faults, Key) -> lists:any(fun(Fault) -> swallows(Whom, Fault, Key) end, Faults).
 
 swallows(Whom, {Id, _, _, Kind, _, #{part := Part}}, Key) when
@@ -120,7 +120,7 @@ run(Script, {Name, Mark} = Owner, Faults, Now, #vehicle{run = Run, kind = Kind} 
             {Change, word(Us, Name, Word, Now, Running) ++ Plans, Running}
     end.
 
-%% What the chassis says so long from now, if its line carries it then, and how fast.
+%% Plans an answer of the chassis, if its line carries it at that time, with the line's delay.
 word(Us, Name, Word, Now, #vehicle{id = Id, run = Run, draws = N, world = World} = Vehicle) ->
     Key = {maps:get(seed, World), Id, N, word},
     case held(Now + Us, Vehicle) of
@@ -146,7 +146,7 @@ go_on(Faults, Now, #vehicle{script = [First | Script], draws = N, kind = Kind} =
     {Change, Plans, Moving} = move(begins, Faults, Now, Told),
     {Change, [{Us, {go_on, Run}} | Plans], Moving}.
 
-%% Now it is known when it will stand.
+%% Now the time at which it will stand is known.
 stands(_Now, {_, _, #vehicle{word = none}} = Stopping) ->
     Stopping;
 stands(Now, {Change, Plans, #vehicle{word = Word, owner = {Name, _}} = Vehicle}) ->
@@ -155,7 +155,7 @@ stands(Now, {Change, Plans, #vehicle{word = Word, owner = {Name, _}} = Vehicle})
 
 stops_us(Now, #vehicle{kind = Kind, piece = Piece}) -> Kind:stops_us(Now, Piece).
 
-%% @doc The chassis does what it had planned.
+%% @doc The chassis does its planned step.
 -spec beat(beat(), starl_sim_queue:time(), t()) -> change().
 beat({go_on, Run}, Now, #vehicle{run = Run} = Vehicle) ->
     go_on(held(Now, Vehicle), Now, Vehicle);
@@ -167,15 +167,15 @@ beat({watch, Run, Since}, Now, #vehicle{run = Run, off = Since} = Vehicle) ->
 beat(_, _Now, Vehicle) ->
     {same, [], Vehicle}.
 
-%% @doc Is it still true what the chassis had planned to say of the script of this number?
+%% @doc Is the planned answer to the script of this number still valid?
 -spec says(Run :: integer(), t()) -> boolean().
 says(Run, #vehicle{run = Now}) -> Run =:= Now.
 
-%% @doc How it drives from now on, since a fault of its drive begins or ends.
+%% @doc Adapts the motion when a fault of the drive begins or ends.
 -spec turn_wheels(starl_sim_queue:time(), t()) -> change().
 turn_wheels(Now, Vehicle) -> move(goes_on, held(Now, Vehicle), Now, Vehicle).
 
-%% @doc The chassis stops, whatever the faults, and nobody is told.
+%% @doc Stops the chassis, under all faults; no machine gets an answer.
 -spec stop(starl_sim_queue:time(), t()) -> change().
 stop(Now, #vehicle{run = Run, kind = Kind} = Vehicle) ->
     move(goes_on, [], Now, Vehicle#vehicle{
@@ -207,8 +207,8 @@ watch(true, Now, #vehicle{off = Since, run = Run} = Vehicle) ->
 
 %% -- other actuators ------------------------------------------------------------------------
 
-%% @doc Another actuator is told to be so, on behalf of a machine that wants to know what became of
-%% it, or of none. Is it so now, and what does the chassis say?
+%% @doc Sets another actuator, on behalf of a machine that wants an answer, or of
+%% none. Tells whether the value has been set, and plans the answer.
 -spec actuate({Device :: atom(), Value :: term()}, owner() | none, starl_sim_queue:time(), t()) ->
     {set | same, [plan()], t()}.
 actuate({Device, Value}, Owner, Now, #vehicle{id = Id, draws = N, devices = Old} = Vehicle) ->
@@ -236,8 +236,8 @@ state(Device, Value, {Name, Mark}, Faults, #vehicle{id = Id, draws = N, world = 
 
 %% -- positioning ----------------------------------------------------------------------------
 
-%% @doc The poses of these robots, as far as they are seen, now or, others, as of the beginning of
-%% the window.
+%% @doc The poses of these robots, if they are seen: its own as of now, the others' as of the
+%% beginning of the window.
 -spec sense([starl:robot_id()], {Now, WindowFrom}, t()) ->
     {[{starl:robot_id(), starl:pose()}], t()}
 when
