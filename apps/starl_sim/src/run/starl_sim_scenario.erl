@@ -22,8 +22,8 @@
 -spec options() -> [starl_options:option()].
 options() ->
     [
-        {robots, {integer, 1, 100000}, 4, "how many robots"},
-        {seed, {integer, 0, 1 bsl 32}, 1, "decides every random draw"},
+        {robots, {integer, 1, 100000}, 4, "number of robots"},
+        {seed, {integer, 0, 1 bsl 32}, 1, "determines every random draw"},
         {world, {size, {number, 1000, 1000000}}, {12000, 12000}, "the floor, mm"},
         {loss, {number, 0, 1}, 0.0, "part of the packets lost on the air"},
         {duplicate, {number, 0, 1}, 0.0, "part of the packets that arrive twice"},
@@ -42,16 +42,16 @@ options() ->
         {mode, {one_of, [auto, process, inline]}, auto,
             "process: each machine of a robot is a process; inline: none is; auto: by number"},
         {shards, {optional, {integer, 1, 256}}, none,
-            "over how many shards the robots are spread; none: by their number and the cores"},
+            "number of shards; none: by the number of robots and cores"},
         {faults, {term, "a list of {Id, FromMs, ToMs, Kind, Target, Params}", fun is_list/1}, [],
             "what goes wrong; `./starl faults' lists the kinds"},
         {random_faults, {term, "a list of all, classes and kinds of faults", fun is_list/1}, [],
-            "further faults of these are drawn from the seed"},
+            "further faults of these kinds are drawn from the seed"},
         {heal, {number, 0.001, 1.0e6}, 60, "drawn faults are over by this virtual time, s"},
         {longest_fault, {optional, {number, 0.001, 1.0e6}}, none,
             "no drawn fault lasts longer, s; none: a third of the time until the heal"},
         {converge, {optional, {number, 0, 1.0e6}}, none,
-            "so long after the heal all applications must be done, s"}
+            "all applications must be done this long after the heal, s"}
     ].
 
 %% @doc Checks a scenario for an application that has these options of its own.
