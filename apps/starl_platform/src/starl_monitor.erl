@@ -37,9 +37,9 @@
     {atom(), atom(), none | one | two | many, Details :: [term()], Order :: [term()]}.
 %% Figures that a monitor measured, for the report.
 -type results() :: #{atom() => term()}.
-%% What is known of a run beside its events: which assumptions its faults break; when nothing goes
-%% wrong any more; how long a packet is under way at most; how much longer faults of clocks and
-%% processes may make whatever is bounded in time. Of real robots nothing is known.
+%% The facts of a run beside its events: the windows in which faults break assumptions; the time at
+%% which all faults are over; the longest delay of a packet; and the time by which clock and process
+%% faults may prolong anything with a bound. Of real robots nothing is known.
 -type known() :: #{
     broken := [starl_assumption:window()],
     healed_us := integer() | never,
@@ -53,13 +53,13 @@
     {ok | {violation, [violation(), ...]}, results()}.
 %% The machines whose events the monitor wants; without this callback, all.
 -callback interests() -> [Machine :: atom()] | all.
-%% The same of a monitor whose configuration decides.
+%% The same, for a monitor whose configuration decides.
 -callback interests(state()) -> [Machine :: atom()] | all.
-%% The configuration with what the monitor needs of what is known of the run: excuses and bounds.
-%% Without this callback a monitor is told nothing.
+%% The configuration with the facts of the run that the monitor needs: excuses and bounds.
+%% Without this callback a monitor gets none.
 -callback context(known(), Config :: map()) -> Config :: map().
-%% The machines whose contract the monitor stands for, with all the events that they trace of their
-%% own, those too that it does not judge; without this callback, none.
+%% The machines whose contract the monitor stands for, with all events that these machines trace of
+%% their own, the events that it does not judge included; without this callback, none.
 -callback vocabulary() -> starl_event:vocabulary().
 %% The part of the state that decides on later violations while no time passes: two states that are
 %% equal in it judge alike. For the exhaustive checker; figures and times are left out.
@@ -97,7 +97,7 @@ new(Monitors) ->
 -spec known([module()]) -> starl_event:known().
 known(Modules) -> starl_event:known([optional(Module, vocabulary, #{}) || Module <- Modules]).
 
-%% @doc The monitors with what each needs of what is known of the run.
+%% @doc The monitors, each with the facts of the run that it needs.
 -spec informed([{module(), Config :: map()}], known()) -> [{module(), Config :: map()}].
 informed(Monitors, Known) ->
     [
@@ -214,7 +214,7 @@ exports(Module, Function, Arity) ->
     {module, Module} = code:ensure_loaded(Module),
     erlang:function_exported(Module, Function, Arity).
 
-%% A monitor takes all its events in one go, so that its state stays in its hands.
+%% A monitor reads all its events in one loop, which keeps its state local.
 feed_all(Events, {Module, Interests, State}, Found0) ->
     %% the function is looked up once
     {Next, Found} = feed(Events, 1, fun Module:step/2, Interests, State, Found0),

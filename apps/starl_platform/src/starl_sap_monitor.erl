@@ -55,8 +55,8 @@
 -define(ROOM, 1256).
 
 %% @doc `bound_us': the longest time from sending to the last outcome; `late_us' (default one
-%% minute): how long the content of a lost message is remembered; `robots': the team; `room': the
-%% largest number of unread messages of an application.
+%% minute): the time for which the content of a lost message is remembered; `robots': the team;
+%% `room': the largest number of unread messages of an application.
 -spec init(#{
     bound_us := pos_integer(),
     late_us => non_neg_integer(),
@@ -76,7 +76,7 @@ init(#{bound_us := Bound} = Config) ->
 context(#{slack_us := Slack}, #{bound_us := Bound} = Config) ->
     Config#{bound_us := Bound + Slack}.
 
-%% @doc The SAP's own events, what the application reads, and the end of robots.
+%% @doc The events of the SAP, of the application, and of the end of robots.
 -spec interests() -> [atom()].
 interests() -> [sap, robot, app].
 

@@ -83,8 +83,8 @@ step(#sim{run = Run}, Seconds) ->
     #{now_us := Now} = starl_sim_run:status(Run),
     starl_sim_run:run(Run, Now + micros(Seconds)).
 
-%% @doc Runs until just after the N-th event of a robot. That robot pauses for the rest of the
-%% window, the others finish it; {@link run/1} goes on from there as if there had been no stop.
+%% @doc Runs until just after the N-th event of a robot. That robot halts there,
+%% the others finish the window; {@link run/1} goes on from there as if there had been no stop.
 -spec run_until_event(sim(), starl:robot_id(), N :: pos_integer()) ->
     {ok, starl_sim_run:status()} | {error, starl_sim_run:missed() | running}.
 run_until_event(#sim{run = Run}, Robot, N) -> starl_sim_run:run_to(Run, {Robot, N}).
@@ -147,7 +147,7 @@ robot_pids(#sim{sup = Sup}, all) ->
     Pools = [Robots || #{robots_sup := Robots} <- starl_sim_sup:sites(Sup)],
     [Pid || Robots <- Pools, {_, Pid, _, _} <- supervisor:which_children(Robots)].
 
-%% @doc Ends the simulation and tells what came of it.
+%% @doc Ends the simulation; returns its outcome and the application's report.
 -spec finish(sim()) -> {starl_sim_run:outcome(), starl_scene:report()}.
 finish(#sim{run = Run, scenario = #{app := App}, scene = Scene} = Sim) ->
     Outcome = starl_sim_run:finish(Run),

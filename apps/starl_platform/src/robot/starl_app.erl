@@ -8,9 +8,8 @@
 %% convert the state; the old code can, too. The rest of the robot goes on. Earlier effects of the
 %% application, and messages that arrive meanwhile, are kept.
 %%
-%% An application may also say which building blocks it uses and which options it has; with its
-%% blocks it gets their contracts. A scene of its own, beyond that, is the behaviour
-%% {@link starl_scene}.
+%% An application may also list its building blocks and its options; with its blocks it gets their
+%% contracts. An application with a scene of its own also has the behaviour {@link starl_scene}.
 -module(starl_app).
 
 -export([options/1]).
@@ -19,8 +18,8 @@
 -callback init(starl:robot(), Args :: term()) -> State :: term().
 -callback step(starl:robot(), State :: term()) -> {continue, State :: term()} | {done, term()}.
 -callback code_change(State :: term(), OldVsn :: term()) -> State :: term().
-%% The building blocks that it uses, as in `[starl_election, {starl_mutex, #{lease_ms => 2000}}]';
-%% not needed with a scene of its own.
+%% The building blocks of the application, as in `[starl_election, {starl_mutex, #{lease_ms =>
+%% 2000}}]'; not needed with a scene of its own.
 -callback blocks() -> [starl_block:entry()].
 -callback options() -> [starl_options:option()].
 

@@ -1,15 +1,16 @@
-%% @doc A building block: one behaviour in which a block says all that others need to know of it.
+%% @doc The behaviour of a building block: everything that tools and applications need to know of
+%% it.
 %% ```
 %%   blocks() -> [starl_election, {starl_mutex, #{lease_ms => 2000}}].
 %% '''
-%% An application lists its blocks like that. Each entry becomes the block's machines on every robot
-%% and the block's contract, as monitors that judge the run ({@link expand/2}). A block may also be
-%% a user's own module: nothing else has to know of it.
+%% An application lists its blocks in this way. Each entry becomes the block's machines on every
+%% robot and the block's contract, as monitors that judge the run ({@link expand/2}). A block may
+%% also be a user's own module: no other module has to know of it.
 %%
-%% Three optional callbacks let the tools work with the block: `exercise/0' names a module that
-%% uses it ({@link starl_block_exercise}), for `./starl run exercise' and `./starl soak'; `models/0'
-%% tells what the exhaustive checker explores, for `./starl check'; `benchmark/0' tells what
-%% `./starl bench blocks' counts.
+%% Three optional callbacks let the tools work with the block: `exercise/0' names a module that uses
+%% it ({@link starl_block_exercise}), for `./starl run exercise' and `./starl soak'; `models/0'
+%% gives the models that the exhaustive checker explores, for `./starl check'; `benchmark/0' defines
+%% the workload of `./starl bench blocks'.
 -module(starl_block).
 
 -export([expand/2, is_block/1, can/2, monitors/1]).
@@ -17,20 +18,20 @@
 -export_type([entry/0, options/0, context/0, capability/0]).
 -export_type([model_entry/0, team/0, model/0, script/0, place/0, benchmark/0]).
 
-%% What an application lists: a block, a block with options, or a machine that is no block's.
+%% An entry of an application's list: a block, a block with options, or a machine outside any block.
 -type entry() :: module() | {module(), options()} | starl_robot_sup:machine().
 
 %% Checked options, completed with the defaults of the block's table.
 -type options() :: #{atom() => term()}.
 
-%% The team and its surroundings: what monitors are told.
+%% The team and its surroundings, for monitors.
 -type context() :: starl_scene:context().
 
 -type capability() :: exercise | check | bench.
 
 %% The table of the block's options.
 -callback options() -> [starl_options:option()].
-%% What each robot needs for the block, in start order.
+%% The machines that each robot needs for the block, in start order.
 -callback machines(options()) -> [starl_robot_sup:machine()].
 %% The contract: the monitors that judge every run with the block.
 -callback monitors(options(), context()) -> [{module(), Config :: map()}].
@@ -38,7 +39,7 @@
 -callback contract() -> string().
 %% The module that uses the block for `exercise' and `soak'.
 -callback exercise() -> module().
-%% What the checker explores, as a rule one model with the name of the block.
+%% The models that the checker explores, usually one with the name of the block.
 -callback models() -> [model_entry()].
 -callback benchmark() -> benchmark().
 
@@ -47,11 +48,11 @@
 %% A model: its name, what it covers in a few words, and the model for a team.
 -type model_entry() :: {Name :: atom(), Doc :: string(), fun((team()) -> model())}.
 
-%% A robot's place in a team that is checked, from 1.
+%% A robot's place in a checked team, from 1.
 -type place() :: pos_integer().
 
-%% The team that is checked. `clock_us' is what the clock of the robot at a place reads. `faults' is
-%% how often each may happen; `rounds' and `terms' bound what would go on for ever.
+%% A checked team. `clock_us' gives the clock of the robot at a place. `faults' gives the largest
+%% number of each fault; `rounds' and `terms' bound executions that would go on for ever.
 -type team() :: #{
     robots := [starl:robot_id(), ...],
     faults := #{atom() => non_neg_integer()},
@@ -60,14 +61,14 @@
     clock_us := fun((place()) -> integer())
 }.
 
-%% What a robot's application does in a model, step by step.
+%% The steps of a robot's application in a model.
 %% ```
-%%   {call, Machine, Request}           again until it succeeds ({ok, _}, or ok)
-%%   {try, Machine, Request}            once, whatever the answer
-%%   {start, Machine, Request, Later}   as the first step, at once; Later after a restart
+%%   {call, Machine, Request}           repeated until it succeeds ({ok, _}, or ok)
+%%   {try, Machine, Request}            once, with any answer
+%%   {start, Machine, Request, Later}   the first step, at once; after a restart, Later instead
 %%   {talk, Module, Args}               several calls in turn, see {@link starl_block_talk}
-%%   {window, Us}                       says when so much time has passed
-%%   {listen, Type}                     to messages, which it forgets
+%%   {window, Us}                       reports when this much time has passed
+%%   {listen, Type}                     listens to messages, and forgets them
 %% '''
 -type script() :: [
     {call | 'try', starl_machine:name(), Request :: term()}
@@ -77,26 +78,27 @@
     | {window, Us :: pos_integer()}
 ].
 
-%% The smallest configuration that shows what a block does, as a term. All keys but the first three
-%% may be left out. `blocks' are the machines, the first is the block's own; `stands' are services
-%% of a body that stands still, for blocks that ask for positions.
+%% The smallest configuration that shows the behaviour of a block, as a term. All keys but the first
+%% three may be left out. `blocks' are the machines, the block's own first; `stands' are services
+%% of a robot that stands still, for blocks that ask for positions.
 %%
-%% Who: `crash' are the machines that may crash (by default all of `blocks'); `fixed' are the places
-%% of robots that are unlike all others (default: none, all are alike).
+%% Robots: `crash' lists the machines that may crash (default: all of `blocks'); `fixed' lists the
+%% places of robots that differ from all others (default: none, all are alike).
 %%
-%% Timers: those in `timed' fire in the order of time, those in `steps' at any moment, as the
-%% application's next call does; all others only when nothing is under way. `rates' are the µs that
-%% each robot's clock gains in a tick; `grain' is how many ticks pass at most at once (`none': time
-%% stands still). A time in a message that is over by `horizon_us' is kept at that, one in a
-%% machine's data at `past_us'; at the places in `waits' it matters when a machine began (default:
-%% everywhere).
+%% Timers: those in `timed' fire in the order of time; those in `steps' fire at any moment, like the
+%% application's next call; all others fire only when nothing is under way. `rates' are the µs that
+%% each robot's clock gains in a tick; `grain' is the largest number of ticks that pass at once
+%% (`none': time stands still). A past time in a message is told apart from earlier ones for
+%% `horizon_us', a past time in a machine's data for `past_us'. At the places in `waits' the start
+%% of a machine matters (default: everywhere).
 %%
-%% Random: `same_random', all robots draw the same; `draws', a robot draws the `same' each time.
+%% Random draws: `same_random': all robots draw the same; `draws' is `same': a robot draws the same
+%% each time.
 %%
-%% Bounds: what would come after an event for which `beyond' holds is not gone into. A message for
-%% which `inert' holds is tried as one that changes nothing any more; that is proved in the end.
+%% Bounds: the checker does not go on after an event for which `beyond' holds. A message for
+%% which `inert' holds is assumed to change nothing any more; the checker proves that in the end.
 %%
-%% `sap' is the real machine, over packets, only where SAP itself is checked.
+%% `sap' is the real machine, over packets, only in a check of SAP itself.
 -type model() :: #{
     blocks := [starl_robot_sup:machine()],
     script := fun((place()) -> script()),
@@ -118,8 +120,8 @@
     inert => fun((Type :: atom(), Body :: term()) -> boolean())
 }.
 
-%% What the benchmark of messages runs and counts: values of `exercise', the figure of its report
-%% that counts operations, and the packets that an operation takes in a team of N, with that in words.
+%% A benchmark of messages: values of `exercise', the figure of its report that counts operations,
+%% and the packets per operation in a team of N, with that formula in words.
 -type benchmark() :: #{
     workload := #{atom() => term()},
     operations := atom(),
@@ -127,11 +129,11 @@
     formula := string()
 }.
 
-%% Names that every robot has.
+%% The names of machines that every robot has.
 -define(RESERVED, [sap, location, motion, app]).
 
-%% @doc The machines and the contracts of the blocks that an application lists; or one line that
-%% says what is wrong with the list.
+%% @doc The machines and the contracts of the blocks that an application lists; or one line on an
+%% error in the list.
 -spec expand([entry()], context()) ->
     {ok, {[starl_robot_sup:machine()], [{module(), map()}]}} | {error, unicode:chardata()}.
 expand(Entries, Context) when is_list(Entries) ->
@@ -225,7 +227,7 @@ exports(Module, Function, Arity) ->
     _ = code:ensure_loaded(Module),
     erlang:function_exported(Module, Function, Arity).
 
-%% @doc The monitors of a block with its default options, in some team: for lists.
+%% @doc The monitors of a block with its default options, in an example team, for lists.
 -spec monitors(module()) -> [module()].
 monitors(Block) ->
     {ok, Options} = starl_options:check(#{}, Block:options()),

@@ -1,10 +1,10 @@
-%% @doc How a building block is exercised: used all the time, by every robot, under faults. That is
-%% what the application `exercise' does and what `./starl soak' draws at random.
+%% @doc The behaviour of a block's exercise: every robot uses the block all the time, under faults.
+%% The application `exercise' runs it, and `./starl soak' draws its values at random.
 %%
-%% A module with this behaviour ({@link starl_block}, `exercise/0') says what one turn of the work is
-%% and which calls come at the end, and what is promised of a call when nothing goes wrong any more
-%% ({@link starl_promise}). Every call goes through {@link call/4}, which leaves what it was and what
-%% came of it in the trace ({@link event()}); a monitor holds it to the promise.
+%% A module with this behaviour ({@link starl_block}, `exercise/0') defines one turn of the work,
+%% the calls at the end, and the promise of each call for the time when all faults are over
+%% ({@link starl_promise}). Every call goes through {@link call/4}, which traces the call and its
+%% outcome ({@link event()}); a monitor checks the promise.
 -module(starl_block_exercise).
 
 -export([call/3, call/4, again/1, pick/2]).
@@ -14,8 +14,8 @@
 -export_type([use/0, draw/0, event/0]).
 
 %% The values of the exercise: those of the application `exercise', of the block's own flags, and
-%% `team', the number of robots; `within', after how many milliseconds a promise has come true; and
-%% `last_patience', with how much patience (ms) the calls at the end are made: more than it takes
+%% `team', the number of robots; `within', the time in milliseconds after which a promise has come
+%% true; and `last_patience', the patience (ms) of the calls at the end, which exceeds the time
 %% until they must have succeeded.
 -type use() :: #{
     patience := pos_integer(),
@@ -26,7 +26,7 @@
     atom() => term()
 }.
 
-%% What the application traces, in turns: a call with its patience, and what it answered.
+%% The application's trace, in turns: a call with its patience, and its answer.
 -type event() ::
     {call, What :: term(), PatienceMs :: pos_integer() | none}
     | {answer, Outcome :: term()}.
@@ -36,25 +36,25 @@
 
 %% One turn of the work.
 -callback work(starl:robot(), Turn :: pos_integer(), use()) -> term().
-%% The N-th of the calls at the end.
+%% The N-th call at the end.
 -callback final(starl:robot(), N :: pos_integer(), use()) -> term().
-%% Flags of its own.
+%% The flags of the exercise.
 -callback flags() -> [starl_options:option()].
 %% The block's options for these values.
 -callback block_options(use()) -> starl_block:options().
-%% What the application does before its first turn.
+%% The steps of the application before its first turn.
 -callback prepare(starl:robot(), use()) -> term().
-%% So long (ms) after nothing goes wrong any more a promise has come true.
+%% The time (ms) after the last fault within which a promise comes true.
 -callback within_ms(use()) -> pos_integer().
-%% Values for a soak, of its own flags.
+%% The values of its own flags for a soak.
 -callback draw(draw()) -> #{atom() => term()}.
-%% The machines, besides the application, whose events decide on what is promised.
+%% The machines, besides the application, whose events the promises depend on.
 -callback watches() -> [starl_machine:name()].
-%% What is remembered of these events, and of the calls, for the promises: at the beginning, and
-%% after an event. At the end of a call that is `{Us, Robot, app, {answered, Call, Outcome}}'.
+%% The memory of these events, and of the calls, for the promises: at the beginning, and
+%% after an event. The event at the end of a call is `{Us, Robot, app, {answered, Call, Outcome}}'.
 -callback seen([starl_monitor:robot_id()]) -> Seen :: term().
 -callback noted(starl_monitor:trace_event(), Seen) -> Seen when Seen :: term().
-%% What is promised of a call, and by when. Without this callback every call ends in time, somehow.
+%% The promise of a call, with its time. Without this callback every call ends in time, in any way.
 -callback promise(starl_promise:call(), starl_promise:team(), Seen :: term()) ->
     starl_promise:t().
 
@@ -73,13 +73,13 @@
 
 -define(WITHIN_MS, 20000).
 
-%% -- for those who exercise -----------------------------------------------------------------
+%% -- for exercises --------------------------------------------------------------------------
 
-%% @doc Makes a call that has no patience of its own.
+%% @doc Makes a call without a patience of its own.
 -spec call(starl:robot(), What :: term(), fun(() -> Outcome)) -> Outcome.
 call(Robot, What, Call) -> call(Robot, What, none, Call).
 
-%% @doc Makes a call with so many milliseconds of patience; it stands in the trace.
+%% @doc Makes a call with a patience in milliseconds; it is traced.
 -spec call(starl:robot(), What :: term(), Ms :: pos_integer() | none, fun(() -> Outcome)) ->
     Outcome.
 call(Robot, What, Patience, Call) ->
@@ -88,7 +88,7 @@ call(Robot, What, Patience, Call) ->
     ok = starl:trace(Robot, {answer, Outcome}),
     Outcome.
 
-%% @doc Calls until the machine does not restart meanwhile: for calls that others wait for.
+%% @doc Repeats a call until its machine does not restart during it: for calls that others wait for.
 -spec again(fun(() -> Outcome)) -> Outcome when Outcome :: term().
 again(Call) ->
     case Call() of
@@ -100,17 +100,17 @@ again(Call) ->
 -spec pick(starl:robot(), N :: pos_integer()) -> pos_integer().
 pick(Robot, N) -> 1 + trunc(starl:random(Robot) * N).
 
-%% -- what an exercise says, or the default --------------------------------------------------
+%% -- callbacks or their defaults ------------------------------------------------------------
 
-%% @doc Its flags.
+%% @doc The flags of the exercise.
 -spec flags(module()) -> [starl_options:option()].
 flags(Exercise) -> said(Exercise, flags, [], []).
 
-%% @doc The block's options.
+%% @doc The options of the block.
 -spec block_options(module(), use()) -> starl_block:options().
 block_options(Exercise, Use) -> said(Exercise, block_options, [Use], #{}).
 
-%% @doc Before the first turn.
+%% @doc The steps before the first turn.
 -spec prepare(module(), starl:robot(), use()) -> term().
 prepare(Exercise, Robot, Use) -> said(Exercise, prepare, [Robot, Use], ok).
 
@@ -118,27 +118,27 @@ prepare(Exercise, Robot, Use) -> said(Exercise, prepare, [Robot, Use], ok).
 -spec final(module(), starl:robot(), N :: pos_integer(), use()) -> term().
 final(Exercise, Robot, N, Use) -> said(Exercise, final, [Robot, N, Use], ok).
 
-%% @doc When promises have come true, by default after 20 s.
+%% @doc The time (ms) within which a promise comes true, by default 20 s.
 -spec within_ms(module(), use()) -> pos_integer().
 within_ms(Exercise, Use) -> said(Exercise, within_ms, [Use], ?WITHIN_MS).
 
-%% @doc What a soak draws.
+%% @doc The values for a soak.
 -spec draw(module(), draw()) -> #{atom() => term()}.
 draw(Exercise, Draw) -> said(Exercise, draw, [Draw], #{}).
 
-%% @doc Whose events it watches.
+%% @doc The machines whose events the promises depend on.
 -spec watches(module()) -> [starl_machine:name()].
 watches(Exercise) -> said(Exercise, watches, [], []).
 
-%% @doc What is remembered at the beginning.
+%% @doc The memory at the beginning.
 -spec seen(module(), [starl_monitor:robot_id()]) -> Seen :: term().
 seen(Exercise, Robots) -> said(Exercise, seen, [Robots], none).
 
-%% @doc What is remembered after an event.
+%% @doc The memory after an event.
 -spec noted(module(), starl_monitor:trace_event(), Seen) -> Seen when Seen :: term().
 noted(Exercise, Event, Seen) -> said(Exercise, noted, [Event, Seen], Seen).
 
-%% @doc What is promised of a call.
+%% @doc The promise of a call.
 -spec promise(module(), starl_promise:call(), starl_promise:team(), Seen :: term()) ->
     starl_promise:t().
 promise(Exercise, Call, Team, Seen) -> said(Exercise, promise, [Call, Team, Seen], none).

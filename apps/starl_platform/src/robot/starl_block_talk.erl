@@ -1,14 +1,14 @@
-%% @doc Several calls of a block's machine that belong together, where what is called next rests on
-%% what was answered: a step of the script of a model that is checked
-%% ({@link starl_block}, `{talk, Module, Args}'). It stands for what the block's interface does.
+%% @doc The behaviour of a talk: several calls of a block's machine in turn, each of which depends
+%% on the answer before. A talk is one step of a checked model's script ({@link starl_block},
+%% `{talk, Module, Args}') and stands for the code of the block's interface.
 -module(starl_block_talk).
 
 -export_type([call/0, next/0]).
 
-%% The machine, the request, and a mark that comes with the answer.
+%% The machine, the request, and a mark that returns with the answer.
 -type call() :: {starl_machine:name(), Request :: term(), Mark :: term()}.
 
-%% Another call; the step is over; or it begins again, later.
+%% Another call; the step is over; or the step begins again, later.
 -type next() :: {call, call()} | over | again.
 
 -callback first(Args :: term()) -> call().

@@ -33,7 +33,6 @@
 %% `{stalled, Mark, Told}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
 %% with a mark, `{restarted, Name}' when another machine of this robot has crashed and come back,
 %% `{given_up, Name}' when it does not come back (a machine may leave it unhandled).
-%% handle it).
 -type event_type() ::
     cast
     | {call, from()}
@@ -58,8 +57,8 @@
     | {transmit, starl:robot_id() | all, starl_packet:t()}
     %% ask the positioning system; answered by the event `info', `{located, Tag, …}'
     | {sense, [starl:robot_id()], Tag :: term()}
-    %% the chassis drives as the script says and then stands; takes the place of one that runs;
-    %% answered by `info', `{driven, Mark, …}', or `{stalled, Mark, …}' if it cannot do as told
+    %% the chassis drives the script and then stands; replaces a script that is running; answered by
+    %% `info', `{driven, Mark, …}', or `{stalled, Mark, …}' if the drive does not obey
     | {drive, starl_chassis:script(), Mark :: term()}
     %% any other actuator: `{actuate, pen, down}'; with a mark, answered by `info', `{actuated,
     %% Mark, Device, Value}' with the state of its sensor

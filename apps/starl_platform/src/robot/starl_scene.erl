@@ -1,28 +1,28 @@
-%% @doc The scene that an application plays in: waypoints, building blocks, where the robots start,
-%% the contracts it is held to; and what it tells of a run. An application without a scene of its own
-%% ({@link starl_app}) plays on an empty floor, with its blocks and their contracts.
+%% @doc The behaviour of a scene: the surroundings of an application (waypoints, building blocks,
+%% start poses, contracts) and its report of a run. An application without a scene of its own
+%% ({@link starl_app}) runs on an empty floor, with its blocks and their contracts.
 %%
-%% A module that is only a scene, for a machine or another module's application, needs nothing else;
-%% as an application it may have a table of options, `options/0'.
+%% A module that is only a scene, for a machine or for the application of another module, needs
+%% nothing else; as an application it may have a table of options, `options/0'.
 -module(starl_scene).
 
 -export([make/2, report/3]).
 
 -export_type([t/0, context/0, outcome/0, report/0, format/0]).
 
-%% What a scene is made for.
+%% The input from which a scene is made.
 -type context() :: #{
     robots := [starl:robot_id()],
     world := {WidthMm :: number(), HeightMm :: number()},
     seed := integer(),
-    %% what the robots drive on, in turn
+    %% the profiles of the robots, taken in turn
     profiles := starl_chassis:profiles(),
     sap := starl_sap:config(),
     options := #{atom() => term()}
 }.
 
-%% The surroundings of an application. All keys but `app' may be left out. A scene that {@link make/2}
-%% has made has machines in the place of its blocks, and the blocks' contracts among its monitors.
+%% The surroundings of an application. All keys but `app' may be left out. {@link make/2} replaces
+%% the blocks by their machines, and adds the blocks' contracts to the monitors.
 -type t() :: #{
     app := {sequential, module(), Args :: term()} | {machine, module(), Config :: map()},
     blocks => [starl_block:entry()],
@@ -32,15 +32,15 @@
     monitors => [{module(), map()}],
     profile => map(),
     sap => starl_sap:config(),
-    %% a crash of the application by itself is a violation, as that of a block is (false)
+    %% is a crash of the application by itself a violation, as that of a block is (false)?
     never_crashes => boolean(),
     %% another implementation of SAP, for tests
     sap_machine => module(),
-    %% whatever report/2 needs
+    %% any term for report/2
     memo => term()
 }.
 
-%% What a run has come to: its end, the monitors' results, each robot's result and last pose.
+%% The result of a run: its end, the monitors' results, each robot's result and last pose.
 -type outcome() :: #{
     end_us := integer(),
     monitors := #{module() => map()},
@@ -48,10 +48,10 @@
     atom() => term()
 }.
 
-%% What is told of a run. The figures are in the order in which they are to stand in the report.
-%% Whether the work is complete is the application's to say; if it does not, it is when every robot's
-%% application has come to its end. `done' says in a few words how much is done, `summary' has
-%% further lines for the terminal; `write' puts further files into a directory and tells their names.
+%% The report of a run. The figures stand in the order of the report. `complete': is the work
+%% complete? Without this key it is when every robot's application has ended. `done' is a short
+%% phrase on how much is done, `summary' holds further lines for the terminal; `write' puts further
+%% files into a directory and returns their names.
 -type report() :: #{
     figures := [{Key :: atom(), Value :: number() | binary() | boolean() | null}],
     formats => #{Key :: atom() => format()},
@@ -61,9 +61,9 @@
     write => fun((Dir :: file:filename()) -> {ok, [file:filename()]} | {error, string()})
 }.
 
-%% How a figure is written: with how many decimals (3) and how they are rounded, `down' for what must
-%% not look better than it is (near). What an axis of a plot says, with the unit; and whether it
-%% is plotted where nothing else is asked for (false).
+%% How a figure is shown: its decimals (3); its rounding, `down' for a figure that must not look
+%% better than it is (near); the label of its axis in a plot, with the unit; and whether it is
+%% plotted by default (false).
 -type format() :: #{
     decimals => 0..9,
     rounded => near | down,
@@ -77,7 +77,7 @@
 -optional_callbacks([report/2]).
 
 %% @doc The scene of an application, with the machines and the contracts of its blocks; or one line
-%% that says what is wrong with it.
+%% on an error in it.
 -spec make(module(), context()) -> {ok, t()} | {error, Why :: unicode:chardata()}.
 make(App, Context) ->
     case scene(App, Context) of
@@ -106,7 +106,7 @@ expanded(App, Scene, Context) ->
             {error, [atom_to_list(App), ": ", Why]}
     end.
 
-%% @doc What an application has to tell of a run.
+%% @doc The report of an application on a run.
 -spec report(module(), t(), outcome()) -> report().
 report(App, Scene, Outcome) ->
     case exported(App, report, 2) of

@@ -1,5 +1,6 @@
-%% @doc Reliable messages as a block: SAP is a service that every robot has and a contract that every
-%% run is held to, so there is nothing to be listed; it is exercised and checked like a block.
+%% @doc Declares reliable messages as a block. Every robot has the service SAP, and its contract
+%% judges every run, so no application lists this block; it is exercised and checked like the
+%% others.
 -module(starl_sap_block).
 -behaviour(starl_block).
 

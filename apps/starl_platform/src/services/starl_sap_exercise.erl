@@ -1,7 +1,7 @@
-%% @doc How SAP is exercised: messages to one robot, now and then to all.
+%% @doc The exercise of SAP: messages to one robot, now and then to all.
 %%
-%% Promised is that a message is acknowledged unless a receiver has died. The first call after the
-%% restart of either SAP may find that out instead (`restarted').
+%% The promise: a message is acknowledged unless a receiver has died. The first call after a
+%% restart of either SAP may return `restarted' instead.
 -module(starl_sap_exercise).
 -behaviour(starl_block_exercise).
 
@@ -10,12 +10,12 @@
 -type robot_id() :: starl_monitor:robot_id().
 -type pair() :: {robot_id(), robot_id()}.
 
-%% An acknowledgement is under way for no longer: it may have been given before a restart.
+%% The longest time that an acknowledgement is under way: it may be older than a restart.
 -define(UNDER_WAY_US, 5000000).
 
 -record(seen, {
-    %% when a robot's SAP restarted last; when one knew last which incarnation another's is, and
-    %% what it has found out of that in its present call
+    %% the last restart of each robot's SAP; the last time at which a robot knew the incarnation of
+    %% another; the restarts that its present call has found
     restarted = #{} :: #{robot_id() => integer()},
     contact = #{} :: #{pair() => integer()},
     found = #{} :: #{robot_id() => #{pair() => integer()}}
@@ -89,7 +89,7 @@ is_sent({error, {lost, Lost}}, Robot, Seen) ->
 is_sent(Outcome, _Robot, _Seen) ->
     Outcome =:= ok.
 
-%% Has one of the two restarted, and they have not met since?
+%% Has one of the two restarted since their last contact?
 is_news(Robot, To, #seen{restarted = Restarted, contact = Contact}) ->
     Latest = lists:max([maps:get(R, Restarted, -1) || R <- [Robot, To]]),
     Latest >= 0 andalso Latest > maps:get({Robot, To}, Contact, 0) - ?UNDER_WAY_US.
