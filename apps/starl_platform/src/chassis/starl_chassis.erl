@@ -1,18 +1,18 @@
-%% @doc The behaviour of a chassis: a kind of body that drives. A chassis knows its own profile
-%% (limits, and bounds of its errors), its own commands, how a course is planned with them, and how
-%% far from a line a robot may be that follows such a course. Everything else, motion
+%% @doc The behaviour of a chassis: one kind of driving hardware. A chassis defines its own profile
+%% (limits, and bounds of its errors), its own commands, the planning of a course with them, and the
+%% largest distance of a robot from the line that such a course follows. Everything else, motion
 %% ({@link starl_motion}) and applications, is the same for every chassis.
 %%
-%% Two kinds are here: {@link starl_chassis_differential} (two wheels; the iRobot Create) and
+%% There are two kinds: {@link starl_chassis_differential} (two wheels; the iRobot Create) and
 %% {@link starl_chassis_holonomic} (drives in any direction without a turn).
 %%
-%% A <em>script</em> is what the platform carries out by itself, by the chassis' own clock: a list of
-%% commands, one after the other, each of which says for how long, after which the robot stands. It
-%% names its chassis, so that it can be checked where it is given ({@link check/1}).
+%% A <em>script</em> is a list of commands that the platform carries out by itself, by the chassis'
+%% own clock, one after the other; each has a duration, and the robot stands after the last. A
+%% script names its chassis, so it is checked where a machine hands it over ({@link check/1}).
 %%
-%% A <em>course</em> is what motion asks for each time the robot stands: it looks where the robot is,
-%% and asks for the next step on one of three {@link way()}s. A step is a script, and perhaps what to
-%% go on with once the robot has looked again.
+%% A <em>course</em> is a sequence of steps. Each time the robot stands, motion looks at its
+%% position and asks for the next step on one of three {@link way()}s. A step is a script, perhaps
+%% with a memo for the step after the next look.
 -module(starl_chassis).
 
 -export([profile/2, of_robot/2, kind/1]).
@@ -21,11 +21,11 @@
 
 -export_type([profile/0, profiles/0, script/0, commands/0, told/0, way/0, step/0, memo/0]).
 
-%% How a robot drives. `chassis' is the callback module, `speed' the highest speed (mm/s). The
-%% bounds of the errors: `heading_error' in rad and `distance_error' as a fraction, per leg,
-%% `position_error_mm' of the positioning system. `latency_ms' (5) bounds how late the chassis hears a
-%% command, over its line ({@link starl_motion_watch}: what rests on it). The other keys are the
-%% chassis' own.
+%% The profile of a robot's motion. `chassis' is the callback module, `speed' the highest speed
+%% (mm/s). The bounds of the errors: `heading_error' in rad and `distance_error' as a fraction, per
+%% leg, `position_error_mm' of the positioning system. `latency_ms' (5) bounds the delay with which
+%% the chassis hears a command over its line ({@link starl_motion_watch} depends on it). The other
+%% keys belong to the chassis.
 -type profile() :: #{
     chassis := module(),
     speed := float(),
@@ -39,42 +39,44 @@
 %% The profiles of a team: its robots take them in turn, robot 1 the first.
 -type profiles() :: [profile(), ...].
 
-%% What a chassis is to do: commands of its own. Without any it stops.
+%% The commands of a chassis. An empty list stops it.
 -type script() :: {Chassis :: module(), commands()}.
 
 -type commands() :: [tuple()].
 
-%% What one command demands, but for its duration; comes back with the event `stalled'.
+%% A command without its duration; the event `stalled' returns it.
 -type told() :: term().
 
-%% Along a line from where the robot set out, to its end or nearly; along a given line to its very
-%% end; to the beginning of a given line, ready to follow it.
+%% Along a line from the robot's starting place, to its end or nearly; along a given line to its
+%% exact end; to the beginning of a given line, ready to follow it.
 -type way() :: to | along | face.
 
-%% What to do next: drive and look where that has led; or drive, look, and go on with `memo()'.
+%% The next step: a script; or a script after which the chassis goes on with `memo()'.
 -type step() :: {drive, commands()} | {{look, memo()}, commands()}.
 -type memo() :: term().
 
 %% A whole profile: the chassis' defaults, overridden by the given keys.
 -callback profile(map()) -> map().
-%% Are these commands of this chassis? Else what they have to be.
+%% Are these commands of this chassis? If not, the expected form.
 -callback check(Commands :: term()) -> ok | {error, Expected :: string()}.
-%% How long a script takes (us), at least and at most, until the robot stands. The robot may be on
-%% its way when it is told to stop, else it stands before.
+%% The least and the greatest duration of a script (us), until the robot stands. A robot may still
+%% be driving when it is told to stop; otherwise it stands before.
 -callback duration_us(commands(), profile()) -> {Least, Most} when
     Least :: non_neg_integer(), Most :: non_neg_integer().
-%% What a robot does next that stands at a pose.
+%% The next step of a robot that stands at a pose.
 -callback next(way(), starl:pose(), starl_geometry:segment(), profile()) -> arrived | step().
-%% What it does next after a step with a memo; only of a chassis that makes such steps.
+%% The next step after a step with a memo; only of a chassis with such steps.
 -callback resume(starl:pose(), memo(), profile()) -> step().
-%% What the last command of a script demands.
+%% The last command of a script.
 -callback last(commands()) -> told().
-%% What to try when the chassis was told so and did not do it: what was begun, the other way round,
-%% slowly and for a moment. `none': it was to stand. `unknown': that is nothing it can be told.
+%% The try after a command that the drive did not obey: its reverse, slowly and for a
+%% moment. `none': the command was to stand. `unknown': the chassis has no such command.
 -callback undo(told()) -> {ok, commands()} | none | unknown.
-%% r(v): how far from the straight line a robot may be while it drives (mm), under every fault.
+%% r(v): the largest distance of a robot from its straight line while it drives (mm), under any
+%% fault.
 -callback tracking_radius(profile()) -> float().
-%% How far along a line its beginning and its end may be from where a robot began and ended it (mm).
+%% The largest distance along a line between its ends and the places where a robot began and ended
+%% it (mm).
 -callback ends_mm(profile()) -> float().
 -optional_callbacks([resume/3]).
 
@@ -86,7 +88,7 @@ profile(Chassis, Overrides) -> (Chassis:profile(Overrides))#{chassis => Chassis}
 -spec of_robot(starl:robot_id(), profiles()) -> profile().
 of_robot(Robot, Profiles) -> lists:nth(1 + (Robot - 1) rem length(Profiles), Profiles).
 
-%% @doc The chassis that a profile belongs to.
+%% @doc The chassis of a profile.
 -spec kind(profile()) -> module().
 kind(#{chassis := Chassis}) -> Chassis.
 
@@ -94,7 +96,7 @@ kind(#{chassis := Chassis}) -> Chassis.
 -spec tracking_radius(profile()) -> float().
 tracking_radius(#{chassis := Chassis} = Profile) -> Chassis:tracking_radius(Profile).
 
-%% @doc How exactly it begins and ends a line.
+%% @doc The largest error at the ends of a line.
 -spec ends_mm(profile()) -> float().
 ends_mm(#{chassis := Chassis} = Profile) -> Chassis:ends_mm(Profile).
 
@@ -102,7 +104,7 @@ ends_mm(#{chassis := Chassis} = Profile) -> Chassis:ends_mm(Profile).
 -spec widest(profiles()) -> float().
 widest(Profiles) -> lists:max([tracking_radius(Profile) || Profile <- Profiles]).
 
-%% @doc Is this a script? Else what it has to be.
+%% @doc Is this a script? If not, the expected form.
 -spec check(term()) -> ok | {error, Expected :: string()}.
 check({Chassis, Commands}) when is_atom(Chassis) ->
     case is_chassis(Chassis) of

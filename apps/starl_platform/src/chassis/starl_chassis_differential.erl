@@ -9,14 +9,14 @@
 
 -export_type([commands/0]).
 
-%% The speeds of the wheels one after the other, mm/s, each pair for so long (us).
+%% The speeds of the left and the right wheel, mm/s, with a duration (us), one pair after the other.
 -type commands() :: [{Left :: number(), Right :: number(), Us :: pos_integer()}].
 
-%% No wheel is told to be faster (mm/s), or turns for longer (us).
+%% The limits of a command: speed of a wheel (mm/s), duration (us).
 -define(FASTEST, 1.0e6).
 -define(LONGEST_US, (1 bsl 50)).
 -define(IS_SPEED(V), is_number(V), V =< ?FASTEST, V >= -?FASTEST).
-%% A try is longer than the chassis takes to find out (15 ms), and no faster than this, mm/s.
+%% The limits of a try: longer than the chassis needs to notice a failure (15 ms), and slow (mm/s).
 -define(TRY_US, 20000).
 -define(TRY_SPEED, 100.0).
 
@@ -55,7 +55,7 @@ last(Commands) ->
     {Left, Right, _} = lists:last(Commands),
     {Left, Right}.
 
-%% A wheel that still does not turn brings the robot back to where it was.
+%% If the wheel still does not turn, the try brings the robot back to its place.
 -spec undo(term()) -> {ok, commands()} | none | unknown.
 undo({Left, Right}) when Left == 0, Right == 0 ->
     none;

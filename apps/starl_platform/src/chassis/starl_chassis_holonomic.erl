@@ -1,13 +1,13 @@
-%% @doc The chassis that drives in any direction without a turn: the paper's quadrotor, flown at one
-%% height, taken as a point mass with a limit of speed and one of acceleration.
+%% @doc The chassis that drives in any direction without a turn: the paper's quadrotor at a constant
+%% height, modelled as a point mass with a limit of speed and one of acceleration.
 %%
-%% A command is a velocity in the robot's own frame, `{Forward, Left, Us}', mm/s, for so long. The
-%% chassis takes to it at its limit of acceleration, from whatever velocity it has, and keeps it for
-%% the rest of the time; after the last command it brakes at that limit and stands. So a robot that
-%% stands and is told one velocity v for a time t ends v·t from where it stood, if t is no shorter
-%% than it takes to v: what it lacks at the beginning it drives while it brakes.
+%% A command is a velocity in the robot's own frame with a duration, `{Forward, Left, Us}', mm/s.
+%% The chassis approaches it at its limit of acceleration, from its present velocity, and keeps it
+%% for the rest of the time; after the last command it brakes at that limit and stands. So a robot
+%% that stands and gets one velocity v for a time t ends v·t from its place, if t is no shorter than
+%% the approach to v: the distance that it lacks at the beginning it drives while it brakes.
 %%
-%% How a course is planned with this is said in {@link starl_holonomic_course}.
+%% {@link starl_holonomic_course} plans courses with these commands.
 -module(starl_chassis_holonomic).
 -behaviour(starl_chassis).
 
@@ -18,11 +18,11 @@
 
 -type commands() :: [{Forward :: number(), Left :: number(), Us :: pos_integer()}].
 
-%% Nothing is told to be faster (mm/s), or for longer (us).
+%% The limits of a command: speed (mm/s), duration (us).
 -define(FASTEST, 1.0e6).
 -define(LONGEST_US, (1 bsl 50)).
 -define(IS_SPEED(V), is_number(V), V =< ?FASTEST, V >= -?FASTEST).
-%% A try is longer than the chassis takes to find out (15 ms), and no faster than this, mm/s.
+%% The limits of a try: longer than the chassis needs to notice a failure (15 ms), and slow (mm/s).
 -define(TRY_US, 20000).
 -define(TRY_SPEED, 10.0).
 
@@ -39,7 +39,7 @@ check([{Forward, Left, Us} | Commands]) when
 check(_) ->
     {error, "[{Forward, Left, Us}]: mm/s within 1.0e6, Us from 1"}.
 
-%% It brakes at the end, from a speed that may be less than told, by slip, or more, by its error.
+%% It brakes at the end, from a speed that slip may have lowered, or its error raised.
 -spec duration_us(commands(), starl_chassis:profile()) -> {Least, Most} when
     Least :: non_neg_integer(), Most :: non_neg_integer().
 duration_us(Commands, #{acceleration := Acceleration, speed := Speed}) ->

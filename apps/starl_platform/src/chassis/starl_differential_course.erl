@@ -1,24 +1,24 @@
-%% @doc The course of a robot with two wheels along a straight line: what it does next, given where it
-%% is, and how far off the line that may take it.
+%% @doc Plans the course of a robot with two wheels along a straight line: its next step from its
+%% present pose, and a bound on its distance from the line.
 %%
-%% Assumption II.1 of the paper: while it drives from where it stood to its goal, the robot stays
-%% within r(v) of the straight line. It aims at the point of the line one leg ahead, so a leg's
-%% sideways error does not grow into the next one. Small turns and the drive after them are one
-%% command; a larger turn is looked at before it drives, so that wheels that slip, or commands that
-%% get lost, cannot send it off in a wrong direction.
+%% Assumption II.1 of the paper: while the robot drives from its place to its goal, it stays within
+%% r(v) of the straight line. It aims at the point of the line one leg ahead, so a leg's sideways
+%% error does not grow into the next one. A small turn and the drive after it are one command; after
+%% a larger turn the robot looks before it drives, so slipping wheels, or lost commands, cannot send
+%% it off in a wrong direction.
 %%
-%% Legs far from the goal are longer than the last ones, as far as that takes it no farther off.
+%% Legs far from the goal are longer than the last ones, as long as the bound stays the same.
 %%
-%% The bounds. Per leg of length L the heading errs by at most ε, of which nobody knows, by what is
-%% not worth a turn (`turn_from'), and by what slipping wheels take off a turn that nobody looks at
-%% (half of `look_from'), together ε'; the distance by at most δ·L; positions are known to within
-%% s. So it ends a line within g = L·(ε + turn_from + δ) + 2s + 0.5 mm of the goal, as it sees it,
-%% and begins the next one, if that is given with its beginning, so far off, and by another 3 mm, if
-%% a wheel gets stuck while it turns: until the chassis stops it. A leg that begins d off the line
-%% and aims at it ends at most s + L·ε' off, and between the two it is no farther off than at
-%% both ends. So it is never farther from the line than s + max(g + 3 mm, L·ε')
-%% ({@link tracking_radius/1}). For most profiles g is the larger, so legs that do not lead to the
-%% goal may be longer than L: up to (g + 3 mm) / ε', and at most twice as long.
+%% The bounds. In a leg of length L the heading errs by at most ε (unknown), by the angle that is
+%% not worth a turn (`turn_from'), and by the part that slipping wheels take off a turn without a
+%% look (half of `look_from'), together ε'; the distance errs by at most δ·L; positions are known to
+%% within s. So the robot ends a line within g = L·(ε + turn_from + δ) + 2s + 0.5 mm of the goal, as
+%% it sees it. If the next line is given with its beginning, the robot begins it at most g off, and
+%% another 3 mm if a wheel gets stuck during a turn, until the chassis stops it. A leg that begins d
+%% off the line and aims at it ends at most s + L·ε' off, and between the two the distance is no
+%% greater than at both ends. So the robot is never farther from the line than s + max(g + 3 mm,
+%% L·ε') ({@link tracking_radius/1}). For most profiles g is the larger, so legs that do not lead to
+%% the goal may be longer than L: up to (g + 3 mm) / ε', and at most twice as long.
 -module(starl_differential_course).
 
 -export([profile/1, tracking_radius/1, next/3, turned/3]).
@@ -26,9 +26,9 @@
 
 -export_type([profile/0, leg/0, step/0]).
 
-%% How the robot drives. `speed' and `near_speed' (within `near_mm' of the goal) in mm/s,
-%% `turn_rate' and `near_turn_rate' in rad/s, `leg_s' the time between two looks at the position
-%% near the goal, `goal_mm' how near the goal is near enough, `axle_mm' the distance of the wheels.
+%% The profile. `speed' and `near_speed' (within `near_mm' of the goal) in mm/s, `turn_rate' and
+%% `near_turn_rate' in rad/s, `leg_s' the time between two looks at the position near the goal,
+%% `goal_mm' the distance at which the goal is reached, `axle_mm' the distance of the wheels.
 %% `turn_from' is the least angle worth a turn, `look_from' (but never less than the heading's
 %% error) the least turn worth a look, rad. The bounds of the errors: `heading_error' in rad and
 %% `distance_error' as a fraction per leg, `position_error_mm' of the positioning system.
@@ -49,21 +49,21 @@
     chassis => module()
 }.
 
-%% A straight drive: in which direction, how far (mm), and how fast (mm/s, rad/s).
+%% A straight drive: its direction, its length (mm), and its speeds (mm/s, rad/s).
 -opaque leg() :: {
     Heading :: float(), LengthMm :: float(), Speed :: float(), TurnRate :: float()
 }.
 
-%% What to do next: turn to a leg, and then look; or turn a little, if at all, and drive.
+%% The next step: a turn to a leg, and then a look; or a small turn, if any, and a drive.
 -type step() ::
     {{look, leg()}, starl_chassis_differential:commands()}
     | {drive, starl_chassis_differential:commands()}.
 
 %% The part of a turn that slipping wheels may take off.
 -define(SLIP, 0.5).
-%% How much longer than the last a leg may be.
+%% The longest leg, as a multiple of the last one.
 -define(LONGER, 2.0).
-%% How long the chassis takes to find out that a wheel is stuck.
+%% The time in which the chassis notices that a wheel is stuck.
 -define(STALL_S, 0.015).
 
 %% @doc A whole profile: the iRobot Create's defaults, overridden by the given keys.
@@ -87,25 +87,25 @@ profile(Overrides) ->
     Given = maps:merge(Default, Overrides),
     maps:merge(#{goal_mm => end_error(Given)}, Given).
 
-%% @doc r(v): how far from the straight line the robot may be while it drives, in millimetres.
+%% @doc r(v): the largest distance of the robot from its straight line while it drives, mm.
 -spec tracking_radius(profile()) -> float().
 tracking_radius(#{goal_mm := Goal} = Profile) ->
     #{position_error_mm := Position} = Profile,
     Position + max(Goal + stall_mm(Profile), length_mm(Profile) * aside(Profile)).
 
-%% ε': how far off it ends for each millimetre of a leg.
+%% ε': the sideways error at the end of a leg, for each millimetre of it.
 aside(#{heading_error := Error, turn_from := TurnFrom} = Profile) ->
     Error + TurnFrom + ?SLIP * look_from(Profile).
 
-%% How much longer than the last leg one may be that does not lead to the goal.
+%% The longest leg that does not lead to the goal, as a multiple of the last one.
 longer(#{goal_mm := Goal} = Profile) ->
     Far = (Goal + stall_mm(Profile)) / aside(Profile),
     max(1.0, min(?LONGER, Far / length_mm(Profile))).
 
-%% The middle of a robot that turns about one wheel moves by half of what the other drives.
+%% The centre of a robot that turns about one wheel moves half as far as the other wheel.
 stall_mm(#{turn_rate := Rate, axle_mm := Axle}) -> ?STALL_S * Rate * Axle / 2 / 2.
 
-%% @doc What a robot does next that stands at a pose and is on its way along a line.
+%% @doc The next step of a robot that stands at a pose on its way along a line.
 -spec next(starl:pose(), starl_geometry:segment(), profile()) -> arrived | step().
 next({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
     Here = {X, Y},
@@ -120,8 +120,8 @@ leg(Here, Distance, Line, Profile) ->
     Aim = aim(Here, Distance, Speed, Line, Profile),
     leg_to(Here, Aim, starl_geometry:distance(Here, Aim), Distance, Profile).
 
-%% A robot that finds itself far off its line, as by another one's position, does not go all the way
-%% there without a look.
+%% A robot that finds itself far off its line, as by the position of another robot, looks again
+%% before it has driven the whole way back.
 leg_to(Here, Aim, Mm, Distance, Profile) ->
     {Speed, TurnRate} = speeds(Distance, Profile),
     Last = Speed * maps:get(leg_s, Profile),
@@ -132,12 +132,13 @@ leg_to(Here, Aim, Mm, Distance, Profile) ->
         end,
     {starl_geometry:heading(Here, Aim), Length, Speed, TurnRate}.
 
-%% @doc Towards a point, and all the way if that is no longer than a leg; the goal is so far away.
+%% @doc Drives towards a point, all the way if that is no longer than a leg; `ToGoalMm' is left to
+%% the goal.
 -spec towards(starl:pose(), starl_geometry:point(), ToGoalMm :: float(), profile()) -> step().
 towards({X, Y, _} = Pose, Aim, Distance, Profile) ->
     towards(Pose, Aim, starl_geometry:distance({X, Y}, Aim), Distance, Profile).
 
-%% @doc The same, but for so many millimetres.
+%% @doc The same, for the given length.
 -spec towards(starl:pose(), starl_geometry:point(), Mm, ToGoalMm, profile()) -> step() when
     Mm :: float(), ToGoalMm :: float().
 towards({X, Y, _} = Pose, Aim, Mm, Distance, Profile) ->
@@ -147,7 +148,7 @@ towards({X, Y, _} = Pose, Aim, Mm, Distance, Profile) ->
 -spec turn(float(), profile()) -> step().
 turn(Angle, #{turn_rate := TurnRate} = Profile) -> {drive, [turn(Angle, TurnRate, Profile)]}.
 
-%% @doc Drives straight on, or back, so far (mm) and so fast (mm/s).
+%% @doc Drives straight on, or back, for this length (mm) and at this speed (mm/s).
 -spec straight(float(), Speed :: float()) -> step().
 straight(Mm, Speed) ->
     V = sign(Mm) * Speed,
@@ -161,9 +162,9 @@ longest_mm(Profile) -> longer(Profile) * length_mm(Profile).
 -spec last_mm(profile()) -> float().
 last_mm(Profile) -> float(length_mm(Profile)).
 
-%% @doc What a robot does next that stands at a pose and has turned to a leg: it drives if the turn
-%% has come about. It keeps to the leg: where legs are short, another look at its place might show
-%% another direction each time.
+%% @doc The next step of a robot that stands at a pose and has turned to a leg: it drives if it now
+%% has the direction. It keeps to the leg: where legs are short, a new plan from its place might
+%% have another direction each time.
 -spec turned(starl:pose(), leg(), profile()) -> step().
 turned({_, _, Heading}, {Wanted, Length, Speed, TurnRate} = Leg, Profile) ->
     #{turn_from := TurnFrom} = Profile,
@@ -175,7 +176,7 @@ turned({_, _, Heading}, {Wanted, Length, Speed, TurnRate} = Leg, Profile) ->
         Angle -> {{look, Leg}, [turn(Angle, TurnRate, Profile)]}
     end.
 
-%% @doc The least turn worth a look, rad. Who cannot see headings any better need not look for less.
+%% @doc The least turn worth a look, rad. A smaller turn than the heading's error cannot be seen.
 -spec look_from(profile()) -> float().
 look_from(#{look_from := LookFrom, heading_error := Error}) -> max(LookFrom, Error).
 
@@ -189,9 +190,8 @@ speeds(Distance, #{near_mm := Near} = Profile) when Distance =< Near ->
 speeds(_Distance, #{speed := Speed, turn_rate := TurnRate}) ->
     {Speed, TurnRate}.
 
-%% The point of the line from start to goal that lies one leg ahead of the robot; where the
-%% speed changes near the goal, a leg ends. What is left for the last leg is no longer than that
-%% may be.
+%% The point of the line from start to goal that lies one leg ahead of the robot; a leg ends where
+%% the speed changes near the goal. The rest of the way is no longer than a last leg may be.
 aim(Here, Distance, Speed, {Start, Goal}, #{leg_s := LegS, near_mm := Near} = Profile) ->
     ToChange =
         case Distance > Near of
@@ -207,7 +207,7 @@ aim(Here, Distance, Speed, {Start, Goal}, #{leg_s := LegS, near_mm := Near} = Pr
         false -> starl_geometry:interpolate(Start, Goal, Ahead / Length)
     end.
 
-%% How near to its goal the last leg is sure to end.
+%% The largest distance from the goal at the end of the last leg.
 end_error(#{heading_error := Heading, distance_error := Part, turn_from := TurnFrom} = Profile) ->
     #{position_error_mm := Position} = Profile,
     length_mm(Profile) * (Heading + TurnFrom + Part) + 2 * Position + 0.5.

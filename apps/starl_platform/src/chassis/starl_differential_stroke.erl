@@ -1,35 +1,35 @@
-%% @doc The course of a robot with two wheels along a given line, from its beginning to its end, to a
-%% few millimetres: what it does next, given where it is ({@link starl_differential_course}). So a pen
-%% that is lowered at the beginning and raised at the end draws that line, however short it is.
+%% @doc Plans the course of a robot with two wheels along a given line, exact at both ends to a few
+%% millimetres: its next step from its present pose ({@link starl_differential_course}). So a pen
+%% that is lowered at the beginning and raised at the end draws that line, even a very short one.
 %%
-%% Near the end a leg is short, and what is still missing along the line is driven slowly, forwards
-%% or backwards, without a turn. A robot has begun, or ended, when it is <em>seen</em> to be within
-%% w = max(1 mm, s) of the right place along the line, s the error of positions: so it is within
-%% w + s ({@link ends_mm/1}), whatever became of the command that brought it there.
+%% Near the end a leg is short, and the rest along the line is driven slowly, forwards or backwards,
+%% without a turn. A robot has begun, or ended, a line when it is <em>seen</em> within w = max(1 mm,
+%% s) of the right place along the line, s being the error of positions: so it is within w + s
+%% ({@link ends_mm/1}), even if the last command failed.
 %%
-%% It aims a quarter of w outside of the line's ends, and takes less for too little than for too
-%% much: seen from 1/2 w inside to w outside is near enough.
+%% It aims a quarter of w outside of the line's ends, since a line drawn too short is worse than one
+%% drawn too long: a place from 1/2 w inside to w outside is accepted.
 -module(starl_differential_stroke).
 
 -export([ends_mm/1, along/3, face/3]).
 
 -type step() :: starl_differential_course:step().
 
-%% The last leg of a line is hardly longer, so that it ends near it, mm.
+%% The length of the last leg of a line, about, so that it ends near the end, mm.
 -define(LAST_MM, 40.0).
-%% What is missing at an end is driven no faster, mm/s; without a turn if the robot looks along the
-%% line, or back, to within so much, rad.
+%% The speed limit of the rest at an end, mm/s; the largest angle between the robot's direction and
+%% the line, or its reverse, for a drive without a turn, rad.
 -define(SLOW, 100.0).
 -define(STRAIGHT, 0.1).
 
-%% @doc How far along a line its beginning and its end may be from where a robot began and ended
-%% it, in millimetres.
+%% @doc The largest distance along a line between its ends and the places where a robot began and
+%% ended it, in millimetres.
 -spec ends_mm(starl_differential_course:profile()) -> float().
 ends_mm(#{position_error_mm := Position} = Profile) -> float(window(Profile) + Position).
 
 window(#{position_error_mm := Position}) -> max(1.0, Position).
 
-%% @doc What a robot does next that stands at a pose and is on its way along a line to its end.
+%% @doc The next step of a robot that stands at a pose on its way along a line to its end.
 -spec along(starl:pose(), starl_geometry:segment(), starl_differential_course:profile()) ->
     arrived | step().
 along({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
@@ -46,7 +46,7 @@ along({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
             leg(Frame, Distance, Pose, Line, Profile)
     end.
 
-%% @doc What a robot does next that stands at a pose near the beginning of a line and is to stand
+%% @doc The next step of a robot that stands at a pose near the beginning of a line and has to stand
 %% at the beginning, looking along it.
 -spec face(starl:pose(), starl_geometry:segment(), starl_differential_course:profile()) ->
     arrived | step().
@@ -68,7 +68,7 @@ face({X, Y, Heading} = Pose, {Start, Goal} = Line, #{goal_mm := Enough} = Profil
 
 %% -- internals ------------------------------------------------------------------------------
 
-%% How far along the line from its beginning, how far past its end, and how far to its left.
+%% The place along the line from its beginning, past its end, and to its left.
 frame({X, Y}, {{AX, AY} = A, B}) ->
     case starl_geometry:distance(A, B) of
         Length when Length < 1.0e-6 ->
@@ -81,7 +81,8 @@ frame({X, Y}, {{AX, AY} = A, B}) ->
 
 unit({AX, AY}, {BX, BY}, Length) -> {(BX - AX) / Length, (BY - AY) / Length}.
 
-%% Some millimetres along the line, or back, the way that the robot looks; else it turns first.
+%% Drives this far along the line, or back, without a turn if the robot looks that way; else it
+%% turns.
 nudge(Mm, {_, _, Heading}, {Start, Goal}, #{speed := Speed} = Profile) ->
     Straight = max(?STRAIGHT, 2 * starl_differential_course:look_from(Profile)),
     case starl_geometry:angle_diff(starl_geometry:heading(Start, Goal), Heading) of
@@ -93,8 +94,8 @@ nudge(Mm, {_, _, Heading}, {Start, Goal}, #{speed := Speed} = Profile) ->
             starl_differential_course:turn(Angle, Profile)
     end.
 
-%% A line that is nearly done is driven to its end beside where it is, if that is near: to steer
-%% back to it within a short way would take it to the end at a slant.
+%% A robot near the end of a line, and near the line, drives parallel to it: steering
+%% back to the line within a short way would end at a slant.
 leg({Along, Past, Across}, Distance, {X, Y, _} = Pose, {Start, Goal} = Line, Profile) ->
     Left = window(Profile) / 4 - Past,
     Length = Along - Past,
@@ -115,7 +116,7 @@ leg({Along, Past, Across}, Distance, {X, Y, _} = Pose, {Start, Goal} = Line, Pro
             far(Pose, Aim, Distance, Line, Profile)
     end.
 
-%% From far off the line all that is left of it may be its end.
+%% For a robot far off the line, only the end of the line may be left.
 far({X, Y, _} = Pose, Aim, Distance, {_, Goal}, Profile) ->
     case starl_geometry:distance({X, Y}, Aim) > last_mm(Profile) / 2 of
         true -> starl_differential_course:towards(Pose, Aim, Distance, Profile);

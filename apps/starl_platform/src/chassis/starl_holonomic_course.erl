@@ -1,44 +1,45 @@
-%% @doc The course of a robot that drives in any direction without a turn ({@link
-%% starl_chassis_holonomic}): what it does next, given where it is, and how far off a line that may
-%% take it.
+%% @doc Plans the course of a robot that drives in any direction without a turn ({@link
+%% starl_chassis_holonomic}): its next step from its present pose, and a bound on its distance from
+%% the line.
 %%
 %% Every step is one straight leg from standing to standing: towards the point of the line one leg
-%% ahead, so a leg's sideways error does not grow into the next one. A robot that is seen to be
-%% farther off the line than g goes straight back to it first. At the ends of a given line what is
-%% missing is driven slowly, straight to the right place, until the robot is <em>seen</em> to be
+%% ahead, so a leg's sideways error does not grow into the next one. A robot that is seen
+%% farther off the line than g first goes straight back to it. At the ends of a given line the
+%% rest is driven slowly, straight to the right place, until the robot is <em>seen</em>
 %% within w = max(1 mm, s) of the right place along the line: so it is within w + s ({@link
 %% ends_mm/1}). It aims a quarter of w outside of the line's ends, as two wheels do ({@link
 %% starl_differential_stroke}).
 %%
-%% <b>The bounds.</b> Over a leg of length L the direction errs by at most ε, the distance by at most
-%% δ·L; positions are known to within s. A leg to the goal is no longer than L = speed · `leg_s', so it
-%% ends within g = L·(ε + δ) + 2s + 0.5 mm of the goal, as it is seen. Legs that do not lead to the
-%% goal may be longer, up to 2L, as long as their error L'·(1 + δ)·ε + 2s is no more than g.
+%% <b>The bounds.</b> Over a leg of length L the direction errs by at most ε, the distance by at
+%% most δ·L; positions are known to within s. A leg to the goal is no longer than L = speed ·
+%% `leg_s', so it ends within g = L·(ε + δ) + 2s + 0.5 mm of the goal, as it is seen. A leg that
+%% does not lead to the goal may be longer, L' of up to 2L, as long as its error L'·(1 + δ)·ε + 2s
+%% is at most g.
 %%
-%% A leg along the line begins at most g off it as it is seen, and so g + s. It aims at the line and
-%% ends at most L'·(1 + δ)·ε + s off it; between the two it is no farther off than at both ends, since the
-%% path is straight: a robot that brakes before its time does so along its path, and needs no more
-%% room than is left of it. Slip makes it shorter, and no more.
+%% A leg along the line begins at most g off it as it is seen, and so at most g + s. It aims at the
+%% line and ends at most L'·(1 + δ)·ε + s off it; between the two the distance is no greater than at
+%% both ends, since the path is straight: a robot that brakes early does so along its path, within
+%% the rest of it. Slip only makes the path shorter.
 %%
-%% <b>A drive that fails</b> along one of the robot's axes leaves the other one. The chassis finds
-%% out within t = 15 ms. Until then the velocity has changed by at most A·t (A the limit of
-%% acceleration), which takes the robot A·t²/2 off its path. It brakes from a speed of at most V along
-%% its present direction, whose part across the path is at most A·t: over V/A seconds, with an even
-%% loss of speed, t·V/2. A try, the other way round, is driven with 10 mm/s for 20 ms: 0.2 mm, twice
-%% if the second one has to undo the first. Together b = A·t²/2 + t·V/2 + 0.4 mm.
-%% A leg straight back to the line adds nothing to that: whichever axis fails, what is left of its
-%% velocity does not point away from the line.
+%% <b>A drive that fails</b> along one of the robot's axes leaves the other one. The chassis notices
+%% within t = 15 ms. Until then the velocity has changed by at most A·t (A the limit of
+%% acceleration), which takes the robot A·t²/2 off its path. It brakes from a speed of at most V
+%% along its present direction, whose part across the path is at most A·t: over V/A seconds, with an
+%% even loss of speed, t·V/2. A try, in reverse, is driven with 10 mm/s for 20 ms: 0.2 mm, twice if
+%% a second try has to undo the first. Together b = A·t²/2 + t·V/2 + 0.4 mm. A leg straight back to
+%% the line adds nothing to b: whichever axis fails, the rest of the velocity does not point away
+%% from the line.
 %%
-%% So it is never farther from the line than r(v) = g + s + b ({@link tracking_radius/1}).
+%% So the robot is never farther from the line than r(v) = g + s + b ({@link tracking_radius/1}).
 -module(starl_holonomic_course).
 
 -export([profile/1, tracking_radius/1, ends_mm/1, next/4]).
 
 -export_type([profile/0]).
 
-%% `speed' (mm/s) and `acceleration' (mm/s²) are the limits, `leg_s' gives the length of the last leg
-%% in times of full speed, `goal_mm' is how near a goal is near enough; the bounds of the errors are
-%% as in {@link starl_chassis:profile()}.
+%% `speed' (mm/s) and `acceleration' (mm/s²) are the limits, `leg_s' is the length of the last leg
+%% as a time at full speed, `goal_mm' the distance at which a goal is reached; the bounds of the
+%% errors are as in {@link starl_chassis:profile()}.
 -type profile() :: #{
     speed := float(),
     acceleration := float(),
@@ -50,18 +51,18 @@
     chassis => module()
 }.
 
-%% How much longer than the last a leg may be.
+%% The longest leg, as a multiple of the last one.
 -define(LONGER, 2.0).
-%% The last leg of a given line is hardly longer, mm; what is missing at an end is driven no faster,
+%% The length of the last leg of a given line, about, mm; the speed limit of the rest at an end,
 %% mm/s.
 -define(LAST_MM, 40.0).
 -define(SLOW, 100.0).
-%% How long the chassis takes to find out that its drive does not obey; two tries, mm.
+%% The time in which the chassis notices that its drive does not obey; the length of two tries, mm.
 -define(STALL_S, 0.015).
 -define(TRIES_MM, 0.4).
 
 %% @doc A whole profile: the defaults, overridden by the given keys. 2 m/s² is a fifth of the
-%% acceleration of a fall: a quadrotor leans by 11 degrees.
+%% acceleration of gravity: a quadrotor leans by 11 degrees.
 -spec profile(map()) -> profile().
 profile(Overrides) ->
     Default = #{
@@ -78,7 +79,7 @@ profile(Overrides) ->
 end_error(#{heading_error := Heading, distance_error := Part, position_error_mm := S} = Profile) ->
     length_mm(Profile) * (Heading + Part) + 2 * S + 0.5.
 
-%% @doc r(v): how far from the straight line the robot may be while it drives, in millimetres.
+%% @doc r(v): the largest distance of the robot from its straight line while it drives, mm.
 -spec tracking_radius(profile()) -> float().
 tracking_radius(#{goal_mm := Goal, position_error_mm := Position} = Profile) ->
     Goal + Position + stall_mm(Profile).
@@ -86,7 +87,8 @@ tracking_radius(#{goal_mm := Goal, position_error_mm := Position} = Profile) ->
 stall_mm(#{speed := Speed, acceleration := Acceleration}) ->
     Acceleration * ?STALL_S * ?STALL_S / 2 + ?STALL_S * Speed / 2 + ?TRIES_MM.
 
-%% @doc How far along a line its beginning and its end may be from where a robot began and ended it.
+%% @doc The largest distance along a line between its ends and the places where a robot began and
+%% ended it.
 -spec ends_mm(profile()) -> float().
 ends_mm(#{position_error_mm := Position} = Profile) -> float(window(Profile) + Position).
 
@@ -100,7 +102,7 @@ longest_mm(#{goal_mm := Goal, position_error_mm := Position} = Profile) ->
     Most = (Goal - 2 * Position) / max(Error * (1 + Part), 1.0e-9),
     max(Last, min(?LONGER * Last, Most)).
 
-%% @doc What a robot does next that stands at a pose and is on its way.
+%% @doc The next step of a robot that stands at a pose on its way.
 -spec next(starl_chassis:way(), starl:pose(), starl_geometry:segment(), profile()) ->
     arrived | {drive, starl_chassis_holonomic:commands()}.
 next(Way, Pose, {Start, Goal} = Line, Profile) ->
@@ -117,7 +119,7 @@ to({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
         false -> follow(Pose, ahead(Pose, Line, last(Profile), Goal, Profile), Line, Profile)
     end.
 
-%% The last leg is no longer than it may be.
+%% The last leg of a drive to a point, and a little less for the rest before it.
 last(Profile) -> {length_mm(Profile), 0.9 * length_mm(Profile)}.
 
 along({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
@@ -143,9 +145,9 @@ face({X, Y, _} = Pose, {Start, Goal} = Line, #{goal_mm := Enough} = Profile) ->
         _ -> leg(Pose, Start, Profile)
     end.
 
-%% -- where to -------------------------------------------------------------------------------
+%% -- the target of a leg --------------------------------------------------------------------
 
-%% How far along the line from its beginning, and how far past its end.
+%% The place along the line from its beginning, and past its end.
 frame({X, Y}, {{AX, AY} = A, {BX, BY} = B}) ->
     Length = starl_geometry:distance(A, B),
     Along = ((X - AX) * (BX - AX) + (Y - AY) * (BY - AY)) / Length,
@@ -155,8 +157,8 @@ beyond(Mm, {{AX, AY} = A, {BX, BY} = B}) ->
     Part = Mm / starl_geometry:distance(A, B),
     {BX + Part * (BX - AX), BY + Part * (BY - AY)}.
 
-%% The point of the line one leg ahead, or its end, where that is near. What is left for the last leg
-%% is about `Rest'.
+%% The point of the line one leg ahead, or its end, if that is near. About `Rest' is left for the
+%% last leg.
 ahead({X, Y, _}, {Start, Goal} = Line, {Near, Rest}, End, Profile) ->
     Length = starl_geometry:distance(Start, Goal),
     On = starl_geometry:distance(Start, starl_geometry:closest_point({X, Y}, Line)),
@@ -168,7 +170,7 @@ ahead({X, Y, _}, {Start, Goal} = Line, {Near, Rest}, End, Profile) ->
             starl_geometry:interpolate(Start, Goal, (On + Mm) / Length)
     end.
 
-%% First back to the line.
+%% A robot far off the line goes back to it first.
 follow({X, Y, _} = Pose, Aim, Line, #{goal_mm := Most} = Profile) ->
     On = starl_geometry:closest_point({X, Y}, Line),
     case starl_geometry:distance({X, Y}, On) > Most of
@@ -176,8 +178,8 @@ follow({X, Y, _} = Pose, Aim, Line, #{goal_mm := Most} = Profile) ->
         false -> leg(Pose, Aim, Profile)
     end.
 
-%% One that finds itself far off, as by another one's position, does not go all the way without a
-%% look.
+%% A robot that finds itself far off, as by the position of another robot, looks again before it has
+%% driven the whole way.
 leg({X, Y, _} = Pose, Aim, Profile) ->
     Mm = starl_geometry:distance({X, Y}, Aim),
     Length =
@@ -188,12 +190,12 @@ leg({X, Y, _} = Pose, Aim, Profile) ->
     #{speed := Speed} = Profile,
     straight(Pose, starl_geometry:heading({X, Y}, Aim), Length, Speed, Profile).
 
-%% Some millimetres to the very place, slowly.
+%% Drives slowly to the exact place.
 nudge({_, _} = Place, {X, Y, _} = Pose, #{speed := Speed} = Profile) ->
     Mm = starl_geometry:distance({X, Y}, Place),
     straight(Pose, starl_geometry:heading({X, Y}, Place), Mm, min(Speed, ?SLOW), Profile).
 
-%% So fast that it is not too fast if it errs, and has come to that speed before it has to brake.
+%% The speed leaves room for its error, and is reached before the robot has to brake.
 straight({_, _, Heading}, Direction, Mm, Fastest, Profile) ->
     #{acceleration := Acceleration, distance_error := Error} = Profile,
     Speed = min(Fastest / (1 + Error), math:sqrt(Mm * Acceleration)),

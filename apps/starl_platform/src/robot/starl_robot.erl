@@ -1,29 +1,30 @@
-%% @doc One robot, the same under every driver (the simulator, the checker, the link of a real robot):
-%% a machine is given an event, what it asks for is carried out, what that brings about for other
-%% machines of the robot comes next, until nobody has anything left to do.
+%% @doc One robot, the same under every driver (the simulator, the checker, the link of a real
+%% robot). It hands an event to a machine, carries out the machine's actions, and then handles the
+%% local events that these cause for the robot's other machines, until none is left.
 %% ```
 %%     event of the world or a timer --> machine --> actions --> world, timers, trace, store
 %%                                          ^           |
 %%                                          +-----------+ local events, in their order
 %% '''
-%% Pure: a driver hands events in, and carries out what comes of a {@link turn()}. It adds time, a store, a trace, and the world
-%% ({@link starl_platform}), over a state of its own, the callbacks of this behaviour.
+%% The module is pure: a driver hands events in and handles each resulting {@link turn()}. The
+%% driver adds time, a store, a trace, and the world ({@link starl_platform}), with a state of its
+%% own, through the callbacks of this behaviour.
 %%
 %% Rules for a driver:
 %% <ul>
-%% <li>An event of the world or of a timer is handed in when the robot is quiet, one at a time, in
-%%   the order of time, then class (`starl_robot_order.hrl'). Local events come before.</li>
-%% <li>A timer is planned and never taken back: when its event comes, {@link expire/4} says whether
-%%   it is still waited for; one that was cancelled or replaced meanwhile is dropped there.</li>
-%% <li>While a process is at work nothing else is handed in. What it asks for, and what it traces,
-%%   bears the time at which its event began, not that of its answer.</li>
-%% <li>An answer counts only if it comes from the process that is at work: see {@link answered/3}.</li>
-%% <li>A process may attach before the end of the one before it is heard of. It has to wait until that
-%%   has been seen to ({@link starl_robot_machines:attach/3} says `early').</li>
-%% <li>A store that is full is a crash of the machine that stores: its process, if it has one, is
-%%   ended by the driver, and nothing that was to follow the store takes place.</li>
+%% <li>The driver hands in an event of the world or of a timer when the robot is quiet, one at a
+%%   time, ordered by time, then class (`starl_robot_order.hrl'). Local events come before.</li>
+%% <li>A planned timer is never taken back: when its event comes, {@link expire/4} says whether
+%%   the timer still runs; the event of a cancelled or replaced timer is dropped there.</li>
+%% <li>While a process is at work the driver hands in nothing else. The actions and trace events of
+%%   the process have the time at which its event began, not the time of its answer.</li>
+%% <li>An answer counts only if it comes from the process at work: see {@link answered/3}.</li>
+%% <li>A process may attach before the end of its predecessor is known. It has to wait until that
+%%   end has been handled ({@link starl_robot_machines:attach/3} returns `early').</li>
+%% <li>A full store crashes the machine that stores: the driver ends its process, if it has one,
+%%   and no later action of the machine takes place.</li>
 %% <li>When the robot goes down or dies, or its services are given up, the chassis stops
-%%   (`stop'), and no event but those of the chassis itself reaches it.</li>
+%%   (`stop'), and only events of the chassis itself reach the robot.</li>
 %% </ul>
 -module(starl_robot).
 
@@ -33,7 +34,7 @@
 
 -export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0]).
 
-%% What one of the machines has to do: handle an event, or start.
+%% A local event: a machine handles an event, or boots.
 -type local() ::
     {starl_machine:name(), starl_machine:event_type(), Content :: term()}
     | {starl_machine:name(), boot, none}.
@@ -44,41 +45,43 @@
 %% Up, down for a while, or dead for good.
 -type condition() :: up | down | dead.
 
-%% How its application has ended: with a result, crashed too often, or died with the robot.
+%% The end of its application: with a result, by too many crashes, or with the death of the robot.
 -type ended() :: {done, Result :: term()} | given_up | died.
 
-%% The robot has nothing left to do; this process is at work on this order, which the driver sends
-%% it; this machine has crashed, by itself or since its store is full; or it pauses ({@link pace/2}).
+%% The result of a turn: the robot has nothing left to do; a process has to carry out this order,
+%% which the driver sends; a machine has crashed, by itself or by a full store; or the robot
+%% pauses ({@link pace/2}).
 -type turn() ::
     {quiet, t()}
     | {ask, pid(), starl_driver:order(), t()}
     | {crashed, starl_machine:name(), Reason :: term(), t()}
     | {paused, t()}.
 
-%% A machine is about to handle a local event, or to start. That of an event that is handed in is
-%% seen to by the driver itself.
+%% Notes that a machine is about to handle a local event, or to boot. The driver itself notes
+%% an event that it hands in.
 -callback handles(starl_machine:name(), starl_machine:event_type() | boot, Content, World) ->
     World
 when
     Content :: term(), World :: world().
-%% What the robot's own clock shows, in microseconds.
+%% The time of the robot's own clock, in microseconds.
 -callback clock(world()) -> integer().
-%% What a machine is given when it starts.
+%% The start configuration of a machine.
 -callback base(starl_machine:name(), Incarnation :: pos_integer(), world()) ->
     starl_machine:config().
 %% Records a fact.
 -callback trace(starl_machine:name(), Event :: term(), World) -> World when World :: world().
-%% Plans a timer's event so long from now, by the robot's clock, under this mark.
+%% Plans a timer's event after this time by the robot's clock; returns the mark of the event.
 -callback plan(starl_machine:name(), starl_robot_timers:timer(), Us, Content, World) ->
     {starl_robot_timers:mark(), World}
 when
     Us :: non_neg_integer(), Content :: term(), World :: world().
-%% Makes a term durable for a machine in place of what it stored before; `full': it cannot.
+%% Makes a term durable for a machine in place of its earlier term; `full': nothing is stored.
 -callback store(starl_machine:name(), term(), World) -> {ok, World} | full when World :: world().
 %% The application has ended.
 -callback ended(ended(), World) -> World when World :: world().
 
-%% The driver's functions, looked up once: a call of one is much cheaper than one by module and name.
+%% The driver's functions, looked up once: to call a fun is much faster than to call by module and
+%% name.
 -record(driver, {
     module :: module(),
     handles :: fun(),
@@ -104,13 +107,13 @@ when
 
 -opaque t() :: #robot{}.
 
-%% @doc A robot all of whose machines are to be booted before anything else.
+%% @doc A robot whose machines all boot first.
 -spec new(starl:robot_id(), module(), world(), starl_robot_machines:t()) -> t().
 new(Id, Driver, World, Machines) ->
     Robot = #robot{id = Id, driver = driver(Driver), world = World, machines = Machines},
     Robot#robot{local = boots(Machines)}.
 
-%% @doc A quiet robot as it was.
+%% @doc A quiet robot, from its parts.
 -spec restore(#{
     id := starl:robot_id(),
     driver := module(),
@@ -140,11 +143,11 @@ driver(Module) ->
         perform = fun Module:perform/3
     }.
 
-%% @doc Its number.
+%% @doc The robot's number.
 -spec id(t()) -> starl:robot_id().
 id(#robot{id = Id}) -> Id.
 
-%% @doc Is it up?
+%% @doc The robot's condition.
 -spec condition(t()) -> condition().
 condition(#robot{condition = Condition}) -> Condition.
 
@@ -152,11 +155,11 @@ condition(#robot{condition = Condition}) -> Condition.
 -spec world(t()) -> world().
 world(#robot{world = World}) -> World.
 
-%% @doc The robot with another state of its driver's.
+%% @doc The robot with a new state of the driver.
 -spec world(world(), t()) -> t().
 world(World, Robot) -> Robot#robot{world = World}.
 
-%% @doc Its machines.
+%% @doc The robot's machines.
 -spec machines(t()) -> starl_robot_machines:t().
 machines(#robot{machines = Machines}) -> Machines.
 
@@ -173,28 +176,28 @@ timers(#robot{timers = Timers}) -> Timers.
 busy(#robot{busy = none}) -> none;
 busy(#robot{busy = {Name, _}}) -> Name.
 
-%% @doc Whether it goes on until it is quiet, or pauses after each event.
+%% @doc Sets whether the robot goes on until it is quiet, or pauses after each event.
 -spec pace(on | single, t()) -> t().
 pace(Pace, Robot) -> Robot#robot{pace = Pace}.
 
 %% -- the loop -------------------------------------------------------------------------------
 
-%% @doc Goes on with its local events.
+%% @doc Goes on with the local events.
 -spec run(t()) -> turn().
 run(#robot{local = []} = Robot) ->
     {quiet, Robot};
 run(#robot{local = Local, world = World, machines = Machines, timers = Timers} = Robot) ->
     next(Local, World, Machines, Timers, Robot).
 
-%% @doc Takes an event that has come to a machine, and what that leads to. The driver's state is that
-%% of the event's time.
+%% @doc Handles an event of a machine, and all local events that follow from it. The driver's state
+%% must be at the event's time.
 -spec event(starl_machine:name(), starl_machine:event_type(), Content :: term(), world(), t()) ->
     turn().
 event(Name, Type, Content, World, #robot{machines = Machines, timers = Timers} = Robot) ->
     step(Name, Type, Content, Robot#robot.local, World, Machines, Timers, Robot).
 
-%% @doc The event of a timer has come, under this mark: if it is still waited for, what kind of event
-%% that is, and the timers that are left, for {@link fire/6}.
+%% @doc The event of a timer has come, with this mark. If the timer still runs, returns the kind of
+%% event and the timers that are left, for {@link fire/6}.
 -spec expire(starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark(), t()) ->
     {ok, starl_machine:event_type(), Left :: starl_robot_timers:t()} | stale.
 expire(Name, Timer, Mark, #robot{timers = Timers}) ->
@@ -203,7 +206,7 @@ expire(Name, Timer, Mark, #robot{timers = Timers}) ->
         stale -> stale
     end.
 
-%% @doc Takes the event of a timer that has expired, as {@link event/5}.
+%% @doc Handles the event of an expired timer, as {@link event/5}.
 -spec fire(
     starl_machine:name(), starl_machine:event_type(), Content :: term(), world(), Left, t()
 ) ->
@@ -213,8 +216,8 @@ when
 fire(Name, Type, Content, World, Left, #robot{local = Local, machines = Machines} = Robot) ->
     step(Name, Type, Content, Local, World, Machines, Left, Robot).
 
-%% @doc A process has answered with its machine's actions; `ignored' if it is not the one at work, as
-%% the last word of one that was killed meanwhile.
+%% @doc Carries out the actions with which a process has answered; `ignored' if it is not the
+%% process at work: a killed process may have answered before its end.
 -spec answered(pid(), [starl_machine:action()], t()) -> turn() | ignored.
 answered(Pid, Actions, #robot{busy = {Name, Pid}, world = World, machines = Machines} = Robot) ->
     #robot{local = Local, timers = Timers} = Robot,
@@ -222,12 +225,12 @@ answered(Pid, Actions, #robot{busy = {Name, Pid}, world = World, machines = Mach
 answered(_Pid, _Actions, #robot{}) ->
     ignored.
 
-%% @doc Takes the next local event away.
+%% @doc Removes and returns the next local event.
 -spec next(t()) -> {local(), t()} | none.
 next(#robot{local = []}) -> none;
 next(#robot{local = [Event | Local]} = Robot) -> {Event, Robot#robot{local = Local}}.
 
-%% What changes at every event is passed along beside the record, which would be copied each time.
+%% Values that change at every event are passed beside the record, which would be copied each time.
 work(Local, World, Machines, Timers, #robot{pace = on} = Robot) ->
     next(Local, World, Machines, Timers, Robot);
 work(Local, World, Machines, Timers, Robot) ->
@@ -249,7 +252,7 @@ boot(Name, Local, World, Machines, Timers, #robot{driver = Driver} = Robot) ->
     #driver{module = Module, handles = Handles, trace = Trace} = Driver,
     Noted = Handles(Name, boot, none, World),
     Base = Module:base(Name, starl_robot_machines:incarnation(Name, Machines), Noted),
-    %% monitors are told of what the machine cannot know any more
+    %% monitors learn that the machine has lost its stored term
     Known =
         case Base of
             #{stored := damaged} -> Trace(Name, store_damaged, Noted);
@@ -278,11 +281,11 @@ answer(absent, Name, Type, Local, World, Machines, Timers, #robot{driver = Drive
     Traced = Trace(Name, {unknown_machine, Name}, World),
     work(Local ++ refusal(Name, Type), Traced, Machines, Timers, Robot).
 
-%% A call to a machine that the robot does not have must not wait for ever.
+%% A call to a machine that the robot does not have gets an answer, so nothing waits for ever.
 refusal(Name, {call, {From, Tag}}) -> [{From, {reply, Tag}, {no_such_machine, Name}}];
 refusal(_Name, _Type) -> [].
 
-%% Carries out actions in their order; New are the local events that come of them, newest first.
+%% Carries out actions in their order; New holds the resulting local events, newest first.
 perform([], _Name, [], Local, World, Machines, Timers, Robot) ->
     work(Local, World, Machines, Timers, Robot);
 perform([], _Name, New, Local, World, Machines, Timers, Robot) ->
@@ -335,7 +338,7 @@ start(Timer, Us, Content, Rest, Name, New, Local, World, Machines, Timers, Robot
     Running = starl_robot_timers:start(Name, Timer, Mark, Timers),
     perform(Rest, Name, New, Local, Planned, Machines, Running, Robot).
 
-%% What follows takes place only when the term is durable.
+%% Later actions take place only when the term is durable.
 store(Term, Rest, Name, New, Local, World, Machines, Timers, #robot{driver = Driver} = Robot) ->
     case (Driver#driver.module):store(Name, Term, World) of
         {ok, Stored} ->
@@ -350,8 +353,8 @@ done(Result, World, #robot{driver = #driver{module = Module, trace = Trace}}) ->
 
 %% -- crashes --------------------------------------------------------------------------------
 
-%% @doc A machine is gone, for this reason: its timers are forgotten. What was done to it is not its
-%% fault; what it did itself is told.
+%% @doc A machine has ended, for this reason: its timers are forgotten. A crash by itself is traced
+%% for its supervisor; an end from outside is not.
 -spec lost(starl_machine:name(), Reason :: term(), t()) -> t().
 lost(Name, Reason, #robot{busy = Busy} = Robot) ->
     Bare = lose(Name, Robot),
@@ -376,9 +379,9 @@ attach(Name, Pid, #robot{machines = Machines} = Robot) ->
         early -> early
     end.
 
-%% @doc What happens first after crashes: these machines, which have come back, boot, and the robot's
-%% others are told, also of those that have crashed so often that they do not come back. Without its
-%% application the robot stops: nobody else has an idea where it is to go.
+%% @doc Handles restarts first of all: the machines that have come back boot, and the robot's
+%% others are told, also of the machines that were given up. Without its
+%% application the robot stops: no other machine knows its next goal.
 -spec back(Back :: [starl_machine:name()], GivenUp :: [starl_machine:name()], t()) -> t().
 back(Back, GivenUp, #robot{machines = Machines} = Robot) ->
     Names = starl_robot_machines:names(Machines),
@@ -397,18 +400,18 @@ restarts(Back, All) ->
     [{Name, boot, none} || Name <- Back] ++
         [{To, info, {restarted, Name}} || Name <- Back, To <- All, To =/= Name].
 
-%% @doc Puts local events before those that there are. Who has yet to start need not be told.
+%% @doc Puts local events in front of the others. Machines that have yet to boot need no news.
 -spec first([local()], t()) -> t().
 first(New, #robot{local = Local} = Robot) ->
     Waiting = [Name || {Name, boot, none} <- Local],
     Heard = [L || {To, Type, _} = L <- New, Type =/= info orelse not lists:member(To, Waiting)],
     Robot#robot{local = Heard ++ Local}.
 
-%% @doc Puts local events behind those that there are.
+%% @doc Puts local events behind the others.
 -spec then([local()], t()) -> t().
 then(New, #robot{local = Local} = Robot) -> Robot#robot{local = Local ++ New}.
 
-%% @doc The robot dies for good: it stands where it is, for ever.
+%% @doc The robot dies for good: it stops at its place for ever.
 -spec die(gave_up | killed, t()) -> t().
 die(Reason, Robot) ->
     Dead = ended(died, trace(robot, {died, Reason}, stop(Robot))),
@@ -420,7 +423,7 @@ go_down(#robot{machines = Machines} = Robot) ->
     Stopped = trace(robot, down, stop(Robot)),
     gone(down, lists:foldl(fun lose/2, Stopped, starl_robot_machines:names(Machines))).
 
-%% Nothing is left of it but its numbers of starts.
+%% Only its numbers of starts are left.
 gone(Condition, #robot{machines = Machines} = Robot) ->
     Robot#robot{
         condition = Condition,

@@ -6,10 +6,10 @@
 
 -export_type([t/0, tree/0]).
 
-%% What the robots of a team are made of. `sap': what overrides its configuration; `sap_machine':
-%% another implementation, for tests; `profiles': how the bodies drive; `waypoints': the places that
-%% have a name; `exact': the positioning system may show the same pose twice to the bit (only where it
-%% has no error). `intensity': how many restarts in an hour each supervisor bears.
+%% The parts of the robots of a team. `sap': overrides of its configuration; `sap_machine': another
+%% implementation, for tests; `profiles': the profiles of the chassis; `waypoints': the named
+%% places; `exact': the positioning system may show the same pose twice to the bit (only if it has
+%% no error). `intensity': the restarts in an hour that each supervisor allows.
 -type t() :: #{
     robots := [starl:robot_id()],
     profiles := starl_chassis:profiles(),
@@ -22,7 +22,7 @@
     intensity => pos_integer()
 }.
 
-%% A robot's supervision tree but for its number and its driver ({@link starl_robot_sup:spec()}).
+%% A robot's supervision tree without its number and its driver ({@link starl_robot_sup:spec()}).
 -type tree() :: #{
     participants := starl_team:t(),
     services := [starl_robot_sup:machine()],
@@ -42,8 +42,8 @@ tree(#{robots := Ids, app := App} = Crew) ->
     },
     maps:merge(Tree, maps:with([intensity], Crew)).
 
-%% @doc The machines of a robot that runs inline, and the tree of what cannot: a sequential
-%% application is a process always.
+%% @doc The machines of a robot that runs inline, and the tree of its remaining processes: a
+%% sequential application is always a process.
 -spec inline(tree()) -> {tree() | none, starl_robot_machines:inline()}.
 inline(#{services := Services, blocks := Blocks, app := App} = Tree) ->
     Machines = maps:from_list([{Name, {M, Config}} || {Name, M, Config} <- Services ++ Blocks]),
@@ -52,7 +52,7 @@ inline(#{services := Services, blocks := Blocks, app := App} = Tree) ->
         {sequential, _, _} -> {Tree#{services := [], blocks := []}, Machines}
     end.
 
-%% In the order in which they start.
+%% The services in start order.
 services(#{profiles := Profiles} = Crew) ->
     [
         {sap, maps:get(sap_machine, Crew, starl_sap), maps:get(sap, Crew, #{})},

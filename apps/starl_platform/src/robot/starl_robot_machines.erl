@@ -1,12 +1,12 @@
-%% @doc The machines of one robot by name, and how often each has started: processes, or inline,
-%% which is the same {@link starl_machine} in the hands of the robot's driver.
+%% @doc The machines of one robot by name, with the number of starts of each. A machine is a
+%% process, or runs inline: the same {@link starl_machine} in the hands of the robot's driver.
 %%
-%% A process is given an order ({@link starl_driver}) and is at work until it has answered; an inline
-%% machine has answered at once. Both crash, are restarted and begin a new incarnation in the same
-%% way. A sequential application has a stack of its own and is a process always.
+%% A process gets an order ({@link starl_driver}) and is at work until it has answered; an inline
+%% machine answers at once. Both crash, are restarted and begin a new incarnation in the same way. A
+%% sequential application has a stack of its own and is always a process.
 %%
-%% The number of starts of each machine outlives it, and has to outlive the robot's reboots, too:
-%% incarnation 1 means that the machine has never run before.
+%% The number of starts outlives a machine, and has to outlive the robot's reboots, too: incarnation
+%% 1 means that the machine has never run before.
 -module(starl_robot_machines).
 
 -export([new/1, restore/3, names/1, has/2, incarnation/2, starts/1]).
@@ -18,11 +18,11 @@
 %% The machines that get no process, by their names.
 -type inline() :: #{starl_machine:name() => {module(), Config :: map()}}.
 
-%% `waiting': it has yet to boot.
+%% `waiting': the machine has yet to boot.
 -type machine() :: pid() | starl_machine:t() | waiting.
 
-%% What comes of a step: this process is to carry out this order, it is done, the machine has crashed,
-%% or there is no such machine.
+%% The result of a step: a process has to carry out this order, the step is done, the machine has
+%% crashed, or there is no such machine.
 -type answer() ::
     {ask, pid(), starl_driver:order()}
     | {done, [starl_machine:action()], t()}
@@ -43,12 +43,12 @@
 -spec new(inline()) -> t().
 new(Inline) -> up(#machines{inline = Inline}).
 
-%% @doc Machines as they were: all are inline.
+%% @doc Machines in a given state: all are inline.
 -spec restore(inline(), #{starl_machine:name() => starl_machine:t()}, Starts) -> t() when
     Starts :: #{starl_machine:name() => pos_integer()}.
 restore(Inline, Now, Starts) -> #machines{inline = Inline, now = Now, starts = Starts}.
 
-%% @doc The machines that there are now, in the order in which they boot.
+%% @doc The present machines, in the order in which they boot.
 -spec names(t()) -> [starl_machine:name()].
 names(#machines{now = Now}) -> starl_robot_order:boot(maps:keys(Now)).
 
@@ -56,11 +56,11 @@ names(#machines{now = Now}) -> starl_robot_order:boot(maps:keys(Now)).
 -spec has(starl_machine:name(), t()) -> boolean().
 has(Name, #machines{now = Now}) -> is_map_key(Name, Now).
 
-%% @doc How often a machine has been started.
+%% @doc The number of a machine's starts.
 -spec incarnation(starl_machine:name(), t()) -> pos_integer().
 incarnation(Name, #machines{starts = Starts}) -> maps:get(Name, Starts).
 
-%% @doc How often each machine has been started, those that are gone, too.
+%% @doc The number of starts of each machine, those that are gone included.
 -spec starts(t()) -> #{starl_machine:name() => pos_integer()}.
 starts(#machines{starts = Starts}) -> Starts.
 
@@ -82,8 +82,8 @@ boot(Name, Base, #machines{now = Now, inline = Inline} = Machines) ->
             absent
     end.
 
-%% @doc Gives a machine an event. Whatever goes wrong inside is the machine's crash, as it is
-%% for a process.
+%% @doc Hands an event to a machine. An exception inside crashes the machine, as it crashes a
+%% process.
 -spec step(
     starl_machine:name(), starl_machine:event_type(), Content :: term(), starl_machine:meta(), t()
 ) -> answer().
@@ -101,19 +101,19 @@ step(Name, Type, Content, Meta, #machines{now = Now} = Machines) ->
             absent
     end.
 
-%% @doc A machine's process has started; it is to be booted. `early': the process before it is still
-%% there, as far as is known. Its end was not heard of yet, and has to be seen to first.
+%% @doc Registers a machine's process that has started and has to boot. `early': its predecessor is
+%% still registered; the end of the predecessor must be handled first.
 -spec attach(starl_machine:name(), pid(), t()) -> {ok, t()} | early.
 attach(Name, _Pid, #machines{now = Now}) when is_map_key(Name, Now) -> early;
 attach(Name, Pid, #machines{now = Now} = Machines) ->
     {ok, started(Name, Machines#machines{now = Now#{Name => Pid}})}.
 
-%% @doc A machine is gone.
+%% @doc Removes a machine that has ended.
 -spec lose(starl_machine:name(), t()) -> t().
 lose(Name, #machines{now = Now} = Machines) -> Machines#machines{now = maps:remove(Name, Now)}.
 
-%% @doc An inline machine that crashed is to be booted anew, unless its part of the robot has been
-%% restarted so often already: then it is given up, and without its services so is the robot.
+%% @doc Restarts an inline machine that crashed, unless its part of the robot has had too many
+%% restarts already: then the machine is given up; if it is a service, so is the robot.
 -spec restart(starl_machine:name(), Bears :: non_neg_integer() | infinity, t()) ->
     {ok, t()} | given_up | gave_up.
 restart(Name, Bears, #machines{now = Now, restarts = Restarts} = Machines) ->
@@ -133,11 +133,11 @@ restart(Name, Bears, #machines{now = Now, restarts = Restarts} = Machines) ->
 update(Name, Fun, #machines{now = Now} = Machines) ->
     Machines#machines{now = maps:update_with(Name, Fun, Now)}.
 
-%% @doc The robot is down: all its machines are gone.
+%% @doc The robot goes down: all its machines are gone.
 -spec down(t()) -> t().
 down(Machines) -> Machines#machines{now = #{}}.
 
-%% @doc The robot comes up: its inline machines are to be booted; processes attach.
+%% @doc The robot comes up: its inline machines have to boot; processes attach.
 -spec up(t()) -> t().
 up(#machines{inline = Inline} = Machines) ->
     Now = maps:map(fun(_, _) -> waiting end, Inline),
@@ -146,7 +146,7 @@ up(#machines{inline = Inline} = Machines) ->
 started(Name, #machines{starts = Starts} = Machines) ->
     Machines#machines{starts = Starts#{Name => maps:get(Name, Starts, 0) + 1}}.
 
-%% @doc A machine's process; `none': it is inline, or there is none of this name.
+%% @doc A machine's process; `none': the machine is inline, or there is none of this name.
 -spec process(starl_machine:name(), t()) -> pid() | none.
 process(Name, #machines{now = Now}) ->
     case Now of
@@ -154,7 +154,7 @@ process(Name, #machines{now = Now}) ->
         #{} -> none
     end.
 
-%% @doc Which machine is this process?
+%% @doc The name of a process's machine.
 -spec name_of(pid(), t()) -> {ok, starl_machine:name()} | none.
 name_of(Pid, Machines) ->
     case processes(Machines) of
@@ -162,7 +162,7 @@ name_of(Pid, Machines) ->
         #{} -> none
     end.
 
-%% @doc The processes, and which machine each is.
+%% @doc The processes, with their machines' names.
 -spec processes(t()) -> #{pid() => starl_machine:name()}.
 processes(#machines{now = Now}) ->
     maps:from_list([{Pid, Name} || {Name, Pid} <- maps:to_list(Now), is_pid(Pid)]).
@@ -171,6 +171,6 @@ processes(#machines{now = Now}) ->
 -spec inline(t()) -> inline().
 inline(#machines{inline = Inline}) -> Inline.
 
-%% @doc All machines as they are now.
+%% @doc All machines in their present state.
 -spec to_map(t()) -> #{starl_machine:name() => machine()}.
 to_map(#machines{now = Now}) -> Now.

@@ -1,4 +1,4 @@
-%% @doc One robot: its supervision tree.
+%% @doc Supervises the processes of one robot.
 %% ```
 %%   starl_robot_sup
 %%     services: sap, location, motion     the platform's machines
@@ -7,13 +7,13 @@
 %%     ...
 %%     app                                 and for the application
 %% '''
-%% Nothing in it has a registered name, so any number of robots live in one VM. A crash restarts
+%% No process has a registered name, so any number of robots live in one VM. A crash restarts
 %% that process alone: the driver tells the robot's other machines with `{restarted, Name}', and
 %% a restarted SAP has a new incarnation.
 %%
 %% A block or an application that crashes again and again is given up: its supervisor ends and is
-%% not restarted, and all else goes on. A robot without its services is none: when their supervisor
-%% gives up, so does the robot's.
+%% not restarted, and all other parts go on. A robot cannot work without its services: when their
+%% supervisor gives up, so does the robot's.
 -module(starl_robot_sup).
 -behaviour(supervisor).
 
@@ -29,8 +29,8 @@
 -type part() :: services | starl_machine:name().
 
 %% A robot. `services' are the platform's machines, in start order; `app' is a sequential
-%% application ({@link starl_app}) or a machine. `intensity' is how many restarts in an hour of
-%% wall time each of its supervisors bears.
+%% application ({@link starl_app}) or a machine. `intensity' is the number of restarts in an hour of
+%% wall time that each of its supervisors allows.
 -type spec() :: #{
     id := starl:robot_id(),
     participants := starl_team:t(),
@@ -45,7 +45,7 @@
 -spec start_link(spec()) -> supervisor:startlink_ret().
 start_link(Spec) -> supervisor:start_link(?MODULE, Spec).
 
-%% @doc Its supervisors, with the machines that each has.
+%% @doc Its supervisors, with the machines of each.
 -spec parts(Robot :: pid()) -> [{part(), pid()}].
 parts(Sup) ->
     [{Part, Pid} || {Part, Pid, supervisor, _} <- supervisor:which_children(Sup), is_pid(Pid)].

@@ -1,26 +1,26 @@
 %% @doc The timers that run on a robot, by machine and name. Each has a mark, under which its driver
-%% planned the event. A driver plans, and never takes a plan back: a timer that was cancelled, or
-%% started anew meanwhile, is known by its mark when the event comes, and the event is dropped then.
+%% planned the event. A driver never takes a plan back: the event of a timer that was cancelled, or
+%% started anew meanwhile, is recognized by its mark, and dropped.
 -module(starl_robot_timers).
 
 -export([new/0, start/4, cancel/3, expire/4, forget/2, to_list/1, from_list/1, event_type/1]).
 
 -export_type([t/0, timer/0, mark/0]).
 
-%% `state_timeout', or the name of another: whatever the machine calls it.
+%% `state_timeout', or the machine's name for another timer.
 -type timer() :: term().
 
-%% What the driver knows the timer's event by.
+%% The driver's mark of the timer's event.
 -type mark() :: term().
 
-%% By machine and timer: two names are found faster than a pair of them.
+%% Keyed by machine, then by timer: two names are found faster than a pair of them.
 -opaque t() :: #{starl_machine:name() => #{timer() => mark()}}.
 
-%% @doc None runs.
+%% @doc No timer runs.
 -spec new() -> t().
 new() -> #{}.
 
-%% @doc Starts a timer whose event has this mark; one of its name that runs counts no more.
+%% @doc Starts a timer whose event has this mark; it replaces a running timer of its name.
 -spec start(starl_machine:name(), timer(), mark(), t()) -> t().
 start(Machine, Timer, Mark, Timers) ->
     case Timers of
@@ -36,7 +36,7 @@ cancel(Machine, Timer, Timers) ->
         #{} -> Timers
     end.
 
-%% @doc The event of this mark has come: is the timer still waited for?
+%% @doc The event of this mark has come: does the timer still run?
 -spec expire(starl_machine:name(), timer(), mark(), t()) -> {ok, t()} | stale.
 expire(Machine, Timer, Mark, Timers) ->
     case Timers of
@@ -50,7 +50,7 @@ expire(Machine, Timer, Mark, Timers) ->
 -spec forget(starl_machine:name(), t()) -> t().
 forget(Machine, Timers) -> maps:remove(Machine, Timers).
 
-%% @doc All that run, in the order of their names.
+%% @doc All running timers, in the order of their names.
 -spec to_list(t()) -> [{starl_machine:name(), timer(), mark()}].
 to_list(Timers) ->
     lists:sort([
@@ -58,7 +58,7 @@ to_list(Timers) ->
      || {Machine, Own} <- maps:to_list(Timers), {Timer, Mark} <- maps:to_list(Own)
     ]).
 
-%% @doc These timers run.
+%% @doc Timers from a list.
 -spec from_list([{starl_machine:name(), timer(), mark()}]) -> t().
 from_list(Running) ->
     lists:foldl(
@@ -67,7 +67,7 @@ from_list(Running) ->
         Running
     ).
 
-%% @doc How the machine is told that a timer has expired.
+%% @doc The kind of event by which the machine learns that a timer has expired.
 -spec event_type(timer()) -> starl_machine:event_type().
 event_type(state_timeout) -> state_timeout;
 event_type(Timer) -> {timeout, Timer}.

@@ -1,25 +1,26 @@
-%% @doc Location: the positions of all robots and the named waypoints.
+%% @doc Location: answers questions about the positions of all robots and the named waypoints.
 %%
-%% The only service that asks the positioning system (`sense'); everybody else asks it. Calls:
+%% Only this service asks the positioning system (`sense'); all other machines ask it. Calls:
 %% `{pose, Robot}' (answer `{ok, pose()}' or `{error, unknown}'), `poses' (all robots seen),
 %% `{waypoint, Name}', `waypoints'. Configuration: `waypoints => #{Name => point()}', `exact'
 %% (false), `oldest_us' (infinity).
 %%
-%% <em>How fresh a picture has to be.</em> An answer says how old each pose is. Each picture shows the
-%% robot itself, and answers a question only if that was taken after the question: a robot that
-%% stopped and asks where it stands must not be told where it drove. An older picture leaves the
-%% question open, and the system is asked again after a moment. Other robots may be shown older, up
-%% to `oldest_us'; who is shown older than that is not seen.
+%% <em>The age of a picture.</em> A picture gives the age of each pose. Each picture shows the
+%% robot itself, and answers a question only if that pose was taken after the question: a robot that
+%% stopped and asks for its place must not get a place from its drive. An older picture leaves the
+%% question open, and the system is asked again after a moment. Other robots may be shown with an
+%% age of up to `oldest_us'; a robot with an older pose counts as unseen.
 %%
-%% <em>A positioning system that has got stuck</em> goes on to show its last picture as a new one. No
-%% live one measures the same pose twice to the bit: so a picture that answers a later question than
-%% the one before it, and shows the robot itself just as that did, is not believed. One picture may
-%% answer all questions that were open when it was taken. The first picture has none before it, and
-%% is looked at twice. Only a system that is `exact', without any noise, or that rounds what it
-%% measures, may repeat itself: there nothing but the age tells.
+%% <em>A stuck positioning system</em> shows its last picture again and again as a new one. No
+%% live system measures the same pose twice to the bit: so a picture is rejected if it answers a
+%% later question than the picture before it, and shows the robot itself with exactly the same pose.
+%% One picture may answer all questions that were open when it was taken. The first picture has no
+%% predecessor, so it is taken twice. Only a system that is `exact' (without noise, or with rounded
+%% poses) may repeat itself: there the age alone decides.
 %%
-%% A system that does not answer is asked again, all that is open, after half a second. No more than
-%% some questions a robot are open at a time: beyond that the oldest is answered `{error, unknown}'.
+%% If the system does not answer, all open questions are asked again after half a second. The number
+%% of open questions is bounded, by the size of the team: beyond the bound the oldest question gets
+%% the answer `{error, unknown}'.
 -module(starl_location).
 -behaviour(starl_machine).
 
@@ -31,11 +32,11 @@
 %% It traces nothing of its own.
 -type event() :: none().
 
-%% How long to wait for the positioning system before asking it again; and after a picture that was
-%% taken too early.
+%% The time to wait for the positioning system before asking it again; and the time to wait after a
+%% picture that was taken too early.
 -define(PATIENCE_US, 500000).
 -define(MOMENT_US, 20000).
-%% So many questions may be open, and so many more for each robot of the team.
+%% The largest number of open questions: a constant, and more for each robot of the team.
 -define(OPEN, 16).
 -define(OPEN_A_ROBOT, 2).
 
@@ -45,11 +46,11 @@
     waypoints :: #{atom() => starl_geometry:point()},
     exact :: boolean(),
     oldest_us :: non_neg_integer() | infinity,
-    %% the robot itself in the last picture, and the last question that this picture answers
+    %% the robot's own pose in the last picture, and the last question that this picture answers
     last = none :: {starl:pose(), seq()} | none,
-    %% the number of the last question; no two lives of the machine have a number in common
+    %% the number of the last question; no two incarnations of the machine have a number in common
     number :: seq(),
-    %% who waits for the positioning system, oldest first; how many may
+    %% the open questions, oldest first; the largest number of them
     asked = [] :: [asked()],
     most :: pos_integer()
 }).
@@ -59,10 +60,10 @@
 
 -type question() :: {pose, starl:robot_id()} | poses.
 
-%% A question, when it was asked, and who waits for the answer.
+%% A question: its number, its time, its caller, and its content.
 -type asked() :: {seq(), AtUs :: integer(), starl_machine:from(), question()}.
 
-%% What the positioning system shows: poses, and how long ago each was measured.
+%% A picture of the positioning system: poses, and the age of each.
 -type seen() :: [{starl:robot_id(), starl:pose(), AgeUs :: non_neg_integer()}].
 
 %% @doc The action that asks for a robot's pose; the answer is the event `{reply, Tag}'.
@@ -136,7 +137,7 @@ robots(poses, #location{participants = Participants}) -> starl_team:members(Part
 
 patience() -> {state_timeout, ?PATIENCE_US, again}.
 
-%% The next answer may take as long again.
+%% The next answer may take as long as this one.
 waited({keep_state, #location{asked = []} = Location, Actions}) ->
     {keep_state, Location, Actions ++ [{state_timeout, cancel}]};
 waited({keep_state, Location, Actions}) ->
@@ -155,14 +156,14 @@ located(Seen, {_, At, _, _} = Question, Rest, Now, #location{self = Self} = Loca
             waited(answered(Seen, Question, Location#location{asked = Rest}))
     end.
 
-%% A clock that was set back is behind the question: that is asked from now on.
+%% A clock that was set back is behind the time of the question: the question counts from now on.
 too_early({N, At, From, Question}, Now, #location{asked = Asked} = Location) when Now < At ->
     Anew = lists:keyreplace(N, 1, Asked, {N, Now, From, Question}),
     {keep_state, Location#location{asked = Anew}, [{{timeout, moment}, ?MOMENT_US, again}]};
 too_early(_Question, _Now, _Location) ->
     {keep_state_and_data, [{{timeout, moment}, ?MOMENT_US, again}]}.
 
-%% Is the picture of a system that lives? It was taken then.
+%% Does the picture, taken at this time, come from a live system?
 shown(Pose, _Taken, Now, _Seen, {N, _, From, Question}, #location{exact = false, last = none} = L) ->
     ask(From, Question, Now, L#location{last = {Pose, N}});
 shown(Pose, Taken, _Now, Seen, {N, _, _, _} = Question, #location{exact = Exact} = Location) ->
@@ -171,7 +172,7 @@ shown(Pose, Taken, _Now, Seen, {N, _, _, _} = Question, #location{exact = Exact}
         _ -> answered(Seen, Question, Location#location{last = {Pose, upto(Taken, N, Location)}})
     end.
 
-%% The last question that a picture answers that was taken then.
+%% The last question that a picture taken at this time answers.
 upto(Taken, N, #location{asked = Asked, last = Last}) ->
     Before = [Upto || {_, Upto} <- [Last]],
     lists:max([N | Before] ++ [Open || {Open, At, _, _} <- Asked, At =< Taken]).

@@ -1,5 +1,5 @@
 %% @doc Motion: drives to a point along a straight line, in legs, with a look at the position
-%% before each, and never without an end. How a leg is planned and commanded is the chassis' affair
+%% before each, and always with an end. The chassis plans a leg and its commands
 %% ({@link starl_chassis}); this machine is the same for every chassis.
 %% ```
 %%   idle      go_to: halting
@@ -9,28 +9,29 @@
 %%   stalled   half a second later: trying
 %%   trying    stands: locating;   stalled: stalled;       no answer: halting
 %% '''
-%% It rests on nothing but the chassis while it drives. Every command says for how long, so a
-%% robot whose program crashes, stands still, is late or has a wrong clock stops by itself where it
-%% would have stopped, within its leg. What it does next follows from the chassis' word that it
-%% stands, and a look at where; a command or its answer that is lost is found out by a time-out,
-%% and only a robot that is told to stop, and has answered that it stands, looks where it is.
+%% While it drives, it depends on the chassis alone. Every command has a duration, so a robot whose
+%% program crashes, pauses, is late or has a wrong clock stops by itself at the planned place,
+%% within its leg. The next step depends on the chassis' answer that it stands, and on a look at the
+%% position. A time-out reveals a lost command or answer. A robot looks only after it was told to
+%% stop and has answered that it stands.
 %%
-%% A chassis that finds its drive not doing as it should stops, and says so. What it had begun is
-%% then tried the other way round, slowly and for a moment: a drive that still does not obey brings
-%% it back to where it was, and no try carries it any farther off; one that obeys again ends the
-%% matter.
+%% A chassis stops when it finds that its drive does not obey, and reports it. The machine then
+%% tries the reverse of the failed command, slowly and for a moment: if the drive still does not
+%% obey, the try takes the robot back to its place, and no try takes it farther off; if the drive
+%% obeys again, the doubt is over.
 %%
-%% Whoever drives by leave that ends at some time must not drive on after having stood still
-%% unawares. So no leg of a drive along a given line begins but just after a word of the chassis,
-%% and only while its clock and the robot's agree ({@link starl_motion_watch}).
+%% A robot that drives under a lease must not resume after an unnoticed pause. So each leg of a
+%% drive along a given line begins just after an answer of the chassis, and only while its clock and
+%% the robot's agree ({@link starl_motion_watch}).
 %%
-%% Calls: `{go_to, point()}' along the line from where it stands, `{go_along, segment()}' along this
-%% line, near which it stands, to its very end, `{face, segment()}' to the beginning of this line, near
-%% which it stands, ready to follow it (two wheels: looking along it) (answer `ok' when it is there,
-%% `{error, stopped}' when another command comes first, `{error, out_of_time}' in all but the first
-%% case when the clocks do not agree), `stop' (answer when it stands: `ok', or `{error,
-%% out_of_time}' when they do not agree). Configuration: `profiles', of which it takes that of its
-%% robot ({@link starl_chassis:profiles()}).
+%% Calls: `{go_to, point()}' drives to this point, in a straight line from the robot's place;
+%% `{go_along, segment()}' drives along this line, near which the robot stands, to its exact end;
+%% `{face, segment()}' drives to the beginning of this line, near which the robot stands, ready to
+%% follow it (two wheels: looking along it). Answers: `ok' on arrival; `{error, stopped}' when
+%% another command comes first; `{error, out_of_time}', except for `go_to', when the clocks do not
+%% agree. `stop' is answered when the robot stands: `ok', or `{error, out_of_time}' when the clocks
+%% do not agree. Configuration: `profiles', from which the machine takes that of its robot ({@link
+%% starl_chassis:profiles()}).
 -module(starl_motion).
 -behaviour(starl_machine).
 
@@ -42,11 +43,11 @@
 %% It traces nothing of its own.
 -type event() :: none().
 
-%% How long to wait for a position or for a word of the chassis before asking again.
+%% The time to wait for a position or for an answer of the chassis before asking again.
 -define(PATIENCE_US, 500000).
-%% How long a drive that does not obey is left alone between two tries.
+%% The time between two tries of a drive that does not obey.
 -define(REST_US, 500000).
-%% A robot that stands and was seen so short a time ago is not looked for again.
+%% A robot that stands and was seen within this time is not looked for again.
 -define(SEEN_US, 100000).
 
 -type state() :: idle | halting | locating | driving | stalled | trying.
@@ -55,30 +56,30 @@
     self :: starl:robot_id(),
     chassis :: module(),
     profile :: starl_chassis:profile(),
-    %% who wants to be at the goal, who only that it stands
+    %% the caller of the drive, and the callers of `stop'
     from = none :: starl_machine:from() | none,
     waiting = [] :: [starl_machine:from()],
     start = unknown :: starl_geometry:point() | unknown,
     goal = {0.0, 0.0} :: starl_geometry:point(),
     %% to the goal, or along a given line, or to the beginning of one
     way = to :: starl_chassis:way(),
-    %% what the chassis goes on with after a look
+    %% the chassis' memo for the step after a look
     memo = none :: {some, starl_chassis:memo()} | none,
     %% numbers of the last command and of the last look
     command = 0 :: non_neg_integer(),
     asked = 0 :: non_neg_integer(),
-    %% the robot's clock; when the last command was given, and how long it takes; how this clock and
-    %% that of the chassis went: along given lines they have to agree
+    %% the robot's clock; the time and the duration of the last command; the comparison of this
+    %% clock with that of the chassis, which must agree along given lines
     now :: integer(),
     told = {0, {0, 0}} :: {ToldUs :: integer(), Takes :: {Least :: integer(), Most :: integer()}},
     watch :: starl_motion_watch:t(),
-    %% the chassis has said that it stands, and nothing else was told it since; where it was then
-    %% seen to stand, and when
+    %% the chassis has answered that it stands, and has had no other command since; the pose then
+    %% seen, and its time
     stands = false :: boolean(),
     seen = none :: {starl:pose(), AtUs :: integer()} | none,
     %% the last script
     script = [] :: starl_chassis:commands(),
-    %% the drive did not obey, or nobody knows, and nothing has shown since that it does: the next try
+    %% the next try, if the drive did not obey, or may not have, and has not obeyed since
     doubt = none :: {ok, starl_chassis:commands()} | none
 }).
 
@@ -95,7 +96,7 @@ init(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := N
         profile = Profile,
         watch = starl_motion_watch:new(Profile),
         now = Now,
-        %% a robot that drives into the number of another life would believe its chassis too soon
+        %% a robot that still drives must not accept an answer to an earlier incarnation's command
         command = Incarnation bsl 32
     },
     {next_state, halting, Halting, Actions} = stand_still(Drive, []),
@@ -126,7 +127,7 @@ event(state_timeout, try_again, stalled, Drive) ->
 event(state_timeout, heard_nothing, halting, Drive) ->
     stand_still(Drive, []);
 event(state_timeout, heard_nothing, _State, #drive{chassis = Chassis, script = Script} = Drive) ->
-    %% what was not heard may have been that the drive does not obey
+    %% the lost answer may have been that the drive does not obey
     stand_still(Drive#drive{doubt = Chassis:undo(Chassis:last(Script))}, []);
 event(state_timeout, ask, locating, #drive{way = to} = Drive) ->
     locate(Drive, []);
@@ -152,7 +153,8 @@ event(_, _, _, _) ->
 to(From, {Start, Goal}, Way, Drive) ->
     Drive#drive{from = From, goal = Goal, start = Start, way = Way, memo = none}.
 
-%% One that stands looks where; one that drives stops first; one that waits for its drive goes on so.
+%% A robot that stands looks; one that drives stops first; one that waits for its drive keeps
+%% waiting.
 go(stalled, Drive, Actions) -> {keep_state, Drive, Actions};
 go(_State, #drive{stands = true, way = to} = Drive, Actions) -> look(Drive, Actions);
 go(_State, Drive, Actions) -> stand_still(Drive, Actions).
@@ -182,10 +184,10 @@ command(State, Script, #drive{command = N, now = Now, chassis = Chassis} = Drive
 still([], #drive{stands = true, seen = Seen}) -> Seen;
 still(_Script, _Drive) -> none.
 
-%% The chassis stands, and heard the command at this time of its clock.
+%% The chassis stands; it heard the command at this time of its clock.
 driven(HeardUs, State, #drive{now = Now, told = {Told, Takes}, watch = Before} = Drive) ->
     {Agree, Watch} = starl_motion_watch:agree({Told, Takes, Now}, HeardUs, Before),
-    %% a drive that has obeyed in a try obeys, whatever the clock
+    %% a drive that has obeyed in a try obeys, even if the clocks do not agree
     Doubt =
         case State of
             trying -> none;
@@ -193,7 +195,7 @@ driven(HeardUs, State, #drive{now = Now, told = {Told, Takes}, watch = Before} =
         end,
     stands(Agree, Drive#drive{stands = true, watch = Watch, doubt = Doubt}).
 
-%% A robot that has no goal rests; one whose clock is wrong has none any more.
+%% A robot without a goal rests; a wrong clock takes a robot's goal away.
 stands(false, #drive{from = From, way = Way} = Drive) when From =/= none, Way =/= to ->
     rest(false, Drive#drive{from = none}, [{reply, From, {error, out_of_time}}]);
 stands(Agree, #drive{from = none} = Drive) ->
@@ -209,7 +211,7 @@ stood(false, Waiting) -> [{reply, From, {error, out_of_time}} || From <- Waiting
 
 try_again(#drive{doubt = {ok, Script}} = Drive) -> command(trying, Script, Drive).
 
-%% A chassis that was told to stand, and says that it does not, is told so again.
+%% A chassis that was told to stand, and reports that it does not, is told again.
 stalled(unknown, _Drive) ->
     unknown_event;
 stalled(none, Drive) ->
@@ -223,7 +225,7 @@ known(_Late) -> keep_state_and_data.
 
 %% -- the course -----------------------------------------------------------------------------
 
-%% Where it stands.
+%% Uses the pose of a recent look, or looks.
 look(#drive{seen = {Pose, At}, now = Now} = Drive, Actions) when
     At =< Now, Now - At < ?SEEN_US
 ->

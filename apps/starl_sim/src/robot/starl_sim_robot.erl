@@ -1,7 +1,7 @@
-%% @doc A robot in a shard: a {@link starl_robot}, its processes, and the events that it still has to
-%% handle in this window. What it does reaches no other robot before the next window, so a shard has
-%% many robots at work at once; the events of one robot are worked off one by one, in the order of
-%% their keys, each with all the local events that it gives rise to.
+%% @doc A robot in a shard: a {@link starl_robot}, its processes, and its open events of this
+%% window. Its actions reach no other robot before the next window, so a shard has
+%% many robots at work at once; each robot handles its events one by one, in the order of
+%% their keys, each with all the local events that follow from it.
 %% ```
 %%           machine gone: the rest goes on, it is restarted, or given up
 %%              +--+                 gave up, killed
@@ -19,11 +19,12 @@
 
 -export_type([t/0, summary/0, window/0]).
 
-%% So many crashes of a robot are remembered.
+%% The number of a robot's crashes that are remembered.
 -define(REMEMBERED, 10).
 
-%% What is known of a robot: when it was last at work (us), its digest chain with checkpoints, its
-%% events and packets, its application's result, and its latest crashes, newest first.
+%% A summary of a robot: the time of its last work (us), its digest chain with checkpoints, the
+%% numbers of its events and packets, its application's result, and its latest crashes, newest
+%% first.
 -type summary() :: #{
     at_us := starl_sim_queue:time(),
     chain := non_neg_integer(),
@@ -35,17 +36,17 @@
     crashes := [{starl_machine:name(), Reason :: term()}]
 }.
 
-%% When a window begins and ends.
+%% The beginning and the end of a window.
 -type window() :: {From :: starl_sim_queue:time(), Until :: starl_sim_queue:time()}.
 
 -record(robot, {
     id :: starl:robot_id(),
-    %% over the body that it has in the simulated world (starl_sim_platform)
+    %% its world is its body in the simulated world (starl_sim_platform)
     robot :: starl_robot:t(),
     tree :: starl_sim_machines:t(),
     %% events of this window, by key
     events = [] :: [starl_sim_queue:event()],
-    %% after so many events it does no more until it is resumed
+    %% after this number of events it halts until it is resumed
     stop = none :: pos_integer() | none,
     hold = {0, 0} :: starl_sim_hold:t(),
     crashes = [] :: [{starl_machine:name(), Reason :: term()}]
@@ -53,14 +54,14 @@
 
 -opaque t() :: #robot{}.
 
-%% @doc A robot all of whose machines are to be booted before anything else.
+%% @doc A robot whose machines all boot first.
 -spec new(starl:robot_id(), starl_sim_platform:t(), starl_robot_machines:t(), Tree) -> t() when
     Tree :: starl_sim_machines:t().
 new(Id, Body, Machines, Tree) ->
     Robot = starl_robot:new(Id, starl_sim_platform, Body, Machines),
     #robot{id = Id, robot = Robot, tree = Tree}.
 
-%% @doc Opens a window with these events of the robot, sorted, and goes about the first.
+%% @doc Opens a window with these events of the robot, sorted, and begins with the first.
 -spec open([starl_sim_queue:event()], window(), t()) -> {busy | idle | held, t()}.
 open([{_, Time, _, _, _, _} | _] = Events, Window, #robot{robot = Robot, hold = Hold} = Site) ->
     Body = starl_sim_platform:open(Time, Window, starl_robot:world(Robot)),
@@ -73,14 +74,15 @@ open([{_, Time, _, _, _, _} | _] = Events, Window, #robot{robot = Robot, hold = 
             proceed(body(Body, Site#robot{events = faults_of(Events)}))
     end.
 
-%% What comes to a robot that is down is lost.
+%% Events for a robot that is down are lost.
 faults_of(Events) -> [Event || {_, _, ?CLASS_WORLD, _, _, _} = Event <- Events].
 
 %% @doc The robot at a later time, between two windows.
 -spec at(starl_sim_queue:time(), t()) -> t().
 at(Now, Site) -> body(starl_sim_platform:rest(Now, body(Site)), Site).
 
-%% @doc A process has answered with its machine's actions; if it is the one at work the robot goes on.
+%% @doc A process has answered with its machine's actions; if it is the one at work, the robot goes
+%% on.
 -spec answered(pid(), [starl_machine:action()], t()) -> {busy | idle | held, t()} | ignored.
 answered(Pid, Actions, #robot{robot = Robot, events = Events} = Site) ->
     case starl_robot:answered(Pid, Actions, Robot) of
@@ -88,7 +90,7 @@ answered(Pid, Actions, #robot{robot = Robot, events = Events} = Site) ->
         Turn -> went(Turn, Events, Site)
     end.
 
-%% @doc One of its processes is gone. If that was the one at work, the robot can go on.
+%% @doc One of its processes has ended. If that was the one at work, the robot can go on.
 -spec down(pid(), Reason :: term(), go_on | rest, t()) -> {busy | idle | held, t()}.
 down(Pid, Reason, Then, #robot{robot = Robot} = Site) ->
     Crashed =
@@ -102,14 +104,14 @@ down(Pid, Reason, Then, #robot{robot = Robot} = Site) ->
         _ -> {busy, Crashed}
     end.
 
-%% @doc Has it halt just after its N-th event, in the midst of a window; `none': no more.
+%% @doc Makes the robot halt just after its N-th event, in mid-window; `none': it does not halt.
 -spec halt_after(N :: pos_integer() | none, t()) -> t().
 halt_after(none, #robot{robot = Robot} = Site) ->
     Site#robot{stop = none, robot = starl_robot:pace(on, Robot)};
 halt_after(N, #robot{robot = Robot} = Site) ->
     Site#robot{stop = N, robot = starl_robot:pace(single, Robot)}.
 
-%% @doc When it came to the event after which it is to halt, if it has.
+%% @doc The time at which it halted, if it has.
 -spec halted(t()) -> {at, starl_sim_queue:time()} | no.
 halted(#robot{stop = none}) ->
     no;
@@ -123,7 +125,7 @@ halted(#robot{stop = N} = Site) ->
 -spec resume(t()) -> {busy | idle | held, t()}.
 resume(Site) -> proceed(Site).
 
-%% @doc What has come out of the window.
+%% @doc The yield of the window.
 -spec yield(t()) -> starl_sim_platform:yield().
 yield(Site) -> starl_sim_platform:yield(body(Site)).
 
@@ -132,7 +134,7 @@ yield(Site) -> starl_sim_platform:yield(body(Site)).
 busy(#robot{id = Id, robot = Robot}) ->
     [{Id, Name} || Name <- [starl_robot:busy(Robot)], Name =/= none].
 
-%% @doc Is this one of its processes?
+%% @doc Is this process one of its own?
 -spec owns(pid(), t()) -> boolean().
 owns(Pid, #robot{robot = Robot, tree = Tree}) ->
     starl_sim_machines:owns(Pid, starl_robot:machines(Robot), Tree).
@@ -149,7 +151,7 @@ result(#robot{robot = Robot}) ->
 -spec piece(t()) -> starl_trajectory:piece().
 piece(Site) -> starl_sim_platform:piece(body(Site)).
 
-%% @doc What is known of it at a time.
+%% @doc A summary of the robot at a time.
 -spec summary(starl_sim_queue:time(), t()) -> summary().
 summary(Time, #robot{crashes = Crashes} = Site) ->
     Body = body(Site),
@@ -162,12 +164,12 @@ summary(Time, #robot{crashes = Crashes} = Site) ->
         events => starl_sim_chain:events(Chain),
         packets => starl_sim_platform:packets(Body),
         result => result(Site),
-        %% while another robot is held this one may be further on
+        %% while another robot is held, this one may be at a later time
         pose => starl_trajectory:pose(max(At, Time), starl_sim_platform:piece(Body)),
         crashes => Crashes
     }.
 
-%% @doc Its events, as far as they were recorded.
+%% @doc Its recorded events.
 -spec recorded(t()) -> [starl_sim_ledger:event()].
 recorded(Site) ->
     starl_sim_ledger:events(starl_sim_chain:ledger(starl_sim_platform:chain(body(Site)))).
@@ -178,7 +180,7 @@ machines(#robot{robot = Robot}) -> starl_sim_machines:inspect(starl_robot:machin
 
 %% -- events ---------------------------------------------------------------------------------
 
-%% Goes about what is left to do in this window, unless it is to halt here.
+%% Goes on with the rest of this window, unless the robot is to halt here.
 proceed(#robot{robot = Robot, events = Events, stop = none} = Site) ->
     went(starl_robot:run(Robot), Events, Site);
 proceed(#robot{robot = Robot, events = Events, stop = N} = Site) ->
@@ -187,7 +189,7 @@ proceed(#robot{robot = Robot, events = Events, stop = N} = Site) ->
         _ -> went(starl_robot:run(Robot), Events, Site)
     end.
 
-%% What has come of an event, with what it led to.
+%% The result of an event, with all that followed from it.
 went({quiet, Robot}, Events, Site) ->
     Body = starl_robot:world(Robot),
     case starl_sim_platform:soon(Body) of
@@ -205,7 +207,7 @@ went({crashed, Name, Reason, Robot}, Events, Site) ->
 went({paused, Robot}, Events, Site) ->
     proceed(settle(Site#robot{robot = Robot, events = Events})).
 
-%% The body is passed along beside the robot: it may be newer than the robot's own.
+%% The body is passed beside the robot: it may be newer than the robot's own.
 next([], Robot, Body, Site) ->
     {idle, Site#robot{robot = starl_robot:world(Body, Robot), events = []}};
 next([{_, Time, ?CLASS_WORLD, _, _, Fault} | Events], Robot, Body, Site) ->
@@ -240,7 +242,7 @@ body(#robot{robot = Robot}) -> starl_robot:world(Robot).
 
 body(Body, #robot{robot = Robot} = Site) -> Site#robot{robot = starl_robot:world(Body, Robot)}.
 
-%% New events of this robot in this window take their places among the others.
+%% New events of this robot in this window are merged with the others.
 plan(Body, Events) -> lists:merge(lists:sort(starl_sim_platform:soon(Body)), Events).
 
 settle(#robot{events = Events} = Site) ->
@@ -287,16 +289,17 @@ strike(come_up, down, #robot{robot = Robot, tree = Tree} = Site) ->
 strike(_, _Condition, Site) ->
     Site.
 
-%% What the chassis has to say in this window takes its place; it may have to wait for the robot.
+%% An answer of the chassis in this window joins the other events; it may have to wait for the
+%% robot.
 wait_turn(#robot{hold = {0, 0}} = Site) -> settle(Site);
 wait_turn(Site) -> postpone(settle(Site)).
 
-%% What comes too early for a robot that is held up waits: in this window or for a later one.
+%% An event that comes while the robot is held up waits, in this window or for a later one.
 postpone(#robot{events = Events, hold = Hold} = Site) ->
     {Late, Ready} = starl_sim_hold:part(Events, Hold),
     settle(body(starl_sim_platform:postpone(Late, body(Site)), Site#robot{events = Ready})).
 
-%% A machine is gone. Virtual time waits until it has been restarted.
+%% A machine has ended. Virtual time waits until it has been restarted.
 crashed(Name, Reason, #robot{robot = Robot, tree = Tree, crashes = Crashes} = Site) ->
     Remembered = Site#robot{crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED)},
     Bare = starl_robot:lost(Name, Reason, Robot),
@@ -311,7 +314,7 @@ crashed(Name, Reason, #robot{robot = Robot, tree = Tree, crashes = Crashes} = Si
             died(gave_up, Remembered#robot{robot = Bare})
     end.
 
-%% The log has one line for each crash that nobody planned, in every mode.
+%% The log has one line for each crash that no fault caused, in every mode.
 tell(IsGivenUp, Name, Reason, #robot{id = Id}) ->
     What =
         case IsGivenUp of

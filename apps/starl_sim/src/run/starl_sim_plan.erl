@@ -1,13 +1,13 @@
-%% @doc From a checked scenario and an application's scene to what a run is made of: the robots and
-%% their machines, the world, the faults and when they strike, the monitors.
+%% @doc Makes the plan of a run from a checked scenario and an application's scene: the robots with
+%% their machines, the world, the faults with their times, the monitors.
 -module(starl_sim_plan).
 
 -export([context/2, make/4]).
 
 -export_type([t/0]).
 
-%% What is to be simulated, and for how long; over which nodes, if over any, and when these are
-%% open, on which sites.
+%% The parts of a simulation and its time limit; its nodes, if any, and, once these are
+%% open, its sites.
 -type t() :: #{
     robots := [{starl:robot_id(), starl:pose()}],
     crew := starl_sim_shard:crew(),
@@ -22,12 +22,12 @@
 }.
 
 -define(ROBOTS_PER_SHARD, 16).
-%% Larger teams are simulated inline, where the scenario does not say.
+%% Teams above this size are simulated inline, unless the scenario says otherwise.
 -define(MANY_ROBOTS, 300).
 -define(INTENSITY, 1000).
 -define(NODE_TIMEOUT_MS, 30000).
 
-%% @doc What the application is told to set its scene by.
+%% @doc The context from which the application makes its scene.
 -spec context(module(), starl_sim_scenario:t()) -> starl_scene:context().
 context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
     #{
@@ -39,7 +39,7 @@ context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
         options => maps:with([Key || {Key, _, _, _} <- starl_app:options(App)], Scenario)
     }.
 
-%% The application's scene may ask for others.
+%% The application's scene may override these profiles.
 profiles(Overrides, #{chassis := Choice} = Scenario) ->
     starl_sim_chassis:profiles(Choice, maps:merge(profile(Scenario), Overrides)).
 
@@ -53,10 +53,10 @@ profile(#{speed := Speed, acceleration := Acceleration, heading_error := H, dist
         position_error_mm => float(P)
     }.
 
-%% The first retransmission waits for a little more than the longest way there and back.
+%% The first retransmission waits a little longer than the longest way there and back.
 sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
 
-%% @doc What is to be simulated of a checked scenario, all of whose faults have been drawn.
+%% @doc The plan for a checked scenario, all of whose faults have been drawn.
 -spec make(starl_sim_scenario:t(), starl_scene:t(), starl_scene:context(), starl_sim:options()) ->
     t().
 make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
@@ -107,7 +107,7 @@ world(Scenario, Profiles, #{robots := Ids}, Options) ->
         record => maps:get(record, Options, #{})
     }.
 
-%% The positioning system is one for all.
+%% All robots share one positioning system.
 is_exact([#{position_error_mm := Error} | _]) -> Error == 0.
 
 crew(Mode, Scene, Profiles, #{robots := Ids} = Context) ->
@@ -120,7 +120,7 @@ crew(Mode, Scene, Profiles, #{robots := Ids} = Context) ->
     }),
     interpreted(Mode, Tree).
 
-%% Inline, only a sequential application is left as a process.
+%% In inline mode, only a sequential application is a process.
 interpreted(process, Tree) ->
     #{tree => Tree, inline => #{}};
 interpreted(inline, Tree) ->
@@ -131,7 +131,7 @@ mode(#{mode := auto, robots := N}) when N > ?MANY_ROBOTS -> inline;
 mode(#{mode := auto}) -> process;
 mode(#{mode := Mode}) -> Mode.
 
-%% Without a place of their own, robots stand in rows two metres apart.
+%% Robots without a start pose stand in rows two metres apart.
 pose(Id, Scene, #{world := {Width, _}}) ->
     PerRow = max(1, trunc(Width / 2000)),
     Default = {
@@ -139,9 +139,9 @@ pose(Id, Scene, #{world := {Width, _}}) ->
     },
     maps:get(Id, maps:get(poses, Scene, #{}), Default).
 
-%% Monitors are told which assumptions the faults break, and when, when all is over, how long a
-%% packet is under way then, and how much longer faults of clocks and processes may make anything.
-%% That not all are done in time comes last: other contracts know better what is wrong.
+%% Monitors get the windows of broken assumptions, the time at which all faults are over, the
+%% longest delay of a packet then, and the time by which clock and process faults may prolong
+%% anything. The contract of progress comes last: other contracts describe a failure better.
 monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}) ->
     #{faults := Faults, delay := {_, MaxMs}} = Scenario,
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
@@ -151,7 +151,7 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}) ->
         healed_us => healed_us(Scenario),
         delay_us => round(1000 * MaxMs)
     },
-    %% a hundredth more for the drift of the sender's clock
+    %% one per cent more for the drift of the sender's clock
     Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
     Own = [
         {starl_sap_monitor, #{bound_us => Bound, robots => Ids}},
@@ -161,11 +161,11 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}) ->
         Own ++ maps:get(monitors, Scene, []) ++ progress(Scenario, Ids), Known
     ).
 
-%% A user's application may crash; it is told.
+%% Crashes of a user's application are reported, but are no violation.
 excused(#{never_crashes := true}) -> [];
 excused(_Scene) -> [app].
 
-%% Where packets are lost by chance, or robots are out of reach, that is never over.
+%% With random loss or a limited range, faults never end.
 healed_us(#{loss := Loss, range := none, faults := Faults}) when Loss == 0 ->
     starl_sim_fault:healed_us(Faults);
 healed_us(_Scenario) ->
@@ -179,7 +179,7 @@ progress(Scenario, Ids) ->
 deadline_us(#{heal := Heal, converge := Converge, faults := Faults}) ->
     micros(Heal) + micros(Converge) + starl_sim_fault:slack_us(Faults).
 
-%% A run that has to converge is not longer than that takes.
+%% A run that has to converge ends at that deadline.
 limit_us(#{converge := none, time := Time}) -> micros(Time);
 limit_us(#{time := Time} = Scenario) -> min(micros(Time), deadline_us(Scenario)).
 
@@ -193,15 +193,15 @@ strikes(Faults) ->
 faults(Class, Faults) ->
     [starl_sim_fault:compile(F) || F <- Faults, starl_sim_fault:class(F) =:= Class].
 
-%% Few robots are not worth a shard of their own, but every node has one.
+%% A few robots are not worth a shard of their own, but every node has one.
 shards(none, Robots, Options) ->
-    %% two a core, so that a core has work while a shard waits for another
+    %% two shards a core, so that a core has work while a shard waits for another
     Most = 2 * erlang:system_info(schedulers_online) * machines(Options),
     min(Robots, max(nodes_of(Options), min(Most, Robots div ?ROBOTS_PER_SHARD)));
 shards(Shards, Robots, _Options) ->
     min(Shards, Robots).
 
-%% Other machines are taken to be like this one.
+%% Other machines are assumed to have as many cores as this one.
 machines(#{nodes := [_ | _] = Nodes}) -> length(Nodes);
 machines(#{}) -> 1.
 
