@@ -1,9 +1,9 @@
-%% The classes of a robot's events, in the order in which those of one moment are handled. Within a
-%% class they are ordered by the robot that they come from, and by its count of events. Each driver
-%% keeps to it; boot order: starl_robot_order.
+%% The classes of a robot's events: events of one moment are handled in the order of their classes,
+%% and within a class by their source robot and its count of events. Every driver keeps this order.
+%% The order of booting: starl_robot_order.
 
-%% what the world does to the robot, and its chassis by itself
+%% effects of the world on the robot, and the chassis' own steps
 -define(CLASS_WORLD, 0).
-%% timers, and what the chassis says
+%% timers, and answers of the chassis
 -define(CLASS_TIMER, 1).
 -define(CLASS_PACKET, 2).

@@ -23,12 +23,12 @@
 %% <dt>`{transmit, Dest | all, Packet}'</dt><dd>puts one packet on the air, for one robot or for
 %%   all in range</dd>
 %% <dt>`{sense, Robots, Tag}'</dt><dd>answered by the event `{Name, info, {located, Tag, [{Robot, Pose,
-%%   AgeUs}]}}' with those of the robots that the positioning system sees, and how long ago it measured
-%%   where each is. A system that sends pictures at its own pace is best answered with its next one
-%%   (see {@link starl_location})</dd>
+%%   AgeUs}]}}' with those of the robots that the positioning system sees, and the age of each
+%%   measurement. An adapter to a system that sends pictures at its own pace should answer with the
+%%   next picture (see {@link starl_location})</dd>
 %% <dt>`{drive, {Chassis, Commands}, Mark}'</dt><dd>the chassis carries out the commands, one after
-%%   the other, each for its duration by the chassis' own clock, and stops, whatever happens to the
-%%   robot's program; without commands it stops as soon as it can. When it stands, it answers with
+%%   the other, each for its duration by the chassis' own clock, and stops, even if the robot's
+%%   program fails; without commands it stops as soon as it can. When it stands, it answers with
 %%   the event `{Name, info, {driven, Mark, Us}}'; `Us' is the time of its clock at which it heard
 %%   the command. If it finds within 15 ms that its drive does not obey, it stops and answers with
 %%   `{Name, info, {stalled, Mark, Told}}' and the command ({@link starl_chassis:told()}). A

@@ -44,7 +44,7 @@ machines(_Options) -> [{actuator, ?MODULE, #{}}].
 monitors(_Options, _Context) -> [].
 
 -spec contract() -> string().
-contract() -> "when a call ends a device is as it was told to be, as its sensor shows".
+contract() -> "when a call returns ok, the device's sensor shows the requested value".
 
 %% @doc Sets a device, `starl_actuator:set(Robot, pen, down)', and waits until its sensor confirms
 %% it.

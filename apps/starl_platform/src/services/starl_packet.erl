@@ -5,7 +5,7 @@
 %% incarnation that it is meant for. Incarnation 1 is the default and not written.
 %%
 %% Anybody with a radio can put anything on the air. {@link source/1} accepts only packets of
-%% exactly these shapes, whatever values they carry; {@link starl_sap} judges the values.
+%% exactly these shapes, with any values; {@link starl_sap} judges the values.
 -module(starl_packet).
 
 -export([data/1, ack/4, refusal/4, hello/2, shout/3, ask/2, told/4]).

@@ -4,7 +4,7 @@
 %% A message has a sequence number, which is never used twice in an incarnation, and a number: among
 %% the messages to its receiver, or among the broadcasts. The numbers under way to one robot lie
 %% within a window. A robot whose window is used up gets no further messages, so a dead robot holds
-%% up nobody else.
+%% up no other.
 -module(starl_sap_out).
 
 -export([new/4, send/4, broadcast/4, send_own/4, retransmit/2, settle/5, lows/2, answer/3]).

@@ -4,7 +4,7 @@
 %% Numbers are taken from a floor on, within a window: each number below the floor has been taken,
 %% or the source has stopped waiting for it. The floor rises when numbers are taken in sequence. A
 %% lost message leaves a gap; the floor rises over it when the source allows that. So a packet,
-%% whatever numbers it carries, uses up one number at most and cannot make the floor jump.
+%% with any numbers, uses up one number at most and cannot make the floor jump.
 %%
 %% An incarnation a little later than the one known is believed at once. If it is far later, or
 %% earlier, it may be false, or the known one may be: the robot itself is asked, and its answer

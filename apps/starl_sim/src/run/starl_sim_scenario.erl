@@ -44,7 +44,7 @@ options() ->
         {shards, {optional, {integer, 1, 256}}, none,
             "number of shards; none: by the number of robots and cores"},
         {faults, {term, "a list of {Id, FromMs, ToMs, Kind, Target, Params}", fun is_list/1}, [],
-            "what goes wrong; `./starl faults' lists the kinds"},
+            "faults of the run; `./starl faults' lists the kinds"},
         {random_faults, {term, "a list of all, classes and kinds of faults", fun is_list/1}, [],
             "further faults of these kinds are drawn from the seed"},
         {heal, {number, 0.001, 1.0e6}, 60, "drawn faults are over by this virtual time, s"},

@@ -106,7 +106,7 @@ halt(Shard) ->
     Shard ! halt,
     ok.
 
-%% @doc The run cannot go on: the shard rests, whatever it waits for.
+%% @doc The run cannot go on: the shard rests and waits for nothing.
 -spec abandon(pid()) -> ok.
 abandon(Shard) ->
     Shard ! abandon,

@@ -48,7 +48,7 @@ when
 option() ->
     {chassis, {term, "differential, holonomic, mixed, or a list of the first two", fun is_choice/1},
         differential,
-        "what the robots drive on: two wheels or any way; mixed: by turns; or a list to take in turn"}.
+        "chassis of the robots: two wheels or any direction; mixed: alternating; or a list, taken in turn"}.
 
 is_choice(mixed) ->
     true;
