@@ -39,9 +39,9 @@
 %% the packets to all in range.
 -type radio() :: {lost, To :: starl:robot_id(), N :: pos_integer() | {all, pos_integer()}}.
 
-%% Any machine: it is gone, by its own fault or another; its stored term is unreadable; an event that
-%% it does not know; a message whose body it does not accept; the robot has no machine of this name,
-%% and another machine called it or sent it something.
+%% Any machine: it is gone, by its own fault or another; its stored term is unreadable; an event
+%% that it does not know; a message whose body it does not accept; the robot has no machine of this
+%% name, and another machine called it or sent it something.
 -type machine() ::
     crashed
     | store_damaged

@@ -1,4 +1,4 @@
-%% @doc Points, segments and boxes in the plane.
+%% @doc The geometry of points, segments and boxes in the plane.
 %%
 %% The floor is a plane with x to the right and y up. Lengths are millimetres, angles radians,
 %% counted anticlockwise from the x axis. All functions are pure and total on finite floats; a

@@ -5,16 +5,16 @@
 %% simulated. Standing, turning in place, a straight line and an arc are the same piece with
 %% different `V' and `W'. A <em>ramp</em> is a robot that does not turn, and whose velocity changes
 %% evenly from one value to another and then stays so: a parabola, followed by a straight line.
-%% Positions in millimetres, times in integer microseconds, headings in radians (not normalised: they
-%% count full turns), `V' in mm/s, `W' in rad/s.
+%% Positions in millimetres, times in integer microseconds, headings in radians (not normalised:
+%% they count full turns), `V' in mm/s, `W' in rad/s.
 %%
 %% Distances between two moving robots are found for <em>every instant</em> of an interval. For
-%% pieces that do not bend, the minimum is a closed form. Where an arc or a parabola is involved, the
-%% relative path stays within `A h^2 / 8' of the motion along its chord over a time `h' (`A' bounds
-%% the relative acceleration, which is `|V W|' on an arc), which gives a lower bound for branch and
-%% bound that converges quadratically: the returned distance is attained, and at most 1.0e-3 mm above
-%% the infimum. At the end of a ramp the velocity may have a kink but no jump; the acceleration jumps,
-%% so the interval is cut there.
+%% pieces that do not bend, the minimum is a closed form. With an arc or a parabola, the relative
+%% path stays within `A h^2 / 8' of the motion along its chord over a time `h' (`A' bounds
+%% the relative acceleration, which is `|V W|' on an arc). This gives a lower bound for branch and
+%% bound that converges quadratically: the returned distance is attained, and at most 1.0e-3 mm
+%% above the infimum. At the end of a ramp the velocity may have a kink but no jump; the
+%% acceleration jumps, so the interval is cut there.
 -module(starl_trajectory).
 
 -export([standing/3, piece/5, ramp/6, stop/2]).

@@ -1,4 +1,4 @@
-%% @doc The chassis with two wheels on one axle, as the iRobot Create has them: it turns in place and
+%% @doc The chassis with two wheels on one axle, such as the iRobot Create: it turns in place and
 %% drives straight on, in legs ({@link starl_differential_course}, {@link
 %% starl_differential_stroke}).
 -module(starl_chassis_differential).

@@ -29,8 +29,8 @@
 %% The kind of an event:
 %% `cast' and `{call, From}' from another machine of the same robot, `{reply, Tag}' for the
 %% answer to its own call, timeouts as in gen_statem, `packet' from the radio, and `info' from
-%% the platform: `{located, Tag, [{robot_id(), pose(), AgeUs}]}' after `sense', `{driven, Mark, Us}' or
-%% `{stalled, Mark, Told}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
+%% the platform: `{located, Tag, [{robot_id(), pose(), AgeUs}]}' after `sense', `{driven, Mark, Us}'
+%% or `{stalled, Mark, Told}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
 %% with a mark, `{restarted, Name}' when another machine of this robot has crashed and come back,
 %% `{given_up, Name}' when it does not come back (a machine may leave it unhandled).
 -type event_type() ::

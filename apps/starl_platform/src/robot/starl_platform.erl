@@ -22,8 +22,8 @@
 %% <dl>
 %% <dt>`{transmit, Dest | all, Packet}'</dt><dd>puts one packet on the air, for one robot or for
 %%   all in range</dd>
-%% <dt>`{sense, Robots, Tag}'</dt><dd>answered by the event `{Name, info, {located, Tag, [{Robot, Pose,
-%%   AgeUs}]}}' with those of the robots that the positioning system sees, and the age of each
+%% <dt>`{sense, Robots, Tag}'</dt><dd>answered by the event `{Name, info, {located, Tag, [{Robot,
+%%   Pose, AgeUs}]}}' with those of the robots that the positioning system sees, and the age of each
 %%   measurement. An adapter to a system that sends pictures at its own pace should answer with the
 %%   next picture (see {@link starl_location})</dd>
 %% <dt>`{drive, {Chassis, Commands}, Mark}'</dt><dd>the chassis carries out the commands, one after

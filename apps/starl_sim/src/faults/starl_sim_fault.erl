@@ -106,8 +106,10 @@ kinds() ->
         {slow, process, robot, [ms(lag_ms, 5, 200)], "every event is handled lag_ms late"},
         {location_dropout, location, robots, [], "the positioning system sees no robot for them"},
         {location_frozen, location, robots, [], "the positioning system shows old positions"},
-        {location_noise, location, robots, [mm(1, 50)], "the positioning system errs by up to mm more"},
-        {location_bias, location, robots, [mm(1, 50)], "the positioning system shifts all robots by mm"},
+        {location_noise, location, robots, [mm(1, 50)],
+            "the positioning system errs by up to mm more"},
+        {location_bias, location, robots, [mm(1, 50)],
+            "the positioning system shifts all robots by mm"},
         {location_swap, location, two, [], "the positioning system swaps two robots"},
         {wheel_stuck, actuation, robot, [{wheel, {one_of, [left, right]}, {0, 1}}],
             "a wheel does not turn (holonomic: left, the drive forwards; right, sideways)"},
@@ -126,7 +128,7 @@ kinds() ->
         {serial_split, serial, robot, [ms(lag_ms, 5, 200)],
             "the chassis' answers come in pieces, up to lag_ms late"},
         {serial_gone, serial, robot, [], "the chassis' port vanishes, and comes back"},
-        {store_full, store, robot, [], "nothing can be written: a machine that stores a term crashes"},
+        {store_full, store, robot, [], "nothing can be stored: a machine that tries crashes"},
         {store_damaged, store, robot, [], "machines that start find their stored terms damaged"}
     ].
 

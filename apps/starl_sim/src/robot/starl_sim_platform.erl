@@ -155,8 +155,8 @@ clock(#body{now = Now, clock = Clock}) -> starl_sim_clock:local(Now, Clock).
 -spec piece(t()) -> starl_trajectory:piece().
 piece(#body{vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
 
-%% @doc Chains a local event into the robot's digest. Of an answer of the positioning system only the
-%% poses count: the tag and the ages are the driver's own.
+%% @doc Chains a local event into the robot's digest. Of an answer of the positioning system only
+%% the poses count: the tag and the ages are the driver's own.
 -spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
 handles(Machine, info, {located, _Tag, Seen}, Body) ->
     handles(Machine, info, {located, [{Robot, Pose} || {Robot, Pose, _Age} <- Seen]}, Body);

@@ -48,7 +48,7 @@ when
 option() ->
     {chassis, {term, "differential, holonomic, mixed, or a list of the first two", fun is_choice/1},
         differential,
-        "chassis of the robots: two wheels or any direction; mixed: alternating; or a list, taken in turn"}.
+        "chassis: two wheels or any direction; mixed: alternating; or a list, taken in turn"}.
 
 is_choice(mixed) ->
     true;
