@@ -34,7 +34,7 @@
     late_us :: non_neg_integer(),
     %% The next time at which the head of an alarm queue is due.
     due = infinity :: integer() | infinity,
-    sources = starl_sap_sources:new() :: starl_sap_sources:t(),
+    sources = starl_sap_monitor_sources:new() :: starl_sap_monitor_sources:t(),
     %% The incarnation that each source has announced.
     running = #{} :: #{starl_monitor:robot_id() => term()},
     %% The numbers of messages that were lost, not delivered, and then forgotten.
@@ -42,9 +42,9 @@
         {Receiver :: starl_monitor:robot_id(), starl_monitor:robot_id(), Incarnation :: term()} =>
             starl_sap_numbers:t()
     },
-    overdue = starl_sap_alarms:new() :: starl_sap_alarms:t(),
-    stale = starl_sap_alarms:new() :: starl_sap_alarms:t(),
-    unread = #{} :: #{starl_monitor:robot_id() => starl_sap_unread:t()},
+    overdue = starl_sap_monitor_alarms:new() :: starl_sap_monitor_alarms:t(),
+    stale = starl_sap_monitor_alarms:new() :: starl_sap_monitor_alarms:t(),
+    unread = #{} :: #{starl_monitor:robot_id() => starl_sap_monitor_unread:t()},
     room :: non_neg_integer(),
     is_alone :: boolean(),
     counts = {0, 0, 0, 0} :: {integer(), integer(), integer(), integer()}
@@ -85,8 +85,17 @@ interests() -> [sap, robot, app].
 vocabulary() ->
     #{
         sap => [
-            {started, 1}, {sent, 4}, {called, 2}, {answered, 2}, {overload, 1}, {outcome, 3},
-            {delivered, 3}, {full, 2}, {unclaimed_full, 2}, {unheard, 2}, {dropped, 2},
+            {started, 1},
+            {sent, 4},
+            {called, 2},
+            {answered, 2},
+            {overload, 1},
+            {outcome, 3},
+            {delivered, 3},
+            {full, 2},
+            {unclaimed_full, 2},
+            {unheard, 2},
+            {dropped, 2},
             {listener_refused, 3}
         ]
     }.
@@ -120,7 +129,7 @@ finish(EndTimeUs, State) ->
         delivered => Delivered,
         acknowledged => Acknowledged,
         lost => Lost,
-        outstanding => starl_sap_sources:outstanding(Sources)
+        outstanding => starl_sap_monitor_sources:outstanding(Sources)
     },
     {verdict(Overdue), Results}.
 
@@ -139,7 +148,7 @@ judge({T, Robot, sap, {sent, {Source, _, _} = Id, Dests, Type, Hash}}, State) ->
         false -> broken(foreign_source, T, [Robot, Source], #{message => Id}, State)
     end;
 judge({T, Robot, sap, {delivered, Id, Type, Hash}}, State) ->
-    case starl_sap_sources:find(Id, State#state.sources) of
+    case starl_sap_monitor_sources:find(Id, State#state.sources) of
         none ->
             handed_on(T, Robot, Id, Type, Hash, delivered_late(T, Robot, Id, State));
         Message ->
@@ -178,13 +187,13 @@ kind(restarted) -> lost;
 kind({lost, _Reason}) -> lost.
 
 sent(T, {Source, _, _} = Id, Dests, Type, Hash, #state{sources = Sources} = State) ->
-    case starl_sap_sources:add(Id, message(T, Dests, Type, Hash), Sources) of
+    case starl_sap_monitor_sources:add(Id, message(T, Dests, Type, Hash), Sources) of
         {ok, Known} -> {ok, open(T, Id, Dests, Known, State)};
         used -> broken(message_id_used_twice, T, [Source], #{message => Id}, State)
     end.
 
 message(_T, [], _Type, _Hash) -> none;
-message(T, Dests, Type, Hash) -> starl_sap_message:new(Type, Hash, T, Dests).
+message(T, Dests, Type, Hash) -> starl_sap_monitor_message:new(Type, Hash, T, Dests).
 
 open(_T, _Id, [], Sources, State) ->
     State#state{sources = Sources};
@@ -192,13 +201,13 @@ open(T, Id, Dests, Sources, #state{overdue = Overdue, bound_us = Bound} = State)
     Due = T + Bound,
     State#state{
         sources = Sources,
-        overdue = starl_sap_alarms:push(Due, Id, Sources, Overdue),
+        overdue = starl_sap_monitor_alarms:push(Due, Id, Sources, Overdue),
         due = min(Due, State#state.due),
         counts = count(1, length(Dests), State)
     }.
 
 delivered(T, Robot, Id, Type, Hash, Message, State) ->
-    case starl_sap_message:compare(Type, Hash, Message) of
+    case starl_sap_monitor_message:compare(Type, Hash, Message) of
         ok ->
             delivered(T, Robot, Id, Message, State);
         corrupted ->
@@ -209,7 +218,7 @@ delivered(T, Robot, Id, Type, Hash, Message, State) ->
     end.
 
 delivered(T, Robot, Id, Message, State) ->
-    case starl_sap_message:progress(Robot, Message) of
+    case starl_sap_monitor_message:progress(Robot, Message) of
         waiting -> {ok, progress(T, Id, Message, Robot, delivered, counted(2, State))};
         lost -> {ok, progress(T, Id, Message, Robot, done, counted(2, State))};
         stranger -> broken(delivered_to_stranger, T, [Robot], #{message => Id}, State);
@@ -222,7 +231,7 @@ delivered_late(T, Robot, {Source, Incarnation, Seq} = Id, State) ->
     Key = {Robot, Source, Incarnation},
     case starl_sap_numbers:remove(Seq, maps:get(Key, Forgotten, starl_sap_numbers:new())) of
         absent ->
-            Was = starl_sap_sources:was_sent(Id, Sources),
+            Was = starl_sap_monitor_sources:was_sent(Id, Sources),
             broken(unexpected(Was), T, [Robot], #{message => Id, closed => Was}, State);
         Left ->
             {ok, counted(2, State#state{forgotten = put_left(Key, Left, Forgotten)})}
@@ -238,11 +247,13 @@ unexpected(true) -> duplicate_delivery;
 unexpected(false) -> delivered_but_not_sent.
 
 outcome(T, {Source, _, _} = Id, Dest, Kind, #state{sources = Sources} = State) ->
-    case starl_sap_sources:find(Id, Sources) of
+    case starl_sap_monitor_sources:find(Id, Sources) of
         none ->
             stray(closed(Id, State), T, Id, [Source, Dest], State);
         Message ->
-            outcome(T, Id, Message, starl_sap_message:progress(Dest, Message), Dest, Kind, State)
+            outcome(
+                T, Id, Message, starl_sap_monitor_message:progress(Dest, Message), Dest, Kind, State
+            )
     end.
 
 outcome(T, Id, Message, delivered, Dest, Kind, State) ->
@@ -261,19 +272,19 @@ outcome(T, {Source, _, _} = Id, _Message, _Known, Dest, _Kind, State) ->
 failed(_Id, _Dest, acknowledged, State) ->
     State;
 failed(Id, Dest, Outcome, #state{sources = Sources} = State) ->
-    case starl_sap_sources:find(Id, Sources) of
+    case starl_sap_monitor_sources:find(Id, Sources) of
         none ->
             State;
         Message ->
-            Failed = starl_sap_message:failed(Dest, why(Outcome), Message),
-            State#state{sources = starl_sap_sources:put(Id, Failed, Sources)}
+            Failed = starl_sap_monitor_message:failed(Dest, why(Outcome), Message),
+            State#state{sources = starl_sap_monitor_sources:put(Id, Failed, Sources)}
     end.
 
 why(restarted) -> restarted;
 why(_Lost) -> lost.
 
 closed(Id, #state{sources = Sources}) ->
-    case starl_sap_sources:was_sent(Id, Sources) of
+    case starl_sap_monitor_sources:was_sent(Id, Sources) of
         true -> outcome_reported_twice;
         false -> outcome_but_not_sent
     end.
@@ -304,10 +315,10 @@ count(Column, N, #state{counts = Counts}) ->
 %%% Answers
 
 called(T, Robot, {Source, _, _} = Id, How, #state{sources = Sources} = State) ->
-    case starl_sap_sources:find(Id, Sources) of
+    case starl_sap_monitor_sources:find(Id, Sources) of
         Message when Message =/= none, Source =:= Robot ->
-            Called = starl_sap_message:called(How, Message),
-            {ok, State#state{sources = starl_sap_sources:put(Id, Called, Sources)}};
+            Called = starl_sap_monitor_message:called(How, Message),
+            {ok, State#state{sources = starl_sap_monitor_sources:put(Id, Called, Sources)}};
         _ ->
             stray(called_but_not_sent, T, Id, [Robot], State)
     end.
@@ -320,15 +331,15 @@ answered(_T, _Robot, none, ok, #state{is_alone = true} = State) ->
 answered(T, Robot, none, Answer, State) ->
     broken(answer_untrue, T, [Robot], #{answer => Answer}, State);
 answered(T, Robot, Id, Answer, #state{sources = Sources} = State) ->
-    case starl_sap_sources:find(Id, Sources) of
+    case starl_sap_monitor_sources:find(Id, Sources) of
         none -> stray(answered_nobody, T, Id, [Robot], State);
         Message -> answered(T, Robot, Id, Answer, Message, State)
     end.
 
 answered(T, Robot, Id, Answer, Message, State) ->
-    Told = settle(T, Id, starl_sap_message:answered(Message), State),
+    Told = settle(T, Id, starl_sap_monitor_message:answered(Message), State),
     Details = #{message => Id, answer => Answer},
-    case starl_sap_message:due(Message) of
+    case starl_sap_monitor_message:due(Message) of
         {answer, Answer} -> {ok, Told};
         {answer, True} -> broken(answer_untrue, T, [Robot], Details#{true => True}, Told);
         too_early -> broken(answered_too_early, T, [Robot], Details, Told);
@@ -339,9 +350,9 @@ answered(T, Robot, Id, Answer, Message, State) ->
 
 %% The application must read what is delivered to it. A machine need not.
 handed_on(T, Robot, {Source, _, _}, {app, _} = Type, Hash, {ok, State}) ->
-    Unread = starl_sap_unread:delivered(Type, Source, Hash, unread(Robot, State)),
+    Unread = starl_sap_monitor_unread:delivered(Type, Source, Hash, unread(Robot, State)),
     Handed = put_unread(Robot, Unread, State),
-    case starl_sap_unread:count(Unread) > State#state.room of
+    case starl_sap_monitor_unread:count(Unread) > State#state.room of
         true -> broken(more_than_it_can_keep, T, [Robot], #{type => Type}, Handed);
         false -> {ok, Handed}
     end;
@@ -350,7 +361,7 @@ handed_on(_T, _Robot, _Id, _Type, _Hash, Judged) ->
 
 read(T, Robot, Source, Type, Hash, State) ->
     Details = #{type => Type, source => Source},
-    case starl_sap_unread:read(Type, Source, Hash, unread(Robot, State)) of
+    case starl_sap_monitor_unread:read(Type, Source, Hash, unread(Robot, State)) of
         {ok, Left} -> {ok, put_unread(Robot, Left, State)};
         skipped -> broken(acknowledged_but_not_readable, T, [Robot], Details, State);
         not_delivered -> broken(read_but_not_delivered, T, [Robot], Details, State)
@@ -358,11 +369,11 @@ read(T, Robot, Source, Type, Hash, State) ->
 
 unsure(Robot, #state{unread = All} = State) ->
     case All of
-        #{Robot := Unread} -> put_unread(Robot, starl_sap_unread:crashed(Unread), State);
+        #{Robot := Unread} -> put_unread(Robot, starl_sap_monitor_unread:crashed(Unread), State);
         #{} -> State
     end.
 
-unread(Robot, #state{unread = Unread}) -> maps:get(Robot, Unread, starl_sap_unread:new()).
+unread(Robot, #state{unread = Unread}) -> maps:get(Robot, Unread, starl_sap_monitor_unread:new()).
 
 put_unread(Robot, Left, #state{unread = Unread} = State) ->
     State#state{unread = Unread#{Robot => Left}}.
@@ -370,20 +381,25 @@ put_unread(Robot, Left, #state{unread = Unread} = State) ->
 %%% Messages
 
 progress(T, Id, Message, Dest, Progress, State) ->
-    settle(T, Id, starl_sap_message:put_progress(Dest, Progress, Message), State).
+    settle(T, Id, starl_sap_monitor_message:put_progress(Dest, Progress, Message), State).
 
 %% Keeps a message until nothing more can happen to it.
 settle(T, Id, Message, #state{sources = Sources} = State) ->
-    case starl_sap_message:phase(Message) of
-        done -> State#state{sources = starl_sap_sources:close(Id, Sources)};
-        open -> State#state{sources = starl_sap_sources:put(Id, Message, Sources)};
-        lost -> remember(T, Id, State#state{sources = starl_sap_sources:put(Id, Message, Sources)})
+    case starl_sap_monitor_message:phase(Message) of
+        done ->
+            State#state{sources = starl_sap_monitor_sources:close(Id, Sources)};
+        open ->
+            State#state{sources = starl_sap_monitor_sources:put(Id, Message, Sources)};
+        lost ->
+            remember(T, Id, State#state{
+                sources = starl_sap_monitor_sources:put(Id, Message, Sources)
+            })
     end.
 
 remember(T, Id, #state{late_us = Late, sources = Sources} = State) ->
     Due = T + Late,
     State#state{
-        stale = starl_sap_alarms:push(Due, Id, Sources, State#state.stale),
+        stale = starl_sap_monitor_alarms:push(Due, Id, Sources, State#state.stale),
         due = min(Due, State#state.due)
     }.
 
@@ -391,16 +407,16 @@ remember(T, Id, #state{late_us = Late, sources = Sources} = State) ->
 abandon(T, Robot, Incarnation, #state{sources = Sources} = State) ->
     Gone = [
         Id
-     || {_, Inc, _} = Id <- starl_sap_sources:outstanding(Robot, Sources),
+     || {_, Inc, _} = Id <- starl_sap_monitor_sources:outstanding(Robot, Sources),
         Inc =/= Incarnation
     ],
     lists:foldl(fun(Id, S) -> give_up(T, Id, S) end, State, Gone).
 
 give_up(T, Id, #state{sources = Sources} = State) ->
-    Message = starl_sap_sources:find(Id, Sources),
-    case starl_sap_message:phase(Message) of
+    Message = starl_sap_monitor_sources:find(Id, Sources),
+    case starl_sap_monitor_message:phase(Message) of
         lost -> State;
-        _Open -> settle(T, Id, starl_sap_message:give_up(Message), State)
+        _Open -> settle(T, Id, starl_sap_monitor_message:give_up(Message), State)
     end.
 
 %%% Time
@@ -410,11 +426,11 @@ pass(T, State) ->
     {Overdue, Current} = pass_overdue(T, State, []),
     Forgetful = pass_stale(T, Current),
     #state{overdue = Outcomes, stale = Stale} = Forgetful,
-    Due = min(starl_sap_alarms:due(Outcomes), starl_sap_alarms:due(Stale)),
+    Due = min(starl_sap_monitor_alarms:due(Outcomes), starl_sap_monitor_alarms:due(Stale)),
     {Overdue, Forgetful#state{due = Due}}.
 
 pass_overdue(T, #state{overdue = Overdue} = State, Found) ->
-    case starl_sap_alarms:pop(T, Overdue) of
+    case starl_sap_monitor_alarms:pop(T, Overdue) of
         {none, Queue} ->
             {lists:reverse(Found), State#state{overdue = Queue}};
         {{Due, Id}, Queue} ->
@@ -423,12 +439,12 @@ pass_overdue(T, #state{overdue = Overdue} = State, Found) ->
     end.
 
 late(Due, {Source, _, _} = Id, Sources) ->
-    case starl_sap_sources:find(Id, Sources) of
+    case starl_sap_monitor_sources:find(Id, Sources) of
         none ->
             [];
         Message ->
-            Dests = starl_sap_message:open(Message),
-            overdue(Due, Source, Dests, #{message => Id}, starl_sap_message:due(Message))
+            Dests = starl_sap_monitor_message:open(Message),
+            overdue(Due, Source, Dests, #{message => Id}, starl_sap_monitor_message:due(Message))
     end.
 
 overdue(Due, Source, [_ | _] = Dests, What, _Answer) ->
@@ -439,19 +455,19 @@ overdue(_Due, _Source, [], _What, not_called) ->
     [].
 
 pass_stale(T, #state{stale = Stale} = State) ->
-    case starl_sap_alarms:pop(T, Stale) of
+    case starl_sap_monitor_alarms:pop(T, Stale) of
         {none, Queue} -> State#state{stale = Queue};
         {{_Due, Id}, Queue} -> pass_stale(T, forget(Id, State#state{stale = Queue}))
     end.
 
 forget(Id, #state{sources = Sources, forgotten = Forgotten} = State) ->
-    case starl_sap_sources:find(Id, Sources) of
+    case starl_sap_monitor_sources:find(Id, Sources) of
         none ->
             State;
         Message ->
-            Lost = starl_sap_message:lost(Message),
+            Lost = starl_sap_monitor_message:lost(Message),
             State#state{
-                sources = starl_sap_sources:close(Id, Sources),
+                sources = starl_sap_monitor_sources:close(Id, Sources),
                 forgotten = lists:foldl(fun(To, Acc) -> keep(Id, To, Acc) end, Forgotten, Lost)
             }
     end.

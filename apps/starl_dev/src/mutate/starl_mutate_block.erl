@@ -125,7 +125,7 @@ monitors() ->
         sources => [
             "apps/*/src/**/starl_*_monitor.erl",
             "apps/starl_platform/src/starl_{monitor,separation,assumption}.erl",
-            "apps/starl_platform/src/starl_sap_{alarms,numbers,sources}.erl",
+            "apps/starl_platform/src/starl_sap_{monitor_alarms,monitor_sources,numbers}.erl",
             "apps/starl_sim/src/*/starl_sim_{assumption,judge}.erl"
         ],
         unit => [

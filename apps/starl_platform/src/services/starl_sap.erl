@@ -43,7 +43,10 @@
 -export([send/4, post/3, shout/2, datagram/4, listen/2, bound_us/1]).
 -export([init/1, handle_event/5]).
 
--export_type([config/0, event/0]).
+-export_type([config/0, event/0, answer/0]).
+
+%% The answer to a caller: the message arrived everywhere, or where it was lost.
+-type answer() :: ok | {error, lost | restarted | {lost, [starl:robot_id(), ...]}}.
 
 %% Its trace. Ids are {source, incarnation, sequence number}, hashes `erlang:phash2(Body)'.
 -type event() ::
@@ -52,7 +55,7 @@
     %% beside `sent', when a caller waits for the outcome: at one robot, or at all
     | {called, starl_sap_out:id(), one | all}
     %% the caller's answer; without an id nothing was sent
-    | {answered, starl_sap_out:id() | none, starl_sap_message:answer() | {error, overload}}
+    | {answered, starl_sap_out:id() | none, answer() | {error, overload}}
     %% not sent: too much is under way
     | {overload, starl_packet:type()}
     %% at the source, for each destination

@@ -3,7 +3,7 @@
 %%
 %% An application reads the messages of a type in the order in which they were delivered. After a
 %% crash of the application or of SAP, the messages delivered before may be gone or not.
--module(starl_sap_unread).
+-module(starl_sap_monitor_unread).
 
 -export([new/0, delivered/4, read/4, crashed/1, count/1]).
 

@@ -3,13 +3,15 @@
 %%
 %% Most messages are closed long before they are due: their entries are thrown out when they
 %% outnumber the others.
--module(starl_sap_alarms).
+-module(starl_sap_monitor_alarms).
 
 -export([new/0, push/4, pop/2, due/1]).
 
 -export_type([t/0]).
 
--type alarm() :: {DueUs :: integer(), starl_sap_sources:id()}.
+-type alarm() :: {DueUs :: integer(), starl_sap_monitor_sources:id()}.
+
+-type sources() :: starl_sap_monitor_sources:t().
 
 -opaque t() :: {Front :: [alarm()], Back :: [alarm()], non_neg_integer()}.
 
@@ -22,10 +24,10 @@ new() -> {[], [], 0}.
 
 %% @doc Adds an alarm that is due no earlier than those before; the sources know which messages are
 %% outstanding.
--spec push(DueUs :: integer(), starl_sap_sources:id(), starl_sap_sources:t(), t()) -> t().
+-spec push(DueUs :: integer(), starl_sap_monitor_sources:id(), sources(), t()) -> t().
 push(Due, Id, Sources, {_, _, Count} = Alarms) ->
     {Front, Back, N} =
-        case Count > ?COMPACT andalso Count > 2 * starl_sap_sources:outstanding(Sources) of
+        case Count > ?COMPACT andalso Count > 2 * starl_sap_monitor_sources:outstanding(Sources) of
             true -> compacted(Sources, Alarms);
             false -> Alarms
         end,
@@ -35,7 +37,7 @@ compacted(Sources, {Front, Back, _}) ->
     Live = [
         Alarm
      || {_, Id} = Alarm <- Front ++ lists:reverse(Back),
-        starl_sap_sources:find(Id, Sources) =/= none
+        starl_sap_monitor_sources:find(Id, Sources) =/= none
     ],
     {Live, [], length(Live)}.
 

@@ -1,20 +1,17 @@
 %% @doc A message in the monitor of the SAP: its type and content, and its progress at each
 %% destination. Pure; a part of {@link starl_sap_monitor}.
--module(starl_sap_message).
+-module(starl_sap_monitor_message).
 
 -export([new/4, compare/3, progress/2, put_progress/3, phase/1, give_up/1, open/1, lost/1]).
 -export([called/2, failed/3, due/1, answered/1]).
 
--export_type([t/0, progress/0, how/0, answer/0]).
+-export_type([t/0, progress/0, how/0]).
 
 %% What is known about one destination: nothing, delivered, outcome known, or both.
 -type progress() :: waiting | delivered | lost | done.
 
 %% A call of a message to one robot or to all.
 -type how() :: one | all.
-
-%% The answer that a caller must get.
--type answer() :: ok | {error, lost | restarted | {lost, [starl_monitor:robot_id(), ...]}}.
 
 %% An open call, with the destinations at which its message was lost, and why.
 -type call() :: none | {how(), [{starl_monitor:robot_id(), lost | restarted}]}.
@@ -92,7 +89,7 @@ failed(Dest, Why, {Type, Hash, SentUs, Dests, {How, Failed}}) ->
     {Type, Hash, SentUs, Dests, {How, [{Dest, Why} | Failed]}}.
 
 %% @doc The answer that the caller must get, unless nobody has called or an outcome is still open.
--spec due(t()) -> {answer, answer()} | not_called | too_early.
+-spec due(t()) -> {answer, starl_sap:answer()} | not_called | too_early.
 due({_, _, _, _, none}) ->
     not_called;
 due({_, _, _, _, {How, Failed}} = Message) ->

@@ -1,5 +1,5 @@
 %% Alarms: first in, first out, and thrown out when their messages are closed.
--module(starl_sap_alarms_tests).
+-module(starl_sap_monitor_alarms_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 id(N) -> {1, 1, N}.
@@ -8,24 +8,26 @@ id(N) -> {1, 1, N}.
 sources(Numbers) ->
     lists:foldl(
         fun(N, Sources) ->
-            {ok, More} = starl_sap_sources:add(id(N), message(N), Sources),
+            {ok, More} = starl_sap_monitor_sources:add(id(N), message(N), Sources),
             More
         end,
-        starl_sap_sources:new(),
+        starl_sap_monitor_sources:new(),
         Numbers
     ).
 
-message(N) -> starl_sap_message:new(t, N, N, [2]).
+message(N) -> starl_sap_monitor_message:new(t, N, N, [2]).
 
 %% An alarm for each number, due then; the sources are the same all the time.
 pushed(Numbers, Sources, Alarms) ->
-    lists:foldl(fun(N, A) -> starl_sap_alarms:push(N, id(N), Sources, A) end, Alarms, Numbers).
+    lists:foldl(
+        fun(N, A) -> starl_sap_monitor_alarms:push(N, id(N), Sources, A) end, Alarms, Numbers
+    ).
 
-pushed(Numbers, Sources) -> pushed(Numbers, Sources, starl_sap_alarms:new()).
+pushed(Numbers, Sources) -> pushed(Numbers, Sources, starl_sap_monitor_alarms:new()).
 
 %% The alarms that are due before a time, and those left.
 popped(T, Alarms) ->
-    case starl_sap_alarms:pop(T, Alarms) of
+    case starl_sap_monitor_alarms:pop(T, Alarms) of
         {none, Left} ->
             {[], Left};
         {{Due, {1, 1, Due}}, Left} ->
@@ -36,21 +38,21 @@ popped(T, Alarms) ->
 all(Alarms) -> element(1, popped(1 bsl 60, Alarms)).
 
 none_test() ->
-    ?assertEqual(infinity, starl_sap_alarms:due(starl_sap_alarms:new())),
-    ?assertEqual([], all(starl_sap_alarms:new())).
+    ?assertEqual(infinity, starl_sap_monitor_alarms:due(starl_sap_monitor_alarms:new())),
+    ?assertEqual([], all(starl_sap_monitor_alarms:new())).
 
 %% In the order in which they came, those that were due before the time; at the time is not before.
 order_test() ->
     Alarms = pushed([3, 5, 7], sources([3, 5, 7])),
-    ?assertEqual(3, starl_sap_alarms:due(Alarms)),
+    ?assertEqual(3, starl_sap_monitor_alarms:due(Alarms)),
     {[], Three} = popped(3, Alarms),
     {[3, 5], One} = popped(7, Three),
-    ?assertEqual(7, starl_sap_alarms:due(One)),
+    ?assertEqual(7, starl_sap_monitor_alarms:due(One)),
     Two = pushed([9], sources([9]), One),
-    ?assertEqual(7, starl_sap_alarms:due(Two)),
+    ?assertEqual(7, starl_sap_monitor_alarms:due(Two)),
     ?assertEqual([7, 9], all(Two)),
     {[7, 9], None} = popped(10, Two),
-    ?assertEqual(infinity, starl_sap_alarms:due(None)).
+    ?assertEqual(infinity, starl_sap_monitor_alarms:due(None)).
 
 %% A short queue keeps what is closed.
 short_test() ->

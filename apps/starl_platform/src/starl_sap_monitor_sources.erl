@@ -3,7 +3,7 @@
 %%
 %% The map is keyed by source first and by number within: an update of a small map costs a fraction
 %% of an update of a large one.
--module(starl_sap_sources).
+-module(starl_sap_monitor_sources).
 
 -export([new/0, add/3, find/2, put/3, close/2, was_sent/2, outstanding/1, outstanding/2]).
 
@@ -14,7 +14,7 @@
 -type life() :: {
     Incarnation :: term(), Sent :: starl_sap_numbers:t(), #{Seq :: integer() => message()}
 }.
--type message() :: starl_sap_message:t().
+-type message() :: starl_sap_monitor_message:t().
 
 %% The lives of each source, latest first.
 -opaque t() :: {Outstanding :: non_neg_integer(), #{starl_monitor:robot_id() => [life(), ...]}}.
