@@ -322,7 +322,7 @@ within_case(N, S0) ->
     {B, S2} = random_segment(S1),
     {R, S3} = rand:uniform_s(S2),
     Reach = 60.0 * R,
-    Part = starl_painting_parts:within(Reach, A, B),
+    Part = starl_painting_monitor_parts:within(Reach, A, B),
     Length = starl_geometry:length(A),
     [begin
          Point = starl_geometry:interpolate(element(1, A), element(2, A), I / 400),

@@ -9,7 +9,7 @@ read_back_test() ->
     Text = text(drawing()),
     %% The frame of 4096 x 3072 with margins is placed so that one floor mm stays one mm.
     {match, [Box]} = re:run(Text, "viewBox=\"([^\"]*)\"", [{capture, all_but_first, binary}]),
-    {ok, [X, Y, W, H]} = starl_picture_number:list(Box),
+    {ok, [X, Y, W, H]} = starl_svg_number:list(Box),
     {ok, Picture} = starl_picture:parse(Text, #{area => {X, 3072.0 - Y - H, X + W, 3072.0 - Y}}),
     Near = [[{round(PX), round(PY)} || {PX, PY} <- [P, Q]]
             || {P, Q} <- starl_picture:segments(Picture)],

@@ -4,9 +4,9 @@
 %% Ink is what a robot drives with its pen down. It lies on the lines if it is no farther from one
 %% than the ink radius (the r(v) of the tracking guarantee) plus the tolerance with which the
 %% picture was flattened. Straight motion is judged exactly: the part of one segment that lies
-%% within a radius of another is an interval in closed form ({@link starl_painting_parts}), and the
-%% union of these intervals must cover the ink. An arc is taken as chords that stay within 0.01 mm
-%% of it.
+%% within a radius of another is an interval in closed form
+%% ({@link starl_painting_monitor_parts}), and the union of these intervals must cover the ink. An
+%% arc is taken as chords that stay within 0.01 mm of it.
 %%
 %% A line is painted by drives along it, and by no others: where lines are close to each other, ink
 %% could lie near several. So a robot says which line it sets out to paint, `{stroke, Segment}', and
@@ -55,7 +55,7 @@
     %% How much of a line may be missing at each end (mm).
     ends_mm :: float(),
     %% The painted parts of each line, ascending and disjoint; up to `ends_mm' beyond its ends.
-    painted = #{} :: #{pos_integer() => [starl_painting_parts:part(), ...]},
+    painted = #{} :: #{pos_integer() => [starl_painting_monitor_parts:part(), ...]},
     tracks = #{} :: #{robot_id() => #track{}},
     ink_mm = 0.0 :: float(),
     driven_mm = 0.0 :: float()
@@ -169,7 +169,7 @@ fraction(Part, Total) -> max(0.0, Part / Total).
 unpainted(_N, Length, _State) when Length < ?ON_MM ->
     0.0;
 unpainted(N, Length, #state{ends_mm = Ends} = State) ->
-    Gaps = starl_painting_parts:gaps(Length, Ends, parts(N, State)),
+    Gaps = starl_painting_monitor_parts:gaps(Length, Ends, parts(N, State)),
     lists:sum([0.0 | [To - From || {From, To} <- Gaps]]).
 
 inked(N, Length, State) ->
@@ -290,12 +290,12 @@ lines_under({P, Q}, #state{grid = Grid, lines = Lines}) ->
 %% is outside.
 ink(Ink, Stroke, Reach, #state{lines = Lines, ends_mm = Ends} = State) ->
     Near = [map_get(N, Lines) || N <- starl_grid:near(Ink, Reach, State#state.grid)],
-    Inked = [starl_painting_parts:within(Reach, Ink, Line) || Line <- Near],
-    Covered = lists:foldl(fun starl_painting_parts:unite/2, [], [P || {_, _} = P <- Inked]),
+    Inked = [starl_painting_monitor_parts:within(Reach, Ink, Line) || Line <- Near],
+    Covered = lists:foldl(fun starl_painting_monitor_parts:unite/2, [], [P || {_, _} = P <- Inked]),
     Paint = fun(N, Acc) ->
-        case starl_painting_parts:beside(Reach, Ends, map_get(N, Lines), Ink) of
+        case starl_painting_monitor_parts:beside(Reach, Ends, map_get(N, Lines), Ink) of
             none -> Acc;
-            Part -> Acc#{N => starl_painting_parts:unite(Part, maps:get(N, Acc, []))}
+            Part -> Acc#{N => starl_painting_monitor_parts:unite(Part, maps:get(N, Acc, []))}
         end
     end,
     {strays(Ink, Covered), State#state{painted = lists:foldl(Paint, State#state.painted, Stroke)}}.
@@ -305,7 +305,7 @@ reach(Robot, #state{reaches = Reaches, reach_mm = Most}) -> maps:get(Robot, Reac
 strays({From, To} = Ink, Covered) ->
     case starl_geometry:length(Ink) of
         Length when Length > ?SLACK_MM ->
-            strays(From, To, Length, starl_painting_parts:gap(Length, Covered));
+            strays(From, To, Length, starl_painting_monitor_parts:gap(Length, Covered));
         _Dot ->
             [{0.0, From} || Covered =:= []]
     end.

@@ -37,7 +37,7 @@
     | no_lines
     | only_text
     | {too_many_segments, Max :: pos_integer()}
-    | starl_picture_svg:problem().
+    | starl_svg:problem().
 
 -record(picture, {
     segments :: [segment()],
@@ -70,7 +70,7 @@ parse(Bytes, #{area := Area} = Options) when is_binary(Bytes) ->
     Tolerance = maps:get(tolerance_mm, Options, ?DEFAULT_TOLERANCE_MM),
     Max = maps:get(max_segments, Options, ?DEFAULT_MAX_SEGMENTS),
     ok = check(Area, Tolerance, Max),
-    case byte_size(Bytes) =< ?MAX_BYTES andalso starl_picture_svg:read(Bytes, Max * ?DUPLICATES) of
+    case byte_size(Bytes) =< ?MAX_BYTES andalso starl_svg:read(Bytes, Max * ?DUPLICATES) of
         false -> {error, {cannot_read, "picture", too_big}};
         {ok, Drawing} -> picture(Drawing, Area, float(Tolerance), Max);
         {error, too_many_shapes} -> {error, {too_many_segments, Max}};
@@ -136,7 +136,7 @@ line(Text) ->
 picture(#{outlines := Outlines, frame := Frame, title := Title} = Drawing, Area, Tolerance, Max) ->
     case place(Outlines, Frame, Area) of
         {ok, Map} ->
-            Floor = [[starl_picture_curve:transform(Map, Curve) || Curve <- Outline]
+            Floor = [[starl_svg_curve:transform(Map, Curve) || Curve <- Outline]
                      || Outline <- Outlines],
             case chords(Floor, Tolerance, Max) of
                 {ok, []} -> nothing(Drawing);
@@ -154,8 +154,8 @@ nothing(#{has_text := false}) -> {error, no_lines}.
 place([], _Frame, _Area) ->
     nothing;
 place(Outlines, Frame, {AX0, AY0, AX1, AY1}) ->
-    [First | Rest] = [starl_picture_curve:bounds(Curve) || Outline <- Outlines, Curve <- Outline],
-    Box = lists:foldl(fun starl_picture_curve:merge_bounds/2, First, Rest),
+    [First | Rest] = [starl_svg_curve:bounds(Curve) || Outline <- Outlines, Curve <- Outline],
+    Box = lists:foldl(fun starl_svg_curve:merge_bounds/2, First, Rest),
     {X0, Y0, X1, Y1} = fitted(Frame, Box),
     case scale(X1 - X0, AX1 - AX0, Y1 - Y0, AY1 - AY0) of
         none -> nothing;
@@ -200,12 +200,12 @@ chords(Outlines, Tolerance, Max) ->
 chords([], _Tolerance, _Left, Chains) ->
     {ok, [Segment || Chain <- lists:reverse(Chains), Segment <- Chain]};
 chords([Outline | Outlines], Tolerance, Left, Chains) ->
-    Counted = [{Curve, starl_picture_curve:steps(Curve, Tolerance)} || Curve <- Outline],
+    Counted = [{Curve, starl_svg_curve:steps(Curve, Tolerance)} || Curve <- Outline],
     case lists:sum([N || {_, N} <- Counted]) of
         Count when Count > Left -> too_many;
         Count ->
-            Points = [P || {Curve, N} <- Counted, P <- starl_picture_curve:flatten(Curve, N)],
-            Chain = chain(rounded(starl_picture_curve:start(hd(Outline))), Points),
+            Points = [P || {Curve, N} <- Counted, P <- starl_svg_curve:flatten(Curve, N)],
+            Chain = chain(rounded(starl_svg_curve:start(hd(Outline))), Points),
             chords(Outlines, Tolerance, Left - Count, [Chain | Chains])
     end.
 

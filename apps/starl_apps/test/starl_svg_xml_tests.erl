@@ -1,6 +1,6 @@
 %% @doc Contracts of reading documents: any Unicode encoding with a byte order mark; nothing is
 %% fetched; entities are refused before anything is expanded; no atoms are made.
--module(starl_picture_xml_tests).
+-module(starl_svg_xml_tests).
 
 -include_lib("eunit/include/eunit.hrl").
 

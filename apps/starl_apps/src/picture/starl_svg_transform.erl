@@ -1,7 +1,7 @@
 %% @doc Affine maps of the plane and the `transform' attribute (SVG 1.1, section 7.6).
 %%
 %% A matrix is `{A, B, C, D, E, F}' and maps `{X, Y}' to `{A*X + C*Y + E, B*X + D*Y + F}'.
--module(starl_picture_transform).
+-module(starl_svg_transform).
 
 -export([identity/0, translation/2, scaling/2, multiply/2, apply/2, apply_vector/2, parse/1]).
 -export_type([matrix/0]).
@@ -44,8 +44,8 @@ apply_vector({A, B, C, D, _E, _F}, {X, Y}) -> {A * X + C * Y, B * X + D * Y}.
 %% identity.
 -spec parse(binary()) -> {ok, matrix()} | {error, syntax | out_of_range}.
 parse(Text) ->
-    case starl_picture_number:skip_space(Text) of
-        <<"none", Rest/binary>> -> none(starl_picture_number:skip_space(Rest));
+    case starl_svg_number:skip_space(Text) of
+        <<"none", Rest/binary>> -> none(starl_svg_number:skip_space(Rest));
         Rest -> functions(Rest, identity())
     end.
 
@@ -60,7 +60,7 @@ functions(Text, Matrix) ->
     case function(Text) of
         {ok, Next, Rest} ->
             case multiply(Matrix, Next) of
-                {ok, Product} -> functions(starl_picture_number:skip_comma(Rest), Product);
+                {ok, Product} -> functions(starl_svg_number:skip_comma(Rest), Product);
                 {error, _} = Error -> Error
             end;
         {error, _} = Error ->
@@ -79,7 +79,7 @@ function(Text) ->
     end.
 
 function(Name, Arguments, Rest) ->
-    case starl_picture_number:list(Arguments) of
+    case starl_svg_number:list(Arguments) of
         {ok, Numbers} ->
             case matrix(Name, Numbers) of
                 {ok, Matrix} -> {ok, Matrix, Rest};

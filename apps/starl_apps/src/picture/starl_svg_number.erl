@@ -3,7 +3,7 @@
 %% The grammar is the compact one of path data (SVG 1.1, section 8.3.9): a number ends where the
 %% next one can only begin, so `1-2.5.5e-3' is 1, -2.5 and 0.005. Magnitudes above 1.0e9 are
 %% refused: no drawing needs them, and products of what is left stay far from the largest float.
--module(starl_picture_number).
+-module(starl_svg_number).
 
 -export([scan/1, list/1, length/2, skip_space/1, skip_comma/1]).
 -export_type([problem/0]).

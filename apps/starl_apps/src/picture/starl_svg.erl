@@ -3,34 +3,34 @@
 %% Drawn are the shapes outside `defs', `symbol', `clipPath', `mask', `marker' and `pattern', and
 %% those that a `use' brings in, unless an attribute or `style' attribute hides them. Every shape
 %% gives its outline; paint, stroke width, clipping and style sheets play no part.
--module(starl_picture_svg).
+-module(starl_svg).
 
 -export([read/2]).
 -export_type([drawing/0, problem/0, where/0]).
 
 %% What a document draws, in the user units of its root element.
 -type drawing() :: #{
-    outlines := [starl_picture_pen:outline()],
+    outlines := [starl_svg_pen:outline()],
     %% The viewBox, or else width and height; `none' when there is neither.
-    frame := starl_picture_curve:bounds() | none,
+    frame := starl_svg_curve:bounds() | none,
     title := string(),
     has_text := boolean()
 }.
 %% Name of the element, its id if it has one, and the line on which its tag ends.
 -type where() :: {Name :: binary(), Id :: binary() | none, Line :: pos_integer()}.
 -type problem() ::
-    starl_picture_xml:problem()
+    starl_svg_xml:problem()
     | {bad_number, where(), Attribute :: binary(), Text :: binary()}
-    | {bad_path, where(), Offset :: non_neg_integer(), starl_picture_path:problem()}
+    | {bad_path, where(), Offset :: non_neg_integer(), starl_svg_path:problem()}
     | {bad_transform, where(), Text :: binary()}
     | {bad_reference, where(), Text :: binary()}
     | {use_too_deep, where()}.
 
--type element_() :: starl_picture_xml:element_().
+-type element_() :: starl_svg_xml:element_().
 
 -record(context, {
-    matrix :: starl_picture_transform:matrix(),
-    viewport :: starl_picture_shape:viewport(),
+    matrix :: starl_svg_transform:matrix(),
+    viewport :: starl_svg_shape:viewport(),
     visible = true :: boolean(),
     uses = 0 :: non_neg_integer()
 }).
@@ -40,7 +40,7 @@
     %% How many more curves and elements may come.
     curves :: non_neg_integer(),
     visits :: non_neg_integer(),
-    outlines = [] :: [starl_picture_pen:outline()],
+    outlines = [] :: [starl_svg_pen:outline()],
     has_text = false :: boolean()
 }).
 
@@ -55,7 +55,7 @@
 %% @doc Reads a document that draws at most `Max' curves.
 -spec read(binary(), Max :: pos_integer()) -> {ok, drawing()} | {error, problem()}.
 read(Bytes, Max) ->
-    case starl_picture_xml:parse(Bytes, vocabulary(Max)) of
+    case starl_svg_xml:parse(Bytes, vocabulary(Max)) of
         {ok, Root} -> drawing(Root, Max);
         {error, _} = Error -> Error
     end.
@@ -66,7 +66,7 @@ vocabulary(Max) ->
     Roles = [
         {group, ["svg", "g", "a", "switch"]},
         {hidden, ["defs", "symbol", "clipPath", "mask", "marker", "pattern"]},
-        {shape, [binary_to_list(Name) || Name <- starl_picture_shape:names()]},
+        {shape, [binary_to_list(Name) || Name <- starl_svg_shape:names()]},
         {leaf, ["use", "text"]},
         {label, ["title"]}
     ],
@@ -87,14 +87,14 @@ drawing(Root, Max) ->
         Walk0 = #walk{ids = ids(Root, #{}), curves = Max, visits = ?MAX_VISITS + Max},
         Frame = frame(Root),
         Context = #context{
-            matrix = starl_picture_transform:identity(),
+            matrix = starl_svg_transform:identity(),
             viewport = viewport(Frame)
         },
         Walk = visit(Root, Context, Walk0, fun group/3),
         {ok, #{
             outlines => lists:reverse(Walk#walk.outlines),
             frame => Frame,
-            title => title(starl_picture_xml:children(Root)),
+            title => title(starl_svg_xml:children(Root)),
             has_text => Walk#walk.has_text
         }}
     catch
@@ -102,16 +102,16 @@ drawing(Root, Max) ->
     end.
 
 ids(Element, Ids0) ->
-    Ids = case starl_picture_xml:attribute(<<"id">>, Element) of
+    Ids = case starl_svg_xml:attribute(<<"id">>, Element) of
         undefined -> Ids0;
         Id when is_map_key(Id, Ids0) -> Ids0;
         Id -> Ids0#{Id => Element}
     end,
-    lists:foldl(fun ids/2, Ids, starl_picture_xml:children(Element)).
+    lists:foldl(fun ids/2, Ids, starl_svg_xml:children(Element)).
 
 title(Children) ->
-    case [Child || Child <- Children, starl_picture_xml:name(Child) =:= <<"title">>] of
-        [Title | _] -> starl_picture_xml:text(Title);
+    case [Child || Child <- Children, starl_svg_xml:name(Child) =:= <<"title">>] of
+        [Title | _] -> starl_svg_xml:text(Title);
         [] -> ""
     end.
 
@@ -128,7 +128,7 @@ frame(_, _) -> none.
 
 %% Percentages of the root refer to a window that is not there.
 size(Root, Name) ->
-    case binary:match(starl_picture_xml:attribute(Name, Root, <<"%">>), <<"%">>) of
+    case binary:match(starl_svg_xml:attribute(Name, Root, <<"%">>), <<"%">>) of
         nomatch -> number(Root, Name, 0.0, none);
         _ -> none
     end.
@@ -137,10 +137,10 @@ viewport(none) -> ?DEFAULT_VIEWPORT;
 viewport({X0, Y0, X1, Y1}) -> {X1 - X0, Y1 - Y0}.
 
 view_box(Element) ->
-    case starl_picture_xml:attribute(<<"viewBox">>, Element) of
+    case starl_svg_xml:attribute(<<"viewBox">>, Element) of
         undefined -> none;
         Text ->
-            case starl_picture_number:list(Text) of
+            case starl_svg_number:list(Text) of
                 {ok, [X, Y, W, H]} when W >= ?MIN_EXTENT, H >= ?MIN_EXTENT -> {X, Y, W, H};
                 _ -> fail({bad_number, where(Element), <<"viewBox">>, Text})
             end
@@ -170,9 +170,9 @@ visible(_, Inherited) -> Inherited.
 
 group(Element, Context, Walk) ->
     lists:foldl(
-        fun(Child, Acc) -> child(starl_picture_xml:name(Child), Child, Context, Acc) end,
+        fun(Child, Acc) -> child(starl_svg_xml:name(Child), Child, Context, Acc) end,
         Walk,
-        starl_picture_xml:children(Element)
+        starl_svg_xml:children(Element)
     ).
 
 child(Name, Element, Context, Walk) ->
@@ -188,7 +188,7 @@ drawer(<<"svg">>) -> fun nested/3;
 drawer(<<"use">>) -> fun use/3;
 drawer(<<"text">>) -> fun(_Element, _Context, Walk) -> Walk#walk{has_text = true} end;
 drawer(Name) ->
-    case lists:member(Name, starl_picture_shape:names()) of
+    case lists:member(Name, starl_svg_shape:names()) of
         true -> fun shape/3;
         false -> none
     end.
@@ -196,7 +196,7 @@ drawer(Name) ->
 shape(_Element, #context{visible = false}, Walk) ->
     Walk;
 shape(Element, #context{matrix = Matrix, viewport = Viewport}, Walk) ->
-    case starl_picture_shape:outlines(Element, Viewport, Walk#walk.curves) of
+    case starl_svg_shape:outlines(Element, Viewport, Walk#walk.curves) of
         {ok, Outlines} ->
             Count = lists:sum([length(Outline) || Outline <- Outlines]),
             add(Outlines, Count, Matrix, Walk);
@@ -207,7 +207,7 @@ shape(Element, #context{matrix = Matrix, viewport = Viewport}, Walk) ->
 add(_Outlines, Count, _Matrix, #walk{curves = Curves}) when Count > Curves ->
     fail(too_many_shapes);
 add(Outlines, Count, Matrix, #walk{curves = Curves, outlines = Done} = Walk) ->
-    Placed = [[starl_picture_curve:transform(Matrix, Curve) || Curve <- Outline]
+    Placed = [[starl_svg_curve:transform(Matrix, Curve) || Curve <- Outline]
               || Outline <- Outlines],
     Walk#walk{curves = Curves - Count, outlines = lists:reverse(Placed, Done)}.
 
@@ -220,11 +220,11 @@ use(Element, #context{uses = ?MAX_USES}, _Walk) ->
     fail({use_too_deep, where(Element)});
 use(Element, #context{uses = Uses} = Context0, Walk) ->
     {X, Y} = corner(Element, Context0),
-    Matrix = multiply(Element, Context0#context.matrix, starl_picture_transform:translation(X, Y)),
+    Matrix = multiply(Element, Context0#context.matrix, starl_svg_transform:translation(X, Y)),
     Context = Context0#context{matrix = Matrix, uses = Uses + 1},
     Target = target(Element, Walk),
     Extent = extent(Element, Target, Context),
-    case starl_picture_xml:name(Target) of
+    case starl_svg_xml:name(Target) of
         <<"symbol">> ->
             Draw = fun(E, C, W) -> window(E, {0.0, 0.0}, Extent, C, W) end,
             visit(Target, Context, Walk, Draw);
@@ -236,7 +236,7 @@ use(Element, #context{uses = Uses} = Context0, Walk) ->
     end.
 
 target(Element, #walk{ids = Ids}) ->
-    case starl_picture_xml:attribute(<<"href">>, Element, <<>>) of
+    case starl_svg_xml:attribute(<<"href">>, Element, <<>>) of
         <<$#, Id/binary>> when is_map_key(Id, Ids) -> maps:get(Id, Ids);
         Text -> fail({bad_reference, where(Element), Text})
     end.
@@ -258,7 +258,7 @@ window(_Element, _Corner, {W, H}, _Context, Walk) when W =< 0.0; H =< 0.0 ->
 window(Element, {X, Y}, {W, H}, #context{matrix = Matrix0} = Context, Walk) ->
     {Map, Viewport} = case view_box(Element) of
         none ->
-            {starl_picture_transform:translation(X, Y), {W, H}};
+            {starl_svg_transform:translation(X, Y), {W, H}};
         {VX, VY, VW, VH} ->
             S = min(W / VW, H / VH),
             DX = X + (W - VW * S) / 2.0 - VX * S,
@@ -271,36 +271,36 @@ window(Element, {X, Y}, {W, H}, #context{matrix = Matrix0} = Context, Walk) ->
 %%% Attributes
 
 transformed(Element, Matrix) ->
-    case starl_picture_xml:attribute(<<"transform">>, Element) of
+    case starl_svg_xml:attribute(<<"transform">>, Element) of
         undefined -> Matrix;
         Text ->
-            case starl_picture_transform:parse(Text) of
+            case starl_svg_transform:parse(Text) of
                 {ok, Own} -> multiply(Element, Matrix, Own);
                 {error, _} -> fail({bad_transform, where(Element), Text})
             end
     end.
 
 multiply(Element, Outer, Inner) ->
-    case starl_picture_transform:multiply(Outer, Inner) of
+    case starl_svg_transform:multiply(Outer, Inner) of
         {ok, Matrix} -> Matrix;
         {error, out_of_range} ->
-            Text = starl_picture_xml:attribute(<<"transform">>, Element, <<>>),
+            Text = starl_svg_xml:attribute(<<"transform">>, Element, <<>>),
             fail({bad_transform, where(Element), Text})
     end.
 
 number(Element, Name, Whole, Default) ->
-    case starl_picture_shape:number(Element, Name, Whole, Default) of
+    case starl_svg_shape:number(Element, Name, Whole, Default) of
         {ok, Number} -> Number;
         {error, Problem} -> fail(placed(Problem, Element))
     end.
 
 %% The `style' attribute goes before the attribute of the same name.
 property(Name, Element, Style) ->
-    Own = string:trim(starl_picture_xml:attribute(Name, Element, <<>>)),
+    Own = string:trim(starl_svg_xml:attribute(Name, Element, <<>>)),
     maps:get(Name, Style, Own).
 
 style(Element) ->
-    Text = starl_picture_xml:attribute(<<"style">>, Element, <<>>),
+    Text = starl_svg_xml:attribute(<<"style">>, Element, <<>>),
     Pairs = [binary:split(Part, <<":">>) || Part <- binary:split(Text, <<";">>, [global])],
     maps:from_list([{string:trim(Name), string:trim(Value)} || [Name, Value] <- Pairs]).
 
@@ -308,8 +308,8 @@ placed({bad_number, Name, Text}, Element) -> {bad_number, where(Element), Name, 
 placed({bad_path, Offset, Problem}, Element) -> {bad_path, where(Element), Offset, Problem}.
 
 where(Element) ->
-    {starl_picture_xml:name(Element), starl_picture_xml:attribute(<<"id">>, Element, none),
-     starl_picture_xml:line(Element)}.
+    {starl_svg_xml:name(Element), starl_svg_xml:attribute(<<"id">>, Element, none),
+     starl_svg_xml:line(Element)}.
 
 -spec fail(problem()) -> no_return().
 fail(Problem) -> throw({?MODULE, Problem}).

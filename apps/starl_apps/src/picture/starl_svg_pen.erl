@@ -1,12 +1,12 @@
 %% @doc Follows the commands of a path with a pen: commands to outlines (SVG 1.1, section 8.3).
--module(starl_picture_pen).
+-module(starl_svg_pen).
 
 -export([outlines/1]).
 -export_type([outline/0]).
 
 %% Curves that follow each other without a gap.
--type outline() :: [starl_picture_curve:t(), ...].
--type point() :: starl_picture_curve:point().
+-type outline() :: [starl_svg_curve:t(), ...].
+-type point() :: starl_svg_curve:point().
 
 -record(pen, {
     at = {0.0, 0.0} :: point(),
@@ -14,12 +14,12 @@
     from = {0.0, 0.0} :: point(),
     %% The last control point, for the smooth commands, and the kind of curve it belongs to.
     control = none :: none | {quad | cubic, point()},
-    current = [] :: [starl_picture_curve:t()],
+    current = [] :: [starl_svg_curve:t()],
     done = [] :: [outline()]
 }).
 
 %% @doc The outlines a path draws, one per subpath that draws anything, in user units.
--spec outlines([starl_picture_path:command()]) -> [outline()].
+-spec outlines([starl_svg_path:command()]) -> [outline()].
 outlines(Commands) ->
     #pen{done = Done} = lift(lists:foldl(fun command/2, #pen{}, Commands)),
     lists:reverse(Done).
@@ -53,7 +53,7 @@ draw($T, [X, Y], {OX, OY}, Pen) ->
     quad(reflected(quad, Pen), {OX + X, OY + Y}, Pen);
 draw($A, [RX, RY, Degrees, Large, Sweep, X, Y], {OX, OY}, #pen{at = At} = Pen) ->
     To = {OX + X, OY + Y},
-    Arc = starl_picture_curve:arc(At, {RX, RY}, Degrees, Large == 1.0, Sweep == 1.0, To),
+    Arc = starl_svg_curve:arc(At, {RX, RY}, Degrees, Large == 1.0, Sweep == 1.0, To),
     add(Arc, To, none, Pen).
 
 line(To, #pen{at = At} = Pen) ->

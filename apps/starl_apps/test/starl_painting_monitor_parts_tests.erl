@@ -1,9 +1,9 @@
 %% Parts of a segment: what they cover together, and the first that they leave out. Where a segment
 %% is near another one is held against sampling in starl_painting_monitor_tests.
--module(starl_painting_parts_tests).
+-module(starl_painting_monitor_parts_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--import(starl_painting_parts, [unite/2, gap/2]).
+-import(starl_painting_monitor_parts, [unite/2, gap/2]).
 
 %% In whatever order parts come, what they cover is ascending and disjoint; parts that touch are
 %% one.
@@ -12,7 +12,7 @@ unite_test() ->
     [
         ?assertEqual(
             [{0.0, 2.0}, {3.0, 6.0}, {8.0, 9.0}],
-            lists:foldl(fun starl_painting_parts:unite/2, [], Some)
+            lists:foldl(fun starl_painting_monitor_parts:unite/2, [], Some)
         )
      || Some <- [Parts, lists:reverse(Parts), lists:keysort(2, Parts), Parts ++ Parts]
     ],
@@ -21,7 +21,7 @@ unite_test() ->
 %% What is beside a line, at most so far off, and no farther before its start or past its end.
 beside_test() ->
     Line = {{0.0, 0.0}, {100.0, 0.0}},
-    Beside = fun(Ink) -> starl_painting_parts:beside(10.0, 2.0, Line, Ink) end,
+    Beside = fun(Ink) -> starl_painting_monitor_parts:beside(10.0, 2.0, Line, Ink) end,
     ?assertEqual({20.0, 50.0}, Beside({{50.0, -10.0}, {20.0, 10.0}})),
     ?assertEqual({-2.0, 102.0}, Beside({{-5.0, 0.0}, {150.0, 0.0}})),
     ?assertEqual({50.0, 60.0}, Beside({{50.0, 0.0}, {90.0, 40.0}})),
@@ -32,7 +32,7 @@ beside_test() ->
 
 %% What is missing by more than is allowed: at the ends, in between, or all of it.
 gaps_test() ->
-    Gaps = fun(Parts) -> starl_painting_parts:gaps(9.0, 2.0, Parts) end,
+    Gaps = fun(Parts) -> starl_painting_monitor_parts:gaps(9.0, 2.0, Parts) end,
     ?assertEqual([{0.0, 9.0}], Gaps([])),
     ?assertEqual([], Gaps([{2.0, 7.0}])),
     ?assertEqual([], Gaps([{-2.0, 2.0}, {6.0, 7.0}])),

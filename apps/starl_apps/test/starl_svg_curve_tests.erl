@@ -1,6 +1,6 @@
 %% @doc Contracts: an arc lies on its circle and takes the way its flags say; flattening stays
 %% within the tolerance; bounds hold the curve and touch it; maps and flattening commute.
--module(starl_picture_curve_tests).
+-module(starl_svg_curve_tests).
 
 -include_lib("eunit/include/eunit.hrl").
 
@@ -11,7 +11,7 @@ arc_flags_test_() ->
     From = {3.0, 4.0},
     To = {-3.0, 4.0},
     [?_test(begin
-        Points = samples(starl_picture_curve:arc(From, {5.0, 5.0}, 0.0, Large, Sweep, To), 200),
+        Points = samples(starl_svg_curve:arc(From, {5.0, 5.0}, 0.0, Large, Sweep, To), 200),
         [?assert(abs(distance(P, Centre) - 5.0) < 1.0e-9, P) || P <- Points],
         ?assert(abs(path_length(Points) - Length) < 0.01),
         ?assertEqual(To, lists:last(Points))
@@ -28,17 +28,17 @@ arcs() ->
 
 %% F.6.6: too small radii grow until the ends fit; a zero radius is a line.
 arc_radii_test() ->
-    Arc = starl_picture_curve:arc({0.0, 0.0}, {1.0, 1.0}, 0.0, false, true, {10.0, 0.0}),
+    Arc = starl_svg_curve:arc({0.0, 0.0}, {1.0, 1.0}, 0.0, false, true, {10.0, 0.0}),
     Half = samples(Arc, 50),
     [?assert(abs(distance(P, {5.0, 0.0}) - 5.0) < 1.0e-6) || P <- Half],
     ?assertEqual({line, {0.0, 0.0}, {1.0, 1.0}},
-                 starl_picture_curve:arc({0.0, 0.0}, {0.0, 1.0}, 0.0, false, true, {1.0, 1.0})),
+                 starl_svg_curve:arc({0.0, 0.0}, {0.0, 1.0}, 0.0, false, true, {1.0, 1.0})),
     ?assertEqual({line, {1.0, 1.0}, {1.0, 1.0}},
-                 starl_picture_curve:arc({1.0, 1.0}, {2.0, 1.0}, 0.0, true, true, {1.0, 1.0})).
+                 starl_svg_curve:arc({1.0, 1.0}, {2.0, 1.0}, 0.0, true, true, {1.0, 1.0})).
 
 %% A rotated arc satisfies the equation of its rotated ellipse.
 arc_rotation_test() ->
-    Arc = starl_picture_curve:arc({0.0, 0.0}, {8.0, 3.0}, 30.0, true, true, {5.0, 2.0}),
+    Arc = starl_svg_curve:arc({0.0, 0.0}, {8.0, 3.0}, 30.0, true, true, {5.0, 2.0}),
     {arc, _, _, {CX, CY}, _, _, _, _} = Arc,
     {Cos, Sin} = {math:cos(?PI / 6), math:sin(?PI / 6)},
     [begin
@@ -54,10 +54,10 @@ tolerance_test_() ->
 tolerance_holds(Curve) ->
     lists:all(
         fun(Tolerance) ->
-            N = starl_picture_curve:steps(Curve, Tolerance),
-            Corners = [starl_picture_curve:start(Curve) | starl_picture_curve:flatten(Curve, N)],
+            N = starl_svg_curve:steps(Curve, Tolerance),
+            Corners = [starl_svg_curve:start(Curve) | starl_svg_curve:flatten(Curve, N)],
             %% Nine points of the curve between each two corners.
-            Dense = [starl_picture_curve:start(Curve) | starl_picture_curve:flatten(Curve, N * 10)],
+            Dense = [starl_svg_curve:start(Curve) | starl_svg_curve:flatten(Curve, N * 10)],
             worst(Corners, Dense, 0.0) =< Tolerance * (1.0 + 1.0e-9) + 1.0e-9
         end,
         [50.0, 2.0, 0.1]
@@ -72,17 +72,17 @@ worst([_], [_], Worst) ->
 
 %% The bound is not bought with needless chords: a circle takes at most one more than the least.
 economy_test() ->
-    Circle = starl_picture_curve:ellipse({0.0, 0.0}, {4000.0, 4000.0}, 0.0, 2 * ?PI),
+    Circle = starl_svg_curve:ellipse({0.0, 0.0}, {4000.0, 4000.0}, 0.0, 2 * ?PI),
     Least = ?PI / math:acos(1.0 - 2.0 / 4000.0),
-    ?assert(starl_picture_curve:steps(Circle, 2.0) =< Least + 1.0),
-    Dot = starl_picture_curve:ellipse({0.0, 0.0}, {1.0, 1.0}, 0.0, 2 * ?PI),
-    ?assertEqual(4, starl_picture_curve:steps(Dot, 2.0)).
+    ?assert(starl_svg_curve:steps(Circle, 2.0) =< Least + 1.0),
+    Dot = starl_svg_curve:ellipse({0.0, 0.0}, {1.0, 1.0}, 0.0, 2 * ?PI),
+    ?assertEqual(4, starl_svg_curve:steps(Dot, 2.0)).
 
 bounds_test_() ->
     {timeout, 30, fun() -> for_random(200, fun bounds_hold/1) end}.
 
 bounds_hold(Curve) ->
-    {X0, Y0, X1, Y1} = starl_picture_curve:bounds(Curve),
+    {X0, Y0, X1, Y1} = starl_svg_curve:bounds(Curve),
     Points = samples(Curve, 2000),
     {Xs, Ys} = lists:unzip(Points),
     Size = max(1.0, max(X1 - X0, Y1 - Y0)),
@@ -98,8 +98,8 @@ transform_test_() ->
 
 maps_commute(Curve) ->
     Map = {1.5, 0.3, -0.7, 0.9, 10.0, -20.0},
-    Mapped = samples(starl_picture_curve:transform(Map, Curve), 20),
-    Expected = [starl_picture_transform:apply(Map, P) || P <- samples(Curve, 20)],
+    Mapped = samples(starl_svg_curve:transform(Map, Curve), 20),
+    Expected = [starl_svg_transform:apply(Map, P) || P <- samples(Curve, 20)],
     lists:all(fun({P, Q}) -> distance(P, Q) < 1.0e-6 end, lists:zip(Mapped, Expected)).
 
 %%% Helpers
@@ -127,7 +127,7 @@ random_curve(Random0) ->
     Curve = case Kind of
         1 -> {quad, P0, P1, P2};
         2 -> {cubic, P0, P1, P2, P3};
-        3 -> starl_picture_curve:arc(P0, {A * 9000.0 + 1.0, B * 9000.0 + 1.0}, C * 360.0,
+        3 -> starl_svg_curve:arc(P0, {A * 9000.0 + 1.0, B * 9000.0 + 1.0}, C * 360.0,
                                      A > 0.5, B > 0.5, P3)
     end,
     {Curve, Random}.
@@ -135,7 +135,7 @@ random_curve(Random0) ->
 pairs([X, Y | Rest]) -> [{X, Y} | pairs(Rest)];
 pairs([]) -> [].
 
-samples(Curve, N) -> [starl_picture_curve:start(Curve) | starl_picture_curve:flatten(Curve, N)].
+samples(Curve, N) -> [starl_svg_curve:start(Curve) | starl_svg_curve:flatten(Curve, N)].
 
 path_length([P, Q | Rest]) -> distance(P, Q) + path_length([Q | Rest]);
 path_length([_]) -> 0.0.

@@ -7,7 +7,7 @@
 %% Flattening is uniform in the parameter. A chord over a step `h' leaves a curve with second
 %% derivative at most `M' by at most `M h^2 / 8'; on an arc by at most the largest radius times
 %% `1 - cos(h / 2)'. The number of steps follows from that, so the bound always holds.
--module(starl_picture_curve).
+-module(starl_svg_curve).
 
 -export([start/1, transform/2, bounds/1, merge_bounds/2, steps/2, flatten/2]).
 -export([ellipse/4, arc/6]).
@@ -69,7 +69,7 @@ arc({X1, Y1} = From, {RX0, RY0}, Degrees, Large, Sweep, {X2, Y2} = To) ->
     {arc, From, To, Centre, U, V, Angle, Turn}.
 
 %% @doc The curve under an affine map, exactly.
--spec transform(starl_picture_transform:matrix(), t()) -> t().
+-spec transform(starl_svg_transform:matrix(), t()) -> t().
 transform(M, {line, P0, P1}) ->
     {line, at(M, P0), at(M, P1)};
 transform(M, {quad, P0, P1, P2}) ->
@@ -77,8 +77,8 @@ transform(M, {quad, P0, P1, P2}) ->
 transform(M, {cubic, P0, P1, P2, P3}) ->
     {cubic, at(M, P0), at(M, P1), at(M, P2), at(M, P3)};
 transform(M, {arc, P0, P1, C, U, V, Angle, Sweep}) ->
-    {arc, at(M, P0), at(M, P1), at(M, C), starl_picture_transform:apply_vector(M, U),
-     starl_picture_transform:apply_vector(M, V), Angle, Sweep}.
+    {arc, at(M, P0), at(M, P1), at(M, C), starl_svg_transform:apply_vector(M, U),
+     starl_svg_transform:apply_vector(M, V), Angle, Sweep}.
 
 %% @doc The smallest axis-parallel box around the curve (not around its control points).
 -spec bounds(t()) -> bounds().
@@ -122,7 +122,7 @@ flatten(Curve, N) -> [point_at(Curve, K / N) || K <- lists:seq(1, N - 1)] ++ [fi
 
 %%% Internals
 
-at(Matrix, Point) -> starl_picture_transform:apply(Matrix, Point).
+at(Matrix, Point) -> starl_svg_transform:apply(Matrix, Point).
 
 finish({quad, _, _, P2}) -> P2;
 finish({cubic, _, _, _, P3}) -> P3;

@@ -3,7 +3,7 @@
 %% Every repetition becomes a command of its own, and the pairs after a moveto become linetos, so
 %% a reader of the commands never sees the short forms. Unlike a browser, which draws up to the
 %% first mistake, a mistake anywhere is an error: robots must not paint half a picture.
--module(starl_picture_path).
+-module(starl_svg_path).
 
 -export([parse/2]).
 -export_type([command/0, problem/0]).
@@ -21,7 +21,7 @@
 -spec parse(binary(), Max :: non_neg_integer()) ->
     {ok, [command()]} | {error, {Offset :: non_neg_integer(), problem()}} | {error, too_many}.
 parse(Text, Max) ->
-    case starl_picture_number:skip_space(Text) of
+    case starl_svg_number:skip_space(Text) of
         <<"none">> -> {ok, []};
         Commands -> result(commands(Commands, [], Max), byte_size(Text))
     end.
@@ -41,8 +41,8 @@ commands(<<Letter, _/binary>> = Text, [], _Max) when Letter =/= $M, Letter =/= $
 commands(<<Letter, Rest/binary>> = Text, Done, Max) ->
     case arguments(Letter) of
         unknown -> {error, expected_command, Text};
-        [] -> commands(starl_picture_number:skip_space(Rest), [{Letter, []} | Done], Max - 1);
-        Kinds -> groups(starl_picture_number:skip_space(Rest), Letter, Kinds, Done, Max)
+        [] -> commands(starl_svg_number:skip_space(Rest), [{Letter, []} | Done], Max - 1);
+        Kinds -> groups(starl_svg_number:skip_space(Rest), Letter, Kinds, Done, Max)
     end.
 
 %% One or more groups of arguments for the same letter.
@@ -52,9 +52,9 @@ groups(Text, Letter, Kinds, Done, Max) ->
     case group(Kinds, Text, []) of
         {ok, Numbers, Rest} ->
             Done1 = [{Letter, Numbers} | Done],
-            case starl_picture_number:skip_space(Rest) of
+            case starl_svg_number:skip_space(Rest) of
                 <<$,, Rest1/binary>> ->
-                    Next = starl_picture_number:skip_space(Rest1),
+                    Next = starl_svg_number:skip_space(Rest1),
                     groups(Next, repeated(Letter), Kinds, Done1, Max - 1);
                 <<C, _/binary>> = Rest1 when ?IS_NUMBER_START(C) ->
                     groups(Rest1, repeated(Letter), Kinds, Done1, Max - 1);
@@ -69,7 +69,7 @@ group([Kind | Kinds], Text, Numbers) ->
     case argument(Kind, Text) of
         {ok, Number, Rest} when Kinds =:= [] -> {ok, lists:reverse(Numbers, [Number]), Rest};
         {ok, Number, Rest} ->
-            group(Kinds, starl_picture_number:skip_comma(Rest), [Number | Numbers]);
+            group(Kinds, starl_svg_number:skip_comma(Rest), [Number | Numbers]);
         {error, Problem} -> {error, Problem, Text}
     end.
 
@@ -78,7 +78,7 @@ argument(flag, <<$0, Rest/binary>>) -> {ok, 0.0, Rest};
 argument(flag, <<$1, Rest/binary>>) -> {ok, 1.0, Rest};
 argument(flag, _) -> {error, expected_flag};
 argument(number, Text) ->
-    case starl_picture_number:scan(Text) of
+    case starl_svg_number:scan(Text) of
         {ok, Number, Rest} -> {ok, Number, Rest};
         {error, not_a_number} -> {error, expected_number};
         {error, out_of_range} -> {error, out_of_range}

@@ -1,6 +1,6 @@
 %% @doc The basic shapes and paths of SVG to outlines (SVG 1.1, chapter 9), and the reading of
 %% numbers from attributes that this takes.
--module(starl_picture_shape).
+-module(starl_svg_shape).
 
 -export([names/0, outlines/3, number/4]).
 -export_type([problem/0, viewport/0]).
@@ -11,10 +11,10 @@
 %% curves than allowed.
 -type problem() ::
     {bad_number, Attribute :: binary(), Text :: binary()}
-    | {bad_path, Offset :: non_neg_integer(), starl_picture_path:problem()}
+    | {bad_path, Offset :: non_neg_integer(), starl_svg_path:problem()}
     | too_many.
 -type axis() :: x | y | diagonal.
--type element_() :: starl_picture_xml:element_().
+-type element_() :: starl_svg_xml:element_().
 
 -define(PI, 3.141592653589793).
 
@@ -26,10 +26,10 @@ names() ->
 
 %% @doc The outlines of one shape in its own user units; at most `Max' curves.
 -spec outlines(element_(), viewport(), Max :: non_neg_integer()) ->
-    {ok, [starl_picture_pen:outline()]} | {error, problem()}.
+    {ok, [starl_svg_pen:outline()]} | {error, problem()}.
 outlines(Element, Viewport, Max) ->
     %% Attributes are read many at a time; a throw leaves from the first bad one.
-    try shape(starl_picture_xml:name(Element), Element, Viewport, Max) of
+    try shape(starl_svg_xml:name(Element), Element, Viewport, Max) of
         Outlines -> {ok, Outlines}
     catch
         throw:{?MODULE, Problem} -> {error, Problem}
@@ -39,11 +39,11 @@ outlines(Element, Viewport, Max) ->
 -spec number(element_(), binary(), float(), Default) ->
     {ok, float() | Default} | {error, problem()}.
 number(Element, Name, Whole, Default) ->
-    case starl_picture_xml:attribute(Name, Element) of
+    case starl_svg_xml:attribute(Name, Element) of
         undefined -> {ok, Default};
         <<"auto">> -> {ok, Default};
         Text ->
-            case starl_picture_number:length(Text, Whole) of
+            case starl_svg_number:length(Text, Whole) of
                 {ok, Number} -> {ok, Number};
                 {error, _} -> {error, {bad_number, Name, Text}}
             end
@@ -75,8 +75,8 @@ shape(<<"ellipse">>, E, View, _Max) ->
     RY = positive(E, <<"ry">>, y, View, none),
     ellipse(E, View, {other(RX, RY), other(RY, RX)});
 shape(<<"path">>, E, _View, Max) ->
-    case starl_picture_path:parse(starl_picture_xml:attribute(<<"d">>, E, <<>>), Max) of
-        {ok, Commands} -> starl_picture_pen:outlines(Commands);
+    case starl_svg_path:parse(starl_svg_xml:attribute(<<"d">>, E, <<>>), Max) of
+        {ok, Commands} -> starl_svg_pen:outlines(Commands);
         {error, too_many} -> fail(too_many);
         {error, {Offset, Problem}} -> fail({bad_path, Offset, Problem})
     end.
@@ -88,7 +88,7 @@ rect({X, Y}, {W, H}, {RX, RY}) when RX == 0.0; RY == 0.0 ->
 rect({X0, Y0}, {W, H}, {RX, RY}) ->
     {X1, Y1} = {X0 + W, Y0 + H},
     Corner = fun(CX, CY, Quarter) ->
-        starl_picture_curve:ellipse({CX, CY}, {RX, RY}, Quarter * ?PI / 2.0, ?PI / 2.0)
+        starl_svg_curve:ellipse({CX, CY}, {RX, RY}, Quarter * ?PI / 2.0, ?PI / 2.0)
     end,
     [[{line, {X0 + RX, Y0}, {X1 - RX, Y0}}, Corner(X1 - RX, Y0 + RY, 3),
       {line, {X1, Y0 + RY}, {X1, Y1 - RY}}, Corner(X1 - RX, Y1 - RY, 0),
@@ -106,11 +106,11 @@ ellipse(_E, _View, {RX, RY}) when RX == 0.0; RY == 0.0 ->
     [];
 ellipse(E, View, Radii) ->
     Centre = {coordinate(E, <<"cx">>, x, View), coordinate(E, <<"cy">>, y, View)},
-    [[starl_picture_curve:ellipse(Centre, Radii, 0.0, 2.0 * ?PI)]].
+    [[starl_svg_curve:ellipse(Centre, Radii, 0.0, 2.0 * ?PI)]].
 
 points(E, Max) ->
-    Text = starl_picture_xml:attribute(<<"points">>, E, <<>>),
-    case starl_picture_number:list(Text) of
+    Text = starl_svg_xml:attribute(<<"points">>, E, <<>>),
+    case starl_svg_number:list(Text) of
         {ok, Numbers} when length(Numbers) rem 2 =:= 1 -> fail({bad_number, <<"points">>, Text});
         {ok, Numbers} when length(Numbers) > 2 * Max + 2 -> fail(too_many);
         {ok, Numbers} -> pairs(Numbers);
@@ -131,7 +131,7 @@ coordinate(E, Name, Axis, View) -> value(number(E, Name, whole(Axis, View), 0.0)
 positive(E, Name, Axis, View, Default) ->
     case value(number(E, Name, whole(Axis, View), Default)) of
         Number when is_float(Number), Number < 0.0 ->
-            fail({bad_number, Name, starl_picture_xml:attribute(Name, E, <<>>)});
+            fail({bad_number, Name, starl_svg_xml:attribute(Name, E, <<>>)});
         Number ->
             Number
     end.

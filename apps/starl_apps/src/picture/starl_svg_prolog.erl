@@ -3,7 +3,7 @@
 %%
 %% The document leaves as UTF-8 with a plain declaration and an empty prolog, in which only the
 %% line feeds are kept, so that later line numbers are those of the file.
--module(starl_picture_prolog).
+-module(starl_svg_prolog).
 
 -export([read/1]).
 
@@ -12,7 +12,7 @@
 -define(BOM, 16#FEFF).
 
 %% @doc The document as UTF-8, without its prolog.
--spec read(binary()) -> {ok, binary()} | {error, starl_picture_xml:problem()}.
+-spec read(binary()) -> {ok, binary()} | {error, starl_svg_xml:problem()}.
 read(Bytes) ->
     case kind(Bytes) of
         xml -> decoded(decode(Bytes));

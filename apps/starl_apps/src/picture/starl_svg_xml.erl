@@ -5,7 +5,7 @@
 %% unread (so nothing is fetched) and one with an internal subset, the only place where entities
 %% can be declared, is refused. Against documents that are merely hostile in shape it runs in a
 %% process of its own with a bound on memory and time, and the tree has bounds on depth and count.
--module(starl_picture_xml).
+-module(starl_svg_xml).
 
 -export([parse/2]).
 -export([name/1, line/1, attribute/2, attribute/3, children/1, text/1]).
@@ -66,7 +66,7 @@
 %% @doc The root element of a document.
 -spec parse(binary(), vocabulary()) -> {ok, element_()} | {error, problem()}.
 parse(Bytes, Vocabulary) ->
-    case starl_picture_prolog:read(Bytes) of
+    case starl_svg_prolog:read(Bytes) of
         {ok, Document} -> in_process(Document, Vocabulary);
         {error, _} = Error -> Error
     end.
@@ -137,7 +137,7 @@ sax(Document, Vocabulary) ->
 finished(none, _Document, _Rest) ->
     {error, {truncated, 1}};
 finished(#element{} = Root, Document, Rest) ->
-    case starl_picture_number:skip_space(Rest) of
+    case starl_svg_number:skip_space(Rest) of
         <<>> ->
             {ok, Root};
         Junk ->

@@ -1,6 +1,6 @@
 %% @doc Parts of a segment: which part of it is near another segment, what several parts cover
 %% together, and what they leave out. Lengths are millimetres.
--module(starl_painting_parts).
+-module(starl_painting_monitor_parts).
 
 -export([within/3, beside/4, unite/2, gap/2, gaps/3]).
 

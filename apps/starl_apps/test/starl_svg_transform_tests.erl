@@ -1,5 +1,5 @@
 %% @doc Contract: a transform attribute maps points as SVG 1.1 (7.6) says.
--module(starl_picture_transform_tests).
+-module(starl_svg_transform_tests).
 
 -include_lib("eunit/include/eunit.hrl").
 
@@ -28,7 +28,7 @@ order_test_() ->
     ]].
 
 bad_test_() ->
-    [?_assertEqual({Text, {error, Why}}, {Text, starl_picture_transform:parse(Text)})
+    [?_assertEqual({Text, {error, Why}}, {Text, starl_svg_transform:parse(Text)})
      || {Text, Why} <- [
         {<<"spin(3)">>, syntax}, {<<"scale">>, syntax}, {<<"scale(1">>, syntax},
         {<<"scale()">>, syntax}, {<<"scale(1 2 3)">>, syntax}, {<<"matrix(1 2 3 4 5)">>, syntax},
@@ -38,6 +38,6 @@ bad_test_() ->
      ]].
 
 check(Text, From, {X, Y}) ->
-    {ok, Matrix} = starl_picture_transform:parse(Text),
-    {GotX, GotY} = starl_picture_transform:apply(Matrix, From),
+    {ok, Matrix} = starl_svg_transform:parse(Text),
+    {GotX, GotY} = starl_svg_transform:apply(Matrix, From),
     ?assert(abs(GotX - X) < 1.0e-9 andalso abs(GotY - Y) < 1.0e-9, {Text, {GotX, GotY}}).

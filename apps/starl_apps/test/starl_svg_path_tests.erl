@@ -1,6 +1,6 @@
 %% @doc Contracts: path data is read by the grammar of SVG 1.1 (8.3.9), a mistake is an error with
 %% its offset, and the pen draws what the commands say, relative or absolute.
--module(starl_picture_path_tests).
+-module(starl_svg_path_tests).
 
 -include_lib("eunit/include/eunit.hrl").
 
@@ -42,8 +42,8 @@ errors_test_() ->
     ]].
 
 limit_test() ->
-    ?assertEqual({error, too_many}, starl_picture_path:parse(<<"M0 0 1 1 2 2 3 3">>, 3)),
-    ?assertMatch({ok, [_, _, _, _]}, starl_picture_path:parse(<<"M0 0 1 1 2 2 3 3">>, 4)).
+    ?assertEqual({error, too_many}, starl_svg_path:parse(<<"M0 0 1 1 2 2 3 3">>, 3)),
+    ?assertMatch({ok, [_, _, _, _]}, starl_svg_path:parse(<<"M0 0 1 1 2 2 3 3">>, 4)).
 
 %% A relative command draws what the absolute one with the pen's place added draws.
 relative_test_() ->
@@ -86,6 +86,6 @@ same(A, B) ->
 
 outlines(Text) ->
     {ok, Commands} = parse(Text),
-    starl_picture_pen:outlines(Commands).
+    starl_svg_pen:outlines(Commands).
 
-parse(Text) -> starl_picture_path:parse(Text, 1000).
+parse(Text) -> starl_svg_path:parse(Text, 1000).
