@@ -1,5 +1,5 @@
-%% @doc The command line: from the arguments to a command, its exit status, and the last resort when
-%% something breaks.
+%% @doc The entry point of the command line: finds the command, gives its exit status, and reports
+%% internal errors.
 -module(starl_cli).
 
 -export([main/1, command/1]).

@@ -1,4 +1,4 @@
-%% @doc `./starl apps': the applications that there are to run, a name a line.
+%% @doc `./starl apps': lists the applications that can be run, one name per line.
 -module(starl_cli_apps).
 -behaviour(starl_cli_command).
 

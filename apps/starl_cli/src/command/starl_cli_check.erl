@@ -1,4 +1,4 @@
-%% @doc `./starl check BLOCK': the exhaustive checker of a building block.
+%% @doc `./starl check BLOCK': runs the exhaustive checker on a building block.
 -module(starl_cli_check).
 
 -behaviour(starl_cli_command).
@@ -71,7 +71,7 @@ models(Name) -> [lists:keyfind(Name, 1, starl_blocks:models())].
 faults("none") -> starl_check:parse_faults("");
 faults(Text) -> starl_check:parse_faults(Text).
 
-%% One after the other; the gravest status, and nothing more after an interruption.
+%% Checks the blocks in turn and gives the gravest status; an interruption ends the list.
 each([], _Values, Status) ->
     Status;
 each([Block | Blocks], Values, Status) ->

@@ -1,10 +1,10 @@
-%% @doc The behaviour of a command of `./starl', and what all commands have in common: the word
-%% that a command begins with, flags, `--help', and bad input.
+%% @doc The behaviour of a command of `./starl', and the code that all commands share: it reads the
+%% first word and the flags, answers `--help', and reports bad input.
 %%
-%% A command says what it is called, what it takes and what it does. From that come the dispatch,
-%% both helps ({@link starl_cli_usage}), the reading of its arguments with all problems at once, and
-%% the words for completion. An OTP application lists its commands in its `.app' file
-%% ({@link starl_cli_catalogue}).
+%% A command declares its name, its arguments and its purpose. The dispatch, both help texts
+%% ({@link starl_cli_usage}), the argument parser and the words for completion all follow from this
+%% declaration. The parser reports all problems at once. An OTP application lists its commands in
+%% its `.app' file ({@link starl_cli_catalogue}).
 -module(starl_cli_command).
 
 -export([all/0, find/1, run/2, read/2]).
@@ -12,33 +12,33 @@
 
 -export_type([argument/0, choices/0, subject/0, paragraph/0, group/0, call/0, answer/0]).
 
-%% The word that a command begins with, if it wants one: one of some names, each with what it is;
-%% or a word that the command understands by itself, with an example.
+%% The first word of a command, if it takes one: a choice from a list of names with explanations, or
+%% a free word that the command itself understands, with an example.
 -type argument() ::
     none
     | {required | optional, Placeholder :: string(), choices() | {example, string()}}.
 
 -type choices() :: [{Name :: atom(), Doc :: unicode:chardata()}].
 
-%% What the word names: a choice, what `subject/2' makes of it, or none where there is none.
+%% The meaning of the word: a choice, or the result of `subject/2'; `none' without a word.
 -type subject() :: none | term().
 
-%% A piece of a help: prose, which is set for the width of the terminal; lines as they stand; or
-%% names with what they are.
+%% A paragraph of a help text: prose, which is wrapped to the width of the terminal; lines that are
+%% printed unchanged; or names with explanations.
 -type paragraph() ::
     unicode:chardata()
     | {lines, unicode:chardata()}
     | {list, Title :: unicode:chardata(), [{Name :: unicode:chardata(), unicode:chardata()}]}.
 
-%% Flags under a title; flags that can be given but are explained elsewhere; and flags that are only
-%% shown, as they go with another subject.
+%% Flags under a title; flags that are accepted but explained elsewhere; and flags that are only
+%% shown because they belong to another subject.
 -type group() ::
     {Title :: unicode:chardata(), [starl_cli_flags:flag()]}
     | {hidden, [starl_cli_flags:flag()]}
     | {shown, Title :: unicode:chardata(), [starl_cli_flags:flag()]}.
 
-%% A command line that was read: the subject, the flags that were given, the same with the defaults
-%% of all others, and the arguments as they were typed.
+%% A parsed command line: the subject, the flags given, these flags together with the defaults of
+%% all others, and the arguments as typed.
 -type call() :: #{
     subject := subject(),
     given := #{atom() => term()},
@@ -46,20 +46,20 @@
     args := [string()]
 }.
 
-%% An exit status, or what is wrong with the input, a line for each problem.
+%% An exit status, or the problems of the input, one line each.
 -type answer() :: starl_cli_terminal:status() | {error, [unicode:chardata(), ...]}.
 
 -callback name() -> string().
-%% What it does, in one line.
+%% The purpose of the command, in one line.
 -callback synopsis() -> string().
 -callback argument() -> argument().
-%% What the help says of it, before its flags.
+%% The help text above the flags.
 -callback about(subject()) -> [paragraph()].
-%% The flags, but for --help, which every command has.
+%% The flags, without --help, which every command has.
 -callback flags(subject()) -> [group()].
-%% What exit statuses mean, but for 2, bad usage or input.
+%% The meanings of the exit statuses, without 2 (bad usage or input).
 -callback statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-%% Understands the word, where that is not one of some choices; gives the other arguments on. A
+%% Resolves a word that is not a choice from a list; passes on the other arguments. A
 %% command with choices is asked for files, FILE.erl.
 -callback subject(Word :: string(), Args :: [string()]) ->
     {ok, subject(), [string()]} | {error, [unicode:chardata(), ...]}.
@@ -71,7 +71,7 @@
 -spec all() -> [{Title :: string(), [module(), ...]}].
 all() -> starl_cli_catalogue:commands().
 
-%% @doc The command of a name; else the names that it may have meant.
+%% @doc Finds a command by its name; otherwise gives similar names.
 -spec find(string()) -> {ok, module()} | {error, Near :: [string()]}.
 find(Name) ->
     Named = [{Module:name(), Module} || {_, Modules} <- all(), Module <- Modules],
@@ -98,7 +98,7 @@ show(Text) ->
     starl_cli_terminal:out(Text),
     0.
 
-%% @doc Reads the arguments of a command, all in one go.
+%% @doc Reads the arguments of a command and reports all problems at once.
 -spec read(module(), [string()]) ->
     {ok, call()}
     | {help, Word :: string() | none, subject()}
@@ -111,7 +111,7 @@ read(Command, Args) ->
         {{Word, Others}, Help} -> with_word(Argument, Command, {Word, Others, Args}, Help)
     end.
 
-%% The word comes first; behind flags it is known by what it names.
+%% The word comes first. After flags it is recognized if it names something known.
 take(none, _Args) ->
     none;
 take(_Argument, [[C | _] = Word | Others]) when C =/= $- ->
@@ -184,20 +184,20 @@ parsed(Command, Subject, Rest, Args) ->
             {error, Lines ++ in_file(Subject)}
     end.
 
-%% What is wrong in a scenario file is told with the rest.
+%% Problems of a scenario file are reported together with the others.
 in_file(#{app := _, given := Given} = Target) ->
     {Problems, _} = starl_cli_setup:scenario(Target, Given),
     Problems;
 in_file(_Subject) ->
     [].
 
-%% -- what a command may leave out -----------------------------------------------------------
+%% -- optional callbacks ---------------------------------------------------------------------
 
-%% @doc The word that a command begins with.
+%% @doc The first word that a command takes.
 -spec argument(module()) -> argument().
 argument(Command) -> optional(Command, argument, [], none).
 
-%% @doc All flags of a command for a subject; the last group that is shown has --help.
+%% @doc All flags of a command for a subject; the last visible group contains --help.
 -spec flags(module(), subject()) -> [group()].
 flags(Command, Subject) ->
     Help = {help, switch, false, "this help"},
@@ -208,8 +208,8 @@ flags(Command, Subject) ->
         _ -> Own ++ [{"Flags", [Help]} | Hidden]
     end.
 
-%% @doc What the exit statuses of a command mean, in their order; nothing where there are only the
-%% usual ones.
+%% @doc The meanings of a command's exit statuses, in ascending order; empty if the command has only
+%% the usual ones.
 -spec statuses(module()) -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses(Command) ->
     case optional(Command, statuses, [], []) of

@@ -1,4 +1,4 @@
-%% @doc `./starl faults': the kinds of faults, one line each.
+%% @doc `./starl faults': lists the kinds of faults, one line each.
 -module(starl_cli_faults).
 -behaviour(starl_cli_command).
 
@@ -40,7 +40,7 @@ row({Kind, Class, Target, Params, Doc}) ->
 type({one_of, Atoms}) -> lists:join("|", [atom_to_list(Atom) || Atom <- Atoms]);
 type({_, Low, High}) -> io_lib:format("~b..~b", [Low, High]).
 
-%% The key ends with its unit; what has none is a part or a number.
+%% A key ends with its unit. A key without a unit is a fraction or a number.
 unit(Key) ->
     case lists:last(string:lexemes(atom_to_list(Key), "_")) of
         "ms" -> " ms";
@@ -49,7 +49,7 @@ unit(Key) ->
         _ -> ""
     end.
 
-%% All columns but the last, which needs no width.
+%% All columns except the last, which needs no width.
 columns(Rows) -> [[lists:nth(N, Row) || Row <- Rows] || N <- [1, 2, 3, 4]].
 
 line(Row, Widths) ->

@@ -1,4 +1,4 @@
-%% @doc `./starl help': all commands, or one; and their names, for completion in a shell.
+%% @doc `./starl help': explains all commands or one, and gives their names to a shell's completion.
 -module(starl_cli_help).
 -behaviour(starl_cli_command).
 
@@ -12,7 +12,7 @@ synopsis() -> "this list, or the help of a command".
 
 -spec argument() -> starl_cli_command:argument().
 argument() ->
-    %% names of the project's own commands: a few atoms
+    %% These few atoms are the names of the project's own commands.
     {optional, "COMMAND", [{list_to_atom(Name), ""} || Name <- starl_cli_usage:names()]}.
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].

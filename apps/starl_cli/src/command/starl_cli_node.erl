@@ -1,4 +1,4 @@
-%% @doc `./starl node': a node that waits for runs over several nodes.
+%% @doc `./starl node': starts a node that takes part in runs over several nodes.
 -module(starl_cli_node).
 
 -behaviour(starl_cli_command).

@@ -1,5 +1,5 @@
-%% @doc `./starl replay': runs a recorded run again and compares the digests, or stops on the way
-%% to it and shows the robots.
+%% @doc `./starl replay': repeats a recorded run and compares the digests, or stops the run at a
+%% given point and shows the robots.
 -module(starl_cli_replay).
 
 -behaviour(starl_cli_command).
@@ -12,8 +12,8 @@
 %% Where to stop: at a virtual time, just after the N-th event of a robot, or at the end.
 -type stop() :: {at_us, non_neg_integer()} | {event, starl:robot_id(), N :: pos_integer()} | 'end'.
 
-%% A checked command line: as that of a run, with the place to stop at, if any, the robots to
-%% show in full there, and the record to compare with, if there is one.
+%% A checked command line of a run, with the point at which to stop, the robots to show in full
+%% there, and the record to compare with. Each of these may be absent.
 -type setup() :: #{
     run := starl_cli_setup:t(),
     stop := stop() | none,
@@ -42,7 +42,7 @@ about(_Subject) ->
 flags(none) -> [{"Flags", own_flags()}];
 flags(Target) -> [{"Flags", own_flags()}, {hidden, run_flags(Target)}].
 
-%% A recorded run is run as it was, but for what does not change it.
+%% A recorded run keeps its values. The flags that remain do not change the run.
 run_flags(#{app := App, record := _}) ->
     Options = starl_cli_setup:options(App),
     [Flag || {Key, _, _, _} = Flag <- Options, Key =:= mode orelse Key =:= shards];
@@ -89,7 +89,7 @@ run(Call) ->
         {error, _} = Error -> Error
     end.
 
-%% @doc Checks a command line, all in one go.
+%% @doc Checks a command line and reports all problems at once.
 -spec setup(starl_cli_command:call()) -> {ok, setup()} | {error, [unicode:chardata(), ...]}.
 setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
     {Unsound, Scenario} = starl_cli_setup:scenario(Target, starl_cli_setup:given(Call, own_flags())),
@@ -131,7 +131,7 @@ number(Text) ->
         error -> none
     end.
 
-%% Robots that there are none of.
+%% Robots that the command line names but the team does not have.
 absent(Stop, Inspect, #{robots := Robots}) ->
     Until = [{"--until", Id} || {event, Id, _} <- [Stop]],
     [
@@ -141,10 +141,10 @@ absent(Stop, Inspect, #{robots := Robots}) ->
 absent(_Stop, _Inspect, #{}) ->
     [].
 
-%% -- the same again -------------------------------------------------------------------------
+%% -- comparing ------------------------------------------------------------------------------
 
 again(#{run := #{scenario := #{time := Seconds} = Scenario} = Run, record := Record} = Setup) ->
-    %% what was interrupted is compared as far as it came
+    %% An interrupted run is compared up to its interruption.
     UntilUs =
         case Record of
             #{ending := stopped, end_us := EndUs} -> EndUs;

@@ -1,4 +1,4 @@
-%% @doc `./starl run': one simulation, from the flags to the directory with its results.
+%% @doc `./starl run': runs one simulation and writes a directory with its results.
 -module(starl_cli_run).
 -behaviour(starl_cli_command).
 

@@ -1,4 +1,4 @@
-%% @doc `./starl scenarios': the scenarios that ship, each with what it shows.
+%% @doc `./starl scenarios': lists the shipped scenarios and the purpose of each.
 -module(starl_cli_scenarios).
 -behaviour(starl_cli_command).
 

@@ -1,4 +1,4 @@
-%% @doc `./starl shell' as the help knows it; the script `./starl' runs it.
+%% @doc The help of `./starl shell'. The script `./starl' itself runs this command.
 -module(starl_cli_shell).
 -behaviour(starl_cli_command).
 

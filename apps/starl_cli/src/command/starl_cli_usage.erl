@@ -1,14 +1,14 @@
-%% @doc The helps: of all commands, and of one, made from what the commands say of themselves and
-%% set for the width of the terminal.
+%% @doc Makes the help text of all commands or of one command from the commands' own declarations,
+%% and wraps it to the width of the terminal.
 -module(starl_cli_usage).
 
 -export([general/0, command/3, names/0, flag_names/2]).
 
-%% Names stand in a column of at most this width, where there is room for it.
+%% The largest width of the column of names, if the terminal has room for it.
 -define(WIDEST_NAME, 18).
-%% Below this width what a name means stands in the line below it.
+%% In a narrower terminal the explanation of a name goes to the next line.
 -define(NARROW, 60).
-%% Between a number and what it means no line ends.
+%% A line never breaks between a number and its meaning.
 -define(NO_BREAK, 16#A0).
 
 %% @doc The help of all commands.
@@ -39,7 +39,7 @@ flag_names(Command, Subject) ->
      || {_, Flags} <- starl_cli_command:flags(Command, Subject), {Key, _, _, _} <- Flags
     ].
 
-%% @doc The help of a command, with the word that it was asked with.
+%% @doc The help of a command, for the word with which help was asked.
 -spec command(module(), Word :: string() | none, starl_cli_command:subject()) ->
     unicode:chardata().
 command(Command, Word, Subject) ->

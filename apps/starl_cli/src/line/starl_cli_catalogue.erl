@@ -1,7 +1,7 @@
-%% @doc What the OTP applications on the code path offer to the command line. Each says it in the
-%% environment of its `.app' file: `{starl_commands, [{Title, [Module]}]}' names its commands
-%% ({@link starl_cli_command}), `{starl_apps, [Module]}' the programs for teams that it ships
-%% (`starl_app'). A project that depends on StarL offers its own in the same way.
+%% @doc Finds the commands and the applications for teams on the code path. Every OTP application
+%% declares its own in the environment of its `.app' file: `{starl_commands, [{Title, [Module]}]}'
+%% lists commands ({@link starl_cli_command}), `{starl_apps, [Module]}' lists programs for teams
+%% (`starl_app'). A project that depends on StarL adds its own in the same way.
 -module(starl_cli_catalogue).
 
 -export([commands/0, apps/0]).
@@ -10,11 +10,11 @@
 
 -define(PREFIX, "starl_").
 
-%% @doc The commands, by the application that offers them, the lowest layer first.
+%% @doc The commands, grouped by the application that offers them, lowest layer first.
 -spec commands() -> [{Title :: string(), [module(), ...]}].
 commands() -> [Group || {starl_commands, Groups} <- lists:append(environments()), Group <- Groups].
 
-%% @doc The applications for teams: name and module.
+%% @doc The applications for teams, by name and module.
 -spec apps() -> [{Name :: string(), module()}].
 apps() ->
     Modules = [Module || {starl_apps, Some} <- lists:append(environments()), Module <- Some],
@@ -23,7 +23,7 @@ apps() ->
 short(?PREFIX ++ Name) -> Name;
 short(Name) -> Name.
 
-%% An application has more below it than each of those.
+%% An application depends on more applications than any application below it.
 environments() ->
     Offers = offers(),
     Ranked = lists:sort([{length(below(App, Offers)), App, Keys} || {App, Keys} <- Offers]),
@@ -40,7 +40,7 @@ offers() ->
     ],
     lists:ukeysort(1, Found).
 
-%% Saves the reading of fifty files; in a release everything lies where OTP does.
+%% Skipping OTP saves reading fifty files. In a release all applications lie in OTP's directory.
 belongs_to_otp(Dir) ->
     Otp = code:lib_dir(),
     lists:prefix(Otp, Dir) andalso not lists:prefix(Otp, filename:dirname(code:which(?MODULE))).

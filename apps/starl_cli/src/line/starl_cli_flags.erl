@@ -1,5 +1,5 @@
-%% @doc Flags made from tables of options: `safety_distance' is `--safety-distance 450'. All
-%% problems of a command line are found in one go.
+%% @doc Derives flags from tables of options: `safety_distance' becomes `--safety-distance 450'. All
+%% problems of a command line are reported at once.
 -module(starl_cli_flags).
 
 -export([parse/2, defaults/1, help/2, flag/1, text/2, arguments/2, shell/1, nearest/2]).
@@ -7,11 +7,11 @@
 
 -export_type([flag/0, type/0, problem/0]).
 
-%% More values than this are a slip.
+%% A longer range is taken for a typing error.
 -define(LONGEST_RANGE, 100000).
 
-%% Besides the types of options: a flag without a value, and several values `A,B,C', where
-%% numbers may also stand as a range, `LOW..HIGH' or `LOW..HIGH..STEP'.
+%% The types of options, a flag without a value, and a list of values `A,B,C'. Numbers may be
+%% written as a range, `LOW..HIGH' or `LOW..HIGH..STEP'.
 %% Of `{first, T}' a single value N stands for 1..N.
 -type type() ::
     starl_options:type()
@@ -27,10 +27,10 @@
     | {bad_value, Key :: atom(), Text :: string(), type()}
     | {stray, string()}.
 
-%% What getopt reports, and the arguments in which it is to find flags.
+%% The specifications of flags that getopt expects.
 -type specs() :: [{atom(), char() | undefined, string(), string | undefined, string()}].
 
-%% @doc Reads the flags of a command line; gives the values that stand there.
+%% @doc Reads the flags of a command line and gives their values.
 -spec parse([string()], [flag()]) -> {ok, #{atom() => term()}} | {error, [problem(), ...]}.
 parse(Args, Flags) ->
     {Found, Rest, Unreadable} = scan([spec(Flag) || Flag <- Flags], Args, Flags, []),
@@ -45,11 +45,11 @@ parse(Args, Flags) ->
 -spec defaults([flag()]) -> #{atom() => term()}.
 defaults(Flags) -> maps:from_list([{Key, Default} || {Key, _, Default, _} <- Flags]).
 
-%% @doc A key as it stands on the command line.
+%% @doc The flag of a key.
 -spec flag(atom()) -> string().
 flag(Key) -> "--" ++ [dashed(C) || C <- atom_to_list(Key)].
 
-%% @doc One line that says what is wrong and what to do.
+%% @doc One line that states the problem and the remedy.
 -spec format_problem(problem()) -> unicode:chardata().
 format_problem({unknown_flag, Flag, []}) ->
     ["unknown flag ", Flag, "; --help lists all"];
@@ -64,7 +64,7 @@ format_problem({stray, Arg}) ->
 format_problem({bad_value, Key, Text, Type}) ->
     io_lib:format("~ts: ~ts expected, not ~ts", [flag(Key), type_text(Type), quoted(Text)]).
 
-%% @doc The help on flags, set for a width in columns.
+%% @doc The help on flags, wrapped to a width in columns.
 -spec help([flag()], Width :: pos_integer()) -> unicode:chardata().
 help(Flags, Width) -> [help_on(Flag, Width) || Flag <- Flags].
 
@@ -93,16 +93,17 @@ arguments(Flags, Values) ->
      || {Key, Type, _, _} <- Flags, is_map_key(Key, Values)
     ]).
 
-%% @doc The texts that a mistyped one may have meant, best first.
+%% @doc The known texts that are similar to a mistyped one, most similar first.
 -spec nearest(string(), [string()]) -> [string()].
 nearest(Text, Known) ->
     Scored = [{distance(Text, K), K} || K <- Known],
     [K || {Edits, K} <- lists:sort(Scored), Edits =< slips(length(K))].
 
-%% How many slips a word of this length is known by: half of a short word, a third of a long one.
+%% The largest edit distance at which a word is recognized: half the length of a short word, a third
+%% of a long one.
 slips(Length) -> min((Length + 1) div 2, max(2, Length div 3)).
 
-%% Levenshtein's: how many letters must be put in, taken out or changed.
+%% Levenshtein distance: the number of letters to insert, delete or change.
 distance(From, To) ->
     Next = fun(Letter, [Left | Row]) -> [Left + 1 | edits(Letter, To, Left + 1, [Left | Row])] end,
     lists:last(lists:foldl(Next, lists:seq(0, length(To)), From)).
@@ -122,8 +123,8 @@ spec({help, switch, _, Doc}) -> {help, $h, "help", undefined, Doc};
 spec({Key, switch, _, Doc}) -> {Key, undefined, tl(tl(flag(Key))), undefined, Doc};
 spec({Key, _, _, Doc}) -> {Key, undefined, tl(tl(flag(Key))), string, Doc}.
 
-%% getopt stops at the first argument that it cannot read: that one is noted, taken out, and the
-%% others are read again.
+%% getopt stops at the first unreadable argument. That argument is noted and removed, and the others
+%% are read again.
 -spec scan(specs(), [string()], [flag()], [problem()]) ->
     {[{atom(), string()} | atom()], [string()], [problem()]}.
 scan(Specs, Args, Flags, Problems) ->
@@ -143,7 +144,7 @@ unknown(Flag, Flags) ->
     Name = hd(string:split(Flag, "=")),
     {unknown_flag, Name, nearest(Name, [flag(Key) || {Key, _, _, _} <- Flags])}.
 
-%% An unknown flag goes with what looks like its value.
+%% Removes an unknown flag together with its apparent value.
 without(Flag, Args) ->
     {Before, [Flag | After]} = lists:splitwith(fun(Arg) -> Arg =/= Flag end, Args),
     case {lists:member($=, Flag), After} of
@@ -197,7 +198,7 @@ parse_range(_Type, _Texts) ->
     error.
 
 range(Low, High, Step) when Low =< High, Step > 0, High - Low < ?LONGEST_RANGE * Step ->
-    %% 0..0.3..0.1 is to end with 0.3, whatever the last bit of a tenth
+    %% 0..0.3..0.1 must end with 0.3, in spite of the rounding of 0.1.
     Steps = floor((High - Low) / Step + 1.0e-9),
     {ok, [tidy(Low + K * Step) || K <- lists:seq(0, Steps)]};
 range(_Low, _High, _Step) ->
@@ -247,7 +248,7 @@ placeholder(string) -> "TEXT".
 quoted("") -> "nothing";
 quoted(Text) -> ["\"", Text, "\""].
 
-%% @doc A text as a shell takes it back.
+%% @doc Quotes a text for a shell.
 -spec shell(string()) -> string().
 shell("") ->
     "''";

@@ -1,12 +1,12 @@
-%% @doc Runs over several nodes, as the command line has them: the flags of `./starl run' that
-%% say which.
+%% @doc Reads and checks the flags of `./starl run' that spread a run over several nodes.
 -module(starl_cli_nodes).
 
 -export([flags/0, plan/1, options/2, cookie_problems/1]).
 
 -export_type([plan/0]).
 
-%% Where a run goes; none: it stays in this VM. Peers need no name and no cookie from outside.
+%% The nodes of a run; `none': the run stays in this VM. Peers need neither a name nor a cookie from
+%% the user.
 -type plan() ::
     none
     | #{
@@ -19,7 +19,7 @@
 -define(MOST_PEERS, 64).
 -define(LONGEST_COOKIE, 255).
 
-%% @doc The flags of a run that goes over nodes.
+%% @doc The flags for a run over several nodes.
 -spec flags() -> [starl_cli_flags:flag()].
 flags() ->
     [
@@ -33,7 +33,7 @@ flags() ->
             "this machine's node for the run, as the other nodes can reach it, as in me@10.0.0.5"}
     ].
 
-%% @doc Reads the flags; gives what is wrong, and the plan.
+%% @doc Reads the flags; gives the problems and the plan.
 -spec plan(#{atom() => term()}) -> {[unicode:chardata()], plan()}.
 plan(#{nodes := Text} = Values) ->
     Ms = round(1000 * maps:get(node_timeout, Values, 30)),
@@ -73,7 +73,7 @@ name(Text) ->
         {_, {error, Reason}} -> {error, starl_sim_net:format_error(Reason)}
     end.
 
-%% @doc What is wrong with a cookie, if one is given.
+%% @doc The problems of the cookie, if one is given.
 -spec cookie_problems(#{atom() => term()}) -> [unicode:chardata()].
 cookie_problems(#{cookie := Text}) when length(Text) =< ?LONGEST_COOKIE ->
     [];
@@ -84,7 +84,7 @@ cookie_problems(#{}) ->
 
 cookie(#{cookie := Text}) -> list_to_atom(Text).
 
-%% Nodes with long names (host.domain, or an address) and with short ones do not mix.
+%% Nodes with long names (host.domain, or an address) cannot connect to nodes with short names.
 with_own_name(Nodes, Values, Plan) ->
     case own_name(hd(Nodes), Values) of
         {ok, Name} ->
@@ -111,7 +111,7 @@ own_name(Node, #{}) ->
     {ok, Name} = starl_sim_net:full_name("starl_run_" ++ os:getpid() ++ "@" ++ Host),
     {ok, Name}.
 
-%% Whoever is called `localhost' is reached from there only.
+%% A node named `localhost' can be reached only from its own machine.
 short_host("localhost") ->
     "localhost";
 short_host(_) ->
@@ -128,7 +128,7 @@ is_long(Node) -> lists:member($., host(Node)).
 
 host(Node) -> lists:last(string:split(atom_to_list(Node), "@")).
 
-%% @doc The simulator's options for a run of a target; makes this VM a node if need be.
+%% @doc The simulator's options for a run of a target; makes this VM a node if necessary.
 -spec options(plan(), starl_cli_target:t()) ->
     {ok, starl_sim:options()} | {error, unicode:chardata()}.
 options(none, _Target) ->

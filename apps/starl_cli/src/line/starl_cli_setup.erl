@@ -1,4 +1,4 @@
-%% @doc The command line of a run, checked: what all commands share that run something.
+%% @doc Checks the command line of a run, for all commands that run simulations.
 -module(starl_cli_setup).
 
 -export([check/1, given/2, scenario/2, replay/2, command_line/3]).
@@ -6,7 +6,7 @@
 
 -export_type([t/0, answer/0]).
 
-%% A checked command line: what is to run, with all its values, and where the results go.
+%% A checked command line: the target, all its values, and the directory for the results.
 -type t() :: #{
     target := starl_cli_target:t(),
     scenario := starl_sim_scenario:t(),
@@ -18,7 +18,7 @@
 
 -type answer() :: {ok, t()} | {error, [unicode:chardata(), ...]}.
 
-%% @doc Checks the command line of a run, all in one go.
+%% @doc Checks the command line of a run and reports all problems at once.
 -spec check(starl_cli_command:call()) -> answer().
 check(#{subject := #{name := Name} = Target, values := Values} = Call) ->
     {Unsound, Scenario} = scenario(Target, given(Call, own_flags())),
@@ -33,13 +33,13 @@ check(#{subject := #{name := Name} = Target, values := Values} = Call) ->
             {error, Problems}
     end.
 
-%% @doc The values of a simulation that a command line gives, for a command with flags of its own:
-%% those of a scenario file give way to flags.
+%% @doc The values of a simulation that a command line sets, for a command with flags of its own.
+%% Flags override the values of a scenario file.
 -spec given(starl_cli_command:call(), Own :: [starl_cli_flags:flag()]) -> #{atom() => term()}.
 given(#{subject := #{given := InFile}, given := Given}, Own) ->
     maps:merge(InFile, maps:without([Key || {Key, _, _, _} <- Own], Given)).
 
-%% @doc Checks the values for a target; gives what is wrong, and the scenario.
+%% @doc Checks the values for a target; gives the problems and the scenario.
 -spec scenario(starl_cli_target:t(), #{atom() => term()}) ->
     {[unicode:chardata()], starl_sim_scenario:t()}.
 scenario(#{app := App, file := File}, Given) ->
@@ -49,7 +49,7 @@ scenario(#{app := App, file := File}, Given) ->
             {[[File, ": ", starl_options:format_problem(P)] || P <- Problems], #{}}
     end.
 
-%% @doc Checks the directory for the results; gives what is wrong, and the plan.
+%% @doc Checks the directory for the results; gives the problems and the plan.
 -spec out(none | file:filename(), Name :: string()) ->
     {[unicode:chardata()], starl_cli_out:t() | none}.
 out(Dir, Name) ->
@@ -79,7 +79,7 @@ command_line(Command, #{app := App, replay := Word}, Scenario) ->
 -spec options(module()) -> [starl_options:option()].
 options(App) -> starl_sim_scenario:options() ++ starl_app:options(App).
 
-%% @doc The flags of a run that are not the simulation's.
+%% @doc The flags of a run that do not belong to the simulation.
 -spec own_flags() -> [starl_cli_flags:flag()].
 own_flags() ->
     [

@@ -1,13 +1,13 @@
-%% @doc What there is to run: the applications that ship, scenario files, applications of the
-%% user's own, as Erlang source, and recorded runs, by their directory or their `run.term'.
+%% @doc Finds what a command is to run: a shipped application, a scenario file, the Erlang source of
+%% a user's application, or a recorded run, by its directory or its `run.term'.
 -module(starl_cli_target).
 
 -export([apps/0, scenarios/0, resolve/1, subject/2, seeded/2, looks_like_one/1, root/0]).
 
 -export_type([t/0, code/0]).
 
-%% `given' are the values of a scenario file; `replay' names the target on a command line, `file'
-%% is where the values come from. The `code' of modules of the user's own is in no file. A
+%% `given': the values of a scenario file; `replay': the word for the target on a command line;
+%% `file': the source of the values. The `code' of modules of the user's own is in no file. A
 %% recorded run comes with its `record'.
 -type t() :: #{
     app := module(),
@@ -23,17 +23,17 @@
 
 -type answer() :: {ok, t()} | {error, [unicode:chardata(), ...]}.
 
-%% @doc The applications that ship: name and module.
+%% @doc The shipped applications, by name and module.
 -spec apps() -> [{Name :: string(), module()}].
 apps() -> starl_cli_catalogue:apps().
 
-%% @doc The scenario files that ship: name, file and its first comment line.
+%% @doc The shipped scenario files: name, file and first comment line.
 -spec scenarios() -> [{Name :: string(), file:filename(), Doc :: unicode:chardata()}].
 scenarios() ->
     Files = filelib:wildcard(filename:join(scenario_dir(), "*.{term,config}")),
     [{filename:basename(filename:rootname(File)), File, doc(File)} || File <- lists:sort(Files)].
 
-%% @doc The checkout, or where the user is.
+%% @doc The directory of the checkout, or else the working directory.
 -spec root() -> file:filename().
 root() ->
     case os:getenv("STARL_ROOT") of
@@ -45,7 +45,7 @@ root() ->
 -spec looks_like_one(string()) -> boolean().
 looks_like_one(Word) -> hd(Word ++ "-") =/= $- andalso kind(Word) =/= unknown.
 
-%% @doc Finds what a word of the command line, or the key `app' of a scenario, names.
+%% @doc Finds the target that a word of the command line, or the key `app' of a scenario, names.
 -spec resolve(string()) -> answer().
 resolve(Word) ->
     case kind(Word) of
@@ -59,7 +59,7 @@ resolve(Word) ->
             {error, [unknown(Word)]}
     end.
 
-%% @doc What the word of a command names, with the other arguments.
+%% @doc The target that the first word of a command names, with the other arguments.
 -spec subject(Word :: string(), Args) -> {ok, t(), Args} | {error, [unicode:chardata(), ...]} when
     Args :: [string()].
 subject(Word, Args) ->
@@ -68,7 +68,7 @@ subject(Word, Args) ->
         {error, _} = Error -> Error
     end.
 
-%% @doc `SEED --app TARGET' is `TARGET --seed SEED'.
+%% @doc Translates `SEED --app TARGET' to `TARGET --seed SEED'.
 -spec seeded(Word, Args) -> {Word, Args} | {error, [unicode:chardata(), ...]} when
     Word :: string(), Args :: [string()].
 seeded(Word, Args) ->
@@ -144,7 +144,7 @@ with_app(Name, File, Given) ->
 with_target({ok, Target}, File, Given) -> {ok, Target#{file := File, given := Given}};
 with_target({error, Lines}, File, _Given) -> {error, [[File, ": ", Line] || Line <- Lines]}.
 
-%% Applications go by their short names; the module's is understood, too.
+%% An application is known by its short name and by the name of its module.
 name_of(App) when is_atom(App) ->
     case lists:keyfind(App, 2, apps()) of
         {Name, _} -> Name;

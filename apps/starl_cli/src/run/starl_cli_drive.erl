@@ -1,19 +1,19 @@
-%% @doc Drives a simulation piece by piece, so that the progress is seen and Ctrl-C is heard. How a
-%% run is cut into pieces does not change it.
+%% @doc Runs a simulation in short pieces, between which it shows the progress and obeys Ctrl-C. The
+%% length of the pieces does not change the run.
 -module(starl_cli_drive).
 
 -export([with/2, with/3, run/3]).
 
 -export_type([answer/1, ending/0]).
 
-%% What a simulation was for; or why it could not be started, or what it came to grief by.
+%% The result of the given function; or the reason why the simulation could not start, or failed.
 -type answer(Result) ::
     {ok, Result} | {error, starl_sim:reason()} | {failed, Reason :: term()}.
 
-%% How a run ended; `none' where it has only come to the time it was to run to.
+%% The end of a run; `none': the run has only reached the requested time.
 -type ending() :: starl_sim_run:ending() | none.
 
-%% How long a piece is to take, in wall time, and how long the first is, in virtual time.
+%% The intended length of a piece in wall time, and the length of the first in virtual time.
 -define(PIECE_MS, 100).
 -define(FIRST_US, 100000).
 
@@ -23,12 +23,12 @@
     piece_us = ?FIRST_US :: pos_integer(),
     progress :: starl_cli_progress:t(),
     label :: string(),
-    %% where a time limit was asked for, the way to it is the progress
+    %% With a requested time limit the progress is measured by it.
     limited :: boolean(),
     begun_ms :: integer()
 }).
 
-%% @doc Starts a simulation and does something with it; Ctrl-C ends the run meanwhile.
+%% @doc Starts a simulation and applies a function to it. Meanwhile Ctrl-C ends the run.
 -spec with(starl_sim_scenario:t(), fun((starl_sim:sim()) -> Result)) -> answer(Result).
 with(Scenario, Do) -> with(Scenario, #{}, Do).
 
@@ -57,8 +57,8 @@ started(Sim, Do) ->
             {failed, Reason}
     end.
 
-%% @doc Runs to a virtual time or an earlier end, with a progress line; tells how the run ended
-%% and how long that took, in wall time.
+%% @doc Runs to a virtual time or an earlier end, with a progress line; gives the end of the run and
+%% the wall time taken.
 -spec run(starl_sim:sim(), UntilUs :: non_neg_integer(), starl_cli_setup:t()) ->
     {ending(), Ms :: integer()}.
 run(Sim, UntilUs, Setup) ->
@@ -96,7 +96,7 @@ drive_on(#drive{sim = Sim, until_us = Until, piece_us = Piece} = Drive) ->
             Ending
     end.
 
-%% The next piece is as long as fills its wall time, but at most twice as long as this one.
+%% The next piece should fill its wall time, but is at most twice as long as this one.
 fitted(Piece, Ms) -> max(1000, min(2 * Piece, Piece * ?PIECE_MS div max(1, Ms))).
 
 shown(#{now_us := Now, running := Running}, #drive{progress = Progress, until_us = End} = Drive) ->

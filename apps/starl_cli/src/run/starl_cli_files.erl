@@ -1,12 +1,12 @@
-%% @doc The files of a run's directory.
+%% @doc Writes the files of a run's directory.
 -module(starl_cli_files).
 
 -export([write/4, write_failure/3, put_all/2, scenario/1, app/1]).
 
 -type answer() :: ok | {error, unicode:chardata()}.
 
-%% @doc The reports, the scenario, the record of the run, the log if there is anything in it, and
-%% the application's own.
+%% @doc Writes the reports, the scenario, the record of the run, the log unless it is empty, and the
+%% application's own files.
 -spec write(file:filename(), starl_cli_setup:t(), {Report, Record}, Own) -> answer() when
     Report :: starl_cli_report:t(),
     Record :: starl_cli_record:t(),
@@ -27,7 +27,7 @@ write(Dir, Setup, {Report, Record}, Own) ->
 own({ok, _Files}) -> ok;
 own({error, Why}) -> {error, Why}.
 
-%% @doc The scenario, the reason and the log of a simulation that failed.
+%% @doc Writes the scenario, the reason and the log of a failed simulation.
 -spec write_failure(file:filename(), starl_cli_setup:t(), Reason :: term()) -> answer().
 write_failure(Dir, Setup, Reason) ->
     put_all(Dir, [
@@ -48,7 +48,7 @@ put_all(Dir, [{Name, Text} | Files]) ->
         {error, Posix} -> {error, [Name, ": ", file:format_error(Posix)]}
     end.
 
-%% @doc The text of a scenario file that replays a run: every key, in the order of the tables.
+%% @doc The text of a scenario file that replays a run: all keys, in the order of the tables.
 -spec scenario(starl_cli_setup:t()) -> unicode:chardata().
 scenario(#{target := #{app := App, name := Name} = Target, scenario := Scenario}) ->
     Keys = [Key || {Key, _, _, _} <- starl_sim_scenario:options() ++ starl_app:options(App)],
@@ -59,8 +59,8 @@ scenario(#{target := #{app := App, name := Name} = Target, scenario := Scenario}
         "#{\n", lists:join(",\n", [AppLine | Lines]), "\n}.\n"
     ].
 
-%% @doc The application of a target as a scenario file says it: one of the user's own is found by
-%% its file.
+%% @doc The application of a target as written in a scenario file: a user's application is named by
+%% its source file.
 -spec app(starl_cli_target:t()) -> atom() | file:filename_all().
 app(#{name := Name, replay := Word}) ->
     case filename:extension(Word) of

@@ -1,5 +1,5 @@
-%% @doc What a simulation that rests looks like: a line or two for each robot, and all that is
-%% known of some of them, set for a width in columns.
+%% @doc Describes a stopped simulation: one or two lines for each robot and all details of selected
+%% robots, wrapped to a width in columns.
 -module(starl_cli_inspect).
 
 -export([overview/3, robot/4, term/3]).
@@ -7,11 +7,11 @@
 -type machines() :: #{starl_machine:name() => starl_sim_machines:seen()}.
 -type robot() :: {starl:robot_id(), starl_sim_robot:summary(), machines()}.
 
-%% Deeper than this, and longer, terms are cut off.
+%% Terms are cut off below this depth.
 -define(DEPTH, 60).
 
-%% @doc All robots at a virtual time: when each was last at work, how many events it has had,
-%% where it is (m, degrees), what its application does, and the states of its machines.
+%% @doc All robots at a virtual time: the time of the last event, the number of events, the pose
+%% (m, degrees), the activity of the application, and the states of the machines.
 -spec overview(starl_sim_queue:time(), [robot()], Width :: pos_integer()) -> unicode:chardata().
 overview(NowUs, Robots, Width) ->
     Head = io_lib:format("~5ts ~10ts ~9ts ~8ts ~8ts ~7ts  ~ts~n", [
@@ -57,15 +57,15 @@ states({_, _, Machines}, Width) ->
 is_sequential(#{state := sequential}) -> true;
 is_sequential(_) -> false.
 
-%% The name of the state; all of it is shown with the robot.
+%% The name of the state only; {@link robot/4} shows the whole state.
 state(waiting) -> "not booted";
 state(#{state := State}) when is_tuple(State), is_atom(element(1, State)) ->
     io_lib:format("~tp(...)", [element(1, State)]);
 state(#{state := State}) ->
     io_lib:format("~0tP", [State, 6]).
 
-%% @doc All that is known of a robot: its application's result, its crashes, and every machine's
-%% state and data.
+%% @doc All details of a robot: its application's result, its crashes, and every machine's state and
+%% data.
 -spec robot(starl:robot_id(), starl_sim_robot:summary(), machines(), Width :: pos_integer()) ->
     unicode:chardata().
 robot(Id, #{result := Result, crashes := Crashes}, Machines, Width) ->
@@ -94,7 +94,7 @@ machine({Name, #{module := Module, state := State, data := Data}}, Width) ->
 field(Name, Value, Width) ->
     [io_lib:format("  ~-8ts", [Name]), term(Value, 10, Width), "\n"].
 
-%% @doc A term that begins at a column; later lines are indented as far. Long ones are cut off.
+%% @doc A term that begins at a column. Later lines are indented to it; a long term is cut off.
 -spec term(term(), Indent :: non_neg_integer(), Width :: pos_integer()) -> unicode:chardata().
 term(Term, Indent, Width) -> pretty(Term, Indent, Width, #{}).
 

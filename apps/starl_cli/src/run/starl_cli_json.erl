@@ -1,8 +1,9 @@
-%% @doc JSON out: the one place that knows which library writes it: `jsx', or OTP's own `json'
-%% (OTP 27 and newer). Both are called by name: either may be absent, and calls to it unknown.
+%% @doc Writes JSON with the library at hand: `jsx', or OTP's own `json' (OTP 27 and newer). No
+%% other module depends on this choice. Both libraries are called by name, because either may be
+%% absent and xref would then report an unknown call.
 %%
-%% An object is a non-empty list of pairs, in the order in which it is to be written; any other
-%% list is an array. Texts are binaries.
+%% A non-empty list of pairs is an object, written in this order; any other list is an array. Texts
+%% are binaries.
 -module(starl_cli_json).
 
 -export([encode/1, pretty/1, codecs/0, encode/2]).
@@ -16,7 +17,7 @@
 -spec encode(value()) -> iodata().
 encode(Value) -> encode(hd(codecs()), Value).
 
-%% @doc An object with one line for each of its pairs.
+%% @doc An object, one line per pair.
 -spec pretty([{atom(), value()}, ...]) -> iolist().
 pretty(Object) ->
     Lines = [
@@ -29,7 +30,7 @@ pretty(Object) ->
 -spec codecs() -> [codec()].
 codecs() -> [Codec || Codec <- [jsx, json], code:ensure_loaded(Codec) =:= {module, Codec}].
 
-%% @doc A value in one line, written by one of the libraries.
+%% @doc A value in one line, written by the given library.
 -spec encode(codec(), value()) -> iodata().
 encode(jsx = Jsx, Value) -> Jsx:encode(Value);
 encode(json = Json, Value) -> Json:encode(Value, fun(V, Encode) -> native(Json, V, Encode) end).

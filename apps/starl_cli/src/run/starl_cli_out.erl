@@ -1,13 +1,14 @@
-%% @doc The directory of a run's results. Whether it can be written is known before the run; the
-%% files are made in a directory beside it, which takes its name when all are complete.
+%% @doc Plans and writes the directory of a run's results. The plan checks before the run that the
+%% directory is writable. The files are made in a temporary directory beside it, which is renamed
+%% when all are complete.
 -module(starl_cli_out).
 
 -export([plan/2, write/2, shown/1]).
 
 -export_type([t/0]).
 
-%% `fresh' does not exist yet; into `existing' the files are moved one by one; `numbered' is the
-%% first of NAME-1, NAME-2, ... that is not taken when the run has ended.
+%% `fresh': a directory that does not exist yet; `existing': one into which the files are moved one
+%% by one; `numbered': the first of NAME-1, NAME-2, ... that is free at the end of the run.
 -opaque t() ::
     {fresh, file:filename()}
     | {existing, file:filename()}
@@ -17,7 +18,7 @@
 
 -define(ANY_WRITES, 8#222).
 
-%% @doc Where the results go: the directory that was asked for, or a new one under `out/'.
+%% @doc Plans the directory of the results: the requested one, or a new one under `out/'.
 -spec plan(none | file:filename(), Name :: string()) -> {ok, t()} | {error, unicode:chardata()}.
 plan(none, Name) ->
     Parent = filename:join(starl_cli_target:root(), "out"),
@@ -35,7 +36,7 @@ checked(Dir, Plan) ->
         {error, Why} -> {error, [shown(Dir), ": ", Why, "; name another directory with --out"]}
     end.
 
-%% The directory itself, or else the nearest one above it that exists.
+%% Tests the directory itself, or the nearest existing one above it.
 writable(Dir) ->
     case file:read_file_info(Dir) of
         {ok, #file_info{type = directory, mode = Mode}} when Mode band ?ANY_WRITES =:= 0 ->
@@ -59,8 +60,7 @@ probe(Dir) ->
         {error, Posix} -> {error, ["cannot be written: ", file:format_error(Posix)]}
     end.
 
-%% @doc Has the files written by a function of the directory, and gives the directory in which
-%% they have come to lie.
+%% @doc Calls a function that writes the files into a directory, and gives the final directory.
 -spec write(t(), fun((file:filename()) -> ok | {error, unicode:chardata()})) ->
     {ok, file:filename()} | {error, unicode:chardata()}.
 write(Plan, Fill) ->
@@ -110,7 +110,7 @@ next(Parent, Name) ->
     ],
     1 + lists:max([0 | [N || N <- Taken, is_integer(N)]]).
 
-%% Another run may take the number at the same time.
+%% Another run may take the same number at the same time.
 number(N, Parent, Name, Temporary) ->
     Dir = filename:join(Parent, Name ++ "-" ++ integer_to_list(N)),
     case filelib:is_file(Dir) orelse file:rename(Temporary, Dir) of
@@ -121,7 +121,7 @@ number(N, Parent, Name, Temporary) ->
         {error, _} = Error -> Error
     end.
 
-%% @doc A path as the user would write it: relative where it lies below the working directory.
+%% @doc A path as the user would write it: relative if it lies below the working directory.
 -spec shown(string()) -> string().
 shown(Path) ->
     {ok, Cwd} = file:get_cwd(),

@@ -1,16 +1,15 @@
-%% @doc `run.term' in the directory of a run: one map of readable Erlang terms, with everything
-%% that decided the run and what came of it. `./starl replay' runs it again and compares.
+%% @doc The record of a run, the file `run.term' in its directory: one map of readable Erlang terms
+%% with all inputs of the run and its results. `./starl replay' repeats the run and compares.
 -module(starl_cli_record).
 
 -export([make/3, text/1, write/2, read/1, format_error/1, hex/1]).
 
 -export_type([t/0, violation/0, reason/0]).
 
-%% A recorded run. `scenario' holds all values of the run, the application's own among them, and
-%% in `faults' those that were drawn, too; with the application's module as `app' it can be
-%% started as it is. `options' are the application's own values once more. `app' is what a
-%% scenario file says: a name, or a source file. `digest' is lower-case hexadecimal,
-%% and empty where a node was lost.
+%% A recorded run. `scenario': all values of the run with those of the application; its `faults'
+%% include the drawn ones; with the application's module as `app' it can be started unchanged.
+%% `options': the application's own values once more. `app': a name or a source file, as in a
+%% scenario file. `digest': lower-case hexadecimal; empty if a node was lost.
 -type t() :: #{
     app := atom() | file:filename_all(),
     scenario := #{atom() => term()},
@@ -22,7 +21,7 @@
     violations := [violation()]
 }.
 
-%% What is told of a violation: its details, which may have no readable form, are in the text.
+%% The record of a violation. Its details may have no readable form, so they are in the text only.
 -type violation() :: #{
     contract := atom(),
     what := atom(),
@@ -42,8 +41,8 @@
 -define(KEYS, [app, scenario, options, digest, ending, end_us, events, violations]).
 -define(ENDINGS, [done, time, violation, stopped, quiet, lost]).
 
-%% @doc The record of a run: of which application (as a scenario file says it), with which
-%% scenario it has run, how it ended and what came of it.
+%% @doc Makes the record of a run from the application (as in a scenario file), the scenario that
+%% has run, the end of the run and the results.
 -spec make(App, starl_sim_scenario:t(), {starl_sim_run:ending(), Outcome}) -> t() when
     App :: atom() | file:filename_all(),
     Outcome :: starl_sim_run:outcome().
@@ -65,11 +64,11 @@ violation(#{contract := _, what := _, at_us := _, robots := _} = Violation) ->
     Text = unicode:characters_to_list(starl_monitor:format_violation(Violation)),
     Known#{text => lists:flatten(Text)}.
 
-%% @doc A digest as it is written.
+%% @doc A digest in hexadecimal.
 -spec hex(binary()) -> string().
 hex(Digest) -> binary_to_list(string:lowercase(binary:encode_hex(Digest))).
 
-%% @doc The text of the file: the keys in the order of the type, a line for each value of the
+%% @doc The text of the file: the keys in the order of the type, one line per value of the
 %% scenario.
 -spec text(t()) -> unicode:chardata().
 text(Record) ->
@@ -88,7 +87,7 @@ value(Map) when is_map(Map) ->
 value(Value) ->
     term(Value).
 
-%% Long lists, as of faults, have a line for each element.
+%% A list of tuples or maps, such as the faults, has one line per element.
 term([First | _] = List) when is_tuple(First); is_map(First) ->
     Lines = [io_lib:format("~0tp", [Element]) || Element <- List],
     ["[\n            ", lists:join(",\n            ", Lines), "\n        ]"];
@@ -104,7 +103,7 @@ write(Path, Record) ->
         {error, Posix} -> {error, {unwritable, File, Posix}}
     end.
 
-%% @doc Reads a record: a file, or the directory of a run. A file without a digest is none.
+%% @doc Reads a record from a file or from the directory of a run. A record must have a digest.
 -spec read(file:filename()) -> {ok, t()} | {error, reason()}.
 read(Path) ->
     File = file_of(Path),
@@ -141,7 +140,7 @@ is_sound(violations, Violations) -> is_list(Violations) andalso lists:all(fun is
 
 is_text(Text) -> Text =/= "" andalso io_lib:printable_unicode_list(Text).
 
-%% @doc One line that says what is wrong, where, and what to do.
+%% @doc One line that states the problem, its place and the remedy.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({unreadable, Reason}) ->
     starl_sim_scenario:format_error(Reason);

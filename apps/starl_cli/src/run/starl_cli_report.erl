@@ -1,12 +1,12 @@
-%% @doc What is told of a run: its figures in their order, as JSON, as a text and in a few words. What
-%% is the application's, its figures and when its work is complete, the application says.
+%% @doc The report of a run: its figures in order, as JSON, as a text and as a short summary. The
+%% application itself supplies its own figures and decides when its work is complete.
 -module(starl_cli_report).
 
 -export([make/1, text/1, json/1, summary/1, figures/1, figure/2, formats/1, complete/1, ending/1]).
 
 -export_type([t/0, input/0]).
 
-%% `ending' is `time' where the scenario's time was up; `wall_s' does not count the start.
+%% `ending' is `time' if the scenario's time limit was reached; `wall_s' excludes the start.
 -type input() :: #{
     name := string(),
     scenario := starl_sim_scenario:t(),
@@ -22,14 +22,14 @@
     app :: starl_scene:report(),
     running :: [starl:robot_id()],
     died :: [starl:robot_id()],
-    %% whose application was given up; how often applications crashed, and the first
+    %% the robots whose application was given up; the number of application crashes, and the first
     given_up :: [starl:robot_id()],
     crashes :: {non_neg_integer(), starl_crash_monitor:excused() | none}
 }).
 
 -opaque t() :: #report{}.
 
-%% @doc Puts together what is known of a run.
+%% @doc Makes the report of a run.
 -spec make(input()) -> t().
 make(#{outcome := Outcome, ending := Ending, app := App} = Input) ->
     #{robots := Robots, monitors := Monitors} = Outcome,
@@ -37,7 +37,7 @@ make(#{outcome := Outcome, ending := Ending, app := App} = Input) ->
     #report{
         fields = fields(Input),
         ending = Ending,
-        %% a function cannot be told to another VM
+        %% A function cannot be sent to another VM.
         app = maps:remove(write, App),
         running = [Id || {Id, #{result := running}} <- Robots],
         died = [Id || {Id, #{result := died}} <- Robots],
@@ -67,11 +67,11 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
             {ending, atom_to_binary(Ending)}
         ] ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})).
 
-%% By which contracts the run was judged.
+%% The contracts by which the run was judged.
 contracts(Monitors) ->
     [unicode:characters_to_binary(starl_monitor:name(M)) || M <- lists:sort(maps:keys(Monitors))].
 
-%% Where applications crashed.
+%% Only for runs in which applications crashed.
 crashes(#{crashes := Count, first_crash := {_, _, _, Cause}}) ->
     First = unicode:characters_to_binary(starl_crash:format(Cause)),
     [{application_crashes, Count}, {first_crash, First}];
@@ -114,11 +114,12 @@ figure(Key, #report{fields = Fields}) -> proplists:get_value(Key, Fields, null).
 -spec ending(t()) -> starl_sim_run:ending().
 ending(#report{ending = Ending}) -> Ending.
 
-%% @doc How the application's figures are written.
+%% @doc The formats of the application's figures.
 -spec formats(t()) -> #{atom() => starl_scene:format()}.
 formats(#report{app = App}) -> maps:get(formats, App, #{}).
 
-%% @doc Whether the work is done: as the application says, or else when each has come to its end.
+%% @doc Whether the work is complete: by the application's word, or else if every application has
+%% ended.
 -spec complete(t()) -> boolean().
 complete(#report{ending = lost}) -> false;
 complete(#report{app = #{complete := Complete}}) -> Complete;
@@ -129,7 +130,7 @@ complete(#report{ending = Ending, died = Died, given_up = GivenUp}) ->
 -spec json(t()) -> iolist().
 json(#report{fields = Fields}) -> starl_cli_json:pretty(Fields).
 
-%% @doc The report as a text, a line for each figure.
+%% @doc The report as a text, one line per figure.
 -spec text(t()) -> unicode:chardata().
 text(#report{fields = Fields}) ->
     Shown = [{Key, Value} || {Key, Value} <- Fields, Value =/= null, Key =/= violations],
@@ -148,9 +149,9 @@ plain(Value) -> io_lib:format("~0tp", [Value]).
 hex(<<>>) -> null;
 hex(Bytes) -> string:lowercase(binary:encode_hex(Bytes)).
 
-%% -- in a few words -------------------------------------------------------------------------
+%% -- summary --------------------------------------------------------------------------------
 
-%% @doc The run in a few lines; the first alone says how it ended.
+%% @doc A summary of a few lines; the first line alone tells the end of the run.
 -spec summary(t()) -> [unicode:chardata(), ...].
 summary(Report) ->
     [headline(Report) | [Line || Line <- details(Report), Line =/= none]].

@@ -1,10 +1,10 @@
-%% @doc What comes of a simulation that a command line asks for: a summary, its files, and an exit
+%% @doc Runs the simulation of a command line, prints a summary, writes the files and gives an exit
 %% status.
 -module(starl_cli_simulation).
 
 -export([run/1, failed/2]).
 
-%% A simulation that has run to its end.
+%% A finished simulation.
 -type ran() :: #{
     scenario := starl_sim_scenario:t(),
     ending := starl_sim_run:ending(),
@@ -13,7 +13,7 @@
     app := starl_scene:report()
 }.
 
-%% @doc Runs what a command line asks for.
+%% @doc Runs the simulation of a checked command line.
 -spec run(starl_cli_setup:t()) -> starl_cli_command:answer().
 run(#{nodes := Nodes, target := Target} = Setup) ->
     case starl_cli_nodes:options(Nodes, Target) of
@@ -53,7 +53,7 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
         name => Name, scenario => Scenario, ending => Ending, wall_s => WallMs / 1000,
         outcome => Outcome, app => App
     }),
-    %% the scenario that has run: with the faults that were drawn
+    %% This scenario includes the faults that were drawn.
     #{scenario := Effective} = Ran,
     Record = starl_cli_record:make(starl_cli_files:app(Target), Effective, {Ending, Outcome}),
     Write = maps:get(write, App, fun(_) -> {ok, []} end),
@@ -64,13 +64,13 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     violated(Setup, Outcome),
     where(Written, Outcome, lost(maps:get(lost, Outcome), status(Report))).
 
-%% Says which nodes are gone; passes the status on.
+%% Reports lost nodes; passes on the status.
 lost(Losses, Status) ->
     Lines = [starl_sim_nodes:format_loss(Loss) || Loss <- Losses],
     lists:foreach(fun starl_cli_terminal:complain/1, Lines),
     Status.
 
-%% What is not as it should be is told in any case.
+%% Even a quiet run reports its problems.
 summarize(#{quiet := true}, Report) ->
     status(Report) =:= 0 orelse
         starl_cli_terminal:out([hd(starl_cli_report:summary(Report)), "\n"]);
@@ -96,14 +96,14 @@ where({error, Why}, _Outcome, _Status) ->
     starl_cli_terminal:complain(["the results could not be written: ", Why]),
     1.
 
-%% How to see the robots at the first violation, and how to make the run small.
+%% The commands that show the robots at the first violation and that shrink the run.
 look(_Dir, #{violations := []}) ->
     ok;
 look(Dir, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
     Shell = starl_cli_flags:shell(starl_cli_out:shown(Dir)),
     Ids = lists:join(",", [integer_to_list(Id) || Id <- Robots]),
     Inspect = [[" --inspect ", Ids] || Ids =/= []],
-    %% what happens at that very time has happened then
+    %% One microsecond later, so that all events of that time have happened.
     Until = io_lib:format(" --until ~.6f", [(AtUs + 1) / 1.0e6]),
     starl_cli_terminal:out([
         "look: ./starl replay ", Shell, Until, Inspect, "\nsmaller: ./starl shrink ", Shell, "\n"
@@ -119,7 +119,7 @@ status(Report) ->
 finished(true) -> 0;
 finished(false) -> 4.
 
-%% @doc The simulation itself came to grief: what was logged tells more.
+%% @doc Reports that the simulation itself failed; the log has the details.
 -spec failed(Reason :: term(), starl_cli_setup:t()) -> starl_cli_terminal:status().
 failed(Reason, #{out := Out} = Setup) ->
     starl_cli_signal:on_interrupt(quit),

@@ -1,16 +1,15 @@
-%% @doc Keeps what OTP logs during a run (the crash reports of machines that faults have killed)
-%% off the terminal: a logger handler that remembers the lines, for `run.log'.
+%% @doc A logger handler that keeps OTP's log of a run off the terminal and stores its lines for
+%% `run.log'. Faults that kill machines cause many crash reports.
 -module(starl_cli_log).
 
 -export([install/0, lines/0]).
 -export([log/2]).
 
-%% More than this tells nothing new.
+%% Further lines are dropped.
 -define(MOST_LINES, 1000).
 -define(FORMAT, #{single_line => false, depth => 30, chars_limit => 4000}).
 
-%% @doc Takes the place of the handler that writes to the terminal. The calling process keeps
-%% the lines.
+%% @doc Replaces the handler that writes to the terminal. The calling process keeps the lines.
 -spec install() -> ok.
 install() ->
     _ = logger:remove_handler(default),
@@ -18,7 +17,7 @@ install() ->
     Table = ets:new(?MODULE, [ordered_set, public]),
     ok = logger:add_handler(?MODULE, ?MODULE, #{config => Table}).
 
-%% @doc What was logged, in its order.
+%% @doc The logged lines, in order.
 -spec lines() -> [unicode:chardata()].
 lines() ->
     case logger:get_handler_config(?MODULE) of

@@ -1,6 +1,6 @@
-%% @doc A line on the terminal that tells how far a long command is. It is drawn over itself on
-%% standard error, at most ten times a second, never wider than the window, and erased at the
-%% end; in a pipe there is none.
+%% @doc The progress line of a long command. It is redrawn in place on standard error, at most ten
+%% times a second and no wider than the window, and erased at the end. Without a terminal there is
+%% no progress line.
 -module(starl_cli_progress).
 
 -export([new/1, show/3, erase/0, line/4]).
@@ -15,20 +15,20 @@
 
 -opaque t() :: #progress{}.
 
-%% How much of the whole is done, from 0 to 1, where that is known.
+%% The completed fraction, from 0 to 1, if it is known.
 -type part() :: float() | unknown.
 
 -define(PERIOD_MS, 100).
 -define(WIDEST_BAR, 30).
 -define(LEAST_BAR, 5).
 
-%% @doc A progress line; `quiet' draws nothing, `auto' where somebody watches.
+%% @doc A progress line; `quiet' draws nothing, `auto' draws on a terminal only.
 -spec new(quiet | auto) -> t().
 new(quiet) -> #progress{on = false, drawn_ms = 0};
 new(auto) -> #progress{on = starl_cli_terminal:watched(), drawn_ms = now_ms() - ?PERIOD_MS}.
 
-%% @doc Shows the progress, if it is time to. The words are made only when they are drawn; the
-%% first are kept where there is not room for all.
+%% @doc Redraws the progress line if it is due. The words are made only when they are drawn; the
+%% first ones are kept if the line is too short for all.
 -spec show(t(), part(), fun(() -> [unicode:chardata()])) -> t().
 show(#progress{on = false} = Progress, _Part, _Words) ->
     Progress;
@@ -42,7 +42,7 @@ show(#progress{drawn_ms = Drawn, count = Count} = Progress, Part, Words) ->
             Progress
     end.
 
-%% @doc Takes the line away.
+%% @doc Erases the line.
 -spec erase() -> ok.
 erase() ->
     case starl_cli_terminal:watched() of
@@ -50,8 +50,8 @@ erase() ->
         false -> ok
     end.
 
-%% @doc The line for a window: a bar, then as many words as fit. `Count' moves the bar's mark
-%% where no part is known.
+%% @doc The line for a window: a bar, then as many words as fit. `Count' moves the bar's mark if the
+%% completed fraction is unknown.
 -spec line(part(), Count :: non_neg_integer(), [unicode:chardata()], Width :: integer()) ->
     string().
 line(Part, Count, Words, Width) ->

@@ -1,19 +1,19 @@
-%% @doc Ctrl-C. The script sends SIGUSR1 to the VM at the first one (SIGINT itself reaches no
-%% Erlang code); this handler of OTP's signal server turns it into a call of what the running
-%% command wants to do. The second Ctrl-C is the script's own: it kills the VM.
+%% @doc Handles Ctrl-C. At the first Ctrl-C the script `./starl' sends SIGUSR1 to the VM, because
+%% SIGINT reaches no Erlang code. This handler of OTP's signal server then calls the reaction that
+%% the running command has set. At the second Ctrl-C the script kills the VM.
 -module(starl_cli_signal).
 -behaviour(gen_event).
 
 -export([install/0, on_interrupt/1]).
 -export([init/1, handle_event/2, handle_call/2]).
 
-%% What an interrupted command exits with, as is usual: 128 + SIGINT.
+%% The usual exit status of an interrupted command: 128 + SIGINT.
 -define(INTERRUPTED, 130).
 -define(TERMINATED, 143).
 
 -type reaction() :: fun(() -> term()).
 
-%% @doc Takes the place of OTP's handler. Until told otherwise an interrupt ends the VM at once.
+%% @doc Replaces OTP's handler. An interrupt ends the VM at once until a reaction is set.
 -spec install() -> ok.
 install() ->
     Reaction = fun quit/0,
@@ -22,7 +22,7 @@ install() ->
     ),
     os:set_signal(sigusr1, handle).
 
-%% @doc What the next interrupt does; it is called in the signal server and must not wait.
+%% @doc Sets the reaction to the next interrupt. It runs in the signal server and must not block.
 -spec on_interrupt(reaction() | quit) -> ok.
 on_interrupt(quit) -> on_interrupt(fun quit/0);
 on_interrupt(Reaction) -> gen_event:call(erl_signal_server, ?MODULE, {on_interrupt, Reaction}).

@@ -1,5 +1,5 @@
-%% @doc What the command line knows of the terminal: its width, whether somebody watches, and
-%% output that survives a closed pipe (`./starl ... | head').
+%% @doc The terminal of the command line: its width, a test whether the output goes to a terminal,
+%% and output that survives a closed pipe (`./starl ... | head').
 -module(starl_cli_terminal).
 
 -export([bad_input/1, out/1, out/2, complain/1, warn/1, draw/1]).
@@ -7,22 +7,22 @@
 
 -export_type([status/0]).
 
-%% What a command ends with: 0 done, 1 internal error, 2 bad usage or input, 3 a contract was
+%% The exit status of a command: 0 done, 1 internal error, 2 bad usage or input, 3 a contract was
 %% violated, 4 not complete, 130 interrupted.
 -type status() :: 0 | 1 | 2 | 3 | 4 | 130.
 
-%% @doc One line on standard error for every problem; the exit status of bad input.
+%% @doc Prints one line per problem on standard error; gives the exit status of bad input.
 -spec bad_input([unicode:chardata(), ...]) -> 2.
 bad_input(Problems) ->
     lists:foreach(fun complain/1, Problems),
     2.
 
 -define(USUAL, 80).
-%% Prose is not set wider than this.
+%% Prose is never wrapped wider than this.
 -define(WIDEST, 100).
 -define(NARROWEST, 20).
 
-%% @doc Prints to standard output. When its reader is gone there is nobody to tell.
+%% @doc Prints to standard output. A closed pipe is not an error.
 -spec out(unicode:chardata()) -> ok.
 out(Text) -> write(standard_io, Text).
 
@@ -30,15 +30,15 @@ out(Text) -> write(standard_io, Text).
 -spec out(io:format(), [term()]) -> ok.
 out(Format, Args) -> out(io_lib:format(Format, Args)).
 
-%% @doc One line on standard error for every problem.
+%% @doc Prints one line per problem on standard error.
 -spec complain(unicode:chardata() | [unicode:chardata()]) -> ok.
 complain(Problem) -> write(standard_error, ["starl: ", one_line(Problem), "\n"]).
 
-%% @doc A note on standard error.
+%% @doc Prints a note on standard error.
 -spec warn(unicode:chardata()) -> ok.
 warn(Text) -> write(standard_error, [Text, "\n"]).
 
-%% @doc Puts raw text on standard error, for what is drawn there.
+%% @doc Writes raw text to standard error, for the progress line.
 -spec draw(unicode:chardata()) -> ok.
 draw(Text) -> write(standard_error, Text).
 
@@ -88,8 +88,8 @@ positive(Text) ->
         _ -> none
     end.
 
-%% @doc Whether somebody watches: both outputs are a terminal. The script that starts the VM says
-%% so in `STARL_TTY'; without it the devices are asked.
+%% @doc Whether both outputs are a terminal. The script that starts the VM tells this in
+%% `STARL_TTY'; without that variable the devices are asked.
 -spec watched() -> boolean().
 watched() ->
     Terminals =
@@ -106,7 +106,7 @@ is_terminal({ok, _}) -> true;
 is_terminal({error, _}) -> false.
 
 %% @doc Breaks a text into lines of at most `Width' columns, the later ones indented. The first
-%% line is taken to begin behind `Indent' columns already.
+%% line is assumed to begin at column `Indent' already.
 -spec wrap(unicode:chardata(), Indent :: non_neg_integer(), Width :: pos_integer()) ->
     unicode:chardata().
 wrap(Text, Indent, Width) ->
