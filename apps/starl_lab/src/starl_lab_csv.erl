@@ -1,9 +1,9 @@
-%% @doc Comma-separated values as RFC 4180 has them, with lines that end in a line feed.
+%% @doc Writes and reads comma-separated values (RFC 4180), with a line feed at the end of a line.
 -module(starl_lab_csv).
 
 -export([line/1, parse/1]).
 
-%% @doc A line; a cell with a comma, a quote or a line end in it is quoted.
+%% @doc One line of cells. A cell that contains a comma, a quote or a line end is quoted.
 -spec line([unicode:chardata(), ...]) -> unicode:chardata().
 line(Cells) -> [lists:join(",", [cell(unicode:characters_to_list(Cell)) || Cell <- Cells]), "\n"].
 
@@ -13,8 +13,8 @@ cell(Text) ->
         false -> Text
     end.
 
-%% @doc The lines of a text that are complete, and how many bytes they take: what stands behind
-%% the last line end was being written when its writer was stopped.
+%% @doc The complete lines of a text, and their length in bytes. A rest without a line end was left
+%% by a writer that was stopped.
 -spec parse(binary()) -> {[[string()]], Bytes :: non_neg_integer()}.
 parse(Text) -> lines(Text, Text, [], 0).
 
@@ -38,7 +38,7 @@ quoted(<<"\"", Rest/binary>>, Cell, Cells) -> plain(Rest, Cell, Cells);
 quoted(<<Byte, Rest/binary>>, Cell, Cells) -> quoted(Rest, <<Cell/binary, Byte>>, Cells);
 quoted(<<>>, _Cell, _Cells) -> incomplete.
 
-%% A file that somebody has edited may hold other bytes than UTF-8.
+%% An edited file may contain bytes that are not UTF-8.
 text(Cell) ->
     case unicode:characters_to_list(Cell) of
         Text when is_list(Text) -> Text;

@@ -1,21 +1,23 @@
-%% @doc Many simulations at once: jobs are handed out to Erlang VMs of their own, one a core, with
-%% a progress line; Ctrl-C ends them.
+%% @doc A pool that runs many simulations at once. Each job runs in a separate Erlang VM, by default
+%% one VM per core. The pool shows a progress line; Ctrl-C ends all jobs.
 %%
-%% A VM of its own (OTP's `peer' over its standard input and output, so that neither epmd nor
-%% distribution is needed) has one scheduler, and a simulation in it one shard: the processes of
-%% a simulation never move between cores. Thirty painting runs on two cores took 3 % more to 17 %
-%% less time (8 % less in the mean of six pairs) than the same runs in one VM with two schedulers.
+%% The VMs are OTP's `peer' nodes over standard input and output, so they need neither epmd nor
+%% distribution. A VM has one scheduler, and a simulation in it one shard, so the processes of a
+%% simulation never move between cores. Thirty painting runs on two cores took between 3 % more and
+%% 17 % less time (8 % less in the mean of six pairs) than the same runs in one VM with two
+%% schedulers.
 -module(starl_lab_jobs).
 
 -export([run/3, at_once/0, vm/2, simulate/1, set_up/1, prepare/1]).
 
 -export_type([plan/2, answer/1, ran/0]).
 
-%% The function `work' of one argument is called for each job in one of `at_once' VMs, into which
-%% `code' is loaded; each has one scheduler, or so many, and is started with `args' besides. `each'
-%% is told of every answer; `before' jobs were done earlier. A job that takes longer than `limit_ms'
-%% says has crashed. What the VMs print goes to `output', a group leader. Where there is a `renew',
-%% the next job has a new VM after an answer for which it holds, and after a crash.
+%% `work': a function of one argument, called for each job in one of `at_once' VMs; `code': loaded
+%% into these VMs; `schedulers': their number of schedulers (default one); `args': further arguments
+%% of their start; `each': called with every answer; `before': the number of jobs done earlier;
+%% `limit_ms': a job that takes longer counts as crashed; `output': a group leader for the output of
+%% the VMs; `renew': the next job gets a new VM after an answer for which this predicate holds, and
+%% after a crash.
 -type plan(Job, Acc) :: #{
     work := {module(), Function :: atom()},
     at_once := pos_integer(),
@@ -30,10 +32,10 @@
     before => non_neg_integer()
 }.
 
-%% A job crashes where its VM or its function does.
+%% A job crashes if its VM or its function crashes.
 -type answer(Result) :: {ok, Result} | {crashed, Reason :: term()}.
 
-%% A simulation that has run to its end.
+%% A finished simulation.
 -type ran() :: #{
     ending := starl_sim_run:ending(),
     outcome := starl_sim_run:outcome(),
@@ -44,7 +46,7 @@
 -record(pool, {
     plan :: plan(term(), term()),
     later :: [Job :: term()],
-    %% a worker whose job is none is on its way to its first one
+    %% `none': the worker is waiting for its first job
     workers = #{} :: #{pid() => {reference(), none | {job, term()}}},
     total :: pos_integer(),
     done :: non_neg_integer(),
@@ -54,7 +56,7 @@
     begun_s :: integer()
 }).
 
-%% @doc As many as there are cores.
+%% @doc The flag for the number of VMs; the default is the number of cores.
 -spec at_once() -> starl_cli_flags:flag().
 at_once() ->
     {jobs, {integer, 1, 256}, erlang:system_info(schedulers_online), "runs at once"}.
@@ -106,7 +108,7 @@ hand_out(Pid, #pool{later = [Job | Later], workers = Workers} = Pool) ->
     Pid ! {job, Job},
     Pool#pool{later = Later, workers = Workers#{Pid := {Ref, {job, Job}}}}.
 
-%% A VM that does not come up is no fault of a job.
+%% A VM that fails to start is not the fault of a job.
 lost(Pid, Reason, #pool{workers = Workers} = Pool) ->
     case maps:get(Pid, Workers) of
         {_, none} ->
@@ -141,15 +143,15 @@ worker(Master, Plan) ->
 vm(Plan) ->
     vm(maps:get(schedulers, Plan, 1), maps:get(args, Plan, []), maps:get(code, Plan, [])).
 
-%% @doc Starts a VM with so many schedulers and this code, linked to the caller.
+%% @doc Starts a VM with a number of schedulers and this code, linked to the caller.
 -spec vm(Schedulers :: pos_integer(), [starl_cli_target:code()]) -> pid().
 vm(Schedulers, Codes) -> vm(Schedulers, [], Codes).
 
 vm(Schedulers, More, Codes) ->
-    %% what belongs to OTP is found without being told
+    %% A VM finds OTP's own applications by itself.
     Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
     Paths = lists:append([["-pa", filename:absname(Dir)] || Dir <- Own, filelib:is_dir(Dir)]),
-    %% A terminal sends Ctrl-C to every VM: these leave it to the first (+Bi).
+    %% A terminal sends Ctrl-C to every VM. With +Bi these VMs ignore it; the first one handles it.
     Args = ["+S", integer_to_list(Schedulers), "+Bi", "+fnu", "+sbwt", "none" | More ++ Paths],
     {ok, Vm, _Node} = peer:start_link(#{connection => standard_io, args => Args}),
     ok = peer:call(Vm, ?MODULE, prepare, [Codes], infinity),
@@ -181,14 +183,14 @@ renewed({crashed, _}, Vm, #{renew := _} = Plan) ->
 renewed(_Answer, Vm, _Plan) ->
     Vm.
 
-%% It may be too busy to end by itself: it ends with its standard input.
+%% A busy VM may not end on request, but it ends when its standard input is closed.
 other(Vm, Plan) ->
     true = unlink(Vm),
     true = exit(Vm, kill),
     vm(Plan).
 
-%% @private Called in a VM of its own: its terminal is not for the reports of machines that
-%% faults have killed.
+%% @private Called in a job's VM: keeps the crash reports of machines that faults have killed off
+%% the terminal.
 -spec prepare([starl_cli_target:code()]) -> ok.
 prepare(Codes) ->
     ok = logger:set_primary_config(level, none),
@@ -197,7 +199,7 @@ prepare(Codes) ->
         Codes
     ).
 
-%% @doc Runs a scenario to its end. The simulation has one shard, unless the scenario says more.
+%% @doc Runs a scenario to its end, by default with one shard.
 -spec simulate(starl_sim_scenario:t()) -> {ok, ran()} | {error, unicode:chardata()}.
 simulate(#{app := _} = Scenario) ->
     started(Scenario, fun(Sim) ->
@@ -207,8 +209,8 @@ simulate(#{app := _} = Scenario) ->
         end
     end).
 
-%% @doc Starts and ends a simulation without a run: whether it can be started, and which figures
-%% its report has.
+%% @doc Starts and ends a simulation without running it, to learn whether it starts and which
+%% figures its report has.
 -spec set_up(starl_sim_scenario:t()) -> {ok, ran()} | {error, unicode:chardata()}.
 set_up(Scenario) -> started(Scenario, fun(_Sim) -> stopped end).
 

@@ -1,5 +1,5 @@
-%% @doc `./starl diverge': runs every seed in several ways that must come to the same digest, and
-%% leads the first seed for which they do not back to the first event that differs.
+%% @doc `./starl diverge': runs every seed in several ways that must give the same digest. For the
+%% first seed with unequal digests it finds the first event that differs.
 -module(starl_lab_diverge).
 
 -behaviour(starl_cli_command).
@@ -14,7 +14,7 @@
     jobs := pos_integer()
 }.
 
-%% What came of a seed in each way that it was run in yet, by the way's place in the list.
+%% The results of each seed so far, by the position of the way in the list of ways.
 -type results() :: #{Seed :: non_neg_integer() => #{pos_integer() => answer()}}.
 -type answer() :: starl_lab_way:outcome() | {crashed, Reason :: term()}.
 
@@ -82,7 +82,7 @@ seeds(Seeds, _Scenario) -> lists:usort(Seeds).
 
 %% -- all seeds, in all ways -----------------------------------------------------------------
 
-%% What can be started with one seed can be started with all.
+%% One seed is tried first: a scenario that starts with one seed starts with all.
 -spec probed(setup()) -> starl_cli_command:answer().
 probed(#{scenario := Scenario, seeds := [Seed | _]} = Setup) ->
     case starl_lab_jobs:set_up(Scenario#{seed => Seed}) of
@@ -90,7 +90,7 @@ probed(#{scenario := Scenario, seeds := [Seed | _]} = Setup) ->
         {error, Why} -> {error, [Why]}
     end.
 
-%% VMs of as many schedulers as the ways need, one size after the other.
+%% Runs all ways in VMs with the number of schedulers that they need, one number after the other.
 all(#{ways := Ways} = Setup) ->
     Begin = erlang:monotonic_time(millisecond),
     Numbered = lists:zip(lists:seq(1, length(Ways)), Ways),
@@ -127,7 +127,7 @@ add(Seed, Places, {crashed, Reason}, Results) ->
 
 merge(Seed, New, Results) -> Results#{Seed => maps:merge(maps:get(Seed, Results, #{}), New)}.
 
-%% -- what came out --------------------------------------------------------------------------
+%% -- results --------------------------------------------------------------------------------
 
 told(How, Results, Ms, #{ways := Ways} = Setup) ->
     Runs = lists:sum([map_size(Answers) || Answers <- maps:values(Results)]),
@@ -152,7 +152,7 @@ verdict(Seeds) -> io_lib:format("DIFFERENT DIGESTS of ~b seeds", [length(Seeds)]
 plural(1) -> "";
 plural(_) -> "s".
 
-%% A run that came to grief is as good as different.
+%% A failed run counts as different.
 differ(Answers) -> length(lists:usort([known(A) || A <- maps:values(Answers)])) > 1.
 
 known({crashed, _}) -> crashed;
@@ -171,7 +171,7 @@ status(How, [], Results, _Setup) ->
         [] -> 0
     end.
 
-%% -- where ----------------------------------------------------------------------------------
+%% -- the first different event --------------------------------------------------------------
 
 locate(Seed, [{_, First} | Others], #{scenario := Scenario, ways := Ways} = Setup) ->
     [{Place, Other} | _] = [{P, A} || {P, A} <- Others, known(A) =/= known(First)],
@@ -184,7 +184,7 @@ locate(Seed, [{_, First} | Others], #{scenario := Scenario, ways := Ways} = Setu
         [] -> find(Scenario#{seed => Seed}, {A, B}, Setup)
     end.
 
-%% Runs that follow one another in one VM have other pids, references and times each.
+%% Successive runs in one VM differ in their pids, references and times.
 find(Scenario, {A, B} = Ways, #{target := Target} = Setup) ->
     starl_cli_signal:on_interrupt(quit),
     Codes = maps:get(code, Target, []),

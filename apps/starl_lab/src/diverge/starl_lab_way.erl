@@ -1,6 +1,6 @@
-%% @doc The ways in which one scenario can be run that must not make a difference: how machines
-%% are interpreted, over how many shards the robots are spread, and how many schedulers the VM
-%% has. On the command line a way is `MODE:SHARDS' or `MODE:SHARDS:SCHEDULERS'.
+%% @doc The ways of running a scenario that must all give the same digest. A way is the mode of the
+%% machines (processes or inline), the number of shards, and the number of schedulers of the VM. On
+%% the command line it is written `MODE:SHARDS' or `MODE:SHARDS:SCHEDULERS'.
 -module(starl_lab_way).
 
 -export([usual/0, parse/1, format_error/1, text/1, schedulers/1, apply_to/2]).
@@ -10,7 +10,7 @@
 
 -type t() :: {process | inline, Shards :: pos_integer(), Schedulers :: pos_integer()}.
 
-%% What runs are compared by, and how many contracts were violated.
+%% The digest and number of events by which runs are compared, and the number of violations.
 -type outcome() ::
     {Digest :: binary(), Events :: non_neg_integer(), Violations :: non_neg_integer()}.
 
@@ -22,8 +22,7 @@
 -spec usual() -> string().
 usual() -> "process:1:1,process:2:2,inline:1:1,inline:3:2".
 
-%% @doc Reads ways with commas between; it takes two to differ. Without a number the VM has one
-%% scheduler.
+%% @doc Reads a list of at least two ways, separated by commas. The default is one scheduler.
 -spec parse(string()) -> {ok, [t(), ...]} | {error, reason()}.
 parse(Text) ->
     Ways = [{Part, way(string:split(Part, ":", all))} || Part <- string:split(Text, ",", all)],
@@ -46,27 +45,27 @@ way([Mode, Shards, Schedulers]) ->
 way(_) ->
     error.
 
-%% @doc One line that says what is wrong, and what to do.
+%% @doc One line that states the problem and the remedy.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({bad_way, Text}) ->
     ["MODE:SHARDS or MODE:SHARDS:SCHEDULERS expected, as in process:1 or inline:3:2, not ", Text];
 format_error({one_way, Text}) ->
     ["two ways or more are needed, not only ", Text].
 
-%% @doc A way as it is written.
+%% @doc A way as written on the command line.
 -spec text(t()) -> string().
 text({Mode, Shards, Schedulers}) ->
     lists:flatten(io_lib:format("~ts:~b:~b", [Mode, Shards, Schedulers])).
 
-%% @doc How many schedulers the VM is to have.
+%% @doc The number of schedulers that the VM needs.
 -spec schedulers(t()) -> pos_integer().
 schedulers({_, _, Schedulers}) -> Schedulers.
 
-%% @doc A scenario to be run in this way.
+%% @doc The scenario, changed to run in this way.
 -spec apply_to(starl_sim_scenario:t(), t()) -> starl_sim_scenario:t().
 apply_to(Scenario, {Mode, Shards, _}) -> Scenario#{mode => Mode, shards => Shards}.
 
-%% @doc Runs a scenario in these ways, one after the other. (Called in a VM of its own.)
+%% @doc Runs a scenario in these ways, one after the other. It is called in a VM of its own.
 -spec digests({starl_sim_scenario:t(), [t()]}) -> [outcome()].
 digests({Scenario, Ways}) -> [outcome(apply_to(Scenario, Way)) || Way <- Ways].
 

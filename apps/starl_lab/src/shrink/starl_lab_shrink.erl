@@ -1,5 +1,5 @@
-%% @doc `./starl shrink': from a run that violates a contract to a small scenario file that
-%% violates the same.
+%% @doc `./starl shrink': turns a run that violates a contract into a small scenario file that
+%% violates the same contract.
 -module(starl_lab_shrink).
 
 -behaviour(starl_cli_command).
@@ -45,8 +45,8 @@ statuses() ->
         {4, "the seconds were up"}, {130, "interrupted"}
     ].
 
-%% A run's directory, a scenario file or the name of an application. The directory of a run that
-%% failed has no record.
+%% A run's directory, a scenario file or the name of an application. The directory of a failed
+%% run has no record.
 -spec subject(string(), [string()]) ->
     {ok, starl_cli_target:t(), [string()]} | {error, [unicode:chardata(), ...]}.
 subject(Word, Args) ->
@@ -76,7 +76,7 @@ run(#{subject := Target, values := Values} = Call) ->
             {error, Problems}
     end.
 
-%% A recorded run has a digest that must come out again; one with other values has another digest.
+%% A recorded run must give its digest again. With changed values the digest is unknown.
 digest(#{subject := #{record := #{digest := Hex}}, given := Given}) ->
     case maps:without([Key || {Key, _, _, _} <- own_flags()], Given) of
         Chosen when map_size(Chosen) =:= 0 -> binary:decode_hex(list_to_binary(Hex));

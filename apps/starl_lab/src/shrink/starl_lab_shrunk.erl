@@ -1,13 +1,13 @@
-%% @doc Shrinking on the command line: progress, Ctrl-C, the file with the result, and the run
-%% that shows that the file does what it says.
+%% @doc Shrinks a run for the command line: shows the progress, obeys Ctrl-C, writes the resulting
+%% scenario file and runs it once to confirm the violation.
 -module(starl_lab_shrunk).
 
 -export([shrink/1, file/2, text/4]).
 
 -export_type([job/0]).
 
-%% The run to be shrunk, with its digest where that is known; where the result goes; and after
-%% how many seconds to end.
+%% The run to be shrunk, its digest if known, the file for the result, and the time limit in
+%% seconds.
 -type job() :: #{
     target := starl_cli_target:t(),
     scenario := starl_sim_scenario:t(),
@@ -21,7 +21,7 @@
     {ok, [unicode:chardata()], complete | out_of_time | interrupted}
     | {error, input | internal | interrupted, unicode:chardata()}.
 
-%% After so many runs it is known that the run can be made again.
+%% The number of runs that show the violation to be reproducible.
 -define(REPRODUCED, 2).
 
 -record(watch, {
@@ -31,7 +31,7 @@
     deadline :: integer() | infinity
 }).
 
-%% @doc Shrinks a run and writes the result; gives the lines that tell of it.
+%% @doc Shrinks a run and writes the result; gives the lines to print.
 -spec shrink(job()) -> answer().
 shrink(#{scenario := Scenario, digest := Digest, seconds := Seconds, quiet := Quiet} = Job) ->
     Begin = now_ms(),
@@ -50,7 +50,7 @@ shrink(#{scenario := Scenario, digest := Digest, seconds := Seconds, quiet := Qu
     Interrupted = atomics:get(Stop, 1),
     case Answer of
         {ok, Result} -> written(Result, now_ms() - Begin, Interrupted, Job);
-        %% a run that was stopped is another run
+        %% An interrupted run differs from the original.
         {error, _} when Interrupted =:= 1 -> {error, interrupted, "interrupted, nothing is shrunk"};
         {error, Reason} -> {error, blame(Reason), starl_sim_shrink:format_error(Reason)}
     end.
@@ -71,7 +71,7 @@ watch(#watch{stop = Stop, progress = Progress, deadline = Deadline} = Watch) ->
     fun(#{runs := Runs} = Figures) ->
         _ = [starl_cli_terminal:out("reproduced; taking away\n") || Runs =:= ?REPRODUCED],
         Shown = starl_cli_progress:show(Progress, unknown, fun() -> [words(Figures)] end),
-        %% a number is less than the atom infinity
+        %% A number is less than the atom infinity.
         case atomics:get(Stop, 1) =:= 1 orelse now_ms() >= Deadline of
             true -> {stop, watch(Watch#watch{progress = Shown})};
             false -> {continue, watch(Watch#watch{progress = Shown})}
@@ -122,7 +122,7 @@ replayed(false, _Result, _Ms, _Interrupted, #{file := File}) ->
         "./starl diverge tells where the runs part"
     ]}.
 
-%% What else was met on the way, each in a file of its own, not made small any further.
+%% The other violations met on the way, each written to its own file and not shrunk further.
 others(#{others := Others} = Result, #{file := File} = Job) ->
     lists:append([
         other(Result#{scenario := Scenario, violation := Violation}, beside(File, N), Job)
@@ -147,7 +147,7 @@ other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
             []
     end.
 
-%% The file is read and run as ./starl run does it.
+%% Reads and runs the file as `./starl run' does.
 replay(File, #{app := App}, #{digest := Digest}) ->
     {ok, Given} = starl_sim_scenario:read(File),
     {ok, Scenario} = starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)),
@@ -169,14 +169,15 @@ size(#{scenario := #{time := Time}, figures := Figures}, #{time := TimeBefore}) 
 
 seconds(Time) -> io_lib:format("~.2f", [float(Time)]).
 
-%% @doc Where the result goes if nothing else is said.
+%% @doc The default file for the result.
 -spec file(starl_cli_target:t(), starl_sim_scenario:t()) -> file:filename_all().
 file(#{name := Name}, Scenario) ->
     Seed = maps:get(seed, Scenario, 0),
     Base = lists:concat([Name, "-", Seed, "-shrunk.term"]),
     filename:join([starl_cli_target:root(), "out", Base]).
 
-%% @doc The scenario file: what it shows, then the values that are not the usual ones.
+%% @doc The text of the scenario file: a comment on the violation, then the values that differ from
+%% the defaults.
 -spec text(starl_sim_shrink:result(), file:filename_all(), starl_cli_target:t(), Before) ->
     [unicode:chardata()]
 when

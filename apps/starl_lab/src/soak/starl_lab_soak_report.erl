@@ -1,11 +1,11 @@
-%% @doc What a soak has found, as a table and as the first run of each kind of violation.
+%% @doc The results of a soak: a table, and the first run of each kind of violation.
 -module(starl_lab_soak_report).
 
 -export([tell/2, failing/2]).
 
 -type founds() :: [{Block :: atom(), Seed :: non_neg_integer(), starl_lab_soak:found()}].
 
-%% The first run that violates a contract in a way, and how many do.
+%% The first run with a kind of violation, and the number of such runs.
 -type failure() :: {
     Block :: atom(), Seed :: non_neg_integer(), starl_monitor:violation(), Runs :: pos_integer()
 }.
@@ -33,8 +33,8 @@ row(Block, Founds) ->
 
 of_block(Block, Founds) -> [Found || {B, _, Found} <- Founds, B =:= Block].
 
-%% @doc For each way in which a contract of a block is violated its first run, numbered within
-%% the block.
+%% @doc The first run of each kind of violation of a block's contracts, numbered within the
+%% block.
 -spec failing([atom(), ...], founds()) -> [{N :: pos_integer(), failure()}].
 failing(Blocks, Founds) ->
     lists:append([lists:enumerate(ways(Block, Founds)) || Block <- Blocks]).

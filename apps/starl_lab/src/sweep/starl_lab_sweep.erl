@@ -1,6 +1,6 @@
-%% @doc `./starl sweep': all combinations of some settings, each with several seeds, over all
-%% cores. A directory takes a row for each run as it ends, and at the end the medians and a plot;
-%% a sweep that was stopped goes on with the runs that have no row yet.
+%% @doc `./starl sweep': runs all combinations of some settings with several seeds on all cores. It
+%% appends a row to a file as each run ends, and finally writes the medians and a plot. An
+%% interrupted sweep continues with the runs that have no row yet.
 -module(starl_lab_sweep).
 
 -behaviour(starl_cli_command).
@@ -78,8 +78,8 @@ run(#{subject := Target, given := Given, values := Values, args := Args}) ->
 directory(none, Name) -> filename:join([starl_cli_target:root(), "out", Name ++ "-sweep"]);
 directory(Dir, _Name) -> string:trim(Dir, trailing, "/").
 
-%% Every point is prepared once, without a run: a picture may not fit on the floor, and the
-%% figures of the report are the columns.
+%% Every point is started once without a run: this finds errors, such as a picture that does not fit
+%% on the floor, and the figures of the report, which become the columns.
 probed(#{points := Points, target := #{name := Name}} = Sweep) ->
     ok = starl_cli_log:install(),
     Jobs = [{N, {Name, Scenario}} || {N, {_, Scenario}} <- lists:enumerate(Points)],

@@ -1,7 +1,7 @@
 %% @doc The grid of a sweep: all combinations of the values of its settings, each with every seed.
 %%
-%% A setting is a key that the command line or the scenario file gives a value, and `robots' in
-%% any case. It is swept where it has more than one value.
+%% A setting is a key with a value on the command line or in the scenario file; `robots' is always a
+%% setting. A setting with more than one value is swept.
 -module(starl_lab_sweep_grid).
 
 -export([flags/1, new/4, points/1, seeds/1, swept/1, fixed/1, settings/1, cells/2]).
@@ -22,8 +22,8 @@
 
 -define(USUAL_SEEDS, lists:seq(1, 5)).
 
-%% @doc The flags for the options of a scenario and its application: each takes several values,
-%% except a term, in which commas have a meaning of their own; and `seeds' stands for `seed'.
+%% @doc The flags for the options of a scenario and its application. Each takes several values,
+%% except a term, in which commas have their own meaning. The flag `seeds' replaces `seed'.
 -spec flags([starl_options:option()]) -> [starl_cli_flags:flag()].
 flags(Options) ->
     {seed, Type, _, _} = lists:keyfind(seed, 1, Options),
@@ -33,8 +33,8 @@ flags(Options) ->
 several({_, {term, _, _}, _, _} = Option) -> Option;
 several({Key, Type, Default, Doc}) -> {Key, {list, Type}, [Default], Doc}.
 
-%% @doc The grid for the values of a scenario file and those of the flags, which win. The settings
-%% that are swept are in the order in which they stand among the arguments.
+%% @doc The grid for the values of a scenario file and of the flags, which have priority. The swept
+%% settings are in the order of the arguments.
 -spec new([starl_options:option()], InFile, Flags, Args :: [string()]) -> t() when
     InFile :: #{atom() => term()}, Flags :: #{atom() => term()}.
 new(Options, InFile, Flags, Args) ->
@@ -62,7 +62,7 @@ place(Key, Args) ->
     Flag = starl_cli_flags:flag(Key),
     length(lists:takewhile(fun(Arg) -> hd(string:split(Arg, "=")) =/= Flag end, Args)).
 
-%% @doc All combinations, the last setting's values changing fastest.
+%% @doc All combinations; the values of the last setting change fastest.
 -spec points(t()) -> [point(), ...].
 points(#grid{settings = Settings}) ->
     lists:foldl(
@@ -79,12 +79,12 @@ seeds(#grid{seeds = Seeds}) -> Seeds.
 -spec settings(t()) -> [setting()].
 settings(#grid{settings = Settings}) -> Settings.
 
-%% @doc The settings that have several values, in the order of the command line.
+%% @doc The settings with several values, in the order of the command line.
 -spec swept(t()) -> [setting()].
 swept(#grid{swept = Swept, settings = Settings}) ->
     [lists:keyfind(Key, 1, Settings) || Key <- Swept].
 
-%% @doc The settings that have one value.
+%% @doc The settings with one value.
 -spec fixed(t()) -> [setting()].
 fixed(#grid{settings = Settings}) -> [Setting || {_, _, [_]} = Setting <- Settings].
 

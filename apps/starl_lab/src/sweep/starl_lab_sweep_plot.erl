@@ -1,26 +1,26 @@
-%% @doc The plot of a sweep, a script for gnuplot 5: a panel for each figure, in it a curve through
-%% the medians with error bars from the least to the most. The first swept setting with numbers
-%% is the x axis; each combination of the other swept settings is a curve.
+%% @doc Plots a sweep with a script for gnuplot 5: one panel per figure, with curves through the
+%% medians and error bars from the minimum to the maximum. The first swept setting with numbers is
+%% the x axis; each combination of the other swept settings is a curve.
 -module(starl_lab_sweep_plot).
 
 -export([axis/1, chosen/3, script/1, data/5, draw/1]).
 
 -export_type([plot/0, panel/0, figure/0]).
 
-%% A figure of the report and what its axis says.
+%% A figure of the report and the label of its axis.
 -type figure() :: {Key :: atom(), Label :: string()}.
 
 -type plot() :: #{title := string(), x := string(), panels := [panel()]}.
 -type panel() :: #{y := string(), curves := [curve(), ...]}.
-%% A curve without a name needs no legend.
+%% A curve with an empty name needs no legend.
 -type curve() :: {Name :: string(), [{X :: number(), Median :: number(), number(), number()}]}.
 
 -define(PANEL_WIDTH, 480).
 -define(HEIGHT, 400).
 -define(LEGEND_LINE, 18).
-%% Explicit tics, where there are not too many for their room.
+%% The largest number of explicit tics; more would not fit.
 -define(MOST_TICS, 16).
-%% Curves lie beside one another by this part of the axis, so that their error bars are seen.
+%% The horizontal offset between curves, a fraction of the axis, which keeps error bars apart.
 -define(BESIDE, 0.006).
 
 %% @doc The setting of the x axis.
@@ -32,8 +32,8 @@ axis(Grid) ->
         [] -> none
     end.
 
-%% @doc The figures to plot: those that were asked for, else the completion time and those that the
-%% application wants to be plotted. Gives back the names that are no figures.
+%% @doc The figures to plot: the requested ones, or else the completion time and the figures that
+%% the application marks for plots. Gives the names that are not figures, too.
 -spec chosen(none | [string()], Known :: [atom()], #{atom() => starl_scene:format()}) ->
     {ok, [figure(), ...]} | {unknown, [string()]}.
 chosen(none, Known, Formats) ->
@@ -51,8 +51,8 @@ chosen(Names, Known, Formats) ->
 
 labelled(Key, Formats) -> {Key, maps:get(label, maps:get(Key, Formats, #{}), label(Key))}.
 
-%% @doc The plot of some figures over the points of a grid. Figures that no run has, such as the
-%% separation of a single robot, have no panel.
+%% @doc The plot of some figures over the points of a grid. A figure that no run has, such as the
+%% separation of a single robot, gets no panel.
 -spec data(App, starl_lab_sweep_grid:t(), X, [{Point, Summary}], Figures) -> plot() when
     App :: string(),
     Point :: starl_lab_sweep_grid:point(),
@@ -95,7 +95,7 @@ title(App, Fixed, Seeds) ->
     Runs = io_lib:format("median and range of ~b seed~ts", [N, [$s || N > 1]]),
     lists:flatten([App, ": ", lists:join(", ", Texts ++ [Runs])]).
 
-%% Names with units, for what a simulation has of itself.
+%% Labels with units for the simulation's own options and figures.
 label(robots) -> "number of robots";
 label(virtual_s) -> "completion time, s";
 label(loss) -> "part of the packets lost";
@@ -114,7 +114,7 @@ words(Key) -> lists:join(" ", string:lexemes(atom_to_list(Key), "_")).
 
 %% -- the script -----------------------------------------------------------------------------
 
-%% @doc The script; it writes `plot.svg' and `plot.png' where it is run.
+%% @doc The script. It writes `plot.svg' and `plot.png' to the current directory.
 -spec script(plot()) -> unicode:chardata().
 script(#{title := Title, x := X, panels := Panels}) ->
     Numbered = numbered(Panels),
@@ -147,7 +147,7 @@ block(P, C, {_Name, Points}) ->
 
 name(P, C) -> io_lib:format("$panel~b_curve~b", [P, C]).
 
-%% A gnuplot that was built without Cairo draws the PNG less finely.
+%% Without Cairo, gnuplot draws a coarser PNG.
 terminals(Panels, Curves) ->
     Size = io_lib:format("size ~b,~b noenhanced", [
         Panels * ?PANEL_WIDTH, ?HEIGHT + (Curves - 1) * ?LEGEND_LINE
@@ -204,7 +204,7 @@ quoted(Text) -> ["'", string:replace(Text, "'", "''", all), "'"].
 
 %% -- gnuplot --------------------------------------------------------------------------------
 
-%% @doc Runs gnuplot on `plot.gp' in a directory; what it complains of, if it cannot draw.
+%% @doc Runs gnuplot on `plot.gp' in a directory; gives its message if it fails.
 -spec draw(file:filename()) -> ok | {error, unicode:chardata()}.
 draw(Dir) ->
     case os:find_executable("gnuplot") of

@@ -1,6 +1,6 @@
-%% @doc The file `runs.csv' of a sweep: a row for each run, with the settings and the seed, which
-%% say what was run, then the status and all figures of the report. Rows are appended as runs
-%% finish, so that a sweep that was stopped is taken up again.
+%% @doc The file `runs.csv' of a sweep. It has one row per run: the settings and the seed, which
+%% identify the run, then the status and all figures of the report. Rows are appended as runs
+%% finish, so an interrupted sweep can continue.
 -module(starl_lab_sweep_rows).
 
 -export([columns/2, header/1, settings/1, key/4, row/3, status/2, figure/3, numbers/1]).
@@ -8,7 +8,8 @@
 
 -export_type([columns/0, key/0, row/0, rows/0, status/0, reason/0]).
 
-%% What each column holds: what was run, the status, and figures, which are numbers or texts.
+%% `key': the names of the columns that identify a run; `figures': those of the report's figures and
+%% the type of each. The status stands between them.
 -record(columns, {
     key :: [string()],
     figures :: [{atom(), number | text}]
@@ -16,12 +17,12 @@
 
 -opaque columns() :: #columns{}.
 
-%% The cells that say what was run: application, settings, seed.
+%% The cells that identify a run: application, settings, seed.
 -type key() :: [string(), ...].
 -type row() :: [string(), ...].
 -type rows() :: #{key() => row()}.
 
-%% `incomplete' ended before the work was complete, `failed' came to grief itself.
+%% `incomplete': the run ended before the work was complete; `failed': the simulation failed.
 -type status() :: complete | incomplete | violation | failed.
 
 -type reason() ::
@@ -30,8 +31,8 @@
     | {row, file:filename(), Line :: pos_integer()}
     | {file, file:filename(), file:posix() | badarg | terminated | system_limit}.
 
-%% @doc The columns for a grid, and for an application with the figures of a report. The wall
-%% time comes last: it alone differs from one run to the next.
+%% @doc The columns for a grid and for an application with the figures of a report. The wall time
+%% comes last, because only it differs between equal runs.
 -spec columns(starl_lab_sweep_grid:t(), starl_cli_report:t()) -> columns().
 columns(Grid, Report) ->
     Settings = [Key || {Key, _, _} <- starl_lab_sweep_grid:settings(Grid)],
@@ -59,7 +60,7 @@ header(#columns{key = Key, figures = Figures}) ->
 -spec settings(columns()) -> [string()].
 settings(#columns{key = Key}) -> lists:droplast(Key).
 
-%% @doc The cells that say what was run.
+%% @doc The cells that identify a run.
 -spec key(App :: string(), starl_lab_sweep_grid:t(), starl_sim_scenario:t(), Seed) -> key() when
     Seed :: non_neg_integer().
 key(App, Grid, Scenario, Seed) ->
@@ -85,7 +86,7 @@ cell(Text) when is_binary(Text) -> unicode:characters_to_list(Text);
 cell(Violations) when is_list(Violations) -> integer_to_list(length(Violations));
 cell(Value) -> lists:flatten(io_lib:format("~w", [Value])).
 
-%% @doc How a run has ended.
+%% @doc The status of a run.
 -spec status(columns(), row()) -> status().
 status(#columns{key = Key}, Row) ->
     case lists:nth(length(Key) + 1, Row) of
@@ -95,7 +96,7 @@ status(#columns{key = Key}, Row) ->
         _ -> failed
     end.
 
-%% @doc A figure of a run, where it is a number.
+%% @doc A figure of a run, if it is a number.
 -spec figure(columns(), atom(), row()) -> {ok, number()} | none.
 figure(Columns, Figure, Row) ->
     Texts = maps:from_list(lists:zip(header(Columns), Row)),
@@ -110,8 +111,8 @@ numbers(#columns{figures = Figures}) -> [Figure || {Figure, number} <- Figures].
 
 %% -- the file -------------------------------------------------------------------------------
 
-%% @doc The rows of earlier runs, none where there is no file, and the length of the lines that
-%% are whole.
+%% @doc The rows of earlier runs, none without a file, and the length of the complete lines in
+%% bytes.
 -spec read(file:filename(), columns()) ->
     {ok, rows(), Bytes :: non_neg_integer()} | {error, reason()}.
 read(File, Columns) ->
@@ -143,7 +144,7 @@ keyed(Rows, KeyLength, Length, Bytes, File) ->
             {error, {row, File, length(Sound) + 2}}
     end.
 
-%% @doc Opens the file to append rows; what is behind its whole lines goes away.
+%% @doc Opens the file to append rows; an incomplete last line is cut off.
 -spec open(file:filename(), columns(), Bytes :: non_neg_integer()) ->
     {ok, file:io_device()} | {error, reason()}.
 open(File, Columns, Bytes) ->
@@ -161,7 +162,7 @@ open(File, Columns, Bytes) ->
 begin_with(Header, Device, 0) -> append(Device, Header);
 begin_with(_Header, _Device, _Bytes) -> ok.
 
-%% @doc Appends a row; it is in the file when this returns.
+%% @doc Appends a row, which is in the file when this call returns.
 -spec append(file:io_device(), row()) -> ok.
 append(Device, Row) ->
     ok = file:write(Device, unicode:characters_to_binary(starl_lab_csv:line(Row))).
@@ -170,14 +171,14 @@ append(Device, Row) ->
 -spec close(file:io_device()) -> ok.
 close(Device) -> ok = file:close(Device).
 
-%% @doc The text of the file in the order of these keys; other rows come behind, in theirs.
+%% @doc The text of the file in the order of these keys; other rows follow in their own order.
 -spec ordered(columns(), [key()], rows()) -> unicode:chardata().
 ordered(Columns, Keys, Rows) ->
     Others = lists:sort(maps:values(maps:without(Keys, Rows))),
     Lines = [maps:get(Key, Rows) || Key <- Keys, is_map_key(Key, Rows)],
     [starl_lab_csv:line(Line) || Line <- [header(Columns) | Lines ++ Others]].
 
-%% @doc One line that says what is wrong and what to do.
+%% @doc One line that states the problem and the remedy.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({columns, File, Lacking, Besides}) ->
     [

@@ -1,14 +1,14 @@
-%% @doc The runs of a sweep that have no row yet, and what is made of all rows: the summary, the
-%% plot and the exit status.
+%% @doc Makes the runs of a sweep that have no row yet, and from all rows the summary, the plot and
+%% the exit status.
 -module(starl_lab_sweep_run).
 
 -export([run/5, plan/4]).
-%% called in VMs of their own
+%% Called in the VMs of the jobs.
 -export([probe/1, one/1]).
 
 -export_type([sweep/0, job/0]).
 
-%% A checked command line. `points' has the scenario of each point, with any seed.
+%% A checked command line. `points': the scenario of each point, with an arbitrary seed.
 -type sweep() :: #{
     args := [string()],
     target := starl_cli_target:t(),
@@ -19,7 +19,7 @@
     plot := none | [string()]
 }.
 
-%% A run that is to be made, with the name of its application.
+%% A run to make, with the name of its application.
 -type job() :: {starl_lab_sweep_rows:key(), App :: string(), starl_sim_scenario:t()}.
 
 -record(made, {
@@ -72,7 +72,7 @@ noted({Key, _, _}, Answer, #made{rows = Rows, columns = Columns, device = Device
     ok = starl_lab_sweep_rows:append(Device, Row),
     Made#made{rows = Rows#{Key => Row}}.
 
-%% @doc How the jobs of a sweep are done, by a function of this module.
+%% @doc The plan for the jobs of a sweep, which call a function of this module.
 -spec plan(sweep(), probe | one, What :: string(), Each) -> starl_lab_jobs:plan(Job, Acc) when
     Each :: fun((Job, starl_lab_jobs:answer(term()), Acc) -> Acc).
 plan(#{jobs := Most, target := Target}, Function, What, Each) ->
@@ -113,8 +113,8 @@ points(Columns, Rows, #{points := Points, grid := Grid, target := #{name := Name
      || {Point, Scenario} <- Points
     ].
 
-%% The files are made elsewhere and moved in: rows in their order take the place of those in the
-%% order in which the runs have ended.
+%% The files are made in another directory and moved. The rows, until now in the order in which the
+%% runs ended, are replaced by the rows in the order of the grid.
 write(Text, Points, Columns, Figures, #{dir := Dir, grid := Grid, target := #{name := Name}}) ->
     {ok, Plan} = starl_cli_out:plan(Dir, Name),
     Summary = starl_lab_sweep_summary:csv(Columns, [Sum || {_, Sum} <- Points]),
@@ -139,7 +139,7 @@ plot(Name, Grid, Points, Figures) ->
 with_points(#{panels := []}) -> {none, "no run has a figure to plot"};
 with_points(Plot) -> {ok, Plot}.
 
-%% A plot that cannot be drawn is no failure: everything else is there.
+%% A plot that cannot be drawn is not a failure: all other results exist.
 drawn({error, _} = Error, _Dir) ->
     Error;
 drawn(ok, Dir) ->
@@ -185,7 +185,7 @@ written({error, Why}, _Status) ->
 
 %% -- in a VM of its own ---------------------------------------------------------------------
 
-%% @private The report of a simulation that has only been set up.
+%% @private The report of a simulation that was only started.
 -spec probe({N :: pos_integer(), {App :: string(), starl_sim_scenario:t()}}) ->
     {ok, starl_cli_report:t()} | {error, unicode:chardata()}.
 probe({_N, {Name, Scenario}}) -> report(Name, Scenario, starl_lab_jobs:set_up(Scenario)).

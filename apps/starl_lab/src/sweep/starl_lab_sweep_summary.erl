@@ -1,15 +1,15 @@
-%% @doc Medians and ranges: for each point of a sweep's grid the median, the least and the most of
-%% every figure over its seeds.
+%% @doc Summarizes a sweep: for each point of its grid the median, the minimum and the maximum of
+%% every figure over the seeds.
 %%
-%% Runs in which a contract was violated, or that failed, are counted but not measured: they
-%% stopped somewhere in the middle.
+%% Runs that violated a contract or failed are counted but not measured, because they stopped before
+%% their end.
 -module(starl_lab_sweep_summary).
 
 -export([summarize/3, csv/2, range/2, median/1]).
 
 -export_type([t/0, range/0]).
 
-%% A point: its settings as texts, its runs, how many of them were complete, and the ranges.
+%% A point: its settings as texts, the numbers of its runs and complete runs, and the ranges.
 -type t() :: #{
     cells := [string()],
     runs := non_neg_integer(),
@@ -17,7 +17,7 @@
     ranges := #{Figure :: atom() => range()}
 }.
 
-%% none where no run has the figure, such as the separation of a single robot.
+%% `none': no run has the figure, such as the separation of a single robot.
 -type range() :: {Median :: number(), Min :: number(), Max :: number()} | none.
 
 %% @doc Summarizes the runs of a point.
@@ -47,7 +47,7 @@ range_of(Columns, Figure, Rows) ->
 -spec range(atom(), t()) -> range().
 range(Figure, #{ranges := Ranges}) -> maps:get(Figure, Ranges).
 
-%% @doc The median; of an even number of values the mean of the two in the middle.
+%% @doc The median; for an even number of values the mean of the two middle ones.
 -spec median([number(), ...]) -> number().
 median(Values) ->
     Sorted = lists:sort(Values),
@@ -57,7 +57,7 @@ median(Values) ->
         0 -> (lists:nth(N div 2, Sorted) + lists:nth(N div 2 + 1, Sorted)) / 2
     end.
 
-%% @doc The text of `summary.csv'. The first column of the settings is the application.
+%% @doc The text of `summary.csv'. The application is the first of the settings' columns.
 -spec csv(starl_lab_sweep_rows:columns(), [t()]) -> unicode:chardata().
 csv(Columns, Points) ->
     Figures = starl_lab_sweep_rows:numbers(Columns),
