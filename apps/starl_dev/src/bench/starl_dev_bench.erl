@@ -1,5 +1,5 @@
-%% @doc `./starl bench': how fast the simulator and the planner run on this machine. Each
-%% benchmark prints a table; all figures go to a file as JSON.
+%% @doc `./starl bench': measures the speed of the simulator and the planner on this machine. Each
+%% benchmark prints a table; all figures are written to a file as JSON.
 -module(starl_dev_bench).
 
 -behaviour(starl_cli_command).
@@ -32,7 +32,8 @@ about(_Subject) ->
         "baseline. Without a name all benchmarks run, with their defaults."
     ].
 
-%% All together run with their defaults: a flag like --robots means another thing to each.
+%% Run together, all use their defaults, because a flag such as --robots has another meaning in
+%% each benchmark.
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) -> [{shown, title(Kind), flags_of(Kind)} || Kind <- kinds()] ++ [own_flags()];
 flags(Kind) -> [{title(Kind), flags_of(Kind)}, own_flags()].
@@ -62,7 +63,7 @@ flags_of(Kind) -> (module(Kind)):flags().
 
 default_out() -> filename:join([starl_cli_target:root(), "out", "bench.json"]).
 
-%% Known before the work is done, and an older file stays until then.
+%% The file is checked before the measurements; an older file stays until they are done.
 checked(Kinds, #{out := File} = Options) ->
     Problems = lists:append([problems(Kind, Options) || Kind <- Kinds]),
     case Problems =:= [] andalso can_write(File) of

@@ -1,6 +1,6 @@
-%% @doc How long the coordinator of distributed path planning thinks about a request. A plan over
-%% random lines is driven abstractly: every robot moves at 500 mm/s from waypoint to waypoint,
-%% reports each, and asks again at its end.
+%% @doc The path-planning benchmark: the time that the coordinator of distributed path planning
+%% takes for a request. Robots follow a plan over random lines in an abstract model: each moves at
+%% 500 mm/s from waypoint to waypoint, reports each waypoint, and requests a path again at the end.
 -module(starl_dev_bench_dpp).
 -behaviour(starl_dev_benchmark).
 
@@ -16,7 +16,8 @@
 -record(drive, {
     plan :: starl_dpp_plan:t(),
     robots :: #{robot_id() => #robot{}},
-    %% who acts when (s); who is in neither has been told that all is complete
+    %% the robots that act next, by time (s); a robot that neither acts nor waits has been told that
+    %% all is complete
     queue = gb_sets:new() :: gb_sets:set({float(), robot_id()}),
     waiting = [] :: [robot_id()],
     now = 0.0 :: float(),
@@ -42,7 +43,7 @@ flags() ->
         {requests, {integer, 1, 1000000}, 2000, "ends after so many requests"}
     ].
 
-%% @doc Measures and prints a line for each size; the figures for a file.
+%% @doc Measures, prints one line per size, and gives the figures for a file.
 -spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{edges := Sizes, robots := Team, requests := Requests}) ->
     starl_cli_terminal:out("requests to the coordinator, ~b robots\n", [Team]),
@@ -71,7 +72,7 @@ part(P, Times) -> lists:nth(max(1, ceil(P * length(Times))), Times) / 1000.
 
 %% -- the picture ----------------------------------------------------------------------------
 
-%% Lines are added or left out until there are about as many edges as wanted.
+%% Adds or removes lines until the number of edges is about right.
 picture(Edges, Team) -> picture(Edges, Team, ceil(Edges / 4), ?ATTEMPTS).
 
 picture(Edges, Team, Lines, Attempts) ->
@@ -141,7 +142,7 @@ ask(Id, #drive{plan = Plan, times = Times, left = Left} = Drive) ->
         complete -> Asked
     end.
 
-%% As the coordinator does: who gets no work goes out of the way.
+%% As in the coordinator, a robot without work moves out of the way.
 answer(Id, Plan) ->
     case starl_dpp_assign:request(Id, Plan) of
         {none, Next} -> starl_dpp_assign:make_way(Id, Next);
@@ -174,7 +175,7 @@ stand(Id, #robot{at = At} = Robot, #drive{plan = Plan, robots = Robots} = Drive)
     },
     later(?REQUEST_S, Id, Standing).
 
-%% Space has become free: who waits asks again.
+%% When space becomes free, waiting robots repeat their requests.
 wake(#drive{waiting = Waiting} = Drive) ->
     Ask = fun(Id, Acc) -> later(?REQUEST_S, Id, Acc) end,
     lists:foldl(Ask, Drive#drive{waiting = []}, lists:sort(Waiting)).

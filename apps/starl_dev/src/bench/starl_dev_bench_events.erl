@@ -1,11 +1,11 @@
-%% @doc The plain-events benchmark: timers and deliveries per second on one core, inline, beside
-%% the round trips of two bare processes in the same minute.
+%% @doc The plain-events benchmark: timers and deliveries per second on one core, inline, compared
+%% with the round trips of two bare processes in the same minute.
 -module(starl_dev_bench_events).
 -behaviour(starl_dev_benchmark).
 
 -export([flags/0, run/1]).
 
-%% NeXosim's (Rust) events per round trip of two bare processes, taken on one machine.
+%% Events of NeXosim (Rust) per round trip of two bare processes, measured on one machine.
 -define(NEXOSIM, 0.8).
 -define(PER_S, 10).
 -define(LOSS, 0.05).
@@ -19,7 +19,7 @@ flags() ->
         {reps, {integer, 1, 100}, 3, "repetitions; the one of the least CPU time is told"}
     ].
 
-%% @doc Measures and prints a line for each size; the figures for a file.
+%% @doc Measures, prints one line per size, and gives the figures for a file.
 -spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, seconds := Seconds, reps := Reps}) ->
     starl_cli_terminal:out(
@@ -65,7 +65,7 @@ row(N, Seconds, Bare, Runs) ->
     ),
     Figures.
 
-%% Of what was sent the radio lost what it was asked to, within five standard deviations.
+%% The radio must have lost the requested share of the packets, within five standard deviations.
 checks(N, Seconds, #{ending := Ending, figures := Told, outcome := #{packets := Packets}}) ->
     Sent = ?PER_S * Seconds * N,
     Lost = Sent - proplists:get_value(received, Told),

@@ -1,6 +1,6 @@
-%% @doc The painting benchmark: how many times faster than real time a team paints a picture on
-%% one core, with the digest and all monitors on. Runs of several seeds are added up: how long one
-%% takes to paint, and to compute, depends on who comes in whose way.
+%% @doc The painting benchmark: the speed, relative to real time, at which a team paints a picture
+%% on one core, with the digest and all monitors on. The times of several seeds are added, because
+%% the duration of a run depends on which robots obstruct one another.
 -module(starl_dev_bench_painting).
 -behaviour(starl_dev_benchmark).
 
@@ -17,7 +17,7 @@ flags() ->
         {reps, {integer, 1, 100}, 5, "repetitions of each; the one of the least CPU time counts"}
     ].
 
-%% @doc Which pictures cannot be painted by these teams, and why not; a line each.
+%% @doc The pictures that these teams cannot paint, with the reasons; one line each.
 -spec problems(#{atom() => term()}) -> [unicode:chardata()].
 problems(#{robots := Sizes, pictures := Pictures}) ->
     lists:append([
@@ -34,7 +34,7 @@ problems(#{robots := Sizes, pictures := Pictures}) ->
 scenario(Picture, N, Mode, Seed) ->
     #{app => starl_painting, robots => N, picture => Picture, mode => Mode, seed => Seed}.
 
-%% @doc Measures and prints a line for each picture, size and mode; the figures for a file.
+%% @doc Measures, prints one line per picture, size and mode, and gives the figures for a file.
 -spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, pictures := Pictures, modes := Modes, seeds := Seeds, reps := Reps}) ->
     starl_cli_terminal:out(

@@ -1,6 +1,6 @@
-%% @doc The ring-shuttle benchmark: simulated time and messages per second of wall time, process
-%% by process and inline, on one core and over shards; beside the round trips of two bare
-%% processes in the same minute and the Java StarL simulator's figures.
+%% @doc The ring-shuttle benchmark: simulated time and messages per second of wall time, with
+%% processes and inline, on one core and over shards. It is compared with the round trips of two
+%% bare processes in the same minute and with the figures of the Java StarL simulator.
 -module(starl_dev_bench_ring).
 -behaviour(starl_dev_benchmark).
 
@@ -9,8 +9,8 @@
 -define(TICKS, 600).
 -define(RUN_S, 60).
 
-%% The Java StarL simulator 1.5.1 (Java 17) on a two-core machine: robots => run wall s, simulated
-%% seconds and messages per wall second.
+%% The Java StarL simulator 1.5.1 (Java 17) on a two-core machine: robots => wall time of the run
+%% (s), simulated seconds and messages per wall second.
 -define(JAVA, #{
     4 => {0.58, 103, 4100},
     16 => {1.5, 39, 6300},
@@ -30,7 +30,7 @@ flags() ->
         {reps, {integer, 1, 100}, 2, "repetitions; the one of the least CPU time is told"}
     ].
 
-%% @doc Measures and prints a line for each size, mode and number of shards; the figures.
+%% @doc Measures, prints one line per size, mode and number of shards, and gives the figures.
 -spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, modes := Modes, shards := Shards, reps := Reps}) ->
     starl_cli_terminal:out(
@@ -42,7 +42,7 @@ run(#{robots := Sizes, modes := Modes, shards := Shards, reps := Reps}) ->
     starl_cli_terminal:out(header()),
     lists:append([size(N, Modes, lists:usort(Shards), Reps) || N <- Sizes]).
 
-%% Runs are interleaved, so that what else the machine does meets all alike.
+%% Runs are interleaved, so that other load on the machine affects all alike.
 size(N, Modes, Shards, Reps) ->
     Kinds = [{Mode, S} || Mode <- Modes, S <- Shards, S =< N],
     Rounds = [round(N, Kinds) || _ <- lists:seq(1, Reps)],
@@ -60,8 +60,8 @@ once(N, Mode, Shards) ->
     Scenario = (scenario(?TICKS))#{robots => N, mode => Mode, shards => Shards},
     starl_dev_bench_run:on_cores(Shards, fun() -> starl_dev_bench_run:simulate(Scenario) end).
 
-%% @doc The workload with so many messages of each robot in its 60 s. The time is a little
-%% longer, for the acknowledgements of the last messages.
+%% @doc The workload with a number of messages per robot in 60 s. The run lasts a little longer, for
+%% the acknowledgements of the last messages.
 -spec scenario(Messages :: pos_integer()) -> #{app := module(), atom() => term()}.
 scenario(Messages) ->
     #{
@@ -69,7 +69,7 @@ scenario(Messages) ->
         messages => Messages, period => ?RUN_S * 1000 div Messages, time => ?RUN_S + 1
     }.
 
-%% @doc What every run of this workload must come to.
+%% @doc The checks that every run of this workload must pass.
 -spec checks(Robots :: pos_integer(), Messages :: pos_integer(), starl_dev_bench_run:run()) ->
     [starl_dev_bench_run:check()].
 checks(N, Messages, #{ending := Ending, figures := Told, outcome := Outcome}) ->
@@ -107,7 +107,7 @@ row(N, {Mode, Shards} = Kind, Bare, Busy, All) ->
     starl_cli_terminal:out(line(Figures)),
     Figures.
 
-%% By the least wall time of each.
+%% Compares the least wall time of each kind of run.
 gain({Mode, _} = Kind, All) ->
     case All of
         #{{Mode, 1} := Alone, Kind := Runs} -> least_wall(Alone) / least_wall(Runs);

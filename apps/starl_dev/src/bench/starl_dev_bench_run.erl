@@ -1,6 +1,6 @@
-%% @doc What all benchmarks of the simulator share: a measured run, and the yardsticks that are
-%% taken in the same minute. CPU seconds are those of the whole VM, so on a machine that others
-%% use they tell more than wall seconds.
+%% @doc Measures a run for the benchmarks of the simulator, and the baselines taken in the same
+%% minute. CPU seconds are those of the whole VM, so on a shared machine they are more reliable than
+%% wall seconds.
 -module(starl_dev_bench_run).
 
 -export([simulate/1, in_process/1, on_cores/2, bare/0, busy_gain/1, best/1, sound/2, shards/1]).
@@ -8,8 +8,8 @@
 
 -export_type([run/0, bare/0, check/0]).
 
-%% A run: how long it took to start and to run (s), what it took beyond the bare VM (bytes) when
-%% it had started and when it had run, and what it came to.
+%% A run: the time to start and to run (s), the memory beyond the bare VM (bytes) after the start
+%% and after the run, and the results.
 -type run() :: #{
     start_s := float(),
     wall_s := float(),
@@ -25,13 +25,14 @@
 %% Round trips of a message between two bare processes, per wall and per CPU second.
 -type bare() :: #{per_wall_s := float(), per_cpu_s := float()}.
 
-%% What a run must come to: what is looked at, what it is to be, what it is.
+%% A check of a run: its name, the expected value, the actual value.
 -type check() :: {string(), Want :: term(), Got :: term()}.
 
 -define(ROUND_TRIPS, 300000).
 -define(BUSY_STEPS, 20000000).
 
-%% @doc Runs a scenario to its end, with a heap of its own, so that no run pays for the one before.
+%% @doc Runs a scenario to its end in a separate process, so that no run pays for the garbage of an
+%% earlier one.
 -spec simulate(#{app := module(), atom() => term()}) -> run().
 simulate(Scenario) -> in_process(fun() -> measured(Scenario) end).
 
@@ -56,12 +57,12 @@ measured(Scenario) ->
         figures => Figures
     }.
 
-%% What is in use once all garbage is gone.
+%% The memory in use after a garbage collection of all processes.
 memory() ->
     _ = [erlang:garbage_collect(Pid) || Pid <- processes()],
     erlang:memory(total).
 
-%% @doc What the function gives, in a process of its own.
+%% @doc Calls a function in a separate process.
 -spec in_process(fun(() -> Result)) -> Result.
 in_process(Fun) ->
     Self = self(),
@@ -74,7 +75,7 @@ in_process(Fun) ->
             exit(Reason)
     end.
 
-%% @doc What the function gives while the VM uses so many cores, as far as it has them.
+%% @doc Calls a function while the VM uses at most this number of cores.
 -spec on_cores(pos_integer(), fun(() -> Result)) -> Result.
 on_cores(Cores, Fun) ->
     Before = erlang:system_flag(schedulers_online, min(Cores, erlang:system_info(schedulers))),
@@ -84,7 +85,7 @@ on_cores(Cores, Fun) ->
         erlang:system_flag(schedulers_online, Before)
     end.
 
-%% @doc How fast two bare processes on one core bounce a message `{ball, From, N}'.
+%% @doc The rate at which two bare processes on one core bounce a message `{ball, From, N}'.
 -spec bare() -> bare().
 bare() -> on_cores(1, fun() -> in_process(fun bounced/0) end).
 
@@ -116,7 +117,7 @@ bounce() ->
     end,
     bounce().
 
-%% @doc How much more so many busy processes do at once than one alone.
+%% @doc The speed-up of this number of busy processes over a single one.
 -spec busy_gain(pos_integer()) -> float().
 busy_gain(1) -> 1.0;
 busy_gain(Processes) -> on_cores(Processes, fun() -> Processes * busy(1) / busy(Processes) end).
@@ -136,7 +137,7 @@ await({Pid, Ref}) ->
 count(0) -> ok;
 count(N) -> count(N - 1).
 
-%% @doc The run that took the least CPU time: others on the machine only ever make it longer.
+%% @doc The run with the least CPU time, because other load can only make a run longer.
 -spec best([run(), ...]) -> run().
 best([First | Runs]) ->
     lists:foldl(fun(Run, Best) -> better(Run, Best) end, First, Runs).
@@ -144,12 +145,12 @@ best([First | Runs]) ->
 better(#{cpu_s := Cpu} = Run, #{cpu_s := Least}) when Cpu < Least -> Run;
 better(_Run, Best) -> Best.
 
-%% @doc The number of shards, as a table's head says it.
+%% @doc The number of shards, for the head of a table.
 -spec shards(pos_integer() | none) -> unicode:chardata().
 shards(none) -> "as in a run";
 shards(Shards) -> integer_to_list(Shards).
 
-%% @doc Whether all checks of a benchmark's run held; says which did not.
+%% @doc Whether a run passed all checks; prints the failed ones.
 -spec sound(Run :: unicode:chardata(), [check()]) -> boolean().
 sound(Run, Checks) -> [] =:= [complain(Run, Check) || Check <- Checks, failed(Check)].
 

@@ -1,5 +1,6 @@
-%% @doc Start-up and memory per robot, up to ten thousand robots, each a whole supervision tree
-%% (process) or a term in a shard (inline); and 60 s of ring-shuttle with one message a second.
+%% @doc The scale benchmark: start-up time and memory per robot, up to ten thousand robots, each a
+%% supervision tree (process) or a term in a shard (inline); then 60 s of ring-shuttle with one
+%% message per second.
 -module(starl_dev_bench_scale).
 -behaviour(starl_dev_benchmark).
 
@@ -17,7 +18,7 @@ flags() ->
         {shards, {optional, {integer, 1, 256}}, none, "over how many shards; none: as in a run"}
     ].
 
-%% @doc Measures and prints a line for each size; the figures for a file.
+%% @doc Measures, prints one line per size, and gives the figures for a file.
 -spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, modes := Modes, shards := Shards}) ->
     starl_cli_terminal:out(

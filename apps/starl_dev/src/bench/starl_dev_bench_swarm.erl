@@ -1,12 +1,12 @@
-%% @doc The swarm-broadcast benchmark: simulated seconds per wall second, beside ARGoS 3.
+%% @doc The swarm-broadcast benchmark: simulated seconds per wall second, compared with ARGoS 3.
 -module(starl_dev_bench_swarm).
 -behaviour(starl_dev_benchmark).
 
 -export([flags/0, run/1]).
 
 -define(PER_S, 10).
-%% Receivers are placed as of the beginning of a window of 10 ms, the least delay: at 100 mm/s
-%% they are at most 1 mm from where they are then.
+%% The radio range is measured from positions at the start of a window of 10 ms, the least delay. At
+%% 100 mm/s a receiver has then moved by at most 1 mm.
 -define(DELAY_MS, {10, 50}).
 -define(RANGE_MM, 1000).
 -define(PER_TICK, {5, 7}).
@@ -28,7 +28,7 @@ flags() ->
         {reps, {integer, 1, 100}, 2, "repetitions; the fastest is told"}
     ].
 
-%% @doc Measures and prints a line for each size; the figures for a file.
+%% @doc Measures, prints one line per size, and gives the figures for a file.
 -spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, seconds := Seconds} = Options) ->
     starl_cli_terminal:out(
@@ -79,7 +79,7 @@ times(Speed, N, Peer) ->
         #{} -> null
     end.
 
-%% Every run ends well and has the receptions that the workload is made for; all are the same.
+%% Every run must end normally with the expected number of receptions, and all must be equal.
 checks([#{outcome := #{digest := Digest}} | _] = Runs) ->
     {Least, Most} = ?PER_TICK,
     lists:usort(lists:append([

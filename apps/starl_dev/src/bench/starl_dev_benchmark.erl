@@ -1,5 +1,5 @@
-%% @doc The behaviour of a benchmark of `./starl bench': its flags, what may be wrong with them, and
-%% the measurement, which prints a line for each row of figures.
+%% @doc The behaviour of a benchmark of `./starl bench': its flags, a check of their values, and the
+%% measurement, which prints one line per row of figures.
 -module(starl_dev_benchmark).
 
 -export([problems/2]).
@@ -9,17 +9,17 @@
 %% The values of the benchmark's flags.
 -type options() :: #{atom() => term()}.
 
-%% A row, as it goes to the file. Where there is `checks', it says whether the run was as it must be.
+%% A row of the file. An optional `checks' tells whether the run passed its checks.
 -type figures() :: [{atom(), starl_cli_json:value()}].
 
 -callback flags() -> [starl_cli_flags:flag()].
-%% What cannot be measured, a line for each problem; known before the work is begun.
+%% The problems that prevent the measurement, one line each; checked before it begins.
 -callback problems(options()) -> [unicode:chardata()].
 -callback run(options()) -> [figures()].
 
 -optional_callbacks([problems/1]).
 
-%% @doc What a benchmark finds wrong with its options.
+%% @doc The problems that a benchmark finds in its options.
 -spec problems(module(), options()) -> [unicode:chardata()].
 problems(Benchmark, Options) ->
     {module, Benchmark} = code:ensure_loaded(Benchmark),

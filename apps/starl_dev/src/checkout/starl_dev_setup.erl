@@ -1,4 +1,4 @@
-%% @doc `./starl setup' as the help knows it; the script `./starl' runs it.
+%% @doc The help of `./starl setup'. The script `./starl' itself runs this command.
 -module(starl_dev_setup).
 -behaviour(starl_cli_command).
 

@@ -1,4 +1,4 @@
-%% @doc `./starl test' as the help knows it; the script `./starl' runs it.
+%% @doc The help of `./starl test'. The script `./starl' itself runs this command.
 -module(starl_dev_test).
 -behaviour(starl_cli_command).
 

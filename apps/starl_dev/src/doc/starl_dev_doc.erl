@@ -38,7 +38,7 @@ run(#{values := #{out := Dir}}) ->
 
 overview(Root) -> filename:join([Root, "doc", "overview.edoc"]).
 
-%% A directory that is emptied must be one that was made here.
+%% Only a directory that this command has made may be emptied.
 is_ours(Dir) ->
     not filelib:is_file(Dir) orelse filelib:is_regular(filename:join(Dir, "edoc-info")).
 

@@ -1,17 +1,17 @@
-%% @doc The pages of all modules, made by EDoc ({@link starl_dev_doc_source}). Whatever EDoc says, and
-%% every link from page to page that leads nowhere, is a problem: documentation that does not build
-%% is as wrong as code that does not compile.
+%% @doc Makes the pages of all modules with EDoc ({@link starl_dev_doc_source}). Every message of
+%% EDoc and every dead link between pages is a problem: documentation that does not build is as
+%% wrong as code that does not compile.
 -module(starl_dev_doc_pages).
 
 -export([make/3]).
 
 -export_type([problem/0]).
 
-%% One line: what is wrong, and where.
+%% One line: the problem and its place.
 -type problem() :: unicode:chardata().
 
-%% @doc Makes the pages of these sources in a directory, which is emptied before; the first one is
-%% `index.html', with the text of the overview. Gives the number of pages of modules.
+%% @doc Makes the pages of these sources in a directory, which is emptied first. The first page is
+%% `index.html', with the text of the overview. Gives the number of module pages.
 -spec make([file:filename()], Overview :: file:filename(), Dir :: file:filename()) ->
     {ok, pos_integer()} | {error, [problem(), ...]}.
 make(Files, Overview, Dir) ->
@@ -36,7 +36,7 @@ copied(File, Dir) ->
     ok = file:write_file(Copy, unicode:characters_to_binary(Turned)),
     Copy.
 
-%% EDoc names the copy; people look for the file that it was made from.
+%% EDoc names the copy; the message should name the original file.
 original(Line, Sources, Files) ->
     lists:foldl(
         fun(File, Text) ->
@@ -47,7 +47,7 @@ original(Line, Sources, Files) ->
 
 %% -- what EDoc says -------------------------------------------------------------------------
 
-%% EDoc prints its warnings and has no other way to tell them: so its output is read.
+%% EDoc reports its warnings only by printing them, so its output is captured.
 said_by(Fun) ->
     Leader = spawn_link(fun() -> listen([]) end),
     {Pid, Ref} = spawn_monitor(fun() ->
@@ -89,7 +89,7 @@ pages(Dir) -> filelib:wildcard(filename:join(Dir, "*.html")).
 
 %% -- links ----------------------------------------------------------------------------------
 
-%% Links to other pages of ours, and to places in them, that there are not.
+%% Links to missing pages, and to missing anchors in pages.
 dead_links(Dir) ->
     Pages = [{filename:basename(File), read(File)} || File <- pages(Dir)],
     Places = maps:from_list([{Page, places(Page, Text)} || {Page, Text} <- Pages]),

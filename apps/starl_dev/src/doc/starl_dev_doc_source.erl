@@ -1,11 +1,11 @@
-%% @doc A module's source as EDoc wants it. People say what a type is before it, EDoc reads that behind
-%% it: so a comment changes places with the type that it stands before. All lines stay, in their
-%% number, so what EDoc says of a line is near it.
+%% @doc Rearranges a module's source for EDoc. In StarL the comment on a type stands before it, but
+%% EDoc expects it after the type: so the comment and the type change places. The number of lines
+%% stays the same, so EDoc's line numbers are nearly right.
 -module(starl_dev_doc_source).
 
 -export([for_edoc/1]).
 
-%% @doc The lines of a module, with the comment before each type moved behind it.
+%% @doc The lines of a module, with the comment on each type moved after it.
 -spec for_edoc([string()]) -> [string()].
 for_edoc([]) ->
     [];
@@ -27,7 +27,7 @@ is_type(["-type " ++ _ | _]) -> true;
 is_type(["-opaque " ++ _ | _]) -> true;
 is_type(_Lines) -> false.
 
-%% The lines of a form, to its full stop.
+%% The lines of a form, up to its full stop.
 form([Line | Rest], Before) ->
     Lines = [Line | Before],
     Code = lists:flatten([[L, $\n] || L <- lists:reverse(Lines)]),

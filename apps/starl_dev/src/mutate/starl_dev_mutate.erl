@@ -1,5 +1,5 @@
-%% @doc `./starl mutate BLOCK': does a test notice when the code of a block is changed? Small
-%% changes, one at a time, each held against the block's tests.
+%% @doc `./starl mutate BLOCK': mutation testing. It changes the code of a block, one small change
+%% at a time, and tells which changes the block's tests do not notice.
 -module(starl_dev_mutate).
 
 -behaviour(starl_cli_command).
@@ -88,7 +88,7 @@ drawn(Candidates, Block, Tests, #{sample := Sample, from := From, seeds := Seeds
     Modules = lists:usort([M || #{candidate := #{source := #{module := M}}} <- Drawn]),
     measured(starl_mutate_plan:baseline(Units, Modules, maps:get(jobs, Values)), Drawn, Values).
 
-%% What fails without a change can tell nothing.
+%% A test that fails on the unchanged code is useless here.
 measured({interrupted, _, _}, _Drawn, _Values) ->
     130;
 measured({done, _, [_ | _] = Failed}, _Drawn, _Values) ->
@@ -139,7 +139,7 @@ status(interrupted, _) -> 130;
 status(done, true) -> 0;
 status(done, false) -> 3.
 
-%% The survivors that were looked at: why each is no other program than the block.
+%% The reviewed survivors, each with the reason why it is equivalent to the block.
 reviewed() ->
     Pattern = filename:join([starl_cli_target:root(), "test", "mutants", "*.term"]),
     Terms = [

@@ -1,7 +1,7 @@
-%% @doc The blocks whose code is mutated: the sources of each, and the tests that are to notice.
+%% @doc The table of the blocks that can be mutated: the sources and the tests of each.
 %%
-%% Sources and tests are wildcards: a new module of a block needs no word here. A test that calls
-%% nothing of a mutated function is not run for it, so a test too many costs little.
+%% Sources and tests are wildcards, so a new module of a block needs no entry. A test that does not
+%% call a mutated function is not run against it, so a superfluous test costs little.
 -module(starl_mutate_block).
 
 -export([names/0, sources/2, units/3]).
@@ -11,8 +11,8 @@
 -type name() ::
     sap | election | bully | mutex | barrier | geocast | registers | dpp | monitors | all.
 
-%% What can notice a mutant: an EUnit module, a run of `soak', a small search of the checker, a
-%% test case of Common Test.
+%% A test that may catch a mutant: an EUnit module, a run of `soak', a small search of the checker,
+%% a test case of Common Test.
 -type unit() ::
     {unit, module()}
     | {soak, Block :: atom(), Robots :: pos_integer(), Seed :: non_neg_integer()}
@@ -29,7 +29,7 @@
     check := [{starl_check_model:block(), pos_integer(), starl_check_model:budgets()}]
 }.
 
-%% Teams of these sizes are soaked in turn: what goes wrong goes wrong in small ones most often.
+%% The sizes of the soaked teams, in turn: most violations appear in small teams.
 -define(TEAMS, [2, 3, 5, 10]).
 
 %% @doc All blocks, `monitors' and `all'.
@@ -154,8 +154,8 @@ sources(Name, Root) ->
     Files = [File || Pattern <- Patterns, File <- filelib:wildcard(Pattern, Root)],
     lists:usort(Files).
 
-%% @doc What can notice a mutant of a block: the tests among these modules, so many runs of
-%% `soak' for each of its blocks, and its searches.
+%% @doc The tests of a block: those among these modules, `Seeds' runs of `soak' for each of its
+%% blocks, and its searches.
 -spec units(name(), [module()], Seeds :: non_neg_integer()) -> [unit()].
 units(Name, Tests, Seeds) ->
     #{unit := Units, suite := Suites, soak := Soaked, check := Checked} = block(Name),
@@ -179,7 +179,7 @@ matching(Patterns, Suffix, Modules) ->
         lists:any(fun(E) -> re:run(Name, E, [{capture, none}]) =:= match end, Expressions)
     ].
 
-%% The stars and braces of a wildcard.
+%% Translates the stars and braces of a wildcard to a regular expression.
 expression(Pattern) -> "^" ++ lists:flatmap(fun letter/1, Pattern) ++ "$".
 
 letter($*) -> ".*";

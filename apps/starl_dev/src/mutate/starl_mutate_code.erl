@@ -1,12 +1,13 @@
-%% @doc Code for mutation testing: the abstract code of a module, from its debugging information;
-%% a changed one, compiled in memory; and the tests of a checkout, compiled beside the build.
+%% @doc Loads and compiles code for mutation testing: it reads the abstract code of a module from
+%% its debugging information, compiles changed code in memory, and compiles the tests of a checkout
+%% beside the build.
 -module(starl_mutate_code).
 
 -export([forms/1, compiled/2, tests/1]).
 
 -export_type([source/0]).
 
-%% A module, where its text is, what it consists of and how it was compiled.
+%% A module: its source file, its forms and its compiler options.
 -type source() :: #{
     module := module(),
     file := file:filename(),
@@ -15,7 +16,7 @@
     md5 := binary()
 }.
 
-%% @doc What a module of a source file consists of.
+%% @doc The forms of the module of a source file.
 -spec forms(file:filename()) -> {ok, source()} | {error, unicode:chardata()}.
 forms(File) ->
     Module = list_to_atom(filename:basename(File, ".erl")),
@@ -35,11 +36,11 @@ read(Module, File, Beam) ->
             {error, [File, ": it was built without debug_info"]}
     end.
 
-%% Warnings are of no interest: a mutant may well have them.
+%% Options for warnings are dropped, because a mutant may cause warnings.
 kept(Options) -> [O || O <- Options, O =:= strict_record_updates].
 
-%% @doc The machine code with one function changed: none if it does not compile or is the same
-%% as before.
+%% @doc The machine code with one function changed; `broken': it does not compile; `same': the code
+%% is the same as before.
 -spec compiled(erl_parse:abstract_form(), source()) -> {ok, binary()} | broken | same.
 compiled({function, _, Name, Arity, _} = Function, #{forms := Forms} = Source) ->
     #{options := Options} = Source,
@@ -60,8 +61,8 @@ differs(Code, #{module := Module, md5 := Md5}) ->
         {ok, {Module, _}} -> {ok, Code}
     end.
 
-%% @doc Compiles those tests of a checkout whose text is newer than their code, and gives the
-%% folder of the code and the modules.
+%% @doc Compiles the tests of a checkout whose source is newer than their code; gives the folder of
+%% the code and the modules.
 -spec tests(Root :: file:filename()) ->
     {ok, file:filename(), [module()]} | {error, [unicode:chardata(), ...]}.
 tests(Root) ->

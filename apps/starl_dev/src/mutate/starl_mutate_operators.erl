@@ -1,9 +1,8 @@
-%% @doc Mutation operators on the abstract code of a function. Each makes one small change: what a
-%% programmer gets wrong, at one place.
+%% @doc Mutation operators on the abstract code of a function. Each operator makes one small change,
+%% a typical programming mistake at one place.
 %%
-%% Patterns and bodies are told apart. Of a pattern nothing but the integers is changed: the rest
-%% would not compile, or never match. Neither binaries nor names of functions, fields and records
-%% are changed.
+%% In a pattern only the integers are changed, because other changes would not compile or would
+%% never match. Binaries and the names of functions, fields and records are not changed.
 -module(starl_mutate_operators).
 
 -export([mutants/1, operators/0]).
@@ -16,7 +15,7 @@
 -type operator() ::
     compare | constant | clause | guard | action | field | element | negate | arithmetic | call.
 
-%% The changed function, where the change is, and the number of the clause that has it.
+%% The changed function, the place of the change, and the number of the changed clause.
 -type mutant() :: #{
     operator := operator(),
     location := erl_anno:location(),
@@ -27,7 +26,7 @@
 -type context() :: body | guard | pattern.
 -type change() :: {operator(), erl_anno:anno(), New :: term()}.
 
-%% @doc All operators, and what each does.
+%% @doc All operators, with a description of each.
 -spec operators() -> [{operator(), string()}].
 operators() ->
     [
@@ -87,7 +86,7 @@ changes(Node, Context) when is_tuple(Node) ->
 changes(_Other, _Context) ->
     [].
 
-%% The places of a node that are gone into, each with its context.
+%% The parts of a node that are mutated in turn, each with its context.
 -spec parts(tuple(), context()) -> [{pos_integer(), context()}].
 parts({clause, _, _, _, _}, _) ->
     [{3, pattern}, {4, guard}, {5, body}];
@@ -197,7 +196,7 @@ operator(Op, A, Left, Right) ->
         [{arithmetic, A, {op, A, New, Left, Right}} || New <- arithmetic(Op)] ++
         condition(Op, A, Left, Right) ++ joined(Op, A, Left, Right).
 
-%% Two truth values: one of them, the other connective, or one turned round.
+%% Replaces a connective by one operand or by the other connective, or negates an operand.
 condition(Op, A, Left, Right) when Op =:= 'andalso'; Op =:= 'orelse' ->
     [{guard, A, Left}, {guard, A, Right}, {negate, A, {op, A, opposite(Op), Left, Right}}] ++
         [{negate, A, {op, A, Op, negated(Left), Right}} || negatable(Left)] ++
@@ -237,7 +236,7 @@ opposite('orelse') -> 'andalso';
 opposite(max) -> min;
 opposite(min) -> max.
 
-%% What stands for a call of a library: the collection that it was to change.
+%% Replaces a library call by the collection that it should have changed.
 called({maps, put, [_, _, Map]}, _) ->
     [Map];
 called({maps, remove, [_, Map]}, _) ->
@@ -293,7 +292,7 @@ guards(Guard) ->
      || {N, Tests} <- numbered(Guard)
     ]).
 
-%% What is not the value of a body, and binds no variable.
+%% Removes an expression that is not the value of a body and binds no variable.
 bodies(Body) ->
     [
         {element(2, Expression), without(N, Body)}
@@ -318,7 +317,7 @@ truth(Clauses) ->
         Clauses
     ).
 
-%% Comparisons and connectives have changes of their own.
+%% Comparisons and connectives have their own operators.
 negatable({call, _, _, _}) -> true;
 negatable({var, _, _}) -> true;
 negatable(_) -> false.
@@ -338,7 +337,7 @@ generator(Qualifier) ->
 
 all_but_one(Fields) -> [{element(2, Field), without(N, Fields)} || {N, Field} <- numbered(Fields)].
 
-%% An update of no field is none.
+%% An update without fields is just the record or map.
 updated(_Start, Whole, []) -> Whole;
 updated(Start, _Whole, Fields) -> erlang:append_element(Start, Fields).
 

@@ -1,24 +1,24 @@
-%% @doc What mutation testing does with a block: its tests are measured on the sound code, and each
-%% mutant is held against the tests that call the changed function, the cheapest first.
+%% @doc The steps of mutation testing: it measures a block's tests on the unchanged code, then runs
+%% for each mutant the tests that call the changed function, cheapest first.
 -module(starl_mutate_plan).
 
 -export([baseline/3, jobs/2, run/3]).
 
 -export_type([measures/0]).
 
-%% The tests that passed on the sound code, what each took and called.
+%% The tests that passed on the unchanged code, with the time and the called functions of each.
 -type measures() :: #{starl_mutate_block:unit() => starl_mutate_worker:measured()}.
 
 -type found() :: [{Id :: string(), starl_mutate_worker:verdict()}].
 
-%% A process of a mutant that has more words than this is ended.
+%% A process of a mutant with a larger heap is killed.
 -define(HEAP_WORDS, 60000000).
-%% A test of a mutant may take so many times what it takes with the sound code, and so long besides.
+%% The time limit of a test: this multiple of its time on the unchanged code, plus a constant.
 -define(TIMES, 5).
 -define(CPU_MS, 2000).
 -define(WALL_MS, 30000).
 
-%% @doc Runs every test on the sound code. Those that fail are told apart.
+%% @doc Runs every test on the unchanged code; failing tests are listed separately.
 -spec baseline([starl_mutate_block:unit()], [module()], Jobs :: pos_integer()) ->
     {done | interrupted, measures(), Failed :: [{starl_mutate_block:unit(), term()}]}.
 baseline(Units, Modules, Most) ->
@@ -79,7 +79,7 @@ rank(suite) -> 4.
 
 limits(#{cpu_ms := Cpu, wall_ms := Wall}) -> {?TIMES * Cpu + ?CPU_MS, ?TIMES * Wall + ?WALL_MS}.
 
-%% @doc Tries the mutants, so many at once; one that takes its VM with it is caught.
+%% @doc Tests the mutants, `Jobs' at once; a mutant that crashes its VM counts as caught.
 -spec run([starl_mutate_worker:job()], Jobs :: pos_integer(), fun((string()) -> ok)) ->
     {done | interrupted, found()}.
 run(Jobs, Most, Tell) ->

@@ -1,5 +1,5 @@
-%% @doc What came of mutation testing, for people: who caught how many of each module, the mutants
-%% that nobody noticed as differences of text, and the score.
+%% @doc The printed results of mutation testing: a table of the mutants caught by each kind of test,
+%% the survivors as textual differences, and the score.
 -module(starl_mutate_report).
 
 -export([table/1, survivors/2, score/2, diff/1, line/1]).
@@ -10,7 +10,8 @@
 
 -define(COLUMNS, [unit, soak, check, suite, timeout, survived]).
 
-%% @doc Who caught the mutants of each module: the first that noticed, from the cheapest on.
+%% @doc The number of mutants of each module caught by each kind of test; the cheapest test that
+%% fails counts.
 -spec table([result()]) -> unicode:chardata().
 table(Results) ->
     Modules = lists:usort([module(Drawn) || {Drawn, _} <- Results]),
@@ -53,7 +54,7 @@ module(#{candidate := #{source := #{module := Module}}}) -> Module.
 
 operator(#{candidate := #{mutant := #{operator := Operator}}}) -> Operator.
 
-%% @doc The mutants that nobody noticed and that no reason is given for.
+%% @doc The survivors without a reason.
 -spec survivors([result()], Reviewed :: #{string() => string()}) -> unicode:chardata().
 survivors(Results, Reviewed) ->
     [
@@ -64,7 +65,7 @@ survivors(Results, Reviewed) ->
 
 by_id({#{id := One}, _}, {#{id := Other}, _}) -> One =< Other.
 
-%% @doc A mutant as a difference of text: the clause as it is, and as it was changed.
+%% @doc A mutant as a textual difference: the original clause and the changed one.
 -spec diff(starl_mutate_sample:drawn()) -> unicode:chardata().
 diff(#{id := Id, candidate := Candidate}) ->
     #{source := #{file := File}, before := Before, mutant := Mutant} = Candidate,
@@ -96,7 +97,7 @@ text({function, Anno, Name, Arity, _}, Clauses) ->
     ]),
     string:lexemes(unicode:characters_to_list(Text), "\n").
 
-%% What two texts begin with, what each has of its own, what both end with.
+%% Splits two texts into the common beginning, the different parts and the common end.
 apart(Old, New) ->
     {Same, Minus, Plus} = ahead(Old, New, []),
     {Rest, Sunim, Sulp} = ahead(lists:reverse(Minus), lists:reverse(Plus), []),
@@ -105,7 +106,7 @@ apart(Old, New) ->
 ahead([Line | Old], [Line | New], Same) -> ahead(Old, New, [Line | Same]);
 ahead(Old, New, Same) -> {lists:reverse(Same), Old, New}.
 
-%% @doc One line about a mutant: its name and who caught it.
+%% @doc One line about a mutant: its name and the test that caught it.
 -spec line(result()) -> unicode:chardata().
 line({#{id := Id}, survived}) ->
     io_lib:format("~ts survived~n", [Id]);
@@ -115,8 +116,8 @@ line({#{id := Id}, {caught, Unit, How}}) ->
 how(timeout) -> "timeout";
 how({failed, Reason}) -> Reason.
 
-%% @doc The part of the mutants that were caught, without those whose survival has a reason, and
-%% that in words.
+%% @doc The fraction of mutants that were caught, as a number and as text. Survivors with a reason
+%% are not counted.
 -spec score([result()], Reviewed :: #{string() => string()}) -> {float(), unicode:chardata()}.
 score(Results, Reviewed) ->
     Survived = [Id || {#{id := Id}, survived} <- Results],

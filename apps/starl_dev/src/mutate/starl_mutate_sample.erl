@@ -1,9 +1,8 @@
-%% @doc Which mutants of a block are tried: a sample drawn by a seed, of those that compile to
-%% other code than the block's.
+%% @doc Draws a sample of a block's mutants with a seed, from those that compile to different code.
 %%
-%% A mutant is named by its function and a hash of the clause before and after, so that its name
-%% stays when other clauses, or lines, change, and goes when its clause does: what was said about
-%% it has to be said anew then.
+%% The name of a mutant is its function and a hash of the clause before and after. So the name stays
+%% when other clauses or line numbers change. When the clause itself changes, its mutants get new
+%% names and must be reviewed again.
 -module(starl_mutate_sample).
 
 -export([all/1, draw/3, only/2, id/1]).
@@ -19,8 +18,8 @@
 %% `id': its name; `code': its machine code.
 -type drawn() :: #{id := string(), code := binary(), candidate := candidate()}.
 
-%% @doc Every mutant of these sources, in the order of modules and lines. Texts for people are left
-%% as they are.
+%% @doc Every mutant of these sources, in the order of modules and lines. Functions named
+%% `format_...' make text for people and are not mutated.
 -spec all([starl_mutate_code:source()]) -> [candidate()].
 all(Sources) ->
     [
@@ -34,8 +33,8 @@ all(Sources) ->
 is_text({function, _, Name, _, _}) -> lists:prefix("format_", atom_to_list(Name));
 is_text(_) -> false.
 
-%% @doc Draws at most so many mutants by a seed, and says how many candidates did not compile and
-%% how many made no difference to the code.
+%% @doc Draws at most `Most' mutants with a seed. Gives also the number of candidates that did not
+%% compile (`broken') and of those that compiled to the same code (`same').
 -spec draw([candidate()], Most :: pos_integer() | infinity, Seed :: integer()) ->
     {[drawn()], #{broken := non_neg_integer(), same := non_neg_integer()}}.
 draw(Candidates, Most, Seed) ->
@@ -69,7 +68,7 @@ take([#{source := Source, mutant := #{form := Form}} = One | Others], Most, Draw
 less(infinity) -> infinity;
 less(Most) -> Most - 1.
 
-%% @doc The mutants with this name: as a rule one.
+%% @doc The mutants with this name; normally one.
 -spec only([candidate()], string()) -> [candidate()].
 only(Candidates, Id) -> [Candidate || Candidate <- Candidates, id(Candidate) =:= Id].
 
@@ -82,6 +81,6 @@ id(#{source := #{module := Module}, before := Before, mutant := #{form := After}
     Hash = erlang:phash2({Operator, bare(N, Old, Old), bare(N, New, Old)}, 1 bsl 32),
     lists:flatten(io_lib:format("~s:~s/~b-~8.16.0b", [Module, Name, Arity, Hash])).
 
-%% A clause without its places in the text; none where it was left out.
+%% A clause without its line numbers; `none' if the mutation removed it.
 bare(_N, Clauses, Old) when length(Clauses) < length(Old) -> none;
 bare(N, Clauses, _Old) -> erl_parse:map_anno(fun(_) -> 0 end, lists:nth(N, Clauses)).

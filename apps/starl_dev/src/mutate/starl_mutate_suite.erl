@@ -1,12 +1,12 @@
-%% @doc Runs one test case of a Common Test suite, without the machinery of Common Test: that
-%% writes pages of HTML for every case. The functions around a case are called as Common Test does.
+%% @doc Runs one test case of a Common Test suite without Common Test itself, which writes HTML
+%% pages for every case. The init and end functions of the case are called as in Common Test.
 -module(starl_mutate_suite).
 
 -export([paths/1, run/2]).
 
 -export_type([path/0]).
 
-%% The groups that a case is in, from the outermost, and the case.
+%% The groups that contain a case, from the outermost, and the case.
 -type path() :: [atom(), ...].
 
 -type config() :: [{atom(), term()}].
@@ -30,7 +30,7 @@ in_group({Name, _Properties, Tests}, Suite) ->
 in_group({Name, Tests}, Suite) ->
     in_group({Name, [], Tests}, Suite).
 
-%% @doc Runs a case; it fails by an exception. A case that is skipped has passed.
+%% @doc Runs a case, which fails with an exception. A skipped case counts as passed.
 -spec run(module(), path()) -> ok.
 run(Suite, Path) ->
     Dir = filename:join(temporary(), "starl-mutate-" ++ os:getpid()),

@@ -1,18 +1,18 @@
-%% @doc Runs tests against mutants, in a VM of its own that has one scheduler: a mutant may run for
-%% ever, or eat memory.
+%% @doc Runs tests against mutants in a separate VM with one scheduler, because a mutant may loop
+%% for ever or exhaust memory.
 %%
-%% The limit of a test is the processor time of the VM rather than the time of a clock, so that a
-%% busy machine kills no mutant; a test that waits for ever is ended by the clock all the same.
+%% A test is limited by the processor time of the VM, not by wall time, so that a busy machine does
+%% not kill mutants. A larger limit of wall time ends a test that waits for ever.
 -module(starl_mutate_worker).
 
 -export([sink/0]).
-%% called in VMs of their own
+%% Called in the VMs of the jobs.
 -export([measure/1, attempt/1]).
 
 -export_type([measured/0, limits/0, job/0, verdict/0]).
 
-%% A test on the sound code: what it came to, the processor time and the time it took, and the
-%% functions of the block that it called.
+%% A test on the unchanged code: its result, its processor time and wall time, and the functions of
+%% the block that it called.
 -type measured() :: #{
     outcome := outcome(),
     cpu_ms := non_neg_integer(),
@@ -24,7 +24,7 @@
 
 -type limits() :: {Cpu :: pos_integer(), Wall :: pos_integer()}.
 
-%% A mutant: its name, its code, and what may notice it, the cheapest first.
+%% A mutant: its name, its code, and the tests that may catch it, cheapest first.
 -type job() :: #{
     id := string(),
     module := module(),
@@ -35,15 +35,15 @@
 -type verdict() ::
     {caught, starl_mutate_block:unit(), {failed, Reason :: string()} | timeout} | survived.
 
-%% How often time is looked at, ms.
+%% The interval at which the times are checked, ms.
 -define(LOOK_MS, 50).
-%% The sound code is given this long for one test, ms.
+%% The limits of one test on the unchanged code: processor time and wall time, ms.
 -define(MEASURE, {300000, 600000}).
-%% States that the quick check goes into at most.
+%% The largest number of states that the small search of the checker expands.
 -define(STATES, 60000).
 -define(REASON_DEPTH, 12).
 
-%% @doc Runs a test on the sound code.
+%% @doc Runs a test on the unchanged code.
 -spec measure({starl_mutate_block:unit(), [module()]}) -> measured().
 measure({Unit, Modules}) ->
     ok = set_up(),
@@ -63,7 +63,7 @@ called(Function) ->
         _ -> false
     end.
 
-%% @doc Loads a mutant and runs its tests until one notices.
+%% @doc Loads a mutant and runs its tests until one catches it.
 -spec attempt(job()) -> verdict().
 attempt(#{module := Module, code := Code, units := Units}) ->
     ok = set_up(),
@@ -86,7 +86,7 @@ first([{Unit, Limits} | Units]) ->
 
 shown(Reason) -> lists:flatten(io_lib:format("~0tP", [Reason, ?REASON_DEPTH])).
 
-%% Random tests draw the same for each mutant.
+%% Random tests use the same seed for each mutant.
 set_up() ->
     _ = [os:putenv("STARL_SEED", "1") || os:getenv("STARL_SEED") =:= false],
     logger:set_primary_config(level, none).
@@ -124,10 +124,10 @@ watch(Pid, Ref, {Cpu, Wall} = Ends) ->
         end
     end.
 
-%% OTP's own servers have names; what a test has left behind has none.
+%% OTP's own servers are registered; processes left behind by a test are not.
 stray(Pid) -> erlang:process_info(Pid, registered_name) =:= [].
 
-%% @doc A group leader for what is printed for nobody; linked to the caller.
+%% @doc A group leader that discards all output; linked to the caller.
 -spec sink() -> pid().
 sink() -> spawn_link(fun swallow/0).
 

@@ -1,12 +1,12 @@
-%% @doc `./starl planted': broken building blocks, one per pitfall, and what finds them. The broken
-%% ones live with the tests; they are compiled in memory when they are wanted.
+%% @doc `./starl planted': runs broken building blocks, one per pitfall, until a monitor finds the
+%% bug. The broken blocks belong to the tests and are compiled in memory when needed.
 -module(starl_dev_planted).
 
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
 -export([sources/0, compiled/1]).
-%% called in VMs of their own
+%% Called in the VMs of the jobs.
 -export([caught/1]).
 
 -export_type([answer/0]).
@@ -89,8 +89,8 @@ loaded({ok, Codes}, #{bug := Wanted} = Values) ->
             {error, [["--bug: there is no bug ", Name, "; there are ", lists:join(", ", Names)]]}
     end.
 
-%% The test module that knows them all, with `bugs/0', `scenario/2' and `sound/1'. It is there when
-%% the tests have been compiled, not before.
+%% The test module with the catalogue of all bugs: `bugs/0', `scenario/2' and `sound/1'. It exists
+%% only after the tests have been compiled.
 catalogue() -> list_to_existing_atom("starl_planted").
 
 %% -- the search -----------------------------------------------------------------------------
@@ -135,7 +135,7 @@ table_row([Bug, Pitfall, Found, Seed, Seconds]) ->
         string:pad(Seed, 5, leading), string:pad(Seconds, 7, leading), "\n"
     ].
 
-%% @private The first seed whose run violates a contract with the bug and does not without it.
+%% @private The first seed whose run violates a contract with the bug but not without it.
 -spec caught({Bug :: atom(), Seeds :: pos_integer()}) -> answer().
 caught({Bug, Seeds}) -> caught(Bug, 1, Seeds, erlang:monotonic_time(millisecond)).
 

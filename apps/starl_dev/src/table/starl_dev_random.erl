@@ -1,6 +1,6 @@
-%% @doc Random pictures for the table: segments, polylines and circles, from a few to 2,000
-%% segments. Long strokes are drawn only while they cross each other so rarely that at most about
-%% 8,000 edges arise.
+%% @doc Draws random pictures for the table: segments, polylines and circles, from a few to 2,000
+%% segments. The length of strokes is limited, so that their crossings make at most about 8,000
+%% edges.
 -module(starl_dev_random).
 
 -export([write/2, remove/1, svg/2]).
@@ -8,7 +8,7 @@
 -define(SIZE, 1000).
 -define(MOST_SEGMENTS, 2000).
 -define(MOST_EDGES, 8000).
-%% A circle is flattened to no more segments than this.
+%% The largest number of segments of a flattened circle.
 -define(CIRCLE, 40).
 
 -type pictures() :: {Dir :: file:filename() | none, [file:filename()]}.
@@ -27,11 +27,11 @@ write_one(K, N, Seed, Dir) ->
     ok = file:write_file(File, svg(segments(K, N), Seed * 10007 + K)),
     File.
 
-%% From 5 segments to all, evenly by their logarithm.
+%% From 5 segments to the maximum, on a logarithmic scale.
 segments(N, N) -> ?MOST_SEGMENTS;
 segments(K, N) -> round(5 * math:pow(?MOST_SEGMENTS / 5, (K - 1) / (N - 1))).
 
-%% @doc Removes the directory again.
+%% @doc Removes the directory.
 -spec remove(file:filename() | none) -> ok.
 remove(none) -> ok;
 remove(Dir) -> ok = file:del_dir_r(Dir).
@@ -42,7 +42,7 @@ temporary() ->
         Dir -> Dir
     end.
 
-%% @doc A picture of at most so many segments.
+%% @doc A picture of at most `Segments' segments.
 -spec svg(Segments :: pos_integer(), Seed :: integer()) -> iolist().
 svg(Segments, Seed) ->
     Shapes = shapes(Segments, longest(Segments), rand:seed_s(exsss, Seed)),

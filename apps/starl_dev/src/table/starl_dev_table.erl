@@ -1,11 +1,11 @@
-%% @doc `./starl table': every picture painted by teams of several sizes, with several losses and
-%% seeds; a row for each picture, team and loss as soon as its last seed is done.
+%% @doc `./starl table': paints every picture with teams of several sizes, several loss rates and
+%% several seeds. It prints one row per picture, team and loss rate when its last seed is done.
 -module(starl_dev_table).
 
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
-%% called in VMs of their own
+%% Called in the VMs of the jobs.
 -export([one/1]).
 
 -type cell() :: starl_dev_table_rows:cell().
@@ -117,7 +117,7 @@ painted(Pictures, Csv, Dir, #{robots := Robots, loss := Losses, seeds := Seeds} 
     {How, Ended} = starl_lab_jobs:run(Jobs, Plan, Table),
     conclude(How, Ended, Dir).
 
-%% @private A run, in a VM of its own.
+%% @private One run, in the VM of its job.
 -spec one(job()) -> result().
 one({_Row, Scenario}) ->
     case starl_lab_jobs:simulate(Scenario) of
@@ -164,7 +164,7 @@ noted({Row, #{seed := Seed} = Scenario}, {ok, Result}, #table{results = Results}
 keep(none, _Line) -> ok;
 keep(Csv, Line) -> io:put_chars(Csv, Line).
 
-%% Rows are printed in their order, each when all before it are complete.
+%% Rows are printed in order: each waits for all rows before it.
 finished_rows(#table{rows = [Row | Rows], seeds = Seeds, results = Results} = Table) ->
     case maps:get(Row, Results, []) of
         Known when length(Known) =:= Seeds ->

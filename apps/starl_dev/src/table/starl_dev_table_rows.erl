@@ -1,4 +1,4 @@
-%% @doc The acceptance table's judgement of runs and how it is written: rows for the terminal,
+%% @doc Judges the runs of the acceptance table and formats the results: rows for the terminal,
 %% lines of CSV.
 -module(starl_dev_table_rows).
 
@@ -6,7 +6,7 @@
 
 -export_type([result/0, cell/0]).
 
-%% What a run has come to; `separation' is none for a single robot.
+%% The results of a run; `separation' is `none' for a single robot.
 -type result() :: #{
     covered := float(),
     violations := non_neg_integer(),
@@ -20,7 +20,7 @@
     digest := binary()
 } | failed.
 
-%% What a row stands for.
+%% The setting of a row.
 -type cell() :: {Picture :: string(), Robots :: pos_integer(), Loss :: number()}.
 -define(COLUMNS, [
     {"picture", 16}, {"robots", 6}, {"loss", 5}, {"seeds", 5}, {"painted", 9}, {"broken", 6},
@@ -28,7 +28,7 @@
     {"wall s", 7}
 ]).
 
-%% @doc Whether a run was as it must be: all painted, nobody too close, no contract violated.
+%% @doc Whether a run is acceptable: all lines painted, no robots too close, no contract violated.
 -spec sound(result()) -> boolean().
 sound(failed) ->
     false;
@@ -36,7 +36,7 @@ sound(#{covered := Covered, violations := Violations, separation := Separation, 
     Covered >= 1.0 andalso Violations =:= 0 andalso
         (Separation =:= none orelse Separation >= Safe).
 
-%% @doc What is wrong with a run that is not sound.
+%% @doc The defects of an unacceptable run.
 -spec wrong(result()) -> unicode:chardata().
 wrong(failed) -> "the simulation failed";
 wrong(#{violations := N}) when N > 0 -> "a contract was violated";
@@ -45,11 +45,11 @@ wrong(#{separation := Mm}) -> ["separation ", decimals(1, Mm), " mm"].
 
 %% -- rows -----------------------------------------------------------------------------------
 
-%% @doc The line above the rows.
+%% @doc The header line.
 -spec header() -> unicode:chardata().
 header() -> [padded([Name || {Name, _} <- ?COLUMNS]), "\n"].
 
-%% @doc A row: what it stands for, and the figures of its runs.
+%% @doc A row: its setting and the figures of its runs.
 -spec line(cell(), [result(), ...]) -> unicode:chardata().
 line(Cell, Results) -> [padded(cells(Cell, Results)), "\n"].
 
@@ -62,8 +62,8 @@ cells({Picture, Robots, Loss}, Results) ->
         | figures(Results)
     ].
 
-%% @doc The figures of a row: least part painted, violations, least separation, medians of time,
-%% of its ratio to the bound and of driven to ink; deadlocks, wall time.
+%% @doc The figures of a row: least painted fraction, violations, least separation; the medians of
+%% time, of its ratio to the bound, and of the ratio of driven length to ink; deadlocks, wall time.
 -spec figures([result()]) -> [unicode:chardata()].
 figures(Results) ->
     case [R || #{} = R <- Results] of
@@ -90,7 +90,7 @@ median(Values) -> lists:nth((length(Values) + 1) div 2, lists:sort(Values)).
 least([]) -> "-";
 least(Separations) -> decimals(1, floor(lists:min(Separations) * 10) / 10).
 
-%% Never better than it is.
+%% Rounded down: 99.99 % must not read 100 %.
 percent(Covered) when Covered >= 1.0 -> "100 %";
 percent(Covered) -> [decimals(2, floor(Covered * 10000) / 100), " %"].
 

@@ -1,6 +1,6 @@
-%% @doc The plain-events workload: N robots in a ring, each sends a message to the next every
-%% 100 ms, unacknowledged, and stands where it is. An event-driven application that has the
-%% simulator do nothing but events: timers and deliveries.
+%% @doc The plain-events workload: each of N robots in a ring sends an unacknowledged message to the
+%% next every 100 ms, and no robot moves. This event-driven application makes the simulator handle
+%% timers and deliveries only.
 -module(starl_plain_events).
 -behaviour(starl_machine).
 -behaviour(starl_scene).
@@ -31,7 +31,8 @@ scene(#{options := #{period := Ms, messages := Messages}}) ->
         memo => Messages
     }}.
 
-%% @doc `received' of all robots; `events', their timers and deliveries.
+%% @doc Figures over all robots: `received', the messages received; `events', the timers and
+%% deliveries.
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(#{memo := Messages}, #{robots := Robots}) ->
     Received = lists:sum([N || {_, #{result := {done, N}}} <- Robots]),

@@ -1,8 +1,9 @@
-%% @doc The ring-shuttle workload: N robots, each sends a reliable message to the next one every
-%% 100 ms and drives to and fro between two points one metre apart. An event-driven application.
+%% @doc The ring-shuttle workload: each of N robots sends a reliable message to the next one every
+%% 100 ms and drives to and fro between two points one metre apart. It is an event-driven
+%% application.
 %%
-%% Used by the benchmarks; its figures are checked against what the workload says: 600·N
-%% messages delivered, none twice, mean latency about 15 ms, 7 legs per robot in 60 s.
+%% The benchmarks use it and check its figures: 600·N messages delivered, none twice, mean latency
+%% about 15 ms, 7 legs per robot in 60 s.
 -module(starl_ring_shuttle).
 -behaviour(starl_machine).
 -behaviour(starl_scene).
@@ -99,7 +100,7 @@ handle_event({reply, sample}, _, running, _Shuttle, _) ->
 handle_event(_, _, _, _, _) ->
     unknown_event.
 
-%% The first drive, and every tenth tick a look at the own position.
+%% Starts the first drive, and every tenth tick requests the robot's own position.
 extra(0, #shuttle{there = There}) -> [{call, motion, {go_to, There}, drive}];
 extra(K, #shuttle{self = Self}) when K rem 10 =:= 0 -> [starl_location:pose(Self, sample)];
 extra(_, _) -> [].

@@ -1,14 +1,14 @@
-%% @doc The swarm-broadcast workload: N robots at random places in a square arena, in which a
-%% radio range of one metre gives each about six neighbours. Each drives straight and turns on
-%% the spot to a random new heading when it would leave the arena; nobody looks out for others.
-%% Every 100 ms each broadcasts 10 bytes, unacknowledged. An event-driven application.
+%% @doc The swarm-broadcast workload: N robots start at random places in a square arena, in which a
+%% radio range of one metre gives each about six neighbours. Each robot drives straight ahead; at
+%% the border it turns on the spot to a random new heading. Robots do not avoid one another. Each
+%% broadcasts 10 bytes every 100 ms, unacknowledged. It is an event-driven application.
 %% ```
 %%   looking --- located, room ahead: drives ----------> driving --- at the border ---> looking
 %%      ^        located, at the border: turns ---> turning --- turned ---+
 %%      +----------------------------------------------------------------+
 %% '''
-%% It drives by its wheels alone: a straight line and a turn in place are each one piece of
-%% motion in closed form, so a robot on its way costs nothing.
+%% A robot commands its wheels directly: a straight line and a turn on the spot are each one piece
+%% of motion in closed form, so a moving robot costs no computation.
 -module(starl_swarm_broadcast).
 -behaviour(starl_machine).
 -behaviour(starl_scene).
@@ -32,7 +32,7 @@
 -define(RANGE_MM, 1000.0).
 -define(NEIGHBOURS, 6).
 -define(SPEED, 100.0).
-%% Who has less than this before him is at the border.
+%% A robot with less room ahead is at the border.
 -define(ROOM_MM, 1.0).
 -define(BODY, <<"0123456789">>).
 
@@ -70,12 +70,12 @@ arena(Profile, #{robots := Ids, seed := Seed, options := Options}) ->
         memo => Messages
     }}.
 
-%% @doc The side (mm) of the arena for so many robots.
+%% @doc The side (mm) of the arena for this number of robots.
 -spec side(Robots :: pos_integer()) -> float().
 side(Robots) -> ?RANGE_MM * math:sqrt(Robots * math:pi() / ?NEIGHBOURS).
 
-%% @doc `received' of all robots, and `per_tick', the mean of a robot's receptions for each
-%% broadcast that it made.
+%% @doc Figures over all robots: `received', the messages received; `per_tick', the mean number of
+%% receptions per broadcast of a robot.
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(#{memo := Messages}, #{robots := Robots}) ->
     Received = lists:sum([N || {_, #{result := {done, N}}} <- Robots]),
@@ -118,11 +118,11 @@ go(Pose, #drone{side = Side} = Drone) ->
     end.
 
 drive(Room, Drone) ->
-    %% rounded down: it never leaves
+    %% Rounded down, so that the robot stays inside.
     Us = trunc(Room / ?SPEED * 1.0e6),
     {next_state, driving, Drone, [wheels(?SPEED, ?SPEED, Us, straight)]}.
 
-%% The shorter way round to a heading with room ahead.
+%% Turns the shorter way to a heading with room ahead.
 turn({X, Y, Heading} = Pose, #drone{side = Side, rate = Rate, random = Random0} = Drone) ->
     {Draw, Random} = rand:uniform_s(Random0),
     Angle = (2 * Draw - 1) * math:pi(),
@@ -143,7 +143,7 @@ turn({X, Y, Heading} = Pose, #drone{side = Side, rate = Rate, random = Random0} 
 wheels(Left, Right, Us, Mark) ->
     {drive, {starl_chassis_differential, [{Left, Right, Us}]}, Mark}.
 
-%% How far it is straight ahead to the border, mm.
+%% The distance straight ahead to the border, mm.
 ahead({X, Y, Heading}, Side) ->
     min(ahead(X, math:cos(Heading), Side), ahead(Y, math:sin(Heading), Side)).
 
