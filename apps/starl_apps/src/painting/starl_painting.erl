@@ -1,10 +1,11 @@
-%% @doc Collaborative painting (the paper's Subroutine 6): the team elects a coordinator; then
-%% each robot, until the picture is complete, asks for a path, follows it with the pen down on
-%% the lines that are to be painted, and clears what it has passed.
+%% @doc The painting application: a team paints a picture together (the paper's Subroutine 6). The
+%% team elects a coordinator. Then each robot repeats until the picture is complete: it requests a
+%% path, follows it with the pen down on the lines to be painted, and releases the part that it has
+%% passed.
 %%
-%% A line is painted by a drive along it: the robot stands at its beginning and looks along it, the
-%% pen is down, as its sensor shows, and comes up again at the end. Nothing is driven before the pen
-%% is as it should be.
+%% A robot paints a line by driving along it: it stands at the beginning of the line and faces along
+%% it, lowers the pen until the pen's sensor confirms this, and raises it at the end. The robot
+%% never drives before the pen is in the required position.
 %%
 %% Trace: {@link event()} (see {@link starl_painting_monitor}).
 -module(starl_painting).
@@ -16,10 +17,10 @@
 
 -export_type([event/0]).
 
-%% What it traces: the robot sets out to paint this line, mm.
+%% The event that the application traces: the robot sets out to paint this line, mm.
 -type event() :: {stroke, starl_geometry:segment()}.
 
-%% Two lines whose directions differ by less are one, rad.
+%% Two consecutive lines whose directions differ by less are one straight line, rad.
 -define(STRAIGHT, 0.01).
 
 -type state() :: elect | {paint, Leader :: starl:robot_id()}.
@@ -51,30 +52,30 @@ step(Robot, {paint, Leader}) ->
             {done, End}
     end.
 
-%% After a crash a robot may know of a coordinator without an election: the path planning of its
-%% own has not crashed, or the coordinator has asked it where it is.
+%% After a crash a robot may know a coordinator without an election: its path planning has not
+%% crashed, or the coordinator has asked for its position.
 led(Robot, Else) ->
     case starl_dpp:coordinator(Robot) of
         {ok, Leader} -> {paint, Leader};
         {error, _} -> Else
     end.
 
-%% A robot that is dead or out of reach has no ballot, so nobody is elected. Path planning needs no
-%% more than somebody to begin with: if that one is dead, another takes over.
+%% A robot that is dead or out of reach sends no ballot, so the election fails. Path planning needs
+%% only an initial coordinator: if that robot is dead, another one takes over.
 join_first(Robot) -> join(Robot, hd(starl:participants(Robot))).
 
 join(Robot, Leader) ->
     _ = starl_dpp:join(Robot, Leader),
     Leader.
 
-%% Until the path ends, or must not be followed any further: the lines that are not painted go to
-%% whoever asks next. After a crash the pen may be anyhow.
+%% Follows the path to its end, or until the path must not be followed any further: the unpainted
+%% lines go to the next robot that asks. After a crash the position of the pen is unknown.
 follow(Robot, Path) ->
     pen(Robot, up),
     follow(Robot, Path, starl_dpp:lines(Path), none),
     pen(Robot, up).
 
-%% `Inked': the line to the end of which the pen is down, if it is.
+%% `Inked': the last line painted, if the pen is still down at its end.
 follow(Robot, Path, [{N, Line, Pen} | Lines], Inked) ->
     case leg(Robot, Path, N, Line, Pen, Inked) of
         ok -> follow(Robot, Path, Lines, inked(Pen, Line));
@@ -99,21 +100,21 @@ leg(Robot, Path, N, Line, down, Inked) ->
             starl_dpp:drive(Robot, Path, N)
     end.
 
-%% A line that goes on straight where the last one ends is begun already.
+%% A line that continues the last one straight needs no new start.
 goes_on({A, B}, {B, C}) ->
     Turn = starl_geometry:angle_diff(starl_geometry:heading(A, B), starl_geometry:heading(B, C)),
     abs(Turn) < ?STRAIGHT;
 goes_on(_Inked, _Line) ->
     false.
 
-%% Waits until it is so.
+%% Repeats the command until the pen is in this position.
 pen(Robot, State) ->
     case starl_actuator:set(Robot, pen, State) of
         ok -> ok;
         {error, _} -> pen(Robot, State)
     end.
 
-%% -- what it needs, and what it tells -------------------------------------------------------
+%% -- scene and report -----------------------------------------------------------------------
 
 -spec options() -> [starl_options:option()].
 options() -> starl_painting_scene:options().

@@ -1,27 +1,27 @@
-%% @doc The contract of the painting application, as a monitor: the ink lies on the lines of the
-%% picture and nowhere else, and every line is painted.
+%% @doc The monitor of the painting application: the ink lies on the lines of the picture and
+%% nowhere else, and every line is painted.
 %%
-%% Ink is what a robot drives with its pen down. It lies on the lines if it is no farther from one
-%% than the ink radius (the r(v) of the tracking guarantee) plus the tolerance with which the
+%% Ink is the track of a robot whose pen is down. It lies on the lines if its distance from a line
+%% is at most the ink radius (the r(v) of the tracking guarantee) plus the tolerance with which the
 %% picture was flattened. Straight motion is judged exactly: the part of one segment that lies
-%% within a radius of another is an interval in closed form
-%% ({@link starl_painting_monitor_parts}), and the union of these intervals must cover the ink. An
-%% arc is taken as chords that stay within 0.01 mm of it.
+%% within a radius of another is an interval in closed form ({@link starl_painting_monitor_parts}),
+%% and the union of these intervals must cover the ink. An arc is approximated by chords that stay
+%% within 0.01 mm of it.
 %%
-%% A line is painted by drives along it, and by no others: where lines are close to each other, ink
-%% could lie near several. So a robot says which line it sets out to paint, `{stroke, Segment}', and
-%% what it inks until its next word counts for the lines of the picture that this segment lies on,
-%% no matter what else is near. The tolerance is across the line only. Along it all has to be inked
-%% but `ends_mm' at each end, and where two strokes meet as much of both.
+%% Only a drive along a line paints it, because ink may lie near several lines that are close
+%% together. So a robot announces the line that it sets out to paint, `{stroke, Segment}'. Its ink
+%% up to the next announcement counts for the lines of the picture on which this segment lies, and
+%% for no others. The tolerance applies across the line only. Along the line everything must be
+%% inked except `ends_mm' at each end; where two strokes meet, each may lack as much.
 %%
-%% Who says that the picture is complete, `{done, complete}', has to be right.
+%% A robot that reports the picture as complete, `{done, complete}', must be right.
 %%
-%% Events of machine `chassis': `motion' and `actuated' (the pen starts up), what it does and not
-%% what it was told; of machine `app': {@link starl_painting:event()}, `done'; of machine `robot': `died'
-%% (the robot stays where it is).
+%% Events of machine `chassis': `motion' and `actuated' (the pen is up at first), which tell the
+%% actual state and not the commanded one; of machine `app': {@link starl_painting:event()}, `done';
+%% of machine `robot': `died' (the robot stays where it is).
 %%
-%% A violation comes at the end of the stretch that it lies in, once for each time a pen is
-%% lowered, and names the moment at which the ink left the lines.
+%% A violation is reported at the end of its piece of motion, at most once for each lowering of a
+%% pen, and names the time at which the ink left the lines.
 -module(starl_painting_monitor).
 -behaviour(starl_monitor).
 
@@ -31,13 +31,14 @@
 -type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 
-%% One robot: what it does since when, its pen, the polyline it is drawing (latest point first;
-%% empty with the pen up), whether that one left the lines, and the finished ones.
+%% One robot: its present motion and the start of it, its pen, the polyline that it is drawing
+%% (latest point first; empty with the pen up), whether this polyline left the lines, and the
+%% finished ones.
 -record(track, {
     piece = none :: starl_trajectory:piece() | none,
     since = 0 :: integer(),
     pen = up :: up | down,
-    %% the lines that it paints
+    %% the lines of the present stroke
     stroke = [] :: [pos_integer()],
     drawing = [] :: [point()],
     strayed = false :: boolean(),
@@ -47,12 +48,12 @@
 -record(state, {
     lines :: #{pos_integer() => segment()},
     grid :: starl_grid:t(pos_integer()),
-    %% How far from a line ink may lie (mm).
+    %% The largest distance of ink from a line (mm).
     reach_mm :: float(),
-    %% that of single robots, where it is less
+    %% The same for single robots, if it is smaller.
     reaches = #{} :: #{robot_id() => float()},
     complete :: boolean(),
-    %% How much of a line may be missing at each end (mm).
+    %% The length of a line that may be missing at each end (mm).
     ends_mm :: float(),
     %% The painted parts of each line, ascending and disjoint; up to `ends_mm' beyond its ends.
     painted = #{} :: #{pos_integer() => [starl_painting_monitor_parts:part(), ...]},
@@ -63,17 +64,17 @@
 
 %% Rounding (mm).
 -define(SLACK_MM, 1.0e-6).
-%% How far the chords of an arc may lie from it (mm).
+%% The largest distance of the chords of an arc from it (mm).
 -define(CHORD_MM, 0.01).
-%% Two points no farther apart are one; a larger jump starts a new polyline (mm).
+%% Two points at most this far apart are one; a larger jump starts a new polyline (mm).
 -define(JUMP_MM, 1.0e-3).
-%% A stroke lies on a line that it is no farther from (mm); a shorter line is none.
+%% A stroke lies on a line if it is at most this far from it (mm); shorter lines are ignored.
 -define(ON_MM, 0.5).
 
-%% @doc `lines': the picture; `ink_radius_mm' and `tolerance_mm': how far ink may lie from them;
-%% `tracking_mm': the ink radius of single robots, where it is less;
-%% `ends_mm' (default 2): how much of a line may be missing at each end; `complete' (default true):
-%% whether unpainted lines at the finish break the contract even if nobody has said that it is
+%% @doc `lines': the picture; `ink_radius_mm' plus `tolerance_mm': the largest distance of ink from
+%% a line; `tracking_mm': the ink radius of single robots, if it is smaller; `ends_mm' (default 2):
+%% the length of a line that may be missing at each end; `complete' (default true): whether
+%% unpainted lines at the finish break the contract even if no robot has reported the picture as
 %% complete.
 -spec init(#{
     lines := [segment()],
@@ -129,10 +130,11 @@ step({T, Robot, robot, {died, _Reason}}, #state{tracks = Tracks} = State) ->
 step(_Other, State) ->
     {ok, State}.
 
-%% @doc Judges the time until `EndTimeUs'. Results: `coverage' (0..1, the part of the lines' length
-%% that is painted, where what may be missing at ends is not), `ink_covered' (whether that is all of
-%% it), `unpainted_mm', `inked' (0..1, the part that there is ink on, to the millimetre), `ink_mm'
-%% and `driven_mm' (lengths driven with the pen down, and in all), `ink' (polylines by robot).
+%% @doc Judges the time until `EndTimeUs'. Results: `coverage' (0..1, the painted fraction of the
+%% lines' length; what may be missing at the ends counts as painted), `ink_covered' (whether
+%% everything is painted), `unpainted_mm', `inked' (0..1, the fraction of the length with ink on it,
+%% to the millimetre), `ink_mm' and `driven_mm' (lengths driven with the pen down, and in total),
+%% `ink' (polylines by robot).
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, #state{tracks = Tracks} = State) ->
@@ -184,7 +186,7 @@ unfinished(_T, _Results, _State) ->
 
 %%% Tracks
 
-%% Judges what the robot did up to `T'; from then on it does as `Change' says.
+%% Judges the robot's motion up to `T'; `Change' then updates its track.
 change(T, Robot, Change, #state{tracks = Tracks} = State) ->
     Track = maps:get(Robot, Tracks, #track{}),
     {Found, #state{tracks = Judged} = Next} = drive(T, Robot, Track, State),
@@ -217,12 +219,12 @@ draw(T, Robot, #track{piece = Piece, since = Since} = Track, State) ->
     Drawn = Track#track{drawing = lists:reverse(Points, Track#track.drawing)},
     report(lists:sort(Found), Robot, Drawn, Inked).
 
-%% Chords take equal times.
+%% All chords take the same time.
 moment(N, Share, Since, Step, Piece) ->
     [From, To] = [Since + round(Chord * Step) || Chord <- [N, N + 1]],
     starl_trajectory:passing(Share, Piece, From, To).
 
-%% A pen that comes down, or is down where the motion starts, makes a dot.
+%% A pen that is lowered, or is down when a motion starts, makes a dot.
 dot(T, Robot, #track{pen = down, drawing = []} = Track, State) when
     Track#track.piece =/= none
 ->
@@ -260,7 +262,7 @@ lift(#track{drawing = []} = Track) ->
 lift(#track{drawing = Drawing, drawn = Drawn} = Track) ->
     Track#track{drawing = [], drawn = [lists:reverse(Drawing) | Drawn]}.
 
-%% A motion that starts elsewhere than the last one ended does not connect the two by ink.
+%% A motion that starts away from the end of the last one is not connected to it by ink.
 on_paper(#track{drawing = [Last | _], since = Since, piece = Piece} = Track) ->
     case starl_geometry:distance(Last, starl_trajectory:position(Since, Piece)) > ?JUMP_MM of
         true -> lift(Track);
@@ -274,7 +276,7 @@ violation(What, T, Robots, Details) ->
 
 %%% Ink and lines
 
-%% The lines of the picture that a stroke lies on.
+%% The lines of the picture on which a stroke lies.
 lines_under({P, Q}, #state{grid = Grid, lines = Lines}) ->
     [
         N
@@ -285,9 +287,9 @@ lines_under({P, Q}, #state{grid = Grid, lines = Lines}) ->
         starl_geometry:point_segment(Q, Line) =< ?ON_MM
     ].
 
-%% Enters a straight piece of ink that is to paint these lines. Returns where it leaves the lines of
-%% the picture: the fraction of its length at which that begins, and a point in the middle of what
-%% is outside.
+%% Enters a straight piece of ink that is to paint these lines. Returns the place where it leaves
+%% the lines of the picture: the fraction of its length at which the stray part begins, and a point
+%% in the middle of that part.
 ink(Ink, Stroke, Reach, #state{lines = Lines, ends_mm = Ends} = State) ->
     Near = [map_get(N, Lines) || N <- starl_grid:near(Ink, Reach, State#state.grid)],
     Inked = [starl_painting_monitor_parts:within(Reach, Ink, Line) || Line <- Near],

@@ -1,5 +1,5 @@
-%% @doc Parts of a segment: which part of it is near another segment, what several parts cover
-%% together, and what they leave out. Lengths are millimetres.
+%% @doc Computes with parts of a segment: the part near another segment, the union of several parts,
+%% and the gaps between them. Lengths are in millimetres. A part of {@link starl_painting_monitor}.
 -module(starl_painting_monitor_parts).
 
 -export([within/3, beside/4, unite/2, gap/2, gaps/3]).
@@ -12,7 +12,7 @@
 
 %% Rounding (mm).
 -define(SLACK_MM, 1.0e-6).
-%% Directions closer to parallel than this sine are parallel.
+%% Directions with a smaller sine between them are parallel.
 -define(PARALLEL, 1.0e-12).
 
 %% @doc The part of a segment (mm from its start) that lies within `Reach' mm of another one.
@@ -24,16 +24,16 @@ within(Reach, {A, B} = Segment, {C, D} = Other) ->
         Length when Length < 1.0e-9 ->
             dot_within(starl_geometry:point_segment(A, Other) =< Reach, Length);
         Length ->
-            %% mostly ink follows its line from end to end
+            %% In most cases ink follows its line from end to end.
             case is_near(A, Other, Reach) andalso is_near(B, Other, Reach) of
                 true -> {0.0, Length};
                 false -> part_within(Reach, A, direction(A, B, Length), Length, C, D)
             end
     end.
 
-%% @doc The part of a line (mm from its start) that a piece of ink is beside, at most `Reach' mm to
-%% its left or right. Ink before its start or past its end counts for up to `Ends' mm: the part may
-%% begin below 0 and end beyond the length.
+%% @doc The part of a line (mm from its start) that has a piece of ink beside it, at most `Reach' mm
+%% to the left or right. Ink before the start or past the end of the line counts for up to `Ends'
+%% mm: the part may begin below 0 and end beyond the length.
 -spec beside(Reach :: float(), Ends :: float(), Line :: segment(), Ink :: segment()) ->
     part() | none.
 beside(Reach, Ends, {A, B}, {P, Q}) ->
@@ -49,13 +49,14 @@ beside(Reach, Ends, {A, B}, {P, Q}) ->
             both({min(Ax, Bx), max(Ax, Bx)}, {-Ends, Length + Ends})
     end.
 
-%% Along the line and to its left.
+%% Coordinates of a point along the line and to its left.
 in_frame({X, Y}, {AX, AY} = A, B, Length) ->
     {UX, UY} = direction(A, B, Length),
     {(X - AX) * UX + (Y - AY) * UY, (Y - AY) * UX - (X - AX) * UY}.
 
-%% @doc What these ascending parts of a segment of this length leave out, where that is more than
-%% `Ends' at one of its ends, or twice as much between two of them: there two strokes meet.
+%% @doc The gaps that these ascending parts leave in a segment of this length. A gap at an end
+%% counts if it is longer than `Ends', a gap between two parts if it is longer than twice `Ends',
+%% because two strokes meet there.
 -spec gaps(Length :: float(), Ends :: float(), [part()]) -> [part()].
 gaps(Length, _Ends, []) ->
     [{0.0, Length}];
@@ -77,8 +78,8 @@ unite({Low, _} = Part, [{_, High} = First | Parts]) when Low > High ->
 unite({Low, High}, [{Low1, High1} | Parts]) ->
     unite({min(Low, Low1), max(High, High1)}, Parts).
 
-%% @doc The first part of a segment of this length (mm) that these parts do not cover; `none' where
-%% they leave out nothing but what rounding does.
+%% @doc The first gap that these parts leave in a segment of this length (mm); `none' if the gaps
+%% are rounding errors only.
 -spec gap(Length :: float(), [part()]) -> part() | none.
 gap(Length, Covered) -> gap(0.0, Length, Covered).
 
@@ -110,7 +111,7 @@ part(From, To) -> {From, To}.
 
 direction({AX, AY}, {BX, BY}, Length) -> {(BX - AX) / Length, (BY - AY) / Length}.
 
-%% Where the line from A in direction U is inside the disc.
+%% The part of the line from A in direction U that is inside the disc.
 disc(Reach, {AX, AY}, {UX, UY}, {CX, CY}) ->
     Along = (CX - AX) * UX + (CY - AY) * UY,
     Across = (CX - AX) * UY - (CY - AY) * UX,
@@ -119,7 +120,7 @@ disc(Reach, {AX, AY}, {UX, UY}, {CX, CY}) ->
         Square -> {Along - math:sqrt(Square), Along + math:sqrt(Square)}
     end.
 
-%% Where that line is beside the segment from C to D, at most Reach to its left or right.
+%% The part of that line beside the segment from C to D, at most Reach to its left or right.
 strip(Reach, {AX, AY}, {UX, UY}, {CX, CY} = C, D) ->
     case starl_geometry:distance(C, D) of
         Length when Length < 1.0e-9 ->

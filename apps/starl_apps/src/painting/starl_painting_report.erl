@@ -1,12 +1,12 @@
-%% @doc What is told of a run of the painting application: whether the picture is complete, how much ink
-%% lies on the floor, what it took, and the picture itself.
+%% @doc The report of a run of the painting application: the completeness of the picture, the amount
+%% of ink, the cost, and the picture itself.
 -module(starl_painting_report).
 
 -export([report/2]).
 
 -type figures() :: [{atom(), number() | null}].
 
-%% @doc The report of a run. The picture is complete when all of the lines are covered with ink.
+%% @doc The report of a run. The picture is complete when all lines are covered with ink.
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(#{memo := Memo}, #{monitors := Monitors} = Outcome) ->
     #{starl_painting_monitor := #{coverage := Covered} = Paint} = Monitors,
@@ -43,11 +43,11 @@ figures(Memo, #{monitors := Monitors, end_us := EndUs}) ->
 ratio(_Mm, Length) when Length == 0 -> null;
 ratio(Mm, Length) -> Mm / Length.
 
-%% A single robot is not at any distance from others.
+%% A single robot has no distance from others.
 number(infinity) -> null;
 number(X) -> X.
 
-%% Covered ink and separations are never made to look better than they are.
+%% Coverage and separation are rounded down.
 -spec formats() -> #{atom() => starl_scene:format()}.
 formats() ->
     #{
@@ -60,7 +60,7 @@ formats() ->
         assignments_per_robot => #{label => "assignments per robot", plotted => true}
     }.
 
-%% -- in a few words -------------------------------------------------------------------------
+%% -- summary --------------------------------------------------------------------------------
 
 %% 99.99 % must not read 100 %.
 percent(Covered) when Covered >= 1.0 -> "100 %";

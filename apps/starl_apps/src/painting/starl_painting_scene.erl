@@ -1,12 +1,12 @@
-%% @doc The scene of the painting application: the picture on the floor, the robots on their
-%% parking spots, the blocks and contracts.
+%% @doc Makes the scene of the painting application: the picture on the floor, the robots on their
+%% parking spots, the blocks and the contracts.
 -module(starl_painting_scene).
 
 -export([options/0, scene/1]).
 
-%% How far the polylines may lie from the picture's curves, on the floor.
+%% The largest distance of the polylines from the picture's curves, on the floor.
 -define(TOLERANCE_MM, 2.0).
-%% Two Creates (radius 165 mm) that touch are 330 mm apart.
+%% The distance of the centres of two touching Creates (radius 165 mm).
 -define(CONTACT_MM, 330).
 %% That of elect/2.
 -define(PATIENCE_MS, 30000).
@@ -24,9 +24,9 @@ options() ->
             "by how much clocks may be set meanwhile, ms; far less than a lease"}
     ].
 
-%% @doc Puts the picture on the floor. r_s is the least distance of two robots, r(v) how far they
-%% may be from their paths, R = r_s/2 + r(v) the radius of the tubes; all tubes are as wide as that
-%% of the robot that needs most.
+%% @doc Puts the picture on the floor. r_s is the least distance of two robots, r(v) the largest
+%% distance of a robot from its path, R = r_s/2 + r(v) the radius of the tubes. All tubes have the
+%% largest radius that any robot of the team needs.
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
 scene(#{robots := Ids, world := World, profiles := Profiles, options := Options} = Context) ->
     Tracking = starl_chassis:widest(Profiles),
@@ -80,7 +80,7 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
             {error, starl_dpp_plan:format_error(Reason)}
     end.
 
-%% Where lines lie on each other they are painted once.
+%% Overlapping lines are painted once.
 lines_mm(Plan) ->
     #{total := Total} = starl_dpp_plan:counts(Plan),
     lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- lists:seq(1, Total)]).
@@ -98,7 +98,7 @@ monitors(Lines, Tracking, #{robots := Ids, profiles := Profiles}) ->
         }}
     ].
 
-%% What is less than the largest of the team.
+%% The tracking radius of each robot; empty if all robots have the same profile.
 tracking(_Ids, [_AllTheSame]) ->
     #{};
 tracking(Ids, Profiles) ->
@@ -118,8 +118,8 @@ picture(Name, Area) ->
         {error, Reason} -> {error, starl_picture:format_error(Reason)}
     end.
 
-%% A shipped picture is named without its folder and ending. A file of that name comes before it;
-%% a directory, such as the results of an earlier run, does not hide it.
+%% A shipped picture is named without its folder and ending. A file of that name has priority; a
+%% directory of that name, such as the results of an earlier run, does not hide the picture.
 is_shipped(Name) ->
     filename:extension(Name) =:= "" andalso
         (not filelib:is_file(Name) orelse
@@ -127,7 +127,7 @@ is_shipped(Name) ->
 
 shipped(Name) -> filename:join([code:priv_dir(starl_apps), "pictures", Name ++ ".svg"]).
 
-%% Looks to the middle of the floor.
+%% The heading towards the middle of the floor.
 facing({X, Y}, {Width, Height}) ->
     {X, Y, starl_geometry:heading({X, Y}, {Width / 2, Height / 2})}.
 

@@ -1,15 +1,16 @@
-%% @doc Pictures to paint: any ordinary SVG drawing as line segments on the floor.
+%% @doc Reads a picture to paint: turns an ordinary SVG drawing into line segments on the floor. The
+%% reader proper is {@link starl_svg}.
 %%
 %% ```
 %% {ok, Picture} = starl_picture:read("house.svg", #{area => {0.0, 0.0, 10000.0, 10000.0}}),
 %% Segments = starl_picture:segments(Picture).
 %% '''
-%% The drawing is scaled uniformly into the area, centred, with y turned upwards. What is fitted
-%% is the viewBox (or else width and height) of the document if the whole drawing lies inside it,
-%% else the drawing's own bounding box. Curves are mapped to the floor first and then cut into
-%% chords, so the tolerance is one of the floor. Corners are rounded to a micrometre, so that the
-%% same picture gives the same segments whatever the machine's sine; the rounding and the removal
-%% of tiny segments are paid for out of the tolerance.
+%% The drawing is scaled uniformly into the area, centred, with y turned upwards. The fitted box is
+%% the viewBox (or else width and height) of the document if the whole drawing lies inside it, else
+%% the drawing's own bounding box. Curves are mapped to the floor first and then cut into chords, so
+%% the tolerance is a distance on the floor. Corners are rounded to a micrometre, so that the same
+%% picture gives the same segments on machines with different sine functions. The tolerance includes
+%% the errors of rounding and of the removal of tiny segments.
 %%
 %% Reading is safe with any input: nothing outside the file is fetched, entities are refused,
 %% memory and time are bounded, and no atoms come from the file.
@@ -30,7 +31,7 @@
     tolerance_mm => float(),
     max_segments => pos_integer()
 }.
-%% Why there is no picture; {@link format_error/1} turns it into a line of text.
+%% The reason why a picture cannot be read; {@link format_error/1} turns it into a line of text.
 -type reason() ::
     {cannot_read, file:filename(),
         missing | directory | no_permission | too_big | badarg | file:posix()}
@@ -50,13 +51,13 @@
 -define(DEFAULT_TOLERANCE_MM, 2.0).
 -define(MIN_TOLERANCE_MM, 0.1).
 -define(DEFAULT_MAX_SEGMENTS, 5000).
-%% Of the tolerance, what rounding and thinning may use up.
+%% The share of the tolerance for rounding and the removal of tiny segments.
 -define(SLACK_MM, 0.012).
 -define(SHORTEST_MM, 0.01).
-%% Duplicates are dropped late, so a drawing may have this many times the curves it may keep.
+%% Duplicates are dropped late, so a drawing may have this multiple of the curves that it may keep.
 -define(DUPLICATES, 4).
 
-%% @doc Reads an SVG file. The title is the document's own, else the name of the file.
+%% @doc Reads an SVG file. The title is that of the document, or else the name of the file.
 -spec read(file:filename(), options()) -> {ok, t()} | {error, reason()}.
 read(File, Options) ->
     case file_bytes(File) of
@@ -81,7 +82,7 @@ parse(Bytes, #{area := Area} = Options) when is_binary(Bytes) ->
 -spec segments(t()) -> [segment()].
 segments(#picture{segments = Segments}) -> Segments.
 
-%% @doc How far the segments may lie from the curves they stand for, in mm.
+%% @doc The largest distance of the segments from the original curves, in mm.
 -spec tolerance(t()) -> float().
 tolerance(#picture{tolerance = Tolerance}) -> Tolerance.
 
@@ -89,7 +90,7 @@ tolerance(#picture{tolerance = Tolerance}) -> Tolerance.
 -spec title(t()) -> string().
 title(#picture{title = Title}) -> Title.
 
-%% @doc One line of text: what is wrong, where, and what to do about it.
+%% @doc One line of text that states the problem, its place and the remedy.
 -spec format_error(reason()) -> binary().
 format_error(Reason) -> starl_picture_error:format(Reason).
 
@@ -209,7 +210,7 @@ chords([Outline | Outlines], Tolerance, Left, Chains) ->
             chords(Outlines, Tolerance, Left - Count, [Chain | Chains])
     end.
 
-%% Joins the points, passing over those that lie too close to the last one taken.
+%% Joins the points; a point too close to the last one taken is left out.
 chain(_From, []) -> [];
 chain({X0, Y0} = From, [Point | Points]) ->
     {X1, Y1} = To = rounded(Point),

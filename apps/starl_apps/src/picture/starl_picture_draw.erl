@@ -1,5 +1,5 @@
-%% @doc A painting as a picture file: the lines to paint in gray, the ink of every robot in its
-%% own colour, the robots where they stand, and a legend.
+%% @doc Writes a painting to a picture file: the lines to paint in gray, the ink of every robot in a
+%% separate colour, the positions of the robots, and a legend.
 %%
 %% The user unit of the SVG is one millimetre of floor. Widths of lines and sizes of letters are
 %% given in dots, of which the drawing's longer side has 800, so that a floor of any size looks
@@ -57,9 +57,9 @@ svg(#{floor := Floor, target := Target, ink := Ink, robots := Robots} = Drawing)
         "</svg>\n"
     ]).
 
-%% @doc Writes `Name.svg' into the directory, which is made if need be, and `Name.png', 1200
-%% pixels wide, where the program `rsvg-convert' is installed. Gives the files written; a PNG that
-%% cannot be made is no error.
+%% @doc Writes `Name.svg' into the directory, which is made if necessary, and `Name.png', 1200
+%% pixels wide, if the program `rsvg-convert' is installed. Gives the files written; a PNG that
+%% cannot be made is not an error.
 -spec write(file:filename(), string(), drawing()) -> {ok, [file:filename()]} | {error, reason()}.
 write(Dir, Name, Drawing) ->
     Svg = filename:join(Dir, Name ++ ".svg"),
@@ -73,8 +73,8 @@ write(Dir, Name, Drawing) ->
             {error, {cannot_write, Svg, Posix}}
     end.
 
-%% @doc The colour of a robot, `#rrggbb'. Sixteen robots in a row have sixteen colours that are
-%% told apart on white; then they repeat.
+%% @doc The colour of a robot, `#rrggbb'. Sixteen consecutive robots have sixteen colours that are
+%% distinguishable on white; then the colours repeat.
 -spec colour(robot_id()) -> string().
 colour(Id) -> element((Id - 1) rem 16 + 1, palette()).
 
@@ -206,7 +206,7 @@ escaped($&) -> "&amp;";
 escaped(C) when C < 32; C =:= 16#FFFE; C =:= 16#FFFF -> $\s;
 escaped(C) -> C.
 
-%% Chosen greedily for the largest least distance in CIE L*a*b*, also to white and the gray lines.
+%% Chosen greedily to maximize the least distance in CIE L*a*b*, also from white and the gray lines.
 palette() ->
     {"#e6194b", "#3cb44b", "#4363d8", "#f58231", "#78005a", "#00b4ff", "#ff00ff", "#5a5a0f",
      "#00d2b4", "#5a0000", "#c3b400", "#0000ff", "#ff9696", "#006969", "#ff00a5", "#ff96f0"}.

@@ -1,5 +1,5 @@
-%% @doc The texts for {@link starl_picture:reason()}: one line that says what is wrong, where, and
-%% what to do.
+%% @doc The messages for {@link starl_picture:reason()}: one line that states the problem, its place
+%% and the remedy.
 -module(starl_picture_error).
 
 -export([format/1]).
@@ -94,7 +94,7 @@ shown(Text, Max) ->
     Short = lists:sublist(Characters, Max),
     [visible(C) || C <- Short] ++ ["..." || length(Characters) > Max].
 
-%% File names may be raw bytes that are no UTF-8.
+%% File names may be raw bytes that are not UTF-8.
 characters(Text) ->
     case unicode:characters_to_list(Text) of
         Characters when is_list(Characters) -> Characters;

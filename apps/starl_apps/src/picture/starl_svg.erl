@@ -1,14 +1,20 @@
-%% @doc An SVG document to outlines: which shapes are drawn, and where (SVG 1.1, chapters 5, 7, 9).
+%% @doc The SVG reader: finds the shapes that a document draws and gives their outlines in the units
+%% of the root element (SVG 1.1, chapters 5, 7, 9).
 %%
-%% Drawn are the shapes outside `defs', `symbol', `clipPath', `mask', `marker' and `pattern', and
-%% those that a `use' brings in, unless an attribute or `style' attribute hides them. Every shape
-%% gives its outline; paint, stroke width, clipping and style sheets play no part.
+%% It draws the shapes outside `defs', `symbol', `clipPath', `mask', `marker' and `pattern', and
+%% those referenced by a `use', unless an attribute or `style' attribute hides them. Only the
+%% outline of a shape counts: paint, stroke width, clipping and style sheets are ignored.
+%%
+%% Its parts: {@link starl_svg_xml} and {@link starl_svg_prolog} parse the document,
+%% {@link starl_svg_shape}, {@link starl_svg_path} and {@link starl_svg_pen} make outlines of
+%% {@link starl_svg_curve}, {@link starl_svg_transform} has the affine maps,
+%% {@link starl_svg_number} reads numbers.
 -module(starl_svg).
 
 -export([read/2]).
 -export_type([drawing/0, problem/0, where/0]).
 
-%% What a document draws, in the user units of its root element.
+%% The drawing of a document, in the user units of its root element.
 -type drawing() :: #{
     outlines := [starl_svg_pen:outline()],
     %% The viewBox, or else width and height; `none' when there is neither.
@@ -16,7 +22,7 @@
     title := string(),
     has_text := boolean()
 }.
-%% Name of the element, its id if it has one, and the line on which its tag ends.
+%% The name of the element, its id if it has one, and the line on which its start tag ends.
 -type where() :: {Name :: binary(), Id :: binary() | none, Line :: pos_integer()}.
 -type problem() ::
     starl_svg_xml:problem()
@@ -37,7 +43,7 @@
 
 -record(walk, {
     ids :: #{binary() => element_()},
-    %% How many more curves and elements may come.
+    %% The numbers of curves and elements that may still follow.
     curves :: non_neg_integer(),
     visits :: non_neg_integer(),
     outlines = [] :: [starl_svg_pen:outline()],
@@ -45,11 +51,11 @@
 }).
 
 -define(NAMESPACE, "http://www.w3.org/2000/svg").
-%% What a browser takes for a picture without a size.
+%% The size that a browser assumes for a picture without a size.
 -define(DEFAULT_VIEWPORT, {300.0, 150.0}).
 -define(MAX_USES, 32).
 -define(MAX_VISITS, 50_000).
-%% A viewBox below this is as good as empty, and dividing by it would leave the floats.
+%% A smaller viewBox counts as empty, because a division by its size could overflow.
 -define(MIN_EXTENT, 1.0e-6).
 
 %% @doc Reads a document that draws at most `Max' curves.
@@ -60,7 +66,7 @@ read(Bytes, Max) ->
         {error, _} = Error -> Error
     end.
 
-%%% Internals. The walk leaves by a throw at the first mistake.
+%%% Internals. The first mistake ends the walk with a throw.
 
 vocabulary(Max) ->
     Roles = [
@@ -126,7 +132,7 @@ frame(Root) ->
 frame(W, H) when is_float(W), is_float(H), W > 0.0, H > 0.0 -> {0.0, 0.0, W, H};
 frame(_, _) -> none.
 
-%% Percentages of the root refer to a window that is not there.
+%% Percentages of the root refer to a browser window, which does not exist here.
 size(Root, Name) ->
     case binary:match(starl_svg_xml:attribute(Name, Root, <<"%">>), <<"%">>) of
         nomatch -> number(Root, Name, 0.0, none);
@@ -247,12 +253,13 @@ corner(Element, #context{viewport = {W, H}}) ->
 extent(Element, #context{viewport = {W, H}}) ->
     {number(Element, <<"width">>, W, W), number(Element, <<"height">>, H, H)}.
 
-%% What the `use' says goes before what its target says.
+%% The size given by the `use' has priority over that of its target.
 extent(Use, Target, #context{viewport = {W, H}} = Context) ->
     {TargetW, TargetH} = extent(Target, Context),
     {number(Use, <<"width">>, W, TargetW), number(Use, <<"height">>, H, TargetH)}.
 
-%% Draws what is in an element into a window: the viewBox, if any, scaled to meet it, centred.
+%% Draws the content of an element into a window: the viewBox, if any, is scaled to fit and
+%% centred.
 window(_Element, _Corner, {W, H}, _Context, Walk) when W =< 0.0; H =< 0.0 ->
     Walk;
 window(Element, {X, Y}, {W, H}, #context{matrix = Matrix0} = Context, Walk) ->
@@ -294,7 +301,7 @@ number(Element, Name, Whole, Default) ->
         {error, Problem} -> fail(placed(Problem, Element))
     end.
 
-%% The `style' attribute goes before the attribute of the same name.
+%% The `style' attribute has priority over the attribute of the same name.
 property(Name, Element, Style) ->
     Own = string:trim(starl_svg_xml:attribute(Name, Element, <<>>)),
     maps:get(Name, Style, Own).

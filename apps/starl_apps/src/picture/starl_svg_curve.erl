@@ -1,12 +1,13 @@
-%% @doc Lines, Bézier curves and elliptic arcs: mapping, exact bounds, and flattening.
+%% @doc The geometry of lines, Bézier curves and elliptic arcs: affine maps, exact bounds and
+%% flattening. A part of the SVG reader, {@link starl_svg}.
 %%
 %% All four kinds are closed under affine maps (an arc is held as centre plus two conjugate
-%% radii, `C + U cos t + V sin t'), so a curve is first taken to the floor exactly and only then
-%% cut into chords, which makes the tolerance one of the floor.
+%% radii, `C + U cos t + V sin t'), so a curve is first mapped to the floor exactly and only then
+%% cut into chords. The tolerance is therefore a distance on the floor.
 %%
-%% Flattening is uniform in the parameter. A chord over a step `h' leaves a curve with second
-%% derivative at most `M' by at most `M h^2 / 8'; on an arc by at most the largest radius times
-%% `1 - cos(h / 2)'. The number of steps follows from that, so the bound always holds.
+%% Flattening is uniform in the parameter. If the second derivative of a curve is at most `M', a
+%% chord over a step `h' deviates from it by at most `M h^2 / 8'; on an arc, by at most the largest
+%% radius times `1 - cos(h / 2)'. The number of steps follows from this, so the bound always holds.
 -module(starl_svg_curve).
 
 -export([start/1, transform/2, bounds/1, merge_bounds/2, steps/2, flatten/2]).
@@ -19,7 +20,7 @@
 -type arc() ::
     {arc, Start :: point(), End :: point(), Centre :: point(),
      U :: point(), V :: point(), Angle :: float(), Sweep :: float()}.
-%% A piece of outline.
+%% A piece of an outline.
 -type t() ::
     line()
     | {quad, point(), point(), point()}
@@ -32,7 +33,7 @@
 %% Radii and chords of arcs below this length (in user units) count as zero.
 -define(NOTHING, 1.0e-9).
 
-%% @doc Where the curve begins.
+%% @doc The start of the curve.
 -spec start(t()) -> point().
 start(Curve) -> element(2, Curve).
 
@@ -101,7 +102,8 @@ bounds({arc, P0, P1, C, {UX, UY} = U, {VX, VY} = V, Angle, Sweep}) ->
 merge_bounds({A0, B0, A1, B1}, {C0, D0, C1, D1}) ->
     {min(A0, C0), min(B0, D0), max(A1, C1), max(B1, D1)}.
 
-%% @doc How many chords keep the curve within `Tolerance' (in the curve's own units).
+%% @doc The number of chords that approximate the curve to within `Tolerance' (in the units of the
+%% curve).
 -spec steps(t(), Tolerance :: float()) -> pos_integer().
 steps({line, _, _}, _Tolerance) ->
     1;
@@ -141,7 +143,7 @@ on_arc(C, U, V, Angle) -> on_basis(C, U, V, math:cos(Angle), math:sin(Angle)).
 
 on_basis({CX, CY}, {UX, UY}, {VX, VY}, A, B) -> {CX + A * UX + B * VX, CY + A * UY + B * VY}.
 
-%% Radii that cannot reach from one end to the other grow until they just do.
+%% Radii too small to span the two end points are scaled up until they just do.
 grown(RX, RY, PX, PY) ->
     case math:sqrt((PX / RX) * (PX / RX) + (PY / RY) * (PY / RY)) of
         Reach when Reach > 1.0 -> {RX * Reach, RY * Reach};
@@ -184,7 +186,7 @@ square_roots(A, B, Discriminant) ->
     Root = math:sqrt(Discriminant),
     [(B + Root) / A, (B - Root) / A].
 
-%% The roots of A t = B, without dividing by what is nothing beside B.
+%% The roots of A t = B; none if A is negligible beside B.
 linear_roots(A, B) when abs(A) =< 1.0e-12 * abs(B); A == 0.0 -> [];
 linear_roots(A, B) -> [B / A].
 

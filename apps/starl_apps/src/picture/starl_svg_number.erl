@@ -1,18 +1,19 @@
-%% @doc Numbers, lists of numbers and lengths as SVG writes them.
+%% @doc Reads numbers, lists of numbers and lengths in SVG's notation. A part of the SVG reader,
+%% {@link starl_svg}.
 %%
-%% The grammar is the compact one of path data (SVG 1.1, section 8.3.9): a number ends where the
-%% next one can only begin, so `1-2.5.5e-3' is 1, -2.5 and 0.005. Magnitudes above 1.0e9 are
-%% refused: no drawing needs them, and products of what is left stay far from the largest float.
+%% The grammar is the compact one of path data (SVG 1.1, section 8.3.9): a number ends at the first
+%% character that cannot continue it, so `1-2.5.5e-3' is 1, -2.5 and 0.005. Magnitudes above 1.0e9
+%% are refused: no drawing needs them, and products of the others stay far below the largest float.
 -module(starl_svg_number).
 
 -export([scan/1, list/1, length/2, skip_space/1, skip_comma/1]).
 -export_type([problem/0]).
 
-%% Why a text is not a number.
+%% The reason why a text is not a number.
 -type problem() :: not_a_number | out_of_range.
 
 -define(MAX_VALUE, 1.0e9).
-%% Digits beyond this many cannot change a float any more; they only move the point.
+%% Above this mantissa further digits cannot change a float; they only move the point.
 -define(MAX_MANTISSA, 100_000_000_000_000_000).
 -define(MAX_EXPONENT, 9999).
 -define(IS_DIGIT(C), C >= $0, C =< $9).
@@ -24,7 +25,7 @@ scan(<<$-, Rest/binary>>) -> unsigned(Rest, -1.0);
 scan(<<$+, Rest/binary>>) -> unsigned(Rest, 1.0);
 scan(Text) -> unsigned(Text, 1.0).
 
-%% @doc All numbers of a text that holds nothing else, separated by spaces, one comma or a sign.
+%% @doc All numbers of a text that contains only numbers, separated by spaces, one comma or a sign.
 -spec list(binary()) -> {ok, [float()]} | {error, problem()}.
 list(Text) ->
     case skip_space(Text) of
@@ -32,8 +33,8 @@ list(Text) ->
         Rest -> list(Rest, [])
     end.
 
-%% @doc A length in user units (CSS pixels, 96 to the inch); `Whole' is what 100% stands for.
-%% `em' and `ex' are taken for the initial font of 16 px.
+%% @doc A length in user units (CSS pixels, 96 to the inch); `Whole' is the length of 100%.
+%% `em' and `ex' refer to the initial font of 16 px.
 -spec length(binary(), Whole :: float()) -> {ok, float()} | {error, problem()}.
 length(Text, Whole) ->
     case scan(skip_space(Text)) of

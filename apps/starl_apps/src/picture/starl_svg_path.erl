@@ -1,8 +1,9 @@
-%% @doc The grammar of path data (SVG 1.1, section 8.3): text to commands.
+%% @doc Parses path data (SVG 1.1, section 8.3) into commands. A part of the SVG reader,
+%% {@link starl_svg}.
 %%
-%% Every repetition becomes a command of its own, and the pairs after a moveto become linetos, so
-%% a reader of the commands never sees the short forms. Unlike a browser, which draws up to the
-%% first mistake, a mistake anywhere is an error: robots must not paint half a picture.
+%% Every repetition becomes a separate command, and the pairs after a moveto become linetos, so the
+%% result contains no short forms. A browser draws a path up to the first mistake; here any mistake
+%% is an error, because robots must not paint half a picture.
 -module(starl_svg_path).
 
 -export([parse/2]).
@@ -11,13 +12,13 @@
 %% The letter as written (small letters are relative) and its numbers; the two flags of an arc
 %% are 0.0 or 1.0.
 -type command() :: {Letter :: char(), [float()]}.
-%% What the text lacks at the offset that comes with it.
+%% The mistake at the offset reported with it.
 -type problem() ::
     expected_moveto | expected_command | expected_number | expected_flag | out_of_range.
 
 -define(IS_NUMBER_START(C), (C >= $0 andalso C =< $9); C =:= $-; C =:= $+; C =:= $.).
 
-%% @doc The commands of a path, at most `Max' of them; an error tells the byte offset in the text.
+%% @doc The commands of a path, at most `Max'; an error comes with the byte offset in the text.
 -spec parse(binary(), Max :: non_neg_integer()) ->
     {ok, [command()]} | {error, {Offset :: non_neg_integer(), problem()}} | {error, too_many}.
 parse(Text, Max) ->
@@ -26,7 +27,7 @@ parse(Text, Max) ->
         Commands -> result(commands(Commands, [], Max), byte_size(Text))
     end.
 
-%%% Internals. Errors carry the text that is left, from which the offset follows.
+%%% Internals. Errors carry the rest of the text, from which the offset follows.
 
 result({ok, Commands}, _Size) -> {ok, lists:reverse(Commands)};
 result({error, too_many}, _Size) -> {error, too_many};
@@ -73,7 +74,7 @@ group([Kind | Kinds], Text, Numbers) ->
         {error, Problem} -> {error, Problem, Text}
     end.
 
-%% Flags are single characters, so they may be glued to what follows: `a1 1 0 01.5.5'.
+%% Flags are single characters and need no separator: `a1 1 0 01.5.5'.
 argument(flag, <<$0, Rest/binary>>) -> {ok, 0.0, Rest};
 argument(flag, <<$1, Rest/binary>>) -> {ok, 1.0, Rest};
 argument(flag, _) -> {error, expected_flag};

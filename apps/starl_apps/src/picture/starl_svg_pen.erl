@@ -1,4 +1,5 @@
-%% @doc Follows the commands of a path with a pen: commands to outlines (SVG 1.1, section 8.3).
+%% @doc Follows the commands of a path with a virtual pen and gives outlines (SVG 1.1, section 8.3).
+%% A part of the SVG reader, {@link starl_svg}.
 -module(starl_svg_pen).
 
 -export([outlines/1]).
@@ -10,15 +11,15 @@
 
 -record(pen, {
     at = {0.0, 0.0} :: point(),
-    %% Where the subpath began, which is where `Z' leads back to.
+    %% The start of the subpath, to which `Z' returns.
     from = {0.0, 0.0} :: point(),
-    %% The last control point, for the smooth commands, and the kind of curve it belongs to.
+    %% The last control point, for the smooth commands, and the kind of its curve.
     control = none :: none | {quad | cubic, point()},
     current = [] :: [starl_svg_curve:t()],
     done = [] :: [outline()]
 }).
 
-%% @doc The outlines a path draws, one per subpath that draws anything, in user units.
+%% @doc The outlines of a path, one per non-empty subpath, in user units.
 -spec outlines([starl_svg_path:command()]) -> [outline()].
 outlines(Commands) ->
     #pen{done = Done} = lift(lists:foldl(fun command/2, #pen{}, Commands)),
@@ -65,7 +66,8 @@ quad(C, To, #pen{at = At} = Pen) ->
 cubic(C1, C2, To, #pen{at = At} = Pen) ->
     add({cubic, At, C1, C2, To}, To, {cubic, C2}, Pen).
 
-%% The last control point mirrored at the pen; the pen itself after any other kind of command.
+%% The last control point reflected in the pen's position; after another kind of command the
+%% position itself.
 reflected(Kind, #pen{at = {X, Y}, control = {Kind, {CX, CY}}}) -> {2.0 * X - CX, 2.0 * Y - CY};
 reflected(_Kind, #pen{at = At}) -> At.
 

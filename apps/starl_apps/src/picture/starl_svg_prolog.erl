@@ -1,8 +1,8 @@
-%% @doc What comes before the root element of an XML document: encoding, declaration, document
-%% type (XML 1.0, sections 2.8 and 4.3.3).
+%% @doc Reads the part of an XML document before its root element: encoding, declaration, document
+%% type (XML 1.0, sections 2.8 and 4.3.3). A part of the SVG reader, {@link starl_svg}.
 %%
-%% The document leaves as UTF-8 with a plain declaration and an empty prolog, in which only the
-%% line feeds are kept, so that later line numbers are those of the file.
+%% The result is the document in UTF-8 with a plain declaration and a prolog of line feeds only,
+%% which keep the line numbers equal to those of the file.
 -module(starl_svg_prolog).
 
 -export([read/1]).
@@ -72,7 +72,7 @@ label(Name) -> atom_to_list(Name).
 decoded({error, _} = Error) ->
     Error;
 decoded({ok, Text}) ->
-    %% A character reference with endless digits costs its reader quadratic time.
+    %% A character reference with very many digits would cost quadratic time.
     case re:run(Text, <<"&#x?[0-9a-fA-F]{10}">>) of
         {match, [{At, _}]} ->
             Line = 1 + lines(binary:part(Text, 0, At)),

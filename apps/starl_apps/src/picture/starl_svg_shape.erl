@@ -1,5 +1,5 @@
-%% @doc The basic shapes and paths of SVG to outlines (SVG 1.1, chapter 9), and the reading of
-%% numbers from attributes that this takes.
+%% @doc Converts the basic shapes and paths of SVG to outlines (SVG 1.1, chapter 9), and reads their
+%% numbers from attributes. A part of the SVG reader, {@link starl_svg}.
 -module(starl_svg_shape).
 
 -export([names/0, outlines/3, number/4]).
@@ -7,7 +7,7 @@
 
 %% Width and height that percentages refer to, in user units.
 -type viewport() :: {float(), float()}.
-%% Attribute and text, or what is wrong with path data; `too_many' when a shape alone has more
+%% A bad attribute and its text, or a mistake in path data; `too_many': the shape alone has more
 %% curves than allowed.
 -type problem() ::
     {bad_number, Attribute :: binary(), Text :: binary()}
@@ -18,17 +18,17 @@
 
 -define(PI, 3.141592653589793).
 
-%% @doc The elements this module knows.
+%% @doc The names of the elements that are shapes.
 -spec names() -> [binary()].
 names() ->
     [<<"line">>, <<"polyline">>, <<"polygon">>, <<"rect">>, <<"circle">>, <<"ellipse">>,
      <<"path">>].
 
-%% @doc The outlines of one shape in its own user units; at most `Max' curves.
+%% @doc The outlines of one shape in the shape's user units; at most `Max' curves.
 -spec outlines(element_(), viewport(), Max :: non_neg_integer()) ->
     {ok, [starl_svg_pen:outline()]} | {error, problem()}.
 outlines(Element, Viewport, Max) ->
-    %% Attributes are read many at a time; a throw leaves from the first bad one.
+    %% Several attributes are read in one expression; the first bad one throws.
     try shape(starl_svg_xml:name(Element), Element, Viewport, Max) of
         Outlines -> {ok, Outlines}
     catch
@@ -95,7 +95,7 @@ rect({X0, Y0}, {W, H}, {RX, RY}) ->
       {line, {X1 - RX, Y1}, {X0 + RX, Y1}}, Corner(X0 + RX, Y1 - RY, 1),
       {line, {X0, Y1 - RY}, {X0, Y0 + RY}}, Corner(X0 + RX, Y0 + RY, 2)]].
 
-%% One radius stands for both; neither goes beyond half the side.
+%% A single radius counts for both; neither exceeds half the side.
 radii(RX, RY, {W, H}) -> {min(other(RX, RY), W / 2.0), min(other(RY, RX), H / 2.0)}.
 
 other(none, none) -> 0.0;

@@ -1,4 +1,5 @@
-%% @doc Affine maps of the plane and the `transform' attribute (SVG 1.1, section 7.6).
+%% @doc Affine maps of the plane, and a parser of the `transform' attribute (SVG 1.1, section 7.6).
+%% A part of the SVG reader, {@link starl_svg}.
 %%
 %% A matrix is `{A, B, C, D, E, F}' and maps `{X, Y}' to `{A*X + C*Y + E, B*X + D*Y + F}'.
 -module(starl_svg_transform).
@@ -12,7 +13,7 @@
 
 -define(MAX_ENTRY, 1.0e12).
 
-%% @doc The map that moves nothing.
+%% @doc The identity.
 -spec identity() -> matrix().
 identity() -> {1.0, 0.0, 0.0, 1.0, 0.0, 0.0}.
 
@@ -24,24 +25,23 @@ translation(X, Y) -> {1.0, 0.0, 0.0, 1.0, X, Y}.
 -spec scaling(float(), float()) -> matrix().
 scaling(X, Y) -> {X, 0.0, 0.0, Y, 0.0, 0.0}.
 
-%% @doc First the second map, then the first one. Entries that grow beyond 1.0e12 are an error:
-%% a chain of transforms could otherwise leave the range of floats.
+%% @doc The composition: the second map is applied first, then the first one. Entries that grow
+%% beyond 1.0e12 are an error: a chain of transforms could otherwise leave the range of floats.
 -spec multiply(matrix(), matrix()) -> {ok, matrix()} | {error, out_of_range}.
 multiply({A1, B1, C1, D1, E1, F1}, {A2, B2, C2, D2, E2, F2}) ->
     bounded({A1 * A2 + C1 * B2, B1 * A2 + D1 * B2,
              A1 * C2 + C1 * D2, B1 * C2 + D1 * D2,
              A1 * E2 + C1 * F2 + E1, B1 * E2 + D1 * F2 + F1}).
 
-%% @doc Where the map takes a point.
+%% @doc The image of a point.
 -spec apply(matrix(), point()) -> point().
 apply({A, B, C, D, E, F}, {X, Y}) -> {A * X + C * Y + E, B * X + D * Y + F}.
 
-%% @doc Where the map takes a vector: as a point, without the translation.
+%% @doc The image of a vector: as for a point, but without the translation.
 -spec apply_vector(matrix(), point()) -> point().
 apply_vector({A, B, C, D, _E, _F}, {X, Y}) -> {A * X + C * Y, B * X + D * Y}.
 
-%% @doc The map that a `transform' attribute stands for; empty text and `none' stand for the
-%% identity.
+%% @doc The map of a `transform' attribute; empty text and `none' mean the identity.
 -spec parse(binary()) -> {ok, matrix()} | {error, syntax | out_of_range}.
 parse(Text) ->
     case starl_svg_number:skip_space(Text) of

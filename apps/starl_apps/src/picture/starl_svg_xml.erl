@@ -1,20 +1,21 @@
-%% @doc The bytes of a document to a small tree of the elements that matter.
+%% @doc Parses an XML document into a small tree of the relevant elements. A part of the SVG reader,
+%% {@link starl_svg}.
 %%
-%% The parsing proper is OTP's `xmerl_sax_parser', which makes no atoms from its input. What it
-%% must never do is kept from it: the prolog is read here, a document type declaration is dropped
-%% unread (so nothing is fetched) and one with an internal subset, the only place where entities
-%% can be declared, is refused. Against documents that are merely hostile in shape it runs in a
-%% process of its own with a bound on memory and time, and the tree has bounds on depth and count.
+%% The parser is OTP's `xmerl_sax_parser', which makes no atoms from its input. It never sees
+%% dangerous input: {@link starl_svg_prolog} reads the prolog, drops a document type declaration
+%% unread, so that nothing is fetched, and refuses one with an internal subset, the only place where
+%% entities can be declared. Against documents of a hostile shape the parser runs in a separate
+%% process with bounds on memory and time, and the tree has bounds on depth and size.
 -module(starl_svg_xml).
 
 -export([parse/2]).
 -export([name/1, line/1, attribute/2, attribute/3, children/1, text/1]).
 -export_type([element_/0, vocabulary/0, role/0, problem/0]).
 
-%% What to make of an element: a group is kept with what is in it, a hidden one too, but its
+%% The treatment of an element: a group is kept with its content; a hidden group likewise, but its
 %% shapes do not count; a shape or a leaf is kept alone, a label with its text.
 -type role() :: group | hidden | shape | leaf | label.
-%% Elements and attributes that are not named are dropped, the elements with all they contain.
+%% Elements and attributes not named here are dropped, the elements with all their content.
 -type vocabulary() :: #{
     root := string(),
     namespace := string(),
@@ -22,7 +23,7 @@
     attributes := #{string() => binary()},
     max_shapes := pos_integer()
 }.
-%% Why there is no tree. Lines count from 1.
+%% The reason why a document cannot be parsed. Lines count from 1.
 -type problem() ::
     empty
     | {not_xml, png | jpeg | gzip | pdf | unknown}
@@ -50,7 +51,7 @@
     open = [] :: [#element{}],
     root = none :: none | element_(),
     depth = 0 :: non_neg_integer(),
-    %% How many of the open elements, innermost ones, are being dropped.
+    %% The number of open elements, innermost ones, that are being dropped.
     dropped = 0 :: non_neg_integer(),
     hidden = 0 :: non_neg_integer(),
     shapes = 0 :: non_neg_integer(),
@@ -115,7 +116,7 @@ in_process(Document, Vocabulary) ->
         end
     end.
 
-%% A message is there before the end of its sender is, and one that was killed left none.
+%% A message arrives before the `DOWN' of its sender; a killed process has sent none.
 result(Tag) ->
     receive
         {Tag, Result} -> Result
@@ -146,7 +147,7 @@ finished(#element{} = Root, Document, Rest) ->
             {error, {bad_xml, Line, "something follows the root element"}}
     end.
 
-%% The parser tells the end of input by these two texts only.
+%% The parser reports the end of input only by these two texts.
 malformed(Line, What) when is_list(What) ->
     Ends = ["No more bytes", "Continuation function undefined"],
     case lists:any(fun(End) -> string:find(What, End) =/= nomatch end, Ends) of
