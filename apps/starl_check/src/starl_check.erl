@@ -1,17 +1,17 @@
 %% @doc The exhaustive checker: explores every interleaving of deliveries, losses, duplicates,
-%% time-outs and crashes of a small team that uses a building block, with the machine code that
-%% robots run, and judges each with the block's monitor.
+%% time-outs and crashes of a small team that uses a building block. It runs the same machine code
+%% as robots do and judges every run with the block's monitor.
 %%
-%% It works assume-guarantee, as the paper reasons: SAP is checked over packets, the other blocks
-%% over SAP's contract. README.md tells what is covered and what is not.
+%% The checker reasons assume-guarantee, like the paper: SAP is checked over packets, the other
+%% blocks over SAP's contract. doc/checking.md describes the coverage and its limits.
 -module(starl_check).
 
 -export([blocks/0, run/3, faults/0, parse_faults/1, format_error/1, format_unlike/1]).
 
 -export_type([options/0, outcome/0, reason/0]).
 
-%% `depth': how many choices in a row; `memory': bytes of the whole VM; the others as in
-%% {@link starl_check_model:options()}.
+%% `depth': the largest number of choices in a row; `memory': bytes of the whole VM; the others as
+%% in {@link starl_check_model:options()}.
 -type options() :: #{
     robots => pos_integer(),
     faults => starl_check_model:budgets(),
@@ -22,7 +22,7 @@
     workers => pos_integer()
 }.
 
-%% With a violation: the chart of a shortest way to it, and the number of its steps.
+%% A violation comes with the chart of a shortest way to it and the number of its steps.
 -type outcome() ::
     {holds, starl_check_search:ending(), starl_check_search:figures()}
     | {violated, #{
@@ -35,15 +35,15 @@
 -type reason() :: {unknown_fault, string()} | {bad_count, string()} | {twice, atom()}.
 
 -define(MEMORY, 4000000000).
-%% Roomy, so that it is collected seldom; larger ones are mapped anew each time.
+%% A large heap is collected seldom; an even larger one would be mapped anew each time.
 -define(HEAP_WORDS, 300000).
 -define(MOST, 255).
 
-%% @doc The blocks that can be checked, and what is checked of each.
+%% @doc The blocks that can be checked, and the property checked of each.
 -spec blocks() -> [{starl_check_model:block(), string()}].
 blocks() -> starl_check_model:blocks().
 
-%% @doc The faults that can be asked for, and what their numbers mean.
+%% @doc The possible faults and the meanings of their numbers.
 -spec faults() -> [{atom(), string()}].
 faults() ->
     [
@@ -57,8 +57,8 @@ faults() ->
         {timeout, "calls that run out of patience"}
     ].
 
-%% @doc Checks a block. `Control' is asked now and then, with the figures so far and its own
-%% state, whether to go on; it is called in another process.
+%% @doc Checks a block. `Control' decides from time to time whether to continue; it gets the present
+%% figures and its own state, and is called in another process.
 -spec run(starl_check_model:block() | starl_block:model_entry(), options(), {starl_check_search:control(State), State}) ->
     outcome().
 run(Block, Options, Control) ->
@@ -66,7 +66,7 @@ run(Block, Options, Control) ->
         depth => maps:get(depth, Options, infinity), memory => maps:get(memory, Options, ?MEMORY)
     },
     Model = starl_check_model:new(Block, maps:without([depth, memory], Options)),
-    %% a process of its own: its memory is given back as a whole
+    %% The memory of a separate process is freed as a whole.
     Self = self(),
     {Pid, Ref} = spawn_opt(
         fun() ->
@@ -125,7 +125,7 @@ count(Text) ->
         _ -> error
     end.
 
-%% @doc In a few words, in what robots are not alike that were taken for one another.
+%% @doc A short text on the difference between robots that were assumed to be alike.
 -spec format_unlike(starl_check_search:unlike()) -> unicode:chardata().
 format_unlike({Choice, Item, Permutation}) ->
     {Event, []} = starl_check_explain:step({Choice, Item, []}),
@@ -140,7 +140,7 @@ format_unlike({Choice, Item, Permutation}) ->
         lists:join(", ", Moves)
     ].
 
-%% @doc One line that says what is wrong.
+%% @doc One line that states the problem.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({unknown_fault, Name}) ->
     Names = [atom_to_list(Fault) || {Fault, _} <- faults()],

@@ -1,5 +1,5 @@
-%% @doc The body of a checked robot, in the place of motion control and location: it stands still
-%% at a place of its own, and everybody sees it there. Answers come at once.
+%% @doc The body of a checked robot, which replaces motion control and location: the robot stands
+%% still at its own place, and all robots see it there. Answers come at once.
 -module(starl_check_body).
 -behaviour(starl_machine).
 
@@ -22,6 +22,6 @@ handle_event(info, {restarted, _}, standing, none, _Meta) ->
 handle_event(_, _, _, _, _) ->
     unknown_event.
 
-%% @doc Where a robot stands.
+%% @doc The place of a robot.
 -spec at(starl:robot_id()) -> starl_geometry:point().
 at(Robot) -> {1000.0 * starl_check_term:number(Robot), 0.0}.

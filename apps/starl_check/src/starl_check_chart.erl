@@ -1,19 +1,20 @@
-%% @doc A way through the states as a message sequence chart, in plain text.
+%% @doc Formats a way through the states as a message sequence chart in plain text.
 %% ```
 %%          robot 1     robot 2
 %%     1    o           |            calls
 %%     2    |---------->o            ballot {first, {7, 1}}
 %%     3    |           x            election crashes
 %% '''
-%% A column for each robot. `o' is where something happens; an arrow is a message that arrives, a
-%% dotted one the report of an outcome. What the robots traced in a step stands below it.
+%% Each robot has a column. `o' marks the robot at which an event happens; an arrow is an arriving
+%% message, a dotted arrow the report of an outcome. The events that the robots traced in a step
+%% stand below it.
 -module(starl_check_chart).
 
 -export([format/2, text/1]).
 
 -export_type([step/0, event/0]).
 
-%% What happened, and what the robots traced of it.
+%% An event, and the events that the robots traced in it.
 -type step() :: {event(), [starl_monitor:trace_event()]}.
 
 -type event() ::
@@ -25,7 +26,7 @@
 -define(COLUMN, 12).
 -define(MARGIN, 8).
 
-%% @doc The chart of these steps for so many robots.
+%% @doc The chart of these steps for this number of robots.
 -spec format(pos_integer(), [step()]) -> [iodata(), ...].
 format(Robots, Steps) ->
     Numbered = lists:zip(lists:seq(1, length(Steps)), Steps),
@@ -45,7 +46,7 @@ row(Number, Lanes, Text) ->
     Line = [Number, lists:duplicate(?MARGIN - 5, $\s), Lanes, Text],
     [string:trim(lists:flatten(Line), trailing), "\n"].
 
-%% @doc What is said of an event.
+%% @doc The text of an event.
 -spec text(event()) -> iodata().
 text({arrow, _, _, _, Text}) -> Text;
 text({mark, _, _, Text}) -> Text;

@@ -1,25 +1,25 @@
-%% @doc What may happen in a state of a checked team.
+%% @doc Lists the choices in a state of a checked team: the steps that may happen next.
 %%
 %% <dl>
 %% <dt>`{deliver, Item}'</dt><dd>a message or a packet arrives</dd>
-%% <dt>`{again, Item}'</dt><dd>a packet arrives, and will once more</dd>
-%% <dt>`{outcome, Place, Call, Lost}'</dt><dd>a caller hears what has become of its message: at
-%%   these receivers it is reported lost, whether it has arrived, will arrive later or never</dd>
-%% <dt>`{refuse, Item}'</dt><dd>the receiver's SAP has restarted, the source's does not know it
-%%   yet: the message does not arrive and will be reported so</dd>
+%% <dt>`{again, Item}'</dt><dd>a packet arrives, and will arrive once more</dd>
+%% <dt>`{outcome, Place, Call, Lost}'</dt><dd>a caller hears the outcome of its message: at the
+%%   receivers `Lost' it is reported lost, although it may have arrived, or may arrive later</dd>
+%% <dt>`{refuse, Item}'</dt><dd>the receiver's SAP has restarted, and the source's SAP does not know
+%%   this yet: the message does not arrive and will be reported as refused</dd>
 %% <dt>`{fire, Place, Timer}'</dt><dd>a time-out, or the client's next call</dd>
 %% <dt>`{crash, Place, Machine}'</dt><dd>a machine crashes and starts anew</dd>
 %% <dt>`{down | up | die, Place}'</dt><dd>a robot goes down, or dies for good; one that is down
 %%   starts anew</dd>
 %% <dt>`tick'</dt><dd>time passes to the next timed timer, or by the model's grain</dd>
 %% </dl>
-%% A loss of which nobody hears is not a step of its own. What never arrives stays under way for
-%% ever, and every way there is also a way on which it was lost: what safety allows up to any
-%% moment does not depend on what comes later. So packets may be lost at will. A message over
-%% SAP's contract that is still under way when a time-out fires, or when time passes, is either
-%% slow or lost, and is counted as such: at most as many as `late' and `loss' say. This also bounds
-%% how many messages can ever be under way, as every time-out may send more. A call fails for
-%% want of patience as often as `timeout' says.
+%% A loss that no robot hears of is not a separate step. A message that never arrives stays under
+%% way for ever, and each such way is also a way on which the message was lost: safety up to a
+%% moment does not depend on later events. So packets may be lost at will. A message over SAP's
+%% contract that is still under way when a time-out fires, or when time passes, is either slow or
+%% lost. It is counted as such, within the budgets `late' and `loss'. This also bounds the number of
+%% messages under way, because every time-out may send more. A call runs out of patience at most
+%% `timeout' times.
 -module(starl_check_choice).
 
 -export([local/4, refusals/1, waiting/3, outcomes/3, global/3, renamed/3]).
@@ -41,7 +41,7 @@
     | {down | up | die, place()}
     | tick.
 
-%% @doc What may happen, when robots change places.
+%% @doc The same choice when robots change places.
 -spec renamed(starl_check_term:permutation(), t(), store()) -> t().
 renamed(Permutation, {Kind, I}, Store) when Kind =:= deliver; Kind =:= again; Kind =:= refuse ->
     {Kind, starl_check_part:renamed_item(Permutation, I, Store)};
@@ -59,8 +59,8 @@ renamed(_Permutation, tick, _Store) ->
 items(Places, #{items := Items}) ->
     [I || I <- lists:usort(Items), lists:member(starl_check_part:receiver(I), Places)].
 
-%% @doc What may happen at one robot and rests on nothing elsewhere: messages arrive, a machine
-%% crashes, a timer fires that does not wait for messages.
+%% @doc The choices at one robot that depend on no other robot: messages arrive, a machine crashes,
+%% a timer fires that does not wait for messages.
 -spec local(place(), state(), model(), store()) -> [t()].
 local(Place, #{robots := Robots} = State, Model, Store) ->
     case starl_check_part:condition(element(Place, Robots), Store) of
@@ -84,7 +84,7 @@ at_running(Place, #{dup := Dup, robots := Robots} = State, Model, Store) ->
         [{crash, Place, sap} || maps:get(sap, State) > 0] ++
         [{down, Place} || maps:get(reboot, State) > 0] ++ death(Place, State).
 
-%% @doc Messages that a restarted SAP may refuse.
+%% @doc The messages that a restarted SAP may refuse.
 -spec refusals(state()) -> [t()].
 refusals(#{stale := []}) ->
     [];
@@ -96,7 +96,7 @@ refusals(#{stale := Stale, items := Items}) ->
         lists:member({starl_check_part:source(I), starl_check_part:receiver(I)}, Stale)
     ].
 
-%% @doc A robot's calls of SAP that are not answered, and which receivers have not got the message.
+%% @doc The unanswered calls of a robot's SAP, each with the receivers that lack the message.
 -spec waiting(place(), state(), store()) -> [{starl_check_sap:ref(), Open :: [place()]}].
 waiting(Place, #{robots := Robots}, Store) ->
     [
@@ -104,8 +104,8 @@ waiting(Place, #{robots := Robots}, Store) ->
      || {Ref, Open, _, _, _} <- starl_check_part:calls(element(Place, Robots), Store)
     ].
 
-%% @doc The answers to a robot's calls of SAP. A call may be answered once its message has reached
-%% all receivers, or else is reported lost; one that has arrived is reported lost, too, if its
+%% @doc The answers to a robot's calls of SAP. A call may be answered when its message has reached
+%% all receivers or is reported lost. A message that has arrived is also reported lost if its
 %% acknowledgements were lost.
 -spec outcomes(place(), state(), store()) -> [{starl_check_sap:ref(), t()}].
 outcomes(Place, #{robots := Robots} = State, Store) ->
@@ -125,7 +125,7 @@ answers(Place, {Ref, Open, Reached, _, _}, #{loss := Loss} = State, Store) ->
             []
     end.
 
-%% @doc The losses that it takes to answer a call; what is counted as lost already costs nothing.
+%% @doc The number of losses needed to answer a call; messages already counted as lost are free.
 -spec price(place(), starl_check_sap:ref(), Open :: [starl:robot_id()], state(), store()) ->
     integer().
 price(_Place, _Ref, [], _State, _Store) ->
@@ -140,8 +140,9 @@ price(Place, Ref, Open, #{items := Items}, Store) ->
             element(6, starl_check_part:item(I, Store)) =:= Ref
         ]).
 
-%% So many of the receivers, and any of those that may seem to have restarted before the message
-%% came: the lost acknowledgement of a robot whose SAP has crashed since is a refusal.
+%% The subsets of the receivers with at most this number of losses. Receivers that may seem to have
+%% restarted before the message came are free: the lost acknowledgement of a robot whose SAP has
+%% crashed since is a refusal.
 subsets(_Left, [], _Place, _State) ->
     [[]];
 subsets(Left, [Dest | Rest], Place, #{stale := Stale} = State) ->
@@ -155,8 +156,8 @@ subsets(Left, [Dest | Rest], Place, #{stale := Stale} = State) ->
             Without
     end.
 
-%% @doc What may happen only when nothing is under way any more but what is slow or lost: the
-%% other timers fire, and time passes.
+%% @doc The choices that need all messages under way to be slow or lost: the other timers fire, and
+%% time passes.
 -spec global(state(), model(), store()) -> [t()].
 global(#{late := Late, loss := Loss} = State, Model, Store) ->
     case length(fresh(State, Store)) =< Late + Loss of
@@ -172,7 +173,7 @@ fires(#{robots := Robots, timeout := Left} = State, Model, Store) ->
         Kind =:= free orelse (Kind =:= patience andalso Left > 0)
     ].
 
-%% @doc The messages that a time-out would make slow, and the answers that might have come.
+%% @doc The messages that a time-out would make slow, and the answers that might have come before.
 -spec fresh(state(), store()) -> [ref() | {place(), starl_check_sap:ref()}].
 fresh(#{items := Items, robots := Robots} = State, Store) ->
     [I || I <- Items, starl_check_part:age(I) =:= fresh] ++
@@ -182,7 +183,7 @@ fresh(#{items := Items, robots := Robots} = State, Store) ->
             {Ref, [], _, _, false} <- starl_check_part:calls(element(Place, Robots), Store)
         ].
 
-%% @doc The ticks to the next timed timer, at most the grain; 0 where time does not pass.
+%% @doc The ticks to the next timed timer, at most the grain; 0 in a model without time.
 -spec next_due(state(), model(), store()) -> non_neg_integer().
 next_due(_State, #{grain := none}, _Store) ->
     0;
@@ -194,8 +195,8 @@ next_due(#{robots := Robots}, #{grain := Grain} = Model, Store) ->
     ],
     lists:min([Grain | Dues]).
 
-%% @doc Does a message, if it arrives now, change nothing but what its receiver knows? Nothing is
-%% sent, nothing is judged, and no SAP learns that another has restarted.
+%% @doc Whether the arrival of a message changes only the state of its receiver: nothing is sent,
+%% nothing is judged, and no SAP learns of the restart of another.
 -spec is_silent(ref(), state(), model(), store()) -> boolean().
 is_silent(I, #{robots := Robots, stale := Stale}, Model, Store) ->
     To = starl_check_part:receiver(I),
@@ -204,7 +205,7 @@ is_silent(I, #{robots := Robots, stale := Stale}, Model, Store) ->
         _ -> false
     end.
 
-%% @doc Is a client waiting, with nothing under way that must arrive, and no time-out to come?
+%% @doc Whether a client waits although no message must arrive and no time-out will come.
 -spec is_stuck(state(), model(), store()) -> boolean().
 is_stuck(#{robots := Robots, items := Items, loss := Loss}, Model, Store) ->
     Numbers = tuple_to_list(Robots),
@@ -214,8 +215,9 @@ is_stuck(#{robots := Robots, items := Items, loss := Loss}, Model, Store) ->
         not lists:all(fun(N) -> starl_check_part:is_done(N, Store) end, Numbers) andalso
         length([I || I <- Items, starl_check_part:age(I) =/= ghost]) =< Loss.
 
-%% @doc Whose SAP may still not know that another has restarted, when a message has been taken:
-%% what the receiver's present SAP took, and what it sent, tells its incarnation.
+%% @doc The pairs of robots whose SAPs may still not know of a restart, after a message has been
+%% delivered: the messages that a SAP has received and sent since its restart tell its
+%% incarnation.
 -spec heard(ref(), [{place(), place()}]) -> [{place(), place()}].
 heard(_I, []) ->
     [];

@@ -1,4 +1,4 @@
-%% @doc The steps of a way to a violation in words.
+%% @doc Describes the steps of a way to a violation in words.
 -module(starl_check_explain).
 
 -export([step/1]).

@@ -1,14 +1,16 @@
-%% @doc Messages that can be left out: those that change nothing when they arrive, now and for
-%% ever, may as well have arrived already.
+%% @doc Finds inert messages, which the search may leave out: a message whose arrival changes
+%% nothing, now or later, may be treated as already arrived.
 %%
-%% Now is tried out. For ever is at first taken for granted, of messages whose kind the model names
-%% ({@link starl_check_model:may_be_inert/3}), and proved in the end: {@link is_proved/3} tries
-%% each message that was left out on everything that its receiver can have become since, by
-%% the steps that robots were seen to make (more than were possible, as it does not ask when a
-%% step could be made), and by the changes of places that states are told apart by. If one of them
-%% changes anything, the search must be done again without leaving out.
+%% Whether a message changes anything now is tried out. That it will never change anything is first
+%% assumed, for messages of the kinds named by the model ({@link starl_check_model:may_be_inert/3}),
+%% and proved at the end of the search. {@link is_proved/3} tries each omitted message on every
+%% state that its receiver can have reached since, by all steps observed at robots (a superset of
+%% the possible steps, because it ignores when a step can happen) and by all permutations of robots
+%% that the search uses. If a message changes anything, the search must be repeated without
+%% omissions.
 %%
-%% Only when no machine can crash any more: a machine that starts anew has forgotten.
+%% Messages are left out only when no machine can crash any more, because a restarted machine has
+%% forgotten.
 -module(starl_check_inert).
 
 -export([without/3, is_proved/3]).
@@ -16,10 +18,10 @@
 -type store() :: starl_check_store:t().
 -type model() :: starl_check_model:t().
 -type ref() :: starl_check_part:ref().
-%% A message that has been left out, and a robot that it would come to.
+%% An omitted message, and the state of the robot that would receive it.
 -type claim() :: {Item :: ref(), Robot :: ref()}.
 
-%% @doc The state without those messages.
+%% @doc The state without its inert messages.
 -spec without(starl_check_state:t(), model(), store()) -> starl_check_state:t().
 without(#{crash := 0, sap := 0, reboot := 0} = State, #{leave_out := true} = Model, Store) ->
     #{items := Items, robots := Robots} = State,
@@ -51,7 +53,7 @@ is_idle({I, Robot}, Model, Store) ->
     To = starl_check_part:receiver(I),
     {Robot, [], none, none} =:= starl_check_part:event(To, Robot, I, Model, Store).
 
-%% @doc Would all messages that were left out have changed nothing at any time since?
+%% @doc Whether none of the omitted messages would have changed anything at any later time.
 -spec is_proved([starl_check_term:permutation()], model(), store()) -> boolean().
 is_proved(Permutations, Model, Store) ->
     Claims = starl_check_store:fold(fun claim/3, [], Store),
@@ -61,7 +63,7 @@ is_proved(Permutations, Model, Store) ->
 claim({inert, I, Robot}, true, Claims) -> [{I, Robot} | Claims];
 claim(_, _, Claims) -> Claims.
 
-%% Where a step leads to, if it is one of a robot.
+%% Adds the successor of a remembered step, if it is a step of a robot.
 step({Robot, {crash, _}}, _, Steps) when is_integer(Robot) -> Steps;
 step({Robot, Event}, _, Steps) when is_integer(Robot), is_atom(Event) -> Steps;
 step({Robot, _Event}, {Next, _, _, _}, Steps) when is_integer(Robot) -> add(Robot, Next, Steps);

@@ -1,6 +1,6 @@
-%% @doc The parts of a team's state by their numbers (see {@link starl_check_store}): what a part
-%% holds, what becomes of it, and what it is called when robots change places. Everything is
-%% computed once for each part and remembered.
+%% @doc Operations on the parts of a team's state, by their numbers (see {@link starl_check_store}):
+%% the content of a part, its successor after an event, and its number when robots change places.
+%% Every result is computed once per part and remembered.
 -module(starl_check_part).
 
 -export([boot/3, event/5, judge_number/2, judge/4, traces/2]).
@@ -21,7 +21,7 @@
 %% Eight robots at most: three bits for the source, three for the receiver, two for the age.
 -define(ITEM_BITS, 8).
 
-%% `late': it is counted as slow; `ghost': as lost, it may arrive or not.
+%% `late': it is counted as slow; `ghost': it is counted as lost, but may still arrive.
 -type age() :: fresh | late | ghost.
 
 -type item() ::
@@ -29,17 +29,17 @@
         starl_check_sap:ref() | none, age()}
     | {packet, From :: place(), To :: place(), starl_packet:t()}.
 
-%% What happens to a robot: a message under way arrives, or one of the others.
+%% An event of a robot: the arrival of a message under way, or another event.
 -type event() :: ref() | starl_check_robot:event().
 
-%% The robot after an event, what it put under way in ascending order, all that it traced, and
-%% that part of it that the monitor judges.
+%% The robot after an event, the messages that it sent in ascending order, all events that it
+%% traced, and those of them that the monitor judges.
 -type happening() ::
     {Robot :: ref(), Sent :: [ref()], Traces :: ref() | none, Judged :: ref() | none}
     | {broken, starl_monitor:violation()}
     | beyond.
 
-%% @doc The robot of a place when all its machines have started.
+%% @doc The robot at a place after the start of all its machines.
 -spec boot(place(), model(), store()) -> happening().
 boot(Place, Model, Store) ->
     happening(Place, fun() -> starl_check_robot:boot(Place, Model) end, Model, Store).
@@ -58,7 +58,7 @@ happen(Place, Number, Event, Model, Store) ->
     Happens = fun() -> starl_check_robot:event(robot_event(Event, Store), Robot, Model) end,
     happening(Place, Happens, Model, Store).
 
-%% A machine that crashes by itself breaks its contract, as in a simulation.
+%% A machine that crashes by itself breaks a contract, as in a simulation.
 happening(Place, Happens, Model, Store) ->
     try Happens() of
         Result -> happened(Place, Result, Model, Store)
@@ -105,19 +105,19 @@ new_item(From, {packet, To, Packet}) ->
 new_item(From, {message, To, Type, Body, Ref}) ->
     {message, From, starl_check_term:number(To), Type, Body, Ref, fresh}.
 
-%% @doc What was traced, by its number.
+%% @doc The traced events of a number.
 -spec traces(ref() | none, store()) -> [starl_monitor:trace_event()].
 traces(none, _Store) -> [];
 traces(Number, Store) -> starl_check_store:term(Number, Store).
 
 %% -- the monitor ----------------------------------------------------------------------------
 
-%% @doc The number of a monitor's state. Those that judge alike from now on are one.
+%% @doc The number of a monitor's state. States that judge all later events alike have one number.
 -spec judge_number({module(), starl_monitor:state()}, store()) -> ref().
 judge_number({Module, Judge}, Store) ->
     starl_check_store:number({Module, Module:timeless(Judge)}, Judge, Store).
 
-%% @doc The monitor after it has judged.
+%% @doc The monitor after it has judged the events.
 -spec judge(Judged :: ref() | none, Monitor :: ref(), model(), store()) ->
     ref() | {violation, starl_monitor:violation()}.
 judge(none, Monitor, _Model, _Store) ->
@@ -140,14 +140,14 @@ verdict([Trace | Traces], Module, Judge, Store) ->
         {violation, Violation, _} -> {violation, Violation}
     end.
 
-%% -- what a part holds ----------------------------------------------------------------------
+%% -- the content of a part ------------------------------------------------------------------
 
-%% @doc A robot's calls of SAP that wait for an answer.
+%% @doc The calls of a robot's SAP that wait for an answer.
 -spec calls(Robot :: ref(), store()) -> [starl_check_sap:call()].
 calls(Number, Store) ->
     of_robot(calls, Number, fun starl_check_robot:calls/1, Store).
 
-%% @doc A robot's timers that run, when they are due and of what kind they are.
+%% @doc The running timers of a robot, with their deadlines and kinds.
 -spec timers(Robot :: ref(), model(), store()) ->
     [{starl_check_robot:timer(), starl_check_robot:due(), starl_check_model:timer_kind()}].
 timers(Number, Model, Store) ->
@@ -159,12 +159,12 @@ timers(Number, Model, Store) ->
     end,
     of_robot(timers, Number, Compute, Store).
 
-%% @doc Has a robot's application ended?
+%% @doc Whether a robot's application has ended.
 -spec is_done(Robot :: ref(), store()) -> boolean().
 is_done(Number, Store) ->
     of_robot(done, Number, fun starl_check_robot:is_done/1, Store).
 
-%% @doc Is a robot up?
+%% @doc The condition of a robot: up, down or dead.
 -spec condition(Robot :: ref(), store()) -> starl_check_robot:condition().
 condition(Number, Store) ->
     of_robot(condition, Number, fun starl_check_robot:condition/1, Store).
@@ -178,7 +178,7 @@ of_robot(What, Number, Compute, Store) ->
 -spec item(ref(), store()) -> item().
 item(I, Store) -> starl_check_store:term(I bsr ?ITEM_BITS, Store).
 
-%% @doc The number of a message. It says itself who sends it to whom, and what it counts as.
+%% @doc The number of a message. It encodes the source, the receiver and the age.
 -spec item_number(item(), store()) -> ref().
 item_number(Item, Store) ->
     Number = starl_check_store:number(Item, Item, Store),
@@ -191,19 +191,19 @@ item_number(Item, Store) ->
         end,
     Number bsl ?ITEM_BITS bor ((From - 1) bsl 5) bor ((To - 1) bsl 2) bor Age.
 
-%% @doc Who has sent a message.
+%% @doc The source of a message.
 -spec source(ref()) -> place().
 source(I) -> (I bsr 5) band 7 + 1.
 
-%% @doc To whom a message is under way.
+%% @doc The receiver of a message.
 -spec receiver(ref()) -> place().
 receiver(I) -> (I bsr 2) band 7 + 1.
 
-%% @doc What a message counts as. Packets are lost and slow at will.
+%% @doc The age of a message. Packets have none: they are lost and slow at will.
 -spec age(ref()) -> age() | packet.
 age(I) -> element(I band 3 + 1, {fresh, late, ghost, packet}).
 
-%% @doc The message when it counts as slow or as lost.
+%% @doc The message, counted as slow or as lost.
 -spec grown_old(ref(), late | ghost, store()) -> ref().
 grown_old(I, Age, Store) ->
     {message, From, To, Type, Body, Ref, fresh} = item(I, Store),
@@ -211,7 +211,7 @@ grown_old(I, Age, Store) ->
 
 %% -- time -----------------------------------------------------------------------------------
 
-%% @doc A robot when so many ticks have passed.
+%% @doc A robot after this number of ticks.
 -spec later_robot(ref(), Ticks :: pos_integer(), model(), store()) -> ref().
 later_robot(Number, Ticks, Model, Store) ->
     starl_check_store:memo(
@@ -223,7 +223,7 @@ later_robot(Number, Ticks, Model, Store) ->
         Store
     ).
 
-%% @doc A message when so many ticks have passed: the times that it carries lie further back.
+%% @doc A message after this number of ticks: the times in it lie further back.
 -spec later_item(ref(), Ticks :: pos_integer(), model(), store()) -> ref().
 later_item(I, Ticks, #{rates := Rates, horizon_us := Horizon}, Store) ->
     starl_check_store:memo(
@@ -236,7 +236,7 @@ later_item(I, Ticks, #{rates := Rates, horizon_us := Horizon}, Store) ->
 
 %% -- robots that change places --------------------------------------------------------------
 
-%% @doc A robot as it is called when robots change places.
+%% @doc The number of a robot's state when robots change places.
 -spec renamed_robot(starl_check_term:permutation(), ref(), store()) -> ref().
 renamed_robot(Permutation, Number, Store) ->
     Rename = fun(Robot) ->
@@ -245,7 +245,7 @@ renamed_robot(Permutation, Number, Store) ->
     end,
     renamed(Permutation, Number, Rename, Store).
 
-%% @doc A message, likewise.
+%% @doc The same for a message.
 -spec renamed_item(starl_check_term:permutation(), ref(), store()) -> ref().
 renamed_item(Permutation, I, Store) ->
     Rename = fun(Item) -> item_number(rename_item(Permutation, Item), Store) end,
@@ -253,7 +253,7 @@ renamed_item(Permutation, I, Store) ->
         {renamed, Permutation, I, item}, fun() -> Rename(item(I, Store)) end, Store
     ).
 
-%% @doc The monitor, likewise.
+%% @doc The same for the monitor.
 -spec renamed_monitor(starl_check_term:permutation(), ref(), module(), store()) -> ref().
 renamed_monitor(Permutation, Number, Module, Store) ->
     Rename = fun(Judge) ->

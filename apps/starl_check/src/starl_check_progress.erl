@@ -1,9 +1,9 @@
-%% @doc From which states can all clients still come to their end? A team that waits while nothing
-%% but timers happen that start one another again has states without end, and is stuck all the
-%% same. So the search notes which state leads to which when nothing fails (no fault is used up and
-%% nothing that was reported lost arrives), and in the end looks from which of them no state can be
-%% reached any more in which all clients are done: EF of temporal logic, backwards from its goal.
-%% Whether a fair team would take the way is not asked, so what is found is surely stuck.
+%% @doc Finds the states from which the clients cannot finish any more. A team whose only events are
+%% timers that restart one another passes through endless states, but is stuck all the same. So the
+%% search notes all steps between states without failures (no fault is used and no message reported
+%% lost arrives). At the end this module finds the states from which no state with all clients done
+%% is reachable: EF of temporal logic, backwards from its goal. Fairness is not considered, so a
+%% state that is found is certainly stuck.
 -module(starl_check_progress).
 
 -export([new/0, leads/3, ends/2, hopeless/2]).
@@ -12,8 +12,8 @@
 
 -type state_number() :: starl_check_visited:state_number().
 
-%% Pairs of numbers, the latest ones first; so most lead to one that comes earlier here, and a few
-%% passes through all of them are enough.
+%% Pairs of numbers, latest first. Most pairs lead to a state that comes earlier in this order, so a
+%% few passes over all of them are enough.
 -record(progress, {pairs = [] :: [binary()], latest = <<>> :: binary()}).
 
 -opaque t() :: #progress{}.
@@ -22,11 +22,11 @@
 -define(PAIR_BYTES, 8).
 -define(PIECE_BYTES, 800000).
 
-%% @doc Nothing is noted.
+%% @doc No steps noted.
 -spec new() -> t().
 new() -> #progress{}.
 
-%% @doc One state leads to another when nothing fails.
+%% @doc Notes that one state leads to another without a failure.
 -spec leads(state_number(), state_number(), t()) -> t().
 leads(State, State, Progress) ->
     Progress;
@@ -38,11 +38,11 @@ leads(From, To, #progress{pairs = Pairs, latest = Latest} = Progress) ->
             Progress#progress{latest = More}
     end.
 
-%% @doc In this state all clients are done.
+%% @doc Notes that all clients are done in this state.
 -spec ends(state_number(), t()) -> t().
 ends(State, Progress) -> leads(State, ?END, Progress).
 
-%% @doc Of so many states those from which no end can be reached.
+%% @doc Of the first `Count' states, those from which no end can be reached.
 -spec hopeless(Count :: non_neg_integer(), t()) -> [state_number()].
 hopeless(Count, #progress{pairs = Pairs, latest = Latest}) ->
     Bits = atomics:new(Count div 64 + 1, [{signed, false}]),

@@ -1,29 +1,27 @@
-%% @doc Partial-order reduction: which runs of choices lead from one state that is kept to the
+%% @doc Partial-order reduction: gives the runs of choices that lead from one kept state to the
 %% next.
 %%
-%% Most messages that arrive change nothing but what their receiver knows (see
-%% {@link starl_check_choice:is_silent/4}). Such an arrival and whatever happens at another robot
-%% come to the same in either order: a message that is under way stays so. So in any history an
-%% arrival of this kind can be put off, past the events of other robots, and past those of its
-%% own that it commutes with, until right before the first event that would come out differently
-%% ("receives are right movers", Lipton 1975; here it is tried out, case by case, on the states
-%% themselves). What comes about is a history with the same events that are judged, in the same
-%% order, and of the same length, made of runs:
+%% Most arriving messages change only the state of their receiver (see
+%% {@link starl_check_choice:is_silent/4}). Such a silent arrival commutes with the events of other
+%% robots, because a message under way stays under way. So in any history a silent arrival can be
+%% deferred, past the events of other robots and past those events of its own robot with which it
+%% commutes, until right before the first event that would have another result ("receives are right
+%% movers", Lipton 1975; here this is tried out, case by case, on the states themselves). The result
+%% is a history of the same length with the same judged events in the same order, made of runs:
 %% ```
-%%   silent arrivals, none of which could be put off . one event that is not silent
+%%   silent arrivals, none of which can be deferred . one event that is not silent
 %% '''
-%% Only runs like these are followed, and only what they lead to is kept. What a monitor can see
-%% is all seen: the silent arrivals at the end of a history are the only events left out, and they
-%% are not judged. A run's arrivals belong to
+%% Only such runs are followed, and only their final states are kept. No judged event is missed: the
+%% silent arrivals at the end of a history are the only events left out, and they are not judged. A
+%% run's arrivals belong to
 %% <ul>
 %% <li>the robot at which its last event happens;</li>
-%% <li>where the last event is SAP's answer to a call: also the receivers of the call's message,
-%%   which are to have got it;</li>
-%% <li>where it is one that waits for all messages (a time-out, the passing of time): all
-%%   robots.</li>
+%% <li>if the last event is SAP's answer to a call: also the receivers of the call's message, which
+%%   must have received it;</li>
+%% <li>if the last event waits for all messages (a time-out, the passing of time): all robots.</li>
 %% </ul>
 %% A message that counts as slow or lost, and that would change nothing if it arrived now, need not
-%% do so: as long as it stays under way all remains possible that is possible without it.
+%% arrive: while it stays under way, everything that is possible without it remains possible.
 -module(starl_check_reduce).
 
 -export([runs/3, choices/3, may_end/3]).
@@ -34,21 +32,20 @@
 -type state() :: starl_check_state:t().
 -type ref() :: starl_check_part:ref().
 
-%% What happens one after the other, and what the last of it leads to; `stuck' if nothing can
-%% happen any more.
+%% The steps in order, and the result of the last one; `stuck' if nothing can happen any more.
 -type run() ::
     {[starl_check_choice:t(), ...], starl_check_step:result()}
     | {[starl_check_choice:t()], stuck}.
 
-%% What one robot may have taken of what is silent: in one of the orders that lead here, the
-%% state if no other robot takes anything, and from where it has come by which last arrival.
+%% A set of silent arrivals at one robot: the arrivals in one possible order, the state if no other
+%% robot receives anything, and the states before, each with its last arrival.
 -record(taken, {
     order = [] :: [ref()],
     state :: state(),
     before = [] :: [{Last :: ref(), #taken{}}]
 }).
 
-%% What may happen after such arrivals.
+%% Gives the choices after such arrivals.
 -type choose() :: fun((state()) -> [starl_check_choice:t()]).
 
 %% @doc The runs to follow from a state.
@@ -78,7 +75,7 @@ all_runs(State, Model, Store) ->
         lists:append([answers(Place, State, Each, Model, Store) || Place <- Places]) ++
         everywhere(State, Each, Model, Store).
 
-%% @doc All that may happen, without reduction.
+%% @doc All choices, without reduction.
 -spec choices(state(), model(), store()) -> [starl_check_choice:t()].
 choices(State, Model, Store) ->
     Places = starl_check_state:places(State),
@@ -90,8 +87,8 @@ choices(State, Model, Store) ->
         ] ++
         starl_check_choice:global(State, Model, Store).
 
-%% @doc Are all clients done, or is nothing missing for it but silent arrivals? Not of what was
-%% reported lost.
+%% @doc Whether all clients are done, or will be after silent arrivals only, without arrivals of
+%% messages reported lost.
 -spec may_end(state(), model(), store()) -> boolean().
 may_end(#{robots := Robots, items := Items} = State, Model, Store) ->
     Kept = State#{items := [I || I <- Items, starl_check_part:age(I) =/= ghost]},
@@ -99,7 +96,7 @@ may_end(#{robots := Robots, items := Items} = State, Model, Store) ->
     Waiting = [P || P <- Places, not starl_check_part:is_done(element(P, Robots), Store)],
     lists:all(fun(Place) -> ends_at(Place, Kept, Model, Store) end, Waiting).
 
-%% It depends on the robot and on what is under way to it.
+%% This depends only on the robot and on the messages under way to it.
 ends_at(Place, #{robots := Robots, stale := Stale} = State, Model, Store) ->
     Mine = starl_check_choice:items([Place], State),
     IsDone = fun(#taken{state = #{robots := Then}}) ->
@@ -114,7 +111,7 @@ ends_at(Place, #{robots := Robots, stale := Stale} = State, Model, Store) ->
 
 %% -- the kinds of runs ----------------------------------------------------------------------
 
-%% What happens at one robot.
+%% Runs whose last event happens at one robot.
 at(Place, Taken, Model, Store) ->
     Choose = fun(State) ->
         [
@@ -139,7 +136,7 @@ is_silent({deliver, I}, State, Model, Store) ->
 is_silent(_Choice, _State, _Model, _Store) ->
     false.
 
-%% A robot hears what has become of its messages.
+%% Runs whose last event tells a robot the outcome of a message.
 answers(Place, State, Each, Model, Store) ->
     lists:append([
         answer(Place, Ref, Open, Each, Model, Store)
@@ -160,7 +157,7 @@ answer(Place, Ref, Open, Each, Model, Store) ->
     ],
     lists:append([follow(Some, Choose, Model, Store) || Some <- product([Own | Receivers])]).
 
-%% Has the robot taken nothing, or must the message of the call be what it has taken last? The
+%% Whether the robot has received nothing, or must have received the message of the call last. The
 %% answer depends on no other arrival there.
 ends_with(Place, Ref, #taken{before = Before}, Store) ->
     lists:all(
@@ -173,8 +170,9 @@ ends_with(Place, Ref, #taken{before = Before}, Store) ->
         Before
     ).
 
-%% What waits until nothing is under way; and is that the end? A time-out at one robot does not
-%% depend on what others take that counts as slow or lost already, the passing of time may.
+%% Runs whose last event waits until nothing is under way, and the test whether the team is stuck. A
+%% time-out at one robot does not depend on arrivals at others of messages that already count as
+%% slow or lost; the passing of time may.
 everywhere(#{late := Late, loss := Loss}, Each, #{grain := Grain} = Model, Store) ->
     Enough = [
         {Place, [One || One <- Taken, left_fresh(Place, One) =< Late + Loss]}
@@ -225,7 +223,7 @@ product([{_, First} | Rest]) -> [[One | Others] || One <- First, Others <- produ
 
 %% -- runs -----------------------------------------------------------------------------------
 
-%% The runs that begin with these arrivals, unless the last of them could be put off.
+%% The runs that begin with these arrivals, unless the last arrival can be deferred.
 -spec follow([#taken{}], choose(), model(), store()) -> [run()].
 follow(Some, Choose, Model, Store) ->
     case tried(combined(Some, Model, Store), Choose, Model, Store) of
@@ -239,7 +237,7 @@ follow(Some, Choose, Model, Store) ->
             kept(Some, Tried, Earlier, Model, Store)
     end.
 
-%% All that may happen in a state, and what it leads to.
+%% All choices in a state, with their results.
 tried(State, Choose, Model, Store) ->
     [
         {Choice, Result}
@@ -248,7 +246,7 @@ tried(State, Choose, Model, Store) ->
         Result =/= beyond
     ].
 
-%% `Earlier': every arrival that may be the last one, and what may happen before it.
+%% `Earlier': every arrival that may be the last one, with the choices before it.
 kept(Some, Tried, Earlier, Model, Store) ->
     [
         {deliveries(Some) ++ [Choice], Result}
@@ -273,7 +271,7 @@ one_less([#taken{before = Before} = One | Others]) ->
     [{Last, [Less | Others]} || {Last, Less} <- Before] ++
         [{Last, [One | Fewer]} || {Last, Fewer} <- one_less(Others)].
 
-%% Could the last arrival come after the event, and all would be the same?
+%% Whether the last arrival can be deferred until after the event with the same result.
 may_wait(Choice, {ok, _, Reached}, Earlier, Model, Store) ->
     lists:any(
         fun({Last, Tried}) ->
@@ -296,7 +294,7 @@ is_same(_Violation, _Reached) -> false.
 
 %% -- silent arrivals ------------------------------------------------------------------------
 
-%% Everything that a robot may have taken of what is silent, fewer arrivals first.
+%% All sets of silent arrivals at a robot, smaller sets first.
 taken(Place, State, Model, Store) -> grow([#taken{state = State}], Place, Model, Store).
 
 grow([], _Place, _Model, _Store) ->

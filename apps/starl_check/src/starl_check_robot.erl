@@ -1,16 +1,15 @@
-%% @doc One robot of a checked team: its machines, their timers, its part of SAP. Pure.
+%% @doc One robot of a checked team: its machines, their timers and its local part of SAP. Pure.
 %%
-%% An event is worked off with all the local events that it gives rise to, in the loop of every
-%% robot ({@link starl_robot}, {@link starl_check_world}): nothing else happens to the robot
-%% meanwhile. A crash is that of one machine: it starts anew with the next incarnation and with what
-%% it has stored.
+%% An event and all local events that follow from it run to completion in the loop of every robot
+%% ({@link starl_robot}, {@link starl_check_world}); nothing else happens to the robot meanwhile. A
+%% crash affects one machine, which restarts with the next incarnation and its stored term.
 -module(starl_check_robot).
 
 -export([boot/2, event/3, timers/1, calls/1, is_done/1, condition/1, shift/3, rename/2]).
 
 -export_type([t/0, event/0, sent/0, timer/0, due/0, condition/0]).
 
-%% Where a timer belongs and what it is called.
+%% The machine and the name of a timer.
 -type timer() :: {starl_machine:name(), Timer :: term()}.
 
 -type event() ::
@@ -29,13 +28,13 @@
 
 -type due() :: starl_check_world:due().
 
-%% `down': it will start anew; `dead': it never will.
+%% `down': the robot will start again; `dead': it never will.
 -type condition() :: starl_robot:condition().
 
 -record(robot, {
     place :: starl_check_term:place(),
     condition = up :: condition(),
-    %% in the order in which they start
+    %% in the order of their start
     machines = [] :: [{starl_machine:name(), starl_machine:t()}],
     incarnations = #{} :: #{starl_machine:name() => pos_integer()},
     stored = #{} :: #{starl_machine:name() => term()},
@@ -45,7 +44,7 @@
 
 -opaque t() :: #robot{}.
 
-%% While an event is worked off.
+%% The state while an event is handled.
 -record(run, {
     robot :: starl_robot:t(),
     place :: starl_check_term:place(),
@@ -55,8 +54,8 @@
 
 -type result() :: {[sent()], [starl_monitor:trace_event()], t()}.
 
-%% @doc The robot at a place of its team, when all its machines have started. A machine that crashes
-%% by itself, now or at an event, is thrown: `{crashed, Machine, Reason}'.
+%% @doc The robot at a place of its team, after the start of all its machines. If a machine crashes
+%% by itself, now or at an event, this throws `{crashed, Machine, Reason}'.
 -spec boot(starl_check_term:place(), starl_check_model:t()) -> result().
 boot(Place, #{sap := Sap} = Model) ->
     Service =
@@ -119,20 +118,20 @@ inline(Place, Model) ->
     Machines = starl_check_model:machines(Place, Model),
     maps:from_list([{Name, {Module, Config}} || {Name, Module, Config} <- Machines]).
 
-%% @doc Its timers that run, and when they may fire.
+%% @doc The running timers, and when each may fire.
 -spec timers(t()) -> [{timer(), due()}].
 timers(#robot{timers = Timers}) -> [{Key, Due} || {Key, Due, _} <- Timers].
 
-%% @doc Its calls of SAP that wait for an answer; none where SAP is real.
+%% @doc The calls of its SAP that wait for an answer; none if the model has the real SAP.
 -spec calls(t()) -> [starl_check_sap:call()].
 calls(#robot{sap = real}) -> [];
 calls(#robot{sap = Sap}) -> starl_check_sap:calls(Sap).
 
-%% @doc Is it up?
+%% @doc Whether it is up, down or dead.
 -spec condition(t()) -> condition().
 condition(#robot{condition = Condition}) -> Condition.
 
-%% @doc Has its application ended, or died?
+%% @doc Whether its application has ended, or the robot has died.
 -spec is_done(t()) -> boolean().
 is_done(#robot{condition = dead}) ->
     true;
@@ -142,7 +141,7 @@ is_done(#robot{machines = Machines}) ->
     {app, App} = lists:keyfind(app, 1, Machines),
     starl_machine:state(App) =:= done.
 
-%% @doc The robot when so many ticks have passed. None of its timers has been due earlier.
+%% @doc The robot after this number of ticks. No timer may have been due earlier.
 -spec shift(Ticks :: pos_integer(), t(), starl_check_model:t()) -> t().
 shift(Ticks, #robot{machines = Machines, timers = Timers} = Robot, Model) ->
     Robot#robot{
@@ -151,14 +150,14 @@ shift(Ticks, #robot{machines = Machines, timers = Timers} = Robot, Model) ->
         timers = [{Key, less(Due, Ticks), C} || {Key, Due, C} <- Timers]
     }.
 
-%% All times of a machine that are over are the same to it.
+%% To a machine all past times are equal.
 older(Machines, Ticks, #{rates := Rates, past_us := Past}) ->
     starl_check_term:shift(Machines, Ticks, Rates, Past).
 
 less(any, _Ticks) -> any;
 less(Due, Ticks) -> Due - Ticks.
 
-%% @doc The robot with each robot of the team in the place of another.
+%% @doc The robot after a permutation of the robots of the team.
 -spec rename(t(), starl_check_term:permutation()) -> t().
 rename(#robot{place = Place, machines = Machines, timers = Timers, sap = Sap} = Robot, To) ->
     Robot#robot{
@@ -187,7 +186,7 @@ begun(Inline, #robot{place = Place, machines = Machines, timers = Timers} = Robo
 
 single(Robot) -> starl_robot:pace(single, Robot).
 
-%% And as the checker keeps it: the same situation is the same term, however it came about.
+%% The robot as the checker keeps it: equal situations are equal terms.
 result(#run{robot = Robot, place = Place, sap = Sap}) ->
     Machines = starl_robot:machines(Robot),
     Now = starl_robot_machines:to_map(Machines),
@@ -206,7 +205,7 @@ result(#run{robot = Robot, place = Place, sap = Sap}) ->
 
 run(Local, #run{robot = Robot} = Run) -> run(Run#run{robot = starl_robot:first(Local, Robot)}).
 
-%% Event by event. SAP as its contract states it has no machine.
+%% Runs one event after the other. SAP by its contract has no machine.
 run(#run{robot = Robot, sap = Sap} = Run) ->
     case starl_robot:next(Robot) of
         none -> Run;
@@ -216,18 +215,18 @@ run(#run{robot = Robot, sap = Sap} = Run) ->
         {{Name, _, _}, _} -> run(Run#run{robot = stepped(redrawn(Name, Robot, Run))})
     end.
 
-%% A machine that cannot handle what happens to it ends the event there.
+%% A machine that crashes by itself ends the event.
 stepped(Robot) ->
     case starl_robot:run(Robot) of
         {paused, Next} -> Next;
         {crashed, Name, Reason, _} -> throw({crashed, Name, Reason})
     end.
 
-%% All times of a new machine that are over are the same to it.
+%% To a new machine all past times are equal.
 aged(Name, Robot, #run{model = Model}) ->
     update(Name, fun(Machine) -> older(Machine, 0, Model) end, Robot).
 
-%% Where a machine is to draw the same each time, its stream does not go on.
+%% In a model with equal draws a machine's stream of random numbers stays at its start.
 redrawn(_Name, Robot, #run{model = #{draws := free}}) -> Robot;
 redrawn(Name, Robot, _Run) -> update(Name, fun starl_check_term:redrawn/1, Robot).
 

@@ -1,22 +1,22 @@
-%% @doc SAP as its contract states it, in the place of the machine {@link starl_sap}: what the
-%% other blocks are checked over. A message is delivered at most once, and its source hears that
-%% it was acknowledged, lost or refused by a restarted receiver; lost says nothing about whether
-%% it was delivered or will be.
+%% @doc A model of SAP by its contract. It replaces the machine {@link starl_sap} when other blocks
+%% are checked. A message is delivered at most once, and its source hears that it was acknowledged,
+%% lost, or refused by a restarted receiver. A message reported lost may have been delivered, or may
+%% be delivered later.
 %%
-%% This is the local part of one robot: its listeners, the messages that wait for one, and its
-%% calls that wait for an outcome. What is under way is the checker's ({@link starl_check_state}).
+%% This is the local part of one robot: its listeners, the messages that wait for a listener, and
+%% the calls that wait for an outcome. The messages under way belong to {@link starl_check_state}.
 -module(starl_check_sap).
 
 -export([new/0, request/5, deliver/4, acknowledge/3, refuse/3, delay/2, settle/3, calls/1]).
 
 -export_type([t/0, ref/0, call/0]).
 
-%% The number of a call that waits for its outcome; the lowest that is free, so that the same
-%% situation is the same term however it came about.
+%% The number of a call that waits for its outcome: the lowest free one, so that equal situations
+%% are equal terms.
 -type ref() :: pos_integer().
 
-%% What has become of the message of a call: the receivers that it has not reached, those that it
-%% has, those that refused it; and whether the answer is slow.
+%% The state of a call's message: the receivers that lack it, those that have it, those that refused
+%% it; and whether the answer is slow.
 -type call() :: {
     ref(),
     Open :: [starl:robot_id()],
@@ -25,8 +25,8 @@
     IsSlow :: boolean()
 }.
 
-%% The service knows at once what has become of a message; its caller hears of it later, when the
-%% outcome at all receivers is known.
+%% The service knows the outcome at a receiver at once. The caller hears of it later, when the
+%% outcomes at all receivers are known.
 -record(call, {
     from :: starl_machine:from(),
     open :: [starl:robot_id()],
@@ -48,7 +48,7 @@
 -spec new() -> t().
 new() -> #sap{}.
 
-%% @doc What a machine of the robot asks for: events for its machines, messages to put under way.
+%% @doc Handles a request of a machine; gives events for the robot's machines and messages to send.
 -spec request(
     Request :: tuple(),
     starl_machine:from() | none,
@@ -84,7 +84,7 @@ put_under_way(Dests, Type, Body, From, Broadcast, #sap{calls = Calls} = Sap) ->
 lowest(Ref, Calls) when is_map_key(Ref, Calls) -> lowest(Ref + 1, Calls);
 lowest(Ref, _Calls) -> Ref.
 
-%% @doc A message has come.
+%% @doc A message arrives.
 -spec deliver(starl:robot_id(), atom(), Body :: term(), t()) -> {[starl_robot:local()], t()}.
 deliver(Source, Type, Body, #sap{listeners = Listeners, unclaimed = Unclaimed} = Sap) ->
     case Listeners of
@@ -122,7 +122,7 @@ refuse(Ref, Dest, Sap) ->
 -spec delay(ref(), t()) -> t().
 delay(Ref, Sap) -> put_call(Ref, (call(Ref, Sap))#call{slow = true}, Sap).
 
-%% @doc The caller hears what has become of its message; at these receivers it is reported lost.
+%% @doc The caller hears the outcome of its message; at these receivers it is reported lost.
 -spec settle(ref(), Lost :: [starl:robot_id()], t()) -> {[starl_robot:local()], t()}.
 settle(Ref, Lost, #sap{calls = Calls} = Sap) ->
     #call{from = From} = Call = call(Ref, Sap),

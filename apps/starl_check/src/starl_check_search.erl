@@ -1,22 +1,22 @@
-%% @doc Search through all states of a team, nearest first; what it finds is a shortest way.
+%% @doc Searches all states of a team, nearest first, so that a violation comes with a shortest way.
 %%
-%% States are gone into in the order of the steps that lead to them (Dijkstra 1959; a run of
-%% {@link starl_check_reduce} is several steps). A state that was met before by a way that is no
-%% longer, or one that differs from it only in which of the robots that are like each other is
-%% which, is not gone into again. For each state it is kept by which run it was met, so that
-%% the way to it can be walked once more.
+%% States are expanded in the order of their distance in steps (Dijkstra 1959; a run of
+%% {@link starl_check_reduce} is several steps). A state that was met before by an equally short or
+%% shorter way is not expanded again; nor is a state that equals it after a permutation of alike
+%% robots. The search keeps for each state the run by which it was met, so that the way to it can be
+%% replayed.
 -module(starl_check_search).
 
 -export([run/3]).
 
 -export_type([limits/0, figures/0, unlike/0, ending/0, way/0, control/1]).
 
-%% `depth': steps in a row; `memory': bytes of the whole VM.
+%% `depth': number of steps in a row; `memory': bytes of the whole VM.
 -type limits() :: #{depth := pos_integer() | infinity, memory := pos_integer()}.
 
-%% `states' met, of which `waiting' have not been gone into, `runs' taken, `depth': all states that
-%% are fewer steps away have been gone into. `unlike': in what robots were found to differ; then
-%% these are the figures of a search without symmetry.
+%% `states': states met; `waiting': those not yet expanded; `runs': runs taken; `depth': all states
+%% fewer steps away have been expanded; `unlike': a difference found between robots assumed to be
+%% alike; the other figures are then those of a search without symmetry.
 -type figures() :: #{
     states := non_neg_integer(),
     waiting := non_neg_integer(),
@@ -25,19 +25,19 @@
     unlike := none | unlike()
 }.
 
-%% What has another effect at one robot than at another one.
+%% A choice whose effect differs between robots assumed to be alike.
 -type unlike() :: {
     starl_check_choice:t(), starl_check_part:item() | none, starl_check_term:permutation()
 }.
 
-%% Asked now and then whether to go on; keeps a state of its own.
+%% Decides from time to time whether to continue; has its own state.
 -type control(State) :: fun((figures(), State) -> {continue | stop, State}).
 
-%% `endless': more steps in a row than can be told, as of a team in which a number grows for ever.
+%% `endless': more steps in a row than can be represented, as in a team with an ever-growing number.
 -type ending() :: complete | depth | endless | memory | interrupted.
 
-%% What happened from the beginning on, with the message if there is one, and what the robots
-%% traced; the last step breaks the contract.
+%% The steps from the start, each with its message, if any, and the traced events; the last step
+%% breaks the contract.
 -type way() :: [
     {starl_check_choice:t(), starl_check_part:item() | none, [starl_monitor:trace_event()]}
 ].
@@ -52,19 +52,19 @@
     limits :: limits(),
     control :: {control(term()), term()},
     workers :: starl_check_workers:t(),
-    %% have they done anything?
+    %% Whether the workers have been used.
     parallel = false :: boolean(),
     visited = starl_check_visited:new() :: starl_check_visited:t(),
-    %% what has not been gone into, by the steps that lead there: number, length, packed state
+    %% the states not yet expanded, by distance in steps: number, length, packed state
     waiting = #{} :: #{non_neg_integer() => binary()},
     count = 0 :: non_neg_integer(),
     runs = 0 :: non_neg_integer(),
     depth = 0 :: non_neg_integer(),
-    %% was anything left out because of the depth?
+    %% whether states were left out because of the depth
     cut = no :: no | depth | endless,
     progress = starl_check_progress:new() :: starl_check_progress:t(),
     unlike = none :: none | unlike(),
-    %% the nearest violation: how many steps away, what, in which state, by which run
+    %% the nearest violation: distance in steps, violation, state, run
     found = none :: none | found(),
     until_look = 0 :: non_neg_integer()
 }).
@@ -76,9 +76,9 @@
     Run :: non_neg_integer()
 }.
 
-%% So many states are gone into between two looks at the memory and at the control.
+%% The number of states expanded between two checks of the memory and calls of the control.
 -define(LOOK, 500).
-%% So many are given to a worker at once.
+%% The number of states given to a worker at once.
 -define(CHUNK, 100).
 
 %% @doc Searches until a contract is broken, all is covered, or a limit is reached.
@@ -101,7 +101,7 @@ run(#{workers := Count} = Model, Limits, Control) ->
     case Checked of
         unproved -> run(Model#{leave_out := false}, Limits, Control);
         {unlike, How} -> told(How, run(Model#{symmetry := false}, Limits, Control));
-        %% which of several ways it is depends on who was faster
+        %% With several workers the way found depends on their speed.
         any_way -> run(Model#{workers := 1}, Limits, Control);
         _ -> Checked
     end.
@@ -127,7 +127,7 @@ proved({holds, _, _} = Held, Permutations, Model, Store) ->
 proved(Other, _Permutations, _Model, _Store) ->
     Other.
 
-%% Goes into the states that are nearest.
+%% Expands the nearest states.
 nearest(#search{unlike = Unlike}) when Unlike =/= none ->
     {unlike, Unlike};
 nearest(#search{waiting = Waiting} = Search) when map_size(Waiting) =:= 0 ->
@@ -153,7 +153,7 @@ ended(#search{parallel = true}) ->
 ended(#search{found = {_, Violation, Number, Run}} = Search) ->
     {violated, Violation, walk(Number, Run, Search), figures(Search)}.
 
-%% Can the clients come to an end from everywhere? If not, the nearest state is told.
+%% Tests whether the clients can finish from every state; if not, reports the nearest such state.
 hopeful(#search{progress = Progress, visited = Visited, parallel = Parallel} = Search) ->
     Steps = fun(Number) -> element(3, starl_check_visited:way(Number, Visited)) end,
     case starl_check_progress:hopeless(starl_check_visited:count(Visited), Progress) of
@@ -176,7 +176,7 @@ layer(States, #search{workers = Workers, model = #{spread := Least}} = Search) -
         false -> expand(States, Search)
     end.
 
-%% Alone.
+%% Expands states without workers.
 expand(<<>>, Search) ->
     Search;
 expand(States, #search{until_look = Until} = Search) when Until =< 0 ->
@@ -188,7 +188,7 @@ expand(States, Search) ->
     Answers = [starl_check_workers:answer(Number, P, Context) || {Number, P} <- Some],
     expand(Rest, gone_into(Answers, Taken)).
 
-%% By the workers.
+%% Expands states with the workers.
 spread(States, #search{until_look = Until} = Search) when Until =< 0 ->
     look(Search, fun(Looked) -> spread(States, Looked) end);
 spread(States, #search{workers = Workers} = Search) ->
@@ -207,7 +207,7 @@ await(States, false, #search{workers = Workers} = Search) ->
     {Answers, Left} = starl_check_workers:take(Workers),
     spread(States, gone_into(Answers, Search#search{workers = Left})).
 
-%% The next states of a layer, but for those that have been met nearer since.
+%% The next states of a layer, without those that have been met at a shorter distance since.
 some(States, Left, Some, Search) when States =:= <<>>; Left =:= 0 ->
     {lists:reverse(Some), States, Search};
 some(<<Number:40, Length:16, Packed:Length/binary, Rest/binary>>, Left, Some, Search) ->

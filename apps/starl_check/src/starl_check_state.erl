@@ -1,9 +1,9 @@
-%% @doc The states of a checked team. A state is made of numbers (see {@link starl_check_part}):
-%% the monitor's state, one for each robot, those of the messages under way in ascending order;
-%% and how many faults may still happen.
+%% @doc The states of a checked team. A state consists of numbers (see {@link starl_check_part}) for
+%% the monitor, for each robot and, in ascending order, for the messages under way; and of the
+%% remaining budgets of faults.
 %%
-%% A state is known by a hash of 128 bits of its canonical form. Robots that differ in nothing but
-%% their number may change places: of the states that come about so, the least one is canonical.
+%% A state is identified by a hash of 128 bits of its canonical form. Robots that differ only in
+%% their number may change places: the least of the resulting states is canonical.
 -module(starl_check_state).
 
 -export([new/2, places/1, pack/1, unpack/1, budgets/1, key/4, renamed/4]).
@@ -15,7 +15,8 @@
 -type model() :: starl_check_model:t().
 -type ref() :: starl_check_part:ref().
 
-%% `stale': the first one's SAP may not know yet that the second one's has restarted.
+%% `stale': pairs of robots; the SAP of the first may not know yet that that of the second has
+%% restarted.
 -type t() :: #{
     monitor := ref(),
     robots := tuple(),
@@ -45,7 +46,7 @@ new(#{ids := Ids, faults := Faults, monitor := {Module, Config}}, Store) ->
 -spec places(t()) -> [place()].
 places(#{robots := Robots}) -> lists:seq(1, tuple_size(Robots)).
 
-%% @doc The state in few bytes.
+%% @doc Packs a state into few bytes.
 -spec pack(t()) -> binary().
 pack(#{monitor := Monitor, robots := Robots, items := Items, stale := Stale} = State) ->
     #{loss := Loss, crash := Crash, sap := Sap} = State,
@@ -69,7 +70,7 @@ pack(#{monitor := Monitor, robots := Robots, items := Items, stale := Stale} = S
         Parts/binary
     >>.
 
-%% @doc The state that was packed.
+%% @doc Unpacks a state.
 -spec unpack(binary()) -> t().
 unpack(<<Size, Monitor:32, Counts:8/binary, Stale, Rest/binary>>) ->
     <<Loss, Crash, Sap, Dup, Late, Timeout, Reboot, Death>> = Counts,
@@ -89,13 +90,13 @@ unpack(<<Size, Monitor:32, Counts:8/binary, Stale, Rest/binary>>) ->
         stale => [{A, B} || <<A, B>> <= Pairs]
     }.
 
-%% @doc How many faults may still happen, of a packed state.
+%% @doc The remaining budgets of faults of a packed state.
 -spec budgets(binary()) -> binary().
 budgets(<<_Size, _Monitor:32, Counts:8/binary, _/binary>>) -> Counts.
 
-%% -- what is known of it --------------------------------------------------------------------
+%% -- canonical form -------------------------------------------------------------------------
 
-%% @doc The hash of the canonical form, for robots that may change places in these ways.
+%% @doc The hash of the canonical form under these permutations.
 -spec key(t(), [starl_check_term:permutation()], model(), store()) -> <<_:128>>.
 key(State, Permutations, Model, Store) ->
     erlang:md5(pack(canonical(State, Permutations, Model, Store))).
@@ -103,19 +104,19 @@ key(State, Permutations, Model, Store) ->
 canonical(State, [], _Model, _Store) ->
     State;
 canonical(#{robots := Robots, monitor := Monitor} = State, Permutations, Model, Store) ->
-    %% the robots and the monitor come first; only where they decide nothing do the rest
+    %% The robots and the monitor are compared first, the other parts only if these are equal.
     Own = {Robots, Monitor},
     Cores = [{core(P, State, Model, Store), P} || P <- Permutations],
     Least = lists:min([Own | [Core || {Core, _} <- Cores]]),
     Images = [image(P, Core, State, Store) || {Core, P} <- Cores, Core =:= Least],
     lists:min([State || Own =:= Least] ++ Images).
 
-%% @doc The state when robots change places.
+%% @doc The state after a permutation of the robots.
 -spec renamed(starl_check_term:permutation(), t(), model(), store()) -> t().
 renamed(Permutation, State, Model, Store) ->
     image(Permutation, core(Permutation, State, Model, Store), State, Store).
 
-%% The robots and the monitor of the state that differs by this permutation.
+%% The robots and the monitor of the permuted state.
 core(Permutation, #{robots := Robots, monitor := Monitor}, #{monitor := {Module, _}}, Store) ->
     Moved = move(1, Permutation, Robots, Robots, Store),
     {Moved, starl_check_part:renamed_monitor(Permutation, Monitor, Module, Store)}.

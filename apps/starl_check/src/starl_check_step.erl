@@ -1,4 +1,4 @@
-%% @doc What a choice leads to (see {@link starl_check_choice}).
+%% @doc Carries out a choice (see {@link starl_check_choice}) and gives the next state.
 -module(starl_check_step).
 
 -export([initial/2, step/4]).
@@ -9,14 +9,14 @@
 -type model() :: starl_check_model:t().
 -type state() :: starl_check_state:t().
 
-%% What a step leads to, with what the robots traced (see {@link starl_check_part:traces/2}); or
-%% how it broke a contract; `beyond': to where the model does not follow.
+%% The state after a step, with the traced events (see {@link starl_check_part:traces/2}); or the
+%% violation; `beyond': a state that the model does not follow.
 -type result() ::
     {ok, starl_check_part:ref() | none, state()}
     | {violation, starl_check_part:ref() | none, starl_monitor:violation()}
     | beyond.
 
-%% @doc The team when all machines have started.
+%% @doc The team after the start of all machines.
 -spec initial(model(), store()) ->
     {ok, none, state()} | {violation, starl_check_part:ref() | none, starl_monitor:violation()}.
 initial(Model, Store) ->
@@ -32,7 +32,7 @@ boot([Place | Places], State, Model, Store) ->
         {violation, _, _} = Broken -> Broken
     end.
 
-%% @doc What a choice leads to.
+%% @doc The result of a choice.
 -spec step(starl_check_choice:t(), state(), model(), store()) -> result().
 step({deliver, I}, #{items := Items, stale := Stale} = State, Model, Store) ->
     Left = State#{items := lists:delete(I, Items), stale := starl_check_choice:heard(I, Stale)},
@@ -69,7 +69,7 @@ step(tick, State, Model, Store) ->
     Ticks = starl_check_choice:next_due(State, Model, Store),
     {ok, none, pass(Ticks, slow(State, Model, Store), Model, Store)}.
 
-%% Something happens to a robot.
+%% An event happens to a robot.
 happen(Place, Event, #{robots := Robots} = State, Model, Store) ->
     Happening = starl_check_part:event(Place, element(Place, Robots), Event, Model, Store),
     happened(Place, Happening, State, Model, Store).
@@ -90,14 +90,14 @@ happened(Place, {Number, Sent, Traces, Judged}, State, Model, Store) ->
             {ok, Traces, lists:foldl(fun(I, S) -> vain(I, S, Model, Store) end, Put, Nobody)}
     end.
 
-%% Is the robot there to which a message goes? When the team starts not all are there yet.
+%% Whether the receiver of a message exists: during the start of the team not all robots do.
 is_taken(I, #{robots := Robots}, Store) ->
     case element(starl_check_part:receiver(I), Robots) of
         none -> true;
         Number -> starl_check_part:condition(Number, Store) =:= up
     end.
 
-%% What is sent to a robot that is down or dead does not arrive; its source hears so, sometime.
+%% A message to a robot that is down or dead does not arrive; its source hears of this later.
 vain(I, State, Model, Store) ->
     Refused = note(refused, I, State, Model, Store),
     case starl_check_part:item(I, Store) of
@@ -107,13 +107,13 @@ vain(I, State, Model, Store) ->
             Refused
     end.
 
-%% A robot's SAP learns something; its machines do not yet.
+%% A robot's SAP learns something, but its machines do not yet.
 inform(Place, Event, #{robots := Robots} = State, Model, Store) ->
     Robot = element(Place, Robots),
     {Number, [], none, none} = starl_check_part:event(Place, Robot, Event, Model, Store),
     State#{robots := setelement(Place, Robots, Number)}.
 
-%% The source's SAP learns what has become of the message of a call.
+%% The source's SAP learns the outcome of the message of a call.
 note(What, I, State, Model, Store) ->
     case starl_check_part:item(I, Store) of
         {message, From, To, _, _, Ref, _} when Ref =/= none ->
@@ -122,7 +122,7 @@ note(What, I, State, Model, Store) ->
             State
     end.
 
-%% What is reported lost may still be under way, and is nobody's concern any more.
+%% A message reported lost may still be under way; its outcome matters no more.
 give_up(Place, Ref, Lost, State, Store) ->
     #{items := Items, robots := Robots, loss := Loss, stale := Stale} = State,
     Calls = starl_check_part:calls(element(Place, Robots), Store),
@@ -144,7 +144,7 @@ given_up(I, Place, Ref, Store) ->
             I
     end.
 
-%% What is under way while a time-out fires is slow, or, beyond the number of those, lost.
+%% Messages under way when a time-out fires count as slow, and beyond that budget as lost.
 slow(#{late := Late, loss := Loss} = State, Model, Store) ->
     Fresh = starl_check_choice:fresh(State, Store),
     {Slow, Lost} = lists:split(min(Late, length(Fresh)), Fresh),
@@ -158,8 +158,8 @@ grow_old(I, Age, #{items := Items} = State, _Model, Store) ->
     Old = starl_check_part:grown_old(I, Age, Store),
     State#{items := lists:merge([Old], lists:delete(I, Items))}.
 
-%% A robot is gone, and its SAP with it: what is under way to it does not arrive. What it has sent
-%% does, but nobody waits for what becomes of it. When it starts anew everybody hears so.
+%% A robot is gone together with its SAP: messages under way to it do not arrive. Its own messages
+%% do, but no caller waits for their outcome. When it starts again, all other robots hear of it.
 gone(Place, #{items := Items, stale := Stale} = State, Model, Store) ->
     {Its, Left} = lists:partition(fun(I) -> starl_check_part:receiver(I) =:= Place end, Items),
     Told = lists:foldl(fun(I, S) -> note(refused, I, S, Model, Store) end, State, Its),
@@ -176,8 +176,8 @@ unheeded(Place, I, Store) ->
             I
     end.
 
-%% A robot's SAP is gone: messages under way to it are refused; its own may arrive or not, and
-%% nobody waits for what becomes of them.
+%% A robot's SAP is gone: messages under way to it are refused. Its own messages may arrive or not,
+%% and no caller waits for their outcome.
 forsake(Place, #{items := Items, stale := Stale} = State, Model, Store) ->
     {Its, Left} = lists:partition(fun(I) -> starl_check_part:receiver(I) =:= Place end, Items),
     Told = lists:foldl(fun(I, S) -> note(refused, I, S, Model, Store) end, State, Its),

@@ -1,21 +1,21 @@
-%% @doc Are robots alike that are taken for one another? It must come to the same whether they
-%% change places before a step or after it. This is tried out, on some of the states of every
-%% search: each change of places, and everything that may happen. A machine that does something else
-%% at one robot than at another is found so, or one whose data cannot be renamed.
+%% @doc Tests the symmetry that the search assumes: a step must give the same result whether robots
+%% change places before it or after it. This is tried out on some of the states of every search,
+%% with every permutation and every choice. The test finds machines that behave differently at
+%% different robots, and machines whose data cannot be renamed.
 -module(starl_check_symmetry).
 
 -export([differs/4]).
 
 -export_type([difference/0]).
 
-%% What would have another effect if the robots changed places so.
+%% A choice that has another effect under this permutation.
 -type difference() :: {starl_check_choice:t(), starl_check_term:permutation()}.
 
 -type store() :: starl_check_store:t().
 -type model() :: starl_check_model:t().
 -type state() :: starl_check_state:t().
 
-%% @doc The first difference that shows in a state, if any.
+%% @doc The first difference found in a state, if any.
 -spec differs(state(), [starl_check_term:permutation()], model(), store()) ->
     none | difference().
 differs(State, Permutations, Model, Store) ->

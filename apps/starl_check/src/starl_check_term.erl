@@ -1,15 +1,14 @@
-%% @doc Robots' numbers and times inside the terms that machines keep.
+%% @doc Finds and changes robots' numbers and times inside the data of machines.
 %%
-%% A machine keeps its data to itself, so the checker cannot ask it where it keeps a time or a
-%% robot. It makes them known by their values instead: robot N of the team has a number that no
-%% machine uses for anything else, and each robot's clock reads a value in a range of its own.
-%% What lies in such a range is a time of that robot's clock, wherever it is found: in the data
-%% of its machine, in a message, or in the data of another robot that sends it back later.
+%% A machine's data are opaque, so the checker cannot ask the machine for the times and robots in
+%% them. It recognizes them by their values: robot N of the team has a number that no machine uses
+%% for anything else, and each robot's clock reads values in a separate range. A value in such a
+%% range is a time of that robot's clock, wherever it occurs: in the data of the robot's own
+%% machine, in a message, or in the data of another robot that sends it back later.
 %%
-%% The clock of a robot always reads {@link now/1}. When time passes, it is not the clock that
-%% goes on but all the times that are kept that go back, each by its own clock's rate; so two
-%% states that differ only in the time of day are the same term. A time further back than the
-%% `horizon' is kept at the horizon.
+%% The clock of a robot always reads {@link now/1}. When time passes, the clock stays and all stored
+%% times go back, each at the rate of its clock. So two states that differ only in the time of day
+%% are the same term. A time further back than the `horizon' is kept at the horizon.
 -module(starl_check_term).
 
 -export([id/1, number/1, now/1, long_ago/1, shift/4, rename/2, redrawn/1, shown/1]).
@@ -19,7 +18,7 @@
 %% A robot's place in its team, from 1.
 -type place() :: pos_integer().
 
-%% The place that takes the place of each, from the first on.
+%% The new place of each place, from the first on.
 -type permutation() :: tuple().
 
 -define(FIRST, 900000).
@@ -36,15 +35,15 @@ id(Place) when is_integer(Place) -> ?FIRST + Place.
 -spec number(starl:robot_id()) -> place().
 number(Id) when is_integer(Id) -> Id - ?FIRST.
 
-%% @doc What the clock of the robot at a place reads, in microseconds.
+%% @doc The reading of the clock of the robot at a place, in microseconds.
 -spec now(place()) -> integer().
 now(Place) -> Place bsl ?CLOCK_BITS.
 
-%% @doc A time of its clock that is over by more than anything may last, in microseconds.
+%% @doc A time of its clock that lies further back than any duration in a model, in microseconds.
 -spec long_ago(place()) -> integer().
 long_ago(Place) -> now(Place) - ?REACH div 2.
 
-%% @doc The term when so many ticks have passed; a clock of rate R gains R microseconds in each.
+%% @doc The term after this number of ticks; a clock of rate R gains R microseconds in each tick.
 -spec shift(Term, Ticks :: non_neg_integer(), Rates :: tuple(), HorizonUs :: non_neg_integer()) ->
     Term.
 shift(Term, Ticks, Rates, Horizon) ->
@@ -63,8 +62,8 @@ clock(I) ->
         false -> none
     end.
 
-%% @doc The term with each robot, and each time of its clock, in the place of another. A list of
-%% nothing but robots is a set, kept in their order; so is a tuple of the whole team.
+%% @doc The term after a permutation of the robots and of the times of their clocks. A list that
+%% contains only robots is a set, kept in order; so is a tuple of the whole team.
 -spec rename(Term, permutation()) -> Term.
 rename(Term, Permutation) ->
     in_order(walk(fun(I) -> renamed(I, Permutation) end, Term), Permutation).
@@ -96,13 +95,13 @@ renamed(I, Permutation) ->
             I
     end.
 
-%% @doc The term with its streams of random numbers at their beginning.
+%% @doc The term with its streams of random numbers reset to their start.
 -spec redrawn(Term) -> Term.
 redrawn({#{type := exsss, next := _}, _}) -> rand:seed_s(exsss, 1);
 redrawn(Tuple) when is_tuple(Tuple) -> list_to_tuple([redrawn(E) || E <- tuple_to_list(Tuple)]);
 redrawn(Other) -> Other.
 
-%% @doc The term as a person reads it: robots by their places, times in milliseconds from now.
+%% @doc The term for a human reader: robots by their places, times in milliseconds from now.
 -spec shown(term()) -> term().
 shown(Term) -> walk(fun readable/1, Term).
 
@@ -111,7 +110,7 @@ readable(I) when I > ?FIRST, I < ?FIRST + 100 ->
 readable(I) ->
     case clock(I) of
         none -> I;
-        %% an atom is printed without quotes; as many as there are times in one chart
+        %% An atom is printed without quotes. Only the times in one chart become atoms.
         Place -> list_to_atom(lists:flatten(ago(I - now(Place))))
     end.
 

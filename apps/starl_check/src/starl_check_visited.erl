@@ -1,10 +1,10 @@
-%% @doc The states that a search has met, in little memory: each is known by a hash of 128 bits,
-%% and has a number, from 0 on, in the order in which they were met. With a hundred million states
-%% the chance that two of them share a hash is below 1 in 10^22.
+%% @doc The set of states that a search has met, in little memory. Each state is identified by a
+%% hash of 128 bits and has a number, from 0 on, in the order of meeting. With a hundred million
+%% states the probability that two of them share a hash is below 1 in 10^22.
 %%
-%% The hashes lie in open-addressed tables (linear probing) of 64-bit words outside the heap, three
-%% words to a place and at least three places in ten free: 24 to 69 bytes a state. For each state
-%% there is one word more: by which way it was met.
+%% The hashes lie in open-addressed tables (linear probing) of 64-bit words outside the heap, with
+%% three words per place and at least three of ten places free: 24 to 69 bytes per state. One more
+%% word per state holds the way by which it was met.
 -module(starl_check_visited).
 
 -export([new/0, meet/2, count/1, way/2, put_way/3, most_steps/0]).
@@ -13,14 +13,14 @@
 
 -type state_number() :: non_neg_integer().
 
-%% From which state, by which of its runs, and after how many steps from the beginning.
+%% The previous state, the number of its run, and the number of steps from the start.
 -type way() :: {From :: state_number(), Run :: 0..65535, Steps :: 0..4095}.
 
-%% The hashes go to the tables by their first bits, so that tables grow one by one.
+%% The first bits of a hash select the table, so that tables grow one at a time.
 -define(TABLE_BITS, 6).
 -define(FIRST_SIZE, 256).
 -define(WORDS, 3).
-%% Ways are kept in pieces of so many.
+%% Ways are kept in pieces of this size.
 -define(PIECE, 65536).
 
 -record(table, {size = ?FIRST_SIZE :: pos_integer(), words :: atomics:atomics_ref()}).
@@ -33,16 +33,16 @@
 
 -opaque t() :: #visited{}.
 
-%% @doc Nothing has been met.
+%% @doc The empty set.
 -spec new() -> t().
 new() -> #visited{tables = list_to_tuple([table(?FIRST_SIZE) || _ <- lists:seq(1, tables())])}.
 
 tables() -> 1 bsl ?TABLE_BITS.
 
-%% The last word says how many places are taken.
+%% The last word is the number of places in use.
 table(Size) -> #table{size = Size, words = atomics:new(?WORDS * Size + 1, [{signed, false}])}.
 
-%% @doc Looks a state up by its hash; one that is new gets the next number.
+%% @doc Looks up a state by its hash; a new state gets the next number.
 -spec meet(<<_:128>>, t()) -> {new | known, state_number(), t()}.
 meet(<<A:64, B:64>> = Hash, #visited{tables = Tables, count = Count} = Visited) ->
     <<Which:?TABLE_BITS, _/bitstring>> = Hash,
@@ -52,7 +52,7 @@ meet(<<A:64, B:64>> = Hash, #visited{tables = Tables, count = Count} = Visited) 
         new -> {new, Count, roomy(Which + 1, Table, Visited#visited{count = Count + 1})}
     end.
 
-%% The number is kept one larger: 0 is a free place.
+%% The number is stored plus one, because 0 marks a free place.
 put_hash(A, B, Number, #table{size = Size, words = Words} = Table) ->
     Place = place(B rem Size, A, B, Table),
     case atomics:get(Words, Place + 2) of
@@ -65,7 +65,7 @@ put_hash(A, B, Number, #table{size = Size, words = Words} = Table) ->
             {known, Known - 1}
     end.
 
-%% Where the hash is, or would be.
+%% The place of a hash, or the free place for it.
 place(Index, A, B, #table{size = Size, words = Words} = Table) ->
     Place = ?WORDS * Index + 1,
     case atomics:get(Words, Place + 2) of
@@ -105,22 +105,22 @@ copy(Index, #table{words = Words} = Table, Larger) ->
     end,
     copy(Index + 1, Table, Larger).
 
-%% @doc How many states have been met.
+%% @doc The number of states.
 -spec count(t()) -> non_neg_integer().
 count(#visited{count = Count}) -> Count.
 
-%% @doc More steps in a row cannot be told.
+%% @doc The largest number of steps that a way can represent.
 -spec most_steps() -> pos_integer().
 most_steps() -> 4095.
 
-%% @doc By which way a state was met.
+%% @doc The way by which a state was met.
 -spec way(state_number(), t()) -> way().
 way(Number, #visited{ways = Ways}) ->
     Word = atomics:get(maps:get(Number div ?PIECE, Ways), Number rem ?PIECE + 1),
     <<From:36, Run:16, Steps:12>> = <<Word:64>>,
     {From, Run, Steps}.
 
-%% @doc Notes by which way a state was met.
+%% @doc Sets the way by which a state was met.
 -spec put_way(state_number(), way(), t()) -> t().
 put_way(Number, {From, Run, Steps} = Way, #visited{ways = Ways} = Visited) when
     From < 1 bsl 36, Run < 1 bsl 16, Steps < 1 bsl 12

@@ -1,6 +1,7 @@
-%% @doc Processes that go into states, one for each core; the search itself keeps what was met.
+%% @doc Worker processes that expand states, one per core. The search itself keeps the set of
+%% states.
 %%
-%% They share the numbers of parts ({@link starl_check_store}), so states go to and fro in few
+%% The workers share the numbers of parts ({@link starl_check_store}), so a state is sent in few
 %% bytes. Answers are taken in the order in which the states were given out.
 -module(starl_check_workers).
 
@@ -12,8 +13,8 @@
     starl_check_model:t(), [starl_check_term:permutation()], starl_check_store:t()
 }.
 
-%% A run from a state: how many steps, and the state that it leads to, with its hash, and whether
-%% nothing fails on the way.
+%% A run from a state: its number of steps, its final state with its hash, and whether it is free of
+%% failures.
 -type outcome() :: {
     Steps :: non_neg_integer(),
     {ok, Key :: <<_:128>>, Packed :: binary(), IsSmooth :: boolean()}
@@ -21,8 +22,8 @@
     | stuck
 }.
 
-%% What there is to know of a state: the runs from it, whether the clients are done, and in what
-%% robots were found to differ that are taken for one another.
+%% The expansion of a state: the runs from it, whether the clients are done, and a difference found
+%% between robots assumed to be alike.
 -type answer() :: {
     starl_check_visited:state_number(),
     [outcome()],
@@ -32,7 +33,7 @@
 
 -type states() :: [{starl_check_visited:state_number(), Packed :: binary()}].
 
-%% `next' is given something to do next; `given': from whom answers will come, in their order.
+%% `next': the worker that gets the next states; `given': the workers that owe answers, in order.
 -record(workers, {
     ref :: reference(),
     pids :: [pid()],
@@ -42,15 +43,15 @@
 
 -opaque t() :: #workers{}.
 
-%% Roomy, so that a worker's heap is collected seldom; what is left of it then is little.
+%% A large heap is collected seldom, and little of it survives.
 -define(HEAP_WORDS, 60000).
-%% Symmetry is tried out on the first states, and on one of so many of the others.
+%% Symmetry is tested on the first states, and on a fixed share of the others.
 -define(FIRST_TRIED, 500).
 -define(TRIED, 50).
-%% What a worker may have before it besides what it is at.
+%% The number of tasks that may wait for a worker beside the present one.
 -define(AHEAD, 2).
 
-%% @doc So many workers; none if one core is all there is to use.
+%% @doc Starts this number of workers; none for a count of one.
 -spec start(Count :: pos_integer(), pid(), context()) -> t().
 start(Count, Owner, Context) ->
     Ref = make_ref(),
@@ -59,7 +60,7 @@ start(Count, Owner, Context) ->
     Pids = [spawn_opt(Work, Options) || Count > 1, _ <- lists:seq(1, Count)],
     #workers{ref = Ref, pids = Pids, next = Pids}.
 
-%% @doc Ends them; what they have computed is added to the store.
+%% @doc Ends the workers; their results are added to the store.
 -spec stop(t(), starl_check_store:t()) -> starl_check_store:t().
 stop(#workers{pids = Pids, ref = Ref}, Store) ->
     lists:foldl(
@@ -71,25 +72,25 @@ stop(#workers{pids = Pids, ref = Ref}, Store) ->
         Pids
     ).
 
-%% @doc Are there any?
+%% @doc Whether there are workers.
 -spec are_there(t()) -> boolean().
 are_there(#workers{pids = Pids}) -> Pids =/= [].
 
-%% @doc Do they have as much to do as is good?
+%% @doc Whether the workers have enough to do.
 -spec is_full(t()) -> boolean().
 is_full(#workers{pids = Pids, given = Given}) -> queue:len(Given) >= ?AHEAD * length(Pids).
 
-%% @doc Do they have nothing to do?
+%% @doc Whether the workers have nothing to do.
 -spec is_idle(t()) -> boolean().
 is_idle(#workers{given = Given}) -> queue:is_empty(Given).
 
-%% @doc Gives them states to go into.
+%% @doc Gives states to the workers.
 -spec give(states(), t()) -> t().
 give(States, #workers{next = [Pid | Next], ref = Ref, given = Given} = Workers) ->
     Pid ! {Ref, States},
     Workers#workers{next = Next ++ [Pid], given = queue:in(Pid, Given)}.
 
-%% @doc The answer to what was given first and has not been answered.
+%% @doc The answers to the oldest unanswered states.
 -spec take(t()) -> {[answer()], t()}.
 take(#workers{ref = Ref, given = Given} = Workers) ->
     {{value, Pid}, Rest} = queue:out(Given),
@@ -111,7 +112,7 @@ work(Owner, Ref, {_, _, Store} = Context) ->
             work(Owner, Ref, Context)
     end.
 
-%% @doc What may happen in a state.
+%% @doc Expands a state.
 -spec answer(starl_check_visited:state_number(), Packed :: binary(), context()) -> answer().
 answer(Number, Packed, {Model, Permutations, Store} = Context) ->
     State = starl_check_state:unpack(Packed),
@@ -136,6 +137,6 @@ outcome({_Choices, {violation, _, Violation}}, _From, _Context) ->
 outcome({_Choices, stuck}, _From, _Context) ->
     stuck.
 
-%% Does something arrive that was reported lost?
+%% Whether a message arrives that was reported lost.
 is_ghost({deliver, I}) -> starl_check_part:age(I) =:= ghost;
 is_ghost(_Choice) -> false.

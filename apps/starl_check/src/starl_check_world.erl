@@ -1,6 +1,6 @@
-%% @doc The world of a checked robot, as it is while one event is worked off: a clock that stands
-%% still, timers that fire when the checker chooses, a store that is never full. It collects what the
-%% robot sends and traces.
+%% @doc The world of a checked robot while it handles one event: a clock that stands still, timers
+%% that fire when the checker chooses, and a store that is never full. It collects the robot's
+%% messages and traced events.
 -module(starl_check_world).
 -behaviour(starl_robot).
 -behaviour(starl_platform).
@@ -10,12 +10,12 @@
 
 -export_type([t/0, sent/0, due/0]).
 
-%% What the robot puts under way.
+%% A message that the robot sends.
 -type sent() ::
     {message, starl:robot_id(), Type :: atom(), Body :: term(), starl_check_sap:ref() | none}
     | {packet, starl:robot_id(), starl_packet:t()}.
 
-%% When a timer may fire: at any time, or when so many ticks have passed.
+%% The time at which a timer may fire: any time, or after this number of ticks.
 -type due() :: any | non_neg_integer().
 
 -record(world, {
@@ -29,36 +29,36 @@
 
 -opaque t() :: #world{}.
 
-%% @doc The world of the robot at a place, whose machines have stored these terms.
+%% @doc The world of the robot at a place, with the terms stored by its machines.
 -spec new(starl_check_term:place(), #{starl_machine:name() => term()}, starl_check_model:t()) ->
     t().
 new(Place, Stored, Model) -> #world{place = Place, stored = Stored, model = Model}.
 
-%% @doc What the robot has put under way, in order.
+%% @doc The messages that the robot has sent, in order.
 -spec sent(t()) -> [sent()].
 sent(#world{sent = Sent}) -> lists:reverse(Sent).
 
-%% @doc Puts more under way.
+%% @doc Adds sent messages.
 -spec put_under_way([sent()], t()) -> t().
 put_under_way(New, #world{sent = Sent} = World) -> World#world{sent = lists:reverse(New, Sent)}.
 
-%% @doc What the robot has traced, in order.
+%% @doc The events that the robot has traced, in order.
 -spec traces(t()) -> [starl_monitor:trace_event()].
 traces(#world{traces = Traces}) -> lists:reverse(Traces).
 
-%% @doc What its machines have stored.
+%% @doc The terms stored by its machines.
 -spec stored(t()) -> #{starl_machine:name() => term()}.
 stored(#world{stored = Stored}) -> Stored.
 
-%% @doc Nothing is noted of an event.
+%% @doc Ignores the event: the checker keeps no digest.
 -spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
 handles(_Name, _Type, _Content, World) -> World.
 
-%% @doc The robot's clock stands still ({@link starl_check_term}).
+%% @doc The reading of the robot's clock, which stands still ({@link starl_check_term}).
 -spec clock(t()) -> integer().
 clock(#world{place = Place}) -> starl_check_term:now(Place).
 
-%% @doc What a machine is given when it starts.
+%% @doc The base configuration of a machine at its start.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
 base(Name, Incarnation, #world{place = Place, model = Model, stored = Stored}) ->
     #{ids := Ids, same_random := Same, waits := Waits} = Model,
@@ -86,13 +86,13 @@ kept(Name, Stored) ->
 started(Place, true) -> starl_check_term:now(Place);
 started(Place, false) -> starl_check_term:long_ago(Place).
 
-%% @doc Records a fact.
+%% @doc Records a traced event.
 -spec trace(starl_machine:name(), term(), t()) -> t().
 trace(Name, Event, #world{place = Place, traces = Traces} = World) ->
     World#world{traces = [{0, starl_check_term:id(Place), Name, Event} | Traces]}.
 
-%% @doc A timer is marked with when it is due, rounded up to ticks, for it never fires before its
-%% time; and with its content.
+%% @doc Marks a timer with its content and its deadline, rounded up to ticks, because a timer never
+%% fires early.
 -spec plan(starl_machine:name(), starl_robot_timers:timer(), non_neg_integer(), term(), t()) ->
     {{due(), Content :: term()}, t()}.
 plan(Name, Timer, Us, Content, #world{place = Place, model = Model} = World) ->
@@ -104,17 +104,17 @@ plan(Name, Timer, Us, Content, #world{place = Place, model = Model} = World) ->
             {{any, Content}, World}
     end.
 
-%% @doc Keeps a term; times in it that are over are all the same.
+%% @doc Stores a term; all past times in it become equal.
 -spec store(starl_machine:name(), term(), t()) -> {ok, t()}.
 store(Name, Term, #world{stored = Stored, model = #{rates := Rates, past_us := Past}} = World) ->
     {ok, World#world{stored = Stored#{Name => starl_check_term:shift(Term, 0, Rates, Past)}}}.
 
-%% @doc That the application has ended shows in its state.
+%% @doc Does nothing: the end of the application shows in the application's state.
 -spec ended(starl_robot:ended(), t()) -> t().
 ended(_How, World) -> World.
 
-%% @doc A checked robot does nothing in the world but send. A datagram over SAP's contract is a
-%% message like others, of which nobody hears.
+%% @doc Performs an action in the world; a checked robot only sends. Over SAP's contract a datagram
+%% is a message without an outcome.
 -spec perform(starl_platform:world_action(), starl_machine:name(), t()) -> {[], t()}.
 perform(
     {transmit, Dest, {starl, 1, shout, _, Type, Body}}, _, #world{model = #{sap := contract}} = W
@@ -128,6 +128,6 @@ dests(all, #world{place = Place, model = #{ids := Ids}}) ->
 dests(Dest, _World) ->
     [Dest].
 
-%% @doc It stands always.
+%% @doc Does nothing: the robot always stands still.
 -spec stop(t()) -> t().
 stop(World) -> World.
