@@ -1,10 +1,10 @@
-%% @doc The application of a checked robot: it makes the calls of its script one after the other
-%% and ends. When it makes the next one is up to the checker: each call waits for the timer `go'.
+%% @doc The application of a checked robot: it makes the calls of its script one after the other and
+%% ends. The checker decides the time of each call: a call waits for the timer `go'.
 %%
 %% The steps of a script: {@link starl_block:script()}.
 %%
-%% A call that its machine's crash ended is made again, as the blocks' interfaces do it. After its
-%% own crash the client begins anew. Its state is `running' or `done'.
+%% A call ended by the crash of its machine is repeated, as in the blocks' interfaces. After a crash
+%% of the client itself the script starts again. Its state is `running' or `done'.
 -module(starl_check_client).
 -behaviour(starl_machine).
 
@@ -12,14 +12,14 @@
 
 -export_type([event/0]).
 
-%% What it traces: the time that it was to wait is over.
+%% The event that the client traces: its window of time is over.
 -type event() :: {window, over}.
 
 -record(client, {
     incarnation :: pos_integer(),
     script :: starl_block:script(),
     listens :: [atom()],
-    %% the call that is not answered yet: to whom, and its mark
+    %% the unanswered call: its machine and its mark
     waits = none :: none | {starl_machine:name(), Mark :: term()}
 }).
 
@@ -107,7 +107,7 @@ step_over(#client{script = [_ | Rest]} = Client) ->
 once_more(Client) -> {keep_state, Client, go()}.
 
 next([]) -> {done, []};
-%% The window begins with the step before.
+%% The window begins with the previous step.
 next([{window, Us} | _]) -> {running, [{{timeout, window}, Us, over}]};
 next([_ | _]) -> {running, go()}.
 

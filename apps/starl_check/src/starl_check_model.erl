@@ -1,16 +1,17 @@
-%% @doc What is checked: the model that a block declares ({@link starl_block:model()}: its machine,
-%% the scripts of its clients, the monitor that judges), completed, and what may happen.
-%% README.md tells why the models are as they are.
+%% @doc The models that the checker explores. A block declares a model ({@link
+%% starl_block:model()}): its machine, the scripts of its clients and its monitor. This module
+%% completes it with the defaults, the faults and the checker's own machines. doc/checking.md
+%% explains the models.
 -module(starl_check_model).
 
 -export([blocks/0, new/2, machines/2, timer/2, permutations/1, may_be_inert/3]).
 
 -export_type([t/0, block/0, options/0, budgets/0, timer_kind/0]).
 
-%% The name of a model: as a rule that of the block.
+%% The name of a model: normally that of the block.
 -type block() :: atom().
 
-%% How often each fault may happen; see {@link starl_check}.
+%% The number of times that each fault may happen; see {@link starl_check}.
 -type budgets() :: #{
     loss => non_neg_integer(),
     crash => non_neg_integer(),
@@ -22,12 +23,11 @@
     death => non_neg_integer()
 }.
 
-%% `machine': another machine in the place of the block's, with what it adds to the
-%% configuration: for tests. `crash': which machines may crash. The reductions, each `true' unless
-%% said otherwise: `symmetry', robots that differ in nothing but their number
-%% are taken for one another; `reduce' ({@link starl_check_reduce}); `leave_out' ({@link
-%% starl_check_inert}). `workers': how many processes go into states, by default one a core, where
-%% a layer of the search has at least `spread' bytes.
+%% `machine': a replacement of the block's machine, with additions to its configuration, for tests.
+%% `crash': the machines that may crash. The reductions, by default `true': `symmetry', robots that
+%% differ only in their number are treated as alike; `reduce' ({@link starl_check_reduce});
+%% `leave_out' ({@link starl_check_inert}). `workers': the number of processes that expand states,
+%% by default one per core; they are used for layers of the search of at least `spread' bytes.
 -type options() :: #{
     robots => pos_integer(),
     faults => budgets(),
@@ -44,16 +44,16 @@
     spread => non_neg_integer()
 }.
 
-%% `sap': real, over packets, or as its contract says; `crash': which machines may crash; `timed':
-%% the timers whose order matters, `steps' those that fire at any moment, as the client's do, the
-%% others when nothing is under way; `rates': µs that each robot's
-%% clock gains in a tick; `grain': time passes to the next timed timer or by so many ticks;
-%% `horizon_us': how long a time in a message that is over is still told from an earlier one,
-%% `past_us': one in a machine's data; `waits': the places where it matters when a machine began,
-%% elsewhere that is long ago; `fixed': the places of robots that are unlike all others;
-%% `same_random': all robots draw the same; `draws': a robot draws the `same' each time;
-%% `beyond': what would come after one of these events is
-%% not gone into; `known': what may be traced.
+%% `sap': the real one over packets, or its contract; `crash': the machines that may crash; `timed':
+%% the timers whose order matters; `steps': the timers that fire at any moment, like the client's
+%% (all other timers fire when nothing is under way); `rates': µs that each robot's clock gains in a
+%% tick; `grain': time passes to the next timed timer, or by at most this number of ticks;
+%% `horizon_us': past times in messages are distinguished up to this age; `past_us': the same for
+%% times in a machine's data; `waits': the places where the start time of a machine matters
+%% (elsewhere it is long ago); `fixed': the places of robots that are unlike all others;
+%% `same_random': all robots draw the same numbers; `draws': with `same' a robot draws the same
+%% number each time; `beyond': states after such an event are not expanded; `known': the events that
+%% may be traced.
 -type t() :: #{
     block := block(),
     ids := [starl:robot_id()],
@@ -87,21 +87,21 @@
 
 -type timer_kind() :: step | timed | patience | free.
 
-%% µs that a clock gains in a tick, where the model does not say.
+%% The default number of µs that a clock gains in a tick.
 -define(FAST, 101).
-%% So many terms in a row are followed.
+%% The number of consecutive terms that are followed.
 -define(TERMS, 3).
-%% It does not pay to spread fewer bytes of states over several cores.
+%% For fewer bytes of states several cores do not pay.
 -define(SPREAD, 100000).
 -define(NO_FAULTS, #{
     loss => 0, crash => 0, sap => 0, dup => 0, late => 0, timeout => 0, reboot => 0, death => 0
 }).
 
-%% @doc The models of the blocks that ship, and what is checked of each.
+%% @doc The models of the shipped blocks, and the property checked of each.
 -spec blocks() -> [{block(), string()}].
 blocks() -> [{Name, Doc} || {Name, Doc, _} <- starl_blocks:models()].
 
-%% @doc The model of a block that ships, or of one of the user's own.
+%% @doc The model of a shipped block or of a user's block.
 -spec new(block() | starl_block:model_entry(), options()) -> t().
 new({Name, _Doc, Make}, Options) ->
     Common = common(Name, Options),
@@ -150,7 +150,7 @@ common(Block, Options) ->
         spread => maps:get(spread, Options, ?SPREAD)
     }.
 
-%% Where SAP is what is checked, its crashes are those of the block's machine.
+%% If SAP itself is checked, its crashes are those of the block's machine.
 faults(sap, #{crash := Crash, sap := Sap} = Faults) -> Faults#{crash := Crash + Sap, sap := 0};
 faults(_Block, Faults) -> Faults.
 
@@ -163,7 +163,7 @@ with_machine({ok, {Name, Module, Extra}}, #{blocks := Blocks} = Model) ->
 with_machine({ok, {Module, Extra}}, #{blocks := [{Name, _, Config} | Rest]} = Model) ->
     Model#{blocks := [{Name, Module, maps:merge(Config, Extra)} | Rest]}.
 
-%% What the block has left out, and the body and the checker's own machines.
+%% Adds the defaults, the body and the checker's own machines.
 complete(Given, #{ids := Ids} = Common) ->
     #{blocks := Blocks} = Given,
     Names = [Name || {Name, _, _} <- Blocks],
@@ -171,20 +171,20 @@ complete(Given, #{ids := Ids} = Common) ->
     Model = maps:merge(Common#{crash => Names, fixed => []}, maps:remove(stands, Given)),
     Model#{blocks := Blocks ++ Body, waits => maps:get(waits, Given, places(Ids))}.
 
-%% @doc Is a message of this kind worth a try as one that changes nothing for ever once it changes
-%% nothing? The block says; {@link starl_check_inert} proves it.
+%% @doc Whether a message of this kind may be inert: once its arrival changes nothing, it never
+%% will. The block declares this; {@link starl_check_inert} proves it.
 -spec may_be_inert(Type :: atom(), Body :: term(), t()) -> boolean().
 may_be_inert(Type, Body, #{inert := IsInert}) -> IsInert(Type, Body).
 
 places(Ids) -> lists:seq(1, length(Ids)).
 
-%% @doc The machines of the robot at a place, in the order in which they start.
+%% @doc The machines of the robot at a place, in the order of their start.
 -spec machines(starl_check_term:place(), t()) -> [{starl_machine:name(), module(), map()}].
 machines(Place, #{blocks := Blocks, script := Script}) ->
     Blocks ++ [{app, starl_check_client, #{script => Script(Place)}}].
 
-%% @doc What kind of timer this is: of the client (`step'), ordered by time (`timed'), the end of
-%% a call's patience, or one that may fire at any time.
+%% @doc The kind of a timer: of the client (`step'), ordered by time (`timed'), the end of a call's
+%% patience, or a timer that may fire at any time.
 -spec timer(starl_check_robot:timer(), t()) -> timer_kind().
 timer({app, window}, _Model) ->
     timed;
@@ -202,8 +202,7 @@ timer({_, Timer}, #{timed := Timed, steps := Steps}) ->
 tag(Timer) when is_tuple(Timer) -> element(1, Timer);
 tag(Timer) -> Timer.
 
-%% @doc The permutations of the team that map every robot to one like itself, without the one
-%% that changes nothing.
+%% @doc The permutations of the team that map every robot to an alike one, without the identity.
 -spec permutations(t()) -> [starl_check_term:permutation()].
 permutations(#{symmetry := false}) ->
     [];

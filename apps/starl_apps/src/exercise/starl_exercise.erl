@@ -1,10 +1,10 @@
-%% @doc An application that does nothing but use one building block all the time, under the
-%% monitors of its contract: as in `./starl run exercise --block mutex --random-faults [network]'.
-%% With `final' each robot makes some more calls when its work is done, and another monitor
-%% ({@link starl_exercise_monitor}) says which calls should have succeeded and did not.
+%% @doc The application `exercise': it uses one building block all the time under the monitors of
+%% the block's contract, as in `./starl run exercise --block mutex --random-faults [network]'. With
+%% `final' each robot makes some more calls after its work, and another monitor ({@link
+%% starl_exercise_monitor}) finds calls that should have succeeded and did not.
 %%
-%% What it does with the block, the block says ({@link starl_block_exercise}): this is the same for
-%% all, a user's own among them.
+%% The block itself declares how it is used ({@link starl_block_exercise}). This application is the
+%% same for all blocks, also for a user's own.
 -module(starl_exercise).
 -behaviour(starl_app).
 -behaviour(starl_scene).
@@ -16,16 +16,16 @@
 
 -type use() :: starl_block_exercise:use().
 
-%% What it does, until when by its own clock (ms), and the number of the turn; or, when the work is
-%% done, how many turns there were, and the number of the call.
+%% During the work: the use, the end of the work by the robot's own clock (ms), and the number of
+%% the turn. After it: the use, the number of turns made, and the number of the call.
 -opaque state() ::
     {use(), Until :: integer(), Turn :: pos_integer()}
     | {final, use(), Turns :: non_neg_integer(), N :: pos_integer()}.
 
-%% A call may last so much longer than its patience.
+%% The longest time by which a call may exceed its patience.
 -define(MARGIN_US, 12000000).
-%% One robot comes to its final calls so much later than another: it has restarted at the end of
-%% the faults.
+%% The longest delay of one robot's final calls after another's, because it may have restarted at
+%% the end of the faults.
 -define(APART_MS, 45000).
 
 %% @doc The blocks that ship and can be exercised.
@@ -41,7 +41,7 @@ options() ->
         {work, {number, 0.001, 1.0e6}, 25, "how long each robot goes on, s by its own clock"},
         {turns, {optional, {integer, 1, 1000000}}, none, "or how often it uses the block, at most"},
         {pause, {integer, 1, 1000000}, 400, "the longest pause between two uses, ms"},
-        %% a robot whose partner is dead goes on
+        %% The patience lets a robot continue if its partner is dead.
         {patience, {integer, 1, 10000000}, 8000, "no call is waited for longer, ms"}
     ] ++ flags() ++
         [
@@ -86,7 +86,7 @@ scene(Block, Use, Options, #{robots := Robots}) ->
     #{
         app => {sequential, ?MODULE, Use},
         never_crashes => true,
-        %% who is dead is given up soon
+        %% A low limit gives up dead robots soon.
         sap => #{limit => 6},
         blocks => [{Block, Options}],
         monitors => [{starl_exercise_monitor, calls(Block, Use, Robots)}]
@@ -101,7 +101,7 @@ calls(Block, #{within := Within}, Robots) ->
         bound_us => ?MARGIN_US
     }.
 
-%% The map `with' has options of the block, and values of flags that this application has not.
+%% The map `with' holds options of the block and values of flags that are not this application's.
 with_own(Block, Exercise, #{robots := Robots, options := #{with := Given} = Options}) ->
     Flags = starl_block_exercise:flags(Exercise),
     Known = [Key || {Key, _, _, _} <- Flags],
@@ -140,7 +140,7 @@ step(Robot, {final, #{exercise := Exercise, final := Most} = Use, Turn, N}) when
 step(_Robot, {final, _Use, Turn, _N}) ->
     {done, Turn};
 step(Robot, {#{turns := Turns, exercise := Exercise, pause := Pause} = Use, Until, Turn}) ->
-    %% an atom is more than every number
+    %% An atom is greater than every number.
     case starl:now(Robot) >= Until orelse Turn > Turns of
         true ->
             {continue, {final, Use, Turn, 1}};
@@ -150,8 +150,8 @@ step(Robot, {#{turns := Turns, exercise := Exercise, pause := Pause} = Use, Unti
             {continue, {Use, Until, Turn + 1}}
     end.
 
-%% @doc How often the block was used, and what its monitors have counted: of the mutex, the longest
-%% and the mean wait for a token and how unfair they are (the longest by the mean).
+%% @doc The number of uses of the block, and the counts of its monitors. For the mutex: the longest
+%% and the mean wait for a token, and the unfairness (the longest divided by the mean).
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(#{monitors := Monitors}, #{robots := Robots, monitors := Results}) ->
     Turns = [Turn - 1 || {_, #{result := {done, Turn}}} <- Robots],

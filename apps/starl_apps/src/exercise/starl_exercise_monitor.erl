@@ -1,13 +1,15 @@
-%% @doc Progress, call by call: what a building block promises of each call of `exercise' when
-%% nothing goes wrong any more. Judged is every call that is made after that time (`healed_us'), or
-%% still waits then (`never': none). What is promised, the exercise of the block says (`exercise', a
-%% {@link starl_block_exercise}): as a rule that the call has succeeded so long (`within_us') after
-%% it was made, after the heal, and after the last robot that it waits for has come.
+%% @doc The monitor of progress: judges each call of `exercise' by the promise that the building
+%% block makes for a time without faults. It judges every call that is made after the heal
+%% (`healed_us') or still waits then; with `never', no calls. The block's exercise defines the
+%% promise (`exercise', a {@link starl_block_exercise}). In most cases a call must have succeeded
+%% within `within_us' after the latest of three times: the call, the heal, and the arrival of the
+%% last robot that the call waits for.
 %%
-%% A call whose patience ends before that may fail. Whatever is promised, and whatever goes wrong,
-%% every call with a patience ends `bound_us' after it at the latest, `margin_us' after the heal.
+%% A call whose patience ends earlier may fail. Independent of promises and faults, every call with
+%% a patience ends at most `bound_us' after its patience, and at most `margin_us' after the heal.
 %%
-%% Events of machine `app': {@link starl_block_exercise:event()}, `crashed'; of the machines that the exercise watches; of machine `robot': `down', `{died, Reason}'.
+%% Events of machine `app': {@link starl_block_exercise:event()}, `crashed'; of the machines that
+%% the exercise watches; of machine `robot': `down', `{died, Reason}'.
 -module(starl_exercise_monitor).
 -behaviour(starl_monitor).
 
@@ -25,15 +27,15 @@
     bound :: us(),
     open = #{} :: #{robot_id() => starl_promise:call()},
     died = [] :: [robot_id()],
-    %% what the exercise remembers
+    %% the memory of the exercise
     seen :: term(),
     judged = 0 :: non_neg_integer()
 }).
 
-%% Others may find out so much later that a robot has restarted.
+%% The time in which the others learn of the restart of a robot.
 -define(SETTLED_US, 5000000).
 
-%% @doc See above; `healed_us' is `never' unless it is told.
+%% @doc The fields are described above; the default of `healed_us' is `never'.
 -spec init(#{
     exercise := module(),
     robots := [robot_id()],
@@ -54,12 +56,12 @@ init(#{exercise := Exercise, robots := Robots} = Config) ->
         seen = starl_block_exercise:seen(Exercise, Robots)
     }.
 
-%% @doc Told when nothing goes wrong any more; faults of clocks and processes widen the bound.
+%% @doc Enters the time of the heal; faults of clocks and processes widen the bound.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{healed_us := Healed, slack_us := Slack}, #{bound_us := Bound} = Config) ->
     maps:merge(#{healed_us => Healed}, Config#{bound_us := Bound + Slack}).
 
-%% @doc The applications, the end of robots, and what the exercise watches.
+%% @doc The applications, the end of robots, and the machines that the exercise watches.
 -spec interests(#state{}) -> [atom()].
 interests(#state{exercise = Exercise}) ->
     lists:usort([app, robot | starl_block_exercise:watches(Exercise)]).
@@ -88,8 +90,8 @@ step(Event, State) ->
 told([], State) -> {ok, State};
 told([Violation], State) -> {violation, Violation, State}.
 
-%% @doc Calls that should have ended break the contract, too. Results: how many calls that were
-%% promised something were `judged'.
+%% @doc Calls that should have ended break the contract, too. Results: `judged', the number of
+%% judged calls with a promise.
 -spec finish(us(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(End, #state{open = Open, judged = Judged} = State) ->
@@ -132,7 +134,7 @@ ended(T, #{since_us := Since} = Call, Outcome, #state{healed = Healed} = State) 
 what(true) -> too_late;
 what(false) -> not_as_promised.
 
-%% A call that has not ended by this time, and should have.
+%% The violation of a call that should have ended by this time and has not.
 overdue(T, Call, State) ->
     Ends = ends(Call, State),
     case promise(Call, State) of
@@ -141,8 +143,8 @@ overdue(T, Call, State) ->
         _ -> []
     end.
 
-%% By the clock of a robot that drifts. An atom is more than every number: what is judged after the
-%% heal never is where nothing heals.
+%% The end by the drifting clock of the robot. An atom is greater than every number, so that without
+%% a heal nothing is judged after it.
 ends(#{patience_ms := none} = Call, State) ->
     starl_promise:due_us(Call, team(State));
 ends(#{patience_ms := Ms, since_us := Since}, State) ->

@@ -1,4 +1,4 @@
-%% @doc `./starl blocks': the building blocks, what each guarantees, what it can, and its options.
+%% @doc `./starl blocks': lists the building blocks with their guarantees, capabilities and options.
 -module(starl_cli_blocks).
 -behaviour(starl_cli_command).
 

@@ -59,8 +59,8 @@
 -callback flags(subject()) -> [group()].
 %% The meanings of the exit statuses, without 2 (bad usage or input).
 -callback statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-%% Resolves a word that is not a choice from a list; passes on the other arguments. A
-%% command with choices is asked for files, FILE.erl.
+%% Resolves a word that is not a choice from a list, and passes on the other arguments. For a
+%% command with choices the word is a file, FILE.erl.
 -callback subject(Word :: string(), Args :: [string()]) ->
     {ok, subject(), [string()]} | {error, [unicode:chardata(), ...]}.
 -callback run(call()) -> answer().

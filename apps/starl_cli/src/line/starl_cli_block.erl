@@ -1,4 +1,4 @@
-%% @doc Building blocks of the user's own on the command line, as Erlang source.
+%% @doc Loads a user's building block, given as Erlang source on the command line.
 -module(starl_cli_block).
 
 -export([own/2]).
@@ -6,7 +6,7 @@
 -type answer() ::
     {ok, module(), [starl_cli_target:code(), ...]} | {error, [unicode:chardata(), ...]}.
 
-%% @doc The block in a file, which must be able to do this (`list': nothing).
+%% @doc Loads the block in a file, which must have this capability (`list': no capability needed).
 -spec own(file:filename(), starl_block:capability() | list) -> answer().
 own(File, What) -> loaded(File, starl_cli_source:modules(File), What).
 

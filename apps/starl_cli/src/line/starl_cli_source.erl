@@ -1,10 +1,10 @@
-%% @doc Modules of the user's own: compiled in memory, with one line for each error. A file comes with
-%% the files beside it whose modules it names, and these with those that they name.
+%% @doc Compiles a user's modules in memory and reports one line per error. A file is compiled
+%% together with the files beside it whose modules it names, directly or indirectly.
 -module(starl_cli_source).
 
 -export([load/1, modules/1]).
 
-%% @doc Compiles and loads a source file: an application, or a building block, which is exercised.
+%% @doc Compiles and loads a source file: an application, or a building block to be exercised.
 -spec load(file:filename()) ->
     {ok, starl_cli_target:t()} | {error, [unicode:chardata(), ...]}.
 load(File) ->
@@ -57,7 +57,7 @@ sound(File, {ok, Module, Beam, Warnings}) ->
 sound(_File, {error, Errors, _Warnings}) ->
     {error, lines(Errors)}.
 
-%% The files beside this one whose modules are named in it and are not there already.
+%% The files in the same directory whose modules are named in this file and not loaded yet.
 beside(File, Module, Beam) ->
     {ok, {Module, [{abstract_code, {raw_abstract_v1, Forms}}]}} =
         beam_lib:chunks(Beam, [abstract_code]),
@@ -73,7 +73,7 @@ beside(File, Module, Beam) ->
         lists:member(code:which(Name), [non_existing, path(File, Path)])
     ].
 
-%% As the user wrote it: without "./".
+%% The path as the user wrote it, without "./".
 path(File, Path) ->
     case filename:dirname(File) of
         "." -> filename:basename(Path);
@@ -85,7 +85,7 @@ atoms(Form) when is_tuple(Form) -> atoms(tuple_to_list(Form));
 atoms(Forms) when is_list(Forms) -> lists:append([atoms(Form) || Form <- some(Forms)]);
 atoms(_Other) -> [].
 
-%% Improper lists are text and places, which name nothing.
+%% Improper lists are texts and source locations, which name no modules.
 some([Form | Forms]) -> [Form | some(Forms)];
 some(_End) -> [].
 

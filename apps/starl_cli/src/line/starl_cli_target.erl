@@ -7,8 +7,8 @@
 -export_type([t/0, code/0]).
 
 %% `given': the values of a scenario file; `replay': the word for the target on a command line;
-%% `file': the source of the values. The `code' of modules of the user's own is in no file. A
-%% recorded run comes with its `record'.
+%% `file': the source of the values; `code': the user's own modules, which exist only in memory;
+%% `record': that of a recorded run.
 -type t() :: #{
     app := module(),
     name := string(),

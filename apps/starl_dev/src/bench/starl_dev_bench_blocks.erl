@@ -1,5 +1,5 @@
-%% @doc The building-blocks benchmark: the packets that an election, an entry, a round and a
-%% geocast take, acknowledgements included, beside the formulas of the blocks' pages.
+%% @doc The building-blocks benchmark: the number of packets for an election, an entry, a round and
+%% a geocast, acknowledgements included, compared with the formulas of the blocks' pages.
 -module(starl_dev_bench_blocks).
 -behaviour(starl_dev_benchmark).
 
@@ -16,7 +16,7 @@ flags() ->
         {seed, {integer, 0, 1 bsl 32}, 1, "decides every random draw"}
     ].
 
-%% @doc Measures and prints a line for each block and size; the figures for a file.
+%% @doc Measures, prints one line per block and size, and gives the figures for a file.
 -spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, loss := Loss} = Options) ->
     starl_cli_terminal:out(
@@ -27,7 +27,7 @@ run(#{robots := Sizes, loss := Loss} = Options) ->
     ),
     [measure(Name, Said, N, Options) || {Name, Said} <- benchmarks(), N <- Sizes].
 
-%% What each block says of itself.
+%% The benchmarks that the blocks declare.
 benchmarks() ->
     [
         {Name, Block:benchmark()}

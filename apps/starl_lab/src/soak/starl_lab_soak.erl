@@ -1,21 +1,21 @@
-%% @doc `./starl soak': a building block under random faults of all kinds (path planning: of those
-%% that it bears), seed for seed, one VM a core. The monitors judge safety all the time and progress
-%% after the faults.
+%% @doc `./starl soak': runs a building block with many seeds under random faults of all kinds (path
+%% planning: the kinds that it tolerates), on one VM per core. The monitors judge safety all the
+%% time and progress after the faults.
 -module(starl_lab_soak).
 
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
 -export([scenario/3, targets/0]).
-%% called in VMs of their own
+%% Called in the VMs of the jobs.
 -export([one/1]).
 
 -export_type([run/0, found/0]).
 
-%% What is soaked, and with which seed.
+%% One run: its block, seed and scenario.
 -type run() :: {Block :: atom(), Seed :: non_neg_integer(), starl_sim_scenario:t()}.
 
-%% What a run came to: its violations and the wall time that it took.
+%% The result of a run: its violations and its wall time.
 -type found() ::
     {ok, [starl_monitor:violation()], Seconds :: float()} | {failed, starl_sim_trial:reason()}.
 
@@ -28,15 +28,15 @@
 
 -type own() :: {own, module(), file:filename(), [starl_cli_target:code(), ...]}.
 
-%% Nobody waits longer for one failing run to become small, s.
+%% The time limit for shrinking one failing run, s.
 -define(SHRINK_S, 60).
 
-%% @doc What can be soaked: the blocks of `exercise', and path planning.
+%% @doc The targets of a soak: the blocks of `exercise', and path planning.
 -spec targets() -> [atom(), ...].
 targets() -> starl_exercise:blocks_known() ++ [dpp].
 
-%% @doc The values of the runs of a block, but for the defaults; without a number of robots that is
-%% drawn, too.
+%% @doc The values of a run of a block that differ from the defaults. The number of robots is drawn
+%% if it is `none'.
 -spec scenario(atom(), Robots :: pos_integer() | none, Seed :: non_neg_integer()) ->
     #{atom() => term()}.
 scenario(Block, Robots, Seed) -> starl_lab_soak_draw:scenario(Block, Robots, Seed).
@@ -90,7 +90,7 @@ run(#{subject := all, values := Values}) -> soak(plan(targets(), Values), none);
 run(#{subject := {own, Block, _, _} = Own, values := Values}) -> soak(plan([Block], Values), Own);
 run(#{subject := Block, values := Values}) -> soak(plan([Block], Values), none).
 
-%% @doc A block of the user's own.
+%% @doc Loads a user's block.
 -spec subject(string(), [string()]) ->
     {ok, own(), [string()]} | {error, [unicode:chardata(), ...]}.
 subject(File, Args) ->
@@ -143,7 +143,7 @@ status(done, _, Founds) ->
         {[], []} -> 0
     end.
 
-%% The first run that fails in a way, as commands and as a small scenario.
+%% Reports the first run with a kind of violation: its commands and a small scenario.
 violated({Block, Seed, Violation, Count}, Target, Scenario, Shrunk) ->
     Replay = lists:flatten(unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario))),
     starl_cli_terminal:out([
@@ -186,7 +186,7 @@ small(File, Target, Scenario) ->
      || Line <- case Answer of {ok, Lines, _} -> tl(Lines); {error, _, Why} -> [Why] end
     ]).
 
-%% @private One run, in a VM of its own.
+%% @private One run, in the VM of its job.
 -spec one(run()) -> found().
 one({_Block, _Seed, Scenario}) ->
     Begin = erlang:monotonic_time(microsecond),

@@ -1,34 +1,35 @@
-%% @doc What a soak runs with a seed: besides the faults, which the simulator draws, the size of
-%% the team, how long faults may last, leases and other figures of the block, and how well clocks
-%% run. All of it stands in the scenario, and so in the command that runs it again.
+%% @doc Draws the scenario of a soak's run from a seed: the size of the team, the longest duration
+%% of a fault, leases and other options of the block, and the quality of the clocks. The simulator
+%% itself draws the faults. All values are in the scenario, and so in the command that repeats the
+%% run.
 %%
-%% Leases and votes are at stake only where a fault outlasts them, contracts of small teams only in
-%% small teams, a bound on the drift of clocks only near it.
+%% The draws favour critical cases: a lease or a vote is tested only by a fault that outlasts it, a
+%% contract of small teams only in small teams, a bound on the drift of clocks only near the bound.
 -module(starl_lab_soak_draw).
 
 -export([scenario/3]).
 
-%% Faults are over by this time, s; then everything has to be done so soon.
+%% The end of the faults, and the time after it in which the work must be done, s.
 -define(HEAL_S, 25).
 -define(CONVERGE_S, 2000).
-%% For path planning faults are over later, and as a rule it ends soon after, as it takes time to
-%% paint; one run of so many goes on until all robots are done, which they have to be so soon.
+%% For path planning the faults end later, and most runs end soon after them, because painting takes
+%% time. One run of this number continues until all robots are done, within this time, s.
 -define(DPP_HEAL_S, 45).
 -define(DPP_TIME_S, 60).
 -define(DPP_CONVERGE_S, 1800).
 -define(DPP_TO_THE_END, 20).
-%% Nothing goes on for so long, s: a run ends when all is done.
+%% An upper limit of the time, s; a run ends earlier, when all work is done.
 -define(TIME_S, 7200).
 -define(MOST_ROBOTS, 10).
-%% Clocks may go wrong by a hundredth; faults that let one drift would add to that.
+%% The bound on the drift of clocks is 10,000 ppm. Faults that let a clock drift would add to it.
 -define(NEARLY_PPM, 9999).
 -define(STEADY, 0.3).
-%% Path planning rests on positions that are right to within their stated error: noise, bias and
-%% robots taken for each other are beyond it.
+%% The faults of positions, bodies and stores that path planning tolerates. It assumes positions
+%% within their stated error, and noise, bias and exchanged robots exceed that.
 -define(DPP_BEARS, [location_dropout, location_frozen, actuation, serial, store]).
 
-%% @doc The values of the runs of a block, but for the defaults. Painting stands for path planning:
-%% it has to be safe at all times; how long a picture takes depends on what goes wrong.
+%% @doc The values of a run of a block that differ from the defaults. Painting stands for path
+%% planning: it must be safe at all times, while the time for a picture depends on the faults.
 -spec scenario(atom(), Robots :: pos_integer() | none, Seed :: non_neg_integer()) ->
     #{atom() => term()}.
 scenario(dpp, Robots, Seed) ->
@@ -61,14 +62,15 @@ ending(Seed) ->
 robots(none, Block, Seed) -> starl_sim_draw:between({Seed, Block, robots}, 1, ?MOST_ROBOTS);
 robots(Robots, _Block, _Seed) -> Robots.
 
-%% As a rule a third of the time, now and then all of it.
+%% In most runs a third of the time, in some the whole time.
 longest(Heal, Block, Seed) -> one_of([Heal div 3, Heal div 3, Heal], {Seed, Block, longest}).
 
-%% Clocks that nobody sets, near the bound of their drift; or good ones, which faults set.
+%% Either clocks near the bound of their drift, without faults that change their drift (path
+%% planning: without any faults of clocks), or good clocks with all faults of clocks.
 clocks(dpp, Seed) ->
     case is_steady(dpp, Seed) of
         true ->
-            %% nothing need be left for clocks that are set
+            %% Clocks are not set here, so no margin is needed for that.
             #{
                 lease => starl_sim_draw:between({Seed, dpp, lease}, 5000, 8000),
                 jump => 50,
@@ -104,7 +106,7 @@ clocks(Block, Seed) ->
 
 is_steady(Block, Seed) -> starl_sim_draw:uniform({Seed, Block, steady}) < ?STEADY.
 
-%% What the block draws for its exercise; the flags of a user's own go by `with'.
+%% The values that the block draws for its exercise; those of a user's block are given in `with'.
 figures(Name, Seed) ->
     {ok, Block} = starl_blocks:find(Name),
     Draw = fun
