@@ -5,9 +5,9 @@
 %% within `within_us' after the latest of three times: the call, the heal, and the arrival of the
 %% last robot that the call waits for.
 %%
-%% A call whose patience ends earlier may fail. Independent of promises and faults, every call with a
-%% patience ends within the patience plus `bound_us', counted from the call, and within the patience
-%% plus `margin_us', counted from the heal.
+%% A call whose patience ends earlier may fail. Independent of promises and faults, every call with
+%% a patience ends within the patience plus `bound_us', counted from the call, and within the
+%% patience plus `margin_us', counted from the heal.
 %%
 %% Events of machine `app': {@link starl_block_exercise:event()}, `crashed'; of the machines that
 %% the exercise watches; of machine `robot': `down', `{died, Reason}'.
