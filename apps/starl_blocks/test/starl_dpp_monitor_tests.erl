@@ -93,9 +93,9 @@ reservation_that_grows_back_test() ->
                         assigned(3, 2, level(0.0)), reserved(4, 1, level(0.0))])).
 
 new_coordinator_starts_empty_test() ->
-    Change = fun(Epoch) ->
+    Change = fun(Term) ->
         judge([{0, 9, dpp_coordinator, {coordinator, 1}}, assigned(1, 1, level(0.0)),
-               {2, 8, dpp_coordinator, {coordinator, Epoch}}, assigned(3, 8, 2, level(0.0))])
+               {2, 8, dpp_coordinator, {coordinator, Term}}, assigned(3, 8, 2, level(0.0))])
     end,
     ?assertEqual([], Change(2)),
     ?assertEqual([{two_coordinators, [8, 9]}, {tubes_overlap, [1, 2]}], Change(1)).
@@ -154,7 +154,7 @@ deluded_leader_test() ->
     %% whoever drives by it is judged by what the one that leads has reserved
     Off = [{22 * ?S, 1, chassis, {motion, drive(22 * ?S, 0.0, 300.0, 0.0)}}],
     By = [Coordinates(21, 9, {assigned, 1, {1, 1}, level(300.0)})],
-    ?assertEqual([moves_without_leave], Judge(Begin ++ By ++ Off, Stood(9, 15 * ?S, 20 * ?S))),
+    ?assertEqual([moves_without_lease], Judge(Begin ++ By ++ Off, Stood(9, 15 * ?S, 20 * ?S))),
     %% it may come to lead again
     Again = [Coordinates(23, 9, {leads, {3, 9, 1}}), Coordinates(23, 9, {coordinator, {3, 9, 1}})],
     Then = [Coordinates(23, 9, {assigned, 1, {1, 1}, level(300.0)}),
@@ -172,15 +172,15 @@ timeless_test() ->
         M0 = starl_dpp_monitor:init(#{tube_radius => ?TUBE, r_s => ?R_S}),
         starl_dpp_monitor:timeless(lists:foldl(Step, M0, Events))
     end,
-    Begins = fun(Robot, Epoch) -> {0, Robot, dpp_coordinator, {coordinator, Epoch}} end,
+    Begins = fun(Robot, Term) -> {0, Robot, dpp_coordinator, {coordinator, Term}} end,
     ?assertEqual(Timeless([Begins(9, 2)]), Timeless([Begins(8, 1), Begins(9, 2)])),
     ?assertNotEqual(Timeless([Begins(9, 2)]), Timeless([Begins(8, 2)])),
     ?assertNotEqual(Timeless([Begins(9, 2)]), Timeless([Begins(9, 1)])),
     ?assertNotEqual(Timeless([]), Timeless([reserved(0, 1, level(0.0))])).
 
-%%% Leave: r(v) is 50 mm here, and 1 mm is the error of the positions
+%%% Lease: r(v) is 50 mm here, and 1 mm is the error of the positions
 
-leave_test() ->
+lease_test() ->
     R = {starl_dpp_monitor, #{tube_radius => 200.0, r_s => 300.0}},
     Judge = fun(Y, Held) ->
         M0 = starl_monitor:new([R]),
@@ -191,12 +191,12 @@ leave_test() ->
     end,
     ?assertEqual([], Judge(50.9, level(0.0))),
     ?assertEqual([], Judge(51.0, level(0.0))),
-    ?assertEqual([moves_without_leave], Judge(51.1, level(0.0))),
+    ?assertEqual([moves_without_lease], Judge(51.1, level(0.0))),
     %% its space has been given free but for the place where it was seen
-    ?assertEqual([moves_without_leave], Judge(0.0, [{{0.0, 0.0}, {0.0, 0.0}}])).
+    ?assertEqual([moves_without_lease], Judge(0.0, [{{0.0, 0.0}, {0.0, 0.0}}])).
 
-%% Whoever stands needs no leave.
-standing_without_leave_test() ->
+%% A robot that stands needs no lease.
+standing_without_lease_test() ->
     ?assertEqual([], judge([reserved(1, 1, level(0.0)), motion(2, 1, stand(5000.0, 0.0))])).
 
 new_coordinator_must_learn_first_test() ->
@@ -221,7 +221,7 @@ own_tracking_radius_test() ->
     end,
     ?assertEqual([[], []], [Judge(45.0, #{}), Judge(45.0, #{2 => 20.0})]),
     ?assertEqual([], Judge(20.9, #{1 => 20.0})),
-    ?assertEqual([moves_without_leave], Judge(21.1, #{1 => 20.0})).
+    ?assertEqual([moves_without_lease], Judge(21.1, #{1 => 20.0})).
 
 %% Every overlap at one change is reported.
 all_overlaps_are_reported_test() ->

@@ -20,8 +20,8 @@
 
 -export_type([config/0, path/0, request_id/0, term_id/0, place/0]).
 
-%% What a team must agree on: see {@link starl_dpp_settings:t()}, without the robots, and
-%% {@link starl_dpp_lease:config()}; the block's options.
+%% The block's options, on which a team must agree: {@link starl_dpp_settings:t()}, without the
+%% robots, and {@link starl_dpp_lease:config()}.
 -type config() :: #{
     segments := [starl_geometry:segment()],
     world := {number(), number()},
@@ -32,12 +32,12 @@
 %% Ascending per robot, also over a crash.
 -type request_id() :: {Incarnation :: pos_integer(), N :: non_neg_integer()}.
 
-%% A term has one coordinator at most: the robot that claimed it, in that life of its coordinator's
-%% machine. So no term is ever claimed twice, whatever was forgotten.
+%% A term has at most one coordinator: the robot that claimed it, in that life of its coordinator
+%% machine. So no term is ever claimed twice, even by a robot that has forgotten everything.
 -type term_id() ::
     {N :: non_neg_integer(), starl:robot_id() | 0, Incarnation :: non_neg_integer()}.
 
-%% Where a robot is: it stands, or has passed N waypoints of its path and has the rest before it.
+%% The place of a robot: it stands, or has passed N waypoints of its path and still has the rest.
 -type place() ::
     {standing, starl_geometry:point()}
     | {moving, N :: non_neg_integer(), From :: starl_geometry:point(), [starl_dpp_plan:waypoint()]}.
@@ -68,8 +68,8 @@ coordinator(Robot) ->
 
 %% @doc Gives back the path that the robot holds, certifies that the robot stands still (it is
 %% stopped if it does not), and waits for a new path. `complete': every target edge is painted.
-%% `incomplete': what is left is closed by robots that no longer answer. `no_answer': nothing was
-%% heard of any coordinator for two minutes.
+%% `incomplete': robots that no longer answer close the edges that are left. `no_answer': no
+%% coordinator was heard for two minutes.
 -spec request_path(starl:robot()) ->
     {ok, path()} | complete | incomplete | {error, restarted | no_coordinator | no_answer}.
 request_path(Robot) ->
@@ -92,14 +92,13 @@ lines({_Id, From, Waypoints}) when is_list(Waypoints) ->
 lines(Other) ->
     not_a_path({?MODULE, lines, 1}, Other).
 
-%% @doc Turns to line N of the path, at the beginning of which the robot is, and takes the last
-%% millimetres to it. `void' as for {@link drive/3}.
+%% @doc Turns to line N of the path, at whose beginning the robot is, and drives the last
+%% millimetres to that point. `void' as for {@link drive/3}.
 -spec face(starl:robot(), path(), N :: pos_integer()) -> ok | {error, void | restarted}.
 face(Robot, Path, N) -> move(Robot, face, Path, N).
 
-%% @doc Drives straight along line N of the path to its end, and clears what lies behind it. `void':
-%% the robot has lost its coordinator for so long that it must not drive on; it is stopped, and asks
-%% anew.
+%% @doc Drives straight along line N of the path to its end, and frees the space behind. `void': the
+%% robot's lease to drive has ended, or it was stopped; the application asks for a new path.
 -spec drive(starl:robot(), path(), N :: pos_integer()) -> ok | {error, void | restarted}.
 drive(Robot, Path, N) -> move(Robot, drive, Path, N).
 
@@ -132,8 +131,7 @@ machines(Options) ->
         {dpp_coordinator, starl_dpp_coordinator, Options}
     ].
 
-%% Two robots within the slack of their paths are no nearer to each other than what is left of two
-%% tubes.
+%% `r_s': the least distance of two robots that keep within the slack of their paths.
 -spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
 monitors(#{tube_radius := Radius, slack := Slack} = Options, Context) ->
     #{robots := Robots, profiles := Profiles} = Context,
@@ -150,7 +148,7 @@ monitors(#{tube_radius := Radius, slack := Slack} = Options, Context) ->
         }}
     ].
 
-%% Where robots drive on different chassis, r(v) of each.
+%% r(v) of each robot, where robots drive on different chassis.
 tracking(_Robots, [_AllTheSame]) ->
     #{};
 tracking(Robots, Profiles) ->

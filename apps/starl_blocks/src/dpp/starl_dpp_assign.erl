@@ -1,8 +1,8 @@
-%% @doc What the coordinator answers: work, a way out of the way, the end of a deadlock. The
-%% decisions of distributed path planning, over the state that {@link starl_dpp_plan} keeps.
+%% @doc The coordinator's decisions: which robot gets work, which one makes way, and how a deadlock
+%% ends. {@link starl_dpp_plan} keeps the state.
 %%
-%% The run is over when a request answers `complete', or when nobody moves, every request answers
-%% `none' and {@link resolve/2} answers nothing: then robots that no longer answer close the rest.
+%% The run is over when a request answers `complete'; or when no robot moves, every request answers
+%% `none' and {@link resolve/2} answers `[]': then robots that no longer answer close the rest.
 %%
 %% All functions are pure; equal inputs give equal answers. Lengths are millimetres.
 -module(starl_dpp_assign).
@@ -28,7 +28,7 @@ request(Robot, Plan) ->
     end.
 
 %% @doc A way to a parking spot, without painting; `none' when the robot is parked or there is no
-%% safe way. The nearest spot that can be reached is taken; robots exchange spots for that.
+%% safe way. The robot takes the nearest spot that it can reach, and exchanges spots for that.
 -spec retreat(robot_id(), plan()) -> {{assign, path()} | none, plan()}.
 retreat(Robot, Plan) ->
     case is_standing(Robot, Plan) andalso not parked(Robot, Plan) andalso unknown(Plan) =:= [] of
@@ -52,10 +52,10 @@ make_way(Robot, Plan) ->
             {none, Plan}
     end.
 
-%% @doc Resolves a deadlock among the robots that wait, when nobody moves and all requests got
+%% @doc Resolves a deadlock among the robots that wait, when no robot moves and all requests got
 %% `none'. Requests that were answered `none' out of patience are granted, so a path may paint;
 %% else the robots in the way of the one that is nearest to a free edge get paths out of the way,
-%% outermost first. `[]' when nobody can or need move. Between two assignments to paint a robot
+%% outermost first. `[]' when no robot can or need move. Between two assignments to paint a robot
 %% makes way at most twice: once aside, once to a parking spot.
 -spec resolve([robot_id()], plan()) -> {[{robot_id(), path()}], plan()}.
 resolve(Waiting0, Plan0) ->
@@ -121,7 +121,7 @@ park(Robot, Plan) ->
             {none, Plan}
     end.
 
-%% Not twice between two assignments to paint, and never from a parking spot.
+%% A robot steps aside once between two assignments to paint, and never from a parking spot.
 step_aside(Robot, Good, Plan) ->
     case starl_dpp_plan:yielded(Robot, Plan) orelse parked(Robot, Plan)
          orelse starl_dpp_yield:aside(Good, view(Robot, Plan)) of
@@ -134,7 +134,7 @@ step_aside(Robot, Good, Plan) ->
 grant(Waiting, Plan) ->
     moves(Waiting, fun(Id, Acc) -> find_work(Id, false, Acc) end, Plan).
 
-%% All that can leave, each in sight of the ways of those before.
+%% Sends all robots that can go, each with the paths of the earlier ones reserved.
 moves(Robots, Send, Plan0) ->
     Step = fun(Id, {Moves, Acc0}) ->
         case Send(Id, Acc0) of
@@ -145,7 +145,7 @@ moves(Robots, Send, Plan0) ->
     {Moves, Plan1} = lists:foldl(Step, {[], Plan0}, Robots),
     {lists:reverse(Moves), Plan1}.
 
-%% The robot that is nearest to a free edge if those that wait were not in the way.
+%% The wish of the robot that would be nearest to a free edge without the waiting robots in its way.
 favourite(Waiting, Plan) ->
     Wishes = [{Cost, Id, Wish} || Id <- Waiting,
                                   {ok, #{cost_mm := Cost} = Wish}
@@ -158,13 +158,13 @@ favourite(Waiting, Plan) ->
 unblock(none, Waiting, Plan) ->
     first_out(outermost(Waiting, Plan), Plan);
 unblock(#{robot := Robot, way := Way, blockers := Blockers}, Waiting, Plan0) ->
-    case moves(outermost(Blockers, Plan0), fun(Id, Acc) -> leave(Id, Way, Acc) end, Plan0) of
+    case moves(outermost(Blockers, Plan0), fun(Id, Acc) -> clear(Id, Way, Acc) end, Plan0) of
         {[], Plan1} -> first_out(outermost(Waiting -- [Robot], Plan1) ++ [Robot], Plan1);
         {Moves, Plan1} -> {Moves, Plan1}
     end.
 
-%% Aside, else to a spot.
-leave(Robot, Way, Plan0) ->
+%% Sends a robot off this way: aside, or else to a parking spot.
+clear(Robot, Way, Plan0) ->
     Graph = starl_dpp_plan:graph(Plan0),
     Good = fun(V) ->
         P = starl_dpp_graph:point(V, Graph),
@@ -175,7 +175,7 @@ leave(Robot, Way, Plan0) ->
         Assigned -> Assigned
     end.
 
-%% The first of these robots that can park does.
+%% Sends the first of these robots that can park to its spot.
 first_out([], Plan) ->
     {[], Plan};
 first_out([Robot | Rest], Plan0) ->

@@ -1,9 +1,9 @@
-%% @doc Which free edges a robot should paint next.
+%% @doc Chooses the free edges that a robot should paint next.
 %%
-%% One search from the robot visits vertices, nearest first. From each vertex with free edges a
-%% chain of them is followed, straight on where possible, up to the horizon. The chain with the
-%% most ink per distance driven wins; the search stops when no farther vertex can win: no chain has
-%% more ink than all open edges that hang together, and there is none where no open edge ends.
+%% One search from the robot visits vertices, nearest first. From each vertex with free edges it
+%% follows a chain of them, straight on where possible, up to the horizon. The chain with the most
+%% ink per distance driven wins. The search stops when no farther vertex can win: no chain has more
+%% ink than the largest connected set of open edges, and no chain begins where no open edge ends.
 -module(starl_dpp_choice).
 
 -export([best/3, fold_begins/3]).
@@ -16,17 +16,17 @@
     horizon := float(), overhead_mm := float(), middle := float(),
     reach := starl_dpp_search:within()
 }.
-%% `horizon': paint per assignment in mm. `overhead_mm': what one more assignment costs. `middle':
-%% the score of a chain that begins in the middle of a line is multiplied by this. `reach': what
-%% costs more to get to is not looked at.
+%% `horizon': paint per assignment (mm). `overhead_mm': the cost of one more assignment. `middle':
+%% the factor on the score of a chain that begins in the middle of a line. `reach': the greatest
+%% cost of getting to a chain; farther chains are not looked at.
 -type job() :: #{path := [waypoint()], ink_mm := float(), travel_mm := float()}.
-%% `travel_mm' is driven with the pen up.
+%% `travel_mm': the distance driven with the pen up.
 
 -record(task, {
     space :: starl_dpp_search:space(),
     free :: starl_dpp_free:t(),
     horizon :: float(),
-    %% no chain has more ink, up to the horizon; and with the line on which it passes that
+    %% the most ink of any chain up to the horizon; and with the line on which it passes the horizon
     most = 0.0 :: float(),
     longest = 0.0 :: float(),
     overhead :: float(),
@@ -35,7 +35,7 @@
 }).
 -record(best, {
     score = 0.0 :: float(),
-    %% what costs more cannot win
+    %% a vertex that costs more cannot win
     within = infinity :: starl_dpp_search:within(),
     from = 0 :: non_neg_integer(),
     chain = [] :: [{starl_dpp_graph:vertex(), edge_id()}]
@@ -81,9 +81,9 @@ both(Fun, {A, B}, Acc) ->
 
 %%% Internals
 
-%% Bounds of what there is to be found: the ink of the open edges that hang together, up to the
-%% horizon, and the number of ends of open edges, up to the number of tries. Nearly always the first
-%% edges answer this. Whole millimetres, rounded up, add to the same sum in any order of the map.
+%% Bounds of the search: the ink of the largest connected set of open edges, up to the horizon, and
+%% the number of ends of open edges, up to the number of tries. Nearly always the first edges answer
+%% this. Whole millimetres, rounded up, add to the same sum in any order of the map.
 open_edges(#task{free = Free, horizon = Horizon} = Task) ->
     Count = fun(E, Seen) -> count_open(E, open(E, Task), Seen, Task) end,
     case starl_dpp_free:fold_while(Count, {0, #{}, #{}}, Free) of
@@ -111,7 +111,7 @@ bounded(Most, #task{space = #{graph := Graph}} = Task) ->
 
 length_mm(E, Graph) -> ceil(starl_dpp_graph:edge_length(E, Graph)).
 
-%% The most ink of open edges that hang together: a chain does not leave them.
+%% The ink of the largest connected set of open edges: a chain stays within one set.
 heaviest([], _Open, Most, _Task) ->
     Most;
 heaviest([E | Edges], Open, Most, Task) ->
@@ -192,7 +192,7 @@ try_each([Step | Steps], V, Cost, Heading, Factor, Task, Best) ->
     end,
     try_each(Steps, V, Cost, Heading, Factor, Task, Next).
 
-%% Would it, with the most ink that any chain has?
+%% Could a vertex of this cost win, with the most ink that any chain has?
 may_win({_, _, _, Out}, Cost, Heading, Factor, Task, #best{score = Score}) ->
     #task{longest = Ink, overhead = Overhead, space = #{turn_mm := TurnMm}} = Task,
     Spent = starl_dpp_search:turn(Heading, Out, TurnMm) + Ink,
@@ -207,7 +207,7 @@ try_one(Step, V, Cost, Heading, Factor, Task, #best{score = Score} = Best) ->
             Best
     end.
 
-%% Those that are safe and not yet in the chain.
+%% The edges that are safe and not yet in the chain.
 open_steps([{E, _, _, _} = Step | Steps], Task, Used) when not is_map_key(E, Used) ->
     case open(E, Task) of
         true -> [Step | open_steps(Steps, Task, Used)];

@@ -1,5 +1,5 @@
-%% @doc The coordinator of distributed path planning (the paper's Subroutine 3): who leads, and
-%% that nobody else does; {@link starl_dpp_serve} does the coordinating.
+%% @doc The coordinator of distributed path planning (the paper's Subroutine 3). This machine sees
+%% to it that at most one robot leads; {@link starl_dpp_serve} serves the robots.
 %% ```
 %%        a request, or a participant that misses its coordinator
 %%   idle -------------------------------------------> claiming --- no quorum ---> idle
@@ -7,21 +7,21 @@
 %%     |             votes have run out                   v
 %%     +----------------------------------------------- leading
 %% '''
-%% One machine on every robot; the robot that leads is the coordinator. A claim begins a new term,
-%% {N, Robot, Incarnation}, higher than all terms known: it asks all participants for their vote and
-%% where they are and what they hold (`dpp_recover'). Terms fence: participants take nothing from a
+%% There is one machine on every robot; the robot that leads is the coordinator. A claim begins a
+%% new term, {N, Robot, Incarnation}, higher than all terms known: it asks all participants for their
+%% vote, their place and their path (`dpp_recover'). Terms fence: participants take nothing from a
 %% lower one. A coordinator assigns while a quorum's votes last ({@link starl_dpp_lease}) and only
-%% when it knows of every robot: from the robot's own report in this term, or, of a robot that says
-%% nothing, by seeing where it stands once all leave that it may have to drive has ended.
+%% when it knows every robot's place: from the robot's own report in this term, or, if the robot is
+%% silent, from the positioning service once all its drive leases must have ended.
 %%
-%% Its beats, one a second or more often ({@link starl_dpp_lease:beat_us/1}), carry what gives the
-%% participants leave to drive on. A machine that crashed has forgotten its term; its robot's
-%% participants vote for it again at once.
+%% Its beats, one a second or more often ({@link starl_dpp_lease:beat_us/1}), carry the stamps that
+%% prolong the participants' drive leases. A machine that crashed has forgotten its term; the
+%% participants that voted for its robot vote for it again at once.
 %%
 %% Messages: `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}' and `dpp_answer' to
 %% participants; from them `dpp_request', `dpp_passed', `dpp_state', `dpp_here', `dpp_refused'.
 %% Casts from the own participant: `{lead, N}', `{led, Term}', and `out_of_time' when the robot's
-%% clock has stood still or was set: no vote counts that was given before.
+%% clock has stood still or was set: votes given before do not count.
 %%
 %% Trace: {@link event()}.
 -module(starl_dpp_coordinator).
@@ -31,7 +31,7 @@
 
 -export_type([service/0, event/0]).
 
-%% What it traces.
+%% The trace of a coordinator.
 -type event() ::
     %% it asks for votes; it has those of a quorum; it leads no longer
     {claims, starl_dpp:term_id()}
@@ -39,12 +39,12 @@
     | {stepped_down, starl_dpp:term_id()}
     | starl_dpp_serve:event().
 
-%% What a coordinator knows of its robots, private to the module of its service: `serve' in the
+%% The coordinator's view of its robots, private to the module of its service: `serve' in the
 %% configuration, by default {@link starl_dpp_serve}. The exhaustive checker gives a smaller one.
 -type service() :: term().
 -type turn() :: {service(), [starl_machine:action()]}.
 
-%% What is the same in all terms; it takes time.
+%% Prepares what is the same in all terms; this takes time.
 -callback prepare(starl_dpp_settings:t()) -> Blank :: term().
 -callback new(Blank :: term(), starl_dpp:term_id()) -> service().
 -callback lead(service()) -> turn().
@@ -61,7 +61,7 @@
 -callback give_up(service()) -> turn().
 -callback answered(starl:robot_id(), ok | lost, service()) -> service().
 
-%% Robots whose place is not known are asked again after so long.
+%% The time after which robots whose place is not known are asked again.
 -define(RECOVER_US, 2000000).
 
 -record(coordinator, {
@@ -71,9 +71,9 @@
     config :: starl_dpp:config(),
     now :: integer(),
     service :: module(),
-    %% what the service has prepared
+    %% prepared by the service, for all terms
     blank = none :: term() | none,
-    %% the highest term's number known, and the own term
+    %% the highest number of a term that is known, and the own term
     n = 0 :: non_neg_integer(),
     term = {0, 0, 0} :: starl_dpp:term_id(),
     lease :: starl_dpp_lease:t(),
@@ -106,7 +106,7 @@ handle_event(Type, Content, State, Data0, #{now := Now}) ->
         false -> event(Type, Content, State, Data)
     end.
 
-%% The votes have run out: nothing may be assigned any more.
+%% The votes have ended: nothing may be assigned any more.
 after_end(Type, Content, Data) ->
     Ended = [{trace, {stepped_down, Data#coordinator.term}} | stop_timers()],
     case event(Type, Content, idle, Data) of
@@ -177,7 +177,7 @@ higher({N, _, _}, #coordinator{n = Known} = Data) -> Data#coordinator{n = max(N,
 
 %% -- claiming -------------------------------------------------------------------------------
 
-%% Begins a term above all that are known.
+%% Begins a term higher than all that are known.
 claim(N, #coordinator{n = Known, self = Self, team = Team, config = Config} = Data0) ->
     #coordinator{service = Service, blank = Blank} = Data = with_blank(Data0),
     Next = max(N, Known) + 1,
@@ -198,9 +198,9 @@ with_blank(#coordinator{blank = none, config = Config, team = Team} = Data) ->
 with_blank(Data) ->
     Data.
 
-%% One packet for all at first; those that have not answered are asked again one by one. The own
-%% participant comes last, when with its vote there is a quorum: a robot that nobody votes for
-%% goes on following the one that leads.
+%% One packet for all at first; robots that have not answered are asked again one by one. The own
+%% participant is asked last, when its vote makes a quorum: a robot that gets no votes goes on
+%% following the robot that leads.
 ask_unknown(State, #coordinator{service = Service, self = Self, team = Team} = Data) ->
     {Seq, Lease} = starl_dpp_lease:beat(Data#coordinator.now, Data#coordinator.lease),
     Body = {Data#coordinator.term, Seq, State =:= leading},
@@ -234,7 +234,7 @@ beat(#coordinator{now = Now, term = Term, lease = Lease0, self = Self, team = Te
         | Lost
     ]}.
 
-%% All leave that the robot may have has ended.
+%% All drive leases that the robot may have have ended.
 may_rest(Robot, #coordinator{now = Now, lease = Lease, service = Service, serve = Serve}) ->
     starl_dpp_lease:rests(Robot, Now, Lease) andalso not Service:silent(Robot, Serve).
 
@@ -246,10 +246,10 @@ rests(Robot, At, #coordinator{service = Service, serve = Serve} = Data) ->
 
 served({Serve, Actions}, Data) -> {Data#coordinator{serve = Serve}, Actions}.
 
-%% -- what participants say ------------------------------------------------------------------
+%% -- messages of participants ---------------------------------------------------------------
 
-%% Only what was said in this term counts: an older message says nothing of what another
-%% coordinator has assigned since.
+%% Only messages of this term count: an older one does not tell what another coordinator has
+%% assigned since.
 message(dpp_refused, {N, _, _} = Term, _Robot, State, #coordinator{term = Own} = Data) when
     State =/= idle, Term > Own
 ->
@@ -265,12 +265,12 @@ message(Type, Body, Robot, State, #coordinator{term = Own} = Data) ->
         Term -> {keep_state, higher(Term, Data), []}
     end.
 
-%% It follows an earlier term.
+%% The robot follows an earlier term.
 ask_again(Robot, #coordinator{now = Now, term = Term} = Data) ->
     {Seq, Lease} = starl_dpp_lease:beat(Now, Data#coordinator.lease),
     {Data#coordinator{lease = Lease}, [starl_sap:post(Robot, dpp_recover, {Term, Seq, true})]}.
 
-%% Where others' clocks show that the own one has stood still, no vote counts that was given before.
+%% If the clocks of others show that the own one has stood still, votes given before do not count.
 heard(Type, Body, Robot, State, Data) ->
     #coordinator{now = Now, config = Config, witness = Before, n = N} = Data,
     Bounds = starl_dpp_lease:bounds(Config),
@@ -289,7 +289,7 @@ in_time(dpp_request, {_, Id, At, Painted, Stamp}, Robot, _State, #coordinator{se
     Service = Data#coordinator.service,
     case starl_dpp_lease:rests(Robot, Now, Lease) of
         true ->
-            %% of leave counted from this stamp, long known, nothing is left
+            %% a lease that counts from this stamp, long known, has ended
             keep({Heard, [starl_sap:post(Robot, dpp_answer, {Term, Id, again, []})]});
         false ->
             keep(served(Service:requested(Robot, Id, {At, Painted}, S), Heard))

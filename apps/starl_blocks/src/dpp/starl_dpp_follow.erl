@@ -1,19 +1,19 @@
-%% @doc Whom a participant of distributed path planning follows: the coordinator of the highest term
-%% it has heard of, its vote for it, what it still has to tell it, and how long it has leave to
-%% drive. Pure; the participant's side of {@link starl_dpp_lease}.
+%% @doc The participant's side of leadership in path planning: the coordinator that it follows (of
+%% the highest term that it has heard of), its vote, the report that it still owes, and its lease to
+%% drive. Pure; the giver's side of leases is {@link starl_dpp_lease}.
 -module(starl_dpp_follow).
 
 -export([new/1, begins/1, join/2, coordinator/1, term/1, answers/3]).
 -export([recover/4, beat/4, missed/2, lead/1, restarted/1]).
 -export([tell/4]).
--export([asked/2, in_no_time/2, leave_us/2]).
+-export([asked/2, in_no_time/2, lease_us/2]).
 -export_type([t/0, ballot/0, turn/0]).
 
 -type turn() :: {t(), [starl_machine:action()]}.
-%% Answers the coordinator's beat Seq: the own clock, and whether it has the vote.
+%% The answer to the coordinator's beat Seq: the own clock, and whether it has the vote.
 -type ballot() :: {starl_dpp_lease:seq(), starl_dpp_lease:stamp(), Vote :: boolean()}.
 
-%% No robot claims so many terms in its life, not in 100 years.
+%% A robot claims fewer than 2^32 terms in its life, even in 100 years.
 -define(FORGOTTEN_BITS, 32).
 
 -record(follow, {
@@ -21,26 +21,27 @@
     team :: [starl:robot_id()],
     coordinator = none :: starl:robot_id() | none,
     vote :: starl_dpp_vote:t(),
-    %% the highest term heard of, in this life or an earlier one; was it not heard of in this one?
+    %% the highest term heard of, in this life or an earlier one; is it known from an earlier one
+    %% only?
     term :: starl_dpp:term_id(),
     anew = true :: boolean(),
-    %% the beat of it that wants to know where the robot is
+    %% the beat of this term that asked for the robot's place
     wanted = none :: starl_dpp_lease:seq() | none,
-    %% when the coordinator was last heard, and last answered
+    %% when the coordinator was last heard, and when it was last answered
     heard = none :: integer() | none,
     here = none :: integer() | none,
-    %% beats are answered so often
+    %% the time between two answers to beats
     here_us :: pos_integer(),
-    %% leave lasts so long from these: the latest of its own stamps that came back in a beat, and
-    %% the stamp of the latest request
+    %% the duration of a drive lease, and from when it counts, the later of two: the robot's latest
+    %% stamp that came back in a beat, and the stamp of the latest request
     short_us :: pos_integer(),
     granted :: integer(),
     asked :: integer()
 }).
 -opaque t() :: #follow{}.
 
-%% @doc The coordinator of the term that was last stored is followed; there is no leave. No term
-%% that is lower was voted for since, nor is one from now on.
+%% @doc Follows the coordinator of the term that was last stored; without a drive lease. The robot
+%% has not voted in a lower term since, and will not from now on.
 -spec new(starl_machine:config()) -> t().
 new(#{robot := Self, participants := Team, now := Now} = Config) ->
     Short = starl_dpp_lease:short_us(Config),
@@ -52,17 +53,17 @@ new(#{robot := Self, participants := Team, now := Now} = Config) ->
         short_us = Short, granted = Now - Short, asked = Now - Short
     }.
 
-%% What is forgotten is taken to be higher than any term that is reached by counting.
+%% A term that was forgotten is replaced by one higher than any that is reached by counting.
 stored(#{stored := none}) -> {0, 0, 0};
 stored(#{stored := {stored, Term}}) -> Term;
 stored(#{stored := damaged, incarnation := Life}) -> {Life bsl ?FORGOTTEN_BITS, 0, 0}.
 
-%% @doc If there was a coordinator in an earlier life and it says nothing, another has to lead.
+%% @doc Watches a coordinator known from an earlier life: if it says nothing, another has to lead.
 -spec begins(t()) -> [starl_machine:action()].
 begins(#follow{coordinator = none}) -> [];
 begins(F) -> missing(F).
 
-%% @doc Names the first coordinator; whoever knows of one stays with that.
+%% @doc Names the first coordinator. A participant that knows one already stays with it.
 -spec join(starl:robot_id(), t()) -> turn().
 join(Coordinator, #follow{coordinator = none} = F) ->
     Joined = F#follow{coordinator = Coordinator},
@@ -70,7 +71,7 @@ join(Coordinator, #follow{coordinator = none} = F) ->
 join(_Coordinator, F) ->
     {F, []}.
 
-%% @doc Who is followed.
+%% @doc The coordinator that is followed.
 -spec coordinator(t()) -> starl:robot_id() | none.
 coordinator(#follow{coordinator = Coordinator}) -> Coordinator.
 
@@ -78,16 +79,16 @@ coordinator(#follow{coordinator = Coordinator}) -> Coordinator.
 -spec term(t()) -> starl_dpp:term_id().
 term(#follow{term = Term}) -> Term.
 
-%% @doc Is this the one that is followed, in its term?
+%% @doc Is this the coordinator that is followed, in its term?
 -spec answers(starl:robot_id(), starl_dpp:term_id(), t()) -> boolean().
 answers(Source, Term, #follow{coordinator = Coordinator, term = Known}) ->
     {Source, Term} =:= {Coordinator, Known}.
 
 %% -- terms ----------------------------------------------------------------------------------
 
-%% @doc One that claims a term, or leads it, wants to know where the robot is. A lower term is
-%% refused always; a claim, where the vote is promised to another, or another leads; one that leads
-%% has a quorum's votes and needs none.
+%% @doc A robot that claims a term, or leads it, asks for this robot's place. A lower term is always
+%% refused; a claim is refused also if the vote is promised to another robot, or another robot
+%% leads. A robot that leads has a quorum's votes and needs no further one.
 -spec recover(starl:robot_id(), {starl_dpp:term_id(), Seq, Leads :: boolean()}, Now, t()) ->
     {followed | refused, turn()} when Seq :: starl_dpp_lease:seq(), Now :: integer().
 recover(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F) ->
@@ -99,9 +100,9 @@ recover(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F)
         false -> {refused, {F, [starl_sap:post(Source, dpp_refused, Known)]}}
     end.
 
-%% @doc A beat, with the stamps that give leave: of the term that is followed, answered now and
-%% then; or of another one, whose coordinator wants to know where the robot is. A robot that has
-%% not told its place does so first.
+%% @doc A beat comes, with the stamps that prolong drive leases. A beat of the term that is followed
+%% is answered now and then. A beat of another term asks for the robot's place. A robot that has not
+%% told its place does so first.
 -spec beat(starl:robot_id(), {starl_dpp:term_id(), Seq, [Stamp]}, Now, t()) ->
     {beaten | followed | refused, turn()} when
     Seq :: starl_dpp_lease:seq(), Stamp :: {starl:robot_id(), starl_dpp_lease:stamp()},
@@ -118,8 +119,8 @@ beat(Source, {Term, Seq, _Stamps}, Now, F) ->
 leads(Source, Now, #follow{vote = Vote} = F) ->
     F#follow{vote = starl_dpp_vote:leads(Source, Now, Vote)}.
 
-%% A new term is stored before anything is said in it. The coordinator of the own robot hears of it,
-%% too.
+%% A new term is stored before anything is said in it. The own robot's coordinator machine hears of
+%% it, too.
 follow(Source, Term, Now, #follow{self = Self, term = Known} = F) ->
     Following = F#follow{coordinator = Source, term = Term, anew = false, heard = Now},
     New = [Action || Term =/= Known, Action <- [{store, Term} | led(Source, Term, Self)]],
@@ -136,29 +137,29 @@ here(Seq, Now, #follow{wanted = none, here = Last, here_us = Us, term = Term} = 
 here(_Seq, _Now, F) ->
     {F, []}.
 
-%% @doc Was nothing heard of the coordinator for a lease?
+%% @doc Has the coordinator been silent for a lease?
 -spec missed(Now :: integer(), t()) -> boolean().
 missed(_Now, #follow{heard = none}) -> true;
 missed(Now, #follow{heard = Heard, short_us = Short}) -> Now - Heard > Short.
 
-%% @doc The own robot's coordinator has forgotten all terms: it claims the next one if it led the
-%% last, else it hears of that.
+%% @doc The own robot's coordinator machine has restarted and forgotten all terms: it claims the
+%% next one if it led the last one, else it is told the last one.
 -spec restarted(t()) -> [starl_machine:action()].
 restarted(#follow{coordinator = Self, self = Self} = F) -> lead(F);
 restarted(#follow{term = Term}) -> [{cast, dpp_coordinator, {led, Term}}].
 
-%% @doc The own robot is to claim the next term; later again.
+%% @doc Has the own robot claim the next term, and again later.
 -spec lead(t()) -> [starl_machine:action()].
 lead(#follow{term = {N, _, _}} = F) -> [{cast, dpp_coordinator, {lead, N}} | missing(F)].
 
-%% The own robot claims when nothing is heard of the coordinator.
+%% The own robot claims a term when the coordinator stays silent.
 missing(#follow{coordinator = Coordinator, self = Self, team = Team, vote = Vote}) ->
     [{{timeout, missing}, starl_dpp_vote:missing_us(Coordinator, Self, {Team, Vote}), missing}].
 
-%% -- what the coordinator is told -----------------------------------------------------------
+%% -- reports to the coordinator -------------------------------------------------------------
 
-%% @doc Where the robot is, and the edges it knows to be painted, once to each that wants to know.
-%% The vote goes with it.
+%% @doc Reports the robot's place and the edges that it knows to be painted, once for each time that
+%% it was asked. The vote goes with the report.
 -spec tell(starl_dpp:request_id(), {starl_dpp:place(), [Edge]}, Now :: integer(), t()) ->
     turn() when Edge :: starl_dpp_graph:edge_id().
 tell(_Id, _Place, _Now, #follow{wanted = none} = F) ->
@@ -172,21 +173,21 @@ ballot(Seq, Now, #follow{vote = Vote0, coordinator = Coordinator} = F) ->
     {Given, Vote} = starl_dpp_vote:give(Coordinator, Now, Vote0),
     {{Seq, Now, Given}, F#follow{vote = Vote, here = Now}}.
 
-%% -- leave ----------------------------------------------------------------------------------
+%% -- lease ----------------------------------------------------------------------------------
 
-%% @doc A request is made: its answer will give leave from now on.
+%% @doc A request is made: the drive lease that comes with its answer counts from now.
 -spec asked(Now :: integer(), t()) -> t().
 asked(Now, F) -> F#follow{asked = Now}.
 
 %% @doc Has the answer to the latest request come in no time, though over the air? Then the own
-%% clock stands still, or was set back, and leave would last too long by it.
+%% clock stands still, or was set back, and a lease would last too long by it.
 -spec in_no_time(Now :: integer(), t()) -> boolean().
 in_no_time(_Now, #follow{coordinator = Self, self = Self}) -> false;
 in_no_time(Now, #follow{asked = Asked}) -> Now =< Asked.
 
-%% @doc How long the robot may still drive; not at all from 0 down.
--spec leave_us(Now :: integer(), t()) -> integer().
-leave_us(Now, #follow{granted = Granted, asked = Asked, short_us = Short}) ->
+%% @doc What is left of the lease to drive (us); 0 or less: it has ended.
+-spec lease_us(Now :: integer(), t()) -> integer().
+lease_us(Now, #follow{granted = Granted, asked = Asked, short_us = Short}) ->
     case max(Granted, Asked) + Short - Now of
         Us when is_integer(Us) -> Us
     end.

@@ -1,5 +1,5 @@
 %% @doc The free edges (the paper's FE): target edges that nobody has painted or been assigned.
-%% They are found by number and at the vertices where a line could be begun or gone on with.
+%% They are found by number, and at the vertices where a robot could begin or continue a line.
 -module(starl_dpp_free).
 
 -export([new/1, take/2, give/2, count/1, has/2, edges/1, steps/2, fold_while/3]).
@@ -43,7 +43,7 @@ has(E, #free{edges = Free}) -> is_map_key(E, Free).
 -spec edges(t()) -> [edge_id()].
 edges(#free{edges = Free}) -> lists:sort(maps:keys(Free)).
 
-%% @doc The free edges that leave a vertex.
+%% @doc The free edges out of a vertex.
 -spec steps(starl_dpp_graph:vertex(), t()) -> [starl_dpp_graph:step()].
 steps(V, #free{steps = Steps}) -> starl_dpp_array:get(V, Steps).
 

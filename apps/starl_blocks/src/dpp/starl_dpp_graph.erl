@@ -16,9 +16,9 @@
 -type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 -type step() :: {edge_id(), To :: vertex(), LengthMm :: float(), Heading :: float()}.
-%% A way out of a vertex.
+%% An edge out of a vertex.
 -type near() :: {edge_id(), segment()}.
-%% An edge and where it is.
+%% An edge and its segment.
 -type config() :: #{
     segments := [segment()],
     world := starl_roadmap:world(),
@@ -41,7 +41,7 @@
     points :: tuple(),
     edges :: tuple(),
     adjacent :: starl_dpp_array:t([step()]),
-    %% of these the target edges, few at most vertices: looked at far more often than all
+    %% the target edges among them, few at most vertices: read far more often than all edges
     lines :: starl_dpp_array:t([step()]),
     longest :: float(),
     spots :: #{robot_id() => vertex()},
@@ -111,15 +111,15 @@ radius(#graph{radius = R}) -> R.
 -spec floor_box(t()) -> starl_geometry:box().
 floor_box(#graph{world = {W, H}}) -> {0.0, 0.0, float(W), float(H)}.
 
-%% @doc Where a vertex is.
+%% @doc The point of a vertex.
 -spec point(vertex(), t()) -> point().
 point(V, #graph{points = Points}) -> element(V, Points).
 
-%% @doc The edges that leave a vertex.
+%% @doc The edges out of a vertex.
 -spec adjacent(vertex(), t()) -> [step()].
 adjacent(V, #graph{adjacent = Adjacent}) -> starl_dpp_array:get(V, Adjacent).
 
-%% @doc The target edges that leave a vertex.
+%% @doc The target edges out of a vertex.
 -spec lines(vertex(), t()) -> [step()].
 lines(V, #graph{lines = Lines}) -> starl_dpp_array:get(V, Lines).
 
@@ -184,7 +184,7 @@ reach(Roots, Open, Graph) -> flood(Roots, Open, Graph, maps:from_list([{V, true}
 checked(#{vertices := Points, edges := Edges} = Picture, Layout, Config) ->
     #{area := Area} = Layout,
     R = maps:get(tube_radius, Config),
-    %% The ring itself may be painted on, only what is beyond it is too near to the spots.
+    %% The ring itself may be painted on; only lines beyond it are too near to the spots.
     Outside = [P || P <- Points, not starl_geometry:inside(P, starl_geometry:grow(Area, 1.5 * R))],
     case {length(Edges), Outside} of
         {N, _} when N > ?MOST_EDGES -> {error, {too_many_edges, N, ?MOST_EDGES}};

@@ -1,4 +1,4 @@
-%% @doc A pairing heap: a priority queue with cheap insertion. Equal keys leave in an order that
+%% @doc A pairing heap: a priority queue with cheap insertion. Equal keys come out in an order that
 %% depends on the order of the operations only.
 -module(starl_dpp_heap).
 

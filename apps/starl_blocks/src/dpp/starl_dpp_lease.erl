@@ -1,14 +1,14 @@
-%% @doc The leases of a coordinator: until when it leads, and who may still be on its way.
+%% @doc The leases of a coordinator bound how long it leads and which robots may still be moving.
 %%
-%% Two promises, each for `lease_ms' at most:
+%% There are two leases, each for `lease_ms' at most:
 %% ```
-%%   participant -> coordinator   a vote: "I vote for nobody else"     held by the coordinator
-%%   coordinator -> participant   leave to drive what it was assigned  held by the participant
+%%   participant -> coordinator   vote: "I vote for nobody else"       held by the coordinator
+%%   coordinator -> participant   drive lease: for an assigned path    held by the participant
 %% '''
-%% The holder of a promise counts from when it sent the message that was answered with it, and
-%% `drift_ppm' and `jump_ms' less than the giver, who counts from when it gave it. So the holder's
-%% time is over first, however long a message was on its way, however the two clocks drift within
-%% the bound, and though one of them is set meanwhile.
+%% The giver counts the lease from when it gave it. The holder counts from when it sent the message
+%% that was answered with the lease, and takes `drift_ppm' and `jump_ms' off. So the lease ends at
+%% its holder first: for any delay of messages, for any drift of the two clocks within the bound,
+%% and if one of them is set meanwhile.
 %%
 %% A coordinator leads while a quorum's votes last. Any two quorums have a robot in common, so no
 %% two coordinators lead at one time. (Gray and Cheriton, "Leases", 1989; the election by votes is
@@ -19,20 +19,20 @@
 -export([beat/2, voted/4, heard/4, since/2, leads/2, votes/2, stamps/1, rests/3]).
 -export_type([t/0, config/0, seq/0, stamp/0]).
 
-%% `lease_ms' (10000): how long a promise lasts, and so, about, how long nobody leads when a
-%% coordinator dies; `drift_ppm' (10000): how much clocks may go wrong against real time; `jump_ms'
-%% (2000): by how much they may be set during a lease, far less than that.
+%% `lease_ms' (10000): the duration of a lease, and about the time without a coordinator after one
+%% has died; `drift_ppm' (10000): the greatest drift of a clock against real time; `jump_ms' (2000):
+%% the most by which a clock is set during a lease; far less than `lease_ms'.
 -type config() :: #{
     lease_ms => pos_integer(), drift_ppm => non_neg_integer(), jump_ms => non_neg_integer(),
     atom() => term()
 }.
-%% Names a beat of a coordinator: its own clock (us) when it sent it.
+%% The name of a beat: the coordinator's clock (us) when it sent the beat.
 -type seq() :: integer().
 %% A participant's own clock (us) when it sent a message.
 -type stamp() :: integer().
 
 -define(BEAT_US, 1000000).
-%% So many beats at least are sent while a promise lasts.
+%% The least number of beats that are sent during a lease.
 -define(BEATS, 7).
 
 -record(lease, {
@@ -43,17 +43,17 @@
     sent = [] :: [seq()],
     votes = #{} :: #{starl:robot_id() => UntilUs :: integer()},
     heard = #{} :: #{starl:robot_id() => {stamp(), AtUs :: integer()}},
-    %% when it began to lead
+    %% when the coordinator began to lead
     since = none :: integer() | none
 }).
 -opaque t() :: #lease{}.
 
-%% @doc What of it can be set, see {@link config()}.
+%% @doc The options of leases, see {@link config()}.
 -spec options() -> [starl_options:option()].
 options() ->
     [
         {lease_ms, {integer, 1, 1000000000}, 10000,
-            "how long the coordinator leads by a vote, and a robot drives by a leave, ms"},
+            "how long the coordinator leads by a vote, and a robot drives by a lease, ms"},
         {drift_ppm, {integer, 0, 100000}, 10000,
             "no clock is faster or slower than real time by more, ppm"},
         {jump_ms, {integer, 0, 1000000000}, 2000,
@@ -65,24 +65,24 @@ options() ->
 new(Team, Config) ->
     #lease{team = Team, short_us = short_us(Config), long_us = long_us(Config)}.
 
-%% @doc How long the giver of a promise keeps it.
+%% @doc The duration of a lease for its giver (us).
 -spec long_us(config()) -> pos_integer().
 long_us(Config) -> round(1000 * maps:get(lease_ms, Config, 10000)).
 
-%% @doc How long its holder relies on it.
+%% @doc The duration of a lease for its holder (us): the shorter one.
 -spec short_us(config()) -> pos_integer().
 short_us(Config) ->
     Drift = maps:get(drift_ppm, Config, 10000),
     Jump = round(1000 * maps:get(jump_ms, Config, 2000)),
     max(1, long_us(Config) * (1000000 - Drift) div (1000000 + Drift) - Jump).
 
-%% @doc By how much a clock may be set (us), and how much it may drift (ppm).
+%% @doc The bounds on a clock: the most by which it is set (us), and its greatest drift (ppm).
 -spec bounds(config()) -> {JumpUs :: non_neg_integer(), Ppm :: non_neg_integer()}.
 bounds(Config) ->
     {round(1000 * maps:get(jump_ms, Config, 2000)), maps:get(drift_ppm, Config, 10000)}.
 
-%% @doc How often a coordinator sends a beat: at most once a second, and often enough that a few may
-%% be lost before a promise has ended that they prolong. Participants answer every other one.
+%% @doc The time between two beats (us): at most a second, and so short that a few beats may be lost
+%% before the lease that they prolong has ended. Participants answer every other beat.
 -spec beat_us(config()) -> pos_integer().
 beat_us(Config) -> min(?BEAT_US, short_us(Config) div ?BEATS + 1).
 
@@ -95,13 +95,14 @@ quorum(Robots, [First | _] = Team) ->
         More -> More > 0
     end.
 
-%% @doc A beat is sent: its name. Votes will answer it.
+%% @doc Enters a beat that is sent now, and returns its name. Votes will answer it.
 -spec beat(Now :: integer(), t()) -> {seq(), t()}.
 beat(Now, #lease{sent = Sent, short_us = Short} = Lease) ->
     Recent = [Us || Us <- Sent, Us + Short > Now, Us =/= Now],
     {Now, Lease#lease{sent = [Now | Recent]}}.
 
-%% @doc The robot has answered this beat with its vote; one that is too old does not count.
+%% @doc Enters a robot's answer to this beat: its vote. An answer to a beat that is too old does not
+%% count.
 -spec voted(starl:robot_id(), seq(), Vote :: boolean(), t()) -> t().
 voted(Robot, Seq, true, #lease{sent = Sent, votes = Votes, short_us = Short} = Lease) ->
     case lists:member(Seq, Sent) of
@@ -114,8 +115,8 @@ voted(Robot, Seq, true, #lease{sent = Sent, votes = Votes, short_us = Short} = L
 voted(_Robot, _Seq, false, Lease) ->
     Lease.
 
-%% @doc Of a robot whose place is known a message with this stamp has come: the next beat will
-%% give it leave to drive on. Messages that are overtaken by later ones change nothing.
+%% @doc Enters the stamp of a message from a robot whose place is known: the next beat will prolong
+%% the robot's drive lease. A message that a later one has overtaken changes nothing.
 -spec heard(starl:robot_id(), stamp(), Now :: integer(), t()) -> t().
 heard(Robot, Stamp, Now, #lease{heard = Heard} = Lease) ->
     case Heard of
@@ -128,21 +129,21 @@ heard(Robot, Stamp, Now, #lease{heard = Heard} = Lease) ->
 stamps(#lease{heard = Heard}) ->
     lists:sort([{Robot, Stamp} || {Robot, {Stamp, _}} <- maps:to_list(Heard)]).
 
-%% @doc It leads from now on: what others gave leave for has an end.
+%% @doc The coordinator leads from now on: the drive leases of earlier coordinators have an end.
 -spec since(Now :: integer(), t()) -> t().
 since(Now, Lease) -> Lease#lease{since = Now}.
 
-%% @doc Does a quorum's vote last?
+%% @doc Does the coordinator lead: do the votes of a quorum last?
 -spec leads(Now :: integer(), t()) -> boolean().
 leads(Now, #lease{team = Team} = Lease) -> quorum(votes(Now, Lease), Team).
 
-%% @doc Whose votes last.
+%% @doc The robots whose votes last.
 -spec votes(Now :: integer(), t()) -> [starl:robot_id()].
 votes(Now, #lease{votes = Votes}) ->
     lists:sort([Robot || {Robot, Until} <- maps:to_list(Votes), Until > Now]).
 
-%% @doc Has all leave that the robot may have, of this coordinator or an earlier one, ended? Then
-%% it stands.
+%% @doc Have all drive leases that the robot may have, from this coordinator or an earlier one,
+%% ended? Then the robot stands.
 -spec rests(starl:robot_id(), Now :: integer(), t()) -> boolean().
 rests(_Robot, _Now, #lease{since = none}) ->
     false;

@@ -4,7 +4,7 @@
 
 -export([accepts/2]).
 
-%% @doc Is that the body of a message of this type?
+%% @doc Is this term the body of a message of this type?
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
 accepts(dpp_request, Body) -> starl_shape:is([term(), id(), point, edges(), integer], Body);
 accepts(dpp_passed, Body) -> starl_shape:is([term(), id(), natural], Body);

@@ -1,6 +1,6 @@
-%% @doc What is checked of path planning: the votes, leases and terms of its coordinators, by which
-%% two never assign at one time. A service that may act at any moment stands for the planner
-%% ({@link starl_dpp_model_service}).
+%% @doc The model of path planning for the exhaustive checker: the votes, leases and terms of its
+%% coordinators, which keep two of them from assigning at one time. A service that may act at any
+%% moment stands for the planner ({@link starl_dpp_model_service}).
 %%
 %% The last robot is named as the first coordinator, and after a restart the first one: by its
 %% place in the team and by its number a robot comes before another or after it, so no two are
@@ -10,7 +10,7 @@
 -export([new/1]).
 
 -define(LEASE_US, 4000000).
-%% As many make about a second.
+%% The number of ticks in about a second.
 -define(TICKS, 10000).
 %% µs that a clock gains in a tick; the ratio of the slowest to the fastest is the default bound
 %% on drift, 10000 ppm.
@@ -44,6 +44,6 @@ new(#{robots := Ids, terms := Terms}) ->
 %% robots that give them are fast; a tick is about a second.
 rates(N) -> setelement(N, erlang:make_tuple(N, ?TICKS * ?FAST), ?TICKS * ?SLOW).
 
-%% Whoever is alone claims in vain for ever.
+%% A robot that is alone claims in vain for ever.
 claims_more({_, _, dpp_coordinator, {claims, {N, _, _}}}, Terms) -> N > Terms;
 claims_more(_Event, _Terms) -> false.

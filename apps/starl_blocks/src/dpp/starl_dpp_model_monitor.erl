@@ -1,7 +1,7 @@
-%% @doc What the votes, leases and terms of path planning are held to: its own monitor ({@link
-%% starl_dpp_monitor}), and what that one cannot see of a run: a coordinator that acts, though it
-%% assigns nothing yet, when another one has been elected after it, and a term that is won twice or
-%% after a later one. `{acts, Term}' comes from {@link starl_dpp_model_service}.
+%% @doc The monitor of path planning's votes, leases and terms in the exhaustive checker. It extends
+%% {@link starl_dpp_monitor} by two violations that this cannot see: a coordinator acts after
+%% another one has been elected, though it assigns nothing yet; and a term is won twice or after a
+%% later one. `{acts, Term}' comes from {@link starl_dpp_model_service}.
 -module(starl_dpp_model_monitor).
 -behaviour(starl_monitor).
 
@@ -19,7 +19,7 @@ init(Config) -> #state{plan = starl_dpp_monitor:init(Config)}.
 -spec interests() -> [atom()].
 interests() -> starl_dpp_monitor:interests().
 
-%% @doc Those of path planning, and `acts'.
+%% @doc The events of path planning, and `acts'.
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() ->
     Planning = starl_dpp_monitor:vocabulary(),

@@ -1,8 +1,9 @@
-%% @doc The service of a coordinator that is checked ({@link starl_dpp_coordinator},
-%% {@link starl_dpp_model}), in the place of the planner: only who leads and may assign counts, not
-%% what. Robots are known or not, as to the planner; whoever asks for a path is told that there is
-%% nothing to do; and at every moment at which the coordinator leads it may act, which shows in the
-%% trace: `{acts, Term}', and once all robots are known also `{assigned, Robot, Id, Segments}'.
+%% @doc A small service of the coordinator ({@link starl_dpp_coordinator}) for the exhaustive
+%% checker ({@link starl_dpp_model}), in the place of the planner: the check is about which robot
+%% leads and may assign, not about paths. Robots are known or not, as to the planner. A robot that asks for a
+%% path is told that there is nothing to do. At every moment at which the coordinator leads it may
+%% act, which shows in the trace: `{acts, Term}', and once all robots are known also
+%% `{assigned, Robot, Id, Segments}'.
 -module(starl_dpp_model_service).
 -behaviour(starl_dpp_coordinator).
 
@@ -11,7 +12,7 @@
 
 -export_type([t/0, event/0]).
 
-%% What it traces, in the name of the coordinator.
+%% The trace of the service, in the name of the coordinator.
 -type event() ::
     {acts, starl_dpp:term_id()}
     | {coordinator, starl_dpp:term_id()}
@@ -53,7 +54,7 @@ unknown(#service{unknown = Unknown}) -> Unknown.
 -spec knows(starl:robot_id(), t()) -> boolean().
 knows(Robot, #service{unknown = Unknown}) -> not lists:member(Robot, Unknown).
 
-%% @doc Has the robot's leave ended without a word?
+%% @doc Was the robot silent until its lease had ended?
 -spec silent(starl:robot_id(), t()) -> boolean().
 silent(Robot, #service{silent = Silent}) -> lists:member(Robot, Silent).
 
@@ -78,7 +79,7 @@ reported(Robot, _Id, {_Place, _Painted}, S) -> opened(alive(Robot, S)).
 -spec passed(starl:robot_id(), starl_dpp:request_id(), pos_integer(), t()) -> turn().
 passed(_Robot, _Id, _N, S) -> {S, []}.
 
-%% @doc The robot says nothing, and stands.
+%% @doc The robot is silent, and stands.
 -spec rests(starl:robot_id(), starl_geometry:point(), t()) -> turn().
 rests(Robot, _At, #service{silent = Silent, waiting = Waiting} = S) ->
     Known = known(Robot, S#service{
@@ -97,11 +98,11 @@ serve(#service{term = {_, Self, _} = Term, open = Open} = S) ->
             [{trace, {assigned, Self, {1, 1}, [{At, At}]}} || Open] ++
             [{{timeout, serve}, 0, serve}]}.
 
-%% @doc Nobody is given up.
+%% @doc No robot is given up.
 -spec give_up(t()) -> turn().
 give_up(S) -> {S, []}.
 
-%% @doc What becomes of an answer is all the same.
+%% @doc The outcome of an answer changes nothing.
 -spec answered(starl:robot_id(), ok | lost, t()) -> t().
 answered(_Robot, _Outcome, S) -> S.
 

@@ -4,18 +4,18 @@
 %% is at least two tube radii away from every other robot's. Separation: any two robots are at
 %% least `r_s' apart at every instant, in continuous time ({@link starl_separation}).
 %%
-%% Leadership: only the robot that leads the latest term assigns, from the moment on in which that
-%% has the votes, which is before it assigns anything itself. Leave: a robot begins no motion
-%% outside of what is reserved for it, so it does not drive on when its space has been given free; it
-%% may come to rest there.
+%% Leadership: only the coordinator of the latest term assigns. The latest term counts from the
+%% moment in which its coordinator has the votes, which is before it assigns anything itself.
+%% Lease: a robot begins no motion outside of its reservation, so it does not drive on when its
+%% space has become free; it may come to rest there.
 %%
 %% Events of machine `dpp_coordinator': {@link starl_dpp_coordinator:event()} (a later `coordinator'
 %% starts with an empty view, filled before anything is assigned; `assigned' and `reserved' tell the
 %% robot's whole reservation afterwards); of machine `chassis': `motion'; of machine `robot': `died'
-%% (the robot stays where it is, and so does its reservation).
+%% (the robot stays where it is, and keeps its reservation).
 %%
-%% Separation is judged when a slice of time is over, so its violations come up to a second
-%% after the moment that they name; a pair is reported once.
+%% Separation is judged at the end of a slice of time, so its violations are reported up to a second
+%% after the moment that they name; a pair of robots is reported once.
 -module(starl_dpp_monitor).
 -behaviour(starl_monitor).
 
@@ -30,30 +30,31 @@
     r_s :: float(),
     %% How far a robot may be from its centre line (mm).
     off_mm :: float(),
-    %% that of single robots, where it is less
+    %% The same for single robots, where it is less.
     offs = #{} :: #{robot_id() => float()},
-    epoch = none :: term(),
-    %% Who has led, latest first, and who has won the latest term.
+    %% The latest term in which every robot's place was known.
+    term = none :: term(),
+    %% The robots that have led, latest first; the latest term that was won, and by which robot.
     coordinators = [] :: [robot_id()],
     leads = none :: {Term :: term(), robot_id()} | none,
-    %% What is assumed of clocks, and by whom.
+    %% The team, and what is assumed of its clocks.
     robots :: [robot_id()],
     lease_us :: non_neg_integer(),
     jump_us :: non_neg_integer(),
     assumption :: starl_assumption:t(),
     reservations = #{} :: #{robot_id() => reservation()},
-    %% Have any two of them been too near to each other, ever?
+    %% Have any two reservations ever been too near to each other?
     overlaps = false :: boolean(),
     separation :: starl_separation:t(),
     assignments = 0 :: non_neg_integer(),
     deadlocks = 0 :: non_neg_integer(),
-    %% Found, but not returned yet: an event returns one violation.
+    %% Violations that are not returned yet: an event returns one.
     waiting = [] :: [starl_monitor:violation()]
 }).
 
 %% Rounding in the planner's own comparison (mm).
 -define(SLACK_MM, 1.0e-6).
-%% A robot that stands is where it is seen, to within so many mm.
+%% The greatest error of the place at which a standing robot is seen (mm).
 -define(SEEN_MM, 1.0).
 -define(LEASE_US, 10000000).
 -define(JUMP_US, 2000000).
@@ -62,8 +63,8 @@
 %% @doc `tube_radius': the radius of a reach tube (mm); `r_s': the least distance of two robots
 %% (mm); `tracking_mm': r(v) of single robots, where it is less than tubes have room for;
 %% `slice_us': the time that is judged at once (default one second). `lease_us', `jump_us' and
-%% `drift_ppm' are those of the machines (by default 10 s, 2 s, 10000); `robots': the team, `broken':
-%% when clocks were not as assumed (by default never).
+%% `drift_ppm' are those of the machines (by default 10 s, 2 s, 10000); `robots': the team;
+%% `broken': the times at which clocks were not as assumed (by default never).
 -spec init(#{
     tube_radius := float(),
     r_s := float(),
@@ -90,7 +91,7 @@ init(#{tube_radius := Radius, r_s := Limit} = Config) ->
         separation = starl_separation:new(Limit, Slice)
     }.
 
-%% @doc Told when clocks were not as assumed.
+%% @doc The configuration with the times at which clocks were not as assumed.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{broken := Broken}, Config) -> maps:merge(#{broken => Broken}, Config).
 
@@ -109,11 +110,11 @@ vocabulary() ->
         ]
     }.
 
-%% @doc Who leads, and what is reserved, while nobody moves.
+%% @doc The coordinator and the reservations, while nobody moves.
 -spec timeless(#state{}) -> term().
-timeless(#state{epoch = Epoch, coordinators = Coordinators} = State) ->
+timeless(#state{term = Term, coordinators = Coordinators} = State) ->
     #state{reservations = Reservations, overlaps = Overlaps, waiting = Waiting} = State,
-    {Epoch, lists:sublist(Coordinators, 1), Reservations, Overlaps, Waiting}.
+    {Term, lists:sublist(Coordinators, 1), Reservations, Overlaps, Waiting}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -128,7 +129,7 @@ step({T, Robot, Machine, Event}, #state{separation = Separation, r_s = Limit} = 
 
 %% @doc Judges the time until `EndTimeUs'. Results: `min_separation_mm' (`infinity' with fewer
 %% than two robots), and `at_us' and `robots' where there is one; `assignments' and
-%% `deadlocks_resolved' are counts; `coordinators' are those who led, in order.
+%% `deadlocks_resolved' are counts; `coordinators' are the robots that led, in order.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit} = State) ->
@@ -153,7 +154,7 @@ encounter({Distance, AtUs, {A, B}}, Limit) ->
     violation(too_close, AtUs, [A, B], #{distance_mm => Distance, limit_mm => Limit}).
 
 judge({chassis, {motion, Piece}}, T, Robot, #state{separation = Separation} = State) ->
-    {without_leave(T, Robot, Piece, State), State#state{
+    {without_lease(T, Robot, Piece, State), State#state{
         separation = starl_separation:motion(Robot, Piece, Separation)
     }};
 judge({robot, {died, _Reason}}, T, Robot, #state{separation = Separation} = State) ->
@@ -174,12 +175,12 @@ coordinated({deadlock_resolved, _Robots}, _T, _Robot, #state{deadlocks = N} = St
     {[], State#state{deadlocks = N + 1}};
 coordinated({reserved, Robot, Segments}, T, _Coordinator, State) ->
     reserve(T, Robot, Segments, State);
-coordinated({coordinator, Epoch}, _T, Robot, #state{epoch = Last} = State) when
-    Last =:= none; Epoch > Last
+coordinated({coordinator, Term}, _T, Robot, #state{term = Last} = State) when
+    Last =:= none; Term > Last
 ->
     #state{coordinators = Known} = State,
     {[], State#state{
-        epoch = Epoch, reservations = #{}, coordinators = led(Robot, Known)
+        term = Term, reservations = #{}, coordinators = led(Robot, Known)
     }};
 coordinated({leads, Term}, _T, Robot, #state{leads = Latest} = State) when
     Latest =:= none; {Term, Robot} > Latest
@@ -188,7 +189,7 @@ coordinated({leads, Term}, _T, Robot, #state{leads = Latest} = State) when
 coordinated(_Other, _T, _Robot, State) ->
     {[], State}.
 
-%% Another one leads, and clocks explain that this one does not know.
+%% Another robot leads, and broken clocks explain that this one does not know it.
 is_deluded(_T, Robot, #state{leads = {_, Robot}}) ->
     false;
 is_deluded(_T, _Robot, #state{leads = none}) ->
@@ -219,19 +220,19 @@ usurped(_T, _Coordinator, #state{coordinators = []}) ->
     [];
 usurped(_T, Coordinator, #state{coordinators = [Coordinator | _]}) ->
     [];
-usurped(T, Coordinator, #state{coordinators = [Leader | _], epoch = Epoch}) ->
+usurped(T, Coordinator, #state{coordinators = [Leader | _], term = Term}) ->
     Robots = [min(Coordinator, Leader), max(Coordinator, Leader)],
-    [violation(two_coordinators, T, Robots, #{term => Epoch})].
+    [violation(two_coordinators, T, Robots, #{term => Term})].
 
-without_leave(T, Robot, Piece, #state{reservations = Reservations, off_mm = Widest} = State) ->
+without_lease(T, Robot, Piece, #state{reservations = Reservations, off_mm = Widest} = State) ->
     Most = maps:get(Robot, State#state.offs, Widest),
     case Reservations of
         #{Robot := {_, Segments}} ->
             Point = starl_trajectory:position(T, Piece),
             Off = fun(S) -> starl_geometry:point_segment(Point, S) end,
-            %% one segment that it is on is enough
+            %% the robot need be on one segment only
             [
-                violation(moves_without_leave, T, [Robot], #{
+                violation(moves_without_lease, T, [Robot], #{
                     off_mm => lists:min([Off(S) || S <- Segments]), limit_mm => Most
                 })
              || starl_trajectory:rests_from(Piece) =:= never,
@@ -256,8 +257,8 @@ reserve(T, Robot, Segments, #state{reservations = Reservations, overlaps = Overl
         reservations = Reservations#{Robot => Own}, overlaps = Overlaps orelse Broken =/= []
     }}.
 
-%% Is it the end of what the robot held already? While all reservations are apart, it is apart from
-%% them too.
+%% Is the new reservation the end of the one that the robot held? While all reservations are apart,
+%% so is this one.
 is_part(_Segments, none) -> false;
 is_part(Segments, {_Box, Held}) -> lists:suffix(Segments, Held).
 

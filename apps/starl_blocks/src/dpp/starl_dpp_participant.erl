@@ -1,22 +1,23 @@
 %% @doc A participant of distributed path planning (the paper's Subroutines 2 and 4). It drives the
-%% robot, and only while it has leave to.
+%% robot, and only under a drive lease.
 %% ```
 %%              request: stop the robot, locate it        answer: a path
 %%   standing -----------------------> asking ---------------------------> moving
 %%      ^ ^                              |  ^                                | |
 %%      | |          answer: complete    |  |       request: stop, locate    | |
 %%      | +------------------------------+  +--------------------------------+ |
-%%      +------------------ its leave has ended: the robot is stopped ---------+
+%%      +------------------ the lease has ended: the robot is stopped ---------+
 %% '''
 %% After a crash it stops the robot, so it always knows whether the robot may be on its way. A path
-%% is void for ever once its leave has ended, whatever comes later.
+%% is void for ever once its lease has ended; no later message brings it back.
 %%
 %% A request certifies: the robot stands at this point, and will not follow any answer to an
-%% earlier request. So the coordinator may give free what the robot held, whatever was lost,
-%% doubled or late on the air; and an answer to any other request than the present one is dropped.
+%% earlier request. So the coordinator may free the robot's reservation, even if messages are lost,
+%% doubled or late; and an answer to any other request than the present one is dropped.
 %%
-%% It follows the coordinator of the highest term it has heard of, and has a vote
-%% ({@link starl_dpp_vote}). When it misses its coordinator, its own robot's claims a term.
+%% The participant follows the coordinator of the highest term that it has heard of, and has a vote
+%% ({@link starl_dpp_vote}). When it misses its coordinator, its own robot's coordinator machine
+%% claims a term.
 %%
 %% Calls: `{join, Coordinator}', `coordinator', `request', `{face, Id, N}', `{drive, Id, N}' (see
 %% {@link starl_dpp}). Messages to the coordinator: `dpp_request {Term, Id, At, Painted, Stamp}',
@@ -32,21 +33,21 @@
 
 -export_type([event/0]).
 
-%% What it traces.
+%% The trace of a participant.
 -type event() ::
-    %% an answer of this robot and term, not to the present request
+    %% an answer from this robot, in this term, to another request than the present one
     {stale_answer, starl:robot_id(), starl_dpp:term_id(), starl_dpp:request_id()}
-    %% the leave to drive along the path of this answer has ended
+    %% the lease to drive along the path of this answer has ended
     | {void, starl_dpp:request_id()}.
 
 -type where() :: starl_dpp_track:where().
 
-%% A request without an answer is made again after so long; likewise a look at the position.
+%% The time after which a request without an answer is repeated; likewise a look at the position.
 -define(AGAIN_US, 40000000).
 -define(LOOK_US, 500000).
-%% So long after the last word of any coordinator a robot that asks is told that there is none.
+%% The time without a message of any coordinator after which a request fails with `no_answer'.
 -define(PATIENCE_US, 120000000).
-%% How far the robot drives before it tells that space behind it is free.
+%% The distance that the robot drives before it reports that the space behind it is free.
 -define(REPORT_MM, 400.0).
 
 -record(part, {
@@ -54,7 +55,7 @@
     incarnation :: pos_integer(),
     now :: integer(),
     n = 0 :: non_neg_integer(),
-    %% the application's request or drive
+    %% the caller of the application's request, and of its drive
     from = none :: starl_machine:from() | none,
     drive = none :: {starl_machine:from(), face | drive, N :: pos_integer()} | none,
     track :: starl_dpp_track:t(),
@@ -85,7 +86,7 @@ event({call, From}, {What, Id, N}, Where, Part) when What =:= face; What =:= dri
 event({reply, {driven, What, Id, N}}, Outcome, Where, Part) ->
     driven(Outcome, {What, N}, Id, Where, Part);
 event({timeout, leave}, _, Where, Part) ->
-    leave(Where, Part);
+    lease_end(Where, Part);
 event({reply, {halted, N}}, Outcome, _Where, #part{n = N} = Part) ->
     {keep_state, Part, distrust(Outcome) ++ look(Part)};
 event({reply, {pose, N}}, {ok, {X, Y, _}}, Where, #part{n = N} = Part) ->
@@ -211,12 +212,12 @@ stop_asking() -> [{{timeout, T}, cancel} || T <- [again, patience]].
 
 %% -- moving ---------------------------------------------------------------------------------
 
-%% An assignment whose leave has ended on the way is void; so is one of which, by a clock that does
-%% not go, nobody knows when it ends.
+%% An assignment whose lease has ended on the way is void. So is one whose lease cannot be measured,
+%% because the own clock stands still.
 assigned({moving, Id, From, Path} = Moving, #part{track = Track, from = Caller} = Part) ->
     #part{follow = Follow, now = Now} = Part,
     Broken = starl_dpp_follow:in_no_time(Now, Follow),
-    case leave_us(Part) of
+    case lease_us(Part) of
         _ when Broken ->
             {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
         Us when Us > 0 ->
@@ -228,12 +229,12 @@ assigned({moving, Id, From, Path} = Moving, #part{track = Track, from = Caller} 
             ask(Part)
     end.
 
-%% How long the robot may still drive.
-leave_us(#part{follow = Follow, now = Now}) -> starl_dpp_follow:leave_us(Now, Follow).
+%% What is left of the lease to drive. (Its timer is called `leave'.)
+lease_us(#part{follow = Follow, now = Now}) -> starl_dpp_follow:lease_us(Now, Follow).
 
-%% At the end of its leave the robot stops, and its path is void.
-leave({moving, Id, _, _} = Moving, #part{track = Track, drive = Drive} = Part) ->
-    case leave_us(Part) of
+%% At the end of its lease the robot stops, and its path is void.
+lease_end({moving, Id, _, _} = Moving, #part{track = Track, drive = Drive} = Part) ->
+    case lease_us(Part) of
         Us when Us > 0 ->
             {keep_state, Part, [{{timeout, leave}, Us, leave}]};
         _Ended ->
@@ -241,7 +242,7 @@ leave({moving, Id, _, _} = Moving, #part{track = Track, drive = Drive} = Part) -
             Replies = [{reply, From, {error, void}} || {From, _, _} <- [Drive]],
             {next_state, standing, Void, [starl_motion:stop(), {trace, {void, Id}} | Replies]}
     end;
-leave(_Where, Part) ->
+lease_end(_Where, Part) ->
     {keep_state, Part}.
 
 drive({_, _, N} = Drive, Id, {moving, Id, _, Path} = Moving, Part) when N =< length(Path) ->
@@ -270,12 +271,12 @@ driven({error, _} = Outcome, {What, N}, Id, {moving, Id, _, _}, #part{drive = {F
 driven(_Outcome, _What, _Id, _Where, _Part) ->
     keep_state_and_data.
 
-%% The chassis shows that the robot's clock has stood still or was set: the own coordinator must not
-%% count leases by it.
+%% The chassis shows that the robot's clock has stood still or was set: the own robot's coordinator
+%% machine must not count leases by it.
 distrust({error, out_of_time}) -> [{cast, dpp_coordinator, out_of_time}];
 distrust(_Outcome) -> [].
 
-%% Clear: the coordinator is told now and then. What is painted goes with the next request.
+%% The paper's Clear: reported now and then. Painted edges are reported with the next request.
 report(Id, N, #part{track = Track} = Part) ->
     case starl_dpp_track:unreported_mm(Track) >= ?REPORT_MM of
         true ->
@@ -285,7 +286,7 @@ report(Id, N, #part{track = Track} = Part) ->
             {Part, []}
     end.
 
-%% -- whom it follows ------------------------------------------------------------------------
+%% -- the coordinator that it follows --------------------------------------------------------
 
 beat(Source, Beat, Where, #part{follow = Follow, now = Now} = Part) ->
     case starl_dpp_follow:beat(Source, Beat, Now, Follow) of
@@ -296,7 +297,7 @@ beat(Source, Beat, Where, #part{follow = Follow, now = Now} = Part) ->
             recovered(Other, Where, Part)
     end.
 
-%% Who asks goes on waiting, and asks again where the coordinator was not heard for long.
+%% A robot that asks goes on waiting, and asks again if the coordinator was silent for a lease.
 awaited(asking, Missed) -> [patience() | [{{timeout, again}, 1000, request} || Missed]];
 awaited(_Where, _Missed) -> [].
 

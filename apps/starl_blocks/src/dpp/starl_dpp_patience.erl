@@ -1,6 +1,5 @@
-%% @doc What a robot that asks for work leaves to others while those are on their way: what it could
-%% reach by a long way around them only, and what another will be at first. It waits for what is
-%% better.
+%% @doc Decides when a robot waits rather than takes work: it leaves a line to moving robots if its
+%% own way there is a long detour around them, or if another robot will be there first.
 %%
 %% All functions are pure; equal inputs give equal answers. Lengths are millimetres.
 -module(starl_dpp_patience).
@@ -10,22 +9,22 @@
 -type robot_id() :: pos_integer().
 -type plan() :: starl_dpp_plan:t().
 
-%% Up to this far away a robot gets work even if another will be there first,
+%% The distance up to which a robot gets work even if another will be there first.
 -define(FAR, 2000.0).
-%% which counts when it is so much nearer.
+%% Another robot is there first if it is nearer by at least this.
 -define(LEAD, 1000.0).
 %% More than the rounding errors of a way's length.
 -define(HAIR, 1.0e-3).
 %% Farther than any way.
 -define(EVER, 1.0e300).
-%% So many free edges are looked at to see how far a robot would go.
+%% The greatest number of free edges of which each is looked at, to see how far a robot would go.
 -define(FEW, 200).
-%% So much more than what is driven may a way cost: its turns, and corners that are cut.
+%% The most that a way costs beside its length: its turns, and corners that are cut.
 -define(ROUND_ABOUT, 2000.0).
 
-%% @doc What the way to work may cost for a robot that would take it; `none' if it would take no
-%% work. What it refuses is far: no need to search there. (What is near, but found by a way round
-%% about only, it may miss; it asks again when others have moved.)
+%% @doc The greatest cost of a way to work that the robot would take; `none' if it would take no
+%% work. Refused work is far, so the search need not go there. (The search may miss work that is
+%% near, but reached by a long way only; the robot asks again when others have moved.)
 -spec reach(robot_id(), plan()) -> starl_dpp_search:within() | none.
 reach(Robot, Plan) ->
     case starl_dpp_plan:config(Plan) of
@@ -48,7 +47,7 @@ waits(Robot, Job, Plan) -> detour(Robot, Job, Plan) orelse better_placed(Robot, 
 
 %%% Internals
 
-%% The most that the robot would drive to any of some points. Where there are many, one is near.
+%% The longest way that the robot would drive to any of these points. Of many points one is near.
 acceptable(Begin, P, {Factor, Mm}, Rivals, Few, Most) ->
     Straight = starl_geometry:distance(P, Begin),
     case Factor * Straight + Mm of
@@ -65,7 +64,7 @@ acceptable(Begin, P, {Factor, Mm}, Rivals, Few, Most) ->
 farther(Mm, none) -> Mm;
 farther(Mm, Most) -> max(Mm, Most).
 
-%% How far the robot may drive to a point if none of these others is to be there first.
+%% The distance that the robot may drive to a point so that none of these others is there first.
 first(Begin, Rivals) ->
     Before = [Left + starl_geometry:distance(End, Begin) + ?LEAD || {Left, End} <- Rivals],
     max(?FAR, lists:min([?EVER | Before])).
@@ -94,7 +93,7 @@ others_first(Begin, Driven, Rivals) ->
         Left + starl_geometry:distance(End, Begin) + ?LEAD < Driven
     end, Rivals).
 
-%% What the others have left to drive, and where they will be then. Those that say nothing, because
-%% they are dead, do no work.
+%% The distance that each of the others still has to drive, and the place where it will be then.
+%% Silent robots, which may be dead, do no work.
 rivals(Robot, Plan) ->
     [starl_dpp_plan:rest(Id, Plan) || Id <- starl_dpp_plan:at_work(Plan), Id =/= Robot].

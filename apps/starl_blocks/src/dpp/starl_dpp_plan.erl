@@ -28,7 +28,7 @@
 -type edge_id() :: starl_dpp_graph:edge_id().
 -type pen() :: up | {down, edge_id()}.
 -type waypoint() :: {point(), pen()}.
-%% Where to drive to, straight, and whether that paints a target edge.
+%% A waypoint is the end of a straight line to drive, and tells whether that paints a target edge.
 -type path() :: [waypoint(), ...].
 -type config() :: starl_dpp_settings:t().
 -type counts() :: #{free | assigned | painted | total => non_neg_integer()}.
@@ -45,7 +45,7 @@
     painted = #{} :: #{edge_id() => true},
     latest = [] :: [edge_id()],     % the painted ones, the latest known first
     modes = #{} :: #{robot_id() => mode()},
-    %% robots that stand and say nothing
+    %% robots that stand and are silent
     silent = #{} :: #{robot_id() => true},
     headings = #{} :: #{robot_id() => float()},
     spots :: starl_dpp_spots:t(),
@@ -70,10 +70,10 @@ new(Config0) ->
 -spec format_error(starl_dpp_graph:reason()) -> iolist().
 format_error(Reason) -> starl_dpp_graph:format_error(Reason).
 
-%%% What robots report
+%%% Reports of robots
 
-%% @doc The robot certified that it stands still, anywhere, and holds no assignment any more. Its
-%% edges that are not painted yet become free.
+%% @doc Enters a robot's certificate that it stands still at some point and holds no assignment any
+%% more. Its edges that are not painted yet become free.
 -spec standing(robot_id(), point(), t()) -> t().
 standing(Robot, P, #plan{unsafe = Unsafe, modes = Modes} = Plan0) ->
     #plan{config = #{slack := Slack}} = Plan0,
@@ -85,14 +85,14 @@ standing(Robot, P, #plan{unsafe = Unsafe, modes = Modes} = Plan0) ->
         modes = Modes#{Robot => {standing, Q, P}}
     }).
 
-%% @doc The robot says nothing any more, and was seen to stand here: it holds no assignment, and
-%% will not do any work before it is heard of again.
+%% @doc Enters that a silent robot was seen to stand at this point: it holds no assignment, and gets
+%% no work before it is heard again.
 -spec silent(robot_id(), point(), t()) -> t().
 silent(Robot, P, Plan) ->
     #plan{silent = Silent} = Stands = standing(Robot, P, Plan),
     Stands#plan{silent = Silent#{Robot => true}}.
 
-%% @doc The robot has reached the waypoint with this index, counted from 1, of its assignment.
+%% @doc Enters that the robot has reached the N-th waypoint, counted from 1, of its assignment.
 %% Reports that are late or repeated change nothing.
 -spec passed(robot_id(), Index :: pos_integer(), t()) -> t().
 passed(Robot, Index, #plan{modes = Modes, unsafe = Unsafe} = Plan) ->
@@ -111,7 +111,7 @@ passed(Robot, Index, #plan{modes = Modes, unsafe = Unsafe} = Plan) ->
     end.
 
 %% @doc Assigns a path to a robot that stands. `work' paints; a way `aside' counts as yielding
-%% until somebody gets work again; a `retreat' leads to a parking spot.
+%% until some robot gets work again; a `retreat' leads to a parking spot.
 -spec send(robot_id(), path(), work | aside | retreat, t()) -> t().
 send(Robot, Path, Why, #plan{modes = Modes, yielded = Yielded} = Plan) ->
     #{Robot := {standing, P, _}} = Modes,
@@ -128,14 +128,14 @@ exchange(Robot, Owner, #plan{spots = Spots} = Plan) ->
     Plan#plan{spots = starl_dpp_spots:exchange(Robot, Owner, Spots)}.
 
 %% @doc Takes over the rest of an assignment that a robot holds from an earlier coordinator: the
-%% robot is on its way from the point along the path. For one that is part of the way, take over
-%% the whole path and then report the last waypoint it has {@link passed/3}.
+%% robot is on its way from the point along the path. For a robot that has driven part of the way,
+%% take over the whole path and then report the last waypoint that it has {@link passed/3}.
 -spec adopt(robot_id(), From :: point(), path(), t()) -> t().
 adopt(Robot, From, Path, #plan{silent = Silent} = Plan) ->
     assign(Robot, From, Path, release(Robot, Plan#plan{silent = maps:remove(Robot, Silent)})).
 
-%% @doc Moves the reservations of robots that stand, within the slack, to 2R from all others: two
-%% robots that report where they are may each be off the place that they held by a little.
+%% @doc Moves the reservations of standing robots, within the slack, to 2R from all others: each of
+%% two robots may report a place slightly off its reservation.
 -spec apart(t()) -> t().
 apart(#plan{modes = Modes} = Plan) ->
     Sorted = lists:sort(maps:to_list(Modes)),
@@ -150,13 +150,13 @@ apart({Robot, Q0, P}, #plan{unsafe = Unsafe, modes = Modes} = Plan) ->
                       modes = Modes#{Robot := {standing, Q, P}}}
     end.
 
-%% @doc These edges are painted already.
+%% @doc Enters edges that are painted already.
 -spec mark_painted([edge_id()], t()) -> t().
 mark_painted(Edges, Plan) -> paint(Edges, Plan).
 
-%%% What the plan knows
+%%% Reading the plan
 
-%% @doc How many target edges are in which state.
+%% @doc The number of target edges in each state.
 -spec counts(t()) -> counts().
 counts(#plan{graph = Graph, free = Free, painted = Painted}) ->
     Total = starl_dpp_graph:targets(Graph),
@@ -164,7 +164,7 @@ counts(#plan{graph = Graph, free = Free, painted = Painted}) ->
     #{free => Left, painted => map_size(Painted), total => Total,
       assigned => Total - Left - map_size(Painted)}.
 
-%% @doc The painted edges but for the first so many that became known, sorted.
+%% @doc The painted edges without the first `Known' that became known, sorted.
 -spec painted_since(Known :: non_neg_integer(), t()) -> [edge_id()].
 painted_since(Known, #plan{painted = Painted, latest = Latest}) ->
     lists:sort(lists:sublist(Latest, map_size(Painted) - Known)).
@@ -179,7 +179,7 @@ are_targets(Edges, #plan{graph = Graph}) ->
     Most = starl_dpp_graph:targets(Graph),
     lists:all(fun(E) -> E =< Most end, Edges).
 
-%% @doc All reservations, sorted by robot. One that stands holds a segment of length zero.
+%% @doc All reservations, sorted by robot. A standing robot holds a segment of length zero.
 -spec unsafe(t()) -> [{robot_id(), [segment()]}].
 unsafe(#plan{unsafe = Unsafe}) -> starl_dpp_unsafe:all(Unsafe).
 
@@ -199,7 +199,7 @@ parked(Robot, #plan{modes = Modes, spots = Spots}) ->
         #{} -> false
     end.
 
-%% @doc How many free edges the robot's reservation closes to others.
+%% @doc The number of free edges that the robot's reservation closes to others.
 -spec blocking(robot_id(), t()) -> non_neg_integer().
 blocking(Robot, #plan{unsafe = Unsafe, free = Free}) ->
     length([E || E <- starl_dpp_unsafe:blocks(Robot, Unsafe), starl_dpp_free:has(E, Free)]).
@@ -216,7 +216,7 @@ graph(#plan{graph = Graph}) -> Graph.
 -spec free(t()) -> starl_dpp_free:t().
 free(#plan{free = Free}) -> Free.
 
-%% @doc Who blocks which edge, these robots left out.
+%% @doc The robots that block each edge, without the given robots.
 -spec masks(Without :: [robot_id()], t()) -> fun((edge_id()) -> non_neg_integer()).
 masks(Without, #plan{unsafe = Unsafe}) ->
     Masks = starl_dpp_unsafe:masks(Unsafe),
@@ -232,11 +232,11 @@ spots(#plan{spots = Spots}) -> starl_dpp_spots:all(Spots).
 -spec held(robot_id(), t()) -> [segment()].
 held(Robot, #plan{unsafe = Unsafe}) -> starl_dpp_unsafe:held(Robot, Unsafe).
 
-%% @doc How far a robot whose place is known has to drive on what it holds, and where that ends.
+%% @doc The distance that a robot whose place is known still has to drive, and where its path ends.
 -spec rest(robot_id(), t()) -> {Mm :: float(), point()}.
 rest(Robot, #plan{unsafe = Unsafe}) -> starl_dpp_unsafe:rest(Robot, Unsafe).
 
-%% @doc Where a robot stands: the point reserved for it, and where it was seen.
+%% @doc The place of a standing robot: the point reserved for it, and the point where it was seen.
 -spec stands(robot_id(), t()) -> {Reserved :: point(), Really :: point()} | false.
 stands(Robot, #plan{modes = Modes}) ->
     case Modes of
@@ -253,7 +253,7 @@ yielded(Robot, #plan{yielded = Yielded}) -> is_map_key(Robot, Yielded).
 others_move(Robot, #plan{modes = Modes}) ->
     [] =/= [Id || {Id, {moving, _, [_ | _]}} <- maps:to_list(Modes), Id =/= Robot].
 
-%% @doc The robots but for those that say nothing, sorted.
+%% @doc The robots that are not silent, sorted.
 -spec at_work(t()) -> [robot_id()].
 at_work(#plan{silent = Silent} = Plan) ->
     [Id || {Id, _} <- spots(Plan), not is_map_key(Id, Silent)].
@@ -298,7 +298,7 @@ paint(Edges, #plan{free = Free, painted = Painted, latest = Latest} = Plan) ->
               painted = lists:foldl(fun(E, Acc) -> Acc#{E => true} end, Painted, New),
               latest = New ++ Latest}.
 
-%% The heading along the N-th segment of what the robot still holds, if that has one.
+%% The heading along the N-th segment that the robot still holds, if that segment has a heading.
 heading_after(Robot, N, #plan{unsafe = Unsafe}) ->
     Held = starl_dpp_unsafe:held(Robot, Unsafe),
     case lists:nth(min(N, length(Held)), Held) of
@@ -317,7 +317,7 @@ assign(Robot, From, Path, #plan{} = Plan) ->
         modes = Modes#{Robot => {moving, 0, Path}}
     }.
 
-%% Who stands on another's spot while that one is away takes it over.
+%% A robot that stands on the spot of another one that is away takes the spot over.
 claim_spot(Robot, P, #plan{spots = Spots} = Plan) ->
     Here = [Id || {Id, _} <- spots(Plan), Id =/= Robot,
                   starl_dpp_spots:on(P, Id, Spots), not parked(Id, Plan)],

@@ -21,8 +21,8 @@
     turn_mm := float(),
     leg := float()
 }.
-%% The plan as one standing robot sees it: itself, where it stands and looks to, the graph, what is
-%% reserved and which edges are free; the price of a turn and the longest leg without paint.
+%% The plan as one standing robot sees it: the robot, its point and heading, the graph, the
+%% reservations and the free edges; the price of a turn and the longest leg without paint.
 
 -define(AT, 1.0e-3).
 %% A robot this near to a vertex is at it.
@@ -30,13 +30,13 @@
 -define(JOINTS, 14).
 %% Vertices around the robot that a search may begin at.
 
-%% @doc Where the robot may search when these robots' reservations do not count.
+%% @doc The space in which the robot may search when these robots' reservations do not count.
 -spec space([robot_id()], view()) -> starl_dpp_search:space().
 space(Ignored, #{graph := Graph, unsafe := Unsafe, turn_mm := TurnMm}) ->
     Own = lists:foldl(fun(Id, Acc) -> Acc bor starl_dpp_unsafe:bit(Id, Unsafe) end, 0, Ignored),
     #{graph => Graph, masks => starl_dpp_unsafe:masks(Unsafe), turn_mm => TurnMm, own => Own}.
 
-%% @doc What the robot must stay clear of.
+%% @doc The obstacles of the robot.
 -spec obstacles(view()) -> obstacles().
 obstacles(#{robot := Robot, unsafe := Unsafe}) -> starl_dpp_unsafe:others(Robot, Unsafe).
 
@@ -44,7 +44,7 @@ obstacles(#{robot := Robot, unsafe := Unsafe}) -> starl_dpp_unsafe:others(Robot,
 -spec nearby(view()) -> [vertex()].
 nearby(#{at := P, graph := Graph}) -> [V || {_, V} <- starl_dpp_graph:joints(P, ?JOINTS, Graph)].
 
-%% @doc Where a search can begin: each of the given vertices that the robot can drive to straight,
+%% @doc The starts of a search: each of the given vertices that the robot can drive to straight,
 %% with the cost of doing so.
 -spec starts([vertex()], obstacles(), view()) -> [starl_dpp_search:start()].
 starts(Vertices, Obstacles, #{at := P, graph := Graph} = View) ->
@@ -60,7 +60,7 @@ travel(Trail, Obstacles, #{at := P, graph := Graph, leg := Leg}) ->
     Way = smooth(distinct([P | Points]), Obstacles),
     [{Q, up} || Q <- legs(Way, Leg)].
 
-%% @doc Leaves out points of a way where a straight line will do.
+%% @doc Shortens a way: drops points between which a straight line is clear.
 -spec smooth([point(), ...], obstacles()) -> [point(), ...].
 smooth([_] = Points, _Obstacles) ->
     Points;

@@ -19,8 +19,8 @@
     own := integer(),
     turn_mm := float()
 }.
-%% Where to search: the graph, who blocks what, the mask of robots that do not block (at least
-%% the searching robot itself) and the price of a turn in mm per radian.
+%% The search space: the graph, the robots that block each edge, the mask of robots that do not
+%% count (at least the searching robot itself) and the price of a turn in mm per radian.
 -type start() :: {CostMm :: float(), vertex(), heading()}.
 -type label() :: {CostMm :: float(), From :: vertex() | start, heading()}.
 -opaque labels() :: starl_dpp_array:t(label()).
@@ -29,11 +29,11 @@
 %% A cost in mm.
 -type visit(Acc) ::
     fun((vertex(), CostMm :: float(), heading(), Acc) -> {continue, within(), Acc} | {stop, Acc}).
-%% Called once per vertex, cheapest first. What costs more than it says need not be visited.
+%% Called once per vertex, cheapest first. It returns a cost: no vertex above it need be visited.
 
 -type heap() :: starl_dpp_heap:t(float(), vertex()).
 
-%% What stays the same in a search.
+%% The constants of a search.
 -record(terms, {
     graph :: starl_dpp_graph:t(),
     masks :: starl_dpp_unsafe:masks(),

@@ -1,12 +1,12 @@
-%% @doc What a coordinator of distributed path planning knows of its robots, and how it serves
-%% them: requests in, answers out, around {@link starl_dpp_plan}. Pure; whether the coordinator
-%% may assign at all is {@link starl_dpp_coordinator}'s business.
+%% @doc The service of a path planning coordinator: it takes requests and reports of robots, keeps
+%% the plan ({@link starl_dpp_plan}) and answers. Pure. {@link starl_dpp_coordinator} decides
+%% whether the coordinator may assign at all.
 %%
-%% It begins with nothing known. Until its coordinator leads and every robot's place is known,
-%% nothing is assigned and nothing is traced; then it is open. Robots that wait are served again
-%% when something has become free. When nobody moves and all wait, the plan resolves the deadlock.
-%% If only robots that no longer answer stand between the team and the rest of the picture, those
-%% who wait are told `incomplete'.
+%% At first no robot's place is known. The service is open once its coordinator leads and every
+%% robot's place is known; before that nothing is assigned and nothing is traced. Robots that wait
+%% are served again when space or edges have become free. When no robot moves and all wait, the plan
+%% resolves the deadlock. If only robots that no longer answer stand between the team and the rest
+%% of the picture, the robots that wait are answered `incomplete'.
 %%
 %% Trace: {@link event()}.
 -module(starl_dpp_serve).
@@ -16,24 +16,24 @@
 -export([requested/4, reported/4, passed/4, rests/3, serve/1, give_up/1, answered/3]).
 -export_type([t/0, turn/0, event/0]).
 
-%% What the coordinator traces of its service. Segments are those whose tubes the robot holds, mm.
+%% The trace of the service. Segments (mm) are the centre lines of the tubes that the robot holds.
 -type event() ::
-    %% it is open: all robots' places are known
+    %% the service is open: all robots' places are known
     {coordinator, starl_dpp:term_id()}
     | {reserved, starl:robot_id(), [starl_geometry:segment()]}
     | {assigned, starl:robot_id(), starl_dpp:request_id(), [starl_geometry:segment()]}
     %% these robots were sent out of the way of others
     | {deadlock_resolved, [starl:robot_id(), ...]}
-    %% the robot's leave has ended without a word
+    %% the robot was silent until its lease had ended
     | {silent, starl:robot_id()}
     %% only robots that are silent stand between the team and the rest of the picture
     | {unreachable, [starl_dpp_graph:edge_id()]}
-    %% the robot says that it has painted lines that are not in the picture
+    %% the robot reports painted lines that are not in the picture
     | {malformed, starl:robot_id(), {edges, term()}}.
 
-%% Waiters are served again so long after something became free.
+%% The time after which waiting robots are served again when something became free.
 -define(SERVE_US, 200000).
-%% If only robots that no longer answer are left to wait for, they have so long to be heard again.
+%% The time that silent robots have to be heard again when only they are in the way.
 -define(GIVE_UP_US, 60000000).
 
 -record(serve, {
@@ -42,14 +42,14 @@
     %% does the coordinator lead, and is every robot's place known?
     leads = false :: boolean(),
     open = false :: boolean(),
-    %% the latest request of each robot; the ones that wait for an answer, in order of arrival
+    %% the latest request of each robot; the robots that wait for an answer, in order of arrival
     latest = #{} :: #{starl:robot_id() => starl_dpp:request_id()},
     waiting = [] :: [starl:robot_id()],
-    %% who is on its way, and at which waypoint of its path the plan's view of it begins
+    %% the robots on their way, each with the waypoint of its path at which the plan's view begins
     moving = #{} :: #{starl:robot_id() => Offset :: non_neg_integer()},
-    %% whose leave has ended without a word
+    %% the robots that were silent until their lease had ended
     silent = [] :: [starl:robot_id()],
-    %% of how many painted edges each robot has been told, or is being told
+    %% the number of painted edges that each robot has been told, or is being told
     told = #{} :: #{starl:robot_id() => non_neg_integer()},
     telling = #{} :: #{starl:robot_id() => non_neg_integer()},
     %% nobody moves and nothing can be assigned
@@ -58,7 +58,7 @@
 -opaque t() :: #serve{}.
 -type turn() :: {t(), [starl_machine:action()]}.
 
-%% @doc The plan with nothing known in it.
+%% @doc The plan in which nothing is known.
 -spec prepare(starl_dpp_settings:t()) -> starl_dpp_plan:t().
 prepare(Settings) ->
     {ok, Plan} = starl_dpp_plan:new(Settings),
@@ -80,11 +80,11 @@ unknown(#serve{plan = Plan}) -> starl_dpp_plan:unknown(Plan).
 -spec knows(starl:robot_id(), t()) -> boolean().
 knows(Robot, #serve{plan = Plan}) -> starl_dpp_plan:held(Robot, Plan) =/= [].
 
-%% @doc Has the robot's leave ended without a word?
+%% @doc Was the robot silent until its lease had ended?
 -spec silent(starl:robot_id(), t()) -> boolean().
 silent(Robot, #serve{silent = Silent}) -> lists:member(Robot, Silent).
 
-%% -- what robots say ------------------------------------------------------------------------
+%% -- requests and reports of robots ---------------------------------------------------------
 
 %% @doc The robot stands at a point and wants a path.
 -spec requested(starl:robot_id(), starl_dpp:request_id(), {Where, [Edge]}, t()) -> turn() when
@@ -102,8 +102,7 @@ requested(Robot, Id, {At, Painted}, #serve{waiting = Waiting, plan = Plan} = S) 
             {S, stray(Robot, Painted, Plan)}
     end.
 
-%% @doc What the robot tells a coordinator that begins: where it stands, or what it still has
-%% before it of its path.
+%% @doc The robot's report to a new coordinator: where it stands, or the rest of its path.
 -spec reported(starl:robot_id(), starl_dpp:request_id(), {starl_dpp:place(), [Edge]}, t()) ->
     turn() when Edge :: starl_dpp_graph:edge_id().
 reported(Robot, Id, {Place, Painted}, #serve{plan = Plan} = S) ->
@@ -111,14 +110,14 @@ reported(Robot, Id, {Place, Painted}, #serve{plan = Plan} = S) ->
     Named = pens(Place) ++ Painted,
     case {newer(Robot, Id, S) andalso starl_dpp_plan:are_targets(Named, Plan), Place} of
         {false, _} -> {S, stray(Robot, Named, Plan)};
-        %% its leave has ended since it said so
+        %% its lease has ended since the report
         {true, {moving, _, _, _}} when Silent -> {S, []};
         {true, {standing, At}} -> stands(Robot, Id, At, Painted, S);
         {true, {moving, _, From, []}} -> stands(Robot, Id, From, Painted, S);
         {true, {moving, N, From, Path}} -> moves(Robot, Id, {N, From, Path}, Painted, S)
     end.
 
-%% Lines that are not in the picture are nothing that a robot of the team has painted.
+%% No robot of the team has painted a line that is not in the picture.
 stray(Robot, Edges, Plan) ->
     [
         {trace, {malformed, Robot, {edges, Edges}}}
@@ -128,7 +127,8 @@ stray(Robot, Edges, Plan) ->
 pens({moving, _, _, Path}) -> [Edge || {_, {down, Edge}} <- Path];
 pens({standing, _}) -> [].
 
-%% @doc Clear: the robot has reached waypoint N of the path that it got for this request.
+%% @doc The paper's Clear: the robot has reached waypoint N of the path that it got for this
+%% request.
 -spec passed(starl:robot_id(), starl_dpp:request_id(), N :: pos_integer(), t()) -> turn().
 passed(Robot, Id, N, #serve{latest = Latest, moving = Moving, plan = Plan} = S) ->
     case {Latest, Moving} of
@@ -138,8 +138,8 @@ passed(Robot, Id, N, #serve{latest = Latest, moving = Moving, plan = Plan} = S) 
             {S, []}
     end.
 
-%% @doc The robot's leave has ended, and it was seen at this point: there it stands. What else it
-%% held is free, and its edges that are not painted.
+%% @doc The robot's lease has ended, and it was seen at this point: it stands there. The rest of its
+%% reservation becomes free, and so do its edges that are not painted.
 -spec rests(starl:robot_id(), starl_geometry:point(), t()) -> turn().
 rests(Robot, At, #serve{plan = Plan, silent = Silent, waiting = Waiting} = S) ->
     Known = S#serve{
@@ -152,7 +152,7 @@ rests(Robot, At, #serve{plan = Plan, silent = Silent, waiting = Waiting} = S) ->
     {Settled, More} = settle(Freed),
     {Settled, [{trace, {silent, Robot}} | Actions ++ More]}.
 
-%% @doc The answer to the robot has arrived, or may not have.
+%% @doc The answer to the robot has arrived, or is perhaps lost.
 -spec answered(starl:robot_id(), ok | lost, t()) -> t().
 answered(Robot, ok, #serve{told = Told, telling = Telling} = S) ->
     Count = max(maps:get(Robot, Telling, 0), maps:get(Robot, Told, 0)),
@@ -160,7 +160,7 @@ answered(Robot, ok, #serve{told = Told, telling = Telling} = S) ->
 answered(_Robot, lost, S) ->
     S.
 
-%% Robots number their requests; an old one says nothing of where the robot is now.
+%% Robots number their requests; an old one does not tell where the robot is now.
 newer(Robot, Id, #serve{latest = Latest}) -> Id > maps:get(Robot, Latest, {0, 0}).
 
 stands(Robot, Id, At, Painted, #serve{plan = Plan, latest = Latest} = S) ->
@@ -202,9 +202,9 @@ open(#serve{leads = true, plan = Plan, term = Term} = S) ->
 open(S) ->
     {S, []}.
 
-%% -- serving those who wait -----------------------------------------------------------------
+%% -- serving the robots that wait -----------------------------------------------------------
 
-%% @doc Serves all who wait.
+%% @doc Serves all robots that wait.
 -spec serve(t()) -> turn().
 serve(#serve{waiting = Waiting} = S) ->
     chain([fun(S1) -> serve_each(Waiting, S1) end, fun settle/1], S).
@@ -233,7 +233,7 @@ assign(Robot, Path, #serve{plan = Plan, moving = Moving, latest = Latest} = S) -
     {Answered, Actions} = answer(Robot, {assign, From, Path}, Sent),
     {Answered, [Trace | Actions] ++ [{{timeout, give_up}, cancel}]}.
 
-%% With the answer goes what has been painted and the robot was not told yet.
+%% The answer carries the painted edges that the robot was not told yet.
 answer(Robot, Answer, #serve{waiting = Waiting, latest = Latest, term = Term} = S) ->
     #serve{plan = Plan, told = Told, telling = Telling} = S,
     #{painted := Count} = starl_dpp_plan:counts(Plan),
@@ -242,8 +242,8 @@ answer(Robot, Answer, #serve{waiting = Waiting, latest = Latest, term = Term} = 
     Next = S#serve{waiting = lists:delete(Robot, Waiting), telling = Telling#{Robot => Count}},
     {Next, [starl_sap:send(Robot, dpp_answer, Body, {answered, Term, Robot})]}.
 
-%% When the picture is complete, all who wait are told; when all wait and nobody moves, somebody
-%% must make way.
+%% When the picture is complete, all waiting robots are told. When all wait and no robot moves, some
+%% robot must make way.
 settle(#serve{waiting = []} = S) ->
     {S, []};
 settle(#serve{open = true, plan = Plan, waiting = Waiting} = S) ->
@@ -252,7 +252,7 @@ settle(#serve{open = true, plan = Plan, waiting = Waiting} = S) ->
         #{} -> unblock(S)
     end;
 settle(S) ->
-    %% who cannot be found does not keep the others waiting for ever
+    %% a robot that cannot be found does not keep the others waiting for ever
     resolve([], S).
 
 unblock(#serve{moving = Moving, waiting = Waiting, plan = Plan} = S) when map_size(Moving) =:= 0 ->
@@ -266,7 +266,7 @@ resolve([], #serve{stuck = true} = S) ->
 resolve([], S) ->
     {S#serve{stuck = true}, [{{timeout, give_up}, ?GIVE_UP_US, give_up}]};
 resolve(Paths, S) ->
-    %% Who gets work had to wait for those that moved: that was no deadlock.
+    %% A robot that gets work only had to wait for moving robots: that was no deadlock.
     Away = [Robot || {Robot, Path} <- Paths, not lists:any(fun paints/1, Path)],
     Each = [fun(S1) -> assign(Robot, Path, S1) end || {Robot, Path} <- Paths],
     {Assigned, Actions} = chain(Each, S),
@@ -274,12 +274,12 @@ resolve(Paths, S) ->
 
 paints({_Point, Pen}) -> Pen =/= up.
 
-%% @doc Nobody moves, nothing can be assigned, and the silent robots have not come back.
+%% @doc Gives up: no robot moves, nothing can be assigned, and the silent robots have not come back.
 -spec give_up(t()) -> turn().
 give_up(#serve{waiting = Waiting, plan = Plan} = S) ->
     Left = starl_dpp_free:edges(starl_dpp_plan:free(Plan)),
     {Told, Actions} = chain([fun(S1) -> answer(R, incomplete, S1) end || R <- Waiting], S),
-    %% one that asks later is told later
+    %% a robot that asks later is told later
     {Told#serve{stuck = false}, [{trace, {unreachable, Left}} | Actions]}.
 
 chain(Steps, S) ->

@@ -1,4 +1,4 @@
-%% @doc What path planning must be told, and the defaults of what it need not.
+%% @doc The settings of path planning, with their defaults.
 -module(starl_dpp_settings).
 
 -export([complete/1, options/0]).
@@ -19,14 +19,14 @@
     patience => {Factor :: float(), Mm :: float()} | infinity,
     seed => integer()
 }.
-%% `slack' (0): how far from its path a robot may stand and still count as on it, the paper's
-%% r(v); must not be more than the tube radius allows for. `horizon' (3000): paint per assignment.
-%% `edge_length' (500): longest target edge. `leg' (500): longest segment without paint; what is
+%% `slack' (0): the distance from its path within which a robot counts as on it, the paper's r(v);
+%% must not be more than the tube radius allows for. `horizon' (3000): paint per assignment.
+%% `edge_length' (500): longest target edge. `leg' (500): longest segment without paint; the space
 %% behind a waypoint is free for others. `turn_mm' (160): mm driven in the time of turning one
-%% radian. `overhead_mm' (100): mm driven in the time of a request. `middle' (0.7): how much a line
-%% counts that is begun in its middle. `patience' ({1.05, 50}): while others move, a request is
-%% answered `none' rather than with a way around them that is longer than this times the straight
-%% way and so many mm; `infinity' takes every way. `seed' (1): where the roadmap's points fall.
+%% radian. `overhead_mm' (100): mm driven in the time of a request. `middle' (0.7): the weight of a
+%% line that is begun in its middle. `patience' ({1.05, 50}): factor F and length M; while others
+%% move, a request is answered `none' rather than with a way around them longer than F times the
+%% straight way plus M; `infinity' takes every way. `seed' (1): of the roadmap's points.
 
 %% @doc The settings with all defaults filled in.
 -spec complete(t()) -> t().

@@ -1,5 +1,5 @@
-%% @doc Whose parking spot is where. Robots own the spots of the graph, one each, and exchange them.
-%% Pure; lengths are millimetres.
+%% @doc The owners of the parking spots. Each robot owns one spot of the graph; robots exchange
+%% spots. Pure; lengths are millimetres.
 -module(starl_dpp_spots).
 
 -export([new/2, all/1, place/2, exchange/3, on/3]).

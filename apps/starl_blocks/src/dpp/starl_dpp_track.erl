@@ -1,5 +1,5 @@
-%% @doc A robot's own knowledge of where it stands or drives, and of what is painted: all that a
-%% coordinator which begins anew can be told. Pure.
+%% @doc A robot's own record of its place, its progress on its path and the painted edges: the
+%% report for a new coordinator comes from here. Pure.
 -module(starl_dpp_track).
 
 -export([new/1, lost/1, halted/2, stands/2, at/1, nominal/1]).
@@ -14,19 +14,20 @@
     standing | asking | {moving, starl_dpp:request_id(), From :: point(), starl_dpp_plan:path()}.
 
 -record(track, {
-    %% how far from its path the robot may stand and still count as on it
+    %% the distance from its path within which the robot counts as on it
     slack :: float(),
-    %% where the robot last certified to stand, and the point of what it held that this counts as
+    %% the place at which the robot last certified to stand, and the point of its reservation that
+    %% this counts as
     at = unknown :: point() | unknown,
     nominal = unknown :: point() | unknown,
-    %% what it held when it was last stopped
+    %% its reservation when it was last stopped
     line = [] :: [starl_geometry:segment()],
-    %% waypoints passed, the last one's place, and how far it was driven since the last report
+    %% waypoints passed, the last one's place, and the distance driven since the last report
     passed = 0 :: non_neg_integer(),
     last = {0.0, 0.0} :: point(),
     unreported_mm = 0.0 :: float(),
-    %% own edges that are painted and not yet in a request that was answered, and all others that
-    %% are known to be painted
+    %% own painted edges that no answered request has reported yet, and all other edges that are
+    %% known to be painted
     fresh = [] :: [edge_id()],
     painted = [] :: [edge_id()]
 }).
@@ -51,18 +52,18 @@ halted(_Where, Track) ->
 segments(From, []) -> [{From, From}];
 segments(From, [{Point, _} | Path]) -> [{From, Point} | segments(Point, Path)].
 
-%% @doc The robot, stopped, is seen at a point. As in the plan: near what it holds, it counts as
+%% @doc The robot, stopped, is seen at a point. As in the plan: near its reservation, it counts as
 %% standing on it.
 -spec stands(point(), t()) -> t().
 stands(At, #track{line = Line, slack = Slack} = Track) ->
     Nominal = starl_dpp_unsafe:nominal(At, Line, Slack),
     Track#track{at = At, nominal = Nominal, line = [{Nominal, Nominal}]}.
 
-%% @doc Where the robot was last seen to stand.
+%% @doc The point where the robot was last seen to stand.
 -spec at(t()) -> point() | unknown.
 at(#track{at = At}) -> At.
 
-%% @doc The point of what it held that it counts as standing on.
+%% @doc The point of its reservation on which it counts as standing.
 -spec nominal(t()) -> point() | unknown.
 nominal(#track{nominal = Nominal}) -> Nominal.
 
@@ -86,15 +87,15 @@ paint({down, Edge}, #track{fresh = Fresh} = Track) ->
 -spec last(t()) -> point().
 last(#track{last = Last}) -> Last.
 
-%% @doc How far it has driven since the coordinator was told.
+%% @doc The distance that it has driven since the last report to the coordinator.
 -spec unreported_mm(t()) -> float().
 unreported_mm(#track{unreported_mm = Mm}) -> Mm.
 
-%% @doc The coordinator is told.
+%% @doc The coordinator gets a report.
 -spec reported(t()) -> t().
 reported(Track) -> Track#track{unreported_mm = 0.0}.
 
-%% @doc Where the robot is, for a coordinator that begins: what it still has before it.
+%% @doc The robot's place for a new coordinator, with the rest of its path.
 -spec place(where(), t()) -> starl_dpp:place().
 place({moving, _Id, From, Path}, #track{passed = 0}) -> {moving, 0, From, Path};
 place({moving, _Id, _, Path}, #track{passed = N, last = Last}) ->
@@ -111,7 +112,7 @@ learn([], Track) -> Track;
 learn(Edges, #track{painted = Painted} = Track) ->
     Track#track{painted = lists:umerge(Edges, Painted)}.
 
-%% @doc The own edges that no answered request has told of.
+%% @doc The own painted edges that no answered request has reported.
 -spec fresh(t()) -> [edge_id()].
 fresh(#track{fresh = Fresh}) -> Fresh.
 

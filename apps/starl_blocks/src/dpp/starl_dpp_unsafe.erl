@@ -1,4 +1,4 @@
-%% @doc The paper's set Unsafe: what each robot has reserved, and which edges that closes to others.
+%% @doc The paper's set Unsafe: each robot's reservation, and the edges that it closes to others.
 %%
 %% A reservation is a list of segments: the robot may be anywhere within the tube radius R of them.
 %% A robot that stands holds one segment of length zero. Reservations of different robots must be
@@ -21,8 +21,8 @@
 %% Segments of another robot, their box, and how far from them to stay.
 -type item() :: {segment(), [edge_id()]}.
 
-%% What one robot holds, and what follows from it: what others must stay clear of, and how far it
-%% has to drive to where.
+%% One robot's reservation, and two things derived from it: the obstacles that it is to others, and
+%% the distance that the robot has to drive, with the end of its path.
 -record(held, {
     items :: [item()],
     obstacles :: [obstacle()],
@@ -69,7 +69,7 @@ drop(Robot, N, #unsafe{masks = Masks} = Unsafe) ->
 -spec held(robot_id(), t()) -> [segment()].
 held(Robot, Unsafe) -> [S || {S, _} <- items(Robot, Unsafe)].
 
-%% @doc How far a robot whose place is known has to drive on what it holds, and where that ends.
+%% @doc The distance that a robot whose place is known still has to drive, and where its path ends.
 -spec rest(robot_id(), t()) -> {Mm :: float(), starl_geometry:point()}.
 rest(Robot, #unsafe{held = Held}) ->
     #{Robot := #held{rest = Rest}} = Held,
@@ -79,7 +79,7 @@ rest(Robot, #unsafe{held = Held}) ->
 -spec all(t()) -> [{robot_id(), [segment()]}].
 all(#unsafe{held = Held} = Unsafe) -> [{Id, held(Id, Unsafe)} || Id <- lists:sort(maps:keys(Held))].
 
-%% @doc The robots that nothing is known of.
+%% @doc The robots whose place is not known.
 -spec unknown(t()) -> [robot_id()].
 unknown(#unsafe{bits = Bits, held = Held}) ->
     [Id || Id <- lists:sort(maps:keys(Bits)), not is_map_key(Id, Held)].
@@ -88,7 +88,7 @@ unknown(#unsafe{bits = Bits, held = Held}) ->
 -spec bit(robot_id(), t()) -> pos_integer().
 bit(Robot, #unsafe{bits = Bits}) -> maps:get(Robot, Bits).
 
-%% @doc Who blocks which edge.
+%% @doc The robots that block each edge.
 -spec masks(t()) -> masks().
 masks(#unsafe{masks = Masks}) -> Masks.
 
@@ -96,10 +96,10 @@ masks(#unsafe{masks = Masks}) -> Masks.
 -spec blocks(robot_id(), t()) -> [edge_id()].
 blocks(Robot, Unsafe) -> lists:append([Edges || {_, Edges} <- items(Robot, Unsafe)]).
 
-%% @doc What a robot must stay clear of.
+%% @doc The obstacles of a robot: the segments of others, and the distance to keep from them.
 %%
-%% Robots that were pushed together, which no reservation allows but the world may, could never
-%% leave under the full clearance. They must not get any nearer than they are.
+%% Robots that were pushed together (no reservation allows that, but the world may do it) could
+%% never drive apart under the full clearance. They must only not come nearer than they are.
 -spec others(robot_id(), t()) -> [obstacle()].
 others(Robot, #unsafe{held = Held} = Unsafe) ->
     Others = [Obstacles || {Id, #held{obstacles = Obstacles}} <- maps:to_list(Held), Id =/= Robot],
@@ -113,15 +113,16 @@ others(Robot, #unsafe{held = Held} = Unsafe) ->
 clear({{AX, AY}, {BX, BY}} = Segment, Obstacles) ->
     clear(Segment, {min(AX, BX), min(AY, BY), max(AX, BX), max(AY, BY)}, Obstacles).
 
-%% @doc The point itself where the robot may stand there, else one near it that is clear of all
-%% others' reservations. Only for robots that stand some mm from where they may.
+%% @doc The point itself if the robot may stand there, else one near it that is clear of all
+%% others' reservations. Only for robots that stand a few mm from a permitted place.
 -spec away(robot_id(), starl_geometry:point(), t()) -> starl_geometry:point().
 away(Robot, P, #unsafe{graph = Graph} = Unsafe) ->
     Others = lists:append([Held || {Id, Held} <- all(Unsafe), Id =/= Robot]),
     away(?STEPS, P, Others, clearance(Graph)).
 
-%% @doc The point of what a robot held that it counts as standing on: the nearest, if the robot is
-%% within the slack of it, for then its disk is covered by the tube's; else where it is.
+%% @doc The point at which a stopped robot counts as standing: the nearest point of its old
+%% reservation, if the robot is within the slack of it, for then the tube covers its disk; else the
+%% place where it is.
 -spec nominal(P, Held :: [segment()], SlackMm :: float()) -> P when P :: starl_geometry:point().
 nominal(P, Held, Slack) ->
     Near = [{starl_geometry:distance(P, Q), Q}
@@ -133,7 +134,7 @@ nominal(P, Held, Slack) ->
 
 %%% Internals
 
-%% Away from the nearest, as far as it takes; that may lead towards another.
+%% Moves away from the nearest obstacle, as far as needed; that may lead towards another one.
 away(0, P, _Others, _Mm) ->
     P;
 away(Steps, {X, Y} = P, Others, Mm) ->
@@ -150,7 +151,7 @@ away(Steps, {X, Y} = P, Others, Mm) ->
 clearance(Graph) -> 2.0 * starl_dpp_graph:radius(Graph) + ?MARGIN.
 
 %% Segments that follow each other and fit into a box twice as wide as the clearance, from the last
-%% to the first: what is near is looked up once for all of them.
+%% to the first: the edges near them are looked up once for all of them.
 groups([First | Segments], Mm) ->
     Join = fun(S, [{Box, Group} | Groups]) ->
         case around(Box, S) of
@@ -171,7 +172,7 @@ hold([{Box, Group} | Groups], Bit, Graph, {Items, Masks}) ->
     Near = starl_dpp_graph:near(Box, {clearance(Graph), Open}, Graph),
     hold(Groups, Bit, Graph, hold_each(Group, Near, Bit, clearance(Graph), Items, Masks)).
 
-%% What a later segment blocks stays blocked longer, so the earlier ones need not block it.
+%% An edge blocked by a later segment stays blocked longer, so earlier segments need not block it.
 hold_each([], _Near, _Bit, _Mm, Items, Masks) ->
     {Items, Masks};
 hold_each([Segment | Group], Near, Bit, Mm, Items, Masks) ->

@@ -1,25 +1,25 @@
-%% @doc Other robots' clocks as witnesses against the own one: a coordinator whose clock stands still
-%% would count its votes for ever. Pure.
+%% @doc Compares the own clock with those of other robots, to notice when it has lost time: a
+%% coordinator whose clock stands still would count its votes for ever. Pure.
 %%
-%% A message bears its sender's clock. It was sent before it is heard, so the sender's clock is ahead
-%% of the own one by at most the difference of the two, and by just that if the message took no time.
-%% What matters is how that grows: by more than clocks may drift, and be set, while so much time shows
-%% on the own clock, only if the own clock has lost time. (A message that took long shows less.)
+%% A message bears a stamp: the sender's clock when it was sent. The sender's clock is ahead of the
+%% own one by at least the stamp minus the own clock at receipt, and by just that if the message
+%% took no time. If this difference grows by more than drift and clock jumps allow for the time that
+%% has passed on the own clock, the own clock has lost time. (A long delay makes it smaller.)
 -module(starl_dpp_witness).
 
 -export([new/0, hear/5]).
 -export_type([t/0]).
 
-%% How far each robot's clock was seen to be ahead (us), the most of it, and when.
+%% The greatest lead over the own clock that was seen of each robot's clock (us), and when.
 -opaque t() :: #{starl:robot_id() => {AheadUs :: integer(), AtUs :: integer()}}.
 
-%% @doc Nobody was heard yet.
+%% @doc No robot was heard yet.
 -spec new() -> t().
 new() -> #{}.
 
-%% @doc A message of the robot bears this stamp. `lags': the own clock has lost more than `MostUs'
-%% against the robot's, and the drift of both, since others were heard; what it lost is taken as
-%% known then.
+%% @doc Takes note of a message of the robot with this stamp. `lags': since that robot was heard,
+%% the own clock has lost more than `MostUs' against its clock, beside the drift of both; the loss
+%% is taken as known from then on, for all robots.
 -spec hear(starl:robot_id(), Stamp | none, Now :: integer(), {MostUs, Ppm}, t()) ->
     {agrees | lags, t()}
 when

@@ -1,4 +1,5 @@
-%% @doc Getting out of the way: to a parking spot, or just aside; and who should.
+%% @doc Finds ways out of the way, to a parking spot or just aside, and the robots that should take
+%% them.
 %%
 %% Since nothing but robots is on the floor, the outermost of any crowd can drive straight outwards,
 %% away from all others, to the ring road. Ways to a spot may therefore begin with a straight line
@@ -20,11 +21,11 @@
     way := [segment()],
     blockers := [robot_id()]
 }.
-%% What a robot would do were it not for those that wait: the way to the nearest free edge, that
-%% edge included, and who stands in it.
+%% The work that a robot could do without the waiting robots: the way to the nearest free edge, that
+%% edge included, and the robots that stand in it.
 
 -define(BLOCKER_MM, 1000.0).
-%% Each blocker that must move counts as so much to drive.
+%% The cost of each blocker that must move, as a distance to drive.
 
 %% @doc A way to the nearest of the given spots.
 -spec park([vertex()], view()) -> {ok, vertex(), travel()} | none.
@@ -47,7 +48,7 @@ closes(V, #{graph := Graph, free := Free}) ->
     Mm = 2.0 * starl_dpp_graph:radius(Graph),
     starl_dpp_graph:within({P, P}, {Mm, fun(E) -> starl_dpp_free:has(E, Free) end}, Graph).
 
-%% @doc What the robot would do if the robots that wait, all standing, were not in the way.
+%% @doc The robot's wish: its work if the waiting robots, all standing, were not in the way.
 -spec wish([robot_id()], view()) -> {ok, wish()} | none.
 wish(Waiting, #{free := Free} = View) ->
     #{masks := Masks, own := Own} = Space = starl_dpp_route:space(Waiting, View),
@@ -71,8 +72,8 @@ in_way(Held, Way, Graph) ->
     Mm = 2.0 * starl_dpp_graph:radius(Graph) + 1.0,
     lists:any(fun(S) -> lists:any(fun(H) -> starl_geometry:closer(H, S, Mm) end, Held) end, Way).
 
-%% @doc Sorts robots by their distance from the nearest wall: nobody is between the first and the
-%% ring.
+%% @doc Sorts robots by their distance from the nearest wall: no robot is between the first one and
+%% the ring.
 -spec outermost([{robot_id(), point()}], starl_dpp_graph:t()) -> [robot_id()].
 outermost(Places, Graph) ->
     Box = starl_dpp_graph:floor_box(Graph),
