@@ -8,10 +8,10 @@
 %%     +----------------------------------------------- leading
 %% '''
 %% There is one machine on every robot; the robot that leads is the coordinator. A claim begins a
-%% new term, {N, Robot, Incarnation}, higher than all terms known: it asks all participants for their
-%% vote, their place and their path (`dpp_recover'). Terms fence: participants take nothing from a
-%% lower one. A coordinator assigns while a quorum's votes last ({@link starl_dpp_lease}) and only
-%% when it knows every robot's place: from the robot's own report in this term, or, if the robot is
+%% new term, {N, Robot, Incarnation}, higher than all terms known: it asks all participants for
+%% their vote, their place and their path (`dpp_recover'). Participants take nothing from a lower
+%% term. A coordinator assigns while a quorum's votes last ({@link starl_dpp_lease}) and only when
+%% it knows every robot's place: from the robot's own report in this term, or, if the robot is
 %% silent, from the positioning service once all its drive leases must have ended.
 %%
 %% Its beats, one a second or more often ({@link starl_dpp_lease:beat_us/1}), carry the stamps that
