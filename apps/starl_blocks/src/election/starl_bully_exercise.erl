@@ -1,15 +1,15 @@
-%% @doc How an election by the bully algorithm is exercised: as that by ballots.
+%% @doc The exercise of the election by the bully algorithm, like that of the ballots.
 %%
-%% Promised is a leader: the highest robot that lives, if nobody took part before the heal.
+%% It promises a leader: the highest robot that lives, if no robot took part before the heal.
 -module(starl_bully_exercise).
 -behaviour(starl_block_exercise).
 
 -export([block_options/1, work/3, final/3, seen/1, noted/2, promise/3]).
 
-%% When anybody first took part in an election.
+%% The time at which a robot first took part in an election.
 -type seen() :: #{Election :: term() => integer()}.
 
-%% Others may find out so much later that a robot has restarted.
+%% The time after which others may find out that a robot has restarted.
 -define(SETTLED_US, 5000000).
 
 -spec block_options(starl_block_exercise:use()) -> starl_block:options().

@@ -3,12 +3,12 @@
 %% An election has a name, any small term; a further election is one with another name. The
 %% robots that call {@link elect/2} with the same name take part in the same election.
 %% Guarantee (the paper's Proposition 1): any two robots that elect in the same election elect
-%% the same leader; a robot that gets only the announcement elects the announced; else it fails
-%% in bounded time. When no message is lost, all elect.
+%% the same leader; a robot that gets only the announcement elects the announced leader; else it
+%% fails in bounded time. When no message is lost, all elect.
 %%
-%% That is what the ballots keep ({@link starl_election_ballots}). The bully algorithm, the block
-%% {@link starl_bully} in the place of this one, gives the highest robot that is alive, with dead
-%% robots in the team, too; but under loss two robots may elect different leaders. The interface is
+%% The ballots give this guarantee ({@link starl_election_ballots}). The bully algorithm, the block
+%% {@link starl_bully} in the place of this one, elects the highest robot that is alive, even with
+%% dead robots in the team; but under loss two robots may elect different leaders. The interface is
 %% the same.
 -module(starl_election).
 -behaviour(starl_block).
@@ -25,9 +25,9 @@
     {ok, Leader :: starl:robot_id()} | {error, timeout | restarted}.
 elect(Robot, Election) -> elect(Robot, Election, 30000).
 
-%% @doc Takes part in an election; fails after so many milliseconds. A robot that failed may
-%% call again with the same name: it takes part with the same ballot, and those that have
-%% elected meanwhile tell it their leader.
+%% @doc Takes part in an election; fails after a timeout in milliseconds. A robot that failed may
+%% call again with the same name: it takes part with the same ballot, and robots that have elected
+%% meanwhile tell it their leader.
 -spec elect(starl:robot(), election(), Ms :: pos_integer()) ->
     {ok, Leader :: starl:robot_id()} | {error, timeout | restarted}.
 elect(Robot, Election, Ms) ->
@@ -39,7 +39,8 @@ elect(Robot, Election, Ms) ->
 
 %% -- the block ------------------------------------------------------------------------------
 
-%% @doc `patience_ms': no call has more patience; one that lasts a second longer breaks the contract.
+%% @doc `patience_ms': the longest timeout of a call; a call that lasts a second longer breaks the
+%% contract.
 -spec options() -> [starl_options:option()].
 options() ->
     [

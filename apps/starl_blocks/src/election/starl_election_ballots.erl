@@ -22,7 +22,7 @@
 
 -export_type([event/0]).
 
-%% What it traces.
+%% The trace of an election.
 -type event() ::
     %% the application has called
     {entered, starl_election:election()}
@@ -31,12 +31,12 @@
     | {elected, starl_election:election(), Leader :: starl:robot_id(), all_ballots | announcement}
     | {failed, starl_election:election(), timeout}.
 
-%% A number drawn at random, and whose it is.
+%% A number drawn at random, and the robot that drew it.
 -type ballot() :: {non_neg_integer(), starl:robot_id()}.
 
-%% How many elections are remembered; the oldest are forgotten first.
+%% The number of elections that are remembered; the oldest are forgotten first.
 -define(REMEMBERED, 64).
-%% How often a robot that has no result asks again.
+%% The time after which a robot without a result asks again.
 -define(AGAIN_US, 3000000).
 
 -record(race, {
@@ -150,7 +150,7 @@ elect(Election, Leader, How, Data0) ->
             {keep_state, Data, []}
     end.
 
-%% A ballot or an announcement may have been lost: those who have the result will tell it.
+%% A ballot or an announcement may have been lost: robots that have the result will tell it.
 again(Election, #election{self = Self, team = Team} = Data) ->
     case maps:get(Election, Data#election.races, #race{}) of
         #race{leader = none, from = From, ballots = Ballots} when From =/= none ->

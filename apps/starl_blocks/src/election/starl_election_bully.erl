@@ -8,16 +8,16 @@
 %%     | nobody alive within answer_us: leader {E, self} -------------------->|  elect it,
 %%     | somebody alive: waits for its announcement, challenges again later   |  unless elected
 %% '''
-%% A robot takes part from the first message of the election on, whether its application has
-%% called or not: the highest robot alive can be elected without having asked. What a robot has
-%% elected it keeps, whatever it hears later, so it never reports two leaders for one term, as long
-%% as the election is among the last 1024 that it took part in. (A
-%% term is an election within one life of the machine: a restarted one has forgotten, asks anew,
-%% and gets what the others elected.) Those that have elected answer a challenge with their leader.
+%% A robot takes part from the first message of the election on, even before its application calls:
+%% the highest robot alive can be elected without having asked. A robot keeps the leader that it has
+%% elected, so it never reports two leaders for one term, as long as the election is among the last
+%% 1024 that it took part in. (A term is an election within one life of the machine: a restarted
+%% machine has forgotten, asks anew, and gets the others' leader.) A robot that has elected answers
+%% a challenge with its leader.
 %%
-%% No loss and packets within half of `answer_us' each: only the highest robot alive hears of
-%% nobody above itself, so all elect it. With loss, robots may elect different leaders: whoever
-%% needs agreement under every fault takes the ballots.
+%% If no packet is lost and each takes at most half of `answer_us', only the highest robot alive
+%% hears of none above itself, so all elect it. With loss, robots may elect different leaders: use
+%% the ballots if agreement is needed under every fault.
 %%
 %% Call: `{elect, Election, TimeoutUs}', answer `{ok, Leader}' or `{error, timeout}'.
 %% Trace: {@link event()}.
@@ -28,7 +28,7 @@
 
 -export_type([config/0, event/0]).
 
-%% What it traces.
+%% The trace of an election.
 -type event() ::
     %% the application has called
     {entered, starl_election:election()}
@@ -37,15 +37,15 @@
         highest | announcement | known}
     | {failed, starl_election:election(), timeout}.
 
-%% `answer_ms': how long to wait for higher robots to say that they are alive; with a little
-%% more than twice the longest delay of a packet the guarantee holds, with time for a few
-%% retransmissions it nearly always holds under loss, too. `rounds': how often a robot whose
-%% application does not wait (any more) challenges.
+%% `answer_ms': the wait for higher robots to answer that they are alive; with a little more than
+%% twice the longest delay of a packet the guarantee holds, with time for a few retransmissions it
+%% nearly always holds under loss, too. `rounds': the number of challenges by a robot whose
+%% application does not wait (any more).
 -type config() :: #{answer_ms => pos_integer(), rounds => pos_integer()}.
 
-%% So many elections are remembered; beyond, the oldest that nobody waits for is forgotten. A robot
-%% that rebooted may ask again for one of long ago: who has forgotten it holds it anew, and may
-%% report another leader.
+%% The number of elections that are remembered; beyond it the oldest for which no caller waits is
+%% forgotten. A robot that rebooted may ask again for an old election: a robot that has forgotten it
+%% holds it anew, and may report another leader.
 -define(REMEMBERED, 1024).
 
 -record(race, {

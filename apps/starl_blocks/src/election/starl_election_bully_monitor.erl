@@ -1,12 +1,12 @@
 %% @doc The contract of the election by the bully algorithm, as a monitor.
 %%
 %% Safety: a robot reports at most one leader per term, the term being an election within one life
-%% of the election machine (a crash begins a new one); a leader is a robot of the team, and the
-%% one that made itself leader is that robot; whoever entered elects or fails within `bound_us',
-%% unless it died or its machine crashed. With `lossless' (default false: no packet lost, delays
-%% bounded, the patience long enough) also: nobody fails, all elect the same, and no robot above
-%% the leader was alive from the beginning of the election until it was elected, unless its
-%% machine crashed in between; and the leader was alive when the election began.
+%% of the election machine (a crash begins a new one); a leader is a robot of the team, and only
+%% that robot makes itself leader; a robot that entered elects or fails within `bound_us', unless it
+%% died or its machine crashed. With `lossless' (default false: no packet lost, delays bounded, the
+%% patience long enough) also: no robot fails, all elect the same, and no robot above the leader was
+%% alive from the beginning of the election until the leader was elected, unless its machine crashed
+%% in between; and the leader was alive when the election began.
 %%
 %% Events of machine `election': {@link starl_election_bully:event()}, `crashed'; of machine
 %% `robot': `died'.
@@ -22,7 +22,7 @@
     robots :: [robot_id()],
     bound_us :: pos_integer(),
     lossless :: boolean(),
-    %% when the election began, and every leader reported, by whom in which life
+    %% when the election began, and every leader reported, with the robot and life that reported it
     began = #{} :: #{election() => integer()},
     reported = #{} :: #{{election(), robot_id(), Life :: non_neg_integer()} => robot_id()},
     leaders = #{} :: #{election() => robot_id()},
@@ -52,7 +52,7 @@ interests() -> [election, robot].
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() -> #{election => [{entered, 1}, {elected, 3}, {failed, 2}]}.
 
-%% @doc The leaders reported, in which lives, and who is missing.
+%% @doc The leaders reported, in which lives, and the robots without a result.
 -spec timeless(#state{}) -> term().
 timeless(#state{reported = Reported, leaders = Leaders, lives = Lives} = State) ->
     #state{began = Began, crashed = Crashed, died = Died} = State,
@@ -159,7 +159,7 @@ lossless(Election, Leader, T, Robot, State) ->
 throughout(Robot, Began, #state{died = Died, crashed = Crashed}) ->
     not is_map_key(Robot, Died) andalso maps:get(Robot, Crashed, Began - 1) < Began.
 
-%% What is overdue before `T'; a result at exactly the deadline is in time.
+%% The robots overdue before `T'; a result at exactly the deadline is in time.
 overdue(T, #state{open = Open} = State) ->
     case lists:sort([{D, Key} || {Key, D} <- maps:to_list(Open), D < T]) of
         [] ->

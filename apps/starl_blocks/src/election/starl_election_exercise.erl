@@ -1,16 +1,16 @@
-%% @doc How an election is exercised: elections that follow one another, entered at different times.
+%% @doc The exercise of the election: elections that follow one another, entered at different times.
 %%
-%% Promised is a leader, when all robots take part and none has died.
+%% It promises a leader, when all robots take part and none has died.
 -module(starl_election_exercise).
 -behaviour(starl_block_exercise).
 
 -export([block_options/1, work/3, final/3, watches/0, seen/1, noted/2, promise/3]).
 
 -type robot_id() :: starl_monitor:robot_id().
-%% When each robot began to take part in an election.
+%% The time at which each robot began to take part in an election.
 -type seen() :: #{Election :: term() => #{robot_id() => integer()}}.
 
-%% A call may last so much longer than its patience.
+%% The most by which a call may last longer than its patience.
 -define(MARGIN_MS, 11000).
 
 -spec block_options(starl_block_exercise:use()) -> starl_block:options().

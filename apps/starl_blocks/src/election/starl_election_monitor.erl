@@ -2,13 +2,13 @@
 %%
 %% Safety: any two robots that elect in the same election elect the same leader, and each only
 %% one; the leader took part and has drawn a ballot; a robot draws at most one ballot per
-%% election, also across a restart; whoever entered elects or fails within `bound_us', unless
+%% election, also across a restart; a robot that entered elects or fails within `bound_us', unless
 %% it died. With `complete' (default false) an election by `all_ballots' also needs a ballot of
 %% every robot named in the configuration.
 %%
-%% Progress, where nothing is lost and no robot stops: with `settle_us' (default infinity), a
-%% message's longest way, every robot that is electing when the last ballot is cast has elected
-%% so long after it: it must have kept the ballots that came before it took part itself.
+%% Progress, if nothing is lost and no robot stops: with `settle_us' (default infinity), the longest
+%% delay of a message, every robot that is electing when the last ballot is cast has elected by that
+%% time after it: it must have kept the ballots that came before it took part itself.
 %%
 %% Events of machine `election': {@link starl_election_ballots:event()}, `crashed'; of machine
 %% `robot': `died'. Entering again, after a restart, starts the bound afresh.
@@ -19,7 +19,7 @@
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
-%% Ballots drawn, and who elected whom.
+%% Ballots drawn, and each robot's leader.
 -type tally() :: {Ballots :: #{robot_id() => term()}, Elected :: #{robot_id() => robot_id()}}.
 
 -record(state, {
@@ -28,16 +28,16 @@
     complete :: boolean(),
     settle_us :: pos_integer() | infinity,
     elections = #{} :: #{election() => tally()},
-    %% Who is still electing, and until when.
+    %% The robots that are still electing, and their deadlines.
     open = #{} :: #{{election(), robot_id()} => DeadlineUs :: integer()},
     %% The deadlines in their order; those that `open' does not confirm are void.
     deadlines = queue:new() :: queue:queue({integer(), election(), robot_id()}),
-    %% Likewise, for those who were electing when the last ballot was cast.
+    %% Likewise, for the robots that were electing when the last ballot was cast.
     settling = queue:new() :: queue:queue({integer(), election(), robot_id()}),
     failed = 0 :: non_neg_integer()
 }).
 
-%% @doc `robots': who may take part; `bound_us': the longest time from entering to the result.
+%% @doc `robots': the team; `bound_us': the longest time from entering to the result.
 -spec init(#{
     robots := [robot_id()],
     bound_us := pos_integer(),
@@ -65,7 +65,7 @@ interests() -> [election, robot].
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() -> #{election => [{entered, 1}, {ballot, 2}, {elected, 3}, {failed, 2}]}.
 
-%% @doc The ballots and who elected whom.
+%% @doc The ballots and each robot's leader.
 -spec timeless(#state{}) -> term().
 timeless(#state{elections = Elections}) -> Elections.
 
@@ -143,7 +143,7 @@ enter(T, Robot, Election, #state{open = Open, deadlines = Deadlines} = State) ->
 conclude(Election, Robot, #state{open = Open} = State) ->
     State#state{open = maps:remove({Election, Robot}, Open)}.
 
-%% With the last ballot those who are electing must come to an end.
+%% With the last ballot the robots that are electing must come to an end.
 settle(T, Election, true, #state{settle_us = Settle, robots = Robots} = State) when
     is_integer(Settle)
 ->
@@ -205,7 +205,7 @@ incomplete(all_ballots, T, Robot, Election, {Ballots, _}, #state{complete = true
 incomplete(_How, _T, _Robot, _Election, _Record, _State) ->
     [].
 
-%% What is due by the last ballot is named before what is due by the general bound.
+%% Deadlines by the last ballot are named before those by the general bound.
 pass(T, State) ->
     {Unsettled, Passed} = unsettled(T, State, []),
     {Late, Current} = pass(T, Passed, []),
@@ -224,7 +224,7 @@ unsettled(T, #state{settling = Settling, open = Open} = State, Found) ->
             {lists:reverse(Found), State}
     end.
 
-%% What is overdue before `T'; a result at exactly the deadline is in time.
+%% The robots overdue before `T'; a result at exactly the deadline is in time.
 pass(T, #state{deadlines = Deadlines, open = Open} = State, Found) ->
     case queue:peek(Deadlines) of
         {value, {Deadline, Election, Robot}} when Deadline < T ->

@@ -5,10 +5,10 @@
 %%                           #{lifetime_ms => 5000}),
 %%   {ok, From, Body} = starl:await(Robot, warning)
 %% '''
-%% The window of a message is from its sending, t0, to t0 + its lifetime. Guarantee: whoever is
-%% outside the area during the whole window never gets it; nobody gets it after the window, and
-%% nobody twice; whoever is inside during the whole window gets it, over several hops, when
-%% packets get through. What that rests on stands in {@link starl_geocast_flood}.
+%% The window of a message is from its sending, t0, to t0 + its lifetime. Guarantee: a robot that is
+%% outside the area during the whole window never gets the message; no robot gets it after the
+%% window or twice; a robot that is inside during the whole window gets it, over several hops, when
+%% packets get through. For the assumptions see {@link starl_geocast_flood}.
 -module(starl_geocast).
 -behaviour(starl_block).
 
@@ -20,8 +20,8 @@
 %% A circle, an axis-parallel rectangle or a polygon; millimetres.
 -type area() :: starl_geocast_area:area().
 
-%% `lifetime_ms': how long the message may be delivered (default 5000); `hops': over how many
-%% transmissions it may travel (default 32).
+%% `lifetime_ms': the time during which the message may be delivered (default 5000); `hops': the
+%% most transmissions over which it may travel (default 32).
 -type options() :: #{lifetime_ms => pos_integer(), hops => pos_integer()}.
 
 -define(SEND, {?MODULE, send, 5}).

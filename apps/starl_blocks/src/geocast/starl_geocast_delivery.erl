@@ -1,22 +1,21 @@
-%% @doc Delivering geocasts: the machines of the robot that listen, and the questions where the
-%% robot is, which are asked only while a message waits for the answer. Pure; a part of
-%% {@link starl_geocast_flood}, which holds the messages in a
-%% {@link starl_geocast_store}.
+%% @doc Delivers geocasts to the robot's machines that listen. It asks for the robot's position only
+%% while a message waits for it. Pure; a part of {@link starl_geocast_flood}, which holds the
+%% messages in a {@link starl_geocast_store}.
 -module(starl_geocast_delivery).
 
 -export([new/2, listen/3, check/3, check_again/3, located/5]).
 
 -export_type([t/0, config/0]).
 
-%% `position_error_mm': how far a position told may be from the true one; `check_us': how often a
-%% robot looks whether it has come into an area.
+%% `position_error_mm': the greatest error of a reported position; `check_us': the time between two
+%% checks whether the robot has come into an area.
 -type config() :: #{
     position_error_mm := float(),
     check_us := pos_integer(),
     listeners := #{Type :: atom() => starl_machine:name()}
 }.
 
-%% A position that took longer to come is that of another place.
+%% A position that took longer to come is out of date.
 -define(FRESH_US, 100000).
 
 -record(delivery, {
@@ -59,8 +58,8 @@ ask(Now, #delivery{self = Self, asked = {N, _}, checking = Checking, check_us = 
     {[starl_machine:action()], t()}.
 check_again(Now, Store, Delivery) -> check(Now, Store, Delivery#delivery{checking = false}).
 
-%% @doc The answer to the question of this number: what waits and whose area the robot is surely
-%% in is delivered.
+%% @doc The answer to the N-th question for the position: delivers the waiting messages in whose
+%% areas the robot surely is.
 -spec located(N :: pos_integer(), Answer :: term(), Now :: integer(), starl_geocast_store:t(),
     t()) -> {[starl_machine:action()], starl_geocast_store:t()} | stale.
 located(N, {ok, {X, Y, _}}, Now, Store, #delivery{asked = {N, At}} = Delivery) when

@@ -1,6 +1,6 @@
-%% @doc How geocast is exercised: messages to areas here and there, by robots that drive around.
+%% @doc The exercise of geocast: robots drive around and send messages to areas here and there.
 %%
-%% Promised is an answer; that messages are delivered, the block's own contract says.
+%% It promises that each call is answered; the block's own contract covers delivery.
 -module(starl_geocast_exercise).
 -behaviour(starl_block_exercise).
 

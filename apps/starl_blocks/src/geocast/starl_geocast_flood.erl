@@ -10,20 +10,19 @@
 %%     | offer (50 ms later) ->| known: nothing          | inside: delivered
 %%     |                       |<----------- offer {Id}--| (all repeat: 0, 50, 150, 350, … ms)
 %% '''
-%% No absolute time leaves a robot, and no delay is taken for granted. What is left of the
-%% lifetime counts from when the receiver asked, by its own clock ({@link
-%% starl_geocast_lifetime}): so however long packets are under way, whatever a robot holds has a
-%% deadline that is not after the end of the window, and nothing is delivered later. A packet
-%% that carried the message at once would save the question, but could lie in the air, or in a
-%% robot that stands still, beyond every bound. What is left also bounds the message's age from
-%% above, which a restarted robot needs: it does not know what it delivered before, so it
-%% delivers only what was surely sent after its restart.
+%% No robot sends absolute times, and no bound on delays is assumed. The rest of the lifetime (left)
+%% counts from when the receiver asked, by its own clock ({@link starl_geocast_lifetime}). So for
+%% any delay of packets the deadline of a held message is not after the end of the window, and
+%% nothing is delivered later. A packet that carried the message at once would save the question,
+%% but could be delayed beyond every bound, in the air or in a robot that stands still. The rest of
+%% the lifetime also bounds the message's age from above, which a restarted robot needs: it does not
+%% know which messages it delivered before, so it delivers only those surely sent after its restart.
 %%
-%% An id is known until its window is surely over everywhere (its whole lifetime from when
-%% it was first held: after that nobody gives it), its body no longer than it lives. At most
-%% `limit' messages are known; beyond that new ones are not taken. What was delivered is remembered
-%% for good ({@link starl_geocast_memory}): a clock that is set or stands still may prolong a
-%% message's life, but delivers nothing twice.
+%% A robot keeps an id until its window is surely over everywhere (its whole lifetime from when it
+%% was first held: after that no robot gives it), and the body only while the message is alive. At
+%% most `limit' messages are known; beyond that new ones are not taken. Delivered messages are
+%% remembered for good ({@link starl_geocast_memory}): a clock that is set or stands still may
+%% prolong a message's life, but no message is delivered twice.
 %%
 %% Calls: `{send, Area, Type, Body, LifetimeUs, Hops}', answer `ok' or `{error, full}'. Casts:
 %% `{listen, Type, Machine}'; a listener gets the cast `{message, From, Type, Body}'.
@@ -35,22 +34,22 @@
 
 -export_type([config/0, event/0]).
 
-%% What it traces; a hash is one of area, type and body.
+%% The trace of geocast; a hash is that of area, type and body.
 -type event() ::
     %% at the source
     {sent, id(), starl_geocast:area(), LifetimeUs :: pos_integer(), Hash :: non_neg_integer()}
-    %% the robot has the message now; its deadline is the one that this robot has given
+    %% the robot has the message now; its deadline comes from the named robot
     | {held, id(), From :: starl:robot_id()}
     | {delivered, id(), Hash :: non_neg_integer()}
-    %% not taken: as many messages as may be are known
+    %% not taken: `limit' messages are known already
     | {full, id()}.
 
-%% `drift_ppm': the greatest drift of a clock; `position_error_mm': how far a position told may
-%% be from the true one; `first_ms', `longest_ms': the first wait before an offer is repeated,
-%% doubled each time up to the longest; `jitter_ms': a relay waits up to so long before its
-%% first; `ask_ms': how long to wait for what was asked for before asking again; `gather_ms':
-%% how long to wait for others that ask for the same; `check_ms': how often a robot looks whether
-%% it has come into an area; `listeners': from the start on, also after a restart.
+%% `drift_ppm': the greatest drift of a clock; `position_error_mm': the greatest error of a reported
+%% position; `first_ms', `longest_ms': the first wait before an offer is repeated, doubled each time
+%% up to the longest; `jitter_ms': the longest random wait of a relay before its first offer;
+%% `ask_ms': the wait for a message before it is asked for again; `gather_ms': the wait for other
+%% robots that ask for the same message; `check_ms': the time between two checks whether the robot
+%% has come into an area; `listeners': machines that listen from the start on, also after a restart.
 -type config() :: #{
     drift_ppm => non_neg_integer(),
     position_error_mm => float(),
@@ -66,7 +65,7 @@
 
 -type id() :: starl_geocast_store:id().
 
-%% A question is asked so often; then another offer has to come.
+%% The number of times that a message is asked for; then another offer has to come.
 -define(QUESTIONS, 4).
 
 -record(flood, {
@@ -77,7 +76,7 @@
     config :: map(),
     next = 1 :: pos_integer(),
     store :: starl_geocast_store:t(),
-    %% what was asked for, of whom, how often
+    %% the messages asked for, each with the robot that was asked and the number of questions
     wanted = #{} :: #{id() => {starl:robot_id(), pos_integer()}},
     delivery :: starl_geocast_delivery:t()
 }).
@@ -195,13 +194,13 @@ send(From, Content, Now, #flood{next = N, self = Self, incarnation = Incarnation
             {keep_state_and_data, [{reply, From, {error, full}}]}
     end.
 
-%% Whoever does not know the message, or only with less left or fewer hops, asks for it.
+%% A robot asks for a message that it does not know, or holds with less left or fewer hops.
 offered({Id, _, _, _} = Offer, From, Now, #flood{store = Store, wanted = Wanted} = Flood) ->
     case {starl_geocast_store:is_worth(Offer, Now, Store), Wanted} of
         {false, _} ->
             keep_state_and_data;
         {true, #{Id := {_, N}}} ->
-            %% when it asks again, it asks whoever was heard last
+            %% when it asks again, it asks the robot that was heard last
             {keep_state, Flood#flood{wanted = Wanted#{Id := {From, N}}}};
         {true, #{}} ->
             ask(Id, From, 1, Now, Flood)

@@ -1,12 +1,12 @@
-%% @doc What is surely left of a message's lifetime, by clocks that drift but do not step.
+%% @doc Computes the sure rest of a message's lifetime, with clocks that drift but do not step.
 %%
 %% A clock shows between (1 - d) t and (1 + d) t while a true time t passes. All answers err on
 %% the safe side: a deadline is never after the true end of the lifetime.
 %%
 %% No clock is compared with another one. A robot notes when it asks (`asked', by its own clock);
-%% the answer says how much was left when it was sent, which was after the asking. So the end is
-%% not before asked + left, however long question and answer were under way: nothing is assumed
-%% of delays (Cristian, "Probabilistic clock synchronization", 1989, uses the round trip alike).
+%% the answer tells the rest of the lifetime (`left') when it was sent, which was after the asking.
+%% So the end is not before asked + left, for any delay of question and answer (Cristian,
+%% "Probabilistic clock synchronization", 1989, uses the round trip alike).
 -module(starl_geocast_lifetime).
 
 -export([deadline/3, left/3, is_sent_after/5, memory_us/2, least_us/3]).
@@ -17,34 +17,34 @@
 %% The greatest drift of any clock, in millionths.
 -type ppm() :: non_neg_integer().
 
-%% @doc The own clock's time until which the message surely lives, when an answer to what was
-%% asked at this time says that so much is left.
+%% @doc The own clock's time until which the message surely lives, when the question was asked at
+%% `AskedUs' and the answer says that `LeftUs' is left.
 -spec deadline(AskedUs :: us(), LeftUs :: us(), ppm()) -> us().
 deadline(Asked, Left, Ppm) when is_integer(Asked) -> Asked + shortest(Left, Ppm).
 
-%% @doc What is left now, in true time, of a message that surely lives until a deadline. Since the
-%% asking the clock has lost no more than the deadline has allowed it.
+%% @doc The rest, in true time, of the lifetime of a message that surely lives until a deadline.
+%% Since the asking the clock has lost no more than the deadline allows for.
 -spec left(DeadlineUs :: us(), NowUs :: us(), ppm()) -> us().
 left(Deadline, Now, Ppm) -> max(0, Deadline - Now) * ?MILLION div (?MILLION - Ppm).
 
-%% @doc Was a message, of whose lifetime so much was left when the question of `AskedUs' was
-%% answered, surely sent after `SinceUs'? (Times of the own clock.)
+%% @doc Was a message surely sent after `SinceUs', if `LeftUs' of its lifetime was left when the
+%% question asked at `AskedUs' was answered? (Times of the own clock.)
 -spec is_sent_after(
     SinceUs :: us(), AskedUs :: us(), LifetimeUs :: us(), LeftUs :: us(), ppm()
 ) -> boolean().
 is_sent_after(Since, Asked, Lifetime, Left, Ppm) ->
     Lifetime - Left < shortest(Asked - Since, Ppm).
 
-%% @doc So long after a message was first heard, by the own clock, its window is surely over
-%% everywhere.
+%% @doc The time, by the own clock, after which the window of a message is surely over everywhere,
+%% counted from when the message was first heard.
 -spec memory_us(LifetimeUs :: us(), ppm()) -> us().
 memory_us(Lifetime, Ppm) -> Lifetime * (?MILLION + Ppm) div ?MILLION + 1.
 
-%% @doc A message that lives so long comes in time to all robots that hear the source, if no packet
-%% is under way for longer than `DelayUs' and who gives it waits `GatherUs' for others that ask.
+%% @doc The least lifetime with which a message comes in time to all robots that hear the source, if
+%% no packet takes longer than `DelayUs' and a giver waits `GatherUs' for others that ask.
 %%
-%% A robot asks when it hears the first offer, `a' after the sending, `DelayUs' at most. Whose offer
-%% it is may have lost `a' of the lifetime itself. The question takes `q', the answer `d':
+%% A robot asks when it hears the first offer, `a' after the sending, `DelayUs' at most. The robot
+%% that offers may itself have lost `a' of the lifetime. The question takes `q', the answer `d':
 %% ```
 %%   sent     asks             is answered              holds it       its deadline
 %%     |--------|-- question -->|-- gather --|-- answer -->| ... |
@@ -56,6 +56,6 @@ memory_us(Lifetime, Ppm) -> Lifetime * (?MILLION + Ppm) div ?MILLION + 1.
 least_us(Delay, Gather, Ppm) ->
     (5 * Delay + 2 * Gather) * ?MILLION div (?MILLION - 4 * Ppm) + 1.
 
-%% What surely shows on a clock while so much time passes, at least that much of the time does
-%% while it shows.
+%% The time that surely shows on a clock while `Us' passes; also the true time that surely passes
+%% while `Us' shows.
 shortest(Us, Ppm) -> Us * (?MILLION - Ppm) div ?MILLION.

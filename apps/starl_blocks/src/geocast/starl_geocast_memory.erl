@@ -1,10 +1,10 @@
-%% @doc Which geocasts a robot has delivered, for ever: by source, as ranges of their numbers. No
-%% clock has a say in it, so nothing is delivered twice however long a message travels. Pure; a
-%% part of {@link starl_geocast_store}.
+%% @doc The permanent memory of delivered geocasts: by source, as ranges of their numbers. It does
+%% not depend on clocks, so no message is delivered twice, for any delay. Pure; a part of
+%% {@link starl_geocast_store}.
 %%
-%% The memory is bounded: of each source at most so many ranges are kept, and where there are more
-%% the two oldest become one. What lay between them counts as delivered, too: a message that its
-%% source has followed up with that many others, which came here with gaps before it did.
+%% The memory is bounded: it keeps a fixed number of ranges per source, and merges the two oldest
+%% if there are more. The messages between these two then count as delivered, too. That concerns
+%% only a message overtaken by so many later ones of its source, delivered here with gaps.
 -module(starl_geocast_memory).
 
 -export([new/1, add/2, is_member/2]).
@@ -13,7 +13,7 @@
 
 -type id() :: starl_geocast_store:id().
 
-%% A number of a source: its incarnation and the how many-eth.
+%% A number of a source: its incarnation and a sequence number.
 -type place() :: {Incarnation :: pos_integer(), N :: pos_integer()}.
 
 -record(memory, {
@@ -24,17 +24,17 @@
 
 -opaque t() :: #memory{}.
 
-%% @doc Nothing has been delivered; so many ranges are kept of a source.
+%% @doc An empty memory that keeps this number of ranges per source.
 -spec new(Ranges :: pos_integer()) -> t().
 new(Ranges) -> #memory{ranges = Ranges}.
 
-%% @doc This one is delivered.
+%% @doc Enters a delivered message.
 -spec add(id(), t()) -> t().
 add({Source, Incarnation, N}, #memory{ranges = Most, sources = Sources} = Memory) ->
     Ranges = insert({Incarnation, N}, maps:get(Source, Sources, [])),
     Memory#memory{sources = Sources#{Source => merged(length(Ranges) - Most, Ranges)}}.
 
-%% @doc Has it been delivered?
+%% @doc Has the message been delivered?
 -spec is_member(id(), t()) -> boolean().
 is_member({Source, Incarnation, N}, #memory{sources = Sources}) ->
     Number = {Incarnation, N},

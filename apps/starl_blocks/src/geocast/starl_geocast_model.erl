@@ -1,6 +1,6 @@
-%% @doc What is checked of geocast: one message to an area that all robots are in, its lifetime, and
-%% its window. The source's clock is taken for the true one; of the others the second is slow, so it
-%% holds what it has for longest, the rest are fast.
+%% @doc The model of geocast for the exhaustive checker: one message to an area that all robots are
+%% in, its lifetime, and its window. The source's clock is the true one; the second robot's clock is
+%% slow, so it holds the message for longest; the others are fast.
 -module(starl_geocast_model).
 
 -export([new/1]).
@@ -37,7 +37,7 @@ new(#{robots := Ids}) ->
 
 places(Ids) -> lists:seq(1, length(Ids)).
 
-%% Everybody is inside.
+%% All robots are inside.
 script(1) ->
     Area = {circle, {0.0, 0.0}, 1.0e6},
     [{'try', geocast, {send, Area, note, hello, ?CAST_US, 8}}, {window, ?CAST_US}];

@@ -1,6 +1,6 @@
-%% @doc What a geocast is held to where the time of day is not known: its own monitor ({@link
-%% starl_geocast_monitor}), which is told times that are in the right order. Every crash takes
-%% a microsecond; when the client's timer says that the window is over (`{window, over}'), it is.
+%% @doc The monitor of geocast in the exhaustive checker, which has no real time. It runs {@link
+%% starl_geocast_monitor} with made-up times in the right order. Every crash takes a microsecond;
+%% the window ends when the client's timer says so (`{window, over}').
 -module(starl_geocast_model_monitor).
 -behaviour(starl_monitor).
 
@@ -20,7 +20,7 @@ init(#{lifetime_us := Lifetime} = Config) ->
 -spec interests() -> [atom()].
 interests() -> [app, geocast, robot].
 
-%% @doc The geocast's own, and the client's.
+%% @doc The events of geocast, and those of the client.
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() -> (starl_geocast_monitor:vocabulary())#{app => [{window, 1}]}.
 

@@ -2,12 +2,12 @@
 %%
 %% The window of a message is from its sending to the end of its lifetime, both included.
 %%
-%% Under every fault: delivered only what was sent, as it was sent, and at most once in each life
-%% of a robot's machine. As long as clocks and positions keep what is assumed of them: at most
-%% once per robot, whatever restarts, never after the window, and never at a robot that is outside
-%% the area during the whole window. `broken' says when an assumption is broken
-%% ({@link starl_assumption}; see {@link context/2}), and only what
-%% that explains is excused:
+%% Under every fault: only messages that were sent are delivered, unchanged, and at most once in
+%% each life of a robot's machine. As long as clocks and positions keep the assumptions: at most
+%% once per robot, across all restarts, never after the window, and never at a robot that is outside
+%% the area during the whole window. `broken' tells the times at which an assumption is broken
+%% ({@link starl_assumption}; see {@link context/2}), and only deviations that it explains are
+%% excused:
 %% ```
 %%   late           by no more than has been lost by the clocks on the way of the message to the
 %%                  robot, each while it counted ({@link starl_geocast_way})
@@ -24,10 +24,10 @@
 %% starl_geocast_lifetime:least_us/3}): a robot that is inside, at least `margin_mm' from the border
 %% (default 4: twice the error of a position), during the whole window has it delivered, unless it
 %% or the source died, or its or the source's geocast machine began anew, in the window or up to
-%% `grace_us' (default 1 s) before, or anybody's assumption was broken in the window. The robot's
-%% own begins that much later as its clock has lost since then: until the clock shows again what it
-%% showed at the beginning, no message is surely a later one. Where robots are is known in
-%% continuous time, from the pieces of their motion.
+%% `grace_us' (default 1 s) before, or any robot's assumption was broken in the window. If the
+%% robot's clock has lost time since its machine began, the machine counts as begun that much later:
+%% until the clock shows again what it showed at the beginning, no message is surely a later one.
+%% The places of robots are known in continuous time, from the pieces of their motion.
 %%
 %% Events of machine `geocast': {@link starl_geocast_flood:event()}, `crashed'; of machine
 %% `chassis': `motion'; of machine `robot': `up', `died'.
@@ -41,11 +41,11 @@
 
 %% The longest that the answer to the question for the own position may take.
 -define(FRESH_US, 100000).
-%% How long who gives a message waits for others that ask for it.
+%% The time that the giver of a message waits for others that ask for it.
 -define(GATHER_US, 3000).
 -define(DRIFT_PPM, 10000).
 
-%% A message, with who got it and when, latest first.
+%% A message, with the robots that got it and the times, latest first.
 -record(message, {
     area :: starl_geocast_area:area(),
     hash :: integer(),
@@ -76,8 +76,8 @@
     latency_us = 0 :: integer()
 }).
 
-%% @doc `robots': who listens; `drift_ppm': of the clocks, as the machines have it (default
-%% 10000); the rest as above.
+%% @doc `robots': the robots that listen; `drift_ppm': the drift of clocks, as the machines have it
+%% (default 10000); the rest as above.
 -spec init(#{
     robots := [robot_id()],
     progress => boolean(),
@@ -101,8 +101,8 @@ init(#{robots := Robots} = Config) ->
         assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm)
     }.
 
-%% @doc Told when assumptions are broken, when nothing goes wrong any more and how long a packet is
-%% under way.
+%% @doc The configuration with the times of broken assumptions, the end of all faults and the
+%% longest delay of a packet.
 -spec context(starl_monitor:known(), map()) -> map().
 context(Known, Config) ->
     maps:merge(maps:with([broken, healed_us, delay_us], Known), Config).
@@ -274,7 +274,7 @@ is_owed(Id, #message{from_us = From, to_us = To} = Message, Robot, Spans, State)
         able(Robot, Message, State) andalso able(element(1, Id), Message, State) andalso
         is_later(Robot, From, State) andalso starl_assumption:is_kept(From, To, Assumption).
 
-%% What was delivered at these times, the latest first, where the robot was not.
+%% The deliveries at these times, the latest first, with the robot outside the area.
 elsewhere(Id, Message, [T | _] = Times, Robot, Spans, #state{assumption = Assumption}) ->
     [
         violation(outside, T, Robot, Id, #{})

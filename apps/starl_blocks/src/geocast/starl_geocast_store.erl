@@ -1,6 +1,6 @@
-%% @doc The geocasts that a robot knows: those that are alive and held here, who has asked for
-%% them, the ids of those that are over, and which have been delivered. Pure; a part of
-%% {@link starl_geocast_flood}, which says what a packet and a timer mean.
+%% @doc The geocasts that a robot knows: the messages that are alive and held here, the robots that
+%% have asked for them, the ids of those that are over, and the delivered ones. Pure; a part of
+%% {@link starl_geocast_flood}, which handles packets and timers.
 -module(starl_geocast_store).
 
 -export([new/2, takes/2, look/2, is_worth/3, hold/5, prolong/4, over/2, forget/2]).
@@ -8,29 +8,29 @@
 
 -export_type([t/0, id/0, parcel/0, offer/0, asker/0]).
 
-%% Who sent it, in which incarnation, its how many-eth.
+%% Source, incarnation, sequence number.
 -type id() :: {starl:robot_id(), Incarnation :: pos_integer(), N :: pos_integer()}.
 
-%% What is given: the content, the whole lifetime and what is left of it, the hops left.
+%% A message as it is given: the content, the whole lifetime and its rest, the hops left.
 -type parcel() :: {
     id(), starl_geocast:area(), Type :: atom(), Body :: term(), LifetimeUs :: pos_integer(),
     LeftUs :: integer(), Hops :: non_neg_integer()
 }.
 
-%% What is offered: the lifetime, what is left of it, the hops left.
+%% An offer: the lifetime, the rest of it, the hops left.
 -type offer() :: {id(), LifetimeUs :: pos_integer(), LeftUs :: integer(), Hops :: integer()}.
 
-%% Who asked, in which life of its machine, when by its clock.
+%% A robot that asked, with the life of its machine and the time by its clock.
 -type asker() :: {starl:robot_id(), {Incarnation :: pos_integer(), Us :: integer()}}.
 
-%% An offer is better than what is held if it has more left by this part of the lifetime.
+%% An offer is better than the message held if its rest is longer by this part of the lifetime.
 -define(BETTER, 8).
-%% So many are given a message with one packet.
+%% The most robots that are given a message with one packet.
 -define(AT_ONCE, 50).
-%% So many ranges of what was delivered are remembered of each source.
+%% The number of ranges of delivered messages that are remembered of each source.
 -define(RANGES, 256).
 
-%% A message that is alive, until a time of the own clock; who has asked for it.
+%% A message that is alive until a time of the own clock, and the robots that have asked for it.
 -record(held, {
     area :: starl_geocast:area(),
     type :: atom(),
@@ -53,7 +53,7 @@
 
 -opaque t() :: #store{}.
 
-%% @doc Nothing is known; so many ids may be, and a clock drifts by at most so many millionths.
+%% @doc An empty store for at most `Limit' ids; a clock drifts by at most `Ppm' millionths.
 -spec new(Limit :: pos_integer(), Ppm :: non_neg_integer()) -> t().
 new(Limit, Ppm) -> #store{limit = Limit, ppm = Ppm}.
 
@@ -71,7 +71,7 @@ look(Id, #store{known = Known}) ->
         #{} -> unknown
     end.
 
-%% @doc Is what is offered unknown, or better than what is held?
+%% @doc Is the offered message unknown, or better than the one held?
 -spec is_worth(offer(), Now :: integer(), t()) -> boolean().
 is_worth({Id, Lifetime, Left, Hops}, Now, #store{known = Known}) ->
     case Known of
@@ -85,8 +85,8 @@ is_worth({Id, Lifetime, Left, Hops}, Now, #store{known = Known}) ->
             Left > 0 andalso Hops > 0
     end.
 
-%% @doc The message is held from now on; is it for the own robot, too? Its offer is repeated after
-%% so many microseconds at first.
+%% @doc Holds a message from now on. `IsDeliverable': it may also be delivered here; `WaitUs': the
+%% first wait before its offer is repeated.
 -spec hold(parcel(), UntilUs :: integer(), IsDeliverable :: boolean(), WaitUs :: pos_integer(),
     t()) -> t().
 hold({Id, Area, Type, Body, Lifetime, _, Hops}, Until, Deliverable, Wait, Store) ->
@@ -96,11 +96,11 @@ hold({Id, Area, Type, Body, Lifetime, _, Hops}, Until, Deliverable, Wait, Store)
         deliverable = Deliverable andalso not is_delivered(Id, Store)
     }, Store).
 
-%% Also one that was forgotten meanwhile.
+%% Counts also if the message was forgotten meanwhile.
 is_delivered(Id, #store{delivered = Memory}) -> starl_geocast_memory:is_member(Id, Memory).
 
-%% @doc What is held is given once more: the longer deadline and the more hops count. Tells the
-%% deadline, and whether it is theirs.
+%% @doc A held message is given once more: the longer deadline and the larger number of hops count.
+%% Returns the deadline, and whether it is the giver's.
 -spec prolong(id(), UntilUs :: integer(), Hops :: integer(), t()) ->
     {UntilUs :: integer(), IsTheirs :: boolean(), t()}.
 prolong(Id, Theirs, TheirHops, #store{known = Known} = Store) ->
@@ -109,20 +109,20 @@ prolong(Id, Theirs, TheirHops, #store{known = Known} = Store) ->
     Better = put_held(Id, Held#held{until = Longer, hops = max(Hops, TheirHops)}, Store),
     {Longer, Theirs > Until, Better}.
 
-%% @doc The message lives no longer; only its id is known, unless that is forgotten already, as by
-%% a clock that was set back after the message was asked for.
+%% @doc The message has ended; only its id is kept, unless it is forgotten already, as when the
+%% clock was set back after the message was asked for.
 -spec over(id(), t()) -> t().
 over(Id, #store{known = Known} = Store) when is_map_key(Id, Known) ->
     Store#store{known = Known#{Id := over}};
 over(_Id, Store) ->
     Store.
 
-%% @doc Nobody gives the message any more: it need not be known.
+%% @doc No robot gives the message any more: it need not be known.
 -spec forget(id(), t()) -> t().
 forget(Id, #store{known = Known} = Store) -> Store#store{known = maps:remove(Id, Known)}.
 
-%% @doc What is to be offered of a message, if it can travel on, and when again; the next wait is
-%% twice as long, up to the longest.
+%% @doc The offer of a message, if it can travel on, and the time of the next one; the wait doubles
+%% each time, up to the longest.
 -spec offer(id(), Now :: integer(), LongestUs :: pos_integer(), t()) ->
     {offer(), WaitUs :: pos_integer(), t()} | none.
 offer(Id, Now, Longest, #store{known = Known} = Store) ->
@@ -148,7 +148,7 @@ ask(Id, Asker, Now, #store{known = Known} = Store) ->
             none
     end.
 
-%% @doc What is given to whom of those that have asked, and are there others?
+%% @doc The message to give, the robots that asked and get it now, and whether others still wait.
 -spec give(id(), Now :: integer(), t()) ->
     {parcel(), [asker(), ...], AreMore :: boolean(), t()} | none.
 give(Id, Now, #store{known = Known} = Store) ->

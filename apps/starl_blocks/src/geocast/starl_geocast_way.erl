@@ -1,9 +1,9 @@
-%% @doc The ways that a geocast took: who has the deadline that it holds from whom, and since when.
+%% @doc Records the ways of a geocast: each robot's deadline, the robot that gave it, and when.
 %% Pure; a part of {@link starl_geocast_monitor}, which asks whose clocks had a part in a deadline.
 %%
-%% A robot measures what is left of a message from when it asks for it, which it does when the
-%% robot that gives it has it: from then on until it gives it itself, or delivers it, its clock
-%% counts, and before that the clock of the robot that gave it, back to the source.
+%% A robot measures the rest of a message's lifetime from when it asks for the message, and it asks
+%% only when the giver has it. From then on until it gives the message on, or delivers it, its own
+%% clock counts; before that the clock of the giver, and so on back to the source.
 -module(starl_geocast_way).
 
 -export([new/2, held/4, spans/3, spans_before/3]).
@@ -12,13 +12,13 @@
 
 -type robot_id() :: starl_monitor:robot_id().
 
-%% While the robot's clock counts (us).
+%% The time during which the robot's clock counts (us).
 -type span() :: {robot_id(), FromUs :: integer(), UntilUs :: integer()}.
 
 -record(way, {
     source :: robot_id(),
     sent_us :: integer(),
-    %% who has had it from whom, latest first
+    %% the givers of each robot, latest first
     gifts = #{} :: #{robot_id() => [{AtUs :: integer(), From :: robot_id()}]}
 }).
 
@@ -28,17 +28,18 @@
 -spec new(Source :: robot_id(), SentUs :: integer()) -> t().
 new(Source, Sent) -> #way{source = Source, sent_us = Sent}.
 
-%% @doc A robot holds the message until a deadline that this one has given to it.
+%% @doc A robot holds the message until a deadline that robot `From' has given to it.
 -spec held(integer(), robot_id(), From :: robot_id(), t()) -> t().
 held(T, Robot, From, #way{gifts = Gifts} = Way) ->
     Way#way{gifts = Gifts#{Robot => [{T, From} | maps:get(Robot, Gifts, [])]}}.
 
-%% @doc Whose clocks count for the deadline that a robot has at a time, and while when.
+%% @doc The robots whose clocks count for the deadline that a robot has at a time, each with the
+%% time during which its clock counts.
 -spec spans(robot_id(), UntilUs :: integer(), t()) -> [span(), ...].
 spans(Robot, Until, Way) -> listed(follow([{Robot, Until}], #{}, Way)).
 
-%% @doc The same for what was left when it was given to the robot: its own only if it gave it on
-%% before.
+%% @doc The same for the rest of the lifetime when the message was given to the robot: its own clock
+%% counts only if it had given the message on before.
 -spec spans_before(robot_id(), UntilUs :: integer(), t()) -> [span()].
 spans_before(Robot, Until, Way) ->
     Givers = [{Giver, At} || {At, Giver} <- gifts(Robot, Until, Way)],
@@ -62,7 +63,7 @@ follow([{Robot, Until} | More], Spans, Way) ->
 gifts(Robot, Until, #way{gifts = Gifts}) ->
     [Gift || {At, _} = Gift <- maps:get(Robot, Gifts, []), At =< Until].
 
-%% The source has it from the beginning, whatever it is given later.
+%% The source has the message from the beginning, even if it is given to it again later.
 earliest(Source, _From, #way{source = Source, sent_us = Sent}) -> Sent;
 earliest(_Robot, From, _Way) -> From.
 

@@ -7,13 +7,13 @@
 %%
 %% Guarantee: no two robots hold one token at once, under every fault, as long as no clock is set,
 %% stands still or drifts by more than the stated bound; every hold has a fencing number that is
-%% larger than those of all earlier holds of the token. Whatever clocks do, no number is there
-%% twice.
-%% A hold ends with its release, with the lease (the token's home cannot be reached for so
-%% long), or with a crash of the robot's mutex machine. A robot that is late by no more than
-%% `lag_ms' notices the end before anybody else gets the token; one that stands still for longer,
-%% as soon as it goes on.
-%% What must not happen after the end of a hold belongs behind a check of the fencing number.
+%% larger than those of all earlier holds of the token. No number is used twice, even if clocks are
+%% wrong.
+%% A hold ends with its release, with its lease (if the token's home cannot be reached until then),
+%% or with a crash of the robot's mutex machine. A robot that is late by no more than `lag_ms'
+%% notices the end before any other robot gets the token; a robot that stands still for longer
+%% notices it as soon as it goes on.
+%% Guard actions that must not happen after the end of a hold with a check of the fencing number.
 -module(starl_mutex).
 -behaviour(starl_block).
 
@@ -25,7 +25,7 @@
 %% The name of a token: any small term but a list.
 -type token() :: term().
 
-%% The number of a hold; grows from hold to hold of a token, whoever holds it.
+%% The number of a hold; it grows from hold to hold of a token, over all robots.
 -type fence() :: pos_integer().
 
 -define(PATIENCE_MS, 30000).
@@ -35,7 +35,7 @@
     {ok, fence() | [{token(), fence()}]} | {error, timeout | restarted}.
 acquire(Robot, Tokens) -> acquire(Robot, Tokens, ?PATIENCE_MS).
 
-%% @doc Acquires a token or all tokens of a list; fails after so many milliseconds, and then
+%% @doc Acquires a token or all tokens of a list; fails after a timeout in milliseconds, and then
 %% holds none of them. A list is answered with the list of its tokens and their fences.
 %% Acquiring a token that the caller holds waits for its release.
 -spec acquire(starl:robot(), token() | [token()], Ms :: pos_integer()) ->
@@ -100,8 +100,8 @@ token(Function, Token) ->
         starl_caller:mistake(Function, 'Token', Token, "a token, which is no list"),
     ok.
 
-%% @doc The home of a token in a team, by a hash of its name: as long as it lives, the token is
-%% there to be had.
+%% @doc The home of a token in a team, by a hash of its name: as long as the home lives, the token
+%% can be acquired.
 -spec home(token(), [starl:robot_id(), ...]) -> starl:robot_id().
 home(Token, Team) -> lists:nth(erlang:phash2(Token, length(Team)) + 1, Team).
 

@@ -1,7 +1,7 @@
-%% @doc The acquisitions ("jobs") of a robot's application: how they begin, wait, hold, fail and
-%% end. Pure; with {@link starl_mutex_robot}, which is called from here and never calls back, the
-%% operations of {@link starl_mutex_tokens}. What happens to a job is left as a notice there, and
-%% worked off with {@link settle/1} after each operation on a token.
+%% @doc Handles the acquisitions ("jobs") of a robot's application: they begin, wait, hold, fail and
+%% end. Pure; together with {@link starl_mutex_robot}, which never calls back, these are the
+%% operations of {@link starl_mutex_tokens}. An operation on a token leaves notices for jobs in the
+%% state; {@link settle/1} handles them afterwards.
 -module(starl_mutex_acquire).
 
 -export([acquire/5, release/4, again/2, give_up/3, caller_restarted/2]).
@@ -67,7 +67,7 @@ give_up(Id, Why, Robot) ->
             Robot
     end.
 
-%% Whoever gets a token goes on before the next one is given back.
+%% A robot that gets a token goes on before the next one is given back.
 give_back(Tokens, Robot) ->
     lists:foldl(fun(T, R) -> settle(starl_mutex_robot:unlock(T, R)) end, Robot, Tokens).
 
@@ -118,9 +118,9 @@ drop(Id, Token, Robot) ->
         Rest -> starl_mutex_state:keep_job(Id, Rest, Robot)
     end.
 
-%% -- what happens to jobs -------------------------------------------------------------------
+%% -- notices to jobs ------------------------------------------------------------------------
 
-%% @doc Ends all that whose lease is over: nothing else is to be done before.
+%% @doc Ends all holds whose lease is over; to be called before anything else.
 -spec lapse_all(t()) -> t().
 lapse_all(Robot) ->
     lists:foldl(
@@ -128,7 +128,7 @@ lapse_all(Robot) ->
         starl_mutex_state:over(Robot)
     ).
 
-%% @doc Tells the jobs what the last operation on a token has brought them.
+%% @doc Hands the jobs the notices of the last operation on a token.
 -spec settle(t()) -> t().
 settle(Robot) ->
     {Notices, Noticed} = starl_mutex_state:take_notices(Robot),

@@ -1,8 +1,7 @@
-%% @doc How mutual exclusion is exercised: each robot holds now one token, now two, for some time.
+%% @doc The exercise of mutual exclusion: each robot holds now one token, now two, for some time.
 %%
-%% Promised is that a token is granted, unless the home of any token has died: others hold what they
-%% have while they wait for that one; and, likewise, that a hold that began after the heal is not
-%% lost.
+%% It promises that a token is granted, and that a hold that began after the heal is not lost;
+%% unless the home of any token has died: robots that wait for that token keep their others.
 -module(starl_mutex_exercise).
 -behaviour(starl_block_exercise).
 
@@ -13,9 +12,9 @@
 
 -record(seen, {
     robots :: [robot_id()],
-    %% since when a robot has the tokens that it has acquired last
+    %% the time at which each robot acquired its present tokens
     held = #{} :: #{robot_id() => integer()},
-    %% the homes of the tokens that anybody has asked for
+    %% the homes of the tokens that any robot has asked for
     homes = #{} :: #{robot_id() => true}
 }).
 

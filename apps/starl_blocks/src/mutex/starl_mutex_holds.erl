@@ -1,16 +1,16 @@
-%% @doc Who holds which token, as events tell it, and what is wrong with that: the part of
-%% {@link starl_mutex_monitor} that judges safety. Pure.
+%% @doc The safety part of {@link starl_mutex_monitor}: it tracks the holder of each token from the
+%% events, and reports violations. Pure.
 %%
 %% Under every fault:
 %% ```
 %%   grant_not_larger    a home has confirmed a hand-over whose number is not larger than the last
 %%   never_granted       a hold of a hand-over that the home has not confirmed to this robot
 %%   fence_not_larger    a fence that is not larger than that of the robot's hold before
-%%   not_held            something is said of a hold that there is not: released, lost, answered
+%%   not_held            a hold that does not exist is released, lost or answered
 %% '''
-%% Hand-overs belong to one robot each, and a robot's fences grow: so no fence is there twice.
+%% A hand-over belongs to one robot, and a robot's fences grow: so no fence is used twice.
 %%
-%% As long as clocks keep what is assumed of them:
+%% As long as clocks keep the assumptions:
 %% ```
 %%   two_holders         a second hold of a token begins before the first can be over
 %%   fence_overtaken     a fence that is older than one of another robot's that was held before
@@ -20,12 +20,12 @@
 %% of its lease by the holder's clock. A robot that stands still longer than that finds its lease
 %% over when it goes on, and can do nothing before: no pause excuses an overlap.
 %%
-%% What may be wrong with clocks touches an overlap in two ways: the older of the two holders
-%% takes its lease for longer by what its clock has lost since it claimed it, and the home takes
-%% it for shorter by what its own has gained since then. An overlap that is not longer than the two
-%% together is excused, no other one. An older hold overtaken likewise, from when the newer one
-%% began. A hold may go on as much longer as the holder's clock has lost since the lease was told,
-%% and to the end of a pause that it runs into.
+%% Wrong clocks explain an overlap in two ways: the older of the two holders takes its lease for
+%% longer by the time that its clock has lost since it claimed it, and the home takes it for shorter
+%% by the time that its own clock has gained since then. An overlap that is not longer than the sum
+%% of the two is excused, no other one. An older fence that comes late is excused likewise, counted
+%% from the beginning of the newer hold. A hold may go on longer by the time that the holder's clock
+%% has lost since the lease was told, and to the end of a pause that it runs into.
 -module(starl_mutex_holds).
 
 -export([new/1, granted/6, leased/6, acquired/5, answered/4, ended/6, forget/2, finish/2]).
@@ -37,8 +37,8 @@
 -type token() :: term().
 -type fence() :: integer().
 
-%% `lease_us', `drift_ppm', `lag_us': as the machines have them; `broken': when assumptions are
-%% broken, by default never.
+%% `lease_us', `drift_ppm', `lag_us': as the machines have them; `broken': the times at which
+%% assumptions are broken, by default never.
 -type config() :: #{
     lease_us => pos_integer(),
     drift_ppm => non_neg_integer(),
@@ -79,7 +79,7 @@
 -define(DRIFT_PPM, 10000).
 -define(LAG_US, 250000).
 
-%% @doc Nobody holds anything.
+%% @doc No robot holds a token.
 -spec new(config()) -> t().
 new(Config) ->
     Ppm = maps:get(drift_ppm, Config, ?DRIFT_PPM),
@@ -161,7 +161,7 @@ forget(Robot, #holds{holds = All} = Holds) ->
     Left = maps:map(fun(_, Of) -> [Hold || #hold{robot = R} = Hold <- Of, R =/= Robot] end, All),
     Holds#holds{holds = maps:filter(fun(_, Of) -> Of =/= [] end, Left)}.
 
-%% @doc What goes on too long by the end.
+%% @doc The holds that go on too long at the end.
 -spec finish(integer(), t()) -> [starl_monitor:violation()].
 finish(T, #holds{holds = All} = Holds) ->
     lists:append([
@@ -169,11 +169,11 @@ finish(T, #holds{holds = All} = Holds) ->
      || {Token, Of} <- lists:sort(maps:to_list(All)), Hold <- Of
     ]).
 
-%% @doc How many tokens have been held.
+%% @doc The number of tokens that have been held.
 -spec tokens(t()) -> non_neg_integer().
 tokens(#holds{largest = Largest}) -> map_size(Largest).
 
-%% @doc What decides while no time passes.
+%% @doc The part of the state that decides while no time passes.
 -spec timeless(t()) -> term().
 timeless(#holds{grants = Grants, hand_overs = HandOvers, fences = Fences} = Holds) ->
     #holds{largest = Largest, holds = All} = Holds,

@@ -1,9 +1,9 @@
 %% @doc The home of tokens: the one authority over the fencing numbers and leases of the tokens
 %% whose home a robot is. Pure; the part of {@link starl_mutex_tokens} that safety rests on.
 %%
-%% A fencing number is made of four: the incarnation of the home's machine, the creations of the
-%% token by it, the hand-overs of that creation, the owner's holds. So every hand-over has a
-%% number of its own, whatever was lost, created anew or forgotten in a crash. The rules:
+%% A fencing number consists of four numbers: the incarnation of the home's machine, the creation of
+%% the token in it, the hand-over of that creation, the owner's hold. So every hand-over has a
+%% number of its own, even after tokens are lost, created anew or forgotten in a crash. The rules:
 %% ```
 %%   claim F    granted if F is larger than the last granted number (its holder has handed the
 %%              token over, or the token was never granted), or the claimant's own again
@@ -13,11 +13,10 @@
 %%   create     a new token with the next number, when the lease of the last one has surely
 %%              ended, or was given back
 %% '''
-%% The home counts a lease from the receipt of the claim, the claimant from its sending, and the
-%% home's lease is longer by what two clocks may drift apart and by the time that a robot may
-%% take to notice the end; so the claimant's always ends first, however long messages were under
-%% way. After a crash of the home no lease can be
-%% younger than the crash: it waits for one full lease.
+%% The home counts a lease from the receipt of the claim, the claimant from its sending. The home's
+%% lease is longer by the most that two clocks drift apart and by the time that a robot may take to
+%% notice the end. So the claimant's lease always ends first, for any delay of messages. After a
+%% crash of the home no lease can be younger than the crash: the home waits for one full lease.
 -module(starl_mutex_home).
 
 -export([new/5, next/1, hand_over/1, last_hold/1, last_hand_over/1]).
@@ -25,7 +24,7 @@
 
 -export_type([t/0, request/0, outgoing/0]).
 
-%% Who waits for a token: a robot, and the number of its request.
+%% A waiting robot, and the number of its request.
 -type request() :: {starl:robot_id(), pos_integer()}.
 
 %% A message to a robot.
@@ -33,7 +32,7 @@
 
 -type us() :: integer().
 
-%% How many holds an owner, hand-overs a creation and creations an incarnation may have.
+%% The most holds of an owner, hand-overs of a creation and creations of an incarnation.
 -define(HOLD_BITS, 8).
 -define(HAND_OVER_BITS, 12).
 -define(CREATION_BITS, 24).
@@ -58,7 +57,7 @@
 -opaque t() :: #home{}.
 
 %% @doc The home of no tokens yet. `LeaseUs' is the holder's lease, `DriftPpm' the bound on the
-%% drift of any clock, `LagUs' how much later than due a robot may notice that its lease is over.
+%% drift of any clock, `LagUs' the most by which a robot notices the end of its lease too late.
 -spec new(
     Incarnation :: pos_integer(), us(), LeaseUs :: pos_integer(), DriftPpm :: integer(),
     LagUs :: integer()
@@ -144,7 +143,7 @@ return(Token, Fence, By, Queue, Now, #home{base = Base} = Home) ->
             {[], Home}
     end.
 
-%% @doc Makes a new token, if the lease is over and somebody waits.
+%% @doc Makes a new token, if the lease is over and a robot waits.
 -spec expire(starl_mutex:token(), us(), t()) -> {[outgoing()], t()}.
 expire(Token, Now, Home) ->
     case lease(Token, Home) of
@@ -152,7 +151,7 @@ expire(Token, Now, Home) ->
         #lease{} -> {[], Home}
     end.
 
-%% @doc When {@link expire/3} is to be called for a token.
+%% @doc The time at which {@link expire/3} is to be called for a token.
 -spec due(starl_mutex:token(), t()) -> us() | never.
 due(Token, Home) ->
     case lease(Token, Home) of
@@ -178,7 +177,7 @@ forward(Token, {Robot, _} = Request, #lease{fence = Fence, owner = Owner}) ->
      || Owner =/= none, Owner =/= Robot
     ].
 
-%% Whoever has the token waits no longer.
+%% A robot that has the token waits no longer.
 grant(Token, #lease{owner = Owner, pending = Pending} = Lease, Now, Home) ->
     Rest = [Request || {Robot, _} = Request <- Pending, Robot =/= Owner],
     Granted = Lease#lease{until = Now + Home#home.lease_us, pending = Rest},

@@ -1,5 +1,5 @@
-%% @doc An acquisition ("job") of a robot's application: the tokens that it waits for, one after
-%% the other in the order of terms, and those that it has got. Pure; a part of
+%% @doc An acquisition ("job") of a robot's application: the tokens that it still waits for, one
+%% after the other in Erlang's order of terms, and the tokens that it has got. Pure; a part of
 %% {@link starl_mutex_acquire}.
 -module(starl_mutex_job).
 
@@ -12,7 +12,7 @@
 
 -type id() :: pos_integer().
 
-%% It waits for the first token of `todo', or holds what it has got.
+%% A job waits for the first token of `todo', or holds all its tokens.
 -record(job, {
     caller :: starl_machine:name(),
     from :: starl_machine:from(),
@@ -30,11 +30,11 @@ new(Caller, From, Tokens) when is_list(Tokens) ->
 new(Caller, From, Token) ->
     #job{caller = Caller, from = From, shape = one, todo = [Token]}.
 
-%% @doc Whose job it is.
+%% @doc The machine whose job it is.
 -spec caller(t()) -> starl_machine:name().
 caller(#job{caller = Caller}) -> Caller.
 
-%% @doc Where its answer goes.
+%% @doc The caller that gets the job's answer.
 -spec from(t()) -> starl_machine:from().
 from(#job{from = From}) -> From.
 
@@ -48,7 +48,7 @@ next(#job{todo = [Token | _]}) -> {wait, Token}.
 waits_for(Token, #job{todo = [Token | _]}) -> true;
 waits_for(_Token, #job{}) -> false.
 
-%% @doc What a job that is complete is answered.
+%% @doc The answer to a complete job.
 -spec answer(t()) -> starl_mutex:fence() | [{token(), starl_mutex:fence()}].
 answer(#job{shape = one, got = [{_, Fence}]}) -> Fence;
 answer(#job{shape = set} = Job) -> fences(Job).

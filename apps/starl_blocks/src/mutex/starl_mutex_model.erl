@@ -1,9 +1,9 @@
-%% @doc What is checked of mutual exclusion: one token, and all robots but its home want it once. The
-%% times are the block's defaults: nothing depends on their size, only on their proportions.
+%% @doc The model of mutual exclusion for the exhaustive checker: one token, and all robots but its
+%% home want it once. The times are the block's defaults: only their proportions matter.
 %%
-%% The home's clock is fast, all others slow: so a holder's lease lasts longest and the home's
-%% shortest, the only two that are held against each other. The home's own application wants nothing:
-%% what it asks of its own machine needs no message.
+%% The home's clock is fast, all others are slow: so a holder's lease lasts longest and the home's
+%% shortest, and only these two are compared. The home's own application wants nothing: its calls
+%% of its own machine need no message.
 -module(starl_mutex_model).
 
 -export([new/2]).
@@ -14,7 +14,7 @@
 -define(FAST, 101).
 -define(TOKEN, door).
 -define(LEASE_US, 8000000).
-%% So patient that it is the checker that decides when a call fails.
+%% A patience so long that the checker decides when a call fails.
 -define(PATIENCE_US, 30000000).
 
 %% @doc The model for a team with these machines.

@@ -1,13 +1,13 @@
 %% @doc The contract of mutual exclusion by tokens, as a monitor.
 %%
-%% Safety: see {@link starl_mutex_holds}. Always: fences grow from hold to hold of a robot, and
-%% nobody holds a hand-over but the robot to which the token's home has confirmed it, so that no
-%% fence is there twice; only what is held is answered, released or lost. As long as clocks keep
-%% what is assumed of them: never two holds of one token at once, and the fence of a hold is larger
-%% than those of all earlier holds; as long as robots are prompt: a hold ends with its lease.
-%% `broken' says when an assumption is broken ({@link starl_assumption}; see {@link context/2}), and
-%% only what that explains is excused. A hold ends with `released' or
-%% `lease_lost', with the crash of the robot's mutex machine, or with the robot.
+%% Safety: see {@link starl_mutex_holds}. Always: fences grow from hold to hold of a robot, and only
+%% the robot to which the token's home has confirmed a hand-over holds it, so that no fence is used
+%% twice; only tokens that are held are answered, released or lost. As long as clocks keep the
+%% assumptions: never two holds of one token at once, and the fence of a hold is larger than those
+%% of all earlier holds; as long as robots are prompt: a hold ends with its lease. `broken' tells
+%% the times at which an assumption is broken ({@link starl_assumption}; see {@link context/2}), and
+%% only deviations that it explains are excused. A hold ends with `released' or `lease_lost', with
+%% the crash of the robot's mutex machine, or with the robot.
 %%
 %% Progress: a request is granted within `bound_us' (default: none), as far as it was made at
 %% `from_us' or later (default 0); with `granted' (default false) a request that fails is a
@@ -58,7 +58,8 @@ init(Config) ->
         )
     }.
 
-%% @doc Told when assumptions are broken; faults of clocks and processes widen the bound.
+%% @doc The configuration with the times of broken assumptions; faults of clocks and processes widen
+%% the bound.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{broken := Broken, slack_us := Slack}, Config) ->
     Told = maps:merge(#{broken => Broken}, Config),
@@ -81,7 +82,7 @@ vocabulary() ->
         ]
     }.
 
-%% @doc Who holds, and the fences; without `bound_us' and `granted' nothing else is judged.
+%% @doc The holders and the fences; without `bound_us' and `granted' nothing else is judged.
 -spec timeless(#state{}) -> term().
 timeless(#state{holds = Holds}) -> starl_mutex_holds:timeless(Holds).
 
@@ -96,7 +97,7 @@ step({T, Robot, Machine, Event}, State) ->
         [First | _] -> {violation, First, Next}
     end.
 
-%% @doc Judges the time until `EndTimeUs'. Results: how many `tokens' were held, the number of
+%% @doc Judges the time until `EndTimeUs'. Results: the number of `tokens' that were held, of
 %% holds (`acquired'), of `lease_lost' and `failed', the longest and the mean wait of those
 %% granted, and their ratio, the `unfairness'.
 -spec finish(integer(), #state{}) ->
@@ -188,7 +189,7 @@ refused(T, Robot, Token, Reason, Since, #state{granted = true, from_us = From}) 
 refused(_T, _Robot, _Token, _Reason, _Since, _State) ->
     [].
 
-%% What is overdue before `T'; a grant at exactly the bound is in time.
+%% The requests that are overdue before `T'; a grant at exactly the bound is in time.
 pass(T, #state{deadlines = Deadlines, bound_us = Bound, open = Open} = State, Found) ->
     case queue:peek(Deadlines) of
         {value, {Since, Token, Robot}} when Since + Bound < T ->

@@ -1,5 +1,5 @@
-%% @doc What a robot has heard of the owners of tokens, and the requests that came to it before
-%% the token that they look for. Pure; a part of {@link starl_mutex_state}.
+%% @doc A robot's knowledge of the owners of tokens, and the requests that arrived before the token
+%% that they look for. Pure; a part of {@link starl_mutex_state}.
 -module(starl_mutex_owners).
 
 -export([new/0, newest/2, announced/4, handed/4, wait/4, take_early/2, add/2]).
@@ -28,8 +28,8 @@ new() -> #owners{}.
 -spec newest(token(), t()) -> {fence() | 0, starl:robot_id() | none}.
 newest(Token, #owners{newest = Newest}) -> maps:get(Token, Newest, {0, none}).
 
-%% @doc An owner has announced itself; whether it is a newer one than was known, and then the
-%% requests that waited here, for those who look for it again.
+%% @doc An owner has announced itself. Returns whether it is newer than the known one, and if so the
+%% requests that waited here, so that they can look for the token again.
 -spec announced(token(), fence(), starl:robot_id(), t()) -> {newer, [early()], t()} | known.
 announced(Token, Fence, Owner, #owners{early = Early} = Owners) ->
     case newest(Token, Owners) of
@@ -45,7 +45,7 @@ announced(Token, Fence, Owner, #owners{early = Early} = Owners) ->
 handed(Token, Fence, To, #owners{newest = Newest} = Owners) ->
     Owners#owners{newest = Newest#{Token => {Fence, To}}}.
 
-%% @doc A request waits for the token to come; at most so many do.
+%% @doc A request waits for the token to come; the number of waiting requests is bounded.
 -spec wait(token(), early(), Most :: pos_integer(), t()) -> t().
 wait(Token, {Request, Known}, Most, #owners{early = Early} = Owners) ->
     Before = maps:get(Token, Early, []),

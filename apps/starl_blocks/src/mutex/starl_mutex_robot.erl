@@ -1,6 +1,6 @@
-%% @doc What a robot does with tokens: requests that look for one, tokens that come, are confirmed
-%% by their home, are held, lapse and are handed over; and what it does as a home. Pure; with
-%% {@link starl_mutex_acquire} the operations of {@link starl_mutex_tokens}.
+%% @doc The operations of a robot on tokens: a request looks for a token; a token comes, is confirmed
+%% by its home, is held, lapses and is handed over. Pure; together with {@link starl_mutex_acquire}
+%% these are the operations of {@link starl_mutex_tokens}.
 -module(starl_mutex_robot).
 
 -export([owner/3, sap_restarted/1]).
@@ -18,14 +18,14 @@
 -type token() :: starl_mutex:token().
 -type fence() :: starl_mutex:fence().
 -type request() :: starl_mutex_home:request().
-%% When, and in which incarnation, a claim was sent.
+%% The time of a claim, and the incarnation in which it was sent.
 -type nonce() :: {Incarnation :: pos_integer(), SentUs :: integer()}.
 
-%% A claim is repeated so often in a lease, and so often in all.
+%% The number of repetitions of a claim in a lease, and in all.
 -define(CLAIMS_A_LEASE, 4).
 -define(CLAIMS, 16).
 
-%% @doc Tells who was last announced as the token's owner.
+%% @doc Answers with the robot that was last announced as the token's owner.
 -spec owner(starl_machine:from(), token(), t()) -> t().
 owner(From, Token, Robot) ->
     {_, Owner} = newest_owner(Token, Robot),
@@ -196,7 +196,7 @@ refused(Token, Fence, Robot) ->
             Robot
     end.
 
-%% Gives a token that is free to whoever is first in its queue.
+%% Gives a free token to the first request of its queue.
 serve(Token, Entry, Robot) -> serve(used, Token, Entry, Robot).
 
 serve(How, Token, #{granted := true, lock := none, queue := Queue} = Entry, Robot) ->
@@ -281,7 +281,7 @@ orphan(Token, Queue, Robot) ->
 
 %% -- hand-over ------------------------------------------------------------------------------
 
-%% The token leaves: to the first of the queue, or back to its home.
+%% Hands the token over, to the first of the queue, or back to its home.
 pass_on(Token, Fence, Queue, Robot) ->
     case Queue =:= [] orelse starl_mutex_home:last_hand_over(Fence) of
         true -> post_home(Token, {return, Token, base(Fence), Queue}, Robot);
@@ -315,7 +315,8 @@ handed(Token, Fence, Outcome, Robot) ->
             post_home(Token, {return, Token, Fence, Others ++ [First]}, Traced)
     end.
 
-%% @doc The outcomes of what is under way will not be known; new SAPs know no listeners.
+%% @doc SAP has restarted: the outcomes of hand-overs under way will not be known, and a new SAP
+%% knows no listeners.
 -spec sap_restarted(t()) -> t().
 sap_restarted(Robot) ->
     lists:foldl(

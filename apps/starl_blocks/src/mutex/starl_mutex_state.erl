@@ -1,8 +1,8 @@
-%% @doc What a robot knows of tokens: those that it has, the acquisitions of its application, the
-%% hand-overs under way, what it has heard of owners, and the home of tokens that it is. Pure;
-%% {@link starl_mutex_acquire}, {@link starl_mutex_robot} and {@link starl_mutex_host} say what is
-%% done with it. Actions are gathered here, and taken with {@link result/1}; notices to jobs
-%% likewise, with {@link take_notices/1}.
+%% @doc The state of a robot's mutex machine: its tokens, the acquisitions of its application, the
+%% hand-overs under way, the known owners, and the tokens whose home it is. Pure;
+%% {@link starl_mutex_acquire}, {@link starl_mutex_robot} and {@link starl_mutex_host} work on it.
+%% The state gathers actions, taken with {@link result/1}, and notices to jobs, taken with
+%% {@link take_notices/1}.
 -module(starl_mutex_state).
 
 -export([new/1, at/2, now/1, self/1, team_size/1, incarnation/1, lease_us/1, retry_us/1]).
@@ -19,8 +19,8 @@
 -type job_id() :: starl_mutex_job:id().
 
 %% A token that the robot has: the number of the next hold; whether the home has confirmed it, and
-%% if so until when; who waits for it; the job and the number of the present hold; how often it was
-%% claimed.
+%% if so until when; the queue of requests; the job and the number of the present hold; the number
+%% of claims sent.
 -type entry() :: #{
     fence := fence(),
     granted := boolean(),
@@ -30,7 +30,7 @@
     tries := non_neg_integer()
 }.
 
-%% What has happened to a job: it has got a token, or has lost one that others waited for, too.
+%% A notice to a job: it has got a token, or has lost one that others waited for, too.
 -type notice() ::
     {locked, job_id(), token(), fence()} | {lost, job_id(), token(), Queue :: [request()]}.
 
@@ -40,7 +40,7 @@
     incarnation :: pos_integer(),
     lease_us :: pos_integer(),
     retry_us :: pos_integer(),
-    %% of the event at hand; nothing is kept of it
+    %% valid for the present event only
     now = 0 :: integer(),
     home :: starl_mutex_home:t(),
     entries = #{} :: #{token() => entry()},
@@ -77,11 +77,11 @@ at(Now, Robot) -> Robot#robot{now = Now}.
 -spec now(t()) -> integer().
 now(#robot{now = Now}) -> Now.
 
-%% @doc Which robot it is.
+%% @doc The number of the robot.
 -spec self(t()) -> starl:robot_id().
 self(#robot{self = Self}) -> Self.
 
-%% @doc How many robots there are.
+%% @doc The number of robots in the team.
 -spec team_size(t()) -> pos_integer().
 team_size(#robot{team = Team}) -> tuple_size(Team).
 
@@ -89,11 +89,11 @@ team_size(#robot{team = Team}) -> tuple_size(Team).
 -spec incarnation(t()) -> pos_integer().
 incarnation(#robot{incarnation = Incarnation}) -> Incarnation.
 
-%% @doc How long a holder's lease lasts, in microseconds.
+%% @doc The duration of a holder's lease, in microseconds.
 -spec lease_us(t()) -> pos_integer().
 lease_us(#robot{lease_us = Us}) -> Us.
 
-%% @doc When a robot that waits asks again, in microseconds.
+%% @doc The time after which a waiting robot asks again, in microseconds.
 -spec retry_us(t()) -> pos_integer().
 retry_us(#robot{retry_us = Us}) -> Us.
 
@@ -121,7 +121,7 @@ post_home(Token, Body, #robot{team = Team} = Robot) ->
 result(#robot{actions = Actions} = Robot) ->
     {keep_state, Robot#robot{actions = [], now = 0}, lists:reverse(Actions)}.
 
-%% @doc Something has happened to a job, which is to be told.
+%% @doc Leaves a notice to a job.
 -spec notify(notice(), t()) -> t().
 notify(Notice, #robot{notices = Notices} = Robot) -> Robot#robot{notices = [Notice | Notices]}.
 
@@ -141,7 +141,7 @@ next_job(#robot{next = Id} = Robot) -> {Id, Robot#robot{next = Id + 1}}.
 -spec keep_job(job_id(), starl_mutex_job:t(), t()) -> t().
 keep_job(Id, Job, #robot{jobs = Jobs} = Robot) -> Robot#robot{jobs = Jobs#{Id => Job}}.
 
-%% @doc A job that there is.
+%% @doc A job by its number.
 -spec job(job_id(), t()) -> starl_mutex_job:t().
 job(Id, #robot{jobs = Jobs}) -> maps:get(Id, Jobs).
 
@@ -209,7 +209,7 @@ is_over(#{granted := Granted, lease_end := End}, #robot{now = Now}) ->
 over(#robot{entries = Entries} = Robot) ->
     lists:sort([Token || {Token, Entry} <- maps:to_list(Entries), is_over(Entry, Robot)]).
 
-%% @doc What it has heard of owners.
+%% @doc The known owners.
 -spec owners(t()) -> starl_mutex_owners:t().
 owners(#robot{owners = Owners}) -> Owners.
 
@@ -217,7 +217,7 @@ owners(#robot{owners = Owners}) -> Owners.
 -spec put_owners(starl_mutex_owners:t(), t()) -> t().
 put_owners(Owners, Robot) -> Robot#robot{owners = Owners}.
 
-%% @doc The home that it is.
+%% @doc The tokens whose home the robot is.
 -spec home(t()) -> starl_mutex_home:t().
 home(#robot{home = Home}) -> Home.
 

@@ -10,12 +10,11 @@
 %%     | renew F, while it holds ----------------->|
 %% '''
 %% A robot that has got a token holds it only once the home has confirmed it, and only as long
-%% as the lease that it counts from the sending of its last confirmed claim. Before it goes about
-%% any event it looks which of its leases are over: one that has stood still finds that out before
-%% it answers anybody or hands anything on. The rules of the
-%% home are those of {@link starl_mutex_home}; nothing but they and the lease is needed for
-%% safety. Requests, queues and announcements may be lost at any time: a robot that waits asks
-%% the home again.
+%% as the lease that it counts from the sending of its last confirmed claim. At every event it first
+%% looks which of its leases are over: a robot that has stood still finds that out before it answers
+%% a call or hands a token on. The rules of the home are those of {@link starl_mutex_home}; safety
+%% rests on these rules and the lease alone. Requests, queues and announcements may be lost at any
+%% time: a robot that waits asks the home again.
 %%
 %% A token as seen by a robot that has it:
 %% ```
@@ -32,10 +31,10 @@
 
 -export_type([event/0]).
 
-%% What it traces.
+%% The trace of the mutex machine.
 -type event() ::
     {requested, starl_mutex:token()}
-    %% a hold that begins now, or is there, may last so much longer by the robot's clock (us)
+    %% a hold that begins now, or exists, may last so much longer by the robot's clock (us)
     | {leased, starl_mutex:token(), starl_mutex:fence(), LeftUs :: integer()}
     | {acquired, starl_mutex:token(), starl_mutex:fence()}
     %% the application is told that it holds these
@@ -76,8 +75,8 @@ handle_event(Type, Content, ready, Robot, #{now := Now}) ->
         Next -> starl_mutex_state:result(starl_mutex_acquire:settle(Next))
     end.
 
-%% What is over is over before anything else is done. Only what was announced before does nothing,
-%% now and for ever: the checker leaves it out.
+%% Leases that are over end before any other step. Only an announcement that is known already does
+%% nothing, now and for ever: the checker skips it.
 current(cast, {message, From, mutex, {owner, Token, Fence}}, Robot) ->
     case starl_mutex_robot:knows(Token, Fence, From, Robot) of
         true -> Robot;
