@@ -1,5 +1,5 @@
-%% @doc The building blocks that ship: the one table. A block is added by one line here and a folder
-%% with its modules ({@link starl_block}).
+%% @doc The table of the building blocks that ship with StarL. To add a block, add one line here and
+%% a folder with its modules ({@link starl_block}).
 -module(starl_blocks).
 
 -export([known/0, find/1, name/1, able/1, models/0]).
@@ -39,11 +39,11 @@ name(Block) ->
         false -> Block
     end.
 
-%% @doc The names of those that can be exercised, checked, measured.
+%% @doc The names of the blocks that can be exercised, checked, or measured.
 -spec able(starl_block:capability()) -> [atom()].
 able(What) -> [Name || {Name, Block} <- known(), starl_block:can(What, Block)].
 
-%% @doc What can be checked of them.
+%% @doc The models of all blocks, for the checker.
 -spec models() -> [starl_block:model_entry()].
 models() ->
     lists:append([Block:models() || {_, Block} <- known(), starl_block:can(check, Block)]).

@@ -3,12 +3,12 @@
 %% A barrier has a name, any small term, and as many rounds as are needed: a robot's K-th
 %% {@link sync/2} with a name is its round K. All robots of the team take part.
 %%
-%% Rounds are the robot's, not its application's: an application that begins anew, since it or its
-%% robot has crashed, goes on with the first round not passed; {@link round/2} tells which.
+%% Rounds belong to the robot, not to its application: an application that begins anew, because it
+%% or its robot has crashed, goes on with the first round not passed; {@link round/2} tells which.
 %%
-%% Guarantee: nobody passes round K of a name before all robots have reached it. When messages
+%% Guarantee: no robot passes round K of a name before all robots have reached it. When messages
 %% get through, all pass within a short time of each other. A name costs memory once, its
-%% rounds cost none; names are meant to be few.
+%% rounds cost none; use few names.
 -module(starl_barrier).
 -behaviour(starl_block).
 
@@ -29,7 +29,7 @@
 -spec round(starl:robot(), name()) -> {ok, round()} | {error, timeout | restarted}.
 round(Robot, Name) -> round(Robot, Name, ?PATIENCE_MS).
 
-%% @doc The same with so many milliseconds of patience.
+%% @doc The same with a timeout in milliseconds.
 -spec round(starl:robot(), name(), Ms :: pos_integer()) ->
     {ok, round()} | {error, timeout | restarted}.
 round(Robot, Name, Ms) -> starl:call(Robot, barrier, {round, Name}, Ms).
@@ -38,7 +38,7 @@ round(Robot, Name, Ms) -> starl:call(Robot, barrier, {round, Name}, Ms).
 -spec sync(starl:robot(), name()) -> ok | {error, timeout | restarted}.
 sync(Robot, Name) -> sync(Robot, Name, ?PATIENCE_MS).
 
-%% @doc The same with so many milliseconds of patience. A robot that failed may call again: it
+%% @doc The same with a timeout in milliseconds. A robot that failed may call again: it
 %% has still reached the round and waits for the same one, also when its barrier machine has
 %% crashed meanwhile (`restarted').
 -spec sync(starl:robot(), name(), Ms :: pos_integer()) -> ok | {error, timeout | restarted}.

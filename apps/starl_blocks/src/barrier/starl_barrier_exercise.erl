@@ -1,6 +1,6 @@
-%% @doc How a barrier is exercised: all robots pass round after round, each in its own time.
+%% @doc The exercise of the barrier: all robots pass round after round, each in its own time.
 %%
-%% Promised is that a round is passed when all have reached it and none has died.
+%% It promises that a round is passed when all robots have reached it and none has died.
 -module(starl_barrier_exercise).
 -behaviour(starl_block_exercise).
 
@@ -8,7 +8,7 @@
 -export([watches/0, seen/1, noted/2, promise/3]).
 
 -type robot_id() :: starl_monitor:robot_id().
-%% How far a robot has come at a barrier, and when.
+%% The round that a robot has come to, and the time.
 -type seen() :: #{Name :: term() => #{robot_id() => {pos_integer(), integer()}}}.
 
 -define(WITHIN_MS, 20000).

@@ -1,9 +1,9 @@
-%% @doc One name of a barrier as one robot sees it: how far the robot has come, how far the
-%% others, and what they know of it. Pure; a part of {@link starl_barrier_rounds}.
+%% @doc One name of a barrier as one robot sees it: the rounds that this robot and the others have
+%% reached, and the others' knowledge of this one. Pure; a part of {@link starl_barrier_rounds}.
 %%
-%% All counts only grow, and none is more than what is true: so nobody is taken for further than it
-%% has come. A gate is <em>unsure</em> while what this robot did before is known only from what the
-%% others say.
+%% All counts only grow, and none exceeds the truth: so no robot is taken to have come further than
+%% it has. A gate is <em>unsure</em> while this robot's earlier rounds are known from the others
+%% only.
 -module(starl_barrier_gate).
 
 -export([new/1, recall/1, next/1, is_sure/1, caller/1, counts/1, fact/2]).
@@ -16,18 +16,18 @@
 -type counts() :: #{starl:robot_id() => round()}.
 
 -record(gate, {
-    %% false: known only from what the others say
+    %% false: known from the others only
     sure = true :: boolean(),
     at = 0 :: round(),
     passed = 0 :: round(),
     %% the last round that the application has passed, as far as it knows
     told = 0 :: round(),
-    %% the last round that somebody has surely passed: so all have reached it
+    %% the last round that some robot has surely passed: so all have reached it
     done = 0 :: round(),
     reached = #{} :: counts(),
     heard = #{} :: counts(),
     from = none :: starl_machine:from() | none,
-    %% while it waits: those that it misses
+    %% while it waits: the robots that it misses
     awaited = [] :: [starl:robot_id()]
 }).
 
@@ -37,7 +37,7 @@
 -spec new(IsSure :: boolean()) -> t().
 new(Sure) -> #gate{sure = Sure}.
 
-%% @doc A name of which these counts were stored. Whoever passes knows that all have reached.
+%% @doc A name of which these counts were stored. A robot that passes knows that all have reached.
 -spec recall({At :: round(), Passed :: round()}) -> t().
 recall({At, Passed}) -> #gate{at = At, passed = Passed, told = Passed, done = Passed}.
 
@@ -49,7 +49,7 @@ next(#gate{told = Told}) -> Told + 1.
 -spec is_sure(t()) -> boolean().
 is_sure(#gate{sure = Sure}) -> Sure.
 
-%% @doc Who waits for the round to be passed.
+%% @doc The caller that waits for the round to be passed.
 -spec caller(t()) -> starl_machine:from() | none.
 caller(#gate{from = From}) -> From.
 
@@ -57,8 +57,8 @@ caller(#gate{from = From}) -> From.
 -spec counts(t()) -> {At :: round(), Passed :: round()}.
 counts(#gate{at = At, passed = Passed}) -> {At, Passed}.
 
-%% @doc What another robot may want to know: how far this one has come, how far the other has
-%% been heard of, and the last round surely passed.
+%% @doc The counts to tell another robot: the round that this one has reached, the other's round as
+%% it is known here, and the last round surely passed.
 -spec fact(starl:robot_id(), t()) -> {At :: round(), Reached :: round(), Done :: round()}.
 fact(Robot, #gate{at = At, done = Done, reached = Reached}) ->
     {At, maps:get(Robot, Reached, 0), Done}.
@@ -66,7 +66,7 @@ fact(Robot, #gate{at = At, done = Done, reached = Reached}) ->
 %% -- the robot's own rounds -----------------------------------------------------------------
 
 %% @doc The application says that this is the first round that it has not passed. It knows better
-%% than the others; and a round passed just before a crash it has not been told of.
+%% than the others; but it was not told of a round that was passed just before a crash.
 -spec resume(pos_integer(), t()) -> t().
 resume(Round, #gate{sure = false} = Gate) ->
     Before = Round - 1,
@@ -100,11 +100,11 @@ pass(#gate{at = At, from = From, awaited = []} = Gate) when From =/= none ->
 pass(#gate{}) ->
     waits.
 
-%% @doc Those that the robot waits for.
+%% @doc The robots that this one waits for.
 -spec missed(t()) -> [starl:robot_id()].
 missed(#gate{awaited = Awaited}) -> Awaited.
 
-%% @doc Those of them of which nothing is known.
+%% @doc Those of them whose count is not known.
 -spec unheard(t()) -> [starl:robot_id()].
 unheard(#gate{awaited = Awaited, reached = Reached}) ->
     [Robot || Robot <- Awaited, not is_map_key(Robot, Reached)].
@@ -138,15 +138,15 @@ raise(Robot, Count, Counts) -> Counts#{Robot => max(Count, maps:get(Robot, Count
 remember(Known, #gate{sure = false, at = At} = Gate) when Known > At -> Gate#gate{at = Known};
 remember(_Known, Gate) -> Gate.
 
-%% @doc The same, and it knows that a round has surely been passed by somebody.
+%% @doc The same, and it knows that some robot has surely passed a round.
 -spec learn(starl:robot_id(), round(), Known :: round(), Done :: round(), t()) -> t().
 learn(Robot, Round, Known, Done, #gate{done = Before} = Gate) ->
     hear(Robot, Round, Known, remember(Done, Gate#gate{done = max(Done, Before)})).
 
-%% -- after what was stored is lost ----------------------------------------------------------
+%% -- after a damaged store ------------------------------------------------------------------
 
-%% @doc All that can be known is known. If a witness (that knows its own counts) has not come so
-%% far itself, nobody has passed the round that this robot reached; else it counts as passed.
+%% @doc The others have told all that they know. If a witness (a robot that knows its own counts)
+%% has not reached this robot's round, no robot has passed the round; else it counts as passed.
 -spec assure(Witnesses :: [starl:robot_id()], t()) -> t().
 assure(Witnesses, #gate{sure = false, at = At, reached = Reached} = Gate) ->
     Passed =

@@ -1,6 +1,6 @@
-%% @doc What is checked of the barrier: all robots pass some rounds of one barrier. An application
-%% that waits tells a new machine of its barrier which round that was, as {@link starl_barrier}
-%% does.
+%% @doc The model of the barrier for the exhaustive checker: all robots pass some rounds of one
+%% barrier. When the barrier machine restarts, a waiting application tells it the round that it
+%% waits for, as {@link starl_barrier} does.
 -module(starl_barrier_model).
 -behaviour(starl_block_talk).
 
@@ -10,7 +10,7 @@
 -type place_in_rounds() :: {starl_barrier:name(), Last :: pos_integer()}.
 -type mark() :: round | {sync | resume, starl_barrier:round()}.
 
-%% So patient that it is the checker that decides when a call fails.
+%% A patience so long that the checker decides when a call fails.
 -define(PATIENCE_US, 30000000).
 
 %% @doc The model for a team with these machines.

@@ -1,6 +1,6 @@
 %% @doc The contract of the barrier, as a monitor.
 %%
-%% Safety: nobody passes round K of a name before all participants have reached it; a robot
+%% Safety: no robot passes round K of a name before all participants have reached it; a robot
 %% passes only the round that it has reached last, each once; the round that it reaches is the
 %% one after the last that it has passed, whatever crashes and reboots there are.
 %%
@@ -9,10 +9,10 @@
 %% passed, if another robot's machine has crashed, too, since it reached that one; or with an
 %% earlier one, if the stores of all robots were damaged.
 %%
-%% Progress: whoever has reached a round passes it or fails within `bound_us' (default: none)
-%% of the last participant's reaching it, or, if not all reach it, need not pass. With
-%% `delta_us' (default: none) the last robot passes at most so long after the first. A robot
-%% that died or whose barrier machine crashed may take longer.
+%% Progress: a robot that has reached a round passes it or fails within `bound_us' (default: none)
+%% of the last participant's reaching it; if not all reach it, it need not pass. `delta_us'
+%% (default: none) bounds the time between the first and the last robot's passing. A robot that died
+%% or whose barrier machine crashed may take longer.
 %%
 %% Events of machine `barrier': {@link starl_barrier_rounds:event()}, `crashed', `store_damaged';
 %% of machine `robot': `died'.
@@ -26,8 +26,8 @@
 
 -type key() :: {name(), robot_id()}.
 
-%% What another robot has known of this one may be forgotten; what this one has stored is damaged,
-%% and that, too; or nobody knows anything, as all robots' stores are damaged.
+%% The damage since a round was reached: another robot may have forgotten its count of this one; or
+%% this one's store is damaged, and the other may have forgotten, too; or all stores are damaged.
 -type doubt() :: forgotten | damaged | damaged_and_forgotten | lost.
 
 %% A round that not all have passed: when the last robot reached it, and when which robots
@@ -56,7 +56,7 @@
     failed = 0 :: non_neg_integer()
 }).
 
-%% @doc `robots': who takes part; the other keys: see above.
+%% @doc `robots': the participants; the other keys: see above.
 -spec init(#{
     robots := [robot_id()],
     bound_us => pos_integer() | infinity,
@@ -84,8 +84,8 @@ interests() -> [barrier, robot].
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() -> #{barrier => [{reached, 2}, {passed, 2}, {failed, 3}]}.
 
-%% @doc How far each robot has come; without `bound_us' and `delta_us' nothing else is judged. The
-%% checker damages no store, so what the others have forgotten makes no difference.
+%% @doc The rounds that each robot has reached and passed; without `bound_us' and `delta_us' nothing
+%% else is judged. The checker damages no store, so the others' forgetting makes no difference.
 -spec timeless(#state{}) -> term().
 timeless(#state{reached = Reached, at = At, passed = Passed, doubts = Doubts}) ->
     {Reached, At, Passed, maps:filter(fun(_Key, Doubt) -> Doubt =/= forgotten end, Doubts)}.

@@ -1,4 +1,4 @@
-%% @doc Barriers by counting rounds.
+%% @doc The machine of the barrier: it counts the rounds of each name.
 %% ```
 %%   robot                                       all others
 %%     | reached {Name, K} ------------------------->|   once, when the robot reaches round K
@@ -7,22 +7,22 @@
 %%     | reached {Name, K, ask} -------------------->|   now and then, to those it misses
 %%     |<--- reached {Name, their K, what they know} |
 %%
-%%     | who --------------------------------------->|   if what it stored is damaged
+%%     | who --------------------------------------->|   if its store is damaged
 %%     |<-------- told [{Name, their K, my K, ...}]  |
 %% '''
-%% What is known of a name ({@link starl_barrier_gate}) is how far each robot has come; that only
-%% grows, so what is late or comes twice changes nothing, and no entry is ever deleted that it
-%% could bring back.
+%% For each name a robot keeps the rounds that each robot has reached ({@link starl_barrier_gate}).
+%% These counts only grow, so a message that is late or comes twice changes nothing. No entry is
+%% ever deleted, so such a message brings none back.
 %%
-%% Its own counts the robot stores: that it has reached a round before it says so, that it has
-%% passed one before it answers. So they outlive a crash of the machine and a reboot of the robot.
-%% How far the others are it asks when it next waits for them.
+%% The robot stores its own counts: a reached round before it announces it, a passed round before it
+%% answers. So they outlive a crash of the machine and a reboot of the robot. It asks for the
+%% others' counts when it next waits for them.
 %%
-%% Only where the store is damaged do the others tell how far this robot was: it passes only when
-%% it also knows that all others know that it has reached the round, so any of them can. They know
-%% what it reached, not what it passed. If one of them has not come so far itself, nobody has
-%% passed that round; else it counts as passed, so the next `sync' is for the round after it and
-%% waits for all, whatever the robot did before.
+%% Only if the store is damaged do the others tell this robot's count. Any of them can: a robot
+%% passes only when it also knows that all others know that it has reached the round. They know the
+%% round that it reached, not whether it passed. If one of them has not reached that round itself,
+%% no robot has passed it; else it counts as passed, so the next `sync' is for the round after it
+%% and waits for all.
 %%
 %% Calls: `{round, Name}' (the round that the next `sync' is for), `{sync, Name, Round, Us}'
 %% (answer `ok' or `{error, timeout}'), `{resume, Name, Round}' (after a crash: the application has
@@ -34,7 +34,7 @@
 
 -export_type([event/0]).
 
-%% What it traces, of each round of a name.
+%% The trace of each round of a name.
 -type event() ::
     {reached, starl_barrier:name(), starl_barrier:round()}
     | {passed, starl_barrier:name(), starl_barrier:round()}
@@ -48,13 +48,13 @@
     incarnation :: pos_integer(),
     retry_us :: pos_integer(),
     gates = #{} :: #{starl_barrier:name() => starl_barrier_gate:t()},
-    %% is what this robot did before known, from its store or from the others?
+    %% are this robot's earlier rounds known, from its store or from the others?
     settled :: boolean(),
-    %% if the store is damaged: who has not told yet what it knows, and who of the others has told
-    %% and knew its own counts
+    %% if the store is damaged: the robots that have not answered yet, and those that have answered
+    %% and knew their own counts
     untold = [] :: [starl:robot_id()],
     witnesses = [] :: [starl:robot_id()],
-    %% who asked for a round before that was known
+    %% the callers that asked for a round before that was known
     asking = #{} :: #{{starl_machine:name(), starl_barrier:name()} => starl_machine:from()}
 }).
 
@@ -169,7 +169,7 @@ reach(From, Name, Round, Us, #barrier{retry_us = Retry, others = Others} = Barri
     ],
     check(Name, First ++ Timers, At).
 
-%% What the others had told it before a crash, they are asked for again.
+%% The counts that the others told before a crash are asked for again.
 ask_forgotten(_Name, #barrier{incarnation = 1}) ->
     [];
 ask_forgotten(Name, Barrier) ->
@@ -184,7 +184,7 @@ announce(Name, Round, Barrier) ->
             {announced, Name, Round}},
     [store(Barrier), {trace, {reached, Name, Round}}, Announce].
 
-%% What must not be forgotten: how far the robot has come; `partial': of these names only.
+%% The counts that must not be forgotten: the robot's own; `partial': of these names only.
 store(#barrier{gates = Gates, settled = Settled}) ->
     Sure = maps:filter(fun(_Name, Gate) -> starl_barrier_gate:is_sure(Gate) end, Gates),
     Counts = maps:map(fun(_Name, Gate) -> starl_barrier_gate:counts(Gate) end, Sure),
@@ -195,7 +195,7 @@ store(#barrier{gates = Gates, settled = Settled}) ->
         end,
     {store, {Extent, Counts}}.
 
-%% Passes, if all is well.
+%% Passes, if all robots have reached the round and know it of this one.
 check(Name, Actions, Barrier) ->
     case starl_barrier_gate:pass(gate(Name, Barrier)) of
         {passed, From, Round, Gate} ->
@@ -257,7 +257,7 @@ caller_restarted(Caller, #barrier{gates = Gates, asking = Asking} = Barrier) ->
 hear(Name, Robot, Round, Known, Barrier) ->
     put_gate(Name, starl_barrier_gate:hear(Robot, Round, Known, gate(Name, Barrier)), Barrier).
 
-%% The outcome of the announcement says who knows.
+%% The outcome of the announcement tells which robots know it.
 announced(Name, Round, Outcome, #barrier{others = Others} = Barrier) ->
     Deaf =
         case Outcome of
@@ -274,7 +274,7 @@ report(Name, To, Answer, Barrier) ->
     {At, Reached, _} = starl_barrier_gate:fact(To, gate(Name, Barrier)),
     starl_sap:post(To, barrier, {reached, Name, At, Reached, Answer}).
 
-%% -- after what was stored is lost ----------------------------------------------------------
+%% -- after a damaged store ------------------------------------------------------------------
 
 ask_untold(#barrier{untold = []}) ->
     [];
@@ -284,7 +284,7 @@ ask_untold(#barrier{untold = Untold, incarnation = Incarnation, retry_us = Retry
         | [starl_sap:post(Other, barrier, {who, Incarnation}) || Other <- Untold]
     ].
 
-%% What one knows of a name: its own count, the asker's, and the last round surely passed.
+%% A robot's knowledge of a name: its own count, the asker's, and the last round surely passed.
 fact(Asker, {Name, Gate}) ->
     {At, Reached, Done} = starl_barrier_gate:fact(Asker, Gate),
     {Name, At, Reached, Done}.
@@ -306,7 +306,7 @@ told(Certain, Facts, From, #barrier{untold = Untold, witnesses = Witnesses} = Ba
         #barrier{} -> {keep_state, Learned, []}
     end.
 
-%% All that can be known is known.
+%% The others have told all that they know.
 settle(#barrier{gates = Gates, witnesses = Witnesses, asking = Asking} = Barrier) ->
     Assured = maps:map(fun(_, Gate) -> starl_barrier_gate:assure(Witnesses, Gate) end, Gates),
     Settled = Barrier#barrier{settled = true, gates = Assured},

@@ -16,7 +16,7 @@
 -export([increment/1, value/1, within_ms/2]).
 -export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0]).
 
-%% @doc Counts one more; gives the value, with it.
+%% @doc Adds one, and returns the new value.
 -spec increment(starl:robot()) -> {ok, Value :: pos_integer()} | {error, restarted}.
 increment(Robot) -> starl:call(Robot, counter, increment, infinity).
 
@@ -41,8 +41,9 @@ monitors(#{gossip_ms := Ms}, #{robots := Robots}) ->
     Within = 1000 * within_ms(Ms, length(Robots)),
     [{starl_counter_monitor, #{robots => Robots, within_us => Within}}].
 
-%% @doc So long (ms) after the last increment all robots agree, when messages get through: each
-%% tells all others in turn, twice, as the first message to a robot that has restarted may be refused.
+%% @doc The time (ms) after the last increment within which all robots agree, when messages get
+%% through: each robot tells all others in turn, twice, as the first message to a robot that has
+%% restarted may be refused.
 -spec within_ms(GossipMs :: pos_integer(), Robots :: pos_integer()) -> pos_integer().
 within_ms(Gossip, Robots) when is_integer(Gossip), is_integer(Robots) ->
     5000 + 2 * Robots * Gossip.

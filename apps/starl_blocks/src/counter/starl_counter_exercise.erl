@@ -1,12 +1,12 @@
-%% @doc How the counter is exercised: each robot reads it every turn and counts now and then.
+%% @doc The exercise of the counter: each robot reads it every turn and counts now and then.
 %%
-%% Promised is an answer; that all come to agree, the block's own contract says.
+%% It promises that each call is answered; the block's own contract covers agreement.
 -module(starl_counter_exercise).
 -behaviour(starl_block_exercise).
 
 -export([flags/0, block_options/1, within_ms/1, draw/1, work/3, final/3, promise/3]).
 
-%% One turn in so many counts.
+%% One turn in this many counts.
 -define(TURNS, 3).
 
 -spec flags() -> [starl_options:option()].

@@ -1,12 +1,12 @@
-%% @doc A counter that only grows, by gossip: each robot has an entry for every robot, and tells what
-%% it has to the others in turn; of two numbers for one entry the larger is the later one.
+%% @doc A counter that only grows, by gossip: each robot has an entry for every robot, and tells its
+%% entries to the others in turn; of two numbers for one entry the larger is the later one.
 %% ```
 %%   robot                                     the next of the others
 %%     | entries [{Robot, Life, Count}] ------------>|   takes the larger of each
 %%     |            (after gossip_ms: to the one after that)
 %% '''
-%% A restarted machine has forgotten how far it had counted. It counts in an entry of its own, that of
-%% its life, so no entry ever goes back and nothing need be stored.
+%% A restarted machine has forgotten its count. It counts in a new entry, that of its life, so no
+%% entry ever goes back and nothing need be stored.
 %%
 %% Calls: `increment' and `value', answered with the value. Trace: `{incremented, Value}',
 %% `{holds, Value}' when others are heard to have counted, `{read, Value}'.
@@ -73,7 +73,7 @@ value(#counter{entries = Entries}) -> lists:sum(maps:values(Entries)).
 
 gossip(#counter{gossip_us = Us}) -> {{timeout, gossip}, Us, gossip}.
 
-%% Who has heard of nothing has nothing to tell.
+%% A robot without entries has nothing to tell.
 tell(#counter{others = [To | Others], entries = Entries} = Counter) when map_size(Entries) > 0 ->
     List = [{Robot, Life, N} || {{Robot, Life}, N} <- lists:sort(maps:to_list(Entries))],
     {Counter#counter{others = Others ++ [To]}, [starl_sap:post(To, counter, {entries, List})]};

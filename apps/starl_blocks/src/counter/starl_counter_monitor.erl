@@ -3,7 +3,7 @@
 %% Safety: the value of a robot never goes back, except after a crash of its machine, and never
 %% exceeds the number of increments that were made.
 %%
-%% Progress, with `within_us' (default: none): so long after the last increment and the last crash or
+%% Progress: at most `within_us' (default: none) after the last increment and the last crash or
 %% death of a robot, and after `healed_us' (default 0; when the last fault is over, see
 %% {@link context/2}), all robots alive have the same value.
 %%
@@ -36,7 +36,7 @@ init(#{robots := Robots} = Config) ->
         values = maps:from_keys(Robots, 0)
     }.
 
-%% @doc Told when nothing goes wrong any more.
+%% @doc The configuration with the end of all faults.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{healed_us := Healed}, Config) -> maps:merge(#{healed_us => Healed}, Config).
 
@@ -48,7 +48,7 @@ interests() -> [counter, robot].
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() -> #{counter => [{incremented, 1}, {holds, 1}, {read, 1}]}.
 
-%% @doc What was made and what each robot has; without `within_us' nothing else is judged.
+%% @doc The increments and each robot's value; without `within_us' nothing else is judged.
 -spec timeless(#state{}) -> term().
 timeless(#state{made = Made, values = Values}) -> {Made, Values}.
 

@@ -1,4 +1,4 @@
-%% @doc The exercise of the election: elections that follow one another, entered at different times.
+%% @doc The exercise of elections: they follow one another, and robots enter at different times.
 %%
 %% It promises a leader, when all robots take part and none has died.
 -module(starl_election_exercise).

@@ -1,6 +1,6 @@
-%% @doc The operations of a robot on tokens: a request looks for a token; a token comes, is confirmed
-%% by its home, is held, lapses and is handed over. Pure; together with {@link starl_mutex_acquire}
-%% these are the operations of {@link starl_mutex_tokens}.
+%% @doc The operations of a robot on tokens: a request looks for a token; a token comes, is
+%% confirmed by its home, is held, lapses and is handed over. Pure; together with
+%% {@link starl_mutex_acquire} these are the operations of {@link starl_mutex_tokens}.
 -module(starl_mutex_robot).
 
 -export([owner/3, sap_restarted/1]).

@@ -1,10 +1,10 @@
 %% @doc A hybrid logical clock (Kulkarni, Demirbas et al., "Logical physical clocks", 2014).
 %%
 %% A stamp is a time that is not behind the own clock nor any stamp seen, a counter within that
-%% time, and the robot, so that no two stamps are equal and all are ordered like terms. A clock
-%% accepts no stamp that is more than its bound ahead of the own physical clock; so its time is
-%% never more than that ahead, and a clock that starts so far ahead ({@link after_restart/4}) is
-%% beyond everything that it gave before, without having kept anything.
+%% time, and the robot, so that no two stamps are equal and all have Erlang's order of terms. A
+%% clock accepts no stamp that is more than its bound ahead of the own physical clock; so its time
+%% is never further ahead. A clock that starts ahead by the bound ({@link after_restart/4}) is later
+%% than all stamps that it gave before, without having stored anything.
 -module(starl_hlc).
 
 -export([new/2, after_restart/4, stamp/2, observe/3, admits/3, now/1]).
@@ -23,8 +23,8 @@
 
 -opaque t() :: #hlc{}.
 
-%% @doc The clock of a robot that was never stamped before. `AheadUs': how far stamps may be
-%% ahead of its physical clock.
+%% @doc The clock of a robot that has given no stamp before. `AheadUs': the most by which stamps may
+%% be ahead of its physical clock.
 -spec new(starl:robot_id(), AheadUs :: non_neg_integer()) -> t().
 new(Robot, AheadUs) -> #hlc{robot = Robot, ahead_us = AheadUs, time = beginning}.
 

@@ -1,11 +1,11 @@
 %% @doc Registers that all robots share: the interface.
 %%
 %% A register has a name and a value, both any terms; each robot has a copy of all. A write is
-%% seen at once at home and soon everywhere; of two writes the later wins, everywhere the same
-%% (by a hybrid logical clock, {@link starl_hlc}). Guarantee: a read returns what somebody wrote;
-%% reads at one robot never go back to an earlier write, unless its machine restarted; when
-%% writes stop and messages get through, all robots agree. It is no transaction: two robots that
-%% read and then write may lose one of the writes; for that there is mutual exclusion.
+%% seen at once at its writer and soon at all robots; of two writes the later one wins, at all
+%% robots the same (by a hybrid logical clock, {@link starl_hlc}). Guarantee: a read returns a value
+%% that a robot wrote; reads at one robot never go back to an earlier write, unless its machine
+%% restarted; when writes stop and messages get through, all robots agree. Reading and then writing
+%% is no transaction: of two robots that do so one may lose its write; use mutual exclusion then.
 %%
 %% With the option `owners' a register has one writer only.
 -module(starl_registers).
@@ -18,7 +18,7 @@
 
 -type name() :: term().
 
-%% @doc Writes a register. `full': it would be one more than there may be.
+%% @doc Writes a register. `full': the robot may add no further register.
 -spec put(starl:robot(), name(), Value :: term()) ->
     ok | {error, not_owner | full | restarted}.
 put(Robot, Name, Value) -> flatten(starl:call(Robot, registers, {put, Name, Value}, infinity)).
@@ -66,8 +66,8 @@ monitors(#{owners := Owners, sync_ms := Sync, ahead_ms := Ahead}, #{robots := Ro
         }}
     ].
 
-%% @doc So long (ms) after the last write all robots agree, when messages get through, with this
-%% mean time between two exchanges.
+%% @doc The time (ms) after the last write within which all robots agree, when messages get through,
+%% with this mean time between two exchanges.
 -spec within_ms(SyncMs :: pos_integer()) -> pos_integer().
 within_ms(Sync) -> 5000 + round(15 * Sync).
 

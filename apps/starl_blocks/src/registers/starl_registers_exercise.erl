@@ -1,6 +1,6 @@
-%% @doc How the registers are exercised: each robot reads some every turn, and writes now and then.
+%% @doc The exercise of the registers: each robot reads some every turn, and writes now and then.
 %%
-%% Promised is an answer, and that another robot's write has come, unless its machine has crashed
+%% It promises an answer, and that another robot's write has come, unless its machine has crashed
 %% since.
 -module(starl_registers_exercise).
 -behaviour(starl_block_exercise).
@@ -9,13 +9,13 @@
 -export([watches/0, seen/1, noted/2, promise/3]).
 
 -type robot_id() :: starl_monitor:robot_id().
-%% When a register was written last, and by whom; and when all clocks admit the stamps of machines
-%% with damaged stores, at the latest ({@link starl_registers_monitor}).
+%% The last write of a register: its time and writer; and the time at which, at the latest, all
+%% clocks admit the stamps of machines with damaged stores ({@link starl_registers_monitor}).
 -type seen() :: {#{Name :: term() => {robot_id(), integer()}}, AdmittedUs :: integer()}.
 
 %% Registers are read every turn, and written so rarely.
 -define(TURNS_A_WRITE, 3).
-%% So often a register is looked at that has to come.
+%% The number of times that a robot looks for a register that has to come.
 -define(LEARN_MS, 500).
 %% More than the faults of clocks add up to.
 -define(AHEAD_MS, 60000).

@@ -10,20 +10,20 @@
 %%     | want [Name] --------------------------->|   what is later there
 %%     |<--------- entries [{Name, Value, Stamp}]|
 %% '''
-%% Writes are announced by a broadcast of SAP; the exchange of digests repairs whatever that
-%% misses: partitions, restarts, robots out of range. A restarted machine knows nothing: it asks
-%% some others first and answers its application when the first has told what it has, or after
-%% `recover_ms'. A stamp more than `ahead_ms' ahead of the own clock is not taken until the own
-%% clock has come nearer; so `ahead_ms' must exceed the clocks' differences.
+%% Writes are announced by a broadcast of SAP; the exchange of digests repairs losses by partitions,
+%% restarts and robots out of range. A restarted machine knows nothing: it first asks some other
+%% robots, and answers its application when the first has told its registers, or after `recover_ms'.
+%% A stamp more than `ahead_ms' ahead of the own clock is not taken until the own clock has come
+%% nearer; so `ahead_ms' must exceed the clocks' differences.
 %%
-%% Before a stamp is given a later time is stored, and no stamp reaches that time before a later
-%% one is: the clock of a restarted machine starts there, beyond all that it has ever given,
-%% whatever the physical clock shows. Where the store is damaged it starts so far ahead that only a
-%% physical clock that has run backwards can spoil it ({@link starl_hlc}).
+%% The machine stores a time later than all stamps that it gives; before a stamp reaches that time,
+%% it stores a later one. The clock of a restarted machine starts there, later than all stamps that
+%% it has ever given, at any value of the physical clock. If the store is damaged it starts so far
+%% ahead that only a physical clock that has run backwards can spoil it ({@link starl_hlc}).
 %%
-%% `limit' bounds what a robot adds: a register that another one has added is taken, full or not, or
-%% else two robots that are full of different registers would never agree. So there are at most
-%% `limit' registers times robots.
+%% `limit' bounds the registers that a robot adds: a register that another one has added is always
+%% taken, or else two robots that are full of different registers would never agree. So there are at
+%% most `limit' registers times robots.
 %%
 %% Calls: `{put, Name, Value}' (answer `ok', `{error, not_owner | full}'), `{get, Name}' (answer
 %% `{ok, Value}', `{error, unset}'). Cast: `{subscribe, Name, Machine}'; the subscriber gets the
@@ -35,7 +35,7 @@
 
 -export_type([config/0, event/0]).
 
-%% What it traces; a hash is one of the value.
+%% The trace of the registers; a hash is that of the value.
 -type event() ::
     {put, starl_registers:name(), Hash :: non_neg_integer(), starl_hlc:stamp()}
     %% a read, and what it returned
@@ -43,13 +43,13 @@
     | {got, starl_registers:name(), unset}
     %% the copy of this robot has changed
     | {holds, starl_registers:name(), starl_hlc:stamp()}
-    %% what another robot told is not taken: its stamp is too far ahead of the own clock, or its
-    %% writer may not write it
+    %% another robot's entry is not taken: its stamp is too far ahead of the own clock, or its
+    %% writer may not write the register
     | {too_far_ahead, starl_registers:name(), starl_hlc:stamp()}
     | {refused, starl_registers:name(), Writer :: starl:robot_id(), not_owner}.
 
 %% `owners': the only writers of these registers; `ahead_ms': see above; `sync_ms': the mean time
-%% between two exchanges; `limit': how many registers there may be.
+%% between two exchanges; `limit': the most registers that a robot adds.
 -type config() :: #{
     owners => #{starl_registers:name() => starl:robot_id()},
     ahead_ms => pos_integer(),
@@ -60,9 +60,9 @@
 
 -type entry() :: {starl_registers:name(), Value :: term(), starl_hlc:stamp()}.
 
-%% So many others are asked after a restart.
+%% The number of other robots that are asked after a restart.
 -define(ASKED, 3).
-%% The time that is stored is so far ahead: so rarely, at most, is one stored.
+%% The stored time is ahead by this, so a time is stored at most once in this time.
 -define(RESERVED_US, 1000000).
 
 -record(lww, {
@@ -197,7 +197,7 @@ write(From, Name, Value, Now, #lww{clock = Clock0} = Lww) ->
                 Announce, {reply, From, ok}
             ]}.
 
-%% What is stored comes before everything that follows from the stamp.
+%% The store comes before every action that follows from the stamp.
 reserve({Time, _, _}, #lww{reserved = Reserved} = Lww) when is_integer(Reserved), Time < Reserved ->
     {[], Lww};
 reserve({Time, _, _}, Lww) ->
@@ -232,7 +232,7 @@ message({digest, Theirs}, Source, _Now, #lww{entries = Entries} = Lww) ->
         not is_map_key(Name, Known) orelse map_get(Name, Known) < S
     ],
     Want = [Name || {Name, Stamp} <- Theirs, is_later(Name, Stamp, Entries)],
-    %% who knows nothing waits for an answer, be it empty
+    %% a robot that knows nothing waits for an answer, even an empty one
     Told = Later =/= [] orelse Theirs =:= [],
     {Lww,
         [post(Source, {entries, Later}) || Told] ++
@@ -303,7 +303,7 @@ tick(#lww{random = Random0, sync_us = Mean} = Lww) ->
     {Us, Random} = rand:uniform_s(Mean, Random0),
     {{{timeout, sync}, Mean div 2 + Us, sync}, Lww#lww{random = Random}}.
 
-%% So many different robots, or all.
+%% `N' different robots, or all.
 draw(0, _Robots, Lww) ->
     {[], Lww};
 draw(_N, [], Lww) ->

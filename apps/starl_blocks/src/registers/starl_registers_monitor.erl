@@ -6,12 +6,12 @@
 %% machine had stored is damaged, and carry its number; a register with an owner is written by it
 %% only.
 %%
-%% Progress, with `bound_us': so long after the last write of a register and the last crash or
-%% death of a robot, and after `healed_us' (default 0; when the last fault is over, see
-%% {@link context/2}), all robots alive hold the same write of it. With `within_us' in its place
-%% faults do not widen the bound. A machine whose store is damaged may begin so far ahead that slower
-%% clocks admit no stamp that follows until they are as far: that adds `apart_us' after its start, by
-%% how much physical clocks may differ (default 0).
+%% Progress: at most `bound_us' after the last write of a register and the last crash or death of a
+%% robot, and after `healed_us' (default 0; when the last fault is over, see {@link context/2}), all
+%% robots alive hold the same write of it. With `within_us' in its place faults do not widen the
+%% bound. A machine whose store is damaged may begin so far ahead that slower clocks admit none of
+%% its stamps until they are as far: that adds `apart_us' after its start, the greatest difference
+%% of physical clocks (default 0).
 %%
 %% Events of machine `registers': {@link starl_registers_lww:event()}, `crashed',
 %% `store_damaged'; of machine `robot': `died'.
@@ -30,7 +30,7 @@
     bound_us :: pos_integer() | infinity,
     healed :: integer() | never,
     apart_us :: non_neg_integer(),
-    %% when all clocks admit what machines with damaged stores write, at the latest
+    %% when, at the latest, all clocks admit the stamps of machines with damaged stores
     admitted = 0 :: integer(),
     writes = #{} :: #{{name(), stamp()} => Hash :: integer()},
     %% each robot's last stamp, last read of a register, and present copies
@@ -63,7 +63,8 @@ init(#{robots := Robots} = Config) ->
         apart_us = maps:get(apart_us, Config, 0)
     }.
 
-%% @doc Told when nothing goes wrong any more; faults of clocks and processes widen `bound_us'.
+%% @doc The configuration with the end of all faults; faults of clocks and processes widen
+%% `bound_us'.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{healed_us := Healed, slack_us := Slack}, Config) ->
     Told = maps:merge(#{healed_us => Healed}, Config),
@@ -85,7 +86,7 @@ vocabulary() ->
         ]
     }.
 
-%% @doc What was written and read; without `bound_us' nothing else is judged.
+%% @doc The writes and reads; without `bound_us' nothing else is judged.
 -spec timeless(#state{}) -> term().
 timeless(#state{writes = Writes, stamps = Stamps, read = Read}) -> {Writes, Stamps, Read}.
 
