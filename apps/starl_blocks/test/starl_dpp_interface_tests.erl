@@ -72,7 +72,7 @@ mistakes_test() ->
     ].
 
 %% The participant is told what it needs of the configuration, the coordinator all.
-blocks_test() ->
+machines_test() ->
     Config = #{slack => 5.0, lease_ms => 1000, drift_ppm => 1, jump_ms => 2, horizon => 9.0},
     ?assertEqual(
         [
