@@ -49,7 +49,7 @@ command(["--version" | _]) -> show(["starl ", version(), "\n"]);
 command([Name | Args]) -> found(starl_cli_command:find(Name), Name, Args).
 
 found({ok, Command}, _Name, Args) ->
-    starl_cli_command:run(Command, Args);
+    starl_cli_dispatch:run(Command, Args);
 found({error, [Near | _]}, Name, _Args) ->
     refuse(["unknown command ", Name, " (did you mean ", Near, "?)"]);
 found({error, []}, Name, _Args) ->

@@ -2,7 +2,7 @@
 -module(starl_cli_check_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-check(Args) -> starl_cli_command:run(starl_cli_check, Args).
+check(Args) -> starl_cli_dispatch:run(starl_cli_check, Args).
 
 refused_test_() ->
     [

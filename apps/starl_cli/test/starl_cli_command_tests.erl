@@ -139,7 +139,7 @@ every_command_is_listed_test() ->
 %% The word may stand behind flags.
 a_choice_behind_flags_test() ->
     {ok, #{subject := Block, values := Values}} =
-        starl_cli_command:read(starl_cli_check, ["--robots", "2", "mutex", "--depth", "3"]),
+        starl_cli_dispatch:read(starl_cli_check, ["--robots", "2", "mutex", "--depth", "3"]),
     ?assertEqual(mutex, Block),
     ?assertMatch(#{robots := 2, depth := 3, quiet := false}, Values).
 

@@ -91,7 +91,7 @@ until_time_test_() ->
     end}.
 
 setup(Args) ->
-    case starl_cli_command:read(starl_cli_replay, Args) of
+    case starl_cli_dispatch:read(starl_cli_replay, Args) of
         {ok, Call} -> starl_cli_replay:setup(Call);
         Other -> Other
     end.
@@ -143,6 +143,6 @@ a_record_is_run_as_it_was_test() ->
         }})),
         ?assertMatch({ok, #{record := #{}, run := #{scenario := Scenario}}}, setup([Dir])),
         ?assertMatch({error, [_]}, setup([Dir, "--loss", "0.3"])),
-        {ok, Call} = starl_cli_command:read(starl_cli_run, [Dir]),
+        {ok, Call} = starl_cli_dispatch:read(starl_cli_run, [Dir]),
         ?assertMatch({ok, #{scenario := Scenario}}, starl_cli_setup:check(Call))
     end).

@@ -3,7 +3,7 @@
 -include_lib("eunit/include/eunit.hrl").
 
 setup(Args) ->
-    case starl_cli_command:read(starl_cli_run, Args) of
+    case starl_cli_dispatch:read(starl_cli_run, Args) of
         {ok, Call} -> starl_cli_setup:check(Call);
         Other -> Other
     end.

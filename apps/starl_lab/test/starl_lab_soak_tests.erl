@@ -81,7 +81,7 @@ replayed() ->
             Replay = unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario)),
             Words = string:lexemes(lists:flatten(Replay), " "),
             ["./starl", "run" | Args] = [string:trim(W, both, "'") || W <- Words],
-            {ok, Call} = starl_cli_command:read(starl_cli_run, Args),
+            {ok, Call} = starl_cli_dispatch:read(starl_cli_run, Args),
             {ok, #{scenario := Again}} = starl_cli_setup:check(Call),
             ?assertEqual({Block, Seed, Scenario}, {Block, Seed, Again})
         end

@@ -1,13 +1,12 @@
-%% @doc The behaviour of a command of `./starl', and the code that all commands share: it reads the
-%% first word and the flags, answers `--help', and reports bad input.
+%% @doc The behaviour of a command of `./starl'.
 %%
-%% A command declares its name, its arguments and its purpose. The dispatch, both help texts
-%% ({@link starl_cli_usage}), the argument parser and the words for completion all follow from this
-%% declaration. The parser reports all problems at once. An OTP application lists its commands in
-%% its `.app' file ({@link starl_cli_catalogue}).
+%% A command declares its name, its arguments and its purpose. The dispatch and the parser of
+%% arguments (`starl_cli_dispatch'), both help texts (`starl_cli_usage') and the words for completion
+%% all follow from this declaration. An OTP application lists its commands in its `.app' file ({@link
+%% starl_cli_catalogue}).
 -module(starl_cli_command).
 
--export([all/0, find/1, run/2, read/2]).
+-export([all/0, find/1]).
 -export([argument/1, flags/2, statuses/1]).
 
 -export_type([argument/0, choices/0, subject/0, paragraph/0, group/0, call/0, answer/0]).
@@ -79,117 +78,6 @@ find(Name) ->
         {_, Module} -> {ok, Module};
         false -> {error, starl_cli_flags:nearest(Name, [Known || {Known, _} <- Named])}
     end.
-
-%% @doc Runs a command with its arguments; gives the exit status.
--spec run(module(), [string()]) -> starl_cli_terminal:status().
-run(Command, Args) ->
-    case read(Command, Args) of
-        {ok, Call} -> answered(Command:run(Call), Command);
-        {help, Word, Subject} -> show(starl_cli_usage:command(Command, Word, Subject));
-        {error, _} = Error -> answered(Error, Command)
-    end.
-
-answered({error, Problems}, Command) ->
-    starl_cli_terminal:bad_input([[Command:name(), ": ", Problem] || Problem <- Problems]);
-answered(Status, _Command) ->
-    Status.
-
-show(Text) ->
-    starl_cli_terminal:out(Text),
-    0.
-
-%% @doc Reads the arguments of a command and reports all problems at once.
--spec read(module(), [string()]) ->
-    {ok, call()}
-    | {help, Word :: string() | none, subject()}
-    | {error, [unicode:chardata(), ...]}.
-read(Command, Args) ->
-    Argument = argument(Command),
-    case {take(Argument, Args), is_help_wanted(Args)} of
-        {none, true} -> {help, none, none};
-        {none, false} -> without_word(Argument, Command, Args);
-        {{Word, Others}, Help} -> with_word(Argument, Command, {Word, Others, Args}, Help)
-    end.
-
-%% The word comes first. After flags it is recognized if it names something known.
-take(none, _Args) ->
-    none;
-take(_Argument, [[C | _] = Word | Others]) when C =/= $- ->
-    {Word, Others};
-take({_, _, Known}, Args) ->
-    case lists:splitwith(fun(Arg) -> not is_subject(Known, Arg) end, Args) of
-        {Before, [Word | After]} -> {Word, Before ++ After};
-        {_, []} -> none
-    end.
-
-is_subject({example, _}, Word) -> starl_cli_target:looks_like_one(Word);
-is_subject(Choices, Word) -> lists:member(Word, names(Choices)).
-
-is_help_wanted(Args) -> lists:member("--help", Args) orelse lists:member("-h", Args).
-
-without_word({required, Placeholder, Known}, Command, _Args) ->
-    {error, [["name a ", string:lowercase(Placeholder), " first, ", hint(Known, Command)]]};
-without_word(_Argument, Command, Args) ->
-    parsed(Command, none, Args, Args).
-
-hint({example, Word}, Command) ->
-    Name = Command:name(),
-    ["as in ./starl ", Name, " ", Word, "; ./starl ", Name, " --help tells more"];
-hint(Choices, _Command) ->
-    ["one of ", lists:join(", ", names(Choices))].
-
-with_word({_, Placeholder, Known}, Command, {Word, Others, Args}, Help) ->
-    case {subject(Known, Placeholder, Command, Word, Others), Help} of
-        {{ok, Subject, _}, true} -> {help, Word, Subject};
-        {{ok, Subject, Rest}, false} -> parsed(Command, Subject, Rest, Args);
-        {{error, _} = Error, _} -> Error
-    end.
-
-subject({example, _}, _Placeholder, Command, Word, Args) ->
-    Command:subject(Word, Args);
-subject(Choices, Placeholder, Command, Word, Args) ->
-    case [Name || {Name, _} <- Choices, atom_to_list(Name) =:= Word] of
-        [Name] -> {ok, Name, Args};
-        [] -> other(Choices, Placeholder, Command, {Word, Args})
-    end.
-
-%% A file of the user's own may stand for one of the choices.
-other(Choices, Placeholder, Command, {Word, Args}) ->
-    Takes = erlang:function_exported(Command, subject, 2) andalso filename:extension(Word) =:= ".erl",
-    case Takes of
-        true -> Command:subject(Word, Args);
-        false -> {error, [unknown(Word, string:lowercase(Placeholder), names(Choices))]}
-    end.
-
-unknown(Word, What, Names) ->
-    case starl_cli_flags:nearest(Word, Names) of
-        [Near | _] -> ["there is no ", What, " ", Word, " (did you mean ", Near, "?)"];
-        [] -> ["there is no ", What, " ", Word, "; there are ", lists:join(", ", Names)]
-    end.
-
-names(Choices) -> [atom_to_list(Name) || {Name, _} <- Choices].
-
-parsed(Command, Subject, Rest, Args) ->
-    Flags = lists:append([Some || {_, Some} <- flags(Command, Subject)]),
-    case starl_cli_flags:parse(Rest, Flags) of
-        {ok, Given} ->
-            {ok, #{
-                subject => Subject,
-                given => Given,
-                values => maps:merge(starl_cli_flags:defaults(Flags), Given),
-                args => Args
-            }};
-        {error, Problems} ->
-            Lines = [starl_cli_flags:format_problem(Problem) || Problem <- Problems],
-            {error, Lines ++ in_file(Subject)}
-    end.
-
-%% Problems of a scenario file are reported together with the others.
-in_file(#{app := _, given := Given} = Target) ->
-    {Problems, _} = starl_cli_setup:scenario(Target, Given),
-    Problems;
-in_file(_Subject) ->
-    [].
 
 %% -- optional callbacks ---------------------------------------------------------------------
 
