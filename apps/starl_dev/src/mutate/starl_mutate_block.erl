@@ -50,7 +50,7 @@ blocks() ->
         sap => #{
             sources => [
                 "apps/starl_platform/src/services/starl_{sap,packet}*.erl",
-                "apps/starl_platform/src/starl_sap_*.erl"
+                "apps/starl_platform/src/contracts/starl_sap_*.erl"
             ],
             unit => ["starl_sap_*", "starl_packet_*"],
             suite => ["starl_sap_SUITE"],
@@ -124,8 +124,9 @@ monitors() ->
     #{
         sources => [
             "apps/*/src/**/starl_*_monitor.erl",
-            "apps/starl_platform/src/starl_{monitor,separation,assumption}.erl",
-            "apps/starl_platform/src/starl_sap_{monitor_alarms,monitor_sources,numbers}.erl",
+            "apps/starl_platform/src/contracts/starl_{monitor,separation,assumption}.erl",
+            "apps/starl_platform/src/contracts/starl_sap_monitor_{alarms,sources}.erl",
+            "apps/starl_platform/src/services/starl_sap_numbers.erl",
             "apps/starl_sim/src/*/starl_sim_{assumption,judge}.erl"
         ],
         unit => [
