@@ -1,5 +1,5 @@
 %% Painting with a bug planted in the participants of path planning, to show that the monitors find
-%% it. `overstaying': they drive on when their leave has ended. `fickle': they vote for whoever
+%% it. `overstaying': they drive on when their lease has ended. `fickle': they vote for whoever
 %% asks, whatever they have promised, and tell no coordinator of another's term. `deaf_pen' is the
 %% actuator's. Other bugs are the coordinator's, in modules of their own.
 -module(starl_dpp_planted).
@@ -57,7 +57,7 @@ handle_event(Type, Content, State, {Bug, Data}, Meta) ->
     Then = forgets(Bug, Type, Meta),
     says(Bug, starl_dpp_participant:handle_event(Type, Heard, State, Data, Then)).
 
-%% At the end of its leave it takes the time for a minute earlier.
+%% At the end of its lease it takes the time for a minute earlier.
 forgets("overstaying", {timeout, leave}, #{now := Now} = Meta) -> Meta#{now => Now - 60000000};
 forgets(_Bug, _Type, Meta) -> Meta.
 

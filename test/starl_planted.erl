@@ -122,7 +122,7 @@ counter() ->
 dpp() ->
     [
         {dpp_overstaying, dpp, starl_dpp_planted, "overstaying", #{range => 8000},
-            "drives on when its leave has ended"},
+            "drives on when its lease has ended"},
         {dpp_fickle, dpp, starl_dpp_planted, "fickle", #{range => 9000},
             "votes for whoever asks, whatever it has promised"},
         {dpp_newest, dpp, starl_mutant_planted, "newest", {soaked, late_votes()},

@@ -1,6 +1,6 @@
 %% The contract of DPP (README), the part that its coordinator keeps: who has no quorum
 %% assigns nothing; a lost assignment keeps its reservation until the next request clears it or its
-%% leave ends; a late Clear frees nothing; a new coordinator keeps all that robots hold. The machine
+%% lease ends; a late Clear frees nothing; a new coordinator keeps all that robots hold. The machine
 %% is stepped by hand. Participants: starl_dpp_participant_SUITE; both in runs:
 %% starl_dpp_crash_SUITE.
 -module(starl_dpp_coordinator_SUITE).
@@ -11,10 +11,10 @@
 -export([
     nothing_is_assigned_before_all_are_known/1, nothing_is_assigned_without_votes/1,
     votes_run_out/1, wrong_clock_voids_votes/1, refused_for_a_later_term/1,
-    after_the_end_all_is_traced/1, old_stamp_gives_no_leave/1, each_request_is_answered_once/1, old_request_is_ignored/1,
+    after_the_end_all_is_traced/1, old_stamp_gives_no_lease/1, each_request_is_answered_once/1, old_request_is_ignored/1,
     late_clear_frees_nothing/1, clear_frees_what_is_behind/1, lost_assignment_stays_reserved/1,
     other_terms_are_ignored/1, recovered_reservation_is_kept/1,
-    silent_robot_keeps_all_until_its_leave_ends/1, heard_again_while_looked_for/1, late_report_of_a_silent_robot/1,
+    silent_robot_keeps_all_until_its_lease_ends/1, heard_again_while_looked_for/1, late_report_of_a_silent_robot/1,
     unreachable_unknown_robot_ends/1
 ]).
 
@@ -31,10 +31,10 @@ all() ->
     [
         nothing_is_assigned_before_all_are_known, nothing_is_assigned_without_votes,
         votes_run_out, wrong_clock_voids_votes, refused_for_a_later_term,
-        after_the_end_all_is_traced, old_stamp_gives_no_leave, each_request_is_answered_once, old_request_is_ignored,
+        after_the_end_all_is_traced, old_stamp_gives_no_lease, each_request_is_answered_once, old_request_is_ignored,
         late_clear_frees_nothing, clear_frees_what_is_behind, lost_assignment_stays_reserved,
         other_terms_are_ignored, recovered_reservation_is_kept,
-        silent_robot_keeps_all_until_its_leave_ends, heard_again_while_looked_for,
+        silent_robot_keeps_all_until_its_lease_ends, heard_again_while_looked_for,
         late_report_of_a_silent_robot,
         unreachable_unknown_robot_ends
     ].
@@ -103,9 +103,9 @@ after_the_end_all_is_traced(_) ->
     {Actions, _} = at(8 * ?S, packet, x, open()),
     ?assert(lists:member({trace, {unknown_event, packet, x}}, Actions)).
 
-%% Leave counts from the stamp of a request. Of a stamp that has been known for a lease none is
+%% A lease counts from the stamp of a request. Of a stamp that has been known for a lease none is
 %% left: the robot's clock stands still, and it is to ask again by another.
-old_stamp_gives_no_leave(_) ->
+old_stamp_gives_no_lease(_) ->
     {_, Asked} = at(0, cast, asks(2, 1, spot(2)), open()),
     C = voted(14, at_beats(lists:seq(1, 14), Asked)),
     {Actions, _} = at(14 * ?S, cast, asks(2, 2, spot(2)), C),
@@ -175,9 +175,9 @@ recovered_reservation_is_kept(_) ->
     {Twice, _} = state(2, {moving, 0, From, Path}, C3),
     ?assertEqual([], sent(dpp_answer, Twice)).
 
-%% Robot 2 has an assignment and is not heard again: before its leave has surely ended it keeps
+%% Robot 2 has an assignment and is not heard again: before its lease has surely ended it keeps
 %% everything; then it is looked for, and holds the place where it stands.
-silent_robot_keeps_all_until_its_leave_ends(_) ->
+silent_robot_keeps_all_until_its_lease_ends(_) ->
     {_, _, Held, C} = assigned(),
     C1 = at_beats(lists:seq(1, 10), C),
     ?assertEqual(Held, held(2, C1)),
@@ -189,7 +189,7 @@ silent_robot_keeps_all_until_its_leave_ends(_) ->
     ?assert(lists:member({trace, {silent, 2}}, Found)),
     ?assertEqual([{spot(2), spot(2)}], held(2, C3)).
 
-%% Nobody is looked for whose leave may last; and what is seen of one that was heard again meanwhile
+%% Nobody is looked for whose lease may last; and what is seen of one that was heard again meanwhile
 %% says nothing of where it stands.
 heard_again_while_looked_for(_) ->
     {_, _, Held, C} = assigned(),

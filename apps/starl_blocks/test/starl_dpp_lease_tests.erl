@@ -84,7 +84,7 @@ void_votes_test() ->
     {_, L4} = starl_dpp_lease:beat(30 * ?S, L3),
     ?assertNot(starl_dpp_lease:leads(30 * ?S, voted([1], Seq, L4))).
 
-%% A robot rests when all leave has ended: that of this coordinator, counted from the latest
+%% A robot rests when all leases have ended: that of this coordinator, counted from the latest
 %% message heard, and that of earlier ones, counted from when this one began to lead.
 rests_test() ->
     L1 = starl_dpp_lease:heard(1, 100, 3 * ?S, new([1, 2])),
@@ -95,7 +95,7 @@ rests_test() ->
     ?assertNot(starl_dpp_lease:rests(2, 12 * ?S, L2)),
     ?assert(starl_dpp_lease:rests(2, 12 * ?S + 1, L2)).
 
-%% What is overtaken or doubled gives no new leave.
+%% What is overtaken or doubled gives no new lease.
 stamps_ascend_test() ->
     L1 = starl_dpp_lease:heard(1, 100, 3 * ?S, starl_dpp_lease:since(0, new([1]))),
     L2 = starl_dpp_lease:heard(1, 100, 9 * ?S, starl_dpp_lease:heard(1, 90, 9 * ?S, L1)),

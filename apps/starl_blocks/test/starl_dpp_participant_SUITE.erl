@@ -1,6 +1,6 @@
 %% The contract of DPP (README), the part that its participants keep: a request certifies where the
 %% robot stands; an answer is taken once, and only the present one's; a path is void for ever once
-%% its leave has ended; a vote is given once; a crash stops the robot. The machine is stepped by
+%% its lease has ended; a vote is given once; a crash stops the robot. The machine is stepped by
 %% hand. The coordinator: starl_dpp_coordinator_SUITE; both in runs: starl_dpp_crash_SUITE.
 -module(starl_dpp_participant_SUITE).
 -include_lib("stdlib/include/assert.hrl").
@@ -14,8 +14,8 @@
     lost_pose_is_asked_for_again/1, ids_ascend_over_a_crash/1, recover_while_standing/1,
     recover_while_moving/1, recover_while_asking/1, crash_stops_the_robot/1,
     crashed_robot_does_not_vote/1, earlier_term_is_refused/1, vote_is_kept/1,
-    leader_is_followed_without_vote/1, leave_ends_for_good/1, faces_only_by_leave/1,
-    failed_drive_is_told_once/1, beats_prolong_leave/1,
+    leader_is_followed_without_vote/1, lease_ends_for_good/1, faces_only_by_lease/1,
+    failed_drive_is_told_once/1, beats_prolong_lease/1,
     late_assignment_is_void/1, missing_coordinator_is_replaced/1,
     painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1,
     term_is_stored_first/1, reboot_forgets_no_term/1, reboot_tells_its_place/1,
@@ -41,7 +41,7 @@ all() ->
         damaged_term_is_the_highest, wrong_clock_is_told,
         short_lease_is_answered_more_often,
         earlier_term_is_refused, vote_is_kept, leader_is_followed_without_vote,
-        leave_ends_for_good, faces_only_by_leave, failed_drive_is_told_once, beats_prolong_leave,
+        lease_ends_for_good, faces_only_by_lease, failed_drive_is_told_once, beats_prolong_lease,
         late_assignment_is_void,
         missing_coordinator_is_replaced, painted_goes_with_the_next_request,
         passed_is_told_now_and_then, own_coordinator_hears_of_each_term, no_answer_at_all,
@@ -80,7 +80,7 @@ stale_answers_are_refused(_) ->
         ]
     ].
 
-%% By a clock that stands still, or was set back, nobody knows when leave ends: the path is not
+%% By a clock that stands still, or was set back, nobody knows when the lease ends: the path is not
 %% taken. The coordinator's own robot is answered at once.
 answer_in_no_time(_) ->
     {Id, P} = asking(led()),
@@ -266,8 +266,8 @@ leader_is_followed_without_vote(_) ->
     {Told, _} = located(Stop, P),
     ?assertMatch([{3, {{2, 3, 1}, _, _, _, {5, 0, false}}}], sent(dpp_state, Told)).
 
-%% At the end of its leave the robot stops; a beat that comes later does not bring it back.
-leave_ends_for_good(_) ->
+%% At the end of its lease the robot stops; a beat that comes later does not bring it back.
+lease_ends_for_good(_) ->
     {Id, Moving} = moving(),
     {Go, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
     ?assertEqual([{call, motion, {go_along, {{1.0, 2.0}, {100.0, 2.0}}}, {driven, drive, Id, 1}}], Go),
@@ -280,9 +280,9 @@ leave_ends_for_good(_) ->
     {Refused, _} = at(10 * ?S, {call, {app, 3}}, {drive, Id, 1}, Told),
     ?assertEqual([{reply, {app, 3}, {error, void}}], Refused).
 
-%% The beginning of a line is taken as its drive is: by leave, anew when motion has crashed, and
+%% The beginning of a line is taken as its drive is: under a lease, anew when motion has crashed, and
 %% with nothing passed or painted by it.
-faces_only_by_leave(_) ->
+faces_only_by_lease(_) ->
     {Id, Moving} = moving(),
     {Go, Facing} = step({call, {app, 2}}, {face, Id, 1}, Moving),
     Call = {call, motion, {face, {{1.0, 2.0}, {100.0, 2.0}}}, {driven, face, Id, 1}},
@@ -299,7 +299,7 @@ faces_only_by_leave(_) ->
     {Refused, _} = at(10 * ?S, {call, {app, 3}}, {face, Id, 1}, Void),
     ?assertEqual([{reply, {app, 3}, {error, void}}], Refused).
 
-%% Who drove, and was stopped, is told so; not again when leave ends, and motion drives no more.
+%% Who drove, and was stopped, is told so; not again when the lease ends, and motion drives no more.
 failed_drive_is_told_once(_) ->
     {Id, Moving} = moving(),
     {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
@@ -309,7 +309,7 @@ failed_drive_is_told_once(_) ->
     {Late, _} = at(8 * ?S, {timeout, leave}, leave, Stopped),
     ?assertEqual([], replies(Late)).
 
-beats_prolong_leave(_) ->
+beats_prolong_lease(_) ->
     {Id, Moving} = moving(),
     {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
     {_, Beaten} = at(6 * ?S, cast, {message, 4, dpp_beat, {{1, 4, 1}, 9, [{1, 5 * ?S}]}}, Driving),
@@ -318,7 +318,7 @@ beats_prolong_leave(_) ->
     {Over, _} = at(13 * ?S, {timeout, leave}, leave, Beaten),
     ?assert(lists:member({cast, motion, stop}, Over)).
 
-%% An assignment that was long on its way: its leave has ended, the robot asks anew.
+%% An assignment that was long on its way: its lease has ended, the robot asks anew.
 late_assignment_is_void(_) ->
     {Id, P} = asking(led()),
     {Actions, _} =

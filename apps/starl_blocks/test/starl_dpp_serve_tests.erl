@@ -112,7 +112,7 @@ blockers_park_test() ->
     ?assert(lists:member(End, [starl_dpp_plan:spot(Robot, Plan) || Robot <- [1, 2]])),
     ?assertEqual([], resolved(Actions)).
 
-%% One whose leave has ended waits for nothing any more: it is told nothing before it is heard again.
+%% One whose lease has ended waits for nothing any more: it is told nothing before it is heard again.
 silent_robot_waits_no_more_test() ->
     S0 = known([1, 2, 3], new([short()], 3)),
     {First, S1} = chain(S0, [asks(1, 1), asks(2, 1), asks(3, 1)]),
