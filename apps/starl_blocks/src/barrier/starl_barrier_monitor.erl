@@ -2,7 +2,7 @@
 %%
 %% Safety: no robot passes round K of a name before all participants have reached it; a robot
 %% passes only the round that it has reached last, each once; the round that it reaches is the
-%% one after the last that it has passed, whatever crashes and reboots there are.
+%% one after the last that it has passed, across all crashes and reboots.
 %%
 %% Only a robot whose store was damaged when its barrier machine started may go on with another
 %% round, once: with the one after the last that it has reached; with the last that it has
@@ -138,7 +138,7 @@ judge({_Machine, _Other}, _T, _Robot, State) ->
 excuse(Robot, #state{excused = Excused} = State) ->
     State#state{excused = lists:usort([Robot | Excused])}.
 
-%% A machine that crashed has forgotten how far the others are.
+%% A machine that crashed has forgotten the others' counts.
 forgets(Robot, State) ->
     doubt(fun(R) -> R =/= Robot end, fun forgotten/1, State).
 

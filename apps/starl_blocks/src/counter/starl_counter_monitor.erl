@@ -63,7 +63,7 @@ step({T, Robot, Machine, Event}, State) ->
         [First | _] -> {violation, First, Next}
     end.
 
-%% @doc Judges the time until `EndUs'. Results: how many `increments' were made, and how often
+%% @doc Judges the time until `EndUs'. Results: the number of `increments', and the number of times
 %% agreement was `agreed'.
 -spec finish(us(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.

@@ -1,4 +1,4 @@
-%% @doc The free edges (the paper's FE): target edges that nobody has painted or been assigned.
+%% @doc The free edges (the paper's FE): target edges that no robot has painted or been assigned.
 %% They are found by number, and at the vertices where a robot could begin or continue a line.
 -module(starl_dpp_free).
 
@@ -31,7 +31,7 @@ take(Edges, #free{edges = Free} = All) ->
 give(Edges, #free{edges = Free} = All) ->
     update(Edges, All#free{edges = lists:foldl(fun(E, Acc) -> Acc#{E => true} end, Free, Edges)}).
 
-%% @doc How many there are.
+%% @doc The number of free edges.
 -spec count(t()) -> non_neg_integer().
 count(#free{edges = Free}) -> map_size(Free).
 

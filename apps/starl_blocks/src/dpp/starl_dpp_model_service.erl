@@ -91,7 +91,7 @@ rests(Robot, _At, #service{silent = Silent, waiting = Waiting} = S) ->
 %% @doc The coordinator acts.
 -spec serve(t()) -> turn().
 serve(#service{term = {_, Self, _} = Term, open = Open} = S) ->
-    %% a place that is nobody else's
+    %% a place that no other robot has
     At = {1000.0 * Self, 0.0},
     {S,
         [{trace, {acts, Term}}] ++

@@ -28,7 +28,7 @@
     %% The least distance of two centre lines (mm).
     apart_mm :: float(),
     r_s :: float(),
-    %% How far a robot may be from its centre line (mm).
+    %% The most by which a robot may be off its centre line (mm).
     off_mm :: float(),
     %% The same for single robots, where it is less.
     offs = #{} :: #{robot_id() => float()},
@@ -110,7 +110,7 @@ vocabulary() ->
         ]
     }.
 
-%% @doc The coordinator and the reservations, while nobody moves.
+%% @doc The coordinator and the reservations, while no robot moves.
 -spec timeless(#state{}) -> term().
 timeless(#state{term = Term, coordinators = Coordinators} = State) ->
     #state{reservations = Reservations, overlaps = Overlaps, waiting = Waiting} = State,

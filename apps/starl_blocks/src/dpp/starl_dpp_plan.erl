@@ -7,7 +7,7 @@
 %%
 %% Life of a robot: {@link standing/3} when it has certified that it stands;
 %% {@link starl_dpp_assign:request/2} for work; {@link passed/3} for each waypoint it reaches;
-%% {@link standing/3} again at the end. When nobody moves, edges are free and every request got
+%% {@link standing/3} again at the end. When no robot moves, edges are free and every request got
 %% `none', {@link starl_dpp_assign:resolve/2} sends robots out of the way. Nothing is assigned
 %% until every robot's place is known.
 %%

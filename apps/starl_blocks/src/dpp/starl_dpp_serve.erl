@@ -52,7 +52,7 @@
     %% the number of painted edges that each robot has been told, or is being told
     told = #{} :: #{starl:robot_id() => non_neg_integer()},
     telling = #{} :: #{starl:robot_id() => non_neg_integer()},
-    %% nobody moves and nothing can be assigned
+    %% no robot moves and nothing can be assigned
     stuck = false :: boolean()
 }).
 -opaque t() :: #serve{}.

@@ -18,7 +18,7 @@
 -type masks() :: starl_dpp_array:t(non_neg_integer()).
 %% The robots that block each edge, a bit each.
 -type obstacle() :: {ClearanceMm :: float(), starl_geometry:box(), [segment()]}.
-%% Segments of another robot, their box, and how far from them to stay.
+%% Segments of another robot, their box, and the distance to keep from them.
 -type item() :: {segment(), [edge_id()]}.
 
 %% One robot's reservation, and two things derived from it: the obstacles that it is to others, and

@@ -18,7 +18,7 @@
 }.
 %% `tolerance' (0.05): points closer than this are the same. `max_length' (infinity): no edge is
 %% longer than this. `most' (infinity): a drawing whose lines cross at more places than this, so
-%% that it has more edges, is refused as soon as so many are counted.
+%% that it has more edges, is refused as soon as the count reaches that number.
 -type graph() :: #{vertices := [starl_geometry:point()], edges := [{vertex(), vertex()}]}.
 %% The n-th point is vertex n, the n-th pair is edge n.
 

@@ -45,7 +45,7 @@
 -define(SPACING, 2.5).
 %% Mean spacing of the roadmap's points in R.
 -define(REACH, 1.3).
-%% How many times that spacing two points of it may be apart and be joined: five neighbours or so.
+%% The longest distance of two joined points, in that spacing: about five neighbours each.
 %% Ways are cut short where a straight line is clear, so more of them make no way shorter: pictures
 %% take as long to paint as with 1.7 (nine neighbours), and searches cost more.
 -define(MOST_POINTS, 2000).

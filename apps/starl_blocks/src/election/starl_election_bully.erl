@@ -32,7 +32,7 @@
 -type event() ::
     %% the application has called
     {entered, starl_election:election()}
-    %% itself, as nobody higher is alive; since another one announced it; elected before the call
+    %% itself, as no higher robot is alive; since another one announced it; elected before the call
     | {elected, starl_election:election(), Leader :: starl:robot_id(),
         highest | announcement | known}
     | {failed, starl_election:election(), timeout}.
@@ -51,7 +51,7 @@
 -record(race, {
     leader = none :: starl:robot_id() | none,
     from = none :: starl_machine:from() | none,
-    %% idle: not begun, or given up; asking: is anybody higher alive? hoping: somebody is
+    %% idle: not begun, or given up; asking: is a higher robot alive? hoping: one is
     phase = idle :: idle | asking | hoping,
     round = 0 :: non_neg_integer()
 }).
@@ -131,7 +131,7 @@ challenged(Election, Source, Bully0) ->
             {keep_state, Bully, [starl_sap:post(Source, bully_leader, {Election, Leader})]}
     end.
 
-%% Asks all higher robots, unless it is at it; the highest of the team has nobody to ask.
+%% Asks all higher robots, unless it is asking already; the highest of the team has none to ask.
 challenge(Election, #bully{higher = []} = Bully) ->
     win(Election, Bully);
 challenge(Election, #bully{higher = Higher} = Bully) ->

@@ -126,9 +126,9 @@ step({T, Robot, Machine, Event}, State) ->
         [First | _] -> {violation, First, Next}
     end.
 
-%% @doc Judges the windows that end before `EndTimeUs'. Results: how many messages were `sent',
-%% how often one was `delivered', how many deliveries were `owed', and the longest time that one
-%% took (`latency_us').
+%% @doc Judges the windows that end before `EndTimeUs'. Results: the number of messages `sent', of
+%% deliveries (`delivered') and of deliveries `owed', and the longest time that one took
+%% (`latency_us').
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, State) ->

@@ -107,7 +107,7 @@ granted(T, Home, Token, Fence, To, #holds{grants = Grants, hand_overs = HandOver
         hand_overs = HandOvers#{{Token, To} => Fence}
     }}.
 
-%% @doc A holder, or one that will be at once, tells how much is left of its lease by its clock.
+%% @doc A robot that holds a token, or will at once, tells the rest of its lease by its clock.
 -spec leased(integer(), robot_id(), token(), fence(), LeftUs :: integer(), t()) -> t().
 leased(T, Robot, Token, Fence, Left, #holds{leases = Leases, ppm = Ppm} = Holds) ->
     Gone = max(0, Holds#holds.lease_us - Left),

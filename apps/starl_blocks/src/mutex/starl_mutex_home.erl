@@ -40,7 +40,7 @@
 -record(lease, {
     fence :: starl_mutex:fence(),
     owner = none :: starl:robot_id() | none,
-    %% until when nothing may be granted to anybody else
+    %% until when nothing may be granted to another robot
     until :: us(),
     %% the newest one of an earlier incarnation that was renewed by this one
     renewed = 0 :: starl_mutex:fence() | 0,

@@ -213,7 +213,7 @@ serve(_How, Token, Entry, Robot) ->
     put_entry(Token, Entry, Robot).
 
 %% A hold that began with the rest of an old lease might be over before it is renewed: the home is
-%% asked first. The lease that it has just given is taken as it is, however long that took.
+%% asked first. A lease that it has just given is taken as it is, after any delay.
 begin_hold(used, Token, Id, #{queue := Rest} = Entry, Robot) ->
     case is_worn(Entry, Robot) of
         true ->
