@@ -9,7 +9,7 @@
 -record(robot, {
     at :: starl_geometry:point(),
     heading = 0.0 :: float(),
-    epoch = 0 :: non_neg_integer(),
+    leg = 0 :: non_neg_integer(),
     left = [] :: list(),
     index = 0 :: non_neg_integer(),
     state = asking :: asking | moving | waiting | dead
@@ -123,14 +123,14 @@ event({ask, Id}, #world{robots = Robots} = World) ->
 event({die, Id}, World) ->
     {_, Robot} = robot(Id, World),
     put_robot(Id, Robot#robot{state = dead}, World);
-event({arrive, Id, Epoch}, World) ->
+event({arrive, Id, Leg}, World) ->
     case robot(Id, World) of
-        {_, #robot{state = moving, epoch = Epoch} = Robot} -> arrive(Id, Robot, World);
+        {_, #robot{state = moving, leg = Leg} = Robot} -> arrive(Id, Robot, World);
         _ -> World
     end;
-event({halt, Id, Epoch, P}, World) ->
+event({halt, Id, Leg, P}, World) ->
     case robot(Id, World) of
-        {_, #robot{state = moving, epoch = Epoch} = Robot} -> stand(Id, P, Robot, World);
+        {_, #robot{state = moving, leg = Leg} = Robot} -> stand(Id, P, Robot, World);
         _ -> World
     end.
 
@@ -169,7 +169,7 @@ depart(Id, Path, World0) ->
     drive(Id, World1).
 
 drive(Id, #world{stats = Stats} = World) ->
-    {_, #robot{at = P, heading = H, left = [{Q, Pen} | _], epoch = Epoch0} = Robot} =
+    {_, #robot{at = P, heading = H, left = [{Q, Pen} | _], leg = Leg0} = Robot} =
         robot(Id, World),
     Out = case P =:= Q of true -> H; false -> starl_geometry:heading(P, Q) end,
     Turn = abs(starl_geometry:angle_diff(Out, H)) / ?OMEGA,
@@ -177,11 +177,11 @@ drive(Id, #world{stats = Stats} = World) ->
     T = Turn + Drive,
     Kind = case Pen of up -> travel_s; _ -> paint_s end,
     World0 = World#world{stats = add(turn_s, Turn, add(Kind, Drive, Stats))},
-    Epoch = Epoch0 + 1,
-    World1 = put_robot(Id, Robot#robot{state = moving, epoch = Epoch, heading = Out}, World0),
-    interrupt(Id, Epoch, {P, Q, Turn, T}, later(T, {arrive, Id, Epoch}, World1)).
+    Leg = Leg0 + 1,
+    World1 = put_robot(Id, Robot#robot{state = moving, leg = Leg, heading = Out}, World0),
+    interrupt(Id, Leg, {P, Q, Turn, T}, later(T, {arrive, Id, Leg}, World1)).
 
-interrupt(Id, Epoch, {P, Q, Turn, T}, #world{rand = Rand0, options = Options} = World) ->
+interrupt(Id, Leg, {P, Q, Turn, T}, #world{rand = Rand0, options = Options} = World) ->
     {X, Rand1} = rand:uniform_s(Rand0),
     case X < maps:get(interrupt, Options, 0.0) of
         false ->
@@ -191,7 +191,7 @@ interrupt(Id, Epoch, {P, Q, Turn, T}, #world{rand = Rand0, options = Options} = 
             {Off, Rand3} = rand:uniform_s(Rand2),
             Slack = maps:get(slack, maps:get(plan, Options), 0.0),
             Place = aside(starl_geometry:interpolate(P, Q, F), P, Q, (2.0 * Off - 1.0) * Slack),
-            later(Turn + F * (T - Turn), {halt, Id, Epoch, Place}, World#world{rand = Rand3})
+            later(Turn + F * (T - Turn), {halt, Id, Leg, Place}, World#world{rand = Rand3})
     end.
 
 aside({X, Y}, P, Q, Off) ->

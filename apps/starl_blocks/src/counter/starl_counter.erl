@@ -1,8 +1,8 @@
 %% @doc A counter that all robots share and that only grows: the interface. It is the example of
 %% CONTRIBUTING.md, "To add a block": small, and complete.
 %%
-%% Each robot counts its own increments; the value is the sum over all robots, as far as this one has
-%% heard. Guarantee: a value never goes back at a robot, unless its machine has restarted, and never
+%% Each robot counts its own increments; the value is the sum over all robots, as far as this one
+%% has heard. Guarantee: a value never goes back at a robot, unless its machine has restarted, and never
 %% exceeds the increments that were made; when increments stop and messages get through, all robots
 %% read the same value. Increments are lost if their robot crashes before another robot has heard
 %% of them.

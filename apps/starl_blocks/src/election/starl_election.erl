@@ -66,7 +66,8 @@ models() -> [{election, "election by randomized ballots", fun model/1}].
 
 %% Only the largest ballot of a complete set counts, so nothing but the place of its robot could
 %% make a difference, and every place is as good as the last: all draw the same ballot here, the
-%% robot's number decides, and all robots but the last are alike. A robot that has a leader keeps it.
+%% robot's number decides, and all robots but the last are alike. A robot that has a leader keeps
+%% it.
 model(#{robots := Ids}) ->
     #{
         same_random => true,
