@@ -53,11 +53,11 @@
 options() ->
     [
         {lease_ms, {integer, 1, 1000000000}, 10000,
-            "how long the coordinator leads by a vote, and a robot drives by a lease, ms"},
+            "the duration of a lease: of a vote, and of a robot's permission to drive, ms"},
         {drift_ppm, {integer, 0, 100000}, 10000,
             "no clock is faster or slower than real time by more, ppm"},
         {jump_ms, {integer, 0, 1000000000}, 2000,
-            "by how much clocks may be set meanwhile, ms; far less than a lease"}
+            "the most by which clocks are set during a lease, ms; far less than a lease"}
     ].
 
 %% @doc No votes yet.

@@ -47,15 +47,15 @@ options() ->
             "the target edges: what is to be painted, mm"},
         {world, {size, {number, 1000, 1000000}}, {12000.0, 12000.0}, "the floor, mm"},
         {tube_radius, Mm, 365.0, "the radius of the tubes that robots hold, mm"},
-        {slack, Mm, 0.0, "how far from its path a robot may be, the paper's r(v), mm"},
+        {slack, Mm, 0.0, "the most by which a robot may be off its path, the paper's r(v), mm"},
         {horizon, Mm, 3000.0, "paint per assignment, mm"},
         {edge_length, Mm, 500.0, "the longest target edge, mm"},
         {leg, Mm, 500.0, "the longest segment without paint, mm"},
         {turn_mm, Mm, 160.0, "mm driven in the time of turning one radian"},
         {overhead_mm, Mm, 100.0, "mm driven in the time of a request"},
-        {middle, {number, 0, 1}, 0.7, "how much a line counts that is begun in its middle"},
+        {middle, {number, 0, 1}, 0.7, "the weight of a line that is begun in its middle"},
         {patience, {term, "{Factor, Mm}, or infinity", fun is_patience/1}, {1.05, 50.0},
-            "how long a way round others may be, against the straight one"},
+            "the longest way round others, against the straight one"},
         {seed, {integer, 0, 1 bsl 64}, 1, "where the points of the roadmap fall"}
     ].
 

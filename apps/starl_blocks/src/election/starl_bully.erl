@@ -10,9 +10,9 @@
 options() ->
     [
         {answer_ms, {integer, 1, 1000000}, 500,
-            "how long to wait for higher robots to say that they are alive, ms"},
+            "the wait for higher robots to answer that they are alive, ms"},
         {rounds, {integer, 1, 1000}, 4,
-            "how often a robot challenges whose application does not wait"}
+            "the number of challenges by a robot whose application does not wait"}
         | starl_election:options()
     ].
 

@@ -114,7 +114,7 @@ released(Result, {error, Why}) -> {error, {Why, Result}}.
 options() ->
     [
         {lease_ms, {integer, 1, 1000000000}, 8000,
-            "how long a hold outlives the last answer of the token's home, ms"},
+            "the time that a hold outlives the last answer of the token's home, ms"},
         {drift_ppm, {integer, 0, 100000}, 10000,
             "no clock is faster or slower than real time by more, ppm"},
         {lag_ms, {integer, 0, 1000000}, 250,

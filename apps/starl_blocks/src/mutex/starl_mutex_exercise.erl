@@ -24,10 +24,10 @@
 -spec flags() -> [starl_options:option()].
 flags() ->
     [
-        {tokens, {integer, 1, 100000}, 3, "mutex: how many tokens there are"},
+        {tokens, {integer, 1, 100000}, 3, "mutex: the number of tokens"},
         {hold, {integer, 1, 1000000}, 300, "mutex: the longest hold, ms"},
         {lease, {integer, 100, 1000000}, 2000,
-            "mutex: how long a hold lasts that is not renewed, ms"},
+            "mutex: the duration of a hold that is not renewed, ms"},
         {retry, {integer, 10, 1000000}, 3000, "mutex, barrier: who waits asks again after this, ms"}
     ].
 

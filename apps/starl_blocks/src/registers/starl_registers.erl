@@ -48,8 +48,8 @@ options() ->
         {ahead_ms, {integer, 1, 1000000000}, 10000, "more than clocks differ by, ms"},
         {sync_ms, {integer, 1, 1000000000}, 1000, "the mean time between two exchanges, ms"},
         {recover_ms, {integer, 1, 1000000000}, 1000,
-            "how long a restarted robot waits for others before it answers, ms"},
-        {limit, {integer, 1, 1000000000}, 1024, "how many registers a robot adds at most"}
+            "the time that a restarted robot waits for others before it answers, ms"},
+        {limit, {integer, 1, 1000000000}, 1024, "the most registers that a robot adds"}
     ].
 
 -spec machines(starl_block:options()) -> [starl_robot_sup:machine()].
