@@ -29,7 +29,7 @@
 -module(starl_robot).
 
 -export([new/4, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1]).
--export([run/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
+-export([run/1, is_quiet/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
 -export([lost/3, attach/3, back/3, first/2, then/2, die/2, go_down/1, come_up/2]).
 
 -export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0]).
@@ -189,6 +189,10 @@ run(#robot{local = []} = Robot) ->
 run(#robot{local = Local, world = World, machines = Machines, timers = Timers} = Robot) ->
     next(Local, World, Machines, Timers, Robot).
 
+%% @doc Has it no local events left?
+-spec is_quiet(t()) -> boolean().
+is_quiet(#robot{local = Local}) -> Local =:= [].
+
 %% @doc Handles an event of a machine, and all local events that follow from it. The driver's state
 %% must be at the event's time.
 -spec event(starl_machine:name(), starl_machine:event_type(), Content :: term(), world(), t()) ->
@@ -221,7 +225,7 @@ fire(Name, Type, Content, World, Left, #robot{local = Local, machines = Machines
 -spec answered(pid(), [starl_machine:action()], t()) -> turn() | ignored.
 answered(Pid, Actions, #robot{busy = {Name, Pid}, world = World, machines = Machines} = Robot) ->
     #robot{local = Local, timers = Timers} = Robot,
-    perform(Actions, Name, [], Local, World, Machines, Timers, Robot#robot{busy = none});
+    perform(Actions, Name, [], Local, World, Machines, Timers, Robot);
 answered(_Pid, _Actions, #robot{}) ->
     ignored.
 
@@ -245,8 +249,11 @@ next([{Name, Type, Content} | Local], World, Machines, Timers, #robot{driver = D
     Noted = Handles(Name, Type, Content, World),
     step(Name, Type, Content, Local, Noted, Machines, Timers, Robot).
 
+%% No process is at work any more.
 put_back(Local, World, Machines, Timers, Robot) ->
-    Robot#robot{local = Local, world = World, machines = Machines, timers = Timers}.
+    Robot#robot{
+        local = Local, world = World, machines = Machines, timers = Timers, busy = none
+    }.
 
 boot(Name, Local, World, Machines, Timers, #robot{driver = Driver} = Robot) ->
     #driver{module = Module, handles = Handles, trace = Trace} = Driver,

@@ -67,12 +67,18 @@ open([{_, Time, _, _, _, _} | _] = Events, Window, #robot{robot = Robot, hold = 
     Body = starl_sim_platform:open(Time, Window, starl_robot:world(Robot)),
     case starl_robot:condition(Robot) of
         up when Hold =:= {0, 0}, Site#robot.stop =:= none ->
-            went(starl_robot:run(starl_robot:world(Body, Robot)), Events, Site);
+            opened(starl_robot:is_quiet(Robot), Events, Robot, Body, Site);
         up ->
             proceed(postpone(body(Body, Site#robot{events = Events})));
         _ ->
             proceed(body(Body, Site#robot{events = faults_of(Events)}))
     end.
+
+%% Most robots are quiet then, and go straight to the first event.
+opened(true, Events, Robot, Body, Site) ->
+    next(Events, Robot, Body, Site);
+opened(false, Events, Robot, Body, Site) ->
+    went(starl_robot:run(starl_robot:world(Body, Robot)), Events, Site).
 
 %% Events for a robot that is down are lost.
 faults_of(Events) -> [Event || {_, _, ?CLASS_WORLD, _, _, _} = Event <- Events].
