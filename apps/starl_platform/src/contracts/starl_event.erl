@@ -108,27 +108,20 @@ add_size(Tag, Size, Names) -> Names#{Tag => [Size | maps:get(Tag, Names, [])]}.
 
 %% @doc May the machine trace this event? Asked of every event of a run.
 -spec is_known(starl_machine:name(), Event :: term(), known()) -> boolean().
+is_known(Machine, Event, Known) when tuple_size(Event) > 0 ->
+    is_known(Machine, element(1, Event), tuple_size(Event), Known);
 is_known(Machine, Event, Known) ->
+    is_known(Machine, Event, 0, Known).
+
+is_known(Machine, Tag, Size, Known) ->
     case Known of
-        #{Machine := Names} -> is_one(Event, Names);
-        #{} -> true
+        #{Machine := #{Tag := [First | Others]}} ->
+            Size =:= First orelse lists:member(Size, Others);
+        #{Machine := _} ->
+            false;
+        #{} ->
+            true
     end.
-
-is_one(Event, Names) when tuple_size(Event) > 0 ->
-    Tag = element(1, Event),
-    case Names of
-        #{Tag := Sizes} -> has(tuple_size(Event), Sizes);
-        #{} -> false
-    end;
-is_one(Event, Names) ->
-    case Names of
-        #{Event := Sizes} -> has(0, Sizes);
-        #{} -> false
-    end.
-
-has(Size, [Size | _]) -> true;
-has(Size, [_ | Sizes]) -> has(Size, Sizes);
-has(_Size, []) -> false.
 
 %% @doc Makes the event known from now on, so that its violation is reported once.
 -spec tell(starl_machine:name(), Event :: term(), known()) -> known().
