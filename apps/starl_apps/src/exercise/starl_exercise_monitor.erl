@@ -28,8 +28,9 @@
     bound :: us(),
     open = #{} :: #{robot_id() => starl_promise:call()},
     died = [] :: [robot_id()],
-    %% the memory of the exercise
+    %% the memory of the exercise, and its update by an event
     seen :: term(),
+    noted :: fun((starl_monitor:trace_event(), Seen :: term()) -> term()) | none,
     judged = 0 :: non_neg_integer()
 }).
 
@@ -54,7 +55,8 @@ init(#{exercise := Exercise, robots := Robots} = Config) ->
         within = Within,
         margin = Margin,
         bound = Bound,
-        seen = starl_block_exercise:seen(Exercise, Robots)
+        seen = starl_block_exercise:seen(Exercise, Robots),
+        noted = starl_block_exercise:noted(Exercise)
     }.
 
 %% @doc Enters the time of the heal; faults of clocks and processes widen the bound.
@@ -102,8 +104,8 @@ finish(End, #state{open = Open, judged = Judged} = State) ->
         [_ | _] -> {{violation, Late}, #{judged => Judged}}
     end.
 
-noted(Event, #state{exercise = Exercise, seen = Seen} = State) ->
-    State#state{seen = starl_block_exercise:noted(Exercise, Event, Seen)}.
+noted(_Event, #state{noted = none} = State) -> State;
+noted(Event, #state{noted = Noted, seen = Seen} = State) -> State#state{seen = Noted(Event, Seen)}.
 
 happened({T, Robot, app, {call, What, Ms}}, #state{open = Open} = State) ->
     Call = #{what => What, robot => Robot, since_us => T, patience_ms => Ms},

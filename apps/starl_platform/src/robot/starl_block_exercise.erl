@@ -9,7 +9,7 @@
 
 -export([call/3, call/4, again/1, pick/2]).
 -export([flags/1, block_options/2, prepare/3, final/4, within_ms/2, draw/2]).
--export([watches/1, seen/2, noted/3, promise/4]).
+-export([watches/1, seen/2, noted/1, promise/4]).
 
 -export_type([use/0, draw/0, event/0]).
 
@@ -134,9 +134,14 @@ watches(Exercise) -> said(Exercise, watches, [], []).
 -spec seen(module(), [starl_monitor:robot_id()]) -> Seen :: term().
 seen(Exercise, Robots) -> said(Exercise, seen, [Robots], none).
 
-%% @doc The memory after an event.
--spec noted(module(), starl_monitor:trace_event(), Seen) -> Seen when Seen :: term().
-noted(Exercise, Event, Seen) -> said(Exercise, noted, [Event, Seen], Seen).
+%% @doc The update of its memory by an event, as a function, looked up once for all events.
+-spec noted(module()) -> fun((starl_monitor:trace_event(), Seen) -> Seen) | none when
+    Seen :: term().
+noted(Exercise) ->
+    case has(Exercise, noted, 2) of
+        true -> fun Exercise:noted/2;
+        false -> none
+    end.
 
 %% @doc The promise of a call.
 -spec promise(module(), starl_promise:call(), starl_promise:team(), Seen :: term()) ->
@@ -144,8 +149,11 @@ noted(Exercise, Event, Seen) -> said(Exercise, noted, [Event, Seen], Seen).
 promise(Exercise, Call, Team, Seen) -> said(Exercise, promise, [Call, Team, Seen], none).
 
 said(Module, Function, Args, Else) ->
-    _ = erlang:module_loaded(Module) orelse code:ensure_loaded(Module),
-    case erlang:function_exported(Module, Function, length(Args)) of
+    case has(Module, Function, length(Args)) of
         true -> apply(Module, Function, Args);
         false -> Else
     end.
+
+has(Module, Function, Arity) ->
+    _ = erlang:module_loaded(Module) orelse code:ensure_loaded(Module),
+    erlang:function_exported(Module, Function, Arity).
