@@ -73,6 +73,11 @@ same_term_test() ->
     {_, Told} = ?F:tell({5, 2}, {{standing, {1.0, 2.0}}, []}, 2 * ?S, F),
     ?assertMatch([{cast, sap, {send, 2, dpp_state, {_, _, _, _, {8, 2000000, true}}}}], Told).
 
+%% After a crash nobody is voted for, but the term that was followed is followed again.
+known_term_needs_no_vote_test() ->
+    Recover = fun(Term) -> element(1, ?F:recover(2, {Term, 7, false}, ?S, new({stored, ?TERM}))) end,
+    ?assertEqual([followed, refused], [Recover(?TERM), Recover({2, 2, 1})]).
+
 %% A lower term is refused, also of one that says that it leads; so is a higher one of a robot that
 %% may not have the vote, unless it leads by others' votes.
 refused_test() ->

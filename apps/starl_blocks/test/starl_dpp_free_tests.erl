@@ -55,6 +55,15 @@ lines_are_the_target_edges_test() ->
     Longest = lists:max([starl_dpp_graph:edge_length(E, Graph) || E <- Targets]),
     ?assertEqual(Longest, starl_dpp_graph:longest(Graph)).
 
+%% Also of so many that a map does not keep them in order.
+edges_are_sorted_test() ->
+    {ok, Plan} = starl_dpp_plan:new(#{
+        segments => [{{2000.0, 2000.0}, {7000.0, 2000.0}}], edge_length => 50.0,
+        world => {9000.0, 9000.0}, robots => [1], tube_radius => 215.0
+    }),
+    Free = starl_dpp_free:new(starl_dpp_plan:graph(Plan)),
+    ?assertEqual(lists:seq(1, 100), starl_dpp_free:edges(Free)).
+
 graph() ->
     Row = fun(Y) -> [{{X, Y}, {X + 700.0, Y + 200.0}} || X <- [2000.0, 2700.0, 3400.0, 5000.0]] end,
     {ok, Plan} = starl_dpp_plan:new(#{

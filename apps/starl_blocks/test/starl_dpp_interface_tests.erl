@@ -58,16 +58,18 @@ lines_test() ->
 mistakes_test() ->
     [
         ?assertError(
-            {bad_argument, #{function := {starl_dpp, Name, _}, argument := Argument}}, Call()
+            {bad_argument, #{function := {starl_dpp, Name, Arity}, argument := Argument}}, Call()
         )
-     || {Name, Argument, Call} <- [
-            {join, 'Coordinator', fun() -> starl_dpp:join(robot(), 3) end},
-            {drive, 'N', fun() -> starl_dpp:drive(robot(), path(), 0) end},
-            {drive, 'N', fun() -> starl_dpp:drive(robot(), path(), 3) end},
-            {face, 'N', fun() -> starl_dpp:face(robot(), path(), 1.0) end},
-            {face, 'Path', fun() -> starl_dpp:face(robot(), complete, 1) end},
-            {drive, 'Path', fun() -> starl_dpp:drive(robot(), complete, 1) end},
-            {lines, 'Path', fun() -> starl_dpp:lines(complete) end}
+     || {{Name, Arity}, Argument, Call} <- [
+            {{join, 2}, 'Coordinator', fun() -> starl_dpp:join(robot(), 3) end},
+            {{drive, 3}, 'N', fun() -> starl_dpp:drive(robot(), path(), 0) end},
+            {{drive, 3}, 'N', fun() -> starl_dpp:drive(robot(), path(), 3) end},
+            {{face, 3}, 'N', fun() -> starl_dpp:face(robot(), path(), 1.0) end},
+            {{face, 3}, 'Path', fun() -> starl_dpp:face(robot(), complete, 1) end},
+            {{face, 3}, 'Path', fun() -> starl_dpp:face(robot(), {{1, 7}, {0.0, 0.0}, none}, 1) end},
+            {{drive, 3}, 'Path', fun() -> starl_dpp:drive(robot(), complete, 1) end},
+            {{lines, 1}, 'Path', fun() -> starl_dpp:lines(complete) end},
+            {{lines, 1}, 'Path', fun() -> starl_dpp:lines({{1, 7}, {0.0, 0.0}, none}) end}
         ]
     ].
 
@@ -81,3 +83,29 @@ machines_test() ->
         ],
         starl_dpp:machines(Config)
     ).
+
+%% Lengths and times for the monitor: two robots within the slack of their paths are no nearer than
+%% what is left of two tubes; where chassis differ, each has its own r(v).
+monitors_test() ->
+    Options = #{tube_radius => 300.0, slack => 40.0, lease_ms => 9, jump_ms => 2, drift_ppm => 5},
+    Wide = starl_chassis:profile(starl_chassis_differential, #{}),
+    Told = fun(Profiles) ->
+        [{starl_dpp_monitor, Config}] =
+            starl_dpp:monitors(Options, #{robots => [1, 2], profiles => Profiles}),
+        Config
+    end,
+    Same = #{
+        tube_radius => 300.0, tracking_mm => #{}, r_s => 520.0, robots => [1, 2],
+        lease_us => 9000, jump_us => 2000, drift_ppm => 5
+    },
+    ?assertEqual(Same, Told([Wide])),
+    Mm = starl_chassis:tracking_radius(Wide),
+    ?assertEqual(Same#{tracking_mm := #{1 => Mm, 2 => Mm}}, Told([Wide, Wide])).
+
+%% The tables of settings and of leases, and one model.
+block_test() ->
+    ?assertEqual(
+        starl_dpp_settings:options() ++ starl_dpp_lease:options(), starl_dpp:options()
+    ),
+    ?assertMatch([{terms, _, New}] when is_function(New, 1), starl_dpp:models()),
+    ?assertMatch([_ | _], starl_dpp:contract()).

@@ -133,6 +133,63 @@ successors_take_turns_test() ->
     ?assertEqual(Times, lists:usort(Times)),
     ?assert(hd(Times) > starl_dpp_lease:long_us(#{})).
 
+%% What the holder relies on, to the microsecond; never nothing.
+short_test() ->
+    Short = fun(Ms, Ppm, Jump) ->
+        starl_dpp_lease:short_us(#{lease_ms => Ms, drift_ppm => Ppm, jump_ms => Jump})
+    end,
+    ?assertEqual(10000000, Short(10000, 0, 0)),
+    ?assertEqual(10000000 * 990000 div 1010000 - 2000000, Short(10000, 10000, 2000)),
+    ?assertEqual(999998000, Short(1000000, 1, 0)),
+    ?assertEqual([1, 1], [Short(1000, 0, Jump) || Jump <- [1000, 2000]]),
+    ?assertEqual(Short(10000, 10000, 2000), starl_dpp_lease:short_us(#{})),
+    ?assertEqual(
+        [2000000, 1000000, 142858, 1],
+        [starl_dpp_lease:long_us(#{lease_ms => 2000})] ++
+            [
+                starl_dpp_lease:beat_us(#{lease_ms => Ms, drift_ppm => 0, jump_ms => Jump})
+             || {Ms, Jump} <- [{10000, 0}, {1000, 0}, {1000, 1000}]
+            ]
+    ).
+
+bounds_test() ->
+    ?assertEqual({2000000, 10000}, starl_dpp_lease:bounds(#{})),
+    ?assertEqual({7000, 3}, starl_dpp_lease:bounds(#{jump_ms => 7, drift_ppm => 3})).
+
+%% However they are named, and however often.
+quorum_in_any_order_test() ->
+    Team = [1, 2, 3, 4, 5],
+    ?assert(starl_dpp_lease:quorum([5, 2, 4], Team)),
+    ?assertNot(starl_dpp_lease:quorum([5, 2, 5, 2], Team)),
+    ?assertNot(starl_dpp_lease:quorum([], Team)).
+
+%% Of many robots, in their order.
+in_order_test() ->
+    Team = lists:seq(1, 40),
+    {Seq, L1} = starl_dpp_lease:beat(0, new(Team)),
+    Mixed = lists:reverse(Team),
+    ?assertEqual(Team, starl_dpp_lease:votes(1, voted(Mixed, Seq, L1))),
+    Heard = lists:foldl(fun(R, L) -> starl_dpp_lease:heard(R, 7, 0, L) end, L1, Mixed),
+    ?assertEqual([{R, 7} || R <- Team], starl_dpp_lease:stamps(Heard)).
+
+%% A later stamp gives leave anew.
+later_stamp_test() ->
+    L1 = starl_dpp_lease:heard(1, 100, 3 * ?S, starl_dpp_lease:since(0, new([1]))),
+    L2 = starl_dpp_lease:heard(1, 101, 9 * ?S, L1),
+    ?assertEqual([{1, 101}], starl_dpp_lease:stamps(L2)),
+    ?assertEqual([false, true], [starl_dpp_lease:rests(1, 19 * ?S + Us, L2) || Us <- [0, 1]]).
+
+%% A beat of which a vote would be over when it comes is known no more; one of the same moment is the
+%% same beat.
+known_beats_test() ->
+    {Seq, L1} = starl_dpp_lease:beat(0, new([1])),
+    Vote = fun(Now) ->
+        {_, L2} = starl_dpp_lease:beat(Now, L1),
+        starl_dpp_lease:votes(0, voted([1], Seq, L2))
+    end,
+    ?assertEqual([[1], []], [Vote(Now) || Now <- [10 * ?S - 1, 10 * ?S]]),
+    ?assertEqual({Seq, L1}, starl_dpp_lease:beat(0, L1)).
+
 new(Team) -> starl_dpp_lease:new(Team, #{lease_ms => 10000, drift_ppm => 0, jump_ms => 0}).
 
 vote(Stored) -> starl_dpp_vote:new(#{stored => Stored, now => 0}).

@@ -50,7 +50,11 @@ leads_test() ->
 planning_test() ->
     Holds = fun(Robot, X) -> {reserved, Robot, [{{X, 0.0}, {X, 0.0}}]} end,
     ?assertEqual([], found([Holds(1, 0.0), Holds(2, 400.0)])),
-    ?assertMatch([_], found([Holds(1, 0.0), Holds(2, 300.0)])),
+    Crossed = [Holds(1, 0.0), Holds(2, 300.0)],
+    ?assertMatch([_], found(Crossed)),
+    %% what broke it is held from then on, and acts are nothing to it
+    ?assertMatch([_, _], found(Crossed ++ [Holds(3, 600.0)])),
+    ?assertEqual([], found([{leads, ?TERM}, {acts, ?TERM}, Holds(1, 0.0)])),
     ?assertMatch({ok, _}, ?M:finish(9, new())).
 
 %% It takes what path planning's own takes, and `acts'.
@@ -131,6 +135,13 @@ answers_test() ->
     ?assertEqual([{trace, {coordinator, ?TERM}}, complete(1, 2), complete(2, 1)], Both),
     ?assertEqual({S4, []}, reported(1, S4)).
 
+%% What is reported last opens it, and answers those who wait.
+report_answers_test() ->
+    {S1, _} = ?V:lead(service()),
+    {S2, []} = requested(1, 3, S1),
+    {_, Actions} = reported(2, S2),
+    ?assertEqual([{trace, {coordinator, ?TERM}}, complete(1, 3)], Actions).
+
 %% Who is silent waits no longer.
 silent_test() ->
     {S1, _} = ?V:lead(service()),
@@ -175,3 +186,20 @@ model_test() ->
     {_, starl_dpp_participant, Part} = lists:keyfind(dpp, 1, Blocks),
     ?assertEqual(Part, maps:remove(serve, Config)),
     ?assertEqual({4000, 4000001, 4000001}, {Ms, Horizon, Past}).
+
+%% What may happen in a search: all that the two machines wait for, and crashes of both; a robot that
+%% stands, and acts, in the place of each. Lengths are such that neighbours are a metre apart.
+happenings_test() ->
+    Model = starl_dpp_model:new(#{robots => [1, 2], terms => 2}),
+    ?assertEqual(
+        #{
+            timed => [again, beat, claim, leave, look, missing, recover], steps => [serve],
+            crash => [dpp, dpp_coordinator], stands => [location, motion], grain => 1
+        },
+        maps:map(
+            fun(_, What) when is_list(What) -> lists:sort(What); (_, What) -> What end,
+            maps:with([timed, steps, crash, stands, grain], Model)
+        )
+    ),
+    {?M, #{tube_radius := R, r_s := Apart}} = maps:get(monitor, Model),
+    ?assertEqual({200.0, 330.0}, {R, Apart}).

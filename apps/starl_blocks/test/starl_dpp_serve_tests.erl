@@ -141,6 +141,198 @@ passed_test() ->
     {[3], S2} = Passed({1, 5}, 3, S1),
     {[1], _} = Passed({1, 5}, 5, S2).
 
+%% -- when it opens, and what it waits for -----------------------------------------------------
+
+-define(SERVE, {{timeout, serve}, 200000, serve}).
+-define(GIVE_UP, {{timeout, give_up}, 60000000, give_up}).
+
+%% Once it leads and all places are known, whichever comes last, it tells what all hold, and serves
+%% those who wait soon; those who gave up waiting for it are not told so.
+opens_test() ->
+    {ok, Plan} = starl_dpp_plan:new(config([short()], 2)),
+    Idle = starl_dpp_serve:new(Plan, {1, 1, 1}),
+    Held = fun(R) -> {trace, {reserved, R, [{spot(R), spot(R)}]}} end,
+    Opened = [
+        {trace, {coordinator, {1, 1, 1}}}, Held(1), Held(2), {{timeout, give_up}, cancel}, ?SERVE
+    ],
+    {First, One} = chain(Idle, [stands(1, spot(1))]),
+    ?assertEqual({[], {One, []}}, {First, stands_again(1, One)}),
+    {[], Both} = chain(One, [stands(2, spot(2))]),
+    ?assertMatch({_, Opened}, starl_dpp_serve:lead(Both)),
+    {Leads, []} = starl_dpp_serve:lead(One),
+    ?assertMatch({Opened, _}, chain(Leads, [stands(2, spot(2))])).
+
+stands_again(Robot, S) ->
+    starl_dpp_serve:reported(Robot, {1, 0}, {{standing, spot(Robot)}, []}, S).
+
+%% Robots that were seen a little too near to each other are moved apart, as far as the slack goes.
+opens_apart_test() ->
+    Near = fun(Y) -> {6000.0, 8000.0 + Y} end,
+    {Actions, S} = chain(new([short()], 2), [stands(1, Near(0.0)), stands(2, Near(439.0))]),
+    [{1, [{P, P}]}, {2, [{Q, Q}]}] = [{R, Held} || {trace, {reserved, R, Held}} <- Actions],
+    ?assert(starl_geometry:distance(P, Q) >= 440.0),
+    {Next, _} = chain(S, [
+        fun(S0) -> starl_dpp_serve:reported(1, {1, 1}, {{standing, Near(0.0)}, []}, S0) end
+    ]),
+    ?assertMatch([{trace, {reserved, 1, [_]}}], Next).
+
+%% Nobody is told anything before it leads, though all is painted.
+told_by_the_leader_only_test() ->
+    {ok, Plan} = starl_dpp_plan:new(config([short()], 1)),
+    Idle = starl_dpp_serve:new(Plan, {1, 1, 1}),
+    Ask = fun(S) -> starl_dpp_serve:requested(1, {1, 1}, {spot(1), [1]}, S) end,
+    {Actions, S} = chain(Idle, [Ask]),
+    ?assertEqual([?GIVE_UP], Actions),
+    {Led, _} = starl_dpp_serve:lead(S),
+    {Told, _} = chain(Led, [fun starl_dpp_serve:serve/1]),
+    ?assertEqual([{1, {1, 1}, complete}], sent(Told)).
+
+%% While it waits for robots that are not found the time runs once, and is over once.
+gives_up_test() ->
+    {First, S1} = chain(new([short()], 2), [asks(1, 1)]),
+    ?assertEqual([?GIVE_UP], First),
+    {Second, S2} = chain(S1, [asks(1, 2)]),
+    ?assertEqual([], Second),
+    {Ended, S3} = chain(S2, [fun starl_dpp_serve:give_up/1]),
+    ?assertEqual([{1, {1, 2}, incomplete}], sent(Ended)),
+    ?assertEqual([{trace, {unreachable, [1]}}], [A || {trace, _} = A <- Ended]),
+    {Again, _} = chain(S3, [asks(1, 3)]),
+    ?assertEqual([?GIVE_UP], Again),
+    %% who has been told waits no more
+    ?assertMatch({[{trace, {unreachable, [1]}}], _}, chain(S3, [fun starl_dpp_serve:give_up/1])).
+
+%% Robot 2 is dead on the only line: it waits for that one, from when nobody moves. Work that is
+%% given out ends that.
+dead_on_the_line_test() ->
+    On = {6050.0, 6000.0},
+    Dead = fun(S) -> starl_dpp_serve:rests(2, On, S) end,
+    S0 = known([1, 2, 3], new([short()], 3)),
+    Way = {moving, 0, spot(3), [{{9000.0, 9000.0}, up}]},
+    Moves = fun(S) -> starl_dpp_serve:reported(3, {1, 5}, {Way, []}, S) end,
+    {Waits, S1} = chain(S0, [Moves, Dead, asks(1, 1)]),
+    ?assertEqual({[], [?SERVE]}, {sent(Waits), lists:usort(timers(Waits))}),
+    Stops = fun(S) -> starl_dpp_serve:reported(3, {1, 6}, {{standing, {9000.0, 9000.0}}, []}, S) end,
+    {Stopped, S2} = chain(S1, [Stops]),
+    ?assertEqual([?SERVE], timers(Stopped)),
+    {Served, S3} = chain(S2, [fun starl_dpp_serve:serve/1]),
+    ?assertEqual({[], [?GIVE_UP]}, {sent(Served), timers(Served)}),
+    {Again, _} = chain(S3, [fun starl_dpp_serve:serve/1]),
+    ?assertEqual([], Again),
+    Back = fun(S) -> starl_dpp_serve:reported(2, {1, 7}, {{standing, spot(2)}, []}, S) end,
+    {Free, S4} = chain(S3, [Back, fun starl_dpp_serve:serve/1]),
+    ?assertMatch([{1, {1, 1}, {assign, _, _}}], sent(Free)),
+    ?assertEqual([?SERVE, {{timeout, give_up}, cancel}], timers(Free)),
+    ?assertMatch([{assigned, 1, {1, 1}, [_ | _]}], [E || {trace, {assigned, _, _, _} = E} <- Free]),
+    {Stuck, _} = chain(S4, [asks_without(1, 2), Dead, asks(1, 3)]),
+    ?assertEqual([?GIVE_UP], [T || {_, _, give_up} = T <- timers(Stuck)]).
+
+%% Its path is over, and nothing of it is painted; then it stands, and does not ask.
+asks_without(Robot, N) ->
+    fun(S) -> starl_dpp_serve:reported(Robot, {1, N}, {{standing, spot(Robot)}, []}, S) end.
+
+timers(Actions) -> [A || A <- Actions, is_tuple(element(1, A))].
+
+%% Who holds less than before is traced; who waits is served soon after, and else there is no need.
+freed_test() ->
+    S0 = known([1, 2], new([short()], 2)),
+    {Alone, _} = chain(S0, [asks_without(2, 1)]),
+    ?assertEqual([{trace, {reserved, 2, [{spot(2), spot(2)}]}}], Alone),
+    {[_ | _], S1} = chain(S0, [asks(1, 1), asks(2, 1)]),
+    {Waited, _} = chain(S1, [fun(S) -> starl_dpp_serve:passed(1, {1, 1}, 1, S) end]),
+    ?assertMatch([{trace, {reserved, 1, [_ | _]}}, ?SERVE], Waited).
+
+%% All is painted and nobody waits: there is nothing to be waited for.
+nothing_left_test() ->
+    S = known([1], new([short()], 1)),
+    Ask = fun(S0) -> starl_dpp_serve:requested(1, {1, 1}, {spot(1), [1]}, S0) end,
+    {Actions, _} = chain(S, [Ask]),
+    ?assertEqual({[{1, {1, 1}, complete}], [?SERVE]}, {sent(Actions), timers(Actions)}).
+
+%% -- robots that are silent -------------------------------------------------------------------
+
+rests_test() ->
+    Rests = fun(S) -> starl_dpp_serve:rests(1, spot(1), S) end,
+    S0 = known([1, 2], new([short()], 2)),
+    {First, S1} = chain(S0, [Rests]),
+    ?assertEqual(
+        [{trace, {silent, 1}}, {trace, {reserved, 1, [{spot(1), spot(1)}]}}], First
+    ),
+    ?assertEqual({true, false}, {starl_dpp_serve:silent(1, S1), starl_dpp_serve:silent(2, S1)}),
+    {_, Twice} = chain(S1, [Rests, asks_without(1, 1)]),
+    ?assertNot(starl_dpp_serve:silent(1, Twice)),
+    %% it had a path: that is no more, and its line is free
+    {[_ | _], S2} = chain(S0, [asks(1, 1), Rests]),
+    ?assertEqual({S2, []}, starl_dpp_serve:passed(1, {1, 1}, 1, S2)),
+    ?assertMatch([{2, {1, 1}, {assign, _, _}}], answers([asks(2, 1)], S2)).
+
+%% When who moved last rests, all wait: one is sent out of the way.
+rests_settles_test() ->
+    S0 = known([1, 2], new([short()], 2)),
+    On = {6050.0, 6000.0},
+    Way = {moving, 0, spot(2), [{On, up}]},
+    Moves = fun(S) -> starl_dpp_serve:reported(2, {1, 5}, {Way, []}, S) end,
+    {Waits, S1} = chain(S0, [Moves, asks(1, 1)]),
+    ?assertEqual({[], []}, {sent(Waits), [T || {_, _, give_up} = T <- timers(Waits)]}),
+    {Actions, _} = chain(S1, [fun(S) -> starl_dpp_serve:rests(2, On, S) end]),
+    ?assertEqual([[1]], resolved(Actions)).
+
+%% What a silent robot said of a path before its leave ended is nothing.
+late_path_test() ->
+    S0 = known([1, 2], new([short()], 2)),
+    {S1, _} = starl_dpp_serve:rests(1, spot(1), S0),
+    Way = {moving, 0, spot(1), [{{9000.0, 9000.0}, up}]},
+    ?assertEqual({S1, []}, starl_dpp_serve:reported(1, {1, 5}, {Way, []}, S1)),
+    ?assertMatch({_, [{trace, {reserved, 1, [_]}}]},
+                 starl_dpp_serve:reported(1, {1, 5}, {Way, []}, S0)).
+
+%% -- what robots say ----------------------------------------------------------------------------
+
+%% Of a path that is at its end nothing is held but the place.
+path_at_its_end_test() ->
+    At = {9000.0, 9000.0},
+    {S, Actions} = starl_dpp_serve:reported(
+        1, {1, 5}, {{moving, 3, At, []}, []}, known([1, 2], new([short()], 2))
+    ),
+    ?assertEqual([{trace, {reserved, 1, [{At, At}]}}], Actions),
+    ?assertEqual({S, []}, starl_dpp_serve:passed(1, {1, 5}, 4, S)).
+
+%% Lines that are not in the picture, painted or on the path, are traced, and nothing is believed;
+%% an old word is nothing to speak of.
+stray_test() ->
+    S = known([1, 2], new([short()], 2)),
+    Way = {moving, 0, spot(1), [{{9000.0, 9000.0}, {down, 99}}]},
+    Stray = fun(Edges) -> {S, [{trace, {malformed, 1, {edges, Edges}}}]} end,
+    ?assertEqual(Stray([99, 1]), starl_dpp_serve:reported(1, {1, 5}, {Way, [1]}, S)),
+    ?assertEqual(Stray([4711]), starl_dpp_serve:requested(1, {1, 5}, {spot(1), [4711]}, S)),
+    ?assertEqual({S, []}, starl_dpp_serve:requested(1, {1, 0}, {spot(1), [1]}, S)),
+    ?assertEqual({S, []}, starl_dpp_serve:reported(1, {1, 0}, {{standing, spot(1)}, [1]}, S)).
+
+%% One who asks twice waits once, behind the others.
+asks_twice_test() ->
+    {_, S} = chain(new([short()], 3), [asks(1, 1), asks(2, 1), asks(1, 2)]),
+    {Told, _} = chain(S, [fun starl_dpp_serve:give_up/1]),
+    ?assertEqual([{2, {1, 1}, incomplete}, {1, {1, 2}, incomplete}], sent(Told)).
+
+%% -- what is told of the paint ------------------------------------------------------------------
+
+%% With an answer goes what the robot was not told yet: told is what has arrived.
+news_test() ->
+    Far = {{6000.0, 9000.0}, {6100.0, 9000.0}},
+    S0 = known([1, 2], new([short(), Far], 2)),
+    {S1, _} = starl_dpp_serve:reported(2, {1, 5}, {{standing, spot(2)}, [1]}, S0),
+    News = fun(N, S) ->
+        {Actions, Next} = chain(S, [asks(1, N)]),
+        {hd([New || {call, sap, {send, 1, dpp_answer, {_, _, _, New}}, _} <- Actions]), Next}
+    end,
+    %% an answer of another term, or none, has told nothing
+    {[1], S2} = News(1, starl_dpp_serve:answered(1, ok, S1)),
+    {[1], S3} = News(2, S2),
+    {[1], S4} = News(2, starl_dpp_serve:answered(1, lost, S2)),
+    ?assertEqual(S3, S4),
+    {[], S5} = News(3, starl_dpp_serve:answered(1, ok, S3)),
+    {S6, _} = starl_dpp_serve:reported(1, {1, 4}, {{standing, spot(1)}, [2]}, S5),
+    {[2], _} = News(5, S6).
+
 %% -- helpers --------------------------------------------------------------------------------
 
 short() -> {{6000.0, 6000.0}, {6100.0, 6000.0}}.

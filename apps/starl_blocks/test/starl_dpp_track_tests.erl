@@ -46,3 +46,27 @@ painted_test() ->
     ?assertEqual(
         {[], [3, 7, 9]}, {starl_dpp_track:fresh(Answered), starl_dpp_track:painted(Answered)}
     ).
+
+%% Another path begins with nothing behind it, and nothing to report.
+begins_test() ->
+    One = starl_dpp_track:reached(1, hd(?PATH), begun()),
+    Again = starl_dpp_track:begins({7.0, 7.0}, One),
+    ?assertEqual(
+        {{7.0, 7.0}, +0.0, {moving, 0, {0.0, 0.0}, ?PATH}},
+        {
+            starl_dpp_track:last(Again), starl_dpp_track:unreported_mm(Again),
+            starl_dpp_track:place(moving(), Again)
+        }
+    ).
+
+%% Where it stands is looked at again, and stays what it counts as until then.
+lost_test() ->
+    Stands = stopped({50.0, 9.0}, begun()),
+    Lost = starl_dpp_track:lost(Stands),
+    ?assertEqual({{50.0, 9.0}, unknown}, {starl_dpp_track:at(Stands), starl_dpp_track:at(Lost)}),
+    ?assertEqual(unknown, starl_dpp_track:at(starl_dpp_track:halted(standing, Stands))),
+    [
+        ?assertEqual({standing, {50.0, 0.0}}, starl_dpp_track:place(Where, Track))
+     || Where <- [standing, asking], Track <- [Stands, Lost]
+    ],
+    ?assertError(function_clause, starl_dpp_track:place(standing, begun())).

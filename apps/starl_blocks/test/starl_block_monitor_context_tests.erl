@@ -1,0 +1,58 @@
+%% What monitors are told of a run, its faults and its time: each takes what it asks for, and what a
+%% scene says itself stays.
+-module(starl_block_monitor_context_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(BROKEN, [{1, 5, 9, pause}]).
+-define(KNOWN, #{broken => ?BROKEN, healed_us => 20, delay_us => 7, slack_us => 100}).
+
+told(Monitor, Config) -> Monitor:context(?KNOWN, Config).
+
+%% Events come later by the slack than by the rules: the bound is wider by that, once.
+slack_test_() ->
+    [
+        {atom_to_list(Monitor), ?_assertEqual(
+            {5100, kept}, begin
+                #{bound_us := Bound, own := Own} = told(Monitor, #{bound_us => 5000, own => kept}),
+                {Bound, Own}
+            end
+        )}
+     || Monitor <- [
+            starl_barrier_monitor, starl_election_monitor, starl_election_bully_monitor,
+            starl_mutex_monitor, starl_registers_monitor, starl_sap_monitor
+        ]
+    ].
+
+%% A bound that is none gets no wider.
+without_bound_test() ->
+    Infinity = #{bound_us => infinity},
+    ?assertEqual(Infinity, told(starl_barrier_monitor, Infinity)),
+    ?assertEqual(#{}, told(starl_barrier_monitor, #{})),
+    ?assertEqual(Infinity#{broken => ?BROKEN}, told(starl_mutex_monitor, Infinity)),
+    ?assertEqual(#{broken => ?BROKEN}, told(starl_mutex_monitor, #{})),
+    ?assertEqual(#{healed_us => 20}, told(starl_registers_monitor, #{})).
+
+%% What is known of faults goes to those that ask for it; what the scene says stays.
+faults_test_() ->
+    [
+        {lists:concat([Monitor, " ", Key]), fun() ->
+            ?assertEqual(Value, maps:get(Key, told(Monitor, #{bound_us => 1}))),
+            ?assertEqual(own, maps:get(Key, told(Monitor, #{Key => own, bound_us => 1})))
+        end}
+     || {Monitor, Known} <- [
+            {starl_counter_monitor, [healed_us]},
+            {starl_dpp_monitor, [broken]},
+            {starl_geocast_monitor, [broken, healed_us, delay_us]},
+            {starl_mutex_monitor, [broken]},
+            {starl_registers_monitor, [healed_us]}
+        ],
+        Key <- Known,
+        Value <- [maps:get(Key, ?KNOWN)]
+    ].
+
+%% And nothing else.
+nothing_else_test() ->
+    Keys = fun(Monitor) -> lists:sort(maps:keys(told(Monitor, #{bound_us => 1}))) end,
+    ?assertEqual([bound_us, broken, delay_us, healed_us], Keys(starl_geocast_monitor)),
+    ?assertEqual([bound_us, broken], Keys(starl_dpp_monitor)),
+    ?assertEqual([bound_us, healed_us], Keys(starl_counter_monitor)).

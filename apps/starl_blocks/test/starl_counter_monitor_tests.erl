@@ -1,0 +1,98 @@
+%% The contract of the shared counter: traces that keep it and traces that do not.
+-module(starl_counter_monitor_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+judge(Events) -> judge(Events, #{}).
+
+judge(Events, Config) ->
+    Monitor = starl_monitor:new([
+        {starl_counter_monitor, maps:merge(#{robots => [1, 2, 3]}, Config)}
+    ]),
+    {Found, Last} = lists:foldl(fun fed/2, {[], Monitor}, Events),
+    {Late, _} = starl_monitor:finish(100, Last),
+    [{What, At} || #{what := What, at_us := At} <- Found ++ Late].
+
+fed(Event, {Found, Monitor}) ->
+    case starl_monitor:step(Event, Monitor) of
+        {ok, Next} -> {Found, Next};
+        {violation, Violation, Next} -> {Found ++ [Violation], Next}
+    end.
+
+count(T, Robot, Value) -> {T, Robot, counter, {incremented, Value}}.
+holds(T, Robot, Value) -> {T, Robot, counter, {holds, Value}}.
+reads(T, Robot, Value) -> {T, Robot, counter, {read, Value}}.
+
+%% One value back is a violation, the same value is none, and none after a crash.
+goes_back_test() ->
+    Two = [count(1, 1, 1), count(2, 1, 2)],
+    ?assertEqual([], judge(Two ++ [reads(3, 1, 2)])),
+    ?assertEqual([{goes_back, 3}], judge(Two ++ [reads(3, 1, 1)])),
+    ?assertEqual([{goes_back, 3}], judge(Two ++ [holds(3, 1, 1)])),
+    ?assertEqual([], judge(Two ++ [{3, 1, counter, crashed}, reads(3, 1, 1)])),
+    ?assertEqual([{goes_back, 3}], judge(Two ++ [{3, 2, counter, crashed}, reads(3, 1, 1)])).
+
+exceeds_test() ->
+    ?assertEqual([], judge([count(1, 1, 1), holds(2, 2, 1)])),
+    ?assertEqual([{exceeds, 2}], judge([count(1, 1, 1), holds(2, 2, 2)])),
+    ?assertEqual([{exceeds, 1}], judge([count(1, 1, 2)])).
+
+%% So long after the last increment, crash or death, and after the heal, those alive agree.
+agreement_test() ->
+    Bound = #{within_us => 10},
+    One = [count(1, 1, 1), holds(2, 2, 1)],
+    ?assertEqual([{no_agreement, 11}], judge(One, Bound)),
+    ?assertEqual([], judge(One)),
+    ?assertEqual([], judge(One ++ [holds(11, 3, 1)], Bound)),
+    ?assertEqual([{no_agreement, 11}], judge(One ++ [holds(12, 3, 1)], Bound)),
+    ?assertEqual([], judge(One ++ [{5, 3, robot, {died, killed}}], Bound)),
+    ?assertEqual([{no_agreement, 15}], judge(One ++ [{5, 2, counter, crashed}], Bound)),
+    ?assertEqual([{no_agreement, 30}], judge(One, Bound#{healed_us => 20})),
+    ?assertEqual([], judge(One, Bound#{healed_us => never})),
+    Known = #{broken => [], healed_us => 20, delay_us => 1, slack_us => 5},
+    ?assertEqual([{no_agreement, 30}], judge(One, starl_counter_monitor:context(Known, Bound))).
+
+results_test() ->
+    State = starl_counter_monitor:init(#{robots => [1], within_us => 1}),
+    {ok, Next} = starl_counter_monitor:step(count(1, 1, 1), State),
+    ?assertEqual(
+        {ok, #{increments => 1, agreed => 1}}, starl_counter_monitor:finish(9, Next)
+    ),
+    ?assertEqual({1, #{1 => 1}}, starl_counter_monitor:timeless(Next)).
+
+%% A violation says who has which value, in the order of the robots.
+details_test() ->
+    State = starl_counter_monitor:init(#{robots => lists:seq(40, 1, -1), within_us => 1}),
+    {ok, Next} = starl_counter_monitor:step(count(1, 40, 1), State),
+    {{violation, [Violation]}, #{agreed := 0}} = starl_counter_monitor:finish(9, Next),
+    ?assertMatch(#{contract := counter, details := #{values := [0, 1]}}, Violation),
+    ?assertEqual(lists:seq(1, 40), maps:get(robots, Violation)),
+    {violation, Back, _} = starl_counter_monitor:step(reads(2, 40, 0), Next),
+    ?assertMatch(#{robots := [40], details := #{from := 1, to := 0}}, Back),
+    {violation, More, _} = starl_counter_monitor:step(reads(2, 7, 5), Next),
+    ?assertMatch(#{robots := [7], details := #{value := 5, made := 1}}, More).
+
+%% It is told once, and agreement is judged once, each time that it is due.
+judged_once_test() ->
+    Bound = #{within_us => 10},
+    Two = [count(1, 1, 1), holds(12, 2, 0), holds(30, 2, 0)],
+    ?assertEqual([{no_agreement, 11}], judge(Two, Bound)),
+    State = starl_counter_monitor:init(Bound#{robots => [1]}),
+    Agreed = fun(Events) ->
+        Last = lists:foldl(
+            fun(Event, S) -> element(2, starl_counter_monitor:step(Event, S)) end, State, Events
+        ),
+        element(2, starl_counter_monitor:finish(100, Last))
+    end,
+    ?assertEqual(#{increments => 0, agreed => 0}, Agreed([])),
+    ?assertEqual(
+        #{increments => 2, agreed => 1}, Agreed([count(1, 1, 1), count(11, 1, 2)])
+    ),
+    ?assertEqual(
+        #{increments => 2, agreed => 2}, Agreed([count(1, 1, 1), count(12, 1, 2)])
+    ).
+
+told_test() ->
+    ?assertEqual([counter, robot], starl_counter_monitor:interests()),
+    ?assertEqual(
+        #{counter => [{incremented, 1}, {holds, 1}, {read, 1}]}, starl_counter_monitor:vocabulary()
+    ).
