@@ -45,6 +45,21 @@ middle_of_the_walls_test() ->
      || {Id, P} <- lists:zip([1, 2, 3, 4], Middles)
     ].
 
+%% The ring leads round: each side straight on, from one point to the next no farther than 2.5 R,
+%% with the feet of all spots on it.
+ring_in_order_test() ->
+    [
+        begin
+            #{ring := Ring, feet := Feet} = layout(N),
+            Legs = [starl_geometry:distance(A, B) || {A, B} <- lists:zip(Ring, tl(Ring) ++ [hd(Ring)])],
+            Side = 12000.0 - 2 * 3.1 * ?R,
+            ?assert(abs(lists:sum(Legs) - 4 * Side) < 1.0e-3, {N, Legs}),
+            ?assert(lists:max(Legs) =< 2.5 * ?R + 1.0e-6),
+            ?assertEqual([], maps:values(Feet) -- Ring)
+        end
+     || N <- [1, 5, 16, 40, 88]
+    ].
+
 %% What is drawn near the ring is joined to it.
 joined_to_the_ring_test() ->
     #{ring := [{X, Y} | _]} = Layout = layout(4),
