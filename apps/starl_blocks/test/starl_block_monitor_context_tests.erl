@@ -1,5 +1,5 @@
 %% What monitors are told of a run, its faults and its time: each takes what it asks for, and what a
-%% scene says itself stays.
+%% scene says itself stays. What none says is as it is documented.
 -module(starl_block_monitor_context_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -56,3 +56,34 @@ nothing_else_test() ->
     ?assertEqual([bound_us, broken, delay_us, healed_us], Keys(starl_geocast_monitor)),
     ?assertEqual([bound_us, broken], Keys(starl_dpp_monitor)),
     ?assertEqual([bound_us, healed_us], Keys(starl_counter_monitor)).
+
+%% What is left out is what it would be if it were said.
+defaults_test_() ->
+    [
+        {atom_to_list(Monitor), ?_assertEqual(
+            Monitor:init(maps:merge(Given, Defaults)), Monitor:init(Given)
+        )}
+     || {Monitor, Given, Defaults} <- [
+            {starl_barrier_monitor, #{robots => [1, 2]}, #{
+                bound_us => infinity, delta_us => infinity
+            }},
+            {starl_counter_monitor, #{robots => [1, 2]}, #{within_us => infinity, healed_us => 0}},
+            {starl_dpp_monitor, #{tube_radius => 300.0, r_s => 500.0}, #{
+                slice_us => 1000000, tracking_mm => #{}, robots => [], lease_us => 10000000,
+                jump_us => 2000000, drift_ppm => 10000, broken => []
+            }},
+            {starl_geocast_monitor, #{robots => [1, 2]}, #{
+                progress => false, healed_us => 0, margin_mm => 4.0, grace_us => 1000000,
+                delay_us => 0, drift_ppm => 10000, broken => []
+            }},
+            {starl_election_monitor, #{robots => [1, 2], bound_us => 5}, #{
+                complete => false, settle_us => infinity
+            }},
+            {starl_election_bully_monitor, #{robots => [1, 2], bound_us => 5}, #{
+                lossless => false
+            }},
+            {starl_registers_monitor, #{robots => [1, 2]}, #{
+                owners => #{}, bound_us => infinity, healed_us => 0, apart_us => 0
+            }}
+        ]
+    ].

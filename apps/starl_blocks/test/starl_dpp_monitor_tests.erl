@@ -308,3 +308,37 @@ counts_test() ->
                          reserved(3, 2, level(900.0)),
                          {4, 9, dpp_coordinator, {deadlock_resolved, [1, 2]}}], ?S),
     ?assertMatch(#{assignments := 2, deadlocks_resolved := 1}, Results).
+
+%% What the two machines may trace, and with how much.
+vocabulary_test() ->
+    #{dpp := Participant, dpp_coordinator := Coordinator} = starl_dpp_monitor:vocabulary(),
+    ?assertEqual([{stale_answer, 3}, {void, 1}], lists:sort(Participant)),
+    ?assertEqual(
+        [
+            {assigned, 3}, {claims, 1}, {coordinator, 1}, {deadlock_resolved, 1}, {leads, 1},
+            {malformed, 2}, {reserved, 2}, {silent, 1}, {stepped_down, 1}, {unreachable, 1}
+        ],
+        lists:sort(Coordinator)
+    ).
+
+%% Of two ways the least distance is told, and of a robot that is on none of its lines the least way
+%% to one, with whose it is.
+details_test() ->
+    {[Overlap], _} = run([assigned(1, 1, level(0.0)), assigned(2, 2, level(50.0) ++ level(90.0))], 2),
+    #{details := #{distance_mm := Distance, limit_mm := Limit}} = Overlap,
+    ?assertEqual({50.0, 200.0}, {Distance, Limit}),
+    {[Off], _} = run(
+        [assigned(1, 1, level(0.0) ++ level(400.0)), motion(2, 1, drive(2, 100.0, 100.0, 0.0))], 2
+    ),
+    ?assertMatch(
+        #{what := moves_without_leave, robots := [1], details := #{off_mm := 100.0}}, Off
+    ).
+
+%% What has once overlapped is looked at again though it is a part of what was held; what has not is
+%% apart like the whole.
+overlaps_stay_test() ->
+    Two = [assigned(1, 1, level(0.0)), assigned(2, 2, level(50.0))],
+    Rest = [lists:last(level(50.0))],
+    ?assertMatch([{tubes_overlap, _}, {tubes_overlap, _}], judge(Two ++ [reserved(3, 2, Rest)])),
+    Apart = [assigned(1, 1, level(0.0)), assigned(2, 2, level(900.0))],
+    ?assertEqual([], judge(Apart ++ [reserved(3, 2, [lists:last(level(900.0))])])).
