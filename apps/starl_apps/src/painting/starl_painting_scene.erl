@@ -19,7 +19,7 @@ options() ->
         {safety_distance, {number, ?CONTACT_MM, 5000}, 400, "robots keep so far apart (r_s), mm"},
         {horizon, {number, 100, 100000}, 3000, "paint per assignment, mm"},
         {lease, {integer, 100, 1000000}, 10000,
-            "how long the coordinator leads by a vote, and a robot drives by a leave, ms"},
+            "the duration of a lease: of a vote, and of a robot's permission to drive, ms"},
         {jump, {integer, 0, 1000000}, 2000,
             "by how much clocks may be set meanwhile, ms; far less than a lease"}
     ].
