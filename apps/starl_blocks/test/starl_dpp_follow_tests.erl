@@ -1,4 +1,4 @@
-%% Whom a participant follows: terms only rise, a vote and what is asked are told once, and leave
+%% Whom a participant follows: terms only rise, a vote and what is asked are told once, and a lease
 %% lasts from what the robot itself has said.
 -module(starl_dpp_follow_tests).
 -include_lib("eunit/include/eunit.hrl").
@@ -41,9 +41,9 @@ begins_test() ->
         [?F:begins(new(Robot, {stored, {2, 3, 1}})) || Robot <- [1, 2, 3]]
     ).
 
-%% It has no leave, and nobody was heard.
+%% It has no lease, and nobody was heard.
 nothing_at_first_test() ->
-    ?assertEqual([0, -?S], [?F:leave_us(Now, new(none)) || Now <- [0, ?S]]),
+    ?assertEqual([0, -?S], [?F:lease_us(Now, new(none)) || Now <- [0, ?S]]),
     ?assert(?F:missed(0, new(none))).
 
 join_test() ->
@@ -175,21 +175,21 @@ lead_test() ->
         ?F:restarted(new(2, {stored, ?TERM}))
     ).
 
-%% -- leave ----------------------------------------------------------------------------------
+%% -- lease ----------------------------------------------------------------------------------
 
-%% From the latest of its stamps that has come back, or from its request; none takes leave back.
-leave_test() ->
+%% From the latest of its stamps that has come back, or from its request; none takes a lease back.
+lease_test() ->
     Beat = fun(Now, Stamps, F0) ->
         {beaten, {F, _}} = ?F:beat(2, {?TERM, Now, Stamps}, Now, F0),
         F
     end,
-    Leave = fun(F) -> ?F:leave_us(6 * ?S, F) end,
+    Left = fun(F) -> ?F:lease_us(6 * ?S, F) end,
     F1 = Beat(5 * ?S, [{2, 5 * ?S}, {1, 4 * ?S}], told()),
-    ?assertEqual(8 * ?S, Leave(F1)),
-    ?assertEqual(8 * ?S, Leave(Beat(6 * ?S, [{1, 3 * ?S}], F1))),
-    ?assertEqual(8 * ?S, Leave(Beat(6 * ?S, [{2, 6 * ?S}], F1))),
-    ?assertEqual(9 * ?S, Leave(?F:asked(5 * ?S, F1))),
-    ?assertEqual(8 * ?S, Leave(?F:asked(3 * ?S, F1))).
+    ?assertEqual(8 * ?S, Left(F1)),
+    ?assertEqual(8 * ?S, Left(Beat(6 * ?S, [{1, 3 * ?S}], F1))),
+    ?assertEqual(8 * ?S, Left(Beat(6 * ?S, [{2, 6 * ?S}], F1))),
+    ?assertEqual(9 * ?S, Left(?F:asked(5 * ?S, F1))),
+    ?assertEqual(8 * ?S, Left(?F:asked(3 * ?S, F1))).
 
 %% An answer in no time at all shows a clock that stands still, but for the own coordinator's.
 in_no_time_test() ->
