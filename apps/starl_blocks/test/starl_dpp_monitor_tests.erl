@@ -331,7 +331,7 @@ details_test() ->
         [assigned(1, 1, level(0.0) ++ level(400.0)), motion(2, 1, drive(2, 100.0, 100.0, 0.0))], 2
     ),
     ?assertMatch(
-        #{what := moves_without_leave, robots := [1], details := #{off_mm := 100.0}}, Off
+        #{what := moves_without_lease, robots := [1], details := #{off_mm := 100.0}}, Off
     ).
 
 %% What has once overlapped is looked at again though it is a part of what was held; what has not is
