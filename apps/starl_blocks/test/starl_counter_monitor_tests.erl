@@ -88,8 +88,19 @@ judged_once_test() ->
         #{increments => 2, agreed => 1}, Agreed([count(1, 1, 1), count(11, 1, 2)])
     ),
     ?assertEqual(
+        #{increments => 1, agreed => 1},
+        Agreed([count(1, 1, 1)] ++ [reads(T, 1, 1) || T <- [20, 21, 22]])
+    ),
+    ?assertEqual(
         #{increments => 2, agreed => 2}, Agreed([count(1, 1, 1), count(12, 1, 2)])
     ).
+
+%% After a crash it begins at nothing; of one that is dead nothing is known.
+begins_at_nothing_test() ->
+    One = [count(1, 1, 1)],
+    ?assertEqual([], judge(One ++ [{2, 1, counter, crashed}, reads(3, 1, 0)])),
+    ?assertEqual([], judge(One ++ [{2, 1, robot, {died, killed}}, reads(3, 1, 0)])),
+    ?assertEqual([], judge(One ++ [{2, 1, robot, up}, reads(3, 1, 1)])).
 
 told_test() ->
     ?assertEqual([counter, robot], starl_counter_monitor:interests()),

@@ -162,6 +162,9 @@ other_terms_are_ignored(_) ->
     ?assertEqual([{spot(2), spot(2)}], held(2, C1)),
     {Higher, _} = step(cast, {message, 2, dpp_refused, {4, 2, 1}}, C1),
     ?assert(lists:member({trace, {claims, {5, 1, 1}}}, Higher)),
+    Later = {message, 2, dpp_request, {{4, 2, 1}, {1, 9}, spot(1), [], 0}},
+    {Claims, _} = step(cast, Later, C),
+    ?assert(lists:member({trace, {claims, {5, 1, 1}}}, Claims)),
     ?assertEqual({[], C1}, step(cast, {led, {1, 1, 1}}, C1)).
 
 %% What a robot says that it holds is its reservation with the new coordinator, too.

@@ -340,5 +340,21 @@ overlaps_stay_test() ->
     Two = [assigned(1, 1, level(0.0)), assigned(2, 2, level(50.0))],
     Rest = [lists:last(level(50.0))],
     ?assertMatch([{tubes_overlap, _}, {tubes_overlap, _}], judge(Two ++ [reserved(3, 2, Rest)])),
+    %% also when others have been found apart meanwhile
+    Third = [assigned(3, 3, level(900.0)), reserved(4, 2, Rest)],
+    ?assertMatch([{tubes_overlap, _}, {tubes_overlap, _}], judge(Two ++ Third)),
     Apart = [assigned(1, 1, level(0.0)), assigned(2, 2, level(900.0))],
     ?assertEqual([], judge(Apart ++ [reserved(3, 2, [lists:last(level(900.0))])])).
+
+%% Of two violations at one event the second is told with the next one; what is none of its business
+%% is none of that, and nothing found is nothing told.
+one_at_a_time_test() ->
+    M0 = starl_dpp_monitor:init(#{tube_radius => ?TUBE, r_s => ?R_S}),
+    Step = fun(Event, M) -> starl_dpp_monitor:step(Event, M) end,
+    {ok, M1} = Step(assigned(1, 1, level(0.0)), M0),
+    {ok, M2} = Step(assigned(2, 2, level(300.0)), M1),
+    {violation, #{robots := [1, 3]}, M3} = Step(assigned(3, 3, level(150.0)), M2),
+    {violation, #{robots := [2, 3]}, M4} = Step({4, 1, location, {seen, 1}}, M3),
+    {ok, M5} = Step({5, 1, location, {seen, 2}}, M4),
+    ?assertMatch({ok, _}, starl_dpp_monitor:finish(9, M5)),
+    ?assertMatch({{violation, [#{robots := [2, 3]}]}, _}, starl_dpp_monitor:finish(9, M3)).

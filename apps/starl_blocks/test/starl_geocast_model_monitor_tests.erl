@@ -71,6 +71,12 @@ owed_test() ->
     ?assertEqual([], found(Events)),
     ?assertEqual([{not_delivered, ?LIFE}], found(Events ++ [over()])).
 
+%% What was wrong once is known: it is told once.
+told_once_test() ->
+    Twice = [here(1), here(2), sent(), delivered(1), delivered(1), delivered(2), over()],
+    ?assertEqual([{delivered_twice, 0}], found(Twice)),
+    ?assertMatch([{not_delivered, _}], found([here(1), here(2), sent(), delivered(1), over(), {2, robot, up}])).
+
 vocabulary_test() ->
     ?assertEqual(
         (starl_geocast_monitor:vocabulary())#{app => [{window, 1}]}, ?M:vocabulary()
