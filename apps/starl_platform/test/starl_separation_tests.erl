@@ -39,14 +39,6 @@ a_pair_is_reported_once_test() ->
     Two = [{0, 2, still(0.0, 0.0)}, {0, 1, drive(0, 1.0, 0.0, 0.0, 1.0)}],
     ?assertMatch({[{1.0, 0, {1, 2}}], {1.0, 0, {1, 2}}}, watch(50.0, Two, 9 * ?S)).
 
-%% A pair is told by its numbers in order, of however many robots.
-pairs_in_order_test() ->
-    Place = fun(I) -> min(I, 41 - I) * 1000.0 end,
-    {Met, _} = watch(50.0, [{0, I, still(Place(I), 0.0)} || I <- lists:seq(1, 40)], ?S),
-    ?assertEqual(
-        [{I, 41 - I} || I <- lists:seq(1, 20)], lists:sort([Pair || {_, _, Pair} <- Met])
-    ).
-
 %% While time passes: in the slice that has it, once, and no more at the end.
 encounters_during_the_run_test() ->
     S0 = starl_separation:new(50.0),
