@@ -16,8 +16,10 @@ step(Robot, elect) ->
     end;
 step(Robot, {led_by, Leader}) ->
     case starl:id(Robot) of
-        Leader -> [starl:post(Robot, R, place, {1500.0 * R, 6000.0}) || R <- starl:participants(Robot)];
-        _ -> wait
+        Leader ->
+            [starl:post(Robot, R, place, {1500.0 * R, 6000.0}) || R <- starl:participants(Robot)];
+        _ ->
+            wait
     end,
     {ok, Leader, Place} = starl:await(Robot, place),
     ok = starl:go_to(Robot, Place),

@@ -20,8 +20,11 @@ step({T, Robot, my_relay, {heard, From}}, {Said, Heard0}) ->
             {ok, {Said, Heard}};
         true ->
             Violation = #{
-                contract => my_relay, what => heard_too_often, at_us => T,
-                robots => lists:usort([Robot, From]), details => #{}
+                contract => my_relay,
+                what => heard_too_often,
+                at_us => T,
+                robots => lists:usort([Robot, From]),
+                details => #{}
             },
             {violation, Violation, {Said, Heard}}
     end;

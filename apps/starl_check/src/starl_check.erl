@@ -59,7 +59,9 @@ faults() ->
 
 %% @doc Checks a block. `Control' decides from time to time whether to continue; it gets the present
 %% figures and its own state, and is called in another process.
--spec run(starl_check_model:block() | starl_block:model_entry(), options(), {starl_check_search:control(State), State}) ->
+-spec run(starl_check_model:block() | starl_block:model_entry(), options(), {
+    starl_check_search:control(State), State
+}) ->
     outcome().
 run(Block, Options, Control) ->
     Limits = #{

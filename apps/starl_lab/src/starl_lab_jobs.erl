@@ -68,8 +68,13 @@ run([], _Plan, Acc) ->
 run(Jobs, #{at_once := Most} = Plan, Acc) ->
     Before = maps:get(before, Plan, 0),
     Pool = #pool{
-        plan = Plan, later = Jobs, total = Before + length(Jobs), done = Before, before = Before,
-        acc = Acc, progress = starl_cli_progress:new(auto),
+        plan = Plan,
+        later = Jobs,
+        total = Before + length(Jobs),
+        done = Before,
+        before = Before,
+        acc = Acc,
+        progress = starl_cli_progress:new(auto),
         begun_s = erlang:monotonic_time(second)
     },
     Self = self(),

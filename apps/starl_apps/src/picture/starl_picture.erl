@@ -102,14 +102,16 @@ file_bytes(File) ->
         {error, Posix} -> {error, why(Posix)}
     end.
 
-file_bytes(_File, directory, _Size) -> {error, directory};
+file_bytes(_File, directory, _Size) ->
+    {error, directory};
 file_bytes(_File, _Type, Size) when Size > ?MAX_BYTES -> {error, too_big};
 file_bytes(File, regular, _Size) ->
     case file:read_file(File) of
         {ok, Bytes} -> {ok, Bytes};
         {error, Posix} -> {error, why(Posix)}
     end;
-file_bytes(_File, _Device, _Size) -> {error, einval}.
+file_bytes(_File, _Device, _Size) ->
+    {error, einval}.
 
 why(enoent) -> missing;
 why(enotdir) -> missing;
@@ -122,14 +124,30 @@ named(_Name, Result) -> Result.
 
 %% Wrong options are a mistake of the caller.
 check({X0, Y0, X1, Y1}, Tolerance, Max) when
-    is_number(X0), is_number(Y0), X1 > X0, Y1 > Y0, is_number(X1), is_number(Y1),
-    is_number(Tolerance), Tolerance >= ?MIN_TOLERANCE_MM, is_integer(Max), Max > 0 -> ok;
-check(Area, Tolerance, Max) -> error(badarg, [Area, Tolerance, Max]).
+    is_number(X0),
+    is_number(Y0),
+    X1 > X0,
+    Y1 > Y0,
+    is_number(X1),
+    is_number(Y1),
+    is_number(Tolerance),
+    Tolerance >= ?MIN_TOLERANCE_MM,
+    is_integer(Max),
+    Max > 0
+->
+    ok;
+check(Area, Tolerance, Max) ->
+    error(badarg, [Area, Tolerance, Max]).
 
 %% Control characters and runs of space become single spaces.
 line(Text) ->
-    Printable = [case C >= 32 andalso C =/= 127 of true -> C; false -> $\s end
-                 || C <- unicode:characters_to_list(Text)],
+    Printable = [
+        case C >= 32 andalso C =/= 127 of
+            true -> C;
+            false -> $\s
+        end
+     || C <- unicode:characters_to_list(Text)
+    ],
     lists:flatten(lists:join($\s, string:lexemes(Printable, " "))).
 
 %%% From the drawing to the floor
@@ -137,15 +155,20 @@ line(Text) ->
 picture(#{outlines := Outlines, frame := Frame, title := Title} = Drawing, Area, Tolerance, Max) ->
     case place(Outlines, Frame, Area) of
         {ok, Map} ->
-            Floor = [[starl_svg_curve:transform(Map, Curve) || Curve <- Outline]
-                     || Outline <- Outlines],
+            Floor = [
+                [starl_svg_curve:transform(Map, Curve) || Curve <- Outline]
+             || Outline <- Outlines
+            ],
             case chords(Floor, Tolerance, Max) of
-                {ok, []} -> nothing(Drawing);
+                {ok, []} ->
+                    nothing(Drawing);
                 {ok, Segments} ->
                     {ok, #picture{segments = Segments, tolerance = Tolerance, title = line(Title)}};
-                {error, _} = Error -> Error
+                {error, _} = Error ->
+                    Error
             end;
-        nothing -> nothing(Drawing)
+        nothing ->
+            nothing(Drawing)
     end.
 
 nothing(#{has_text := true}) -> {error, only_text};
@@ -159,18 +182,21 @@ place(Outlines, Frame, {AX0, AY0, AX1, AY1}) ->
     Box = lists:foldl(fun starl_svg_curve:merge_bounds/2, First, Rest),
     {X0, Y0, X1, Y1} = fitted(Frame, Box),
     case scale(X1 - X0, AX1 - AX0, Y1 - Y0, AY1 - AY0) of
-        none -> nothing;
+        none ->
+            nothing;
         S ->
             {CX, CY} = {(X0 + X1) / 2.0, (Y0 + Y1) / 2.0},
             {FX, FY} = {(AX0 + AX1) / 2.0, (AY0 + AY1) / 2.0},
             {ok, {S, 0.0, 0.0, -S, FX - CX * S, FY + CY * S}}
     end.
 
-fitted(none, Box) -> Box;
+fitted(none, Box) ->
+    Box;
 fitted({FX0, FY0, FX1, FY1} = Frame, {X0, Y0, X1, Y1} = Box) ->
     Give = 1.0e-6 * max(FX1 - FX0, FY1 - FY0),
-    Inside = X0 >= FX0 - Give andalso Y0 >= FY0 - Give andalso
-        X1 =< FX1 + Give andalso Y1 =< FY1 + Give,
+    Inside =
+        X0 >= FX0 - Give andalso Y0 >= FY0 - Give andalso
+            X1 =< FX1 + Give andalso Y1 =< FY1 + Give,
     case Inside of
         true -> Frame;
         false -> Box
@@ -211,7 +237,8 @@ chords([Outline | Outlines], Tolerance, Left, Chains) ->
     end.
 
 %% Joins the points; a point too close to the last one taken is left out.
-chain(_From, []) -> [];
+chain(_From, []) ->
+    [];
 chain({X0, Y0} = From, [Point | Points]) ->
     {X1, Y1} = To = rounded(Point),
     case math:sqrt((X1 - X0) * (X1 - X0) + (Y1 - Y0) * (Y1 - Y0)) < ?SHORTEST_MM of
@@ -223,7 +250,8 @@ rounded({X, Y}) -> {round(X * 1000.0) / 1000, round(Y * 1000.0) / 1000}.
 
 unique(Segments) -> unique(Segments, #{}, []).
 
-unique([], _Seen, Done) -> lists:reverse(Done);
+unique([], _Seen, Done) ->
+    lists:reverse(Done);
 unique([{P, Q} = Segment | Rest], Seen, Done) ->
     Key = {min(P, Q), max(P, Q)},
     case is_map_key(Key, Seen) of

@@ -93,28 +93,50 @@ page({W0, H0}, Robots, Untitled) ->
     Dot = max(W, H) / (?DOTS - 2 * ?MARGIN_DOTS),
     Columns = max(1, trunc(W / (?COLUMN_DOTS * Dot))),
     Rows = (Robots + Columns - 1) div Columns,
-    Head = case Untitled of
-        true -> ?MARGIN_DOTS;
-        false -> ?MARGIN_DOTS + 30
-    end,
+    Head =
+        case Untitled of
+            true -> ?MARGIN_DOTS;
+            false -> ?MARGIN_DOTS + 30
+        end,
     Foot = ?MARGIN_DOTS + ?ROW_DOTS * Rows,
-    #page{width = W, height = H, dot = Dot, head = Head * Dot, foot = Foot * Dot,
-          columns = Columns}.
+    #page{
+        width = W,
+        height = H,
+        dot = Dot,
+        head = Head * Dot,
+        foot = Foot * Dot,
+        columns = Columns
+    }.
 
 head(#page{width = W, height = H, dot = Dot, head = Head, foot = Foot}) ->
     Margin = ?MARGIN_DOTS * Dot,
     {FullW, FullH} = {W + 2 * Margin, H + Head + Foot},
     [
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"", number(FullW / Dot),
-        "\" height=\"", number(FullH / Dot), "\" viewBox=\"",
-        lists:join($\s, [number(N) || N <- [-Margin, -Head, FullW, FullH]]), "\">\n",
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"",
+        number(FullW / Dot),
+        "\" height=\"",
+        number(FullH / Dot),
+        "\" viewBox=\"",
+        lists:join($\s, [number(N) || N <- [-Margin, -Head, FullW, FullH]]),
+        "\">\n",
         rect({-Margin, -Head}, {FullW, FullH}, "fill=\"#ffffff\""),
         rect({0, 0}, {W, H}, ["fill=\"none\" stroke=\"#d0d0d0\" stroke-width=\"", number(Dot), $"])
     ].
 
 rect({X, Y}, {W, H}, Style) ->
-    ["<rect x=\"", number(X), "\" y=\"", number(Y), "\" width=\"", number(W), "\" height=\"",
-     number(H), "\" ", Style, "/>\n"].
+    [
+        "<rect x=\"",
+        number(X),
+        "\" y=\"",
+        number(Y),
+        "\" width=\"",
+        number(W),
+        "\" height=\"",
+        number(H),
+        "\" ",
+        Style,
+        "/>\n"
+    ].
 
 title(Title, #page{width = W, dot = Dot, head = Head}) ->
     case string:is_empty(Title) of
@@ -123,9 +145,21 @@ title(Title, #page{width = W, dot = Dot, head = Head}) ->
     end.
 
 text({X, Y}, Size, Anchor, Colour, Text) ->
-    ["<text x=\"", number(X), "\" y=\"", number(Y), "\" font-family=\"sans-serif\" font-size=\"",
-     number(Size), "\" text-anchor=\"", Anchor, "\" fill=\"", Colour, "\">", escape(Text),
-     "</text>\n"].
+    [
+        "<text x=\"",
+        number(X),
+        "\" y=\"",
+        number(Y),
+        "\" font-family=\"sans-serif\" font-size=\"",
+        number(Size),
+        "\" text-anchor=\"",
+        Anchor,
+        "\" fill=\"",
+        Colour,
+        "\">",
+        escape(Text),
+        "</text>\n"
+    ].
 
 %%% Lines, ink, robots, legend
 
@@ -133,13 +167,24 @@ target([], _Page) ->
     [];
 target(Segments, #page{dot = Dot} = Page) ->
     Lines = [[$M, place(P, Page), $L, place(Q, Page)] || {P, Q} <- Segments],
-    ["<path fill=\"none\" stroke=\"#c4c4c4\" stroke-linecap=\"round\" stroke-width=\"",
-     number(1.5 * Dot), "\" d=\"", lists:join($\n, Lines), "\"/>\n"].
+    [
+        "<path fill=\"none\" stroke=\"#c4c4c4\" stroke-linecap=\"round\" stroke-width=\"",
+        number(1.5 * Dot),
+        "\" d=\"",
+        lists:join($\n, Lines),
+        "\"/>\n"
+    ].
 
 ink(Id, Polylines, #page{dot = Dot} = Page) ->
-    ["<g fill=\"none\" stroke=\"", colour(Id), "\" stroke-width=\"", number(3.5 * Dot),
-     "\" stroke-linecap=\"round\" stroke-linejoin=\"round\">\n",
-     [polyline(Polyline, Page) || Polyline <- Polylines], "</g>\n"].
+    [
+        "<g fill=\"none\" stroke=\"",
+        colour(Id),
+        "\" stroke-width=\"",
+        number(3.5 * Dot),
+        "\" stroke-linecap=\"round\" stroke-linejoin=\"round\">\n",
+        [polyline(Polyline, Page) || Polyline <- Polylines],
+        "</g>\n"
+    ].
 
 polyline([], _Page) ->
     [];
@@ -157,11 +202,26 @@ robot({Id, {X, Y} = Point, Heading}, #page{dot = Dot} = Page) ->
     Digits = integer_to_list(Id),
     Size = R * 1.9 / (1 + length(Digits)),
     [
-        "<circle cx=\"", CX, "\" cy=\"", CY, "\" r=\"", number(R),
-        "\" fill=\"#ffffff\" fill-opacity=\"0.8\" stroke=\"", colour(Id),
-        "\" stroke-width=\"", number(2 * Dot), "\"/>\n",
-        "<path fill=\"none\" stroke=\"", colour(Id), "\" stroke-width=\"", number(3 * Dot),
-        "\" stroke-linecap=\"round\" d=\"M", place(Rim, Page), $L, place(Tip, Page), "\"/>\n",
+        "<circle cx=\"",
+        CX,
+        "\" cy=\"",
+        CY,
+        "\" r=\"",
+        number(R),
+        "\" fill=\"#ffffff\" fill-opacity=\"0.8\" stroke=\"",
+        colour(Id),
+        "\" stroke-width=\"",
+        number(2 * Dot),
+        "\"/>\n",
+        "<path fill=\"none\" stroke=\"",
+        colour(Id),
+        "\" stroke-width=\"",
+        number(3 * Dot),
+        "\" stroke-linecap=\"round\" d=\"M",
+        place(Rim, Page),
+        $L,
+        place(Tip, Page),
+        "\"/>\n",
         text(label_point(Point, Size, Page), Size, "middle", "#202020", Digits)
     ].
 
@@ -177,8 +237,13 @@ legend_entry(N, Id, #page{height = H, dot = Dot, columns = Columns}) ->
     Y = H + (?ROW_DOTS * (N div Columns) + 15) * Dot,
     [
         rect({X, Y - 6 * Dot}, {18 * Dot, 8 * Dot}, ["fill=\"", colour(Id), $"]),
-        text({X + 24 * Dot, Y + 3 * Dot}, 14 * Dot, "start", "#303030",
-             ["robot ", integer_to_list(Id)])
+        text(
+            {X + 24 * Dot, Y + 3 * Dot},
+            14 * Dot,
+            "start",
+            "#303030",
+            ["robot ", integer_to_list(Id)]
+        )
     ].
 
 %%% Text
@@ -188,10 +253,11 @@ place(Point, Page) -> lists:join($,, [number(N) || N <- centre(Point, Page)]).
 %% At most one decimal: a tenth of a millimetre.
 number(N) ->
     Tenths = round(N * 10),
-    Sign = case Tenths < 0 of
-        true -> "-";
-        false -> ""
-    end,
+    Sign =
+        case Tenths < 0 of
+            true -> "-";
+            false -> ""
+        end,
     [Sign, integer_to_list(abs(Tenths) div 10) | decimal(abs(Tenths) rem 10)].
 
 decimal(0) -> [];
@@ -209,17 +275,24 @@ escaped(C) -> C.
 %% Chosen greedily to maximize the least distance in CIE L*a*b*, also from white and the gray lines.
 palette() ->
     {"#e6194b", "#3cb44b", "#4363d8", "#f58231", "#78005a", "#00b4ff", "#ff00ff", "#5a5a0f",
-     "#00d2b4", "#5a0000", "#c3b400", "#0000ff", "#ff9696", "#006969", "#ff00a5", "#ff96f0"}.
+        "#00d2b4", "#5a0000", "#c3b400", "#0000ff", "#ff9696", "#006969", "#ff00a5", "#ff96f0"}.
 
 %%% PNG
 
 png(Svg, Png) ->
     case os:find_executable("rsvg-convert") of
-        false -> [];
+        false ->
+            [];
         Program ->
             _ = file:delete(Png),
-            Arguments = ["--width", ?PNG_WIDTH, "--keep-aspect-ratio",
-                         "--output", filename:absname(Png), filename:absname(Svg)],
+            Arguments = [
+                "--width",
+                ?PNG_WIDTH,
+                "--keep-aspect-ratio",
+                "--output",
+                filename:absname(Png),
+                filename:absname(Svg)
+            ],
             case run(Program, Arguments) =:= 0 andalso filelib:is_regular(Png) of
                 true -> [Png];
                 false -> []
@@ -239,8 +312,10 @@ run(Program, Arguments) ->
 
 exit_status(Port, Timer) ->
     receive
-        {Port, {data, _Text}} -> exit_status(Port, Timer);
-        {Port, {exit_status, Status}} -> Status;
+        {Port, {data, _Text}} ->
+            exit_status(Port, Timer);
+        {Port, {exit_status, Status}} ->
+            Status;
         {timeout, Timer, Port} ->
             true = port_close(Port),
             timeout

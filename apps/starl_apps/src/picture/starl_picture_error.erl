@@ -26,8 +26,11 @@ text({not_xml, Kind}) ->
 text({bad_encoding, Name}) ->
     {"the picture cannot be read as ~ts; save it as UTF-8", [quote(Name)]};
 text({entities, Line}) ->
-    {"line ~b: the DOCTYPE has a part in [...], which may declare entities; these are refused for "
-     "safety, save the picture as plain SVG", [Line]};
+    {
+        "line ~b: the DOCTYPE has a part in [...], which may declare entities; these are refused for "
+        "safety, save the picture as plain SVG",
+        [Line]
+    };
 text({truncated, Line}) ->
     {"line ~b: the picture ends in the middle; fetch or export the file again", [Line]};
 text({bad_xml, Line, What}) ->
@@ -39,29 +42,41 @@ text({too_deep, Line}) ->
 text(too_complex) ->
     {"the picture takes too much memory or time to read; simplify the drawing", []};
 text({bad_number, Where, Attribute, Text}) ->
-    {"~ts: ~ts in attribute ~ts is not what SVG allows there; correct it",
-     [where(Where), quote(Text), Attribute]};
+    {"~ts: ~ts in attribute ~ts is not what SVG allows there; correct it", [
+        where(Where), quote(Text), Attribute
+    ]};
 text({bad_path, Where, Offset, Problem}) ->
-    {"~ts: the path data is wrong at character ~b: ~ts; correct it",
-     [where(Where), Offset + 1, path_text(Problem)]};
+    {"~ts: the path data is wrong at character ~b: ~ts; correct it", [
+        where(Where), Offset + 1, path_text(Problem)
+    ]};
 text({bad_transform, Where, Text}) ->
-    {"~ts: cannot use the transform ~ts; it must be a list of matrix, translate, scale, rotate, "
-     "skewX and skewY of moderate size", [where(Where), quote(Text)]};
+    {
+        "~ts: cannot use the transform ~ts; it must be a list of matrix, translate, scale, rotate, "
+        "skewX and skewY of moderate size",
+        [where(Where), quote(Text)]
+    };
 text({bad_reference, Where, Text}) ->
-    {"~ts: the reference ~ts does not lead to an element of this file; remove or embed it",
-     [where(Where), quote(Text)]};
+    {"~ts: the reference ~ts does not lead to an element of this file; remove or embed it", [
+        where(Where), quote(Text)
+    ]};
 text({use_too_deep, Where}) ->
     {"~ts: <use> elements refer to each other without end; remove the loop", [where(Where)]};
 text(no_lines) ->
     {"the picture draws no lines; it needs a visible line, path or other shape", []};
 text(only_text) ->
-    {"the picture draws no lines, only text; convert the text to paths "
-     "(in Inkscape: Path, Object to Path)", []};
+    {
+        "the picture draws no lines, only text; convert the text to paths "
+        "(in Inkscape: Path, Object to Path)",
+        []
+    };
 text(too_many_shapes) ->
     {"the picture has too many shapes; simplify the drawing", []};
 text({too_many_segments, Max}) ->
-    {"the picture has more than ~b line segments; simplify it, or allow a larger tolerance or "
-     "more segments", [Max]}.
+    {
+        "the picture has more than ~b line segments; simplify it, or allow a larger tolerance or "
+        "more segments",
+        [Max]
+    }.
 
 file_text(missing) -> "there is no such file";
 file_text(directory) -> "it is a directory; give an SVG file";

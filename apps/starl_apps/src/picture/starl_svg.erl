@@ -77,8 +77,28 @@ vocabulary(Max) ->
         {label, ["title"]}
     ],
     Attributes = [
-        "id", "href", "transform", "style", "display", "visibility", "viewBox", "x", "y",
-        "width", "height", "x1", "y1", "x2", "y2", "cx", "cy", "r", "rx", "ry", "points", "d"
+        "id",
+        "href",
+        "transform",
+        "style",
+        "display",
+        "visibility",
+        "viewBox",
+        "x",
+        "y",
+        "width",
+        "height",
+        "x1",
+        "y1",
+        "x2",
+        "y2",
+        "cx",
+        "cy",
+        "r",
+        "rx",
+        "ry",
+        "points",
+        "d"
     ],
     #{
         root => "svg",
@@ -108,11 +128,12 @@ drawing(Root, Max) ->
     end.
 
 ids(Element, Ids0) ->
-    Ids = case starl_svg_xml:attribute(<<"id">>, Element) of
-        undefined -> Ids0;
-        Id when is_map_key(Id, Ids0) -> Ids0;
-        Id -> Ids0#{Id => Element}
-    end,
+    Ids =
+        case starl_svg_xml:attribute(<<"id">>, Element) of
+            undefined -> Ids0;
+            Id when is_map_key(Id, Ids0) -> Ids0;
+            Id -> Ids0#{Id => Element}
+        end,
     lists:foldl(fun ids/2, Ids, starl_svg_xml:children(Element)).
 
 title(Children) ->
@@ -144,7 +165,8 @@ viewport({X0, Y0, X1, Y1}) -> {X1 - X0, Y1 - Y0}.
 
 view_box(Element) ->
     case starl_svg_xml:attribute(<<"viewBox">>, Element) of
-        undefined -> none;
+        undefined ->
+            none;
         Text ->
             case starl_svg_number:list(Text) of
                 {ok, [X, Y, W, H]} when W >= ?MIN_EXTENT, H >= ?MIN_EXTENT -> {X, Y, W, H};
@@ -161,7 +183,8 @@ visit(Element, Context, #walk{visits = Visits} = Walk0, Draw) ->
     Walk = Walk0#walk{visits = Visits - 1},
     Style = style(Element),
     case property(<<"display">>, Element, Style) of
-        <<"none">> -> Walk;
+        <<"none">> ->
+            Walk;
         _ ->
             Visibility = property(<<"visibility">>, Element, Style),
             Visible = visible(Visibility, Context#context.visible),
@@ -187,12 +210,18 @@ child(Name, Element, Context, Walk) ->
         Draw -> visit(Element, Context, Walk, Draw)
     end.
 
-drawer(<<"g">>) -> fun group/3;
-drawer(<<"a">>) -> fun group/3;
-drawer(<<"switch">>) -> fun group/3;
-drawer(<<"svg">>) -> fun nested/3;
-drawer(<<"use">>) -> fun use/3;
-drawer(<<"text">>) -> fun(_Element, _Context, Walk) -> Walk#walk{has_text = true} end;
+drawer(<<"g">>) ->
+    fun group/3;
+drawer(<<"a">>) ->
+    fun group/3;
+drawer(<<"switch">>) ->
+    fun group/3;
+drawer(<<"svg">>) ->
+    fun nested/3;
+drawer(<<"use">>) ->
+    fun use/3;
+drawer(<<"text">>) ->
+    fun(_Element, _Context, Walk) -> Walk#walk{has_text = true} end;
 drawer(Name) ->
     case lists:member(Name, starl_svg_shape:names()) of
         true -> fun shape/3;
@@ -206,15 +235,19 @@ shape(Element, #context{matrix = Matrix, viewport = Viewport}, Walk) ->
         {ok, Outlines} ->
             Count = lists:sum([length(Outline) || Outline <- Outlines]),
             add(Outlines, Count, Matrix, Walk);
-        {error, too_many} -> fail(too_many_shapes);
-        {error, Problem} -> fail(placed(Problem, Element))
+        {error, too_many} ->
+            fail(too_many_shapes);
+        {error, Problem} ->
+            fail(placed(Problem, Element))
     end.
 
 add(_Outlines, Count, _Matrix, #walk{curves = Curves}) when Count > Curves ->
     fail(too_many_shapes);
 add(Outlines, Count, Matrix, #walk{curves = Curves, outlines = Done} = Walk) ->
-    Placed = [[starl_svg_curve:transform(Matrix, Curve) || Curve <- Outline]
-              || Outline <- Outlines],
+    Placed = [
+        [starl_svg_curve:transform(Matrix, Curve) || Curve <- Outline]
+     || Outline <- Outlines
+    ],
     Walk#walk{curves = Curves - Count, outlines = lists:reverse(Placed, Done)}.
 
 %%% Nested pictures and references
@@ -263,15 +296,16 @@ extent(Use, Target, #context{viewport = {W, H}} = Context) ->
 window(_Element, _Corner, {W, H}, _Context, Walk) when W =< 0.0; H =< 0.0 ->
     Walk;
 window(Element, {X, Y}, {W, H}, #context{matrix = Matrix0} = Context, Walk) ->
-    {Map, Viewport} = case view_box(Element) of
-        none ->
-            {starl_svg_transform:translation(X, Y), {W, H}};
-        {VX, VY, VW, VH} ->
-            S = min(W / VW, H / VH),
-            DX = X + (W - VW * S) / 2.0 - VX * S,
-            DY = Y + (H - VH * S) / 2.0 - VY * S,
-            {{S, 0.0, 0.0, S, DX, DY}, {VW, VH}}
-    end,
+    {Map, Viewport} =
+        case view_box(Element) of
+            none ->
+                {starl_svg_transform:translation(X, Y), {W, H}};
+            {VX, VY, VW, VH} ->
+                S = min(W / VW, H / VH),
+                DX = X + (W - VW * S) / 2.0 - VX * S,
+                DY = Y + (H - VH * S) / 2.0 - VY * S,
+                {{S, 0.0, 0.0, S, DX, DY}, {VW, VH}}
+        end,
     Matrix = multiply(Element, Matrix0, Map),
     group(Element, Context#context{matrix = Matrix, viewport = Viewport}, Walk).
 
@@ -279,7 +313,8 @@ window(Element, {X, Y}, {W, H}, #context{matrix = Matrix0} = Context, Walk) ->
 
 transformed(Element, Matrix) ->
     case starl_svg_xml:attribute(<<"transform">>, Element) of
-        undefined -> Matrix;
+        undefined ->
+            Matrix;
         Text ->
             case starl_svg_transform:parse(Text) of
                 {ok, Own} -> multiply(Element, Matrix, Own);
@@ -289,7 +324,8 @@ transformed(Element, Matrix) ->
 
 multiply(Element, Outer, Inner) ->
     case starl_svg_transform:multiply(Outer, Inner) of
-        {ok, Matrix} -> Matrix;
+        {ok, Matrix} ->
+            Matrix;
         {error, out_of_range} ->
             Text = starl_svg_xml:attribute(<<"transform">>, Element, <<>>),
             fail({bad_transform, where(Element), Text})
@@ -315,8 +351,11 @@ placed({bad_number, Name, Text}, Element) -> {bad_number, where(Element), Name, 
 placed({bad_path, Offset, Problem}, Element) -> {bad_path, where(Element), Offset, Problem}.
 
 where(Element) ->
-    {starl_svg_xml:name(Element), starl_svg_xml:attribute(<<"id">>, Element, none),
-     starl_svg_xml:line(Element)}.
+    {
+        starl_svg_xml:name(Element),
+        starl_svg_xml:attribute(<<"id">>, Element, none),
+        starl_svg_xml:line(Element)
+    }.
 
 -spec fail(problem()) -> no_return().
 fail(Problem) -> throw({?MODULE, Problem}).

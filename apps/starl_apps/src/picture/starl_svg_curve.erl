@@ -18,8 +18,8 @@
 -type line() :: {line, point(), point()}.
 %% An arc carries both end points so that pieces join without a gap.
 -type arc() ::
-    {arc, Start :: point(), End :: point(), Centre :: point(),
-     U :: point(), V :: point(), Angle :: float(), Sweep :: float()}.
+    {arc, Start :: point(), End :: point(), Centre :: point(), U :: point(), V :: point(),
+        Angle :: float(), Sweep :: float()}.
 %% A piece of an outline.
 -type t() ::
     line()
@@ -42,16 +42,24 @@ start(Curve) -> element(2, Curve).
 ellipse(Centre, {RX, RY}, From, Sweep) ->
     U = {RX, 0.0},
     V = {0.0, RY},
-    {arc, on_arc(Centre, U, V, From), on_arc(Centre, U, V, From + Sweep),
-     Centre, U, V, From, Sweep}.
+    {arc, on_arc(Centre, U, V, From), on_arc(Centre, U, V, From + Sweep), Centre, U, V, From,
+        Sweep}.
 
 %% @doc The arc of path data: end points, radii, rotation in degrees and flags, by the conversion
 %% of SVG 1.1, appendix F.6. A zero radius gives a line; too small radii are scaled up.
--spec arc(point(), Radii :: point(), Degrees :: float(), Large :: boolean(), Sweep :: boolean(),
-          point()) -> line() | arc().
-arc({X1, Y1} = From, {RX, RY}, _Degrees, _Large, _Sweep, {X2, Y2} = To)
-  when abs(RX) < ?NOTHING; abs(RY) < ?NOTHING;
-       abs(X1 - X2) < ?NOTHING, abs(Y1 - Y2) < ?NOTHING ->
+-spec arc(
+    point(),
+    Radii :: point(),
+    Degrees :: float(),
+    Large :: boolean(),
+    Sweep :: boolean(),
+    point()
+) -> line() | arc().
+arc({X1, Y1} = From, {RX, RY}, _Degrees, _Large, _Sweep, {X2, Y2} = To) when
+    abs(RX) < ?NOTHING;
+    abs(RY) < ?NOTHING;
+    abs(X1 - X2) < ?NOTHING, abs(Y1 - Y2) < ?NOTHING
+->
     {line, From, To};
 arc({X1, Y1} = From, {RX0, RY0}, Degrees, Large, Sweep, {X2, Y2} = To) ->
     Phi = Degrees * ?PI / 180.0,
@@ -79,7 +87,7 @@ transform(M, {cubic, P0, P1, P2, P3}) ->
     {cubic, at(M, P0), at(M, P1), at(M, P2), at(M, P3)};
 transform(M, {arc, P0, P1, C, U, V, Angle, Sweep}) ->
     {arc, at(M, P0), at(M, P1), at(M, C), starl_svg_transform:apply_vector(M, U),
-     starl_svg_transform:apply_vector(M, V), Angle, Sweep}.
+        starl_svg_transform:apply_vector(M, V), Angle, Sweep}.
 
 %% @doc The smallest axis-parallel box around the curve (not around its control points).
 -spec bounds(t()) -> bounds().

@@ -93,8 +93,9 @@ digits(Rest, M, E, N, _Integer) ->
     {M, E, N, Rest}.
 
 %% An `e' without digits after it is not an exponent but the start of a unit such as `em'.
-exponent(<<X, S, D, Rest/binary>>, M, E, Sign)
-  when (X =:= $e orelse X =:= $E) andalso (S =:= $- orelse S =:= $+), ?IS_DIGIT(D) ->
+exponent(<<X, S, D, Rest/binary>>, M, E, Sign) when
+    (X =:= $e orelse X =:= $E) andalso (S =:= $- orelse S =:= $+), ?IS_DIGIT(D)
+->
     {Exponent, After} = exponent_digits(Rest, D - $0),
     value(M, E + (44 - S) * Exponent, Sign, After);
 exponent(<<X, D, Rest/binary>>, M, E, Sign) when (X =:= $e orelse X =:= $E), ?IS_DIGIT(D) ->

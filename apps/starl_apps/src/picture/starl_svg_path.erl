@@ -69,15 +69,17 @@ groups(Text, Letter, Kinds, Done, Max) ->
 group([Kind | Kinds], Text, Numbers) ->
     case argument(Kind, Text) of
         {ok, Number, Rest} when Kinds =:= [] -> {ok, lists:reverse(Numbers, [Number]), Rest};
-        {ok, Number, Rest} ->
-            group(Kinds, starl_svg_number:skip_comma(Rest), [Number | Numbers]);
+        {ok, Number, Rest} -> group(Kinds, starl_svg_number:skip_comma(Rest), [Number | Numbers]);
         {error, Problem} -> {error, Problem, Text}
     end.
 
 %% Flags are single characters and need no separator: `a1 1 0 01.5.5'.
-argument(flag, <<$0, Rest/binary>>) -> {ok, 0.0, Rest};
-argument(flag, <<$1, Rest/binary>>) -> {ok, 1.0, Rest};
-argument(flag, _) -> {error, expected_flag};
+argument(flag, <<$0, Rest/binary>>) ->
+    {ok, 0.0, Rest};
+argument(flag, <<$1, Rest/binary>>) ->
+    {ok, 1.0, Rest};
+argument(flag, _) ->
+    {error, expected_flag};
 argument(number, Text) ->
     case starl_svg_number:scan(Text) of
         {ok, Number, Rest} -> {ok, Number, Rest};

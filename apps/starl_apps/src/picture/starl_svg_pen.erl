@@ -75,6 +75,7 @@ add(Curve, To, Control, #pen{current = Current} = Pen) ->
     Pen#pen{at = To, control = Control, current = [Curve | Current]}.
 
 %% Ends the subpath.
-lift(#pen{current = []} = Pen) -> Pen;
+lift(#pen{current = []} = Pen) ->
+    Pen;
 lift(#pen{current = Current, done = Done} = Pen) ->
     Pen#pen{current = [], done = [lists:reverse(Current) | Done]}.

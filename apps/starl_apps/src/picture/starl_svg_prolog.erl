@@ -32,14 +32,20 @@ kind(_) -> xml.
 
 decode(Bytes) ->
     case unicode:bom_to_encoding(Bytes) of
-        {latin1, 0} -> convert(Bytes, encoding(Bytes));
-        {Encoding, Length} -> convert(binary:part(Bytes, Length, byte_size(Bytes) - Length),
-                                      Encoding)
+        {latin1, 0} ->
+            convert(Bytes, encoding(Bytes));
+        {Encoding, Length} ->
+            convert(
+                binary:part(Bytes, Length, byte_size(Bytes) - Length),
+                Encoding
+            )
     end.
 
 %% The encoding of a document without a byte order mark.
-encoding(<<0, $<, _/binary>>) -> {utf16, big};
-encoding(<<$<, 0, _/binary>>) -> {utf16, little};
+encoding(<<0, $<, _/binary>>) ->
+    {utf16, big};
+encoding(<<$<, 0, _/binary>>) ->
+    {utf16, little};
 encoding(Bytes) ->
     Head = binary:part(Bytes, 0, min(256, byte_size(Bytes))),
     Pattern = <<"^\\s*<\\?xml[^>]*\\sencoding\\s*=\\s*[\"']([A-Za-z0-9._-]{1,40})">>,
@@ -82,15 +88,21 @@ decoded({ok, Text}) ->
     end.
 
 prolog(<<C, Rest/binary>>, Text) when ?IS_SPACE(C) -> prolog(Rest, Text);
-prolog(<<?BOM/utf8, Rest/binary>>, Text) -> prolog(Rest, Text);
-prolog(<<"<?", Rest/binary>>, Text) -> past(<<"?>">>, Rest, Text);
-prolog(<<"<!--", Rest/binary>>, Text) -> past(<<"-->">>, Rest, Text);
-prolog(<<"<!DOCTYPE", Rest/binary>>, Text) -> doctype(Rest, Text);
+prolog(<<?BOM/utf8, Rest/binary>>, Text) ->
+    prolog(Rest, Text);
+prolog(<<"<?", Rest/binary>>, Text) ->
+    past(<<"?>">>, Rest, Text);
+prolog(<<"<!--", Rest/binary>>, Text) ->
+    past(<<"-->">>, Rest, Text);
+prolog(<<"<!DOCTYPE", Rest/binary>>, Text) ->
+    doctype(Rest, Text);
 prolog(<<"<", _/binary>> = Root, Text) ->
     Before = binary:part(Text, 0, byte_size(Text) - byte_size(Root)),
     {ok, <<?DECLARATION/binary, (binary:copy(<<"\n">>, lines(Before)))/binary, Root/binary>>};
-prolog(<<>>, Text) -> {error, {truncated, 1 + lines(Text)}};
-prolog(_, _Text) -> {error, {not_xml, unknown}}.
+prolog(<<>>, Text) ->
+    {error, {truncated, 1 + lines(Text)}};
+prolog(_, _Text) ->
+    {error, {not_xml, unknown}}.
 
 past(End, Rest, Text) ->
     case binary:split(Rest, End) of
@@ -98,14 +110,19 @@ past(End, Rest, Text) ->
         [_] -> {error, {truncated, 1 + lines(Text)}}
     end.
 
-doctype(<<$>, Rest/binary>>, Text) -> prolog(Rest, Text);
-doctype(<<$", Rest/binary>>, Text) -> quoted(<<"\"">>, Rest, Text);
-doctype(<<$', Rest/binary>>, Text) -> quoted(<<"'">>, Rest, Text);
+doctype(<<$>, Rest/binary>>, Text) ->
+    prolog(Rest, Text);
+doctype(<<$", Rest/binary>>, Text) ->
+    quoted(<<"\"">>, Rest, Text);
+doctype(<<$', Rest/binary>>, Text) ->
+    quoted(<<"'">>, Rest, Text);
 doctype(<<$[, _/binary>> = Rest, Text) ->
     Before = binary:part(Text, 0, byte_size(Text) - byte_size(Rest)),
     {error, {entities, 1 + lines(Before)}};
-doctype(<<_, Rest/binary>>, Text) -> doctype(Rest, Text);
-doctype(<<>>, Text) -> {error, {truncated, 1 + lines(Text)}}.
+doctype(<<_, Rest/binary>>, Text) ->
+    doctype(Rest, Text);
+doctype(<<>>, Text) ->
+    {error, {truncated, 1 + lines(Text)}}.
 
 quoted(Quote, Rest, Text) ->
     case binary:split(Rest, Quote) of

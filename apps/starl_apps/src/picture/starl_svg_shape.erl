@@ -21,8 +21,15 @@
 %% @doc The names of the elements that are shapes.
 -spec names() -> [binary()].
 names() ->
-    [<<"line">>, <<"polyline">>, <<"polygon">>, <<"rect">>, <<"circle">>, <<"ellipse">>,
-     <<"path">>].
+    [
+        <<"line">>,
+        <<"polyline">>,
+        <<"polygon">>,
+        <<"rect">>,
+        <<"circle">>,
+        <<"ellipse">>,
+        <<"path">>
+    ].
 
 %% @doc The outlines of one shape in the shape's user units; at most `Max' curves.
 -spec outlines(element_(), viewport(), Max :: non_neg_integer()) ->
@@ -40,8 +47,10 @@ outlines(Element, Viewport, Max) ->
     {ok, float() | Default} | {error, problem()}.
 number(Element, Name, Whole, Default) ->
     case starl_svg_xml:attribute(Name, Element) of
-        undefined -> {ok, Default};
-        <<"auto">> -> {ok, Default};
+        undefined ->
+            {ok, Default};
+        <<"auto">> ->
+            {ok, Default};
         Text ->
             case starl_svg_number:length(Text, Whole) of
                 {ok, Number} -> {ok, Number};
@@ -90,10 +99,18 @@ rect({X0, Y0}, {W, H}, {RX, RY}) ->
     Corner = fun(CX, CY, Quarter) ->
         starl_svg_curve:ellipse({CX, CY}, {RX, RY}, Quarter * ?PI / 2.0, ?PI / 2.0)
     end,
-    [[{line, {X0 + RX, Y0}, {X1 - RX, Y0}}, Corner(X1 - RX, Y0 + RY, 3),
-      {line, {X1, Y0 + RY}, {X1, Y1 - RY}}, Corner(X1 - RX, Y1 - RY, 0),
-      {line, {X1 - RX, Y1}, {X0 + RX, Y1}}, Corner(X0 + RX, Y1 - RY, 1),
-      {line, {X0, Y1 - RY}, {X0, Y0 + RY}}, Corner(X0 + RX, Y0 + RY, 2)]].
+    [
+        [
+            {line, {X0 + RX, Y0}, {X1 - RX, Y0}},
+            Corner(X1 - RX, Y0 + RY, 3),
+            {line, {X1, Y0 + RY}, {X1, Y1 - RY}},
+            Corner(X1 - RX, Y1 - RY, 0),
+            {line, {X1 - RX, Y1}, {X0 + RX, Y1}},
+            Corner(X0 + RX, Y1 - RY, 1),
+            {line, {X0, Y1 - RY}, {X0, Y0 + RY}},
+            Corner(X0 + RX, Y0 + RY, 2)
+        ]
+    ].
 
 %% A single radius counts for both; neither exceeds half the side.
 radii(RX, RY, {W, H}) -> {min(other(RX, RY), W / 2.0), min(other(RY, RX), H / 2.0)}.

@@ -29,9 +29,14 @@ scaling(X, Y) -> {X, 0.0, 0.0, Y, 0.0, 0.0}.
 %% beyond 1.0e12 are an error: a chain of transforms could otherwise leave the range of floats.
 -spec multiply(matrix(), matrix()) -> {ok, matrix()} | {error, out_of_range}.
 multiply({A1, B1, C1, D1, E1, F1}, {A2, B2, C2, D2, E2, F2}) ->
-    bounded({A1 * A2 + C1 * B2, B1 * A2 + D1 * B2,
-             A1 * C2 + C1 * D2, B1 * C2 + D1 * D2,
-             A1 * E2 + C1 * F2 + E1, B1 * E2 + D1 * F2 + F1}).
+    bounded({
+        A1 * A2 + C1 * B2,
+        B1 * A2 + D1 * B2,
+        A1 * C2 + C1 * D2,
+        B1 * C2 + D1 * D2,
+        A1 * E2 + C1 * F2 + E1,
+        B1 * E2 + D1 * F2 + F1
+    }).
 
 %% @doc The image of a point.
 -spec apply(matrix(), point()) -> point().

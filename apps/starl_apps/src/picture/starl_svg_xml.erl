@@ -190,8 +190,10 @@ role(Uri, Name, #reading{open = Open, vocabulary = Vocabulary}) ->
     end.
 
 element(Name, Attributes, Line, #reading{vocabulary = #{attributes := Known}}) ->
-    Kept = [{maps:get(Key, Known), unicode:characters_to_binary(Value)}
-            || {_Uri, _Prefix, Key, Value} <- Attributes, is_map_key(Key, Known)],
+    Kept = [
+        {maps:get(Key, Known), unicode:characters_to_binary(Value)}
+     || {_Uri, _Prefix, Key, Value} <- Attributes, is_map_key(Key, Known)
+    ],
     #element{name = list_to_binary(Name), line = Line, attributes = maps:from_list(Kept)}.
 
 keep(Role, Element, Reading) ->
@@ -200,11 +202,14 @@ keep(Role, Element, Reading) ->
     case Role of
         _ when Elements >= ?MAX_ELEMENTS -> refuse(too_complex);
         _ when Hidden > 0 -> Reading1#reading{hidden = Hidden + 1};
-        hidden -> Reading1#reading{hidden = 1};
+        hidden ->
+            Reading1#reading{hidden = 1};
         shape when Shapes >= map_get(max_shapes, Reading#reading.vocabulary) ->
             refuse(too_many_shapes);
-        shape -> Reading1#reading{shapes = Shapes + 1};
-        _ -> Reading1
+        shape ->
+            Reading1#reading{shapes = Shapes + 1};
+        _ ->
+            Reading1
     end.
 
 closed(#reading{dropped = Dropped} = Reading) when Dropped > 0 ->

@@ -20,7 +20,8 @@
 -spec request(robot_id(), plan()) -> {{assign, path()} | none | complete, plan()}.
 request(Robot, Plan) ->
     case {starl_dpp_plan:counts(Plan), is_standing(Robot, Plan), unknown(Plan)} of
-        {#{free := 0, assigned := 0}, _, _} -> {complete, Plan};
+        {#{free := 0, assigned := 0}, _, _} ->
+            {complete, Plan};
         {#{free := Free}, true, []} when Free > 0 ->
             find_work(Robot, starl_dpp_plan:others_move(Robot, Plan), Plan);
         _ ->
@@ -40,8 +41,10 @@ retreat(Robot, Plan) ->
 %% closes none, or has made way already since the last assignment to paint. For idle robots.
 -spec make_way(robot_id(), plan()) -> {{assign, path()} | none, plan()}.
 make_way(Robot, Plan) ->
-    case is_standing(Robot, Plan) andalso starl_dpp_plan:blocking(Robot, Plan) > 0
-         andalso unknown(Plan) =:= [] of
+    case
+        is_standing(Robot, Plan) andalso starl_dpp_plan:blocking(Robot, Plan) > 0 andalso
+            unknown(Plan) =:= []
+    of
         true ->
             View = view(Robot, Plan),
             case step_aside(Robot, fun(V) -> starl_dpp_yield:closes(V, View) =:= [] end, Plan) of
@@ -75,10 +78,13 @@ reachable(Live, Plan) ->
     Open = fun(E) -> Blocked(E) =:= 0 end,
     Spots = [V || {Id, V} <- starl_dpp_plan:spots(Plan), lists:member(Id, Live)],
     Reached = starl_dpp_graph:reach(Spots, Open, Graph),
-    lists:any(fun(E) ->
-                  {A, _} = starl_dpp_graph:ends(E, Graph),
-                  Open(E) andalso is_map_key(A, Reached)
-              end, starl_dpp_free:edges(starl_dpp_plan:free(Plan))).
+    lists:any(
+        fun(E) ->
+            {A, _} = starl_dpp_graph:ends(E, Graph),
+            Open(E) andalso is_map_key(A, Reached)
+        end,
+        starl_dpp_free:edges(starl_dpp_plan:free(Plan))
+    ).
 
 %%% Internals: work
 
@@ -110,8 +116,11 @@ search_work(Robot, Patient, Reach, Plan) ->
 
 park(Robot, Plan) ->
     %% Spots whose owner is away, the own one included.
-    Free = [{V, Id} || {Id, V} <- starl_dpp_plan:spots(Plan),
-                       Id =:= Robot orelse not parked(Id, Plan)],
+    Free = [
+        {V, Id}
+     || {Id, V} <- starl_dpp_plan:spots(Plan),
+        Id =:= Robot orelse not parked(Id, Plan)
+    ],
     case starl_dpp_yield:park([V || {V, _} <- Free], view(Robot, Plan)) of
         {ok, V, Path} ->
             {V, Owner} = lists:keyfind(V, 1, Free),
@@ -123,8 +132,10 @@ park(Robot, Plan) ->
 
 %% A robot steps aside once between two assignments to paint, and never from a parking spot.
 step_aside(Robot, Good, Plan) ->
-    case starl_dpp_plan:yielded(Robot, Plan) orelse parked(Robot, Plan)
-         orelse starl_dpp_yield:aside(Good, view(Robot, Plan)) of
+    case
+        starl_dpp_plan:yielded(Robot, Plan) orelse parked(Robot, Plan) orelse
+            starl_dpp_yield:aside(Good, view(Robot, Plan))
+    of
         {ok, _, Path} ->
             {{assign, Path}, starl_dpp_plan:send(Robot, Path, aside, Plan)};
         _ ->
@@ -147,9 +158,12 @@ moves(Robots, Send, Plan0) ->
 
 %% The wish of the robot that would be nearest to a free edge without the waiting robots in its way.
 favourite(Waiting, Plan) ->
-    Wishes = [{Cost, Id, Wish} || Id <- Waiting,
-                                  {ok, #{cost_mm := Cost} = Wish}
-                                      <- [starl_dpp_yield:wish(Waiting, view(Id, Plan))]],
+    Wishes = [
+        {Cost, Id, Wish}
+     || Id <- Waiting,
+        {ok, #{cost_mm := Cost} = Wish} <-
+            [starl_dpp_yield:wish(Waiting, view(Id, Plan))]
+    ],
     case lists:sort(Wishes) of
         [{_, _, Wish} | _] -> Wish;
         [] -> none

@@ -13,7 +13,9 @@
 -type point() :: starl_geometry:point().
 -type waypoint() :: {point(), up | {down, edge_id()}}.
 -type settings() :: #{
-    horizon := float(), overhead_mm := float(), middle := float(),
+    horizon := float(),
+    overhead_mm := float(),
+    middle := float(),
     reach := starl_dpp_search:within()
 }.
 %% `horizon': paint per assignment (mm). `overhead_mm': the cost of one more assignment. `middle':
@@ -52,8 +54,14 @@
 best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
     #{horizon := Horizon, overhead_mm := Overhead, middle := Middle, reach := Reach} = Settings,
     Space = starl_dpp_route:space([Robot], View),
-    Task = #task{space = Space, free = Free, horizon = Horizon, overhead = Overhead,
-                 middle = Middle, reach = Reach},
+    Task = #task{
+        space = Space,
+        free = Free,
+        horizon = Horizon,
+        overhead = Overhead,
+        middle = Middle,
+        reach = Reach
+    },
     case open_edges(Task) of
         {_, 0} -> none;
         {Most, Ends} -> search(Stands, min(Ends, ?TRIES), bounded(Most, Task), View)
@@ -145,13 +153,16 @@ search(Stands, Tries, #task{space = Space} = Task, View) ->
 
 job(Stands, #best{from = V, chain = Chain}, Travel0, #{at := P, graph := Graph}) ->
     Begin = starl_dpp_graph:point(V, Graph),
-    Travel = case Travel0 =:= [] andalso starl_geometry:distance(Stands, Begin) > ?BESIDE of
-        true -> [{Begin, up}];
-        false -> Travel0
-    end,
-    #{path => Travel ++ [{starl_dpp_graph:point(W, Graph), {down, E}} || {W, E} <- Chain],
-      ink_mm => lists:sum([starl_dpp_graph:edge_length(E, Graph) || {_, E} <- Chain]),
-      travel_mm => driven([P | [Q || {Q, up} <- Travel]])}.
+    Travel =
+        case Travel0 =:= [] andalso starl_geometry:distance(Stands, Begin) > ?BESIDE of
+            true -> [{Begin, up}];
+            false -> Travel0
+        end,
+    #{
+        path => Travel ++ [{starl_dpp_graph:point(W, Graph), {down, E}} || {W, E} <- Chain],
+        ink_mm => lists:sum([starl_dpp_graph:edge_length(E, Graph) || {_, E} <- Chain]),
+        travel_mm => driven([P | [Q || {Q, up} <- Travel]])
+    }.
 
 driven([P, Q | Rest]) -> starl_geometry:distance(P, Q) + driven([Q | Rest]);
 driven([_]) -> 0.0.
@@ -163,7 +174,8 @@ visit(V, Cost, Heading, Task, {Tries, #best{score = Score, within = Within} = Be
             {stop, Acc};
         false ->
             case open_steps(starl_dpp_free:steps(V, Free), Task, #{}) of
-                [] -> {continue, Within, Acc};
+                [] ->
+                    {continue, Within, Acc};
                 Steps when Tries =< 1 -> {stop, {0, tried(Steps, V, Cost, Heading, Task, Best)}};
                 Steps ->
                     Tried = tried(Steps, V, Cost, Heading, Task, Best),
@@ -177,19 +189,21 @@ within(#task{most = Most, overhead = Overhead, reach = Reach}, Score) ->
 
 tried(Steps, V, Cost, Heading, #task{free = Free} = Task, Best) ->
     %% To begin in the middle of a line leaves two pieces of it instead of one.
-    Factor = case length(starl_dpp_free:steps(V, Free)) rem 2 of
-        0 -> Task#task.middle;
-        1 -> 1.0
-    end,
+    Factor =
+        case length(starl_dpp_free:steps(V, Free)) rem 2 of
+            0 -> Task#task.middle;
+            1 -> 1.0
+        end,
     try_each(Steps, V, Cost, Heading, Factor, Task, Best).
 
 try_each([], _V, _Cost, _Heading, _Factor, _Task, Best) ->
     Best;
 try_each([Step | Steps], V, Cost, Heading, Factor, Task, Best) ->
-    Next = case may_win(Step, Cost, Heading, Factor, Task, Best) of
-        true -> try_one(Step, V, Cost, Heading, Factor, Task, Best);
-        false -> Best
-    end,
+    Next =
+        case may_win(Step, Cost, Heading, Factor, Task, Best) of
+            true -> try_one(Step, V, Cost, Heading, Factor, Task, Best);
+            false -> Best
+        end,
     try_each(Steps, V, Cost, Heading, Factor, Task, Next).
 
 %% Could a vertex of this cost win, with the most ink that any chain has?
@@ -242,6 +256,8 @@ follow({E, W, Length, Out}, In, Left, Task, Used0, Ink0, Spent0, Chain0) when
 straightest([Step], _In, _TurnMm) ->
     Step;
 straightest(Steps, In, TurnMm) ->
-    {_, Best} = lists:min([{starl_dpp_search:turn(In, Out, TurnMm), Step}
-                           || {_, _, _, Out} = Step <- Steps]),
+    {_, Best} = lists:min([
+        {starl_dpp_search:turn(In, Out, TurnMm), Step}
+     || {_, _, _, Out} = Step <- Steps
+    ]),
     Best.

@@ -52,9 +52,13 @@
 -callback knows(starl:robot_id(), service()) -> boolean().
 -callback silent(starl:robot_id(), service()) -> boolean().
 -callback requested(starl:robot_id(), starl_dpp:request_id(), {At, [Edge]}, service()) ->
-    turn() when At :: starl_geometry:point(), Edge :: starl_dpp_graph:edge_id().
+    turn()
+when
+    At :: starl_geometry:point(), Edge :: starl_dpp_graph:edge_id().
 -callback reported(starl:robot_id(), starl_dpp:request_id(), {Place, [Edge]}, service()) ->
-    turn() when Place :: starl_dpp:place(), Edge :: starl_dpp_graph:edge_id().
+    turn()
+when
+    Place :: starl_dpp:place(), Edge :: starl_dpp_graph:edge_id().
 -callback passed(starl:robot_id(), starl_dpp:request_id(), N :: pos_integer(), service()) -> turn().
 -callback rests(starl:robot_id(), starl_geometry:point(), service()) -> turn().
 -callback serve(service()) -> turn().
@@ -90,7 +94,11 @@ init(#{robot := Self, participants := Team, incarnation := Life, now := Now} = C
     ),
     Members = starl_team:members(Team),
     Data = #coordinator{
-        self = Self, incarnation = Life, team = Members, config = Given, now = Now,
+        self = Self,
+        incarnation = Life,
+        team = Members,
+        config = Given,
+        now = Now,
         service = maps:get(serve, Config, starl_dpp_serve),
         lease = starl_dpp_lease:new(Members, Given)
     },
@@ -136,7 +144,11 @@ event({reply, {rest, Term, Robot}}, {ok, {X, Y, _}}, leading, #coordinator{term 
     keep(rests(Robot, {X, Y}, Data));
 event({reply, {answered, Term, Robot}}, Outcome, leading, #coordinator{term = Term} = Data) ->
     #coordinator{service = Service, serve = Serve} = Data,
-    Arrived = case Outcome of ok -> ok; {error, _} -> lost end,
+    Arrived =
+        case Outcome of
+            ok -> ok;
+            {error, _} -> lost
+        end,
     {keep_state, Data#coordinator{serve = Service:answered(Robot, Arrived, Serve)}, []};
 event({reply, _}, _, _State, _Data) ->
     keep_state_and_data;
@@ -183,7 +195,8 @@ claim(N, #coordinator{n = Known, self = Self, team = Team, config = Config} = Da
     Next = max(N, Known) + 1,
     Term = {Next, Self, Data#coordinator.incarnation},
     Claiming = Data#coordinator{
-        n = Next, term = Term,
+        n = Next,
+        term = Term,
         lease = starl_dpp_lease:new(Team, Config),
         serve = Service:new(Blank, Term)
     },

@@ -47,10 +47,19 @@ new(#{robot := Self, participants := Team, now := Now} = Config) ->
     Short = starl_dpp_lease:short_us(Config),
     {_, Claimant, _} = Term = stored(Config),
     #follow{
-        self = Self, team = starl_team:members(Team), vote = starl_dpp_vote:new(Config),
-        coordinator = case Claimant of 0 -> none; _ -> Claimant end, term = Term,
+        self = Self,
+        team = starl_team:members(Team),
+        vote = starl_dpp_vote:new(Config),
+        coordinator =
+            case Claimant of
+                0 -> none;
+                _ -> Claimant
+            end,
+        term = Term,
         here_us = 2 * starl_dpp_lease:beat_us(Config),
-        short_us = Short, granted = Now - Short, asked = Now - Short
+        short_us = Short,
+        granted = Now - Short,
+        asked = Now - Short
     }.
 
 %% A term that was forgotten is replaced by one higher than any that is reached by counting.
@@ -90,27 +99,38 @@ answers(Source, Term, #follow{coordinator = Coordinator, term = Known}) ->
 %% refused; a claim is refused also if the vote is promised to another robot, or another robot
 %% leads. A robot that leads has a quorum's votes and needs no further one.
 -spec recover(starl:robot_id(), {starl_dpp:term_id(), Seq, Leads :: boolean()}, Now, t()) ->
-    {followed | refused, turn()} when Seq :: starl_dpp_lease:seq(), Now :: integer().
+    {followed | refused, turn()}
+when
+    Seq :: starl_dpp_lease:seq(), Now :: integer().
 recover(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F) ->
     Own = Term =:= Known orelse Leads orelse starl_dpp_vote:may_claim(Source, Now, Vote),
     case Term >= Known andalso Own of
         true ->
-            Heard = case Leads of true -> leads(Source, Now, F); false -> F end,
+            Heard =
+                case Leads of
+                    true -> leads(Source, Now, F);
+                    false -> F
+                end,
             {followed, follow(Source, Term, Now, Heard#follow{wanted = Seq})};
-        false -> {refused, {F, [starl_sap:post(Source, dpp_refused, Known)]}}
+        false ->
+            {refused, {F, [starl_sap:post(Source, dpp_refused, Known)]}}
     end.
 
 %% @doc A beat comes, with the stamps that prolong drive leases. A beat of the term that is followed
 %% is answered now and then. A beat of another term asks for the robot's place. A robot that has not
 %% told its place does so first.
 -spec beat(starl:robot_id(), {starl_dpp:term_id(), Seq, [Stamp]}, Now, t()) ->
-    {beaten | followed | refused, turn()} when
-    Seq :: starl_dpp_lease:seq(), Stamp :: {starl:robot_id(), starl_dpp_lease:stamp()},
+    {beaten | followed | refused, turn()}
+when
+    Seq :: starl_dpp_lease:seq(),
+    Stamp :: {starl:robot_id(), starl_dpp_lease:stamp()},
     Now :: integer().
 beat(Source, {Term, Seq, Stamps}, Now, #follow{term = Term, anew = false} = F) ->
     #follow{self = Self, granted = Old} = F,
     Granted = max(Old, proplists:get_value(Self, Stamps, Old)),
-    {Following, Actions} = follow(Source, Term, Now, leads(Source, Now, F#follow{granted = Granted})),
+    {Following, Actions} = follow(
+        Source, Term, Now, leads(Source, Now, F#follow{granted = Granted})
+    ),
     {Answered, Here} = here(Seq, Now, Following),
     {beaten, {Answered, Actions ++ Here}};
 beat(Source, {Term, Seq, _Stamps}, Now, F) ->
@@ -161,7 +181,9 @@ missing(#follow{coordinator = Coordinator, self = Self, team = Team, vote = Vote
 %% @doc Reports the robot's place and the edges that it knows to be painted, once for each time that
 %% it was asked. The vote goes with the report.
 -spec tell(starl_dpp:request_id(), {starl_dpp:place(), [Edge]}, Now :: integer(), t()) ->
-    turn() when Edge :: starl_dpp_graph:edge_id().
+    turn()
+when
+    Edge :: starl_dpp_graph:edge_id().
 tell(_Id, _Place, _Now, #follow{wanted = none} = F) ->
     {F, []};
 tell(Id, {Place, Painted}, Now, #follow{wanted = Seq, term = Term} = F) ->

@@ -5,9 +5,27 @@
 -module(starl_dpp_graph).
 
 -export([new/1, format_error/1]).
--export([targets/1, edges/1, vertices/1, radius/1, point/2, adjacent/2, lines/1, lines/2,
-         segment/2, ends/2, edge_length/2, longest/1, spots/1, ring/1, joints/3,
-         within/3, near/3, part/3, reach/3, floor_box/1]).
+-export([
+    targets/1,
+    edges/1,
+    vertices/1,
+    radius/1,
+    point/2,
+    adjacent/2,
+    lines/1, lines/2,
+    segment/2,
+    ends/2,
+    edge_length/2,
+    longest/1,
+    spots/1,
+    ring/1,
+    joints/3,
+    within/3,
+    near/3,
+    part/3,
+    reach/3,
+    floor_box/1
+]).
 -export_type([t/0, edge_id/0, vertex/0, step/0, near/0, config/0, reason/0]).
 
 -type edge_id() :: pos_integer().
@@ -76,18 +94,25 @@ new(#{segments := Segments, world := World, robots := Robots, tube_radius := R} 
 format_error(no_robots) ->
     "path planning needs at least one robot";
 format_error({too_many_edges, more, Most}) ->
-    io_lib:format("the picture's lines cross at more than ~b places, at most ~b edges can be planned: "
-                  "simplify it", [Most, Most]);
+    io_lib:format(
+        "the picture's lines cross at more than ~b places, at most ~b edges can be planned: "
+        "simplify it",
+        [Most, Most]
+    );
 format_error({too_many_edges, N, Most}) ->
     io_lib:format("the picture has ~b edges, at most ~b can be planned: simplify it", [N, Most]);
 format_error({outside_area, {X, Y}, {X0, Y0, X1, Y1}}) ->
-    io_lib:format("the picture's point (~b, ~b) mm is outside the area that can be painted, "
-                  "x ~b to ~b and y ~b to ~b mm: scale or move the picture",
-                  [round(N) || N <- [X, Y, X0, X1, Y0, Y1]]);
+    io_lib:format(
+        "the picture's point (~b, ~b) mm is outside the area that can be painted, "
+        "x ~b to ~b and y ~b to ~b mm: scale or move the picture",
+        [round(N) || N <- [X, Y, X0, X1, Y0, Y1]]
+    );
 format_error({unreachable_edge, {{AX, AY}, {BX, BY}}}) ->
-    io_lib:format("no way leads from the parking spots to the line from (~b, ~b) to "
-                  "(~b, ~b) mm: use a larger floor or fewer robots",
-                  [round(N) || N <- [AX, AY, BX, BY]]);
+    io_lib:format(
+        "no way leads from the parking spots to the line from (~b, ~b) to "
+        "(~b, ~b) mm: use a larger floor or fewer robots",
+        [round(N) || N <- [AX, AY, BX, BY]]
+    );
 format_error({world_too_small, _} = Reason) ->
     starl_roadmap:format_error(Reason).
 
@@ -199,12 +224,20 @@ build(#{vertices := Drawn, edges := TargetEdges} = Picture, Layout, Config) ->
     All = TargetEdges ++ maps:get(edges, Travel),
     Targets = length(TargetEdges),
     Adjacent = adjacency(All, Points),
-    #graph{radius = R, world = World, targets = Targets, points = Points,
-           edges = list_to_tuple(All), adjacent = Adjacent,
-           lines = lines_of(Drawn, Targets, Adjacent, Points),
-           longest = lists:max([0.0 | [length_of(A, B, Points) || {A, B} <- TargetEdges]]),
-           spots = maps:get(spots, Travel), ring = maps:get(ring, Travel),
-           edge_grid = edge_grid(All, Points, R), vertex_grid = vertex_grid(Points, R)}.
+    #graph{
+        radius = R,
+        world = World,
+        targets = Targets,
+        points = Points,
+        edges = list_to_tuple(All),
+        adjacent = Adjacent,
+        lines = lines_of(Drawn, Targets, Adjacent, Points),
+        longest = lists:max([0.0 | [length_of(A, B, Points) || {A, B} <- TargetEdges]]),
+        spots = maps:get(spots, Travel),
+        ring = maps:get(ring, Travel),
+        edge_grid = edge_grid(All, Points, R),
+        vertex_grid = vertex_grid(Points, R)
+    }.
 
 length_of(A, B, Points) -> starl_geometry:distance(element(A, Points), element(B, Points)).
 
@@ -254,8 +287,11 @@ check_reach(#graph{spots = Spots, ring = [Root | _], targets = N, radius = R} = 
     Near = [E || S <- Spurs, E <- within(S, {2.0 * R, fun(_) -> true end}, Graph)],
     Closed = maps:from_list([{E, true} || E <- Near]),
     Reached = reach([Root], fun(E) -> not is_map_key(E, Closed) end, Graph),
-    Lost = [E || E <- lists:seq(1, N),
-                 is_map_key(E, Closed) orelse not is_map_key(element(1, ends(E, Graph)), Reached)],
+    Lost = [
+        E
+     || E <- lists:seq(1, N),
+        is_map_key(E, Closed) orelse not is_map_key(element(1, ends(E, Graph)), Reached)
+    ],
     case Lost of
         [] -> {ok, Graph};
         [E | _] -> {error, {unreachable_edge, segment(E, Graph)}}

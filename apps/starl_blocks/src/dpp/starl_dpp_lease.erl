@@ -23,7 +23,9 @@
 %% has died; `drift_ppm' (10000): the greatest drift of a clock against real time; `jump_ms' (2000):
 %% the most by which a clock is set during a lease; far less than `lease_ms'.
 -type config() :: #{
-    lease_ms => pos_integer(), drift_ppm => non_neg_integer(), jump_ms => non_neg_integer(),
+    lease_ms => pos_integer(),
+    drift_ppm => non_neg_integer(),
+    jump_ms => non_neg_integer(),
     atom() => term()
 }.
 %% The name of a beat: the coordinator's clock (us) when it sent the beat.

@@ -105,8 +105,16 @@ vocabulary() ->
     #{
         dpp => [{stale_answer, 3}, {void, 1}],
         dpp_coordinator => [
-            {claims, 1}, {leads, 1}, {stepped_down, 1}, {coordinator, 1}, {reserved, 2},
-            {assigned, 3}, {deadlock_resolved, 1}, {silent, 1}, {unreachable, 1}, {malformed, 2}
+            {claims, 1},
+            {leads, 1},
+            {stepped_down, 1},
+            {coordinator, 1},
+            {reserved, 2},
+            {assigned, 3},
+            {deadlock_resolved, 1},
+            {silent, 1},
+            {unreachable, 1},
+            {malformed, 2}
         ]
     }.
 

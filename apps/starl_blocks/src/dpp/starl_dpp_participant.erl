@@ -66,8 +66,11 @@
 init(#{robot := Self, incarnation := Life, now := Now} = Config) ->
     Follow = starl_dpp_follow:new(Config),
     Part = #part{
-        self = Self, incarnation = Life, now = Now,
-        track = starl_dpp_track:new(maps:get(slack, Config, 0.0)), follow = Follow
+        self = Self,
+        incarnation = Life,
+        now = Now,
+        track = starl_dpp_track:new(maps:get(slack, Config, 0.0)),
+        follow = Follow
     },
     Stop = [starl_motion:stop() || Life > 1],
     {standing, Part, listen() ++ Stop ++ starl_dpp_follow:begins(Follow)}.
@@ -190,8 +193,9 @@ ask(#part{track = Track, now = Now, follow = Follow} = Part) ->
 id(#part{incarnation = Incarnation, n = N}) -> {Incarnation, N}.
 
 answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow} = Part) ->
-    Due = Where =:= asking andalso Id =:= id(Part)
-        andalso starl_dpp_follow:answers(Source, Term, Follow),
+    Due =
+        Where =:= asking andalso Id =:= id(Part) andalso
+            starl_dpp_follow:answers(Source, Term, Follow),
     case Answer of
         _ when not Due ->
             {keep_state, Part, [{trace, {stale_answer, Source, Term, Id}}]};
@@ -222,9 +226,11 @@ assigned({moving, Id, From, Path} = Moving, #part{track = Track, from = Caller} 
             {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
         Us when Us > 0 ->
             Begun = Part#part{from = none, track = starl_dpp_track:begins(From, Track)},
-            {next_state, Moving, Begun, stop_asking() ++ [
-                {{timeout, leave}, Us, leave}, {reply, Caller, {ok, {Id, From, Path}}}
-            ]};
+            {next_state, Moving, Begun,
+                stop_asking() ++
+                    [
+                        {{timeout, leave}, Us, leave}, {reply, Caller, {ok, {Id, From, Path}}}
+                    ]};
         _Ended ->
             ask(Part)
     end.
@@ -254,7 +260,11 @@ drive({From, _, _}, _Id, _Where, _Part) ->
 go_on({moving, Id, _, Path}, #part{drive = {_From, What, N}, track = Track}) ->
     {Point, _} = lists:nth(N, Path),
     Line = {starl_dpp_track:last(Track), Point},
-    Way = case What of face -> face; drive -> go_along end,
+    Way =
+        case What of
+            face -> face;
+            drive -> go_along
+        end,
     [{call, motion, {Way, Line}, {driven, What, Id, N}}];
 go_on(_Where, _Part) ->
     [].
@@ -265,7 +275,9 @@ driven(ok, {drive, N}, Id, {moving, Id, _, Path}, #part{drive = {From, drive, N}
     Track = starl_dpp_track:reached(N, lists:nth(N, Path), Part#part.track),
     {Told, Report} = report(Id, N, Part#part{drive = none, track = Track}),
     {keep_state, Told, Report ++ [{reply, From, ok}]};
-driven({error, _} = Outcome, {What, N}, Id, {moving, Id, _, _}, #part{drive = {From, What, N}} = Part) ->
+driven(
+    {error, _} = Outcome, {What, N}, Id, {moving, Id, _, _}, #part{drive = {From, What, N}} = Part
+) ->
     %% stopped, or out of time
     {keep_state, Part#part{drive = none}, distrust(Outcome) ++ [{reply, From, {error, void}}]};
 driven(_Outcome, _What, _Id, _Where, _Part) ->
@@ -323,7 +335,11 @@ tell_place(asking, #part{track = Track} = Part) ->
     end.
 
 tell(Where, #part{follow = Follow, track = Track, now = Now} = Part) ->
-    Id = case Where of {moving, Of, _, _} -> Of; _ -> id(Part) end,
+    Id =
+        case Where of
+            {moving, Of, _, _} -> Of;
+            _ -> id(Part)
+        end,
     Place = {starl_dpp_track:place(Where, Track), starl_dpp_track:painted(Track)},
     {Told, Report} = starl_dpp_follow:tell(Id, Place, Now, Follow),
     {Part#part{follow = Told}, Report}.

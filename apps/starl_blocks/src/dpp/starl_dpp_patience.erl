@@ -73,10 +73,11 @@ first(Begin, Rivals) ->
 %% others: better wait.
 detour(Robot, #{path := Path, travel_mm := Driven}, Plan) ->
     {P, _} = starl_dpp_plan:stands(Robot, Plan),
-    Straight = case [Q || {Q, up} <- Path] of
-        [] -> 0.0;
-        Points -> starl_geometry:distance(P, lists:last(Points))
-    end,
+    Straight =
+        case [Q || {Q, up} <- Path] of
+            [] -> 0.0;
+            Points -> starl_geometry:distance(P, lists:last(Points))
+        end,
     case starl_dpp_plan:config(Plan) of
         #{patience := infinity} -> false;
         #{patience := {Factor, Mm}} -> Driven > Factor * Straight + Mm
@@ -85,13 +86,17 @@ detour(Robot, #{path := Path, travel_mm := Driven}, Plan) ->
 %% Another will be there before this one, counting what it has to drive until then.
 better_placed(Robot, #{path := Path, travel_mm := Driven}, Plan) ->
     #{patience := Patience} = starl_dpp_plan:config(Plan),
-    Patience =/= infinity andalso Driven > ?FAR
-        andalso others_first(lists:last([Q || {Q, up} <- Path]), Driven, rivals(Robot, Plan)).
+    Patience =/= infinity andalso Driven > ?FAR andalso
+        others_first(lists:last([Q || {Q, up} <- Path]), Driven, rivals(Robot, Plan)).
 
 others_first(Begin, Driven, Rivals) ->
-    Driven > ?FAR andalso lists:any(fun({Left, End}) ->
-        Left + starl_geometry:distance(End, Begin) + ?LEAD < Driven
-    end, Rivals).
+    Driven > ?FAR andalso
+        lists:any(
+            fun({Left, End}) ->
+                Left + starl_geometry:distance(End, Begin) + ?LEAD < Driven
+            end,
+            Rivals
+        ).
 
 %% The distance that each of the others still has to drive, and the place where it will be then.
 %% Silent robots, which may be dead, do no work.

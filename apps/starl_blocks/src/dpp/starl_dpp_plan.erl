@@ -16,10 +16,31 @@
 
 -export([new/1, format_error/1]).
 -export([standing/3, silent/3, passed/3, send/4, exchange/3, adopt/4, apart/1, mark_painted/2]).
--export([counts/1, painted_since/2, target/2, are_targets/2, unsafe/1, unknown/1,
-         spot/2, parked/2, blocking/2]).
--export([config/1, graph/1, free/1, masks/2, spots/1, held/2, rest/2, stands/2, yielded/2,
-         others_move/2, at_work/1, view/2]).
+-export([
+    counts/1,
+    painted_since/2,
+    target/2,
+    are_targets/2,
+    unsafe/1,
+    unknown/1,
+    spot/2,
+    parked/2,
+    blocking/2
+]).
+-export([
+    config/1,
+    graph/1,
+    free/1,
+    masks/2,
+    spots/1,
+    held/2,
+    rest/2,
+    stands/2,
+    yielded/2,
+    others_move/2,
+    at_work/1,
+    view/2
+]).
 -export_type([t/0, config/0, path/0, waypoint/0, pen/0, counts/0]).
 
 -type robot_id() :: pos_integer().
@@ -43,7 +64,8 @@
     unsafe :: starl_dpp_unsafe:t(),
     free :: starl_dpp_free:t(),
     painted = #{} :: #{edge_id() => true},
-    latest = [] :: [edge_id()],     % the painted ones, the latest known first
+    % the painted ones, the latest known first
+    latest = [] :: [edge_id()],
     modes = #{} :: #{robot_id() => mode()},
     %% robots that stand and are silent
     silent = #{} :: #{robot_id() => true},
@@ -146,8 +168,10 @@ apart({Robot, Q0, P}, #plan{unsafe = Unsafe, modes = Modes} = Plan) ->
         Q0 ->
             Plan;
         Q ->
-            Plan#plan{unsafe = starl_dpp_unsafe:set(Robot, [{Q, Q}], Unsafe),
-                      modes = Modes#{Robot := {standing, Q, P}}}
+            Plan#plan{
+                unsafe = starl_dpp_unsafe:set(Robot, [{Q, Q}], Unsafe),
+                modes = Modes#{Robot := {standing, Q, P}}
+            }
     end.
 
 %% @doc Enters edges that are painted already.
@@ -161,8 +185,12 @@ mark_painted(Edges, Plan) -> paint(Edges, Plan).
 counts(#plan{graph = Graph, free = Free, painted = Painted}) ->
     Total = starl_dpp_graph:targets(Graph),
     Left = starl_dpp_free:count(Free),
-    #{free => Left, painted => map_size(Painted), total => Total,
-      assigned => Total - Left - map_size(Painted)}.
+    #{
+        free => Left,
+        painted => map_size(Painted),
+        total => Total,
+        assigned => Total - Left - map_size(Painted)
+    }.
 
 %% @doc The painted edges without the first `Known' that became known, sorted.
 -spec painted_since(Known :: non_neg_integer(), t()) -> [edge_id()].
@@ -263,8 +291,16 @@ at_work(#plan{silent = Silent} = Plan) ->
 view(Robot, #plan{modes = Modes, graph = Graph, unsafe = Unsafe, free = Free} = Plan) ->
     #plan{config = #{turn_mm := TurnMm, leg := Leg}, headings = Headings} = Plan,
     #{Robot := {standing, P, _}} = Modes,
-    #{robot => Robot, at => P, heading => maps:get(Robot, Headings, none), graph => Graph,
-      unsafe => Unsafe, free => Free, turn_mm => TurnMm, leg => Leg}.
+    #{
+        robot => Robot,
+        at => P,
+        heading => maps:get(Robot, Headings, none),
+        graph => Graph,
+        unsafe => Unsafe,
+        free => Free,
+        turn_mm => TurnMm,
+        leg => Leg
+    }.
 
 %%% Internals: state
 
@@ -285,18 +321,22 @@ release(Robot, #plan{modes = Modes, free = Free, painted = Painted} = Plan) ->
         #{Robot := {moving, _, Left}} ->
             Back = [E || E <- pens(Left), not is_map_key(E, Painted)],
             Heading = heading_after(Robot, 1, Plan),
-            Plan#plan{free = starl_dpp_free:give(Back, Free),
-                      headings = maps:merge(Plan#plan.headings, Heading),
-                      modes = maps:remove(Robot, Modes)};
+            Plan#plan{
+                free = starl_dpp_free:give(Back, Free),
+                headings = maps:merge(Plan#plan.headings, Heading),
+                modes = maps:remove(Robot, Modes)
+            };
         #{} ->
             Plan
     end.
 
 paint(Edges, #plan{free = Free, painted = Painted, latest = Latest} = Plan) ->
     New = [E || E <- lists:usort(Edges), not is_map_key(E, Painted)],
-    Plan#plan{free = starl_dpp_free:take(New, Free),
-              painted = lists:foldl(fun(E, Acc) -> Acc#{E => true} end, Painted, New),
-              latest = New ++ Latest}.
+    Plan#plan{
+        free = starl_dpp_free:take(New, Free),
+        painted = lists:foldl(fun(E, Acc) -> Acc#{E => true} end, Painted, New),
+        latest = New ++ Latest
+    }.
 
 %% The heading along the N-th segment that the robot still holds, if that segment has a heading.
 heading_after(Robot, N, #plan{unsafe = Unsafe}) ->
@@ -319,8 +359,13 @@ assign(Robot, From, Path, #plan{} = Plan) ->
 
 %% A robot that stands on the spot of another one that is away takes the spot over.
 claim_spot(Robot, P, #plan{spots = Spots} = Plan) ->
-    Here = [Id || {Id, _} <- spots(Plan), Id =/= Robot,
-                  starl_dpp_spots:on(P, Id, Spots), not parked(Id, Plan)],
+    Here = [
+        Id
+     || {Id, _} <- spots(Plan),
+        Id =/= Robot,
+        starl_dpp_spots:on(P, Id, Spots),
+        not parked(Id, Plan)
+    ],
     case Here of
         [] -> Plan;
         [Owner | _] -> exchange(Robot, Owner, Plan)

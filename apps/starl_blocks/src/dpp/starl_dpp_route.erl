@@ -48,9 +48,12 @@ nearby(#{at := P, graph := Graph}) -> [V || {_, V} <- starl_dpp_graph:joints(P, 
 %% with the cost of doing so.
 -spec starts([vertex()], obstacles(), view()) -> [starl_dpp_search:start()].
 starts(Vertices, Obstacles, #{at := P, graph := Graph} = View) ->
-    [start(V, Q, View)
-     || V <- Vertices, Q <- [starl_dpp_graph:point(V, Graph)],
-        starl_geometry:distance(P, Q) < ?AT orelse starl_dpp_unsafe:clear({P, Q}, Obstacles)].
+    [
+        start(V, Q, View)
+     || V <- Vertices,
+        Q <- [starl_dpp_graph:point(V, Graph)],
+        starl_geometry:distance(P, Q) < ?AT orelse starl_dpp_unsafe:clear({P, Q}, Obstacles)
+    ].
 
 %% @doc The way along vertices with the pen up, cut short where that is safe. Empty when the robot
 %% is there.
@@ -74,8 +77,8 @@ legs([_], _Mm) ->
     [];
 legs([P, Q | Rest], Mm) ->
     N = max(1, ceil(starl_geometry:distance(P, Q) / Mm)),
-    [starl_geometry:interpolate(P, Q, I / N) || I <- lists:seq(1, N - 1)]
-        ++ [Q | legs([Q | Rest], Mm)].
+    [starl_geometry:interpolate(P, Q, I / N) || I <- lists:seq(1, N - 1)] ++
+        [Q | legs([Q | Rest], Mm)].
 
 %%% Internals
 

@@ -64,7 +64,8 @@ trail(V, Labels) -> trail(V, Labels, []).
 
 %% @doc The cost of turning from one heading to another.
 -spec turn(heading(), To :: float(), MmPerRadian :: float()) -> float().
-turn(none, _To, _Mm) -> 0.0;
+turn(none, _To, _Mm) ->
+    0.0;
 turn(From, To, Mm) when is_float(From), is_float(To), is_float(Mm) ->
     case To - From of
         D when D > 3.141592653589793 -> Mm * abs(6.283185307179586 - D);

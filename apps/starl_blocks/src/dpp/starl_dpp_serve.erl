@@ -93,18 +93,23 @@ requested(Robot, Id, {At, Painted}, #serve{waiting = Waiting, plan = Plan} = S) 
     case newer(Robot, Id, S) andalso starl_dpp_plan:are_targets(Painted, Plan) of
         true ->
             Asking = S#serve{waiting = lists:delete(Robot, Waiting) ++ [Robot]},
-            chain([
-                fun(S1) -> stands(Robot, Id, At, Painted, S1) end,
-                fun(S1) -> serve_robot(Robot, S1) end,
-                fun settle/1
-            ], Asking);
+            chain(
+                [
+                    fun(S1) -> stands(Robot, Id, At, Painted, S1) end,
+                    fun(S1) -> serve_robot(Robot, S1) end,
+                    fun settle/1
+                ],
+                Asking
+            );
         false ->
             {S, stray(Robot, Painted, Plan)}
     end.
 
 %% @doc The robot's report to a new coordinator: where it stands, or the rest of its path.
 -spec reported(starl:robot_id(), starl_dpp:request_id(), {starl_dpp:place(), [Edge]}, t()) ->
-    turn() when Edge :: starl_dpp_graph:edge_id().
+    turn()
+when
+    Edge :: starl_dpp_graph:edge_id().
 reported(Robot, Id, {Place, Painted}, #serve{plan = Plan} = S) ->
     Silent = silent(Robot, S),
     Named = pens(Place) ++ Painted,
@@ -165,19 +170,25 @@ newer(Robot, Id, #serve{latest = Latest}) -> Id > maps:get(Robot, Latest, {0, 0}
 
 stands(Robot, Id, At, Painted, #serve{plan = Plan, latest = Latest} = S) ->
     Marked = starl_dpp_plan:mark_painted(Painted, Plan),
-    freed(Robot, alive(Robot, S#serve{
-        plan = starl_dpp_plan:standing(Robot, At, Marked),
-        latest = Latest#{Robot => Id},
-        moving = maps:remove(Robot, S#serve.moving)
-    })).
+    freed(
+        Robot,
+        alive(Robot, S#serve{
+            plan = starl_dpp_plan:standing(Robot, At, Marked),
+            latest = Latest#{Robot => Id},
+            moving = maps:remove(Robot, S#serve.moving)
+        })
+    ).
 
 moves(Robot, Id, {N, From, Path}, Painted, #serve{plan = Plan, latest = Latest} = S) ->
     Marked = starl_dpp_plan:mark_painted(Painted, Plan),
-    freed(Robot, alive(Robot, S#serve{
-        plan = starl_dpp_plan:adopt(Robot, From, Path, Marked),
-        latest = Latest#{Robot => Id},
-        moving = (S#serve.moving)#{Robot => N}
-    })).
+    freed(
+        Robot,
+        alive(Robot, S#serve{
+            plan = starl_dpp_plan:adopt(Robot, From, Path, Marked),
+            latest = Latest#{Robot => Id},
+            moving = (S#serve.moving)#{Robot => N}
+        })
+    ).
 
 alive(Robot, #serve{silent = Silent} = S) -> S#serve{silent = lists:delete(Robot, Silent)}.
 
@@ -193,9 +204,11 @@ open(#serve{leads = true, plan = Plan, term = Term} = S) ->
         [] ->
             Apart = starl_dpp_plan:apart(Plan),
             Traces = [{trace, {reserved, R, Held}} || {R, Held} <- starl_dpp_plan:unsafe(Apart)],
-            {S#serve{open = true, stuck = false, plan = Apart},
-                [{trace, {coordinator, Term}} | Traces]
-                ++ [{{timeout, give_up}, cancel}, {{timeout, serve}, ?SERVE_US, serve}]};
+            {
+                S#serve{open = true, stuck = false, plan = Apart},
+                [{trace, {coordinator, Term}} | Traces] ++
+                    [{{timeout, give_up}, cancel}, {{timeout, serve}, ?SERVE_US, serve}]
+            };
         _Unknown ->
             {S, []}
     end;

@@ -35,7 +35,8 @@ complete(Settings) -> maps:merge(defaults(), Settings).
 defaults() ->
     Required = [segments, world, tube_radius],
     maps:from_list([
-        {Key, Default} || {Key, _, Default, _} <- options(), not lists:member(Key, Required)
+        {Key, Default}
+     || {Key, _, Default, _} <- options(), not lists:member(Key, Required)
     ]).
 
 %% @doc The same as a table.

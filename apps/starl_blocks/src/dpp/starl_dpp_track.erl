@@ -97,7 +97,8 @@ reported(Track) -> Track#track{unreported_mm = 0.0}.
 
 %% @doc The robot's place for a new coordinator, with the rest of its path.
 -spec place(where(), t()) -> starl_dpp:place().
-place({moving, _Id, From, Path}, #track{passed = 0}) -> {moving, 0, From, Path};
+place({moving, _Id, From, Path}, #track{passed = 0}) ->
+    {moving, 0, From, Path};
 place({moving, _Id, _, Path}, #track{passed = N, last = Last}) ->
     {moving, N, Last, lists:nthtail(N, Path)};
 place(_Where, #track{nominal = Nominal}) when Nominal =/= unknown -> {standing, Nominal}.
@@ -108,7 +109,8 @@ painted(#track{painted = Painted, fresh = Fresh}) -> lists:umerge(Fresh, Painted
 
 %% @doc These edges, sorted, are painted, too.
 -spec learn([edge_id()], t()) -> t().
-learn([], Track) -> Track;
+learn([], Track) ->
+    Track;
 learn(Edges, #track{painted = Painted} = Track) ->
     Track#track{painted = lists:umerge(Edges, Painted)}.
 

@@ -8,8 +8,22 @@
 %% segment that blocks it: driving past that segment frees the edge.
 -module(starl_dpp_unsafe).
 
--export([new/2, set/3, drop/3, held/2, rest/2, all/1, unknown/1, bit/2, masks/1, blocks/2,
-         others/2, clear/2, away/3, nominal/3]).
+-export([
+    new/2,
+    set/3,
+    drop/3,
+    held/2,
+    rest/2,
+    all/1,
+    unknown/1,
+    bit/2,
+    masks/1,
+    blocks/2,
+    others/2,
+    clear/2,
+    away/3,
+    nominal/3
+]).
 -export_type([t/0, masks/0, obstacle/0]).
 
 -type robot_id() :: pos_integer().
@@ -125,8 +139,10 @@ away(Robot, P, #unsafe{graph = Graph} = Unsafe) ->
 %% place where it is.
 -spec nominal(P, Held :: [segment()], SlackMm :: float()) -> P when P :: starl_geometry:point().
 nominal(P, Held, Slack) ->
-    Near = [{starl_geometry:distance(P, Q), Q}
-            || S <- Held, Q <- [starl_geometry:closest_point(P, S)]],
+    Near = [
+        {starl_geometry:distance(P, Q), Q}
+     || S <- Held, Q <- [starl_geometry:closest_point(P, S)]
+    ],
     case lists:sort(Near) of
         [{D, Q} | _] when D =< Slack -> Q;
         _ -> P
@@ -138,8 +154,10 @@ nominal(P, Held, Slack) ->
 away(0, P, _Others, _Mm) ->
     P;
 away(Steps, {X, Y} = P, Others, Mm) ->
-    Near = [{starl_geometry:distance(P, Q), Q}
-            || S <- Others, Q <- [starl_geometry:closest_point(P, S)]],
+    Near = [
+        {starl_geometry:distance(P, Q), Q}
+     || S <- Others, Q <- [starl_geometry:closest_point(P, S)]
+    ],
     case lists:sort(Near) of
         [{D, {QX, QY}} | _] when D < Mm, D > 0.0 ->
             Out = (Mm + ?MARGIN) / D,
@@ -199,9 +217,13 @@ holds(Robot, Items, #unsafe{held = Held, graph = Graph} = Unsafe) ->
     Segments = [S || {S, _} <- Items],
     {_, End} = lists:last(Segments),
     Left = lists:sum([starl_geometry:length(S) || S <- Segments]),
-    Unsafe#unsafe{held = Held#{Robot => #held{
-        items = Items, obstacles = chunks(clearance(Graph), Segments), rest = {Left, End}
-    }}}.
+    Unsafe#unsafe{
+        held = Held#{
+            Robot => #held{
+                items = Items, obstacles = chunks(clearance(Graph), Segments), rest = {Left, End}
+            }
+        }
+    }.
 
 %% Mostly the robot is beside all boxes, so it is as far away as it should be.
 seen_from(P, [{Full, _, _} | _] = Obstacles) ->

@@ -106,9 +106,17 @@ wished({Cost, V, E}, Labels, Waiting, #{robot := Robot, at := P} = View) ->
     Trail = starl_dpp_search:trail(V, Labels),
     Points = [P | [starl_dpp_graph:point(W, Graph) || W <- Trail]],
     Way = [starl_dpp_graph:segment(E, Graph) | lists:zip(lists:droplast(Points), tl(Points))],
-    Blockers = [Id || Id <- Waiting, Id =/= Robot,
-                      in_way(starl_dpp_unsafe:held(Id, Unsafe), Way, Graph)],
-    #{robot => Robot, way => Way, blockers => Blockers,
-      cost_mm => Cost + ?BLOCKER_MM * length(Blockers)}.
+    Blockers = [
+        Id
+     || Id <- Waiting,
+        Id =/= Robot,
+        in_way(starl_dpp_unsafe:held(Id, Unsafe), Way, Graph)
+    ],
+    #{
+        robot => Robot,
+        way => Way,
+        blockers => Blockers,
+        cost_mm => Cost + ?BLOCKER_MM * length(Blockers)
+    }.
 
 depth({X, Y}, {X0, Y0, X1, Y1}) -> min(min(X - X0, X1 - X), min(Y - Y0, Y1 - Y)).

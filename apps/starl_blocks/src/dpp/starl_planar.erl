@@ -65,7 +65,8 @@ weld({X, Y} = P, #weld{tolerance = Tol, cells = Cells} = Weld) ->
         _ -> enter(P, {I, J}, Weld)
     end.
 
-nearest(_P, [], _Weld) -> none;
+nearest(_P, [], _Weld) ->
+    none;
 nearest(P, Near, #weld{points = Points}) ->
     lists:min([{starl_geometry:distance(P, maps:get(V, Points)), V} || V <- Near]).
 
@@ -136,8 +137,12 @@ cut_pair({N, {A, B, S}}, {M, {C, D, T}}, {_, #weld{tolerance = Tol}} = Acc0) ->
         true ->
             {P, Q} = S,
             {X, Y} = T,
-            Ends = [{N, {A, B, S}, C, X}, {N, {A, B, S}, D, Y},
-                    {M, {C, D, T}, A, P}, {M, {C, D, T}, B, Q}],
+            Ends = [
+                {N, {A, B, S}, C, X},
+                {N, {A, B, S}, D, Y},
+                {M, {C, D, T}, A, P},
+                {M, {C, D, T}, B, Q}
+            ],
             Touch = fun({I, Line, V, Place}, Acc) -> touch(I, Line, V, Place, Acc) end,
             Acc1 = lists:foldl(Touch, Acc0, Ends),
             cross({N, {A, B, S}}, {M, {C, D, T}}, Acc1)
@@ -151,8 +156,10 @@ touch(N, {A, B, S}, V, P, {Cuts, #weld{tolerance = Tol} = Weld}) ->
     end.
 
 cross({N, {A, B, S}}, {M, {C, D, T}}, {Cuts, Weld0}) ->
-    case A =/= C andalso A =/= D andalso B =/= C andalso B =/= D
-         andalso starl_geometry:intersection(S, T) of
+    case
+        A =/= C andalso A =/= D andalso B =/= C andalso B =/= D andalso
+            starl_geometry:intersection(S, T)
+    of
         {proper, P} ->
             {V, Weld1} = weld(P, Weld0),
             {cut_inside(M, V, {C, D}, cut_inside(N, V, {A, B}, Cuts)), Weld1};
@@ -188,8 +195,10 @@ divide(Edges, #weld{points = Points, count = N}, MaxLength) ->
     Start = {[], [], N},
     Divide = fun(Edge, Acc) -> divide_edge(Edge, Points, MaxLength, Acc) end,
     {Pieces, Extra, _} = lists:foldl(Divide, Start, Edges),
-    #{vertices => [maps:get(V, Points) || V <- lists:seq(1, N)] ++ lists:reverse(Extra),
-      edges => lists:reverse(Pieces)}.
+    #{
+        vertices => [maps:get(V, Points) || V <- lists:seq(1, N)] ++ lists:reverse(Extra),
+        edges => lists:reverse(Pieces)
+    }.
 
 divide_edge({A, B}, Points, MaxLength, {Pieces, Extra, N}) ->
     P = maps:get(A, Points),

@@ -63,7 +63,11 @@ layout({W, H} = World, N, R) ->
         true ->
             {ok, place(Box, Sides, Usable / N, N, R)};
         false ->
-            Most = case Roomy of true -> floor(Usable / (?GAP * R)); false -> 0 end,
+            Most =
+                case Roomy of
+                    true -> floor(Usable / (?GAP * R));
+                    false -> 0
+                end,
             {error, {world_too_small, #{robots => N, most => Most, world => World}}}
     end.
 
@@ -82,37 +86,47 @@ travel(#{ring := Ring, spots := Spots, feet := Feet} = Layout, R, Picture, Seed)
     Inside = RingVs ++ SampleVs,
     Spurs = [{V, foot(maps:get(Id, Feet), RingVs)} || {Id, {V, _}} <- lists:zip(Robots, SpotVs)],
     {TargetVs, _} = number(Targets, 1),
-    Edges = Spurs ++ around([V || {V, _} <- RingVs]) ++ mesh(RingVs, SampleVs, ?REACH * Spacing)
-        ++ links(sparse(TargetVs, R), Inside, Spacing),
-    #{points => [P || {_, P} <- RingVs ++ SpotVs ++ SampleVs],
-      edges => Edges ++ bridges(Inside, TargetVs, TargetEdges ++ Edges, Spacing),
-      spots => maps:from_list(lists:zip(Robots, [V || {V, _} <- SpotVs])),
-      ring => [V || {V, _} <- RingVs]}.
+    Edges =
+        Spurs ++ around([V || {V, _} <- RingVs]) ++ mesh(RingVs, SampleVs, ?REACH * Spacing) ++
+            links(sparse(TargetVs, R), Inside, Spacing),
+    #{
+        points => [P || {_, P} <- RingVs ++ SpotVs ++ SampleVs],
+        edges => Edges ++ bridges(Inside, TargetVs, TargetEdges ++ Edges, Spacing),
+        spots => maps:from_list(lists:zip(Robots, [V || {V, _} <- SpotVs])),
+        ring => [V || {V, _} <- RingVs]
+    }.
 
 %% @doc One line that says what is wrong and what to do.
 -spec format_error(reason()) -> iolist().
 format_error({world_too_small, #{robots := N, most := Most, world := {W, H}}}) ->
-    io_lib:format("a floor of ~.1f m by ~.1f m has parking spots for ~b robots, not for ~b: "
-                  "use fewer robots or a larger floor", [W / 1000, H / 1000, Most, N]).
+    io_lib:format(
+        "a floor of ~.1f m by ~.1f m has parking spots for ~b robots, not for ~b: "
+        "use fewer robots or a larger floor",
+        [W / 1000, H / 1000, Most, N]
+    ).
 
 %%% Layout
 
 %% Each side of the ring, anticlockwise: where feet may begin, the direction, the usable length.
 sides({X0, Y0, X1, Y1}, R) ->
     C = ?CORNER * R,
-    [{{X0 + C, Y0}, {1.0, 0.0}, X1 - X0 - 2.0 * C},
-     {{X1, Y0 + C}, {0.0, 1.0}, Y1 - Y0 - 2.0 * C},
-     {{X1 - C, Y1}, {-1.0, 0.0}, X1 - X0 - 2.0 * C},
-     {{X0, Y1 - C}, {0.0, -1.0}, Y1 - Y0 - 2.0 * C}].
+    [
+        {{X0 + C, Y0}, {1.0, 0.0}, X1 - X0 - 2.0 * C},
+        {{X1, Y0 + C}, {0.0, 1.0}, Y1 - Y0 - 2.0 * C},
+        {{X1 - C, Y1}, {-1.0, 0.0}, X1 - X0 - 2.0 * C},
+        {{X0, Y1 - C}, {0.0, -1.0}, Y1 - Y0 - 2.0 * C}
+    ].
 
 place({X0, Y0, X1, Y1} = Box, Sides, Step, N, R) ->
     Placed = [{Id, foot_at((Id - 0.5) * Step, Sides)} || Id <- lists:seq(1, N)],
     Feet = [{Id, Foot} || {Id, {Foot, _}} <- Placed],
     Corners = [{X0, Y0}, {X1, Y0}, {X1, Y1}, {X0, Y1}],
-    #{area => starl_geometry:grow(Box, -1.5 * R),
-      ring => ring(Corners, [Foot || {_, Foot} <- Feet], ?SPACING * R),
-      spots => maps:from_list([{Id, outwards(F, D, ?GAP * R)} || {Id, {F, D}} <- Placed]),
-      feet => maps:from_list(Feet)}.
+    #{
+        area => starl_geometry:grow(Box, -1.5 * R),
+        ring => ring(Corners, [Foot || {_, Foot} <- Feet], ?SPACING * R),
+        spots => maps:from_list([{Id, outwards(F, D, ?GAP * R)} || {Id, {F, D}} <- Placed]),
+        feet => maps:from_list(Feet)
+    }.
 
 foot_at(Along, [{{X, Y}, {DX, DY}, Length} | Sides]) when Along =< Length; Sides =:= [] ->
     {{X + Along * DX, Y + Along * DY}, {DX, DY}};
@@ -127,8 +141,10 @@ ring([A, B, C, D], Feet, Spacing) ->
 
 %% The first corner, the feet on this side, and points between them where they are far apart.
 side(P, Q, Feet, Spacing) ->
-    On = [{starl_geometry:distance(P, F), F}
-          || F <- Feet, starl_geometry:point_segment(F, {P, Q}) < 1.0e-6],
+    On = [
+        {starl_geometry:distance(P, F), F}
+     || F <- Feet, starl_geometry:point_segment(F, {P, Q}) < 1.0e-6
+    ],
     Stops = [P] ++ [F || {_, F} <- lists:sort(On)] ++ [Q],
     #{vertices := Points} = subdivide(Stops, Spacing),
     Order = [{starl_geometry:distance(P, X), X} || X <- Points, X /= Q],
@@ -157,8 +173,10 @@ samples(#{area := Area}, R, Seed) ->
     {U, Rand} = rand:uniform_s(rand:seed_s(exsss, Seed)),
     {V, _} = rand:uniform_s(Rand),
     G = 1.32471795724474602596,
-    Points = [{X0 + frac(U + I / G) * (X1 - X0), Y0 + frac(V + I / (G * G)) * (Y1 - Y0)}
-              || I <- lists:seq(1, N)],
+    Points = [
+        {X0 + frac(U + I / G) * (X1 - X0), Y0 + frac(V + I / (G * G)) * (Y1 - Y0)}
+     || I <- lists:seq(1, N)
+    ],
     {Points, max(math:sqrt(Size / N), R)}.
 
 frac(X) -> X - math:floor(X).
@@ -166,8 +184,13 @@ frac(X) -> X - math:floor(X).
 %% Joins each sample to all points within the reach.
 mesh(RingVs, SampleVs, Reach) ->
     Grid = index(RingVs ++ SampleVs, Reach),
-    [{V, W} || {V, P} <- SampleVs, {W, Q} <- starl_grid:near({P, P}, Reach, Grid),
-               V > W, starl_geometry:distance(P, Q) =< Reach].
+    [
+        {V, W}
+     || {V, P} <- SampleVs,
+        {W, Q} <- starl_grid:near({P, P}, Reach, Grid),
+        V > W,
+        starl_geometry:distance(P, Q) =< Reach
+    ].
 
 %% One target vertex per square of side R is enough to come and go anywhere.
 sparse(TargetVs, R) ->
@@ -186,12 +209,17 @@ links(Vs, Inside, Spacing) ->
     [{V, W} || {V, P} <- Vs, W <- nearest(P, Grid, Spacing, 3)].
 
 index(Vs, Cell) ->
-    lists:foldl(fun({_, P} = Key, G) -> starl_grid:add(Key, {P, P}, G) end,
-                starl_grid:new(Cell), Vs).
+    lists:foldl(
+        fun({_, P} = Key, G) -> starl_grid:add(Key, {P, P}, G) end,
+        starl_grid:new(Cell),
+        Vs
+    ).
 
 nearest(P, Grid, Radius, K) ->
-    Near = lists:sort([{starl_geometry:distance(P, Q), V}
-                       || {V, Q} <- starl_grid:near({P, P}, Radius, Grid)]),
+    Near = lists:sort([
+        {starl_geometry:distance(P, Q), V}
+     || {V, Q} <- starl_grid:near({P, P}, Radius, Grid)
+    ]),
     case length(Near) >= K of
         true -> [V || {_, V} <- lists:sublist(Near, K)];
         false -> nearest(P, Grid, 2.0 * Radius, K)

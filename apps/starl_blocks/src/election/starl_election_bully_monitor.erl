@@ -113,9 +113,12 @@ judge({election, {failed, Election, _Reason}}, T, Robot, #state{failed = Failed}
     {Broken, State#state{failed = Failed + 1, open = Open}};
 judge({election, crashed}, T, Robot, #state{crashed = Crashed, lives = Lives} = State) ->
     Life = maps:get(Robot, Lives, 1) + 1,
-    {[], absent(Robot, State#state{
-        crashed = Crashed#{Robot => T}, lives = Lives#{Robot => Life}
-    })};
+    {
+        [],
+        absent(Robot, State#state{
+            crashed = Crashed#{Robot => T}, lives = Lives#{Robot => Life}
+        })
+    };
 judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
     {[], absent(Robot, State#state{died = Died#{Robot => T}})};
 judge({_Machine, _Other}, _T, _Robot, State) ->
@@ -152,8 +155,10 @@ lossless(Election, Leader, T, Robot, State) ->
     Differs = maps:get(Election, State#state.leaders, Leader) =/= Leader,
     [violation(different_leaders, T, [Robot], Election) || Differs] ++
         [violation(not_the_highest, T, [Robot | Higher], Election) || Higher =/= []] ++
-        [violation(dead_leader, T, [Robot], Election)
-         || maps:get(Leader, State#state.died, T) < Began].
+        [
+            violation(dead_leader, T, [Robot], Election)
+         || maps:get(Leader, State#state.died, T) < Began
+        ].
 
 %% Alive until now, with its machine, since the election began?
 throughout(Robot, Began, #state{died = Died, crashed = Crashed}) ->
@@ -165,12 +170,16 @@ overdue(T, #state{open = Open} = State) ->
         [] ->
             {[], State};
         Late ->
-            {[violation(no_result, D, [Robot], E) || {D, {E, Robot}} <- Late],
-                State#state{open = maps:without([Key || {_, Key} <- Late], Open)}}
+            {[violation(no_result, D, [Robot], E) || {D, {E, Robot}} <- Late], State#state{
+                open = maps:without([Key || {_, Key} <- Late], Open)
+            }}
     end.
 
 violation(What, T, Robots, Election) ->
     #{
-        contract => election, what => What, at_us => T, robots => Robots,
+        contract => election,
+        what => What,
+        at_us => T,
+        robots => Robots,
         details => #{election => Election}
     }.

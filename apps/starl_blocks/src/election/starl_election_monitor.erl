@@ -109,10 +109,11 @@ judge({election, {ballot, Election, Ballot}}, T, Robot, State) ->
     {Broken, settle(T, Election, not is_map_key(Robot, Ballots), Kept)};
 judge({election, {elected, Election, Leader, How}}, T, Robot, State) ->
     {Ballots, Elected} = Record = record_of(Election, State),
-    Broken = stranger(T, Robot, Election, State)
-        ++ disagreement(T, Robot, Election, Leader, Elected)
-        ++ unfit(T, Robot, Election, Leader, Ballots)
-        ++ incomplete(How, T, Robot, Election, Record, State),
+    Broken =
+        stranger(T, Robot, Election, State) ++
+            disagreement(T, Robot, Election, Leader, Elected) ++
+            unfit(T, Robot, Election, Leader, Ballots) ++
+            incomplete(How, T, Robot, Election, Record, State),
     Known = {Ballots, maps:merge(#{Robot => Leader}, Elected)},
     {Broken, keep(Election, Known, conclude(Election, Robot, State))};
 judge({election, {failed, Election, _Reason}}, _T, Robot, #state{failed = Failed} = State) ->
@@ -149,12 +150,16 @@ settle(T, Election, true, #state{settle_us = Settle, robots = Robots} = State) w
 ->
     {Ballots, _} = record_of(Election, State),
     case [Robot || Robot <- Robots, not is_map_key(Robot, Ballots)] of
-        [] -> State#state{settling = lists:foldl(
-            fun(Robot, Queue) -> queue:in({T + Settle, Election, Robot}, Queue) end,
-            State#state.settling,
-            [Robot || Robot <- Robots, is_map_key({Election, Robot}, State#state.open)]
-        )};
-        _Missing -> State
+        [] ->
+            State#state{
+                settling = lists:foldl(
+                    fun(Robot, Queue) -> queue:in({T + Settle, Election, Robot}, Queue) end,
+                    State#state.settling,
+                    [Robot || Robot <- Robots, is_map_key({Election, Robot}, State#state.open)]
+                )
+            };
+        _Missing ->
+            State
     end;
 settle(_T, _Election, _First, State) ->
     State.
@@ -162,8 +167,10 @@ settle(_T, _Election, _First, State) ->
 %%% The clauses of the contract
 
 stranger(T, Robot, Election, #state{robots = Robots}) ->
-    [violation(not_a_participant, T, [Robot], #{election => Election})
-     || not lists:member(Robot, Robots)].
+    [
+        violation(not_a_participant, T, [Robot], #{election => Election})
+     || not lists:member(Robot, Robots)
+    ].
 
 second_ballot(T, Robot, Election, Ballot, Ballots) ->
     case Ballots of
@@ -195,13 +202,17 @@ clash(Robot, Robot) -> two_leaders_at_one_robot;
 clash(_Who, _Robot) -> different_leaders.
 
 unfit(T, Robot, Election, Leader, Ballots) ->
-    [violation(leader_without_ballot, T, [Robot], #{election => Election, leader => Leader})
-     || not is_map_key(Leader, Ballots)].
+    [
+        violation(leader_without_ballot, T, [Robot], #{election => Election, leader => Leader})
+     || not is_map_key(Leader, Ballots)
+    ].
 
 incomplete(all_ballots, T, Robot, Election, {Ballots, _}, #state{complete = true} = State) ->
     Missing = [Other || Other <- State#state.robots, not is_map_key(Other, Ballots)],
-    [violation(incomplete_ballots, T, [Robot], #{election => Election, missing => Missing})
-     || Missing =/= []];
+    [
+        violation(incomplete_ballots, T, [Robot], #{election => Election, missing => Missing})
+     || Missing =/= []
+    ];
 incomplete(_How, _T, _Robot, _Election, _Record, _State) ->
     [].
 

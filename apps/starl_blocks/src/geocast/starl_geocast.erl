@@ -69,13 +69,13 @@ known(Options) ->
 -spec options() -> [starl_options:option()].
 options() ->
     [
-        {position_error_mm, {number, 0, 100000}, 2.0,
-            "the greatest error of a position, mm"},
+        {position_error_mm, {number, 0, 100000}, 2.0, "the greatest error of a position, mm"},
         {drift_ppm, {integer, 0, 100000}, 10000, "the greatest drift of a clock, ppm"},
         {first_ms, {integer, 1, 1000000}, 50, "the first wait before an offer is repeated, ms"},
         {longest_ms, {integer, 1, 1000000}, 1000,
             "the longest wait before an offer is repeated, ms"},
-        {jitter_ms, {integer, 0, 1000000}, 5, "a relay waits up to this before its first offer, ms"},
+        {jitter_ms, {integer, 0, 1000000}, 5,
+            "a relay waits up to this before its first offer, ms"},
         {ask_ms, {integer, 1, 1000000}, 100,
             "the wait for a message before it is asked for again, ms"},
         {gather_ms, {integer, 0, 1000000}, 3,

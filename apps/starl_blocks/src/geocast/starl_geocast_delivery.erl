@@ -60,8 +60,13 @@ check_again(Now, Store, Delivery) -> check(Now, Store, Delivery#delivery{checkin
 
 %% @doc The answer to the N-th question for the position: delivers the waiting messages in whose
 %% areas the robot surely is.
--spec located(N :: pos_integer(), Answer :: term(), Now :: integer(), starl_geocast_store:t(),
-    t()) -> {[starl_machine:action()], starl_geocast_store:t()} | stale.
+-spec located(
+    N :: pos_integer(),
+    Answer :: term(),
+    Now :: integer(),
+    starl_geocast_store:t(),
+    t()
+) -> {[starl_machine:action()], starl_geocast_store:t()} | stale.
 located(N, {ok, {X, Y, _}}, Now, Store, #delivery{asked = {N, At}} = Delivery) when
     Now - At =< ?FRESH_US
 ->

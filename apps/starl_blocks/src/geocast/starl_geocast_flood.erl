@@ -103,8 +103,15 @@ delivery(Self, #{position_error_mm := Error, check_ms := Ms, listeners := Listen
 
 defaults() ->
     #{
-        drift_ppm => 10000, position_error_mm => 2.0, first_ms => 50, longest_ms => 1000,
-        jitter_ms => 5, ask_ms => 100, gather_ms => 3, check_ms => 250, limit => 256,
+        drift_ppm => 10000,
+        position_error_mm => 2.0,
+        first_ms => 50,
+        longest_ms => 1000,
+        jitter_ms => 5,
+        ask_ms => 100,
+        gather_ms => 3,
+        check_ms => 250,
+        limit => 256,
         listeners => #{}
     }.
 
@@ -225,22 +232,31 @@ ask_again(Id, Now, #flood{wanted = Wanted} = Flood) ->
         #{} -> {keep_state, Flood#flood{wanted = maps:remove(Id, Wanted)}}
     end.
 
--spec given(starl_geocast_store:parcel(), starl:robot_id(), AskedUs :: integer(), integer(),
-    #flood{}) -> starl_machine:result().
+-spec given(
+    starl_geocast_store:parcel(),
+    starl:robot_id(),
+    AskedUs :: integer(),
+    integer(),
+    #flood{}
+) -> starl_machine:result().
 given({Id, Area, Type, Body, Lifetime, Told, Hops}, From, Asked, Now, Flood) ->
     #flood{store = Store, wanted = Wanted, started = Started, incarnation = Life} = Flood,
     Left = min(Told, Lifetime),
     Until = starl_geocast_lifetime:deadline(Asked, Left, ppm(Flood)),
     Met = Flood#flood{wanted = maps:remove(Id, Wanted)},
     case starl_geocast_store:look(Id, Store) of
-        over -> keep_state_and_data;
-        held -> prolong(Id, From, Until, Hops - 1, Now, Met);
+        over ->
+            keep_state_and_data;
+        held ->
+            prolong(Id, From, Until, Hops - 1, Now, Met);
         unknown when Until =< Now -> keep_state_and_data;
         unknown ->
             %% the first life of the machine has delivered nothing before
-            New = Life =:= 1 orelse starl_geocast_lifetime:is_sent_after(
-                Started, Asked, Lifetime, Left, ppm(Flood)
-            ),
+            New =
+                Life =:= 1 orelse
+                    starl_geocast_lifetime:is_sent_after(
+                        Started, Asked, Lifetime, Left, ppm(Flood)
+                    ),
             take({Id, Area, Type, Body, Lifetime, Left, Hops - 1}, From, Until, New, Now, Met)
     end.
 
@@ -267,7 +283,8 @@ hold({Id, _, _, _, Lifetime, _, _} = Parcel, Until, New, Jitter, Now, Actions, F
 prolong(Id, From, Theirs, Hops, Now, #flood{store = Store} = Flood) ->
     {Until, IsTheirs, Better} = starl_geocast_store:prolong(Id, Theirs, Hops, Store),
     {keep_state, Flood#flood{store = Better}, [
-        {{timeout, {ask, Id}}, cancel}, {{timeout, {over, Id}}, max(0, Until - Now), over}
+        {{timeout, {ask, Id}}, cancel},
+        {{timeout, {over, Id}}, max(0, Until - Now), over}
         | [{trace, {held, Id, From}} || IsTheirs]
     ]}.
 

@@ -13,8 +13,13 @@
 
 %% A message as it is given: the content, the whole lifetime and its rest, the hops left.
 -type parcel() :: {
-    id(), starl_geocast:area(), Type :: atom(), Body :: term(), LifetimeUs :: pos_integer(),
-    LeftUs :: integer(), Hops :: non_neg_integer()
+    id(),
+    starl_geocast:area(),
+    Type :: atom(),
+    Body :: term(),
+    LifetimeUs :: pos_integer(),
+    LeftUs :: integer(),
+    Hops :: non_neg_integer()
 }.
 
 %% An offer: the lifetime, the rest of it, the hops left.
@@ -87,14 +92,28 @@ is_worth({Id, Lifetime, Left, Hops}, Now, #store{known = Known}) ->
 
 %% @doc Holds a message from now on. `IsDeliverable': it may also be delivered here; `WaitUs': the
 %% first wait before its offer is repeated.
--spec hold(parcel(), UntilUs :: integer(), IsDeliverable :: boolean(), WaitUs :: pos_integer(),
-    t()) -> t().
+-spec hold(
+    parcel(),
+    UntilUs :: integer(),
+    IsDeliverable :: boolean(),
+    WaitUs :: pos_integer(),
+    t()
+) -> t().
 hold({Id, Area, Type, Body, Lifetime, _, Hops}, Until, Deliverable, Wait, Store) ->
-    put_held(Id, #held{
-        area = Area, type = Type, body = Body, lifetime_us = Lifetime, hops = Hops,
-        until = Until, wait_us = Wait,
-        deliverable = Deliverable andalso not is_delivered(Id, Store)
-    }, Store).
+    put_held(
+        Id,
+        #held{
+            area = Area,
+            type = Type,
+            body = Body,
+            lifetime_us = Lifetime,
+            hops = Hops,
+            until = Until,
+            wait_us = Wait,
+            deliverable = Deliverable andalso not is_delivered(Id, Store)
+        },
+        Store
+    ).
 
 %% Counts also if the message was forgotten meanwhile.
 is_delivered(Id, #store{delivered = Memory}) -> starl_geocast_memory:is_member(Id, Memory).
@@ -155,8 +174,12 @@ give(Id, Now, #store{known = Known} = Store) ->
     case Known of
         #{Id := #held{askers = [_ | _] = Askers, until = Until} = Held} when Now < Until ->
             {Some, Rest} = lists:split(min(?AT_ONCE, length(Askers)), Askers),
-            {parcel(Id, Held, left(Held, Now, Store)), Some, Rest =/= [],
-                put_held(Id, Held#held{askers = Rest}, Store)};
+            {
+                parcel(Id, Held, left(Held, Now, Store)),
+                Some,
+                Rest =/= [],
+                put_held(Id, Held#held{askers = Rest}, Store)
+            };
         #{} ->
             none
     end.

@@ -67,6 +67,7 @@ gifts(Robot, Until, #way{gifts = Gifts}) ->
 earliest(Source, _From, #way{source = Source, sent_us = Sent}) -> Sent;
 earliest(_Robot, From, _Way) -> From.
 
-had_since(Source, #way{source = Source, sent_us = Sent}) -> Sent;
+had_since(Source, #way{source = Source, sent_us = Sent}) ->
+    Sent;
 had_since(Robot, #way{gifts = Gifts, sent_us = Sent}) ->
     lists:min([At || {At, _} <- maps:get(Robot, Gifts, [{Sent, none}])]).

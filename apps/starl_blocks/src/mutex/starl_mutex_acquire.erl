@@ -14,8 +14,8 @@
 -type job_id() :: starl_mutex_job:id().
 
 %% @doc Begins an acquisition.
--spec acquire(starl_machine:name(), starl_machine:from(), token() | [token()], pos_integer(), t())
-    -> t().
+-spec acquire(starl_machine:name(), starl_machine:from(), token() | [token()], pos_integer(), t()) ->
+    t().
 acquire(_Caller, From, [], _Us, Robot) ->
     act({reply, From, {ok, []}}, Robot);
 acquire(Caller, From, Tokens, Us, Robot) ->
@@ -124,7 +124,8 @@ drop(Id, Token, Robot) ->
 -spec lapse_all(t()) -> t().
 lapse_all(Robot) ->
     lists:foldl(
-        fun(T, R) -> settle(starl_mutex_robot:lapse(T, R)) end, Robot,
+        fun(T, R) -> settle(starl_mutex_robot:lapse(T, R)) end,
+        Robot,
         starl_mutex_state:over(Robot)
     ).
 

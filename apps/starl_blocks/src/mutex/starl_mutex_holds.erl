@@ -131,10 +131,11 @@ acquired(T, Robot, Token, Fence, #holds{fences = Fences, largest = Largest} = Ho
             overtaken(T, New, Token, Holds) ++
             lists:append([beside(T, Old, New, Token, Holds) || Old <- Others]),
     Last = maps:get(Token, Largest, {Fence, T}),
-    {Broken, put_holds(Token, [New | Others], Holds#holds{
-        fences = Fences#{{Token, Robot} => Fence},
-        largest = Largest#{Token => max({Fence, T}, Last)}
-    })}.
+    {Broken,
+        put_holds(Token, [New | Others], Holds#holds{
+            fences = Fences#{{Token, Robot} => Fence},
+            largest = Largest#{Token => max({Fence, T}, Last)}
+        })}.
 
 %% @doc The application is told that it holds these.
 -spec answered(integer(), robot_id(), [{token(), fence()}], t()) -> [starl_monitor:violation()].
@@ -149,8 +150,10 @@ ended(How, T, Robot, Token, Fence, Holds) ->
         {[], _} ->
             {not_held(T, Robot, Token, Fence, Holds), Holds};
         {[Hold], Others} ->
-            {too_long(T, ended_by(How, Hold, Token, Holds), Hold, Token),
-                put_holds(Token, Others, Holds)}
+            {
+                too_long(T, ended_by(How, Hold, Token, Holds), Hold, Token),
+                put_holds(Token, Others, Holds)
+            }
     end.
 
 is_hold(Robot, Fence, #hold{robot = R, fence = F}) -> R =:= Robot andalso F =:= Fence.
@@ -178,7 +181,9 @@ tokens(#holds{largest = Largest}) -> map_size(Largest).
 timeless(#holds{grants = Grants, hand_overs = HandOvers, fences = Fences} = Holds) ->
     #holds{largest = Largest, holds = All} = Holds,
     {
-        maps:map(fun(_, {Fence, To, _}) -> {Fence, To} end, Grants), HandOvers, Fences,
+        maps:map(fun(_, {Fence, To, _}) -> {Fence, To} end, Grants),
+        HandOvers,
+        Fences,
         maps:map(fun(_, {Fence, _}) -> Fence end, Largest),
         maps:map(fun(_, Of) -> [{R, F} || #hold{robot = R, fence = F} <- Of] end, All)
     }.

@@ -59,7 +59,10 @@
 %% @doc The home of no tokens yet. `LeaseUs' is the holder's lease, `DriftPpm' the bound on the
 %% drift of any clock, `LagUs' the most by which a robot notices the end of its lease too late.
 -spec new(
-    Incarnation :: pos_integer(), us(), LeaseUs :: pos_integer(), DriftPpm :: integer(),
+    Incarnation :: pos_integer(),
+    us(),
+    LeaseUs :: pos_integer(),
+    DriftPpm :: integer(),
     LagUs :: integer()
 ) -> t().
 new(Incarnation, Now, LeaseUs, DriftPpm, LagUs) ->

@@ -77,8 +77,16 @@ interests() -> [mutex, robot].
 vocabulary() ->
     #{
         mutex => [
-            {requested, 1}, {leased, 3}, {acquired, 2}, {answered, 1}, {released, 2},
-            {lease_lost, 2}, {failed, 2}, {granted, 3}, {handed_over, 3}, {hand_over_lost, 3}
+            {requested, 1},
+            {leased, 3},
+            {acquired, 2},
+            {answered, 1},
+            {released, 2},
+            {lease_lost, 2},
+            {failed, 2},
+            {granted, 3},
+            {handed_over, 3},
+            {hand_over_lost, 3}
         ]
     }.
 

@@ -127,7 +127,8 @@ notify(Notice, #robot{notices = Notices} = Robot) -> Robot#robot{notices = [Noti
 
 %% @doc The notices gathered, the first one first.
 -spec take_notices(t()) -> {[notice()], t()}.
-take_notices(#robot{notices = []} = Robot) -> {[], Robot};
+take_notices(#robot{notices = []} = Robot) ->
+    {[], Robot};
 take_notices(#robot{notices = Notices} = Robot) ->
     {lists:reverse(Notices), Robot#robot{notices = []}}.
 

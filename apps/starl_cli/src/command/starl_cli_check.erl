@@ -30,20 +30,24 @@ named(Known) -> [{atom_to_list(Name), Doc} || {Name, Doc} <- Known].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
-    [{"Flags", [
-        {robots, {integer, 1, 8}, 3, "robots in the team"},
-        {faults, string, "loss:1,crash:1", "what may happen how often, as in loss:2,crash:1; "
-            "none for nothing"},
-        {depth, ?DEPTH, none, "at most so many steps in a row"},
-        {memory, {integer, 100, 1000000}, 4000, "MB of memory to use at most"},
-        {'no-symmetry', switch, false, "take no robot for another one that is like it"},
-        {quiet, switch, false, "no progress line"}
-    ]}].
+    [
+        {"Flags", [
+            {robots, {integer, 1, 8}, 3, "robots in the team"},
+            {faults, string, "loss:1,crash:1",
+                "what may happen how often, as in loss:2,crash:1; "
+                "none for nothing"},
+            {depth, ?DEPTH, none, "at most so many steps in a row"},
+            {memory, {integer, 100, 1000000}, 4000, "MB of memory to use at most"},
+            {'no-symmetry', switch, false, "take no robot for another one that is like it"},
+            {quiet, switch, false, "no progress line"}
+        ]}
+    ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
     [
-        {0, "the contract holds"}, {3, "it is violated, and here is how"},
+        {0, "the contract holds"},
+        {3, "it is violated, and here is how"},
         {4, "out of memory before all was covered, or a search without end"},
         {130, "interrupted, with what was covered"}
     ].
@@ -86,7 +90,9 @@ graver(One, Other) -> max(One, Other).
 
 checked({Block, _, _} = Model, #{robots := Robots, faults := Faults, memory := Megabytes} = Values) ->
     Options = #{
-        robots => Robots, faults => Faults, memory => Megabytes * 1000000,
+        robots => Robots,
+        faults => Faults,
+        memory => Megabytes * 1000000,
         depth => depth(maps:get(depth, Values)),
         symmetry => not maps:get('no-symmetry', Values)
     },
@@ -130,14 +136,23 @@ tell({violated, Found}, Block, Values, Seconds) ->
     #{violation := Violation, steps := Steps, chart := Chart, figures := Figures} = Found,
     starl_cli_terminal:out([
         unlike(Figures),
-        "VIOLATED: ", starl_monitor:format_violation(Violation), "\n",
-        io_lib:format("A shortest way there, ~b steps:~n~n", [Steps]), Chart, "\n",
-        covered(Figures, Block, Values, Seconds), "\n"
+        "VIOLATED: ",
+        starl_monitor:format_violation(Violation),
+        "\n",
+        io_lib:format("A shortest way there, ~b steps:~n~n", [Steps]),
+        Chart,
+        "\n",
+        covered(Figures, Block, Values, Seconds),
+        "\n"
     ]),
     3;
 tell({holds, Ending, Figures}, Block, Values, Seconds) ->
     starl_cli_terminal:out([
-        unlike(Figures), verdict(Ending, Block), "\n", covered(Figures, Block, Values, Seconds), "\n",
+        unlike(Figures),
+        verdict(Ending, Block),
+        "\n",
+        covered(Figures, Block, Values, Seconds),
+        "\n",
         [[What, "\n"] || What <- left(Ending, Figures, Values)]
     ]),
     status(Ending).
@@ -174,17 +189,21 @@ left(complete, _, _) ->
 left(Why, #{depth := Depth, waiting := Waiting}, #{memory := Megabytes}) ->
     Reason =
         case Why of
-            depth -> "stopped at the depth asked for";
+            depth ->
+                "stopped at the depth asked for";
             endless ->
                 "the search does not end: more than 4,095 steps in a row lead to new states, as "
                 "where a number in a machine grows for ever";
             memory ->
                 io_lib:format("~b MB of memory are used up (--memory gives more)", [Megabytes]);
-            interrupted -> "interrupted"
+            interrupted ->
+                "interrupted"
         end,
-    [io_lib:format("~ts: everything up to depth ~b is covered, ~ts states are not gone into", [
-        Reason, Depth, grouped(Waiting)
-    ])].
+    [
+        io_lib:format("~ts: everything up to depth ~b is covered, ~ts states are not gone into", [
+            Reason, Depth, grouped(Waiting)
+        ])
+    ].
 
 unlike(#{unlike := none}) ->
     [];

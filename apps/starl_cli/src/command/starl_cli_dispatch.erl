@@ -81,7 +81,8 @@ subject(Choices, Placeholder, Command, Word, Args) ->
 
 %% A file of the user's own may stand for one of the choices.
 other(Choices, Placeholder, Command, {Word, Args}) ->
-    Takes = erlang:function_exported(Command, subject, 2) andalso filename:extension(Word) =:= ".erl",
+    Takes =
+        erlang:function_exported(Command, subject, 2) andalso filename:extension(Word) =:= ".erl",
     case Takes of
         true -> Command:subject(Word, Args);
         false -> {error, [unknown(Word, string:lowercase(Placeholder), names(Choices))]}

@@ -33,8 +33,11 @@ run(_Call) ->
 row({Kind, Class, Target, Params, Doc}) ->
     Texts = [[atom_to_list(Key), " ", type(Type), unit(Key)] || {Key, Type, _} <- Params],
     [
-        atom_to_list(Class), atom_to_list(Kind), atom_to_list(Target),
-        lists:flatten(lists:join(", ", Texts)), Doc
+        atom_to_list(Class),
+        atom_to_list(Kind),
+        atom_to_list(Target),
+        lists:flatten(lists:join(", ", Texts)),
+        Doc
     ].
 
 type({one_of, Atoms}) -> lists:join("|", [atom_to_list(Atom) || Atom <- Atoms]);

@@ -22,10 +22,12 @@ about(_Subject) ->
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
-    [{"Flags", [
-        {name, string, "starl", "the node's name, NAME or NAME@HOST as the others reach it"},
-        {cookie, string, none, "who has it may run anything here; without it a random one"}
-    ]}].
+    [
+        {"Flags", [
+            {name, string, "starl", "the node's name, NAME or NAME@HOST as the others reach it"},
+            {cookie, string, none, "who has it may run anything here; without it a random one"}
+        ]}
+    ].
 
 %% Waits for runs until Ctrl-C.
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().

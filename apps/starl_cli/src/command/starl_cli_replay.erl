@@ -51,9 +51,11 @@ run_flags(#{app := App}) ->
 
 own_flags() ->
     [
-        {until, string, none, "stop here and show all robots: at a virtual time, s (the end of the "
+        {until, string, none,
+            "stop here and show all robots: at a virtual time, s (the end of the "
             "window that it lies in), or ROBOT:N, just after the N-th event of a robot"},
-        {inspect, {list, {integer, 1, 100000}}, none, "show these robots in full: every machine's "
+        {inspect, {list, {integer, 1, 100000}}, none,
+            "show these robots in full: every machine's "
             "state and data"},
         {out, string, none, "directory for the results of a run that is not compared"},
         {quiet, switch, false, "no progress and no summary"}
@@ -62,7 +64,8 @@ own_flags() ->
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
     [
-        {0, "the same digest, or stopped where asked for"}, {3, "another digest"},
+        {0, "the same digest, or stopped where asked for"},
+        {3, "another digest"},
         {130, "interrupted; without a record those of ./starl run"}
     ].
 
@@ -92,7 +95,9 @@ run(Call) ->
 %% @doc Checks a command line and reports all problems at once.
 -spec setup(starl_cli_command:call()) -> {ok, setup()} | {error, [unicode:chardata(), ...]}.
 setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
-    {Unsound, Scenario} = starl_cli_setup:scenario(Target, starl_cli_setup:given(Call, own_flags())),
+    {Unsound, Scenario} = starl_cli_setup:scenario(
+        Target, starl_cli_setup:given(Call, own_flags())
+    ),
     {Unwritable, Out} = starl_cli_setup:out(maps:get(out, Values), Name),
     Inspect = robots(maps:get(inspect, Values)),
     {Unknown, Stop} = stop(maps:get(until, Values), Inspect),
@@ -100,8 +105,12 @@ setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
         [] ->
             {ok, #{
                 run => #{
-                    target => Target, scenario => Scenario, out => Out, nodes => none,
-                    quiet => maps:get(quiet, Values), print_scenario => false
+                    target => Target,
+                    scenario => Scenario,
+                    out => Out,
+                    nodes => none,
+                    quiet => maps:get(quiet, Values),
+                    print_scenario => false
                 },
                 stop => Stop,
                 inspect => Inspect,
@@ -114,8 +123,10 @@ setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
 robots(none) -> [];
 robots(Ids) -> Ids.
 
-stop(none, []) -> {[], none};
-stop(none, [_ | _]) -> {[], 'end'};
+stop(none, []) ->
+    {[], none};
+stop(none, [_ | _]) ->
+    {[], 'end'};
 stop(Text, _Inspect) ->
     case [number(Part) || Part <- string:split(Text, ":", all)] of
         [Seconds] when is_number(Seconds) -> {[], {at_us, round(Seconds * 1.0e6)}};
@@ -181,10 +192,15 @@ compare(Digest, #{digest := Digest}, _Setup) ->
     0;
 compare(Digest, #{digest := Recorded, events := Events}, #{run := #{target := #{file := File}}}) ->
     starl_cli_terminal:out([
-        "NOT THE SAME: digest ", Digest, ", recorded was ", Recorded,
+        "NOT THE SAME: digest ",
+        Digest,
+        ", recorded was ",
+        Recorded,
         io_lib:format(" (~b events)~n", [Events]),
         "Unless the code is another one, something outside the scenario has a part in it; where:\n",
-        "  ./starl diverge ", starl_cli_flags:shell(File), "\n"
+        "  ./starl diverge ",
+        starl_cli_flags:shell(File),
+        "\n"
     ]),
     3.
 
@@ -211,7 +227,10 @@ stopped({ok, #{now_us := Now, ending := Ending}}, Sim, Setup) ->
     Width = starl_cli_terminal:columns(),
     Robots = [{Id, Summary, starl_sim:inspect(Sim, Id)} || {Id, Summary} <- starl_sim:robots(Sim)],
     starl_cli_terminal:out([
-        Name, where(Ending, Stop), " ", starl_cli_inspect:overview(Now, Robots, Width),
+        Name,
+        where(Ending, Stop),
+        " ",
+        starl_cli_inspect:overview(Now, Robots, Width),
         [
             ["\n", starl_cli_inspect:robot(Id, Summary, Machines, Width)]
          || {Id, Summary, Machines} <- Robots, lists:member(Id, Inspect)

@@ -226,8 +226,15 @@ help_on({Key, switch, _, Doc}, Width) ->
     ["  ", flag(Key), "\n      ", starl_cli_terminal:wrap(Doc, 6, Width), "\n"];
 help_on({Key, Type, Default, Doc}, Width) ->
     Text = [Doc, ": ", type_text(Type), default(Type, Default)],
-    ["  ", flag(Key), " ", placeholder(Type), "\n      ",
-        starl_cli_terminal:wrap(Text, 6, Width), "\n"].
+    [
+        "  ",
+        flag(Key),
+        " ",
+        placeholder(Type),
+        "\n      ",
+        starl_cli_terminal:wrap(Text, 6, Width),
+        "\n"
+    ].
 
 default(_Type, none) -> "";
 default({term, _, _}, []) -> "";

@@ -63,7 +63,8 @@ named(Texts, Values, Plan) ->
     case {Bad, [Node || {ok, Node} <- Names]} of
         {[], Nodes} ->
             with_own_name(Nodes, Values, Plan#{nodes := Nodes, cookie := cookie(Values)});
-        {_, _} -> {Bad, none}
+        {_, _} ->
+            {Bad, none}
     end.
 
 name(Text) ->
@@ -121,7 +122,8 @@ short_host(_) ->
 mixed(Node, Name) ->
     io_lib:format(
         "--nodes: ~ts and ~ts do not go together: either all nodes have a host with a dot, or "
-        "none; --node-name says how this machine is called", [Node, Name]
+        "none; --node-name says how this machine is called",
+        [Node, Name]
     ).
 
 is_long(Node) -> lists:member($., host(Node)).

@@ -44,7 +44,8 @@ given(#{subject := #{given := InFile}, given := Given}, Own) ->
     {[unicode:chardata()], starl_sim_scenario:t()}.
 scenario(#{app := App, file := File}, Given) ->
     case starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)) of
-        {ok, Scenario} -> {[], Scenario};
+        {ok, Scenario} ->
+            {[], Scenario};
         {error, {problems, Problems}} ->
             {[[File, ": ", starl_options:format_problem(P)] || P <- Problems], #{}}
     end.

@@ -92,9 +92,12 @@ kind(Word) ->
         {false, false} -> kind_of_file(filename:extension(Word), Word)
     end.
 
-kind_of_file(".erl", _Word) -> source;
-kind_of_file(".term", Word) -> {scenario, Word};
-kind_of_file(".config", Word) -> {scenario, Word};
+kind_of_file(".erl", _Word) ->
+    source;
+kind_of_file(".term", Word) ->
+    {scenario, Word};
+kind_of_file(".config", Word) ->
+    {scenario, Word};
 kind_of_file(_, Word) ->
     Record = filename:join(Word, "run.term"),
     case filelib:is_regular(Record) of

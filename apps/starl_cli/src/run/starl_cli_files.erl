@@ -55,8 +55,12 @@ scenario(#{target := #{app := App, name := Name} = Target, scenario := Scenario}
     Lines = [io_lib:format("    ~tp => ~0tp", [Key, maps:get(Key, Scenario)]) || Key <- Keys],
     AppLine = io_lib:format("    app => ~0tp", [app(Target)]),
     [
-        "%% ", Name, ", replayed by ./starl run with the name of this file\n",
-        "#{\n", lists:join(",\n", [AppLine | Lines]), "\n}.\n"
+        "%% ",
+        Name,
+        ", replayed by ./starl run with the name of this file\n",
+        "#{\n",
+        lists:join(",\n", [AppLine | Lines]),
+        "\n}.\n"
     ].
 
 %% @doc The application of a target as written in a scenario file: a user's application is named by

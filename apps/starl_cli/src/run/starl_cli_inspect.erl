@@ -18,14 +18,20 @@ overview(NowUs, Robots, Width) ->
         "robot", "last, s", "events", "x, m", "y, m", "heading", "application"
     ]),
     [
-        io_lib:format("at ~.6f s~n", [NowUs / 1.0e6]), Head
+        io_lib:format("at ~.6f s~n", [NowUs / 1.0e6]),
+        Head
         | [[line(Robot), states(Robot, Width)] || Robot <- Robots]
     ].
 
 line({Id, #{at_us := At, events := Events, pose := {X, Y, Heading}} = Summary, Machines}) ->
     Degrees = Heading * 180 / math:pi(),
     io_lib:format("~5b ~10.6f ~9b ~8.3f ~8.3f ~7.1f  ~ts~n", [
-        Id, At / 1.0e6, Events, X / 1000, Y / 1000, Degrees - 360 * math:floor(Degrees / 360),
+        Id,
+        At / 1.0e6,
+        Events,
+        X / 1000,
+        Y / 1000,
+        Degrees - 360 * math:floor(Degrees / 360),
         application(Summary, Machines)
     ]).
 
@@ -58,7 +64,8 @@ is_sequential(#{state := sequential}) -> true;
 is_sequential(_) -> false.
 
 %% The name of the state only; {@link robot/4} shows the whole state.
-state(waiting) -> "not booted";
+state(waiting) ->
+    "not booted";
 state(#{state := State}) when is_tuple(State), is_atom(element(1, State)) ->
     io_lib:format("~tp(...)", [element(1, State)]);
 state(#{state := State}) ->

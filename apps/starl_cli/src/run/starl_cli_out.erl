@@ -114,11 +114,14 @@ next(Parent, Name) ->
 number(N, Parent, Name, Temporary) ->
     Dir = filename:join(Parent, Name ++ "-" ++ integer_to_list(N)),
     case filelib:is_file(Dir) orelse file:rename(Temporary, Dir) of
-        ok -> {ok, Dir};
-        true -> number(N + 1, Parent, Name, Temporary);
+        ok ->
+            {ok, Dir};
+        true ->
+            number(N + 1, Parent, Name, Temporary);
         {error, Taken} when Taken =:= eexist; Taken =:= enotempty ->
             number(N + 1, Parent, Name, Temporary);
-        {error, _} = Error -> Error
+        {error, _} = Error ->
+            Error
     end.
 
 %% @doc A path as the user would write it: relative if it lies below the working directory.

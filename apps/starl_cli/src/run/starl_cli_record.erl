@@ -75,7 +75,9 @@ text(Record) ->
     Lines = [["    ", atom_to_list(Key), " => ", value(maps:get(Key, Record))] || Key <- ?KEYS],
     [
         "%% A run, as it was; ./starl replay with the name of this file runs it again.\n",
-        "#{\n", lists:join(",\n", Lines), "\n}.\n"
+        "#{\n",
+        lists:join(",\n", Lines),
+        "\n}.\n"
     ].
 
 value(Map) when map_size(Map) =:= 0 ->

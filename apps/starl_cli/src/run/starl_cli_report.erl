@@ -121,8 +121,10 @@ formats(#report{app = App}) -> maps:get(formats, App, #{}).
 %% @doc Whether the work is complete: by the application's word, or else if every application has
 %% ended.
 -spec complete(t()) -> boolean().
-complete(#report{ending = lost}) -> false;
-complete(#report{app = #{complete := Complete}}) -> Complete;
+complete(#report{ending = lost}) ->
+    false;
+complete(#report{app = #{complete := Complete}}) ->
+    Complete;
 complete(#report{ending = Ending, died = Died, given_up = GivenUp}) ->
     Ending =:= done andalso Died ++ GivenUp =:= [].
 

@@ -50,8 +50,12 @@ ending(Ending, _Outcome) -> Ending.
 tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = Setup, Ran) ->
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
     Report = starl_cli_report:make(#{
-        name => Name, scenario => Scenario, ending => Ending, wall_s => WallMs / 1000,
-        outcome => Outcome, app => App
+        name => Name,
+        scenario => Scenario,
+        ending => Ending,
+        wall_s => WallMs / 1000,
+        outcome => Outcome,
+        app => App
     }),
     %% This scenario includes the faults that were drawn.
     #{scenario := Effective} = Ran,

@@ -62,7 +62,8 @@ line(Part, Count, Words, Width) ->
         _ -> Text
     end.
 
-fitting([], _Width) -> "";
+fitting([], _Width) ->
+    "";
 fitting([First | Words], Width) ->
     Longer = fun(Word, Text) ->
         case length(Text) + 2 + length(Word) =< Width of

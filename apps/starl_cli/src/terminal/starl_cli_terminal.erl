@@ -114,9 +114,12 @@ wrap(Text, Indent, Width) ->
     Lines = lines(Words, max(10, Width - Indent), []),
     lists:join(["\n", lists:duplicate(Indent, $\s)], Lines).
 
-lines([], _Room, []) -> [];
-lines([], _Room, Line) -> [finished(Line)];
-lines([Word | Words], Room, []) -> lines(Words, Room, [Word]);
+lines([], _Room, []) ->
+    [];
+lines([], _Room, Line) ->
+    [finished(Line)];
+lines([Word | Words], Room, []) ->
+    lines(Words, Room, [Word]);
 lines([Word | Words], Room, Line) ->
     case string:length(finished(Line)) + 1 + string:length(Word) =< Room of
         true -> lines(Words, Room, [Word | Line]);

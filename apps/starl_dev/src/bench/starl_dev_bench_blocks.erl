@@ -39,8 +39,15 @@ formula(Name, #{formula := Formula}) -> io_lib:format("  ~ts: ~ts~n", [Name, For
 measure(Block, Said, N, #{loss := Loss, seed := Seed}) ->
     #{workload := Workload, operations := Counted, packets := Theoretical} = Said,
     Common = #{
-        app => starl_exercise, block => Block, robots => N, loss => Loss, seed => Seed,
-        world => {50000, 50000}, mode => inline, patience => ?PATIENCE_MS, pause => 1
+        app => starl_exercise,
+        block => Block,
+        robots => N,
+        loss => Loss,
+        seed => Seed,
+        world => {50000, 50000},
+        mode => inline,
+        patience => ?PATIENCE_MS,
+        pause => 1
     },
     #{ending := Ending, outcome := Outcome, figures := Told} =
         starl_dev_bench_run:simulate(maps:merge(Common, Workload)),
@@ -48,12 +55,17 @@ measure(Block, Said, N, #{loss := Loss, seed := Seed}) ->
     Operations = proplists:get_value(Counted, Told),
     Theory = Theoretical(N),
     Figures = [
-        {block, Block}, {robots, N}, {operations, Operations}, {packets, Packets},
-        {packets_per_operation, Packets / max(1, Operations)}, {theory, Theory},
+        {block, Block},
+        {robots, N},
+        {operations, Operations},
+        {packets, Packets},
+        {packets_per_operation, Packets / max(1, Operations)},
+        {theory, Theory},
         {ratio, Packets / max(1, Operations) / Theory},
-        {checks, starl_dev_bench_run:sound(io_lib:format("blocks, ~ts", [Block]), [
-            {"ending", done, Ending}, {"violations", [], Broken}
-        ])}
+        {checks,
+            starl_dev_bench_run:sound(io_lib:format("blocks, ~ts", [Block]), [
+                {"ending", done, Ending}, {"violations", [], Broken}
+            ])}
     ],
     starl_cli_terminal:out(line(Figures)),
     Figures.
@@ -61,6 +73,11 @@ measure(Block, Said, N, #{loss := Loss, seed := Seed}) ->
 line(Figures) ->
     Get = fun(Key) -> proplists:get_value(Key, Figures) end,
     io_lib:format("  ~-9s ~7b ~11b ~9b ~11.1f ~9b ~7.2f\n", [
-        Get(block), Get(robots), Get(operations), Get(packets), Get(packets_per_operation),
-        Get(theory), Get(ratio)
+        Get(block),
+        Get(robots),
+        Get(operations),
+        Get(packets),
+        Get(packets_per_operation),
+        Get(theory),
+        Get(ratio)
     ]).

@@ -57,8 +57,13 @@ size(Edges, Team, Requests) ->
     Times = lists:sort(Times0),
     #{painted := Painted} = starl_dpp_plan:counts(End),
     Figures = [
-        {edges, Total}, {robots, Team}, {plan_s, Us / 1.0e6}, {requests, length(Times)},
-        {median_ms, part(0.5, Times)}, {p95_ms, part(0.95, Times)}, {max_ms, part(1.0, Times)},
+        {edges, Total},
+        {robots, Team},
+        {plan_s, Us / 1.0e6},
+        {requests, length(Times)},
+        {median_ms, part(0.5, Times)},
+        {p95_ms, part(0.95, Times)},
+        {max_ms, part(1.0, Times)},
         {painted, Painted / Total}
     ],
     starl_cli_terminal:out(
@@ -87,8 +92,13 @@ scaled(Lines, Factor) -> max(1, round(Lines * math:pow(Factor, 0.6))).
 
 plan(Lines, Team) ->
     starl_dpp_plan:new(#{
-        segments => Lines, world => ?WORLD, robots => lists:seq(1, Team),
-        tube_radius => ?RADIUS_MM, slack => ?TRACKING_MM, horizon => 3000.0, seed => 1
+        segments => Lines,
+        world => ?WORLD,
+        robots => lists:seq(1, Team),
+        tube_radius => ?RADIUS_MM,
+        slack => ?TRACKING_MM,
+        horizon => 3000.0,
+        seed => 1
     }).
 
 lines(N) -> lines(N, rand:seed_s(exsss, 1)).
@@ -115,7 +125,9 @@ started(Plan0, Team, Requests) ->
     Robots = maps:from_list([{Id, #robot{at = starl_dpp_plan:spot(Id, Plan0)}} || Id <- Ids]),
     Stand = fun(Id, Plan) -> starl_dpp_plan:standing(Id, starl_dpp_plan:spot(Id, Plan0), Plan) end,
     #drive{
-        plan = lists:foldl(Stand, Plan0, Ids), robots = Robots, left = Requests,
+        plan = lists:foldl(Stand, Plan0, Ids),
+        robots = Robots,
+        left = Requests,
         queue = gb_sets:from_list([{0.0, Id} || Id <- Ids])
     }.
 

@@ -41,8 +41,15 @@ size(N, Seconds, Reps) ->
 
 once(N, Seconds) ->
     Scenario = #{
-        app => starl_plain_events, robots => N, shards => 1, mode => inline, delay => {10, 50},
-        loss => ?LOSS, clock_drift => 0, messages => ?PER_S * Seconds, time => Seconds + 1
+        app => starl_plain_events,
+        robots => N,
+        shards => 1,
+        mode => inline,
+        delay => {10, 50},
+        loss => ?LOSS,
+        clock_drift => 0,
+        messages => ?PER_S * Seconds,
+        time => Seconds + 1
     },
     starl_dev_bench_run:on_cores(1, fun() -> starl_dev_bench_run:simulate(Scenario) end).
 
@@ -53,10 +60,16 @@ row(N, Seconds, Bare, Runs) ->
     Name = io_lib:format("events, ~b robots", [N]),
     Checks = lists:usort(lists:append([checks(N, Seconds, Run) || Run <- Runs])),
     Figures = [
-        {robots, N}, {events, Events}, {wall_s, Wall}, {cpu_s, Cpu},
-        {events_per_s, Events / Wall}, {events_per_cpu_s, Events / Cpu},
-        {bare_round_trips_per_cpu_s, Bare}, {events_per_bare_round_trip, Ratio},
-        {times_nexosim, Ratio / ?NEXOSIM}, {checks, starl_dev_bench_run:sound(Name, Checks)}
+        {robots, N},
+        {events, Events},
+        {wall_s, Wall},
+        {cpu_s, Cpu},
+        {events_per_s, Events / Wall},
+        {events_per_cpu_s, Events / Cpu},
+        {bare_round_trips_per_cpu_s, Bare},
+        {events_per_bare_round_trip, Ratio},
+        {times_nexosim, Ratio / ?NEXOSIM},
+        {checks, starl_dev_bench_run:sound(Name, Checks)}
     ],
     starl_cli_terminal:out(
         "~8b ~9b ~7.2f ~7.2f ~11b ~13b ~11b ~6.2f ~10.2f\n",

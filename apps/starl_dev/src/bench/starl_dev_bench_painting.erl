@@ -65,9 +65,15 @@ row(Picture, N, Mode, Best) ->
     Cpu = Sum(fun(#{cpu_s := S}) -> S end),
     Name = io_lib:format("painting ~ts, ~b robots, ~s", [Picture, N, Mode]),
     Figures = [
-        {picture, unicode:characters_to_binary(Picture)}, {robots, N},
-        {mode, atom_to_binary(Mode)}, {seeds, length(Runs)}, {virtual_s, Virtual},
-        {events, Events}, {wall_s, Wall}, {cpu_s, Cpu}, {virtual_per_wall, Virtual / Wall},
+        {picture, unicode:characters_to_binary(Picture)},
+        {robots, N},
+        {mode, atom_to_binary(Mode)},
+        {seeds, length(Runs)},
+        {virtual_s, Virtual},
+        {events, Events},
+        {wall_s, Wall},
+        {cpu_s, Cpu},
+        {virtual_per_wall, Virtual / Wall},
         {virtual_per_cpu_s, Virtual / Cpu},
         {checks, starl_dev_bench_run:sound(Name, lists:usort(lists:append(Checks)))}
     ],
@@ -78,7 +84,9 @@ row(Picture, N, Mode, Best) ->
     Figures.
 
 checks(Digest, Runs) ->
-    lists:usort(lists:append([
-        [{"ending", done, Ending}, {"digest", Digest, Own}, {"violations", [], Broken}]
-     || #{ending := Ending, outcome := #{digest := Own, violations := Broken}} <- Runs
-    ])).
+    lists:usort(
+        lists:append([
+            [{"ending", done, Ending}, {"digest", Digest, Own}, {"violations", [], Broken}]
+         || #{ending := Ending, outcome := #{digest := Own, violations := Broken}} <- Runs
+        ])
+    ).

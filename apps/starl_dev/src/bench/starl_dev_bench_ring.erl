@@ -65,8 +65,12 @@ once(N, Mode, Shards) ->
 -spec scenario(Messages :: pos_integer()) -> #{app := module(), atom() => term()}.
 scenario(Messages) ->
     #{
-        app => starl_ring_shuttle, delay => {10, 20}, clock_drift => 0,
-        messages => Messages, period => ?RUN_S * 1000 div Messages, time => ?RUN_S + 1
+        app => starl_ring_shuttle,
+        delay => {10, 20},
+        clock_drift => 0,
+        messages => Messages,
+        period => ?RUN_S * 1000 div Messages,
+        time => ?RUN_S + 1
     }.
 
 %% @doc The checks that every run of this workload must pass.
@@ -94,16 +98,25 @@ row(N, {Mode, Shards} = Kind, Bare, Busy, All) ->
     #{wall_s := Wall, cpu_s := Cpu, events := Events} = Run = starl_dev_bench_run:best(Runs),
     Name = io_lib:format("ring, ~b robots, ~ts, shards ~b", [N, Mode, Shards]),
     Checks = lists:usort(lists:append([checks(N, ?TICKS, R) || R <- Runs])),
-    Figures = [
-        {robots, N}, {mode, atom_to_binary(Mode)}, {shards, Shards},
-        {start_s, maps:get(start_s, Run)}, {wall_s, Wall}, {cpu_s, Cpu},
-        {virtual_per_wall, ?RUN_S / Wall}, {messages_per_s, ?TICKS * N / Wall},
-        {events_per_s, Events / Wall}, {events_per_cpu_s, Events / Cpu},
-        {bare_round_trips_per_cpu_s, Bare}, {events_per_bare_round_trip, Events / Cpu / Bare},
-        {gain, gain(Kind, All)}, {busy_gain, Busy},
-        {bytes_per_robot, maps:get(start_bytes, Run) / N},
-        {checks, starl_dev_bench_run:sound(Name, Checks)}
-    ] ++ java(N, Wall),
+    Figures =
+        [
+            {robots, N},
+            {mode, atom_to_binary(Mode)},
+            {shards, Shards},
+            {start_s, maps:get(start_s, Run)},
+            {wall_s, Wall},
+            {cpu_s, Cpu},
+            {virtual_per_wall, ?RUN_S / Wall},
+            {messages_per_s, ?TICKS * N / Wall},
+            {events_per_s, Events / Wall},
+            {events_per_cpu_s, Events / Cpu},
+            {bare_round_trips_per_cpu_s, Bare},
+            {events_per_bare_round_trip, Events / Cpu / Bare},
+            {gain, gain(Kind, All)},
+            {busy_gain, Busy},
+            {bytes_per_robot, maps:get(start_bytes, Run) / N},
+            {checks, starl_dev_bench_run:sound(Name, Checks)}
+        ] ++ java(N, Wall),
     starl_cli_terminal:out(line(Figures)),
     Figures.
 
@@ -131,11 +144,22 @@ line(Figures) ->
     [
         io_lib:format(
             "~8b ~8ts ~6b ~8.3f ~7.2f ~7.2f ~10.1f ~11b ~10b ~8b ~6.2f ~5ts ~5.2f ~10b", [
-            Get(robots), Get(mode), Get(shards), Get(start_s), Get(wall_s), Get(cpu_s),
-            Get(virtual_per_wall), trunc(Get(messages_per_s)), trunc(Get(events_per_s)),
-            trunc(Get(bare_round_trips_per_cpu_s)), Get(events_per_bare_round_trip),
-            gain_cell(Get(gain)), Get(busy_gain), trunc(Get(bytes_per_robot) / 1024)
-        ]),
+                Get(robots),
+                Get(mode),
+                Get(shards),
+                Get(start_s),
+                Get(wall_s),
+                Get(cpu_s),
+                Get(virtual_per_wall),
+                trunc(Get(messages_per_s)),
+                trunc(Get(events_per_s)),
+                trunc(Get(bare_round_trips_per_cpu_s)),
+                Get(events_per_bare_round_trip),
+                gain_cell(Get(gain)),
+                Get(busy_gain),
+                trunc(Get(bytes_per_robot) / 1024)
+            ]
+        ),
         java_cells(Get(java_wall_s), Get(times_java)),
         "\n"
     ].

@@ -39,9 +39,14 @@ row(N, Mode, #{start_s := Start, wall_s := Wall, cpu_s := Cpu} = Run) ->
     #{start_bytes := Started, end_bytes := Ended} = Run,
     Name = io_lib:format("scale, ~b robots, ~ts", [N, Mode]),
     Figures = [
-        {robots, N}, {mode, atom_to_binary(Mode)}, {start_s, Start},
-        {bytes_per_robot, Started / N}, {bytes_per_robot_after, Ended / N},
-        {wall_s, Wall}, {cpu_s, Cpu}, {virtual_per_wall, ?RUN_S / Wall},
+        {robots, N},
+        {mode, atom_to_binary(Mode)},
+        {start_s, Start},
+        {bytes_per_robot, Started / N},
+        {bytes_per_robot_after, Ended / N},
+        {wall_s, Wall},
+        {cpu_s, Cpu},
+        {virtual_per_wall, ?RUN_S / Wall},
         {checks, starl_dev_bench_run:sound(Name, starl_dev_bench_ring:checks(N, ?MESSAGES, Run))}
     ],
     starl_cli_terminal:out(

@@ -36,8 +36,10 @@ run(#{robots := Sizes, seconds := Seconds} = Options) ->
         "x: so many times the simulated seconds per wall second of ARGoS 3 with contact physics and"
         " two threads,\nand without contact physics (as here)\n",
         [
-            Seconds, starl_dev_bench_run:shards(maps:get(shards, Options)),
-            maps:get(mode, Options), maps:get(reps, Options)
+            Seconds,
+            starl_dev_bench_run:shards(maps:get(shards, Options)),
+            maps:get(mode, Options),
+            maps:get(reps, Options)
         ]
     ),
     starl_cli_terminal:out(
@@ -48,9 +50,15 @@ run(#{robots := Sizes, seconds := Seconds} = Options) ->
 
 size(N, #{seconds := Seconds, reps := Reps, shards := Shards, mode := Mode}) ->
     Scenario = #{
-        app => starl_swarm_broadcast, robots => N, shards => Shards, mode => Mode,
-        delay => ?DELAY_MS, range => ?RANGE_MM, clock_drift => 0,
-        messages => ?PER_S * Seconds, time => Seconds + 1
+        app => starl_swarm_broadcast,
+        robots => N,
+        shards => Shards,
+        mode => Mode,
+        delay => ?DELAY_MS,
+        range => ?RANGE_MM,
+        clock_drift => 0,
+        messages => ?PER_S * Seconds,
+        time => Seconds + 1
     },
     row(N, Seconds, [starl_dev_bench_run:simulate(Scenario) || _ <- lists:seq(1, Reps)]).
 
@@ -60,12 +68,17 @@ row(N, Seconds, Runs) ->
     #{figures := Told, outcome := #{digest := Digest}} = Run,
     Speed = Seconds / Wall,
     Figures = [
-        {robots, N}, {start_s, maps:get(start_s, Run)}, {wall_s, Wall}, {cpu_s, Cpu},
-        {virtual_per_wall, Speed}, {virtual_per_cpu_s, Seconds / Cpu},
+        {robots, N},
+        {start_s, maps:get(start_s, Run)},
+        {wall_s, Wall},
+        {cpu_s, Cpu},
+        {virtual_per_wall, Speed},
+        {virtual_per_cpu_s, Seconds / Cpu},
         {receptions_per_s, proplists:get_value(received, Told) / Wall},
         {per_tick, proplists:get_value(per_tick, Told)},
         {digest, string:lowercase(binary:encode_hex(Digest))},
-        {contact, maps:get(N, ?CONTACT, null)}, {times_contact, times(Speed, N, ?CONTACT)},
+        {contact, maps:get(N, ?CONTACT, null)},
+        {times_contact, times(Speed, N, ?CONTACT)},
         {no_contact, maps:get(N, ?NO_CONTACT, null)},
         {times_no_contact, times(Speed, N, ?NO_CONTACT)},
         {checks, starl_dev_bench_run:sound(io_lib:format("swarm, ~b robots", [N]), checks(Runs))}
@@ -82,24 +95,32 @@ times(Speed, N, Peer) ->
 %% Every run must end normally with the expected number of receptions, and all must be equal.
 checks([#{outcome := #{digest := Digest}} | _] = Runs) ->
     {Least, Most} = ?PER_TICK,
-    lists:usort(lists:append([
-        [
-            {"ending", done, Ending},
-            {"digest", Digest, Own},
-            {"receptions per robot and tick between 5 and 7", true,
-                PerTick >= Least andalso PerTick =< Most}
-        ]
-     || #{ending := Ending, outcome := #{digest := Own}, figures := Told} <- Runs,
-        PerTick <- [proplists:get_value(per_tick, Told)]
-    ])).
+    lists:usort(
+        lists:append([
+            [
+                {"ending", done, Ending},
+                {"digest", Digest, Own},
+                {"receptions per robot and tick between 5 and 7", true,
+                    PerTick >= Least andalso PerTick =< Most}
+            ]
+         || #{ending := Ending, outcome := #{digest := Own}, figures := Told} <- Runs,
+            PerTick <- [proplists:get_value(per_tick, Told)]
+        ])
+    ).
 
 line(Figures) ->
     Get = fun(Key) -> proplists:get_value(Key, Figures) end,
     io_lib:format(
         "~8b ~8.3f ~7.2f ~7.2f ~10.2f ~13b ~9.2f  ~ts | ~18ts ~6ts | ~18ts ~6ts\n",
         [
-            Get(robots), Get(start_s), Get(wall_s), Get(cpu_s), Get(virtual_per_wall),
-            trunc(Get(receptions_per_s)), Get(per_tick), binary:part(Get(digest), 0, 6)
+            Get(robots),
+            Get(start_s),
+            Get(wall_s),
+            Get(cpu_s),
+            Get(virtual_per_wall),
+            trunc(Get(receptions_per_s)),
+            Get(per_tick),
+            binary:part(Get(digest), 0, 6)
             | [cell(Get(K)) || K <- [contact, times_contact, no_contact, times_no_contact]]
         ]
     ).

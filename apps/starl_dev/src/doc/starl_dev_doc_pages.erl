@@ -42,7 +42,8 @@ original(Line, Sources, Files) ->
         fun(File, Text) ->
             string:replace(Text, filename:join(Sources, filename:basename(File)), File, all)
         end,
-        Line, Files
+        Line,
+        Files
     ).
 
 %% -- what EDoc says -------------------------------------------------------------------------
@@ -80,8 +81,10 @@ chars(_Other) -> "".
 %% EDoc links the behaviours of OTP as if they had pages here.
 to_otp(Page) ->
     Text = re:replace(
-        read(Page), "href=\"((?:gen|supervisor)[a-z_]*)\\.html\"",
-        "href=\"https://www.erlang.org/doc/man/\\1.html\"", [global]
+        read(Page),
+        "href=\"((?:gen|supervisor)[a-z_]*)\\.html\"",
+        "href=\"https://www.erlang.org/doc/man/\\1.html\"",
+        [global]
     ),
     ok = file:write_file(Page, Text).
 

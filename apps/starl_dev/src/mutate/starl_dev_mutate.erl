@@ -25,7 +25,10 @@ about(_Subject) ->
         "check, Common Test. Only tests that call the changed function run. It prints who caught how "
         "many, and the survivors as differences: each needs a test, or a line in "
         "test/mutants/BLOCK.term that says why it is equivalent. doc/mutation.md tells more.",
-        ["Blocks: ", lists:join(", ", [atom_to_list(Block) || Block <- starl_mutate_block:names()])],
+        [
+            "Blocks: ",
+            lists:join(", ", [atom_to_list(Block) || Block <- starl_mutate_block:names()])
+        ],
         {list, "Operators", [
             {atom_to_list(Operator), Doc}
          || {Operator, Doc} <- starl_mutate_operators:operators()
@@ -34,22 +37,27 @@ about(_Subject) ->
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
-    [{"Flags", [
-        {sample, {integer, 1, 1000000}, 200, "how many mutants are drawn"},
-        {from, {integer, 0, 1 bsl 31}, 1, "the seed of the sample"},
-        {seeds, {integer, 0, 100000}, 24, "runs of soak for each mutant, in teams of 2 to 10"},
-        {only, string, none, "this mutant alone, by the name that it is printed with"},
-        {at_least, {number, 0, 100}, 90, "the part of the mutants that must be caught, %"},
-        {longest, {number, 0, 600}, 15, "tests that take longer without a change are left out, s"},
-        starl_lab_jobs:at_once(),
-        {list, switch, false, "who caught each mutant"}
-    ]}].
+    [
+        {"Flags", [
+            {sample, {integer, 1, 1000000}, 200, "how many mutants are drawn"},
+            {from, {integer, 0, 1 bsl 31}, 1, "the seed of the sample"},
+            {seeds, {integer, 0, 100000}, 24, "runs of soak for each mutant, in teams of 2 to 10"},
+            {only, string, none, "this mutant alone, by the name that it is printed with"},
+            {at_least, {number, 0, 100}, 90, "the part of the mutants that must be caught, %"},
+            {longest, {number, 0, 600}, 15,
+                "tests that take longer without a change are left out, s"},
+            starl_lab_jobs:at_once(),
+            {list, switch, false, "who caught each mutant"}
+        ]}
+    ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
     [
-        {0, "enough mutants were caught"}, {3, "too few"},
-        {4, "a test fails on the unchanged code"}, {130, "interrupted, with the results so far"}
+        {0, "enough mutants were caught"},
+        {3, "too few"},
+        {4, "a test fails on the unchanged code"},
+        {130, "interrupted, with the results so far"}
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().

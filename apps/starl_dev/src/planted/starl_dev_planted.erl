@@ -34,11 +34,13 @@ about(_Subject) ->
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
-    [{"Flags", [
-        {bug, {list, string}, none, "only these bugs"},
-        {seeds, {integer, 1, 1000000}, 1000, "with so many seeds at most"},
-        starl_lab_jobs:at_once()
-    ]}].
+    [
+        {"Flags", [
+            {bug, {list, string}, none, "only these bugs"},
+            {seeds, {integer, 1, 1000000}, 1000, "with so many seeds at most"},
+            starl_lab_jobs:at_once()
+        ]}
+    ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
@@ -82,8 +84,11 @@ loaded({ok, Codes}, #{bug := Wanted} = Values) ->
     Names = [atom_to_list(Bug) || {Bug, _, _} <- Bugs],
     case [Name || Wanted =/= none, Name <- Wanted, not lists:member(Name, Names)] of
         [] ->
-            Some = [B || {Bug, _, _} = B <- Bugs,
-                         Wanted =:= none orelse lists:member(atom_to_list(Bug), Wanted)],
+            Some = [
+                B
+             || {Bug, _, _} = B <- Bugs,
+                Wanted =:= none orelse lists:member(atom_to_list(Bug), Wanted)
+            ],
             search(Some, Codes, Values);
         [Name | _] ->
             {error, [["--bug: there is no bug ", Name, "; there are ", lists:join(", ", Names)]]}
@@ -98,10 +103,17 @@ catalogue() -> list_to_existing_atom("starl_planted").
 search(Bugs, Codes, #{seeds := Seeds, jobs := Most}) ->
     ok = starl_cli_log:install(),
     Jobs = [{Bug, Seeds} || {Bug, _, _} <- Bugs],
-    {How, Answers} = starl_lab_jobs:run(Jobs, #{
-        work => {?MODULE, caught}, at_once => Most, what => "bugs", each => fun noted/3,
-        code => Codes
-    }, #{}),
+    {How, Answers} = starl_lab_jobs:run(
+        Jobs,
+        #{
+            work => {?MODULE, caught},
+            at_once => Most,
+            what => "bugs",
+            each => fun noted/3,
+            code => Codes
+        },
+        #{}
+    ),
     Rows = [row(B, maps:get(Bug, Answers)) || {Bug, _, _} = B <- Bugs, is_map_key(Bug, Answers)],
     Caught = length([x || {caught, _, _, _} <- maps:values(Answers)]),
     starl_cli_terminal:out([
@@ -131,8 +143,12 @@ seconds(Seconds) -> io_lib:format("~.1f", [Seconds]).
 
 table_row([Bug, Pitfall, Found, Seed, Seconds]) ->
     [
-        string:pad(Bug, 22), string:pad(Pitfall, 58), string:pad(Found, 38),
-        string:pad(Seed, 5, leading), string:pad(Seconds, 7, leading), "\n"
+        string:pad(Bug, 22),
+        string:pad(Pitfall, 58),
+        string:pad(Found, 38),
+        string:pad(Seed, 5, leading),
+        string:pad(Seconds, 7, leading),
+        "\n"
     ].
 
 %% @private The first seed whose run violates a contract with the bug but not without it.

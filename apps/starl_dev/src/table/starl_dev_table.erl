@@ -38,18 +38,20 @@ about(_Subject) ->
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
-    [{"Flags", [
-        {pictures, {list, string}, shipped(), "which pictures"},
-        {robots, {list, {integer, 1, 1000}}, [1, 4, 8, 16], "sizes of the team"},
-        {loss, {list, {number, 0, 1}}, [0, 0.2, 0.4], "parts of the packets lost"},
-        {delay, {between, {number, 1, 60000}}, {5, 50}, "delay of a packet, ms"},
-        {seeds, {integer, 1, 100000}, 20, "seeds per row, from 1"},
-        {random, {integer, 0, 10000}, 0, "besides, so many random pictures, small to large"},
-        {random_seed, {integer, 0, 1 bsl 32}, 1, "decides the random pictures"},
-        {time, {number, 1, 1.0e6}, 40000, "gives a run up at this virtual time, s"},
-        starl_lab_jobs:at_once(),
-        {out, string, none, "a CSV file with a line for each run"}
-    ]}].
+    [
+        {"Flags", [
+            {pictures, {list, string}, shipped(), "which pictures"},
+            {robots, {list, {integer, 1, 1000}}, [1, 4, 8, 16], "sizes of the team"},
+            {loss, {list, {number, 0, 1}}, [0, 0.2, 0.4], "parts of the packets lost"},
+            {delay, {between, {number, 1, 60000}}, {5, 50}, "delay of a packet, ms"},
+            {seeds, {integer, 1, 100000}, 20, "seeds per row, from 1"},
+            {random, {integer, 0, 10000}, 0, "besides, so many random pictures, small to large"},
+            {random_seed, {integer, 0, 1 bsl 32}, 1, "decides the random pictures"},
+            {time, {number, 1, 1.0e6}, 40000, "gives a run up at this virtual time, s"},
+            starl_lab_jobs:at_once(),
+            {out, string, none, "a CSV file with a line for each run"}
+        ]}
+    ].
 
 shipped() ->
     Files = filelib:wildcard("*.svg", filename:join(code:priv_dir(starl_apps), "pictures")),
@@ -99,8 +101,13 @@ csv(File) ->
 
 scenario({Picture, Robots, Loss}, Seed, #{delay := Delay, time := Time}) ->
     #{
-        app => starl_painting, picture => Picture, robots => Robots, loss => Loss, seed => Seed,
-        delay => Delay, time => Time
+        app => starl_painting,
+        picture => Picture,
+        robots => Robots,
+        loss => Loss,
+        seed => Seed,
+        delay => Delay,
+        time => Time
     }.
 
 %% -- the runs -------------------------------------------------------------------------------
@@ -110,7 +117,9 @@ painted(Pictures, Csv, Dir, #{robots := Robots, loss := Losses, seeds := Seeds} 
     Jobs = [{Row, scenario(Row, Seed, Options)} || Row <- Rows, Seed <- lists:seq(1, Seeds)],
     starl_cli_terminal:out(starl_dev_table_rows:header()),
     Plan = #{
-        work => {?MODULE, one}, at_once => maps:get(jobs, Options), what => "runs",
+        work => {?MODULE, one},
+        at_once => maps:get(jobs, Options),
+        what => "runs",
         each => fun noted/3
     },
     Table = #table{rows = Rows, seeds = Seeds, total = length(Jobs), csv = Csv},
@@ -148,7 +157,8 @@ separation(Mm) -> Mm.
 %% -- rows -----------------------------------------------------------------------------------
 
 -spec noted(job(), starl_lab_jobs:answer(result()), #table{}) -> #table{}.
-noted(Job, {crashed, _}, Table) -> noted(Job, {ok, failed}, Table);
+noted(Job, {crashed, _}, Table) ->
+    noted(Job, {ok, failed}, Table);
 noted({Row, #{seed := Seed} = Scenario}, {ok, Result}, #table{results = Results} = Table) ->
     ok = keep(Table#table.csv, starl_dev_table_rows:csv(Row, Seed, Result)),
     Noted = [{Seed, Result} | maps:get(Row, Results, [])],

@@ -7,24 +7,35 @@
 -export_type([result/0, cell/0]).
 
 %% The results of a run; `separation' is `none' for a single robot.
--type result() :: #{
-    covered := float(),
-    violations := non_neg_integer(),
-    separation := float() | none,
-    safe := number(),
-    makespan := float(),
-    ratio := float(),
-    detour := float(),
-    deadlocks := non_neg_integer(),
-    wall := float(),
-    digest := binary()
-} | failed.
+-type result() ::
+    #{
+        covered := float(),
+        violations := non_neg_integer(),
+        separation := float() | none,
+        safe := number(),
+        makespan := float(),
+        ratio := float(),
+        detour := float(),
+        deadlocks := non_neg_integer(),
+        wall := float(),
+        digest := binary()
+    }
+    | failed.
 
 %% The setting of a row.
 -type cell() :: {Picture :: string(), Robots :: pos_integer(), Loss :: number()}.
 -define(COLUMNS, [
-    {"picture", 16}, {"robots", 6}, {"loss", 5}, {"seeds", 5}, {"painted", 9}, {"broken", 6},
-    {"closest mm", 10}, {"time s", 8}, {"x bound", 7}, {"driven/ink", 10}, {"deadlocks", 9},
+    {"picture", 16},
+    {"robots", 6},
+    {"loss", 5},
+    {"seeds", 5},
+    {"painted", 9},
+    {"broken", 6},
+    {"closest mm", 10},
+    {"time s", 8},
+    {"x bound", 7},
+    {"driven/ink", 10},
+    {"deadlocks", 9},
     {"wall s", 7}
 ]).
 

@@ -44,7 +44,8 @@ own_flags() ->
     [
         {seeds, {list, {integer, 0, 1 bsl 32}}, none,
             "the seeds to run; without it that of --seed"},
-        {ways, string, starl_lab_way:usual(), "the ways to run each in, MODE:SHARDS or "
+        {ways, string, starl_lab_way:usual(),
+            "the ways to run each in, MODE:SHARDS or "
             "MODE:SHARDS:SCHEDULERS, with commas between"},
         starl_lab_jobs:at_once()
     ].
@@ -52,7 +53,9 @@ own_flags() ->
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
     [
-        {0, "no digest differs"}, {1, "a simulation failed"}, {3, "a digest differs"},
+        {0, "no digest differs"},
+        {1, "a simulation failed"},
+        {3, "a digest differs"},
         {130, "interrupted"}
     ].
 
@@ -62,13 +65,18 @@ subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := Target, values := Values} = Call) ->
-    {Unsound, Scenario} = starl_cli_setup:scenario(Target, starl_cli_setup:given(Call, own_flags())),
+    {Unsound, Scenario} = starl_cli_setup:scenario(
+        Target, starl_cli_setup:given(Call, own_flags())
+    ),
     {Unknown, Ways} = ways(starl_lab_way:parse(maps:get(ways, Values))),
     case Unsound ++ Unknown of
         [] ->
             probed(#{
-                target => Target, scenario => Scenario, ways => Ways,
-                jobs => maps:get(jobs, Values), seeds => seeds(maps:get(seeds, Values), Scenario)
+                target => Target,
+                scenario => Scenario,
+                ways => Ways,
+                jobs => maps:get(jobs, Values),
+                seeds => seeds(maps:get(seeds, Values), Scenario)
             });
         Problems ->
             {error, Problems}
@@ -168,7 +176,8 @@ status(How, [], Results, _Setup) ->
             starl_cli_terminal:complain(io_lib:format("the simulation failed: ~0tP", [Reason, 15])),
             1;
         [] when How =:= interrupted -> 130;
-        [] -> 0
+        [] ->
+            0
     end.
 
 %% -- the first different event --------------------------------------------------------------
@@ -176,9 +185,11 @@ status(How, [], Results, _Setup) ->
 locate(Seed, [{_, First} | Others], #{scenario := Scenario, ways := Ways} = Setup) ->
     [{Place, Other} | _] = [{P, A} || {P, A} <- Others, known(A) =/= known(First)],
     {A, B} = {hd(Ways), lists:nth(Place, Ways)},
-    starl_cli_terminal:out(io_lib:format("seed ~b, ~ts and ~ts: ", [
-        Seed, starl_lab_way:text(A), starl_lab_way:text(B)
-    ])),
+    starl_cli_terminal:out(
+        io_lib:format("seed ~b, ~ts and ~ts: ", [
+            Seed, starl_lab_way:text(A), starl_lab_way:text(B)
+        ])
+    ),
     case [Reason || {crashed, Reason} <- [First, Other]] of
         [Reason | _] -> starl_cli_terminal:out("one of them failed: ~0tP~n", [Reason, 15]);
         [] -> find(Scenario#{seed => Seed}, {A, B}, Setup)
@@ -215,7 +226,8 @@ found({differ, #{robot := Robot, n := N} = Difference}, {A, B}, Scenario, #{targ
         [starl_lab_way:text(B), ":\n", event(Second)],
         [
             [
-                "look: ", Command,
+                "look: ",
+                Command,
                 io_lib:format(" --until ~b:~b --inspect ~b~n", [Robot, N - 1, Robot])
             ]
          || N > 1
@@ -232,6 +244,10 @@ event(#{n := N, at_us := AtUs, machine := Machine, type := Type, content := Cont
     Width = starl_cli_terminal:columns(),
     [
         io_lib:format("  ~b  ~.6f s  ~tp~n", [N, AtUs / 1.0e6, Machine]),
-        "    type    ", starl_cli_inspect:term(Type, 12, Width), "\n",
-        "    content ", starl_cli_inspect:term(Content, 12, Width), "\n"
+        "    type    ",
+        starl_cli_inspect:term(Type, 12, Width),
+        "\n",
+        "    content ",
+        starl_cli_inspect:term(Content, 12, Width),
+        "\n"
     ].

@@ -40,9 +40,11 @@ own_flags() ->
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
     [
-        {0, "shrunk"}, {1, "internal error"},
+        {0, "shrunk"},
+        {1, "internal error"},
         {2, "bad usage or input, also where the run violates nothing or is not reproducible"},
-        {4, "the seconds were up"}, {130, "interrupted"}
+        {4, "the seconds were up"},
+        {130, "interrupted"}
     ].
 
 %% A run's directory, a scenario file or the name of an application. The directory of a failed
@@ -65,7 +67,9 @@ source(Word) ->
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := Target, values := Values} = Call) ->
-    {Unsound, Scenario} = starl_cli_setup:scenario(Target, starl_cli_setup:given(Call, own_flags())),
+    {Unsound, Scenario} = starl_cli_setup:scenario(
+        Target, starl_cli_setup:given(Call, own_flags())
+    ),
     {Unwritable, File} = out(maps:get(out, Values), Target, Scenario),
     case Unsound ++ Unwritable of
         [] ->

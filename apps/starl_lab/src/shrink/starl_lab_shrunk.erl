@@ -38,7 +38,12 @@ shrink(#{scenario := Scenario, digest := Digest, seconds := Seconds, quiet := Qu
     Stop = atomics:new(1, []),
     Watch = #watch{
         stop = Stop,
-        progress = starl_cli_progress:new(case Quiet of true -> quiet; false -> auto end),
+        progress = starl_cli_progress:new(
+            case Quiet of
+                true -> quiet;
+                false -> auto
+            end
+        ),
         deadline = deadline(Seconds, Begin)
     },
     Answer = starl_sim_shrink:shrink(Scenario, #{
@@ -118,7 +123,8 @@ replayed(true, Result, Ms, Interrupted, #{file := File, scenario := Before} = Jo
     {ok, Shrunk ++ others(Result, Job) ++ Where, How};
 replayed(false, _Result, _Ms, _Interrupted, #{file := File}) ->
     {error, internal, [
-        File, ": run as the robots' processes it violates something else than inline; "
+        File,
+        ": run as the robots' processes it violates something else than inline; "
         "./starl diverge tells where the runs part"
     ]}.
 
@@ -138,11 +144,18 @@ other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
     Sized = Met#{figures := Figures#{faults := length(Faults), robots := Robots, drops := 0}},
     case write(File, text(Sized, File, Target, Before)) of
         ok ->
-            [[
-                "met on the way, in ", counted(Robots, "robot"), " under ",
-                counted(length(Faults), "fault"), ": ", starl_monitor:format_violation(Violation),
-                "; ./starl shrink ", starl_cli_flags:shell(starl_cli_out:shown(File))
-            ]];
+            [
+                [
+                    "met on the way, in ",
+                    counted(Robots, "robot"),
+                    " under ",
+                    counted(length(Faults), "fault"),
+                    ": ",
+                    starl_monitor:format_violation(Violation),
+                    "; ./starl shrink ",
+                    starl_cli_flags:shell(starl_cli_out:shown(File))
+                ]
+            ];
         {error, _} ->
             []
     end.
@@ -160,9 +173,14 @@ size(#{scenario := #{time := Time}, figures := Figures}, #{time := TimeBefore}) 
     #{faults := Faults, faults_before := FaultsBefore, drops := Drops} = Figures,
     #{robots := Robots, robots_before := RobotsBefore, runs := Runs} = Figures,
     [
-        counted(Faults - Drops, "fault"), " of ", integer_to_list(FaultsBefore),
+        counted(Faults - Drops, "fault"),
+        " of ",
+        integer_to_list(FaultsBefore),
         [[", ", counted(Drops, "lost packet")] || Drops > 0],
-        ", ", counted(Robots, "robot"), " of ", integer_to_list(RobotsBefore),
+        ", ",
+        counted(Robots, "robot"),
+        " of ",
+        integer_to_list(RobotsBefore),
         io_lib:format(", ~ts s of ~ts s", [seconds(Time), seconds(TimeBefore)]),
         io_lib:format(", in ~b runs", [Runs])
     ].
@@ -194,10 +212,18 @@ text(#{violation := Violation, scenario := Scenario} = Result, File, Target, Bef
     ],
     Name = starl_cli_flags:shell(starl_cli_out:shown(File)),
     [
-        "%% ", starl_monitor:format_violation(Violation), ".\n",
-        "%% Shrunk to ", size(Result, Before), ".\n",
-        "%% Replay it with: ./starl run ", Name, "\n",
-        "#{\n", lists:join(",\n", [line(app, starl_cli_files:app(Target)) | Lines]), "\n}.\n"
+        "%% ",
+        starl_monitor:format_violation(Violation),
+        ".\n",
+        "%% Shrunk to ",
+        size(Result, Before),
+        ".\n",
+        "%% Replay it with: ./starl run ",
+        Name,
+        "\n",
+        "#{\n",
+        lists:join(",\n", [line(app, starl_cli_files:app(Target)) | Lines]),
+        "\n}.\n"
     ].
 
 line(faults, [_ | _] = Faults) ->

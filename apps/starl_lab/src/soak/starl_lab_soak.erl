@@ -69,19 +69,23 @@ about(_Subject) ->
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
-    [{"Flags", [
-        {seeds, {integer, 1, 10000000}, 100, "how many runs of each block"},
-        {from, {integer, 0, 1 bsl 31}, 1, "the first seed"},
-        {robots, {optional, {integer, 1, 10000}}, none,
-            "robots in the team; none: from 1 to 10, drawn for each run"},
-        {shrink, {integer, 0, 1000}, 1, "how many failing runs of a block are made small"},
-        starl_lab_jobs:at_once()
-    ]}].
+    [
+        {"Flags", [
+            {seeds, {integer, 1, 10000000}, 100, "how many runs of each block"},
+            {from, {integer, 0, 1 bsl 31}, 1, "the first seed"},
+            {robots, {optional, {integer, 1, 10000}}, none,
+                "robots in the team; none: from 1 to 10, drawn for each run"},
+            {shrink, {integer, 0, 1000}, 1, "how many failing runs of a block are made small"},
+            starl_lab_jobs:at_once()
+        ]}
+    ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
     [
-        {0, "all contracts held"}, {1, "a simulation failed"}, {3, "a contract was violated"},
+        {0, "all contracts held"},
+        {1, "a simulation failed"},
+        {3, "a contract was violated"},
         {130, "interrupted, with the results so far"}
     ].
 
@@ -115,10 +119,17 @@ checked(#{app := App} = Given) ->
 -spec soak(plan(), own() | none) -> starl_cli_terminal:status().
 soak(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}, Own) ->
     ok = starl_cli_log:install(),
-    {How, Founds} = starl_lab_jobs:run(Runs, #{
-        work => {?MODULE, one}, at_once => Most, what => "runs", each => fun noted/3,
-        code => codes(Own)
-    }, []),
+    {How, Founds} = starl_lab_jobs:run(
+        Runs,
+        #{
+            work => {?MODULE, one},
+            at_once => Most,
+            what => "runs",
+            each => fun noted/3,
+            code => codes(Own)
+        },
+        []
+    ),
     starl_cli_signal:on_interrupt(quit),
     Sorted = lists:sort(Founds),
     starl_lab_soak_report:tell(Blocks, Sorted),
@@ -131,11 +142,13 @@ soak(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}, Own) ->
     ],
     status(How, Failing, Sorted).
 
-noted({Block, Seed, _}, {ok, Found}, Founds) -> [{Block, Seed, Found} | Founds];
+noted({Block, Seed, _}, {ok, Found}, Founds) ->
+    [{Block, Seed, Found} | Founds];
 noted({Block, Seed, _}, {crashed, Reason}, Founds) ->
     [{Block, Seed, {failed, {failed, Reason}}} | Founds].
 
-status(interrupted, _, _) -> 130;
+status(interrupted, _, _) ->
+    130;
 status(done, _, Founds) ->
     case {[x || {_, _, {failed, _}} <- Founds], [x || {_, _, {ok, [_ | _], _}} <- Founds]} of
         {_, [_ | _]} -> 3;
@@ -147,9 +160,16 @@ status(done, _, Founds) ->
 violated({Block, Seed, Violation, Count}, Target, Scenario, Shrunk) ->
     Replay = lists:flatten(unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario))),
     starl_cli_terminal:out([
-        "\n", starl_monitor:format_violation(Violation), runs(Count), "\n",
-        "replay: ", Replay, "\n",
-        "shrink: ", string:replace(Replay, "./starl run ", "./starl shrink "), "\n"
+        "\n",
+        starl_monitor:format_violation(Violation),
+        runs(Count),
+        "\n",
+        "replay: ",
+        Replay,
+        "\n",
+        "shrink: ",
+        string:replace(Replay, "./starl run ", "./starl shrink "),
+        "\n"
     ]),
     _ = [small(file(Block, Seed), Target, Scenario) || Shrunk],
     ok.
@@ -159,8 +179,12 @@ codes({own, _, _, Codes}) -> Codes.
 
 target({own, Block, File, Codes}, #{app := App}) ->
     #{
-        app => App, name => atom_to_list(Block), replay => File, file => File,
-        given => #{block => Block}, code => Codes
+        app => App,
+        name => atom_to_list(Block),
+        replay => File,
+        file => File,
+        given => #{block => Block},
+        code => Codes
     };
 target(none, #{app := App}) ->
     {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
@@ -176,14 +200,22 @@ file(Block, Seed) ->
 
 small(File, Target, Scenario) ->
     Job = #{
-        target => Target, scenario => Scenario, file => File,
-        digest => any, seconds => ?SHRINK_S, quiet => false
+        target => Target,
+        scenario => Scenario,
+        file => File,
+        digest => any,
+        seconds => ?SHRINK_S,
+        quiet => false
     },
     Answer = starl_lab_shrunk:shrink(Job),
     starl_cli_progress:erase(),
     starl_cli_terminal:out([
         [Line, "\n"]
-     || Line <- case Answer of {ok, Lines, _} -> tl(Lines); {error, _, Why} -> [Why] end
+     || Line <-
+            case Answer of
+                {ok, Lines, _} -> tl(Lines);
+                {error, _, Why} -> [Why]
+            end
     ]).
 
 %% @private One run, in the VM of its job.

@@ -35,8 +35,12 @@
 scenario(dpp, Robots, Seed) ->
     Drawn = maps:merge(clocks(dpp, Seed), ending(Seed)),
     maps:merge(Drawn, #{
-        app => starl_painting, robots => robots(Robots, dpp, Seed), seed => Seed,
-        picture => "house", heal => ?DPP_HEAL_S, longest_fault => longest(?DPP_HEAL_S, dpp, Seed),
+        app => starl_painting,
+        robots => robots(Robots, dpp, Seed),
+        seed => Seed,
+        picture => "house",
+        heal => ?DPP_HEAL_S,
+        longest_fault => longest(?DPP_HEAL_S, dpp, Seed),
         chassis => one_of([differential, differential, holonomic, mixed], {Seed, dpp, chassis})
     });
 scenario(Block, Robots, Seed) ->

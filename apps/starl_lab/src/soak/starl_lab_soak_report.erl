@@ -27,8 +27,11 @@ row(Block, Founds) ->
     Seconds = lists:sum([S || {ok, _, S} <- Founds]),
     Judged = length([x || {ok, _, _} <- Founds]),
     io_lib:format("~-10s ~7b ~10b ~9b ~14b~n", [
-        Block, length(Founds), length([x || {ok, [_ | _], _} <- Founds]),
-        length(Founds) - Judged, round(60 * Judged / max(1.0e-6, Seconds))
+        Block,
+        length(Founds),
+        length([x || {ok, [_ | _], _} <- Founds]),
+        length(Founds) - Judged,
+        round(60 * Judged / max(1.0e-6, Seconds))
     ]).
 
 of_block(Block, Founds) -> [Found || {B, _, Found} <- Founds, B =:= Block].
@@ -49,4 +52,3 @@ ways(Block, Founds) ->
         {Block, Seed, V, length([x || {W, _, _} <- Broken, W =:= Way])}
      || {Way, Seed, V} <- lists:keysort(2, First)
     ].
-

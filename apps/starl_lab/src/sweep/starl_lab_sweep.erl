@@ -34,7 +34,8 @@ options(#{app := App}) -> starl_cli_setup:options(App).
 
 own_flags() ->
     [
-        {plot, {list, string}, none, "which figures of the report to plot; without it completion"
+        {plot, {list, string}, none,
+            "which figures of the report to plot; without it completion"
             " time and those that the application names"},
         {out, string, none, "directory for the results; without it out/TARGET-sweep"},
         starl_lab_jobs:at_once()
@@ -43,8 +44,11 @@ own_flags() ->
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
     [
-        {0, "all complete"}, {1, "a simulation failed"}, {3, "a contract was violated"},
-        {4, "a run ended before its work was complete"}, {130, "interrupted"}
+        {0, "all complete"},
+        {1, "a simulation failed"},
+        {3, "a contract was violated"},
+        {4, "a run ended before its work was complete"},
+        {130, "interrupted"}
     ].
 
 -spec subject(string(), [string()]) ->
@@ -58,15 +62,20 @@ run(#{subject := Target, given := Given, values := Values, args := Args}) ->
     #{name := Name, given := InFile} = Target,
     Own = [Key || {Key, _, _, _} <- own_flags()],
     Grid = starl_lab_sweep_grid:new(options(Target), InFile, maps:without(Own, Given), Args),
-    Checked = [{P, starl_cli_setup:scenario(Target, maps:merge(InFile, P))}
-        || P <- starl_lab_sweep_grid:points(Grid)],
+    Checked = [
+        {P, starl_cli_setup:scenario(Target, maps:merge(InFile, P))}
+     || P <- starl_lab_sweep_grid:points(Grid)
+    ],
     Unsound = lists:uniq([unicode:characters_to_list(L) || {_, {Ls, _}} <- Checked, L <- Ls]),
     Dir = directory(maps:get(out, Values), Name),
     {Unwritable, _} = starl_cli_setup:out(Dir, Name),
     case Unsound ++ Unwritable of
         [] ->
             probed(#{
-                args => Args, target => Target, grid => Grid, dir => Dir,
+                args => Args,
+                target => Target,
+                grid => Grid,
+                dir => Dir,
                 points => [{P, Scenario} || {P, {[], Scenario}} <- Checked],
                 jobs => maps:get(jobs, Values),
                 plot => maps:get(plot, Values)

@@ -79,7 +79,8 @@ curves(Names, Figure, Named) ->
 curve(Name, Figure, Named) ->
     lists:sort([
         {X, Median, Min, Max}
-     || {N, X, Sum} <- Named, N =:= Name,
+     || {N, X, Sum} <- Named,
+        N =:= Name,
         {Median, Min, Max} <- [starl_lab_sweep_summary:range(Figure, Sum)]
     ]).
 
@@ -128,7 +129,9 @@ script(#{title := Title, x := X, panels := Panels}) ->
         terminals(length(Panels), lists:max([length(Curves) || #{curves := Curves} <- Panels])),
         "  set output 'plot.'.format\n",
         io_lib:format("  set multiplot layout 1,~b title ~ts\n", [length(Panels), quoted(Title)]),
-        "  set xlabel ", quoted(X), "\n",
+        "  set xlabel ",
+        quoted(X),
+        "\n",
         "  set style data yerrorlines\n  set border 3\n  set tics nomirror out\n",
         "  set grid ytics linecolor rgb '#dddddd' linetype 1\n  set yrange [0:*]\n",
         tics(lists:usort([Value || #{curves := Curves} <- Panels, Value <- xs(Curves)])),
@@ -140,7 +143,8 @@ numbered(List) -> lists:zip(lists:seq(1, length(List)), List).
 
 block(P, C, {_Name, Points}) ->
     [
-        name(P, C), " << EOD\n",
+        name(P, C),
+        " << EOD\n",
         [io_lib:format("~w ~w ~w ~w\n", tuple_to_list(Point)) || Point <- Points],
         "EOD\n"
     ].
@@ -154,11 +158,17 @@ terminals(Panels, Curves) ->
     ]),
     [
         "  if (format eq 'svg') {\n",
-        "    set terminal svg ", Size, " font 'sans,13' background 'white'\n",
+        "    set terminal svg ",
+        Size,
+        " font 'sans,13' background 'white'\n",
         "  } else { if (strstrt(GPVAL_TERMINALS, ' pngcairo ') > 0) {\n",
-        "    set terminal pngcairo ", Size, " font 'sans,11'\n",
+        "    set terminal pngcairo ",
+        Size,
+        " font 'sans,11'\n",
         "  } else {\n",
-        "    set terminal png ", Size, "\n",
+        "    set terminal png ",
+        Size,
+        "\n",
         "  } }\n"
     ].
 
@@ -181,9 +191,13 @@ panel(P, #{y := Y, curves := Curves}) ->
     Width = width(xs(Curves)),
     Drawn = [one_curve(P, C, Curve, length(Curves), Width) || {C, Curve} <- numbered(Curves)],
     [
-        "  set ylabel ", quoted(Y), "\n",
+        "  set ylabel ",
+        quoted(Y),
+        "\n",
         legend(Curves),
-        "  plot ", lists:join(", \\\n       ", Drawn), "\n"
+        "  plot ",
+        lists:join(", \\\n       ", Drawn),
+        "\n"
     ].
 
 xs(Curves) -> [X || {_, Points} <- Curves, {X, _, _, _} <- Points].
@@ -195,10 +209,13 @@ legend(_) -> "  set key below Left reverse samplen 2 height 1\n".
 
 one_curve(P, C, {Name, _}, Curves, Width) ->
     Aside = (C - (Curves + 1) / 2) * ?BESIDE * Width,
-    io_lib:format("~ts using ($1 + ~w):2:3:4 linecolor rgb '~ts' linewidth 1.5 pointtype 7 "
-        "pointsize 0.6 title ~ts", [
-        name(P, C), Aside, starl_picture_draw:colour(C), quoted(Name)
-    ]).
+    io_lib:format(
+        "~ts using ($1 + ~w):2:3:4 linecolor rgb '~ts' linewidth 1.5 pointtype 7 "
+        "pointsize 0.6 title ~ts",
+        [
+            name(P, C), Aside, starl_picture_draw:colour(C), quoted(Name)
+        ]
+    ).
 
 quoted(Text) -> ["'", string:replace(Text, "'", "''", all), "'"].
 

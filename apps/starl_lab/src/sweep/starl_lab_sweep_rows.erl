@@ -182,9 +182,13 @@ ordered(Columns, Keys, Rows) ->
 -spec format_error(reason()) -> unicode:chardata().
 format_error({columns, File, Lacking, Besides}) ->
     [
-        File, " is of another sweep: ",
-        lists:join(" and ", [listed("it lacks ", Lacking) || Lacking =/= []]
-            ++ [listed("it has ", Besides) || Besides =/= []]),
+        File,
+        " is of another sweep: ",
+        lists:join(
+            " and ",
+            [listed("it lacks ", Lacking) || Lacking =/= []] ++
+                [listed("it has ", Besides) || Besides =/= []]
+        ),
         "; name another directory with --out"
     ];
 format_error({order, File}) ->

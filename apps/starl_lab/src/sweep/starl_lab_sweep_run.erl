@@ -31,7 +31,9 @@
 -type run() :: {starl_lab_sweep_rows:key(), starl_sim_scenario:t()}.
 
 %% @doc Makes the runs.
--spec run(sweep(), Columns, Figures, Rows, Bytes) -> Status | {error, [unicode:chardata(), ...]} when
+-spec run(sweep(), Columns, Figures, Rows, Bytes) ->
+    Status | {error, [unicode:chardata(), ...]}
+when
     Columns :: starl_lab_sweep_rows:columns(),
     Figures :: [starl_lab_sweep_plot:figure(), ...],
     Rows :: starl_lab_sweep_rows:rows(),
@@ -77,7 +79,10 @@ noted({Key, _, _}, Answer, #made{rows = Rows, columns = Columns, device = Device
     Each :: fun((Job, starl_lab_jobs:answer(term()), Acc) -> Acc).
 plan(#{jobs := Most, target := Target}, Function, What, Each) ->
     #{
-        work => {?MODULE, Function}, at_once => Most, what => What, each => Each,
+        work => {?MODULE, Function},
+        at_once => Most,
+        what => What,
+        each => Each,
         code => maps:get(code, Target, [])
     }.
 
@@ -86,7 +91,9 @@ plan(#{jobs := Most, target := Target}, Function, What, Each) ->
 ended(interrupted, Runs, #made{rows = Rows}, _Figures, #{dir := Dir, args := Args}) ->
     Known = length([Key || {Key, _} <- Runs, is_map_key(Key, Rows)]),
     starl_cli_terminal:out("interrupted; ~b of ~b runs are kept in ~ts\ngo on with: ~ts\n", [
-        Known, length(Runs), starl_cli_out:shown(filename:join(Dir, "runs.csv")),
+        Known,
+        length(Runs),
+        starl_cli_out:shown(filename:join(Dir, "runs.csv")),
         lists:join(" ", ["./starl sweep" | [starl_cli_flags:shell(Arg) || Arg <- Args]])
     ]),
     130;

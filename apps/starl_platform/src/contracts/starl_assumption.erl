@@ -73,7 +73,8 @@ clock_later(Robot, From, Due, Assumption) ->
             (_, Late) ->
                 Late
         end,
-        Due, of_robot(Robot, Assumption)
+        Due,
+        of_robot(Robot, Assumption)
     ).
 
 %% @doc The earliest time at which a robot's clock may have shown what a right clock would have
@@ -98,7 +99,8 @@ clock_earlier(Robot, Until, Since, Assumption) ->
 earliest(Before, [First | _], _Since, _Shows) when Before < First -> Before;
 earliest(_Before, Turns, Since, Shows) -> reached(Turns, Since, Shows).
 
-reached([Last], Since, Shows) -> max(Last, Last + Since - Shows(Last));
+reached([Last], Since, Shows) ->
+    max(Last, Last + Since - Shows(Last));
 reached([A, B | Turns], Since, Shows) ->
     case {Shows(A), Shows(B)} of
         {X, _} when X >= Since -> A;
@@ -131,7 +133,8 @@ gained_us(Robot, From, Until, Assumption) ->
 
 %% The part of the gain that falls between the two times.
 part(_Us, Begin, End, From, Until) when Begin > Until; End < From -> 0;
-part(Us, Moment, Moment, _From, _Until) -> Us;
+part(Us, Moment, Moment, _From, _Until) ->
+    Us;
 part(Us, Begin, End, From, Until) ->
     Length = End - Begin,
     up(Us * (min(End, Until) - max(Begin, From)), Length).
@@ -150,15 +153,14 @@ longest_us(Us, Ppm) -> up(Us * ?MILLION, ?MILLION - Ppm).
 -spec handled(robot_id(), DueUs :: us(), LagUs :: us(), t()) -> us().
 handled(Robot, Due, Lag, Assumption) ->
     Windows = of_robot(Robot, Assumption),
-    Slow = [
-        Us || {Begin, End, {slow, Us}} <- Windows, Us > Lag, Begin =< Due + Lag, Due =< End
-    ],
+    Slow = [Us || {Begin, End, {slow, Us}} <- Windows, Us > Lag, Begin =< Due + Lag, Due =< End],
     lists:foldl(
         fun
             ({Begin, End, pause}, Late) when Begin =< Late -> max(Late, End + Lag);
             (_, Late) -> Late
         end,
-        Due + lists:max([Lag | Slow]), Windows
+        Due + lists:max([Lag | Slow]),
+        Windows
     ).
 
 %% @doc May the robot have received a wrong position between two times?

@@ -136,8 +136,10 @@ step(Event, Runner) ->
 finish(EndTimeUs, #runner{monitors = Monitors, violations = Kept, room = Room}) ->
     Ends = [{Module, Module:finish(EndTimeUs, State)} || {Module, _, State} <- Monitors],
     Late = lists:append([Found || {_Module, {{violation, Found}, _Results}} <- Ends]),
-    {lists:reverse(Kept, lists:sublist(Late, Room)),
-        maps:from_list([{Module, Results} || {Module, {_Verdict, Results}} <- Ends])}.
+    {
+        lists:reverse(Kept, lists:sublist(Late, Room)),
+        maps:from_list([{Module, Results} || {Module, {_Verdict, Results}} <- Ends])
+    }.
 
 %% @doc One line: contract, when (s), which robots, what.
 -spec format_violation(violation()) -> unicode:chardata().
@@ -169,7 +171,8 @@ outline([Head | Tail]) ->
     outlines([Head | Tail], []);
 outline(Number) when is_number(Number) -> number;
 outline(Bits) when is_bitstring(Bits) -> bits;
-outline(Other) -> Other.
+outline(Other) ->
+    Other.
 
 %% Equal parts of a list are kept once; the list may be improper.
 outlines([Head | Tail], Known) -> outlines(Tail, [outline(Head) | Known]);

@@ -6,16 +6,25 @@
 -module(starl_geometry).
 
 -export([
-    distance/2, distance2/2,
-    point_segment/2, point_segment2/2,
-    segment_segment/2, segment_segment2/2,
-    closer/3, closer2/3,
+    distance/2,
+    distance2/2,
+    point_segment/2,
+    point_segment2/2,
+    segment_segment/2,
+    segment_segment2/2,
+    closer/3,
+    closer2/3,
     intersection/2,
     closest_point/2,
     interpolate/3,
     length/1,
-    heading/2, angle_diff/2, normalise/1,
-    box/1, grow/2, overlap/2, inside/2
+    heading/2,
+    angle_diff/2,
+    normalise/1,
+    box/1,
+    grow/2,
+    overlap/2,
+    inside/2
 ]).
 -export_type([point/0, segment/0, box/0, intersection/0]).
 
@@ -83,8 +92,10 @@ segment_segment2({A, B} = S, {C, D} = T) ->
         true ->
             0.0;
         false ->
-            min(min(point_segment2(A, T), point_segment2(B, T)),
-                min(point_segment2(C, S), point_segment2(D, S)))
+            min(
+                min(point_segment2(A, T), point_segment2(B, T)),
+                min(point_segment2(C, S), point_segment2(D, S))
+            )
     end.
 
 %% @doc Are two segments less than `Mm' apart? Fast when they are far from each other, or when an
@@ -92,11 +103,11 @@ segment_segment2({A, B} = S, {C, D} = T) ->
 -spec closer(segment(), segment(), Mm :: float()) -> boolean().
 closer({{AX, AY} = A, {BX, BY} = B} = S, {{CX, CY} = C, {DX, DY} = D} = T, Mm) ->
     %% The boxes are compared first: nearly all pairs are far apart.
-    not (beyond(CX, DX, AX, BX, Mm)
-         orelse beyond(AX, BX, CX, DX, Mm)
-         orelse beyond(CY, DY, AY, BY, Mm)
-         orelse beyond(AY, BY, CY, DY, Mm))
-        andalso ends_closer(A, B, T, C, D, S, Mm * Mm).
+    not (beyond(CX, DX, AX, BX, Mm) orelse
+        beyond(AX, BX, CX, DX, Mm) orelse
+        beyond(CY, DY, AY, BY, Mm) orelse
+        beyond(AY, BY, CY, DY, Mm)) andalso
+        ends_closer(A, B, T, C, D, S, Mm * Mm).
 
 %% @doc Are two segments less than the root of `Mm2' apart? Faster than {@link closer/3} when their
 %% boxes are known to be near each other.
@@ -198,9 +209,9 @@ floats({X, Y}) -> {float(X), float(Y)}.
 
 %% Segments that cross far from their ends are rare.
 ends_closer(A, B, T, C, D, S, Mm2) ->
-    point_segment2(A, T) < Mm2 orelse point_segment2(C, S) < Mm2
-        orelse point_segment2(B, T) < Mm2 orelse point_segment2(D, S) < Mm2
-        orelse (Mm2 > 0.0 andalso crosses(A, B, C, D)).
+    point_segment2(A, T) < Mm2 orelse point_segment2(C, S) < Mm2 orelse
+        point_segment2(B, T) < Mm2 orelse point_segment2(D, S) < Mm2 orelse
+        (Mm2 > 0.0 andalso crosses(A, B, C, D)).
 
 %% Are both of the first two larger than both of the others by this margin? Usually the first
 %% comparison decides.
@@ -243,7 +254,8 @@ meet(A, B, C, D) -> overlap(box([A, B]), box([C, D])).
 touch_if(true, P) -> {touch, P};
 touch_if(false, _) -> none.
 
-touching([]) -> none;
+touching([]) ->
+    none;
 touching([{Side, P, S} | Rest]) ->
     case Side == 0.0 andalso inside(P, box(S)) of
         true -> {touch, P};

@@ -15,7 +15,8 @@ new() -> [].
 
 %% @doc Adds a number, unless it is in the set already.
 -spec add(integer(), t()) -> t() | member.
-add(N, []) -> [{N, N}];
+add(N, []) ->
+    [{N, N}];
 add(N, [{Low, High} | Rest]) when N =:= High + 1 -> [{Low, N} | Rest];
 add(N, [{_, High} | _] = Set) when N > High -> [{N, N} | Set];
 add(N, [{Low, _} | _]) when N >= Low -> member;
@@ -27,7 +28,8 @@ add(N, [Interval | Rest]) ->
 
 %% @doc Removes a number, if it is in the set.
 -spec remove(integer(), t()) -> t() | absent.
-remove(_N, []) -> absent;
+remove(_N, []) ->
+    absent;
 remove(N, [{_, High} | _]) when N > High -> absent;
 remove(N, [{Low, High} | Rest]) when N >= Low ->
     [{N + 1, High} || N < High] ++ [{Low, N - 1} || N > Low] ++ Rest;
@@ -50,7 +52,8 @@ is_empty(Set) -> Set =:= [].
 
 %% @doc The lowest number from a floor on that is not in the set, and the numbers above it.
 -spec rise(Floor :: integer(), t()) -> {Floor :: integer(), t()}.
-rise(Floor, []) -> {Floor, []};
+rise(Floor, []) ->
+    {Floor, []};
 rise(Floor, [{_, High} | _]) when High < Floor -> {Floor, []};
 rise(Floor, [{Low, High} | _]) when Low =< Floor -> {High + 1, []};
 rise(Floor, [Interval | Rest]) ->

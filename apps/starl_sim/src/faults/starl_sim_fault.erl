@@ -24,14 +24,44 @@
 -type class() :: network | clock | process | location | actuation | serial | store.
 
 -type kind() ::
-    loss | burst_loss | drop | duplicate | reorder | delay | corrupt | babble
-    | partition | one_way_partition | isolate | ring | range
-    | clock_offset | clock_drift | clock_step | clock_freeze
-    | kill_machine | kill_robot | reboot | pause | slow
-    | location_dropout | location_frozen | location_noise | location_bias | location_swap
-    | wheel_stuck | wheel_slow | command_lost | slip | actuator_lost | actuator_stuck
-    | serial_garbage | serial_split | serial_gone
-    | store_full | store_damaged.
+    loss
+    | burst_loss
+    | drop
+    | duplicate
+    | reorder
+    | delay
+    | corrupt
+    | babble
+    | partition
+    | one_way_partition
+    | isolate
+    | ring
+    | range
+    | clock_offset
+    | clock_drift
+    | clock_step
+    | clock_freeze
+    | kill_machine
+    | kill_robot
+    | reboot
+    | pause
+    | slow
+    | location_dropout
+    | location_frozen
+    | location_noise
+    | location_bias
+    | location_swap
+    | wheel_stuck
+    | wheel_slow
+    | command_lost
+    | slip
+    | actuator_lost
+    | actuator_stuck
+    | serial_garbage
+    | serial_split
+    | serial_gone
+    | store_full
+    | store_damaged.
 
 %% The target of a fault: see the shapes in {@link spec()}.
 -type target() ::
@@ -218,8 +248,10 @@ format_problem({shape, N, Fault}) ->
     ]);
 format_problem({unknown_kind, Id, Kind}) ->
     Known = [K || {K, _, _, _, _} <- kinds()],
-    Near = [io_lib:format(" (did you mean ~ts?)", [K])
-            || K <- lists:sublist(starl_options:suggestion(Kind, Known), 1)],
+    Near = [
+        io_lib:format(" (did you mean ~ts?)", [K])
+     || K <- lists:sublist(starl_options:suggestion(Kind, Known), 1)
+    ],
     io_lib:format("fault ~ts: there is no kind ~ts~ts", [Id, Kind, Near]);
 format_problem({span, Id}) ->
     io_lib:format("fault ~ts: FromMs and ToMs are whole numbers from 0 on, in this order", [Id]);
@@ -257,11 +289,16 @@ strikes({_, From, To, Kind, Target, Params}) ->
     Begin = 1000 * From,
     End = 1000 * To,
     case Kind of
-        kill_machine -> [{element(1, Target), Begin, {kill_machine, element(2, Target)}}];
-        kill_robot -> [{Target, Begin, kill_robot}];
-        reboot -> [{Target, Begin, go_down}, {Target, End, come_up}];
-        pause -> [{Target, Begin, {pause, End}}];
-        slow -> [{Target, Begin, {lag, 1000 * maps:get(lag_ms, Params)}}, {Target, End, {lag, 0}}];
+        kill_machine ->
+            [{element(1, Target), Begin, {kill_machine, element(2, Target)}}];
+        kill_robot ->
+            [{Target, Begin, kill_robot}];
+        reboot ->
+            [{Target, Begin, go_down}, {Target, End, come_up}];
+        pause ->
+            [{Target, Begin, {pause, End}}];
+        slow ->
+            [{Target, Begin, {lag, 1000 * maps:get(lag_ms, Params)}}, {Target, End, {lag, 0}}];
         _ when Kind =:= wheel_stuck; Kind =:= wheel_slow; Kind =:= slip ->
             [{Target, Begin, turn_wheels}, {Target, End, turn_wheels}];
         _ ->

@@ -69,7 +69,8 @@ finer(Items, Parts, Test, Acc) ->
 
 halves(Parts) -> [Half || Part <- Parts, Half <- halve(Part), Half =/= []].
 
-halve([_] = Part) -> [Part];
+halve([_] = Part) ->
+    [Part];
 halve(Part) ->
     {Left, Right} = lists:split(length(Part) div 2, Part),
     [Left, Right].

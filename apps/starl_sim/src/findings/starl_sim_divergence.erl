@@ -27,7 +27,9 @@
 
 %% A robot's final chain, its number of events, and its checkpoints.
 -type chain() :: {
-    starl:robot_id(), Chain :: non_neg_integer(), Events :: non_neg_integer(),
+    starl:robot_id(),
+    Chain :: non_neg_integer(),
+    Events :: non_neg_integer(),
     [starl_sim_ledger:checkpoint()]
 }.
 
@@ -108,7 +110,8 @@ search(A, B, #search{covered = Covered, best = Best, repeats = Repeats} = Search
     Left = [
         Suspect
      || #suspect{id = Id, after_us = After} = Suspect <- suspects(A, B),
-        not lists:member(Id, Covered), After =< time(Best)
+        not lists:member(Id, Covered),
+        After =< time(Best)
     ],
     case Left of
         [] when Best =:= none -> not_found;
@@ -210,7 +213,11 @@ differing(As, Bs, Id, N, Before) ->
     {A, B} = {first(As), first(Bs)},
     Times = [At || #{at_us := At} <- [A, B]],
     #{
-        robot => Id, n => N, at_us => lists:min(Times), first => A, second => B,
+        robot => Id,
+        n => N,
+        at_us => lists:min(Times),
+        first => A,
+        second => B,
         before => lists:reverse(Before)
     }.
 

@@ -83,19 +83,27 @@
 -define(OTHERS, 5).
 %% Values that remove randomness from a run.
 -define(PLAIN, [
-    {duplicate, 0.0}, {clock_offset, 0}, {clock_drift, 0}, {heading_error, 0.0},
-    {distance_error, 0.0}, {position_error, 0.0}, {range, none}
+    {duplicate, 0.0},
+    {clock_offset, 0},
+    {clock_drift, 0},
+    {heading_error, 0.0},
+    {distance_error, 0.0},
+    {position_error, 0.0},
+    {range, none}
 ]).
 
 %% @doc The smallest scenario found whose run has the violation of this scenario's run.
 -spec shrink(starl_sim_scenario:t(), request()) -> {ok, result()} | {error, reason()}.
 shrink(Scenario, #{run := Run} = Request) ->
     case {Run(Scenario), maps:get(digest, Request, any)} of
-        {{error, Reason}, _} -> {error, {trial, Reason}};
+        {{error, Reason}, _} ->
+            {error, {trial, Reason}};
         {{ok, #{digest := Seen}}, Known} when is_binary(Known), Known =/= Seen ->
             {error, {not_reproducible, [Known, Seen]}};
-        {{ok, #{violations := []}}, _} -> {error, holds};
-        {{ok, Outcome}, _} -> explicit(Outcome, Request)
+        {{ok, #{violations := []}}, _} ->
+            {error, holds};
+        {{ok, Outcome}, _} ->
+            explicit(Outcome, Request)
     end.
 
 %% The outcome's scenario holds the drawn faults; with them it must be the same run.
@@ -132,7 +140,10 @@ rounds(N, #search{best = Before} = Search) ->
 
 result(#search{best = Best, violation = Violation, outcome = #{digest := Digest}} = Search) ->
     #{
-        scenario => Best, violation => Violation, digest => Digest, figures => figures(Search),
+        scenario => Best,
+        violation => Violation,
+        digest => Digest,
+        figures => figures(Search),
         complete => not Search#search.stopped,
         others => others(Search)
     }.
@@ -321,7 +332,8 @@ format_error(holds) ->
 format_error({not_reproducible, Digests}) ->
     Texts = [string:lowercase(binary:encode_hex(Digest)) || Digest <- Digests],
     [
-        "the run is not reproducible: its digests are ", lists:join(", ", Texts),
+        "the run is not reproducible: its digests are ",
+        lists:join(", ", Texts),
         "; ./starl diverge tells where two runs part"
     ];
 format_error({trial, {start, Reason}}) ->

@@ -43,7 +43,13 @@ context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
 profiles(Overrides, #{chassis := Choice} = Scenario) ->
     starl_sim_chassis:profiles(Choice, maps:merge(profile(Scenario), Overrides)).
 
-profile(#{speed := Speed, acceleration := Acceleration, heading_error := H, distance_error := D, position_error := P}) ->
+profile(#{
+    speed := Speed,
+    acceleration := Acceleration,
+    heading_error := H,
+    distance_error := D,
+    position_error := P
+}) ->
     #{
         speed => float(Speed),
         acceleration => float(Acceleration),

@@ -26,12 +26,14 @@ interests() -> [app, robot].
 
 %% @doc Judges one event: nothing is too late before the end.
 -spec step(starl_monitor:trace_event(), #state{}) -> {ok, #state{}}.
-step({_, Robot, app, {done, _}}, State) -> {ok, closed(Robot, State)};
+step({_, Robot, app, {done, _}}, State) ->
+    {ok, closed(Robot, State)};
 step({_, Robot, app, crashed}, #state{open = Open, died = Died} = State) ->
     {ok, State#state{open = maps:merge(Open, maps:without(maps:keys(Died), #{Robot => true}))}};
 step({_, Robot, robot, {died, _}}, #state{died = Died} = State) ->
     {ok, closed(Robot, State#state{died = Died#{Robot => true}})};
-step(_, State) -> {ok, State}.
+step(_, State) ->
+    {ok, State}.
 
 closed(Robot, #state{open = Open} = State) -> State#state{open = maps:remove(Robot, Open)}.
 

@@ -78,10 +78,12 @@ fault_problems(_) -> [].
 read(File) ->
     case file:consult(File) of
         {ok, [Scenario]} when is_map(Scenario) -> {ok, Scenario};
-        {ok, _} -> {error, {shape, File}};
+        {ok, _} ->
+            {error, {shape, File}};
         {error, {Line, Module, What}} when is_integer(Line) ->
             {error, {syntax, File, Line, Module:format_error(What)}};
-        {error, Posix} -> {error, {file, File, Posix}}
+        {error, Posix} ->
+            {error, {file, File, Posix}}
     end.
 
 %% @doc One line on a problem: what is wrong, where, and what to do.
@@ -99,5 +101,7 @@ format_problem({no_such_faults, What}) ->
     io_lib:format("random_faults: there is no class or kind of faults ~tp; classes: all, ~ts", [
         What, lists:join(", ", [atom_to_list(C) || C <- starl_sim_fault:classes()])
     ]);
-format_problem({fault, Problem}) -> starl_sim_fault:format_problem(Problem);
-format_problem(Problem) -> starl_options:format_problem(Problem).
+format_problem({fault, Problem}) ->
+    starl_sim_fault:format_problem(Problem);
+format_problem(Problem) ->
+    starl_options:format_problem(Problem).

@@ -82,8 +82,10 @@ new(Run, Width) ->
 %% @doc All robots are in place: the number of running applications of the whole team, and the
 %% faults that strike this shard's robots.
 -spec launch(
-    Running :: non_neg_integer(), [starl_sim_queue:event()],
-    {starl_sim_sight:t(), starl_sim_mail:t()}, t()
+    Running :: non_neg_integer(),
+    [starl_sim_queue:event()],
+    {starl_sim_sight:t(), starl_sim_mail:t()},
+    t()
 ) -> t().
 launch(Running, Faults, {Sight, Mail}, #steps{queue = Queue} = Steps) ->
     Planned = starl_sim_queue:add_all(Faults, Queue),

@@ -70,7 +70,8 @@ format_error({epmd, Exe}) ->
 format_error({no_distribution, Node}) ->
     io_lib:format(
         "this machine cannot be node ~ts: its name is taken, its host is not this machine, or "
-        "~~/.erlang.cookie cannot be read", [Node]
+        "~~/.erlang.cookie cannot be read",
+        [Node]
     );
 format_error({is_named, Node}) ->
     io_lib:format("this VM is node ~ts already", [Node]).

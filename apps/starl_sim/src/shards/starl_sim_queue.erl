@@ -138,8 +138,10 @@ each_robot([Event | Events]) ->
 each_robot([]) ->
     [].
 
-split(Robot, [{Robot, _, _, _, _, _} = Event | Events], Own) -> split(Robot, Events, [Event | Own]);
-split(_Robot, Events, Own) -> {Own, Events}.
+split(Robot, [{Robot, _, _, _, _, _} = Event | Events], Own) ->
+    split(Robot, Events, [Event | Own]);
+split(_Robot, Events, Own) ->
+    {Own, Events}.
 
 %% The first window that has an event.
 -spec first(t()) -> non_neg_integer() | none.

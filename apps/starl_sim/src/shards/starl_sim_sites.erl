@@ -126,7 +126,8 @@ format_error({twice, Node}) ->
 format_error({unreachable, Node}) ->
     io_lib:format(
         "node ~ts cannot be reached: is it up (./starl node), with the same cookie, under this "
-        "very name, and its port mapper's port 4369 open?", [Node]
+        "very name, and its port mapper's port 4369 open?",
+        [Node]
     );
 format_error({silent, Node}) ->
     io_lib:format("node ~ts is connected but does not answer; restart it or leave it out", [Node]);
@@ -135,12 +136,14 @@ format_error({no_code, Node}) ->
 format_error({other_code, Node, Modules, Otp, Otp}) ->
     io_lib:format(
         "node ~ts has other code than this one: ~ts; bring both to the same version and build, "
-        "then start the node anew", [Node, names(Modules)]
+        "then start the node anew",
+        [Node, names(Modules)]
     );
 format_error({other_code, Node, Modules, Here, There}) ->
     io_lib:format(
         "node ~ts has other code than this one: ~ts; it was built by OTP ~ts there and ~ts here: "
-        "install one release of OTP on both", [Node, names(Modules), There, Here]
+        "install one release of OTP on both",
+        [Node, names(Modules), There, Here]
     );
 format_error({peers, Reason}) ->
     starl_sim_peers:format_error(Reason).

@@ -124,8 +124,11 @@ extra(_, _, _) ->
     0.
 
 state(Faults, Link, N) ->
-    Hits = [Id || {Id, _, _, corrupt, _, #{part := Part}} <- Faults,
-                  starl_sim_draw:uniform({Link, Id, N}) < Part],
+    Hits = [
+        Id
+     || {Id, _, _, corrupt, _, #{part := Part}} <- Faults,
+        starl_sim_draw:uniform({Link, Id, N}) < Part
+    ],
     case Hits of
         [] -> intact;
         [_ | _] -> corrupt
