@@ -15,7 +15,7 @@
     recover_while_moving/1, recover_while_asking/1, crash_stops_the_robot/1,
     crashed_robot_does_not_vote/1, earlier_term_is_refused/1, vote_is_kept/1,
     leader_is_followed_without_vote/1, lease_ends_for_good/1, faces_only_by_lease/1,
-    failed_drive_is_told_once/1, beats_prolong_lease/1,
+    failed_drive_is_told_once/1, faced_is_told_once/1, answers_tell_of_paint/1, beats_prolong_lease/1,
     late_assignment_is_void/1, missing_coordinator_is_replaced/1,
     painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1,
     term_is_stored_first/1, reboot_forgets_no_term/1, reboot_tells_its_place/1,
@@ -336,6 +336,24 @@ painted_goes_with_the_next_request(_) ->
     {Stop, P1} = step({call, {app, 2}}, request, Passed),
     {Ask, _} = located(Stop, P1),
     ?assertMatch([{4, {_, _, _, [7], _}}], sent(dpp_request, Ask)).
+
+%% Who has turned to a line, and been told so, is told nothing more of that when the lease ends.
+faced_is_told_once(_) ->
+    {Id, Moving} = moving(),
+    {_, Facing} = step({call, {app, 2}}, {face, Id, 1}, Moving),
+    {Faced, P} = step({reply, {driven, face, Id, 1}}, ok, Facing),
+    ?assertEqual([{reply, {app, 2}, ok}], replies(Faced)),
+    {Ended, _} = at(20 * ?S, {timeout, leave}, leave, P),
+    ?assertEqual([], replies(Ended)).
+
+%% What others have painted comes with an answer, and is told to a coordinator that begins.
+answers_tell_of_paint(_) ->
+    {Id, P} = asking(led()),
+    Complete = {message, 4, dpp_answer, {{1, 4, 1}, Id, complete, [3, 9]}},
+    {_, P1} = at(?AIR_US, cast, Complete, P),
+    {Stop, P2} = recover(4, {2, 4, 1}, P1),
+    {Told, _} = located(Stop, P2),
+    ?assertMatch([{4, {_, _, {standing, _}, [3, 9], _}}], sent(dpp_state, Told)).
 
 passed_is_told_now_and_then(_) ->
     {Id, Moving} = moving(),
