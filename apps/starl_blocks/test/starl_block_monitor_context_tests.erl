@@ -11,15 +11,24 @@ told(Monitor, Config) -> Monitor:context(?KNOWN, Config).
 %% Events come later by the slack than by the rules: the bound is wider by that, once.
 slack_test_() ->
     [
-        {atom_to_list(Monitor), ?_assertEqual(
-            {5100, kept}, begin
-                #{bound_us := Bound, own := Own} = told(Monitor, #{bound_us => 5000, own => kept}),
-                {Bound, Own}
-            end
-        )}
+        {
+            atom_to_list(Monitor),
+            ?_assertEqual(
+                {5100, kept}, begin
+                    #{bound_us := Bound, own := Own} = told(Monitor, #{
+                        bound_us => 5000, own => kept
+                    }),
+                    {Bound, Own}
+                end
+            )
+        }
      || Monitor <- [
-            starl_barrier_monitor, starl_election_monitor, starl_election_bully_monitor,
-            starl_mutex_monitor, starl_registers_monitor, starl_sap_monitor
+            starl_barrier_monitor,
+            starl_election_monitor,
+            starl_election_bully_monitor,
+            starl_mutex_monitor,
+            starl_registers_monitor,
+            starl_sap_monitor
         ]
     ].
 
@@ -60,21 +69,34 @@ nothing_else_test() ->
 %% What is left out is what it would be if it were said.
 defaults_test_() ->
     [
-        {atom_to_list(Monitor), ?_assertEqual(
-            Monitor:init(maps:merge(Given, Defaults)), Monitor:init(Given)
-        )}
+        {
+            atom_to_list(Monitor),
+            ?_assertEqual(
+                Monitor:init(maps:merge(Given, Defaults)), Monitor:init(Given)
+            )
+        }
      || {Monitor, Given, Defaults} <- [
             {starl_barrier_monitor, #{robots => [1, 2]}, #{
                 bound_us => infinity, delta_us => infinity
             }},
             {starl_counter_monitor, #{robots => [1, 2]}, #{within_us => infinity, healed_us => 0}},
             {starl_dpp_monitor, #{tube_radius => 300.0, r_s => 500.0}, #{
-                slice_us => 1000000, tracking_mm => #{}, robots => [], lease_us => 10000000,
-                jump_us => 2000000, drift_ppm => 10000, broken => []
+                slice_us => 1000000,
+                tracking_mm => #{},
+                robots => [],
+                lease_us => 10000000,
+                jump_us => 2000000,
+                drift_ppm => 10000,
+                broken => []
             }},
             {starl_geocast_monitor, #{robots => [1, 2]}, #{
-                progress => false, healed_us => 0, margin_mm => 4.0, grace_us => 1000000,
-                delay_us => 0, drift_ppm => 10000, broken => []
+                progress => false,
+                healed_us => 0,
+                margin_mm => 4.0,
+                grace_us => 1000000,
+                delay_us => 0,
+                drift_ppm => 10000,
+                broken => []
             }},
             {starl_election_monitor, #{robots => [1, 2], bound_us => 5}, #{
                 complete => false, settle_us => infinity

@@ -12,8 +12,14 @@ new(Stored) -> new(1, Stored).
 
 new(Robot, Stored) ->
     ?F:new(#{
-        robot => Robot, participants => starl_team:new([1, 2, 3]), incarnation => 5, now => 0,
-        stored => Stored, lease_ms => 10000, drift_ppm => 0, jump_ms => 0
+        robot => Robot,
+        participants => starl_team:new([1, 2, 3]),
+        incarnation => 5,
+        now => 0,
+        stored => Stored,
+        lease_ms => 10000,
+        drift_ppm => 0,
+        jump_ms => 0
     }).
 
 missing(Us) -> {{timeout, missing}, Us, missing}.
@@ -75,7 +81,9 @@ same_term_test() ->
 
 %% After a crash nobody is voted for, but the term that was followed is followed again.
 known_term_needs_no_vote_test() ->
-    Recover = fun(Term) -> element(1, ?F:recover(2, {Term, 7, false}, ?S, new({stored, ?TERM}))) end,
+    Recover = fun(Term) ->
+        element(1, ?F:recover(2, {Term, 7, false}, ?S, new({stored, ?TERM})))
+    end,
     ?assertEqual([followed, refused], [Recover(?TERM), Recover({2, 2, 1})]).
 
 %% A lower term is refused, also of one that says that it leads; so is a higher one of a robot that
@@ -108,7 +116,10 @@ who_leads_test() ->
     {followed, {Led, _}} = ?F:recover(2, {?TERM, 8, true}, 5 * ?S, told()),
     Claim = fun(Now, F) -> element(1, ?F:recover(3, {{2, 3, 1}, 9, false}, Now, F)) end,
     [
-        ?assertEqual([refused, refused, followed], [Claim(Now, F) || Now <- [12 * ?S, 15 * ?S - 1, 15 * ?S]])
+        ?assertEqual([refused, refused, followed], [
+            Claim(Now, F)
+         || Now <- [12 * ?S, 15 * ?S - 1, 15 * ?S]
+        ])
      || F <- [Beaten, Led]
     ],
     ?assertEqual(followed, Claim(12 * ?S, told())).

@@ -15,7 +15,8 @@ sorts(Seed) ->
                 false -> {Rand, starl_dpp_heap:push(Key, {Key, I}, H), lists:sort([Key | List])}
             end
         end,
-        {rand:seed_s(exsss, Seed), starl_dpp_heap:new(), []}, lists:seq(1, 200)
+        {rand:seed_s(exsss, Seed), starl_dpp_heap:new(), []},
+        lists:seq(1, 200)
     ),
     ?assertEqual({Seed, Known}, {Seed, drained(Heap)}).
 

@@ -95,8 +95,13 @@ monitors_test() ->
         Config
     end,
     Same = #{
-        tube_radius => 300.0, tracking_mm => #{}, r_s => 520.0, robots => [1, 2],
-        lease_us => 9000, jump_us => 2000, drift_ppm => 5
+        tube_radius => 300.0,
+        tracking_mm => #{},
+        r_s => 520.0,
+        robots => [1, 2],
+        lease_us => 9000,
+        jump_us => 2000,
+        drift_ppm => 5
     },
     ?assertEqual(Same, Told([Wide])),
     Mm = starl_chassis:tracking_radius(Wide),

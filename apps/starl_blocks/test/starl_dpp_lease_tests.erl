@@ -179,8 +179,8 @@ later_stamp_test() ->
     ?assertEqual([{1, 101}], starl_dpp_lease:stamps(L2)),
     ?assertEqual([false, true], [starl_dpp_lease:rests(1, 19 * ?S + Us, L2) || Us <- [0, 1]]).
 
-%% A beat of which a vote would be over when it comes is known no more; one of the same moment is the
-%% same beat.
+%% A beat of which a vote would be over when it comes is known no more; one of the same moment is
+%% the same beat.
 known_beats_test() ->
     {Seq, L1} = starl_dpp_lease:beat(0, new([1])),
     Vote = fun(Now) ->

@@ -32,8 +32,9 @@ spoilt_test() ->
     [
         ?assertNot(starl_dpp_message:accepts(Type, Spoilt), {Type, Spoilt})
      || {Type, Body} <- messages(),
-        Spoilt <- [erlang:delete_element(1, Body), erlang:append_element(Body, 1), nothing] ++
-            [setelement(N, Body, nothing) || N <- lists:seq(1, tuple_size(Body))]
+        Spoilt <-
+            [erlang:delete_element(1, Body), erlang:append_element(Body, 1), nothing] ++
+                [setelement(N, Body, nothing) || N <- lists:seq(1, tuple_size(Body))]
     ].
 
 %% Numbers that are too small, places that are none.

@@ -20,9 +20,13 @@ found(Events) ->
                 {violation, #{contract := dpp} = V, Next} -> {Acc ++ [V], Next}
             end
         end,
-        {[], new()}, Events
+        {[], new()},
+        Events
     ),
-    [{What, Robots, Details} || #{what := What, at_us := 7, robots := Robots, details := Details} <- Found].
+    [
+        {What, Robots, Details}
+     || #{what := What, at_us := 7, robots := Robots, details := Details} <- Found
+    ].
 
 %% Who acts does so in the latest term that was won, or later.
 acts_test() ->
@@ -173,8 +177,14 @@ nothing_else_test() ->
 %% The last robot is named first, its clock is the slow one; terms above the bound are beyond.
 model_test() ->
     #{
-        rates := Rates, script := Script, fixed := Fixed, beyond := Beyond, blocks := Blocks,
-        monitor := {?M, _}, horizon_us := Horizon, past_us := Past
+        rates := Rates,
+        script := Script,
+        fixed := Fixed,
+        beyond := Beyond,
+        blocks := Blocks,
+        monitor := {?M, _},
+        horizon_us := Horizon,
+        past_us := Past
     } = starl_dpp_model:new(#{robots => [4, 5, 9], terms => 2}),
     ?assertEqual({{1010000, 1010000, 990000}, [1, 2, 3]}, {Rates, Fixed}),
     ?assertEqual([{start, dpp, {join, 9}, {join, 4}}], Script(4)),
@@ -187,17 +197,23 @@ model_test() ->
     ?assertEqual(Part, maps:remove(serve, Config)),
     ?assertEqual({4000, 4000001, 4000001}, {Ms, Horizon, Past}).
 
-%% What may happen in a search: all that the two machines wait for, and crashes of both; a robot that
-%% stands, and acts, in the place of each. Lengths are such that neighbours are a metre apart.
+%% What may happen in a search: all that the two machines wait for, and crashes of both; a robot
+%% that stands, and acts, in the place of each. Lengths are such that neighbours are a metre apart.
 happenings_test() ->
     Model = starl_dpp_model:new(#{robots => [1, 2], terms => 2}),
     ?assertEqual(
         #{
-            timed => [again, beat, claim, leave, look, missing, recover], steps => [serve],
-            crash => [dpp, dpp_coordinator], stands => [location, motion], grain => 1
+            timed => [again, beat, claim, leave, look, missing, recover],
+            steps => [serve],
+            crash => [dpp, dpp_coordinator],
+            stands => [location, motion],
+            grain => 1
         },
         maps:map(
-            fun(_, What) when is_list(What) -> lists:sort(What); (_, What) -> What end,
+            fun
+                (_, What) when is_list(What) -> lists:sort(What);
+                (_, What) -> What
+            end,
             maps:with([timed, steps, crash, stands, grain], Model)
         )
     ),

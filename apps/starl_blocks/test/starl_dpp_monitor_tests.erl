@@ -321,8 +321,8 @@ vocabulary_test() ->
         lists:sort(Coordinator)
     ).
 
-%% Of two ways the least distance is told, and of a robot that is on none of its lines the least way
-%% to one, with whose it is.
+%% Of two ways the least distance is told, and of a robot that is on none of its lines the least
+%% way to one, with whose it is.
 details_test() ->
     {[Overlap], _} = run([assigned(1, 1, level(0.0)), assigned(2, 2, level(50.0) ++ level(90.0))], 2),
     #{details := #{distance_mm := Distance, limit_mm := Limit}} = Overlap,

@@ -86,7 +86,9 @@ travel_test() ->
         [{{4000.0, 4000.0}, up}, {{4500.0, 4000.0}, up}], travel([1, 2], {3500.0, 4000.0})
     ),
     ?assertEqual([{{4000.0, 4000.0}, up}], travel([1, 1], {4400.0, 4000.0})),
-    ?assertEqual([{{4500.0, 4000.0}, up}], travel([1, 2], {4250.0, 3600.0}) -- travel([1], {4250.0, 3600.0})).
+    ?assertEqual(
+        [{{4500.0, 4000.0}, up}], travel([1, 2], {4250.0, 3600.0}) -- travel([1], {4250.0, 3600.0})
+    ).
 
 %% A way of many points past robot 2, three of them before it, the others behind: of those that are
 %% tried, the farthest first and then ones nearer by half, six in all, the first that can be seen is

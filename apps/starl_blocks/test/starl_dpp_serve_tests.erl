@@ -21,17 +21,30 @@ report_and_request_in_either_order_test() ->
 %% What a participant sends that asks when it hears of a new term.
 state_and_request() ->
     {_, P0} = starl_machine:new(starl_dpp_participant, #{}, #{
-        robot => 2, participants => [1, 2], name => dpp, incarnation => 1, stored => none,
-        random => rand:seed_s(exsss, 1), now => 0
+        robot => 2,
+        participants => [1, 2],
+        name => dpp,
+        incarnation => 1,
+        stored => none,
+        random => rand:seed_s(exsss, 1),
+        now => 0
     }),
     {X, Y} = spot(2),
-    {_, P} = events([
-        {{call, {app, 0}}, {join, 1}}, {{call, {app, 1}}, request},
-        {{reply, {halted, 1}}, ok}, {{reply, {pose, 1}}, {ok, {X, Y, 0.0}}}
-    ], P0),
-    {Sent, _} = events([
-        {cast, {message, 1, dpp_recover, {{1, 1, 1}, 7, false}}}, {{timeout, again}, request}
-    ], P),
+    {_, P} = events(
+        [
+            {{call, {app, 0}}, {join, 1}},
+            {{call, {app, 1}}, request},
+            {{reply, {halted, 1}}, ok},
+            {{reply, {pose, 1}}, {ok, {X, Y, 0.0}}}
+        ],
+        P0
+    ),
+    {Sent, _} = events(
+        [
+            {cast, {message, 1, dpp_recover, {{1, 1, 1}, 7, false}}}, {{timeout, again}, request}
+        ],
+        P
+    ),
     [State] = [Body || {cast, sap, {send, 1, dpp_state, Body}} <- Sent],
     [Request] = [Body || {call, sap, {send, 1, dpp_request, Body}, _} <- Sent],
     {State, Request}.
@@ -42,7 +55,8 @@ events(Events, P) ->
             {More, P1} = starl_machine:step(Type, Content, #{now => 0, robot => 2}, P0),
             {Actions ++ More, P1}
         end,
-        {[], P}, Events
+        {[], P},
+        Events
     ).
 
 %% Who says that it has painted lines that are not in the picture is not believed: that is traced.
@@ -211,7 +225,9 @@ dead_on_the_line_test() ->
     Moves = fun(S) -> starl_dpp_serve:reported(3, {1, 5}, {Way, []}, S) end,
     {Waits, S1} = chain(S0, [Moves, Dead, asks(1, 1)]),
     ?assertEqual({[], [?SERVE]}, {sent(Waits), lists:usort(timers(Waits))}),
-    Stops = fun(S) -> starl_dpp_serve:reported(3, {1, 6}, {{standing, {9000.0, 9000.0}}, []}, S) end,
+    Stops = fun(S) ->
+        starl_dpp_serve:reported(3, {1, 6}, {{standing, {9000.0, 9000.0}}, []}, S)
+    end,
     {Stopped, S2} = chain(S1, [Stops]),
     ?assertEqual([?SERVE], timers(Stopped)),
     {Served, S3} = chain(S2, [fun starl_dpp_serve:serve/1]),
@@ -282,8 +298,10 @@ late_path_test() ->
     {S1, _} = starl_dpp_serve:rests(1, spot(1), S0),
     Way = {moving, 0, spot(1), [{{9000.0, 9000.0}, up}]},
     ?assertEqual({S1, []}, starl_dpp_serve:reported(1, {1, 5}, {Way, []}, S1)),
-    ?assertMatch({_, [{trace, {reserved, 1, [_]}}]},
-                 starl_dpp_serve:reported(1, {1, 5}, {Way, []}, S0)).
+    ?assertMatch(
+        {_, [{trace, {reserved, 1, [_]}}]},
+        starl_dpp_serve:reported(1, {1, 5}, {Way, []}, S0)
+    ).
 
 %% -- what robots say ----------------------------------------------------------------------------
 
@@ -339,7 +357,10 @@ short() -> {{6000.0, 6000.0}, {6100.0, 6000.0}}.
 
 config(Lines, N) ->
     #{
-        segments => Lines, world => {12000.0, 12000.0}, tube_radius => ?R, slack => 10.0,
+        segments => Lines,
+        world => {12000.0, 12000.0},
+        tube_radius => ?R,
+        slack => 10.0,
         robots => lists:seq(1, N)
     }.
 
@@ -375,7 +396,8 @@ chain(S, Steps) ->
             {S1, More} = Step(S0),
             {Actions ++ More, S1}
         end,
-        {[], S}, Steps
+        {[], S},
+        Steps
     ).
 
 answers(Steps, S) ->

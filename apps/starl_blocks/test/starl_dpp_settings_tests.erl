@@ -12,8 +12,15 @@ required() ->
 %% What need not be told has a default; what is told stays.
 complete_test() ->
     Defaults = #{
-        slack => 0.0, horizon => 3000.0, edge_length => 500.0, leg => 500.0, turn_mm => 160.0,
-        overhead_mm => 100.0, middle => 0.7, patience => {1.05, 50.0}, seed => 1
+        slack => 0.0,
+        horizon => 3000.0,
+        edge_length => 500.0,
+        leg => 500.0,
+        turn_mm => 160.0,
+        overhead_mm => 100.0,
+        middle => 0.7,
+        patience => {1.05, 50.0},
+        seed => 1
     },
     ?assertEqual(maps:merge(required(), Defaults), starl_dpp_settings:complete(required())),
     Own = maps:merge(required(), maps:map(fun(_, _) -> own end, Defaults)),
@@ -27,10 +34,21 @@ defaults_test() ->
     {ok, Options} = checked(#{}),
     ?assertEqual(
         #{
-            segments => [], world => {12000.0, 12000.0}, tube_radius => 365.0, slack => 0.0,
-            horizon => 3000.0, edge_length => 500.0, leg => 500.0, turn_mm => 160.0,
-            overhead_mm => 100.0, middle => 0.7, patience => {1.05, 50.0}, seed => 1,
-            lease_ms => 10000, drift_ppm => 10000, jump_ms => 2000
+            segments => [],
+            world => {12000.0, 12000.0},
+            tube_radius => 365.0,
+            slack => 0.0,
+            horizon => 3000.0,
+            edge_length => 500.0,
+            leg => 500.0,
+            turn_mm => 160.0,
+            overhead_mm => 100.0,
+            middle => 0.7,
+            patience => {1.05, 50.0},
+            seed => 1,
+            lease_ms => 10000,
+            drift_ppm => 10000,
+            jump_ms => 2000
         },
         Options
     ).
@@ -39,7 +57,10 @@ defaults_test() ->
 bounds_test_() ->
     [
         {atom_to_list(Key), fun() ->
-            [?assertMatch({ok, #{Key := Value}}, checked(#{Key => Value})) || Value <- [Least, Most]],
+            [
+                ?assertMatch({ok, #{Key := Value}}, checked(#{Key => Value}))
+             || Value <- [Least, Most]
+            ],
             [
                 ?assertMatch({error, _}, checked(#{Key => Value}))
              || Value <- [Least - Step, Most + Step]

@@ -9,8 +9,10 @@
 %% Robots that stand at these places, and one line of a metre.
 plan(Places) ->
     {ok, Plan} = starl_dpp_plan:new(#{
-        segments => [{{6000.0, 6000.0}, {7000.0, 6000.0}}], world => {12000.0, 12000.0},
-        robots => [Id || {Id, _} <- Places], tube_radius => ?R
+        segments => [{{6000.0, 6000.0}, {7000.0, 6000.0}}],
+        world => {12000.0, 12000.0},
+        robots => [Id || {Id, _} <- Places],
+        tube_radius => ?R
     }),
     lists:foldl(fun({Id, P}, Acc) -> starl_dpp_plan:standing(Id, P, Acc) end, Plan, Places).
 
@@ -19,8 +21,12 @@ graph() -> starl_dpp_plan:graph(plan([{1, {3000.0, 3000.0}}])).
 %% The nearest wall counts, whichever it is.
 outermost_test() ->
     Places = [
-        {1, {6000.0, 6000.0}}, {2, {300.0, 6000.0}}, {3, {6000.0, 11500.0}},
-        {4, {11800.0, 5000.0}}, {5, {5000.0, 100.0}}, {6, {5100.0, 300.0}}
+        {1, {6000.0, 6000.0}},
+        {2, {300.0, 6000.0}},
+        {3, {6000.0, 11500.0}},
+        {4, {11800.0, 5000.0}},
+        {5, {5000.0, 100.0}},
+        {6, {5100.0, 300.0}}
     ],
     ?assertEqual([5, 4, 2, 6, 3, 1], ?Y:outermost(Places, graph())),
     ?assertEqual([], ?Y:outermost([], graph())).
@@ -32,7 +38,10 @@ in_way_test() ->
     At = fun(X, Y) -> {{X, Y}, {X, Y}} end,
     ?assertEqual(
         [true, false, true, false],
-        [In([P], Way) || P <- [At(500.0, 5430.9), At(500.0, 5431.1), At(1430.9, 8000.0), At(1431.1, 8000.0)]]
+        [
+            In([P], Way)
+         || P <- [At(500.0, 5430.9), At(500.0, 5431.1), At(1430.9, 8000.0), At(1431.1, 8000.0)]
+        ]
     ),
     ?assert(In([At(5000.0, 5000.0), At(500.0, 5000.0)], Way)),
     ?assertNot(In([], Way)),
@@ -44,7 +53,9 @@ closes_test() ->
     Graph = starl_dpp_plan:graph(Plan),
     View = starl_dpp_plan:view(1, Plan),
     Near = fun(V, E) ->
-        starl_geometry:point_segment(starl_dpp_graph:point(V, Graph), starl_dpp_graph:segment(E, Graph)) < 2 * ?R
+        starl_geometry:point_segment(
+            starl_dpp_graph:point(V, Graph), starl_dpp_graph:segment(E, Graph)
+        ) < 2 * ?R
     end,
     Closed = [{V, ?Y:closes(V, View)} || V <- lists:seq(1, starl_dpp_graph:vertices(Graph))],
     [?assertEqual({V, [E || E <- [1, 2], Near(V, E)]}, {V, lists:sort(Es)}) || {V, Es} <- Closed],
@@ -100,6 +111,9 @@ wish_test() ->
     Alone = starl_dpp_plan:view(1, plan([{1, {5000.0, 6000.0}}, {2, {9000.0, 3000.0}}])),
     {ok, #{blockers := [], cost_mm := Less}} = ?Y:wish([1, 2], Alone),
     ?assert(abs(Cost - Less - 1000.0) < 1.0e-6),
-    ?assertEqual(none, ?Y:wish([1], starl_dpp_plan:view(1, plan([{1, {5000.0, 6000.0}}, {2, {6500.0, 6000.0}}])))),
+    ?assertEqual(
+        none,
+        ?Y:wish([1], starl_dpp_plan:view(1, plan([{1, {5000.0, 6000.0}}, {2, {6500.0, 6000.0}}])))
+    ),
     Done = starl_dpp_plan:view(1, starl_dpp_plan:mark_painted([1, 2], Plan)),
     ?assertEqual(none, ?Y:wish([1, 2], Done)).

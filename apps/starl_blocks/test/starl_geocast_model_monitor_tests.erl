@@ -1,5 +1,5 @@
-%% The geocast's contract where the time of day is not known: by the order of events, crashes and the
-%% client's window.
+%% The geocast's contract where the time of day is not known: by the order of events, crashes and
+%% the client's window.
 -module(starl_geocast_model_monitor_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -18,7 +18,8 @@ found(Events) ->
                 {violation, #{what := What, at_us := At}, Next} -> {Acc ++ [{What, At}], Next}
             end
         end,
-        {[], new()}, Events
+        {[], new()},
+        Events
     ),
     case ?M:finish(99999, Last) of
         {ok, _} -> Found;
@@ -50,7 +51,8 @@ crash_test() ->
                 {ok, Next} = ?M:step({0, Robot, Machine, Event}, State),
                 Next
             end,
-            new(), Events
+            new(),
+            Events
         ),
         element(1, ?M:timeless(Last))
     end,
@@ -59,8 +61,11 @@ crash_test() ->
         [
             Now(Events)
          || Events <- [
-                [here(1), sent(), delivered(1), {2, robot, up}], [Crashed], [Crashed, Crashed],
-                [over()], [over(), Crashed]
+                [here(1), sent(), delivered(1), {2, robot, up}],
+                [Crashed],
+                [Crashed, Crashed],
+                [over()],
+                [over(), Crashed]
             ]
         ]
     ).
@@ -75,7 +80,10 @@ owed_test() ->
 told_once_test() ->
     Twice = [here(1), here(2), sent(), delivered(1), delivered(1), delivered(2), over()],
     ?assertEqual([{delivered_twice, 0}], found(Twice)),
-    ?assertMatch([{not_delivered, _}], found([here(1), here(2), sent(), delivered(1), over(), {2, robot, up}])).
+    ?assertMatch(
+        [{not_delivered, _}],
+        found([here(1), here(2), sent(), delivered(1), over(), {2, robot, up}])
+    ).
 
 vocabulary_test() ->
     ?assertEqual(

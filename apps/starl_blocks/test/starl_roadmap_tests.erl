@@ -51,7 +51,8 @@ ring_in_order_test() ->
     [
         begin
             #{ring := Ring, feet := Feet} = layout(N),
-            Legs = [starl_geometry:distance(A, B) || {A, B} <- lists:zip(Ring, tl(Ring) ++ [hd(Ring)])],
+            Round = lists:zip(Ring, tl(Ring) ++ [hd(Ring)]),
+            Legs = [starl_geometry:distance(A, B) || {A, B} <- Round],
             Side = 12000.0 - 2 * 3.1 * ?R,
             ?assert(abs(lists:sum(Legs) - 4 * Side) < 1.0e-3, {N, Legs}),
             ?assert(lists:max(Legs) =< 2.5 * ?R + 1.0e-6),
