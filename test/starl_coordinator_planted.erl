@@ -12,12 +12,22 @@ init(#{bug := Bug} = Config) ->
     {State, Data, Actions} = ?REAL:init(maps:remove(bug, Config)),
     {State, {Bug, #{}, Data}, Actions}.
 
-handle_event(cast, {message, Robot, dpp_passed, {Term, _, N}}, State, {"late_clear", Sent, _} = P,
-             Meta) when is_map_key(Robot, Sent) ->
+handle_event(
+    cast,
+    {message, Robot, dpp_passed, {Term, _, N}},
+    State,
+    {"late_clear", Sent, _} = P,
+    Meta
+) when is_map_key(Robot, Sent) ->
     {_, Id} = map_get(Robot, Sent),
     forward(cast, {message, Robot, dpp_passed, {Term, Id, N}}, State, P, Meta);
-handle_event({reply, {answered, _, Robot}} = Type, {error, _} = Lost, State,
-             {"freed", Sent, _} = Planted, Meta) when is_map_key(Robot, Sent) ->
+handle_event(
+    {reply, {answered, _, Robot}} = Type,
+    {error, _} = Lost,
+    State,
+    {"freed", Sent, _} = Planted,
+    Meta
+) when is_map_key(Robot, Sent) ->
     {Term, Id} = map_get(Robot, Sent),
     {To, Told, Actions} = whole(forward(Type, Lost, State, Planted, Meta), State, Planted),
     %% as if the robot had passed all of its path

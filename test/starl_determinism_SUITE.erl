@@ -4,12 +4,24 @@
 -module(starl_determinism_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 
--export([suite/0, all/0, groups/0, init_per_suite/1, end_per_suite/1, init_per_group/2, end_per_group/2]).
 -export([
-    twice_in_a_row/1, shards/1, inline/1, paused_and_stepped/1, under_load/1, one_and_two_schedulers/1,
-    order_of_keys_in_the_scenario/1, seeds_differ/1,
-    planted_pid/1, planted_unique_integer/1, planted_reference/1, planted_wall_time/1,
-    every_input_counts/1, digest/1
+    suite/0, all/0, groups/0, init_per_suite/1, end_per_suite/1, init_per_group/2, end_per_group/2
+]).
+-export([
+    twice_in_a_row/1,
+    shards/1,
+    inline/1,
+    paused_and_stepped/1,
+    under_load/1,
+    one_and_two_schedulers/1,
+    order_of_keys_in_the_scenario/1,
+    seeds_differ/1,
+    planted_pid/1,
+    planted_unique_integer/1,
+    planted_reference/1,
+    planted_wall_time/1,
+    every_input_counts/1,
+    digest/1
 ]).
 
 suite() -> [{timetrap, {minutes, 10}}].
@@ -18,11 +30,22 @@ all() -> [{group, painting}, {group, ring_shuttle}, {group, planted}].
 
 groups() ->
     Same = [
-        twice_in_a_row, shards, inline, paused_and_stepped, under_load, one_and_two_schedulers,
-        order_of_keys_in_the_scenario, seeds_differ
+        twice_in_a_row,
+        shards,
+        inline,
+        paused_and_stepped,
+        under_load,
+        one_and_two_schedulers,
+        order_of_keys_in_the_scenario,
+        seeds_differ
     ],
-    Planted = [planted_pid, planted_unique_integer, planted_reference, planted_wall_time,
-               every_input_counts],
+    Planted = [
+        planted_pid,
+        planted_unique_integer,
+        planted_reference,
+        planted_wall_time,
+        every_input_counts
+    ],
     [{painting, [], Same}, {ring_shuttle, [], Same}, {planted, [], Planted}].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -31,23 +54,48 @@ end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 init_per_group(painting, Config) ->
     Kill = fun(Id, T, Robot, Machine) -> {Id, T, T, kill_machine, {Robot, Machine}, #{}} end,
-    [{scenario, #{
-        app => starl_painting, robots => 5, picture => "house", seed => 11, loss => 0.2,
-        duplicate => 0.1, delay => {5, 50}, time => 2000, faults => [
-            Kill(a, 8000, 1, sap), Kill(b, 12000, 2, motion), Kill(c, 12000, 3, dpp),
-            Kill(d, 20000, 4, app), Kill(e, 30000, 5, location), Kill(f, 31000, 3, election),
-            {g, 40000, 40000, kill_robot, 2, #{}}
-        ]
-    }} | Config];
+    [
+        {scenario, #{
+            app => starl_painting,
+            robots => 5,
+            picture => "house",
+            seed => 11,
+            loss => 0.2,
+            duplicate => 0.1,
+            delay => {5, 50},
+            time => 2000,
+            faults => [
+                Kill(a, 8000, 1, sap),
+                Kill(b, 12000, 2, motion),
+                Kill(c, 12000, 3, dpp),
+                Kill(d, 20000, 4, app),
+                Kill(e, 30000, 5, location),
+                Kill(f, 31000, 3, election),
+                {g, 40000, 40000, kill_robot, 2, #{}}
+            ]
+        }}
+        | Config
+    ];
 init_per_group(ring_shuttle, Config) ->
-    [{scenario, #{
-        app => starl_ring_shuttle, robots => 9, messages => 100, seed => 11, loss => 0.2,
-        duplicate => 0.1, delay => {10, 20}, time => 60, clock_drift => 100, faults => [
-            {a, 3000, 3000, kill_machine, {2, sap}, #{}},
-            {b, 5000, 5000, kill_machine, {9, app}, #{}},
-            {c, 7000, 7000, kill_robot, 4, #{}}
-        ]
-    }} | Config];
+    [
+        {scenario, #{
+            app => starl_ring_shuttle,
+            robots => 9,
+            messages => 100,
+            seed => 11,
+            loss => 0.2,
+            duplicate => 0.1,
+            delay => {10, 20},
+            time => 60,
+            clock_drift => 100,
+            faults => [
+                {a, 3000, 3000, kill_machine, {2, sap}, #{}},
+                {b, 5000, 5000, kill_machine, {9, app}, #{}},
+                {c, 7000, 7000, kill_robot, 4, #{}}
+            ]
+        }}
+        | Config
+    ];
 init_per_group(planted, Config) ->
     [{scenario, #{app => starl_sim_script_app, robots => 2, seed => 1}} | Config].
 
@@ -98,7 +146,13 @@ under_load(Config) ->
     Alone = digest(Scenario),
     Busy = [spawn_link(fun() -> busy(0) end) || _ <- lists:seq(1, 6)],
     Loaded = [digest(Scenario) || _ <- lists:seq(1, 5)],
-    [begin unlink(Pid), exit(Pid, kill) end || Pid <- Busy],
+    [
+        begin
+            unlink(Pid),
+            exit(Pid, kill)
+        end
+     || Pid <- Busy
+    ],
     ?assertEqual([Alone], lists:usort(Loaded)).
 
 busy(N) -> busy((N * 31 + 7) rem 1000003).
@@ -111,7 +165,8 @@ one_and_two_schedulers(Config) ->
 on_a_node(Schedulers, Scenario) ->
     Paths = lists:append([["-pa", Dir] || Dir <- code:get_path(), filelib:is_dir(Dir)]),
     {ok, Peer, _} = peer:start_link(#{
-        connection => standard_io, args => ["+S", Schedulers, "-kernel", "logger_level", "none" | Paths]
+        connection => standard_io,
+        args => ["+S", Schedulers, "-kernel", "logger_level", "none" | Paths]
     }),
     Digest = peer:call(Peer, ?MODULE, digest, [Scenario], 60000),
     ok = peer:stop(Peer),
@@ -139,23 +194,34 @@ planted_wall_time(Config) -> shows(Config, fun() -> erlang:monotonic_time() end)
 %% What does not belong into a message shows in the digest; what does, does not.
 shows(Config, Plant) ->
     Run = fun(What) ->
-        digest((scenario(Config))#{script => fun(R) ->
-            starl:send(R, 3 - starl:id(R), planted, What())
-        end})
+        digest((scenario(Config))#{
+            script => fun(R) ->
+                starl:send(R, 3 - starl:id(R), planted, What())
+            end
+        })
     end,
     ?assertEqual(Run(fun() -> clean end), Run(fun() -> clean end)),
     ?assertNotEqual(Run(Plant), Run(Plant)).
 
 %% A change of any setting that the run depends on shows as well.
 every_input_counts(Config) ->
-    Scenario = (scenario(Config))#{script => fun(R) ->
-        [starl:send(R, 3 - starl:id(R), a, {K, starl:now(R)}) || K <- lists:seq(1, 30)],
-        starl:go_to(R, {5000.0, 1000.0 * starl:id(R)})
-    end},
+    Scenario = (scenario(Config))#{
+        script => fun(R) ->
+            [starl:send(R, 3 - starl:id(R), a, {K, starl:now(R)}) || K <- lists:seq(1, 30)],
+            starl:go_to(R, {5000.0, 1000.0 * starl:id(R)})
+        end
+    },
     Other = [
-        Scenario, Scenario#{loss => 0.2}, Scenario#{duplicate => 0.5}, Scenario#{delay => {5, 21}},
-        Scenario#{clock_offset => 2}, Scenario#{clock_drift => 5000}, Scenario#{speed => 400},
-        Scenario#{heading_error => 0.01}, Scenario#{position_error => 2.0}, Scenario#{range => 1000},
+        Scenario,
+        Scenario#{loss => 0.2},
+        Scenario#{duplicate => 0.5},
+        Scenario#{delay => {5, 21}},
+        Scenario#{clock_offset => 2},
+        Scenario#{clock_drift => 5000},
+        Scenario#{speed => 400},
+        Scenario#{heading_error => 0.01},
+        Scenario#{position_error => 2.0},
+        Scenario#{range => 1000},
         Scenario#{faults => [{a, 100, 100, kill_machine, {1, sap}, #{}}]}
     ],
     Digests = [digest(S) || S <- Other],

@@ -6,11 +6,20 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    coordinator_machine_killed/1, coordinator_robot_killed/1, coordinator_robot_reboots/1,
-    all_machines_of_some_killed/1, successors_killed/1,
-    coordinator_out_of_range/1, everything_at_once/1, claims_out_of_range/1,
-    dead_before_the_election/1, terms_outlive_reboots/1, damaged_stores/1,
-    leader_with_a_stopped_clock/1, stopped_clock_and_garbage/1, wakes_and_assigns/1,
+    coordinator_machine_killed/1,
+    coordinator_robot_killed/1,
+    coordinator_robot_reboots/1,
+    all_machines_of_some_killed/1,
+    successors_killed/1,
+    coordinator_out_of_range/1,
+    everything_at_once/1,
+    claims_out_of_range/1,
+    dead_before_the_election/1,
+    terms_outlive_reboots/1,
+    damaged_stores/1,
+    leader_with_a_stopped_clock/1,
+    stopped_clock_and_garbage/1,
+    wakes_and_assigns/1,
     planted_bugs_are_caught/1
 ]).
 
@@ -21,11 +30,20 @@ suite() -> [{timetrap, {minutes, 3 + instants() div 5}}].
 
 all() ->
     [
-        coordinator_machine_killed, coordinator_robot_killed, coordinator_robot_reboots,
-        all_machines_of_some_killed, successors_killed,
-        coordinator_out_of_range, everything_at_once, claims_out_of_range,
-        dead_before_the_election, terms_outlive_reboots, damaged_stores,
-        leader_with_a_stopped_clock, stopped_clock_and_garbage, wakes_and_assigns,
+        coordinator_machine_killed,
+        coordinator_robot_killed,
+        coordinator_robot_reboots,
+        all_machines_of_some_killed,
+        successors_killed,
+        coordinator_out_of_range,
+        everything_at_once,
+        claims_out_of_range,
+        dead_before_the_election,
+        terms_outlive_reboots,
+        damaged_stores,
+        leader_with_a_stopped_clock,
+        stopped_clock_and_garbage,
+        wakes_and_assigns,
         planted_bugs_are_caught
     ].
 
@@ -69,10 +87,12 @@ all_machines_of_some_killed(_) ->
             {Given, _, Ms} = drawn(),
             Robots = lists:sublist(?ROBOTS, rand:uniform(4), 4),
             Kills = [{Robot, Machine} || Robot <- Robots, Machine <- ?MACHINES],
-            painted(Given#{faults => [
-                kill(N, Ms, Robot, Machine)
-             || {N, {Robot, Machine}} <- lists:zip(lists:seq(1, length(Kills)), Kills)
-            ]})
+            painted(Given#{
+                faults => [
+                    kill(N, Ms, Robot, Machine)
+                 || {N, {Robot, Machine}} <- lists:zip(lists:seq(1, length(Kills)), Kills)
+                ]
+            })
         end
      || _ <- lists:seq(1, instants())
     ].
@@ -141,8 +161,10 @@ everything_at_once(_) ->
              || N <- lists:seq(1, rand:uniform(3) - 1)
             ],
             Given = Given0#{
-                faults => Kills ++ Deaths, range => pick([none, 9000, 11000]),
-                clock_drift => pick([50, 9000]), duplicate => 0.2
+                faults => Kills ++ Deaths,
+                range => pick([none, 9000, 11000]),
+                clock_drift => pick([50, 9000]),
+                duplicate => 0.2
             },
             #{violations := Violations, ends := Ends} = play(Given),
             ?assertEqual([], Violations, Given),
@@ -156,11 +178,20 @@ everything_at_once(_) ->
 %% others changed terms for ever.)
 claims_out_of_range(_) ->
     Kills = [
-        {260, {1, election}}, {28966, {3, election}}, {35536, {2, app}}, {56089, {1, app}},
-        {60091, {4, app}}, {101474, {2, app}}, {142225, {4, dpp}}
+        {260, {1, election}},
+        {28966, {3, election}},
+        {35536, {2, app}},
+        {56089, {1, app}},
+        {60091, {4, app}},
+        {101474, {2, app}},
+        {142225, {4, dpp}}
     ],
     Given = #{
-        seed => 62810, loss => 0.4, range => 9000, clock_drift => 9000, duplicate => 0.2,
+        seed => 62810,
+        loss => 0.4,
+        range => 9000,
+        clock_drift => 9000,
+        duplicate => 0.2,
         faults => [
             kill(N, Ms, Robot, Machine)
          || {N, {Ms, {Robot, Machine}}} <- lists:zip(lists:seq(1, length(Kills)), Kills)
@@ -172,8 +203,10 @@ claims_out_of_range(_) ->
 
 %% Nobody has all ballots: path planning finds a coordinator without.
 dead_before_the_election(_) ->
-    [painted_but_for_the_dead(#{seed => Seed, faults => [death(1, 0, R)]})
-     || {Seed, R} <- [{1, 1}, {2, 3}]].
+    [
+        painted_but_for_the_dead(#{seed => Seed, faults => [death(1, 0, R)]})
+     || {Seed, R} <- [{1, 1}, {2, 3}]
+    ].
 
 %% The coordinator dies and all others who know its term reboot: who leads then leads a later one.
 %% (Found by soaks of two and three robots: all forgot the term, and began again with the first.)
@@ -185,14 +218,24 @@ terms_outlive_reboots(_) ->
             ?assertNot(lists:member(running, maps:get(ends, Run)), Given)
         end
      || Given <- [
-            #{robots => 3, seed => 5050, faults => [
-                death(1, 10215, 3), reboot(1, 19757, 20174, 2), reboot(2, 14228, 15733, 1)
-            ]},
+            #{
+                robots => 3,
+                seed => 5050,
+                faults => [
+                    death(1, 10215, 3), reboot(1, 19757, 20174, 2), reboot(2, 14228, 15733, 1)
+                ]
+            },
             #{robots => 2, seed => 20184, faults => [death(1, 4670, 2), reboot(1, 3521, 6348, 1)]},
-            #{robots => 3, seed => 20374, faults => [
-                death(1, 33251, 3), reboot(1, 15720, 20612, 1), reboot(2, 28857, 31144, 1),
-                reboot(3, 23599, 24907, 2)
-            ]}
+            #{
+                robots => 3,
+                seed => 20374,
+                faults => [
+                    death(1, 33251, 3),
+                    reboot(1, 15720, 20612, 1),
+                    reboot(2, 28857, 31144, 1),
+                    reboot(3, 23599, 24907, 2)
+                ]
+            }
         ]
     ].
 
@@ -206,16 +249,21 @@ damaged_stores(_) ->
         end
      || {Robots, Seed} <- [{1, 1}, {2, 2}, {2, 20184}, {3, 3}, {3, 5050}, {4, 4}],
         Given <- [
-            #{robots => Robots, seed => Seed, faults => [
-                death(1, 15000, Robots)
-             || Robots > 1
-            ] ++ lists:append([
-                [
-                    reboot(R, 12000 + 2000 * R, 13000 + 2000 * R, R),
-                    {label(900 + R), 10000, 30000, Kind, R, #{}}
-                ]
-             || R <- lists:seq(1, Robots)
-            ])}
+            #{
+                robots => Robots,
+                seed => Seed,
+                faults => [
+                    death(1, 15000, Robots)
+                 || Robots > 1
+                ] ++
+                    lists:append([
+                        [
+                            reboot(R, 12000 + 2000 * R, 13000 + 2000 * R, R),
+                            {label(900 + R), 10000, 30000, Kind, R, #{}}
+                        ]
+                     || R <- lists:seq(1, Robots)
+                    ])
+            }
          || Kind <- [store_damaged, store_full]
         ]
     ].
@@ -228,10 +276,13 @@ leader_with_a_stopped_clock(_) ->
             Given = #{robots => Robots, seed => Seed},
             #{leader := Leader} = play(Given#{time => 8}),
             Group = [Leader | lists:sublist(lists:delete(Leader, lists:seq(1, Robots)), Others)],
-            Run = play(Given#{time => 100, faults => [
-                {cut, 10000, 70000, partition, Group, #{}},
-                {stop, 10500, 50000, clock_freeze, Leader, #{}}
-            ]}),
+            Run = play(Given#{
+                time => 100,
+                faults => [
+                    {cut, 10000, 70000, partition, Group, #{}},
+                    {stop, 10500, 50000, clock_freeze, Leader, #{}}
+                ]
+            }),
             ?assertMatch(#{violations := [], coordinators := [_, _ | _]}, Run, Given)
         end
      || {Robots, Others} <- [{3, 0}, {5, 1}], Seed <- [1, 2, 5]
@@ -242,8 +293,13 @@ leader_with_a_stopped_clock(_) ->
 %% clock stands still. (Drawn by soak, and made small.)
 stopped_clock_and_garbage(_) ->
     Run = play(#{
-        robots => 5, seed => 200489, time => 60, clock_offset => 0, clock_drift => 0,
-        distance_error => 0.0, lease => 9579,
+        robots => 5,
+        seed => 200489,
+        time => 60,
+        clock_offset => 0,
+        clock_drift => 0,
+        distance_error => 0.0,
+        lease => 9579,
         faults => [
             {clock_freeze_1, 20709, 45000, clock_freeze, 2, #{}},
             {one_way_partition_1, 28981, 41589, one_way_partition, [3, 4, 5], #{}},
@@ -258,22 +314,37 @@ stopped_clock_and_garbage(_) ->
 %% soak, and made small.)
 wakes_and_assigns(_) ->
     Exact = #{
-        delay => {20, 20}, clock_offset => 0, clock_drift => 0, heading_error => 0.0,
-        distance_error => 0.0, position_error => 0.0, time => 60
+        delay => {20, 20},
+        clock_offset => 0,
+        clock_drift => 0,
+        heading_error => 0.0,
+        distance_error => 0.0,
+        position_error => 0.0,
+        time => 60
     },
-    Two = #{robots => 2, seed => 841638, lease => 9487, faults => [
-        {clock_freeze_2, 1070, 41972, clock_freeze, 2, #{}},
-        {clock_step_3, 14336, 17643, clock_step, 2, #{ms => 1877}},
-        {partition_3, 7368, 23449, partition, [1], #{}}
-    ]},
-    Three = #{robots => 3, seed => 831091, lease => 8497, faults => [
-        {clock_freeze_1, 26313, 33662, clock_freeze, 3, #{}},
-        {clock_offset_2, 32226, 37266, clock_offset, 3, #{ms => 1864}},
-        {clock_step_2, 34143, 34947, clock_step, 1, #{ms => 1647}},
-        {isolate_1, 25004, 39522, isolate, 3, #{}},
-        {one_way_partition_1, 9287, 15141, one_way_partition, [2], #{}},
-        {partition_1, 16343, 28987, partition, [2], #{}}
-    ]},
+    Two = #{
+        robots => 2,
+        seed => 841638,
+        lease => 9487,
+        faults => [
+            {clock_freeze_2, 1070, 41972, clock_freeze, 2, #{}},
+            {clock_step_3, 14336, 17643, clock_step, 2, #{ms => 1877}},
+            {partition_3, 7368, 23449, partition, [1], #{}}
+        ]
+    },
+    Three = #{
+        robots => 3,
+        seed => 831091,
+        lease => 8497,
+        faults => [
+            {clock_freeze_1, 26313, 33662, clock_freeze, 3, #{}},
+            {clock_offset_2, 32226, 37266, clock_offset, 3, #{ms => 1864}},
+            {clock_step_2, 34143, 34947, clock_step, 1, #{ms => 1647}},
+            {isolate_1, 25004, 39522, isolate, 3, #{}},
+            {one_way_partition_1, 9287, 15141, one_way_partition, [2], #{}},
+            {partition_1, 16343, 28987, partition, [2], #{}}
+        ]
+    },
     [?assertMatch(#{violations := []}, play(maps:merge(Exact, Run)), Run) || Run <- [Two, Three]].
 
 %% Each half of the protocol is needed: without it the monitors find a violation within so many
@@ -290,8 +361,15 @@ planted_bugs_are_caught(_) ->
     ].
 
 caught(Bug, Range, Seed) ->
-    Given = #{app => starl_dpp_planted, bug => Bug, seed => Seed, range => Range, robots => 5,
-              speed => 100, time => 400},
+    Given = #{
+        app => starl_dpp_planted,
+        bug => Bug,
+        seed => Seed,
+        range => Range,
+        robots => 5,
+        speed => 100,
+        time => 400
+    },
     #{violations := Violations} = play(Given),
     Violations =/= [].
 
@@ -324,7 +402,11 @@ play(Given) ->
         covered => proplists:get_value(ink_covered, Figures),
         coordinators => Coordinators,
         ink => Ink,
-        leader => case Leaders of [{painting, [L]}] -> L; _ -> none end,
+        leader =>
+            case Leaders of
+                [{painting, [L]}] -> L;
+                _ -> none
+            end,
         ends => lists:usort([Result || {_, #{result := Result}} <- Robots, Result =/= died]),
         dead => [{Id, {X, Y}} || {Id, #{result := died, pose := {X, Y, _}}} <- Robots]
     }.
@@ -368,8 +450,11 @@ planning(Given) ->
     Robots = lists:seq(1, maps:get(robots, Given, 4)),
     {ok, Options} = starl_options:check(#{}, starl_painting:options()),
     {ok, #{blocks := Blocks}} = starl_scene:make(starl_painting, #{
-        robots => Robots, world => {12000, 12000}, seed => maps:get(seed, Given),
-        profiles => [starl_chassis:profile(starl_chassis_differential, #{})], sap => #{},
+        robots => Robots,
+        world => {12000, 12000},
+        seed => maps:get(seed, Given),
+        profiles => [starl_chassis:profile(starl_chassis_differential, #{})],
+        sap => #{},
         options => Options
     }),
     {dpp_coordinator, _, Config} = lists:keyfind(dpp_coordinator, 1, Blocks),

@@ -33,16 +33,20 @@ judged(Judge, {starl_painting_monitor, Config}) ->
 judged(_Judge, Monitor) ->
     Monitor.
 
-planted("deaf_pen", {actuator, _, Config}) -> {actuator, starl_actuator_planted, Config};
-planted("deaf_pen", Block) -> Block;
-planted(Bug, {dpp, starl_dpp_participant, Config}) -> {dpp, ?MODULE, Config#{bug => Bug}};
+planted("deaf_pen", {actuator, _, Config}) ->
+    {actuator, starl_actuator_planted, Config};
+planted("deaf_pen", Block) ->
+    Block;
+planted(Bug, {dpp, starl_dpp_participant, Config}) ->
+    {dpp, ?MODULE, Config#{bug => Bug}};
 planted(Bug, {dpp_coordinator, _, Config}) when Bug =:= "late_clear"; Bug =:= "freed" ->
     {dpp_coordinator, starl_coordinator_planted, Config#{bug => Bug}};
 planted(Bug, {dpp_coordinator, _, Config}) when
     Bug =/= "none", Bug =/= "overstaying", Bug =/= "fickle"
 ->
     {dpp_coordinator, starl_mutant_planted:machine(Bug), Config};
-planted(_Bug, Block) -> Block.
+planted(_Bug, Block) ->
+    Block.
 
 report(Scene, Outcome) -> starl_painting:report(Scene, Outcome).
 
@@ -70,8 +74,10 @@ says(Bug, {next_state, State, Data, Actions}) ->
     {next_state, State, {Bug, Data}, votes(Bug, Actions)};
 says(Bug, {keep_state, Data, Actions}) ->
     {keep_state, {Bug, Data}, votes(Bug, Actions)};
-says(Bug, {keep_state, Data}) -> {keep_state, {Bug, Data}};
-says(_Bug, Nothing) -> Nothing.
+says(Bug, {keep_state, Data}) ->
+    {keep_state, {Bug, Data}};
+says(_Bug, Nothing) ->
+    Nothing.
 
 votes("fickle", Actions) -> [vote(Action) || Action <- Actions, not refuses(Action)];
 votes(_Bug, Actions) -> Actions.

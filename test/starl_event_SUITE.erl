@@ -131,13 +131,15 @@ monitors() ->
     ].
 
 typed(Types) ->
-    lists:usort(lists:append([
-        case Type of
-            {Module, Of} -> starl_event_type:names(Module, Of);
-            _ -> starl_event_type:names(starl_event, Type)
-        end
-     || Type <- Types
-    ])).
+    lists:usort(
+        lists:append([
+            case Type of
+                {Module, Of} -> starl_event_type:names(Module, Of);
+                _ -> starl_event_type:names(starl_event, Type)
+            end
+         || Type <- Types
+        ])
+    ).
 
 event({Tag, 0}) -> Tag;
 event({Tag, Size}) -> list_to_tuple([Tag | lists:duplicate(Size, x)]).
@@ -146,7 +148,9 @@ event({Tag, Size}) -> list_to_tuple([Tag | lists:duplicate(Size, x)]).
 pages_list_the_events(_) ->
     [
         ?assertEqual({Type, Name, true}, {Type, Name, is_listed(Name, page(Type))})
-     || {_, Types, Names} <- vocabularies(), Type <- [type_of(Types)], Type =/= starl_block_exercise,
+     || {_, Types, Names} <- vocabularies(),
+        Type <- [type_of(Types)],
+        Type =/= starl_block_exercise,
         Name <- Names
     ].
 
@@ -160,8 +164,11 @@ is_in(Expression, Page) -> re:run(Page, Expression, [{capture, none}]) =:= match
 
 page(Type) ->
     Root = hd(string:split(code:which(?MODULE), "/_build/")),
-    [File] = [F || F <- filelib:wildcard(filename:join(Root, "apps/*/doc/*.md")),
-                   filename:basename(F, ".md") =:= page_of(Type)],
+    [File] = [
+        F
+     || F <- filelib:wildcard(filename:join(Root, "apps/*/doc/*.md")),
+        filename:basename(F, ".md") =:= page_of(Type)
+    ],
     {ok, Page} = file:read_file(File),
     Page.
 
@@ -174,14 +181,20 @@ page_of(Type) ->
 %% All that runs of soak trace is of the types; each event that they trace, under another name in
 %% the run in which it came first, is told by that name; and what they do not trace a test makes.
 renamed_is_told(_) ->
-    Traced = [{Block, Event, Seed}
-        || Block <- ?BLOCKS, {Event, Seed} <- lists:sort(maps:to_list(traced(Block)))],
-    Told = [renamed(Block, Machine, Name, Seed)
-        || {Block, {Machine, Name}, Seed} <- Traced, judged(Block, Machine)],
+    Traced = [
+        {Block, Event, Seed}
+     || Block <- ?BLOCKS, {Event, Seed} <- lists:sort(maps:to_list(traced(Block)))
+    ],
+    Told = [
+        renamed(Block, Machine, Name, Seed)
+     || {Block, {Machine, Name}, Seed} <- Traced, judged(Block, Machine)
+    ],
     ct:pal("~b events of runs were told under another name", [length(Told)]),
     All = [{type_of(Types), Name} || {_, Types, Names} <- vocabularies(), Name <- Names],
-    Seen = [{type_of(element(1, maps:get(Machine, machines(Block)))), Name}
-        || {Block, {Machine, Name}, _} <- Traced],
+    Seen = [
+        {type_of(element(1, maps:get(Machine, machines(Block)))), Name}
+     || {Block, {Machine, Name}, _} <- Traced
+    ],
     ?assertEqual([], (All -- Seen) -- [{Type, Name} || {Type, Name, _} <- rare()]).
 
 %% The first is its own.
@@ -213,8 +226,12 @@ renamed(Block, Machine, {Tag, Size} = Name, Seed) ->
     ok = starl_event_renamed:rename(tracing(Name, Modules), Name),
     #{violations := Violations} = run(Block, Seed, []),
     ok = starl_event_renamed:rename(none),
-    Told = [Event || #{contract := Of, what := unknown_event, details := #{event := Event}}
-        <- Violations, Of =:= Machine],
+    Told = [
+        Event
+     || #{contract := Of, what := unknown_event, details := #{event := Event}} <-
+            Violations,
+        Of =:= Machine
+    ],
     ?assertMatch({Block, Machine, Tag, Seed, [_]}, {Block, Machine, Tag, Seed, Told}),
     [Event] = Told,
     ?assertEqual(event({renamed, Size}), blank(Event)),

@@ -49,10 +49,12 @@ event(Module, Event) ->
             Event
     end.
 
-renamed(true, Tag, Tag, 0) -> renamed;
+renamed(true, Tag, Tag, 0) ->
+    renamed;
 renamed(true, Event, Tag, Size) when element(1, Event) =:= Tag, tuple_size(Event) =:= Size + 1 ->
     setelement(1, Event, renamed);
-renamed(_, Event, _Tag, _Size) -> Event.
+renamed(_, Event, _Tag, _Size) ->
+    Event.
 
 %% What is traced where: as a machine's action, by the loop of a robot and its driver (`trace/3'), in
 %% the list that the simulator keeps. Patterns stay as they are.

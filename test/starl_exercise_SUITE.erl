@@ -5,9 +5,15 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    scenarios_are_sound/1, team_elects_under_loss/1, team_passes_barrier_under_loss/1,
-    contended_tokens_are_granted/1, types_do_not_meet/1, turns_bound_the_work/1,
-    short_messages_are_not_owed/1, damaged_stores_are_ahead/1, random_faults/1
+    scenarios_are_sound/1,
+    team_elects_under_loss/1,
+    team_passes_barrier_under_loss/1,
+    contended_tokens_are_granted/1,
+    types_do_not_meet/1,
+    turns_bound_the_work/1,
+    short_messages_are_not_owed/1,
+    damaged_stores_are_ahead/1,
+    random_faults/1
 ]).
 
 %% Runs of each block.
@@ -17,9 +23,15 @@ suite() -> [{timetrap, {minutes, 2}}].
 
 all() ->
     [
-        scenarios_are_sound, team_elects_under_loss, team_passes_barrier_under_loss,
-        contended_tokens_are_granted, types_do_not_meet, turns_bound_the_work,
-        short_messages_are_not_owed, damaged_stores_are_ahead, random_faults
+        scenarios_are_sound,
+        team_elects_under_loss,
+        team_passes_barrier_under_loss,
+        contended_tokens_are_granted,
+        types_do_not_meet,
+        turns_bound_the_work,
+        short_messages_are_not_owed,
+        damaged_stores_are_ahead,
+        random_faults
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -32,10 +44,20 @@ types_do_not_meet(_) ->
         [ok = starl:listen(R, Type) || Type <- [ballot, leader]],
         ok = starl:broadcast(R, ballot, {mine, starl:id(R)}),
         {ok, _} = starl_election:elect(R, first, 20000),
-        lists:sort([begin {ok, F, {mine, F}} = starl:await(R, ballot), F end || _ <- [1, 2]])
+        lists:sort([
+            begin
+                {ok, F, {mine, F}} = starl:await(R, ballot),
+                F
+            end
+         || _ <- [1, 2]
+        ])
     end,
     {ok, Sim} = starl_sim:start(#{
-        app => starl_sim_script_app, script => Script, robots => 3, seed => 5, time => 60,
+        app => starl_sim_script_app,
+        script => Script,
+        robots => 3,
+        seed => 5,
+        time => 60,
         around => #{blocks => [starl_election]}
     }),
     _ = starl_sim:run(Sim),
@@ -75,10 +97,16 @@ team_passes_barrier_under_loss(_) ->
 %% Twelve robots, twelve tokens, mostly two at once: every request is granted, and no wait is out
 %% of all proportion.
 contended_tokens_are_granted(_) ->
-    #{failed := F, acquired := N, lease_lost := L} = Told = figures(#{
-        block => mutex, robots => 12, tokens => 12, hold => 1000, pause => 500,
-        patience => 60000, work => 120
-    }),
+    #{failed := F, acquired := N, lease_lost := L} =
+        Told = figures(#{
+            block => mutex,
+            robots => 12,
+            tokens => 12,
+            hold => 1000,
+            pause => 500,
+            patience => 60000,
+            work => 120
+        }),
     ?assertEqual({0, 0}, {F, L}),
     ?assert(N > 500, Told),
     #{longest_wait_us := Longest, mean_wait_us := Mean, unfairness := Unfairness} = Told,
@@ -86,8 +114,10 @@ contended_tokens_are_granted(_) ->
     ?assert(abs(Unfairness - Longest / Mean) < 0.01, Told).
 
 turns_bound_the_work(_) ->
-    ?assertMatch(#{turns := 12, finished := 4, sent := 12},
-                 figures(#{block => geocast, robots => 4, turns => 3, lifetime => 500})),
+    ?assertMatch(
+        #{turns := 12, finished := 4, sent := 12},
+        figures(#{block => geocast, robots => 4, turns => 3, lifetime => 500})
+    ),
     #{turns := Turns} = figures(#{block => registers, robots => 4, work => 5}),
     ?assert(Turns > 40).
 
@@ -103,12 +133,22 @@ short_messages_are_not_owed(_) ->
         end
      || Scenario <- [
             #{
-                robots => 8, seed => 63631, delay => {2, 100}, work => 12, time => 45,
+                robots => 8,
+                seed => 63631,
+                delay => {2, 100},
+                work => 12,
+                time => 45,
                 faults => [{kill_machine_1, 4599, 5099, kill_machine, {1, geocast}, #{}}]
             },
             #{
-                robots => 4, seed => 50007, delay => {20, 20}, final => 2, time => 26,
-                clock_offset => 0, clock_drift => 0, heading_error => 0.0,
+                robots => 4,
+                seed => 50007,
+                delay => {20, 20},
+                final => 2,
+                time => 26,
+                clock_offset => 0,
+                clock_drift => 0,
+                heading_error => 0.0,
                 faults => [
                     {clock_freeze_1, 18351, 25000, clock_freeze, 2, #{}},
                     {clock_freeze_2, 13678, 25000, clock_freeze, 4, #{}},
@@ -130,9 +170,18 @@ figures(Scenario) ->
 %% for 15 s takes it 15 s later.
 damaged_stores_are_ahead(_) ->
     {#{violations := Violations}, _} = run(#{
-        app => starl_exercise, block => registers, sync => 200, final => 2, mode => inline,
-        robots => 2, seed => 820164, delay => {20, 20}, clock_offset => 0, clock_drift => 0,
-        time => 60, heal => 25,
+        app => starl_exercise,
+        block => registers,
+        sync => 200,
+        final => 2,
+        mode => inline,
+        robots => 2,
+        seed => 820164,
+        delay => {20, 20},
+        clock_offset => 0,
+        clock_drift => 0,
+        time => 60,
+        heal => 25,
         faults => [
             {clock_freeze_1, 10359, 25000, clock_freeze, 2, #{}},
             {store_damaged_1, 8414, 25000, store_damaged, 1, #{}},
@@ -148,9 +197,16 @@ random_faults(_) ->
     [
         begin
             {#{violations := Violations}, _} = run(#{
-                app => starl_exercise, block => Block, robots => 8, seed => Seed, mode => inline,
-                random_faults => [all], heal => 20, converge => 40,
-                time => 60, work => 20
+                app => starl_exercise,
+                block => Block,
+                robots => 8,
+                seed => Seed,
+                mode => inline,
+                random_faults => [all],
+                heal => 20,
+                converge => 40,
+                time => 60,
+                work => 20
             }),
             ?assertEqual({Block, Seed, []}, {Block, Seed, Violations})
         end

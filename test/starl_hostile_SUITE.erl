@@ -20,7 +20,8 @@ dpp(_) -> holds(dpp, 25).
 
 holds(Block, Cases) ->
     Prop = ?FORALL(
-        Messages, resize(20, non_empty(list(message(Block)))),
+        Messages,
+        resize(20, non_empty(list(message(Block)))),
         starl_platform_ct:safely(fun() -> bears(Block, Messages) end)
     ),
     starl_platform_ct:property(Prop, Cases).
@@ -37,10 +38,18 @@ bears(Block, Messages) ->
 
 run(Block, Messages) ->
     Given = #{
-        app => starl_hostile_planted, block => Block, messages => Messages, robots => 3,
-        seed => 7, time => 900
+        app => starl_hostile_planted,
+        block => Block,
+        messages => Messages,
+        robots => 3,
+        seed => 7,
+        time => 900
     },
-    Picture = case Block of dpp -> #{picture => "apart"}; _ -> #{} end,
+    Picture =
+        case Block of
+            dpp -> #{picture => "apart"};
+            _ -> #{}
+        end,
     starl_platform_ct:quietly(fun() ->
         {ok, Sim} = starl_sim:start(maps:merge(Given, Picture)),
         _ = starl_sim:run(Sim),
@@ -76,8 +85,13 @@ told(Type, Body, Machine) ->
 
 base(Name) ->
     #{
-        robot => 1, participants => [1, 2, 3], name => Name, incarnation => 1, stored => none,
-        random => rand:seed_s(exsss, 1), now => 0
+        robot => 1,
+        participants => [1, 2, 3],
+        name => Name,
+        incarnation => 1,
+        stored => none,
+        random => rand:seed_s(exsss, 1),
+        now => 0
     }.
 
 %% -- bodies ---------------------------------------------------------------------------------
@@ -85,8 +99,12 @@ base(Name) ->
 message(Block) ->
     frequency([
         {1, {oneof([Type || {Type, _} <- bodies(Block)]), resize(8, any())}},
-        {6, ?LET({{Type, Body}, Seed}, {oneof(bodies(Block)), range(1, 1000000)},
-            {Type, mutated(Body, Seed)})}
+        {6,
+            ?LET(
+                {{Type, Body}, Seed},
+                {oneof(bodies(Block)), range(1, 1000000)},
+                {Type, mutated(Body, Seed)}
+            )}
     ]).
 
 %% True ones.
@@ -96,41 +114,69 @@ bodies(Block) when Block =:= election; Block =:= bully ->
         bully -> [{bully_challenge, other}, {bully_alive, other}, {bully_leader, {other, 2}}]
     end;
 bodies(mutex) ->
-    [{mutex, Body} || Body <- [
-        {request, t, {2, 1}, 0, none}, {request, t, {2, 1}, 0, home}, {token, t, 1048577, [{2, 1}, {3, 1}]},
-        {granted, t, 1048577, {1, 5000}}, {refused, t, 1048577, {1, 5000}}, {owner, t, 1048577},
-        {ask, claim, t, 1048577, {1, 5000}}, {ask, renew, t, 1048577, {1, 5000}},
-        {return, t, 1048577, [{1, 1}]}
-    ]];
+    [
+        {mutex, Body}
+     || Body <- [
+            {request, t, {2, 1}, 0, none},
+            {request, t, {2, 1}, 0, home},
+            {token, t, 1048577, [{2, 1}, {3, 1}]},
+            {granted, t, 1048577, {1, 5000}},
+            {refused, t, 1048577, {1, 5000}},
+            {owner, t, 1048577},
+            {ask, claim, t, 1048577, {1, 5000}},
+            {ask, renew, t, 1048577, {1, 5000}},
+            {return, t, 1048577, [{1, 1}]}
+        ]
+    ];
 bodies(barrier) ->
-    [{barrier, Body} || Body <- [
-        {reached, t, 1, 0, true}, {reached, t, 1, 1, false}, {who, 2}, {told, 1, true, [{t, 1, 1, 0}]}
-    ]];
+    [
+        {barrier, Body}
+     || Body <- [
+            {reached, t, 1, 0, true},
+            {reached, t, 1, 1, false},
+            {who, 2},
+            {told, 1, true, [{t, 1, 1, 0}]}
+        ]
+    ];
 bodies(registers) ->
     Stamp = {5000000, 1, 2},
-    [{registers, Body} || Body <- [
-        {write, t, 5, Stamp}, {entries, [{t, 5, Stamp}, {s, 6, Stamp}]}, {sync, 99},
-        {digest, [{t, Stamp}]}, {want, [t]}
-    ]];
+    [
+        {registers, Body}
+     || Body <- [
+            {write, t, 5, Stamp},
+            {entries, [{t, 5, Stamp}, {s, 6, Stamp}]},
+            {sync, 99},
+            {digest, [{t, Stamp}]},
+            {want, [t]}
+        ]
+    ];
 bodies(geocast) ->
     Id = {2, 1, 1},
     Parcel = {Id, {circle, {0.0, 0.0}, 9000.0}, news, 1, 5000000, 4000000, 32},
-    [{geocast, Body} || Body <- [
-        {offer, Id, 5000000, 4000000, 32}, {ask, Id, {1, 5000}},
-        {give, Parcel, [{1, {1, 5000}}, {2, {1, 5000}}]}
-    ]];
+    [
+        {geocast, Body}
+     || Body <- [
+            {offer, Id, 5000000, 4000000, 32},
+            {ask, Id, {1, 5000}},
+            {give, Parcel, [{1, {1, 5000}}, {2, {1, 5000}}]}
+        ]
+    ];
 bodies(dpp) ->
     Term = {1, 3, 1},
     Id = {1, 9},
     Path = [{{100.0, 200.0}, up}, {{300.0, 400.0}, {down, 1}}],
     Ballot = {1, 5000, true},
     [
-        {dpp_request, {Term, Id, {500.0, 500.0}, [], 5000}}, {dpp_passed, {Term, Id, 1}},
+        {dpp_request, {Term, Id, {500.0, 500.0}, [], 5000}},
+        {dpp_passed, {Term, Id, 1}},
         {dpp_state, {Term, Id, {standing, {500.0, 500.0}}, [], Ballot}},
         {dpp_state, {Term, Id, {moving, 1, {500.0, 500.0}, Path}, [], Ballot}},
-        {dpp_here, {Term, Ballot}}, {dpp_refused, Term}, {dpp_recover, {Term, 1, true}},
+        {dpp_here, {Term, Ballot}},
+        {dpp_refused, Term},
+        {dpp_recover, {Term, 1, true}},
         {dpp_answer, {Term, Id, {assign, {500.0, 500.0}, Path}, [1]}},
-        {dpp_answer, {Term, Id, again, []}}, {dpp_beat, {Term, 1, [{1, 5000}, {2, 5000}]}}
+        {dpp_answer, {Term, Id, again, []}},
+        {dpp_beat, {Term, 1, [{1, 5000}, {2, 5000}]}}
     ].
 
 %% One of its parts, at any depth, is something else; a function of the seed.
@@ -141,11 +187,14 @@ mutated(Body, Seed) ->
     replace(lists:reverse(Path), Body, lists:nth(1 + erlang:phash2({Seed, odd}, length(Odd)), Odd)).
 
 paths(Term, Path) when is_tuple(Term) ->
-    [Path | lists:append([
-        paths(element(N, Term), [N | Path]) || N <- lists:seq(1, tuple_size(Term))
-    ])];
-paths([Head | Tail], Path) -> [Path | paths(Head, [head | Path]) ++ paths(Tail, [tail | Path])];
-paths(_Term, Path) -> [Path].
+    [
+        Path
+        | lists:append([paths(element(N, Term), [N | Path]) || N <- lists:seq(1, tuple_size(Term))])
+    ];
+paths([Head | Tail], Path) ->
+    [Path | paths(Head, [head | Path]) ++ paths(Tail, [tail | Path])];
+paths(_Term, Path) ->
+    [Path].
 
 replace([], _Term, Odd) -> Odd;
 replace([head | Path], [Head | Tail], Odd) -> [replace(Path, Head, Odd) | Tail];
@@ -154,6 +203,30 @@ replace([N | Path], Term, Odd) -> setelement(N, Term, replace(Path, element(N, T
 
 odd() ->
     [
-        0, -1, 1, 2, 9, 77, 1 bsl 60, 1 bsl 200, -(1 bsl 200), 1.5, 1.0e300, x, none, home, true, [],
-        [1 | 2], [x], {}, {1, 2}, {1, 2, 3}, {a, {b, c}}, #{}, #{1 => 2}, <<"x">>, fun erlang:node/0
+        0,
+        -1,
+        1,
+        2,
+        9,
+        77,
+        1 bsl 60,
+        1 bsl 200,
+        -(1 bsl 200),
+        1.5,
+        1.0e300,
+        x,
+        none,
+        home,
+        true,
+        [],
+        [1 | 2],
+        [x],
+        {},
+        {1, 2},
+        {1, 2, 3},
+        {a, {b, c}},
+        #{},
+        #{1 => 2},
+        <<"x">>,
+        fun erlang:node/0
     ].

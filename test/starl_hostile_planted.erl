@@ -51,8 +51,10 @@ handle_event({timeout, next}, _, sending, [], _Meta) ->
     keep_state_and_data;
 handle_event({timeout, next}, _, sending, [{Type, Body} | Rest], _Meta) ->
     {keep_state, Rest, [
-        starl_sap:post(1, Type, Body), {cast, sap, {broadcast, Type, Body}},
-        starl_sap:shout(Type, Body), {{timeout, next}, 100000, next}
+        starl_sap:post(1, Type, Body),
+        {cast, sap, {broadcast, Type, Body}},
+        starl_sap:shout(Type, Body),
+        {{timeout, next}, 100000, next}
     ]};
 handle_event(_, _, _, _, _) ->
     keep_state_and_data.

@@ -8,54 +8,79 @@
 
 %% Module, function, its new text.
 edits("captive") ->
-    [{starl_dpp_route, space, "
-        space(Ignored, #{robot := Robot} = View) -> sound(Ignored -- [Robot], View)."},
-     {starl_dpp_route, obstacles, "
-        obstacles(#{robot := Robot, unsafe := Unsafe, graph := Graph} = View) ->
-            Mm = 2.0 * starl_dpp_graph:radius(Graph),
-            Own = starl_dpp_unsafe:held(Robot, Unsafe),
-            Box = starl_geometry:box(lists:append([[P, Q] || {P, Q} <- Own])),
-            [{Mm, starl_geometry:grow(Box, Mm), Own} | sound(View)]."}];
+    [
+        {starl_dpp_route, space,
+            "\n"
+            "        space(Ignored, #{robot := Robot} = View) -> sound(Ignored -- [Robot], View)."},
+        {starl_dpp_route, obstacles,
+            "\n"
+            "        obstacles(#{robot := Robot, unsafe := Unsafe, graph := Graph} = View) ->\n"
+            "            Mm = 2.0 * starl_dpp_graph:radius(Graph),\n"
+            "            Own = starl_dpp_unsafe:held(Robot, Unsafe),\n"
+            "            Box = starl_geometry:box(lists:append([[P, Q] || {P, Q} <- Own])),\n"
+            "            [{Mm, starl_geometry:grow(Box, Mm), Own} | sound(View)]."}
+    ];
 edits("blind_start") ->
-    [{starl_dpp_unsafe, clear, "
-        clear(_Segment, _Obstacles) -> true."}];
+    [
+        {starl_dpp_unsafe, clear,
+            "\n"
+            "        clear(_Segment, _Obstacles) -> true."}
+    ];
 edits("newest") ->
-    [{starl_dpp_lease, voted, "
-        voted(Robot, Seq, Vote, #lease{sent = Sent} = Lease) ->
-            sound(Robot, hd(Sent ++ [Seq]), Vote, Lease)."}];
+    [
+        {starl_dpp_lease, voted,
+            "\n"
+            "        voted(Robot, Seq, Vote, #lease{sent = Sent} = Lease) ->\n"
+            "            sound(Robot, hd(Sent ++ [Seq]), Vote, Lease)."}
+    ];
 edits("hoarding") ->
-    [{starl_dpp_unsafe, set, "
-        set(Robot, Segments, Unsafe) ->
-            sound(Robot, Segments ++ held(Robot, Unsafe), Unsafe)."}];
+    [
+        {starl_dpp_unsafe, set,
+            "\n"
+            "        set(Robot, Segments, Unsafe) ->\n"
+            "            sound(Robot, Segments ++ held(Robot, Unsafe), Unsafe)."}
+    ];
 edits("short_edges") ->
-    [{starl_dpp_graph, new, "
-        new(Config) -> sound(Config#{edge_length := 1.0e9})."},
-     {starl_dpp_choice, open_steps, "
-        open_steps(V, Task, Used) ->
-            [Step || {_, _, Mm, _} = Step <- sound(V, Task, Used),
-                     Mm =< Task#task.horizon]."}];
+    [
+        {starl_dpp_graph, new,
+            "\n"
+            "        new(Config) -> sound(Config#{edge_length := 1.0e9})."},
+        {starl_dpp_choice, open_steps,
+            "\n"
+            "        open_steps(V, Task, Used) ->\n"
+            "            [Step || {_, _, Mm, _} = Step <- sound(V, Task, Used),\n"
+            "                     Mm =< Task#task.horizon]."}
+    ];
 edits("blind") ->
-    [{starl_dpp_graph, new, "
-        new(#{segments := Segments} = Config) ->
-            Numbered = lists:zip(lists:seq(1, length(Segments)), Segments),
-            sound(Config#{segments := [S || {N, S} <- Numbered, N rem 2 =:= 1]})."}];
+    [
+        {starl_dpp_graph, new,
+            "\n"
+            "        new(#{segments := Segments} = Config) ->\n"
+            "            Numbered = lists:zip(lists:seq(1, length(Segments)), Segments),\n"
+            "            sound(Config#{segments := [S || {N, S} <- Numbered, N rem 2 =:= 1]})."}
+    ];
 edits("crossed") ->
-    [{starl_dpp_graph, new, "
-        new(Config) -> sound(Config#{edge_length := 1.0e9})."},
-     {starl_planar, planarise, "
-        planarise(Segments, Options) ->
-            Weld = #weld{tolerance = maps:get(tolerance, Options, 0.05)},
-            {Lines, Welded} = lists:mapfoldl(fun weld_segment/2, Weld, Segments),
-            divide(unique(Lines), Welded, infinity)."},
-     {starl_dpp_graph, part, "
-        part({P, Q} = Segment, Mm, Near) ->
-            {Edges, _} = sound(Segment, Mm, Near),
-            {Ends, Others} = lists:partition(fun({E, {A, B} = Edge}) ->
-                lists:member(E, Edges) andalso Mm > lists:min(
-                    [starl_geometry:point_segment(End, Segment) || End <- [A, B]] ++
-                    [starl_geometry:point_segment(End, Edge) || End <- [P, Q]])
-            end, Near),
-            {[E || {E, _} <- Ends], Others}."}].
+    [
+        {starl_dpp_graph, new,
+            "\n"
+            "        new(Config) -> sound(Config#{edge_length := 1.0e9})."},
+        {starl_planar, planarise,
+            "\n"
+            "        planarise(Segments, Options) ->\n"
+            "            Weld = #weld{tolerance = maps:get(tolerance, Options, 0.05)},\n"
+            "            {Lines, Welded} = lists:mapfoldl(fun weld_segment/2, Weld, Segments),\n"
+            "            divide(unique(Lines), Welded, infinity)."},
+        {starl_dpp_graph, part,
+            "\n"
+            "        part({P, Q} = Segment, Mm, Near) ->\n"
+            "            {Edges, _} = sound(Segment, Mm, Near),\n"
+            "            {Ends, Others} = lists:partition(fun({E, {A, B} = Edge}) ->\n"
+            "                lists:member(E, Edges) andalso Mm > lists:min(\n"
+            "                    [starl_geometry:point_segment(End, Segment) || End <- [A, B]] ++\n"
+            "                    [starl_geometry:point_segment(End, Edge) || End <- [P, Q]])\n"
+            "            end, Near),\n"
+            "            {[E || {E, _} <- Ends], Others}."}
+    ].
 
 %% The coordinator's module with the bug.
 machine(Bug) ->
@@ -120,13 +145,16 @@ defines(Name, Arity, {function, _, Name, Arity, _}) -> true;
 defines(_Name, _Arity, _Form) -> false.
 
 %% Every mention of a part as an atom is meant for the part with the bug; types stay.
-rename([], _Parts, _Bug) -> [];
+rename([], _Parts, _Bug) ->
+    [];
 rename([{attribute, Line, module, Part} | Forms], Parts, Bug) ->
     [{attribute, Line, module, renamed(Part, Bug)} | rename(Forms, Parts, Bug)];
-rename([{attribute, _, spec, _} | Forms], Parts, Bug) -> rename(Forms, Parts, Bug);
+rename([{attribute, _, spec, _} | Forms], Parts, Bug) ->
+    rename(Forms, Parts, Bug);
 rename([{function, _, _, _, _} = Function | Forms], Parts, Bug) ->
     [mentions(Function, Parts, Bug) | rename(Forms, Parts, Bug)];
-rename([Form | Forms], Parts, Bug) -> [Form | rename(Forms, Parts, Bug)].
+rename([Form | Forms], Parts, Bug) ->
+    [Form | rename(Forms, Parts, Bug)].
 
 mentions({atom, Line, Name}, Parts, Bug) ->
     case is_map_key(Name, Parts) of
@@ -135,5 +163,7 @@ mentions({atom, Line, Name}, Parts, Bug) ->
     end;
 mentions(Term, Parts, Bug) when is_tuple(Term) ->
     list_to_tuple(mentions(tuple_to_list(Term), Parts, Bug));
-mentions([Head | Tail], Parts, Bug) -> [mentions(Head, Parts, Bug) | mentions(Tail, Parts, Bug)];
-mentions(Term, _Parts, _Bug) -> Term.
+mentions([Head | Tail], Parts, Bug) ->
+    [mentions(Head, Parts, Bug) | mentions(Tail, Parts, Bug)];
+mentions(Term, _Parts, _Bug) ->
+    Term.

@@ -11,8 +11,14 @@
     suite/0, all/0, init_per_suite/1, end_per_suite/1, init_per_testcase/2, end_per_testcase/2
 ]).
 -export([
-    same_digest_painting/1, same_digest_ring/1, same_digest_own_peers/1, paused_and_stepped/1,
-    looked_at/1, other_code/1, no_code/1, bad_nodes/1
+    same_digest_painting/1,
+    same_digest_ring/1,
+    same_digest_own_peers/1,
+    paused_and_stepped/1,
+    looked_at/1,
+    other_code/1,
+    no_code/1,
+    bad_nodes/1
 ]).
 %% called in the conductor
 -export([digest/2, stepped/2, look/1]).
@@ -21,8 +27,14 @@ suite() -> [{timetrap, {minutes, 2}}].
 
 all() ->
     [
-        same_digest_painting, same_digest_ring, same_digest_own_peers, paused_and_stepped,
-        looked_at, other_code, no_code, bad_nodes
+        same_digest_painting,
+        same_digest_ring,
+        same_digest_own_peers,
+        paused_and_stepped,
+        looked_at,
+        other_code,
+        no_code,
+        bad_nodes
     ].
 
 init_per_suite(Config) -> starl_nodes_ct:start_conductor(Config).
@@ -38,10 +50,20 @@ end_per_testcase(_Test, Config) -> starl_nodes_ct:stop_workers(Config).
 same_digest_painting(Config) ->
     Kill = fun(Id, T, Robot, Machine) -> {Id, T, T, kill_machine, {Robot, Machine}, #{}} end,
     same_digest(Config, #{
-        app => starl_painting, robots => 5, picture => "house", seed => 11, loss => 0.2,
-        duplicate => 0.1, delay => {5, 50}, time => 30, faults => [
-            Kill(a, 8000, 1, sap), Kill(b, 12000, 2, motion), Kill(c, 12000, 3, dpp),
-            Kill(d, 20000, 4, app), {e, 24000, 24000, kill_robot, 2, #{}},
+        app => starl_painting,
+        robots => 5,
+        picture => "house",
+        seed => 11,
+        loss => 0.2,
+        duplicate => 0.1,
+        delay => {5, 50},
+        time => 30,
+        faults => [
+            Kill(a, 8000, 1, sap),
+            Kill(b, 12000, 2, motion),
+            Kill(c, 12000, 3, dpp),
+            Kill(d, 20000, 4, app),
+            {e, 24000, 24000, kill_robot, 2, #{}},
             {f, 10000, 20000, location_noise, 3, #{mm => 10}}
         ]
     }).
@@ -60,9 +82,14 @@ same_digest(Config, Scenario) ->
     [
         ?assertEqual(
             {Case, One},
-            {Case, in_conductor(digest, [
-                Scenario#{mode => Mode, shards => Shards}, #{nodes => Nodes}
-            ], Config)}
+            {Case,
+                in_conductor(
+                    digest,
+                    [
+                        Scenario#{mode => Mode, shards => Shards}, #{nodes => Nodes}
+                    ],
+                    Config
+                )}
         )
      || {Mode, Shards, Nodes} = Case <- Cases
     ].
@@ -93,7 +120,8 @@ looked_at(Config) ->
 other_code(Config) ->
     [A, B] = worker_nodes(Config),
     Form = [
-        {attribute, 1, module, starl_geometry}, {attribute, 1, export, [{other, 0}]},
+        {attribute, 1, module, starl_geometry},
+        {attribute, 1, export, [{other, 0}]},
         {function, 1, other, 0, [{clause, 1, [], [], [{atom, 1, other}]}]}
     ],
     {ok, starl_geometry, Beam} = compile:forms(Form),

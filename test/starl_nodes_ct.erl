@@ -15,9 +15,19 @@ start_conductor(Config) ->
     Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
     Paths = lists:append([["-pa", filename:absname(Dir)] || Dir <- Own, filelib:is_dir(Dir)]),
     {ok, Conductor, _} = peer:start(#{
-        connection => standard_io, shutdown => close, wait_boot => 60000,
-        args => ["-nocookie", "-kernel", "logger_level", "none",
-            "-kernel", "prevent_overlapping_partitions", "false" | Paths]
+        connection => standard_io,
+        shutdown => close,
+        wait_boot => 60000,
+        args => [
+            "-nocookie",
+            "-kernel",
+            "logger_level",
+            "none",
+            "-kernel",
+            "prevent_overlapping_partitions",
+            "false"
+            | Paths
+        ]
     }),
     [{conductor, Conductor} | Config].
 
@@ -62,8 +72,16 @@ sites_left(Config) -> sites(worker_nodes(Config), Config).
 
 ring(Messages) ->
     #{
-        app => starl_ring_shuttle, robots => 9, messages => Messages, seed => 11, loss => 0.2,
-        duplicate => 0.1, delay => {10, 20}, time => 100000, clock_drift => 100, faults => [
+        app => starl_ring_shuttle,
+        robots => 9,
+        messages => Messages,
+        seed => 11,
+        loss => 0.2,
+        duplicate => 0.1,
+        delay => {10, 20},
+        time => 100000,
+        clock_drift => 100,
+        faults => [
             {a, 1000, 1000, kill_machine, {2, sap}, #{}},
             {b, 1500, 1500, kill_machine, {9, app}, #{}},
             {c, 2000, 2000, kill_robot, 4, #{}},
@@ -123,7 +141,13 @@ sites(Nodes) -> lists:append([erpc:call(Node, ?MODULE, left, [], 20000) || Node 
 
 left() ->
     Refs = [erlang:monitor(process, Pid) || {Pid, starl_sim_site} <- simulation()],
-    _ = [receive {'DOWN', Ref, process, _, _} -> ok after 10000 -> late end || Ref <- Refs],
+    _ = [
+        receive
+            {'DOWN', Ref, process, _, _} -> ok
+        after 10000 -> late
+        end
+     || Ref <- Refs
+    ],
     simulation().
 
 shards() -> [Pid || {Pid, starl_sim_shard} <- simulation()].

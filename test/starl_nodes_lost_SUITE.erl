@@ -11,9 +11,16 @@
     suite/0, all/0, init_per_suite/1, end_per_suite/1, init_per_testcase/2, end_per_testcase/2
 ]).
 -export([
-    killed/1, suspended_own_peer/1, killed_before_the_finish/1, suspended/1,
-    suspended_before_the_start/1, suspended_in_the_launch/1, endless_loop/1, shard_crash/1,
-    watch_gone/1, others_stay/1
+    killed/1,
+    suspended_own_peer/1,
+    killed_before_the_finish/1,
+    suspended/1,
+    suspended_before_the_start/1,
+    suspended_in_the_launch/1,
+    endless_loop/1,
+    shard_crash/1,
+    watch_gone/1,
+    others_stay/1
 ]).
 %% called in the conductor
 -export([
@@ -26,9 +33,16 @@ suite() -> [{timetrap, {minutes, 2}}].
 
 all() ->
     [
-        killed, suspended_own_peer, killed_before_the_finish, suspended,
-        suspended_before_the_start, suspended_in_the_launch, endless_loop, shard_crash,
-        watch_gone, others_stay
+        killed,
+        suspended_own_peer,
+        killed_before_the_finish,
+        suspended,
+        suspended_before_the_start,
+        suspended_in_the_launch,
+        endless_loop,
+        shard_crash,
+        watch_gone,
+        others_stay
     ].
 
 init_per_suite(Config) -> starl_nodes_ct:start_conductor(Config).
@@ -162,7 +176,10 @@ lost(Sim, Signal, OsPid) ->
     _ = starl_sim:run(Sim, 1.0),
     Run = spawn_running(Sim),
     "" = os:cmd("kill -" ++ Signal ++ " " ++ OsPid),
-    Status = receive {Run, S} -> S end,
+    Status =
+        receive
+            {Run, S} -> S
+        end,
     {Outcome, _} = starl_sim:finish(Sim),
     #{lost := Losses, digest := Digest, robots := Robots, end_us := End} = Outcome,
     {Status, Losses, {Digest, [Id || {Id, _} <- Robots], End}}.
@@ -251,7 +268,9 @@ part_from(Node) ->
     true = net_kernel:connect_node(Node),
     ok = net_kernel:monitor_nodes(true),
     true = erlang:disconnect_node(Node),
-    receive {nodedown, Node} -> ok end,
+    receive
+        {nodedown, Node} -> ok
+    end,
     _ = sys:get_state(global_name_server),
     ok.
 

@@ -5,25 +5,67 @@
 -include_lib("stdlib/include/assert.hrl").
 -include_lib("proper/include/proper.hrl").
 
--export([suite/0, all/0, groups/0, init_per_suite/1, end_per_suite/1, init_per_testcase/2,
-         end_per_testcase/2]).
 -export([
-    house/1, text/1, curve/1, lines/1, rocket/1, snowflake/1, hatch/1,
-    short_lines/1, close_lines/1, stipple/1, overlapping_lines/1, too_complex/1,
-    killed_actuator/1, pen_fails/1, pen_never_moves_again/1,
-    killed_sap/1, killed_motion/1, killed_location/1, killed_participant/1, killed_coordinator/1,
-    killed_election/1, killed_app/1, several_killed_at_once/1, all_killed_on_all_robots/1,
-    killed_at_random/1, killed_at_the_start/1, elections_forgotten/1,
+    suite/0,
+    all/0,
+    groups/0,
+    init_per_suite/1,
+    end_per_suite/1,
+    init_per_testcase/2,
+    end_per_testcase/2
+]).
+-export([
+    house/1,
+    text/1,
+    curve/1,
+    lines/1,
+    rocket/1,
+    snowflake/1,
+    hatch/1,
+    short_lines/1,
+    close_lines/1,
+    stipple/1,
+    overlapping_lines/1,
+    too_complex/1,
+    killed_actuator/1,
+    pen_fails/1,
+    pen_never_moves_again/1,
+    killed_sap/1,
+    killed_motion/1,
+    killed_location/1,
+    killed_participant/1,
+    killed_coordinator/1,
+    killed_election/1,
+    killed_app/1,
+    several_killed_at_once/1,
+    all_killed_on_all_robots/1,
+    killed_at_random/1,
+    killed_at_the_start/1,
+    elections_forgotten/1,
     reported_as_held/1,
-    robot_dies/1, robot_dies_in_its_path/1, coordinator_robot_dies/1, robot_dies_before_election/1,
-    all_but_one_die/1, reservation_of_the_dead_is_kept/1, crossing_lines/1, drawings/1
+    robot_dies/1,
+    robot_dies_in_its_path/1,
+    coordinator_robot_dies/1,
+    robot_dies_before_election/1,
+    all_but_one_die/1,
+    reservation_of_the_dead_is_kept/1,
+    crossing_lines/1,
+    drawings/1
 ]).
 
 -define(SHIPPED, [house, text, curve, lines, rocket, snowflake, hatch]).
 
 suite() -> [{timetrap, {minutes, 3}}].
 
-all() -> [{group, shipped}, {group, fine}, {group, crashes}, {group, pen}, {group, deaths}, {group, random}].
+all() ->
+    [
+        {group, shipped},
+        {group, fine},
+        {group, crashes},
+        {group, pen},
+        {group, deaths},
+        {group, random}
+    ].
 
 groups() ->
     [
@@ -31,13 +73,28 @@ groups() ->
         {fine, [], [short_lines, close_lines, stipple, overlapping_lines, too_complex]},
         {pen, [], [pen_fails, pen_never_moves_again]},
         {crashes, [], [
-            killed_actuator, killed_sap, killed_motion, killed_location, killed_participant, killed_coordinator,
-            killed_election, killed_app, several_killed_at_once, all_killed_on_all_robots,
-            killed_at_random, killed_at_the_start, elections_forgotten, reported_as_held
+            killed_actuator,
+            killed_sap,
+            killed_motion,
+            killed_location,
+            killed_participant,
+            killed_coordinator,
+            killed_election,
+            killed_app,
+            several_killed_at_once,
+            all_killed_on_all_robots,
+            killed_at_random,
+            killed_at_the_start,
+            elections_forgotten,
+            reported_as_held
         ]},
         {deaths, [], [
-            robot_dies, robot_dies_in_its_path, coordinator_robot_dies, robot_dies_before_election,
-            all_but_one_die, reservation_of_the_dead_is_kept
+            robot_dies,
+            robot_dies_in_its_path,
+            coordinator_robot_dies,
+            robot_dies_before_election,
+            all_but_one_die,
+            reservation_of_the_dead_is_kept
         ]},
         {random, [], [crossing_lines, drawings]}
     ].
@@ -104,8 +161,15 @@ too_complex(Config) ->
     {Work, {error, Reason}} = starl_platform_ct:work(fun() ->
         starl_sim:start(#{app => starl_painting, picture => File, robots => 4})
     end),
-    ?assertMatch({_, _}, binary:match(unicode:characters_to_binary(
-        starl_sim:format_error(Reason)), <<"at most 20000 edges">>)),
+    ?assertMatch(
+        {_, _},
+        binary:match(
+            unicode:characters_to_binary(
+                starl_sim:format_error(Reason)
+            ),
+            <<"at most 20000 edges">>
+        )
+    ),
     %% it was a hundred times as much
     ?assert(Work < 100000000, Work).
 
@@ -114,7 +178,8 @@ dashes(N, Mm) ->
     Step = 9000.0 / N,
     [
         {{X, Y}, {X + Mm * math:cos(Turn), Y + Mm * math:sin(Turn)}}
-     || I <- lists:seq(1, N), J <- lists:seq(1, N),
+     || I <- lists:seq(1, N),
+        J <- lists:seq(1, N),
         {X, Y, Turn} <- [{(I - 0.5) * Step, (J - 0.5) * Step, float(erlang:phash2({I, J}, 7))}]
     ].
 
@@ -127,12 +192,16 @@ inked(Lines, LinesMm, #{robots := N} = Given, Config) ->
 
 %% A picture on the floor in millimetres: as large as the area that so many robots can paint.
 drawn(Lines, Robots, Config) ->
-    Tracking = starl_chassis:tracking_radius(starl_chassis:profile(starl_chassis_differential, #{})),
+    Tracking = starl_chassis:tracking_radius(
+        starl_chassis:profile(starl_chassis_differential, #{})
+    ),
     {ok, #{area := {X0, Y0, X1, Y1}}} =
         starl_roadmap:layout({12000.0, 12000.0}, Robots, 200.0 + Tracking),
     File = filename:join(proplists:get_value(priv_dir, Config), "drawn.svg"),
     ok = file:write_file(File, [
-        io_lib:format("<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 ~f ~f'>", [X1 - X0, Y1 - Y0]),
+        io_lib:format("<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 ~f ~f'>", [
+            X1 - X0, Y1 - Y0
+        ]),
         [
             io_lib:format("<line x1='~f' y1='~f' x2='~f' y2='~f'/>", [AX, AY, BX, BY])
          || {{AX, AY}, {BX, BY}} <- Lines
@@ -147,22 +216,33 @@ drawn(Lines, Robots, Config) ->
 %% where it should not be, and all that should.
 pen_fails(_) ->
     [
-        complete(#{seed => Seed, picture => Picture, faults => [
-            {label(K), 3000 * K, 3000 * K + Ms, Kind, K rem 4 + 1, Params}
-         || {K, {Kind, Params, Ms}} <- numbered(pen_faults())
-        ]})
+        complete(#{
+            seed => Seed,
+            picture => Picture,
+            faults => [
+                {label(K), 3000 * K, 3000 * K + Ms, Kind, K rem 4 + 1, Params}
+             || {K, {Kind, Params, Ms}} <- numbered(pen_faults())
+            ]
+        })
      || Picture <- ["house", "hatch"], Seed <- [1, 2]
     ],
     [
-        complete(#{seed => Seed, random_faults => [actuator_lost, actuator_stuck, serial, kill_machine], heal => 90})
+        complete(#{
+            seed => Seed,
+            random_faults => [actuator_lost, actuator_stuck, serial, kill_machine],
+            heal => 90
+        })
      || Seed <- lists:seq(1, 10)
     ].
 
 pen_faults() ->
     [{actuator_lost, #{part => Part}, 15000} || Part <- [0.3, 0.6, 0.9, 1.0]] ++
         [{actuator_stuck, #{}, Ms} || Ms <- [2000, 5000, 20000, 30000]] ++
-        [{serial_garbage, #{part => 0.5}, 10000}, {serial_gone, #{}, 8000},
-         {serial_split, #{lag_ms => 200}, 15000}].
+        [
+            {serial_garbage, #{part => 0.5}, 10000},
+            {serial_gone, #{}, 8000},
+            {serial_split, #{lag_ms => 200}, 15000}
+        ].
 
 %% Beyond repair: that robot waits where it is and keeps the lines that it had set out to paint;
 %% what is there of them is on the lines, and the others paint the rest.
@@ -170,7 +250,9 @@ pen_never_moves_again(_) ->
     [
         begin
             #{violations := Violations, covered := Covered, results := Results} = play(#{
-                time => 600, seed => Seed, faults => [{stuck, 20000, 700000, actuator_stuck, 2, #{}}]
+                time => 600,
+                seed => Seed,
+                faults => [{stuck, 20000, 700000, actuator_stuck, 2, #{}}]
             }),
             ?assertEqual([], Violations),
             ?assert(Covered > 0.8, Covered),
@@ -205,23 +287,30 @@ kills(Machine, Seed) ->
 
 several_killed_at_once(_) ->
     [
-        complete(#{seed => Seed, faults => [
-            kill(K, 20000 + 500 * Seed, Robot, Machine)
-         || {K, {Robot, Machine}} <- numbered([{R, M} || R <- [1, 2, 3, 4], M <- Machines])
-        ]})
+        complete(#{
+            seed => Seed,
+            faults => [
+                kill(K, 20000 + 500 * Seed, Robot, Machine)
+             || {K, {Robot, Machine}} <- numbered([{R, M} || R <- [1, 2, 3, 4], M <- Machines])
+            ]
+        })
      || Seed <- [1, 2, 3],
         Machines <- [[sap, dpp], [dpp, app], [dpp_coordinator, sap, motion], [app, motion, dpp]]
     ].
 
 all_killed_on_all_robots(_) ->
     [
-        complete(#{seed => Seed, loss => 0.2, faults => [
-            kill(K, T, Robot, Machine)
-         || {K, {T, Robot, Machine}} <- numbered([
-                {T, R, M}
-             || T <- [15000, 40000, 70000], R <- [1, 2, 3, 4], M <- machines()
-            ])
-        ]})
+        complete(#{
+            seed => Seed,
+            loss => 0.2,
+            faults => [
+                kill(K, T, Robot, Machine)
+             || {K, {T, Robot, Machine}} <- numbered([
+                    {T, R, M}
+                 || T <- [15000, 40000, 70000], R <- [1, 2, 3, 4], M <- machines()
+                ])
+            ]
+        })
      || Seed <- [1, 2]
     ].
 
@@ -229,13 +318,22 @@ all_killed_on_all_robots(_) ->
 killed_at_random(_) ->
     Prop = ?FORALL(
         {Seed, Kills, Loss},
-        {oneof(lists:seq(1, 1000)),
-         resize(25, list({oneof(lists:seq(0, 100000, 7)), oneof([1, 2, 3, 4]), oneof(machines())})),
-         oneof([0.0, 0.3])},
+        {
+            oneof(lists:seq(1, 1000)),
+            resize(
+                25, list({oneof(lists:seq(0, 100000, 7)), oneof([1, 2, 3, 4]), oneof(machines())})
+            ),
+            oneof([0.0, 0.3])
+        },
         starl_platform_ct:safely(fun() ->
             Faults = [kill(K, T, R, M) || {K, {T, R, M}} <- numbered(Kills)],
-            complete(#{seed => Seed, loss => Loss, duplicate => 0.1, delay => {5, 60},
-                       faults => Faults}),
+            complete(#{
+                seed => Seed,
+                loss => Loss,
+                duplicate => 0.1,
+                delay => {5, 60},
+                faults => Faults
+            }),
             true
         end)
     ),
@@ -245,20 +343,33 @@ killed_at_random(_) ->
 %% it was seen, not the point of its path that the plan had reserved, and two tubes overlapped by a
 %% fraction of a millimetre (Lemma 7).
 reported_as_held(_) ->
-    complete(#{seed => 668, duplicate => 0.1, delay => {5, 60}, faults => [
-        kill(K, T, R, M)
-     || {K, {T, R, M}} <- numbered([
-            {14308, 3, location}, {24157, 2, motion}, {26747, 4, dpp_coordinator},
-            {30219, 1, election}, {32207, 2, location}, {41048, 3, location},
-            {43127, 3, dpp_coordinator}
-        ])
-    ]}).
+    complete(#{
+        seed => 668,
+        duplicate => 0.1,
+        delay => {5, 60},
+        faults => [
+            kill(K, T, R, M)
+         || {K, {T, R, M}} <- numbered([
+                {14308, 3, location},
+                {24157, 2, motion},
+                {26747, 4, dpp_coordinator},
+                {30219, 1, election},
+                {32207, 2, location},
+                {41048, 3, location},
+                {43127, 3, dpp_coordinator}
+            ])
+        ]
+    }).
 
 killed_at_the_start(_) ->
     [
-        complete(#{seed => 1, faults => [
-            kill(K, T, Robot, Machine) || {K, {Robot, T}} <- numbered([{R, T} || R <- [1, 4], T <- [0, 20, 40]])
-        ]})
+        complete(#{
+            seed => 1,
+            faults => [
+                kill(K, T, Robot, Machine)
+             || {K, {Robot, T}} <- numbered([{R, T} || R <- [1, 4], T <- [0, 20, 40]])
+            ]
+        })
      || Machine <- machines()
     ].
 
@@ -266,9 +377,11 @@ killed_at_the_start(_) ->
 %% crashes then still finds its coordinator.
 elections_forgotten(_) ->
     [
-        complete(#{seed => Seed, faults => [
-            kill(Robot, 10000 + 3000 * Robot, Robot, election) || Robot <- [1, 2, 3, 4]
-        ] ++ [kill(5, 30000, Victim, Machine)]})
+        complete(#{
+            seed => Seed,
+            faults => [kill(Robot, 10000 + 3000 * Robot, Robot, election) || Robot <- [1, 2, 3, 4]] ++
+                [kill(5, 30000, Victim, Machine)]
+        })
      || Seed <- [1, 2], Victim <- [1, 4], Machine <- [dpp, app]
     ].
 
@@ -348,14 +461,24 @@ drawings(Config) ->
 shape() ->
     ?LET(
         {Kind, {X, Y} = A, B, C, R},
-        {oneof([line, circle, rect, curve, polygon, ellipse]), place(), place(), place(),
-         oneof([10, 50, 130, 300])},
+        {
+            oneof([line, circle, rect, curve, polygon, ellipse]),
+            place(),
+            place(),
+            place(),
+            oneof([10, 50, 130, 300])
+        },
         case Kind of
-            line -> ["<path d=\"M", xy(A), "L", xy({X + R, Y + 1}), "L", xy(B), "\"/>"];
-            circle -> io_lib:format("<circle cx=\"~b\" cy=\"~b\" r=\"~b\"/>", [X, Y, R]);
-            rect -> io_lib:format("<rect x=\"~b\" y=\"~b\" width=\"~b\" height=\"~b\"/>", [X, Y, R, 80]);
-            curve -> ["<path d=\"M", xy(A), "C", xy(B), xy(C), xy({X + R, Y}), "\"/>"];
-            polygon -> ["<polygon points=\"", xy(A), xy({X + R, Y}), xy(B), xy(C), "\"/>"];
+            line ->
+                ["<path d=\"M", xy(A), "L", xy({X + R, Y + 1}), "L", xy(B), "\"/>"];
+            circle ->
+                io_lib:format("<circle cx=\"~b\" cy=\"~b\" r=\"~b\"/>", [X, Y, R]);
+            rect ->
+                io_lib:format("<rect x=\"~b\" y=\"~b\" width=\"~b\" height=\"~b\"/>", [X, Y, R, 80]);
+            curve ->
+                ["<path d=\"M", xy(A), "C", xy(B), xy(C), xy({X + R, Y}), "\"/>"];
+            polygon ->
+                ["<polygon points=\"", xy(A), xy({X + R, Y}), xy(B), xy(C), "\"/>"];
             ellipse ->
                 io_lib:format("<ellipse cx=\"~b\" cy=\"~b\" rx=\"~b\" ry=\"60\"/>", [X, Y, R])
         end
@@ -402,7 +525,11 @@ play(Given) ->
         covered => proplists:get_value(ink_covered, Figures),
         separation => Separation,
         figures => Figures,
-        leader => case Leaders of [{painting, [L]}] -> L; _ -> none end,
+        leader =>
+            case Leaders of
+                [{painting, [L]}] -> L;
+                _ -> none
+            end,
         results => [{Id, Result} || {Id, #{result := Result}} <- Robots]
     }.
 

@@ -14,8 +14,15 @@ bugs() ->
 %% Name, block, broken machine, its configuration, changes of the scenario, and the pitfall.
 table() ->
     lists:append([
-        sap(), election(), bully(), mutex(), barrier(), geocast(), registers(),
-        counter(), dpp()
+        sap(),
+        election(),
+        bully(),
+        mutex(),
+        barrier(),
+        geocast(),
+        registers(),
+        counter(),
+        dpp()
     ]).
 
 sap() ->
@@ -61,8 +68,8 @@ mutex() ->
             "a restarted home grants what is still held"},
         {mutex_trusting, mutex, starl_mutex_planted, #{variant => trusting}, #{},
             "holds a token without the home's word: no fencing"},
-        {mutex_overstaying, mutex, starl_mutex_planted,
-            #{variant => overstaying, lease_ms => 300}, #{}, "does not heed the end of its lease"},
+        {mutex_overstaying, mutex, starl_mutex_planted, #{variant => overstaying, lease_ms => 300},
+            #{}, "does not heed the end of its lease"},
         {mutex_circles, mutex, starl_mutex_planted, #{variant => circles}, granted(),
             "chases stale owners in circles"},
         {mutex_queueless, mutex, starl_mutex_planted, #{variant => queueless}, queued(),
@@ -73,14 +80,14 @@ mutex() ->
 
 barrier() ->
     [
-        {barrier_forgetful, barrier, starl_barrier_planted, #{variant => forgetful},
-            #{robots => 4}, "a restarted machine begins with round 1"},
-        {barrier_recreated, barrier, starl_barrier_planted, #{variant => recreated},
-            #{robots => 4}, "a late duplicate opens the entry of the next round"},
-        {barrier_alone, barrier, starl_barrier_planted, #{variant => alone},
-            #{robots => 4}, "does not wait for those it has not heard of"},
-        {barrier_hasty, barrier, starl_barrier_planted, #{variant => hasty},
-            #{robots => 4}, "does not store that it has passed a round"},
+        {barrier_forgetful, barrier, starl_barrier_planted, #{variant => forgetful}, #{robots => 4},
+            "a restarted machine begins with round 1"},
+        {barrier_recreated, barrier, starl_barrier_planted, #{variant => recreated}, #{robots => 4},
+            "a late duplicate opens the entry of the next round"},
+        {barrier_alone, barrier, starl_barrier_planted, #{variant => alone}, #{robots => 4},
+            "does not wait for those it has not heard of"},
+        {barrier_hasty, barrier, starl_barrier_planted, #{variant => hasty}, #{robots => 4},
+            "does not store that it has passed a round"},
         {barrier_careless, barrier, starl_barrier_planted, #{variant => careless},
             #{robots => 3, random_faults => [process, store]},
             "takes a damaged store for one that was never used"}
@@ -107,8 +114,7 @@ registers() ->
         {registers_last_heard, registers, starl_registers_bug, #{bug => last_heard}, #{},
             "what comes last wins, whatever its stamp"},
         {registers_no_exchange, registers, starl_registers_bug, #{bug => no_exchange},
-            #{judge => #{bound_us => 8000000}},
-            "what a broadcast missed stays missed"}
+            #{judge => #{bound_us => 8000000}}, "what a broadcast missed stays missed"}
     ].
 
 counter() ->
@@ -131,10 +137,9 @@ dpp() ->
             "takes the robot's own tube for an obstacle"},
         {dpp_blind_start, dpp, starl_mutant_planted, "blind_start", #{},
             "does not check the way from the robot to the graph"},
-        {dpp_short_edges, dpp, starl_mutant_planted, "short_edges",
-            (complete())#{horizon => 1000}, "never assigns an edge that is longer than H"},
-        {dpp_freed, dpp, starl_coordinator_planted, "freed",
-            #{loss => 0.3, sap => #{limit => 2}},
+        {dpp_short_edges, dpp, starl_mutant_planted, "short_edges", (complete())#{horizon => 1000},
+            "never assigns an edge that is longer than H"},
+        {dpp_freed, dpp, starl_coordinator_planted, "freed", #{loss => 0.3, sap => #{limit => 2}},
             "gives free what a lost assignment has reserved"},
         {dpp_hoarding, dpp, starl_mutant_planted, "hoarding", complete(),
             "frees by Clear alone, of which some is lost"},
@@ -160,19 +165,30 @@ prompt() -> #{random_faults => [], delay => {5, 20}, judge => #{bound_us => 4500
 %% Faults that lose no robot, and time after they have healed, in which each request that is made
 %% has to be granted.
 granted() ->
-    #{random_faults => [network, kill_machine], heal => 10, converge => 50, work => 40,
-        judge => #{granted => true, from_us => 25000000}}.
+    #{
+        random_faults => [network, kill_machine],
+        heal => 10,
+        converge => 50,
+        work => 40,
+        judge => #{granted => true, from_us => 25000000}
+    }.
 
 %% The votes of the other robot come later and later, then nothing is heard any more of the one that
 %% leads: soak draws such faults, but rarely in this order where a single vote decides.
 late_votes() ->
     Late = [
-        {list_to_atom("late_" ++ integer_to_list(N)), 4000 * N, 60000, delay, {1, 2},
-            #{extra_ms => 1000}}
+        {list_to_atom("late_" ++ integer_to_list(N)), 4000 * N, 60000, delay, {1, 2}, #{
+            extra_ms => 1000
+        }}
      || N <- lists:seq(1, 8)
     ],
-    #{robots => 2, lease => 5000, jump => 50, random_faults => [],
-        faults => [{cut, 36000, 60000, one_way_partition, [2], #{}} | Late]}.
+    #{
+        robots => 2,
+        lease => 5000,
+        jump => 50,
+        random_faults => [],
+        faults => [{cut, 36000, 60000, one_way_partition, [2], #{}} | Late]
+    }.
 
 %% What was promised has to come true when all faults are over.
 healed() -> #{final => 2, converge => 2000, time => 7200}.
@@ -196,11 +212,27 @@ scenario(Bug, Seed) ->
     end.
 
 run(_Bug, dpp, Variant, Seed) ->
-    #{app => starl_dpp_planted, bug => Variant, picture => "house", robots => 5, speed => 100,
-        time => 400, seed => Seed};
+    #{
+        app => starl_dpp_planted,
+        bug => Variant,
+        picture => "house",
+        robots => 5,
+        speed => 100,
+        time => 400,
+        seed => Seed
+    };
 run(Bug, Block, _Config, Seed) ->
-    #{app => ?MODULE, bug => Bug, block => Block, robots => 6, seed => Seed,
-        random_faults => [all], heal => 25, converge => 35, time => 60}.
+    #{
+        app => ?MODULE,
+        bug => Bug,
+        block => Block,
+        robots => 6,
+        seed => Seed,
+        random_faults => [all],
+        heal => 25,
+        converge => 35,
+        time => 60
+    }.
 
 sound(#{app := starl_dpp_planted} = Scenario) -> Scenario#{bug => "none"};
 sound(Scenario) -> Scenario#{bug => none}.

@@ -26,18 +26,29 @@ end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 contracts_hold(Config) ->
     Blocks = [list_to_existing_atom(B) || B <- string:lexemes(os:getenv("STARL_BLOCKS", ""), ",")],
     Cases = list_to_integer(os:getenv("STARL_CASES", integer_to_list(?CASES))),
-    Prop = ?FORALL(Scenario, scenario(case Blocks of [] -> ?BLOCKS; _ -> Blocks end),
-        starl_platform_ct:safely(fun() -> holds(starl_exercise, Scenario, Config) end)),
+    Prop = ?FORALL(
+        Scenario,
+        scenario(
+            case Blocks of
+                [] -> ?BLOCKS;
+                _ -> Blocks
+            end
+        ),
+        starl_platform_ct:safely(fun() -> holds(starl_exercise, Scenario, Config) end)
+    ),
     starl_platform_ct:property(Prop, Cases).
 
 %% The generator makes schedules that a scenario accepts.
 drawn_schedules_are_well_formed(_) ->
-    Prop = ?FORALL(#{robots := N, faults := Faults}, scenario(?BLOCKS),
+    Prop = ?FORALL(
+        #{robots := N, faults := Faults},
+        scenario(?BLOCKS),
         starl_platform_ct:safely(fun() ->
-            starl_sim_fault:check(Faults) =:= []
-                andalso [R || F <- Faults, R <- starl_sim_fault:targets(F), R > N] =:= []
-                andalso lists:all(fun({_, _, To, _, _, _}) -> To =< ?HEAL_MS end, Faults)
-        end)),
+            starl_sim_fault:check(Faults) =:= [] andalso
+                [R || F <- Faults, R <- starl_sim_fault:targets(F), R > N] =:= [] andalso
+                lists:all(fun({_, _, To, _, _, _}) -> To =< ?HEAL_MS end, Faults)
+        end)
+    ),
     starl_platform_ct:property(Prop, 200).
 
 %% The same property over a block with a bug fails, and what is left of the failing case is a
@@ -70,24 +81,49 @@ first_failing(Generator, N) ->
 
 %% PropEr does not shrink these: the shrinker knows better how.
 scenario(Blocks) ->
-    proper_types:noshrink(?LET({Block, N}, {oneof(Blocks), oneof([3, 4, 6, 8])},
-        ?LET({Seed, Loss, Duplicate, Delay, Range, Faults},
-            {oneof(lists:seq(1, 100000)), oneof([0.0, 0.0, 0.2]), oneof([0.0, 0.2]),
-                oneof([{5, 20}, {2, 100}]), oneof([none, none, 6000]), faults(Block, N)},
-            #{
-                block => Block, robots => N, seed => Seed, loss => Loss, duplicate => Duplicate,
-                delay => Delay, range => Range, faults => named(Faults), work => 12,
-                heal => ?HEAL_MS div 1000, time => ?HEAL_MS div 1000 + ?CONVERGE_S
-            }))).
+    proper_types:noshrink(
+        ?LET(
+            {Block, N},
+            {oneof(Blocks), oneof([3, 4, 6, 8])},
+            ?LET(
+                {Seed, Loss, Duplicate, Delay, Range, Faults},
+                {
+                    oneof(lists:seq(1, 100000)),
+                    oneof([0.0, 0.0, 0.2]),
+                    oneof([0.0, 0.2]),
+                    oneof([{5, 20}, {2, 100}]),
+                    oneof([none, none, 6000]),
+                    faults(Block, N)
+                },
+                #{
+                    block => Block,
+                    robots => N,
+                    seed => Seed,
+                    loss => Loss,
+                    duplicate => Duplicate,
+                    delay => Delay,
+                    range => Range,
+                    faults => named(Faults),
+                    work => 12,
+                    heal => ?HEAL_MS div 1000,
+                    time => ?HEAL_MS div 1000 + ?CONVERGE_S
+                }
+            )
+        )
+    ).
 
 faults(Block, N) ->
     resize(12, list(?LET(Spec, oneof(starl_sim_fault:kinds()), fault(Spec, Block, N)))).
 
 fault({Kind, _, Shape, Params, _}, Block, N) ->
-    ?LET({{From, Span}, Target, Values},
-        {{int(0, ?HEAL_MS - 1), oneof([1, 50, 500, 3000])}, target(Shape, Block, N),
-            [{Key, value(Type, Range)} || {Key, Type, Range} <- Params]},
-        {From, min(?HEAL_MS, From + Span), Kind, Target, maps:from_list(Values)}).
+    ?LET(
+        {{From, Span}, Target, Values},
+        {{int(0, ?HEAL_MS - 1), oneof([1, 50, 500, 3000])}, target(Shape, Block, N), [
+            {Key, value(Type, Range)}
+         || {Key, Type, Range} <- Params
+        ]},
+        {From, min(?HEAL_MS, From + Span), Kind, Target, maps:from_list(Values)}
+    ).
 
 named(Faults) ->
     [
@@ -136,8 +172,12 @@ tell({error, _, Why}) -> ct:log("~ts", [Why]).
 shrink(App, Given, Config) ->
     {ok, Scenario} = starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)),
     starl_lab_shrunk:shrink(#{
-        target => target(App), scenario => Scenario, file => file(Config), digest => any,
-        seconds => 60, quiet => true
+        target => target(App),
+        scenario => Scenario,
+        file => file(Config),
+        digest => any,
+        seconds => 60,
+        quiet => true
     }).
 
 file(Config) -> filename:join(proplists:get_value(priv_dir, Config), "small.term").

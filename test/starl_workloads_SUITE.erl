@@ -33,8 +33,14 @@ swarm_result(How) ->
 
 swarm(Robots) ->
     #{
-        app => starl_swarm_broadcast, robots => Robots, seed => 1, range => 1000,
-        delay => {10, 50}, clock_drift => 0, messages => 30, time => 10
+        app => starl_swarm_broadcast,
+        robots => Robots,
+        seed => 1,
+        range => 1000,
+        delay => {10, 50},
+        clock_drift => 0,
+        messages => 30,
+        time => 10
     }.
 
 %% Every message arrives; an event is a timer or a delivery.
@@ -51,10 +57,18 @@ events_with_loss(_Config) ->
     ?assert(abs(Lost - 0.05 * Sent) =< 5 * math:sqrt(Sent * 0.05 * 0.95)).
 
 events(Given) ->
-    maps:merge(#{
-        app => starl_plain_events, robots => 40, mode => inline, delay => {10, 50},
-        clock_drift => 0, messages => 50, time => 6
-    }, Given).
+    maps:merge(
+        #{
+            app => starl_plain_events,
+            robots => 40,
+            mode => inline,
+            delay => {10, 50},
+            clock_drift => 0,
+            messages => 50,
+            time => 6
+        },
+        Given
+    ).
 
 run(Scenario) ->
     {ok, Sim} = starl_sim:start(Scenario),

@@ -296,7 +296,9 @@ registers_test() ->
     ?assertEqual([], judge(Put ++ [{107, 2, registers, crashed}] ++ Late, Kind)),
     ?assertEqual([not_as_promised], judge(Put ++ [{107, 3, registers, crashed}] ++ Late, Kind)),
     %% clocks 60 s apart admit what follows a damaged store 60 s later at the latest
-    Damaged = fun(At) -> judge([{At, 3, registers, store_damaged} | Put] ++ Late, Kind#{apart_us => 60 * ?S}) end,
+    Damaged = fun(At) ->
+        judge([{At, 3, registers, store_damaged} | Put] ++ Late, Kind#{apart_us => 60 * ?S})
+    end,
     ?assertEqual([not_as_promised], Damaged(106)),
     ?assertEqual([], Damaged(119)),
     ?assertEqual([not_as_promised], Damaged(118)),

@@ -56,16 +56,25 @@ paint(Points) -> paint(0, 1, Points).
 paint(T, Robot, [{X, Y} | _] = Points) ->
     {Events, End} = tour(T + 1, Robot, Points),
     {XE, YE} = lists:last(Points),
-    {[motion(T, Robot, stand(T, X, Y)), pen(T + 1, Robot, down)]
-         ++ [E || {_, _, _, _} = E <- Events]
-         ++ [pen(End, Robot, up), motion(End, Robot, stand(End, XE, YE))], End}.
+    {
+        [motion(T, Robot, stand(T, X, Y)), pen(T + 1, Robot, down)] ++
+            [E || {_, _, _, _} = E <- Events] ++
+            [pen(End, Robot, up), motion(End, Robot, stand(End, XE, YE))],
+        End
+    }.
 
 everything_painted_test() ->
     Points = [A || {A, _} <- square()] ++ [{0.0, 0.0}],
     {Events, End} = paint(Points),
     {[], Results} = run(square(), Events, End + ?S),
-    #{coverage := 1.0, ink_covered := true, ink_mm := Ink, driven_mm := Driven,
-      unpainted_mm := +0.0, ink := #{1 := [Polyline]}} = Results,
+    #{
+        coverage := 1.0,
+        ink_covered := true,
+        ink_mm := Ink,
+        driven_mm := Driven,
+        unpainted_mm := +0.0,
+        ink := #{1 := [Polyline]}
+    } = Results,
     ?assert(abs(Ink - 4000.0) < 0.01),
     ?assert(abs(Driven - 4000.0) < 0.01),
     ?assertEqual(5, length(Polyline)).
@@ -104,8 +113,10 @@ finished_at_the_limit_test() ->
     ?assertMatch({[], #{coverage := 1.0}}, run(line(), Events, End)),
     {_, #{inked := Inked}} = run(line(), Events, End),
     ?assert(abs(Inked - 0.996) < 1.0e-9),
-    [?assertMatch({[#{what := unfinished}], _}, painted(From, To))
-     || {From, To} <- [{2.01, 998.0}, {2.0, 997.99}]],
+    [
+        ?assertMatch({[#{what := unfinished}], _}, painted(From, To))
+     || {From, To} <- [{2.01, 998.0}, {2.0, 997.99}]
+    ],
     ?assertMatch({[], _}, with_a_gap(4.0)),
     ?assertMatch({[#{what := unfinished}], _}, with_a_gap(4.01)).
 
@@ -125,8 +136,10 @@ gap_in_the_middle_test() ->
 %% The tolerance is across a line, not along it: what lies near is not painted by a dot.
 dots_do_not_paint_short_lines_test() ->
     Short = [{{0.0, 0.0}, {6.0, 0.0}}],
-    Drawn = fun(From, To) -> {Events, End} = paint([{From, 0.0}, {To, 0.0}]),
-                             element(2, run(Short, Events, End, #{complete => false})) end,
+    Drawn = fun(From, To) ->
+        {Events, End} = paint([{From, 0.0}, {To, 0.0}]),
+        element(2, run(Short, Events, End, #{complete => false}))
+    end,
     ?assertMatch(#{coverage := +0.0}, Drawn(-1.0, -0.9)),
     ?assertMatch(#{coverage := C} when C < 0.6, Drawn(0.0, 1.0)),
     ?assertMatch(#{coverage := 1.0}, Drawn(2.0, 4.0)).
@@ -156,9 +169,18 @@ strokes_test() ->
     Silent = [E || {_, _, Machine, _} = E <- Events, Machine =/= app],
     ?assertMatch({[#{what := unfinished}], _}, run(line(), Silent, End)),
     Twice = line() ++ [{{600.0, 0.0}, {300.0, 0.0}}] ++ line(),
-    ?assertMatch({[], #{coverage := 1.0}}, run(Twice, [for({{300.0, 0.0}, {600.0, 0.0}}, E) || E <- Events], End)),
-    ?assertMatch({[], #{coverage := 1.0}}, run(line(), [for({{0.0, 0.4}, {9.0, 0.4}}, E) || E <- Events], End)),
-    ?assertMatch({[_], #{coverage := +0.0}}, run(line(), [for({{0.0, 0.6}, {9.0, 0.6}}, E) || E <- Events], End)).
+    ?assertMatch(
+        {[], #{coverage := 1.0}},
+        run(Twice, [for({{300.0, 0.0}, {600.0, 0.0}}, E) || E <- Events], End)
+    ),
+    ?assertMatch(
+        {[], #{coverage := 1.0}},
+        run(line(), [for({{0.0, 0.4}, {9.0, 0.4}}, E) || E <- Events], End)
+    ),
+    ?assertMatch(
+        {[_], #{coverage := +0.0}},
+        run(line(), [for({{0.0, 0.6}, {9.0, 0.6}}, E) || E <- Events], End)
+    ).
 
 %% A stroke is on a line when both of its ends are.
 stroke_that_ends_beside_test() ->
@@ -195,8 +217,10 @@ driving_with_the_pen_up_is_free_test() ->
     ?assertEqual([ink_off_the_lines], judge(line(), Driving ++ [pen(End, 1, down)], End)).
 
 ink_beside_the_line_at_the_limit_test() ->
-    Beside = fun(Y) -> {Events, End} = paint([{0.0, Y}, {1000.0, Y}]),
-                       judge(line(), Events, End) end,
+    Beside = fun(Y) ->
+        {Events, End} = paint([{0.0, Y}, {1000.0, Y}]),
+        judge(line(), Events, End)
+    end,
     ?assertEqual([], Beside(10.0)),
     ?assertEqual([ink_off_the_lines], Beside(10.001)).
 
@@ -211,8 +235,10 @@ own_ink_radius_test() ->
     ?assertEqual([ink_off_the_lines], Judge(#{1 => 1.0})).
 
 ink_past_the_end_of_the_line_test() ->
-    Past = fun(X) -> {Events, End} = paint([{0.0, 0.0}, {X, 0.0}]),
-                     judge(line(), Events, End) end,
+    Past = fun(X) ->
+        {Events, End} = paint([{0.0, 0.0}, {X, 0.0}]),
+        judge(line(), Events, End)
+    end,
     ?assertEqual([], Past(1009.99)),
     ?assertEqual([ink_off_the_lines], Past(1011.0)).
 
@@ -236,8 +262,17 @@ reported_once_per_stroke_test() ->
     ?assertEqual([ink_off_the_lines, ink_off_the_lines], judge(line(), Off ++ Again, End2)).
 
 dot_beside_the_line_test() ->
-    Dot = fun(Y) -> judge(line(), [motion(0, 1, stand(0, 50.0, Y)), pen(5, 1, down),
-                                   pen(5, 1, up)], 10) end,
+    Dot = fun(Y) ->
+        judge(
+            line(),
+            [
+                motion(0, 1, stand(0, 50.0, Y)),
+                pen(5, 1, down),
+                pen(5, 1, up)
+            ],
+            10
+        )
+    end,
     ?assertEqual([], Dot(9.0)),
     ?assertEqual([ink_off_the_lines], Dot(12.0)).
 
@@ -258,7 +293,10 @@ arc_on_a_flattened_arc_test() ->
     Lines = [{on_circle(I), on_circle(I + 1)} || I <- lists:seq(0, 7)],
     Turn = math:pi() / 20,
     Arc = starl_trajectory:piece(0, {0.0, 0.0}, 0.0, 300.0 * Turn, Turn),
-    Strokes = [stroke(round(1.25 * ?S) * I, 1, Line) || {I, Line} <- lists:zip(lists:seq(0, 7), Lines)],
+    Strokes = [
+        stroke(round(1.25 * ?S) * I, 1, Line)
+     || {I, Line} <- lists:zip(lists:seq(0, 7), Lines)
+    ],
     Events = [motion(0, 1, Arc), pen(0, 1, down)] ++ Strokes ++ [pen(10 * ?S, 1, up)],
     {[], #{coverage := 1.0, ink_mm := Ink}} = run(Lines, Events, 10 * ?S),
     ?assert(abs(Ink - 150.0 * math:pi()) < 1.0e-6),
@@ -280,8 +318,11 @@ arc_leaves_the_line_test() ->
     ?assert(abs(At - Leave) < 20_000).
 
 a_jump_is_not_connected_test() ->
-    Events = [motion(0, 1, stand(0, 0.0, 0.0)), pen(0, 1, down),
-              motion(5, 1, stand(5, 900.0, 0.0))],
+    Events = [
+        motion(0, 1, stand(0, 0.0, 0.0)),
+        pen(0, 1, down),
+        motion(5, 1, stand(5, 900.0, 0.0))
+    ],
     {[], #{ink := #{1 := Polylines}}} = run(line(), Events, 9, #{complete => false}),
     ?assertEqual([[{0.0, 0.0}], [{900.0, 0.0}]], Polylines).
 
@@ -324,11 +365,14 @@ within_case(N, S0) ->
     Reach = 60.0 * R,
     Part = starl_painting_monitor_parts:within(Reach, A, B),
     Length = starl_geometry:length(A),
-    [begin
-         Point = starl_geometry:interpolate(element(1, A), element(2, A), I / 400),
-         Margin = Reach - starl_geometry:point_segment(Point, B),
-         ?assert(agrees(Margin, inside(I / 400 * Length, Part)), {seed, 7, N, A, B, Reach, I})
-     end || I <- lists:seq(0, 400)],
+    [
+        begin
+            Point = starl_geometry:interpolate(element(1, A), element(2, A), I / 400),
+            Margin = Reach - starl_geometry:point_segment(Point, B),
+            ?assert(agrees(Margin, inside(I / 400 * Length, Part)), {seed, 7, N, A, B, Reach, I})
+        end
+     || I <- lists:seq(0, 400)
+    ],
     S3.
 
 agrees(Margin, _Inside) when abs(Margin) < 1.0e-9 -> true;
@@ -347,8 +391,11 @@ coverage_against_sampling_test_() ->
 %% Scribbles beside random lines, each for one of them; of how much of a line is ink to the left or
 %% right?
 coverage_case(Seed) ->
-    {Lines, S1} = lists:mapfoldl(fun(_, S) -> random_segment(S) end, rand:seed_s(exsss, Seed),
-                                 lists:seq(1, 6)),
+    {Lines, S1} = lists:mapfoldl(
+        fun(_, S) -> random_segment(S) end,
+        rand:seed_s(exsss, Seed),
+        lists:seq(1, 6)
+    ),
     {Inks, _} = lists:mapfoldl(fun(_, S) -> random_segment(S) end, S1, lists:seq(1, 18)),
     For = [lists:nth(1 + I rem 6, Lines) || I <- lists:seq(1, 18)],
     Each = fun({{A, B}, Line}, {T, All}) ->
@@ -373,5 +420,7 @@ beside_part({A, B} = Line, Inks) ->
 %% Does the ink cross the perpendicular through this point, within reach of it?
 crosses(P, {A, B}, Ink) ->
     Across = starl_geometry:heading(A, B) + math:pi() / 2,
-    Off = fun(Mm) -> {element(1, P) + Mm * math:cos(Across), element(2, P) + Mm * math:sin(Across)} end,
+    Off = fun(Mm) ->
+        {element(1, P) + Mm * math:cos(Across), element(2, P) + Mm * math:sin(Across)}
+    end,
     starl_geometry:segment_segment({Off(-?REACH), Off(?REACH)}, Ink) < 1.0e-9.

@@ -16,7 +16,8 @@ names_test_() ->
 
 enter() ->
     {ok, Before} = file:get_cwd(),
-    Name = "starl_scene_" ++ os:getpid() ++ "_" ++ integer_to_list(erlang:unique_integer([positive])),
+    Name =
+        "starl_scene_" ++ os:getpid() ++ "_" ++ integer_to_list(erlang:unique_integer([positive])),
     Dir = filename:join([Before, "_build", Name]),
     House = filename:join([code:priv_dir(starl_apps), "pictures", "house.svg"]),
     ok = filelib:ensure_path(Dir),
@@ -33,8 +34,12 @@ leave({Before, Dir}) ->
 scene(Picture) ->
     {ok, Options} = starl_options:check(#{picture => Picture}, starl_painting:options()),
     starl_painting:scene(#{
-        robots => [1, 2], world => {10000, 8000}, seed => 1, sap => #{},
-        profiles => [starl_chassis:profile(starl_chassis_differential, #{})], options => Options
+        robots => [1, 2],
+        world => {10000, 8000},
+        seed => 1,
+        sap => #{},
+        profiles => [starl_chassis:profile(starl_chassis_differential, #{})],
+        options => Options
     }).
 
 says(What, {error, Why}) ->

@@ -11,12 +11,17 @@ read_back_test() ->
     {match, [Box]} = re:run(Text, "viewBox=\"([^\"]*)\"", [{capture, all_but_first, binary}]),
     {ok, [X, Y, W, H]} = starl_svg_number:list(Box),
     {ok, Picture} = starl_picture:parse(Text, #{area => {X, 3072.0 - Y - H, X + W, 3072.0 - Y}}),
-    Near = [[{round(PX), round(PY)} || {PX, PY} <- [P, Q]]
-            || {P, Q} <- starl_picture:segments(Picture)],
-    [?assert(lists:member(Line, Near), {Line, Near}) || Line <- [
-        [{100, 200}, {4000, 3000}],
-        [{100, 200}, {2000, 1600}]
-    ]].
+    Near = [
+        [{round(PX), round(PY)} || {PX, PY} <- [P, Q]]
+     || {P, Q} <- starl_picture:segments(Picture)
+    ],
+    [
+        ?assert(lists:member(Line, Near), {Line, Near})
+     || Line <- [
+            [{100, 200}, {4000, 3000}],
+            [{100, 200}, {2000, 1600}]
+        ]
+    ].
 
 one_decimal_test() ->
     ?assertEqual(nomatch, re:run(text(drawing()), "[0-9]\\.[0-9][0-9]")),
@@ -26,8 +31,12 @@ robots_test() ->
     Text = text(drawing()),
     %% Robot 2 stands at (1000, 500), y turned over, with the radius of a Create.
     ?assertMatch({match, _}, re:run(Text, "<circle cx=\"1000\" cy=\"2572\" r=\"165\"")),
-    [?assertMatch({match, _}, re:run(Text, Word)) || Word <- [
-        ">robot 1<", ">robot 2<", starl_picture_draw:colour(1), starl_picture_draw:colour(2)]].
+    [
+        ?assertMatch({match, _}, re:run(Text, Word))
+     || Word <- [
+            ">robot 1<", ">robot 2<", starl_picture_draw:colour(1), starl_picture_draw:colour(2)
+        ]
+    ].
 
 title_is_escaped_test() ->
     Text = text((drawing())#{title => "a < b & \x{3b1}\n"}),
@@ -67,7 +76,8 @@ write_test_() ->
         {ok, Text} = file:read_file(Svg),
         ?assertEqual(text(drawing()), Text),
         case os:find_executable("rsvg-convert") of
-            false -> ?assertEqual([Svg], Files);
+            false ->
+                ?assertEqual([Svg], Files);
             _ ->
                 ?assertEqual([Svg, filename:join(Dir, "painting.png")], Files),
                 {ok, <<_:16/binary, Width:32, _/binary>>} = file:read_file(lists:last(Files)),
@@ -81,8 +91,10 @@ write_test_() ->
 write_error_test() ->
     {error, Reason} = starl_picture_draw:write("/dev/null/no", "painting", drawing()),
     ?assertMatch({cannot_write, "/dev/null/no/painting.svg", _}, Reason),
-    ?assertMatch(<<"cannot write /dev/null/no/painting.svg: ", _/binary>>,
-                 iolist_to_binary(starl_picture_draw:format_error(Reason))).
+    ?assertMatch(
+        <<"cannot write /dev/null/no/painting.svg: ", _/binary>>,
+        iolist_to_binary(starl_picture_draw:format_error(Reason))
+    ).
 
 %%% Helpers
 

@@ -10,12 +10,15 @@
 arc_flags_test_() ->
     From = {3.0, 4.0},
     To = {-3.0, 4.0},
-    [?_test(begin
-        Points = samples(starl_svg_curve:arc(From, {5.0, 5.0}, 0.0, Large, Sweep, To), 200),
-        [?assert(abs(distance(P, Centre) - 5.0) < 1.0e-9, P) || P <- Points],
-        ?assert(abs(path_length(Points) - Length) < 0.01),
-        ?assertEqual(To, lists:last(Points))
-     end) || {Large, Sweep, Centre, Length} <- arcs()].
+    [
+        ?_test(begin
+            Points = samples(starl_svg_curve:arc(From, {5.0, 5.0}, 0.0, Large, Sweep, To), 200),
+            [?assert(abs(distance(P, Centre) - 5.0) < 1.0e-9, P) || P <- Points],
+            ?assert(abs(path_length(Points) - Length) < 0.01),
+            ?assertEqual(To, lists:last(Points))
+        end)
+     || {Large, Sweep, Centre, Length} <- arcs()
+    ].
 
 arcs() ->
     Small = 10.0 * math:asin(0.6),
@@ -31,21 +34,28 @@ arc_radii_test() ->
     Arc = starl_svg_curve:arc({0.0, 0.0}, {1.0, 1.0}, 0.0, false, true, {10.0, 0.0}),
     Half = samples(Arc, 50),
     [?assert(abs(distance(P, {5.0, 0.0}) - 5.0) < 1.0e-6) || P <- Half],
-    ?assertEqual({line, {0.0, 0.0}, {1.0, 1.0}},
-                 starl_svg_curve:arc({0.0, 0.0}, {0.0, 1.0}, 0.0, false, true, {1.0, 1.0})),
-    ?assertEqual({line, {1.0, 1.0}, {1.0, 1.0}},
-                 starl_svg_curve:arc({1.0, 1.0}, {2.0, 1.0}, 0.0, true, true, {1.0, 1.0})).
+    ?assertEqual(
+        {line, {0.0, 0.0}, {1.0, 1.0}},
+        starl_svg_curve:arc({0.0, 0.0}, {0.0, 1.0}, 0.0, false, true, {1.0, 1.0})
+    ),
+    ?assertEqual(
+        {line, {1.0, 1.0}, {1.0, 1.0}},
+        starl_svg_curve:arc({1.0, 1.0}, {2.0, 1.0}, 0.0, true, true, {1.0, 1.0})
+    ).
 
 %% A rotated arc satisfies the equation of its rotated ellipse.
 arc_rotation_test() ->
     Arc = starl_svg_curve:arc({0.0, 0.0}, {8.0, 3.0}, 30.0, true, true, {5.0, 2.0}),
     {arc, _, _, {CX, CY}, _, _, _, _} = Arc,
     {Cos, Sin} = {math:cos(?PI / 6), math:sin(?PI / 6)},
-    [begin
-        {DX, DY} = {X - CX, Y - CY},
-        {A, B} = {(Cos * DX + Sin * DY) / 8.0, (Cos * DY - Sin * DX) / 3.0},
-        ?assert(abs(A * A + B * B - 1.0) < 1.0e-9, {X, Y})
-     end || {X, Y} <- samples(Arc, 60)].
+    [
+        begin
+            {DX, DY} = {X - CX, Y - CY},
+            {A, B} = {(Cos * DX + Sin * DY) / 8.0, (Cos * DY - Sin * DX) / 3.0},
+            ?assert(abs(A * A + B * B - 1.0) < 1.0e-9, {X, Y})
+        end
+     || {X, Y} <- samples(Arc, 60)
+    ].
 
 %% The largest distance between curve and chords, by dense sampling of random curves.
 tolerance_test_() ->
@@ -105,10 +115,11 @@ maps_commute(Curve) ->
 %%% Helpers
 
 for_random(Count, Holds) ->
-    Seed = case os:getenv("STARL_SEED") of
-        false -> 20240;
-        Text -> list_to_integer(Text)
-    end,
+    Seed =
+        case os:getenv("STARL_SEED") of
+            false -> 20240;
+            Text -> list_to_integer(Text)
+        end,
     for_random(Count, Holds, Seed, rand:seed_s(exsss, Seed)).
 
 for_random(0, _Holds, _Seed, _Random) ->
@@ -124,12 +135,22 @@ random_curve(Random0) ->
     {Numbers, Random} = lists:mapfoldl(Draw, Random1, lists:seq(1, 9)),
     [P0, P1, P2, P3] = pairs([(N - 0.5) * 10000.0 || N <- lists:sublist(Numbers, 8)]),
     [A, B, C | _] = Numbers,
-    Curve = case Kind of
-        1 -> {quad, P0, P1, P2};
-        2 -> {cubic, P0, P1, P2, P3};
-        3 -> starl_svg_curve:arc(P0, {A * 9000.0 + 1.0, B * 9000.0 + 1.0}, C * 360.0,
-                                     A > 0.5, B > 0.5, P3)
-    end,
+    Curve =
+        case Kind of
+            1 ->
+                {quad, P0, P1, P2};
+            2 ->
+                {cubic, P0, P1, P2, P3};
+            3 ->
+                starl_svg_curve:arc(
+                    P0,
+                    {A * 9000.0 + 1.0, B * 9000.0 + 1.0},
+                    C * 360.0,
+                    A > 0.5,
+                    B > 0.5,
+                    P3
+                )
+        end,
     {Curve, Random}.
 
 pairs([X, Y | Rest]) -> [{X, Y} | pairs(Rest)];

@@ -8,61 +8,88 @@
 
 encodings_test_() ->
     Latin = "<svg viewBox='0 0 9 9'><title>\x{e5}</title><path d='M1 1h1'/></svg>",
-    [?_assertEqual({Name, {ok, Title}}, {Name, title(Bytes)}) || {Name, Title, Bytes} <- [
-        {plain, "\x{e5}\x{3b1}", unicode:characters_to_binary(?BODY)},
-        {utf8_bom, "\x{e5}\x{3b1}", bom(utf8, ?BODY)},
-        {utf16_big, "\x{e5}\x{3b1}", bom({utf16, big}, ?BODY)},
-        {utf16_little, "\x{e5}\x{3b1}", bom({utf16, little}, ?BODY)},
-        {utf16_declared, "\x{e5}\x{3b1}",
-            bom({utf16, little}, "<?xml version='1.0' encoding='UTF-16'?>" ++ ?BODY)},
-        {utf16_no_bom, "\x{e5}\x{3b1}",
-            unicode:characters_to_binary(?BODY, unicode, {utf16, little})},
-        {latin1, "\x{e5}",
-            list_to_binary("<?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>\n" ++ Latin)}
-    ]].
+    [
+        ?_assertEqual({Name, {ok, Title}}, {Name, title(Bytes)})
+     || {Name, Title, Bytes} <- [
+            {plain, "\x{e5}\x{3b1}", unicode:characters_to_binary(?BODY)},
+            {utf8_bom, "\x{e5}\x{3b1}", bom(utf8, ?BODY)},
+            {utf16_big, "\x{e5}\x{3b1}", bom({utf16, big}, ?BODY)},
+            {utf16_little, "\x{e5}\x{3b1}", bom({utf16, little}, ?BODY)},
+            {utf16_declared, "\x{e5}\x{3b1}",
+                bom({utf16, little}, "<?xml version='1.0' encoding='UTF-16'?>" ++ ?BODY)},
+            {utf16_no_bom, "\x{e5}\x{3b1}",
+                unicode:characters_to_binary(?BODY, unicode, {utf16, little})},
+            {latin1, "\x{e5}",
+                list_to_binary("<?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>\n" ++ Latin)}
+        ]
+    ].
 
 bad_encodings_test_() ->
-    [?_assertEqual({error, {bad_encoding, Name}}, title(Bytes)) || {Name, Bytes} <- [
-        {"utf8", <<"<svg a='", 255, "'/>">>},
-        {"utf-16", <<16#FE, 16#FF, 0, $<, 0>>},
-        {"ebcdic", <<"<?xml version='1.0' encoding='EBCDIC'?><svg/>">>}
-    ]].
+    [
+        ?_assertEqual({error, {bad_encoding, Name}}, title(Bytes))
+     || {Name, Bytes} <- [
+            {"utf8", <<"<svg a='", 255, "'/>">>},
+            {"utf-16", <<16#FE, 16#FF, 0, $<, 0>>},
+            {"ebcdic", <<"<?xml version='1.0' encoding='EBCDIC'?><svg/>">>}
+        ]
+    ].
 
 prolog_test_() ->
-    [?_assertMatch({Prolog, {ok, _}},
-                   {Prolog, title(unicode:characters_to_binary([Prolog, ?BODY]))})
+    [
+        ?_assertMatch(
+            {Prolog, {ok, _}},
+            {Prolog, title(unicode:characters_to_binary([Prolog, ?BODY]))}
+        )
      || Prolog <- [
-        "\n  ", "<!-- a comment < > -->", "<?xml-stylesheet href='a.css'?>",
-        "<?xml version='1.0' standalone='no'?>\n<!DOCTYPE svg PUBLIC '-//W3C//DTD SVG 1.1//EN'\n"
-        " 'http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd'>\n",
-        "<!DOCTYPE svg>", "<!DOCTYPE svg SYSTEM \"x[y>z\">"
-    ]].
+            "\n  ",
+            "<!-- a comment < > -->",
+            "<?xml-stylesheet href='a.css'?>",
+            "<?xml version='1.0' standalone='no'?>\n<!DOCTYPE svg PUBLIC '-//W3C//DTD SVG 1.1//EN'\n"
+            " 'http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd'>\n",
+            "<!DOCTYPE svg>",
+            "<!DOCTYPE svg SYSTEM \"x[y>z\">"
+        ]
+    ].
 
 %% The line of an error is the line of the file, whatever the prolog.
 lines_test() ->
-    Document = <<"<?xml version='1.0'?>\n<!-- a\n b -->\n<!DOCTYPE svg\n>\n"
-                 "<svg>\n<path d='M'/></svg>">>,
+    Document = <<
+        "<?xml version='1.0'?>\n<!-- a\n b -->\n<!DOCTYPE svg\n>\n"
+        "<svg>\n<path d='M'/></svg>"
+    >>,
     ?assertMatch({error, {bad_path, {<<"path">>, none, 7}, 1, _}}, title(Document)).
 
 entities_test_() ->
-    [?_assertEqual({error, {entities, Line}}, title(Document)) || {Line, Document} <- [
-        {1, <<"<!DOCTYPE svg [<!ENTITY a 'b'>]><svg>&a;</svg>">>},
-        {2, <<"<?xml version='1.0'?>\n<!DOCTYPE svg SYSTEM 'a' [ ]><svg/>">>},
-        {1, <<"<!DOCTYPE svg><!DOCTYPE svg [<!ENTITY a 'b'>]><svg>&a;</svg>">>}
-    ]].
+    [
+        ?_assertEqual({error, {entities, Line}}, title(Document))
+     || {Line, Document} <- [
+            {1, <<"<!DOCTYPE svg [<!ENTITY a 'b'>]><svg>&a;</svg>">>},
+            {2, <<"<?xml version='1.0'?>\n<!DOCTYPE svg SYSTEM 'a' [ ]><svg/>">>},
+            {1, <<"<!DOCTYPE svg><!DOCTYPE svg [<!ENTITY a 'b'>]><svg>&a;</svg>">>}
+        ]
+    ].
 
 %% A document type after the root has begun is no way round either.
 late_doctype_test() ->
-    ?assertMatch({error, {bad_xml, 1, _}},
-                 title(<<"<svg><!DOCTYPE svg [<!ENTITY a 'b'>]>&a;</svg>">>)).
+    ?assertMatch(
+        {error, {bad_xml, 1, _}},
+        title(<<"<svg><!DOCTYPE svg [<!ENTITY a 'b'>]>&a;</svg>">>)
+    ).
 
 %% Billion laughs: refused in milliseconds and without memory.
 bomb_test() ->
-    Levels = [io_lib:format("<!ENTITY a~b \"~s\">\n",
-                            [I, lists:duplicate(10, io_lib:format("&a~b;", [I - 1]))])
-              || I <- lists:seq(1, 20)],
-    Bomb = iolist_to_binary(["<!DOCTYPE svg [\n<!ENTITY a0 \"lol\">\n", Levels,
-                             "]>\n<svg><text>&a20;</text></svg>"]),
+    Levels = [
+        io_lib:format(
+            "<!ENTITY a~b \"~s\">\n",
+            [I, lists:duplicate(10, io_lib:format("&a~b;", [I - 1]))]
+        )
+     || I <- lists:seq(1, 20)
+    ],
+    Bomb = iolist_to_binary([
+        "<!DOCTYPE svg [\n<!ENTITY a0 \"lol\">\n",
+        Levels,
+        "]>\n<svg><text>&a20;</text></svg>"
+    ]),
     %% The process may not grow beyond 8 MB of heap.
     {Pid, Ref} = spawn_opt(
         fun() ->
@@ -90,13 +117,20 @@ nothing_is_fetched_test_() ->
         Url = io_lib:format("http://127.0.0.1:~b/x.dtd", [Port]),
         File = filename:absname("no_such_place/entity.dtd"),
         Fifo = fifo(),
-        [begin
-            Dtd = ["<!DOCTYPE svg SYSTEM '", Place, "'>"],
-            ?assertMatch({ok, _}, title(iolist_to_binary([Dtd, "<svg><path d='M1 1h1'/></svg>"]))),
-            Entity = ["<!DOCTYPE svg [<!ENTITY x SYSTEM '", Place, "'>]>"],
-            ?assertMatch({error, {entities, 1}},
-                         title(iolist_to_binary([Entity, "<svg>&x;</svg>"])))
-         end || Place <- [Url, File, "file://" ++ File, Fifo]],
+        [
+            begin
+                Dtd = ["<!DOCTYPE svg SYSTEM '", Place, "'>"],
+                ?assertMatch(
+                    {ok, _}, title(iolist_to_binary([Dtd, "<svg><path d='M1 1h1'/></svg>"]))
+                ),
+                Entity = ["<!DOCTYPE svg [<!ENTITY x SYSTEM '", Place, "'>]>"],
+                ?assertMatch(
+                    {error, {entities, 1}},
+                    title(iolist_to_binary([Entity, "<svg>&x;</svg>"]))
+                )
+            end
+         || Place <- [Url, File, "file://" ++ File, Fifo]
+        ],
         _ = file:delete(Fifo),
         ?assertEqual({error, timeout}, gen_tcp:accept(Listen, 0)),
         ok = gen_tcp:close(Listen)
@@ -105,8 +139,10 @@ nothing_is_fetched_test_() ->
 %% An element or attribute name of the document never becomes an atom.
 no_atoms_test() ->
     Names = [io_lib:format("n~b", [erlang:unique_integer([positive])]) || _ <- lists:seq(1, 500)],
-    Body = [[$<, Name, $\s, Name, "='1'><path id='", Name, "' d='M1 1h1'/></", Name, $>]
-            || Name <- Names],
+    Body = [
+        [$<, Name, $\s, Name, "='1'><path id='", Name, "' d='M1 1h1'/></", Name, $>]
+     || Name <- Names
+    ],
     Document = iolist_to_binary(["<svg><path d='M1 1h1'/>", Body, "</svg>"]),
     {ok, _} = title(Document),
     Before = erlang:system_info(atom_count),
@@ -132,8 +168,10 @@ title(Bytes) ->
     end.
 
 bom(Encoding, Text) ->
-    <<(unicode:encoding_to_bom(Encoding))/binary,
-      (unicode:characters_to_binary(Text, unicode, Encoding))/binary>>.
+    <<
+        (unicode:encoding_to_bom(Encoding))/binary,
+        (unicode:characters_to_binary(Text, unicode, Encoding))/binary
+    >>.
 
 %% The path of a pipe that nobody writes to, if the system can make one.
 fifo() ->

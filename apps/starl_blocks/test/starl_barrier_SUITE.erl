@@ -6,18 +6,38 @@
 
 -export([all/0]).
 -export([
-    contract_under_faults/1, progress_under_loss/1, restarted_machine_syncs_again/1,
-    failed_round_outlives_a_crash/1, a_crash_costs_no_retry/1, nobody_to_ask/1,
-    reboots/1, reboots_of_all/1, overlapping_reboots/1, full_store/1, damaged_store/1,
-    damaged_stores_of_all/1, memory_is_bounded/1, planted_bugs_are_caught/1
+    contract_under_faults/1,
+    progress_under_loss/1,
+    restarted_machine_syncs_again/1,
+    failed_round_outlives_a_crash/1,
+    a_crash_costs_no_retry/1,
+    nobody_to_ask/1,
+    reboots/1,
+    reboots_of_all/1,
+    overlapping_reboots/1,
+    full_store/1,
+    damaged_store/1,
+    damaged_stores_of_all/1,
+    memory_is_bounded/1,
+    planted_bugs_are_caught/1
 ]).
 
 all() ->
     [
-        contract_under_faults, progress_under_loss, restarted_machine_syncs_again,
-        failed_round_outlives_a_crash, a_crash_costs_no_retry, nobody_to_ask,
-        reboots, reboots_of_all, overlapping_reboots, full_store, damaged_store,
-        damaged_stores_of_all, memory_is_bounded, planted_bugs_are_caught
+        contract_under_faults,
+        progress_under_loss,
+        restarted_machine_syncs_again,
+        failed_round_outlives_a_crash,
+        a_crash_costs_no_retry,
+        nobody_to_ask,
+        reboots,
+        reboots_of_all,
+        overlapping_reboots,
+        full_store,
+        damaged_store,
+        damaged_stores_of_all,
+        memory_is_bounded,
+        planted_bugs_are_caught
     ].
 
 %% Safety, all of it: nobody passes before all have reached, everybody passes each round that it
@@ -108,7 +128,8 @@ overlapping_reboots(_) ->
             {4, 300, [reboot(a, 2000 + Shift, 10000 + Shift, 3), reboot(b, 2400 + Shift, 4400, 2)]},
             {3, 1, all_forget(1, 20 + Shift)},
             {3, 300, [
-                reboot(a, 1469 + Shift, 7278, 3), reboot(b, 9164 + Shift, 13220, 3),
+                reboot(a, 1469 + Shift, 7278, 3),
+                reboot(b, 9164 + Shift, 13220, 3),
                 {c, 7626, 9304 + Shift, partition, [3], #{}}
             ]}
         ]
@@ -117,7 +138,9 @@ overlapping_reboots(_) ->
 %% What a robot has reached all others forget, before it reboots.
 all_forget(Robot, At) ->
     [
-        reboot(a, At, 2908, 2), crash(3, 2824, barrier), {b, 2600, 9460, isolate, Robot, #{}},
+        reboot(a, At, 2908, 2),
+        crash(3, 2824, barrier),
+        {b, 2600, 9460, isolate, Robot, #{}},
         reboot(c, 6258, 12742, Robot)
     ].
 
@@ -151,7 +174,8 @@ damaged_stores_of_all(_) ->
     [
         kept(
             lists:append([
-                [damaged(At, R), reboot(R, At, At + 300 * R, R)] || R <- lists:seq(1, Robots)
+                [damaged(At, R), reboot(R, At, At + 300 * R, R)]
+             || R <- lists:seq(1, Robots)
             ]),
             #{robots => Robots}
         )
@@ -171,10 +195,20 @@ damaged(At, Robot) ->
 %% The contract is kept under these faults, all robots get through all rounds, and the monitor's
 %% results.
 kept(Faults, Options) ->
-    {ok, Sim} = starl_sim:start(maps:merge(#{
-        app => starl_barrier_app, robots => 4, seed => 7, time => 90, mode => inline,
-        names => [gate, gate], faults => Faults
-    }, Options)),
+    {ok, Sim} = starl_sim:start(
+        maps:merge(
+            #{
+                app => starl_barrier_app,
+                robots => 4,
+                seed => 7,
+                time => 90,
+                mode => inline,
+                names => [gate, gate],
+                faults => Faults
+            },
+            Options
+        )
+    ),
     _ = starl_sim:run(Sim),
     {#{monitors := #{starl_barrier_monitor := Results}} = Outcome, _} = starl_sim:finish(Sim),
     ?assertEqual({Faults, []}, {Faults, starl_blocks_storm:broken(barrier, Outcome)}),
@@ -210,7 +244,10 @@ planted_bugs_are_caught(_) ->
             ?assertMatch({Variant, {caught, _, _}}, {Variant, Found})
         end
      || {Variant, Kinds} <- [
-            {forgetful, barrier}, {recreated, barrier}, {alone, barrier}, {hasty, reboot},
+            {forgetful, barrier},
+            {recreated, barrier},
+            {alone, barrier},
+            {hasty, reboot},
             {careless, damaged}
         ]
     ].

@@ -29,8 +29,11 @@ init(_Robot, Options) -> {Options, anew, 0}.
 
 step(Robot, {#{names := Names} = Options, anew, Failed}) ->
     case done(Robot, lists:usort(Names), 0) of
-        {ok, Done} -> {continue, {Options, Done + 1, Failed}};
-        {error, _} -> starl:sleep(Robot, 100), {continue, {Options, anew, Failed + 1}}
+        {ok, Done} ->
+            {continue, {Options, Done + 1, Failed}};
+        {error, _} ->
+            starl:sleep(Robot, 100),
+            {continue, {Options, anew, Failed + 1}}
     end;
 step(_Robot, {#{rounds := Rounds}, K, Failed}) when K > 2 * Rounds ->
     {done, {2 * Rounds, Failed}};

@@ -7,8 +7,10 @@ caller_gone_test() ->
     [
         begin
             {Actions, _} = step(info, {Gone, app}, waiting()),
-            ?assertEqual([{{timeout, {patience, a}}, cancel}],
-                         [A || {{timeout, {patience, a}}, cancel} = A <- Actions])
+            ?assertEqual(
+                [{{timeout, {patience, a}}, cancel}],
+                [A || {{timeout, {patience, a}}, cancel} = A <- Actions]
+            )
         end
      || Gone <- [restarted, given_up]
     ].
@@ -34,8 +36,13 @@ waiting() ->
 
 new() ->
     {_, New} = starl_machine:new(starl_barrier_rounds, #{}, #{
-        robot => 1, participants => [1, 2], name => barrier, incarnation => 1,
-        stored => none, random => rand:seed_s(exsss, 1), now => 0
+        robot => 1,
+        participants => [1, 2],
+        name => barrier,
+        incarnation => 1,
+        stored => none,
+        random => rand:seed_s(exsss, 1),
+        now => 0
     }),
     New.
 

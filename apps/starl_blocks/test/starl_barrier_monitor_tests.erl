@@ -123,15 +123,29 @@ finish_test() ->
 
 passed_early_test() ->
     ?assertEqual([passed_early], judge([{1, 1, reached, 1}, {2, 1, passed, 1}])),
-    ?assertEqual([passed_early], judge(all_reach() ++ [{5, 1, passed, 1}, {6, 1, reached, 2},
-                                                       {7, 1, passed, 2}])).
+    ?assertEqual(
+        [passed_early],
+        judge(
+            all_reach() ++
+                [
+                    {5, 1, passed, 1},
+                    {6, 1, reached, 2},
+                    {7, 1, passed, 2}
+                ]
+        )
+    ).
 
 out_of_order_test() ->
-    ?assertEqual([passed_out_of_order],
-                 judge(all_reach() ++ [{5, 1, passed, 1}, {6, 1, passed, 1}])),
+    ?assertEqual(
+        [passed_out_of_order],
+        judge(all_reach() ++ [{5, 1, passed, 1}, {6, 1, passed, 1}])
+    ),
     ?assertEqual([reached_out_of_order], judge([{1, 1, reached, 2}])),
-    ?assertEqual([passed_early, passed_out_of_order], judge([{1, 1, passed, 1}]) ++
-                 judge(all_reach() ++ [{5, 1, passed, 1}, {6, 1, passed, 1}])),
+    ?assertEqual(
+        [passed_early, passed_out_of_order],
+        judge([{1, 1, passed, 1}]) ++
+            judge(all_reach() ++ [{5, 1, passed, 1}, {6, 1, passed, 1}])
+    ),
     ?assertEqual([], judge(all_reach() ++ [{3, 1, reached, 1}])).
 
 %% Who has rebooted goes on with the first round that it has not passed.
@@ -153,22 +167,36 @@ damaged_test() ->
     ?assertEqual([passed_early], judge(Damaged ++ [{4, 2, reached, 2}, {5, 2, passed, 2}])),
     ?assertEqual([passed_out_of_order], judge(Damaged ++ [{4, 2, reached, 2}, {5, 2, passed, 1}])),
     ?assertEqual([reached_out_of_order], judge(Damaged ++ [{4, 2, reached, 3}])),
-    ?assertEqual([reached_out_of_order],
-                 judge(Damaged ++ [{4, 2, reached, 2}, {5, 2, reached, 3}])),
+    ?assertEqual(
+        [reached_out_of_order],
+        judge(Damaged ++ [{4, 2, reached, 2}, {5, 2, reached, 3}])
+    ),
     ?assertEqual([reached_out_of_order], judge(Damaged ++ [{4, 1, reached, 2}])).
 
 %% The round that was skipped counts as passed: it is reached once more after a crash, and passed.
 skipped_round_counts_test() ->
     Skipped = all_reach() ++ [{3, 2, damaged}, {4, 2, reached, 2}, {5, 2, crashed}],
-    ?assertEqual([], judge(Skipped ++ [{6, 2, reached, 2}, {7, 1, passed, 1}, {8, 1, reached, 2},
-                                       {9, 2, passed, 2}, {9, 2, reached, 3}])),
+    ?assertEqual(
+        [],
+        judge(
+            Skipped ++
+                [
+                    {6, 2, reached, 2},
+                    {7, 1, passed, 1},
+                    {8, 1, reached, 2},
+                    {9, 2, passed, 2},
+                    {9, 2, reached, 3}
+                ]
+        )
+    ),
     ?assertEqual([reached_out_of_order], judge(Skipped ++ [{6, 2, reached, 1}])).
 
 %% It begins a round that it has passed once more only if another robot has forgotten, too, that it
 %% had reached it, and an earlier one only if nothing is left that is stored.
 damaged_and_forgotten_test() ->
-    Far = all_reach() ++ [{3, R, passed, 1} || R <- [1, 2]] ++ [{4, R, reached, 2} || R <- [1, 2]]
-        ++ [{5, 2, passed, 2}],
+    Far =
+        all_reach() ++ [{3, R, passed, 1} || R <- [1, 2]] ++ [{4, R, reached, 2} || R <- [1, 2]] ++
+            [{5, 2, passed, 2}],
     Again = fun(Events, K) ->
         judge(Far ++ [{6, R, What} || {R, What} <- Events] ++ [{7, 2, reached, K}])
     end,
@@ -196,11 +224,26 @@ damaged_and_forgotten_test() ->
 %% All begin again, and pass; what a robot had reached it has reached, even if it begins again.
 begins_again_test() ->
     Far = all_reach() ++ [{3, R, passed, 1} || R <- [1, 2]] ++ [{4, R, reached, 2} || R <- [1, 2]],
-    ?assertEqual([], judge(Far ++ [{5, R, damaged} || R <- [1, 2]] ++
-                           [{6, R, reached, 1} || R <- [1, 2]] ++
-                           [{7, R, passed, 1} || R <- [1, 2]])),
-    ?assertEqual([], judge(Far ++ [{5, 1, crashed}, {5, 2, damaged}, {6, 2, reached, 1},
-                                   {7, 1, passed, 2}])).
+    ?assertEqual(
+        [],
+        judge(
+            Far ++ [{5, R, damaged} || R <- [1, 2]] ++
+                [{6, R, reached, 1} || R <- [1, 2]] ++
+                [{7, R, passed, 1} || R <- [1, 2]]
+        )
+    ),
+    ?assertEqual(
+        [],
+        judge(
+            Far ++
+                [
+                    {5, 1, crashed},
+                    {5, 2, damaged},
+                    {6, 2, reached, 1},
+                    {7, 1, passed, 2}
+                ]
+        )
+    ).
 
 late_pass_test() ->
     Late = all_reach() ++ [{5, 1, passed, 1}, {16, 2, passed, 1}],

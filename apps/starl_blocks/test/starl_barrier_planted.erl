@@ -17,10 +17,19 @@ start(#{variant := Variant} = Config) ->
     {ready, {Variant, #{}, Data}, Actions}.
 
 %% recreated: what comes a second time opens the entry of the next round.
-handle_event(cast, {message, From, barrier, {reached, Name, K, Known, Answer}}, ready,
-             {recreated, Seen, Data}, Meta) ->
+handle_event(
+    cast,
+    {message, From, barrier, {reached, Name, K, Known, Answer}},
+    ready,
+    {recreated, Seen, Data},
+    Meta
+) ->
     Key = {From, Name},
-    Count = case Seen of #{Key := K} -> K + 1; #{} -> K end,
+    Count =
+        case Seen of
+            #{Key := K} -> K + 1;
+            #{} -> K
+        end,
     Message = {message, From, barrier, {reached, Name, Count, Known, Answer}},
     pass(recreated, Seen#{Key => K}, ?REAL:handle_event(cast, Message, ready, Data, Meta), Data);
 %% alone: does not wait for those that it has not heard of when it first asks.
@@ -47,11 +56,16 @@ hastened_actions([{store, _}, {trace, {passed, _, _}} = Passed | Actions]) -> [P
 hastened_actions([Action | Actions]) -> [Action | hastened_actions(Actions)];
 hastened_actions([]) -> [].
 
-pass(Variant, Seen, {keep_state, Next, Actions}, _) -> {keep_state, {Variant, Seen, Next}, Actions};
-pass(Variant, Seen, {keep_state, Next}, _) -> {keep_state, {Variant, Seen, Next}, []};
-pass(Variant, Seen, {keep_state_and_data, Actions}, D) -> {keep_state, {Variant, Seen, D}, Actions};
-pass(Variant, Seen, keep_state_and_data, Data) -> {keep_state, {Variant, Seen, Data}, []};
-pass(_, _, unknown_event, _) -> unknown_event.
+pass(Variant, Seen, {keep_state, Next, Actions}, _) ->
+    {keep_state, {Variant, Seen, Next}, Actions};
+pass(Variant, Seen, {keep_state, Next}, _) ->
+    {keep_state, {Variant, Seen, Next}, []};
+pass(Variant, Seen, {keep_state_and_data, Actions}, D) ->
+    {keep_state, {Variant, Seen, D}, Actions};
+pass(Variant, Seen, keep_state_and_data, Data) ->
+    {keep_state, {Variant, Seen, Data}, []};
+pass(_, _, unknown_event, _) ->
+    unknown_event.
 
 next({keep_state, Next, _}, _) -> Next;
 next(_, Data) -> Data.

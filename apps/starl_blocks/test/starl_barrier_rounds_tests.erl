@@ -44,10 +44,14 @@ stores_no_guess_test() ->
 %% as they themselves know for sure, may be passed, and counts as such.
 damaged_test() ->
     Next = fun(Told) ->
-        Knows = lists:foldl(fun({From, Sure, At, Mine}, B) ->
-            {[], Learned} = told(From, Sure, [{gate, At, Mine, 1}], B),
-            Learned
-        end, start(damaged), Told),
+        Knows = lists:foldl(
+            fun({From, Sure, At, Mine}, B) ->
+                {[], Learned} = told(From, Sure, [{gate, At, Mine, 1}], B),
+                Learned
+            end,
+            start(damaged),
+            Told
+        ),
         {[{reply, ?APP, Round}], _} = call({round, gate}, Knows),
         Round
     end,
@@ -64,8 +68,10 @@ answers_when_it_knows_test() ->
     ?assertMatch({[{reply, ?APP, 5}], _}, told(3, true, [{gate, 4, 4, 3}], B2)),
     {_, B3} = call({resume, gate, 4}, B1),
     [
-        ?assertMatch({[{store, _}, {trace, {reached, gate, 4}} | _], _},
-                     call({sync, gate, 4, 5000}, B))
+        ?assertMatch(
+            {[{store, _}, {trace, {reached, gate, 4}} | _], _},
+            call({sync, gate, 4, 5000}, B)
+        )
      || B <- [B1, B3]
     ].
 
@@ -91,8 +97,13 @@ stored(Actions) -> {stored, hd([Term || {store, Term} <- Actions])}.
 
 start(Stored) ->
     {ready, Barrier, _} = starl_barrier_rounds:init(#{
-        robot => 1, participants => starl_team:new([1, 2, 3]), name => barrier, incarnation => 2,
-        stored => Stored, random => rand:seed_s(exsss, 1), now => 0
+        robot => 1,
+        participants => starl_team:new([1, 2, 3]),
+        name => barrier,
+        incarnation => 2,
+        stored => Stored,
+        random => rand:seed_s(exsss, 1),
+        now => 0
     }),
     Barrier.
 

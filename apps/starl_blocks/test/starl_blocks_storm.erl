@@ -7,15 +7,27 @@
 %% Faults at any time of the first twenty seconds, on a bad network, with drifting clocks.
 storm(Machine) when is_atom(Machine) -> storm([Machine, Machine]);
 storm(Machines) ->
-    {oneof(lists:seq(1, 1000)), oneof([0.0, 0.1, 0.4]), oneof([0.0, 0.3]),
-     oneof([{5, 20}, {5, 400}]), oneof([50, 10000]),
-     resize(5, list({range(0, 200), range(1, 4), oneof(Machines ++ [sap, app, robot])}))}.
+    {
+        oneof(lists:seq(1, 1000)),
+        oneof([0.0, 0.1, 0.4]),
+        oneof([0.0, 0.3]),
+        oneof([{5, 20}, {5, 400}]),
+        oneof([50, 10000]),
+        resize(5, list({range(0, 200), range(1, 4), oneof(Machines ++ [sap, app, robot])}))
+    }.
 
 %% What came of it: the outcome of the run.
 run(App, {Seed, Loss, Duplicate, Delay, Drift, Strikes}, Options) ->
     Given = Options#{
-        app => App, robots => 4, time => 90, seed => Seed, loss => Loss, duplicate => Duplicate,
-        delay => Delay, clock_drift => Drift, faults => faults(Strikes)
+        app => App,
+        robots => 4,
+        time => 90,
+        seed => Seed,
+        loss => Loss,
+        duplicate => Duplicate,
+        delay => Delay,
+        clock_drift => Drift,
+        faults => faults(Strikes)
     },
     starl_platform_ct:quietly(fun() ->
         {ok, Sim} = starl_sim:start(Given),
@@ -48,10 +60,14 @@ name(N) -> starl_platform_ct:fault_id(fault_, N).
 %% The N-th storm of a series: a function of N alone.
 drawn(N, Machine) ->
     Draw = fun(What, Range) -> erlang:phash2({N, What}, Range) end,
-    {N, lists:nth(1 + Draw(loss, 3), [0.0, 0.2, 0.4]), 0.2, {5, 20 + 200 * Draw(delay, 2)}, 10000,
-     [{Draw({at, I}, 200), 1 + Draw({robot, I}, 4),
-       lists:nth(1 + Draw({kind, I}, 4), [Machine, Machine, app, robot])}
-      || I <- lists:seq(1, Draw(count, 5))]}.
+    {N, lists:nth(1 + Draw(loss, 3), [0.0, 0.2, 0.4]), 0.2, {5, 20 + 200 * Draw(delay, 2)}, 10000, [
+            {
+                Draw({at, I}, 200),
+                1 + Draw({robot, I}, 4),
+                lists:nth(1 + Draw({kind, I}, 4), [Machine, Machine, app, robot])
+            }
+         || I <- lists:seq(1, Draw(count, 5))
+        ]}.
 
 %% The violations of one contract, logged.
 broken(Contract, #{violations := Violations}) ->

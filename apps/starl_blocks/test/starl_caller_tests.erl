@@ -70,8 +70,11 @@ mistakes_test_() ->
         {lists:flatten(io_lib:format("~tp ~tp", [Fun, Given])), fun() ->
             ?assertError(
                 {bad_argument, #{
-                    function := {_, _, _}, argument := Argument, given := Given,
-                    expected := [_ | _], application := none
+                    function := {_, _, _},
+                    argument := Argument,
+                    given := Given,
+                    expected := [_ | _],
+                    application := none
                 }},
                 Fun(Given)
             )

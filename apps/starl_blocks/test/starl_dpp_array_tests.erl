@@ -16,6 +16,8 @@ puts(Size, Rand) ->
         {Empty, #{}, Rand},
         lists:seq(1, 2 * Size)
     ),
-    [?assertEqual({N, maps:get(N, Map, none)}, {N, starl_dpp_array:get(N, Array)})
-     || N <- lists:seq(1, Size)],
+    [
+        ?assertEqual({N, maps:get(N, Map, none)}, {N, starl_dpp_array:get(N, Array)})
+     || N <- lists:seq(1, Size)
+    ],
     [?assertEqual(none, starl_dpp_array:get(N, Empty)) || N <- [1, Size]].

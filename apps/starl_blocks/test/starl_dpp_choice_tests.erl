@@ -29,8 +29,10 @@ up_to_the_horizon_test() ->
     {ok, Plan0} = starl_dpp_plan:new((config([{At, {3000.0, 5000.0}}]))#{edge_length => 100.0}),
     Plan1 = starl_dpp_plan:standing(2, {7000.0, 7000.0}, Plan0),
     View = starl_dpp_plan:view(1, starl_dpp_plan:standing(1, At, Plan1)),
-    [?assertEqual({Horizon, N}, {Horizon, length(painted(At, View, Horizon))})
-     || {Horizon, N} <- [{50.0, 1}, {450.0, 5}, {1500.0, 10}]].
+    [
+        ?assertEqual({Horizon, N}, {Horizon, length(painted(At, View, Horizon))})
+     || {Horizon, N} <- [{50.0, 1}, {450.0, 5}, {1500.0, 10}]
+    ].
 
 %% Lines are begun at no more than 40 places, the nearest ones: of those the best is taken, though a
 %% line farther away has more ink for what it costs.
@@ -59,7 +61,8 @@ plain(#{robot := Robot} = View) ->
     {_, Visited} = starl_dpp_search:run(Starts, Space, Visit, []),
     Chains = [
         {score(V, Cost, Chain, View), [E || {E, _, _} <- Chain]}
-     || {V, Cost, In} <- lists:reverse(Visited), Step <- open(V, [], Space, View),
+     || {V, Cost, In} <- lists:reverse(Visited),
+        Step <- open(V, [], Space, View),
         Chain <- [chain(Step, In, [], Space, View)]
     ],
     case Chains of
@@ -71,7 +74,11 @@ better({Score, _} = Chain, {Best, _}) when Score > Best -> Chain;
 better(_Chain, Best) -> Best.
 
 score(V, Cost, Chain, #{free := Free}) ->
-    Middle = case length(starl_dpp_free:steps(V, Free)) rem 2 of 0 -> 0.7; 1 -> 1.0 end,
+    Middle =
+        case length(starl_dpp_free:steps(V, Free)) rem 2 of
+            0 -> 0.7;
+            1 -> 1.0
+        end,
     Ink = lists:sum([Mm || {_, Mm, _} <- Chain]),
     Middle * Ink / (Cost + Ink + lists:sum([Turn || {_, _, Turn} <- Chain]) + 100.0).
 
@@ -88,8 +95,13 @@ chain({E, W, Length, Out}, In, Used, #{turn_mm := TurnMm} = Space, View) ->
     end.
 
 open(V, Used, #{masks := Masks, own := Own}, #{free := Free, graph := Graph}) ->
-    [Step || {E, _, _, _} = Step <- starl_dpp_graph:lines(V, Graph), starl_dpp_free:has(E, Free),
-             starl_dpp_array:get(E, Masks) band (bnot Own) =:= 0, not lists:member(E, Used)].
+    [
+        Step
+     || {E, _, _, _} = Step <- starl_dpp_graph:lines(V, Graph),
+        starl_dpp_free:has(E, Free),
+        starl_dpp_array:get(E, Masks) band (bnot Own) =:= 0,
+        not lists:member(E, Used)
+    ].
 
 %% Up to nine lines, some of which cross, some of whose parts are taken, and a robot among them.
 %% They have no more ends than a search tries.
@@ -99,8 +111,11 @@ drawn(Rand0) ->
     {ok, Plan0} = starl_dpp_plan:new((config(Segments))#{edge_length => 900.0}),
     At = {2000.0 + 5000.0 * X, 2000.0 + 5000.0 * Y},
     Plan1 = starl_dpp_plan:standing(2, {2000.0 + 5000.0 * P, 2000.0 + 5000.0 * Q}, Plan0),
-    Taken = [E || E <- lists:seq(1, maps:get(total, starl_dpp_plan:counts(Plan0))),
-                  lists:nth(E, Numbers ++ Numbers) < 0.2],
+    Taken = [
+        E
+     || E <- lists:seq(1, maps:get(total, starl_dpp_plan:counts(Plan0))),
+        lists:nth(E, Numbers ++ Numbers) < 0.2
+    ],
     Plan = starl_dpp_plan:mark_painted(Taken, starl_dpp_plan:standing(1, At, Plan1)),
     {starl_dpp_plan:view(1, Plan), At}.
 

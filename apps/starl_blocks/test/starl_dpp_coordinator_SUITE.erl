@@ -9,18 +9,32 @@
 
 -export([suite/0, all/0]).
 -export([
-    nothing_is_assigned_before_all_are_known/1, nothing_is_assigned_without_votes/1,
-    votes_run_out/1, wrong_clock_voids_votes/1, refused_for_a_later_term/1,
-    after_the_end_all_is_traced/1, old_stamp_gives_no_lease/1, each_request_is_answered_once/1, old_request_is_ignored/1,
-    late_clear_frees_nothing/1, clear_frees_what_is_behind/1, lost_assignment_stays_reserved/1,
-    other_terms_are_ignored/1, recovered_reservation_is_kept/1,
-    silent_robot_keeps_all_until_its_lease_ends/1, heard_again_while_looked_for/1, late_report_of_a_silent_robot/1,
+    nothing_is_assigned_before_all_are_known/1,
+    nothing_is_assigned_without_votes/1,
+    votes_run_out/1,
+    wrong_clock_voids_votes/1,
+    refused_for_a_later_term/1,
+    after_the_end_all_is_traced/1,
+    old_stamp_gives_no_lease/1,
+    each_request_is_answered_once/1,
+    old_request_is_ignored/1,
+    late_clear_frees_nothing/1,
+    clear_frees_what_is_behind/1,
+    lost_assignment_stays_reserved/1,
+    other_terms_are_ignored/1,
+    recovered_reservation_is_kept/1,
+    silent_robot_keeps_all_until_its_lease_ends/1,
+    heard_again_while_looked_for/1,
+    late_report_of_a_silent_robot/1,
     unreachable_unknown_robot_ends/1
 ]).
 
 -define(CONFIG, #{
     segments => [{{3000.0, 3000.0}, {7000.0, 3000.0}}, {{3000.0, 7000.0}, {7000.0, 7000.0}}],
-    world => {10000.0, 10000.0}, tube_radius => 220.0, slack => 10.0, horizon => 2000.0,
+    world => {10000.0, 10000.0},
+    tube_radius => 220.0,
+    slack => 10.0,
+    horizon => 2000.0,
     seed => 1
 }).
 -define(S, 1000000).
@@ -29,12 +43,22 @@ suite() -> [{timetrap, {minutes, 2}}].
 
 all() ->
     [
-        nothing_is_assigned_before_all_are_known, nothing_is_assigned_without_votes,
-        votes_run_out, wrong_clock_voids_votes, refused_for_a_later_term,
-        after_the_end_all_is_traced, old_stamp_gives_no_lease, each_request_is_answered_once, old_request_is_ignored,
-        late_clear_frees_nothing, clear_frees_what_is_behind, lost_assignment_stays_reserved,
-        other_terms_are_ignored, recovered_reservation_is_kept,
-        silent_robot_keeps_all_until_its_lease_ends, heard_again_while_looked_for,
+        nothing_is_assigned_before_all_are_known,
+        nothing_is_assigned_without_votes,
+        votes_run_out,
+        wrong_clock_voids_votes,
+        refused_for_a_later_term,
+        after_the_end_all_is_traced,
+        old_stamp_gives_no_lease,
+        each_request_is_answered_once,
+        old_request_is_ignored,
+        late_clear_frees_nothing,
+        clear_frees_what_is_behind,
+        lost_assignment_stays_reserved,
+        other_terms_are_ignored,
+        recovered_reservation_is_kept,
+        silent_robot_keeps_all_until_its_lease_ends,
+        heard_again_while_looked_for,
         late_report_of_a_silent_robot,
         unreachable_unknown_robot_ends
     ].
@@ -59,7 +83,8 @@ nothing_is_assigned_without_votes(_) ->
             {_, Next} = state(R, {standing, spot(R)}, {0, 0, R =:= 2}, C),
             Next
         end,
-        C1, [2, 3, 1]
+        C1,
+        [2, 3, 1]
     ),
     {Actions, C3} = ask(1, 1, spot(1), C2),
     ?assertEqual([], answers(Actions)),
@@ -243,7 +268,8 @@ at_beats(Seconds, C) ->
             {_, C1} = at(T * ?S, {timeout, beat}, beat, C0),
             voted(T, C1)
         end,
-        C, Seconds
+        C,
+        Seconds
     ).
 
 voted(T, C) ->
@@ -291,8 +317,14 @@ held(Robot, C) ->
     starl_dpp_plan:held(Robot, Plan).
 
 records(Tag, Record) ->
-    [R || R <- tuple_to_list(Record), is_tuple(R), R =/= {}, element(1, R) =:= Tag,
-          tuple_size(R) > 5].
+    [
+        R
+     || R <- tuple_to_list(Record),
+        is_tuple(R),
+        R =/= {},
+        element(1, R) =:= Tag,
+        tuple_size(R) > 5
+    ].
 
 spot(Robot) ->
     {ok, Plan} = starl_dpp_plan:new(maps:put(robots, [1, 2], ?CONFIG)),

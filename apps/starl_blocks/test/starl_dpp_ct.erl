@@ -8,8 +8,13 @@ base(Robot, Name, Life, Team) -> base(Robot, Name, Life, Team, none).
 
 base(Robot, Name, Life, Team, Stored) ->
     #{
-        robot => Robot, participants => Team, name => Name, incarnation => Life, stored => Stored,
-        random => rand:seed_s(exsss, 1), now => 0
+        robot => Robot,
+        participants => Team,
+        name => Name,
+        incarnation => Life,
+        stored => Stored,
+        random => rand:seed_s(exsss, 1),
+        now => 0
     }.
 
 %% An event at time 0, or at a time in us.

@@ -197,7 +197,8 @@ vote(Stored) -> starl_dpp_vote:new(#{stored => Stored, now => 0}).
 voted(Robots, Seq, Lease) ->
     lists:foldl(fun(R, L) -> starl_dpp_lease:voted(R, Seq, true, L) end, Lease, Robots).
 
-subsets([]) -> [[]];
+subsets([]) ->
+    [[]];
 subsets([X | Rest]) ->
     Less = subsets(Rest),
     Less ++ [[X | S] || S <- Less].

@@ -37,8 +37,14 @@ drive(T, X, Y, Heading) -> starl_trajectory:piece(T, {X, Y}, Heading, 100.0, 0.0
 %%% Reservations
 
 disjoint_tubes_test() ->
-    ?assertEqual([], judge([assigned(1, 1, level(0.0)), assigned(2, 2, level(200.0)),
-                            assigned(3, 3, level(-300.0))])).
+    ?assertEqual(
+        [],
+        judge([
+            assigned(1, 1, level(0.0)),
+            assigned(2, 2, level(200.0)),
+            assigned(3, 3, level(-300.0))
+        ])
+    ).
 
 tubes_at_the_limit_test() ->
     Pair = fun(Y) -> judge([assigned(1, 1, level(0.0)), assigned(2, 2, level(Y))]) end,
@@ -48,18 +54,26 @@ tubes_at_the_limit_test() ->
 
 crossing_tubes_test() ->
     Across = [{{250.0, -900.0}, {250.0, 900.0}}],
-    ?assertEqual([{tubes_overlap, [1, 2]}],
-                 judge([assigned(1, 2, level(0.0)), assigned(2, 1, Across)])).
+    ?assertEqual(
+        [{tubes_overlap, [1, 2]}],
+        judge([assigned(1, 2, level(0.0)), assigned(2, 1, Across)])
+    ).
 
 standing_robot_has_a_tube_test() ->
     Stand = [{{250.0, 150.0}, {250.0, 150.0}}],
-    ?assertEqual([{tubes_overlap, [1, 2]}],
-                 judge([reserved(1, 2, Stand), assigned(2, 1, level(0.0))])).
+    ?assertEqual(
+        [{tubes_overlap, [1, 2]}],
+        judge([reserved(1, 2, Stand), assigned(2, 1, level(0.0))])
+    ).
 
 only_the_last_edge_overlaps_test() ->
     Far = [{{0.0, 900.0}, {900.0, 900.0}}, {{900.0, 900.0}, {900.0, 199.0}}],
-    ?assertEqual([{tubes_overlap, [1, 3]}], judge([
-        assigned(1, 1, level(0.0)), assigned(2, 2, level(-5000.0)), assigned(3, 3, Far)])).
+    ?assertEqual(
+        [{tubes_overlap, [1, 3]}],
+        judge([
+            assigned(1, 1, level(0.0)), assigned(2, 2, level(-5000.0)), assigned(3, 3, Far)
+        ])
+    ).
 
 own_former_tube_does_not_count_test() ->
     ?assertEqual([], judge([assigned(1, 1, level(0.0)), assigned(2, 1, level(1.0))])).
@@ -67,35 +81,66 @@ own_former_tube_does_not_count_test() ->
 shrunk_reservation_frees_space_test() ->
     Shrunk = [{{0.0, 0.0}, {200.0, 0.0}}],
     Across = [{{500.0, -900.0}, {500.0, 900.0}}],
-    ?assertEqual([], judge([assigned(1, 1, level(0.0)), reserved(2, 1, Shrunk),
-                            assigned(3, 2, Across)])),
-    ?assertEqual([], judge([assigned(1, 1, level(0.0)), reserved(2, 1, []),
-                            assigned(3, 2, level(0.0))])).
+    ?assertEqual(
+        [],
+        judge([
+            assigned(1, 1, level(0.0)),
+            reserved(2, 1, Shrunk),
+            assigned(3, 2, Across)
+        ])
+    ),
+    ?assertEqual(
+        [],
+        judge([
+            assigned(1, 1, level(0.0)),
+            reserved(2, 1, []),
+            assigned(3, 2, level(0.0))
+        ])
+    ).
 
 %% What is left of a reservation that overlaps another overlaps it still, and is told again.
 overlapping_rest_test() ->
     [First, Last] = level(0.0),
     Across = fun(X) -> [{{X, -900.0}, {X, 900.0}}] end,
-    ?assertEqual([{tubes_overlap, [1, 2]}, {tubes_overlap, [1, 2]}], judge([
-        assigned(1, 1, Across(900.0)), assigned(2, 2, [First, Last]), reserved(3, 2, [Last])])).
+    ?assertEqual(
+        [{tubes_overlap, [1, 2]}, {tubes_overlap, [1, 2]}],
+        judge([
+            assigned(1, 1, Across(900.0)), assigned(2, 2, [First, Last]), reserved(3, 2, [Last])
+        ])
+    ).
 
 %% Only the end of a reservation is a part of it.
 other_reservation_test() ->
     Away = [{{0.0, 900.0}, {500.0, 900.0}}],
-    ?assertEqual([{tubes_overlap, [1, 2]}], judge([
-        assigned(1, 1, level(0.0)), assigned(2, 2, Away ++ level(300.0)),
-        reserved(3, 2, Away ++ level(100.0))])).
+    ?assertEqual(
+        [{tubes_overlap, [1, 2]}],
+        judge([
+            assigned(1, 1, level(0.0)),
+            assigned(2, 2, Away ++ level(300.0)),
+            reserved(3, 2, Away ++ level(100.0))
+        ])
+    ).
 
 reservation_that_grows_back_test() ->
     %% A late Clear that frees space which the robot is back in.
-    ?assertEqual([{tubes_overlap, [1, 2]}],
-                 judge([assigned(1, 1, level(0.0)), reserved(2, 1, []),
-                        assigned(3, 2, level(0.0)), reserved(4, 1, level(0.0))])).
+    ?assertEqual(
+        [{tubes_overlap, [1, 2]}],
+        judge([
+            assigned(1, 1, level(0.0)),
+            reserved(2, 1, []),
+            assigned(3, 2, level(0.0)),
+            reserved(4, 1, level(0.0))
+        ])
+    ).
 
 new_coordinator_starts_empty_test() ->
     Change = fun(Term) ->
-        judge([{0, 9, dpp_coordinator, {coordinator, 1}}, assigned(1, 1, level(0.0)),
-               {2, 8, dpp_coordinator, {coordinator, Term}}, assigned(3, 8, 2, level(0.0))])
+        judge([
+            {0, 9, dpp_coordinator, {coordinator, 1}},
+            assigned(1, 1, level(0.0)),
+            {2, 8, dpp_coordinator, {coordinator, Term}},
+            assigned(3, 8, 2, level(0.0))
+        ])
     end,
     ?assertEqual([], Change(2)),
     ?assertEqual([{two_coordinators, [8, 9]}, {tubes_overlap, [1, 2]}], Change(1)).
@@ -105,8 +150,10 @@ two_coordinators_test() ->
     Begin = [{0, 9, dpp_coordinator, {coordinator, 1}}, assigned(1, 1, level(0.0))],
     Next = [{2, 8, dpp_coordinator, {coordinator, 2}}, reserved(2, 1, level(0.0))],
     ?assertEqual([], judge(Begin ++ [assigned(3, 9, 2, level(900.0))] ++ Next)),
-    ?assertEqual([{two_coordinators, [8, 9]}],
-                 judge(Begin ++ Next ++ [assigned(3, 9, 2, level(900.0))])),
+    ?assertEqual(
+        [{two_coordinators, [8, 9]}],
+        judge(Begin ++ Next ++ [assigned(3, 9, 2, level(900.0))])
+    ),
     {[], Results} = run(Begin ++ Next ++ [{4, 8, dpp_coordinator, {coordinator, 3}}], 9),
     ?assertMatch(#{coordinators := [9, 8]}, Results).
 
@@ -126,11 +173,17 @@ two_leaders_test() ->
 %% what it reserves is nobody's, what it opens hides nothing. A lease is 10 s here, a jump 2 s.
 deluded_leader_test() ->
     Coordinates = fun(T, Robot, Event) -> {T * ?S, Robot, dpp_coordinator, Event} end,
-    Begin = [Coordinates(0, 9, {leads, {1, 9, 1}}), Coordinates(0, 9, {coordinator, {1, 9, 1}}),
-             Coordinates(20, 8, {leads, {2, 8, 1}}), Coordinates(20, 8, {coordinator, {2, 8, 1}}),
-             Coordinates(20, 8, {reserved, 1, level(0.0)})],
-    Two = [Coordinates(21, 9, {reserved, 2, level(100.0)}),
-           Coordinates(21, 9, {assigned, 2, {2, 1}, level(100.0)})],
+    Begin = [
+        Coordinates(0, 9, {leads, {1, 9, 1}}),
+        Coordinates(0, 9, {coordinator, {1, 9, 1}}),
+        Coordinates(20, 8, {leads, {2, 8, 1}}),
+        Coordinates(20, 8, {coordinator, {2, 8, 1}}),
+        Coordinates(20, 8, {reserved, 1, level(0.0)})
+    ],
+    Two = [
+        Coordinates(21, 9, {reserved, 2, level(100.0)}),
+        Coordinates(21, 9, {assigned, 2, {2, 1}, level(100.0)})
+    ],
     Judge = fun(Events, Broken) ->
         Config = #{tube_radius => ?TUBE, r_s => ?R_S, robots => [7, 8, 9], broken => Broken},
         M0 = starl_monitor:new([{starl_dpp_monitor, Config}]),
@@ -140,8 +193,10 @@ deluded_leader_test() ->
     Stood = fun(Robot, From, To) -> [{Robot, From, To, {clock, From - To}}] end,
     ?assertEqual([tubes_overlap, two_coordinators], Judge(Begin ++ Two, [])),
     ?assertEqual([], Judge(Begin ++ Two, Stood(9, 18 * ?S, 20 * ?S + 1))),
-    ?assertEqual([tubes_overlap, two_coordinators],
-                 Judge(Begin ++ Two, Stood(9, 18 * ?S, 20 * ?S - 20001))),
+    ?assertEqual(
+        [tubes_overlap, two_coordinators],
+        Judge(Begin ++ Two, Stood(9, 18 * ?S, 20 * ?S - 20001))
+    ),
     %% long ago, by its clock, or after that, or of another robot's clock
     ?assertEqual([], Judge(Begin ++ Two, Stood(9, ?S, 11 * ?S))),
     ?assertEqual([tubes_overlap, two_coordinators], Judge(Begin ++ Two, Stood(9, 0, 10 * ?S))),
@@ -157,10 +212,14 @@ deluded_leader_test() ->
     ?assertEqual([moves_without_lease], Judge(Begin ++ By ++ Off, Stood(9, 15 * ?S, 20 * ?S))),
     %% it may come to lead again
     Again = [Coordinates(23, 9, {leads, {3, 9, 1}}), Coordinates(23, 9, {coordinator, {3, 9, 1}})],
-    Then = [Coordinates(23, 9, {assigned, 1, {1, 1}, level(300.0)}),
-            Coordinates(24, 8, {assigned, 1, {1, 1}, level(300.0)})],
-    ?assertEqual([two_coordinators],
-                 Judge(Begin ++ Two ++ Again ++ Then, Stood(9, 15 * ?S, 20 * ?S))).
+    Then = [
+        Coordinates(23, 9, {assigned, 1, {1, 1}, level(300.0)}),
+        Coordinates(24, 8, {assigned, 1, {1, 1}, level(300.0)})
+    ],
+    ?assertEqual(
+        [two_coordinators],
+        Judge(Begin ++ Two ++ Again ++ Then, Stood(9, 15 * ?S, 20 * ?S))
+    ).
 
 %% Without time two runs are alike if the same robot has led last and the same is reserved.
 timeless_test() ->
@@ -200,13 +259,23 @@ standing_without_lease_test() ->
     ?assertEqual([], judge([reserved(1, 1, level(0.0)), motion(2, 1, stand(5000.0, 0.0))])).
 
 new_coordinator_must_learn_first_test() ->
-    ?assertEqual([{tubes_overlap, [1, 2]}], judge([
-        assigned(1, 1, level(0.0)), {2, 8, dpp_coordinator, {coordinator, 2}},
-        assigned(3, 8, 2, level(0.0)), reserved(4, 1, level(0.0))])).
+    ?assertEqual(
+        [{tubes_overlap, [1, 2]}],
+        judge([
+            assigned(1, 1, level(0.0)),
+            {2, 8, dpp_coordinator, {coordinator, 2}},
+            assigned(3, 8, 2, level(0.0)),
+            reserved(4, 1, level(0.0))
+        ])
+    ).
 
 dead_robots_keep_their_tube_test() ->
-    ?assertEqual([{tubes_overlap, [1, 2]}], judge([
-        assigned(1, 1, level(0.0)), {2, 1, robot, {died, killed}}, assigned(3, 2, level(0.0))])).
+    ?assertEqual(
+        [{tubes_overlap, [1, 2]}],
+        judge([
+            assigned(1, 1, level(0.0)), {2, 1, robot, {died, killed}}, assigned(3, 2, level(0.0))
+        ])
+    ).
 
 %% A robot of which more is known than what its tube has room for is held to that.
 own_tracking_radius_test() ->
@@ -226,8 +295,12 @@ own_tracking_radius_test() ->
 %% Every overlap at one change is reported.
 all_overlaps_are_reported_test() ->
     Across = [{{250.0, -900.0}, {250.0, 900.0}}],
-    ?assertEqual([{tubes_overlap, [1, 3]}, {tubes_overlap, [2, 3]}], judge([
-        assigned(1, 1, level(0.0)), assigned(2, 2, level(400.0)), assigned(3, 3, Across)])).
+    ?assertEqual(
+        [{tubes_overlap, [1, 3]}, {tubes_overlap, [2, 3]}],
+        judge([
+            assigned(1, 1, level(0.0)), assigned(2, 2, level(400.0)), assigned(3, 3, Across)
+        ])
+    ).
 
 %% How near they are, and how near they may be.
 overlap_in_full_test() ->
@@ -264,16 +337,20 @@ too_close_test() ->
 
 %% Two robots cross the same point a little after one another, between any ticks.
 too_close_while_passing_test() ->
-    Two = [motion(0, 1, drive(0, 0.0, 0.0, 0.0)),
-           motion(0, 2, drive(0, 1000.0, 250.0, math:pi()))],
+    Two = [
+        motion(0, 1, drive(0, 0.0, 0.0, 0.0)),
+        motion(0, 2, drive(0, 1000.0, 250.0, math:pi()))
+    ],
     {[#{what := too_close, at_us := At, details := #{distance_mm := D}}], _} = run(Two, 20 * ?S),
     ?assertEqual(5 * ?S, At),
     ?assert(abs(D - 250.0) < 1.0e-6).
 
 %% A run is told as soon as the slice is over, by whatever event comes next, of any robot.
 too_close_is_told_during_the_run_test() ->
-    Passing = [motion(0, 1, drive(0, 0.0, 0.0, 0.0)),
-               motion(0, 2, drive(0, 1000.0, 250.0, math:pi()))],
+    Passing = [
+        motion(0, 1, drive(0, 0.0, 0.0, 0.0)),
+        motion(0, 2, drive(0, 1000.0, 250.0, math:pi()))
+    ],
     M0 = starl_monitor:new([{starl_dpp_monitor, #{tube_radius => ?TUBE, r_s => ?R_S}}]),
     Step = fun(T, M) -> step({T, 9, dpp_coordinator, {silent, 9}}, {[], M}) end,
     {[], M1} = lists:foldl(fun step/2, {[], M0}, Passing),
@@ -284,8 +361,10 @@ too_close_is_told_during_the_run_test() ->
     ?assertMatch({[], _}, starl_monitor:finish(20 * ?S, M3)).
 
 passing_at_a_distance_test() ->
-    Two = [motion(0, 1, drive(0, 0.0, 0.0, 0.0)),
-           motion(0, 2, drive(0, 1000.0, 300.0, math:pi()))],
+    Two = [
+        motion(0, 1, drive(0, 0.0, 0.0, 0.0)),
+        motion(0, 2, drive(0, 1000.0, 300.0, math:pi()))
+    ],
     ?assertEqual([], judge(Two, 20 * ?S)).
 
 dead_robot_stays_test() ->
@@ -304,9 +383,15 @@ single_robot_test() ->
     ?assertMatch(#{min_separation_mm := infinity}, Results).
 
 counts_test() ->
-    {[], Results} = run([assigned(1, 1, level(0.0)), assigned(2, 2, level(900.0)),
-                         reserved(3, 2, level(900.0)),
-                         {4, 9, dpp_coordinator, {deadlock_resolved, [1, 2]}}], ?S),
+    {[], Results} = run(
+        [
+            assigned(1, 1, level(0.0)),
+            assigned(2, 2, level(900.0)),
+            reserved(3, 2, level(900.0)),
+            {4, 9, dpp_coordinator, {deadlock_resolved, [1, 2]}}
+        ],
+        ?S
+    ),
     ?assertMatch(#{assignments := 2, deadlocks_resolved := 1}, Results).
 
 %% What the two machines may trace, and with how much.
@@ -315,8 +400,16 @@ vocabulary_test() ->
     ?assertEqual([{stale_answer, 3}, {void, 1}], lists:sort(Participant)),
     ?assertEqual(
         [
-            {assigned, 3}, {claims, 1}, {coordinator, 1}, {deadlock_resolved, 1}, {leads, 1},
-            {malformed, 2}, {reserved, 2}, {silent, 1}, {stepped_down, 1}, {unreachable, 1}
+            {assigned, 3},
+            {claims, 1},
+            {coordinator, 1},
+            {deadlock_resolved, 1},
+            {leads, 1},
+            {malformed, 2},
+            {reserved, 2},
+            {silent, 1},
+            {stepped_down, 1},
+            {unreachable, 1}
         ],
         lists:sort(Coordinator)
     ).
@@ -324,7 +417,9 @@ vocabulary_test() ->
 %% Of two ways the least distance is told, and of a robot that is on none of its lines the least
 %% way to one, with whose it is.
 details_test() ->
-    {[Overlap], _} = run([assigned(1, 1, level(0.0)), assigned(2, 2, level(50.0) ++ level(90.0))], 2),
+    {[Overlap], _} = run(
+        [assigned(1, 1, level(0.0)), assigned(2, 2, level(50.0) ++ level(90.0))], 2
+    ),
     #{details := #{distance_mm := Distance, limit_mm := Limit}} = Overlap,
     ?assertEqual({50.0, 200.0}, {Distance, Limit}),
     {[Off], _} = run(

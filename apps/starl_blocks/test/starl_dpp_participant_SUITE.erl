@@ -8,20 +8,44 @@
 
 -export([suite/0, all/0]).
 -export([
-    request_certifies_the_place/1, request_without_coordinator/1, answer_is_taken_once/1,
-    stale_answers_are_refused/1, answer_in_no_time/1, asked_to_ask_again/1,
+    request_certifies_the_place/1,
+    request_without_coordinator/1,
+    answer_is_taken_once/1,
+    stale_answers_are_refused/1,
+    answer_in_no_time/1,
+    asked_to_ask_again/1,
     lost_answer_is_asked_for_again/1,
-    lost_pose_is_asked_for_again/1, ids_ascend_over_a_crash/1, recover_while_standing/1,
-    recover_while_moving/1, recover_while_asking/1, crash_stops_the_robot/1,
-    crashed_robot_does_not_vote/1, earlier_term_is_refused/1, vote_is_kept/1,
-    leader_is_followed_without_vote/1, lease_ends_for_good/1, faces_only_by_lease/1,
-    failed_drive_is_told_once/1, faced_is_told_once/1, answers_tell_of_paint/1, beats_prolong_lease/1,
-    late_assignment_is_void/1, missing_coordinator_is_replaced/1,
-    painted_goes_with_the_next_request/1, passed_is_told_now_and_then/1,
-    term_is_stored_first/1, reboot_forgets_no_term/1, reboot_tells_its_place/1,
-    damaged_term_is_the_highest/1, wrong_clock_is_told/1, short_lease_is_answered_more_often/1,
-    own_coordinator_hears_of_each_term/1, no_answer_at_all/1, unsent_request_is_sent_again/1,
-    crashed_sap_is_told_who_listens/1, crashed_motion_is_told_to_go_on/1
+    lost_pose_is_asked_for_again/1,
+    ids_ascend_over_a_crash/1,
+    recover_while_standing/1,
+    recover_while_moving/1,
+    recover_while_asking/1,
+    crash_stops_the_robot/1,
+    crashed_robot_does_not_vote/1,
+    earlier_term_is_refused/1,
+    vote_is_kept/1,
+    leader_is_followed_without_vote/1,
+    lease_ends_for_good/1,
+    faces_only_by_lease/1,
+    failed_drive_is_told_once/1,
+    faced_is_told_once/1,
+    answers_tell_of_paint/1,
+    beats_prolong_lease/1,
+    late_assignment_is_void/1,
+    missing_coordinator_is_replaced/1,
+    painted_goes_with_the_next_request/1,
+    passed_is_told_now_and_then/1,
+    term_is_stored_first/1,
+    reboot_forgets_no_term/1,
+    reboot_tells_its_place/1,
+    damaged_term_is_the_highest/1,
+    wrong_clock_is_told/1,
+    short_lease_is_answered_more_often/1,
+    own_coordinator_hears_of_each_term/1,
+    no_answer_at_all/1,
+    unsent_request_is_sent_again/1,
+    crashed_sap_is_told_who_listens/1,
+    crashed_motion_is_told_to_go_on/1
 ]).
 
 -define(S, 1000000).
@@ -32,20 +56,41 @@ suite() -> [{timetrap, {minutes, 2}}].
 
 all() ->
     [
-        request_certifies_the_place, request_without_coordinator, answer_is_taken_once,
-        stale_answers_are_refused, answer_in_no_time, asked_to_ask_again,
-        lost_answer_is_asked_for_again, lost_pose_is_asked_for_again,
-        ids_ascend_over_a_crash, recover_while_standing, recover_while_moving,
-        recover_while_asking, crash_stops_the_robot, crashed_robot_does_not_vote,
-        term_is_stored_first, reboot_forgets_no_term, reboot_tells_its_place,
-        damaged_term_is_the_highest, wrong_clock_is_told,
+        request_certifies_the_place,
+        request_without_coordinator,
+        answer_is_taken_once,
+        stale_answers_are_refused,
+        answer_in_no_time,
+        asked_to_ask_again,
+        lost_answer_is_asked_for_again,
+        lost_pose_is_asked_for_again,
+        ids_ascend_over_a_crash,
+        recover_while_standing,
+        recover_while_moving,
+        recover_while_asking,
+        crash_stops_the_robot,
+        crashed_robot_does_not_vote,
+        term_is_stored_first,
+        reboot_forgets_no_term,
+        reboot_tells_its_place,
+        damaged_term_is_the_highest,
+        wrong_clock_is_told,
         short_lease_is_answered_more_often,
-        earlier_term_is_refused, vote_is_kept, leader_is_followed_without_vote,
-        lease_ends_for_good, faces_only_by_lease, failed_drive_is_told_once, beats_prolong_lease,
+        earlier_term_is_refused,
+        vote_is_kept,
+        leader_is_followed_without_vote,
+        lease_ends_for_good,
+        faces_only_by_lease,
+        failed_drive_is_told_once,
+        beats_prolong_lease,
         late_assignment_is_void,
-        missing_coordinator_is_replaced, painted_goes_with_the_next_request,
-        passed_is_told_now_and_then, own_coordinator_hears_of_each_term, no_answer_at_all,
-        unsent_request_is_sent_again, crashed_sap_is_told_who_listens,
+        missing_coordinator_is_replaced,
+        painted_goes_with_the_next_request,
+        passed_is_told_now_and_then,
+        own_coordinator_hears_of_each_term,
+        no_answer_at_all,
+        unsent_request_is_sent_again,
+        crashed_sap_is_told_who_listens,
         crashed_motion_is_told_to_go_on
     ].
 
@@ -75,8 +120,12 @@ stale_answers_are_refused(_) ->
     [
         ?assertMatch({[{trace, {stale_answer, _, _, _}}], _}, answer(Source, Term, Which, P))
      || {Source, Term, Which} <- [
-            {4, {1, 4, 1}, {I, N - 1}}, {4, {1, 4, 1}, {I, N + 1}}, {4, {0, 4, 1}, Id}, {3, {2, 3, 1}, Id},
-            {3, {1, 4, 1}, Id}, {4, {1, 4, 1}, {I + 1, N}}
+            {4, {1, 4, 1}, {I, N - 1}},
+            {4, {1, 4, 1}, {I, N + 1}},
+            {4, {0, 4, 1}, Id},
+            {3, {2, 3, 1}, Id},
+            {3, {1, 4, 1}, Id},
+            {4, {1, 4, 1}, {I + 1, N}}
         ]
     ].
 
@@ -126,8 +175,10 @@ ids_ascend_over_a_crash(_) ->
 recover_while_standing(_) ->
     {Stop, P1} = recover(3, {1, 3, 1}, participant(1)),
     {Told, P2} = located(Stop, P1),
-    ?assertMatch([{3, {{1, 3, 1}, _, {standing, {1.0, 2.0}}, [], {7, 0, true}}}],
-                 sent(dpp_state, Told)),
+    ?assertMatch(
+        [{3, {{1, 3, 1}, _, {standing, {1.0, 2.0}}, [], {7, 0, true}}}],
+        sent(dpp_state, Told)
+    ),
     [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
     {Twice, _} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P2),
     ?assertEqual([], sent(dpp_state, Twice)).
@@ -138,8 +189,10 @@ recover_while_moving(_) ->
     {_, Passed} = drive(Id, 1, Moving),
     {Told, _} = recover(4, {2, 4, 1}, Passed),
     [{First, _} | Rest] = path(),
-    ?assertEqual([{4, {{2, 4, 1}, Id, {moving, 1, First, Rest}, [7], {7, 0, true}}}],
-                 sent(dpp_state, Told)).
+    ?assertEqual(
+        [{4, {{2, 4, 1}, Id, {moving, 1, First, Rest}, [7], {7, 0, true}}}],
+        sent(dpp_state, Told)
+    ).
 
 %% A robot that asks tells its place and asks anew; an answer of the term before is refused.
 recover_while_asking(_) ->
@@ -180,17 +233,23 @@ reboot_forgets_no_term(_) ->
     {Refused, _} = at(20 * ?S, cast, {message, 3, dpp_recover, {{1, 3, 9}, 7, false}}, P),
     ?assertEqual([{3, {2, 4, 1}}], sent(dpp_refused, Refused)),
     Missing = [Us || {{timeout, missing}, Us, _} <- started(2, {stored, {2, 4, 1}})],
-    ?assertEqual([Us || {{timeout, missing}, Us, _} <- element(1, recover(4, {2, 4, 1}, P))], Missing),
+    ?assertEqual(
+        [Us || {{timeout, missing}, Us, _} <- element(1, recover(4, {2, 4, 1}, P))], Missing
+    ),
     ?assertMatch([_], Missing),
     ?assertEqual([], [T || {{timeout, missing}, _, _} = T <- started(1)]).
 
 %% Its coordinator, in the same term, is told where it stands now before it is answered otherwise.
 reboot_tells_its_place(_) ->
-    {Stop, P} = step(cast, {message, 4, dpp_beat, {{2, 4, 1}, 8, []}}, restarted({stored, {2, 4, 1}})),
+    {Stop, P} = step(
+        cast, {message, 4, dpp_beat, {{2, 4, 1}, 8, []}}, restarted({stored, {2, 4, 1}})
+    ),
     ?assertEqual([], sent(dpp_here, Stop)),
     {Told, P1} = located(Stop, P),
-    ?assertMatch([{4, {{2, 4, 1}, {2, _}, {standing, {1.0, 2.0}}, [], {8, 0, false}}}],
-                 sent(dpp_state, Told)),
+    ?assertMatch(
+        [{4, {{2, 4, 1}, {2, _}, {standing, {1.0, 2.0}}, [], {8, 0, false}}}],
+        sent(dpp_state, Told)
+    ),
     {Here, _} = at(3 * ?S, cast, {message, 4, dpp_beat, {{2, 4, 1}, 9, []}}, P1),
     ?assertMatch([{4, {{2, 4, 1}, {9, _, false}}}], sent(dpp_here, Here)).
 
@@ -270,7 +329,9 @@ leader_is_followed_without_vote(_) ->
 lease_ends_for_good(_) ->
     {Id, Moving} = moving(),
     {Go, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
-    ?assertEqual([{call, motion, {go_along, {{1.0, 2.0}, {100.0, 2.0}}}, {driven, drive, Id, 1}}], Go),
+    ?assertEqual(
+        [{call, motion, {go_along, {{1.0, 2.0}, {100.0, 2.0}}}, {driven, drive, Id, 1}}], Go
+    ),
     {Early, _} = at(7 * ?S, {timeout, leave}, leave, Driving),
     ?assertMatch([{{timeout, leave}, _, leave}], Early),
     {Late, Void} = at(8 * ?S, {timeout, leave}, leave, Driving),
@@ -401,9 +462,7 @@ unsent_request_is_sent_again(_) ->
 
 %% A request may have been lost with the SAP that crashed.
 crashed_sap_is_told_who_listens(_) ->
-    Listens = [
-        {cast, sap, {listen, Type, dpp}} || Type <- [dpp_answer, dpp_recover, dpp_beat]
-    ],
+    Listens = [{cast, sap, {listen, Type, dpp}} || Type <- [dpp_answer, dpp_recover, dpp_beat]],
     ?assertMatch({Listens, _}, step(info, {restarted, sap}, led())),
     {_, P} = asking(led()),
     {Actions, _} = step(info, {restarted, sap}, P),

@@ -9,9 +9,13 @@
 %% In whole runs every answer is that of a search, held against the rules afterwards. Counted are
 %% those that found work and left it to others, so that the rules are known to have been at work.
 answers_are_those_of_a_search_test_() ->
-    [{lists:concat([Name, ", ", N, " robots, seed ", Seed]),
-      {timeout, 30, fun() -> ?assert(left_to_others(Name, N, Seed) > 0) end}}
-     || {Name, N, Seed} <- [{text, 8, 1}, {grid, 10, 2}, {circles, 10, 3}, {lines, 6, 4}]].
+    [
+        {
+            lists:concat([Name, ", ", N, " robots, seed ", Seed]),
+            {timeout, 30, fun() -> ?assert(left_to_others(Name, N, Seed) > 0) end}
+        }
+     || {Name, N, Seed} <- [{text, 8, 1}, {grid, 10, 2}, {circles, 10, 3}, {lines, 6, 4}]
+    ].
 
 left_to_others(Name, N, Seed) ->
     Count = counters:new(1, []),
@@ -25,13 +29,18 @@ left_to_others(Name, N, Seed) ->
 compare(Robot, Plan, Count) ->
     {Answer, _} = starl_dpp_assign:request(Robot, Plan),
     case {answer(Robot, Plan), Answer} of
-        {_, complete} -> ok;
-        {Same, Same} -> ok;
-        {{left, _}, none} -> counters:add(Count, 1, 1);
+        {_, complete} ->
+            ok;
+        {Same, Same} ->
+            ok;
+        {{left, _}, none} ->
+            counters:add(Count, 1, 1);
         %% what was not found is round about
-        {{assign, Path}, none} -> round_about(Robot, Path, Plan);
+        {{assign, Path}, none} ->
+            round_about(Robot, Path, Plan);
         %% the best of all was left to others, or is round about; what was found instead is not left
-        {{left, _}, {assign, Other}} -> ?assertNot(is_left(Robot, Other, Plan));
+        {{left, _}, {assign, Other}} ->
+            ?assertNot(is_left(Robot, Other, Plan));
         {{assign, Path}, {assign, Other}} ->
             ?assertNot(is_left(Robot, Other, Plan)),
             round_about(Robot, Path, Plan)
@@ -72,11 +81,12 @@ driven(Robot, Path, Plan) ->
     lists:sum([starl_geometry:distance(A, B) || {A, B} <- Pairs]).
 
 left(Robot, P, Begin, Driven, Plan) ->
-    Driven > 1.05 * starl_geometry:distance(P, Begin) + 50.0
-        orelse (Driven > 2000.0 andalso lists:any(
-            fun({Id, Held}) -> Id =/= Robot andalso way(Held, Begin) + 1000.0 < Driven end,
-            starl_dpp_plan:unsafe(Plan)
-        )).
+    Driven > 1.05 * starl_geometry:distance(P, Begin) + 50.0 orelse
+        (Driven > 2000.0 andalso
+            lists:any(
+                fun({Id, Held}) -> Id =/= Robot andalso way(Held, Begin) + 1000.0 < Driven end,
+                starl_dpp_plan:unsafe(Plan)
+            )).
 
 way(Held, Target) ->
     {_, End} = lists:last(Held),
@@ -170,6 +180,8 @@ first_ink(Segments) ->
 
 config(Segments, N) ->
     #{
-        segments => Segments, world => {12000.0, 12000.0}, robots => lists:seq(1, N),
+        segments => Segments,
+        world => {12000.0, 12000.0},
+        robots => lists:seq(1, N),
         tube_radius => ?R
     }.

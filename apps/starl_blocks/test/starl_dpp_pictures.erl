@@ -44,8 +44,10 @@ draw(comb, N, _Rand) ->
     [{{?LOW, ?LOW}, {?LOW + ?SIZE, ?LOW}} | [{{X, ?LOW}, {X, ?LOW + ?SIZE}} || X <- Ticks]];
 draw(spiral, Turns, _Rand) ->
     Steps = Turns * 24,
-    Points = [polar({6000.0, 6000.0}, ?SIZE / 2 * K / Steps, 6.28318 * K / 24)
-              || K <- lists:seq(0, Steps)],
+    Points = [
+        polar({6000.0, 6000.0}, ?SIZE / 2 * K / Steps, 6.28318 * K / 24)
+     || K <- lists:seq(0, Steps)
+    ],
     strokes(Points);
 draw(text, N, Rand0) ->
     {P, Rand1} = point(Rand0),
@@ -54,8 +56,10 @@ draw(text, N, Rand0) ->
 draw(single, _N, _Rand) ->
     [{{2000.0, 3000.0}, {9000.0, 8000.0}}];
 draw(star, N, _Rand) ->
-    [{polar({6000.0, 6000.0}, 4800.0, A), polar({6000.0, 6000.0}, -4800.0, A)}
-     || K <- lists:seq(1, N), A <- [math:pi() * K / N]];
+    [
+        {polar({6000.0, 6000.0}, 4800.0, A), polar({6000.0, 6000.0}, -4800.0, A)}
+     || K <- lists:seq(1, N), A <- [math:pi() * K / N]
+    ];
 draw(overlaps, N, Rand0) ->
     {{X, Y}, Rand1} = point(Rand0),
     {L, Rand2} = rand:uniform_s(Rand1),

@@ -14,8 +14,11 @@ new(Segments, N) ->
 parked(Segments, N) -> park_all(lists:seq(1, N), new(Segments, N)).
 
 park_all(Robots, Plan) ->
-    lists:foldl(fun(Id, P) -> starl_dpp_plan:standing(Id, starl_dpp_plan:spot(Id, P), P) end,
-                Plan, Robots).
+    lists:foldl(
+        fun(Id, P) -> starl_dpp_plan:standing(Id, starl_dpp_plan:spot(Id, P), P) end,
+        Plan,
+        Robots
+    ).
 
 line() -> {{3000.0, 6000.0}, {5000.0, 6000.0}}.
 
@@ -42,7 +45,9 @@ long_line_is_divided_and_assigned_test() ->
     Plan2 = starl_dpp_plan:passed(1, length(Path), Plan1),
     ?assertEqual([1, 2, 3, 4], starl_dpp_plan:painted_since(0, Plan2)),
     {End, _} = lists:last(Path),
-    ?assertMatch({complete, _}, starl_dpp_assign:request(1, starl_dpp_plan:standing(1, End, Plan2))).
+    ?assertMatch(
+        {complete, _}, starl_dpp_assign:request(1, starl_dpp_plan:standing(1, End, Plan2))
+    ).
 
 %% Forgetting one's own tube when checking: a robot that stands on the only line, all of it inside
 %% its disk, still gets it.
@@ -124,15 +129,20 @@ standing_beside_the_path_test() ->
     ?assertEqual({X, Y + 50.0}, F).
 
 errors_say_what_to_do_test() ->
-    Cases = [{no_robots, config([line()], 0)},
-             {world_too_small, (config([line()], 4))#{world => {2000.0, 2000.0}}},
-             {outside_area, config([{{100.0, 100.0}, {5000.0, 5000.0}}], 1)},
-             {too_many_edges, (config([line()], 1))#{edge_length => 0.09}}],
-    [begin
-         {error, Reason} = starl_dpp_plan:new(Config),
-         ?assertEqual(Kind, kind(Reason)),
-         ?assert(iolist_size(starl_dpp_plan:format_error(Reason)) > 20)
-     end || {Kind, Config} <- Cases].
+    Cases = [
+        {no_robots, config([line()], 0)},
+        {world_too_small, (config([line()], 4))#{world => {2000.0, 2000.0}}},
+        {outside_area, config([{{100.0, 100.0}, {5000.0, 5000.0}}], 1)},
+        {too_many_edges, (config([line()], 1))#{edge_length => 0.09}}
+    ],
+    [
+        begin
+            {error, Reason} = starl_dpp_plan:new(Config),
+            ?assertEqual(Kind, kind(Reason)),
+            ?assert(iolist_size(starl_dpp_plan:format_error(Reason)) > 20)
+        end
+     || {Kind, Config} <- Cases
+    ].
 
 kind(Reason) when is_tuple(Reason) -> element(1, Reason);
 kind(Reason) -> Reason.
@@ -158,23 +168,35 @@ resolve_opens_the_way_test() ->
 %%% Whole runs: every line is painted, tubes are disjoint at every step, retreats are bounded
 
 complete_test_() ->
-    [{lists:concat([Name, ", ", N, " robots, seed ", Seed]),
-      {timeout, 60, fun() -> complete(Name, N, Seed, #{}) end}}
-     || Name <- starl_dpp_pictures:names(), N <- [1, 2, 4, 8, 16], Seed <- seeds(N)].
+    [
+        {
+            lists:concat([Name, ", ", N, " robots, seed ", Seed]),
+            {timeout, 60, fun() -> complete(Name, N, Seed, #{}) end}
+        }
+     || Name <- starl_dpp_pictures:names(), N <- [1, 2, 4, 8, 16], Seed <- seeds(N)
+    ].
 
 seeds(16) -> [1];
 seeds(N) -> [N, N + 100].
 
 without_making_way_test_() ->
-    [{lists:concat([Name, ", 8 robots, seed ", Seed]),
-      {timeout, 60, fun() -> complete(Name, 8, Seed, #{make_way => false}) end}}
-     || Name <- [text, star, spiral], Seed <- [1, 2]].
+    [
+        {
+            lists:concat([Name, ", 8 robots, seed ", Seed]),
+            {timeout, 60, fun() -> complete(Name, 8, Seed, #{make_way => false}) end}
+        }
+     || Name <- [text, star, spiral], Seed <- [1, 2]
+    ].
 
 %% Robots stop anywhere, off their line by up to the slack, and ask again.
 interrupted_test_() ->
-    [{lists:concat([Name, ", ", N, " robots, seed ", Seed]),
-      {timeout, 60, fun() -> complete(Name, N, Seed, #{interrupt => 0.05, slack => 40.0}) end}}
-     || Name <- [lines, grid, text, star, circles], N <- [3, 10], Seed <- [1, 2]].
+    [
+        {
+            lists:concat([Name, ", ", N, " robots, seed ", Seed]),
+            {timeout, 60, fun() -> complete(Name, N, Seed, #{interrupt => 0.05, slack => 40.0}) end}
+        }
+     || Name <- [lines, grid, text, star, circles], N <- [3, 10], Seed <- [1, 2]
+    ].
 
 complete(Name, N, Seed, Options) ->
     Figures = run(Name, N, Seed, Options),
@@ -184,13 +206,23 @@ complete(Name, N, Seed, Options) ->
 run(Name, N, Seed, Options) ->
     Config = config(starl_dpp_pictures:picture(Name, Seed), N),
     Slack = maps:get(slack, Options, 0.0),
-    starl_dpp_world:run(maps:merge(#{plan => Config#{seed => Seed, slack => Slack},
-                                     seed => Seed, make_way => true}, Options)).
+    starl_dpp_world:run(
+        maps:merge(
+            #{
+                plan => Config#{seed => Seed, slack => Slack},
+                seed => Seed,
+                make_way => true
+            },
+            Options
+        )
+    ).
 
 %% Robots die at any time: the others finish all they can, and the end is honest.
 deaths_test_() ->
-    [{lists:concat([Name, " seed ", Seed]), {timeout, 60, fun() -> deaths(Name, Seed) end}}
-     || Name <- [lines, text, grid, star], Seed <- [1, 2, 3]].
+    [
+        {lists:concat([Name, " seed ", Seed]), {timeout, 60, fun() -> deaths(Name, Seed) end}}
+     || Name <- [lines, text, grid, star], Seed <- [1, 2, 3]
+    ].
 
 deaths(Name, Seed) ->
     Deaths = [{10.0 + Seed, 2}, {20.0 + 3 * Seed, 5}],
@@ -239,8 +271,10 @@ standing_robots_are_moved_apart_test() ->
     Put = fun({Id, P}, Plan) -> starl_dpp_plan:standing(Id, P, Plan) end,
     Places = [{1, {5000.0, 5000.0}}, {2, {5000.0 + 2 * ?R - 9.0, 5000.0}}, {3, {5200.0, 5400.0}}],
     Plan = lists:foldl(Put, new([line()], 3), Places),
-    ?assertError({tubes_overlap, _, _, _, _, _},
-                 starl_dpp_world:disjoint(starl_dpp_plan:unsafe(Plan), Plan)),
+    ?assertError(
+        {tubes_overlap, _, _, _, _, _},
+        starl_dpp_world:disjoint(starl_dpp_plan:unsafe(Plan), Plan)
+    ),
     Apart = starl_dpp_plan:apart(Plan),
     starl_dpp_world:disjoint(starl_dpp_plan:unsafe(Apart), Apart),
     [
@@ -264,9 +298,13 @@ painted_since_test() ->
 
 %% However robots stand, more than 2R apart, retreats end with all but one parked at most.
 drain_test_() ->
-    [{lists:concat([Kind, " ", N, " robots, seed ", Seed]),
-      {timeout, 30, fun() -> drain(Kind, N, Seed) end}}
-     || Kind <- [cluster, ring, corridor, scattered], N <- [3, 8, 16], Seed <- lists:seq(1, 12)].
+    [
+        {
+            lists:concat([Kind, " ", N, " robots, seed ", Seed]),
+            {timeout, 30, fun() -> drain(Kind, N, Seed) end}
+        }
+     || Kind <- [cluster, ring, corridor, scattered], N <- [3, 8, 16], Seed <- lists:seq(1, 12)
+    ].
 
 drain(Kind, N, Seed) ->
     Plan0 = new([line()], N),
@@ -287,7 +325,8 @@ drained(Robots, Rounds, Plan0) ->
 %% The way is checked against all others and driven at once.
 retreat_now(Id, Plan0) ->
     case starl_dpp_assign:retreat(Id, Plan0) of
-        {none, _} -> Plan0;
+        {none, _} ->
+            Plan0;
         {{assign, Path}, Plan1} ->
             starl_dpp_world:disjoint(starl_dpp_plan:unsafe(Plan1), Plan1),
             {P, up} = lists:last(Path),
@@ -296,9 +335,13 @@ retreat_now(Id, Plan0) ->
 
 %% Requests and resolutions from crowded places never come to rest before the picture is done.
 crowded_run_test_() ->
-    [{lists:concat([Kind, " ", N, " robots, seed ", Seed]),
-      {timeout, 60, fun() -> crowded_run(Kind, N, Seed) end}}
-     || Kind <- [cluster, ring, corridor, scattered], N <- [4, 12], Seed <- lists:seq(1, 4)].
+    [
+        {
+            lists:concat([Kind, " ", N, " robots, seed ", Seed]),
+            {timeout, 60, fun() -> crowded_run(Kind, N, Seed) end}
+        }
+     || Kind <- [cluster, ring, corridor, scattered], N <- [4, 12], Seed <- lists:seq(1, 4)
+    ].
 
 crowded_run(Kind, N, Seed) ->
     Plan0 = new([line()], N),
@@ -346,4 +389,8 @@ idle_robot_makes_way_twice_test() ->
     ?assert(is_spot(element(1, lists:last(Away)), Plan6)).
 
 is_spot(Point, Plan) ->
-    lists:any(fun(Robot) -> starl_geometry:distance(Point, starl_dpp_plan:spot(Robot, Plan)) < 1.0 end, [1, 2]).
+    lists:any(
+        fun(Robot) -> starl_geometry:distance(Point, starl_dpp_plan:spot(Robot, Plan)) < 1.0 end, [
+            1, 2
+        ]
+    ).

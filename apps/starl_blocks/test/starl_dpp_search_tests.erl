@@ -14,8 +14,10 @@ agrees(Seed) ->
     {Labels, Visited} = starl_dpp_search:run(Starts, Space, Visit, []),
     Order = lists:reverse(Visited),
     ?assertEqual(plain(Starts, Space), Order, {seed, Seed}),
-    [?assertEqual(Cost, cost(starl_dpp_search:trail(V, Labels), Starts, Space), {seed, Seed, V})
-     || {V, Cost, _} <- Order].
+    [
+        ?assertEqual(Cost, cost(starl_dpp_search:trail(V, Labels), Starts, Space), {seed, Seed, V})
+     || {V, Cost, _} <- Order
+    ].
 
 %% It stops when the visitor says so, with the way to what it has found.
 stops_test() ->
@@ -82,7 +84,9 @@ cost(V, [W | Rest], Cost, In, #{graph := Graph} = Space) ->
 drawn(Rand0) ->
     {Numbers, Rand1} = draws(40, Rand0),
     {ok, Plan} = starl_dpp_plan:new(#{
-        segments => lines(Numbers), world => {9000.0, 9000.0}, tube_radius => 220.0,
+        segments => lines(Numbers),
+        world => {9000.0, 9000.0},
+        tube_radius => 220.0,
         robots => [1, 2]
     }),
     Graph = starl_dpp_plan:graph(Plan),

@@ -54,7 +54,8 @@ begins_test() ->
     ?assertEqual(
         {{7.0, 7.0}, +0.0, {moving, 0, {0.0, 0.0}, ?PATH}},
         {
-            starl_dpp_track:last(Again), starl_dpp_track:unreported_mm(Again),
+            starl_dpp_track:last(Again),
+            starl_dpp_track:unreported_mm(Again),
             starl_dpp_track:place(moving(), Again)
         }
     ).

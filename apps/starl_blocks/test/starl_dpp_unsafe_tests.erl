@@ -41,25 +41,38 @@ agree(Held, Unsafe, Graph, What) ->
     Masks = starl_dpp_unsafe:masks(Unsafe),
     Robots = lists:sort(maps:keys(Held)),
     Closed = [{Robot, closed(maps:get(Robot, Held), Edges, Graph)} || Robot <- Robots],
-    [begin
-         Bit = starl_dpp_unsafe:bit(Robot, Unsafe),
-         Masked = [E || E <- Edges, starl_dpp_array:get(E, Masks) band Bit =/= 0],
-         ?assertEqual({What, Robot, Near}, {What, Robot, Masked}),
-         ?assertEqual({What, Robot, Near},
-                      {What, Robot, lists:sort(starl_dpp_unsafe:blocks(Robot, Unsafe))}),
-         Own = maps:get(Robot, Held),
-         ?assertEqual({What, Own}, {What, starl_dpp_unsafe:held(Robot, Unsafe)}),
-         {_, End} = lists:last(Own),
-         ?assertEqual({lists:sum([starl_geometry:length(S) || S <- Own]), End},
-                      starl_dpp_unsafe:rest(Robot, Unsafe))
-     end || {Robot, Near} <- Closed],
+    [
+        begin
+            Bit = starl_dpp_unsafe:bit(Robot, Unsafe),
+            Masked = [E || E <- Edges, starl_dpp_array:get(E, Masks) band Bit =/= 0],
+            ?assertEqual({What, Robot, Near}, {What, Robot, Masked}),
+            ?assertEqual(
+                {What, Robot, Near},
+                {What, Robot, lists:sort(starl_dpp_unsafe:blocks(Robot, Unsafe))}
+            ),
+            Own = maps:get(Robot, Held),
+            ?assertEqual({What, Own}, {What, starl_dpp_unsafe:held(Robot, Unsafe)}),
+            {_, End} = lists:last(Own),
+            ?assertEqual(
+                {lists:sum([starl_geometry:length(S) || S <- Own]), End},
+                starl_dpp_unsafe:rest(Robot, Unsafe)
+            )
+        end
+     || {Robot, Near} <- Closed
+    ],
     ?assertEqual({What, maps:to_list(Held)}, {What, starl_dpp_unsafe:all(Unsafe)}).
 
 closed(Held, Edges, Graph) ->
-    [E || E <- Edges, lists:any(
-        fun(S) -> starl_geometry:segment_segment(S, starl_dpp_graph:segment(E, Graph)) < ?NEAR end,
-        Held
-    )].
+    [
+        E
+     || E <- Edges,
+        lists:any(
+            fun(S) ->
+                starl_geometry:segment_segment(S, starl_dpp_graph:segment(E, Graph)) < ?NEAR
+            end,
+            Held
+        )
+    ].
 
 %% A line is clear if it stays 2R from all that the others hold; for a robot that is nearer than
 %% that to another already, if it comes no nearer to that one.
@@ -76,14 +89,23 @@ clear_of_the_others(Seed) ->
     ),
     {Lines, _} = path(20, P, Rand),
     Obstacles = starl_dpp_unsafe:others(1, Unsafe),
-    [?assertEqual({Seed, Line, is_clear(Line, P, Others)},
-                  {Seed, Line, starl_dpp_unsafe:clear(Line, Obstacles)}) || Line <- Lines].
+    [
+        ?assertEqual(
+            {Seed, Line, is_clear(Line, P, Others)},
+            {Seed, Line, starl_dpp_unsafe:clear(Line, Obstacles)}
+        )
+     || Line <- Lines
+    ].
 
 is_clear(Line, P, Others) ->
     lists:all(
         fun(Held) ->
             Now = lists:min([starl_geometry:point_segment(P, S) || S <- Held]),
-            Least = case Now < ?NEAR of true -> Now - 1.0e-6; false -> ?NEAR end,
+            Least =
+                case Now < ?NEAR of
+                    true -> Now - 1.0e-6;
+                    false -> ?NEAR
+                end,
             lists:all(fun(S) -> starl_geometry:segment_segment(S, Line) >= Least end, Held)
         end,
         Others
@@ -109,7 +131,9 @@ away_test() ->
 graph() ->
     {ok, Plan} = starl_dpp_plan:new(#{
         segments => [{{X, 2000.0}, {X + 900.0, 6500.0}} || X <- [2000.0, 3000.0, 3100.0, 5000.0]],
-        world => {9000.0, 9000.0}, robots => [1, 2, 3, 4], tube_radius => ?R
+        world => {9000.0, 9000.0},
+        robots => [1, 2, 3, 4],
+        tube_radius => ?R
     }),
     starl_dpp_plan:graph(Plan).
 
@@ -136,7 +160,11 @@ path(0, _From, Rand) ->
 path(N, {X, Y} = From, Rand0) ->
     {A, Rand1} = rand:uniform_s(Rand0),
     {B, Rand2} = rand:uniform_s(Rand1),
-    Mm = case A < 0.3 of true -> 60.0; false -> 500.0 end,
+    Mm =
+        case A < 0.3 of
+            true -> 60.0;
+            false -> 500.0
+        end,
     To = {X + Mm * math:cos(6.3 * B), Y + Mm * math:sin(6.3 * B)},
     {Path, Rand3} = path(N - 1, To, Rand2),
     {[{From, To} | Path], Rand3}.

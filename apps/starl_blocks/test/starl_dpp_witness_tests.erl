@@ -18,9 +18,12 @@ heard(Messages) ->
 
 %% However far apart the clocks are, and however long a later message takes.
 clocks_that_agree_test() ->
-    ?assertEqual([agrees, agrees, agrees], heard([
-        {1, 500 * ?S, 0}, {1, 510 * ?S, 10 * ?S}, {1, 520 * ?S, 60 * ?S}
-    ])),
+    ?assertEqual(
+        [agrees, agrees, agrees],
+        heard([
+            {1, 500 * ?S, 0}, {1, 510 * ?S, 10 * ?S}, {1, 520 * ?S, 60 * ?S}
+        ])
+    ),
     ?assertEqual([agrees, agrees], heard([{1, -500 * ?S, 0}, {1, none, 9 * ?S}])).
 
 %% The own clock stands still, or was set back, by more than it may be.
@@ -36,9 +39,12 @@ drift_test() ->
 
 %% A message that took long shows less; the one that took least counts.
 least_delay_counts_test() ->
-    ?assertEqual([agrees, agrees, agrees, lags], heard([
-        {1, 0, ?S}, {1, ?S, ?S}, {1, ?S, 2 * ?S}, {1, 4 * ?S + 40001, 2 * ?S}
-    ])).
+    ?assertEqual(
+        [agrees, agrees, agrees, lags],
+        heard([
+            {1, 0, ?S}, {1, ?S, ?S}, {1, ?S, 2 * ?S}, {1, 4 * ?S + 40001, 2 * ?S}
+        ])
+    ).
 
 %% So a first message that took long makes the bound no tighter, once another has come.
 first_was_slow_test() ->
@@ -46,6 +52,9 @@ first_was_slow_test() ->
 
 %% What was lost is known then, of all robots: it is not found again.
 known_once_test() ->
-    ?assertEqual([agrees, agrees, lags, agrees, agrees, lags], heard([
-        {1, 0, 0}, {2, 0, 0}, {1, 5 * ?S, 0}, {1, 5 * ?S, 0}, {2, 5 * ?S, 0}, {2, 8 * ?S, 0}
-    ])).
+    ?assertEqual(
+        [agrees, agrees, lags, agrees, agrees, lags],
+        heard([
+            {1, 0, 0}, {2, 0, 0}, {1, 5 * ?S, 0}, {1, 5 * ?S, 0}, {2, 5 * ?S, 0}, {2, 8 * ?S, 0}
+        ])
+    ).

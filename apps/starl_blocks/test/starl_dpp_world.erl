@@ -39,34 +39,58 @@ run(#{plan := Config} = Options) ->
     {ok, Plan0} = starl_dpp_plan:new(Config),
     Ids = lists:usort(maps:get(robots, Config)),
     At = maps:get(at, Options, maps:from_list([{Id, starl_dpp_plan:spot(Id, Plan0)} || Id <- Ids])),
-    Plan = lists:foldl(fun(Id, Acc) -> starl_dpp_plan:standing(Id, maps:get(Id, At), Acc) end,
-                       Plan0, Ids),
-    World0 = #world{plan = Plan, options = Options,
-                    robots = maps:from_list([{Id, #robot{at = maps:get(Id, At)}} || Id <- Ids]),
-                    rand = rand:seed_s(exsss, maps:get(seed, Options, 1))},
+    Plan = lists:foldl(
+        fun(Id, Acc) -> starl_dpp_plan:standing(Id, maps:get(Id, At), Acc) end,
+        Plan0,
+        Ids
+    ),
+    World0 = #world{
+        plan = Plan,
+        options = Options,
+        robots = maps:from_list([{Id, #robot{at = maps:get(Id, At)}} || Id <- Ids]),
+        rand = rand:seed_s(exsss, maps:get(seed, Options, 1))
+    },
     World1 = lists:foldl(fun(Id, W) -> later(0.0, {ask, Id}, W) end, World0, Ids),
-    World2 = lists:foldl(fun({T, Id}, W) -> later(T, {die, Id}, W) end, World1,
-                         maps:get(deaths, Options, [])),
+    World2 = lists:foldl(
+        fun({T, Id}, W) -> later(T, {die, Id}, W) end,
+        World1,
+        maps:get(deaths, Options, [])
+    ),
     figures(loop(World2), length(Ids)).
 
 figures(#world{plan = Plan, end_ink = T, stats = Stats, inked = Inked} = World, N) ->
     Total = maps:get(total, starl_dpp_plan:counts(Plan)),
-    Ink = lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan))
-                     || E <- lists:seq(1, Total)]),
+    Ink = lists:sum([
+        starl_geometry:length(starl_dpp_plan:target(E, Plan))
+     || E <- lists:seq(1, Total)
+    ]),
     honest_ink(Inked, Plan),
     check_all(World),
-    Stats#{makespan => T, ratio => T / max(0.001, Ink / N / ?SPEED), ink => Ink, plan => Plan,
-           counts => starl_dpp_plan:counts(Plan),
-           live => [Id || {Id, #robot{state = S}} <- lists:sort(maps:to_list(World#world.robots)),
-                          S =/= dead]}.
+    Stats#{
+        makespan => T,
+        ratio => T / max(0.001, Ink / N / ?SPEED),
+        ink => Ink,
+        plan => Plan,
+        counts => starl_dpp_plan:counts(Plan),
+        live => [
+            Id
+         || {Id, #robot{state = S}} <- lists:sort(maps:to_list(World#world.robots)),
+            S =/= dead
+        ]
+    }.
 
 %% Every edge that counts as painted was driven with the pen down, from end to end.
 honest_ink(Inked, Plan) ->
     Driven = maps:from_list(Inked),
-    [case Driven of
-         #{E := {P, Q}} -> same({P, Q}, {A, B}) orelse error({painted_beside, E, {P, Q}, {A, B}});
-         #{} -> error({not_painted, E, {A, B}})
-     end || E <- starl_dpp_plan:painted_since(0, Plan), {A, B} <- [starl_dpp_plan:target(E, Plan)]].
+    [
+        case Driven of
+            #{E := {P, Q}} ->
+                same({P, Q}, {A, B}) orelse error({painted_beside, E, {P, Q}, {A, B}});
+            #{} ->
+                error({not_painted, E, {A, B}})
+        end
+     || E <- starl_dpp_plan:painted_since(0, Plan), {A, B} <- [starl_dpp_plan:target(E, Plan)]
+    ].
 
 %% In either direction; a robot may begin a few mm beside.
 same({P, Q}, {A, B}) ->
@@ -98,8 +122,11 @@ quiet(#world{plan = Plan0, robots = Robots} = World) ->
         {{[], _}, World1} ->
             count(stuck, World1);
         {{Moves, Plan1}, World1} ->
-            World2 = lists:foldl(fun({Id, Path}, W) -> depart(Id, Path, sent(Path, W)) end,
-                                 count(deadlocks, World1#world{plan = Plan1}), Moves),
+            World2 = lists:foldl(
+                fun({Id, Path}, W) -> depart(Id, Path, sent(Path, W)) end,
+                count(deadlocks, World1#world{plan = Plan1}),
+                Moves
+            ),
             loop(World2)
     end.
 
@@ -171,11 +198,19 @@ depart(Id, Path, World0) ->
 drive(Id, #world{stats = Stats} = World) ->
     {_, #robot{at = P, heading = H, left = [{Q, Pen} | _], leg = Leg0} = Robot} =
         robot(Id, World),
-    Out = case P =:= Q of true -> H; false -> starl_geometry:heading(P, Q) end,
+    Out =
+        case P =:= Q of
+            true -> H;
+            false -> starl_geometry:heading(P, Q)
+        end,
     Turn = abs(starl_geometry:angle_diff(Out, H)) / ?OMEGA,
     Drive = starl_geometry:distance(P, Q) / ?SPEED,
     T = Turn + Drive,
-    Kind = case Pen of up -> travel_s; _ -> paint_s end,
+    Kind =
+        case Pen of
+            up -> travel_s;
+            _ -> paint_s
+        end,
     World0 = World#world{stats = add(turn_s, Turn, add(Kind, Drive, Stats))},
     Leg = Leg0 + 1,
     World1 = put_robot(Id, Robot#robot{state = moving, leg = Leg, heading = Out}, World0),
@@ -218,30 +253,38 @@ ink(up, _Segment, World) ->
     World.
 
 stand(Id, P, Robot, #world{plan = Plan} = World0) ->
-    World1 = put_robot(Id, Robot#robot{at = P, left = [], state = asking},
-                       World0#world{plan = starl_dpp_plan:standing(Id, P, Plan)}),
+    World1 = put_robot(
+        Id,
+        Robot#robot{at = P, left = [], state = asking},
+        World0#world{plan = starl_dpp_plan:standing(Id, P, Plan)}
+    ),
     check(Id, World1),
     later(?ASK, {ask, Id}, wake(World1)).
 
 wake(#world{robots = Robots} = World) ->
     Waiting = [Id || {Id, #robot{state = waiting}} <- lists:sort(maps:to_list(Robots))],
-    lists:foldl(fun(Id, W) ->
-                    {_, Robot} = robot(Id, W),
-                    later(?ASK, {ask, Id}, put_robot(Id, Robot#robot{state = asking}, W))
-                end, World, Waiting).
+    lists:foldl(
+        fun(Id, W) ->
+            {_, Robot} = robot(Id, W),
+            later(?ASK, {ask, Id}, put_robot(Id, Robot#robot{state = asking}, W))
+        end,
+        World,
+        Waiting
+    ).
 
 %%% Oracle
 
 check(Id, #world{plan = Plan, robots = Robots, options = Options} = World) ->
-    maps:get(check, Options, true) andalso begin
-        All = starl_dpp_plan:unsafe(Plan),
-        {Id, Own} = lists:keyfind(Id, 1, All),
-        [disjoint_pair({Id, Own}, Other, Plan) || {Other_, _} = Other <- All, Other_ =/= Id],
-        #robot{at = At} = maps:get(Id, Robots),
-        Slack = maps:get(slack, maps:get(plan, Options), 0.0),
-        D = lists:min([starl_geometry:point_segment(At, S) || S <- Own]),
-        D =< Slack + 0.01 orelse error({outside_own_tube, Id, At, Own})
-    end,
+    maps:get(check, Options, true) andalso
+        begin
+            All = starl_dpp_plan:unsafe(Plan),
+            {Id, Own} = lists:keyfind(Id, 1, All),
+            [disjoint_pair({Id, Own}, Other, Plan) || {Other_, _} = Other <- All, Other_ =/= Id],
+            #robot{at = At} = maps:get(Id, Robots),
+            Slack = maps:get(slack, maps:get(plan, Options), 0.0),
+            D = lists:min([starl_geometry:point_segment(At, S) || S <- Own]),
+            D =< Slack + 0.01 orelse error({outside_own_tube, Id, At, Own})
+        end,
     World.
 
 check_all(#world{plan = Plan}) ->
@@ -265,8 +308,10 @@ dist({A, B}, T) ->
     end.
 
 boxes_apart({{AX, AY}, {BX, BY}}, {{CX, CY}, {DX, DY}}) ->
-    max(max(min(CX, DX) - max(AX, BX), min(AX, BX) - max(CX, DX)),
-        max(min(CY, DY) - max(AY, BY), min(AY, BY) - max(CY, DY))).
+    max(
+        max(min(CX, DX) - max(AX, BX), min(AX, BX) - max(CX, DX)),
+        max(min(CY, DY) - max(AY, BY), min(AY, BY) - max(CY, DY))
+    ).
 
 ternary(A, B, T, Lo, Hi, 0) ->
     starl_geometry:point_segment(starl_geometry:interpolate(A, B, (Lo + Hi) / 2), T);

@@ -6,20 +6,36 @@
 
 -export([all/0]).
 -export([
-    ballots_under_faults/1, bully_under_faults/1, bully_without_loss/1,
-    planted_bugs_are_caught/1, bully_highest_are_dead/1, bully_one_leader_per_term/1, bully_remembers_old_elections/1,
-    ballots_incomplete_set_elects_nobody/1, ballots_before_the_start_count/1,
-    ballots_of_another_election_do_not_count/1, ballots_late_one_is_answered/1,
-    ballots_awaited_election_is_kept/1, bully_challenged_takes_part/1
+    ballots_under_faults/1,
+    bully_under_faults/1,
+    bully_without_loss/1,
+    planted_bugs_are_caught/1,
+    bully_highest_are_dead/1,
+    bully_one_leader_per_term/1,
+    bully_remembers_old_elections/1,
+    ballots_incomplete_set_elects_nobody/1,
+    ballots_before_the_start_count/1,
+    ballots_of_another_election_do_not_count/1,
+    ballots_late_one_is_answered/1,
+    ballots_awaited_election_is_kept/1,
+    bully_challenged_takes_part/1
 ]).
 
 all() ->
     [
-        ballots_under_faults, bully_under_faults, bully_without_loss,
-        planted_bugs_are_caught, bully_highest_are_dead, bully_one_leader_per_term, bully_remembers_old_elections,
-        ballots_incomplete_set_elects_nobody, ballots_before_the_start_count,
-        ballots_of_another_election_do_not_count, ballots_late_one_is_answered,
-        ballots_awaited_election_is_kept, bully_challenged_takes_part
+        ballots_under_faults,
+        bully_under_faults,
+        bully_without_loss,
+        planted_bugs_are_caught,
+        bully_highest_are_dead,
+        bully_one_leader_per_term,
+        bully_remembers_old_elections,
+        ballots_incomplete_set_elects_nobody,
+        ballots_before_the_start_count,
+        ballots_of_another_election_do_not_count,
+        ballots_late_one_is_answered,
+        ballots_awaited_election_is_kept,
+        bully_challenged_takes_part
     ].
 
 -define(PATIENCE_MS, 20000).
@@ -34,11 +50,15 @@ bully_under_faults(_) -> starl_platform_ct:property(prop(bully, faulty()), 40).
 bully_without_loss(_) -> starl_platform_ct:property(prop(bully, lossless()), 40).
 
 prop(Block, Generator) ->
-    ?FORALL(Case, Generator, starl_platform_ct:safely(fun() ->
-        #{violations := Violations} = run(Case, Block),
-        ok = starl_platform_ct:tell(Violations),
-        Violations =:= []
-    end)).
+    ?FORALL(
+        Case,
+        Generator,
+        starl_platform_ct:safely(fun() ->
+            #{violations := Violations} = run(Case, Block),
+            ok = starl_platform_ct:tell(Violations),
+            Violations =:= []
+        end)
+    ).
 
 planted_bugs_are_caught(_) ->
     _ = rand:seed(exsss, starl_platform_ct:seed()),
@@ -54,32 +74,53 @@ caught(Generator, Bug, Left) ->
     {ok, Case} = proper_gen:pick(Generator),
     #{violations := Violations} = run(Case, {bug, Bug}),
     case [What || #{contract := election, what := What} <- Violations] of
-        [] -> caught(Generator, Bug, Left - 1);
+        [] ->
+            caught(Generator, Bug, Left - 1);
         [What | _] ->
             ct:log("~p is caught as ~p in case ~b", [Bug, What, 201 - Left]),
             true
     end.
 
 faulty() ->
-    ?LET(N, range(2, 6), map([
-        {robots, N}, {seed, seed()}, {lossless, false},
-        {loss, oneof([0.0, 0.2, 0.4])}, {duplicate, oneof([0.0, 0.3])},
-        {delay, oneof([{5, 20}, {2, 100}])},
-        {clock_offset, 1000}, {clock_drift, oneof([0, 50, 900])},
-        {range, oneof([none, none, 2500])},
-        {faults, list(oneof([
-            {moment(), kill_machine, {range(1, N), oneof([sap, election])}},
-            {moment(), kill_robot, range(1, N)}
-        ]))}
-    ])).
+    ?LET(
+        N,
+        range(2, 6),
+        map([
+            {robots, N},
+            {seed, seed()},
+            {lossless, false},
+            {loss, oneof([0.0, 0.2, 0.4])},
+            {duplicate, oneof([0.0, 0.3])},
+            {delay, oneof([{5, 20}, {2, 100}])},
+            {clock_offset, 1000},
+            {clock_drift, oneof([0, 50, 900])},
+            {range, oneof([none, none, 2500])},
+            {faults,
+                list(
+                    oneof([
+                        {moment(), kill_machine, {range(1, N), oneof([sap, election])}},
+                        {moment(), kill_robot, range(1, N)}
+                    ])
+                )}
+        ])
+    ).
 
 lossless() ->
-    ?LET(N, range(2, 6), map([
-        {robots, N}, {seed, seed()}, {lossless, true}, {loss, 0.0},
-        {duplicate, oneof([0.0, 0.3])}, {delay, oneof([{5, 20}, {2, 100}])},
-        {clock_offset, 1000}, {clock_drift, oneof([0, 50, 900])},
-        {faults, list({moment(), kill_robot, range(1, N)})}
-    ])).
+    ?LET(
+        N,
+        range(2, 6),
+        map([
+            {robots, N},
+            {seed, seed()},
+            {lossless, true},
+            {loss, 0.0},
+            {duplicate, oneof([0.0, 0.3])},
+            {delay, oneof([{5, 20}, {2, 100}])},
+            {clock_offset, 1000},
+            {clock_drift, oneof([0, 50, 900])},
+            {faults, list({moment(), kill_robot, range(1, N)})}
+        ])
+    ).
 
 map(Pairs) -> ?LET(Drawn, Pairs, maps:from_list(Drawn)).
 
@@ -119,17 +160,26 @@ elect(R, Election) ->
     end.
 
 planned(Faults) ->
-    [{starl_platform_ct:fault_id(f, K), At, At, Kind, Target, #{}}
-     || {K, {At, Kind, Target}} <- lists:zip(lists:seq(1, length(Faults)), Faults)].
+    [
+        {starl_platform_ct:fault_id(f, K), At, At, Kind, Target, #{}}
+     || {K, {At, Kind, Target}} <- lists:zip(lists:seq(1, length(Faults)), Faults)
+    ].
 
 %% -- pitfalls -------------------------------------------------------------------------------
 
 bully_highest_are_dead(_) ->
-    Case = #{robots => 5, seed => 1, lossless => true, loss => 0.0,
-        faults => [{1, kill_robot, 4}, {1, kill_robot, 5}]},
+    Case = #{
+        robots => 5,
+        seed => 1,
+        lossless => true,
+        loss => 0.0,
+        faults => [{1, kill_robot, 4}, {1, kill_robot, 5}]
+    },
     #{violations := [], robots := Robots} = run(Case, bully),
-    ?assertEqual(lists:duplicate(3, {done, {{ok, 3}, {ok, 3}, {ok, 3}}}),
-                 [Result || {Id, #{result := Result}} <- Robots, Id =< 3]).
+    ?assertEqual(
+        lists:duplicate(3, {done, {{ok, 3}, {ok, 3}, {ok, 3}}}),
+        [Result || {Id, #{result := Result}} <- Robots, Id =< 3]
+    ).
 
 %% Whatever is announced after the first leader: the first one stays.
 bully_one_leader_per_term(_) ->
@@ -242,8 +292,12 @@ sent(Actions) -> [{To, Type, Body} || {cast, sap, {send, To, Type, Body}} <- Act
 
 start(Module, Self, Team) ->
     {_, Machine} = starl_machine:new(Module, #{}, #{
-        robot => Self, participants => Team, name => election, incarnation => 1,
-        random => rand:seed_s(exsss, 1), now => 0
+        robot => Self,
+        participants => Team,
+        name => election,
+        incarnation => 1,
+        random => rand:seed_s(exsss, 1),
+        now => 0
     }),
     Machine.
 

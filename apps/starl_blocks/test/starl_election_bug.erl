@@ -34,16 +34,30 @@ handle_event(cast, {message, _, bully_leader, {E, L}} = Message, ready, {M, fick
     end;
 handle_event({call, _} = Type, {elect, E, _} = Call, ready, {M, {Bug, _}, C, D}, Meta) ->
     forward(Type, Call, {M, {Bug, E}, C, D}, Meta);
-handle_event(cast, {message, _, ballot, {E, _}} = Message, ready, {_, {deaf, Latest}, _, _} = Bug,
-             Meta) ->
+handle_event(
+    cast,
+    {message, _, ballot, {E, _}} = Message,
+    ready,
+    {_, {deaf, Latest}, _, _} = Bug,
+    Meta
+) ->
     %% an atom, where it has not taken part in any, is less than a tuple
     case E > Latest of
         true -> keep_state_and_data;
         false -> forward(cast, Message, Bug, Meta)
     end;
-handle_event(cast, {message, From, ballot, {E, Ballot}}, ready, {_, {late, Latest}, _, _} = Bug,
-             Meta) ->
-    Counted = case is_tuple(Latest) andalso E < Latest of true -> Latest; false -> E end,
+handle_event(
+    cast,
+    {message, From, ballot, {E, Ballot}},
+    ready,
+    {_, {late, Latest}, _, _} = Bug,
+    Meta
+) ->
+    Counted =
+        case is_tuple(Latest) andalso E < Latest of
+            true -> Latest;
+            false -> E
+        end,
     forward(cast, {message, From, ballot, {Counted, Ballot}}, Bug, Meta);
 handle_event(Type, Content, ready, Bug, Meta) ->
     forward(Type, Content, Bug, Meta).

@@ -7,13 +7,21 @@ judge(Events) -> judge(Events, false).
 judge(Events, Lossless) ->
     Config = #{robots => [1, 2, 3], bound_us => 1000, lossless => Lossless},
     M0 = starl_monitor:new([{starl_election_bully_monitor, Config}]),
-    {Found, M} = lists:foldl(fun({T, Robot, What}, {Acc, Monitor}) ->
-        Machine = case What of {died, _} -> robot; _ -> election end,
-        case starl_monitor:step({T, Robot, Machine, What}, Monitor) of
-            {ok, Next} -> {Acc, Next};
-            {violation, V, Next} -> {Acc ++ [V], Next}
-        end
-    end, {[], M0}, Events),
+    {Found, M} = lists:foldl(
+        fun({T, Robot, What}, {Acc, Monitor}) ->
+            Machine =
+                case What of
+                    {died, _} -> robot;
+                    _ -> election
+                end,
+            case starl_monitor:step({T, Robot, Machine, What}, Monitor) of
+                {ok, Next} -> {Acc, Next};
+                {violation, V, Next} -> {Acc ++ [V], Next}
+            end
+        end,
+        {[], M0},
+        Events
+    ),
     {Late, _} = starl_monitor:finish(9000, M),
     [What || #{what := What} <- Found ++ Late].
 
@@ -23,44 +31,98 @@ in_full(Events, Lossless) -> in_full(Events, Lossless, 9000).
 in_full(Events, Lossless, End) ->
     Config = #{robots => [1, 2, 3], bound_us => 1000, lossless => Lossless},
     M0 = starl_monitor:new([{starl_election_bully_monitor, Config}]),
-    {Found, M} = lists:foldl(fun({T, Robot, What}, {Acc, Monitor}) ->
-        Machine = case What of {died, _} -> robot; _ -> election end,
-        case starl_monitor:step({T, Robot, Machine, What}, Monitor) of
-            {ok, Next} -> {Acc, Next};
-            {violation, V, Next} -> {Acc ++ [V], Next}
-        end
-    end, {[], M0}, Events),
+    {Found, M} = lists:foldl(
+        fun({T, Robot, What}, {Acc, Monitor}) ->
+            Machine =
+                case What of
+                    {died, _} -> robot;
+                    _ -> election
+                end,
+            case starl_monitor:step({T, Robot, Machine, What}, Monitor) of
+                {ok, Next} -> {Acc, Next};
+                {violation, V, Next} -> {Acc ++ [V], Next}
+            end
+        end,
+        {[], M0},
+        Events
+    ),
     {Late, #{starl_election_bully_monitor := Results}} = starl_monitor:finish(End, M),
-    {[{What, T, R} || #{contract := election, what := What, at_us := T, robots := R,
-                        details := #{election := e}} <- Found ++ Late], Results}.
+    {
+        [
+            {What, T, R}
+         || #{
+                contract := election,
+                what := What,
+                at_us := T,
+                robots := R,
+                details := #{election := e}
+            } <- Found ++ Late
+        ],
+        Results
+    }.
 
 told_test() ->
     Told = fun(Events, Lossless) -> element(1, in_full(Events, Lossless)) end,
-    ?assertEqual([{two_leaders_at_one_robot, 3, [1]}],
-                 Told([elected(2, 1, 3, announcement), elected(3, 1, 2, announcement)], false)),
-    ?assertEqual([{no_result, 1001, [1]}, {no_result, 1002, [2]}],
-                 Told([entered(1, 1), entered(2, 2)], false)),
-    ?assertEqual([{no_result, 1001, [2]}, {no_result, 1002, [1]}],
-                 Told([entered(1, 2), entered(2, 1)], false)),
-    ?assertEqual([{failed_without_loss, 9, [1]}],
-                 Told([entered(1, 1), {9, 1, {failed, e, timeout}}], true)),
+    ?assertEqual(
+        [{two_leaders_at_one_robot, 3, [1]}],
+        Told([elected(2, 1, 3, announcement), elected(3, 1, 2, announcement)], false)
+    ),
+    ?assertEqual(
+        [{no_result, 1001, [1]}, {no_result, 1002, [2]}],
+        Told([entered(1, 1), entered(2, 2)], false)
+    ),
+    ?assertEqual(
+        [{no_result, 1001, [2]}, {no_result, 1002, [1]}],
+        Told([entered(1, 2), entered(2, 1)], false)
+    ),
+    ?assertEqual(
+        [{failed_without_loss, 9, [1]}],
+        Told([entered(1, 1), {9, 1, {failed, e, timeout}}], true)
+    ),
     ?assertEqual([{not_a_robot, 2, [1]}], Told([elected(2, 1, 7, announcement)], false)),
     ?assertEqual([{not_itself, 2, [1]}], Told([elected(2, 1, 2, highest)], false)),
     ?assertEqual([{not_the_highest, 2, [1, 2, 3]}], Told([elected(2, 1, 1, highest)], true)),
-    ?assertEqual([{dead_leader, 2, [2]}],
-                 Told([{1, 3, {died, k}}, elected(2, 2, 3, announcement)], true)),
-    ?assertEqual([{different_leaders, 4, [1]}],
-                 Told([entered(1, 1), elected(2, 2, 3, known), {3, 3, {died, k}},
-                       elected(4, 1, 2, known)], true)).
+    ?assertEqual(
+        [{dead_leader, 2, [2]}],
+        Told([{1, 3, {died, k}}, elected(2, 2, 3, announcement)], true)
+    ),
+    ?assertEqual(
+        [{different_leaders, 4, [1]}],
+        Told(
+            [
+                entered(1, 1),
+                elected(2, 2, 3, known),
+                {3, 3, {died, k}},
+                elected(4, 1, 2, known)
+            ],
+            true
+        )
+    ).
 
 results_test() ->
-    ?assertEqual({[], #{elections => 0, elected => 0, failed => 0, leaders => []}},
-                 in_full([], false)),
-    Events = [entered(1, 1), entered(1, 2), elected(2, 1, 3, known), elected(3, 1, 3, known),
-              {4, 2, {failed, e, timeout}}, {5, 3, {failed, e, timeout}},
-              elected(6, 3, 2, known), {7, 3, {elected, f, 1, known}}],
-    ?assertEqual({[], #{elections => 2, elected => 3, failed => 2,
-                        leaders => [{e, [2, 3]}, {f, [1]}]}}, in_full(Events, false)).
+    ?assertEqual(
+        {[], #{elections => 0, elected => 0, failed => 0, leaders => []}},
+        in_full([], false)
+    ),
+    Events = [
+        entered(1, 1),
+        entered(1, 2),
+        elected(2, 1, 3, known),
+        elected(3, 1, 3, known),
+        {4, 2, {failed, e, timeout}},
+        {5, 3, {failed, e, timeout}},
+        elected(6, 3, 2, known),
+        {7, 3, {elected, f, 1, known}}
+    ],
+    ?assertEqual(
+        {[], #{
+            elections => 2,
+            elected => 3,
+            failed => 2,
+            leaders => [{e, [2, 3]}, {f, [1]}]
+        }},
+        in_full(Events, false)
+    ).
 
 %% Elections come in their order, however many there are.
 leaders_test() ->
@@ -84,14 +146,32 @@ entered(T, Robot) -> {T, Robot, {entered, e}}.
 elected(T, Robot, Leader, How) -> {T, Robot, {elected, e, Leader, How}}.
 
 kept_test() ->
-    ?assertEqual([], judge([entered(1, 1), elected(2, 3, 3, highest),
-                            elected(3, 1, 3, announcement), elected(4, 1, 3, known)], true)).
+    ?assertEqual(
+        [],
+        judge(
+            [
+                entered(1, 1),
+                elected(2, 3, 3, highest),
+                elected(3, 1, 3, announcement),
+                elected(4, 1, 3, known)
+            ],
+            true
+        )
+    ).
 two_leaders_test() ->
-    ?assertEqual([two_leaders_at_one_robot],
-                 judge([elected(2, 1, 3, announcement), elected(3, 1, 2, announcement)])).
+    ?assertEqual(
+        [two_leaders_at_one_robot],
+        judge([elected(2, 1, 3, announcement), elected(3, 1, 2, announcement)])
+    ).
 a_crash_begins_a_term_test() ->
-    ?assertEqual([], judge([elected(2, 1, 3, announcement), {3, 1, crashed},
-                            elected(4, 1, 2, announcement)])).
+    ?assertEqual(
+        [],
+        judge([
+            elected(2, 1, 3, announcement),
+            {3, 1, crashed},
+            elected(4, 1, 2, announcement)
+        ])
+    ).
 no_result_test() -> ?assertEqual([no_result], judge([entered(1, 1), elected(1002, 1, 3, known)])).
 %% What is overdue is told once.
 told_once_test() ->
@@ -102,9 +182,13 @@ failed_without_loss_test() ->
 dead_owe_nothing_test() ->
     ?assertEqual([], judge([entered(1, 1), entered(1, 2), {5, 1, {died, k}}, {6, 2, crashed}])).
 the_others_owe_it_still_test() ->
-    [?assertMatch({[{no_result, 1001, [2]}], _},
-                  in_full([entered(1, 1), entered(1, 2), {5, 1, End}], false))
-     || End <- [{died, k}, crashed]].
+    [
+        ?assertMatch(
+            {[{no_result, 1001, [2]}], _},
+            in_full([entered(1, 1), entered(1, 2), {5, 1, End}], false)
+        )
+     || End <- [{died, k}, crashed]
+    ].
 not_a_robot_test() -> ?assertEqual([not_a_robot], judge([elected(2, 1, 7, announcement)])).
 not_itself_test() -> ?assertEqual([not_itself], judge([elected(2, 1, 2, highest)])).
 not_the_highest_test() -> ?assertEqual([not_the_highest], judge([elected(2, 2, 2, highest)], true)).
@@ -113,7 +197,16 @@ the_highest_is_dead_test() ->
 dead_leader_test() ->
     ?assertEqual([dead_leader], judge([{1, 3, {died, k}}, elected(2, 2, 3, announcement)], true)).
 different_leaders_test() ->
-    ?assertEqual([different_leaders],
-                 judge([entered(1, 1), elected(2, 2, 3, known), {3, 3, {died, k}},
-                        elected(4, 1, 2, known)], true)),
+    ?assertEqual(
+        [different_leaders],
+        judge(
+            [
+                entered(1, 1),
+                elected(2, 2, 3, known),
+                {3, 3, {died, k}},
+                elected(4, 1, 2, known)
+            ],
+            true
+        )
+    ),
     ?assertEqual([], judge([elected(2, 2, 3, known), elected(4, 1, 2, known)])).

@@ -37,29 +37,50 @@ ballots() ->
     lists:append([[entered(R, R), ballot(R, R, 10 * R)] || R <- [1, 2, 3]]).
 
 all_elect_the_same_test() ->
-    {[], Results} = run(ballots() ++ [elected(9, 3, 3), elected(9, 1, 3), announced(9, 2, 3)],
-                        9000, #{}),
+    {[], Results} = run(
+        ballots() ++ [elected(9, 3, 3), elected(9, 1, 3), announced(9, 2, 3)],
+        9000,
+        #{}
+    ),
     ?assertEqual(#{elections => 1, elected => 3, failed => 0, leaders => [{e1, [3]}]}, Results).
 
 different_leaders_test() ->
-    ?assertEqual([different_leaders],
-                 judge(ballots() ++ [elected(9, 1, 3), elected(9, 2, 3), announced(9, 3, 2)])).
+    ?assertEqual(
+        [different_leaders],
+        judge(ballots() ++ [elected(9, 1, 3), elected(9, 2, 3), announced(9, 3, 2)])
+    ).
 
 one_election_does_not_bind_the_next_test() ->
     Next = [{20, 1, {ballot, e2, 5}}, {21, 2, {elected, e2, 1, announcement}}],
-    ?assertEqual([], judge(ballots() ++ [elected(9, 2, 3), elected(9, 1, 3), elected(9, 3, 3)
-                                         | Next])).
+    ?assertEqual(
+        [],
+        judge(
+            ballots() ++
+                [
+                    elected(9, 2, 3),
+                    elected(9, 1, 3),
+                    elected(9, 3, 3)
+                    | Next
+                ]
+        )
+    ).
 
 two_leaders_at_one_robot_test() ->
-    ?assertEqual([two_leaders_at_one_robot],
-                 judge(ballots() ++ [elected(9, 1, 3), announced(10, 1, 2)])),
+    ?assertEqual(
+        [two_leaders_at_one_robot],
+        judge(ballots() ++ [elected(9, 1, 3), announced(10, 1, 2)])
+    ),
     ?assertEqual([], judge(ballots() ++ [elected(9, 1, 3), announced(10, 1, 3)])).
 
 leader_without_ballot_test() ->
-    ?assertEqual([leader_without_ballot],
-                 judge([entered(1, 1), ballot(1, 1, 7), announced(9, 1, 2)])),
-    ?assertEqual([leader_without_ballot],
-                 judge([{1, 2, {ballot, e0, 7}}, announced(9, 1, 2)])),
+    ?assertEqual(
+        [leader_without_ballot],
+        judge([entered(1, 1), ballot(1, 1, 7), announced(9, 1, 2)])
+    ),
+    ?assertEqual(
+        [leader_without_ballot],
+        judge([{1, 2, {ballot, e0, 7}}, announced(9, 1, 2)])
+    ),
     ?assertEqual([], judge([ballot(1, 2, 7), announced(9, 1, 2)])).
 
 second_ballot_test() ->
@@ -112,8 +133,10 @@ told_test() ->
         [{W, T, R, D} || #{what := W, at_us := T, robots := R, details := D} <- Met ++ Late]
     end,
     Of = #{election => e1},
-    ?assertEqual([{different_leaders, 9, [2, 3], Of#{leaders => [3, 2]}}],
-                 Told(ballots() ++ [elected(9, 2, 3), announced(9, 3, 2)], 0, #{})),
+    ?assertEqual(
+        [{different_leaders, 9, [2, 3], Of#{leaders => [3, 2]}}],
+        Told(ballots() ++ [elected(9, 2, 3), announced(9, 3, 2)], 0, #{})
+    ),
     %% of several that chose otherwise it is told of the lowest
     ?assertEqual(
         [
@@ -122,17 +145,28 @@ told_test() ->
         ],
         Told(ballots() ++ [elected(7, 1, 3), announced(8, 3, 2), announced(9, 2, 1)], 0, #{})
     ),
-    ?assertEqual([{leader_without_ballot, 9, [1], Of#{leader => 2}}],
-                 Told([ballot(1, 1, 7), announced(9, 1, 2)], 0, #{})),
-    ?assertEqual([{second_ballot, 2, [1], Of#{first => 7, second => 8}}],
-                 Told([ballot(1, 1, 7), ballot(2, 1, 8)], 0, #{})),
+    ?assertEqual(
+        [{leader_without_ballot, 9, [1], Of#{leader => 2}}],
+        Told([ballot(1, 1, 7), announced(9, 1, 2)], 0, #{})
+    ),
+    ?assertEqual(
+        [{second_ballot, 2, [1], Of#{first => 7, second => 8}}],
+        Told([ballot(1, 1, 7), ballot(2, 1, 8)], 0, #{})
+    ),
     ?assertEqual([{not_a_participant, 1, [4], Of}], Told([{1, 4, {entered, e1}}], 0, #{})),
-    ?assertEqual([{incomplete_ballots, 9, [1], Of#{missing => [3]}}],
-                 Told([ballot(1, 1, 7), ballot(1, 2, 8), elected(9, 1, 2)], 0,
-                      #{complete => true})),
+    ?assertEqual(
+        [{incomplete_ballots, 9, [1], Of#{missing => [3]}}],
+        Told(
+            [ballot(1, 1, 7), ballot(1, 2, 8), elected(9, 1, 2)],
+            0,
+            #{complete => true}
+        )
+    ),
     ?assertEqual([{no_result, 1 + ?BOUND, [1], Of}], Told([entered(1, 1)], 9000, #{})),
-    ?assertEqual([{not_settled, 13, [R], Of} || R <- [1, 2, 3]],
-                 Told(ballots(), 900, #{settle_us => 10})).
+    ?assertEqual(
+        [{not_settled, 13, [R], Of} || R <- [1, 2, 3]],
+        Told(ballots(), 900, #{settle_us => 10})
+    ).
 
 %%% Bounded time
 
@@ -143,8 +177,18 @@ result_at_the_bound_test() ->
 result_after_the_bound_test() ->
     ?assertEqual([no_result], judge([entered(1, 1)], 2 + ?BOUND)),
     ?assertEqual([no_result], judge([entered(1, 1), ballot(2 + ?BOUND, 1, 7)])),
-    ?assertEqual([no_result], judge([entered(1, 1), entered(1, 2), ballot(2, 2, 7),
-                                     announced(5, 1, 2)], 9000)).
+    ?assertEqual(
+        [no_result],
+        judge(
+            [
+                entered(1, 1),
+                entered(1, 2),
+                ballot(2, 2, 7),
+                announced(5, 1, 2)
+            ],
+            9000
+        )
+    ).
 
 failing_is_a_result_test() ->
     {[], Results} = run([entered(1, 1), {5, 1, {failed, e1, no_answer}}], 9000, #{}),
@@ -169,17 +213,23 @@ order_test() ->
     {[], M} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- ballots()]),
     {Late, _} = starl_monitor:finish(900, M),
     ?assertEqual([[1], [2], [3]], [Robots || #{robots := Robots} <- Late]),
-    ?assertEqual([{no_result, [R]} || R <- [2, 3, 1]],
-                 blamed([entered(1, 2), entered(1, 3), entered(2, 1)], 9000)).
+    ?assertEqual(
+        [{no_result, [R]} || R <- [2, 3, 1]],
+        blamed([entered(1, 2), entered(1, 3), entered(2, 1)], 9000)
+    ).
 
 %% The verdict says whether there is anything that is broken; elections come in their order.
 finish_test() ->
     Finish = fun(Events) ->
         M0 = starl_election_monitor:init(#{robots => [1, 2, 3], bound_us => ?BOUND}),
-        M = lists:foldl(fun(Event, Before) ->
-            {ok, After} = starl_election_monitor:step(trace(Event), Before),
-            After
-        end, M0, Events),
+        M = lists:foldl(
+            fun(Event, Before) ->
+                {ok, After} = starl_election_monitor:step(trace(Event), Before),
+                After
+            end,
+            M0,
+            Events
+        ),
         starl_election_monitor:finish(9000, M)
     end,
     ?assertMatch({ok, #{elections := 0}}, Finish([])),
@@ -200,8 +250,14 @@ incomplete_ballots_test() ->
     ?assertEqual([], judge(Two ++ [elected(9, 1, 2)])),
     ?assertEqual([incomplete_ballots], judge(Two ++ [elected(9, 1, 2)], 10, #{complete => true})),
     ?assertEqual([], judge(Two ++ [announced(9, 1, 2)], 10, #{complete => true})),
-    ?assertEqual([], judge(ballots() ++ [elected(9, R, 3) || R <- [1, 2, 3]], 10,
-                           #{complete => true})).
+    ?assertEqual(
+        [],
+        judge(
+            ballots() ++ [elected(9, R, 3) || R <- [1, 2, 3]],
+            10,
+            #{complete => true}
+        )
+    ).
 
 %% Nothing is lost: whoever keeps the ballots that come before its own elects when it has cast it.
 settles_after_the_last_ballot_test() ->
@@ -217,7 +273,14 @@ settles_only_who_is_electing_test() ->
     Settle = #{settle_us => 10},
     Two = [entered(1, 1), ballot(1, 1, 10), entered(2, 2), ballot(2, 2, 20)],
     ?assertEqual([], judge(Two, 900, Settle)),
-    Failed = Two ++ [{3, 1, {failed, e1, timeout}}, entered(4, 3), ballot(4, 3, 30),
-                     elected(4, 3, 3), announced(9, 2, 3)],
+    Failed =
+        Two ++
+            [
+                {3, 1, {failed, e1, timeout}},
+                entered(4, 3),
+                ballot(4, 3, 30),
+                elected(4, 3, 3),
+                announced(9, 2, 3)
+            ],
     ?assertEqual([], judge(Failed, 9000, Settle)),
     ?assertEqual([not_settled], judge(lists:droplast(Failed), 9000, Settle)).

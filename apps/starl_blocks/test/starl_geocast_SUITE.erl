@@ -7,23 +7,45 @@
 
 -export([all/0]).
 -export([
-    safety_under_faults/1, progress_over_several_hops/1, planted_bugs_are_caught/1,
-    chain_of_hops/1, lifetimes_and_clocks/1, slow_packets_are_not_late/1,
-    memory_shrinks/1, memory_is_bounded/1,
-    late_comer_gets_it/1, dead_relay_is_gone_around/1, not_again_after_a_restart/1,
-    not_again_by_a_clock/1, not_before_the_clock_is_back/1, lives_long_enough/1,
-    sent_after_the_restart/1, listeners_come_late/1, hops_are_limited/1,
+    safety_under_faults/1,
+    progress_over_several_hops/1,
+    planted_bugs_are_caught/1,
+    chain_of_hops/1,
+    lifetimes_and_clocks/1,
+    slow_packets_are_not_late/1,
+    memory_shrinks/1,
+    memory_is_bounded/1,
+    late_comer_gets_it/1,
+    dead_relay_is_gone_around/1,
+    not_again_after_a_restart/1,
+    not_again_by_a_clock/1,
+    not_before_the_clock_is_back/1,
+    lives_long_enough/1,
+    sent_after_the_restart/1,
+    listeners_come_late/1,
+    hops_are_limited/1,
     mistakes_of_the_caller/1
 ]).
 
 all() ->
     [
-        safety_under_faults, progress_over_several_hops, planted_bugs_are_caught,
-        chain_of_hops, lifetimes_and_clocks, slow_packets_are_not_late,
-        memory_shrinks, memory_is_bounded,
-        late_comer_gets_it, dead_relay_is_gone_around, not_again_after_a_restart,
-        not_again_by_a_clock, not_before_the_clock_is_back, lives_long_enough,
-        sent_after_the_restart, listeners_come_late, hops_are_limited,
+        safety_under_faults,
+        progress_over_several_hops,
+        planted_bugs_are_caught,
+        chain_of_hops,
+        lifetimes_and_clocks,
+        slow_packets_are_not_late,
+        memory_shrinks,
+        memory_is_bounded,
+        late_comer_gets_it,
+        dead_relay_is_gone_around,
+        not_again_after_a_restart,
+        not_again_by_a_clock,
+        not_before_the_clock_is_back,
+        lives_long_enough,
+        sent_after_the_restart,
+        listeners_come_late,
+        hops_are_limited,
         mistakes_of_the_caller
     ].
 
@@ -32,8 +54,11 @@ all() ->
 %% Safety under loss, duplicates, delays, clocks that differ and drift, limited range, robots that
 %% drive in and out of areas, crashes of machines and robots.
 safety_under_faults(_) ->
-    Prop = ?FORALL(Case, geocasts(),
-        starl_platform_ct:safely(fun() -> holds(Case, none) end)),
+    Prop = ?FORALL(
+        Case,
+        geocasts(),
+        starl_platform_ct:safely(fun() -> holds(Case, none) end)
+    ),
     starl_platform_ct:property(Prop, 60).
 
 holds(Case, Bug) ->
@@ -47,8 +72,11 @@ tell(Violations) ->
 %% Progress: every robot inside during the whole window gets the message where packets get
 %% through: rows of robots in range of their neighbours, loss up to a fifth, machines that crash.
 progress_over_several_hops(_) ->
-    Prop = ?FORALL(Case, rows(),
-        starl_platform_ct:safely(fun() -> holds(Case, none) end)),
+    Prop = ?FORALL(
+        Case,
+        rows(),
+        starl_platform_ct:safely(fun() -> holds(Case, none) end)
+    ),
     starl_platform_ct:property(Prop, 40).
 
 %% The properties find what is planted.
@@ -57,8 +85,11 @@ planted_bugs_are_caught(_) ->
     [
         ?assert(caught(Generator, Bug), Bug)
      || {Generator, Bug} <- [
-            {rows(), clocks}, {geocasts(), holds}, {geocasts(), trusts},
-            {geocasts(), forgets}, {geocasts(), restart}
+            {rows(), clocks},
+            {geocasts(), holds},
+            {geocasts(), trusts},
+            {geocasts(), forgets},
+            {geocasts(), restart}
         ]
     ].
 
@@ -72,37 +103,65 @@ caught(Generator, Bug, Left) ->
     {ok, Case} = proper_gen:pick(Generator),
     #{violations := Violations} = run(Case, Bug),
     case [What || #{contract := geocast, what := What} <- Violations] of
-        [] -> caught(Generator, Bug, Left - 1);
+        [] ->
+            caught(Generator, Bug, Left - 1);
         [What | _] ->
             ct:log("~p is caught as ~p in case ~b", [Bug, What, 301 - Left]),
             true
     end.
 
 geocasts() ->
-    ?LET({N, Seed, Range}, {range(3, 8), seed(), oneof([none, 2500, 6000])}, map([
-        {robots, N}, {seed, Seed}, {range, Range},
-        {loss, oneof([0.0, 0.2, 0.4])}, {duplicate, oneof([0.0, 0.3])},
-        {delay, oneof([{5, 20}, {2, 100}, {40, 40}, {5, 800}])},
-        {clock_offset, oneof([0, 1000, 100000])}, {clock_drift, oneof([0, 50, 9000])},
-        {lifetime, oneof([50, 300, 2000, 6000])}, {speed, oneof([100, 500])},
-        {area, area()}, {drives, boolean()}, {progress, false},
-        {faults, list(oneof([
-            {moment(), kill_machine, {range(1, N), geocast}},
-            {moment(), kill_machine, {range(1, N), oneof([sap, location, geocast])}},
-            {moment(), kill_robot, range(1, N)}, {moment(), reboot, range(1, N)},
-            {moment(), pause, range(1, N)}
-        ]))}
-    ])).
+    ?LET(
+        {N, Seed, Range},
+        {range(3, 8), seed(), oneof([none, 2500, 6000])},
+        map([
+            {robots, N},
+            {seed, Seed},
+            {range, Range},
+            {loss, oneof([0.0, 0.2, 0.4])},
+            {duplicate, oneof([0.0, 0.3])},
+            {delay, oneof([{5, 20}, {2, 100}, {40, 40}, {5, 800}])},
+            {clock_offset, oneof([0, 1000, 100000])},
+            {clock_drift, oneof([0, 50, 9000])},
+            {lifetime, oneof([50, 300, 2000, 6000])},
+            {speed, oneof([100, 500])},
+            {area, area()},
+            {drives, boolean()},
+            {progress, false},
+            {faults,
+                list(
+                    oneof([
+                        {moment(), kill_machine, {range(1, N), geocast}},
+                        {moment(), kill_machine, {range(1, N), oneof([sap, location, geocast])}},
+                        {moment(), kill_robot, range(1, N)},
+                        {moment(), reboot, range(1, N)},
+                        {moment(), pause, range(1, N)}
+                    ])
+                )}
+        ])
+    ).
 
 rows() ->
-    ?LET({N, Seed}, {range(2, 9), seed()}, map([
-        {robots, N}, {seed, Seed}, {range, 2500},
-        {loss, oneof([0.0, 0.1, 0.2])}, {duplicate, oneof([0.0, 0.3])},
-        {delay, oneof([{5, 20}, {2, 100}])},
-        {clock_offset, 1000}, {clock_drift, oneof([0, 50, 9000])},
-        {lifetime, 8000}, {speed, 100}, {area, area()}, {drives, false}, {progress, true},
-        {faults, list({moment(), kill_machine, {range(1, N), oneof([sap, location, geocast])}})}
-    ])).
+    ?LET(
+        {N, Seed},
+        {range(2, 9), seed()},
+        map([
+            {robots, N},
+            {seed, Seed},
+            {range, 2500},
+            {loss, oneof([0.0, 0.1, 0.2])},
+            {duplicate, oneof([0.0, 0.3])},
+            {delay, oneof([{5, 20}, {2, 100}])},
+            {clock_offset, 1000},
+            {clock_drift, oneof([0, 50, 9000])},
+            {lifetime, 8000},
+            {speed, 100},
+            {area, area()},
+            {drives, false},
+            {progress, true},
+            {faults, list({moment(), kill_machine, {range(1, N), oneof([sap, location, geocast])}})}
+        ])
+    ).
 
 %% A map with values from these generators.
 map(Pairs) -> ?LET(Drawn, Pairs, maps:from_list(Drawn)).
@@ -112,13 +171,18 @@ moment() -> oneof([10, 400, 1200, 3000]).
 seed() -> oneof(lists:seq(1, 100000)).
 
 area() ->
-    oneof([
-        {circle, {float(X), float(Y)}, float(R)}
-     || X <- [1000, 4000], Y <- [1000, 2500], R <- [700, 2100, 5000]
-    ] ++ [
-        {rectangle, {0.0, 0.0, 4000.0, 2000.0}},
-        {polygon, [{0.0, 0.0}, {8000.0, 0.0}, {8000.0, 4000.0}, {4500.0, 500.0}, {0.0, 4000.0}]}
-    ]).
+    oneof(
+        [
+            {circle, {float(X), float(Y)}, float(R)}
+         || X <- [1000, 4000], Y <- [1000, 2500], R <- [700, 2100, 5000]
+        ] ++
+            [
+                {rectangle, {0.0, 0.0, 4000.0, 2000.0}},
+                {polygon, [
+                    {0.0, 0.0}, {8000.0, 0.0}, {8000.0, 4000.0}, {4500.0, 500.0}, {0.0, 4000.0}
+                ]}
+            ]
+    ).
 
 %% Each robot sends a message now and then; with `drives' they go to and fro.
 run(#{progress := Progress, robots := N, faults := Faults} = Case, Bug) ->
@@ -127,7 +191,8 @@ run(#{progress := Progress, robots := N, faults := Faults} = Case, Bug) ->
         robots => lists:seq(1, N), progress => Progress, healed_us => 0, delay_us => 0, broken => []
     },
     Around = #{
-        blocks => [machine(Bug, Config)], monitors => [{starl_geocast_monitor, Monitor}],
+        blocks => [machine(Bug, Config)],
+        monitors => [{starl_geocast_monitor, Monitor}],
         %% four in a row, two metres apart
         poses => maps:from_list([{I, pose(I)} || I <- lists:seq(1, N)])
     },
@@ -142,8 +207,10 @@ machine(Bug, Config) -> {geocast, starl_geocast_bug, Config#{bug => Bug}}.
 pose(I) -> {1000.0 + 2000.0 * ((I - 1) rem 4), 1000.0 + 2000.0 * ((I - 1) div 4), 0.0}.
 
 planned(Faults) ->
-    [{starl_platform_ct:fault_id(f, K), At, At + 700, Kind, Target, #{}}
-     || {K, {At, Kind, Target}} <- lists:zip(lists:seq(1, length(Faults)), Faults)].
+    [
+        {starl_platform_ct:fault_id(f, K), At, At + 700, Kind, Target, #{}}
+     || {K, {At, Kind, Target}} <- lists:zip(lists:seq(1, length(Faults)), Faults)
+    ].
 
 script(R, #{area := Area, lifetime := Lifetime, drives := Drives}) ->
     Id = starl:id(R),
@@ -159,27 +226,35 @@ script(R, #{area := Area, lifetime := Lifetime, drives := Drives}) ->
 
 %% Eight robots in a line, each in range of its neighbours only: the last one hears from the first.
 chain_of_hops(_) ->
-    {Results, _} = line(8, fun(R) ->
-        ok = starl_geocast:listen(R, news),
-        case starl:id(R) of
-            1 -> ok = starl_geocast:send(R, everywhere(), news, hello, #{lifetime_ms => 8000});
-            _ -> ok
+    {Results, _} = line(
+        8,
+        fun(R) ->
+            ok = starl_geocast:listen(R, news),
+            case starl:id(R) of
+                1 -> ok = starl_geocast:send(R, everywhere(), news, hello, #{lifetime_ms => 8000});
+                _ -> ok
+            end,
+            starl:await(R, news, 8000)
         end,
-        starl:await(R, news, 8000)
-    end, #{loss => 0.2}),
+        #{loss => 0.2}
+    ),
     ?assertEqual(lists:duplicate(8, {done, {ok, 1, hello}}), Results).
 
 %% Clocks that lie minutes apart neither end a lifetime early nor prolong it.
 lifetimes_and_clocks(_) ->
-    {Results, Trace} = line(4, fun(R) ->
-        ok = starl_geocast:listen(R, news),
-        ok = starl:sleep(R, 1000),
-        case starl:id(R) of
-            2 -> ok = starl_geocast:send(R, everywhere(), news, hello, #{lifetime_ms => 1000});
-            _ -> ok
+    {Results, Trace} = line(
+        4,
+        fun(R) ->
+            ok = starl_geocast:listen(R, news),
+            ok = starl:sleep(R, 1000),
+            case starl:id(R) of
+                2 -> ok = starl_geocast:send(R, everywhere(), news, hello, #{lifetime_ms => 1000});
+                _ -> ok
+            end,
+            {starl:await(R, news, 4000), starl:await(R, news, 60000)}
         end,
-        {starl:await(R, news, 4000), starl:await(R, news, 60000)}
-    end, #{clock_offset => 600000}),
+        #{clock_offset => 600000}
+    ),
     ?assertEqual(lists:duplicate(4, {done, {{ok, 2, hello}, timeout}}), Results),
     [Sent] = [T || {T, _, geocast, {sent, _, _, _, _}} <- Trace],
     [?assert(T =< Sent + 1000000) || {T, _, geocast, {delivered, _, _}} <- Trace].
@@ -189,12 +264,18 @@ lifetimes_and_clocks(_) ->
 slow_packets_are_not_late(_) ->
     Reached = [
         begin
-            {_, Trace} = line(3, fun(R) ->
-                _ = [starl_geocast:send(R, everywhere(), news, hello, #{lifetime_ms => 1200})
-                     || starl:id(R) =:= 1],
-                starl:sleep(R, 8000)
-            end, #{faults => [{slow, 0, 8000, delay, all, #{extra_ms => Extra}}]},
-                #{listeners => #{news => app}}),
+            {_, Trace} = line(
+                3,
+                fun(R) ->
+                    _ = [
+                        starl_geocast:send(R, everywhere(), news, hello, #{lifetime_ms => 1200})
+                     || starl:id(R) =:= 1
+                    ],
+                    starl:sleep(R, 8000)
+                end,
+                #{faults => [{slow, 0, 8000, delay, all, #{extra_ms => Extra}}]},
+                #{listeners => #{news => app}}
+            ),
             length([R || {_, R, geocast, {delivered, _, _}} <- Trace])
         end
      || Extra <- [1300, 250, 1]
@@ -203,11 +284,22 @@ slow_packets_are_not_late(_) ->
 
 %% Nothing is remembered of messages whose lifetime is long over.
 memory_shrinks(_) ->
-    {ok, Sim} = starl_sim:start(scenario(3, fun(R) ->
-        [ok = starl_geocast:send(R, everywhere(), news, {K, binary:copy(<<0>>, 1000)}, #{})
-         || K <- lists:seq(1, 20)],
-        starl:sleep(R, 100000)
-    end, #{}, #{})),
+    {ok, Sim} = starl_sim:start(
+        scenario(
+            3,
+            fun(R) ->
+                [
+                    ok = starl_geocast:send(
+                        R, everywhere(), news, {K, binary:copy(<<0>>, 1000)}, #{}
+                    )
+                 || K <- lists:seq(1, 20)
+                ],
+                starl:sleep(R, 100000)
+            end,
+            #{},
+            #{}
+        )
+    ),
     _ = starl_sim:run(Sim, 2),
     Full = size_of(Sim),
     _ = starl_sim:run(Sim, 30),
@@ -222,51 +314,76 @@ size_of(Sim) ->
 
 %% Beyond the limit no message is taken: the sender is told, a relay says so in the trace.
 memory_is_bounded(_) ->
-    {[First | _], Trace} = line(2, fun(R) ->
-        [starl_geocast:send(R, everywhere(), news, K, #{}) || K <- [1, 2, 3], starl:id(R) =:= 1]
-    end, #{}, #{limit => 2}),
+    {[First | _], Trace} = line(
+        2,
+        fun(R) ->
+            [starl_geocast:send(R, everywhere(), news, K, #{}) || K <- [1, 2, 3], starl:id(R) =:= 1]
+        end,
+        #{},
+        #{limit => 2}
+    ),
     ?assertEqual({done, [ok, ok, {error, full}]}, First),
     ?assertEqual(2, length([Id || {_, _, geocast, {sent, Id, _, _, _}} <- Trace])).
 
 %% Who comes into the area while the message lives gets it then.
 late_comer_gets_it(_) ->
     Area = {circle, {1000.0, 1000.0}, 900.0},
-    {[_, Second], Trace} = line(2, fun(R) ->
-        ok = starl_geocast:listen(R, news),
-        case starl:id(R) of
-            1 ->
-                starl_geocast:send(R, Area, news, hello, #{lifetime_ms => 20000});
-            2 ->
-                ok = starl:sleep(R, 2000),
-                Before = starl:await(R, news, 0),
-                ok = starl:go_to(R, {1500.0, 1000.0}),
-                {Before, starl:await(R, news, 1000)}
-        end
-    end, #{}),
+    {[_, Second], Trace} = line(
+        2,
+        fun(R) ->
+            ok = starl_geocast:listen(R, news),
+            case starl:id(R) of
+                1 ->
+                    starl_geocast:send(R, Area, news, hello, #{lifetime_ms => 20000});
+                2 ->
+                    ok = starl:sleep(R, 2000),
+                    Before = starl:await(R, news, 0),
+                    ok = starl:go_to(R, {1500.0, 1000.0}),
+                    {Before, starl:await(R, news, 1000)}
+            end
+        end,
+        #{}
+    ),
     ?assertEqual({done, {timeout, {ok, 1, hello}}}, Second),
     ?assertEqual([1, 2], [R || {_, R, geocast, {delivered, _, _}} <- Trace]).
 
 %% The robots stand in a square; one of the two ways round dies at once.
 dead_relay_is_gone_around(_) ->
-    Poses = #{1 => {0.0, 0.0, 0.0}, 2 => {2000.0, 0.0, 0.0}, 3 => {0.0, 2000.0, 0.0},
-              4 => {2000.0, 2000.0, 0.0}},
-    {Results, _} = play(4, fun(R) ->
-        ok = starl_geocast:listen(R, news),
-        starl:sleep(R, 100),
-        _ = [starl_geocast:send(R, everywhere(), news, hello, #{}) || starl:id(R) =:= 1],
-        starl:await(R, news, 5000)
-    end, #{range => 2100, faults => [{die, 50, 50, kill_robot, 2, #{}}]}, #{}, #{poses => Poses}),
-    ?assertEqual([{done, {ok, 1, hello}}, died, {done, {ok, 1, hello}}, {done, {ok, 1, hello}}],
-                 Results).
+    Poses = #{
+        1 => {0.0, 0.0, 0.0},
+        2 => {2000.0, 0.0, 0.0},
+        3 => {0.0, 2000.0, 0.0},
+        4 => {2000.0, 2000.0, 0.0}
+    },
+    {Results, _} = play(
+        4,
+        fun(R) ->
+            ok = starl_geocast:listen(R, news),
+            starl:sleep(R, 100),
+            _ = [starl_geocast:send(R, everywhere(), news, hello, #{}) || starl:id(R) =:= 1],
+            starl:await(R, news, 5000)
+        end,
+        #{range => 2100, faults => [{die, 50, 50, kill_robot, 2, #{}}]},
+        #{},
+        #{poses => Poses}
+    ),
+    ?assertEqual(
+        [{done, {ok, 1, hello}}, died, {done, {ok, 1, hello}}, {done, {ok, 1, hello}}],
+        Results
+    ).
 
 %% A machine that restarts while a message lives does not deliver it again.
 not_again_after_a_restart(_) ->
-    {_, Trace} = line(2, fun(R) ->
-        ok = starl_geocast:listen(R, news),
-        _ = [starl_geocast:send(R, everywhere(), news, hello, #{}) || starl:id(R) =:= 1],
-        starl:sleep(R, 10000)
-    end, #{faults => [{k, 1000, 1000, kill_machine, {2, geocast}, #{}}]},
-        #{listeners => #{news => app}}),
+    {_, Trace} = line(
+        2,
+        fun(R) ->
+            ok = starl_geocast:listen(R, news),
+            _ = [starl_geocast:send(R, everywhere(), news, hello, #{}) || starl:id(R) =:= 1],
+            starl:sleep(R, 10000)
+        end,
+        #{faults => [{k, 1000, 1000, kill_machine, {2, geocast}, #{}}]},
+        #{listeners => #{news => app}}
+    ),
     ?assertEqual([1, 2], [R || {_, R, geocast, {delivered, _, _}} <- Trace]).
 
 %% The source's clock stands still while the message lives, so that it lives on when the other robot
@@ -332,43 +449,67 @@ lives_long_enough(_) ->
 
 %% What is sent after the restart is delivered.
 sent_after_the_restart(_) ->
-    {_, Trace} = line(2, fun(R) ->
-        ok = starl:sleep(R, 2000),
-        _ = [starl_geocast:send(R, everywhere(), news, hello, #{}) || starl:id(R) =:= 1],
-        starl:sleep(R, 10000)
-    end, #{faults => [{k, 1000, 1000, kill_machine, {2, geocast}, #{}}]},
-        #{listeners => #{news => app}}),
+    {_, Trace} = line(
+        2,
+        fun(R) ->
+            ok = starl:sleep(R, 2000),
+            _ = [starl_geocast:send(R, everywhere(), news, hello, #{}) || starl:id(R) =:= 1],
+            starl:sleep(R, 10000)
+        end,
+        #{faults => [{k, 1000, 1000, kill_machine, {2, geocast}, #{}}]},
+        #{listeners => #{news => app}}
+    ),
     ?assertEqual([1, 2], [R || {_, R, geocast, {delivered, _, _}} <- Trace]).
 
 %% A message waits for its listener as long as it lives, and not longer.
 listeners_come_late(_) ->
-    {[_, {done, Got}, {done, None}], _} = line(3, fun(R) ->
-        _ = [starl_geocast:send(R, everywhere(), news, hello, #{}) || starl:id(R) =:= 1],
-        ok = starl:sleep(R, 2000 * starl:id(R)),
-        ok = starl_geocast:listen(R, news),
-        starl:await(R, news, 3000)
-    end, #{}),
+    {[_, {done, Got}, {done, None}], _} = line(
+        3,
+        fun(R) ->
+            _ = [starl_geocast:send(R, everywhere(), news, hello, #{}) || starl:id(R) =:= 1],
+            ok = starl:sleep(R, 2000 * starl:id(R)),
+            ok = starl_geocast:listen(R, news),
+            starl:await(R, news, 3000)
+        end,
+        #{}
+    ),
     ?assertEqual({{ok, 1, hello}, timeout}, {Got, None}).
 
 hops_are_limited(_) ->
-    {_, Trace} = line(5, fun(R) ->
-        ok = starl_geocast:listen(R, news),
-        _ = [starl_geocast:send(R, everywhere(), news, hello, #{hops => 2}) || starl:id(R) =:= 1],
-        starl:sleep(R, 6000)
-    end, #{}),
+    {_, Trace} = line(
+        5,
+        fun(R) ->
+            ok = starl_geocast:listen(R, news),
+            _ = [
+                starl_geocast:send(R, everywhere(), news, hello, #{hops => 2})
+             || starl:id(R) =:= 1
+            ],
+            starl:sleep(R, 6000)
+        end,
+        #{}
+    ),
     ?assertEqual([1, 2, 3], [R || {_, R, geocast, {delivered, _, _}} <- Trace]).
 
 mistakes_of_the_caller(_) ->
-    {[{done, Errors}], _} = line(1, fun(R) ->
-        [
-            try starl_geocast:send(R, Area, news, x, Options) of Answer -> Answer
-            catch error:{bad_argument, #{argument := Which}} -> Which end
-         || {Area, Options} <- [
-                {{circle, {0, 0}, 1}, #{}}, {{polygon, []}, #{}}, {everywhere(), #{lifetime => 1}},
-                {everywhere(), #{lifetime_ms => 0}}
+    {[{done, Errors}], _} = line(
+        1,
+        fun(R) ->
+            [
+                try starl_geocast:send(R, Area, news, x, Options) of
+                    Answer -> Answer
+                catch
+                    error:{bad_argument, #{argument := Which}} -> Which
+                end
+             || {Area, Options} <- [
+                    {{circle, {0, 0}, 1}, #{}},
+                    {{polygon, []}, #{}},
+                    {everywhere(), #{lifetime => 1}},
+                    {everywhere(), #{lifetime_ms => 0}}
+                ]
             ]
-        ]
-    end, #{}),
+        end,
+        #{}
+    ),
     ?assertEqual(['Area', 'Area', 'Options', lifetime_ms], Errors).
 
 %% -- helpers --------------------------------------------------------------------------------
@@ -393,13 +534,24 @@ play(N, Script, Scenario, Config, Around) ->
     #{around := All} = Given = scenario(N, Script, Scenario, {Config, Around}),
     Outcome = starl_blocks_script_app:play(Script, All, maps:without([app, script, around], Given)),
     ?assertEqual([], maps:get(violations, Outcome)),
-    {[Result || {_, #{result := Result}} <- maps:get(robots, Outcome)],
-        starl_blocks_script_app:trace(Outcome)}.
+    {
+        [Result || {_, #{result := Result}} <- maps:get(robots, Outcome)],
+        starl_blocks_script_app:trace(Outcome)
+    }.
 
-scenario(N, Script, Scenario, #{} = Around) -> scenario(N, Script, Scenario, {#{}, Around});
+scenario(N, Script, Scenario, #{} = Around) ->
+    scenario(N, Script, Scenario, {#{}, Around});
 scenario(N, Script, Scenario, {Config, Around}) ->
     Default = #{robots => lists:seq(1, N), healed_us => 0, delay_us => 0},
     Judged = maps:merge(Default, maps:get(judged, Around, #{})),
     Monitors = [{starl_geocast_monitor, Judged}],
-    maps:merge(#{app => starl_blocks_script_app, robots => N, script => Script, time => 200,
-        around => Around#{blocks => starl_geocast:machines(Config), monitors => Monitors}}, Scenario).
+    maps:merge(
+        #{
+            app => starl_blocks_script_app,
+            robots => N,
+            script => Script,
+            time => 200,
+            around => Around#{blocks => starl_geocast:machines(Config), monitors => Monitors}
+        },
+        Scenario
+    ).

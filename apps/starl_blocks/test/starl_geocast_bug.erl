@@ -16,12 +16,22 @@ begin_as(Bug, Config) ->
     {ready, Data, Actions} = starl_geocast_flood:init(Config),
     {ready, {Bug, Data}, Actions}.
 
-handle_event(cast, {message, From, geocast, {give, Parcel, Askers}}, ready, {clocks, _} = Bug,
-             #{now := Now} = Meta) ->
+handle_event(
+    cast,
+    {message, From, geocast, {give, Parcel, Askers}},
+    ready,
+    {clocks, _} = Bug,
+    #{now := Now} = Meta
+) ->
     Left = element(6, Parcel) - Now,
     forward(cast, {message, From, geocast, {give, setelement(6, Parcel, Left), Askers}}, Bug, Meta);
-handle_event(cast, {message, From, geocast, {give, Parcel, Askers}}, ready, {trusts, _} = Bug,
-             #{now := Now} = Meta) ->
+handle_event(
+    cast,
+    {message, From, geocast, {give, Parcel, Askers}},
+    ready,
+    {trusts, _} = Bug,
+    #{now := Now} = Meta
+) ->
     Arrived = [{Robot, {Life, Now}} || {Robot, {Life, _Asked}} <- Askers],
     forward(cast, {message, From, geocast, {give, Parcel, Arrived}}, Bug, Meta);
 handle_event({timeout, {over, Id}}, Content, ready, {forgets, _} = Bug, Meta) ->

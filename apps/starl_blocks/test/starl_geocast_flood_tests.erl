@@ -8,7 +8,11 @@
 
 robot() ->
     Base = #{
-        robot => 2, participants => [1, 2, 3], name => geocast, incarnation => 1, now => 0,
+        robot => 2,
+        participants => [1, 2, 3],
+        name => geocast,
+        incarnation => 1,
+        now => 0,
         random => rand:seed_s(exsss, 1)
     },
     Config = #{listeners => #{news => app}, drift_ppm => 0},

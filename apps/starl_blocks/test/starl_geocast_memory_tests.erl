@@ -11,10 +11,14 @@ id(N) -> {7, 1, N}.
 
 each_id_test() ->
     Memory = added([{7, 1, 3}, {7, 2, 3}, {8, 1, 4}, {7, 1, 5}, {7, 1, 4}], ?M:new(10)),
-    [?assertEqual({Id, Is}, {Id, ?M:is_member(Id, Memory)})
-     || {Is, Ids} <- [{true, [{7, 1, 3}, {7, 2, 3}, {8, 1, 4}, {7, 1, 5}, {7, 1, 4}]},
-                      {false, [{7, 1, 2}, {7, 1, 6}, {7, 2, 2}, {7, 2, 4}, {8, 1, 3}, {9, 1, 4}]}],
-        Id <- Ids].
+    [
+        ?assertEqual({Id, Is}, {Id, ?M:is_member(Id, Memory)})
+     || {Is, Ids} <- [
+            {true, [{7, 1, 3}, {7, 2, 3}, {8, 1, 4}, {7, 1, 5}, {7, 1, 4}]},
+            {false, [{7, 1, 2}, {7, 1, 6}, {7, 2, 2}, {7, 2, 4}, {8, 1, 3}, {9, 1, 4}]}
+        ],
+        Id <- Ids
+    ].
 
 %% Nothing else than what was added, in any order, as long as there is room.
 random_test() ->

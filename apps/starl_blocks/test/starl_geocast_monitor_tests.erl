@@ -16,15 +16,21 @@ judge(Events, Progress, Broken) -> judge(Events, Progress, Broken, #{}).
 
 judge(Events, Progress, Broken, More) ->
     Config = More#{robots => [1, 2], progress => Progress, broken => Broken, drift_ppm => 0},
-    Moves = [{0, 1, chassis, {motion, {piece, 0, 0.0, 0.0, 0.0, 0.0, 0.0}}},
-             {0, 2, chassis, {motion, {piece, 0, 5000.0, 0.0, 0.0, 1000.0, 0.0}}}],
+    Moves = [
+        {0, 1, chassis, {motion, {piece, 0, 0.0, 0.0, 0.0, 0.0, 0.0}}},
+        {0, 2, chassis, {motion, {piece, 0, 5000.0, 0.0, 0.0, 1000.0, 0.0}}}
+    ],
     M0 = starl_monitor:new([{starl_geocast_monitor, Config}]),
-    {Found, M} = lists:foldl(fun(Event, {Acc, Monitor}) ->
-        case starl_monitor:step(Event, Monitor) of
-            {ok, Next} -> {Acc, Next};
-            {violation, V, Next} -> {Acc ++ [V], Next}
-        end
-    end, {[], M0}, Moves ++ lists:flatten(Events)),
+    {Found, M} = lists:foldl(
+        fun(Event, {Acc, Monitor}) ->
+            case starl_monitor:step(Event, Monitor) of
+                {ok, Next} -> {Acc, Next};
+                {violation, V, Next} -> {Acc ++ [V], Next}
+            end
+        end,
+        {[], M0},
+        Moves ++ lists:flatten(Events)
+    ),
     {Late, _} = starl_monitor:finish(100000000, M),
     [What || #{what := What} <- Found ++ Late].
 
@@ -68,8 +74,10 @@ crashed_long_before_test() ->
     Sent = {9000000, 1, geocast, {sent, ?ID, ?AREA, 1000000, 77}},
     ?assertEqual([not_delivered], judge([crashed(5, 1), Sent])).
 twice_after_a_restart_test() ->
-    ?assertEqual([delivered_twice],
-                 judge([sent(), delivered(20, 1), crashed(30, 1), delivered(40, 1)])).
+    ?assertEqual(
+        [delivered_twice],
+        judge([sent(), delivered(20, 1), crashed(30, 1), delivered(40, 1)])
+    ).
 died_test() -> ?assertEqual([], judge([sent(), {500, 1, robot, {died, killed}}])).
 
 %% Inside for an instant between two events: no violation; and no debt for who leaves again.
@@ -113,15 +121,31 @@ late_test() ->
             ?assertEqual({Window, []}, {Window, judge(Late(50), false, [Window])}),
             ?assertEqual({Window, [too_late]}, {Window, judge(Late(51), false, [Window])})
         end
-     || Window <- [lost(1, 10, 50), lost(1, 200, 50), lost(3, 10, 50), lost(3, 400, 50),
-                   lost(2, 200, 50), lost(2, ?END, 50), lost(all, 600, 50),
-                   {3, 350, 450, {clock, -100}}]
+     || Window <- [
+            lost(1, 10, 50),
+            lost(1, 200, 50),
+            lost(3, 10, 50),
+            lost(3, 400, 50),
+            lost(2, 200, 50),
+            lost(2, ?END, 50),
+            lost(all, 600, 50),
+            {3, 350, 450, {clock, -100}}
+        ]
     ],
     [
         ?assertEqual({Window, [too_late]}, {Window, judge(Late(50), false, [Window])})
-     || Window <- [lost(1, 201, 50), lost(3, 401, 50), lost(2, 199, 50), lost(4, 350, 50),
-                   gained(3, 300, 50), lost(3, 9, 50), lost(2, ?END + 51, 50), lost(5, 300, 50),
-                   {3, 300, 300, position}, {2, 0, 2 * ?END, pause}]
+     || Window <- [
+            lost(1, 201, 50),
+            lost(3, 401, 50),
+            lost(2, 199, 50),
+            lost(4, 350, 50),
+            gained(3, 300, 50),
+            lost(3, 9, 50),
+            lost(2, ?END + 51, 50),
+            lost(5, 300, 50),
+            {3, 300, 300, position},
+            {2, 0, 2 * ?END, pause}
+        ]
     ],
     Both = [lost(1, 100, 30), lost(2, 500, 20)],
     ?assertEqual([], judge(Late(50), false, Both)),
@@ -140,8 +164,14 @@ late_elsewhere_test() ->
 
 %% Once more after a restart: sent before it by no more than clocks explain.
 twice_test_() ->
-    Twice = [sent(), delivered(20, 1), held(25, 3, 1), crashed(30, 1), held(40, 1, 3),
-             delivered(50, 1)],
+    Twice = [
+        sent(),
+        delivered(20, 1),
+        held(25, 3, 1),
+        crashed(30, 1),
+        held(40, 1, 3),
+        delivered(50, 1)
+    ],
     Judge = fun(Windows) -> judge(Twice, false, Windows) end,
     [
         ?_assertEqual([delivered_twice], Judge([])),
@@ -162,21 +192,32 @@ twice_test_() ->
         ?_assertEqual([], Judge([lost(1, 25, 20)])),
         ?_assertEqual([delivered_twice], Judge([lost(1, 26, 20)])),
         %% without a restart in between nothing is an excuse
-        ?_assertEqual([delivered_twice],
-                      judge([sent(), crashed(15, 1), delivered(20, 1), delivered(50, 1)], false,
-                            [lost(all, 35, 1000), gained(all, 35, 1000)]))
+        ?_assertEqual(
+            [delivered_twice],
+            judge(
+                [sent(), crashed(15, 1), delivered(20, 1), delivered(50, 1)],
+                false,
+                [lost(all, 35, 1000), gained(all, 35, 1000)]
+            )
+        )
     ].
 
 %% A robot outside that was told a wrong position when it was delivered.
 outside_excused_test() ->
     Judge = fun(Window) -> judge([sent(), delivered(200000, 2)], false, [Window]) end,
-    [?assertEqual({Window, Found}, {Window, Judge(Window)})
+    [
+        ?assertEqual({Window, Found}, {Window, Judge(Window)})
      || {Window, Found} <- [
-            {{2, 200000, 300000, position}, []}, {{2, 0, 100001, position}, []},
-            {{all, 0, 300000, position}, []}, {{2, 0, 100000, position}, [outside]},
-            {{2, 200001, 300000, position}, [outside]}, {{1, 0, 300000, position}, [outside]},
-            {{2, 0, 300000, pause}, [outside]}, {{2, 0, 300000, {clock, -300000}}, [outside]}
-        ]].
+            {{2, 200000, 300000, position}, []},
+            {{2, 0, 100001, position}, []},
+            {{all, 0, 300000, position}, []},
+            {{2, 0, 100000, position}, [outside]},
+            {{2, 200001, 300000, position}, [outside]},
+            {{1, 0, 300000, position}, [outside]},
+            {{2, 0, 300000, pause}, [outside]},
+            {{2, 0, 300000, {clock, -300000}}, [outside]}
+        ]
+    ].
 
 %% Clocks drift by 1 %, unless it is said otherwise: so long it takes to make up for what was lost.
 usual_drift_test() ->
@@ -296,7 +337,11 @@ results_test() ->
     ?assertEqual(
         #{sent => 2, delivered => 3, owed => 4, latency_us => 90},
         Results([
-            Near, sent(), delivered(30, 2), Second, delivered(100, 1),
+            Near,
+            sent(),
+            delivered(30, 2),
+            Second,
+            delivered(100, 1),
             {60 + 60, 1, geocast, {delivered, {2, 1, 1}, 77}}
         ])
     ).
@@ -380,18 +425,21 @@ notched() ->
     {polygon, [{0.0, 0.0}, {10.0, 0.0}, {10.0, 10.0}, {5.0, 5.0}, {0.0, 10.0}]}.
 
 depth_test_() ->
-    [?_assert(abs(Depth - starl_geocast_area:depth(Point, Area)) < 1.0e-9) || {Point, Area, Depth} <- [
-        {{0.0, 0.0}, {circle, {3.0, 4.0}, 6.0}, 1.0},
-        {{0.0, 0.0}, {circle, {3.0, 4.0}, 4.0}, -1.0},
-        {{2.0, 5.0}, {rectangle, {0.0, 0.0, 10.0, 10.0}}, 2.0},
-        {{-3.0, -4.0}, {rectangle, {0.0, 0.0, 10.0, 10.0}}, -5.0},
-        {{5.0, 2.0}, notched(), 2.0},
-        {{5.0, 8.0}, notched(), -3 / math:sqrt(2)},
-        %% on the height of a corner, inside and outside
-        {{9.0, 5.0}, notched(), 1.0},
-        {{-1.0, 5.0}, notched(), -1.0},
-        {{12.0, 10.0}, notched(), -2.0}
-    ]].
+    [
+        ?_assert(abs(Depth - starl_geocast_area:depth(Point, Area)) < 1.0e-9)
+     || {Point, Area, Depth} <- [
+            {{0.0, 0.0}, {circle, {3.0, 4.0}, 6.0}, 1.0},
+            {{0.0, 0.0}, {circle, {3.0, 4.0}, 4.0}, -1.0},
+            {{2.0, 5.0}, {rectangle, {0.0, 0.0, 10.0, 10.0}}, 2.0},
+            {{-3.0, -4.0}, {rectangle, {0.0, 0.0, 10.0, 10.0}}, -5.0},
+            {{5.0, 2.0}, notched(), 2.0},
+            {{5.0, 8.0}, notched(), -3 / math:sqrt(2)},
+            %% on the height of a corner, inside and outside
+            {{9.0, 5.0}, notched(), 1.0},
+            {{-1.0, 5.0}, notched(), -1.0},
+            {{12.0, 10.0}, notched(), -2.0}
+        ]
+    ].
 
 border_belongs_test() ->
     ?assert(starl_geocast_area:inside({10.0, 5.0}, notched())),
@@ -411,10 +459,13 @@ every_instant_test() ->
     ?assertNot(starl_geocast_area:keeps_outside(Turn, 0, 1000000, {circle, {-100.0, 0.0}, 1.0})).
 
 check_test_() ->
-    [?_assertEqual({error, Reason}, starl_geocast_area:check(Area)) || {Area, Reason} <- [
-        {{circle, {0.0, 0.0}, -1.0}, negative_radius},
-        {{rectangle, {1.0, 0.0, 0.0, 1.0}}, upside_down},
-        {{polygon, [{0.0, 0.0}]}, too_few_points},
-        {{polygon, [{0, 0}, {1, 1}, {2, 2}]}, not_an_area},
-        {nonsense, not_an_area}
-    ]] ++ [?_assertEqual(ok, starl_geocast_area:check(notched()))].
+    [
+        ?_assertEqual({error, Reason}, starl_geocast_area:check(Area))
+     || {Area, Reason} <- [
+            {{circle, {0.0, 0.0}, -1.0}, negative_radius},
+            {{rectangle, {1.0, 0.0, 0.0, 1.0}}, upside_down},
+            {{polygon, [{0.0, 0.0}]}, too_few_points},
+            {{polygon, [{0, 0}, {1, 1}, {2, 2}]}, not_an_area},
+            {nonsense, not_an_area}
+        ]
+    ] ++ [?_assertEqual(ok, starl_geocast_area:check(notched()))].

@@ -5,7 +5,8 @@
 way(Gifts) ->
     lists:foldl(
         fun({T, Robot, From}, Way) -> starl_geocast_way:held(T, Robot, From, Way) end,
-        starl_geocast_way:new(1, 10), Gifts
+        starl_geocast_way:new(1, 10),
+        Gifts
     ).
 
 spans(Robot, Until, Gifts) -> starl_geocast_way:spans(Robot, Until, way(Gifts)).
@@ -53,8 +54,10 @@ circle_test() ->
 %% and got it back.
 before_test() ->
     ?assertEqual([{1, 10, 20}, {2, 10, 30}], before(3, 90, [{20, 2, 1}, {30, 3, 2}])),
-    ?assertEqual([{1, 10, 20}, {2, 10, 30}, {3, 20, 40}, {4, 30, 60}],
-                 before(3, 90, [{20, 2, 1}, {30, 3, 2}, {40, 4, 3}, {60, 3, 4}])),
+    ?assertEqual(
+        [{1, 10, 20}, {2, 10, 30}, {3, 20, 40}, {4, 30, 60}],
+        before(3, 90, [{20, 2, 1}, {30, 3, 2}, {40, 4, 3}, {60, 3, 4}])
+    ),
     ?assertEqual([], before(1, 90, [{20, 2, 1}])).
 
 %% A robot of which nothing was said.

@@ -6,15 +6,23 @@
 
 -export([all/0]).
 -export([
-    contract_under_faults/1, contract_with_short_leases/1, progress_without_crashes/1,
-    holder_crash_recovers/1, home_crash_recovers/1, planted_bugs_are_caught/1,
+    contract_under_faults/1,
+    contract_with_short_leases/1,
+    progress_without_crashes/1,
+    holder_crash_recovers/1,
+    home_crash_recovers/1,
+    planted_bugs_are_caught/1,
     long_holds_are_renewed/1
 ]).
 
 all() ->
     [
-        contract_under_faults, contract_with_short_leases, progress_without_crashes,
-        holder_crash_recovers, home_crash_recovers, planted_bugs_are_caught,
+        contract_under_faults,
+        contract_with_short_leases,
+        progress_without_crashes,
+        holder_crash_recovers,
+        home_crash_recovers,
+        planted_bugs_are_caught,
         long_holds_are_renewed
     ].
 

@@ -83,19 +83,33 @@ stale_owners_do_not_circle_test() ->
     Net = maps:from_list([{R, robot(R, Team)} || R <- Team]),
     #{1 := R1, 2 := R2, 3 := R3} = Net,
     F = 1 bsl 60,
-    Stale = Net#{1 := starl_mutex_robot:announced(t, F, 2, R1),
-                 2 := starl_mutex_robot:announced(t, F + 1, 1, R2),
-                 3 := starl_mutex_robot:announced(t, F, 2, R3)},
+    Stale = Net#{
+        1 := starl_mutex_robot:announced(t, F, 2, R1),
+        2 := starl_mutex_robot:announced(t, F + 1, 1, R2),
+        3 := starl_mutex_robot:announced(t, F, 2, R3)
+    },
     ?assert(hops([{3, {request, t, {3, 1}, 0, none}}], Stale, 0) =< 2 * length(Team) + 2).
 
 robot(R, Team) ->
-    starl_mutex_state:new(#{robot => R, participants => Team, incarnation => 1, now => 0,
-                            lease_us => ?LEASE, drift_ppm => 1000, lag_us => 0, retry_us => ?LEASE}).
+    starl_mutex_state:new(#{
+        robot => R,
+        participants => Team,
+        incarnation => 1,
+        now => 0,
+        lease_us => ?LEASE,
+        drift_ppm => 1000,
+        lag_us => 0,
+        retry_us => ?LEASE
+    }).
 
-hops([], _Net, Count) -> Count;
-hops(_, _Net, 100) -> 100;
+hops([], _Net, Count) ->
+    Count;
+hops(_, _Net, 100) ->
+    100;
 hops([{To, {request, T, Request, Known, Via}} | Rest], Net, Count) ->
     {keep_state, Robot, Actions} =
-        starl_mutex_state:result(starl_mutex_robot:route(T, Request, Known, Via, maps:get(To, Net))),
+        starl_mutex_state:result(
+            starl_mutex_robot:route(T, Request, Known, Via, maps:get(To, Net))
+        ),
     Sent = [{D, M} || {cast, sap, {send, D, mutex, M}} <- Actions, element(1, M) =:= request],
     hops(Rest ++ Sent, Net#{To := Robot}, Count + 1).

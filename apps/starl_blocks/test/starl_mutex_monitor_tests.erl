@@ -66,16 +66,20 @@ grants_grow_test() ->
 %% Nobody holds what it was not granted: nothing, another one's, an older or a newer hand-over.
 never_granted_test() ->
     ?assertEqual([never_granted], judge([acquired(1, 1, fence(5))])),
-    [?assertEqual([never_granted], judge([granted(1, 2, 5), acquired(2, R, fence(N))]))
-     || {R, N} <- [{1, 5}, {2, 4}, {2, 6}]],
+    [
+        ?assertEqual([never_granted], judge([granted(1, 2, 5), acquired(2, R, fence(N))]))
+     || {R, N} <- [{1, 5}, {2, 4}, {2, 6}]
+    ],
     ?assertEqual([], judge([granted(1, 2, 5), acquired(2, 2, fence(5, 7))])).
 
 %% No fence is there twice: those of a robot's holds grow, also across a crash.
 fences_grow_test() ->
     Held = [granted(1, 1, 5), acquired(1, 1, fence(5, 3))],
-    [?assertEqual(Found, judge([Held, {2, 1, End}, acquired(3, 1, fence(5, Hold))]))
+    [
+        ?assertEqual(Found, judge([Held, {2, 1, End}, acquired(3, 1, fence(5, Hold))]))
      || End <- [{released, a, fence(5, 3)}, {lease_lost, a, fence(5, 3)}, crashed],
-        {Hold, Found} <- [{4, []}, {3, [fence_not_larger]}, {2, [fence_not_larger]}]].
+        {Hold, Found} <- [{4, []}, {3, [fence_not_larger]}, {2, [fence_not_larger]}]
+    ].
 
 not_held_test() ->
     ?assertEqual([not_held], judge([let_go(1, 1, 5)])),
@@ -115,28 +119,45 @@ told_test() ->
     Told = fun(Events) -> element(1, in_full(Events, 0, #{})) end,
     A = fun(Fence) -> #{token => a, fence => Fence} end,
     Five = fence(5),
-    ?assertEqual([{grant_not_larger, 2, [2], (A(Five))#{last => Five}}],
-                 Told([granted(1, 1, 5), granted(2, 2, 5)])),
+    ?assertEqual(
+        [{grant_not_larger, 2, [2], (A(Five))#{last => Five}}],
+        Told([granted(1, 1, 5), granted(2, 2, 5)])
+    ),
     ?assertEqual([{never_granted, 1, [1], A(Five)}], Told([acquired(1, 1, Five)])),
     Again = [got(1, 1, 5), let_go(2, 1, 5), acquired(3, 1, Five)],
     ?assertEqual([{fence_not_larger, 3, [1], (A(Five))#{last => Five}}], Told(Again)),
     ?assertEqual([{not_held, 1, [1], A(Five)}], Told([let_go(1, 1, 5)])),
     ?assertEqual([{not_held, 3, [1], A(Five)}], Told([{3, 1, {answered, [{a, Five}]}}])),
-    ?assertEqual([{two_holders, 2, [1, 2], (A(Five))#{holder => 1}}],
-                 Told([got(1, 1, 5), got(2, 2, 6)])),
-    ?assertEqual([{two_holders, 2, [1, 2], (A(Five))#{holder => 2}}],
-                 Told([got(1, 2, 5), got(2, 1, 6)])),
-    Overtaken = [got(1, 1, 5), let_go(2, 1, 5), got(3, 2, 6), let_go(4, 2, 6),
-                 acquired(5, 1, fence(5, 1))],
-    ?assertEqual([{fence_overtaken, 5, [1], (A(fence(5, 1)))#{last => fence(6)}}],
-                 Told(Overtaken)),
+    ?assertEqual(
+        [{two_holders, 2, [1, 2], (A(Five))#{holder => 1}}],
+        Told([got(1, 1, 5), got(2, 2, 6)])
+    ),
+    ?assertEqual(
+        [{two_holders, 2, [1, 2], (A(Five))#{holder => 2}}],
+        Told([got(1, 2, 5), got(2, 1, 6)])
+    ),
+    Overtaken = [
+        got(1, 1, 5),
+        let_go(2, 1, 5),
+        got(3, 2, 6),
+        let_go(4, 2, 6),
+        acquired(5, 1, fence(5, 1))
+    ],
+    ?assertEqual(
+        [{fence_overtaken, 5, [1], (A(fence(5, 1)))#{last => fence(6)}}],
+        Told(Overtaken)
+    ),
     {Long, _} = in_full(got(10, 1, 5, ?LEASE), 9999, exact([])),
     ?assertEqual([{held_too_long, 9999, [1], A(Five)}], Long),
     Asked = [{10, 1, {requested, a}}],
-    ?assertMatch({[{no_grant_in_time, 110, [1], #{token := a}}], _},
-                 in_full(Asked, 900, #{bound_us => 100})),
-    ?assertMatch({[{not_granted, 20, [1], #{token := a, reason := timeout}}], _},
-                 in_full(Asked ++ [{20, 1, {failed, a, timeout}}], 900, #{granted => true})).
+    ?assertMatch(
+        {[{no_grant_in_time, 110, [1], #{token := a}}], _},
+        in_full(Asked, 900, #{bound_us => 100})
+    ),
+    ?assertMatch(
+        {[{not_granted, 20, [1], #{token := a, reason := timeout}}], _},
+        in_full(Asked ++ [{20, 1, {failed, a, timeout}}], 900, #{granted => true})
+    ).
 
 %% What was asked for before that time is not judged; a request is answered by one grant.
 requests_test() ->
@@ -149,21 +170,50 @@ requests_test() ->
     Bound = #{bound_us => 100},
     ?assertEqual([no_grant_in_time], judge([Asked(10)], 900, Bound#{from_us => 10})),
     ?assertEqual([no_grant_in_time], judge([Asked(10), Asked(15), got(20, 1, 5)], 900, Bound)),
-    ?assertEqual([], judge([Asked(10), Asked(15), got(20, 1, 5), let_go(21, 1, 5), got(30, 1, 6)],
-                           900, Bound)),
+    ?assertEqual(
+        [],
+        judge(
+            [Asked(10), Asked(15), got(20, 1, 5), let_go(21, 1, 5), got(30, 1, 6)],
+            900,
+            Bound
+        )
+    ),
     ?assertEqual([no_grant_in_time], judge([Asked(10), {20, 2, crashed}], 900, Bound)),
     ?assertEqual([], judge([Asked(10), {20, 1, died}], 900, Bound)),
     ?assertEqual([], judge([Asked(10), Failed], 900, Bound)).
 
 results_test() ->
-    None = #{tokens => 0, acquired => 0, lease_lost => 0, failed => 0, longest_wait_us => 0,
-             mean_wait_us => 0.0, unfairness => 0.0},
+    None = #{
+        tokens => 0,
+        acquired => 0,
+        lease_lost => 0,
+        failed => 0,
+        longest_wait_us => 0,
+        mean_wait_us => 0.0,
+        unfairness => 0.0
+    },
     ?assertEqual({[], None}, in_full([], 0, #{})),
-    Events = [{10, 1, {requested, a}}, got(40, 1, 5), lost(50, 1, 5), {60, 1, {requested, a}},
-              {70, 1, {failed, a, timeout}}, {80, 1, {requested, a}}, got(90, 1, 6)],
-    ?assertEqual({[], #{tokens => 1, acquired => 2, lease_lost => 1, failed => 1,
-                        longest_wait_us => 30, mean_wait_us => 20.0, unfairness => 1.5}},
-                 in_full(Events, 90, #{})).
+    Events = [
+        {10, 1, {requested, a}},
+        got(40, 1, 5),
+        lost(50, 1, 5),
+        {60, 1, {requested, a}},
+        {70, 1, {failed, a, timeout}},
+        {80, 1, {requested, a}},
+        got(90, 1, 6)
+    ],
+    ?assertEqual(
+        {[], #{
+            tokens => 1,
+            acquired => 2,
+            lease_lost => 1,
+            failed => 1,
+            longest_wait_us => 30,
+            mean_wait_us => 20.0,
+            unfairness => 1.5
+        }},
+        in_full(Events, 90, #{})
+    ).
 
 %% The verdict says whether there is anything that is broken. What is over is forgotten.
 finish_test() ->
@@ -200,14 +250,16 @@ forgotten_test() ->
 %% No broken assumption excuses any of these.
 always_test() ->
     Broken = [{all, 0, 1000000, W} || W <- [pause, {clock, -1000000}, {clock, 1000000}, position]],
-    [?assertEqual(Found, judge(Events, 0, exact(Broken)))
+    [
+        ?assertEqual(Found, judge(Events, 0, exact(Broken)))
      || {Found, Events} <- [
             {[grant_not_larger], [granted(1, 1, 5), granted(2, 2, 5)]},
             {[never_granted], [acquired(1, 1, fence(5))]},
             {[fence_not_larger], [got(1, 1, 5), lost(2, 1, 5), acquired(3, 1, fence(5))]},
             {[not_held], [let_go(1, 1, 5)]},
             {[not_held], [{1, 1, {answered, [{a, 1}]}}]}
-        ]].
+        ]
+    ].
 
 %% -- as long as clocks keep what is assumed -----------------------------------------------------
 
@@ -219,8 +271,10 @@ two_holders_test() ->
     ?assertEqual([two_holders], judge([got(1, 1, 5), got(2, 2, 6)], 0, exact([]))).
 
 every_end_of_a_hold_test() ->
-    [?assertEqual([], judge([got(1, 1, 5), {2, 1, End}, got(3, 2, 6)]))
-     || End <- [{released, a, fence(5)}, {lease_lost, a, fence(5)}, crashed, died]],
+    [
+        ?assertEqual([], judge([got(1, 1, 5), {2, 1, End}, got(3, 2, 6)]))
+     || End <- [{released, a, fence(5)}, {lease_lost, a, fence(5)}, crashed, died]
+    ],
     ?assertEqual([two_holders], judge([got(1, 1, 5), {2, 3, crashed}, got(3, 2, 6)])),
     ?assertEqual([two_holders], judge([got(1, 1, 5), {2, 3, died}, got(3, 2, 6)])).
 
@@ -234,9 +288,14 @@ overtaken_test() ->
 lease_end_test() ->
     Over = 10 + ?LEASE + ?LAG,
     Held = got(10, 1, 5, ?LEASE),
-    [?assertEqual(Found, judge([Held, got(T, 2, 6), lost(T, 1, 5)], 0, exact([])))
-     || {T, Found} <- [{Over - 1, [two_holders]}, {Over, []},
-                       {Over + 1, [held_too_long, held_too_long]}]],
+    [
+        ?assertEqual(Found, judge([Held, got(T, 2, 6), lost(T, 1, 5)], 0, exact([])))
+     || {T, Found} <- [
+            {Over - 1, [two_holders]},
+            {Over, []},
+            {Over + 1, [held_too_long, held_too_long]}
+        ]
+    ],
     ?assertEqual([], judge([Held, lost(Over, 1, 5)], 0, exact([]))),
     ?assertEqual([held_too_long], judge([Held, lost(Over + 1, 1, 5)], 0, exact([]))),
     ?assertEqual([held_too_long], judge(Held, Over + 1, exact([]))),
@@ -252,11 +311,20 @@ overtaken_at_the_end_test() ->
         fun(S) -> H:acquired(10, 1, a, fence(6), S) end,
         fun(S) -> {[], H:leased(20, 2, a, fence(5), 2 * ?LEASE, S)} end
     ],
-    Held = lists:foldl(fun(Step, S) -> {[], Next} = Step(S), Next end, H:new(exact([])), Steps),
+    Held = lists:foldl(
+        fun(Step, S) ->
+            {[], Next} = Step(S),
+            Next
+        end,
+        H:new(exact([])),
+        Steps
+    ),
     Over = 10 + ?LEASE + ?LAG,
-    [?assertEqual(Found, [What || #{what := What} <- element(1, Acquired)])
+    [
+        ?assertEqual(Found, [What || #{what := What} <- element(1, Acquired)])
      || {T, Found} <- [{Over - 1, [fence_overtaken, two_holders]}, {Over, [fence_overtaken]}],
-        Acquired <- [H:acquired(T, 2, a, fence(5), Held)]].
+        Acquired <- [H:acquired(T, 2, a, fence(5), Held)]
+    ].
 
 %% Told again, the lease ends later; nothing is released after its end.
 renewed_test() ->
@@ -284,15 +352,24 @@ pause_test() ->
     ?assertEqual([], judge(Trace(5000 + ?LAG), 0, exact([Pause]))),
     ?assertEqual([held_too_long], judge(Trace(5001 + ?LAG), 0, exact([Pause]))),
     ?assertEqual([held_too_long], judge([Held, let_go(5000, 1, 5)], 0, exact([Pause]))),
-    [?assertEqual([held_too_long, held_too_long], judge(Trace(5000), 0, exact(Other)))
-     || Other <- [[{2, 1000, 5000, pause}], [{1, 10, 1000, pause}], [{1, 1111, 5000, pause}],
-                  [{?HOME, 1000, 5000, pause}], [{1, 1000, 5000, {clock, 5000}}]]].
+    [
+        ?assertEqual([held_too_long, held_too_long], judge(Trace(5000), 0, exact(Other)))
+     || Other <- [
+            [{2, 1000, 5000, pause}],
+            [{1, 10, 1000, pause}],
+            [{1, 1111, 5000, pause}],
+            [{?HOME, 1000, 5000, pause}],
+            [{1, 1000, 5000, {clock, 5000}}]
+        ]
+    ].
 
 %% But it stands still: before its lease is over for good nobody else holds the token.
 pause_is_no_excuse_test() ->
     Pause = [{all, 1, 5000, pause}],
-    ?assertEqual([two_holders],
-                 judge([got(10, 1, 5, ?LEASE), got(1009 + ?LAG, 2, 6)], 0, exact(Pause))).
+    ?assertEqual(
+        [two_holders],
+        judge([got(10, 1, 5, ?LEASE), got(1009 + ?LAG, 2, 6)], 0, exact(Pause))
+    ).
 
 %% One pause runs into the next.
 pauses_test() ->
@@ -320,15 +397,23 @@ holders_clock_test() ->
     Set = fun(At) -> exact([{1, At, At, {clock, -60}}]) end,
     [?assertEqual({At, []}, {At, judge(Trace(Over - 60), 0, Set(At))}) || At <- [0, 50, 100]],
     ?assertEqual([two_holders], judge(Trace(Over - 61), 0, Set(50))),
-    [?assertEqual({At, [two_holders]}, {At, judge(Trace(Over - 60), 0, Set(At))})
-     || At <- [-1, 101]],
-    [?assertEqual([two_holders], judge(Trace(Over - 60), 0, exact([Other])))
+    [
+        ?assertEqual({At, [two_holders]}, {At, judge(Trace(Over - 60), 0, Set(At))})
+     || At <- [-1, 101]
+    ],
+    [
+        ?assertEqual([two_holders], judge(Trace(Over - 60), 0, exact([Other])))
      || Other <- [
             %% another robot's: the new holder's, the home's, a third one's
-            {2, 50, 50, {clock, -60}}, {?HOME, 50, 50, {clock, -60}}, {3, 50, 50, {clock, -60}},
+            {2, 50, 50, {clock, -60}},
+            {?HOME, 50, 50, {clock, -60}},
+            {3, 50, 50, {clock, -60}},
             %% too little, ahead, no clock
-            {1, 50, 50, {clock, -59}}, {1, 50, 50, {clock, 60}}, {1, 0, 5000, pause}
-        ]].
+            {1, 50, 50, {clock, -59}},
+            {1, 50, 50, {clock, 60}},
+            {1, 0, 5000, pause}
+        ]
+    ].
 
 %% An owner that is idle when its clock is set back holds once more when its lease is over in truth.
 set_back_while_idle_test() ->
@@ -337,12 +422,18 @@ set_back_while_idle_test() ->
     Again = [{2000, 1, {leased, a, fence(5, 1), 100}}, acquired(2000, 1, fence(5, 1))],
     Set = fun(At) -> exact([{1, At, At, {clock, -1000}}]) end,
     [?assertEqual({At, []}, {At, judge([First, Again], 0, Set(At))}) || At <- [100, 300, 2000]],
-    [?assertEqual({At, [fence_overtaken]}, {At, judge([First, Again], 0, Set(At))})
-     || At <- [99, 2001]],
-    ?assertEqual([fence_overtaken],
-                 judge([First, Again], 0, exact([{1, 300, 300, {clock, -400}}]))),
-    ?assertEqual([fence_overtaken],
-                 judge([First, Again], 0, exact([{2, 300, 300, {clock, -1000}}]))).
+    [
+        ?assertEqual({At, [fence_overtaken]}, {At, judge([First, Again], 0, Set(At))})
+     || At <- [99, 2001]
+    ],
+    ?assertEqual(
+        [fence_overtaken],
+        judge([First, Again], 0, exact([{1, 300, 300, {clock, -400}}]))
+    ),
+    ?assertEqual(
+        [fence_overtaken],
+        judge([First, Again], 0, exact([{2, 300, 300, {clock, -1000}}]))
+    ).
 
 %% A clock that stands still counts from when to when it does.
 holders_clock_stands_test() ->
@@ -361,11 +452,19 @@ clock_lost_later_test() ->
     ?assertEqual([], judge(Trace(By), 0, exact([Set]))),
     ?assertEqual([held_too_long], judge(Trace(By + 1), 0, exact([Set]))),
     ?assertEqual([], judge([got(100, 1, 5, ?LEASE), let_go(By - ?LAG, 1, 5)], 0, exact([Set]))),
-    ?assertEqual([held_too_long],
-                 judge([got(100, 1, 5, ?LEASE), let_go(By - ?LAG + 1, 1, 5)], 0, exact([Set]))),
-    [?assertEqual([held_too_long, held_too_long], judge(Trace(By), 0, exact([Other])))
-     || Other <- [{2, 1000, 1000, {clock, -600}}, {1, 99, 99, {clock, -600}},
-                  {1, 1101, 1101, {clock, -600}}, {1, 1000, 1000, {clock, 600}}]].
+    ?assertEqual(
+        [held_too_long],
+        judge([got(100, 1, 5, ?LEASE), let_go(By - ?LAG + 1, 1, 5)], 0, exact([Set]))
+    ),
+    [
+        ?assertEqual([held_too_long, held_too_long], judge(Trace(By), 0, exact([Other])))
+     || Other <- [
+            {2, 1000, 1000, {clock, -600}},
+            {1, 99, 99, {clock, -600}},
+            {1, 1101, 1101, {clock, -600}},
+            {1, 1000, 1000, {clock, 600}}
+        ]
+    ].
 
 %% Of a home that has granted nothing no clock has gained anything.
 no_home_test() ->
@@ -373,9 +472,11 @@ no_home_test() ->
     Told = starl_mutex_holds:leased(100, 1, a, fence(5), ?LEASE, New),
     {[#{what := never_granted}], Held} = starl_mutex_holds:acquired(100, 1, a, fence(5), Told),
     Over = 100 + ?LEASE + ?LAG,
-    [?assertEqual(Found, [What || #{what := What} <- element(1, Acquired)])
+    [
+        ?assertEqual(Found, [What || #{what := What} <- element(1, Acquired)])
      || {T, Found} <- [{Over - 1, [never_granted, two_holders]}, {Over, [never_granted]}],
-        Acquired <- [starl_mutex_holds:acquired(T, 2, a, fence(6), Held)]].
+        Acquired <- [starl_mutex_holds:acquired(T, 2, a, fence(6), Held)]
+    ].
 
 %% The home's clock is put forward: it takes the lease for over too early, by that much.
 homes_clock_test() ->
@@ -384,13 +485,18 @@ homes_clock_test() ->
     Set = {?HOME, 500, 500, {clock, 600}},
     ?assertEqual([], judge(Trace(Over - 600), 0, exact([Set]))),
     ?assertEqual([two_holders], judge(Trace(Over - 601), 0, exact([Set]))),
-    [?assertEqual([two_holders], judge(Trace(Over - 600), 0, exact([Other])))
+    [
+        ?assertEqual([two_holders], judge(Trace(Over - 600), 0, exact([Other])))
      || Other <- [
-            {1, 500, 500, {clock, 600}}, {2, 500, 500, {clock, 600}},
-            {?HOME, 500, 500, {clock, 599}}, {?HOME, 500, 500, {clock, -600}},
+            {1, 500, 500, {clock, 600}},
+            {2, 500, 500, {clock, 600}},
+            {?HOME, 500, 500, {clock, 599}},
+            {?HOME, 500, 500, {clock, -600}},
             %% after the token was given away, or before the lease was claimed
-            {?HOME, 601, 601, {clock, 600}}, {?HOME, 99, 99, {clock, 600}}
-        ]].
+            {?HOME, 601, 601, {clock, 600}},
+            {?HOME, 99, 99, {clock, 600}}
+        ]
+    ].
 
 %% What both clocks do adds up.
 both_clocks_test() ->
@@ -459,7 +565,24 @@ failed_test() ->
     ?assertEqual([not_granted], judge(Failed, 900, #{granted => true})).
 
 fairness_test() ->
-    {[], Results} = run([{0, 1, {requested, a}}, {0, 2, {requested, a}}, got(10, 1, 5),
-                         let_go(20, 1, 5), got(30, 2, 6)], 40, #{}),
-    ?assertMatch(#{longest_wait_us := 30, mean_wait_us := 20.0, unfairness := 1.5,
-                   acquired := 2, tokens := 1}, Results).
+    {[], Results} = run(
+        [
+            {0, 1, {requested, a}},
+            {0, 2, {requested, a}},
+            got(10, 1, 5),
+            let_go(20, 1, 5),
+            got(30, 2, 6)
+        ],
+        40,
+        #{}
+    ),
+    ?assertMatch(
+        #{
+            longest_wait_us := 30,
+            mean_wait_us := 20.0,
+            unfairness := 1.5,
+            acquired := 2,
+            tokens := 1
+        },
+        Results
+    ).

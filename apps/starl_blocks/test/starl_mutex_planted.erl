@@ -8,14 +8,17 @@
 -define(HOUR_US, 3600000000).
 
 %% impatient_home: the home does not wait until a lease is surely over.
-init(#{variant := impatient_home} = Config) -> start(Config#{drift_ppm => -900000});
+init(#{variant := impatient_home} = Config) ->
+    start(Config#{drift_ppm => -900000});
 %% forgetful_home: after a crash the home grants at once, with the numbers of the beginning.
-init(#{variant := forgetful_home} = Config) -> start(Config#{incarnation => 1});
+init(#{variant := forgetful_home} = Config) ->
+    start(Config#{incarnation => 1});
 %% circles: see below.
 init(#{variant := circles} = Config) ->
     {ready, Data, Actions} = ?REAL:init(Config),
     {ready, {circles, #{}, Data}, Actions};
-init(Config) -> start(Config).
+init(Config) ->
+    start(Config).
 
 start(#{variant := Variant, incarnation := Incarnation} = Config) ->
     {ready, Data, Actions} = ?REAL:init(Config),
@@ -31,14 +34,24 @@ handle_event(cast, {message, _, mutex, {token, T, F, _}} = M, ready, {trusting, 
 handle_event(cast, {message, _, mutex, {refused, _, _, _}}, ready, {trusting, _, _}, _Meta) ->
     keep_state_and_data;
 %% overstaying: the holder does not heed the end of its lease: it takes it for one of an hour.
-handle_event(cast, {message, From, mutex, {granted, T, F, {Life, Sent}}}, ready,
-             {overstaying, I, Data}, Meta) ->
+handle_event(
+    cast,
+    {message, From, mutex, {granted, T, F, {Life, Sent}}},
+    ready,
+    {overstaying, I, Data},
+    Meta
+) ->
     Endless = {message, From, mutex, {granted, T, F, {Life, Sent + ?HOUR_US}}},
     {Next, Actions} = run(cast, Endless, Data, Meta),
     {keep_state, {overstaying, I, Next}, Actions};
 %% queueless: what a token brings along of its queue is lost, but for the robot's own request.
-handle_event(cast, {message, From, mutex, {token, T, F, [First | _]}}, ready,
-             {queueless, I, Data}, Meta) ->
+handle_event(
+    cast,
+    {message, From, mutex, {token, T, F, [First | _]}},
+    ready,
+    {queueless, I, Data},
+    Meta
+) ->
     {Next, Actions} = run(cast, {message, From, mutex, {token, T, F, [First]}}, Data, Meta),
     {keep_state, {queueless, I, Next}, Actions};
 %% unreleased: the tokens of an application that has crashed are kept.

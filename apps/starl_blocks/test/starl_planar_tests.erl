@@ -27,21 +27,27 @@ duplicates_merged_test() ->
     ?assertEqual({2, 1}, counts([{{0.0, 0.0}, {10.0, 0.0}}, {{10.0, 0.0}, {0.0, 0.01}}])).
 
 star_shares_one_vertex_test() ->
-    Star = [{{1000 * math:cos(A), 1000 * math:sin(A)}, {-1000 * math:cos(A), -1000 * math:sin(A)}}
-            || K <- lists:seq(0, 19), A <- [K * math:pi() / 20]],
+    Star = [
+        {{1000 * math:cos(A), 1000 * math:sin(A)}, {-1000 * math:cos(A), -1000 * math:sin(A)}}
+     || K <- lists:seq(0, 19), A <- [K * math:pi() / 20]
+    ],
     ?assertEqual({41, 40}, counts(Star)).
 
 long_edges_divided_test() ->
     #{vertices := V, edges := E} =
         starl_planar:planarise([{{0.0, 0.0}, {1000.0, 0.0}}], #{max_length => 300.0}),
     ?assertEqual(4, length(E)),
-    [?assert(abs(starl_geometry:distance(lists:nth(A, V), lists:nth(B, V)) - 250.0) < 1.0e-6)
-     || {A, B} <- E].
+    [
+        ?assert(abs(starl_geometry:distance(lists:nth(A, V), lists:nth(B, V)) - 250.0) < 1.0e-6)
+     || {A, B} <- E
+    ].
 
 %% No two edges meet anywhere but in shared vertices, and no ink is lost or invented.
 planar_random_test_() ->
-    [{lists:concat([Kind, " seed ", Seed]), fun() -> planar(Kind, Seed) end}
-     || Kind <- [lines, lattice, near_parallel], Seed <- lists:seq(1, 15)].
+    [
+        {lists:concat([Kind, " seed ", Seed]), fun() -> planar(Kind, Seed) end}
+     || Kind <- [lines, lattice, near_parallel], Seed <- lists:seq(1, 15)
+    ].
 
 planar(Kind, Seed) ->
     Segments = random_segments(Kind, 40, rand:seed_s(exsss, Seed)),
@@ -49,8 +55,10 @@ planar(Kind, Seed) ->
     ?assertEqual(Graph, graph(Segments)),
     Points = list_to_tuple(V),
     Lines = [{A, B, {element(A, Points), element(B, Points)}} || {A, B} <- E],
-    [?assertEqual({none, {A, B}, {C, D}}, {meet(L, M), {A, B}, {C, D}})
-     || {A, B, _} = L <- Lines, {C, D, _} = M <- Lines, {A, B} < {C, D}],
+    [
+        ?assertEqual({none, {A, B}, {C, D}}, {meet(L, M), {A, B}, {C, D}})
+     || {A, B, _} = L <- Lines, {C, D, _} = M <- Lines, {A, B} < {C, D}
+    ],
     [?assert(covered(P, [S || {_, _, S} <- Lines])) || S0 <- Segments, P <- samples(S0)],
     [?assert(covered(P, Segments)) || {_, _, S} <- Lines, P <- samples(S)].
 
@@ -67,7 +75,8 @@ samples({P, Q}) -> [starl_geometry:interpolate(P, Q, K / 8) || K <- lists:seq(0,
 covered(P, Segments) ->
     lists:any(fun(S) -> starl_geometry:point_segment(P, S) < 0.3 end, Segments).
 
-random_segments(_Kind, 0, _Rand) -> [];
+random_segments(_Kind, 0, _Rand) ->
+    [];
 random_segments(Kind, N, Rand0) ->
     {A, Rand1} = point(Kind, Rand0),
     {B, Rand2} = point(Kind, Rand1),
@@ -122,13 +131,15 @@ line(_, Rand0) ->
 %% A drawing within the limit comes out as without one; the limit counts places where lines cross,
 %% not the ends of lines.
 limit_test() ->
-    Crossing = [{{0.0, 10.0 * I}, {100.0, 10.0 * I}} || I <- lists:seq(1, 5)]
-        ++ [{{10.0 * I, 0.0}, {10.0 * I, 100.0}} || I <- lists:seq(1, 5)],
+    Crossing =
+        [{{0.0, 10.0 * I}, {100.0, 10.0 * I}} || I <- lists:seq(1, 5)] ++
+            [{{10.0 * I, 0.0}, {10.0 * I, 100.0}} || I <- lists:seq(1, 5)],
     Limited = fun(Most) -> starl_planar:planarise(Crossing, #{most => Most}) end,
     ?assertEqual(graph(Crossing), Limited(25)),
     ?assertEqual(too_many, Limited(24)).
 
-short_lines(0, _) -> [];
+short_lines(0, _) ->
+    [];
 short_lines(N, Rand0) ->
     {{X, Y}, Rand1} = point(lines, Rand0),
     {A, Rand2} = rand:uniform_s(Rand1),

@@ -21,8 +21,14 @@ cases() ->
     ].
 
 run({Module, Events}, Stream) ->
-    Base = #{robot => 1, participants => [1, 2, 3], incarnation => 2, name => tested, now => 0,
-        random => Stream},
+    Base = #{
+        robot => 1,
+        participants => [1, 2, 3],
+        incarnation => 2,
+        name => tested,
+        now => 0,
+        random => Stream
+    },
     {Start, Machine} = starl_machine:new(Module, #{}, Base),
     Meta = #{now => 1000, robot => 1},
     {Actions, _} = lists:mapfoldl(

@@ -7,27 +7,41 @@
 
 -export([all/0]).
 -export([
-    contract_under_faults/1, planted_bugs_are_caught/1, single_writer/1,
-    recovers_from_peers/1, subscribers_are_told/1, too_far_ahead_waits/1,
-    same_time_is_decided_by_robots/1, every_write_has_a_stamp/1
+    contract_under_faults/1,
+    planted_bugs_are_caught/1,
+    single_writer/1,
+    recovers_from_peers/1,
+    subscribers_are_told/1,
+    too_far_ahead_waits/1,
+    same_time_is_decided_by_robots/1,
+    every_write_has_a_stamp/1
 ]).
 
 all() ->
     [
-        contract_under_faults, planted_bugs_are_caught, single_writer,
-        recovers_from_peers, subscribers_are_told, too_far_ahead_waits,
-        same_time_is_decided_by_robots, every_write_has_a_stamp
+        contract_under_faults,
+        planted_bugs_are_caught,
+        single_writer,
+        recovers_from_peers,
+        subscribers_are_told,
+        too_far_ahead_waits,
+        same_time_is_decided_by_robots,
+        every_write_has_a_stamp
     ].
 
 %% Agreement within so long after the last write or crash.
 -define(BOUND_US, 60000000).
 
 contract_under_faults(_) ->
-    Prop = ?FORALL(Case, registers(), starl_platform_ct:safely(fun() ->
-        #{violations := Violations} = run(Case, none),
-        ok = starl_platform_ct:tell(Violations),
-        Violations =:= []
-    end)),
+    Prop = ?FORALL(
+        Case,
+        registers(),
+        starl_platform_ct:safely(fun() ->
+            #{violations := Violations} = run(Case, none),
+            ok = starl_platform_ct:tell(Violations),
+            Violations =:= []
+        end)
+    ),
     starl_platform_ct:property(Prop, 40).
 
 planted_bugs_are_caught(_) ->
@@ -41,24 +55,35 @@ caught(Bug, Left) ->
     {ok, Case} = proper_gen:pick(registers()),
     #{violations := Violations} = run(Case, Bug),
     case [What || #{contract := registers, what := What} <- Violations] of
-        [] -> caught(Bug, Left - 1);
+        [] ->
+            caught(Bug, Left - 1);
         [What | _] ->
             ct:log("~p is caught as ~p in case ~b", [Bug, What, 301 - Left]),
             true
     end.
 
 registers() ->
-    ?LET(N, range(2, 5), map([
-        {robots, N}, {seed, oneof(lists:seq(1, 100000))},
-        {loss, oneof([0.0, 0.2, 0.4])}, {duplicate, oneof([0.0, 0.3])},
-        {delay, oneof([{5, 20}, {2, 100}])},
-        {clock_offset, oneof([0, 1000, 2000])}, {clock_drift, oneof([0, 50, 900])},
-        {range, oneof([none, 2500])},
-        {faults, list(oneof([
-            {moment(), kill_machine, {range(1, N), registers}},
-            {moment(), kill_machine, {range(1, N), oneof([sap, registers])}}
-        ]))}
-    ])).
+    ?LET(
+        N,
+        range(2, 5),
+        map([
+            {robots, N},
+            {seed, oneof(lists:seq(1, 100000))},
+            {loss, oneof([0.0, 0.2, 0.4])},
+            {duplicate, oneof([0.0, 0.3])},
+            {delay, oneof([{5, 20}, {2, 100}])},
+            {clock_offset, oneof([0, 1000, 2000])},
+            {clock_drift, oneof([0, 50, 900])},
+            {range, oneof([none, 2500])},
+            {faults,
+                list(
+                    oneof([
+                        {moment(), kill_machine, {range(1, N), registers}},
+                        {moment(), kill_machine, {range(1, N), oneof([sap, registers])}}
+                    ])
+                )}
+        ])
+    ).
 
 map(Pairs) -> ?LET(Drawn, Pairs, maps:from_list(Drawn)).
 
@@ -93,52 +118,81 @@ script(R) ->
     [starl_registers:get(R, Name) || Name <- [0, 1, 2, mine]].
 
 planned(Faults) ->
-    [{starl_platform_ct:fault_id(f, K), At, At, Kind, Target, #{}}
-     || {K, {At, Kind, Target}} <- lists:zip(lists:seq(1, length(Faults)), Faults)].
+    [
+        {starl_platform_ct:fault_id(f, K), At, At, Kind, Target, #{}}
+     || {K, {At, Kind, Target}} <- lists:zip(lists:seq(1, length(Faults)), Faults)
+    ].
 
 %% -- directed tests -------------------------------------------------------------------------
 
 single_writer(_) ->
-    {[A, B], _} = play(2, fun(R) ->
-        Put = starl_registers:put(R, mine, starl:id(R)),
-        ok = starl:sleep(R, 3000),
-        {Put, starl_registers:get(R, mine), starl_registers:get(R, other)}
-    end, #{}, #{owners => #{mine => 2}}),
+    {[A, B], _} = play(
+        2,
+        fun(R) ->
+            Put = starl_registers:put(R, mine, starl:id(R)),
+            ok = starl:sleep(R, 3000),
+            {Put, starl_registers:get(R, mine), starl_registers:get(R, other)}
+        end,
+        #{},
+        #{owners => #{mine => 2}}
+    ),
     ?assertEqual({done, {{error, not_owner}, {ok, 2}, {error, unset}}}, A),
     ?assertEqual({done, {ok, {ok, 2}, {error, unset}}}, B).
 
 %% A machine that crashed has its registers again, and writes later stamps than before.
 recovers_from_peers(_) ->
-    {[A, _], Trace} = play(2, fun(R) ->
-        _ = [ok = starl_registers:put(R, x, 1) || starl:id(R) =:= 1],
-        ok = starl:sleep(R, 3000),
-        Again = starl_registers:get(R, x),
-        _ = [ok = starl_registers:put(R, y, 2) || starl:id(R) =:= 1],
-        ok = starl:sleep(R, 15000),
-        {Again, starl_registers:get(R, y)}
-    end, #{faults => [{k, 2900, 2900, kill_machine, {1, registers}, #{}}]}, #{}),
+    {[A, _], Trace} = play(
+        2,
+        fun(R) ->
+            _ = [ok = starl_registers:put(R, x, 1) || starl:id(R) =:= 1],
+            ok = starl:sleep(R, 3000),
+            Again = starl_registers:get(R, x),
+            _ = [ok = starl_registers:put(R, y, 2) || starl:id(R) =:= 1],
+            ok = starl:sleep(R, 15000),
+            {Again, starl_registers:get(R, y)}
+        end,
+        #{faults => [{k, 2900, 2900, kill_machine, {1, registers}, #{}}]},
+        #{}
+    ),
     ?assertEqual({done, {{ok, 1}, {ok, 2}}}, A),
     [First, Second] = [Stamp || {_, 1, registers, {put, _, _, Stamp}} <- Trace],
     ?assert(First < Second).
 
 subscribers_are_told(_) ->
-    {[_, B], _} = play(2, fun(R) ->
-        case starl:id(R) of
-            1 -> [begin ok = starl_registers:put(R, x, K), starl:sleep(R, 500) end || K <- [1, 2]];
-            2 ->
-                ok = starl_registers:subscribe(R, x),
-                [starl:await(R, register, 5000), starl:await(R, register, 5000)]
-        end
-    end, #{}, #{}),
+    {[_, B], _} = play(
+        2,
+        fun(R) ->
+            case starl:id(R) of
+                1 ->
+                    [
+                        begin
+                            ok = starl_registers:put(R, x, K),
+                            starl:sleep(R, 500)
+                        end
+                     || K <- [1, 2]
+                    ];
+                2 ->
+                    ok = starl_registers:subscribe(R, x),
+                    [starl:await(R, register, 5000), starl:await(R, register, 5000)]
+            end
+        end,
+        #{},
+        #{}
+    ),
     ?assertEqual({done, [{ok, 1, {x, 1}}, {ok, 1, {x, 2}}]}, B).
 
 %% Clocks farther apart than allowed: the slow robot takes the value when its clock is near.
 too_far_ahead_waits(_) ->
-    {[A, B], Trace} = play(2, fun(R) ->
-        ok = starl_registers:put(R, starl:id(R), here),
-        ok = starl:sleep(R, 30000),
-        {starl_registers:get(R, 1), starl_registers:get(R, 2)}
-    end, #{clock_offset => 5000, seed => 3}, #{ahead_ms => 100}),
+    {[A, B], Trace} = play(
+        2,
+        fun(R) ->
+            ok = starl_registers:put(R, starl:id(R), here),
+            ok = starl:sleep(R, 30000),
+            {starl_registers:get(R, 1), starl_registers:get(R, 2)}
+        end,
+        #{clock_offset => 5000, seed => 3},
+        #{ahead_ms => 100}
+    ),
     ?assertEqual({done, {{ok, here}, {ok, here}}}, A),
     ?assertEqual(A, B),
     ?assertNotEqual([], [T || {T, _, registers, {too_far_ahead, _, _}} <- Trace]).
@@ -146,11 +200,16 @@ too_far_ahead_waits(_) ->
 %% Two robots write one register at the same time of equal clocks: the larger robot's value wins
 %% everywhere, whichever copy comes first.
 same_time_is_decided_by_robots(_) ->
-    {Results, Trace} = play(3, fun(R) ->
-        _ = [ok = starl_registers:put(R, x, starl:id(R)) || starl:id(R) =/= 2],
-        ok = starl:sleep(R, 20000),
-        starl_registers:get(R, x)
-    end, #{clock_offset => 0, clock_drift => 0}, #{}),
+    {Results, Trace} = play(
+        3,
+        fun(R) ->
+            _ = [ok = starl_registers:put(R, x, starl:id(R)) || starl:id(R) =/= 2],
+            ok = starl:sleep(R, 20000),
+            starl_registers:get(R, x)
+        end,
+        #{clock_offset => 0, clock_drift => 0},
+        #{}
+    ),
     Stamps = [{Time, Count} || {_, _, registers, {put, x, _, {Time, Count, _}}} <- Trace],
     ?assertMatch([Same, Same], Stamps),
     ?assertEqual(lists:duplicate(3, {done, {ok, 3}}), Results),
@@ -181,8 +240,12 @@ every_write_has_a_stamp(_) ->
 
 machine(Self) ->
     {_, Machine} = starl_machine:new(starl_registers_lww, #{}, #{
-        robot => Self, participants => [1, 2, 3], name => registers, incarnation => 1,
-        random => rand:seed_s(exsss, 1), now => 7
+        robot => Self,
+        participants => [1, 2, 3],
+        name => registers,
+        incarnation => 1,
+        random => rand:seed_s(exsss, 1),
+        now => 7
     }),
     Machine.
 
@@ -208,5 +271,7 @@ play(N, Script, Scenario, Config) ->
     },
     Outcome = starl_blocks_script_app:play(Script, Around, Scenario#{robots => N, time => 100}),
     ?assertEqual([], maps:get(violations, Outcome)),
-    {[Result || {_, #{result := Result}} <- maps:get(robots, Outcome)],
-        starl_blocks_script_app:trace(Outcome)}.
+    {
+        [Result || {_, #{result := Result}} <- maps:get(robots, Outcome)],
+        starl_blocks_script_app:trace(Outcome)
+    }.

@@ -18,8 +18,13 @@ begin_as(Bug, Config) ->
 
 handle_event({timeout, sync}, _, _State, {no_exchange, _}, _Meta) ->
     keep_state_and_data;
-handle_event(cast, {message, From, registers, {write, Name, Value, Stamp}}, State,
-             {last_heard, Data}, Meta) ->
+handle_event(
+    cast,
+    {message, From, registers, {write, Name, Value, Stamp}},
+    State,
+    {last_heard, Data},
+    Meta
+) ->
     %% the entry that is there is forgotten first
     Empty = setelement(9, Data, maps:remove(Name, element(9, Data))),
     Message = {message, From, registers, {write, Name, Value, Stamp}},

@@ -114,7 +114,9 @@ recover_alone_test() ->
 
 %% With a damaged store its stamps are later than all that the life before may have given.
 stamps_after_restart_test() ->
-    {_, Machine} = step({timeout, recover}, recover, element(2, new(2, #{ahead_ms => 3, stored => damaged}))),
+    {_, Machine} = step(
+        {timeout, recover}, recover, element(2, new(2, #{ahead_ms => 3, stored => damaged}))
+    ),
     {Actions, _} = call({put, x, 1}, Machine),
     ?assertMatch([{put, x, _, {Time, _, 1}} | _] when Time > ?NOW + 3000, traced(Actions)).
 

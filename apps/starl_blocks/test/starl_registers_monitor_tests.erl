@@ -5,13 +5,21 @@
 judge(Events) ->
     Config = #{robots => [1, 2], owners => #{mine => 1}, bound_us => 1000},
     M0 = starl_monitor:new([{starl_registers_monitor, Config}]),
-    {Found, M} = lists:foldl(fun({T, Robot, What}, {Acc, Monitor}) ->
-        Machine = case What of {died, _} -> robot; _ -> registers end,
-        case starl_monitor:step({T, Robot, Machine, What}, Monitor) of
-            {ok, Next} -> {Acc, Next};
-            {violation, V, Next} -> {Acc ++ [V], Next}
-        end
-    end, {[], M0}, Events),
+    {Found, M} = lists:foldl(
+        fun({T, Robot, What}, {Acc, Monitor}) ->
+            Machine =
+                case What of
+                    {died, _} -> robot;
+                    _ -> registers
+                end,
+            case starl_monitor:step({T, Robot, Machine, What}, Monitor) of
+                {ok, Next} -> {Acc, Next};
+                {violation, V, Next} -> {Acc ++ [V], Next}
+            end
+        end,
+        {[], M0},
+        Events
+    ),
     {Late, _} = starl_monitor:finish(9000, M),
     [What || #{what := What} <- Found ++ Late].
 
@@ -24,18 +32,30 @@ agreed(Name, Stamp) -> [holds(900, 1, Name, Stamp), holds(900, 2, Name, Stamp)].
 kept_test() ->
     ?assertEqual([], judge([put(5, 1, x), got(6, 2, x, 5, s(5, 1)) | agreed(x, s(5, 1))])).
 never_written_test() ->
-    ?assertEqual([never_written, never_written],
-        judge([put(5, 1, x), got(6, 2, x, 4, s(5, 1)), got(7, 1, x, 5, s(6, 1))
-               | agreed(x, s(5, 1))])).
+    ?assertEqual(
+        [never_written, never_written],
+        judge([
+            put(5, 1, x),
+            got(6, 2, x, 4, s(5, 1)),
+            got(7, 1, x, 5, s(6, 1))
+            | agreed(x, s(5, 1))
+        ])
+    ).
 read_goes_back_test() ->
     Writes = [put(5, 1, x), put(6, 2, x), got(7, 1, x, 6, s(6, 2))],
-    ?assertEqual([read_goes_back], judge(Writes ++ [got(8, 1, x, 5, s(5, 1)) | agreed(x, s(6, 2))])),
+    ?assertEqual(
+        [read_goes_back], judge(Writes ++ [got(8, 1, x, 5, s(5, 1)) | agreed(x, s(6, 2))])
+    ),
     ?assertEqual([read_goes_back], judge(Writes ++ [{8, 1, {got, x, unset}} | agreed(x, s(6, 2))])),
     ?assertEqual([], judge(Writes ++ [got(8, 2, x, 5, s(5, 1)) | agreed(x, s(6, 2))])),
-    ?assertEqual([], judge(Writes ++ [{8, 1, crashed}, {9, 1, {got, x, unset}} | agreed(x, s(6, 2))])).
+    ?assertEqual(
+        [], judge(Writes ++ [{8, 1, crashed}, {9, 1, {got, x, unset}} | agreed(x, s(6, 2))])
+    ).
 stamp_goes_back_test() ->
     Late = {7, 1, {put, x, 7, s(4, 1)}},
-    ?assertEqual([stamp_goes_back], judge([put(5, 1, x), {6, 1, crashed}, Late | agreed(x, s(5, 1))])).
+    ?assertEqual(
+        [stamp_goes_back], judge([put(5, 1, x), {6, 1, crashed}, Late | agreed(x, s(5, 1))])
+    ).
 stamp_of_another_test() ->
     ?assertEqual([stamp_of_another], judge([{7, 1, {put, x, 7, s(4, 2)}} | agreed(x, s(4, 2))])).
 not_owner_test() -> ?assertEqual([not_owner], judge([put(5, 2, mine) | agreed(mine, s(5, 2))])).
@@ -51,57 +71,101 @@ in_full(Events) -> in_full(Events, 9000, #{}).
 in_full(Events, End, Extra) ->
     Config = maps:merge(#{robots => [1, 2], owners => #{mine => 1}, bound_us => 1000}, Extra),
     M0 = starl_monitor:new([{starl_registers_monitor, Config}]),
-    {Found, M} = lists:foldl(fun({T, Robot, What}, {Acc, Monitor}) ->
-        Machine = case What of {died, _} -> robot; _ -> registers end,
-        case starl_monitor:step({T, Robot, Machine, What}, Monitor) of
-            {ok, Next} -> {Acc, Next};
-            {violation, V, Next} -> {Acc ++ [V], Next}
-        end
-    end, {[], M0}, Events),
+    {Found, M} = lists:foldl(
+        fun({T, Robot, What}, {Acc, Monitor}) ->
+            Machine =
+                case What of
+                    {died, _} -> robot;
+                    _ -> registers
+                end,
+            case starl_monitor:step({T, Robot, Machine, What}, Monitor) of
+                {ok, Next} -> {Acc, Next};
+                {violation, V, Next} -> {Acc ++ [V], Next}
+            end
+        end,
+        {[], M0},
+        Events
+    ),
     {Late, #{starl_registers_monitor := Results}} = starl_monitor:finish(End, M),
-    {[{What, T, R, D} || #{contract := registers, what := What, at_us := T, robots := R,
-                           details := D} <- Found ++ Late], Results}.
+    {
+        [
+            {What, T, R, D}
+         || #{
+                contract := registers,
+                what := What,
+                at_us := T,
+                robots := R,
+                details := D
+            } <- Found ++ Late
+        ],
+        Results
+    }.
 
 told_test() ->
     Told = fun(Events) -> element(1, in_full(Events)) end,
     X = #{name => x},
     Held = agreed(x, s(5, 1)),
-    ?assertEqual([{never_written, 6, [2], X#{stamp => s(5, 1)}}],
-                 Told([put(5, 1, x), got(6, 2, x, 4, s(5, 1)) | Held])),
+    ?assertEqual(
+        [{never_written, 6, [2], X#{stamp => s(5, 1)}}],
+        Told([put(5, 1, x), got(6, 2, x, 4, s(5, 1)) | Held])
+    ),
     Two = [put(5, 1, x), put(6, 2, x), got(7, 1, x, 6, s(6, 2))],
     Both = agreed(x, s(6, 2)),
     ?assertEqual([{read_goes_back, 8, [1], X}], Told(Two ++ [got(8, 1, x, 5, s(5, 1)) | Both])),
     ?assertEqual([{read_goes_back, 8, [1], X}], Told(Two ++ [{8, 1, {got, x, unset}} | Both])),
     Back = [put(5, 1, x), {7, 1, {put, x, 7, s(4, 1)}} | Held],
     ?assertEqual([{stamp_goes_back, 7, [1], X#{stamp => s(4, 1)}}], Told(Back)),
-    ?assertEqual([{stamp_goes_back, 7, [1], X#{stamp => s(5, 1)}}],
-                 Told([put(5, 1, x), {7, 1, {put, x, 7, s(5, 1)}} | Held])),
-    ?assertEqual([{stamp_of_another, 7, [1], X}],
-                 Told([{7, 1, {put, x, 7, s(4, 2)}} | agreed(x, s(4, 2))])),
-    ?assertEqual([{not_owner, 5, [2], #{name => mine}}],
-                 Told([put(5, 2, mine) | agreed(mine, s(5, 2))])),
-    ?assertEqual([{no_agreement, 1005, [1, 2], X}],
-                 Told([put(5, 1, x), holds(5, 1, x, s(5, 1))])),
+    ?assertEqual(
+        [{stamp_goes_back, 7, [1], X#{stamp => s(5, 1)}}],
+        Told([put(5, 1, x), {7, 1, {put, x, 7, s(5, 1)}} | Held])
+    ),
+    ?assertEqual(
+        [{stamp_of_another, 7, [1], X}],
+        Told([{7, 1, {put, x, 7, s(4, 2)}} | agreed(x, s(4, 2))])
+    ),
+    ?assertEqual(
+        [{not_owner, 5, [2], #{name => mine}}],
+        Told([put(5, 2, mine) | agreed(mine, s(5, 2))])
+    ),
+    ?assertEqual(
+        [{no_agreement, 1005, [1, 2], X}],
+        Told([put(5, 1, x), holds(5, 1, x, s(5, 1))])
+    ),
     %% what was due first is told first, whatever its name
-    ?assertEqual([{no_agreement, 1005, [1, 2], X}, {no_agreement, 1006, [1, 2], #{name => a}}],
-                 Told([put(5, 1, x), holds(5, 1, x, s(5, 1)),
-                       put(6, 1, a), holds(6, 1, a, s(6, 1))])).
+    ?assertEqual(
+        [{no_agreement, 1005, [1, 2], X}, {no_agreement, 1006, [1, 2], #{name => a}}],
+        Told([
+            put(5, 1, x),
+            holds(5, 1, x, s(5, 1)),
+            put(6, 1, a),
+            holds(6, 1, a, s(6, 1))
+        ])
+    ).
 
 %% A damaged store excuses stamps that go back, a crash alone does not; reads begin anew after both.
 damaged_test() ->
     Late = {7, 1, {put, x, 7, s(4, 1)}},
     ?assertEqual([], judge([put(5, 1, x), {6, 1, store_damaged}, Late | agreed(x, s(5, 1))])),
-    ?assertEqual([stamp_goes_back],
-                 judge([put(5, 1, x), {6, 2, store_damaged}, Late | agreed(x, s(5, 1))])).
+    ?assertEqual(
+        [stamp_goes_back],
+        judge([put(5, 1, x), {6, 2, store_damaged}, Late | agreed(x, s(5, 1))])
+    ).
 
 registers_results_test() ->
     None = #{writes => 0, reads => 0, agreements => 0},
     ?assertEqual({[], None}, in_full([])),
-    Events = [put(5, 1, x), put(6, 1, y), got(7, 2, x, 5, s(5, 1)), {8, 2, {got, z, unset}}
-              | agreed(x, s(5, 1)) ++ agreed(y, s(6, 1))],
+    Events = [
+        put(5, 1, x),
+        put(6, 1, y),
+        got(7, 2, x, 5, s(5, 1)),
+        {8, 2, {got, z, unset}}
+        | agreed(x, s(5, 1)) ++ agreed(y, s(6, 1))
+    ],
     ?assertEqual({[], None#{writes := 2, reads := 1, agreements := 2}}, in_full(Events)),
-    ?assertEqual({[], None#{writes := 2, reads := 1, agreements := 1}},
-                 in_full(Events, 1006, #{})),
+    ?assertEqual(
+        {[], None#{writes := 2, reads := 1, agreements := 1}},
+        in_full(Events, 1006, #{})
+    ),
     ?assertEqual({[], None#{writes := 2, reads := 1}}, in_full(Events, 1005, #{})).
 
 %% The time runs from the last write of the register, the last crash or death, and the heal.

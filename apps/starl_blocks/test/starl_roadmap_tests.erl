@@ -10,8 +10,10 @@ layout(N) ->
 %% A parked robot is in nobody's way: spots are more than 2R from each other, from the ring, from
 %% the area, from the spurs of others, and the disks on them are on the floor.
 parked_is_out_of_the_way_test_() ->
-    [{lists:concat([N, " robots"]), fun() -> out_of_the_way(N) end}
-     || N <- [1, 2, 3, 4, 5, 8, 16, 40, 88]].
+    [
+        {lists:concat([N, " robots"]), fun() -> out_of_the_way(N) end}
+     || N <- [1, 2, 3, 4, 5, 8, 16, 40, 88]
+    ].
 
 out_of_the_way(N) ->
     #{spots := Spots, ring := Ring, feet := Feet, area := Area} = layout(N),
@@ -19,16 +21,21 @@ out_of_the_way(N) ->
     ?assertEqual(Ids, lists:sort(maps:keys(Spots))),
     Road = lists:zip(Ring, tl(Ring) ++ [hd(Ring)]),
     Spur = fun(Id) -> {maps:get(Id, Spots), maps:get(Id, Feet)} end,
-    [begin
-         {X, Y} = Spot = maps:get(Id, Spots),
-         ?assert(X >= ?R andalso Y >= ?R andalso X =< 12000.0 - ?R andalso Y =< 12000.0 - ?R),
-         [?assert(starl_geometry:point_segment(Spot, S) > 2 * ?R) || S <- Road],
-         [?assert(starl_geometry:point_segment(Spot, Spur(J)) > 2 * ?R) || J <- Ids, J =/= Id],
-         [?assert(starl_geometry:segment_segment(Spur(Id), Spur(J)) > 2 * ?R)
-          || J <- Ids, J < Id],
-         ?assert(lists:member(maps:get(Id, Feet), Ring)),
-         ?assertNot(starl_geometry:overlap(Area, starl_geometry:grow({X, Y, X, Y}, 2 * ?R)))
-     end || Id <- Ids].
+    [
+        begin
+            {X, Y} = Spot = maps:get(Id, Spots),
+            ?assert(X >= ?R andalso Y >= ?R andalso X =< 12000.0 - ?R andalso Y =< 12000.0 - ?R),
+            [?assert(starl_geometry:point_segment(Spot, S) > 2 * ?R) || S <- Road],
+            [?assert(starl_geometry:point_segment(Spot, Spur(J)) > 2 * ?R) || J <- Ids, J =/= Id],
+            [
+                ?assert(starl_geometry:segment_segment(Spur(Id), Spur(J)) > 2 * ?R)
+             || J <- Ids, J < Id
+            ],
+            ?assert(lists:member(maps:get(Id, Feet), Ring)),
+            ?assertNot(starl_geometry:overlap(Area, starl_geometry:grow({X, Y, X, Y}, 2 * ?R)))
+        end
+     || Id <- Ids
+    ].
 
 few_are_spread_evenly_test() ->
     #{spots := Spots} = layout(4),
@@ -67,16 +74,22 @@ joined_to_the_ring_test() ->
     Line = {{X + 150.0, Y + 100.0}, {X + 250.0, Y + 100.0}},
     Picture = starl_planar:planarise([Line], #{}),
     #{ring := Ring, edges := Edges} = starl_roadmap:travel(Layout, ?R, Picture, 1),
-    Joins = [E || {A, B} = E <- Edges, A =< 2 orelse B =< 2,
-                  lists:member(A, Ring) orelse lists:member(B, Ring)],
+    Joins = [
+        E
+     || {A, B} = E <- Edges,
+        A =< 2 orelse B =< 2,
+        lists:member(A, Ring) orelse lists:member(B, Ring)
+    ],
     ?assertMatch([_ | _], Joins).
 
 too_many_is_an_error_test() ->
     {error, Reason} = starl_roadmap:layout({12000.0, 12000.0}, 200, ?R),
     ?assertMatch({world_too_small, #{robots := 200, most := Most}} when Most > 80, Reason),
     ?assertMatch({match, _}, re:run(starl_roadmap:format_error(Reason), "larger floor")),
-    ?assertMatch({error, {world_too_small, #{most := 0}}},
-                 starl_roadmap:layout({1500.0, 12000.0}, 1, ?R)),
+    ?assertMatch(
+        {error, {world_too_small, #{most := 0}}},
+        starl_roadmap:layout({1500.0, 12000.0}, 1, ?R)
+    ),
     %% The stated number does fit.
     {world_too_small, #{most := Most}} = Reason,
     ?assertMatch({ok, _}, starl_roadmap:layout({12000.0, 12000.0}, Most, ?R)).
@@ -84,8 +97,10 @@ too_many_is_an_error_test() ->
 %% All of the roadmap hangs together, joins the picture, and but for the spurs is more than 2R
 %% from all spots.
 travel_test_() ->
-    [{lists:concat([Name, " seed ", Seed]), fun() -> travel(Name, Seed) end}
-     || Name <- [text, short_lines, single], Seed <- [1, 2]].
+    [
+        {lists:concat([Name, " seed ", Seed]), fun() -> travel(Name, Seed) end}
+     || Name <- [text, short_lines, single], Seed <- [1, 2]
+    ].
 
 travel(Name, Seed) ->
     Picture = starl_planar:planarise(starl_dpp_pictures:picture(Name, Seed), #{}),
@@ -96,11 +111,17 @@ travel(Name, Seed) ->
     #{points := Points, edges := Edges, spots := SpotVs} = Travel,
     All = list_to_tuple(Targets ++ Points),
     [?assertEqual(P, element(maps:get(Id, SpotVs), All)) || {Id, P} <- maps:to_list(Spots)],
-    Inner = [E || {V, W} = E <- Edges, not lists:member(V, maps:values(SpotVs)),
-                  not lists:member(W, maps:values(SpotVs))],
+    Inner = [
+        E
+     || {V, W} = E <- Edges,
+        not lists:member(V, maps:values(SpotVs)),
+        not lists:member(W, maps:values(SpotVs))
+    ],
     ?assertEqual(length(Edges) - 6, length(Inner)),
-    [?assert(starl_geometry:point_segment(P, {element(V, All), element(W, All)}) > 2 * ?R)
-     || P <- maps:values(Spots), {V, W} <- Inner],
+    [
+        ?assert(starl_geometry:point_segment(P, {element(V, All), element(W, All)}) > 2 * ?R)
+     || P <- maps:values(Spots), {V, W} <- Inner
+    ],
     Graph = digraph:new(),
     [digraph:add_vertex(Graph, V) || {A, B} <- Edges ++ TargetEdges, V <- [A, B]],
     [digraph:add_edge(Graph, A, B) || {A, B} <- Edges ++ TargetEdges],

@@ -99,8 +99,7 @@ mistakes_test_() ->
                 "mine: block starl_mutex: unknown key lease_m (did you mean lease_ms?)\n"},
             {"[{starl_mutex, #{lease_ms => soon}}]",
                 "mine: block starl_mutex: lease_ms: a whole number from"},
-            {"[starl_mutex, {starl_mutex, #{}}]",
-                "mine: block starl_mutex is listed twice\n"},
+            {"[starl_mutex, {starl_mutex, #{}}]", "mine: block starl_mutex is listed twice\n"},
             {"[starl_election, starl_bully]",
                 "mine: block starl_election and block starl_bully have a machine of the same "
                 "name, election\n"},

@@ -8,9 +8,13 @@ refused_test_() ->
     [
         ?_assertEqual(2, check(Args))
      || Args <- [
-            [], ["dpp"], ["--robots", "3"],
+            [],
+            ["dpp"],
+            ["--robots", "3"],
             ["mutex", "--robots", "9"],
-            ["mutex", "--faults", "flood:1"], ["mutex", "--depth", "0"], ["mutex", "more"]
+            ["mutex", "--faults", "flood:1"],
+            ["mutex", "--depth", "0"],
+            ["mutex", "more"]
         ]
     ].
 

@@ -21,22 +21,67 @@ problems(Args) ->
 
 reads_every_type_test() ->
     ?assertEqual(
-        {ok, #{robots => 8, loss => 0.2, delay => {5, 50}, world => {9000, 8000.5}, range => none,
-            picture => "my.svg", safety_distance => 450, quiet => true, sizes => [1, 4, 16]}},
-        parse(["--robots", "8", "--loss=0.2", "--delay", "5..50", "--world", "9000x8000.5",
-            "--range", "none", "--picture", "my.svg", "--safety-distance", "450", "--quiet",
-            "--sizes", "1,4,16"])
+        {ok, #{
+            robots => 8,
+            loss => 0.2,
+            delay => {5, 50},
+            world => {9000, 8000.5},
+            range => none,
+            picture => "my.svg",
+            safety_distance => 450,
+            quiet => true,
+            sizes => [1, 4, 16]
+        }},
+        parse([
+            "--robots",
+            "8",
+            "--loss=0.2",
+            "--delay",
+            "5..50",
+            "--world",
+            "9000x8000.5",
+            "--range",
+            "none",
+            "--picture",
+            "my.svg",
+            "--safety-distance",
+            "450",
+            "--quiet",
+            "--sizes",
+            "1,4,16"
+        ])
     ).
 
 nothing_given_is_nothing_test() -> ?assertEqual({ok, #{}}, parse([])).
 
 all_problems_come_in_one_go_test() ->
-    Lines = problems(["--robotz", "3", "--robots", "0", "--loss", "2", "--seed", "x", "stray",
-        "--quiet=2", "--sizes", "1,b", "--delay"]),
+    Lines = problems([
+        "--robotz",
+        "3",
+        "--robots",
+        "0",
+        "--loss",
+        "2",
+        "--seed",
+        "x",
+        "stray",
+        "--quiet=2",
+        "--sizes",
+        "1,b",
+        "--delay"
+    ]),
     Found = [
         Part
-     || Part <- ["--robotz (did you mean --robots?)", "--robots: ", "--loss: ", "--seed: ",
-            "\"stray\"", "--quiet takes no value", "--sizes: ", "--delay needs a value"],
+     || Part <- [
+            "--robotz (did you mean --robots?)",
+            "--robots: ",
+            "--loss: ",
+            "--seed: ",
+            "\"stray\"",
+            "--quiet takes no value",
+            "--sizes: ",
+            "--delay needs a value"
+        ],
         lists:any(fun(Line) -> string:find(Line, Part) =/= nomatch end, Lines)
     ],
     ?assertEqual(8, length(Found)),
@@ -46,10 +91,23 @@ bad_values_test_() ->
     [
         ?_assertMatch({error, [{bad_value, Key, Text, _}]}, parse([flag(Key), Text]))
      || {Key, Text} <- [
-            {robots, "0"}, {robots, "x"}, {robots, "3.5"}, {robots, ""}, {robots, "-1"},
-            {loss, "2"}, {loss, "-0.1"}, {delay, "50..5"}, {delay, "0"}, {world, "12000"},
-            {seed, "-1"}, {safety_distance, "100"}, {faults, "{a,1,2}"}, {faults, "["},
-            {picture, ""}, {sizes, "1,,2"}, {sizes, "100"}
+            {robots, "0"},
+            {robots, "x"},
+            {robots, "3.5"},
+            {robots, ""},
+            {robots, "-1"},
+            {loss, "2"},
+            {loss, "-0.1"},
+            {delay, "50..5"},
+            {delay, "0"},
+            {world, "12000"},
+            {seed, "-1"},
+            {safety_distance, "100"},
+            {faults, "{a,1,2}"},
+            {faults, "["},
+            {picture, ""},
+            {sizes, "1,,2"},
+            {sizes, "100"}
         ]
     ].
 
@@ -66,8 +124,9 @@ an_unknown_flag_takes_its_value_along_test() ->
 defaults_survive_the_command_line_test_() ->
     [
         ?_assertEqual({Key, {ok, Default}}, {Key, starl_options:parse(Type, text(Type, Default))})
-     || {Key, Type, Default, _} <- starl_sim_scenario:options() ++
-            starl_app:options(starl_painting)
+     || {Key, Type, Default, _} <-
+            starl_sim_scenario:options() ++
+                starl_app:options(starl_painting)
     ].
 
 text(Type, Value) -> starl_cli_flags:text(Type, Value).
@@ -75,7 +134,11 @@ text(Type, Value) -> starl_cli_flags:text(Type, Value).
 %% What replays a run must give the very values back, through a shell.
 arguments_are_the_inverse_of_parse_test() ->
     Values = #{
-        robots => 3, loss => 0.1 + 0.2, delay => {5, 50}, range => 1.0e6, world => {9000, 7000.25},
+        robots => 3,
+        loss => 0.1 + 0.2,
+        delay => {5, 50},
+        range => 1.0e6,
+        world => {9000, 7000.25},
         picture => "it's my pic $HOME.svg",
         faults => [{a, 1, 2, kill_machine, {2, sap}, #{}}, {'b c', 3, 3, kill_robot, 1, #{}}]
     },
@@ -87,7 +150,10 @@ suggestions_test_() ->
     [
         ?_assertEqual(Near, starl_cli_flags:nearest(Text, ["run", "table", "bench", "scenarios"]))
      || {Text, Near} <- [
-            {"rnu", ["run"]}, {"tabel", ["table"]}, {"scenario", ["scenarios"]}, {"xyzzy", []},
+            {"rnu", ["run"]},
+            {"tabel", ["table"]},
+            {"scenario", ["scenarios"]},
+            {"xyzzy", []},
             {"", []}
         ]
     ].

@@ -47,7 +47,9 @@ line({[Line | _], _}) -> lists:flatten(unicode:characters_to_list(Line)).
 
 commands_test_() ->
     {timeout, ?PATIENCE_S, [
-        {"bad nodes", fun() -> says(2, "starl: run: --nodes: ", ["run", "painting", "--nodes", "x"]) end},
+        {"bad nodes", fun() ->
+            says(2, "starl: run: --nodes: ", ["run", "painting", "--nodes", "x"])
+        end},
         {"nobody there", fun() ->
             Args = ["run", "painting", "--nodes", "nobody@127.0.0.1", "--cookie", "c"],
             says(2, "starl: run: node nobody@127.0.0.1 cannot be reached", Args)

@@ -6,15 +6,22 @@ in_directory(Test) -> starl_cli_vm:in_directory(Test).
 
 record() ->
     Violation = #{
-        contract => starl_sap_monitor, what => changed, at_us => 1200, robots => [1, 2],
+        contract => starl_sap_monitor,
+        what => changed,
+        at_us => 1200,
+        robots => [1, 2],
         details => #{pid => self()}
     },
     Scenario = (starl_cli_flags:defaults(starl_cli_setup:options(starl_painting)))#{
         app => starl_painting, faults => [{a, 1, 2, kill_machine, {2, sap}, #{}}]
     },
-    starl_cli_record:make(painting, Scenario, {violation, #{
-        digest => <<16#0a, 16#ff>>, end_us => 1234567, events => 99, violations => [Violation]
-    }}).
+    starl_cli_record:make(
+        painting,
+        Scenario,
+        {violation, #{
+            digest => <<16#0a, 16#ff>>, end_us => 1234567, events => 99, violations => [Violation]
+        }}
+    ).
 
 what_is_written_is_read_test() ->
     in_directory(fun(Dir) ->
@@ -29,8 +36,13 @@ what_is_written_is_read_test() ->
 
 it_holds_what_a_reader_needs_test() ->
     #{
-        app := painting, digest := "0aff", ending := violation, end_us := 1234567, events := 99,
-        scenario := Scenario, options := Options,
+        app := painting,
+        digest := "0aff",
+        ending := violation,
+        end_us := 1234567,
+        events := 99,
+        scenario := Scenario,
+        options := Options,
         violations := [#{contract := starl_sap_monitor, at_us := 1200, text := Text}]
     } = record(),
     ?assertMatch(#{picture := "house", robots := 4, faults := [_]}, Scenario),

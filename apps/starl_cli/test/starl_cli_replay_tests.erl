@@ -14,8 +14,22 @@ replay_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         in_directory(fun(Dir) ->
             Out = filename:join(Dir, "out"),
-            says(0, "result: ", ["run", "exercise", "--work", "3", "--random-faults", "[all]",
-                "--heal", "3", "--seed", "4", "--robots", "5", "--out", Out]),
+            says(0, "result: ", [
+                "run",
+                "exercise",
+                "--work",
+                "3",
+                "--random-faults",
+                "[all]",
+                "--heal",
+                "3",
+                "--seed",
+                "4",
+                "--robots",
+                "5",
+                "--out",
+                Out
+            ]),
             {ok, #{digest := Digest, scenario := Scenario} = Record} = starl_cli_record:read(Out),
             ?assertMatch(#{faults := [_, _, _ | _], random_faults := []}, Scenario),
             says(0, "same digest " ++ Digest, ["replay", Out]),
@@ -52,8 +66,16 @@ printed_commands_test_() ->
             File = filename:join(Dir, "starl_cli_breaker.erl"),
             ok = file:write_file(File, starl_cli_tests:breaker()),
             Out = filename:join(Dir, "out"),
-            Text = says(3, "sanity broken", ["run", File, "--faults",
-                "[{a,1000,9000,kill_machine,{2,sap},#{}}]", "--delay", "5..50", "--out", Out]),
+            Text = says(3, "sanity broken", [
+                "run",
+                File,
+                "--faults",
+                "[{a,1000,9000,kill_machine,{2,sap},#{}}]",
+                "--delay",
+                "5..50",
+                "--out",
+                Out
+            ]),
             Again = says(3, "sanity broken", printed("replay: ", Text)),
             ?assertEqual(digest(Text), digest(Again)),
             Seen = says(0, "\nrobot 1\n", printed("look: ", Text)),
@@ -72,8 +94,12 @@ digest(Text) ->
 until_event_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         Args = ["replay", "3", "--app", "exercise", "--work", "5", "--robots", "3"],
-        Text = says(0, "just after event 37 of robot 2 at ", Args ++ ["--until", "2:37", "--inspect", "2"]),
-        {match, [Events]} = re:run(Text, "^ +2 +[0-9.]+ +([0-9]+) ", [multiline, {capture, [1], list}]),
+        Text = says(
+            0, "just after event 37 of robot 2 at ", Args ++ ["--until", "2:37", "--inspect", "2"]
+        ),
+        {match, [Events]} = re:run(Text, "^ +2 +[0-9.]+ +([0-9]+) ", [
+            multiline, {capture, [1], list}
+        ]),
         ?assertEqual("37", Events),
         contains("in starl_exercise:step/2, line", Text),
         contains("\nrobot 2\n", Text),
@@ -128,8 +154,11 @@ bad_input_test_() ->
 
 beyond_the_end_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
-        says(2, "--until: robot 2 has no more than ",
-            ["replay", "exercise", "--work", "1", "--until", "2:100000"])
+        says(
+            2,
+            "--until: robot 2 has no more than ",
+            ["replay", "exercise", "--work", "1", "--until", "2:100000"]
+        )
     end}.
 
 %% A record says what has run; other values are not for it.
@@ -138,9 +167,16 @@ a_record_is_run_as_it_was_test() ->
         Scenario = (starl_cli_flags:defaults(starl_cli_setup:options(starl_exercise)))#{
             app => starl_exercise
         },
-        ok = starl_cli_record:write(Dir, starl_cli_record:make(exercise, Scenario, {done, #{
-            digest => <<1>>, end_us => 1, events => 1, violations => []
-        }})),
+        ok = starl_cli_record:write(
+            Dir,
+            starl_cli_record:make(
+                exercise,
+                Scenario,
+                {done, #{
+                    digest => <<1>>, end_us => 1, events => 1, violations => []
+                }}
+            )
+        ),
         ?assertMatch({ok, #{record := #{}, run := #{scenario := Scenario}}}, setup([Dir])),
         ?assertMatch({error, [_]}, setup([Dir, "--loss", "0.3"])),
         {ok, Call} = starl_cli_dispatch:read(starl_cli_run, [Dir]),

@@ -3,9 +3,24 @@
 -include_lib("eunit/include/eunit.hrl").
 
 -define(KEYS, [
-    app, seed, robots, virtual_s, wall_s, ink_mm, ink_covered, driven_mm, makespan_bound_ratio,
-    min_separation_mm, safety_distance_mm, deadlocks_resolved, assignments, messages, packets,
-    events, digest, violations
+    app,
+    seed,
+    robots,
+    virtual_s,
+    wall_s,
+    ink_mm,
+    ink_covered,
+    driven_mm,
+    makespan_bound_ratio,
+    min_separation_mm,
+    safety_distance_mm,
+    deadlocks_resolved,
+    assignments,
+    messages,
+    packets,
+    events,
+    digest,
+    violations
 ]).
 
 report(Changes) -> starl_cli_report:make(maps:merge(input(), Changes)).
@@ -42,10 +57,16 @@ result(Other) -> Other.
 painting(Covered) -> painting(Covered, 399.99996).
 
 painting(Covered, Separation) ->
-    Scene = #{memo => #{
-        lines_mm => 999.0, robots => 2, speed => 500, safety_distance => 400, picture => none,
-        world => none
-    }},
+    Scene = #{
+        memo => #{
+            lines_mm => 999.0,
+            robots => 2,
+            speed => 500,
+            safety_distance => 400,
+            picture => none,
+            world => none
+        }
+    },
     starl_painting:report(Scene, #{
         end_us => 12345678,
         robots => [],
@@ -82,7 +103,9 @@ json_is_read_back_test() ->
     Read = decode(starl_cli_json:codecs(), Json),
     ?assertMatch(
         #{
-            <<"seed">> := 7, <<"digest">> := <<"ab01">>, <<"messages">> := 11,
+            <<"seed">> := 7,
+            <<"digest">> := <<"ab01">>,
+            <<"messages">> := 11,
             <<"violations">> := [#{<<"contract">> := <<"dpp">>, <<"robots">> := [1, 2]}]
         },
         Read
@@ -113,8 +136,10 @@ time_over_is_told_test() ->
     Report = report(#{
         app => painting(0.5), ending => time, outcome => outcome([running, done], [])
     }),
-    shows("NOT COMPLETE, 50.00 % of the lines painted (the time was up; one robot was still",
-        headline(Report)).
+    shows(
+        "NOT COMPLETE, 50.00 % of the lines painted (the time was up; one robot was still",
+        headline(Report)
+    ).
 
 the_dead_are_told_test() ->
     Report = report(#{app => painting(0.5), outcome => outcome([died, done], [])}),
@@ -125,16 +150,21 @@ crashes_of_the_application_are_told_test() ->
     Outcome = outcome([given_up, done], []),
     #{monitors := Monitors} = Outcome,
     Seen = #{
-        crashes => 2, given_up => [{1, app}],
+        crashes => 2,
+        given_up => [{1, app}],
         first_crash => {1500000, 1, app, {"badarg", [{my_app, step, 2, "my_app.erl", 7}]}}
     },
     Report = report(#{
-        app => #{figures => []}, outcome => Outcome#{monitors := Monitors#{starl_crash_monitor => Seen}}
+        app => #{figures => []},
+        outcome => Outcome#{monitors := Monitors#{starl_crash_monitor => Seen}}
     }),
     shows("NOT COMPLETE (the application crashed for ever on robot 1)", headline(Report)),
     ?assertNot(starl_cli_report:complete(Report)),
-    shows("THE APPLICATION CRASHED 2 times; first on robot 1 at 1.500000 s: badarg at "
-          "my_app:step/2 (my_app.erl:7)", text([[L, "\n"] || L <- starl_cli_report:summary(Report)])).
+    shows(
+        "THE APPLICATION CRASHED 2 times; first on robot 1 at 1.500000 s: badarg at "
+        "my_app:step/2 (my_app.erl:7)",
+        text([[L, "\n"] || L <- starl_cli_report:summary(Report)])
+    ).
 
 interrupted_is_told_test() ->
     shows("interrupted, 50.00 %", headline(report(#{app => painting(0.5), ending => stopped}))).

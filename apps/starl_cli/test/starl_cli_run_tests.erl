@@ -51,13 +51,24 @@ the_target_may_stand_behind_flags_test() ->
 
 help_wins_test() ->
     ?assertEqual({help, none, none}, setup(["--help"])),
-    ?assertMatch({help, "painting", #{app := starl_painting}}, setup(["painting", "--robotz", "-h"])),
+    ?assertMatch(
+        {help, "painting", #{app := starl_painting}}, setup(["painting", "--robotz", "-h"])
+    ),
     ?assertMatch({help, "painting", #{app := starl_painting}}, setup(["painting", "--help"])).
 
 a_replay_is_the_same_scenario_test() ->
     {ok, #{scenario := Scenario, target := Target}} = setup([
-        "painting", "--robots", "8", "--loss", "0.25", "--delay", "5..50", "--seed", "77",
-        "--faults", "[{a,1,2,kill_robot,3,#{}}]"
+        "painting",
+        "--robots",
+        "8",
+        "--loss",
+        "0.25",
+        "--delay",
+        "5..50",
+        "--seed",
+        "77",
+        "--faults",
+        "[{a,1,2,kill_robot,3,#{}}]"
     ]),
     Line = lists:flatten(starl_cli_setup:replay(Target, Scenario)),
     Shell = os:cmd("for a in " ++ Line ++ "; do echo \"$a\"; done"),
@@ -147,8 +158,11 @@ results_are_whole_test() ->
 own_application_test() ->
     in_directory(fun(Path) ->
         File = Path("starl_cli_test_app.erl"),
-        ok = file:write_file(File, "-module(starl_cli_test_app).\n-export([init/2, step/2]).\n"
-            "init(_, _) -> 0.\nstep(_, N) -> {done, N}.\n"),
+        ok = file:write_file(
+            File,
+            "-module(starl_cli_test_app).\n-export([init/2, step/2]).\n"
+            "init(_, _) -> 0.\nstep(_, N) -> {done, N}.\n"
+        ),
         ?assertMatch(#{app := starl_cli_test_app}, scenario([File])),
         ok = file:write_file(File, "-module(starl_cli_test_app2).\nstep(_, N) -> {done, M}.\n"),
         complains(":2: variable 'M' is unbound", [File]),

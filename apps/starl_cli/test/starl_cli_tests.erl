@@ -15,7 +15,9 @@ commands_test_() ->
         {"--version", fun() -> says(0, "starl ", ["--version"]) end},
         {"apps", fun() -> says(0, "painting", ["apps"]) end},
         {"unknown command", fun() -> says(2, "starl: unknown command rnu (did you", ["rnu"]) end},
-        {"bad value", fun() -> says(2, "starl: run: --loss: ", ["run", "painting", "--loss", "2"]) end},
+        {"bad value", fun() ->
+            says(2, "starl: run: --loss: ", ["run", "painting", "--loss", "2"])
+        end},
         {"no picture", fun() -> says(2, "starl: ", ["run", "painting", "--picture", "no.svg"]) end},
         {"bad table", fun() -> says(2, "starl: table: ", ["table", "--seeds", "0"]) end},
         {"bad bench", fun() -> says(2, "starl: bench: ", ["bench", "ring", "--reps", "x"]) end},
@@ -53,8 +55,22 @@ printed_scenario_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         in_directory(fun(Dir) ->
             [One, Two, File] = [filename:join(Dir, Name) || Name <- ["one", "two", "a.term"]],
-            Args = ["run", "painting", "--picture", "lines", "--robots", "6", "--seed", "3",
-                "--loss", "0.1", "--delay", "5..50", "--out", One],
+            Args = [
+                "run",
+                "painting",
+                "--picture",
+                "lines",
+                "--robots",
+                "6",
+                "--seed",
+                "3",
+                "--loss",
+                "0.1",
+                "--delay",
+                "5..50",
+                "--out",
+                One
+            ],
             Text = says(0, "app => painting", Args ++ ["--print-scenario"]),
             ?assertEqual({ok, []}, file:list_dir(Dir)),
             ok = file:write_file(File, Text),

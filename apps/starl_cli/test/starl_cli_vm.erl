@@ -18,7 +18,9 @@ start(Args) ->
     Main = "starl_cli:main(init:get_plain_arguments()).",
     open_port({spawn_executable, os:find_executable("erl")}, [
         {args, ["-noshell", "+fnu" | Paths] ++ ["-eval", Main, "-extra" | Args]},
-        exit_status, stderr_to_stdout, hide
+        exit_status,
+        stderr_to_stdout,
+        hide
     ]).
 
 rest(Port, Text) ->

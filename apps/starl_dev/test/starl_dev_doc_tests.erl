@@ -6,12 +6,18 @@ turned(Text) -> starl_dev_doc_source:for_edoc(string:split(Text, "\n", all)).
 
 %% A comment goes behind the type that it stands before, over all its lines; others stay.
 source_test() ->
-    ?assertEqual(["-type a() :: b.", "%% A.", "", "%% F.", "f() -> 1.", ""],
-                 turned("%% A.\n-type a() :: b.\n\n%% F.\nf() -> 1.\n")),
-    ?assertEqual(["-opaque a() :: #{", "    %% b.", "    b := \". %\"", "}.", "%% A.", "%% Two.", ""],
-                 turned("%% A.\n%% Two.\n-opaque a() :: #{\n    %% b.\n    b := \". %\"\n}.\n")),
-    ?assertEqual(["-type a() :: b.", "%% A.", "-type c() :: d.", "%% C."],
-                 turned("%% A.\n-type a() :: b.\n%% C.\n-type c() :: d.")),
+    ?assertEqual(
+        ["-type a() :: b.", "%% A.", "", "%% F.", "f() -> 1.", ""],
+        turned("%% A.\n-type a() :: b.\n\n%% F.\nf() -> 1.\n")
+    ),
+    ?assertEqual(
+        ["-opaque a() :: #{", "    %% b.", "    b := \". %\"", "}.", "%% A.", "%% Two.", ""],
+        turned("%% A.\n%% Two.\n-opaque a() :: #{\n    %% b.\n    b := \". %\"\n}.\n")
+    ),
+    ?assertEqual(
+        ["-type a() :: b.", "%% A.", "-type c() :: d.", "%% C."],
+        turned("%% A.\n-type a() :: b.\n%% C.\n-type c() :: d.")
+    ),
     Alone = "%% Nobody's.\n\n-type a() :: b.\n-export_type([a/0]).",
     ?assertEqual(string:split(Alone, "\n", all), turned(Alone)),
     ?assertEqual(["-type a() ::", "%% A."], turned("%% A.\n-type a() ::")).
@@ -23,8 +29,10 @@ pages_test_() ->
             ?_assertEqual({ok, 1}, Make("%% @doc M.\n-module(m).\n-behaviour(gen_server).\n")),
             ?_assertMatch({error, [_ | _]}, Make("%% @doc M, 0 < 1.\n-module(m).\n")),
             ?_assertMatch({error, [_ | _]}, Make("%% @doc M {@link\n-module(m).\n")),
-            ?_assertEqual({error, ["m: a link leads nowhere: #f-1"]},
-                          Make("%% @doc M {@link f/1}.\n-module(m).\n"))
+            ?_assertEqual(
+                {error, ["m: a link leads nowhere: #f-1"]},
+                Make("%% @doc M {@link f/1}.\n-module(m).\n")
+            )
         ]
     end}.
 

@@ -5,8 +5,16 @@
 result(Changes) ->
     maps:merge(
         #{
-            covered => 1.0, violations => 0, separation => 400.0, safe => 400, makespan => 10.0,
-            ratio => 2.0, detour => 1.5, deadlocks => 1, wall => 0.5, digest => <<"00">>
+            covered => 1.0,
+            violations => 0,
+            separation => 400.0,
+            safe => 400,
+            makespan => 10.0,
+            ratio => 2.0,
+            detour => 1.5,
+            deadlocks => 1,
+            wall => 0.5,
+            digest => <<"00">>
         },
         Changes
     ).
@@ -23,7 +31,8 @@ soundness_test_() ->
 
 a_row_tells_the_worst_and_the_median_test() ->
     Row = starl_dev_table_rows:figures([
-        result(#{covered => 0.99999, makespan => 30.0}), result(#{separation => 399.99}),
+        result(#{covered => 0.99999, makespan => 30.0}),
+        result(#{separation => 399.99}),
         result(#{separation => none, violations => 2})
     ]),
     ?assertEqual(

@@ -9,9 +9,20 @@
 
 no_difference_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
-        says(0, "4 seeds, 3 ways: no digest differs", ["diverge", "exercise", "--work", "2",
-            "--random-faults", "[all]", "--heal", "2", "--seeds", "5..8",
-            "--ways", "process:2,inline:3,process:1:2"])
+        says(0, "4 seeds, 3 ways: no digest differs", [
+            "diverge",
+            "exercise",
+            "--work",
+            "2",
+            "--random-faults",
+            "[all]",
+            "--heal",
+            "2",
+            "--seeds",
+            "5..8",
+            "--ways",
+            "process:2,inline:3,process:1:2"
+        ])
     end}.
 
 %% A decision by self(): how long robot 2 sleeps after its tenth turn. Its timer is the event that
@@ -21,11 +32,28 @@ planted_self_test_() ->
         in_directory(fun(Dir) ->
             File = filename:join(Dir, "starl_cli_by_pid.erl"),
             ok = file:write_file(File, by_pid()),
-            Text = says(3, "2 seeds, 2 ways: DIFFERENT DIGESTS of 2 seeds",
-                ["diverge", File, "--robots", "3", "--seeds", "1,2", "--ways", "process:1,process:2"]),
-            {match, [N]} = re:run(Text, "the first difference is event ([0-9]+) of robot 2",
-                [{capture, [1], list}]),
-            ?assertMatch({match, _}, re:run(Text, "  " ++ N ++ "  [0-9.]+ s  app\n    type    {timeout,")),
+            Text = says(
+                3,
+                "2 seeds, 2 ways: DIFFERENT DIGESTS of 2 seeds",
+                [
+                    "diverge",
+                    File,
+                    "--robots",
+                    "3",
+                    "--seeds",
+                    "1,2",
+                    "--ways",
+                    "process:1,process:2"
+                ]
+            ),
+            {match, [N]} = re:run(
+                Text,
+                "the first difference is event ([0-9]+) of robot 2",
+                [{capture, [1], list}]
+            ),
+            ?assertMatch(
+                {match, _}, re:run(Text, "  " ++ N ++ "  [0-9.]+ s  app\n    type    {timeout,")
+            ),
             Seen = says(0, "robot 2", printed("look: ", Text)),
             Before = integer_to_list(list_to_integer(N) - 1),
             contains("just after event " ++ Before ++ " of robot 2", Seen)

@@ -5,8 +5,15 @@
 
 -export([suite/0, all/0]).
 -export([
-    three_faults_of_forty/1, random_loss_becomes_lost_packets/1, drawn_faults_are_explicit/1,
-    recorded_run/1, interrupted/1, seconds_are_up/1, nothing_to_shrink/1, bad_input/1, help/1
+    three_faults_of_forty/1,
+    random_loss_becomes_lost_packets/1,
+    drawn_faults_are_explicit/1,
+    recorded_run/1,
+    interrupted/1,
+    seconds_are_up/1,
+    nothing_to_shrink/1,
+    bad_input/1,
+    help/1
 ]).
 
 -import(starl_cli_vm, [says/3, contains/2, start/1, rest/2, until/3, interrupt/1]).
@@ -15,8 +22,15 @@ suite() -> [{timetrap, {minutes, 2}}].
 
 all() ->
     [
-        three_faults_of_forty, random_loss_becomes_lost_packets, drawn_faults_are_explicit,
-        recorded_run, interrupted, seconds_are_up, nothing_to_shrink, bad_input, help
+        three_faults_of_forty,
+        random_loss_becomes_lost_packets,
+        drawn_faults_are_explicit,
+        recorded_run,
+        interrupted,
+        seconds_are_up,
+        nothing_to_shrink,
+        bad_input,
+        help
     ].
 
 %% Three particular crashes among forty faults break the contract.
@@ -43,8 +57,12 @@ random_loss_becomes_lost_packets(Config) ->
 drawn_faults_are_explicit(Config) ->
     Seed = drawn_seed(1),
     File = scenario(Config, "three_crashes", #{
-        robots => 8, seed => Seed, time => 60, random_faults => [kill_machine, reboot, loss],
-        heal => 30, faults => lists:keydelete(kill_8, 1, three())
+        robots => 8,
+        seed => Seed,
+        time => 60,
+        random_faults => [kill_machine, reboot, loss],
+        heal => 30,
+        faults => lists:keydelete(kill_8, 1, three())
     }),
     #{faults := Faults} = Small = shrunk(Config, File),
     ?assertNot(is_map_key(random_faults, Small)),
@@ -63,18 +81,31 @@ recorded_run(Config) ->
     {ok, Before} = file:read_file(Record),
     [Head, Digest] = string:split(Before, "digest => \""),
     <<First, Rest/binary>> = Digest,
-    Other = case First of $0 -> $1; _ -> $0 end,
+    Other =
+        case First of
+            $0 -> $1;
+            _ -> $0
+        end,
     ok = file:write_file(Record, [Head, "digest => \"", Other, Rest]),
     says(2, "the run is not reproducible", ["shrink", Dir]).
 
 %% A seed whose drawn faults crash SAP of robot 8.
 drawn_seed(Seed) ->
     Drawn = starl_sim_fault_draw:draw(#{
-        seed => Seed, robots => 8, machines => [sap, location, motion, app], until_ms => 30000,
+        seed => Seed,
+        robots => 8,
+        machines => [sap, location, motion, app],
+        until_ms => 30000,
         kinds => [kill_machine, reboot, loss]
     }),
-    case [F || {_, _, _, Kind, Target, _} = F <- Drawn, {Kind, Target} =:= {reboot, 8}
-            orelse {Kind, Target} =:= {kill_machine, {8, sap}}] of
+    case
+        [
+            F
+         || {_, _, _, Kind, Target, _} = F <- Drawn,
+            {Kind, Target} =:= {reboot, 8} orelse
+                {Kind, Target} =:= {kill_machine, {8, sap}}
+        ]
+    of
         [] -> drawn_seed(Seed + 1);
         [_ | _] -> Seed
     end.
@@ -108,8 +139,11 @@ bad_input(Config) ->
     Dir = proplists:get_value(priv_dir, Config),
     says(2, "starl: shrink: name a run first", ["shrink"]),
     says(2, "seed 12 of what?", ["shrink", "12", "--robots", "3"]),
-    says(2, "nothing to shrink",
-        ["shrink", "12", "--robots", "3", "--app", "exercise", "--time", "1"]),
+    says(
+        2,
+        "nothing to shrink",
+        ["shrink", "12", "--robots", "3", "--app", "exercise", "--time", "1"]
+    ),
     says(2, "no such file", ["shrink", filename:join(Dir, "none.term")]),
     says(2, "is a directory", ["shrink", "exercise", "--out", Dir]),
     says(2, "ends in .term", ["shrink", "exercise", "--out", filename:join(Dir, "x.erl")]),
@@ -135,7 +169,10 @@ forty() ->
         setelement(1, Fault, list_to_atom(lists:concat([element(1, Fault), "_of_", Seed])))
      || Seed <- [1, 2, 3, 4, 5, 6],
         Fault <- starl_sim_fault_draw:draw(#{
-            seed => Seed, robots => 10, machines => [location, motion, app], until_ms => 40000,
+            seed => Seed,
+            robots => 10,
+            machines => [location, motion, app],
+            until_ms => 40000,
             kinds => Kinds
         })
     ],

@@ -53,8 +53,10 @@ failing_test() ->
         #{contract => Contract, what => What, at_us => 1, robots => [], details => #{}}
     end,
     Founds = [
-        {mutex, 9, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 3, {ok, [], 0.1}},
-        {mutex, 7, {ok, [V(mutex, two_holders)], 0.1}}, {mutex, 4, {failed, {failed, crash}}},
+        {mutex, 9, {ok, [V(mutex, two_holders)], 0.1}},
+        {mutex, 3, {ok, [], 0.1}},
+        {mutex, 7, {ok, [V(mutex, two_holders)], 0.1}},
+        {mutex, 4, {failed, {failed, crash}}},
         {mutex, 5, {ok, [V(sap, outcome_overdue)], 0.1}},
         {barrier, 8, {ok, [V(barrier, passed_early)], 0.1}}
     ],
@@ -124,7 +126,8 @@ drawn() ->
 drift_within_its_bound_test() ->
     [
         ?assertNot(lists:member(clock_drift, [Kind || W <- What, Kind <- kinds(W)]))
-     || Block <- starl_lab_soak:targets(), Seed <- lists:seq(1, 50),
+     || Block <- starl_lab_soak:targets(),
+        Seed <- lists:seq(1, 50),
         #{clock_drift := 9999, random_faults := What} <-
             [starl_lab_soak:scenario(Block, none, Seed)]
     ].

@@ -44,12 +44,23 @@ values_test_() ->
 
 bad_values_test_() ->
     [
-        {Flag ++ " " ++ Text,
-            ?_assertMatch({error, [{bad_value, _, Text, _}]}, parse([Flag, Text]))}
+        {
+            Flag ++ " " ++ Text,
+            ?_assertMatch({error, [{bad_value, _, Text, _}]}, parse([Flag, Text]))
+        }
      || {Flag, Text} <- [
-            {"--robots", "4..2"}, {"--robots", "0..3"}, {"--robots", "1..4..0"},
-            {"--robots", "1..x"}, {"--robots", "1..2..3..4"}, {"--robots", "1,,2"},
-            {"--loss", "0..2"}, {"--seeds", "0"}, {"--seeds", "x"}, {"--seeds", "1..1000000"}, {"--picture", "a,"}, {"--delay", "50..5"}
+            {"--robots", "4..2"},
+            {"--robots", "0..3"},
+            {"--robots", "1..4..0"},
+            {"--robots", "1..x"},
+            {"--robots", "1..2..3..4"},
+            {"--robots", "1,,2"},
+            {"--loss", "0..2"},
+            {"--seeds", "0"},
+            {"--seeds", "x"},
+            {"--seeds", "1..1000000"},
+            {"--picture", "a,"},
+            {"--delay", "50..5"}
         ]
     ].
 
@@ -84,15 +95,23 @@ flags_win_over_a_file_test() ->
 %% A report with these changes to its figures and its violations.
 report(Changes) ->
     starl_cli_report:make(#{
-        name => "painting", scenario => #{robots => 2, seed => 7}, ending => done, wall_s => 0.5,
+        name => "painting",
+        scenario => #{robots => 2, seed => 7},
+        ending => done,
+        wall_s => 0.5,
         outcome => #{
-            robots => [], end_us => 12500000, violations => maps:get(violations, Changes, []),
-            digest => <<1, 2>>, events => 3, packets => 4,
+            robots => [],
+            end_us => 12500000,
+            violations => maps:get(violations, Changes, []),
+            digest => <<1, 2>>,
+            events => 3,
+            packets => 4,
             monitors => #{starl_sap_monitor => #{sent => 5}}
         },
         app => #{
             figures => [
-                {ink_covered, maps:get(ink_covered, Changes, 1.0)}, {min_separation_mm, null},
+                {ink_covered, maps:get(ink_covered, Changes, 1.0)},
+                {min_separation_mm, null},
                 {assignments_per_robot, 1.5}
             ],
             formats => formats(),
@@ -119,7 +138,9 @@ a_row_for_every_ending_test() ->
     Key = ["painting", "2", "7"],
     Failed = starl_lab_sweep_rows:row(columns(), Key, failed),
     Rows = [
-        row(Key, #{}), row(Key, #{ink_covered => 0.5}), row(Key, #{violations => [violation()]}),
+        row(Key, #{}),
+        row(Key, #{ink_covered => 0.5}),
+        row(Key, #{violations => [violation()]}),
         Failed
     ],
     ?assertEqual(
@@ -128,9 +149,14 @@ a_row_for_every_ending_test() ->
     ),
     Violations = [starl_lab_sweep_rows:figure(columns(), violations, Row) || Row <- Rows],
     ?assertEqual([{ok, 0}, {ok, 0}, {ok, 1}, none], Violations),
-    ?assertEqual([length(starl_lab_sweep_rows:header(columns()))], lists:usort(lists:map(
-        fun erlang:length/1, Rows
-    ))).
+    ?assertEqual(
+        [length(starl_lab_sweep_rows:header(columns()))],
+        lists:usort(
+            lists:map(
+                fun erlang:length/1, Rows
+            )
+        )
+    ).
 
 %% Rows are read back; half a row that a stop has left goes away before the next is appended.
 resume_test() ->
@@ -147,9 +173,12 @@ resume_test() ->
         ?assertEqual(Rows, [Row || {_, Row} <- lists:sort(maps:to_list(All))]),
         {ok, Text} = file:read_file(File),
         Keys = [lists:sublist(Row, 3) || Row <- Rows],
-        ?assertEqual(Text, unicode:characters_to_binary(
-            starl_lab_sweep_rows:ordered(columns(), Keys, All)
-        ))
+        ?assertEqual(
+            Text,
+            unicode:characters_to_binary(
+                starl_lab_sweep_rows:ordered(columns(), Keys, All)
+            )
+        )
     end).
 
 write_rows(File, Bytes, Rows) ->
@@ -161,19 +190,25 @@ write_rows(File, Bytes, Rows) ->
 other_rows_are_kept_test() ->
     [A, B] = [row(["painting", N, "1"], #{}) || N <- ["2", "9"]],
     Rows = #{["painting", "9", "1"] => B, ["painting", "2", "1"] => A},
-    {[_, First, Second], _} = starl_lab_csv:parse(unicode:characters_to_binary(
-        starl_lab_sweep_rows:ordered(columns(), [["painting", "9", "1"]], Rows)
-    )),
+    {[_, First, Second], _} = starl_lab_csv:parse(
+        unicode:characters_to_binary(
+            starl_lab_sweep_rows:ordered(columns(), [["painting", "9", "1"]], Rows)
+        )
+    ),
     ?assertEqual([B, A], [First, Second]).
 
 another_sweeps_file_test_() ->
     [
-        {Part, fun() -> in_directory(fun(Dir) ->
-            File = filename:join(Dir, "runs.csv"),
-            ok = file:write_file(File, [lists:join(",", Header), "\n", Lines]),
-            {error, Reason} = starl_lab_sweep_rows:read(File, columns()),
-            contains(Part, unicode:characters_to_list(starl_lab_sweep_rows:format_error(Reason)))
-        end) end}
+        {Part, fun() ->
+            in_directory(fun(Dir) ->
+                File = filename:join(Dir, "runs.csv"),
+                ok = file:write_file(File, [lists:join(",", Header), "\n", Lines]),
+                {error, Reason} = starl_lab_sweep_rows:read(File, columns()),
+                contains(
+                    Part, unicode:characters_to_list(starl_lab_sweep_rows:format_error(Reason))
+                )
+            end)
+        end}
      || {Part, Header, Lines} <- [
             {"it lacks robots and it has loss", ["loss" | header() -- ["robots"]], ""},
             {"another order", lists:reverse(header()), ""},
@@ -196,7 +231,9 @@ median_test_() ->
 only_whole_runs_are_measured_test() ->
     Key = ["painting", "2", "1"],
     Rows = [
-        row(Key, #{}), row(Key, #{ink_covered => 0.5}), row(Key, #{ink_covered => 0.75}),
+        row(Key, #{}),
+        row(Key, #{ink_covered => 0.5}),
+        row(Key, #{ink_covered => 0.75}),
         row(Key, #{ink_covered => 0.1, violations => [violation()]}),
         starl_lab_sweep_rows:row(columns(), Key, failed)
     ],
@@ -208,8 +245,15 @@ only_whole_runs_are_measured_test() ->
     {[Header, Line], _} = starl_lab_csv:parse(Text),
     Cells = maps:from_list(lists:zip(Header, Line)),
     ?assertMatch(
-        #{"robots" := "2", "runs" := "5", "complete" := "1", "ink_covered_median" := "0.75",
-            "ink_covered_min" := "0.5", "ink_covered_max" := "1.0", "min_separation_mm_max" := ""},
+        #{
+            "robots" := "2",
+            "runs" := "5",
+            "complete" := "1",
+            "ink_covered_median" := "0.75",
+            "ink_covered_min" := "0.5",
+            "ink_covered_max" := "1.0",
+            "min_separation_mm_max" := ""
+        },
         Cells
     ),
     ?assertNot(is_map_key("digest_median", Cells)).
@@ -237,12 +281,20 @@ curves_test() ->
     ?assertMatch(#{y := "completion time, s"}, Panel),
     #{curves := Curves} = Panel,
     ?assertEqual(
-        ["picture it's, robots 2", "picture b, robots 2", "picture it's, robots 3",
-            "picture b, robots 3", "picture it's, robots 4", "picture b, robots 4"],
+        [
+            "picture it's, robots 2",
+            "picture b, robots 2",
+            "picture it's, robots 3",
+            "picture b, robots 3",
+            "picture it's, robots 4",
+            "picture b, robots 4"
+        ],
         [Name || {Name, _} <- Curves]
     ),
-    ?assertEqual([[{0, 12.5, 12.5, 12.5}, {0.2, 12.5, 12.5, 12.5}]],
-        lists:usort([Points || {_, Points} <- Curves])).
+    ?assertEqual(
+        [[{0, 12.5, 12.5, 12.5}, {0.2, 12.5, 12.5, 12.5}]],
+        lists:usort([Points || {_, Points} <- Curves])
+    ).
 
 script_test() ->
     Args = ["--robots", "2..4", "--picture", "it's,b"],
@@ -252,9 +304,13 @@ script_test() ->
         contains(Part, Script)
      || Part <- [
             "$panel1_curve1 << EOD\n2 12.5 12.5 12.5\n3 12.5 12.5 12.5\n4 12.5 12.5 12.5\nEOD\n",
-            "$panel2_curve2 << EOD\n2 1.5 1.5 1.5\n", "set multiplot layout 1,2 title 'painting: ",
-            "set xlabel 'number of robots'", "set ylabel 'completion time, s'",
-            "set ylabel 'paths of a robot'", "set xtics (2, 3, 4)", "title 'picture it''s'"
+            "$panel2_curve2 << EOD\n2 1.5 1.5 1.5\n",
+            "set multiplot layout 1,2 title 'painting: ",
+            "set xlabel 'number of robots'",
+            "set ylabel 'completion time, s'",
+            "set ylabel 'paths of a robot'",
+            "set xtics (2, 3, 4)",
+            "title 'picture it''s'"
         ]
     ].
 
@@ -324,7 +380,14 @@ interrupted_and_resumed_test_() ->
         end)
     end}.
 
-reordered(Args) -> lists:map(fun("2..3") -> "3,2"; (Arg) -> Arg end, Args).
+reordered(Args) ->
+    lists:map(
+        fun
+            ("2..3") -> "3,2";
+            (Arg) -> Arg
+        end,
+        Args
+    ).
 
 occurrences(Part, Text) -> length(string:split(Text, Part, all)) - 1.
 
@@ -340,11 +403,12 @@ gated(Gate) ->
     "-export([scene/1, init/2, step/2]).\n"
     "scene(#{seed := Seed}) -> {ok, #{app => {sequential, ?MODULE, Seed}}}.\n"
     "init(_, Seed) ->\n"
-    "    Open = Seed < 3 orelse filelib:is_file(\"" ++ Gate ++ "\"),\n"
-    "    Open orelse io:put_chars(\"stuck\\n\"),\n"
-    "    Open.\n"
-    "step(R, true) -> io:put_chars(\"stepped\\n\"), starl:sleep(R, 1000), {done, ok};\n"
-    "step(R, false) -> starl:sleep(R, 1), {continue, false}.\n".
+    "    Open = Seed < 3 orelse filelib:is_file(\"" ++ Gate ++
+        "\"),\n"
+        "    Open orelse io:put_chars(\"stuck\\n\"),\n"
+        "    Open.\n"
+        "step(R, true) -> io:put_chars(\"stepped\\n\"), starl:sleep(R, 1000), {done, ok};\n"
+        "step(R, false) -> starl:sleep(R, 1), {continue, false}.\n".
 
 %% A run that breaks a contract is a row, is told with its replay, and makes the status 3, also
 %% when the sweep is run again.

@@ -15,33 +15,84 @@ handle_event(cast, Result, _, _, _) -> Result.
 
 good() ->
     [
-        {cast, a, b}, {cast, a, {b, c}}, {call, a, b, t}, {reply, {a, t}, x},
-        {{timeout, t}, 0, x}, {{timeout, t}, cancel}, {state_timeout, 7, x},
-        {state_timeout, cancel}, {transmit, all, p}, {transmit, 3, p}, {sense, [], t}, {sense, [1, 2], t},
-        {drive, ?WHEELS([]), m}, {drive, ?WHEELS([{-500, 500.0, 15000}]), m}, {actuate, pen, <<"any">>}, {actuate, pen, up, 7}, {trace, any},
-        {done, any}, {store, any}, {cast, sap, {send, 2, a, b}}, {cast, sap, {broadcast, a, b}},
-        {cast, sap, {listen, a, m}}, {cast, sap, {no, such}}, {call, location, {pose, 1}, t},
-        {call, location, {waypoint, "any"}, t}, {call, motion, {go_to, {1, 2.0}}, t},
-        {call, motion, {go_along, {{0, 0}, {1.0, 1.0}}}, t}, {cast, motion, stop}
+        {cast, a, b},
+        {cast, a, {b, c}},
+        {call, a, b, t},
+        {reply, {a, t}, x},
+        {{timeout, t}, 0, x},
+        {{timeout, t}, cancel},
+        {state_timeout, 7, x},
+        {state_timeout, cancel},
+        {transmit, all, p},
+        {transmit, 3, p},
+        {sense, [], t},
+        {sense, [1, 2], t},
+        {drive, ?WHEELS([]), m},
+        {drive, ?WHEELS([{-500, 500.0, 15000}]), m},
+        {actuate, pen, <<"any">>},
+        {actuate, pen, up, 7},
+        {trace, any},
+        {done, any},
+        {store, any},
+        {cast, sap, {send, 2, a, b}},
+        {cast, sap, {broadcast, a, b}},
+        {cast, sap, {listen, a, m}},
+        {cast, sap, {no, such}},
+        {call, location, {pose, 1}, t},
+        {call, location, {waypoint, "any"}, t},
+        {call, motion, {go_to, {1, 2.0}}, t},
+        {call, motion, {go_along, {{0, 0}, {1.0, 1.0}}}, t},
+        {cast, motion, stop}
     ].
 
 bad() ->
     [
-        {timeout, 500000, tick}, {{timeout, t}, 0.5, x}, {{timeout, t}, -1, x},
-        {{timeout, t}, 1 bsl 60, x}, {{timeout, t}, infinity, x}, {state_timeout, 0.5, x},
-        {state_timeout, -5, x}, {transmit, everybody, p}, {transmit, 0, p}, {transmit, 1.0, p},
-        {sense, 1, t}, {sense, [a], t}, {sense, [1 | 2], t}, {sense, [1]}, {drive, ?WHEELS([{1.0, 1.0, 0.5}]), m}, {drive, [{1.0, 1.0, 5}], m},
-        {drive, ?WHEELS([{fast, 1.0, 5}]), m}, {drive, ?WHEELS([{1.0e300, 1.0, 5}]), m},
-        {drive, ?WHEELS(stop), m}, {drive, {no_such_chassis, []}, m}, {drive, {lists, []}, m}, {drive, {1, []}, m},
-        {drive, ?WHEELS([{1 bsl 2000, 1.0, 5}]), m}, {drive, ?WHEELS([{1.0, 1.0, 0}]), m},
+        {timeout, 500000, tick},
+        {{timeout, t}, 0.5, x},
+        {{timeout, t}, -1, x},
+        {{timeout, t}, 1 bsl 60, x},
+        {{timeout, t}, infinity, x},
+        {state_timeout, 0.5, x},
+        {state_timeout, -5, x},
+        {transmit, everybody, p},
+        {transmit, 0, p},
+        {transmit, 1.0, p},
+        {sense, 1, t},
+        {sense, [a], t},
+        {sense, [1 | 2], t},
+        {sense, [1]},
+        {drive, ?WHEELS([{1.0, 1.0, 0.5}]), m},
+        {drive, [{1.0, 1.0, 5}], m},
+        {drive, ?WHEELS([{fast, 1.0, 5}]), m},
+        {drive, ?WHEELS([{1.0e300, 1.0, 5}]), m},
+        {drive, ?WHEELS(stop), m},
+        {drive, {no_such_chassis, []}, m},
+        {drive, {lists, []}, m},
+        {drive, {1, []}, m},
+        {drive, ?WHEELS([{1 bsl 2000, 1.0, 5}]), m},
+        {drive, ?WHEELS([{1.0, 1.0, 0}]), m},
         {drive, ?WHEELS([{1.0, 1.0, 5} | x]), m},
-        {actuate, "pen", down}, {actuate, "pen", down, 7}, {cast, "sap", x}, {call, 1, x, t}, {reply, app, x},
-        {reply, {1, t}, x}, trace, {trace}, {no_such_action, 1}, nonsense, 7,
-        {cast, sap, {send, north, a, b}}, {cast, sap, {send, 2, "a", b}},
-        {cast, sap, {broadcast, "a", b}}, {cast, sap, {listen, a, 3}},
-        {call, location, {pose, me}, t}, {call, motion, {go_to, {north, 1.0}}, t},
-        {call, motion, {go_to, north}, t}, {call, motion, {go_to, {1.0e300, 0.0}}, t},
-        {call, motion, {go_to, {1 bsl 2000, 0.0}}, t}, {call, motion, {go_along, {0.0, 1.0}}, t}
+        {actuate, "pen", down},
+        {actuate, "pen", down, 7},
+        {cast, "sap", x},
+        {call, 1, x, t},
+        {reply, app, x},
+        {reply, {1, t}, x},
+        trace,
+        {trace},
+        {no_such_action, 1},
+        nonsense,
+        7,
+        {cast, sap, {send, north, a, b}},
+        {cast, sap, {send, 2, "a", b}},
+        {cast, sap, {broadcast, "a", b}},
+        {cast, sap, {listen, a, 3}},
+        {call, location, {pose, me}, t},
+        {call, motion, {go_to, {north, 1.0}}, t},
+        {call, motion, {go_to, north}, t},
+        {call, motion, {go_to, {1.0e300, 0.0}}, t},
+        {call, motion, {go_to, {1 bsl 2000, 0.0}}, t},
+        {call, motion, {go_along, {0.0, 1.0}}, t}
     ].
 
 good_actions_pass_test() ->
@@ -78,8 +129,12 @@ m() -> element(2, new([])).
 
 new(Actions) ->
     starl_machine:new(?MODULE, #{actions => Actions}, #{
-        robot => 1, participants => [1], name => test, incarnation => 1,
-        random => rand:seed_s(exsss, 1), now => 0
+        robot => 1,
+        participants => [1],
+        name => test,
+        incarnation => 1,
+        random => rand:seed_s(exsss, 1),
+        now => 0
     }).
 
 reason(Fun) ->

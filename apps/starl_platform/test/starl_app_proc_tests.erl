@@ -18,16 +18,26 @@ attached_when_started_test() ->
 
 attached(K) ->
     {ok, Pid} = starl_app_proc:start_link(spec(K, fun(_) -> {done, ok} end)),
-    Attached = receive {starl_attach, K, app, Pid} -> true after 0 -> false end,
-    Attached orelse receive {starl_attach, K, app, Pid} -> ok end,
+    Attached =
+        receive
+            {starl_attach, K, app, Pid} -> true
+        after 0 -> false
+        end,
+    Attached orelse
+        receive
+            {starl_attach, K, app, Pid} -> ok
+        end,
     stop(Pid),
     Attached.
 
 %% Actions are handed back when the application blocks, in their order.
 actions_in_order_test() ->
     Pid = start(fun(R) ->
-        starl:trace(R, a), starl:actuate(R, pen, down), starl:trace(R, b),
-        starl:sleep(R, 7), {done, x}
+        starl:trace(R, a),
+        starl:actuate(R, pen, down),
+        starl:trace(R, b),
+        starl:sleep(R, 7),
+        {done, x}
     end),
     [A, B, C, {{timeout, T}, 7000, call}] = boot(Pid),
     ?assertEqual([{trace, a}, {actuate, pen, down}, {trace, b}], [A, B, C]),
@@ -36,7 +46,11 @@ actions_in_order_test() ->
 
 %% Time is the clock at the beginning of the turn.
 now_is_the_events_time_test() ->
-    Pid = start(fun(R) -> First = starl:now(R), starl:sleep(R, 1), {done, {First, starl:now(R)}} end),
+    Pid = start(fun(R) ->
+        First = starl:now(R),
+        starl:sleep(R, 1),
+        {done, {First, starl:now(R)}}
+    end),
     [{{timeout, T}, 1000, call}] = boot(Pid),
     ?assertEqual([{done, {5, 42}}], event({timeout, T}, call, 42000, Pid)),
     stop(Pid).
@@ -45,7 +59,13 @@ now_is_the_events_time_test() ->
 inbox_is_bounded_test() ->
     Pid = start(fun(R) ->
         starl:sleep(R, 1),
-        {done, [begin {ok, 2, K} = starl:await(R, a), K end || _ <- lists:seq(1, 1000)]}
+        {done, [
+            begin
+                {ok, 2, K} = starl:await(R, a),
+                K
+            end
+         || _ <- lists:seq(1, 1000)
+        ]}
     end),
     [{{timeout, T}, _, call}] = boot(Pid),
     [?assertEqual([], event(cast, {message, 2, a, K}, Pid)) || K <- lists:seq(1, 1000)],
@@ -65,7 +85,9 @@ unknown_event_is_traced_test() ->
 stored_test() ->
     Pid = start(fun(R) ->
         Found = starl:stored(R),
-        starl:trace(R, a), starl:store(R, new), starl:trace(R, b),
+        starl:trace(R, a),
+        starl:store(R, new),
+        starl:trace(R, b),
         {done, {Found, starl:stored(R)}}
     end),
     ?assertEqual(
@@ -89,7 +111,9 @@ late_reply_test() ->
 listening_twice_is_listening_once_test() ->
     Listen = fun(N) ->
         Pid = start(fun(R) ->
-            [starl:listen(R, a) || _ <- lists:seq(1, N)], starl:sleep(R, 1), {done, ok}
+            [starl:listen(R, a) || _ <- lists:seq(1, N)],
+            starl:sleep(R, 1),
+            {done, ok}
         end),
         [_ | _] = boot(Pid),
         %% the event takes the actions of the turn away
@@ -109,11 +133,19 @@ listening_twice_is_listening_once_test() ->
 %% -- the driver -----------------------------------------------------------------------------
 
 spec(Id, Step) ->
-    #{robot => Id, handle => starl:robot(Id, [1, 2]), module => ?MODULE, args => Step, driver => self()}.
+    #{
+        robot => Id,
+        handle => starl:robot(Id, [1, 2]),
+        module => ?MODULE,
+        args => Step,
+        driver => self()
+    }.
 
 start(Step) ->
     {ok, Pid} = starl_app_proc:start_link(spec(1, Step)),
-    receive {starl_attach, 1, app, Pid} -> Pid end.
+    receive
+        {starl_attach, 1, app, Pid} -> Pid
+    end.
 
 boot(Pid) ->
     boot(Pid, none).
@@ -129,10 +161,15 @@ event(Type, Content, Now, Pid) ->
     Pid ! {starl_step, Type, Content, #{now => Now, robot => 1}},
     done().
 
-done() -> receive {starl_done, 1, _Pid, Actions} -> Actions end.
+done() ->
+    receive
+        {starl_done, 1, _Pid, Actions} -> Actions
+    end.
 
 stop(Pid) ->
     unlink(Pid),
     Ref = monitor(process, Pid),
     exit(Pid, kill),
-    receive {'DOWN', Ref, process, Pid, _} -> ok end.
+    receive
+        {'DOWN', Ref, process, Pid, _} -> ok
+    end.

@@ -12,14 +12,27 @@ gained(Us, At) -> {At, At, {clock, Us}}.
 kept_test() ->
     ?assert(?A:is_kept(but([]))),
     ?assertNot(?A:is_kept(but([{5, 9, pause}]))),
-    [?assertEqual(Kept, ?A:is_kept(From, To, but([{5, 9, pause}, {7, 8, position}])))
-     || {From, To, Kept} <- [{0, 4, true}, {0, 5, false}, {6, 7, false}, {9, 20, false},
-                             {10, 20, true}]].
+    [
+        ?assertEqual(Kept, ?A:is_kept(From, To, but([{5, 9, pause}, {7, 8, position}])))
+     || {From, To, Kept} <- [
+            {0, 4, true},
+            {0, 5, false},
+            {6, 7, false},
+            {9, 20, false},
+            {10, 20, true}
+        ]
+    ].
 
 %% Each robot's own, and those of all.
 robots_test() ->
-    Mixed = ?A:new([{2, 10, 10, {clock, -1}}, {all, 10, 10, {clock, -10}},
-                    {1, 10, 10, {clock, -100}}], 0),
+    Mixed = ?A:new(
+        [
+            {2, 10, 10, {clock, -1}},
+            {all, 10, 10, {clock, -10}},
+            {1, 10, 10, {clock, -100}}
+        ],
+        0
+    ),
     ?assertEqual([110, 11, 10], [?A:lost_us(R, 0, 20, Mixed) || R <- [1, 2, 3]]).
 
 %% What a clock loses until then makes it later, and then counts what it loses until later.
@@ -59,11 +72,14 @@ clock_earlier_is_exact_test() ->
             {Windows, Since, Random} = drawn(Random0),
             A = but(Windows),
             Shown = [At || At <- lists:seq(-300, 60), At + ?A:lost_us(1, At, 60, A) >= Since],
-            ?assertEqual({Windows, Since, hd(Shown)},
-                         {Windows, Since, ?A:clock_earlier(1, 60, Since, A)}),
+            ?assertEqual(
+                {Windows, Since, hd(Shown)},
+                {Windows, Since, ?A:clock_earlier(1, 60, Since, A)}
+            ),
             Random
         end,
-        rand:seed_s(exsss, Seed), lists:seq(1, 2000)
+        rand:seed_s(exsss, Seed),
+        lists:seq(1, 2000)
     ).
 
 drawn(Random0) ->
@@ -79,20 +95,41 @@ drawn(Random0) ->
                 end,
             {[Window | Windows], Since, R3}
         end,
-        begin {Since, R} = rand:uniform_s(60, Random0), {[], Since, R} end, [1, 2, 3]
+        begin
+            {Since, R} = rand:uniform_s(60, Random0),
+            {[], Since, R}
+        end,
+        [1, 2, 3]
     ).
 
 %% Between the two times, both included; of a clock that stands still the part.
 amounts_test() ->
     Set = [lost(5, 10), lost(7, 20), gained(3, 12)],
     Between = fun(F, T) -> {?A:lost_us(1, F, T, but(Set)), ?A:gained_us(1, F, T, but(Set))} end,
-    [?assertEqual({Lost, Gained}, Between(From, To))
-     || {From, To, Lost, Gained} <- [{10, 20, 12, 3}, {11, 20, 7, 3}, {10, 19, 5, 3},
-                                     {12, 12, 0, 3}, {13, 19, 0, 0}]],
+    [
+        ?assertEqual({Lost, Gained}, Between(From, To))
+     || {From, To, Lost, Gained} <- [
+            {10, 20, 12, 3},
+            {11, 20, 7, 3},
+            {10, 19, 5, 3},
+            {12, 12, 0, 3},
+            {13, 19, 0, 0}
+        ]
+    ],
     Stands = but([{10, 20, {clock, -10}}]),
-    ?assertEqual([10, 4, 6, 2, 0],
-                 [?A:lost_us(1, F, T, Stands) || {F, T} <- [{0, 30}, {0, 14}, {14, 30}, {13, 15},
-                                                           {20, 30}]]),
+    ?assertEqual(
+        [10, 4, 6, 2, 0],
+        [
+            ?A:lost_us(1, F, T, Stands)
+         || {F, T} <- [
+                {0, 30},
+                {0, 14},
+                {14, 30},
+                {13, 15},
+                {20, 30}
+            ]
+        ]
+    ),
     ?assertEqual(1, ?A:lost_us(1, 0, 11, but([{10, 20, {clock, -3}}]))).
 
 %% A clock that is slow within its bound takes longer to make up for what it has lost.
@@ -123,7 +160,14 @@ handled_test() ->
 
 misplaced_test() ->
     Told = but([{10, 20, position}, {30, 40, pause}]),
-    [?assertEqual(Wrong, ?A:is_misplaced(1, From, To, Told))
-     || {From, To, Wrong} <- [{0, 9, false}, {0, 10, true}, {19, 25, true}, {20, 25, false},
-                              {30, 40, false}]],
+    [
+        ?assertEqual(Wrong, ?A:is_misplaced(1, From, To, Told))
+     || {From, To, Wrong} <- [
+            {0, 9, false},
+            {0, 10, true},
+            {19, 25, true},
+            {20, 25, false},
+            {30, 40, false}
+        ]
+    ],
     ?assertNot(?A:is_misplaced(2, 0, 100, Told)).

@@ -75,8 +75,8 @@ pieces_of_one_line_random_test() ->
         [{P, Q}, _] = segments(Xs),
         Cut = [along({P, Q}, K) || K <- [0.0, 0.2 + 0.2 * X, 0.5, 1.0 + Y]],
         [A, B, C, D] = Cut,
-        abs(segment_segment({A, B}, {C, D}) - starl_geometry:distance(B, C)) < 1.0e-6
-            andalso intersection({A, B}, {C, D}) =:= none
+        abs(segment_segment({A, B}, {C, D}) - starl_geometry:distance(B, C)) < 1.0e-6 andalso
+            intersection({A, B}, {C, D}) =:= none
     end).
 
 %% closer/3 is the comparison of the distance, on either side of it; closer2/3 that of the square.
@@ -85,8 +85,8 @@ closer_random_test() ->
         [S, T] = segments(Xs),
         D = segment_segment(S, T),
         {More, Less} = {D + 0.001, max(0.0, D - 0.001)},
-        closer(S, T, More) andalso not closer(S, T, Less)
-            andalso closer2(S, T, More * More) andalso not closer2(S, T, Less * Less)
+        closer(S, T, More) andalso not closer(S, T, Less) andalso
+            closer2(S, T, More * More) andalso not closer2(S, T, Less * Less)
     end).
 
 %% Whole numbers, as in a configuration that was written by hand, are as good as floats.
@@ -136,14 +136,19 @@ interpolate_ends_are_exact_test() ->
 along({P, Q}, T) -> starl_geometry:interpolate(P, Q, T).
 
 segments([A, B, C, D, E, F, G, H]) ->
-    [{{100.0 * A, 100.0 * B}, {100.0 * C, 100.0 * D}},
-     {{100.0 * E, 100.0 * F}, {100.0 * G, 100.0 * H}}].
+    [
+        {{100.0 * A, 100.0 * B}, {100.0 * C, 100.0 * D}},
+        {{100.0 * E, 100.0 * F}, {100.0 * G, 100.0 * H}}
+    ].
 
 each(N, Holds) ->
-    [?assert(Holds(Xs), {seed, Seed, Xs})
-     || Seed <- lists:seq(1, N), {Xs, _} <- [draw(8, rand:seed_s(exsss, Seed))]].
+    [
+        ?assert(Holds(Xs), {seed, Seed, Xs})
+     || Seed <- lists:seq(1, N), {Xs, _} <- [draw(8, rand:seed_s(exsss, Seed))]
+    ].
 
-draw(0, Rand) -> {[], Rand};
+draw(0, Rand) ->
+    {[], Rand};
 draw(N, Rand0) ->
     {X, Rand1} = rand:uniform_s(Rand0),
     {Xs, Rand2} = draw(N - 1, Rand1),
@@ -152,8 +157,10 @@ draw(N, Rand0) ->
 %% 0.0 and -0.0 are one coordinate, in every release of OTP: a point is a point, not a line.
 negative_zero_test() ->
     Point = {{0.0, 5.0}, {-0.0, 5.0}},
-    [?assertMatch({touch, _}, intersection(S, T))
+    [
+        ?assertMatch({touch, _}, intersection(S, T))
      || Line <- [{{0.0, 0.0}, {0.0, 10.0}}, {{-5.0, 5.0}, {5.0, 5.0}}],
-        {S, T} <- [{Point, Line}, {Line, Point}]],
+        {S, T} <- [{Point, Line}, {Line, Point}]
+    ],
     ?assertMatch({touch, _}, intersection(Point, {{-0.0, 5.0}, {0.0, 5.0}})),
     ?assertEqual(none, intersection(Point, {{1.0, 0.0}, {1.0, 10.0}})).

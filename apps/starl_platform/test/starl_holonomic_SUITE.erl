@@ -7,14 +7,22 @@
 
 -export([all/0]).
 -export([
-    stays_near_the_line_and_arrives/1, draws_lines_from_end_to_end/1, the_worst_errors/1,
-    far_off_the_line/1, tells_no_more_than_its_limits/1, scripts_and_tries/1
+    stays_near_the_line_and_arrives/1,
+    draws_lines_from_end_to_end/1,
+    the_worst_errors/1,
+    far_off_the_line/1,
+    tells_no_more_than_its_limits/1,
+    scripts_and_tries/1
 ]).
 
 all() ->
     [
-        stays_near_the_line_and_arrives, draws_lines_from_end_to_end, the_worst_errors,
-        far_off_the_line, tells_no_more_than_its_limits, scripts_and_tries
+        stays_near_the_line_and_arrives,
+        draws_lines_from_end_to_end,
+        the_worst_errors,
+        far_off_the_line,
+        tells_no_more_than_its_limits,
+        scripts_and_tries
     ].
 
 stays_near_the_line_and_arrives(_) ->
@@ -37,10 +45,18 @@ draws_lines_from_end_to_end(_) ->
     Short = {{0.0, 0.0}, {1.0, 0.0}},
     Long = {{-733.0, -537.0}, {-1425.994747620312, -438.215994358093}},
     ?assert(
-        drawn([Short, Short, Short, Long, Short], {0.0, 0.0, 0.7}, uniform(37), profile(#{
-            speed => 50.0, acceleration => 100.0, leg_s => 0.3, heading_error => 0.05,
-            position_error_mm => 0.0
-        }))
+        drawn(
+            [Short, Short, Short, Long, Short],
+            {0.0, 0.0, 0.7},
+            uniform(37),
+            profile(#{
+                speed => 50.0,
+                acceleration => 100.0,
+                leg_s => 0.3,
+                heading_error => 0.05,
+                position_error_mm => 0.0
+            })
+        )
     ).
 
 %% All errors at their bounds, to the left, to the right and to and fro.
@@ -64,7 +80,9 @@ far_off_the_line(_) ->
     Profile = profile(#{}),
     Line = {{0.0, 0.0}, {5000.0, 0.0}},
     Step = fun(Y) ->
-        {drive, [{F, L, Us}]} = starl_chassis_holonomic:next(along, {1000.0, Y, 0.0}, Line, Profile),
+        {drive, [{F, L, Us}]} = starl_chassis_holonomic:next(
+            along, {1000.0, Y, 0.0}, Line, Profile
+        ),
         {F * Us / 1.0e6, L * Us / 1.0e6}
     end,
     {Fx, Fy} = Step(3000.0),
@@ -86,7 +104,9 @@ tells_no_more_than_its_limits(_) ->
                 {drive, Script} ->
                     {Least, Most} = starl_chassis_holonomic:duration_us(Script, Profile),
                     ok =:= starl_chassis_holonomic:check(Script) andalso Least =< Most andalso
-                        lists:all(fun({F, L, _}) -> math:sqrt(F * F + L * L) =< Speed + 1.0e-9 end, Script)
+                        lists:all(
+                            fun({F, L, _}) -> math:sqrt(F * F + L * L) =< Speed + 1.0e-9 end, Script
+                        )
             end
         end)
     ),
@@ -112,7 +132,11 @@ follow(Way, Pose, Line, Noise, Profile) -> follow(Way, Pose, Line, Noise, Profil
 
 follow(Way, {X, Y, _} = Pose, Line, Noise, Profile, N, Off) when N < 3000 ->
     Furthest = max(Off, starl_geometry:point_segment({X, Y}, Line)),
-    case starl_chassis_holonomic:next(Way, blurred(Pose, {Way, Line, N}, Noise, Profile), Line, Profile) of
+    case
+        starl_chassis_holonomic:next(
+            Way, blurred(Pose, {Way, Line, N}, Noise, Profile), Line, Profile
+        )
+    of
         arrived ->
             {Pose, Furthest};
         {drive, [{F, L, Us}]} ->
@@ -134,8 +158,11 @@ moved({X, Y, Heading}, {F, L}, S, Key, Noise, Profile) ->
 blurred({X, Y, Heading}, Key, Noise, #{heading_error := Turn, position_error_mm := Error}) ->
     Angle = math:pi() * Noise({Key, angle}),
     Radius = Error * abs(Noise({Key, radius})),
-    {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle),
-     Heading + 0.25 * Turn * Noise({Key, heading})}.
+    {
+        X + Radius * math:cos(Angle),
+        Y + Radius * math:sin(Angle),
+        Heading + 0.25 * Turn * Noise({Key, heading})
+    }.
 
 arrives(Noise, Goal, #{goal_mm := Enough, position_error_mm := Error} = Profile) ->
     {{X, Y, _}, Off} = follow(to, {0.0, 0.0, 0.3}, {{0.0, 0.0}, Goal}, Noise, Profile),
@@ -161,8 +188,11 @@ room(#{goal_mm := Enough, position_error_mm := Error}) -> Enough + Error + 1.0e-
 
 along({X, Y, _}, {X0, Y0}, Heading) -> (X - X0) * math:cos(Heading) + (Y - Y0) * math:sin(Heading).
 
-good(true, _What) -> true;
-good(false, What) -> ct:log("~p", [What]), false.
+good(true, _What) ->
+    true;
+good(false, What) ->
+    ct:log("~p", [What]),
+    false.
 
 uniform(Seed) -> fun(Key) -> 2.0 * erlang:phash2({Seed, Key}, 1 bsl 27) / (1 bsl 27) - 1.0 end.
 
@@ -171,7 +201,12 @@ goal() -> ?LET({X, Y}, {choose(-9000, 9000), choose(-9000, 9000)}, {float(X), fl
 stroke() ->
     ?LET(
         {X, Y, Length, Turn},
-        {choose(-3000, 3000), choose(-3000, 3000), oneof([1, 3, 6, 7, 20, 45, 100, 300, 700]), choose(0, 6)},
+        {
+            choose(-3000, 3000),
+            choose(-3000, 3000),
+            oneof([1, 3, 6, 7, 20, 45, 100, 300, 700]),
+            choose(0, 6)
+        },
         {{float(X), float(Y)}, {X + Length * math:cos(Turn), Y + Length * math:sin(Turn)}}
     ).
 
@@ -180,11 +215,20 @@ profile(Overrides) -> starl_chassis:profile(starl_chassis_holonomic, Overrides).
 profile() ->
     ?LET(
         {Speed, Acceleration, LegS, Heading, Part, Position},
-        {oneof([50.0, 200.0, 350.0, 500.0]), oneof([100.0, 500.0, 2000.0, 9000.0]),
-         oneof([0.1, 0.3, 0.7]), oneof([0.0, 0.01, 0.05]), oneof([0.0, 0.01, 0.05]),
-         oneof([0.0, 1.0, 5.0])},
+        {
+            oneof([50.0, 200.0, 350.0, 500.0]),
+            oneof([100.0, 500.0, 2000.0, 9000.0]),
+            oneof([0.1, 0.3, 0.7]),
+            oneof([0.0, 0.01, 0.05]),
+            oneof([0.0, 0.01, 0.05]),
+            oneof([0.0, 1.0, 5.0])
+        },
         profile(#{
-            speed => Speed, acceleration => Acceleration, leg_s => LegS, heading_error => Heading,
-            distance_error => Part, position_error_mm => Position
+            speed => Speed,
+            acceleration => Acceleration,
+            leg_s => LegS,
+            heading_error => Heading,
+            distance_error => Part,
+            position_error_mm => Position
         })
     ).

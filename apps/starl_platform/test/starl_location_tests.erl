@@ -89,7 +89,11 @@ live_13_hz_test_() ->
             Asks = asks(Seed),
             Got = play(How, fun measured/1, Asks),
             ?assertEqual(length(Asks), length(Got)),
-            Least = case How of next -> 0; last -> 1 end,
+            Least =
+                case How of
+                    next -> 0;
+                    last -> 1
+                end,
             [
                 begin
                     {ok, {Taken, _, _}} = Answer,
@@ -223,8 +227,12 @@ located_once(Config) ->
 
 new(Config, Incarnation) ->
     {_, M} = starl_machine:new(starl_location, Config, #{
-        robot => 1, participants => [1, 2], name => location, incarnation => Incarnation,
-        random => rand:seed_s(exsss, 1), now => 0
+        robot => 1,
+        participants => [1, 2],
+        name => location,
+        incarnation => Incarnation,
+        random => rand:seed_s(exsss, 1),
+        now => 0
     }),
     M.
 

@@ -14,7 +14,9 @@ handle_event(_, _, _, _, _) -> unknown_event.
 starts_with_its_actions_test() ->
     {Actions, M} = new(),
     ?assertEqual([{trace, begun}], Actions),
-    ?assertEqual({?MODULE, one, 1}, {starl_machine:module(M), starl_machine:state(M), starl_machine:data(M)}).
+    ?assertEqual({?MODULE, one, 1}, {
+        starl_machine:module(M), starl_machine:state(M), starl_machine:data(M)
+    }).
 
 %% What the platform says of the robot stands above the machine's own configuration.
 platform_configuration_wins_test() ->
@@ -23,14 +25,17 @@ platform_configuration_wins_test() ->
 
 results_test_() ->
     Act = [{trace, x}],
-    [?_assertEqual({R, Expected}, {R, told(cast, R)}) || {R, Expected} <- [
-        {keep_state_and_data, {[], one, 1}},
-        {{keep_state_and_data, Act}, {Act, one, 1}},
-        {{keep_state, 2}, {[], one, 2}},
-        {{keep_state, 2, Act}, {Act, one, 2}},
-        {{next_state, one, 2}, {[], one, 2}},
-        {{next_state, one, 2, Act}, {Act, one, 2}}
-    ]].
+    [
+        ?_assertEqual({R, Expected}, {R, told(cast, R)})
+     || {R, Expected} <- [
+            {keep_state_and_data, {[], one, 1}},
+            {{keep_state_and_data, Act}, {Act, one, 1}},
+            {{keep_state, 2}, {[], one, 2}},
+            {{keep_state, 2, Act}, {Act, one, 2}},
+            {{next_state, one, 2}, {[], one, 2}},
+            {{next_state, one, 2, Act}, {Act, one, 2}}
+        ]
+    ].
 
 %% As in gen_statem, a state time-out does not outlive its state; one that is set with the change
 %% comes after the cancellation.
@@ -42,13 +47,16 @@ state_timeout_is_cancelled_on_a_change_test() ->
 
 %% An unknown event is never fatal and never silent.
 unknown_event_is_traced_test() ->
-    [?assertEqual({[{trace, {unknown_event, Type, what}}], one, 1}, told(Type, what))
-     || Type <- [info, packet, state_timeout, {timeout, a}, {reply, b}, {call, {app, c}}]].
+    [
+        ?assertEqual({[{trace, {unknown_event, Type, what}}], one, 1}, told(Type, what))
+     || Type <- [info, packet, state_timeout, {timeout, a}, {reply, b}, {call, {app, c}}]
+    ].
 
 %% Every platform machine keeps to that.
 machines_know_what_they_do_not_know_test_() ->
     Configs = [
-        {starl_sap, #{}}, {starl_location, #{}},
+        {starl_sap, #{}},
+        {starl_location, #{}},
         {starl_motion, #{profiles => [starl_chassis:profile(starl_chassis_differential, #{})]}}
     ],
     [
@@ -56,8 +64,10 @@ machines_know_what_they_do_not_know_test_() ->
             {_, M} = starl_machine:new(Module, Config, base()),
             Meta = #{now => 5, robot => 1},
             [
-                ?assertEqual({[{trace, {unknown_event, Type, {no, such}}}], M},
-                             starl_machine:step(Type, {no, such}, Meta, M))
+                ?assertEqual(
+                    {[{trace, {unknown_event, Type, {no, such}}}], M},
+                    starl_machine:step(Type, {no, such}, Meta, M)
+                )
              || Type <- [cast, info, packet, state_timeout, {timeout, a}, {call, {app, c}}]
             ],
             ?assertMatch({[], _}, starl_machine:step(info, {restarted, other}, Meta, M))
@@ -68,8 +78,14 @@ machines_know_what_they_do_not_know_test_() ->
 new() -> starl_machine:new(?MODULE, #{first => one}, base()).
 
 base() ->
-    #{robot => 1, participants => [1, 2], name => test, incarnation => 1,
-      random => rand:seed_s(exsss, 1), now => 0}.
+    #{
+        robot => 1,
+        participants => [1, 2],
+        name => test,
+        incarnation => 1,
+        random => rand:seed_s(exsss, 1),
+        now => 0
+    }.
 
 told(Type, Content) ->
     {_, M} = new(),

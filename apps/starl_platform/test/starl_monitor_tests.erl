@@ -44,8 +44,10 @@ goes_on_after_a_violation_test() ->
     {violation, First, M1} = starl_monitor:step(Events, M0),
     ?assertEqual(objection(1, 7), First),
     ?assertMatch({ok, _}, starl_monitor:step([], M1)),
-    ?assertEqual({[objection(2, 8), objection(9, 1)], #{?MODULE => #{seen => 103}}},
-                 starl_monitor:finish(9, M1)).
+    ?assertEqual(
+        {[objection(2, 8), objection(9, 1)], #{?MODULE => #{seen => 103}}},
+        starl_monitor:finish(9, M1)
+    ).
 
 keeps_a_thousand_test() ->
     M0 = starl_monitor:new([{?MODULE, #{start => 100}}]),
@@ -59,7 +61,8 @@ a_module_runs_once_test() ->
 
 formats_one_line_test() ->
     Line = unicode:characters_to_list(
-        starl_monitor:format_violation((objection(1_500_000, 7))#{robots => [7, 12]})),
+        starl_monitor:format_violation((objection(1_500_000, 7))#{robots => [7, 12]})
+    ),
     ?assertEqual("test broken at 1.500000 s by robots 7, 12: bad event (n 1)", Line).
 
 %% Violations have one shape whatever their numbers, times and robots are, but not with other words,
@@ -139,7 +142,10 @@ first_of_several_monitors_test() ->
 
 unknown(T, Robot, Machine, Event) ->
     #{
-        contract => Machine, what => unknown_event, at_us => T, robots => [Robot],
+        contract => Machine,
+        what => unknown_event,
+        at_us => T,
+        robots => [Robot],
         details => #{event => Event}
     }.
 
@@ -147,13 +153,20 @@ unknown(T, Robot, Machine, Event) ->
 %% many parts it has; the platform's events are known of every machine that somebody answers for.
 unknown_event_test() ->
     M = starl_monitor:new([{?MODULE, #{start => 0}}]),
-    Known = [
-        {1, 1, door, E}
-     || E <- [
-            open, {knock, 1}, {knock, 1, 2}, crashed, store_damaged, {unknown_event, info, x},
-            {malformed, 2, t, x}, {unknown_machine, door}
-        ]
-    ] ++ [{1, 1, robot, up}, {1, 1, chassis, {actuated, pen, down}}, {1, 1, counted, what}],
+    Known =
+        [
+            {1, 1, door, E}
+         || E <- [
+                open,
+                {knock, 1},
+                {knock, 1, 2},
+                crashed,
+                store_damaged,
+                {unknown_event, info, x},
+                {malformed, 2, t, x},
+                {unknown_machine, door}
+            ]
+        ] ++ [{1, 1, robot, up}, {1, 1, chassis, {actuated, pen, down}}, {1, 1, counted, what}],
     ?assertMatch({ok, _}, starl_monitor:step(Known, M)),
     [
         ?assertMatch(
@@ -161,10 +174,23 @@ unknown_event_test() ->
             {Machine, Event, starl_monitor:step({1, 1, Machine, Event}, M)}
         )
      || {Machine, Event} <- [
-            {door, opened}, {door, {open}}, {door, {knock}}, {door, {knock, 1, 2, 3}}, {door, {}},
-            {door, "open"}, {door, {crashed}}, {door, {done, x}}, {door, {started, 1}},
-            {robot, {up, 1}}, {robot, dead}, {robot, crashed}, {chassis, {moves, 1}},
-            {radio, {sent, 2, 1}}, {supervisor, {started, door}}, {location, open}, {motion, open}
+            {door, opened},
+            {door, {open}},
+            {door, {knock}},
+            {door, {knock, 1, 2, 3}},
+            {door, {}},
+            {door, "open"},
+            {door, {crashed}},
+            {door, {done, x}},
+            {door, {started, 1}},
+            {robot, {up, 1}},
+            {robot, dead},
+            {robot, crashed},
+            {chassis, {moves, 1}},
+            {radio, {sent, 2, 1}},
+            {supervisor, {started, door}},
+            {location, open},
+            {motion, open}
         ]
     ],
     {violation, V, _} = starl_monitor:step({7, 2, door, {opened, 1}}, M),

@@ -11,25 +11,59 @@
 
 -export([all/0]).
 -export([
-    stays_near_the_line_and_arrives/1, stays_near_the_line_at_the_worst/1, near_the_goal_slower/1,
-    stays_near_the_lines_of_a_path/1, draws_lines_from_end_to_end/1,
-    arrived_already/1, stop_in_a_drive/1, stop_while_idle/1, another_goal_in_a_drive/1,
-    lost_poses/1, unknown_poses/1, late_pose_is_ignored/1, location_restarts/1, no_goal_no_motion/1,
-    lost_commands/1, every_command_ends/1, no_look_before_it_stands/1, stalled_wheel/1,
-    stalled_and_another_goal/1, stale_words_of_the_chassis/1, large_turns_are_looked_at/1,
-    out_of_time/1, out_of_time_at_a_stop/1, no_second_look_where_it_stands/1,
+    stays_near_the_line_and_arrives/1,
+    stays_near_the_line_at_the_worst/1,
+    near_the_goal_slower/1,
+    stays_near_the_lines_of_a_path/1,
+    draws_lines_from_end_to_end/1,
+    arrived_already/1,
+    stop_in_a_drive/1,
+    stop_while_idle/1,
+    another_goal_in_a_drive/1,
+    lost_poses/1,
+    unknown_poses/1,
+    late_pose_is_ignored/1,
+    location_restarts/1,
+    no_goal_no_motion/1,
+    lost_commands/1,
+    every_command_ends/1,
+    no_look_before_it_stands/1,
+    stalled_wheel/1,
+    stalled_and_another_goal/1,
+    stale_words_of_the_chassis/1,
+    large_turns_are_looked_at/1,
+    out_of_time/1,
+    out_of_time_at_a_stop/1,
+    no_second_look_where_it_stands/1,
     stalled_where_it_was_to_stand/1
 ]).
 
 all() ->
     [
-        stays_near_the_line_and_arrives, stays_near_the_line_at_the_worst, near_the_goal_slower,
-        stays_near_the_lines_of_a_path, draws_lines_from_end_to_end,
-        arrived_already, stop_in_a_drive, stop_while_idle, another_goal_in_a_drive, lost_poses,
-        unknown_poses, late_pose_is_ignored, location_restarts, no_goal_no_motion, lost_commands,
-        every_command_ends, no_look_before_it_stands, stalled_wheel, stalled_and_another_goal,
-        stale_words_of_the_chassis, large_turns_are_looked_at,
-        out_of_time, out_of_time_at_a_stop, no_second_look_where_it_stands,
+        stays_near_the_line_and_arrives,
+        stays_near_the_line_at_the_worst,
+        near_the_goal_slower,
+        stays_near_the_lines_of_a_path,
+        draws_lines_from_end_to_end,
+        arrived_already,
+        stop_in_a_drive,
+        stop_while_idle,
+        another_goal_in_a_drive,
+        lost_poses,
+        unknown_poses,
+        late_pose_is_ignored,
+        location_restarts,
+        no_goal_no_motion,
+        lost_commands,
+        every_command_ends,
+        no_look_before_it_stands,
+        stalled_wheel,
+        stalled_and_another_goal,
+        stale_words_of_the_chassis,
+        large_turns_are_looked_at,
+        out_of_time,
+        out_of_time_at_a_stop,
+        no_second_look_where_it_stands,
         stalled_where_it_was_to_stand
     ].
 
@@ -54,8 +88,12 @@ stays_near_the_lines_of_a_path(_) ->
     ),
     starl_platform_ct:property(Prop, 100),
     [
-        ?assert(near_all([{{0.0, 0.0}, {3000.0, 0.0}}, {{3000.0, 0.0}, {3000.0, 2000.0}}],
-            new(Noise, starl_chassis:profile(starl_chassis_differential, #{}))))
+        ?assert(
+            near_all(
+                [{{0.0, 0.0}, {3000.0, 0.0}}, {{3000.0, 0.0}, {3000.0, 2000.0}}],
+                new(Noise, starl_chassis:profile(starl_chassis_differential, #{}))
+            )
+        )
      || Noise <- [fun(_) -> 1.0 end, fun(_) -> -1.0 end, fun zigzag/1]
     ].
 
@@ -86,7 +124,12 @@ draws_lines_from_end_to_end(_) ->
 stroke() ->
     ?LET(
         {X, Y, Length, Turn},
-        {coordinate(), coordinate(), oneof([1, 3, 6, 7, 20, 45, 100, 300, 700]), oneof(lists:seq(0, 6))},
+        {
+            coordinate(),
+            coordinate(),
+            oneof([1, 3, 6, 7, 20, 45, 100, 300, 700]),
+            oneof(lists:seq(0, 6))
+        },
         {{float(X), float(Y)}, {X + Length * math:cos(Turn), Y + Length * math:sin(Turn)}}
     ).
 
@@ -119,7 +162,11 @@ along({X, Y}, {X0, Y0}, Heading) -> (X - X0) * math:cos(Heading) + (Y - Y0) * ma
 %% All errors at their bounds, to the left, to the right and to and fro.
 stays_near_the_line_at_the_worst(_) ->
     [
-        ?assert(arrives(Noise, Goal, starl_chassis:profile(starl_chassis_differential, #{speed => Speed})))
+        ?assert(
+            arrives(
+                Noise, Goal, starl_chassis:profile(starl_chassis_differential, #{speed => Speed})
+            )
+        )
      || Noise <- [fun(_) -> 1.0 end, fun(_) -> -1.0 end, fun zigzag/1],
         Goal <- [{5000.0, 0.0}, {-3000.0, 4000.0}, {10.0, -8000.0}],
         Speed <- [100.0, 500.0]
@@ -128,7 +175,9 @@ stays_near_the_line_at_the_worst(_) ->
 zigzag(Key) -> 2.0 * (erlang:phash2(Key, 2)) - 1.0.
 
 near_the_goal_slower(_) ->
-    Profile = starl_chassis:profile(starl_chassis_differential, #{near_mm => 700.0, near_speed => 150.0, near_turn_rate => 0.5}),
+    Profile = starl_chassis:profile(starl_chassis_differential, #{
+        near_mm => 700.0, near_speed => 150.0, near_turn_rate => 0.5
+    }),
     [?assert(arrives(uniform(Seed), {4000.0, 1000.0}, Profile)) || Seed <- lists:seq(1, 30)],
     Loop = drive({4000.0, 0.0}, new(uniform(1), Profile)),
     ?assertMatch([{_, ok}], Loop#loop.replies).
@@ -140,11 +189,22 @@ coordinate() -> oneof(lists:seq(-9000, 9000, 37)).
 profile() ->
     ?LET(
         {Speed, LegS, Heading, Part, Position, Rate},
-        {oneof([50.0, 200.0, 350.0, 500.0]), oneof([0.1, 0.3, 0.7]), oneof([0.0, 0.01, 0.05]),
-         oneof([0.0, 0.01, 0.05]), oneof([0.0, 1.0, 5.0]), oneof([1.0, 3.0])},
+        {
+            oneof([50.0, 200.0, 350.0, 500.0]),
+            oneof([0.1, 0.3, 0.7]),
+            oneof([0.0, 0.01, 0.05]),
+            oneof([0.0, 0.01, 0.05]),
+            oneof([0.0, 1.0, 5.0]),
+            oneof([1.0, 3.0])
+        },
         starl_chassis:profile(starl_chassis_differential, #{
-            speed => Speed, near_speed => Speed, leg_s => LegS, heading_error => Heading,
-            distance_error => Part, position_error_mm => Position, turn_rate => Rate,
+            speed => Speed,
+            near_speed => Speed,
+            leg_s => LegS,
+            heading_error => Heading,
+            distance_error => Part,
+            position_error_mm => Position,
+            turn_rate => Rate,
             near_turn_rate => Rate
         })
     ).
@@ -175,7 +235,9 @@ off_line(#loop{corners = Corners}, Line) ->
     lists:max([starl_geometry:point_segment(P, Line) || P <- Corners]).
 
 arrived_already(_) ->
-    Loop = drive({1.0, 1.0}, new(uniform(1), starl_chassis:profile(starl_chassis_differential, #{}))),
+    Loop = drive(
+        {1.0, 1.0}, new(uniform(1), starl_chassis:profile(starl_chassis_differential, #{}))
+    ),
     ?assertEqual([{0, ok}], Loop#loop.replies),
     ?assert(starl_trajectory:is_still(Loop#loop.piece)).
 
@@ -213,7 +275,12 @@ lost_poses(_) -> blind(lost).
 unknown_poses(_) -> blind(unknown).
 
 blind(How) ->
-    Eyes = fun(N) -> case N rem 3 of 0 -> seen; _ -> How end end,
+    Eyes = fun(N) ->
+        case N rem 3 of
+            0 -> seen;
+            _ -> How
+        end
+    end,
     Loop = drive({3000.0, 1000.0}, (fresh())#loop{eyes = Eyes}),
     ?assertMatch([{_, ok}], Loop#loop.replies),
     Off = off_line(Loop, {{0.0, 0.0}, {3000.0, 1000.0}}),
@@ -235,7 +302,12 @@ location_restarts(_) ->
 lost_commands(_) ->
     [
         begin
-            Ears = fun(N) -> case erlang:phash2({Seed, N}, 100) < 40 of true -> lost; _ -> heard end end,
+            Ears = fun(N) ->
+                case erlang:phash2({Seed, N}, 100) < 40 of
+                    true -> lost;
+                    _ -> heard
+                end
+            end,
             Loop = drive({3000.0, 1000.0}, (fresh())#loop{ears = Ears}),
             ?assertMatch([{_, ok}], Loop#loop.replies),
             Off = off_line(Loop, {{0.0, 0.0}, {3000.0, 1000.0}}),
@@ -283,7 +355,9 @@ stalled_wheel(_) ->
         fun(_, {Loop, Tries}) ->
             {Next, Try} = stall(Loop),
             {Next, [Try | Tries]}
-        end, {Going, []}, lists:seq(1, 4)
+        end,
+        {Going, []},
+        lists:seq(1, 4)
     ),
     {Last, [D, C, B, A]} = Stuck,
     ?assertEqual([{-100.0, -100.0}, {100.0, 100.0}, {-100.0, -100.0}, {100.0, 100.0}], [A, B, C, D]),
@@ -316,7 +390,9 @@ stalled_where_it_was_to_stand(_) ->
             Trying = fire(say_stalled(Going)),
             ?assertEqual(trying, state(Trying)),
             Next = element(1, hd(Trying#loop.commands)),
-            Again = event(info, {stalled, Next, Zero}, wheels(0.0, 0.0, Trying#loop{chassis = none})),
+            Again = event(
+                info, {stalled, Next, Zero}, wheels(0.0, 0.0, Trying#loop{chassis = none})
+            ),
             ?assertMatch([{_, ok}], (finish(Again))#loop.replies)
         end
      || Zero <- [{0.0, 0.0}, {0, 0}, {-0.0, 0.0}]
@@ -373,8 +449,10 @@ out_of_time(_) ->
         Said = event(info, {driven, Mark, Heard}, Loop#loop{now = Due + Us, chassis = none}),
         {state(Said), [Answer || {_, Answer} <- Said#loop.replies]}
     end,
-    [?assertEqual({idle, [{error, out_of_time}]}, Word(Along, Us))
-     || Us <- [-290000, -2000000, -20000, 1100000, 20000000]],
+    [
+        ?assertEqual({idle, [{error, out_of_time}]}, Word(Along, Us))
+     || Us <- [-290000, -2000000, -20000, 1100000, 20000000]
+    ],
     [?assertMatch({driving, []}, Word(Along, Us)) || Us <- [-1000, 0, 1000, 999999]],
     [?assertMatch({driving, []}, Word(To, Us)) || Us <- [-2000000, 0, 20000000]].
 

@@ -13,11 +13,18 @@ uniform(Seed) -> fun(Key) -> 2.0 * erlang:phash2({Seed, Key}, 1 bsl 27) / (1 bsl
 
 new(Noise, Profile) ->
     {Actions, Machine} = starl_machine:new(starl_motion, #{profiles => [Profile]}, #{
-        robot => 1, participants => [1], name => motion, incarnation => 1,
-        random => rand:seed_s(exsss, 1), now => 0
+        robot => 1,
+        participants => [1],
+        name => motion,
+        incarnation => 1,
+        random => rand:seed_s(exsss, 1),
+        now => 0
     }),
     perform(Actions, #loop{
-        profile = Profile, noise = Noise, machine = Machine, corners = [{0.0, 0.0}],
+        profile = Profile,
+        noise = Noise,
+        machine = Machine,
+        corners = [{0.0, 0.0}],
         piece = starl_trajectory:standing(0, {0.0, 0.0}, 0.3)
     }).
 
@@ -77,7 +84,8 @@ act({drive, {_, Script}, Mark}, #loop{commands = Commands, ears = Ears} = Loop) 
         lost -> Told;
         heard -> obey(Script, Mark, Told#loop{heard = Told#loop.now})
     end;
-act({state_timeout, cancel}, Loop) -> Loop#loop{timer = none};
+act({state_timeout, cancel}, Loop) ->
+    Loop#loop{timer = none};
 act({state_timeout, Us, Content}, #loop{now = Now} = Loop) ->
     Loop#loop{timer = {Now + Us, Content}};
 act({reply, {app, _}, Answer}, #loop{now = Now, replies = Replies} = Loop) ->
@@ -105,7 +113,11 @@ wheels(Speed, Difference, #loop{now = Now, piece = Old, profile = Profile, noise
     {X, Y, Heading} = starl_trajectory:pose(Now, Old),
     #{heading_error := Turn, distance_error := Part, axle_mm := Axle} = Profile,
     Driving = Speed /= 0,
-    Skew = case Driving of true -> 0.75 * Turn * Noise({skew, Now}); false -> 0.0 end,
+    Skew =
+        case Driving of
+            true -> 0.75 * Turn * Noise({skew, Now});
+            false -> 0.0
+        end,
     Slip = 1.0 + Part * Noise({slip, Now}),
     Piece = starl_trajectory:piece(Now, {X, Y}, Heading + Skew, Speed * Slip, Difference / Axle),
     Loop#loop{piece = Piece, corners = [{X, Y} | Loop#loop.corners]}.
@@ -115,5 +127,8 @@ blurred(#loop{now = Now, asked = N, piece = Piece, profile = Profile, noise = No
     #{heading_error := Turn, position_error_mm := Error} = Profile,
     Angle = math:pi() * Noise({angle, N}),
     Radius = Error * abs(Noise({radius, N})),
-    {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle),
-     Heading + 0.25 * Turn * Noise({heading, N})}.
+    {
+        X + Radius * math:cos(Angle),
+        Y + Radius * math:sin(Angle),
+        Heading + 0.25 * Turn * Noise({heading, N})
+    }.

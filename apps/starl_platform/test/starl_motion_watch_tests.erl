@@ -7,21 +7,33 @@
 %% Answers come late by up to a fifth of a second, the clocks drift by one per cent, either way, and
 %% are apart by an hour.
 sound_test_() ->
-    [?_assertEqual([], broken(fun(T) -> 3600 * ?S + round(T * Rate) end, fun late/1))
-     || Rate <- [0.99, 1.0, 1.01]].
+    [
+        ?_assertEqual([], broken(fun(T) -> 3600 * ?S + round(T * Rate) end, fun late/1))
+     || Rate <- [0.99, 1.0, 1.01]
+    ].
 
 late(K) -> erlang:phash2(K, 200000).
 
 %% A clock that is set, back or forward, or stood still for a quarter of a second, while the robot
 %% drives or between two commands: it is noticed with the next answer, and never again.
 wrong_test_() ->
-    After = fun(At, Shift) -> fun(T) when T > At -> T + Shift; (T) -> T end end,
-    [?_assertEqual([51], broken(After(At, Shift), fun late/1))
-     || At <- [50 * ?S + 700000], Shift <- [-250000, -2 * ?S, 3 * ?S]].
+    After = fun(At, Shift) ->
+        fun
+            (T) when T > At -> T + Shift;
+            (T) -> T
+        end
+    end,
+    [
+        ?_assertEqual([51], broken(After(At, Shift), fun late/1))
+     || At <- [50 * ?S + 700000], Shift <- [-250000, -2 * ?S, 3 * ?S]
+    ].
 
 %% Set while a command is carried out: with its answer if it is back, and with the next one.
 while_driving_test() ->
-    Back = fun(T) when T > 50 * ?S + 100000 -> T - 2 * ?S; (T) -> T end,
+    Back = fun
+        (T) when T > 50 * ?S + 100000 -> T - 2 * ?S;
+        (T) -> T
+    end,
     ?assertEqual([50, 51], broken(Back, fun(_) -> 0 end)).
 
 %% A clock that stands still is noticed by every answer.
@@ -31,7 +43,10 @@ frozen_test() ->
 
 %% Who was paused handles one answer too late.
 paused_test() ->
-    Paused = fun(50) -> 20 * ?S; (K) -> late(K) end,
+    Paused = fun
+        (50) -> 20 * ?S;
+        (K) -> late(K)
+    end,
     ?assertEqual([50], broken(fun(T) -> T end, Paused)).
 
 %% Commands that are heard late, at random: by as much as the profile bears, the clocks agree; by more
@@ -47,7 +62,10 @@ latency_test_() ->
 
 %% A pause longer than the latency and the drift explain is noticed all the same.
 pause_with_latency_test() ->
-    After = fun(T) when T > 50 * ?S + 700000 -> T - 250000; (T) -> T end,
+    After = fun
+        (T) when T > 50 * ?S + 700000 -> T - 250000;
+        (T) -> T
+    end,
     ?assertEqual(
         [51], broken(#{latency_ms => 50}, After, fun late/1, fun(K) -> K * ?S end)
     ).

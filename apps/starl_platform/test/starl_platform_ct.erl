@@ -21,9 +21,16 @@ property(Prop, Cases) ->
     ),
     Options = [{numtests, Cases}, {max_shrinks, 60}, nocolors, {on_output, fun io:format/2}],
     case proper:quickcheck(Seeded, Options) of
-        true -> ok;
-        Other -> error({property_failed, [{seed, Seed}, {answer, Other},
-                                          {counterexample, proper:counterexample()}]})
+        true ->
+            ok;
+        Other ->
+            error(
+                {property_failed, [
+                    {seed, Seed},
+                    {answer, Other},
+                    {counterexample, proper:counterexample()}
+                ]}
+            )
     end.
 
 %% PropEr 1.2 cannot report an exception on OTP 25: it is printed here and counts as false.

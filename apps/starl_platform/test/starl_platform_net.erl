@@ -80,8 +80,12 @@ judge(#net{now = Now, trace = Trace}, BoundUs) ->
 start(Robot, #net{team = Team, config = Config, incarnations = Incarnations, now = Now} = Net) ->
     Incarnation = maps:get(Robot, Incarnations, 0) + 1,
     Base = #{
-        robot => Robot, participants => Team, name => sap, incarnation => Incarnation,
-        random => rand:seed_s(exsss, Robot), now => Now
+        robot => Robot,
+        participants => Team,
+        name => sap,
+        incarnation => Incarnation,
+        random => rand:seed_s(exsss, Robot),
+        now => Now
     },
     {Actions, Machine} = starl_machine:new(starl_sap, Config, Base),
     Live = maps:filter(fun({R, _}, _) -> R =/= Robot end, Net#net.timers),
@@ -95,12 +99,18 @@ start(Robot, #net{team = Team, config = Config, incarnations = Incarnations, now
 add(T, Event, #net{seq = Seq, queue = Queue} = Net) ->
     Net#net{seq = Seq + 1, queue = gb_sets:add_element({T, Seq, Event}, Queue)}.
 
-event({op, {crash, Robot}}, Net) -> start(Robot, Net);
-event({op, {fate, Fate}}, Net) -> Net#net{fate = Fate};
-event({op, {call, Robot, Request, Tag}}, Net) -> step(Robot, {call, {app, Tag}}, Request, Net);
-event({op, {cast, Robot, Content}}, Net) -> step(Robot, cast, Content, Net);
-event({op, {packet, Robot, Packet}}, Net) -> step(Robot, packet, Packet, Net);
-event({packet, Robot, Packet}, Net) -> step(Robot, packet, Packet, Net);
+event({op, {crash, Robot}}, Net) ->
+    start(Robot, Net);
+event({op, {fate, Fate}}, Net) ->
+    Net#net{fate = Fate};
+event({op, {call, Robot, Request, Tag}}, Net) ->
+    step(Robot, {call, {app, Tag}}, Request, Net);
+event({op, {cast, Robot, Content}}, Net) ->
+    step(Robot, cast, Content, Net);
+event({op, {packet, Robot, Packet}}, Net) ->
+    step(Robot, packet, Packet, Net);
+event({packet, Robot, Packet}, Net) ->
+    step(Robot, packet, Packet, Net);
 event({timer, Robot, Timer, Mark, Content}, #net{timers = Timers} = Net) ->
     Key = {Robot, Timer},
     case Timers of
@@ -129,7 +139,11 @@ act({{timeout, Timer}, Us, Content}, Robot, #net{timers = Timers, seq = Mark, no
     Set = Net#net{timers = Timers#{{Robot, Timer} => Mark}},
     add(Now + Us, {timer, Robot, Timer, Mark, Content}, Set);
 act({transmit, Dest, Packet}, Robot, #net{air = Air, now = Now, team = Team} = Net) ->
-    Dests = case Dest of all -> lists:delete(Robot, Team); _ -> [Dest] end,
+    Dests =
+        case Dest of
+            all -> lists:delete(Robot, Team);
+            _ -> [Dest]
+        end,
     Sent = Net#net{air = [{Now, Robot, Dest, Packet} | Air]},
     lists:foldl(fun(D, N) -> fly(Robot, D, Packet, N) end, Sent, Dests).
 

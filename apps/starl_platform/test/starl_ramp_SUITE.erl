@@ -7,8 +7,13 @@
 
 -export([all/0]).
 -export([
-    closest_approach/1, there_and_back/1, kinks_and_rests/1, length_disc_and_chords/1, share_of_the_way/1,
-    separation_of_a_team/1, a_braking_robot_that_dies/1
+    closest_approach/1,
+    there_and_back/1,
+    kinks_and_rests/1,
+    length_disc_and_chords/1,
+    share_of_the_way/1,
+    separation_of_a_team/1,
+    a_braking_robot_that_dies/1
 ]).
 
 -define(S, 1_000_000).
@@ -16,8 +21,13 @@
 
 all() ->
     [
-        closest_approach, there_and_back, kinks_and_rests, length_disc_and_chords, share_of_the_way,
-        separation_of_a_team, a_braking_robot_that_dies
+        closest_approach,
+        there_and_back,
+        kinks_and_rests,
+        length_disc_and_chords,
+        share_of_the_way,
+        separation_of_a_team,
+        a_braking_robot_that_dies
     ].
 
 %% Never above the samples, attained, and not below what the samples allow.
@@ -52,7 +62,9 @@ there_and_back(_) ->
             Ramp = starl_trajectory:ramp(0, {0.0, 0.0}, 0.0, {0.0, -V}, {0.0, W}, ?S),
             {Distance, _} = starl_trajectory:closest_approach(Ramp, Post, 0, ?S),
             True = 1000.0 - V * V / (V + W) / 2,
-            ?assert(Distance >= True - 1.0e-9 andalso Distance =< True + 1.0e-3, {V, W, Distance - True})
+            ?assert(
+                Distance >= True - 1.0e-9 andalso Distance =< True + 1.0e-3, {V, W, Distance - True}
+            )
         end
      || V <- [130.0, 310.0, 500.0], W <- [11.0 + 7.3 * I || I <- lists:seq(0, 60)]
     ].
@@ -94,7 +106,8 @@ length_disc_and_chords(_) ->
 along(Piece, T1, T2) ->
     Points = [starl_trajectory:position(T, Piece) || T <- samples(T1, T2)],
     Length = lists:sum([
-        starl_geometry:distance(P, Q) || {P, Q} <- lists:zip(lists:droplast(Points), tl(Points))
+        starl_geometry:distance(P, Q)
+     || {P, Q} <- lists:zip(lists:droplast(Points), tl(Points))
     ]),
     Moved = starl_trajectory:moved(T1, T2, Piece),
     {Centre, Radius} = starl_trajectory:enclosing(T1, T2, Piece),
@@ -136,11 +149,16 @@ separation_of_a_team(_) ->
 connected(Path) ->
     {Pieces, _} = lists:mapfoldl(
         fun({{ramp, _, X, Y, H, V0, V1, Us}, Span}, {T, Point}) ->
-            Here = case Point of none -> {X, Y}; _ -> Point end,
+            Here =
+                case Point of
+                    none -> {X, Y};
+                    _ -> Point
+                end,
             Piece = starl_trajectory:ramp(T, Here, H, V0, V1, Us),
             {Piece, {T + Span, starl_trajectory:position(T + Span, Piece)}}
         end,
-        {0, none}, Path
+        {0, none},
+        Path
     ),
     Pieces.
 
@@ -148,14 +166,16 @@ watched(Team) ->
     End = 8 * ?S,
     Numbered = lists:zip(lists:seq(1, length(Team)), Team),
     Motions = lists:sort([
-        {starl_trajectory:start_us(P), Robot, P} || {Robot, Ps} <- Numbered, P <- Ps
+        {starl_trajectory:start_us(P), Robot, P}
+     || {Robot, Ps} <- Numbered, P <- Ps
     ]),
     {Met, Last} = lists:foldl(
         fun({T, Robot, Piece}, {Found, S}) ->
             {New, Now} = starl_separation:advance(T, S),
             {Found ++ New, starl_separation:motion(Robot, Piece, Now)}
         end,
-        {[], starl_separation:new(60.0)}, Motions
+        {[], starl_separation:new(60.0)},
+        Motions
     ),
     {Late, {Least, _, _}} = starl_separation:finish(End, Last),
     Pairs = [
@@ -182,7 +202,9 @@ stretches(Pieces, End) ->
 a_braking_robot_that_dies(_) ->
     Brake = starl_trajectory:ramp(0, {0.0, 0.0}, 0.0, {500.0, 0.0}, {0.0, 0.0}, ?S div 4),
     Post = starl_trajectory:standing(0, {100.0, 0.0}, 0.0),
-    S0 = starl_separation:motion(2, Post, starl_separation:motion(1, Brake, starl_separation:new(50.0))),
+    S0 = starl_separation:motion(
+        2, Post, starl_separation:motion(1, Brake, starl_separation:new(50.0))
+    ),
     {Met, {Least, _, _}} = starl_separation:finish(2 * ?S, starl_separation:stop(1, 0, S0)),
     ?assertMatch([{_, _, {1, 2}}], Met),
     ?assert(abs(Least - 37.5) < 1.0e-3, Least).

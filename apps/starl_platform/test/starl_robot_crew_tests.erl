@@ -5,13 +5,17 @@
 %% The services come first and in their order; each is told what it needs.
 tree_test() ->
     #{services := Services, blocks := Blocks, participants := Team} =
-        starl_robot_crew:tree(crew(#{
-            sap => #{limit => 3}, waypoints => #{home => {1.0, 2.0}}, blocks => [block()]
-        })),
+        starl_robot_crew:tree(
+            crew(#{
+                sap => #{limit => 3}, waypoints => #{home => {1.0, 2.0}}, blocks => [block()]
+            })
+        ),
     ?assertEqual(
-        [{sap, starl_sap, #{limit => 3}},
-         {location, starl_location, #{waypoints => #{home => {1.0, 2.0}}, exact => false}},
-         {motion, starl_motion, #{profiles => [profile(1.0)]}}],
+        [
+            {sap, starl_sap, #{limit => 3}},
+            {location, starl_location, #{waypoints => #{home => {1.0, 2.0}}, exact => false}},
+            {motion, starl_motion, #{profiles => [profile(1.0)]}}
+        ],
         Services
     ),
     ?assertEqual({[block()], starl_team:new([1, 2, 5])}, {Blocks, Team}).

@@ -15,14 +15,32 @@
 %% Machines boot in their order, before anything else; then local events come one after the other,
 %% each with the actions of its machine in their order.
 order_test() ->
-    {quiet, R} = starl_robot:run(robot(#{
-        app => fun(boot, _) -> [{cast, sap, one}, {trace, a}, {cast, sap, two}, {trace, b}]; (_, _) -> [] end,
-        sap => fun(cast, Word) -> [{trace, Word}, {cast, location, Word}]; (_, _) -> [] end,
-        location => fun(cast, Word) -> [{trace, Word}]; (_, _) -> [] end
-    })),
+    {quiet, R} = starl_robot:run(
+        robot(#{
+            app => fun
+                (boot, _) -> [{cast, sap, one}, {trace, a}, {cast, sap, two}, {trace, b}];
+                (_, _) -> []
+            end,
+            sap => fun
+                (cast, Word) -> [{trace, Word}, {cast, location, Word}];
+                (_, _) -> []
+            end,
+            location => fun
+                (cast, Word) -> [{trace, Word}];
+                (_, _) -> []
+            end
+        })
+    ),
     ?assertEqual(
-        [{sap, boot}, {location, boot}, {app, boot}, {sap, cast}, {sap, cast}, {location, cast},
-         {location, cast}],
+        [
+            {sap, boot},
+            {location, boot},
+            {app, boot},
+            {sap, cast},
+            {sap, cast},
+            {location, cast},
+            {location, cast}
+        ],
         handled(R)
     ),
     ?assertEqual(
@@ -40,27 +58,38 @@ pace_test() ->
 
 %% A call of a machine that the robot does not have is refused, and traced.
 refusal_test() ->
-    {quiet, R} = starl_robot:run(robot(#{
-        app => fun
-            (boot, _) -> [{call, nobody, q, t}];
-            ({reply, t}, Answer) -> [{trace, Answer}];
-            (_, _) -> []
-        end
-    })),
-    ?assertEqual([{nobody, {unknown_machine, nobody}}, {app, {no_such_machine, nobody}}], traced(R)).
+    {quiet, R} = starl_robot:run(
+        robot(#{
+            app => fun
+                (boot, _) -> [{call, nobody, q, t}];
+                ({reply, t}, Answer) -> [{trace, Answer}];
+                (_, _) -> []
+            end
+        })
+    ),
+    ?assertEqual(
+        [{nobody, {unknown_machine, nobody}}, {app, {no_such_machine, nobody}}], traced(R)
+    ).
 
 %% A timer that was cancelled, or started anew, is dropped when its event comes; the machine hears of
 %% the last start alone.
 cancelled_timer_is_dropped_at_delivery_test() ->
-    {quiet, R} = starl_robot:run(robot(#{
-        app => fun
-            (boot, _) ->
-                [{{timeout, a}, 10, x}, {{timeout, b}, 10, x}, {{timeout, b}, 20, y},
-                 {state_timeout, 5, z}, {{timeout, a}, cancel}];
-            (_, _) ->
-                []
-        end
-    })),
+    {quiet, R} = starl_robot:run(
+        robot(#{
+            app => fun
+                (boot, _) ->
+                    [
+                        {{timeout, a}, 10, x},
+                        {{timeout, b}, 10, x},
+                        {{timeout, b}, 20, y},
+                        {state_timeout, 5, z},
+                        {{timeout, a}, cancel}
+                    ];
+                (_, _) ->
+                    []
+            end
+        })
+    ),
     ?assertEqual([{app, a, x}, {app, b, x}, {app, b, y}, {app, state_timeout, z}], planned(R)),
     ?assertEqual(stale, starl_robot:expire(app, a, 1, R)),
     ?assertEqual(stale, starl_robot:expire(app, b, 2, R)),
@@ -71,7 +100,12 @@ cancelled_timer_is_dropped_at_delivery_test() ->
 
 %% What follows a store takes place only when the term is durable; a full store is the machine's crash.
 full_store_test() ->
-    Store = #{app => fun(boot, _) -> [{trace, before}, {store, kept}, {trace, later}]; (_, _) -> [] end},
+    Store = #{
+        app => fun
+            (boot, _) -> [{trace, before}, {store, kept}, {trace, later}];
+            (_, _) -> []
+        end
+    },
     {quiet, R} = starl_robot:run(robot(Store)),
     ?assertEqual({[{app, before}, {app, later}], #{app => kept}}, {traced(R), stored(R)}),
     {crashed, app, store_full, Full} = starl_robot:run(robot((world(Store))#{full => true}, Store)),
@@ -79,18 +113,25 @@ full_store_test() ->
 
 %% A machine that finds its store damaged is told so, and so are the monitors.
 damaged_store_is_traced_test() ->
-    {quiet, R} = starl_robot:run(robot((world(#{app => silent()}))#{stored => damaged}, #{app => silent()})),
+    {quiet, R} = starl_robot:run(
+        robot((world(#{app => silent()}))#{stored => damaged}, #{app => silent()})
+    ),
     ?assertEqual([{app, store_damaged}], traced(R)).
 
 %% Only the world's actions are the world's; what answers them at once comes in its turn.
 world_test() ->
-    {quiet, R} = starl_robot:run(robot(#{
-        app => fun
-            (boot, _) -> [{sense, [1], t}, {cast, app, after_it}, {actuate, pen, down}, {done, x}];
-            (info, {located, t, _}) -> [{trace, seen}];
-            (cast, Word) -> [{trace, Word}]
-        end
-    })),
+    {quiet, R} = starl_robot:run(
+        robot(#{
+            app => fun
+                (boot, _) ->
+                    [{sense, [1], t}, {cast, app, after_it}, {actuate, pen, down}, {done, x}];
+                (info, {located, t, _}) ->
+                    [{trace, seen}];
+                (cast, Word) ->
+                    [{trace, Word}]
+            end
+        })
+    ),
     ?assertEqual([{sense, [1], t}, {actuate, pen, down}], maps:get(asked, starl_robot:world(R))),
     ?assertEqual([{app, {done, x}}, {app, seen}, {app, after_it}], traced(R)),
     ?assertEqual([{done, x}], maps:get(ended, starl_robot:world(R))).
@@ -173,9 +214,12 @@ farewell_test() ->
 stands_test() ->
     {quiet, R} = starl_robot:run(robot(#{app => silent()})),
     [
-        ?assertEqual({true, Condition}, {maps:get(stopped, starl_robot:world(Gone)), starl_robot:condition(Gone)})
+        ?assertEqual({true, Condition}, {
+            maps:get(stopped, starl_robot:world(Gone)), starl_robot:condition(Gone)
+        })
      || {Condition, Gone} <- [
-            {dead, starl_robot:die(gave_up, R)}, {dead, starl_robot:die(killed, R)},
+            {dead, starl_robot:die(gave_up, R)},
+            {dead, starl_robot:die(killed, R)},
             {down, starl_robot:go_down(R)}
         ]
     ].
@@ -188,8 +232,14 @@ restarted(Name, Robot) ->
 
 world(_Machines) ->
     #{
-        now => 0, handled => [], traced => [], planned => [], asked => [], ended => [],
-        stored => #{}, stopped => false
+        now => 0,
+        handled => [],
+        traced => [],
+        planned => [],
+        asked => [],
+        ended => [],
+        stored => #{},
+        stopped => false
     }.
 
 handles(Name, Type, _Content, #{handled := Handled} = W) -> W#{handled := [{Name, Type} | Handled]}.
@@ -198,11 +248,21 @@ clock(#{now := Now}) -> Now.
 
 base(Name, Incarnation, #{now := Now, stored := Stored}) ->
     #{
-        robot => 1, participants => [1], name => Name, incarnation => Incarnation, now => Now,
-        random => rand:seed_s(exsss, 1), stored => case Stored of damaged -> damaged; _ -> none end
+        robot => 1,
+        participants => [1],
+        name => Name,
+        incarnation => Incarnation,
+        now => Now,
+        random => rand:seed_s(exsss, 1),
+        stored =>
+            case Stored of
+                damaged -> damaged;
+                _ -> none
+            end
     }.
 
-trace(Name, Event, #{now := Now, traced := Traced} = W) -> W#{traced := [{Now, Name, Event} | Traced]}.
+trace(Name, Event, #{now := Now, traced := Traced} = W) ->
+    W#{traced := [{Now, Name, Event} | Traced]}.
 
 plan(Name, Timer, _Us, Content, #{planned := Planned} = W) ->
     {length(Planned) + 1, W#{planned := Planned ++ [{Name, Timer, Content}]}}.

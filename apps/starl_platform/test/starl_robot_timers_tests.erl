@@ -10,7 +10,9 @@ expires_once_test() ->
 
 %% Started anew, only its latest event counts, and cancelled none.
 started_anew_and_cancelled_test() ->
-    Twice = starl_robot_timers:start(a, t, 2, starl_robot_timers:start(a, t, 1, starl_robot_timers:new())),
+    Twice = starl_robot_timers:start(
+        a, t, 2, starl_robot_timers:start(a, t, 1, starl_robot_timers:new())
+    ),
     ?assertEqual(stale, starl_robot_timers:expire(a, t, 1, Twice)),
     ?assertMatch({ok, _}, starl_robot_timers:expire(a, t, 2, Twice)),
     ?assertEqual(stale, starl_robot_timers:expire(a, t, 2, starl_robot_timers:cancel(a, t, Twice))),
@@ -28,7 +30,10 @@ others_run_on_test() ->
     Keys = [{a, t}, {a, u}, {b, t}],
     New = starl_robot_timers:new(),
     ?assertEqual(
-        [stale, stale, stale], [starl_robot_timers:expire(Machine, T, 0, New) || {Machine, T} <- Keys]
+        [stale, stale, stale], [
+            starl_robot_timers:expire(Machine, T, 0, New)
+         || {Machine, T} <- Keys
+        ]
     ),
     Start = fun({Machine, T}, Timers) -> starl_robot_timers:start(Machine, T, 1, Timers) end,
     All = lists:foldl(Start, New, Keys),

@@ -7,15 +7,28 @@
 
 -export([all/0]).
 -export([
-    contract_under_faults/1, progress_when_healed/1, no_loss_all_acknowledged/1,
-    duplicate_acknowledged_not_redelivered/1, outcome_when_the_ack_arrives/1,
-    lost_after_the_limit/1, lost_may_have_been_delivered/1, back_off/1,
-    sequence_numbers_restart_with_the_robot/1, receiver_restart_is_no_redelivery/1,
-    restarted_receiver_is_reported/1, old_packets_of_an_earlier_incarnation/1,
-    seen_set_is_bounded/1, window_is_an_overload/1, unclaimed_waits_for_its_listener/1,
-    unclaimed_beyond_bounds_not_acknowledged/1, unclaimed_own_messages_are_bounded/1,
-    loopback/1, broadcast_one_packet/1, broadcast_retransmits_to_those_missing/1,
-    broadcast_alone/1, garbage_is_traced/1,
+    contract_under_faults/1,
+    progress_when_healed/1,
+    no_loss_all_acknowledged/1,
+    duplicate_acknowledged_not_redelivered/1,
+    outcome_when_the_ack_arrives/1,
+    lost_after_the_limit/1,
+    lost_may_have_been_delivered/1,
+    back_off/1,
+    sequence_numbers_restart_with_the_robot/1,
+    receiver_restart_is_no_redelivery/1,
+    restarted_receiver_is_reported/1,
+    old_packets_of_an_earlier_incarnation/1,
+    seen_set_is_bounded/1,
+    window_is_an_overload/1,
+    unclaimed_waits_for_its_listener/1,
+    unclaimed_beyond_bounds_not_acknowledged/1,
+    unclaimed_own_messages_are_bounded/1,
+    loopback/1,
+    broadcast_one_packet/1,
+    broadcast_retransmits_to_those_missing/1,
+    broadcast_alone/1,
+    garbage_is_traced/1,
     dead_peer_stops_nobody/1,
     dead_peer_stops_no_broadcast/1,
     own_messages_take_no_window/1,
@@ -43,15 +56,28 @@
 
 all() ->
     [
-        contract_under_faults, progress_when_healed, no_loss_all_acknowledged,
-        duplicate_acknowledged_not_redelivered, outcome_when_the_ack_arrives,
-        lost_after_the_limit, lost_may_have_been_delivered, back_off,
-        sequence_numbers_restart_with_the_robot, receiver_restart_is_no_redelivery,
-        restarted_receiver_is_reported, old_packets_of_an_earlier_incarnation,
-        seen_set_is_bounded, window_is_an_overload, unclaimed_waits_for_its_listener,
-        unclaimed_beyond_bounds_not_acknowledged, unclaimed_own_messages_are_bounded,
-        loopback, broadcast_one_packet, broadcast_retransmits_to_those_missing,
-        broadcast_alone, garbage_is_traced,
+        contract_under_faults,
+        progress_when_healed,
+        no_loss_all_acknowledged,
+        duplicate_acknowledged_not_redelivered,
+        outcome_when_the_ack_arrives,
+        lost_after_the_limit,
+        lost_may_have_been_delivered,
+        back_off,
+        sequence_numbers_restart_with_the_robot,
+        receiver_restart_is_no_redelivery,
+        restarted_receiver_is_reported,
+        old_packets_of_an_earlier_incarnation,
+        seen_set_is_bounded,
+        window_is_an_overload,
+        unclaimed_waits_for_its_listener,
+        unclaimed_beyond_bounds_not_acknowledged,
+        unclaimed_own_messages_are_bounded,
+        loopback,
+        broadcast_one_packet,
+        broadcast_retransmits_to_those_missing,
+        broadcast_alone,
+        garbage_is_traced,
         dead_peer_stops_nobody,
         dead_peer_stops_no_broadcast,
         own_messages_take_no_window,
@@ -90,7 +116,13 @@ keeps_contract(N, Ops, Faults) ->
     Inboxes = [starl_platform_net:inbox(R, Net) || R <- lists:seq(1, N)],
     %% bodies are unique, so no listener may see one twice, crashes of the SAPs or not
     Once = lists:all(fun(Inbox) -> length(Inbox) =:= length(lists:usort(Inbox)) end, Inboxes),
-    Typed = lists:all(fun({_, Type, {Type, _}}) -> true; (_) -> false end, lists:append(Inboxes)),
+    Typed = lists:all(
+        fun
+            ({_, Type, {Type, _}}) -> true;
+            (_) -> false
+        end,
+        lists:append(Inboxes)
+    ),
     Violations =:= [] andalso Once andalso Typed orelse
         begin
             ct:log("~p~nonce ~p typed ~p", [Violations, Once, Typed]),
@@ -112,36 +144,51 @@ progresses(N, Ops, Faults, Last) ->
     Healed = starl_platform_net:at(Heal, {fate, fun(_, _, _, _) -> [3000] end}, Stormy),
     Listening = lists:foldl(
         fun({R, T}, Net) -> starl_platform_net:at(Heal, {cast, R, {listen, T, app}}, Net) end,
-        Healed, [{R, T} || R <- lists:seq(1, N), T <- [a, b]]
+        Healed,
+        [{R, T} || R <- lists:seq(1, N), T <- [a, b]]
     ),
     %% the first messages teach every SAP the incarnations of the others
     Warm = lists:foldl(
-        fun(R, Net) -> starl_platform_net:at(Heal + 1000, {cast, R, {broadcast, a, {a, warm}}}, Net) end,
-        Listening, lists:seq(1, N)
+        fun(R, Net) ->
+            starl_platform_net:at(Heal + 1000, {cast, R, {broadcast, a, {a, warm}}}, Net)
+        end,
+        Listening,
+        lists:seq(1, N)
     ),
     {_, Full} = lists:foldl(
         fun(Op, {K, Net}) ->
             {K + 1, starl_platform_net:at(Heal + 2000000, call(Op, N, {last, K}), Net)}
         end,
-        {1, Warm}, Last
+        {1, Warm},
+        Last
     ),
     Net = starl_platform_net:run(Full),
     Outcomes = [A || {_, _, {last, _}, A} <- starl_platform_net:replies(Net)],
-    length(Outcomes) =:= length(Last)
-        andalso lists:all(fun(A) -> A =:= ok end, Outcomes)
-        andalso starl_platform_net:now(Net) =< Heal + 2000000 + bound().
+    length(Outcomes) =:= length(Last) andalso
+        lists:all(fun(A) -> A =:= ok end, Outcomes) andalso
+        starl_platform_net:now(Net) =< Heal + 2000000 + bound().
 
 %% op/1 for robots 1..N; a robot that is not in the net is folded into it.
 %% (PropEr's range/2 keeps to small numbers, hence the lists.)
-op(N) -> {oneof([0, 500, 5000, 20000, 60000, 150000]), frequency([
-    {8, send(N)}, {3, {listen, range(1, N), type()}}, {2, {crash, range(1, N)}}])}.
+op(N) ->
+    {
+        oneof([0, 500, 5000, 20000, 60000, 150000]),
+        frequency([
+            {8, send(N)}, {3, {listen, range(1, N), type()}}, {2, {crash, range(1, N)}}
+        ])
+    }.
 
-send(N) -> oneof([{send, range(1, N), range(1, N), type()}, {post, range(1, N), range(1, N), type()},
-                  {broadcast, range(1, N), type()}]).
+send(N) ->
+    oneof([
+        {send, range(1, N), range(1, N), type()},
+        {post, range(1, N), range(1, N), type()},
+        {broadcast, range(1, N), type()}
+    ]).
 
 type() -> oneof([a, b]).
 
-faults() -> {oneof(lists:seq(1, 1000)), oneof([0, 10, 50]), oneof([0, 30]), oneof([1000, 30000, 400000])}.
+faults() ->
+    {oneof(lists:seq(1, 1000)), oneof([0, 10, 50]), oneof([0, 30]), oneof([1000, 30000, 400000])}.
 
 load(N, Ops, Faults) ->
     Net0 = starl_platform_net:new(#{
@@ -151,17 +198,22 @@ load(N, Ops, Faults) ->
         fun({Delay, Op}, {T, K, Net}) ->
             {T + Delay, K + 1, starl_platform_net:at(T + Delay, planned(Op, N, K), Net)}
         end,
-        {0, 1, Net0}, Ops
+        {0, 1, Net0},
+        Ops
     ),
     Net.
 
-planned({listen, R, Type}, N, _) -> {cast, fold(R, N), {listen, Type, app}};
-planned({crash, R}, N, _) -> {crash, fold(R, N)};
+planned({listen, R, Type}, N, _) ->
+    {cast, fold(R, N), {listen, Type, app}};
+planned({crash, R}, N, _) ->
+    {crash, fold(R, N)};
 planned({post, From, To, Type}, N, K) ->
     {cast, fold(From, N), {send, fold(To, N), Type, {Type, K}}};
-planned(Send, N, K) -> call(Send, N, K).
+planned(Send, N, K) ->
+    call(Send, N, K).
 
-call({post, From, To, Type}, N, K) -> call({send, From, To, Type}, N, K);
+call({post, From, To, Type}, N, K) ->
+    call({send, From, To, Type}, N, K);
 call({send, From, To, Type}, N, K) ->
     {call, fold(From, N), {send, fold(To, N), Type, {Type, K}}, K};
 call({broadcast, From, Type}, N, K) ->
@@ -173,7 +225,11 @@ fold(R, N) -> (R - 1) rem N + 1.
 fate({Seed, Loss, Duplicate, MaxUs}) ->
     fun(_Packet, From, To, N) ->
         Draw = fun(What, Range) -> erlang:phash2({Seed, From, To, N, What}, Range) end,
-        Copies = case Draw(duplicate, 100) < Duplicate of true -> [one, two]; false -> [one] end,
+        Copies =
+            case Draw(duplicate, 100) < Duplicate of
+                true -> [one, two];
+                false -> [one]
+            end,
         [1000 + Draw(Copy, MaxUs) || Draw(loss, 100) >= Loss, Copy <- Copies]
     end.
 
@@ -185,12 +241,17 @@ bound() -> starl_sap:bound_us(?CONFIG).
 no_loss_all_acknowledged(_) ->
     Net0 = net(2, fate({1, 0, 50, 40000})),
     Net1 = lists:foldl(
-        fun(K, Net) -> starl_platform_net:at(K * 20000, {call, 1, {send, 2, a, {a, K}}, K}, Net) end,
-        starl_platform_net:at(0, {cast, 2, {listen, a, app}}, Net0), lists:seq(1, 100)
+        fun(K, Net) ->
+            starl_platform_net:at(K * 20000, {call, 1, {send, 2, a, {a, K}}, K}, Net)
+        end,
+        starl_platform_net:at(0, {cast, 2, {listen, a, app}}, Net0),
+        lists:seq(1, 100)
     ),
     Net = starl_platform_net:run(Net1),
     ?assertEqual([], starl_platform_net:judge(Net, bound())),
-    ?assertEqual(lists:seq(1, 100), lists:sort([K || {_, a, {a, K}} <- starl_platform_net:inbox(2, Net)])),
+    ?assertEqual(
+        lists:seq(1, 100), lists:sort([K || {_, a, {a, K}} <- starl_platform_net:inbox(2, Net)])
+    ),
     ?assertEqual(
         [{K, ok} || K <- lists:seq(1, 100)],
         lists:sort([{K, A} || {_, 1, K, A} <- starl_platform_net:replies(Net)])
@@ -204,7 +265,9 @@ duplicate_acknowledged_not_redelivered(_) ->
     end,
     Net = send_one(Fate),
     ?assertEqual([{1, a, {a, 1}}], starl_platform_net:inbox(2, Net)),
-    ?assertEqual(3, length([ack || {_, 2, 1, {starl, 1, ack, 2, 1, 1, 1}} <- starl_platform_net:air(Net)])),
+    ?assertEqual(
+        3, length([ack || {_, 2, 1, {starl, 1, ack, 2, 1, 1, 1}} <- starl_platform_net:air(Net)])
+    ),
     ?assertEqual([], starl_platform_net:judge(Net, bound())).
 
 %% The outcome is reported when the acknowledgement arrives, not at the next timer.
@@ -233,8 +296,10 @@ lost_may_have_been_delivered(_) ->
 %% Retransmissions back off up to the longest delay.
 back_off(_) ->
     Net = send_one(fun(_, _, _, _) -> [] end),
-    ?assertEqual([0, 50000, 125000, 237500, 406250 - 0],
-                 [T || {T, 1, 2, _} <- starl_platform_net:air(Net)]).
+    ?assertEqual(
+        [0, 50000, 125000, 237500, 406250 - 0],
+        [T || {T, 1, 2, _} <- starl_platform_net:air(Net)]
+    ).
 
 %% Pitfall: sequence numbers that restart with the robot. The first message of the second
 %% incarnation is another one than the first message of the first.
@@ -278,7 +343,9 @@ restarted_receiver_is_reported(_) ->
         {2000, {call, 1, {send, 2, a, {a, 1}}, 1}},
         {50000, {call, 1, {send, 2, a, {a, 2}}, 2}}
     ]),
-    ?assertMatch([{4000, 1, 1, {error, restarted}}, {_, 1, 2, ok}], starl_platform_net:replies(Net)),
+    ?assertMatch(
+        [{4000, 1, 1, {error, restarted}}, {_, 1, 2, ok}], starl_platform_net:replies(Net)
+    ),
     ?assertEqual([{1, a, {a, 2}}], starl_platform_net:inbox(2, Net)).
 
 %% Packets of a source's earlier incarnation are not taken once a later one has been heard.
@@ -303,11 +370,13 @@ seen_set_is_bounded(_) ->
         (P, F, T, N) -> (fate({7, 10, 30, 40000}))(P, F, T, N)
     end),
     Sends = [
-        {K * 100000, {cast, 1, {send, 1 + K rem 2 + 1, a, {a, K}}}} || K <- lists:seq(1, 3000)
+        {K * 100000, {cast, 1, {send, 1 + K rem 2 + 1, a, {a, K}}}}
+     || K <- lists:seq(1, 3000)
     ],
     Net1 = lists:foldl(
         fun({T, Op}, Net) -> starl_platform_net:at(T, Op, Net) end,
-        starl_platform_net:at(0, {cast, 2, {listen, a, app}}, Net0), Sends
+        starl_platform_net:at(0, {cast, 2, {listen, a, app}}, Net0),
+        Sends
     ),
     Early = starl_platform_net:run(10000000, Net1),
     Late = starl_platform_net:run(300000000, Early),
@@ -332,19 +401,27 @@ window_is_an_overload(_) ->
 
 %% Messages without a listener wait for one, and come in their order.
 unclaimed_waits_for_its_listener(_) ->
-    Net = plan(net(2), [{K * 20000, {call, 1, {send, 2, a, {a, K}}, K}} || K <- [1, 2, 3]] ++
-        [{100000, {cast, 2, {listen, a, app}}}]),
+    Net = plan(
+        net(2),
+        [{K * 20000, {call, 1, {send, 2, a, {a, K}}, K}} || K <- [1, 2, 3]] ++
+            [{100000, {cast, 2, {listen, a, app}}}]
+    ),
     ?assertEqual([{1, a, {a, K}} || K <- [1, 2, 3]], starl_platform_net:inbox(2, Net)),
     ?assertMatch([{_, _, _, ok}, {_, _, _, ok}, {_, _, _, ok}], starl_platform_net:replies(Net)).
 
 %% Beyond the bounds they are not acknowledged; those of other types are not held up.
 unclaimed_beyond_bounds_not_acknowledged(_) ->
-    Net = plan(net(2), [{0, {cast, 2, {listen, b, app}}}] ++
-        [{K * 1000, {call, 1, {send, 2, a, {a, K}}, K}} || K <- lists:seq(1, 6)] ++
-        [{10000, {call, 1, {send, 2, b, {b, 7}}, 7}}]),
+    Net = plan(
+        net(2),
+        [{0, {cast, 2, {listen, b, app}}}] ++
+            [{K * 1000, {call, 1, {send, 2, a, {a, K}}, K}} || K <- lists:seq(1, 6)] ++
+            [{10000, {call, 1, {send, 2, b, {b, 7}}, 7}}]
+    ),
     Answers = maps:from_list([{K, A} || {_, 1, K, A} <- starl_platform_net:replies(Net)]),
-    ?assertEqual([ok, ok, ok, ok, {error, lost}, {error, lost}, ok],
-                 [maps:get(K, Answers) || K <- lists:seq(1, 7)]),
+    ?assertEqual(
+        [ok, ok, ok, ok, {error, lost}, {error, lost}, ok],
+        [maps:get(K, Answers) || K <- lists:seq(1, 7)]
+    ),
     ?assertEqual([], starl_platform_net:judge(Net, bound())).
 
 %% The bounds hold for a robot's messages to itself as well.
@@ -390,30 +467,50 @@ broadcast_alone(_) ->
 
 %% An unknown event is never fatal and never silent.
 garbage_is_traced(_) ->
-    Net = plan(net(2), [{0, {packet, 1, garbage}}, {1, {packet, 1, {starl, 2, data, #{}}}},
-                        {2, {cast, 1, garbage}}]),
-    ?assertMatch([_, _, _], [E || {_, 1, sap, {unknown_event, _, _} = E} <- starl_platform_net:trace(Net)]).
+    Net = plan(net(2), [
+        {0, {packet, 1, garbage}},
+        {1, {packet, 1, {starl, 2, data, #{}}}},
+        {2, {cast, 1, garbage}}
+    ]),
+    ?assertMatch([_, _, _], [
+        E
+     || {_, 1, sap, {unknown_event, _, _} = E} <- starl_platform_net:trace(Net)
+    ]).
 
 %% -- windows --------------------------------------------------------------------------------
 
 %% A peer that is dead uses up its own window and nobody else's.
 dead_peer_stops_nobody(_) ->
-    Fate = fun(_, _, 3, _) -> []; (_, _, _, _) -> [1000] end,
-    Net = plan(net(3, Fate), [{0, {cast, 2, {listen, a, app}}}] ++
-        [{K, {call, 1, {send, 3, a, {a, K}}, K}} || K <- lists:seq(1, 20)] ++
-        [{1000 * K, {call, 1, {send, 2, a, {a, K}}, K}} || K <- lists:seq(21, 60)]),
+    Fate = fun
+        (_, _, 3, _) -> [];
+        (_, _, _, _) -> [1000]
+    end,
+    Net = plan(
+        net(3, Fate),
+        [{0, {cast, 2, {listen, a, app}}}] ++
+            [{K, {call, 1, {send, 3, a, {a, K}}, K}} || K <- lists:seq(1, 20)] ++
+            [{1000 * K, {call, 1, {send, 2, a, {a, K}}, K}} || K <- lists:seq(21, 60)]
+    ),
     Answers = answers(1, Net),
     ?assertEqual([{error, lost}], lists:usort([maps:get(K, Answers) || K <- lists:seq(1, 16)])),
-    ?assertEqual([{error, overload}], lists:usort([maps:get(K, Answers) || K <- lists:seq(17, 20)])),
+    ?assertEqual(
+        [{error, overload}], lists:usort([maps:get(K, Answers) || K <- lists:seq(17, 20)])
+    ),
     ?assertEqual([ok], lists:usort([maps:get(K, Answers) || K <- lists:seq(21, 60)])),
     ?assertEqual(40, length(starl_platform_net:inbox(2, Net))),
     ?assertEqual([], starl_platform_net:judge(Net, bound())).
 
 %% Nor does it stop broadcasts: it is given up, the others get them all, each in one packet.
 dead_peer_stops_no_broadcast(_) ->
-    Fate = fun(_, _, 4, _) -> []; (_, _, _, _) -> [100] end,
-    Net = plan(net(4, Fate), listening(3) ++
-        [{1000 * K, {call, 1, {broadcast, a, {a, K}}, K}} || K <- lists:seq(1, 40)]),
+    Fate = fun
+        (_, _, 4, _) -> [];
+        (_, _, _, _) -> [100]
+    end,
+    Net = plan(
+        net(4, Fate),
+        listening(3) ++
+            [{1000 * K, {call, 1, {broadcast, a, {a, K}}, K}} || K <- lists:seq(1, 40)]
+    ),
     ?assertEqual([{error, {lost, [4]}}], lists:usort(maps:values(answers(1, Net)))),
     [?assertEqual(40, length(starl_platform_net:inbox(R, Net))) || R <- [2, 3]],
     ?assertEqual(40, length([all || {_, 1, all, _} <- starl_platform_net:air(Net)])),
@@ -424,10 +521,15 @@ dead_peer_stops_no_broadcast(_) ->
 
 %% Messages to oneself need no packet and take nothing from the windows; their names are their own.
 own_messages_take_no_window(_) ->
-    Own = fun(From, To) -> [{K, {call, 1, {send, 1, a, {a, K}}, K}} || K <- lists:seq(From, To)] end,
+    Own = fun(From, To) ->
+        [{K, {call, 1, {send, 1, a, {a, K}}, K}} || K <- lists:seq(From, To)]
+    end,
     Dead = net(2, fun(_, _, _, _) -> [] end),
-    Net = plan(Dead, [{0, {cast, 1, {listen, a, app}}}] ++ Own(1, 40) ++
-        [{K, {call, 1, {send, 2, a, {a, K}}, K}} || K <- lists:seq(101, 117)] ++ Own(201, 240)),
+    Net = plan(
+        Dead,
+        [{0, {cast, 1, {listen, a, app}}}] ++ Own(1, 40) ++
+            [{K, {call, 1, {send, 2, a, {a, K}}, K}} || K <- lists:seq(101, 117)] ++ Own(201, 240)
+    ),
     Answers = answers(1, Net),
     ?assertEqual([ok], lists:usort([A || {K, A} <- maps:to_list(Answers), K < 100 orelse K > 200])),
     ?assertEqual(
@@ -448,9 +550,12 @@ answers(Robot, Net) ->
 
 %% What a listener has no room for is not acknowledged; when it has read some it gets the next.
 full_inbox_pushes_back(_) ->
-    Net = plan(net(2), [{0, {cast, 2, {listen, ?A, app, 4}}}] ++
-        [{K, {call, 1, {send, 2, ?A, {a, K}}, K}} || K <- lists:seq(1, 6)] ++
-        [{30000, {fate, fun(_, _, _, _) -> [1000] end}}, {140000, {cast, 2, {read, app, 1}}}]),
+    Net = plan(
+        net(2),
+        [{0, {cast, 2, {listen, ?A, app, 4}}}] ++
+            [{K, {call, 1, {send, 2, ?A, {a, K}}, K}} || K <- lists:seq(1, 6)] ++
+            [{30000, {fate, fun(_, _, _, _) -> [1000] end}}, {140000, {cast, 2, {read, app, 1}}}]
+    ),
     ?assertEqual([{a, K} || K <- [1, 2, 3, 4, 5]], bodies(2, Net)),
     ?assertEqual([ok, ok, ok, ok, ok, {error, lost}], [A || {_, A} <- in_order(answers(1, Net))]),
     Full = [T || {T, 2, sap, {full, 1, ?A}} <- starl_platform_net:trace(Net)],
@@ -459,8 +564,14 @@ full_inbox_pushes_back(_) ->
 
 %% As many as there is room for are acknowledged, and not one more.
 full_inbox_in_the_end_lost(_) ->
-    Net = plan(net(3), [{0, {cast, 2, {listen, ?A, app, 1000}}}] ++
-        [{K * 50, {call, 1 + 2 * (K rem 2), {send, 2, ?A, {a, K}}, K}} || K <- lists:seq(1, 1001)]),
+    Net = plan(
+        net(3),
+        [{0, {cast, 2, {listen, ?A, app, 1000}}}] ++
+            [
+                {K * 50, {call, 1 + 2 * (K rem 2), {send, 2, ?A, {a, K}}, K}}
+             || K <- lists:seq(1, 1001)
+            ]
+    ),
     Answers = [A || {_, _, _, A} <- starl_platform_net:replies(Net)],
     Ok = length([ok || ok <- Answers]),
     ?assertEqual(Ok, length(starl_platform_net:inbox(2, Net))),
@@ -471,30 +582,46 @@ full_inbox_in_the_end_lost(_) ->
 %% The room is the listener's, whatever types it listens to; what waited unclaimed counts.
 room_is_shared_by_types(_) ->
     Types = [?A, {app, b}, {app, c}],
-    Net = plan(net(2), [{K, {call, 1, {send, 2, lists:nth(K, Types), {a, K}}, K}} || K <- [1, 2, 3]] ++
-        [{50000, {cast, 2, {listen, T, app, 2}}} || T <- [?A]] ++
-        [{50000, {cast, 2, {listen, T, app}}} || T <- tl(Types)] ++
-        [{60000, {call, 1, {send, 2, ?A, {a, 4}}, 4}}, {90000, {cast, 2, {read, app, 1}}},
-         {100000, {cast, 2, {read, app, 1}}}]),
+    Net = plan(
+        net(2),
+        [{K, {call, 1, {send, 2, lists:nth(K, Types), {a, K}}, K}} || K <- [1, 2, 3]] ++
+            [{50000, {cast, 2, {listen, T, app, 2}}} || T <- [?A]] ++
+            [{50000, {cast, 2, {listen, T, app}}} || T <- tl(Types)] ++
+            [
+                {60000, {call, 1, {send, 2, ?A, {a, 4}}, 4}},
+                {90000, {cast, 2, {read, app, 1}}},
+                {100000, {cast, 2, {read, app, 1}}}
+            ]
+    ),
     ?assertEqual([{a, K} || K <- [1, 2, 3, 4]], bodies(2, Net)),
     ?assertEqual([ok, ok, ok, ok], [A || {_, A} <- in_order(answers(1, Net))]),
     ?assertEqual([], starl_platform_net:judge(Net, bound())).
 
 %% A new SAP knows no rooms until it is told; a listener that starts anew says its room anew.
 room_after_restarts(_) ->
-    Net = plan(net(2), [{0, {cast, 2, {listen, ?A, app, 1}}}, {1, {call, 1, {send, 2, ?A, {a, 1}}, 1}},
-        {20000, {crash, 2}}, {20001, {cast, 2, {read, app, 1}}}, {20002, {cast, 2, {listen, ?A, app, 1}}},
-        {50000, {call, 1, {send, 2, ?A, {a, 2}}, 2}}, {60000, {call, 1, {send, 2, ?A, {a, 3}}, 3}},
-        {70000, {cast, 2, {listen, ?A, app, 1}}}, {75000, {call, 1, {send, 2, ?A, {a, 4}}, 4}}]),
+    Net = plan(net(2), [
+        {0, {cast, 2, {listen, ?A, app, 1}}},
+        {1, {call, 1, {send, 2, ?A, {a, 1}}, 1}},
+        {20000, {crash, 2}},
+        {20001, {cast, 2, {read, app, 1}}},
+        {20002, {cast, 2, {listen, ?A, app, 1}}},
+        {50000, {call, 1, {send, 2, ?A, {a, 2}}, 2}},
+        {60000, {call, 1, {send, 2, ?A, {a, 3}}, 3}},
+        {70000, {cast, 2, {listen, ?A, app, 1}}},
+        {75000, {call, 1, {send, 2, ?A, {a, 4}}, 4}}
+    ]),
     ?assertMatch([{a, 1}, {a, 2}, _], bodies(2, Net)),
     ?assertMatch([ok, ok, _, _], [A || {_, A} <- in_order(answers(1, Net))]),
     ?assertEqual(3, length([ok || {_, ok} <- in_order(answers(1, Net))])).
 
 %% To oneself there is no packet that could come again: it is the overload that it is.
 own_message_to_a_full_inbox(_) ->
-    Net = plan(net(1), [{0, {cast, 1, {listen, ?A, app, 2}}}] ++
-        [{K, {call, 1, {send, 1, ?A, {a, K}}, K}} || K <- [1, 2, 3]] ++
-        [{10, {cast, 1, {read, app, 1}}}, {11, {call, 1, {send, 1, ?A, {a, 4}}, 4}}]),
+    Net = plan(
+        net(1),
+        [{0, {cast, 1, {listen, ?A, app, 2}}}] ++
+            [{K, {call, 1, {send, 1, ?A, {a, K}}, K}} || K <- [1, 2, 3]] ++
+            [{10, {cast, 1, {read, app, 1}}}, {11, {call, 1, {send, 1, ?A, {a, 4}}, 4}}]
+    ),
     ?assertEqual([ok, ok, {error, overload}, ok], [A || {_, A} <- in_order(answers(1, Net))]),
     ?assertEqual([{a, K} || K <- [1, 2, 4]], bodies(1, Net)),
     ?assertEqual([], starl_platform_net:judge(Net, bound())).
@@ -505,22 +632,41 @@ in_order(Answers) -> lists:sort(maps:to_list(Answers)).
 
 %% A type has one listener, which may say so again; another one is refused, and whose it is is said.
 second_listener_is_refused(_) ->
-    Net = plan(net(2), [{0, {cast, 2, {listen, a, app}}}, {1, {cast, 2, {listen, a, app}}},
-        {2, {cast, 2, {listen, a, thief}}}, {3, {call, 1, {send, 2, a, {a, 1}}, 1}}]),
+    Net = plan(net(2), [
+        {0, {cast, 2, {listen, a, app}}},
+        {1, {cast, 2, {listen, a, app}}},
+        {2, {cast, 2, {listen, a, thief}}},
+        {3, {call, 1, {send, 2, a, {a, 1}}, 1}}
+    ]),
     ?assertEqual([{a, 1}], bodies(2, Net)),
-    ?assertMatch([#{what := two_listeners, robots := [2],
-                    details := #{type := a, listener := thief, held_by := app}}],
-                 starl_platform_net:judge(Net, bound())).
+    ?assertMatch(
+        [
+            #{
+                what := two_listeners,
+                robots := [2],
+                details := #{type := a, listener := thief, held_by := app}
+            }
+        ],
+        starl_platform_net:judge(Net, bound())
+    ).
 
 %% -- packets are not trusted ----------------------------------------------------------------
 
 %% After a long silence a source's numbers lie far ahead; it is asked, and heard again.
 far_number_is_asked_about(_) ->
-    Deaf = net(2, fun(_, _, 2, _) -> []; (_, _, _, _) -> [1000] end),
-    Net = plan(Deaf, [{0, {cast, 2, {listen, a, app}}}] ++
-        [{K * 1000000, {call, 1, {send, 2, a, {a, K}}, K}} || K <- lists:seq(1, 40)] ++
-        [{41000000, {fate, fun(_, _, _, _) -> [1000] end}},
-         {42000000, {call, 1, {send, 2, a, {a, 41}}, 41}}]),
+    Deaf = net(2, fun
+        (_, _, 2, _) -> [];
+        (_, _, _, _) -> [1000]
+    end),
+    Net = plan(
+        Deaf,
+        [{0, {cast, 2, {listen, a, app}}}] ++
+            [{K * 1000000, {call, 1, {send, 2, a, {a, K}}, K}} || K <- lists:seq(1, 40)] ++
+            [
+                {41000000, {fate, fun(_, _, _, _) -> [1000] end}},
+                {42000000, {call, 1, {send, 2, a, {a, 41}}, 41}}
+            ]
+    ),
     ?assertEqual([{a, 41}], bodies(2, Net)),
     ?assertEqual(ok, maps:get(41, answers(1, Net))),
     ?assertMatch([_ | _], dropped(number, 2, Net)),
@@ -528,22 +674,36 @@ far_number_is_asked_about(_) ->
 
 %% A message lost leaves a gap; long before the window ends the source says what it waits for.
 gap_is_asked_about(_) ->
-    Fate = fun({starl, 1, data, {_, _, 1, _, _, _, _}}, _, _, _) -> []; (_, _, _, _) -> [1000] end,
-    Net = plan(net(2, Fate), [{0, {cast, 2, {listen, a, app}}}] ++
-        [{K * 100000, {call, 1, {send, 2, a, {a, K}}, K}} || K <- lists:seq(1, 60)]),
+    Fate = fun
+        ({starl, 1, data, {_, _, 1, _, _, _, _}}, _, _, _) -> [];
+        (_, _, _, _) -> [1000]
+    end,
+    Net = plan(
+        net(2, Fate),
+        [{0, {cast, 2, {listen, a, app}}}] ++
+            [{K * 100000, {call, 1, {send, 2, a, {a, K}}, K}} || K <- lists:seq(1, 60)]
+    ),
     ?assertEqual([{a, K} || K <- lists:seq(2, 60)], bodies(2, Net)),
     ?assertEqual([], dropped(number, 2, Net)),
-    ?assertEqual(1, length([ask || {_, 2, 1, {starl, 1, ask, _, _}} <- starl_platform_net:air(Net)])),
+    ?assertEqual(
+        1, length([ask || {_, 2, 1, {starl, 1, ask, _, _}} <- starl_platform_net:air(Net)])
+    ),
     ?assertEqual([], starl_platform_net:judge(Net, bound())).
 
 %% A robot that has restarted very often unheard is asked before it is believed.
 many_unheard_restarts(_) ->
     Deaf = net(2, fun(_, _, _, _) -> [] end),
-    Net = plan(Deaf, [{0, {cast, 2, {listen, a, app}}}] ++
-        [{K * 1000, {crash, 1}} || K <- lists:seq(1, 100)] ++
-        [{200000, {fate, fun(_, _, _, _) -> [1000] end}},
-         {210000, {call, 1, {send, 2, a, {a, 1}}, 1}}, {220000, {cast, 1, {listen, a, app}}},
-         {500000, {call, 2, {send, 1, a, {a, 2}}, 2}}]),
+    Net = plan(
+        Deaf,
+        [{0, {cast, 2, {listen, a, app}}}] ++
+            [{K * 1000, {crash, 1}} || K <- lists:seq(1, 100)] ++
+            [
+                {200000, {fate, fun(_, _, _, _) -> [1000] end}},
+                {210000, {call, 1, {send, 2, a, {a, 1}}, 1}},
+                {220000, {cast, 1, {listen, a, app}}},
+                {500000, {call, 2, {send, 1, a, {a, 2}}, 2}}
+            ]
+    ),
     ?assertEqual([{a, 1}], bodies(2, Net)),
     ?assertEqual([{a, 2}], bodies(1, Net)),
     ?assertEqual([], starl_platform_net:judge(Net, bound())).
@@ -551,13 +711,22 @@ many_unheard_restarts(_) ->
 %% Whoever claims to be a far later incarnation of a robot is not believed.
 huge_incarnation_mutes_nobody(_) ->
     Huge = 1 bsl 50,
-    Forged = [{starl, 1, hello, 1, Huge}, {starl, 1, data, {1, Huge, 1, 1, #{}, a, x}},
-              {starl, 1, data, {1, 1, 9, 1 bsl 57, #{}, a, x}},
-              {starl, 1, data, {1, 1, 9, {all, 1 bsl 57}, #{}, a, x}},
-              {starl, 1, told, 1, Huge, 1, {Huge, Huge}}],
-    Net = plan(net(2), [{0, {cast, 2, {listen, a, app}}}] ++
-        [{10, {packet, 2, Packet}} || Packet <- Forged] ++
-        [{50000, {call, 1, {send, 2, a, {a, 1}}, 1}}, {60000, {call, 1, {broadcast, a, {a, 2}}, 2}}]),
+    Forged = [
+        {starl, 1, hello, 1, Huge},
+        {starl, 1, data, {1, Huge, 1, 1, #{}, a, x}},
+        {starl, 1, data, {1, 1, 9, 1 bsl 57, #{}, a, x}},
+        {starl, 1, data, {1, 1, 9, {all, 1 bsl 57}, #{}, a, x}},
+        {starl, 1, told, 1, Huge, 1, {Huge, Huge}}
+    ],
+    Net = plan(
+        net(2),
+        [{0, {cast, 2, {listen, a, app}}}] ++
+            [{10, {packet, 2, Packet}} || Packet <- Forged] ++
+            [
+                {50000, {call, 1, {send, 2, a, {a, 1}}, 1}},
+                {60000, {call, 1, {broadcast, a, {a, 2}}, 2}}
+            ]
+    ),
     ?assertEqual([{a, 1}, {a, 2}], bodies(2, Net)),
     %% at once: nothing had to be sent again
     ?assertMatch([{60000, _, 1, ok}, {70000, _, 2, ok}], starl_platform_net:replies(Net)),
@@ -568,19 +737,27 @@ huge_incarnation_mutes_nobody(_) ->
 
 %% A forged incarnation that was believed is put right by the robot itself.
 wrong_incarnation_is_put_right(_) ->
-    Net = plan(net(2), [{0, {cast, 2, {listen, a, app}}}, {0, {cast, 1, {listen, a, app}}},
+    Net = plan(net(2), [
+        {0, {cast, 2, {listen, a, app}}},
+        {0, {cast, 1, {listen, a, app}}},
         {10, {packet, 2, {starl, 1, hello, 1, 3}}},
-        {1000, {call, 1, {send, 2, a, {a, 1}}, 1}}, {300000, {packet, 2, {starl, 1, hello, 1, 5}}},
-        {400000, {call, 2, {send, 1, a, {a, 2}}, 2}}, {500000, {call, 2, {send, 1, a, {a, 3}}, 3}}]),
+        {1000, {call, 1, {send, 2, a, {a, 1}}, 1}},
+        {300000, {packet, 2, {starl, 1, hello, 1, 5}}},
+        {400000, {call, 2, {send, 1, a, {a, 2}}, 2}},
+        {500000, {call, 2, {send, 1, a, {a, 3}}, 3}}
+    ]),
     ?assertEqual([{a, 1}], bodies(2, Net)),
     ?assertEqual([{a, 3}], bodies(1, Net)),
     ?assertEqual(#{2 => {error, restarted}, 3 => ok}, answers(2, Net)).
 
 %% What a robot says of a message must fit the incarnation that the message was meant for.
 untrue_answers_are_dropped(_) ->
-    Net = plan(net(2), [{0, {cast, 2, {listen, a, app}}}, {1, {call, 1, {send, 2, a, {a, 1}}, 1}},
+    Net = plan(net(2), [
+        {0, {cast, 2, {listen, a, app}}},
+        {1, {call, 1, {send, 2, a, {a, 1}}, 1}},
         {10, {packet, 1, {starl, 1, ack, 2, 2, 1, 1}}},
-        {11, {packet, 1, {starl, 1, refusal, 2, 1, 1, 1}}}]),
+        {11, {packet, 1, {starl, 1, refusal, 2, 1, 1, 1}}}
+    ]),
     ?assertMatch([{10001, 1, 1, ok}], starl_platform_net:replies(Net)),
     ?assertEqual(1, length(dropped(acknowledged, 1, Net))),
     ?assertEqual(1, length(dropped(restarted, 1, Net))),
@@ -588,32 +765,51 @@ untrue_answers_are_dropped(_) ->
 
 %% Who is not in the team is not heard, nor is a robot of one's own name.
 strangers_are_dropped(_) ->
-    Packets = [{starl, 1, data, {R, 1, 1, 1, #{}, a, x}} || R <- [2, 3, 1 bsl 40]] ++
-        [{starl, 1, shout, 9, a, x}, {starl, 1, ask, 9, 1}, {starl, 1, hello, 9, 2}],
+    Packets =
+        [{starl, 1, data, {R, 1, 1, 1, #{}, a, x}} || R <- [2, 3, 1 bsl 40]] ++
+            [{starl, 1, shout, 9, a, x}, {starl, 1, ask, 9, 1}, {starl, 1, hello, 9, 2}],
     Net = plan(net(2), [{0, {cast, 2, {listen, a, app}}}] ++ [{1, {packet, 2, P}} || P <- Packets]),
     ?assertEqual([], bodies(2, Net)),
     ?assertEqual([], starl_platform_net:air(Net)),
-    ?assertEqual(6, length([D || {_, 2, sap, {dropped, stranger, _} = D} <- starl_platform_net:trace(Net)])).
+    ?assertEqual(
+        6, length([D || {_, 2, sap, {dropped, stranger, _} = D} <- starl_platform_net:trace(Net)])
+    ).
 
 dropped(Why, Robot, Net) ->
-    [D || {_, R, sap, {dropped, W, _} = D} <- starl_platform_net:trace(Net), R =:= Robot, W =:= Why].
+    [
+        D
+     || {_, R, sap, {dropped, W, _} = D} <- starl_platform_net:trace(Net), R =:= Robot, W =:= Why
+    ].
 
 %% What a caller is told is traced, with whose message it is.
 answers_are_traced(_) ->
-    Fate = fun(_, _, 3, _) -> []; (_, _, _, _) -> [1000] end,
-    Net = plan(net(3, Fate), listening(3) ++ [{1, {call, 1, {send, 2, a, {a, 1}}, 1}},
-        {2, {call, 1, {broadcast, a, {a, 2}}, 2}}, {3, {call, 1, {send, 1, a, {a, 3}}, 3}},
-        {4, {cast, 1, {send, 2, a, {a, 4}}}}]),
+    Fate = fun
+        (_, _, 3, _) -> [];
+        (_, _, _, _) -> [1000]
+    end,
+    Net = plan(
+        net(3, Fate),
+        listening(3) ++
+            [
+                {1, {call, 1, {send, 2, a, {a, 1}}, 1}},
+                {2, {call, 1, {broadcast, a, {a, 2}}, 2}},
+                {3, {call, 1, {send, 1, a, {a, 3}}, 3}},
+                {4, {cast, 1, {send, 2, a, {a, 4}}}}
+            ]
+    ),
     Traced = [{Id, Answer} || {_, 1, sap, {answered, Id, Answer}} <- starl_platform_net:trace(Net)],
-    ?assertEqual([{{1, 1, 1}, ok}, {{1, 1, 2}, {error, {lost, [3]}}}, {{1, 1, 3}, ok}],
-                 lists:sort(Traced)),
+    ?assertEqual(
+        [{{1, 1, 1}, ok}, {{1, 1, 2}, {error, {lost, [3]}}}, {{1, 1, 3}, ok}],
+        lists:sort(Traced)
+    ),
     ?assertEqual([], starl_platform_net:judge(Net, bound())).
 
 %% Any packet at all, true ones with a field changed among them: nothing crashes, each leaves a
 %% trace or is answered, and afterwards honest messages get through both ways.
 hostile_packets(_) ->
     Prop = ?FORALL(
-        Packets, resize(25, list({range(1, 3), hostile()})),
+        Packets,
+        resize(25, list({range(1, 3), hostile()})),
         starl_platform_ct:safely(fun() -> survives(Packets) end)
     ),
     starl_platform_ct:property(Prop, 400).
@@ -624,7 +820,10 @@ survives(Packets) ->
     %% a forged message takes the place of a true one of the same number
     Honest = [
         {Begin + 50000 * K, {call, From, {send, To, a, {honest, K}}, K}}
-     || {K, {From, To}} <- numbered([{F, T} || _ <- lists:seq(1, 40), F <- [1, 2, 3], T <- [1, 2, 3]])
+     || {K, {From, To}} <- numbered([
+            {F, T}
+         || _ <- lists:seq(1, 40), F <- [1, 2, 3], T <- [1, 2, 3]
+        ])
     ],
     Net = plan(net(3, fun(_, _, _, _) -> [1000] end), listening(3) ++ Hostile ++ Honest),
     Last = [Op || {T, Op} <- Honest, T > Begin + 50000 * 351],
@@ -646,28 +845,61 @@ hostile() ->
     ]).
 
 true_packet() ->
-    ?LET({R, I, S, N}, {range(1, 3), range(1, 3), range(1, 20), range(1, 20)},
+    ?LET(
+        {R, I, S, N},
+        {range(1, 3), range(1, 3), range(1, 20), range(1, 20)},
         oneof([
             {starl, 1, data, {R, I, S, oneof([N, {all, N}]), oneof([#{}, #{R => I}]), a, forged}},
-            {starl, 1, ack, R, I, I, S}, {starl, 1, refusal, R, I, I, S}, {starl, 1, hello, R, I},
-            {starl, 1, shout, R, a, forged}, {starl, 1, ask, R, N}, {starl, 1, told, R, I, N, {N, N}}
-        ])).
+            {starl, 1, ack, R, I, I, S},
+            {starl, 1, refusal, R, I, I, S},
+            {starl, 1, hello, R, I},
+            {starl, 1, shout, R, a, forged},
+            {starl, 1, ask, R, N},
+            {starl, 1, told, R, I, N, {N, N}}
+        ])
+    ).
 
 %% One of its elements, at any depth, is something else.
 mutated(Tuple) ->
-    ?LET({Place, Else}, {range(3, tuple_size(Tuple)), odd()},
+    ?LET(
+        {Place, Else},
+        {range(3, tuple_size(Tuple)), odd()},
         case element(Place, Tuple) of
             Inner when is_tuple(Inner), tuple_size(Inner) > 3 ->
-                ?LET(P, range(1, tuple_size(Inner)),
-                    setelement(Place, Tuple, setelement(P, Inner, Else)));
+                ?LET(
+                    P,
+                    range(1, tuple_size(Inner)),
+                    setelement(Place, Tuple, setelement(P, Inner, Else))
+                );
             _ ->
                 setelement(Place, Tuple, Else)
-        end).
+        end
+    ).
 
 odd() ->
     oneof([
-        0, -1, 1 bsl 57, 1 bsl 60, 1 bsl 200, 1.5, 17, 18, {all, 1 bsl 60}, {all, x}, [], [1 | 2], #{},
-        [1, 2], {a, b, c}, atom, {app, a}, {app, 1}, #{1 => x}, #{2 => 1 bsl 60}, fun erlang:node/0, self()
+        0,
+        -1,
+        1 bsl 57,
+        1 bsl 60,
+        1 bsl 200,
+        1.5,
+        17,
+        18,
+        {all, 1 bsl 60},
+        {all, x},
+        [],
+        [1 | 2],
+        #{},
+        [1, 2],
+        {a, b, c},
+        atom,
+        {app, a},
+        {app, 1},
+        #{1 => x},
+        #{2 => 1 bsl 60},
+        fun erlang:node/0,
+        self()
     ]).
 
 %% However many there are, they take no more room than a few.
@@ -681,16 +913,23 @@ hostile_size(Count) ->
     Odd = [1, 2, 3, 17, 1 bsl 40, 1 bsl 57, 1 bsl 60, -3, x, [1 | 2]],
     Packets = [
         Draw(K, kind, [
-            {starl, 1, data, {Draw(K, r, [1, 3, 7, x]), 1, Draw(K, s, Odd), Draw(K, n, Odd), #{}, a, K}},
-            {starl, 1, data, {1, 1, K, {all, Draw(K, n, Odd)}, Draw(K, f, [#{}, [], #{2 => x}]), b, K}},
+            {starl, 1, data, {
+                Draw(K, r, [1, 3, 7, x]), 1, Draw(K, s, Odd), Draw(K, n, Odd), #{}, a, K
+            }},
+            {starl, 1, data,
+                {1, 1, K, {all, Draw(K, n, Odd)}, Draw(K, f, [#{}, [], #{2 => x}]), b, K}},
             {starl, 1, hello, Draw(K, r, [1, 3, 7]), Draw(K, i, Odd)},
             {starl, 1, told, 1, Draw(K, i, Odd), K, {Draw(K, n, Odd), 1}},
-            {starl, 1, ack, 1, Draw(K, i, Odd), 1, K}, {starl, 1, ask, 1, K}
+            {starl, 1, ack, 1, Draw(K, i, Odd), 1, K},
+            {starl, 1, ask, 1, K}
         ])
      || K <- lists:seq(1, Count)
     ],
-    Net = plan(net(3), [{0, {cast, 2, {listen, a, app}}}] ++
-        [{K, {packet, 2, P}} || {K, P} <- numbered(Packets)]),
+    Net = plan(
+        net(3),
+        [{0, {cast, 2, {listen, a, app}}}] ++
+            [{K, {packet, 2, P}} || {K, P} <- numbered(Packets)]
+    ),
     starl_platform_net:size(2, Net).
 
 %% -- helpers --------------------------------------------------------------------------------

@@ -40,18 +40,43 @@ lost(T, Id) -> {T, 1, {outcome, Id, 2, lost}}.
 started(T, Incarnation) -> {T, 1, {started, Incarnation}}.
 
 good_messages_test() ->
-    ?assertEqual([], judge([
-        started(0, 1), sent(1, id(1)), got(5, 2, id(1)), ack(9, id(1)),
-        sent(10, id(2), [2, 3]), got(15, 3, id(2)), ack(16, id(2), 3), got(17, 2, id(2)),
-        ack(20, id(2)), sent(30, id(3)), {31, 1, {outcome, id(3), 2, {lost, refused}}},
-        sent(40, id(4)), {41, 1, {outcome, id(4), 2, restarted}}, {42, 1, {overload, greeting}}
-    ], 10_000)).
+    ?assertEqual(
+        [],
+        judge(
+            [
+                started(0, 1),
+                sent(1, id(1)),
+                got(5, 2, id(1)),
+                ack(9, id(1)),
+                sent(10, id(2), [2, 3]),
+                got(15, 3, id(2)),
+                ack(16, id(2), 3),
+                got(17, 2, id(2)),
+                ack(20, id(2)),
+                sent(30, id(3)),
+                {31, 1, {outcome, id(3), 2, {lost, refused}}},
+                sent(40, id(4)),
+                {41, 1, {outcome, id(4), 2, restarted}},
+                {42, 1, {overload, greeting}}
+            ],
+            10_000
+        )
+    ).
 
 results_test() ->
-    {[], Results} = run([sent(1, id(1), [2, 3]), got(2, 2, id(1)), ack(3, id(1)),
-                         {4, 1, {outcome, id(1), 3, lost}}], 10),
-    ?assertEqual(#{sent => 2, delivered => 1, acknowledged => 1, lost => 1, outstanding => 1},
-                 Results).
+    {[], Results} = run(
+        [
+            sent(1, id(1), [2, 3]),
+            got(2, 2, id(1)),
+            ack(3, id(1)),
+            {4, 1, {outcome, id(1), 3, lost}}
+        ],
+        10
+    ),
+    ?assertEqual(
+        #{sent => 2, delivered => 1, acknowledged => 1, lost => 1, outstanding => 1},
+        Results
+    ).
 
 %% A message to nobody is sent, and nothing is to come of it; its name is used.
 message_to_nobody_test() ->
@@ -111,8 +136,12 @@ forgotten_before_the_bound_test() ->
     ?assertEqual([], Judge(14)).
 
 lost_content_is_remembered_for_a_while_test() ->
-    ?assertEqual([corrupted], judge([
-        sent(1, id(1)), lost(3, id(1)), {3 + ?LATE, 2, {delivered, id(1), greeting, 98}}])).
+    ?assertEqual(
+        [corrupted],
+        judge([
+            sent(1, id(1)), lost(3, id(1)), {3 + ?LATE, 2, {delivered, id(1), greeting, 98}}
+        ])
+    ).
 
 %%% At most once per receiver
 
@@ -120,27 +149,51 @@ delivered_twice_test() ->
     ?assertEqual([duplicate_delivery], judge([sent(1, id(1)), got(2, 2, id(1)), got(3, 2, id(1))])).
 
 delivered_again_after_acknowledgement_test() ->
-    ?assertEqual([duplicate_delivery],
-                 judge([sent(1, id(1)), got(2, 2, id(1)), ack(3, id(1)), got(4, 2, id(1))])).
+    ?assertEqual(
+        [duplicate_delivery],
+        judge([sent(1, id(1)), got(2, 2, id(1)), ack(3, id(1)), got(4, 2, id(1))])
+    ).
 
 delivered_again_by_a_restarted_receiver_test() ->
-    ?assertEqual([duplicate_delivery], judge([
-        sent(1, id(1)), got(2, 2, id(1)), {3, 2, {started, 2}}, got(4, 2, id(1))])).
+    ?assertEqual(
+        [duplicate_delivery],
+        judge([
+            sent(1, id(1)), got(2, 2, id(1)), {3, 2, {started, 2}}, got(4, 2, id(1))
+        ])
+    ).
 
 delivered_again_after_lost_test() ->
-    ?assertEqual([duplicate_delivery],
-                 judge([sent(1, id(1)), lost(2, id(1)), got(3, 2, id(1)), got(4, 2, id(1))])).
+    ?assertEqual(
+        [duplicate_delivery],
+        judge([sent(1, id(1)), lost(2, id(1)), got(3, 2, id(1)), got(4, 2, id(1))])
+    ).
 
 same_number_of_two_incarnations_is_two_messages_test() ->
-    ?assertEqual([], judge([
-        started(0, 1), sent(1, id(1, 1)), got(2, 2, id(1, 1)), ack(3, id(1, 1)),
-        started(4, 2), sent(5, id(2, 1)), got(6, 2, id(2, 1)), ack(7, id(2, 1))])).
+    ?assertEqual(
+        [],
+        judge([
+            started(0, 1),
+            sent(1, id(1, 1)),
+            got(2, 2, id(1, 1)),
+            ack(3, id(1, 1)),
+            started(4, 2),
+            sent(5, id(2, 1)),
+            got(6, 2, id(2, 1)),
+            ack(7, id(2, 1))
+        ])
+    ).
 
 %% What an earlier incarnation has sent is known beside what the later one sends.
 earlier_incarnation_test() ->
     Lives = [
-        started(0, 1), sent(1, id(1, 1)), sent(2, id(1, 2)), started(3, 2), sent(4, id(2, 1)),
-        got(5, 2, id(1, 1)), got(6, 2, id(2, 1)), ack(7, id(2, 1))
+        started(0, 1),
+        sent(1, id(1, 1)),
+        sent(2, id(1, 2)),
+        started(3, 2),
+        sent(4, id(2, 1)),
+        got(5, 2, id(1, 1)),
+        got(6, 2, id(2, 1)),
+        ack(7, id(2, 1))
     ],
     {[], Results} = run(Lives ++ [got(8, 2, id(1, 2))], 9000),
     ?assertMatch(#{sent := 3, delivered := 3, outstanding := 0}, Results),
@@ -159,18 +212,24 @@ nothing_is_left_of_what_is_forgotten_test() ->
             S
         end,
         starl_sap_monitor:timeless(
-            lists:foldl(Step, starl_sap_monitor:init(Config), Events))
+            lists:foldl(Step, starl_sap_monitor:init(Config), Events)
+        )
     end,
     Lost = [sent(1, id(1)), lost(2, id(1))],
     Forgotten = Lost ++ [started(9000, 1)],
     ?assertNotEqual(Timeless(Lost ++ [got(3, 2, id(1)), started(9000, 1)]), Timeless(Forgotten)),
     ?assertEqual(
         Timeless(Lost ++ [got(3, 2, id(1)), started(9000, 1)]),
-        Timeless(Forgotten ++ [got(9001, 2, id(1))])).
+        Timeless(Forgotten ++ [got(9001, 2, id(1))])
+    ).
 
 numbers_that_restart_with_the_robot_test() ->
-    ?assertEqual([message_id_used_twice], judge([
-        started(0, 1), sent(1, id(1)), got(2, 2, id(1)), ack(3, id(1)), sent(5, id(1))])).
+    ?assertEqual(
+        [message_id_used_twice],
+        judge([
+            started(0, 1), sent(1, id(1)), got(2, 2, id(1)), ack(3, id(1)), sent(5, id(1))
+        ])
+    ).
 
 %%% Only if sent, to an addressee, unchanged
 
@@ -184,12 +243,16 @@ delivered_to_stranger_test() ->
     ?assertEqual([delivered_to_stranger], judge([sent(1, id(1)), got(2, 3, id(1))])).
 
 corrupted_test() ->
-    ?assertEqual([corrupted],
-                 judge([sent(1, id(1)), {2, 2, {delivered, id(1), greeting, 98}}])).
+    ?assertEqual(
+        [corrupted],
+        judge([sent(1, id(1)), {2, 2, {delivered, id(1), greeting, 98}}])
+    ).
 
 wrong_type_test() ->
-    ?assertEqual([wrong_type],
-                 judge([sent(1, id(1)), {2, 2, {delivered, id(1), other, 99}}])).
+    ?assertEqual(
+        [wrong_type],
+        judge([sent(1, id(1)), {2, 2, {delivered, id(1), other, 99}}])
+    ).
 
 sent_under_a_foreign_name_test() ->
     ?assertEqual([foreign_source], judge([{1, 3, {sent, id(1), [2], greeting, 99}}])).
@@ -198,17 +261,23 @@ sent_under_a_foreign_name_test() ->
 
 acknowledged_but_not_delivered_test() ->
     ?assertEqual([acknowledged_but_not_delivered], judge([sent(1, id(1)), ack(2, id(1))])),
-    ?assertEqual([acknowledged_but_not_delivered],
-                 judge([sent(1, id(1), [2, 3]), got(2, 3, id(1)), ack(3, id(1), 2)])).
+    ?assertEqual(
+        [acknowledged_but_not_delivered],
+        judge([sent(1, id(1), [2, 3]), got(2, 3, id(1)), ack(3, id(1), 2)])
+    ).
 
 outcome_twice_test() ->
     Delivered = [sent(1, id(1)), got(2, 2, id(1))],
     ?assertEqual([outcome_reported_twice], judge(Delivered ++ [ack(3, id(1)), ack(4, id(1))])),
     ?assertEqual([outcome_reported_twice], judge(Delivered ++ [ack(3, id(1)), lost(4, id(1))])),
-    ?assertEqual([outcome_reported_twice],
-                 judge([sent(1, id(1)), lost(3, id(1)), lost(4, id(1))])),
-    ?assertEqual([outcome_reported_twice],
-                 judge([sent(1, id(1)), lost(3, id(1)), got(4, 2, id(1)), ack(5, id(1))])).
+    ?assertEqual(
+        [outcome_reported_twice],
+        judge([sent(1, id(1)), lost(3, id(1)), lost(4, id(1))])
+    ),
+    ?assertEqual(
+        [outcome_reported_twice],
+        judge([sent(1, id(1)), lost(3, id(1)), got(4, 2, id(1)), ack(5, id(1))])
+    ).
 
 outcome_of_nothing_test() ->
     ?assertEqual([outcome_but_not_sent], judge([lost(1, id(1))])),
@@ -236,19 +305,38 @@ outcome_after_the_bound_test() ->
     ?assertEqual([outcome_overdue], judge([sent(1, id(1)), lost(2 + ?BOUND, id(1))], 9000)).
 
 outcome_of_one_destination_missing_test() ->
-    ?assertEqual([outcome_overdue],
-                 judge([sent(1, id(1), [2, 3]), got(2, 2, id(1)), ack(3, id(1))], 9000)).
+    ?assertEqual(
+        [outcome_overdue],
+        judge([sent(1, id(1), [2, 3]), got(2, 2, id(1)), ack(3, id(1))], 9000)
+    ).
 
 delivered_is_no_outcome_test() ->
     ?assertEqual([outcome_overdue], judge([sent(1, id(1)), got(2, 2, id(1))], 9000)).
 
 restart_drops_open_outcomes_test() ->
-    ?assertEqual([], judge([started(0, 1), sent(1, id(1)), sent(1, id(2)), got(2, 2, id(1)),
-                            started(3, 2), got(4, 2, id(2)), lost(5, id(1))], 90_000)).
+    ?assertEqual(
+        [],
+        judge(
+            [
+                started(0, 1),
+                sent(1, id(1)),
+                sent(1, id(2)),
+                got(2, 2, id(1)),
+                started(3, 2),
+                got(4, 2, id(2)),
+                lost(5, id(1))
+            ],
+            90_000
+        )
+    ).
 
 restart_keeps_deliveries_at_most_once_test() ->
-    ?assertEqual([duplicate_delivery], judge([
-        started(0, 1), sent(1, id(1)), got(2, 2, id(1)), started(3, 2), got(4, 2, id(1))])).
+    ?assertEqual(
+        [duplicate_delivery],
+        judge([
+            started(0, 1), sent(1, id(1)), got(2, 2, id(1)), started(3, 2), got(4, 2, id(1))
+        ])
+    ).
 
 restart_of_another_robot_drops_nothing_test() ->
     ?assertEqual([outcome_overdue], judge([sent(1, id(1)), {2, 2, {started, 2}}], 9000)).
@@ -263,23 +351,60 @@ called(T, Id, How) -> {T, 1, {called, Id, How}}.
 told(T, Id, Answer) -> {T, 1, {answered, Id, Answer}}.
 
 true_answers_test() ->
-    ?assertEqual([], judge([sent(1, id(1)), called(1, id(1), one), got(2, 2, id(1)), ack(3, id(1)),
-                            told(3, id(1), ok)], 9000)),
-    ?assertEqual([], judge([sent(1, id(1)), called(1, id(1), one), lost(3, id(1)),
-                            told(3, id(1), {error, lost}), got(4, 2, id(1))], 9000)),
+    ?assertEqual(
+        [],
+        judge(
+            [
+                sent(1, id(1)),
+                called(1, id(1), one),
+                got(2, 2, id(1)),
+                ack(3, id(1)),
+                told(3, id(1), ok)
+            ],
+            9000
+        )
+    ),
+    ?assertEqual(
+        [],
+        judge(
+            [
+                sent(1, id(1)),
+                called(1, id(1), one),
+                lost(3, id(1)),
+                told(3, id(1), {error, lost}),
+                got(4, 2, id(1))
+            ],
+            9000
+        )
+    ),
     ?assertEqual([], judge(refused() ++ [told(5, id(1), {error, {lost, [3, 4]}})], 9000)),
     ?assertEqual([], judge([{1, 1, {overload, a}}, told(1, none, {error, overload})], 9000)).
 
 %% Robot 2 has it, 3 refuses it, at 4 it is lost.
 refused() ->
-    [sent(1, id(1), [2, 3, 4]), called(1, id(1), all), got(2, 2, id(1)), ack(3, id(1)),
-     {4, 1, {outcome, id(1), 3, restarted}}, {5, 1, {outcome, id(1), 4, lost}}].
+    [
+        sent(1, id(1), [2, 3, 4]),
+        called(1, id(1), all),
+        got(2, 2, id(1)),
+        ack(3, id(1)),
+        {4, 1, {outcome, id(1), 3, restarted}},
+        {5, 1, {outcome, id(1), 4, lost}}
+    ].
 
 untrue_answers_test_() ->
     Said = fun(Answer) -> judge(refused() ++ [told(5, id(1), Answer)], 9000) end,
-    [?_assertEqual([answer_untrue], Said(Answer))
-     || Answer <- [ok, {error, {lost, [4]}}, {error, {lost, [3]}}, {error, {lost, [2, 3, 4]}},
-                   {error, lost}, {error, restarted}, {error, overload}]].
+    [
+        ?_assertEqual([answer_untrue], Said(Answer))
+     || Answer <- [
+            ok,
+            {error, {lost, [4]}},
+            {error, {lost, [3]}},
+            {error, {lost, [2, 3, 4]}},
+            {error, lost},
+            {error, restarted},
+            {error, overload}
+        ]
+    ].
 
 one_answer_for_one_test() ->
     Refused = [sent(1, id(1)), called(1, id(1), one), {3, 1, {outcome, id(1), 2, restarted}}],
@@ -288,9 +413,19 @@ one_answer_for_one_test() ->
     ?assertEqual([answer_untrue], judge(Refused ++ [told(3, id(1), ok)], 9000)).
 
 answer_before_all_is_known_test() ->
-    ?assertEqual([answered_too_early, outcome_overdue],
-                 judge([sent(1, id(1), [2, 3]), called(1, id(1), all), got(2, 2, id(1)),
-                        ack(3, id(1)), told(3, id(1), ok)], 9000)).
+    ?assertEqual(
+        [answered_too_early, outcome_overdue],
+        judge(
+            [
+                sent(1, id(1), [2, 3]),
+                called(1, id(1), all),
+                got(2, 2, id(1)),
+                ack(3, id(1)),
+                told(3, id(1), ok)
+            ],
+            9000
+        )
+    ).
 
 answer_missing_test() ->
     Done = [sent(1, id(1)), called(1, id(1), one), got(2, 2, id(1)), ack(3, id(1))],
@@ -302,8 +437,14 @@ answer_to_nobody_test() ->
     Posted = [started(0, 1), sent(1, id(1)), got(2, 2, id(1)), ack(3, id(1))],
     ?assertEqual([answered_nobody], judge(Posted ++ [told(3, id(1), ok)], 9000)),
     ?assertEqual([answered_nobody], judge([sent(1, id(1)), told(1, id(1), ok)], 2)),
-    Twice = [sent(1, id(1)), called(1, id(1), one), got(2, 2, id(1)), ack(3, id(1)),
-             told(3, id(1), ok), told(4, id(1), ok)],
+    Twice = [
+        sent(1, id(1)),
+        called(1, id(1), one),
+        got(2, 2, id(1)),
+        ack(3, id(1)),
+        told(3, id(1), ok),
+        told(4, id(1), ok)
+    ],
     ?assertEqual([answered_nobody], judge(Twice, 9000)).
 
 %% `ok' without a message is for a robot that is alone.
@@ -330,11 +471,14 @@ read_in_order_test() ->
 
 %% A crash of SAP or of the application may cost what was not read, nothing that comes later.
 read_after_a_crash_test() ->
-    [begin
-         ?assertEqual([], judge_reads([1, 2, Crash, 3], [3])),
-         ?assertEqual([], judge_reads([1, 2, Crash, 3], [2, 3])),
-         ?assertEqual([acknowledged_but_not_readable], judge_reads([1, Crash, 2, 3], [3]))
-     end || Crash <- [sap, app]].
+    [
+        begin
+            ?assertEqual([], judge_reads([1, 2, Crash, 3], [3])),
+            ?assertEqual([], judge_reads([1, 2, Crash, 3], [2, 3])),
+            ?assertEqual([acknowledged_but_not_readable], judge_reads([1, Crash, 2, 3], [3]))
+        end
+     || Crash <- [sap, app]
+    ].
 
 more_than_there_is_room_for_test() ->
     ?assertEqual([], judge_reads(lists:seq(1, 5), [])),
@@ -356,14 +500,22 @@ read_makes_room_test() ->
 judge_reads(Delivered, Read) ->
     Reads = [read(10000, Hash) || Hash <- Read],
     M0 = starl_monitor:new([{starl_sap_monitor, #{bound_us => 1000000, room => 5}}]),
-    Feed = lists:append([delivery(N, What) || {N, What} <- lists:zip(
-        lists:seq(1, length(Delivered)), Delivered)]) ++ Reads,
+    Feed =
+        lists:append([
+            delivery(N, What)
+         || {N, What} <- lists:zip(
+                lists:seq(1, length(Delivered)), Delivered
+            )
+        ]) ++ Reads,
     {Met, _} = lists:foldl(fun step/2, {[], M0}, Feed),
     [What || #{what := What} <- Met].
 
-delivery(N, sap) -> [trace({10 * N, 2, {started, 2}})];
-delivery(N, app) -> [{10 * N, 2, app, crashed}];
-delivery(N, Hash) -> [trace(E) || E <- [app_sent(10 * N, id(N), Hash), app_got(10 * N, id(N), Hash)]].
+delivery(N, sap) ->
+    [trace({10 * N, 2, {started, 2}})];
+delivery(N, app) ->
+    [{10 * N, 2, app, crashed}];
+delivery(N, Hash) ->
+    [trace(E) || E <- [app_sent(10 * N, id(N), Hash), app_got(10 * N, id(N), Hash)]].
 
 %%% A type has one listener
 
@@ -493,8 +645,10 @@ results_of_outcomes_test() ->
 start_keeps_its_own_test() ->
     ?assertEqual([outcome_overdue], judge([sent(1, id(1)), started(2, 1)], 9000)),
     Both = [sent(1, id(1, 1)), sent(1, id(2, 1)), started(2, 2)],
-    ?assertEqual([{outcome_overdue, 1 + ?BOUND, [1, 2], #{message => id(2, 1)}}],
-                 told_of(Both, 9000)).
+    ?assertEqual(
+        [{outcome_overdue, 1 + ?BOUND, [1, 2], #{message => id(2, 1)}}],
+        told_of(Both, 9000)
+    ).
 
 %% A robot that goes down may lose what its application has not read, and reports nothing more.
 down_test() ->
@@ -575,29 +729,43 @@ traffic(N) ->
     lists:append([exchange(10 * I, id(I), 2 + I rem 10, I rem 10) || I <- lists:seq(1, N)]).
 
 exchange(T, Id, Dest, 0) ->
-    [trace(E) || E <- [sent(T, Id, [Dest]), {T + 1, 1, {outcome, Id, Dest, lost}},
-                       got(T + 2, Dest, Id)]];
+    [
+        trace(E)
+     || E <- [
+            sent(T, Id, [Dest]),
+            {T + 1, 1, {outcome, Id, Dest, lost}},
+            got(T + 2, Dest, Id)
+        ]
+    ];
 exchange(T, Id, Dest, _) ->
     [trace(E) || E <- [sent(T, Id, [Dest]), got(T + 1, Dest, Id), ack(T + 2, Id, Dest)]].
 
 %%% A correct sender over a faulty network, with one planted fault, from a seed
 
 random_exchanges_test() ->
-    [?assertEqual([], judge(lists:append(Exchanges), 1_000_000), {seed, Seed})
-     || Seed <- lists:seq(1, 50), Exchanges <- [exchanges(Seed)]].
+    [
+        ?assertEqual([], judge(lists:append(Exchanges), 1_000_000), {seed, Seed})
+     || Seed <- lists:seq(1, 50), Exchanges <- [exchanges(Seed)]
+    ].
 
 planted_duplicates_are_found_test() ->
-    [begin
-         Exchanges = exchanges(Seed),
-         Delivered = [Event || {_, _, {delivered, _, _, _}} = Event <- lists:append(Exchanges)],
-         {_, Robot, Event} = lists:nth(1 + Seed rem length(Delivered), Delivered),
-         Again = lists:append(Exchanges) ++ [{900_000, Robot, Event}],
-         ?assertEqual([duplicate_delivery], judge(Again, 1_000_000), {seed, Seed})
-     end || Seed <- lists:seq(1, 50)].
+    [
+        begin
+            Exchanges = exchanges(Seed),
+            Delivered = [Event || {_, _, {delivered, _, _, _}} = Event <- lists:append(Exchanges)],
+            {_, Robot, Event} = lists:nth(1 + Seed rem length(Delivered), Delivered),
+            Again = lists:append(Exchanges) ++ [{900_000, Robot, Event}],
+            ?assertEqual([duplicate_delivery], judge(Again, 1_000_000), {seed, Seed})
+        end
+     || Seed <- lists:seq(1, 50)
+    ].
 
 exchanges(Seed) ->
-    {Exchanges, _} = lists:mapfoldl(fun random_exchange/2, rand:seed_s(exsss, Seed),
-                                    lists:seq(1, 60)),
+    {Exchanges, _} = lists:mapfoldl(
+        fun random_exchange/2,
+        rand:seed_s(exsss, Seed),
+        lists:seq(1, 60)
+    ),
     Exchanges.
 
 random_exchange(Seq, S0) ->

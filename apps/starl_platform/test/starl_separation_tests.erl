@@ -100,8 +100,10 @@ called_off_test() ->
 both_change_at_once_test() ->
     Then = fun(X) -> starl_trajectory:standing(?S div 2, {X, 0.0}, 0.0) end,
     Events = [
-        {0, 1, still(0.0, 0.0)}, {0, 2, still(1000.0, 0.0)},
-        {?S div 2, 1, Then(5000.0)}, {?S div 2, 2, Then(10.0)}
+        {0, 1, still(0.0, 0.0)},
+        {0, 2, still(1000.0, 0.0)},
+        {?S div 2, 1, Then(5000.0)},
+        {?S div 2, 2, Then(10.0)}
     ],
     ?assertEqual({[], {1000.0, 0, {1, 2}}}, watch(50.0, Events, 3 * ?S)).
 
@@ -132,8 +134,10 @@ around_a_corner_test() ->
     [
         begin
             Two = [{0, 1, still(XA, YA)}, {0, 2, still(XB, YB)}],
-            ?assertMatch({{{XA, YA}, {XB, YB}}, {[_], _}},
-                         {{{XA, YA}, {XB, YB}}, watch(50.0, Two, ?S)})
+            ?assertMatch(
+                {{{XA, YA}, {XB, YB}}, {[_], _}},
+                {{{XA, YA}, {XB, YB}}, watch(50.0, Two, ?S)}
+            )
         end
      || XA <- [49.0, 51.0], YA <- [49.0, 51.0], XB <- [49.0, 51.0], YB <- [49.0, 51.0]
     ].
@@ -180,8 +184,10 @@ stopped_robot_still_counts_test() ->
     {[{Distance, At, {1, 2}}], _} = starl_separation:finish(Hour + 10 * ?S, S6),
     ?assert(Distance < 50.0),
     ?assert(At > Hour),
-    ?assertMatch({[], {Least, _, _}} when abs(Least - 500.0) < 1.0e-6,
-                 starl_separation:finish(Hour, S5)).
+    ?assertMatch(
+        {[], {Least, _, _}} when abs(Least - 500.0) < 1.0e-6,
+        starl_separation:finish(Hour, S5)
+    ).
 
 %% The minimum is true when nobody is anywhere near the limit.
 far_apart_minimum_test() ->
@@ -197,8 +203,10 @@ against_all_pairs_test_() ->
 against_all_pairs(Seed) ->
     {Motions, End} = random_motions(12, 8, rand:seed_s(exsss, Seed)),
     {Met, {Least, _, Pair}} = watch(60.0, lists:sort(Motions), End),
-    All = lists:sort([{nearest(A, B, Motions, End), {A, B}}
-                      || A <- lists:seq(1, 12), B <- lists:seq(A + 1, 12)]),
+    All = lists:sort([
+        {nearest(A, B, Motions, End), {A, B}}
+     || A <- lists:seq(1, 12), B <- lists:seq(A + 1, 12)
+    ]),
     {True, _} = hd(All),
     ?assert(abs(True - Least) < 2.0e-3, {seed, Seed, True, Least}),
     ?assert(element(1, lists:keyfind(Pair, 2, All)) < True + 2.0e-3, {seed, Seed}),
@@ -209,9 +217,12 @@ against_all_pairs(Seed) ->
     ?assertEqual([], Found -- Possible, {seed, Seed}).
 
 nearest(A, B, Motions, End) ->
-    lists:min([element(1, starl_trajectory:closest_approach(PA, PB, max(FA, FB), min(TA, TB)))
-               || {FA, TA, PA} <- stretches(A, Motions, End),
-                  {FB, TB, PB} <- stretches(B, Motions, End), max(FA, FB) =< min(TA, TB)]).
+    lists:min([
+        element(1, starl_trajectory:closest_approach(PA, PB, max(FA, FB), min(TA, TB)))
+     || {FA, TA, PA} <- stretches(A, Motions, End),
+        {FB, TB, PB} <- stretches(B, Motions, End),
+        max(FA, FB) =< min(TA, TB)
+    ]).
 
 stretches(Robot, Motions, End) ->
     Mine = lists:sort([{T, Piece} || {T, R, Piece} <- Motions, R =:= Robot]),
@@ -220,8 +231,11 @@ stretches(Robot, Motions, End) ->
 
 %% Robots that drive N pieces each, one after the other, as far as they get.
 random_motions(Robots, N, S0) ->
-    {Lists, _} = lists:mapfoldl(fun(Robot, S) -> random_robot(Robot, N, S) end, S0,
-                                lists:seq(1, Robots)),
+    {Lists, _} = lists:mapfoldl(
+        fun(Robot, S) -> random_robot(Robot, N, S) end,
+        S0,
+        lists:seq(1, Robots)
+    ),
     {lists:append(Lists), N * ?S}.
 
 random_robot(Robot, N, S0) ->

@@ -48,9 +48,13 @@ backwards_drives_backwards_test() ->
 
 %% The form without radius has no jump where the turn rate passes the small angle.
 small_turn_rates_are_continuous_test() ->
-    [near_point(starl_trajectory:position(?S, starl_trajectory:piece(0, {0.0, 0.0}, 0.3, 500.0, W)),
-                starl_trajectory:position(?S, starl_trajectory:piece(0, {0.0, 0.0}, 0.3, 500.0, V)))
-     || {W, V} <- [{0.0, 1.0e-9}, {1.999999999e-4, 2.000000001e-4}, {-1.0e-9, 1.0e-9}]].
+    [
+        near_point(
+            starl_trajectory:position(?S, starl_trajectory:piece(0, {0.0, 0.0}, 0.3, 500.0, W)),
+            starl_trajectory:position(?S, starl_trajectory:piece(0, {0.0, 0.0}, 0.3, 500.0, V))
+        )
+     || {W, V} <- [{0.0, 1.0e-9}, {1.999999999e-4, 2.000000001e-4}, {-1.0e-9, 1.0e-9}]
+    ].
 
 stop_keeps_the_place_test() ->
     P = starl_trajectory:piece(0, {0.0, 0.0}, 0.0, 100.0, 1.0),
@@ -62,18 +66,23 @@ polyline_within_tolerance_test() ->
     P = starl_trajectory:piece(0, {0.0, 0.0}, 0.0, 300.0, 1.5),
     Points = starl_trajectory:polyline(P, 0, 3 * ?S, 0.1),
     Segments = lists:zip(lists:droplast(Points), tl(Points)),
-    [begin
-         At = starl_trajectory:position(I * 3000, P),
-         Off = lists:min([starl_geometry:point_segment(At, Seg) || Seg <- Segments]),
-         ?assert(Off =< 0.1 + 1.0e-9)
-     end || I <- lists:seq(0, 1000)],
+    [
+        begin
+            At = starl_trajectory:position(I * 3000, P),
+            Off = lists:min([starl_geometry:point_segment(At, Seg) || Seg <- Segments]),
+            ?assert(Off =< 0.1 + 1.0e-9)
+        end
+     || I <- lists:seq(0, 1000)
+    ],
     ?assert(length(Points) < 80).
 
 enclosing_holds_the_path_test() ->
     P = starl_trajectory:piece(3, {10.0, -5.0}, 0.2, 300.0, 2.5),
     {Centre, Radius} = starl_trajectory:enclosing(5, 2 * ?S, P),
-    [?assert(starl_geometry:distance(Centre, starl_trajectory:position(T, P)) =< Radius)
-     || T <- lists:seq(5, 2 * ?S, 9973)].
+    [
+        ?assert(starl_geometry:distance(Centre, starl_trajectory:position(T, P)) =< Radius)
+     || T <- lists:seq(5, 2 * ?S, 9973)
+    ].
 
 %%% Closest approach: known cases
 
@@ -129,11 +138,12 @@ sample_case(N, S0) ->
     Reached = apart(At, A, B),
     Speed = abs(element(6, A)) + abs(element(6, B)),
     %% Never above the samples, attained to the microsecond, and not below what they allow.
-    Good = Distance =< Sampled + 1.0e-3
-        andalso abs(Distance - Reached) =< Speed * 1.0e-6 + 1.0e-6
-        andalso Distance >= Sampled - Speed * 250.0e-6 - 1.0e-6
-        andalso starl_trajectory:closest_within(Sampled - Speed * 250.0e-6 - 1.0, A, B, 0, 2 * ?S)
-            =:= farther,
+    Good =
+        Distance =< Sampled + 1.0e-3 andalso
+            abs(Distance - Reached) =< Speed * 1.0e-6 + 1.0e-6 andalso
+            Distance >= Sampled - Speed * 250.0e-6 - 1.0e-6 andalso
+            starl_trajectory:closest_within(Sampled - Speed * 250.0e-6 - 1.0, A, B, 0, 2 * ?S) =:=
+                farther,
     ?assert(Good, {seed, ?SEED, nth, N, A, B, Distance, Sampled, Reached}),
     S2.
 

@@ -6,18 +6,37 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    every_function_of_the_api/1, send_and_await/1, post_and_broadcast/1, await_times_out/1,
-    sleep_by_the_robots_clock/1, messages_wait_in_the_inbox/1, full_inbox_pushes_back/1,
-    full_inbox_of_ones_own/1, full_inbox_over_restarts/1, go_to_and_positions/1,
-    unknown_waypoint_and_robot/1, send_to_a_robot_that_is_not/1, random_from_the_seed/1,
-    actuate_and_trace/1, call_times_out/1, call_to_no_machine_is_a_mistake/1,
+    every_function_of_the_api/1,
+    send_and_await/1,
+    post_and_broadcast/1,
+    await_times_out/1,
+    sleep_by_the_robots_clock/1,
+    messages_wait_in_the_inbox/1,
+    full_inbox_pushes_back/1,
+    full_inbox_of_ones_own/1,
+    full_inbox_over_restarts/1,
+    go_to_and_positions/1,
+    unknown_waypoint_and_robot/1,
+    send_to_a_robot_that_is_not/1,
+    random_from_the_seed/1,
+    actuate_and_trace/1,
+    call_times_out/1,
+    call_to_no_machine_is_a_mistake/1,
     unreachable_robot_is_lost/1,
-    hot_reload_carries_the_state/1, hot_reload_without_code_change/1,
-    reloads_in_one_step_kill_nobody/1, waiting_code_is_loaded_after_the_step/1,
-    failed_code_change_keeps_the_state/1, bad_code_is_refused/1,
-    errors_of_start/1, run_step_stop_status/1, inspect_before_the_first_step/1,
-    inspect_what_restarts/1, time_never_runs_back/1, ending_time/1,
-    finish_leaves_nothing/1, two_simulations_at_once/1
+    hot_reload_carries_the_state/1,
+    hot_reload_without_code_change/1,
+    reloads_in_one_step_kill_nobody/1,
+    waiting_code_is_loaded_after_the_step/1,
+    failed_code_change_keeps_the_state/1,
+    bad_code_is_refused/1,
+    errors_of_start/1,
+    run_step_stop_status/1,
+    inspect_before_the_first_step/1,
+    inspect_what_restarts/1,
+    time_never_runs_back/1,
+    ending_time/1,
+    finish_leaves_nothing/1,
+    two_simulations_at_once/1
 ]).
 
 -define(APP, starl_sim_script_app).
@@ -27,18 +46,37 @@ suite() -> [{timetrap, {minutes, 1}}].
 
 all() ->
     [
-        every_function_of_the_api, send_and_await, post_and_broadcast, await_times_out,
-        sleep_by_the_robots_clock, messages_wait_in_the_inbox, full_inbox_pushes_back,
-        full_inbox_of_ones_own, full_inbox_over_restarts, go_to_and_positions,
-        unknown_waypoint_and_robot, send_to_a_robot_that_is_not, random_from_the_seed,
-        actuate_and_trace, call_times_out, call_to_no_machine_is_a_mistake,
+        every_function_of_the_api,
+        send_and_await,
+        post_and_broadcast,
+        await_times_out,
+        sleep_by_the_robots_clock,
+        messages_wait_in_the_inbox,
+        full_inbox_pushes_back,
+        full_inbox_of_ones_own,
+        full_inbox_over_restarts,
+        go_to_and_positions,
+        unknown_waypoint_and_robot,
+        send_to_a_robot_that_is_not,
+        random_from_the_seed,
+        actuate_and_trace,
+        call_times_out,
+        call_to_no_machine_is_a_mistake,
         unreachable_robot_is_lost,
-        hot_reload_carries_the_state, hot_reload_without_code_change,
-        reloads_in_one_step_kill_nobody, waiting_code_is_loaded_after_the_step,
-        failed_code_change_keeps_the_state, bad_code_is_refused,
-        errors_of_start, run_step_stop_status, inspect_before_the_first_step,
-        inspect_what_restarts, time_never_runs_back, ending_time,
-        finish_leaves_nothing, two_simulations_at_once
+        hot_reload_carries_the_state,
+        hot_reload_without_code_change,
+        reloads_in_one_step_kill_nobody,
+        waiting_code_is_loaded_after_the_step,
+        failed_code_change_keeps_the_state,
+        bad_code_is_refused,
+        errors_of_start,
+        run_step_stop_status,
+        inspect_before_the_first_step,
+        inspect_what_restarts,
+        time_never_runs_back,
+        ending_time,
+        finish_leaves_nothing,
+        two_simulations_at_once
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -48,21 +86,25 @@ end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 %% -- the API of an application --------------------------------------------------------------
 
 every_function_of_the_api(_) ->
-    {_, Results, _} = play(2, fun(R) ->
-        [1, 2] = starl:participants(R),
-        true = is_integer(starl:now(R)),
-        X = starl:random(R),
-        true = X >= 0.0 andalso X < 1.0,
-        ok = starl:listen(R, hello),
-        ok = starl:sleep(R, 100),
-        {ok, {_, _, _}} = starl:position(R),
-        {ok, #{1 := _, 2 := _}} = starl:positions(R),
-        {ok, {3000.0, 3000.0}} = starl:waypoint(R, dock),
-        {ok, #{dock := {3000.0, 3000.0}}} = starl:waypoints(R),
-        ok = starl:actuate(R, pen, down),
-        ok = starl:trace(R, here),
-        starl:id(R)
-    end, #{around => #{waypoints => #{dock => {3000.0, 3000.0}}}}),
+    {_, Results, _} = play(
+        2,
+        fun(R) ->
+            [1, 2] = starl:participants(R),
+            true = is_integer(starl:now(R)),
+            X = starl:random(R),
+            true = X >= 0.0 andalso X < 1.0,
+            ok = starl:listen(R, hello),
+            ok = starl:sleep(R, 100),
+            {ok, {_, _, _}} = starl:position(R),
+            {ok, #{1 := _, 2 := _}} = starl:positions(R),
+            {ok, {3000.0, 3000.0}} = starl:waypoint(R, dock),
+            {ok, #{dock := {3000.0, 3000.0}}} = starl:waypoints(R),
+            ok = starl:actuate(R, pen, down),
+            ok = starl:trace(R, here),
+            starl:id(R)
+        end,
+        #{around => #{waypoints => #{dock => {3000.0, 3000.0}}}}
+    ),
     ?assertEqual([{done, 1}, {done, 2}], Results).
 
 %% A message is delivered with its source and content, and its outcome is told.
@@ -72,44 +114,68 @@ send_and_await(_) ->
 
 ring(1, R) ->
     ok = starl:listen(R, number),
-    [begin {ok, 2, K} = starl:await(R, number), K end || _ <- lists:seq(1, 20)];
+    [
+        begin
+            {ok, 2, K} = starl:await(R, number),
+            K
+        end
+     || _ <- lists:seq(1, 20)
+    ];
 ring(2, R) ->
     [ok = starl:send(R, 1, number, K) || K <- lists:seq(1, 20)],
     sent.
 
 post_and_broadcast(_) ->
-    {_, Results, _} = play(3, fun(R) ->
-        ok = starl:listen(R, a),
-        ok = starl:listen(R, b),
-        ok = starl:broadcast(R, a, starl:id(R)),
-        [ok = starl:post(R, Id, b, starl:id(R)) || Id <- starl:participants(R)],
-        Got = fun(Type, N) ->
-            lists:sort([begin {ok, F, F} = starl:await(R, Type), F end || _ <- lists:seq(1, N)])
+    {_, Results, _} = play(
+        3,
+        fun(R) ->
+            ok = starl:listen(R, a),
+            ok = starl:listen(R, b),
+            ok = starl:broadcast(R, a, starl:id(R)),
+            [ok = starl:post(R, Id, b, starl:id(R)) || Id <- starl:participants(R)],
+            Got = fun(Type, N) ->
+                lists:sort([
+                    begin
+                        {ok, F, F} = starl:await(R, Type),
+                        F
+                    end
+                 || _ <- lists:seq(1, N)
+                ])
+            end,
+            {Got(b, 3), Got(a, 2)}
         end,
-        {Got(b, 3), Got(a, 2)}
-    end, #{}),
+        #{}
+    ),
     ?assertEqual([{done, {[1, 2, 3], [1, 2, 3] -- [Id]}} || Id <- [1, 2, 3]], Results).
 
 await_times_out(_) ->
-    {_, [{done, {timeout, Ms, {ok, 1, late}}}], _} = play(1, fun(R) ->
-        ok = starl:listen(R, a),
-        Before = starl:now(R),
-        First = starl:await(R, a, 700),
-        Took = starl:now(R) - Before,
-        ok = starl:post(R, 1, a, late),
-        {First, Took, starl:await(R, a, 700)}
-    end, #{}),
+    {_, [{done, {timeout, Ms, {ok, 1, late}}}], _} = play(
+        1,
+        fun(R) ->
+            ok = starl:listen(R, a),
+            Before = starl:now(R),
+            First = starl:await(R, a, 700),
+            Took = starl:now(R) - Before,
+            ok = starl:post(R, 1, a, late),
+            {First, Took, starl:await(R, a, 700)}
+        end,
+        #{}
+    ),
     ?assert(abs(Ms - 700) =< 1).
 
 %% A robot sleeps by its own clock: clocks that drift apart wake at different times.
 sleep_by_the_robots_clock(_) ->
-    {_, Results, Trace} = play(4, fun(R) ->
-        Before = starl:now(R),
-        ok = starl:sleep(R, 100000),
-        ok = starl:trace(R, awake),
-        ok = starl:sleep(R, 1),
-        starl:now(R) - Before
-    end, #{clock_drift => 1000, clock_offset => 5000}),
+    {_, Results, Trace} = play(
+        4,
+        fun(R) ->
+            Before = starl:now(R),
+            ok = starl:sleep(R, 100000),
+            ok = starl:trace(R, awake),
+            ok = starl:sleep(R, 1),
+            starl:now(R) - Before
+        end,
+        #{clock_drift => 1000, clock_offset => 5000}
+    ),
     [?assert(abs(Took - 100001) =< 2) || {done, Took} <- Results],
     Woke = [T || {T, _, app, awake} <- Trace],
     ?assertEqual(4, length(lists:usort(Woke))),
@@ -117,31 +183,46 @@ sleep_by_the_robots_clock(_) ->
 
 %% Messages that come while the application waits for something else are kept, in order.
 messages_wait_in_the_inbox(_) ->
-    {_, [{done, _}, {done, Got}], _} = play(2, fun(R) ->
-        case starl:id(R) of
-            1 -> [ok = starl:send(R, 2, a, K) || K <- lists:seq(1, 50)];
-            2 ->
-                ok = starl:listen(R, a),
-                ok = starl:sleep(R, 60000),
-                [begin {ok, 1, K} = starl:await(R, a, 0), K end || _ <- lists:seq(1, 50)]
-        end
-    end, #{}),
+    {_, [{done, _}, {done, Got}], _} = play(
+        2,
+        fun(R) ->
+            case starl:id(R) of
+                1 ->
+                    [ok = starl:send(R, 2, a, K) || K <- lists:seq(1, 50)];
+                2 ->
+                    ok = starl:listen(R, a),
+                    ok = starl:sleep(R, 60000),
+                    [
+                        begin
+                            {ok, 1, K} = starl:await(R, a, 0),
+                            K
+                        end
+                     || _ <- lists:seq(1, 50)
+                    ]
+            end
+        end,
+        #{}
+    ),
     ?assertEqual(lists:seq(1, 50), Got).
 
 %% Two sources send more than the inbox holds before the application reads: whatever they are told
 %% is delivered it reads, and the rest they are told is lost. Types share the inbox.
 full_inbox_pushes_back(_) ->
-    {Outcome, [{done, Told}, {done, Read}, {done, Told3}], _} = play(3, fun(R) ->
-        case starl:id(R) of
-            2 ->
-                [ok = starl:listen(R, T) || T <- [a, b]],
-                ok = starl:sleep(R, 45000),
-                read_all(R, [a, b]);
-            Id ->
-                Type = lists:nth(Id, [a, x, b]),
-                [K || K <- lists:seq(1, 800), starl:send(R, 2, Type, {Id, K}) =:= ok]
-        end
-    end, #{time => 300}),
+    {Outcome, [{done, Told}, {done, Read}, {done, Told3}], _} = play(
+        3,
+        fun(R) ->
+            case starl:id(R) of
+                2 ->
+                    [ok = starl:listen(R, T) || T <- [a, b]],
+                    ok = starl:sleep(R, 45000),
+                    read_all(R, [a, b]);
+                Id ->
+                    Type = lists:nth(Id, [a, x, b]),
+                    [K || K <- lists:seq(1, 800), starl:send(R, 2, Type, {Id, K}) =:= ok]
+            end
+        end,
+        #{time => 300}
+    ),
     Sent = [{1, K} || K <- Told] ++ [{3, K} || K <- Told3],
     ?assertEqual(lists:sort(Sent), lists:sort(Read)),
     ?assert(length(Read) > 1500),
@@ -157,11 +238,15 @@ read_type(R, Type) ->
 
 %% To itself a robot can send as many as it has room for; the next is refused at once.
 full_inbox_of_ones_own(_) ->
-    {Outcome, [{done, {Told, Read}}], Trace} = play(1, fun(R) ->
-        ok = starl:listen(R, a),
-        Told = [starl:send(R, 1, a, K) || K <- lists:seq(1, 1001)],
-        {Told, read_type(R, a)}
-    end, #{}),
+    {Outcome, [{done, {Told, Read}}], Trace} = play(
+        1,
+        fun(R) ->
+            ok = starl:listen(R, a),
+            Told = [starl:send(R, 1, a, K) || K <- lists:seq(1, 1001)],
+            {Told, read_type(R, a)}
+        end,
+        #{}
+    ),
     ?assertEqual([ok || _ <- lists:seq(1, 1000)] ++ [{error, overload}], Told),
     ?assertEqual(lists:seq(1, 1000), Read),
     ?assertMatch([_], [E || {_, 1, sap, {overload, _} = E} <- Trace]),
@@ -171,15 +256,25 @@ full_inbox_of_ones_own(_) ->
 full_inbox_over_restarts(_) ->
     [
         begin
-            {Outcome, [{done, Told}, {done, Read}], _} = play(2, fun(R) ->
-                case starl:id(R) of
-                    1 -> [K || K <- lists:seq(1, 1400), starl:send(R, 2, a, K) =:= ok];
-                    2 -> ok = starl:listen(R, a), ok = starl:sleep(R, 60000), read_type(R, a)
-                end
-            end, #{time => 300, faults => [{crash, 20000, 20000, kill_machine, {2, Machine}, #{}}]}),
+            {Outcome, [{done, Told}, {done, Read}], _} = play(
+                2,
+                fun(R) ->
+                    case starl:id(R) of
+                        1 ->
+                            [K || K <- lists:seq(1, 1400), starl:send(R, 2, a, K) =:= ok];
+                        2 ->
+                            ok = starl:listen(R, a),
+                            ok = starl:sleep(R, 60000),
+                            read_type(R, a)
+                    end
+                end,
+                #{time => 300, faults => [{crash, 20000, 20000, kill_machine, {2, Machine}, #{}}]}
+            ),
             Crashed = length([K || K <- Told, not lists:member(K, Read)]),
             ?assertEqual({Machine, []}, {Machine, maps:get(violations, Outcome)}),
-            ?assertEqual({Machine, []}, {Machine, [K || K <- Read, not lists:member(K, Told), K > 1000]}),
+            ?assertEqual(
+                {Machine, []}, {Machine, [K || K <- Read, not lists:member(K, Told), K > 1000]}
+            ),
             ?assert(Machine =:= app orelse Crashed =:= 0, {Machine, Crashed})
         end
      || Machine <- [sap, app]
@@ -187,20 +282,24 @@ full_inbox_over_restarts(_) ->
 
 go_to_and_positions(_) ->
     Waypoints = #{dock => {6000.0, 2500.0}},
-    {_, [{done, Own}, {done, Seen}], _} = play(2, fun(R) ->
-        case starl:id(R) of
-            1 ->
-                ok = starl:go_to(R, {2500.0, 4000.0}),
-                ok = starl:go_to(R, dock),
-                {ok, Pose} = starl:position(R),
-                Pose;
-            2 ->
-                ok = starl:sleep(R, 60000),
-                {ok, Pose} = starl:position(R, 1),
-                {ok, #{1 := _, 2 := _}} = starl:positions(R),
-                Pose
-        end
-    end, #{around => #{waypoints => Waypoints}}),
+    {_, [{done, Own}, {done, Seen}], _} = play(
+        2,
+        fun(R) ->
+            case starl:id(R) of
+                1 ->
+                    ok = starl:go_to(R, {2500.0, 4000.0}),
+                    ok = starl:go_to(R, dock),
+                    {ok, Pose} = starl:position(R),
+                    Pose;
+                2 ->
+                    ok = starl:sleep(R, 60000),
+                    {ok, Pose} = starl:position(R, 1),
+                    {ok, #{1 := _, 2 := _}} = starl:positions(R),
+                    Pose
+            end
+        end,
+        #{around => #{waypoints => Waypoints}}
+    ),
     Goal = maps:get(goal_mm, starl_chassis:profile(starl_chassis_differential, #{})),
     [
         ?assert(starl_geometry:distance({X, Y}, {6000.0, 2500.0}) =< Goal + 3.0)
@@ -208,9 +307,13 @@ go_to_and_positions(_) ->
     ].
 
 unknown_waypoint_and_robot(_) ->
-    {_, Results, _} = play(1, fun(R) ->
-        {starl:waypoint(R, nowhere), starl:go_to(R, nowhere), starl:position(R, 7)}
-    end, #{}),
+    {_, Results, _} = play(
+        1,
+        fun(R) ->
+            {starl:waypoint(R, nowhere), starl:go_to(R, nowhere), starl:position(R, 7)}
+        end,
+        #{}
+    ),
     Unknown = {error, unknown},
     ?assertEqual([{done, {Unknown, Unknown, Unknown}}], Results).
 
@@ -230,23 +333,40 @@ random_from_the_seed(_) ->
     ?assertNotEqual(First, Other).
 
 actuate_and_trace(_) ->
-    {_, _, Trace} = play(1, fun(R) ->
-        starl:actuate(R, pen, down),
-        starl:sleep(R, 1000),
-        starl:trace(R, {fact, 1}),
-        starl:actuate(R, pen, up)
-    end, #{}),
+    {_, _, Trace} = play(
+        1,
+        fun(R) ->
+            starl:actuate(R, pen, down),
+            starl:sleep(R, 1000),
+            starl:trace(R, {fact, 1}),
+            starl:actuate(R, pen, up)
+        end,
+        #{}
+    ),
     ?assertMatch(
-        [{0, 1, chassis, {actuated, pen, down}}, {T, 1, app, {fact, 1}}, {T, 1, chassis, {actuated, pen, up}}]
-            when T > 990000,
-        [E || {_, _, M, What} = E <- Trace, M =:= app orelse M =:= chassis, element(1, What) =:= fact
-            orelse element(1, What) =:= actuated]
+        [
+            {0, 1, chassis, {actuated, pen, down}},
+            {T, 1, app, {fact, 1}},
+            {T, 1, chassis, {actuated, pen, up}}
+        ] when
+            T > 990000,
+        [
+            E
+         || {_, _, M, What} = E <- Trace,
+            M =:= app orelse M =:= chassis,
+            element(1, What) =:= fact orelse
+                element(1, What) =:= actuated
+        ]
     ).
 
 call_times_out(_) ->
-    {_, Results, _} = play(1, fun(R) ->
-        {starl:call(R, crash, ignore, 500), starl:call(R, crash, incarnation, 500)}
-    end, crashing(#{})),
+    {_, Results, _} = play(
+        1,
+        fun(R) ->
+            {starl:call(R, crash, ignore, 500), starl:call(R, crash, incarnation, 500)}
+        end,
+        crashing(#{})
+    ),
     ?assertEqual([{done, {{error, timeout}, {ok, 1}}}], Results).
 
 %% It is not answered at all, nor waits for ever: the application crashes, until it is given up.
@@ -256,10 +376,14 @@ call_to_no_machine_is_a_mistake(_) ->
     ?assertMatch([_ | _], [E || {_, 1, no_such, {unknown_machine, _} = E} <- Trace]).
 
 unreachable_robot_is_lost(_) ->
-    {_, [{done, A}, {done, B}], _} = play(2, fun(R) ->
-        Other = 3 - starl:id(R),
-        {starl:send(R, Other, a, b), starl:broadcast(R, a, b)}
-    end, #{loss => 1}),
+    {_, [{done, A}, {done, B}], _} = play(
+        2,
+        fun(R) ->
+            Other = 3 - starl:id(R),
+            {starl:send(R, Other, a, b), starl:broadcast(R, a, b)}
+        end,
+        #{loss => 1}
+    ),
     ?assertEqual({{error, lost}, {error, {lost, [2]}}}, A),
     ?assertEqual({{error, lost}, {error, {lost, [1]}}}, B).
 
@@ -277,12 +401,16 @@ hot_reload_without_code_change(_) ->
     end).
 
 reload(Change, Pattern, Check) ->
-    load("init(_, _) -> 0.
-          step(R, N) -> ok = starl:sleep(R, 1000), {continue, N + 1}."),
+    load(
+        "init(_, _) -> 0.\n"
+        "          step(R, N) -> ok = starl:sleep(R, 1000), {continue, N + 1}."
+    ),
     {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 2}),
     #{ending := none} = starl_sim:run(Sim, 4.5),
-    load("init(_, _) -> error(started_anew).
-          step(_, " ++ Pattern ++ ") -> {done, {new, N}}.\n" ++ Change),
+    load(
+        "init(_, _) -> error(started_anew).\n"
+        "          step(_, " ++ Pattern ++ ") -> {done, {new, N}}.\n" ++ Change
+    ),
     #{ending := done} = starl_sim:run(Sim),
     {#{robots := Robots}, _} = starl_sim:finish(Sim),
     Check([Result || {_, #{result := Result}} <- Robots]).
@@ -290,35 +418,55 @@ reload(Change, Pattern, Check) ->
 %% However often new code comes during one step, the application keeps its life and its state, and
 %% the newest code takes over.
 reloads_in_one_step_kill_nobody(_) ->
-    load("init(_, _) -> [].
-          step(R, Ks) -> ok = starl:sleep(R, 10000), {continue, [1 | Ks]}."),
+    load(
+        "init(_, _) -> [].\n"
+        "          step(R, Ks) -> ok = starl:sleep(R, 10000), {continue, [1 | Ks]}."
+    ),
     {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 2}),
     #{ending := none} = starl_sim:run(Sim, 5),
     Answers = [
-        starl_sim:reload(Sim, "starl_sim_reloaded.erl", compiled(lists:concat([
-            "init(_, _) -> error(started_anew).
-             code_change(Ks, _) -> [v", V, " | Ks].
-             step(_, Ks) -> {done, {", V, ", Ks}}."
-        ])))
+        starl_sim:reload(
+            Sim,
+            "starl_sim_reloaded.erl",
+            compiled(
+                lists:concat([
+                    "init(_, _) -> error(started_anew).\n"
+                    "             code_change(Ks, _) -> [v",
+                    V,
+                    " | Ks].\n"
+                    "             step(_, Ks) -> {done, {",
+                    V,
+                    ", Ks}}."
+                ])
+            )
+        )
      || V <- lists:seq(2, 6)
     ],
     ?assertEqual([ok | lists:duplicate(4, {waits, [1, 2]})], Answers),
     #{ending := done} = starl_sim:run(Sim),
     {#{robots := Robots}, _} = starl_sim:finish(Sim),
     %% the second version is the one that was there when the step ended
-    ?assertEqual([{done, {2, [v2, 1]}}, {done, {2, [v2, 1]}}],
-                 [Result || {_, #{result := Result}} <- Robots]).
+    ?assertEqual(
+        [{done, {2, [v2, 1]}}, {done, {2, [v2, 1]}}],
+        [Result || {_, #{result := Result}} <- Robots]
+    ).
 
 %% What waits takes effect when the steps that were in the way have ended.
 waiting_code_is_loaded_after_the_step(_) ->
-    Long = "step(R, Ks) when length(Ks) < 5 -> ok = starl:sleep(R, 10000), {continue, [1 | Ks]};
-            step(_, Ks) -> {done, Ks}.",
+    Long =
+        "step(R, Ks) when length(Ks) < 5 -> ok = starl:sleep(R, 10000), {continue, [1 | Ks]};\n"
+        "            step(_, Ks) -> {done, Ks}.",
     load("init(_, _) -> []. " ++ Long),
     {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 2}),
     #{ending := none} = starl_sim:run(Sim, 5),
     Carry = fun(V) ->
-        Code = lists:concat(["init(_, _) -> error(started_anew).
-                              code_change(Ks, _) -> [v", V, " | Ks]. ", Long]),
+        Code = lists:concat([
+            "init(_, _) -> error(started_anew).\n"
+            "                              code_change(Ks, _) -> [v",
+            V,
+            " | Ks]. ",
+            Long
+        ]),
         starl_sim:reload(Sim, "starl_sim_reloaded.erl", compiled(Code))
     end,
     ?assertEqual([ok, {waits, [1, 2]}, {waits, [1, 2]}], [Carry(V) || V <- [2, 3, 4]]),
@@ -329,21 +477,26 @@ waiting_code_is_loaded_after_the_step(_) ->
     #{ending := done} = starl_sim:run(Sim),
     {#{robots := Robots}, _} = starl_sim:finish(Sim),
     %% one step in the first version, one in the second, the rest in the last
-    ?assertEqual([{done, [1, v4, 1, v2, 1]}, {done, [1, v4, 1, v2, 1]}],
-                 [Result || {_, #{result := Result}} <- Robots]).
+    ?assertEqual(
+        [{done, [1, v4, 1, v2, 1]}, {done, [1, v4, 1, v2, 1]}],
+        [Result || {_, #{result := Result}} <- Robots]
+    ).
 
 %% Code that cannot take over the state does not get it: the application waits with it, keeps what
 %% it is sent, and goes on when other code comes, the code before among others.
 failed_code_change_keeps_the_state(_) ->
-    First = "init(R, _) -> starl:listen(R, a), starl:post(R, 1, a, kept), 0.
-             step(R, N) when N < 3 -> ok = starl:sleep(R, 1000), {continue, N + 1};
-             step(R, N) -> {done, {N, starl:await(R, a)}}.",
-    Better = "init(_, _) -> error(started_anew).
-              code_change(N, _) -> {better, N}.
-              step(R, {better, N}) -> {done, {better, N, starl:await(R, a)}}.",
-    Bad = "init(_, _) -> error(started_anew).
-           code_change(N, _) when is_list(N) -> N.
-           step(_, _) -> error(stepped_with_a_state_of_other_code).",
+    First =
+        "init(R, _) -> starl:listen(R, a), starl:post(R, 1, a, kept), 0.\n"
+        "             step(R, N) when N < 3 -> ok = starl:sleep(R, 1000), {continue, N + 1};\n"
+        "             step(R, N) -> {done, {N, starl:await(R, a)}}.",
+    Better =
+        "init(_, _) -> error(started_anew).\n"
+        "              code_change(N, _) -> {better, N}.\n"
+        "              step(R, {better, N}) -> {done, {better, N, starl:await(R, a)}}.",
+    Bad =
+        "init(_, _) -> error(started_anew).\n"
+        "           code_change(N, _) when is_list(N) -> N.\n"
+        "           step(_, _) -> error(stepped_with_a_state_of_other_code).",
     [
         begin
             load(First),
@@ -362,8 +515,10 @@ failed_code_change_keeps_the_state(_) ->
             ?assertEqual({done, {done, Expected}}, {Ending, Result}),
             Trace = starl_sim_ct:trace(Outcome),
             ?assertEqual([], [E || {_, _, supervisor, _} = E <- Trace]),
-            ?assertMatch([{_, 1, app, {code_change_failed, {"function_clause", [_ | _]}}}],
-                         [E || {_, _, _, {code_change_failed, _}} = E <- Trace])
+            ?assertMatch(
+                [{_, 1, app, {code_change_failed, {"function_clause", [_ | _]}}}],
+                [E || {_, _, _, {code_change_failed, _}} = E <- Trace]
+            )
         end
      || {Next, Expected} <- [{First, {3, {ok, 1, kept}}}, {Better, {better, 2, {ok, 1, kept}}}]
     ].
@@ -374,7 +529,9 @@ bad_code_is_refused(_) ->
     [
         begin
             {error, Reason} = Refused,
-            ?assertMatch([_ | _], lists:flatten(io_lib:format("~ts", [starl_sim:format_error(Reason)])))
+            ?assertMatch(
+                [_ | _], lists:flatten(io_lib:format("~ts", [starl_sim:format_error(Reason)]))
+            )
         end
      || Refused <- [starl_sim:reload(Sim, "x.erl", <<"no beam">>), starl_sim:reload(Sim, no_such)]
     ],
@@ -387,10 +544,17 @@ load(Code) ->
     {module, _} = code:load_binary(starl_sim_reloaded, "starl_sim_reloaded.erl", Beam).
 
 compiled(Code) ->
-    Source = "-module(starl_sim_reloaded).
--compile([export_all, nowarn_export_all]).\n" ++ Code,
+    Source =
+        "-module(starl_sim_reloaded).\n"
+        "-compile([export_all, nowarn_export_all]).\n" ++ Code,
     {ok, Tokens, _} = erl_scan:string(Source),
-    Forms = [begin {ok, Form} = erl_parse:parse_form(F), Form end || F <- forms(Tokens, [])],
+    Forms = [
+        begin
+            {ok, Form} = erl_parse:parse_form(F),
+            Form
+        end
+     || F <- forms(Tokens, [])
+    ],
     {ok, starl_sim_reloaded, Binary} = compile:forms(Forms),
     Binary.
 
@@ -410,18 +574,31 @@ errors_of_start(_) ->
     Both = Line(#{app => ?APP, robots => 0, lss => 0.5}),
     ?assertNotEqual(nomatch, string:find(Both, "did you mean loss?")),
     ?assertNotEqual(nomatch, string:find(Both, "robots: a whole number from 1")),
-    ?assertEqual("fault x: there is no robot 5",
-                 Line(#{app => ?APP, robots => 4, faults => [{x, 0, 0, kill_robot, 5, #{}}]})),
-    ?assertNotEqual(nomatch, string:find(Line(#{app => ?APP, faults => [{x, 9, 1, kill_robot, 1, #{}}]}),
-                                         "fault x:")).
+    ?assertEqual(
+        "fault x: there is no robot 5",
+        Line(#{app => ?APP, robots => 4, faults => [{x, 0, 0, kill_robot, 5, #{}}]})
+    ),
+    ?assertNotEqual(
+        nomatch,
+        string:find(
+            Line(#{app => ?APP, faults => [{x, 9, 1, kill_robot, 1, #{}}]}),
+            "fault x:"
+        )
+    ).
 
 run_step_stop_status(_) ->
     {ok, Sim} = start(2, fun(R) -> starl:sleep(R, 100000) end, #{}),
     ?assertMatch(#{now_us := 0, running := 2, ending := none}, starl_sim:status(Sim)),
     ?assertMatch(#{now_us := 10000000, ending := none}, starl_sim:run(Sim, 10)),
     ?assertMatch(#{now_us := 10500000, ending := none}, starl_sim:step(Sim, 0.5)),
-    ?assertMatch(#{sap := #{module := starl_sap, state := ready}, motion := #{state := idle},
-                   app := #{state := sequential, stack := [_ | _]}}, starl_sim:inspect(Sim, 2)),
+    ?assertMatch(
+        #{
+            sap := #{module := starl_sap, state := ready},
+            motion := #{state := idle},
+            app := #{state := sequential, stack := [_ | _]}
+        },
+        starl_sim:inspect(Sim, 2)
+    ),
     ?assertEqual(unknown, starl_sim:inspect(Sim, 3)),
     ?assertEqual(2, length(starl_sim:robot_pids(Sim, all))),
     ok = starl_sim:stop(Sim),

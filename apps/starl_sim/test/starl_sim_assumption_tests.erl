@@ -14,8 +14,10 @@ clocks_test() ->
     ?assertEqual([{3, 2000, 2000, {clock, -7000}}], broken(clock_step, 3, #{ms => -7})),
     ?assertEqual([{3, 2000, 2000, {clock, 7000}}], broken(clock_step, 3, #{ms => 7}, 2)),
     ?assertEqual([], broken(clock_step, 3, #{ms => 0})),
-    ?assertEqual([{3, 2000, 2000, {clock, 7000}}, {3, 5000, 5000, {clock, -7000}}],
-                 broken(clock_offset, 3, #{ms => 7})),
+    ?assertEqual(
+        [{3, 2000, 2000, {clock, 7000}}, {3, 5000, 5000, {clock, -7000}}],
+        broken(clock_offset, 3, #{ms => 7})
+    ),
     ?assertEqual([], broken(clock_offset, 3, #{ms => 7}, 2)),
     ?assertEqual([{3, 2000, 5000, {clock, -3000}}], broken(clock_freeze, 3, #{})).
 
@@ -25,8 +27,10 @@ drift_test() ->
     ?assertEqual([], broken(clock_drift, 3, #{ppm => 10000})),
     ?assertEqual([{3, 2000, 5000, {clock, -30}}], broken(clock_drift, 3, #{ppm => -10001})),
     ?assertEqual([{3, 2000, 5000, {clock, 30}}], broken(clock_drift, 3, #{ppm => 10001})),
-    ?assertEqual([{3, 2000, 100002000, {clock, 2000000}}],
-                 broken(clock_drift, 3, #{ppm => 20000}, 100002)),
+    ?assertEqual(
+        [{3, 2000, 100002000, {clock, 2000000}}],
+        broken(clock_drift, 3, #{ppm => 20000}, 100002)
+    ),
     ?assertEqual([{3, 2000, 5000, {clock, -60}}], broken(clock_drift, 3, #{ppm => -20000})),
     ?assertEqual([{3, 2000, 5000, {clock, 60}}], broken(clock_drift, 3, #{ppm => 20000})).
 
@@ -40,11 +44,18 @@ gain_test() ->
                 Broken = starl_sim_assumption:broken([Fault], true),
                 lists:sum([Us || {3, _, To, {clock, Us}} <- Broken, To =< Until])
             end,
-            [?assertEqual({Kind, T + Gained(T)}, {Kind, starl_sim_clock:local(T, Clock)})
-             || T <- [0, 1999, 5000, 9000]]
+            [
+                ?assertEqual({Kind, T + Gained(T)}, {Kind, starl_sim_clock:local(T, Clock)})
+             || T <- [0, 1999, 5000, 9000]
+            ]
         end
-     || {Kind, Params} <- [{clock_step, #{ms => -4}}, {clock_step, #{ms => 4}}, {clock_freeze, #{}},
-                           {clock_offset, #{ms => 4}}, {clock_drift, #{ppm => 20000}}]
+     || {Kind, Params} <- [
+            {clock_step, #{ms => -4}},
+            {clock_step, #{ms => 4}},
+            {clock_freeze, #{}},
+            {clock_offset, #{ms => 4}},
+            {clock_drift, #{ppm => 20000}}
+        ]
     ].
 
 promptness_test() ->
@@ -57,8 +68,10 @@ positions_test() ->
     ?assertEqual([{3, 2000, 5000, position}], broken(location_frozen, 3, #{})),
     %% but for a system that is not exact: that it stands still is found out
     ?assertEqual([], starl_sim_assumption:broken([{f, 2, 5, location_frozen, all, #{}}], false)),
-    ?assertEqual([{3, 2000, 5000, position}, {1, 2000, 5000, position}],
-                 broken(location_swap, {3, 1}, #{})).
+    ?assertEqual(
+        [{3, 2000, 5000, position}, {1, 2000, 5000, position}],
+        broken(location_swap, {3, 1}, #{})
+    ).
 
 %% Under all other kinds contracts hold, whatever the parameters that are drawn.
 all_others_test() ->
@@ -72,8 +85,11 @@ all_others_test() ->
     [
         ?assertEqual(
             lists:sort(Kinds),
-            lists:usort([Kind || {_, _, _, Kind, _, _} = F <- Faults,
-                                 starl_sim_assumption:broken([F], IsExact) =/= []])
+            lists:usort([
+                Kind
+             || {_, _, _, Kind, _, _} = F <- Faults,
+                starl_sim_assumption:broken([F], IsExact) =/= []
+            ])
         )
      || {IsExact, Kinds} <- [{false, Breaking}, {true, [location_frozen | Breaking]}]
     ].
@@ -86,7 +102,10 @@ told_test() ->
     ),
     ?assertEqual(#{}, proplists:get_value(starl_sim_order_monitor, Told)),
     Exact = [{3, 2000, 5000, pause}, {all, 2000, 5000, position}],
-    ?assertMatch(#{broken := Exact}, proplists:get_value(starl_sim_told_monitor, told(#{position_error => 0}))).
+    ?assertMatch(
+        #{broken := Exact},
+        proplists:get_value(starl_sim_told_monitor, told(#{position_error => 0}))
+    ).
 
 told(Positions) ->
     Faults = [{f, 2, 5, pause, 3, #{}}, {g, 2, 5, location_frozen, all, #{}}],
@@ -95,7 +114,9 @@ told(Positions) ->
     },
     {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(starl_sim_script_app)),
     Context = starl_sim_plan:context(starl_sim_script_app, Scenario),
-    Scene = #{app => {sequential, starl_sim_script_app, #{}},
-              monitors => [{starl_sim_told_monitor, #{}}, {starl_sim_order_monitor, #{}}]},
+    Scene = #{
+        app => {sequential, starl_sim_script_app, #{}},
+        monitors => [{starl_sim_told_monitor, #{}}, {starl_sim_order_monitor, #{}}]
+    },
     #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
     Monitors.

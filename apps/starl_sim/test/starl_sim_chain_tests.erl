@@ -8,8 +8,15 @@ tells_events_apart_test() ->
     B = {2, app, cast, y},
     ?assertEqual(value([A, B]), value([A, B])),
     Others = [
-        [], [A], [B], [B, A], [A, B, B], [A, {3, app, cast, y}], [A, {2, sap, cast, y}],
-        [A, {2, app, info, y}], [A, {2, app, cast, z}]
+        [],
+        [A],
+        [B],
+        [B, A],
+        [A, B, B],
+        [A, {3, app, cast, y}],
+        [A, {2, sap, cast, y}],
+        [A, {2, app, info, y}],
+        [A, {2, app, cast, z}]
     ],
     Values = [value(Events) || Events <- [[A, B] | Others]],
     ?assertEqual(length(Values), length(lists:usort(Values))).
@@ -19,8 +26,17 @@ records_the_range_test() ->
     Chain = chain([{N, sap, info, N} || N <- lists:seq(1, 10)], {3, 4}),
     ?assertEqual(10, starl_sim_chain:events(Chain)),
     ?assertEqual(
-        [#{n => N, at_us => N, machine => sap, type => info, content => N,
-           chain => value([{K, sap, info, K} || K <- lists:seq(1, N)])} || N <- [3, 4]],
+        [
+            #{
+                n => N,
+                at_us => N,
+                machine => sap,
+                type => info,
+                content => N,
+                chain => value([{K, sap, info, K} || K <- lists:seq(1, N)])
+            }
+         || N <- [3, 4]
+        ],
         starl_sim_ledger:events(starl_sim_chain:ledger(Chain))
     ).
 

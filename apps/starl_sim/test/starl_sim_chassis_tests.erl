@@ -3,7 +3,9 @@
 -include_lib("eunit/include/eunit.hrl").
 
 choices_test() ->
-    Check = fun(Choice) -> starl_options:check(#{chassis => Choice}, [starl_sim_chassis:option()]) end,
+    Check = fun(Choice) ->
+        starl_options:check(#{chassis => Choice}, [starl_sim_chassis:option()])
+    end,
     Good = [differential, holonomic, mixed, [holonomic], [differential, differential, holonomic]],
     [?assertMatch({ok, _}, Check(Choice)) || Choice <- Good],
     Bad = [wings, [], [wings], [mixed], [holonomic | differential], "holonomic", {holonomic}, 1],
@@ -19,7 +21,10 @@ in_turn_test() ->
     ?assertEqual([D, H, D, H], Kinds(mixed, [1, 2, 3, 4])),
     ?assertEqual([H, D, D, H], Kinds([holonomic, differential, differential], [1, 2, 3, 4])),
     ?assertEqual(
-        [300.0, 300.0], [maps:get(speed, P) || P <- starl_sim_chassis:profiles(mixed, #{speed => 300.0})]
+        [300.0, 300.0], [
+            maps:get(speed, P)
+         || P <- starl_sim_chassis:profiles(mixed, #{speed => 300.0})
+        ]
     ).
 
 %% The widest of a team is that of the robot that needs most.

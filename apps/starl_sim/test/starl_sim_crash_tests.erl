@@ -33,10 +33,13 @@ not_told_before_the_start_test() ->
 
 %% What crashed by itself is told with its cause, what was killed is not.
 cause_is_told_test() ->
-    Reason = {oops, [{m, f, [1, 2], [{file, "/a/m.erl"}, {line, 7}]}, {starl_machine, step, 4, []}]},
+    Reason =
+        {oops, [{m, f, [1, 2], [{file, "/a/m.erl"}, {line, 7}]}, {starl_machine, step, 4, []}]},
     ?assertEqual(
-        [{100, 1, block, crashed},
-         {100, 1, supervisor, {crashed, block, {"oops", [{m, f, 2, "m.erl", 7}]}}}],
+        [
+            {100, 1, block, crashed},
+            {100, 1, supervisor, {crashed, block, {"oops", [{m, f, 2, "m.erl", 7}]}}}
+        ],
         traced(crashed(block, Reason, driving()))
     ).
 
@@ -77,9 +80,13 @@ dies_test_() ->
         {atom_to_list(Reason), fun() ->
             Robot = starl_robot:die(Reason, driving()),
             ?assertEqual({dead, [], []}, {starl_robot:condition(Robot), names(Robot), left(Robot)}),
-            ?assertMatch([{100, 1, chassis, {motion, _}}, {100, 1, robot, {died, Reason}}],
-                         traced(Robot)),
-            ?assertMatch({_, _, [ended, moved]}, starl_sim_platform:yield(starl_robot:world(Robot))),
+            ?assertMatch(
+                [{100, 1, chassis, {motion, _}}, {100, 1, robot, {died, Reason}}],
+                traced(Robot)
+            ),
+            ?assertMatch(
+                {_, _, [ended, moved]}, starl_sim_platform:yield(starl_robot:world(Robot))
+            ),
             ?assert(is_still(Robot))
         end}
      || Reason <- [killed, gave_up]
@@ -93,9 +100,16 @@ down_and_up_test() ->
     ?assertEqual({down, [], []}, {starl_robot:condition(Down), names(Down), left(Down)}),
     ?assertEqual([stale, stale], [timer(motion, 0, Down), timer(app, 1, Down)]),
     ?assertMatch(
-        [{100, 1, chassis, {motion, _}}, {100, 1, robot, down}
-            | [{100, 1, _, crashed}, {100, 1, _, crashed}, {100, 1, _, crashed},
-               {100, 1, _, crashed}]],
+        [
+            {100, 1, chassis, {motion, _}},
+            {100, 1, robot, down}
+            | [
+                {100, 1, _, crashed},
+                {100, 1, _, crashed},
+                {100, 1, _, crashed},
+                {100, 1, _, crashed}
+            ]
+        ],
         traced(Down)
     ),
     ?assertEqual(?NAMES, [Name || {_, _, Name, crashed} <- traced(Down)]),
@@ -115,8 +129,11 @@ strikes_that_change_nothing_test() ->
     [
         ?assertEqual({Fault, []}, {Fault, facts(struck(Fault, Site))})
      || {Fault, Site} <- [
-            {come_up, Up}, {go_down, Down},
-            {kill_robot, Dead}, {go_down, Dead}, {come_up, Dead}
+            {come_up, Up},
+            {go_down, Down},
+            {kill_robot, Dead},
+            {go_down, Dead},
+            {come_up, Dead}
         ]
     ],
     ?assertEqual([{died, killed}], facts(struck(kill_robot, Down))).
@@ -124,7 +141,9 @@ strikes_that_change_nothing_test() ->
 %% -- helpers --------------------------------------------------------------------------------
 
 machines() ->
-    starl_robot_machines:new(maps:from_list([{Name, {starl_sim_crash_machine, #{}}} || Name <- ?NAMES])).
+    starl_robot_machines:new(
+        maps:from_list([{Name, {starl_sim_crash_machine, #{}}} || Name <- ?NAMES])
+    ).
 
 robot() -> starl_robot:new(1, starl_sim_platform, body(), machines()).
 
@@ -158,10 +177,19 @@ crashed(Name, Reason, Robot) ->
 
 body() ->
     World = #{
-        seed => 1, team => starl_team:new([1]), clock => {0, 0}, loss => 0.0, duplicate => 0.0,
-        delay_us => {1000, 2000}, range_mm => infinity,
+        seed => 1,
+        team => starl_team:new([1]),
+        clock => {0, 0},
+        loss => 0.0,
+        duplicate => 0.0,
+        delay_us => {1000, 2000},
+        range_mm => infinity,
         profiles => [starl_chassis:profile(starl_chassis_differential, #{})],
-        network => [], clocks => [], location => [], actuation => [], store => [],
+        network => [],
+        clocks => [],
+        location => [],
+        actuation => [],
+        store => [],
         sight => starl_sim_sight:new([], infinity)
     },
     starl_sim_platform:new(1, {0.0, 0.0, 0.0}, World).
@@ -175,7 +203,10 @@ driving() ->
     Script = {starl_chassis_differential, [{100.0, 100.0, 1000000}]},
     {[], Body} = starl_sim_platform:perform({drive, Script, m}, motion, Both),
     starl_robot:restore(#{
-        id => 1, driver => starl_sim_platform, condition => up, machines => machines(),
+        id => 1,
+        driver => starl_sim_platform,
+        condition => up,
+        machines => machines(),
         timers => starl_robot_timers:from_list([{motion, t, 0}, {app, t, 1}]),
         %% a new window: what has come out so far is gone
         world => starl_sim_platform:open(100, {100, 1100}, Body)

@@ -2,15 +2,30 @@
 -module(starl_sim_ct).
 -include_lib("stdlib/include/assert.hrl").
 
--export([start/3, run/1, play/3, played/3, end_of/1, well_ended/1, trace/1, crashing/1, point/1, pid_of/3,
-         kill/2, robot_of/1, no_jump/1]).
+-export([
+    start/3,
+    run/1,
+    play/3,
+    played/3,
+    end_of/1,
+    well_ended/1,
+    trace/1,
+    crashing/1,
+    point/1,
+    pid_of/3,
+    kill/2,
+    robot_of/1,
+    no_jump/1
+]).
 
 -define(APP, starl_sim_script_app).
 %% No run waits for ever, however busy the machine.
 -define(WALL_MS, 50000).
 
 start(N, Script, Scenario) ->
-    starl_sim:start(maps:merge(#{app => ?APP, robots => N, script => Script, time => 3600}, Scenario)).
+    starl_sim:start(
+        maps:merge(#{app => ?APP, robots => N, script => Script, time => 3600}, Scenario)
+    ).
 
 %% Runs a scenario to its end: the outcome and how it ended.
 run(Scenario) ->
@@ -82,13 +97,18 @@ robot_of(Sup) ->
 %% Each piece of motion begins where the one before it has led to.
 no_jump(Trace) ->
     Pieces = [{R, P} || {_, R, chassis, {motion, P}} <- Trace],
-    [follows([P || {R, P} <- Pieces, R =:= Robot]) || Robot <- lists:usort([R || {R, _} <- Pieces])].
+    [
+        follows([P || {R, P} <- Pieces, R =:= Robot])
+     || Robot <- lists:usort([R || {R, _} <- Pieces])
+    ].
 
 follows([Piece, Next | Rest]) ->
     T = element(2, Next),
     ?assert(T >= element(2, Piece)),
-    Distance = starl_geometry:distance(starl_trajectory:position(T, Piece),
-                                       starl_trajectory:position(T, Next)),
+    Distance = starl_geometry:distance(
+        starl_trajectory:position(T, Piece),
+        starl_trajectory:position(T, Next)
+    ),
     ?assert(Distance < 1.0e-6),
     follows([Next | Rest]);
 follows([_]) ->

@@ -33,29 +33,41 @@ no_test_is_made_twice_test() ->
     ?assertEqual(lists:sort(Seen), lists:usort(Seen)).
 
 %% Where a set of items fails and so does all that holds it.
-monotone_test_() -> {timeout, 60, fun() ->
-    holds(?FORALL({N, Drawn}, {range(1, 60), list(range(1, 60))},
-        safely(fun() ->
-            Needed = [I || I <- lists:usort(Drawn), I =< N],
-            {Found, Tests} = counted(lists:seq(1, N), needs(Needed)),
-            Found =:= Needed andalso Tests =< ?FEW_TESTS(N)
-        end)))
-end}.
+monotone_test_() ->
+    {timeout, 60, fun() ->
+        holds(
+            ?FORALL(
+                {N, Drawn},
+                {range(1, 60), list(range(1, 60))},
+                safely(fun() ->
+                    Needed = [I || I <- lists:usort(Drawn), I =< N],
+                    {Found, Tests} = counted(lists:seq(1, N), needs(Needed)),
+                    Found =:= Needed andalso Tests =< ?FEW_TESTS(N)
+                end)
+            )
+        )
+    end}.
 
 %% Where anything may fail: any other part fails or does not by a hash of it.
-any_predicate_test_() -> {timeout, 60, fun() ->
-    holds(?FORALL({N, Salt, Of}, {range(1, 40), integer(), range(2, 5)},
-        safely(fun() ->
-            All = lists:seq(1, N),
-            Fails = fun(Items) ->
-                Items =:= All orelse erlang:phash2({Salt, Items}, Of) =:= 0
-            end,
-            {Found, Tests} = counted(All, Fails),
-            Fails(Found) andalso Found -- All =:= [] andalso Found =:= lists:usort(Found)
-                andalso not lists:any(Fails, [lists:delete(I, Found) || I <- Found])
-                andalso Tests =< ?FEW_TESTS(N)
-        end)))
-end}.
+any_predicate_test_() ->
+    {timeout, 60, fun() ->
+        holds(
+            ?FORALL(
+                {N, Salt, Of},
+                {range(1, 40), integer(), range(2, 5)},
+                safely(fun() ->
+                    All = lists:seq(1, N),
+                    Fails = fun(Items) ->
+                        Items =:= All orelse erlang:phash2({Salt, Items}, Of) =:= 0
+                    end,
+                    {Found, Tests} = counted(All, Fails),
+                    Fails(Found) andalso Found -- All =:= [] andalso Found =:= lists:usort(Found) andalso
+                        not lists:any(Fails, [lists:delete(I, Found) || I <- Found]) andalso
+                        Tests =< ?FEW_TESTS(N)
+                end)
+            )
+        )
+    end}.
 
 needs(Needed) -> fun(Items) -> Needed -- Items =:= [] end.
 

@@ -4,7 +4,12 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    same/1, planted_self/1, planted_late/1, first_of_many_robots/1, one_ends_earlier/1, gone/1,
+    same/1,
+    planted_self/1,
+    planted_late/1,
+    first_of_many_robots/1,
+    one_ends_earlier/1,
+    gone/1,
     never_the_same_place/1
 ]).
 
@@ -14,7 +19,12 @@ suite() -> [{timetrap, {minutes, 1}}].
 
 all() ->
     [
-        same, planted_self, planted_late, first_of_many_robots, one_ends_earlier, gone,
+        same,
+        planted_self,
+        planted_late,
+        first_of_many_robots,
+        one_ends_earlier,
+        gone,
         never_the_same_place
     ].
 
@@ -29,13 +39,20 @@ same(_) ->
 %% A decision by self(): the robot sends one of very many numbers. The first event that differs is
 %% the request that its application makes of SAP, right after the same event in both.
 planted_self(_) ->
-    Run = runner(fun(R) ->
-        ok = starl:listen(R, a),
-        ok = starl:sleep(R, 1000),
-        Decision = case starl:id(R) of 2 -> erlang:phash2(self()); _ -> 7 end,
-        starl:send(R, 3, a, {decided, Decision}),
-        starl:sleep(R, 1000)
-    end, #{robots => 3, shards => 2}),
+    Run = runner(
+        fun(R) ->
+            ok = starl:listen(R, a),
+            ok = starl:sleep(R, 1000),
+            Decision =
+                case starl:id(R) of
+                    2 -> erlang:phash2(self());
+                    _ -> 7
+                end,
+            starl:send(R, 3, a, {decided, Decision}),
+            starl:sleep(R, 1000)
+        end,
+        #{robots => 3, shards => 2}
+    ),
     {differ, #{robot := 2, n := N, first := A, second := B, before := Before}} =
         starl_sim_divergence:find(Run, Run),
     #{machine := sap, n := N, type := {call, {app, _}}, content := CA, at_us := At} = A,
@@ -48,11 +65,14 @@ planted_self(_) ->
 %% first thing after the 1,500th nap.
 planted_late(_) ->
     Run = fun(Way) ->
-        runner(fun(R) ->
-            [starl:sleep(R, 10) || _ <- lists:seq(1, 1500)],
-            starl:id(R) =:= 3 andalso starl:sleep(R, Way),
-            [starl:sleep(R, 10) || _ <- lists:seq(1, 500)]
-        end, #{robots => 3, clock_drift => 0})
+        runner(
+            fun(R) ->
+                [starl:sleep(R, 10) || _ <- lists:seq(1, 1500)],
+                starl:id(R) =:= 3 andalso starl:sleep(R, Way),
+                [starl:sleep(R, 10) || _ <- lists:seq(1, 500)]
+            end,
+            #{robots => 3, clock_drift => 0}
+        )
     end,
     {differ, #{robot := 3, n := N, first := A, second := B, before := Before}} =
         starl_sim_divergence:find(Run(7), Run(8)),
@@ -64,13 +84,19 @@ planted_late(_) ->
 %% One robot starts it; what it sends makes a hundred others differ, all of them later.
 first_of_many_robots(_) ->
     Run = fun(Way) ->
-        runner(fun(R) ->
-            ok = starl:listen(R, a),
-            case starl:id(R) of
-                77 -> ok = starl:sleep(R, 500), starl:broadcast(R, a, Way);
-                _ -> {ok, 77, _} = starl:await(R, a)
-            end
-        end, #{robots => 100, mode => inline, shards => 3})
+        runner(
+            fun(R) ->
+                ok = starl:listen(R, a),
+                case starl:id(R) of
+                    77 ->
+                        ok = starl:sleep(R, 500),
+                        starl:broadcast(R, a, Way);
+                    _ ->
+                        {ok, 77, _} = starl:await(R, a)
+                end
+            end,
+            #{robots => 100, mode => inline, shards => 3}
+        )
     end,
     {differ, #{robot := 77, first := A, second := B}} = starl_sim_divergence:find(Run(a), Run(b)),
     ?assertMatch({#{machine := sap}, #{machine := sap}}, {A, B}).
@@ -94,11 +120,14 @@ gone(_) ->
 %% events are from.
 never_the_same_place(_) ->
     Count = atomics:new(1, []),
-    Run = runner(fun(R) ->
-        Naps = 1 + atomics:add_get(Count, 1, 1) * 1237 rem 3000,
-        [starl:sleep(R, 10) || _ <- lists:seq(1, Naps)],
-        starl:sleep(R, 3)
-    end, #{robots => 4}),
+    Run = runner(
+        fun(R) ->
+            Naps = 1 + atomics:add_get(Count, 1, 1) * 1237 rem 3000,
+            [starl:sleep(R, 10) || _ <- lists:seq(1, Naps)],
+            starl:sleep(R, 3)
+        end,
+        #{robots => 4}
+    ),
     {differ, #{robot := Id, first := A, second := B}} = starl_sim_divergence:find(Run, Run),
     ?assert(Id >= 1 andalso Id =< 4),
     ?assertNotEqual(A, B).

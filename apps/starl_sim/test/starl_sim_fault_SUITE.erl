@@ -8,9 +8,14 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    every_kind_takes_effect/1, same_digest_under_any_faults/1, converges_after_the_heal/1,
-    late_convergence_is_a_violation/1, drawn_faults_are_well_formed/1, drawn_by_classes/1,
-    one_draw_does_not_shift_another/1, effective_scenario/1
+    every_kind_takes_effect/1,
+    same_digest_under_any_faults/1,
+    converges_after_the_heal/1,
+    late_convergence_is_a_violation/1,
+    drawn_faults_are_well_formed/1,
+    drawn_by_classes/1,
+    one_draw_does_not_shift_another/1,
+    effective_scenario/1
 ]).
 
 -define(APP, starl_sim_script_app).
@@ -19,9 +24,14 @@ suite() -> [{timetrap, {minutes, 2}}].
 
 all() ->
     [
-        every_kind_takes_effect, same_digest_under_any_faults, converges_after_the_heal,
-        late_convergence_is_a_violation, drawn_faults_are_well_formed, drawn_by_classes,
-        one_draw_does_not_shift_another, effective_scenario
+        every_kind_takes_effect,
+        same_digest_under_any_faults,
+        converges_after_the_heal,
+        late_convergence_is_a_violation,
+        drawn_faults_are_well_formed,
+        drawn_by_classes,
+        one_draw_does_not_shift_another,
+        effective_scenario
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -58,7 +68,11 @@ example(Kind) ->
             two -> {1, 2}
         end,
     Values = maps:from_list([{K, value(K, T, R)} || {K, T, R} <- Params]),
-    From = if Kind =:= drop -> 0; true -> 2000 end,
+    From =
+        if
+            Kind =:= drop -> 0;
+            true -> 2000
+        end,
     {Kind, From, 6000, Kind, Target, Values}.
 
 value(packet, _, _) -> 3;
@@ -71,15 +85,23 @@ value(_, {integer, _, _}, {_, High}) -> High.
 %% Four robots that talk, look around, store and drive, for ten seconds; what one has stored it
 %% reads after a crash.
 busy(More) ->
-    maps:merge(#{
-        app => ?APP, robots => 4, seed => 5, time => 60, mode => process, delay => {5, 20},
-        around => #{blocks => [{kept, starl_sim_store_machine, #{}}]},
-        faults => [{base, 3000, 3000, kill_machine, {1, kept}, #{}}],
-        script => fun(R) ->
-            ok = starl:listen(R, word),
-            [turn(K, R) || K <- lists:seq(1, 20)]
-        end
-    }, More).
+    maps:merge(
+        #{
+            app => ?APP,
+            robots => 4,
+            seed => 5,
+            time => 60,
+            mode => process,
+            delay => {5, 20},
+            around => #{blocks => [{kept, starl_sim_store_machine, #{}}]},
+            faults => [{base, 3000, 3000, kill_machine, {1, kept}, #{}}],
+            script => fun(R) ->
+                ok = starl:listen(R, word),
+                [turn(K, R) || K <- lists:seq(1, 20)]
+            end
+        },
+        More
+    ).
 
 turn(K, R) ->
     _ = starl:post(R, 1 + (starl:id(R) + K) rem 4, word, {K, starl:now(R)}),
@@ -94,7 +116,8 @@ turn(K, R) ->
 %% The positioning system may be out of order.
 look(R) ->
     case starl:position(R) of
-        {ok, _} = Seen -> Seen;
+        {ok, _} = Seen ->
+            Seen;
         {error, _} ->
             starl:sleep(R, 100),
             look(R)
@@ -102,7 +125,9 @@ look(R) ->
 
 %% Whatever goes wrong: process and inline, one shard and several come to the same.
 same_digest_under_any_faults(_) ->
-    Prop = ?FORALL({Seed, Loss}, {oneof(lists:seq(1, 100000)), oneof([0.0, 0.2])},
+    Prop = ?FORALL(
+        {Seed, Loss},
+        {oneof(lists:seq(1, 100000)), oneof([0.0, 0.2])},
         starl_platform_ct:safely(fun() ->
             Scenario = busy(#{
                 seed => Seed, loss => Loss, random_faults => [all], heal => 9, robots => 4
@@ -113,26 +138,38 @@ same_digest_under_any_faults(_) ->
              || {Mode, Shards} <- Ways
             ],
             length(lists:usort(Digests)) =:= 1
-        end)),
+        end)
+    ),
     starl_platform_ct:property(Prop, 40).
 
 %% Bounded convergence: what went on in spite of network and process faults is done within a
 %% minute after them.
 converges_after_the_heal(_) ->
-    Prop = ?FORALL(Seed, oneof(lists:seq(1, 100000)),
+    Prop = ?FORALL(
+        Seed,
+        oneof(lists:seq(1, 100000)),
         starl_platform_ct:safely(fun() ->
-            #{ending := Ending, violations := Broken} = run(busy(#{
-                seed => Seed, random_faults => [network, process], heal => 9, converge => 60,
-                time => 1000
-            })),
+            #{ending := Ending, violations := Broken} = run(
+                busy(#{
+                    seed => Seed,
+                    random_faults => [network, process],
+                    heal => 9,
+                    converge => 60,
+                    time => 1000
+                })
+            ),
             ok = starl_platform_ct:tell(Broken),
             {Ending, Broken} =:= {done, []}
-        end)),
+        end)
+    ),
     starl_platform_ct:property(Prop, 40).
 
 late_convergence_is_a_violation(_) ->
     #{violations := [Late]} = run(#{
-        app => ?APP, robots => 2, heal => 1, converge => 2,
+        app => ?APP,
+        robots => 2,
+        heal => 1,
+        converge => 2,
         script => fun(R) -> [starl:sleep(R, 10000) || starl:id(R) =:= 2] end
     }),
     ?assertMatch(#{contract := progress, what := not_finished, robots := [2]}, Late).
@@ -145,14 +182,19 @@ drawn_faults_are_well_formed(_) ->
             Faults = drawn(Seed, [all]),
             ?assertEqual({Seed, []}, {Seed, starl_sim_fault:check(Faults)}),
             ?assertEqual({Seed, []}, {Seed, [F || F <- Faults, element(3, F) > 20000]}),
-            ?assertEqual({Seed, []}, {Seed, [R || F <- Faults, R <- starl_sim_fault:targets(F), R > 5]})
+            ?assertEqual(
+                {Seed, []}, {Seed, [R || F <- Faults, R <- starl_sim_fault:targets(F), R > 5]}
+            )
         end
      || Seed <- lists:seq(1, 300)
     ].
 
 %% Every class is in now and then and out now and then, and with it all its kinds.
 drawn_by_classes(_) ->
-    Draws = [lists:usort([starl_sim_fault:class(F) || F <- drawn(Seed, [all])]) || Seed <- lists:seq(1, 300)],
+    Draws = [
+        lists:usort([starl_sim_fault:class(F) || F <- drawn(Seed, [all])])
+     || Seed <- lists:seq(1, 300)
+    ],
     [
         begin
             In = length([in || Classes <- Draws, lists:member(Class, Classes)]),

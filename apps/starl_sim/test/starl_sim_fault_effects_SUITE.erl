@@ -6,11 +6,22 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    partition_cuts_both_ways/1, one_way_partition_cuts_one_way/1, isolated_and_ring/1,
-    drop_takes_that_packet/1, corrupt_packets_are_traced/1, range_fault_shortens_the_radio/1,
-    pause_holds_everything_up/1, slow_robot_is_late/1, reboot_forgets/1, reboot_of_the_app/1,
-    frozen_clock_stands_still/1, stepped_clock/1, location_faults/1, wheel_faults/1,
-    lost_command/1, actuator_faults/1
+    partition_cuts_both_ways/1,
+    one_way_partition_cuts_one_way/1,
+    isolated_and_ring/1,
+    drop_takes_that_packet/1,
+    corrupt_packets_are_traced/1,
+    range_fault_shortens_the_radio/1,
+    pause_holds_everything_up/1,
+    slow_robot_is_late/1,
+    reboot_forgets/1,
+    reboot_of_the_app/1,
+    frozen_clock_stands_still/1,
+    stepped_clock/1,
+    location_faults/1,
+    wheel_faults/1,
+    lost_command/1,
+    actuator_faults/1
 ]).
 
 -define(APP, starl_sim_script_app).
@@ -19,10 +30,21 @@ suite() -> [{timetrap, {minutes, 2}}].
 
 all() ->
     [
-        partition_cuts_both_ways, one_way_partition_cuts_one_way, isolated_and_ring,
-        drop_takes_that_packet, corrupt_packets_are_traced, range_fault_shortens_the_radio,
-        pause_holds_everything_up, slow_robot_is_late, reboot_forgets, reboot_of_the_app,
-        frozen_clock_stands_still, stepped_clock, location_faults, wheel_faults, lost_command,
+        partition_cuts_both_ways,
+        one_way_partition_cuts_one_way,
+        isolated_and_ring,
+        drop_takes_that_packet,
+        corrupt_packets_are_traced,
+        range_fault_shortens_the_radio,
+        pause_holds_everything_up,
+        slow_robot_is_late,
+        reboot_forgets,
+        reboot_of_the_app,
+        frozen_clock_stands_still,
+        stepped_clock,
+        location_faults,
+        wheel_faults,
+        lost_command,
         actuator_faults
     ].
 
@@ -42,7 +64,10 @@ one_way_partition_cuts_one_way(_) ->
     ).
 
 isolated_and_ring(_) ->
-    ?assertEqual([], [L || {A, B} = L <- arrivals({cut, 0, 9000, isolate, 2, #{}}), A =:= 2 orelse B =:= 2]),
+    ?assertEqual([], [
+        L
+     || {A, B} = L <- arrivals({cut, 0, 9000, isolate, 2, #{}}), A =:= 2 orelse B =:= 2
+    ]),
     ?assertEqual(
         [{1, 2}, {1, 4}, {2, 1}, {2, 3}, {3, 2}, {3, 4}, {4, 1}, {4, 3}],
         arrivals({cut, 0, 9000, ring, all, #{}})
@@ -57,13 +82,17 @@ range_fault_shortens_the_radio(_) ->
 
 %% Who hears whom of four robots that shout once each: {From, To}.
 arrivals(Fault) ->
-    {_, Results} = play(4, fun(R) ->
-        ok = starl:listen(R, hey),
-        ok = starl:sleep(R, 1000),
-        ok = shout(hey, starl:id(R)),
-        Me = starl:id(R),
-        [{From, Me} || From <- heard(R, [])]
-    end, #{faults => [Fault]}),
+    {_, Results} = play(
+        4,
+        fun(R) ->
+            ok = starl:listen(R, hey),
+            ok = starl:sleep(R, 1000),
+            ok = shout(hey, starl:id(R)),
+            Me = starl:id(R),
+            [{From, Me} || From <- heard(R, [])]
+        end,
+        #{faults => [Fault]}
+    ),
     %% partition [1, 2] also lets 3 and 4 hear each other
     All = lists:usort(lists:append([L || {done, L} <- Results])),
     case Fault of
@@ -80,7 +109,8 @@ heard(R, Known) ->
 drop_takes_that_packet(_) ->
     Script = fun(R) ->
         case starl:id(R) of
-            1 -> [shout(n, K) || K <- lists:seq(1, 5)];
+            1 ->
+                [shout(n, K) || K <- lists:seq(1, 5)];
             2 ->
                 ok = starl:listen(R, n),
                 lists:sort(numbers(R))
@@ -99,13 +129,17 @@ numbers(R) ->
 
 %% Garbage packets are never fatal, never silent, and the message gets through.
 corrupt_packets_are_traced(_) ->
-    {#{monitors := Monitors}, Results} = play(2, fun(R) ->
-        ok = starl:listen(R, n),
-        case starl:id(R) of
-            1 -> starl:send(R, 2, n, hello);
-            2 -> starl:await(R, n, 20000)
-        end
-    end, #{faults => [{c, 0, 3000, corrupt, all, #{part => 1.0}}]}),
+    {#{monitors := Monitors}, Results} = play(
+        2,
+        fun(R) ->
+            ok = starl:listen(R, n),
+            case starl:id(R) of
+                1 -> starl:send(R, 2, n, hello);
+                2 -> starl:await(R, n, 20000)
+            end
+        end,
+        #{faults => [{c, 0, 3000, corrupt, all, #{part => 1.0}}]}
+    ),
     ?assertEqual([{done, ok}, {done, {ok, 1, hello}}], Results),
     #{starl_sim_order_monitor := #{trace := Trace}} = Monitors,
     Garbage = [G || {_, _, sap, {unknown_event, packet, G}} <- Trace],
@@ -115,77 +149,108 @@ corrupt_packets_are_traced(_) ->
 %% -- processes ------------------------------------------------------------------------------
 
 pause_holds_everything_up(_) ->
-    {#{end_us := End}, [{done, Slept}, _]} = play(2, fun(R) ->
-        Before = starl:now(R),
-        ok = starl:sleep(R, 1000),
-        starl:now(R) - Before
-    end, #{faults => [{p, 500, 4000, pause, 1, #{}}], clock_offset => 0, clock_drift => 0}),
+    {#{end_us := End}, [{done, Slept}, _]} = play(
+        2,
+        fun(R) ->
+            Before = starl:now(R),
+            ok = starl:sleep(R, 1000),
+            starl:now(R) - Before
+        end,
+        #{faults => [{p, 500, 4000, pause, 1, #{}}], clock_offset => 0, clock_drift => 0}
+    ),
     ?assertEqual(4000, Slept),
     ?assert(End >= 4000000).
 
 slow_robot_is_late(_) ->
-    {_, [{done, Slow}, {done, Quick}]} = play(2, fun(R) ->
-        Before = starl:now(R),
-        _ = [starl:sleep(R, 100) || _ <- lists:seq(1, 10)],
-        starl:now(R) - Before
-    end, #{faults => [{s, 0, 60000, slow, 1, #{lag_ms => 50}}], clock_drift => 0}),
+    {_, [{done, Slow}, {done, Quick}]} = play(
+        2,
+        fun(R) ->
+            Before = starl:now(R),
+            _ = [starl:sleep(R, 100) || _ <- lists:seq(1, 10)],
+            starl:now(R) - Before
+        end,
+        #{faults => [{s, 0, 60000, slow, 1, #{lag_ms => 50}}], clock_drift => 0}
+    ),
     ?assertEqual({1500, 1000}, {Slow, Quick}).
 
 %% A rebooted robot knows nothing, has a new incarnation, and works on.
 reboot_forgets(_) ->
-    {#{violations := []}, [{done, First}, {done, Second}]} = play(2, fun(R) ->
-        ok = starl:listen(R, n),
-        case starl:id(R) of
-            1 ->
-                ok = starl:sleep(R, 5000),
-                [starl:send(R, 2, n, K) || K <- [1, 2, 3]];
-            2 ->
-                [starl:await(R, n, 20000) || _ <- [1, 2, 3]]
-        end
-    end, #{faults => [{r, 1000, 3000, reboot, 2, #{}}]}),
+    {#{violations := []}, [{done, First}, {done, Second}]} = play(
+        2,
+        fun(R) ->
+            ok = starl:listen(R, n),
+            case starl:id(R) of
+                1 ->
+                    ok = starl:sleep(R, 5000),
+                    [starl:send(R, 2, n, K) || K <- [1, 2, 3]];
+                2 ->
+                    [starl:await(R, n, 20000) || _ <- [1, 2, 3]]
+            end
+        end,
+        #{faults => [{r, 1000, 3000, reboot, 2, #{}}]}
+    ),
     ?assertEqual([ok, ok, ok], First),
     ?assertEqual([{ok, 1, 1}, {ok, 1, 2}, {ok, 1, 3}], Second).
 
 %% The application starts from the beginning; what comes meanwhile is lost.
 reboot_of_the_app(_) ->
-    {#{end_us := End, robots := Robots}, [{done, here}, _]} = play(2, fun(R) ->
-        ok = starl:sleep(R, 2000),
-        here
-    end, #{faults => [{r, 1000, 7000, reboot, 1, #{}}]}),
+    {#{end_us := End, robots := Robots}, [{done, here}, _]} = play(
+        2,
+        fun(R) ->
+            ok = starl:sleep(R, 2000),
+            here
+        end,
+        #{faults => [{r, 1000, 7000, reboot, 1, #{}}]}
+    ),
     ?assert(End >= 9000000),
     ?assertMatch([{1, #{result := {done, here}}}, {2, #{result := {done, here}}}], Robots).
 
 %% -- clocks ---------------------------------------------------------------------------------
 
 frozen_clock_stands_still(_) ->
-    {_, [{done, A}, {done, B}]} = play(2, fun(R) ->
-        Before = starl:now(R),
-        ok = starl:sleep(R, 1000),
-        starl:now(R) - Before
-    end, #{faults => [{f, 500, 4000, clock_freeze, 1, #{}}], clock_drift => 0}),
+    {_, [{done, A}, {done, B}]} = play(
+        2,
+        fun(R) ->
+            Before = starl:now(R),
+            ok = starl:sleep(R, 1000),
+            starl:now(R) - Before
+        end,
+        #{faults => [{f, 500, 4000, clock_freeze, 1, #{}}], clock_drift => 0}
+    ),
     %% by its own clock it was one second for both
     ?assertEqual({1000, 1000}, {A, B}),
-    {#{end_us := End}, _} = play(2, fun(R) -> starl:sleep(R, 1000) end,
-        #{faults => [{f, 500, 4000, clock_freeze, 1, #{}}], clock_drift => 0}),
+    {#{end_us := End}, _} = play(
+        2,
+        fun(R) -> starl:sleep(R, 1000) end,
+        #{faults => [{f, 500, 4000, clock_freeze, 1, #{}}], clock_drift => 0}
+    ),
     ?assert(End >= 4500000 andalso End < 4600000, End).
 
 stepped_clock(_) ->
-    {_, [{done, A}, {done, B}]} = play(2, fun(R) ->
-        _ = starl:position(R),
-        First = starl:now(R),
-        ok = starl:sleep(R, 2000),
-        starl:now(R) - First
-    end, #{faults => [{f, 500, 500, clock_step, 1, #{ms => -3000}}], clock_drift => 0}),
+    {_, [{done, A}, {done, B}]} = play(
+        2,
+        fun(R) ->
+            _ = starl:position(R),
+            First = starl:now(R),
+            ok = starl:sleep(R, 2000),
+            starl:now(R) - First
+        end,
+        #{faults => [{f, 500, 500, clock_step, 1, #{ms => -3000}}], clock_drift => 0}
+    ),
     ?assertEqual({2000, 2000}, {A, B}).
 
 %% -- location and actuation -----------------------------------------------------------------
 
 location_faults(_) ->
     See = fun(Faults) ->
-        {_, [{done, Seen}, _]} = play(2, fun(R) ->
-            ok = starl:sleep(R, 1000),
-            [point(starl:position(R)), point(starl:position(R, 2))]
-        end, #{faults => Faults, position_error => 0.0}),
+        {_, [{done, Seen}, _]} = play(
+            2,
+            fun(R) ->
+                ok = starl:sleep(R, 1000),
+                [point(starl:position(R)), point(starl:position(R, 2))]
+            end,
+            #{faults => Faults, position_error => 0.0}
+        ),
         Seen
     end,
     Fault = fun(Kind, Target, Params) -> [{x, 500, 9000, Kind, Target, Params}] end,
@@ -206,11 +271,15 @@ point(Other) -> Other.
 wheel_faults(_) ->
     [
         begin
-            {_, [{done, Arrived}, _]} = play(2, fun(R) ->
-                Begin = starl:now(R),
-                ok = starl:go_to(R, {1000.0, 3000.0}),
-                {starl:now(R) - Begin, point(starl:position(R))}
-            end, #{faults => [{w, 500, 9000, Kind, 1, Params}], clock_drift => 0}),
+            {_, [{done, Arrived}, _]} = play(
+                2,
+                fun(R) ->
+                    Begin = starl:now(R),
+                    ok = starl:go_to(R, {1000.0, 3000.0}),
+                    {starl:now(R) - Begin, point(starl:position(R))}
+                end,
+                #{faults => [{w, 500, 9000, Kind, 1, Params}], clock_drift => 0}
+            ),
             {Ms, {X, Y}} = Arrived,
             ?assert(Ms > 6000, {Kind, Ms}),
             ?assert(starl_geometry:distance({X, Y}, {1000.0, 3000.0}) < 50.0, {Kind, X, Y})
@@ -221,23 +290,32 @@ wheel_faults(_) ->
     ].
 
 lost_command(_) ->
-    {#{violations := []}, [{done, ok}, _]} = play(2, fun(R) ->
-        starl:go_to(R, {1000.0, 3000.0})
-    end, #{faults => [{l, 0, 3000, command_lost, 1, #{part => 0.5}}]}).
+    {#{violations := []}, [{done, ok}, _]} = play(
+        2,
+        fun(R) ->
+            starl:go_to(R, {1000.0, 3000.0})
+        end,
+        #{faults => [{l, 0, 3000, command_lost, 1, #{part => 0.5}}]}
+    ).
 
 %% A pen that has not heard, does not move, or cannot be heard is told again, and moves when the
 %% fault is over; who lowers it waits for that. What the trace tells is what the pen has done.
 actuator_faults(_) ->
     Down = fun(Fault) ->
-        {Outcome, [{done, Ms}, _]} = play(2, fun(R) ->
-            ok = starl:sleep(R, 1000),
-            Begin = starl:now(R),
-            ok = starl_actuator:set(R, pen, down),
-            starl:now(R) - Begin
-        end, #{
-            faults => Fault, clock_drift => 0,
-            around => #{blocks => [starl_actuator]}
-        }),
+        {Outcome, [{done, Ms}, _]} = play(
+            2,
+            fun(R) ->
+                ok = starl:sleep(R, 1000),
+                Begin = starl:now(R),
+                ok = starl_actuator:set(R, pen, down),
+                starl:now(R) - Begin
+            end,
+            #{
+                faults => Fault,
+                clock_drift => 0,
+                around => #{blocks => [starl_actuator]}
+            }
+        ),
         {Ms, [T || {T, 1, chassis, {actuated, pen, down}} <- starl_sim_ct:trace(Outcome)]}
     end,
     Fault = fun(Kind, Params) -> [{x, 500, 5000, Kind, 1, Params}] end,
@@ -249,7 +327,9 @@ actuator_faults(_) ->
             ?assert(T > Told + 3900000, {Kind, T})
         end
      || {Kind, Params} <- [
-            {actuator_lost, #{part => 1.0}}, {actuator_stuck, #{}}, {serial_gone, #{}},
+            {actuator_lost, #{part => 1.0}},
+            {actuator_stuck, #{}},
+            {serial_gone, #{}},
             {serial_garbage, #{part => 1.0}}
         ]
     ],
@@ -267,9 +347,12 @@ shout(Type, Body) -> starl_app_proc:perform([starl_sap:shout({app, Type}, Body)]
 
 %% Both modes come to the same: the outcome and the robots' results.
 play(N, Script, More) ->
-    Scenario = maps:merge(#{
-        app => ?APP, robots => N, script => Script, time => 100, seed => 2
-    }, More),
+    Scenario = maps:merge(
+        #{
+            app => ?APP, robots => N, script => Script, time => 100, seed => 2
+        },
+        More
+    ),
     [#{digest := Digest} = Outcome, #{digest := Digest}] =
         [run(Scenario#{mode => Mode}) || Mode <- [process, inline]],
     #{violations := Broken, robots := Robots} = Outcome,

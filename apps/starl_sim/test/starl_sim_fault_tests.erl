@@ -59,7 +59,8 @@ bounds(Faults) ->
     Scene = #{
         app => {sequential, App, #{}},
         monitors => [
-            {starl_sim_told_monitor, #{bound_us => 1000}}, {starl_sim_order_monitor, #{bound_us => 7}}
+            {starl_sim_told_monitor, #{bound_us => 1000}},
+            {starl_sim_order_monitor, #{bound_us => 7}}
         ]
     },
     Context = starl_sim_plan:context(App, Scenario),

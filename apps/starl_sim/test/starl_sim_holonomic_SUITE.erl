@@ -7,9 +7,15 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    stays_near_its_lines/1, each_kind_of_fault_bites/1, stuck_drive_moves_it_no_further/1,
-    stops_within_its_brake/1, stalls_and_says_so_when_it_stands/1, never_faster_than_its_limit/1,
-    pause_ends_at_the_leg/1, dies_braking/1, another_chassis_script/1,
+    stays_near_its_lines/1,
+    each_kind_of_fault_bites/1,
+    stuck_drive_moves_it_no_further/1,
+    stops_within_its_brake/1,
+    stalls_and_says_so_when_it_stands/1,
+    never_faster_than_its_limit/1,
+    pause_ends_at_the_leg/1,
+    dies_braking/1,
+    another_chassis_script/1,
     mixed_team_is_the_same_in_every_mode/1
 ]).
 
@@ -17,17 +23,38 @@
 -define(HEAL_S, 40).
 -define(TIME_S, 300).
 -define(KINDS, [
-    clock_offset, clock_drift, clock_step, clock_freeze, kill_machine, reboot, pause, slow,
-    location_dropout, location_frozen, wheel_stuck, wheel_slow, command_lost, slip, serial_garbage,
-    serial_split, serial_gone
+    clock_offset,
+    clock_drift,
+    clock_step,
+    clock_freeze,
+    kill_machine,
+    reboot,
+    pause,
+    slow,
+    location_dropout,
+    location_frozen,
+    wheel_stuck,
+    wheel_slow,
+    command_lost,
+    slip,
+    serial_garbage,
+    serial_split,
+    serial_gone
 ]).
 
 suite() -> [{timetrap, {minutes, 5}}].
 
 all() ->
     [
-        stays_near_its_lines, each_kind_of_fault_bites, stuck_drive_moves_it_no_further,
-        stops_within_its_brake, stalls_and_says_so_when_it_stands, never_faster_than_its_limit, pause_ends_at_the_leg, dies_braking, another_chassis_script,
+        stays_near_its_lines,
+        each_kind_of_fault_bites,
+        stuck_drive_moves_it_no_further,
+        stops_within_its_brake,
+        stalls_and_says_so_when_it_stands,
+        never_faster_than_its_limit,
+        pause_ends_at_the_leg,
+        dies_braking,
+        another_chassis_script,
         mixed_team_is_the_same_in_every_mode
     ].
 
@@ -62,22 +89,24 @@ near_and_there(Seed, Kinds, Profile) ->
 %% Where a piece is too fast, changes its velocity too fast, or does not go on where and as the one
 %% before ends.
 limits(Pieces, #{speed := Speed, acceleration := Acceleration}) ->
-    [
-        {fast, P} || {P, _, _} <- Pieces, starl_trajectory:fastest(P) > Speed + 1.0e-6
-    ] ++
-    [
-        {hard, P}
-     || {{ramp, _, _, _, _, {VX0, VY0}, {VX1, VY1}, Us} = P, _, _} <- Pieces,
-        starl_geometry:distance({VX0, VY0}, {VX1, VY1}) > Acceleration * Us / 1.0e6 + 1.0e-6
-    ] ++
-    [
-        {jump, P, Q}
-     || {{P, _, To}, {Q, _, _}} <- lists:zip(lists:droplast(Pieces), tl(Pieces)),
-        starl_geometry:distance(starl_trajectory:velocity(To, P), starl_trajectory:velocity(To, Q)) >
-            1.0e-6 orelse
-            starl_geometry:distance(starl_trajectory:position(To, P), starl_trajectory:position(To, Q)) >
-                1.0e-6
-    ].
+    [{fast, P} || {P, _, _} <- Pieces, starl_trajectory:fastest(P) > Speed + 1.0e-6] ++
+        [
+            {hard, P}
+         || {{ramp, _, _, _, _, {VX0, VY0}, {VX1, VY1}, Us} = P, _, _} <- Pieces,
+            starl_geometry:distance({VX0, VY0}, {VX1, VY1}) > Acceleration * Us / 1.0e6 + 1.0e-6
+        ] ++
+        [
+            {jump, P, Q}
+         || {{P, _, To}, {Q, _, _}} <- lists:zip(lists:droplast(Pieces), tl(Pieces)),
+            starl_geometry:distance(
+                starl_trajectory:velocity(To, P), starl_trajectory:velocity(To, Q)
+            ) >
+                1.0e-6 orelse
+                starl_geometry:distance(
+                    starl_trajectory:position(To, P), starl_trajectory:position(To, Q)
+                ) >
+                    1.0e-6
+        ].
 
 %% The same drive under each kind alone comes out otherwise than without. (A clock that is only off
 %% changes nothing in a drive.)
@@ -89,7 +118,9 @@ each_kind_of_fault_bites(_) ->
             fun(Seed) ->
                 Faulty = drive(#{random_faults => [Kind], heal => ?HEAL_S, seed => Seed}),
                 lasted(Faulty) =/= maps:get(Seed, Sound)
-            end, Seeds)
+            end,
+            Seeds
+        )
     end,
     Clocks = [clock_offset, clock_step, clock_drift, clock_freeze],
     ?assertEqual([], [Kind || Kind <- ?KINDS -- Clocks, not Bites(Kind)]).
@@ -144,7 +175,10 @@ never_faster_than_its_limit(_) ->
         {moved, _, Going} = tell([{Told, Told, 1000000}], a, 0, Vehicle),
         starl_trajectory:fastest(starl_sim_vehicle:piece(Going))
     end,
-    [?assert(Fastest(Told, N) =< 500.0 + 1.0e-9) || Told <- [353.0, 400.0, 9000.0], N <- lists:seq(1, 20)],
+    [
+        ?assert(Fastest(Told, N) =< 500.0 + 1.0e-9)
+     || Told <- [353.0, 400.0, 9000.0], N <- lists:seq(1, 20)
+    ],
     ?assert(lists:max([Fastest(340.0, N) || N <- lists:seq(1, 20)]) > 481.0).
 
 %% The computer stands still in the midst of a leg: the body does not drive on.
@@ -172,8 +206,15 @@ another_chassis_script(_) ->
 mixed_team_is_the_same_in_every_mode(_) ->
     Run = fun(Mode, Shards) ->
         {ok, Sim} = starl_sim:start(#{
-            app => starl_painting, robots => 4, seed => 3, picture => "house", loss => 0.2, chassis => mixed,
-            mode => Mode, shards => Shards, time => 40
+            app => starl_painting,
+            robots => 4,
+            seed => 3,
+            picture => "house",
+            loss => 0.2,
+            chassis => mixed,
+            mode => Mode,
+            shards => Shards,
+            time => 40
         }),
         _ = starl_sim:run(Sim),
         {#{digest := Digest, violations := []}, _} = starl_sim:finish(Sim),
@@ -187,32 +228,64 @@ mixed_team_is_the_same_in_every_mode(_) ->
 profile() ->
     ?LET(
         {Speed, Acceleration, Heading, Part, Position},
-        {oneof([100, 300, 500]), oneof([300, 1000, 2000, 5000]), oneof([0.0, 0.02, 0.05]),
-         oneof([0.0, 0.01, 0.05]), oneof([0.5, 1.0, 3.0])},
+        {
+            oneof([100, 300, 500]),
+            oneof([300, 1000, 2000, 5000]),
+            oneof([0.0, 0.02, 0.05]),
+            oneof([0.0, 0.01, 0.05]),
+            oneof([0.5, 1.0, 3.0])
+        },
         #{
-            speed => Speed, acceleration => Acceleration, heading_error => Heading,
-            distance_error => Part, position_error => Position
+            speed => Speed,
+            acceleration => Acceleration,
+            heading_error => Heading,
+            distance_error => Part,
+            position_error => Position
         }
     ).
 
 radius(Profile) ->
-    [Whole] = starl_sim_chassis:profiles(holonomic, maps:from_list([
-        {case Key of position_error -> position_error_mm; _ -> Key end, float(Value)}
-     || {Key, Value} <- maps:to_list(Profile)
-    ])),
+    [Whole] = starl_sim_chassis:profiles(
+        holonomic,
+        maps:from_list([
+            {
+                case Key of
+                    position_error -> position_error_mm;
+                    _ -> Key
+                end,
+                float(Value)
+            }
+         || {Key, Value} <- maps:to_list(Profile)
+        ])
+    ),
     starl_chassis:tracking_radius(Whole).
 
 lines() ->
-    Points = [{1000.0, 1000.0}, {4000.0, 1000.0}, {4000.0, 3000.0}, {2000.0, 1500.0},
-              {2300.0, 3500.0}],
+    Points = [
+        {1000.0, 1000.0},
+        {4000.0, 1000.0},
+        {4000.0, 3000.0},
+        {2000.0, 1500.0},
+        {2300.0, 3500.0}
+    ],
     lists:zip(lists:droplast(Points), tl(Points)).
 
 %% One robot drives along the lines, each as often as it takes.
 drive(More) ->
-    starl_sim_ct:run(maps:merge(#{
-        app => starl_sim_script_app, robots => 1, seed => 1, time => ?TIME_S, mode => inline,
-        chassis => holonomic, script => fun follow/1
-    }, More)).
+    starl_sim_ct:run(
+        maps:merge(
+            #{
+                app => starl_sim_script_app,
+                robots => 1,
+                seed => 1,
+                time => ?TIME_S,
+                mode => inline,
+                chassis => holonomic,
+                script => fun follow/1
+            },
+            More
+        )
+    ).
 
 %% An application that starts anew goes on from the line that the robot is on.
 follow(Robot) ->
@@ -255,9 +328,19 @@ vehicle(Faults, Errors, Seed) ->
     Exact = #{heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0},
     Profiles = starl_sim_chassis:profiles(holonomic, maps:merge(Exact, Errors)),
     starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, #{
-        seed => Seed, team => starl_team:new([1]), clock => {0, 0}, loss => 0.0, duplicate => 0.0,
-        delay_us => {1000, 2000}, range_mm => infinity, profiles => Profiles, network => [],
-        clocks => [], location => [], actuation => Faults, store => [],
+        seed => Seed,
+        team => starl_team:new([1]),
+        clock => {0, 0},
+        loss => 0.0,
+        duplicate => 0.0,
+        delay_us => {1000, 2000},
+        range_mm => infinity,
+        profiles => Profiles,
+        network => [],
+        clocks => [],
+        location => [],
+        actuation => Faults,
+        store => [],
         sight => starl_sim_sight:new([], infinity)
     }).
 

@@ -11,11 +11,17 @@ waits_for_all_and_the_order_test() ->
     {ok, Judge1} = starl_sim_judge:told(A, 2, [{30, 1, m, x}], 2, Judge0),
     {ok, Judge2} = starl_sim_judge:told(B, 2, [], 2, Judge1),
     {ok, Judge3} = starl_sim_judge:told(B, 1, [{10, 2, m, x}], 2, Judge2),
-    ?assertEqual({0, 0, [A]}, {starl_sim_judge:judged(Judge3), starl_sim_judge:seen(Judge3),
-                               starl_sim_judge:missing(Shards, Judge3)}),
+    ?assertEqual({0, 0, [A]}, {
+        starl_sim_judge:judged(Judge3),
+        starl_sim_judge:seen(Judge3),
+        starl_sim_judge:missing(Shards, Judge3)
+    }),
     {ok, Judge4} = starl_sim_judge:told(A, 1, [{5, 1, m, x}], 2, Judge3),
-    ?assertEqual({2, 30, [A, B]}, {starl_sim_judge:judged(Judge4), starl_sim_judge:seen(Judge4),
-                                   starl_sim_judge:missing(Shards, Judge4)}).
+    ?assertEqual({2, 30, [A, B]}, {
+        starl_sim_judge:judged(Judge4),
+        starl_sim_judge:seen(Judge4),
+        starl_sim_judge:missing(Shards, Judge4)
+    }).
 
 %% The monitors see one trace in the order of time, then robot, whoever told first.
 one_trace_test() ->
@@ -68,8 +74,10 @@ init(#{}) -> none.
 step(_Event, State) -> {ok, State}.
 
 finish(End, none) ->
-    {{violation, [#{contract => late, what => late, at_us => End, robots => [], details => #{}}]},
-        #{}}.
+    {
+        {violation, [#{contract => late, what => late, at_us => End, robots => [], details => #{}}]},
+        #{}
+    }.
 
 two_shards() ->
     Judge = starl_sim_judge:new([{starl_sim_order_monitor, #{}}]),

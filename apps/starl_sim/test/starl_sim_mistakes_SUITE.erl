@@ -6,16 +6,24 @@
 
 -export([all/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    wrong_arguments/1, wrong_actions_of_a_machine/1, wrong_actions_at_the_start/1,
-    an_application_that_is_a_machine/1, a_step_that_never_blocks/1, steps_that_never_block/1
+    wrong_arguments/1,
+    wrong_actions_of_a_machine/1,
+    wrong_actions_at_the_start/1,
+    an_application_that_is_a_machine/1,
+    a_step_that_never_blocks/1,
+    steps_that_never_block/1
 ]).
 
 -define(MODES, [process, inline]).
 
 all() ->
     [
-        wrong_arguments, wrong_actions_of_a_machine, wrong_actions_at_the_start,
-        an_application_that_is_a_machine, a_step_that_never_blocks, steps_that_never_block
+        wrong_arguments,
+        wrong_actions_of_a_machine,
+        wrong_actions_at_the_start,
+        an_application_that_is_a_machine,
+        a_step_that_never_blocks,
+        steps_that_never_block
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -36,8 +44,10 @@ wrong_arguments(_) ->
     [
         begin
             {Outcome, Results, Trace} = played(2, life(Mistake), #{mode => Mode, clock_offset => 0}),
-            ?assertEqual({Name, [], [{done, recovered}, {done, fine}]},
-                         {Name, maps:get(violations, Outcome), Results}),
+            ?assertEqual(
+                {Name, [], [{done, recovered}, {done, fine}]},
+                {Name, maps:get(violations, Outcome), Results}
+            ),
             [{_, {Reason, [_ | _] = Stack}}] =
                 [{T, Cause} || {T, 1, supervisor, {crashed, app, Cause}} <- Trace],
             ?assertMatch({match, _}, re:run(Reason, "^{bad_argument,")),
@@ -67,10 +77,20 @@ life(Mistake) ->
 %% It is the machine that crashes, in its own process or inline; the run judges it and goes on.
 wrong_actions_of_a_machine(_) ->
     Wrong = [
-        {timeout, 500000, tick}, {{timeout, t}, 0.5, x}, {{timeout, t}, -5, x},
-        {state_timeout, -1, x}, {transmit, everybody, p}, {sense, me, t}, {sense, [me], t},
-        {drive, {starl_chassis_differential, [{fast, 1.0, 5}]}, m}, {drive, now, m}, {actuate, "pen", up}, {cast, 5, x},
-        {reply, nobody, x}, {call, motion, {go_to, {north, 1.0}}, t}, nonsense,
+        {timeout, 500000, tick},
+        {{timeout, t}, 0.5, x},
+        {{timeout, t}, -5, x},
+        {state_timeout, -1, x},
+        {transmit, everybody, p},
+        {sense, me, t},
+        {sense, [me], t},
+        {drive, {starl_chassis_differential, [{fast, 1.0, 5}]}, m},
+        {drive, now, m},
+        {actuate, "pen", up},
+        {cast, 5, x},
+        {reply, nobody, x},
+        {call, motion, {go_to, {north, 1.0}}, t},
+        nonsense,
         {cast, sap, {send, north, a, b}}
     ],
     [
@@ -84,15 +104,27 @@ wrong_actions_of_a_machine(_) ->
 careless(Word) ->
     [Same, Same] = [
         begin
-            {#{digest := Digest} = Outcome, Results, Trace} = played(2, fun(R) ->
-                _ = [ok = starl_app_proc:perform([{cast, careless, Word}]) || starl:id(R) =:= 1],
-                ok = starl:sleep(R, 10),
-                starl:position(R) =/= none
-            end, #{mode => Mode, around => #{blocks => [{careless, starl_sim_careless, #{}}]}}),
+            {#{digest := Digest} = Outcome, Results, Trace} = played(
+                2,
+                fun(R) ->
+                    _ = [
+                        ok = starl_app_proc:perform([{cast, careless, Word}])
+                     || starl:id(R) =:= 1
+                    ],
+                    ok = starl:sleep(R, 10),
+                    starl:position(R) =/= none
+                end,
+                #{mode => Mode, around => #{blocks => [{careless, starl_sim_careless, #{}}]}}
+            ),
             ?assertEqual([{done, true}, {done, true}], Results),
-            ?assertMatch([#{contract := careless, what := crashed}],
-                         maps:get(violations, Outcome)),
-            {[kind(Reason) || {_, 1, supervisor, {crashed, careless, {Reason, _}}} <- Trace], Digest}
+            ?assertMatch(
+                [#{contract := careless, what := crashed}],
+                maps:get(violations, Outcome)
+            ),
+            {
+                [kind(Reason) || {_, 1, supervisor, {crashed, careless, {Reason, _}}} <- Trace],
+                Digest
+            }
         end
      || Mode <- ?MODES
     ],
@@ -107,10 +139,14 @@ wrong_actions_at_the_start(_) ->
     [
         begin
             Blocks = [{careless, starl_sim_careless, #{actions => [{state_timeout, soon, x}]}}],
-            {_, Results, Trace} = played(2, fun(R) ->
-                ok = starl:sleep(R, 10),
-                starl:send(R, 3 - starl:id(R), a, b)
-            end, #{mode => Mode, around => #{blocks => Blocks}}),
+            {_, Results, Trace} = played(
+                2,
+                fun(R) ->
+                    ok = starl:sleep(R, 10),
+                    starl:send(R, 3 - starl:id(R), a, b)
+                end,
+                #{mode => Mode, around => #{blocks => Blocks}}
+            ),
             ?assertEqual([{done, ok}, {done, ok}], Results),
             ?assertEqual([1, 2], [R || {_, R, supervisor, {given_up, careless}} <- Trace])
         end
@@ -132,13 +168,20 @@ an_application_that_is_a_machine(_) ->
 
 %% What a turn gathers is bounded; a long but sensible one is no mistake.
 a_step_that_never_blocks(_) ->
-    {_, Results, Trace} = played(1, fun(R) ->
-        [ok = starl:trace(R, K) || K <- lists:seq(1, 50000)],
-        case starl:now(R) < 500 of
-            true -> ok = starl:sleep(R, 1000), for_ever(R);
-            false -> recovered
-        end
-    end, #{clock_offset => 0}),
+    {_, Results, Trace} = played(
+        1,
+        fun(R) ->
+            [ok = starl:trace(R, K) || K <- lists:seq(1, 50000)],
+            case starl:now(R) < 500 of
+                true ->
+                    ok = starl:sleep(R, 1000),
+                    for_ever(R);
+                false ->
+                    recovered
+            end
+        end,
+        #{clock_offset => 0}
+    ),
     ?assertEqual([{done, recovered}], Results),
     told_so(Trace).
 

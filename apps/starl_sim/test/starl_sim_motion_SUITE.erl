@@ -8,16 +8,33 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    stays_near_its_lines/1, each_kind_of_fault_bites/1, pause_ends_at_the_leg/1,
-    frozen_picture_is_not_believed/1, stuck_wheel_moves_it_no_further/1
+    stays_near_its_lines/1,
+    each_kind_of_fault_bites/1,
+    pause_ends_at_the_leg/1,
+    frozen_picture_is_not_believed/1,
+    stuck_wheel_moves_it_no_further/1
 ]).
 
 %% Faults are over after so long, ms; the run ends so much later, s.
 -define(HEAL_MS, 40000).
 -define(TIME_S, 150).
 -define(KINDS, [
-    clock_offset, clock_drift, clock_step, clock_freeze, kill_machine, reboot, pause, slow,
-    location_dropout, location_frozen, wheel_stuck, wheel_slow, command_lost, slip, serial_garbage, serial_split,
+    clock_offset,
+    clock_drift,
+    clock_step,
+    clock_freeze,
+    kill_machine,
+    reboot,
+    pause,
+    slow,
+    location_dropout,
+    location_frozen,
+    wheel_stuck,
+    wheel_slow,
+    command_lost,
+    slip,
+    serial_garbage,
+    serial_split,
     serial_gone
 ]).
 
@@ -25,8 +42,11 @@ suite() -> [{timetrap, {minutes, 3}}].
 
 all() ->
     [
-        stays_near_its_lines, each_kind_of_fault_bites, pause_ends_at_the_leg,
-        frozen_picture_is_not_believed, stuck_wheel_moves_it_no_further
+        stays_near_its_lines,
+        each_kind_of_fault_bites,
+        pause_ends_at_the_leg,
+        frozen_picture_is_not_believed,
+        stuck_wheel_moves_it_no_further
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -61,11 +81,16 @@ each_kind_of_fault_bites(_) ->
             fun(Seed) ->
                 Fault = drive(#{random_faults => [Kind], heal => 40, seed => Seed}),
                 lasted(Fault) =/= lasted(drive(#{seed => Seed}))
-            end, lists:seq(1, 20))
+            end,
+            lists:seq(1, 20)
+        )
     end,
     ?assert(off(Sound) =< radius()),
-    ?assertEqual([], [Kind || Kind <- ?KINDS -- [clock_offset, clock_step, clock_drift, clock_freeze],
-        not Bites(Kind)]).
+    ?assertEqual([], [
+        Kind
+     || Kind <- ?KINDS -- [clock_offset, clock_step, clock_drift, clock_freeze],
+        not Bites(Kind)
+    ]).
 
 lasted(#{end_us := Us}) -> Us.
 
@@ -96,16 +121,30 @@ stuck_wheel_moves_it_no_further(_) ->
 radius() -> starl_chassis:tracking_radius(starl_chassis:profile(starl_chassis_differential, #{})).
 
 lines() ->
-    Points = [{1000.0, 1000.0}, {4000.0, 1000.0}, {4000.0, 3000.0}, {2000.0, 1500.0},
-              {2300.0, 3500.0}],
+    Points = [
+        {1000.0, 1000.0},
+        {4000.0, 1000.0},
+        {4000.0, 3000.0},
+        {2000.0, 1500.0},
+        {2300.0, 3500.0}
+    ],
     lists:zip(lists:droplast(Points), tl(Points)).
 
 %% One robot drives along the lines, each as often as it takes.
 drive(More) ->
-    starl_sim_ct:run(maps:merge(#{
-        app => starl_sim_script_app, robots => 1, seed => 1, time => ?TIME_S, mode => inline,
-        script => fun follow/1
-    }, More)).
+    starl_sim_ct:run(
+        maps:merge(
+            #{
+                app => starl_sim_script_app,
+                robots => 1,
+                seed => 1,
+                time => ?TIME_S,
+                mode => inline,
+                script => fun follow/1
+            },
+            More
+        )
+    ).
 
 %% An application that starts anew goes on from the line that the robot is on.
 follow(Robot) ->

@@ -9,11 +9,18 @@ init(#{}) -> {0, []}.
 step({T, Robot, Machine, Event} = Traced, {Last, Trace}) ->
     Next = {max(T, Last), [Traced | Trace]},
     case T >= Last of
-        true -> {ok, Next};
+        true ->
+            {ok, Next};
         false ->
-            {violation, #{contract => order, what => time_runs_backwards, at_us => T,
-                          robots => [Robot],
-                          details => #{machine => Machine, event => Event, last_us => Last}}, Next}
+            {violation,
+                #{
+                    contract => order,
+                    what => time_runs_backwards,
+                    at_us => T,
+                    robots => [Robot],
+                    details => #{machine => Machine, event => Event, last_us => Last}
+                },
+                Next}
     end.
 
 finish(_End, {_, Trace}) -> {ok, #{trace => lists:reverse(Trace)}}.

@@ -9,8 +9,13 @@ adds_up_test() ->
     #{digest := Digest} = Outcome = starl_sim_outcome:new(End, judge()),
     ?assertEqual(
         #{
-            ending => done, end_us => 5, robots => maps:get(robots, End), lost => [], events => 20,
-            packets => 320, violations => [],
+            ending => done,
+            end_us => 5,
+            robots => maps:get(robots, End),
+            lost => [],
+            events => 20,
+            packets => 320,
+            violations => [],
             monitors => #{starl_sim_order_monitor => #{trace => []}}
         },
         maps:remove(digest, Outcome)
@@ -21,7 +26,9 @@ adds_up_test() ->
 violations_test() ->
     Trace = [{9, 1, m, x}, {5, 1, m, x}],
     {violation, Judge} = starl_sim_judge:told(self(), 1, Trace, 1, judge()),
-    #{violations := [#{contract := order}]} = starl_sim_outcome:new(ending([robot(1, 7)], 1), Judge).
+    #{violations := [#{contract := order}]} = starl_sim_outcome:new(
+        ending([robot(1, 7)], 1), Judge
+    ).
 
 %% The monitors are closed at the end of the run, which is when they say what is missing.
 closed_at_the_end_test() ->
@@ -37,8 +44,12 @@ digest_test() ->
     [{1, Summary}, Second] = Robots,
     ?assertEqual(digest(Robots), digest([{1, Summary#{packets := 0, events := 1}}, Second])),
     Others = [
-        [robot(1, 9), robot(2, 7)], [robot(1, 7), robot(2, 8)], [robot(1, 7), robot(3, 9)],
-        [robot(1, 7 + 4294967296 div 2), robot(2, 9)], [robot(1, 7)], [robot(2, 9)]
+        [robot(1, 9), robot(2, 7)],
+        [robot(1, 7), robot(2, 8)],
+        [robot(1, 7), robot(3, 9)],
+        [robot(1, 7 + 4294967296 div 2), robot(2, 9)],
+        [robot(1, 7)],
+        [robot(2, 9)]
     ],
     Digests = [digest(Some) || Some <- [Robots | Others]],
     ?assertEqual(length(Digests), length(lists:usort(Digests))).

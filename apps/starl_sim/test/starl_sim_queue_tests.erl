@@ -25,7 +25,10 @@ windows_test() ->
 
 %% Whatever the order in which they were added, and with equal times.
 sorted_test() ->
-    Events = [{R, T, C, S, N, x} || R <- [1, 2], T <- [5, 7], C <- [0, 1, 2], S <- [1, 2], N <- [1, 2]],
+    Events = [
+        {R, T, C, S, N, x}
+     || R <- [1, 2], T <- [5, 7], C <- [0, 1, 2], S <- [1, 2], N <- [1, 2]
+    ],
     [
         begin
             Shuffled = [E || {_, E} <- lists:sort([{erlang:phash2({Seed, E}), E} || E <- Events])],
@@ -56,7 +59,8 @@ drain(Q) ->
 add(List) ->
     lists:foldl(
         fun({N, {T, R}}, Q) -> starl_sim_queue:add({R, T, 1, R, N, x}, Q) end,
-        starl_sim_queue:new(10), lists:zip(lists:seq(1, length(List)), List)
+        starl_sim_queue:new(10),
+        lists:zip(lists:seq(1, length(List)), List)
     ).
 
 times(Events) -> [element(2, E) || E <- Events].

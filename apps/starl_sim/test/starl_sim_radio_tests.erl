@@ -6,13 +6,26 @@
 
 %% The part that is lost is within five standard deviations of what was asked for.
 loss_rate_test_() ->
-    [?_assert(near(Loss, [starl_sim_radio:lost(way(N), world(#{loss => Loss})) || N <- lists:seq(1, ?N)]))
-     || Loss <- [0.0, 0.01, 0.2, 0.4, 0.9, 1.0]].
+    [
+        ?_assert(
+            near(Loss, [
+                starl_sim_radio:lost(way(N), world(#{loss => Loss}))
+             || N <- lists:seq(1, ?N)
+            ])
+        )
+     || Loss <- [0.0, 0.01, 0.2, 0.4, 0.9, 1.0]
+    ].
 
 duplicate_rate_test_() ->
-    [?_assert(near(Part, [length(starl_sim_radio:delays(way(N), world(#{duplicate => Part}))) =:= 2
-                          || N <- lists:seq(1, ?N)]))
-     || Part <- [0.0, 0.1, 0.5, 1.0]].
+    [
+        ?_assert(
+            near(Part, [
+                length(starl_sim_radio:delays(way(N), world(#{duplicate => Part}))) =:= 2
+             || N <- lists:seq(1, ?N)
+            ])
+        )
+     || Part <- [0.0, 0.1, 0.5, 1.0]
+    ].
 
 near(Rate, Draws) ->
     Hits = length([hit || true <- Draws]),
@@ -20,10 +33,15 @@ near(Rate, Draws) ->
 
 %% Every delay within the bounds comes up, none outside; both copies are drawn apart.
 delays_test() ->
-    Delays = lists:append([starl_sim_radio:delays(way(N), world(#{duplicate => 1.0, delay_us => {5000, 9000}}))
-                           || N <- lists:seq(1, 500)]),
+    Delays = lists:append([
+        starl_sim_radio:delays(way(N), world(#{duplicate => 1.0, delay_us => {5000, 9000}}))
+     || N <- lists:seq(1, 500)
+    ]),
     ?assertEqual([5000, 6000, 7000, 8000, 9000], lists:usort(Delays)),
-    Fine = [hd(starl_sim_radio:delays(way(N), world(#{delay_us => {5500, 9000}}))) || N <- lists:seq(1, 500)],
+    Fine = [
+        hd(starl_sim_radio:delays(way(N), world(#{delay_us => {5500, 9000}})))
+     || N <- lists:seq(1, 500)
+    ],
     ?assert(lists:min(Fine) >= 5500 andalso lists:max(Fine) =< 9000),
     ?assert(length(lists:usort(Fine)) > 100),
     ?assertEqual([7000], starl_sim_radio:delays(way(1), world(#{delay_us => {7000, 7000}}))).
@@ -45,12 +63,17 @@ stateless_test() ->
     High = [N || N <- lists:seq(1, ?N), starl_sim_radio:lost(way(N), world(#{loss => 0.3}))],
     ?assertEqual([], Low -- High),
     Plain = [starl_sim_radio:delays(way(N), world(#{})) || N <- lists:seq(1, 100)],
-    Doubled = [starl_sim_radio:delays(way(N), world(#{duplicate => 0.5, loss => 0.5})) || N <- lists:seq(1, 100)],
+    Doubled = [
+        starl_sim_radio:delays(way(N), world(#{duplicate => 0.5, loss => 0.5}))
+     || N <- lists:seq(1, 100)
+    ],
     ?assertEqual([hd(D) || D <- Plain], [hd(D) || D <- Doubled]).
 
 %% Another seed, another network.
 seeds_test() ->
-    Draw = fun(Seed) -> [starl_sim_radio:lost({Seed, 1, 2, N}, world(#{loss => 0.5})) || N <- lists:seq(1, 100)] end,
+    Draw = fun(Seed) ->
+        [starl_sim_radio:lost({Seed, 1, 2, N}, world(#{loss => 0.5})) || N <- lists:seq(1, 100)]
+    end,
     ?assertEqual(Draw(1), Draw(1)),
     ?assertNotEqual(Draw(1), Draw(2)).
 

@@ -6,9 +6,17 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    stops_exactly/1, stopped_at_random_events/1, stop_twice_in_a_window/1, recorded_events/1,
-    recording_changes_nothing/1, checkpoints_are_the_same/1, event_beyond_the_end/1,
-    event_in_the_past/1, no_such_robot/1, killed_while_held/1, status_while_held/1,
+    stops_exactly/1,
+    stopped_at_random_events/1,
+    stop_twice_in_a_window/1,
+    recorded_events/1,
+    recording_changes_nothing/1,
+    checkpoints_are_the_same/1,
+    event_beyond_the_end/1,
+    event_in_the_past/1,
+    no_such_robot/1,
+    killed_while_held/1,
+    status_while_held/1,
     violation_ends_the_same/1
 ]).
 
@@ -18,9 +26,17 @@ suite() -> [{timetrap, {minutes, 2}}].
 
 all() ->
     [
-        stops_exactly, stopped_at_random_events, stop_twice_in_a_window, recorded_events,
-        recording_changes_nothing, checkpoints_are_the_same, event_beyond_the_end,
-        event_in_the_past, no_such_robot, killed_while_held, status_while_held,
+        stops_exactly,
+        stopped_at_random_events,
+        stop_twice_in_a_window,
+        recorded_events,
+        recording_changes_nothing,
+        checkpoints_are_the_same,
+        event_beyond_the_end,
+        event_in_the_past,
+        no_such_robot,
+        killed_while_held,
+        status_while_held,
         violation_ends_the_same
     ].
 
@@ -126,7 +142,12 @@ kill_all_sap(Sim) ->
     ],
     Refs = [monitor(process, Pid) || Pid <- Pids],
     _ = [exit(Pid, kill) || Pid <- Pids],
-    _ = [receive {'DOWN', Ref, _, _, _} -> ok end || Ref <- Refs],
+    _ = [
+        receive
+            {'DOWN', Ref, _, _, _} -> ok
+        end
+     || Ref <- Refs
+    ],
     ok.
 
 %% The time is that of the event, and everything can be looked at.
@@ -183,10 +204,20 @@ checkpoints(Scenario) ->
 %% A run that breaks a contract comes to the same end when it is run in pieces.
 violation_ends_the_same(_) ->
     Script = fun(R) ->
-        [begin starl:sleep(R, 50), starl:trace(R, K) end || K <- lists:seq(1, 200)]
+        [
+            begin
+                starl:sleep(R, 50),
+                starl:trace(R, K)
+            end
+         || K <- lists:seq(1, 200)
+        ]
     end,
     Scenario = #{
-        app => ?APP, robots => 3, script => Script, time => 60, delay => {10, 10},
+        app => ?APP,
+        robots => 3,
+        script => Script,
+        time => 60,
+        delay => {10, 10},
         around => #{monitors => [{starl_sim_replay_monitor, #{}}]}
     },
     Whole = outcome(Scenario),
@@ -211,8 +242,15 @@ in_pieces(Sim, Piece) ->
 
 shuttle() ->
     #{
-        app => starl_ring_shuttle, robots => 5, messages => 500, seed => 11, loss => 0.2,
-        duplicate => 0.1, delay => {10, 20}, time => 90, faults => [
+        app => starl_ring_shuttle,
+        robots => 5,
+        messages => 500,
+        seed => 11,
+        loss => 0.2,
+        duplicate => 0.1,
+        delay => {10, 20},
+        time => 90,
+        faults => [
             {a, 3000, 3000, kill_machine, {2, sap}, #{}},
             {b, 5000, 5000, kill_machine, {4, app}, #{}}
         ]

@@ -8,7 +8,8 @@
 
 options() ->
     [
-        {script, {term, "a function of the robot", fun(F) -> is_function(F, 1) end}, fun starl:id/1, ""},
+        {script, {term, "a function of the robot", fun(F) -> is_function(F, 1) end}, fun starl:id/1,
+            ""},
         {around, {term, "a map", fun is_map/1}, #{}, "merged into the scene"}
     ].
 

@@ -54,7 +54,8 @@ same_shape_test() ->
     %% the last is that of one robot alone
     ?assertMatch(
         [
-            {Two, 2, #{robots := [1, 2]}}, {Again, 2, #{details := #{last := N, round := N}}},
+            {Two, 2, #{robots := [1, 2]}},
+            {Again, 2, #{details := #{last := N, round := N}}},
             {Alone, 1, #{}}
         ] when Two < 12 andalso Again >= 12 andalso Again < 20 andalso Alone >= 20,
         Met
@@ -76,17 +77,28 @@ what_cannot_run_is_not_smaller_test() ->
 %% Groups lose the members that are gone, faults of one robot go with it.
 robots_take_their_faults_along_test() ->
     Faults = [
-        {g, 0, 9, partition, [1, 4, 9], #{}}, {one, 0, 9, isolate, 9, #{}},
-        {two, 0, 9, location_swap, {2, 3}, #{}}, {every, 0, 9, loss, all, #{part => 0.5}}
+        {g, 0, 9, partition, [1, 4, 9], #{}},
+        {one, 0, 9, isolate, 9, #{}},
+        {two, 0, 9, location_swap, {2, 3}, #{}},
+        {every, 0, 9, loss, all, #{part => 0.5}}
     ],
     Needs = fun(#{faults := Some, robots := N} = S) ->
         Kinds = [Kind || {_, _, _, Kind, _, _} <- Some],
         Enough = [partition, location_swap, loss] -- Kinds =:= [],
-        outcome(S, case Enough andalso N >= 5 of true -> ?PLANTED; false -> none end)
+        outcome(
+            S,
+            case Enough andalso N >= 5 of
+                true -> ?PLANTED;
+                false -> none
+            end
+        )
     end,
     {ok, #{scenario := Small}} = shrink((scenario(0, 10))#{faults => Faults}, Needs),
     #{robots := 5, faults := Left} = Small,
-    ?assertEqual([{g, [1, 4]}, {two, {2, 3}}, {every, all}], [{Id, T} || {Id, _, _, _, T, _} <- Left]).
+    ?assertEqual([{g, [1, 4]}, {two, {2, 3}}, {every, all}], [
+        {Id, T}
+     || {Id, _, _, _, T, _} <- Left
+    ]).
 
 %% A run that breaks down is told as it is, the first one and the one with the faults made explicit.
 broken_runs_test() ->
@@ -95,7 +107,10 @@ broken_runs_test() ->
     Counter = counters:new(1, []),
     Second = fun(S) ->
         ok = counters:add(Counter, 1, 1),
-        case counters:get(Counter, 1) of 1 -> outcome(S, ?PLANTED); _ -> Broken end
+        case counters:get(Counter, 1) of
+            1 -> outcome(S, ?PLANTED);
+            _ -> Broken
+        end
     end,
     ?assertEqual({error, {trial, {failed, oops}}}, shrink(scenario(3, 3), Second)),
     Text = fun(Reason) -> lists:flatten(starl_sim_shrink:format_error(Reason)) end,
@@ -143,7 +158,13 @@ time_of_the_first_run_test_() ->
 smaller_run_ends_with_its_violation_test() ->
     Run = fun(#{faults := Faults, time := Time} = S) ->
         At = 1000000 * (1 + length(Faults)),
-        outcome(S, case Time * 1.0e6 >= At of true -> planted(#{at_us => At}); false -> none end)
+        outcome(
+            S,
+            case Time * 1.0e6 >= At of
+                true -> planted(#{at_us => At});
+                false -> none
+            end
+        )
     end,
     Watch = fun
         Watch(#{faults := 0}) -> {stop, Watch};
@@ -159,7 +180,11 @@ judged_at_the_end_test() ->
     Late = fun(AtUs) ->
         fun(#{time := Time} = S) ->
             EndUs = round(1.0e6 * Time),
-            Violation = case Time >= 1.0 of true -> planted(#{at_us => AtUs(EndUs)}); _ -> none end,
+            Violation =
+                case Time >= 1.0 of
+                    true -> planted(#{at_us => AtUs(EndUs)});
+                    _ -> none
+                end,
             {ok, Outcome} = outcome(S, Violation),
             {ok, Outcome#{end_us := EndUs}}
         end
@@ -173,7 +198,13 @@ judged_at_the_end_test() ->
 second_round_test() ->
     Run = fun(#{robots := N} = S) ->
         Needed = N < 5 orelse lists:member(f1, ids(S)),
-        outcome(S, case Needed of true -> ?PLANTED; false -> none end)
+        outcome(
+            S,
+            case Needed of
+                true -> ?PLANTED;
+                false -> none
+            end
+        )
     end,
     {ok, #{scenario := #{robots := 2, faults := []}}} = shrink(scenario(3, 8), Run).
 
@@ -192,7 +223,8 @@ smallest_team_test() ->
 %% last robot of the team is not gone.
 faults_of_nobody_test() ->
     Faults = [
-        {one, 0, 9, isolate, 9, #{}}, {two, 0, 9, location_swap, {2, 9}, #{}},
+        {one, 0, 9, isolate, 9, #{}},
+        {two, 0, 9, location_swap, {2, 9}, #{}},
         {gone, 0, 9, partition, [8, 9], #{}}
     ],
     Stay = [{last, 0, 9, isolate, 4, #{}}, {g, 0, 9, partition, [1, 4, 9], #{}}],
@@ -202,7 +234,13 @@ faults_of_nobody_test() ->
         ?assertNot(lists:member([], Targets)),
         Needed = [last, g] ++ [Id || {Id, _, _, _, _, _} <- Faults, N >= 9],
         Enough = N >= 4 andalso Needed -- ids(S) =:= [],
-        outcome(S, case Enough of true -> ?PLANTED; false -> none end)
+        outcome(
+            S,
+            case Enough of
+                true -> ?PLANTED;
+                false -> none
+            end
+        )
     end,
     {ok, #{scenario := Small}} = shrink((scenario(0, 10))#{faults => Faults ++ Stay}, Run),
     ?assertMatch(
@@ -212,12 +250,25 @@ faults_of_nobody_test() ->
 %% Whatever blurs the run is taken out, and so is the time in which robots had to converge.
 chance_is_taken_out_test() ->
     Blurred = #{
-        duplicate => 0.3, clock_offset => 7, clock_drift => 9, heading_error => 0.1,
-        distance_error => 0.1, position_error => 5.0, range => 5000, delay => {3, 30}, converge => 9
+        duplicate => 0.3,
+        clock_offset => 7,
+        clock_drift => 9,
+        heading_error => 0.1,
+        distance_error => 0.1,
+        position_error => 5.0,
+        range => 5000,
+        delay => {3, 30},
+        converge => 9
     },
     Plain = #{
-        duplicate => 0.0, clock_offset => 0, clock_drift => 0, heading_error => 0.0,
-        distance_error => 0.0, position_error => 0.0, range => none, delay => {30, 30},
+        duplicate => 0.0,
+        clock_offset => 0,
+        clock_drift => 0,
+        heading_error => 0.0,
+        distance_error => 0.0,
+        position_error => 0.0,
+        range => none,
+        delay => {30, 30},
         converge => none
     },
     {ok, #{scenario := Small}} =
@@ -236,9 +287,14 @@ losses_become_drops_test() ->
         %% what a fault has lost is no chance
         ?assertNot(lists:member({2, 1}, [Link || {_, _, _, drop, Link, _} <- Faults])),
         Missing = [Early, Late] -- Dropped,
-        Enough = lists:member(f1, ids(S)) andalso (Loss > 0 orelse Missing =:= [])
-            andalso Time >= 1.0005,
-        Violation = case Enough of true -> planted(#{at_us => 1000500}); false -> none end,
+        Enough =
+            lists:member(f1, ids(S)) andalso (Loss > 0 orelse Missing =:= []) andalso
+                Time >= 1.0005,
+        Violation =
+            case Enough of
+                true -> planted(#{at_us => 1000500});
+                false -> none
+            end,
         {ok, (element(2, outcome(S, Violation)))#{lost => [{5, 2, 1, Kept} | Lost]}}
     end,
     {ok, #{scenario := #{loss := +0.0, faults := Left}, figures := #{drops := 2, faults := 3}}} =
@@ -261,7 +317,11 @@ losses_in_their_moment_test() ->
         ?assertEqual(length(Faults), length(lists:usort(ids(S)))),
         Spans = [{From, To, N} || {_, From, To, drop, {1, 2}, #{packet := N}} <- Faults],
         Enough = Loss > 0 orelse [{7, 8, Both}, {9, 10, Both}] -- Spans =:= [],
-        Violation = case Enough of true -> ?PLANTED; false -> none end,
+        Violation =
+            case Enough of
+                true -> ?PLANTED;
+                false -> none
+            end,
         {ok, (element(2, outcome(S, Violation)))#{lost => Lost}}
     end,
     {ok, #{scenario := #{loss := +0.0, faults := Drops}}} = shrink(Before, Run),
@@ -271,7 +331,13 @@ losses_in_their_moment_test() ->
 time_ends_with_the_violation_test() ->
     Run = fun(#{faults := Faults, time := Time} = S) ->
         At = 1000000 * (1 + length(Faults)),
-        outcome(S, case Time * 1.0e6 >= At of true -> planted(#{at_us => At}); false -> none end)
+        outcome(
+            S,
+            case Time * 1.0e6 >= At of
+                true -> planted(#{at_us => At});
+                false -> none
+            end
+        )
     end,
     {ok, #{scenario := #{time := 1.0, faults := []}}} = shrink(scenario(12, 3), Run).
 
@@ -308,19 +374,23 @@ stopped_test_() ->
     ].
 
 %% Whatever is needed: the result violates, and does not without any one of its faults.
-minimal_test_() -> {timeout, 60, fun() ->
-    Prop = ?FORALL({N, Drawn, Robots}, {range(0, 40), list(range(1, 40)), range(1, 12)},
-        starl_platform_ct:safely(fun() ->
-            Needed = [I || I <- lists:usort(Drawn), I =< N],
-            Run = needing(Needed, Robots),
-            {ok, #{scenario := Small}} = shrink(scenario(N, 12), Run),
-            #{faults := Faults} = Small,
-            Less = [Small#{faults := lists:delete(F, Faults)} || F <- Faults],
-            violates(Run(Small)) andalso not lists:any(fun(S) -> violates(Run(S)) end, Less)
-                andalso ids(Small) =:= [id(I) || I <- Needed]
-        end)),
-    starl_platform_ct:property(Prop, 100)
-end}.
+minimal_test_() ->
+    {timeout, 60, fun() ->
+        Prop = ?FORALL(
+            {N, Drawn, Robots},
+            {range(0, 40), list(range(1, 40)), range(1, 12)},
+            starl_platform_ct:safely(fun() ->
+                Needed = [I || I <- lists:usort(Drawn), I =< N],
+                Run = needing(Needed, Robots),
+                {ok, #{scenario := Small}} = shrink(scenario(N, 12), Run),
+                #{faults := Faults} = Small,
+                Less = [Small#{faults := lists:delete(F, Faults)} || F <- Faults],
+                violates(Run(Small)) andalso not lists:any(fun(S) -> violates(Run(S)) end, Less) andalso
+                    ids(Small) =:= [id(I) || I <- Needed]
+            end)
+        ),
+        starl_platform_ct:property(Prop, 100)
+    end}.
 
 %% -- helpers --------------------------------------------------------------------------------
 
@@ -331,10 +401,17 @@ request(Run, More) -> maps:merge(#{run => Run, watch => fun on/1}, More).
 on(_Figures) -> {continue, fun on/1}.
 
 scenario(Faults, Robots) ->
-    {ok, Scenario} = starl_sim_scenario:check(#{
-        app => nobody, robots => Robots, seed => 1, time => 60, duplicate => 0.1,
-        faults => [{id(N), N, N + 5, isolate, 1, #{}} || N <- lists:seq(1, Faults)]
-    }, []),
+    {ok, Scenario} = starl_sim_scenario:check(
+        #{
+            app => nobody,
+            robots => Robots,
+            seed => 1,
+            time => 60,
+            duplicate => 0.1,
+            faults => [{id(N), N, N + 5, isolate, 1, #{}} || N <- lists:seq(1, Faults)]
+        },
+        []
+    ),
     Scenario.
 
 id(N) -> starl_platform_ct:fault_id(f, N).
@@ -346,18 +423,31 @@ needing(Needed, Robots) ->
     fun(#{robots := N, time := Time} = S) ->
         Missing = [id(I) || I <- Needed] -- ids(S),
         Enough = Missing =:= [] andalso N >= Robots andalso Time >= 1,
-        outcome(S, case Enough of true -> ?PLANTED; false -> none end)
+        outcome(
+            S,
+            case Enough of
+                true -> ?PLANTED;
+                false -> none
+            end
+        )
     end.
 
 planted(Changes) -> maps:merge(?PLANTED, Changes).
 
 outcome(Scenario, Violation) ->
-    Found = [maps:merge(#{at_us => 1000000, robots => [], details => #{}}, V)
-             || V <- [Violation], V =/= none],
+    Found = [
+        maps:merge(#{at_us => 1000000, robots => [], details => #{}}, V)
+     || V <- [Violation], V =/= none
+    ],
     EndUs = lists:min([round(1.0e6 * maps:get(time, Scenario)) | [At || #{at_us := At} <- Found]]),
     {ok, #{
-        scenario => Scenario, digest => crypto:hash(md5, term_to_binary(Scenario, [deterministic])),
-        ending => time, end_us => EndUs, events => 1, violations => Found, lost => []
+        scenario => Scenario,
+        digest => crypto:hash(md5, term_to_binary(Scenario, [deterministic])),
+        ending => time,
+        end_us => EndUs,
+        events => 1,
+        violations => Found,
+        lost => []
     }}.
 
 violates({ok, #{violations := Violations}}) -> Violations =/= [].

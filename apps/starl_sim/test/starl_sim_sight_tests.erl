@@ -33,12 +33,19 @@ rounds(N, Now, Pieces, Sight, Random0) ->
         starl_geometry:distance(Point, starl_trajectory:position(Now, Piece)) =< ?RANGE
     ],
     ?assertEqual(Near, starl_sim_sight:within(Point, Now, Sight)),
-    {Moved, Random2} = lists:mapfoldl(fun(Id, R) -> turned(Id, Now, Pieces, R) end, Random1,
-        [Id || Id <- lists:seq(1, ?ROBOTS), Id rem 7 =:= N rem 7]),
+    {Moved, Random2} = lists:mapfoldl(
+        fun(Id, R) -> turned(Id, Now, Pieces, R) end,
+        Random1,
+        [Id || Id <- lists:seq(1, ?ROBOTS), Id rem 7 =:= N rem 7]
+    ),
     ok = starl_sim_sight:moved(Moved, Sight),
     %% many questions at one time, others a while later
     {Step, Random} = rand:uniform_s(900000, Random2),
-    Later = case N rem 3 of 0 -> Now + Step; _ -> Now end,
+    Later =
+        case N rem 3 of
+            0 -> Now + Step;
+            _ -> Now
+        end,
     rounds(N - 1, Later, maps:merge(Pieces, maps:from_list(Moved)), Sight, Random).
 
 %% A robot at the very border of the range counts, one beyond it does not.
@@ -89,8 +96,16 @@ turned(Id, Now, Pieces, Random0) ->
     {Speed, Random2} = rand:uniform_s(Random1),
     {Rate, Random} = rand:uniform_s(Random2),
     Heading = 2 * math:pi() * Turn,
-    V = case Id rem 5 of 0 -> 0.0; _ -> 500.0 * Speed end,
-    W = case Id rem 2 of 0 -> 0.0; _ -> 2.0 * Rate - 1.0 end,
+    V =
+        case Id rem 5 of
+            0 -> 0.0;
+            _ -> 500.0 * Speed
+        end,
+    W =
+        case Id rem 2 of
+            0 -> 0.0;
+            _ -> 2.0 * Rate - 1.0
+        end,
     {{Id, starl_trajectory:piece(Now, {X, Y}, Heading, V, W)}, Random}.
 
 point(Random0) ->

@@ -4,13 +4,19 @@
 -include_lib("eunit/include/eunit.hrl").
 
 obeys_test() ->
-    Pid = spawn(fun() -> receive never -> ok end end),
+    Pid = spawn(fun() ->
+        receive
+            never -> ok
+        end
+    end),
     ok = starl_sim_stop:shutdown(Pid, infinity),
     ?assertEqual({false, []}, {is_process_alive(Pid), inbox()}).
 
 gone_before_test() ->
     {Pid, Ref} = spawn_monitor(fun() -> ok end),
-    receive {'DOWN', Ref, process, Pid, normal} -> ok end,
+    receive
+        {'DOWN', Ref, process, Pid, normal} -> ok
+    end,
     ok = starl_sim_stop:shutdown(Pid, infinity),
     ?assertEqual([], inbox()).
 
@@ -20,13 +26,23 @@ does_not_obey_test() ->
     {Pid, Ref} = spawn_monitor(fun() ->
         _ = process_flag(trap_exit, true),
         Self ! ready,
-        receive {'EXIT', Self, shutdown} -> Self ! told end,
-        receive never -> ok end
+        receive
+            {'EXIT', Self, shutdown} -> Self ! told
+        end,
+        receive
+            never -> ok
+        end
     end),
-    receive ready -> ok end,
+    receive
+        ready -> ok
+    end,
     ok = starl_sim_stop:shutdown(Pid, 10),
-    receive told -> ok end,
-    receive {'DOWN', Ref, process, Pid, Reason} -> ?assertEqual(killed, Reason) end,
+    receive
+        told -> ok
+    end,
+    receive
+        {'DOWN', Ref, process, Pid, Reason} -> ?assertEqual(killed, Reason)
+    end,
     ?assertEqual([], inbox()).
 
 inbox() ->

@@ -6,9 +6,13 @@
 
 -export([suite/0, all/0, groups/0, init_per_group/2, end_per_group/2]).
 -export([
-    outlives_crash_and_reboot/1, full_store_stops_the_writer/1, full_store_is_outlived/1,
+    outlives_crash_and_reboot/1,
+    full_store_stops_the_writer/1,
+    full_store_is_outlived/1,
     damaged_store_is_told/1,
-    application_keeps/1, application_crashes_on_a_full_store/1, modes_agree/1
+    application_keeps/1,
+    application_crashes_on_a_full_store/1,
+    modes_agree/1
 ]).
 
 suite() -> [{timetrap, {minutes, 1}}].
@@ -17,9 +21,12 @@ all() -> [{group, process}, {group, inline}, modes_agree].
 
 groups() ->
     Tests = [
-        outlives_crash_and_reboot, full_store_stops_the_writer, full_store_is_outlived,
+        outlives_crash_and_reboot,
+        full_store_stops_the_writer,
+        full_store_is_outlived,
         damaged_store_is_told,
-        application_keeps, application_crashes_on_a_full_store
+        application_keeps,
+        application_crashes_on_a_full_store
     ],
     [{process, [], Tests}, {inline, [], Tests}].
 
@@ -34,24 +41,28 @@ outlives_crash_and_reboot(Config) ->
         {reboot, 2000, 2500, reboot, 1, #{}},
         {app, 4000, 4000, kill_machine, {1, app}, #{}}
     ],
-    {_, [Result, _], _} = play(2, fun(R) ->
-        Found = [starl:call(R, Name, stored, infinity) || Name <- [a, b]],
-        starl:trace(R, {found, Found}),
-        case {starl:id(R), starl:now(R) < 500} of
-            {1, true} ->
-                {ok, ok} = starl:call(R, a, {keep, 1}, infinity),
-                {ok, ok} = starl:call(R, a, {keep, 2}, infinity),
-                {error, restarted} = starl:call(R, a, ignore, infinity),
-                {ok, {stored, 2}} = starl:call(R, a, stored, infinity),
-                {ok, ok} = starl:call(R, b, {keep, 3}, infinity),
-                starl:await(R, never);
-            {1, false} when element(2, hd(Found)) =:= {stored, 2} ->
-                {ok, ok} = starl:call(R, a, {keep, 4}, infinity),
-                starl:await(R, never);
-            _ ->
-                Found
-        end
-    end, scenario(Faults, Config)),
+    {_, [Result, _], _} = play(
+        2,
+        fun(R) ->
+            Found = [starl:call(R, Name, stored, infinity) || Name <- [a, b]],
+            starl:trace(R, {found, Found}),
+            case {starl:id(R), starl:now(R) < 500} of
+                {1, true} ->
+                    {ok, ok} = starl:call(R, a, {keep, 1}, infinity),
+                    {ok, ok} = starl:call(R, a, {keep, 2}, infinity),
+                    {error, restarted} = starl:call(R, a, ignore, infinity),
+                    {ok, {stored, 2}} = starl:call(R, a, stored, infinity),
+                    {ok, ok} = starl:call(R, b, {keep, 3}, infinity),
+                    starl:await(R, never);
+                {1, false} when element(2, hd(Found)) =:= {stored, 2} ->
+                    {ok, ok} = starl:call(R, a, {keep, 4}, infinity),
+                    starl:await(R, never);
+                _ ->
+                    Found
+            end
+        end,
+        scenario(Faults, Config)
+    ),
     ?assertEqual({done, [{ok, {stored, 4}}, {ok, {stored, 3}}]}, Result).
 
 %% Whoever asks again and again has a machine that cannot write crash each time; not so often that it
@@ -70,15 +81,19 @@ kept_at_last(R) ->
 %% Nothing that was to follow the write happens, its timer neither; the caller is told; what was
 %% kept before is still there, and when there is room again the machine goes on.
 full_store_stops_the_writer(Config) ->
-    {_, Results, Trace} = play(1, fun(R) ->
-        {ok, ok} = starl:call(R, a, {keep, 1}, infinity),
-        ok = starl:sleep(R, 1000),
-        Full = starl:call(R, a, {keep, 2}, infinity),
-        Then = starl:call(R, a, stored, infinity),
-        ok = starl:sleep(R, 1000),
-        {Full, Then, starl:call(R, a, {keep, 3}, infinity), starl:call(R, a, stored, infinity),
-            starl:sleep(R, 10)}
-    end, scenario([{full, 900, 1500, store_full, 1, #{}}], Config)),
+    {_, Results, Trace} = play(
+        1,
+        fun(R) ->
+            {ok, ok} = starl:call(R, a, {keep, 1}, infinity),
+            ok = starl:sleep(R, 1000),
+            Full = starl:call(R, a, {keep, 2}, infinity),
+            Then = starl:call(R, a, stored, infinity),
+            ok = starl:sleep(R, 1000),
+            {Full, Then, starl:call(R, a, {keep, 3}, infinity), starl:call(R, a, stored, infinity),
+                starl:sleep(R, 10)}
+        end,
+        scenario([{full, 900, 1500, store_full, 1, #{}}], Config)
+    ),
     ?assertEqual(
         [{done, {{error, restarted}, {ok, {stored, 1}}, {ok, ok}, {ok, {stored, 3}}, ok}}], Results
     ),
@@ -91,23 +106,32 @@ full_store_stops_the_writer(Config) ->
 damaged_store_is_told(Config) ->
     Faults = [
         {damaged, 1000, 1600, store_damaged, 1, #{}}
-        | [{list_to_atom(lists:concat([Name, R, Ms])), Ms, Ms, kill_machine, {R, Name}, #{}}
-            || R <- [1, 2], Name <- [a, b], Ms <- [1500, 2500]]
-    ],
-    {_, Results, _} = play(2, fun(R) ->
-        {ok, ok} = starl:call(R, a, {keep, 1}, infinity),
-        [
-            begin
-                ok = starl:sleep(R, 1000),
-                {starl:call(R, a, stored, infinity), starl:call(R, b, stored, infinity)}
-            end
-         || _ <- [a, b, c]
+        | [
+            {list_to_atom(lists:concat([Name, R, Ms])), Ms, Ms, kill_machine, {R, Name}, #{}}
+         || R <- [1, 2], Name <- [a, b], Ms <- [1500, 2500]
         ]
-    end, scenario(Faults, Config)),
+    ],
+    {_, Results, _} = play(
+        2,
+        fun(R) ->
+            {ok, ok} = starl:call(R, a, {keep, 1}, infinity),
+            [
+                begin
+                    ok = starl:sleep(R, 1000),
+                    {starl:call(R, a, stored, infinity), starl:call(R, b, stored, infinity)}
+                end
+             || _ <- [a, b, c]
+            ]
+        end,
+        scenario(Faults, Config)
+    ),
     ?assertEqual(
         [
-            {done, [{{ok, {stored, 1}}, {ok, none}}, {{ok, Found}, {ok, none}},
-                    {{ok, {stored, 1}}, {ok, none}}]}
+            {done, [
+                {{ok, {stored, 1}}, {ok, none}},
+                {{ok, Found}, {ok, none}},
+                {{ok, {stored, 1}}, {ok, none}}
+            ]}
          || Found <- [damaged, {stored, 1}]
         ],
         Results
@@ -117,44 +141,69 @@ application_keeps(Config) ->
     Faults = [
         {crash, 1000, 1000, kill_machine, {1, app}, #{}}, {reboot, 2000, 2500, reboot, 1, #{}}
     ],
-    {_, Results, _} = play(1, fun(R) ->
-        case starl:stored(R) of
-            none -> starl:store(R, 1), starl:await(R, never);
-            {stored, 1} -> starl:store(R, 2), {stored, 2} = starl:stored(R), starl:await(R, never);
-            {stored, 2} -> found
-        end
-    end, scenario(Faults, Config)),
+    {_, Results, _} = play(
+        1,
+        fun(R) ->
+            case starl:stored(R) of
+                none ->
+                    starl:store(R, 1),
+                    starl:await(R, never);
+                {stored, 1} ->
+                    starl:store(R, 2),
+                    {stored, 2} = starl:stored(R),
+                    starl:await(R, never);
+                {stored, 2} ->
+                    found
+            end
+        end,
+        scenario(Faults, Config)
+    ),
     ?assertEqual([{done, found}], Results).
 
 %% It had ended, had the write not failed.
 application_crashes_on_a_full_store(Config) ->
-    {_, Results, Trace} = play(1, fun(R) ->
-        case starl:now(R) < 500 of
-            true -> ok = starl:sleep(R, 1000), starl:store(R, 1), before;
-            false -> ok = starl:sleep(R, 1000), {later, starl:stored(R)}
-        end
-    end, scenario([{full, 900, 1500, store_full, 1, #{}}], Config)),
+    {_, Results, Trace} = play(
+        1,
+        fun(R) ->
+            case starl:now(R) < 500 of
+                true ->
+                    ok = starl:sleep(R, 1000),
+                    starl:store(R, 1),
+                    before;
+                false ->
+                    ok = starl:sleep(R, 1000),
+                    {later, starl:stored(R)}
+            end
+        end,
+        scenario([{full, 900, 1500, store_full, 1, #{}}], Config)
+    ),
     ?assertEqual([{done, {later, none}}], Results),
     ?assertMatch([{1000000, 1, app, crashed}], [E || {_, _, _, crashed} = E <- Trace]).
 
 %% A run in which the store is used, full and damaged comes to the same digest in both modes.
 modes_agree(_) ->
     Faults = [
-        {full, 900, 1500, store_full, 1, #{}}, {damaged, 1900, 2500, store_damaged, 1, #{}},
-        {crash, 2100, 2100, kill_machine, {1, a}, #{}}, {reboot, 3000, 3500, reboot, 1, #{}}
+        {full, 900, 1500, store_full, 1, #{}},
+        {damaged, 1900, 2500, store_damaged, 1, #{}},
+        {crash, 2100, 2100, kill_machine, {1, a}, #{}},
+        {reboot, 3000, 3500, reboot, 1, #{}}
     ],
     Digests = [
         begin
-            {Outcome, _, _} = play(2, fun(R) ->
-                [
-                    begin
-                        Kept = starl:call(R, a, {keep, K}, infinity),
-                        starl:trace(R, {Kept, starl:call(R, a, stored, infinity)}),
-                        starl:sleep(R, 300)
-                    end
-                 || K <- lists:seq(1, 10)
-                ]
-            end, scenario(Faults, [{mode, Mode}])),
+            {Outcome, _, _} = play(
+                2,
+                fun(R) ->
+                    [
+                        begin
+                            Kept = starl:call(R, a, {keep, K}, infinity),
+                            starl:trace(R, {Kept, starl:call(R, a, stored, infinity)}),
+                            starl:sleep(R, 300)
+                        end
+                     || K <- lists:seq(1, 10)
+                    ]
+                end,
+                scenario(Faults, [{mode, Mode}])
+            ),
             maps:get(digest, Outcome)
         end
      || Mode <- [process, inline]
@@ -164,6 +213,9 @@ modes_agree(_) ->
 scenario(Faults, Config) ->
     Blocks = [{Name, starl_sim_store_machine, #{}} || Name <- [a, b]],
     #{
-        around => #{blocks => Blocks}, faults => Faults, clock_offset => 0, clock_drift => 0,
+        around => #{blocks => Blocks},
+        faults => Faults,
+        clock_offset => 0,
+        clock_drift => 0,
         mode => proplists:get_value(mode, Config)
     }.

@@ -9,8 +9,11 @@ init(#{stored := Stored}) -> {ready, Stored, []}.
 
 handle_event({call, From}, {keep, Term}, ready, _, _) ->
     {keep_state, {stored, Term}, [
-        {trace, {keeps, Term}}, {store, Term}, {trace, {kept, Term}},
-        {{timeout, t}, 1000, Term}, {reply, From, ok}
+        {trace, {keeps, Term}},
+        {store, Term},
+        {trace, {kept, Term}},
+        {{timeout, t}, 1000, Term},
+        {reply, From, ok}
     ]};
 handle_event({call, From}, stored, ready, Stored, _) ->
     {keep_state_and_data, [{reply, From, Stored}]};

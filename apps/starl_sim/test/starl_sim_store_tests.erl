@@ -26,9 +26,13 @@ damaged_test() ->
     ?assertEqual(none, starl_sim_store:kept(b, 6000, Store)).
 
 keep(Terms, Now, Store) ->
-    lists:foldl(fun({Name, Term}, S) ->
-        {ok, Next} = starl_sim_store:keep(Name, Term, Now, S),
-        Next
-    end, Store, Terms).
+    lists:foldl(
+        fun({Name, Term}, S) ->
+            {ok, Next} = starl_sim_store:keep(Name, Term, Now, S),
+            Next
+        end,
+        Store,
+        Terms
+    ).
 
 fault(Kind, From, To) -> starl_sim_fault:compile({f, From, To, Kind, 1, #{}}).

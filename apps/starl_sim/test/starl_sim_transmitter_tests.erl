@@ -79,12 +79,20 @@ adds_to_what_is_there_test() ->
     Corrupt = {flip, 5, 9, corrupt, {1, 2}, #{part => 1.0}},
     Lossy = {deaf, 5, 9, loss, {1, 3}, #{part => 1.0}},
     {{7, Planned, Traced}, _} = starl_sim_transmitter:send(
-        all, <<"hello">>, sender(), world(infinity, [Corrupt, Lossy]), {5, [earlier], [fact]},
+        all,
+        <<"hello">>,
+        sender(),
+        world(infinity, [Corrupt, Lossy]),
+        {5, [earlier], [fact]},
         starl_sim_transmitter:new()
     ),
     ?assertMatch([{7, 1, radio, {lost, 3, {all, 1}}}, fact], Traced),
     ?assertMatch(
-        [{4, _, 2, 1, 6, {sap, packet, <<"hello">>}}, {2, _, 2, 1, 5, {sap, packet, <<_:32>>}}, earlier],
+        [
+            {4, _, 2, 1, 6, {sap, packet, <<"hello">>}},
+            {2, _, 2, 1, 5, {sap, packet, <<_:32>>}},
+            earlier
+        ],
         Planned
     ).
 
@@ -105,8 +113,13 @@ sender() -> {1, 7, 0, at(0.0)}.
 world(Range, Faults) ->
     Robots = [{1, at(0.0)}, {2, at(1000.0)}, {3, at(2000.0)}, {4, at(3000.0)}],
     #{
-        seed => 1, team => starl_team:new([1, 2, 3, 4]), range_mm => Range, network => Faults,
-        loss => 0.0, duplicate => 0.0, delay_us => {5000, 20000},
+        seed => 1,
+        team => starl_team:new([1, 2, 3, 4]),
+        range_mm => Range,
+        network => Faults,
+        loss => 0.0,
+        duplicate => 0.0,
+        delay_us => {5000, 20000},
         sight => starl_sim_sight:new(Robots, Range)
     }.
 

@@ -85,8 +85,10 @@ short_turns_test() ->
 
 %% The error of a command is drawn once, whatever begins and ends while it is carried out.
 one_error_a_command_test() ->
-    Slips = [{list_to_atom([S]), N * ?T, (N + 1) * ?T, slip, 1, #{factor => 0.9}}
-             || {S, N} <- [{$a, 1}, {$b, 3}]],
+    Slips = [
+        {list_to_atom([S]), N * ?T, (N + 1) * ?T, slip, 1, #{factor => 0.9}}
+     || {S, N} <- [{$a, 1}, {$b, 3}]
+    ],
     World = (world(Slips))#{profiles := [(profile())#{heading_error := 0.1}]},
     Vehicle = starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, World),
     {Pieces, _} = obey([{0, [{100.0, 100.0, 5 * ?T}], a}], Slips, Vehicle),
@@ -255,7 +257,8 @@ pieces(Wheels, Faults) ->
     lists:reverse(Pieces).
 
 %% How the heading changes from one straight piece to the next, in urad.
-turns(_Before, []) -> [];
+turns(_Before, []) ->
+    [];
 turns(Before, [Piece | Pieces]) ->
     {_, _, Heading} = starl_trajectory:pose(element(2, Piece), Piece),
     [round(1.0e6 * (Heading - Before)) | turns(Heading, Pieces)].
@@ -329,14 +332,25 @@ vehicle(Faults) -> starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, world(Faults)).
 world(Faults) ->
     Other = starl_trajectory:piece(0, {0.0, 0.0}, 0.0, 10.0, 0.0),
     #{
-        seed => 1, team => starl_team:new([1, 2]), clock => {0, 0}, loss => 0.0,
-        duplicate => 0.0, delay_us => {1000, 2000}, range_mm => infinity, profiles => [profile()],
-        network => [], clocks => [], location => [], actuation => Faults,
+        seed => 1,
+        team => starl_team:new([1, 2]),
+        clock => {0, 0},
+        loss => 0.0,
+        duplicate => 0.0,
+        delay_us => {1000, 2000},
+        range_mm => infinity,
+        profiles => [profile()],
+        network => [],
+        clocks => [],
+        location => [],
+        actuation => Faults,
         sight => starl_sim_sight:new([{2, Other}], infinity)
     }.
 
 profile() ->
-    starl_chassis:profile(starl_chassis_differential, #{heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0}).
+    starl_chassis:profile(starl_chassis_differential, #{
+        heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0
+    }).
 
 fault(Kind, Params) -> {a, 0, 10 * ?T, Kind, 1, Params}.
 
