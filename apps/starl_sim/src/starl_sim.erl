@@ -16,9 +16,9 @@
 
 -export([start/1, start/2, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
 -export([run_until_event/3, robots/1, events/2, reload/2, reload/3]).
--export([scenario/1, robot_pids/2, format_error/1]).
+-export([scenario/1, robot_pids/2, plan/2, format_error/1]).
 
--export_type([sim/0, options/0, reason/0]).
+-export_type([sim/0, options/0, planned/0, reason/0]).
 
 -record(sim, {
     sup :: pid(),
@@ -42,6 +42,10 @@
     code => [{module(), file:filename(), Beam :: binary()}]
 }.
 
+%% A simulation that has not begun: its scenario with all defaults and drawn faults, its scene, and
+%% its plan.
+-type planned() :: {starl_sim_scenario:t(), starl_scene:t(), starl_sim_plan:t()}.
+
 -type reason() ::
     {scenario, starl_sim_scenario:reason()}
     | {scene, unicode:chardata()}
@@ -58,7 +62,15 @@ start(Given) -> start(Given, #{}).
 
 %% @doc Starts the simulation with options of the run, which do not change its result.
 -spec start(#{app := module(), atom() => term()}, options()) -> {ok, sim()} | {error, reason()}.
-start(#{app := App} = Given, Options) ->
+start(Given, Options) ->
+    case plan(Given, Options) of
+        {ok, Planned} -> launch(Planned);
+        {error, _} = Error -> Error
+    end.
+
+%% @doc Plans the simulation of a scenario, without starting it: for other drivers of its robots.
+-spec plan(#{app := module(), atom() => term()}, options()) -> {ok, planned()} | {error, reason()}.
+plan(#{app := App} = Given, Options) ->
     case code:ensure_loaded(App) of
         {module, App} ->
             case starl_sim_scenario:check(Given, starl_app:options(App)) of
@@ -99,7 +111,7 @@ status(#sim{run = Run}) -> starl_sim_run:status(Run).
 
 %% @doc The machines of a robot, each with its state and data. Only while the run rests.
 -spec inspect(sim(), starl:robot_id()) ->
-    #{starl_machine:name() => starl_sim_machines:seen()} | unknown | {error, running}.
+    #{starl_machine:name() => starl_robot_tree:seen()} | unknown | {error, running}.
 inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
 
 %% @doc A summary of every robot. Only while the run rests.
@@ -208,7 +220,7 @@ set_scene(App, Scenario, Options) ->
 check_faults(#{faults := Faults} = Scenario, Scene, Context, Options) ->
     Known = [sap, location, motion, app | [N || {N, _, _} <- maps:get(blocks, Scene, [])]],
     case [{Id, N} || {Id, _, _, kill_machine, {_, N}, _} <- Faults, not lists:member(N, Known)] of
-        [] -> launch(with_random_faults(Known, Scenario), Scene, Context, Options);
+        [] -> planned(with_random_faults(Known, Scenario), Scene, Context, Options);
         [{Id, Name} | _] -> {error, {fault_machine, Id, Name, Known}}
     end.
 
@@ -228,8 +240,11 @@ with_random_faults(Known, #{faults := Given, random_faults := What, heal := Heal
 longest(#{longest_fault := none}) -> #{};
 longest(#{longest_fault := Seconds}) -> #{longest_ms => max(1, round(1000 * Seconds))}.
 
-launch(Scenario, Scene, Context, Options) ->
-    case starl_sim_sup:start_link(starl_sim_plan:make(Scenario, Scene, Context, Options)) of
+planned(Scenario, Scene, Context, Options) ->
+    {ok, {Scenario, Scene, starl_sim_plan:make(Scenario, Scene, Context, Options)}}.
+
+launch({Scenario, Scene, Plan}) ->
+    case starl_sim_sup:start_link(Plan) of
         {ok, Sup} ->
             Run = starl_sim_sup:run(Sup),
             {ok, #sim{sup = Sup, run = Run, scenario = Scenario, scene = Scene}};

@@ -167,8 +167,8 @@ starts(Name, Robot) -> starl_robot_machines:incarnation(Name, starl_robot:machin
 %% As the simulator sees to a crash.
 crashed(Name, Reason, Robot) ->
     Bare = starl_robot:lost(Name, Reason, Robot),
-    {Tree, _} = starl_sim_machines:launch(1, none, #{}),
-    case starl_sim_machines:restart(Name, starl_robot:machines(Bare), Tree) of
+    {Tree, _} = starl_robot_tree:launch(1, none, #{}),
+    case starl_robot_tree:restart(Name, starl_robot:machines(Bare), Tree) of
         {ok, #{back := Back, given_up := GivenUp, lost := []}, Machines} ->
             starl_robot:back(Back, GivenUp, starl_robot:machines(Machines, Bare));
         gave_up ->
@@ -228,7 +228,7 @@ timer(Machine, Seq, Robot) ->
 
 %% A robot of a shard, which has booted.
 site() ->
-    {Tree, _} = starl_sim_machines:launch(1, none, #{}),
+    {Tree, _} = starl_robot_tree:launch(1, none, #{}),
     struck(wake, starl_sim_robot:new(1, body(), machines(), Tree)).
 
 struck(Fault, Site) ->

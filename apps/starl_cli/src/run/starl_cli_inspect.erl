@@ -4,7 +4,7 @@
 
 -export([overview/3, robot/4, term/3]).
 
--type machines() :: #{starl_machine:name() => starl_sim_machines:seen()}.
+-type machines() :: #{starl_machine:name() => starl_robot_tree:seen()}.
 -type robot() :: {starl:robot_id(), starl_sim_robot:summary(), machines()}.
 
 %% Terms are cut off below this depth.

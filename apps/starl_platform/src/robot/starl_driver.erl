@@ -13,7 +13,7 @@
 %% successor's. A driver has one open order with a process at a time.
 -module(starl_driver).
 
--export([attach/3, done/3, boot/1, step/3]).
+-export([attach/3, done/3, boot/1, step/3, later/2]).
 
 -export_type([attach/0, order/0, done/0]).
 
@@ -43,3 +43,8 @@ boot(Base) -> {starl_boot, Base}.
 %% @doc The order to handle an event.
 -spec step(starl_machine:event_type(), Content :: term(), starl_machine:meta()) -> order().
 step(Type, Content, Meta) -> {starl_step, Type, Content, Meta}.
+
+%% @doc The same order, handed over at a later time of the robot's clock.
+-spec later(NowUs :: integer(), order()) -> order().
+later(Now, {starl_boot, Base}) -> {starl_boot, Base#{now := Now}};
+later(Now, {starl_step, Type, Content, Meta}) -> {starl_step, Type, Content, Meta#{now := Now}}.

@@ -30,6 +30,7 @@
 
 -export([new/4, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1]).
 -export([run/1, is_quiet/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
+-export([leave/1, act/4]).
 -export([lost/3, attach/3, back/3, first/2, then/2, die/2, go_down/1, come_up/2]).
 
 -export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0]).
@@ -228,6 +229,19 @@ answered(Pid, Actions, #robot{busy = {Name, Pid}, world = World, machines = Mach
     perform(Actions, Name, [], Local, World, Machines, Timers, Robot);
 answered(_Pid, _Actions, #robot{}) ->
     ignored.
+
+%% @doc Leaves the process at work alone, and goes on without it. Its answer comes with {@link act/4}
+%% when the robot is quiet. Until then the driver must keep further orders to this process back. Only
+%% a driver in real time does so, with an application that may compute for long.
+-spec leave(t()) -> turn().
+leave(#robot{busy = {_Name, _Pid}} = Robot) -> run(Robot#robot{busy = none}).
+
+%% @doc Carries out the actions with which a process has answered that was left alone. The driver's
+%% state must be at the present time.
+-spec act(starl_machine:name(), [starl_machine:action()], world(), t()) -> turn().
+act(Name, Actions, World, #robot{busy = none, local = Local} = Robot) ->
+    #robot{machines = Machines, timers = Timers} = Robot,
+    perform(Actions, Name, [], Local, World, Machines, Timers, Robot).
 
 %% @doc Removes and returns the next local event.
 -spec next(t()) -> {local(), t()} | none.

@@ -43,7 +43,7 @@
     id :: starl:robot_id(),
     %% its world is its body in the simulated world (starl_sim_platform)
     robot :: starl_robot:t(),
-    tree :: starl_sim_machines:t(),
+    tree :: starl_robot_tree:t(),
     %% events of this window, by key
     events = [] :: [starl_sim_queue:event()],
     %% after this number of events it halts until it is resumed
@@ -56,7 +56,7 @@
 
 %% @doc A robot whose machines all boot first.
 -spec new(starl:robot_id(), starl_sim_platform:t(), starl_robot_machines:t(), Tree) -> t() when
-    Tree :: starl_sim_machines:t().
+    Tree :: starl_robot_tree:t().
 new(Id, Body, Machines, Tree) ->
     Robot = starl_robot:new(Id, starl_sim_platform, Body, Machines),
     #robot{id = Id, robot = Robot, tree = Tree}.
@@ -143,7 +143,7 @@ busy(#robot{id = Id, robot = Robot}) ->
 %% @doc Is this process one of its own?
 -spec owns(pid(), t()) -> boolean().
 owns(Pid, #robot{robot = Robot, tree = Tree}) ->
-    starl_sim_machines:owns(Pid, starl_robot:machines(Robot), Tree).
+    starl_robot_tree:owns(Pid, starl_robot:machines(Robot), Tree).
 
 %% @doc Its application's result.
 -spec result(t()) -> running | died | given_up | {done, term()}.
@@ -181,8 +181,8 @@ recorded(Site) ->
     starl_sim_ledger:events(starl_sim_chain:ledger(starl_sim_platform:chain(body(Site)))).
 
 %% @doc Its machines, each with its state and data.
--spec machines(t()) -> #{starl_machine:name() => starl_sim_machines:seen()}.
-machines(#robot{robot = Robot}) -> starl_sim_machines:inspect(starl_robot:machines(Robot)).
+-spec machines(t()) -> #{starl_machine:name() => starl_robot_tree:seen()}.
+machines(#robot{robot = Robot}) -> starl_robot_tree:inspect(starl_robot:machines(Robot)).
 
 %% -- events ---------------------------------------------------------------------------------
 
@@ -208,7 +208,7 @@ went({ask, Pid, Order, Robot}, Events, Site) ->
     {busy, Site#robot{robot = Robot, events = Events}};
 went({crashed, Name, Reason, Robot}, Events, Site) ->
     Left = settle(Site#robot{robot = Robot, events = Events}),
-    {ok, _Killed} = starl_sim_machines:kill(Name, starl_robot:machines(Robot)),
+    {ok, _Killed} = starl_robot_tree:kill(Name, starl_robot:machines(Robot)),
     proceed(crashed(Name, Reason, Left));
 went({paused, Robot}, Events, Site) ->
     proceed(settle(Site#robot{robot = Robot, events = Events})).
@@ -271,7 +271,7 @@ strike({go_on, _} = Beat, Site) ->
 strike({watch, _, _} = Beat, Site) ->
     wait_turn(body(starl_sim_platform:beat(Beat, body(Site)), Site));
 strike({kill_machine, Name}, #robot{robot = Robot} = Site) ->
-    case starl_sim_machines:kill(Name, starl_robot:machines(Robot)) of
+    case starl_robot_tree:kill(Name, starl_robot:machines(Robot)) of
         {ok, Reason} -> crashed(Name, Reason, Site);
         none -> Site
     end;
@@ -287,10 +287,10 @@ strike(kill_robot, Condition, Site) when Condition =/= dead ->
     died(killed, Site);
 strike(go_down, up, #robot{robot = Robot, tree = Tree, events = Events} = Site) ->
     Down = starl_robot:go_down(Robot),
-    Site#robot{robot = Down, tree = starl_sim_machines:down(Tree), events = faults_of(Events)};
+    Site#robot{robot = Down, tree = starl_robot_tree:down(Tree), events = faults_of(Events)};
 strike(come_up, down, #robot{robot = Robot, tree = Tree} = Site) ->
     Waiting = starl_robot_machines:up(starl_robot:machines(Robot)),
-    {Launched, Machines} = starl_sim_machines:launch(Tree, Waiting),
+    {Launched, Machines} = starl_robot_tree:launch(Tree, Waiting),
     Site#robot{robot = starl_robot:come_up(Machines, Robot), tree = Launched};
 strike(_, _Condition, Site) ->
     Site.
@@ -309,7 +309,7 @@ postpone(#robot{events = Events, hold = Hold} = Site) ->
 crashed(Name, Reason, #robot{robot = Robot, tree = Tree, crashes = Crashes} = Site) ->
     Remembered = Site#robot{crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED)},
     Bare = starl_robot:lost(Name, Reason, Robot),
-    case starl_sim_machines:restart(Name, starl_robot:machines(Bare), Tree) of
+    case starl_robot_tree:restart(Name, starl_robot:machines(Bare), Tree) of
         {ok, #{back := Back, given_up := GivenUp, lost := Lost}, Machines} ->
             tell(lists:member(Name, GivenUp), Name, Reason, Site),
             Left = lists:foldr(fun({N, R}, B) -> starl_robot:lost(N, R, B) end, Bare, Lost),
@@ -343,5 +343,5 @@ told(What, Id, Name, Why) ->
 died(Reason, #robot{tree = Tree} = Site) ->
     #robot{robot = Robot} = Left = body(starl_sim_platform:planned(body(Site)), Site),
     Left#robot{
-        robot = starl_robot:die(Reason, Robot), tree = starl_sim_machines:down(Tree), events = []
+        robot = starl_robot:die(Reason, Robot), tree = starl_robot_tree:down(Tree), events = []
     }.

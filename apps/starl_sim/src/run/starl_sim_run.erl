@@ -99,7 +99,7 @@ status(Run) -> gen_server:call(Run, status, infinity).
 
 %% @doc The machines of one robot, while the run rests.
 -spec inspect(pid(), starl:robot_id()) ->
-    #{starl_machine:name() => starl_sim_machines:seen()} | unknown | {error, running}.
+    #{starl_machine:name() => starl_robot_tree:seen()} | unknown | {error, running}.
 inspect(Run, Robot) -> gen_server:call(Run, {inspect, Robot}, infinity).
 
 %% @doc The summaries of all robots, while the run rests.

@@ -60,7 +60,7 @@
 
 -type answer() ::
     [{starl:robot_id(), starl_sim_robot:summary()}]
-    | #{starl_machine:name() => starl_sim_machines:seen()}
+    | #{starl_machine:name() => starl_robot_tree:seen()}
     | [starl_sim_ledger:event()]
     | non_neg_integer()
     | unknown.
@@ -156,7 +156,7 @@ handle_info(Message, #shard{steps = Steps} = Shard) ->
 %% -- starting -------------------------------------------------------------------------------
 
 start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, World, Shard) ->
-    {Processes, Machines} = starl_sim_machines:launch(Id, starter(Id, Tree, Shard), Inline),
+    {Processes, Machines} = starl_robot_tree:launch(Id, starter(Id, Tree, Shard), Inline),
     Body = starl_sim_platform:new(Id, Pose, World),
     {Id, starl_sim_robot:new(Id, Body, Machines, Processes)}.
 

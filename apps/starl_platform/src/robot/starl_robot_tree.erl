@@ -1,9 +1,10 @@
-%% @doc The processes of one simulated robot: its supervision tree, which restarts crashed
-%% processes. Virtual time waits for a restart. A robot with inline machines only has no processes;
-%% it restarts its machines as its supervisors would.
--module(starl_sim_machines).
+%% @doc The processes of one robot, in the hands of its driver: its supervision tree, which restarts
+%% crashed processes. The driver waits for a restart, which takes no virtual time in the simulator. A
+%% robot with inline machines only has no processes; it restarts its machines as its supervisors
+%% would.
+-module(starl_robot_tree).
 
--export([launch/3, launch/2, down/1, restart/3, kill/2, owns/3, inspect/1]).
+-export([launch/3, launch/2, resume/3, down/1, restart/3, kill/2, owns/3, supervisor/1, inspect/1]).
 
 -export_type([t/0, start/0, seen/0, restarted/0]).
 
@@ -48,6 +49,12 @@
     {t(), starl_robot_machines:t()}.
 launch(Robot, Start, Inline) ->
     launch(#tree{robot = Robot, start = Start}, starl_robot_machines:new(Inline)).
+
+%% @doc The machines of a robot whose machines are processes and have started this often before.
+-spec resume(starl:robot_id(), start(), #{starl_machine:name() => pos_integer()}) ->
+    {t(), starl_robot_machines:t()}.
+resume(Robot, Start, Starts) ->
+    launch(#tree{robot = Robot, start = Start}, starl_robot_machines:restore(#{}, #{}, Starts)).
 
 %% @doc The same for a robot that was down; its machines know how often they have started.
 -spec launch(t(), starl_robot_machines:t()) -> {t(), starl_robot_machines:t()}.
@@ -172,6 +179,10 @@ kill(Name, Machines) ->
 -spec owns(pid(), starl_robot_machines:t(), t()) -> boolean().
 owns(Pid, _Machines, #tree{sup = Pid}) -> true;
 owns(Pid, Machines, _Tree) -> starl_robot_machines:name_of(Pid, Machines) =/= none.
+
+%% @doc The supervisor of the machines' processes.
+-spec supervisor(t()) -> pid() | none.
+supervisor(#tree{sup = Sup}) -> Sup.
 
 %% @doc All machines in their present state.
 -spec inspect(starl_robot_machines:t()) -> #{starl_machine:name() => seen()}.

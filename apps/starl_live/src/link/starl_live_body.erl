@@ -1,0 +1,228 @@
+%% @doc The driver's state of a live robot: its clock, store and trace, and the lines to its radio,
+%% positioning system and chassis. It is the world of its {@link starl_robot}.
+%%
+%% What a step sends, and the facts that it traces, are kept until the step is over ({@link
+%% flush/1}). The facts leave first: whoever judges the run knows of a packet before anybody can
+%% have received it.
+-module(starl_live_body).
+-behaviour(starl_robot).
+-behaviour(starl_platform).
+
+-export([new/1, at/2, now_us/1, flush/1, hear/2, result/1, figures/1, starts/1, started/2]).
+-export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
+
+-export_type([t/0, config/0, figures/0]).
+
+%% The parts of the body: processes that the link has started, or their stand-ins. Facts go to the
+%% `sink' as {@link starl_live_link:told()}.
+-type config() :: #{
+    robot := starl:robot_id(),
+    participants := starl_team:t(),
+    clock := starl_live_clock:t(),
+    store := starl_live_store:t(),
+    transport := pid(),
+    positioning := pid(),
+    chassis := pid(),
+    sink := pid() | none
+}.
+
+%% The numbers of events handled and of packets sent.
+-type figures() :: #{events := non_neg_integer(), packets := non_neg_integer()}.
+
+-record(body, {
+    id :: starl:robot_id(),
+    participants :: starl_team:t(),
+    clock :: starl_live_clock:t(),
+    store :: starl_live_store:t(),
+    transport :: pid(),
+    positioning :: pid(),
+    chassis :: pid(),
+    sink :: pid() | none,
+    %% the time at which the present step began
+    now :: integer(),
+    %% the marks of timers
+    marks = 0 :: non_neg_integer(),
+    %% of the present step, newest first
+    traces = [] :: [starl_monitor:trace_event()],
+    out = [] :: [out()],
+    %% the number of the next batch of facts
+    batch = 1 :: pos_integer(),
+    events = 0 :: non_neg_integer(),
+    packets = 0 :: non_neg_integer(),
+    result = running :: running | given_up | {done, term()},
+    told = running :: running | given_up | {done, term()}
+}).
+
+-opaque t() :: #body{}.
+
+%% What a step sends.
+-type out() ::
+    {transmit, starl:robot_id() | all, starl_packet:t()}
+    | {sense, Tag :: term(), [starl:robot_id()]}
+    | {drive, starl_chassis:script(), Mark :: term()}
+    | {actuate, atom(), term(), {mark, term()} | none}
+    | stop.
+
+%% @doc The body of a robot.
+-spec new(config()) -> t().
+new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink := Sink} = Config) ->
+    #{transport := Transport, positioning := Positioning, chassis := Chassis} = Config,
+    #body{
+        id = Id,
+        participants = Team,
+        clock = Clock,
+        store = Store,
+        transport = Transport,
+        positioning = Positioning,
+        chassis = Chassis,
+        sink = Sink,
+        now = starl_live_clock:now_us(Clock)
+    }.
+
+%% @doc The body at a new event: time does not go back.
+-spec at(event | same, t()) -> t().
+at(event, #body{clock = Clock, now = Before} = Body) ->
+    Body#body{now = max(Before, starl_live_clock:now_us(Clock))};
+at(same, Body) ->
+    Body.
+
+%% @doc The time at which the present step began.
+-spec now_us(t()) -> integer().
+now_us(#body{now = Now}) -> Now.
+
+%% @doc The application's result.
+-spec result(t()) -> running | given_up | {done, term()}.
+result(#body{result = Result}) -> Result.
+
+%% @doc The counters of the robot.
+-spec figures(t()) -> figures().
+figures(#body{events = Events, packets = Packets}) -> #{events => Events, packets => Packets}.
+
+%% @doc The number of starts of each machine, over all reboots.
+-spec starts(t()) -> #{starl_machine:name() => pos_integer()}.
+starts(#body{store = Store}) -> starl_live_store:starts(Store).
+
+%% @doc Makes the number of starts durable.
+-spec started(#{starl_machine:name() => pos_integer()}, t()) -> ok | {error, unicode:chardata()}.
+started(Starts, #body{store = Store}) -> starl_live_store:started(Starts, Store).
+
+%% -- events from outside --------------------------------------------------------------------
+
+%% @doc The events of the robot that a message of its lines is.
+-spec hear(Message :: term(), t()) -> [starl_robot:local()] | unknown.
+hear({starl_heard, Transport, Packets}, #body{transport = Transport}) ->
+    [{sap, packet, Packet} || Packet <- Packets];
+hear({starl_located, Positioning, {Name, Tag}, Seen}, #body{positioning = Positioning}) ->
+    [{Name, info, {located, Tag, Seen}}];
+hear({starl_chassis, Chassis, {Name, Mark}, Answer}, #body{chassis = Chassis}) ->
+    said(Name, Mark, Answer);
+hear(_Message, _Body) ->
+    unknown.
+
+said(Name, Mark, {driven, HeardUs}) -> [{Name, info, {driven, Mark, HeardUs}}];
+said(Name, Mark, {stalled, Told}) -> [{Name, info, {stalled, Mark, Told}}];
+said(Name, Mark, {actuated, Device, Value}) -> [{Name, info, {actuated, Mark, Device, Value}}];
+said(_Name, _Mark, {not_understood, _Commands}) -> [].
+
+%% -- the actions of machines ----------------------------------------------------------------
+
+%% @doc Carries out an action of a machine on the world, at the end of the step.
+-spec perform(starl_platform:world_action(), starl_machine:name(), t()) ->
+    {[starl_robot:local()], t()}.
+perform({transmit, To, Packet}, _Name, #body{packets = Packets} = Body) ->
+    {[], out({transmit, To, Packet}, Body#body{packets = Packets + 1})};
+perform({sense, Robots, Tag}, Name, Body) ->
+    {[], out({sense, {Name, Tag}, Robots}, Body)};
+perform({drive, Script, Mark}, Name, Body) ->
+    {[], out({drive, Script, {Name, Mark}}, Body)};
+perform({actuate, Device, Value}, _Name, Body) ->
+    {[], out({actuate, Device, Value, none}, Body)};
+perform({actuate, Device, Value, Mark}, Name, Body) ->
+    {[], out({actuate, Device, Value, {mark, {Name, Mark}}}, Body)}.
+
+%% @doc No machine commands the chassis any more.
+-spec stop(t()) -> t().
+stop(Body) -> out(stop, Body).
+
+out(What, #body{out = Out} = Body) -> Body#body{out = [What | Out]}.
+
+%% @doc Sends what the step has traced, and then what it sends.
+-spec flush(t()) -> t().
+flush(#body{traces = [], out = [], told = Told, result = Told} = Body) ->
+    Body;
+flush(#body{out = Out} = Body) ->
+    Facts = tell(Body),
+    lists:foreach(fun(What) -> send(What, Body) end, lists:reverse(Out)),
+    Facts#body{out = []}.
+
+tell(#body{sink = none, result = Result} = Body) ->
+    Body#body{traces = [], told = Result};
+tell(#body{id = Id, sink = Sink, batch = N, traces = Traces, result = Result} = Body) ->
+    _ = Traces =/= [] andalso (Sink ! {starl_traced, Id, self(), N, lists:reverse(Traces)}),
+    _ = Result =/= Body#body.told andalso (Sink ! {starl_ended, Id, self(), Result}),
+    Body#body{traces = [], batch = N + 1, told = Result}.
+
+send({transmit, To, Packet}, #body{transport = Transport}) ->
+    starl_live_transport:transmit(Transport, To, Packet);
+send({sense, Tag, Robots}, #body{positioning = Positioning}) ->
+    starl_live_positioning:ask(Positioning, Tag, Robots);
+send({drive, Script, Mark}, #body{chassis = Chassis}) ->
+    starl_live_chassis:drive(Chassis, Script, Mark);
+send({actuate, Device, Value, Mark}, #body{chassis = Chassis}) ->
+    starl_live_chassis:actuate(Chassis, Device, Value, Mark);
+send(stop, #body{chassis = Chassis}) ->
+    starl_live_chassis:stop(Chassis).
+
+%% -- the robot's driver ---------------------------------------------------------------------
+
+%% @doc Counts an event.
+-spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
+handles(_Name, _Type, _Content, #body{events = Events} = Body) -> Body#body{events = Events + 1}.
+
+%% @doc The robot's clock.
+-spec clock(t()) -> integer().
+clock(#body{now = Now}) -> Now.
+
+%% @doc The start configuration of a machine. Its random stream is new with each start.
+-spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
+base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = Store}) ->
+    #{
+        robot => Id,
+        participants => Team,
+        name => Name,
+        incarnation => Incarnation,
+        stored => starl_live_store:kept(Name, Store),
+        random => rand:seed_s(exsss),
+        now => Now
+    }.
+
+%% @doc Records a fact.
+-spec trace(starl_machine:name(), Event :: term(), t()) -> t().
+trace(Name, Event, #body{id = Id, now = Now, traces = Traces} = Body) ->
+    Body#body{traces = [{Now, Id, Name, Event} | Traces]}.
+
+%% @doc Plans a timer's event: the link gets `{timeout, _, {starl_timer, Name, Timer, Mark,
+%% Content}}'. The time is rounded up to a millisecond.
+-spec plan(starl_machine:name(), starl_robot_timers:timer(), non_neg_integer(), term(), t()) ->
+    {starl_robot_timers:mark(), t()}.
+plan(Name, Timer, Us, Content, #body{now = Now, clock = Clock, marks = Mark} = Body) ->
+    Due = starl_live_clock:monotonic_ms(Now + Us, Clock),
+    Message = {starl_timer, Name, Timer, Mark, Content},
+    _ = erlang:start_timer(max(Due, erlang:monotonic_time(millisecond)), self(), Message, [
+        {abs, true}
+    ]),
+    {Mark, Body#body{marks = Mark + 1}}.
+
+%% @doc Makes a term durable.
+-spec store(starl_machine:name(), term(), t()) -> {ok, t()} | full.
+store(Name, Term, #body{store = Store} = Body) ->
+    case starl_live_store:keep(Name, Term, Store) of
+        ok -> {ok, Body};
+        full -> full
+    end.
+
+%% @doc The application has ended. Its first end counts, unless a result follows.
+-spec ended(starl_robot:ended(), t()) -> t().
+ended({done, _} = Done, Body) -> Body#body{result = Done};
+ended(given_up, #body{result = running} = Body) -> Body#body{result = given_up};
+ended(_, Body) -> Body.

@@ -1,0 +1,115 @@
+%% @doc The chassis and the other actuators of a live robot: a behaviour for its drivers, and the
+%% process that holds one.
+%%
+%% The process outlives no link: when the link ends, for whatever reason, the chassis stops and the
+%% other actuators come to rest (a pen is lifted), since no machine commands them any more.
+%% ```
+%%     link -- drive, actuate, stop --> chassis --> the drive
+%%     link <-- {starl_chassis, Chassis, Mark, Answer} -- chassis <-- the drive
+%% '''
+-module(starl_live_chassis).
+-behaviour(gen_server).
+
+-export([start_link/3, drive/3, actuate/4, stop/1]).
+-export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
+
+-export_type([config/0, answer/0, said/0]).
+
+%% What every driver is told; each has further keys of its own.
+-type config() :: #{
+    robot := starl:robot_id(),
+    clock := starl_live_clock:t(),
+    profile := starl_chassis:profile(),
+    atom() => term()
+}.
+
+%% The answers of {@link starl_platform}. `HeardUs' is the time at which the chassis heard the
+%% command, by the robot's clock.
+-type answer() ::
+    {driven, HeardUs :: integer()}
+    | {stalled, starl_chassis:told()}
+    | {actuated, Device :: atom(), Value :: term()}
+    | {not_understood, starl_chassis:commands()}.
+
+%% The message to the link: the answer to the command of this mark.
+-type said() :: {starl_chassis, Chassis :: pid(), Mark :: term(), answer()}.
+
+%% Opens the line. The process that calls it gets the messages of ports and sockets.
+-callback open(config()) -> {ok, State :: term()} | {error, unicode:chardata()}.
+%% Carries out a script in place of the present one ({@link starl_platform}).
+-callback drive(starl_chassis:script(), Mark :: term(), State) -> {[{Mark, answer()}], State} when
+    State :: term(), Mark :: term().
+%% Sets another actuator, and answers if there is a mark.
+-callback actuate(Device :: atom(), Value :: term(), {mark, Mark :: term()} | none, State) ->
+    {[{Mark, answer()}], State}
+when
+    State :: term(), Mark :: term().
+%% Everything comes to rest; no script is answered any more.
+-callback stop(State) -> State when State :: term().
+%% Handles a message of the process.
+-callback hear(Message :: term(), State) -> {[{Mark, answer()}], State} | {stop, Why} | unknown when
+    State :: term(), Mark :: term(), Why :: unicode:chardata().
+%% Closes the line.
+-callback close(State :: term()) -> ok.
+
+-record(chassis, {
+    module :: module(),
+    state :: term(),
+    link :: pid()
+}).
+
+%% @doc Opens the chassis of a robot; answers go to the link.
+-spec start_link(module(), config(), Link :: pid()) -> gen_server:start_ret().
+start_link(Module, Config, Link) -> gen_server:start_link(?MODULE, {Module, Config, Link}, []).
+
+%% @doc Gives the chassis a script in place of the present one.
+-spec drive(pid(), starl_chassis:script(), Mark :: term()) -> ok.
+drive(Chassis, Script, Mark) -> gen_server:cast(Chassis, {drive, Script, Mark}).
+
+%% @doc Sets another actuator.
+-spec actuate(pid(), Device :: atom(), Value :: term(), {mark, term()} | none) -> ok.
+actuate(Chassis, Device, Value, Mark) -> gen_server:cast(Chassis, {actuate, Device, Value, Mark}).
+
+%% @doc Brings everything to rest.
+-spec stop(pid()) -> ok.
+stop(Chassis) -> gen_server:cast(Chassis, stop).
+
+-spec init({module(), config(), pid()}) -> {ok, #chassis{}} | {stop, term()}.
+init({Module, #{robot := Robot} = Config, Link}) ->
+    process_flag(trap_exit, true),
+    logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
+    case Module:open(Config) of
+        {ok, State} -> {ok, #chassis{module = Module, state = State, link = Link}};
+        {error, Why} -> {stop, {shutdown, {chassis, unicode:characters_to_binary(Why)}}}
+    end.
+
+-spec handle_call(term(), gen_server:from(), #chassis{}) -> {reply, ok, #chassis{}}.
+handle_call(_Question, _From, Chassis) -> {reply, ok, Chassis}.
+
+-spec handle_cast(
+    {drive, starl_chassis:script(), term()} | {actuate, atom(), term(), term()} | stop, #chassis{}
+) -> {noreply, #chassis{}}.
+handle_cast({drive, Script, Mark}, #chassis{module = Module, state = State} = Chassis) ->
+    {noreply, said(Module:drive(Script, Mark, State), Chassis)};
+handle_cast({actuate, Device, Value, Mark}, #chassis{module = Module, state = State} = Chassis) ->
+    {noreply, said(Module:actuate(Device, Value, Mark, State), Chassis)};
+handle_cast(stop, #chassis{module = Module, state = State} = Chassis) ->
+    {noreply, Chassis#chassis{state = Module:stop(State)}}.
+
+-spec handle_info(term(), #chassis{}) -> {noreply, #chassis{}} | {stop, term(), #chassis{}}.
+handle_info({'EXIT', Link, Reason}, #chassis{link = Link} = Chassis) ->
+    {stop, Reason, Chassis};
+handle_info(Message, #chassis{module = Module, state = State} = Chassis) ->
+    case Module:hear(Message, State) of
+        unknown -> {noreply, Chassis};
+        {stop, Why} -> {stop, {shutdown, {chassis, unicode:characters_to_binary(Why)}}, Chassis};
+        Heard -> {noreply, said(Heard, Chassis)}
+    end.
+
+-spec terminate(term(), #chassis{}) -> ok.
+terminate(_Reason, #chassis{module = Module, state = State}) ->
+    Module:close(Module:stop(State)).
+
+said({Answers, State}, #chassis{link = Link} = Chassis) ->
+    _ = [Link ! {starl_chassis, self(), Mark, Answer} || {Mark, Answer} <- Answers],
+    Chassis#chassis{state = State}.

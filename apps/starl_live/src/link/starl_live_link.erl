@@ -1,0 +1,350 @@
+%% @doc The link of a live robot: drives its {@link starl_robot} in real time. It hands the packets,
+%% poses, answers of the chassis and timers that arrive to the robot's machines, one at a time.
+%%
+%% <em>The machines</em> run to completion, as in the simulator: while a machine's process is at work
+%% all other events wait. <em>A sequential application</em> works beside the link, since it may
+%% compute for seconds: its events wait for it, and the other machines go on.
+%%
+%% <em>Ends.</em> A crashed machine is restarted by its supervisor, and the link waits for that. When
+%% the services have crashed too often, when a line of the robot (radio, positioning, chassis) ends,
+%% or when the numbers of starts cannot be stored, the link ends, and with it the whole robot: the
+%% chassis stops. The supervisor above then starts the robot anew, as after a reboot.
+-module(starl_live_link).
+-behaviour(gen_server).
+
+-export([start_link/1, inspect/1, figures/1]).
+-export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
+
+-export_type([spec/0, line/0, told/0]).
+
+%% A line of the robot: the module of its driver, and the driver's own configuration.
+-type line() :: {module(), map()}.
+
+%% A robot: its machines ({@link starl_robot_crew:tree()}), its lines, its clock, the directory of
+%% its store, and the process that gets the facts, if any. `robot_sup' is the supervisor under which
+%% the machines' processes start.
+-type spec() :: #{
+    robot := starl:robot_id(),
+    robot_sup := pid(),
+    tree := starl_robot_crew:tree(),
+    profile := starl_chassis:profile(),
+    clock := starl_live_clock:t(),
+    dir := file:filename(),
+    transport := line(),
+    positioning := line(),
+    chassis := line(),
+    sink := pid() | none
+}.
+
+%% A message to the sink: the names of the robot's machines, when it starts; the facts of its steps,
+%% batch by batch; the end of its application.
+-type told() ::
+    {starl_started, starl:robot_id(), Link :: pid(), [starl_machine:name()]}
+    | {starl_traced, starl:robot_id(), Link :: pid(), Batch :: pos_integer(), [
+        starl_monitor:trace_event()
+    ]}
+    | {starl_ended, starl:robot_id(), Link :: pid(), given_up | {done, term()}}.
+
+%% The period in which the link looks for a process that does not answer, and packets that may wait.
+-define(WATCH_MS, 5000).
+-define(MOST_WAITING, 10000).
+
+%% An event that waits for its turn.
+-type event() ::
+    {event, starl_robot:local()}
+    | {timer, starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark(), term()}
+    | {acts, pid(), [starl_machine:action()]}.
+
+-record(link, {
+    id :: starl:robot_id(),
+    robot :: starl_robot:t(),
+    tree :: starl_robot_tree:t(),
+    %% the supervisor of the machines' processes
+    machines_sup :: pid(),
+    waiting = queue:new() :: queue:queue(event()),
+    %% processes that work beside the link, or have just answered, with the orders that wait for them
+    beside = #{} :: #{pid() => {at_work | idle, [starl_driver:order()]}},
+    %% the number of turns, and what it was at the last watch, if a process was at work then
+    turns = 0 :: non_neg_integer(),
+    watched = none :: non_neg_integer() | none
+}).
+
+%% @doc Starts the link, its lines, and then the robot's machines.
+-spec start_link(spec()) -> gen_server:start_ret().
+start_link(Spec) -> gen_server:start_link(?MODULE, Spec, []).
+
+%% @doc The machines of the robot, each with its state and data.
+-spec inspect(pid()) -> #{starl_machine:name() => starl_robot_tree:seen()}.
+inspect(Link) -> gen_server:call(Link, inspect).
+
+%% @doc The counters of the robot.
+-spec figures(pid()) -> starl_live_body:figures().
+figures(Link) -> gen_server:call(Link, figures).
+
+-spec init(spec()) -> {ok, map(), {continue, launch}} | {stop, term()}.
+init(#{robot := Robot, dir := Dir} = Spec) ->
+    logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
+    case starl_live_store:open(Dir) of
+        {ok, Store} ->
+            lines([transport, positioning, chassis], Spec#{store => Store});
+        {error, Why} ->
+            {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}}
+    end.
+
+lines([], Spec) ->
+    {ok, Spec, {continue, launch}};
+lines([Line | Lines], Spec) ->
+    #{Line := {Module, Own}, robot := Robot, clock := Clock, tree := Tree, profile := P} = Spec,
+    #{participants := Team} = Tree,
+    Config = Own#{robot => Robot, participants => Team, clock => Clock, profile => P},
+    case (process(Line)):start_link(Module, Config, self()) of
+        {ok, Pid} -> lines(Lines, Spec#{Line => Pid});
+        {error, Reason} -> {stop, Reason}
+    end.
+
+process(transport) -> starl_live_transport;
+process(positioning) -> starl_live_positioning;
+process(chassis) -> starl_live_chassis.
+
+-spec handle_continue(launch, map()) -> {noreply, #link{}} | {stop, term(), map()}.
+handle_continue(launch, #{robot := Id, robot_sup := Sup, tree := Tree} = Spec) ->
+    Body = starl_live_body:new(Spec#{participants => maps:get(participants, Tree)}),
+    Before = starl_live_body:starts(Body),
+    Self = self(),
+    Start = fun() ->
+        {ok, Machines} = starl_live_robot:start_machines(Sup, Tree#{id => Id, driver => Self}),
+        _ = erlang:monitor(process, Machines),
+        {Machines, starl_robot_sup:parts(Machines)}
+    end,
+    {Processes, Machines} = starl_robot_tree:resume(Id, Start, Before),
+    case starl_live_body:started(starl_robot_machines:starts(Machines), Body) of
+        ok -> launched(Spec, Body, Before, Processes, Machines);
+        {error, Why} -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}, Spec}
+    end.
+
+launched(#{robot := Id, sink := Sink}, Body, Before, Processes, Machines) ->
+    _ = erlang:send_after(?WATCH_MS, self(), watch),
+    _ =
+        is_pid(Sink) andalso
+            (Sink ! {starl_started, Id, self(), starl_robot_machines:names(Machines)}),
+    %% a robot that has run before comes up after a reboot
+    Up =
+        case map_size(Before) of
+            0 -> Body;
+            _ -> starl_live_body:trace(robot, up, Body)
+        end,
+    Robot = starl_robot:new(Id, starl_live_body, Up, Machines),
+    Link = #link{
+        id = Id,
+        robot = Robot,
+        tree = Processes,
+        machines_sup = starl_robot_tree:supervisor(Processes)
+    },
+    {noreply, went(starl_robot:run(Robot), Link)}.
+
+-spec handle_call(inspect | figures, gen_server:from(), #link{}) -> {reply, term(), #link{}}.
+handle_call(inspect, _From, #link{robot = Robot} = Link) ->
+    {reply, starl_robot_tree:inspect(starl_robot:machines(Robot)), Link};
+handle_call(figures, _From, #link{robot = Robot} = Link) ->
+    {reply, starl_live_body:figures(starl_robot:world(Robot)), Link}.
+
+-spec handle_cast(term(), #link{}) -> {noreply, #link{}}.
+handle_cast(_Request, Link) -> {noreply, Link}.
+
+-spec handle_info(term(), #link{}) -> {noreply, #link{}} | {stop, term(), #link{}}.
+handle_info({starl_done, _, Pid, Actions}, #link{beside = Beside} = Link) when
+    is_map_key(Pid, Beside)
+->
+    {noreply, waits({acts, Pid, Actions}, Link)};
+handle_info({starl_done, _, Pid, Actions}, #link{robot = Robot} = Link) ->
+    case starl_robot:answered(Pid, Actions, Robot) of
+        ignored -> {noreply, Link};
+        Turn -> {noreply, went(Turn, Link)}
+    end;
+handle_info({timeout, _, {starl_timer, Name, Timer, Mark, Content}}, Link) ->
+    {noreply, waits({timer, Name, Timer, Mark, Content}, Link)};
+handle_info({starl_attach, _, Name, _} = Attach, #link{robot = Robot} = Link) ->
+    %% the end of its predecessor is on its way
+    case starl_robot_machines:process(Name, starl_robot:machines(Robot)) of
+        none ->
+            {noreply, Link};
+        Before ->
+            self() ! Attach,
+            receive
+                {'DOWN', _, process, Before, Reason} -> down(Before, Reason, Link)
+            end
+    end;
+handle_info({'DOWN', _, process, Pid, Reason}, Link) ->
+    down(Pid, Reason, Link);
+handle_info(watch, Link) ->
+    _ = erlang:send_after(?WATCH_MS, self(), watch),
+    {noreply, watch(Link)};
+handle_info(Message, #link{robot = Robot} = Link) ->
+    case starl_live_body:hear(Message, starl_robot:world(Robot)) of
+        unknown -> {noreply, Link};
+        Events -> {noreply, heard(Events, Link)}
+    end.
+
+%% Packets may be lost; other events are few.
+heard([{sap, packet, _} | _] = Packets, #link{waiting = Waiting} = Link) ->
+    case queue:len(Waiting) > ?MOST_WAITING of
+        true -> Link;
+        false -> all_wait(Packets, Link)
+    end;
+heard(Events, Link) ->
+    all_wait(Events, Link).
+
+all_wait(Events, Link) ->
+    lists:foldl(fun(Event, L) -> waits({event, Event}, L) end, Link, Events).
+
+waits(Event, #link{waiting = Waiting} = Link) ->
+    work(Link#link{waiting = queue:in(Event, Waiting)}).
+
+%% -- turns ----------------------------------------------------------------------------------
+
+%% Handles the next event, if the robot is quiet.
+work(#link{robot = Robot, waiting = Waiting} = Link) ->
+    case starl_robot:busy(Robot) =:= none andalso queue:out(Waiting) of
+        false -> Link;
+        {empty, _} -> Link;
+        {{value, Event}, Left} -> handle(Event, Link#link{waiting = Left})
+    end.
+
+handle({event, {Name, Type, Content}}, Link) ->
+    {Body, #link{robot = Robot} = Now} = at_event(Link),
+    Noted = starl_live_body:handles(Name, Type, Content, Body),
+    went(starl_robot:event(Name, Type, Content, Noted, Robot), Now);
+handle({timer, Name, Timer, Mark, Content}, #link{robot = Robot} = Link) ->
+    case starl_robot:expire(Name, Timer, Mark, Robot) of
+        {ok, Type, Left} ->
+            {Body, Now} = at_event(Link),
+            Noted = starl_live_body:handles(Name, Type, Content, Body),
+            went(starl_robot:fire(Name, Type, Content, Noted, Left, Now#link.robot), Now);
+        stale ->
+            work(Link)
+    end;
+handle({acts, Pid, Actions}, #link{beside = Beside} = Link) ->
+    case {Beside, starl_robot_machines:name_of(Pid, machines(Link))} of
+        {#{Pid := {_, Orders}}, {ok, Name}} ->
+            {Body, #link{robot = Robot} = Now} = at_event(Link),
+            Idle = Now#link{beside = Beside#{Pid := {idle, Orders}}},
+            went(starl_robot:act(Name, Actions, Body, Robot), Idle);
+        _ ->
+            work(Link)
+    end.
+
+at_event(#link{robot = Robot, turns = Turns} = Link) ->
+    {starl_live_body:at(event, starl_robot:world(Robot)), Link#link{turns = Turns + 1}}.
+
+%% The result of an event, with all that followed from it.
+went({quiet, Robot}, Link) ->
+    work(order_next(flushed(Robot, Link)));
+went({ask, Pid, Order, Robot}, #link{beside = Beside} = Link) ->
+    case {starl_robot:busy(Robot), Beside} of
+        {_, #{Pid := {How, Orders}}} ->
+            Kept = Link#link{beside = Beside#{Pid := {How, Orders ++ [Order]}}},
+            went(starl_robot:leave(Robot), Kept);
+        {app, _} ->
+            Pid ! Order,
+            went(starl_robot:leave(Robot), Link#link{beside = Beside#{Pid => {at_work, []}}});
+        _ ->
+            Flushed = flushed(Robot, Link),
+            Pid ! Order,
+            Flushed
+    end;
+went({crashed, Name, Reason, Robot}, Link) ->
+    Flushed = flushed(Robot, Link),
+    {ok, _Killed} = starl_robot_tree:kill(Name, machines(Flushed)),
+    case crashed(Name, Reason, Flushed) of
+        {ok, Next} -> go_on(Next);
+        gave_up -> exit({shutdown, gave_up})
+    end.
+
+flushed(Robot, Link) ->
+    Link#link{robot = starl_robot:world(starl_live_body:flush(starl_robot:world(Robot)), Robot)}.
+
+%% Processes that have answered get their next order.
+order_next(#link{beside = Beside} = Link) when map_size(Beside) =:= 0 -> Link;
+order_next(#link{beside = Beside} = Link) ->
+    Body = starl_live_body:at(event, starl_robot:world(Link#link.robot)),
+    Now = starl_live_body:now_us(Body),
+    Next = maps:filtermap(fun(Pid, Work) -> ordered(Pid, Work, Now) end, Beside),
+    Link#link{beside = Next}.
+
+ordered(_Pid, {at_work, _}, _Now) ->
+    true;
+ordered(_Pid, {idle, []}, _Now) ->
+    false;
+ordered(Pid, {idle, [Order | Orders]}, Now) ->
+    Pid ! starl_driver:later(Now, Order),
+    {true, {at_work, Orders}}.
+
+go_on(#link{robot = Robot} = Link) ->
+    case starl_robot:busy(Robot) of
+        none -> went(starl_robot:run(Robot), Link);
+        _ -> flushed(Robot, Link)
+    end.
+
+%% -- crashes --------------------------------------------------------------------------------
+
+down(Pid, Reason, Link) ->
+    case starl_robot_machines:name_of(Pid, machines(Link)) of
+        {ok, Name} ->
+            case crashed(Name, Reason, Link) of
+                {ok, Next} -> {noreply, go_on(Next)};
+                gave_up -> {stop, {shutdown, gave_up}, Link}
+            end;
+        none when Pid =:= Link#link.machines_sup ->
+            {stop, {shutdown, gave_up}, Link};
+        none ->
+            {noreply, Link}
+    end.
+
+%% The link waits until the machine has been restarted, or given up.
+crashed(Name, Reason, #link{robot = Robot0, tree = Tree, beside = Beside} = Link) ->
+    Gone = starl_robot_machines:process(Name, starl_robot:machines(Robot0)),
+    Body = starl_live_body:at(event, starl_robot:world(Robot0)),
+    Bare = starl_robot:lost(Name, Reason, starl_robot:world(Body, Robot0)),
+    tell(Name, Reason),
+    case starl_robot_tree:restart(Name, starl_robot:machines(Bare), Tree) of
+        {ok, #{back := Back, given_up := GivenUp, lost := Lost}, Machines} ->
+            case starl_live_body:started(starl_robot_machines:starts(Machines), Body) of
+                ok ->
+                    Left = lists:foldr(fun({N, R}, B) -> starl_robot:lost(N, R, B) end, Bare, Lost),
+                    With = starl_robot:machines(Machines, Left),
+                    Robot = starl_robot:back(Back, GivenUp, With),
+                    {ok, Link#link{robot = Robot, beside = maps:remove(Gone, Beside)}};
+                {error, _} ->
+                    gave_up
+            end;
+        gave_up ->
+            gave_up
+    end.
+
+tell(Name, Reason) ->
+    case starl_crash:cause(Reason) of
+        none ->
+            ok;
+        Cause ->
+            Why = unicode:characters_to_binary(starl_crash:format(Cause)),
+            logger:error(#{what => crashed, machine => Name, reason => Why})
+    end.
+
+%% A process at work that has not answered for a whole period is killed: its supervisor starts it
+%% anew. Applications may take their time.
+watch(#link{robot = Robot, turns = Turns, watched = Turns} = Link) ->
+    case starl_robot:busy(Robot) of
+        none ->
+            Link#link{watched = none};
+        Name ->
+            logger:error(#{what => no_answer, machine => Name}),
+            true = exit(starl_robot_machines:process(Name, machines(Link)), kill),
+            Link#link{watched = none}
+    end;
+watch(#link{robot = Robot, turns = Turns} = Link) ->
+    case starl_robot:busy(Robot) of
+        none -> Link#link{watched = none};
+        _ -> Link#link{watched = Turns}
+    end.
+
+machines(#link{robot = Robot}) -> starl_robot:machines(Robot).

@@ -1,0 +1,338 @@
+%% @doc A simulated world in real time: the bodies of live robots, their positioning system, and the
+%% judge of the run. Robots are on this Erlang node or on others; the world knows where they really
+%% are, gathers what they trace, and runs the monitors meanwhile.
+%% ```
+%%   a robot's chassis -- drive, actuate, stop --> world -- driven, stalled, actuated --> chassis
+%%   a robot's positioning -- look ------------->  world -- seen -----------------------> positioning
+%%   a robot's link -- started, traced, ended -->  world: facts in the order of time --> monitors
+%% '''
+%% A robot whose process or node ends goes down: its chassis stops, and the monitors are told.
+-module(starl_world).
+-behaviour(gen_server).
+
+-export([start_link/1, embody/2, await/1, status/1, stop/1, finish/1]).
+-export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
+
+-export_type([config/0, status/0, ending/0]).
+
+%% The world of a run: the plan of its simulation ({@link starl_sim_plan:t()}), its clock, and the
+%% positioning system: its rate (`none': it shows a picture whenever it is asked) and whether it
+%% rounds to whole millimetres. `latency_ms': the chassis hears a command after a random time
+%% between these bounds.
+-type config() :: #{
+    plan := starl_sim_plan:t(),
+    clock := starl_live_clock:t(),
+    rate_hz => number() | none,
+    whole_mm => boolean(),
+    latency_ms => {number(), number()}
+}.
+
+-type ending() :: done | time | violation | stopped.
+
+-type status() :: #{
+    now_us := integer(),
+    running := non_neg_integer(),
+    up := [starl:robot_id()],
+    ending := ending() | none
+}.
+
+%% The period in which the judge looks at new facts, and the time that he waits for facts, by the
+%% clock of the computer.
+-define(JUDGE_MS, 200).
+-define(HORIZON_US, 1500000).
+
+-record(robot, {
+    body :: starl_world_body:t(),
+    chassis = none :: pid() | none,
+    sight = none :: pid() | none,
+    link = none :: pid() | none,
+    names = [] :: [starl_machine:name()],
+    is_up = false :: boolean(),
+    result = running :: running | given_up | {done, term()},
+    events = 0 :: non_neg_integer()
+}).
+
+-record(world, {
+    clock :: starl_live_clock:t(),
+    robots :: #{starl:robot_id() => #robot{}},
+    sim :: starl_sim_platform:world(),
+    judge :: starl_world_judge:t(),
+    limit_us :: integer(),
+    rate_hz :: number() | none,
+    whole_mm :: boolean(),
+    latency_ms :: {number(), number()},
+    draws = 0 :: non_neg_integer(),
+    ending = none :: ending() | none,
+    callers = [] :: [gen_server:from()]
+}).
+
+%% @doc Starts the world of a run.
+-spec start_link(config()) -> gen_server:start_ret().
+start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
+
+%% @doc The calling process is the chassis of this robot from now on.
+-spec embody(pid(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
+embody(World, Robot) -> gen_server:call(World, {embody, Robot}).
+
+%% @doc Waits for the end of the run.
+-spec await(pid()) -> ending().
+await(World) -> gen_server:call(World, await, infinity).
+
+%% @doc The present time and the robots at work.
+-spec status(pid()) -> status().
+status(World) -> gen_server:call(World, status).
+
+%% @doc Ends the run.
+-spec stop(pid()) -> ok.
+stop(World) -> gen_server:cast(World, stop).
+
+%% @doc Closes the monitors and returns the outcome, as of a simulation.
+-spec finish(pid()) -> starl_sim_outcome:t().
+finish(World) -> gen_server:call(World, finish, infinity).
+
+-spec init(config()) -> {ok, #world{}}.
+init(#{plan := Plan, clock := Clock} = Config) ->
+    #{robots := Poses, world := Sim, monitors := Monitors, limit_us := Limit} = Plan,
+    _ = erlang:send_after(?JUDGE_MS, self(), judge),
+    Rate = maps:get(rate_hz, Config, none),
+    _ = Rate =/= none andalso erlang:send_after(0, self(), show),
+    Embodied = [{Id, starl_world_body:new(Id, Pose, Sim)} || {Id, Pose} <- Poses],
+    Judge = starl_world_judge:new(Monitors, ?HORIZON_US),
+    {ok, #world{
+        clock = Clock,
+        sim = Sim,
+        robots = maps:from_list([{Id, #robot{body = Body}} || {Id, {_, Body}} <- Embodied]),
+        judge = starl_world_judge:told(lists:append([T || {_, {T, _}} <- Embodied]), Judge),
+        limit_us = Limit,
+        rate_hz = Rate,
+        whole_mm = maps:get(whole_mm, Config, false),
+        latency_ms = maps:get(latency_ms, Config, {0, 0})
+    }}.
+
+-spec handle_call(term(), gen_server:from(), #world{}) ->
+    {reply, term(), #world{}} | {noreply, #world{}}.
+handle_call({embody, Id}, {Chassis, _}, #world{robots = Robots} = World) ->
+    case Robots of
+        #{Id := Robot} ->
+            _ = erlang:monitor(process, Chassis),
+            {reply, ok, put_robot(Id, Robot#robot{chassis = Chassis}, World)};
+        #{} ->
+            {reply, {error, io_lib:format("the world has no robot ~b", [Id])}, World}
+    end;
+handle_call(await, From, #world{ending = none, callers = Callers} = World) ->
+    {noreply, World#world{callers = [From | Callers]}};
+handle_call(await, _From, #world{ending = Ending} = World) ->
+    {reply, Ending, World};
+handle_call(status, _From, #world{robots = Robots, ending = Ending} = World) ->
+    Status = #{
+        now_us => now_us(World),
+        running => length(running(World)),
+        up => lists:sort([Id || {Id, #robot{is_up = true}} <- maps:to_list(Robots)]),
+        ending => Ending
+    },
+    {reply, Status, World};
+handle_call(finish, _From, World) ->
+    {reply, outcome(World), World}.
+
+-spec handle_cast(stop, #world{}) -> {noreply, #world{}}.
+handle_cast(stop, World) -> {noreply, ended(stopped, World)}.
+
+-spec handle_info(term(), #world{}) -> {noreply, #world{}}.
+handle_info({starl_body, Id, Chassis, What}, World) ->
+    {noreply, commanded(Id, Chassis, What, World)};
+handle_info({hears, Id, Chassis, What}, World) ->
+    {noreply, hears(Id, Chassis, What, World)};
+handle_info({advance, Id}, World) ->
+    {noreply, advance(Id, World)};
+handle_info({starl_watches, Id, Sight}, #world{robots = Robots} = World) ->
+    #{Id := Robot} = Robots,
+    {noreply, put_robot(Id, Robot#robot{sight = Sight}, World)};
+handle_info({starl_look, Id, Sight, Looked}, #world{rate_hz = none} = World) ->
+    {Seen, Next} = seen(Id, Looked, World),
+    Sight ! {starl_seen, Seen},
+    {noreply, Next};
+handle_info({starl_look, _Id, _Sight, _Looked}, World) ->
+    {noreply, World};
+handle_info(show, World) ->
+    {noreply, show(World)};
+handle_info({starl_started, Id, Link, Names}, #world{robots = Robots} = World) ->
+    #{Id := Robot} = Robots,
+    _ = erlang:monitor(process, Link),
+    {noreply, put_robot(Id, Robot#robot{link = Link, names = Names, is_up = true}, World)};
+handle_info({starl_traced, _Id, _Link, _Batch, Events}, World) ->
+    {noreply, told(Events, World)};
+handle_info({starl_ended, Id, _Link, Result}, World) ->
+    {noreply, result(Id, Result, World)};
+handle_info({'DOWN', _, process, Pid, _Reason}, World) ->
+    {noreply, gone(Pid, World)};
+handle_info(judge, World) ->
+    _ = erlang:send_after(?JUDGE_MS, self(), judge),
+    {noreply, judged(World)};
+handle_info(_Message, World) ->
+    {noreply, World}.
+
+now_us(#world{clock = Clock}) -> starl_live_clock:now_us(Clock).
+
+put_robot(Id, Robot, #world{robots = Robots} = World) ->
+    World#world{robots = Robots#{Id := Robot}}.
+
+%% -- bodies ---------------------------------------------------------------------------------
+
+%% The line to the chassis takes its time; it keeps commands in order only as far as they are drawn.
+commanded(Id, Chassis, What, #world{latency_ms = {Least, Most}} = World) when Most > 0 ->
+    Ms = Least + rand:uniform() * (Most - Least),
+    Due = starl_live_clock:monotonic_ms(now_us(World) + round(1000 * Ms), World#world.clock),
+    _ = erlang:send_after(Due, self(), {hears, Id, Chassis, What}, [{abs, true}]),
+    World;
+commanded(Id, Chassis, What, World) ->
+    hears(Id, Chassis, What, World).
+
+hears(Id, Chassis, What, #world{robots = Robots} = World) ->
+    case Robots of
+        #{Id := #robot{chassis = Chassis, body = Body} = Robot} ->
+            yielded(Id, does(What, now_us(World), Body), Robot, World);
+        #{} ->
+            World
+    end.
+
+does({drive, Script, Mark}, Now, Body) -> starl_world_body:drive(Script, Mark, Now, Body);
+does({actuate, What, Mark}, Now, Body) -> starl_world_body:actuate(What, Mark, Now, Body);
+does(stop, Now, Body) -> starl_world_body:stop(Now, Body).
+
+advance(Id, #world{robots = Robots} = World) ->
+    #{Id := #robot{body = Body} = Robot} = Robots,
+    yielded(Id, starl_world_body:advance(now_us(World), Body), Robot, World).
+
+yielded(Id, {Traces, Answers, Body}, #robot{chassis = Chassis} = Robot, World) ->
+    _ = Answers =/= [] andalso is_pid(Chassis) andalso (Chassis ! {starl_body_says, Answers}),
+    ok = wake(Id, starl_world_body:next_due(Body), World),
+    told(Traces, put_robot(Id, Robot#robot{body = Body}, World)).
+
+%% A wake-up that comes when there is nothing to do any more does no harm.
+wake(_Id, none, _World) ->
+    ok;
+wake(Id, Due, #world{clock = Clock}) ->
+    At = starl_live_clock:monotonic_ms(Due, Clock),
+    _ = erlang:send_after(At, self(), {advance, Id}, [{abs, true}]),
+    ok.
+
+%% -- positioning ----------------------------------------------------------------------------
+
+show(#world{rate_hz = Rate, robots = Robots, clock = Clock} = World) ->
+    Next = starl_live_clock:monotonic_ms(now_us(World) + round(1.0e6 / Rate), Clock),
+    _ = erlang:send_after(Next, self(), show, [{abs, true}]),
+    Ids = lists:sort(maps:keys(Robots)),
+    {Seen, Drawn} = seen(0, Ids, World),
+    _ = [Sight ! {starl_seen, Seen} || #robot{sight = Sight} <- maps:values(Robots), is_pid(Sight)],
+    Drawn.
+
+seen(By, Ids, #world{robots = Robots, sim = Sim, draws = N, whole_mm = Whole} = World) ->
+    Now = now_us(World),
+    #{profiles := Profiles, seed := Seed} = Sim,
+    Seen = [
+        {Id, rounded(Whole, blurred(Pose, {Seed, By, Id, N}, Id, Profiles)), Now}
+     || Id <- Ids,
+        #{Id := #robot{body = Body}} <- [Robots],
+        {_, _, Caught} <- [starl_world_body:advance(Now, Body)],
+        Pose <- [starl_world_body:pose(Now, Caught)]
+    ],
+    {Seen, World#world{draws = N + 1}}.
+
+blurred(Pose, Key, Id, Profiles) ->
+    starl_sim_sense:blur(Pose, Key, starl_chassis:of_robot(Id, Profiles)).
+
+rounded(false, Pose) -> Pose;
+rounded(true, {X, Y, Heading}) -> {float(round(X)), float(round(Y)), Heading}.
+
+%% -- robots that start and end --------------------------------------------------------------
+
+result(Id, Result, #world{robots = Robots} = World) ->
+    #{Id := Robot} = Robots,
+    Next = put_robot(Id, Robot#robot{result = Result}, World),
+    case running(Next) of
+        [] -> ended(done, Next);
+        _ -> Next
+    end.
+
+running(#world{robots = Robots}) ->
+    [Id || {Id, #robot{result = running}} <- maps:to_list(Robots)].
+
+gone(Pid, #world{robots = Robots} = World) ->
+    case
+        [
+            Id
+         || {Id, #robot{link = Link, chassis = C}} <- maps:to_list(Robots),
+            lists:member(Pid, [Link, C])
+        ]
+    of
+        [Id] -> down(Id, maps:get(Id, Robots), World);
+        [] -> World
+    end.
+
+%% The link and the chassis end together; the first to be seen counts.
+down(_Id, #robot{is_up = false}, World) ->
+    World;
+down(Id, #robot{body = Body, names = Names} = Robot, World) ->
+    Now = now_us(World),
+    Down = [{Now, Id, robot, down} | [{Now, Id, Name, crashed} || Name <- Names]],
+    Left = Robot#robot{is_up = false, chassis = none, link = none},
+    told(Down, yielded(Id, starl_world_body:stop(Now, Body), Left, World)).
+
+%% -- judging --------------------------------------------------------------------------------
+
+told([], World) ->
+    World;
+told(Events, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:told(Events, Judge)}.
+
+judged(#world{ending = Ending} = World) when Ending =/= none -> World;
+judged(#world{judge = Judge, limit_us = Limit} = World) ->
+    Now = now_us(World),
+    case starl_world_judge:judge(Now, Judge) of
+        {violation, Next} -> ended(violation, World#world{judge = Next});
+        {ok, Next} when Now >= Limit -> ended(time, World#world{judge = Next});
+        {ok, Next} -> World#world{judge = Next}
+    end.
+
+ended(Ending, #world{ending = none, callers = Callers} = World) ->
+    lists:foreach(fun(From) -> gen_server:reply(From, Ending) end, Callers),
+    World#world{ending = Ending, callers = []};
+ended(_Ending, World) ->
+    World.
+
+outcome(#world{judge = Judge, robots = Robots, ending = Ending} = World) ->
+    Now = now_us(World),
+    {Violations, Results} = starl_world_judge:close(Now, Judge),
+    Summaries = [{Id, summary(Now, Robot)} || {Id, Robot} <- lists:sort(maps:to_list(Robots))],
+    #{
+        ending => Ending,
+        end_us => Now,
+        violations => Violations,
+        monitors => Results,
+        robots => Summaries,
+        digest => <<>>,
+        events => lists:sum([E || {_, #{events := E}} <- Summaries]),
+        packets => lists:sum([P || {_, #{packets := P}} <- Summaries]),
+        lost => []
+    }.
+
+summary(Now, #robot{body = Body, result = Result, link = Link}) ->
+    {_, _, Caught} = starl_world_body:advance(Now, Body),
+    Figures = figures(Link),
+    Figures#{
+        at_us => Now,
+        chain => 0,
+        checkpoints => [],
+        result => Result,
+        pose => starl_world_body:pose(Now, Caught),
+        crashes => []
+    }.
+
+figures(none) ->
+    #{events => 0, packets => 0};
+figures(Link) ->
+    try
+        starl_live_link:figures(Link)
+    catch
+        exit:_ -> #{events => 0, packets => 0}
+    end.

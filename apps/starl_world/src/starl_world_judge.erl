@@ -1,0 +1,73 @@
+%% @doc Judges a live run: puts the facts of all robots in the order of their time and feeds them to
+%% the monitors. A pure module.
+%%
+%% Facts arrive late and out of order. An event is judged when it is older than the horizon. One that
+%% arrives later still is judged at the time of the last event, and counted.
+-module(starl_world_judge).
+
+-export([new/2, told/2, judge/2, violations/1, late/1, close/2]).
+
+-export_type([t/0]).
+
+-record(judge, {
+    monitors :: starl_monitor:t(),
+    horizon_us :: non_neg_integer(),
+    %% events that are not old enough, with their numbers of arrival
+    pending = [] :: [{integer(), non_neg_integer(), starl_monitor:trace_event()}],
+    n = 0 :: non_neg_integer(),
+    seen = 0 :: integer(),
+    late = 0 :: non_neg_integer(),
+    violations = [] :: [starl_monitor:violation()]
+}).
+
+-opaque t() :: #judge{}.
+
+%% @doc A judge with these monitors, who waits this long for facts.
+-spec new([{module(), map()}], HorizonUs :: non_neg_integer()) -> t().
+new(Monitors, Horizon) ->
+    #judge{monitors = starl_monitor:new(Monitors), horizon_us = Horizon}.
+
+%% @doc Facts have arrived, in the order of their time for each robot.
+-spec told([starl_monitor:trace_event()], t()) -> t().
+told(Events, Judge) -> lists:foldl(fun arrived/2, Judge, Events).
+
+arrived(Event, #judge{pending = Pending, n = N} = Judge) ->
+    Judge#judge{pending = [{element(1, Event), N, Event} | Pending], n = N + 1}.
+
+%% @doc Judges the events that are old enough by now.
+-spec judge(NowUs :: integer(), t()) -> {ok | violation, t()}.
+judge(Now, #judge{horizon_us = Horizon} = Judge) -> upto(Now - Horizon, Judge).
+
+upto(Time, #judge{pending = Pending, seen = Seen, late = Late0} = Judge) ->
+    {Old, Young} = lists:partition(fun({At, _, _}) -> At =< Time end, Pending),
+    Sorted = [Event || {_, _, Event} <- lists:sort(Old)],
+    {Late, InTime} = lists:splitwith(fun(Event) -> element(1, Event) < Seen end, Sorted),
+    Trace = [setelement(1, Event, Seen) || Event <- Late] ++ InTime,
+    watch(Trace, Judge#judge{pending = Young, late = Late0 + length(Late)}).
+
+watch([], Judge) ->
+    {ok, Judge};
+watch(Trace, #judge{monitors = Monitors, violations = Violations} = Judge) ->
+    Seen = Judge#judge{seen = element(1, lists:last(Trace))},
+    case starl_monitor:step(Trace, Monitors) of
+        {ok, Next} ->
+            {ok, Seen#judge{monitors = Next}};
+        {violation, Violation, Next} ->
+            {violation, Seen#judge{monitors = Next, violations = Violations ++ [Violation]}}
+    end.
+
+%% @doc The violations so far.
+-spec violations(t()) -> [starl_monitor:violation()].
+violations(#judge{violations = Violations}) -> Violations.
+
+%% @doc The number of events that came after their time had been judged.
+-spec late(t()) -> non_neg_integer().
+late(#judge{late = Late}) -> Late.
+
+%% @doc Judges everything that has arrived, and closes the monitors: all violations, and each
+%% monitor's results.
+-spec close(NowUs :: integer(), t()) -> {[starl_monitor:violation()], #{module() => map()}}.
+close(Now, Judge) ->
+    {_, #judge{monitors = Monitors, violations = Violations, seen = Seen}} = upto(infinity, Judge),
+    {Late, Results} = starl_monitor:finish(max(Now, Seen), Monitors),
+    {Violations ++ Late, Results}.

@@ -1,0 +1,91 @@
+%% @doc A live run in one VM: the robots of a scenario in real time, in a simulated world.
+-module(starl_world_run).
+
+-export([start/2, await/1, stop/1, status/1, finish/1, scenario/1]).
+
+-export_type([t/0, options/0]).
+
+-record(run, {
+    world :: pid(),
+    robots :: [pid()],
+    dir :: file:filename(),
+    scenario :: starl_sim_scenario:t(),
+    scene :: starl_scene:t()
+}).
+
+%% A live run, linked to the process that started it.
+-opaque t() :: #run{}.
+
+%% `speed': 2.0 is twice as fast as real time. `dir': where the robots' stores are.
+-type options() :: #{
+    speed => number(),
+    dir := file:filename(),
+    rate_hz => number() | none,
+    whole_mm => boolean(),
+    latency_ms => {number(), number()}
+}.
+
+%% @doc Starts the robots of a scenario.
+-spec start(#{app := module(), atom() => term()}, options()) ->
+    {ok, t()} | {error, starl_sim:reason()}.
+start(Given, Options) ->
+    case starl_sim:plan(Given#{mode => process}, #{}) of
+        {ok, Planned} -> {ok, started(Planned, Options)};
+        {error, _} = Error -> Error
+    end.
+
+started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
+    Speed = maps:get(speed, Options, 1),
+    Clock = starl_live_clock:new(erlang:system_time(microsecond), Speed),
+    World0 = maps:with([rate_hz, whole_mm, latency_ms], Options),
+    {ok, World} = starl_world:start_link(World0#{plan => Plan, clock => Clock}),
+    #{robots := Poses} = Plan,
+    Robots = [robot(Id, World, Clock, Dir, Plan) || {Id, _} <- Poses],
+    #run{world = World, robots = Robots, dir = Dir, scenario = Scenario, scene = Scene}.
+
+robot(Id, World, Clock, Dir, #{crew := #{tree := Tree}, world := Sim}) ->
+    #{loss := Loss, delay_us := Delay, profiles := Profiles} = Sim,
+    {ok, Sup} = starl_live_robot:start_link(#{
+        robot => Id,
+        tree => Tree,
+        profile => starl_chassis:of_robot(Id, Profiles),
+        clock => Clock,
+        dir => filename:join(Dir, "robot-" ++ integer_to_list(Id)),
+        transport => {starl_world_air, #{loss => Loss, delay_us => Delay}},
+        positioning => {starl_world_sight, #{world => World}},
+        chassis => {starl_world_chassis, #{world => World}},
+        sink => World
+    }),
+    Sup.
+
+%% @doc Waits for the end of the run.
+-spec await(t()) -> starl_world:ending().
+await(#run{world = World}) -> starl_world:await(World).
+
+%% @doc Ends the run.
+-spec stop(t()) -> ok.
+stop(#run{world = World}) -> starl_world:stop(World).
+
+%% @doc The present time and the robots at work.
+-spec status(t()) -> starl_world:status().
+status(#run{world = World}) -> starl_world:status(World).
+
+%% @doc The checked scenario, with all defaults.
+-spec scenario(t()) -> starl_sim_scenario:t().
+scenario(#run{scenario = Scenario}) -> Scenario.
+
+%% @doc Ends the robots and the world; returns the outcome and the application's report.
+-spec finish(t()) -> {starl_sim_outcome:t(), starl_scene:report()}.
+finish(#run{world = World, robots = Robots, scenario = #{app := App}, scene = Scene}) ->
+    Outcome = starl_world:finish(World),
+    lists:foreach(fun close/1, Robots),
+    close(World),
+    {Outcome, starl_scene:report(App, Scene, Outcome)}.
+
+close(Pid) ->
+    true = unlink(Pid),
+    Ref = erlang:monitor(process, Pid),
+    exit(Pid, shutdown),
+    receive
+        {'DOWN', Ref, process, Pid, _} -> ok
+    end.
