@@ -2,7 +2,7 @@
 %% given values against them. All problems are reported together; an unknown key is a problem.
 -module(starl_options).
 
--export([check/2, parse/2, format_problem/1, type_text/1, suggestion/2]).
+-export([check/2, parse/2, misread/1, format_problem/1, type_text/1, suggestion/2]).
 
 -export_type([option/0, type/0, problem/0]).
 
@@ -71,15 +71,29 @@ parse(boolean, "false") ->
 parse(boolean, _) ->
     error;
 parse({term, _, _} = Type, Text) ->
-    case erl_scan:string(Text ++ ".") of
-        {ok, Tokens, _} ->
-            case erl_parse:parse_term(Tokens) of
-                {ok, Term} -> valid_or_error(Type, Term);
-                {error, _} -> error
-            end;
-        {error, _, _} ->
-            error
+    case term(Text) of
+        {ok, Term} -> valid_or_error(Type, Term);
+        {error, _} -> error
     end.
+
+term(Text) ->
+    case erl_scan:string(Text ++ ".", {1, 1}) of
+        {ok, Tokens, _} -> erl_parse:parse_term(Tokens);
+        {error, Error, _} -> {error, Error}
+    end.
+
+%% @doc Where and why a text is no Erlang term; `none' if it is one.
+-spec misread(string()) -> none | unicode:chardata().
+misread(Text) ->
+    case term(Text) of
+        {ok, _} -> none;
+        {error, {_, erl_parse, ["syntax error before: ", []]}} -> "it ends too early";
+        {error, {{1, Column}, Module, What}} -> at(Column, Text, Module:format_error(What));
+        {error, {_, Module, What}} -> Module:format_error(What)
+    end.
+
+at(Column, Text, _Words) when Column > length(Text) -> "it ends too early";
+at(Column, _Text, Words) -> io_lib:format("character ~b: ~ts", [Column, Words]).
 
 %% @doc One line that describes a problem.
 -spec format_problem(problem()) -> unicode:chardata().
@@ -88,7 +102,7 @@ format_problem({unknown_key, Key, []}) ->
 format_problem({unknown_key, Key, [Near | _]}) ->
     io_lib:format("unknown key ~tp (did you mean ~tp?)", [Key, Near]);
 format_problem({bad_value, Key, Value, Type}) ->
-    io_lib:format("~tp: ~ts expected, not ~tP", [Key, type_text(Type), Value, 20]).
+    io_lib:format("~tp: ~ts expected, not ~0tP", [Key, type_text(Type), Value, 20]).
 
 %% @doc A type in words.
 -spec type_text(type()) -> string().

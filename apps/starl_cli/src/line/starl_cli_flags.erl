@@ -61,6 +61,13 @@ format_problem({needless_value, Flag}) ->
     [hd(string:split(Flag, "=")), " takes no value"];
 format_problem({stray, Arg}) ->
     ["unexpected argument ", quoted(Arg), "; flags begin with --"];
+format_problem({bad_value, Key, Text, {term, Shape, _}}) ->
+    Why =
+        case starl_options:misread(Text) of
+            none -> "";
+            Where -> [" (", Where, ")"]
+        end,
+    io_lib:format("~ts: ~ts expected, not ~ts~ts", [flag(Key), Shape, quoted(Text), Why]);
 format_problem({bad_value, Key, Text, Type}) ->
     io_lib:format("~ts: ~ts expected, not ~ts", [flag(Key), type_text(Type), quoted(Text)]).
 

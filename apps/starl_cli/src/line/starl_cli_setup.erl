@@ -1,7 +1,7 @@
 %% @doc Checks the command line of a run, for all commands that run simulations.
 -module(starl_cli_setup).
 
--export([check/1, given/2, scenario/2, replay/2, command_line/3]).
+-export([check/1, given/2, scenario/2, place/3, replay/2, command_line/3]).
 -export([out/2, options/1, own_flags/0]).
 
 -export_type([t/0, answer/0]).
@@ -42,13 +42,36 @@ given(#{subject := #{given := InFile}, given := Given}, Own) ->
 %% @doc Checks the values for a target; gives the problems and the scenario.
 -spec scenario(starl_cli_target:t(), #{atom() => term()}) ->
     {[unicode:chardata()], starl_sim_scenario:t()}.
-scenario(#{app := App, file := File}, Given) ->
+scenario(#{app := App} = Target, Given) ->
     case starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)) of
         {ok, Scenario} ->
             {[], Scenario};
         {error, {problems, Problems}} ->
-            {[[File, ": ", starl_options:format_problem(P)] || P <- Problems], #{}}
+            {
+                [
+                    [place(key(P), Target, Given), ": ", starl_sim_scenario:format_problem(P)]
+                 || P <- Problems
+                ],
+                #{}
+            }
     end.
+
+%% The value in which a problem lies.
+key({fault, _}) -> faults;
+key({no_such_faults, _}) -> random_faults;
+key(Problem) -> element(2, Problem).
+
+%% @doc The place of a value: its flag, or the file that it stands in.
+-spec place(Key :: term(), starl_cli_target:t(), #{atom() => term()}) -> unicode:chardata().
+place(Key, #{file := File, given := InFile}, Given) ->
+    case {maps:find(Key, Given), maps:find(Key, InFile)} of
+        {{ok, Value}, {ok, Value}} -> [File, in(Key)];
+        {{ok, _}, _} when is_atom(Key) -> starl_cli_flags:flag(Key);
+        {_, _} -> File
+    end.
+
+in(Key) when Key =:= faults; Key =:= random_faults -> [": ", atom_to_list(Key)];
+in(_Key) -> "".
 
 %% @doc Checks the directory for the results; gives the problems and the plan.
 -spec out(none | file:filename(), Name :: string()) ->

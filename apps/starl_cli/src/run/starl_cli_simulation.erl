@@ -25,9 +25,17 @@ run(Options, #{scenario := Scenario} = Setup) ->
     case starl_cli_drive:with(Scenario, Options, fun(Sim) -> to_the_end(Sim, Setup) end) of
         {ok, Ran} -> tell(Setup, Ran);
         {error, {nodes, {lost, Loss}}} -> lost([Loss], 4);
-        {error, Reason} -> {error, [starl_sim:format_error(Reason)]};
+        {error, Reason} -> {error, [[at(Reason, Setup), starl_sim:format_error(Reason)]]};
         {failed, Reason} -> failed(Reason, Setup)
     end.
+
+%% The place of a mistake that only shows in the scene: a fault's robot or machine.
+at(Reason, #{target := Target, scenario := Scenario}) when
+    element(1, Reason) =:= fault_target; element(1, Reason) =:= fault_machine
+->
+    [starl_cli_setup:place(faults, Target, Scenario), ": "];
+at(_Reason, _Setup) ->
+    "".
 
 -spec to_the_end(starl_sim:sim(), starl_cli_setup:t()) -> ran().
 to_the_end(Sim, #{scenario := #{time := Seconds}} = Setup) ->

@@ -220,8 +220,12 @@ is_target(machine, {Robot, Name}) -> is_robot(Robot) andalso is_atom(Name);
 is_target(link, {From, To}) -> is_robot(From) andalso is_robot(To);
 is_target(link, Target) -> Target =:= all orelse is_robot(Target);
 is_target(two, {A, B}) -> is_robot(A) andalso is_robot(B) andalso A =/= B;
-is_target(group, [_ | _] = Group) -> length(Group) > 0 andalso lists:all(fun is_robot/1, Group);
+is_target(group, [_ | _] = Group) -> is_group(Group);
 is_target(_, _) -> false.
+
+%% The tail of a user's list may be anything.
+is_group([Robot | Group]) -> is_robot(Robot) andalso is_group(Group);
+is_group(Tail) -> Tail =:= [].
 
 is_robot(Robot) -> is_integer(Robot) andalso Robot > 0.
 
@@ -243,7 +247,7 @@ targets({_, _, _, _, Robot, _}) -> [Robot].
 %% @doc One line on a problem: what is wrong, where, and what to do.
 -spec format_problem(problem()) -> unicode:chardata().
 format_problem({shape, N, Fault}) ->
-    io_lib:format("faults, place ~b: {Id, FromMs, ToMs, Kind, Target, #{}} expected, not ~tP", [
+    io_lib:format("fault ~b of the list: {Id, FromMs, ToMs, Kind, Target, #{}} expected, not ~0tP", [
         N, Fault, 12
     ]);
 format_problem({unknown_kind, Id, Kind}) ->
@@ -252,11 +256,11 @@ format_problem({unknown_kind, Id, Kind}) ->
         io_lib:format(" (did you mean ~ts?)", [K])
      || K <- lists:sublist(starl_options:suggestion(Kind, Known), 1)
     ],
-    io_lib:format("fault ~ts: there is no kind ~ts~ts", [Id, Kind, Near]);
+    io_lib:format("fault ~ts: there is no kind ~ts~ts", [Id, Kind, near(Near)]);
 format_problem({span, Id}) ->
     io_lib:format("fault ~ts: FromMs and ToMs are whole numbers from 0 on, in this order", [Id]);
 format_problem({target, Id, Kind, Shape, Target}) ->
-    io_lib:format("fault ~ts: ~ts is for ~ts, not ~tP", [Id, Kind, shape(Shape), Target, 12]);
+    io_lib:format("fault ~ts: ~ts is for ~ts, not ~0tP", [Id, Kind, shape(Shape), Target, 12]);
 format_problem({params, Id, Kind, Problems}) ->
     Lines = lists:join(", ", [starl_options:format_problem(P) || P <- Problems]),
     io_lib:format("fault ~ts, ~ts: ~ts", [Id, Kind, Lines]);
@@ -264,6 +268,9 @@ format_problem({missing_param, Id, Kind, Key}) ->
     io_lib:format("fault ~ts: ~ts needs the parameter ~ts", [Id, Kind, Key]);
 format_problem({same_id, Id}) ->
     io_lib:format("fault ~ts: another one has this name", [Id]).
+
+near([]) -> "; ./starl faults lists the kinds";
+near(Near) -> Near.
 
 shape(robots) -> "all or one Robot";
 shape(robot) -> "one Robot";

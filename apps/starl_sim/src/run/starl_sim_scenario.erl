@@ -3,17 +3,18 @@
 %% command line (`delay' is `--delay 5..50').
 -module(starl_sim_scenario).
 
--export([options/0, check/2, read/1, format_error/1]).
+-export([options/0, check/2, read/1, format_error/1, format_problem/1]).
 
--export_type([t/0, reason/0]).
+-export_type([t/0, reason/0, problem/0]).
 
 %% A checked scenario: all keys of {@link options/0} and of the application's own options.
 -type t() :: #{atom() => term()}.
 
+-type problem() ::
+    starl_options:problem() | {fault, starl_sim_fault:problem()} | {no_such_faults, term()}.
+
 -type reason() ::
-    {problems, [
-        starl_options:problem() | {fault, starl_sim_fault:problem()} | {no_such_faults, term()}
-    ]}
+    {problems, [problem()]}
     | {file, file:filename(), file:posix() | badarg | terminated | system_limit}
     | {syntax, file:filename(), Line :: non_neg_integer(), unicode:chardata()}
     | {shape, file:filename()}.
@@ -45,7 +46,7 @@ options() ->
             "number of shards; none: by the number of robots and cores"},
         {faults, {term, "a list of {Id, FromMs, ToMs, Kind, Target, Params}", fun is_list/1}, [],
             "faults of the run; `./starl faults' lists the kinds"},
-        {random_faults, {term, "a list of all, classes and kinds of faults", fun is_list/1}, [],
+        {random_faults, {term, "a list of classes and kinds of faults, as in [network, kill_machine], or [all]", fun is_list/1}, [],
             "further faults of these kinds are drawn from the seed"},
         {heal, {number, 0.001, 1.0e6}, 60, "drawn faults are over by this virtual time, s"},
         {longest_fault, {optional, {number, 0.001, 1.0e6}}, none,
@@ -67,8 +68,12 @@ check(Given, AppOptions) ->
         {{error, Problems}, _} -> {error, {problems, Problems ++ Faults}}
     end.
 
-unknown(What) when is_list(What) -> [W || W <- What, starl_sim_fault:kinds_of(W) =:= []];
+%% What is no list is a problem of its type; the tail of a list may be anything.
+unknown([W | What]) -> [W || starl_sim_fault:kinds_of(W) =:= []] ++ unknown_tail(What);
 unknown(_) -> [].
+
+unknown_tail(What) when is_list(What) -> unknown(What);
+unknown_tail(What) -> [What].
 
 fault_problems(Faults) when is_list(Faults) -> starl_sim_fault:check(Faults);
 fault_problems(_) -> [].
@@ -97,11 +102,19 @@ format_error({syntax, File, Line, What}) ->
 format_error({shape, File}) ->
     io_lib:format("~ts: a scenario file holds one map, as in #{app => painting}.", [File]).
 
+%% @doc One line on one problem.
+-spec format_problem(problem()) -> unicode:chardata().
 format_problem({no_such_faults, What}) ->
-    io_lib:format("random_faults: there is no class or kind of faults ~tp; classes: all, ~ts", [
-        What, lists:join(", ", [atom_to_list(C) || C <- starl_sim_fault:classes()])
-    ]);
+    io_lib:format("there is no class or kind of faults ~0tP~ts", [What, 12, near(What)]);
 format_problem({fault, Problem}) ->
     starl_sim_fault:format_problem(Problem);
 format_problem(Problem) ->
     starl_options:format_problem(Problem).
+
+near(What) ->
+    Classes = starl_sim_fault:classes(),
+    Known = [all | Classes] ++ [element(1, Spec) || Spec <- starl_sim_fault:kinds()],
+    case starl_options:suggestion(What, Known) of
+        [Near | _] -> io_lib:format(" (did you mean ~ts?)", [Near]);
+        [] -> ["; classes: ", lists:join(", ", [atom_to_list(Class) || Class <- [all | Classes]])]
+    end.
