@@ -98,6 +98,49 @@ bad_input_test_() ->
         ]
     ].
 
+%% A mistake in a list of faults: its flag, the fault and the way out.
+bad_faults_test_() ->
+    [
+        {Text, fun() ->
+            ?assertEqual([Line], lines(["exercise", Flag, Text]))
+        end}
+     || {Flag, Text, Line} <- [
+            {"--faults", "[{a,0,1",
+                "--faults: a list of {Id, FromMs, ToMs, Kind, Target, Params} expected, "
+                "not \"[{a,0,1\" (it ends too early)"},
+            {"--faults", "[a b]",
+                "--faults: a list of {Id, FromMs, ToMs, Kind, Target, Params} expected, "
+                "not \"[a b]\" (character 4: syntax error before: b)"},
+            {"--faults", "all",
+                "--faults: a list of {Id, FromMs, ToMs, Kind, Target, Params} expected, not \"all\""},
+            {"--faults", "[foo]",
+                "--faults: fault 1 of the list: {Id, FromMs, ToMs, Kind, Target, #{}} expected, "
+                "not foo"},
+            {"--faults", "[{a,0,1,lss,all,#{}}]",
+                "--faults: fault a: there is no kind lss (did you mean loss?)"},
+            {"--faults", "[{a,0,1,xyzzyx,all,#{}}]",
+                "--faults: fault a: there is no kind xyzzyx; ./starl faults lists the kinds"},
+            {"--faults", "[{a,0,1,loss,all,#{part=>7}}]",
+                "--faults: fault a, loss: part: a number from 0 to 1 expected, not 7"},
+            {"--faults", "[{a,0,1,isolate,1,#{part=>1}}]",
+                "--faults: fault a, isolate: unknown key part"},
+            {"--faults", "[{a,0,1,loss,all,#{}}]",
+                "--faults: fault a: loss needs the parameter part"},
+            {"--faults", "[{a,0,1,partition,[1|2],#{}}]",
+                "--faults: fault a: partition is for a list of robots, not [1|2]"},
+            {"--faults", "[{a,2,1,isolate,1,#{}}]",
+                "--faults: fault a: FromMs and ToMs are whole numbers from 0 on, in this order"},
+            {"--random-faults", "[netwrk]",
+                "--random-faults: there is no class or kind of faults netwrk (did you mean network?)"},
+            {"--random-faults", "[all|1]",
+                "--random-faults: there is no class or kind of faults 1; classes: all, network, "
+                "clock, process, location, actuation, serial, store"},
+            {"--random-faults", "all",
+                "--random-faults: a list of classes and kinds of faults, as in "
+                "[network, kill_machine], or [all] expected, not \"all\""}
+        ]
+    ].
+
 bad_scenario_files_test_() ->
     [
         {Part, fun() ->
@@ -113,6 +156,11 @@ bad_scenario_files_test_() ->
             {"app is missing", "#{robots => 3}."},
             {"no application", "#{app => lists}."},
             {"app is the name", "#{app => 7}."},
+            {"s.term: faults: fault a: there is no kind los (",
+                "#{app => exercise, faults => [{a,0,1,los,all,#{}}]}."},
+            {"s.term: random_faults: there is no class",
+                "#{app => exercise, random_faults => [netwrk]}."},
+            {"s.term: faults: a list of", "#{app => exercise, faults => all}."},
             {"one map", "[1]."},
             {"s.term:1: ", "#{app => painting"}
         ]
@@ -153,6 +201,21 @@ results_are_whole_test() ->
         {ok, Names} = file:list_dir(Path("x")),
         ?assertEqual(["a", "mine"], lists:sort(Names)),
         ?assertEqual({ok, <<"2">>}, file:read_file(Path("x/a")))
+    end).
+
+%% Paths in a scenario file are relative to it; a name remains one.
+paths_are_relative_to_the_scenario_file_test() ->
+    in_directory(fun(Path) ->
+        File = Path("a.term"),
+        ok = file:write_file(File, "#{app => painting, picture => \"my.svg\"}."),
+        ?assertMatch({File, #{picture := _}}, {File, scenario([File])}),
+        ?assertEqual(Path("my.svg"), maps:get(picture, scenario([File]))),
+        ok = file:write_file(File, "#{app => painting, picture => \"house\"}."),
+        ?assertEqual("house", maps:get(picture, scenario([File]))),
+        ok = file:write_file(Path("house"), ""),
+        ?assertEqual(Path("house"), maps:get(picture, scenario([File]))),
+        ok = file:write_file(File, "#{app => painting, picture => \"/my.svg\"}."),
+        ?assertEqual("/my.svg", maps:get(picture, scenario([File])))
     end).
 
 own_application_test() ->

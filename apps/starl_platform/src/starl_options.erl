@@ -6,7 +6,8 @@
 
 -export_type([option/0, type/0, problem/0]).
 
-%% The type of a value. Bounds are inclusive. `{between, T}' is two values {Low, High} of T.
+%% The type of a value. Bounds are inclusive. `{between, T}' is two values {Low, High} of T. `file'
+%% is the path of a file that the run reads, or a name that the application knows itself.
 -type type() ::
     {integer, Min :: integer(), Max :: integer()}
     | {number, Min :: number(), Max :: number()}
@@ -15,6 +16,7 @@
     | {one_of, [atom()]}
     | {optional, type()}
     | string
+    | file
     | boolean
     | {term, Shape :: string(), fun((term()) -> boolean())}.
 
@@ -62,8 +64,8 @@ parse({optional, _}, "none") ->
     {ok, none};
 parse({optional, Type}, Text) ->
     parse(Type, Text);
-parse(string, Text) ->
-    valid_or_error(string, Text);
+parse(Type, Text) when Type =:= string; Type =:= file ->
+    valid_or_error(Type, Text);
 parse(boolean, "true") ->
     {ok, true};
 parse(boolean, "false") ->
@@ -113,6 +115,7 @@ type_text({size, Type}) -> "WIDTHxHEIGHT, each " ++ type_text(Type);
 type_text({one_of, Atoms}) -> "one of " ++ lists:join(", ", [atom_to_list(A) || A <- Atoms]);
 type_text({optional, Type}) -> type_text(Type) ++ ", or none";
 type_text(string) -> "a text";
+type_text(file) -> "a file or a name";
 type_text(boolean) -> "true or false";
 type_text({term, Shape, _}) -> Shape.
 
@@ -144,6 +147,7 @@ valid({size, _}, _) -> false;
 valid({one_of, Atoms}, V) -> lists:member(V, Atoms);
 valid({optional, Type}, V) -> V =:= none orelse valid(Type, V);
 valid(string, V) -> io_lib:printable_unicode_list(V) andalso V =/= "";
+valid(file, V) -> valid(string, V);
 valid(boolean, V) -> is_boolean(V);
 valid({term, _, Is}, V) -> Is(V).
 

@@ -15,7 +15,7 @@
 -spec options() -> [starl_options:option()].
 options() ->
     [
-        {picture, string, "house", "an SVG file, or a picture that ships with the project"},
+        {picture, file, "house", "an SVG file, or a picture that ships with the project"},
         {safety_distance, {number, ?CONTACT_MM, 5000}, 400, "robots keep so far apart (r_s), mm"},
         {horizon, {number, 100, 100000}, 3000, "paint per assignment, mm"},
         {lease, {integer, 100, 1000000}, 10000,

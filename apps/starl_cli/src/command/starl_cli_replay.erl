@@ -58,6 +58,7 @@ own_flags() ->
             "show these robots in full: every machine's "
             "state and data"},
         {out, string, none, "directory for the results of a run that is not compared"},
+        starl_cli_setup:overwrite(),
         {quiet, switch, false, "no progress and no summary"}
     ].
 
@@ -98,7 +99,9 @@ setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
     {Unsound, Scenario} = starl_cli_setup:scenario(
         Target, starl_cli_setup:given(Call, own_flags())
     ),
-    {Unwritable, Out} = starl_cli_setup:out(maps:get(out, Values), Name),
+    {Unwritable, Out} = starl_cli_setup:out(
+        maps:get(out, Values), Name, maps:get(overwrite, Values)
+    ),
     Inspect = robots(maps:get(inspect, Values)),
     {Unknown, Stop} = stop(maps:get(until, Values), Inspect),
     case Unsound ++ Unwritable ++ Unknown ++ absent(Stop, Inspect, Scenario) of
@@ -108,6 +111,7 @@ setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
                     target => Target,
                     scenario => Scenario,
                     out => Out,
+                    inputs => starl_cli_inputs:read(Target, Scenario),
                     nodes => none,
                     quiet => maps:get(quiet, Values),
                     print_scenario => false

@@ -84,8 +84,8 @@ text({optional, _}, none) -> "none";
 text({optional, Type}, Value) -> text(Type, Value);
 text({first, Type}, Values) -> text({list, Type}, Values);
 text({list, Type}, Values) -> lists:append(lists:join(",", [text(Type, V) || V <- Values]));
-text(string, none) -> "none";
-text(string, Value) -> Value;
+text(Type, none) when Type =:= string; Type =:= file -> "none";
+text(Type, Value) when Type =:= string; Type =:= file -> Value;
 text({one_of, _}, Value) -> atom_to_list(Value);
 text(boolean, Value) -> atom_to_list(Value);
 text({term, _, _}, Value) -> lists:flatten(io_lib:format("~0tp", [Value]));
@@ -257,7 +257,8 @@ placeholder({list, Type}) -> [placeholder(Type), ",..."];
 placeholder({one_of, _}) -> "NAME";
 placeholder(boolean) -> "true|false";
 placeholder({term, _, _}) -> "TERM";
-placeholder(string) -> "TEXT".
+placeholder(string) -> "TEXT";
+placeholder(file) -> "FILE".
 
 quoted("") -> "nothing";
 quoted(Text) -> ["\"", Text, "\""].

@@ -2,7 +2,7 @@
 -module(starl_cli_setup).
 
 -export([check/1, given/2, scenario/2, place/3, replay/2, command_line/3]).
--export([out/2, options/1, own_flags/0]).
+-export([out/2, out/3, options/1, own_flags/0, overwrite/0]).
 
 -export_type([t/0, answer/0]).
 
@@ -11,6 +11,7 @@
     target := starl_cli_target:t(),
     scenario := starl_sim_scenario:t(),
     out := starl_cli_out:t(),
+    inputs := starl_cli_inputs:t(),
     nodes := starl_cli_nodes:plan(),
     quiet := boolean(),
     print_scenario := boolean()
@@ -22,12 +23,16 @@
 -spec check(starl_cli_command:call()) -> answer().
 check(#{subject := #{name := Name} = Target, values := Values} = Call) ->
     {Unsound, Scenario} = scenario(Target, given(Call, own_flags())),
-    {Unwritable, Out} = out(maps:get(out, Values), Name),
+    {Unwritable, Out} = out(maps:get(out, Values), Name, maps:get(overwrite, Values)),
     {Unusable, Nodes} = starl_cli_nodes:plan(maps:get(given, Call)),
     case Unsound ++ Unwritable ++ Unusable of
         [] ->
             {ok, (maps:with([quiet, print_scenario], Values))#{
-                target => Target, scenario => Scenario, out => Out, nodes => Nodes
+                target => Target,
+                scenario => Scenario,
+                out => Out,
+                inputs => starl_cli_inputs:read(Target, Scenario),
+                nodes => Nodes
             }};
         Problems ->
             {error, Problems}
@@ -47,31 +52,24 @@ scenario(#{app := App} = Target, Given) ->
         {ok, Scenario} ->
             {[], Scenario};
         {error, {problems, Problems}} ->
-            {
-                [
-                    [place(key(P), Target, Given), ": ", starl_sim_scenario:format_problem(P)]
-                 || P <- Problems
-                ],
-                #{}
-            }
+            {[problem(P, Target, Given) || P <- Problems], #{}}
     end.
 
-%% The value in which a problem lies.
-key({fault, _}) -> faults;
-key({no_such_faults, _}) -> random_faults;
-key(Problem) -> element(2, Problem).
+%% Problems of lists of faults do not name the key themselves.
+problem({fault, _} = P, Target, Given) -> problem(faults, P, Target, Given);
+problem({no_such_faults, _} = P, Target, Given) -> problem(random_faults, P, Target, Given);
+problem(P, #{file := File}, _Given) -> [File, ": ", starl_options:format_problem(P)].
 
-%% @doc The place of a value: its flag, or the file that it stands in.
--spec place(Key :: term(), starl_cli_target:t(), #{atom() => term()}) -> unicode:chardata().
+problem(Key, P, Target, Given) ->
+    [place(Key, Target, Given), ": ", starl_sim_scenario:format_problem(P)].
+
+%% @doc The place of a value: its flag, or its key in a scenario file.
+-spec place(Key :: atom(), starl_cli_target:t(), #{atom() => term()}) -> unicode:chardata().
 place(Key, #{file := File, given := InFile}, Given) ->
-    case {maps:find(Key, Given), maps:find(Key, InFile)} of
-        {{ok, Value}, {ok, Value}} -> [File, in(Key)];
-        {{ok, _}, _} when is_atom(Key) -> starl_cli_flags:flag(Key);
-        {_, _} -> File
+    case {maps:get(Key, Given), InFile} of
+        {Value, #{Key := Value}} -> [File, ": ", atom_to_list(Key)];
+        {_, _} -> starl_cli_flags:flag(Key)
     end.
-
-in(Key) when Key =:= faults; Key =:= random_faults -> [": ", atom_to_list(Key)];
-in(_Key) -> "".
 
 %% @doc Checks the directory for the results; gives the problems and the plan.
 -spec out(none | file:filename(), Name :: string()) ->
@@ -80,6 +78,15 @@ out(Dir, Name) ->
     case starl_cli_out:plan(Dir, Name) of
         {ok, Plan} -> {[], Plan};
         {error, Why} -> {[["--out: ", Why]], none}
+    end.
+
+%% @doc The same for a run, which replaces the results of an earlier one only on request.
+-spec out(none | file:filename(), Name :: string(), Overwrite :: boolean()) ->
+    {[unicode:chardata()], starl_cli_out:t() | none}.
+out(Dir, Name, Overwrite) ->
+    case Dir =/= none andalso not Overwrite andalso starl_cli_out:holds_a_run(Dir) of
+        true -> {[["--out: ", Dir, " holds an earlier run; --overwrite replaces it"]], none};
+        false -> out(Dir, Name)
     end.
 
 %% @doc The command line that replays a run exactly.
@@ -103,11 +110,16 @@ command_line(Command, #{app := App, replay := Word}, Scenario) ->
 -spec options(module()) -> [starl_options:option()].
 options(App) -> starl_sim_scenario:options() ++ starl_app:options(App).
 
+%% @doc The flag that allows the results of an earlier run to be replaced.
+-spec overwrite() -> starl_cli_flags:flag().
+overwrite() -> {overwrite, switch, false, "replaces the earlier run that --out holds"}.
+
 %% @doc The flags of a run that do not belong to the simulation.
 -spec own_flags() -> [starl_cli_flags:flag()].
 own_flags() ->
     [
         {out, string, none, "directory for the results; without it a new one under out/"},
+        overwrite(),
         {quiet, switch, false, "no progress and no summary, only where the result is"},
         {print_scenario, switch, false,
             "no run: prints all values as a scenario file, which ./starl run FILE.term runs"}

@@ -141,11 +141,21 @@ with_app(none, File, _Given) ->
 with_app(Name, File, Given) ->
     case kind(Name) of
         {scenario, _} -> {error, [[File, ": app => ", Name, " names a scenario"]]};
-        _ -> with_target(resolve(Name), File, Given)
+        {app, _} -> with_target(resolve(Name), File, Given);
+        _ -> with_target(resolve(beside(File, Name)), File, Given)
     end.
 
-with_target({ok, Target}, File, Given) -> {ok, Target#{file := File, given := Given}};
-with_target({error, Lines}, File, _Given) -> {error, [[File, ": ", Line] || Line <- Lines]}.
+%% The path of an application is relative to the scenario file.
+beside(File, Name) ->
+    case {filename:extension(Name), filename:dirname(File)} of
+        {".erl", Dir} when Dir =/= "." -> filename:join(Dir, Name);
+        {_, _} -> Name
+    end.
+
+with_target({ok, #{app := App} = Target}, File, Given) ->
+    {ok, Target#{file := File, given := starl_cli_inputs:resolved(App, File, Given)}};
+with_target({error, Lines}, File, _Given) ->
+    {error, [[File, ": ", Line] || Line <- Lines]}.
 
 %% An application is known by its short name and by the name of its module.
 name_of(App) when is_atom(App) ->

@@ -16,9 +16,9 @@ write(Dir, Setup, {Report, Record}, Own) ->
         [
             {"report.txt", starl_cli_report:text(Report)},
             {"report.json", starl_cli_report:json(Report)},
-            {"scenario.term", scenario(Setup)},
+            {"scenario.term", own_scenario(Setup)},
             {"run.term", starl_cli_record:text(Record)}
-        ] ++ log(starl_cli_log:lines()),
+        ] ++ log(starl_cli_log:lines()) ++ inputs(Setup),
     case put_all(Dir, Files) of
         ok -> own(Own(Dir));
         {error, _} = Error -> Error
@@ -31,9 +31,12 @@ own({error, Why}) -> {error, Why}.
 -spec write_failure(file:filename(), starl_cli_setup:t(), Reason :: term()) -> answer().
 write_failure(Dir, Setup, Reason) ->
     put_all(Dir, [
-        {"scenario.term", scenario(Setup)},
+        {"scenario.term", own_scenario(Setup)},
         {"run.log", [starl_cli_log:lines(), io_lib:format("~tp~n", [Reason])]}
+        | inputs(Setup)
     ]).
+
+inputs(#{inputs := Inputs}) -> starl_cli_inputs:files(Inputs).
 
 log([]) -> [];
 log(Lines) -> [{"run.log", Lines}].
@@ -43,17 +46,31 @@ log(Lines) -> [{"run.log", Lines}].
 put_all(_Dir, []) ->
     ok;
 put_all(Dir, [{Name, Text} | Files]) ->
-    case file:write_file(filename:join(Dir, Name), unicode:characters_to_binary(Text)) of
+    File = filename:join(Dir, Name),
+    _ = filelib:ensure_dir(File),
+    case file:write_file(File, bytes(Text)) of
         ok -> put_all(Dir, Files);
         {error, Posix} -> {error, [Name, ": ", file:format_error(Posix)]}
     end.
 
-%% @doc The text of a scenario file that replays a run: all keys, in the order of the tables.
+%% The inputs of a run are copied byte by byte.
+bytes(Text) when is_binary(Text) -> Text;
+bytes(Text) -> unicode:characters_to_binary(Text).
+
+%% @doc The text of a scenario file that replays a run from anywhere on this machine.
 -spec scenario(starl_cli_setup:t()) -> unicode:chardata().
-scenario(#{target := #{app := App, name := Name} = Target, scenario := Scenario}) ->
+scenario(#{target := Target, scenario := Scenario}) ->
+    text(Target, app(Target), starl_cli_inputs:absolute(Target, Scenario)).
+
+%% The scenario in the directory of a run names the files there.
+own_scenario(#{target := Target, scenario := Scenario, inputs := Inputs}) ->
+    text(Target, starl_cli_inputs:app(Inputs), starl_cli_inputs:local(Inputs, Scenario)).
+
+%% All keys, in the order of the tables.
+text(#{app := App, name := Name}, Word, Scenario) ->
     Keys = [Key || {Key, _, _, _} <- starl_sim_scenario:options() ++ starl_app:options(App)],
     Lines = [io_lib:format("    ~tp => ~0tp", [Key, maps:get(Key, Scenario)]) || Key <- Keys],
-    AppLine = io_lib:format("    app => ~0tp", [app(Target)]),
+    AppLine = io_lib:format("    app => ~0tp", [Word]),
     [
         "%% ",
         Name,

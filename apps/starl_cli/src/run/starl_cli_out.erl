@@ -3,7 +3,7 @@
 %% when all are complete.
 -module(starl_cli_out).
 
--export([plan/2, write/2, shown/1]).
+-export([plan/2, write/2, shown/1, usual/1, holds_a_run/1]).
 
 -export_type([t/0]).
 
@@ -17,11 +17,13 @@
 -include_lib("kernel/include/file.hrl").
 
 -define(ANY_WRITES, 8#222).
+%% A run has all or some of these.
+-define(OF_A_RUN, ["report.txt", "report.json", "scenario.term", "run.term", "run.log", "inputs"]).
 
 %% @doc Plans the directory of the results: the requested one, or a new one under `out/'.
 -spec plan(none | file:filename(), Name :: string()) -> {ok, t()} | {error, unicode:chardata()}.
 plan(none, Name) ->
-    Parent = filename:join(starl_cli_target:root(), "out"),
+    Parent = usual(""),
     checked(Parent, {numbered, Parent, Name});
 plan(Dir0, _Name) ->
     Dir = string:trim(filename:absname(Dir0), trailing, "/"),
@@ -29,6 +31,15 @@ plan(Dir0, _Name) ->
         true -> checked(Dir, {existing, Dir});
         false -> checked(Dir, {fresh, Dir})
     end.
+
+%% @doc The usual place of a result: `out/' in the working directory.
+-spec usual(Name :: string()) -> file:filename().
+usual(Name) -> filename:absname(filename:join("out", Name)).
+
+%% @doc Whether a directory holds the results of an earlier run.
+-spec holds_a_run(file:filename()) -> boolean().
+holds_a_run(Dir) ->
+    lists:any(fun(Name) -> filelib:is_file(filename:join(Dir, Name)) end, ?OF_A_RUN).
 
 checked(Dir, Plan) ->
     case writable(Dir) of
@@ -89,14 +100,20 @@ temporary({numbered, Parent, Name}) -> hidden(Parent, Name).
 hidden(Parent, Name) -> filename:join(Parent, "." ++ Name ++ "." ++ os:getpid()).
 
 settle({fresh, Dir}, Temporary) -> renamed(file:rename(Temporary, Dir), Dir);
-settle({existing, Dir}, Temporary) -> move_all(Temporary, Dir);
+settle({existing, Dir}, Temporary) -> replace_all(Temporary, Dir);
 settle({numbered, Parent, Name}, Temporary) -> number(next(Parent, Name), Parent, Name, Temporary).
 
 renamed(ok, Dir) -> {ok, Dir};
 renamed({error, _} = Error, _Dir) -> Error.
 
-move_all(Temporary, Dir) ->
+%% What an earlier run has left goes first: not every run has a log, or inputs.
+replace_all(Temporary, Dir) ->
     {ok, Names} = file:list_dir(Temporary),
+    IsRun = lists:member("run.term", Names) orelse lists:member("run.log", Names),
+    _ = [file:del_dir_r(filename:join(Dir, Name)) || IsRun, Name <- ?OF_A_RUN],
+    move_all(Names, Temporary, Dir).
+
+move_all(Names, Temporary, Dir) ->
     Moves = [file:rename(filename:join(Temporary, N), filename:join(Dir, N)) || N <- Names],
     case [Error || {error, _} = Error <- Moves] of
         [] -> renamed(file:del_dir(Temporary), Dir);

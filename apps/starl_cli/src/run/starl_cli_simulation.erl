@@ -55,7 +55,8 @@ ending(Ending, _Outcome) -> Ending.
 
 %% -- results --------------------------------------------------------------------------------
 
-tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = Setup, Ran) ->
+tell(#{target := #{name := Name}, scenario := Scenario, out := Out} = Setup, Ran) ->
+    #{inputs := Inputs} = Setup,
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
     Report = starl_cli_report:make(#{
         name => Name,
@@ -67,7 +68,9 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     }),
     %% This scenario includes the faults that were drawn.
     #{scenario := Effective} = Ran,
-    Record = starl_cli_record:make(starl_cli_files:app(Target), Effective, {Ending, Outcome}),
+    Record = starl_cli_record:make(
+        starl_cli_inputs:app(Inputs), starl_cli_inputs:local(Inputs, Effective), {Ending, Outcome}
+    ),
     Write = maps:get(write, App, fun(_) -> {ok, []} end),
     Written = starl_cli_out:write(Out, fun(Dir) ->
         starl_cli_files:write(Dir, Setup, {Report, Record}, Write)

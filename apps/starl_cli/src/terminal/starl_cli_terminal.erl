@@ -17,6 +17,7 @@ bad_input(Problems) ->
     lists:foreach(fun complain/1, Problems),
     2.
 
+-define(HERE, "./starl").
 -define(USUAL, 80).
 %% Prose is never wrapped wider than this.
 -define(WIDEST, 100).
@@ -45,10 +46,24 @@ draw(Text) -> write(standard_error, Text).
 %% A device whose reader has gone answers with an error.
 write(Device, Text) ->
     try
-        io:put_chars(Device, Text)
+        io:put_chars(Device, as_called(Text))
     catch
         error:_ -> ok
     end.
+
+%% Commands in a text begin with ./starl, which works in the checkout; they are printed as the user
+%% called it.
+as_called(Text) ->
+    case os:getenv("STARL_COMMAND", ?HERE) of
+        ?HERE ->
+            Text;
+        Word ->
+            re:replace(Text, "(?<![^\\s(\"`'])\\./starl(?![^\\s])", quoted(Word), [global, unicode])
+    end.
+
+%% A word for a shell; in the replacement `&' and the backslash have a meaning.
+quoted(Word) ->
+    re:replace(starl_cli_flags:shell(Word), "[&\\\\]", "\\\\&", [global, unicode, {return, list}]).
 
 one_line(Text) ->
     Flat = unicode:characters_to_list(Text),

@@ -61,7 +61,7 @@ module(Kind) -> element(2, lists:keyfind(Kind, 1, ?BENCHMARKS)).
 
 flags_of(Kind) -> (module(Kind)):flags().
 
-default_out() -> filename:join([starl_cli_target:root(), "out", "bench.json"]).
+default_out() -> starl_cli_out:shown(starl_cli_out:usual("bench.json")).
 
 %% The file is checked before the measurements; an older file stays until they are done.
 checked(Kinds, #{out := File} = Options) ->

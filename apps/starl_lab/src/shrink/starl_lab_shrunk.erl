@@ -192,7 +192,7 @@ seconds(Time) -> io_lib:format("~.2f", [float(Time)]).
 file(#{name := Name}, Scenario) ->
     Seed = maps:get(seed, Scenario, 0),
     Base = lists:concat([Name, "-", Seed, "-shrunk.term"]),
-    filename:join([starl_cli_target:root(), "out", Base]).
+    starl_cli_out:usual(Base).
 
 %% @doc The text of the scenario file: a comment on the violation, then the values that differ from
 %% the defaults.
@@ -200,8 +200,9 @@ file(#{name := Name}, Scenario) ->
     [unicode:chardata()]
 when
     Before :: starl_sim_scenario:t().
-text(#{violation := Violation, scenario := Scenario} = Result, File, Target, Before) ->
+text(#{violation := Violation, scenario := Shrunk} = Result, File, Target, Before) ->
     #{app := App} = Target,
+    Scenario = starl_cli_inputs:absolute(Target, Shrunk),
     Options = starl_cli_setup:options(App),
     Usual = maps:without([robots, seed, time, faults], starl_cli_flags:defaults(Options)),
     Lines = [

@@ -84,7 +84,7 @@ run(#{subject := Target, given := Given, values := Values, args := Args}) ->
             {error, Problems}
     end.
 
-directory(none, Name) -> filename:join([starl_cli_target:root(), "out", Name ++ "-sweep"]);
+directory(none, Name) -> starl_cli_out:usual(Name ++ "-sweep");
 directory(Dir, _Name) -> string:trim(Dir, trailing, "/").
 
 %% Every point is started once without a run: this finds errors, such as a picture that does not fit

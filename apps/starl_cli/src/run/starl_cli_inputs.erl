@@ -1,0 +1,138 @@
+%% @doc Keeps the files that a run is made from in the run's own directory: the sources of a user's
+%% application and the files that options name, such as a picture. They are read before the run, so
+%% a run can be repeated after they were moved or changed.
+-module(starl_cli_inputs).
+
+-export([read/2, files/1, app/1, local/2, absolute/2, resolved/3]).
+
+-export_type([t/0]).
+
+%% `app' and `values' are the application and the files of options as they are named in the
+%% directory of the run.
+-opaque t() :: #{
+    app := atom() | file:filename(),
+    values := #{atom() => file:filename()},
+    files := [{Name :: file:filename(), binary()}]
+}.
+
+-define(DIR, "inputs").
+
+%% @doc Reads the files that a scenario of this target names.
+-spec read(starl_cli_target:t(), starl_sim_scenario:t()) -> t().
+read(#{replay := Word, name := Name} = Target, Scenario) ->
+    Sources = sources(maps:get(code, Target, [])),
+    Root = root(Sources),
+    Codes = [{inside(Root, File), File} || File <- Sources],
+    Options = [{named(Key, File, Codes), Key, File} || {Key, File} <- options(Target, Scenario)],
+    #{
+        app =>
+            case Sources of
+                [] -> list_to_atom(Name);
+                _ -> inside(Root, filename:absname(Word))
+            end,
+        values => maps:from_list([{Key, Inside} || {Inside, Key, _} <- Options]),
+        files => contents(Codes ++ [{Inside, File} || {Inside, _, File} <- Options])
+    }.
+
+contents(Named) -> [{Name, Bytes} || {Name, File} <- Named, {ok, Bytes} <- [file:read_file(File)]].
+
+%% @doc The files with their names in the directory of the run.
+-spec files(t()) -> [{Name :: file:filename(), binary()}].
+files(#{files := Files}) -> Files.
+
+%% @doc The application as it is named in the directory of the run.
+-spec app(t()) -> atom() | file:filename().
+app(#{app := App}) -> App.
+
+%% @doc A scenario with the files as they are named in the directory of the run.
+-spec local(t(), starl_sim_scenario:t()) -> starl_sim_scenario:t().
+local(#{values := Values}, Scenario) -> maps:merge(Scenario, Values).
+
+%% @doc A scenario whose files are found from any directory.
+-spec absolute(starl_cli_target:t(), starl_sim_scenario:t()) -> starl_sim_scenario:t().
+absolute(Target, Scenario) ->
+    Files = [{Key, filename:absname(File)} || {Key, File} <- options(Target, Scenario)],
+    maps:merge(Scenario, maps:from_list(Files)).
+
+%% @doc The values of a scenario file, whose paths are relative to it. A word without a dot or a
+%% slash may also be a name, such as that of a picture that ships.
+-spec resolved(module(), file:filename(), #{atom() => term()}) -> #{atom() => term()}.
+resolved(App, Scenario, Given) ->
+    Keys = [Key || {Key, file, _, _} <- starl_cli_setup:options(App)],
+    Resolve = fun(_Key, Value) -> beside(Scenario, Value) end,
+    maps:merge(Given, maps:map(Resolve, maps:with(Keys, Given))).
+
+beside(Scenario, Value) ->
+    case io_lib:char_list(Value) andalso filename:dirname(Scenario) of
+        false -> Value;
+        "." -> Value;
+        Dir -> joined(filename:join(Dir, Value), Value)
+    end.
+
+joined(Path, Value) ->
+    case filelib:is_regular(Path) orelse lists:any(fun(C) -> lists:member(C, "./") end, Value) of
+        true -> Path;
+        false -> Value
+    end.
+
+%% -- options --------------------------------------------------------------------------------
+
+%% The options that name a file.
+options(#{app := App}, Scenario) ->
+    [
+        {Key, File}
+     || {Key, file, _, _} <- starl_cli_setup:options(App),
+        File <- [maps:get(Key, Scenario, none)],
+        io_lib:char_list(File),
+        filelib:is_regular(File)
+    ].
+
+%% Two files of one name are told apart by their options.
+named(Key, File, Codes) ->
+    Name = filename:join(?DIR, filename:basename(File)),
+    case lists:keymember(Name, 1, Codes) of
+        true -> filename:join([?DIR, atom_to_list(Key), filename:basename(File)]);
+        false -> Name
+    end.
+
+%% -- sources --------------------------------------------------------------------------------
+
+%% The sources and the headers of their own, which come with no library.
+sources(Codes) ->
+    lists:usort([
+        filename:absname(File)
+     || {_, Source, Beam} <- Codes, File <- of_code(Source, Beam)
+    ]).
+
+of_code(Source, Beam) ->
+    case beam_lib:chunks(Beam, [abstract_code]) of
+        {ok, {_, [{abstract_code, {_, Forms}}]}} ->
+            Headers = lists:usort([File || {attribute, _, file, {File, _}} <- Forms]),
+            [Source | [Header || Header <- Headers, Header =/= Source, is_own(Header)]];
+        _ ->
+            [Source]
+    end.
+
+is_own(Header) ->
+    Path = filename:absname(Header),
+    Libraries = [code:lib_dir() | [filename:dirname(Dir) || Dir <- code:get_path(), Dir =/= "."]],
+    filelib:is_regular(Path) andalso
+        not lists:any(fun(Dir) -> lists:prefix(Dir ++ "/", Path) end, Libraries).
+
+%% The lowest directory that holds all sources: headers keep their places relative to them.
+root([]) ->
+    [];
+root(Files) ->
+    Parts = [filename:split(filename:dirname(File)) || File <- Files],
+    lists:foldl(fun common/2, hd(Parts), tl(Parts)).
+
+common([Part | As], [Part | Bs]) -> [Part | common(As, Bs)];
+common(_, _) -> [].
+
+%% A source outside, as that of an application that is named by a folder above, keeps its name.
+inside(Root, File) ->
+    Parts = filename:split(File),
+    case lists:prefix(Root, Parts) of
+        true -> filename:join([?DIR | lists:nthtail(length(Root), Parts)]);
+        false -> filename:join(?DIR, filename:basename(File))
+    end.

@@ -1,0 +1,89 @@
+%% The first hour at the terminal: mistakes in faults, results where one is, runs that are repeated
+%% after their files were moved, full disks, completion.
+-module(starl_first_hour_terminal_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+
+-export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
+-export([mistakes_in_faults_are_told_with_their_place/1]).
+-export([results_go_to_out_of_the_working_directory/1]).
+-export([an_earlier_result_is_not_overwritten_without_a_word/1]).
+-export([a_run_is_repeated_after_its_files_were_moved/1]).
+
+-import(starl_first_hour_ct, [sh/2, contains/2, write/2]).
+
+suite() -> [{timetrap, {minutes, 5}}].
+
+all() ->
+    [
+        mistakes_in_faults_are_told_with_their_place,
+        results_go_to_out_of_the_working_directory,
+        an_earlier_result_is_not_overwritten_without_a_word,
+        a_run_is_repeated_after_its_files_were_moved
+    ].
+
+init_per_suite(Config) -> Config.
+
+end_per_suite(_Config) -> ok.
+
+dir(Name, Config) -> filename:join([proplists:get_value(priv_dir, Config), Name]).
+
+%% The other mistakes are in starl_cli_run_tests; these two only show when the scene is made.
+mistakes_in_faults_are_told_with_their_place(Config) ->
+    Dir = dir("faults", Config),
+    write(
+        filename:join(Dir, "s/f.term"),
+        "#{app => exercise, robots => 2, faults => [{a, 0, 9, isolate, 7, #{}}]}."
+    ),
+    ?assertEqual(
+        {2, "starl: run: s/f.term: faults: fault a: there is no robot 7\n"},
+        sh("$starl run s/f.term", Dir)
+    ),
+    {2, Text} = sh("$starl run exercise --faults '[{a,0,9,kill_machine,{1,sab},#{}}]'", Dir),
+    contains("starl: run: --faults: fault a: a robot has no machine sab; it has sap, ", Text).
+
+results_go_to_out_of_the_working_directory(Config) ->
+    Dir = dir("out", Config),
+    ok = filelib:ensure_path(filename:join(Dir, "deep")),
+    {0, Text} = sh("ln -s \"$starl\" st; cd deep; ../st run exercise --work 1 --quiet", Dir),
+    ?assertEqual("result: out/exercise-1\n", Text),
+    ?assert(filelib:is_regular(filename:join(Dir, "deep/out/exercise-1/run.term"))),
+    %% A printed command names the script as it was called.
+    {2, Told} = sh("./st run", Dir),
+    contains("as in ./st run painting", Told).
+
+an_earlier_result_is_not_overwritten_without_a_word(Config) ->
+    Dir = dir("overwrite", Config),
+    Run = "$starl run exercise --work 1 --quiet --out x",
+    {0, _} = sh(Run, Dir),
+    ?assertEqual(
+        {2, "starl: run: --out: x holds an earlier run; --overwrite replaces it\n"}, sh(Run, Dir)
+    ),
+    write(filename:join(Dir, "x/run.log"), "of the earlier run"),
+    ?assertEqual({0, "result: x\n"}, sh(Run ++ " --overwrite", Dir)),
+    ?assertNot(filelib:is_file(filename:join(Dir, "x/run.log"))).
+
+%% An application of two files and a header, whose scenario names it and a picture relative to
+%% itself, runs; then all is moved away, and the run's directory, too.
+a_run_is_repeated_after_its_files_were_moved(Config) ->
+    Dir = dir("moved", Config),
+    [
+        write(filename:join([Dir, "mine", Name]), Text)
+     || {Name, Text} <- [
+            {"moved_app.erl",
+                "-module(moved_app).\n-include(\"inc/moved.hrl\").\n-export([init/2, step/2, options/0]).\n"
+                "options() -> [{map, file, \"none\", \"a file\"}].\n"
+                "init(_, #{map := File}) -> {ok, Text} = file:read_file(File), Text.\n"
+                "step(_, Text) -> {done, moved_help:part(Text, ?PART)}.\n"},
+            {"inc/moved.hrl", "-define(PART, 3).\n"},
+            {"moved_help.erl",
+                "-module(moved_help).\n-export([part/2]).\n"
+                "part(Text, N) -> binary:part(Text, 0, N).\n"},
+            {"floor.map", "abcdef"},
+            {"s.term", "#{app => \"moved_app.erl\", map => \"floor.map\", robots => 2}."}
+        ]
+    ],
+    {0, "result: out/moved_app-1\n"} = sh("$starl run mine/s.term --quiet", Dir),
+    {0, _} = sh("mv mine gone; echo x > floor.map; mv out/moved_app-1 there", Dir),
+    {0, Text} = sh("$starl replay there", Dir),
+    contains("same digest", Text),
+    {0, _} = sh("cd gone; $starl run ../there/scenario.term --quiet", Dir).
