@@ -49,6 +49,31 @@ another_script_test() ->
     {_, Stand} = lists:last(Pieces),
     ?assertEqual({300.0, 0.0}, starl_trajectory:position(20 * ?T, Stand)).
 
+%% A line that takes its time: the commands arrive within its bounds, in their order, and the answer
+%% tells when.
+latency_test() ->
+    Long = [{100.0, 100.0, ?T}],
+    Slow = slow_line({20000, 50000}),
+    {Pieces, [{Said, motion, {driven, b, Heard}}]} = obey(
+        [{0, Long, a}, {1000, Long, b}], [], Slow
+    ),
+    [First, Second | _] = [At || {At, _} <- Pieces],
+    ?assert(First >= 20000 andalso First =< 50000),
+    ?assert(Second >= First andalso Second =< 51000),
+    ?assertEqual({Second, Second + ?T}, {Heard, Said}).
+
+%% After a stop no command that was still under way is heard.
+latency_stop_test() ->
+    {same, [{_, Beat}], Sent} =
+        starl_sim_vehicle:drive(
+            wheels([{100.0, 100.0, ?T}]), {motion, a}, 0, slow_line({20000, 50000})
+        ),
+    {same, Stopped} = stop(10000, Sent),
+    ?assertMatch({same, [], _}, starl_sim_vehicle:beat(Beat, 50000, Stopped)),
+    ?assertMatch({moved, _, _}, starl_sim_vehicle:beat(Beat, 50000, Sent)).
+
+slow_line(Us) -> starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, (world([]))#{latency_us => Us}).
+
 %% A wheel that does not turn as told: within 15 ms both stand, and the machine is told the speeds.
 stalled_test_() ->
     Long = [{100.0, 100.0, 5 * ?T}],

@@ -17,14 +17,12 @@
 
 %% The world of a run: the plan of its simulation ({@link starl_sim_plan:t()}), its clock, and the
 %% positioning system: its rate (`none': it shows a picture whenever it is asked) and whether it
-%% rounds to whole millimetres. `latency_ms': the chassis hears a command after a random time
-%% between these bounds.
+%% rounds to whole millimetres.
 -type config() :: #{
     plan := starl_sim_plan:t(),
     clock := starl_live_clock:t(),
     rate_hz => number() | none,
-    whole_mm => boolean(),
-    latency_ms => {number(), number()}
+    whole_mm => boolean()
 }.
 
 -type ending() :: done | time | violation | stopped.
@@ -60,7 +58,6 @@
     limit_us :: integer(),
     rate_hz :: number() | none,
     whole_mm :: boolean(),
-    latency_ms :: {number(), number()},
     draws = 0 :: non_neg_integer(),
     ending = none :: ending() | none,
     callers = [] :: [gen_server:from()]
@@ -105,8 +102,7 @@ init(#{plan := Plan, clock := Clock} = Config) ->
         judge = starl_world_judge:told(lists:append([T || {_, {T, _}} <- Embodied]), Judge),
         limit_us = Limit,
         rate_hz = Rate,
-        whole_mm = maps:get(whole_mm, Config, false),
-        latency_ms = maps:get(latency_ms, Config, {0, 0})
+        whole_mm = maps:get(whole_mm, Config, false)
     }}.
 
 -spec handle_call(term(), gen_server:from(), #world{}) ->
@@ -139,8 +135,6 @@ handle_cast(stop, World) -> {noreply, ended(stopped, World)}.
 
 -spec handle_info(term(), #world{}) -> {noreply, #world{}}.
 handle_info({starl_body, Id, Chassis, What}, World) ->
-    {noreply, commanded(Id, Chassis, What, World)};
-handle_info({hears, Id, Chassis, What}, World) ->
     {noreply, hears(Id, Chassis, What, World)};
 handle_info({advance, Id}, World) ->
     {noreply, advance(Id, World)};
@@ -177,15 +171,6 @@ put_robot(Id, Robot, #world{robots = Robots} = World) ->
     World#world{robots = Robots#{Id := Robot}}.
 
 %% -- bodies ---------------------------------------------------------------------------------
-
-%% The line to the chassis takes its time; it keeps commands in order only as far as they are drawn.
-commanded(Id, Chassis, What, #world{latency_ms = {Least, Most}} = World) when Most > 0 ->
-    Ms = Least + rand:uniform() * (Most - Least),
-    Due = starl_live_clock:monotonic_ms(now_us(World) + round(1000 * Ms), World#world.clock),
-    _ = erlang:send_after(Due, self(), {hears, Id, Chassis, What}, [{abs, true}]),
-    World;
-commanded(Id, Chassis, What, World) ->
-    hears(Id, Chassis, What, World).
 
 hears(Id, Chassis, What, #world{robots = Robots} = World) ->
     case Robots of

@@ -21,8 +21,7 @@
     speed => number(),
     dir := file:filename(),
     rate_hz => number() | none,
-    whole_mm => boolean(),
-    latency_ms => {number(), number()}
+    whole_mm => boolean()
 }.
 
 %% @doc Starts the robots of a scenario.
@@ -37,7 +36,7 @@ start(Given, Options) ->
 started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
     Speed = maps:get(speed, Options, 1),
     Clock = starl_live_clock:new(erlang:system_time(microsecond), Speed),
-    World0 = maps:with([rate_hz, whole_mm, latency_ms], Options),
+    World0 = maps:with([rate_hz, whole_mm], Options),
     {ok, World} = starl_world:start_link(World0#{plan => Plan, clock => Clock}),
     #{robots := Poses} = Plan,
     Robots = [robot(Id, World, Clock, Dir, Plan) || {Id, _} <- Poses],

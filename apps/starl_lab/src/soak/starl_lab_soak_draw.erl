@@ -24,6 +24,8 @@
 %% The bound on the drift of clocks is 10,000 ppm. Faults that let a clock drift would add to it.
 -define(NEARLY_PPM, 9999).
 -define(STEADY, 0.3).
+%% The delays of drive commands, ms.
+-define(LATENCIES, [{0, 0}, {0, 8}, {0, 20}, {10, 50}]).
 %% The faults of positions, bodies and stores that path planning tolerates. It assumes positions
 %% within their stated error, and noise, bias and exchanged robots exceed that.
 -define(DPP_BEARS, [location_dropout, location_frozen, actuation, serial, store]).
@@ -84,6 +86,7 @@ clocks(dpp, Seed) ->
         false ->
             #{
                 lease => starl_sim_draw:between({Seed, dpp, lease}, 7000, 12000),
+                command_latency => one_of(?LATENCIES, {Seed, dpp, latency}),
                 random_faults => [network, clock, process | ?DPP_BEARS]
             }
     end;

@@ -247,9 +247,11 @@ targets({_, _, _, _, Robot, _}) -> [Robot].
 %% @doc One line on a problem: what is wrong, where, and what to do.
 -spec format_problem(problem()) -> unicode:chardata().
 format_problem({shape, N, Fault}) ->
-    io_lib:format("fault ~b of the list: {Id, FromMs, ToMs, Kind, Target, #{}} expected, not ~0tP", [
-        N, Fault, 12
-    ]);
+    io_lib:format(
+        "fault ~b of the list: {Id, FromMs, ToMs, Kind, Target, #{}} expected, not ~0tP", [
+            N, Fault, 12
+        ]
+    );
 format_problem({unknown_kind, Id, Kind}) ->
     Known = [K || {K, _, _, _, _} <- kinds()],
     Near = [

@@ -32,6 +32,8 @@
     duplicate := float(),
     delay_us := {Min :: pos_integer(), Max :: pos_integer()},
     range_mm := float() | infinity,
+    %% the delay of a command on its way to the chassis
+    latency_us => {Min :: non_neg_integer(), Max :: non_neg_integer()},
     profiles := starl_chassis:profiles(),
     network := [starl_sim_fault:compiled()],
     clocks := [starl_sim_fault:compiled()],

@@ -26,6 +26,8 @@
 -define(MANY_ROBOTS, 300).
 -define(INTENSITY, 1000).
 -define(NODE_TIMEOUT_MS, 30000).
+%% A robot expects a command to take as long as this at most, whatever the scenario.
+-define(LATENCY_MS, 5).
 
 %% @doc The context from which the application makes its scene.
 -spec context(module(), starl_sim_scenario:t()) -> starl_scene:context().
@@ -48,9 +50,11 @@ profile(#{
     acceleration := Acceleration,
     heading_error := H,
     distance_error := D,
-    position_error := P
+    position_error := P,
+    command_latency := {_, LatencyMs}
 }) ->
     #{
+        latency_ms => max(?LATENCY_MS, LatencyMs),
         speed => float(Speed),
         acceleration => float(Acceleration),
         near_speed => float(Speed),
@@ -96,7 +100,7 @@ nodes(_Scenario, _Scene, _Options) ->
 
 world(Scenario, Profiles, #{robots := Ids}, Options) ->
     #{delay := {MinMs, MaxMs}, faults := Faults} = Scenario,
-    #{
+    (latency(Scenario))#{
         seed => maps:get(seed, Scenario),
         team => starl_team:new(Ids),
         loss => float(maps:get(loss, Scenario)),
@@ -112,6 +116,10 @@ world(Scenario, Profiles, #{robots := Ids}, Options) ->
         store => faults(store, Faults),
         record => maps:get(record, Options, #{})
     }.
+
+latency(#{command_latency := {_, Most}}) when Most == 0 -> #{};
+latency(#{command_latency := {Least, Most}}) ->
+    #{latency_us => {round(1000 * Least), round(1000 * Most)}}.
 
 %% All robots share one positioning system.
 is_exact([#{position_error_mm := Error} | _]) -> Error == 0.

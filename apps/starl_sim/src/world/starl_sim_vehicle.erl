@@ -33,6 +33,9 @@
     word = none :: {driven, Mark :: term(), HeardUs :: starl_sim_queue:time()} | none,
     %% the time since which the drive has not obeyed
     off = no :: starl_sim_queue:time() | no,
+    %% the line of commands: the number of stops so far, which void the commands under way, and the
+    %% time at which the last command arrives: a line keeps their order
+    line = {0, 0} :: {Stops :: non_neg_integer(), starl_sim_queue:time()},
     draws = 0 :: non_neg_integer(),
     %% the values of its other actuators, as far as they were ever set
     devices = #{} :: #{atom() => term()},
@@ -45,8 +48,11 @@
 -type owner() :: {starl_machine:name(), Mark :: term()}.
 
 %% A step of the chassis: go on with the script of this number; handle a drive that has not
-%% obeyed since then.
--type beat() :: {go_on, Run :: integer()} | {watch, Run :: integer(), Since :: integer()}.
+%% obeyed since then; hear a script that was under way.
+-type beat() ::
+    {go_on, Run :: integer()}
+    | {watch, Run :: integer(), Since :: integer()}
+    | {hears, Stops :: integer(), starl_chassis:commands(), owner()}.
 
 %% A plan, with its delay: a step; an answer to a machine, valid only for the present script; an
 %% answer that is always valid.
@@ -86,14 +92,28 @@ piece(#vehicle{piece = Piece}) -> Piece.
 -spec drive(starl_chassis:script(), owner(), starl_sim_queue:time(), t()) ->
     change() | {lost, t()} | not_understood.
 drive({Chassis, Script}, Owner, Now, #vehicle{profile = #{chassis := Chassis}} = Vehicle) ->
-    #vehicle{id = Id, draws = N, world = #{seed := Seed}} = Vehicle,
+    case Vehicle#vehicle.world of
+        #{latency_us := Between} -> under_way(Between, Script, Owner, Now, Vehicle);
+        #{} -> hear(Script, Owner, Now, Vehicle)
+    end;
+drive(_Script, _Owner, _Now, _Vehicle) ->
+    not_understood.
+
+%% The line takes its time.
+under_way({Least, Most}, Script, Owner, Now, #vehicle{id = Id, draws = N, line = Line} = Vehicle) ->
+    #vehicle{world = #{seed := Seed}} = Vehicle,
+    {Stops, Before} = Line,
+    Us = Least + round((Most - Least) * starl_sim_draw:uniform({Seed, Id, N, latency})),
+    Arrives = max(Before, Now + Us),
+    Sent = Vehicle#vehicle{draws = N + 1, line = {Stops, Arrives}},
+    {same, [{Arrives - Now, {hears, Stops, Script, Owner}}], Sent}.
+
+hear(Script, Owner, Now, #vehicle{id = Id, draws = N, world = #{seed := Seed}} = Vehicle) ->
     Faults = held(Now, Vehicle),
     case deaf(drive, Faults, {Seed, Id, N}) of
         false -> run(Script, Owner, Faults, Now, Vehicle#vehicle{draws = N + length(Faults)});
         true -> {lost, Vehicle#vehicle{draws = N + 1}}
-    end;
-drive(_Script, _Owner, _Now, _Vehicle) ->
-    not_understood.
+    end.
 
 %% Is a command to the drive or to another device lost on the line, or an answer of the chassis?
 deaf(Whom, Faults, Key) -> lists:any(fun(Fault) -> swallows(Whom, Fault, Key) end, Faults).
@@ -164,6 +184,11 @@ beat({watch, Run, Since}, Now, #vehicle{run = Run, off = Since} = Vehicle) ->
     {Change, [], Stopped} = stop(Now, Vehicle),
     Us = stops_us(Now, Stopped),
     {Change, word(Us, Name, {stalled, Mark, Command}, Now, Stopped), Stopped};
+beat({hears, Stops, Script, Owner}, Now, #vehicle{line = {Stops, _}} = Vehicle) ->
+    case hear(Script, Owner, Now, Vehicle) of
+        {lost, Deaf} -> {same, [], Deaf};
+        Change -> Change
+    end;
 beat(_, _Now, Vehicle) ->
     {same, [], Vehicle}.
 
@@ -177,9 +202,9 @@ turn_wheels(Now, Vehicle) -> move(goes_on, held(Now, Vehicle), Now, Vehicle).
 
 %% @doc Stops the chassis, under all faults; no machine gets an answer.
 -spec stop(starl_sim_queue:time(), t()) -> change().
-stop(Now, #vehicle{run = Run, kind = Kind} = Vehicle) ->
+stop(Now, #vehicle{run = Run, kind = Kind, line = {Stops, _}} = Vehicle) ->
     move(goes_on, [], Now, Vehicle#vehicle{
-        command = Kind:standing(), script = [], run = Run + 1, word = none
+        command = Kind:standing(), script = [], run = Run + 1, word = none, line = {Stops + 1, Now}
     }).
 
 held(_Now, #vehicle{world = #{actuation := []}}) ->
