@@ -6,7 +6,7 @@
 %% cookie stands on no command line and in no file.
 -module(starl_sim_peers).
 
--export([start/1, node/1, stop/1, kill/1, format_error/1]).
+-export([start/1, start_as/1, node/1, control/1, os_pid/1, stop/1, kill/1, format_error/1]).
 
 -export_type([t/0, reason/0]).
 
@@ -21,15 +21,28 @@
 
 %% @doc Starts `N' peers, linked to the calling process, which must trap exits.
 -spec start(pos_integer()) -> {ok, [t()]} | {error, reason()}.
-start(N) ->
+start(N) -> start_as([unique("starl_peer") || _ <- lists:seq(1, N)]).
+
+%% @doc Starts a peer for each of these names, without the part after the `@'. A name may be used
+%% again when its peer has ended.
+-spec start_as([string()]) -> {ok, [t()]} | {error, reason()}.
+start_as(Names) ->
     case distribute() of
-        ok -> start_all(N);
+        ok -> start_all(Names);
         {error, _} = Error -> Error
     end.
 
 %% @doc A peer's node.
 -spec node(t()) -> node().
 node(#peer{node = Node}) -> Node.
+
+%% @doc The process that holds a peer: it ends when the peer ends.
+-spec control(t()) -> pid().
+control(#peer{control = Control}) -> Control.
+
+%% @doc The number of a peer's process in the operating system.
+-spec os_pid(t()) -> string().
+os_pid(#peer{os_pid = OsPid}) -> OsPid.
 
 %% @doc Ends a peer; it is gone afterwards.
 -spec stop(t()) -> ok.
@@ -75,9 +88,9 @@ distribute() ->
 unique(Prefix) -> peer:random_name(Prefix).
 
 %% All peers boot at the same time.
-start_all(N) ->
-    try [boot() || _ <- lists:seq(1, N)] of
-        Boots -> named([await(Boot) || Boot <- Boots], [])
+start_all(Names) ->
+    try [boot() || _ <- Names] of
+        Boots -> named([{await(Boot), Name} || {Boot, Name} <- lists:zip(Boots, Names)], [])
     catch
         error:Why -> {error, {no_peer, Why}}
     end.
@@ -114,19 +127,19 @@ await({Control, Tag}) ->
 
 named([], Peers) ->
     {ok, lists:reverse(Peers)};
-named([{ok, Control} | Rest], Peers) ->
-    %% a random name, an atom for each started peer: a few in a run, never from input
-    Node = list_to_atom(unique("starl_peer") ++ "@" ++ host()),
+named([{{ok, Control}, Name} | Rest], Peers) ->
+    %% an atom for each started peer: a few in a run, never from input
+    Node = list_to_atom(Name ++ "@" ++ host()),
     case name(Control, Node) of
         {ok, OsPid} ->
             named(Rest, [#peer{control = Control, node = Node, os_pid = OsPid} | Peers]);
         {error, Why} ->
             failed(Why, [Control | controls(Rest)], Peers)
     end;
-named([{error, Why} | Rest], Peers) ->
+named([{{error, Why}, _Name} | Rest], Peers) ->
     failed(Why, controls(Rest), Peers).
 
-controls(Booted) -> [Control || {ok, Control} <- Booted].
+controls(Booted) -> [Control || {{ok, Control}, _Name} <- Booted].
 
 failed(Why, Controls, Peers) ->
     lists:foreach(fun close/1, Controls ++ [C || #peer{control = C} <- Peers]),

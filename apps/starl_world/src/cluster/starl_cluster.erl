@@ -1,0 +1,298 @@
+%% @doc A cluster on this machine: one Erlang node, a process of the operating system, for each robot
+%% of a scenario, in real time, and the world ({@link starl_world}) in this one.
+%%
+%% A node that ends is started anew, with the same store, and its robot rejoins the team. All nodes
+%% end with this process, however it ends: OTP's `peer' holds them by their standard input.
+%% ```
+%%     starl_cluster --- starl_world          this VM
+%%        | peer   | peer   | peer
+%%     robot 1   robot 2   robot 3            a VM each: starl_live_sup - starl_live_robot
+%% '''
+-module(starl_cluster).
+-behaviour(gen_server).
+
+-export([start/2, await/1, status/1, kill/2, air/3, stop/1, finish/1, scenario/1, format_error/1]).
+-export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
+
+-export_type([t/0, options/0, status/0, reason/0]).
+
+-record(cluster, {
+    server :: pid(),
+    scenario :: starl_sim_scenario:t(),
+    scene :: starl_scene:t()
+}).
+
+%% A running cluster, linked to the process that started it.
+-opaque t() :: #cluster{}.
+
+%% `transport': a module of {@link starl_live_transport}, and its configuration for each robot, made
+%% when the names of all nodes are known. `speed': 2.0 is twice as fast as real time. `dir': the
+%% directory of the robots' stores. `code': modules that were compiled in memory. `log': gets each
+%% line of the nodes' logs.
+-type options() :: #{
+    dir := file:filename(),
+    transport := fun((starl:robot_id(), Names :: #{starl:robot_id() => node()}) -> line()),
+    speed => number(),
+    rate_hz => number() | none,
+    whole_mm => boolean(),
+    code => [{module(), file:filename(), Beam :: binary()}],
+    log => fun((starl:robot_id(), logger:level(), binary()) -> term())
+}.
+
+-type line() :: {module(), map()}.
+
+-type status() :: #{
+    now_us := integer(),
+    running := non_neg_integer(),
+    up := [starl:robot_id()],
+    ending := starl_world:ending() | none,
+    restarts := #{starl:robot_id() => non_neg_integer()},
+    os_pids := #{starl:robot_id() => string()}
+}.
+
+-type reason() :: starl_sim:reason() | {peers, starl_sim_peers:reason()}.
+
+-record(node, {
+    peer :: starl_sim_peers:t() | none,
+    restarts = 0 :: non_neg_integer()
+}).
+
+-record(state, {
+    world :: pid(),
+    %% the start arguments of each robot
+    specs :: #{starl:robot_id() => starl_live_robot:spec()},
+    names :: #{starl:robot_id() => string()},
+    nodes = #{} :: #{starl:robot_id() => #node{}},
+    code :: [{module(), file:filename(), binary()}],
+    log :: fun((starl:robot_id(), logger:level(), binary()) -> term())
+}).
+
+%% The time after which a node that has ended is started anew.
+-define(AGAIN_MS, 500).
+-define(CALL_MS, 60000).
+
+%% @doc Starts the nodes and robots of a scenario.
+-spec start(#{app := module(), atom() => term()}, options()) -> {ok, t()} | {error, reason()}.
+start(Given, Options) ->
+    case starl_sim:plan(Given#{mode => process}, #{}) of
+        {ok, {Scenario, Scene, Plan}} ->
+            case gen_server:start_link(?MODULE, {Plan, Options}, [{timeout, infinity}]) of
+                {ok, Server} ->
+                    {ok, #cluster{server = Server, scenario = Scenario, scene = Scene}};
+                {error, {shutdown, Reason}} ->
+                    {error, {peers, Reason}}
+            end;
+        {error, _} = Error ->
+            Error
+    end.
+
+%% @doc Waits for the end of the run.
+-spec await(t()) -> starl_world:ending().
+await(#cluster{server = Server}) ->
+    starl_world:await(gen_server:call(Server, world, infinity)).
+
+%% @doc The present time, the robots at work, and their nodes.
+-spec status(t()) -> status().
+status(#cluster{server = Server}) -> gen_server:call(Server, status, ?CALL_MS).
+
+%% @doc Kills the node of a robot, by SIGKILL; it is started anew.
+-spec kill(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
+kill(#cluster{server = Server}, Robot) -> gen_server:call(Server, {kill, Robot}, ?CALL_MS).
+
+%% @doc Changes what robots hear: calls `Module:Function(Link, Args...)' on their nodes.
+-spec air(t(), [starl:robot_id()], fun((Link :: pid()) -> term())) -> ok.
+air(#cluster{server = Server}, Robots, Fun) ->
+    gen_server:call(Server, {air, Robots, Fun}, ?CALL_MS).
+
+%% @doc Ends the run.
+-spec stop(t()) -> ok.
+stop(#cluster{server = Server}) -> starl_world:stop(gen_server:call(Server, world, infinity)).
+
+%% @doc The checked scenario, with all defaults.
+-spec scenario(t()) -> starl_sim_scenario:t().
+scenario(#cluster{scenario = Scenario}) -> Scenario.
+
+%% @doc Ends the nodes and the world; returns the outcome and the application's report.
+-spec finish(t()) -> {starl_sim_outcome:t(), starl_scene:report()}.
+finish(#cluster{server = Server, scenario = #{app := App}, scene = Scene}) ->
+    Outcome = starl_world:finish(gen_server:call(Server, world, infinity)),
+    ok = gen_server:stop(Server, normal, infinity),
+    {Outcome, starl_scene:report(App, Scene, Outcome)}.
+
+%% @doc One line on why a cluster could not be started.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({peers, Reason}) -> starl_sim_peers:format_error(Reason);
+format_error(Reason) -> starl_sim:format_error(Reason).
+
+%% -- server ---------------------------------------------------------------------------------
+
+-spec init({starl_sim_plan:t(), options()}) -> {ok, #state{}} | {stop, {shutdown, term()}}.
+init({#{robots := Poses, crew := #{tree := Tree}, world := Sim} = Plan, Options}) ->
+    process_flag(trap_exit, true),
+    Ids = [Id || {Id, _} <- Poses],
+    Run = peer:random_name("starl"),
+    Names = maps:from_list([{Id, Run ++ "-robot" ++ integer_to_list(Id)} || Id <- Ids]),
+    case starl_sim_peers:start_as([maps:get(Id, Names) || Id <- Ids]) of
+        {ok, Peers} ->
+            Clock = starl_live_clock:new(
+                erlang:system_time(microsecond), maps:get(speed, Options, 1)
+            ),
+            Known = maps:with([rate_hz, whole_mm], Options),
+            {ok, World} = starl_world:start_link(Known#{plan => Plan, clock => Clock}),
+            Nodes = maps:from_list([
+                {Id, starl_sim_peers:node(Peer)}
+             || {Id, Peer} <- lists:zip(Ids, Peers)
+            ]),
+            Specs = [{Id, spec(Id, World, Clock, Tree, Sim, Nodes, Options)} || Id <- Ids],
+            State = #state{
+                world = World,
+                specs = maps:from_list(Specs),
+                names = Names,
+                code = maps:get(code, Options, []),
+                log = maps:get(log, Options, fun(_, _, _) -> ok end)
+            },
+            {ok, lists:foldl(fun opened/2, State, lists:zip(Ids, Peers))};
+        {error, Reason} ->
+            {stop, {shutdown, Reason}}
+    end.
+
+spec(Id, World, Clock, Tree, #{profiles := Profiles}, Nodes, Options) ->
+    #{dir := Dir, transport := Transport} = Options,
+    #{
+        robot => Id,
+        tree => Tree,
+        profile => starl_chassis:of_robot(Id, Profiles),
+        clock => Clock,
+        dir => filename:join(Dir, "robot-" ++ integer_to_list(Id)),
+        transport => Transport(Id, Nodes),
+        positioning => {starl_world_sight, #{world => World}},
+        chassis => {starl_world_chassis, #{world => World}},
+        sink => World
+    }.
+
+-spec handle_call(term(), gen_server:from(), #state{}) -> {reply, term(), #state{}}.
+handle_call(world, _From, #state{world = World} = State) ->
+    {reply, World, State};
+handle_call(status, _From, #state{world = World, nodes = Nodes} = State) ->
+    Own = #{
+        restarts => maps:map(fun(_, #node{restarts = N}) -> N end, Nodes),
+        os_pids => maps:from_list([
+            {Id, starl_sim_peers:os_pid(Peer)}
+         || {Id, #node{peer = Peer}} <- maps:to_list(Nodes), Peer =/= none
+        ])
+    },
+    {reply, maps:merge(starl_world:status(World), Own), State};
+handle_call({kill, Robot}, _From, #state{nodes = Nodes} = State) ->
+    case Nodes of
+        #{Robot := #node{peer = none}} ->
+            {reply, {error, io_lib:format("the node of robot ~b is down already", [Robot])}, State};
+        #{Robot := #node{peer = Peer}} ->
+            _ = os:cmd("kill -KILL " ++ starl_sim_peers:os_pid(Peer)),
+            {reply, ok, State};
+        #{} ->
+            {reply, {error, io_lib:format("there is no robot ~b", [Robot])}, State}
+    end;
+handle_call({air, Robots, Fun}, _From, #state{nodes = Nodes} = State) ->
+    _ = [
+        with_link(starl_sim_peers:node(Peer), Fun)
+     || {Id, #node{peer = Peer}} <- maps:to_list(Nodes), lists:member(Id, Robots), Peer =/= none
+    ],
+    {reply, ok, State}.
+
+with_link(Node, Fun) ->
+    try
+        Robot = erpc:call(Node, starl_live_sup, robot, [], ?CALL_MS),
+        Fun(erpc:call(Node, starl_live_robot, link, [Robot], ?CALL_MS))
+    catch
+        error:{erpc, _} -> ok
+    end.
+
+-spec handle_cast(term(), #state{}) -> {noreply, #state{}}.
+handle_cast(_Request, State) -> {noreply, State}.
+
+-spec handle_info(term(), #state{}) -> {noreply, #state{}} | {stop, term(), #state{}}.
+handle_info({starl_log, Id, Level, Line}, #state{log = Log} = State) ->
+    _ = Log(Id, Level, Line),
+    {noreply, State};
+handle_info({'EXIT', World, Reason}, #state{world = World} = State) ->
+    {stop, Reason, State};
+handle_info({'EXIT', Pid, Reason}, #state{nodes = Nodes} = State) ->
+    case
+        [
+            Id
+         || {Id, #node{peer = P}} <- maps:to_list(Nodes),
+            P =/= none,
+            starl_sim_peers:control(P) =:= Pid
+        ]
+    of
+        [Id] -> {noreply, lost(Id, State)};
+        [] when Reason =:= normal -> {noreply, State};
+        [] -> {stop, Reason, State}
+    end;
+handle_info({again, Id}, State) ->
+    {noreply, again(Id, State)};
+handle_info(_Message, State) ->
+    {noreply, State}.
+
+-spec terminate(term(), #state{}) -> ok.
+terminate(_Reason, #state{nodes = Nodes, world = World}) ->
+    lists:foreach(
+        fun starl_sim_peers:kill/1, [P || #node{peer = P} <- maps:values(Nodes), P =/= none]
+    ),
+    true = unlink(World),
+    true = exit(World, shutdown),
+    ok.
+
+%% -- nodes ----------------------------------------------------------------------------------
+
+opened({Id, Peer}, #state{nodes = Nodes, specs = Specs} = State) ->
+    #{Id := Spec} = Specs,
+    #node{} = Before = maps:get(Id, Nodes, #node{peer = none}),
+    case open(starl_sim_peers:node(Peer), Id, Spec, State) of
+        {ok, _} ->
+            State#state{nodes = Nodes#{Id => Before#node{peer = Peer}}};
+        {error, Why} ->
+            logger:error(#{what => robot_not_started, robot => Id, why => Why}),
+            ok = starl_sim_peers:kill(Peer),
+            later(Id, State#state{nodes = Nodes#{Id => Before#node{peer = none}}})
+    end.
+
+%% All code is loaded first: an atom that a node does not know is refused in a packet.
+open(Node, Id, Spec, #state{code = Code}) ->
+    try
+        ok = erpc:call(Node, starl_live_log, install, [Id, self()], ?CALL_MS),
+        _ = [
+            {module, Module} = erpc:call(Node, code, load_binary, [Module, File, Beam], ?CALL_MS)
+         || {Module, File, Beam} <- Code
+        ],
+        ok = erpc:call(Node, code, ensure_modules_loaded, [modules()], ?CALL_MS),
+        {ok, _} = erpc:call(
+            Node, application, ensure_all_started, [starl_live, permanent], ?CALL_MS
+        ),
+        erpc:call(Node, starl_live_sup, open, [Spec], ?CALL_MS)
+    catch
+        Class:Reason -> {error, {Class, Reason}}
+    end.
+
+%% The modules of StarL that this VM has loaded.
+modules() ->
+    [Module || {Module, _} <- code:all_loaded(), lists:prefix("starl", atom_to_list(Module))].
+
+lost(Id, #state{nodes = Nodes} = State) ->
+    #{Id := Node} = Nodes,
+    logger:notice(#{what => node_ended, robot => Id}),
+    later(Id, State#state{nodes = Nodes#{Id := Node#node{peer = none}}}).
+
+later(Id, State) ->
+    _ = erlang:send_after(?AGAIN_MS, self(), {again, Id}),
+    State.
+
+again(Id, #state{names = Names, nodes = Nodes} = State) ->
+    #{Id := #node{restarts = N} = Node} = Nodes,
+    case starl_sim_peers:start_as([maps:get(Id, Names)]) of
+        {ok, [Peer]} ->
+            opened({Id, Peer}, State#state{nodes = Nodes#{Id := Node#node{restarts = N + 1}}});
+        {error, Reason} ->
+            logger:error(#{what => node_not_started, robot => Id, why => Reason}),
+            later(Id, State)
+    end.
