@@ -1,5 +1,5 @@
 %% @doc The radio of a live robot: a behaviour for the ways in which packets travel between robots,
-%% and the process that holds one end.
+%% and the process that holds one end. See `doc/transports.md'.
 %%
 %% A transport may lose, double, delay and reorder packets; SAP expects that. It must never change a
 %% packet, and must deliver only packets that robots of the same fleet and run have sent. The process
@@ -8,24 +8,30 @@
 %%     link -- transmit(Transport, To, Packet) --> transport --> the air
 %%     link <-- {starl_heard, Transport, [Packet]} -- transport <-- the air
 %% '''
+%% What it hears goes through a filter ({@link starl_live_air}), which is clear unless the
+%% configuration or {@link set_air/2} says otherwise.
 -module(starl_live_transport).
 -behaviour(gen_server).
 
--export([start_link/3, transmit/3, figures/1]).
--export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
+-export([start_link/3, transmit/3, figures/1, set_air/2]).
+-export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2, format_status/1]).
 
 -export_type([config/0, figures/0, heard/0]).
 
-%% What every transport is told; each has further keys of its own.
+%% What every transport is told; each has further keys of its own. Only robots of the same fleet and
+%% the same run hear each other.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
+    fleet := unicode:chardata(),
+    run := non_neg_integer(),
+    air => starl_live_air:settings(),
     atom() => term()
 }.
 
 %% Counters, for the metrics of the node: packets sent and heard, and those that were refused, by
 %% reason.
--type figures() :: #{atom() => non_neg_integer()}.
+-type figures() :: starl_live_figures:t().
 
 %% The message to the link.
 -type heard() :: {starl_heard, Transport :: pid(), [starl_packet:t()]}.
@@ -46,11 +52,18 @@ when
 %% Closes the robot's end.
 -callback close(State :: term()) -> ok.
 
+%% The most packets that the filter delays at a time; others are lost.
+-define(DELAYED, 10_000).
+
 -record(transport, {
     module :: module(),
     state :: term(),
     link :: pid(),
-    robot :: starl:robot_id()
+    air :: starl_live_air:t(),
+    delayed = 0 :: non_neg_integer(),
+    figures = #{} :: figures(),
+    %% the last line on a packet that cannot be sent, which is not said twice: SAP tries again
+    said = <<>> :: binary()
 }).
 
 %% @doc Opens a robot's end of a transport; packets go to the link.
@@ -65,20 +78,33 @@ transmit(Transport, To, Packet) -> gen_server:cast(Transport, {transmit, To, Pac
 -spec figures(pid()) -> figures().
 figures(Transport) -> gen_server:call(Transport, figures).
 
+%% @doc Changes these settings of the filter.
+-spec set_air(pid(), starl_live_air:settings()) -> ok | {error, unicode:chardata()}.
+set_air(Transport, Settings) -> gen_server:call(Transport, {set_air, Settings}).
+
 -spec init({module(), config(), pid()}) -> {ok, #transport{}} | {stop, term()}.
 init({Module, #{robot := Robot} = Config, Link}) ->
     process_flag(trap_exit, true),
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
-    case Module:open(Config) of
-        {ok, State} ->
-            {ok, #transport{module = Module, state = State, link = Link, robot = Robot}};
-        {error, Why} ->
-            {stop, {shutdown, {transport, unicode:characters_to_binary(Why)}}}
+    case starl_live_air:new(maps:get(air, Config, #{})) of
+        {ok, Air} -> opened(Module:open(Config), Module, Air, Link);
+        {error, _} = Error -> opened(Error, Module, none, Link)
     end.
 
--spec handle_call(figures, gen_server:from(), #transport{}) -> {reply, figures(), #transport{}}.
+opened({ok, State}, Module, Air, Link) ->
+    {ok, #transport{module = Module, state = State, link = Link, air = Air}};
+opened({error, Why}, _Module, _Air, _Link) ->
+    {stop, {shutdown, {transport, unicode:characters_to_binary(Why)}}}.
+
+-spec handle_call(figures | {set_air, starl_live_air:settings()}, gen_server:from(), #transport{}) ->
+    {reply, figures() | ok | {error, unicode:chardata()}, #transport{}}.
 handle_call(figures, _From, #transport{module = Module, state = State} = Transport) ->
-    {reply, Module:figures(State), Transport}.
+    {reply, maps:merge(Module:figures(State), Transport#transport.figures), Transport};
+handle_call({set_air, Settings}, _From, #transport{air = Air} = Transport) ->
+    case starl_live_air:set(Settings, Air) of
+        {ok, Changed} -> {reply, ok, Transport#transport{air = Changed}};
+        {error, _} = Error -> {reply, Error, Transport}
+    end.
 
 -spec handle_cast({transmit, starl:robot_id() | all, starl_packet:t()}, #transport{}) ->
     {noreply, #transport{}}.
@@ -87,23 +113,64 @@ handle_cast({transmit, To, Packet}, #transport{module = Module, state = State} =
         {ok, Next} ->
             {noreply, Transport#transport{state = Next}};
         {refused, Why, Next} ->
-            logger:error(#{what => packet_refused, why => unicode:characters_to_binary(Why)}),
-            {noreply, Transport#transport{state = Next}}
+            Line = unicode:characters_to_binary(Why),
+            {noreply, refused(Line, Transport#transport{state = Next})}
     end.
+
+refused(Line, #transport{said = Line} = Transport) ->
+    count(refused, 1, Transport);
+refused(Line, Transport) ->
+    logger:error(#{what => packet_refused, why => Line}),
+    count(refused, 1, Transport#transport{said = Line}).
 
 -spec handle_info(term(), #transport{}) -> {noreply, #transport{}} | {stop, term(), #transport{}}.
 handle_info({'EXIT', _From, Reason}, Transport) ->
     {stop, Reason, Transport};
-handle_info(Message, #transport{module = Module, state = State, link = Link} = Transport) ->
+handle_info({?MODULE, delayed, Packet}, #transport{delayed = Delayed} = Transport) ->
+    {noreply, tell([Packet], Transport#transport{delayed = Delayed - 1})};
+handle_info(Message, #transport{module = Module, state = State} = Transport) ->
     case Module:hear(Message, State) of
-        {[], Next} ->
-            {noreply, Transport#transport{state = Next}};
-        {Packets, Next} ->
-            Link ! {starl_heard, self(), Packets},
-            {noreply, Transport#transport{state = Next}};
-        unknown ->
-            {noreply, Transport}
+        {Packets, Next} -> {noreply, filter(Packets, Transport#transport{state = Next})};
+        unknown -> {noreply, Transport}
     end.
+
+%% The robot hears packets in the order in which they come, but for those that are delayed.
+filter(Packets, Transport) ->
+    {Heard, Filtered} = lists:foldl(fun pass/2, {[], Transport}, Packets),
+    tell(lists:reverse(Heard), Filtered).
+
+pass(Packet, {Heard, #transport{air = Air} = Transport}) ->
+    {Delays, Next} = starl_live_air:pass(starl_packet:source(Packet), Air),
+    passed(Packet, Delays, {Heard, Transport#transport{air = Next}}).
+
+passed(_Packet, [], {Heard, Transport}) ->
+    {Heard, count(air_lost, 1, Transport)};
+passed(Packet, Delays, Before) ->
+    lists:foldl(fun(Delay, Through) -> delay(Packet, Delay, Through) end, Before, Delays).
+
+delay(Packet, 0, {Heard, Transport}) ->
+    {[Packet | Heard], Transport};
+delay(_Packet, _Ms, {Heard, #transport{delayed = ?DELAYED} = Transport}) ->
+    {Heard, count(air_full, 1, Transport)};
+delay(Packet, Ms, {Heard, #transport{delayed = Delayed} = Transport}) ->
+    _ = erlang:send_after(Ms, self(), {?MODULE, delayed, Packet}),
+    {Heard, Transport#transport{delayed = Delayed + 1}}.
+
+tell([], Transport) ->
+    Transport;
+tell(Packets, #transport{link = Link} = Transport) ->
+    Link ! {starl_heard, self(), Packets},
+    count(heard, length(Packets), Transport).
+
+count(What, Number, #transport{figures = Figures} = Transport) ->
+    Transport#transport{figures = starl_live_figures:count(What, Number, Figures)}.
 
 -spec terminate(term(), #transport{}) -> ok.
 terminate(_Reason, #transport{module = Module, state = State}) -> Module:close(State).
+
+%% A report of a crash says nothing of keys.
+-spec format_status(gen_server:format_status()) -> gen_server:format_status().
+format_status(Status) -> maps:map(fun hidden/2, Status).
+
+hidden(state, #transport{state = _} = Transport) -> Transport#transport{state = hidden};
+hidden(_Key, Value) -> Value.

@@ -1,0 +1,87 @@
+%% @doc A filter of what a robot hears, for tests and for clusters on one computer: loss, delay,
+%% duplicates and cut links on any transport. Its settings can be changed while the robot runs.
+%% Chance comes from a seed.
+-module(starl_live_air).
+
+-export([new/1, set/2, pass/2]).
+
+-export_type([t/0, settings/0]).
+
+%% `loss' and `duplicates': probabilities; `delay_ms': lowest and highest, in real time; `cut': the
+%% robots that cannot be heard. Settings that are not given stay as they are.
+-type settings() :: #{
+    loss => number(),
+    duplicates => number(),
+    delay_ms => {Low :: non_neg_integer(), High :: non_neg_integer()},
+    cut => [starl:robot_id()],
+    seed => integer()
+}.
+
+-record(air, {
+    loss = 0 :: number(),
+    duplicates = 0 :: number(),
+    delay_ms = {0, 0} :: {non_neg_integer(), non_neg_integer()},
+    cut = [] :: [starl:robot_id()],
+    random :: rand:state()
+}).
+
+-opaque t() :: #air{}.
+
+%% @doc Clear air, but for these settings.
+-spec new(settings()) -> {ok, t()} | {error, unicode:chardata()}.
+new(Settings) -> set(Settings, #air{random = rand:seed_s(exsss, maps:get(seed, Settings, 0))}).
+
+%% @doc Changes these settings; on a mistake, none.
+-spec set(settings(), t()) -> {ok, t()} | {error, unicode:chardata()}.
+set(Settings, Air) ->
+    case starl_options:check(Settings, options(Air)) of
+        {ok, Complete} -> {ok, changed(Complete, Air)};
+        {error, Problems} -> {error, lists:join("; ", [text(Problem) || Problem <- Problems])}
+    end.
+
+text(Problem) -> ["air: ", starl_options:format_problem(Problem)].
+
+options(#air{loss = Loss, duplicates = Duplicates, delay_ms = Delay, cut = Cut}) ->
+    [
+        {loss, {number, 0, 1}, Loss, "part of the packets that are lost"},
+        {duplicates, {number, 0, 1}, Duplicates, "part of the packets that are heard twice"},
+        {delay_ms, {between, {integer, 0, 60_000}}, Delay, "delay of packets, in ms"},
+        {cut, {term, "a list of robots", fun robots/1}, Cut, "robots that cannot be heard"},
+        {seed, {optional, {integer, -(1 bsl 58), 1 bsl 58}}, none, "seed of the chance"}
+    ].
+
+robots(Robots) -> is_list(Robots) andalso lists:all(fun is_integer/1, Robots).
+
+changed(
+    #{loss := Loss, duplicates := Duplicates, delay_ms := Delay, cut := Cut, seed := Seed}, Air
+) ->
+    Random =
+        case Seed of
+            none -> Air#air.random;
+            _ -> rand:seed_s(exsss, Seed)
+        end,
+    #air{loss = Loss, duplicates = Duplicates, delay_ms = Delay, cut = Cut, random = Random}.
+
+%% @doc When a robot's packet is heard, in milliseconds from now: never, once or twice.
+-spec pass(From :: starl:robot_id(), t()) -> {[DelayMs :: non_neg_integer()], t()}.
+pass(_From, #air{loss = Loss, duplicates = Twice, delay_ms = {0, 0}, cut = []} = Air) when
+    Loss == 0, Twice == 0
+->
+    {[0], Air};
+pass(From, #air{loss = Loss, duplicates = Twice, cut = Cut, random = Random0} = Air) ->
+    %% Always the same number of draws: what one packet meets does not hang on the settings that
+    %% others met.
+    {Lost, Random1} = rand:uniform_s(Random0),
+    {Doubled, Random2} = rand:uniform_s(Random1),
+    {Once, Random3} = delay(Air, Random2),
+    {Again, Random4} = delay(Air, Random3),
+    Next = Air#air{random = Random4},
+    case Lost < Loss orelse lists:member(From, Cut) of
+        true -> {[], Next};
+        false when Doubled < Twice -> {[Once, Again], Next};
+        false -> {[Once], Next}
+    end.
+
+delay(#air{delay_ms = {Low, High}}, Random0) ->
+    {Part, Random} = rand:uniform_s(Random0),
+    {Low + trunc(Part * (High - Low + 1)), Random}.

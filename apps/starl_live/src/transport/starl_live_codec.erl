@@ -1,0 +1,160 @@
+%% @doc Packets as bytes: a version, then the packet in Erlang's external term format.
+%%
+%% Only plain data may travel: numbers, atoms, binaries, tuples, lists and maps. The bytes are walked
+%% before they are decoded, so that a packet costs no more memory than a small multiple of its
+%% bytes; compressed terms, processes, functions and unknown atoms are refused. The sender walks
+%% its own bytes as well: what it sends, the receiver's walk admits.
+-module(starl_live_codec).
+
+-export([encode/1, decode/2, format_error/2]).
+
+-export_type([reason/0, refusal/0]).
+
+%% The first byte.
+-define(VERSION, 1).
+%% The most bytes of a packet, and the deepest nesting.
+-define(LARGEST, 65_536).
+-define(DEEPEST, 64).
+
+%% What a packet must not hold.
+-type odd() :: pid | port | reference | function | bitstring | huge_integer | other.
+
+%% Why a packet cannot be sent.
+-type reason() :: {too_large, Bytes :: pos_integer()} | too_deep | {holds, odd()}.
+
+%% Why bytes are no packet: another version, not the plain data of `reason()', cut short or longer
+%% than the term in them, an atom that this computer does not know (or a map with a key twice), no
+%% packet of SAP, or one in another robot's name.
+-type refusal() :: version | term | unknown_atom | packet | sender.
+
+%% @doc The packet's bytes.
+-spec encode(starl_packet:t()) -> {ok, binary()} | {error, reason()}.
+encode(Packet) ->
+    Bytes = term_to_binary(Packet, [{minor_version, 2}]),
+    case walk(Bytes) of
+        ok -> {ok, <<?VERSION, Bytes/binary>>};
+        {error, _} = Error -> Error
+    end.
+
+%% @doc The packet in bytes that came from a robot, which must be the packet's source.
+-spec decode(From :: starl:robot_id(), binary()) -> {ok, starl_packet:t()} | {error, refusal()}.
+decode(From, <<?VERSION, Bytes/binary>>) ->
+    case walk(Bytes) of
+        ok -> known(From, term(Bytes));
+        {error, _} -> {error, term}
+    end;
+decode(_From, _Bytes) ->
+    {error, version}.
+
+term(Bytes) ->
+    try
+        {term, binary_to_term(Bytes, [safe])}
+    catch
+        error:badarg -> unknown_atom
+    end.
+
+known(_From, unknown_atom) ->
+    {error, unknown_atom};
+known(From, {term, Packet}) ->
+    case starl_packet:source(Packet) of
+        From -> {ok, Packet};
+        malformed -> {error, packet};
+        _Other -> {error, sender}
+    end.
+
+%% @doc One line that says why a packet cannot be sent.
+-spec format_error(starl_packet:t(), reason()) -> unicode:chardata().
+format_error(Packet, Reason) ->
+    [content(Packet), " cannot be sent: ", text(Reason)].
+
+content({starl, _, data, {_, _, _, _, _, Type, _}}) -> io_lib:format("a message ~tp", [Type]);
+content({starl, _, shout, _, Type, _}) -> io_lib:format("a datagram ~tp", [Type]);
+content(_) -> "a packet".
+
+text({too_large, Bytes}) ->
+    io_lib:format("it takes ~b bytes, more than ~b; send it in parts", [Bytes, ?LARGEST]);
+text(too_deep) ->
+    io_lib:format("it is nested more than ~b deep; make it flatter", [?DEEPEST]);
+text({holds, Odd}) ->
+    ["it holds ", odd(Odd), "; send numbers, atoms, binaries, tuples, lists and maps"].
+
+odd(pid) -> "a process identifier, which means nothing to another robot";
+odd(port) -> "a port, which means nothing to another robot";
+odd(reference) -> "a reference, which means nothing to another robot";
+odd(function) -> "a function";
+odd(bitstring) -> "a bit string that is not of whole bytes";
+odd(huge_integer) -> "an integer of more than 255 bytes";
+odd(other) -> "a term of another kind".
+
+%% -- the walk -------------------------------------------------------------------------------
+
+%% Tags of the external term format (ERTS User's Guide, chapter 13).
+-define(START, 131).
+-define(SMALL_INTEGER, 97).
+-define(INTEGER, 98).
+-define(SMALL_BIG, 110).
+-define(FLOAT, 70).
+-define(SMALL_ATOM, 119).
+-define(ATOM, 118).
+-define(BINARY, 109).
+-define(SMALL_TUPLE, 104).
+-define(LARGE_TUPLE, 105).
+-define(NIL, 106).
+-define(STRING, 107).
+-define(LIST, 108).
+-define(MAP, 116).
+
+%% Is this exactly one term of plain data, within the bounds?
+walk(Bytes) when byte_size(Bytes) > ?LARGEST -> {error, {too_large, byte_size(Bytes)}};
+walk(<<?START, Term/binary>>) -> walk(Term, 1, [], ?DEEPEST);
+walk(_Bytes) -> {error, {holds, other}}.
+
+%% Count: the terms still to come at this depth; Open: those at the depths around it; Deeper: the
+%% depths that are left. Each step takes a byte at least, so absurd counts come to nothing.
+walk(<<Bytes/binary>>, 0, [Count | Open], Deeper) ->
+    walk(Bytes, Count, Open, Deeper + 1);
+walk(<<>>, 0, [], _Deeper) ->
+    ok;
+walk(<<?SMALL_INTEGER, _, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+    walk(Rest, Count - 1, Open, Deeper);
+walk(<<?INTEGER, _:32, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+    walk(Rest, Count - 1, Open, Deeper);
+walk(<<?FLOAT, _:64, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+    walk(Rest, Count - 1, Open, Deeper);
+walk(<<?SMALL_ATOM, Size, _:Size/binary, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+    walk(Rest, Count - 1, Open, Deeper);
+walk(<<?NIL, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+    walk(Rest, Count - 1, Open, Deeper);
+walk(<<?STRING, Size:16, _:Size/binary, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+    walk(Rest, Count - 1, Open, Deeper);
+walk(<<?BINARY, Size:32, _:Size/binary, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+    walk(Rest, Count - 1, Open, Deeper);
+walk(<<?SMALL_BIG, Size, _Sign, _:Size/binary, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+    walk(Rest, Count - 1, Open, Deeper);
+walk(<<?ATOM, Size:16, _:Size/binary, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+    walk(Rest, Count - 1, Open, Deeper);
+walk(<<?SMALL_TUPLE, Inner, Rest/binary>>, Count, Open, Deeper) when Count > 0, Deeper > 0 ->
+    walk(Rest, Inner, [Count - 1 | Open], Deeper - 1);
+walk(<<?LIST, Inner:32, Rest/binary>>, Count, Open, Deeper) when Count > 0, Deeper > 0 ->
+    walk(Rest, Inner + 1, [Count - 1 | Open], Deeper - 1);
+walk(<<?MAP, Inner:32, Rest/binary>>, Count, Open, Deeper) when Count > 0, Deeper > 0 ->
+    walk(Rest, 2 * Inner, [Count - 1 | Open], Deeper - 1);
+walk(<<?LARGE_TUPLE, Inner:32, Rest/binary>>, Count, Open, Deeper) when Count > 0, Deeper > 0 ->
+    walk(Rest, Inner, [Count - 1 | Open], Deeper - 1);
+walk(<<Tag, _/binary>>, Count, _Open, 0) when
+    Count > 0, Tag =:= ?SMALL_TUPLE orelse Tag =:= ?LIST orelse Tag =:= ?MAP;
+    Count > 0, Tag =:= ?LARGE_TUPLE
+->
+    {error, too_deep};
+walk(<<Tag, _/binary>>, Count, _Open, _Deeper) when Count > 0 ->
+    {error, {holds, tag(Tag)}};
+walk(_Bytes, _Count, _Open, _Deeper) ->
+    {error, {holds, other}}.
+
+tag(Tag) when Tag =:= 88; Tag =:= 103 -> pid;
+tag(Tag) when Tag =:= 89; Tag =:= 102; Tag =:= 120 -> port;
+tag(Tag) when Tag =:= 90; Tag =:= 101; Tag =:= 114 -> reference;
+tag(Tag) when Tag =:= 112; Tag =:= 113; Tag =:= 117 -> function;
+tag(77) -> bitstring;
+tag(111) -> huge_integer;
+tag(_) -> other.

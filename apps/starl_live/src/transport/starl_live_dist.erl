@@ -1,0 +1,99 @@
+%% @doc The transport by Erlang distribution, between nodes of which each carries robots. `peers'
+%% names each robot's node.
+%%
+%% A send never waits: neither for a connection that is not up, nor for one that is busy. Such a
+%% packet is lost, as on any radio. A connection that is not up is made in the background, by a
+%% process of its own, at most once a second. It is a hidden one: the connections of a team fail one by
+%% one, and visible nodes would then cut off others as well, to keep all their views of the
+%% network alike (`global', since OTP 25).
+-module(starl_live_dist).
+-behaviour(starl_live_transport).
+
+-export([open/1, transmit/3, hear/2, figures/1, close/1]).
+
+%% A node that could not be reached is tried again after this time.
+-define(PAUSE_MS, 1000).
+
+-record(dist, {
+    ends :: starl_live_frame:t(),
+    peers :: #{starl:robot_id() => node()},
+    %% the nodes that a connection is being made to
+    connecting = #{} :: #{node() => reference()}
+}).
+
+-spec open(starl_live_transport:config()) -> {ok, #dist{}} | {error, unicode:chardata()}.
+open(#{robot := Robot, participants := Team, peers := Peers} = Config) ->
+    case [R || R <- starl_team:others(Robot, Team), not is_map_key(R, Peers)] of
+        [] -> registered(Robot, #dist{ends = starl_live_frame:new(Config), peers = Peers});
+        [Missing | _] -> {error, io_lib:format("peers: no node of robot ~b", [Missing])}
+    end.
+
+registered(Robot, Dist) ->
+    try register(name(Robot), self()) of
+        true -> {ok, Dist}
+    catch
+        error:badarg -> {error, io_lib:format("robot ~b runs on this node already", [Robot])}
+    end.
+
+%% The names are those of the robots in the configuration: no more than these.
+name(Robot) -> list_to_atom("starl_robot_" ++ integer_to_list(Robot)).
+
+-spec transmit(starl:robot_id() | all, starl_packet:t(), #dist{}) ->
+    {ok, #dist{}} | {refused, unicode:chardata(), #dist{}}.
+transmit(To, Packet, #dist{ends = Ends} = Dist) ->
+    case starl_live_frame:write(To, Packet, Ends) of
+        {ok, Frame, Robots, Next} ->
+            Send = fun(Robot, Before) -> send(Frame, Robot, Before) end,
+            {ok, lists:foldl(Send, Dist#dist{ends = Next}, Robots)};
+        {refused, Why, Next} ->
+            {refused, Why, Dist#dist{ends = Next}}
+    end.
+
+send(Frame, Robot, #dist{peers = Peers} = Dist) ->
+    case Peers of
+        #{Robot := Node} ->
+            To = {name(Robot), Node},
+            sent(erlang:send(To, Frame, [noconnect, nosuspend]), Node, Dist);
+        #{} ->
+            count(unknown_peer, Dist)
+    end.
+
+sent(ok, _Node, Dist) -> Dist;
+sent(nosuspend, _Node, Dist) -> count(busy, Dist);
+sent(noconnect, Node, Dist) -> connect(Node, count(not_connected, Dist)).
+
+connect(Node, #dist{connecting = Connecting} = Dist) when is_map_key(Node, Connecting) ->
+    Dist;
+connect(Node, #dist{connecting = Connecting} = Dist) ->
+    {_Pid, Monitor} = spawn_monitor(fun() -> connect(Node) end),
+    Dist#dist{connecting = Connecting#{Node => Monitor}}.
+
+connect(Node) ->
+    case net_kernel:hidden_connect_node(Node) of
+        true -> ok;
+        _Failed -> pause()
+    end.
+
+pause() ->
+    receive
+    after ?PAUSE_MS -> ok
+    end.
+
+-spec hear(term(), #dist{}) -> {[starl_packet:t()], #dist{}} | unknown.
+hear({'DOWN', Monitor, process, _Pid, _Why}, #dist{connecting = Connecting} = Dist) ->
+    Left = maps:filter(fun(_Node, Ref) -> Ref =/= Monitor end, Connecting),
+    {[], Dist#dist{connecting = Left}};
+hear(Message, #dist{ends = Ends} = Dist) ->
+    case starl_live_frame:read(Message, Ends) of
+        {Packets, Next} -> {Packets, Dist#dist{ends = Next}};
+        unknown -> unknown
+    end.
+
+count(What, #dist{ends = Ends} = Dist) -> Dist#dist{ends = starl_live_frame:count(What, Ends)}.
+
+-spec figures(#dist{}) -> starl_live_transport:figures().
+figures(#dist{ends = Ends}) -> starl_live_frame:figures(Ends).
+
+%% The name goes with the process.
+-spec close(#dist{}) -> ok.
+close(#dist{}) -> ok.

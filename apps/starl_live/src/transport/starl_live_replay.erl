@@ -1,0 +1,44 @@
+%% @doc The packets that a robot has heard lately, so that none is taken twice.
+%%
+%% A packet bears its time, and an old one is refused for its age ({@link starl_live_seal}): so only
+%% a limited time has to be remembered, in two generations. A packet marks itself alone. There is
+%% no floor that one packet could lift above all others of its sender.
+-module(starl_live_replay).
+
+-export([new/2, has/2, add/3]).
+
+-export_type([t/0, id/0]).
+
+%% A packet's number, drawn at random from 58 bits.
+-type id() :: non_neg_integer().
+
+%% The most packets of a generation. More than that within the time: the older ones are forgotten
+%% early, and memory stays bounded.
+-define(MOST, 100_000).
+
+-record(replay, {
+    keep_ms :: pos_integer(),
+    %% the end of the younger generation
+    until_ms :: integer(),
+    young = #{} :: #{id() => []},
+    old = #{} :: #{id() => []}
+}).
+
+-opaque t() :: #replay{}.
+
+%% @doc Nothing heard. What is heard is remembered for `KeepMs' at least.
+-spec new(KeepMs :: pos_integer(), NowMs :: integer()) -> t().
+new(KeepMs, Now) -> #replay{keep_ms = KeepMs, until_ms = Now + KeepMs}.
+
+%% @doc Has this packet been heard?
+-spec has(id(), t()) -> boolean().
+has(Id, #replay{young = Young, old = Old}) -> is_map_key(Id, Young) orelse is_map_key(Id, Old).
+
+%% @doc Remembers a packet.
+-spec add(id(), NowMs :: integer(), t()) -> t().
+add(Id, Now, #replay{until_ms = Until, young = Young} = Replay) when
+    Now < Until, map_size(Young) < ?MOST
+->
+    Replay#replay{young = Young#{Id => []}};
+add(Id, Now, #replay{keep_ms = Keep, young = Young} = Replay) ->
+    Replay#replay{until_ms = Now + Keep, young = #{Id => []}, old = Young}.
