@@ -4,7 +4,7 @@
 %% that it appears in no log and no crash report.
 -module(starl_live_key).
 
--export([generate/1, load/1]).
+-export([new/0, generate/1, load/1]).
 
 -export_type([t/0]).
 
@@ -13,6 +13,12 @@
 -define(BYTES, 32).
 
 -type t() :: fun(() -> <<_:256>>).
+
+%% @doc A new key, in memory only: for the nodes of one run on one computer.
+-spec new() -> t().
+new() ->
+    Key = crypto:strong_rand_bytes(?BYTES),
+    fun() -> Key end.
 
 %% @doc Writes a new key; never over another file.
 -spec generate(file:filename()) -> ok | {error, unicode:chardata()}.

@@ -25,21 +25,18 @@
 %% A running cluster, linked to the process that started it.
 -opaque t() :: #cluster{}.
 
-%% `transport': a module of {@link starl_live_transport}, and its configuration for each robot, made
-%% when the names of all nodes are known. `speed': 2.0 is twice as fast as real time. `dir': the
+%% `transport': how packets travel between the nodes. `speed': 2.0 is twice as fast as real time. `dir': the
 %% directory of the robots' stores. `code': modules that were compiled in memory. `log': gets each
 %% line of the nodes' logs.
 -type options() :: #{
     dir := file:filename(),
-    transport := fun((starl:robot_id(), Names :: #{starl:robot_id() => node()}) -> line()),
+    transport := dist | udp,
     speed => number(),
     rate_hz => number() | none,
     whole_mm => boolean(),
     code => [{module(), file:filename(), Beam :: binary()}],
     log => fun((starl:robot_id(), logger:level(), binary()) -> term())
 }.
-
--type line() :: {module(), map()}.
 
 -type status() :: #{
     now_us := integer(),
@@ -143,7 +140,14 @@ init({#{robots := Poses, crew := #{tree := Tree}, world := Sim} = Plan, Options}
                 {Id, starl_sim_peers:node(Peer)}
              || {Id, Peer} <- lists:zip(Ids, Peers)
             ]),
-            Specs = [{Id, spec(Id, World, Clock, Tree, Sim, Nodes, Options)} || Id <- Ids],
+            Transport = starl_world_transport:new(maps:get(transport, Options), Ids, #{
+                sim => Sim, speed => maps:get(speed, Options, 1)
+            }),
+            Lines = maps:from_list([
+                {Id, starl_world_transport:line(Id, Nodes, Transport)}
+             || Id <- Ids
+            ]),
+            Specs = [{Id, spec(Id, World, Clock, Tree, Sim, Lines, Options)} || Id <- Ids],
             State = #state{
                 world = World,
                 specs = maps:from_list(Specs),
@@ -156,15 +160,14 @@ init({#{robots := Poses, crew := #{tree := Tree}, world := Sim} = Plan, Options}
             {stop, {shutdown, Reason}}
     end.
 
-spec(Id, World, Clock, Tree, #{profiles := Profiles}, Nodes, Options) ->
-    #{dir := Dir, transport := Transport} = Options,
+spec(Id, World, Clock, Tree, #{profiles := Profiles}, Lines, #{dir := Dir}) ->
     #{
         robot => Id,
         tree => Tree,
         profile => starl_chassis:of_robot(Id, Profiles),
         clock => Clock,
         dir => filename:join(Dir, "robot-" ++ integer_to_list(Id)),
-        transport => Transport(Id, Nodes),
+        transport => maps:get(Id, Lines),
         positioning => {starl_world_sight, #{world => World}},
         chassis => {starl_world_chassis, #{world => World}},
         sink => World

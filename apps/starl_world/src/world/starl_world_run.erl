@@ -38,19 +38,21 @@ started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
     Clock = starl_live_clock:new(erlang:system_time(microsecond), Speed),
     World0 = maps:with([rate_hz, whole_mm], Options),
     {ok, World} = starl_world:start_link(World0#{plan => Plan, clock => Clock}),
-    #{robots := Poses} = Plan,
-    Robots = [robot(Id, World, Clock, Dir, Plan) || {Id, _} <- Poses],
+    #{robots := Poses, world := Sim} = Plan,
+    Ids = [Id || {Id, _} <- Poses],
+    Transport = starl_world_transport:new(local, Ids, #{sim => Sim, speed => Speed}),
+    Robots = [robot(Id, World, Clock, Dir, Plan, Transport) || Id <- Ids],
     #run{world = World, robots = Robots, dir = Dir, scenario = Scenario, scene = Scene}.
 
-robot(Id, World, Clock, Dir, #{crew := #{tree := Tree}, world := Sim}) ->
-    #{loss := Loss, delay_us := Delay, profiles := Profiles} = Sim,
+robot(Id, World, Clock, Dir, #{crew := #{tree := Tree}, world := Sim}, Transport) ->
+    #{profiles := Profiles} = Sim,
     {ok, Sup} = starl_live_robot:start_link(#{
         robot => Id,
         tree => Tree,
         profile => starl_chassis:of_robot(Id, Profiles),
         clock => Clock,
         dir => filename:join(Dir, "robot-" ++ integer_to_list(Id)),
-        transport => {starl_world_air, #{loss => Loss, delay_us => Delay}},
+        transport => starl_world_transport:line(Id, #{}, Transport),
         positioning => {starl_world_sight, #{world => World}},
         chassis => {starl_world_chassis, #{world => World}},
         sink => World

@@ -1,0 +1,67 @@
+%% @doc The transport of a run on this computer: the line of each robot's link to the others.
+-module(starl_world_transport).
+
+-export([new/3, line/3]).
+
+-export_type([t/0, name/0]).
+
+%% A transport's name: within one VM, by Erlang distribution, by UDP.
+-type name() :: local | dist | udp.
+
+-record(transport, {
+    name :: name(),
+    common :: map(),
+    %% of UDP: the address of each robot
+    ports = #{} :: #{starl:robot_id() => {inet:ip_address(), inet:port_number()}}
+}).
+
+-opaque t() :: #transport{}.
+
+-define(LOOPBACK, {127, 0, 0, 1}).
+
+%% @doc A transport for these robots, with the radio of a scenario. Its time passes this much faster
+%% than real time, so the delays of packets are shorter.
+-spec new(name(), [starl:robot_id()], #{sim := starl_sim_platform:world(), speed := number()}) ->
+    t().
+new(Name, Robots, #{sim := Sim, speed := Speed}) ->
+    #{loss := Loss, duplicate := Duplicate, delay_us := {Least, Most}} = Sim,
+    <<Run:64>> = crypto:strong_rand_bytes(8),
+    Common = #{
+        fleet => "cluster",
+        run => Run,
+        air => #{
+            loss => Loss,
+            duplicates => Duplicate,
+            delay_ms => {round(Least / 1000 / Speed), round(Most / 1000 / Speed)},
+            seed => maps:get(seed, Sim)
+        }
+    },
+    sockets(Name, Robots, #transport{name = Name, common = Common}).
+
+sockets(udp, Robots, #transport{common = Common} = Transport) ->
+    Transport#transport{
+        common = Common#{key => starl_live_key:new()},
+        ports = maps:from_list([{Robot, {?LOOPBACK, free_port()}} || Robot <- Robots])
+    };
+sockets(_Name, _Robots, Transport) ->
+    Transport.
+
+%% Another program may take the port in the moment before the robot does: then its start fails with
+%% one line.
+free_port() ->
+    {ok, Socket} = gen_udp:open(0, [{ip, ?LOOPBACK}]),
+    {ok, Port} = inet:port(Socket),
+    ok = gen_udp:close(Socket),
+    Port.
+
+%% @doc The line of a robot; `Nodes' are the robots' nodes.
+-spec line(starl:robot_id(), #{starl:robot_id() => node()}, t()) -> starl_live_link:line().
+line(Robot, Nodes, #transport{name = Name, common = #{air := Air} = Common, ports = Ports}) ->
+    %% each robot has a chance of its own
+    #{seed := Seed} = Air,
+    Own = Common#{air := Air#{seed := erlang:phash2({Seed, Robot})}},
+    case Name of
+        local -> {starl_live_local, Own};
+        dist -> {starl_live_dist, Own#{peers => Nodes}};
+        udp -> {starl_live_udp, Own#{peers => Ports}}
+    end.
