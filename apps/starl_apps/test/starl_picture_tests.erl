@@ -119,7 +119,7 @@ not_drawn_test_() ->
             "<g visibility='hidden'><path d='M5 5h9'/></g>",
             "<g visibility='hidden'><path d='M1 1h1' visibility='visible'/></g>",
             "<path visibility='visible' style='visibility:hidden' d='M5 5h9'/>",
-            "<style>path { display: none } </style>",
+            "<style>.gone { display: none }</style><path class='gone' d='M5 5h9'/>",
             "<text>word</text>",
             "<image href='a.png'/>",
             "<x:path xmlns:x='urn:other' d='M5 5h9'/>",
@@ -201,9 +201,15 @@ errors_test_() ->
             {{not_xml, png}, ["PNG"], [16#89, "PNG\r\n"]},
             {{wrong_root, "html"}, ["\"html\"", "<svg>"], "<html/>"},
             {{wrong_root, "svg"}, ["<svg>"], "<svg xmlns='urn:other'/>"},
-            {no_lines, ["no lines"], svg("<g/>")},
-            {no_lines, ["no lines"], svg("<path d='M1 1'/>")},
-            {only_text, ["convert the text to paths"], svg("<text>StarL</text>")},
+            {no_lines(#{}), ["no lines"], svg("<g/>")},
+            {no_lines(#{}), ["no lines"], svg("<path d='M1 1'/>")},
+            {no_lines(#{texts => 1}), ["convert the text to paths"], svg("<text>StarL</text>")},
+            {no_lines(#{images => 1}), ["trace"], svg("<image width='9' height='9'/>")},
+            {
+                no_lines(#{unseen => 1}),
+                ["only shape", "stroke"],
+                svg("<path d='M1 1h9v9' stroke='none' fill='none'/>")
+            },
             {{truncated, 3}, ["line 3", "ends"], "<svg>\n<g>\n<path d='M1 1"},
             {{truncated, 2}, ["line 2", "ends"], "<svg>\n<g>"},
             {
@@ -439,6 +445,12 @@ check_error(Reason, Words, Document) ->
     ?assert(printable(Line), Line),
     [?assertNotEqual(nomatch, string:find(Line, Word), {Word, Line}) || Word <- Words].
 
+no_lines(Some) ->
+    None = #{
+        texts => 0, images => 0, markers => 0, clips => 0, backgrounds => 0, unseen => 0
+    },
+    {no_lines, maps:merge(None, Some)}.
+
 line(Reason) -> iolist_to_binary(starl_picture:format_error(Reason)).
 
 printable(Line) ->
@@ -458,12 +470,12 @@ segments(Document) -> starl_picture:segments(ok(Document)).
 svg(Body) ->
     iolist_to_binary([
         "<svg xmlns='http://www.w3.org/2000/svg' "
-        "xmlns:xlink='http://www.w3.org/1999/xlink' viewBox='0 0 100 100'>",
+        "xmlns:xlink='http://www.w3.org/1999/xlink' viewBox='0 0 100 100' stroke='black'>",
         Body,
         "</svg>"
     ]).
 
-root(Text) -> ["<svg xmlns='http://www.w3.org/2000/svg' ", Text].
+root(Text) -> ["<svg xmlns='http://www.w3.org/2000/svg' stroke='black' ", Text].
 
 drawn(Body) -> lists:sort(segments(svg(Body))).
 

@@ -12,12 +12,12 @@
 %% picture gives the same segments on machines with different sine functions. The tolerance includes
 %% the errors of rounding and of the removal of tiny segments.
 %%
-%% Reading is safe with any input: nothing outside the file is fetched, entities are refused,
-%% memory and time are bounded, and no atoms come from the file.
+%% Reading is safe with any input: nothing outside the file is fetched, memory and time are bounded,
+%% and no atoms come from the file.
 -module(starl_picture).
 
--export([read/2, parse/2, segments/1, tolerance/1, title/1, format_error/1]).
--export_type([t/0, point/0, segment/0, options/0, reason/0]).
+-export([read/2, parse/2, segments/1, tolerance/1, title/1, left_out/1, format_error/1]).
+-export_type([t/0, point/0, segment/0, options/0, left_out/0, reason/0]).
 
 -include_lib("kernel/include/file.hrl").
 
@@ -31,19 +31,21 @@
     tolerance_mm => float(),
     max_segments => pos_integer()
 }.
+%% Numbers of what a browser shows and the picture has not.
+-type left_out() :: starl_svg_walk:left_out().
 %% The reason why a picture cannot be read; {@link format_error/1} turns it into a line of text.
 -type reason() ::
     {cannot_read, file:filename(),
         missing | directory | no_permission | too_big | badarg | file:posix()}
-    | no_lines
-    | only_text
+    | {no_lines, left_out()}
     | {too_many_segments, Max :: pos_integer()}
     | starl_svg:problem().
 
 -record(picture, {
     segments :: [segment()],
     tolerance :: float(),
-    title :: string()
+    title :: string(),
+    left_out :: left_out()
 }).
 -opaque t() :: #picture{}.
 
@@ -89,6 +91,10 @@ tolerance(#picture{tolerance = Tolerance}) -> Tolerance.
 %% @doc The title, one line of text, possibly empty.
 -spec title(t()) -> string().
 title(#picture{title = Title}) -> Title.
+
+%% @doc What is left out of the picture.
+-spec left_out(t()) -> left_out().
+left_out(#picture{left_out = LeftOut}) -> LeftOut.
 
 %% @doc One line of text that states the problem, its place and the remedy.
 -spec format_error(reason()) -> binary().
@@ -152,43 +158,59 @@ line(Text) ->
 
 %%% From the drawing to the floor
 
-picture(#{outlines := Outlines, frame := Frame, title := Title} = Drawing, Area, Tolerance, Max) ->
-    case place(Outlines, Frame, Area) of
+picture(#{shapes := Shapes, frame := Frame, left_out := LeftOut} = Drawing, Area, Tolerance, Max) ->
+    case place(Shapes, Frame, Area) of
         {ok, Map} ->
-            Floor = [
-                [starl_svg_curve:transform(Map, Curve) || Curve <- Outline]
-             || Outline <- Outlines
-            ],
-            case chords(Floor, Tolerance, Max) of
-                {ok, []} ->
-                    nothing(Drawing);
-                {ok, Segments} ->
-                    {ok, #picture{segments = Segments, tolerance = Tolerance, title = line(Title)}};
-                {error, _} = Error ->
-                    Error
+            case chords([on_floor(Map, Shape) || Shape <- Shapes], Tolerance, Max) of
+                {ok, []} -> {error, {no_lines, LeftOut}};
+                {ok, Segments} -> {ok, made(Segments, Tolerance, Drawing)};
+                {error, _} = Error -> Error
             end;
         nothing ->
-            nothing(Drawing)
+            {error, {no_lines, LeftOut}}
     end.
 
-nothing(#{has_text := true}) -> {error, only_text};
-nothing(#{has_text := false}) -> {error, no_lines}.
+made(Segments, Tolerance, #{title := Title, left_out := LeftOut}) ->
+    #picture{
+        segments = Segments, tolerance = Tolerance, title = line(Title), left_out = LeftOut
+    }.
+
+on_floor(Map, {Outline, Clips}) ->
+    {
+        [starl_svg_curve:transform(Map, Curve) || Curve <- Outline],
+        [starl_svg_clip:transform(Map, Clip) || Clip <- Clips]
+    }.
 
 %% The map from the drawing to the floor.
-place([], _Frame, _Area) ->
-    nothing;
-place(Outlines, Frame, {AX0, AY0, AX1, AY1}) ->
-    [First | Rest] = [starl_svg_curve:bounds(Curve) || Outline <- Outlines, Curve <- Outline],
-    Box = lists:foldl(fun starl_svg_curve:merge_bounds/2, First, Rest),
-    {X0, Y0, X1, Y1} = fitted(Frame, Box),
-    case scale(X1 - X0, AX1 - AX0, Y1 - Y0, AY1 - AY0) of
-        none ->
+place(Shapes, Frame, {AX0, AY0, AX1, AY1}) ->
+    case boxes(Shapes) of
+        [] ->
             nothing;
-        S ->
-            {CX, CY} = {(X0 + X1) / 2.0, (Y0 + Y1) / 2.0},
-            {FX, FY} = {(AX0 + AX1) / 2.0, (AY0 + AY1) / 2.0},
-            {ok, {S, 0.0, 0.0, -S, FX - CX * S, FY + CY * S}}
+        [First | Rest] ->
+            Box = lists:foldl(fun starl_svg_curve:merge_bounds/2, First, Rest),
+            {X0, Y0, X1, Y1} = fitted(Frame, Box),
+            case scale(X1 - X0, AX1 - AX0, Y1 - Y0, AY1 - AY0) of
+                none ->
+                    nothing;
+                S ->
+                    {CX, CY} = {(X0 + X1) / 2.0, (Y0 + Y1) / 2.0},
+                    {FX, FY} = {(AX0 + AX1) / 2.0, (AY0 + AY1) / 2.0},
+                    {ok, {S, 0.0, 0.0, -S, FX - CX * S, FY + CY * S}}
+            end
     end.
+
+%% The boxes of what can be seen through the windows.
+boxes(Shapes) ->
+    lists:append([
+        seen(starl_svg_curve:bounds(Curve), [starl_svg_clip:box(Clip) || Clip <- Clips])
+     || {Outline, Clips} <- Shapes, Curve <- Outline
+    ]).
+
+seen({X0, Y0, X1, Y1}, _Windows) when X0 > X1; Y0 > Y1 -> [];
+seen(Box, []) ->
+    [Box];
+seen({A0, B0, A1, B1}, [{C0, D0, C1, D1} | Windows]) ->
+    seen({max(A0, C0), max(B0, D0), min(A1, C1), min(B1, D1)}, Windows).
 
 fitted(none, Box) ->
     Box;
@@ -212,8 +234,8 @@ scale(W, AreaW, H, AreaH) ->
 
 %%% Segments
 
-chords(Outlines, Tolerance, Max) ->
-    case chords(Outlines, Tolerance - ?SLACK_MM, Max * ?DUPLICATES, []) of
+chords(Shapes, Tolerance, Max) ->
+    case chords(Shapes, Tolerance - ?SLACK_MM, Max * ?DUPLICATES, []) of
         {ok, Segments} ->
             Unique = unique(Segments),
             case length(Unique) =< Max of
@@ -226,25 +248,35 @@ chords(Outlines, Tolerance, Max) ->
 
 chords([], _Tolerance, _Left, Chains) ->
     {ok, [Segment || Chain <- lists:reverse(Chains), Segment <- Chain]};
-chords([Outline | Outlines], Tolerance, Left, Chains) ->
+chords([{Outline, Clips} | Shapes], Tolerance, Left, Chains) ->
     Counted = [{Curve, starl_svg_curve:steps(Curve, Tolerance)} || Curve <- Outline],
     case lists:sum([N || {_, N} <- Counted]) of
         Count when Count > Left -> too_many;
         Count ->
             Points = [P || {Curve, N} <- Counted, P <- starl_svg_curve:flatten(Curve, N)],
             Chain = chain(rounded(starl_svg_curve:start(hd(Outline))), Points),
-            chords(Outlines, Tolerance, Left - Count, [Chain | Chains])
+            chords(Shapes, Tolerance, Left - Count, [clipped(Clips, Chain) | Chains])
     end.
 
 %% Joins the points; a point too close to the last one taken is left out.
 chain(_From, []) ->
     [];
-chain({X0, Y0} = From, [Point | Points]) ->
-    {X1, Y1} = To = rounded(Point),
-    case math:sqrt((X1 - X0) * (X1 - X0) + (Y1 - Y0) * (Y1 - Y0)) < ?SHORTEST_MM of
+chain(From, [Point | Points]) ->
+    To = rounded(Point),
+    case length_of(From, To) < ?SHORTEST_MM of
         true -> chain(From, Points);
         false -> [{From, To} | chain(To, Points)]
     end.
+
+clipped([], Chain) ->
+    Chain;
+clipped([Clip | Clips], Chain) ->
+    Inside = [Part || Segment <- Chain, {ok, Part} <- [starl_svg_clip:cut(Clip, Segment)]],
+    Rounded = [{rounded(P), rounded(Q)} || {P, Q} <- Inside],
+    clipped(Clips, [Segment || {P, Q} = Segment <- Rounded, length_of(P, Q) >= ?SHORTEST_MM]).
+
+length_of({X0, Y0}, {X1, Y1}) ->
+    math:sqrt((X1 - X0) * (X1 - X0) + (Y1 - Y0) * (Y1 - Y0)).
 
 rounded({X, Y}) -> {round(X * 1000.0) / 1000, round(Y * 1000.0) / 1000}.
 

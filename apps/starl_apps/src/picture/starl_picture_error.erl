@@ -27,10 +27,12 @@ text({bad_encoding, Name}) ->
     {"the picture cannot be read as ~ts; save it as UTF-8", [quote(Name)]};
 text({entities, Line}) ->
     {
-        "line ~b: the DOCTYPE has a part in [...], which may declare entities; these are refused for "
-        "safety, save the picture as plain SVG",
+        "line ~b: the DOCTYPE declares something other than plain text entities, which is refused "
+        "for safety; save the picture as plain SVG",
         [Line]
     };
+text({entities_too_big, Line}) ->
+    {"line ~b: the entities of the DOCTYPE are too long; save the picture as plain SVG", [Line]};
 text({truncated, Line}) ->
     {"line ~b: the picture ends in the middle; fetch or export the file again", [Line]};
 text({bad_xml, Line, What}) ->
@@ -61,22 +63,32 @@ text({bad_reference, Where, Text}) ->
     ]};
 text({use_too_deep, Where}) ->
     {"~ts: <use> elements refer to each other without end; remove the loop", [where(Where)]};
-text(no_lines) ->
-    {"the picture draws no lines; it needs a visible line, path or other shape", []};
-text(only_text) ->
+text({no_lines, #{texts := Texts, unseen := 0}}) when Texts > 0 ->
     {
         "the picture draws no lines, only text; convert the text to paths "
         "(in Inkscape: Path, Object to Path)",
         []
     };
+text({no_lines, #{unseen := Unseen}}) when Unseen > 0 ->
+    {
+        "the picture draws no lines: ~ts; give them a stroke",
+        [unseen(Unseen)]
+    };
+text({no_lines, #{images := Images}}) when Images > 0 ->
+    {"the picture draws no lines, only an image; trace the image to paths first", []};
+text({no_lines, _LeftOut}) ->
+    {"the picture draws no lines; it needs a visible line, path or other shape", []};
 text(too_many_shapes) ->
     {"the picture has too many shapes; simplify the drawing", []};
 text({too_many_segments, Max}) ->
     {
-        "the picture has more than ~b line segments; simplify it, or allow a larger tolerance or "
-        "more segments",
+        "the picture has more than ~b line segments; simplify it, or allow a larger --tolerance or "
+        "more --segments",
         [Max]
     }.
+
+unseen(1) -> "its only shape has neither stroke nor fill that is visible";
+unseen(N) -> io_lib:format("its ~b shapes have neither stroke nor fill that is visible", [N]).
 
 file_text(missing) -> "there is no such file";
 file_text(directory) -> "it is a directory; give an SVG file";

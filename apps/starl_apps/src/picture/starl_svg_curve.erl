@@ -10,7 +10,7 @@
 %% radius times `1 - cos(h / 2)'. The number of steps follows from this, so the bound always holds.
 -module(starl_svg_curve).
 
--export([start/1, transform/2, bounds/1, merge_bounds/2, steps/2, flatten/2]).
+-export([start/1, finish/1, transform/2, bounds/1, merge_bounds/2, steps/2, flatten/2]).
 -export([ellipse/4, arc/6]).
 -export_type([t/0, point/0, bounds/0]).
 
@@ -36,6 +36,13 @@
 %% @doc The start of the curve.
 -spec start(t()) -> point().
 start(Curve) -> element(2, Curve).
+
+%% @doc The end of the curve.
+-spec finish(t()) -> point().
+finish({line, _, P1}) -> P1;
+finish({quad, _, _, P2}) -> P2;
+finish({cubic, _, _, _, P3}) -> P3;
+finish({arc, _, P1, _, _, _, _, _}) -> P1.
 
 %% @doc The arc of an axis-parallel ellipse from angle `From', `Sweep' radians on.
 -spec ellipse(Centre :: point(), Radii :: point(), From :: float(), Sweep :: float()) -> arc().
@@ -133,10 +140,6 @@ flatten(Curve, N) -> [point_at(Curve, K / N) || K <- lists:seq(1, N - 1)] ++ [fi
 %%% Internals
 
 at(Matrix, Point) -> starl_svg_transform:apply(Matrix, Point).
-
-finish({quad, _, _, P2}) -> P2;
-finish({cubic, _, _, _, P3}) -> P3;
-finish({arc, _, P1, _, _, _, _, _}) -> P1.
 
 point_at({quad, P0, P1, P2}, T) ->
     between(between(P0, P1, T), between(P1, P2, T), T);

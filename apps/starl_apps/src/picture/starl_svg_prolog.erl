@@ -1,6 +1,9 @@
 %% @doc Reads the part of an XML document before its root element: encoding, declaration, document
 %% type (XML 1.0, sections 2.8 and 4.3.3). A part of the SVG reader, {@link starl_svg}.
 %%
+%% A document type may declare entities that are plain text ({@link starl_svg_entity}), as
+%% Illustrator's do; they are expanded here. Nothing outside of the file is ever opened.
+%%
 %% The result is the document in UTF-8 with a plain declaration and a prolog of line feeds only,
 %% which keep the line numbers equal to those of the file.
 -module(starl_svg_prolog).
@@ -78,56 +81,68 @@ label(Name) -> atom_to_list(Name).
 decoded({error, _} = Error) ->
     Error;
 decoded({ok, Text}) ->
-    %% A character reference with very many digits would cost quadratic time.
-    case re:run(Text, <<"&#x?[0-9a-fA-F]{10}">>) of
-        {match, [{At, _}]} ->
-            Line = 1 + lines(binary:part(Text, 0, At)),
-            {error, {bad_xml, Line, "a character reference is too long"}};
-        nomatch ->
-            prolog(Text, Text)
-    end.
+    prolog(Text, starl_svg_entity:none(), Text).
 
-prolog(<<C, Rest/binary>>, Text) when ?IS_SPACE(C) -> prolog(Rest, Text);
-prolog(<<?BOM/utf8, Rest/binary>>, Text) ->
-    prolog(Rest, Text);
-prolog(<<"<?", Rest/binary>>, Text) ->
-    past(<<"?>">>, Rest, Text);
-prolog(<<"<!--", Rest/binary>>, Text) ->
-    past(<<"-->">>, Rest, Text);
-prolog(<<"<!DOCTYPE", Rest/binary>>, Text) ->
-    doctype(Rest, Text);
-prolog(<<"<", _/binary>> = Root, Text) ->
-    Before = binary:part(Text, 0, byte_size(Text) - byte_size(Root)),
-    {ok, <<?DECLARATION/binary, (binary:copy(<<"\n">>, lines(Before)))/binary, Root/binary>>};
-prolog(<<>>, Text) ->
+prolog(<<C, Rest/binary>>, Entities, Text) when ?IS_SPACE(C) -> prolog(Rest, Entities, Text);
+prolog(<<?BOM/utf8, Rest/binary>>, Entities, Text) ->
+    prolog(Rest, Entities, Text);
+prolog(<<"<?", Rest/binary>>, Entities, Text) ->
+    past(<<"?>">>, Rest, Entities, Text);
+prolog(<<"<!--", Rest/binary>>, Entities, Text) ->
+    past(<<"-->">>, Rest, Entities, Text);
+prolog(<<"<!DOCTYPE", Rest/binary>>, Entities, Text) ->
+    doctype(Rest, Entities, Text);
+prolog(<<"<", _/binary>> = Root, Entities, Text) ->
+    Line = line(Root, Text),
+    case starl_svg_entity:expand(Root, Entities) of
+        {ok, Expanded} -> body(Expanded, Line);
+        {error, Problem} -> {error, {Problem, Line}}
+    end;
+prolog(<<>>, _Entities, Text) ->
     {error, {truncated, 1 + lines(Text)}};
-prolog(_, _Text) ->
+prolog(_, _Entities, _Text) ->
     {error, {not_xml, unknown}}.
 
-past(End, Rest, Text) ->
+%% A character reference with very many digits would cost quadratic time.
+body(Root, Line) ->
+    case re:run(Root, <<"&#x?[0-9a-fA-F]{10}">>) of
+        {match, [{At, _}]} ->
+            Lines = lines(binary:part(Root, 0, At)),
+            {error, {bad_xml, Line + Lines, "a character reference is too long"}};
+        nomatch ->
+            {ok, <<?DECLARATION/binary, (binary:copy(<<"\n">>, Line - 1))/binary, Root/binary>>}
+    end.
+
+past(End, Rest, Entities, Text) ->
     case binary:split(Rest, End) of
-        [_, After] -> prolog(After, Text);
+        [_, After] -> prolog(After, Entities, Text);
         [_] -> {error, {truncated, 1 + lines(Text)}}
     end.
 
-doctype(<<$>, Rest/binary>>, Text) ->
-    prolog(Rest, Text);
-doctype(<<$", Rest/binary>>, Text) ->
-    quoted(<<"\"">>, Rest, Text);
-doctype(<<$', Rest/binary>>, Text) ->
-    quoted(<<"'">>, Rest, Text);
-doctype(<<$[, _/binary>> = Rest, Text) ->
-    Before = binary:part(Text, 0, byte_size(Text) - byte_size(Rest)),
-    {error, {entities, 1 + lines(Before)}};
-doctype(<<_, Rest/binary>>, Text) ->
-    doctype(Rest, Text);
-doctype(<<>>, Text) ->
+doctype(<<$>, Rest/binary>>, Entities, Text) ->
+    prolog(Rest, Entities, Text);
+doctype(<<$", Rest/binary>>, Entities, Text) ->
+    quoted(<<"\"">>, Rest, Entities, Text);
+doctype(<<$', Rest/binary>>, Entities, Text) ->
+    quoted(<<"'">>, Rest, Entities, Text);
+doctype(<<$[, Rest/binary>>, Entities, Text) ->
+    case starl_svg_entity:declared(Rest, Entities) of
+        {ok, More, After} -> doctype(After, More, Text);
+        {error, truncated, _Place} -> {error, {truncated, 1 + lines(Text)}};
+        {error, Problem, Place} -> {error, {Problem, line(Place, Text)}}
+    end;
+doctype(<<_, Rest/binary>>, Entities, Text) ->
+    doctype(Rest, Entities, Text);
+doctype(<<>>, _Entities, Text) ->
     {error, {truncated, 1 + lines(Text)}}.
 
-quoted(Quote, Rest, Text) ->
+quoted(Quote, Rest, Entities, Text) ->
     case binary:split(Rest, Quote) of
-        [_, After] -> doctype(After, Text);
+        [_, After] -> doctype(After, Entities, Text);
         [_] -> {error, {truncated, 1 + lines(Text)}}
     end.
+
+%% The line on which a rest of the text begins.
+line(Rest, Text) -> 1 + lines(binary:part(Text, 0, byte_size(Text) - byte_size(Rest))).
 
 lines(Text) -> length(binary:matches(Text, <<"\n">>)).

@@ -1,4 +1,5 @@
-%% @doc Affine maps of the plane, and a parser of the `transform' attribute (SVG 1.1, section 7.6).
+%% @doc Affine maps of the plane, and a parser of the `transform' attribute (SVG 1.1, section 7.6),
+%% also as style sheets write it (CSS Transforms 1, section 7, in the plane, with px and deg).
 %% A part of the SVG reader, {@link starl_svg}.
 %%
 %% A matrix is `{A, B, C, D, E, F}' and maps `{X, Y}' to `{A*X + C*Y + E, B*X + D*Y + F}'.
@@ -84,7 +85,7 @@ function(Text) ->
     end.
 
 function(Name, Arguments, Rest) ->
-    case starl_svg_number:list(Arguments) of
+    case starl_svg_number:list(without_units(Arguments)) of
         {ok, Numbers} ->
             case matrix(Name, Numbers) of
                 {ok, Matrix} -> {ok, Matrix, Rest};
@@ -96,7 +97,15 @@ function(Name, Arguments, Rest) ->
             {error, syntax}
     end.
 
+%% In style sheets numbers have units, of which only these two keep the number.
+without_units(Text) ->
+    re:replace(Text, <<"(?<=[0-9.])(px|deg)\\b">>, <<>>, [global, {return, binary}]).
+
 matrix(<<"matrix">>, [A, B, C, D, E, F]) -> {ok, {A, B, C, D, E, F}};
+matrix(<<"translateX">>, [X]) -> {ok, translation(X, 0.0)};
+matrix(<<"translateY">>, [Y]) -> {ok, translation(0.0, Y)};
+matrix(<<"scaleX">>, [S]) -> {ok, scaling(S, 1.0)};
+matrix(<<"scaleY">>, [S]) -> {ok, scaling(1.0, S)};
 matrix(<<"translate">>, [X]) -> {ok, translation(X, 0.0)};
 matrix(<<"translate">>, [X, Y]) -> {ok, translation(X, Y)};
 matrix(<<"scale">>, [S]) -> {ok, scaling(S, S)};

@@ -2,19 +2,19 @@
 %% {@link starl_svg}.
 %%
 %% The parser is OTP's `xmerl_sax_parser', which makes no atoms from its input. It never sees
-%% dangerous input: {@link starl_svg_prolog} reads the prolog, drops a document type declaration
-%% unread, so that nothing is fetched, and refuses one with an internal subset, the only place where
-%% entities can be declared. Against documents of a hostile shape the parser runs in a separate
-%% process with bounds on memory and time, and the tree has bounds on depth and size.
+%% dangerous input: {@link starl_svg_prolog} reads the prolog, removes the document type
+%% declaration, so that nothing is fetched, and expands the entities that it declares, within
+%% bounds. Against documents of a hostile shape the tree has bounds on depth and size, and
+%% {@link starl_svg} runs the parser with bounds on memory and time.
 -module(starl_svg_xml).
 
 -export([parse/2]).
--export([name/1, line/1, attribute/2, attribute/3, children/1, text/1]).
+-export([name/1, line/1, attribute/2, attribute/3, children/1, text/1, update/3]).
 -export_type([element_/0, vocabulary/0, role/0, problem/0]).
 
 %% The treatment of an element: a group is kept with its content; a hidden group likewise, but its
-%% shapes do not count; a shape or a leaf is kept alone, a label with its text.
--type role() :: group | hidden | shape | leaf | label.
+%% shapes do not count; a shape or a leaf is kept alone, a label or a style sheet with its text.
+-type role() :: group | hidden | shape | leaf | label | sheet.
 %% Elements and attributes not named here are dropped, the elements with all their content.
 -type vocabulary() :: #{
     root := string(),
@@ -28,7 +28,7 @@
     empty
     | {not_xml, png | jpeg | gzip | pdf | unknown}
     | {bad_encoding, Name :: string()}
-    | {entities, Line :: pos_integer()}
+    | {starl_svg_entity:problem(), Line :: pos_integer()}
     | {truncated, Line :: pos_integer()}
     | {bad_xml, Line :: pos_integer(), What :: string()}
     | {wrong_root, Name :: string()}
@@ -42,7 +42,9 @@
     line :: pos_integer(),
     attributes :: #{binary() => binary()},
     children = [] :: [element_()],
-    text = [] :: string()
+    %% Pieces, the last one first, and their length.
+    text = [] :: [string()],
+    length = 0 :: non_neg_integer()
 }).
 -opaque element_() :: #element{}.
 
@@ -61,14 +63,13 @@
 -define(MAX_DEPTH, 200).
 -define(MAX_ELEMENTS, 200_000).
 -define(MAX_LABEL, 1000).
--define(MAX_HEAP_WORDS, 64_000_000).
--define(MAX_TIME_MS, 10_000).
+-define(MAX_SHEET, 2_000_000).
 
 %% @doc The root element of a document.
 -spec parse(binary(), vocabulary()) -> {ok, element_()} | {error, problem()}.
 parse(Bytes, Vocabulary) ->
     case starl_svg_prolog:read(Bytes) of
-        {ok, Document} -> in_process(Document, Vocabulary);
+        {ok, Document} -> sax(Document, Vocabulary);
         {error, _} = Error -> Error
     end.
 
@@ -93,35 +94,16 @@ attribute(Name, #element{attributes = Attributes}, Default) ->
 -spec children(element_()) -> [element_()].
 children(#element{children = Children}) -> Children.
 
-%% @doc The text inside a label.
+%% @doc The text inside a label or a style sheet.
 -spec text(element_()) -> string().
-text(#element{text = Text}) -> Text.
+text(#element{text = Text}) -> lists:append(lists:reverse(Text)).
 
-%%% The bounded process
+%% @doc The element with other children, and with these attributes instead of or beside its own.
+-spec update(#{binary() => binary()}, [element_()], element_()) -> element_().
+update(Attributes, Children, #element{attributes = Own} = Element) ->
+    Element#element{attributes = maps:merge(Own, Attributes), children = Children}.
 
-in_process(Document, Vocabulary) ->
-    Limit = #{size => ?MAX_HEAP_WORDS, kill => true, error_logger => false},
-    Reader = self(),
-    Tag = make_ref(),
-    {Pid, Ref} = spawn_opt(
-        fun() -> Reader ! {Tag, sax(Document, Vocabulary)} end,
-        [monitor, {max_heap_size, Limit}]
-    ),
-    receive
-        {'DOWN', Ref, process, Pid, _} -> result(Tag)
-    after ?MAX_TIME_MS ->
-        exit(Pid, kill),
-        receive
-            {'DOWN', Ref, process, Pid, _} -> result(Tag)
-        end
-    end.
-
-%% A message arrives before the `DOWN' of its sender; a killed process has sent none.
-result(Tag) ->
-    receive
-        {Tag, Result} -> Result
-    after 0 -> {error, too_complex}
-    end.
+%%% Internals
 
 sax(Document, Vocabulary) ->
     Options = [
@@ -215,10 +197,7 @@ keep(Role, Element, Reading) ->
 closed(#reading{dropped = Dropped} = Reading) when Dropped > 0 ->
     Reading#reading{dropped = Dropped - 1};
 closed(#reading{open = [Element | Open], hidden = Hidden} = Reading) ->
-    Whole = Element#element{
-        children = lists:reverse(Element#element.children),
-        text = lists:sublist(Element#element.text, ?MAX_LABEL)
-    },
+    Whole = Element#element{children = lists:reverse(Element#element.children)},
     attach(Whole, Reading#reading{open = Open, hidden = max(0, Hidden - 1)}).
 
 attach(Element, #reading{open = []} = Reading) ->
@@ -235,14 +214,16 @@ characters(Text, Line, #reading{open = []} = Reading) ->
 characters(Text, _Line, #reading{dropped = 0, open = [Top | Open]} = Reading) ->
     #{elements := Elements} = Reading#reading.vocabulary,
     case maps:get(binary_to_list(Top#element.name), Elements) of
-        label -> Reading#reading{open = [add_text(Text, Top) | Open]};
+        label -> Reading#reading{open = [add_text(Text, ?MAX_LABEL, Top) | Open]};
+        sheet -> Reading#reading{open = [add_text(Text, ?MAX_SHEET, Top) | Open]};
         _ -> Reading
     end;
 characters(_Text, _Line, Reading) ->
     Reading.
 
-add_text(Text, #element{text = Before} = Element) ->
-    Element#element{text = lists:sublist(Before ++ lists:sublist(Text, ?MAX_LABEL), ?MAX_LABEL)}.
+add_text(Text, Max, #element{text = Before, length = Length} = Element) ->
+    Piece = lists:sublist(Text, Max - Length),
+    Element#element{text = [Piece | Before], length = Length + length(Piece)}.
 
 -spec refuse(problem()) -> no_return().
 refuse(Problem) -> throw({refused, Problem}).

@@ -1,0 +1,109 @@
+%% @doc Clipping by convex polygons: what the window of a nested picture, or a `clipPath' that is a
+%% rectangle or another convex polygon, leaves of a line (Cyrus and Beck, 1978). A part of the SVG
+%% reader, {@link starl_svg}.
+-module(starl_svg_clip).
+
+-export([rectangle/3, of_path/2, transform/2, box/1, cut/2]).
+-export_type([t/0]).
+
+-type point() :: starl_svg_curve:point().
+-type matrix() :: starl_svg_transform:matrix().
+%% The corners, in one or the other sense of rotation.
+-opaque t() :: [point(), ...].
+
+%% Numbers of curves that a clipping path may have.
+-define(MOST, 100).
+-define(UNITS, {0.0, 0.0}).
+
+%% @doc The image of a rectangle.
+-spec rectangle(point(), Size :: point(), matrix()) -> t().
+rectangle({X, Y}, {W, H}, Matrix) ->
+    transform(Matrix, [{X, Y}, {X + W, Y}, {X + W, Y + H}, {X, Y + H}]).
+
+%% @doc The polygon of a `clipPath' element; `unknown' if it is none, or not convex.
+-spec of_path(starl_svg_xml:element_(), matrix()) -> {ok, t()} | none | unknown.
+of_path(Element, Matrix) ->
+    Units = starl_svg_xml:attribute(<<"clipPathUnits">>, Element, <<"userSpaceOnUse">>),
+    case {starl_svg_xml:name(Element), Units, starl_svg_xml:children(Element)} of
+        {<<"clipPath">>, <<"userSpaceOnUse">>, [Shape]} -> of_shape(Element, Shape, Matrix);
+        {<<"clipPath">>, _, _} -> unknown;
+        {_, _, _} -> none
+    end.
+
+%% @doc The image of a polygon.
+-spec transform(matrix(), t()) -> t().
+transform(Matrix, Corners) -> [starl_svg_transform:apply(Matrix, Corner) || Corner <- Corners].
+
+%% @doc The box around a polygon.
+-spec box(t()) -> starl_svg_curve:bounds().
+box(Corners) ->
+    {Xs, Ys} = lists:unzip(Corners),
+    {lists:min(Xs), lists:min(Ys), lists:max(Xs), lists:max(Ys)}.
+
+%% @doc The part of a segment that lies inside.
+-spec cut(t(), {point(), point()}) -> {ok, {point(), point()}} | outside.
+cut(Corners, {P, Q} = Segment) ->
+    Sense = sign(area(Corners)),
+    Bounds = lists:foldl(
+        fun(Side, Bounds) -> narrowed(Sense * left(Side, P), Sense * left(Side, Q), Bounds) end,
+        {0.0, 1.0},
+        sides(Corners)
+    ),
+    case Bounds of
+        {0.0, 1.0} -> {ok, Segment};
+        {From, To} when From < To -> {ok, {between(P, Q, From), between(P, Q, To)}};
+        {_, _} -> outside
+    end.
+
+%%% Internals
+
+of_shape(Element, Shape, Matrix0) ->
+    IsShape = lists:member(starl_svg_xml:name(Shape), starl_svg_shape:names()),
+    Matrix = starl_svg_window:transformed(
+        Shape, ?UNITS, starl_svg_window:transformed(Element, ?UNITS, Matrix0)
+    ),
+    case IsShape andalso starl_svg_shape:outlines(Shape, ?UNITS, ?MOST) of
+        {ok, [Outline]} -> of_outline(Outline, Matrix);
+        _ -> unknown
+    end.
+
+of_outline(Outline, Matrix) ->
+    Closed = starl_svg_area:closed(Outline),
+    Lines = [Line || {line, _, _} = Line <- Closed],
+    Corners = [From || {line, From, To} <- Lines, From =/= To],
+    case length(Corners) >= 3 andalso length(Lines) =:= length(Closed) of
+        true -> convex(transform(Matrix, Corners));
+        false -> unknown
+    end.
+
+%% Every corner lies on the inner side of every side.
+convex(Corners) ->
+    Area = area(Corners),
+    Give = 1.0e-6 * abs(Area),
+    Inside = [
+        sign(Area) * left(Side, Corner) >= -Give
+     || Side <- sides(Corners), Corner <- Corners
+    ],
+    case Area /= 0.0 andalso lists:all(fun(Is) -> Is end, Inside) of
+        true -> {ok, Corners};
+        false -> unknown
+    end.
+
+sides([First | _] = Corners) -> lists:zip(Corners, tl(Corners) ++ [First]).
+
+%% Twice the area, with the sign of the sense of rotation.
+area(Corners) -> lists:sum([X0 * Y1 - X1 * Y0 || {{X0, Y0}, {X1, Y1}} <- sides(Corners)]).
+
+sign(X) when X < 0.0 -> -1.0;
+sign(_) -> 1.0.
+
+%% Positive for points to the left of a side, seen along it.
+left({{X0, Y0}, {X1, Y1}}, {X, Y}) -> (X1 - X0) * (Y - Y0) - (Y1 - Y0) * (X - X0).
+
+%% The bounds of the parameter after one more side; A and B are the distances of the ends from it.
+narrowed(A, B, Bounds) when A >= 0.0, B >= 0.0 -> Bounds;
+narrowed(A, B, _Bounds) when A =< 0.0, B =< 0.0 -> {1.0, 0.0};
+narrowed(A, B, {From, To}) when A < 0.0 -> {max(From, A / (A - B)), To};
+narrowed(A, B, {From, To}) -> {From, min(To, A / (A - B))}.
+
+between({X0, Y0}, {X1, Y1}, T) -> {X0 + (X1 - X0) * T, Y0 + (Y1 - Y0) * T}.
