@@ -11,7 +11,12 @@ names_test_() ->
         {"a file", ?_assertMatch({ok, _}, scene("my.svg"))},
         {"a file without an ending", ?_assertMatch({ok, _}, scene("mine"))},
         {"a directory is no picture", ?_test(says("it is a directory", scene("results")))},
-        {"nothing", ?_test(says("there is no such file", scene("nothing")))}
+        {"nothing", ?_test(says("there is no such file; give an SVG", scene("nothing")))},
+        {"nearly one", ?_test(says("(did you mean house?)", scene("hous")))},
+        {"what ships", ?_test(says("snowflake, text", scene("nothing")))},
+        {"no folder of them", ?_test(says("there is no such file", scene("../pictures/house")))},
+        {"too much", ?_test(says("allow a larger --tolerance", scene("house", #{segments => 99})))},
+        {"the tolerance", ?_test(tolerated())}
     ]}.
 
 enter() ->
@@ -31,8 +36,18 @@ leave({Before, Dir}) ->
     ok = file:set_cwd(Before),
     ok = file:del_dir_r(Dir).
 
-scene(Picture) ->
-    {ok, Options} = starl_options:check(#{picture => Picture}, starl_painting:options()),
+%% A larger tolerance gives fewer lines, which the monitor grants.
+tolerated() ->
+    {ok, Fine} = scene("curve"),
+    {ok, #{monitors := [{_, #{lines := Lines, tolerance_mm := 50.0}}]}} =
+        scene("curve", #{tolerance => 50}),
+    #{monitors := [{_, #{lines := All, tolerance_mm := 2.0}}]} = Fine,
+    ?assert(length(Lines) * 3 < length(All)).
+
+scene(Picture) -> scene(Picture, #{}).
+
+scene(Picture, Given) ->
+    {ok, Options} = starl_options:check(Given#{picture => Picture}, starl_painting:options()),
     starl_painting:scene(#{
         robots => [1, 2],
         world => {10000, 8000},

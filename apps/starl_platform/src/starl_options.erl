@@ -2,7 +2,8 @@
 %% given values against them. All problems are reported together; an unknown key is a problem.
 -module(starl_options).
 
--export([check/2, parse/2, misread/1, format_problem/1, type_text/1, suggestion/2]).
+-export([check/2, parse/2, misread/1, format_problem/1, type_text/1]).
+-export([suggestion/2, similar/2]).
 
 -export_type([option/0, type/0, problem/0]).
 
@@ -122,11 +123,16 @@ type_text({term, Shape, _}) -> Shape.
 %% @doc The known keys that resemble a mistyped one, best first.
 -spec suggestion(term(), [atom()]) -> [atom()].
 suggestion(Key, Keys) when is_atom(Key) ->
-    Text = atom_to_list(Key),
-    Near = lists:sort([{edits(Text, atom_to_list(K)), K} || K <- Keys]),
-    [K || {Edits, K} <- Near, Edits =< max(1, length(Text) div 3)];
+    Texts = [{atom_to_list(K), K} || K <- Keys],
+    [proplists:get_value(Text, Texts) || Text <- similar(atom_to_list(Key), [T || {T, _} <- Texts])];
 suggestion(_, _) ->
     [].
+
+%% @doc The words that are similar to a mistyped one, most similar first.
+-spec similar(string(), [string()]) -> [string()].
+similar(Text, Words) ->
+    Near = lists:sort([{edits(Text, Word), Word} || Word <- Words]),
+    [Word || {Edits, Word} <- Near, Edits =< max(1, length(Text) div 3)].
 
 %% -- internals ------------------------------------------------------------------------------
 

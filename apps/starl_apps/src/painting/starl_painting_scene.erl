@@ -4,8 +4,6 @@
 
 -export([options/0, scene/1]).
 
-%% The largest distance of the polylines from the picture's curves, on the floor.
--define(TOLERANCE_MM, 2.0).
 %% The distance of the centres of two touching Creates (radius 165 mm).
 -define(CONTACT_MM, 330).
 %% That of elect/2.
@@ -15,7 +13,10 @@
 -spec options() -> [starl_options:option()].
 options() ->
     [
-        {picture, file, "house", "an SVG file, or a picture that ships with the project"},
+        {picture, file, "house",
+            "an SVG file, or one that ships: " ++ starl_painting_picture:names()},
+        {tolerance, {number, 0.1, 1000}, 2, "lines keep so close to the picture's curves, mm"},
+        {segments, {integer, 1, 100000}, 5000, "a picture with more line segments is refused"},
         {safety_distance, {number, ?CONTACT_MM, 5000}, 400, "robots keep so far apart (r_s), mm"},
         {horizon, {number, 100, 100000}, 3000, "paint per assignment, mm"},
         {lease, {integer, 100, 1000000}, 10000,
@@ -33,7 +34,7 @@ scene(#{robots := Ids, world := World, profiles := Profiles, options := Options}
     Radius = maps:get(safety_distance, Options) / 2 + Tracking,
     case starl_roadmap:layout(floats(World), length(Ids), Radius) of
         {ok, Layout} ->
-            case picture(maps:get(picture, Options), maps:get(area, Layout)) of
+            case starl_painting_picture:read(maps:get(area, Layout), Options) of
                 {ok, Picture} -> place(Picture, Layout, Radius, Tracking, Context);
                 {error, _} = Error -> Error
             end;
@@ -66,7 +67,7 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
                     {starl_dpp, maps:merge(Plan, Leases)}
                 ],
                 poses => maps:map(fun(_, Spot) -> facing(Spot, World) end, Spots),
-                monitors => monitors(Lines, Tracking, Context),
+                monitors => monitors(Picture, Tracking, Context),
                 memo => #{
                     picture => Picture,
                     world => World,
@@ -85,14 +86,14 @@ lines_mm(Plan) ->
     #{total := Total} = starl_dpp_plan:counts(Plan),
     lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- lists:seq(1, Total)]).
 
-monitors(Lines, Tracking, #{robots := Ids, profiles := Profiles}) ->
+monitors(Picture, Tracking, #{robots := Ids, profiles := Profiles}) ->
     Own = tracking(Ids, Profiles),
     [
         {starl_painting_monitor, #{
-            lines => Lines,
+            lines => starl_picture:segments(Picture),
             ink_radius_mm => Tracking,
             tracking_mm => Own,
-            tolerance_mm => ?TOLERANCE_MM,
+            tolerance_mm => starl_picture:tolerance(Picture),
             ends_mm => lists:max([starl_chassis:ends_mm(Profile) || Profile <- Profiles]),
             complete => false
         }}
@@ -106,26 +107,6 @@ tracking(Ids, Profiles) ->
         {Id, starl_chassis:tracking_radius(starl_chassis:of_robot(Id, Profiles))}
      || Id <- Ids
     ]).
-
-picture(Name, Area) ->
-    File =
-        case is_shipped(Name) of
-            true -> shipped(Name);
-            false -> Name
-        end,
-    case starl_picture:read(File, #{area => Area, tolerance_mm => ?TOLERANCE_MM}) of
-        {ok, _} = Ok -> Ok;
-        {error, Reason} -> {error, starl_picture:format_error(Reason)}
-    end.
-
-%% A shipped picture is named without its folder and ending. A file of that name has priority; a
-%% directory of that name, such as the results of an earlier run, does not hide the picture.
-is_shipped(Name) ->
-    filename:extension(Name) =:= "" andalso
-        (not filelib:is_file(Name) orelse
-            filelib:is_dir(Name) andalso filelib:is_regular(shipped(Name))).
-
-shipped(Name) -> filename:join([code:priv_dir(starl_apps), "pictures", Name ++ ".svg"]).
 
 %% The heading towards the middle of the floor.
 facing({X, Y}, {Width, Height}) ->
