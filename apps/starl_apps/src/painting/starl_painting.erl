@@ -13,7 +13,7 @@
 -behaviour(starl_scene).
 
 -export([init/2, step/2]).
--export([options/0, scene/1, report/2]).
+-export([options/0, scene/1, preview/1, report/2]).
 
 -export_type([event/0]).
 
@@ -121,6 +121,9 @@ options() -> starl_painting_scene:options().
 
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
 scene(Context) -> starl_painting_scene:scene(Context).
+
+-spec preview(starl_scene:t()) -> starl_scene:preview().
+preview(Scene) -> starl_painting_preview:preview(Scene).
 
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(Scene, Outcome) -> starl_painting_report:report(Scene, Outcome).

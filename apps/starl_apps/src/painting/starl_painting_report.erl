@@ -16,7 +16,7 @@ report(#{memo := Memo}, #{monitors := Monitors} = Outcome) ->
         formats => formats(),
         complete => Covered >= 1.0,
         done => [percent(Covered), " of the lines painted"],
-        summary => summary(Figures),
+        summary => summary(Figures) ++ left_out(Memo),
         write => fun(Dir) -> draw(Dir, Memo, Paint, Outcome) end
     }.
 
@@ -69,6 +69,10 @@ percent(Covered) -> [decimals(2, floor(Covered * 10000) / 100), " %"].
 summary(Figures) ->
     Told = maps:from_list(Figures),
     [driven(Told)] ++ closest(Told) ++ [planned(Told)].
+
+%% What a browser shows of the picture and the team does not paint.
+left_out(#{picture := Picture}) ->
+    starl_picture_left_out:lines(starl_picture:left_out(Picture)).
 
 driven(#{ink_mm := Ink, driven_mm := Driven, makespan_bound_ratio := Ratio}) ->
     io_lib:format("ink ~ts m of ~ts m driven; ~ts x the least time possible", [

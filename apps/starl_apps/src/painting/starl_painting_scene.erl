@@ -73,6 +73,7 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
                     world => World,
                     robots => length(Ids),
                     speed => Speed,
+                    edges => maps:get(total, starl_dpp_plan:counts(Empty)),
                     lines_mm => lines_mm(Empty),
                     safety_distance => maps:get(safety_distance, Options)
                 }

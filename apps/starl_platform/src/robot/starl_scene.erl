@@ -6,9 +6,9 @@
 %% nothing else; as an application it may have a table of options, `options/0'.
 -module(starl_scene).
 
--export([make/2, report/3]).
+-export([make/2, report/3, preview/2]).
 
--export_type([t/0, context/0, outcome/0, report/0, format/0]).
+-export_type([t/0, context/0, outcome/0, report/0, format/0, preview/0]).
 
 %% The input from which a scene is made.
 -type context() :: #{
@@ -71,10 +71,18 @@
     plotted => boolean()
 }.
 
+%% What a run of the scene is going to do: lines for the terminal, and a function that puts files into
+%% a directory and returns their names.
+-type preview() :: #{
+    lines := [unicode:chardata()],
+    write := fun((Dir :: file:filename()) -> {ok, [file:filename()]} | {error, unicode:chardata()})
+}.
+
 -callback scene(context()) -> {ok, t()} | {error, Why :: unicode:chardata()}.
 -callback report(t(), outcome()) -> report().
+-callback preview(t()) -> preview().
 
--optional_callbacks([report/2]).
+-optional_callbacks([report/2, preview/1]).
 
 %% @doc The scene of an application, with the machines and the contracts of its blocks; or one line
 %% on an error in it.
@@ -112,6 +120,14 @@ report(App, Scene, Outcome) ->
     case exported(App, report, 2) of
         true -> App:report(Scene, Outcome);
         false -> #{figures => []}
+    end.
+
+%% @doc What a run of an application's scene is going to do.
+-spec preview(module(), t()) -> preview().
+preview(App, Scene) ->
+    case exported(App, preview, 1) of
+        true -> App:preview(Scene);
+        false -> #{lines => [], write => fun(_Dir) -> {ok, []} end}
     end.
 
 exported(App, Function, Arity) ->
