@@ -37,8 +37,10 @@ flags(#{app := App, name := Name}) ->
     [Group || {_, [_ | _]} = Group <- Own] ++
         [
             {"Flags of every simulation", starl_sim_scenario:options()},
-            {"Other flags", starl_cli_setup:own_flags()}
+            {"Other flags", starl_cli_setup:own_flags() ++ [live() | starl_cli_live:flags()]}
         ].
+
+live() -> {live, switch, false, "in real time, as on real robots, not in virtual time"}.
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
@@ -55,13 +57,17 @@ statuses() ->
 subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(Call) ->
-    case starl_cli_setup:check(Call) of
+run(#{given := Given, values := Values} = Call) ->
+    Live = [Key || {Key, _, _, _} <- [live() | starl_cli_live:flags()]],
+    case starl_cli_setup:check(Call#{given := maps:without(Live, Given)}) of
         {ok, #{print_scenario := true} = Setup} ->
             starl_cli_terminal:out(starl_cli_files:scenario(Setup)),
             0;
         {ok, Setup} ->
-            starl_cli_simulation:run(Setup);
+            case Values of
+                #{live := true} -> starl_cli_live:run(here, Setup, Values);
+                #{} -> starl_cli_simulation:run(Setup)
+            end;
         {error, _} = Error ->
             Error
     end.

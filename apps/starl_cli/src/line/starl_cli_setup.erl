@@ -14,7 +14,9 @@
     inputs := starl_cli_inputs:t(),
     nodes := starl_cli_nodes:plan(),
     quiet := boolean(),
-    print_scenario := boolean()
+    print_scenario := boolean(),
+    %% a run in real time
+    live => boolean()
 }.
 
 -type answer() :: {ok, t()} | {error, [unicode:chardata(), ...]}.

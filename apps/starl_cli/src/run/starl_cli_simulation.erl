@@ -2,7 +2,9 @@
 %% status.
 -module(starl_cli_simulation).
 
--export([run/1, failed/2]).
+-export([run/1, tell/2, failed/2]).
+
+-export_type([ran/0]).
 
 %% A finished simulation.
 -type ran() :: #{
@@ -55,6 +57,8 @@ ending(Ending, _Outcome) -> Ending.
 
 %% -- results --------------------------------------------------------------------------------
 
+%% @doc Tells of a run: prints a summary and writes the files; gives the exit status.
+-spec tell(starl_cli_setup:t(), ran()) -> starl_cli_terminal:status().
 tell(#{target := #{name := Name}, scenario := Scenario, out := Out} = Setup, Ran) ->
     #{inputs := Inputs} = Setup,
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
@@ -77,7 +81,12 @@ tell(#{target := #{name := Name}, scenario := Scenario, out := Out} = Setup, Ran
     end),
     _ = summarize(Setup, Report),
     violated(Setup, Outcome),
-    where(Written, Outcome, lost(maps:get(lost, Outcome), status(Report))).
+    Seen =
+        case Setup of
+            #{live := true} -> Outcome#{violations := []};
+            #{} -> Outcome
+        end,
+    where(Written, Seen, lost(maps:get(lost, Outcome), status(Report))).
 
 %% Reports lost nodes; passes on the status.
 lost(Losses, Status) ->
@@ -94,9 +103,15 @@ summarize(#{quiet := false}, Report) ->
 
 violated(_Setup, #{violations := []}) ->
     ok;
-violated(#{target := Target, scenario := Scenario}, #{violations := Violations}) ->
+violated(Setup, #{violations := Violations}) ->
     Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
-    starl_cli_terminal:out([Lines, "replay: ", starl_cli_setup:replay(Target, Scenario), "\n"]).
+    starl_cli_terminal:out([Lines, repeated(Setup)]).
+
+%% Real time does not come again.
+repeated(#{live := true}) ->
+    "";
+repeated(#{target := Target, scenario := Scenario}) ->
+    ["replay: ", starl_cli_setup:replay(Target, Scenario), "\n"].
 
 where({ok, Dir}, Outcome, Status) ->
     Crashes =

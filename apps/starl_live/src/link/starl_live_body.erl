@@ -8,7 +8,7 @@
 -behaviour(starl_robot).
 -behaviour(starl_platform).
 
--export([new/1, at/2, now_us/1, flush/1, hear/2, result/1, figures/1, starts/1, started/2]).
+-export([new/1, at/2, now_us/1, flush/1, hear/2, result/1, figures/1, line/2, starts/1, started/2]).
 -export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
 
 -export_type([t/0, config/0, figures/0]).
@@ -97,6 +97,12 @@ result(#body{result = Result}) -> Result.
 %% @doc The counters of the robot.
 -spec figures(t()) -> figures().
 figures(#body{events = Events, packets = Packets}) -> #{events => Events, packets => Packets}.
+
+%% @doc The process of a line.
+-spec line(transport | positioning | chassis, t()) -> pid().
+line(transport, #body{transport = Pid}) -> Pid;
+line(positioning, #body{positioning = Pid}) -> Pid;
+line(chassis, #body{chassis = Pid}) -> Pid.
 
 %% @doc The number of starts of each machine, over all reboots.
 -spec starts(t()) -> #{starl_machine:name() => pos_integer()}.

@@ -12,7 +12,7 @@
 -module(starl_live_link).
 -behaviour(gen_server).
 
--export([start_link/1, inspect/1, figures/1]).
+-export([start_link/1, inspect/1, figures/1, line/2]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([spec/0, line/0, told/0]).
@@ -81,6 +81,10 @@ inspect(Link) -> gen_server:call(Link, inspect).
 -spec figures(pid()) -> starl_live_body:figures().
 figures(Link) -> gen_server:call(Link, figures).
 
+%% @doc The process of one of the robot's lines.
+-spec line(pid(), transport | positioning | chassis) -> pid().
+line(Link, Line) -> gen_server:call(Link, {line, Line}).
+
 -spec init(spec()) -> {ok, map(), {continue, launch}} | {stop, term()}.
 init(#{robot := Robot, dir := Dir} = Spec) ->
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
@@ -142,7 +146,10 @@ launched(#{robot := Id, sink := Sink}, Body, Before, Processes, Machines) ->
     },
     {noreply, went(starl_robot:run(Robot), Link)}.
 
--spec handle_call(inspect | figures, gen_server:from(), #link{}) -> {reply, term(), #link{}}.
+-spec handle_call(inspect | figures | {line, atom()}, gen_server:from(), #link{}) ->
+    {reply, term(), #link{}}.
+handle_call({line, Line}, _From, #link{robot = Robot} = Link) ->
+    {reply, starl_live_body:line(Line, starl_robot:world(Robot)), Link};
 handle_call(inspect, _From, #link{robot = Robot} = Link) ->
     {reply, starl_robot_tree:inspect(starl_robot:machines(Robot)), Link};
 handle_call(figures, _From, #link{robot = Robot} = Link) ->

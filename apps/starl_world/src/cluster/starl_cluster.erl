@@ -11,7 +11,8 @@
 -module(starl_cluster).
 -behaviour(gen_server).
 
--export([start/2, await/1, status/1, kill/2, air/3, stop/1, finish/1, scenario/1, format_error/1]).
+-export([start/2, await/1, status/1, kill/2, cut/3, freeze/2, heal/1, stop/1, finish/1]).
+-export([scenario/1, format_error/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
 -export_type([t/0, options/0, status/0, reason/0]).
@@ -47,7 +48,8 @@
     os_pids := #{starl:robot_id() => string()}
 }.
 
--type reason() :: starl_sim:reason() | {peers, starl_sim_peers:reason()}.
+-type reason() ::
+    starl_sim:reason() | {peers, starl_sim_peers:reason()} | {control, unicode:chardata()}.
 
 -record(node, {
     peer :: starl_sim_peers:t() | none,
@@ -60,6 +62,8 @@
     specs :: #{starl:robot_id() => starl_live_robot:spec()},
     names :: #{starl:robot_id() => string()},
     nodes = #{} :: #{starl:robot_id() => #node{}},
+    cuts = [] :: [{starl:robot_id(), starl:robot_id()}],
+    frozen = [] :: [starl:robot_id()],
     code :: [{module(), file:filename(), binary()}],
     log :: fun((starl:robot_id(), logger:level(), binary()) -> term())
 }).
@@ -76,6 +80,8 @@ start(Given, Options) ->
             case gen_server:start_link(?MODULE, {Plan, Options}, [{timeout, infinity}]) of
                 {ok, Server} ->
                     {ok, #cluster{server = Server, scenario = Scenario, scene = Scene}};
+                {error, {shutdown, {control, Why}}} ->
+                    {error, {control, Why}};
                 {error, {shutdown, Reason}} ->
                     {error, {peers, Reason}}
             end;
@@ -96,10 +102,17 @@ status(#cluster{server = Server}) -> gen_server:call(Server, status, ?CALL_MS).
 -spec kill(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
 kill(#cluster{server = Server}, Robot) -> gen_server:call(Server, {kill, Robot}, ?CALL_MS).
 
-%% @doc Changes what robots hear: calls `Module:Function(Link, Args...)' on their nodes.
--spec air(t(), [starl:robot_id()], fun((Link :: pid()) -> term())) -> ok.
-air(#cluster{server = Server}, Robots, Fun) ->
-    gen_server:call(Server, {air, Robots, Fun}, ?CALL_MS).
+%% @doc Two robots do not hear each other any more.
+-spec cut(t(), starl:robot_id(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
+cut(#cluster{server = Server}, A, B) -> gen_server:call(Server, {cut, A, B}, ?CALL_MS).
+
+%% @doc A robot gets no new positions any more.
+-spec freeze(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
+freeze(#cluster{server = Server}, Robot) -> gen_server:call(Server, {freeze, Robot}, ?CALL_MS).
+
+%% @doc Undoes all cuts and freezes.
+-spec heal(t()) -> ok.
+heal(#cluster{server = Server}) -> gen_server:call(Server, heal, ?CALL_MS).
 
 %% @doc Ends the run.
 -spec stop(t()) -> ok.
@@ -118,6 +131,7 @@ finish(#cluster{server = Server, scenario = #{app := App}, scene = Scene}) ->
 
 %% @doc One line on why a cluster could not be started.
 -spec format_error(reason()) -> unicode:chardata().
+format_error({control, Why}) -> ["the cluster's socket for commands: ", Why];
 format_error({peers, Reason}) -> starl_sim_peers:format_error(Reason);
 format_error(Reason) -> starl_sim:format_error(Reason).
 
@@ -155,7 +169,12 @@ init({#{robots := Poses, crew := #{tree := Tree}, world := Sim} = Plan, Options}
                 code = maps:get(code, Options, []),
                 log = maps:get(log, Options, fun(_, _, _) -> ok end)
             },
-            {ok, lists:foldl(fun opened/2, State, lists:zip(Ids, Peers))};
+            Self = self(),
+            Handler = fun(Words) -> gen_server:call(Self, {control, Words}, ?CALL_MS) end,
+            case starl_cluster_control:start_link(Handler) of
+                {ok, _} -> {ok, lists:foldl(fun opened/2, State, lists:zip(Ids, Peers))};
+                {error, Why} -> {stop, {shutdown, {control, Why}}}
+            end;
         {error, Reason} ->
             {stop, {shutdown, Reason}}
     end.
@@ -176,39 +195,115 @@ spec(Id, World, Clock, Tree, #{profiles := Profiles}, Lines, #{dir := Dir}) ->
 -spec handle_call(term(), gen_server:from(), #state{}) -> {reply, term(), #state{}}.
 handle_call(world, _From, #state{world = World} = State) ->
     {reply, World, State};
-handle_call(status, _From, #state{world = World, nodes = Nodes} = State) ->
-    Own = #{
+handle_call(status, _From, State) ->
+    {reply, status_of(State), State};
+handle_call({control, Words}, _From, State) ->
+    {Answer, Next} = command(Words, State),
+    {reply, Answer, Next};
+handle_call(heal, _From, State) ->
+    {reply, ok, healed(State)};
+handle_call(Request, _From, State) ->
+    case unknown(tl(tuple_to_list(Request)), State) of
+        [] ->
+            {Answer, Next} = does(Request, State),
+            {reply, Answer, Next};
+        [Robot | _] ->
+            {reply, {error, io_lib:format("there is no robot ~b", [Robot])}, State}
+    end.
+
+unknown(Robots, #state{nodes = Nodes}) -> [R || R <- Robots, not is_map_key(R, Nodes)].
+
+status_of(#state{world = World, nodes = Nodes}) ->
+    maps:merge(starl_world:status(World), #{
         restarts => maps:map(fun(_, #node{restarts = N}) -> N end, Nodes),
         os_pids => maps:from_list([
             {Id, starl_sim_peers:os_pid(Peer)}
          || {Id, #node{peer = Peer}} <- maps:to_list(Nodes), Peer =/= none
         ])
-    },
-    {reply, maps:merge(starl_world:status(World), Own), State};
-handle_call({kill, Robot}, _From, #state{nodes = Nodes} = State) ->
+    }).
+
+does({kill, Robot}, #state{nodes = Nodes} = State) ->
     case Nodes of
         #{Robot := #node{peer = none}} ->
-            {reply, {error, io_lib:format("the node of robot ~b is down already", [Robot])}, State};
+            {{error, io_lib:format("the node of robot ~b is down already", [Robot])}, State};
         #{Robot := #node{peer = Peer}} ->
             _ = os:cmd("kill -KILL " ++ starl_sim_peers:os_pid(Peer)),
-            {reply, ok, State};
-        #{} ->
-            {reply, {error, io_lib:format("there is no robot ~b", [Robot])}, State}
+            {ok, State}
     end;
-handle_call({air, Robots, Fun}, _From, #state{nodes = Nodes} = State) ->
-    _ = [
-        with_link(starl_sim_peers:node(Peer), Fun)
-     || {Id, #node{peer = Peer}} <- maps:to_list(Nodes), lists:member(Id, Robots), Peer =/= none
-    ],
-    {reply, ok, State}.
+does({cut, A, B}, #state{cuts = Cuts} = State) ->
+    Next = State#state{cuts = lists:usort([{A, B}, {B, A} | Cuts])},
+    ok = lists:foreach(fun(Robot) -> aired(Robot, Next) end, [A, B]),
+    {ok, Next};
+does({freeze, Robot}, #state{frozen = Frozen, world = World} = State) ->
+    Next = lists:usort([Robot | Frozen]),
+    {starl_world:freeze(World, Next), State#state{frozen = Next}}.
 
-with_link(Node, Fun) ->
+healed(#state{world = World, nodes = Nodes} = State) ->
+    Next = State#state{cuts = [], frozen = []},
+    ok = starl_world:freeze(World, []),
+    ok = lists:foreach(fun(Robot) -> aired(Robot, Next) end, maps:keys(Nodes)),
+    Next.
+
+%% Sets what a robot hears, if its node is up.
+aired(Robot, #state{nodes = Nodes, cuts = Cuts}) ->
+    case Nodes of
+        #{Robot := #node{peer = Peer}} when Peer =/= none ->
+            Deaf = [Other || {R, Other} <- Cuts, R =:= Robot],
+            set_air(starl_sim_peers:node(Peer), #{cut => Deaf});
+        #{} ->
+            ok
+    end.
+
+set_air(Node, Settings) ->
     try
         Robot = erpc:call(Node, starl_live_sup, robot, [], ?CALL_MS),
-        Fun(erpc:call(Node, starl_live_robot, link, [Robot], ?CALL_MS))
+        Link = erpc:call(Node, starl_live_robot, link, [Robot], ?CALL_MS),
+        starl_live_transport:set_air(starl_live_link:line(Link, transport), Settings)
     catch
-        error:{erpc, _} -> ok
+        error:{erpc, _} -> ok;
+        exit:_ -> ok
     end.
+
+%% -- commands from other terminals ----------------------------------------------------------
+
+command(["status"], State) ->
+    {{ok, described(status_of(State))}, State};
+command(["stop"], #state{world = World} = State) ->
+    {{starl_world:stop(World), "the run ends\n"}, State};
+command(["heal"], State) ->
+    {{ok, "healed\n"}, healed(State)};
+command([Word | Robots], State) ->
+    case {Word, [string:to_integer(Robot) || Robot <- Robots]} of
+        {"kill", [{Robot, []}]} -> told({kill, Robot}, State);
+        {"freeze", [{Robot, []}]} -> told({freeze, Robot}, State);
+        {"cut", [{A, []}, {B, []}]} when A =/= B -> told({cut, A, B}, State);
+        _ -> {{error, [Word, ": robots by their numbers, as in cut 1 2 or kill 3"]}, State}
+    end.
+
+told(Request, State) ->
+    case unknown(tl(tuple_to_list(Request)), State) of
+        [] ->
+            case does(Request, State) of
+                {ok, Next} -> {{ok, "done\n"}, Next};
+                {{error, Why}, Next} -> {{error, Why}, Next}
+            end;
+        [Robot | _] ->
+            {{error, io_lib:format("there is no robot ~b", [Robot])}, State}
+    end.
+
+described(#{now_us := Now, running := Running, up := Up, restarts := Restarts, os_pids := Pids}) ->
+    [
+        io_lib:format("~.1f s, ~b at work~n", [Now / 1.0e6, Running])
+        | [
+            io_lib:format("robot ~b  ~-5s process ~s, started ~b times~n", [
+                Id, up(lists:member(Id, Up)), maps:get(Id, Pids, "-"), N + 1
+            ])
+         || {Id, N} <- lists:sort(maps:to_list(Restarts))
+        ]
+    ].
+
+up(true) -> "up";
+up(false) -> "down".
 
 -spec handle_cast(term(), #state{}) -> {noreply, #state{}}.
 handle_cast(_Request, State) -> {noreply, State}.
@@ -253,7 +348,9 @@ opened({Id, Peer}, #state{nodes = Nodes, specs = Specs} = State) ->
     #node{} = Before = maps:get(Id, Nodes, #node{peer = none}),
     case open(starl_sim_peers:node(Peer), Id, Spec, State) of
         {ok, _} ->
-            State#state{nodes = Nodes#{Id => Before#node{peer = Peer}}};
+            Opened = State#state{nodes = Nodes#{Id => Before#node{peer = Peer}}},
+            ok = aired(Id, Opened),
+            Opened;
         {error, Why} ->
             logger:error(#{what => robot_not_started, robot => Id, why => Why}),
             ok = starl_sim_peers:kill(Peer),

@@ -10,7 +10,7 @@
 -module(starl_world).
 -behaviour(gen_server).
 
--export([start_link/1, embody/2, await/1, status/1, stop/1, finish/1]).
+-export([start_link/1, embody/2, await/1, status/1, freeze/2, stop/1, finish/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([config/0, status/0, ending/0]).
@@ -59,6 +59,8 @@
     rate_hz :: number() | none,
     whole_mm :: boolean(),
     draws = 0 :: non_neg_integer(),
+    %% the robots that get old pictures, and what they see
+    frozen = #{} :: #{starl:robot_id() => [starl_live_positioning:sighting()]},
     ending = none :: ending() | none,
     callers = [] :: [gen_server:from()]
 }).
@@ -78,6 +80,10 @@ await(World) -> gen_server:call(World, await, infinity).
 %% @doc The present time and the robots at work.
 -spec status(pid()) -> status().
 status(World) -> gen_server:call(World, status).
+
+%% @doc From now on these robots, and no others, are shown all robots as they are now, again and again.
+-spec freeze(pid(), [starl:robot_id()]) -> ok.
+freeze(World, Robots) -> gen_server:call(World, {freeze, Robots}).
 
 %% @doc Ends the run.
 -spec stop(pid()) -> ok.
@@ -127,6 +133,10 @@ handle_call(status, _From, #world{robots = Robots, ending = Ending} = World) ->
         ending => Ending
     },
     {reply, Status, World};
+handle_call({freeze, Ids}, _From, #world{robots = Robots} = World) ->
+    All = lists:sort(maps:keys(Robots)),
+    {Seen, Next} = seen(0, All, World#world{frozen = #{}}),
+    {reply, ok, Next#world{frozen = maps:from_list([{Id, Seen} || Id <- Ids])}};
 handle_call(finish, _From, World) ->
     {reply, outcome(World), World}.
 
@@ -143,7 +153,7 @@ handle_info({starl_watches, Id, Sight}, #world{robots = Robots} = World) ->
     {noreply, put_robot(Id, Robot#robot{sight = Sight}, World)};
 handle_info({starl_look, Id, Sight, Looked}, #world{rate_hz = none} = World) ->
     {Seen, Next} = seen(Id, Looked, World),
-    Sight ! {starl_seen, Seen},
+    Sight ! {starl_seen, shown(Id, Seen, Next)},
     {noreply, Next};
 handle_info({starl_look, _Id, _Sight, _Looked}, World) ->
     {noreply, World};
@@ -208,8 +218,18 @@ show(#world{rate_hz = Rate, robots = Robots, clock = Clock} = World) ->
     _ = erlang:send_after(Next, self(), show, [{abs, true}]),
     Ids = lists:sort(maps:keys(Robots)),
     {Seen, Drawn} = seen(0, Ids, World),
-    _ = [Sight ! {starl_seen, Seen} || #robot{sight = Sight} <- maps:values(Robots), is_pid(Sight)],
+    _ = [
+        Sight ! {starl_seen, shown(Id, Seen, World)}
+     || {Id, #robot{sight = Sight}} <- maps:to_list(Robots), is_pid(Sight)
+    ],
     Drawn.
+
+%% A frozen system shows old poses as new ones.
+shown(Id, Seen, #world{frozen = Frozen} = World) ->
+    case Frozen of
+        #{Id := Old} -> [{Robot, Pose, now_us(World)} || {Robot, Pose, _} <- Old];
+        #{} -> Seen
+    end.
 
 seen(By, Ids, #world{robots = Robots, sim = Sim, draws = N, whole_mm = Whole} = World) ->
     Now = now_us(World),

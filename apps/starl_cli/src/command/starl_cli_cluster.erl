@@ -1,0 +1,92 @@
+%% @doc `./starl cluster': runs an application on a node for each robot, and commands a cluster that
+%% runs.
+-module(starl_cli_cluster).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+
+-spec name() -> string().
+name() -> "cluster".
+
+-spec synopsis() -> string().
+synopsis() -> "a node for each robot, in real time".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "TARGET", {example, "painting"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(none) ->
+    [
+        "Runs the robots of TARGET (as of ./starl run) in real time: an Erlang node, a process of "
+        "the operating system, for each, in a simulated world. A node that ends is started anew, "
+        "and its robot rejoins.",
+        {list, "While it runs, from another terminal", [
+            {"cluster status", "the time, the robots, their nodes"},
+            {"cluster kill N", "kills the node of robot N; it is started anew"},
+            {"cluster cut N M", "robots N and M do not hear each other"},
+            {"cluster freeze N", "robot N gets no new positions"},
+            {"cluster heal", "undoes all cuts and freezes"},
+            {"cluster stop", "ends the run"}
+        ]},
+        "./starl cluster TARGET --help lists the flags of TARGET."
+    ];
+about(_Subject) ->
+    [].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(none) ->
+    [];
+flags({control, _}) ->
+    [{"Flags", [{pid, {optional, {integer, 1, 1 bsl 31}}, none, "of several clusters, this one"}]}];
+flags(#{app := App, name := Name}) ->
+    Own = [{["Flags of ", Name], starl_app:options(App)}],
+    [Group || {_, [_ | _]} = Group <- Own] ++
+        [
+            {"Flags of the cluster", own()},
+            {"Flags of every simulation", lists:keydelete(speed, 1, starl_sim_scenario:options())},
+            {"Other flags", other()}
+        ].
+
+own() ->
+    [
+        {transport, {one_of, [dist, udp]}, dist,
+            "dist: Erlang distribution; udp: sealed datagrams, as between real robots"},
+        {speed, {number, 0.01, 100}, 1, "how many times as fast as real time"}
+        | lists:keydelete(pace, 1, starl_cli_live:flags())
+    ].
+
+other() ->
+    Wanted = [out, overwrite, quiet],
+    [Flag || Flag <- starl_cli_setup:own_flags(), lists:member(element(1, Flag), Wanted)].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() -> starl_cli_run:statuses().
+
+-spec subject(string(), [string()]) ->
+    {ok, starl_cli_command:subject(), [string()]} | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) ->
+    case starl_cluster_control:words(Word) of
+        none ->
+            starl_cli_target:subject(Word, Args);
+        Arity ->
+            {Words, Rest} = lists:split(min(Arity, length(Args)), Args),
+            {ok, {control, [Word | Words]}, Rest}
+    end.
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := {control, Words}, values := #{pid := Pid}}) ->
+    case starl_cluster_control:ask(Words, Pid) of
+        {ok, Text} ->
+            starl_cli_terminal:out(Text),
+            0;
+        {error, Why} ->
+            {error, [Why]}
+    end;
+run(#{values := #{transport := Transport, speed := Speed} = Values} = Call) ->
+    %% the flag of the cluster is no value of the scenario
+    Given = maps:without([transport, speed, position_rate, whole_mm], maps:get(given, Call)),
+    Checked = Call#{given := Given, values := Values#{print_scenario => false}},
+    case starl_cli_setup:check(Checked) of
+        {ok, Setup} -> starl_cli_live:run({nodes, Transport}, Setup, Values#{pace => Speed});
+        {error, _} = Error -> Error
+    end.

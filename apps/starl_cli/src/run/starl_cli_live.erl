@@ -1,0 +1,152 @@
+%% @doc Runs the robots of a command line in real time, in this VM or on a node each: shows the
+%% progress, obeys Ctrl-C, and leaves the same files as a simulation.
+-module(starl_cli_live).
+
+-export([flags/0, run/3]).
+
+-export_type([live/0]).
+
+%% Where the robots run, and how packets travel between nodes.
+-type live() :: here | {nodes, dist | udp}.
+
+%% A run: what can be asked of it, wherever its robots are.
+-type handle() :: #{
+    await := fun(() -> starl_world:ending()),
+    status := fun(() -> #{now_us := integer(), running := non_neg_integer(), atom() => term()}),
+    stop := fun(() -> ok),
+    finish := fun(() -> {starl_sim_outcome:t(), starl_scene:report()}),
+    scenario := starl_sim_scenario:t()
+}.
+
+-define(SHOW_MS, 100).
+
+%% @doc The flags of every live run, beside those of its scenario.
+-spec flags() -> [starl_cli_flags:flag()].
+flags() ->
+    [
+        {pace, {number, 0.01, 100}, 1, "live: how many times as fast as real time"},
+        {position_rate, {optional, {number, 0.1, 1000}}, none,
+            "live: pictures of the positioning system a second; none: whenever a robot asks"},
+        {whole_mm, switch, false, "live: the positioning system rounds to whole millimetres"}
+    ].
+
+%% @doc Runs a checked command line in real time. Gives the exit status.
+-spec run(live(), starl_cli_setup:t(), Values :: #{atom() => term()}) ->
+    starl_cli_command:answer().
+run(Live, #{scenario := Scenario} = Setup, Values) ->
+    case refused(Scenario) of
+        [] -> prepared(Live, Setup, Values);
+        Problems -> {error, Problems}
+    end.
+
+%% What only the simulator can do.
+refused(#{faults := Faults, random_faults := Random}) ->
+    [
+        "faults: a schedule of faults needs the simulator; live, --loss and --delay disturb the "
+        "radio, and ./starl cluster kill and cut the robots"
+     || Faults =/= [] orelse Random =/= []
+    ].
+
+prepared(Live, Setup, Values) ->
+    ok = starl_cli_log:install(),
+    _ = process_flag(trap_exit, true),
+    Dir = state_dir(),
+    try started(start(Live, Setup, options(Dir, Live, Setup, Values)), Live, Setup) of
+        Answer -> Answer
+    after
+        file:del_dir_r(Dir)
+    end.
+
+%% The stores of the robots live as long as the run.
+state_dir() ->
+    Tmp = os:getenv("TMPDIR", "/tmp"),
+    filename:join(Tmp, "starl-" ++ os:getpid()).
+
+options(Dir, Live, #{target := Target}, Values) ->
+    #{pace := Pace, position_rate := Rate, whole_mm := Whole} = Values,
+    Common = #{dir => Dir, speed => Pace, rate_hz => Rate, whole_mm => Whole},
+    case Live of
+        here ->
+            Common;
+        {nodes, Transport} ->
+            Common#{
+                transport => Transport,
+                code => maps:get(code, Target, []),
+                log => fun starl_cli_log:node/3
+            }
+    end.
+
+-spec start(live(), starl_cli_setup:t(), map()) -> {ok, handle()} | {error, unicode:chardata()}.
+start(here, #{scenario := Scenario}, Options) ->
+    case starl_world_run:start(Scenario, Options) of
+        {ok, Run} ->
+            {ok, #{
+                await => fun() -> starl_world_run:await(Run) end,
+                status => fun() -> starl_world_run:status(Run) end,
+                stop => fun() -> starl_world_run:stop(Run) end,
+                finish => fun() -> starl_world_run:finish(Run) end,
+                scenario => starl_world_run:scenario(Run)
+            }};
+        {error, Reason} ->
+            {error, starl_sim:format_error(Reason)}
+    end;
+start({nodes, _}, #{scenario := Scenario}, Options) ->
+    case starl_cluster:start(Scenario, Options) of
+        {ok, Cluster} ->
+            {ok, #{
+                await => fun() -> starl_cluster:await(Cluster) end,
+                status => fun() -> starl_cluster:status(Cluster) end,
+                stop => fun() -> starl_cluster:stop(Cluster) end,
+                finish => fun() -> starl_cluster:finish(Cluster) end,
+                scenario => starl_cluster:scenario(Cluster)
+            }};
+        {error, Reason} ->
+            {error, starl_cluster:format_error(Reason)}
+    end.
+
+started({error, Why}, _Live, _Setup) ->
+    {error, [Why]};
+started({ok, #{stop := Stop, scenario := Scenario} = Handle}, Live, Setup) ->
+    starl_cli_signal:on_interrupt(fun() -> spawn(Stop) end),
+    Begun = erlang:monotonic_time(millisecond),
+    Ending = watched(Handle, Live, Setup),
+    starl_cli_progress:erase(),
+    WallMs = erlang:monotonic_time(millisecond) - Begun,
+    {Outcome, App} = (maps:get(finish, Handle))(),
+    starl_cli_signal:on_interrupt(fun() -> ok end),
+    starl_cli_simulation:tell(Setup#{live => true}, #{
+        scenario => Scenario, ending => Ending, wall_ms => WallMs, outcome => Outcome, app => App
+    }).
+
+%% -- progress -------------------------------------------------------------------------------
+
+watched(#{await := Await} = Handle, Live, #{quiet := Quiet, target := #{name := Name}}) ->
+    Caller = self(),
+    Waiter = spawn_link(fun() -> Caller ! {ended, self(), Await()} end),
+    Progress = starl_cli_progress:new(
+        case Quiet of
+            true -> quiet;
+            false -> auto
+        end
+    ),
+    watch(Waiter, Handle, {Name, where(Live)}, Progress).
+
+where(here) -> "live";
+where({nodes, dist}) -> "live on nodes";
+where({nodes, udp}) -> "live on nodes, by UDP".
+
+watch(Waiter, #{status := Status} = Handle, {Name, Where} = Label, Progress) ->
+    receive
+        {ended, Waiter, Ending} -> Ending;
+        {'EXIT', Waiter, Reason} -> exit(Reason)
+    after ?SHOW_MS ->
+        Words = fun() ->
+            #{now_us := Now, running := Running} = Status(),
+            [
+                io_lib:format("~ts ~.1f s", [Name, Now / 1.0e6]),
+                Where,
+                io_lib:format("~b at work", [Running])
+            ]
+        end,
+        watch(Waiter, Handle, Label, starl_cli_progress:show(Progress, unknown, Words))
+    end.

@@ -1,0 +1,111 @@
+%% @doc Commands to a cluster that runs, from other terminals: over a socket in a directory of the
+%% user's own. A command is one line of words, the answer a text.
+-module(starl_cluster_control).
+
+-export([words/1, start_link/1, ask/2]).
+
+-export_type([handler/0]).
+
+%% Carries out a command.
+-type handler() :: fun(([string()]) -> {ok, unicode:chardata()} | {error, unicode:chardata()}).
+
+-define(TIMEOUT_MS, 70000).
+-define(COMMANDS, [
+    {"status", 0}, {"kill", 1}, {"cut", 2}, {"freeze", 1}, {"heal", 0}, {"stop", 0}, {"reload", 1}
+]).
+
+%% @doc The number of words after the first one of a command; `none': it is no command.
+-spec words(string()) -> non_neg_integer() | none.
+words(Word) -> proplists:get_value(Word, ?COMMANDS, none).
+
+%% @doc Opens the socket of this VM's cluster.
+-spec start_link(handler()) -> {ok, pid()} | {error, unicode:chardata()}.
+start_link(Handler) ->
+    Caller = self(),
+    Pid = spawn_link(fun() -> listen(Caller, Handler) end),
+    receive
+        {Pid, ok} -> {ok, Pid};
+        {Pid, {error, Why}} -> {error, Why}
+    end.
+
+listen(Caller, Handler) ->
+    File = file(os:getpid()),
+    _ = file:delete(File),
+    ok = filelib:ensure_dir(File),
+    _ = file:change_mode(filename:dirname(File), 8#700),
+    case gen_tcp:listen(0, [{ifaddr, {local, File}}, {active, false}, {packet, line}, binary]) of
+        {ok, Socket} ->
+            Caller ! {self(), ok},
+            serve(Socket, Handler);
+        {error, Posix} ->
+            Caller ! {self(), {error, [File, ": ", inet:format_error(Posix)]}}
+    end.
+
+dir() -> filename:join(filename:basedir(user_cache, "starl"), "clusters").
+
+file(OsPid) -> filename:join(dir(), OsPid ++ ".sock").
+
+serve(Listening, Handler) ->
+    case gen_tcp:accept(Listening) of
+        {ok, Socket} ->
+            _ = answered(gen_tcp:recv(Socket, 0, ?TIMEOUT_MS), Socket, Handler),
+            _ = gen_tcp:close(Socket),
+            serve(Listening, Handler);
+        {error, _} ->
+            ok
+    end.
+
+answered({ok, Line}, Socket, Handler) ->
+    Words = string:lexemes(unicode:characters_to_list(Line), " \n"),
+    Answer =
+        case Handler(Words) of
+            {ok, Text} -> ["ok\n", Text];
+            {error, Why} -> ["error\n", Why]
+        end,
+    gen_tcp:send(Socket, unicode:characters_to_binary(Answer));
+answered({error, _}, _Socket, _Handler) ->
+    ok.
+
+%% @doc Sends a command to the cluster of this process number, or to the only one.
+-spec ask([string(), ...], OsPid :: pos_integer() | none) ->
+    {ok, unicode:chardata()} | {error, unicode:chardata()}.
+ask(Words, OsPid) ->
+    Running = [Pid || Pid <- pids(), OsPid =:= none orelse integer_to_list(OsPid) =:= Pid],
+    case [Open || Pid <- Running, {ok, Socket} <- [connect(Pid)], Open <- [{Pid, Socket}]] of
+        [] ->
+            {error, "no cluster runs; start one first, as in ./starl cluster painting"};
+        [{_, Socket}] ->
+            asked(Words, Socket);
+        [_, _ | _] = Several ->
+            Pids = lists:join(", ", [Pid || {Pid, _} <- Several]),
+            {error, ["several clusters run; name one by --pid, of ", Pids]}
+    end.
+
+pids() -> [filename:rootname(File) || File <- filelib:wildcard("*.sock", dir())].
+
+%% The socket of a cluster that was killed is still there.
+connect(Pid) ->
+    File = file(Pid),
+    case gen_tcp:connect({local, File}, 0, [{active, false}, binary], ?TIMEOUT_MS) of
+        {ok, Socket} ->
+            {ok, Socket};
+        {error, _} = Error ->
+            _ = file:delete(File),
+            Error
+    end.
+
+asked(Words, Socket) ->
+    ok = gen_tcp:send(Socket, [lists:join(" ", Words), "\n"]),
+    Answer = all(Socket, []),
+    ok = gen_tcp:close(Socket),
+    case Answer of
+        <<"ok\n", Text/binary>> -> {ok, Text};
+        <<"error\n", Why/binary>> -> {error, Why};
+        _ -> {error, "the cluster has ended"}
+    end.
+
+all(Socket, Read) ->
+    case gen_tcp:recv(Socket, 0, ?TIMEOUT_MS) of
+        {ok, Bytes} -> all(Socket, [Read, Bytes]);
+        {error, _} -> iolist_to_binary(Read)
+    end.
