@@ -334,6 +334,7 @@ handle_info(_Message, State) ->
 
 -spec terminate(term(), #state{}) -> ok.
 terminate(_Reason, #state{nodes = Nodes, world = World}) ->
+    ok = starl_cluster_control:close(),
     lists:foreach(
         fun starl_sim_peers:kill/1, [P || #node{peer = P} <- maps:values(Nodes), P =/= none]
     ),

@@ -2,7 +2,7 @@
 %% user's own. A command is one line of words, the answer a text.
 -module(starl_cluster_control).
 
--export([words/1, start_link/1, ask/2]).
+-export([words/1, start_link/1, close/0, ask/2]).
 
 -export_type([handler/0]).
 
@@ -10,6 +10,8 @@
 -type handler() :: fun(([string()]) -> {ok, unicode:chardata()} | {error, unicode:chardata()}).
 
 -define(TIMEOUT_MS, 70000).
+%% A client sends its line at once.
+-define(LINE_MS, 2000).
 -define(COMMANDS, [
     {"status", 0}, {"kill", 1}, {"cut", 2}, {"freeze", 1}, {"heal", 0}, {"stop", 0}, {"reload", 1}
 ]).
@@ -48,7 +50,7 @@ file(OsPid) -> filename:join(dir(), OsPid ++ ".sock").
 serve(Listening, Handler) ->
     case gen_tcp:accept(Listening) of
         {ok, Socket} ->
-            _ = answered(gen_tcp:recv(Socket, 0, ?TIMEOUT_MS), Socket, Handler),
+            _ = answered(gen_tcp:recv(Socket, 0, ?LINE_MS), Socket, Handler),
             _ = gen_tcp:close(Socket),
             serve(Listening, Handler);
         {error, _} ->
@@ -64,6 +66,12 @@ answered({ok, Line}, Socket, Handler) ->
         end,
     gen_tcp:send(Socket, unicode:characters_to_binary(Answer));
 answered({error, _}, _Socket, _Handler) ->
+    ok.
+
+%% @doc Removes the socket of this VM's cluster.
+-spec close() -> ok.
+close() ->
+    _ = file:delete(file(os:getpid())),
     ok.
 
 %% @doc Sends a command to the cluster of this process number, or to the only one.
