@@ -8,6 +8,7 @@
 -export([results_go_to_out_of_the_working_directory/1]).
 -export([an_earlier_result_is_not_overwritten_without_a_word/1]).
 -export([a_run_is_repeated_after_its_files_were_moved/1]).
+-export([a_full_disk_is_told/1, a_closed_pipe_is_quiet/1]).
 
 -import(starl_first_hour_ct, [sh/2, contains/2, write/2]).
 
@@ -18,7 +19,9 @@ all() ->
         mistakes_in_faults_are_told_with_their_place,
         results_go_to_out_of_the_working_directory,
         an_earlier_result_is_not_overwritten_without_a_word,
-        a_run_is_repeated_after_its_files_were_moved
+        a_run_is_repeated_after_its_files_were_moved,
+        a_full_disk_is_told,
+        a_closed_pipe_is_quiet
     ].
 
 init_per_suite(Config) -> Config.
@@ -87,3 +90,30 @@ a_run_is_repeated_after_its_files_were_moved(Config) ->
     {0, Text} = sh("$starl replay there", Dir),
     contains("same digest", Text),
     {0, _} = sh("cd gone; $starl run ../there/scenario.term --quiet", Dir).
+
+%% A full device, files that may not grow, and a program for PNG that finds no room.
+a_full_disk_is_told(Config) ->
+    Dir = dir("full", Config),
+    ?assertEqual(
+        {1, "starl: the output is lost: no space left on device\n"},
+        sh("$starl apps > /dev/full", Dir)
+    ),
+    ?assertEqual(
+        {1,
+            "result: nothing\nstarl: the results could not be written: report.txt: file too large\n"},
+        sh("ulimit -f 0; echo result: nothing; $starl run exercise --work 1 --quiet --out x", Dir)
+    ),
+    ?assertEqual({ok, []}, file:list_dir(Dir)),
+    Fake = filename:join(Dir, "bin/rsvg-convert"),
+    write(Fake, "#!/bin/sh\necho 'No space left on device' >&2\nexit 1\n"),
+    ok = file:change_mode(Fake, 8#755),
+    Run = "PATH=$PWD/bin:$PATH $starl run painting --picture lines --quiet --out x",
+    ?assertEqual(
+        {1, "result: x\nstarl: no PNG was made: rsvg-convert: No space left on device\n"},
+        sh(Run, Dir)
+    ),
+    ?assert(filelib:is_regular(filename:join(Dir, "x/painting.svg"))).
+
+a_closed_pipe_is_quiet(Config) ->
+    {0, Text} = sh("$starl faults | head -n 1", dir("pipe", Config)),
+    ?assertMatch(["network" ++ _, ""], string:split(Text, "\n", all)).

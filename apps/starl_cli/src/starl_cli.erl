@@ -10,13 +10,31 @@ main(Args) ->
     ok = starl_cli_signal:install(),
     _ = io:setopts(standard_io, [{encoding, unicode}]),
     _ = io:setopts(standard_error, [{encoding, unicode}]),
-    erlang:halt(guarded(Args), [{flush, true}]).
+    erlang:halt(delivered(guarded(Args)), [{flush, true}]).
+
+%% What was printed into a full disk is lost, and that is no success; a closed pipe (`| head') is what
+%% its reader wanted.
+delivered(Status) ->
+    case starl_cli_terminal:lost() of
+        none ->
+            Status;
+        epipe ->
+            Status;
+        Posix ->
+            starl_cli_terminal:complain(["the output is lost: ", file:format_error(Posix)]),
+            max(Status, 1)
+    end.
 
 guarded(Args) ->
     try
         command(Args)
     catch
-        Class:Reason:Stack -> internal_error(erl_error(Class, Reason, Stack))
+        throw:{unwritable, File, Posix} ->
+            starl_cli_progress:erase(),
+            starl_cli_terminal:complain([File, ": ", file:format_error(Posix)]),
+            1;
+        Class:Reason:Stack ->
+            internal_error(erl_error(Class, Reason, Stack))
     end.
 
 erl_error(Class, Reason, Stack) ->

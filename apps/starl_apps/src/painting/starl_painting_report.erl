@@ -107,5 +107,6 @@ draw(Dir, #{picture := Picture, world := World}, #{ink := Ink}, #{robots := Robo
     },
     case starl_picture_draw:write(Dir, "painting", Drawing) of
         {ok, Files} -> {ok, Files};
+        {partly, Files, Reason} -> {partly, Files, starl_picture_draw:format_error(Reason)};
         {error, Reason} -> {error, starl_picture_draw:format_error(Reason)}
     end.

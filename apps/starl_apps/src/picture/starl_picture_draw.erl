@@ -20,7 +20,8 @@
     title => unicode:chardata()
 }.
 -type reason() ::
-    {cannot_write, file:filename(), file:posix() | badarg | terminated | system_limit}.
+    {cannot_write, file:filename(), file:posix() | badarg | terminated | system_limit}
+    | {no_png, Why :: unicode:chardata()}.
 
 -record(page, {
     %% Floor size and one dot, in mm.
@@ -58,20 +59,24 @@ svg(#{floor := Floor, target := Target, ink := Ink, robots := Robots} = Drawing)
     ]).
 
 %% @doc Writes `Name.svg' into the directory, which is made if necessary, and `Name.png', 1200
-%% pixels wide, if the program `rsvg-convert' is installed. Gives the files written; a PNG that
-%% cannot be made is not an error.
--spec write(file:filename(), string(), drawing()) -> {ok, [file:filename()]} | {error, reason()}.
+%% pixels wide, if the program `rsvg-convert' is installed. Gives the files written; `partly': the
+%% SVG only, because that program has failed.
+-spec write(file:filename(), string(), drawing()) ->
+    {ok, [file:filename()]} | {partly, [file:filename()], reason()} | {error, reason()}.
 write(Dir, Name, Drawing) ->
     Svg = filename:join(Dir, Name ++ ".svg"),
     case filelib:ensure_dir(Svg) of
         ok ->
             case file:write_file(Svg, svg(Drawing)) of
-                ok -> {ok, [Svg | png(Svg, filename:join(Dir, Name ++ ".png"))]};
+                ok -> with_png(png(Svg, filename:join(Dir, Name ++ ".png")), Svg);
                 {error, Posix} -> {error, {cannot_write, Svg, Posix}}
             end;
         {error, Posix} ->
             {error, {cannot_write, Svg, Posix}}
     end.
+
+with_png({ok, Files}, Svg) -> {ok, [Svg | Files]};
+with_png({error, Reason}, Svg) -> {partly, [Svg], Reason}.
 
 %% @doc The colour of a robot, `#rrggbb'. Sixteen consecutive robots have sixteen colours that are
 %% distinguishable on white; then the colours repeat.
@@ -81,7 +86,11 @@ colour(Id) -> element((Id - 1) rem 16 + 1, palette()).
 %% @doc One line of text.
 -spec format_error(reason()) -> binary().
 format_error({cannot_write, File, Posix}) ->
-    Text = io_lib:format("cannot write ~ts: ~ts", [File, file:format_error(Posix)]),
+    line(io_lib:format("cannot write ~ts: ~ts", [File, file:format_error(Posix)]));
+format_error({no_png, Why}) ->
+    line(io_lib:format("no PNG was made: ~ts", [Why])).
+
+line(Text) ->
     Line = unicode:characters_to_binary(Text),
     true = is_binary(Line),
     Line.
@@ -282,7 +291,7 @@ palette() ->
 png(Svg, Png) ->
     case os:find_executable("rsvg-convert") of
         false ->
-            [];
+            {ok, []};
         Program ->
             _ = file:delete(Png),
             Arguments = [
@@ -293,30 +302,43 @@ png(Svg, Png) ->
                 filename:absname(Png),
                 filename:absname(Svg)
             ],
-            case run(Program, Arguments) =:= 0 andalso filelib:is_regular(Png) of
-                true -> [Png];
-                false -> []
-            end
+            made(run(Program, Arguments), Png)
+    end.
+
+%% Half a picture is none.
+made({0, Text}, Png) ->
+    case filelib:is_regular(Png) of
+        true -> {ok, [Png]};
+        false -> {error, {no_png, said(Text)}}
+    end;
+made({_, Text}, Png) ->
+    _ = file:delete(Png),
+    {error, {no_png, said(Text)}}.
+
+said(Text) ->
+    case string:trim(lists:last(string:split(string:trim(Text), "\n", all))) of
+        <<>> -> "rsvg-convert has failed";
+        Last -> ["rsvg-convert: ", Last]
     end.
 
 run(Program, Arguments) ->
     Options = [{args, Arguments}, exit_status, stderr_to_stdout, binary, hide],
     Port = open_port({spawn_executable, Program}, Options),
     Timer = erlang:start_timer(?PNG_TIME_MS, self(), Port),
-    Status = exit_status(Port, Timer),
+    Ended = ended(Port, Timer, <<>>),
     _ = erlang:cancel_timer(Timer),
     receive
-        {timeout, Timer, Port} -> Status
-    after 0 -> Status
+        {timeout, Timer, Port} -> Ended
+    after 0 -> Ended
     end.
 
-exit_status(Port, Timer) ->
+ended(Port, Timer, Text) ->
     receive
-        {Port, {data, _Text}} ->
-            exit_status(Port, Timer);
+        {Port, {data, More}} ->
+            ended(Port, Timer, <<Text/binary, More/binary>>);
         {Port, {exit_status, Status}} ->
-            Status;
+            {Status, Text};
         {timeout, Timer, Port} ->
             true = port_close(Port),
-            timeout
+            {timeout, <<"it takes too long">>}
     end.

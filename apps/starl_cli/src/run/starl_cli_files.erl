@@ -3,14 +3,15 @@
 
 -export([write/4, write_failure/3, put_all/2, scenario/1, app/1]).
 
--type answer() :: ok | {error, unicode:chardata()}.
+%% `partly': the files are there but one that is not needed.
+-type answer() :: ok | {partly, unicode:chardata()} | {error, unicode:chardata()}.
 
 %% @doc Writes the reports, the scenario, the record of the run, the log unless it is empty, and the
 %% application's own files.
 -spec write(file:filename(), starl_cli_setup:t(), {Report, Record}, Own) -> answer() when
     Report :: starl_cli_report:t(),
     Record :: starl_cli_record:t(),
-    Own :: fun((file:filename()) -> {ok, [file:filename()]} | {error, unicode:chardata()}).
+    Own :: fun((file:filename()) -> starl_scene:written()).
 write(Dir, Setup, {Report, Record}, Own) ->
     Files =
         [
@@ -25,10 +26,12 @@ write(Dir, Setup, {Report, Record}, Own) ->
     end.
 
 own({ok, _Files}) -> ok;
+own({partly, _Files, Why}) -> {partly, Why};
 own({error, Why}) -> {error, Why}.
 
 %% @doc Writes the scenario, the reason and the log of a failed simulation.
--spec write_failure(file:filename(), starl_cli_setup:t(), Reason :: term()) -> answer().
+-spec write_failure(file:filename(), starl_cli_setup:t(), Reason :: term()) ->
+    ok | {error, unicode:chardata()}.
 write_failure(Dir, Setup, Reason) ->
     put_all(Dir, [
         {"scenario.term", own_scenario(Setup)},
@@ -42,7 +45,8 @@ log([]) -> [];
 log(Lines) -> [{"run.log", Lines}].
 
 %% @doc Writes files with these texts into a directory.
--spec put_all(file:filename(), [{Name :: string(), unicode:chardata()}]) -> answer().
+-spec put_all(file:filename(), [{Name :: string(), unicode:chardata()}]) ->
+    ok | {error, unicode:chardata()}.
 put_all(_Dir, []) ->
     ok;
 put_all(Dir, [{Name, Text} | Files]) ->

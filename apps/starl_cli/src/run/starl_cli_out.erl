@@ -3,7 +3,7 @@
 %% when all are complete.
 -module(starl_cli_out).
 
--export([plan/2, write/2, shown/1, usual/1, holds_a_run/1]).
+-export([plan/2, write/2, sure/2, shown/1, usual/1, holds_a_run/1]).
 
 -export_type([t/0]).
 
@@ -71,9 +71,12 @@ probe(Dir) ->
         {error, Posix} -> {error, ["cannot be written: ", file:format_error(Posix)]}
     end.
 
-%% @doc Calls a function that writes the files into a directory, and gives the final directory.
--spec write(t(), fun((file:filename()) -> ok | {error, unicode:chardata()})) ->
-    {ok, file:filename()} | {error, unicode:chardata()}.
+%% @doc Calls a function that writes the files into a directory, and gives the final directory;
+%% `partly': without a file that is not needed.
+-spec write(t(), fun((file:filename()) -> ok | {partly, Why} | {error, Why})) ->
+    {ok, file:filename()} | {partly, file:filename(), Why} | {error, unicode:chardata()}
+when
+    Why :: unicode:chardata().
 write(Plan, Fill) ->
     Temporary = temporary(Plan),
     case filelib:ensure_path(Temporary) of
@@ -88,6 +91,11 @@ filled(ok, Temporary, Plan) ->
         {error, Posix} ->
             _ = file:del_dir_r(Temporary),
             {error, [shown(Temporary), ": ", file:format_error(Posix)]}
+    end;
+filled({partly, Why}, Temporary, Plan) ->
+    case filled(ok, Temporary, Plan) of
+        {ok, Dir} -> {partly, Dir, Why};
+        {error, _} = Error -> Error
     end;
 filled({error, Why}, Temporary, _Plan) ->
     _ = file:del_dir_r(Temporary),
@@ -140,6 +148,11 @@ number(N, Parent, Name, Temporary) ->
         {error, _} = Error ->
             Error
     end.
+
+%% @doc Ends the command with one line if a result could not be written.
+-spec sure(file:filename(), ok | {error, file:posix() | badarg | terminated | system_limit}) -> ok.
+sure(_File, ok) -> ok;
+sure(File, {error, Posix}) -> throw({unwritable, File, Posix}).
 
 %% @doc A path as the user would write it: relative if it lies below the working directory.
 -spec shown(string()) -> string().

@@ -122,6 +122,10 @@ where({ok, Dir}, Outcome, Status) ->
     starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), Crashes, "\n"]),
     look(Dir, Outcome),
     Status;
+where({partly, Dir, Why}, Outcome, Status) ->
+    _ = where({ok, Dir}, Outcome, Status),
+    starl_cli_terminal:complain(Why),
+    max(Status, 1);
 where({error, Why}, _Outcome, _Status) ->
     starl_cli_terminal:complain(["the results could not be written: ", Why]),
     1.

@@ -2,7 +2,7 @@
 %% and output that survives a closed pipe (`./starl ... | head').
 -module(starl_cli_terminal).
 
--export([bad_input/1, out/1, out/2, complain/1, warn/1, draw/1]).
+-export([bad_input/1, out/1, out/2, complain/1, warn/1, draw/1, lost/0]).
 -export([columns/0, window/0, watched/0, wrap/3]).
 
 -export_type([status/0]).
@@ -18,6 +18,7 @@ bad_input(Problems) ->
     2.
 
 -define(HERE, "./starl").
+-define(LOOK_MS, 5).
 -define(USUAL, 80).
 %% Prose is never wrapped wider than this.
 -define(WIDEST, 100).
@@ -42,6 +43,49 @@ warn(Text) -> write(standard_error, [Text, "\n"]).
 %% @doc Writes raw text to standard error, for the progress line.
 -spec draw(unicode:chardata()) -> ok.
 draw(Text) -> write(standard_error, Text).
+
+%% @doc Whether standard output could not be written, and why: `epipe' if nobody reads it any more.
+-spec lost() -> none | file:posix() | badarg | terminated | system_limit.
+lost() ->
+    ok = written(),
+    %% A device ends when a write has failed; it answers a question that came earlier.
+    _ = io:columns(standard_io),
+    try io:put_chars(standard_io, "") of
+        ok -> none
+    catch
+        error:_ -> why_lost(file:open("/dev/stdout", [append, raw]))
+    end.
+
+%% Waits until the operating system has taken all output; halt/2 would wait for it, too.
+written() ->
+    Queued = [
+        Port
+     || Port <- ports(), {queue_size, N} <- [erlang:port_info(Port, queue_size)], N > 0
+    ],
+    case Queued of
+        [] ->
+            ok;
+        [_ | _] ->
+            receive
+            after ?LOOK_MS -> written()
+            end
+    end.
+
+ports() ->
+    case process_info(group_leader(), links) of
+        {links, Links} -> [Port || Port <- Links, is_port(Port)];
+        undefined -> []
+    end.
+
+%% The device does not tell why: the reason comes from another attempt. A pipe without a reader, or a
+%% closed terminal, cannot even be opened.
+why_lost({ok, Device}) ->
+    case file:write(Device, "\n") of
+        {error, Posix} -> Posix;
+        ok -> eio
+    end;
+why_lost({error, _}) ->
+    epipe.
 
 %% A device whose reader has gone answers with an error.
 write(Device, Text) ->

@@ -21,7 +21,7 @@ about(_Subject) ->
 flags(_Subject) ->
     [{"Flags", [{out, string, default(), "where the pages go; what is there is lost"}]}].
 
-default() -> filename:join(["_build", "doc"]).
+default() -> starl_cli_out:shown(filename:join([starl_cli_target:root(), "_build", "doc"])).
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() -> [{0, "the pages are made"}, {1, "something in them is wrong, and said"}].

@@ -33,7 +33,9 @@ copied(File, Dir) ->
     Lines = string:split(unicode:characters_to_list(Text), "\n", all),
     Copy = filename:join(Dir, filename:basename(File)),
     Turned = lists:join("\n", starl_dev_doc_source:for_edoc(Lines)),
-    ok = file:write_file(Copy, unicode:characters_to_binary(Turned)),
+    ok = starl_cli_out:sure(
+        Copy, file:write_file(Copy, unicode:characters_to_binary(Turned))
+    ),
     Copy.
 
 %% EDoc names the copy; the message should name the original file.
@@ -86,7 +88,7 @@ to_otp(Page) ->
         "href=\"https://www.erlang.org/doc/man/\\1.html\"",
         [global]
     ),
-    ok = file:write_file(Page, Text).
+    starl_cli_out:sure(Page, file:write_file(Page, Text)).
 
 pages(Dir) -> filelib:wildcard(filename:join(Dir, "*.html")).
 

@@ -24,7 +24,8 @@ write(N, Seed) ->
 
 write_one(K, N, Seed, Dir) ->
     File = filename:join(Dir, "random-" ++ integer_to_list(K) ++ ".svg"),
-    ok = file:write_file(File, svg(segments(K, N), Seed * 10007 + K)),
+    Svg = svg(segments(K, N), Seed * 10007 + K),
+    ok = starl_cli_out:sure(File, file:write_file(File, Svg)),
     File.
 
 %% From 5 segments to the maximum, on a logarithmic scale.

@@ -19,7 +19,7 @@
     done = 0 :: non_neg_integer(),
     results = #{} :: #{cell() => [{Seed :: integer(), result()}]},
     bad = [] :: [unicode:chardata()],
-    csv :: file:io_device() | none
+    csv :: file:fd() | none
 }).
 
 -spec name() -> string().
@@ -91,9 +91,9 @@ problems(Picture, #{robots := Robots} = Options) ->
 csv(none) ->
     {ok, none};
 csv(File) ->
-    case file:open(File, [write, {encoding, utf8}]) of
+    case file:open(File, [write, raw]) of
         {ok, Csv} ->
-            ok = io:put_chars(Csv, starl_dev_table_rows:csv_header()),
+            ok = keep(Csv, starl_dev_table_rows:csv_header()),
             {ok, Csv};
         {error, Posix} ->
             {error, [File, ": ", file:format_error(Posix)]}
@@ -172,7 +172,7 @@ noted({Row, #{seed := Seed} = Scenario}, {ok, Result}, #table{results = Results}
     }).
 
 keep(none, _Line) -> ok;
-keep(Csv, Line) -> io:put_chars(Csv, Line).
+keep(Csv, Line) -> starl_cli_out:sure("--out", file:write(Csv, unicode:characters_to_binary(Line))).
 
 %% Rows are printed in order: each waits for all rows before it.
 finished_rows(#table{rows = [Row | Rows], seeds = Seeds, results = Results} = Table) ->

@@ -165,7 +165,8 @@ begin_with(_Header, _Device, _Bytes) -> ok.
 %% @doc Appends a row, which is in the file when this call returns.
 -spec append(file:io_device(), row()) -> ok.
 append(Device, Row) ->
-    ok = file:write(Device, unicode:characters_to_binary(starl_lab_csv:line(Row))).
+    Line = unicode:characters_to_binary(starl_lab_csv:line(Row)),
+    starl_cli_out:sure("runs.csv", file:write(Device, Line)).
 
 %% @doc Closes the file.
 -spec close(file:io_device()) -> ok.

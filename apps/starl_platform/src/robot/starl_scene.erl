@@ -8,7 +8,7 @@
 
 -export([make/2, report/3, preview/2]).
 
--export_type([t/0, context/0, outcome/0, report/0, format/0, preview/0]).
+-export_type([t/0, context/0, outcome/0, report/0, format/0, preview/0, written/0]).
 
 %% The input from which a scene is made.
 -type context() :: #{
@@ -58,8 +58,14 @@
     complete => boolean(),
     done => unicode:chardata(),
     summary => [unicode:chardata()],
-    write => fun((Dir :: file:filename()) -> {ok, [file:filename()]} | {error, string()})
+    write => fun((Dir :: file:filename()) -> written())
 }.
+
+%% The files that were written; `partly': all that matter, and why others are not there.
+-type written() ::
+    {ok, [file:filename()]}
+    | {partly, [file:filename()], Why :: unicode:chardata()}
+    | {error, Why :: unicode:chardata()}.
 
 %% How a figure is shown: its decimals (3); its rounding, `down' for a figure that must not look
 %% better than it is (near); the label of its axis in a plot, with the unit; and whether it is
