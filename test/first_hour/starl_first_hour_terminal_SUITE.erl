@@ -9,6 +9,8 @@
 -export([an_earlier_result_is_not_overwritten_without_a_word/1]).
 -export([a_run_is_repeated_after_its_files_were_moved/1]).
 -export([a_full_disk_is_told/1, a_closed_pipe_is_quiet/1]).
+-export([bash_completes_from_the_tables/1, the_manual_page_has_all_commands/1]).
+-export([every_command_explains_itself/1]).
 
 -import(starl_first_hour_ct, [sh/2, contains/2, write/2]).
 
@@ -21,7 +23,10 @@ all() ->
         an_earlier_result_is_not_overwritten_without_a_word,
         a_run_is_repeated_after_its_files_were_moved,
         a_full_disk_is_told,
-        a_closed_pipe_is_quiet
+        a_closed_pipe_is_quiet,
+        bash_completes_from_the_tables,
+        the_manual_page_has_all_commands,
+        every_command_explains_itself
     ].
 
 init_per_suite(Config) -> Config.
@@ -117,3 +122,67 @@ a_full_disk_is_told(Config) ->
 a_closed_pipe_is_quiet(Config) ->
     {0, Text} = sh("$starl faults | head -n 1", dir("pipe", Config)),
     ?assertMatch(["network" ++ _, ""], string:split(Text, "\n", all)).
+
+%% What bash asks the function for: the words up to the cursor, the last one incomplete.
+-define(COMPLETED, [
+    {"./starl ru", "run"},
+    {"./starl run paint", "painting painting_lossy"},
+    {"starl run painting --pict", "--picture"},
+    {"starl run painting --picture h", "hatch house"},
+    {"starl run painting --picture = h", "hatch house"},
+    {"starl run --seed 5 painting --safety", "--safety-distance"},
+    {"starl run exercise --safety", ""},
+    {"starl run exercise --block ele", "election"},
+    {"starl run painting --quiet --mode in", "inline"},
+    {"starl run exercise --random-faults [network,kill_m", "[network,kill_machine"},
+    {"starl run my.erl --loss", "--loss"},
+    {"starl soak mu", "mutex"},
+    {"starl check mutex --faults cr", "crash:1"},
+    {"starl help so", "soak"},
+    {"starl completion z", "zsh"},
+    {"starl run ./line", "./lines.svg"},
+    {"starl run painting --picture ./line", "./lines.svg"}
+]).
+
+bash_completes_from_the_tables(Config) ->
+    Dir = dir("completion", Config),
+    write(filename:join(Dir, "lines.svg"), ""),
+    Script =
+        "source <($starl completion bash)\n"
+        "t() { COMP_WORDS=(\"$@\"); COMP_CWORD=$(($# - 1)); COMPREPLY=(); _starl;"
+        " echo \"${COMPREPLY[*]}\"; }\n",
+    Calls = [["t ", Line, "\n"] || {Line, _} <- ?COMPLETED],
+    write(filename:join(Dir, "try"), [Script, Calls, "complete -p starl\n"]),
+    {0, Text} = sh("bash try", Dir),
+    Lines = string:split(string:trim(Text, trailing, "\n"), "\n", all),
+    Wanted = [Line || {_, Line} <- ?COMPLETED],
+    ?assertEqual(Wanted ++ ["complete -o filenames -F _starl starl"], Lines).
+
+the_manual_page_has_all_commands(Config) ->
+    Dir = dir("man", Config),
+    {0, Page} = sh("$starl man", Dir),
+    contains(".TH STARL 1\n", Page),
+    {0, Names} = sh("$starl help --names", Dir),
+    [contains("\n.SS " ++ Name, Page) || Name <- string:lexemes(Names, "\n")],
+    contains("\n.B \\-\\-random\\-faults TERM\n", Page),
+    %% groff warns of what it does not understand.
+    ?assertEqual(
+        {0, ""},
+        sh(
+            "command -v groff >/dev/null || exit 0; $starl man | groff -ww -man -Tutf8 >/dev/null",
+            Dir
+        )
+    ).
+
+%% Also those that the script runs itself.
+every_command_explains_itself(Config) ->
+    Dir = dir("help", Config),
+    Loop =
+        "for c in setup shell test run; do $starl help $c > one; $starl $c --help > two;"
+        " $starl $c -h > three; cmp one two; cmp two three; head -n 1 one; done",
+    {0, Text} = sh(Loop, Dir),
+    [contains("starl " ++ Name, Text) || Name <- ["setup [F", "shell [A", "test [M", "run T"]],
+    nomatch = string:find(Text, "differ"),
+    Version = "for v in version -V --version; do $starl $v; done",
+    {0, Versions} = sh(Version, Dir),
+    ?assertMatch(["starl " ++ _], lists:usort(string:lexemes(Versions, "\n"))).

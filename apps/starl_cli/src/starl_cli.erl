@@ -61,10 +61,13 @@ temporary() ->
 
 %% @doc Runs a command; gives the exit status.
 -spec command([string()]) -> starl_cli_terminal:status().
-command([]) -> command(["help"]);
+command([]) ->
+    command(["help"]);
 command([Help | _]) when Help =:= "--help"; Help =:= "-h" -> command(["help"]);
-command(["--version" | _]) -> show(["starl ", version(), "\n"]);
-command([Name | Args]) -> found(starl_cli_command:find(Name), Name, Args).
+command([Version | _]) when Version =:= "--version"; Version =:= "-V"; Version =:= "version" ->
+    show(["starl ", version(), "\n"]);
+command([Name | Args]) ->
+    found(starl_cli_command:find(Name), Name, Args).
 
 found({ok, Command}, _Name, Args) ->
     starl_cli_dispatch:run(Command, Args);

@@ -59,7 +59,8 @@
 %% @doc The flag for the number of VMs; the default is the number of cores.
 -spec at_once() -> starl_cli_flags:flag().
 at_once() ->
-    {jobs, {integer, 1, 256}, erlang:system_info(schedulers_online), "runs at once"}.
+    {jobs, {integer, 1, 256}, erlang:system_info(schedulers_online),
+        "number of runs at the same time"}.
 
 %% @doc Does all jobs, in no particular order.
 -spec run([Job], plan(Job, Acc), Acc) -> {done | interrupted, Acc}.

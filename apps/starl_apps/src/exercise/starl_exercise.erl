@@ -38,15 +38,17 @@ options() ->
     Block = {term, lists:flatten(["one of ", Names, ", or a module"]), fun is_exercised/1},
     [
         {block, Block, sap, "the building block to be used"},
-        {work, {number, 0.001, 1.0e6}, 25, "how long each robot goes on, s by its own clock"},
-        {turns, {optional, {integer, 1, 1000000}}, none, "or how often it uses the block, at most"},
+        {work, {number, 0.001, 1.0e6}, 25,
+            "the time for which each robot uses the block, s by its own clock"},
+        {turns, {optional, {integer, 1, 1000000}}, none,
+            "the most uses of the block by each robot"},
         {pause, {integer, 1, 1000000}, 400, "the longest pause between two uses, ms"},
         %% The patience lets a robot continue if its partner is dead.
-        {patience, {integer, 1, 10000000}, 8000, "no call is waited for longer, ms"}
+        {patience, {integer, 1, 10000000}, 8000, "the longest wait for the answer of a call, ms"}
     ] ++ flags() ++
         [
             {final, {integer, 0, 1000}, 0,
-                "how many further calls each robot makes in the end, judged by how they end"},
+                "number of calls by each robot at the end of its work; their results are judged"},
             {with, {term, "a map", fun is_map/1}, #{},
                 "the block's own options, and flags of a block of your own"}
         ].

@@ -15,14 +15,17 @@ options() ->
     [
         {picture, file, "house",
             "an SVG file, or one that ships: " ++ starl_painting_picture:names()},
-        {tolerance, {number, 0.1, 1000}, 2, "lines keep so close to the picture's curves, mm"},
-        {segments, {integer, 1, 100000}, 5000, "a picture with more line segments is refused"},
-        {safety_distance, {number, ?CONTACT_MM, 5000}, 400, "robots keep so far apart (r_s), mm"},
-        {horizon, {number, 100, 100000}, 3000, "paint per assignment, mm"},
+        {tolerance, {number, 0.1, 1000}, 2,
+            "the largest distance of the lines from the picture's curves, mm"},
+        {segments, {integer, 1, 100000}, 5000, "the most line segments that a picture may have"},
+        {safety_distance, {number, ?CONTACT_MM, 5000}, 400,
+            "the least distance of any two robots (r_s), mm"},
+        {horizon, {number, 100, 100000}, 3000,
+            "length of the lines that a robot gets at a time, mm"},
         {lease, {integer, 100, 1000000}, 10000,
             "the duration of a lease: of a vote, and of a robot's permission to drive, ms"},
         {jump, {integer, 0, 1000000}, 2000,
-            "by how much clocks may be set meanwhile, ms; far less than a lease"}
+            "the most by which a clock may be set during a lease, ms; far less than a lease"}
     ].
 
 %% @doc Puts the picture on the floor. r_s is the least distance of two robots, r(v) the largest

@@ -16,7 +16,8 @@
 -spec flags() -> [starl_options:option()].
 flags() ->
     [
-        {retry, {integer, 10, 1000000}, 3000, "mutex, barrier: who waits asks again after this, ms"}
+        {retry, {integer, 10, 1000000}, 3000,
+            "mutex, barrier: the time after which a waiting robot asks again, ms"}
     ].
 
 -spec block_options(starl_block_exercise:use()) -> starl_block:options().

@@ -46,10 +46,10 @@ options() ->
     [
         {segments, {term, "a list of lines {{X1, Y1}, {X2, Y2}}", fun is_list/1}, [],
             "the target edges: what is to be painted, mm"},
-        {world, {size, {number, 1000, 1000000}}, {12000.0, 12000.0}, "the floor, mm"},
+        {world, {size, {number, 1000, 1000000}}, {12000.0, 12000.0}, "size of the floor, mm"},
         {tube_radius, Mm, 365.0, "the radius of the tubes that robots hold, mm"},
         {slack, Mm, 0.0, "the most by which a robot may be off its path, the paper's r(v), mm"},
-        {horizon, Mm, 3000.0, "paint per assignment, mm"},
+        {horizon, Mm, 3000.0, "length of the lines that a robot gets at a time, mm"},
         {edge_length, Mm, 500.0, "the longest target edge, mm"},
         {leg, Mm, 500.0, "the longest segment without paint, mm"},
         {turn_mm, Mm, 160.0, "mm driven in the time of turning one radian"},

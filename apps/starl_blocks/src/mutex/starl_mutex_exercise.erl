@@ -28,7 +28,8 @@ flags() ->
         {hold, {integer, 1, 1000000}, 300, "mutex: the longest hold, ms"},
         {lease, {integer, 100, 1000000}, 2000,
             "mutex: the duration of a hold that is not renewed, ms"},
-        {retry, {integer, 10, 1000000}, 3000, "mutex, barrier: who waits asks again after this, ms"}
+        {retry, {integer, 10, 1000000}, 3000,
+            "mutex, barrier: the time after which a waiting robot asks again, ms"}
     ].
 
 -spec block_options(starl_block_exercise:use()) -> starl_block:options().

@@ -24,7 +24,7 @@
 flags() ->
     [
         {sync, {integer, 10, 1000000}, 1000, "registers: the mean time between two exchanges, ms"},
-        {limit, {integer, 1, 1000000}, 1024, "registers: the most that there may be"}
+        {limit, {integer, 1, 1000000}, 1024, "registers: the largest number of registers"}
     ].
 
 -spec block_options(starl_block_exercise:use()) -> starl_block:options().

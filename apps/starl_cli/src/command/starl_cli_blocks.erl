@@ -48,8 +48,10 @@ shown({Name, Block}, Width) ->
     Can = [atom_to_list(What) || What <- [exercise, check, bench], starl_block:can(What, Block)],
     Judges = [starl_monitor:name(Monitor) || Monitor <- starl_block:monitors(Block)],
     [
-        [atom_to_list(Name), " (", atom_to_list(Block), "): ", Block:contract(), "\n"],
-        [["  contracts: ", lists:join(", ", Judges), "\n"] || Judges =/= []],
+        wrapped(
+            "", [atom_to_list(Name), " (", atom_to_list(Block), "): ", Block:contract()], Width
+        ),
+        [wrapped("  ", ["contracts: ", lists:join(", ", Judges)], Width) || Judges =/= []],
         [["  can: ", lists:join(", ", Can), "\n"] || Can =/= []],
         [option(Option, Width) || Option <- Block:options()]
     ].
@@ -58,4 +60,8 @@ option({Key, Type, Default, Doc}, Width) ->
     Text = io_lib:format("~ts => ~0tp: ~ts; ~ts", [
         Key, Default, Doc, starl_options:type_text(Type)
     ]),
-    ["  ", starl_cli_terminal:wrap(lists:flatten(Text), 6, Width), "\n"].
+    wrapped("  ", Text, Width).
+
+%% Later lines are indented more than the first.
+wrapped(Indent, Text, Width) ->
+    [Indent, starl_cli_terminal:wrap(Text, 6, Width), "\n"].

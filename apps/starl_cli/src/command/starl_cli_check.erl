@@ -11,7 +11,7 @@
 name() -> "check".
 
 -spec synopsis() -> string().
-synopsis() -> "go through all that can happen to a small team".
+synopsis() -> "check every order of events in a small team".
 
 -spec argument() -> starl_cli_command:argument().
 argument() -> {required, "BLOCK", starl_check:blocks() ++ [{all, "one after the other"}]}.
@@ -34,11 +34,12 @@ flags(_Subject) ->
         {"Flags", [
             {robots, {integer, 1, 8}, 3, "robots in the team"},
             {faults, string, "loss:1,crash:1",
-                "what may happen how often, as in loss:2,crash:1; "
-                "none for nothing"},
-            {depth, ?DEPTH, none, "at most so many steps in a row"},
-            {memory, {integer, 100, 1000000}, 4000, "MB of memory to use at most"},
-            {'no-symmetry', switch, false, "take no robot for another one that is like it"},
+                "faults, each with the number of times that it may happen, as in "
+                "loss:2,crash:1; or none"},
+            {depth, ?DEPTH, none, "the largest number of steps in a row"},
+            {memory, {integer, 100, 1000000}, 4000, "the most memory to use, MB"},
+            {'no-symmetry', switch, false,
+                "treats robots that are alike as different ones, which takes longer"},
             {quiet, switch, false, "no progress line"}
         ]}
     ].
@@ -47,7 +48,7 @@ flags(_Subject) ->
 statuses() ->
     [
         {0, "the contract holds"},
-        {3, "it is violated, and here is how"},
+        {3, "it is violated; the shortest way there is printed"},
         {4, "out of memory before all was covered, or a search without end"},
         {130, "interrupted, with what was covered"}
     ].

@@ -25,19 +25,24 @@ about(_Subject) ->
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(_Call) ->
-    Rows = [row(Spec) || Spec <- starl_sim_fault:kinds()],
-    Widths = [lists:max([string:length(Cell) || Cell <- Column]) || Column <- columns(Rows)],
-    starl_cli_terminal:out([line(Row, Widths) || Row <- Rows]),
+    Width = starl_cli_terminal:columns(),
+    Classes = [class(Class, Width) || Class <- starl_sim_fault:classes()],
+    starl_cli_terminal:out(lists:join("\n", Classes)),
     0.
 
-row({Kind, Class, Target, Params, Doc}) ->
+class(Class, Width) ->
+    [atom_to_list(Class), ":\n" | [kind(Spec, Width) || Spec <- starl_sim_fault:kinds_of(Class)]].
+
+%% The kind with its target and parameters, and what it does, which may need lines of its own.
+kind({Kind, _Class, Target, Params, Doc}, Width) ->
     Texts = [[atom_to_list(Key), " ", type(Type), unit(Key)] || {Key, Type, _} <- Params],
+    Head = [string:pad(atom_to_list(Target), 9), lists:join(", ", Texts)],
     [
-        atom_to_list(Class),
-        atom_to_list(Kind),
-        atom_to_list(Target),
-        lists:flatten(lists:join(", ", Texts)),
-        Doc
+        io_lib:format("  ~-18ts ", [Kind]),
+        string:trim(Head, trailing),
+        "\n      ",
+        starl_cli_terminal:wrap(Doc, 6, Width),
+        "\n"
     ].
 
 type({one_of, Atoms}) -> lists:join("|", [atom_to_list(Atom) || Atom <- Atoms]);
@@ -51,10 +56,3 @@ unit(Key) ->
         "ppm" -> " ppm";
         _ -> ""
     end.
-
-%% All columns except the last, which needs no width.
-columns(Rows) -> [[lists:nth(N, Row) || Row <- Rows] || N <- [1, 2, 3, 4]].
-
-line(Row, Widths) ->
-    {Cells, [Doc]} = lists:split(length(Widths), Row),
-    [[string:pad(Cell, Width + 2) || {Cell, Width} <- lists:zip(Cells, Widths)], Doc, "\n"].

@@ -1,4 +1,4 @@
-%% @doc `./starl help': explains all commands or one, and gives their names to a shell's completion.
+%% @doc `./starl help': explains all commands or one, and gives their names to scripts.
 -module(starl_cli_help).
 -behaviour(starl_cli_command).
 
@@ -19,7 +19,7 @@ argument() ->
 about(_Subject) ->
     [
         "Lists all commands; ./starl help COMMAND is ./starl COMMAND --help.",
-        {lines, "Completion in bash: complete -W \"$(./starl help --names)\" ./starl"}
+        "./starl completion makes a shell complete them; ./starl man prints them as a manual page."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].

@@ -25,7 +25,8 @@ flags(_Subject) ->
     [
         {"Flags", [
             {name, string, "starl", "the node's name, NAME or NAME@HOST as the others reach it"},
-            {cookie, string, none, "who has it may run anything here; without it a random one"}
+            {cookie, string, none,
+                "the secret that lets other nodes run anything here; without it a random one"}
         ]}
     ].
 

@@ -34,7 +34,7 @@ argument() -> {required, "RUN", {example, "out/painting-1"}}.
 about(_Subject) ->
     [
         "RUN is the directory of a run or its run.term: the run is done again and its digest "
-        "compared (--mode and --shards may differ, which changes nothing). It may also be whatever "
+        "compared (--mode and --shards may differ, which changes nothing). It may also be anything that "
         "./starl run takes, with the same flags; SEED --app TARGET is TARGET --seed SEED."
     ].
 

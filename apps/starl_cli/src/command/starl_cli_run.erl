@@ -22,7 +22,7 @@ about(none) ->
             {"applications", names(starl_cli_target:apps())},
             {"scenarios", names(starl_cli_target:scenarios())}
         ]},
-        "./starl run TARGET --help lists the flags of TARGET."
+        "./starl run TARGET --help lists the flags of TARGET, too."
     ];
 about(_Target) ->
     [].
@@ -31,14 +31,16 @@ names(Known) -> lists:join(", ", [element(1, Item) || Item <- Known]).
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) ->
-    [];
+    flags_of_all();
 flags(#{app := App, name := Name}) ->
     Own = [{["Flags of ", Name], starl_app:options(App)}],
-    [Group || {_, [_ | _]} = Group <- Own] ++
-        [
-            {"Flags of every simulation", starl_sim_scenario:options()},
-            {"Other flags", starl_cli_setup:own_flags() ++ [live() | starl_cli_live:flags()]}
-        ].
+    [Group || {_, [_ | _]} = Group <- Own] ++ flags_of_all().
+
+flags_of_all() ->
+    [
+        {"Flags of every simulation", starl_sim_scenario:options()},
+        {"Other flags", starl_cli_setup:own_flags() ++ [live() | starl_cli_live:flags()]}
+    ].
 
 live() -> {live, switch, false, "in real time, as on real robots, not in virtual time"}.
 

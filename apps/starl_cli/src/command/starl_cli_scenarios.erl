@@ -16,6 +16,5 @@ about(_Subject) -> ["Lists the scenarios that ship; ./starl run NAME runs one."]
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(_Call) ->
     Found = [{Name, Doc} || {Name, _, Doc} <- starl_cli_target:scenarios()],
-    Width = lists:max([0 | [string:length(Name) || {Name, _} <- Found]]),
-    starl_cli_terminal:out([[string:pad(Name, Width + 2), Doc, "\n"] || {Name, Doc} <- Found]),
+    starl_cli_terminal:out(starl_cli_usage:items(Found)),
     0.

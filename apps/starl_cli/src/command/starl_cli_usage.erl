@@ -2,7 +2,7 @@
 %% and wraps it to the width of the terminal.
 -module(starl_cli_usage).
 
--export([general/0, command/3, names/0, flag_names/2]).
+-export([general/0, command/3, items/1, line/1, names/0, flag_names/2]).
 
 %% The largest width of the column of names, if the terminal has room for it.
 -define(WIDEST_NAME, 18).
@@ -15,7 +15,7 @@
 -spec general() -> unicode:chardata().
 general() ->
     Groups = [
-        {Title, [{lists:flatten(usage(C, none)), C:synopsis()} || C <- Commands]}
+        {Title, [{line(C), C:synopsis()} || C <- Commands]}
      || {Title, Commands} <- starl_cli_command:all()
     ],
     Column = column(lists:append([Items || {_, Items} <- Groups])),
@@ -26,6 +26,10 @@ general() ->
         prose("./starl COMMAND --help tells more; ./starl --version tells which StarL this is."),
         prose("To begin with: ./starl run painting")
     ].
+
+%% @doc A command with its argument, as it is typed.
+-spec line(module()) -> string().
+line(Command) -> lists:flatten(usage(Command, none)).
 
 %% @doc The names of all commands, for completion.
 -spec names() -> [string()].
@@ -76,6 +80,10 @@ statuses(Statuses) ->
 prose(Text) ->
     Lines = starl_cli_terminal:wrap(Text, 0, width()),
     [string:replace(Lines, [?NO_BREAK], " ", all), "\n"].
+
+%% @doc Names with explanations, one below the other.
+-spec items([{Name :: unicode:chardata(), Doc :: unicode:chardata()}]) -> unicode:chardata().
+items(Items) -> [item(Item, column(Items), width()) || Item <- Items].
 
 section(Title, Items, Column) ->
     ["\n", Title, ":\n", [item(Item, Column, width()) || Item <- Items]].

@@ -2,7 +2,7 @@
 %% problems of a command line are reported at once.
 -module(starl_cli_flags).
 
--export([parse/2, defaults/1, help/2, flag/1, text/2, arguments/2, shell/1, nearest/2]).
+-export([parse/2, defaults/1, help/2, described/1, flag/1, text/2, arguments/2, shell/1, nearest/2]).
 -export([format_problem/1]).
 
 -export_type([flag/0, type/0, problem/0]).
@@ -229,23 +229,29 @@ several({integer, _, _}) -> ", or several as A,B,C or LOW..HIGH or LOW..HIGH..ST
 several({number, _, _}) -> ", or several as A,B,C or LOW..HIGH..STEP";
 several(_) -> ", or several with commas between".
 
-help_on({Key, switch, _, Doc}, Width) ->
-    ["  ", flag(Key), "\n      ", starl_cli_terminal:wrap(Doc, 6, Width), "\n"];
-help_on({Key, Type, Default, Doc}, Width) ->
-    Text = [Doc, ": ", type_text(Type), default(Type, Default)],
-    [
-        "  ",
-        flag(Key),
-        " ",
-        placeholder(Type),
-        "\n      ",
-        starl_cli_terminal:wrap(Text, 6, Width),
-        "\n"
-    ].
+help_on(Flag, Width) ->
+    {Usage, Text} = described(Flag),
+    ["  ", Usage, "\n      ", starl_cli_terminal:wrap(Text, 6, Width), "\n"].
 
+%% @doc A flag as it is typed, and what it means, with the type of its value and the default.
+-spec described(flag()) -> {Usage :: unicode:chardata(), unicode:chardata()}.
+described({Key, switch, _, Doc}) ->
+    {flag(Key), Doc};
+described({Key, Type, Default, Doc}) ->
+    Facts = [Fact || Fact <- [shape(Type), default(Type, Default)], Fact =/= ""],
+    {
+        [flag(Key), " ", placeholder(Type)],
+        [Doc, [[" (", lists:join("; ", Facts), ")"] || Facts =/= []]]
+    }.
+
+%% That a text is a text needs no word.
+shape(Type) when Type =:= string; Type =:= file -> "";
+shape(Type) -> type_text(Type).
+
+default({optional, _}, none) -> "default: none";
 default(_Type, none) -> "";
 default({term, _, _}, []) -> "";
-default(Type, Default) -> [" (", text(Type, Default), ")"].
+default(Type, Default) -> ["default: ", text(Type, Default)].
 
 placeholder({integer, _, _}) -> "N";
 placeholder({number, _, _}) -> "X";

@@ -24,11 +24,11 @@
 flags() ->
     [
         {nodes, string, none,
-            "the run goes over so many further Erlang VMs on this machine, or over nodes that "
-            "wait for it (./starl node), as in a@host1,b@host2; its digest is the same"},
+            "number of further Erlang VMs on this machine that share the run, or the waiting nodes "
+            "(./starl node) that do, as in a@host1,b@host2; the digest is the same"},
         {node_timeout, {number, 0.1, 86400}, 30,
-            "a node that keeps the others waiting for longer is lost, s of real time"},
-        {cookie, string, none, "the cookie that nodes which wait were started with"},
+            "the longest wait for a node, s of real time; then the node counts as lost"},
+        {cookie, string, none, "the cookie with which the waiting nodes were started"},
         {node_name, string, none,
             "this machine's node for the run, as the other nodes can reach it, as in me@10.0.0.5"}
     ].

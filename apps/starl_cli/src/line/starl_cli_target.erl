@@ -177,9 +177,16 @@ doc(File) ->
         {error, _} -> ""
     end.
 
-first_comment([<<"%", Line/binary>> | _]) -> string:trim(Line, both, "% \r");
-first_comment([_ | Lines]) -> first_comment(Lines);
-first_comment([]) -> "".
+%% The first sentence of the comment that a file begins with.
+first_comment(Lines) ->
+    Comment = lists:takewhile(
+        fun is_comment/1, lists:dropwhile(fun(L) -> not is_comment(L) end, Lines)
+    ),
+    Words = [string:trim(Line, both, "% \r") || Line <- Comment],
+    hd(re:split(lists:join(" ", Words), "(?<=[.])(?= |$)", [{parts, 2}, unicode])).
+
+is_comment(<<"%", _/binary>>) -> true;
+is_comment(_Line) -> false.
 
 cwd() ->
     {ok, Dir} = file:get_cwd(),

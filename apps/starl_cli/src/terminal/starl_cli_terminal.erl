@@ -2,7 +2,7 @@
 %% and output that survives a closed pipe (`./starl ... | head').
 -module(starl_cli_terminal).
 
--export([bad_input/1, out/1, out/2, complain/1, warn/1, draw/1, lost/0]).
+-export([bad_input/1, out/1, out/2, raw/1, complain/1, warn/1, draw/1, lost/0]).
 -export([columns/0, window/0, watched/0, wrap/3]).
 
 -export_type([status/0]).
@@ -32,6 +32,10 @@ out(Text) -> write(standard_io, Text).
 -spec out(io:format(), [term()]) -> ok.
 out(Format, Args) -> out(io_lib:format(Format, Args)).
 
+%% @doc Prints to standard output without changing the name of the script.
+-spec raw(unicode:chardata()) -> ok.
+raw(Text) -> put_text(standard_io, Text).
+
 %% @doc Prints one line per problem on standard error.
 -spec complain(unicode:chardata() | [unicode:chardata()]) -> ok.
 complain(Problem) -> write(standard_error, ["starl: ", one_line(Problem), "\n"]).
@@ -47,7 +51,7 @@ draw(Text) -> write(standard_error, Text).
 %% @doc Whether standard output could not be written, and why: `epipe' if nobody reads it any more.
 -spec lost() -> none | file:posix() | badarg | terminated | system_limit.
 lost() ->
-    ok = written(),
+    ok = drained(),
     %% A device ends when a write has failed; it answers a question that came earlier.
     _ = io:columns(standard_io),
     try io:put_chars(standard_io, "") of
@@ -57,7 +61,7 @@ lost() ->
     end.
 
 %% Waits until the operating system has taken all output; halt/2 would wait for it, too.
-written() ->
+drained() ->
     Queued = [
         Port
      || Port <- ports(), {queue_size, N} <- [erlang:port_info(Port, queue_size)], N > 0
@@ -67,7 +71,7 @@ written() ->
             ok;
         [_ | _] ->
             receive
-            after ?LOOK_MS -> written()
+            after ?LOOK_MS -> drained()
             end
     end.
 
@@ -88,9 +92,11 @@ why_lost({error, _}) ->
     epipe.
 
 %% A device whose reader has gone answers with an error.
-write(Device, Text) ->
+write(Device, Text) -> put_text(Device, as_called(Text)).
+
+put_text(Device, Text) ->
     try
-        io:put_chars(Device, as_called(Text))
+        io:put_chars(Device, Text)
     catch
         error:_ -> ok
     end.

@@ -12,8 +12,8 @@
 flags() ->
     [
         {robots, {list, {integer, 2, 10000}}, [4, 16, 64], "sizes of the team"},
-        {loss, {number, 0, 1}, 0.0, "part of the packets lost on the air"},
-        {seed, {integer, 0, 1 bsl 32}, 1, "decides every random draw"}
+        {loss, {number, 0, 1}, 0.0, "fraction of the packets that the radio loses"},
+        {seed, {integer, 0, 1 bsl 32}, 1, "the seed of every random draw"}
     ].
 
 %% @doc Measures, prints one line per block and size, and gives the figures for a file.

@@ -38,9 +38,9 @@
 -spec flags() -> [starl_cli_flags:flag()].
 flags() ->
     [
-        {edges, {list, {integer, 10, 100000}}, [2000, 10000], "about so many edges"},
-        {robots, {integer, 1, 100}, 16, "how many robots ask"},
-        {requests, {integer, 1, 1000000}, 2000, "ends after so many requests"}
+        {edges, {list, {integer, 10, 100000}}, [2000, 10000], "approximate number of edges"},
+        {robots, {integer, 1, 100}, 16, "number of robots that ask"},
+        {requests, {integer, 1, 1000000}, 2000, "number of requests"}
     ].
 
 %% @doc Measures, prints one line per size, and gives the figures for a file.

@@ -16,7 +16,7 @@ flags() ->
     [
         {robots, {list, {integer, 2, 100000}}, [1000, 10000], "sizes of the ring"},
         {seconds, {integer, 1, 3600}, 20, "virtual time, s"},
-        {reps, {integer, 1, 100}, 3, "repetitions; the one of the least CPU time is told"}
+        {reps, {integer, 1, 100}, 3, "repetitions; the one with the least CPU time is reported"}
     ].
 
 %% @doc Measures, prints one line per size, and gives the figures for a file.

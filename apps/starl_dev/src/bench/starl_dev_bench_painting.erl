@@ -14,7 +14,7 @@ flags() ->
         {pictures, {list, string}, ["house", "lines"], "SVG files or names of pictures that ship"},
         {modes, {list, {one_of, [process, inline]}}, [process, inline], "how robots are simulated"},
         {seeds, {integer, 1, 1000}, 5, "the runs of seeds 1 to N are added up"},
-        {reps, {integer, 1, 100}, 5, "repetitions of each; the one of the least CPU time counts"}
+        {reps, {integer, 1, 100}, 5, "repetitions of each; the one with the least CPU time counts"}
     ].
 
 %% @doc The pictures that these teams cannot paint, with the reasons; one line each.

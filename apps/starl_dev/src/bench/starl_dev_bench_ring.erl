@@ -26,8 +26,9 @@ flags() ->
     [
         {robots, {list, {integer, 2, 100000}}, [4, 64, 256, 1000], "sizes of the ring"},
         {modes, {list, {one_of, [process, inline]}}, [process, inline], "how robots are simulated"},
-        {shards, {list, {integer, 1, 256}}, [1, 2], "over how many shards, each with a core"},
-        {reps, {integer, 1, 100}, 2, "repetitions; the one of the least CPU time is told"}
+        {shards, {list, {integer, 1, 256}}, [1, 2],
+            "numbers of shards, each with a core of its own"},
+        {reps, {integer, 1, 100}, 2, "repetitions; the one with the least CPU time is reported"}
     ].
 
 %% @doc Measures, prints one line per size, mode and number of shards, and gives the figures.

@@ -15,7 +15,7 @@ flags() ->
     [
         {robots, {list, {integer, 2, 100000}}, [1000, 10000], "sizes of the team"},
         {modes, {list, {one_of, [process, inline]}}, [process, inline], "how robots are simulated"},
-        {shards, {optional, {integer, 1, 256}}, none, "over how many shards; none: as in a run"}
+        {shards, {optional, {integer, 1, 256}}, none, "number of shards; none: as in a run"}
     ].
 
 %% @doc Measures, prints one line per size, and gives the figures for a file.

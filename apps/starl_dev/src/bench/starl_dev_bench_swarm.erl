@@ -24,8 +24,8 @@ flags() ->
         {seconds, {integer, 1, 3600}, 20, "virtual time, s"},
         {mode, {one_of, [auto, process, inline]}, auto,
             "how robots are simulated; auto: as in a run"},
-        {shards, {optional, {integer, 1, 256}}, none, "over how many shards; none: as in a run"},
-        {reps, {integer, 1, 100}, 2, "repetitions; the fastest is told"}
+        {shards, {optional, {integer, 1, 256}}, none, "number of shards; none: as in a run"},
+        {reps, {integer, 1, 100}, 2, "repetitions; the fastest is reported"}
     ].
 
 %% @doc Measures, prints one line per size, and gives the figures for a file.

@@ -13,18 +13,22 @@ synopsis() -> "make the pages of all modules, for a browser".
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
-        "Makes a page for each module by EDoc, from its sources, and an index. What EDoc warns of, and "
-        "links that lead nowhere, are told, a line each."
+        "Makes a page for each module by EDoc, from its sources, and an index. EDoc's warnings "
+        "and links that lead nowhere are printed, one line each."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
-    [{"Flags", [{out, string, default(), "where the pages go; what is there is lost"}]}].
+    [
+        {"Flags", [
+            {out, string, default(), "directory for the pages; earlier pages in it are replaced"}
+        ]}
+    ].
 
 default() -> starl_cli_out:shown(filename:join([starl_cli_target:root(), "_build", "doc"])).
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() -> [{0, "the pages are made"}, {1, "something in them is wrong, and said"}].
+statuses() -> [{0, "the pages are made"}, {1, "some pages have problems, which are printed"}].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{values := #{out := Dir}}) ->

@@ -39,15 +39,15 @@ about(_Subject) ->
 flags(_Subject) ->
     [
         {"Flags", [
-            {sample, {integer, 1, 1000000}, 200, "how many mutants are drawn"},
+            {sample, {integer, 1, 1000000}, 200, "number of mutants to draw"},
             {from, {integer, 0, 1 bsl 31}, 1, "the seed of the sample"},
             {seeds, {integer, 0, 100000}, 24, "runs of soak for each mutant, in teams of 2 to 10"},
-            {only, string, none, "this mutant alone, by the name that it is printed with"},
+            {only, string, none, "only the mutant with this name, as it was printed"},
             {at_least, {number, 0, 100}, 90, "the part of the mutants that must be caught, %"},
             {longest, {number, 0, 600}, 15,
                 "tests that take longer without a change are left out, s"},
             starl_lab_jobs:at_once(),
-            {list, switch, false, "who caught each mutant"}
+            {list, switch, false, "lists the test that caught each mutant"}
         ]}
     ].
 

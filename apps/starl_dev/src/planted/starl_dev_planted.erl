@@ -20,7 +20,7 @@
 name() -> "planted".
 
 -spec synopsis() -> string().
-synopsis() -> "find broken building blocks, one per pitfall".
+synopsis() -> "show that the monitors find planted bugs".
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
@@ -37,7 +37,7 @@ flags(_Subject) ->
     [
         {"Flags", [
             {bug, {list, string}, none, "only these bugs"},
-            {seeds, {integer, 1, 1000000}, 1000, "with so many seeds at most"},
+            {seeds, {integer, 1, 1000000}, 1000, "the most seeds to try for each bug"},
             starl_lab_jobs:at_once()
         ]}
     ].

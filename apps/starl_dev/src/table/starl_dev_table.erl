@@ -40,14 +40,16 @@ about(_Subject) ->
 flags(_Subject) ->
     [
         {"Flags", [
-            {pictures, {list, string}, shipped(), "which pictures"},
+            {pictures, {list, string}, shipped(), "the pictures to paint"},
             {robots, {list, {integer, 1, 1000}}, [1, 4, 8, 16], "sizes of the team"},
-            {loss, {list, {number, 0, 1}}, [0, 0.2, 0.4], "parts of the packets lost"},
+            {loss, {list, {number, 0, 1}}, [0, 0.2, 0.4],
+                "fractions of the packets that the radio loses"},
             {delay, {between, {number, 1, 60000}}, {5, 50}, "delay of a packet, ms"},
             {seeds, {integer, 1, 100000}, 20, "seeds per row, from 1"},
-            {random, {integer, 0, 10000}, 0, "besides, so many random pictures, small to large"},
-            {random_seed, {integer, 0, 1 bsl 32}, 1, "decides the random pictures"},
-            {time, {number, 1, 1.0e6}, 40000, "gives a run up at this virtual time, s"},
+            {random, {integer, 0, 10000}, 0,
+                "number of random pictures, small to large, besides the others"},
+            {random_seed, {integer, 0, 1 bsl 32}, 1, "the seed of the random pictures"},
+            {time, {number, 1, 1.0e6}, 40000, "a run ends at this virtual time, s"},
             starl_lab_jobs:at_once(),
             {out, string, none, "a CSV file with a line for each run"}
         ]}

@@ -21,7 +21,7 @@
 options() ->
     [
         {period, {integer, 1, 3600000}, 100, "ms between two messages of a robot"},
-        {messages, {integer, 1, 1000000000}, 600, "how many messages each robot sends"}
+        {messages, {integer, 1, 1000000000}, 600, "number of messages that each robot sends"}
     ].
 
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()}.

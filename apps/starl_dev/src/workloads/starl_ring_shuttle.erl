@@ -27,7 +27,7 @@
 options() ->
     [
         {period, {integer, 1, 3600000}, 100, "ms between two messages of a robot"},
-        {messages, {integer, 1, 1000000000}, 600, "how many messages each robot sends"}
+        {messages, {integer, 1, 1000000000}, 600, "number of messages that each robot sends"}
     ].
 
 %% @doc Robot i starts at A = ((i-1) mod c · 2000, (i-1) div c · 1000), c = ceil(sqrt N); B is

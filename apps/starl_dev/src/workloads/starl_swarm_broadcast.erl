@@ -40,7 +40,7 @@
 options() ->
     [
         {period, {integer, 1, 3600000}, 100, "ms between two broadcasts of a robot"},
-        {messages, {integer, 1, 1000000000}, 200, "how many broadcasts each robot makes"}
+        {messages, {integer, 1, 1000000000}, 200, "number of broadcasts by each robot"}
     ].
 
 %% @doc The arena's corners are (0, 0) and (side, side). The range of the radio, 1000 mm, is the

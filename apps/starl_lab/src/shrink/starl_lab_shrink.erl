@@ -20,7 +20,7 @@ about(_Subject) ->
     [
         "Takes a run that violates a contract (RUN is the directory of a run, a scenario file, an "
         "application with the flags of ./starl run, or SEED --app APPLICATION) and takes away from "
-        "it whatever is not needed: time, faults, robots, chance, lost packets. The result is a "
+        "it all that is not needed: time, faults, robots, chance, lost packets. The result is a "
         "scenario file that violates the same contract in the same way; it has been run. Ctrl-C "
         "writes the smallest so far."
     ].
@@ -33,7 +33,7 @@ own_flags() ->
     [
         {out, string, none, "the file for the result, FILE.term; without it one under out/"},
         {seconds, {optional, {number, 0.001, 1.0e6}}, none,
-            "ends after so many seconds with the smallest so far"},
+            "time limit, s; then the smallest run so far is the result"},
         {quiet, switch, false, "no progress line"}
     ].
 

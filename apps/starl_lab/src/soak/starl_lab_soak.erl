@@ -56,7 +56,7 @@ about(_Subject) ->
     [
         "Uses a building block all the time, under random faults of all kinds (path planning: of "
         "those that it bears), with one seed after the other. Drawn with the seed are also the size "
-        "of the team, how long faults last, leases and the drift of clocks. Faults are over after "
+        "of the team, the lengths of faults, leases and the drift of clocks. Faults are over after "
         "25 s of virtual time (path planning: 45 s); then every call has to end as its block "
         "promises. The monitors of all contracts judge. For each way in which a contract is "
         "violated it prints the commands that replay and shrink the first run, and shrinks it.",
@@ -71,11 +71,11 @@ about(_Subject) ->
 flags(_Subject) ->
     [
         {"Flags", [
-            {seeds, {integer, 1, 10000000}, 100, "how many runs of each block"},
+            {seeds, {integer, 1, 10000000}, 100, "number of runs of each block"},
             {from, {integer, 0, 1 bsl 31}, 1, "the first seed"},
             {robots, {optional, {integer, 1, 10000}}, none,
                 "robots in the team; none: from 1 to 10, drawn for each run"},
-            {shrink, {integer, 0, 1000}, 1, "how many failing runs of a block are made small"},
+            {shrink, {integer, 0, 1000}, 1, "number of failing runs of each block that are shrunk"},
             starl_lab_jobs:at_once()
         ]}
     ].

@@ -48,7 +48,8 @@ when
 option() ->
     {chassis, {term, "differential, holonomic, mixed, or a list of the first two", fun is_choice/1},
         differential,
-        "chassis: two wheels or any direction; mixed: alternating; or a list, taken in turn"}.
+        "two wheels (differential), any direction (holonomic), both in turn (mixed), or a list that "
+        "the robots take in turn"}.
 
 is_choice(mixed) ->
     true;
