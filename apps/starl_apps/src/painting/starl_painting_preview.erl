@@ -57,5 +57,6 @@ draw(Dir, #{poses := Poses, memo := #{picture := Picture, world := World}}) ->
     },
     case starl_picture_draw:write(Dir, "picture", Drawing) of
         {ok, _} = Ok -> Ok;
+        {partly, Files, Reason} -> {partly, Files, starl_picture_draw:format_error(Reason)};
         {error, Reason} -> {error, starl_picture_draw:format_error(Reason)}
     end.

@@ -81,7 +81,7 @@
 %% a directory and returns their names.
 -type preview() :: #{
     lines := [unicode:chardata()],
-    write := fun((Dir :: file:filename()) -> {ok, [file:filename()]} | {error, unicode:chardata()})
+    write := fun((Dir :: file:filename()) -> written())
 }.
 
 -callback scene(context()) -> {ok, t()} | {error, Why :: unicode:chardata()}.
