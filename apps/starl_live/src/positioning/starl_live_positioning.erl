@@ -1,10 +1,14 @@
 %% @doc The positioning system as a live robot sees it: a behaviour for the sources of positions, and
 %% the process that keeps their latest picture.
 %%
-%% A source shows robots at its own pace. A question is answered with the next picture that shows the
-%% robot itself, since an earlier one would show it where it was before it asked ({@link
-%% starl_location}); other robots are shown as they were seen last, with their age. A source that is
-%% silent answers nothing: the location service asks again.
+%% A source shows robots at its own pace. A question is answered with the first picture that shows the
+%% robot itself as it was when it asked, or later ({@link starl_location}); other robots are shown as
+%% they were seen last, with their age. What is believed is up to {@link starl_live_seen}: its options
+%% are `exact', `speed', `turn', `jump_mm', `jump_rad' and `believe_us'. Since it looks after sources
+%% that are stuck, the location service of a live robot is told that its positioning is `exact'.
+%%
+%% A source that is silent answers nothing: the location service asks again. That the robot has not
+%% been seen for two seconds is said once in the log, with the counters, which tell why.
 %% ```
 %%     link -- ask(Positioning, Tag, Robots) --> positioning <-- datagrams of the source
 %%     link <-- {starl_located, Positioning, Tag, [{Robot, Pose, AgeUs}]} -- positioning
@@ -17,13 +21,11 @@
 
 -export_type([config/0, sighting/0, figures/0, located/0]).
 
-%% What every source is told; each has further keys of its own. `names' are the robots' names in the
-%% source, where it uses names.
+%% What every source is told; each has further keys of its own.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
     clock := starl_live_clock:t(),
-    names => #{binary() => starl:robot_id()},
     atom() => term()
 }.
 
@@ -35,12 +37,7 @@
 
 %% The answer to a question.
 -type located() ::
-    {starl_located, Positioning :: pid(), Tag :: term(), [
-        {starl:robot_id(), starl:pose(), AgeUs :: non_neg_integer()}
-    ]}.
-
-%% The questions that may be open; beyond that the oldest is forgotten.
--define(OPEN, 1000).
+    {starl_located, Positioning :: pid(), Tag :: term(), starl_live_seen:picture()}.
 
 %% Opens the source. The process that calls it gets the messages of sockets.
 -callback open(config()) -> {ok, State :: term()} | {error, unicode:chardata()}.
@@ -58,12 +55,8 @@
     module :: module(),
     state :: term(),
     link :: pid(),
-    robot :: starl:robot_id(),
     clock :: starl_live_clock:t(),
-    %% the latest sighting of each robot
-    seen = #{} :: #{starl:robot_id() => {starl:pose(), TakenUs :: integer()}},
-    %% open questions, newest first
-    asked = [] :: [{Tag :: term(), [starl:robot_id()]}]
+    seen :: starl_live_seen:t()
 }).
 
 %% @doc Opens a source for a robot; answers go to the link.
@@ -82,24 +75,36 @@ figures(Positioning) -> gen_server:call(Positioning, figures).
 init({Module, #{robot := Robot, clock := Clock} = Config, Link}) ->
     process_flag(trap_exit, true),
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
-    case Module:open(Config) of
+    case opened(Module, Config) of
         {ok, State} ->
+            Seen = starl_live_seen:new(Config, starl_live_clock:now_us(Clock)),
             {ok, #positioning{
-                module = Module, state = State, link = Link, robot = Robot, clock = Clock
+                module = Module, state = State, link = Link, clock = Clock, seen = Seen
             }};
         {error, Why} ->
             {stop, {shutdown, {positioning, unicode:characters_to_binary(Why)}}}
     end.
 
+opened(Module, Config) ->
+    case starl_live_seen:options(Config) of
+        ok -> Module:open(Config);
+        {error, _} = Error -> Error
+    end.
+
 -spec handle_call(figures, gen_server:from(), #positioning{}) ->
     {reply, figures(), #positioning{}}.
-handle_call(figures, _From, #positioning{module = Module, state = State} = Positioning) ->
-    {reply, Module:figures(State), Positioning}.
+handle_call(figures, _From, Positioning) ->
+    {reply, counters(Positioning), Positioning}.
+
+counters(#positioning{module = Module, state = State, seen = Seen}) ->
+    maps:merge(Module:figures(State), starl_live_seen:figures(Seen)).
 
 -spec handle_cast({ask, term(), [starl:robot_id()]}, #positioning{}) -> {noreply, #positioning{}}.
-handle_cast({ask, Tag, Robots}, #positioning{asked = Asked} = Positioning) ->
-    Open = lists:sublist([{Tag, Robots} | Asked], ?OPEN),
-    {noreply, wanted(Robots, Positioning#positioning{asked = Open})}.
+handle_cast({ask, Tag, Robots}, #positioning{clock = Clock, seen = Seen} = Positioning) ->
+    Now = starl_live_clock:now_us(Clock),
+    {Events, Asked} = starl_live_seen:silence(Now, starl_live_seen:ask(Tag, Robots, Now, Seen)),
+    say(Events, Positioning),
+    {noreply, wanted(Robots, Positioning#positioning{seen = Asked})}.
 
 wanted(Robots, #positioning{module = Module, state = State} = Positioning) ->
     case erlang:function_exported(Module, ask, 2) of
@@ -113,40 +118,24 @@ handle_info({'EXIT', _From, Reason}, Positioning) ->
     {stop, Reason, Positioning};
 handle_info(Message, #positioning{module = Module, state = State} = Positioning) ->
     case Module:hear(Message, State) of
-        {Sightings, Next} ->
-            {noreply, shown(Sightings, Positioning#positioning{state = Next})};
-        unknown ->
-            {noreply, Positioning}
+        {[], Next} -> {noreply, Positioning#positioning{state = Next}};
+        {Sightings, Next} -> {noreply, shown(Sightings, Positioning#positioning{state = Next})};
+        unknown -> {noreply, Positioning}
     end.
 
 -spec terminate(term(), #positioning{}) -> ok.
 terminate(_Reason, #positioning{module = Module, state = State}) -> Module:close(State).
 
-shown(Sightings, #positioning{seen = Seen, robot = Self} = Positioning) ->
-    Latest = lists:foldl(fun see/2, Seen, Sightings),
-    Known = Positioning#positioning{seen = Latest},
-    case lists:keymember(Self, 1, Sightings) of
-        true -> answer(Known);
-        false -> Known
-    end.
-
-%% Datagrams may overtake each other.
-see({Robot, Pose, Taken}, Seen) ->
-    case Seen of
-        #{Robot := {_, Later}} when Later > Taken -> Seen;
-        #{} -> Seen#{Robot => {Pose, Taken}}
-    end.
-
-answer(#positioning{asked = Asked, clock = Clock, link = Link, seen = Seen} = Positioning) ->
+shown(Sightings, #positioning{clock = Clock, link = Link, seen = Seen} = Positioning) ->
     Now = starl_live_clock:now_us(Clock),
+    {Answers, Events, Known} = starl_live_seen:show(Sightings, Now, Seen),
     lists:foreach(
-        fun({Tag, Robots}) -> Link ! {starl_located, self(), Tag, picture(Robots, Now, Seen)} end,
-        lists:reverse(Asked)
+        fun({Tag, Picture}) -> Link ! {starl_located, self(), Tag, Picture} end, Answers
     ),
-    Positioning#positioning{asked = []}.
+    say(Events, Positioning),
+    Positioning#positioning{seen = Known}.
 
-picture(Robots, Now, Seen) ->
-    [
-        {Robot, Pose, max(0, Now - Taken)}
-     || Robot <- Robots, #{Robot := {Pose, Taken}} <- [Seen]
-    ].
+say(Events, Positioning) ->
+    lists:foreach(
+        fun(Event) -> logger:warning(Event#{figures => counters(Positioning)}) end, Events
+    ).

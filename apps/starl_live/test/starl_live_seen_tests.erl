@@ -1,0 +1,165 @@
+%% What a robot's positioning believes, and which questions it answers.
+-module(starl_live_seen_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(MS, 1000).
+-define(S, 1000000).
+
+%% The robot itself must be seen as it was when it asked, or later.
+answered_by_a_later_picture_test() ->
+    A = starl_live_seen:ask(q, [1, 2], 100, new()),
+    {[], [], B} = starl_live_seen:show([{1, at(0), 99}, {2, at(9), 50}], 150, A),
+    {[], [], C} = starl_live_seen:show([{2, at(8), 180}], 200, B),
+    {[{q, Picture}], [], D} = starl_live_seen:show([{1, at(1), 190}], 250, C),
+    ?assertEqual([{1, at(1), 60}, {2, at(8), 70}], Picture),
+    {[], [], _} = starl_live_seen:show([{1, at(2), 260}], 270, D).
+
+%% Oldest first, each once, also if it was asked again; the bound holds.
+questions_test() ->
+    Ask = fun(Tag, S) -> starl_live_seen:ask(Tag, [1], 100, S) end,
+    Many = lists:foldl(Ask, new(), lists:seq(1, 1500) ++ lists:seq(1400, 1500)),
+    ?assertEqual(1000, maps:get(open, starl_live_seen:figures(Many))),
+    {Answers, [], _} = starl_live_seen:show([{1, at(0), 100}], 100, Many),
+    ?assertEqual(lists:seq(501, 1500), [Tag || {Tag, _} <- Answers]).
+
+asked_again_counts_from_the_first_time_test() ->
+    A = starl_live_seen:ask(q, [1], 500, starl_live_seen:ask(q, [1], 100, new())),
+    ?assertMatch({[{q, _}], [], _}, starl_live_seen:show([{1, at(0), 100}], 600, A)).
+
+%% What was taken earlier, or at the same time, renews nothing.
+late_test() ->
+    {_, _, A} = starl_live_seen:show([{2, at(1), 1000}], 1000, new()),
+    {_, _, B} = starl_live_seen:show([{2, at(5), 900}, {2, at(5), 1000}], 1100, A),
+    ?assertEqual([{2, at(1), 500}], others(1500, B)),
+    ?assertEqual(2, figure(late, B)).
+
+%% A pose that repeats itself to the bit is as old as it was, unless the source rounds.
+frozen_test() ->
+    Show = fun(S) ->
+        {_, _, Next} = starl_live_seen:show([{2, at(1), 1000}, {2, at(1), 2000}], 2000, S),
+        others(2500, Next)
+    end,
+    ?assertEqual([{2, at(1), 1500}], Show(new())),
+    ?assertEqual([{2, at(1), 500}], Show(new(#{exact => true}))).
+
+%% A picture from the future is from now, and those that follow are newer.
+future_test() ->
+    {_, _, A} = starl_live_seen:show([{2, at(1), 99 * ?S}], 1000, new()),
+    {_, _, B} = starl_live_seen:show([{2, at(2), 1500}], 1500, A),
+    ?assertEqual([{2, at(2), 0}], others(1500, B)).
+
+strangers_test() ->
+    {[], [], A} = starl_live_seen:show([{77, at(1), 10}], 10, new()),
+    ?assertEqual(1, figure(strangers, A)),
+    ?assertEqual([], others([77], 20, A)).
+
+%% -- jumps ----------------------------------------------------------------------------------
+
+%% 500 mm/s and 50 mm more: in 100 ms 100 mm are possible.
+possible_test() ->
+    A = seen([{0, 0}, {100, 99}], limited()),
+    ?assertEqual([{2, at(99), 0}], others(100 * ?MS, A)),
+    B = seen([{0, 0}, {100, 101}], limited()),
+    ?assertEqual([{2, at(0), 100 * ?MS}], others(100 * ?MS, B)),
+    ?assertEqual(1, figure(jumps_refused, B)).
+
+%% It is carried by two metres: refused for a second, then believed, and said once.
+carried_test() ->
+    Carried = [{N * 100, 2000 + N} || N <- lists:seq(1, 20)],
+    {Events, S} = play([{0, 0} | Carried], limited()),
+    ?assertMatch(
+        [#{what := position_jumped, of_robot := 2, from := {0.0, _, _}, to := {2011.0, _, _}}],
+        Events
+    ),
+    ?assertEqual(10, figure(jumps_refused, S)),
+    ?assertEqual(1, figure(jumps_believed, S)),
+    ?assertEqual([{2, at(2020), 0}], others(2000 * ?MS, S)).
+
+%% Single wrong poses are never believed, however many there are, while right ones come between.
+flicker_test() ->
+    Flicker = [{N * 100, N + (N rem 2) * 5000} || N <- lists:seq(0, 100)],
+    {[], S} = play(Flicker, limited()),
+    ?assertEqual([{2, at(100), 0}], others(10000 * ?MS, S)),
+    ?assertEqual(50, figure(jumps_refused, S)).
+
+%% A pose that is stuck speaks for nothing: the one that lives beside it is believed.
+stuck_beside_live_test() ->
+    Both = [{N * 100, (N rem 2) * (5000 + N)} || N <- lists:seq(0, 13)],
+    {[#{what := position_jumped}], S} = play(Both, limited()),
+    ?assertEqual([{2, at(5013), 0}], others(1300 * ?MS, S)).
+
+%% Wrong poses that do not agree with each other are not believed after the time, either.
+noise_test() ->
+    Noise = [{N * 100, 5000 + 3000 * (N * N rem 7)} || N <- lists:seq(1, 20)],
+    {[], S} = play([{0, 0} | Noise], limited()),
+    ?assertEqual(20, figure(jumps_refused, S)).
+
+%% A robot that was not seen for a time may be as far as it could drive.
+unseen_for_long_test() ->
+    {[], S} = play([{0, 0}, {10000, 5000}], limited()),
+    ?assertEqual([{2, at(5000), 0}], others(10000 * ?MS, S)).
+
+%% The markers are taken the wrong way round: the heading flips.
+flipped_test() ->
+    S0 = new(#{turn => 4.0}),
+    {_, _, S1} = starl_live_seen:show([{2, {0.0, 0.0, 3.1}, 0}], 0, S0),
+    {_, _, S2} = starl_live_seen:show([{2, {0.0, 0.0, -3.1}, 10 * ?MS}], 10 * ?MS, S1),
+    {_, _, S3} = starl_live_seen:show([{2, {0.0, 0.0, 0.05}, 20 * ?MS}], 20 * ?MS, S2),
+    ?assertEqual([{2, {0.0, 0.0, -3.1}, 10 * ?MS}], others(20 * ?MS, S3)).
+
+%% -- silence --------------------------------------------------------------------------------
+
+%% Said once when the robot asks and has not been seen for two seconds, and once when it is back.
+silent_test() ->
+    {_, _, A} = starl_live_seen:show([{1, at(0), ?S}], ?S, new()),
+    {[], B} = starl_live_seen:silence(3 * ?S - 1, A),
+    {[#{what := position_silent, for_us := 2000000}], C} = starl_live_seen:silence(3 * ?S, B),
+    {[], D} = starl_live_seen:silence(9 * ?S, C),
+    {[], [], E} = starl_live_seen:show([{2, at(0), 9 * ?S}], 9 * ?S, D),
+    {[], [#{what := position_back, for_us := 9000000}], F} =
+        starl_live_seen:show([{1, at(1), 10 * ?S}], 10 * ?S, E),
+    {[], [], _} = starl_live_seen:show([{1, at(2), 11 * ?S}], 11 * ?S, F).
+
+options_test() ->
+    ?assertEqual(ok, starl_live_seen:options(#{speed => 500.0, turn => infinity, exact => true})),
+    {error, Line} = starl_live_seen:options(#{speed => fast}),
+    ?assertEqual("speed must be a speed in mm/s, or infinity, not fast", lists:flatten(Line)),
+    ?assertMatch({error, _}, starl_live_seen:options(#{jump_mm => -1})).
+
+%% -- helpers --------------------------------------------------------------------------------
+
+new() -> new(#{}).
+
+new(Options) ->
+    Clock = starl_live_clock:new(0, 1),
+    Config = #{robot => 1, participants => starl_team:new([1, 2, 3]), clock => Clock},
+    starl_live_seen:new(maps:merge(Config, Options), 0).
+
+limited() -> new(#{speed => 500.0}).
+
+at(X) -> {float(X), 0.0, 0.0}.
+
+seen(Places, S) -> element(2, play(Places, S)).
+
+%% Robot 2 at these times (ms) and places.
+play(Places, S0) ->
+    lists:foldl(
+        fun({Ms, X}, {Events, S}) ->
+            {[], More, Next} = starl_live_seen:show([{2, at(X), Ms * ?MS}], Ms * ?MS, S),
+            {Events ++ More, Next}
+        end,
+        {[], S0},
+        Places
+    ).
+
+others(Now, S) -> others([2], Now, S).
+
+%% What the robot would be shown now of others.
+others(Robots, Now, S) ->
+    {[{other, Picture}], _, _} =
+        starl_live_seen:show(
+            [{1, at(Now), Now}], Now, starl_live_seen:ask(other, [1 | Robots], Now, S)
+        ),
+    [One || {Robot, _, _} = One <- Picture, Robot =/= 1].
+
+figure(Figure, S) -> maps:get(Figure, starl_live_seen:figures(S), 0).
