@@ -33,12 +33,14 @@
 %% Options outside the scenario: the events of which robots to record; further monitors, which only
 %% look on; the nodes of the run, either a number of peers on this machine or nodes that already run
 %% the same code ({@link starl_sim_nodes}); the wall time that one node may keep the others waiting;
-%% and modules that were compiled in memory, to be loaded on the nodes.
+%% the time by which everything with a bound may be late (in real time, where a computer has other
+%% work, too); and modules that were compiled in memory, to be loaded on the nodes.
 -type options() :: #{
     record => #{starl:robot_id() => starl_sim_ledger:range()},
     watch => [{module(), map()}],
     nodes => starl_sim_nodes:nodes(),
     node_timeout_ms => pos_integer(),
+    slack_us => non_neg_integer(),
     code => [{module(), file:filename(), Beam :: binary()}]
 }.
 

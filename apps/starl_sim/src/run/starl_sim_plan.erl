@@ -80,7 +80,9 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
         limit_us => limit_us(Scenario),
         shards => shards(Shards, length(Ids), Options),
         faults => strikes(Faults),
-        monitors => monitors(Scenario, Scene, Profiles, Context) ++ maps:get(watch, Options, [])
+        monitors =>
+            monitors(Scenario, Scene, Profiles, Context, maps:get(slack_us, Options, 0)) ++
+            maps:get(watch, Options, [])
     },
     maps:merge(Plan, nodes(Scenario, Scene, Options)).
 
@@ -156,11 +158,11 @@ pose(Id, Scene, #{world := {Width, _}}) ->
 %% Monitors get the windows of broken assumptions, the time at which all faults are over, the
 %% longest delay of a packet then, and the time by which clock and process faults may prolong
 %% anything. The contract of progress comes last: other contracts describe a failure better.
-monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}) ->
+monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, SlackUs) ->
     #{faults := Faults, delay := {_, MaxMs}} = Scenario,
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
     Known = #{
-        slack_us => starl_sim_fault:slack_us(Faults),
+        slack_us => SlackUs + starl_sim_fault:slack_us(Faults),
         broken => starl_sim_assumption:broken(Faults, is_exact(Profiles)),
         healed_us => healed_us(Scenario),
         delay_us => round(1000 * MaxMs)

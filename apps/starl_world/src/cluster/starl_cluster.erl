@@ -75,7 +75,7 @@
 %% @doc Starts the nodes and robots of a scenario.
 -spec start(#{app := module(), atom() => term()}, options()) -> {ok, t()} | {error, reason()}.
 start(Given, Options) ->
-    case starl_sim:plan(Given#{mode => process}, #{}) of
+    case starl_world:plan(Given, maps:get(speed, Options, 1)) of
         {ok, {Scenario, Scene, Plan}} ->
             case gen_server:start_link(?MODULE, {Plan, Options}, [{timeout, infinity}]) of
                 {ok, Server} ->

@@ -10,7 +10,7 @@
 -module(starl_world).
 -behaviour(gen_server).
 
--export([start_link/1, embody/2, await/1, status/1, freeze/2, stop/1, finish/1]).
+-export([plan/2, start_link/1, embody/2, await/1, status/1, until/2, freeze/2, stop/1, finish/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([config/0, status/0, ending/0]).
@@ -37,6 +37,7 @@
 %% The period in which the judge looks at new facts, and the time that he waits for facts, by the
 %% clock of the computer.
 -define(JUDGE_MS, 200).
+-define(SLACK_US, 3000000).
 -define(HORIZON_US, 1500000).
 
 -record(robot, {
@@ -65,6 +66,13 @@
     callers = [] :: [gen_server:from()]
 }).
 
+%% @doc Plans the run of a scenario that passes this much faster than real time. This computer has
+%% other work, too, so every bound on a duration is longer by some real time.
+-spec plan(#{app := module(), atom() => term()}, Speed :: number()) ->
+    {ok, starl_sim:planned()} | {error, starl_sim:reason()}.
+plan(Given, Speed) ->
+    starl_sim:plan(Given#{mode => process}, #{slack_us => round(?SLACK_US * Speed)}).
+
 %% @doc Starts the world of a run.
 -spec start_link(config()) -> gen_server:start_ret().
 start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
@@ -80,6 +88,10 @@ await(World) -> gen_server:call(World, await, infinity).
 %% @doc The present time and the robots at work.
 -spec status(pid()) -> status().
 status(World) -> gen_server:call(World, status).
+
+%% @doc Waits until this time of the run.
+-spec until(pid(), Us :: integer()) -> ok.
+until(World, Us) -> gen_server:call(World, {until, Us}, infinity).
 
 %% @doc From now on these robots, and no others, are shown all robots as they are now, again and again.
 -spec freeze(pid(), [starl:robot_id()]) -> ok.
@@ -133,6 +145,10 @@ handle_call(status, _From, #world{robots = Robots, ending = Ending} = World) ->
         ending => Ending
     },
     {reply, Status, World};
+handle_call({until, Us}, From, #world{clock = Clock} = World) ->
+    At = starl_live_clock:monotonic_ms(Us, Clock),
+    _ = erlang:send_after(At, self(), {reached, From}, [{abs, true}]),
+    {noreply, World};
 handle_call({freeze, Ids}, _From, #world{robots = Robots} = World) ->
     All = lists:sort(maps:keys(Robots)),
     {Seen, Next} = seen(0, All, World#world{frozen = #{}}),
@@ -156,6 +172,9 @@ handle_info({starl_look, Id, Sight, Looked}, #world{rate_hz = none} = World) ->
     Sight ! {starl_seen, shown(Id, Seen, Next)},
     {noreply, Next};
 handle_info({starl_look, _Id, _Sight, _Looked}, World) ->
+    {noreply, World};
+handle_info({reached, From}, World) ->
+    gen_server:reply(From, ok),
     {noreply, World};
 handle_info(show, World) ->
     {noreply, show(World)};

@@ -1,13 +1,13 @@
 %% @doc A live run in one VM: the robots of a scenario in real time, in a simulated world.
 -module(starl_world_run).
 
--export([start/2, await/1, stop/1, status/1, finish/1, scenario/1]).
+-export([start/2, await/1, stop/1, status/1, finish/1, scenario/1, link/2, freeze/2, until/2]).
 
 -export_type([t/0, options/0]).
 
 -record(run, {
     world :: pid(),
-    robots :: [pid()],
+    robots :: [{starl:robot_id(), Supervisor :: pid()}],
     dir :: file:filename(),
     scenario :: starl_sim_scenario:t(),
     scene :: starl_scene:t()
@@ -28,7 +28,7 @@
 -spec start(#{app := module(), atom() => term()}, options()) ->
     {ok, t()} | {error, starl_sim:reason()}.
 start(Given, Options) ->
-    case starl_sim:plan(Given#{mode => process}, #{}) of
+    case starl_world:plan(Given, maps:get(speed, Options, 1)) of
         {ok, Planned} -> {ok, started(Planned, Options)};
         {error, _} = Error -> Error
     end.
@@ -41,7 +41,7 @@ started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
     #{robots := Poses, world := Sim} = Plan,
     Ids = [Id || {Id, _} <- Poses],
     Transport = starl_world_transport:new(local, Ids, #{sim => Sim, speed => Speed}),
-    Robots = [robot(Id, World, Clock, Dir, Plan, Transport) || Id <- Ids],
+    Robots = [{Id, robot(Id, World, Clock, Dir, Plan, Transport)} || Id <- Ids],
     #run{world = World, robots = Robots, dir = Dir, scenario = Scenario, scene = Scene}.
 
 robot(Id, World, Clock, Dir, #{crew := #{tree := Tree}, world := Sim}, Transport) ->
@@ -75,14 +75,29 @@ status(#run{world = World}) -> starl_world:status(World).
 -spec scenario(t()) -> starl_sim_scenario:t().
 scenario(#run{scenario = Scenario}) -> Scenario.
 
+%% @doc Waits until this time of the run.
+-spec until(t(), Us :: integer()) -> ok.
+until(#run{world = World}, Us) -> starl_world:until(World, Us).
+
+%% @doc From now on these robots, and no others, get no new positions.
+-spec freeze(t(), [starl:robot_id()]) -> ok.
+freeze(#run{world = World}, Robots) -> starl_world:freeze(World, Robots).
+
+%% @doc The link of a robot; `none' while it starts anew.
+-spec link(t(), starl:robot_id()) -> pid() | none.
+link(#run{robots = Robots}, Id) ->
+    {Id, Sup} = lists:keyfind(Id, 1, Robots),
+    starl_live_robot:link(Sup).
+
 %% @doc Ends the robots and the world; returns the outcome and the application's report.
 -spec finish(t()) -> {starl_sim_outcome:t(), starl_scene:report()}.
 finish(#run{world = World, robots = Robots, scenario = #{app := App}, scene = Scene}) ->
     Outcome = starl_world:finish(World),
-    lists:foreach(fun close/1, Robots),
+    lists:foreach(fun({_, Sup}) -> close(Sup) end, Robots),
     close(World),
     {Outcome, starl_scene:report(App, Scene, Outcome)}.
 
+%% A robot that could not start any more has ended already.
 close(Pid) ->
     true = unlink(Pid),
     Ref = erlang:monitor(process, Pid),

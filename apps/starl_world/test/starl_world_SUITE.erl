@@ -1,0 +1,217 @@
+%% Robots in real time in one VM: the same machines and monitors as in the simulator. All waiting is
+%% for events.
+-module(starl_world_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+
+-export([all/0, init_per_testcase/2, end_per_testcase/2]).
+-export([
+    message/1,
+    long_computation/1,
+    machine_killed/1,
+    link_killed/1,
+    all_reboot/1,
+    alone/1,
+    lossy/1,
+    picture/1,
+    slow_line_and_rare_pictures/1,
+    frozen_positions/1,
+    stopped/1,
+    store_gone/1
+]).
+
+-define(PACE, 10).
+
+all() ->
+    [
+        message,
+        long_computation,
+        machine_killed,
+        link_killed,
+        all_reboot,
+        alone,
+        lossy,
+        picture,
+        slow_line_and_rare_pictures,
+        frozen_positions,
+        stopped,
+        store_gone
+    ].
+
+%% The run is linked to the test's own process and may end for the test's reasons only.
+init_per_testcase(Case, Config) ->
+    Dir = filename:join(proplists:get_value(priv_dir, Config), Case),
+    _ = file:del_dir_r(Dir),
+    [{dir, Dir} | Config].
+
+end_per_testcase(_Case, _Config) -> ok.
+
+%% -- messages -------------------------------------------------------------------------------
+
+message(Config) ->
+    Run = play(#{1 => {tell, 2, hello, self()}, 2 => wait}, Config),
+    Outcome = sound(done, Run),
+    ?assertEqual([{done, ok}, {done, {1, hello}}], results(Outcome)).
+
+%% An application that computes does not keep its robot from acknowledging.
+long_computation(Config) ->
+    Run = play(#{1 => {tell, 2, hello, self()}, 2 => {compute, self()}}, Config),
+    App =
+        receive
+            {computing, Pid} -> Pid
+        end,
+    receive
+        {told, Told} -> ?assertEqual(ok, Told)
+    end,
+    App ! go,
+    ?assertEqual([{done, ok}, {done, computed}], results(sound(done, Run))).
+
+lossy(Config) ->
+    Run = play(numbers(50), #{loss => 0.2, duplicate => 0.1}, Config),
+    ?assertEqual([{done, 50}, {done, 50}], results(sound(done, Run))).
+
+alone(Config) ->
+    Run = play(#{1 => {compute, self()}}, #{robots => 1}, Config),
+    receive
+        {computing, Pid} -> Pid ! go
+    end,
+    ?assertEqual([{done, computed}], results(sound(done, Run))).
+
+%% -- crashes --------------------------------------------------------------------------------
+
+%% SAP crashes in the middle: the machines come back, and no contract is broken.
+machine_killed(Config) ->
+    Run = play(numbers(60), Config),
+    heard(20),
+    Machines = starl_live_link:inspect(starl_world_run:link(Run, 2)),
+    ?assertMatch(#{sap := #{module := starl_sap}}, Machines),
+    exit(process(sap, 2, Run), kill),
+    ?assertEqual([{done, 60}, {done, 60}], results(sound(done, Run))).
+
+%% A robot whose link ends starts anew with its store, as after a reboot; the other does not mute it.
+link_killed(Config) ->
+    Run = play(numbers(60), Config),
+    heard(20),
+    exit(starl_world_run:link(Run, 2), kill),
+    Outcome = sound(done, Run),
+    ?assertEqual([{done, 60}, {done, 60}], results(Outcome)),
+    ?assertMatch(#{sap := 2, app := 2}, starts(2, Config)),
+    ?assertMatch(#{sap := 1, app := 1}, starts(1, Config)).
+
+all_reboot(Config) ->
+    Run = play(numbers(60), Config),
+    heard(20),
+    [exit(starl_world_run:link(Run, Robot), kill) || Robot <- [1, 2]],
+    _ = sound(done, Run),
+    ?assertMatch(#{sap := 2}, starts(1, Config)).
+
+%% A robot that cannot store the numbers of its starts does not run on as if it had never run.
+store_gone(Config) ->
+    _ = process_flag(trap_exit, true),
+    Run = play(numbers(60), Config),
+    heard(20),
+    Store = filename:join([proplists:get_value(dir, Config), "run", "robot-2"]),
+    ok = file:del_dir_r(Store),
+    ok = file:write_file(Store, "no directory"),
+    Ref = erlang:monitor(process, starl_world_run:link(Run, 2)),
+    exit(process(sap, 2, Run), kill),
+    receive
+        {'DOWN', Ref, _, _, Reason} -> ?assertEqual({shutdown, gave_up}, Reason)
+    end,
+    starl_world_run:stop(Run),
+    Outcome = sound(stopped, Run),
+    ?assertEqual([running, running], results(Outcome)).
+
+%% -- the world ------------------------------------------------------------------------------
+
+picture(Config) ->
+    Run = paint(#{}, #{}, Config),
+    complete(Run).
+
+%% Commands take up to 50 ms, and positions come at 13 Hz, in whole millimetres.
+slow_line_and_rare_pictures(Config) ->
+    Run = paint(#{command_latency => {0, 50}}, #{rate_hz => 13, whole_mm => true}, Config),
+    complete(Run).
+
+%% A robot that is shown the same picture again and again finds that out and waits.
+frozen_positions(Config) ->
+    Run = paint(#{}, #{}, Config),
+    ok = starl_world_run:freeze(Run, [1]),
+    ok = starl_world_run:until(Run, 8_000_000),
+    ok = starl_world_run:freeze(Run, []),
+    complete(Run).
+
+stopped(Config) ->
+    Run = play(#{1 => wait, 2 => wait}, Config),
+    ok = starl_world_run:stop(Run),
+    Outcome = sound(stopped, Run),
+    ?assertEqual([running, running], results(Outcome)).
+
+%% -- helpers --------------------------------------------------------------------------------
+
+play(Play, Config) -> play(Play, #{}, Config).
+
+play(Play, Given, Config) ->
+    Scenario = maps:merge(#{app => starl_world_app, robots => 2, play => Play}, Given),
+    start(Scenario, #{}, Config).
+
+%% Robot 1 sends the numbers up to N to robot 2, which tells the test.
+numbers(N) -> #{1 => {numbers, 2, 1, N}, 2 => {count, 1, N, self()}}.
+
+paint(Given, Options, Config) ->
+    File = filename:join(proplists:get_value(priv_dir, Config), "two.svg"),
+    ok = file:write_file(File, [
+        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 100 100'>",
+        "<path stroke='red' d='M 10 10 L 60 10'/><path stroke='red' d='M 10 80 L 60 80'/></svg>"
+    ]),
+    Scenario = #{app => starl_painting, robots => 2, picture => File},
+    start(maps:merge(Scenario, Given), Options, Config).
+
+start(Scenario, Options, Config) ->
+    Dir = filename:join(proplists:get_value(dir, Config), "run"),
+    All = Options#{dir => Dir, speed => ?PACE},
+    {ok, Run} = starl_world_run:start(Scenario, All),
+    Run.
+
+complete(Run) ->
+    ?assertEqual(done, starl_world_run:await(Run)),
+    {Outcome, Report} = starl_world_run:finish(Run),
+    ?assertEqual([], violations(Outcome)),
+    ?assertMatch(#{complete := true}, Report).
+
+sound(Ending, Run) ->
+    ?assertEqual(Ending, starl_world_run:await(Run)),
+    {Outcome, _Report} = starl_world_run:finish(Run),
+    ?assertEqual([], violations(Outcome)),
+    Outcome.
+
+violations(#{violations := Violations}) ->
+    [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations].
+
+results(#{robots := Robots}) -> [Result || {_, #{result := Result}} <- Robots].
+
+heard(N) ->
+    receive
+        {heard, 1, N} -> ok
+    end.
+
+process(Name, Robot, Run) ->
+    {links, Linked} = process_info(starl_world_run:link(Run, Robot), links),
+    [Sup | _] = [Pid || Pid <- Linked, is_supervisor(Pid)],
+    {machines, Machines, _, _} = lists:keyfind(machines, 1, supervisor:which_children(Sup)),
+    Parts = [Part || {_, Part} <- starl_robot_sup:parts(Machines)],
+    [Found] = [Pid || Part <- Parts, {N, Pid, _, _} <- supervisor:which_children(Part), N =:= Name],
+    Found.
+
+is_supervisor(Pid) when is_pid(Pid) ->
+    case proc_lib:translate_initial_call(Pid) of
+        {supervisor, starl_live_robot, 1} -> true;
+        _ -> false
+    end;
+is_supervisor(_) ->
+    false.
+
+starts(Robot, Config) ->
+    Name = "robot-" ++ integer_to_list(Robot),
+    Dir = filename:join([proplists:get_value(dir, Config), "run", Name]),
+    {ok, Store} = starl_live_store:open(Dir),
+    starl_live_store:starts(Store).

@@ -1,0 +1,41 @@
+%% Applications of these tests, by their options: `wait': waits for a word of another robot, then is
+%% done; `compute': computes until a process of the test says go; `tell': sends to a robot; `numbers'
+%% sends numbers until each has arrived; `count' tells the test of each.
+-module(starl_world_app).
+-behaviour(starl_app).
+
+-export([options/0, blocks/0, init/2, step/2]).
+
+options() -> [{play, {term, "what each robot does", fun is_map/1}, #{}, "what each robot does"}].
+
+blocks() -> [].
+
+init(Robot, #{play := Play}) ->
+    starl:listen(Robot, word),
+    maps:get(starl:id(Robot), Play, wait).
+
+step(Robot, wait) ->
+    {ok, From, Body} = starl:await(Robot, word),
+    {done, {From, Body}};
+step(_Robot, {compute, Test}) ->
+    Test ! {computing, self()},
+    receive
+        go -> {done, computed}
+    end;
+step(Robot, {tell, To, Body, Test}) ->
+    Outcome = starl:send(Robot, To, word, Body),
+    Test ! {told, Outcome},
+    {done, Outcome};
+step(Robot, {count, To, N, Test}) ->
+    {ok, From, Body} = starl:await(Robot, word),
+    Test ! {heard, From, Body},
+    case Body of
+        N -> {done, N};
+        _ -> {continue, {count, To, N, Test}}
+    end;
+step(Robot, {numbers, To, From, N}) ->
+    case starl:send(Robot, To, word, From) of
+        ok when From =:= N -> {done, N};
+        ok -> {continue, {numbers, To, From + 1, N}};
+        {error, _} -> {continue, {numbers, To, From, N}}
+    end.
