@@ -5,6 +5,9 @@
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
 
+%% The part of a run in which chaos begins.
+-define(CHAOS_US, {5000000, 45000000}).
+
 -spec name() -> string().
 name() -> "cluster".
 
@@ -51,7 +54,11 @@ own() ->
     [
         {transport, {one_of, [dist, udp]}, dist,
             "dist: Erlang distribution; udp: sealed datagrams, as between real robots"},
-        {speed, {number, 0.01, 100}, 1, "how many times as fast as real time"}
+        {speed, {number, 0.01, 100}, 1, "how many times as fast as real time"},
+        {chaos, switch, false,
+            "kills two nodes, the leader's among them, cuts a link and freezes the positions of a "
+            "robot for a while, at times drawn from the seed"},
+        {runs, {integer, 1, 1000}, 1, "runs, one after the other, each with the next seed"}
         | lists:keydelete(pace, 1, starl_cli_live:flags())
     ].
 
@@ -82,11 +89,30 @@ run(#{subject := {control, Words}, values := #{pid := Pid}}) ->
         {error, Why} ->
             {error, [Why]}
     end;
-run(#{values := #{transport := Transport, speed := Speed} = Values} = Call) ->
-    %% the flag of the cluster is no value of the scenario
-    Given = maps:without([transport, speed, position_rate, whole_mm], maps:get(given, Call)),
+run(#{values := #{runs := Runs} = Values} = Call) ->
+    %% the flags of the cluster are no values of the scenario
+    Own = [Key || {Key, _, _, _} <- own()],
+    Given = maps:without(Own, maps:get(given, Call)),
     Checked = Call#{given := Given, values := Values#{print_scenario => false}},
     case starl_cli_setup:check(Checked) of
-        {ok, Setup} -> starl_cli_live:run({nodes, Transport}, Setup, Values#{pace => Speed});
+        {ok, Setup} -> runs(Runs, 0, Setup, Values);
         {error, _} = Error -> Error
     end.
+
+%% The first problem ends the runs.
+runs(0, Status, _Setup, _Values) ->
+    Status;
+runs(Left, 0, #{scenario := #{seed := Seed} = Scenario} = Setup, Values) ->
+    #{transport := Transport, speed := Speed} = Values,
+    Live = {nodes, Transport, chaos(Scenario, Values)},
+    case starl_cli_live:run(Live, Setup, Values#{pace => Speed}) of
+        {error, _} = Error -> Error;
+        Status -> runs(Left - 1, Status, Setup#{scenario := Scenario#{seed := Seed + 1}}, Values)
+    end;
+runs(_Left, Status, _Setup, _Values) ->
+    Status.
+
+chaos(_Scenario, #{chaos := false}) ->
+    [];
+chaos(#{robots := Robots, seed := Seed}, #{chaos := true}) ->
+    starl_cluster_chaos:draw(Seed, lists:seq(1, Robots), ?CHAOS_US).

@@ -6,8 +6,9 @@
 
 -export_type([live/0]).
 
-%% Where the robots run, and how packets travel between nodes.
--type live() :: here | {nodes, dist | udp}.
+%% Where the robots run; how packets travel between nodes, and what happens to these.
+-type live() ::
+    here | {nodes, dist | udp, Chaos :: [{AtUs :: integer(), starl_cluster_chaos:act()}]}.
 
 %% A run: what can be asked of it, wherever its robots are.
 -type handle() :: #{
@@ -68,8 +69,9 @@ options(Dir, Live, #{target := Target}, Values) ->
     case Live of
         here ->
             Common;
-        {nodes, Transport} ->
+        {nodes, Transport, Chaos} ->
             Common#{
+                chaos => Chaos,
                 transport => Transport,
                 code => maps:get(code, Target, []),
                 log => fun starl_cli_log:node/3
@@ -90,7 +92,7 @@ start(here, #{scenario := Scenario}, Options) ->
         {error, Reason} ->
             {error, starl_sim:format_error(Reason)}
     end;
-start({nodes, _}, #{scenario := Scenario}, Options) ->
+start({nodes, _, _}, #{scenario := Scenario}, Options) ->
     case starl_cluster:start(Scenario, Options) of
         {ok, Cluster} ->
             {ok, #{
@@ -132,8 +134,8 @@ watched(#{await := Await} = Handle, Live, #{quiet := Quiet, target := #{name := 
     watch(Waiter, Handle, {Name, where(Live)}, Progress).
 
 where(here) -> "live";
-where({nodes, dist}) -> "live on nodes";
-where({nodes, udp}) -> "live on nodes, by UDP".
+where({nodes, dist, _}) -> "live on nodes";
+where({nodes, udp, _}) -> "live on nodes, by UDP".
 
 watch(Waiter, #{status := Status} = Handle, {Name, Where} = Label, Progress) ->
     receive

@@ -23,7 +23,8 @@
     transport := pid(),
     positioning := pid(),
     chassis := pid(),
-    sink := pid() | none
+    sink := pid() | none,
+    record := starl_live_record:t() | none
 }.
 
 %% The numbers of events handled and of packets sent.
@@ -38,6 +39,7 @@
     positioning :: pid(),
     chassis :: pid(),
     sink :: pid() | none,
+    record :: starl_live_record:t() | none,
     %% the time at which the present step began
     now :: integer(),
     %% the marks of timers
@@ -67,6 +69,7 @@
 -spec new(config()) -> t().
 new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink := Sink} = Config) ->
     #{transport := Transport, positioning := Positioning, chassis := Chassis} = Config,
+    #{record := Record} = Config,
     #body{
         id = Id,
         participants = Team,
@@ -76,6 +79,7 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         positioning = Positioning,
         chassis = Chassis,
         sink = Sink,
+        record = Record,
         now = starl_live_clock:now_us(Clock)
     }.
 
@@ -161,12 +165,21 @@ flush(#body{out = Out} = Body) ->
     lists:foreach(fun(What) -> send(What, Body) end, lists:reverse(Out)),
     Facts#body{out = []}.
 
-tell(#body{sink = none, result = Result} = Body) ->
-    Body#body{traces = [], told = Result};
-tell(#body{id = Id, sink = Sink, batch = N, traces = Traces, result = Result} = Body) ->
-    _ = Traces =/= [] andalso (Sink ! {starl_traced, Id, self(), N, lists:reverse(Traces)}),
-    _ = Result =/= Body#body.told andalso (Sink ! {starl_ended, Id, self(), Result}),
+tell(#body{traces = Traces, batch = N, result = Result} = Body) ->
+    Events = lists:reverse(Traces),
+    ok = recorded(N, Events, Body),
+    ok = sunk(N, Events, Body),
     Body#body{traces = [], batch = N + 1, told = Result}.
+
+recorded(_Batch, _Events, #body{record = none}) -> ok;
+recorded(Batch, Events, #body{record = Record}) -> starl_live_record:write(Batch, Events, Record).
+
+sunk(_Batch, _Events, #body{sink = none}) ->
+    ok;
+sunk(Batch, Events, #body{id = Id, sink = Sink, result = Result, told = Told}) ->
+    _ = Events =/= [] andalso (Sink ! {starl_traced, Id, self(), Batch, Events}),
+    _ = Result =/= Told andalso (Sink ! {starl_ended, Id, self(), Result}),
+    ok.
 
 send({transmit, To, Packet}, #body{transport = Transport}) ->
     starl_live_transport:transmit(Transport, To, Packet);

@@ -21,7 +21,8 @@
 -type line() :: {module(), map()}.
 
 %% A robot: its machines ({@link starl_robot_crew:tree()}), its lines, its clock, the directory of
-%% its store, and the process that gets the facts, if any. `robot_sup' is the supervisor under which
+%% its store, and the process that gets the facts, if any; `record': whether the facts are also
+%% written to a file there (false). `robot_sup' is the supervisor under which
 %% the machines' processes start.
 -type spec() :: #{
     robot := starl:robot_id(),
@@ -33,13 +34,17 @@
     transport := line(),
     positioning := line(),
     chassis := line(),
-    sink := pid() | none
+    sink := pid() | none,
+    record => boolean()
 }.
 
-%% A message to the sink: the names of the robot's machines, when it starts; the facts of its steps,
+%% A message to the sink: the names of the robot's machines, when it starts, and the file of its
+%% record; the facts of its steps,
 %% batch by batch; the end of its application.
 -type told() ::
-    {starl_started, starl:robot_id(), Link :: pid(), [starl_machine:name()]}
+    {starl_started, starl:robot_id(), Link :: pid(), {
+        [starl_machine:name()], file:filename() | none
+    }}
     | {starl_traced, starl:robot_id(), Link :: pid(), Batch :: pos_integer(), [
         starl_monitor:trace_event()
     ]}
@@ -89,11 +94,17 @@ line(Link, Line) -> gen_server:call(Link, {line, Line}).
 init(#{robot := Robot, dir := Dir} = Spec) ->
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
     case starl_live_store:open(Dir) of
-        {ok, Store} ->
-            lines([transport, positioning, chassis], Spec#{store => Store});
-        {error, Why} ->
-            {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}}
+        {ok, Store} -> recording(Spec#{store => Store});
+        {error, Why} -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}}
     end.
+
+recording(#{record := true, dir := Dir} = Spec) ->
+    case starl_live_record:open(Dir) of
+        {ok, Record} -> lines([transport, positioning, chassis], Spec#{record := Record});
+        {error, Why} -> {stop, {shutdown, {record, unicode:characters_to_binary(Why)}}}
+    end;
+recording(Spec) ->
+    lines([transport, positioning, chassis], Spec#{record => none}).
 
 lines([], Spec) ->
     {ok, Spec, {continue, launch}};
@@ -126,11 +137,9 @@ handle_continue(launch, #{robot := Id, robot_sup := Sup, tree := Tree} = Spec) -
         {error, Why} -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}, Spec}
     end.
 
-launched(#{robot := Id, sink := Sink}, Body, Before, Processes, Machines) ->
+launched(#{robot := Id} = Spec, Body, Before, Processes, Machines) ->
     _ = erlang:send_after(?WATCH_MS, self(), watch),
-    _ =
-        is_pid(Sink) andalso
-            (Sink ! {starl_started, Id, self(), starl_robot_machines:names(Machines)}),
+    ok = tell_start(starl_robot_machines:names(Machines), Spec),
     %% a robot that has run before comes up after a reboot
     Up =
         case map_size(Before) of
@@ -145,6 +154,17 @@ launched(#{robot := Id, sink := Sink}, Body, Before, Processes, Machines) ->
         machines_sup = starl_robot_tree:supervisor(Processes)
     },
     {noreply, went(starl_robot:run(Robot), Link)}.
+
+tell_start(_Names, #{sink := none}) ->
+    ok;
+tell_start(Names, #{robot := Id, sink := Sink, record := Record}) ->
+    File =
+        case Record of
+            none -> none;
+            _ -> starl_live_record:file(Record)
+        end,
+    Sink ! {starl_started, Id, self(), {Names, File}},
+    ok.
 
 -spec handle_call(inspect | figures | {line, atom()}, gen_server:from(), #link{}) ->
     {reply, term(), #link{}}.

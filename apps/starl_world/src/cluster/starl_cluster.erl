@@ -27,7 +27,8 @@
 -opaque t() :: #cluster{}.
 
 %% `transport': how packets travel between the nodes. `speed': 2.0 is twice as fast as real time. `dir': the
-%% directory of the robots' stores. `code': modules that were compiled in memory. `log': gets each
+%% directory of the robots' stores. `code': modules that were compiled in memory. `chaos': what
+%% happens to the nodes, at which times of the run. `log': gets each
 %% line of the nodes' logs.
 -type options() :: #{
     dir := file:filename(),
@@ -35,6 +36,7 @@
     speed => number(),
     rate_hz => number() | none,
     whole_mm => boolean(),
+    chaos => [{AtUs :: integer(), starl_cluster_chaos:act()}],
     code => [{module(), file:filename(), Beam :: binary()}],
     log => fun((starl:robot_id(), logger:level(), binary()) -> term())
 }.
@@ -172,12 +174,24 @@ init({#{robots := Poses, crew := #{tree := Tree}, world := Sim} = Plan, Options}
             Self = self(),
             Handler = fun(Words) -> gen_server:call(Self, {control, Words}, ?CALL_MS) end,
             case starl_cluster_control:start_link(Handler) of
-                {ok, _} -> {ok, lists:foldl(fun opened/2, State, lists:zip(Ids, Peers))};
-                {error, Why} -> {stop, {shutdown, {control, Why}}}
+                {ok, _} ->
+                    ok = plan(maps:get(chaos, Options, []), Clock),
+                    {ok, lists:foldl(fun opened/2, State, lists:zip(Ids, Peers))};
+                {error, Why} ->
+                    {stop, {shutdown, {control, Why}}}
             end;
         {error, Reason} ->
             {stop, {shutdown, Reason}}
     end.
+
+plan(Chaos, Clock) ->
+    lists:foreach(
+        fun({At, Act}) ->
+            Due = starl_live_clock:monotonic_ms(At, Clock),
+            erlang:send_after(Due, self(), {chaos, Act}, [{abs, true}])
+        end,
+        Chaos
+    ).
 
 spec(Id, World, Clock, Tree, #{profiles := Profiles}, Lines, #{dir := Dir}) ->
     #{
@@ -189,7 +203,8 @@ spec(Id, World, Clock, Tree, #{profiles := Profiles}, Lines, #{dir := Dir}) ->
         transport => maps:get(Id, Lines),
         positioning => {starl_world_sight, #{world => World}},
         chassis => {starl_world_chassis, #{world => World}},
-        sink => World
+        sink => World,
+        record => true
     }.
 
 -spec handle_call(term(), gen_server:from(), #state{}) -> {reply, term(), #state{}}.
@@ -234,6 +249,13 @@ does({cut, A, B}, #state{cuts = Cuts} = State) ->
     Next = State#state{cuts = lists:usort([{A, B}, {B, A} | Cuts])},
     ok = lists:foreach(fun(Robot) -> aired(Robot, Next) end, [A, B]),
     {ok, Next};
+does({mend, A, B}, #state{cuts = Cuts} = State) ->
+    Next = State#state{cuts = Cuts -- [{A, B}, {B, A}]},
+    ok = lists:foreach(fun(Robot) -> aired(Robot, Next) end, [A, B]),
+    {ok, Next};
+does({thaw, Robot}, #state{frozen = Frozen, world = World} = State) ->
+    Left = lists:delete(Robot, Frozen),
+    {starl_world:freeze(World, Left), State#state{frozen = Left}};
 does({freeze, Robot}, #state{frozen = Frozen, world = World} = State) ->
     Next = lists:usort([Robot | Frozen]),
     {starl_world:freeze(World, Next), State#state{frozen = Next}}.
@@ -326,6 +348,16 @@ handle_info({'EXIT', Pid, Reason}, #state{nodes = Nodes} = State) ->
         [Id] -> {noreply, lost(Id, State)};
         [] when Reason =:= normal -> {noreply, State};
         [] -> {stop, Reason, State}
+    end;
+handle_info({chaos, Act}, #state{world = World} = State) ->
+    #{leader := Leader} = starl_world:status(World),
+    case starl_cluster_chaos:targets(Act, Leader) of
+        none ->
+            {noreply, State};
+        Aimed ->
+            logger:notice(#{what => chaos, act => Aimed}),
+            {_, Next} = does(Aimed, State),
+            {noreply, Next}
     end;
 handle_info({again, Id}, State) ->
     {noreply, again(Id, State)};

@@ -27,8 +27,10 @@
 
 -type ending() :: done | time | violation | stopped.
 
+%% `leader': the robot that has said last that it leads, in a block with a leader (path planning).
 -type status() :: #{
     now_us := integer(),
+    leader := starl:robot_id() | none,
     running := non_neg_integer(),
     up := [starl:robot_id()],
     ending := ending() | none
@@ -46,6 +48,9 @@
     sight = none :: pid() | none,
     link = none :: pid() | none,
     names = [] :: [starl_machine:name()],
+    %% the file of its facts, and the last batch that has come
+    record = none :: file:filename() | none,
+    batch = 0 :: non_neg_integer(),
     is_up = false :: boolean(),
     result = running :: running | given_up | {done, term()},
     events = 0 :: non_neg_integer()
@@ -62,6 +67,7 @@
     draws = 0 :: non_neg_integer(),
     %% the robots that get old pictures, and what they see
     frozen = #{} :: #{starl:robot_id() => [starl_live_positioning:sighting()]},
+    leader = none :: starl:robot_id() | none,
     ending = none :: ending() | none,
     callers = [] :: [gen_server:from()]
 }).
@@ -140,6 +146,7 @@ handle_call(await, _From, #world{ending = Ending} = World) ->
 handle_call(status, _From, #world{robots = Robots, ending = Ending} = World) ->
     Status = #{
         now_us => now_us(World),
+        leader => World#world.leader,
         running => length(running(World)),
         up => lists:sort([Id || {Id, #robot{is_up = true}} <- maps:to_list(Robots)]),
         ending => Ending
@@ -178,12 +185,19 @@ handle_info({reached, From}, World) ->
     {noreply, World};
 handle_info(show, World) ->
     {noreply, show(World)};
-handle_info({starl_started, Id, Link, Names}, #world{robots = Robots} = World) ->
-    #{Id := Robot} = Robots,
+handle_info({starl_started, Id, Link, {Names, File}}, #world{robots = Before} = World0) ->
+    %% the end of its predecessor may not be known yet
+    #world{robots = #{Id := Robot}} = World = down(Id, maps:get(Id, Before), World0),
     _ = erlang:monitor(process, Link),
-    {noreply, put_robot(Id, Robot#robot{link = Link, names = Names, is_up = true}, World)};
-handle_info({starl_traced, _Id, _Link, _Batch, Events}, World) ->
-    {noreply, told(Events, World)};
+    Up = Robot#robot{link = Link, names = Names, record = File, batch = 0, is_up = true},
+    {noreply, put_robot(Id, Up, World)};
+handle_info({starl_traced, Id, Link, Batch, Events}, #world{robots = Robots} = World) ->
+    case Robots of
+        #{Id := #robot{link = Link} = Robot} ->
+            {noreply, told(Events, put_robot(Id, Robot#robot{batch = Batch}, World))};
+        #{} ->
+            {noreply, World}
+    end;
 handle_info({starl_ended, Id, _Link, Result}, World) ->
     {noreply, result(Id, Result, World)};
 handle_info({'DOWN', _, process, Pid, _Reason}, World) ->
@@ -282,25 +296,23 @@ running(#world{robots = Robots}) ->
     [Id || {Id, #robot{result = running}} <- maps:to_list(Robots)].
 
 gone(Pid, #world{robots = Robots} = World) ->
-    case
-        [
-            Id
-         || {Id, #robot{link = Link, chassis = C}} <- maps:to_list(Robots),
-            lists:member(Pid, [Link, C])
-        ]
-    of
+    case [Id || {Id, #robot{link = Link}} <- maps:to_list(Robots), Link =:= Pid] of
         [Id] -> down(Id, maps:get(Id, Robots), World);
         [] -> World
     end.
 
-%% The link and the chassis end together; the first to be seen counts.
 down(_Id, #robot{is_up = false}, World) ->
     World;
 down(Id, #robot{body = Body, names = Names} = Robot, World) ->
     Now = now_us(World),
+    Last = unsaid(Robot),
     Down = [{Now, Id, robot, down} | [{Now, Id, Name, crashed} || Name <- Names]],
-    Left = Robot#robot{is_up = false, chassis = none, link = none},
-    told(Down, yielded(Id, starl_world_body:stop(Now, Body), Left, World)).
+    Left = Robot#robot{is_up = false, link = none},
+    told(Last ++ Down, yielded(Id, starl_world_body:stop(Now, Body), Left, World)).
+
+%% What a killed node has done and could not tell any more.
+unsaid(#robot{record = none}) -> [];
+unsaid(#robot{record = File, batch = Batch}) -> starl_live_record:read(File, Batch).
 
 %% -- judging --------------------------------------------------------------------------------
 

@@ -1,0 +1,54 @@
+%% @doc Chaos for a cluster: what happens to its nodes and links, drawn from a seed. A pure module.
+%%
+%% Of a team of five two nodes are killed, that of the leader among them; a link is cut for ten
+%% seconds; one robot's positions freeze for five. All within the first part of the run.
+-module(starl_cluster_chaos).
+
+-export([draw/3, targets/2]).
+
+-export_type([act/0]).
+
+%% An act, with robots by number; or the leader of that moment.
+-type act() ::
+    {kill, robot()}
+    | {cut, robot(), robot()}
+    | {mend, robot(), robot()}
+    | {freeze, robot()}
+    | {thaw, robot()}.
+
+-type robot() :: starl:robot_id() | leader.
+
+-define(CUT_US, 10000000).
+-define(FREEZE_US, 5000000).
+
+%% @doc The acts for these robots, between two times of the run, in the order of their time.
+-spec draw(Seed :: integer(), [starl:robot_id(), ...], {FromUs, ToUs}) ->
+    [{AtUs :: integer(), act()}]
+when
+    FromUs :: integer(), ToUs :: integer().
+draw(Seed, Robots, {From, To}) ->
+    {Times, Random} = some(4, fun(R) -> between(From, To, R) end, rand:seed_s(exsss, Seed)),
+    {Chosen, _} = some(4, fun(R) -> one_of(Robots, R) end, Random),
+    {[T1, T2, T3, T4], [A, B, C, D]} = {Times, Chosen},
+    lists:sort(
+        [{T1, {kill, leader}}, {T2, {kill, A}}] ++
+            lists:append([[{T3, {cut, B, C}}, {T3 + ?CUT_US, {mend, B, C}}] || B =/= C]) ++
+            [{T4, {freeze, D}}, {T4 + ?FREEZE_US, {thaw, D}}]
+    ).
+
+some(N, Draw, Random0) ->
+    lists:mapfoldl(fun(_, Random) -> Draw(Random) end, Random0, lists:seq(1, N)).
+
+between(From, To, Random) ->
+    {N, Next} = rand:uniform_s(To - From + 1, Random),
+    {From + N - 1, Next}.
+
+one_of(Robots, Random) ->
+    {N, Next} = rand:uniform_s(length(Robots), Random),
+    {lists:nth(N, Robots), Next}.
+
+%% @doc The act with the present leader's number; `none' if nobody leads.
+-spec targets(act(), Leader :: starl:robot_id() | none) -> act() | none.
+targets({kill, leader}, none) -> none;
+targets({kill, leader}, Leader) -> {kill, Leader};
+targets(Act, _Leader) -> Act.
