@@ -126,12 +126,16 @@ family(_) -> inet.
 options(Options) -> [binary, {active, ?ACTIVE}, {recbuf, ?BUFFER} | Options].
 
 %% Packets for all come to a port of their own. The robots of one computer share it.
+group(#{all := {multicast, {A, _, _, _} = Address, _}}, #{socket := Socket}) when
+    A < 224; A > 239
+->
+    gen_udp:close(Socket),
+    Line = "multicast ~ts: an address from 224.0.0.0 to 239.255.255.255 expected",
+    {error, io_lib:format(Line, [inet:ntoa(Address)])};
 group(#{all := {Way, Address, Port}} = Config, #{socket := Socket} = Opened) ->
     Interface = maps:get(interface, Config, {0, 0, 0, 0}),
-    Options = [{reuseaddr, true} | membership(Way, Address, Interface)],
-    case gen_udp:open(Port, options(Options)) of
+    case joined_group(Way, Address, Port, Interface, Socket) of
         {ok, Group} ->
-            ok = inet:setopts(Socket, outgoing(Way, Interface)),
             {ok, Opened#{group => Group, all => [{Address, Port}]}};
         {error, Why} ->
             gen_udp:close(Socket),
@@ -140,6 +144,25 @@ group(#{all := {Way, Address, Port}} = Config, #{socket := Socket} = Opened) ->
     end;
 group(#{robot := Robot}, #{peers := Peers} = Opened) ->
     {ok, Opened#{group => none, all => maps:values(maps:remove(Robot, Peers))}}.
+
+joined_group(Way, Address, Port, Interface, Socket) ->
+    case gen_udp:open(Port, options([{reuseaddr, true}])) of
+        {ok, Group} -> set(Group, Socket, Way, Address, Interface);
+        {error, _} = Error -> Error
+    end.
+
+set(Group, Socket, Way, Address, Interface) ->
+    Set = [
+        inet:setopts(Group, membership(Way, Address, Interface)),
+        inet:setopts(Socket, outgoing(Way, Interface))
+    ],
+    case [Error || {error, _} = Error <- Set] of
+        [] ->
+            {ok, Group};
+        [Error | _] ->
+            gen_udp:close(Group),
+            Error
+    end.
 
 membership(multicast, Address, Interface) -> [{add_membership, {Address, Interface}}];
 membership(broadcast, _Address, _Interface) -> [].

@@ -1,0 +1,60 @@
+-module(starl_live_air_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+air(Settings) ->
+    {ok, Air} = starl_live_air:new(Settings),
+    Air.
+
+pass(N, Air) ->
+    {Passed, _} = lists:mapfoldl(fun(_, A) -> starl_live_air:pass(2, A) end, Air, lists:seq(1, N)),
+    Passed.
+
+clear_air_test() -> ?assertEqual([[0], [0]], pass(2, air(#{}))).
+
+all_or_nothing_test_() ->
+    [
+        ?_assertEqual([[]], pass(1, air(#{loss => 1}))),
+        ?_assertEqual([[0, 0]], pass(1, air(#{duplicates => 1}))),
+        ?_assertEqual([[7]], pass(1, air(#{delay_ms => {7, 7}}))),
+        ?_assertEqual([[7]], pass(1, air(#{delay_ms => 7}))),
+        ?_assertEqual([[]], pass(1, air(#{cut => [1, 2]}))),
+        ?_assertEqual([[0]], pass(1, air(#{cut => [1, 3]})))
+    ].
+
+parts_are_about_right_test() ->
+    Passed = pass(10_000, air(#{loss => 0.2, duplicates => 0.5, delay_ms => {1, 3}, seed => 7})),
+    Lost = length([lost || [] <- Passed]),
+    Twice = length([twice || [_, _] <- Passed]),
+    ?assert(abs(Lost - 2000) < 200),
+    ?assert(abs(Twice - 4000) < 250),
+    ?assertEqual([1, 2, 3], lists:usort(lists:append(Passed))).
+
+a_seed_gives_the_same_again_test() ->
+    Settings = #{loss => 0.5, delay_ms => {0, 9}, seed => 3},
+    ?assertEqual(pass(100, air(Settings)), pass(100, air(Settings))),
+    ?assertNotEqual(pass(100, air(Settings)), pass(100, air(Settings#{seed => 4}))).
+
+%% Cutting a link changes nothing for the packets that are heard: which others are lost stays.
+settings_change_nothing_else_test() ->
+    Lossy = air(#{loss => 0.5, seed => 3}),
+    {ok, Cut} = starl_live_air:set(#{cut => [9]}, Lossy),
+    ?assertEqual(pass(100, Lossy), pass(100, Cut)),
+    {ok, Deaf} = starl_live_air:set(#{cut => [2]}, Lossy),
+    {_, Later} = starl_live_air:pass(2, Lossy),
+    {_, Healed} = starl_live_air:pass(2, Deaf),
+    {ok, Same} = starl_live_air:set(#{cut => []}, Healed),
+    ?assertEqual(pass(100, Later), pass(100, Same)).
+
+mistakes_are_said_test_() ->
+    [
+        ?_assertEqual(Line, line(Settings))
+     || {Settings, Line} <- [
+            {#{los => 1}, "air: unknown key los (did you mean loss?)"},
+            {#{loss => 2}, "air: loss: a number from 0 to 1 expected, not 2"},
+            {#{cut => 3}, "air: cut: a list of robots expected, not 3"}
+        ]
+    ].
+
+line(Settings) ->
+    {error, Line} = starl_live_air:new(Settings),
+    lists:flatten(Line).

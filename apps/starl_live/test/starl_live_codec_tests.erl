@@ -1,0 +1,102 @@
+-module(starl_live_codec_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+packet(Body) -> starl_packet:shout(1, {app, news}, Body).
+
+%% A packet around a body that is given as bytes of the external term format.
+bytes(Body) ->
+    {ok, <<1, Bytes/binary>>} = starl_live_codec:encode(packet(here)),
+    Hole = <<119, 4, "here">>,
+    [Before, <<>>] = binary:split(Bytes, Hole),
+    <<1, Before/binary, Body/binary>>.
+
+decode(Body) -> starl_live_codec:decode(1, bytes(Body)).
+
+plain_data_comes_back_test() ->
+    [
+        begin
+            {ok, Bytes} = starl_live_codec:encode(packet(Body)),
+            ?assertEqual({ok, packet(Body)}, starl_live_codec:decode(1, Bytes))
+        end
+     || Body <- starl_live_packets:plain()
+    ].
+
+other_data_is_refused_at_the_sender_test() ->
+    [
+        begin
+            {error, Why} = starl_live_codec:encode(packet(Body)),
+            Line = lists:flatten(starl_live_codec:format_error(packet(Body), Why)),
+            ?assertMatch("a datagram {app,news} cannot be sent: it " ++ _, Line),
+            ?assertNotEqual(nomatch, string:find(Line, Word)),
+            ?assertEqual(nomatch, string:find(Line, "\n"))
+        end
+     || {Body, Word} <- starl_live_packets:odd()
+    ].
+
+other_data_is_refused_at_the_receiver_test() ->
+    Odd = [self(), make_ref(), fun() -> ok end, fun lists:map/2, hd(erlang:ports()), <<1:3>>],
+    [
+        begin
+            <<131, Term/binary>> = term_to_binary(Body, [{minor_version, 2}]),
+            ?assertEqual({error, term}, decode(Term))
+        end
+     || Body <- Odd
+    ].
+
+the_hole_takes_bytes_test() -> ?assertEqual({ok, packet(7)}, decode(<<97, 7>>)).
+
+compressed_terms_are_refused_test() ->
+    Bomb = term_to_binary(packet(binary:copy(<<0>>, 10_000_000)), [{compressed, 9}]),
+    ?assertEqual({error, term}, starl_live_codec:decode(1, <<1, Bomb/binary>>)),
+    %% nor inside of a term
+    <<131, Inner/binary>> = term_to_binary(binary:copy(<<0>>, 10_000), [compressed]),
+    ?assertMatch(<<80, _/binary>>, Inner),
+    ?assertEqual({error, term}, decode(Inner)),
+    ?assertEqual({error, term}, decode(<<131, Inner/binary>>)).
+
+unknown_atoms_are_refused_test() ->
+    Name = <<"never_heard_of_this_atom_here">>,
+    Before = erlang:system_info(atom_count),
+    ?assertEqual({error, unknown_atom}, decode(<<119, (byte_size(Name)), Name/binary>>)),
+    ?assertEqual({error, unknown_atom}, decode(<<118, (byte_size(Name)):16, Name/binary>>)),
+    ?assertEqual(Before, erlang:system_info(atom_count)).
+
+%% Bytes that binary_to_term/1 alone would try, with absurd counts among them.
+absurd_terms_are_refused_test_() ->
+    [
+        ?_assertEqual({error, Why}, decode(Bytes))
+     || {Why, Bytes} <- [
+            {term, <<>>},
+            {term, <<105, 16#FFFFFFFF:32>>},
+            {term, <<108, 16#FFFFFFFF:32, 106>>},
+            {term, <<116, 16#FFFFFFFF:32, 97, 1>>},
+            {term, <<109, 16#FFFFFFFF:32, 0>>},
+            {term, <<107, 9:16, 1>>},
+            {term, <<97, 1, 97, 1>>},
+            {term, <<104, 2, 97, 1>>},
+            {term, <<100, 2:16, "ok">>},
+            {term, <<82, 0>>},
+            {term, <<131, 97, 1>>},
+            {term, binary:copy(<<104, 1>>, 1000)},
+            {term, <<108, 1:32, (binary:copy(<<108, 1:32>>, 1000))/binary>>},
+            %% a key twice
+            {unknown_atom, <<116, 2:32, 97, 1, 97, 1, 97, 1, 97, 1>>},
+            %% no number
+            {unknown_atom, <<70, 16#7FF0000000000000:64>>},
+            %% no text
+            {unknown_atom, <<119, 2, 255, 255>>}
+        ]
+    ].
+
+too_long_or_of_another_version_test() ->
+    Long = <<109, 65_536:32, 0:(8 * 65_536)>>,
+    ?assertEqual({error, term}, decode(Long)),
+    {ok, <<1, Bytes/binary>>} = starl_live_codec:encode(packet(1)),
+    ?assertEqual({error, version}, starl_live_codec:decode(1, <<2, Bytes/binary>>)),
+    ?assertEqual({error, version}, starl_live_codec:decode(1, <<>>)).
+
+a_packet_of_its_sender_test() ->
+    {ok, Bytes} = starl_live_codec:encode(packet(1)),
+    ?assertEqual({error, sender}, starl_live_codec:decode(2, Bytes)),
+    Hello = term_to_binary({starl, 1, hello, 1, -1}, [{minor_version, 2}]),
+    ?assertEqual({error, packet}, starl_live_codec:decode(1, <<1, Hello/binary>>)).

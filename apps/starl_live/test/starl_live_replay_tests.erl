@@ -1,0 +1,19 @@
+-module(starl_live_replay_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+remembered_for_the_time_test() ->
+    Replay = starl_live_replay:add(1, 5, starl_live_replay:new(10, 0)),
+    Later = starl_live_replay:add(2, 15, Replay),
+    ?assert(starl_live_replay:has(1, Later)),
+    ?assertNot(starl_live_replay:has(3, Later)),
+    ?assertNot(starl_live_replay:has(1, starl_live_replay:add(3, 26, Later))).
+
+memory_is_bounded_test() ->
+    Many = lists:foldl(
+        fun(N, Replay) -> starl_live_replay:add(N, 0, Replay) end,
+        starl_live_replay:new(10, 0),
+        lists:seq(1, 350_000)
+    ),
+    ?assert(starl_live_replay:has(350_000, Many)),
+    ?assert(starl_live_replay:has(250_001, Many)),
+    ?assertNot(starl_live_replay:has(200_000, Many)).

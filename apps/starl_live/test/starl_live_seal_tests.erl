@@ -1,0 +1,140 @@
+-module(starl_live_seal_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(NOW, 1_700_000_000_000).
+
+seal(Robot) -> seal(Robot, #{}).
+
+seal(Robot, More) ->
+    {ok, Seal} = starl_live_seal:new(config(Robot, More), ?NOW),
+    Seal.
+
+config(Robot, More) ->
+    Config = #{
+        robot => Robot,
+        participants => [{1, 3}],
+        key => fun() -> <<7:256>> end,
+        fleet => "garden",
+        run => 5
+    },
+    maps:merge(Config, More).
+
+sealed(To, Seal) -> iolist_to_binary(starl_live_seal:seal(To, "text", ?NOW, Seal)).
+
+open(Datagram, Seal) -> open(Datagram, ?NOW, Seal).
+
+open(Datagram, Now, Seal) ->
+    case starl_live_seal:open(Datagram, Now, Seal) of
+        {ok, From, To, Bytes, _} -> {From, To, Bytes};
+        {error, Why} -> Why
+    end.
+
+for_one_and_for_all_test() ->
+    ?assertEqual({1, 2, <<"text">>}, open(sealed(2, seal(1)), seal(2))),
+    ?assertEqual(address, open(sealed(2, seal(1)), seal(3))),
+    ?assertEqual({1, all, <<"text">>}, open(sealed(all, seal(1)), seal(2))),
+    ?assertEqual({1, all, <<"text">>}, open(sealed(all, seal(1)), seal(3))).
+
+others_are_refused_test_() ->
+    Open = fun(More) -> open(sealed(all, seal(1, More)), seal(2)) end,
+    [
+        ?_assertEqual(seal, Open(#{key => fun() -> <<8:256>> end})),
+        ?_assertEqual(fleet, Open(#{fleet => "forest"})),
+        ?_assertEqual(run, Open(#{run => 6})),
+        ?_assertEqual(stranger, open(sealed(all, seal(4)), seal(2))),
+        ?_assertEqual(own, open(sealed(all, seal(2)), seal(2)))
+    ].
+
+%% A run's key opens nothing of another run or fleet, though the headers were changed to fit.
+keys_differ_test_() ->
+    <<Ours:14/binary, _/binary>> = sealed(all, seal(1)),
+    [
+        fun() ->
+            <<_:14/binary, Rest/binary>> = sealed(all, seal(1, More)),
+            ?assertEqual(seal, open(<<Ours/binary, Rest/binary>>, seal(2)))
+        end
+     || More <- [#{run => 6}, #{fleet => "forest"}]
+    ].
+
+%% Every bit counts.
+flipped_bits_are_refused_test() ->
+    Datagram = sealed(2, seal(1)),
+    Seal = seal(2, #{fresh_ms => 1 bsl 40}),
+    ?assertEqual({1, 2, <<"text">>}, open(Datagram, Seal)),
+    [
+        begin
+            <<Before:Bit/bits, Flipped:1, After/bits>> = Datagram,
+            Opened = open(<<Before/bits, (1 - Flipped):1, After/bits>>, Seal),
+            ?assert(is_atom(Opened), {Bit, Opened})
+        end
+     || Bit <- lists:seq(0, bit_size(Datagram) - 1)
+    ].
+
+truncated_and_lengthened_are_refused_test() ->
+    Datagram = sealed(2, seal(1)),
+    Size = byte_size(Datagram),
+    [
+        ?assert(is_atom(open(binary:part(Datagram, 0, Length), seal(2))))
+     || Length <- lists:seq(0, Size - 1)
+    ],
+    ?assertEqual(seal, open(<<Datagram/binary, 0>>, seal(2))),
+    ?assertEqual(length, open(<<Datagram/binary, 0:(8 * (1201 - Size))>>, seal(2))).
+
+the_longest_fits_test() ->
+    Bytes = binary:copy(<<1>>, starl_live_seal:room()),
+    Datagram = iolist_to_binary(starl_live_seal:seal(2, Bytes, ?NOW, seal(1))),
+    ?assertEqual(1200, byte_size(Datagram)),
+    ?assertEqual({1, 2, Bytes}, open(Datagram, seal(2))).
+
+replays_are_refused_test() ->
+    Datagram = sealed(2, seal(1)),
+    Other = sealed(2, seal(1)),
+    {ok, 1, 2, _, Heard} = starl_live_seal:open(Datagram, ?NOW, seal(2)),
+    ?assertEqual(replay, open(Datagram, Heard)),
+    ?assertMatch({1, 2, _}, open(Other, Heard)).
+
+%% What was recorded is refused after a reboot too, though nothing is remembered, and what is
+%% fresh still is remembered.
+old_packets_are_refused_test_() ->
+    Datagram = sealed(2, seal(1)),
+    [
+        ?_assertMatch({1, 2, _}, open(Datagram, ?NOW + 15_000, seal(2))),
+        ?_assertMatch({1, 2, _}, open(Datagram, ?NOW - 15_000, seal(2))),
+        ?_assertEqual(clock, open(Datagram, ?NOW + 15_001, seal(2))),
+        ?_assertEqual(clock, open(Datagram, ?NOW - 15_001, seal(2)))
+    ].
+
+no_gap_between_replay_and_age_test() ->
+    Datagram = sealed(2, seal(1)),
+    %% heard at the earliest, with other packets heard before and after it
+    Early = ?NOW - 15_000,
+    {ok, _, _, _, Heard} = starl_live_seal:open(Datagram, Early, later(0, Early, seal(2))),
+    [
+        ?assert(lists:member(open(Datagram, Now, later(0, Now, Heard)), [replay, clock]))
+     || Now <- lists:seq(Early, ?NOW + 15_002, 2500)
+    ].
+
+later(0, Now, Seal) ->
+    Datagram = iolist_to_binary(starl_live_seal:seal(2, "x", Now, seal(3))),
+    {ok, 3, 2, _, Next} = starl_live_seal:open(Datagram, Now, Seal),
+    Next.
+
+%% No packet of a robot, whatever its time, makes others of that robot look old: it marks itself
+%% alone.
+absurd_packets_mute_nobody_test() ->
+    Seal = lists:foldl(
+        fun(Time, Seal) ->
+            Datagram = iolist_to_binary(starl_live_seal:seal(2, "absurd", Time, seal(1))),
+            case starl_live_seal:open(Datagram, ?NOW, Seal) of
+                {ok, _, _, _, Next} -> Next;
+                {error, clock} -> Seal
+            end
+        end,
+        seal(2),
+        [0, ?NOW + 14_999, ?NOW - 14_999, 1 bsl 63, (1 bsl 64) - 1]
+    ),
+    ?assertMatch({1, 2, _}, open(sealed(2, seal(1)), Seal)).
+
+large_robot_numbers_are_refused_test() ->
+    {error, Line} = starl_live_seal:new(config(1, #{participants => [1, 1 bsl 32]}), ?NOW),
+    ?assertEqual("robot 4294967296: numbers up to 4294967295 only", lists:flatten(Line)).
