@@ -61,7 +61,7 @@ read({starl_frame, Air, From, To, Bytes}, #ends{robot = Robot, team = Team} = En
         Air =/= Ends#ends.air -> {[], count(other_air(Air, Ends), Ends)};
         not Member -> {[], count(stranger, Ends)};
         To =/= all, To =/= Robot -> {[], count(address, Ends)};
-        true -> decoded(starl_live_codec:decode(From, Bytes), Ends)
+        true -> decoded(From, starl_live_codec:decode(From, Bytes), Ends)
     end;
 read(_Message, _Ends) ->
     unknown.
@@ -69,8 +69,10 @@ read(_Message, _Ends) ->
 other_air({Fleet, _}, #ends{air = {Fleet, _}}) -> run;
 other_air(_, _) -> fleet.
 
-decoded({ok, Packet}, Ends) -> {[Packet], Ends};
-decoded({error, Why}, Ends) -> {[], count(Why, Ends)}.
+decoded(_From, {ok, Packet}, Ends) ->
+    {[Packet], Ends};
+decoded(From, {error, Why}, #ends{figures = Figures} = Ends) ->
+    {[], Ends#ends{figures = starl_live_figures:refused(Why, From, Figures)}}.
 
 %% @doc The counters of this end.
 -spec figures(t()) -> starl_live_figures:t().

@@ -284,15 +284,17 @@ called(_From, _To, Udp) -> Udp.
 joined(From, Payload, #udp{fragments = Fragments} = Udp) ->
     case starl_live_fragment:join(From, Payload, now_ms(), Fragments) of
         {whole, Bytes, Next} ->
-            decoded(starl_live_codec:decode(From, Bytes), Udp#udp{fragments = Next});
+            decoded(From, starl_live_codec:decode(From, Bytes), Udp#udp{fragments = Next});
         {more, Next} ->
             {[], Udp#udp{fragments = Next}};
         {error, Why, Next} ->
             {[], count(Why, Udp#udp{fragments = Next})}
     end.
 
-decoded({ok, Packet}, Udp) -> {[Packet], Udp};
-decoded({error, Why}, Udp) -> {[], count(Why, Udp)}.
+decoded(_From, {ok, Packet}, Udp) ->
+    {[Packet], Udp};
+decoded(From, {error, Why}, #udp{figures = Figures} = Udp) ->
+    {[], Udp#udp{figures = starl_live_figures:refused(Why, From, Figures)}}.
 
 count(What, #udp{figures = Figures} = Udp) ->
     Udp#udp{figures = starl_live_figures:count(What, Figures)}.
