@@ -94,31 +94,32 @@ older(This, Arrived, Frames) ->
         false -> Frames
     end.
 
-newer(This, Arrived, Frames) ->
-    Frames#frames{newest = This, arrived_us = Arrived, shown = [], anew = none}.
+newer({_, Time} = This, Arrived, #frames{fastest = Fastest}) ->
+    #frames{newest = This, arrived_us = Arrived, fastest = fastest(Time, Arrived, Fastest)}.
 
 shown(Order, #{time_us := Time, age_us := Age, poses := Poses}, Arrived, Frames) ->
-    #frames{shown = Shown} = Timed = timed(Time, Arrived, Frames),
-    Taken = taken(Time, Arrived, Timed) - Age,
+    #frames{shown = Shown, fastest = Fastest} = Frames,
+    Taken = taken(Time, Arrived, Fastest) - Age,
     Fresh = [{Robot, Pose} || {Robot, Pose} <- Poses, not lists:member(Robot, Shown)],
-    Next = Timed#frames{shown = [Robot || {Robot, _} <- Fresh] ++ Shown},
+    Next = Frames#frames{shown = [Robot || {Robot, _} <- Fresh] ++ Shown},
     {Order, [{Robot, Pose, Taken} || {Robot, Pose} <- Fresh], Next}.
 
 %% -- the source's clock ---------------------------------------------------------------------
 
-timed(none, _Arrived, Frames) ->
-    Frames;
-timed(Time, Arrived, #frames{fastest = Fastest} = Frames) ->
-    Frames#frames{fastest = fastest(Arrived - Time, Arrived, Fastest)}.
+%% Only a new picture tells: one that is repeated has been under way for ever longer. After a pause the
+%% fastest before it still counts: if the clocks have drifted apart since, poses are rather taken for
+%% too old.
+fastest(none, _Arrived, Fastest) ->
+    Fastest;
+fastest(Time, Arrived, none) ->
+    {Arrived, Arrived - Time, none};
+fastest(Time, Arrived, {Since, Least, _}) when Arrived - Since >= ?WINDOW_US ->
+    {Arrived, Arrived - Time, Least};
+fastest(Time, Arrived, {Since, Least, Before}) ->
+    {Since, min(Arrived - Time, Least), Before}.
 
-fastest(Way, Arrived, none) ->
-    {Arrived, Way, none};
-fastest(Way, Arrived, {Since, _, _}) when Arrived - Since >= 2 * ?WINDOW_US -> {Arrived, Way, none};
-fastest(Way, Arrived, {Since, Least, _}) when Arrived - Since >= ?WINDOW_US ->
-    {Arrived, Way, Least};
-fastest(Way, _, {Since, Least, Before}) ->
-    {Since, min(Way, Least), Before}.
-
-%% An atom is greater than any number.
-taken(none, Arrived, _) -> Arrived;
-taken(Time, _, #frames{fastest = {_, Least, Before}}) -> Time + min(Least, Before).
+%% A part of a picture may have its time where the others have none. An atom is greater than any number.
+taken(Time, Arrived, {_, Least, Before}) when is_integer(Time) ->
+    min(Arrived, Time + min(Least, Before));
+taken(_, Arrived, _) ->
+    Arrived.

@@ -20,7 +20,7 @@
 -behaviour(starl_live_positioning).
 
 -export([open/1, hear/2, figures/1, close/1]).
--export([new/1, packet/3, requests/1]).
+-export([new/1, packet/3, requests/1, figures_of/1]).
 
 -export_type([pure/0, said/0]).
 
@@ -70,11 +70,18 @@
 %% @doc Opens the sockets, and asks the server to describe itself.
 -spec open(starl_live_positioning:config()) -> {ok, #natnet{}} | {error, iolist()}.
 open(Config) ->
-    case {starl_live_floor:axes(maps:get(axes, Config, ?AXES)), server(Config)} of
-        {ok, {ok, Server}} -> opened(Server, data(Config), Config);
-        {{error, _} = Error, _} -> Error;
-        {_, {error, _} = Error} -> Error
+    Axes = starl_live_floor:axes(maps:get(axes, Config, ?AXES)),
+    case {Axes, version(maps:get(version, Config, {4, 1})), server(Config)} of
+        {ok, ok, {ok, Server}} -> opened(Server, data(Config), Config);
+        {{error, _} = Error, _, _} -> Error;
+        {_, {error, _} = Error, _} -> Error;
+        {_, _, {error, _} = Error} -> Error
     end.
+
+version({Major, Minor}) when Major >= 3, Major =< 4, Minor >= 0, Minor < 256 -> ok;
+version(Version) ->
+    {error,
+        io_lib:format("version is that of NatNet, from {3, 0} to {4, 255}, not ~0p", [Version])}.
 
 server(#{server := Address} = Config) ->
     case starl_live_datagrams:address(Address) of
@@ -146,7 +153,7 @@ tick(#natnet{command = Socket, server = {Address, Port}, pure = Pure} = Natnet) 
     Natnet#natnet{pure = Next}.
 
 -spec figures(#natnet{}) -> starl_live_positioning:figures().
-figures(#natnet{pure = #pure{figures = Figures}}) -> Figures.
+figures(#natnet{pure = Pure}) -> figures_of(Pure).
 
 -spec close(#natnet{}) -> ok.
 close(#natnet{command = none, data = Data}) ->
@@ -171,6 +178,10 @@ new(#{participants := Participants, clock := Clock} = Config) ->
         latency_us = maps:get(latency_us, Config, ?LATENCY_US),
         clock = Clock
     }.
+
+%% @doc Its counters.
+-spec figures_of(pure()) -> starl_live_positioning:figures().
+figures_of(#pure{figures = Figures}) -> Figures.
 
 %% @doc What is to be sent to the server now, once a second.
 -spec requests(pure()) -> {[binary()], pure()}.
