@@ -162,11 +162,11 @@ longer_bodies_test() ->
     [Before, After] = binary:split(Golden, hex("4C000000")),
     <<One:38/binary, Two:38/binary, Rest/binary>> = After,
     <<_:4/binary, Content/binary>> =
-        <<Before/binary, (hex("54000000"))/binary, One/binary, 1, 2, 3, 4, Two/binary, 5, 6, 7, 8,
+        <<Before/binary, (hex("54000000"))/binary, Two/binary, 1, 2, 3, 4, One/binary, 5, 6, 7, 8,
             Rest/binary>>,
     Packet = <<7, 0, (byte_size(Content)):16/little, Content/binary>>,
     ?assertMatch(
-        {ok, {frame, #{times := {1000, 3000}, bodies := [{1, _, _}, unseen]}}},
+        {ok, {frame, #{times := {1000, 3000}, bodies := [unseen, {1, _, _}]}}},
         starl_live_natnet_codec:decode(Packet, {4, 5})
     ).
 
@@ -281,6 +281,22 @@ unknown_exposure_test() ->
             ?assertMatch({[{1, _, 93000}], [], _}, starl_live_natnet:packet(Packet, 100000, A))
         end
      || Times <- [{0, 5000}, {0, 0}, {6000, 5000}, {1, 16#FFFFFFFFFFFFFFFF}]
+    ].
+
+%% A server without a clock, or whose clock does not go: each frame counts when it comes.
+unknown_clock_test() ->
+    [
+        begin
+            Server = starl_live_mocap_fake:server(<<"Motive">>, {3, 1}, Hz),
+            {_, _, A} = starl_live_natnet:packet(Server, 1, source(#{})),
+            Packet = fun(N) ->
+                Frame = #{number => N, bodies => [body(1, 1.0)], times => Times},
+                starl_live_mocap_fake:frame({3, 1}, Frame)
+            end,
+            {[{1, _, 90000}], [], B} = starl_live_natnet:packet(Packet(1), 100000, A),
+            ?assertMatch({[{1, _, 190000}], [], _}, starl_live_natnet:packet(Packet(2), 200000, B))
+        end
+     || {Hz, Times} <- [{0, {10, 20}}, {1000000, {0, 0}}]
     ].
 
 options_test() ->
