@@ -109,16 +109,24 @@ flipped_test() ->
 
 %% -- silence --------------------------------------------------------------------------------
 
-%% Said once when the robot asks and has not been seen for two seconds, and once when it is back.
+%% Said once when the robot has asked and is not seen for two seconds, and once when it is back.
 silent_test() ->
     {_, _, A} = starl_live_seen:show([{1, at(0), ?S}], ?S, new()),
-    {[], B} = starl_live_seen:silence(3 * ?S - 1, A),
-    {[#{what := position_silent, for_us := 2000000}], C} = starl_live_seen:silence(3 * ?S, B),
+    Asked = starl_live_seen:ask(one, [1], 2 * ?S, A),
+    {[], B} = starl_live_seen:silence(4 * ?S - 1, Asked),
+    {[#{what := position_silent, for_us := 2000000}], C} = starl_live_seen:silence(4 * ?S, B),
     {[], D} = starl_live_seen:silence(9 * ?S, C),
     {[], [], E} = starl_live_seen:show([{2, at(0), 9 * ?S}], 9 * ?S, D),
-    {[], [#{what := position_back, for_us := 9000000}], F} =
+    {[{one, _}], [#{what := position_back, for_us := 9000000}], F} =
         starl_live_seen:show([{1, at(1), 10 * ?S}], 10 * ?S, E),
     {[], [], _} = starl_live_seen:show([{1, at(2), 11 * ?S}], 11 * ?S, F).
+
+%% A source that nobody has asked for long is not silent.
+not_silent_test() ->
+    {_, _, A} = starl_live_seen:show([{1, at(0), ?S}], ?S, new()),
+    ?assertMatch({[], _}, starl_live_seen:silence(9 * ?S, A)),
+    Asked = starl_live_seen:ask(one, [1], 9 * ?S, A),
+    ?assertMatch({[], _}, starl_live_seen:silence(9 * ?S, Asked)).
 
 options_test() ->
     ?assertEqual(ok, starl_live_seen:options(#{speed => 500.0, turn => infinity, exact => true})),

@@ -118,10 +118,17 @@ ask(Tag, Robots, Now, #seen{asked = Asked} = Seen) ->
         false -> Seen#seen{asked = lists:sublist([{Tag, Robots, Now} | Asked], ?OPEN)}
     end.
 
-%% @doc The robot has asked: is there something to say about a source that does not show it?
+%% @doc The robot has asked: is there something to say about a source that does not show it? Nobody
+%% misses a picture while no question is open; some sources show nothing unless they are asked.
 -spec silence(NowUs :: integer(), t()) -> {[event()], t()}.
-silence(Now, #seen{since_us = Since, silent = false} = Seen) when Now - Since >= ?SILENT_US ->
-    {[#{what => position_silent, for_us => Now - Since}], Seen#seen{silent = true}};
+silence(Now, #seen{since_us = Since, asked = [_ | _] = Asked, silent = false} = Seen) ->
+    {_, _, Oldest} = lists:last(Asked),
+    case Now - max(Since, Oldest) of
+        Us when Us >= ?SILENT_US ->
+            {[#{what => position_silent, for_us => Us}], Seen#seen{silent = true}};
+        _ ->
+            {[], Seen}
+    end;
 silence(_Now, Seen) ->
     {[], Seen}.
 
