@@ -55,6 +55,8 @@ own() ->
         {transport, {one_of, [dist, udp]}, dist,
             "dist: Erlang distribution; udp: sealed datagrams, as between real robots"},
         {speed, {number, 0.01, 100}, 1, "how many times as fast as real time"},
+        {metrics, {optional, {integer, 1, 65000}}, none,
+            "robot N serves http://127.0.0.1:PORT/metrics for Prometheus, PORT being this plus N"},
         {chaos, switch, false,
             "kills two nodes, the leader's among them, cuts a link and freezes the positions of a "
             "robot for a while, at times drawn from the seed"},

@@ -72,6 +72,7 @@ options(Dir, Live, #{target := Target}, Values) ->
         {nodes, Transport, Chaos} ->
             Common#{
                 chaos => Chaos,
+                metrics => maps:get(metrics, Values, none),
                 transport => Transport,
                 code => maps:get(code, Target, []),
                 log => fun starl_cli_log:node/3

@@ -8,7 +8,19 @@
 -behaviour(starl_robot).
 -behaviour(starl_platform).
 
--export([new/1, at/2, now_us/1, flush/1, hear/2, result/1, figures/1, line/2, starts/1, started/2]).
+-export([
+    new/1,
+    at/2,
+    now_us/1,
+    flush/1,
+    hear/2,
+    result/1,
+    figures/1,
+    counts/1,
+    line/2,
+    starts/1,
+    started/2
+]).
 -export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
 
 -export_type([t/0, config/0, figures/0]).
@@ -51,6 +63,7 @@
     batch = 1 :: pos_integer(),
     events = 0 :: non_neg_integer(),
     packets = 0 :: non_neg_integer(),
+    counts = starl_live_counts:new() :: starl_live_counts:t(),
     result = running :: running | given_up | {done, term()},
     told = running :: running | given_up | {done, term()}
 }).
@@ -102,6 +115,10 @@ result(#body{result = Result}) -> Result.
 -spec figures(t()) -> figures().
 figures(#body{events = Events, packets = Packets}) -> #{events => Events, packets => Packets}.
 
+%% @doc What the robot has counted since its link started.
+-spec counts(t()) -> starl_live_counts:t().
+counts(#body{counts = Counts}) -> Counts.
+
 %% @doc The process of a line.
 -spec line(transport | positioning | chassis, t()) -> pid().
 line(transport, #body{transport = Pid}) -> Pid;
@@ -139,8 +156,9 @@ said(_Name, _Mark, {not_understood, _Commands}) -> [].
 %% @doc Carries out an action of a machine on the world, at the end of the step.
 -spec perform(starl_platform:world_action(), starl_machine:name(), t()) ->
     {[starl_robot:local()], t()}.
-perform({transmit, To, Packet}, _Name, #body{packets = Packets} = Body) ->
-    {[], out({transmit, To, Packet}, Body#body{packets = Packets + 1})};
+perform({transmit, To, Packet}, _Name, #body{packets = Packets, counts = Counts} = Body) ->
+    Counted = starl_live_counts:transmits(To, Packet, Counts),
+    {[], out({transmit, To, Packet}, Body#body{packets = Packets + 1, counts = Counted})};
 perform({sense, Robots, Tag}, Name, Body) ->
     {[], out({sense, {Name, Tag}, Robots}, Body)};
 perform({drive, Script, Mark}, Name, Body) ->
@@ -217,8 +235,9 @@ base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = S
 
 %% @doc Records a fact.
 -spec trace(starl_machine:name(), Event :: term(), t()) -> t().
-trace(Name, Event, #body{id = Id, now = Now, traces = Traces} = Body) ->
-    Body#body{traces = [{Now, Id, Name, Event} | Traces]}.
+trace(Name, Event, #body{id = Id, now = Now, traces = Traces, counts = Counts} = Body) ->
+    Fact = {Now, Id, Name, Event},
+    Body#body{traces = [Fact | Traces], counts = starl_live_counts:traced(Fact, Counts)}.
 
 %% @doc Plans a timer's event: the link gets `{timeout, _, {starl_timer, Name, Timer, Mark,
 %% Content}}'. The time is rounded up to a millisecond.

@@ -12,7 +12,7 @@
 -module(starl_live_link).
 -behaviour(gen_server).
 
--export([start_link/1, inspect/1, figures/1, line/2]).
+-export([start_link/1, inspect/1, figures/1, metrics/1, line/2]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([spec/0, line/0, told/0]).
@@ -86,6 +86,11 @@ inspect(Link) -> gen_server:call(Link, inspect).
 -spec figures(pid()) -> starl_live_body:figures().
 figures(Link) -> gen_server:call(Link, figures).
 
+%% @doc The counters of the robot since its link started, and its queues: for {@link
+%% starl_live_counts:text/2}.
+-spec metrics(pid()) -> {[starl_live_counts:gauge()], starl_live_counts:t()}.
+metrics(Link) -> gen_server:call(Link, metrics).
+
 %% @doc The process of one of the robot's lines.
 -spec line(pid(), transport | positioning | chassis) -> pid().
 line(Link, Line) -> gen_server:call(Link, {line, Line}).
@@ -126,8 +131,9 @@ handle_continue(launch, #{robot := Id, robot_sup := Sup, tree := Tree} = Spec) -
     Body = starl_live_body:new(Spec#{participants => maps:get(participants, Tree)}),
     Before = starl_live_body:starts(Body),
     Self = self(),
+    Robot = Tree#{id => Id, driver => Self, services := services(Tree)},
     Start = fun() ->
-        {ok, Machines} = starl_live_robot:start_machines(Sup, Tree#{id => Id, driver => Self}),
+        {ok, Machines} = starl_live_robot:start_machines(Sup, Robot),
         _ = erlang:monitor(process, Machines),
         {Machines, starl_robot_sup:parts(Machines)}
     end,
@@ -136,6 +142,17 @@ handle_continue(launch, #{robot := Id, robot_sup := Sup, tree := Tree} = Spec) -
         ok -> launched(Spec, Body, Before, Processes, Machines);
         {error, Why} -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}, Spec}
     end.
+
+%% The positioning process itself finds a source that is stuck ({@link starl_live_positioning}); a
+%% rounded pose of a robot that stands repeats itself rightly.
+services(#{services := Services}) ->
+    [
+        case Service of
+            {location, Module, Config} -> {location, Module, Config#{exact => true}};
+            _ -> Service
+        end
+     || Service <- Services
+    ].
 
 launched(#{robot := Id} = Spec, Body, Before, Processes, Machines) ->
     _ = erlang:send_after(?WATCH_MS, self(), watch),
@@ -166,14 +183,25 @@ tell_start(Names, #{robot := Id, sink := Sink, record := Record}) ->
     Sink ! {starl_started, Id, self(), {Names, File}},
     ok.
 
--spec handle_call(inspect | figures | {line, atom()}, gen_server:from(), #link{}) ->
+-spec handle_call(inspect | figures | metrics | {line, atom()}, gen_server:from(), #link{}) ->
     {reply, term(), #link{}}.
+handle_call(metrics, _From, #link{robot = Robot} = Link) ->
+    {reply, {gauges(Link), starl_live_body:counts(starl_robot:world(Robot))}, Link};
 handle_call({line, Line}, _From, #link{robot = Robot} = Link) ->
     {reply, starl_live_body:line(Line, starl_robot:world(Robot)), Link};
 handle_call(inspect, _From, #link{robot = Robot} = Link) ->
     {reply, starl_robot_tree:inspect(starl_robot:machines(Robot)), Link};
 handle_call(figures, _From, #link{robot = Robot} = Link) ->
     {reply, starl_live_body:figures(starl_robot:world(Robot)), Link}.
+
+gauges(#link{waiting = Waiting, beside = Beside} = Link) ->
+    Starts = starl_robot_machines:starts(machines(Link)),
+    Orders = lists:sum([length(Orders) || {_, Orders} <- maps:values(Beside)]),
+    [
+        {queue_events, [], queue:len(Waiting)},
+        {queue_application, [], Orders}
+        | [{starts, [{machine, Name}], N} || {Name, N} <- maps:to_list(Starts)]
+    ].
 
 -spec handle_cast(term(), #link{}) -> {noreply, #link{}}.
 handle_cast(_Request, Link) -> {noreply, Link}.

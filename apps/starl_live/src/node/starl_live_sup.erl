@@ -4,7 +4,7 @@
 -module(starl_live_sup).
 -behaviour(supervisor).
 
--export([start_link/0, open/1, robot/0]).
+-export([start_link/0, open/1, open/2, robot/0]).
 -export([init/1]).
 
 %% @doc Starts the supervisor, without a robot.
@@ -18,6 +18,16 @@ open(Spec) ->
     supervisor:start_child(?MODULE, #{
         id => robot, type => supervisor, start => {starl_live_robot, start_link, [Spec]}
     }).
+
+%% @doc The same, with its metrics over HTTP.
+-spec open(starl_live_robot:spec(), #{ip := inet:ip_address(), port := inet:port_number()}) ->
+    supervisor:startchild_ret().
+open(Spec, Http) ->
+    Metrics = #{id => metrics, start => {starl_live_http, start_link, [Http]}},
+    case supervisor:start_child(?MODULE, Metrics) of
+        {ok, _} -> open(Spec);
+        {error, _} = Error -> Error
+    end.
 
 %% @doc The robot of this node.
 -spec robot() -> pid() | none.

@@ -27,7 +27,8 @@
 -opaque t() :: #cluster{}.
 
 %% `transport': how packets travel between the nodes. `speed': 2.0 is twice as fast as real time. `dir': the
-%% directory of the robots' stores. `code': modules that were compiled in memory. `chaos': what
+%% directory of the robots' stores. `code': modules that were compiled in memory. `metrics': robot N
+%% serves its metrics at this port plus N. `chaos': what
 %% happens to the nodes, at which times of the run. `log': gets each
 %% line of the nodes' logs.
 -type options() :: #{
@@ -36,6 +37,7 @@
     speed => number(),
     rate_hz => number() | none,
     whole_mm => boolean(),
+    metrics => inet:port_number() | none,
     chaos => [{AtUs :: integer(), starl_cluster_chaos:act()}],
     code => [{module(), file:filename(), Beam :: binary()}],
     log => fun((starl:robot_id(), logger:level(), binary()) -> term())
@@ -193,7 +195,7 @@ plan(Chaos, Clock) ->
         Chaos
     ).
 
-spec(Id, World, Clock, Tree, #{profiles := Profiles}, Lines, #{dir := Dir}) ->
+spec(Id, World, Clock, Tree, #{profiles := Profiles}, Lines, #{dir := Dir} = Options) ->
     #{
         robot => Id,
         tree => Tree,
@@ -204,7 +206,8 @@ spec(Id, World, Clock, Tree, #{profiles := Profiles}, Lines, #{dir := Dir}) ->
         positioning => {starl_world_sight, #{world => World}},
         chassis => {starl_world_chassis, #{world => World}},
         sink => World,
-        record => true
+        record => true,
+        metrics => maps:get(metrics, Options, none)
     }.
 
 -spec handle_call(term(), gen_server:from(), #state{}) -> {reply, term(), #state{}}.
@@ -402,10 +405,15 @@ open(Node, Id, Spec, #state{code = Code}) ->
         {ok, _} = erpc:call(
             Node, application, ensure_all_started, [starl_live, permanent], ?CALL_MS
         ),
-        erpc:call(Node, starl_live_sup, open, [Spec], ?CALL_MS)
+        erpc:call(Node, starl_live_sup, open, opening(Id, Spec), ?CALL_MS)
     catch
         Class:Reason -> {error, {Class, Reason}}
     end.
+
+opening(_Id, #{metrics := none} = Spec) ->
+    [maps:remove(metrics, Spec)];
+opening(Id, #{metrics := Port} = Spec) ->
+    [maps:remove(metrics, Spec), #{ip => {127, 0, 0, 1}, port => Port + Id}].
 
 %% The modules of StarL that this VM has loaded.
 modules() ->

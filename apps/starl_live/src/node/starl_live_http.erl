@@ -1,0 +1,107 @@
+%% @doc The metrics of a robot's node over HTTP: `/metrics' in the text format of Prometheus, and
+%% `/health', which answers while the robot's link does. Requests are read by the parser of OTP's
+%% sockets, and answered one by one.
+-module(starl_live_http).
+
+-export([start_link/1]).
+
+-define(TEXT, "text/plain; version=0.0.4; charset=utf-8").
+%% The longest time that a client may take, and the most lines of a request.
+-define(PATIENCE_MS, 2000).
+-define(MOST_LINES, 100).
+
+%% @doc Starts the server at an address, which should be one of a network that the fleet trusts.
+-spec start_link(#{ip := inet:ip_address(), port := inet:port_number()}) ->
+    {ok, pid()} | {error, unicode:chardata()}.
+start_link(#{ip := Ip, port := Port}) ->
+    Options = [{ip, Ip}, {active, false}, {packet, http_bin}, {reuseaddr, true}, binary],
+    case gen_tcp:listen(Port, Options) of
+        {ok, Socket} ->
+            Pid = proc_lib:spawn_link(fun() -> serve(Socket) end),
+            ok = gen_tcp:controlling_process(Socket, Pid),
+            {ok, Pid};
+        {error, Posix} ->
+            {error, io_lib:format("metrics at port ~b: ~ts", [Port, inet:format_error(Posix)])}
+    end.
+
+serve(Listening) ->
+    case gen_tcp:accept(Listening) of
+        {ok, Socket} ->
+            _ = answer(request(Socket, ?MOST_LINES, none), Socket),
+            _ = gen_tcp:close(Socket),
+            serve(Listening);
+        {error, Posix} ->
+            exit({shutdown, {metrics, Posix}})
+    end.
+
+%% The path, when all lines of the request have been read.
+request(_Socket, 0, _Path) ->
+    bad;
+request(Socket, Left, Path) ->
+    case gen_tcp:recv(Socket, 0, ?PATIENCE_MS) of
+        {ok, {http_request, 'GET', {abs_path, Asked}, _}} -> request(Socket, Left - 1, Asked);
+        {ok, {http_header, _, _, _, _}} -> request(Socket, Left - 1, Path);
+        {ok, http_eoh} -> Path;
+        _ -> bad
+    end.
+
+answer(<<"/metrics">>, Socket) -> send(metrics(), Socket);
+answer(<<"/health">>, Socket) -> send(health(), Socket);
+answer(bad, Socket) -> send({400, "GET, please\n"}, Socket);
+answer(_Path, Socket) -> send({404, "there are /metrics and /health\n"}, Socket).
+
+send({Status, Text}, Socket) ->
+    Body = unicode:characters_to_binary(Text),
+    Head =
+        "HTTP/1.1 ~b ~ts\r\nContent-Type: ~ts\r\nContent-Length: ~b\r\nConnection: close\r\n\r\n",
+    Values = [Status, reason(Status), ?TEXT, byte_size(Body)],
+    gen_tcp:send(Socket, [io_lib:format(Head, Values), Body]).
+
+reason(200) -> "OK";
+reason(400) -> "Bad Request";
+reason(404) -> "Not Found";
+reason(503) -> "Service Unavailable".
+
+health() ->
+    case link() of
+        none -> {503, "no robot runs\n"};
+        _ -> {200, "ok\n"}
+    end.
+
+metrics() ->
+    case link() of
+        none -> {503, "no robot runs\n"};
+        Link -> with(Link)
+    end.
+
+with(Link) ->
+    try {starl_live_link:metrics(Link), lines(Link)} of
+        {{Gauges, Counts}, Lines} -> {200, starl_live_counts:text(Gauges ++ Lines ++ vm(), Counts)}
+    catch
+        exit:_ -> {503, "the robot does not answer\n"}
+    end.
+
+link() ->
+    try starl_live_sup:robot() of
+        none -> none;
+        Robot -> starl_live_robot:link(Robot)
+    catch
+        exit:_ -> none
+    end.
+
+%% The counters of the radio and of the positioning system.
+lines(Link) ->
+    Radio = starl_live_transport:figures(starl_live_link:line(Link, transport)),
+    Sight = starl_live_positioning:figures(starl_live_link:line(Link, positioning)),
+    [{radio, [{what, What}], N} || {What, N} <- maps:to_list(Radio)] ++
+        [{positioning, [{what, What}], N} || {What, N} <- maps:to_list(Sight)].
+
+vm() ->
+    [
+        {memory_bytes, [], erlang:memory(total)},
+        {processes, [], erlang:system_info(process_count)},
+        {atoms, [], erlang:system_info(atom_count)},
+        {uptime_seconds, [], erlang:convert_time_unit(uptime(), native, second)}
+    ].
+
+uptime() -> erlang:monotonic_time() - erlang:system_info(start_time).
