@@ -132,6 +132,26 @@ replayed_test() ->
     {[], S2} = hear([{T + 20000000, Sent(5)}], Source),
     ?assertEqual(1, figure(wrong_time, S2)).
 
+%% The key stands in nothing that a log may show.
+hidden_key_test() ->
+    Hidden = source(#{key => fun() -> ?KEY end}),
+    ?assertEqual(nomatch, binary:match(term_to_text(Hidden), term_to_text(?KEY))),
+    Options = #{seal_key => starl_live_broadcast:seal_key(?KEY)},
+    [Datagram] = starl_live_broadcast:encode(1, 1000, [{1, {1.0, 2.0, 0.0}}], Options),
+    ?assertMatch({[{1, _, _}], _}, hear([{1000, Datagram}], Hidden)),
+    #{seal_key := SealKey} = Options,
+    ?assertEqual(nomatch, binary:match(term_to_text(Hidden), term_to_text(SealKey()))).
+
+term_to_text(Term) -> unicode:characters_to_binary(io_lib:format("~w", [Term])).
+
+options_test() ->
+    Line = fun(Config) ->
+        {error, Text} = starl_live_broadcast:open(Config),
+        lists:flatten(Text)
+    end,
+    ?assertEqual("run must be a number from 0 to 4294967295, not -1", Line(#{run => -1})),
+    ?assertEqual("key must be the fleet's key, a binary", Line(#{key => "secret"})).
+
 %% -- helpers --------------------------------------------------------------------------------
 
 hex(Text) -> binary:decode_hex(<<<<C>> || <<C>> <= list_to_binary(Text), C =/= $\s>>).

@@ -23,8 +23,10 @@ now_us(Clock) -> at_us(erlang:system_time(microsecond), Clock).
 
 %% @doc The time of this clock at a system time.
 -spec at_us(SystemUs :: integer(), t()) -> integer().
-at_us(SystemUs, {Epoch, Pace}) when Pace == 1 -> SystemUs - Epoch;
-at_us(SystemUs, {Epoch, Pace}) -> round((SystemUs - Epoch) * Pace).
+at_us(SystemUs, {Epoch, Pace}) when Pace == 1, is_integer(SystemUs), is_integer(Epoch) ->
+    SystemUs - Epoch;
+at_us(SystemUs, {Epoch, Pace}) ->
+    round((SystemUs - Epoch) * Pace).
 
 %% @doc The monotonic time in milliseconds at which this clock will have reached a time, rounded up:
 %% for {@link erlang:start_timer/4} with an absolute time. It may be in the past.

@@ -29,9 +29,12 @@
 -export([open/1, hear/2, figures/1, close/1]).
 -export([new/1, datagram/3]).
 
--export_type([options/0, content/0, reason/0, pure/0]).
+-export_type([options/0, content/0, reason/0, seal_key/0, pure/0]).
 
--type options() :: #{run => 0..16#ffffffff, rounded => boolean(), seal_key => binary()}.
+-type options() :: #{run => 0..16#ffffffff, rounded => boolean(), seal_key => seal_key()}.
+
+%% Hidden in a function: so it stands in no log.
+-type seal_key() :: fun(() -> binary()).
 
 %% What a datagram says. `rounded': in whole millimetres, so that a robot which stands shows the same
 %% pose again and again.
@@ -119,11 +122,15 @@ whole(Value, Unit) -> round(Value * Unit).
 sealed(Datagram, #{seal_key := Key}) -> <<Datagram/binary, (seal(Datagram, Key))/binary>>;
 sealed(Datagram, _Options) -> Datagram.
 
-seal(Datagram, Key) -> crypto:macN(hmac, sha256, Key, Datagram, ?SEAL).
+seal(Datagram, Key) -> crypto:macN(hmac, sha256, Key(), Datagram, ?SEAL).
 
-%% @doc The key of the seal, from the fleet's key.
--spec seal_key(FleetKey :: binary()) -> binary().
-seal_key(FleetKey) -> crypto:mac(hmac, sha256, FleetKey, <<"starl positioning 1">>).
+%% @doc The key of the seal, from the fleet's key, which may be hidden in a function likewise.
+-spec seal_key(FleetKey :: binary() | fun(() -> binary())) -> seal_key().
+seal_key(FleetKey) when is_function(FleetKey, 0) ->
+    seal_key(FleetKey());
+seal_key(FleetKey) ->
+    Key = crypto:mac(hmac, sha256, FleetKey, <<"starl positioning 1">>),
+    fun() -> Key end.
 
 %% @doc Reads a datagram. With a key, nothing but the header is looked at before the seal.
 -spec decode(binary(), options()) -> {ok, content()} | {error, reason()}.
@@ -176,10 +183,22 @@ is_possible({Robot, {X, Y, Heading}}) ->
 -spec open(starl_live_positioning:config()) ->
     {ok, {gen_udp:socket(), pure()}} | {error, iolist()}.
 open(Config) ->
-    case starl_live_datagrams:open(maps:get(port, Config, ?PORT), Config) of
-        {ok, Socket} -> {ok, {Socket, new(Config)}};
-        {error, _} = Error -> Error
+    case checked(Config) of
+        ok ->
+            case starl_live_datagrams:open(maps:get(port, Config, ?PORT), Config) of
+                {ok, Socket} -> {ok, {Socket, new(Config)}};
+                {error, _} = Error -> Error
+            end;
+        {error, _} = Error ->
+            Error
     end.
+
+checked(#{run := Run}) when not is_integer(Run); Run < 0; Run > 16#ffffffff ->
+    {error, io_lib:format("run must be a number from 0 to 4294967295, not ~0p", [Run])};
+checked(#{key := Key}) when not is_binary(Key), not is_function(Key, 0) ->
+    {error, "key must be the fleet's key, a binary"};
+checked(_) ->
+    ok.
 
 %% @doc Nothing has arrived yet.
 -spec new(starl_live_positioning:config()) -> pure().
