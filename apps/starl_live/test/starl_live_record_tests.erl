@@ -1,0 +1,25 @@
+-module(starl_live_record_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% The batches after the last one that has come; a batch that was cut off is left out.
+record_test() ->
+    Dir = filename:join(os:getenv("TMPDIR", "/tmp"), "starl-record-" ++ os:getpid()),
+    ok = filelib:ensure_path(Dir),
+    {ok, Record} = starl_live_record:open(Dir),
+    Events = [[{N, 1, sap, {fact, N}}] || N <- lists:seq(1, 5)],
+    [
+        ok = starl_live_record:write(N, Some, Record)
+     || {N, Some} <- lists:zip([1, 2, 3, 4, 5], Events)
+    ],
+    File = starl_live_record:file(Record),
+    ?assertEqual(lists:append(Events), starl_live_record:read(File, 0)),
+    ?assertEqual([{5, 1, sap, {fact, 5}}], starl_live_record:read(File, 4)),
+    ?assertEqual([], starl_live_record:read(File, 5)),
+    {ok, Bytes} = file:read_file(File),
+    ok = file:write_file(File, binary:part(Bytes, 0, byte_size(Bytes) - 1)),
+    ?assertEqual([{4, 1, sap, {fact, 4}}], starl_live_record:read(File, 3)),
+    ok = file:write_file(File, ""),
+    ?assertEqual([], starl_live_record:read(File, 0)),
+    ok = file:del_dir_r(Dir),
+    ?assertEqual([], starl_live_record:read(File, 0)),
+    ?assertMatch({error, _}, starl_live_record:open(Dir)).

@@ -1,0 +1,34 @@
+-module(starl_cluster_chaos_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(SPAN, {5_000_000, 45_000_000}).
+
+%% Two nodes are killed, the leader's first or second; what is cut is mended, what freezes thaws.
+draw_test_() ->
+    [{"seed " ++ integer_to_list(Seed), fun() -> drawn(Seed) end} || Seed <- lists:seq(1, 50)].
+
+drawn(Seed) ->
+    Acts = starl_cluster_chaos:draw(Seed, [1, 2, 3, 4, 5], ?SPAN),
+    ?assertEqual(Acts, starl_cluster_chaos:draw(Seed, [1, 2, 3, 4, 5], ?SPAN)),
+    ?assertEqual(lists:sort(Acts), Acts),
+    ?assertMatch([_, _], [Act || {_, {kill, _}} = Act <- Acts]),
+    ?assertMatch([_], [At || {At, {kill, leader}} <- Acts]),
+    [{Frozen, Robot}] = [{At, R} || {At, {freeze, R}} <- Acts],
+    ?assertEqual([Frozen + 5_000_000], [At || {At, {thaw, R}} <- Acts, R =:= Robot]),
+    [?assert(lists:member({At + 10_000_000, {mend, A, B}}, Acts)) || {At, {cut, A, B}} <- Acts],
+    ?assert(lists:all(fun begins_in_time/1, Acts)).
+
+begins_in_time({At, {What, _}}) when What =:= kill; What =:= freeze -> in_time(At);
+begins_in_time({At, {cut, A, B}}) -> A =/= B andalso in_time(At);
+begins_in_time(_) -> true.
+
+in_time(At) -> At >= 5_000_000 andalso At =< 45_000_000.
+
+alone_test() ->
+    Acts = starl_cluster_chaos:draw(1, [1], ?SPAN),
+    ?assertEqual([], [Act || {_, {cut, _, _}} = Act <- Acts]).
+
+leader_test() ->
+    ?assertEqual(none, starl_cluster_chaos:targets({kill, leader}, none)),
+    ?assertEqual({kill, 4}, starl_cluster_chaos:targets({kill, leader}, 4)),
+    ?assertEqual({cut, 1, 2}, starl_cluster_chaos:targets({cut, 1, 2}, 4)).
