@@ -155,7 +155,7 @@ play(Play, Given, Config) ->
     start(Scenario, #{}, Config).
 
 %% Robot 1 sends the numbers up to N to robot 2, which tells the test.
-numbers(N) -> #{1 => {numbers, 2, 1, N}, 2 => {count, 1, N, self()}}.
+numbers(N) -> #{1 => {numbers, 2, 1, N, self()}, 2 => {count, 1, N, self()}}.
 
 paint(Given, Options, Config) ->
     File = filename:join(proplists:get_value(priv_dir, Config), "two.svg"),

@@ -12,7 +12,11 @@ blocks() -> [].
 
 init(Robot, #{play := Play}) ->
     starl:listen(Robot, word),
-    maps:get(starl:id(Robot), Play, wait).
+    %% a sender that starts anew goes on where it was
+    case {maps:get(starl:id(Robot), Play, wait), starl:stored(Robot)} of
+        {{numbers, To, _, N, Test}, {stored, From}} -> {numbers, To, From, N, Test};
+        {What, _} -> What
+    end.
 
 step(Robot, wait) ->
     {ok, From, Body} = starl:await(Robot, word),
@@ -33,9 +37,14 @@ step(Robot, {count, To, N, Test}) ->
         N -> {done, N};
         _ -> {continue, {count, To, N, Test}}
     end;
-step(Robot, {numbers, To, From, N}) ->
+step(Robot, {numbers, To, From, N, Test}) ->
+    ok = starl:store(Robot, From),
     case starl:send(Robot, To, word, From) of
-        ok when From =:= N -> {done, N};
-        ok -> {continue, {numbers, To, From + 1, N}};
-        {error, _} -> {continue, {numbers, To, From, N}}
+        ok when From =:= N ->
+            {done, N};
+        ok ->
+            {continue, {numbers, To, From + 1, N, Test}};
+        {error, Why} ->
+            Test ! {lost, Why},
+            {continue, {numbers, To, From, N, Test}}
     end.

@@ -1,0 +1,199 @@
+%% Robots on nodes of their own: processes of the operating system that are killed, cut off and
+%% started anew. The cluster itself runs in a node of its own, held by its standard input and output,
+%% since it makes its VM a distributed node.
+-module(starl_cluster_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+
+-export([all/0, init_per_suite/1, end_per_suite/1, init_per_testcase/2, end_per_testcase/2]).
+-export([messages/1, killed/1, all_killed/1, cut/1, commands/1, nothing_left/1]).
+%% called in the conductor
+-export([play/3]).
+
+-define(SPEED, 10).
+
+all() -> [messages, killed, all_killed, cut, commands, nothing_left].
+
+init_per_suite(Config) ->
+    Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
+    [{paths, lists:append([["-pa", filename:absname(D)] || D <- Own, filelib:is_dir(D)])} | Config].
+
+end_per_suite(_Config) -> ok.
+
+init_per_testcase(Case, Config) ->
+    Dir = filename:join(proplists:get_value(priv_dir, Config), Case),
+    {ok, Conductor, _} = peer:start(#{
+        connection => standard_io,
+        shutdown => close,
+        wait_boot => 60000,
+        args => [
+            "-nocookie",
+            "-kernel",
+            "logger_level",
+            "none",
+            "-kernel",
+            "prevent_overlapping_partitions",
+            "false"
+            | proplists:get_value(paths, Config)
+        ]
+    }),
+    [{conductor, Conductor}, {dir, Dir} | Config].
+
+end_per_testcase(_Case, Config) ->
+    catch_exit(fun() -> peer:stop(proplists:get_value(conductor, Config)) end).
+
+catch_exit(Fun) ->
+    try
+        Fun()
+    catch
+        exit:_ -> ok
+    end.
+
+%% -- tests ----------------------------------------------------------------------------------
+
+%% Both transports, with loss.
+messages(Config) ->
+    lists:foreach(
+        fun(Transport) ->
+            Outcome = run(Transport, [], Config),
+            ?assertEqual({Transport, [{done, 30}, {done, 30}]}, {Transport, results(Outcome)})
+        end,
+        [dist, udp]
+    ).
+
+%% No message is acknowledged and not delivered over a death of the receiver's node, and nobody is
+%% muted after it: the numbers go on.
+killed(Config) ->
+    Outcome = run(udp, [{heard, 10, {kill, 2}}, {heard, 20, {kill, 1}}], Config),
+    ?assertEqual([{done, 30}, {done, 30}], results(Outcome)).
+
+all_killed(Config) ->
+    Outcome = run(dist, [{heard, 10, {kill, 1}}, {heard, 10, {kill, 2}}], Config),
+    ?assertMatch([{done, _}, {done, _}], results(Outcome)).
+
+%% Nothing gets through while the link is cut.
+cut(Config) ->
+    Outcome = run(udp, [{heard, 10, {cut, 1, 2}}, {lost, heal}], Config),
+    ?assertEqual([{done, 30}, {done, 30}], results(Outcome)).
+
+%% From outside, by the socket.
+commands(Config) ->
+    Asked = [
+        {["status"], "2 at work"},
+        {["kill", "9"], "there is no robot 9"},
+        {["kill", "x"], "robots by their numbers"},
+        {["cut", "1", "2"], "done"},
+        {["heal"], "healed"},
+        {["stop"], "the run ends"}
+    ],
+    {Outcome, Answers} = run(dist, [{heard, 5, {ask, [Words || {Words, _} <- Asked]}}], Config),
+    ?assertEqual(stopped, maps:get(ending, Outcome)),
+    [
+        ?assertNotEqual({Words, nomatch}, {Words, string:find(Answer, Part)})
+     || {{Words, Part}, {_, Answer}} <- lists:zip(Asked, Answers)
+    ].
+
+%% The VM of the cluster is killed: no node of it is left.
+nothing_left(Config) ->
+    Conductor = proplists:get_value(conductor, Config),
+    Pids = in_conductor(
+        play, [dist, [{heard, 5, os_pids}], proplists:get_value(dir, Config)], Config
+    ),
+    Own = peer:call(Conductor, os, getpid, []),
+    ?assert(lists:all(fun is_alive/1, Pids)),
+    Ref = erlang:monitor(process, Conductor),
+    _ = os:cmd("kill -KILL " ++ Own),
+    receive
+        {'DOWN', Ref, _, _, _} -> ok
+    end,
+    ?assertMatch([_, _], Pids),
+    lists:foreach(fun gone/1, Pids).
+
+is_alive(OsPid) -> os:cmd("kill -0 " ++ OsPid ++ " 2>/dev/null && echo alive") =:= "alive\n".
+
+%% Waits for the process to end: the shell's own wait cannot, it is no child of ours.
+gone(OsPid) ->
+    _ = os:cmd("tail --pid=" ++ OsPid ++ " -f /dev/null"),
+    ?assertNot(is_alive(OsPid)).
+
+%% -- in the conductor -----------------------------------------------------------------------
+
+run(Transport, Script, Config) ->
+    Dir = filename:join(proplists:get_value(dir, Config), Transport),
+    in_conductor(play, [Transport, Script, Dir], Config).
+
+in_conductor(Function, Args, Config) ->
+    peer:call(proplists:get_value(conductor, Config), ?MODULE, Function, Args, 120000).
+
+%% Robot 1 sends the numbers up to 30 to robot 2, which tells this process of each. The script says
+%% what happens after which number; then the run goes on to its end.
+%% The cluster is linked to a process that stays, whatever becomes of the caller.
+play(Transport, Script, Dir) ->
+    Caller = self(),
+    {Player, Ref} = spawn_monitor(fun() ->
+        Caller ! {played, self(), start(Transport, Script, Dir)},
+        receive
+            never -> ok
+        end
+    end),
+    receive
+        {played, Player, Result} -> Result;
+        {'DOWN', Ref, _, _, Reason} -> exit(Reason)
+    end.
+
+start(Transport, Script, Dir) ->
+    _ = process_flag(trap_exit, true),
+    Play = #{1 => {numbers, 2, 1, 30, self()}, 2 => {count, 1, 30, self()}},
+    {ok, Cluster} = starl_cluster:start(
+        #{app => starl_world_app, robots => 2, loss => 0.1, play => Play},
+        #{dir => Dir, transport => Transport, speed => ?SPEED}
+    ),
+    played(Script, [], Cluster).
+
+played([{_, _, os_pids} | _], _Answers, Cluster) ->
+    #{os_pids := Pids} = starl_cluster:status(Cluster),
+    maps:values(Pids);
+played([], Answers, Cluster) ->
+    _ = starl_cluster:await(Cluster),
+    {Outcome, _} = starl_cluster:finish(Cluster),
+    [] = [lists:flatten(starl_monitor:format_violation(V)) || V <- maps:get(violations, Outcome)],
+    answer(Outcome, Answers);
+played([{heard, N, Act} | Script], Answers, Cluster) ->
+    ok = heard(N),
+    played(Script, act(Act, Cluster) ++ Answers, Cluster);
+played([{lost, Act} | Script], Answers, Cluster) ->
+    receive
+        {lost, _} -> ok
+    end,
+    played(Script, act(Act, Cluster) ++ Answers, Cluster).
+
+answer(Outcome, []) -> Outcome;
+answer(Outcome, Answers) -> {Outcome, Answers}.
+
+%% A number may have been heard before already.
+heard(N) ->
+    case get(heard) of
+        Before when is_integer(Before), Before >= N ->
+            ok;
+        _ ->
+            receive
+                {heard, 1, Body} ->
+                    _ = put(heard, Body),
+                    heard(N)
+            end
+    end.
+
+act({kill, Robot}, Cluster) ->
+    ok = starl_cluster:kill(Cluster, Robot),
+    [];
+act({cut, A, B}, Cluster) ->
+    ok = starl_cluster:cut(Cluster, A, B),
+    [];
+act(heal, Cluster) ->
+    ok = starl_cluster:heal(Cluster),
+    [];
+act({ask, Questions}, _Cluster) ->
+    [starl_cluster_control:ask(Words, list_to_integer(os:getpid())) || Words <- Questions].
+
+%% -- helpers --------------------------------------------------------------------------------
+
+results(#{robots := Robots}) -> [Result || {_, #{result := Result}} <- Robots].
