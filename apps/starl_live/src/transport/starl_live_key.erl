@@ -31,7 +31,7 @@ generate(File) ->
         {error, eexist} ->
             {error, [File, ": stands there already; remove it first if the key is not needed"]};
         {error, Why} ->
-            told(File, {error, Why})
+            {error, text(File, Why)}
     end.
 
 %% Others may not read the file from the moment on at which it holds the key.
@@ -42,7 +42,9 @@ write(File, Device) ->
     end.
 
 told(_File, ok) -> ok;
-told(File, {error, Why}) -> {error, [File, ": ", file:format_error(Why)]}.
+told(File, {error, Why}) -> {error, text(File, Why)}.
+
+text(File, Why) -> [File, ": ", file:format_error(Why)].
 
 hex(Bytes) -> [io_lib:format("~2.16.0b", [Byte]) || <<Byte>> <= Bytes].
 
@@ -59,7 +61,7 @@ load(File) ->
         {error, enoent} ->
             {error, [File, ": no such file; the fleet's key is made by: ./starl keys"]};
         {error, Why} ->
-            told(File, {error, Why})
+            {error, text(File, Why)}
     end.
 
 %% The file's first bytes, more than a key.
@@ -75,7 +77,7 @@ first(File) ->
 
 key(File, {ok, Text}) -> digits(File, string:trim(Text, both, "\s\t\r\n"));
 key(File, eof) -> digits(File, <<>>);
-key(File, {error, Why}) -> told(File, {error, Why}).
+key(File, {error, Why}) -> {error, text(File, Why)}.
 
 digits(File, Text) when byte_size(Text) =:= 2 * ?BYTES ->
     key_of(File, Text);

@@ -92,7 +92,7 @@ fleet(Name) ->
 room() -> ?LONGEST - ?HEADER - ?TAG.
 
 %% @doc The datagram that carries these bytes to a robot, or to all.
--spec seal(starl:robot_id() | all, iodata(), NowMs :: non_neg_integer(), t()) -> iodata().
+-spec seal(starl:robot_id() | all, iodata(), NowMs :: non_neg_integer(), t()) -> iolist().
 seal(To, Bytes, Now, #seal{key = Key, fleet = Fleet, run = Run, robot = Robot}) ->
     Nonce = crypto:strong_rand_bytes(12),
     Header = <<
