@@ -102,11 +102,15 @@ old_packets_are_refused_test_() ->
         ?_assertEqual(clock, open(Datagram, ?NOW - 15_001, seal(2)))
     ].
 
-%% As early as a packet can be heard, and played again until it is too old, with other packets between.
-no_gap_between_replay_and_age_test() ->
+%% As early as a packet can be heard, and played again until it is too old, with other packets
+%% between, by robots that have run for different times.
+no_gap_between_replay_and_age_test_() ->
+    [?_test(no_gap(Age)) || Age <- [0, 5000, 14_999, 20_000, 29_999, 100_000]].
+
+no_gap(Age) ->
     Datagram = sealed(2, seal(1)),
     Early = ?NOW - 15_000,
-    {ok, New} = starl_live_seal:new(config(2, #{}), Early - 29_000),
+    {ok, New} = starl_live_seal:new(config(2, #{}), Early - Age),
     {ok, _, _, _, Heard} = starl_live_seal:open(Datagram, Early, New),
     lists:foldl(
         fun(Now, Seal) ->
