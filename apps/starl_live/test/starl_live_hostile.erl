@@ -1,7 +1,7 @@
 %% Hostile datagrams for a robot's end by UDP: as many as wanted, of every kind, from a seed. None is
 %% to be taken; atoms and memory stay bounded, and other robots are heard as before.
 %%
-%% A million from a shell of the tests: `starl_live_hostile:flood(1_000_000, 1)'.
+%% A million, of all kinds, from a shell of the tests: `starl_live_hostile:flood(1_000_000, 1)'.
 -module(starl_live_hostile).
 
 -export([flood/2, flood/3, outsiders/0, insiders/0]).

@@ -8,12 +8,17 @@ remembered_for_the_time_test() ->
     ?assertNot(starl_live_replay:has(3, Later)),
     ?assertNot(starl_live_replay:has(1, starl_live_replay:add(3, 26, Later))).
 
+%% What is forgotten early is refused for its age.
 memory_is_bounded_test() ->
+    %% a hundred thousand in each millisecond
     Many = lists:foldl(
-        fun(N, Replay) -> starl_live_replay:add(N, 0, Replay) end,
+        fun(N, Replay) -> starl_live_replay:add(N, (N - 1) div 100_000, Replay) end,
         starl_live_replay:new(10, 0),
         lists:seq(1, 350_000)
     ),
+    %% from 200,001, which came in millisecond 2, all are known
+    ?assertEqual(2, starl_live_replay:floor_ms(Many)),
+    ?assert(starl_live_replay:has(200_001, Many)),
     ?assert(starl_live_replay:has(350_000, Many)),
     ?assert(starl_live_replay:has(250_001, Many)),
     ?assertNot(starl_live_replay:has(200_000, Many)).

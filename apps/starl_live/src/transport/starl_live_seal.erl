@@ -128,10 +128,12 @@ header(_Header, _Now, _Seal) ->
 
 header_of_run(<<Run:64, From:32, To:32, Time:64, Nonce/binary>>, Now, #seal{run = Run} = Seal) ->
     #seal{robot = Robot, team = Team, fresh_ms = Fresh, heard = Heard} = Seal,
+    Floor = starl_live_replay:floor_ms(Heard),
     <<Id:58, _/bits>> = Nonce,
     case sender(From, Robot, Team) of
         ok when To =/= 0, To =/= Robot -> address;
         ok when abs(Now - Time) > Fresh -> clock;
+        ok when Time < Floor -> clock;
         ok -> unheard(starl_live_replay:has(Id, Heard), {From, robot(To), Nonce, Id});
         Refusal -> Refusal
     end;
