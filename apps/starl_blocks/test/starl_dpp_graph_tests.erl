@@ -2,7 +2,7 @@
 -module(starl_dpp_graph_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--define(MOST, 20000).
+-define(MOST, 40000).
 
 new(Segments) -> new(Segments, 1.0e6).
 

@@ -55,12 +55,12 @@ overlap({A0, B0, A1, B1}, {C0, D0, C1, D1}) ->
 
 %%% Internals
 
-%% A straight line from corner to corner that is not a diagonal.
-is_side({line, {X0, Y0} = From, {X1, Y1} = To}, Box, {GiveX, GiveY} = Give) ->
-    is_corner(From, Box, Give) andalso is_corner(To, Box, Give) andalso
-        (abs(X1 - X0) =< GiveX orelse abs(Y1 - Y0) =< GiveY);
-is_side(_Curve, _Box, _Give) ->
-    false.
+%% An upright line from corner to corner, which may be written as a curve.
+is_side(Curve, Box, {GiveX, GiveY} = Give) ->
+    {X0, Y0, X1, Y1} = starl_svg_curve:bounds(Curve),
+    is_corner(starl_svg_curve:start(Curve), Box, Give) andalso
+        is_corner(starl_svg_curve:finish(Curve), Box, Give) andalso
+        (X1 - X0 =< GiveX orelse Y1 - Y0 =< GiveY).
 
 is_corner({X, Y}, {X0, Y0, X1, Y1}, {GiveX, GiveY}) ->
     min(abs(X - X0), abs(X - X1)) =< GiveX andalso min(abs(Y - Y0), abs(Y - Y1)) =< GiveY.

@@ -13,6 +13,8 @@
 
 %% Numbers of curves that a clipping path may have.
 -define(MOST, 100).
+%% What lies this little outside, in mm on the floor, is on the boundary, where it is seen.
+-define(BOUNDARY, 0.01).
 -define(UNITS, {0.0, 0.0}).
 
 %% @doc The image of a rectangle.
@@ -45,9 +47,9 @@ box(Corners) ->
 cut(Corners, {P, Q} = Segment) ->
     Sense = sign(area(Corners)),
     Bounds = lists:foldl(
-        fun(Side, Bounds) -> narrowed(Sense * left(Side, P), Sense * left(Side, Q), Bounds) end,
+        fun(Side, Bounds) -> narrowed(depth(Sense, Side, P), depth(Sense, Side, Q), Bounds) end,
         {0.0, 1.0},
-        sides(Corners)
+        [Side || {From, To} = Side <- sides(Corners), From =/= To]
     ),
     case Bounds of
         {0.0, 1.0} -> {ok, Segment};
@@ -96,6 +98,11 @@ area(Corners) -> lists:sum([X0 * Y1 - X1 * Y0 || {{X0, Y0}, {X1, Y1}} <- sides(C
 
 sign(X) when X < 0.0 -> -1.0;
 sign(_) -> 1.0.
+
+%% How deep inside of a side a point lies.
+depth(Sense, {{X0, Y0}, {X1, Y1}} = Side, Point) ->
+    Length = math:sqrt((X1 - X0) * (X1 - X0) + (Y1 - Y0) * (Y1 - Y0)),
+    Sense * left(Side, Point) / Length + ?BOUNDARY.
 
 %% Positive for points to the left of a side, seen along it.
 left({{X0, Y0}, {X1, Y1}}, {X, Y}) -> (X1 - X0) * (Y - Y0) - (Y1 - Y0) * (X - X0).
