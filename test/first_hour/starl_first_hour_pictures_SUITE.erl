@@ -68,13 +68,12 @@ a_wrong_reader_is_noticed(Config) ->
             {wrong, "drawing/inkscape_hidden", "opacity:0\"", "opacity:1\""},
             {wrong, "drawing/figma", "clip-path=\"url\\(#clip1[^\"]*\"", ""},
             {wrong, "plot/d3", "\\.bar\\.empty", ".x"},
-            {wrong, "diagram/graphviz_invis", "stroke=\"none\"(?=/>\n</g>\n</g>)",
-                "stroke=\"red\""},
+            {wrong, "diagram/graphviz_invis", "fill=\"none\" stroke=\"none\"", "fill=\"red\""},
             %% a shape, its place, its way of fitting into a window
             {missed, "drawing/inkscape_layers", "<ellipse[^>]*>", ""},
             {missed, "tracer/potrace", "scale\\(0.1", "scale(0.12"},
             {missed, "drawing/icon", "preserveAspectRatio=\"[^\"]*\"", ""},
-            {missed, "diagram/mermaid_flowchart", "fill:none !important", "stroke:none !important"}
+            {missed, "diagram/mermaid_flowchart", "link\\{stroke:#333333;", "link{"}
         ]
     ].
 

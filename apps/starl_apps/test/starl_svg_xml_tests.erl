@@ -121,6 +121,21 @@ unknown_entity_test_() ->
         ]
     ].
 
+%% The line feeds of an entity do not count where it is used.
+entity_lines_test() ->
+    Document = <<"<!DOCTYPE svg [<!ENTITY a '\n\n\n'>\n]><svg>\n&a;&a;<path d='M'/></svg>">>,
+    ?assertMatch({error, {bad_path, {<<"path">>, none, 3}, 1, _}}, title(Document)).
+
+long_entity_test_() ->
+    Title = fun(Length) ->
+        Text = binary:copy(<<"x">>, Length),
+        title(<<"<!DOCTYPE svg [<!ENTITY a '", Text/binary, "'>]><svg>" ?PATH "</svg>">>)
+    end,
+    [
+        ?_assertEqual({ok, ""}, Title(10_000)),
+        ?_assertEqual({error, {entities_too_big, 1}}, Title(10_001))
+    ].
+
 %% A short entity, often used, is bounded as well.
 much_inserted_test() ->
     Text = binary:copy(<<"x">>, 10_000),
