@@ -124,7 +124,7 @@ unknown_entity_test_() ->
 %% The line feeds of an entity do not count where it is used.
 entity_lines_test() ->
     Document = <<"<!DOCTYPE svg [<!ENTITY a '\n\n\n'>\n]><svg>\n&a;&a;<path d='M'/></svg>">>,
-    ?assertMatch({error, {bad_path, {<<"path">>, none, 3}, 1, _}}, title(Document)).
+    ?assertMatch({error, {bad_path, {<<"path">>, none, 6}, 1, _}}, title(Document)).
 
 long_entity_test_() ->
     Title = fun(Length) ->

@@ -124,7 +124,10 @@ type_text({term, Shape, _}) -> Shape.
 -spec suggestion(term(), [atom()]) -> [atom()].
 suggestion(Key, Keys) when is_atom(Key) ->
     Texts = [{atom_to_list(K), K} || K <- Keys],
-    [proplists:get_value(Text, Texts) || Text <- similar(atom_to_list(Key), [T || {T, _} <- Texts])];
+    [
+        proplists:get_value(Text, Texts)
+     || Text <- similar(atom_to_list(Key), [T || {T, _} <- Texts])
+    ];
 suggestion(_, _) ->
     [].
 

@@ -102,13 +102,13 @@ sign(_) -> 1.0.
 %% How deep inside of a side a point lies.
 depth(Sense, {{X0, Y0}, {X1, Y1}} = Side, Point) ->
     Length = math:sqrt((X1 - X0) * (X1 - X0) + (Y1 - Y0) * (Y1 - Y0)),
-    Sense * left(Side, Point) / Length + ?BOUNDARY.
+    Sense * left(Side, Point) / Length.
 
 %% Positive for points to the left of a side, seen along it.
 left({{X0, Y0}, {X1, Y1}}, {X, Y}) -> (X1 - X0) * (Y - Y0) - (Y1 - Y0) * (X - X0).
 
-%% The bounds of the parameter after one more side; A and B are the distances of the ends from it.
-narrowed(A, B, Bounds) when A >= 0.0, B >= 0.0 -> Bounds;
+%% The bounds of the parameter after one more side; A and B are the depths of the ends.
+narrowed(A, B, Bounds) when A >= -?BOUNDARY, B >= -?BOUNDARY -> Bounds;
 narrowed(A, B, _Bounds) when A =< 0.0, B =< 0.0 -> {1.0, 0.0};
 narrowed(A, B, {From, To}) when A < 0.0 -> {max(From, A / (A - B)), To};
 narrowed(A, B, {From, To}) -> {From, min(To, A / (A - B))}.

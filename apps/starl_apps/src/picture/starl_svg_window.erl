@@ -141,6 +141,7 @@ multiply(Element, Outer, Inner) ->
         {error, out_of_range} -> bad_transform(Element)
     end.
 
+-spec bad_transform(element_()) -> no_return().
 bad_transform(Element) ->
     Text = starl_svg_xml:attribute(<<"transform">>, Element, <<>>),
     starl_svg_problem:fail({bad_transform, Text}, Element).
