@@ -18,10 +18,14 @@ new(Segments, EdgeLength) ->
 
 %% Of lines that cross at more places than there may be edges no edge is counted.
 too_many_crossings_test_() ->
-    {timeout, 60, [
-        ?_assertEqual({error, {too_many_edges, more, ?MOST}}, new(crossing(118, 339))),
-        ?_assertMatch({error, {too_many_edges, N, ?MOST}} when N > ?MOST, new(crossing(200, 200)))
-    ]}.
+    [
+        {timeout, 60,
+            ?_assertEqual({error, {too_many_edges, more, ?MOST}}, new(crossing(118, 339)))},
+        {timeout, 60,
+            ?_assertMatch(
+                {error, {too_many_edges, N, ?MOST}} when N > ?MOST, new(crossing(200, 200))
+            )}
+    ].
 
 %% So many lines up and across.
 crossing(Up, Across) ->
