@@ -27,7 +27,7 @@ check(#{subject := #{name := Name} = Target, values := Values} = Call) ->
     {Unsound, Scenario} = scenario(Target, given(Call, own_flags())),
     {Unwritable, Out} = out(maps:get(out, Values), Name, maps:get(overwrite, Values)),
     {Unusable, Nodes} = starl_cli_nodes:plan(maps:get(given, Call)),
-    case Unsound ++ Unwritable ++ Unusable of
+    case Unsound ++ Unwritable ++ Unusable ++ too_large(Unsound, Scenario, Nodes) of
         [] ->
             {ok, (maps:with([quiet, print_scenario], Values))#{
                 target => Target,
@@ -39,6 +39,10 @@ check(#{subject := #{name := Name} = Target, values := Values} = Call) ->
         Problems ->
             {error, Problems}
     end.
+
+%% Over several machines each has a part of the robots only, so this one says nothing.
+too_large([], Scenario, none) -> starl_cli_memory:check(Scenario);
+too_large(_Unsound, _Scenario, _Nodes) -> [].
 
 %% @doc The values of a simulation that a command line sets, for a command with flags of its own.
 %% Flags override the values of a scenario file.

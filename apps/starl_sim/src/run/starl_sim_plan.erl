@@ -2,7 +2,7 @@
 %% their machines, the world, the faults with their times, the monitors.
 -module(starl_sim_plan).
 
--export([context/2, make/4]).
+-export([context/2, make/4, mode/1]).
 
 -export_type([t/0]).
 
@@ -143,6 +143,8 @@ interpreted(inline, Tree) ->
     {Left, Inline} = starl_robot_crew:inline(Tree),
     #{tree => Left, inline => Inline}.
 
+%% @doc How the robots of a scenario are simulated.
+-spec mode(starl_sim_scenario:t()) -> process | inline.
 mode(#{mode := auto, robots := N}) when N > ?MANY_ROBOTS -> inline;
 mode(#{mode := auto}) -> process;
 mode(#{mode := Mode}) -> Mode.
