@@ -49,7 +49,8 @@ up_to(Robots) -> io_lib:format("up to ~b robots", [Robots]).
 
 %% @doc The memory that a run of this scenario needs, in bytes.
 -spec needed(starl_sim_scenario:t()) -> pos_integer().
-needed(#{robots := Robots} = Scenario) -> ?BARE + Robots * each(starl_sim_plan:mode(Scenario)).
+needed(#{robots := Robots} = Scenario) when is_integer(Robots) ->
+    ?BARE + Robots * each(starl_sim_plan:mode(Scenario)).
 
 each(process) -> ?PROCESS;
 each(inline) -> ?INLINE.

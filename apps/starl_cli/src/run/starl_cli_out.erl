@@ -33,7 +33,7 @@ plan(Dir0, _Name) ->
     end.
 
 %% @doc The usual place of a result: `out/' in the working directory.
--spec usual(Name :: string()) -> file:filename().
+-spec usual(Name :: string()) -> file:filename_all().
 usual(Name) -> filename:absname(filename:join("out", Name)).
 
 %% @doc Whether a directory holds the results of an earlier run.

@@ -20,11 +20,11 @@
 -type data() :: [{atom(), term()}].
 
 %% @doc Starts the listener.
--spec start() -> pid().
+-spec start() -> pid() | {pid(), reference()}.
 start() -> start([]).
 
 %% @doc Starts the listener.
--spec start(list()) -> pid().
+-spec start(list()) -> pid() | {pid(), reference()}.
 start(Options) -> eunit_listener:start(?MODULE, Options).
 
 %% @private
