@@ -116,6 +116,7 @@ vocabularies() ->
 monitors() ->
     [
         {starl_sap_monitor, [{sap, starl_sap}]},
+        {starl_motion_monitor, [{motion, starl_motion}]},
         {starl_election_monitor, [{election, starl_election_ballots}]},
         {starl_election_bully_monitor, [{election, starl_election_bully}]},
         {starl_mutex_monitor, [{mutex, starl_mutex_tokens}]},
@@ -275,6 +276,8 @@ rare() ->
         {supervisor, {crashed, 2}, {starl_sim_crash_tests, machine_crashed_test, 0}},
         {supervisor, {given_up, 1}, {starl_sim_crash_tests, block_given_up_test, 0}},
         {chassis, {not_understood, 1}, {starl_sim_holonomic_SUITE, another_chassis_script, 1}},
+        {starl_motion, {velocity, 2}, {starl_velocity_tests, events_test, 0}},
+        {starl_motion, {velocity_over, 1}, {starl_velocity_tests, events_test, 0}},
         {starl_sap, {overload, 1}, {starl_sap_tests, overload_test, 0}},
         {starl_sap, {full, 2}, {starl_sap_tests, not_taken_test, 0}},
         {starl_sap, {unclaimed_full, 2}, {starl_sap_tests, not_taken_test, 0}},

@@ -13,11 +13,11 @@
 
 -export([id/1, participants/1, now/1, random/1]).
 -export([send/4, post/4, broadcast/3, listen/2, await/2, await/3]).
--export([position/1, position/2, positions/1, waypoint/2, waypoints/1]).
--export([go_to/2, sleep/2, actuate/3, trace/2, store/2, stored/1, call/4]).
+-export([position/1, position/2, positions/1, neighbours/2, waypoint/2, waypoints/1]).
+-export([go_to/2, velocity/3, stop/1, sleep/2, actuate/3, trace/2, store/2, stored/1, call/4]).
 -export([robot/2]).
 
--export_type([robot/0, robot_id/0, pose/0, goal/0, outcome/0]).
+-export_type([robot/0, robot_id/0, pose/0, goal/0, outcome/0, neighbour/0]).
 
 %% Robots are numbered from 1.
 -type robot_id() :: pos_integer().
@@ -27,6 +27,14 @@
 
 %% A point of the floor, or the name of a waypoint.
 -type goal() :: starl_geometry:point() | atom().
+
+%% Another robot nearby: its pose, the way to it along the axes of the floor, and how far that is (mm).
+-type neighbour() :: #{
+    robot := robot_id(),
+    pose := pose(),
+    offset := {DX :: float(), DY :: float()},
+    distance := float()
+}.
 
 %% Why a message may not have arrived. `lost': no acknowledgement after the last retransmission; the
 %% message may have been delivered all the same. `restarted': the receiver's or the sender's own SAP
@@ -117,6 +125,30 @@ position(#robot{} = Robot, Id) ->
     {ok, #{robot_id() => pose()}} | {error, restarted | unknown}.
 positions(#robot{} = Robot) -> flatten(call(Robot, location, poses, infinity)).
 
+%% @doc The robots at most this far away (mm), nearest first, as the positioning system sees them.
+%% One picture shows them and the robot itself. `offset' has the axes of {@link velocity/3}: to drive
+%% towards a neighbour is to take its offset, scaled, for a velocity.
+-spec neighbours(robot(), WithinMm :: number()) ->
+    {ok, [neighbour()]} | {error, restarted | unknown}.
+neighbours(#robot{id = Id} = Robot, Within) ->
+    ok = starl_caller:check({?MODULE, neighbours, 2}, 'WithinMm', distance, Within),
+    case positions(Robot) of
+        {ok, #{Id := {X, Y, _}} = Poses} ->
+            Others = lists:sort(maps:to_list(maps:remove(Id, Poses))),
+            All = [neighbour({X, Y}, Other) || Other <- Others],
+            Near = [{Mm, One} || #{distance := Mm} = One <- All, Mm =< Within],
+            {ok, [One || {_, One} <- lists:keysort(1, Near)]};
+        {ok, #{}} ->
+            {error, unknown};
+        {error, _} = Error ->
+            Error
+    end.
+
+neighbour({X0, Y0}, {Robot, {X, Y, _} = Pose}) ->
+    {DX, DY} = Offset = {X - X0, Y - Y0},
+    Distance = math:sqrt(DX * DX + DY * DY),
+    #{robot => Robot, pose => Pose, offset => Offset, distance => Distance}.
+
 %% @doc A named waypoint.
 -spec waypoint(robot(), Name :: atom()) ->
     {ok, starl_geometry:point()} | {error, restarted | unknown}.
@@ -140,6 +172,34 @@ go_to(#robot{} = Robot, Name) when is_atom(Name) ->
 go_to(#robot{} = Robot, Point) ->
     ok = starl_caller:check({?MODULE, go_to, 2}, 'Goal', point, Point),
     flatten(call(Robot, motion, {go_to, Point}, infinity)).
+
+%% @doc Drives on with a velocity, mm/s along the axes of the floor, until told otherwise, for at most
+%% the given milliseconds: the dead-man's time. It does not wait. The robot, which gets its whole
+%% script at once, then stops by itself, even if its program has crashed; a program that is to keep
+%% it going calls this again within the time.
+%%
+%% A faster velocity than the robot can drive is taken at the robot's own limit. A holonomic robot
+%% takes the velocity up as it is; a robot with two wheels turns towards it while it drives
+%% ({@link starl_differential_cruise}). Nothing keeps two robots apart here: that is up to the program.
+%%
+%% `stalled': a drive does not obey, and the robot stands; `unknown': there is no position, and it
+%% stops; `stopped': another command came first. A {@link go_to/2} ends a velocity, and the other
+%% way about: the later call wins.
+-spec velocity(robot(), {VX :: number(), VY :: number()}, Ms :: pos_integer()) ->
+    ok | {error, stopped | stalled | restarted | unknown}.
+velocity(#robot{} = Robot, Velocity, Ms) ->
+    ok = starl_caller:check({?MODULE, velocity, 3}, 'Velocity', velocity, Velocity),
+    ok = starl_caller:check({?MODULE, velocity, 3}, 'Ms', positive_ms, Ms),
+    flatten(call(Robot, motion, {velocity, Velocity, us(Ms)}, infinity)).
+
+%% @doc Stops the robot and waits until it stands.
+-spec stop(robot()) -> ok | {error, stopped | restarted}.
+stop(#robot{} = Robot) ->
+    case flatten(call(Robot, motion, stop, infinity)) of
+        %% it stands; that the clocks do not agree matters to leases only
+        {error, out_of_time} -> ok;
+        Answer -> Answer
+    end.
 
 %% @doc Waits for this time by the robot's own clock.
 -spec sleep(robot(), Ms :: non_neg_integer()) -> ok.

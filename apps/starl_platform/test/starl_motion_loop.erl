@@ -84,6 +84,8 @@ act({drive, {_, Script}, Mark}, #loop{commands = Commands, ears = Ears} = Loop) 
         lost -> Told;
         heard -> obey(Script, Mark, Told#loop{heard = Told#loop.now})
     end;
+act({trace, _}, Loop) ->
+    Loop;
 act({state_timeout, cancel}, Loop) ->
     Loop#loop{timer = none};
 act({state_timeout, Us, Content}, #loop{now = Now} = Loop) ->

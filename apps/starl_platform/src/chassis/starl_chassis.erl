@@ -16,10 +16,11 @@
 -module(starl_chassis).
 
 -export([profile/2, of_robot/2, kind/1]).
--export([tracking_radius/1, ends_mm/1, widest/1]).
+-export([tracking_radius/1, ends_mm/1, widest/1, limited/2, rests_s/1]).
 -export([check/1]).
 
 -export_type([profile/0, profiles/0, script/0, commands/0, told/0, way/0, step/0, memo/0]).
+-export_type([velocity/0]).
 
 %% The profile of a robot's motion. `chassis' is the callback module, `speed' the highest speed
 %% (mm/s). The bounds of the errors: `heading_error' in rad and `distance_error' as a fraction, per
@@ -44,6 +45,9 @@
 
 -type commands() :: [tuple()].
 
+%% A velocity along the axes of the floor (mm/s).
+-type velocity() :: {VX :: float(), VY :: float()}.
+
 %% A command without its duration; the event `stalled' returns it.
 -type told() :: term().
 
@@ -67,6 +71,11 @@
 -callback next(way(), starl:pose(), starl_geometry:segment(), profile()) -> arrived | step().
 %% The next step after a step with a memo; only of a chassis with such steps.
 -callback resume(starl:pose(), memo(), profile()) -> step().
+%% The script of a robot at a pose that is to drive on with a velocity, within its limits (mm/s, along
+%% the axes of the floor), for this time, from its present motion.
+-callback cruise(velocity(), starl:pose(), Us :: pos_integer(), profile()) -> commands().
+%% The longest time that it drives on after the end of a script (s): it brakes.
+-callback rests_s(profile()) -> float().
 %% The last command of a script.
 -callback last(commands()) -> told().
 %% The try after a command that the drive did not obey: its reverse, slowly and for a
@@ -99,6 +108,18 @@ tracking_radius(#{chassis := Chassis} = Profile) -> Chassis:tracking_radius(Prof
 %% @doc The largest error at the ends of a line.
 -spec ends_mm(profile()) -> float().
 ends_mm(#{chassis := Chassis} = Profile) -> Chassis:ends_mm(Profile).
+
+%% @doc A velocity in the same direction, no faster than a robot with this profile drives.
+-spec limited({number(), number()}, profile()) -> velocity().
+limited({VX, VY}, #{speed := Most}) ->
+    case math:sqrt(VX * VX + VY * VY) of
+        Speed when Speed > Most -> {VX * Most / Speed, VY * Most / Speed};
+        _ -> {float(VX), float(VY)}
+    end.
+
+%% @doc The longest time that a robot with this profile drives on after the end of a script (s).
+-spec rests_s(profile()) -> float().
+rests_s(#{chassis := Chassis} = Profile) -> Chassis:rests_s(Profile).
 
 %% @doc The largest r(v) of a team.
 -spec widest(profiles()) -> float().

@@ -1,11 +1,12 @@
 %% @doc The chassis with two wheels on one axle, such as the iRobot Create: it turns in place and
 %% drives straight on, in legs ({@link starl_differential_course}, {@link
-%% starl_differential_stroke}).
+%% starl_differential_stroke}), or turns to a velocity while it drives ({@link
+%% starl_differential_cruise}).
 -module(starl_chassis_differential).
 -behaviour(starl_chassis).
 
 -export([profile/1, check/1, duration_us/2, next/4, resume/3, last/1, undo/1]).
--export([tracking_radius/1, ends_mm/1]).
+-export([tracking_radius/1, ends_mm/1, cruise/4, rests_s/1]).
 
 -export_type([commands/0]).
 
@@ -64,6 +65,15 @@ undo({Left, Right}) when ?IS_SPEED(Left), ?IS_SPEED(Right) ->
     {ok, [{-Part * Left, -Part * Right, ?TRY_US}]};
 undo(_) ->
     unknown.
+
+-spec cruise(starl_chassis:velocity(), starl:pose(), pos_integer(), starl_chassis:profile()) ->
+    commands().
+cruise(Velocity, Pose, Us, Profile) ->
+    starl_differential_cruise:script(Velocity, Pose, Us, Profile).
+
+%% It stands as soon as it is told to.
+-spec rests_s(starl_chassis:profile()) -> float().
+rests_s(_Profile) -> 0.0.
 
 -spec tracking_radius(starl_chassis:profile()) -> float().
 tracking_radius(Profile) -> starl_differential_course:tracking_radius(Profile).

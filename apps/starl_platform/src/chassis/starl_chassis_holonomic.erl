@@ -12,7 +12,7 @@
 -behaviour(starl_chassis).
 
 -export([profile/1, check/1, duration_us/2, next/4, last/1, undo/1]).
--export([tracking_radius/1, ends_mm/1]).
+-export([tracking_radius/1, ends_mm/1, cruise/4, rests_s/1]).
 
 -export_type([commands/0]).
 
@@ -65,6 +65,17 @@ undo({Forward, Left}) when ?IS_SPEED(Forward), ?IS_SPEED(Left) ->
     {ok, [{-Part * Forward, -Part * Left, ?TRY_US}]};
 undo(_) ->
     unknown.
+
+%% It approaches the velocity at its limit of acceleration; the speed leaves room for its error.
+-spec cruise(starl_chassis:velocity(), starl:pose(), pos_integer(), starl_chassis:profile()) ->
+    commands().
+cruise({VX, VY}, {_, _, Heading}, Us, #{distance_error := Error}) ->
+    {Cos, Sin} = {math:cos(Heading), math:sin(Heading)},
+    Part = 1.0 / (1.0 + Error),
+    [{Part * (VX * Cos + VY * Sin), Part * (VY * Cos - VX * Sin), Us}].
+
+-spec rests_s(starl_chassis:profile()) -> float().
+rests_s(#{speed := Speed, acceleration := Acceleration}) -> Speed / Acceleration.
 
 -spec tracking_radius(starl_chassis:profile()) -> float().
 tracking_radius(Profile) -> starl_holonomic_course:tracking_radius(Profile).

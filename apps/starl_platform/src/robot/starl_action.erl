@@ -75,6 +75,8 @@ is_request(sap, {Cast, Type, _}) when Cast =:= broadcast; Cast =:= shout -> is_t
 is_request(sap, {listen, Type, Machine}) -> is_type(Type) andalso is_atom(Machine);
 is_request(location, {pose, Robot}) -> are_robots([Robot]);
 is_request(motion, {go_to, Point}) -> is_point(Point);
+is_request(motion, {velocity, {VX, VY}, Us}) -> is_point({VX, VY}) andalso is_duration(Us);
+is_request(motion, {velocity, _, _}) -> false;
 is_request(motion, {go_along, {From, To}}) -> is_point(From) andalso is_point(To);
 is_request(motion, {go_along, _}) -> false;
 is_request(_, _) -> true.
@@ -87,11 +89,15 @@ request(send) -> "{send, Robot, Type, Body}: Robot is a number from 1, Type an a
 request(listen) -> "{listen, Type, Machine}: both are atoms";
 request(pose) -> "{pose, Robot}: Robot is a number from 1";
 request(go_to) -> "{go_to, {X, Y}}: mm, within 1.0e9";
+request(velocity) -> "{velocity, {VX, VY}, Us}: mm/s, within 1.0e9, Us from 1 to 2^50";
 request(go_along) -> "{go_along, {{X0, Y0}, {X1, Y1}}}: mm, within 1.0e9";
 request(_) -> "{broadcast | shout, Type, Body}: Type is an atom".
 
 is_point({X, Y}) when ?IS_WITHIN(X, ?FARTHEST), ?IS_WITHIN(Y, ?FARTHEST) -> true;
 is_point(_) -> false.
+
+is_duration(Us) when ?IS_TIME(Us) -> Us > 0;
+is_duration(_) -> false.
 
 are_robots([]) -> true;
 are_robots([Robot | Robots]) when ?IS_ROBOT(Robot) -> are_robots(Robots);

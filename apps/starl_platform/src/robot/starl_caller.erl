@@ -8,8 +8,9 @@
 -export_type([kind/0, mistake/0]).
 
 %% The kind of an argument: milliseconds, from 0 or from 1; a number from 1; a robot; an atom; a
-%% point of the floor.
--type kind() :: ms | positive_ms | ms_or_infinity | number | robot | name | point.
+%% point of the floor; a velocity; a distance from 0.
+-type kind() ::
+    ms | positive_ms | ms_or_infinity | number | robot | name | point | velocity | distance.
 
 %% The reason of the error. `application' is `none' outside an application.
 -type mistake() ::
@@ -51,6 +52,8 @@ is(ms_or_infinity, Ms) -> Ms =:= infinity orelse is(positive_ms, Ms);
 is(number, N) -> is_integer(N) andalso N > 0;
 is(robot, Id) -> is_integer(Id) andalso Id > 0;
 is(name, Name) -> is_atom(Name);
+is(distance, Mm) -> is_coordinate(Mm) andalso Mm >= 0;
+is(velocity, Velocity) -> is(point, Velocity);
 is(point, {X, Y}) -> is_coordinate(X) andalso is_coordinate(Y);
 is(point, _) -> false.
 
@@ -64,4 +67,6 @@ expected(ms_or_infinity) -> "milliseconds: a whole number from 1, or infinity";
 expected(number) -> "a whole number from 1";
 expected(robot) -> "a robot: a whole number from 1";
 expected(name) -> "an atom";
+expected(distance) -> "a distance: a number from 0, mm";
+expected(velocity) -> "a velocity {VX, VY}: two numbers, mm/s, within 1.0e9";
 expected(point) -> "a point {X, Y}: two numbers, mm, within 1.0e9".

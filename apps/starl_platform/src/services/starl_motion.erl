@@ -1,6 +1,6 @@
 %% @doc Motion: drives to a point along a straight line, in legs, with a look at the position
-%% before each, and always with an end. The chassis plans a leg and its commands
-%% ({@link starl_chassis}); this machine is the same for every chassis.
+%% before each, or with a velocity until told otherwise; always with an end. The chassis plans a leg
+%% or a cruise, and its commands ({@link starl_chassis}); this machine is the same for every chassis.
 %% ```
 %%   idle      go_to: halting
 %%   halting   stands: locating, or idle without a goal;   no answer: halting again
@@ -8,6 +8,11 @@
 %%   driving   stands: locating;   stalled: stalled;       no answer: halting
 %%   stalled   half a second later: trying
 %%   trying    stands: locating;   stalled: stalled;       no answer: halting
+%%
+%%   any but stalled, trying   velocity: steering
+%%   steering  a pose: cruising; go_to, stop: halting;     no answer: halting
+%%   cruising  stands, as its time is up: idle; velocity: steering; stalled: stalled;
+%%             go_to, stop: halting;                       no answer: halting
 %% '''
 %% While it drives, it depends on the chassis alone. Every command has a duration, so a robot whose
 %% program crashes, pauses, is late or has a wrong clock stops by itself at the planned place,
@@ -24,12 +29,18 @@
 %% drive along a given line begins just after an answer of the chassis, and only while its clock and
 %% the robot's agree ({@link starl_motion_watch}).
 %%
+%% A cruise is one script, too, whose end is the end of its dead-man's time. A robot that is given
+%% another velocity looks at its position, while it still drives, and its new script replaces the
+%% old one; a robot that gets no position stops.
+%%
 %% Calls: `{go_to, point()}' drives to this point, in a straight line from the robot's place;
 %% `{go_along, segment()}' drives along this line, near which the robot stands, to its exact end;
 %% `{face, segment()}' drives to the beginning of this line, near which the robot stands, ready to
 %% follow it (two wheels: looking along it). Answers: `ok' on arrival; `{error, stopped}' when
 %% another command comes first; `{error, out_of_time}', except for `go_to', when the clocks do not
-%% agree. `stop' is answered when the robot stands: `ok', or `{error, out_of_time}' when the clocks
+%% agree. `{velocity, {VX, VY}, Us}' drives on with this velocity (mm/s, along the axes of the floor)
+%% for that time, and is answered at once: `ok'; `{error, unknown}' without a position, `{error,
+%% stalled}' while a drive does not obey, `{error, stopped}'. `stop' is answered when the robot stands: `ok', or `{error, out_of_time}' when the clocks
 %% do not agree. Configuration: `profiles', from which the machine takes that of its robot ({@link
 %% starl_chassis:profiles()}).
 -module(starl_motion).
@@ -40,8 +51,12 @@
 
 -export_type([event/0]).
 
-%% It traces nothing of its own.
--type event() :: none().
+%% It drives on with this velocity, within its limits, until told otherwise, for at most this time;
+%% this is over, because the time is up, or a command other than a velocity came, a new incarnation began, the drive
+%% does not obey, or the robot got no position or no answer of its chassis.
+-type event() ::
+    {velocity, starl_geometry:point(), Us :: pos_integer()}
+    | {velocity_over, time | command | restarted | stalled | unknown | no_answer}.
 
 %% The time to wait for a position or for an answer of the chassis before asking again.
 -define(PATIENCE_US, 500000).
@@ -50,7 +65,7 @@
 %% A robot that stands and was seen within this time is not looked for again.
 -define(SEEN_US, 100000).
 
--type state() :: idle | halting | locating | driving | stalled | trying.
+-type state() :: idle | halting | locating | driving | stalled | trying | steering | cruising.
 
 -record(drive, {
     self :: starl:robot_id(),
@@ -63,6 +78,9 @@
     goal = {0.0, 0.0} :: starl_geometry:point(),
     %% to the goal, or along a given line, or to the beginning of one
     way = to :: starl_chassis:way(),
+    %% the velocity that it is given, and until when; does an earlier one still hold?
+    wish = {{0.0, 0.0}, 0} :: {starl_geometry:point(), UntilUs :: integer()},
+    cruises = false :: boolean(),
     %% the chassis' memo for the step after a look
     memo = none :: {some, starl_chassis:memo()} | none,
     %% numbers of the last command and of the last look
@@ -99,7 +117,8 @@ init(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := N
         %% a robot that still drives must not accept an answer to an earlier incarnation's command
         command = Incarnation bsl 32
     },
-    {next_state, halting, Halting, Actions} = stand_still(Drive, []),
+    Over = [over(restarted) || Incarnation > 1],
+    {next_state, halting, Halting, Actions} = stand_still(Drive, Over),
     {halting, Halting, Actions}.
 
 -spec handle_event(
@@ -108,6 +127,14 @@ init(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := N
 handle_event(Type, Content, State, Drive, #{now := Now}) ->
     event(Type, Content, State, Drive#drive{now = Now}).
 
+event(info, {driven, N, _}, steering, #drive{command = N, cruises = Cruises} = Drive) ->
+    {keep_state, Drive#drive{stands = true, cruises = false}, [over(time) || Cruises]};
+event(info, {driven, N, _} = Driven, cruising, #drive{command = N} = Drive) ->
+    ended(time, Driven, Drive);
+event(info, {stalled, N, _} = Stalled, State, #drive{command = N} = Drive) when
+    State =:= cruising; State =:= steering
+->
+    ended(stalled, Stalled, Drive);
 event(info, {driven, N, HeardUs}, State, #drive{command = N} = Drive) when is_integer(HeardUs) ->
     driven(HeardUs, State, Drive);
 event(info, {stalled, N, Told}, State, #drive{command = N, chassis = Chassis} = Drive) when
@@ -116,12 +143,18 @@ event(info, {stalled, N, Told}, State, #drive{command = N, chassis = Chassis} = 
     stalled(Chassis:undo(Told), Drive);
 event(info, {restarted, location}, locating, Drive) ->
     locate(Drive, []);
+event(info, {restarted, location}, steering, Drive) ->
+    sight(Drive);
 event(info, {restarted, _}, _State, _Drive) ->
     keep_state_and_data;
 event(info, {driven, _, Us}, _State, _Drive) when is_integer(Us) ->
     keep_state_and_data;
 event(info, {stalled, _, Told}, _State, #drive{chassis = Chassis}) ->
     known(Chassis:undo(Told));
+event(state_timeout, heard_nothing, cruising, Drive) ->
+    ended(no_answer, heard_nothing, Drive);
+event(state_timeout, ask, steering, Drive) ->
+    blind(Drive);
 event(state_timeout, try_again, stalled, Drive) ->
     try_again(Drive);
 event(state_timeout, heard_nothing, halting, Drive) ->
@@ -135,6 +168,10 @@ event(state_timeout, ask, locating, Drive) ->
     stand_still(Drive, []);
 event({reply, N}, {ok, Pose}, locating, #drive{asked = N, now = Now} = Drive) ->
     located(Pose, Drive#drive{seen = {Pose, Now}});
+event({reply, N}, {ok, Pose}, steering, #drive{asked = N} = Drive) ->
+    cruise(Pose, Drive);
+event({reply, N}, {error, _}, steering, #drive{asked = N} = Drive) ->
+    blind(Drive);
 event({reply, _}, _, _State, _Drive) ->
     keep_state_and_data;
 event({call, From}, {go_to, Goal}, State, Drive) ->
@@ -143,6 +180,12 @@ event({call, From}, {go_along, Line}, State, Drive) ->
     go(State, to(From, Line, along, Drive), stopped(Drive));
 event({call, From}, {face, Line}, State, Drive) ->
     go(State, to(From, Line, face, Drive), stopped(Drive));
+event({call, From}, {velocity, _, _}, State, Drive) when State =:= stalled; State =:= trying ->
+    {keep_state, Drive, [{reply, From, {error, stalled}}]};
+event({call, From}, {velocity, _, _}, State, #drive{doubt = Doubt} = Drive) when Doubt =/= none ->
+    doubtful(State, Drive#drive{from = none}, stopped(Drive) ++ [{reply, From, {error, stalled}}]);
+event({call, From}, {velocity, Velocity, Us}, _State, #drive{now = Now} = Drive) ->
+    steer(Drive#drive{from = From, wish = {Velocity, Now + Us}, memo = none}, stopped(Drive));
 event({call, From}, stop, _State, #drive{waiting = Waiting} = Drive) ->
     stand_still(Drive#drive{from = none, waiting = Waiting ++ [From]}, stopped(Drive));
 event(cast, stop, _State, Drive) ->
@@ -162,11 +205,67 @@ go(_State, Drive, Actions) -> stand_still(Drive, Actions).
 stopped(#drive{from = none}) -> [];
 stopped(#drive{from = From}) -> [{reply, From, {error, stopped}}].
 
+over(Why) -> {trace, {velocity_over, Why}}.
+
+%% -- a velocity -----------------------------------------------------------------------------
+
+%% Looks, whether it stands or drives. Those who wait until it stands are told that it does not.
+steer(#drive{waiting = Waiting} = Drive, Actions) ->
+    Interrupted = [{reply, From, {error, stopped}} || From <- Waiting],
+    {next_state, State, Steering, Looks} = sight(Drive#drive{waiting = []}),
+    {next_state, State, Steering, Actions ++ Interrupted ++ Looks}.
+
+sight(#drive{asked = N, self = Self} = Drive) ->
+    Ask = [starl_location:pose(Self, N + 1), {state_timeout, ?PATIENCE_US, ask}],
+    {next_state, steering, Drive#drive{asked = N + 1}, Ask}.
+
+%% The time that the look took is gone.
+cruise(Pose, #drive{now = Now, wish = {Wish, Until}, chassis = Chassis} = Drive) ->
+    #drive{profile = Profile, from = From} = Drive,
+    Velocity = starl_chassis:limited(Wish, Profile),
+    Us = max(1, Until - Now),
+    Script = Chassis:cruise(Velocity, Pose, Us, Profile),
+    {next_state, State, Told, Actions} = command(cruising, Script, Drive#drive{
+        from = none, cruises = true
+    }),
+    Trace = {trace, {velocity, Velocity, Us}},
+    {next_state, State, Told, [Trace, {reply, From, ok} | Actions]}.
+
+blind(#drive{from = From} = Drive) ->
+    Over = [over(unknown) || Drive#drive.cruises],
+    Unknown = [{reply, From, {error, unknown}}],
+    stand_still(Drive#drive{from = none, cruises = false}, Over ++ Unknown).
+
+%% A robot that stands tries its drive now; the caller may ask again.
+doubtful(idle, Drive, Actions) ->
+    {next_state, State, Trying, Commands} = try_again(Drive),
+    {next_state, State, Trying, Actions ++ Commands};
+doubtful(_State, Drive, Actions) ->
+    stand_still(Drive, Actions).
+
+%% What ends a cruise is handled as at the end of a leg.
+ended(Why, Event, #drive{cruises = Cruises, from = From} = Drive) ->
+    Waits = [{reply, From, {error, stalled}} || From =/= none],
+    case end_of_leg(Event, Drive#drive{cruises = false, from = none}) of
+        {next_state, State, Next, Actions} ->
+            {next_state, State, Next, [over(Why) || Cruises] ++ Waits ++ Actions};
+        unknown_event ->
+            unknown_event
+    end.
+
+end_of_leg({driven, _, HeardUs}, Drive) ->
+    driven(HeardUs, cruising, Drive);
+end_of_leg({stalled, _, Told}, #drive{chassis = Chassis} = Drive) ->
+    stalled(Chassis:undo(Told), Drive);
+end_of_leg(heard_nothing, #drive{chassis = Chassis, script = Script} = Drive) ->
+    stand_still(Drive#drive{doubt = Chassis:undo(Chassis:last(Script))}, []).
+
 %% -- the chassis ----------------------------------------------------------------------------
 
-stand_still(Drive, Actions) ->
-    {next_state, State, Halting, Commands} = command(halting, [], Drive#drive{memo = none}),
-    {next_state, State, Halting, Actions ++ Commands}.
+stand_still(#drive{cruises = Cruises} = Drive, Actions) ->
+    Still = Drive#drive{memo = none, cruises = false},
+    {next_state, State, Halting, Commands} = command(halting, [], Still),
+    {next_state, State, Halting, [over(command) || Cruises] ++ Actions ++ Commands}.
 
 command(State, Script, #drive{command = N, now = Now, chassis = Chassis} = Drive) ->
     {_, Most} = Takes = Chassis:duration_us(Script, Drive#drive.profile),

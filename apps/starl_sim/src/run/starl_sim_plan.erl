@@ -173,7 +173,8 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, SlackUs) ->
     Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
     Own = [
         {starl_sap_monitor, #{bound_us => Bound, robots => Ids}},
-        {starl_crash_monitor, #{excused => excused(Scene)}}
+        {starl_crash_monitor, #{excused => excused(Scene)}},
+        {starl_motion_monitor, #{profiles => Profiles}}
     ],
     starl_monitor:informed(
         Own ++ maps:get(monitors, Scene, []) ++ progress(Scenario, Ids), Known
