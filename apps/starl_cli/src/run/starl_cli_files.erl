@@ -6,22 +6,28 @@
 %% `partly': the files are there but one that is not needed.
 -type answer() :: ok | {partly, unicode:chardata()} | {error, unicode:chardata()}.
 
-%% @doc Writes the reports, the scenario, the record of the run, the log unless it is empty, and the
-%% application's own files.
+%% Further files of a run: texts by name, and a function that writes others.
+-type own() :: #{
+    texts := [{Name :: string(), unicode:chardata()}],
+    write := fun((file:filename()) -> starl_scene:written())
+}.
+
+%% @doc Writes the reports, the scenario, the record of the run, the log unless it is empty, and
+%% further files.
 -spec write(file:filename(), starl_cli_setup:t(), {Report, Record}, Own) -> answer() when
     Report :: starl_cli_report:t(),
     Record :: starl_cli_record:t(),
-    Own :: fun((file:filename()) -> starl_scene:written()).
-write(Dir, Setup, {Report, Record}, Own) ->
+    Own :: own().
+write(Dir, Setup, {Report, Record}, #{texts := Texts, write := Write}) ->
     Files =
         [
             {"report.txt", starl_cli_report:text(Report)},
             {"report.json", starl_cli_report:json(Report)},
             {"scenario.term", own_scenario(Setup)},
             {"run.term", starl_cli_record:text(Record)}
-        ] ++ log(starl_cli_log:lines()) ++ inputs(Setup),
+        ] ++ Texts ++ log(starl_cli_log:lines()) ++ inputs(Setup),
     case put_all(Dir, Files) of
-        ok -> own(Own(Dir));
+        ok -> own(Write(Dir));
         {error, _} = Error -> Error
     end.
 

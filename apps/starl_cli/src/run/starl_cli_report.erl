@@ -13,7 +13,8 @@
     ending := starl_sim_run:ending(),
     wall_s := float(),
     outcome := starl_sim_run:outcome(),
-    app := starl_scene:report()
+    app := starl_scene:report(),
+    notes => starl_cli_notes:t()
 }.
 
 -record(report, {
@@ -24,10 +25,17 @@
     died :: [starl:robot_id()],
     %% the robots whose application was given up; the number of application crashes, and the first
     given_up :: [starl:robot_id()],
-    crashes :: {non_neg_integer(), starl_crash_monitor:excused() | none}
+    crashes :: {non_neg_integer(), starl_crash_monitor:excused() | none},
+    notes :: [unicode:chardata()]
 }).
 
 -opaque t() :: #report{}.
+
+%% Monitors that judge nothing.
+-define(LOOKING_ON, [starl_sim_ways_monitor, starl_sim_mail_monitor]).
+%% The figures that have lines of their own in the text; the number of notes in the summary.
+-define(LISTS, [violations, results, off_floor, messages_to_nobody, messages_unheard]).
+-define(NOTES, 6).
 
 %% @doc Makes the report of a run.
 -spec make(input()) -> t().
@@ -42,7 +50,8 @@ make(#{outcome := Outcome, ending := Ending, app := App} = Input) ->
         running = [Id || {Id, #{result := running}} <- Robots],
         died = [Id || {Id, #{result := died}} <- Robots],
         given_up = [Id || {Id, #{result := given_up}} <- Robots],
-        crashes = {maps:get(crashes, Seen, 0), maps:get(first_crash, Seen, none)}
+        crashes = {maps:get(crashes, Seen, 0), maps:get(first_crash, Seen, none)},
+        notes = [Line || #{notes := Notes} <- [Input], Line <- starl_cli_notes:lines(Notes)]
     }.
 
 fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App} = Input) ->
@@ -65,11 +74,13 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
             {contracts, contracts(Monitors)},
             {violations, [violation(V) || V <- Violations]},
             {ending, atom_to_binary(Ending)}
-        ] ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})).
+        ] ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})) ++
+        [Figure || #{notes := Notes} <- [Input], Figure <- starl_cli_notes:figures(Notes)].
 
 %% The contracts by which the run was judged.
 contracts(Monitors) ->
-    [unicode:characters_to_binary(starl_monitor:name(M)) || M <- lists:sort(maps:keys(Monitors))].
+    Judging = maps:keys(maps:without(?LOOKING_ON, Monitors)),
+    [unicode:characters_to_binary(starl_monitor:name(M)) || M <- lists:sort(Judging)].
 
 %% Only for runs in which applications crashed.
 crashes(#{crashes := Count, first_crash := {_, _, _, Cause}}) ->
@@ -134,13 +145,17 @@ json(#report{fields = Fields}) -> starl_cli_json:pretty(Fields).
 
 %% @doc The report as a text, one line per figure.
 -spec text(t()) -> unicode:chardata().
-text(#report{fields = Fields}) ->
-    Shown = [{Key, Value} || {Key, Value} <- Fields, Value =/= null, Key =/= violations],
+text(#report{fields = Fields, notes = Notes}) ->
+    Shown = [
+        {Key, Value}
+     || {Key, Value} <- Fields, Value =/= null, not lists:member(Key, ?LISTS)
+    ],
     Violations = proplists:get_value(violations, Fields),
     [
         [io_lib:format("~-22ts ~ts\n", [Key, plain(Value)]) || {Key, Value} <- Shown],
         io_lib:format("~-22ts ~b\n", [violations, length(Violations)]),
-        [["  ", proplists:get_value(text, V), "\n"] || V <- Violations]
+        [["  ", proplists:get_value(text, V), "\n"] || V <- Violations],
+        [["note: ", Note, "\n"] || Note <- Notes]
     ].
 
 plain(Text) when is_binary(Text) -> Text;
@@ -201,7 +216,14 @@ robots(Ids) -> ["robots ", lists:join(", ", [integer_to_list(Id) || Id <- Ids])]
 
 details(#report{app = App} = Report) ->
     Own = [["  ", Line] || Line <- maps:get(summary, App, [])],
-    [crashed(Report)] ++ Own ++ [radio(Report), cost(Report)].
+    [crashed(Report)] ++ Own ++ noted(Report) ++ [radio(Report), cost(Report)].
+
+noted(#report{notes = Notes}) when length(Notes) > ?NOTES ->
+    {Shown, More} = lists:split(?NOTES, Notes),
+    [["  ", Note] || Note <- Shown] ++
+        [io_lib:format("  and ~b more notes, in report.txt", [length(More)])];
+noted(#report{notes = Notes}) ->
+    [["  ", Note] || Note <- Notes].
 
 crashed(#report{crashes = {_, none}}) ->
     none;

@@ -24,7 +24,8 @@ run(#{nodes := Nodes, target := Target} = Setup) ->
     end.
 
 run(Options, #{scenario := Scenario} = Setup) ->
-    case starl_cli_drive:with(Scenario, Options, fun(Sim) -> to_the_end(Sim, Setup) end) of
+    Watching = Options#{watch => starl_cli_notes:watch(Scenario)},
+    case starl_cli_drive:with(Scenario, Watching, fun(Sim) -> to_the_end(Sim, Setup) end) of
         {ok, Ran} -> tell(Setup, Ran);
         {error, {nodes, {lost, Loss}}} -> lost([Loss], 4);
         {error, Reason} -> {error, [[at(Reason, Setup), starl_sim:format_error(Reason)]]};
@@ -62,22 +63,32 @@ ending(Ending, _Outcome) -> Ending.
 tell(#{target := #{name := Name}, scenario := Scenario, out := Out} = Setup, Ran) ->
     #{inputs := Inputs} = Setup,
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
+    Ways = ways(Outcome, Scenario),
+    Notes = starl_cli_notes:make(Outcome, Ways),
     Report = starl_cli_report:make(#{
         name => Name,
         scenario => Scenario,
         ending => Ending,
         wall_s => WallMs / 1000,
         outcome => Outcome,
-        app => App
+        app => App,
+        notes => Notes
     }),
     %% This scenario includes the faults that were drawn.
     #{scenario := Effective} = Ran,
     Record = starl_cli_record:make(
         starl_cli_inputs:app(Inputs), starl_cli_inputs:local(Inputs, Effective), {Ending, Outcome}
     ),
-    Write = maps:get(write, App, fun(_) -> {ok, []} end),
+    Draw = fun(Dir) -> starl_cli_ways:draw(Dir, Name, Ways) end,
+    Own = #{
+        write => maps:get(write, App, Draw),
+        texts => [
+            {"results.term", starl_cli_notes:results(Notes)},
+            {"trajectories.csv", starl_cli_ways:csv(Ways)}
+        ]
+    },
     Written = starl_cli_out:write(Out, fun(Dir) ->
-        starl_cli_files:write(Dir, Setup, {Report, Record}, Write)
+        starl_cli_files:write(Dir, Setup, {Report, Record}, Own)
     end),
     _ = summarize(Setup, Report),
     violated(Setup, Outcome),
@@ -87,6 +98,9 @@ tell(#{target := #{name := Name}, scenario := Scenario, out := Out} = Setup, Ran
             #{} -> Outcome
         end,
     where(Written, Seen, lost(maps:get(lost, Outcome), status(Report))).
+
+ways(#{monitors := #{starl_sim_ways_monitor := Ways}}, #{world := World}) ->
+    starl_cli_ways:new(Ways, World).
 
 %% Reports lost nodes; passes on the status.
 lost(Losses, Status) ->

@@ -49,11 +49,12 @@
     | {malformed, From :: starl:robot_id(), starl_packet:type(), Body :: term()}
     | {unknown_machine, starl_machine:name()}.
 
-%% Machine `app', beside the events that the application traces: it has read a message, with the
-%% hash of its body (`erlang:phash2/1'); it had no room for a message; new code could not take its
+%% Machine `app', beside the events that the application traces: it listens to a type; it has read a
+%% message, with the hash of its body (`erlang:phash2/1'); it had no room for a message; new code could not take its
 %% state over; it is done.
 -type app() ::
-    {read, From :: starl:robot_id(), starl_packet:type(), Hash :: non_neg_integer()}
+    {listens, starl_packet:type()}
+    | {read, From :: starl:robot_id(), starl_packet:type(), Hash :: non_neg_integer()}
     | {inbox_full, From :: starl:robot_id(), starl_packet:type()}
     | {code_change_failed, starl_crash:cause()}
     | {done, Result :: term()}.
@@ -72,7 +73,7 @@
 -define(EVERY_MACHINE, [
     {crashed, 0}, {store_damaged, 0}, {unknown_event, 2}, {malformed, 3}, {unknown_machine, 1}
 ]).
--define(EVERY_APP, [{read, 3}, {inbox_full, 2}, {code_change_failed, 1}, {done, 1}]).
+-define(EVERY_APP, [{listens, 1}, {read, 3}, {inbox_full, 2}, {code_change_failed, 1}, {done, 1}]).
 
 %% @doc The vocabulary that every runner knows.
 -spec platform() -> vocabulary().

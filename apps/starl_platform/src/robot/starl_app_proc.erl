@@ -141,12 +141,15 @@ counted(_N, #turn{module = Module}) ->
 listen(Type) ->
     case turn() of
         #turn{room_told = true} ->
-            perform([{cast, sap, {listen, Type, app}}]);
+            perform([listens(Type), {cast, sap, {listen, Type, app}}]);
         #turn{inbox = Inbox} = Turn ->
             _ = put(?TURN, Turn#turn{room_told = true, unsaid = 0}),
             Room = max(0, ?INBOX_LIMIT - length(Inbox)),
-            perform([{cast, sap, {listen, Type, app, Room}}])
+            perform([listens(Type), {cast, sap, {listen, Type, app, Room}}])
     end.
+
+%% Tells messages that wait for their listener from those that wait in vain.
+listens(Type) -> {trace, {listens, Type}}.
 
 %% @doc The robot's own clock, in microseconds, at the beginning of this turn.
 -spec now() -> integer().

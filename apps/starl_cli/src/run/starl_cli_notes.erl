@@ -1,0 +1,181 @@
+%% @doc What is noteworthy about a run and no violation of a contract: messages that nobody gets, the
+%% least distance of two robots, robots that left the floor; and the robots' results. As figures of
+%% the report, and in words.
+-module(starl_cli_notes).
+
+-export([watch/1, make/2, figures/1, lines/1, results/1]).
+
+-export_type([t/0]).
+
+-record(notes, {
+    strangers :: [starl_sim_mail_monitor:stranger()],
+    unheard :: [starl_sim_mail_monitor:unheard()],
+    %% without a contract of distances
+    ways :: {starl_cli_ways:least(), [starl_cli_ways:off()]} | none,
+    cut :: none | integer(),
+    results :: [{starl:robot_id(), term()}]
+}).
+
+-opaque t() :: #notes{}.
+
+%% The distance of the centres of two touching Creates, mm.
+-define(CONTACT_MM, 330).
+%% The number of robots that a line names.
+-define(NAMED, 5).
+%% The length of a result in the report; the whole is in results.term.
+-define(DEPTH, 30).
+
+%% @doc The monitors that look on.
+-spec watch(starl_sim_scenario:t()) -> [{module(), map()}].
+watch(#{robots := Team}) ->
+    [starl_cli_ways:watch(), {starl_sim_mail_monitor, #{robots => Team}}].
+
+%% @doc The notes on a run. Path planning has a contract of distances, and its report tells them.
+-spec make(starl_sim_run:outcome(), starl_cli_ways:t()) -> t().
+make(#{monitors := Monitors, robots := Robots}, Ways) ->
+    #{starl_sim_mail_monitor := #{strangers := Strangers, unheard := Unheard}} = Monitors,
+    Gone = [Id || {Id, #{result := Result}} <- Robots, Result =:= died orelse Result =:= given_up],
+    #notes{
+        strangers = Strangers,
+        unheard = [One || #{robot := Id} = One <- Unheard, not lists:member(Id, Gone)],
+        ways =
+            case is_map_key(starl_dpp_monitor, Monitors) of
+                true -> none;
+                false -> {starl_cli_ways:least(Ways), starl_cli_ways:off_floor(Ways)}
+            end,
+        cut =
+            case starl_cli_ways:is_whole(Ways) of
+                true -> none;
+                false -> starl_cli_ways:until_us(Ways)
+            end,
+        results = [{Id, Result} || {Id, #{result := Result}} <- Robots]
+    }.
+
+%% -- figures --------------------------------------------------------------------------------
+
+%% @doc The notes as figures of the report.
+-spec figures(t()) -> [{atom(), starl_cli_json:value()}].
+figures(#notes{results = Results} = Notes) ->
+    far(Notes) ++
+        [
+            {messages_to_nobody, [stranger(S) || S <- Notes#notes.strangers]},
+            {messages_unheard, [unheard(U) || U <- Notes#notes.unheard]},
+            {results, [[{robot, Id} | result(Result)] || {Id, Result} <- Results]}
+        ].
+
+far(#notes{ways = none}) ->
+    [];
+far(#notes{ways = {Least, Off}}) ->
+    least(Least) ++
+        [{off_floor, [[{robot, Id}, {at_s, At / 1.0e6}, {mm, tenth(Mm)}] || {Id, At, Mm} <- Off]}].
+
+least(none) -> [{least_distance_mm, null}];
+least({Mm, _, _}) -> [{least_distance_mm, tenth(Mm)}].
+
+%% A distance must not look greater than it is.
+tenth(Mm) -> floor(Mm * 10) / 10.
+
+stranger(#{from := From, to := To} = One) -> [{from, From}, {to, To} | mail(One)].
+
+unheard(#{robot := Robot, from := From} = One) -> [{robot, Robot}, {from, From} | mail(One)].
+
+mail(#{type := Type, at_us := At, count := Count}) ->
+    [{type, atom_to_binary(Type)}, {at_s, At / 1.0e6}, {count, Count}].
+
+result({done, Result}) ->
+    Text = io_lib:format("~0tP", [Result, ?DEPTH]),
+    [{ended, <<"done">>}, {result, unicode:characters_to_binary(Text)}];
+result(Other) ->
+    [{ended, atom_to_binary(Other)}].
+
+%% @doc The file of results: a term per robot, `{Robot, {done, Result}}'.
+-spec results(t()) -> unicode:chardata().
+results(#notes{results = Results}) ->
+    [
+        "%% The result of each robot: {Robot, {done, Result} | running | died | given_up}.\n"
+        | [io_lib:format("~tp.\n", [Result]) || Result <- Results]
+    ].
+
+%% -- in words -------------------------------------------------------------------------------
+
+%% @doc The notes in words, a line each; the first ones concern distances.
+-spec lines(t()) -> [unicode:chardata()].
+lines(#notes{strangers = Strangers, unheard = Unheard} = Notes) ->
+    distance(Notes) ++ floor_of(Notes) ++ to_nobody(Strangers) ++ by_type(Unheard) ++ cut(Notes).
+
+distance(#notes{ways = {{Mm, At, {A, B}}, _}}) when Mm < ?CONTACT_MM ->
+    Shown = [A, B, tenth(Mm), ?CONTACT_MM, At / 1.0e6],
+    [
+        io_lib:format(
+            "robots ~b and ~b came within ~.1f mm (centres; Creates touch at ~b), at ~.3f s", Shown
+        )
+    ];
+distance(#notes{ways = {{Mm, At, {A, B}}, _}}) ->
+    Shown = [tenth(Mm), A, B, At / 1.0e6],
+    [io_lib:format("the closest two robots: ~.1f mm (robots ~b and ~b, at ~.3f s)", Shown)];
+distance(_) ->
+    [].
+
+floor_of(#notes{ways = {_, [_ | _] = Off}}) ->
+    [{Id, At, _} | Later] = Off,
+    {Mm, Far} = lists:max([{Most, Robot} || {Robot, _, Most} <- Off]),
+    First = io_lib:format("robot ~b left the floor at ~.3f s", [Id, At / 1.0e6]),
+    Others = [[", later ", robots([Robot || {Robot, _, _} <- Later])] || Later =/= []],
+    [[First, Others, io_lib:format("; robot ~b by ~.1f mm", [Far, Mm])]];
+floor_of(_) ->
+    [].
+
+%% A message to a robot that is not there is one line, whoever sends it.
+to_nobody(Strangers) ->
+    Keys = lists:usort([{To, Type} || #{to := To, type := Type} <- Strangers]),
+    [
+        nowhere(Key, [One || #{to := To, type := Type} = One <- Strangers, {To, Type} =:= Key])
+     || Key <- Keys
+    ].
+
+nowhere({To, Type}, All) ->
+    {At, From} = first(All),
+    io_lib:format("there is no robot ~b: ~ts of type ~tp, first from robot ~b at ~.3f s", [
+        To, messages(All), Type, From, At / 1.0e6
+    ]).
+
+%% A broadcast that nobody listens to is one line, too.
+by_type(Unheard) ->
+    Types = lists:usort([Type || #{type := Type} <- Unheard]),
+    [nobody(Type, [One || #{type := Of} = One <- Unheard, Of =:= Type]) || Type <- Types].
+
+nobody(Type, All) ->
+    {At, From} = first(All),
+    io_lib:format("~ts ~ts not listen to ~tp: ~ts, first from robot ~b at ~.3f s", [
+        robots([Id || #{robot := Id} <- All]), do(All), Type, messages(All), From, At / 1.0e6
+    ]).
+
+first(All) -> lists:min([{At, From} || #{at_us := At, from := From} <- All]).
+
+messages(All) ->
+    case lists:sum([Count || #{count := Count} <- All]) of
+        1 -> "1 message";
+        Count -> io_lib:format("~b messages", [Count])
+    end.
+
+do([_]) -> "does";
+do(_) -> "do".
+
+robots([Id]) ->
+    io_lib:format("robot ~b", [Id]);
+robots(Ids) when length(Ids) > ?NAMED ->
+    {Named, Others} = lists:split(?NAMED, lists:sort(Ids)),
+    [listed(Named), io_lib:format(" and ~b more", [length(Others)])];
+robots(Ids) ->
+    listed(lists:sort(Ids)).
+
+listed(Ids) -> ["robots ", lists:join(", ", [integer_to_list(Id) || Id <- Ids])].
+
+cut(#notes{cut = none}) ->
+    [];
+cut(#notes{cut = Until}) ->
+    [
+        io_lib:format("the ways of the robots are known until ~.3f s only: they are too many", [
+            Until / 1.0e6
+        ])
+    ].

@@ -1,0 +1,44 @@
+%% @doc Records the ways of all robots, as pieces of motion; it judges nothing. Beyond a number of
+%% pieces it records no more, and its result tells until when it did.
+-module(starl_sim_ways_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-export_type([ways/0]).
+
+%% The pieces of each robot's way, in the order of time, and the time until which they are known.
+-type ways() :: #{
+    pieces := [{starl:robot_id(), starl_trajectory:piece()}],
+    until_us := starl_sim_queue:time(),
+    is_whole := boolean()
+}.
+
+-record(state, {
+    pieces = [] :: [{starl:robot_id(), starl_trajectory:piece()}],
+    room :: non_neg_integer(),
+    %% the time of the first piece without room
+    full = no :: starl_sim_queue:time() | no
+}).
+
+%% @doc `most': the number of pieces that are recorded.
+-spec init(#{most := non_neg_integer()}) -> #state{}.
+init(#{most := Most}) -> #state{room = Most}.
+
+-spec interests() -> [atom()].
+interests() -> [chassis].
+
+-spec step(starl_monitor:trace_event(), #state{}) -> {ok, #state{}}.
+step({T, _, chassis, {motion, _}}, #state{room = 0, full = no} = State) ->
+    {ok, State#state{full = T}};
+step({_, Robot, chassis, {motion, Piece}}, #state{pieces = Pieces, room = Room} = State) when
+    Room > 0
+->
+    {ok, State#state{pieces = [{Robot, Piece} | Pieces], room = Room - 1}};
+step(_, State) ->
+    {ok, State}.
+
+-spec finish(integer(), #state{}) -> {ok, ways()}.
+finish(EndUs, #state{pieces = Pieces, full = Full}) ->
+    Until = min(EndUs, Full),
+    {ok, #{pieces => lists:reverse(Pieces), until_us => Until, is_whole => Full =:= no}}.
