@@ -2,7 +2,8 @@
 %% together with the files beside it whose modules it names, directly or indirectly.
 -module(starl_cli_source).
 
--export([load/1, modules/1]).
+-export([load/1, load_directory/1, in_directory/1, modules/1]).
+-export([is_name/1, runs/1, no_application/1]).
 
 %% @doc Compiles and loads a source file: an application, or a building block to be exercised.
 -spec load(file:filename()) ->
@@ -12,6 +13,52 @@ load(File) ->
         {ok, Module, Codes} -> target(File, Module, Codes);
         {error, _} = Error -> Error
     end.
+
+%% @doc Compiles and loads the application in a directory, or in its `src': the module that is named
+%% as the directory is, else the only one that is an application.
+-spec load_directory(file:filename()) ->
+    {ok, starl_cli_target:t()} | {error, [unicode:chardata(), ...]}.
+load_directory(Dir) ->
+    Files = in_directory(Dir),
+    Name = filename:basename(filename:absname(string:trim(Dir, trailing, "/"))),
+    case [File || File <- Files, filename:basename(File, ".erl") =:= Name] of
+        [File] -> load(File);
+        [] -> load_only(Dir, Name, [File || File <- Files, is_application(File)])
+    end.
+
+load_only(_Dir, _Name, [File]) ->
+    load(File);
+load_only(Dir, Name, []) ->
+    {error, [[Dir, ": no module here is an application, which exports init/2 and step/2; "
+        "nor is there a file ", Name, ".erl"]]};
+load_only(Dir, _Name, Several) ->
+    Names = lists:join(", ", [filename:basename(File) || File <- Several]),
+    {error, [[Dir, ": which one is to run? ", Names, "; name the file"]]}.
+
+%% @doc The Erlang sources in a directory, or else in its `src'.
+-spec in_directory(file:filename()) -> [file:filename()].
+in_directory(Dir0) ->
+    Dir = string:trim(Dir0, trailing, "/"),
+    case sources(Dir) of
+        [] -> sources(filename:join(Dir, "src"));
+        Files -> Files
+    end.
+
+sources(Dir) -> lists:sort(filelib:wildcard(filename:join(Dir, "*.erl"))).
+
+%% Only the behaviour is looked for; an error in a file is reported when it is compiled.
+is_application(File) ->
+    case epp:parse_file(File, []) of
+        {ok, Forms} ->
+            lists:any(fun is_behaviour/1, Forms);
+        {error, _} ->
+            false
+    end.
+
+is_behaviour({attribute, _, Word, Name}) when Word =:= behaviour; Word =:= behavior ->
+    lists:member(Name, [starl_app, starl_scene]);
+is_behaviour(_Form) ->
+    false.
 
 %% @doc Compiles and loads a source file and those that it needs; gives its module.
 -spec modules(file:filename()) ->
@@ -43,7 +90,8 @@ code(File) ->
     end.
 
 sound(File, {ok, Module, Beam, Warnings}) ->
-    _ = [starl_cli_terminal:warn(["warning: ", Line]) || Line <- lines(Warnings)],
+    Foreign = [starl_cli_foreign:text(Call) || Call <- starl_cli_foreign:calls(Beam)],
+    _ = [starl_cli_terminal:warn(["warning: ", Line]) || Line <- lines(Warnings) ++ Foreign],
     case lists:member(code:which(Module), [non_existing, File]) of
         true ->
             {ok, {Module, File, Beam}};
@@ -89,8 +137,11 @@ atoms(_Other) -> [].
 some([Form | Forms]) -> [Form | some(Forms)];
 some(_End) -> [].
 
-is_plain(Atom) ->
-    re:run(atom_to_list(Atom), "^[a-z][a-zA-Z0-9_]*$", [{capture, none}]) =:= match.
+is_plain(Atom) -> is_name(atom_to_list(Atom)).
+
+%% @doc Can this be the name of a module?
+-spec is_name(string()) -> boolean().
+is_name(Word) -> re:run(Word, "^[a-z][a-zA-Z0-9_]{0,99}$", [{capture, none}]) =:= match.
 
 target(File, Module, Codes) ->
     Target = #{
@@ -109,16 +160,22 @@ target(File, Module, Codes) ->
         {false, true, false} ->
             {error, [[File, ": this block says not how it is exercised (exercise/0)"]]};
         {false, false, _} ->
-            {error, [
-                [
-                    File,
-                    ": this is no application: it exports neither step/2 nor scene/1; "
-                    "and no building block (starl_block)"
-                ]
-            ]}
+            {error, [no_application(File)]}
     end.
 
+%% @doc One line: this is nothing that can be run.
+-spec no_application(string()) -> unicode:chardata().
+no_application(File) ->
+    [
+        File,
+        ": this is no application: it exports neither step/2 nor scene/1; "
+        "and no building block (starl_block)"
+    ].
+
+%% @doc Is this loaded module an application?
+-spec runs(module()) -> boolean().
 runs(Module) ->
+    _ = code:ensure_loaded(Module),
     lists:any(fun({F, A}) -> erlang:function_exported(Module, F, A) end, [{step, 2}, {scene, 1}]).
 
 lines(Found) -> [line(File, Info) || {File, Infos} <- Found, Info <- Infos].

@@ -1,5 +1,6 @@
 %% @doc Finds what a command is to run: a shipped application, a scenario file, the Erlang source of
-%% a user's application, or a recorded run, by its directory or its `run.term'.
+%% a user's application, a directory with such sources, a module on the code path that is an
+%% application, or a recorded run, by its directory or its `run.term'.
 -module(starl_cli_target).
 
 -export([apps/0, scenarios/0, resolve/1, subject/2, seeded/2, looks_like_one/1, root/0]).
@@ -50,13 +51,23 @@ looks_like_one(Word) -> hd(Word ++ "-") =/= $- andalso kind(Word) =/= unknown.
 resolve(Word) ->
     case kind(Word) of
         {app, Module} ->
-            {ok, #{app => Module, name => Word, replay => Word, file => Word, given => #{}}};
+            application(Word, Module);
         source ->
             starl_cli_source:load(Word);
+        {directory, Dir} ->
+            starl_cli_source:load_directory(Dir);
         {scenario, File} ->
             scenario(File);
         unknown ->
             {error, [unknown(Word)]}
+    end.
+
+application(Word, Module) ->
+    case starl_cli_source:runs(Module) of
+        true ->
+            {ok, #{app => Module, name => Word, replay => Word, file => Word, given => #{}}};
+        false ->
+            {error, [starl_cli_source:no_application(Word)]}
     end.
 
 %% @doc The target that the first word of a command names, with the other arguments.
@@ -100,9 +111,30 @@ kind_of_file(".config", Word) ->
     {scenario, Word};
 kind_of_file(_, Word) ->
     Record = filename:join(Word, "run.term"),
-    case filelib:is_regular(Record) of
-        true -> {scenario, Record};
-        false -> unknown
+    case {filelib:is_regular(Record), filelib:is_dir(Word)} of
+        {true, _} -> {scenario, Record};
+        {false, true} -> kind_of_directory(Word);
+        {false, false} -> on_the_code_path(Word)
+    end.
+
+%% A directory such as the application's ebin is no reason to overlook a module of that name.
+kind_of_directory(Dir) ->
+    case starl_cli_source:in_directory(Dir) of
+        [_ | _] -> {directory, Dir};
+        [] -> on_the_code_path(Dir)
+    end.
+
+%% A module of that name, as it was compiled with the user's own project.
+on_the_code_path(Word) ->
+    case starl_cli_source:is_name(Word) andalso code:where_is_file(Word ++ ".beam") of
+        Beam when is_list(Beam) -> loaded(list_to_atom(Word));
+        _ -> unknown
+    end.
+
+loaded(Module) ->
+    case code:ensure_loaded(Module) of
+        {module, Module} -> {app, Module};
+        {error, _} -> unknown
     end.
 
 unknown(Word) ->
@@ -113,7 +145,8 @@ unknown(Word) ->
         [] ->
             io_lib:format(
                 "there is no application or scenario ~ts; there are ~ts, scenario files "
-                "(FILE.term), applications of your own (FILE.erl) and directories of runs",
+                "(FILE.term), applications of your own (FILE.erl, their directory, or a module "
+                "on the code path) and directories of runs",
                 [Word, lists:join(", ", Known)]
             )
     end.

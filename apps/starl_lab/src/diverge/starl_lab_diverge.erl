@@ -30,10 +30,11 @@ argument() -> {required, "TARGET", {example, "painting --seeds 1..10"}}.
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
-        "Runs each seed in several ways that must come to the same digest of all events: with a "
-        "process for each machine and inline, with the robots spread over shards, in VMs of more "
-        "schedulers. Where two differ, the first event that does is printed from both. TARGET and "
-        "all other flags are those of ./starl run."
+        "Runs each seed in several ways that must come to the same digest of all events, and to the "
+        "same traces and results: with a process for each machine and inline, with the robots "
+        "spread over shards, in VMs of more schedulers. Where two differ, the first event that "
+        "does is printed from both, and the likely cause. TARGET and all other flags are those of "
+        "./starl run."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -53,9 +54,9 @@ own_flags() ->
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
     [
-        {0, "no digest differs"},
+        {0, "no digest differs, nor traces, nor results"},
         {1, "a simulation failed"},
-        {3, "a digest differs"},
+        {3, "a digest, a trace or a result differs"},
         {130, "interrupted"}
     ].
 
@@ -140,11 +141,11 @@ merge(Seed, New, Results) -> Results#{Seed => maps:merge(maps:get(Seed, Results,
 told(How, Results, Ms, #{ways := Ways} = Setup) ->
     Runs = lists:sum([map_size(Answers) || Answers <- maps:values(Results)]),
     Differ = [S || {S, Answers} <- lists:sort(maps:to_list(Results)), differ(Answers)],
-    Violated = length([S || {S, #{1 := {_, _, V}}} <- maps:to_list(Results), V > 0]),
+    Violated = length([S || {S, #{1 := #{violations := V}}} <- maps:to_list(Results), V > 0]),
     starl_cli_terminal:out([
         [["interrupted: "] || How =:= interrupted],
         io_lib:format("~b seed~ts, ~b ways: ~ts~n", [
-            map_size(Results), plural(map_size(Results)), length(Ways), verdict(Differ)
+            map_size(Results), plural(map_size(Results)), length(Ways), verdict(Differ, Results)
         ]),
         io_lib:format("  ~b runs in ~.1f s, ~b a minute~n", [
             Runs, Ms / 1000, Runs * 60000 div max(1, Ms)
@@ -153,18 +154,35 @@ told(How, Results, Ms, #{ways := Ways} = Setup) ->
     ]),
     status(How, Differ, Results, Setup).
 
-verdict([]) -> "no digest differs";
-verdict([_]) -> "DIFFERENT DIGESTS of one seed";
-verdict(Seeds) -> io_lib:format("DIFFERENT DIGESTS of ~b seeds", [length(Seeds)]).
+verdict([], _Results) ->
+    "no digest differs, nor traces, nor results";
+verdict(Seeds, Results) ->
+    Digests = [S || S <- Seeds, differ(fun digest/1, maps:get(S, Results))],
+    What =
+        case Digests of
+            [] -> "TRACES OR RESULTS";
+            _ -> "DIGESTS"
+        end,
+    Of =
+        case Seeds of
+            [_] -> "one seed";
+            _ -> io_lib:format("~b seeds", [length(Seeds)])
+        end,
+    ["DIFFERENT ", What, " of ", Of].
 
 plural(1) -> "";
 plural(_) -> "s".
 
 %% A failed run counts as different.
-differ(Answers) -> length(lists:usort([known(A) || A <- maps:values(Answers)])) > 1.
+differ(Answers) -> differ(fun known/1, Answers).
+
+differ(By, Answers) -> length(lists:usort([By(A) || A <- maps:values(Answers)])) > 1.
 
 known({crashed, _}) -> crashed;
-known({Digest, _, _}) -> Digest.
+known(Outcome) -> maps:with([digest, traces, results], Outcome).
+
+digest({crashed, _}) -> crashed;
+digest(#{digest := Digest}) -> Digest.
 
 status(_How, [Seed | _], Results, Setup) ->
     locate(Seed, lists:sort(maps:to_list(maps:get(Seed, Results))), Setup),
@@ -192,8 +210,72 @@ locate(Seed, [{_, First} | Others], #{scenario := Scenario, ways := Ways} = Setu
     ),
     case [Reason || {crashed, Reason} <- [First, Other]] of
         [Reason | _] -> starl_cli_terminal:out("one of them failed: ~0tP~n", [Reason, 15]);
-        [] -> find(Scenario#{seed => Seed}, {A, B}, Setup)
+        [] -> differ(digest(First) =/= digest(Other), {First, Other}, Scenario#{seed => Seed}, {A, B}, Setup)
     end.
+
+differ(true, _Outcomes, Scenario, Ways, Setup) ->
+    find(Scenario, Ways, Setup),
+    likely(Setup);
+differ(false, Outcomes, Scenario, Ways, Setup) ->
+    beside(Outcomes, Scenario, Ways, Setup),
+    likely(Setup).
+
+%% The events are equal; what a program makes of them is not.
+beside({#{traces := First, results := R1}, #{traces := Second, results := R2}}, Scenario, Ways, Setup) ->
+    case [Id || Id <- lists:sort(maps:keys(First)), maps:find(Id, First) =/= maps:find(Id, Second)] of
+        [Robot | _] ->
+            starl_cli_terminal:out(traces(Robot, Scenario, Ways, Setup));
+        [] ->
+            [Robot | _] = [Id || {Id, R} <- lists:sort(maps:to_list(R1)), maps:get(Id, R2) =/= R],
+            Shown = [Robot, maps:get(Robot, R1), maps:get(Robot, R2)],
+            starl_cli_terminal:out("the results of robot ~b differ:\n  ~0tP\n  ~0tP\n", [
+                hd(Shown), lists:nth(2, Shown), 30, lists:nth(3, Shown), 30
+            ])
+    end.
+
+traces(Robot, Scenario, {A, B}, #{target := Target}) ->
+    Codes = maps:get(code, Target, []),
+    [First, Second] = [
+        begin
+            Vm = starl_lab_jobs:vm(starl_lab_way:schedulers(Way), Codes),
+            Full = starl_lab_way:apply_to(Scenario, Way),
+            Traced = peer:call(Vm, starl_lab_way, traced, [{Full, Robot}], infinity),
+            peer:stop(Vm),
+            Traced
+        end
+     || Way <- [A, B]
+    ],
+    [
+        io_lib:format("the events are equal; what robot ~b traces is not~n", [Robot]),
+        case parted(First, Second) of
+            none -> "run again, they no longer differ\n";
+            {One, Other} -> [starl_lab_way:text(A), ":\n", trace(One), starl_lab_way:text(B), ":\n", trace(Other)]
+        end
+    ].
+
+%% The first traces that differ.
+parted([Same | First], [Same | Second]) -> parted(First, Second);
+parted([], []) -> none;
+parted(First, Second) -> {head(First), head(Second)}.
+
+head([Traced | _]) -> Traced;
+head([]) -> none.
+
+trace(none) ->
+    "  no more\n";
+trace({T, Machine, Event}) ->
+    io_lib:format("  ~.6f s  ~tp traces ~0tP~n", [T / 1.0e6, Machine, Event, 30]).
+
+%% Calls whose values are not the robot's.
+likely(#{target := #{app := App} = Target}) ->
+    Beams =
+        case [Beam || {_, _, Beam} <- maps:get(code, Target, [])] of
+            [] -> [Beam || {_, Beam, _} <- [code:get_object_code(App)]];
+            Own -> Own
+        end,
+    Calls = lists:append([starl_cli_foreign:calls(Beam) || Beam <- Beams]),
+    Lines = [["likely cause: ", starl_cli_foreign:text(Call), "\n"] || Call <- Calls],
+    starl_cli_terminal:out(Lines).
 
 %% Successive runs in one VM differ in their pids, references and times.
 find(Scenario, {A, B} = Ways, #{target := Target} = Setup) ->

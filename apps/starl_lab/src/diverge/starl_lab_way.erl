@@ -4,15 +4,21 @@
 -module(starl_lab_way).
 
 -export([usual/0, parse/1, format_error/1, text/1, schedulers/1, apply_to/2]).
--export([digests/1]).
+-export([digests/1, traced/1]).
 
 -export_type([t/0, outcome/0, reason/0]).
 
 -type t() :: {process | inline, Shards :: pos_integer(), Schedulers :: pos_integer()}.
 
-%% The digest and number of events by which runs are compared, and the number of violations.
--type outcome() ::
-    {Digest :: binary(), Events :: non_neg_integer(), Violations :: non_neg_integer()}.
+%% What runs are compared by: the digest of all events, and beside it what each robot traced and
+%% the results of the robots; the numbers of events and of violations.
+-type outcome() :: #{
+    digest := binary(),
+    traces := starl_sim_trace_monitor:chains(),
+    results := #{starl:robot_id() => term()},
+    events := non_neg_integer(),
+    violations := non_neg_integer()
+}.
 
 -type reason() :: {bad_way, string()} | {one_way, string()}.
 
@@ -70,6 +76,26 @@ apply_to(Scenario, {Mode, Shards, _}) -> Scenario#{mode => Mode, shards => Shard
 digests({Scenario, Ways}) -> [outcome(apply_to(Scenario, Way)) || Way <- Ways].
 
 outcome(Scenario) ->
-    #{digest := Digest, events := Events, violations := Violations} =
-        starl_sim_divergence:run(Scenario, #{}),
-    {Digest, Events, Violations}.
+    Outcome = run(Scenario, #{}),
+    #{digest := Digest, events := Events, violations := Violations, robots := Robots} = Outcome,
+    #{monitors := #{starl_sim_trace_monitor := #{chains := Chains}}} = Outcome,
+    #{
+        digest => Digest,
+        traces => Chains,
+        results => maps:from_list([{Id, Result} || {Id, #{result := Result}} <- Robots]),
+        events => Events,
+        violations => length(Violations)
+    }.
+
+%% @doc Runs a scenario and gives what one robot traced. It is called in a VM of its own.
+-spec traced({starl_sim_scenario:t(), starl:robot_id()}) -> [starl_sim_trace_monitor:traced()].
+traced({Scenario, Robot}) ->
+    #{monitors := #{starl_sim_trace_monitor := #{recorded := Traced}}} =
+        run(Scenario, #{record => Robot}),
+    Traced.
+
+run(Scenario, Config) ->
+    {ok, Sim} = starl_sim:start(Scenario, #{watch => [{starl_sim_trace_monitor, Config}]}),
+    #{ending := _} = starl_sim:run(Sim),
+    {Outcome, _} = starl_sim:finish(Sim),
+    Outcome.

@@ -9,7 +9,8 @@
 %% application, and messages that arrive meanwhile, are kept.
 %%
 %% An application may also list its building blocks and its options; with its blocks it gets their
-%% contracts. An application with a scene of its own also has the behaviour {@link starl_scene}.
+%% contracts. It may have contracts of its own ({@link starl_monitor}), and figures for the
+%% report: `report/2' of the behaviour {@link starl_scene}. An application with a scene of its own also has the behaviour {@link starl_scene}.
 -module(starl_app).
 
 -export([options/1]).
@@ -22,8 +23,10 @@
 %% 2000}}]'; not needed with a scene of its own.
 -callback blocks() -> [starl_block:entry()].
 -callback options() -> [starl_options:option()].
+%% The application's own contracts, with the configuration of each.
+-callback monitors(starl_scene:context()) -> [{module(), Config :: map()}].
 
--optional_callbacks([code_change/2, blocks/0, options/0]).
+-optional_callbacks([code_change/2, blocks/0, options/0, monitors/1]).
 
 %% @doc The application's own options.
 -spec options(module()) -> [starl_options:option()].

@@ -102,12 +102,23 @@ make(App, Context) ->
 scene(App, #{options := Options} = Context) ->
     case exported(App, scene, 1) of
         true -> App:scene(Context);
-        false -> {ok, #{app => {sequential, App, Options}, blocks => blocks(App)}}
+        false ->
+            {ok, #{
+                app => {sequential, App, Options},
+                blocks => blocks(App),
+                monitors => monitors(App, Context)
+            }}
     end.
 
 blocks(App) ->
     case exported(App, blocks, 0) of
         true -> App:blocks();
+        false -> []
+    end.
+
+monitors(App, Context) ->
+    case exported(App, monitors, 1) of
+        true -> App:monitors(Context);
         false -> []
     end.
 

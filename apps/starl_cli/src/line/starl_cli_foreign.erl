@@ -1,0 +1,69 @@
+%% @doc Finds calls in a user's modules whose values are not the robot's: random numbers, clocks and
+%% identifiers of this computer. With them, equal scenarios and seeds give unequal runs.
+-module(starl_cli_foreign).
+
+-export([calls/1, text/1]).
+
+-export_type([call/0]).
+
+-type call() :: {file:filename(), Line :: pos_integer(), mfa()}.
+
+%% @doc These calls, in the order of the source. A module without its source in the beam has none.
+-spec calls(Beam :: binary() | file:filename()) -> [call()].
+calls(Beam) ->
+    case beam_lib:chunks(Beam, [abstract_code]) of
+        {ok, {Module, [{abstract_code, {raw_abstract_v1, Forms}}]}} ->
+            [{File, Line} | _] = [F || {attribute, _, file, F} <- Forms] ++ [{file(Module), 1}],
+            true = is_integer(Line),
+            All = [{File, at(Anno), Call} || {Anno, Call} <- found(Forms), kind(Call) =/= own],
+            lists:usort(All);
+        _ ->
+            []
+    end.
+
+file(Module) -> atom_to_list(Module) ++ ".erl".
+
+at(Anno) -> erl_anno:line(Anno).
+
+found({call, Anno, {remote, _, {atom, _, M}, {atom, _, F}}, Args}) ->
+    [{Anno, {M, F, length(Args)}} | found(Args)];
+found({call, Anno, {atom, _, F}, Args}) ->
+    [{Anno, {erlang, F, length(Args)}} || erl_internal:bif(F, length(Args))] ++ found(Args);
+found({'fun', Anno, {function, {atom, _, M}, {atom, _, F}, {integer, _, A}}}) ->
+    [{Anno, {M, F, A}}];
+found(Form) when is_tuple(Form) -> found(tuple_to_list(Form));
+found([Form | Forms]) -> found(Form) ++ found(Forms);
+found(_Other) -> [].
+
+%% @doc One line on a call, with its place and the remedy.
+-spec text(call()) -> unicode:chardata().
+text({File, Line, {M, F, A} = Call}) ->
+    io_lib:format("~ts:~b: ~tp:~tp/~b ~ts", [File, Line, M, F, A, words(kind(Call))]).
+
+words(random) -> "is not the robot's random number; use starl:random(Robot)";
+words(clock) -> "reads this computer's clock; use starl:now(Robot)";
+words(unique) -> "differs from run to run; use starl:id(Robot) and a counter".
+
+%% Functions that take a state, such as rand:uniform_s/1, are as good as the state that they take.
+kind({rand, F, A}) ->
+    Stateless = [{uniform, 0}, {uniform, 1}, {uniform_real, 0}, {normal, 0}, {normal, 2}],
+    Others = [{bytes, 1}, {seed, 1}, {seed_s, 1}],
+    case lists:member({F, A}, Stateless ++ Others) of
+        true -> random;
+        false -> own
+    end;
+kind({random, _, _}) ->
+    random;
+kind({crypto, F, _}) when F =:= strong_rand_bytes; F =:= rand_uniform -> random;
+kind({os, F, _}) when F =:= system_time; F =:= timestamp; F =:= perf_counter -> clock;
+kind({calendar, F, 0}) when F =:= local_time; F =:= universal_time -> clock;
+kind({erlang, F, A}) ->
+    Clocks = [now, system_time, monotonic_time, timestamp, date, time, localtime, universaltime],
+    case {lists:member(F, Clocks) andalso A =< 1, F} of
+        {true, _} -> clock;
+        {false, unique_integer} -> unique;
+        {false, make_ref} -> unique;
+        {false, _} -> own
+    end;
+kind(_) ->
+    own.
