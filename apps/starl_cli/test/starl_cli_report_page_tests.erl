@@ -1,0 +1,105 @@
+%% The page of the report (doc/report.md) explains every key of report.json, and no other.
+-module(starl_cli_report_page_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(BLOCKS, [
+    starl_sap_block,
+    starl_election,
+    starl_bully,
+    starl_mutex,
+    starl_barrier,
+    starl_geocast,
+    starl_registers,
+    starl_counter
+]).
+
+page_test_() ->
+    {timeout, 60, fun() ->
+        ?assertEqual(page(), lists:usort(made() ++ exercised() ++ painted()))
+    end}.
+
+%% The keys in the first columns of the page's tables.
+page() ->
+    Root = hd(string:split(code:which(starl_cli), "/_build/")),
+    {ok, Page} = file:read_file(filename:join([Root, "doc", "report.md"])),
+    [_, Keys] = string:split(Page, "## The keys of report.json"),
+    {match, Found} = re:run(Keys, "^\\| `([a-z_.]+)`", [multiline, global, {capture, [1], list}]),
+    ?assertEqual(lists:usort(Found), lists:sort(Found)),
+    lists:usort([Key || [Key] <- Found]).
+
+keys(Report) ->
+    Read = read(starl_cli_report:json(Report)),
+    [
+        Path
+     || {Key, Value} <- maps:to_list(Read), Path <- [binary_to_list(Key) | under(Key, Value)]
+    ].
+
+read(Json) ->
+    case starl_cli_json:codecs() of
+        [jsx | _] = [Codec | _] -> Codec:decode(iolist_to_binary(Json), [return_maps]);
+        [Codec | _] -> Codec:decode(iolist_to_binary(Json))
+    end.
+
+under(Key, [Object | _] = Objects) when is_map(Object) ->
+    [binary_to_list(<<Key/binary, ".", K/binary>>) || O <- Objects, K <- maps:keys(O)];
+under(_Key, _Value) ->
+    [].
+
+%% A run in which all went wrong that can.
+made() ->
+    Mail = #{from => 1, type => t, at_us => 1, count => 1},
+    Crash = {1, 1, app, {"on purpose", []}},
+    Off = starl_trajectory:standing(0, {-1.0, 0.0}, 0.0),
+    Ways = #{pieces => [{1, Off}, {2, Off}], until_us => 1, is_whole => true},
+    Outcome = #{
+        end_us => 1,
+        ending => done,
+        violations => [
+            #{contract => sap, what => lost, at_us => 1, robots => [1, 2], details => #{}}
+        ],
+        monitors => #{
+            starl_sap_monitor => #{sent => 1},
+            starl_crash_monitor => #{crashes => 1, first_crash => Crash, given_up => []},
+            starl_sim_mail_monitor => #{
+                strangers => [Mail#{to => 7}], unheard => [Mail#{robot => 2}]
+            }
+        },
+        robots => [{1, #{result => {done, 1}}}, {2, #{result => running}}],
+        digest => <<1>>,
+        events => 5,
+        packets => 2
+    },
+    keys(
+        starl_cli_report:make(#{
+            name => "my_app",
+            scenario => #{seed => 7, robots => 2},
+            ending => done,
+            wall_s => 1.0,
+            outcome => Outcome,
+            app => #{figures => []},
+            notes => starl_cli_notes:make(Outcome, starl_cli_ways:new(Ways, {1, 1}))
+        })
+    ).
+
+exercised() ->
+    lists:append([
+        run(#{app => starl_exercise, block => Block, robots => 2, work => 1})
+     || Block <- ?BLOCKS
+    ]).
+
+painted() -> run(#{app => starl_painting, picture => "lines", robots => 1, time => 1}).
+
+run(Scenario) ->
+    {ok, Sim} = starl_sim:start(Scenario),
+    _ = starl_sim:run(Sim),
+    {Outcome, App} = starl_sim:finish(Sim),
+    keys(
+        starl_cli_report:make(#{
+            name => "app",
+            scenario => starl_sim:scenario(Sim),
+            ending => done,
+            wall_s => 1.0,
+            outcome => Outcome,
+            app => App
+        })
+    ).
