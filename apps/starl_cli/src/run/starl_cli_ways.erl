@@ -152,8 +152,7 @@ chords(From, To, Piece) ->
 %% -- the picture ----------------------------------------------------------------------------
 
 %% @doc Draws the ways into `ways.svg', and into `ways.png' where the program for it is at hand.
--spec draw(file:filename(), Title :: unicode:chardata(), t()) ->
-    {ok, [file:filename()]} | {error, unicode:chardata()}.
+-spec draw(file:filename(), Title :: unicode:chardata(), t()) -> starl_scene:written().
 draw(Dir, Title, #ways{world = World, paths = Paths, until = Until}) ->
     Drawing = #{
         floor => World,
@@ -164,6 +163,7 @@ draw(Dir, Title, #ways{world = World, paths = Paths, until = Until}) ->
     },
     case starl_picture_draw:write(Dir, "ways", Drawing) of
         {ok, Files} -> {ok, Files};
+        {partly, Files, Reason} -> {partly, Files, starl_picture_draw:format_error(Reason)};
         {error, Reason} -> {error, starl_picture_draw:format_error(Reason)}
     end.
 
