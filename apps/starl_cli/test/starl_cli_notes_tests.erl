@@ -28,8 +28,8 @@ mail_test() ->
     ),
     ?assertEqual(
         [
-            "there is no robot 7: 3 messages of type hello, first from robot 1 at 0.000 s",
-            "robots 2, 3 do not listen to word: 2 messages, first from robot 1 at 0.001 s"
+            "there is no robot 7: 3 messages of type hello, first by robot 1 at 0.000 s",
+            "robots 2, 3 do not listen to word: 2 messages, first by robot 1 at 0.001 s"
         ],
         lines(Mail, [])
     ).
@@ -40,7 +40,7 @@ gone_test() ->
     ?assertEqual([], lines(Mail, [{1, running}, {2, died}])),
     ?assertEqual([], lines(Mail, [{2, given_up}])),
     ?assertEqual(
-        ["robot 2 does not listen to word: 1 message, first from robot 1 at 0.001 s"],
+        ["robot 2 does not listen to word: 1 message, first by robot 1 at 0.001 s"],
         lines(Mail, [{2, running}])
     ).
 

@@ -135,7 +135,7 @@ to_nobody(Strangers) ->
 
 nowhere({To, Type}, All) ->
     {At, From} = first(All),
-    io_lib:format("there is no robot ~b: ~ts of type ~tp, first from robot ~b at ~.3f s", [
+    io_lib:format("there is no robot ~b: ~ts of type ~tp, first by robot ~b at ~.3f s", [
         To, messages(All), Type, From, At / 1.0e6
     ]).
 
@@ -146,7 +146,7 @@ by_type(Unheard) ->
 
 nobody(Type, All) ->
     {At, From} = first(All),
-    io_lib:format("~ts ~ts not listen to ~tp: ~ts, first from robot ~b at ~.3f s", [
+    io_lib:format("~ts ~ts not listen to ~tp: ~ts, first by robot ~b at ~.3f s", [
         robots([Id || #{robot := Id} <- All]), do(All), Type, messages(All), From, At / 1.0e6
     ]).
 
