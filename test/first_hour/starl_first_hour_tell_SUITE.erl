@@ -27,6 +27,7 @@ init_per_suite(Config) ->
     write(filename:join(Dir, "lost.erl"), lost()),
     write(filename:join(Dir, "flip/flip.erl"), flip()),
     write(filename:join(Dir, "flip/flip_help.erl"), help()),
+    write(filename:join(Dir, "flip/extra.erl"), rename("extra", lost())),
     Ran = sh("$starl run lost.erl --robots 3 --out out/lost", Dir),
     [{dir, Dir}, {ran, Ran} | Config].
 
