@@ -41,7 +41,12 @@ keeps_the_contract_under_faults() ->
     [
         begin
             Given = #{
-                seed => Seed, chassis => mixed, random_faults => [all], heal => 10, time => 30
+                seed => Seed,
+                chassis => mixed,
+                random_faults => [all],
+                heal => 10,
+                time => 30,
+                command_latency => {0, 50 * (Seed rem 3)}
             },
             #{violations := Violations, monitors := Monitors} = run(wander, Given),
             ?assertEqual({Seed, []}, {Seed, Violations}),

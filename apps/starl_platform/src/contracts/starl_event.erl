@@ -84,7 +84,7 @@ platform() ->
         chassis => [{motion, 1}, {actuated, 2}, {not_understood, 1}],
         radio => [{lost, 2}],
         location => ?EVERY_MACHINE,
-        motion => ?EVERY_MACHINE,
+        motion => [{velocity, 2}, {velocity_over, 1} | ?EVERY_MACHINE],
         actuator => ?EVERY_MACHINE
     }.
 
