@@ -63,7 +63,7 @@ painting(Covered, Separation) ->
             robots => 2,
             speed => 500,
             safety_distance => 400,
-            picture => none,
+            picture => picture(),
             world => none
         }
     },
@@ -79,6 +79,13 @@ painting(Covered, Separation) ->
             }
         }
     }).
+
+picture() ->
+    File = filename:join([code:priv_dir(starl_apps), "pictures", "lines.svg"]),
+    {ok, Picture} = starl_picture:read(File, #{
+        area => {0.0, 0.0, 1000.0, 1000.0}, tolerance_mm => 2.0
+    }),
+    Picture.
 
 violation() ->
     #{contract => dpp, what => too_close, at_us => 1500000, robots => [1, 2], details => #{}}.
