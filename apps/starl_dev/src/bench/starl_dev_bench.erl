@@ -13,6 +13,7 @@
     {scale, starl_dev_bench_scale, "start-up and memory of up to 10,000 robots"},
     {painting, starl_dev_bench_painting, "a picture painted, in times of real time"},
     {blocks, starl_dev_bench_blocks, "packets of elections, entries, rounds and geocasts"},
+    {live, starl_dev_bench_live, "messages of robots in real time, and the nodes of a cluster"},
     {dpp, starl_dev_bench_dpp, "requests to the coordinator of distributed path planning"}
 ]).
 

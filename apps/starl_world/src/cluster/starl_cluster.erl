@@ -26,7 +26,8 @@
 %% A running cluster, linked to the process that started it.
 -opaque t() :: #cluster{}.
 
-%% `transport': how packets travel between the nodes. `speed': 2.0 is twice as fast as real time. `dir': the
+%% `transport': how packets travel between the nodes. `speed': 2.0 is twice as fast as real time; `air': other air than
+%% that of the scenario's radio. `dir': the
 %% directory of the robots' stores. `code': modules that were compiled in memory. `metrics': robot N
 %% serves its metrics at this port plus N. `chaos': what
 %% happens to the nodes, at which times of the run. `log': gets each
@@ -35,6 +36,7 @@
     dir := file:filename(),
     transport := dist | udp,
     speed => number(),
+    air => starl_live_air:settings(),
     rate_hz => number() | none,
     whole_mm => boolean(),
     metrics => inet:port_number() | none,
@@ -158,9 +160,10 @@ init({#{robots := Poses, crew := #{tree := Tree}, world := Sim} = Plan, Options}
                 {Id, starl_sim_peers:node(Peer)}
              || {Id, Peer} <- lists:zip(Ids, Peers)
             ]),
-            Transport = starl_world_transport:new(maps:get(transport, Options), Ids, #{
-                sim => Sim, speed => maps:get(speed, Options, 1)
-            }),
+            Radio = maps:merge(#{speed => 1}, maps:with([speed, air], Options)),
+            Transport = starl_world_transport:new(
+                maps:get(transport, Options), Ids, Radio#{sim => Sim}
+            ),
             Lines = maps:from_list([
                 {Id, starl_world_transport:line(Id, Nodes, Transport)}
              || Id <- Ids

@@ -16,9 +16,11 @@
 %% A live run, linked to the process that started it.
 -opaque t() :: #run{}.
 
-%% `speed': 2.0 is twice as fast as real time. `dir': where the robots' stores are.
+%% `speed': 2.0 is twice as fast as real time; `air': other air than
+%% that of the scenario's radio. `dir': where the robots' stores are.
 -type options() :: #{
     speed => number(),
+    air => starl_live_air:settings(),
     dir := file:filename(),
     rate_hz => number() | none,
     whole_mm => boolean()
@@ -40,7 +42,9 @@ started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
     {ok, World} = starl_world:start_link(World0#{plan => Plan, clock => Clock}),
     #{robots := Poses, world := Sim} = Plan,
     Ids = [Id || {Id, _} <- Poses],
-    Transport = starl_world_transport:new(local, Ids, #{sim => Sim, speed => Speed}),
+    Transport = starl_world_transport:new(
+        local, Ids, maps:merge(maps:with([air], Options), #{sim => Sim, speed => Speed})
+    ),
     Robots = [{Id, robot(Id, World, Clock, Dir, Plan, Transport)} || Id <- Ids],
     #run{world = World, robots = Robots, dir = Dir, scenario = Scenario, scene = Scene}.
 

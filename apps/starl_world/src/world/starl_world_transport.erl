@@ -17,24 +17,30 @@
 
 -opaque t() :: #transport{}.
 
+-define(SPREAD_MS, 25).
 -define(LOOPBACK, {127, 0, 0, 1}).
 
 %% @doc A transport for these robots, with the radio of a scenario. Its time passes this much faster
-%% than real time, so the delays of packets are shorter.
--spec new(name(), [starl:robot_id()], #{sim := starl_sim_platform:world(), speed := number()}) ->
-    t().
-new(Name, Robots, #{sim := Sim, speed := Speed}) ->
+%% than real time, so the delays of packets are shorter. `air': other air than the scenario's.
+-spec new(name(), [starl:robot_id()], #{
+    sim := starl_sim_platform:world(), speed := number(), air => starl_live_air:settings()
+}) -> t().
+new(Name, Robots, #{sim := Sim, speed := Speed} = Options) ->
     #{loss := Loss, duplicate := Duplicate, delay_us := {Least, Most}} = Sim,
     <<Run:64>> = crypto:strong_rand_bytes(8),
     Common = #{
         fleet => "cluster",
         run => Run,
-        air => #{
-            loss => Loss,
-            duplicates => Duplicate,
-            delay_ms => {round(Least / 1000 / Speed), round(Most / 1000 / Speed)},
-            seed => maps:get(seed, Sim)
-        }
+        air => maps:merge(
+            #{seed => maps:get(seed, Sim)},
+            maps:get(air, Options, #{
+                loss => Loss,
+                duplicates => Duplicate,
+                delay_ms => {round(Least / 1000 / Speed), round(Most / 1000 / Speed)}
+            })
+        ),
+        %% answers to a packet for all wait for a shorter time, too
+        spread_ms => round(min(?SPREAD_MS, length(Robots) div 2) / Speed)
     },
     sockets(Name, Robots, #transport{name = Name, common = Common}).
 
