@@ -259,8 +259,8 @@ own_crash_test_() ->
         end}
      || {How, Reason} <- [
             {error, "oops"},
-            {exit, "{exit,oops}"},
-            {throw, "{nocatch,oops}"},
+            {exit, "exit with oops"},
+            {throw, "thrown and not caught: oops"},
             {start, "oops"}
         ]
     ].

@@ -158,6 +158,7 @@ crashes_of_the_application_are_told_test() ->
     #{monitors := Monitors} = Outcome,
     Seen = #{
         crashes => 2,
+        causes => 1,
         given_up => [{1, app}],
         first_crash => {1500000, 1, app, {"badarg", [{my_app, step, 2, "my_app.erl", 7}]}}
     },
@@ -168,9 +169,13 @@ crashes_of_the_application_are_told_test() ->
     shows("NOT COMPLETE (the application crashed for ever on robot 1)", headline(Report)),
     ?assertNot(starl_cli_report:complete(Report)),
     shows(
-        "THE APPLICATION CRASHED 2 times; first on robot 1 at 1.500000 s: badarg at "
-        "my_app:step/2 (my_app.erl:7)",
+        "the application crashed 2 times, each time as told above",
         text([[L, "\n"] || L <- starl_cli_report:summary(Report)])
+    ),
+    ?assertEqual(2, starl_cli_report:figure(application_crashes, Report)),
+    ?assertEqual(
+        <<"my_app.erl:7: my_app:step/2: badarg (robot 1, 1.500000 s)">>,
+        starl_cli_report:figure(first_crash, Report)
     ).
 
 interrupted_is_told_test() ->

@@ -29,7 +29,7 @@ run(Config, Events) ->
     {[], #{starl_crash_monitor := Results}} = starl_monitor:finish(100, M),
     {Found, Results}.
 
-none() -> #{crashes => 0, first_crash => none, given_up => []}.
+none() -> #{crashes => 0, causes => 0, first_crash => none, given_up => []}.
 
 no_crash_test() ->
     ?assertEqual({[], none()}, run(#{}, [])).
@@ -58,10 +58,11 @@ each_crash_test() ->
 %% The crashes of machines that may crash are counted, and the first is kept.
 excused_test() ->
     Config = #{excused => [app, bell]},
-    Events = [crashed(5, 2, app, "one"), crashed(6, 1, bell, "two"), crashed(7, 2, app, "three")],
+    Crashed = [{5, 2, app, "one"}, {6, 1, bell, "two"}, {7, 2, app, "three"}, {8, 2, app, "one"}],
+    Events = [crashed(T, Robot, Machine, Reason) || {T, Robot, Machine, Reason} <- Crashed],
     {[], Results} = run(Config, Events),
     First = {5, 2, app, cause("one")},
-    ?assertEqual((none())#{crashes := 3, first_crash := First}, Results),
+    ?assertEqual((none())#{crashes := 4, causes := 3, first_crash := First}, Results),
     {[#{contract := door}], Mixed} = run(Config, [crashed(4, 1, door) | Events]),
     ?assertEqual(Results, Mixed).
 

@@ -516,7 +516,7 @@ failed_code_change_keeps_the_state(_) ->
             Trace = starl_sim_ct:trace(Outcome),
             ?assertEqual([], [E || {_, _, supervisor, _} = E <- Trace]),
             ?assertMatch(
-                [{_, 1, app, {code_change_failed, {"function_clause", [_ | _]}}}],
+                [{_, 1, app, {code_change_failed, {"no clause of " ++ _, [_ | _]}}}],
                 [E || {_, _, _, {code_change_failed, _}} = E <- Trace]
             )
         end

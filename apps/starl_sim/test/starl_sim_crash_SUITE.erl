@@ -421,7 +421,9 @@ own_crash_is_a_violation(_) ->
             ?assertEqual({Violation, Digest, Results}, {Inline, SameDigest, SameResults})
         end
      || {Word, Reason} <- [
-            {boom, "{exit,boom}"}, {match, "{badmatch,<>}"}, {throw, "{nocatch,ball}"}
+            {boom, "exit with boom"},
+            {match, "no match of the value <>"},
+            {throw, "thrown and not caught: ball"}
         ]
     ].
 

@@ -38,12 +38,16 @@ with(Scenario, Do) -> with(Scenario, #{}, Do).
 with(Scenario, Options, Do) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),
-    try starl_sim:start(Scenario, Options) of
+    try starl_sim:start(Scenario, watched(Options)) of
         {ok, Sim} -> started(Sim, Do);
         {error, Reason} -> {error, Reason}
     catch
         exit:Reason -> {failed, Reason}
     end.
+
+watched(Options) ->
+    First = {starl_cli_first_crash, #{tell => fun starl_cli_progress:note/1}},
+    Options#{watch => [First | maps:get(watch, Options, [])]}.
 
 started(Sim, Do) ->
     starl_cli_signal:on_interrupt(fun() -> starl_sim:stop(Sim) end),

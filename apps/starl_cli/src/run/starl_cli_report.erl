@@ -23,16 +23,16 @@
     app :: starl_scene:report(),
     running :: [starl:robot_id()],
     died :: [starl:robot_id()],
-    %% the robots whose application was given up; the number of application crashes, and the first
+    %% the robots whose application was given up; the number of application crashes, and of causes
     given_up :: [starl:robot_id()],
-    crashes :: {non_neg_integer(), starl_crash_monitor:excused() | none},
+    crashes :: {non_neg_integer(), Causes :: non_neg_integer()},
     notes :: [unicode:chardata()]
 }).
 
 -opaque t() :: #report{}.
 
 %% Monitors that judge nothing.
--define(LOOKING_ON, [starl_sim_ways_monitor, starl_sim_mail_monitor]).
+-define(LOOKING_ON, [starl_sim_ways_monitor, starl_sim_mail_monitor, starl_cli_first_crash]).
 %% The figures that have lines of their own in the text; the number of notes in the summary.
 -define(LISTS, [violations, results, off_floor, messages_to_nobody, messages_unheard]).
 -define(NOTES, 6).
@@ -50,7 +50,7 @@ make(#{outcome := Outcome, ending := Ending, app := App} = Input) ->
         running = [Id || {Id, #{result := running}} <- Robots],
         died = [Id || {Id, #{result := died}} <- Robots],
         given_up = [Id || {Id, #{result := given_up}} <- Robots],
-        crashes = {maps:get(crashes, Seen, 0), maps:get(first_crash, Seen, none)},
+        crashes = {maps:get(crashes, Seen, 0), maps:get(causes, Seen, 0)},
         notes = [Line || #{notes := Notes} <- [Input], Line <- starl_cli_notes:lines(Notes)]
     }.
 
@@ -83,9 +83,9 @@ contracts(Monitors) ->
     [unicode:characters_to_binary(starl_monitor:name(M)) || M <- lists:sort(Judging)].
 
 %% Only for runs in which applications crashed.
-crashes(#{crashes := Count, first_crash := {_, _, _, Cause}}) ->
-    First = unicode:characters_to_binary(starl_crash:format(Cause)),
-    [{application_crashes, Count}, {first_crash, First}];
+crashes(#{crashes := Count, causes := Causes, first_crash := {_, _, _, _} = Crash}) ->
+    First = unicode:characters_to_binary(starl_cli_words:crash(Crash)),
+    [{application_crashes, Count}, {crash_causes, Causes}, {first_crash, First}];
 crashes(#{}) ->
     [].
 
@@ -199,20 +199,21 @@ why(time, Report) ->
 why(lost, _Report) ->
     "a node was lost";
 why(_, #report{died = [], given_up = [_ | _] = GivenUp} = Report) ->
-    ["the application crashed for ever on ", robots(GivenUp), still("; ", Report)];
+    [
+        "the application crashed for ever on ",
+        starl_cli_words:robots(GivenUp),
+        still("; ", Report)
+    ];
 why(_, #report{died = [], running = []}) ->
     "no robot could do more";
 why(_, #report{died = [], running = _} = Report) ->
     ["nothing happens any more", still("; ", Report)];
 why(_, #report{died = Died} = Report) ->
-    [robots(Died), " died", still("; ", Report)].
+    [starl_cli_words:robots(Died), " died", still("; ", Report)].
 
 still(_, #report{running = []}) -> "";
 still(Before, #report{running = [_]}) -> [Before, "one robot was still at work"];
 still(Before, #report{running = Ids}) -> [Before, integer_to_list(length(Ids)), " still at work"].
-
-robots([Id]) -> ["robot ", integer_to_list(Id)];
-robots(Ids) -> ["robots ", lists:join(", ", [integer_to_list(Id) || Id <- Ids])].
 
 details(#report{app = App} = Report) ->
     Own = [["  ", Line] || Line <- maps:get(summary, App, [])],
@@ -225,15 +226,17 @@ noted(#report{notes = Notes}) when length(Notes) > ?NOTES ->
 noted(#report{notes = Notes}) ->
     [["  ", Note] || Note <- Notes].
 
-crashed(#report{crashes = {_, none}}) ->
+%% The first crash was told when it happened.
+crashed(#report{crashes = {0, _}}) ->
     none;
-crashed(#report{crashes = {Count, {AtUs, Robot, _Machine, Cause}}}) ->
-    io_lib:format("  THE APPLICATION CRASHED ~ts; first on robot ~b at ~.6f s: ~ts", [
-        times(Count), Robot, AtUs / 1.0e6, starl_crash:format(Cause)
+crashed(#report{crashes = {1, _}}) ->
+    "  the application crashed once, as told above";
+crashed(#report{crashes = {Count, 1}}) ->
+    io_lib:format("  the application crashed ~b times, each time as told above", [Count]);
+crashed(#report{crashes = {Count, Causes}}) ->
+    io_lib:format("  the application crashed ~b times, from ~b causes; the first is told above", [
+        Count, Causes
     ]).
-
-times(1) -> "once";
-times(Count) -> io_lib:format("~b times", [Count]).
 
 radio(Report) ->
     {Messages, Packets} = {figure(messages, Report), figure(packets, Report)},

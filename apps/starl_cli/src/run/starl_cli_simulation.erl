@@ -131,7 +131,7 @@ where({ok, Dir}, Outcome, Status) ->
     Crashes =
         case starl_cli_log:lines() of
             [] -> "";
-            [_ | _] -> " (run.log tells of crashes)"
+            [_ | _] -> " (see its run.log)"
         end,
     starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), Crashes, "\n"]),
     look(Dir, Outcome),

@@ -1,5 +1,5 @@
 %% @doc A logger handler that keeps OTP's log of a run off the terminal and stores its lines for
-%% `run.log'. Faults that kill machines cause many crash reports.
+%% `run.log'. Crashes from the same cause are one line, with their number.
 -module(starl_cli_log).
 
 -export([install/0, lines/0, node/3]).
@@ -14,42 +14,63 @@
 install() ->
     _ = logger:remove_handler(default),
     _ = logger:remove_handler(?MODULE),
-    Table = ets:new(?MODULE, [ordered_set, public]),
-    ok = logger:add_handler(?MODULE, ?MODULE, #{config => Table}).
+    Table = ets:new(?MODULE, [set, public]),
+    Config = #{config => Table, filter_default => log, filters => [starl_sim_log:filter()]},
+    ok = logger:add_handler(?MODULE, ?MODULE, Config).
 
 %% @doc The logged lines, in order.
 -spec lines() -> [unicode:chardata()].
 lines() ->
     case logger:get_handler_config(?MODULE) of
-        {ok, #{config := Table}} -> [Line || {_, Line} <- ets:tab2list(Table)];
-        {error, _} -> []
+        {ok, #{config := Table}} ->
+            [line(Line, N) || {_, _, Line, N} <- lists:keysort(2, ets:tab2list(Table))];
+        {error, _} ->
+            []
     end.
 
 %% @doc Stores a line of the log of a robot's node, and shows it if it tells of an error.
 -spec node(starl:robot_id(), logger:level(), binary()) -> ok.
 node(Robot, Level, Line) ->
     Prefixed = io_lib:format("robot ~b: ~ts", [Robot, Line]),
-    _ =
-        logger:compare_levels(Level, error) =/= lt andalso
-            begin
-                starl_cli_progress:erase(),
-                starl_cli_terminal:complain(Prefixed)
-            end,
+    _ = logger:compare_levels(Level, error) =/= lt andalso starl_cli_progress:note(Prefixed),
     case logger:get_handler_config(?MODULE) of
-        {ok, #{config := Table}} -> keep(unicode:characters_to_binary([Prefixed, "\n"]), Table);
-        {error, _} -> ok
+        {ok, #{config := Table}} ->
+            keep(erlang:unique_integer(), fun() -> [Prefixed, "\n"] end, Table);
+        {error, _} ->
+            ok
     end.
+
+line(Line, 1) -> Line;
+line(Line, N) -> [string:trim(Line, trailing), io_lib:format(" (~b times in all)~n", [N])].
 
 %% @private
 -spec log(logger:log_event(), logger:handler_config()) -> ok.
-log(Event, #{config := Table}) ->
-    keep(unicode:characters_to_binary(logger_formatter:format(Event, ?FORMAT)), Table).
+log(Event, #{config := Table}) -> keep(key(Event), fun() -> text(Event) end, Table).
 
-keep(Line, Table) ->
+keep(Key, Text, Table) ->
     case ets:info(Table, size) of
-        Size when is_integer(Size), Size < ?MOST_LINES ->
-            true = ets:insert(Table, {erlang:unique_integer([monotonic]), Line}),
-            ok;
-        _ ->
-            ok
+        undefined -> ok;
+        Size -> count(ets:member(Table, Key), Size, Key, Text, Table)
     end.
+
+count(true, _Size, Key, _Text, Table) ->
+    _ = ets:update_counter(Table, Key, {4, 1}),
+    ok;
+count(false, Size, Key, Text, Table) when Size < ?MOST_LINES ->
+    Line = unicode:characters_to_binary(Text()),
+    New = {Key, erlang:unique_integer([monotonic]), Line, 0},
+    _ = ets:update_counter(Table, Key, {4, 1}, New),
+    ok;
+count(false, _Size, _Key, _Text, _Table) ->
+    ok.
+
+%% The robot and the time of a crash do not make it another one.
+key(#{msg := {report, #{what := What, machine := Machine, reason := Why}}}) ->
+    {What, Machine, Why};
+key(_Event) ->
+    erlang:unique_integer().
+
+text(#{msg := {report, #{what := _, machine := _, at_us := _} = Event}}) ->
+    [starl_sim_log:text(Event), "\n"];
+text(Event) ->
+    logger_formatter:format(Event, ?FORMAT).

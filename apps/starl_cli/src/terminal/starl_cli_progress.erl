@@ -3,7 +3,7 @@
 %% no progress line.
 -module(starl_cli_progress).
 
--export([new/1, show/3, erase/0, line/4]).
+-export([new/1, show/3, erase/0, note/1, line/4]).
 
 -export_type([t/0, part/0]).
 
@@ -49,6 +49,12 @@ erase() ->
         true -> starl_cli_terminal:draw("\r\e[K");
         false -> ok
     end.
+
+%% @doc Erases the line and says something in its place, which stays; in a pipe, too.
+-spec note(unicode:chardata()) -> ok.
+note(Text) ->
+    ?MODULE:erase(),
+    starl_cli_terminal:complain(Text).
 
 %% @doc The line for a window: a bar, then as many words as fit. `Count' moves the bar's mark if the
 %% completed fraction is unknown.

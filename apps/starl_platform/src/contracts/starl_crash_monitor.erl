@@ -2,8 +2,8 @@
 %% that a fault caused does not count.
 %%
 %% Events of machine `supervisor': {@link starl_event:supervisor()}. The crashes of machines that
-%% are `excused' (a user's application) are reported in the results: their number, and the first
-%% one.
+%% are `excused' (a user's application) are reported in the results: their number, the first one,
+%% and the number of different causes.
 -module(starl_crash_monitor).
 -behaviour(starl_monitor).
 
@@ -16,10 +16,14 @@
     TimeUs :: integer(), starl:robot_id(), starl_machine:name(), starl_crash:cause()
 }.
 
+%% Further causes are not told apart.
+-define(MOST_CAUSES, 1000).
+
 -record(state, {
     excused :: [starl_machine:name()],
     first = none :: excused() | none,
     count = 0 :: non_neg_integer(),
+    causes = #{} :: #{starl_crash:cause() => true},
     given_up = [] :: [{starl:robot_id(), starl_machine:name()}]
 }).
 
@@ -44,8 +48,14 @@ step({_T, Robot, supervisor, {given_up, Machine}}, #state{given_up = GivenUp} = 
 step(_, State) ->
     {ok, State}.
 
-noted(Crash, #state{first = none} = State) -> State#state{first = Crash, count = 1};
-noted(_Crash, #state{count = Count} = State) -> State#state{count = Count + 1}.
+noted(Crash, #state{first = none} = State) ->
+    noted(Crash, State#state{first = Crash});
+noted({_, _, _, Cause}, #state{count = Count, causes = Causes} = State) when
+    map_size(Causes) < ?MOST_CAUSES
+->
+    State#state{count = Count + 1, causes = Causes#{Cause => true}};
+noted(_Crash, #state{count = Count} = State) ->
+    State#state{count = Count + 1}.
 
 %% @doc The violation for a crash: the contract is that of the machine.
 -spec violation(TimeUs :: integer(), starl:robot_id(), starl_machine:name(), starl_crash:cause()) ->
@@ -64,8 +74,14 @@ violation(T, Robot, Machine, {Reason, Stack}) ->
 -spec finish(integer(), #state{}) ->
     {ok, #{
         crashes := non_neg_integer(),
+        causes := non_neg_integer(),
         first_crash := excused() | none,
         given_up := [{starl:robot_id(), starl_machine:name()}]
     }}.
-finish(_EndUs, #state{first = First, count = Count, given_up = GivenUp}) ->
-    {ok, #{crashes => Count, first_crash => First, given_up => lists:sort(GivenUp)}}.
+finish(_EndUs, #state{first = First, count = Count, causes = Causes, given_up = GivenUp}) ->
+    {ok, #{
+        crashes => Count,
+        causes => map_size(Causes),
+        first_crash => First,
+        given_up => lists:sort(GivenUp)
+    }}.

@@ -47,7 +47,9 @@
     %% subscriptions, repeated to a machine that has restarted
     listening = [] :: [{starl_machine:name(), Word :: term()}],
     %% machines that are not started again
-    given_up = [] :: [starl_machine:name()]
+    given_up = [] :: [starl_machine:name()],
+    %% completed steps
+    steps = 0 :: non_neg_integer()
 }).
 
 %% A message that waits in the inbox.
@@ -92,7 +94,9 @@ run(Robot, Module, Args) ->
     try
         loop(Robot, Module, Module:init(Robot, Args), version(Module))
     catch
-        Class:Reason:Stack when Class =/= error -> exit(starl_crash:reason(Class, Reason, Stack))
+        Class:Reason:Stack ->
+            #turn{steps = Steps} = get(?TURN),
+            exit(starl_crash:with_steps(Steps, starl_crash:reason(Class, Reason, Stack)))
     end.
 
 %% @doc The application that runs in this process; `none': it is no process of an application.
@@ -230,15 +234,33 @@ sleep(Us) ->
 
 loop(Robot, Module, State0, Version0) ->
     {State, Version} = upgrade(Module, State0, Version0),
-    _ = put(?TURN, counted(1, turn())),
+    ok = count_step(Module),
     case Module:step(Robot, State) of
         {continue, Next} ->
+            #turn{steps = Steps} = Turn = get(?TURN),
+            _ = put(?TURN, Turn#turn{steps = Steps + 1}),
             loop(Robot, Module, Next, Version);
         {done, Result} ->
             perform([{done, Result}]),
             wait(fun(_, _) -> skip end);
         Other ->
-            error({bad_return, {Module, step}, Other})
+            erlang:raise(error, {bad_return, {Module, step}, Other}, [step_of(Module)])
+    end.
+
+count_step(Module) ->
+    try counted(1, turn()) of
+        Turn ->
+            _ = put(?TURN, Turn),
+            ok
+    catch
+        error:Reason -> erlang:raise(error, Reason, [step_of(Module)])
+    end.
+
+%% The frame of a step that has returned.
+step_of(Module) ->
+    case starl_code:line(Module, step, 2) of
+        {ok, File, Line} -> {Module, step, 2, [{file, File}, {line, Line}]};
+        none -> {Module, step, 2, []}
     end.
 
 version(Module) -> Module:module_info(md5).

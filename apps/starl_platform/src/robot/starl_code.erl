@@ -8,6 +8,7 @@
 -module(starl_code).
 
 -export([check/3, is_free/1, load/3, users/1, format_error/1]).
+-export([line/3, is_library/1, resembling/1]).
 
 -export_type([reason/0]).
 
@@ -62,3 +63,46 @@ robot(Pid) ->
 -spec format_error(reason()) -> unicode:chardata().
 format_error({bad_code, Module, Reasons}) ->
     io_lib:format("~ts: this is no code that can be loaded for it: ~0tp", [Module, Reasons]).
+
+%% -- where it stands ------------------------------------------------------------------------
+
+%% @doc The source file of a function, and the line in which it begins, where the source is at hand.
+-spec line(module(), Function :: atom(), arity()) -> {ok, file:filename(), pos_integer()} | none.
+line(Module, Function, Arity) ->
+    case code:ensure_loaded(Module) of
+        {module, Module} ->
+            Source = proplists:get_value(source, Module:module_info(compile), ""),
+            line_in(epp:parse_file(Source, []), Source, Function, Arity);
+        {error, _} ->
+            none
+    end.
+
+line_in({ok, Forms}, Source, Function, Arity) ->
+    case [Anno || {function, Anno, F, A, _} <- Forms, F =:= Function, A =:= Arity] of
+        [Anno | _] -> {ok, Source, erl_anno:line(Anno)};
+        [] -> none
+    end;
+line_in({error, _}, _Source, _Function, _Arity) ->
+    none.
+
+%% @doc Does this module belong to Erlang/OTP or to StarL?
+-spec is_library(module()) -> boolean().
+is_library(Module) ->
+    case code:which(Module) of
+        File when is_list(File), File =/= "" ->
+            is_below(code:lib_dir(), File) orelse is_below(filename:dirname(own_dir()), File);
+        _ ->
+            lists:member(Module, erlang:pre_loaded())
+    end.
+
+is_below(Dir, File) -> lists:prefix(Dir ++ "/", File).
+
+%% The folder of this application among those of the others.
+own_dir() -> filename:dirname(filename:dirname(code:which(?MODULE))).
+
+%% @doc The modules of StarL whose name a mistyped one may have meant, best first.
+-spec resembling(module()) -> [module()].
+resembling(Module) ->
+    Names = [list_to_atom(Name) || {"starl" ++ _ = Name, _, _} <- code:all_available()],
+    Whole = list_to_atom("starl_" ++ atom_to_list(Module)),
+    [Whole || lists:member(Whole, Names)] ++ starl_options:suggestion(Module, Names).

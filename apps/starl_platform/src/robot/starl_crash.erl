@@ -2,7 +2,7 @@
 %% the machine is a process or runs inline, and from run to run: it does not depend on pids.
 -module(starl_crash).
 
--export([reason/3, cause/1, format/1]).
+-export([reason/3, with_steps/2, steps/1, cause/1, format/1, place/1, format_frame/1]).
 
 -export_type([cause/0, frame/0]).
 
@@ -12,35 +12,63 @@
 %% The reason as text, and the frames of the machine's own code.
 -type cause() :: {Reason :: string(), [frame()]}.
 
--define(DEPTH, 20).
--define(MOST_CHARS, 400).
-
 %% @doc The exit reason for a raised exception, with its stack.
 -spec reason(error | exit | throw, Reason :: term(), erlang:stacktrace()) -> term().
 reason(error, Reason, Stack) -> {Reason, Stack};
 reason(exit, Reason, Stack) -> {{exit, Reason}, Stack};
 reason(throw, Value, Stack) -> {{nocatch, Value}, Stack}.
 
+%% @doc The exit reason of an application, with the number of steps that it had completed.
+-spec with_steps(non_neg_integer(), Reason :: term()) -> term().
+with_steps(Steps, Reason) -> {crashed_after, Steps, Reason}.
+
+%% @doc The number of steps that an application had completed, if it is known.
+-spec steps(Reason :: term()) -> non_neg_integer() | unknown.
+steps({crashed_after, Steps, _}) -> Steps;
+steps(_) -> unknown.
+
 %% @doc The cause behind an exit reason; `none': the process was ended from outside.
 -spec cause(Reason :: term()) -> cause() | none.
-cause(killed) -> none;
-cause(store_full) -> none;
-cause(shutdown) -> none;
-cause({shutdown, _}) -> none;
-cause({Reason, [Frame | _] = Stack}) when tuple_size(Frame) =:= 4 -> {text(Reason), own(Stack)};
-cause(Reason) -> {text(Reason), []}.
+cause(killed) ->
+    none;
+cause(store_full) ->
+    none;
+cause(shutdown) ->
+    none;
+cause({shutdown, _}) ->
+    none;
+cause({crashed_after, _Steps, Reason}) ->
+    cause(Reason);
+cause({Reason, [Frame | _] = Stack}) when tuple_size(Frame) =:= 4 ->
+    {text(Reason, Stack), own(Stack)};
+cause(Reason) ->
+    {text(Reason, []), []}.
 
 %% @doc A cause as one line.
 -spec format(cause()) -> unicode:chardata().
 format({Reason, []}) -> Reason;
-format({Reason, Stack}) -> [Reason, " at ", lists:join(", ", [frame(F) || F <- Stack])].
+format({Reason, Stack}) -> [Reason, " at ", lists:join(", ", [format_frame(F) || F <- Stack])].
 
-frame({Module, Function, Arity, File, Line}) ->
-    io_lib:format("~ts:~ts/~b (~ts:~b)", [Module, Function, Arity, File, Line]).
+%% @doc A frame in words: the function, and its file and line where they are known.
+-spec format_frame(frame()) -> unicode:chardata().
+format_frame({Module, Function, Arity, "", _}) ->
+    io_lib:format("~tp:~tp/~b", [Module, Function, Arity]);
+format_frame({Module, Function, Arity, File, Line}) ->
+    io_lib:format("~tp:~tp/~b (~ts:~b)", [Module, Function, Arity, File, Line]).
+
+%% @doc The place in a stack that its reader can mend: the innermost that belongs neither to Erlang
+%% nor to StarL; or else the innermost that is known.
+-spec place([frame()]) -> frame() | none.
+place(Stack) ->
+    Known = [Frame || {_, _, _, File, _} = Frame <- Stack, File =/= ""],
+    case [Frame || {M, _, _, _, _} = Frame <- Known, not starl_code:is_library(M)] ++ Known of
+        [Frame | _] -> Frame;
+        [] -> none
+    end.
 
 %% Process identifiers, references and functions differ from run to run.
-text(Reason) ->
-    Text = io_lib:format("~0tP", [Reason, ?DEPTH], [{chars_limit, ?MOST_CHARS}]),
+text(Reason, Stack) ->
+    Text = starl_crash_words:text(Reason, Stack),
     Plain = re:replace(Text, "<[0-9.]+>", "<>", [global, unicode, {return, list}]),
     re:replace(Plain, "#Fun<([^>]*)\\.[0-9]+>", "#Fun<\\1>", [global, unicode, {return, list}]).
 

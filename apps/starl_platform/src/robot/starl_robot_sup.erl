@@ -50,11 +50,15 @@ start_link(Spec) -> supervisor:start_link(?MODULE, Spec).
 parts(Sup) ->
     [{Part, Pid} || {Part, Pid, supervisor, _} <- supervisor:which_children(Sup), is_pid(Pid)].
 
--spec init(spec() | {machines, [supervisor:child_spec()], supervisor:sup_flags()}) ->
-    {ok, {supervisor:sup_flags(), [supervisor:child_spec()]}}.
-init({machines, Children, Flags}) ->
+-spec init(spec() | {machines, [supervisor:child_spec()], supervisor:sup_flags(), Id}) ->
+    {ok, {supervisor:sup_flags(), [supervisor:child_spec()]}}
+when
+    Id :: starl:robot_id().
+init({machines, Children, Flags, Id}) ->
+    logger:set_process_metadata(#{robot => Id}),
     {ok, {Flags, Children}};
-init(#{services := Services, blocks := Blocks, app := App} = Spec) ->
+init(#{id := Id, services := Services, blocks := Blocks, app := App} = Spec) ->
+    logger:set_process_metadata(#{robot => Id}),
     Service = [machine(M, Spec) || M <- Services],
     Others = [machine(M, Spec) || M <- Blocks] ++ [app(App, Spec)],
     Parts = [part(services, Service, permanent, Spec) || Service =/= []],
@@ -66,7 +70,7 @@ part(Part, Children, Restart, Spec) ->
     Flags = #{
         strategy => one_for_one, intensity => maps:get(intensity, Spec, 20), period => 3600
     },
-    Start = {supervisor, start_link, [?MODULE, {machines, Children, Flags}]},
+    Start = {supervisor, start_link, [?MODULE, {machines, Children, Flags, maps:get(id, Spec)}]},
     #{id => Part, type => supervisor, restart => Restart, start => Start}.
 
 machine({Name, Module, Config}, #{id := Id, driver := Driver}) ->

@@ -4,7 +4,8 @@
 %% would.
 -module(starl_robot_tree).
 
--export([launch/3, launch/2, resume/3, down/1, restart/3, kill/2, owns/3, supervisor/1, inspect/1]).
+-export([launch/3, launch/2, resume/3, down/1, restart/3, give_up/4, kill/2, owns/3]).
+-export([supervisor/1, inspect/1]).
 
 -export_type([t/0, start/0, seen/0, restarted/0]).
 
@@ -158,6 +159,37 @@ came(Name, Pid, Missing, #{back := Back} = So, Machines, Tree) ->
 guards(Missing, #tree{parts = Parts}) ->
     Named = [starl_robot_order:part(Name) || Name <- Missing],
     maps:from_list([{maps:get(Part, Parts), Part} || Part <- Named]).
+
+%% @doc Gives up a machine that has just been restarted, if that is hopeless.
+-spec give_up(goes_on | hopeless, starl_machine:name(), restarted(), t()) -> restarted().
+give_up(hopeless, Name, {ok, #{back := Back, given_up := GivenUp} = So, Machines}, Tree) ->
+    case lists:member(Name, Back) of
+        true ->
+            ok = end_part(Name, starl_robot_machines:process(Name, Machines), Tree),
+            Left = So#{back := lists:delete(Name, Back), given_up := [Name | GivenUp]},
+            {ok, Left, starl_robot_machines:lose(Name, Machines)};
+        false ->
+            {ok, So, Machines}
+    end;
+give_up(_Hope, _Name, Restarted, _Tree) ->
+    Restarted.
+
+%% The machine's supervisor ends, and its process with it; an inline machine has neither.
+end_part(_Name, none, _Tree) ->
+    ok;
+end_part(Name, Pid, #tree{sup = Sup, parts = Parts}) ->
+    _ = supervisor:terminate_child(Sup, starl_robot_order:part(Name)),
+    await_ends([Pid, maps:get(starl_robot_order:part(Name), Parts)]).
+
+await_ends(Pids) ->
+    lists:foreach(
+        fun(Pid) ->
+            receive
+                {'DOWN', _, process, Pid, _} -> ok
+            end
+        end,
+        Pids
+    ).
 
 %% @doc Ends a machine's process, if it has one; returns the reason of the machine's end, `none'
 %% if there is no such machine.

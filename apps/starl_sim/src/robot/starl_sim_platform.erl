@@ -14,7 +14,7 @@
 
 -export([new/3, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
 -export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
--export([now/1, piece/1, happens/5, chain/1, packets/1, result/1]).
+-export([now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
 -export([turn_wheels/1, beat/2, says/2, postpone/2]).
 
 -export_type([t/0, world/0, yield/0]).
@@ -124,17 +124,21 @@ yield(#body{later = Later, traces = Traces, changes = Changes}) -> {Later, Trace
 
 %% @doc The start configuration of a machine.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
-base(Name, Incarnation, #body{id = Id, world = World, now = Now, store = Store} = Body) ->
+base(Name, Incarnation, #body{id = Id, world = World} = Body) ->
     #{seed := Seed, team := Team} = World,
     #{
         robot => Id,
         participants => Team,
         name => Name,
         incarnation => Incarnation,
-        stored => starl_sim_store:kept(Name, Now, Store),
+        stored => stored(Name, Body),
         random => rand:seed_s(exsss, erlang:phash2({Seed, Id, Name}, 4294967296)),
         now => clock(Body)
     }.
+
+%% @doc The term that a machine finds when it starts now.
+-spec stored(starl_machine:name(), t()) -> starl_machine:stored().
+stored(Name, #body{now = Now, store = Store}) -> starl_sim_store:kept(Name, Now, Store).
 
 %% @doc The application has ended. Its first end counts, unless a result follows.
 -spec ended(starl_robot:ended(), t()) -> t().

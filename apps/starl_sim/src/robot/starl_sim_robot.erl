@@ -49,7 +49,8 @@
     %% after this number of events it halts until it is resumed
     stop = none :: pos_integer() | none,
     hold = {0, 0} :: starl_sim_hold:t(),
-    crashes = [] :: [{starl_machine:name(), Reason :: term()}]
+    crashes = [] :: [{starl_machine:name(), Reason :: term()}],
+    despair = starl_sim_despair:new() :: starl_sim_despair:t()
 }).
 
 -opaque t() :: #robot{}.
@@ -309,40 +310,64 @@ postpone(#robot{events = Events, hold = Hold} = Site) ->
 
 %% A machine has ended. Virtual time waits until it has been restarted.
 crashed(Name, Reason, #robot{robot = Robot, tree = Tree, crashes = Crashes} = Site) ->
-    Remembered = Site#robot{crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED)},
+    {Hope, Despair} = hope(Name, starl_crash:cause(Reason), Reason, Site),
+    Remembered = Site#robot{
+        crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED), despair = Despair
+    },
     Bare = starl_robot:lost(Name, Reason, Robot),
-    case starl_robot_tree:restart(Name, starl_robot:machines(Bare), Tree) of
+    Restarted = starl_robot_tree:restart(Name, starl_robot:machines(Bare), Tree),
+    case starl_robot_tree:give_up(Hope, Name, Restarted, Tree) of
         {ok, #{back := Back, given_up := GivenUp, lost := Lost}, Machines} ->
-            tell(lists:member(Name, GivenUp), Name, Reason, Site),
+            _ = tell(lists:member(Name, GivenUp), Name, Reason, Site),
             Left = lists:foldr(fun({N, R}, B) -> starl_robot:lost(N, R, B) end, Bare, Lost),
             With = starl_robot:machines(Machines, Left),
             Remembered#robot{robot = starl_robot:back(Back, GivenUp, With)};
         gave_up ->
-            tell(true, Name, Reason, Site),
+            _ = tell(true, Name, Reason, Site),
             died(gave_up, Remembered#robot{robot = Bare})
     end.
 
+%% Is it worthwhile to restart this machine? Only an application may be hopeless.
+hope(app, {_, _} = Cause, Reason, #robot{despair = Despair} = Site) ->
+    Body = body(Site),
+    Now = starl_sim_platform:now(Body),
+    Crash = #{
+        cause => Cause,
+        steps => starl_crash:steps(Reason),
+        at_us => Now,
+        pose => starl_trajectory:pose(Now, starl_sim_platform:piece(Body)),
+        stored => starl_sim_platform:stored(app, Body)
+    },
+    starl_sim_despair:crashed(Crash, Despair);
+hope(_Name, _Cause, _Reason, #robot{despair = Despair}) ->
+    {goes_on, Despair}.
+
 %% The log has one line for each crash that no fault caused, in every mode.
-tell(IsGivenUp, Name, Reason, #robot{id = Id}) ->
-    What =
-        case IsGivenUp of
-            true -> given_up;
-            false -> crashed
-        end,
+tell(IsGivenUp, Name, Reason, Site) ->
     case starl_crash:cause(Reason) of
-        none when What =:= crashed -> ok;
-        none -> told(What, Id, Name, "it was killed too often");
-        Cause -> told(What, Id, Name, starl_crash:format(Cause))
+        none ->
+            IsGivenUp andalso told(given_up, Name, "it was killed too often", Site);
+        Cause ->
+            told(crashed, Name, starl_crash:format(Cause), Site),
+            IsGivenUp andalso told(given_up, Name, "it crashed again and again", Site)
     end.
 
-told(What, Id, Name, Why) ->
-    Text = unicode:characters_to_binary(Why),
-    logger:error(
-        #{what => What, robot => Id, machine => Name, reason => Text},
-        #{domain => [starl, robot], robot => Id, machine => Name}
-    ).
+told(What, Name, Why, #robot{id = Id} = Site) ->
+    starl_sim_log:tell(#{
+        what => What,
+        robot => Id,
+        machine => Name,
+        at_us => starl_sim_platform:now(body(Site)),
+        reason => unicode:characters_to_binary(Why)
+    }).
 
-died(Reason, #robot{tree = Tree} = Site) ->
+died(killed, Site) ->
+    told(killed, robot, "by a fault", Site),
+    gone(killed, Site);
+died(gave_up, Site) ->
+    gone(gave_up, Site).
+
+gone(Reason, #robot{tree = Tree} = Site) ->
     #robot{robot = Robot} = Left = body(starl_sim_platform:planned(body(Site)), Site),
     Left#robot{
         robot = starl_robot:die(Reason, Robot), tree = starl_robot_tree:down(Tree), events = []

@@ -18,8 +18,12 @@ start_link(Which) -> supervisor:start_link(?MODULE, Which).
 child(Which) -> #{id => Which, type => supervisor, start => {?MODULE, start_link, [Which]}}.
 
 -spec init(which()) -> {ok, {supervisor:sup_flags(), [supervisor:child_spec()]}}.
-init(robots) -> {ok, {#{strategy => simple_one_for_one}, [robot()]}};
-init(shards) -> {ok, {#{strategy => simple_one_for_one}, [shard()]}}.
+init(robots) ->
+    %% its reports are those of a robot that has ended
+    logger:set_process_metadata(#{robot => all}),
+    {ok, {#{strategy => simple_one_for_one}, [robot()]}};
+init(shards) ->
+    {ok, {#{strategy => simple_one_for_one}, [shard()]}}.
 
 robot() ->
     (temporary(starl_robot_sup))#{shutdown => infinity, type => supervisor}.

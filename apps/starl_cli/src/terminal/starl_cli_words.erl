@@ -1,0 +1,37 @@
+%% @doc Words that several commands print alike.
+-module(starl_cli_words).
+
+-export([robots/1, crash/1]).
+
+%% @doc Robots by their numbers, neighbours together: `robots 1-4, 7'.
+-spec robots([starl:robot_id(), ...]) -> unicode:chardata().
+robots([Id]) -> ["robot ", integer_to_list(Id)];
+robots(Ids) -> ["robots ", lists:join(", ", [range(R) || R <- ranges(lists:sort(Ids))])].
+
+ranges([]) -> [];
+ranges([Id | Ids]) -> ranges(Id, Id, Ids).
+
+ranges(First, Last, [Next | Ids]) when Next =:= Last + 1 -> ranges(First, Next, Ids);
+ranges(First, Last, Ids) -> [{First, Last} | ranges(Ids)].
+
+range({Id, Id}) -> integer_to_list(Id);
+range({First, Last}) when Last =:= First + 1 -> io_lib:format("~b, ~b", [First, Last]);
+range({First, Last}) -> io_lib:format("~b-~b", [First, Last]).
+
+%% @doc A crash of an application: its place, its reason, then the robot.
+-spec crash(starl_crash_monitor:excused()) -> unicode:chardata().
+crash({AtUs, Robot, _Machine, {Reason, Stack}}) ->
+    [
+        place(starl_crash:place(Stack), Stack),
+        Reason,
+        io_lib:format(" (robot ~b, ~.6f s)", [
+            Robot, AtUs / 1.0e6
+        ])
+    ].
+
+place({Module, Function, Arity, File, Line}, _Stack) ->
+    io_lib:format("~ts:~b: ~tp:~tp/~b: ", [File, Line, Module, Function, Arity]);
+place(none, [Frame | _]) ->
+    [starl_crash:format_frame(Frame), ": "];
+place(none, []) ->
+    "".
