@@ -96,17 +96,20 @@ mistakes_test_() ->
         {Part, fun() -> mistaken(Blocks, Part) end}
      || {Blocks, Part} <- [
             {"[{starl_mutex, #{lease_m => 2000}}]",
-                "mine: block starl_mutex: unknown key lease_m (did you mean lease_ms?)\n"},
+                "mine.erl:4: blocks/0: block starl_mutex: unknown key lease_m (did you mean lease_ms?)\n"},
             {"[{starl_mutex, #{lease_ms => soon}}]",
-                "mine: block starl_mutex: lease_ms: a whole number from"},
-            {"[starl_mutex, {starl_mutex, #{}}]", "mine: block starl_mutex is listed twice\n"},
+                "mine.erl:4: blocks/0: block starl_mutex: lease_ms: a whole number from"},
+            {"[starl_mutex, {starl_mutex, #{}}]",
+                "mine.erl:4: blocks/0: block starl_mutex is listed twice\n"},
             {"[starl_election, starl_bully]",
-                "mine: block starl_election and block starl_bully have a machine of the same "
+                "mine.erl:4: blocks/0: block starl_election and block starl_bully have a machine of the same "
                 "name, election\n"},
-            {"[starl_mutx]", "mine: starl_mutx is no building block: there is no such"},
-            {"[starl_sap]", "mine: starl_sap is no building block: it does not export"},
-            {"[\"mutex\"]", "mine: a building block is listed as Module or"},
-            {"starl_mutex", "mine: a list of building blocks expected"},
+            {"[starl_mutx]",
+                "mine.erl:4: blocks/0: starl_mutx is no building block: there is no such"},
+            {"[starl_sap]",
+                "mine.erl:4: blocks/0: starl_sap is no building block: it does not export"},
+            {"[\"mutex\"]", "mine.erl:4: blocks/0: a building block is listed as Module or"},
+            {"starl_mutex", "mine.erl:4: blocks/0: a list of building blocks expected"},
             {"[{sap, starl_sap, #{}}]", "the machine sap: every robot has a machine sap already\n"}
         ]
     ]).

@@ -2,7 +2,7 @@
 %% given values against them. All problems are reported together; an unknown key is a problem.
 -module(starl_options).
 
--export([check/2, parse/2, misread/1, format_problem/1, type_text/1]).
+-export([check/2, check_table/2, parse/2, misread/1, format_problem/1, type_text/1]).
 -export([suggestion/2, similar/2]).
 
 -export_type([option/0, type/0, problem/0]).
@@ -45,6 +45,52 @@ check(Given, Options) ->
         [] -> {ok, maps:merge(Defaults, maps:map(fun(K, V) -> whole(K, V, Options) end, Given))};
         Problems -> {error, Problems}
     end.
+
+%% @doc Checks a table itself: its form, its types, its defaults, and that no key is there twice or
+%% taken by another table. One line on the first problem.
+-spec check_table(term(), Taken :: [atom()]) -> ok | {error, unicode:chardata()}.
+check_table([], _Taken) ->
+    ok;
+check_table([Option | Options], Taken) ->
+    case option(Option, Taken) of
+        ok -> check_table(Options, [element(1, Option) | Taken]);
+        {error, _} = Error -> Error
+    end;
+check_table(Other, _Taken) ->
+    problem("a list of {Key, Type, Default, \"Doc\"} expected, not ~0tP", [Other, 20]).
+
+option({Key, Type, Default, Doc}, Taken) when is_atom(Key) ->
+    Steps = [
+        {not lists:member(Key, Taken), "the key ~tp is taken already", [Key]},
+        {is_type(Type), "~tp: ~0tP is no type; types are ~ts", [Key, Type, 20, types()]},
+        {is_type(Type) andalso valid(Type, Default), "~tp: the default ~0tP is not ~ts", [
+            Key, Default, 20, is_type(Type) andalso type_text(Type)
+        ]},
+        {io_lib:printable_unicode_list(Doc), "~tp: the last element is a text, not ~0tP", [
+            Key, Doc, 20
+        ]}
+    ],
+    case [{Format, Args} || {false, Format, Args} <- Steps] of
+        [] -> ok;
+        [{Format, Args} | _] -> problem(Format, Args)
+    end;
+option(Other, _Taken) ->
+    problem("an option is {Key, Type, Default, \"Doc\"}, not ~0tP", [Other, 20]).
+
+problem(Format, Args) -> {error, io_lib:format(Format, Args)}.
+
+types() ->
+    "{integer, Min, Max}, {number, Min, Max}, {between, Type}, {size, Type}, {one_of, Atoms}, "
+    "{optional, Type}, string, boolean, {term, \"Shape\", Fun}".
+
+is_type({integer, Min, Max}) -> is_integer(Min) andalso is_integer(Max);
+is_type({number, Min, Max}) -> is_number(Min) andalso is_number(Max);
+is_type({between, Type}) -> is_type(Type);
+is_type({size, Type}) -> is_type(Type);
+is_type({one_of, Atoms}) -> is_list(Atoms) andalso lists:all(fun is_atom/1, Atoms);
+is_type({optional, Type}) -> is_type(Type);
+is_type({term, Shape, Is}) -> io_lib:printable_unicode_list(Shape) andalso is_function(Is, 1);
+is_type(Type) -> Type =:= string orelse Type =:= boolean.
 
 %% @doc Reads a value of a type from text, as on a command line.
 -spec parse(type(), string()) -> {ok, term()} | error.

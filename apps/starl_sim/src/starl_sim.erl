@@ -16,7 +16,7 @@
 
 -export([start/1, start/2, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
 -export([run_until_event/3, robots/1, events/2, reload/2, reload/3]).
--export([scenario/1, robot_pids/2, plan/2, format_error/1]).
+-export([check_app/1, scenario/1, robot_pids/2, plan/2, format_error/1]).
 
 -export_type([sim/0, options/0, planned/0, reason/0]).
 
@@ -50,7 +50,7 @@
 
 -type reason() ::
     {scenario, starl_sim_scenario:reason()}
-    | {scene, unicode:chardata()}
+    | {app | scene, unicode:chardata()}
     | {no_such_app, module()}
     | {fault_target, atom(), starl:robot_id()}
     | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
@@ -74,13 +74,25 @@ start(Given, Options) ->
 -spec plan(#{app := module(), atom() => term()}, options()) -> {ok, planned()} | {error, reason()}.
 plan(#{app := App} = Given, Options) ->
     case code:ensure_loaded(App) of
-        {module, App} ->
-            case starl_sim_scenario:check(Given, starl_app:options(App)) of
-                {ok, Scenario} -> prepare(App, Scenario, Options);
-                {error, Reason} -> {error, {scenario, Reason}}
-            end;
-        {error, _} ->
-            {error, {no_such_app, App}}
+        {module, App} -> checked(check_app(App), Given, Options);
+        {error, _} -> {error, {no_such_app, App}}
+    end.
+
+checked(ok, #{app := App} = Given, Options) ->
+    case starl_sim_scenario:check(Given, starl_app:options(App)) of
+        {ok, Scenario} -> prepare(App, Scenario, Options);
+        {error, Reason} -> {error, {scenario, Reason}}
+    end;
+checked({error, _} = Error, _Given, _Options) ->
+    Error.
+
+%% @doc Can this module run as an application: are its callbacks there, and is its table of options
+%% sound?
+-spec check_app(module()) -> ok | {error, {app, unicode:chardata()}}.
+check_app(App) ->
+    case starl_app:check(App, [Key || {Key, _, _, _} <- starl_sim_scenario:options()]) of
+        ok -> ok;
+        {error, Why} -> {error, {app, Why}}
     end.
 
 %% @doc Runs to the end: all applications are done, the time is up, or a contract is violated.
@@ -176,7 +188,7 @@ close(#sim{sup = Sup}) -> starl_sim_sup:stop(Sup).
 -spec format_error(reason()) -> unicode:chardata().
 format_error({scenario, Reason}) ->
     starl_sim_scenario:format_error(Reason);
-format_error({scene, Why}) ->
+format_error({What, Why}) when What =:= app; What =:= scene ->
     Why;
 format_error({no_such_app, App}) ->
     io_lib:format("there is no application ~ts", [App]);

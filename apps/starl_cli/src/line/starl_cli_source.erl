@@ -91,7 +91,7 @@ code(File) ->
 
 sound(File, {ok, Module, Beam, Warnings}) ->
     Foreign = [starl_cli_foreign:text(Call) || Call <- starl_cli_foreign:calls(Beam)],
-    _ = [starl_cli_terminal:warn(["warning: ", Line]) || Line <- lines(Warnings) ++ Foreign],
+    _ = [starl_cli_terminal:warn(["warning: ", Line]) || Line <- lines(telling(Warnings)) ++ Foreign],
     case lists:member(code:which(Module), [non_existing, File]) of
         true ->
             {ok, {Module, File, Beam}};
@@ -103,7 +103,22 @@ sound(File, {ok, Module, Beam, Warnings}) ->
             ]}
     end;
 sound(_File, {error, Errors, _Warnings}) ->
-    {error, lines(Errors)}.
+    {error, lines(first_causes(Errors))}.
+
+%% A function that cannot be read is reported as undefined besides.
+first_causes(Errors) ->
+    Unread = [{File, Info} || {File, Infos} <- Errors, {_, M, _} = Info <- Infos, M =/= erl_lint],
+    case Unread of
+        [] -> Errors;
+        _ -> [{File, [Info]} || {File, Info} <- Unread]
+    end.
+
+%% That a callback of an application is missing is told as an error later.
+telling(Warnings) ->
+    [{File, [Info || Info <- Infos, not is_told_later(Info)]} || {File, Infos} <- Warnings].
+
+is_told_later({_, erl_lint, {undefined_behaviour_func, _, starl_app}}) -> true;
+is_told_later(_) -> false.
 
 %% The files in the same directory whose modules are named in this file and not loaded yet.
 beside(File, Module, Beam) ->
@@ -154,7 +169,7 @@ target(File, Module, Codes) ->
     },
     case {runs(Module), starl_block:is_block(Module), starl_block:can(exercise, Module)} of
         {true, _, _} ->
-            {ok, Target};
+            sound_target(starl_sim:check_app(Module), Target);
         {false, true, true} ->
             {ok, Target#{app := starl_exercise, given := #{block => Module}}};
         {false, true, false} ->
@@ -172,11 +187,16 @@ no_application(File) ->
         "and no building block (starl_block)"
     ].
 
-%% @doc Is this loaded module an application?
+sound_target(ok, Target) -> {ok, Target};
+sound_target({error, Reason}, _Target) -> {error, [starl_sim:format_error(Reason)]}.
+
+%% @doc Is this loaded module an application? One callback is enough to mean one.
 -spec runs(module()) -> boolean().
 runs(Module) ->
     _ = code:ensure_loaded(Module),
-    lists:any(fun({F, A}) -> erlang:function_exported(Module, F, A) end, [{step, 2}, {scene, 1}]).
+    Exports = fun({F, A}) -> erlang:function_exported(Module, F, A) end,
+    lists:any(Exports, [{step, 2}, {scene, 1}]) orelse
+        (Exports({init, 2}) andalso not starl_block:is_block(Module)).
 
 lines(Found) -> [line(File, Info) || {File, Infos} <- Found, Info <- Infos].
 

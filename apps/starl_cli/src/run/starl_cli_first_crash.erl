@@ -16,7 +16,7 @@ interests() -> [supervisor].
 %% @doc Tells of the first crash.
 -spec step(starl_monitor:trace_event(), fun() | told) -> {ok, fun() | told}.
 step({AtUs, Robot, supervisor, {crashed, app, Cause}}, Tell) when is_function(Tell) ->
-    _ = Tell(starl_cli_words:crash({AtUs, Robot, app, Cause})),
+    _ = Tell(starl_cli_phrase:crash({AtUs, Robot, app, Cause})),
     {ok, told};
 step(_Event, State) ->
     {ok, State}.

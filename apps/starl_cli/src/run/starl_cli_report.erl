@@ -84,7 +84,7 @@ contracts(Monitors) ->
 
 %% Only for runs in which applications crashed.
 crashes(#{crashes := Count, causes := Causes, first_crash := {_, _, _, _} = Crash}) ->
-    First = unicode:characters_to_binary(starl_cli_words:crash(Crash)),
+    First = unicode:characters_to_binary(starl_cli_phrase:crash(Crash)),
     [{application_crashes, Count}, {crash_causes, Causes}, {first_crash, First}];
 crashes(#{}) ->
     [].
@@ -201,7 +201,7 @@ why(lost, _Report) ->
 why(_, #report{died = [], given_up = [_ | _] = GivenUp} = Report) ->
     [
         "the application crashed for ever on ",
-        starl_cli_words:robots(GivenUp),
+        starl_cli_phrase:robots(GivenUp),
         still("; ", Report)
     ];
 why(_, #report{died = [], running = []}) ->
@@ -209,7 +209,7 @@ why(_, #report{died = [], running = []}) ->
 why(_, #report{died = [], running = _} = Report) ->
     ["nothing happens any more", still("; ", Report)];
 why(_, #report{died = Died} = Report) ->
-    [starl_cli_words:robots(Died), " died", still("; ", Report)].
+    [starl_cli_phrase:robots(Died), " died", still("; ", Report)].
 
 still(_, #report{running = []}) -> "";
 still(Before, #report{running = [_]}) -> [Before, "one robot was still at work"];

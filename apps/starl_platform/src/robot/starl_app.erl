@@ -13,7 +13,7 @@
 %% report: `report/2' of the behaviour {@link starl_scene}. An application with a scene of its own also has the behaviour {@link starl_scene}.
 -module(starl_app).
 
--export([options/1]).
+-export([options/1, check/2, declared/3, place/3]).
 
 %% `Args' are the values of the application's options, unless its scene says otherwise.
 -callback init(starl:robot(), Args :: term()) -> State :: term().
@@ -28,6 +28,8 @@
 
 -optional_callbacks([code_change/2, blocks/0, options/0, monitors/1]).
 
+-define(CALLBACKS, [{init, 2}, {step, 2}]).
+
 %% @doc The application's own options.
 -spec options(module()) -> [starl_options:option()].
 options(App) ->
@@ -35,4 +37,68 @@ options(App) ->
     case erlang:function_exported(App, options, 0) of
         true -> App:options();
         false -> []
+    end.
+
+%% @doc Checks an application before it runs: are its callbacks there, and is its table of options
+%% sound, without the keys that belong to others? Otherwise one line with the place.
+-spec check(module(), Taken :: [atom()]) -> ok | {error, unicode:chardata()}.
+check(App, Taken) ->
+    _ = code:ensure_loaded(App),
+    case erlang:function_exported(App, scene, 1) orelse missing(App) of
+        true -> check_options(App, Taken);
+        [] -> check_options(App, Taken);
+        [Callback | _] -> {error, not_there(App, Callback)}
+    end.
+
+missing(App) -> [{F, A} || {F, A} <- ?CALLBACKS, not erlang:function_exported(App, F, A)].
+
+not_there(App, {Function, Arity}) ->
+    case starl_code:line(App, Function, Arity) of
+        {ok, _, _} ->
+            io_lib:format("~ts: ~ts/~b is not exported; write -export([init/2, step/2])", [
+                place(App, Function, Arity), Function, Arity
+            ]);
+        none ->
+            io_lib:format("~ts: ~ts/~b is missing; an application exports init/2 and step/2", [
+                place(App, none, 0), Function, Arity
+            ])
+    end.
+
+check_options(App, Taken) ->
+    case erlang:function_exported(App, options, 0) andalso declared(App, options, []) of
+        false -> ok;
+        {ok, Options} -> checked_options(starl_options:check_table(Options, Taken), App);
+        {error, _} = Error -> Error
+    end.
+
+checked_options(ok, _App) -> ok;
+checked_options({error, Why}, App) -> {error, [place(App, options, 0), ": options/0: ", Why]}.
+
+%% @doc Calls a function by which an application declares something. If it crashes: one line with
+%% the place.
+-spec declared(module(), Function :: atom(), Args :: [term()]) ->
+    {ok, term()} | {error, unicode:chardata()}.
+declared(App, Function, Args) ->
+    try
+        {ok, apply(App, Function, Args)}
+    catch
+        Class:Reason:Stack ->
+            {Text, Frames} = starl_crash:cause(starl_crash:reason(Class, Reason, Stack)),
+            {error, [
+                crashed_at(starl_crash:place(Frames), App), ": ", called(Function, Args), Text
+            ]}
+    end.
+
+crashed_at({_, _, _, File, Line}, _App) -> io_lib:format("~ts:~b", [File, Line]);
+crashed_at(none, App) -> atom_to_list(App).
+
+called(Function, Args) -> io_lib:format("~ts/~b: ", [Function, length(Args)]).
+
+%% @doc The place of a function in the source, or of the module itself: file and line, where they
+%% are known.
+-spec place(module(), Function :: atom(), arity()) -> unicode:chardata().
+place(App, Function, Arity) ->
+    case starl_code:line(App, Function, Arity) of
+        {ok, File, Line} -> io_lib:format("~ts:~b", [filename:basename(File), Line]);
+        none -> atom_to_list(App)
     end.

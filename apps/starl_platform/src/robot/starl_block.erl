@@ -130,6 +130,8 @@
 }.
 
 %% The names of machines that every robot has.
+%% The number of modules of a similar name that are looked at.
+-define(MOST_MEANT, 20).
 -define(RESERVED, [sap, location, motion, app]).
 
 %% @doc The machines and the contracts of the blocks that an application lists; or one line on an
@@ -186,7 +188,13 @@ checked(Block, {error, Problems}, _Context) ->
 why_not(Module) ->
     case code:ensure_loaded(Module) of
         {module, _} -> "it does not export options/0, machines/1 and monitors/2";
-        {error, _} -> "there is no such module"
+        {error, _} -> ["there is no such module", meant(starl_code:resembling(Module))]
+    end.
+
+meant(Modules) ->
+    case lists:search(fun is_block/1, lists:sublist(Modules, ?MOST_MEANT)) of
+        {value, Block} -> [" (did you mean ", atom_to_list(Block), "?)"];
+        false -> ""
     end.
 
 twice(Names) ->

@@ -67,6 +67,7 @@ format_error({bad_code, Module, Reasons}) ->
 %% -- where it stands ------------------------------------------------------------------------
 
 %% @doc The source file of a function, and the line in which it begins, where the source is at hand.
+%% `none' as a function is the module itself: the line where it states its behaviour or its name.
 -spec line(module(), Function :: atom(), arity()) -> {ok, file:filename(), pos_integer()} | none.
 line(Module, Function, Arity) ->
     case code:ensure_loaded(Module) of
@@ -78,12 +79,18 @@ line(Module, Function, Arity) ->
     end.
 
 line_in({ok, Forms}, Source, Function, Arity) ->
-    case [Anno || {function, Anno, F, A, _} <- Forms, F =:= Function, A =:= Arity] of
+    case annotations(Forms, Function, Arity) of
         [Anno | _] -> {ok, Source, erl_anno:line(Anno)};
         [] -> none
     end;
 line_in({error, _}, _Source, _Function, _Arity) ->
     none.
+
+annotations(Forms, none, 0) ->
+    Attributes = [{Name, Anno} || {attribute, Anno, Name, _} <- Forms],
+    [Anno || {behaviour, Anno} <- Attributes] ++ [Anno || {module, Anno} <- Attributes];
+annotations(Forms, Function, Arity) ->
+    [Anno || {function, Anno, F, A, _} <- Forms, F =:= Function, A =:= Arity].
 
 %% @doc Does this module belong to Erlang/OTP or to StarL?
 -spec is_library(module()) -> boolean().

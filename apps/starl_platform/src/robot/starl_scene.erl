@@ -101,25 +101,35 @@ make(App, Context) ->
 
 scene(App, #{options := Options} = Context) ->
     case exported(App, scene, 1) of
-        true -> App:scene(Context);
-        false ->
-            {ok, #{
-                app => {sequential, App, Options},
-                blocks => blocks(App),
-                monitors => monitors(App, Context)
-            }}
+        true -> own(starl_app:declared(App, scene, [Context]), App);
+        false -> plain(blocks(App), monitors(App, Context), App, Options)
     end.
+
+own({ok, {ok, Scene}}, App) -> sound(starl_scene_check:check(Scene), Scene, App);
+own({ok, {error, Why}}, _App) -> {error, Why};
+own({ok, Other}, App) -> {error, at(App, scene, 1, starl_scene_check:no_answer(Other))};
+own({error, _} = Error, _App) -> Error.
+
+sound(ok, Scene, _App) -> {ok, Scene};
+sound({error, Why}, _Scene, App) -> {error, at(App, scene, 1, Why)}.
+
+plain({ok, Blocks}, {ok, Monitors}, App, Options) ->
+    {ok, #{app => {sequential, App, Options}, blocks => Blocks, monitors => Monitors}};
+plain({error, _} = Error, _Monitors, _App, _Options) ->
+    Error;
+plain(_Blocks, {error, _} = Error, _App, _Options) ->
+    Error.
 
 blocks(App) ->
     case exported(App, blocks, 0) of
-        true -> App:blocks();
-        false -> []
+        true -> starl_app:declared(App, blocks, []);
+        false -> {ok, []}
     end.
 
 monitors(App, Context) ->
     case exported(App, monitors, 1) of
-        true -> App:monitors(Context);
-        false -> []
+        true -> starl_app:declared(App, monitors, [Context]);
+        false -> {ok, []}
     end.
 
 expanded(App, Scene, Context) ->
@@ -128,8 +138,18 @@ expanded(App, Scene, Context) ->
             Monitors = Contracts ++ maps:get(monitors, Scene, []),
             {ok, Scene#{blocks => Machines, monitors => Monitors}};
         {error, Why} ->
-            {error, [atom_to_list(App), ": ", Why]}
+            {error, listed_at(App, Why)}
     end.
+
+%% The blocks stand in the list of blocks/0, or in the scene.
+listed_at(App, Why) ->
+    case exported(App, scene, 1) of
+        true -> at(App, scene, 1, Why);
+        false -> at(App, blocks, 0, Why)
+    end.
+
+at(App, Function, Arity, Why) ->
+    [starl_app:place(App, Function, Arity), io_lib:format(": ~ts/~b: ", [Function, Arity]), Why].
 
 %% @doc The report of an application on a run.
 -spec report(module(), t(), outcome()) -> report().

@@ -1,5 +1,5 @@
 %% @doc Words that several commands print alike.
--module(starl_cli_words).
+-module(starl_cli_phrase).
 
 -export([robots/1, crash/1]).
 

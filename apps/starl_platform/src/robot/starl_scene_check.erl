@@ -1,0 +1,127 @@
+%% @doc Checks a scene that an application has made: its keys and their values.
+-module(starl_scene_check).
+
+-export([check/1, no_answer/1]).
+
+%% @doc Is this a scene? Otherwise one line on the first problem.
+-spec check(term()) -> ok | {error, unicode:chardata()}.
+check(#{app := _} = Scene) ->
+    case [Key || Key <- lists:sort(maps:keys(Scene)), not lists:member(Key, keys())] of
+        [] -> values([{Key, maps:get(Key, Scene)} || Key <- keys(), is_map_key(Key, Scene)]);
+        [Key | _] -> unknown("the scene", Key, keys())
+    end;
+check(Scene) when is_map(Scene) ->
+    {error, "the scene lacks the key app, as in app => {sequential, my_app, Args}"};
+check(Other) ->
+    {error, no_answer({ok, Other})}.
+
+%% @doc One line on an answer that is none.
+-spec no_answer(term()) -> unicode:chardata().
+no_answer(Other) ->
+    io_lib:format("{ok, #{app => ...}} or {error, \"Why\"} expected, not ~0tP", [Other, 12]).
+
+keys() ->
+    [app, blocks, waypoints, poses, monitors, profile, sap] ++
+        [never_crashes, sap_machine, memo].
+
+values([]) ->
+    ok;
+values([{Key, Value} | Values]) ->
+    case value(Key, Value) of
+        true ->
+            values(Values);
+        {error, _} = Error ->
+            Error;
+        Expected ->
+            {error, io_lib:format("~tp: ~ts expected, not ~0tP", [Key, Expected, Value, 12])}
+    end.
+
+value(app, {sequential, App, _Args}) when is_atom(App) -> callbacks(App, [{init, 2}, {step, 2}]);
+value(app, {machine, App, Config}) when is_atom(App), is_map(Config) ->
+    callbacks(App, [{init, 1}, {handle_event, 5}]);
+value(app, _) ->
+    "{sequential, Module, Args} or {machine, Module, Config}";
+value(waypoints, Points) ->
+    is_map_of(fun is_atom/1, fun is_point/1, Points, "#{Name => {X, Y}}");
+value(poses, Poses) ->
+    is_map_of(fun is_robot/1, fun is_pose/1, Poses, "#{Robot => {X, Y, Heading}}");
+value(monitors, Monitors) ->
+    monitors(Monitors);
+value(profile, Profile) ->
+    known("the profile", Profile, profile_keys());
+value(sap, Sap) ->
+    known("sap", Sap, sap_keys());
+value(never_crashes, Is) ->
+    is_boolean(Is) orelse "true or false";
+value(sap_machine, Module) ->
+    is_atom(Module) orelse "a module";
+value(_Key, _Value) ->
+    true.
+
+callbacks(Module, Wanted) ->
+    case {code:ensure_loaded(Module), missing(Module, Wanted)} of
+        {{error, _}, _} ->
+            {error, io_lib:format("app: there is no module ~tp", [Module])};
+        {_, []} ->
+            true;
+        {_, [{Function, Arity} | _]} ->
+            {error, io_lib:format("app: ~tp does not export ~tp/~b", [Module, Function, Arity])}
+    end.
+
+missing(Module, Wanted) -> [{F, A} || {F, A} <- Wanted, not erlang:function_exported(Module, F, A)].
+
+is_map_of(IsKey, IsValue, Map, Expected) ->
+    Is = fun({Key, Value}) -> IsKey(Key) andalso IsValue(Value) end,
+    (is_map(Map) andalso lists:all(Is, maps:to_list(Map))) orelse Expected.
+
+is_point({X, Y}) -> is_number(X) andalso is_number(Y);
+is_point(_) -> false.
+
+is_pose({X, Y, Heading}) -> is_point({X, Y}) andalso is_number(Heading);
+is_pose(_) -> false.
+
+is_robot(Id) -> is_integer(Id) andalso Id > 0.
+
+monitors(Monitors) when is_list(Monitors) ->
+    case [M || M <- Monitors, not is_monitor(M)] of
+        [] ->
+            true;
+        [{Module, Config} | _] when is_atom(Module), is_map(Config) ->
+            {error, io_lib:format("monitors: ~tp is no monitor (starl_monitor)", [Module])};
+        _ ->
+            expected_monitors()
+    end;
+monitors(_) ->
+    expected_monitors().
+
+expected_monitors() -> "a list of {Module, #{...}}".
+
+is_monitor({Module, Config}) when is_atom(Module), is_map(Config) ->
+    code:ensure_loaded(Module) =:= {module, Module} andalso
+        missing(Module, [{init, 1}, {step, 2}, {finish, 2}]) =:= [];
+is_monitor(_) ->
+    false.
+
+known(What, Map, Keys) when is_map(Map) ->
+    case [Key || Key <- lists:sort(maps:keys(Map)), not lists:member(Key, Keys)] of
+        [] -> true;
+        [Key | _] -> unknown(What, Key, Keys)
+    end;
+known(_What, _Other, Keys) ->
+    io_lib:format("a map with keys of ~0tp", [Keys]).
+
+unknown(What, Key, Keys) ->
+    Meant =
+        case starl_options:suggestion(Key, Keys) of
+            [Near | _] -> io_lib:format("did you mean ~tp?", [Near]);
+            [] -> ["keys: ", lists:join(", ", [atom_to_list(K) || K <- Keys])]
+        end,
+    {error, io_lib:format("~ts has no key ~tp (~ts)", [What, Key, Meant])}.
+
+%% The keys of every chassis.
+profile_keys() ->
+    Chassis = [starl_chassis_differential, starl_chassis_holonomic],
+    Keys = lists:append([maps:keys(Module:profile(#{})) || Module <- Chassis]),
+    lists:usort([chassis, latency_ms | Keys]).
+
+sap_keys() -> [retransmit_ms, backoff, longest_ms, limit, window, unclaimed].
