@@ -15,6 +15,7 @@
 -module(starl_sim).
 
 -export([start/1, start/2, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
+-export([watch/2, at_work/1]).
 -export([run_until_event/3, robots/1, events/2, reload/2, reload/3]).
 -export([check_app/1, scenario/1, robot_pids/2, plan/2, format_error/1]).
 
@@ -162,6 +163,14 @@ module_of(Beam) ->
         [_ | _] = Info -> proplists:get_value(module, Info);
         {error, beam_lib, _} -> none
     end.
+
+%% @doc Watches for a run that stands still in real time ({@link starl_sim_watch}).
+-spec watch(sim(), starl_sim_watch:config()) -> pid().
+watch(#sim{run = Run}, Config) -> starl_sim_watch:start_link(Run, Config).
+
+%% @doc Who is at work in a run that stands still; any process may ask.
+-spec at_work(sim()) -> [starl_sim_watch:work()].
+at_work(#sim{run = Run}) -> starl_sim_watch:at_work(Run).
 
 %% @doc The checked scenario, with all defaults.
 -spec scenario(sim()) -> starl_sim_scenario:t().

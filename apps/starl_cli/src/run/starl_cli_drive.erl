@@ -50,7 +50,8 @@ watched(Options) ->
     Options#{watch => [First | maps:get(watch, Options, [])]}.
 
 started(Sim, Do) ->
-    starl_cli_signal:on_interrupt(fun() -> starl_sim:stop(Sim) end),
+    Watch = starl_cli_stall:watch(Sim),
+    starl_cli_signal:on_interrupt(fun() -> starl_cli_stall:interrupt(Sim) end),
     try
         Result = Do(Sim),
         starl_cli_signal:on_interrupt(fun() -> ok end),
@@ -59,6 +60,8 @@ started(Sim, Do) ->
         exit:{Reason, {gen_server, call, _}} ->
             starl_cli_progress:erase(),
             {failed, Reason}
+    after
+        ok = starl_sim_watch:stop(Watch)
     end.
 
 %% @doc Runs to a virtual time or an earlier end, with a progress line; gives the end of the run and

@@ -3,7 +3,7 @@
 %% no progress line.
 -module(starl_cli_progress).
 
--export([new/1, show/3, erase/0, note/1, line/4]).
+-export([new/1, show/3, erase/0, note/1, say/1, line/4]).
 
 -export_type([t/0, part/0]).
 
@@ -55,6 +55,17 @@ erase() ->
 note(Text) ->
     ?MODULE:erase(),
     starl_cli_terminal:complain(Text).
+
+%% @doc Draws words in place of the line, on a terminal only.
+-spec say([unicode:chardata()]) -> ok.
+say(Words) ->
+    case starl_cli_terminal:watched() of
+        true ->
+            Line = line(unknown, 0, Words, starl_cli_terminal:window() - 1),
+            starl_cli_terminal:draw(["\r\e[K", Line]);
+        false ->
+            ok
+    end.
 
 %% @doc The line for a window: a bar, then as many words as fit. `Count' moves the bar's mark if the
 %% completed fraction is unknown.

@@ -44,5 +44,5 @@ handle_call({on_interrupt, Reaction}, _Old) -> {ok, ok, Reaction}.
 
 -spec quit() -> no_return().
 quit() ->
-    starl_cli_progress:erase(),
+    starl_cli_progress:note("interrupted"),
     erlang:halt(?INTERRUPTED, [{flush, false}]).

@@ -2,7 +2,7 @@
 %% the machine is a process or runs inline, and from run to run: it does not depend on pids.
 -module(starl_crash).
 
--export([reason/3, with_steps/2, steps/1, cause/1, format/1, place/1, format_frame/1]).
+-export([reason/3, with_steps/2, steps/1, cause/1, format/1, frames/1, place/1, format_frame/1]).
 
 -export_type([cause/0, frame/0]).
 
@@ -55,6 +55,10 @@ format_frame({Module, Function, Arity, "", _}) ->
     io_lib:format("~tp:~tp/~b", [Module, Function, Arity]);
 format_frame({Module, Function, Arity, File, Line}) ->
     io_lib:format("~tp:~tp/~b (~ts:~b)", [Module, Function, Arity, File, Line]).
+
+%% @doc The frames of a machine or an application in a stack.
+-spec frames(erlang:stacktrace()) -> [frame()].
+frames(Stack) -> own(Stack).
 
 %% @doc The place in a stack that its reader can mend: the innermost that belongs neither to Erlang
 %% nor to StarL; or else the innermost that is known.

@@ -15,7 +15,7 @@
 
 -export([new/4, at/2, open/3, answered/3, down/4, yield/1]).
 -export([halt_after/2, halted/1, resume/1]).
--export([busy/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1]).
+-export([busy/1, at_work/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1]).
 
 -export_type([t/0, summary/0, window/0]).
 
@@ -140,6 +140,12 @@ yield(Site) -> starl_sim_platform:yield(body(Site)).
 -spec busy(t()) -> [{starl:robot_id(), starl_machine:name()}].
 busy(#robot{id = Id, robot = Robot}) ->
     [{Id, Name} || Name <- [starl_robot:busy(Robot)], Name =/= none].
+
+%% @doc The machine that is at work, if any, with its process.
+-spec at_work(t()) -> [{starl:robot_id(), starl_machine:name(), pid()}].
+at_work(#robot{robot = Robot} = Site) ->
+    Machines = starl_robot:machines(Robot),
+    [{Id, Name, starl_robot_machines:process(Name, Machines)} || {Id, Name} <- busy(Site)].
 
 %% @doc Is this process one of its own?
 -spec owns(pid(), t()) -> boolean().

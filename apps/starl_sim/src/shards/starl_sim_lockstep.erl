@@ -33,7 +33,8 @@
     | {'DOWN', reference(), process, pid(), Reason :: term()}
     | {down, pid(), Reason :: term()}
     | starl_driver:attach()
-    | {out_of_patience, starl_sim_robot:window()}.
+    | {out_of_patience, starl_sim_robot:window()}
+    | {who, pid(), reference()}.
 
 %% A window that is not over: either a robot of this shard was held in it, with the data to finish
 %% the window and the news of processes since then, latest first; or a robot of a peer was held, and
@@ -128,6 +129,9 @@ hear(halt, Steps) ->
     Steps#steps{halt = true};
 hear(abandon, Steps) ->
     Steps#steps{abandoned = true};
+hear({who, From, Ref}, Steps) ->
+    ok = starl_sim_window:tell_at_work(From, Ref),
+    Steps;
 hear({out_of_patience, _}, Steps) ->
     Steps.
 

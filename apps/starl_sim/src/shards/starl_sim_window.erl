@@ -11,7 +11,7 @@
 -module(starl_sim_window).
 
 -export([hold/1, robots/0, robot/1, be_patient/1, run/2, yields/1, crashed/3]).
--export([halt_after/2, resume/2]).
+-export([halt_after/2, resume/2, tell_at_work/2]).
 
 -export_type([yields/0]).
 
@@ -51,6 +51,13 @@ run(Window, Events) ->
     {Ids, Active} = begin_robots(agenda(Window, Events), Window, [], 0),
     ok = collect(Active, Window),
     Ids.
+
+%% @doc Tells a process ({@link starl_sim_watch}) which machines' processes are at work.
+-spec tell_at_work(pid(), reference()) -> ok.
+tell_at_work(From, Ref) ->
+    AtWork = lists:append([starl_sim_robot:at_work(Robot) || {_, Robot} <- robots()]),
+    From ! {at_work, Ref, self(), AtWork},
+    ok.
 
 %% @doc The yields of the window, from the robots that were at work in it.
 -spec yields([starl:robot_id()]) -> yields().
@@ -121,6 +128,9 @@ collect(Active, Window) ->
             exit({no_answer, [Busy || {_, R} <- robots(), Busy <- starl_sim_robot:busy(R)]});
         {out_of_patience, _Earlier} ->
             _ = be_patient(Window),
+            collect(Active, Window);
+        {who, From, Ref} ->
+            ok = tell_at_work(From, Ref),
             collect(Active, Window)
     end.
 

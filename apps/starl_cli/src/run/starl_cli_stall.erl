@@ -1,0 +1,103 @@
+%% @doc Tells the user of a run that stands still in real time, and ends one that does not obey
+%% Ctrl-C.
+-module(starl_cli_stall).
+
+-export([watch/1, interrupt/1]).
+-export([line/2, waiting/2]).
+
+%% The time that an interrupted run has to come to rest.
+-define(REST_MS, 1000).
+-define(INTERRUPTED, 130).
+
+%% @doc Watches a run: the first line on a stall stays, a progress line follows it.
+-spec watch(starl_sim:sim()) -> Watch :: pid().
+watch(Sim) ->
+    Told = atomics:new(1, []),
+    starl_sim:watch(Sim, #{tell => fun(News) -> tell(News, Told) end}).
+
+tell({stands, Ms, AtWork}, Told) ->
+    Known = [Work || Work <- AtWork, Work =/= simulator],
+    _ =
+        Known =/= [] andalso atomics:exchange(Told, 1, 1) =:= 0 andalso
+            starl_cli_progress:note(line(Ms, Known)),
+    starl_cli_progress:say(waiting(Ms, AtWork));
+tell(goes_on, Told) ->
+    atomics:put(Told, 1, 0).
+
+%% @doc Ends a run with its results so far. A run that has not come to rest in time, because a robot
+%% does not end its step, ends without results.
+-spec interrupt(starl_sim:sim()) -> ok.
+interrupt(Sim) ->
+    ok = starl_sim:stop(Sim),
+    _ = spawn(fun() -> end_hard(Sim) end),
+    ok.
+
+end_hard(Sim) ->
+    ok = timer:sleep(?REST_MS),
+    given_up(starl_sim:at_work(Sim)).
+
+%% It rests, or the results are being made.
+given_up([]) ->
+    ok;
+given_up(AtWork) ->
+    starl_cli_progress:note([
+        "interrupted; no results: ", lists:join("; ", [in_step(G) || G <- groups(AtWork)])
+    ]),
+    erlang:halt(?INTERRUPTED, [{flush, false}]).
+
+in_step({"the simulator", _, _}) -> "the simulator was in the middle of its work";
+in_step({Who, none, _}) -> [Who, " did not end its step"];
+in_step({Who, Place, _}) -> [Who, " did not end its step at ", Place].
+
+%% @doc One line on a stall: the place, who is there, since when, and the calls that lead there.
+-spec line(Ms :: non_neg_integer(), [starl_sim_watch:work()]) -> unicode:chardata().
+line(Ms, AtWork) ->
+    lists:join("; ", [stall(Ms, Group) || Group <- groups(AtWork)]).
+
+stall(Ms, {Who, none, _}) ->
+    [Who, at_work_for(Ms)];
+stall(Ms, {Who, Place, Frames}) ->
+    [Place, ": ", Who, at_work_for(Ms), ", is this an endless loop? Calls: ", calls(Frames)].
+
+at_work_for(Ms) -> io_lib:format(" at work for ~b s without a pause", [Ms div 1000]).
+
+calls(Frames) -> lists:join(", ", [starl_crash:format_frame(Frame) || Frame <- Frames]).
+
+%% @doc The words of the progress line: who is waited for.
+-spec waiting(Ms :: non_neg_integer(), [starl_sim_watch:work()]) -> [unicode:chardata()].
+waiting(Ms, AtWork) ->
+    For = [[Who, place(Place)] || {Who, Place, _} <- groups(AtWork)],
+    [
+        ["waiting for ", lists:join("; ", For)],
+        io_lib:format("~b s", [Ms div 1000]),
+        "Ctrl-C ends the run"
+    ].
+
+place(none) -> "";
+place(Place) -> [" at ", Place].
+
+%% Those who are in the same calls, together.
+groups(AtWork) ->
+    Keyed = [{key(Work), Work} || Work <- AtWork],
+    Keys = lists:usort([Key || {Key, _} <- Keyed]),
+    [group(Key, [Work || {K, Work} <- Keyed, K =:= Key]) || Key <- Keys].
+
+key({_Robot, Name, Frames}) -> {Name, Frames};
+key(Work) -> Work.
+
+group({monitor, Frames}, _) ->
+    {"a monitor", shown_place(Frames), Frames};
+group(simulator, _) ->
+    {"the simulator", none, []};
+group({Name, Frames}, Works) ->
+    {who(Name, [Id || {Id, _, _} <- Works]), shown_place(Frames), Frames}.
+
+who(_Name, [unknown | _]) -> "a machine of a robot";
+who(app, Ids) -> starl_cli_phrase:robots(Ids);
+who(Name, Ids) -> [atom_to_list(Name), " of ", starl_cli_phrase:robots(Ids)].
+
+shown_place(Frames) ->
+    case starl_crash:place(Frames) of
+        {_, _, _, File, Line} -> io_lib:format("~ts:~b", [File, Line]);
+        none -> none
+    end.

@@ -1,0 +1,168 @@
+%% @doc Notices that a run stands still in real time, and finds who is at work meanwhile: an endless
+%% loop in an application holds up virtual time for all. What it tells changes nothing in the run.
+%% ```
+%%   watch                         run                      shards that are late
+%%     | -- progress -------------->|                             |
+%%     |<-- windows judged, late -- |                             |
+%%     | -- who, Ref ------------------------------------------>  |   only if it stands still
+%%     |<-- at_work, Ref, processes ------------------------------|
+%% '''
+%% A shard that does not answer is itself at work: in a machine that has no process, or in the
+%% simulator's own code, as with very many robots. A run that does not answer is at work in a monitor
+%% or on its results.
+-module(starl_sim_watch).
+
+-export([start_link/2, stop/1, at_work/1]).
+
+-export_type([config/0, news/0, work/0]).
+
+%% `tell' is called with the news, in the watch's own process: when the run has stood still for
+%% `patience_ms', again after each further `period_ms', and when it goes on.
+-type config() :: #{
+    patience_ms => non_neg_integer(),
+    period_ms => pos_integer(),
+    tell := fun((news()) -> term())
+}.
+
+-type news() :: {stands, Ms :: non_neg_integer(), [work()]} | goes_on.
+
+%% A robot's machine that is at work, `unknown' for one without a process; a monitor; or the
+%% simulator itself. With the part of its stack that is its own.
+-type work() ::
+    {starl:robot_id() | unknown, starl_machine:name(), [starl_crash:frame()]}
+    | {monitor, [starl_crash:frame()]}
+    | simulator.
+
+-define(PATIENCE_MS, 3000).
+-define(PERIOD_MS, 1000).
+%% The time in which one who is not at work answers.
+-define(ANSWER_MS, 300).
+
+-record(watch, {
+    run :: pid(),
+    period_ms :: pos_integer(),
+    patience_ms :: non_neg_integer(),
+    tell :: fun((news()) -> term()),
+    %% the progress seen last, and since when it is the same
+    seen = none :: term(),
+    since_ms :: integer(),
+    told = false :: boolean()
+}).
+
+%% @doc Watches a run until {@link stop/1}.
+-spec start_link(Run :: pid(), config()) -> pid().
+start_link(Run, #{tell := Tell} = Config) ->
+    Watch = #watch{
+        run = Run,
+        period_ms = maps:get(period_ms, Config, ?PERIOD_MS),
+        patience_ms = maps:get(patience_ms, Config, ?PATIENCE_MS),
+        tell = Tell,
+        since_ms = now_ms()
+    },
+    spawn_link(fun() -> watch(Watch) end).
+
+%% @doc Ends the watch; nothing is told afterwards.
+-spec stop(pid()) -> ok.
+stop(Pid) ->
+    Ref = erlang:monitor(process, Pid),
+    true = unlink(Pid),
+    Pid ! stop,
+    receive
+        {'DOWN', Ref, process, Pid, _} -> ok
+    end.
+
+watch(#watch{period_ms = Period} = Watch) ->
+    receive
+        stop -> ok
+    after Period -> watch(look(progress(Watch), Watch))
+    end.
+
+%% A run at rest waits for nobody.
+look({_, _, []} = Progress, Watch) ->
+    moved(Progress, Watch);
+look(Same, #watch{seen = Same, since_ms = Since, patience_ms = Patience} = Watch) ->
+    case now_ms() - Since of
+        Ms when Ms >= Patience -> stands(Ms, Same, Watch);
+        _ -> Watch
+    end;
+look(Progress, Watch) ->
+    moved(Progress, Watch).
+
+moved(Progress, #watch{told = Told, tell = Tell} = Watch) ->
+    _ = Told andalso Tell(goes_on),
+    Watch#watch{seen = Progress, since_ms = now_ms(), told = false}.
+
+stands(Ms, Progress, #watch{tell = Tell, run = Run} = Watch) ->
+    AtWork = who(Progress, Run),
+    _ = AtWork =/= [] andalso Tell({stands, Ms, AtWork}),
+    Watch#watch{told = true}.
+
+%% @doc Who is at work in a run that stands still.
+-spec at_work(Run :: pid()) -> [work()].
+at_work(Run) ->
+    case is_process_alive(Run) andalso ask(Run) of
+        false -> [];
+        {_, _, []} -> [];
+        Progress -> who(Progress, Run)
+    end.
+
+progress(#watch{run = Run}) -> ask(Run).
+
+ask(Run) ->
+    ok = forget(),
+    Run ! {progress, self()},
+    receive
+        {progress, Progress} -> Progress
+    after ?ANSWER_MS -> no_answer
+    end.
+
+%% An answer that came too late.
+forget() ->
+    receive
+        {progress, _} -> forget()
+    after 0 -> ok
+    end.
+
+%% Without a monitor, the run itself is busy, for example with its results.
+who(no_answer, Run) ->
+    [{monitor, Frames} || [_ | _] = Frames <- [own(starl_monitor, Run)]];
+who({_Judged, _Resting, Late}, _Run) ->
+    Ref = make_ref(),
+    _ = [Shard ! {who, self(), Ref} || Shard <- Late],
+    Deadline = now_ms() + ?ANSWER_MS,
+    lists:append([answer(Ref, Shard, Deadline) || Shard <- Late]).
+
+answer(Ref, Shard, Deadline) ->
+    receive
+        {at_work, Ref, Shard, Busy} -> [{Robot, Name, frames(Pid)} || {Robot, Name, Pid} <- Busy]
+    after max(0, Deadline - now_ms()) -> inline(own(starl_machine, Shard))
+    end.
+
+inline([]) -> [simulator];
+inline(Frames) -> [{unknown, machine, Frames}].
+
+frames(Pid) -> starl_crash:frames(stack(Pid)).
+
+%% The calls above an interpreter; none if the process is not in it.
+own(Interpreter, Pid) ->
+    Stack = stack(Pid),
+    case lists:splitwith(fun({M, _, _, _}) -> M =/= Interpreter end, Stack) of
+        {_, []} -> [];
+        {Own, _} -> starl_crash:frames(Own)
+    end.
+
+%% The process may be on another node, or gone.
+stack(Pid) when node(Pid) =:= node() ->
+    case erlang:process_info(Pid, current_stacktrace) of
+        {current_stacktrace, Stack} -> Stack;
+        undefined -> []
+    end;
+stack(Pid) ->
+    try erpc:call(node(Pid), erlang, process_info, [Pid, current_stacktrace], 2 * ?ANSWER_MS) of
+        {current_stacktrace, Stack} -> Stack;
+        undefined -> []
+    catch
+        error:{erpc, _} -> []
+    end.
+
+now_ms() -> erlang:monotonic_time(millisecond).
