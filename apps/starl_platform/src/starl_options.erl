@@ -81,7 +81,7 @@ problem(Format, Args) -> {error, io_lib:format(Format, Args)}.
 
 types() ->
     "{integer, Min, Max}, {number, Min, Max}, {between, Type}, {size, Type}, {one_of, Atoms}, "
-    "{optional, Type}, string, boolean, {term, \"Shape\", Fun}".
+    "{optional, Type}, string, file, boolean, {term, \"Shape\", Fun}".
 
 is_type({integer, Min, Max}) -> is_integer(Min) andalso is_integer(Max);
 is_type({number, Min, Max}) -> is_number(Min) andalso is_number(Max);
@@ -90,7 +90,7 @@ is_type({size, Type}) -> is_type(Type);
 is_type({one_of, Atoms}) -> is_list(Atoms) andalso lists:all(fun is_atom/1, Atoms);
 is_type({optional, Type}) -> is_type(Type);
 is_type({term, Shape, Is}) -> io_lib:printable_unicode_list(Shape) andalso is_function(Is, 1);
-is_type(Type) -> Type =:= string orelse Type =:= boolean.
+is_type(Type) -> lists:member(Type, [string, file, boolean]).
 
 %% @doc Reads a value of a type from text, as on a command line.
 -spec parse(type(), string()) -> {ok, term()} | error.

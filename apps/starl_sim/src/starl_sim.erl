@@ -21,6 +21,8 @@
 
 -export_type([sim/0, options/0, planned/0, reason/0]).
 
+-define(EXAMPLE, "starl_sim:start(#{app => painting, robots => 3})").
+
 -record(sim, {
     sup :: pid(),
     run :: pid(),
@@ -28,7 +30,9 @@
     scene :: starl_scene:t()
 }).
 
-%% A running simulation, linked to the process that started it.
+%% A running simulation, linked to the process that started it; unless `linked' is `false' in the
+%% environment of the application, as in `./starl shell', where each mistake at the prompt ends that
+%% process.
 -opaque sim() :: #sim{}.
 
 %% Options outside the scenario: the events of which robots to record; further monitors, which only
@@ -53,18 +57,21 @@
     {scenario, starl_sim_scenario:reason()}
     | {app | scene, unicode:chardata()}
     | {no_such_app, module()}
+    | {no_app, Example :: string()}
     | {fault_target, atom(), starl:robot_id()}
     | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
     | {nodes, starl_sim_nodes:reason()}
     | {reload, {no_code, module()} | starl_sim_reload:reason()}
     | starl_sim_run:missed().
 
-%% @doc Starts the simulation of a scenario. The key `app' is the application's module.
--spec start(#{app := module(), atom() => term()}) -> {ok, sim()} | {error, reason()}.
+%% @doc Starts the simulation of a scenario. The key `app' is the application's module, or its name
+%% without `starl_'. An application alone runs with the defaults.
+-spec start(module() | #{app := module(), atom() => term()}) -> {ok, sim()} | {error, reason()}.
 start(Given) -> start(Given, #{}).
 
 %% @doc Starts the simulation with options of the run, which do not change its result.
--spec start(#{app := module(), atom() => term()}, options()) -> {ok, sim()} | {error, reason()}.
+-spec start(module() | #{app := module(), atom() => term()}, options()) ->
+    {ok, sim()} | {error, reason()}.
 start(Given, Options) ->
     case plan(Given, Options) of
         {ok, Planned} -> launch(Planned);
@@ -72,11 +79,23 @@ start(Given, Options) ->
     end.
 
 %% @doc Plans the simulation of a scenario, without starting it: for other drivers of its robots.
--spec plan(#{app := module(), atom() => term()}, options()) -> {ok, planned()} | {error, reason()}.
-plan(#{app := App} = Given, Options) ->
-    case code:ensure_loaded(App) of
-        {module, App} -> checked(check_app(App), Given, Options);
-        {error, _} -> {error, {no_such_app, App}}
+-spec plan(module() | #{app := module(), atom() => term()}, options()) ->
+    {ok, planned()} | {error, reason()}.
+plan(App, Options) when is_atom(App) ->
+    plan(#{app => App}, Options);
+plan(#{app := Name} = Given, Options) when is_atom(Name) ->
+    case module_named(Name) of
+        {ok, App} -> checked(check_app(App), Given#{app := App}, Options);
+        none -> {error, {no_such_app, Name}}
+    end;
+plan(_Given, _Options) ->
+    {error, {no_app, ?EXAMPLE}}.
+
+module_named(Name) ->
+    Names = [Name, list_to_atom("starl_" ++ atom_to_list(Name))],
+    case [M || M <- Names, code:ensure_loaded(M) =:= {module, M}] of
+        [Module | _] -> {ok, Module};
+        [] -> none
     end.
 
 checked(ok, #{app := App} = Given, Options) ->
@@ -200,7 +219,14 @@ format_error({scenario, Reason}) ->
 format_error({What, Why}) when What =:= app; What =:= scene ->
     Why;
 format_error({no_such_app, App}) ->
-    io_lib:format("there is no application ~ts", [App]);
+    Meant =
+        case starl_code:resembling(App) of
+            [Near | _] -> io_lib:format(" (did you mean ~ts?)", [Near]);
+            [] -> ""
+        end,
+    [io_lib:format("there is no application ~ts", [App]), Meant];
+format_error({no_app, Example}) ->
+    ["which application? Write ", Example];
 format_error({nodes, Reason}) ->
     starl_sim_nodes:format_error(Reason);
 format_error({lost, Loss}) ->
@@ -269,6 +295,7 @@ planned(Scenario, Scene, Context, Options) ->
 launch({Scenario, Scene, Plan}) ->
     case starl_sim_sup:start_link(Plan) of
         {ok, Sup} ->
+            _ = application:get_env(starl_sim, linked, true) orelse unlink(Sup),
             Run = starl_sim_sup:run(Sup),
             {ok, #sim{sup = Sup, run = Run, scenario = Scenario, scene = Scene}};
         {error, Reason} ->

@@ -3,6 +3,7 @@
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, subject/2, run/1]).
+-export([prepare/1]).
 
 -spec name() -> string().
 name() -> "shell".
@@ -25,3 +26,17 @@ subject(Word, Args) -> {ok, Word, Args}.
 
 -spec run(starl_cli_command:call()) -> {error, [string(), ...]}.
 run(_Call) -> {error, ["only the script ./starl runs this"]}.
+
+%% @doc Prepares the shell, at its start: the applications of StarL are loaded, and a robot's crash or
+%% end is one line on the screen.
+-spec prepare([atom()]) -> ok.
+prepare(Apps) ->
+    _ = [application:load(App) || App <- Apps],
+    {Id, Filter} = starl_sim_log:filter(),
+    _ = logger:add_handler_filter(default, Id, Filter),
+    Own = {fun logger_filters:domain/2, {log, sub, [starl]}},
+    _ = logger:add_handler_filter(default, starl, Own),
+    _ = logger:update_formatter_config(default, #{
+        legacy_header => false, single_line => true, template => [msg, "\n"]
+    }),
+    ok.

@@ -26,7 +26,9 @@
     %% the robots whose application was given up; the number of application crashes, and of causes
     given_up :: [starl:robot_id()],
     crashes :: {non_neg_integer(), Causes :: non_neg_integer()},
-    notes :: [unicode:chardata()]
+    notes :: [unicode:chardata()],
+    %% the robots that wait, by call and place
+    waiting :: [unicode:chardata()]
 }).
 
 -opaque t() :: #report{}.
@@ -36,6 +38,8 @@
 %% The figures that have lines of their own in the text; the number of notes in the summary.
 -define(LISTS, [violations, results, off_floor, messages_to_nobody, messages_unheard]).
 -define(NOTES, 6).
+%% The places of waiting applications that are shown in the summary.
+-define(MOST_WAITS, 5).
 
 %% @doc Makes the report of a run.
 -spec make(input()) -> t().
@@ -51,8 +55,19 @@ make(#{outcome := Outcome, ending := Ending, app := App} = Input) ->
         died = [Id || {Id, #{result := died}} <- Robots],
         given_up = [Id || {Id, #{result := given_up}} <- Robots],
         crashes = {maps:get(crashes, Seen, 0), maps:get(causes, Seen, 0)},
-        notes = [Line || #{notes := Notes} <- [Input], Line <- starl_cli_notes:lines(Notes)]
+        notes = [Line || #{notes := Notes} <- [Input], Line <- starl_cli_notes:lines(Notes)],
+        waiting = waiting(Robots)
     }.
+
+%% Where the applications wait that still run at the end.
+waiting(Robots) ->
+    Waits = [{place_of(starl_cli_phrase:waits(W)), Id} || {Id, #{waits := W}} <- Robots],
+    Places = lists:usort([Place || {Place, _} <- Waits, Place =/= none]),
+    Groups = lists:sort([{[Id || {P, Id} <- Waits, P =:= Place], Place} || Place <- Places]),
+    [[starl_cli_phrase:robots(Ids), ": ", Place] || {Ids, Place} <- Groups].
+
+place_of(none) -> none;
+place_of(Text) -> unicode:characters_to_binary(Text).
 
 fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App} = Input) ->
     #{outcome := Outcome, wall_s := Wall, ending := Ending} = Input,
@@ -75,7 +90,11 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
             {violations, [violation(V) || V <- Violations]},
             {ending, atom_to_binary(Ending)}
         ] ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})) ++
-        [Figure || #{notes := Notes} <- [Input], Figure <- starl_cli_notes:figures(Notes)].
+        [Figure || #{notes := Notes} <- [Input], Figure <- starl_cli_notes:figures(Notes)] ++
+        [
+            {waiting, [unicode:characters_to_binary(W) || W <- Waiting]}
+         || Waiting <- [waiting(maps:get(robots, Outcome))], Waiting =/= []
+        ].
 
 %% The contracts by which the run was judged.
 contracts(Monitors) ->
@@ -217,7 +236,7 @@ still(Before, #report{running = Ids}) -> [Before, integer_to_list(length(Ids)), 
 
 details(#report{app = App} = Report) ->
     Own = [["  ", Line] || Line <- maps:get(summary, App, [])],
-    [crashed(Report)] ++ Own ++ noted(Report) ++ [radio(Report), cost(Report)].
+    [crashed(Report)] ++ waits(Report) ++ Own ++ noted(Report) ++ [radio(Report), cost(Report)].
 
 noted(#report{notes = Notes}) when length(Notes) > ?NOTES ->
     {Shown, More} = lists:split(?NOTES, Notes),
@@ -225,6 +244,14 @@ noted(#report{notes = Notes}) when length(Notes) > ?NOTES ->
         [io_lib:format("  and ~b more notes, in report.txt", [length(More)])];
 noted(#report{notes = Notes}) ->
     [["  ", Note] || Note <- Notes].
+
+%% The work of an interrupted run is not waited for.
+waits(#report{ending = stopped}) ->
+    [];
+waits(#report{waiting = Waiting}) ->
+    {Shown, More} = lists:split(min(?MOST_WAITS, length(Waiting)), Waiting),
+    [["  waits: ", Line] || Line <- Shown] ++
+        [io_lib:format("  and ~b other places (report.txt)", [length(More)]) || More =/= []].
 
 %% The first crash was told when it happened.
 crashed(#report{crashes = {0, _}}) ->

@@ -1,7 +1,7 @@
 %% @doc Words that several commands print alike.
 -module(starl_cli_phrase).
 
--export([robots/1, crash/1]).
+-export([robots/1, crash/1, waits/1]).
 
 %% @doc Robots by their numbers, neighbours together: `robots 1-4, 7'.
 -spec robots([starl:robot_id(), ...]) -> unicode:chardata().
@@ -35,3 +35,28 @@ place(none, [Frame | _]) ->
     [starl_crash:format_frame(Frame), ": "];
 place(none, []) ->
     "".
+
+%% @doc The call in which an application waits, and its place; `none': it waits for nothing.
+-spec waits(starl_robot_tree:waiting()) -> unicode:chardata() | none.
+waits(none) ->
+    none;
+waits({nothing, _}) ->
+    none;
+waits({Waits, Frames}) ->
+    IsLibrary = fun({Module, _, _, _, _}) -> starl_code:is_library(Module) end,
+    {Library, Own} = lists:splitwith(IsLibrary, Frames),
+    [call(Waits, lists:reverse(Library)), at(starl_crash:place(Own ++ Library))].
+
+%% The library's function that the application itself has called is the outermost.
+call({message, Types}, _) -> ["starl:await(", lists:join(", ", types(Types)), ")"];
+call(time, []) -> "starl:sleep";
+call({answer, Name}, []) -> io_lib:format("an answer of its machine ~tp", [Name]);
+call(_, [{Module, Function, _, _, _} | _]) -> io_lib:format("~tp:~tp", [Module, Function]).
+
+types(Types) -> lists:usort([io_lib:format("~tp", [plain(Type)]) || Type <- Types]).
+
+plain({app, Type}) -> Type;
+plain(Type) -> Type.
+
+at(none) -> "";
+at({_, _, _, File, Line}) -> io_lib:format(", ~ts:~b", [File, Line]).

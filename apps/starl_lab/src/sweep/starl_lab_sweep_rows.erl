@@ -36,7 +36,7 @@
 -spec columns(starl_lab_sweep_grid:t(), starl_cli_report:t()) -> columns().
 columns(Grid, Report) ->
     Settings = [Key || {Key, _, _} <- starl_lab_sweep_grid:settings(Grid)],
-    Known = [app, seed, contracts | Settings],
+    Known = [app, seed, contracts, waiting | Settings],
     Figures = [
         {Key, kind(Value)}
      || {Key, Value} <- starl_cli_report:figures(Report), not lists:member(Key, Known)

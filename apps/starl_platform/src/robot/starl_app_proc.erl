@@ -15,7 +15,9 @@
 
 -export([start_link/1, init/1]).
 -export([perform/1, store/1, stored/0, now/0, random/0, listen/1, call/3, await/2, sleep/1]).
--export([application/0]).
+-export([application/0, waiting/1]).
+
+-export_type([waits/0]).
 
 -define(TURN, starl_turn).
 -define(INBOX_LIMIT, 1000).
@@ -48,12 +50,19 @@
     listening = [] :: [{starl_machine:name(), Word :: term()}],
     %% machines that are not started again
     given_up = [] :: [starl_machine:name()],
+    %% the last thing waited for
+    waits = nothing :: waits(),
     %% completed steps
     steps = 0 :: non_neg_integer()
 }).
 
 %% A message that waits in the inbox.
 -type message() :: {From :: starl:robot_id(), starl_packet:type(), Body :: term()}.
+
+%% What an application waits for: messages of these types, the answer of a machine, a time, or
+%% nothing, after its end.
+-type waits() ::
+    {message, [starl_packet:type()]} | {answer, starl_machine:name()} | time | nothing.
 
 %% The start arguments. `handle' is the application's `Robot'.
 -type spec() :: #{
@@ -105,6 +114,18 @@ application() ->
     case get(?TURN) of
         #turn{module = Module} -> Module;
         undefined -> none
+    end.
+
+%% @doc What the application in this process waits for, and its calls, the innermost first; while
+%% the process is at rest.
+-spec waiting(pid()) -> {waits(), [starl_crash:frame()]}.
+waiting(Pid) ->
+    case erlang:process_info(Pid, [dictionary, current_stacktrace]) of
+        [{dictionary, Words}, {current_stacktrace, Stack}] ->
+            Waits = [Turn#turn.waits || {?TURN, #turn{} = Turn} <- Words],
+            {hd(Waits ++ [nothing]), starl_crash:frames(Stack)};
+        undefined ->
+            {nothing, []}
     end.
 
 %% @doc Adds actions to the turn; they take place when the application next blocks. A malformed
@@ -173,7 +194,7 @@ random() ->
 -spec call(starl_machine:name(), Request :: term(), Us :: pos_integer() | infinity) ->
     {ok, Answer :: term()} | {error, timeout | restarted}.
 call(Name, Request, Us) ->
-    Tag = new_tag(),
+    Tag = new_tag({answer, Name}),
     perform([{call, Name, Request, Tag} | timer(Tag, Us)]),
     Answer = wait(fun
         ({reply, T}, {no_such_machine, N}) when T =:= Tag, N =:= Name -> no_such_machine;
@@ -222,7 +243,7 @@ await(Types, Us) ->
 %% @doc Waits for this time by the robot's own clock.
 -spec sleep(Us :: non_neg_integer()) -> ok.
 sleep(Us) ->
-    Tag = new_tag(),
+    Tag = new_tag(time),
     perform(timer(Tag, Us)),
     timeout = wait(fun
         ({timeout, T}, call) when T =:= Tag -> timeout;
@@ -301,7 +322,7 @@ carried(Module, State, Old) ->
     end.
 
 await_new(Types, Us) ->
-    Tag = new_tag(),
+    Tag = new_tag({message, Types}),
     perform(timer(Tag, Us)),
     Answer = wait(fun
         (cast, {message, From, Type, Body}) ->
@@ -395,9 +416,9 @@ keep(info, {Word, _}) when Word =:= restarted; Word =:= given_up ->
 keep(Type, Content) ->
     perform([{trace, {unknown_event, Type, Content}}]).
 
-new_tag() ->
+new_tag(Waits) ->
     #turn{tag = {Life, N}} = Turn = turn(),
-    _ = put(?TURN, Turn#turn{tag = {Life, N + 1}}),
+    _ = put(?TURN, Turn#turn{tag = {Life, N + 1}, waits = Waits}),
     {Life, N + 1}.
 
 timer(_Tag, infinity) -> [];

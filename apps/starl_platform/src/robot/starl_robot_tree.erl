@@ -5,9 +5,9 @@
 -module(starl_robot_tree).
 
 -export([launch/3, launch/2, resume/3, down/1, restart/3, give_up/4, kill/2, owns/3]).
--export([supervisor/1, inspect/1]).
+-export([supervisor/1, waiting/1, inspect/1]).
 
--export_type([t/0, start/0, seen/0, restarted/0]).
+-export_type([t/0, start/0, seen/0, restarted/0, waiting/0]).
 
 %% A machine as an inspection shows it; `waiting' before it has been booted. For a sequential
 %% application, the part of its stack that is its own.
@@ -29,6 +29,9 @@
 }).
 
 -opaque t() :: #tree{}.
+
+%% What an application waits for, and its calls.
+-type waiting() :: {starl_app_proc:waits(), [starl_crash:frame()]} | none.
 
 %% Starts a robot's tree; returns its supervisors.
 -type start() :: fun(() -> {pid(), [{starl_robot_sup:part(), pid()}]}).
@@ -215,6 +218,19 @@ owns(Pid, Machines, _Tree) -> starl_robot_machines:name_of(Pid, Machines) =/= no
 %% @doc The supervisor of the machines' processes.
 -spec supervisor(t()) -> pid() | none.
 supervisor(#tree{sup = Sup}) -> Sup.
+
+%% @doc What a sequential application waits for; `none': the robot has no such process.
+-spec waiting(starl_robot_machines:t()) -> waiting().
+waiting(Machines) ->
+    case starl_robot_machines:process(app, Machines) of
+        none ->
+            none;
+        Pid ->
+            case proc_lib:translate_initial_call(Pid) of
+                {starl_app_proc, _, _} -> starl_app_proc:waiting(Pid);
+                _ -> none
+            end
+    end.
 
 %% @doc All machines in their present state.
 -spec inspect(starl_robot_machines:t()) -> #{starl_machine:name() => seen()}.

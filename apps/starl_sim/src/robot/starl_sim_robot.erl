@@ -23,8 +23,8 @@
 -define(REMEMBERED, 10).
 
 %% A summary of a robot: the time of its last work (us), its digest chain with checkpoints, the
-%% numbers of its events and packets, its application's result, and its latest crashes, newest
-%% first.
+%% numbers of its events and packets, its application's result, its latest crashes, newest
+%% first, and what its application waits for while it runs.
 -type summary() :: #{
     at_us := starl_sim_queue:time(),
     chain := non_neg_integer(),
@@ -33,7 +33,8 @@
     packets := non_neg_integer(),
     result := running | died | given_up | {done, term()},
     pose := starl:pose(),
-    crashes := [{starl_machine:name(), Reason :: term()}]
+    crashes := [{starl_machine:name(), Reason :: term()}],
+    waits := starl_robot_tree:waiting()
 }.
 
 %% The beginning and the end of a window.
@@ -179,8 +180,14 @@ summary(Time, #robot{crashes = Crashes} = Site) ->
         result => result(Site),
         %% while another robot is held, this one may be at a later time
         pose => starl_trajectory:pose(max(At, Time), starl_sim_platform:piece(Body)),
-        crashes => Crashes
+        crashes => Crashes,
+        waits => waits(result(Site), Site)
     }.
+
+waits(running, #robot{robot = Robot}) ->
+    starl_robot_tree:waiting(starl_robot:machines(Robot));
+waits(_Ended, _Site) ->
+    none.
 
 %% @doc Its recorded events.
 -spec recorded(t()) -> [starl_sim_ledger:event()].
