@@ -7,7 +7,6 @@
 
 %% The time that an interrupted run has to come to rest.
 -define(REST_MS, 1000).
--define(INTERRUPTED, 130).
 
 %% @doc Watches a run: the first line on a stall stays, a progress line follows it.
 -spec watch(starl_sim:sim()) -> Watch :: pid().
@@ -43,7 +42,7 @@ given_up(AtWork) ->
     starl_cli_progress:note([
         "interrupted; no results: ", lists:join("; ", [in_step(G) || G <- groups(AtWork)])
     ]),
-    erlang:halt(?INTERRUPTED, [{flush, false}]).
+    starl_cli_signal:leave().
 
 in_step({"the simulator", _, _}) -> "the simulator was in the middle of its work";
 in_step({Who, none, _}) -> [Who, " did not end its step"];

@@ -4,12 +4,13 @@
 -module(starl_cli_signal).
 -behaviour(gen_event).
 
--export([install/0, on_interrupt/1]).
+-export([install/0, on_interrupt/1, leave/0]).
 -export([init/1, handle_event/2, handle_call/2]).
 
 %% The usual exit status of an interrupted command: 128 + SIGINT.
 -define(INTERRUPTED, 130).
 -define(TERMINATED, 143).
+-define(LAST_WORDS_MS, 100).
 
 -type reaction() :: fun(() -> term()).
 
@@ -45,4 +46,11 @@ handle_call({on_interrupt, Reaction}, _Old) -> {ok, ok, Reaction}.
 -spec quit() -> no_return().
 quit() ->
     starl_cli_progress:note("interrupted"),
+    leave().
+
+%% @doc Ends the VM as interrupted. What was written last has a moment to get out; a reader that
+%% takes no more does not hold up the end.
+-spec leave() -> no_return().
+leave() ->
+    ok = timer:sleep(?LAST_WORDS_MS),
     erlang:halt(?INTERRUPTED, [{flush, false}]).
