@@ -122,25 +122,27 @@ first_crash_is_told_once(_) ->
             [First, Head, Crashes | _] = string:split(Text, "\n", all),
             ?assertEqual("starl: my_app.erl:" ++ Told, First),
             contains("NOT COMPLETE (the application crashed for ever on robots 1-3)", Head),
-            ?assertEqual("  the application crashed 60 times, each time as told above", Crashes),
+            ?assertEqual(
+                "  the application crashed " ++ Times ++ " times, each time as told above", Crashes
+            ),
             ?assertEqual(1, length(string:split(Text, Told, all)) - 1),
             {ok, Json} = file:read_file("o/report.json"),
-            contains("\"application_crashes\": 60", binary_to_list(Json)),
+            contains("\"application_crashes\": " ++ Times, binary_to_list(Json)),
             ok = file:del_dir_r("o")
         end
-     || {Init, Step, Told} <- [
-            {"s", "{next, s}",
+     || {Times, Init, Step, Told} <- [
+            {"60", "s", "{next, s}",
                 "4: my_app:step/2: step/2 returned {next,s}; it returns {continue, State} or "
                 "{done, Result} (robot 1, 0.000000 s)"},
-            {"maps:get(place, binary_to_term(term_to_binary(#{})))", "{done, s}",
+            {"60", "maps:get(place, binary_to_term(term_to_binary(#{})))", "{done, s}",
                 "3: my_app:init/2: the map has no key place (robot 1, 0.000000 s)"},
-            {"s", "{done, starl:goto(R, {1.0, 2.0})}",
+            {"60", "s", "{done, starl:goto(R, {1.0, 2.0})}",
                 "4: my_app:step/2: there is no function starl:goto/2 (did you mean go_to?) "
                 "(robot 1, 0.000000 s)"},
-            {"s", "{done, starl_election:elect(R, first)}",
+            {"60", "s", "{done, starl_election:elect(R, first)}",
                 "4: my_app:step/2: this robot has no machine election; list its block: "
                 "blocks() -> [starl_election] (robot 1, 0.000000 s)"},
-            {"s", "starl:id(R) > 0 andalso {continue, s}",
+            {"9", "s", "starl:id(R) > 0 andalso {continue, s}",
                 "4: my_app:step/2: step/2 never waits: 100000 actions and steps in one moment; a "
                 "call such as starl:sleep, starl:await or starl:go_to lets time pass "
                 "(robot 1, 0.000000 s)"}

@@ -16,6 +16,12 @@ no_time_passes_test() ->
     ?assertEqual([], hopeless([crash(I, Unknown) || I <- lists:seq(1, 100)])),
     ?assertMatch([{20, _} | _], hopeless([crash(5, Unknown) || _ <- lists:seq(1, 20)])).
 
+%% A step that never lets time pass is tried three times only.
+endless_test() ->
+    ?assertEqual(
+        [{3, hopeless}], hopeless([crash(I, #{endless => true}) || I <- lists:seq(1, 3)])
+    ).
+
 %% Whatever differs begins a new row.
 progress_test_() ->
     [
@@ -46,6 +52,7 @@ crash(I, Given) ->
     maps:merge(
         #{
             cause => ?CAUSE,
+            endless => false,
             steps => 3,
             at_us => 1000 * I,
             pose => {1000.0, 2000.0, 0.0},

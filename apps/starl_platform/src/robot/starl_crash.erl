@@ -2,7 +2,7 @@
 %% the machine is a process or runs inline, and from run to run: it does not depend on pids.
 -module(starl_crash).
 
--export([reason/3, with_steps/2, steps/1, cause/1, format/1, frames/1, place/1, format_frame/1]).
+-export([reason/3, with_steps/2, steps/1, is_endless/1, cause/1, format/1, frames/1, place/1, format_frame/1]).
 
 -export_type([cause/0, frame/0]).
 
@@ -26,6 +26,11 @@ with_steps(Steps, Reason) -> {crashed_after, Steps, Reason}.
 -spec steps(Reason :: term()) -> non_neg_integer() | unknown.
 steps({crashed_after, Steps, _}) -> Steps;
 steps(_) -> unknown.
+
+%% @doc Did a step of an application never let time pass?
+-spec is_endless(Reason :: term()) -> boolean().
+is_endless({crashed_after, _, {{step_never_blocks, _}, _}}) -> true;
+is_endless(_) -> false.
 
 %% @doc The cause behind an exit reason; `none': the process was ended from outside.
 -spec cause(Reason :: term()) -> cause() | none.

@@ -14,6 +14,8 @@
 %% A crash of the application by itself. `steps': completed in this life.
 -type crash() :: #{
     cause := starl_crash:cause(),
+    %% did a step go on and on without letting time pass?
+    endless := boolean(),
     steps := non_neg_integer() | unknown,
     at_us := starl_sim_queue:time(),
     pose := starl:pose(),
@@ -24,6 +26,8 @@
 -opaque t() :: none | {crash(), LastUs :: starl_sim_queue:time(), N :: pos_integer()}.
 
 -define(MOST, 20).
+%% A step without an end costs much real time each time.
+-define(MOST_ENDLESS, 3).
 %% A robot that stands may be pushed a little by its next command to go where it is.
 -define(MOVED_MM, 100.0).
 
@@ -35,9 +39,12 @@ new() -> none.
 -spec crashed(crash(), t()) -> {goes_on | hopeless, t()}.
 crashed(#{at_us := Now} = Crash, {First, Last, N}) ->
     case is_like(First, Crash) andalso (Now =:= Last orelse has_same_steps(First, Crash)) of
-        true when N + 1 >= ?MOST -> {hopeless, {First, Now, N + 1}};
-        true -> {goes_on, {First, Now, N + 1}};
-        false -> crashed(Crash, none)
+        true when N + 1 >= ?MOST; N + 1 >= ?MOST_ENDLESS, map_get(endless, Crash) ->
+            {hopeless, {First, Now, N + 1}};
+        true ->
+            {goes_on, {First, Now, N + 1}};
+        false ->
+            crashed(Crash, none)
     end;
 crashed(#{at_us := Now} = Crash, none) ->
     {goes_on, {Crash, Now, 1}}.

@@ -346,6 +346,7 @@ hope(app, {_, _} = Cause, Reason, #robot{despair = Despair} = Site) ->
     Now = starl_sim_platform:now(Body),
     Crash = #{
         cause => Cause,
+        endless => starl_crash:is_endless(Reason),
         steps => starl_crash:steps(Reason),
         at_us => Now,
         pose => starl_trajectory:pose(Now, starl_sim_platform:piece(Body)),
