@@ -32,8 +32,10 @@ found({call, Anno, {atom, _, F}, Args}) ->
 found({'fun', Anno, {function, {atom, _, M}, {atom, _, F}, {integer, _, A}}}) ->
     [{Anno, {M, F, A}}];
 found(Form) when is_tuple(Form) -> found(tuple_to_list(Form));
-found([Form | Forms]) -> found(Form) ++ found(Forms);
-found(_Other) -> [].
+found([Form | Forms]) ->
+    found(Form) ++ found(Forms);
+found(_Other) ->
+    [].
 
 %% @doc One line on a call, with its place and the remedy.
 -spec text(call()) -> unicode:chardata().

@@ -29,8 +29,15 @@ load_directory(Dir) ->
 load_only(_Dir, _Name, [File]) ->
     load(File);
 load_only(Dir, Name, []) ->
-    {error, [[Dir, ": no module here is an application, which exports init/2 and step/2; "
-        "nor is there a file ", Name, ".erl"]]};
+    {error, [
+        [
+            Dir,
+            ": no module here is an application, which exports init/2 and step/2; "
+            "nor is there a file ",
+            Name,
+            ".erl"
+        ]
+    ]};
 load_only(Dir, _Name, Several) ->
     Names = lists:join(", ", [filename:basename(File) || File <- Several]),
     {error, [[Dir, ": which one is to run? ", Names, "; name the file"]]}.

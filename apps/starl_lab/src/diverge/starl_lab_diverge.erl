@@ -209,8 +209,16 @@ locate(Seed, [{_, First} | Others], #{scenario := Scenario, ways := Ways} = Setu
         ])
     ),
     case [Reason || {crashed, Reason} <- [First, Other]] of
-        [Reason | _] -> starl_cli_terminal:out("one of them failed: ~0tP~n", [Reason, 15]);
-        [] -> differ(digest(First) =/= digest(Other), {First, Other}, Scenario#{seed => Seed}, {A, B}, Setup)
+        [Reason | _] ->
+            starl_cli_terminal:out("one of them failed: ~0tP~n", [Reason, 15]);
+        [] ->
+            differ(
+                digest(First) =/= digest(Other),
+                {First, Other},
+                Scenario#{seed => Seed},
+                {A, B},
+                Setup
+            )
     end.
 
 differ(true, _Outcomes, Scenario, Ways, Setup) ->
@@ -221,8 +229,12 @@ differ(false, Outcomes, Scenario, Ways, Setup) ->
     likely(Setup).
 
 %% The events are equal; what a program makes of them is not.
-beside({#{traces := First, results := R1}, #{traces := Second, results := R2}}, Scenario, Ways, Setup) ->
-    case [Id || Id <- lists:sort(maps:keys(First)), maps:find(Id, First) =/= maps:find(Id, Second)] of
+beside(
+    {#{traces := First, results := R1}, #{traces := Second, results := R2}}, Scenario, Ways, Setup
+) ->
+    case
+        [Id || Id <- lists:sort(maps:keys(First)), maps:find(Id, First) =/= maps:find(Id, Second)]
+    of
         [Robot | _] ->
             starl_cli_terminal:out(traces(Robot, Scenario, Ways, Setup));
         [] ->
@@ -248,8 +260,17 @@ traces(Robot, Scenario, {A, B}, #{target := Target}) ->
     [
         io_lib:format("the events are equal; what robot ~b traces is not~n", [Robot]),
         case parted(First, Second) of
-            none -> "run again, they no longer differ\n";
-            {One, Other} -> [starl_lab_way:text(A), ":\n", trace(One), starl_lab_way:text(B), ":\n", trace(Other)]
+            none ->
+                "run again, they no longer differ\n";
+            {One, Other} ->
+                [
+                    starl_lab_way:text(A),
+                    ":\n",
+                    trace(One),
+                    starl_lab_way:text(B),
+                    ":\n",
+                    trace(Other)
+                ]
         end
     ].
 
