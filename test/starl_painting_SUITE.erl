@@ -167,7 +167,7 @@ too_complex(Config) ->
             unicode:characters_to_binary(
                 starl_sim:format_error(Reason)
             ),
-            <<"at most 20000 edges">>
+            <<"at most 40000 edges">>
         )
     ),
     %% it was a hundred times as much
@@ -199,9 +199,11 @@ drawn(Lines, Robots, Config) ->
         starl_roadmap:layout({12000.0, 12000.0}, Robots, 200.0 + Tracking),
     File = filename:join(proplists:get_value(priv_dir, Config), "drawn.svg"),
     ok = file:write_file(File, [
-        io_lib:format("<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 ~f ~f'>", [
-            X1 - X0, Y1 - Y0
-        ]),
+        io_lib:format(
+            "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 ~f ~f' stroke='black'>", [
+                X1 - X0, Y1 - Y0
+            ]
+        ),
         [
             io_lib:format("<line x1='~f' y1='~f' x2='~f' y2='~f'/>", [AX, AY, BX, BY])
          || {{AX, AY}, {BX, BY}} <- Lines
@@ -489,7 +491,11 @@ place() -> {oneof(lists:seq(0, 1000, 7)), oneof(lists:seq(0, 1000, 11))}.
 xy({X, Y}) -> io_lib:format("~b,~b ", [X, Y]).
 
 svg(Shapes) ->
-    ["<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 1000 1000\">", Shapes, "</svg>"].
+    [
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 1000 1000\" stroke=\"black\">",
+        Shapes,
+        "</svg>"
+    ].
 
 paints(Svg, Seed, Robots, Config) ->
     File = filename:join(proplists:get_value(priv_dir, Config), "random.svg"),
