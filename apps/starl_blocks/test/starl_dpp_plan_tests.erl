@@ -133,7 +133,7 @@ errors_say_what_to_do_test() ->
         {no_robots, config([line()], 0)},
         {world_too_small, (config([line()], 4))#{world => {2000.0, 2000.0}}},
         {outside_area, config([{{100.0, 100.0}, {5000.0, 5000.0}}], 1)},
-        {too_many_edges, (config([line()], 1))#{edge_length => 0.09}}
+        {too_many_edges, (config([line()], 1))#{edge_length => 0.045}}
     ],
     [
         begin

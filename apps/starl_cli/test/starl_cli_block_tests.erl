@@ -48,7 +48,7 @@ counter_test_() ->
                 Args = ["run", "exercise", "--block", "counter", "--final", "2", "--out", Out],
                 says(0, "complete", Args),
                 {ok, Report} = file:read_file(filename:join(Out, "report.txt")),
-                contains("counter, crash, exercise, sap", binary_to_list(Report)),
+                contains("counter, crash, exercise, motion, sap", binary_to_list(Report)),
                 %% agreement was judged
                 ?assertMatch({match, _}, re:run(Report, "agreed +[1-9]"))
             end)
@@ -62,7 +62,9 @@ own_run_test_() ->
             Out = filename:join(Dir, "run"),
             says(0, "my_relay_app: complete", ["run", own("my_relay_app"), "--out", Out]),
             {ok, Report} = file:read_file(filename:join(Out, "report.json")),
-            contains("\"contracts\": [\"my_relay\",\"crash\",\"sap\"]", binary_to_list(Report)),
+            contains(
+                "\"contracts\": [\"my_relay\",\"crash\",\"motion\",\"sap\"]", binary_to_list(Report)
+            ),
             says(0, "same digest", ["replay", Out])
         end)
     end}.
@@ -150,7 +152,7 @@ line_up_test_() ->
                 "run", filename:join([root(), "examples", "line_up.erl"]), "--out", Out
             ]),
             {ok, Report} = file:read_file(filename:join(Out, "report.txt")),
-            contains("crash, election, sap", binary_to_list(Report))
+            contains("crash, election, motion, sap", binary_to_list(Report))
         end)
     end}.
 

@@ -36,7 +36,8 @@
     positioning := pid(),
     chassis := pid(),
     sink := pid() | none,
-    record := starl_live_record:t() | none
+    record := starl_live_record:t() | none,
+    atom() => term()
 }.
 
 %% The numbers of events handled and of packets sent.

@@ -4,8 +4,12 @@
 
 -export([start/2, stop/1]).
 
--spec start(application:start_type(), []) -> supervisor:startlink_ret().
-start(_Type, []) -> starl_live_sup:start_link().
+-spec start(application:start_type(), []) -> {ok, pid()} | {error, term()}.
+start(_Type, []) ->
+    case starl_live_sup:start_link() of
+        {ok, Pid} -> {ok, Pid};
+        {error, _} = Error -> Error
+    end.
 
 -spec stop(term()) -> ok.
 stop(_State) -> ok.
