@@ -1,0 +1,203 @@
+%% @doc `./starl deploy': brings a fleet of real robots to a release, and looks after it.
+-module(starl_cli_deploy).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+
+-type action() :: deploy | status | stop | rollback | {logs, all | starl:robot_id()} | reload.
+
+-define(ACTIONS, ["status", "logs", "stop", "rollback", "reload"]).
+-define(LOG_LINES, 100).
+
+-spec name() -> string().
+name() -> "deploy".
+
+-spec synopsis() -> string().
+synopsis() -> "bring a fleet of real robots to a release".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {optional, "FLEET.term", {example, "fleet.term"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "Builds a release of the application in a fleet file, copies it by ssh to the robots' computers, "
+        "starts it there, and waits until every robot is well. If one is not, all robots go back to the "
+        "release before. Nothing on a robot changes before all have been found able to run it.",
+        {list, "Afterwards", [
+            {"deploy F status", "how each robot is"},
+            {"deploy F logs [N]", "the latest lines of the robots' logs, or of robot N"},
+            {"deploy F stop", "stops the robots until the next deploy"},
+            {"deploy F rollback", "back to the release before"},
+            {"deploy F reload APP", "new code of the application, while the robots run"}
+        ]},
+        "doc/deploy.md explains the fleet file; ./starl keys makes the keys."
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(_Subject) ->
+    [
+        {"Flags", [
+            {example, switch, false, "prints a fleet file with comments, to begin with"},
+            {dry_run, switch, false, "prints every command, and runs none"},
+            {erlang, {one_of, [ours, there]}, ours,
+                "ours: the release carries Erlang, for computers like this one; there: the robots have "
+                "their own"},
+            {build_there, switch, false, "the robots compile the sources with their own Erlang"},
+            {trial, {integer, 1, 3600}, 5, "a robot must have been well for this long, s"}
+        ]}
+    ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() -> [{0, "done"}, {1, "a robot is not well, or not reached"}].
+
+-spec subject(string(), [string()]) ->
+    {ok, {action(), starl_cli_fleet:t()}, [string()]} | {error, [unicode:chardata(), ...]}.
+subject(File, Args) ->
+    {Words, Flags} = lists:splitwith(fun(Arg) -> hd(Arg ++ "-") =/= $- end, Args),
+    case lists:member("--help", Args) orelse starl_cli_fleet:read(File) of
+        true -> {ok, help, Args};
+        {ok, Fleet} -> subject(action(Words, Fleet), Fleet, Flags);
+        {error, _} = Error -> Error
+    end.
+
+subject({error, Why}, _Fleet, _Flags) -> {error, [Why]};
+subject(Action, Fleet, Flags) -> {ok, {Action, Fleet}, Flags}.
+
+action([], _Fleet) ->
+    deploy;
+action(["status"], _Fleet) ->
+    status;
+action(["stop"], _Fleet) ->
+    stop;
+action(["rollback"], _Fleet) ->
+    rollback;
+action(["logs"], _Fleet) ->
+    {logs, all};
+action(["logs", Number], #{fleet := #{robots := Robots}}) ->
+    logs(string:to_integer(Number), Robots);
+action(["reload"], _Fleet) ->
+    {error, "reload what? Name the application of the fleet file"};
+action(["reload", App], #{file := File}) ->
+    reloads(App, starl_fleet_file:read(File));
+action([Word | _], _Fleet) ->
+    {error, unknown(Word)}.
+
+logs({N, ""}, Robots) when is_map_key(N, Robots) -> {logs, N};
+logs(_, Robots) -> {error, io_lib:format("logs of which robot? 1 to ~b", [map_size(Robots)])}.
+
+%% The word says what the user means to change; a fleet has one application.
+reloads(Word, {ok, #{app := App}}) ->
+    Names = [name_of(App), "starl_" ++ name_of(App)],
+    case lists:member(filename:basename(Word, ".erl"), Names) of
+        true -> reload;
+        false -> {error, ["the fleet runs ", name_of(App), ", not ", Word]}
+    end.
+
+name_of(App) when is_atom(App) -> atom_to_list(App);
+name_of(App) -> filename:basename(App, ".erl").
+
+unknown(Word) ->
+    case starl_cli_flags:nearest(Word, ?ACTIONS) of
+        [Near | _] -> ["there is no ", Word, " (did you mean ", Near, "?)"];
+        [] -> ["there is no ", Word, "; there are ", lists:join(", ", ?ACTIONS)]
+    end.
+
+%% -- running --------------------------------------------------------------------------------
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{values := #{example := true}}) ->
+    {ok, Text} = file:read_file(filename:join(code:priv_dir(starl_fleet), "fleet.term")),
+    starl_cli_terminal:out(Text),
+    0;
+run(#{subject := none}) ->
+    {error, [
+        "name a fleet file first, as in ./starl deploy fleet.term; ./starl deploy --example prints one"
+    ]};
+run(#{subject := {Action, Fleet}, values := Values}) ->
+    act(Action, Fleet, Values).
+
+act(deploy, Fleet, Values) ->
+    deploy(Fleet, options(restart, Fleet, Values), Values);
+act(reload, Fleet, Values) ->
+    reload(Fleet, options(reload, Fleet, Values), Values);
+act(rollback, #{fleet := Fleet}, _Values) ->
+    told(starl_fleet_deploy:rollback(Fleet));
+act(stop, #{fleet := Fleet}, _Values) ->
+    each(starl_fleet_deploy:ask("stop", numbers(Fleet), Fleet), fun(N, _) ->
+        io_lib:format("robot ~b: stopped\n", [N])
+    end);
+act(status, #{fleet := #{robots := Robots} = Fleet}, _Values) ->
+    each(starl_fleet_deploy:ask("status", numbers(Fleet), Fleet), fun(N, Said) ->
+        starl_cli_fleet_status:line(N, maps:get(N, Robots), starl_fleet_term:read(Said))
+    end);
+act({logs, Which}, #{fleet := Fleet}, _Values) ->
+    Numbers = [N || N <- numbers(Fleet), Which =:= all orelse Which =:= N],
+    Words = "logs " ++ integer_to_list(?LOG_LINES),
+    each(starl_fleet_deploy:ask(Words, Numbers, Fleet), fun(N, Said) ->
+        [io_lib:format("robot ~b: ~ts\n", [N, Line]) || Line <- string:lexemes(Said, "\r\n")]
+    end).
+
+numbers(#{robots := Robots}) -> lists:sort(maps:keys(Robots)).
+
+%% Prints each answer, and complains of each failure.
+each(Answers, Shown) ->
+    Print = fun
+        ({N, {ok, Said}}) -> starl_cli_terminal:out(Shown(N, Said));
+        ({_, {error, Line}}) -> starl_cli_terminal:complain(["deploy: ", Line])
+    end,
+    lists:foreach(Print, Answers),
+    status(lists:all(fun({_, {How, _}}) -> How =:= ok end, Answers)).
+
+status(true) -> 0;
+status(false) -> 1.
+
+options(Way, #{fleet := #{name := Name}, code := Code}, Values) ->
+    #{
+        kind => kind(Values),
+        way => Way,
+        trial_s => maps:get(trial, Values),
+        code => Code,
+        scratch => filename:join([starl_cli_target:root(), "_build", "fleet", Name]),
+        say => fun starl_cli_terminal:warn/1
+    }.
+
+kind(#{build_there := true}) -> source;
+kind(#{erlang := Erlang}) -> Erlang.
+
+deploy(#{fleet := Fleet}, Options, #{dry_run := Dry}) ->
+    case starl_fleet_deploy:release(Fleet, Options) of
+        {ok, #{version := Version} = Made} ->
+            Plan = starl_fleet_deploy:plan(Version, Fleet, Options),
+            deployed(Dry, Made, Plan, Options);
+        {error, Lines} ->
+            {error, Lines}
+    end.
+
+deployed(true, #{fleet := Fleet}, Plan, _Options) ->
+    starl_cli_terminal:out([[Line, "\n"] || Line <- starl_fleet_deploy:dry_run(Fleet, Plan)]),
+    0;
+deployed(false, Made, Plan, Options) ->
+    told(starl_fleet_deploy:run(Made, Plan, Options)).
+
+%% The team goes on with its run, so it must have one.
+reload(#{fleet := Fleet} = File, Options, Values) ->
+    Answers = starl_fleet_deploy:ask("status", numbers(Fleet), Fleet),
+    case {[Line || {_, {error, Line}} <- Answers], runs(Answers)} of
+        {[_ | _] = Lines, _} -> told({error, Lines});
+        {[], [Run]} -> deploy(File, Options#{run => Run}, Values);
+        {[], _} -> told({error, ["the robots run different releases; deploy first"]})
+    end.
+
+runs(Answers) ->
+    lists:usort([
+        Run
+     || {_, {ok, Said}} <- Answers, {ok, #{run := Run}} <- [starl_fleet_term:read(Said)]
+    ]).
+
+told({ok, Lines}) ->
+    starl_cli_terminal:out([[Line, "\n"] || Line <- Lines]),
+    0;
+told({error, Lines}) ->
+    lists:foreach(fun(Line) -> starl_cli_terminal:complain(["deploy: ", Line]) end, Lines),
+    1.

@@ -1,0 +1,38 @@
+%% @doc One line on how a real robot is.
+-module(starl_cli_fleet_status).
+
+-export([line/3]).
+
+%% @doc The line on a robot, from the answer of its node.
+-spec line(starl:robot_id(), starl_fleet_file:robot(), {ok, term()} | none) -> unicode:chardata().
+line(N, Robot, {ok, #{release := Release, app := App, started := At, link := Link} = Status}) ->
+    #{result := Result, crashes := Crashes} = Status,
+    Line = "robot ~b (~ts): ~ts ~ts, release ~ts, for ~ts~ts~ts\n",
+    Who = starl_fleet_steps:target(Robot),
+    io_lib:format(Line, [
+        N, Who, App, doing(Result), Release, since(At), silent(Link), crashes(Crashes, Status)
+    ]);
+line(N, Robot, _) ->
+    io_lib:format("robot ~b (~ts): its node says nothing that we know\n", [
+        N, starl_fleet_steps:target(Robot)
+    ]).
+
+doing(running) -> "runs";
+doing(given_up) -> "has given up";
+doing({done, Result}) -> ["is done: ", Result].
+
+silent(answers) -> "";
+silent(silent) -> ", its link does not answer".
+
+crashes(0, _) -> "";
+crashes(N, #{crash := Crash}) -> io_lib:format(", ~b crashes, the latest ~ts", [N, Crash]).
+
+%% By both computers' clocks.
+since(At) ->
+    Seconds = max(0, erlang:system_time(second) - At),
+    case {Seconds div 86400, Seconds div 3600 rem 24, Seconds div 60 rem 60, Seconds rem 60} of
+        {0, 0, 0, S} -> io_lib:format("~b s", [S]);
+        {0, 0, M, S} -> io_lib:format("~b min ~b s", [M, S]);
+        {0, H, M, _} -> io_lib:format("~b h ~b min", [H, M]);
+        {D, H, _, _} -> io_lib:format("~b d ~b h", [D, H])
+    end.

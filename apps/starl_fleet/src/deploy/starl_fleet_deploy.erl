@@ -1,0 +1,207 @@
+%% @doc Deploys a fleet: builds its release, and takes all robots from the release they run to the new
+%% one, or none of them. Nothing on a robot changes before the release is found good on all.
+%% ```
+%%     look  room  copy  keys  check   on all robots; a failure ends it here, nothing has changed
+%%     switch  health                  a failure takes all robots back to the release before
+%% '''
+-module(starl_fleet_deploy).
+
+-export([release/2, plan/3, dry_run/2, run/3, rollback/1, ask/3]).
+
+-export_type([options/0, made/0, report/0]).
+
+%% `scratch': a directory for the release on this computer; `say': gets a line on each stage.
+-type options() :: #{
+    kind := starl_fleet_release:kind(),
+    way := restart | reload,
+    trial_s := pos_integer(),
+    code := [starl_fleet_release:code()],
+    scratch := file:filename(),
+    say := fun((unicode:chardata()) -> ok)
+}.
+
+%% A release that is not written yet.
+-type made() :: #{
+    fleet := starl_fleet_file:t(),
+    manifest := starl_fleet_release:manifest(),
+    version := string()
+}.
+
+-type report() :: {ok, [unicode:chardata()]} | {error, [unicode:chardata(), ...]}.
+
+%% The longest time of a stage.
+-define(STAGE_MS, 1_800_000).
+-define(QUESTION_MS, 60_000).
+
+%% @doc Makes the release of a fleet, without writing it.
+-spec release(starl_fleet_file:t(), options()) -> {ok, made()} | {error, [unicode:chardata(), ...]}.
+release(Fleet, #{scratch := Scratch, kind := Kind, code := Code} = Options) ->
+    What = (maps:with([run], Options))#{fleet => Fleet, kind => Kind, code => Code},
+    case starl_fleet_release:manifest(What, filename:join(Scratch, "boot")) of
+        {ok, Manifest} ->
+            Version = starl_fleet_release:version(Manifest),
+            {ok, #{fleet => Fleet, manifest => Manifest, version => Version}};
+        {error, Why} ->
+            {error, [Why]}
+    end.
+
+%% @doc The plan of a deployment of this release.
+-spec plan(Version :: string(), starl_fleet_file:t(), options()) -> starl_fleet_steps:plan().
+plan(Version, Fleet, #{scratch := Scratch, kind := Kind, way := Way, trial_s := Trial}) ->
+    #{
+        release => filename:join(Scratch, Version),
+        keys => starl_fleet_keys:dir(Fleet),
+        kind => Kind,
+        way => Way,
+        trial_s => Trial
+    }.
+
+%% @doc All commands, for a reader.
+-spec dry_run(starl_fleet_file:t(), starl_fleet_steps:plan()) -> [unicode:chardata()].
+dry_run(Fleet, Plan) ->
+    lists:append([
+        [["# ", title(Stage)] | [Command || {_, Command} <- Steps]]
+     || {Stage, Steps} <- starl_fleet_steps:deploy(Fleet, Plan, [])
+    ]).
+
+title(look) -> "look: processor, disk, rsync, the release there";
+title(room) -> "make the directories";
+title(copy) -> "copy the release (by tar, where a robot has no rsync)";
+title(keys) -> "copy the keys";
+title(build) -> "compile there";
+title(check) -> "check the release there: the VM starts, the fleet file is sound";
+title(may_reload) -> "can the new code be loaded?";
+title(switch) -> "switch to the release, and start; on a failure: bin/robot rollback";
+title(reload) -> "load the new code; on a failure: bin/robot reload back";
+title(health) -> "wait until the robot is well";
+title(tidy) -> "remove older releases".
+
+%% -- a deployment ---------------------------------------------------------------------------
+
+%% @doc Deploys a release to all robots of a fleet.
+-spec run(made(), starl_fleet_steps:plan(), options()) -> report().
+run(#{fleet := Fleet, manifest := Manifest, version := Version}, Plan, Options) ->
+    #{scratch := Scratch} = Options,
+    case starl_fleet_keys:missing(Fleet) of
+        [] ->
+            case starl_fleet_release:write(Manifest, Version, Scratch) of
+                {ok, _} -> stages(Fleet, Plan, Manifest, Options);
+                {error, Why} -> {error, [Why]}
+            end;
+        [File | _] ->
+            {error, [
+                [File, ": no such file; the fleet's keys are made by: ./starl keys FLEET.term"]
+            ]}
+    end.
+
+stages(Fleet, #{way := Way} = Plan, Manifest, Options) ->
+    Stages = starl_fleet_steps:deploy(Fleet, Plan, []),
+    {Before, After} = lists:splitwith(fun({Stage, _}) -> not is_turn(Stage) end, Stages),
+    Ours = ours(Manifest, Plan),
+    case
+        each(Before, #{fleet => Fleet, plan => Plan, ours => Ours, options => Options, tar => []})
+    of
+        {ok, State} -> turned(each(After, State), Way, State);
+        {error, Lines} -> {error, Lines ++ ["nothing has changed on any robot"]}
+    end.
+
+is_turn(Stage) -> Stage =:= switch orelse Stage =:= reload.
+
+ours(Manifest, #{kind := Kind}) ->
+    #{
+        kind => Kind,
+        machine => string:trim(os:cmd("uname -m")),
+        otp => erlang:system_info(otp_release),
+        size_kb => starl_fleet_release:size_kb(Manifest)
+    }.
+
+turned({ok, #{plan := #{release := Release}, fleet := #{robots := Robots}}}, _Way, _State) ->
+    Line = "release ~ts runs on ~b robot~ts",
+    Plural = [$s || map_size(Robots) > 1],
+    {ok, [io_lib:format(Line, [filename:basename(Release), map_size(Robots), Plural])]};
+turned({error, Lines}, Way, State) ->
+    {error, Lines ++ back(Way, State)}.
+
+each([], State) ->
+    {ok, State};
+each([Stage | Stages], State) ->
+    case stage(Stage, State) of
+        {ok, Next} -> each(Stages, Next);
+        {error, _} = Error -> Error
+    end.
+
+stage({Name, Steps}, #{options := #{say := Say}, tar := Tar} = State) ->
+    ok = Say(title(Name)),
+    Results = starl_fleet_shell:run(
+        [other_way(Name, Step, Tar, State) || Step <- Steps], ?STAGE_MS
+    ),
+    case failures(Name, Results, State) of
+        [] -> looked(Name, Results, State);
+        Lines -> {error, Lines}
+    end.
+
+%% Where there is no rsync.
+other_way(Name, {N, Command}, Tar, #{fleet := Fleet, plan := Plan}) ->
+    case lists:member(N, Tar) andalso lists:member(Name, [copy, keys]) of
+        true -> {N, starl_fleet_steps:copy_by_tar(Name, N, {Fleet, Plan})};
+        false -> {N, Command}
+    end.
+
+failures(Name, Results, #{fleet := #{robots := Robots}}) ->
+    [
+        starl_fleet_failure:line(Name, N, maps:get(N, Robots), Result)
+     || {N, {Status, _} = Result} <- Results, Status =/= 0
+    ].
+
+looked(look, Results, #{fleet := #{robots := Robots}, ours := Ours} = State) ->
+    Facts = [{N, starl_fleet_failure:facts(Said)} || {N, {0, Said}} <- Results],
+    case [L || {N, F} <- Facts, L <- starl_fleet_failure:look(N, maps:get(N, Robots), F, Ours)] of
+        [] -> {ok, State#{tar := [N || {N, #{rsync := false}} <- Facts]}};
+        Lines -> {error, Lines}
+    end;
+looked(_Name, _Results, State) ->
+    {ok, State}.
+
+%% -- back -----------------------------------------------------------------------------------
+
+back(Way, #{fleet := Fleet, plan := Plan, options := #{say := Say}} = State) ->
+    ok = Say("back to the release before"),
+    Steps = starl_fleet_steps:back(back_words(Way), Fleet, Plan),
+    Results = starl_fleet_shell:run(Steps, ?STAGE_MS),
+    failures(rollback, Results, State) ++ [summary([Said || {_, {0, Said}} <- Results])].
+
+back_words(restart) -> "rollback";
+back_words(reload) -> "reload back".
+
+summary(Said) ->
+    case lists:usort([string:trim(Text) || Text <- Said]) of
+        [] -> "no robot could be taken back";
+        ["none"] -> "there was no release before: the robots are stopped";
+        [Release] -> ["the robots run release ", Release, " again"];
+        Releases -> ["the robots run releases ", lists:join(", ", Releases), " again"]
+    end.
+
+%% @doc Takes all robots back to the release before.
+-spec rollback(starl_fleet_file:t()) -> report().
+rollback(#{robots := Robots} = Fleet) ->
+    Steps = starl_fleet_steps:one("rollback", lists:sort(maps:keys(Robots)), Fleet),
+    Results = starl_fleet_shell:run(Steps, ?STAGE_MS),
+    Summary = summary([Said || {_, {0, Said}} <- Results]),
+    case failures(rollback, Results, #{fleet => Fleet}) of
+        [] -> {ok, [Summary]};
+        Lines -> {error, Lines ++ [Summary]}
+    end.
+
+%% @doc Runs `bin/robot' with these words on each of these robots; what it says, or one line.
+-spec ask(Words :: string(), [starl:robot_id()], starl_fleet_file:t()) ->
+    [{starl:robot_id(), {ok, string()} | {error, unicode:chardata()}}].
+ask(Words, Numbers, #{robots := Robots} = Fleet) ->
+    [
+        {N, asked(N, maps:get(N, Robots), Result)}
+     || {N, Result} <- starl_fleet_shell:run(
+            starl_fleet_steps:one(Words, Numbers, Fleet), ?QUESTION_MS
+        )
+    ].
+
+asked(_N, _Robot, {0, Said}) -> {ok, Said};
+asked(N, Robot, Result) -> {error, starl_fleet_failure:line(robot, N, Robot, Result)}.

@@ -1,0 +1,160 @@
+%% @doc A failed command of a deployment in one line: which robot and computer, what is wrong, and what
+%% to do. A pure module.
+-module(starl_fleet_failure).
+
+-export([line/4, look/4, facts/1]).
+
+-export_type([facts/0]).
+
+%% What a computer says of itself.
+-type facts() :: #{
+    machine := string(),
+    rsync := boolean(),
+    otp := string(),
+    free_kb := integer(),
+    release := string()
+}.
+
+%% @doc The line on a command that ended with this exit status and these words.
+-spec line(starl_fleet_steps:stage() | atom(), starl:robot_id(), starl_fleet_file:robot(), {
+    integer() | timeout, string()
+}) -> unicode:chardata().
+line(Stage, N, Robot, {Status, Said}) -> named(N, Robot, why(Stage, Status, Said, Robot)).
+
+named(N, Robot, Why) ->
+    io_lib:format("robot ~b (~ts): ~ts", [N, starl_fleet_steps:target(Robot), Why]).
+
+why(_Stage, timeout, _Said, _Robot) ->
+    "no answer for too long; is the network slow, or the computer stuck?";
+why(Stage, 255, Said, Robot) ->
+    known(Said, by_ssh(Robot), by_any(Robot), Stage);
+why(Stage, _Status, Said, Robot) ->
+    known(Said, by_any(Robot), by_ssh(Robot), Stage).
+
+%% The first pattern that is found tells.
+known(Said, First, Second, Stage) ->
+    case [Why || {Pattern, Why} <- First ++ Second, re:run(Said, Pattern) =/= nomatch] of
+        [Why | _] -> Why;
+        [] -> [doing(Stage), " failed: ", last_line(Said)]
+    end.
+
+by_ssh(#{host := Host} = Robot) ->
+    Target = starl_fleet_steps:target(Robot),
+    [
+        {"Could not resolve hostname", [
+            "there is no computer ", Host, "; mend host in the fleet file"
+        ]},
+        {"Connection refused",
+            "no ssh server answers there; say on it: apt install openssh-server"},
+        {"No route to host|timed out|Network is unreachable|Host is down",
+            "it does not answer; is it switched on, and on this network?"},
+        {"IDENTIFICATION HAS CHANGED", [
+            "its ssh key is another than before; if it was set up anew: ssh-keygen -R ", Host
+        ]},
+        {"Host key verification failed", [
+            "its ssh key is not known here yet; say once: ssh ", Target
+        ]},
+        {"Identity file .* not accessible", "the ssh key of the fleet file is no file here"},
+        {"Permission denied \\(", ["it does not take our ssh key; say once: ssh-copy-id ", Target]},
+        {"Connection (closed|reset)", "it closed the connection; see its log of sshd"}
+    ].
+
+by_any(Robot) ->
+    [
+        {"No space left on device|Disk quota exceeded",
+            "its disk is full; make room there and deploy again"},
+        {"Read-only file system", "its file system is read-only"},
+        {"GLIBC_[0-9.]+' not found",
+            "its Linux is older than ours (glibc); deploy with --build-there"},
+        {"Exec format error|cannot execute binary",
+            "its processor is another than ours; deploy with --build-there"},
+        {"rsync: (command )?not found|rsync: not found",
+            "rsync is missing; say: apt install rsync"},
+        {"mkdir: .*Permission denied|Permission denied", [
+            user(Robot), " may not write there; mend home in the fleet file, or the directory"
+        ]}
+    ].
+
+user(#{user := none}) -> "the user";
+user(#{user := User}) -> User.
+
+doing(look) -> "looking at it";
+doing(room) -> "making its directory";
+doing(copy) -> "the copy of the release";
+doing(keys) -> "the copy of the keys";
+doing(build) -> "the build there";
+doing(check) -> "the check of the release";
+doing(may_reload) -> "the reload";
+doing(switch) -> "the start";
+doing(reload) -> "the reload";
+doing(health) -> "the robot";
+doing(Other) -> atom_to_list(Other).
+
+last_line(Said) ->
+    case [Line || Line <- string:lexemes(Said, "\r\n"), string:trim(Line) =/= ""] of
+        [] -> "without a word";
+        Lines -> string:trim(lists:last(Lines))
+    end.
+
+%% @doc What a computer has said of itself.
+-spec facts(string()) -> facts() | unknown.
+facts(Said) ->
+    Words = [string:lexemes(Line, " ") || Line <- string:lexemes(Said, "\r\n")],
+    case [maps:from_list([{Key, Value} || [Key, Value] <- Words])] of
+        [#{"machine" := M, "rsync" := R, "otp" := Otp, "free" := Free, "release" := Release}] ->
+            #{
+                machine => M,
+                rsync => R =:= "yes",
+                otp => Otp,
+                free_kb => list_to_integer(Free),
+                release => Release
+            };
+        _ ->
+            unknown
+    end.
+
+%% @doc Why a release cannot go to a computer, by its facts: none or one line.
+-spec look(starl:robot_id(), starl_fleet_file:robot(), facts() | unknown, #{
+    kind := starl_fleet_release:kind(), machine := string(), otp := string(), size_kb := integer()
+}) -> [unicode:chardata()].
+look(N, Robot, unknown, _Ours) ->
+    [named(N, Robot, "its shell does not answer as a Linux does")];
+look(N, Robot, #{machine := Machine, otp := Otp, free_kb := Free}, Ours) ->
+    #{kind := Kind, machine := Own, otp := OurOtp, size_kb := Size} = Ours,
+    Whys = processor(Kind, Machine, Own) ++ erlang_there(Kind, Otp, OurOtp) ++ disk(Free, Size),
+    [named(N, Robot, Why) || Why <- lists:sublist(Whys, 1)].
+
+processor(ours, Machine, Own) when Machine =/= Own ->
+    Line =
+        "its processor is ~ts, ours ~ts; deploy with --build-there or --erlang there "
+        "(its own Erlang/OTP)",
+    [io_lib:format(Line, [Machine, Own])];
+processor(_Kind, _Machine, _Own) ->
+    [].
+
+erlang_there(ours, _Otp, _OurOtp) ->
+    [];
+erlang_there(_Kind, "none", _OurOtp) ->
+    ["there is no Erlang/OTP; say on it: apt install erlang"];
+erlang_there(Kind, Otp, OurOtp) ->
+    case {Kind, number(Otp), number(OurOtp)} of
+        {_, There, _} when There < 25 ->
+            [["its Erlang/OTP is ", Otp, "; 25 or newer is needed"]];
+        {there, There, Here} when There < Here ->
+            Line = "its Erlang/OTP ~b is older than ours (~b); deploy with --build-there",
+            [io_lib:format(Line, [There, Here])];
+        _ ->
+            []
+    end.
+
+number(Text) ->
+    case string:to_integer(Text) of
+        {N, _} when is_integer(N) -> N;
+        _ -> 0
+    end.
+
+disk(Free, Size) when Free < Size ->
+    Line = "its disk is full: ~b MB free, the release needs ~b MB; make room there",
+    [io_lib:format(Line, [Free div 1024, 1 + Size div 1024])];
+disk(_Free, _Size) ->
+    [].

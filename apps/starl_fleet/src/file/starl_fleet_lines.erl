@@ -1,0 +1,78 @@
+%% @doc The lines of a fleet's robots to the world: which module drives a chassis of a name, which
+%% one reads a positioning system, and what each transport is told.
+-module(starl_fleet_lines).
+
+-export([chassis/0, driver/1, sources/0, source/1]).
+-export([chassis/2, positioning/2, transport/3, node_name/2]).
+
+%% A chassis of this name, and the module of its driver.
+-define(CHASSIS, [
+    {none, starl_fleet_still},
+    {create, starl_create_chassis},
+    {world, starl_fleet_world_body}
+]).
+
+%% A positioning system of this name, and the module that reads it.
+-define(SOURCES, [
+    {none, starl_fleet_blind},
+    {broadcast, starl_live_broadcast},
+    {vicon, starl_live_vicon},
+    {natnet, starl_live_natnet},
+    {world, starl_fleet_world_sight}
+]).
+
+%% @doc The names of the chassis.
+-spec chassis() -> [atom()].
+chassis() -> [Name || {Name, _} <- ?CHASSIS].
+
+%% @doc The driver of a chassis.
+-spec driver(atom()) -> {ok, module()} | {error, unicode:chardata()}.
+driver(Name) -> module(Name, ?CHASSIS, "driver for a chassis").
+
+%% @doc The names of the positioning systems.
+-spec sources() -> [atom()].
+sources() -> [Name || {Name, _} <- ?SOURCES].
+
+%% @doc The module that reads a positioning system.
+-spec source(atom()) -> {ok, module()} | {error, unicode:chardata()}.
+source(Name) -> module(Name, ?SOURCES, "reader of a positioning system").
+
+module(Name, Table, What) ->
+    {Name, Module} = lists:keyfind(Name, 1, Table),
+    case code:ensure_loaded(Module) of
+        {module, Module} ->
+            {ok, Module};
+        {error, _} ->
+            Line = "this StarL has no ~ts ~ts yet; there is ~ts",
+            There = [atom_to_list(N) || {N, M} <- Table, code:which(M) =/= non_existing],
+            {error, io_lib:format(Line, [What, Name, lists:join(", ", There)])}
+    end.
+
+%% @doc A robot's line to its chassis.
+-spec chassis(starl:robot_id(), starl_fleet_file:t()) -> starl_live_link:line().
+chassis(Robot, #{robots := Robots}) ->
+    #{Robot := #{chassis := {Name, Own}}} = Robots,
+    {ok, Module} = driver(Name),
+    {Module, Own}.
+
+%% @doc A robot's line to the positioning system.
+-spec positioning(starl:robot_id(), starl_fleet_file:t()) -> starl_live_link:line().
+positioning(_Robot, #{positioning := {Name, Own}}) ->
+    {ok, Module} = source(Name),
+    {Module, Own}.
+
+%% @doc A robot's line to the others. Robots of different runs do not hear each other.
+-spec transport(Run :: non_neg_integer(), starl_live_key:t(), starl_fleet_file:t()) ->
+    starl_live_link:line().
+transport(Run, Key, #{transport := udp, name := Name, robots := Robots, all := All}) ->
+    Peers = maps:map(fun(_, #{address := Address, port := Port}) -> {Address, Port} end, Robots),
+    {starl_live_udp, #{fleet => Name, run => Run, key => Key, peers => Peers, all => All}};
+transport(Run, _Key, #{transport := dist, name := Name, robots := Robots} = Fleet) ->
+    Peers = maps:map(fun(Robot, _) -> node_name(Robot, Fleet) end, Robots),
+    {starl_live_dist, #{fleet => Name, run => Run, peers => Peers}}.
+
+%% @doc The name of a robot's node: one for each robot of the fleet file.
+-spec node_name(starl:robot_id(), starl_fleet_file:t()) -> node().
+node_name(Robot, #{name := Name, robots := Robots}) ->
+    #{Robot := #{address := Address}} = Robots,
+    list_to_atom(Name ++ "-robot-" ++ integer_to_list(Robot) ++ "@" ++ Address).

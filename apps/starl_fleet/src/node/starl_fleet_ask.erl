@@ -1,0 +1,84 @@
+%% @doc The questions of `bin/robot': answered by a VM of its own, which ends with an exit status.
+-module(starl_fleet_ask).
+
+-export([main/0, health/2]).
+
+-type answer() :: {0..255, unicode:chardata()}.
+
+-define(ANSWER_MS, 10_000).
+-define(PAUSE_MS, 250).
+
+%% @doc Answers the words of the command line.
+-spec main() -> no_return().
+main() ->
+    {Status, Text} = answer(init:get_plain_arguments(), starl_fleet_place:here()),
+    _ = io:setopts(standard_io, [{encoding, unicode}]),
+    ok = io:put_chars(Text),
+    erlang:halt(Status).
+
+-spec answer([string()], starl_fleet_place:t()) -> answer().
+answer(["check"], Place) ->
+    case starl_fleet_node:prepare(Place) of
+        {ok, _, _} -> {0, "sound\n"};
+        {error, Lines} -> {1, [[Line, "\n"] || Line <- Lines]}
+    end;
+answer(["health", Seconds, TrialS], #{state := State, version := Version}) ->
+    Now = erlang:monotonic_time(millisecond),
+    Until = Now + 1000 * list_to_integer(Seconds),
+    TrialMs = 1000 * list_to_integer(TrialS),
+    watched(#{state => State, version => Version, until => Until, trial_ms => TrialMs}, none);
+answer(Question, #{state := State}) ->
+    case starl_fleet_control:ask(State, Question, ?ANSWER_MS) of
+        {ok, {error, Why}} -> {1, [Why, "\n"]};
+        {ok, Answer} -> {0, starl_fleet_term:write(Answer)};
+        none -> {3, ["the robot's node does not answer", why(State), "\n"]}
+    end.
+
+%% The node must be healthy, and the same, for the whole trial.
+watched(#{state := State, until := Until} = Watch, Since) ->
+    Now = erlang:monotonic_time(millisecond),
+    case health(starl_fleet_control:ask(State, ["status"], ?ANSWER_MS), Watch) of
+        {ill, Why} when Now > Until -> {1, [Why, why(State), "\n"]};
+        {dead, Why} -> {1, [Why, "\n"]};
+        {ill, _} -> again(Watch, none);
+        {healthy, Start} -> lasting(Start, Since, Now, Watch)
+    end.
+
+lasting(Start, {Start, At}, Now, #{trial_ms := Trial}) when Now - At >= Trial ->
+    {0, "healthy\n"};
+lasting(Start, {Start, At}, _Now, Watch) ->
+    again(Watch, {Start, At});
+lasting(_Start, _Since, Now, #{until := Until}) when Now > Until ->
+    {1, "its node starts again and again\n"};
+lasting(Start, _Since, Now, Watch) ->
+    again(Watch, {Start, Now}).
+
+again(Watch, Since) ->
+    receive
+    after ?PAUSE_MS -> watched(Watch, Since)
+    end.
+
+%% @doc Whether a robot of this release is well, by its answer. `dead': waiting does not help.
+-spec health({ok, term()} | none, #{version := string(), _ => _}) ->
+    {healthy, Start :: term()} | {ill | dead, Why :: unicode:chardata()}.
+health({ok, #{release := Version, link := answers, crashes := 0} = Status}, #{version := Version}) ->
+    case Status of
+        #{result := given_up} -> {dead, "its application has given up"};
+        #{started := Started} -> {healthy, Started}
+    end;
+health({ok, #{release := Version, crashes := N, crash := Crash}}, #{version := Version}) when
+    N > 0
+->
+    {dead, io_lib:format("~b crashes, the latest ~ts", [N, Crash])};
+health({ok, #{release := Version, link := silent}}, #{version := Version}) ->
+    {ill, "its link does not answer"};
+health({ok, #{release := Other}}, #{version := _}) ->
+    {ill, ["release ", Other, " still runs"]};
+health(_, _) ->
+    {ill, "its node does not answer"}.
+
+why(State) ->
+    case file:read_file(filename:join(State, "why")) of
+        {ok, Why} -> [": ", string:trim(Why)];
+        {error, _} -> ""
+    end.

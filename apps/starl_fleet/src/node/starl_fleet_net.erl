@@ -1,0 +1,41 @@
+%% @doc Erlang distribution between the nodes of a fleet: over TLS, with the certificates of `./starl
+%% keys', and without a port mapper: all nodes hear at the same port ({@link vm_args/1}).
+-module(starl_fleet_net).
+
+-export([start/3, vm_args/1, tls/0]).
+
+%% @doc Gives the node of a robot its name. The cookie follows from the fleet's key.
+-spec start(starl:robot_id(), Keys :: file:filename(), starl_fleet_file:t()) ->
+    ok | {error, unicode:chardata()}.
+start(Robot, Keys, Fleet) ->
+    Name = starl_fleet_lines:node_name(Robot, Fleet),
+    {ok, Key} = starl_live_key:load(filename:join(Keys, "fleet.key")),
+    case net_kernel:start([Name, longnames]) of
+        {ok, _} -> cookie(erlang:set_cookie(cookie(Key)));
+        {error, Why} -> {error, io_lib:format("node ~ts cannot start: ~0tP", [Name, Why, 20])}
+    end.
+
+cookie(true) ->
+    ok;
+cookie(Key) ->
+    binary_to_atom(binary:encode_hex(crypto:mac(hmac, sha256, Key(), <<"starl cookie 1">>))).
+
+%% @doc The flags of the VM, for transport `dist'. Paths are relative to the robot's directory.
+-spec vm_args(starl_fleet_file:t()) -> unicode:chardata().
+vm_args(#{transport := udp}) ->
+    "";
+vm_args(#{transport := dist, robots := #{1 := #{port := Port}}}) ->
+    [
+        "-proto_dist inet_tls\n-ssl_dist_optfile keys/tls.config\n-start_epmd false\n"
+        "-kernel prevent_overlapping_partitions false\n-erl_epmd_port ",
+        integer_to_list(Port),
+        "\n"
+    ].
+
+%% @doc The file of TLS' options. Each end must show a certificate of the fleet.
+-spec tls() -> unicode:chardata().
+tls() ->
+    Own =
+        "{certfile, \"keys/robot.pem\"}, {keyfile, \"keys/robot.key\"}, "
+        "{cacertfile, \"keys/ca.pem\"}, {verify, verify_peer}",
+    ["[{server, [", Own, ", {fail_if_no_peer_cert, true}]},\n {client, [", Own, "]}].\n"].

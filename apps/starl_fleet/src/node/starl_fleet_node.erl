@@ -1,0 +1,200 @@
+%% @doc A robot's node on its own: makes the robot from the fleet file of its release, opens it, and
+%% knows how it is. No process stands above it but the service manager of its computer.
+-module(starl_fleet_node).
+-behaviour(gen_server).
+
+-export([start_link/1, status/0, runs/1, answers/1, spec/3, prepare/1]).
+-export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
+
+-export_type([status/0]).
+
+%% `started': seconds since 1970; `result': of the application; `crashes': of machines and of the
+%% application since the node started, with the latest in words.
+-type status() :: #{
+    robot := starl:robot_id(),
+    release := string(),
+    run := non_neg_integer(),
+    app := module(),
+    started := integer(),
+    link := answers | silent,
+    result := running | given_up | {done, string()},
+    crashes := non_neg_integer(),
+    crash := string() | none,
+    figures => map()
+}.
+
+-record(node, {
+    place :: starl_fleet_place:t(),
+    app = none :: module(),
+    started :: integer(),
+    result = running :: running | given_up | {done, term()},
+    crashes = 0 :: non_neg_integer(),
+    crash = none :: none | {starl_machine:name(), starl_crash:cause()}
+}).
+
+%% Its reason of not starting, for bin/robot.
+-define(WHY, "why").
+-define(ANSWER_MS, 2000).
+
+%% @doc Starts the node's robot.
+-spec start_link(starl_fleet_place:t()) -> gen_server:start_ret().
+start_link(Place) -> gen_server:start_link({local, ?MODULE}, ?MODULE, Place, []).
+
+%% @doc The state of the robot.
+-spec status() -> status().
+status() -> gen_server:call(?MODULE, status, infinity).
+
+%% @doc The code of the robot is that of this release from now on.
+-spec runs(Release :: file:filename()) -> ok.
+runs(Release) -> gen_server:call(?MODULE, {runs, Release}, infinity).
+
+%% @doc Whether the robot's link answers within this time.
+-spec answers(TimeoutMs :: pos_integer()) -> boolean().
+answers(Ms) -> figures(Ms) =/= silent.
+
+figures(Ms) ->
+    try starl_live_robot:link(starl_live_sup:robot()) of
+        Link when is_pid(Link) -> gen_server:call(Link, figures, Ms);
+        none -> silent
+    catch
+        exit:_ -> silent
+    end.
+
+%% -- the robot ------------------------------------------------------------------------------
+
+%% @doc Makes a robot's specification, without starting anything.
+-spec prepare(starl_fleet_place:t()) ->
+    {ok, starl_fleet_file:t(), starl_live_robot:spec()} | {error, [unicode:chardata(), ...]}.
+prepare(#{keys := Keys} = Place) ->
+    case {starl_fleet_place:read(Place), starl_live_key:load(filename:join(Keys, "fleet.key"))} of
+        {{ok, Fleet}, {ok, Key}} -> made(spec(Place, Key, Fleet), Fleet);
+        {{ok, _}, {error, Why}} -> {error, [Why]};
+        {{error, _} = Error, _} -> Error
+    end.
+
+made({ok, Spec}, Fleet) -> {ok, Fleet, Spec};
+made({error, _} = Error, _Fleet) -> Error.
+
+%% @doc The specification of a robot of a fleet.
+-spec spec(starl_fleet_place:t(), starl_live_key:t(), starl_fleet_file:t()) ->
+    {ok, starl_live_robot:spec()} | {error, [unicode:chardata(), ...]}.
+spec(Place, Key, Fleet) ->
+    case starl_sim:plan(starl_fleet_file:scenario(Fleet), #{}) of
+        {ok, {_Scenario, _Scene, Plan}} -> {ok, robot(Place, Key, Plan, Fleet)};
+        {error, Reason} -> {error, [starl_sim:format_error(Reason)]}
+    end.
+
+robot(#{robot := Robot, state := State} = Place, Key, Plan, Fleet) ->
+    #{crew := #{tree := Tree}, world := #{profiles := Profiles}} = Plan,
+    #{
+        robot => Robot,
+        tree => Tree,
+        profile => starl_chassis:of_robot(Robot, Profiles),
+        clock => starl_live_clock:new(0, 1),
+        dir => State,
+        transport => starl_fleet_lines:transport(starl_fleet_place:run(Place), Key, Fleet),
+        positioning => starl_fleet_lines:positioning(Robot, Fleet),
+        chassis => starl_fleet_lines:chassis(Robot, Fleet),
+        sink => self()
+    }.
+
+%% -- server ---------------------------------------------------------------------------------
+
+-spec init(starl_fleet_place:t()) -> {ok, #node{}, {continue, open}}.
+init(Place) ->
+    {ok, #node{place = Place, started = erlang:system_time(second)}, {continue, open}}.
+
+-spec handle_continue(open, #node{}) -> {noreply, #node{}}.
+handle_continue(open, #node{place = #{state := State} = Place} = Node) ->
+    ok = filelib:ensure_path(State),
+    case prepare(Place) of
+        {ok, #{app := App} = Fleet, Spec} ->
+            {noreply, opened(distribute(Place, Fleet), Spec, Node#node{app = App})};
+        {error, Lines} ->
+            {noreply, refused(lists:join("; ", Lines), Node)}
+    end.
+
+opened({error, Why}, _Spec, Node) ->
+    refused(Why, Node);
+opened(ok, Spec, #node{place = #{state := State, robot := Robot, version := Version}} = Node) ->
+    case starl_live_sup:open(Spec) of
+        {ok, _} ->
+            _ = file:delete(filename:join(State, ?WHY)),
+            logger:notice(#{what => robot_started, robot => Robot, release => Version}),
+            Node;
+        {error, Reason} ->
+            refused(words(Reason), Node)
+    end.
+
+%% The service manager tries again. The chassis is not open, so nothing moves.
+refused(Why, #node{place = #{state := State}} = Node) ->
+    Line = unicode:characters_to_binary(Why),
+    logger:error(#{what => robot_not_started, why => Line}),
+    _ = file:write_file(filename:join(State, ?WHY), [Line, $\n]),
+    ok = init:stop(1),
+    Node.
+
+%% A line of the robot that cannot be opened says why.
+words({shutdown, {failed_to_start_child, _, Reason}}) ->
+    words(Reason);
+words({shutdown, {Line, Why}}) when is_atom(Line), is_binary(Why) ->
+    [atom_to_list(Line), ": ", Why];
+words({failed_to_start_child, _, Reason}) ->
+    words(Reason);
+words(Reason) ->
+    io_lib:format("~0tP", [Reason, 20]).
+
+distribute(_Place, #{transport := udp}) -> ok;
+distribute(#{robot := Robot, keys := Keys}, Fleet) -> starl_fleet_net:start(Robot, Keys, Fleet).
+
+-spec handle_call(status | {runs, file:filename()}, gen_server:from(), #node{}) ->
+    {reply, status() | ok, #node{}}.
+handle_call({runs, Release}, _From, #node{place = Place} = Node) ->
+    Version = filename:basename(Release),
+    logger:notice(#{what => code_reloaded, release => Version}),
+    Moved = Place#{release := Release, version := Version},
+    {reply, ok, Node#node{place = Moved, crashes = 0, crash = none}};
+handle_call(status, _From, #node{place = Place, started = Started, app = App} = Node) ->
+    Figures = figures(?ANSWER_MS),
+    Status = #{
+        robot => maps:get(robot, Place),
+        release => maps:get(version, Place),
+        run => starl_fleet_place:run(Place),
+        app => App,
+        started => Started,
+        link => link(Figures),
+        result => shown(Node#node.result),
+        crashes => Node#node.crashes,
+        crash => crash(Node#node.crash)
+    },
+    {reply, maps:merge(Status, maps:from_list([{figures, F} || #{} = F <- [Figures]])), Node}.
+
+link(silent) -> silent;
+link(_) -> answers.
+
+shown({done, Result}) -> {done, lists:flatten(io_lib:format("~0tP", [Result, 12]))};
+shown(Result) -> Result.
+
+crash(none) ->
+    none;
+crash({Name, Cause}) ->
+    lists:flatten(io_lib:format("~ts: ~ts", [Name, starl_crash:format(Cause)])).
+
+-spec handle_cast(term(), #node{}) -> {noreply, #node{}}.
+handle_cast(_Request, Node) -> {noreply, Node}.
+
+-spec handle_info(starl_live_link:told(), #node{}) -> {noreply, #node{}}.
+handle_info({starl_traced, _Id, _Link, _Batch, Events}, Node) ->
+    {noreply, lists:foldl(fun noted/2, Node, Events)};
+handle_info({starl_ended, _Id, _Link, Result}, Node) ->
+    logger:notice(#{what => application_ended, result => shown(Result)}),
+    {noreply, Node#node{result = Result}};
+handle_info({starl_started, _Id, _Link, _Names}, Node) ->
+    {noreply, Node#node{result = running}};
+handle_info(_Message, Node) ->
+    {noreply, Node}.
+
+noted({_Us, _Robot, supervisor, {crashed, Name, Cause}}, #node{crashes = N} = Node) ->
+    Node#node{crashes = N + 1, crash = {Name, Cause}};
+noted(_Event, Node) ->
+    Node.

@@ -1,0 +1,19 @@
+%% @doc Erlang terms as text, between a robot's node, `bin/robot' and `./starl deploy'.
+-module(starl_fleet_term).
+
+-export([read/1, write/1]).
+
+%% @doc The text of a term, one line.
+-spec write(term()) -> unicode:unicode_binary().
+write(Term) -> unicode:characters_to_binary(io_lib:format("~0tp.~n", [Term])).
+
+%% @doc The term of a text.
+-spec read(unicode:chardata()) -> {ok, term()} | none.
+read(Text) ->
+    case erl_scan:string(unicode:characters_to_list(Text)) of
+        {ok, Tokens, _} -> parsed(erl_parse:parse_term(Tokens));
+        {error, _, _} -> none
+    end.
+
+parsed({ok, Term}) -> {ok, Term};
+parsed({error, _}) -> none.
