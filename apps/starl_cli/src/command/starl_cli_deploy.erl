@@ -55,11 +55,15 @@ statuses() -> [{0, "done"}, {1, "a robot is not well, or not reached"}].
     {ok, {action(), starl_cli_fleet:t()}, [string()]} | {error, [unicode:chardata(), ...]}.
 subject(File, Args) ->
     {Words, Flags} = lists:splitwith(fun(Arg) -> hd(Arg ++ "-") =/= $- end, Args),
-    case lists:member("--help", Args) orelse starl_cli_fleet:read(File) of
+    case lists:member("--help", Args) orelse fleet(Words, File) of
         true -> {ok, help, Args};
         {ok, Fleet} -> subject(action(Words, Fleet), Fleet, Flags);
         {error, _} = Error -> Error
     end.
+
+%% To look at robots or to stop them, the application need not be sound.
+fleet([Word | _], File) when Word =/= "reload" -> starl_cli_fleet:robots(File);
+fleet(_, File) -> starl_cli_fleet:read(File).
 
 subject({error, Why}, _Fleet, _Flags) -> {error, [Why]};
 subject(Action, Fleet, Flags) -> {ok, {Action, Fleet}, Flags}.
@@ -135,7 +139,7 @@ act({logs, Which}, #{fleet := Fleet}, _Values) ->
     Numbers = [N || N <- numbers(Fleet), Which =:= all orelse Which =:= N],
     Words = "logs " ++ integer_to_list(?LOG_LINES),
     each(starl_fleet_deploy:ask(Words, Numbers, Fleet), fun(N, Said) ->
-        [io_lib:format("robot ~b: ~ts\n", [N, Line]) || Line <- string:lexemes(Said, "\r\n")]
+        [io_lib:format("robot ~b: ~ts\n", [N, Line]) || Line <- string:lexemes(Said, "\n")]
     end).
 
 numbers(#{robots := Robots}) -> lists:sort(maps:keys(Robots)).

@@ -2,7 +2,7 @@
 %% source of the user's own, which is compiled.
 -module(starl_cli_fleet).
 
--export([read/1]).
+-export([read/1, robots/1]).
 
 -export_type([t/0]).
 
@@ -19,12 +19,21 @@ read(File) ->
         {error, _} = Error -> Error
     end.
 
+%% @doc Reads and checks a fleet file for the sake of its robots, whatever has become of its
+%% application.
+-spec robots(file:filename()) -> {ok, t()} | {error, [unicode:chardata(), ...]}.
+robots(File) ->
+    case starl_fleet_file:read(File) of
+        {ok, Given} -> checked(File, starl_fleet_file:check(File, Given, unknown), []);
+        {error, _} = Error -> Error
+    end.
+
+checked(File, {ok, Fleet}, Code) -> {ok, #{file => File, fleet => Fleet, code => Code}};
+checked(_File, {error, _} = Error, _Code) -> Error.
+
 %% The other problems are told even if there is no such application.
 with_app(File, Given, {ok, #{app := App} = Target}) ->
-    case starl_fleet_file:check(File, Given, App) of
-        {ok, Fleet} -> {ok, #{file => File, fleet => Fleet, code => maps:get(code, Target, [])}};
-        {error, _} = Error -> Error
-    end;
+    checked(File, starl_fleet_file:check(File, Given, App), maps:get(code, Target, []));
 with_app(File, Given, {error, Lines}) ->
     case starl_fleet_file:check(File, Given, unknown) of
         {ok, _} -> {error, Lines};

@@ -71,7 +71,7 @@ title(keys) -> "copy the keys";
 title(build) -> "compile there";
 title(check) -> "check the release there: the VM starts, the fleet file is sound";
 title(may_reload) -> "can the new code be loaded?";
-title(switch) -> "switch to the release, and start; on a failure: bin/robot rollback";
+title(switch) -> "switch to the release, and start; on a failure: bin/robot undo";
 title(reload) -> "load the new code; on a failure: bin/robot reload back";
 title(health) -> "wait until the robot is well";
 title(tidy) -> "remove older releases".
@@ -102,7 +102,7 @@ stages(Fleet, #{way := Way} = Plan, Manifest, Options) ->
         each(Before, #{fleet => Fleet, plan => Plan, ours => Ours, options => Options, tar => []})
     of
         {ok, State} -> turned(each(After, State), Way, State);
-        {error, Lines} -> {error, Lines ++ ["nothing has changed on any robot"]}
+        {error, Lines} -> {error, Lines ++ ["no robot has changed its release"]}
     end.
 
 is_turn(Stage) -> Stage =:= switch orelse Stage =:= reload.
@@ -168,14 +168,14 @@ back(Way, #{fleet := Fleet, plan := Plan, options := #{say := Say}} = State) ->
     ok = Say("back to the release before"),
     Steps = starl_fleet_steps:back(back_words(Way), Fleet, Plan),
     Results = starl_fleet_shell:run(Steps, ?STAGE_MS),
-    failures(rollback, Results, State) ++ [summary([Said || {_, {0, Said}} <- Results])].
+    failures(undo, Results, State) ++ [summary([Said || {_, {0, Said}} <- Results])].
 
-back_words(restart) -> "rollback";
+back_words(restart) -> "undo";
 back_words(reload) -> "reload back".
 
 summary(Said) ->
     case lists:usort([string:trim(Text) || Text <- Said]) of
-        [] -> "no robot could be taken back";
+        [] -> "no robot went back";
         ["none"] -> "there was no release before: the robots are stopped";
         [Release] -> ["the robots run release ", Release, " again"];
         Releases -> ["the robots run releases ", lists:join(", ", Releases), " again"]

@@ -35,7 +35,7 @@ why(Stage, _Status, Said, Robot) ->
 known(Said, First, Second, Stage) ->
     case [Why || {Pattern, Why} <- First ++ Second, re:run(Said, Pattern) =/= nomatch] of
         [Why | _] -> Why;
-        [] -> [doing(Stage), " failed: ", last_line(Said)]
+        [] -> [doing(Stage), last_line(Said)]
     end.
 
 by_ssh(#{host := Host} = Robot) ->
@@ -68,6 +68,7 @@ by_any(Robot) ->
             "its Linux is older than ours (glibc); deploy with --build-there"},
         {"Exec format error|cannot execute binary",
             "its processor is another than ours; deploy with --build-there"},
+        {"current/bin/robot: (No such file|not found)", "no release runs there; deploy first"},
         {"rsync: (command )?not found|rsync: not found",
             "rsync is missing; say: apt install rsync"},
         {"mkdir: .*Permission denied|Permission denied", [
@@ -78,28 +79,36 @@ by_any(Robot) ->
 user(#{user := none}) -> "the user";
 user(#{user := User}) -> User.
 
-doing(look) -> "looking at it";
-doing(room) -> "making its directory";
-doing(copy) -> "the copy of the release";
-doing(keys) -> "the copy of the keys";
-doing(build) -> "the build there";
-doing(check) -> "the check of the release";
-doing(may_reload) -> "the reload";
-doing(switch) -> "the start";
-doing(reload) -> "the reload";
-doing(health) -> "the robot";
-doing(Other) -> atom_to_list(Other).
+doing(look) -> "looking at it failed: ";
+doing(room) -> "making its directory failed: ";
+doing(copy) -> "the copy of the release failed: ";
+doing(keys) -> "the copy of the keys failed: ";
+doing(build) -> "the build there failed: ";
+doing(check) -> "the check of the release failed: ";
+doing(may_reload) -> "the reload failed: ";
+doing(switch) -> "the start failed: ";
+doing(reload) -> "the reload failed: ";
+doing(health) -> "it is not well: ";
+doing(tidy) -> "the removal of older releases failed: ";
+doing(undo) -> "the way back failed: ";
+doing(rollback) -> "the way back failed: ";
+doing(robot) -> "".
 
 last_line(Said) ->
-    case [Line || Line <- string:lexemes(Said, "\r\n"), string:trim(Line) =/= ""] of
+    case lines(Said) of
         [] -> "without a word";
-        Lines -> string:trim(lists:last(Lines))
+        Lines -> lists:last(Lines)
     end.
+
+%% Not by string:lexemes/2, for which a carriage return and a line feed are one character.
+lines(Said) ->
+    Lines = re:split(Said, "[\r\n]+", [{return, list}, unicode]),
+    [string:trim(Line) || Line <- Lines, string:trim(Line) =/= ""].
 
 %% @doc What a computer has said of itself.
 -spec facts(string()) -> facts() | unknown.
 facts(Said) ->
-    Words = [string:lexemes(Line, " ") || Line <- string:lexemes(Said, "\r\n")],
+    Words = [string:lexemes(Line, " ") || Line <- lines(Said)],
     case [maps:from_list([{Key, Value} || [Key, Value] <- Words])] of
         [#{"machine" := M, "rsync" := R, "otp" := Otp, "free" := Free, "release" := Release}] ->
             #{

@@ -80,7 +80,7 @@ private(File) ->
 signed(Dir, N, Address, Key, Pem) ->
     Request = Pem ++ ".csr",
     Extensions = Pem ++ ".ext",
-    ok = file:write_file(Extensions, ["subjectAltName=", kind(Address), Address, "\n"]),
+    ok = file:write_file(Extensions, ["subjectAltName=", names(Address), "\n"]),
     Subject = "/CN=robot " ++ integer_to_list(N),
     Asked = openssl(["req -new -key", q(Key), "-subj", q(Subject), "-out", q(Request)]),
     Made = next(Asked, fun() ->
@@ -107,10 +107,11 @@ signed(Dir, N, Address, Key, Pem) ->
 
 serial() -> binary:decode_unsigned(crypto:strong_rand_bytes(15)).
 
-kind(Address) ->
+%% OTP compares an address of a node with the names, not with the addresses, of a certificate.
+names(Address) ->
     case inet:parse_ipv4strict_address(Address) of
-        {ok, _} -> "IP:";
-        {error, _} -> "DNS:"
+        {ok, _} -> ["IP:", Address, ",DNS:", Address];
+        {error, _} -> ["DNS:", Address]
     end.
 
 openssl(Words) ->

@@ -294,15 +294,20 @@ all_written([{Path, Content} | Rest], Dir) ->
 one_written({error, _} = Error, _Content, _File) ->
     Error;
 one_written(ok, {strip, From}, File) ->
-    %% lines stay: the place of a crash is said
-    {ok, {_, Beam}} = beam_lib:strip(From, ["Line", "Attr"]),
-    file:write_file(File, Beam);
+    %% of the bytes, since given a file beam_lib strips that file; lines stay: they tell of crashes
+    {ok, Whole} = file:read_file(From),
+    {ok, {_, Beam}} = beam_lib:strip(Whole, ["Line", "Attr"]),
+    file:write_file(File, uncompressed(Beam));
 one_written(ok, {run, _} = Content, File) ->
     first_error(file:write_file(File, content(Content)), fun() ->
         file:change_mode(File, 8#755)
     end);
 one_written(ok, Content, File) ->
     file:write_file(File, content(Content)).
+
+%% The boot loader reads no compressed code.
+uncompressed(<<31, 139, _/binary>> = Beam) -> zlib:gunzip(Beam);
+uncompressed(Beam) -> Beam.
 
 first_error(ok, Next) -> Next();
 first_error({error, _} = Error, _Next) -> Error.

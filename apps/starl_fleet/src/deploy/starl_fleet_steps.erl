@@ -38,7 +38,7 @@ deploy(#{robots := Robots} = Fleet, Plan, Without) ->
 stages(#{way := restart, kind := Kind}) ->
     [look, room, copy, keys] ++ [build || Kind =:= source] ++ [check, switch, health, tidy];
 stages(#{way := reload, kind := Kind}) ->
-    [look, room, copy] ++ [build || Kind =:= source] ++ [check, may_reload, reload, health].
+    [look, room, copy] ++ [build || Kind =:= source] ++ [check, may_reload, reload, health, tidy].
 
 command(look, N, Robot, Fleet, _Plan) ->
     ssh(Robot, look(base(N, Fleet)));
@@ -103,7 +103,7 @@ places(Keys, Files) ->
 %% Facts, one a line.
 look(Base) ->
     "echo machine $(uname -m); "
-    "echo rsync $(command -v rsync >/dev/null && echo yes || echo no); "
+    "echo rsync $(rsync --version >/dev/null 2>&1 && echo yes || echo no); "
     "echo otp $(command -v erl >/dev/null && erl -noinput -eval "
     "'io:put_chars(erlang:system_info(otp_release)), halt().' || echo none); "
     "echo free $(d=" ++ Base ++

@@ -8,8 +8,7 @@
 %% A chassis of this name, and the module of its driver.
 -define(CHASSIS, [
     {none, starl_fleet_still},
-    {create, starl_create_chassis},
-    {world, starl_fleet_world_body}
+    {create, starl_create_chassis}
 ]).
 
 %% A positioning system of this name, and the module that reads it.
@@ -17,8 +16,7 @@
     {none, starl_fleet_blind},
     {broadcast, starl_live_broadcast},
     {vicon, starl_live_vicon},
-    {natnet, starl_live_natnet},
-    {world, starl_fleet_world_sight}
+    {natnet, starl_live_natnet}
 ]).
 
 %% @doc The names of the chassis.

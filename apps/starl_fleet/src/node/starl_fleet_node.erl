@@ -162,15 +162,15 @@ handle_call(status, _From, #node{place = Place, started = Started, app = App} = 
         run => starl_fleet_place:run(Place),
         app => App,
         started => Started,
-        link => link(Figures),
+        link => heard(Figures),
         result => shown(Node#node.result),
         crashes => Node#node.crashes,
         crash => crash(Node#node.crash)
     },
     {reply, maps:merge(Status, maps:from_list([{figures, F} || #{} = F <- [Figures]])), Node}.
 
-link(silent) -> silent;
-link(_) -> answers.
+heard(silent) -> silent;
+heard(_) -> answers.
 
 shown({done, Result}) -> {done, lists:flatten(io_lib:format("~0tP", [Result, 12]))};
 shown(Result) -> Result.

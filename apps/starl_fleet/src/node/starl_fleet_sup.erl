@@ -26,6 +26,8 @@ flags() -> #{strategy => one_for_all, intensity => 0, period => 1}.
 children(Place) ->
     [
         #{id => node, start => {starl_fleet_node, start_link, [Place]}},
-        #{id => watchdog, start => {starl_fleet_watchdog, start_link, [starl_fleet_notify:here()]}},
+        #{id => watchdog, start => {starl_fleet_watchdog, start_link, watchdog()}},
         #{id => control, start => {starl_fleet_control, start_link, [Place]}}
     ].
+
+watchdog() -> [starl_fleet_notify:here(), fun starl_fleet_node:answers/1].

@@ -1,0 +1,132 @@
+%% A robot's node: its word to systemd, its health in the eyes of a deployment, its robot.
+-module(starl_fleet_node_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% READY=1 comes once, when the robot answers; the watchdog is fed for each answer, and for nothing else.
+watchdog_test() ->
+    {Socket, Path} = systemd(),
+    Self = self(),
+    Answers = fun(1) ->
+        Self ! {looks, self()},
+        receive
+            {answers, Answer} -> Answer
+        end
+    end,
+    {ok, Watchdog} = starl_fleet_watchdog:start_link(starl_fleet_notify:new(Path, "2000"), Answers),
+    [looks(Watchdog, Answer) || Answer <- [false, true, false, true]],
+    receive
+        %% the words on the last answer have been sent by now
+        {looks, Watchdog} -> ok
+    end,
+    ?assertEqual([<<"READY=1">>, <<"WATCHDOG=1">>, <<"WATCHDOG=1">>], heard(Socket)),
+    unlink(Watchdog),
+    exit(Watchdog, kill),
+    gen_udp:close(Socket),
+    file:delete(Path).
+
+looks(Watchdog, Answer) ->
+    receive
+        {looks, Watchdog} -> Watchdog ! {answers, Answer}
+    end.
+
+systemd() ->
+    Path = filename:join("/tmp", "starl-notify-" ++ os:getpid()),
+    _ = file:delete(Path),
+    {ok, Socket} = gen_udp:open(0, [binary, {active, false}, {ifaddr, {local, Path}}]),
+    {Socket, Path}.
+
+heard(Socket) ->
+    case gen_udp:recv(Socket, 0, 0) of
+        {ok, {_, _, Word}} -> [Word | heard(Socket)];
+        {error, timeout} -> []
+    end.
+
+%% systemd may use a socket without a file.
+abstract_test() ->
+    Name = "starl-abstract-" ++ os:getpid(),
+    Address = {local, <<0, (list_to_binary(Name))/binary>>},
+    {ok, Socket} = gen_udp:open(0, [binary, {active, false}, {ifaddr, Address}]),
+    ok = starl_fleet_notify:tell("READY=1", starl_fleet_notify:new("@" ++ Name, "")),
+    ?assertMatch({ok, {_, _, <<"READY=1">>}}, gen_udp:recv(Socket, 0, 5000)),
+    gen_udp:close(Socket).
+
+%% Without systemd there is nobody to tell.
+alone_test() ->
+    Nobody = starl_fleet_notify:new("", ""),
+    ?assertEqual({ok, 5000}, {
+        starl_fleet_notify:tell("READY=1", Nobody), starl_fleet_notify:period_ms(Nobody)
+    }).
+
+%% Half of the watchdog's time, in whole milliseconds.
+period_test() ->
+    ?assertEqual(5000, starl_fleet_notify:period_ms(starl_fleet_notify:new("", "10000000"))).
+
+health_test_() ->
+    [
+        ?_assertEqual(Health, health(Answer))
+     || {Health, Answer} <- [
+            {{healthy, 7}, {ok, status(#{})}},
+            {{healthy, 7}, {ok, status(#{result => {done, "x"}})}},
+            {{dead, "its application has given up"}, {ok, status(#{result => given_up})}},
+            {
+                {dead, "2 crashes, the latest app: x"},
+                {ok, status(#{crashes => 2, crash => "app: x"})}
+            },
+            {{ill, "its link does not answer"}, {ok, status(#{link => silent})}},
+            {{ill, "release 0-b still runs"}, {ok, status(#{release => "0-b"})}},
+            {{ill, "its node does not answer"}, none}
+        ]
+    ].
+
+health(Answer) ->
+    case starl_fleet_ask:health(Answer, #{version => "0-a"}) of
+        {healthy, _} = Healthy -> Healthy;
+        {How, Why} -> {How, lists:flatten(Why)}
+    end.
+
+status(More) ->
+    Well = #{
+        release => "0-a",
+        link => answers,
+        crashes => 0,
+        crash => none,
+        result => running,
+        started => 7
+    },
+    maps:merge(Well, More).
+
+%% A robot comes from its fleet file alone.
+spec_test() ->
+    Robots = #{1 => #{host => "a.b"}, 2 => #{host => "c.d", port => 6000}},
+    Given = #{name => "lab", app => starl_exercise, robots => Robots},
+    {ok, Fleet} = starl_fleet_file:check("f.term", Given, starl_exercise),
+    Place = #{robot => 2, release => "/none", version => "0-a", keys => "k", state => "s"},
+    Key = starl_live_key:new(),
+    {ok, Spec} = starl_fleet_node:spec(Place, Key, Fleet),
+    #{transport := {starl_live_udp, Transport}} = Spec,
+    ?assertMatch(#{robot := 2, dir := "s", chassis := {starl_fleet_still, _}}, Spec),
+    ?assertEqual(#{1 => {"a.b", 5001}, 2 => {"c.d", 6000}}, maps:get(peers, Transport)),
+    %% another release is another run
+    {ok, #{transport := {_, #{run := Other}}}} = starl_fleet_node:spec(
+        Place#{version := "0-b"}, Key, Fleet
+    ),
+    ?assertNotEqual(Other, maps:get(run, Transport)).
+
+node_name_test() ->
+    Robots = #{1 => #{host => "10.0.0.1"}},
+    Given = #{name => "lab", app => starl_exercise, robots => Robots, transport => dist},
+    {ok, Fleet} = starl_fleet_file:check("f.term", Given, starl_exercise),
+    ?assertEqual('lab-robot-1@10.0.0.1', starl_fleet_lines:node_name(1, Fleet)),
+    ?assert(is_list(string:find(starl_fleet_net:vm_args(Fleet), "-erl_epmd_port 5001"))).
+
+%% A chassis that does not move says so.
+still_test() ->
+    Clock = starl_live_clock:new(0, 1),
+    Script = [{velocity, 1.0, 0.0, 1.0}],
+    ?assertMatch(
+        {[{m, {stalled, _}}], Clock},
+        starl_fleet_still:drive({starl_fleet_node_tests_chassis(), Script}, m, Clock)
+    ),
+    ?assertMatch({[{m, {driven, _}}], Clock}, starl_fleet_still:drive({any, []}, m, Clock)).
+
+starl_fleet_node_tests_chassis() -> lists.

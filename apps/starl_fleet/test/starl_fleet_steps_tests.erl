@@ -1,0 +1,75 @@
+%% The commands of a deployment: those of --dry-run, word for word (fleet_dry_run.txt).
+-module(starl_fleet_steps_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(GOLDEN, "fleet_dry_run.txt").
+
+%% Whatever a deployment says to a shell is meant: compare, then change the file.
+dry_run_test() ->
+    Lines = starl_fleet_deploy:dry_run(fleet(), plan(restart)),
+    {ok, Golden} = file:read_file(golden()),
+    ?assertEqual(
+        string:split(Golden, "\n", all),
+        [unicode:characters_to_binary(Line) || Line <- Lines] ++ [<<>>]
+    ).
+
+golden() ->
+    Here = proplists:get_value(source, ?MODULE:module_info(compile)),
+    Beside = filename:join(filename:dirname(code:which(?MODULE)), ?GOLDEN),
+    hd([F || F <- [Beside, filename:join(filename:dirname(Here), ?GOLDEN)], filelib:is_regular(F)]).
+
+%% A reload starts nothing anew and copies no keys.
+reload_test() ->
+    ?assertEqual(
+        [look, room, copy, check, may_reload, reload, health, tidy],
+        [Stage || {Stage, _} <- starl_fleet_steps:deploy(fleet(), plan(reload), [])]
+    ).
+
+build_there_test() ->
+    Stages = [
+        S
+     || {S, _} <- starl_fleet_steps:deploy(fleet(), (plan(restart))#{kind => source}, [])
+    ],
+    ?assertEqual([keys, build, check], lists:sublist(Stages, 4, 3)).
+
+by_tar_test() ->
+    State = {fleet(), plan(restart)},
+    ?assertEqual(
+        "tar -C /w/_build/1-a -cf - . | ssh -o BatchMode=yes -o ConnectTimeout=10 starl@robot1.lab "
+        "'mkdir -p starl/lab/robot-1/releases/1-a && tar -xf - -C starl/lab/robot-1/releases/1-a'",
+        starl_fleet_steps:copy_by_tar(copy, 1, State)
+    ),
+    ?assertEqual(
+        "tar -cf - -C /w/keys fleet.key -C /w/keys ca.pem -C /w/keys tls.config "
+        "-C /w/keys/robot-1 robot.key -C /w/keys/robot-1 robot.pem | "
+        "ssh -o BatchMode=yes -o ConnectTimeout=10 starl@robot1.lab "
+        "'tar -xf - -C starl/lab/robot-1/keys'",
+        starl_fleet_steps:copy_by_tar(keys, 1, State)
+    ).
+
+%% Words reach the shell as they are.
+quoted_test() ->
+    Words = ["plain", "it's", "$(reboot)", "a b", "\"", "\\"],
+    [
+        ?assertEqual(Word ++ "\n", os:cmd("printf '%s\\n' " ++ starl_fleet_steps:quoted(Word)))
+     || Word <- Words
+    ].
+
+fleet() ->
+    {ok, Fleet} = starl_fleet_file:check(
+        "/w/f.term",
+        #{
+            name => "lab",
+            app => starl_exercise,
+            transport => dist,
+            robots => #{
+                1 => #{host => "robot1.lab", user => "starl"},
+                2 => #{host => "10.0.0.2", ssh => ["-p", "2222", "-i", "my key"]}
+            }
+        },
+        starl_exercise
+    ),
+    Fleet.
+
+plan(Way) ->
+    #{release => "/w/_build/1-a", keys => "/w/keys", kind => ours, way => Way, trial_s => 5}.

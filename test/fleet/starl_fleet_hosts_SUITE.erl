@@ -1,0 +1,186 @@
+%% Deployment to two computers that the test makes (starl_fleet_hosts): deploy, upgrade, reload, roll
+%% back, and what goes wrong there: each failure is one line that names the robot, and changes nothing.
+-module(starl_fleet_hosts_SUITE).
+-include_lib("common_test/include/ct.hrl").
+-include_lib("stdlib/include/assert.hrl").
+
+-export([all/0, suite/0, init_per_suite/1, end_per_suite/1]).
+-export([deploys/1, reloads/1, goes_back/1, rolls_back/1, refuses/1, stops/1]).
+
+suite() -> [{timetrap, {minutes, 9}}].
+
+%% One story: each case goes on where the one before has ended.
+all() -> [deploys, reloads, goes_back, rolls_back, refuses, stops].
+
+init_per_suite(Config) ->
+    case starl_fleet_hosts:allowed() of
+        yes ->
+            Self = self(),
+            Dir = "/tmp/starl-fleet-" ++ os:getpid(),
+            %% the owner of the sshds outlives this process
+            Owner = spawn(fun() -> owner(Dir, Self) end),
+            receive
+                {Owner, Hosts} -> [{hosts, Hosts}, {owner, Owner} | Config]
+            end;
+        {no, Why} ->
+            {skip, Why}
+    end.
+
+owner(Dir, Suite) ->
+    Hosts = starl_fleet_hosts:up(Dir),
+    Suite ! {self(), Hosts},
+    receive
+        stop -> starl_fleet_hosts:down(Hosts)
+    end.
+
+end_per_suite(Config) ->
+    Owner = ?config(owner, Config),
+    #{dir := Dir} = ?config(hosts, Config),
+    Monitor = erlang:monitor(process, Owner),
+    Owner ! stop,
+    receive
+        {'DOWN', Monitor, process, _, _} -> ok
+    end,
+    file:del_dir_r(Dir).
+
+%% -- cases ----------------------------------------------------------------------------------
+
+%% A fleet comes up; robot 2 has no rsync. Its robots hear each other: they elect one leader.
+deploys(Config) ->
+    Hosts = ?config(hosts, Config),
+    fleet(#{}, Hosts),
+    app(first, Hosts),
+    {0, _} = sh("\"$starl\" keys fleet.term", Hosts),
+    {0, Said} = deploy("--trial 1", Hosts),
+    contains("runs on 2 robots", Said),
+    {0, Status} = deploy("status", Hosts),
+    contains("robot 1 (root@10.77.0.1): loop runs", Status),
+    contains("robot 2 (root@10.77.0.2): loop runs", Status).
+
+%% New code of the application, while the robots run: they go on with their leader.
+reloads(Config) ->
+    Hosts = ?config(hosts, Config),
+    app(second, Hosts),
+    {0, _} = deploy("reload loop --trial 1", Hosts),
+    {0, Status} = deploy("status", Hosts),
+    {match, [[Leader], [Leader]]} =
+        re:run(Status, "is done: {second,([12])}", [global, {capture, all_but_first, list}]),
+    ok.
+
+%% A release whose robots crash: all are back on the one before, and told why.
+goes_back(Config) ->
+    Hosts = ?config(hosts, Config),
+    Before = releases(Hosts),
+    app(planted, Hosts),
+    {1, Said} = deploy("--trial 1", Hosts),
+    contains("robot 1 (root@10.77.0.1): it is not well: ", Said),
+    contains("planted at loop:step/2", Said),
+    contains("the robots run release", Said),
+    ?assertEqual(Before, releases(Hosts)).
+
+%% The user goes back to the first release.
+rolls_back(Config) ->
+    Hosts = ?config(hosts, Config),
+    Before = releases(Hosts),
+    {0, _} = deploy("rollback", Hosts),
+    ?assertNotEqual(Before, releases(Hosts)),
+    {1, Said} = deploy("rollback", Hosts),
+    contains("there is no release before this one", Said).
+
+%% What a computer can have: no room, another key of ssh, no power.
+refuses(Config) ->
+    Hosts = ?config(hosts, Config),
+    Before = releases(Hosts),
+    _ = starl_fleet_hosts:on(2, "dd if=/dev/zero of=fill bs=1M 2>/dev/null", Hosts),
+    refused("its disk is full", Hosts),
+    _ = starl_fleet_hosts:on(2, "rm fill", Hosts),
+    fleet(#{identity => "other"}, Hosts),
+    refused("it does not take our ssh key; say once: ssh-copy-id root@10.77.0.2", Hosts),
+    fleet(#{}, Hosts),
+    ok = starl_fleet_hosts:unplug(2, Hosts),
+    refused("it does not answer; is it switched on", Hosts),
+    ok = starl_fleet_hosts:plug(2, Hosts),
+    ?assertEqual(Before, releases(Hosts)).
+
+refused(Why, Hosts) ->
+    {1, Said} = deploy("--trial 1", Hosts),
+    Lines = [Line || "starl: deploy: " ++ Line <- string:lexemes(Said, "\n")],
+    ?assertMatch([_, "no robot has changed its release"], Lines),
+    contains("robot 2 (root@10.77.0.2): " ++ Why, hd(Lines)).
+
+stops(Config) ->
+    Hosts = ?config(hosts, Config),
+    {0, _} = deploy("stop", Hosts),
+    {1, Said} = deploy("status", Hosts),
+    contains("robot 2 (root@10.77.0.2): the robot's node does not answer", Said).
+
+%% -- the fleet ------------------------------------------------------------------------------
+
+deploy(Words, Hosts) -> sh("\"$starl\" deploy fleet.term " ++ Words, Hosts).
+
+sh(Line, Hosts) ->
+    {Status, Said} = starl_fleet_hosts:sh(Line, Hosts),
+    ct:log("~ts~n~ts~n~b", [Line, Said, Status]),
+    {Status, Said}.
+
+contains(Part, Text) -> starl_first_hour_ct:contains(Part, Text).
+
+releases(Hosts) ->
+    {0, Status} = deploy("status", Hosts),
+    {match, Releases} = re:run(Status, "release ([^,]+)", [global, {capture, all_but_first, list}]),
+    Releases.
+
+%% `identity': that with which robot 2 is reached.
+fleet(Changes, #{dir := Dir}) ->
+    Robot = fun(N, Id) ->
+        #{
+            host => "10.77.0." ++ integer_to_list(N),
+            user => "root",
+            ssh => [
+                "-F",
+                "/dev/null",
+                "-i",
+                filename:join(Dir, Id),
+                "-o",
+                "IdentitiesOnly=yes",
+                "-o",
+                "StrictHostKeyChecking=accept-new",
+                "-o",
+                "UserKnownHostsFile=" ++ filename:join(Dir, "known")
+            ]
+        }
+    end,
+    Fleet = #{
+        name => "test",
+        app => "loop.erl",
+        robots => #{1 => Robot(1, "id"), 2 => Robot(2, maps:get(identity, Changes, "id"))},
+        home => filename:join(Dir, "disk"),
+        service => plain
+    },
+    ok = file:write_file(filename:join(Dir, "fleet.term"), io_lib:format("~tp.~n", [Fleet])).
+
+%% The robots elect a leader; then their ways part. The planted one crashes at once.
+app(Way, #{dir := Dir}) ->
+    {First, Then} =
+        case Way of
+            first -> {"ok", "ok = starl:sleep(Robot, 200), {continue, Led}"};
+            second -> {"ok", "_ = starl:id(Robot), {done, {second, Leader}}"};
+            planted -> {"error(planted)", "_ = starl:id(Robot), {continue, Led}"}
+        end,
+    ok = file:write_file(filename:join(Dir, "loop.erl"), [
+        "-module(loop).\n-behaviour(starl_app).\n-export([blocks/0, init/2, step/2]).\n"
+        "blocks() -> [starl_election].\n"
+        "init(_Robot, _Options) -> elect.\n"
+        "step(Robot, elect) ->\n"
+        "    ",
+        First,
+        ",\n"
+        "    case starl_election:elect(Robot, first) of\n"
+        "        {ok, Leader} -> {continue, {led_by, Leader}};\n"
+        "        {error, _} -> {continue, elect}\n"
+        "    end;\n"
+        "step(Robot, {led_by, Leader} = Led) ->\n"
+        "    _ = {Leader, Led},\n    ",
+        Then,
+        ".\n"
+    ]).
