@@ -32,6 +32,8 @@
 %% The longest time of a stage.
 -define(STAGE_MS, 1_800_000).
 -define(QUESTION_MS, 60_000).
+%% After a way back.
+-define(HEALTH, "health 60 1").
 
 %% @doc Makes the release of a fleet, without writing it.
 -spec release(starl_fleet_file:t(), options()) -> {ok, made()} | {error, [unicode:chardata(), ...]}.
@@ -164,11 +166,10 @@ looked(_Name, _Results, State) ->
 
 %% -- back -----------------------------------------------------------------------------------
 
-back(Way, #{fleet := Fleet, plan := Plan, options := #{say := Say}} = State) ->
+back(Way, #{fleet := Fleet, plan := Plan, options := #{say := Say}}) ->
     ok = Say("back to the release before"),
-    Steps = starl_fleet_steps:back(back_words(Way), Fleet, Plan),
-    Results = starl_fleet_shell:run(Steps, ?STAGE_MS),
-    failures(undo, Results, State) ++ [summary([Said || {_, {0, Said}} <- Results])].
+    {Failures, Summary} = went_back(starl_fleet_steps:back(back_words(Way), Fleet, Plan), Fleet),
+    Failures ++ [Summary].
 
 back_words(restart) -> "undo";
 back_words(reload) -> "reload back".
@@ -184,13 +185,19 @@ summary(Said) ->
 %% @doc Takes all robots back to the release before.
 -spec rollback(starl_fleet_file:t()) -> report().
 rollback(#{robots := Robots} = Fleet) ->
-    Steps = starl_fleet_steps:one("rollback", lists:sort(maps:keys(Robots)), Fleet),
-    Results = starl_fleet_shell:run(Steps, ?STAGE_MS),
-    Summary = summary([Said || {_, {0, Said}} <- Results]),
-    case failures(rollback, Results, #{fleet => Fleet}) of
-        [] -> {ok, [Summary]};
-        Lines -> {error, Lines ++ [Summary]}
+    case went_back(starl_fleet_steps:one("rollback", lists:sort(maps:keys(Robots)), Fleet), Fleet) of
+        {[], Summary} -> {ok, [Summary]};
+        {Failures, Summary} -> {error, Failures ++ [Summary]}
     end.
+
+%% The robots must be well there, too.
+went_back(Steps, Fleet) ->
+    Results = starl_fleet_shell:run(Steps, ?STAGE_MS),
+    Back = [N || {N, {0, Said}} <- Results, string:trim(Said) =/= "none"],
+    Health = starl_fleet_shell:run(starl_fleet_steps:one(?HEALTH, Back, Fleet), ?STAGE_MS),
+    Failures =
+        failures(undo, Results, #{fleet => Fleet}) ++ failures(health, Health, #{fleet => Fleet}),
+    {Failures, summary([Said || {_, {0, Said}} <- Results])}.
 
 %% @doc Runs `bin/robot' with these words on each of these robots; what it says, or one line.
 -spec ask(Words :: string(), [starl:robot_id()], starl_fleet_file:t()) ->
