@@ -139,6 +139,8 @@ fleet(Changes, #{dir := Dir}) ->
             ssh => [
                 "-F",
                 "/dev/null",
+                "-o",
+                "ConnectTimeout=3",
                 "-i",
                 filename:join(Dir, Id),
                 "-o",

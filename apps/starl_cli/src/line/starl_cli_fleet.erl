@@ -46,9 +46,10 @@ app(File, #{app := App}) when is_atom(App) ->
         false -> resolved(File, atom_to_list(App))
     end;
 app(File, #{app := [_ | _] = App}) ->
-    case filename:extension(App) of
-        ".erl" -> resolved(File, filename:join(filename:dirname(File), App));
-        _ -> resolved(File, App)
+    Beside = filename:join(filename:dirname(File), App),
+    case filename:extension(App) =:= ".erl" orelse filelib:is_dir(Beside) of
+        true -> resolved(File, Beside);
+        false -> resolved(File, App)
     end;
 %% the check of the file tells this
 app(_File, _Given) ->

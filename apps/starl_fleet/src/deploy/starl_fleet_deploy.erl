@@ -185,7 +185,9 @@ summary(Said) ->
 %% @doc Takes all robots back to the release before.
 -spec rollback(starl_fleet_file:t()) -> report().
 rollback(#{robots := Robots} = Fleet) ->
-    case went_back(starl_fleet_steps:one("rollback", lists:sort(maps:keys(Robots)), Fleet), Fleet) of
+    case
+        went_back(starl_fleet_steps:one("rollback", lists:sort(maps:keys(Robots)), Fleet), Fleet)
+    of
         {[], Summary} -> {ok, [Summary]};
         {Failures, Summary} -> {error, Failures ++ [Summary]}
     end.

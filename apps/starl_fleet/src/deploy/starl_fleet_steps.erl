@@ -145,9 +145,9 @@ ssh(Robot, Line) -> words([shell(Robot), "-n", target(Robot), quoted(Line)]).
 %% The same, with something to read.
 ssh_in(Robot, Line) -> words([shell(Robot), target(Robot), quoted(Line)]).
 
-%% Never a question: nobody may be there to answer it.
+%% Never a question: nobody may be there to answer it. Of two settings ssh takes the first, the user's.
 shell(#{ssh := More}) ->
-    words(["ssh -o BatchMode=yes -o ConnectTimeout=10" | [quoted(Word) || Word <- More]]).
+    words(["ssh"] ++ [quoted(Word) || Word <- More] ++ ["-o BatchMode=yes -o ConnectTimeout=10"]).
 
 words(Words) -> lists:flatten(lists:join($\s, Words)).
 
