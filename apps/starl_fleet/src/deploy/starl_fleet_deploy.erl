@@ -10,12 +10,14 @@
 
 -export_type([options/0, made/0, report/0]).
 
-%% `scratch': a directory for the release on this computer; `say': gets a line on each stage.
+%% `run': that of the team whose code is
+%% reloaded; `scratch': a directory for the release on this computer; `say': gets a line on each stage.
 -type options() :: #{
     kind := starl_fleet_release:kind(),
     way := restart | reload,
     trial_s := pos_integer(),
     code := [starl_fleet_release:code()],
+    run => non_neg_integer(),
     scratch := file:filename(),
     say := fun((unicode:chardata()) -> ok)
 }.

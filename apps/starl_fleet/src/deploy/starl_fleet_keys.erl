@@ -19,7 +19,8 @@
 
 %% @doc The directory of the keys.
 -spec dir(starl_fleet_file:t()) -> file:filename().
-dir(#{keys := Keys, dir := Dir}) -> filename:join(Dir, Keys).
+dir(#{keys := [$/ | _] = Keys}) -> Keys;
+dir(#{keys := Keys, dir := Dir}) -> Dir ++ "/" ++ Keys.
 
 %% @doc The files of keys that a deployment needs and that are not there.
 -spec missing(starl_fleet_file:t()) -> [file:filename()].

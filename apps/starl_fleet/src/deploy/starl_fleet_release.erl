@@ -256,7 +256,8 @@ content({_, File}) ->
 
 %% @doc The size of a release, in kilobytes, before it is stripped.
 -spec size_kb(manifest()) -> non_neg_integer().
-size_kb(Manifest) -> lists:sum([1 + size_of(C) div 1024 || {_, C} <- Manifest]).
+size_kb([]) -> 0;
+size_kb([{_, Content} | Rest]) -> 1 + size_of(Content) div 1024 + size_kb(Rest).
 
 size_of({text, Text}) -> byte_size(bytes(Text));
 size_of({_, File}) -> filelib:file_size(File).

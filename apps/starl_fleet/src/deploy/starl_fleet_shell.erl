@@ -9,16 +9,18 @@
 %% says is cut beyond some thousand characters.
 -spec run([{Key, Command :: string()}], TimeoutMs :: pos_integer()) -> [{Key, result()}].
 run(Commands, Ms) ->
-    Started = [
-        {Key, spawn_monitor(fun() -> exit({result, one(C, Ms)}) end)}
-     || {Key, C} <- Commands
-    ],
-    [{Key, await(Monitor)} || {Key, {_, Monitor}} <- Started].
+    Self = self(),
+    Start = fun(Command) -> spawn_monitor(fun() -> Self ! {self(), one(Command, Ms)} end) end,
+    Started = [{Key, Start(Command)} || {Key, Command} <- Commands],
+    [{Key, await(Pid, Monitor)} || {Key, {Pid, Monitor}} <- Started].
 
-await(Monitor) ->
+await(Pid, Monitor) ->
     receive
-        {'DOWN', Monitor, process, _, {result, Result}} -> Result;
-        {'DOWN', Monitor, process, _, Why} -> {1, lists:flatten(io_lib:format("~0tp", [Why]))}
+        {Pid, Result} ->
+            true = erlang:demonitor(Monitor, [flush]),
+            Result;
+        {'DOWN', Monitor, process, _, Why} ->
+            {1, lists:flatten(io_lib:format("~0tp", [Why]))}
     end.
 
 one(Command, Ms) ->

@@ -131,7 +131,7 @@ release(N, Fleet, Release) -> base(N, Fleet) ++ "/releases/" ++ filename:basenam
 %% @doc The directory of a robot on its computer; relative to the user's home, if `home' is.
 -spec base(starl:robot_id(), starl_fleet_file:t()) -> file:filename().
 base(N, #{home := Home, name := Name}) ->
-    filename:join([Home, Name, "robot-" ++ integer_to_list(N)]).
+    Home ++ "/" ++ Name ++ "/robot-" ++ integer_to_list(N).
 
 %% @doc A robot's computer, for ssh.
 -spec target(starl_fleet_file:robot()) -> string().
@@ -153,7 +153,7 @@ words(Words) -> lists:flatten(lists:join($\s, Words)).
 
 %% @doc A word for sh.
 -spec quoted(string()) -> string().
-quoted(Word) ->
+quoted(Word) when is_list(Word) ->
     case re:run(Word, "^[A-Za-z0-9_./:=@%+,-]+$", [{capture, none}]) of
         match -> Word;
         nomatch -> "'" ++ lists:flatten(string:replace(Word, "'", "'\\''", all)) ++ "'"

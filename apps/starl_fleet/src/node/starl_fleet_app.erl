@@ -5,8 +5,12 @@
 
 -export([start/2, stop/1]).
 
--spec start(application:start_type(), []) -> supervisor:startlink_ret().
-start(_Type, []) -> starl_fleet_sup:start_link(starl_fleet_place:here()).
+-spec start(application:start_type(), []) -> {ok, pid()} | {error, term()}.
+start(_Type, []) ->
+    case starl_fleet_sup:start_link(starl_fleet_place:here()) of
+        {ok, Sup} -> {ok, Sup};
+        Otherwise -> {error, Otherwise}
+    end.
 
 -spec stop(term()) -> ok.
 stop(_State) -> ok.

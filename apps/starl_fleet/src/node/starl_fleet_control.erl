@@ -48,15 +48,15 @@ init(#{state := State} = Place) ->
 
 serve(Listen, Place) ->
     {ok, Socket} = gen_tcp:accept(Listen),
-    case gen_tcp:recv(Socket, 0, ?QUESTION_MS) of
-        {ok, Line} ->
-            Words = string:lexemes(unicode:characters_to_list(string:trim(Line)), " "),
-            _ = gen_tcp:send(Socket, starl_fleet_term:write(answer(Words)));
-        {error, _} ->
-            ok
-    end,
-    _ = gen_tcp:close(Socket),
+    _ = answered(gen_tcp:recv(Socket, 0, ?QUESTION_MS), Socket),
+    ok = gen_tcp:close(Socket),
     serve(Listen, Place).
+
+answered({ok, Line}, Socket) ->
+    Words = string:lexemes(binary_to_list(string:trim(Line)), " "),
+    gen_tcp:send(Socket, starl_fleet_term:write(answer(Words)));
+answered({error, _}, _Socket) ->
+    ok.
 
 answer(["status"]) -> starl_fleet_node:status();
 answer(["reload" | Words]) -> starl_fleet_reload:answer(Words);

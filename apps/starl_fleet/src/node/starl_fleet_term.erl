@@ -5,7 +5,7 @@
 
 %% @doc The text of a term, one line.
 -spec write(term()) -> unicode:unicode_binary().
-write(Term) -> unicode:characters_to_binary(io_lib:format("~0tp.~n", [Term])).
+write(Term) -> <<_/binary>> = unicode:characters_to_binary(io_lib:format("~0tp.~n", [Term])).
 
 %% @doc The term of a text.
 -spec read(unicode:chardata()) -> {ok, term()} | none.
