@@ -35,21 +35,42 @@ up_to_the_horizon_test() ->
     ].
 
 %% Lines are begun at no more than 40 places, the nearest ones: of those the best is taken, though a
-%% line farther away has more ink for what it costs.
+%% line farther away has more ink for what it costs. As many are tried if the first line alone has
+%% as much ink as is painted in one go.
 as_many_tries_test() ->
     At = {2000.0, 5000.0},
     Short = fun(N) ->
         [{{2000.0 + 10.0 * I, 5200.0}, {2000.0 + 10.0 * I, 5210.0}} || I <- lists:seq(1, N)]
     end,
     Long = {{6000.0, 5000.0}, {6000.0, 7000.0}},
-    Ink = fun(N) ->
+    Ink = fun(N, Horizon) ->
         {ok, Plan0} = starl_dpp_plan:new(config([Long | Short(N)])),
         Plan1 = starl_dpp_plan:standing(2, {7400.0, 2000.0}, Plan0),
         Plan = starl_dpp_plan:standing(1, At, Plan1),
-        Edges = painted(At, starl_dpp_plan:view(1, Plan), ?HORIZON),
+        Edges = painted(At, starl_dpp_plan:view(1, Plan), Horizon),
         round(lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- Edges]))
     end,
-    ?assertEqual([2000, 10], [Ink(19), Ink(20)]).
+    ?assertEqual([2000, 10], [Ink(19, ?HORIZON), Ink(20, ?HORIZON)]),
+    ?assertEqual([1000, 10], [Ink(N, 900.0) || N <- [19, 20]]).
+
+%% A line that is farther away, but longer, wins by however little it has more ink for what it
+%% costs. One of 1 m, 100 mm away, and one of 2 m, some 300 mm away in the other direction: with
+%% 100 mm for an assignment both have 5/6 at just 300 mm.
+won_by_a_hair_test_() ->
+    [
+        ?_assertEqual({Away, Ink}, {Away, ink_of_two(Away)})
+     || {Away, Ink} <- [{299.0, 2000}, {299.9995, 2000}, {300.0005, 1000}, {301.0, 1000}]
+    ].
+
+ink_of_two(Away) ->
+    At = {5000.0, 5000.0},
+    Near = {{5100.0, 5000.0}, {6100.0, 5000.0}},
+    Far = {{5000.0 - Away, 5000.0}, {3000.0 - Away, 5000.0}},
+    {ok, Plan0} = starl_dpp_plan:new(config([Near, Far])),
+    Plan1 = starl_dpp_plan:standing(2, {7400.0, 2000.0}, Plan0),
+    Plan = starl_dpp_plan:standing(1, At, Plan1),
+    Edges = painted(At, starl_dpp_plan:view(1, Plan), ?HORIZON),
+    round(lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- Edges])).
 
 %% Every chain from every vertex that can be reached.
 plain(#{robot := Robot} = View) ->

@@ -45,7 +45,17 @@
     no_answer_at_all/1,
     unsent_request_is_sent_again/1,
     crashed_sap_is_told_who_listens/1,
-    crashed_motion_is_told_to_go_on/1
+    crashed_motion_is_told_to_go_on/1,
+    late_timers_mean_nothing/1,
+    only_known_events_count/1,
+    on_its_path_by_the_slack_alone/1,
+    request_ends_the_drive/1,
+    timers_while_it_asks/1,
+    place_is_looked_for_first/1,
+    late_look_ends_the_looking/1,
+    lease_is_over_at_its_end/1,
+    drives_its_own_lines_only/1,
+    told_of_each_way_once/1
 ]).
 
 -define(S, 1000000).
@@ -82,6 +92,8 @@ all() ->
         lease_ends_for_good,
         faces_only_by_lease,
         failed_drive_is_told_once,
+        faced_is_told_once,
+        answers_tell_of_paint,
         beats_prolong_lease,
         late_assignment_is_void,
         missing_coordinator_is_replaced,
@@ -91,7 +103,17 @@ all() ->
         no_answer_at_all,
         unsent_request_is_sent_again,
         crashed_sap_is_told_who_listens,
-        crashed_motion_is_told_to_go_on
+        crashed_motion_is_told_to_go_on,
+        late_timers_mean_nothing,
+        only_known_events_count,
+        on_its_path_by_the_slack_alone,
+        request_ends_the_drive,
+        timers_while_it_asks,
+        place_is_looked_for_first,
+        late_look_ends_the_looking,
+        lease_is_over_at_its_end,
+        drives_its_own_lines_only,
+        told_of_each_way_once
     ].
 
 %% A request says where the robot stands: it is stopped first, then located.
@@ -466,8 +488,7 @@ crashed_sap_is_told_who_listens(_) ->
     ?assertMatch({Listens, _}, step(info, {restarted, sap}, led())),
     {_, P} = asking(led()),
     {Actions, _} = step(info, {restarted, sap}, P),
-    ?assertMatch([{{timeout, again}, _, request}], Actions -- Listens),
-    ?assertEqual([], Listens -- Actions).
+    ?assertEqual(Listens ++ [{{timeout, again}, ?S div 2, request}], Actions).
 
 %% What motion had been told is lost with it: the same line again, if it was on one.
 crashed_motion_is_told_to_go_on(_) ->
@@ -477,6 +498,147 @@ crashed_motion_is_told_to_go_on(_) ->
     ?assertMatch([_], Go),
     ?assertMatch({Go, _}, step(info, {restarted, motion}, Driving)),
     ?assertMatch({[], _}, step(info, {restarted, motion}, led())).
+
+%% A timer that was to be stopped, and has run out all the same, has no effect.
+late_timers_mean_nothing(_) ->
+    {_, Moving} = moving(),
+    [
+        ?assertEqual({[], P}, step({timeout, Timer}, Timer, P))
+     || Timer <- [again, patience], P <- [led(), Moving]
+    ].
+
+%% A crash of a machine that it has told nothing is none of its business; what it does not know is
+%% traced.
+only_known_events_count(_) ->
+    P = led(),
+    ?assertEqual({[], P}, step(info, {restarted, location}, P)),
+    ?assertEqual({[{trace, {unknown_event, info, x}}], P}, step(info, x, P)).
+
+%% A robot that was stopped counts as standing on its path if it is within the slack of it, which is
+%% nothing unless it is given.
+on_its_path_by_the_slack_alone(_) ->
+    Stands = fun(Config, Y) ->
+        {_, P0} = starl_machine:new(starl_dpp_participant, Config, base(1, dpp, 1, [1, 2, 3, 4])),
+        {_, P1} = step({call, {app, 0}}, {join, 4}, P0),
+        {Stop, P2} = recover(4, {1, 4, 1}, P1),
+        {_, P3} = located(Stop, P2),
+        {Id, P4} = asking(P3),
+        {_, Moving} = answer(4, {1, 4, 1}, Id, P4),
+        {Again, P5} = step({call, {app, 2}}, request, Moving),
+        [N] = [Of || {call, motion, stop, {halted, Of}} <- Again],
+        {_, P6} = step({reply, {pose, N}}, {ok, {50.0, Y, 0.0}}, P5),
+        {Told, _} = recover(4, {2, 4, 1}, P6),
+        [{4, {_, _, {standing, At}, _, _}}] = sent(dpp_state, Told),
+        At
+    end,
+    ?assertEqual({50.0, 2.1}, Stands(#{}, 2.1)),
+    ?assertEqual({50.0, 2.0}, Stands(#{slack => 0.2}, 2.1)),
+    ?assertEqual({50.0, 2.3}, Stands(#{slack => 0.2}, 2.3)).
+
+%% Who asks while it drives drives no more: neither when motion crashes nor at the end of the next
+%% lease is there anything left of that.
+request_ends_the_drive(_) ->
+    {Id, Moving} = moving(),
+    {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
+    {Next, P} = asking(Driving),
+    {_, Again} = answer(4, {1, 4, 1}, Next, P),
+    ?assertMatch({[], _}, step(info, {restarted, motion}, Again)),
+    {Late, _} = at(20 * ?S, {timeout, leave}, leave, Again),
+    ?assertEqual([], replies(Late)).
+
+%% It waits two minutes in all, for a place half a second, for an answer 40 seconds, and asks again
+%% after half a second when told so; with an answer, whichever, all that is over.
+timers_while_it_asks(_) ->
+    Again = {{timeout, again}, ?S div 2, request},
+    Ended = [{{timeout, again}, cancel}, {{timeout, patience}, cancel}],
+    {Stop, P1} = step({call, {app, 1}}, request, led()),
+    [{call, motion, stop, {halted, N}}] = [A || {call, motion, _, _} = A <- Stop],
+    ?assertEqual([{{timeout, patience}, 120 * ?S, patience}], timers(patience, Stop)),
+    ?assertEqual([{{timeout, look}, ?S div 2, look}], timers(look, Stop)),
+    {Ask, P2} = step({reply, {pose, N}}, {ok, {1.0, 2.0, 0.0}}, P1),
+    [{4, {Term, Id, _, _, _}}] = sent(dpp_request, Ask),
+    ?assertEqual([{{timeout, look}, cancel}], timers(look, Ask)),
+    ?assertEqual([{{timeout, again}, 40 * ?S, request}], timers(again, Ask)),
+    Answer = fun(Now, Body) ->
+        {Actions, _} = at(Now, cast, {message, 4, dpp_answer, {Term, Id, Body, []}}, P2),
+        Actions -- [{state_timeout, cancel}]
+    end,
+    ?assertEqual([Again], Answer(?AIR_US, again)),
+    ?assertEqual([Again], Answer(0, assignment())),
+    ?assertEqual(Ended ++ [{reply, {app, 1}, complete}], Answer(?AIR_US, complete)),
+    Left = starl_dpp_lease:short_us(#{}) - ?AIR_US,
+    Taken = {reply, {app, 1}, {ok, {Id, {1.0, 2.0}, path()}}},
+    ?assertEqual(
+        Ended ++ [{{timeout, leave}, Left, leave}, Taken],
+        Answer(?AIR_US, assignment())
+    ).
+
+timers(Timer, Actions) -> [A || A <- Actions, element(1, A) =:= {timeout, Timer}].
+
+%% It asks for nothing before it knows where it stands, even if it is time to ask again.
+place_is_looked_for_first(_) ->
+    {_, P1} = step({call, {app, 1}}, request, joined()),
+    {Actions, P2} = step({timeout, again}, request, P1),
+    ?assertEqual([], sent(dpp_request, Actions)),
+    {Ask, _} = located(Actions, P2),
+    ?assertMatch([{4, {_, _, {1.0, 2.0}, _, _}}], sent(dpp_request, Ask)).
+
+%% A place that is seen when the robot is on its way again says nothing.
+late_look_ends_the_looking(_) ->
+    {{_, N} = Id, Moving} = moving(),
+    {Actions, P} = step({reply, {pose, N}}, {ok, {50.0, 50.0, 0.0}}, Moving),
+    ?assertEqual([{{timeout, look}, cancel}], Actions),
+    {Go, _} = step({call, {app, 2}}, {drive, Id, 1}, P),
+    ?assertMatch([{call, motion, {go_along, {{1.0, 2.0}, {100.0, 2.0}}}, _}], Go).
+
+%% To the microsecond: with one left a path is taken and goes on, with none it is void.
+lease_is_over_at_its_end(_) ->
+    End = starl_dpp_lease:short_us(#{}),
+    {Id, P} = asking(led()),
+    Answer = {message, 4, dpp_answer, {{1, 4, 1}, Id, assignment(), []}},
+    {Taken, _} = at(End - 1, cast, Answer, P),
+    ?assertEqual([{{timeout, leave}, 1, leave}], timers(leave, Taken)),
+    {Refused, _} = at(End, cast, Answer, P),
+    ?assertMatch({[], [{4, _}]}, {replies(Refused), sent(dpp_request, Refused)}),
+    {_, Moving} = moving(),
+    ?assertMatch(
+        {[{{timeout, leave}, 1, leave}], _}, at(End - 1, {timeout, leave}, leave, Moving)
+    ),
+    {Over, _} = at(End, {timeout, leave}, leave, Moving),
+    ?assertEqual(
+        [{cast, motion, stop}, {trace, {void, Id}}], Over -- [{state_timeout, cancel}]
+    ),
+    %% where no lease is, none ends
+    ?assertMatch({[], _}, at(End, {timeout, leave}, leave, led())).
+
+%% It drives along the lines of the path that it has, the last one too, and no others.
+drives_its_own_lines_only(_) ->
+    {{I, N} = Id, Moving} = moving(),
+    Drive = fun(Of, Line) ->
+        {Actions, _} = step({call, {app, 2}}, {drive, Of, Line}, Moving),
+        Actions
+    end,
+    ?assertEqual(
+        [{call, motion, {go_along, {{1.0, 2.0}, {900.0, 2.0}}}, {driven, drive, Id, 3}}],
+        Drive(Id, 3)
+    ),
+    [
+        ?assertEqual([{reply, {app, 2}, {error, void}}], Drive(Of, Line))
+     || {Of, Line} <- [{Id, 4}, {{I, N - 1}, 1}, {{I + 1, N}, 1}]
+    ].
+
+%% An outcome is one of the drive that was begun: not of another line, another path, nor of a turn.
+told_of_each_way_once(_) ->
+    {{I, N} = Id, Moving} = moving(),
+    {_, Driving} = step({call, {app, 2}}, {drive, Id, 2}, Moving),
+    [
+        ?assertEqual({[], Driving}, step({reply, {driven, What, Of, Line}}, Outcome, Driving))
+     || {What, Of, Line} <- [{drive, Id, 1}, {face, Id, 2}, {drive, {I, N + 1}, 2}],
+        Outcome <- [ok, {error, stopped}]
+    ],
+    {Done, P} = step({reply, {driven, drive, Id, 2}}, ok, Driving),
+    ?assertEqual([{reply, {app, 2}, ok}], replies(Done)),
+    ?assertEqual({[], P}, step({reply, {driven, drive, Id, 2}}, ok, P)).
 
 %% -- helpers --------------------------------------------------------------------------------
 

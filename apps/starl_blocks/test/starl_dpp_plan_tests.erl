@@ -165,77 +165,6 @@ resolve_opens_the_way_test() ->
     {[{1, Path}], _} = starl_dpp_assign:resolve([1, 2], Plan0),
     ?assertMatch([_ | _], Path).
 
-%%% Whole runs: every line is painted, tubes are disjoint at every step, retreats are bounded
-
-complete_test_() ->
-    [
-        {
-            lists:concat([Name, ", ", N, " robots, seed ", Seed]),
-            {timeout, 60, fun() -> complete(Name, N, Seed, #{}) end}
-        }
-     || Name <- starl_dpp_pictures:names(), N <- [1, 2, 4, 8, 16], Seed <- seeds(N)
-    ].
-
-seeds(16) -> [1];
-seeds(N) -> [N, N + 100].
-
-without_making_way_test_() ->
-    [
-        {
-            lists:concat([Name, ", 8 robots, seed ", Seed]),
-            {timeout, 60, fun() -> complete(Name, 8, Seed, #{make_way => false}) end}
-        }
-     || Name <- [text, star, spiral], Seed <- [1, 2]
-    ].
-
-%% Robots stop anywhere, off their line by up to the slack, and ask again.
-interrupted_test_() ->
-    [
-        {
-            lists:concat([Name, ", ", N, " robots, seed ", Seed]),
-            {timeout, 60, fun() -> complete(Name, N, Seed, #{interrupt => 0.05, slack => 40.0}) end}
-        }
-     || Name <- [lines, grid, text, star, circles], N <- [3, 10], Seed <- [1, 2]
-    ].
-
-complete(Name, N, Seed, Options) ->
-    Figures = run(Name, N, Seed, Options),
-    ?assertMatch(#{free := 0, assigned := 0}, maps:get(counts, Figures)),
-    ?assertEqual(0, maps:get(stuck, Figures, 0)).
-
-run(Name, N, Seed, Options) ->
-    Config = config(starl_dpp_pictures:picture(Name, Seed), N),
-    Slack = maps:get(slack, Options, 0.0),
-    starl_dpp_world:run(
-        maps:merge(
-            #{
-                plan => Config#{seed => Seed, slack => Slack},
-                seed => Seed,
-                make_way => true
-            },
-            Options
-        )
-    ).
-
-%% Robots die at any time: the others finish all they can, and the end is honest.
-deaths_test_() ->
-    [
-        {lists:concat([Name, " seed ", Seed]), {timeout, 60, fun() -> deaths(Name, Seed) end}}
-     || Name <- [lines, text, grid, star], Seed <- [1, 2, 3]
-    ].
-
-deaths(Name, Seed) ->
-    Deaths = [{10.0 + Seed, 2}, {20.0 + 3 * Seed, 5}],
-    Figures = run(Name, 6, Seed, #{deaths => Deaths}),
-    #{counts := #{free := Free}, plan := Plan, live := Live} = Figures,
-    ?assertEqual([1, 3, 4, 6], Live),
-    ?assert(Free =:= 0 orelse not starl_dpp_assign:reachable(Live, Plan)).
-
-%% Equal input, equal run.
-deterministic_test() ->
-    F = fun() -> maps:with([makespan, counts, retreats], run(text, 5, 3, #{})) end,
-    ?assertEqual(F(), F()).
-
 %% A new coordinator with the same input that learns what is painted and what is held carries on.
 rebuilt_plan_carries_on_test_() ->
     [{lists:concat(["seed ", Seed]), {timeout, 60, fun() -> rebuilt(Seed) end}} || Seed <- [1, 2]].
@@ -294,86 +223,6 @@ painted_since_test() ->
     Since = [starl_dpp_plan:painted_since(Known, Plan) || Known <- [0, 2, 3, 4]],
     ?assertEqual([[1, 2, 3, 4], [1, 4], [4], []], Since).
 
-%%% Deadlock: wherever robots stand, at least one can always leave
-
-%% However robots stand, more than 2R apart, retreats end with all but one parked at most.
-drain_test_() ->
-    [
-        {
-            lists:concat([Kind, " ", N, " robots, seed ", Seed]),
-            {timeout, 30, fun() -> drain(Kind, N, Seed) end}
-        }
-     || Kind <- [cluster, ring, corridor, scattered], N <- [3, 8, 16], Seed <- lists:seq(1, 12)
-    ].
-
-drain(Kind, N, Seed) ->
-    Plan0 = new([line()], N),
-    Plan1 = crowd(Kind, lists:seq(1, N), [], {rand:seed_s(exsss, Seed), 0}, Plan0),
-    Plan2 = drained(lists:seq(1, N), 2 * N, Plan1),
-    Away = [Id || Id <- lists:seq(1, N), not starl_dpp_plan:parked(Id, Plan2)],
-    ?assertEqual({[], starl_dpp_plan:unsafe(Plan1)}, {Away, starl_dpp_plan:unsafe(Plan1)}).
-
-drained(_Robots, 0, Plan) ->
-    Plan;
-drained(Robots, Rounds, Plan0) ->
-    Plan1 = lists:foldl(fun retreat_now/2, Plan0, Robots),
-    case Plan1 of
-        Plan0 -> Plan0;
-        _ -> drained(Robots, Rounds - 1, Plan1)
-    end.
-
-%% The way is checked against all others and driven at once.
-retreat_now(Id, Plan0) ->
-    case starl_dpp_assign:retreat(Id, Plan0) of
-        {none, _} ->
-            Plan0;
-        {{assign, Path}, Plan1} ->
-            starl_dpp_world:disjoint(starl_dpp_plan:unsafe(Plan1), Plan1),
-            {P, up} = lists:last(Path),
-            starl_dpp_plan:standing(Id, P, Plan1)
-    end.
-
-%% Requests and resolutions from crowded places never come to rest before the picture is done.
-crowded_run_test_() ->
-    [
-        {
-            lists:concat([Kind, " ", N, " robots, seed ", Seed]),
-            {timeout, 60, fun() -> crowded_run(Kind, N, Seed) end}
-        }
-     || Kind <- [cluster, ring, corridor, scattered], N <- [4, 12], Seed <- lists:seq(1, 4)
-    ].
-
-crowded_run(Kind, N, Seed) ->
-    Plan0 = new([line()], N),
-    Plan1 = crowd(Kind, lists:seq(1, N), [], {rand:seed_s(exsss, Seed), 0}, Plan0),
-    At = maps:from_list([{Id, P} || {Id, [{P, _}]} <- starl_dpp_plan:unsafe(Plan1)]),
-    Config = config(starl_dpp_pictures:picture(star, Seed), N),
-    Figures = starl_dpp_world:run(#{plan => Config, at => At, seed => Seed, make_way => true}),
-    ?assertMatch(#{free := 0, assigned := 0}, maps:get(counts, Figures)).
-
-crowd(_Kind, [], _Taken, _Rand, Plan) ->
-    Plan;
-crowd(Kind, [Id | Ids], Taken, {Rand0, Tries}, Plan) ->
-    {P, Rand1} = place(Kind, Rand0, Tries),
-    case lists:all(fun(Q) -> starl_geometry:distance(P, Q) >= 2.0 * ?R end, Taken) of
-        true ->
-            crowd(Kind, Ids, [P | Taken], {Rand1, 0}, starl_dpp_plan:standing(Id, P, Plan));
-        false ->
-            crowd(Kind, [Id | Ids], Taken, {Rand1, Tries + 1}, Plan)
-    end.
-
-%% A dense heap near a corner of the area; near the ring road; between it and the wall; anywhere.
-%% After many misses the heap grows.
-place(Kind, Rand0, Tries) ->
-    {X, Rand1} = rand:uniform_s(Rand0),
-    {Y, Rand2} = rand:uniform_s(Rand1),
-    {place_at(Kind, X, Y, 1.0 + Tries / 40), Rand2}.
-
-place_at(cluster, X, Y, Grow) -> {900.0 + 900.0 * Grow * X, 900.0 + 900.0 * Grow * Y};
-place_at(ring, X, Y, Grow) -> {700.0 + 3000.0 * Grow * X, 500.0 + 350.0 * Y};
-place_at(corridor, X, Y, Grow) -> {?R + 5000.0 * Grow * X, ?R + 450.0 * Y};
-place_at(scattered, X, Y, _) -> {?R + 11500.0 * X, ?R + 11500.0 * Y}.
-
 %% Who has made way aside, and stands in the way of free edges again, parks.
 idle_robot_makes_way_twice_test() ->
     {ok, Plan0} = starl_dpp_plan:new(config([{{5000.0, 6000.0}, {7000.0, 6000.0}}], 2)),
@@ -394,3 +243,148 @@ is_spot(Point, Plan) ->
             1, 2
         ]
     ).
+
+%%% What each report changes, and what it leaves as it was
+
+graph(Plan) -> starl_dpp_plan:graph(Plan).
+
+heading(Robot, Plan) -> maps:get(heading, starl_dpp_plan:view(Robot, Plan)).
+
+%% The robots may be given in any order, some of them twice; the lines are not kept.
+robots_in_any_order_test() ->
+    Config = config([line()], 3),
+    {ok, Plan} = starl_dpp_plan:new(Config),
+    {ok, Mixed} = starl_dpp_plan:new(Config#{robots => [3, 1, 2, 1]}),
+    Spots = fun(P) -> [starl_dpp_plan:spot(Robot, P) || Robot <- [1, 2, 3]] end,
+    ?assertEqual(Spots(Plan), Spots(Mixed)),
+    ?assertEqual([1, 2, 3], starl_dpp_plan:unknown(Mixed)),
+    ?assertMatch(#{horizon := 3000.0, slack := +0.0}, starl_dpp_plan:config(Plan)),
+    ?assertNot(is_map_key(segments, starl_dpp_plan:config(Plan))).
+
+%% A silent robot holds the place where it was seen, and does no work until it is heard again: that
+%% it stands, or that it is on its way.
+silent_until_heard_test() ->
+    P = {6000.0, 9000.0},
+    Plan = starl_dpp_plan:silent(2, P, parked([line()], 3)),
+    ?assertEqual([1, 3], starl_dpp_plan:at_work(Plan)),
+    ?assertEqual({P, P}, starl_dpp_plan:stands(2, Plan)),
+    ?assertEqual([1], starl_dpp_plan:at_work(starl_dpp_plan:silent(3, P, Plan))),
+    ?assertEqual([1, 2, 3], starl_dpp_plan:at_work(starl_dpp_plan:standing(2, P, Plan))),
+    Moves = starl_dpp_plan:adopt(2, P, [{{6400.0, 9000.0}, up}], Plan),
+    ?assertEqual([1, 2, 3], starl_dpp_plan:at_work(Moves)),
+    ?assertEqual([1, 3], starl_dpp_plan:at_work(starl_dpp_plan:standing(1, P, Plan))).
+
+%% A robot heads along the line that it drove last, once it has passed its end; one that is stopped
+%% on its way along the line that it was on; one that stood, or was adopted at no distance, as before.
+heading_test() ->
+    Path = [{{4000.0, 9000.0}, up}, {{4000.0, 9500.0}, up}, {{3000.0, 9500.0}, up}],
+    Plan = starl_dpp_plan:adopt(1, {3500.0, 9000.0}, Path, parked([line()], 2)),
+    Stopped = fun(At, P) -> heading(1, starl_dpp_plan:standing(1, At, P)) end,
+    Near = fun(A, B) -> ?assert(abs(A - B) < 1.0e-9) end,
+    ?assertEqual(none, heading(1, parked([line()], 2))),
+    Near(0.0, Stopped({3700.0, 9000.0}, Plan)),
+    Near(math:pi() / 2, Stopped({4000.0, 9200.0}, starl_dpp_plan:passed(1, 1, Plan))),
+    Near(math:pi(), Stopped({3000.0, 9500.0}, starl_dpp_plan:passed(1, 3, Plan))),
+    End = starl_dpp_plan:standing(1, {3000.0, 9500.0}, starl_dpp_plan:passed(1, 3, Plan)),
+    Near(math:pi(), heading(1, starl_dpp_plan:standing(1, {3000.0, 9500.0}, End))),
+    At = {3000.0, 9500.0},
+    Stays = starl_dpp_plan:adopt(1, At, [{At, up}], End),
+    Near(math:pi(), Stopped(At, Stays)),
+    Near(math:pi(), Stopped(At, starl_dpp_plan:passed(1, 1, Stays))),
+    %% nor does a last way of no length take back what the one before it was
+    Back = starl_dpp_plan:adopt(1, At, [{{3500.0, 9500.0}, up}, {{3500.0, 9500.0}, up}], End),
+    Near(0.0, Stopped({3500.0, 9500.0}, starl_dpp_plan:passed(1, 1, Back))),
+    %% of another robot that says nothing
+    Other = starl_dpp_plan:adopt(2, {9000.0, 9000.0}, [{{9000.0, 9500.0}, up}], End),
+    Both = starl_dpp_plan:standing(2, {9000.0, 9500.0}, starl_dpp_plan:passed(2, 1, Other)),
+    Near(math:pi(), heading(1, Both)),
+    Near(math:pi() / 2, heading(2, Both)).
+
+%% Only a way of somebody else counts, and only while it has an end to go to.
+others_move_test() ->
+    Plan = starl_dpp_plan:adopt(2, {6000.0, 9000.0}, [{{6400.0, 9000.0}, up}], parked([line()], 2)),
+    Moves = fun(P) -> [starl_dpp_plan:others_move(Robot, P) || Robot <- [1, 2]] end,
+    ?assertEqual([true, false], Moves(Plan)),
+    ?assertEqual([false, false], Moves(starl_dpp_plan:passed(2, 1, Plan))),
+    ?assertEqual([false, false], Moves(parked([line()], 2))).
+
+%% On its way no robot is parked, even across its spot, and one whose place is unknown is not.
+parked_test() ->
+    Plan = new([line()], 2),
+    Spot = starl_dpp_plan:spot(1, Plan),
+    ?assertNot(starl_dpp_plan:parked(1, Plan)),
+    ?assert(starl_dpp_plan:parked(1, park_all([1], Plan))),
+    ?assertNot(starl_dpp_plan:parked(1, starl_dpp_plan:adopt(1, Spot, [{Spot, up}], Plan))),
+    ?assertNot(starl_dpp_plan:parked(1, starl_dpp_plan:standing(1, {6000.0, 9000.0}, Plan))).
+
+%% The edges that others block, without those robots: each robot is told apart.
+masks_test() ->
+    Near = {5000.0, 6100.0},
+    Plan = starl_dpp_plan:standing(1, Near, park_all([2], new([line()], 2))),
+    Closed = fun(Without, P) ->
+        Mask = starl_dpp_plan:masks(Without, P),
+        [E || E <- lists:seq(1, starl_dpp_graph:edges(graph(P))), Mask(E) =/= 0]
+    end,
+    All = Closed([], Plan),
+    ?assertEqual([], Closed([1, 2], Plan)),
+    ?assertEqual([], Closed([1], Plan) -- All),
+    ?assertEqual(lists:sort(All), lists:sort(Closed([1], Plan) ++ Closed([2], Plan))),
+    ?assertEqual([4], [E || E <- Closed([2], Plan), E =< 4]),
+    ?assertEqual(1, starl_dpp_plan:blocking(1, Plan)).
+
+%% What moves apart stands there from then on: it counts as there, and has been seen where it was.
+%% Robots that are apart are left in peace, to the last bit; the lower number moves first.
+apart_test() ->
+    A = {5000.0, 5000.0},
+    B = {5000.0 + 2 * ?R - 9.0, 5000.0},
+    Plan = starl_dpp_plan:standing(2, B, starl_dpp_plan:standing(1, A, new([line()], 2))),
+    Apart = starl_dpp_plan:apart(Plan),
+    {{X, 5000.0} = Reserved, A} = starl_dpp_plan:stands(1, Apart),
+    ?assert(abs(X - 4991.0) < 1.0e-3),
+    ?assertEqual({B, B}, starl_dpp_plan:stands(2, Apart)),
+    ?assertEqual([{Reserved, Reserved}], starl_dpp_plan:held(1, Apart)),
+    ?assertMatch(#{at := Reserved}, starl_dpp_plan:view(1, Apart)),
+    Far = starl_dpp_plan:standing(2, {9000.0, 9000.0}, Plan),
+    ?assertEqual(Far, starl_dpp_plan:apart(Far)).
+
+%% Also in a big team the lower number of two is the one that moves.
+apart_in_order_test() ->
+    {ok, Plan} = starl_dpp_plan:new((config([line()], 40))#{world => {20000.0, 20000.0}}),
+    Place = fun
+        (Id) when Id > 20 -> {800.0 * (Id - 20) + 440.0 * 0.98, 9000.0};
+        (Id) -> {800.0 * Id + 2.0, 9000.0}
+    end,
+    Stand = fun(Id, P) -> starl_dpp_plan:standing(Id, Place(Id), P) end,
+    Apart = starl_dpp_plan:apart(lists:foldl(Stand, Plan, lists:seq(1, 40))),
+    Moved = [
+        Id
+     || Id <- lists:seq(1, 40),
+        {Reserved, _} <- [starl_dpp_plan:stands(Id, Apart)],
+        Reserved =/= Place(Id)
+    ],
+    ?assertEqual(lists:seq(1, 20), Moved).
+
+%% What a robot has made way for is over when somebody gets work; to park does not count.
+yielded_test() ->
+    Path = [{{6400.0, 9000.0}, up}],
+    Plan = starl_dpp_plan:standing(1, {6000.0, 9000.0}, park_all([2], new([line()], 2))),
+    Sent = fun(Why, P) -> starl_dpp_plan:send(1, Path, Why, P) end,
+    Yielded = fun(P) -> [starl_dpp_plan:yielded(Robot, P) || Robot <- [1, 2]] end,
+    ?assertEqual([false, false], Yielded(Sent(retreat, Plan))),
+    Aside = Sent(aside, Plan),
+    ?assertEqual([true, false], Yielded(Aside)),
+    Back = starl_dpp_plan:standing(1, {6000.0, 9000.0}, Aside),
+    ?assertEqual([true, false], Yielded(Sent(retreat, Back))),
+    ?assertEqual([false, false], Yielded(Sent(work, Back))).
+
+%% A robot on its way that is adopted anew gives the lines of its former way back, but for those
+%% that are painted.
+adopted_anew_test() ->
+    {{assign, [{P, _} | _] = Path}, Plan} = starl_dpp_assign:request(1, parked([line()], 1)),
+    One = starl_dpp_plan:passed(1, length(Path) - 2, Plan),
+    ?assertMatch(#{painted := 2, assigned := 2, free := 0}, starl_dpp_plan:counts(One)),
+    Away = starl_dpp_plan:adopt(1, P, [{{3000.0, 6500.0}, up}], One),
+    ?assertMatch(#{painted := 2, assigned := 0, free := 2}, starl_dpp_plan:counts(Away)),
+    %% a painted line on a path is painted, not assigned
+    Again = starl_dpp_plan:adopt(1, P, Path, Away),
+    ?assertMatch(#{painted := 2, assigned := 2, free := 0}, starl_dpp_plan:counts(Again)).

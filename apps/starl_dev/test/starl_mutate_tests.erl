@@ -86,6 +86,29 @@ whole() ->
     ),
     reported(Results, Survived).
 
+%% The cheapest test comes first, of whatever kind; one that does not call the function never comes.
+cheapest_first_test() ->
+    {Drawn, _} = starl_mutate_sample:draw(candidates(), infinity, 1),
+    Measure = fun(Ms, Called) ->
+        #{outcome => passed, cpu_ms => Ms, wall_ms => 2 * Ms, called => Called}
+    end,
+    Larger = [{starl_mutate_fixture, larger, 2}],
+    Suite = {suite, starl_mutex_SUITE, [some_case]},
+    Soak = {soak, mutex, 2, 1},
+    Measures = #{
+        ?TESTS => Measure(300, Larger),
+        Suite => Measure(1, Larger),
+        Soak => Measure(20, Larger),
+        {unit, starl_mutate_tests} => Measure(0, [{starl_mutate_fixture, seen, 2}])
+    },
+    [#{units := Units} | _] = [
+        Job
+     || #{id := "starl_mutate_fixture:larger/2-" ++ _} = Job <- starl_mutate_plan:jobs(
+            Drawn, Measures
+        )
+    ],
+    ?assertEqual([Suite, Soak, ?TESTS], [Unit || {Unit, _} <- Units]).
+
 %% Survivors that have a reason are told apart.
 reported(Results, [#{id := One} | _] = Survived) ->
     Count = length(Results),

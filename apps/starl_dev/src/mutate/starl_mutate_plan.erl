@@ -70,12 +70,7 @@ changed(#{source := #{module := Module}, before := {function, _, Name, Arity, _}
 
 ordered(Units, Measures) ->
     Cost = fun(Unit) -> maps:get(cpu_ms, maps:get(Unit, Measures)) end,
-    [Unit || {_, _, Unit} <- lists:sort([{rank(element(1, U)), Cost(U), U} || U <- Units])].
-
-rank(unit) -> 1;
-rank(soak) -> 2;
-rank(check) -> 3;
-rank(suite) -> 4.
+    [Unit || {_, Unit} <- lists:sort([{Cost(U), U} || U <- Units])].
 
 limits(#{cpu_ms := Cpu, wall_ms := Wall}) -> {?TIMES * Cpu + ?CPU_MS, ?TIMES * Wall + ?WALL_MS}.
 
