@@ -72,6 +72,70 @@ ink_of_two(Away) ->
     Edges = painted(At, starl_dpp_plan:view(1, Plan), ?HORIZON),
     round(lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- Edges])).
 
+%% A robot that stands more than 3 mm beside the place that it counts as on drives there first.
+beside_the_line_test_() ->
+    At = {5000.0, 5000.0},
+    {ok, Plan0} = starl_dpp_plan:new(config([{At, {5400.0, 5000.0}}])),
+    Plan1 = starl_dpp_plan:standing(2, {7400.0, 2000.0}, Plan0),
+    View = starl_dpp_plan:view(1, starl_dpp_plan:standing(1, At, Plan1)),
+    Settings = #{horizon => ?HORIZON, overhead_mm => 100.0, middle => 0.7, reach => infinity},
+    [
+        fun() ->
+            {ok, #{path := Path} = Job} = starl_dpp_choice:best(
+                {5000.0 + Off, 5000.0}, View, Settings
+            ),
+            ?assertEqual(Begins ++ [{{5400.0, 5000.0}, {down, 1}}], Path),
+            ?assertMatch(#{ink_mm := 400.0, travel_mm := +0.0}, Job)
+        end
+     || {Off, Begins} <- [{0.0, []}, {3.0, []}, {3.1, [{At, up}]}, {-3.1, [{At, up}]}]
+    ].
+
+%% What is driven with the pen up is counted to where the line begins.
+travel_is_counted_test() ->
+    {ok, Plan0} = starl_dpp_plan:new(config([{{5000.0, 5000.0}, {5400.0, 5000.0}}])),
+    Plan1 = starl_dpp_plan:standing(2, {7400.0, 2000.0}, Plan0),
+    At = {4000.0, 5000.0},
+    View = starl_dpp_plan:view(1, starl_dpp_plan:standing(1, At, Plan1)),
+    Settings = #{horizon => ?HORIZON, overhead_mm => 100.0, middle => 0.7, reach => infinity},
+    {ok, #{path := Path, travel_mm := Mm}} = starl_dpp_choice:best(At, View, Settings),
+    ?assertEqual([4500.0, 5000.0, 5400.0], [X || {{X, _}, _} <- Path]),
+    ?assert(abs(Mm - 1000.0) < 1.0e-6).
+
+%% Farther than the reach nothing is looked for.
+reach_test_() ->
+    {ok, Plan0} = starl_dpp_plan:new(config([{{5000.0, 5000.0}, {5400.0, 5000.0}}])),
+    Plan1 = starl_dpp_plan:standing(2, {7400.0, 2000.0}, Plan0),
+    At = {2000.0, 5000.0},
+    View = starl_dpp_plan:view(1, starl_dpp_plan:standing(1, At, Plan1)),
+    Settings = #{horizon => ?HORIZON, overhead_mm => 100.0, middle => 0.7},
+    Best = fun(Reach) -> starl_dpp_choice:best(At, View, Settings#{reach => Reach}) end,
+    [
+        ?_assertMatch({ok, _}, Best(infinity)),
+        ?_assertMatch({ok, _}, Best(4500.0)),
+        ?_assertEqual(none, Best(2000.0))
+    ].
+
+%% Both ends of each free line that is not closed, until told to stop.
+fold_begins_test() ->
+    Lines = [{{3000.0, 3000.0}, {3400.0, 3000.0}}, {{5000.0, 5000.0}, {5400.0, 5000.0}}],
+    {ok, Plan0} = starl_dpp_plan:new(config(Lines)),
+    Plan1 = starl_dpp_plan:standing(1, {2000.0, 7000.0}, Plan0),
+    Begins = fun(Fun, Other) ->
+        View = starl_dpp_plan:view(1, starl_dpp_plan:standing(2, Other, Plan1)),
+        lists:sort(starl_dpp_choice:fold_begins(Fun, [], View))
+    end,
+    All = fun(P, Acc) -> {continue, [P | Acc]} end,
+    Ends = [P || {A, B} <- Lines, P <- [A, B]],
+    ?assertEqual(lists:sort(Ends), Begins(All, {7400.0, 2000.0})),
+    ?assertEqual(lists:nthtail(2, Ends), Begins(All, {3200.0, 3200.0})),
+    Some = fun(N) ->
+        fun
+            (P, Acc) when length(Acc) =:= N - 1 -> {stop, [P | Acc]};
+            (P, Acc) -> {continue, [P | Acc]}
+        end
+    end,
+    [?assertEqual(N, length(Begins(Some(N), {7400.0, 2000.0}))) || N <- [1, 2, 3, 4]].
+
 %% Every chain from every vertex that can be reached.
 plain(#{robot := Robot} = View) ->
     Space = starl_dpp_route:space([Robot], View),

@@ -26,7 +26,19 @@
     silent_robot_keeps_all_until_its_lease_ends/1,
     heard_again_while_looked_for/1,
     late_report_of_a_silent_robot/1,
-    unreachable_unknown_robot_ends/1
+    unreachable_unknown_robot_ends/1,
+    claims_above_what_is_known/1,
+    claims_when_told_to_lead/1,
+    follows_a_higher_term/1,
+    gives_up_a_claim/1,
+    late_timers_mean_nothing/1,
+    beats_every_second/1,
+    asks_who_has_not_answered/1,
+    asks_itself_when_it_may_win/1,
+    says_that_it_leads_at_once/1,
+    tells_of_its_term/1,
+    outcomes_of_its_own_term_count/1,
+    crashes_of_others/1
 ]).
 
 -define(CONFIG, #{
@@ -60,7 +72,19 @@ all() ->
         silent_robot_keeps_all_until_its_lease_ends,
         heard_again_while_looked_for,
         late_report_of_a_silent_robot,
-        unreachable_unknown_robot_ends
+        unreachable_unknown_robot_ends,
+        claims_above_what_is_known,
+        claims_when_told_to_lead,
+        follows_a_higher_term,
+        gives_up_a_claim,
+        late_timers_mean_nothing,
+        beats_every_second,
+        asks_who_has_not_answered,
+        asks_itself_when_it_may_win,
+        says_that_it_leads_at_once,
+        tells_of_its_term,
+        outcomes_of_its_own_term_count,
+        crashes_of_others
     ].
 
 %% A team of two, whose first robot is a quorum.
@@ -258,6 +282,198 @@ unreachable_unknown_robot_ends(_) ->
     {Ended, _} = at(Us, {timeout, give_up}, give_up, C4),
     ?assertEqual([{1, incomplete}], answers(Ended)),
     ?assertMatch([[_ | _]], [Edges || {trace, {unreachable, Edges}} <- Ended]).
+
+%% -- terms and timers -------------------------------------------------------------------------
+
+-define(CANCELLED, [
+    {{timeout, T}, cancel}
+ || T <- [serve, give_up, beat, recover, claim]
+]).
+
+coordinator(Self, Team) ->
+    Base = (base(1, dpp_coordinator, 1, Team))#{robot => Self},
+    {_, C} = starl_machine:new(starl_dpp_coordinator, ?CONFIG, Base),
+    C.
+
+claims(Actions) -> [Term || {trace, {claims, Term}} <- Actions].
+
+%% A claim asks all robots at once, ends what an earlier term was about, and has a lease and a half
+%% to be won; it is above every term that was heard of.
+claims_above_what_is_known(_) ->
+    Request = fun(Term) -> {message, 2, dpp_request, {Term, {1, 0}, spot(2), [], 0}} end,
+    {Actions, C} = at(5, cast, Request({6, 2, 3}), coordinator(1, [1, 2, 3])),
+    ?assertEqual(
+        [{state_timeout, cancel} | ?CANCELLED] ++
+            [
+                {trace, {claims, {7, 1, 1}}},
+                {{timeout, claim}, 15 * ?S, claim},
+                {cast, sap, {broadcast, dpp_recover, {{7, 1, 1}, 5, false}}},
+                {{timeout, recover}, 2 * ?S, recover}
+            ],
+        Actions
+    ),
+    {Higher, _} = step(cast, Request({9, 1, 1}), C),
+    ?assertEqual([{10, 1, 1}], claims(Higher)),
+    {Refused, _} = step(cast, {message, 2, dpp_refused, {7, 2, 1}}, C),
+    ?assertEqual([{8, 1, 1}], claims(Refused)),
+    %% one that is idle only takes note of a refusal
+    Idle = coordinator(1, [1, 2, 3]),
+    {[], Told} = step(cast, {message, 2, dpp_refused, {7, 2, 1}}, Idle),
+    {Later, _} = step(cast, Request({0, 0, 0}), Told),
+    ?assertEqual([{8, 1, 1}], claims(Later)),
+    %% and of what is not a request
+    {[], Passed} = step(cast, {message, 2, dpp_passed, {{6, 2, 1}, {1, 1}, 1}}, Idle),
+    ?assertEqual([{7, 1, 1}], claims(element(1, step(cast, {lead, 0}, Passed)))).
+
+%% The own participant misses its coordinator: one that is idle claims, any other only if it has
+%% not claimed a higher term already.
+claims_when_told_to_lead(_) ->
+    {First, C} = step(cast, {lead, 4}, coordinator(1, [1, 2, 3])),
+    ?assertEqual([{5, 1, 1}], claims(First)),
+    ?assertEqual([[], [], [{7, 1, 1}]], [
+        claims(element(1, step(cast, {lead, N}, C)))
+     || N <- [4, 5, 6]
+    ]),
+    {_, Idle} = step({timeout, claim}, claim, C),
+    ?assertEqual([[{6, 1, 1}], [{6, 1, 1}]], [
+        claims(element(1, step(cast, {lead, N}, Idle)))
+     || N <- [0, 5]
+    ]).
+
+%% The own participant follows a higher term: this one is over. A lower one is none of its business.
+follows_a_higher_term(_) ->
+    {Actions, C} = step(cast, {led, {3, 2, 1}}, open()),
+    Ended = [{state_timeout, cancel}, {trace, {stepped_down, {1, 1, 1}}} | ?CANCELLED],
+    ?assertEqual(Ended, Actions),
+    ?assertEqual([{4, 1, 1}], claims(element(1, step(cast, {lead, 0}, C)))),
+    {_, Claiming} = claimed([1, 2, 3]),
+    {Quiet, _} = step(cast, {led, {1, 2, 1}}, Claiming),
+    ?assertEqual([{state_timeout, cancel} | ?CANCELLED], Quiet),
+    ?assertEqual({[], Claiming}, step(cast, {led, {1, 1, 1}}, Claiming)).
+
+%% A claim that is not won in time is over; one that is won does not end.
+gives_up_a_claim(_) ->
+    {_, Claiming} = claimed([1, 2, 3]),
+    {Actions, Idle} = step({timeout, claim}, claim, Claiming),
+    ?assertEqual([{state_timeout, cancel} | ?CANCELLED], Actions),
+    {Voted, _} = state(1, {standing, spot(1)}, Idle),
+    ?assertEqual([], Voted),
+    C = open(),
+    ?assertEqual({[], C}, step({timeout, claim}, claim, C)).
+
+%% Timers that run out after all have no effect on one that does not lead.
+late_timers_mean_nothing(_) ->
+    Idle = coordinator(1, [1, 2, 3]),
+    {_, Claiming} = claimed([1, 2, 3]),
+    [
+        ?assertEqual({[], C}, step({timeout, T}, T, C))
+     || {C, Timers} <- [
+            {Idle, [beat, recover, serve, give_up, claim]}, {Claiming, [beat, serve, give_up]}
+        ],
+        T <- Timers
+    ].
+
+%% Each beat carries the latest stamps of those whose place is known, goes to the own participant
+%% by itself, and is followed by another; a short lease has shorter beats.
+beats_every_second(_) ->
+    {Actions, _} = at(?S, {timeout, beat}, beat, open()),
+    Beat = {{1, 1, 1}, ?S, [{1, 0}, {2, 0}]},
+    ?assertEqual(
+        [
+            {cast, sap, {shout, dpp_beat, Beat}},
+            {cast, sap, {send, 1, dpp_beat, Beat}},
+            {{timeout, beat}, ?S, beat}
+        ],
+        Actions
+    ),
+    Here = {message, 2, dpp_here, {{1, 1, 1}, {?S, ?S + 7, true}}},
+    {_, C} = at(?S + 9, cast, Here, element(2, at(?S, {timeout, beat}, beat, open()))),
+    {Next, _} = at(2 * ?S, {timeout, beat}, beat, C),
+    ?assertMatch([{{1, 1, 1}, 2000000, [{1, 0}, {2, 1000007}]}], [
+        B
+     || {cast, sap, {shout, dpp_beat, B}} <- Next
+    ]).
+
+%% Who has not told its place is asked again after two seconds, alone; when all are known nobody is.
+asks_who_has_not_answered(_) ->
+    {_, C} = claimed([1, 2, 3]),
+    {_, C1} = state(1, {standing, spot(1)}, C),
+    {_, Leads} = state(2, {standing, spot(2)}, C1),
+    {Asked, C2} = at(2 * ?S, {timeout, recover}, recover, Leads),
+    ?assertEqual(
+        [
+            {cast, sap, {send, 3, dpp_recover, {{1, 1, 1}, 2 * ?S, true}}},
+            {{timeout, recover}, 2 * ?S, recover}
+        ],
+        Asked
+    ),
+    {_, All} = state(3, {standing, {5000.0, 5000.0}}, C2),
+    ?assertMatch({[], _}, at(4 * ?S, {timeout, recover}, recover, All)).
+
+%% Its own participant keeps following another until the votes of the others and its own would do.
+asks_itself_when_it_may_win(_) ->
+    Own = fun(Actions) -> [B || {1, B} <- sent(dpp_recover, Actions)] end,
+    {First, C} = claimed([1, 2, 3, 4]),
+    ?assertEqual([], Own(First)),
+    Vote = fun(Robot, C0) ->
+        state(Robot, {standing, spot(Robot)}, {0, 0, true}, C0)
+    end,
+    %% half of the team with its first robot is a quorum
+    {Second, C2} = Vote(2, C),
+    ?assertEqual([{{1, 1, 1}, 0, false}], Own(Second)),
+    {Third, _} = Vote(1, C2),
+    ?assert(lists:member({trace, {leads, {1, 1, 1}}}, Third)),
+    %% without a vote it is not
+    {Refused, _} = state(2, {standing, spot(2)}, {0, 0, false}, C),
+    ?assertEqual([], Own(Refused)).
+
+%% A claim that is won is told with a beat in the same turn, and asks those that have not answered.
+says_that_it_leads_at_once(_) ->
+    {_, C} = claimed([1, 2]),
+    {Actions, _} = at(7, cast, {message, 1, dpp_state, state_body(1)}, C),
+    ?assertEqual([{trace, {leads, {1, 1, 1}}}], [T || {trace, {leads, _}} = T <- Actions]),
+    ?assertEqual([{{1, 1, 1}, 7, [{1, 0}]}], [B || {cast, sap, {shout, dpp_beat, B}} <- Actions]),
+    ?assertEqual(
+        [
+            {{timeout, beat}, ?S, beat},
+            {{timeout, claim}, cancel},
+            {{timeout, recover}, 2 * ?S, recover}
+        ],
+        [A || A <- Actions, is_tuple(element(1, A))]
+    ).
+
+state_body(Robot) -> {{1, 1, 1}, {1, 0}, {standing, spot(Robot)}, [], {0, 0, true}}.
+
+%% Who speaks in an earlier term is told of the one that leads; one that only claims says nothing.
+tells_of_its_term(_) ->
+    Early = {message, 2, dpp_passed, {{0, 9, 9}, {1, 9}, 1}},
+    {Told, _} = at(?S, cast, Early, open()),
+    ?assertEqual([{cast, sap, {send, 2, dpp_recover, {{1, 1, 1}, ?S, true}}}], Told),
+    {_, Claiming} = claimed([1, 2, 3]),
+    ?assertMatch({[], _}, step(cast, Early, Claiming)).
+
+%% What SAP or the positioning service say of another term's business says nothing.
+outcomes_of_its_own_term_count(_) ->
+    C = open(),
+    [
+        ?assertEqual({[], C}, step({reply, Tag}, Outcome, C))
+     || {Tag, Outcome} <- [
+            {{answered, {0, 1, 1}, 2}, ok},
+            {{rest, {0, 1, 1}, 2}, {ok, {1.0, 1.0, 0.0}}},
+            {{rest, {1, 1, 1}, 2}, {error, timeout}}
+        ]
+    ],
+    {_, Idle} = step(cast, {led, {3, 2, 1}}, C),
+    ?assertEqual({[], Idle}, step({reply, {answered, {1, 1, 1}, 2}}, ok, Idle)).
+
+%% SAP that crashed is told who listens; other crashes are none of its business.
+crashes_of_others(_) ->
+    C = open(),
+    Types = [dpp_request, dpp_passed, dpp_state, dpp_here, dpp_refused],
+    Listens = [{cast, sap, {listen, Type, dpp_coordinator}} || Type <- Types],
+    ?assertMatch({Listens, _}, step(info, {restarted, sap}, C)),
+    ?assertEqual({[], C}, step(info, {restarted, motion}, C)),
+    ?assertEqual({[{trace, {unknown_event, info, x}}], C}, step(info, x, C)).
 
 %% -- helpers --------------------------------------------------------------------------------
 

@@ -221,6 +221,29 @@ deluded_leader_test() ->
         Judge(Begin ++ Two ++ Again ++ Then, Stood(9, 15 * ?S, 20 * ?S))
     ).
 
+%% What is not given is as the machines have it by default: leases of ten seconds, clocks that drift
+%% by a hundredth and are set by two seconds at most, no robots, a second judged at once.
+defaults_test() ->
+    Given = #{tube_radius => 100.0, r_s => 300.0},
+    All = Given#{
+        lease_us => 10 * ?S,
+        jump_us => 2 * ?S,
+        drift_ppm => 10000,
+        slice_us => ?S,
+        robots => [],
+        broken => [],
+        tracking_mm => #{}
+    },
+    ?assertEqual(starl_dpp_monitor:init(All), starl_dpp_monitor:init(Given)),
+    [
+        ?assertNotEqual(
+            starl_dpp_monitor:init(All), starl_dpp_monitor:init(All#{Key => Other})
+        )
+     || {Key, Other} <- [
+            {lease_us, 10 * ?S + 1}, {jump_us, 2 * ?S + 1}, {drift_ppm, 10001}, {robots, [1]}
+        ]
+    ].
+
 %% Without time two runs are alike if the same robot has led last and the same is reserved.
 timeless_test() ->
     Timeless = fun(Events) ->

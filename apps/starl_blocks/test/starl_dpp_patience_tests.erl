@@ -185,3 +185,58 @@ config(Segments, N) ->
         robots => lists:seq(1, N),
         tube_radius => ?R
     }.
+
+%% How far a robot would go: 1.05 times as far as the farthest end of a line is, and 50 mm; 2 m more
+%% for turns. Less where another is before it: no farther than the other has to go, and a metre, but
+%% 2 m in any case. Not at all if others are before it everywhere.
+how_far_test_() ->
+    Near = {{4000.0, 6000.0}, {4400.0, 6000.0}},
+    Far = {{7000.0, 6000.0}, {7400.0, 6000.0}},
+    Reach = fun(Lines, Rival) ->
+        {ok, Plan0} = starl_dpp_plan:new(config(Lines, 2)),
+        Plan1 = starl_dpp_plan:standing(1, {3000.0, 6000.0}, Plan0),
+        starl_dpp_patience:reach(1, Rival(Plan1))
+    end,
+    Nobody = fun(Plan) -> starl_dpp_plan:silent(2, {3000.0, 9000.0}, Plan) end,
+    At = fun(P) -> fun(Plan) -> starl_dpp_plan:standing(2, P, Plan) end end,
+    Is = fun(Mm, Got) -> ?assert(abs(Mm - Got) < 1.0e-6, {Mm, Got}) end,
+    [
+        fun() -> Is(1.05 * 4400.0 + 50.0 + 2000.0, Reach(Lines, Nobody)) end
+     || Lines <- [[Near, Far], [Far, Near], [Far]]
+    ] ++
+        [
+            fun() -> Is(1.05 * 1400.0 + 50.0 + 2000.0, Reach([Near], At({3000.0, 6500.0}))) end,
+            %% 3.1 m from the nearer end, which is 4 m away; at the other the rival is first
+            fun() -> Is(3100.0 + 1000.0 + 2000.0, Reach([Far], At({7000.0, 9100.0}))) end,
+            fun() -> ?assertEqual(none, Reach([Far], At({7200.0, 6500.0}))) end,
+            %% 2 m are driven in any case
+            fun() ->
+                Is(4000.0, Reach([{{4990.0, 6000.0}, {4998.0, 6000.0}}], At({4994.0, 6440.0})))
+            end
+        ].
+
+%% Who has all the patience in the world takes every way.
+no_patience_test() ->
+    Config = config([{{7000.0, 6000.0}, {7400.0, 6000.0}}], 2),
+    {ok, Plan0} = starl_dpp_plan:new(Config#{patience => infinity}),
+    Plan1 = starl_dpp_plan:standing(2, {7200.0, 6500.0}, Plan0),
+    Plan2 = starl_dpp_plan:standing(1, {3000.0, 6000.0}, Plan1),
+    ?assertEqual(infinity, starl_dpp_patience:reach(1, Plan2)),
+    Job = #{path => [{{7000.0, 6000.0}, up}], travel_mm => 90000.0, ink_mm => 1.0},
+    ?assertNot(starl_dpp_patience:waits(1, Job, Plan2)).
+
+%% A way is too long round about if it is more than 1.05 times the straight one and 50 mm; work
+%% that begins where the robot stands is never that.
+waits_test_() ->
+    {ok, Plan0} = starl_dpp_plan:new(config([{{4000.0, 6000.0}, {4400.0, 6000.0}}], 2)),
+    Plan1 = starl_dpp_plan:silent(2, {9000.0, 9000.0}, Plan0),
+    Plan = starl_dpp_plan:standing(1, {3000.0, 6000.0}, Plan1),
+    Waits = fun(Path, Mm) ->
+        starl_dpp_patience:waits(1, #{path => Path, travel_mm => Mm, ink_mm => 400.0}, Plan)
+    end,
+    Way = [{{3500.0, 6000.0}, up}, {{4000.0, 6000.0}, up}, {{4400.0, 6000.0}, {down, 1}}],
+    [
+        ?_assertNot(Waits(Way, 1100.0)),
+        ?_assert(Waits(Way, 1100.1)),
+        ?_assertNot(Waits([{{4400.0, 6000.0}, {down, 1}}], 0.0))
+    ].

@@ -126,6 +126,33 @@ away_test() ->
     ?assertEqual(4000.0, X),
     ?assert(abs(Y - (4000.0 - ?NEAR)) < 1.0e-5).
 
+%% Also for a robot whose own place is not known.
+others_of_the_unknown_test() ->
+    Unsafe = starl_dpp_unsafe:set(
+        2, [{{4000.0, 4000.0}, {4000.0, 4000.0}}], starl_dpp_unsafe:new([1, 2], graph())
+    ),
+    Clear = fun(X) ->
+        starl_dpp_unsafe:clear(
+            {{X, 3000.0}, {X, 5000.0}}, starl_dpp_unsafe:others(1, Unsafe)
+        )
+    end,
+    ?assertEqual([true, false, false, true], [
+        Clear(4000.0 + D)
+     || D <- [-431.0, -429.0, 429.0, 431.0]
+    ]),
+    ?assertEqual([1], starl_dpp_unsafe:unknown(Unsafe)),
+    ?assertEqual([], starl_dpp_unsafe:held(1, Unsafe)),
+    ?assertEqual([], starl_dpp_unsafe:others(2, Unsafe)).
+
+%% Where a stopped robot counts as standing: the nearest point that it held, up to the slack away.
+nominal_test() ->
+    Held = [{{0.0, 0.0}, {100.0, 0.0}}, {{100.0, 0.0}, {100.0, 100.0}}],
+    ?assertEqual({50.0, 0.0}, starl_dpp_unsafe:nominal({50.0, 9.0}, Held, 9.0)),
+    ?assertEqual({50.0, 9.1}, starl_dpp_unsafe:nominal({50.0, 9.1}, Held, 9.0)),
+    ?assertEqual({100.0, 40.0}, starl_dpp_unsafe:nominal({97.0, 40.0}, Held, 9.0)),
+    ?assertEqual({100.0, 100.0}, starl_dpp_unsafe:nominal({100.0, 105.0}, Held, 9.0)),
+    ?assertEqual({1.0, 1.0}, starl_dpp_unsafe:nominal({1.0, 1.0}, [], 9.0)).
+
 %% -- what is drawn --------------------------------------------------------------------------
 
 graph() ->

@@ -128,3 +128,120 @@ travel(Name, Seed) ->
     Parts = digraph_utils:components(Graph),
     digraph:delete(Graph),
     ?assertEqual(1, length(Parts)).
+
+%% Inside of the ring there is about one point for each square of side 2.5 R, sixteen at least, 2000
+%% at most. They are spread evenly: every place has one nearby, and no two are together.
+points_are_spread_evenly_test_() ->
+    [
+        {lists:concat([R, " mm, seed ", Seed]), fun() -> spread_evenly(Side, R, Seed, N) end}
+     || {Side, R, N} <- [
+            {12000.0, 215.0, 363},
+            {12000.0, 365.0, 98},
+            {12000.0, 60.0, 2000},
+            {4000.0, 365.0, 16}
+        ],
+        Seed <- [1, 2, 7]
+    ].
+
+spread_evenly(Side, R, Seed, N) ->
+    {ok, Layout} = starl_roadmap:layout({Side, Side}, 2, R),
+    Samples = samples(Layout, R, Seed),
+    ?assertEqual(N, length(Samples)),
+    {X0, Y0, X1, Y1} = Box = area(Layout, R),
+    Apart = math:sqrt((X1 - X0) * (Y1 - Y0) / N),
+    [?assert(starl_geometry:inside(P, Box)) || P <- Samples],
+    N =< 400 andalso
+        begin
+            [
+                ?assert(starl_geometry:distance(P, Q) > 0.4 * Apart)
+             || P <- Samples, Q <- Samples, P < Q
+            ],
+            Places = [
+                {X0 + I / 20 * (X1 - X0), Y0 + J / 20 * (Y1 - Y0)}
+             || I <- lists:seq(1, 19), J <- lists:seq(1, 19)
+            ],
+            [
+                ?assert(lists:min([starl_geometry:distance(P, Q) || Q <- Samples]) < 1.3 * Apart)
+             || P <- Places
+            ]
+        end.
+
+area(#{area := Area}, R) -> starl_geometry:grow(Area, 0.5 * R).
+
+%% The points are those of the ring, the spots, and the scattered ones.
+samples(#{ring := Ring, spots := Spots} = Layout, R, Seed) ->
+    Picture = starl_planar:planarise([], #{}),
+    #{points := Points} = starl_roadmap:travel(Layout, R, Picture, Seed),
+    lists:nthtail(length(Ring) + map_size(Spots), Points).
+
+%% Another seed, other points.
+seeds_differ_test() ->
+    ?assertEqual([], [
+        P
+     || P <- samples(layout(2), ?R, 1), lists:member(P, samples(layout(2), ?R, 2))
+    ]).
+
+%% The ways of the roadmap: each spot to its foot, once around the ring, each scattered point to all
+%% that are no farther than 1.3 of their mean spacing, and one end of lines per square of side R to
+%% three of the nearest points.
+ways_test_() ->
+    [
+        {lists:concat([Name, ", seed ", Seed]), {timeout, 30, fun() -> ways(Name, Seed) end}}
+     || {Name, Seed} <- [{text, 1}, {short_lines, 2}]
+    ].
+
+ways(Name, Seed) ->
+    Picture = starl_planar:planarise(starl_dpp_pictures:picture(Name, Seed), #{}),
+    #{vertices := Targets} = Picture,
+    #{ring := Ring, spots := Spots, feet := Feet} = Layout = layout(5),
+    #{points := Points, edges := Edges, spots := SpotVs, ring := RingVs} =
+        starl_roadmap:travel(Layout, ?R, Picture, Seed),
+    At = list_to_tuple(Targets ++ Points),
+    First = length(Targets) + 1,
+    ?assertEqual(lists:seq(First, First + length(Ring) - 1), RingVs),
+    ?assertEqual(Ring, [element(V, At) || V <- RingVs]),
+    SampleVs = lists:seq(First + length(Ring) + map_size(Spots), tuple_size(At)),
+    {X0, Y0, X1, Y1} = area(Layout, ?R),
+    Spacing = math:sqrt((X1 - X0) * (Y1 - Y0) / length(SampleVs)),
+    Far = fun(V, W) -> starl_geometry:distance(element(V, At), element(W, At)) end,
+    Spurs = [
+        {maps:get(Id, SpotVs), W}
+     || Id <- lists:seq(1, 5), W <- RingVs, element(W, At) == maps:get(Id, Feet)
+    ],
+    Round = lists:zip(RingVs, tl(RingVs) ++ [hd(RingVs)]),
+    Mesh = [
+        {V, W}
+     || V <- SampleVs, W <- RingVs ++ SampleVs, W < V, Far(V, W) =< 1.3 * Spacing
+    ],
+    Inside = RingVs ++ SampleVs,
+    Links = [E || {V, _} = E <- Edges, V < First],
+    [
+        begin
+            Sorted = lists:sort([{Far(V, W), W} || W <- Inside]),
+            [{_, Nearest} | _] = Five = lists:sublist(Sorted, 5),
+            Linked = [W || {Of, W} <- Links, Of =:= V],
+            ?assertEqual({V, 3}, {V, length(lists:usort(Linked))}),
+            ?assert(lists:member(Nearest, Linked)),
+            ?assertEqual([], Linked -- [W || {_, W} <- Five])
+        end
+     || V <- first_of_each_square(Targets)
+    ],
+    ?assertEqual(3 * length(first_of_each_square(Targets)), length(Links)),
+    ?assertEqual(5, length(Spurs)),
+    All = Spurs ++ Round ++ Mesh ++ Links,
+    ?assertEqual({[], []}, {All -- Edges, Edges -- All}).
+
+first_of_each_square(Targets) ->
+    Numbered = lists:zip(Targets, lists:seq(1, length(Targets))),
+    {Vs, _} = lists:foldl(
+        fun({{X, Y}, V}, {Vs, Seen}) ->
+            Square = {floor(X / ?R), floor(Y / ?R)},
+            case lists:member(Square, Seen) of
+                true -> {Vs, Seen};
+                false -> {[V | Vs], [Square | Seen]}
+            end
+        end,
+        {[], []},
+        Numbered
+    ),
+    Vs.
