@@ -311,3 +311,28 @@ registers_test() ->
         end
      || What <- [put, get, geocast]
     ].
+
+%% It is told of each machine once: its own two, and those that the exercise watches.
+interests_test() ->
+    Interests = fun(Exercise) ->
+        starl_exercise_monitor:interests(
+            starl_exercise_monitor:init(#{
+                exercise => Exercise,
+                robots => [1],
+                healed_us => 0,
+                within_us => 1,
+                margin_us => 1,
+                bound_us => 1
+            })
+        )
+    end,
+    Exercises = [
+        starl_sap_exercise, starl_barrier_exercise, starl_mutex_exercise, starl_geocast_exercise
+    ],
+    [
+        ?assertEqual(
+            {Exercise, lists:usort([app, robot | starl_block_exercise:watches(Exercise)])},
+            {Exercise, Interests(Exercise)}
+        )
+     || Exercise <- Exercises
+    ].

@@ -232,7 +232,12 @@ own_ink_radius_test() ->
         [What || #{what := ink_off_the_lines = What} <- Found]
     end,
     ?assertEqual([[], []], [Judge(#{}), Judge(#{2 => 1.0})]),
-    ?assertEqual([ink_off_the_lines], Judge(#{1 => 1.0})).
+    ?assertEqual([ink_off_the_lines], Judge(#{1 => 1.0})),
+    %% 8 mm of its own and 1 mm of tolerance reach just as far; never farther than all others'
+    ?assertEqual([[], [ink_off_the_lines]], [Judge(#{1 => Mm}) || Mm <- [8.0, 7.9]]),
+    {Far, Last} = paint([{0.0, 10.5}, {1000.0, 10.5}]),
+    {Found, _} = run(line(), Far, Last, #{tracking_mm => #{1 => 20.0}}),
+    ?assert(lists:member(ink_off_the_lines, [What || #{what := What} <- Found])).
 
 ink_past_the_end_of_the_line_test() ->
     Past = fun(X) ->

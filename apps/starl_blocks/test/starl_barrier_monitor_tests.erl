@@ -257,3 +257,32 @@ not_passed_test() ->
     ?assertEqual([], judge(all_reach(), 12, Bound)),
     ?assertEqual([], judge([{1, 1, reached, 1}], 900, Bound)),
     ?assertEqual([], judge(all_reach() ++ [{3, 1, died}, {3, 2, died}], 900, Bound)).
+
+%% Calls that fail are counted, and excuse who made them, once.
+failed_test() ->
+    Failed = fun(T) -> {T, 1, barrier, {failed, b, 1, timeout}} end,
+    M0 = starl_monitor:new([{starl_barrier_monitor, #{robots => [1, 2]}}]),
+    Count = fun(Events) ->
+        {ok, M} = starl_monitor:step(Events, M0),
+        {[], #{starl_barrier_monitor := #{failed := N}}} = starl_monitor:finish(9, M),
+        N
+    end,
+    ?assertEqual([0, 1, 2], [Count(Events) || Events <- [[], [Failed(1)], [Failed(1), Failed(2)]]]).
+
+%% A round that all have passed takes no more room.
+memory_test() ->
+    Round = fun(K, M) ->
+        lists:foldl(
+            fun(E, Acc) ->
+                {ok, Next} = starl_barrier_monitor:step(trace(E), Acc),
+                Next
+            end,
+            M,
+            [{K, R, What, K} || What <- [reached, passed], R <- [1, 2]]
+        )
+    end,
+    Size = fun(N) ->
+        M0 = starl_barrier_monitor:init(#{robots => [1, 2]}),
+        erts_debug:flat_size(lists:foldl(Round, M0, lists:seq(1, N)))
+    end,
+    ?assertEqual(Size(5), Size(50)).

@@ -469,3 +469,11 @@ check_test_() ->
             {nonsense, not_an_area}
         ]
     ] ++ [?_assertEqual(ok, starl_geocast_area:check(notched()))].
+
+%% Events of its machines that the contract says nothing of are none of its business.
+other_events_test() ->
+    M = starl_geocast_monitor:init(#{robots => [1], progress => true, drift_ppm => 0}),
+    [
+        ?assertEqual({ok, M}, starl_geocast_monitor:step({0, 1, Machine, Event}, M))
+     || {Machine, Event} <- [{geocast, {malformed, 2}}, {robot, {started, geocast}}]
+    ].

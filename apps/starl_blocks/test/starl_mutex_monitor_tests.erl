@@ -586,3 +586,23 @@ fairness_test() ->
         },
         Results
     ).
+
+%% What the machine may trace, and with how much.
+vocabulary_test() ->
+    ?assertEqual(
+        #{
+            mutex => [
+                {acquired, 2},
+                {answered, 1},
+                {failed, 2},
+                {granted, 3},
+                {hand_over_lost, 3},
+                {handed_over, 3},
+                {lease_lost, 2},
+                {leased, 3},
+                {released, 2},
+                {requested, 1}
+            ]
+        },
+        maps:map(fun(_, Events) -> lists:sort(Events) end, starl_mutex_monitor:vocabulary())
+    ).

@@ -215,3 +215,11 @@ restart_test() ->
     {B, _} = starl_hlc:stamp(100, starl_hlc:after_restart(1, 1000, 100, 2)),
     {C, _} = starl_hlc:stamp(100, starl_hlc:after_restart(1, 1000, 100, 3)),
     ?assert(A < B andalso B < C).
+
+%% What the machine may trace, and with how much.
+vocabulary_test() ->
+    #{registers := Events} = starl_registers_monitor:vocabulary(),
+    ?assertEqual(
+        [{got, 2}, {got, 3}, {holds, 2}, {put, 3}, {refused, 3}, {too_far_ahead, 2}],
+        lists:sort(Events)
+    ).

@@ -87,6 +87,8 @@ shape_test() ->
             {[1], #{name => {token, 1}, last => 3}}
         ]
     ],
+    %% equal is neither less nor more
+    ?assertNotEqual(Shape([1], #{last => 3, round => 3}), Shape([1], #{last => 7, round => 3})),
     ?assertNotEqual(Shape([1], #{stack => [{m, f}]}), Shape([1], #{stack => [{m, g}]})),
     ?assertEqual(Shape([1], #{all => [1, 2, 3]}), Shape([1], #{all => [5]})),
     ?assertEqual(Shape([1], #{per => #{1 => 5, 2 => 6}}), Shape([1], #{per => #{7 => 8}})),

@@ -255,3 +255,32 @@ random_pieces(Robot, N, T, Last, S0, Motions) ->
     Piece = starl_trajectory:piece(T, {X, Y}, 6.3 * H, V, W),
     Next = min(T + Span, 8 * ?S - 1),
     random_pieces(Robot, N - 1, Next, Piece, S3, [{T, Robot, Piece} | Motions]).
+
+%% Just nearer than the limit, though a hair of it is across: 49.995 mm are less than 50.
+just_across_test() ->
+    X = math:sqrt(49.995 * 49.995 - 1.0),
+    [
+        ?assertMatch({[{D, 0, {1, 2}}], _} when abs(D - 49.995) < 1.0e-9, watch(50.0, Two, ?S))
+     || Two <- [
+            [{0, 1, still(0.0, 0.0)}, {0, 2, still(X, Y)}, {0, 3, still(500.0, 500.0)}]
+         || Y <- [1.0, -1.0]
+        ]
+    ].
+
+%% To the end of a slice, too: what was to begin at that moment, and was called off then, has not
+%% been.
+called_off_at_the_end_of_a_slice_test() ->
+    At = fun(X) -> starl_trajectory:standing(?S, {X, 0.0}, 0.0) end,
+    Events = [
+        {0, 1, drive(0, 0.0, 0.0, 0.0, 100.0)},
+        {0, 2, still(1000.0, 0.0)},
+        {0, 1, At(990.0)},
+        {?S, 1, At(100.0)}
+    ],
+    ?assertMatch({[], {900.0, ?S, {1, 2}}}, watch(50.0, Events, 3 * ?S)).
+
+%% A limit within rounding is none.
+no_limit_test() ->
+    Two = [{0, 1, still(7.0, 7.0)}, {0, 2, still(7.0, 7.0)}],
+    ?assertMatch({[], {+0.0, 0, {1, 2}}}, watch(1.0e-6, Two, ?S)),
+    ?assertMatch({[_], _}, watch(1.1e-6, Two, ?S)).
