@@ -256,15 +256,16 @@ random_pieces(Robot, N, T, Last, S0, Motions) ->
     Next = min(T + Span, 8 * ?S - 1),
     random_pieces(Robot, N - 1, Next, Piece, S3, [{T, Robot, Piece} | Motions]).
 
-%% Just nearer than the limit, though a hair of it is across: 49.995 mm are less than 50.
+%% Just nearer than the limit, though a hair of it is across, on whatever sides of a corner of the
+%% grid: 49.995 mm are less than 50.
 just_across_test() ->
     X = math:sqrt(49.995 * 49.995 - 1.0),
     [
-        ?assertMatch({[{D, 0, {1, 2}}], _} when abs(D - 49.995) < 1.0e-9, watch(50.0, Two, ?S))
-     || Two <- [
-            [{0, 1, still(0.0, 0.0)}, {0, 2, still(X, Y)}, {0, 3, still(500.0, 500.0)}]
-         || Y <- [1.0, -1.0]
-        ]
+        begin
+            Two = [{0, 1, still(A, B)}, {0, 2, still(A + X, B + Y)}, {0, 3, still(500.0, 500.0)}],
+            ?assertMatch({[{D, 0, {1, 2}}], _} when abs(D - 49.995) < 1.0e-9, watch(50.0, Two, ?S))
+        end
+     || {A, B} <- [{0.0, 0.0}, {25.0, 49.5}, {25.0, 50.5}], Y <- [1.0, -1.0]
     ].
 
 %% To the end of a slice, too: what was to begin at that moment, and was called off then, has not
