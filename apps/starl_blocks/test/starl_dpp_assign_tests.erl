@@ -202,6 +202,21 @@ resolve_parks_the_outermost_test() ->
     {[{1, _}], _} = ?A:resolve([1, 2, 3], parked([2], Crowd)),
     ?assertMatch({[], _}, ?A:resolve([1, 2, 3], parked([1, 2], Crowd))).
 
+%% The one that is nearest to a line cannot get there, and nobody of those that wait is in its way:
+%% dead robots are. Of the others the outermost that can parks first.
+resolve_without_blockers_test() ->
+    Line = {{6900.0, 6000.0}, {6900.0, 6100.0}},
+    Around = fun(Robot, Min, Max, Plan) ->
+        Path = [{{Max, Min}, up}, {{Max, Max}, up}, {{Min, Max}, up}, {{Min, Min + 100.0}, up}],
+        Held = ?P:adopt(Robot, {Min, Min}, Path, Plan),
+        ?assertEqual(0, ?P:blocking(Robot, Held)),
+        Held
+    end,
+    Shut = Around(4, 5000.0, 7400.0, Around(3, 5550.0, 6450.0, new([Line], 4))),
+    Plan = stand([{1, {6000.0, 6000.0}}, {2, {9000.0, 9000.0}}], Shut),
+    {[{2, Path}], _} = ?A:resolve([1, 2], Plan),
+    ?assert(lists:member(element(1, lists:last(Path)), spots(Plan))).
+
 %%% What is in reach
 
 %% Of several lines one in reach is enough.

@@ -72,6 +72,20 @@ ink_of_two(Away) ->
     Edges = painted(At, starl_dpp_plan:view(1, Plan), ?HORIZON),
     round(lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- Edges])).
 
+%% Beyond the horizon the line on which it is passed counts, too: of 1.8 m instead of one it is worth
+%% to turn for. A line of half a metre is 100 mm ahead, another begins 250 mm away and leads across.
+line_beyond_the_horizon_test() ->
+    At = {5000.0, 5000.0},
+    Lines = [{{5100.0, 5000.0}, {5600.0, 5000.0}}, {{4750.0, 5000.0}, {4750.0, 6800.0}}],
+    {ok, Plan0} = starl_dpp_plan:new((config(Lines))#{edge_length => 900.0}),
+    Plan1 = starl_dpp_plan:standing(2, {7400.0, 2000.0}, Plan0),
+    Plan = starl_dpp_plan:standing(1, At, Plan1),
+    Edges = painted(At, starl_dpp_plan:view(1, Plan), 1000.0),
+    ?assertEqual([900, 900], [
+        round(starl_geometry:length(starl_dpp_plan:target(E, Plan)))
+     || E <- Edges
+    ]).
+
 %% A robot that stands more than 3 mm beside the place that it counts as on drives there first.
 beside_the_line_test_() ->
     At = {5000.0, 5000.0},

@@ -38,7 +38,8 @@
     says_that_it_leads_at_once/1,
     tells_of_its_term/1,
     outcomes_of_its_own_term_count/1,
-    crashes_of_others/1
+    crashes_of_others/1,
+    news_are_told_once/1
 ]).
 
 -define(CONFIG, #{
@@ -84,7 +85,8 @@ all() ->
         says_that_it_leads_at_once,
         tells_of_its_term,
         outcomes_of_its_own_term_count,
-        crashes_of_others
+        crashes_of_others,
+        news_are_told_once
     ].
 
 %% A team of two, whose first robot is a quorum.
@@ -465,6 +467,23 @@ outcomes_of_its_own_term_count(_) ->
     ],
     {_, Idle} = step(cast, {led, {3, 2, 1}}, C),
     ?assertEqual({[], Idle}, step({reply, {answered, {1, 1, 1}, 2}}, ok, Idle)).
+
+%% What has arrived at a robot is not told again; what was lost is.
+news_are_told_once(_) ->
+    Painted = {message, 2, dpp_request, {{1, 1, 1}, {1, 9}, spot(2), [1], 0}},
+    {_, C} = step(cast, Painted, open()),
+    {First, C1} = ask(1, 1, spot(1), C),
+    [{News, Tag}] = [
+        {New, Tag}
+     || {call, sap, {send, 1, dpp_answer, {_, _, _, New}}, Tag} <- First
+    ],
+    ?assertEqual([1], News),
+    Next = fun(Outcome) ->
+        {[], C2} = step({reply, Tag}, Outcome, C1),
+        {Actions, _} = ask(1, 2, spot(1), C2),
+        [New || {call, sap, {send, 1, dpp_answer, {_, _, _, New}}, _} <- Actions]
+    end,
+    ?assertEqual([[[]], [[1]]], [Next(Outcome) || Outcome <- [ok, {error, lost}]]).
 
 %% SAP that crashed is told who listens; other crashes are none of its business.
 crashes_of_others(_) ->

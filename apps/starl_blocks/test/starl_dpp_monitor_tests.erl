@@ -221,6 +221,31 @@ deluded_leader_test() ->
         Judge(Begin ++ Two ++ Again ++ Then, Stood(9, 15 * ?S, 20 * ?S))
     ).
 
+%% Just the time by which clocks may be set explains nothing; a microsecond more does.
+deluded_by_more_than_a_jump_test() ->
+    Says = fun(T, Robot, Event) -> {T * ?S, Robot, dpp_coordinator, Event} end,
+    Events = [
+        Says(0, 9, {leads, {1, 9, 1}}),
+        Says(0, 9, {coordinator, {1, 9, 1}}),
+        Says(20, 8, {leads, {2, 8, 1}}),
+        Says(20, 8, {coordinator, {2, 8, 1}}),
+        Says(21, 9, {assigned, 2, {2, 1}, level(100.0)})
+    ],
+    Judge = fun(Us) ->
+        M0 = starl_monitor:new([
+            {starl_dpp_monitor, #{
+                tube_radius => ?TUBE,
+                r_s => ?R_S,
+                robots => [7, 8, 9],
+                drift_ppm => 0,
+                broken => [{9, 18 * ?S, 18 * ?S + Us, {clock, -Us}}]
+            }}
+        ]),
+        {Found, _} = lists:foldl(fun step/2, {[], M0}, Events),
+        [What || #{what := What} <- Found]
+    end,
+    ?assertEqual([[two_coordinators], []], [Judge(2 * ?S), Judge(2 * ?S + 1)]).
+
 %% What is not given is as the machines have it by default: leases of ten seconds, clocks that drift
 %% by a hundredth and are set by two seconds at most, no robots, a second judged at once.
 defaults_test() ->

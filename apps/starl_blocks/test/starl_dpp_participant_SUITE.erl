@@ -55,7 +55,8 @@
     late_look_ends_the_looking/1,
     lease_is_over_at_its_end/1,
     drives_its_own_lines_only/1,
-    told_of_each_way_once/1
+    told_of_each_way_once/1,
+    recover_before_it_is_seen/1
 ]).
 
 -define(S, 1000000).
@@ -113,7 +114,8 @@ all() ->
         late_look_ends_the_looking,
         lease_is_over_at_its_end,
         drives_its_own_lines_only,
-        told_of_each_way_once
+        told_of_each_way_once,
+        recover_before_it_is_seen
     ].
 
 %% A request says where the robot stands: it is stopped first, then located.
@@ -215,6 +217,15 @@ recover_while_moving(_) ->
         [{4, {{2, 4, 1}, Id, {moving, 1, First, Rest}, [7], {7, 0, true}}}],
         sent(dpp_state, Told)
     ).
+
+%% One that asks, and has not been seen yet, is seen first: then it tells its place, and asks.
+recover_before_it_is_seen(_) ->
+    {_, P1} = step({call, {app, 1}}, request, led()),
+    {Stop, P2} = recover(4, {2, 4, 1}, P1),
+    ?assertEqual([], sent(dpp_state, Stop)),
+    {Told, _} = located(Stop, P2),
+    ?assertMatch([{4, {{2, 4, 1}, _, {standing, {1.0, 2.0}}, [], _}}], sent(dpp_state, Told)),
+    ?assertMatch([{4, {{2, 4, 1}, _, {1.0, 2.0}, [], _}}], sent(dpp_request, Told)).
 
 %% A robot that asks tells its place and asks anew; an answer of the term before is refused.
 recover_while_asking(_) ->

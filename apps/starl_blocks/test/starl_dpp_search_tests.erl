@@ -48,6 +48,47 @@ within(Seed) ->
 
 from_start({V, Cost, _}, Starts) -> [] =/= [S || {C, W, _} = S <- Starts, W =:= V, C =:= Cost].
 
+%% A turn goes the shorter way round, in either sense; the first one is free.
+turn_test() ->
+    Turn = fun(From, To) -> starl_dpp_search:turn(From, To, 100.0) end,
+    ?assertEqual(+0.0, Turn(none, 3.0)),
+    [
+        ?assert(abs(100.0 * Radians - Turn(From, To)) < 1.0e-9, {From, To})
+     || {From, To, Radians} <- [
+            {0.0, 1.0, 1.0},
+            {1.0, 0.0, 1.0},
+            {-1.0, 1.0, 2.0},
+            {1.0, 1.0, 0.0},
+            {3.0, -3.0, 2 * math:pi() - 6.0},
+            {-3.0, 3.0, 2 * math:pi() - 6.0},
+            {-1.0, math:pi() - 1.0, math:pi()},
+            {math:pi() - 1.0, -1.0, math:pi()}
+        ]
+    ].
+
+%% Two ways that cost the same, around a square: its far corner is visited once.
+two_ways_test() ->
+    {X, Y} = {4000.0, 4000.0},
+    Corners = [{X, Y}, {X + 100.0, Y}, {X + 100.0, Y + 100.0}, {X, Y + 100.0}],
+    {ok, Plan0} = starl_dpp_plan:new(#{
+        segments => lists:zip(Corners, tl(Corners) ++ [hd(Corners)]),
+        world => {9000.0, 9000.0},
+        tube_radius => 220.0,
+        robots => [1]
+    }),
+    Plan = starl_dpp_plan:standing(1, {7000.0, 7000.0}, Plan0),
+    Graph = starl_dpp_plan:graph(Plan),
+    [First] = [V || V <- [1, 2, 3, 4], starl_dpp_graph:point(V, Graph) =:= {X, Y}],
+    Space = starl_dpp_route:space([1], starl_dpp_plan:view(1, Plan)),
+    Visit = fun(V, Cost, _, Acc) -> {continue, infinity, [{V, Cost} | Acc]} end,
+    {_, Visited} = starl_dpp_search:run([{0.0, First, none}], Space, Visit, []),
+    [Far] = [V || V <- [1, 2, 3, 4], starl_dpp_graph:point(V, Graph) =:= {X + 100.0, Y + 100.0}],
+    ?assertMatch([{Far, Cost}] when Cost < 600.0, [
+        F
+     || {V, _} = F <- Visited, V =:= Far
+    ]),
+    ?assertEqual(length(Visited), length(lists:ukeysort(1, Visited))).
+
 %% -- a plain search -------------------------------------------------------------------------
 
 %% Of all that can be reached next, the cheapest is visited.

@@ -58,3 +58,10 @@ known_once_test() ->
             {1, 0, 0}, {2, 0, 0}, {1, 5 * ?S, 0}, {1, 5 * ?S, 0}, {2, 5 * ?S, 0}, {2, 8 * ?S, 0}
         ])
     ).
+
+%% A message that took much longer than all before it makes the next one, in time, no lag.
+slow_between_test() ->
+    ?assertEqual(
+        [agrees, agrees, agrees, lags],
+        heard([{1, 0, 0}, {1, ?S, 4 * ?S}, {1, 4 * ?S, 4 * ?S}, {1, 6 * ?S + 80001, 4 * ?S}])
+    ).

@@ -77,6 +77,44 @@ park_test() ->
     ?assertEqual(none, Park({0.9 * X + 600.0, 0.9 * Y + 600.0}, [])),
     ?assertEqual(none, Park({X, Y}, [Second])).
 
+%% It drives to a spot straight along the wall, if the ring road beside it is closed.
+park_along_the_wall_test() ->
+    Plan = plan([{1, {3000.0, 3000.0}}, {2, {9000.0, 9000.0}}, {3, {9000.0, 3000.0}}]),
+    [{1, Own} | _] = starl_dpp_plan:spots(Plan),
+    {X, ?R} = starl_dpp_plan:spot(1, Plan),
+    Ring = starl_dpp_plan:adopt(2, {1000.0, 655.0}, [{{11000.0, 655.0}, up}], Plan),
+    View = starl_dpp_plan:view(1, starl_dpp_plan:standing(1, {X - 2600.0, ?R}, Ring)),
+    {ok, Own, Way} = ?Y:park([Own], View),
+    ?assertEqual([?R], lists:usort([Y || {{_, Y}, up} <- Way])),
+    ?assertMatch({{X, ?R}, up}, lists:last(Way)).
+
+%% It finds its way over the roadmap where no straight line leads out: out of a yard whose gate has a
+%% wall before it.
+park_out_of_a_yard_test() ->
+    Plan = plan([{1, {3000.0, 3000.0}}, {2, {9000.0, 9000.0}}, {3, {9000.0, 3000.0}}]),
+    Yard = [
+        {{5500.0, 7500.0}, up},
+        {{2500.0, 7500.0}, up},
+        {{2500.0, 4500.0}, up},
+        {{5500.0, 4500.0}, up},
+        {{5500.0, 5000.0}, up}
+    ],
+    Wall = [{{7800.0, 9200.0}, up}],
+    Shut = starl_dpp_plan:adopt(
+        3, {7800.0, 2800.0}, Wall, starl_dpp_plan:adopt(2, {5500.0, 7000.0}, Yard, Plan)
+    ),
+    At = {4000.0, 6000.0},
+    View = starl_dpp_plan:view(1, starl_dpp_plan:standing(1, At, Shut)),
+    [{1, Own} | _] = starl_dpp_plan:spots(Plan),
+    {ok, Own, Way} = ?Y:park([Own], View),
+    Points = [At | [P || {P, up} <- Way]],
+    [
+        ?assert(starl_geometry:segment_segment(Leg, S) >= 2 * ?R)
+     || Leg <- lists:zip(lists:droplast(Points), tl(Points)),
+        Robot <- [2, 3],
+        S <- starl_dpp_plan:held(Robot, Shut)
+    ].
+
 %% Aside is a vertex that will do and is nobody's spot; the way leads to it and is clear of others.
 aside_test() ->
     Plan = plan([{1, {6500.0, 6100.0}}, {2, {6500.0, 7000.0}}]),
