@@ -39,7 +39,9 @@
     tells_of_its_term/1,
     outcomes_of_its_own_term_count/1,
     crashes_of_others/1,
-    news_are_told_once/1
+    news_are_told_once/1,
+    ends_whatever_happens/1,
+    lost_time_is_found_once/1
 ]).
 
 -define(CONFIG, #{
@@ -86,7 +88,9 @@ all() ->
         tells_of_its_term,
         outcomes_of_its_own_term_count,
         crashes_of_others,
-        news_are_told_once
+        news_are_told_once,
+        ends_whatever_happens,
+        lost_time_is_found_once
     ].
 
 %% A team of two, whose first robot is a quorum.
@@ -467,6 +471,36 @@ outcomes_of_its_own_term_count(_) ->
     ],
     {_, Idle} = step(cast, {led, {3, 2, 1}}, C),
     ?assertEqual({[], Idle}, step({reply, {answered, {1, 1, 1}, 2}}, ok, Idle)).
+
+%% When its votes have run out it leads no more, whatever it is that happens next.
+ends_whatever_happens(_) ->
+    Ended = [{trace, {stepped_down, {1, 1, 1}}} | ?CANCELLED],
+    [
+        begin
+            {[{state_timeout, cancel} | Actions], C} = at(8 * ?S, Type, Event, open()),
+            ?assertEqual({Event, Ended}, {Event, lists:sublist(Actions, length(Ended))}),
+            ?assertEqual(idle, starl_machine:state(C))
+        end
+     || {Type, Event} <- [
+            {info, {restarted, sap}},
+            {info, {restarted, motion}},
+            {cast, {message, 2, dpp_refused, {0, 2, 1}}},
+            {cast, {message, 2, dpp_passed, {{0, 2, 1}, {1, 1}, 1}}},
+            {{timeout, beat}, beat}
+        ]
+    ].
+
+%% The clock of another robot shows that the own one has stood still: it claims anew, once for what
+%% was lost.
+lost_time_is_found_once(_) ->
+    Here = fun(Term, Stamp) -> {message, 2, dpp_here, {Term, {0, Stamp, true}}} end,
+    {_, C0} = step(cast, Here({1, 1, 1}, 0), open()),
+    {First, C1} = step(cast, Here({1, 1, 1}, 5 * ?S), C0),
+    ?assertEqual([{2, 1, 1}], claims(First)),
+    {Second, C2} = step(cast, Here({2, 1, 1}, 5 * ?S), C1),
+    ?assertEqual([], claims(Second)),
+    {Third, _} = step(cast, Here({2, 1, 1}, 8 * ?S), C2),
+    ?assertEqual([{3, 1, 1}], claims(Third)).
 
 %% What has arrived at a robot is not told again; what was lost is.
 news_are_told_once(_) ->

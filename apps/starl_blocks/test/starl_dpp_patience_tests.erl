@@ -209,6 +209,12 @@ how_far_test_() ->
             %% 3.1 m from the nearer end, which is 4 m away; at the other the rival is first
             fun() -> Is(3100.0 + 1000.0 + 2000.0, Reach([Far], At({7000.0, 9100.0}))) end,
             fun() -> ?assertEqual(none, Reach([Far], At({7200.0, 6500.0}))) end,
+            %% half a millimetre before it is before it
+            fun() ->
+                Line = {{7000.0, 6000.0}, {7008.0, 6000.0}},
+                ?assertEqual(none, Reach([Line], At({7000.0, 8999.5}))),
+                ?assertNotEqual(none, Reach([Line], At({7000.0, 9012.0})))
+            end,
             %% 2 m are driven in any case
             fun() ->
                 Is(4000.0, Reach([{{4990.0, 6000.0}, {4998.0, 6000.0}}], At({4994.0, 6440.0})))

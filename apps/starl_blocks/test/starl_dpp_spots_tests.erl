@@ -42,3 +42,15 @@ on_test() ->
     ?assertEqual([true, true, true], [On({X, Y}), On({X + 0.99, Y}), On({X, Y - 0.99})]),
     ?assertEqual([false, false, false], [On({X + 1.0, Y}), On({X - 1.0, Y}), On({X + 0.8, Y + 0.8})]),
     ?assertNot(starl_dpp_spots:on({X, Y}, 3, new())).
+
+%% Of many robots, too, they come in the order of the robots.
+all_in_order_test() ->
+    Robots = lists:seq(1, 40),
+    {ok, Plan} = starl_dpp_plan:new(#{
+        segments => [{{2000.0, 2000.0}, {2100.0, 2000.0}}],
+        world => {4000.0, 4000.0},
+        robots => Robots,
+        tube_radius => ?R
+    }),
+    Spots = starl_dpp_spots:new(Robots, starl_dpp_plan:graph(Plan)),
+    ?assertEqual(Robots, [Robot || {Robot, _} <- starl_dpp_spots:all(Spots)]).
