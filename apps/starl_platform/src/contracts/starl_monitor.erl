@@ -74,7 +74,8 @@
     room :: non_neg_integer()
 }).
 
--type monitor() :: {module(), Interests :: [Machine :: atom()] | all, state()}.
+%% The machines that a monitor wants are the keys of a map, which a guard tests without a call.
+-type monitor() :: {module(), Interests :: #{Machine :: atom() => []} | all, state()}.
 
 %% Monitors that run together over one trace.
 -opaque t() :: #runner{}.
@@ -187,7 +188,11 @@ compared(M, N) when M < N -> less;
 compared(M, N) when M == N -> equal;
 compared(_, _) -> more.
 
-started(Module, State) -> {Module, interests_of(Module, State), State}.
+started(Module, State) ->
+    case interests_of(Module, State) of
+        all -> {Module, all, State};
+        Machines -> {Module, maps:from_keys(Machines, []), State}
+    end.
 
 interests_of(Module, State) ->
     case exports(Module, interests, 1) of
@@ -225,25 +230,17 @@ feed_all(Events, {Module, Interests, State}, Found0) ->
 
 feed([], _Place, _Step, _Interests, State, Found) ->
     {State, Found};
-feed([Event | Events], Place, Step, Interests, State, Found) ->
-    case is_wanted(element(3, Event), Interests) of
-        false ->
-            feed(Events, Place + 1, Step, Interests, State, Found);
-        true ->
-            case Step(Event, State) of
-                {ok, Next} ->
-                    feed(Events, Place + 1, Step, Interests, Next, Found);
-                {violation, Violation, Next} ->
-                    More = [{Place, Violation} | Found],
-                    feed(Events, Place + 1, Step, Interests, Next, More)
-            end
-    end.
-
-%% For one or two names this costs a fraction of a call of lists:member/2.
-is_wanted(_Machine, all) -> true;
-is_wanted(Machine, [Machine | _]) -> true;
-is_wanted(Machine, [_ | Others]) -> is_wanted(Machine, Others);
-is_wanted(_Machine, []) -> false.
+feed([{_, _, Machine, _} = Event | Events], Place, Step, Interests, State, Found) when
+    is_map_key(Machine, Interests); Interests =:= all
+->
+    case Step(Event, State) of
+        {ok, Next} ->
+            feed(Events, Place + 1, Step, Interests, Next, Found);
+        {violation, Violation, Next} ->
+            feed(Events, Place + 1, Step, Interests, Next, [{Place, Violation} | Found])
+    end;
+feed([_ | Events], Place, Step, Interests, State, Found) ->
+    feed(Events, Place + 1, Step, Interests, State, Found).
 
 %% Ordered by event; for one event the unknown event comes first, then the order of the monitors.
 in_order(Found) -> [Violation || {_Place, Violation} <- lists:keysort(1, lists:reverse(Found))].

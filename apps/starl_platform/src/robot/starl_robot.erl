@@ -29,7 +29,7 @@
 -module(starl_robot).
 
 -export([new/4, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1]).
--export([run/1, is_quiet/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
+-export([run/1, status/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
 -export([leave/1, act/4]).
 -export([lost/3, attach/3, back/3, first/2, then/2, die/2, go_down/1, come_up/2]).
 
@@ -190,9 +190,12 @@ run(#robot{local = []} = Robot) ->
 run(#robot{local = Local, world = World, machines = Machines, timers = Timers} = Robot) ->
     next(Local, World, Machines, Timers, Robot).
 
-%% @doc Has it no local events left?
--spec is_quiet(t()) -> boolean().
-is_quiet(#robot{local = Local}) -> Local =:= [].
+%% @doc Is it up with no local events left (`quiet'), up with some (`busy'), or down or dead (`off')?
+%% And the driver's own state.
+-spec status(t()) -> {quiet | busy | off, world()}.
+status(#robot{condition = up, local = [], world = World}) -> {quiet, World};
+status(#robot{condition = up, world = World}) -> {busy, World};
+status(#robot{world = World}) -> {off, World}.
 
 %% @doc Handles an event of a machine, and all local events that follow from it. The driver's state
 %% must be at the event's time.

@@ -66,21 +66,19 @@ new(Id, Body, Machines, Tree) ->
 %% @doc Opens a window with these events of the robot, sorted, and begins with the first.
 -spec open([starl_sim_queue:event()], window(), t()) -> {busy | idle | held, t()}.
 open([{_, Time, _, _, _, _} | _] = Events, Window, #robot{robot = Robot, hold = Hold} = Site) ->
-    Body = starl_sim_platform:open(Time, Window, starl_robot:world(Robot)),
-    case starl_robot:condition(Robot) of
-        up when Hold =:= {0, 0}, Site#robot.stop =:= none ->
-            opened(starl_robot:is_quiet(Robot), Events, Robot, Body, Site);
-        up ->
-            proceed(postpone(body(Body, Site#robot{events = Events})));
+    {Status, World} = starl_robot:status(Robot),
+    Body = starl_sim_platform:open(Time, Window, World),
+    case Status of
+        %% most robots are quiet then, and go straight to the first event
+        quiet when Hold =:= {0, 0}, Site#robot.stop =:= none ->
+            next(Events, Robot, Body, Site);
+        busy when Hold =:= {0, 0}, Site#robot.stop =:= none ->
+            went(starl_robot:run(starl_robot:world(Body, Robot)), Events, Site);
+        off ->
+            proceed(body(Body, Site#robot{events = faults_of(Events)}));
         _ ->
-            proceed(body(Body, Site#robot{events = faults_of(Events)}))
+            proceed(postpone(body(Body, Site#robot{events = Events})))
     end.
-
-%% Most robots are quiet then, and go straight to the first event.
-opened(true, Events, Robot, Body, Site) ->
-    next(Events, Robot, Body, Site);
-opened(false, Events, Robot, Body, Site) ->
-    went(starl_robot:run(starl_robot:world(Body, Robot)), Events, Site).
 
 %% Events for a robot that is down are lost.
 faults_of(Events) -> [Event || {_, _, ?CLASS_WORLD, _, _, _} = Event <- Events].
