@@ -2,7 +2,9 @@
 -module(starl_cli_vm).
 -include_lib("eunit/include/eunit.hrl").
 
--export([says/3, contains/2, start/1, rest/2, until/3, interrupt/1, printed/2, in_directory/1]).
+-export([
+    says/3, contains/2, narrow/1, start/1, rest/2, until/3, interrupt/1, printed/2, in_directory/1
+]).
 
 says(Status, Part, Args) ->
     {Got, Text} = rest(start(Args), ""),
@@ -12,6 +14,9 @@ says(Status, Part, Args) ->
 
 contains(Part, Text) ->
     ?assertNotEqual({Part, nomatch, Text}, {Part, string:find(Text, Part), Text}).
+
+%% Fails with the lines that are wider than 80 columns.
+narrow(Text) -> ?assertEqual([], [L || L <- string:split(Text, "\n", all), string:length(L) > 80]).
 
 start(Args) ->
     Paths = lists:append([["-pa", Dir] || Dir <- code:get_path(), filelib:is_dir(Dir)]),

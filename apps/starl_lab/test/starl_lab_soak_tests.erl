@@ -2,7 +2,7 @@
 -module(starl_lab_soak_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--import(starl_cli_vm, [says/3, contains/2]).
+-import(starl_cli_vm, [says/3, contains/2, narrow/1]).
 
 -define(PATIENCE_S, 60).
 
@@ -30,7 +30,9 @@ commands_test_() ->
 sound_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         Args = ["soak", "sap", "--seeds", "4", "--from", "7", "--robots", "3", "--jobs", "2"],
-        contains("sap              4          0         0", says(0, "seeds/min/core", Args))
+        Text = says(0, "seeds/min/core", Args),
+        contains("sap              4          0         0", Text),
+        narrow(Text)
     end}.
 
 %% The broken blocks of the tests are compiled, run and found.
@@ -38,6 +40,7 @@ planted_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         Args = ["planted", "--bug", "sap_forgets,mutex_impatient_home", "--jobs", "2"],
         Text = says(0, "2 of 2 found", Args),
+        narrow(Text),
         contains("sap: duplicate delivery", Text),
         contains("mutex: two holders", Text)
     end}.

@@ -5,6 +5,7 @@
 -behaviour(starl_dev_benchmark).
 
 -export([flags/0, run/1, echo_udp/0]).
+-export([head/1, line/1]).
 
 -spec flags() -> [starl_cli_flags:flag()].
 flags() ->
@@ -16,11 +17,7 @@ flags() ->
 -spec run(starl_dev_benchmark:options()) -> [starl_dev_benchmark:figures()].
 run(#{messages := N, nodes := Nodes}) ->
     _ = process_flag(trap_exit, true),
-    starl_cli_terminal:out(
-        "live, ~b messages; bare: a term, or a datagram, there and back between two processes\n"
-        "transport   bare us: median   99 %   message us: median    99 %   ratio  messages/s\n",
-        [N]
-    ),
+    starl_cli_terminal:out(head(N)),
     Rows = [pair(Transport, N) || Transport <- [local, dist, udp]],
     Rows ++ [start_up(Nodes)].
 
@@ -31,11 +28,7 @@ pair(Transport, N) ->
     {BareMedian, BareLate} = quantiles(Bare),
     {Median, Late} = quantiles(Times),
     Rate = N * 1000000 div max(1, Took),
-    starl_cli_terminal:out(
-        "~-9ts ~18b ~6b ~20b ~7b ~7.1f ~11b\n",
-        [Transport, BareMedian, BareLate, Median, Late, Median / max(1, BareMedian), Rate]
-    ),
-    [
+    Figures = [
         {transport, atom_to_binary(Transport)},
         {bare_us_median, BareMedian},
         {bare_us_p99, BareLate},
@@ -43,7 +36,23 @@ pair(Transport, N) ->
         {message_us_p99, Late},
         {times_bare, Median / max(1, BareMedian)},
         {messages_per_s, Rate}
+    ],
+    starl_cli_terminal:out(line(Figures)),
+    Figures.
+
+%% @private The heading.
+-spec head(Messages :: pos_integer()) -> unicode:chardata().
+head(N) ->
+    [
+        io_lib:format("live, ~b messages; round trips, us: median and 99 %~n", [N]),
+        "bare: a term, or a datagram, there and back between two processes\n"
+        "transport  bare us     99 %  message us      99 %   ratio  messages/s\n"
     ].
+
+%% @private A row.
+-spec line(starl_dev_benchmark:figures()) -> unicode:chardata().
+line(Figures) ->
+    io_lib:format("~-9ts ~8b ~8b ~11b ~9b ~7.1f ~11b\n", [Value || {_, Value} <- Figures]).
 
 quantiles(Times) ->
     Sorted = lists:sort(Times),

@@ -38,8 +38,9 @@ scenario(Picture, N, Mode, Seed) ->
 -spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, pictures := Pictures, modes := Modes, seeds := Seeds, reps := Reps}) ->
     starl_cli_terminal:out(
-        "painting, one core, digest and monitors on, seeds 1 to ~b together, best of ~b each\n"
-        "picture      robots     mode  virtual s  events   run s   CPU s  virt/wall  virt/CPU s\n",
+        "painting, one core, digest and monitors on\n"
+        "seeds 1 to ~b together, best of ~b each\n"
+        "picture      robots    mode virtual s  events  run s  CPU s virt/wall virt/CPU s\n",
         [Seeds, Reps]
     ),
     [
@@ -78,8 +79,9 @@ row(Picture, N, Mode, Best) ->
         {checks, starl_dev_bench_run:sound(Name, lists:usort(lists:append(Checks)))}
     ],
     starl_cli_terminal:out(
-        "~-12ts ~6b ~8s ~10.1f ~7b ~7.2f ~7.2f ~10b ~11b\n",
-        [Picture, N, Mode, Virtual, Events, Wall, Cpu, trunc(Virtual / Wall), trunc(Virtual / Cpu)]
+        "~-12.12ts ~6b ~7s ~9.1f ~7b ~6.1f ~6.1f ~9b ~10b\n",
+        [filename:basename(Picture), N, Mode, Virtual, Events, Wall, Cpu] ++
+            [trunc(Virtual / Wall), trunc(Virtual / Cpu)]
     ),
     Figures.
 

@@ -36,8 +36,9 @@ flags() ->
 run(#{robots := Sizes, modes := Modes, shards := Shards, reps := Reps}) ->
     starl_cli_terminal:out(
         "ring-shuttle, ~b s of virtual time, best of ~b; a shard has a core\n"
-        "ratio: events per CPU s over round trips of {ball, From, N} between two bare processes per"
-        " CPU s\ngain: of shards, over one; of as many busy processes, over one (wall time)\n",
+        "ratio: events per CPU s over round trips between two bare processes per CPU s\n"
+        "gain: of shards over one; busy: of as many busy processes over one (wall time)\n"
+        "x Java: times as fast as the Java StarL simulator\n",
         [?RUN_S, Reps]
     ),
     starl_cli_terminal:out(header()),
@@ -137,36 +138,22 @@ java(N, Wall) ->
     end.
 
 header() ->
-    "  robots     mode shards  start s   run s   CPU s  virt/wall  messages/s   events/s   bare/s"
-    "  ratio  gain  busy  KiB/robot | Java: run s  faster\n".
+    "robots    mode shards   run s  virt/wall messages/s ratio  gain  busy x Java\n".
 
 line(Figures) ->
     Get = fun(Key) -> proplists:get_value(Key, Figures) end,
-    [
-        io_lib:format(
-            "~8b ~8ts ~6b ~8.3f ~7.2f ~7.2f ~10.1f ~11b ~10b ~8b ~6.2f ~5ts ~5.2f ~10b", [
-                Get(robots),
-                Get(mode),
-                Get(shards),
-                Get(start_s),
-                Get(wall_s),
-                Get(cpu_s),
-                Get(virtual_per_wall),
-                trunc(Get(messages_per_s)),
-                trunc(Get(events_per_s)),
-                trunc(Get(bare_round_trips_per_cpu_s)),
-                Get(events_per_bare_round_trip),
-                gain_cell(Get(gain)),
-                Get(busy_gain),
-                trunc(Get(bytes_per_robot) / 1024)
-            ]
-        ),
-        java_cells(Get(java_wall_s), Get(times_java)),
-        "\n"
-    ].
+    io_lib:format("~6b ~7ts ~6b ~7.2f ~10.1f ~10b ~5.2f ~5ts ~5.2f ~6ts\n", [
+        Get(robots),
+        Get(mode),
+        Get(shards),
+        Get(wall_s),
+        Get(virtual_per_wall),
+        trunc(Get(messages_per_s)),
+        Get(events_per_bare_round_trip),
+        cell(2, Get(gain)),
+        Get(busy_gain),
+        cell(1, Get(times_java))
+    ]).
 
-gain_cell(null) -> "-";
-gain_cell(Gain) -> io_lib:format("~.2f", [Gain]).
-
-java_cells(undefined, _) -> "";
-java_cells(Wall, Times) -> io_lib:format(" | ~11.2f ~7.1f", [float(Wall), Times]).
+cell(_, None) when None =:= null; None =:= undefined -> "-";
+cell(Decimals, Number) -> io_lib:format("~.*f", [Decimals, Number]).

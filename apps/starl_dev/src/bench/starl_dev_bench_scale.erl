@@ -22,8 +22,9 @@ flags() ->
 -spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, modes := Modes, shards := Shards}) ->
     starl_cli_terminal:out(
-        "scale: ring-shuttle, ~b s of virtual time, a message per robot and second, shards: ~ts\n"
-        "KiB/robot: beyond the bare VM, all garbage collected, after the start and after the run\n",
+        "scale: ring-shuttle, ~b s of virtual time, a message per robot and second\n"
+        "shards: ~ts; KiB/robot: beyond the bare VM, all garbage collected,\n"
+        "after the start and after the run\n",
         [?RUN_S, starl_dev_bench_run:shards(Shards)]
     ),
     starl_cli_terminal:out(

@@ -32,9 +32,9 @@ flags() ->
 -spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, seconds := Seconds} = Options) ->
     starl_cli_terminal:out(
-        "swarm-broadcast, ~b s of virtual time, shards: ~ts, mode: ~w, the fastest of ~b\n"
-        "x: so many times the simulated seconds per wall second of ARGoS 3 with contact physics and"
-        " two threads,\nand without contact physics (as here)\n",
+        "swarm-broadcast, ~b s of virtual time, shards: ~ts, mode: ~w, best of ~b\n"
+        "x contact: times the simulated seconds per wall second of ARGoS 3 with contact\n"
+        "physics and two threads; x none: without contact physics, as here\n",
         [
             Seconds,
             starl_dev_bench_run:shards(maps:get(shards, Options)),
@@ -43,8 +43,7 @@ run(#{robots := Sizes, seconds := Seconds} = Options) ->
         ]
     ),
     starl_cli_terminal:out(
-        "  robots  start s   run s   CPU s  virt/wall  receptions/s  per tick  digest"
-        " | contact: virt/wall      x | without: virt/wall      x\n"
+        "robots   run s   CPU s virt/wall receptions/s per tick digest x contact  x none\n"
     ),
     [size(N, Options) || N <- Sizes].
 
@@ -111,17 +110,16 @@ checks([#{outcome := #{digest := Digest}} | _] = Runs) ->
 line(Figures) ->
     Get = fun(Key) -> proplists:get_value(Key, Figures) end,
     io_lib:format(
-        "~8b ~8.3f ~7.2f ~7.2f ~10.2f ~13b ~9.2f  ~ts | ~18ts ~6ts | ~18ts ~6ts\n",
+        "~6b ~7.2f ~7.2f ~9.2f ~12b ~8.2f ~ts ~9ts ~7ts\n",
         [
             Get(robots),
-            Get(start_s),
             Get(wall_s),
             Get(cpu_s),
             Get(virtual_per_wall),
             trunc(Get(receptions_per_s)),
             Get(per_tick),
             binary:part(Get(digest), 0, 6)
-            | [cell(Get(K)) || K <- [contact, times_contact, no_contact, times_no_contact]]
+            | [cell(Get(K)) || K <- [times_contact, times_no_contact]]
         ]
     ).
 

@@ -8,6 +8,8 @@
 
 -type values() :: #{atom() => term()}.
 
+-define(WIDTH, 80).
+
 -spec name() -> string().
 name() -> "mutate".
 
@@ -88,7 +90,7 @@ drawn([], _Block, _Tests, #{only := Id}) ->
 drawn(Candidates, Block, Tests, #{sample := Sample, from := From, seeds := Seeds} = Values) ->
     {Drawn, #{broken := Broken, same := Same}} = starl_mutate_sample:draw(Candidates, Sample, From),
     starl_cli_terminal:out(
-        "~b of ~b mutants of ~s, drawn with --from ~b; "
+        "~b of ~b mutants of ~s, drawn with --from ~b;~n"
         "~b more did not compile, ~b were the same code~n",
         [length(Drawn), length(Candidates), Block, From, Broken, Same]
     ),
@@ -121,10 +123,15 @@ measured({done, Measures, []}, Drawn, #{longest := Longest, jobs := Most} = Valu
 told(Short, All) ->
     starl_cli_terminal:out("~b tests pass without a change", [length(All)]),
     _ = [
-        starl_cli_terminal:out("; ~b take too long and are left out:~n  ~0tp", [length(Long), Long])
+        starl_cli_terminal:out([
+            io_lib:format("; ~b take too long and are left out:", [length(Long)]),
+            [["\n  ", unit(Unit)] || Unit <- Long]
+        ])
      || [_ | _] = Long <- [All -- Short]
     ],
     starl_cli_terminal:out("\n\n").
+
+unit(Unit) -> starl_cli_terminal:wrap(io_lib:format("~0tp", [Unit]), 4, ?WIDTH).
 
 -spec tell(done | interrupted, [starl_mutate_report:result()], values()) ->
     starl_cli_terminal:status().

@@ -9,6 +9,11 @@
 -type result() :: {starl_mutate_sample:drawn(), starl_mutate_worker:verdict()}.
 
 -define(COLUMNS, [unit, soak, check, suite, timeout, survived]).
+%% Prints in 80 columns: a row of the table, code with its sign.
+-define(NAME, 33).
+-define(MUTANTS, 8).
+-define(CODE, 77).
+-define(WIDTH, 80).
 
 %% @doc The number of mutants of each module caught by each kind of test; the cheapest test that
 %% fails counts.
@@ -44,7 +49,14 @@ row(Name, Verdicts) ->
     cells([Name | [integer_to_list(N) || N <- [length(Verdicts) | Counts]]]).
 
 cells([First | Others]) ->
-    [string:pad(First, 34), [string:pad(Cell, 9, leading) || Cell <- Others], "\n"].
+    Name = string:slice(First, 0, ?NAME),
+    Padded = [
+        string:pad(Cell, Width, leading)
+     || {Cell, Width} <- lists:zip(Others, [?MUTANTS | [1 + width(C) || C <- ?COLUMNS]])
+    ],
+    [string:pad(Name, ?NAME), Padded, "\n"].
+
+width(Column) -> max(4, length(atom_to_list(Column))).
 
 column(survived) -> survived;
 column({caught, _, timeout}) -> timeout;
@@ -73,7 +85,7 @@ diff(#{id := Id, candidate := Candidate}) ->
     {Old, New} = texts(N, Before, After),
     {Same, Minus, Plus, Rest} = apart(Old, New),
     [
-        io_lib:format("~ts:~b: ~ts  ~ts~n", [File, line_of(Location), Operator, Id]),
+        io_lib:format("~ts:~b:~n  ~ts  ~ts~n", [File, line_of(Location), Operator, Id]),
         lines(" ", lists:nthtail(max(0, length(Same) - 1), Same)),
         lines("-", Minus),
         lines("+", Plus),
@@ -93,7 +105,7 @@ text(_Function, []) ->
     [];
 text({function, Anno, Name, Arity, _}, Clauses) ->
     Text = erl_pp:form({function, Anno, Name, Arity, Clauses}, [
-        {linewidth, 96}, {encoding, unicode}
+        {linewidth, ?CODE}, {encoding, unicode}
     ]),
     string:lexemes(unicode:characters_to_list(Text), "\n").
 
@@ -111,7 +123,8 @@ ahead(Old, New, Same) -> {lists:reverse(Same), Old, New}.
 line({#{id := Id}, survived}) ->
     io_lib:format("~ts survived~n", [Id]);
 line({#{id := Id}, {caught, Unit, How}}) ->
-    io_lib:format("~ts ~0tp ~ts~n", [Id, Unit, how(How)]).
+    Text = io_lib:format("~ts ~0tp ~ts", [Id, Unit, how(How)]),
+    [starl_cli_terminal:wrap(Text, 4, ?WIDTH), "\n"].
 
 how(timeout) -> "timeout";
 how({failed, Reason}) -> Reason.

@@ -16,6 +16,11 @@
     | {not_caught, Seeds :: pos_integer(), Seconds :: float()}
     | {failed, term()}.
 
+%% Columns of the table; the pitfall of a bug has a line of its own.
+-define(BUG, 24).
+-define(FOUND, 38).
+-define(WIDTH, 79).
+
 -spec name() -> string().
 name() -> "planted".
 
@@ -91,8 +96,13 @@ loaded({ok, Codes}, #{bug := Wanted} = Values) ->
             ],
             search(Some, Codes, Values);
         [Name | _] ->
-            {error, [["--bug: there is no bug ", Name, "; there are ", lists:join(", ", Names)]]}
+            {error, [
+                ["--bug: there is no bug ", Name, meant(starl_cli_flags:nearest(Name, Names))]
+            ]}
     end.
+
+meant([Near | _]) -> [" (did you mean ", Near, "?)"];
+meant([]) -> "; without --bug the table has all".
 
 %% The test module with the catalogue of all bugs: `bugs/0', `scenario/2' and `sound/1'. It exists
 %% only after the tests have been compiled.
@@ -129,26 +139,27 @@ status(done, false) -> 4.
 noted({Bug, _}, {ok, Answer}, Answers) -> Answers#{Bug => Answer};
 noted({Bug, _}, {crashed, Reason}, Answers) -> Answers#{Bug => {failed, Reason}}.
 
-row({Bug, _Block, Pitfall}, Answer) -> [atom_to_list(Bug), Pitfall | found(Answer)].
+row({Bug, _Block, Pitfall}, {failed, Reason}) ->
+    Why = io_lib:format("~0tP", [Reason, 8]),
+    [atom_to_list(Bug), [Pitfall, "; the run failed: ", Why], "FAILED", "", ""];
+row({Bug, _Block, Pitfall}, Answer) ->
+    [atom_to_list(Bug), Pitfall | found(Answer)].
 
 found({caught, Seed, #{contract := Contract, what := What}, Seconds}) ->
     Words = string:replace(atom_to_list(What), "_", " ", all),
     [[atom_to_list(Contract), ": ", Words], integer_to_list(Seed), seconds(Seconds)];
 found({not_caught, Seeds, Seconds}) ->
-    ["NOT FOUND", integer_to_list(Seeds), seconds(Seconds)];
-found({failed, Reason}) ->
-    [io_lib:format("FAILED: ~0tP", [Reason, 8]), "", ""].
+    ["NOT FOUND", integer_to_list(Seeds), seconds(Seconds)].
 
 seconds(Seconds) -> io_lib:format("~.1f", [Seconds]).
 
 table_row([Bug, Pitfall, Found, Seed, Seconds]) ->
     [
-        string:pad(Bug, 22),
-        string:pad(Pitfall, 58),
-        string:pad(Found, 38),
-        string:pad(Seed, 5, leading),
-        string:pad(Seconds, 7, leading),
-        "\n"
+        string:pad(Bug, ?BUG),
+        string:pad(string:slice(Found, 0, ?FOUND), ?FOUND),
+        string:pad(Seed, 8, leading),
+        string:pad(Seconds, 9, leading),
+        ["\n    ", starl_cli_terminal:wrap(Pitfall, 4, ?WIDTH), "\n"]
     ].
 
 %% @private The first seed whose run violates a contract with the bug but not without it.

@@ -117,7 +117,7 @@ scenario({Picture, Robots, Loss}, Seed, #{delay := Delay, time := Time}) ->
 painted(Pictures, Csv, Dir, #{robots := Robots, loss := Losses, seeds := Seeds} = Options) ->
     Rows = [{P, N, Loss} || P <- Pictures, N <- Robots, Loss <- Losses],
     Jobs = [{Row, scenario(Row, Seed, Options)} || Row <- Rows, Seed <- lists:seq(1, Seeds)],
-    starl_cli_terminal:out(starl_dev_table_rows:header()),
+    starl_cli_terminal:out(starl_dev_table_rows:header(Seeds)),
     Plan = #{
         work => {?MODULE, one},
         at_once => maps:get(jobs, Options),
@@ -211,8 +211,8 @@ verdict(Wrong, interrupted, Done, Total) ->
     130;
 verdict([], done, Done, _Total) ->
     starl_cli_terminal:out(
-        "all ~b runs: painted 100 %, no contract violated, no robots closer than the safety "
-        "distance\n",
+        "all ~b runs: painted 100 %, no contract violated,\n"
+        "no robots closer than the safety distance\n",
         [Done]
     ),
     0;

@@ -2,7 +2,7 @@
 %% lines of CSV.
 -module(starl_dev_table_rows).
 
--export([sound/1, wrong/1, header/0, line/2, figures/1, csv_header/0, csv/3]).
+-export([sound/1, wrong/1, header/1, line/2, figures/1, csv_header/0, csv/3]).
 
 -export_type([result/0, cell/0]).
 
@@ -25,18 +25,16 @@
 %% The setting of a row.
 -type cell() :: {Picture :: string(), Robots :: pos_integer(), Loss :: number()}.
 -define(COLUMNS, [
-    {"picture", 16},
+    {"picture", 14},
     {"robots", 6},
-    {"loss", 5},
-    {"seeds", 5},
+    {"loss", 4},
     {"painted", 9},
     {"broken", 6},
-    {"closest mm", 10},
-    {"time s", 8},
+    {"mm apart", 8},
+    {"time s", 7},
     {"x bound", 7},
-    {"driven/ink", 10},
-    {"deadlocks", 9},
-    {"wall s", 7}
+    {"x ink", 5},
+    {"stuck", 5}
 ]).
 
 %% @doc Whether a run is acceptable: all lines painted, no robots too close, no contract violated.
@@ -56,9 +54,16 @@ wrong(#{separation := Mm}) -> ["separation ", decimals(1, Mm), " mm"].
 
 %% -- rows -----------------------------------------------------------------------------------
 
-%% @doc The header line.
--spec header() -> unicode:chardata().
-header() -> [padded([Name || {Name, _} <- ?COLUMNS]), "\n"].
+%% @doc The header: what the columns are, and their names.
+-spec header(Seeds :: pos_integer()) -> unicode:chardata().
+header(Seeds) ->
+    [
+        io_lib:format("seeds 1 to ~b in each row\n", [Seeds]),
+        "painted, mm apart: the least; broken: contracts; stuck: deadlocks resolved;\n"
+        "time s, x bound (time), x ink (driven length): medians\n",
+        padded([Name || {Name, _} <- ?COLUMNS]),
+        "\n"
+    ].
 
 %% @doc A row: its setting and the figures of its runs.
 -spec line(cell(), [result(), ...]) -> unicode:chardata().
@@ -68,13 +73,12 @@ cells({Picture, Robots, Loss}, Results) ->
     [
         filename:rootname(filename:basename(Picture)),
         integer_to_list(Robots),
-        starl_cli_flags:text({number, 0, 1}, Loss),
-        integer_to_list(length(Results))
+        starl_cli_flags:text({number, 0, 1}, Loss)
         | figures(Results)
     ].
 
 %% @doc The figures of a row: least painted fraction, violations, least separation; the medians of
-%% time, of its ratio to the bound, and of the ratio of driven length to ink; deadlocks, wall time.
+%% time, of its ratio to the bound, and of the ratio of driven length to ink; deadlocks.
 -spec figures([result()]) -> [unicode:chardata()].
 figures(Results) ->
     case [R || #{} = R <- Results] of
@@ -86,12 +90,11 @@ figures(Results) ->
                 decimals(1, median(all(makespan, Known))),
                 decimals(2, median(all(ratio, Known))),
                 decimals(2, median(all(detour, Known))),
-                integer_to_list(lists:sum(all(deadlocks, Known))),
-                decimals(1, lists:sum(all(wall, Known)))
+                integer_to_list(lists:sum(all(deadlocks, Known)))
             ];
         Known ->
             Failed = integer_to_list(length(Results) - length(Known)),
-            [Failed ++ " failed" | lists:duplicate(7, "-")]
+            [Failed ++ " failed" | lists:duplicate(6, "-")]
     end.
 
 all(Key, Results) -> [maps:get(Key, R) || R <- Results].
@@ -112,7 +115,7 @@ padded(Cells) ->
         {string:slice(Cell, 0, Width), Width}
      || {Cell, {_, Width}} <- lists:zip(Cells, ?COLUMNS)
     ],
-    [pad(First, trailing) | [["  ", pad(Cell, leading)] || Cell <- Others]].
+    [pad(First, trailing) | [[" ", pad(Cell, leading)] || Cell <- Others]].
 
 pad({Text, Width}, Side) -> string:pad(Text, Width, Side).
 

@@ -22,6 +22,8 @@
 %% A run to make, with the name of its application.
 -type job() :: {starl_lab_sweep_rows:key(), App :: string(), starl_sim_scenario:t()}.
 
+-define(WIDTH, 80).
+
 -record(made, {
     rows :: starl_lab_sweep_rows:rows(),
     columns :: starl_lab_sweep_rows:columns(),
@@ -169,7 +171,8 @@ told(Judged, Target) ->
         Known <- [[x || {H, _} <- Judged, H =:= How]],
         Known =/= []
     ],
-    starl_cli_terminal:out("~b runs: ~ts\n", [length(Judged), lists:join(", ", Counts)]).
+    Text = io_lib:format("~b runs: ~ts", [length(Judged), lists:join(", ", Counts)]),
+    starl_cli_terminal:out([starl_cli_terminal:wrap(Text, 2, ?WIDTH), "\n"]).
 
 words(complete) -> "complete";
 words(incomplete) -> "NOT COMPLETE";
