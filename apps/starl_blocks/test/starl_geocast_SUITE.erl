@@ -551,7 +551,9 @@ scenario(N, Script, Scenario, {Config, Around}) ->
             robots => N,
             script => Script,
             time => 200,
-            around => Around#{blocks => starl_geocast:machines(Config), monitors => Monitors}
+            around => (maps:remove(judged, Around))#{
+                blocks => starl_geocast:machines(Config), monitors => Monitors
+            }
         },
         Scenario
     ).

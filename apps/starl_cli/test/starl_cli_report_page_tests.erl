@@ -59,12 +59,16 @@ made() ->
         ],
         monitors => #{
             starl_sap_monitor => #{sent => 1},
-            starl_crash_monitor => #{crashes => 1, first_crash => Crash, given_up => []},
+            starl_crash_monitor =>
+                #{crashes => 1, causes => 1, first_crash => Crash, given_up => []},
             starl_sim_mail_monitor => #{
                 strangers => [Mail#{to => 7}], unheard => [Mail#{robot => 2}]
             }
         },
-        robots => [{1, #{result => {done, 1}}}, {2, #{result => running}}],
+        robots => [
+            {1, #{result => {done, 1}}},
+            {2, #{result => running, waits => {time, [{my_app, step, 2, "my_app.erl", 7}]}}}
+        ],
         digest => <<1>>,
         events => 5,
         packets => 2
