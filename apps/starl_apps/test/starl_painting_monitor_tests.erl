@@ -429,3 +429,9 @@ crosses(P, {A, B}, Ink) ->
         {element(1, P) + Mm * math:cos(Across), element(2, P) + Mm * math:sin(Across)}
     end,
     starl_geometry:segment_segment({Off(-?REACH), Off(?REACH)}, Ink) < 1.0e-9.
+
+%% A pen may be lowered before anything is known of where the robot is: no ink is seen.
+pen_before_motion_test() ->
+    {Found, Results} = run(line(), [pen(1, 1, down), pen(2, 1, up)], 9, #{complete => false}),
+    ?assertEqual([], Found),
+    ?assertMatch(#{ink_mm := +0.0, driven_mm := +0.0}, Results).

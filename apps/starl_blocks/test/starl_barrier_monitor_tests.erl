@@ -286,3 +286,9 @@ memory_test() ->
         erts_debug:flat_size(lists:foldl(Round, M0, lists:seq(1, N)))
     end,
     ?assertEqual(Size(5), Size(50)).
+
+%% Without a bound a round that not all pass is never overdue.
+no_bound_test() ->
+    Half = all_reach() ++ [{5, 1, passed, 1}],
+    ?assertMatch({[], #{rounds := 0, passed := 1}}, run(Half, 1000000000, #{})),
+    ?assertMatch({[not_passed], _}, run(Half, 1000000000, #{bound_us => 5})).

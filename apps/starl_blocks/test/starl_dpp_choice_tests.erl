@@ -72,6 +72,20 @@ ink_of_two(Away) ->
     Edges = painted(At, starl_dpp_plan:view(1, Plan), ?HORIZON),
     round(lists:sum([starl_geometry:length(starl_dpp_plan:target(E, Plan)) || E <- Edges])).
 
+%% All that hangs together counts, on both sides of the line that was drawn first: 1.2 m 300 mm away
+%% win against half a metre 100 mm away.
+drawn_from_the_middle_test() ->
+    At = {5000.0, 5000.0},
+    Line = fun(From, To) -> {{From, 5000.0}, {To, 5000.0}} end,
+    Lines = [
+        Line(4300.0, 3900.0), Line(4700.0, 4300.0), Line(3900.0, 3500.0), Line(5100.0, 5600.0)
+    ],
+    {ok, Plan0} = starl_dpp_plan:new(config(Lines)),
+    Plan1 = starl_dpp_plan:standing(2, {7400.0, 2000.0}, Plan0),
+    Plan = starl_dpp_plan:standing(1, At, Plan1),
+    Edges = painted(At, starl_dpp_plan:view(1, Plan), ?HORIZON),
+    ?assertEqual(3, length(Edges)).
+
 %% Beyond the horizon the line on which it is passed counts, too: of 1.8 m instead of one it is worth
 %% to turn for. A line of half a metre is 100 mm ahead, another begins 250 mm away and leads across.
 line_beyond_the_horizon_test() ->

@@ -248,6 +248,19 @@ asks_without(Robot, N) ->
 
 timers(Actions) -> [A || A <- Actions, is_tuple(element(1, A))].
 
+%% Who waits is served when space has become free, though another is still on its way.
+served_while_one_moves_test() ->
+    On = {6050.0, 6000.0},
+    Way = {moving, 0, spot(3), [{{9000.0, 9000.0}, up}]},
+    Moves = fun(S) -> starl_dpp_serve:reported(3, {1, 5}, {Way, []}, S) end,
+    Stands = fun(N, At) ->
+        fun(S) -> starl_dpp_serve:reported(2, {1, N}, {{standing, At}, []}, S) end
+    end,
+    S0 = known([1, 2, 3], new([short()], 3)),
+    {Waits, S1} = chain(S0, [Moves, Stands(1, On), asks(1, 1), Stands(2, spot(2))]),
+    ?assertEqual([], sent(Waits)),
+    ?assertMatch([{1, {1, 1}, {assign, _, _}}], answers([fun starl_dpp_serve:serve/1], S1)).
+
 %% Who holds less than before is traced; who waits is served soon after, and else there is no need.
 freed_test() ->
     S0 = known([1, 2], new([short()], 2)),

@@ -223,3 +223,11 @@ vocabulary_test() ->
         [{got, 2}, {got, 3}, {holds, 2}, {put, 3}, {refused, 3}, {too_far_ahead, 2}],
         lists:sort(Events)
     ).
+
+%% Events of its machines that the contract says nothing of are none of its business.
+other_events_test() ->
+    M = starl_registers_monitor:init(#{robots => [1, 2], owners => #{}, bound_us => 1000}),
+    [
+        ?assertEqual({ok, M}, starl_registers_monitor:step({0, 1, Machine, Event}, M))
+     || {Machine, Event} <- [{registers, {malformed, 2}}, {robot, {started, registers}}]
+    ].

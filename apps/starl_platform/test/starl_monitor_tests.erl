@@ -91,6 +91,8 @@ shape_test() ->
     ?assertNotEqual(Shape([1], #{last => 3, round => 3}), Shape([1], #{last => 7, round => 3})),
     ?assertNotEqual(Shape([1], #{stack => [{m, f}]}), Shape([1], #{stack => [{m, g}]})),
     ?assertEqual(Shape([1], #{all => [1, 2, 3]}), Shape([1], #{all => [5]})),
+    ?assertEqual(Shape([1], #{all => [1, 2 | 3]}), Shape([1], #{all => [4 | 5]})),
+    ?assertNotEqual(Shape([1], #{all => [1 | 3]}), Shape([1], #{all => [1 | c]})),
     ?assertEqual(Shape([1], #{per => #{1 => 5, 2 => 6}}), Shape([1], #{per => #{7 => 8}})),
     ?assertEqual(Shape([1], #{all => <<1>>}), Shape([1], #{all => <<"longer">>})),
     ?assertEqual(Shape([1, 2, 3], #{}), Shape([1, 2, 3, 4, 5], #{})),

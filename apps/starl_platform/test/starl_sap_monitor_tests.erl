@@ -780,3 +780,24 @@ rest(1, T, Id, Robot) -> [{T + 1, 1, {outcome, Id, Robot, lost}}];
 rest(2, T, Id, Robot) -> [{T + 1, 1, {outcome, Id, Robot, lost}}, got(T + 2, Robot, Id)];
 rest(3, T, Id, Robot) -> [got(T + 1, Robot, Id), {T + 2, 1, {outcome, Id, Robot, lost}}];
 rest(4, T, Id, Robot) -> [got(T + 1, Robot, Id), ack(T + 2, Id, Robot)].
+
+%% What the machine may trace, and with how much.
+vocabulary_test() ->
+    #{sap := Events} = starl_sap_monitor:vocabulary(),
+    ?assertEqual(
+        [
+            {answered, 2},
+            {called, 2},
+            {delivered, 3},
+            {dropped, 2},
+            {full, 2},
+            {listener_refused, 3},
+            {outcome, 3},
+            {overload, 1},
+            {sent, 4},
+            {started, 1},
+            {unclaimed_full, 2},
+            {unheard, 2}
+        ],
+        lists:sort(Events)
+    ).
