@@ -5,12 +5,12 @@
 -include_lib("stdlib/include/assert.hrl").
 
 -export([all/0, suite/0, init_per_suite/1, end_per_suite/1]).
--export([deploys/1, reloads/1, goes_back/1, rolls_back/1, refuses/1, stops/1]).
+-export([deploys/1, reloads/1, goes_back/1, rolls_back/1, refuses/1, over_tls/1, stops/1]).
 
 suite() -> [{timetrap, {minutes, 9}}].
 
 %% One story: each case goes on where the one before has ended.
-all() -> [deploys, reloads, goes_back, rolls_back, refuses, stops].
+all() -> [deploys, reloads, goes_back, rolls_back, refuses, over_tls, stops].
 
 init_per_suite(Config) ->
     case starl_fleet_hosts:allowed() of
@@ -62,10 +62,7 @@ reloads(Config) ->
     Hosts = ?config(hosts, Config),
     app(second, Hosts),
     {0, _} = deploy("reload loop --trial 1", Hosts),
-    {0, Status} = deploy("status", Hosts),
-    {match, [[Leader], [Leader]]} =
-        re:run(Status, "is done: {second,([12])}", [global, {capture, all_but_first, list}]),
-    ok.
+    ok = both_done(Hosts, 20).
 
 %% A release whose robots crash: all are back on the one before, and told why.
 goes_back(Config) ->
@@ -107,6 +104,30 @@ refused(Why, Hosts) ->
     Lines = [Line || "starl: deploy: " ++ Line <- string:lexemes(Said, "\n")],
     ?assertMatch([_, "no robot has changed its release"], Lines),
     contains("robot 2 (root@10.77.0.2): " ++ Why, hd(Lines)).
+
+%% The same by Erlang distribution over TLS: the robots hear each other.
+over_tls(Config) ->
+    Hosts = ?config(hosts, Config),
+    case os:find_executable("openssl") of
+        false ->
+            {skip, "no openssl here: apt install openssl"};
+        _ ->
+            fleet(#{transport => dist}, Hosts),
+            app(second, Hosts),
+            {0, _} = sh("\"$starl\" keys fleet.term", Hosts),
+            {0, _} = deploy("--trial 2", Hosts),
+            ok = both_done(Hosts, 20)
+    end.
+
+%% An election takes its time, during which the robots are well already.
+both_done(_Hosts, 0) ->
+    never;
+both_done(Hosts, Looks) ->
+    {0, Status} = deploy("status", Hosts),
+    case re:run(Status, "is done: {second,([12])}", [global, {capture, all_but_first, list}]) of
+        {match, [[Leader], [Leader]]} -> ok;
+        _ -> both_done(Hosts, Looks - 1)
+    end.
 
 stops(Config) ->
     Hosts = ?config(hosts, Config),
@@ -156,6 +177,7 @@ fleet(Changes, #{dir := Dir}) ->
         name => "test",
         app => "loop.erl",
         robots => #{1 => Robot(1, "id"), 2 => Robot(2, maps:get(identity, Changes, "id"))},
+        transport => maps:get(transport, Changes, udp),
         home => filename:join(Dir, "disk"),
         service => plain
     },
