@@ -11,6 +11,7 @@
     recorded_run/1,
     interrupted/1,
     seconds_are_up/1,
+    self_contained/1,
     nothing_to_shrink/1,
     bad_input/1,
     help/1
@@ -28,6 +29,7 @@ all() ->
         recorded_run,
         interrupted,
         seconds_are_up,
+        self_contained,
         nothing_to_shrink,
         bad_input,
         help
@@ -131,6 +133,24 @@ seconds_are_up(Config) ->
     says(4, "shrunk to 40 faults of 40", ["shrink", File, "--out", Out, "--seconds", "0.001"]),
     replays(Out).
 
+%% The result replays after it was moved and the application was deleted; it is not replaced unless
+%% that is asked for.
+self_contained(Config) ->
+    File = scenario(Config, "three_crashes", #{
+        robots => 9, seed => 7, time => 60, faults => three()
+    }),
+    [Before, Later] = [
+        filename:join(proplists:get_value(priv_dir, Config), Name)
+     || Name <- ["made", "moved"]
+    ],
+    Args = ["shrink", File, "--out", filename:join(Before, "x.term"), "--seconds", "0.001"],
+    says(4, "shrunk to ", Args),
+    says(2, "x.term is there already; --overwrite replaces it", Args),
+    says(4, "shrunk to ", Args ++ ["--overwrite"]),
+    ok = file:delete(filename:rootname(File) ++ ".erl"),
+    ok = file:rename(Before, Later),
+    replays(filename:join(Later, "x.term")).
+
 nothing_to_shrink(Config) ->
     File = scenario(Config, "three_crashes", #{robots => 3, time => 5}),
     says(2, "violates no contract, so there is nothing to shrink", ["shrink", File]).
@@ -192,7 +212,7 @@ scenario(Config, App, Scenario) ->
 %% The scenario that is left.
 shrunk(Config, File) ->
     Out = filename:join(proplists:get_value(priv_dir, Config), "small.term"),
-    Text = says(0, "shrunk to ", ["shrink", File, "--out", Out]),
+    Text = says(0, "shrunk to ", ["shrink", File, "--out", Out, "--overwrite"]),
     contains("planted broken at ", Text),
     contains("replay: ./starl run ", Text),
     replays(Out),

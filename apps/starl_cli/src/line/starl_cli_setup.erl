@@ -2,7 +2,7 @@
 -module(starl_cli_setup).
 
 -export([check/1, given/2, scenario/2, place/3, replay/2, command_line/3]).
--export([out/2, out/3, options/1, own_flags/0, overwrite/0]).
+-export([out/2, out/3, out_file/3, options/1, own_flags/0, overwrite/0, overwrite_file/0]).
 
 -export_type([t/0, answer/0]).
 
@@ -95,6 +95,21 @@ out(Dir, Name, Overwrite) ->
         false -> out(Dir, Name)
     end.
 
+%% @doc The file for a result: the one of --out, which replaces an earlier one only on request; else
+%% the usual one, or one beside it if that exists.
+-spec out_file(none | file:filename(), Usual :: file:filename(), Overwrite :: boolean()) ->
+    {[unicode:chardata()], file:filename()}.
+out_file(none, Usual, true) ->
+    {[], Usual};
+out_file(none, Usual, false) ->
+    {[], starl_cli_out:free(Usual)};
+out_file(File, _Usual, Overwrite) ->
+    %% A device such as /dev/null holds nothing.
+    case not Overwrite andalso filelib:is_regular(File) of
+        true -> {[["--out: ", File, " is there already; --overwrite replaces it"]], File};
+        false -> {[], File}
+    end.
+
 %% @doc The command line that replays a run exactly.
 -spec replay(starl_cli_target:t(), starl_sim_scenario:t()) -> unicode:chardata().
 replay(Target, Scenario) -> command_line("run", Target, Scenario).
@@ -119,6 +134,10 @@ options(App) -> starl_sim_scenario:options() ++ starl_app:options(App).
 %% @doc The flag that allows the results of an earlier run to be replaced.
 -spec overwrite() -> starl_cli_flags:flag().
 overwrite() -> {overwrite, switch, false, "replaces the earlier run that --out holds"}.
+
+%% @doc The flag that allows an earlier file to be replaced.
+-spec overwrite_file() -> starl_cli_flags:flag().
+overwrite_file() -> {overwrite, switch, false, "replaces an earlier file of that name"}.
 
 %% @doc The flags of a run that do not belong to the simulation.
 -spec own_flags() -> [starl_cli_flags:flag()].

@@ -3,7 +3,7 @@
 %% a run can be repeated after they were moved or changed.
 -module(starl_cli_inputs).
 
--export([read/2, files/1, app/1, local/2, absolute/2, resolved/3]).
+-export([read/2, read/3, files/1, app/1, local/2, absolute/2, resolved/3]).
 
 -export_type([t/0]).
 
@@ -19,16 +19,23 @@
 
 %% @doc Reads the files that a scenario of this target names.
 -spec read(starl_cli_target:t(), starl_sim_scenario:t()) -> t().
-read(#{replay := Word, name := Name} = Target, Scenario) ->
+read(Target, Scenario) -> read(?DIR, Target, Scenario).
+
+%% @doc The same, to be kept in another directory than `inputs'.
+-spec read(Dir :: file:filename(), starl_cli_target:t(), starl_sim_scenario:t()) -> t().
+read(Dir, #{replay := Word, name := Name} = Target, Scenario) ->
     Sources = sources(maps:get(code, Target, [])),
     Root = root(Sources),
-    Codes = [{inside(Root, File), File} || File <- Sources],
-    Options = [{named(Key, File, Codes), Key, File} || {Key, File} <- options(Target, Scenario)],
+    Codes = [{inside(Dir, Root, File), File} || File <- Sources],
+    Options = [
+        {named(Dir, Key, File, Codes), Key, File}
+     || {Key, File} <- options(Target, Scenario)
+    ],
     #{
         app =>
             case Sources of
                 [] -> list_to_atom(Name);
-                _ -> inside(Root, filename:absname(Word))
+                _ -> inside(Dir, Root, filename:absname(Word))
             end,
         values => maps:from_list([{Key, Inside} || {Inside, Key, _} <- Options]),
         files => contents(Codes ++ [{Inside, File} || {Inside, _, File} <- Options])
@@ -88,10 +95,10 @@ options(#{app := App}, Scenario) ->
     ].
 
 %% Two files of one name are told apart by their options.
-named(Key, File, Codes) ->
-    Name = filename:join(?DIR, filename:basename(File)),
+named(Dir, Key, File, Codes) ->
+    Name = filename:join(Dir, filename:basename(File)),
     case lists:keymember(Name, 1, Codes) of
-        true -> filename:join([?DIR, atom_to_list(Key), filename:basename(File)]);
+        true -> filename:join([Dir, atom_to_list(Key), filename:basename(File)]);
         false -> Name
     end.
 
@@ -130,9 +137,9 @@ common([Part | As], [Part | Bs]) -> [Part | common(As, Bs)];
 common(_, _) -> [].
 
 %% A source outside, as that of an application that is named by a folder above, keeps its name.
-inside(Root, File) ->
+inside(Dir, Root, File) ->
     Parts = filename:split(File),
     case lists:prefix(Root, Parts) of
-        true -> filename:join([?DIR | lists:nthtail(length(Root), Parts)]);
-        false -> filename:join(?DIR, filename:basename(File))
+        true -> filename:join([Dir | lists:nthtail(length(Root), Parts)]);
+        false -> filename:join(Dir, filename:basename(File))
     end.

@@ -3,7 +3,7 @@
 %% when all are complete.
 -module(starl_cli_out).
 
--export([plan/2, write/2, sure/2, shown/1, usual/1, holds_a_run/1]).
+-export([plan/2, write/2, sure/2, shown/1, usual/1, free/1, holds_a_run/1]).
 
 -export_type([t/0]).
 
@@ -35,6 +35,21 @@ plan(Dir0, _Name) ->
 %% @doc The usual place of a result: `out/' in the working directory.
 -spec usual(Name :: string()) -> file:filename_all().
 usual(Name) -> filename:absname(filename:join("out", Name)).
+
+%% @doc The name of a file that does not exist yet: this one, or with -2, -3, ... before its
+%% extension.
+-spec free(file:filename()) -> file:filename().
+free(File) -> free(filelib:is_file(File), 2, File).
+
+free(false, _N, File) ->
+    File;
+free(true, N, File) ->
+    Extension = filename:extension(File),
+    Numbered = lists:concat([filename:rootname(File), "-", N, Extension]),
+    case filelib:is_file(Numbered) of
+        false -> Numbered;
+        true -> free(true, N + 1, File)
+    end.
 
 %% @doc Whether a directory holds the results of an earlier run.
 -spec holds_a_run(file:filename()) -> boolean().

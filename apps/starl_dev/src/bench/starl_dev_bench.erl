@@ -39,7 +39,11 @@ about(_Subject) ->
 flags(none) -> [{shown, title(Kind), flags_of(Kind)} || Kind <- kinds()] ++ [own_flags()];
 flags(Kind) -> [{title(Kind), flags_of(Kind)}, own_flags()].
 
-own_flags() -> {"all", [{out, string, none, "a JSON file for the figures (out/bench.json)"}]}.
+own_flags() ->
+    {"all", [
+        {out, string, none, "a JSON file for the figures; without it out/bench.json, or the next"},
+        starl_cli_setup:overwrite_file()
+    ]}.
 
 title(Kind) -> [atom_to_list(Kind), ": ", element(3, lists:keyfind(Kind, 1, ?BENCHMARKS))].
 
@@ -50,11 +54,8 @@ statuses() ->
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{subject := none, values := Values}) -> checked(kinds(), with_out(Values));
-run(#{subject := Kind, values := Values}) -> checked([Kind], with_out(Values)).
-
-with_out(#{out := none} = Values) -> Values#{out := default_out()};
-with_out(Values) -> Values.
+run(#{subject := none, values := Values}) -> checked(kinds(), Values);
+run(#{subject := Kind, values := Values}) -> checked([Kind], Values).
 
 kinds() -> [Kind || {Kind, _, _} <- ?BENCHMARKS].
 
@@ -62,11 +63,13 @@ module(Kind) -> element(2, lists:keyfind(Kind, 1, ?BENCHMARKS)).
 
 flags_of(Kind) -> (module(Kind)):flags().
 
-default_out() -> starl_cli_out:shown(starl_cli_out:usual("bench.json")).
-
 %% The file is checked before the measurements; an older file stays until they are done.
-checked(Kinds, #{out := File} = Options) ->
-    Problems = lists:append([problems(Kind, Options) || Kind <- Kinds]),
+checked(Kinds, #{out := Out, overwrite := Overwrite} = Given) ->
+    Usual = starl_cli_out:usual("bench.json"),
+    {There, Absolute} = starl_cli_setup:out_file(Out, Usual, Overwrite),
+    File = starl_cli_out:shown(Absolute),
+    Options = Given#{out := File},
+    Problems = There ++ lists:append([problems(Kind, Options) || Kind <- Kinds]),
     case Problems =:= [] andalso can_write(File) of
         ok ->
             measured(Kinds, Options);

@@ -51,7 +51,8 @@ flags(_Subject) ->
             {random_seed, {integer, 0, 1 bsl 32}, 1, "the seed of the random pictures"},
             {time, {number, 1, 1.0e6}, 40000, "a run ends at this virtual time, s"},
             starl_lab_jobs:at_once(),
-            {out, string, none, "a CSV file with a line for each run"}
+            {out, string, none, "a CSV file with a line for each run"},
+            starl_cli_setup:overwrite_file()
         ]}
     ].
 
@@ -73,8 +74,13 @@ run(#{values := #{random := N, random_seed := Seed, pictures := Named} = Options
     _ = process_flag(trap_exit, true),
     {Dir, Files} = starl_dev_random:write(N, Seed),
     Pictures = Named ++ Files,
-    Problems = lists:append([problems(P, Options) || P <- Pictures]),
-    case {Problems, csv(maps:get(out, Options))} of
+    #{out := Out, overwrite := Overwrite} = Options,
+    There = [
+        Line
+     || Out =/= none, Line <- element(1, starl_cli_setup:out_file(Out, Out, Overwrite))
+    ],
+    Problems = There ++ lists:append([problems(P, Options) || P <- Pictures]),
+    case {Problems, csv(Problems, Out)} of
         {[], {ok, Csv}} -> painted(Pictures, Csv, Dir, Options);
         {_, {error, Why}} -> {error, Problems ++ [["--out: ", Why]]};
         {_, {ok, _}} -> {error, Problems}
@@ -90,9 +96,12 @@ problems(Picture, #{robots := Robots} = Options) ->
             [starl_sim:format_error(Reason)]
     end.
 
-csv(none) ->
+%% Nothing is opened, and emptied, for runs that cannot be made.
+csv(_Problems, none) ->
     {ok, none};
-csv(File) ->
+csv([_ | _], _File) ->
+    {ok, none};
+csv([], File) ->
     case file:open(File, [write, raw]) of
         {ok, Csv} ->
             ok = keep(Csv, starl_dev_table_rows:csv_header()),

@@ -32,6 +32,7 @@ flags(#{app := App}) -> [{"Flags", own_flags() ++ starl_cli_setup:options(App)}]
 own_flags() ->
     [
         {out, string, none, "the file for the result, FILE.term; without it one under out/"},
+        starl_cli_setup:overwrite_file(),
         {seconds, {optional, {number, 0.001, 1.0e6}}, none,
             "time limit, s; then the smallest run so far is the result"},
         {quiet, switch, false, "no progress line"}
@@ -70,7 +71,7 @@ run(#{subject := Target, values := Values} = Call) ->
     {Unsound, Scenario} = starl_cli_setup:scenario(
         Target, starl_cli_setup:given(Call, own_flags())
     ),
-    {Unwritable, File} = out(maps:get(out, Values), Target, Scenario),
+    {Unwritable, File} = out(Values, Target, Scenario),
     case Unsound ++ Unwritable of
         [] ->
             shrink((maps:with([seconds, quiet], Values))#{
@@ -89,11 +90,11 @@ digest(#{subject := #{record := #{digest := Hex}}, given := Given}) ->
 digest(_Call) ->
     any.
 
-out(none, Target, Scenario) ->
-    {[], starl_lab_shrunk:file(Target, Scenario)};
-out(File, _Target, _Scenario) ->
+out(#{out := none, overwrite := Overwrite}, Target, Scenario) ->
+    starl_cli_setup:out_file(none, starl_lab_shrunk:file(Target, Scenario), Overwrite);
+out(#{out := File, overwrite := Overwrite}, _Target, _Scenario) ->
     case {filename:extension(File), filelib:is_dir(File)} of
-        {".term", false} -> {[], File};
+        {".term", false} -> starl_cli_setup:out_file(File, File, Overwrite);
         {_, true} -> {[["--out: ", File, " is a directory; name a file as in small.term"]], none};
         {_, false} -> {[["--out: ", File, ": name a file that ends in .term"]], none}
     end.

@@ -2,7 +2,7 @@
 %% scenario file and runs it once to confirm the violation.
 -module(starl_lab_shrunk).
 
--export([shrink/1, file/2, text/4]).
+-export([shrink/1, file/2]).
 
 -export_type([job/0]).
 
@@ -11,7 +11,7 @@
 -type job() :: #{
     target := starl_cli_target:t(),
     scenario := starl_sim_scenario:t(),
-    file := file:filename_all(),
+    file := file:filename(),
     digest := binary() | any,
     seconds := number() | none,
     quiet := boolean()
@@ -91,16 +91,22 @@ counted(N, What) -> [integer_to_list(N), " ", What, "s"].
 
 %% -- the result -----------------------------------------------------------------------------
 
-written(Result, Ms, Interrupted, #{file := File, target := Target, scenario := Before} = Job) ->
-    Text = text(Result, File, Target, Before),
-    case write(File, Text) of
+written(Result, Ms, Interrupted, #{file := File, target := Target} = Job) ->
+    #{scenario := Shrunk} = Result,
+    Inputs = starl_cli_inputs:read(inputs(File), Target, Shrunk),
+    Text = text(Result, File, Inputs, Job),
+    case write(File, [{filename:basename(File), Text} | starl_cli_inputs:files(Inputs)]) of
         ok -> replayed(replay(File, Target, Result), Result, Ms, Interrupted, Job);
         {error, Why} -> {error, internal, ["the result could not be written: ", Why, "\n", Text]}
     end.
 
-write(File, Text) ->
+%% The application and the files of options are copied to a directory beside the result, so that it
+%% can be moved together with them.
+inputs(File) -> filename:basename(File, ".term") ++ "-inputs".
+
+write(File, Files) ->
     case filelib:ensure_dir(File) of
-        ok -> starl_cli_files:put_all(filename:dirname(File), [{filename:basename(File), Text}]);
+        ok -> starl_cli_files:put_all(filename:dirname(File), Files);
         {error, Posix} -> {error, [File, ": ", file:format_error(Posix)]}
     end.
 
@@ -135,14 +141,16 @@ others(#{others := Others} = Result, #{file := File} = Job) ->
      || {N, #{scenario := Scenario, violation := Violation}} <- lists:enumerate(Others)
     ]).
 
-beside(File, N) -> lists:concat([filename:rootname(File), "-other-", N, ".term"]).
+beside(File, N) ->
+    starl_cli_out:free(lists:concat([filename:rootname(File), "-other-", N, ".term"])).
 
 other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
-    #{target := Target, scenario := Before} = Job,
+    #{target := Target, file := Small} = Job,
+    Inputs = starl_cli_inputs:read(inputs(Small), Target, Scenario),
     #{faults := Faults, robots := Robots} = Scenario,
     #{figures := Figures} = Met,
     Sized = Met#{figures := Figures#{faults := length(Faults), robots := Robots, drops := 0}},
-    case write(File, text(Sized, File, Target, Before)) of
+    case write(File, [{filename:basename(File), text(Sized, File, Inputs, Job)}]) of
         ok ->
             [
                 [
@@ -162,7 +170,8 @@ other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
 
 %% Reads and runs the file as `./starl run' does.
 replay(File, #{app := App}, #{digest := Digest}) ->
-    {ok, Given} = starl_sim_scenario:read(File),
+    {ok, Read} = starl_sim_scenario:read(File),
+    Given = starl_cli_inputs:resolved(App, File, maps:remove(app, Read)),
     {ok, Scenario} = starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)),
     case starl_lab_jobs:simulate(Scenario) of
         {ok, #{outcome := #{digest := Digest}}} -> true;
@@ -188,21 +197,19 @@ size(#{scenario := #{time := Time}, figures := Figures}, #{time := TimeBefore}) 
 seconds(Time) -> io_lib:format("~.2f", [float(Time)]).
 
 %% @doc The default file for the result.
--spec file(starl_cli_target:t(), starl_sim_scenario:t()) -> file:filename_all().
+-spec file(starl_cli_target:t(), starl_sim_scenario:t()) -> file:filename().
 file(#{name := Name}, Scenario) ->
     Seed = maps:get(seed, Scenario, 0),
     Base = lists:concat([Name, "-", Seed, "-shrunk.term"]),
     starl_cli_out:usual(Base).
 
-%% @doc The text of the scenario file: a comment on the violation, then the values that differ from
+%% The text of the scenario file: a comment on the violation, then the values that differ from
 %% the defaults.
--spec text(starl_sim_shrink:result(), file:filename_all(), starl_cli_target:t(), Before) ->
-    [unicode:chardata()]
-when
-    Before :: starl_sim_scenario:t().
-text(#{violation := Violation, scenario := Shrunk} = Result, File, Target, Before) ->
-    #{app := App} = Target,
-    Scenario = starl_cli_inputs:absolute(Target, Shrunk),
+-spec text(starl_sim_shrink:result(), file:filename(), starl_cli_inputs:t(), job()) ->
+    [unicode:chardata()].
+text(#{violation := Violation, scenario := Shrunk} = Result, File, Inputs, Job) ->
+    #{target := #{app := App}, scenario := Before} = Job,
+    Scenario = starl_cli_inputs:local(Inputs, Shrunk),
     Options = starl_cli_setup:options(App),
     Usual = maps:without([robots, seed, time, faults], starl_cli_flags:defaults(Options)),
     Lines = [
@@ -223,7 +230,7 @@ text(#{violation := Violation, scenario := Shrunk} = Result, File, Target, Befor
         Name,
         "\n",
         "#{\n",
-        lists:join(",\n", [line(app, starl_cli_files:app(Target)) | Lines]),
+        lists:join(",\n", [line(app, starl_cli_inputs:app(Inputs)) | Lines]),
         "\n}.\n"
     ].
 

@@ -196,7 +196,7 @@ runs(Count) -> io_lib:format(" (and so in ~b more runs)", [Count - 1]).
 
 file(Block, Seed) ->
     Name = lists:concat(["soak-", Block, "-", Seed, ".term"]),
-    starl_cli_out:usual(Name).
+    starl_cli_out:free(starl_cli_out:usual(Name)).
 
 small(File, Target, Scenario) ->
     Job = #{
