@@ -5,7 +5,10 @@
 -define(GB, 1_000_000_000).
 
 line(Robots, Mode, Available) ->
-    Lines = starl_cli_memory:check(#{robots => Robots, mode => Mode}, Available),
+    line(Robots, Mode, #{jobs => 1, nodes => true}, Available).
+
+line(Robots, Mode, Use, Available) ->
+    Lines = starl_cli_memory:check(#{robots => Robots, mode => Mode}, Use, Available),
     [unicode:characters_to_list(Line) || Line <- Lines].
 
 a_team_that_fits_is_no_problem_test() ->
@@ -36,6 +39,21 @@ the_advice_is_sound_test() ->
     ?assertEqual([], line(3760, process, ?GB)),
     ?assertMatch([_], line(3761, process, ?GB)).
 
+%% Runs at once, each in a VM of its own, need the memory of all; fewer at once are a way out, too.
+runs_at_once_test() ->
+    Use = #{jobs => 4, nodes => false},
+    ?assertEqual(
+        [
+            "--robots: 4000 robots in each of 4 runs at once need about 1.4 GB of memory, and 1.0 GB "
+            "are free; take up to 2714 robots, or --jobs 2"
+        ],
+        line(4000, inline, Use, ?GB)
+    ),
+    ?assertEqual([], line(4000, inline, Use#{jobs := 2}, ?GB)),
+    ?assertMatch([_], line(4000, inline, Use#{jobs := 3}, ?GB)),
+    ?assertEqual([], line(2714, inline, Use, ?GB)),
+    ?assertMatch([_], line(2715, inline, Use, ?GB)).
+
 more_processes_than_the_vm_has_test() ->
     Most = erlang:system_info(process_limit) div 10,
     [Line] = line(Most + 1, process, unknown),
@@ -49,9 +67,16 @@ available_test() ->
         Bytes -> ?assert(Bytes > 0)
     end.
 
-%% The command line asks.
+%% The command lines ask.
+-define(TOO_MANY, ["ring_shuttle", "--robots", "100000", "--mode", "process"]).
+
 a_run_is_refused_test() ->
-    Args = ["ring_shuttle", "--robots", "100000", "--mode", "process"],
-    {ok, Call} = starl_cli_dispatch:read(starl_cli_run, Args),
-    {error, [Line]} = starl_cli_setup:check(Call),
+    refused(starl_cli_run, fun starl_cli_setup:check/1, ?TOO_MANY).
+
+a_replay_is_refused_test() ->
+    refused(starl_cli_replay, fun starl_cli_replay:setup/1, ?TOO_MANY).
+
+refused(Command, Check, Args) ->
+    {ok, Call} = starl_cli_dispatch:read(Command, Args),
+    {error, [Line]} = Check(Call),
     ?assertMatch("--mode process: it is for up to " ++ _, unicode:characters_to_list(Line)).

@@ -35,6 +35,16 @@ sound_test_() ->
         narrow(Text)
     end}.
 
+%% More than the machine has: 256 VMs, each with 10,000 robots.
+too_large_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        Args = ["soak", "mutex", "--robots", "10000", "--seeds", "256", "--jobs", "256"],
+        case starl_cli_memory:available() of
+            Bytes when Bytes < 190_000_000_000 -> says(2, "in each of 256 runs at once", Args);
+            _ -> ok
+        end
+    end}.
+
 %% The broken blocks of the tests are compiled, run and found.
 planted_test_() ->
     {timeout, ?PATIENCE_S, fun() ->

@@ -345,6 +345,9 @@ bad_input_leaves_nothing_test_() ->
             says(2, "no.svg", Args(["--picture", "house,no.svg"])),
             says(2, "did you mean virtual_s?", Args(["--plot", "virtual"])),
             says(2, "not for 2000: ", Args(["--robots", "2,2000"])),
+            says(2, "it is for up to ", [
+                "sweep", "ring_shuttle", "--robots", "2,100000", "--mode", "process"
+            ]),
             says(2, "did you mean --seeds?", ["sweep", "painting", "--seed", "3"]),
             ?assertEqual({ok, []}, file:list_dir(Dir))
         end)

@@ -104,7 +104,8 @@ setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
     ),
     Inspect = robots(maps:get(inspect, Values)),
     {Unknown, Stop} = stop(maps:get(until, Values), Inspect),
-    case Unsound ++ Unwritable ++ Unknown ++ absent(Stop, Inspect, Scenario) of
+    Others = absent(Stop, Inspect, Scenario) ++ too_large(Unsound, Scenario),
+    case Unsound ++ Unwritable ++ Unknown ++ Others of
         [] ->
             {ok, #{
                 run => #{
@@ -123,6 +124,9 @@ setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
         Problems ->
             {error, Problems}
     end.
+
+too_large([], Scenario) -> starl_cli_memory:check(Scenario, #{jobs => 1, nodes => false});
+too_large(_Unsound, _Scenario) -> [].
 
 robots(none) -> [];
 robots(Ids) -> Ids.

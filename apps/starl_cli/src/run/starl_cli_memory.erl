@@ -2,7 +2,13 @@
 %% machine without memory ends the run, or everything, without a word.
 -module(starl_cli_memory).
 
--export([check/1, check/2, needed/1, available/0]).
+-export([check/1, check/2, check/3, largest/2, needed/1, available/0]).
+
+-export_type([use/0]).
+
+%% The number of runs at once, each in a VM of its own, and whether the command can spread a run over
+%% other machines.
+-type use() :: #{jobs := pos_integer(), nodes := boolean()}.
 
 %% Bytes for each robot, at the peak of a run: measured with teams of 3,000 (`ring_shuttle': 237 kB
 %% and 48 kB), rounded up. The bare VM comes on top.
@@ -14,35 +20,50 @@
 
 %% @doc One line if a run of this scenario needs more memory, or more processes, than there are.
 -spec check(starl_sim_scenario:t()) -> [unicode:chardata()].
-check(Scenario) -> check(Scenario, available()).
+check(Scenario) -> check(Scenario, #{jobs => 1, nodes => true}).
+
+%% @doc The same for other commands than a run.
+-spec check(starl_sim_scenario:t(), use()) -> [unicode:chardata()].
+check(Scenario, Use) -> check(Scenario, Use, available()).
+
+%% @doc The same for the largest of several scenarios.
+-spec largest([starl_sim_scenario:t(), ...], use()) -> [unicode:chardata()].
+largest(Scenarios, Use) ->
+    {_, Largest} = lists:max([{needed(Scenario), Scenario} || Scenario <- Scenarios]),
+    check(Largest, Use).
 
 %% @doc The same for a given memory in bytes.
--spec check(starl_sim_scenario:t(), Available :: non_neg_integer() | unknown) ->
+-spec check(starl_sim_scenario:t(), use(), Available :: non_neg_integer() | unknown) ->
     [unicode:chardata()].
-check(#{robots := Robots} = Scenario, Available) ->
+check(#{robots := Robots} = Scenario, #{jobs := Jobs} = Use, Available) ->
     Mode = starl_sim_plan:mode(Scenario),
     Processes = erlang:system_info(process_limit) div ?PROCESSES,
-    Needed = needed(Scenario),
+    Needed = Jobs * needed(Scenario),
     %% An atom is more than every number.
     if
         Mode =:= process, Robots > Processes ->
             [["--mode process: it is for ", up_to(Processes), "; take --mode inline for more"]];
         Needed > Available ->
-            [[needs(Robots, Needed, Available), ways_out(Mode, Available)]];
+            [[needs(Robots, Jobs, Needed, Available), ways_out(Mode, Scenario, Use, Available)]];
         true ->
             []
     end.
 
-needs(Robots, Needed, Available) ->
-    io_lib:format("--robots: ~b robots need about ~ts of memory, and ~ts are free; take ", [
-        Robots, amount(Needed), amount(Available)
+needs(Robots, Jobs, Needed, Available) ->
+    io_lib:format("--robots: ~b robots~ts need about ~ts of memory, and ~ts are free; take ", [
+        Robots,
+        [io_lib:format(" in each of ~b runs at once", [Jobs]) || Jobs > 1],
+        amount(Needed),
+        amount(Available)
     ]).
 
-ways_out(Mode, Available) ->
+ways_out(Mode, Scenario, #{jobs := Jobs, nodes := Nodes}, Available) ->
+    Fewer = Available div needed(Scenario),
     [
-        up_to(max(1, (Available - ?BARE) div each(Mode))),
+        up_to(max(1, (Available div Jobs - ?BARE) div each(Mode))),
         [", or --mode inline" || Mode =:= process],
-        ", or spread the run over other machines (--nodes)"
+        [io_lib:format(", or --jobs ~b", [Fewer]) || Fewer >= 1],
+        [", or spread the run over other machines (--nodes)" || Nodes]
     ].
 
 up_to(Robots) -> io_lib:format("up to ~b robots", [Robots]).

@@ -116,8 +116,16 @@ checked(#{app := App} = Given) ->
     {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
     Scenario.
 
--spec soak(plan(), own() | none) -> starl_cli_terminal:status().
-soak(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}, Own) ->
+soak(#{runs := Runs, jobs := Jobs} = Plan, Own) ->
+    Use = #{jobs => min(Jobs, length(Runs)), nodes => false},
+    Inline = [Scenario#{mode := inline} || {_, _, Scenario} <- Runs],
+    case starl_cli_memory:largest(Inline, Use) of
+        [] -> soaked(Plan, Own);
+        Problems -> {error, Problems}
+    end.
+
+-spec soaked(plan(), own() | none) -> starl_cli_terminal:status().
+soaked(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}, Own) ->
     ok = starl_cli_log:install(),
     {How, Founds} = starl_lab_jobs:run(
         Runs,

@@ -69,7 +69,7 @@ run(#{subject := Target, given := Given, values := Values, args := Args}) ->
     Unsound = lists:uniq([unicode:characters_to_list(L) || {_, {Ls, _}} <- Checked, L <- Ls]),
     Dir = directory(maps:get(out, Values), Name),
     {Unwritable, _} = starl_cli_setup:out(Dir, Name),
-    case Unsound ++ Unwritable of
+    case Unsound ++ Unwritable ++ too_large(Unsound, Checked, Grid, Values) of
         [] ->
             probed(#{
                 args => Args,
@@ -83,6 +83,14 @@ run(#{subject := Target, given := Given, values := Values, args := Args}) ->
         Problems ->
             {error, Problems}
     end.
+
+%% Every point has a run for each seed.
+too_large([], Checked, Grid, #{jobs := Jobs}) ->
+    Runs = length(Checked) * length(starl_lab_sweep_grid:seeds(Grid)),
+    Use = #{jobs => min(Jobs, Runs), nodes => false},
+    starl_cli_memory:largest([Scenario || {_, {_, Scenario}} <- Checked], Use);
+too_large(_Unsound, _Checked, _Grid, _Values) ->
+    [].
 
 directory(none, Name) -> starl_cli_out:usual(Name ++ "-sweep");
 directory(Dir, _Name) -> string:trim(Dir, trailing, "/").
