@@ -197,7 +197,7 @@ size(#{scenario := #{time := Time}, figures := Figures}, #{time := TimeBefore}) 
 seconds(Time) -> io_lib:format("~.2f", [float(Time)]).
 
 %% @doc The default file for the result.
--spec file(starl_cli_target:t(), starl_sim_scenario:t()) -> file:filename().
+-spec file(starl_cli_target:t(), starl_sim_scenario:t()) -> file:filename_all().
 file(#{name := Name}, Scenario) ->
     Seed = maps:get(seed, Scenario, 0),
     Base = lists:concat([Name, "-", Seed, "-shrunk.term"]),
