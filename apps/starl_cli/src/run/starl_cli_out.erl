@@ -38,7 +38,7 @@ usual(Name) -> filename:absname(filename:join("out", Name)).
 
 %% @doc The name of a file that does not exist yet: this one, or with -2, -3, ... before its
 %% extension.
--spec free(file:filename_all()) -> file:filename_all().
+-spec free(file:filename_all()) -> file:name_all().
 free(File) -> free(filelib:is_file(File), 2, File).
 
 free(false, _N, File) ->
