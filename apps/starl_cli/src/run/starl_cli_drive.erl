@@ -2,7 +2,7 @@
 %% length of the pieces does not change the run.
 -module(starl_cli_drive).
 
--export([with/2, with/3, run/3]).
+-export([with/2, with/3, run/3, watching/0]).
 
 -export_type([answer/1, ending/0]).
 
@@ -45,9 +45,11 @@ with(Scenario, Options, Do) ->
         exit:Reason -> {failed, Reason}
     end.
 
-watched(Options) ->
-    First = {starl_cli_first_crash, #{tell => fun starl_cli_progress:note/1}},
-    Options#{watch => [First | maps:get(watch, Options, [])]}.
+watched(Options) -> Options#{watch => watching() ++ maps:get(watch, Options, [])}.
+
+%% @doc The monitors that tell the user something while a run goes on.
+-spec watching() -> [{module(), map()}].
+watching() -> [{starl_cli_first_crash, #{tell => fun starl_cli_progress:note/1}}].
 
 started(Sim, Do) ->
     Watch = starl_cli_stall:watch(Sim),

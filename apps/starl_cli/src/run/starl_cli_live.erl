@@ -63,9 +63,15 @@ state_dir() ->
     Tmp = os:getenv("TMPDIR", "/tmp"),
     filename:join(Tmp, "starl-" ++ os:getpid()).
 
-options(Dir, Live, #{target := Target}, Values) ->
+options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
     #{pace := Pace, position_rate := Rate, whole_mm := Whole} = Values,
-    Common = #{dir => Dir, speed => Pace, rate_hz => Rate, whole_mm => Whole},
+    Common = #{
+        dir => Dir,
+        speed => Pace,
+        rate_hz => Rate,
+        whole_mm => Whole,
+        watch => starl_cli_drive:watching() ++ starl_cli_notes:watch(Scenario)
+    },
     case Live of
         here ->
             Common;

@@ -27,7 +27,7 @@
 -opaque t() :: #cluster{}.
 
 %% `transport': how packets travel between the nodes. `speed': 2.0 is twice as fast as real time; `air': other air than
-%% that of the scenario's radio. `dir': the
+%% that of the scenario's radio; `watch': further monitors, which only look on. `dir': the
 %% directory of the robots' stores. `code': modules that were compiled in memory. `metrics': robot N
 %% serves its metrics at this port plus N. `chaos': what
 %% happens to the nodes, at which times of the run. `log': gets each
@@ -37,6 +37,7 @@
     transport := dist | udp,
     speed => number(),
     air => starl_live_air:settings(),
+    watch => [{module(), map()}],
     rate_hz => number() | none,
     whole_mm => boolean(),
     metrics => inet:port_number() | none,
@@ -81,7 +82,7 @@
 %% @doc Starts the nodes and robots of a scenario.
 -spec start(#{app := module(), atom() => term()}, options()) -> {ok, t()} | {error, reason()}.
 start(Given, Options) ->
-    case starl_world:plan(Given, maps:get(speed, Options, 1)) of
+    case starl_world:plan(Given, Options) of
         {ok, {Scenario, Scene, Plan}} ->
             case gen_server:start_link(?MODULE, {Plan, Options}, [{timeout, infinity}]) of
                 {ok, Server} ->

@@ -72,12 +72,16 @@
     callers = [] :: [gen_server:from()]
 }).
 
-%% @doc Plans the run of a scenario that passes this much faster than real time. This computer has
-%% other work, too, so every bound on a duration is longer by some real time.
--spec plan(#{app := module(), atom() => term()}, Speed :: number()) ->
+%% @doc Plans the run of a scenario that passes `speed' times as fast as real time; `watch': further
+%% monitors, which only look on. This computer has other work, too, so every bound on a duration is
+%% longer by some real time.
+-spec plan(#{app := module(), atom() => term()}, #{
+    speed => number(), watch => [{module(), map()}], atom() => term()
+}) ->
     {ok, starl_sim:planned()} | {error, starl_sim:reason()}.
-plan(Given, Speed) ->
-    starl_sim:plan(Given#{mode => process}, #{slack_us => round(?SLACK_US * Speed)}).
+plan(Given, Options) ->
+    Slack = round(?SLACK_US * maps:get(speed, Options, 1)),
+    starl_sim:plan(Given#{mode => process}, (maps:with([watch], Options))#{slack_us => Slack}).
 
 %% @doc Starts the world of a run.
 -spec start_link(config()) -> gen_server:start_ret().

@@ -17,10 +17,11 @@
 -opaque t() :: #run{}.
 
 %% `speed': 2.0 is twice as fast as real time; `air': other air than
-%% that of the scenario's radio. `dir': where the robots' stores are.
+%% that of the scenario's radio; `watch': further monitors, which only look on. `dir': where the robots' stores are.
 -type options() :: #{
     speed => number(),
     air => starl_live_air:settings(),
+    watch => [{module(), map()}],
     dir := file:filename(),
     rate_hz => number() | none,
     whole_mm => boolean()
@@ -30,7 +31,7 @@
 -spec start(#{app := module(), atom() => term()}, options()) ->
     {ok, t()} | {error, starl_sim:reason()}.
 start(Given, Options) ->
-    case starl_world:plan(Given, maps:get(speed, Options, 1)) of
+    case starl_world:plan(Given, Options) of
         {ok, Planned} -> {ok, started(Planned, Options)};
         {error, _} = Error -> Error
     end.
