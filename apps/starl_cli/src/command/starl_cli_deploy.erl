@@ -51,23 +51,17 @@ flags(_Subject) ->
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() -> [{0, "done"}, {1, "a robot is not well, or not reached"}].
 
--spec subject(string(), [string()]) ->
-    {ok, {action(), starl_cli_fleet:t()}, [string()]} | {error, [unicode:chardata(), ...]}.
+%% The words after the file say what is wanted of the fleet.
+-spec subject(string(), [string()]) -> {ok, {file:filename(), Words :: [string()]}, [string()]}.
 subject(File, Args) ->
     {Words, Flags} = lists:splitwith(fun(Arg) -> hd(Arg ++ "-") =/= $- end, Args),
-    case lists:member("--help", Args) orelse fleet(Words, File) of
-        true -> {ok, help, Args};
-        {ok, Fleet} -> subject(action(Words, Fleet), Fleet, Flags);
-        {error, _} = Error -> Error
-    end.
+    {ok, {File, Words}, Flags}.
 
 %% To look at robots or to stop them, the application need not be sound.
 fleet([Word | _], File) when Word =/= "reload" -> starl_cli_fleet:robots(File);
 fleet(_, File) -> starl_cli_fleet:read(File).
 
-subject({error, Why}, _Fleet, _Flags) -> {error, [Why]};
-subject(Action, Fleet, Flags) -> {ok, {Action, Fleet}, Flags}.
-
+-spec action([string()], starl_cli_fleet:t()) -> action() | {error, unicode:chardata()}.
 action([], _Fleet) ->
     deploy;
 action(["status"], _Fleet) ->
@@ -118,9 +112,14 @@ run(#{subject := none}) ->
     {error, [
         "name a fleet file first, as in ./starl deploy fleet.term; ./starl deploy --example prints one"
     ]};
-run(#{subject := {Action, Fleet}, values := Values}) ->
-    act(Action, Fleet, Values).
+run(#{subject := {File, Words}, values := Values}) ->
+    case fleet(Words, File) of
+        {ok, Fleet} -> act(action(Words, Fleet), Fleet, Values);
+        {error, _} = Error -> Error
+    end.
 
+act({error, Why}, _Fleet, _Values) ->
+    {error, [Why]};
 act(deploy, Fleet, Values) ->
     deploy(Fleet, options(restart, Fleet, Values), Values);
 act(reload, Fleet, Values) ->

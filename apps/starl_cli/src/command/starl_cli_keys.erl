@@ -22,20 +22,18 @@ about(_Subject) ->
         "by the same command. Keep ca.key on this computer; ./starl deploy copies the others."
     ].
 
--spec subject(string(), [string()]) -> {ok, starl_cli_fleet:t(), [string()]} | {error, Lines} when
-    Lines :: [unicode:chardata(), ...].
-subject(File, Args) ->
+-spec subject(string(), [string()]) -> {ok, file:filename(), [string()]}.
+subject(File, Args) -> {ok, File, Args}.
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := File}) ->
     case starl_cli_fleet:read(File) of
-        {ok, Fleet} -> {ok, Fleet, Args};
+        {ok, #{fleet := Fleet}} -> made(starl_fleet_keys:make(Fleet));
         {error, _} = Error -> Error
     end.
 
--spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{subject := #{fleet := Fleet}}) ->
-    case starl_fleet_keys:make(Fleet) of
-        {ok, Lines} ->
-            starl_cli_terminal:out([[Line, "\n"] || Line <- Lines]),
-            0;
-        {error, Lines} ->
-            {error, Lines}
-    end.
+made({ok, Lines}) ->
+    starl_cli_terminal:out([[Line, "\n"] || Line <- Lines]),
+    0;
+made({error, _} = Error) ->
+    Error.
