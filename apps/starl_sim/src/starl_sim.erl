@@ -46,7 +46,9 @@
     nodes => starl_sim_nodes:nodes(),
     node_timeout_ms => pos_integer(),
     slack_us => non_neg_integer(),
-    code => [{module(), file:filename(), Beam :: binary()}]
+    code => [{module(), file:filename(), Beam :: binary()}],
+    %% those of the scenario, with their versions
+    reloads => [starl_sim_reloads:t()]
 }.
 
 %% A simulation that has not begun: its scenario with all defaults and drawn faults, its scene, and
@@ -62,6 +64,7 @@
     | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
     | {nodes, starl_sim_nodes:reason()}
     | {reload, {no_code, module()} | starl_sim_reload:reason()}
+    | {new_code, unicode:chardata()}
     | starl_sim_run:missed().
 
 %% @doc Starts the simulation of a scenario. The key `app' is the application's module, or its name
@@ -218,6 +221,8 @@ format_error({scenario, Reason}) ->
     starl_sim_scenario:format_error(Reason);
 format_error({What, Why}) when What =:= app; What =:= scene ->
     Why;
+format_error({new_code, Why}) ->
+    Why;
 format_error({no_such_app, App}) ->
     Meant =
         case starl_code:resembling(App) of
@@ -289,8 +294,15 @@ with_random_faults(Known, #{faults := Given, random_faults := What, heal := Heal
 longest(#{longest_fault := none}) -> #{};
 longest(#{longest_fault := Seconds}) -> #{longest_ms => max(1, round(1000 * Seconds))}.
 
+%% The new code of the scenario is loaded, here and on the nodes.
 planned(Scenario, Scene, Context, Options) ->
-    {ok, {Scenario, Scene, starl_sim_plan:make(Scenario, Scene, Context, Options)}}.
+    case starl_sim_reloads:make(Scenario, starl_sim_plan:parts(Scene)) of
+        {ok, Reloads, Code} ->
+            All = Options#{reloads => Reloads, code => Code ++ maps:get(code, Options, [])},
+            {ok, {Scenario, Scene, starl_sim_plan:make(Scenario, Scene, Context, All)}};
+        {error, Why} ->
+            {error, {new_code, Why}}
+    end.
 
 launch({Scenario, Scene, Plan}) ->
     case starl_sim_sup:start_link(Plan) of

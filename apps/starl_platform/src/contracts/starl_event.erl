@@ -41,13 +41,14 @@
 
 %% Any machine: it is gone, by its own fault or another; its stored term is unreadable; an event
 %% that it does not know; a message whose body it does not accept; the robot has no machine of this
-%% name, and another machine called it or sent it something.
+%% name, and another machine called it or sent it something; the outcome of a reload.
 -type machine() ::
     crashed
     | store_damaged
     | {unknown_event, starl_machine:event_type(), Content :: term()}
     | {malformed, From :: starl:robot_id(), starl_packet:type(), Body :: term()}
-    | {unknown_machine, starl_machine:name()}.
+    | {unknown_machine, starl_machine:name()}
+    | {reloaded, starl_reload:count(), starl_reload:outcome()}.
 
 %% Machine `app', beside the events that the application traces: it listens to a type; it has read a
 %% message, with the hash of its body (`erlang:phash2/1'); it had no room for a message; new code could not take its
@@ -71,7 +72,12 @@
 -opaque known() :: #{starl_machine:name() => #{Tag :: term() => [TupleSize :: non_neg_integer()]}}.
 
 -define(EVERY_MACHINE, [
-    {crashed, 0}, {store_damaged, 0}, {unknown_event, 2}, {malformed, 3}, {unknown_machine, 1}
+    {crashed, 0},
+    {store_damaged, 0},
+    {unknown_event, 2},
+    {malformed, 3},
+    {unknown_machine, 1},
+    {reloaded, 2}
 ]).
 -define(EVERY_APP, [{listens, 1}, {read, 3}, {inbox_full, 2}, {code_change_failed, 1}, {done, 1}]).
 

@@ -57,6 +57,8 @@ check([{store, _} | Rest]) ->
     check(Rest);
 check([{done, _} | Rest]) ->
     check(Rest);
+check([{reloaded, #{}} | Rest]) ->
+    check(Rest);
 check([Action | _]) ->
     wrong(Action);
 check(Other) ->

@@ -53,8 +53,24 @@
     %% the last thing waited for
     waits = nothing :: waits(),
     %% completed steps
-    steps = 0 :: non_neg_integer()
+    steps = 0 :: non_neg_integer(),
+    %% words on new code, to be heeded before the next step, in their order
+    switches = [] :: [starl_reload:word()],
+    trial = none :: trial() | none,
+    %% in the trial time: the messages that this step has read, newest first; those of a step that
+    %% was taken back
+    read = [] :: [message()],
+    again = [] :: [message()]
 }).
+
+%% The reload whose code runs, until when it is on trial, and the way back: the module and its
+%% version before, and the state before the switch, if the new code has converted it.
+-type trial() :: #{
+    switch := starl_reload:switch(),
+    until := integer(),
+    former := {module(), Md5 :: binary()},
+    kept := {state, term()} | unchanged
+}.
 
 %% A message that waits in the inbox.
 -type message() :: {From :: starl:robot_id(), starl_packet:type(), Body :: term()}.
@@ -86,16 +102,17 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
     receive
         {starl_boot, Boot} ->
             #{now := Now, random := Random, incarnation := Incarnation, stored := Stored} = Boot,
+            Code = maps:get(code, Boot, Module),
             _ = put(?TURN, #turn{
                 robot = Id,
-                module = Module,
+                module = Code,
                 driver = Driver,
                 now = Now,
                 random = Random,
                 stored = Stored,
                 tag = {Incarnation, 0}
             }),
-            run(Robot, Module, Args)
+            run(Robot, Code, Args)
     end.
 
 %% Every kind of crash carries its stack.
@@ -231,13 +248,24 @@ missing(Name) ->
 -spec await([starl_packet:type()], Us :: non_neg_integer() | infinity) ->
     {ok, message()} | timeout.
 await(Types, Us) ->
-    #turn{inbox = Inbox} = Turn = turn(),
-    case lists:splitwith(fun({_, Type, _}) -> not lists:member(Type, Types) end, Inbox) of
-        {Before, [Message | After]} ->
-            _ = put(?TURN, Turn#turn{inbox = Before ++ After}),
+    #turn{inbox = Inbox, again = Again} = Turn = turn(),
+    case {first(Types, Again), first(Types, Inbox)} of
+        {{Message, Left}, _} ->
+            _ = put(?TURN, noted(Message, Turn#turn{again = Left})),
+            {ok, Message};
+        {none, {Message, Left}} ->
+            _ = put(?TURN, Turn#turn{inbox = Left}),
             {ok, read(Message)};
-        {_, []} ->
+        {none, none} ->
             await_new(Types, Us)
+    end.
+
+first(_Types, []) ->
+    none;
+first(Types, Messages) ->
+    case lists:splitwith(fun({_, Type, _}) -> not lists:member(Type, Types) end, Messages) of
+        {Before, [Message | After]} -> {Message, Before ++ After};
+        {_, []} -> none
     end.
 
 %% @doc Waits for this time by the robot's own clock.
@@ -253,10 +281,10 @@ sleep(Us) ->
 
 %% -- internals ------------------------------------------------------------------------------
 
-loop(Robot, Module, State0, Version0) ->
-    {State, Version} = upgrade(Module, State0, Version0),
-    ok = count_step(Module),
-    case Module:step(Robot, State) of
+loop(Robot, Module0, State0, Version0) ->
+    {Module, State1, Version1} = switched({Module0, State0, Version0}, turn()),
+    {State, Version} = upgrade(Module, State1, Version1),
+    case attempted(Robot, Module, State, turn()) of
         {continue, Next} ->
             #turn{steps = Steps} = Turn = get(?TURN),
             _ = put(?TURN, Turn#turn{steps = Steps + 1}),
@@ -264,8 +292,9 @@ loop(Robot, Module, State0, Version0) ->
         {done, Result} ->
             perform([{done, Result}]),
             wait(fun(_, _) -> skip end);
-        Other ->
-            erlang:raise(error, {bad_return, {Module, step}, Other}, [step_of(Module)])
+        {crashed_in_trial, Cause} ->
+            {Former, Kept, Md5} = fallen_back(Cause, State, turn()),
+            loop(Robot, Former, Kept, Md5)
     end.
 
 count_step(Module) ->
@@ -283,6 +312,108 @@ step_of(Module) ->
         {ok, File, Line} -> {Module, step, 2, [{file, File}, {line, Line}]};
         none -> {Module, step, 2, []}
     end.
+
+%% A step of new code on trial may crash.
+attempted(Robot, Module, State, #turn{now = Now, trial = #{until := Until}} = Turn) when
+    Now < Until
+->
+    _ = put(?TURN, Turn#turn{read = []}),
+    try
+        stepped(Robot, Module, State)
+    catch
+        Class:Reason:Stack ->
+            case ?MODULE:now() < Until of
+                true ->
+                    Cause = starl_crash:cause(starl_crash:reason(Class, Reason, Stack)),
+                    {crashed_in_trial, Cause};
+                false ->
+                    erlang:raise(Class, Reason, Stack)
+            end
+    end;
+attempted(Robot, Module, State, _Turn) ->
+    stepped(Robot, Module, State).
+
+stepped(Robot, Module, State) ->
+    ok = count_step(Module),
+    case Module:step(Robot, State) of
+        {continue, _} = Continue -> Continue;
+        {done, _} = Done -> Done;
+        Other -> erlang:raise(error, {bad_return, {Module, step}, Other}, [step_of(Module)])
+    end.
+
+%% -- new code -------------------------------------------------------------------------------
+
+%% Heeds the words on new code that have come since the last step.
+switched(Running, #turn{switches = []}) ->
+    Running;
+switched(Running, #turn{switches = [Word | Words]} = Turn) ->
+    _ = put(?TURN, Turn#turn{switches = Words}),
+    switched(heeded(Word, Running), turn()).
+
+heeded({take, #{module := New} = Switch}, {Module, State, Version} = Running) ->
+    case carried(New, State, Version) of
+        {ok, Next} ->
+            tell(Switch, taken, New, []),
+            on_trial(Switch, {Module, Version}, kept(New, State)),
+            {New, Next, version(New)};
+        {failed, Cause} ->
+            tell(Switch, {migration_failed, Cause}, Module, []),
+            Running
+    end;
+heeded({back, N, Robot}, {_Module, State, _Version} = Running) ->
+    case turn() of
+        #turn{trial = #{switch := #{number := N} = Switch}} = Turn ->
+            {Former, _, _} = Back = way_back(State, Turn),
+            tell(Switch, {back, Robot}, Former, []),
+            Back;
+        #turn{} ->
+            Running
+    end.
+
+kept(New, State) ->
+    case erlang:function_exported(New, code_change, 2) of
+        true -> {state, State};
+        false -> unchanged
+    end.
+
+on_trial(#{trial_us := Us, module := New} = Switch, Former, Kept) ->
+    #turn{now = Now} = Turn = turn(),
+    Trial = #{switch => Switch, until => Now + Us, former => Former, kept => Kept},
+    _ = put(?TURN, Turn#turn{module = New, trial = Trial}),
+    ok.
+
+%% The step is taken back as far as it can be: what it has read will be read again. What it has done
+%% stands, as after any crash; the other machines learn of one.
+fallen_back(Cause, State, #turn{read = Read, again = Again} = Turn) ->
+    #turn{trial = #{switch := #{others := Others} = Switch}} = Turn,
+    _ = put(?TURN, Turn#turn{count = 0, read = [], again = lists:reverse(Read, Again)}),
+    {Former, _, _} = Back = way_back(State, turn()),
+    tell(Switch, {crashed, Cause}, Former, Others),
+    Back.
+
+way_back(State, #turn{trial = #{former := {Former, Md5}, kept := Kept}} = Turn) ->
+    _ = put(?TURN, Turn#turn{module = Former, trial = none}),
+    case Kept of
+        {state, Before} -> {Former, Before, Md5};
+        unchanged -> {Former, State, Md5}
+    end.
+
+tell(#{number := N}, Outcome, Module, Others) ->
+    perform([{reloaded, #{number => N, outcome => Outcome, module => Module, tell => Others}}]).
+
+%% A word on new code has come. Code that was not taken yet need not be taken back.
+hear({back, N, Robot} = Word, #turn{switches = Words, module = Module} = Turn) ->
+    case [S || {take, #{number := M} = S} <- Words, M =:= N] of
+        [Switch | _] ->
+            _ = put(?TURN, Turn#turn{switches = lists:delete({take, Switch}, Words)}),
+            tell(Switch, {back, Robot}, Module, []);
+        [] ->
+            _ = put(?TURN, Turn#turn{switches = Words ++ [Word]}),
+            ok
+    end;
+hear(Word, #turn{switches = Words} = Turn) ->
+    _ = put(?TURN, Turn#turn{switches = Words ++ [Word]}),
+    ok.
 
 version(Module) -> Module:module_info(md5).
 
@@ -312,6 +443,7 @@ await_other_code(Module, Failed) ->
 
 carried(Module, State, Old) ->
     try
+        {module, Module} = code:ensure_loaded(Module),
         case erlang:function_exported(Module, code_change, 2) of
             true -> {ok, Module:code_change(State, Old)};
             false -> {ok, State}
@@ -348,9 +480,16 @@ read({From, {app, _} = Type, Body} = Message) ->
     _ = put(?TURN, Turn#turn{unsaid = Unsaid + 1 - Said}),
     Credit = [{cast, sap, {read, app, Said}} || Said > 0],
     ok = perform([{trace, {read, From, Type, erlang:phash2(Body)}} | Credit]),
+    _ = put(?TURN, noted(Message, turn())),
     Message;
 read(Message) ->
+    _ = put(?TURN, noted(Message, turn())),
     Message.
+
+noted(Message, #turn{trial = #{until := Until}, now = Now, read = Read} = Turn) when Now < Until ->
+    Turn#turn{read = [Message | Read]};
+noted(_Message, Turn) ->
+    Turn.
 
 said(Unsaid, Free) when Unsaid >= ?READ_AT_ONCE; Free - Unsaid < ?READ_AT_ONCE -> Unsaid;
 said(_Unsaid, _Free) -> 0.
@@ -361,6 +500,9 @@ wait(Match) ->
     #turn{robot = Id, driver = Driver, actions = Actions} = Turn = get(?TURN),
     _ = starl_driver:done(Driver, Id, lists:reverse(Actions)),
     receive
+        {starl_step, code, Word, #{now := Now}} ->
+            ok = hear(Word, Turn#turn{actions = [], count = 0, now = Now}),
+            wait(Match);
         {starl_step, Type, Content, #{now := Now}} ->
             _ = put(?TURN, Turn#turn{actions = [], count = 0, now = Now}),
             heed(Type, Content),

@@ -97,4 +97,5 @@ plain({Module, Function, Args, Location}) when is_list(Args) ->
     plain({Module, Function, length(Args), Location});
 plain({Module, Function, Arity, Location}) ->
     File = filename:basename(proplists:get_value(file, Location, "")),
-    {Module, Function, Arity, File, proplists:get_value(line, Location, 0)}.
+    Line = proplists:get_value(line, Location, 0),
+    {starl_version:original(Module), Function, Arity, File, Line}.

@@ -32,9 +32,11 @@
 %% the platform: `{located, Tag, [{robot_id(), pose(), AgeUs}]}' after `sense', `{driven, Mark, Us}'
 %% or `{stalled, Mark, Told}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
 %% with a mark, `{restarted, Name}' when another machine of this robot has crashed and come back,
-%% `{given_up, Name}' when it does not come back (a machine may leave it unhandled).
+%% `{given_up, Name}' when it does not come back (a machine may leave it unhandled). The runner
+%% itself handles `code', a word on new code ({@link starl_reload}).
 -type event_type() ::
     cast
+    | code
     | {call, from()}
     | {reply, tag()}
     | {timeout, term()}
@@ -71,7 +73,9 @@
     %% a fact for the recording and the monitors
     | {trace, Event :: term()}
     %% the application has finished with this result
-    | {done, Result :: term()}.
+    | {done, Result :: term()}
+    %% the runner of a machine or an application tells how it has heeded a word on new code
+    | {reloaded, starl_reload:told()}.
 
 %% What a machine may know of the world when it handles an event: the robot's own clock (µs).
 -type meta() :: #{now := integer(), robot := starl:robot_id()}.
@@ -112,7 +116,14 @@
     result().
 %% Does the machine take messages of this type with this body ({@link starl_shape:is/2})?
 -callback accepts(starl_packet:type(), Body :: term()) -> boolean().
--optional_callbacks([accepts/2]).
+%% Carries the state of the module with this MD5 over to this one; as in gen_statem, `{down, Vsn}'
+%% carries it back. Code that converts states must be able to do both: else it is not taken. Without
+%% this callback the state stays as it is.
+-callback code_change(Md5 | {down, Md5}, State, Data) ->
+    {ok, State :: term(), Data :: term()}
+when
+    Md5 :: binary(), State :: term(), Data :: term().
+-optional_callbacks([accepts/2, code_change/3]).
 
 -record(machine, {
     %% the callback, looked up once; a fun of this kind calls the latest version of its module;
@@ -124,8 +135,16 @@
     data :: term()
 }).
 
+%% A machine that runs reloaded code: the module before, and until when the new one is on trial.
+-record(reloaded, {
+    machine :: #machine{},
+    switch :: starl_reload:switch(),
+    former :: module(),
+    until :: integer()
+}).
+
 %% A machine with its present state.
--opaque t() :: #machine{}.
+-opaque t() :: #machine{} | #reloaded{}.
 
 %% @doc A machine in its first state, with the actions of its start. `Base' is the platform's part
 %% of the configuration, `Config' the machine's own.
@@ -159,8 +178,16 @@ step(cast, {message, From, Type, Body} = Message, Meta, #machine{accepts = Accep
         true -> handle(cast, Message, Meta, Machine);
         false -> {[{trace, {malformed, From, Type, Body}}], Machine}
     end;
-step(Type, Content, Meta, Machine) ->
-    handle(Type, Content, Meta, Machine).
+step(code, Word, Meta, Machine) ->
+    switch(Word, Meta, Machine);
+step(Type, Content, Meta, #machine{} = Machine) ->
+    handle(Type, Content, Meta, Machine);
+step(Type, Content, Meta, #reloaded{machine = Machine} = Reloaded) ->
+    try step(Type, Content, Meta, Machine) of
+        {Actions, Next} -> {Actions, Reloaded#reloaded{machine = Next}}
+    catch
+        Class:Reason:Stack -> failed(Class, Reason, Stack, {Type, Content, Meta}, Reloaded)
+    end.
 
 handle(Type, Content, Meta, #machine{handle = Handle, state = State, data = Data} = Machine) ->
     case Handle(Type, Content, State, Data, Meta) of
@@ -191,18 +218,95 @@ checked(Actions) ->
 -spec bad_return(module(), init | handle_event, term()) -> no_return().
 bad_return(Module, Function, Other) -> error({bad_return, {Module, Function}, Other}).
 
+%% -- new code -------------------------------------------------------------------------------
+
+switch({take, Switch}, Meta, #reloaded{machine = Machine}) ->
+    switch({take, Switch}, Meta, Machine);
+switch({take, #{module := New} = Switch}, #{now := Now}, #machine{} = Machine) ->
+    Former = module(Machine),
+    #{trial_us := Us} = Switch,
+    try both_ways(New, Former, Machine) of
+        Next ->
+            Reloaded = #reloaded{
+                machine = Next, switch = Switch, former = Former, until = Now + Us
+            },
+            {[told(Switch, taken, New, [])], Reloaded}
+    catch
+        Class:Reason:Stack ->
+            Cause = starl_crash:cause(starl_crash:reason(Class, Reason, Stack)),
+            {[told(Switch, {migration_failed, Cause}, Former, [])], Machine}
+    end;
+switch({back, N, Robot}, _Meta, #reloaded{switch = #{number := N} = Switch} = Reloaded) ->
+    #reloaded{machine = Machine, former = Former} = Reloaded,
+    {[told(Switch, {back, Robot}, Former, [])], moved_back(Former, Machine)};
+switch({back, _, _}, _Meta, Machine) ->
+    {[], Machine}.
+
+told(#{number := N}, Outcome, Module, Others) ->
+    {reloaded, #{number => N, outcome => Outcome, module => Module, tell => Others}}.
+
+%% An event that crashed has done nothing: the former code handles it. If even the way back crashes,
+%% the machine does.
+failed(_Class, Reason, Stack, {Type, Content, #{now := Now} = Meta}, Reloaded) when
+    Now < Reloaded#reloaded.until
+->
+    #reloaded{machine = Machine, switch = Switch, former = Former} = Reloaded,
+    Cause = starl_crash:cause(starl_crash:reason(error, Reason, Stack)),
+    {Actions, Next} = step(Type, Content, Meta, moved_back(Former, Machine)),
+    {[told(Switch, {crashed, Cause}, Former, []) | Actions], Next};
+failed(Class, Reason, Stack, _Event, _Reloaded) ->
+    erlang:raise(Class, Reason, Stack).
+
+%% No code without a way back.
+both_ways(New, Former, Machine) ->
+    Next = moved_over(New, version(Former), Machine),
+    _ = moved_back(Former, Next),
+    Next.
+
+moved_over(New, Vsn, #machine{state = State0, data = Data0} = Machine) ->
+    {module, New} = code:ensure_loaded(New),
+    {ok, State, Data} =
+        case erlang:function_exported(New, code_change, 3) of
+            true -> New:code_change(Vsn, State0, Data0);
+            false -> {ok, State0, Data0}
+        end,
+    of_module(New, State, Data, Machine).
+
+moved_back(Former, #machine{state = State0, data = Data0} = Machine) ->
+    New = module(Machine),
+    {ok, State, Data} =
+        case erlang:function_exported(New, code_change, 3) of
+            true -> New:code_change({down, version(Former)}, State0, Data0);
+            false -> {ok, State0, Data0}
+        end,
+    of_module(Former, State, Data, Machine).
+
+of_module(Module, State, Data, Machine) ->
+    Machine#machine{
+        handle = fun Module:handle_event/5,
+        accepts = accepts(Module),
+        state = State,
+        data = Data
+    }.
+
+version(Module) -> Module:module_info(md5).
+
 %% @doc The callback module.
 -spec module(t()) -> module().
+module(#reloaded{machine = Machine}) ->
+    module(Machine);
 module(#machine{handle = Handle}) ->
     {module, Module} = erlang:fun_info(Handle, module),
     Module.
 
 %% @doc The present state, for inspection.
 -spec state(t()) -> term().
+state(#reloaded{machine = Machine}) -> state(Machine);
 state(#machine{state = State}) -> State.
 
 %% @doc The present data, for inspection.
 -spec data(t()) -> term().
+data(#reloaded{machine = Machine}) -> data(Machine);
 data(#machine{data = Data}) -> Data.
 
 %% As in gen_statem, a state time-out does not outlive its state.

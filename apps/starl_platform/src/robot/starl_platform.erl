@@ -15,7 +15,8 @@
     | {sense, [starl:robot_id()], Tag :: term()}
     | {drive, starl_chassis:script(), Mark :: term()}
     | {actuate, Device :: atom(), Value :: term()}
-    | {actuate, Device :: atom(), Value :: term(), Mark :: term()}.
+    | {actuate, Device :: atom(), Value :: term(), Mark :: term()}
+    | {reloaded, starl_reload:told()}.
 
 %% Carries out an action of the machine `Name'; returns the events that answer it at once, in the
 %% order in which they are to be delivered.
@@ -38,6 +39,8 @@
 %% <dt>`{actuate, Device, Value, Mark}'</dt><dd>the same, answered by the event `{Name, info,
 %%   {actuated, Mark, Device, Value}}' with the state that the device's sensor shows then; a command
 %%   or an answer may be lost</dd>
+%% <dt>`{reloaded, Told}'</dt><dd>tells how the machine has heeded a word on new code; answered by
+%%   `{Other, info, {restarted, Name}}' for each machine that is to learn of a crash</dd>
 %% </dl>
 -callback perform(world_action(), starl_machine:name(), State) ->
     {[starl_robot:local()], State}

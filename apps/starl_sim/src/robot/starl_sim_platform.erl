@@ -15,7 +15,7 @@
 -export([new/3, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
 -export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
 -export([now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
--export([turn_wheels/1, beat/2, says/2, postpone/2]).
+-export([turn_wheels/1, beat/2, says/2, postpone/2, reload/2, take_back/2, fallen/3]).
 
 -export_type([t/0, world/0, yield/0]).
 
@@ -40,7 +40,10 @@
     location := [starl_sim_fault:compiled()],
     actuation := [starl_sim_fault:compiled()],
     store := [starl_sim_fault:compiled()],
-    record => #{starl:robot_id() => starl_sim_ledger:range()}
+    record => #{starl:robot_id() => starl_sim_ledger:range()},
+    %% the reloads by number, and the modules of a robot's machines
+    reloads => #{pos_integer() => starl_sim_reloads:t()},
+    parts => #{starl_machine:name() => module()}
 }.
 
 %% The yield of a window: events for other robots or later windows; the trace, newest
@@ -124,9 +127,9 @@ yield(#body{later = Later, traces = Traces, changes = Changes}) -> {Later, Trace
 
 %% @doc The start configuration of a machine.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
-base(Name, Incarnation, #body{id = Id, world = World} = Body) ->
+base(Name, Incarnation, #body{id = Id, world = World, store = Store} = Body) ->
     #{seed := Seed, team := Team} = World,
-    #{
+    (code(Name, Store))#{
         robot => Id,
         participants => Team,
         name => Name,
@@ -139,6 +142,12 @@ base(Name, Incarnation, #body{id = Id, world = World} = Body) ->
 %% @doc The term that a machine finds when it starts now.
 -spec stored(starl_machine:name(), t()) -> starl_machine:stored().
 stored(Name, #body{now = Now, store = Store}) -> starl_sim_store:kept(Name, Now, Store).
+
+code(Name, Store) ->
+    case starl_reload:present(Name, first, starl_sim_store:codes(Store)) of
+        first -> #{};
+        Module -> #{code => Module}
+    end.
 
 %% @doc The application has ended. Its first end counts, unless a result follows.
 -spec ended(starl_robot:ended(), t()) -> t().
@@ -166,6 +175,9 @@ piece(#body{vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
 -spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
 handles(Machine, info, {located, _Tag, Seen}, Body) ->
     handles(Machine, info, {located, [{Robot, Pose} || {Robot, Pose, _Age} <- Seen]}, Body);
+handles(Machine, code, {take, #{number := N}}, Body) ->
+    %% the names of versions depend on the compiler's release
+    handles(Machine, code, {take, N}, Body);
 handles(Machine, Type, Content, #body{now = Now, chain = Chain} = Body) ->
     Body#body{chain = starl_sim_chain:add(Now, Machine, Type, Content, Chain)}.
 
@@ -203,7 +215,9 @@ perform({sense, Robots, Tag}, Name, Body) ->
 perform({actuate, Device, Value}, _Name, Body) ->
     {[], actuate(Device, Value, none, Body)};
 perform({actuate, Device, Value, Mark}, Name, Body) ->
-    {[], actuate(Device, Value, {Name, Mark}, Body)}.
+    {[], actuate(Device, Value, {Name, Mark}, Body)};
+perform({reloaded, #{tell := Tell} = Told}, Name, Body) ->
+    {[{To, info, {restarted, Name}} || To <- Tell], reloaded(Told, Name, Body)}.
 
 %% @doc Keeps a term of a machine over crashes and reboots.
 -spec store(starl_machine:name(), term(), t()) -> {ok, t()} | full.
@@ -212,6 +226,56 @@ store(Name, Term, #body{store = Store, now = Now} = Body) ->
         {ok, Next} -> {ok, Body#body{store = Next}};
         full -> full
     end.
+
+%% -- new code -------------------------------------------------------------------------------
+
+%% @doc A reload begins: the words for the robot's machines, which start with this code from now on.
+-spec reload(pos_integer(), t()) -> {[{starl_machine:name(), starl_reload:word()}], t()}.
+reload(N, #body{world = #{reloads := Reloads, parts := Parts}, store = Store} = Body) ->
+    #{N := #{order := Order}} = Reloads,
+    {Words, Codes} = starl_reload:take(Order, Body#body.now, Parts, starl_sim_store:codes(Store)),
+    {Words, Body#body{store = starl_sim_store:codes(Codes, Store)}}.
+
+%% @doc A reload has failed elsewhere: the machines that have to go back, which start with the
+%% former code from now on.
+-spec take_back(pos_integer(), t()) -> {[starl_machine:name()], t()}.
+take_back(N, #body{store = Store} = Body) ->
+    {Names, Codes} = starl_reload:back(N, starl_sim_store:codes(Store)),
+    {Names, Body#body{store = starl_sim_store:codes(Codes, Store)}}.
+
+%% @doc A machine has ended by itself: new code on trial, which it could not even start with or
+%% which could not go back in peace, is given up.
+-spec fallen(starl_machine:name(), starl_crash:cause() | none, t()) -> t().
+fallen(_Name, none, Body) ->
+    Body;
+fallen(Name, Cause, #body{now = Now, store = Store} = Body) ->
+    case starl_reload:on_trial(Name, Now, starl_sim_store:codes(Store)) of
+        {N, Former} ->
+            Told = #{number => N, outcome => {crashed, Cause}, module => Former, tell => []},
+            reloaded(Told, Name, Body);
+        none ->
+            Body
+    end.
+
+reloaded(#{number := N, outcome := Outcome, module := Module}, Name, #body{id = Id} = Body) ->
+    #body{store = Store} = Traced = trace(Name, {reloaded, N, Outcome}, Body),
+    Line = unicode:characters_to_binary(starl_reload:format(Id, Name, Module, Outcome)),
+    logger:notice(#{what => reload, number => N, outcome => Line}, #{domain => [starl, sim]}),
+    Codes = starl_reload:settled(Name, N, Module, starl_sim_store:codes(Store)),
+    Settled = Traced#body{store = starl_sim_store:codes(Codes, Store)},
+    case starl_reload:is_failure(Outcome) of
+        true -> tell_all(N, Settled);
+        false -> Settled
+    end.
+
+tell_all(N, #body{id = Id, world = #{reloads := Reloads} = World} = Body) ->
+    #{N := #{robots := Robots}} = Reloads,
+    #{delay_us := {Window, _}} = World,
+    Due = Body#body.now + starl_sim_reloads:news_us(Window),
+    lists:foldl(fun(Robot, B) -> told(Robot, Due, {reload_failed, N, Id}, B) end, Body, Robots).
+
+told(Robot, Due, News, #body{id = Id, seq = Seq, later = Later} = Body) ->
+    Body#body{seq = Seq + 1, later = [{Robot, Due, ?CLASS_WORLD, Id, Seq, News} | Later]}.
 
 %% -- the radio ------------------------------------------------------------------------------
 

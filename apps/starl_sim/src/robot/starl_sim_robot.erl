@@ -291,10 +291,22 @@ strike({kill_machine, Name}, #robot{robot = Robot} = Site) ->
     end;
 strike({pause, Until}, #robot{hold = {Before, Lag}} = Site) ->
     postpone(Site#robot{hold = {max(Before, Until), Lag}});
+strike({reload, N}, Site) ->
+    {Words, Body} = starl_sim_platform:reload(N, body(Site)),
+    heeded(Words, body(Body, Site));
+strike({reload_failed, N, Failed}, Site) ->
+    {Names, Body} = starl_sim_platform:take_back(N, body(Site)),
+    heeded([{Name, {back, N, Failed}} || Name <- Names], body(Body, Site));
 strike({lag, Lag}, #robot{hold = {Until, _}} = Site) ->
     postpone(Site#robot{hold = {Until, Lag}});
 strike(Fault, #robot{robot = Robot} = Site) ->
     strike(Fault, starl_robot:condition(Robot), Site).
+
+%% Its machines get words on new code; a robot that is down starts with it.
+heeded(Words, #robot{robot = Robot} = Site) ->
+    Machines = starl_robot:machines(Robot),
+    Local = [{Name, code, Word} || {Name, Word} <- Words, starl_robot_machines:has(Name, Machines)],
+    Site#robot{robot = starl_robot:then(Local, Robot)}.
 
 %% Faults of the whole robot.
 strike(kill_robot, Condition, Site) when Condition =/= dead ->
@@ -325,7 +337,8 @@ crashed(Name, Reason, #robot{robot = Robot, tree = Tree, crashes = Crashes} = Si
     Remembered = Site#robot{
         crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED), despair = Despair
     },
-    Bare = starl_robot:lost(Name, Reason, Robot),
+    Fallen = starl_sim_platform:fallen(Name, starl_crash:cause(Reason), starl_robot:world(Robot)),
+    Bare = starl_robot:lost(Name, Reason, starl_robot:world(Fallen, Robot)),
     Restarted = starl_robot_tree:restart(Name, starl_robot:machines(Bare), Tree),
     case starl_robot_tree:give_up(Hope, Name, Restarted, Tree) of
         {ok, #{back := Back, given_up := GivenUp, lost := Lost}, Machines} ->

@@ -1,14 +1,16 @@
 %% @doc The durable store of a simulated robot: the terms that its machines keep over crashes and
-%% reboots, and the faults of the class `store'.
+%% reboots, the code that they start with if it is not their first, and the faults of the class
+%% `store'.
 -module(starl_sim_store).
 
--export([new/1, keep/4, kept/3]).
+-export([new/1, keep/4, kept/3, codes/1, codes/2]).
 
 -export_type([t/0]).
 
 -record(store, {
     faults :: [starl_sim_fault:compiled()],
-    kept = #{} :: #{starl_machine:name() => term()}
+    kept = #{} :: #{starl_machine:name() => term()},
+    codes = #{} :: starl_reload:codes()
 }).
 
 -opaque t() :: #store{}.
@@ -34,6 +36,14 @@ kept(Name, Now, #store{kept = Kept} = Store) ->
         {#{Name := Term}, false} -> {stored, Term};
         {#{}, _} -> none
     end.
+
+%% @doc The code of its machines.
+-spec codes(t()) -> starl_reload:codes().
+codes(#store{codes = Codes}) -> Codes.
+
+%% @doc The store with other code.
+-spec codes(starl_reload:codes(), t()) -> t().
+codes(Codes, Store) -> Store#store{codes = Codes}.
 
 suffers(Kind, Now, #store{faults = Faults}) ->
     lists:keymember(Kind, 4, starl_sim_fault:holding(Now, Faults)).

@@ -2,7 +2,7 @@
 %% their machines, the world, the faults with their times, the monitors.
 -module(starl_sim_plan).
 
--export([context/2, make/4, mode/1]).
+-export([context/2, make/4, mode/1, parts/1]).
 
 -export_type([t/0]).
 
@@ -71,20 +71,36 @@ sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
     t().
 make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     #{delay := {MinMs, _}, shards := Shards, faults := Faults} = Scenario,
+    Reloads = maps:get(reloads, Options, []),
     Profiles = profiles(maps:get(profile, Scene, #{}), Scenario),
     Plan = #{
         robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
         crew => crew(mode(Scenario), Scene, Profiles, Context),
-        world => world(Scenario, Profiles, Context, Options),
+        world => maps:merge(
+            world(Scenario, Profiles, Context, Options),
+            starl_sim_reloads:world(Reloads, parts(Scene))
+        ),
         window_us => round(MinMs * 1000),
         limit_us => limit_us(Scenario),
         shards => shards(Shards, length(Ids), Options),
-        faults => strikes(Faults),
+        faults => strikes(Faults, Reloads),
         monitors =>
             monitors(Scenario, Scene, Profiles, Context, maps:get(slack_us, Options, 0)) ++
             maps:get(watch, Options, [])
     },
     maps:merge(Plan, nodes(Scenario, Scene, Options)).
+
+%% @doc The modules of a robot's machines.
+-spec parts(starl_scene:t()) -> #{starl_machine:name() => module()}.
+parts(Scene) ->
+    Sap = maps:get(sap_machine, Scene, starl_sap),
+    Blocks = maps:from_list([{Name, M} || {Name, M, _} <- maps:get(blocks, Scene, [])]),
+    Blocks#{
+        app => element(2, maps:get(app, Scene)),
+        sap => Sap,
+        location => starl_location,
+        motion => starl_motion
+    }.
 
 nodes(#{app := App}, #{app := Playing} = Scene, #{nodes := Nodes} = Options) ->
     Sap = maps:get(sap_machine, Scene, starl_sap),
@@ -202,8 +218,10 @@ deadline_us(#{heal := Heal, converge := Converge, faults := Faults}) ->
 limit_us(#{converge := none, time := Time}) -> micros(Time);
 limit_us(#{time := Time} = Scenario) -> min(micros(Time), deadline_us(Scenario)).
 
-strikes(Faults) ->
-    Strikes = lists:append([starl_sim_fault:strikes(Fault) || Fault <- Faults]),
+strikes(Faults, Reloads) ->
+    Strikes =
+        lists:append([starl_sim_fault:strikes(Fault) || Fault <- Faults]) ++
+            starl_sim_reloads:strikes(Reloads),
     [
         {Robot, Time, 0, 0, N, Strike}
      || {N, {Robot, Time, Strike}} <- lists:zip(lists:seq(1, length(Strikes)), Strikes)
