@@ -26,10 +26,13 @@ all() ->
     [reloads, replayed, half_of_the_team, all_go_back, down_meanwhile, killed_meanwhile, mistakes].
 
 init_per_suite(Config) ->
-    File = filename:join(proplists:get_value(priv_dir, Config), "two.svg"),
+    File = filename:join(proplists:get_value(priv_dir, Config), "lines.svg"),
+    Lines = [
+        io_lib:format("<path stroke='red' d='M 10 ~b L 40 ~b'/>", [Y, Y])
+     || Y <- [10, 30, 50, 70, 90]
+    ],
     ok = file:write_file(File, [
-        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 100 100'>",
-        "<path stroke='red' d='M 10 10 L 60 10'/><path stroke='red' d='M 10 80 L 60 80'/></svg>"
+        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 100 100'>", Lines, "</svg>"
     ]),
     starl_platform_ct:without_log([{picture, File} | Config]).
 
@@ -40,11 +43,15 @@ end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 reloads(Config) ->
     Runs = list_to_integer(os:getenv("STARL_RELOADS", integer_to_list(?RUNS))),
     Taken = [outcomes(Seed, Config) || Seed <- lists:seq(1, Runs)],
+    ok = enough(length([T || T <- Taken, T =/= []]), Runs),
     Kinds = lists:usort([kind(O) || Outcomes <- Taken, {_, _, _, O} <- Outcomes]),
-    ct:pal("~b runs, ~b with a reload in time, outcomes: ~p", [
-        Runs, length([T || T <- Taken, T =/= []]), Kinds
-    ]),
     ?assertEqual([back, crashed, migration_failed, taken], Kinds).
+
+%% Some reloads come too late: the applications are done, or in their last steps.
+enough(InTime, Runs) ->
+    ct:pal("~b runs, ~b with a reload in time", [Runs, InTime]),
+    ?assert(2 * InTime > Runs),
+    ok.
 
 outcomes(Seed, Config) ->
     {Scenario, Variant} = drawn(Seed, Config),
@@ -76,7 +83,7 @@ painting(Config) ->
         40000
     }.
 
-search() -> {#{app => starl_reload_search, robots => 4}, starl_reload_search, 12000}.
+search() -> {#{app => starl_reload_search, robots => 4, rooms => 20}, starl_reload_search, 12000}.
 
 machine(Config) ->
     {Given, _, MostMs} = painting(Config),
@@ -113,7 +120,7 @@ judged(Variant, #{app := App} = Scenario, {Ending, Outcome, Report}) ->
     Outcomes.
 
 reloaded(Outcome) ->
-    [{T, R, Name, O} || {T, R, Name, {reloaded, 1, O}} <- starl_sim_ct:trace(Outcome)].
+    [{T, R, Name, O} || {T, R, Name, {reloaded, 1, O}} <- starl_sim_ct:trace(Outcome), O =/= done].
 
 %% Good code never fails; some bad code fails as soon as it is taken, other may come too late to.
 failed(Variant, Outcomes) ->
@@ -140,7 +147,7 @@ all_back(Outcomes, #{end_us := End}) ->
     ?assert(Early =:= [] orelse not lists:member(taken, maps:values(Last))),
     ok.
 
-kind(taken) -> taken;
+kind(Outcome) when is_atom(Outcome) -> Outcome;
 kind(Outcome) -> element(1, Outcome).
 
 %% -- single runs ----------------------------------------------------------------------------

@@ -5,13 +5,13 @@
 -include_lib("stdlib/include/assert.hrl").
 
 -export([all/0, init_per_suite/1, end_per_suite/1, init_per_testcase/2, end_per_testcase/2]).
--export([messages/1, killed/1, all_killed/1, cut/1, commands/1, nothing_left/1]).
+-export([messages/1, killed/1, all_killed/1, cut/1, commands/1, reloads/1, nothing_left/1]).
 %% called in the conductor
--export([play/3]).
+-export([play/4]).
 
 -define(SPEED, 10).
 
-all() -> [messages, killed, all_killed, cut, commands, nothing_left].
+all() -> [messages, killed, all_killed, cut, commands, reloads, nothing_left].
 
 init_per_suite(Config) ->
     Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
@@ -92,11 +92,45 @@ commands(Config) ->
      || {{Words, Part}, {_, Answer}} <- lists:zip(Asked, Answers)
     ].
 
+%% New code on all nodes: good code; code that crashes is rolled back everywhere, which is said for
+%% each robot; a node that was killed meanwhile runs the present code.
+reloads(Config) ->
+    Outcome =
+        {_, Answers} = run(
+            dist,
+            150,
+            [
+                {heard, 3, {reload, ["code_change(S, _) -> S."], "step"}},
+                {heard, 6, {reload, ["step(_, _) -> error(planted)."], "former"}},
+                {heard, 9, {reload, ["code_change(_, _) -> error(planted)."], "step"}},
+                {heard, 12, {kill, 1}},
+                {heard, 12, {ask, [["reload", "starl_world_app"], ["reload", "no_such_code"]]}}
+            ],
+            Config
+        ),
+    ?assertEqual([{done, 150}, {done, 150}], results(element(1, Outcome))),
+    Texts = [lists:flatten(io_lib:format("~ts", [Text])) || {_, Text} <- Answers],
+    ?assertMatch([_, _, _, _, _], Texts),
+    [
+        ?assertEqual({Text, true}, {Text, string:find(Text, Part) =/= nomatch})
+     || {Text, Parts} <- lists:zip(Texts, [
+            ["starl_world_app: reloaded on 2 robots"],
+            ["rolled back: the new code crashed: planted at starl_world_app:step/2", "since the"],
+            [
+                "rolled back: the state could not be carried over: planted",
+                "since the reload failed"
+            ],
+            ["starl_world_app: reloaded on"],
+            ["there is no code of no_such_code"]
+        ]),
+        Part <- Parts
+    ].
+
 %% The VM of the cluster is killed: no node of it is left.
 nothing_left(Config) ->
     Conductor = proplists:get_value(conductor, Config),
     Pids = in_conductor(
-        play, [dist, [{heard, 5, os_pids}], proplists:get_value(dir, Config)], Config
+        play, [dist, 30, [{heard, 5, os_pids}], proplists:get_value(dir, Config)], Config
     ),
     Own = peer:call(Conductor, os, getpid, []),
     ?assert(lists:all(fun is_alive/1, Pids)),
@@ -117,20 +151,22 @@ gone(OsPid) ->
 
 %% -- in the conductor -----------------------------------------------------------------------
 
-run(Transport, Script, Config) ->
+run(Transport, Script, Config) -> run(Transport, 30, Script, Config).
+
+run(Transport, N, Script, Config) ->
     Dir = filename:join(proplists:get_value(dir, Config), Transport),
-    in_conductor(play, [Transport, Script, Dir], Config).
+    in_conductor(play, [Transport, N, Script, Dir], Config).
 
 in_conductor(Function, Args, Config) ->
     peer:call(proplists:get_value(conductor, Config), ?MODULE, Function, Args, 120000).
 
-%% Robot 1 sends the numbers up to 30 to robot 2, which tells this process of each. The script says
+%% Robot 1 sends the numbers up to N to robot 2, which tells this process of each. The script says
 %% what happens after which number; then the run goes on to its end.
 %% The cluster is linked to a process that stays, whatever becomes of the caller.
-play(Transport, Script, Dir) ->
+play(Transport, N, Script, Dir) ->
     Caller = self(),
     {Player, Ref} = spawn_monitor(fun() ->
-        Caller ! {played, self(), start(Transport, Script, Dir)},
+        Caller ! {played, self(), start(Transport, N, Script, Dir)},
         receive
             never -> ok
         end
@@ -140,9 +176,9 @@ play(Transport, Script, Dir) ->
         {'DOWN', Ref, _, _, Reason} -> exit(Reason)
     end.
 
-start(Transport, Script, Dir) ->
+start(Transport, N, Script, Dir) ->
     _ = process_flag(trap_exit, true),
-    Play = #{1 => {numbers, 2, 1, 30, self()}, 2 => {count, 1, 30, self()}},
+    Play = #{1 => {numbers, 2, 1, N, self()}, 2 => {count, 1, N, self()}},
     {ok, Cluster} = starl_cluster:start(
         #{app => starl_world_app, robots => 2, loss => 0.1, play => Play},
         #{dir => Dir, transport => Transport, speed => ?SPEED}
@@ -159,12 +195,12 @@ played([], Answers, Cluster) ->
     answer(Outcome, Answers);
 played([{heard, N, Act} | Script], Answers, Cluster) ->
     ok = heard(N),
-    played(Script, act(Act, Cluster) ++ Answers, Cluster);
+    played(Script, Answers ++ act(Act, Cluster), Cluster);
 played([{lost, Act} | Script], Answers, Cluster) ->
     receive
         {lost, _} -> ok
     end,
-    played(Script, act(Act, Cluster) ++ Answers, Cluster).
+    played(Script, Answers ++ act(Act, Cluster), Cluster).
 
 answer(Outcome, []) -> Outcome;
 answer(Outcome, Answers) -> {Outcome, Answers}.
@@ -191,8 +227,32 @@ act({cut, A, B}, Cluster) ->
 act(heal, Cluster) ->
     ok = starl_cluster:heal(Cluster),
     [];
+act({reload, Texts, Step}, Cluster) ->
+    Code = changed(Texts, list_to_atom(Step)),
+    [starl_cluster:reload(Cluster, [Code], #{trial_ms => 1000})];
 act({ask, Questions}, _Cluster) ->
     [starl_cluster_control:ask(Words, list_to_integer(os:getpid())) || Words <- Questions].
+
+%% The application of these runs with further functions; its own `step/2' under this name.
+changed(Texts, Step) ->
+    {Module, Beam, File} = code:get_object_code(starl_world_app),
+    {ok, {_, [{abstract_code, {raw_abstract_v1, Forms}}]}} =
+        beam_lib:chunks(Beam, [abstract_code]),
+    New = [form(Text) || Text <- Texts],
+    Exports = [{attribute, 1, export, [{Name, 2}]} || {function, _, Name, 2, _} <- New],
+    {Head, Rest} = lists:splitwith(fun(F) -> element(1, F) =/= function end, Forms),
+    Kept = [renamed(F, Step) || F <- Rest, element(1, F) =/= eof],
+    Options = [binary, debug_info, nowarn_unused_function],
+    {ok, Module, Code} = compile:forms(Head ++ Exports ++ Kept ++ New, Options),
+    {Module, File, Code}.
+
+renamed({function, At, step, 2, Clauses}, Step) -> {function, At, Step, 2, Clauses};
+renamed(Form, _Step) -> Form.
+
+form(Text) ->
+    {ok, Tokens, _} = erl_scan:string(Text),
+    {ok, Form} = erl_parse:parse_form(Tokens),
+    Form.
 
 %% -- helpers --------------------------------------------------------------------------------
 

@@ -29,6 +29,9 @@ about(none) ->
             {"cluster cut N M", "robots N and M do not hear each other"},
             {"cluster freeze N", "robot N gets no new positions"},
             {"cluster heal", "undoes all cuts and freezes"},
+            {"cluster reload CODE",
+                "new code for all robots: an application, FILE.erl or a module; what fails within 5 s "
+                "is rolled back everywhere"},
             {"cluster stop", "ends the run"}
         ]},
         "./starl cluster TARGET --help lists the flags of TARGET."
@@ -79,7 +82,14 @@ subject(Word, Args) ->
             starl_cli_target:subject(Word, Args);
         Arity ->
             {Words, Rest} = lists:split(min(Arity, length(Args)), Args),
-            {ok, {control, [Word | Words]}, Rest}
+            {ok, {control, [Word | [path(W) || W <- Words]]}, Rest}
+    end.
+
+%% The cluster may run in another directory.
+path(Word) ->
+    case filename:extension(Word) of
+        ".erl" -> filename:absname(Word);
+        _ -> Word
     end.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().

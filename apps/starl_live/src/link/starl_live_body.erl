@@ -22,6 +22,7 @@
     started/2
 ]).
 -export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
+-export([reload/3, take_back/2, fallen/3, gone/3]).
 
 -export_type([t/0, config/0, figures/0]).
 
@@ -37,6 +38,9 @@
     chassis := pid(),
     sink := pid() | none,
     record := starl_live_record:t() | none,
+    parts := #{starl_machine:name() => module()},
+    codes => starl_reload:codes(),
+    reporter => pid(),
     atom() => term()
 }.
 
@@ -53,6 +57,10 @@
     chassis :: pid(),
     sink :: pid() | none,
     record :: starl_live_record:t() | none,
+    %% the modules of the robot's machines, those of new code, and who is told about reloads
+    parts :: #{starl_machine:name() => module()},
+    codes :: starl_reload:codes(),
+    reporter = none :: pid() | none,
     %% the time at which the present step began
     now :: integer(),
     %% the marks of timers
@@ -77,13 +85,15 @@
     | {sense, Tag :: term(), [starl:robot_id()]}
     | {drive, starl_chassis:script(), Mark :: term()}
     | {actuate, atom(), term(), {mark, term()} | none}
+    | {report, term()}
     | stop.
 
 %% @doc The body of a robot.
 -spec new(config()) -> t().
 new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink := Sink} = Config) ->
     #{transport := Transport, positioning := Positioning, chassis := Chassis} = Config,
-    #{record := Record} = Config,
+    #{record := Record, parts := Parts} = Config,
+    Now = starl_live_clock:now_us(Clock),
     #body{
         id = Id,
         participants = Team,
@@ -94,7 +104,10 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         chassis = Chassis,
         sink = Sink,
         record = Record,
-        now = starl_live_clock:now_us(Clock)
+        parts = Parts,
+        codes = starl_reload:begun(Now, maps:get(codes, Config, #{})),
+        reporter = maps:get(reporter, Config, none),
+        now = Now
     }.
 
 %% @doc The body at a new event: time does not go back.
@@ -167,7 +180,52 @@ perform({drive, Script, Mark}, Name, Body) ->
 perform({actuate, Device, Value}, _Name, Body) ->
     {[], out({actuate, Device, Value, none}, Body)};
 perform({actuate, Device, Value, Mark}, Name, Body) ->
-    {[], out({actuate, Device, Value, {mark, {Name, Mark}}}, Body)}.
+    {[], out({actuate, Device, Value, {mark, {Name, Mark}}}, Body)};
+perform({reloaded, #{tell := Tell} = Told}, Name, Body) ->
+    {[{To, info, {restarted, Name}} || To <- Tell], reloaded(Told, Name, Body)}.
+
+%% -- new code -------------------------------------------------------------------------------
+
+%% @doc A reload begins: the words for the robot's machines, which start with this code from now
+%% on. This process is told how each machine heeds it: `{starl_reloaded, Robot, Machine, Told}'.
+-spec reload(starl_reload:order(), pid(), t()) ->
+    {[{starl_machine:name(), starl_reload:word()}], t()}.
+reload(Order, Reporter, #body{now = Now, parts = Parts, codes = Codes} = Body) ->
+    {Words, Next} = starl_reload:take(Order, Now, Parts, Codes),
+    {Words, Body#body{codes = Next, reporter = Reporter}}.
+
+%% @doc A reload has failed elsewhere: the machines that have to go back.
+-spec take_back(starl_reload:count(), t()) -> {[starl_machine:name()], t()}.
+take_back(N, #body{codes = Codes} = Body) ->
+    {Names, Next} = starl_reload:back(N, Codes),
+    {Names, Body#body{codes = Next}}.
+
+%% @doc A machine that was given up takes no new code.
+-spec gone(starl_machine:name(), starl_reload:word(), t()) -> t().
+gone(Name, {take, #{number := N, module := Module}}, Body) ->
+    reloaded(#{number => N, outcome => done, module => Module, tell => []}, Name, Body);
+gone(_Name, {back, _, _}, Body) ->
+    Body.
+
+%% @doc A machine has ended by itself: new code on trial is given up.
+-spec fallen(starl_machine:name(), starl_crash:cause() | none, t()) -> t().
+fallen(_Name, none, Body) ->
+    Body;
+fallen(Name, Cause, #body{now = Now, codes = Codes} = Body) ->
+    case starl_reload:on_trial(Name, Now, Codes) of
+        {N, Former} ->
+            Told = #{number => N, outcome => {crashed, Cause}, module => Former, tell => []},
+            reloaded(Told, Name, Body);
+        none ->
+            Body
+    end.
+
+reloaded(#{number := N, outcome := Outcome, module := Module} = Told, Name, Body) ->
+    #body{id = Id, codes = Codes} = Traced = trace(Name, {reloaded, N, Outcome}, Body),
+    Line = unicode:characters_to_binary(starl_reload:format(Id, Name, Module, Outcome)),
+    logger:notice(#{what => reload, outcome => Line}),
+    Settled = starl_reload:settled(Name, N, Module, Codes),
+    out({report, {starl_reloaded, Id, Name, Told}}, Traced#body{codes = Settled}).
 
 %% @doc No machine commands the chassis any more.
 -spec stop(t()) -> t().
@@ -208,6 +266,10 @@ send({drive, Script, Mark}, #body{chassis = Chassis}) ->
     starl_live_chassis:drive(Chassis, Script, Mark);
 send({actuate, Device, Value, Mark}, #body{chassis = Chassis}) ->
     starl_live_chassis:actuate(Chassis, Device, Value, Mark);
+send({report, _Report}, #body{reporter = none}) ->
+    ok;
+send({report, Report}, #body{reporter = Reporter}) ->
+    Reporter ! Report;
 send(stop, #body{chassis = Chassis}) ->
     starl_live_chassis:stop(Chassis).
 
@@ -223,8 +285,8 @@ clock(#body{now = Now}) -> Now.
 
 %% @doc The start configuration of a machine. Its random stream is new with each start.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
-base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = Store}) ->
-    #{
+base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = Store} = Body) ->
+    (code(Name, Body))#{
         robot => Id,
         participants => Team,
         name => Name,
@@ -233,6 +295,12 @@ base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = S
         random => rand:seed_s(exsss),
         now => Now
     }.
+
+code(Name, #body{codes = Codes}) ->
+    case starl_reload:present(Name, first, Codes) of
+        first -> #{};
+        Module -> #{code => Module}
+    end.
 
 %% @doc Records a fact.
 -spec trace(starl_machine:name(), Event :: term(), t()) -> t().

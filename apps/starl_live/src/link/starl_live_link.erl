@@ -12,7 +12,7 @@
 -module(starl_live_link).
 -behaviour(gen_server).
 
--export([start_link/1, inspect/1, figures/1, metrics/1, line/2]).
+-export([start_link/1, inspect/1, figures/1, metrics/1, line/2, reload/3, take_back/3]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([spec/0, line/0, told/0]).
@@ -22,7 +22,8 @@
 
 %% A robot: its machines ({@link starl_robot_crew:tree()}), its lines, its clock, the directory of
 %% its store, and the process that gets the facts, if any; `record': whether the facts are also
-%% written to a file there (false). `robot_sup' is the supervisor under which
+%% written to a file there (false); `codes': the code of machines that have been reloaded;
+%% `reporter': who is told about reloads. `robot_sup' is the supervisor under which
 %% the machines' processes start.
 -type spec() :: #{
     robot := starl:robot_id(),
@@ -35,7 +36,9 @@
     positioning := line(),
     chassis := line(),
     sink := pid() | none,
-    record => boolean()
+    record => boolean(),
+    codes => starl_reload:codes(),
+    reporter => pid()
 }.
 
 %% A message to the sink: the names of the robot's machines, when it starts, and the file of its
@@ -58,7 +61,9 @@
 -type event() ::
     {event, starl_robot:local()}
     | {timer, starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark(), term()}
-    | {acts, pid(), [starl_machine:action()]}.
+    | {acts, pid(), [starl_machine:action()]}
+    | {reload, starl_reload:order(), pid()}
+    | {take_back, starl_reload:count(), starl:robot_id()}.
 
 -record(link, {
     id :: starl:robot_id(),
@@ -95,6 +100,15 @@ metrics(Link) -> gen_server:call(Link, metrics).
 -spec line(pid(), transport | positioning | chassis) -> pid().
 line(Link, Line) -> gen_server:call(Link, {line, Line}).
 
+%% @doc Gives the robot new code, whose modules are loaded. This process is told how each machine
+%% heeds it: `{starl_reloaded, Robot, Machine, Told}' ({@link starl_reload:told()}).
+-spec reload(pid(), starl_reload:order(), pid()) -> ok.
+reload(Link, Order, Reporter) -> gen_server:cast(Link, {reload, Order, Reporter}).
+
+%% @doc The reload of this number has failed on that robot: this one goes back.
+-spec take_back(pid(), starl_reload:count(), Failed :: starl:robot_id()) -> ok.
+take_back(Link, N, Failed) -> gen_server:cast(Link, {take_back, N, Failed}).
+
 -spec init(spec()) -> {ok, map(), {continue, launch}} | {stop, term()}.
 init(#{robot := Robot, dir := Dir} = Spec) ->
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
@@ -128,7 +142,9 @@ process(chassis) -> starl_live_chassis.
 
 -spec handle_continue(launch, map()) -> {noreply, #link{}} | {stop, term(), map()}.
 handle_continue(launch, #{robot := Id, robot_sup := Sup, tree := Tree} = Spec) ->
-    Body = starl_live_body:new(Spec#{participants => maps:get(participants, Tree)}),
+    Body = starl_live_body:new(Spec#{
+        participants => maps:get(participants, Tree), parts => starl_robot_crew:parts(Tree)
+    }),
     Before = starl_live_body:starts(Body),
     Self = self(),
     Robot = Tree#{id => Id, driver => Self, services := services(Tree)},
@@ -204,6 +220,8 @@ gauges(#link{waiting = Waiting, beside = Beside} = Link) ->
     ].
 
 -spec handle_cast(term(), #link{}) -> {noreply, #link{}}.
+handle_cast({reload, _Order, _Reporter} = Reload, Link) -> {noreply, waits(Reload, Link)};
+handle_cast({take_back, _N, _Failed} = Back, Link) -> {noreply, waits(Back, Link)};
 handle_cast(_Request, Link) -> {noreply, Link}.
 
 -spec handle_info(term(), #link{}) -> {noreply, #link{}} | {stop, term(), #link{}}.
@@ -269,6 +287,14 @@ handle({event, {Name, Type, Content}}, Link) ->
     {Body, #link{robot = Robot} = Now} = at_event(Link),
     Noted = starl_live_body:handles(Name, Type, Content, Body),
     went(starl_robot:event(Name, Type, Content, Noted, Robot), Now);
+handle({reload, Order, Reporter}, Link) ->
+    {Body, Now} = at_event(Link),
+    {Words, Next} = starl_live_body:reload(Order, Reporter, Body),
+    heeded(Words, Next, Now);
+handle({take_back, N, Failed}, Link) ->
+    {Body, Now} = at_event(Link),
+    {Names, Next} = starl_live_body:take_back(N, Body),
+    heeded([{Name, {back, N, Failed}} || Name <- Names], Next, Now);
 handle({timer, Name, Timer, Mark, Content}, #link{robot = Robot} = Link) ->
     case starl_robot:expire(Name, Timer, Mark, Robot) of
         {ok, Type, Left} ->
@@ -287,6 +313,16 @@ handle({acts, Pid, Actions}, #link{beside = Beside} = Link) ->
         _ ->
             work(Link)
     end.
+
+%% The robot's machines get words on new code.
+heeded(Words, Body, #link{robot = Robot} = Link) ->
+    Machines = starl_robot:machines(Robot),
+    {There, Gone} = lists:partition(
+        fun({Name, _}) -> starl_robot_machines:has(Name, Machines) end, Words
+    ),
+    Told = lists:foldl(fun({Name, Word}, B) -> starl_live_body:gone(Name, Word, B) end, Body, Gone),
+    Local = [{Name, code, Word} || {Name, Word} <- There],
+    went(starl_robot:run(starl_robot:then(Local, starl_robot:world(Told, Robot))), Link).
 
 at_event(#link{robot = Robot, turns = Turns} = Link) ->
     {starl_live_body:at(event, starl_robot:world(Robot)), Link#link{turns = Turns + 1}}.
@@ -358,7 +394,10 @@ down(Pid, Reason, Link) ->
 %% The link waits until the machine has been restarted, or given up.
 crashed(Name, Reason, #link{robot = Robot0, tree = Tree, beside = Beside} = Link) ->
     Gone = starl_robot_machines:process(Name, starl_robot:machines(Robot0)),
-    Body = starl_live_body:at(event, starl_robot:world(Robot0)),
+    Cause = starl_crash:cause(Reason),
+    Body = starl_live_body:fallen(
+        Name, Cause, starl_live_body:at(event, starl_robot:world(Robot0))
+    ),
     Bare = starl_robot:lost(Name, Reason, starl_robot:world(Body, Robot0)),
     tell(Name, Reason),
     case starl_robot_tree:restart(Name, starl_robot:machines(Bare), Tree) of

@@ -12,7 +12,7 @@
 %% is converted back by the new code; an application's is the state before the switch.
 -module(starl_reload).
 
--export([take/4, back/2, settled/4, present/3, on_trial/3, is_failure/1, format/4]).
+-export([take/4, back/2, settled/4, begun/2, present/3, on_trial/3, is_failure/1, format/4]).
 
 -export_type([count/0, switch/0, word/0, outcome/0, told/0, order/0, codes/0]).
 
@@ -31,9 +31,10 @@
 -type word() :: {take, switch()} | {back, count(), Failed :: starl:robot_id()}.
 
 %% It runs the new code; the state could not be carried over; it crashed within the trial time and
-%% is back; it is back for another robot's sake.
+%% is back; it is back for another robot's sake; the application is done, and takes no code.
 -type outcome() ::
     taken
+    | done
     | {migration_failed, starl_crash:cause()}
     | {crashed, starl_crash:cause()}
     | {back, Failed :: starl:robot_id()}.
@@ -56,8 +57,10 @@
 %% The code of a robot's machines that is not their first: the code now, the code before, and until
 %% when a machine that cannot even start with it goes back.
 -type codes() :: #{
-    starl_machine:name() => {count(), Now :: module(), Before :: module(), UntilUs :: integer()}
+    starl_machine:name() => {count(), Now :: module(), Before :: module(), until()}
 }.
+
+-type until() :: (Us :: integer()) | {from_start, Us :: non_neg_integer()}.
 
 %% @doc The machines of a robot that take part, with their words, and the code that starts from now
 %% on. `Parts' has the first module of each machine.
@@ -100,6 +103,17 @@ settled(Name, N, Module, Codes) ->
         #{} -> Codes
     end.
 
+%% @doc The robot starts now: so does its trial.
+-spec begun(NowUs :: integer(), codes()) -> codes().
+begun(NowUs, Codes) ->
+    maps:map(
+        fun
+            (_, {N, Now, Before, {from_start, Us}}) -> {N, Now, Before, NowUs + Us};
+            (_, Code) -> Code
+        end,
+        Codes
+    ).
+
 %% @doc The module that a machine starts with.
 -spec present(starl_machine:name(), First, codes()) -> First | module() when First :: term().
 present(Name, First, Codes) ->
@@ -130,6 +144,8 @@ format(Robot, Name, Module, Outcome) ->
 
 why(taken) ->
     "runs the new code";
+why(done) ->
+    "is done, and takes no new code";
 why({migration_failed, Cause}) ->
     ["rolled back: the state could not be carried over: ", starl_crash:format(Cause)];
 why({crashed, Cause}) ->

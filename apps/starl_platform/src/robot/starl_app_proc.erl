@@ -57,6 +57,8 @@
     %% words on new code, to be heeded before the next step, in their order
     switches = [] :: [starl_reload:word()],
     trial = none :: trial() | none,
+    %% the application is done
+    over = false :: boolean(),
     %% in the trial time: the messages that this step has read, newest first; those of a step that
     %% was taken back
     read = [] :: [message()],
@@ -291,7 +293,7 @@ loop(Robot, Module0, State0, Version0) ->
             loop(Robot, Module, Next, Version);
         {done, Result} ->
             perform([{done, Result}]),
-            wait(fun(_, _) -> skip end);
+            over(turn());
         {crashed_in_trial, Cause} ->
             {Former, Kept, Md5} = fallen_back(Cause, State, turn()),
             loop(Robot, Former, Kept, Md5)
@@ -340,6 +342,12 @@ stepped(Robot, Module, State) ->
         {done, _} = Done -> Done;
         Other -> erlang:raise(error, {bad_return, {Module, step}, Other}, [step_of(Module)])
     end.
+
+%% It takes no step any more.
+over(#turn{switches = Words} = Turn) ->
+    _ = put(?TURN, Turn#turn{switches = [], over = true}),
+    lists:foreach(fun(Word) -> hear(Word, turn()) end, Words),
+    wait(fun(_, _) -> skip end).
 
 %% -- new code -------------------------------------------------------------------------------
 
@@ -401,7 +409,13 @@ way_back(State, #turn{trial = #{former := {Former, Md5}, kept := Kept}} = Turn) 
 tell(#{number := N}, Outcome, Module, Others) ->
     perform([{reloaded, #{number => N, outcome => Outcome, module => Module, tell => Others}}]).
 
-%% A word on new code has come. Code that was not taken yet need not be taken back.
+%% A word on new code has come: too late, if the application is done. Code that was not taken yet need not be taken back.
+hear({take, Switch}, #turn{over = true, module = Module} = Turn) ->
+    _ = put(?TURN, Turn),
+    tell(Switch, done, Module, []);
+hear({back, _, _}, #turn{over = true} = Turn) ->
+    _ = put(?TURN, Turn),
+    ok;
 hear({back, N, Robot} = Word, #turn{switches = Words, module = Module} = Turn) ->
     case [S || {take, #{number := M} = S} <- Words, M =:= N] of
         [Switch | _] ->

@@ -2,7 +2,17 @@
 %% the machine is a process or runs inline, and from run to run: it does not depend on pids.
 -module(starl_crash).
 
--export([reason/3, with_steps/2, steps/1, is_endless/1, cause/1, format/1, frames/1, place/1, format_frame/1]).
+-export([
+    reason/3,
+    with_steps/2,
+    steps/1,
+    is_endless/1,
+    cause/1,
+    format/1,
+    frames/1,
+    place/1,
+    format_frame/1
+]).
 
 -export_type([cause/0, frame/0]).
 
@@ -87,7 +97,8 @@ own(Stack) ->
     Above = lists:takewhile(fun(Frame) -> not is_interpreter(Frame) end, Stack),
     [plain(Frame) || Frame <- Above, not is_runtime(element(1, Frame))].
 
-is_interpreter({starl_machine, Function, _, _}) -> lists:member(Function, [new, step, handle]);
+is_interpreter({starl_machine, Function, _, _}) ->
+    lists:member(Function, [new, step, handle, moved_over, moved_back]);
 is_interpreter(_) -> false.
 
 is_runtime(Module) ->

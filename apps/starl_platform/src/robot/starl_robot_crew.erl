@@ -2,7 +2,7 @@
 %% its processes; the same for every driver.
 -module(starl_robot_crew).
 
--export([tree/1, inline/1]).
+-export([tree/1, inline/1, parts/1]).
 
 -export_type([t/0, tree/0]).
 
@@ -51,6 +51,12 @@ inline(#{services := Services, blocks := Blocks, app := App} = Tree) ->
         {machine, Module, Config} -> {none, Machines#{app => {Module, Config}}};
         {sequential, _, _} -> {Tree#{services := [], blocks := []}, Machines}
     end.
+
+%% @doc The modules of the robot's machines.
+-spec parts(tree()) -> #{starl_machine:name() => module()}.
+parts(#{services := Services, blocks := Blocks, app := App}) ->
+    Machines = maps:from_list([{Name, Module} || {Name, Module, _} <- Services ++ Blocks]),
+    Machines#{app => element(2, App)}.
 
 %% The services in start order.
 services(#{profiles := Profiles} = Crew) ->

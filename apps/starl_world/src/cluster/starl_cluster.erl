@@ -11,7 +11,19 @@
 -module(starl_cluster).
 -behaviour(gen_server).
 
--export([start/2, await/1, status/1, kill/2, cut/3, freeze/2, heal/1, stop/1, finish/1]).
+-export([
+    start/2,
+    await/1,
+    until/2,
+    status/1,
+    reload/2, reload/3,
+    kill/2,
+    cut/3,
+    freeze/2,
+    heal/1,
+    stop/1,
+    finish/1
+]).
 -export([scenario/1, format_error/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
@@ -72,6 +84,9 @@
     cuts = [] :: [{starl:robot_id(), starl:robot_id()}],
     frozen = [] :: [starl:robot_id()],
     code :: [{module(), file:filename(), binary()}],
+    %% the modules of a robot's machines, and the reloads
+    parts :: #{starl_machine:name() => module()},
+    reloads :: starl_cluster_reload:t(),
     log :: fun((starl:robot_id(), logger:level(), binary()) -> term())
 }).
 
@@ -101,9 +116,25 @@ start(Given, Options) ->
 await(#cluster{server = Server}) ->
     starl_world:await(gen_server:call(Server, world, infinity)).
 
+%% @doc Waits until this time of the run.
+-spec until(t(), Us :: integer()) -> ok.
+until(#cluster{server = Server}, Us) ->
+    starl_world:until(gen_server:call(Server, world, infinity), Us).
+
 %% @doc The present time, the robots at work, and their nodes.
 -spec status(t()) -> status().
 status(#cluster{server = Server}) -> gen_server:call(Server, status, ?CALL_MS).
+
+%% @doc Reloads code on all nodes, with a trial time ({@link starl_cluster_reload}); answers when it
+%% is over, or has failed.
+-spec reload(t(), [starl_version:source()]) -> starl_cluster_reload:answer().
+reload(Cluster, Sources) -> reload(Cluster, Sources, #{}).
+
+%% @doc The same, with another trial time.
+-spec reload(t(), [starl_version:source()], starl_cluster_reload:options()) ->
+    starl_cluster_reload:answer().
+reload(#cluster{server = Server}, Sources, Options) ->
+    gen_server:call(Server, {reload, Sources, Options}, infinity).
 
 %% @doc Kills the node of a robot, by SIGKILL; it is started anew.
 -spec kill(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
@@ -175,6 +206,8 @@ init({#{robots := Poses, crew := #{tree := Tree}, world := Sim} = Plan, Options}
                 specs = maps:from_list(Specs),
                 names = Names,
                 code = maps:get(code, Options, []),
+                parts = starl_robot_crew:parts(Tree),
+                reloads = starl_cluster_reload:new(maps:get(speed, Options, 1)),
                 log = maps:get(log, Options, fun(_, _, _) -> ok end)
             },
             Self = self(),
@@ -210,11 +243,17 @@ spec(Id, World, Clock, Tree, #{profiles := Profiles}, Lines, #{dir := Dir} = Opt
         positioning => {starl_world_sight, #{world => World}},
         chassis => {starl_world_chassis, #{world => World}},
         sink => World,
+        reporter => self(),
         record => true,
         metrics => maps:get(metrics, Options, none)
     }.
 
--spec handle_call(term(), gen_server:from(), #state{}) -> {reply, term(), #state{}}.
+-spec handle_call(term(), gen_server:from(), #state{}) ->
+    {reply, term(), #state{}} | {noreply, #state{}}.
+handle_call({reload, Sources, Options}, From, State) ->
+    reloads(Sources, Options, From, State);
+handle_call({control, ["reload", What]}, From, State) ->
+    reloads([source(What)], #{}, From, State);
 handle_call(world, _From, #state{world = World} = State) ->
     {reply, World, State};
 handle_call(status, _From, State) ->
@@ -272,6 +311,49 @@ healed(#state{world = World, nodes = Nodes} = State) ->
     ok = starl_world:freeze(World, []),
     ok = lists:foreach(fun(Robot) -> aired(Robot, Next) end, maps:keys(Nodes)),
     Next.
+
+%% -- new code -------------------------------------------------------------------------------
+
+reloads(Sources, Options, From, #state{parts = Parts, reloads = Reloads} = State) ->
+    case starl_cluster_reload:start(Sources, Options, {Parts, links(State)}, From, Reloads) of
+        {ok, Next} -> {noreply, State#state{reloads = Next}};
+        {error, _} = Error -> {reply, Error, State}
+    end.
+
+%% The robots whose nodes are up.
+links(#state{nodes = Nodes}) ->
+    [
+        {Id, Node, Link}
+     || {Id, #node{peer = Peer}} <- lists:sort(maps:to_list(Nodes)),
+        Peer =/= none,
+        Node <- [starl_sim_peers:node(Peer)],
+        Link <- link_of(Node)
+    ].
+
+link_of(Node) ->
+    try
+        Robot = erpc:call(Node, starl_live_sup, robot, [], ?CALL_MS),
+        [erpc:call(Node, starl_live_robot, link, [Robot], ?CALL_MS)]
+    catch
+        error:{erpc, _} -> [];
+        exit:_ -> []
+    end.
+
+%% A file, an application as users name it, or a module.
+source(What) ->
+    case filename:extension(What) of
+        ".erl" -> What;
+        _ -> module(["starl_" ++ What, What])
+    end.
+
+%% A user's own word: few atoms.
+module([Name]) ->
+    list_to_atom(Name);
+module([Name | Names]) ->
+    case code:which(list_to_atom(Name)) of
+        non_existing -> module(Names);
+        _ -> list_to_atom(Name)
+    end.
 
 %% Sets what a robot hears, if its node is up.
 aired(Robot, #state{nodes = Nodes, cuts = Cuts}) ->
@@ -366,6 +448,12 @@ handle_info({chaos, Act}, #state{world = World} = State) ->
             {_, Next} = does(Aimed, State),
             {noreply, Next}
     end;
+handle_info({starl_reloaded, Robot, Name, Told}, #state{reloads = Reloads} = State) ->
+    {noreply, State#state{reloads = starl_cluster_reload:hear({Robot, Name, Told}, Reloads)}};
+handle_info({timeout, Timer, reload_trial}, #state{reloads = Reloads} = State) ->
+    {noreply, State#state{reloads = starl_cluster_reload:expired({trial, Timer}, Reloads)}};
+handle_info({reload_patience, N}, #state{reloads = Reloads} = State) ->
+    {noreply, State#state{reloads = starl_cluster_reload:expired({patience, N}, Reloads)}};
 handle_info({again, Id}, State) ->
     {noreply, again(Id, State)};
 handle_info(_Message, State) ->
@@ -388,7 +476,11 @@ opened({Id, Peer}, #state{nodes = Nodes, specs = Specs} = State) ->
     #node{} = Before = maps:get(Id, Nodes, #node{peer = none}),
     case open(starl_sim_peers:node(Peer), Id, Spec, State) of
         {ok, _} ->
-            Opened = State#state{nodes = Nodes#{Id => Before#node{peer = Peer}}},
+            Links = link_of(starl_sim_peers:node(Peer)),
+            Opened = State#state{
+                nodes = Nodes#{Id => Before#node{peer = Peer}},
+                reloads = starl_cluster_reload:rejoined(Id, Links, State#state.reloads)
+            },
             ok = aired(Id, Opened),
             Opened;
         {error, Why} ->
@@ -398,7 +490,9 @@ opened({Id, Peer}, #state{nodes = Nodes, specs = Specs} = State) ->
     end.
 
 %% All code is loaded first: an atom that a node does not know is refused in a packet.
-open(Node, Id, Spec, #state{code = Code}) ->
+open(Node, Id, Spec0, #state{code = Code0, reloads = Reloads}) ->
+    Code = Code0 ++ starl_cluster_reload:code(Reloads),
+    Spec = Spec0#{codes => starl_cluster_reload:codes(Reloads)},
     try
         ok = erpc:call(Node, starl_live_log, install, [Id, self()], ?CALL_MS),
         _ = [
@@ -423,10 +517,13 @@ opening(Id, #{metrics := Port} = Spec) ->
 modules() ->
     [Module || {Module, _} <- code:all_loaded(), lists:prefix("starl", atom_to_list(Module))].
 
-lost(Id, #state{nodes = Nodes} = State) ->
+lost(Id, #state{nodes = Nodes, reloads = Reloads} = State) ->
     #{Id := Node} = Nodes,
     logger:notice(#{what => node_ended, robot => Id}),
-    later(Id, State#state{nodes = Nodes#{Id := Node#node{peer = none}}}).
+    later(Id, State#state{
+        nodes = Nodes#{Id := Node#node{peer = none}},
+        reloads = starl_cluster_reload:lost(Id, Reloads)
+    }).
 
 later(Id, State) ->
     _ = erlang:send_after(?AGAIN_MS, self(), {again, Id}),
