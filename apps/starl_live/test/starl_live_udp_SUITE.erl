@@ -39,14 +39,14 @@ end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 %% Without the key: nothing is taken, and nothing is remembered but the counters.
 hostile_outsiders(_) ->
-    Kinds = starl_live_hostile:outsiders(),
+    Kinds = starl_dev_hostile_packets:outsiders(),
     #{words := {Before, After}} = Report = flood(Kinds, 50_000),
     ct:log("~p", [Report]),
     ?assertEqual(Before, After).
 
 %% With the key: no crash, nobody muted, and memory within its bounds.
 hostile_insiders(_) ->
-    #{words := {_, After}} = Report = flood(starl_live_hostile:insiders(), 50_000),
+    #{words := {_, After}} = Report = flood(starl_dev_hostile_packets:insiders(), 50_000),
     ct:log("~p", [Report]),
     ?assert(After * erlang:system_info(wordsize) < 20_000_000).
 

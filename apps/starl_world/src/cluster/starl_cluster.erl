@@ -16,6 +16,7 @@
     await/1,
     until/2,
     status/1,
+    place/2,
     reload/2, reload/3,
     kill/2,
     cut/3,
@@ -135,6 +136,13 @@ reload(Cluster, Sources) -> reload(Cluster, Sources, #{}).
     starl_cluster_reload:answer().
 reload(#cluster{server = Server}, Sources, Options) ->
     gen_server:call(Server, {reload, Sources, Options}, infinity).
+
+%% @doc The node of a robot, and what its end of the transport was opened with: for tests that
+%% attack it.
+-spec place(t(), starl:robot_id()) ->
+    {ok, #{node := node() | none, transport := starl_live_link:line()}}
+    | {error, unicode:chardata()}.
+place(#cluster{server = Server}, Robot) -> gen_server:call(Server, {place, Robot}, ?CALL_MS).
 
 %% @doc Kills the node of a robot, by SIGKILL; it is started anew.
 -spec kill(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
@@ -283,6 +291,9 @@ status_of(#state{world = World, nodes = Nodes}) ->
         ])
     }).
 
+does({place, Robot}, #state{nodes = Nodes, specs = Specs} = State) ->
+    #{Robot := #{transport := Line}} = Specs,
+    {{ok, #{node => node_of(maps:get(Robot, Nodes)), transport => Line}}, State};
 does({kill, Robot}, #state{nodes = Nodes} = State) ->
     case Nodes of
         #{Robot := #node{peer = none}} ->
@@ -305,6 +316,9 @@ does({thaw, Robot}, #state{frozen = Frozen, world = World} = State) ->
 does({freeze, Robot}, #state{frozen = Frozen, world = World} = State) ->
     Next = lists:usort([Robot | Frozen]),
     {starl_world:freeze(World, Next), State#state{frozen = Next}}.
+
+node_of(#node{peer = none}) -> none;
+node_of(#node{peer = Peer}) -> starl_sim_peers:node(Peer).
 
 healed(#state{world = World, nodes = Nodes} = State) ->
     Next = State#state{cuts = [], frozen = []},

@@ -1,0 +1,36 @@
+%% @doc The directory of an attacked cluster, and the facts that its robots left there.
+-module(starl_dev_hostile_run).
+
+-export([with_dir/1, facts/2, last_facts/2]).
+
+-type facts() :: [starl_monitor:trace_event()].
+
+%% @doc Does something with a directory that is gone afterwards.
+-spec with_dir(fun((file:filename()) -> Result)) -> Result.
+with_dir(Do) ->
+    Dir = filename:join(os:getenv("TMPDIR", "/tmp"), "starl-hostile-" ++ os:getpid()),
+    _ = file:del_dir_r(Dir),
+    try
+        Do(Dir)
+    after
+        file:del_dir_r(Dir)
+    end.
+
+%% @doc The facts of these robots, of all their lives.
+-spec facts(file:filename(), [starl:robot_id()]) -> #{starl:robot_id() => facts()}.
+facts(Dir, Robots) ->
+    maps:from_list([{R, lists:append([read(File) || File <- files(Dir, R)])} || R <- Robots]).
+
+%% @doc The facts of a robot's last life.
+-spec last_facts(file:filename(), starl:robot_id()) -> {Lives :: non_neg_integer(), facts()}.
+last_facts(Dir, Robot) ->
+    case files(Dir, Robot) of
+        [] -> {0, []};
+        Files -> {length(Files), read(lists:last(Files))}
+    end.
+
+files(Dir, Robot) ->
+    Own = filename:join(Dir, "robot-" ++ integer_to_list(Robot)),
+    lists:sort(filelib:wildcard(filename:join(Own, "facts-*"))).
+
+read(File) -> starl_live_record:read(File, 0).
