@@ -9,6 +9,7 @@
     long_computation/1,
     machine_killed/1,
     link_killed/1,
+    killed_again_and_again/1,
     all_reboot/1,
     alone/1,
     lossy/1,
@@ -27,6 +28,7 @@ all() ->
         long_computation,
         machine_killed,
         link_killed,
+        killed_again_and_again,
         all_reboot,
         alone,
         lossy,
@@ -96,6 +98,34 @@ link_killed(Config) ->
     ?assertEqual([{done, 60}, {done, 60}], results(Outcome)),
     ?assertMatch(#{sap := 2, app := 2}, starts(2, Config)),
     ?assertMatch(#{sap := 1, app := 1}, starts(1, Config)).
+
+%% A robot dies fifty times while all send to all: no message is acknowledged and not delivered, and
+%% afterwards everybody is acknowledged by everybody.
+killed_again_and_again(Config) ->
+    Enough = atomics:new(1, []),
+    Play = maps:from_list([{Robot, {talk, self(), Enough}} || Robot <- [1, 2, 3]]),
+    Run0 = play(Play, #{robots => 3, loss => 0.1}, Config),
+    Random = rand:seed_s(exsss, starl_platform_ct:seed()),
+    {Run, _} = lists:foldl(fun killed/2, {Run0, Random}, lists:seq(1, 50)),
+    ok = atomics:put(Enough, 1, 1),
+    #{monitors := #{starl_sap_monitor := Sap}} = Outcome = sound(done, Run),
+    ct:log("~p", [Sap]),
+    ?assertEqual([{done, ok}, {done, ok}, {done, ok}], results(Outcome)),
+    ?assertMatch(#{sap := 1}, starts(1, Config)),
+    ?assert(maps:get(sap, starts(2, Config)) > 30).
+
+%% After some of its words, or in the middle of its start.
+killed(_N, {Run, Random0}) ->
+    {Words, Random} = rand:uniform_s(4, Random0),
+    ok = spoken(Words - 1),
+    {starl_world_run:kill(Run, 2), Random}.
+
+spoken(0) ->
+    ok;
+spoken(Words) ->
+    receive
+        {talked, 2} -> spoken(Words - 1)
+    end.
 
 all_reboot(Config) ->
     Run = play(numbers(60), Config),

@@ -1,6 +1,7 @@
 %% Applications of these tests, by their options: `wait': waits for a word of another robot, then is
 %% done; `compute': computes until a process of the test says go; `tell': sends to a robot; `numbers'
-%% sends numbers until each has arrived; `count' tells the test of each.
+%% sends numbers until each has arrived; `count' tells the test of each; `talk': sends words to all and
+%% tells the test of each, until the test says that it is enough and all have acknowledged one more.
 -module(starl_world_app).
 -behaviour(starl_app).
 
@@ -37,6 +38,15 @@ step(Robot, {count, To, N, Test}) ->
         N -> {done, N};
         _ -> {continue, {count, To, N, Test}}
     end;
+step(Robot, {talk, Test, Enough} = Talk) ->
+    IsLast = atomics:get(Enough, 1) =:= 1,
+    Outcome = starl:broadcast(Robot, word, talk),
+    Test ! {talked, starl:id(Robot)},
+    said(Robot, 1),
+    case Outcome of
+        ok when IsLast -> {done, ok};
+        _ -> {continue, Talk}
+    end;
 step(Robot, {numbers, To, From, N, Test}) ->
     ok = starl:store(Robot, From),
     case starl:send(Robot, To, word, From) of
@@ -47,4 +57,11 @@ step(Robot, {numbers, To, From, N, Test}) ->
         {error, Why} ->
             Test ! {lost, Why},
             {continue, {numbers, To, From, N, Test}}
+    end.
+
+%% Reads what has come.
+said(Robot, Ms) ->
+    case starl:await(Robot, word, Ms) of
+        {ok, _, _} -> said(Robot, 0);
+        timeout -> ok
     end.

@@ -32,5 +32,5 @@ step(Robot, N) ->
 read(Robot, Ms) ->
     case starl:await(Robot, number, Ms) of
         {ok, _, _} -> read(Robot, 0);
-        {error, timeout} -> ok
+        timeout -> ok
     end.

@@ -2,12 +2,14 @@
 -module(starl_world_run).
 
 -export([start/2, await/1, stop/1, status/1, finish/1, scenario/1, link/2, freeze/2, until/2]).
+-export([kill/2]).
 
 -export_type([t/0, options/0]).
 
 -record(run, {
     world :: pid(),
     robots :: [{starl:robot_id(), Supervisor :: pid()}],
+    specs :: #{starl:robot_id() => starl_live_robot:spec()},
     dir :: file:filename(),
     scenario :: starl_sim_scenario:t(),
     scene :: starl_scene:t()
@@ -46,12 +48,19 @@ started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
     Transport = starl_world_transport:new(
         local, Ids, maps:merge(maps:with([air], Options), #{sim => Sim, speed => Speed})
     ),
-    Robots = [{Id, robot(Id, World, Clock, Dir, Plan, Transport)} || Id <- Ids],
-    #run{world = World, robots = Robots, dir = Dir, scenario = Scenario, scene = Scene}.
+    Specs = [{Id, spec(Id, World, Clock, Dir, Plan, Transport)} || Id <- Ids],
+    #run{
+        world = World,
+        robots = [{Id, robot(Spec)} || {Id, Spec} <- Specs],
+        specs = maps:from_list(Specs),
+        dir = Dir,
+        scenario = Scenario,
+        scene = Scene
+    }.
 
-robot(Id, World, Clock, Dir, #{crew := #{tree := Tree}, world := Sim}, Transport) ->
+spec(Id, World, Clock, Dir, #{crew := #{tree := Tree}, world := Sim}, Transport) ->
     #{profiles := Profiles} = Sim,
-    {ok, Sup} = starl_live_robot:start_link(#{
+    #{
         robot => Id,
         tree => Tree,
         profile => starl_chassis:of_robot(Id, Profiles),
@@ -61,7 +70,10 @@ robot(Id, World, Clock, Dir, #{crew := #{tree := Tree}, world := Sim}, Transport
         positioning => {starl_world_sight, #{world => World}},
         chassis => {starl_world_chassis, #{world => World}},
         sink => World
-    }),
+    }.
+
+robot(Spec) ->
+    {ok, Sup} = starl_live_robot:start_link(Spec),
     Sup.
 
 %% @doc Waits for the end of the run.
@@ -94,6 +106,22 @@ link(#run{robots = Robots}, Id) ->
     {Id, Sup} = lists:keyfind(Id, 1, Robots),
     starl_live_robot:link(Sup).
 
+%% @doc Kills all processes of a robot at once, as the death of its node does, and starts it anew.
+-spec kill(t(), starl:robot_id()) -> t().
+kill(#run{robots = Robots, specs = Specs} = Run, Id) ->
+    #{Id := Spec} = Specs,
+    {Id, Sup} = lists:keyfind(Id, 1, Robots),
+    true = unlink(Sup),
+    Ends = [erlang:monitor(process, P) || P <- [Sup, starl_live_robot:link(Sup)], is_pid(P)],
+    true = exit(Sup, kill),
+    lists:foreach(fun await_end/1, Ends),
+    Run#run{robots = lists:keystore(Id, 1, Robots, {Id, robot(Spec)})}.
+
+await_end(Monitor) ->
+    receive
+        {'DOWN', Monitor, process, _, _} -> ok
+    end.
+
 %% @doc Ends the robots and the world; returns the outcome and the application's report.
 -spec finish(t()) -> {starl_sim_outcome:t(), starl_scene:report()}.
 finish(#run{world = World, robots = Robots, scenario = #{app := App}, scene = Scene}) ->
@@ -107,6 +135,4 @@ close(Pid) ->
     true = unlink(Pid),
     Ref = erlang:monitor(process, Pid),
     exit(Pid, shutdown),
-    receive
-        {'DOWN', Ref, process, Pid, _} -> ok
-    end.
+    await_end(Ref).
