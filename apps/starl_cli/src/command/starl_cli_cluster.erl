@@ -107,22 +107,35 @@ run(#{values := #{runs := Runs} = Values} = Call) ->
     Given = maps:without(Own, maps:get(given, Call)),
     Checked = Call#{given := Given, values := Values#{print_scenario => false}},
     case starl_cli_setup:check(Checked) of
-        {ok, Setup} -> runs(Runs, 0, Setup, Values);
+        {ok, Setup} -> runs({1, Runs}, 0, Setup, Values);
         {error, _} = Error -> Error
     end.
 
 %% The first problem ends the runs.
-runs(0, Status, _Setup, _Values) ->
+runs({N, Runs}, Status, _Setup, _Values) when N > Runs; Status =/= 0 ->
     Status;
-runs(Left, 0, #{scenario := #{seed := Seed} = Scenario} = Setup, Values) ->
+runs({N, Runs}, 0, #{scenario := #{seed := Seed} = Scenario} = Setup, Values) ->
     #{transport := Transport, speed := Speed} = Values,
     Live = {nodes, Transport, chaos(Scenario, Values)},
-    case starl_cli_live:run(Live, Setup, Values#{pace => Speed}) of
-        {error, _} = Error -> Error;
-        Status -> runs(Left - 1, Status, Setup#{scenario := Scenario#{seed := Seed + 1}}, Values)
-    end;
-runs(_Left, Status, _Setup, _Values) ->
-    Status.
+    Own = out({N, Runs}, Values, Setup),
+    case starl_cli_live:run(Live, Own, Values#{pace => Speed}) of
+        {error, _} = Error ->
+            Error;
+        Status ->
+            Next = Setup#{scenario := Scenario#{seed := Seed + 1}},
+            runs({N + 1, Runs}, Status, Next, Values)
+    end.
+
+%% Of several runs each has a directory of its own, in that of `--out'.
+out({_N, 1}, _Values, Setup) ->
+    Setup;
+out(_Which, #{out := none}, Setup) ->
+    Setup;
+out({N, _Runs}, #{out := Dir}, #{target := #{name := Name}} = Setup) ->
+    case starl_cli_out:plan(filename:join(Dir, integer_to_list(N)), Name) of
+        {ok, Plan} -> Setup#{out := Plan};
+        {error, _} -> Setup
+    end.
 
 chaos(_Scenario, #{chaos := false}) ->
     [];
