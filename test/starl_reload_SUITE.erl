@@ -160,7 +160,7 @@ replayed(Config) ->
             {Given, Module, _} = painting(Config),
             Code = starl_reload_code:make(Module, Variant),
             Base = Given#{robots => 4, seed => 7},
-            With = Base#{reloads => [{6000, [1, 3], Code}]},
+            With = Base#{reloads => [{6000, [1, 3], Code, #{trial_ms => ?TRIAL_MS}}]},
             [First | Others] = [
                 digest(With#{mode => Mode, shards => Shards})
              || {Mode, Shards} <- [{process, 1}, {process, 1}, {inline, 1}, {inline, 4}]
