@@ -98,8 +98,11 @@ code(File) ->
 
 sound(File, {ok, Module, Beam, Warnings}) ->
     Foreign = [starl_cli_foreign:text(Call) || Call <- starl_cli_foreign:calls(Beam)],
-    _ = [starl_cli_terminal:warn(["warning: ", Line]) || Line <- lines(telling(Warnings)) ++ Foreign],
-    case lists:member(code:which(Module), [non_existing, File]) of
+    _ = [
+        starl_cli_terminal:warn(["warning: ", Line])
+     || Line <- lines(telling(Warnings)) ++ Foreign
+    ],
+    case is_free(Module, File) of
         true ->
             {ok, {Module, File, Beam}};
         false ->
@@ -111,6 +114,22 @@ sound(File, {ok, Module, Beam, Warnings}) ->
     end;
 sound(_File, {error, Errors, _Warnings}) ->
     {error, lines(first_causes(Errors))}.
+
+%% May a source take this name? It has precedence over what was once compiled from it.
+is_free(Module, File) ->
+    case code:which(Module) of
+        non_existing -> true;
+        File -> true;
+        Beam -> is_own_beam(Beam, File) andalso not starl_code:is_library(Module)
+    end.
+
+%% Beside the source, or in the working directory, where erlc puts it.
+is_own_beam(Beam, File) when is_list(Beam) ->
+    Dirs = [filename:dirname(filename:absname(Path)) || Path <- [File, "x"]],
+    filename:extension(Beam) =:= ".beam" andalso
+        lists:member(filename:dirname(filename:absname(Beam)), Dirs);
+is_own_beam(_Word, _File) ->
+    false.
 
 %% A function that cannot be read is reported as undefined besides.
 first_causes(Errors) ->
@@ -140,7 +159,7 @@ beside(File, Module, Beam) ->
         path(File, Path)
      || {Name, Path} <- Beside,
         filelib:is_regular(Path),
-        lists:member(code:which(Name), [non_existing, path(File, Path)])
+        is_free(Name, path(File, Path))
     ].
 
 %% The path as the user wrote it, without "./".

@@ -6,7 +6,9 @@
 -export([line/2, waiting/2]).
 
 %% The time that an interrupted run has to come to rest.
--define(REST_MS, 1000).
+-define(REST_MS, 600).
+%% The time to find who is at work then.
+-define(LOOK_MS, 450).
 
 %% @doc Watches a run: the first line on a stall stays, a progress line follows it.
 -spec watch(starl_sim:sim()) -> Watch :: pid().
@@ -33,7 +35,17 @@ interrupt(Sim) ->
 
 end_hard(Sim) ->
     ok = timer:sleep(?REST_MS),
-    given_up(starl_sim:at_work(Sim)).
+    given_up(at_work(Sim)).
+
+%% A process that collects the garbage of very many robots does not tell its stack for seconds.
+at_work(Sim) ->
+    Self = self(),
+    Ref = make_ref(),
+    _ = spawn(fun() -> Self ! {Ref, starl_sim:at_work(Sim)} end),
+    receive
+        {Ref, AtWork} -> AtWork
+    after ?LOOK_MS -> [simulator]
+    end.
 
 %% It rests, or the results are being made.
 given_up([]) ->

@@ -25,7 +25,9 @@ others(Robot, Team) -> lists:delete(Robot, members(Team)).
 
 %% @doc The number of its robots.
 -spec count(t()) -> non_neg_integer().
-count(Team) -> length(members(Team)).
+count([]) -> 0;
+count([{First, Last} | Rest]) -> Last - First + 1 + count(Rest);
+count([_ | Rest]) -> 1 + count(Rest).
 
 %% @doc Is the robot in the team?
 -spec has(starl:robot_id(), t()) -> boolean().

@@ -36,7 +36,7 @@
 -define(PATIENCE_MS, 3000).
 -define(PERIOD_MS, 1000).
 %% The time in which one who is not at work answers.
--define(ANSWER_MS, 300).
+-define(ANSWER_MS, 200).
 
 -record(watch, {
     run :: pid(),
