@@ -58,6 +58,19 @@ unknown_test() ->
     ?assertMatch({[{trace, {malformed, 2, other, what}}], _}, step(cast, Unknown, started())),
     ?assertMatch({[{trace, {unknown_event, cast, what}}], _}, step(cast, what, started())).
 
+%% Nobody outside the team is elected, whoever says so; a ballot is its sender's own.
+stranger_test() ->
+    Asking = all([calls(e)], started()),
+    [
+        ?assertMatch({[{trace, {unknown_event, cast, _}}], Asking}, step(cast, Message, Asking))
+     || Message <- [
+            {message, 2, leader, {e, 4}},
+            {message, 2, leader, {e, 1 bsl 57}},
+            {message, 2, ballot, {e, {1 bsl 57, 4}}},
+            {message, 2, ballot, {e, {1 bsl 57, 3}}}
+        ]
+    ].
+
 %% Who takes part casts a ballot to all, asks again in a while, and has no patience for ever.
 takes_part_test() ->
     {Actions, _} = call(e, a, started()),

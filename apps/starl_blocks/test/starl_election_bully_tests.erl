@@ -205,3 +205,14 @@ remembers() ->
     ?assertEqual(
         [false, false, true], [IsKnown(N, after_all(Ends, Full)) || N <- [1, 1025, 1026]]
     ).
+
+%% Nobody outside the team is elected, whoever says so.
+stranger_test() ->
+    Asking = after_all([calls()], robot(2)),
+    [
+        ?assertMatch(
+            {[{trace, {unknown_event, cast, _}}], Asking},
+            hears(3, bully_leader, {e, Stranger}, Asking)
+        )
+     || Stranger <- [5, 1 bsl 57]
+    ].

@@ -63,10 +63,10 @@ init(#{robot := Self, participants := Team, random := Random}) ->
 ) -> starl_machine:result().
 handle_event({call, From}, {elect, Election, Us}, ready, Data, _Meta) ->
     enter(Election, Us, From, Data);
-handle_event(cast, {message, Source, ballot, {Election, Ballot}}, ready, Data, _Meta) ->
+handle_event(cast, {message, Source, ballot, {Election, {_, Source} = Ballot}}, ready, Data, _) ->
     ballot(Election, Source, Ballot, Data);
-handle_event(cast, {message, _Source, leader, {Election, Leader}}, ready, Data, _Meta) ->
-    elect(Election, Leader, announcement, Data);
+handle_event(cast, {message, _, leader, {Election, Leader}}, ready, Data, _Meta) ->
+    announced(Election, Leader, Data);
 handle_event({timeout, {again, Election}}, _, ready, Data, _Meta) ->
     again(Election, Data);
 handle_event({timeout, {patience, Election}}, _, ready, Data, _Meta) ->
@@ -132,6 +132,12 @@ count(Election, Actions, #election{team = Team} = Data) ->
             {keep_state, Elected, Actions ++ More ++ [Announce]};
         false ->
             {keep_state, Data, Actions}
+    end.
+
+announced(Election, Leader, #election{team = Team} = Data) ->
+    case starl_team:has(Leader, Team) of
+        true -> elect(Election, Leader, announcement, Data);
+        false -> unknown_event
     end.
 
 elect(Election, Leader, How, Data0) ->

@@ -58,6 +58,7 @@
 
 -record(bully, {
     self :: starl:robot_id(),
+    team :: starl_team:t(),
     higher :: [starl:robot_id()],
     answer_us :: pos_integer(),
     rounds :: pos_integer(),
@@ -70,6 +71,7 @@
 init(#{robot := Self, participants := Team} = Config) ->
     Bully = #bully{
         self = Self,
+        team = Team,
         higher = [Robot || Robot <- starl_team:members(Team), Robot > Self],
         answer_us = maps:get(answer_ms, Config, 500) * 1000,
         rounds = maps:get(rounds, Config, 4)
@@ -84,8 +86,8 @@ handle_event(cast, {message, Source, bully_challenge, Election}, ready, Bully, _
     challenged(Election, Source, Bully);
 handle_event(cast, {message, _Source, bully_alive, Election}, ready, Bully, _Meta) ->
     hope(Election, Bully);
-handle_event(cast, {message, _Source, bully_leader, {Election, Leader}}, ready, Bully, _Meta) ->
-    elect(Election, Leader, announcement, Bully);
+handle_event(cast, {message, _, bully_leader, {Election, Leader}}, ready, Bully, _Meta) ->
+    announced(Election, Leader, Bully);
 handle_event({timeout, {round, Election}}, _, ready, Bully, _Meta) ->
     round_over(Election, Bully);
 handle_event({timeout, {patience, Election}}, _, ready, Bully, _Meta) ->
@@ -178,6 +180,12 @@ win(Election, #bully{self = Self} = Bully) ->
     {keep_state, Elected, Actions} = elect(Election, Self, highest, Bully),
     Announcement = {cast, sap, {broadcast, bully_leader, {Election, Self}}},
     {keep_state, Elected, Actions ++ [Announcement]}.
+
+announced(Election, Leader, #bully{team = Team} = Bully) ->
+    case starl_team:has(Leader, Team) of
+        true -> elect(Election, Leader, announcement, Bully);
+        false -> unknown_event
+    end.
 
 elect(Election, Leader, How, Bully0) ->
     {Race, Bully} = race(Election, Bully0),

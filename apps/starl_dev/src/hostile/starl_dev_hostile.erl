@@ -5,8 +5,9 @@
 
 -export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
 
-%% What a robot's end has besides before it was attacked: new code that was used, messages under way.
--define(MOST_ATOMS, 500).
+%% What a robot's node may have besides what it had early in the attack: atoms, and as many for each
+%% module that was loaded since; messages under way.
+-define(MOST_ATOMS, 50).
 -define(MOST_BYTES, 64_000_000).
 
 -spec name() -> string().
@@ -106,7 +107,7 @@ attacked(Cluster, Victim, Dir, Left, Seed) ->
         participants => lists:seq(1, Robots),
         kinds =>
             starl_dev_hostile_packets:outsiders() ++ starl_dev_hostile_packets:insiders() ++
-            [absurd, absurd],
+            [absurd, shaped],
         seed => Seed
     }),
     Begun = erlang:monotonic_time(millisecond),
@@ -133,12 +134,14 @@ attacked(Cluster, Victim, Dir, Left, Seed) ->
 %% -- words ----------------------------------------------------------------------------------
 
 told(#{victim := Victim, ms := Ms, flood := Flood, outcome := #{end_us := Us}} = Seen) ->
-    #{sent := Sent, figures := Figures, before := Before, later := {Atoms, Bytes}} = Flood,
+    #{sent := Sent, figures := Figures, before := Before, later := Later} = Flood,
     #{monitors := #{starl_sap_monitor := Sap}} = maps:get(outcome, Seen),
+    {Atoms, Bytes, _} = Later,
+    {NewAtoms, NewBytes, Modules} = growth(Before, Later),
     starl_cli_terminal:out(
         "robot ~b: ~b hostile datagrams in ~.1f s (~.1f s of the run), ~b refused, ~b packets heard\n"
         "  sent: ~ts\n  refused: ~ts\n  absurd packets dropped by its machines: ~b\n"
-        "  atoms ~b, ~s new; memory ~.1f MB, ~s more\n"
+        "  atoms ~b, ~b new (loaded meanwhile: ~ts); memory ~.1f MB, ~.1f more\n"
         "  messages of the team: ~b sent, ~b acknowledged, ~b lost\n",
         [
             Victim,
@@ -151,17 +154,15 @@ told(#{victim := Victim, ms := Ms, flood := Flood, outcome := #{end_us := Us}} =
             listed(refusals(Figures)),
             length([x || {_, _, _, {dropped, _, _}} <- own(Seen)]),
             Atoms,
-            grown(Before, fun({A, _}) -> integer_to_list(Atoms - A) end),
+            NewAtoms,
+            lists:join(" ", [atom_to_list(Module) || Module <- Modules]),
             Bytes / 1.0e6,
-            grown(Before, fun({_, B}) -> io_lib:format("~.1f", [(Bytes - B) / 1.0e6]) end),
+            NewBytes / 1.0e6,
             maps:get(sent, Sap),
             maps:get(acknowledged, Sap),
             maps:get(lost, Sap)
         ]
     ).
-
-grown(none, _Difference) -> "?";
-grown(Before, Difference) -> Difference(Before).
 
 total(Counts) -> lists:sum(maps:values(Counts)).
 
@@ -187,7 +188,7 @@ checks(#{ending := Ending, outcome := Outcome, report := Report, facts := Facts}
     Marked = [x || {_, _, _, {unheard, _, Type}} <- own(Seen), is_mark(Type)],
     Crashed = [F || {_, _, _, crashed} = F <- lists:append(maps:values(Facts))],
     Unheard = [R || {_, #{result := Result}} = R <- Robots, Result =/= {done, complete}],
-    {Atoms, Bytes} = growth(Before, Later),
+    {Atoms, Bytes, Modules} = growth(Before, Later),
     [
         {Ending =:= done, io_lib:format("the run ended: ~ts", [Ending])},
         {maps:get(complete, Report, false), "the picture is not complete"},
@@ -199,7 +200,7 @@ checks(#{ending := Ending, outcome := Outcome, report := Report, facts := Facts}
             length(Marked) =< Genuine,
             io_lib:format("~b packets taken, ~b were genuine", [length(Marked), Genuine])
         },
-        {Atoms =< ?MOST_ATOMS, io_lib:format("~b new atoms", [Atoms])},
+        {Atoms =< ?MOST_ATOMS * length([robot | Modules]), io_lib:format("~b new atoms", [Atoms])},
         {Bytes =< ?MOST_BYTES, io_lib:format("~b more bytes of memory", [Bytes])}
     ].
 
@@ -207,5 +208,7 @@ is_mark(Type) -> Type =:= starl_dev_hostile_packets:mark().
 
 results(Robots) -> [{Id, Result} || {Id, #{result := Result}} <- Robots].
 
-growth(none, _Later) -> {0, 0};
-growth({Atoms, Bytes}, {MoreAtoms, MoreBytes}) -> {MoreAtoms - Atoms, MoreBytes - Bytes}.
+growth(none, _Later) ->
+    {0, 0, []};
+growth({Atoms, Bytes, Modules}, {MoreAtoms, MoreBytes, MoreModules}) ->
+    {MoreAtoms - Atoms, MoreBytes - Bytes, MoreModules -- Modules}.

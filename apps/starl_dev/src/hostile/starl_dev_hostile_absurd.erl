@@ -2,7 +2,7 @@
 %% starl_packet:source/1}) and yet cannot be true. A pure module.
 -module(starl_dev_hostile_absurd).
 
--export([malformed/2, packet/3]).
+-export([malformed/2, packet/3, shaped/2]).
 
 %% The types that the machines of a painting team listen to.
 -define(TYPES, {
@@ -131,3 +131,35 @@ parts() ->
 
 deep(0) -> [];
 deep(N) -> [deep(N - 1)].
+
+%% @doc A datagram of a shape that a machine accepts, with numbers far beyond any that robots count to.
+%% They leave room for higher ones: a term of path planning with the largest number of all would be
+%% the last.
+-spec shaped(starl:robot_id(), rand:state()) -> {starl_packet:t(), rand:state()}.
+shaped(By, Random0) ->
+    {N, Random1} = rand:uniform_s(1 bsl 56, Random0),
+    Bodies = shapes((1 bsl 57) + N),
+    {Which, Random} = rand:uniform_s(tuple_size(Bodies), Random1),
+    {Type, Body} = element(Which, Bodies),
+    {starl_packet:shout(By, Type, Body), Random}.
+
+shapes(Huge) ->
+    Term = {Huge, Huge, Huge},
+    Id = {Huge, Huge},
+    {
+        {ballot, {painting, {Huge, Huge}}},
+        {leader, {painting, Huge}},
+        {dpp_request, {Term, Id, {1.0e9, -1.0e9}, [Huge], -Huge}},
+        {dpp_passed, {Term, Id, Huge}},
+        {dpp_state, {Term, Id, {standing, {1.0e9, 1.0e9}}, [Huge], {-Huge, Huge, true}}},
+        {dpp_state,
+            {Term, Id, {moving, Huge, {1.0e9, 1.0e9}, [{{-1.0e9, 1.0e9}, {down, Huge}}]}, [], {
+                Huge, Huge, false
+            }}},
+        {dpp_here, {Term, {Huge, -Huge, true}}},
+        {dpp_refused, Term},
+        {dpp_answer, {Term, Id, again, [Huge]}},
+        {dpp_answer, {Term, Id, {assign, {1.0e9, 1.0e9}, [{{-1.0e9, 1.0e9}, up}]}, [Huge]}},
+        {dpp_recover, {Term, -Huge, true}},
+        {dpp_beat, {Term, Huge, [{Huge, Huge}]}}
+    }.

@@ -14,8 +14,8 @@
     packets := starl_dev_hostile_packets:t()
 }.
 
-%% Atoms, and bytes of memory after garbage collection.
--type vitals() :: {Atoms :: non_neg_integer(), Bytes :: non_neg_integer()}.
+%% Atoms, bytes of memory after garbage collection, and the loaded modules.
+-type vitals() :: {Atoms :: non_neg_integer(), Bytes :: non_neg_integer(), [module()]}.
 
 %% `sent': by kind; `genuine': how many datagrams of the pools were sent; `before': early in the
 %% flood, when all code has been used.
@@ -136,4 +136,7 @@ vitals(Node) -> erpc:call(Node, ?MODULE, vitals, [], ?CALL_MS).
 -spec vitals() -> vitals().
 vitals() ->
     lists:foreach(fun erlang:garbage_collect/1, processes()),
-    {erlang:system_info(atom_count), erlang:memory(total)}.
+    %% the question for memory makes atoms itself
+    Memory = erlang:memory(total),
+    Modules = [Module || {Module, _} <- code:all_loaded()],
+    {erlang:system_info(atom_count), Memory, Modules}.

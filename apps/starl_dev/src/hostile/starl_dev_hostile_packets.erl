@@ -214,6 +214,10 @@ datagram(fragments, Packets, Random0) ->
 datagram(absurd, Packets, Random0) ->
     {Speaker, Random1} = speaker(Packets, Random0),
     {Packet, Random} = starl_dev_hostile_absurd:packet(Speaker, robot(Packets), Random1),
+    {sealed(Speaker, robot(Packets), encoded(Packet), Packets), Random};
+datagram(shaped, Packets, Random0) ->
+    {Speaker, Random1} = speaker(Packets, Random0),
+    {Packet, Random} = starl_dev_hostile_absurd:shaped(Speaker, Random1),
     {sealed(Speaker, robot(Packets), encoded(Packet), Packets), Random}.
 
 known(#packets{pool = Pool}, Random) -> one_of(Pool, Random).
