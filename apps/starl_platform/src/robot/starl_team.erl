@@ -26,7 +26,8 @@ others(Robot, Team) -> lists:delete(Robot, members(Team)).
 %% @doc The number of its robots.
 -spec count(t()) -> non_neg_integer().
 count([]) -> 0;
-count([{First, Last} | Rest]) -> Last - First + 1 + count(Rest);
+count([{First, Last} | Rest]) when is_integer(First), is_integer(Last) ->
+    Last - First + 1 + count(Rest);
 count([_ | Rest]) -> 1 + count(Rest).
 
 %% @doc Is the robot in the team?
