@@ -25,10 +25,12 @@ others(Robot, Team) -> lists:delete(Robot, members(Team)).
 
 %% @doc The number of its robots.
 -spec count(t()) -> non_neg_integer().
-count([]) -> 0;
+count([]) ->
+    0;
 count([{First, Last} | Rest]) when is_integer(First), is_integer(Last) ->
     Last - First + 1 + count(Rest);
-count([_ | Rest]) -> 1 + count(Rest).
+count([_ | Rest]) ->
+    1 + count(Rest).
 
 %% @doc Is the robot in the team?
 -spec has(starl:robot_id(), t()) -> boolean().
