@@ -84,7 +84,7 @@ chars(_Other) -> "".
 to_otp(Page) ->
     Text = re:replace(
         read(Page),
-        "href=\"((?:gen|supervisor)[a-z_]*)\\.html\"",
+        "href=\"((?:gen_|supervisor|application|eunit_)[a-z_]*)\\.html\"",
         "href=\"https://www.erlang.org/doc/man/\\1.html\"",
         [global]
     ),

@@ -14,7 +14,7 @@
 -type state() ::
     {paint, Painting :: term()} | {call, Left :: non_neg_integer(), complete | incomplete}.
 
--spec init(starl:robot(), none) -> state().
+-spec init(starl:robot(), none) -> {paint, Painting :: term()}.
 init(Robot, none) ->
     starl:listen(Robot, present),
     {paint, starl_painting:init(Robot, none)}.

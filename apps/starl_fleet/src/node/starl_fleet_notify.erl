@@ -1,5 +1,5 @@
-%% @doc The words of a service to systemd ({@link https://www.freedesktop.org/software/systemd/man/sd_notify.html
-%% sd_notify}): datagrams to the socket that the environment names. Without systemd nobody hears them.
+%% @doc The words of a service to systemd (its manual page sd_notify): datagrams to the socket that
+%% the environment names. Without systemd nobody hears them.
 -module(starl_fleet_notify).
 
 -export([here/0, new/2, period_ms/1, tell/2]).

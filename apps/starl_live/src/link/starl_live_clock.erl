@@ -29,7 +29,7 @@ at_us(SystemUs, {Epoch, Pace}) ->
     round((SystemUs - Epoch) * Pace).
 
 %% @doc The monotonic time in milliseconds at which this clock will have reached a time, rounded up:
-%% for {@link erlang:start_timer/4} with an absolute time. It may be in the past.
+%% for `erlang:start_timer/4' with an absolute time. It may be in the past.
 -spec monotonic_ms(DueUs :: integer(), t()) -> integer().
 monotonic_ms(DueUs, {_, Pace} = Clock) ->
     LeftUs = (DueUs - now_us(Clock)) / Pace,

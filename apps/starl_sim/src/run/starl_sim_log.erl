@@ -38,7 +38,7 @@ words(killed, _Robot) -> "killed";
 words(crashed, Machine) -> io_lib:format("~tp crashed", [Machine]);
 words(given_up, Machine) -> io_lib:format("~tp is given up and not started again", [Machine]).
 
-%% @doc A filter for a handler of the logger, see {@link logger:add_handler_filter/3}.
+%% @doc A filter for a handler of the logger, see `logger:add_handler_filter/3'.
 -spec filter() -> {logger:filter_id(), {fun(), []}}.
 filter() -> {?MODULE, {fun ?MODULE:of_robots/2, []}}.
 
