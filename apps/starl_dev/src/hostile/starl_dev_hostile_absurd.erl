@@ -40,7 +40,7 @@ malformed(Robot, N) ->
 
 %% @doc A packet in a robot's name to another one. None can be true, whatever the two have sent each
 %% other so far.
--spec packet(starl:robot_id(), starl:robot_id(), rand:state()) -> {tuple(), rand:state()}.
+-spec packet(starl:robot_id(), starl:robot_id(), rand:state()) -> {Packet :: term(), rand:state()}.
 packet(By, To, Random0) ->
     {Kind, Random1} = rand:uniform_s(15, Random0),
     {N, Random2} = rand:uniform_s(1 bsl 56, Random1),
@@ -70,7 +70,6 @@ packet(10, By, _To, Huge, Type, Body) ->
     starl_packet:data({By, 1, Huge, {all, Huge}, #{}, Type, Body});
 %% for an incarnation that is a list, or another that the robot never had
 packet(11, By, To, Huge, Type, Body) ->
-    %% no such data packet can be built
     {starl, 1, data, {By, 1, Huge, 1, #{To => [Huge], [] => #{}}, Type, Body}};
 packet(12, By, To, Huge, Type, Body) ->
     starl_packet:data({By, 1, Huge, {all, 1}, #{To => Huge}, Type, Body});
@@ -110,13 +109,11 @@ part(Random0) ->
     {Which, Random} = rand:uniform_s(tuple_size(Parts), Random0),
     {element(Which, Parts), Random}.
 
-%% The list [improper | list], from its bytes: Dialyzer would find it wrong.
-improper() -> binary_to_term(<<131, 108, 1:32, 119, 8, "improper", 119, 4, "list">>).
-
 parts() ->
     {
         [],
-        improper(),
+        %% an improper list
+        binary_to_term(<<131, 108, 1:32, 97, 1, 97, 2>>),
         #{},
         #{#{} => []},
         <<>>,
