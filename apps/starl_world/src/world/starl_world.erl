@@ -65,8 +65,9 @@
     rate_hz :: number() | none,
     whole_mm :: boolean(),
     draws = 0 :: non_neg_integer(),
-    %% the robots that get old pictures, and what they see
-    frozen = #{} :: #{starl:robot_id() => [starl_live_positioning:sighting()]},
+    %% what each robot was shown last, and the robots that get nothing newer
+    shown = #{} :: #{starl:robot_id() => #{starl:robot_id() => starl:pose()}},
+    frozen = [] :: [starl:robot_id()],
     leader = none :: starl:robot_id() | none,
     ending = none :: ending() | none,
     callers = [] :: [gen_server:from()]
@@ -103,7 +104,7 @@ status(World) -> gen_server:call(World, status).
 -spec until(pid(), Us :: integer()) -> ok.
 until(World, Us) -> gen_server:call(World, {until, Us}, infinity).
 
-%% @doc From now on these robots, and no others, are shown all robots as they are now, again and again.
+%% @doc From now on these robots, and no others, are shown what they were shown last, again and again.
 -spec freeze(pid(), [starl:robot_id()]) -> ok.
 freeze(World, Robots) -> gen_server:call(World, {freeze, Robots}).
 
@@ -160,10 +161,8 @@ handle_call({until, Us}, From, #world{clock = Clock} = World) ->
     At = starl_live_clock:monotonic_ms(Us, Clock),
     _ = erlang:send_after(At, self(), {reached, From}, [{abs, true}]),
     {noreply, World};
-handle_call({freeze, Ids}, _From, #world{robots = Robots} = World) ->
-    All = lists:sort(maps:keys(Robots)),
-    {Seen, Next} = seen(0, All, World#world{frozen = #{}}),
-    {reply, ok, Next#world{frozen = maps:from_list([{Id, Seen} || Id <- Ids])}};
+handle_call({freeze, Ids}, _From, World) ->
+    {reply, ok, World#world{frozen = Ids}};
 handle_call(finish, _From, World) ->
     {reply, outcome(World), World}.
 
@@ -180,8 +179,9 @@ handle_info({starl_watches, Id, Sight}, #world{robots = Robots} = World) ->
     {noreply, put_robot(Id, Robot#robot{sight = Sight}, World)};
 handle_info({starl_look, Id, Sight, Looked}, #world{rate_hz = none} = World) ->
     {Seen, Next} = seen(Id, Looked, World),
-    Sight ! {starl_seen, shown(Id, Seen, Next)},
-    {noreply, Next};
+    {Picture, Shown} = shown(Id, Seen, Next),
+    Sight ! {starl_seen, Picture},
+    {noreply, Shown};
 handle_info({starl_look, _Id, _Sight, _Looked}, World) ->
     {noreply, World};
 handle_info({reached, From}, World) ->
@@ -255,17 +255,27 @@ show(#world{rate_hz = Rate, robots = Robots, clock = Clock} = World) ->
     _ = erlang:send_after(Next, self(), show, [{abs, true}]),
     Ids = lists:sort(maps:keys(Robots)),
     {Seen, Drawn} = seen(0, Ids, World),
-    _ = [
-        Sight ! {starl_seen, shown(Id, Seen, World)}
-     || {Id, #robot{sight = Sight}} <- maps:to_list(Robots), is_pid(Sight)
-    ],
-    Drawn.
+    Watching = [{Id, S} || {Id, #robot{sight = S}} <- maps:to_list(Robots), is_pid(S)],
+    lists:foldl(
+        fun({Id, Sight}, Before) ->
+            {Picture, Shown} = shown(Id, Seen, Before),
+            Sight ! {starl_seen, Picture},
+            Shown
+        end,
+        Drawn,
+        Watching
+    ).
 
-%% A frozen system shows old poses as new ones.
-shown(Id, Seen, #world{frozen = Frozen} = World) ->
-    case Frozen of
-        #{Id := Old} -> [{Robot, Pose, now_us(World)} || {Robot, Pose, _} <- Old];
-        #{} -> Seen
+%% A frozen system shows a robot the last picture that it has got, again and again, as a new one.
+shown(Id, Seen, #world{shown = Shown, frozen = Frozen} = World) ->
+    Last = maps:get(Id, Shown, #{}),
+    case lists:member(Id, Frozen) of
+        true ->
+            Now = now_us(World),
+            {[{R, Pose, Now} || {R, _, _} <- Seen, #{R := Pose} <- [Last]], World};
+        false ->
+            Latest = maps:merge(Last, maps:from_list([{R, Pose} || {R, Pose, _} <- Seen])),
+            {Seen, World#world{shown = Shown#{Id => Latest}}}
     end.
 
 seen(By, Ids, #world{robots = Robots, sim = Sim, draws = N, whole_mm = Whole} = World) ->
