@@ -125,8 +125,8 @@ still_test() ->
     Script = [{velocity, 1.0, 0.0, 1.0}],
     ?assertMatch(
         {[{m, {stalled, _}}], Clock},
-        starl_fleet_still:drive({starl_fleet_node_tests_chassis(), Script}, m, Clock)
+        starl_fleet_still:drive({starl_fleet_node_tests_chassis(), Script}, 0, m, Clock)
     ),
-    ?assertMatch({[{m, {driven, _}}], Clock}, starl_fleet_still:drive({any, []}, m, Clock)).
+    ?assertMatch({[{m, {driven, _}}], Clock}, starl_fleet_still:drive({any, []}, 0, m, Clock)).
 
 starl_fleet_node_tests_chassis() -> lists.

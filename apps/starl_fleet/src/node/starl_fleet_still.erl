@@ -3,15 +3,17 @@
 -module(starl_fleet_still).
 -behaviour(starl_live_chassis).
 
--export([open/1, drive/3, actuate/4, stop/1, hear/2, close/1]).
+-export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1]).
 
 -spec open(starl_live_chassis:config()) -> {ok, starl_live_clock:t()}.
 open(#{clock := Clock}) -> {ok, Clock}.
 
--spec drive(starl_chassis:script(), term(), starl_live_clock:t()) ->
+-spec drive(starl_chassis:script(), integer(), term(), starl_live_clock:t()) ->
     {[{term(), starl_live_chassis:answer()}], starl_live_clock:t()}.
-drive({_Chassis, []}, Mark, Clock) -> {[{Mark, {driven, starl_live_clock:now_us(Clock)}}], Clock};
-drive({Chassis, Commands}, Mark, Clock) -> {[{Mark, {stalled, Chassis:last(Commands)}}], Clock}.
+drive({_Chassis, []}, _Until, Mark, Clock) ->
+    {[{Mark, {driven, starl_live_clock:now_us(Clock)}}], Clock};
+drive({Chassis, Commands}, _Until, Mark, Clock) ->
+    {[{Mark, {stalled, Chassis:last(Commands)}}], Clock}.
 
 -spec actuate(atom(), term(), {mark, term()} | none, starl_live_clock:t()) ->
     {[{term(), starl_live_chassis:answer()}], starl_live_clock:t()}.

@@ -47,6 +47,10 @@
 %% The numbers of events handled and of packets sent.
 -type figures() :: #{events := non_neg_integer(), packets := non_neg_integer()}.
 
+%% A script that has not begun by this time after the step that wanted it is not begun at all: much
+%% less than the pause of a robot that leases allow for (`jump_ms').
+-define(LATEST_US, 500000).
+
 -record(body, {
     id :: starl:robot_id(),
     participants :: starl_team:t(),
@@ -83,7 +87,7 @@
 -type out() ::
     {transmit, starl:robot_id() | all, starl_packet:t()}
     | {sense, Tag :: term(), [starl:robot_id()]}
-    | {drive, starl_chassis:script(), Mark :: term()}
+    | {drive, starl_chassis:script(), UntilUs :: integer(), Mark :: term()}
     | {actuate, atom(), term(), {mark, term()} | none}
     | {report, term()}
     | stop.
@@ -175,8 +179,8 @@ perform({transmit, To, Packet}, _Name, #body{packets = Packets, counts = Counts}
     {[], out({transmit, To, Packet}, Body#body{packets = Packets + 1, counts = Counted})};
 perform({sense, Robots, Tag}, Name, Body) ->
     {[], out({sense, {Name, Tag}, Robots}, Body)};
-perform({drive, Script, Mark}, Name, Body) ->
-    {[], out({drive, Script, {Name, Mark}}, Body)};
+perform({drive, Script, Mark}, Name, #body{now = Now} = Body) ->
+    {[], out({drive, Script, Now + ?LATEST_US, {Name, Mark}}, Body)};
 perform({actuate, Device, Value}, _Name, Body) ->
     {[], out({actuate, Device, Value, none}, Body)};
 perform({actuate, Device, Value, Mark}, Name, Body) ->
@@ -262,8 +266,8 @@ send({transmit, To, Packet}, #body{transport = Transport}) ->
     starl_live_transport:transmit(Transport, To, Packet);
 send({sense, Tag, Robots}, #body{positioning = Positioning}) ->
     starl_live_positioning:ask(Positioning, Tag, Robots);
-send({drive, Script, Mark}, #body{chassis = Chassis}) ->
-    starl_live_chassis:drive(Chassis, Script, Mark);
+send({drive, Script, Until, Mark}, #body{chassis = Chassis}) ->
+    starl_live_chassis:drive(Chassis, Script, Until, Mark);
 send({actuate, Device, Value, Mark}, #body{chassis = Chassis}) ->
     starl_live_chassis:actuate(Chassis, Device, Value, Mark);
 send({report, _Report}, #body{reporter = none}) ->

@@ -10,7 +10,7 @@
 -module(starl_live_chassis).
 -behaviour(gen_server).
 
--export([start_link/3, drive/3, actuate/4, stop/1]).
+-export([start_link/3, drive/4, actuate/4, stop/1, is_late/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
 -export_type([config/0, answer/0, said/0]).
@@ -36,8 +36,11 @@
 
 %% Opens the line. The process that calls it gets the messages of ports and sockets.
 -callback open(config()) -> {ok, State :: term()} | {error, unicode:chardata()}.
-%% Carries out a script in place of the present one ({@link starl_platform}).
--callback drive(starl_chassis:script(), Mark :: term(), State) -> {[{Mark, answer()}], State} when
+%% Carries out a script in place of the present one ({@link starl_platform}), unless it would begin
+%% after this time, by the robot's clock: see {@link is_late/3}.
+-callback drive(starl_chassis:script(), UntilUs :: integer(), Mark :: term(), State) ->
+    {[{Mark, answer()}], State}
+when
     State :: term(), Mark :: term().
 %% Sets another actuator, and answers if there is a mark.
 -callback actuate(Device :: atom(), Value :: term(), {mark, Mark :: term()} | none, State) ->
@@ -55,16 +58,24 @@ when
 -record(chassis, {
     module :: module(),
     state :: term(),
-    link :: pid()
+    link :: pid(),
+    clock :: starl_live_clock:t()
 }).
 
 %% @doc Opens the chassis of a robot; answers go to the link.
 -spec start_link(module(), config(), Link :: pid()) -> gen_server:start_ret().
 start_link(Module, Config, Link) -> gen_server:start_link(?MODULE, {Module, Config, Link}, []).
 
-%% @doc Gives the chassis a script in place of the present one.
--spec drive(pid(), starl_chassis:script(), Mark :: term()) -> ok.
-drive(Chassis, Script, Mark) -> gen_server:cast(Chassis, {drive, Script, Mark}).
+%% @doc Gives the chassis a script in place of the present one, to begin by this time at the latest.
+-spec drive(pid(), starl_chassis:script(), UntilUs :: integer(), Mark :: term()) -> ok.
+drive(Chassis, Script, Until, Mark) -> gen_server:cast(Chassis, {drive, Script, Until, Mark}).
+
+%% @doc Is it too late to begin a script? A script is driven under a lease that may have ended
+%% meanwhile: a computer that stood still must not begin it afterwards. The robot takes a script that
+%% nobody answers for one that was lost. To stop is never too late.
+-spec is_late(starl_chassis:script(), UntilUs :: integer(), NowUs :: integer()) -> boolean().
+is_late({_Chassis, []}, _Until, _Now) -> false;
+is_late(_Script, Until, Now) -> Now > Until.
 
 %% @doc Sets another actuator.
 -spec actuate(pid(), Device :: atom(), Value :: term(), {mark, term()} | none) -> ok.
@@ -75,11 +86,11 @@ actuate(Chassis, Device, Value, Mark) -> gen_server:cast(Chassis, {actuate, Devi
 stop(Chassis) -> gen_server:cast(Chassis, stop).
 
 -spec init({module(), config(), pid()}) -> {ok, #chassis{}} | {stop, term()}.
-init({Module, #{robot := Robot} = Config, Link}) ->
+init({Module, #{robot := Robot, clock := Clock} = Config, Link}) ->
     process_flag(trap_exit, true),
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
     case Module:open(Config) of
-        {ok, State} -> {ok, #chassis{module = Module, state = State, link = Link}};
+        {ok, State} -> {ok, #chassis{module = Module, state = State, link = Link, clock = Clock}};
         {error, Why} -> {stop, {shutdown, {chassis, unicode:characters_to_binary(Why)}}}
     end.
 
@@ -87,10 +98,17 @@ init({Module, #{robot := Robot} = Config, Link}) ->
 handle_call(_Question, _From, Chassis) -> {reply, ok, Chassis}.
 
 -spec handle_cast(
-    {drive, starl_chassis:script(), term()} | {actuate, atom(), term(), term()} | stop, #chassis{}
+    {drive, starl_chassis:script(), integer(), term()} | {actuate, atom(), term(), term()} | stop,
+    #chassis{}
 ) -> {noreply, #chassis{}}.
-handle_cast({drive, Script, Mark}, #chassis{module = Module, state = State} = Chassis) ->
-    {noreply, said(Module:drive(Script, Mark, State), Chassis)};
+handle_cast({drive, Script, Until, Mark}, #chassis{module = Module, state = State} = Chassis) ->
+    case is_late(Script, Until, starl_live_clock:now_us(Chassis#chassis.clock)) of
+        true ->
+            logger:warning(#{what => late_command, until_us => Until}),
+            {noreply, Chassis};
+        false ->
+            {noreply, said(Module:drive(Script, Until, Mark, State), Chassis)}
+    end;
 handle_cast({actuate, Device, Value, Mark}, #chassis{module = Module, state = State} = Chassis) ->
     {noreply, said(Module:actuate(Device, Value, Mark, State), Chassis)};
 handle_cast(stop, #chassis{module = Module, state = State} = Chassis) ->

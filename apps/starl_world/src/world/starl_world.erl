@@ -227,9 +227,15 @@ hears(Id, Chassis, What, #world{robots = Robots} = World) ->
             World
     end.
 
-does({drive, Script, Mark}, Now, Body) -> starl_world_body:drive(Script, Mark, Now, Body);
-does({actuate, What, Mark}, Now, Body) -> starl_world_body:actuate(What, Mark, Now, Body);
-does(stop, Now, Body) -> starl_world_body:stop(Now, Body).
+does({drive, Script, Until, Mark}, Now, Body) ->
+    case starl_live_chassis:is_late(Script, Until, Now) of
+        true -> {[], [], Body};
+        false -> starl_world_body:drive(Script, Mark, Now, Body)
+    end;
+does({actuate, What, Mark}, Now, Body) ->
+    starl_world_body:actuate(What, Mark, Now, Body);
+does(stop, Now, Body) ->
+    starl_world_body:stop(Now, Body).
 
 advance(Id, #world{robots = Robots} = World) ->
     #{Id := #robot{body = Body} = Robot} = Robots,

@@ -2,7 +2,7 @@
 -module(starl_world_chassis).
 -behaviour(starl_live_chassis).
 
--export([open/1, drive/3, actuate/4, stop/1, hear/2, close/1]).
+-export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1]).
 
 -record(line, {world :: pid(), robot :: starl:robot_id(), monitor :: reference()}).
 
@@ -15,8 +15,8 @@ open(#{world := World, robot := Robot}) ->
         {error, Why} -> {error, Why}
     end.
 
--spec drive(starl_chassis:script(), term(), #line{}) -> {[], #line{}}.
-drive(Script, Mark, Line) -> tell({drive, Script, Mark}, Line).
+-spec drive(starl_chassis:script(), integer(), term(), #line{}) -> {[], #line{}}.
+drive(Script, Until, Mark, Line) -> tell({drive, Script, Until, Mark}, Line).
 
 -spec actuate(atom(), term(), {mark, term()} | none, #line{}) -> {[], #line{}}.
 actuate(Device, Value, Mark, Line) -> tell({actuate, {Device, Value}, Mark}, Line).
