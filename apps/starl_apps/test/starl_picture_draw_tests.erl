@@ -38,6 +38,16 @@ robots_test() ->
         ]
     ].
 
+%% A team of thousands does not make the page taller.
+large_team_test() ->
+    Team = fun(Count) ->
+        text((drawing())#{robots := [{Id, {1.0, 1.0}, 0.0} || Id <- lists:seq(1, Count)]})
+    end,
+    ?assertNotEqual(nomatch, binary:match(Team(64), <<">robot 64<">>)),
+    ?assertEqual(nomatch, binary:match(Team(65), <<">robot 17<">>)),
+    ?assertNotEqual(nomatch, binary:match(Team(65), <<">and so on<">>)),
+    [Height, Height] = [binary:part(Team(N), 0, 60) || N <- [65, 3000]].
+
 title_is_escaped_test() ->
     Text = text((drawing())#{title => "a < b & \x{3b1}\n"}),
     ?assertNotEqual(nomatch, binary:match(Text, <<"a &lt; b &amp; ", 16#CE, 16#B1, " <">>)),

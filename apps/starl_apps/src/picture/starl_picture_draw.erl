@@ -39,6 +39,9 @@
 -define(MARGIN_DOTS, 12).
 -define(ROW_DOTS, 22).
 -define(COLUMN_DOTS, 95).
+%% A legend lists at most so many robots.
+-define(LISTED, 64).
+-define(COLOURS, 16).
 -define(PNG_WIDTH, "1200").
 -define(PNG_TIME_MS, 30_000).
 
@@ -47,14 +50,15 @@
 svg(#{floor := Floor, target := Target, ink := Ink, robots := Robots} = Drawing) ->
     Ids = lists:usort(maps:keys(Ink) ++ [Id || {Id, _, _} <- Robots]),
     Title = maps:get(title, Drawing, ""),
-    Page = page(Floor, length(Ids), string:is_empty(Title)),
+    Listed = listed(Ids),
+    Page = page(Floor, length(Listed), string:is_empty(Title)),
     iolist_to_binary([
         head(Page),
         title(Title, Page),
         target(Target, Page),
         [ink(Id, maps:get(Id, Ink), Page) || Id <- Ids, is_map_key(Id, Ink)],
         [robot(Robot, Page) || Robot <- lists:sort(Robots)],
-        legend(Ids, Page),
+        legend(Listed, Page),
         "</svg>\n"
     ]).
 
@@ -81,7 +85,7 @@ with_png({error, Reason}, Svg) -> {partly, [Svg], Reason}.
 %% @doc The colour of a robot, `#rrggbb'. Sixteen consecutive robots have sixteen colours that are
 %% distinguishable on white; then the colours repeat.
 -spec colour(robot_id()) -> string().
-colour(Id) -> element((Id - 1) rem 16 + 1, palette()).
+colour(Id) -> element((Id - 1) rem ?COLOURS + 1, palette()).
 
 %% @doc One line of text.
 -spec format_error(reason()) -> binary().
@@ -238,10 +242,16 @@ centre({X, Y}, #page{height = H}) -> [X, H - Y].
 
 label_point({X, Y}, Size, #page{height = H}) -> {X, H - Y + 0.36 * Size}.
 
-legend(Ids, Page) ->
-    [legend_entry(N, Id, Page) || {N, Id} <- lists:zip(lists:seq(0, length(Ids) - 1), Ids)].
+%% The colours repeat, so that a large team needs no entry for each robot.
+listed(Ids) when length(Ids) =< ?LISTED ->
+    [{Id, ["robot ", integer_to_list(Id)]} || Id <- Ids];
+listed(Ids) ->
+    listed(lists:sublist(Ids, ?COLOURS)) ++ [{lists:last(Ids), "and so on"}].
 
-legend_entry(N, Id, #page{height = H, dot = Dot, columns = Columns}) ->
+legend(Listed, Page) ->
+    [legend_entry(N, Entry, Page) || {N, Entry} <- lists:enumerate(0, Listed)].
+
+legend_entry(N, {Id, Text}, #page{height = H, dot = Dot, columns = Columns}) ->
     X = N rem Columns * ?COLUMN_DOTS * Dot,
     Y = H + (?ROW_DOTS * (N div Columns) + 15) * Dot,
     [
@@ -251,7 +261,7 @@ legend_entry(N, Id, #page{height = H, dot = Dot, columns = Columns}) ->
             14 * Dot,
             "start",
             "#303030",
-            ["robot ", integer_to_list(Id)]
+            Text
         )
     ].
 
