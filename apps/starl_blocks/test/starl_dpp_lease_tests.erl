@@ -102,6 +102,17 @@ stamps_ascend_test() ->
     ?assertEqual([{1, 100}], starl_dpp_lease:stamps(L2)),
     ?assert(starl_dpp_lease:rests(1, 13 * ?S + 1, L2)).
 
+%% A stamp lower than one of long ago comes from a clock that stood still and was set back; one that was
+%% overtaken, or whose clock was only set back, is no older than clocks are set by.
+outlives_test() ->
+    New = starl_dpp_lease:new([1, 2], #{lease_ms => 10000, drift_ppm => 0, jump_ms => 2000}),
+    L = starl_dpp_lease:heard(1, 100, 3 * ?S, starl_dpp_lease:since(0, New)),
+    Outlives = fun(Stamp, Now) -> starl_dpp_lease:outlives(1, Stamp, Now, L) end,
+    ?assertEqual([false, true], [Outlives(99, 5 * ?S + Us) || Us <- [0, 1]]),
+    ?assertEqual([false, true], [Outlives(100, 13 * ?S + Us) || Us <- [0, 1]]),
+    ?assertNot(Outlives(101, 13 * ?S)),
+    ?assertNot(starl_dpp_lease:outlives(2, 0, 3 * ?S, L)).
+
 %% A vote is for one robot until its time is over.
 vote_test() ->
     {true, V1} = starl_dpp_vote:give(3, 5 * ?S, vote(none)),

@@ -300,9 +300,8 @@ stamp(dpp_passed, _Body) -> none.
 in_time(dpp_request, {_, Id, At, Painted, Stamp}, Robot, _State, #coordinator{serve = S} = Data) ->
     #coordinator{lease = Lease, now = Now, term = Term} = Heard = stamped(Robot, Stamp, Data),
     Service = Data#coordinator.service,
-    case starl_dpp_lease:rests(Robot, Now, Lease) of
+    case starl_dpp_lease:outlives(Robot, Stamp, Now, Lease) of
         true ->
-            %% a lease that counts from this stamp, long known, has ended
             keep({Heard, [starl_sap:post(Robot, dpp_answer, {Term, Id, again, []})]});
         false ->
             keep(served(Service:requested(Robot, Id, {At, Painted}, S), Heard))

@@ -16,7 +16,7 @@
 -module(starl_dpp_lease).
 
 -export([options/0, new/2, short_us/1, long_us/1, bounds/1, beat_us/1, quorum/2]).
--export([beat/2, voted/4, heard/4, since/2, leads/2, votes/2, stamps/1, rests/3]).
+-export([beat/2, voted/4, heard/4, since/2, leads/2, votes/2, stamps/1, rests/3, outlives/4]).
 -export_type([t/0, config/0, seq/0, stamp/0]).
 
 %% `lease_ms' (10000): the duration of a lease, and about the time without a coordinator after one
@@ -41,6 +41,7 @@
     team :: [starl:robot_id()],
     short_us :: pos_integer(),
     long_us :: pos_integer(),
+    jump_us :: non_neg_integer(),
     %% the beats of the last lease, latest first
     sent = [] :: [seq()],
     votes = #{} :: #{starl:robot_id() => UntilUs :: integer()},
@@ -65,7 +66,8 @@ options() ->
 %% @doc No votes yet.
 -spec new([starl:robot_id()], config()) -> t().
 new(Team, Config) ->
-    #lease{team = Team, short_us = short_us(Config), long_us = long_us(Config)}.
+    {Jump, _Ppm} = bounds(Config),
+    #lease{team = Team, short_us = short_us(Config), long_us = long_us(Config), jump_us = Jump}.
 
 %% @doc The duration of a lease for its giver (us).
 -spec long_us(config()) -> pos_integer().
@@ -152,3 +154,13 @@ rests(_Robot, _Now, #lease{since = none}) ->
 rests(Robot, Now, #lease{heard = Heard, since = Since, long_us = Long}) ->
     {_, At} = maps:get(Robot, Heard, {none, Since}),
     max(At, Since) + Long < Now.
+
+%% @doc Could a drive lease that the robot counts from this stamp outlast what the coordinator
+%% allows for it? So it could if the stamp is long known, since the robot's clock may have stood
+%% still, and if a later stamp was known so long ago that the clock was not merely set back since.
+-spec outlives(starl:robot_id(), stamp(), Now :: integer(), t()) -> boolean().
+outlives(Robot, Stamp, Now, #lease{heard = Heard, jump_us = Jump} = Lease) ->
+    case Heard of
+        #{Robot := {Latest, At}} when Stamp < Latest, Now - At > Jump -> true;
+        #{} -> rests(Robot, Now, Lease)
+    end.
