@@ -36,13 +36,15 @@
 -opaque sim() :: #sim{}.
 
 %% Options outside the scenario: the events of which robots to record; further monitors, which only
-%% look on; the nodes of the run, either a number of peers on this machine or nodes that already run
+%% look on; the observer of the run, and whether it is told of each packet; the nodes of the run, either a number of peers on this machine or nodes that already run
 %% the same code ({@link starl_sim_nodes}); the wall time that one node may keep the others waiting;
 %% the time by which everything with a bound may be late (in real time, where a computer has other
 %% work, too); and modules that were compiled in memory, to be loaded on the nodes.
 -type options() :: #{
     record => #{starl:robot_id() => starl_sim_ledger:range()},
     watch => [{module(), map()}],
+    observe => starl_observer:t(),
+    packets => boolean(),
     nodes => starl_sim_nodes:nodes(),
     node_timeout_ms => pos_integer(),
     slack_us => non_neg_integer(),
@@ -77,9 +79,16 @@ start(Given) -> start(Given, #{}).
     {ok, sim()} | {error, reason()}.
 start(Given, Options) ->
     case plan(Given, Options) of
-        {ok, Planned} -> launch(Planned);
-        {error, _} = Error -> Error
+        {ok, Planned} ->
+            Facts = fun() -> starl_sim_plan:facts(Planned, maps:get(watch, Options, [])) end,
+            ok = begun(maps:get(observe, Options, none), Facts),
+            launch(Planned);
+        {error, _} = Error ->
+            Error
     end.
+
+begun(none, _Facts) -> ok;
+begun(Observer, Facts) -> starl_observer:tell({begun, Facts()}, Observer).
 
 %% @doc Plans the simulation of a scenario, without starting it: for other drivers of its robots.
 -spec plan(module() | #{app := module(), atom() => term()}, options()) ->

@@ -9,9 +9,9 @@
 -module(starl_packet).
 
 -export([data/1, ack/4, refusal/4, hello/2, shout/3, ask/2, told/4]).
--export([source/1]).
+-export([source/1, brief/1]).
 
--export_type([t/0, data/0, incarnation/0, seq/0, numbering/0, type/0, lows/0]).
+-export_type([t/0, brief/0, data/0, incarnation/0, seq/0, numbering/0, type/0, lows/0]).
 
 -define(VERSION, 1).
 
@@ -67,6 +67,17 @@
     | {starl, 1, told, starl:robot_id(), incarnation(), Nonce :: pos_integer(), lows()}
     %% a datagram for all in range; nobody acknowledges it
     | {starl, 1, shout, Source :: starl:robot_id(), type(), Body :: term()}.
+
+%% A packet in short, for recordings: its kind, the type of a message, the number of the message that
+%% it carries or answers. The same number on a link again is a retransmission.
+-type brief() ::
+    {data, type(), seq()}
+    | {ack | refusal, seq()}
+    | {shout, type()}
+    | hello
+    | ask
+    | told
+    | malformed.
 
 %% @doc A data packet.
 -spec data(data()) -> t().
@@ -124,3 +135,17 @@ source(_Other) ->
 numbered(Number, Source) when ?IS_COUNT(Number) -> Source;
 numbered({all, Number}, Source) when ?IS_COUNT(Number) -> Source;
 numbered(_Other, _Source) -> malformed.
+
+%% @doc A packet in short.
+-spec brief(term()) -> brief().
+brief(Packet) ->
+    case source(Packet) of
+        malformed -> malformed;
+        _ -> shortened(Packet)
+    end.
+
+shortened({starl, _, data, {_, _, Seq, _, _, Type, _}}) -> {data, Type, Seq};
+shortened({starl, _, shout, _, Type, _}) -> {shout, Type};
+shortened({starl, _, ack, _, _, _, Seq}) -> {ack, Seq};
+shortened({starl, _, refusal, _, _, _, Seq}) -> {refusal, Seq};
+shortened(Other) -> element(3, Other).

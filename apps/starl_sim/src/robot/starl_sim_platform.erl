@@ -22,7 +22,7 @@
 %% The data that all robots share: the seed, the radio, the clocks and the chassis' errors, and the
 %% faults of each class; faults of the serial line are among those of actuation.
 %% `sight' knows the pieces of motion that all robots were in when the window began.
-%% `record' names the robots and events to record.
+%% `record' names the robots and events to record; `packets': each packet is traced.
 -type world() :: #{
     seed := integer(),
     team := starl_team:t(),
@@ -41,6 +41,7 @@
     actuation := [starl_sim_fault:compiled()],
     store := [starl_sim_fault:compiled()],
     record => #{starl:robot_id() => starl_sim_ledger:range()},
+    packets => boolean(),
     %% the reloads by number, and the modules of a robot's machines
     reloads => #{pos_integer() => starl_sim_reloads:t()},
     parts => #{starl_machine:name() => module()}

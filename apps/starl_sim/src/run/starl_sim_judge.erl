@@ -3,12 +3,13 @@
 %% judged.
 -module(starl_sim_judge).
 
--export([new/1, told/5, judged/1, seen/1, is_sound/1, missing/2, close/2]).
+-export([new/1, new/2, told/5, judged/1, seen/1, is_sound/1, missing/2, close/2]).
 
 -export_type([t/0]).
 
 -record(judge, {
     monitors :: starl_monitor:t(),
+    observer = none :: starl_observer:t(),
     violations = [] :: [starl_monitor:violation()],
     %% traces of windows that some shard has not reported yet; the number of windows judged
     traces = #{} :: #{pos_integer() => [{Shard :: pid(), [starl_monitor:trace_event()]}]},
@@ -21,7 +22,12 @@
 
 %% @doc Nothing is judged yet by these monitors.
 -spec new([{module(), map()}]) -> t().
-new(Monitors) -> #judge{monitors = starl_monitor:new(Monitors)}.
+new(Monitors) -> new(Monitors, none).
+
+%% @doc The same with an observer, who is told what is judged.
+-spec new([{module(), map()}], starl_observer:t()) -> t().
+new(Monitors, Observer) ->
+    #judge{monitors = starl_monitor:new(Monitors), observer = Observer}.
 
 %% @doc One of `Shards' shards reports its N-th window, ordered by time, then robot. Tells
 %% whether a contract is violated in the windows that can be judged now.
@@ -53,13 +59,23 @@ judge(Shards, #judge{traces = Traces, judged = Judged} = Judge) ->
 merge([Trace]) -> Trace;
 merge(Traces) -> lists:merge(Traces).
 
-watch(Trace, #judge{monitors = Monitors, violations = Violations} = Judge) ->
+watch([], Judge) ->
+    Judge;
+watch(Trace, #judge{observer = none} = Judge) ->
+    {_, Next} = watched(Trace, Judge),
+    Next;
+watch(Trace, #judge{observer = Observer} = Judge) ->
+    {Violations, Next} = watched([E || E <- Trace, not starl_observer:is_packet(E)], Judge),
+    ok = starl_observer:tell({judged, Trace, Violations}, Observer),
+    Next.
+
+watched(Trace, #judge{monitors = Monitors, violations = Violations} = Judge) ->
     Seen = Judge#judge{seen = last(Trace, Judge)},
     case starl_monitor:step(Trace, Monitors) of
         {ok, Next} ->
-            Seen#judge{monitors = Next};
+            {[], Seen#judge{monitors = Next}};
         {violation, Violation, Next} ->
-            Seen#judge{monitors = Next, violations = Violations ++ [Violation]}
+            {[Violation], Seen#judge{monitors = Next, violations = Violations ++ [Violation]}}
     end.
 
 last([], #judge{seen = Seen}) -> Seen;

@@ -2,7 +2,7 @@
 %% their machines, the world, the faults with their times, the monitors.
 -module(starl_sim_plan).
 
--export([context/2, make/4, mode/1, parts/1]).
+-export([context/2, make/4, mode/1, parts/1, facts/2]).
 
 -export_type([t/0]).
 
@@ -17,6 +17,7 @@
     faults := [starl_sim_queue:event()],
     limit_us := starl_sim_queue:time(),
     monitors := [{module(), map()}],
+    observe => starl_observer:t(),
     nodes => starl_sim_nodes:options(),
     sites => [starl_sim_site:t(), ...]
 }.
@@ -88,7 +89,8 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
             monitors(Scenario, Scene, Profiles, Context, maps:get(slack_us, Options, 0)) ++
             maps:get(watch, Options, [])
     },
-    maps:merge(Plan, nodes(Scenario, Scene, Options)).
+    Observed = maps:with([observe], Options),
+    maps:merge(maps:merge(Plan, Observed), nodes(Scenario, Scene, Options)).
 
 %% @doc The modules of a robot's machines.
 -spec parts(starl_scene:t()) -> #{starl_machine:name() => module()}.
@@ -100,6 +102,19 @@ parts(Scene) ->
         sap => Sap,
         location => starl_location,
         motion => starl_motion
+    }.
+
+%% @doc The facts of a planned run, for its observer. Monitors that only look on are not among them.
+-spec facts(starl_sim:planned(), Watching :: [{module(), map()}]) -> starl_observer:facts().
+facts({#{app := App} = Scenario, Scene, #{robots := Robots, monitors := Monitors}}, Watching) ->
+    #{
+        kind => simulation,
+        app => App,
+        scenario => maps:remove(app, Scenario),
+        robots => Robots,
+        monitors => Monitors -- Watching,
+        machines => parts(Scene),
+        waypoints => maps:get(waypoints, Scene, #{})
     }.
 
 nodes(#{app := App}, #{app := Playing} = Scene, #{nodes := Nodes} = Options) ->
@@ -132,6 +147,7 @@ world(Scenario, Profiles, #{robots := Ids}, Options) ->
         location => faults(location, Faults),
         actuation => faults(actuation, Faults) ++ faults(serial, Faults),
         store => faults(store, Faults),
+        packets => maps:get(packets, Options, false),
         record => maps:get(record, Options, #{})
     }.
 

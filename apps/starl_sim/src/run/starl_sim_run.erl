@@ -51,6 +51,7 @@
     window_us :: pos_integer(),
     shards :: starl_sim_shards:t(),
     judge :: starl_sim_judge:t(),
+    observer :: starl_observer:t(),
     %% the number of windows that the shards know to be judged
     approved = 0 :: non_neg_integer(),
     now = 0 :: starl_sim_queue:time(),
@@ -130,11 +131,13 @@ init(Plan) ->
     end.
 
 set_out(#{window_us := WindowUs, robots := Robots, limit_us := LimitUs} = Plan) ->
+    Observer = maps:get(observe, Plan, none),
     #run{
         limit_us = LimitUs,
         window_us = WindowUs,
         shards = starl_sim_shards:start(Plan),
-        judge = starl_sim_judge:new(maps:get(monitors, Plan)),
+        judge = starl_sim_judge:new(maps:get(monitors, Plan), Observer),
+        observer = Observer,
         running = length(Robots),
         reload = starl_sim_reload:new([Node || #{node := Node} <- maps:get(sites, Plan)])
     }.
@@ -321,6 +324,9 @@ conclude(Robots, #run{shards = Shards, judge = Judge} = Run) ->
         team => starl_sim_shards:team(Shards),
         lost => Run#run.lost
     },
-    starl_sim_outcome:new(End, Judge).
+    Outcome = starl_sim_outcome:new(End, Judge),
+    Told = maps:with([ending, end_us, violations, digest], Outcome),
+    ok = starl_observer:tell({ended, Told}, Run#run.observer),
+    Outcome.
 
 summaries(#run{now = Now, shards = Shards}) -> starl_sim_shards:summaries(Now, Shards).

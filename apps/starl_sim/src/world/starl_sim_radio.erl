@@ -2,7 +2,7 @@
 %% draws are stateless: a hash of the link, the number and the purpose.
 -module(starl_sim_radio).
 
--export([arrivals/3, lost/2, delays/2, range/3]).
+-export([arrivals/3, fate/3, lost/2, delays/2, range/3]).
 
 -export_type([link/0, arrival/0]).
 
@@ -23,6 +23,26 @@ arrivals(Link, Now, #{network := Faults} = World) ->
         false when Faults =:= [] -> [{Delay, intact} || Delay <- delays(Link, World)];
         false -> disturb(Link, Now, World)
     end.
+
+%% @doc The same for an observer: the times of the arrivals, or why the packet is lost.
+-spec fate(link(), Now :: starl_sim_queue:time(), starl_sim_platform:world()) ->
+    starl_observer:fate().
+fate({_, Source, Dest, _} = Link, Now, #{network := All, team := Team} = World) ->
+    case arrivals(Link, Now, World) of
+        lost ->
+            Ids = [
+                element(1, F)
+             || F <- starl_sim_fault:holding(Now, All),
+                is_on_link(Source, Dest, F, Team),
+                swallows(F, Link, Now)
+            ],
+            {lost, why(lost(Link, World), Ids)};
+        Arrivals ->
+            {arrives, [{Now + Delay, State} || {Delay, State} <- Arrivals]}
+    end.
+
+why(false, [Fault | _]) -> {fault, Fault};
+why(true, _Faults) -> chance.
 
 %% @doc Is the packet lost without a fault?
 -spec lost(link(), #{loss := number(), _ => _}) -> boolean().

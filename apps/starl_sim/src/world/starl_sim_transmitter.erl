@@ -41,7 +41,28 @@ send(To, Packet, Sender, World, Outgoing, Links) ->
             #{} -> 1
         end,
     Dests = audience(To, Sender, World),
-    {send_each(Dests, {number(To, N), Packet}, Sender, World, Outgoing), Links#{To => N}}.
+    Numbered = {number(To, N), Packet},
+    Sent = send_each(Dests, Numbered, Sender, World, Outgoing),
+    case World of
+        #{packets := true} -> {told(To, Dests, Numbered, Sender, World, Sent), Links#{To => N}};
+        #{} -> {Sent, Links#{To => N}}
+    end.
+
+%% For an observer: all draws are stateless, so they can be made once more.
+told(To, [], {_, Packet}, {Id, Now, _, _}, _World, {Seq, Plans, Traces}) when is_integer(To) ->
+    {Seq, Plans, [{Now, Id, radio, told(To, Packet, {lost, out_of_range})} | Traces]};
+told(_To, Dests, {Number, Packet}, {Id, Now, _, _}, #{seed := Seed} = World, Sent) ->
+    {Seq, Plans, Traces} = Sent,
+    Told = [
+        {Now, Id, radio,
+            told(Dest, Packet, starl_sim_radio:fate({Seed, Id, Dest, Number}, Now, World))}
+     || Dest <- Dests
+    ],
+    {Seq, Plans, Told ++ Traces}.
+
+-spec told(starl:robot_id(), starl_packet:t(), starl_observer:fate()) -> starl_observer:packet().
+told(Dest, Packet, Fate) ->
+    {packet, Dest, starl_packet:brief(Packet), erlang:external_size(Packet), Fate}.
 
 number(all, N) -> {all, N};
 number(_Dest, N) -> N.

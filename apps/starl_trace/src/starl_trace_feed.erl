@@ -1,0 +1,65 @@
+%% @doc Carries the news of a run to a process, with a bound on what waits there. A simulation waits when
+%% the bound is reached; a live run does not wait: it leaves news out and says how many events.
+%%
+%% The process receives `{starl_news, Feed, News}' and answers each with {@link done/2}. News that were
+%% left out are `{missed, Events}'.
+-module(starl_trace_feed).
+
+-export([observer/3, done/2]).
+
+-export_type([t/0, news/0]).
+
+-opaque t() :: counters:counters_ref().
+
+-type news() :: starl_observer:news() | {missed, Events :: pos_integer()}.
+
+%% The counters: events told, events done, events missed and not said yet.
+-define(TOLD, 1).
+-define(DONE, 2).
+-define(MISSED, 3).
+
+%% @doc An observer that passes news on to a process. `Most': the events that may wait there.
+-spec observer(pid(), wait | leave_out, Most :: pos_integer()) -> starl_observer:t().
+observer(Pid, Policy, Most) ->
+    Feed = counters:new(3, []),
+    fun(News) -> told(News, {Pid, Policy, Most}, Feed) end.
+
+%% @doc The process has dealt with these news.
+-spec done(news(), t()) -> ok.
+done(News, Feed) -> counters:add(Feed, ?DONE, size_of(News)).
+
+told(News, {Pid, Policy, Most}, Feed) ->
+    Size = size_of(News),
+    Waiting = counters:get(Feed, ?TOLD) - counters:get(Feed, ?DONE),
+    case {Waiting > Most, Policy} of
+        {true, leave_out} when element(1, News) =:= judged ->
+            counters:add(Feed, ?MISSED, Size);
+        {true, wait} ->
+            ok = catch_up(Pid),
+            pass(News, Size, Pid, Feed);
+        _ ->
+            ok = say_missed(Pid, counters:get(Feed, ?MISSED), Feed),
+            pass(News, Size, Pid, Feed)
+    end.
+
+pass(News, Size, Pid, Feed) ->
+    counters:add(Feed, ?TOLD, Size),
+    Pid ! {starl_news, Feed, News},
+    ok.
+
+say_missed(_Pid, 0, _Feed) ->
+    ok;
+say_missed(Pid, Missed, Feed) ->
+    counters:sub(Feed, ?MISSED, Missed),
+    pass({missed, Missed}, 1, Pid, Feed).
+
+size_of({judged, Trace, _}) -> length(Trace);
+size_of(_) -> 1.
+
+%% The process answers when it has dealt with everything before.
+catch_up(Pid) ->
+    try
+        gen_server:call(Pid, caught_up, infinity)
+    catch
+        exit:_ -> ok
+    end.

@@ -1,0 +1,85 @@
+%% @doc The messages of a run: what recordings hold and windows show. A message is a topic, a time and
+%% a term. The same messages come from a running simulation, from a live run and from a recording.
+%% ```
+%%   scenario   once, first: the facts of the run
+%%   poses      where robots are; at most 20 a second, with all robots at least each second
+%%   trace      each event, as the monitors get it
+%%   packets    each packet when it is sent, with its fate
+%%   faults     a fault begins or ends
+%%   verdicts   a contract is broken; at the end, how the run ended
+%%   log        a line for people
+%%   metrics    counts, once a second
+%%   gap        messages are missing here: the subscriber was too slow
+%% '''
+%% Messages are in the order of their times.
+-module(starl_trace_message).
+
+-export([topics/0]).
+
+-export_type([t/0, topic/0, scenario/0, poses/0, pose/0, packet/0, verdict/0, level/0, metrics/0]).
+
+%% Time in microseconds, virtual or live.
+-type t() ::
+    {scenario, AtUs :: integer(), scenario()}
+    | {poses, integer(), poses()}
+    | {trace, integer(), {starl:robot_id(), starl_machine:name(), Event :: term()}}
+    | {packets, integer(), packet()}
+    | {faults, integer(), {began | ended, Fault :: tuple()}}
+    | {verdicts, integer(), verdict()}
+    | {log, integer(), {level(), starl:robot_id() | none, unicode:chardata()}}
+    | {metrics, integer(), metrics()}
+    | {gap, integer(), Missing :: pos_integer()}.
+
+-type topic() ::
+    scenario | poses | trace | packets | faults | verdicts | log | metrics | gap.
+
+%% The facts of a run, with its versions; its scenario's faults include those that were drawn.
+-type scenario() :: #{
+    kind := simulation | live,
+    app := module(),
+    scenario := map(),
+    robots := [{starl:robot_id(), starl:pose()}],
+    monitors := [{module(), map()}],
+    machines := #{starl_machine:name() => module()},
+    waypoints := #{atom() => starl_geometry:point()},
+    versions := #{atom() => string()},
+    epoch_us => integer()
+}.
+
+%% The robots in ascending order; not `full': only those that changed since the last message.
+-type poses() :: #{full := boolean(), robots := [pose()]}.
+
+%% Position and heading (mm, radians) as far as known from outside, whether the pen is down (`none': it
+%% has never been set), and the position and heading in the simulated world.
+-type pose() :: {
+    starl:robot_id(),
+    starl:pose(),
+    Pen :: up | down | none,
+    True :: starl:pose() | unknown
+}.
+
+%% Sender, receiver, what it is, bytes, fate ({@link starl_observer:packet()}).
+-type packet() :: {
+    From :: starl:robot_id(),
+    To :: starl:robot_id(),
+    starl_packet:brief(),
+    Bytes :: pos_integer(),
+    starl_observer:fate()
+}.
+
+%% A broken contract; the end of the run.
+-type verdict() :: {violation, starl_monitor:violation()} | {ended, starl_observer:ending()}.
+
+-type level() :: info | warning | error.
+
+%% Counts since the beginning.
+-type metrics() :: #{
+    events := non_neg_integer(),
+    packets := non_neg_integer(),
+    lost := non_neg_integer(),
+    violations := non_neg_integer()
+}.
+
+%% @doc All topics.
+-spec topics() -> [topic()].
+topics() -> [scenario, poses, trace, packets, faults, verdicts, log, metrics, gap].

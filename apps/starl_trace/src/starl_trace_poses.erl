@@ -1,0 +1,117 @@
+%% @doc Tells where the robots of a run are, from the pieces of motion in its trace: a sample 20 times a
+%% second of the robots that changed, and of all robots once a second. While no robot moves there is
+%% one sample, of all robots, at the end of that time. Motion is known in closed form, so each sample
+%% is exact. A pure module.
+-module(starl_trace_poses).
+
+-export([new/0, event/2, due_us/1, sample/2, full/2]).
+
+-export_type([t/0]).
+
+-define(PERIOD_US, 50000).
+-define(FULL_US, 1000000).
+%% Times in which nothing moves are skipped beyond this.
+-define(STILL_US, 5000000).
+
+-record(poses, {
+    %% pieces of each robot, the latest first, as far as they are needed
+    pieces = #{} :: #{starl:robot_id() => [starl_trajectory:piece(), ...]},
+    pens = #{} :: #{starl:robot_id() => up | down},
+    next = 0 :: integer(),
+    shown = #{} :: #{starl:robot_id() => starl_trace_message:pose()}
+}).
+
+-opaque t() :: #poses{}.
+
+%% @doc No robot is known.
+-spec new() -> t().
+new() -> #poses{}.
+
+%% @doc Takes a trace event into account.
+-spec event(starl_monitor:trace_event(), t()) -> t().
+event({_, Robot, chassis, {motion, Piece}}, #poses{pieces = Pieces} = Poses) ->
+    T0 = starl_trajectory:start_us(Piece),
+    Known = maps:get(Robot, Pieces, []),
+    Before = lists:dropwhile(fun(P) -> starl_trajectory:start_us(P) >= T0 end, Known),
+    Poses#poses{pieces = Pieces#{Robot => [Piece | Before]}};
+event({_, Robot, chassis, {actuated, pen, Pen}}, #poses{pens = Pens} = Poses) when
+    Pen =:= up; Pen =:= down
+->
+    Poses#poses{pens = Pens#{Robot => Pen}};
+event(_, Poses) ->
+    Poses.
+
+%% @doc The time of the next sample: events up to it come first.
+-spec due_us(t()) -> integer().
+due_us(#poses{next = Next}) -> Next.
+
+%% @doc The samples before a time.
+-spec sample(Until :: integer(), t()) -> {[starl_trace_message:t()], t()}.
+sample(Until, #poses{next = Next} = Poses) when Next < Until ->
+    {Message, Sampled} = at(Next, Poses),
+    {Later, Last} = sample(Until, skip(Until, Sampled)),
+    {Message ++ Later, Last};
+sample(_Until, Poses) ->
+    {[], Poses}.
+
+%% @doc Where all robots are at a time.
+-spec full(At :: integer(), t()) -> starl_trace_message:t().
+full(At, Poses) -> {poses, At, #{full => true, robots => poses(At, Poses)}}.
+
+at(At, #poses{next = Next} = Poses0) ->
+    Poses = forget(At, Poses0#poses{next = Next + ?PERIOD_US}),
+    Now = poses(At, Poses),
+    Changed = [P || {Id, _, _, _} = P <- Now, not is_shown(Id, P, Poses)],
+    Shown = maps:from_list([{Id, P} || {Id, _, _, _} = P <- Now]),
+    Told =
+        case At rem ?FULL_US of
+            0 when Now =/= [] -> [{poses, At, #{full => true, robots => Now}}];
+            _ when Changed =/= [] -> [{poses, At, #{full => false, robots => Changed}}];
+            _ -> []
+        end,
+    {Told, Poses#poses{shown = Shown}}.
+
+is_shown(Id, Pose, #poses{shown = Shown}) ->
+    case Shown of
+        #{Id := Pose} -> true;
+        #{} -> false
+    end.
+
+%% Nothing changes before the next event once all robots stand still.
+skip(Until, #poses{next = Next, pieces = Pieces} = Poses) when Until - Next > ?STILL_US ->
+    case lists:all(fun([P | _]) -> is_at_rest(Next, P) end, maps:values(Pieces)) of
+        true -> Poses#poses{next = (Until - 1) div ?FULL_US * ?FULL_US};
+        false -> Poses
+    end;
+skip(_Until, Poses) ->
+    Poses.
+
+is_at_rest(At, {piece, T0, _, _, _, V, W}) -> T0 =< At andalso V == 0 andalso W == 0;
+is_at_rest(At, Ramp) -> starl_trajectory:rests_from(Ramp) =< At.
+
+poses(At, #poses{pieces = Pieces, pens = Pens}) ->
+    [
+        {Id, Pose, maps:get(Id, Pens, none), Pose}
+     || {Id, Known} <- lists:sort(maps:to_list(Pieces)),
+        Pose <- [starl_trajectory:pose(At, current(At, Known))]
+    ].
+
+%% The latest piece that has begun.
+current(_At, [Piece]) ->
+    Piece;
+current(At, [Piece | Earlier]) ->
+    case starl_trajectory:start_us(Piece) =< At of
+        true -> Piece;
+        false -> current(At, Earlier)
+    end.
+
+forget(At, #poses{pieces = Pieces} = Poses) ->
+    Poses#poses{pieces = maps:map(fun(_, Known) -> needed(At, Known) end, Pieces)}.
+
+needed(_At, [_] = Known) ->
+    Known;
+needed(At, [Piece | Earlier]) ->
+    case starl_trajectory:start_us(Piece) =< At of
+        true -> [Piece];
+        false -> [Piece | needed(At, Earlier)]
+    end.

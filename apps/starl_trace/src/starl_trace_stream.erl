@@ -1,0 +1,131 @@
+%% @doc Turns the news of a run ({@link starl_observer}) into messages ({@link starl_trace_message}). A
+%% pure module.
+-module(starl_trace_stream).
+
+-export([new/0, news/2, state/1]).
+
+-export_type([t/0]).
+
+-define(SECOND_US, 1000000).
+
+-record(stream, {
+    facts = none :: starl_trace_message:t() | none,
+    poses = starl_trace_poses:new() :: starl_trace_poses:t(),
+    %% the beginnings and ends of faults to come, by time
+    faults = [] :: [starl_trace_message:t()],
+    counts = #{events => 0, packets => 0, lost => 0, violations => 0} ::
+        starl_trace_message:metrics(),
+    %% the next time of metrics; the next time at which anything is due
+    count_at = ?SECOND_US :: integer(),
+    due = 0 :: integer(),
+    now = 0 :: integer()
+}).
+
+-opaque t() :: #stream{}.
+
+%% @doc Nothing is known of the run.
+-spec new() -> t().
+new() -> #stream{}.
+
+%% @doc The messages of these news.
+-spec news(starl_observer:news(), t()) -> {[starl_trace_message:t()], t()}.
+news({begun, #{scenario := Scenario} = Facts}, Stream) ->
+    Message = {scenario, 0, Facts#{versions => versions()}},
+    Faults = lists:append([times(Fault) || Fault <- maps:get(faults, Scenario, [])]),
+    {[Message], Stream#stream{facts = Message, faults = lists:keysort(2, Faults)}};
+news({judged, Trace, Violations}, #stream{counts = Counts} = Stream) ->
+    #{events := Events, violations := Broken} = Counts,
+    Counted = Counts#{
+        events := Events + length(Trace), violations := Broken + length(Violations)
+    },
+    {Messages, #stream{now = Now} = Next} = events(Trace, [], Stream#stream{counts = Counted}),
+    {Messages ++ [{verdicts, Now, {violation, V}} || V <- Violations], Next};
+news({ended, #{end_us := End} = Ending}, #stream{now = Now} = Stream) ->
+    {Due, Next} = due(max(End, Now) + 1, Stream),
+    {Due ++ [{verdicts, max(End, Now), {ended, Ending}}], Next}.
+
+%% @doc What a subscriber must know who has missed messages: the scenario, and where all robots are.
+-spec state(t()) -> [starl_trace_message:t()].
+state(#stream{facts = none}) ->
+    [];
+state(#stream{facts = Facts, poses = Poses, now = Now}) ->
+    [Facts, starl_trace_poses:full(Now, Poses)].
+
+versions() ->
+    Vsn =
+        case application:get_key(starl_platform, vsn) of
+            {ok, Known} -> Known;
+            undefined -> "unknown"
+        end,
+    #{starl => Vsn, otp => erlang:system_info(otp_release)}.
+
+times({_, FromMs, ToMs, _, _, _} = Fault) ->
+    [{faults, 1000 * FromMs, {began, Fault}}] ++
+        [{faults, 1000 * ToMs, {ended, Fault}} || is_integer(ToMs)];
+times(_Other) ->
+    [].
+
+%% -- events ---------------------------------------------------------------------------------
+
+events([], Messages, Stream) ->
+    {lists:reverse(Messages), Stream};
+events([{At, _, _, _} | _] = Trace, Messages, #stream{due = Due} = Stream) when At > Due ->
+    {More, Next} = due(At, Stream),
+    events(Trace, lists:reverse(More, Messages), Next);
+events([Event | Trace], Messages, Stream) ->
+    {Own, Next} = event(Event, Stream#stream{now = element(1, Event)}),
+    events(Trace, lists:reverse(Own, Messages), Next).
+
+event({At, From, radio, {packet, To, What, Bytes, Fate}}, #stream{counts = Counts} = Stream) ->
+    #{packets := Packets, lost := Lost, events := Events} = Counts,
+    Counted = Counts#{
+        events := Events - 1, packets := Packets + 1, lost := Lost + lost(Fate)
+    },
+    {[{packets, At, {From, To, What, Bytes, Fate}}], Stream#stream{counts = Counted}};
+event({At, Robot, chassis, Event} = Traced, #stream{poses = Poses} = Stream) ->
+    {[{trace, At, {Robot, chassis, Event}}], Stream#stream{
+        poses = starl_trace_poses:event(Traced, Poses)
+    }};
+event({At, Robot, Machine, Event}, Stream) ->
+    {[{trace, At, {Robot, Machine, Event}} | log(At, Robot, Machine, Event)], Stream}.
+
+lost({lost, _}) -> 1;
+lost({arrives, _}) -> 0.
+
+%% -- what is due before a time --------------------------------------------------------------
+
+due(At, #stream{poses = Poses0} = Stream0) ->
+    {Samples, Poses} = starl_trace_poses:sample(At, Poses0),
+    {Faults, Stream} = faults(At, Stream0#stream{poses = Poses}),
+    {Metrics, #stream{count_at = Count, faults = Left} = Next} = metrics(At, Stream),
+    Due = lists:min([Count, starl_trace_poses:due_us(Poses) | [T || {_, T, _} <- Left]]),
+    {lists:keymerge(2, lists:keymerge(2, Faults, Samples), Metrics), Next#stream{due = Due}}.
+
+faults(At, #stream{faults = Faults} = Stream) ->
+    {Due, Later} = lists:splitwith(fun({_, T, _}) -> T < At end, Faults),
+    {Due, Stream#stream{faults = Later}}.
+
+%% After a silence there is one message.
+metrics(At, #stream{count_at = Due, counts = Counts} = Stream) when Due < At ->
+    Last = (At - 1) div ?SECOND_US * ?SECOND_US,
+    {[{metrics, Last, Counts}], Stream#stream{count_at = Last + ?SECOND_US}};
+metrics(_At, Stream) ->
+    {[], Stream}.
+
+%% -- lines for people -----------------------------------------------------------------------
+
+log(At, Robot, robot, down) ->
+    [{log, At, {warning, Robot, "goes down"}}];
+log(At, Robot, robot, up) ->
+    [{log, At, {info, Robot, "is up again"}}];
+log(At, Robot, robot, {died, Why}) ->
+    [{log, At, {error, Robot, io_lib:format("died: ~ts", [Why])}}];
+log(At, Robot, supervisor, {crashed, Name, Cause}) ->
+    Text = io_lib:format("~ts crashed: ~ts", [Name, starl_crash:format(Cause)]),
+    [{log, At, {error, Robot, Text}}];
+log(At, Robot, supervisor, {given_up, Name}) ->
+    [{log, At, {error, Robot, io_lib:format("~ts is not started again", [Name])}}];
+log(At, Robot, app, {done, _}) ->
+    [{log, At, {info, Robot, "done"}}];
+log(_At, _Robot, _Machine, _Event) ->
+    [].
