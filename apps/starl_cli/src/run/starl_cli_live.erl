@@ -20,6 +20,8 @@
 }.
 
 -define(SHOW_MS, 100).
+%% The beginning of the name of the directory of the stores; the number of the OS process follows.
+-define(STATE_DIR, "starl-live-").
 
 %% @doc The flags of every live run, beside those of its scenario.
 -spec flags() -> [starl_cli_flags:flag()].
@@ -58,10 +60,15 @@ prepared(Live, Setup, Values) ->
         file:del_dir_r(Dir)
     end.
 
-%% The stores of the robots live as long as the run.
+%% The stores of the robots live as long as the run. What a killed run has left goes now.
 state_dir() ->
-    Tmp = os:getenv("TMPDIR", "/tmp"),
-    filename:join(Tmp, "starl-" ++ os:getpid()).
+    Prefix = filename:join(os:getenv("TMPDIR", "/tmp"), ?STATE_DIR),
+    _ = [file:del_dir_r(Dir) || Dir <- filelib:wildcard(Prefix ++ "*"), abandoned(Dir)],
+    Prefix ++ os:getpid().
+
+abandoned(Dir) ->
+    ?STATE_DIR ++ Pid = filename:basename(Dir),
+    filelib:is_dir("/proc/self") andalso not filelib:is_dir("/proc/" ++ Pid).
 
 options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
     #{pace := Pace, position_rate := Rate, whole_mm := Whole} = Values,

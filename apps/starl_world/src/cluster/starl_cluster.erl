@@ -488,9 +488,10 @@ terminate(_Reason, #state{nodes = Nodes, world = World}) ->
 opened({Id, Peer}, #state{nodes = Nodes, specs = Specs} = State) ->
     #{Id := Spec} = Specs,
     #node{} = Before = maps:get(Id, Nodes, #node{peer = none}),
-    case open(starl_sim_peers:node(Peer), Id, Spec, State) of
+    Node = starl_sim_peers:node(Peer),
+    case starl_cluster_node:open(Node, Id, coded(Spec, State), code(State)) of
         {ok, _} ->
-            Links = link_of(starl_sim_peers:node(Peer)),
+            Links = link_of(Node),
             Opened = State#state{
                 nodes = Nodes#{Id => Before#node{peer = Peer}},
                 reloads = starl_cluster_reload:rejoined(Id, Links, State#state.reloads)
@@ -503,33 +504,9 @@ opened({Id, Peer}, #state{nodes = Nodes, specs = Specs} = State) ->
             later(Id, State#state{nodes = Nodes#{Id => Before#node{peer = none}}})
     end.
 
-%% All code is loaded first: an atom that a node does not know is refused in a packet.
-open(Node, Id, Spec0, #state{code = Code0, reloads = Reloads}) ->
-    Code = Code0 ++ starl_cluster_reload:code(Reloads),
-    Spec = Spec0#{codes => starl_cluster_reload:codes(Reloads)},
-    try
-        ok = erpc:call(Node, starl_live_log, install, [Id, self()], ?CALL_MS),
-        _ = [
-            {module, Module} = erpc:call(Node, code, load_binary, [Module, File, Beam], ?CALL_MS)
-         || {Module, File, Beam} <- Code
-        ],
-        ok = erpc:call(Node, code, ensure_modules_loaded, [modules()], ?CALL_MS),
-        {ok, _} = erpc:call(
-            Node, application, ensure_all_started, [starl_live, permanent], ?CALL_MS
-        ),
-        erpc:call(Node, starl_live_sup, open, opening(Id, Spec), ?CALL_MS)
-    catch
-        Class:Reason -> {error, {Class, Reason}}
-    end.
+coded(Spec, #state{reloads = Reloads}) -> Spec#{codes => starl_cluster_reload:codes(Reloads)}.
 
-opening(_Id, #{metrics := none} = Spec) ->
-    [maps:remove(metrics, Spec)];
-opening(Id, #{metrics := Port} = Spec) ->
-    [maps:remove(metrics, Spec), #{ip => {127, 0, 0, 1}, port => Port + Id}].
-
-%% The modules of StarL that this VM has loaded.
-modules() ->
-    [Module || {Module, _} <- code:all_loaded(), lists:prefix("starl", atom_to_list(Module))].
+code(#state{code = Code, reloads = Reloads}) -> Code ++ starl_cluster_reload:code(Reloads).
 
 lost(Id, #state{nodes = Nodes, reloads = Reloads} = State) ->
     #{Id := Node} = Nodes,
