@@ -39,7 +39,9 @@ flags(#{app := App, name := Name}) ->
 flags_of_all() ->
     [
         {"Flags of every simulation", starl_sim_scenario:options()},
-        {"Other flags", starl_cli_setup:own_flags() ++ [live() | starl_cli_live:flags()]}
+        {"Other flags",
+            starl_cli_setup:own_flags() ++
+                [live() | starl_cli_live:flags()] ++ starl_cli_view:flags()}
     ].
 
 live() -> {live, switch, false, "in real time, as on real robots, not in virtual time"}.
@@ -60,14 +62,16 @@ subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{given := Given, values := Values} = Call) ->
-    Live = [Key || {Key, _, _, _} <- [live() | starl_cli_live:flags()]],
-    case starl_cli_setup:check(Call#{given := maps:without(Live, Given)}) of
+    Flags = [live() | starl_cli_live:flags()] ++ starl_cli_view:flags(),
+    Other = [Key || {Key, _, _, _} <- Flags],
+    case starl_cli_setup:check(Call#{given := maps:without(Other, Given)}) of
         {ok, #{print_scenario := true} = Setup} ->
             starl_cli_terminal:out(starl_cli_files:scenario(Setup)),
             0;
         {ok, Setup} ->
             case Values of
                 #{live := true} -> starl_cli_live:run(here, Setup, Values);
+                #{view := true} -> starl_cli_view:run(Setup, Values);
                 #{} -> starl_cli_simulation:run(Setup)
             end;
         {error, _} = Error ->

@@ -7,9 +7,6 @@
 -type machines() :: #{starl_machine:name() => starl_robot_tree:seen()}.
 -type robot() :: {starl:robot_id(), starl_sim_robot:summary(), machines()}.
 
-%% Terms are cut off below this depth.
--define(DEPTH, 60).
-
 %% @doc All robots at a virtual time: the time of the last event, the number of events, the pose
 %% (m, degrees), the activity of the application, and the states of the machines.
 -spec overview(starl_sim_queue:time(), [robot()], Width :: pos_integer()) -> unicode:chardata().
@@ -91,11 +88,11 @@ machine({Name, #{stack := Frames}}, _Width) ->
     Lines = [["    ", frame(Frame), "\n"] || Frame <- Frames],
     [io_lib:format("  ~tp, innermost call first~n", [Name]), Lines];
 machine({Name, #{module := Module, state := State, data := Data}}, Width) ->
-    Fields = fields(Module),
+    Fields = starl_view_words:fields(Module),
     [
         io_lib:format("  ~tp (~tp)~n", [Name, Module]),
-        ["    state ", pretty(State, 10, Width, Fields), "\n"],
-        ["    data  ", pretty(Data, 10, Width, Fields), "\n"]
+        ["    state ", starl_view_words:pretty(State, 10, Width, Fields), "\n"],
+        ["    data  ", starl_view_words:pretty(Data, 10, Width, Fields), "\n"]
     ].
 
 field(Name, Value, Width) ->
@@ -103,43 +100,4 @@ field(Name, Value, Width) ->
 
 %% @doc A term that begins at a column. Later lines are indented to it; a long term is cut off.
 -spec term(term(), Indent :: non_neg_integer(), Width :: pos_integer()) -> unicode:chardata().
-term(Term, Indent, Width) -> pretty(Term, Indent, Width, #{}).
-
-pretty(Term, Indent, Width, Fields) ->
-    io_lib_pretty:print(Term, [
-        {column, Indent + 1},
-        {line_length, max(Width, Indent + 20)},
-        {depth, ?DEPTH},
-        {encoding, unicode},
-        {record_print_fun, fun(Name, Arity) -> named(Name, Arity, Fields) end}
-    ]).
-
-named(Name, Arity, Fields) ->
-    case Fields of
-        #{Name := Names} when length(Names) =:= Arity -> Names;
-        #{} -> no
-    end.
-
-%% The fields of a module's records, where it was compiled with its source.
-fields(Module) ->
-    case abstract_code(code:get_object_code(Module)) of
-        {ok, Forms} ->
-            maps:from_list([{N, names(Defs)} || {attribute, _, record, {N, Defs}} <- Forms]);
-        none ->
-            #{}
-    end.
-
-abstract_code({_Module, Beam, _File}) ->
-    case beam_lib:chunks(Beam, [abstract_code]) of
-        {ok, {_, [{abstract_code, {_, Forms}}]}} -> {ok, Forms};
-        {ok, {_, [{abstract_code, no_abstract_code}]}} -> none;
-        {error, beam_lib, _} -> none
-    end;
-abstract_code(error) ->
-    none.
-
-names(Definitions) -> [name(Definition) || Definition <- Definitions].
-
-name({typed_record_field, Field, _Type}) -> name(Field);
-name({record_field, _, {atom, _, Name}}) -> Name;
-name({record_field, _, {atom, _, Name}, _Default}) -> Name.
+term(Term, Indent, Width) -> starl_view_words:pretty(Term, Indent, Width, #{}).

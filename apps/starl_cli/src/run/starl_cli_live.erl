@@ -27,7 +27,7 @@
 -spec flags() -> [starl_cli_flags:flag()].
 flags() ->
     [
-        {pace, {number, 0.01, 100}, 1, "live: how many times as fast as real time"},
+        {pace, {number, 0.01, 100}, 1, "live, view: how many times as fast as real time"},
         {position_rate, {optional, {number, 0.1, 1000}}, none,
             "live: pictures of the positioning system a second; none: whenever a robot asks"},
         {whole_mm, switch, false, "live: the positioning system rounds to whole millimetres"}

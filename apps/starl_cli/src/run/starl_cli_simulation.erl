@@ -2,7 +2,7 @@
 %% status.
 -module(starl_cli_simulation).
 
--export([run/1, tell/2, failed/2]).
+-export([run/1, tell/2, finish/4, answer/2, failed/2]).
 
 -export_type([ran/0]).
 
@@ -25,12 +25,16 @@ run(#{nodes := Nodes, target := Target} = Setup) ->
 
 run(Options, #{scenario := Scenario} = Setup) ->
     Watching = Options#{watch => starl_cli_notes:watch(Scenario)},
-    case starl_cli_drive:with(Scenario, Watching, fun(Sim) -> to_the_end(Sim, Setup) end) of
-        {ok, Ran} -> tell(Setup, Ran);
-        {error, {nodes, {lost, Loss}}} -> lost([Loss], 4);
-        {error, Reason} -> {error, [[at(Reason, Setup), starl_sim:format_error(Reason)]]};
-        {failed, Reason} -> failed(Reason, Setup)
-    end.
+    answer(
+        starl_cli_drive:with(Scenario, Watching, fun(Sim) -> to_the_end(Sim, Setup) end), Setup
+    ).
+
+%% @doc Tells of a run that has ended, or of why it did not; gives the exit status.
+-spec answer(starl_cli_drive:answer(ran()), starl_cli_setup:t()) -> starl_cli_command:answer().
+answer({ok, Ran}, Setup) -> tell(Setup, Ran);
+answer({error, {nodes, {lost, Loss}}}, _Setup) -> lost([Loss], 4);
+answer({error, Reason}, Setup) -> {error, [[at(Reason, Setup), starl_sim:format_error(Reason)]]};
+answer({failed, Reason}, Setup) -> failed(Reason, Setup).
 
 %% The place of a mistake that only shows in the scene: a fault's robot or machine.
 at(Reason, #{target := Target, scenario := Scenario}) when
@@ -43,9 +47,14 @@ at(_Reason, _Setup) ->
 -spec to_the_end(starl_sim:sim(), starl_cli_setup:t()) -> ran().
 to_the_end(Sim, #{scenario := #{time := Seconds}} = Setup) ->
     {Ending, WallMs} = starl_cli_drive:run(Sim, round(Seconds * 1.0e6), Setup),
+    finish(Sim, starl_sim:scenario(Sim), Ending, WallMs).
+
+%% @doc Finishes a simulation that has come to its end.
+-spec finish(starl_sim:sim(), starl_sim_scenario:t(), starl_cli_drive:ending(), integer()) -> ran().
+finish(Sim, Scenario, Ending, WallMs) ->
     {Outcome, App} = starl_sim:finish(Sim),
     #{
-        scenario => starl_sim:scenario(Sim),
+        scenario => Scenario,
         ending => ending(Ending, Outcome),
         wall_ms => WallMs,
         outcome => Outcome,

@@ -1,0 +1,118 @@
+%% @doc A window onto the team: a web server on this computer with one page, which shows a run while
+%% it goes on, or a recording, and lends the user's hands to it.
+%% ```
+%%   {ok, View} = starl_view:start(#{port => 0}),
+%%   io:format("~ts~n", [starl_view:address(View)]),
+%%   Hub = starl_view:hub(View).        % what happens is told there (starl_view_hub)
+%% '''
+-module(starl_view).
+
+-export([start/1, stop/1, address/1, hub/1, format_error/1]).
+
+-export_type([t/0, options/0, reason/0]).
+
+-record(view, {name :: reference(), hub :: pid(), address :: binary()}).
+
+-opaque t() :: #view{}.
+
+%% `port' 0: a free one. `host': the address to listen at, by default only this computer's own. Pages
+%% from other computers need the token in the address that {@link address/1} tells.
+-type options() :: #{
+    port => inet:port_number(), host => string(), most_bytes => pos_integer()
+}.
+
+-type reason() ::
+    {address, string(), inet:posix()} | {listen, string(), inet:port_number(), term()} | no_cowboy.
+
+-define(MOST_CONNECTIONS, 300).
+
+%% @doc Starts the server and its hub, linked to the calling process.
+-spec start(options()) -> {ok, t()} | {error, reason()}.
+start(Options) ->
+    Host = maps:get(host, Options, "127.0.0.1"),
+    case {application:ensure_all_started(cowboy), inet:getaddr(Host, family(Host))} of
+        {{error, _}, _} -> {error, no_cowboy};
+        {_, {error, Posix}} -> {error, {address, Host, Posix}};
+        {{ok, _}, {ok, Ip}} -> listen(Ip, Host, Options)
+    end.
+
+family(Host) ->
+    case lists:member($:, Host) of
+        true -> inet6;
+        false -> inet
+    end.
+
+listen(Ip, Host, Options) ->
+    Port = maps:get(port, Options, 0),
+    {ok, Hub} = starl_view_hub:start_link(maps:with([most_bytes], Options)),
+    Name = make_ref(),
+    Transport = #{
+        socket_opts => [{ip, Ip}, {port, Port}],
+        max_connections => ?MOST_CONNECTIONS,
+        num_acceptors => 4
+    },
+    case cowboy:start_clear(Name, Transport, #{}) of
+        {ok, _} ->
+            Actual = ranch:get_port(Name),
+            Guard = starl_view_guard:new(Ip, Actual),
+            ok = ranch:set_protocol_options(Name, protocol(Hub, Guard)),
+            {ok, #view{name = Name, hub = Hub, address = address(Host, Actual, Guard)}};
+        {error, Why} ->
+            true = unlink(Hub),
+            true = exit(Hub, shutdown),
+            {error, {listen, Host, Port, Why}}
+    end.
+
+protocol(Hub, Guard) ->
+    State = #{hub => Hub, guard => Guard, files => starl_view_page:files()},
+    Routes = [{'_', [{"/ws", starl_view_socket, State}, {'_', starl_view_page, State}]}],
+    #{env => #{dispatch => cowboy_router:compile(Routes)}, max_keepalive => 1000}.
+
+address(Host, Port, Guard) ->
+    Shown =
+        case Host of
+            "0.0.0.0" -> element(2, inet:gethostname());
+            "::" -> element(2, inet:gethostname());
+            _ -> Host
+        end,
+    Bracketed =
+        case lists:member($:, Shown) of
+            true -> ["[", Shown, "]"];
+            false -> Shown
+        end,
+    Token =
+        case starl_view_guard:token(Guard) of
+            none -> "";
+            Secret -> ["#", Secret]
+        end,
+    unicode:characters_to_binary(io_lib:format("http://~ts:~b/~ts", [Bracketed, Port, Token])).
+
+%% @doc Ends the server.
+-spec stop(t()) -> ok.
+stop(#view{name = Name, hub = Hub}) ->
+    _ = cowboy:stop_listener(Name),
+    true = unlink(Hub),
+    true = exit(Hub, shutdown),
+    ok.
+
+%% @doc The address of the page; with a token, which nobody else should see, if other computers can
+%% reach it.
+-spec address(t()) -> binary().
+address(#view{address = Address}) -> Address.
+
+%% @doc The hub.
+-spec hub(t()) -> pid().
+hub(#view{hub = Hub}) -> Hub.
+
+%% @doc One line on an error.
+-spec format_error(reason()) -> unicode:chardata().
+format_error(no_cowboy) ->
+    "the web server cowboy is not there; ./starl setup gets it";
+format_error({address, Host, Posix}) ->
+    io_lib:format("--view-host ~ts: ~ts", [Host, inet:format_error(Posix)]);
+format_error({listen, Host, Port, eaddrinuse}) ->
+    io_lib:format("--view-port ~b: another program has this port at ~ts", [Port, Host]);
+format_error({listen, Host, Port, Why}) when is_atom(Why) ->
+    io_lib:format("--view-port ~b at ~ts: ~ts", [Port, Host, inet:format_error(Why)]);
+format_error({listen, Host, Port, Why}) ->
+    io_lib:format("--view-port ~b at ~ts: ~0tP", [Port, Host, Why, 10]).

@@ -1,0 +1,55 @@
+%% @doc Who may look through the window, and lend a hand. A page of another site must not reach it
+%% through the user's browser, neither by a name of its own for this computer (DNS rebinding) nor
+%% directly: a request must name this computer, and a WebSocket must come from a page of this server.
+%% A server that other computers can reach wants a token, too, which its address carries.
+-module(starl_view_guard).
+
+-export([new/2, is_near/1, named/2, admitted/2, token/1]).
+
+-export_type([t/0]).
+
+-record(guard, {token :: binary() | none, port :: inet:port_number()}).
+
+-opaque t() :: #guard{}.
+
+%% @doc The guard of a server at an address and a port.
+-spec new(inet:ip_address(), inet:port_number()) -> t().
+new(Ip, Port) ->
+    Token =
+        case is_near(Ip) of
+            true -> none;
+            false -> binary:encode_hex(crypto:strong_rand_bytes(16))
+        end,
+    #guard{token = Token, port = Port}.
+
+%% @doc Can only this computer reach the address?
+-spec is_near(inet:ip_address()) -> boolean().
+is_near({127, _, _, _}) -> true;
+is_near({0, 0, 0, 0, 0, 0, 0, 1}) -> true;
+is_near(_) -> false.
+
+%% @doc The token that the address of the page carries, if one is wanted.
+-spec token(t()) -> binary() | none.
+token(#guard{token = Token}) -> Token.
+
+%% @doc Does a request name this computer? With a token any name will do: who knows the token was
+%% given it.
+-spec named(Host :: binary(), t()) -> boolean().
+named(_Host, #guard{token = Token}) when Token =/= none -> true;
+named(Host, #guard{}) ->
+    lists:member(Host, [<<"localhost">>, <<"127.0.0.1">>, <<"[::1]">>, <<"::1">>]).
+
+%% @doc May this WebSocket be opened? `origin' is the page that asks, as browsers say it; `authority'
+%% is the host with its port as the request names it.
+-spec admitted(#{host := binary(), authority := binary(), origin := binary() | none,
+    token := binary() | none}, t()) -> boolean().
+admitted(#{host := Host, authority := Authority, origin := Origin, token := Given}, Guard) ->
+    named(Host, Guard) andalso
+        Origin =:= <<"http://", Authority/binary>> andalso
+        has_token(Given, Guard).
+
+has_token(_Given, #guard{token = none}) -> true;
+has_token(none, #guard{}) -> false;
+has_token(Given, #guard{token = Token}) ->
+    %% of equal length, so the time of the comparison tells nothing
+    crypto:hash(sha256, Given) =:= crypto:hash(sha256, Token).

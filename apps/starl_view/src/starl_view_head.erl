@@ -1,0 +1,62 @@
+%% @doc The facts of a run for the page: floor, team, contracts, paths, what hands can do.
+-module(starl_view_head).
+
+-export([rows/2]).
+
+-export_type([kind/0]).
+
+%% `simulation': it can be paused, and anything can be done to it; `live': some things; `recording':
+%% nothing.
+-type kind() :: simulation | live | recording.
+
+%% The radius of an iRobot Create (mm).
+-define(RADIUS_MM, 165).
+
+%% @doc The rows that each page gets first. `extra' is added to the facts.
+-spec rows(starl_trace_message:scenario(), Extra :: map()) -> [starl_view_row:row()].
+rows(#{app := App, scenario := Scenario, robots := Robots} = Facts, Extra) ->
+    #{monitors := Monitors, waypoints := Waypoints, machines := Machines} = Facts,
+    Own = #{
+        app => App,
+        seed => maps:get(seed, Scenario, 0),
+        robots => [Id || {Id, _} <- Robots],
+        radius => ?RADIUS_MM,
+        world => floor_of(Scenario),
+        range => range(Scenario),
+        limit => maps:get(time, Scenario, 0),
+        machines => lists:sort(maps:keys(Machines)),
+        contracts => contracts(Monitors),
+        spots => [[Id, X, Y] || {Id, {X, Y, _}} <- Robots],
+        waypoints => [[Name, X, Y] || {Name, {X, Y}} <- lists:sort(maps:to_list(Waypoints))],
+        tube => tube(Monitors),
+        lines => lines(Monitors)
+    },
+    [[<<"run">>, maps:merge(Own, Extra)] | faults(Scenario)].
+
+floor_of(#{world := {Width, Height}}) -> [Width, Height];
+floor_of(_) -> [12000, 12000].
+
+range(#{range := Range}) when is_number(Range) -> Range;
+range(_) -> null.
+
+contracts(Monitors) -> lists:sort([contract(Module) || {Module, _} <- Monitors, judges(Module)]).
+
+contract(Module) -> unicode:characters_to_binary(starl_monitor:name(Module)).
+
+%% Monitors that only look on declare no events.
+judges(Module) ->
+    {module, Module} =:= code:ensure_loaded(Module) andalso
+        (erlang:function_exported(Module, vocabulary, 0) orelse
+            lists:member(Module, [starl_sim_progress_monitor, starl_painting_monitor])).
+
+tube(Monitors) ->
+    case [Radius || {_, #{tube_radius := Radius}} <- Monitors] of
+        [Radius | _] -> Radius;
+        [] -> null
+    end.
+
+%% The lines that are to be painted.
+lines(Monitors) ->
+    [[X1, Y1, X2, Y2] || {_, #{lines := Lines}} <- Monitors, {{X1, Y1}, {X2, Y2}} <- Lines].
+
+faults(Scenario) -> [starl_view_row:fault(0, Fault) || Fault <- maps:get(faults, Scenario, [])].

@@ -1,0 +1,245 @@
+%% @doc Hands the rows of a run ({@link starl_view_row}) to all pages. The run tells what happens and
+%% what time it is; each page asks for more when it has handled what it got, so a page that reads
+%% slowly, or not at all, costs nothing and holds up nobody.
+%% ```
+%%   run:    {trace, ...}, put/2 -----> hub                         page's socket
+%%           clock/2 ---------------->  | a frame of rows, kept       |
+%%                                      |<------ want, Place ---------|   one question at a time
+%%                                      |------- frames, Place' ----->|
+%%           player <--- command -------|<------ command -------------|
+%% '''
+%% The frames are kept up to a limit of bytes. A page that has missed some of them, because it came
+%% late or was slow, gets the state of the team instead ({@link starl_view_state}) and is told so.
+-module(starl_view_hub).
+-behaviour(gen_server).
+
+-export([start_link/1, head/2, put/2, clock/2, reset/1, lead/2, pages/1, flush/1, events/2]).
+-export([join/1, want/2, command/2]).
+-export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
+
+-export_type([place/0, frames/0, command/0]).
+
+%% How far a page has come: the number of its last frame, and of the clock that it was told last.
+-type place() :: {Frame :: non_neg_integer(), Clock :: non_neg_integer()}.
+
+%% Rows, separated by commas, and the place after them.
+-type frames() :: {frames, iodata(), place()}.
+
+%% What somebody at a page wants, with the page that gets an answer.
+-type command() :: {starl_view, Page :: pid(), #{binary() => term()}}.
+
+-define(MOST_BYTES, 48 * 1024 * 1024).
+-define(FRAME_BYTES, 512 * 1024).
+-define(MOST_PAGES, 200).
+%% The last events of each robot are kept; of a large team fewer.
+-define(EVENTS, 40).
+-define(MOST_EVENTS, 20000).
+%% The number of rows about messages in a frame, of a team in which everybody talks.
+-define(MOST_TALK, 400).
+
+-record(hub, {
+    most_bytes :: pos_integer(),
+    head = [] :: iodata(),
+    %% kept frames by number, with the first and the last number, and their bytes
+    frames = #{} :: #{pos_integer() => binary()},
+    first = 1 :: pos_integer(),
+    last = 0 :: non_neg_integer(),
+    bytes = 0 :: non_neg_integer(),
+    %% the rows since the last frame, newest first; how many are about messages, or were left out
+    rows = [] :: [starl_view_row:row()],
+    talk = 0 :: non_neg_integer(),
+    left_out = 0 :: non_neg_integer(),
+    state = starl_view_state:new() :: starl_view_state:t(),
+    now = 0 :: integer(),
+    clock = {0, []} :: {non_neg_integer(), iodata()},
+    events = #{} :: #{starl:robot_id() => {non_neg_integer(), [tuple()]}},
+    kept_events = ?EVENTS :: pos_integer(),
+    %% pages, those of them that wait at a place, and the player
+    pages = #{} :: #{pid() => reference()},
+    waiting = #{} :: #{pid() => place()},
+    leader = none :: pid() | none
+}).
+
+%% @doc Starts a hub; `most_bytes': of the rows that are kept for pages that come later.
+-spec start_link(#{most_bytes => pos_integer()}) -> gen_server:start_ret().
+start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
+
+%% @doc The first rows for every page: the facts of the run; and the number of its robots.
+-spec head(pid(), {[starl_view_row:row()], Robots :: pos_integer()}) -> ok.
+head(Hub, Head) -> gen_server:call(Hub, {head, Head}).
+
+%% @doc Tells a row to all.
+-spec put(pid(), starl_view_row:row()) -> ok.
+put(Hub, Row) -> gen_server:cast(Hub, {put, Row}).
+
+%% @doc Tells the time of the run: everything until now has been told. Returns when all that has been
+%% told is handled, so the run is never ahead of the hub.
+-spec clock(pid(), #{now_us := integer(), atom() => term()}) -> ok.
+clock(Hub, Clock) -> gen_server:call(Hub, {clock, Clock}, infinity).
+
+%% @doc Forgets everything but the head: the run begins anew.
+-spec reset(pid()) -> ok.
+reset(Hub) -> gen_server:call(Hub, reset).
+
+%% @doc From now on this process gets the pages' commands ({@link command()}).
+-spec lead(pid(), pid() | none) -> ok.
+lead(Hub, Player) -> gen_server:call(Hub, {lead, Player}).
+
+%% @doc The number of pages.
+-spec pages(pid()) -> non_neg_integer().
+pages(Hub) -> gen_server:call(Hub, pages).
+
+%% @doc Waits until the hub has handled all that it was told.
+-spec flush(pid()) -> ok.
+flush(Hub) -> gen_server:call(Hub, flush, infinity).
+
+%% @doc The last events of a robot, newest first.
+-spec events(pid(), starl:robot_id()) -> [{integer(), starl_machine:name(), Event :: term()}].
+events(Hub, Robot) -> gen_server:call(Hub, {events, Robot}).
+
+%% @doc The calling process is a page; gives its place and the rows to begin with.
+-spec join(pid()) -> {ok, iodata(), place()} | full.
+join(Hub) -> gen_server:call(Hub, join).
+
+%% @doc Asks for the rows after a place; the answer is {@link frames()}, as soon as there is one.
+-spec want(pid(), place()) -> ok.
+want(Hub, Place) -> gen_server:cast(Hub, {want, self(), Place}).
+
+%% @doc Passes on a command of the page.
+-spec command(pid(), #{binary() => term()}) -> ok.
+command(Hub, Command) -> gen_server:cast(Hub, {command, self(), Command}).
+
+-spec init(map()) -> {ok, #hub{}}.
+init(Config) -> {ok, #hub{most_bytes = maps:get(most_bytes, Config, ?MOST_BYTES)}}.
+
+-spec handle_call(term(), gen_server:from(), #hub{}) -> {reply, term(), #hub{}}.
+handle_call({clock, #{now_us := Now} = Clock}, _From, #hub{clock = {N, _}} = Hub) ->
+    Row = starl_view_json:encode([<<"t">>, Now, maps:remove(now_us, Clock)]),
+    Timed = framed(Hub#hub{now = Now, clock = {N + 1, Row}}),
+    {reply, ok, serve(Timed)};
+handle_call({head, {Rows, Robots}}, _From, Hub) ->
+    Kept = max(3, min(?EVENTS, ?MOST_EVENTS div Robots)),
+    {reply, ok, Hub#hub{head = json(Rows), kept_events = Kept}};
+handle_call(reset, _From, #hub{last = Last} = Hub) ->
+    {reply, ok, Hub#hub{
+        frames = #{}, first = Last + 1, bytes = 0, rows = [[<<"reset">>]], talk = 0,
+        state = starl_view_state:new(), events = #{}
+    }};
+handle_call({lead, Player}, _From, Hub) ->
+    {reply, ok, Hub#hub{leader = Player}};
+handle_call(pages, _From, #hub{pages = Pages} = Hub) ->
+    {reply, map_size(Pages), Hub};
+handle_call(flush, _From, Hub) ->
+    {reply, ok, Hub};
+handle_call({events, Robot}, _From, #hub{events = Events} = Hub) ->
+    {_, Last} = maps:get(Robot, Events, {0, []}),
+    {reply, Last, Hub};
+handle_call(join, _From, #hub{pages = Pages} = Hub) when map_size(Pages) >= ?MOST_PAGES ->
+    {reply, full, Hub};
+handle_call(join, {Page, _}, #hub{pages = Pages, head = Head} = Hub) ->
+    Joined = Hub#hub{pages = Pages#{Page => erlang:monitor(process, Page)}},
+    {reply, {ok, Head, {0, 0}}, Joined}.
+
+-spec handle_cast(term(), #hub{}) -> {noreply, #hub{}}.
+handle_cast({put, Row}, Hub) ->
+    {noreply, add(Row, Hub)};
+handle_cast({want, Page, Place}, #hub{waiting = Waiting} = Hub) ->
+    {noreply, answer(Page, Place, Hub#hub{waiting = maps:remove(Page, Waiting)})};
+handle_cast({command, _Page, _Command}, #hub{leader = none} = Hub) ->
+    {noreply, Hub};
+handle_cast({command, Page, Command}, #hub{leader = Leader} = Hub) ->
+    Leader ! {starl_view, Page, Command},
+    {noreply, Hub}.
+
+-spec handle_info(term(), #hub{}) -> {noreply, #hub{}}.
+handle_info({'DOWN', _, process, Page, _}, #hub{pages = Pages, waiting = Waiting} = Hub) ->
+    {noreply, Hub#hub{pages = maps:remove(Page, Pages), waiting = maps:remove(Page, Waiting)}};
+handle_info({trace, T, {Robot, Machine, Event}} = Message, Hub) ->
+    {noreply, told(Message, remember(Robot, {T, Machine, Event}, Hub))};
+handle_info(Message, Hub) ->
+    {noreply, told(Message, Hub)}.
+
+told(Message, Hub) -> lists:foldl(fun add/2, Hub, starl_view_row:of_message(Message)).
+
+%% Rows about messages only show traffic: where everybody talks, a part of them does.
+add([Kind | _], #hub{talk = Talk, left_out = Out} = Hub) when
+    Talk >= ?MOST_TALK, Kind =:= <<"s">>;
+    Talk >= ?MOST_TALK, Kind =:= <<"d">>;
+    Talk >= ?MOST_TALK, Kind =:= <<"o">>;
+    Talk >= ?MOST_TALK, Kind =:= <<"p">>
+->
+    Hub#hub{left_out = Out + 1};
+add([Kind | _] = Row, #hub{rows = Rows, state = State, talk = Talk} = Hub) ->
+    More =
+        case lists:member(Kind, [<<"s">>, <<"d">>, <<"o">>, <<"p">>]) of
+            true -> 1;
+            false -> 0
+        end,
+    Hub#hub{rows = [Row | Rows], state = starl_view_state:add(Row, State), talk = Talk + More}.
+
+remember(Robot, Event, #hub{events = Events, kept_events = Kept} = Hub) ->
+    Next =
+        case Events of
+            #{Robot := {N, Last}} when N < 2 * Kept -> {N + 1, [Event | Last]};
+            #{Robot := {_, Last}} -> {Kept, [Event | lists:sublist(Last, Kept - 1)]};
+            #{} -> {1, [Event]}
+        end,
+    Hub#hub{events = Events#{Robot => Next}}.
+
+%% -- frames ---------------------------------------------------------------------------------
+
+framed(#hub{rows = [], left_out = 0} = Hub) ->
+    Hub;
+framed(#hub{rows = Rows, left_out = Out, now = Now, last = Last, bytes = Bytes} = Hub) ->
+    More = [[<<"c">>, Now, Out] || Out > 0],
+    Frame = iolist_to_binary(json(lists:reverse(Rows, More))),
+    Next = Hub#hub{
+        rows = [],
+        talk = 0,
+        left_out = 0,
+        last = Last + 1,
+        frames = (Hub#hub.frames)#{Last + 1 => Frame},
+        bytes = Bytes + byte_size(Frame)
+    },
+    trimmed(Next).
+
+trimmed(#hub{bytes = Bytes, most_bytes = Most, first = First, last = Last} = Hub) when
+    Bytes > Most, First < Last
+->
+    {Frame, Frames} = maps:take(First, Hub#hub.frames),
+    trimmed(Hub#hub{frames = Frames, first = First + 1, bytes = Bytes - byte_size(Frame)});
+trimmed(Hub) ->
+    Hub.
+
+json(Rows) -> lists:join($,, [starl_view_json:encode(Row) || Row <- Rows]).
+
+serve(#hub{waiting = Waiting} = Hub) ->
+    maps:fold(fun answer/3, Hub#hub{waiting = #{}}, Waiting).
+
+answer(Page, {Frame, Clock} = Place, #hub{last = Last, clock = {N, Time}} = Hub) ->
+    case {Frame < Last, Clock < N} of
+        {false, false} ->
+            Hub#hub{waiting = (Hub#hub.waiting)#{Page => Place}};
+        {false, true} ->
+            Page ! {frames, Time, {Frame, N}},
+            Hub;
+        {true, _} ->
+            {Rows, Upto} = after_frame(Frame, Hub),
+            Page ! {frames, lists:join($,, [Rows, Time]), {Upto, N}},
+            Hub
+    end.
+
+%% A page that has missed frames begins with the state of now.
+after_frame(Frame, #hub{first = First, last = Last} = Hub) when Frame + 1 < First ->
+    #hub{state = State, now = Now, head = Head} = Hub,
+    Reset = json([[<<"reset">>]]),
+    Gap = json([[<<"gap">>, Now] | starl_view_state:rows(Now, State)]),
+    {lists:join($,, [Reset, Head, Gap]), Last};
+after_frame(Frame, #hub{frames = Frames, last = Last}) ->
+    some(Frame + 1, Last, Frames, [], 0).
+
+some(N, Last, _Frames, Parts, Bytes) when N > Last; Bytes > ?FRAME_BYTES ->
+    {lists:join($,, lists:reverse(Parts)), N - 1};
+some(N, Last, Frames, Parts, Bytes) ->
+    #{N := Frame} = Frames,
+    some(N + 1, Last, Frames, [Frame | Parts], Bytes + byte_size(Frame)).

@@ -1,0 +1,104 @@
+%% @doc What the page is told: one row for each change, a short list that becomes an array of JSON.
+%% Motion is told in closed form ({@link starl_trajectory}), so a robot that drives costs nothing
+%% until it changes its motion; the page computes where it is.
+%% ```
+%%   ["m", T, Robot, 0, T0, X, Y, Heading, V, W]            a piece of constant speed and turn rate
+%%   ["m", T, Robot, 1, T0, X, Y, Heading, VX0, VY0, VX1, VY1, Us]                          a ramp
+%%   ["a", T, Robot, Device, Value]                                   an actuator, such as the pen
+%%   ["r", T, Robot, [[X1, Y1, X2, Y2], ...]]              the centre lines of the tubes it holds
+%%   ["s", T, Robot, Id, [To, ...], Type]                                   a message begins its way
+%%   ["d", T, Robot, Id, Type]                                                   it is delivered
+%%   ["o", T, Robot, Id, At, Outcome]                   acknowledged, lost or restarted at a robot
+%%   ["p", T, From, To, What, Bytes, Fate, Us]        a packet; Us: how long it is under way, or 0
+%%   ["x", T, Robot, Machine, What]                                      crashes, ends, new starts
+%%   ["f", T, Id, From, To, Kind, Target, Params]                a fault of the schedule, in ms
+%%   ["v", T, Contract, Text, [Robot, ...]]                                     a broken contract
+%% '''
+%% Times are in microseconds, lengths in millimetres, angles in radians.
+-module(starl_view_row).
+
+-export([of_message/1, fault/2, violation/1, text/2]).
+
+-export_type([row/0]).
+
+-type row() :: [starl_view_json:value(), ...].
+
+-define(DEPTH, 12).
+-define(LENGTH, 60).
+
+%% @doc The rows of a message of a run; most have none.
+-spec of_message(starl_trace_message:t()) -> [row()].
+of_message({trace, T, {Robot, Machine, Event}}) -> of_event(Machine, Event, T, Robot);
+of_message({packets, T, {From, To, What, Bytes, Fate}}) -> [packet(T, From, To, What, Bytes, Fate)];
+of_message({verdicts, _, {violation, Violation}}) -> [violation(Violation)];
+of_message(_) -> [].
+
+of_event(chassis, {motion, Piece}, T, Robot) ->
+    [[<<"m">>, T, Robot | piece(Piece)]];
+of_event(chassis, {actuated, Device, Value}, T, Robot) ->
+    [[<<"a">>, T, Robot, text(Device, ?LENGTH), text(Value, ?LENGTH)]];
+of_event(sap, {sent, Id, To, Type, _}, T, Robot) ->
+    [[<<"s">>, T, Robot, id(Id), To, type(Type)]];
+of_event(sap, {delivered, Id, Type, _}, T, Robot) ->
+    [[<<"d">>, T, Robot, id(Id), type(Type)]];
+of_event(sap, {outcome, Id, At, Outcome}, T, Robot) ->
+    [[<<"o">>, T, Robot, id(Id), At, Outcome]];
+of_event(robot, {died, _Reason}, T, Robot) ->
+    [[<<"x">>, T, Robot, robot, died]];
+of_event(robot, UpOrDown, T, Robot) when is_atom(UpOrDown) ->
+    [[<<"x">>, T, Robot, robot, UpOrDown]];
+of_event(Machine, crashed, T, Robot) ->
+    [[<<"x">>, T, Robot, Machine, crashed]];
+of_event(_Coordinator, {reserved, Of, Lines}, T, _Robot) when is_integer(Of), is_list(Lines) ->
+    held(T, Of, Lines);
+of_event(_Coordinator, {assigned, Of, _Request, Lines}, T, _) when is_integer(Of), is_list(Lines) ->
+    held(T, Of, Lines);
+of_event(_Machine, _Event, _T, _Robot) ->
+    [].
+
+piece({piece, T0, X, Y, Heading, V, W}) ->
+    [0, T0, X, Y, Heading, V, W];
+piece({ramp, T0, X, Y, Heading, {VX0, VY0}, {VX1, VY1}, Us}) ->
+    [1, T0, X, Y, Heading, VX0, VY0, VX1, VY1, Us].
+
+%% Events of a user's own blocks may have the same names.
+held(T, Robot, Lines) ->
+    case [[X1, Y1, X2, Y2] || {{X1, Y1}, {X2, Y2}} <- Lines, is_number(X1)] of
+        Numbers when length(Numbers) =:= length(Lines) -> [[<<"r">>, T, Robot, Numbers]];
+        _ -> []
+    end.
+
+id({Robot, Incarnation, Seq}) ->
+    iolist_to_binary(lists:join($., [integer_to_list(N) || N <- [Robot, Incarnation, Seq]])).
+
+type({_Kind, Name}) -> text(Name, ?LENGTH);
+type(Type) -> text(Type, ?LENGTH).
+
+packet(T, From, To, What, Bytes, Fate) ->
+    {Words, Us} = fate(Fate),
+    [<<"p">>, T, From, To, text(What, ?LENGTH), Bytes, Words, Us].
+
+fate({lost, Why}) -> {text({lost, Why}, ?LENGTH), 0};
+fate({arrives, [{Us, _} | _]}) -> {<<"arrives">>, Us};
+fate(Other) -> {text(Other, ?LENGTH), 0}.
+
+%% @doc A fault of the schedule, told at a time.
+-spec fault(integer(), starl_sim_fault:t()) -> row().
+fault(T, {Id, From, To, Kind, Target, Params}) ->
+    [<<"f">>, T, Id, From, To, Kind, text(Target, ?LENGTH), text(Params, ?LENGTH)].
+
+%% @doc A broken contract.
+-spec violation(starl_monitor:violation()) -> row().
+violation(#{contract := Contract, at_us := T, robots := Robots} = Violation) ->
+    Text = unicode:characters_to_binary(starl_monitor:format_violation(Violation)),
+    [<<"v">>, T, Contract, Text, Robots].
+
+%% @doc A term as a short text.
+-spec text(term(), pos_integer()) -> binary().
+text(Word, _Length) when is_atom(Word) -> atom_to_binary(Word);
+text(Term, Length) ->
+    Text = unicode:characters_to_binary(io_lib:format("~0tP", [Term, ?DEPTH])),
+    case string:length(Text) > Length of
+        true -> <<(string:slice(Text, 0, Length - 1))/binary, "…"/utf8>>;
+        false -> Text
+    end.
