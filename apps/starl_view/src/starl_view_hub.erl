@@ -2,7 +2,7 @@
 %% what time it is; each page asks for more when it has handled what it got, so a page that reads
 %% slowly, or not at all, costs nothing and holds up nobody.
 %% ```
-%%   run:    {trace, ...}, put/2 -----> hub                         page's socket
+%%   run:    observer/2, put/2 -------> hub                         page's socket
 %%           clock/2 ---------------->  | a frame of rows, kept       |
 %%                                      |<------ want, Place ---------|   one question at a time
 %%                                      |------- frames, Place' ----->|
@@ -13,7 +13,7 @@
 -module(starl_view_hub).
 -behaviour(gen_server).
 
--export([start_link/1, head/2, put/2, clock/2, reset/1, lead/2, pages/1, flush/1, events/2]).
+-export([start_link/1, observer/2, head/2, put/2, clock/2, reset/1, lead/2, pages/1, flush/1, events/2]).
 -export([join/1, want/2, command/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
@@ -63,6 +63,22 @@
 %% @doc Starts a hub; `most_bytes': of the rows that are kept for pages that come later.
 -spec start_link(#{most_bytes => pos_integer()}) -> gen_server:start_ret().
 start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
+
+%% @doc The observer of a run, which tells the hub everything from a time on.
+-spec observer(pid(), FromUs :: integer()) -> starl_observer:t().
+observer(Hub, FromUs) -> fun(News) -> observed(News, FromUs, Hub) end.
+
+observed({judged, Events, Violations}, FromUs, Hub) ->
+    case [Event || Event <- Events, element(1, Event) >= FromUs] of
+        [] -> ok;
+        New -> told(New, Violations, Hub)
+    end;
+observed(_BegunOrEnded, _FromUs, _Hub) ->
+    ok.
+
+told(Events, Violations, Hub) ->
+    Hub ! {judged, Events, Violations},
+    ok.
 
 %% @doc The first rows for every page: the facts of the run; and the number of its robots.
 -spec head(pid(), {[starl_view_row:row()], Robots :: pos_integer()}) -> ok.
@@ -154,12 +170,22 @@ handle_cast({command, Page, Command}, #hub{leader = Leader} = Hub) ->
 -spec handle_info(term(), #hub{}) -> {noreply, #hub{}}.
 handle_info({'DOWN', _, process, Page, _}, #hub{pages = Pages, waiting = Waiting} = Hub) ->
     {noreply, Hub#hub{pages = maps:remove(Page, Pages), waiting = maps:remove(Page, Waiting)}};
-handle_info({trace, T, {Robot, Machine, Event}} = Message, Hub) ->
-    {noreply, told(Message, remember(Robot, {T, Machine, Event}, Hub))};
-handle_info(Message, Hub) ->
-    {noreply, told(Message, Hub)}.
+handle_info({judged, Events, Violations}, Hub) ->
+    Told = lists:foldl(fun traced/2, Hub, Events),
+    {noreply, rows([starl_view_row:violation(V) || V <- Violations], Told)};
+handle_info({starl_trace, _, Messages}, Hub) ->
+    {noreply, lists:foldl(fun told/2, Hub, Messages)};
+handle_info(_, Hub) ->
+    {noreply, Hub}.
 
-told(Message, Hub) -> lists:foldl(fun add/2, Hub, starl_view_row:of_message(Message)).
+traced({T, Robot, Machine, Event}, Hub) -> told({trace, T, {Robot, Machine, Event}}, Hub).
+
+told({trace, T, {Robot, Machine, Event}} = Message, Hub) ->
+    rows(starl_view_row:of_message(Message), remember(Robot, {T, Machine, Event}, Hub));
+told(Message, Hub) ->
+    rows(starl_view_row:of_message(Message), Hub).
+
+rows(Rows, Hub) -> lists:foldl(fun add/2, Hub, Rows).
 
 %% Rows about messages only show traffic: where everybody talks, a part of them does.
 add([Kind | _], #hub{talk = Talk, left_out = Out} = Hub) when

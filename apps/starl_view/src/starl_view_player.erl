@@ -53,7 +53,7 @@
     hub :: pid(),
     config :: config(),
     scenario :: starl_sim_scenario:t(),
-    facts :: starl_trace_message:scenario(),
+    facts :: starl_observer:facts(),
     sim :: starl_sim:sim(),
     ended :: fun(() -> term()),
     window_us :: pos_integer(),
@@ -81,9 +81,9 @@
 play(#{hub := Hub, scenario := Given} = Config) ->
     Options = maps:get(options, Config, #{}),
     case starl_sim:plan(Given, Options) of
-        {ok, {Scenario, Scene, Plan}} ->
+        {ok, Planned} ->
             ok = starl_view_hub:lead(Hub, self()),
-            Answer = begin_with(Scenario, {Scene, Plan}, Config),
+            Answer = begin_with(Planned, Config),
             ok = starl_view_hub:lead(Hub, none),
             Answer;
         {error, _} = Error ->
@@ -96,18 +96,10 @@ stop(Player) ->
     Player ! {starl_view, none, #{<<"do">> => <<"stop">>}},
     ok.
 
-begin_with(#{app := App, time := Seconds} = Scenario, {Scene, Plan}, #{hub := Hub} = Config) ->
-    #{window_us := Window, robots := Robots, monitors := Monitors} = Plan,
-    Facts = #{
-        kind => simulation,
-        app => App,
-        scenario => Scenario,
-        robots => Robots,
-        monitors => Monitors,
-        machines => starl_sim_plan:parts(Scene),
-        waypoints => maps:get(waypoints, Scene, #{}),
-        versions => #{}
-    },
+begin_with({#{time := Seconds} = Scenario, _, #{window_us := Window}} = Planned, Config) ->
+    #{hub := Hub} = Config,
+    Watching = maps:get(watch, maps:get(options, Config, #{}), []),
+    Facts = starl_sim_plan:facts(Planned, Watching),
     ok = head(Hub, Facts),
     case start(Scenario, 0, Config) of
         {ok, Sim, Ended} ->
@@ -143,8 +135,10 @@ range({_, Low, High}) -> [Low, High].
 
 start(Scenario, ToldUs, #{hub := Hub} = Config) ->
     Options = maps:get(options, Config, #{}),
-    Tap = {starl_view_tap, #{hub => Hub, from_us => ToldUs}},
-    case starl_sim:start(Scenario, Options#{watch => [Tap | maps:get(watch, Options, [])]}) of
+    Observe = starl_observer:all([
+        maps:get(observe, Options, none), starl_view_hub:observer(Hub, ToldUs)
+    ]),
+    case starl_sim:start(Scenario, Options#{observe => Observe, packets => true}) of
         {ok, Sim} ->
             Started = maps:get(started, Config, fun(_) -> fun() -> ok end end),
             {ok, Sim, Started(Sim)};
@@ -225,13 +219,7 @@ fitted(_Piece, Ran, Ms) when Ms > ?TICK_MS -> max(1000, Ran * ?TICK_MS div Ms);
 fitted(Piece, _Ran, _Ms) -> Piece.
 
 moved(#{now_us := Now, ending := Ending, running := Running}, Player) ->
-    violations(Player#player{now = Now, told = Now, ending = Ending, running = Running}).
-
-violations(#player{ending = violation, sim = Sim, hub = Hub} = Player) ->
-    [ok = starl_view_hub:put(Hub, starl_view_row:violation(V)) || V <- starl_sim:violations(Sim)],
-    Player;
-violations(Player) ->
-    Player.
+    Player#player{now = Now, told = Now, ending = Ending, running = Running}.
 
 caught_up(#player{goal = none, speed = Speed, anchor = {Then, At}, now = Now} = Player) when
     Speed =/= max
@@ -348,7 +336,7 @@ step(_, Page, Player) ->
 
 %% The robot halts within a window, of which nothing has been told yet.
 stepped({ok, #{now_us := Now, ending := Ending}}, _Page, #player{told = Told} = Player) ->
-    violations(Player#player{now = max(Now, Told), ending = Ending});
+    Player#player{now = max(Now, Told), ending = Ending};
 stepped({error, Missed}, Page, #player{sim = Sim} = Player) ->
     refuse(Page, starl_sim:format_error(Missed), moved(starl_sim:status(Sim), Player)).
 

@@ -9,7 +9,7 @@
 %%   ["s", T, Robot, Id, [To, ...], Type]                                   a message begins its way
 %%   ["d", T, Robot, Id, Type]                                                   it is delivered
 %%   ["o", T, Robot, Id, At, Outcome]                   acknowledged, lost or restarted at a robot
-%%   ["p", T, From, To, What, Bytes, Fate, Us]        a packet; Us: how long it is under way, or 0
+%%   ["p", T, From, To, What, Bytes, Fate, At]          a packet: when it arrives, or 0 if it is lost
 %%   ["x", T, Robot, Machine, What]                                      crashes, ends, new starts
 %%   ["f", T, Id, From, To, Kind, Target, Params]                a fault of the schedule, in ms
 %%   ["v", T, Contract, Text, [Robot, ...]]                                     a broken contract
@@ -29,7 +29,8 @@
 %% @doc The rows of a message of a run; most have none.
 -spec of_message(starl_trace_message:t()) -> [row()].
 of_message({trace, T, {Robot, Machine, Event}}) -> of_event(Machine, Event, T, Robot);
-of_message({packets, T, {From, To, What, Bytes, Fate}}) -> [packet(T, From, To, What, Bytes, Fate)];
+of_message({packets, T, {From, To, What, Bytes, Fate}}) ->
+    [packet(T, From, To, What, Bytes, Fate)];
 of_message({verdicts, _, {violation, Violation}}) -> [violation(Violation)];
 of_message(_) -> [].
 
@@ -43,6 +44,8 @@ of_event(sap, {delivered, Id, Type, _}, T, Robot) ->
     [[<<"d">>, T, Robot, id(Id), type(Type)]];
 of_event(sap, {outcome, Id, At, Outcome}, T, Robot) ->
     [[<<"o">>, T, Robot, id(Id), At, Outcome]];
+of_event(radio, {packet, To, What, Bytes, Fate}, T, Robot) ->
+    [packet(T, Robot, To, What, Bytes, Fate)];
 of_event(robot, {died, _Reason}, T, Robot) ->
     [[<<"x">>, T, Robot, robot, died]];
 of_event(robot, UpOrDown, T, Robot) when is_atom(UpOrDown) ->
@@ -75,12 +78,13 @@ type({_Kind, Name}) -> text(Name, ?LENGTH);
 type(Type) -> text(Type, ?LENGTH).
 
 packet(T, From, To, What, Bytes, Fate) ->
-    {Words, Us} = fate(Fate),
-    [<<"p">>, T, From, To, text(What, ?LENGTH), Bytes, Words, Us].
+    {Words, AtUs} = fate(Fate),
+    [<<"p">>, T, From, To, text(What, ?LENGTH), Bytes, Words, AtUs].
 
-fate({lost, Why}) -> {text({lost, Why}, ?LENGTH), 0};
-fate({arrives, [{Us, _} | _]}) -> {<<"arrives">>, Us};
-fate(Other) -> {text(Other, ?LENGTH), 0}.
+fate({lost, {fault, Id}}) -> {text(Id, ?LENGTH), 0};
+fate({lost, Why}) -> {text(Why, ?LENGTH), 0};
+fate({arrives, [{AtUs, intact} | _]}) -> {<<"arrives">>, AtUs};
+fate({arrives, [{AtUs, corrupt} | _]}) -> {<<"corrupt">>, AtUs}.
 
 %% @doc A fault of the schedule, told at a time.
 -spec fault(integer(), starl_sim_fault:t()) -> row().
