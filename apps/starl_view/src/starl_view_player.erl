@@ -387,7 +387,7 @@ fault(_Command, Page, #player{ending = Ending} = Player) when Ending =/= none ->
     refuse(Page, "the run is over; go back in time first", Player);
 fault(Command, Page, #player{hands = N, scenario = Scenario, until_us = Until} = Player) ->
     #{faults := Faults, robots := Robots} = Scenario,
-    #player{facts = #{machines := Machines}, hub = Hub} = Player,
+    #player{facts = #{machines := Machines}} = Player,
     Where = #{
         from_ms => from_ms(Player),
         until_ms => Until div 1000,
@@ -397,8 +397,6 @@ fault(Command, Page, #player{hands = N, scenario = Scenario, until_us = Until} =
     },
     case starl_view_hand:faults(Command, N + 1, Where) of
         {ok, New} ->
-            Rows = [starl_view_row:fault(present(Player), Fault) || Fault <- New],
-            _ = [ok = starl_view_hub:put(Hub, Row) || Row <- Rows],
             Next = anew(Scenario#{faults := Faults ++ New}, present(Player), Page, Player),
             Next#player{hands = N + length(New)};
         {error, Why} ->
@@ -412,7 +410,7 @@ anew(Scenario, To, Page, #player{config = Config, told = Told, ended = Ended, si
     _ = Ended(),
     ok = starl_sim:close(Sim),
     ok = head(Hub, Facts#{scenario := Scenario}),
-    _ = Told =:= 0 andalso starl_view_hub:reset(Hub),
+    ok = tell_faults(Told, Scenario, Player),
     case start(Scenario, Told, Config) of
         {ok, New, NewEnded} ->
             Begun = Player#player{
@@ -425,6 +423,15 @@ anew(Scenario, To, Page, #player{config = Config, told = Told, ended = Ended, si
             _ = refuse(Page, starl_sim:format_error(Reason), Player),
             exit({starl_view_player, Reason})
     end.
+
+tell_faults(0, #{faults := Faults}, #player{hub = Hub}) ->
+    ok = starl_view_hub:reset(Hub),
+    told(0, Faults, Hub);
+tell_faults(_, #{faults := Faults}, #player{hub = Hub, scenario = #{faults := Before}, now = Now}) ->
+    told(Now, Faults -- Before, Hub).
+
+told(Now, Faults, Hub) ->
+    lists:foreach(fun(F) -> ok = starl_view_hub:put(Hub, starl_view_row:fault(Now, F)) end, Faults).
 
 run_to(To, #player{now = Now, ending = none, sim = Sim, piece_us = Piece} = Player) when Now < To ->
     Begun = now_ms(),

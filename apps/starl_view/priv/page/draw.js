@@ -1,0 +1,310 @@
+// Draws the floor at a moment. Coordinates are those of the floor: mm, y up.
+import { way } from './motion.js';
+import { last } from './model.js';
+
+const PALETTE = ['#e6194b', '#3cb44b', '#4363d8', '#f58231', '#78005a', '#00b4ff', '#ff00ff', '#5a5a0f',
+  '#00d2b4', '#5a0000', '#c3b400', '#0000ff', '#ff9696', '#006969', '#ff00a5', '#ff96f0'];
+const DARK = ['#ff5c7f', '#5fd46e', '#7d97ff', '#ff9c57', '#d06ab4', '#45c8ff', '#ff6bff', '#b9b958',
+  '#27e3c8', '#d46a6a', '#e6d632', '#7a7aff', '#ffb0b0', '#4fc3c3', '#ff5cc4', '#ffb3f4'];
+const WAY_US = 15e6, LOST_US = 6e5;
+
+export class Floor {
+  constructor(canvas, team) {
+    this.canvas = canvas;
+    this.team = team;
+    this.context = canvas.getContext('2d');
+    this.inkLayer = document.createElement('canvas');
+    this.inked = { until: -1, key: '' };
+    this.view = null;       // { x, y, scale }: the middle of the picture, pixels per mm
+    this.show = { tubes: true, ink: true, ways: true, packets: true, spots: true, range: false };
+    this.dark = matchMedia('(prefers-color-scheme: dark)');
+    this.colours();
+    this.dark.addEventListener('change', () => this.colours());
+  }
+  colours() {
+    const style = getComputedStyle(document.documentElement);
+    this.css = name => style.getPropertyValue(name).trim();
+    this.palette = this.dark.matches ? DARK : PALETTE;
+    this.c = Object.fromEntries(['floor', 'grid', 'todo', 'text', 'dim', 'bad', 'warn', 'accent', 'dead',
+      'line', 'paper'].map(name => [name, this.css('--' + name)]));
+    this.inked.key = '';
+    this.sprites = new Map();
+  }
+  colour(id) { return this.palette[(id - 1) % 16]; }
+  // The whole floor, unless the user has chosen a part of it.
+  fit() {
+    const [width, height] = this.team.run.world;
+    const scale = 0.96 * Math.min(this.w / width, this.h / height);
+    this.view = { x: width / 2, y: height / 2, scale, own: false };
+  }
+  resize() {
+    const ratio = window.devicePixelRatio || 1;
+    const w = Math.round(this.canvas.clientWidth * ratio), h = Math.round(this.canvas.clientHeight * ratio);
+    if (w !== this.canvas.width || h !== this.canvas.height) {
+      this.canvas.width = this.inkLayer.width = w;
+      this.canvas.height = this.inkLayer.height = h;
+      this.inked.key = '';
+      if (this.view && !this.view.own) this.view = null;
+    }
+    [this.w, this.h, this.ratio] = [w, h, ratio];
+    if (!this.view) this.fit();
+  }
+  x(mm) { return this.w / 2 + (mm - this.view.x) * this.view.scale; }
+  y(mm) { return this.h / 2 - (mm - this.view.y) * this.view.scale; }
+  place(px, py) {
+    return [(px * this.ratio - this.w / 2) / this.view.scale + this.view.x,
+      (this.h / 2 - py * this.ratio) / this.view.scale + this.view.y];
+  }
+  zoom(factor, px, py) {
+    const [x, y] = px === undefined ? [this.view.x, this.view.y] : this.place(px, py);
+    this.view = { x: x + (this.view.x - x) / factor, y: y + (this.view.y - y) / factor,
+      scale: this.view.scale * factor, own: true };
+  }
+  move(px, py) {
+    this.view = { ...this.view, x: this.view.x - px * this.ratio / this.view.scale,
+      y: this.view.y + py * this.ratio / this.view.scale, own: true };
+  }
+  // The robot at a place of the picture.
+  robotAt(px, py, t) {
+    const [x, y] = this.place(px, py);
+    let best = null, least = Math.max(this.team.run.radius, 14 * this.ratio / this.view.scale);
+    for (const [id, rx, ry] of this.team.poses(t)) {
+      const distance = Math.hypot(rx - x, ry - y);
+      if (distance < least) [best, least] = [id, distance];
+    }
+    return best;
+  }
+
+  draw(t, selected) {
+    const { context: g, team } = this;
+    if (!team.run) return;
+    this.resize();
+    g.setTransform(1, 0, 0, 1, 0, 0);
+    g.clearRect(0, 0, this.w, this.h);
+    this.ground(g);
+    const poses = team.poses(t), at = new Map(poses.map(p => [p[0], p]));
+    if (this.show.tubes) this.tubes(g, t);
+    if (this.show.ink) this.ink(g, t);
+    if (this.show.ways && poses.length <= 200) this.ways(g, t);
+    this.cuts(g, t, at);
+    if (this.show.packets) this.packets(g, t, at);
+    this.robots(g, t, poses, selected);
+  }
+  lineOf(g, points) {
+    g.moveTo(this.x(points[0][0]), this.y(points[0][1]));
+    for (let i = 1; i < points.length; i++) g.lineTo(this.x(points[i][0]), this.y(points[i][1]));
+  }
+  ground(g) {
+    const { run } = this.team, [width, height] = run.world, px = this.ratio;
+    g.fillStyle = this.c.floor;
+    g.fillRect(this.x(0), this.y(height), width * this.view.scale, height * this.view.scale);
+    g.lineWidth = px;
+    g.strokeStyle = this.c.grid;
+    g.beginPath();
+    const step = this.view.scale * 1000 > 12 ? 1000 : 10000;
+    for (let x = 0; x <= width; x += step) this.lineOf(g, [[x, 0], [x, height]]);
+    for (let y = 0; y <= height; y += step) this.lineOf(g, [[0, y], [width, y]]);
+    g.stroke();
+    g.strokeStyle = this.c.todo;
+    g.beginPath();
+    for (const [x1, y1, x2, y2] of run.lines) this.lineOf(g, [[x1, y1], [x2, y2]]);
+    g.stroke();
+    if (this.show.spots) this.spots(g, run, px);
+  }
+  spots(g, run, px) {
+    g.fillStyle = g.strokeStyle = this.c.todo;
+    g.font = `${11 * px}px system-ui, sans-serif`;
+    g.textAlign = 'center';
+    g.textBaseline = 'middle';
+    g.beginPath();
+    for (const [, x, y] of run.spots) {
+      const r = Math.max(2, run.radius * this.view.scale);
+      g.moveTo(this.x(x) + r, this.y(y));
+      g.arc(this.x(x), this.y(y), r, 0, 7);
+    }
+    g.setLineDash([3 * px, 3 * px]);
+    g.stroke();
+    g.setLineDash([]);
+    for (const [name, x, y] of run.waypoints) {
+      g.fillRect(this.x(x) - 3 * px, this.y(y) - 3 * px, 6 * px, 6 * px);
+      g.fillText(name, this.x(x), this.y(y) - 10 * px);
+    }
+  }
+  tubes(g, t) {
+    const radius = this.team.run.tube;
+    if (!radius) return;
+    g.lineCap = g.lineJoin = 'round';
+    g.lineWidth = 2 * radius * this.view.scale;
+    for (const robot of this.team.robots.values()) {
+      const tubes = robot.tubes(t);
+      if (!tubes.length) continue;
+      g.globalAlpha = 0.14;
+      g.strokeStyle = this.colour(robot.id);
+      g.beginPath();
+      for (const [x1, y1, x2, y2] of tubes) this.lineOf(g, [[x1, y1], [x2 + 0.01, y2]]);
+      g.stroke();
+    }
+    g.globalAlpha = 1;
+    g.lineCap = 'butt';
+  }
+  // Ink only grows, so it is drawn once, on a layer of its own.
+  ink(g, t) {
+    const layer = this.inkLayer.getContext('2d'), { view } = this;
+    const key = [this.w, this.h, view.x, view.y, view.scale, this.team.version].join();
+    let { until } = this.inked;
+    if (key !== this.inked.key || t < until) {
+      layer.clearRect(0, 0, this.w, this.h);
+      until = this.team.begin;
+      this.old(layer);
+    }
+    layer.lineWidth = Math.max(2 * this.ratio, 25 * view.scale);
+    layer.lineCap = layer.lineJoin = 'round';
+    for (const robot of this.team.robots.values()) {
+      if (!robot.pen.length) continue;
+      layer.strokeStyle = this.colour(robot.id);
+      layer.beginPath();
+      robot.strokes(until, t, points => this.lineOf(layer, points));
+      layer.stroke();
+    }
+    this.inked = { key, until: t };
+    g.drawImage(this.inkLayer, 0, 0);
+  }
+  old(layer) {
+    layer.lineWidth = Math.max(2 * this.ratio, 25 * this.view.scale);
+    for (const [, robot, flat] of this.team.ink) {
+      const points = [];
+      for (let i = 0; i < flat.length; i += 2) points.push([flat[i], flat[i + 1]]);
+      layer.strokeStyle = this.colour(robot);
+      layer.beginPath();
+      this.lineOf(layer, points);
+      layer.stroke();
+    }
+  }
+  ways(g, t) {
+    g.lineWidth = this.ratio;
+    g.globalAlpha = 0.5;
+    for (const robot of this.team.robots.values()) {
+      const { motions } = robot, from = t - WAY_US;
+      g.strokeStyle = this.colour(robot.id);
+      g.beginPath();
+      for (let i = last(motions, t); i >= 0; i--) {
+        const until = Math.min(t, i + 1 < motions.length ? motions[i + 1][0] : t);
+        if (until < from) break;
+        const p = motions[i][1];
+        if (p[0] === 1 || p[5] !== 0) this.lineOf(g, way(p, Math.max(from, motions[i][0]), until));
+      }
+      g.stroke();
+    }
+    g.globalAlpha = 1;
+  }
+  // Cut links, partitions, robots that are alone.
+  cuts(g, t, at) {
+    const holding = this.team.holding(t).filter(f => ['loss', 'drop', 'partition', 'one_way_partition',
+      'isolate', 'burst_loss', 'delay', 'corrupt', 'location_frozen', 'pause'].includes(f.kind));
+    g.strokeStyle = this.c.bad;
+    g.lineWidth = 1.5 * this.ratio;
+    g.setLineDash([6 * this.ratio, 4 * this.ratio]);
+    for (const fault of holding) {
+      const ids = (fault.target.match(/\d+/g) || []).map(Number).filter(id => at.has(id));
+      const link = fault.target.startsWith('{') && ids.length === 2;
+      g.beginPath();
+      if (link) this.lineOf(g, ids.map(id => at.get(id).slice(1)));
+      else for (const id of ids) {
+        const r = (this.team.run.radius * this.view.scale) + 7 * this.ratio;
+        g.moveTo(this.x(at.get(id)[1]) + r, this.y(at.get(id)[2]));
+        g.arc(this.x(at.get(id)[1]), this.y(at.get(id)[2]), r, 0, 7);
+      }
+      g.stroke();
+    }
+    g.setLineDash([]);
+  }
+  packets(g, t, at) {
+    const { packets } = this.team, px = this.ratio;
+    for (let i = last(packets, t), n = 0; i >= 0 && packets[i][0] > t - 1.5e6 && n < 400; i--, n++) {
+      const [sent, from, to, what, , , arrives] = packets[i];
+      const a = at.get(from), b = at.get(to);
+      if (!a || !b) continue;
+      if (arrives > t) {
+        const part = (t - sent) / Math.max(1, arrives - sent);
+        g.fillStyle = what.includes('ack') ? this.c.dim : this.c.accent;
+        g.fillRect(this.x(a[1] + (b[1] - a[1]) * part) - 2.5 * px,
+          this.y(a[2] + (b[2] - a[2]) * part) - 2.5 * px, 5 * px, 5 * px);
+      } else if (arrives === 0 && t - sent < LOST_US) {
+        g.globalAlpha = 1 - (t - sent) / LOST_US;
+        g.strokeStyle = this.c.bad;
+        g.lineWidth = 2 * px;
+        this.cross(g, this.x((a[1] + b[1]) / 2), this.y((a[2] + b[2]) / 2), 5 * px);
+        g.globalAlpha = 1;
+      }
+    }
+  }
+  cross(g, x, y, r) {
+    g.beginPath();
+    g.moveTo(x - r, y - r); g.lineTo(x + r, y + r);
+    g.moveTo(x - r, y + r); g.lineTo(x + r, y - r);
+    g.stroke();
+  }
+  robots(g, t, poses, selected) {
+    const { run, violations } = this.team, px = this.ratio;
+    const r = Math.max(3 * px, run.radius * this.view.scale);
+    const broken = new Set(violations.filter(v => v.t <= t).flatMap(v => v.robots));
+    for (const [id, x, y, heading] of poses) {
+      const cx = this.x(x), cy = this.y(y), condition = this.team.robots.get(id).condition(t);
+      const sprite = this.sprite(id, r, condition);
+      g.translate(cx, cy);
+      g.rotate(-heading);
+      g.drawImage(sprite, -sprite.width / 2, -sprite.height / 2);
+      g.setTransform(1, 0, 0, 1, 0, 0);
+      if (broken.has(id)) this.ring(g, cx, cy, r + 4 * px, this.c.bad);
+      if (id === selected) this.around(g, cx, cy, r);
+    }
+    if (r >= 7 * px) this.numbers(g, poses, r);
+  }
+  around(g, cx, cy, r) {
+    this.ring(g, cx, cy, r + 6 * this.ratio, this.c.accent);
+    const { range } = this.team.run;
+    if (this.show.range && range) this.ring(g, cx, cy, range * this.view.scale, this.c.accent);
+  }
+  ring(g, cx, cy, r, colour) {
+    g.strokeStyle = colour;
+    g.lineWidth = 2 * this.ratio;
+    g.beginPath();
+    g.arc(cx, cy, r, 0, 7);
+    g.stroke();
+  }
+  numbers(g, poses, r) {
+    g.fillStyle = '#fff';
+    g.font = `600 ${Math.min(14 * this.ratio, r * 1.05)}px system-ui, sans-serif`;
+    g.textAlign = 'center';
+    g.textBaseline = 'middle';
+    g.lineWidth = 3 * this.ratio;
+    g.strokeStyle = 'rgba(0,0,0,.55)';
+    g.lineJoin = 'round';
+    for (const [id, x, y] of poses) {
+      g.strokeText(id, this.x(x), this.y(y));
+      g.fillText(id, this.x(x), this.y(y));
+    }
+  }
+  // A robot drawn once: a disc with its heading, crossed out if it is dead, hollow if it is down.
+  sprite(id, r, condition) {
+    const key = `${(id - 1) % 16} ${Math.round(r * 4)} ${condition}`;
+    let sprite = this.sprites.get(key);
+    if (sprite) return sprite;
+    if (this.sprites.size > 500) this.sprites.clear();
+    sprite = document.createElement('canvas');
+    sprite.width = sprite.height = Math.ceil(2 * r + 4);
+    const g = sprite.getContext('2d');
+    g.translate(sprite.width / 2, sprite.height / 2);
+    g.fillStyle = g.strokeStyle = condition === 'died' ? this.c.dead : this.colour(id);
+    g.lineWidth = Math.max(1, r / 6);
+    g.beginPath();
+    g.arc(0, 0, r - g.lineWidth / 2, 0, 7);
+    if (condition === 'down') g.stroke(); else g.fill();
+    g.strokeStyle = condition === 'down' ? this.colour(id) : '#fff';
+    g.lineWidth = Math.max(1.5, r / 5);
+    if (condition === 'died') this.cross(g, 0, 0, r * 0.6);
+    else { g.beginPath(); g.moveTo(r * 0.45, 0); g.lineTo(r, 0); g.stroke(); }
+    this.sprites.set(key, sprite);
+    return sprite;
+  }
+}

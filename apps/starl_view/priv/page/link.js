@@ -1,0 +1,23 @@
+// The line to the server. Each message is acknowledged when it has been handled, so the server sends
+// no more than the page can take.
+export function connect(take, said) {
+  let socket = null, tries = 0;
+  const token = location.hash.slice(1);
+  const open = () => {
+    socket = new WebSocket(`ws://${location.host}/ws` +
+      (token ? `?token=${encodeURIComponent(token)}` : ''));
+    socket.onopen = () => { tries = 0; said('open'); };
+    socket.onmessage = event => {
+      take(JSON.parse(event.data));
+      if (socket.readyState === 1) socket.send('k');
+    };
+    socket.onclose = () => {
+      said('closed');
+      if (tries++ < 5) setTimeout(open, 500 * tries);
+    };
+  };
+  open();
+  return command => {
+    if (socket.readyState === 1) socket.send(JSON.stringify(command));
+  };
+}

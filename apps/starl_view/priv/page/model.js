@@ -1,0 +1,147 @@
+// What the page knows of a run: everything that its rows told (see starl_view_row), by time, so that
+// any moment of it can be shown. It is bounded: of a very long run the oldest part is forgotten.
+import { pose, way } from './motion.js';
+
+const MOST_MOTIONS = 600000, MOST_PACKETS = 120000, MOST_MARKS = 5000;
+
+// The index of the last entry at or before a time, or -1; entries are [time, ...], ascending.
+export function last(entries, t) {
+  let low = 0, high = entries.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (entries[middle][0] <= t) low = middle + 1; else high = middle;
+  }
+  return low - 1;
+}
+
+class Robot {
+  constructor(id) {
+    this.id = id;
+    this.motions = [];      // [t, piece]
+    this.pen = [];          // [t, down]
+    this.held = [];         // [t, lines]
+    this.conditions = [];   // [t, up | down | died]
+  }
+  pose(t) {
+    const i = last(this.motions, t);
+    return i < 0 ? this.motions.length ? pose(this.motions[0][1], this.motions[0][1][1]) : null
+      : pose(this.motions[i][1], t);
+  }
+  isDown(t) { const i = last(this.pen, t); return i >= 0 && this.pen[i][1]; }
+  tubes(t) { const i = last(this.held, t); return i < 0 ? [] : this.held[i][1]; }
+  condition(t) { const i = last(this.conditions, t); return i < 0 ? 'up' : this.conditions[i][1]; }
+  // The way with the pen down between two times: a function gets each stroke as points.
+  strokes(from, to, draw) {
+    let at = from;
+    let p = last(this.pen, from), m = Math.max(0, last(this.motions, from));
+    while (at < to && m < this.motions.length) {
+      const nextPen = p + 1 < this.pen.length ? this.pen[p + 1][0] : Infinity;
+      const nextMotion = m + 1 < this.motions.length ? this.motions[m + 1][0] : Infinity;
+      const until = Math.min(to, nextPen, nextMotion);
+      if (until > at && p >= 0 && this.pen[p][1]) {
+        const piece = this.motions[m][1];
+        if (piece[0] === 1 || piece[5] !== 0) draw(way(piece, Math.max(at, piece[1]), until));
+      }
+      at = Math.max(at, until);
+      if (nextPen <= at) p++;
+      if (nextMotion <= at) m++;
+      if (until === Infinity) break;
+    }
+  }
+}
+
+export class Team {
+  constructor() { this.clear(); this.run = null; this.version = 0; }
+  clear() {
+    this.robots = new Map();
+    this.ink = [];           // [t, robot, [x, y, ...]] from before the page came
+    this.packets = [];       // [t, from, to, what, bytes, fate, at]
+    this.marks = [];         // [t, kind, text, robots]
+    this.faults = new Map();
+    this.violations = [];
+    this.begin = 0;
+    this.now = 0;
+    this.count = 0;
+    this.leftOut = 0;
+    this.clock = {};
+    this.version = (this.version || 0) + 1;
+  }
+  robot(id) {
+    let robot = this.robots.get(id);
+    if (!robot) this.robots.set(id, robot = new Robot(id));
+    return robot;
+  }
+  // Takes a row; says what it was.
+  take(row) {
+    const [kind, t] = row;
+    switch (kind) {
+      case 'm': this.robot(row[2]).motions.push([t, row.slice(3)]); this.trim(++this.count); break;
+      case 'a': if (row[3] === 'pen') this.robot(row[2]).pen.push([t, row[4] === 'down']); break;
+      case 'r': this.robot(row[2]).held.push([t, row[3]]); break;
+      case 'p': this.packet(row.slice(1)); break;
+      case 'x': this.happened(row); break;
+      case 'f': this.faults.set(row[2], { id: row[2], from: row[3] * 1000, to: row[4] * 1000,
+        kind: row[5], target: row[6], params: row[7] }); break;
+      case 'v': this.violated(row); break;
+      case 'i': this.ink.push(row.slice(1)); this.begin = t; this.version++; break;
+      case 'c': this.leftOut += row[2]; break;
+      case 'gap': this.begin = t; this.version++; break;
+      case 'run': this.run = row[1]; this.faults.clear(); break;
+      case 'reset': this.clear(); break;
+      case 't': this.now = t; this.clock = row[2]; break;
+    }
+    return kind;
+  }
+  packet(packet) {
+    this.packets.push(packet);
+    if (this.packets.length > MOST_PACKETS) this.packets.splice(0, MOST_PACKETS / 4);
+  }
+  happened([, t, id, machine, what]) {
+    const robot = this.robot(id);
+    if (machine === 'robot' && ['up', 'down', 'died'].includes(what)) robot.conditions.push([t, what]);
+    if (machine === 'robot' || what === 'crashed') {
+      this.marks.push([t, what, machine === 'robot' ? `robot ${id} ${what}`
+        : `${machine} of robot ${id} crashed`, [id]]);
+      if (this.marks.length > MOST_MARKS) this.marks.splice(0, MOST_MARKS / 2);
+    }
+  }
+  violated([, t, contract, text, robots]) {
+    if (this.violations.some(v => v.text === text)) return;
+    this.violations.push({ t, contract, text, robots });
+    this.marks.push([t, 'violation', text, robots]);
+    this.marks.sort((a, b) => a[0] - b[0]);
+  }
+  // Of a run without end the older half of all motions is forgotten, and the ink of them with it.
+  trim(count) {
+    if (count < MOST_MOTIONS) return;
+    this.count = 0;
+    let begin = 0;
+    for (const robot of this.robots.values()) {
+      const half = robot.motions.length >> 1;
+      if (half > 0) {
+        robot.motions.splice(0, half);
+        begin = Math.max(begin, robot.motions[0][0]);
+      }
+      robot.held.splice(0, robot.held.length >> 1);
+      this.count += robot.motions.length;
+    }
+    this.begin = Math.max(this.begin, begin);
+    this.version++;
+  }
+  poses(t) {
+    const poses = [];
+    for (const robot of this.robots.values()) {
+      const at = robot.pose(t);
+      if (at) poses.push([robot.id, ...at]);
+    }
+    return poses;
+  }
+  // Packets between two times.
+  talk(from, to) {
+    const list = [];
+    for (let i = last(this.packets, to); i >= 0 && this.packets[i][0] >= from && list.length < 3000; i--)
+      list.push(this.packets[i]);
+    return list.reverse();
+  }
+  holding(t) { return [...this.faults.values()].filter(f => f.from <= t && t < f.to); }
+}

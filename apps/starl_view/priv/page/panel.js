@@ -1,0 +1,215 @@
+// The panels beside the floor: the selected robot, contracts, faults and what hands can do.
+const $ = id => document.getElementById(id);
+const seconds = us => `${(us / 1e6).toFixed(3)} s`;
+
+function element(tag, text, more = {}) {
+  const made = document.createElement(tag);
+  made.textContent = text;
+  for (const [key, value] of Object.entries(more)) made[key] = value;
+  return made;
+}
+
+export class Panel {
+  constructor(team, floor, state, send, select) {
+    Object.assign(this, { team, floor, state, send, select, asked: 0, shown: {}, opened: new Set() });
+    $('fault').onsubmit = event => { event.preventDefault(); this.fault(); };
+    $('heal').onclick = () => this.hand({ do: 'heal', id: 'all' });
+    $('save').onsubmit = event => {
+      event.preventDefault();
+      this.send({ do: 'save', name: $('name').value });
+    };
+    $('kind').onchange = () => this.params();
+    $('team').ontoggle = () => { this.shown.table = null; };
+  }
+
+  began() {
+    const kinds = this.team.run.kinds || [], before = $('kind').value;
+    $('kind').replaceChildren(...kinds.map(([kind, , , doc]) => element('option', kind.replaceAll('_', ' '),
+      { value: kind, title: doc })));
+    if (kinds.some(([kind]) => kind === before)) $('kind').value = before;
+    this.params();
+    this.shown = {};
+    this.selected();
+  }
+
+  // The fields of the chosen kind's parameters.
+  params() {
+    const spec = (this.team.run.kinds || []).find(([kind]) => kind === $('kind').value);
+    $('params').replaceChildren(...(spec ? spec[2] : []).map(([key, ...range]) => {
+      const label = element('label', `${key} `);
+      const field = Array.isArray(range[0]) ? element('select', '') : element('input', '', { type: 'number',
+        min: range[0], max: range[1], step: 'any', required: true });
+      if (Array.isArray(range[0])) for (const word of range[0]) field.append(element('option', word));
+      else field.value = range[1] === 1 ? 0.5 : Math.min(range[1], 100);
+      field.name = key;
+      label.append(field);
+      return label;
+    }));
+    if (spec) $('kind').title = spec[3];
+  }
+
+  fault() {
+    const params = {};
+    for (const field of $('params').querySelectorAll('[name]'))
+      params[field.name] = field.tagName === 'SELECT' ? field.value : Number(field.value);
+    const kind = $('kind').value;
+    const shape = (this.team.run.kinds.find(([name]) => name === kind) || [])[1];
+    const command = { do: 'fault', kind, target: target($('target').value, shape), params };
+    if ($('seconds').value !== '') command.seconds = Number($('seconds').value);
+    this.hand(command);
+  }
+
+  hand(command) {
+    this.state.live = true;
+    this.send(command);
+  }
+
+  // -- the selected robot
+
+  selected() {
+    const id = this.state.selected, hands = $('robot-hands');
+    this.asked = 0;
+    $('machines').replaceChildren();
+    $('robot-title').textContent = id === null ? 'Robot' : `Robot ${id}`;
+    hands.replaceChildren();
+    if (id === null || this.team.run.kind === 'recording') return;
+    const act = (text, command, title = '') => {
+      const button = element('button', text, { title, onclick: () => this.hand(command()) });
+      hands.append(button);
+      return button;
+    };
+    if (this.team.run.kind === 'live') return this.liveHands(id, act);
+    act('Kill', () => ({ do: 'fault', kind: 'kill_robot', target: id }), 'the robot dies for good').id = 'kill';
+    act('Reboot', () => ({ do: 'fault', kind: 'reboot', target: id, seconds: 3 }), 'down for 3 s');
+    act('Pause 3 s', () => ({ do: 'fault', kind: 'pause', target: id, seconds: 3 }), 'its computer stands still');
+    act('Freeze positions 5 s', () => ({ do: 'fault', kind: 'location_frozen', target: id, seconds: 5 }));
+    act('Isolate 5 s', () => ({ do: 'fault', kind: 'isolate', target: id, seconds: 5 }));
+    const machine = element('select', '', { ariaLabel: 'machine' });
+    machine.append(...this.team.run.machines.map(name => element('option', name)));
+    hands.append(machine);
+    act('Kill machine', () => ({ do: 'fault', kind: 'kill_machine', target: [id, machine.value] }));
+    const other = this.other(id);
+    hands.append(other);
+    act('Cut link', () => ({ do: 'fault', kind: 'cut', target: [id, Number(other.value)] }));
+  }
+  liveHands(id, act) {
+    act('Kill', () => ({ do: 'kill', robot: id }), 'its processes end; it starts anew').id = 'kill';
+    if (!this.team.run.hands.includes('cut')) return;
+    const other = this.other(id);
+    $('robot-hands').append(other);
+    act('Cut link', () => ({ do: 'cut', robots: [id, Number(other.value)] }));
+    act('Freeze positions', () => ({ do: 'freeze', robot: id }));
+  }
+  other(id) {
+    return element('input', '', { type: 'number', min: 1, max: this.team.run.robots.length,
+      ariaLabel: 'other robot', value: id === 1 ? 2 : 1 });
+  }
+
+  // The server's answer: all of a robot.
+  look(t, id, seen) {
+    if (id !== this.state.selected) return;
+    for (const details of $('machines').querySelectorAll('details'))
+      this.opened[details.open ? 'add' : 'delete'](details.dataset.name);
+    const parts = [element('p', `${seen.events} events, result: ${seen.result}, at ${seconds(t)}`)];
+    for (const crash of seen.crashes) parts.push(element('p', `crashed: ${crash}`));
+    for (const machine of seen.machines) parts.push(this.machine(machine));
+    const last = this.details('last events', `last events (${seen.last.length})`);
+    last.append(element('pre', seen.last.map(([at, name, event]) => `${seconds(at)} ${name} ${event}`).join('\n')));
+    parts.push(last);
+    $('machines').replaceChildren(...parts);
+  }
+  machine({ name, module, state, data, timers }) {
+    const short = String(state).split('\n')[0].slice(0, 44);
+    const details = this.details(name, `${name}: ${short}`);
+    if (module) details.append(element('p', module));
+    if (timers) details.append(element('p', `timers: ${timers}`));
+    details.append(element('pre', String(state).length > 44 ? `${state}\n${data ?? ''}` : data ?? ''));
+    return details;
+  }
+  details(name, summary) {
+    const details = element('details', '', { open: this.opened.has(name) });
+    details.dataset.name = name;
+    details.append(element('summary', summary));
+    return details;
+  }
+
+  // -- what changes with time
+
+  refresh(t) {
+    this.where(t);
+    this.lights(t);
+    this.faults(t);
+    if ($('team').open) this.table(t);
+    const { state, team } = this;
+    const moment = team.clock.paused ? team.now + 0.5 : Math.floor(performance.now() / 1000);
+    if (state.selected !== null && state.live && this.asked !== moment && team.run.kind === 'simulation') {
+      this.asked = moment;
+      this.send({ do: 'look', robot: state.selected });
+    }
+  }
+  where(t) {
+    const robot = this.team.robots.get(this.state.selected), pose = robot && robot.pose(t);
+    $('robot-where').textContent = pose ? describe(robot, pose, t) : 'click a robot, or give its number';
+  }
+  lights(t) {
+    const broken = this.team.violations.filter(v => v.t <= t);
+    const key = `${broken.length} ${this.team.run.contracts}`;
+    if (this.shown.lights === key) return;
+    this.shown.lights = key;
+    $('lights').replaceChildren(...this.team.run.contracts.map(name => {
+      const own = broken.filter(v => v.contract === name), light = element('span', '');
+      light.append(element('i', ''), own.length ? '' : `${name} kept`);
+      if (own.length) {
+        light.className = 'broken';
+        light.append(element('button', `${name} broken at ${seconds(own[0].t)}`,
+          { title: own[0].text, onclick: () => window.starl.scrub(own[0].t) }));
+      }
+      return light;
+    }), ...broken.filter(v => !this.team.run.contracts.includes(v.contract)).map(v =>
+      element('span', v.text, { className: 'broken' })));
+  }
+  faults(t) {
+    const all = [...this.team.faults.values()];
+    const key = all.map(f => `${f.id} ${f.from} ${f.to} ${f.from <= t} ${f.to <= t}`).join();
+    if (this.shown.faults === key) return;
+    this.shown.faults = key;
+    $('faults').replaceChildren(...all.slice(-60).map(fault => {
+      const over = fault.to <= t && fault.to > fault.from;
+      const item = element('li', `${fault.id}: ${fault.kind.replaceAll('_', ' ')} ${fault.target} ` +
+        `from ${seconds(fault.from)}${fault.to > fault.from ? ` to ${seconds(fault.to)}` : ''} `);
+      item.className = over ? 'over' : '';
+      if (!over && fault.from <= t && fault.to > fault.from)
+        item.append(element('button', 'heal', { onclick: () => this.hand({ do: 'heal', id: fault.id }) }));
+      return item;
+    }));
+  }
+  table(t) {
+    const now = Math.floor(performance.now() / 500);
+    if (this.shown.table === now) return;
+    this.shown.table = now;
+    $('robots').replaceChildren(...[...this.team.robots.values()].slice(0, 200).map(robot => {
+      const row = element('tr', ''), pose = robot.pose(t) || [NaN, NaN, NaN], name = element('td', '');
+      name.append(element('button', robot.id, { onclick: () => this.select(robot.id) }));
+      row.dataset.robot = robot.id;
+      row.append(name, element('td', (pose[0] / 1000).toFixed(3)), element('td', (pose[1] / 1000).toFixed(3)),
+        element('td', degrees(pose[2])), element('td', robot.condition(t)));
+      return row;
+    }));
+  }
+}
+
+const degrees = radians => `${Math.round(((radians * 180 / Math.PI) % 360 + 360) % 360)}°`;
+
+function describe(robot, [x, y, heading], t) {
+  const tubes = robot.tubes(t).length;
+  return `${robot.condition(t)} at ${(x / 1000).toFixed(3)}, ${(y / 1000).toFixed(3)} m, ${degrees(heading)}` +
+    `${robot.isDown(t) ? ', pen down' : ''}${tubes ? `, holds a tube` : ''}`;
+}
+
+// What the user typed, for the shape of a kind's target.
+function target(text, shape) {
+  const parts = text.trim().split(/[ ,;]+/).filter(part => part);
+  const value = part => /^\d+$/.test(part) ? Number(part) : part;
+  const values = parts.map(value);
+  return shape === 'group' ? values : values.length === 1 ? values[0] : values;
+}

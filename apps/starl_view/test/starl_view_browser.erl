@@ -1,0 +1,141 @@
+%% A browser for tests: headless Chromium by the DevTools protocol, over a pipe (its descriptors 3 and
+%% 4), so no other program is needed. A condition is awaited within the page, at each of its frames.
+-module(starl_view_browser).
+
+-export([program/0, start/1, start/2, stop/1, open/2, eval/2, await/2, click/3, press/2, shot/2]).
+
+-record(browser, {port :: port(), session = none, dir}).
+
+-define(PATIENCE_MS, 30000).
+
+%% The path of Chromium, or one line on why the test is skipped.
+program() ->
+    Found = [P || Name <- ["chromium", "chromium-browser", "google-chrome"],
+        P <- [os:find_executable(Name)], is_list(P)],
+    case Found of
+        [Program | _] -> {ok, Program};
+        [] -> {skip, "no chromium here (Debian: apt-get install chromium): the page is not tested"}
+    end.
+
+start(Program) -> start(Program, #{}).
+
+start(Program, Options) ->
+    Dir = filename:join("/tmp", "starl-browser-" ++ os:getpid() ++
+        integer_to_list(erlang:unique_integer([positive]))),
+    Size = maps:get(size, Options, "1280,800"),
+    Args = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--mute-audio",
+        "--no-first-run", "--disable-extensions", "--disable-background-networking", "--hide-scrollbars",
+        "--force-color-profile=srgb", "--remote-debugging-pipe", "--user-data-dir=" ++ Dir,
+        "--window-size=" ++ Size, "about:blank"] ++
+        [A || A <- maps:get(args, Options, [])],
+    %% its own words would come among the tests'; its arguments are its own
+    Port = open_port({spawn_executable, "/bin/sh"}, [
+        {args, ["-c", "exec \"$0\" \"$@\" 2>/dev/null >/dev/null", Program | Args]},
+        nouse_stdio, binary, stream, exit_status
+    ]),
+    Browser = #browser{port = Port, dir = Dir},
+    {#{<<"targetInfos">> := Infos}, _} = call(<<"Target.getTargets">>, #{}, Browser),
+    [#{<<"targetId">> := Target} | _] = [I || #{<<"type">> := <<"page">>} = I <- Infos],
+    {#{<<"sessionId">> := Session}, _} =
+        call(<<"Target.attachToTarget">>, #{targetId => Target, flatten => true}, Browser),
+    Attached = Browser#browser{session = Session},
+    _ = call(<<"Page.enable">>, #{}, Attached),
+    _ = call(<<"Runtime.enable">>, #{}, Attached),
+    Attached.
+
+stop(#browser{port = Port, dir = Dir} = Browser) ->
+    _ = call(<<"Browser.close">>, #{}, Browser#browser{session = none}),
+    receive
+        {Port, {exit_status, _}} -> ok
+    after 5000 -> ok
+    end,
+    _ = (catch port_close(Port)),
+    file:del_dir_r(Dir).
+
+open(Url, Browser) ->
+    _ = call(<<"Page.navigate">>, #{url => Url}, Browser),
+    loaded = answer(loaded, Browser#browser.port),
+    await(<<"window.starl && starl.team.run && starl.team.clock.speed !== undefined">>, Browser).
+
+%% The value of an expression.
+eval(Expression, Browser) ->
+    Params = #{
+        expression => iolist_to_binary(Expression), returnByValue => true, awaitPromise => true
+    },
+    case call(<<"Runtime.evaluate">>, Params, Browser) of
+        {#{<<"exceptionDetails">> := Details}, _} -> error({page, Details});
+        {#{<<"result">> := Result}, _} -> maps:get(<<"value">>, Result, undefined)
+    end.
+
+%% Waits, frame by frame, until an expression is true.
+await(Condition, Browser) ->
+    Script = [
+        "new Promise((yes, no) => { const late = performance.now() + 25000;",
+        "const look = () => { let is = false; try { is = ", Condition, "; } catch (e) { is = false; }",
+        "if (is) yes(true); else if (performance.now() > late) yes(false);",
+        "else setTimeout(look, 10); }; look(); })"
+    ],
+    case eval(Script, Browser) of
+        true -> ok;
+        Other -> error({never, iolist_to_binary(Condition), Other})
+    end.
+
+%% A click of the mouse on the page.
+click(X, Y, Browser) ->
+    [
+        call(<<"Input.dispatchMouseEvent">>, #{
+            type => Type, x => X, y => Y, button => left, clickCount => 1,
+            buttons => case Type of mousePressed -> 1; _ -> 0 end
+        }, Browser)
+     || Type <- [mouseMoved, mousePressed, mouseReleased]
+    ],
+    ok.
+
+%% A key.
+press(Key, Browser) ->
+    [
+        call(<<"Input.dispatchKeyEvent">>, #{type => Type, key => Key, text => Key}, Browser)
+     || Type <- [keyDown, keyUp]
+    ],
+    ok.
+
+shot(File, Browser) ->
+    {#{<<"data">> := Data}, _} = call(<<"Page.captureScreenshot">>, #{format => png}, Browser),
+    ok = filelib:ensure_dir(File),
+    ok = file:write_file(File, base64:decode(Data)).
+
+call(Method, Params, #browser{port = Port, session = Session} = Browser) ->
+    Id = erlang:unique_integer([positive]),
+    Message = #{id => Id, method => Method, params => Params},
+    Full = case Session of none -> Message; _ -> Message#{sessionId => Session} end,
+    true = port_command(Port, [starl_view_json:encode(Full), 0]),
+    {answer(Id, Port), Browser}.
+
+answer(Id, Port) ->
+    Rest = case get({rest, Port}) of undefined -> <<>>; Left -> Left end,
+    answer(Id, Port, Rest).
+
+answer(Id, Port, Rest) ->
+    case binary:split(Rest, <<0>>) of
+        [Text, More] ->
+            case starl_view_json:decode(Text) of
+                {ok, #{<<"id">> := Id, <<"result">> := Result}} ->
+                    _ = put({rest, Port}, More),
+                    Result;
+                {ok, #{<<"id">> := Id, <<"error">> := Error}} ->
+                    error({devtools, Error});
+                {ok, #{<<"method">> := <<"Page.loadEventFired">>}} when Id =:= loaded ->
+                    _ = put({rest, Port}, More),
+                    loaded;
+                {ok, #{<<"method">> := <<"Runtime.exceptionThrown">>, <<"params">> := P}} ->
+                    error({page, P});
+                {ok, _} ->
+                    answer(Id, Port, More)
+            end;
+        [Part] ->
+            receive
+                {Port, {data, Data}} -> answer(Id, Port, <<Part/binary, Data/binary>>);
+                {Port, {exit_status, Status}} -> error({browser_ended, Status})
+            after ?PATIENCE_MS -> error(browser_silent)
+            end
+    end.
