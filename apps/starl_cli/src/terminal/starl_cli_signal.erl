@@ -4,7 +4,7 @@
 -module(starl_cli_signal).
 -behaviour(gen_event).
 
--export([install/0, on_interrupt/1, leave/0]).
+-export([install/0, on_interrupt/1, leave/0, leave_after/2]).
 -export([init/1, handle_event/2, handle_call/2]).
 
 %% The usual exit status of an interrupted command: 128 + SIGINT.
@@ -47,6 +47,16 @@ handle_call({on_interrupt, Reaction}, _Old) -> {ok, ok, Reaction}.
 quit() ->
     starl_cli_progress:note("interrupted"),
     leave().
+
+%% @doc Ends the VM as interrupted, with these last words, if it has not ended by itself by then.
+-spec leave_after(Ms :: pos_integer(), unicode:chardata()) -> ok.
+leave_after(Ms, Words) ->
+    _ = spawn(fun() ->
+        ok = timer:sleep(Ms),
+        starl_cli_progress:note(Words),
+        leave()
+    end),
+    ok.
 
 %% @doc Ends the VM as interrupted. What was written last has a moment to get out; a reader that
 %% takes no more does not hold up the end.
