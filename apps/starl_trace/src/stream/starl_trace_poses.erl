@@ -1,7 +1,6 @@
 %% @doc Tells where the robots of a run are, from the pieces of motion in its trace: a sample 20 times a
-%% second of the robots that changed, and of all robots once a second. While no robot moves there is
-%% one sample, of all robots, at the end of that time. Motion is known in closed form, so each sample
-%% is exact. A pure module.
+%% second of the robots that changed, and of all robots once a second. Motion is known in closed form,
+%% so each sample is exact. A pure module.
 -module(starl_trace_poses).
 
 -export([new/0, event/2, due_us/1, sample/2, full/2]).
@@ -10,8 +9,6 @@
 
 -define(PERIOD_US, 50000).
 -define(FULL_US, 1000000).
-%% Times in which nothing moves are skipped beyond this.
--define(STILL_US, 5000000).
 
 -record(poses, {
     %% pieces of each robot, the latest first, as far as they are needed
@@ -29,17 +26,20 @@ new() -> #poses{}.
 
 %% @doc Takes a trace event into account.
 -spec event(starl_monitor:trace_event(), t()) -> t().
-event({_, Robot, chassis, {motion, Piece}}, #poses{pieces = Pieces} = Poses) ->
+event({At, Robot, chassis, {motion, Piece}}, #poses{pieces = Pieces} = Poses) ->
     T0 = starl_trajectory:start_us(Piece),
     Known = maps:get(Robot, Pieces, []),
     Before = lists:dropwhile(fun(P) -> starl_trajectory:start_us(P) >= T0 end, Known),
-    Poses#poses{pieces = Pieces#{Robot => [Piece | Before]}};
-event({_, Robot, chassis, {actuated, pen, Pen}}, #poses{pens = Pens} = Poses) when
+    soon(At, Poses#poses{pieces = Pieces#{Robot => [Piece | Before]}});
+event({At, Robot, chassis, {actuated, pen, Pen}}, #poses{pens = Pens} = Poses) when
     Pen =:= up; Pen =:= down
 ->
-    Poses#poses{pens = Pens#{Robot => Pen}};
+    soon(At, Poses#poses{pens = Pens#{Robot => Pen}});
 event(_, Poses) ->
     Poses.
+
+%% The next sample is not later than the next regular time.
+soon(At, #poses{next = Next} = Poses) -> Poses#poses{next = min(Next, up(At, ?PERIOD_US))}.
 
 %% @doc The time of the next sample: events up to it come first.
 -spec due_us(t()) -> integer().
@@ -49,7 +49,7 @@ due_us(#poses{next = Next}) -> Next.
 -spec sample(Until :: integer(), t()) -> {[starl_trace_message:t()], t()}.
 sample(Until, #poses{next = Next} = Poses) when Next < Until ->
     {Message, Sampled} = at(Next, Poses),
-    {Later, Last} = sample(Until, skip(Until, Sampled)),
+    {Later, Last} = sample(Until, skip(Sampled)),
     {Message ++ Later, Last};
 sample(_Until, Poses) ->
     {[], Poses}.
@@ -78,13 +78,13 @@ is_shown(Id, Pose, #poses{shown = Shown}) ->
     end.
 
 %% Nothing changes before the next event once all robots stand still.
-skip(Until, #poses{next = Next, pieces = Pieces} = Poses) when Until - Next > ?STILL_US ->
+skip(#poses{next = Next, pieces = Pieces} = Poses) ->
     case lists:all(fun([P | _]) -> is_at_rest(Next, P) end, maps:values(Pieces)) of
-        true -> Poses#poses{next = (Until - 1) div ?FULL_US * ?FULL_US};
+        true -> Poses#poses{next = up(Next, ?FULL_US)};
         false -> Poses
-    end;
-skip(_Until, Poses) ->
-    Poses.
+    end.
+
+up(At, Period) -> (At + Period - 1) div Period * Period.
 
 is_at_rest(At, {piece, T0, _, _, _, V, W}) -> T0 =< At andalso V == 0 andalso W == 0;
 is_at_rest(At, Ramp) -> starl_trajectory:rests_from(Ramp) =< At.

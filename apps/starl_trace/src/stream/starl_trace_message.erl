@@ -14,7 +14,7 @@
 %% Messages are in the order of their times.
 -module(starl_trace_message).
 
--export([topics/0]).
+-export([topics/0, is_message/1]).
 
 -export_type([t/0, topic/0, scenario/0, poses/0, pose/0, packet/0, verdict/0, level/0, metrics/0]).
 
@@ -83,3 +83,29 @@
 %% @doc All topics.
 -spec topics() -> [topic()].
 topics() -> [scenario, poses, trace, packets, faults, verdicts, log, metrics, gap].
+
+%% @doc Has a term the outer shape of a message? Asked of what comes from a file.
+-spec is_message(term()) -> boolean().
+is_message({scenario, At, #{app := App, kind := _, monitors := Monitors, robots := Robots} = S}) ->
+    is_integer(At) andalso is_atom(App) andalso is_list(Monitors) andalso is_list(Robots) andalso
+        is_map(maps:get(scenario, S, none));
+is_message({trace, At, {Robot, Machine, _Event}}) ->
+    is_integer(At) andalso is_integer(Robot) andalso is_atom(Machine);
+is_message({poses, At, #{full := _, robots := Robots}}) ->
+    is_integer(At) andalso is_list(Robots);
+is_message({packets, At, {From, To, _, Bytes, _}}) ->
+    is_integer(At) andalso is_integer(From) andalso is_integer(To) andalso is_integer(Bytes);
+is_message({verdicts, At, {violation, #{contract := _, at_us := _}}}) ->
+    is_integer(At);
+is_message({verdicts, At, {ended, #{end_us := End, violations := Violations}}}) ->
+    is_integer(At) andalso is_integer(End) andalso is_list(Violations);
+is_message({metrics, At, #{events := _}}) ->
+    is_integer(At);
+is_message({faults, At, {_, Fault}}) ->
+    is_integer(At) andalso is_tuple(Fault);
+is_message({log, At, {_, _, _}}) ->
+    is_integer(At);
+is_message({gap, At, Missing}) ->
+    is_integer(At) andalso is_integer(Missing);
+is_message(_) ->
+    false.

@@ -1,0 +1,163 @@
+%% @doc Reads the records of an MCAP file, one after the other or the chunks of a time by the index. A
+%% file that was cut off is read to its last whole record.
+-module(starl_mcap_reader).
+
+-export([open/1, close/1, first/1, next/2, at/2, summary/1, size/1, format_error/1]).
+
+-export_type([t/0, reason/0, position/0, next/0]).
+
+-record(reader, {file :: file:filename_all(), device :: file:io_device(), size :: integer()}).
+
+-opaque t() :: #reader{}.
+
+%% The place of a record in the file.
+-type position() :: non_neg_integer().
+
+-type reason() ::
+    {file, file:filename_all(), file:posix() | badarg | system_limit | terminated}
+    | {no_mcap, file:filename_all()}
+    | {damaged, file:filename_all(), position(), starl_mcap_chunk:reason()}.
+
+%% The next record and the position after it; the end of the file; the file is cut off here.
+-type next() ::
+    {ok, starl_mcap_record:t(), position()} | 'end' | {cut, position()} | {error, reason()}.
+
+-define(MAGIC_SIZE, 8).
+%% Opcode and length.
+-define(HEAD_SIZE, 9).
+%% The footer with its head, and the magic bytes.
+-define(TAIL_SIZE, 37).
+
+%% @doc Opens a file, if it begins as an MCAP file.
+-spec open(file:filename_all()) -> {ok, t()} | {error, reason()}.
+open(File) ->
+    case file:open(File, [read, raw, binary]) of
+        {ok, Device} -> opened(#reader{file = File, device = Device, size = size_of(File)});
+        {error, Posix} -> {error, {file, File, Posix}}
+    end.
+
+size_of(File) -> filelib:file_size(File).
+
+opened(#reader{device = Device, file = File} = Reader) ->
+    Magic = starl_mcap_record:magic(),
+    case file:pread(Device, 0, ?MAGIC_SIZE) of
+        {ok, Magic} ->
+            {ok, Reader};
+        {error, Posix} ->
+            _ = file:close(Device),
+            {error, {file, File, Posix}};
+        _ ->
+            _ = file:close(Device),
+            {error, {no_mcap, File}}
+    end.
+
+%% @doc Closes the file.
+-spec close(t()) -> ok.
+close(#reader{device = Device}) ->
+    _ = file:close(Device),
+    ok.
+
+%% @doc The size of the file in bytes.
+-spec size(t()) -> non_neg_integer().
+size(#reader{size = Size}) -> Size.
+
+%% @doc The position of the first record.
+-spec first(t()) -> position().
+first(_Reader) -> ?MAGIC_SIZE.
+
+%% @doc The record at a position.
+-spec at(position(), t()) -> next().
+at(Position, Reader) -> next(Position, Reader).
+
+%% @doc The record at a position, and the position of the next one.
+-spec next(position(), t()) -> next().
+next(Position, #reader{size = Size}) when Size - Position =:= ?MAGIC_SIZE -> 'end';
+next(Position, #reader{size = Size}) when Size - Position < ?HEAD_SIZE -> {cut, Position};
+next(Position, #reader{device = Device, size = Size} = Reader) ->
+    case file:pread(Device, Position, ?HEAD_SIZE) of
+        {ok, <<_:8, Length:64/little>>} when Position + ?HEAD_SIZE + Length > Size ->
+            {cut, Position};
+        {ok, <<Opcode:8, Length:64/little>>} ->
+            content(Opcode, Length, Position, Reader);
+        {ok, _} ->
+            {cut, Position};
+        Other ->
+            {error, failed(Other, Reader)}
+    end.
+
+content(Opcode, Length, Position, #reader{device = Device} = Reader) ->
+    case read(Device, Position + ?HEAD_SIZE, Length) of
+        {ok, Content} when byte_size(Content) =:= Length ->
+            decoded(starl_mcap_record:content(Opcode, Content), Length, Position, Reader);
+        {ok, _} ->
+            {cut, Position};
+        Other ->
+            {error, failed(Other, Reader)}
+    end.
+
+read(_Device, _Position, 0) -> {ok, <<>>};
+read(Device, Position, Length) -> file:pread(Device, Position, Length).
+
+decoded({ok, Record}, Length, Position, _Reader) ->
+    {ok, Record, Position + ?HEAD_SIZE + Length};
+decoded({error, Reason}, _Length, Position, #reader{file = File}) ->
+    {error, {damaged, File, Position, Reason}}.
+
+failed(eof, #reader{file = File}) -> {file, File, terminated};
+failed({error, Posix}, #reader{file = File}) -> {file, File, Posix}.
+
+%% @doc The records of the summary; `none': the file has no index, since it was not closed or is
+%% damaged there.
+-spec summary(t()) -> {ok, [starl_mcap_record:t()]} | none.
+summary(#reader{size = Size}) when Size < ?MAGIC_SIZE + ?TAIL_SIZE ->
+    none;
+summary(#reader{device = Device, size = Size} = Reader) ->
+    Magic = starl_mcap_record:magic(),
+    case file:pread(Device, Size - ?TAIL_SIZE, ?TAIL_SIZE) of
+        {ok, <<2, 20:64/little, Start:64/little, At:64/little, Crc:32/little, Magic/binary>>} when
+            Start > 0, Start < Size - ?TAIL_SIZE
+        ->
+            summary(Start, At, Crc, Reader);
+        _ ->
+            none
+    end.
+
+summary(Start, At, Crc, #reader{device = Device, size = Size}) ->
+    Length = Size - ?TAIL_SIZE - Start,
+    case file:pread(Device, Start, Length) of
+        {ok, Bytes} when byte_size(Bytes) =:= Length ->
+            Covered = [Bytes, <<2, 20:64/little, Start:64/little, At:64/little>>],
+            case Crc =:= 0 orelse erlang:crc32(Covered) =:= Crc of
+                true -> split(Bytes, []);
+                false -> none
+            end;
+        _ ->
+            none
+    end.
+
+split(<<>>, Records) ->
+    {ok, lists:reverse(Records)};
+split(Bytes, Records) ->
+    case starl_mcap_record:decode(Bytes) of
+        {ok, Record, Rest} -> split(Rest, [Record | Records]);
+        _ -> none
+    end.
+
+%% @doc One line on a problem: what is wrong, where, and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({file, File, enoent}) ->
+    io_lib:format("~ts: there is no such file", [File]);
+format_error({file, File, eisdir}) ->
+    io_lib:format("~ts: this is a directory; name the recording in it, run.mcap", [File]);
+format_error({file, File, Posix}) ->
+    io_lib:format("~ts: ~ts", [File, file:format_error(Posix)]);
+format_error({no_mcap, File}) ->
+    io_lib:format("~ts: this is no recording (no MCAP file)", [File]);
+format_error({damaged, File, Position, Reason}) ->
+    io_lib:format("~ts: damaged at byte ~b: ~ts", [File, Position, damage(Reason)]).
+
+damage({bad_record, Opcode}) -> io_lib:format("a record of kind ~b has a wrong content", [Opcode]);
+damage(cut_off) -> "a record does not end within its chunk";
+damage(checksum) -> "the checksum of a chunk is wrong; ./starl recover takes what is whole";
+damage({size, _}) -> "a chunk has not the size that it says";
+damage({compression, Name}) -> ["it is packed with ", Name, ", which cannot be read here"].

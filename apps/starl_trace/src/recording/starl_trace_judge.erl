@@ -1,0 +1,146 @@
+%% @doc Judges a recording: all contracts of its run, by the monitors of the run, from its trace. The
+%% verdicts are those of the run.
+-module(starl_trace_judge).
+
+-export([file/1, format_error/1]).
+
+-export_type([judged/0, reason/0]).
+
+%% The judgement: the facts of the run, the violations, whether the recording knows its end and what
+%% the run itself had found, the figures of the monitors, and how the file ends.
+-type judged() :: #{
+    scenario := starl_trace_message:scenario(),
+    violations := [starl_monitor:violation()],
+    found := [starl_monitor:violation()] | unknown,
+    results := #{module() => map()},
+    until_us := integer(),
+    events := non_neg_integer(),
+    missing := non_neg_integer(),
+    ended := starl_trace_reader:ended()
+}.
+
+-type reason() ::
+    starl_trace_reader:reason()
+    | {no_scenario, file:filename_all()}
+    | {no_monitor, file:filename_all(), module()}
+    | {bad_monitor, file:filename_all(), module()}.
+
+-record(judge, {
+    file :: file:filename_all(),
+    scenario = none :: starl_trace_message:scenario() | none,
+    monitors = none :: starl_monitor:t() | none,
+    violations = [] :: [starl_monitor:violation()],
+    found = unknown :: [starl_monitor:violation()] | unknown,
+    until = 0 :: integer(),
+    events = 0 :: non_neg_integer(),
+    missing = 0 :: non_neg_integer()
+}).
+
+%% @doc Judges a recording.
+-spec file(file:filename_all()) -> {ok, judged()} | {error, reason()}.
+file(File) ->
+    case starl_trace_reader:start(File) of
+        {ok, Cursor} -> try_all(Cursor, #judge{file = File});
+        {error, _} = Error -> Error
+    end.
+
+try_all(Cursor, Judge) ->
+    try
+        all(Cursor, Judge)
+    catch
+        throw:{?MODULE, Reason} -> {error, Reason}
+    after
+        starl_trace_reader:stop(Cursor)
+    end.
+
+all(Cursor, Judge) ->
+    case starl_trace_reader:next(Cursor) of
+        {ok, Messages, Next} -> all(Next, messages(Messages, Judge));
+        {ended, Ended} -> judged(Ended, Judge);
+        {error, _} = Error -> Error
+    end.
+
+judged(_Ended, #judge{scenario = none, file = File}) ->
+    {error, {no_scenario, File}};
+judged(Ended, #judge{monitors = Monitors, violations = Violations, until = Until} = Judge) ->
+    {Late, Results} = starl_monitor:finish(Until, Monitors),
+    {ok, #{
+        scenario => Judge#judge.scenario,
+        violations => lists:reverse(Violations, Late),
+        found => Judge#judge.found,
+        results => Results,
+        until_us => Until,
+        events => Judge#judge.events,
+        missing => Judge#judge.missing,
+        ended => Ended
+    }}.
+
+%% The trace of a second is judged at once, like the windows of a run.
+messages(Messages, Judge0) ->
+    Judge = lists:foldl(fun message/2, Judge0, Messages),
+    step([{At, R, M, E} || {trace, At, {R, M, E}} <- Messages], Judge).
+
+message({scenario, _, Scenario}, #judge{scenario = none, file = File} = Judge) ->
+    #{monitors := Monitors} = Scenario,
+    lists:foreach(fun(Monitor) -> check(Monitor, File) end, Monitors),
+    Judge#judge{scenario = Scenario, monitors = starl_monitor:new(Monitors)};
+message({verdicts, _, {ended, #{end_us := End, violations := Found}}}, Judge) ->
+    Judge#judge{found = Found, until = max(End, Judge#judge.until)};
+message({gap, _, Missing}, Judge) ->
+    Judge#judge{missing = Judge#judge.missing + Missing};
+message(_Message, Judge) ->
+    Judge.
+
+step([], Judge) ->
+    Judge;
+step(_Trace, #judge{monitors = none, file = File}) ->
+    throw({?MODULE, {no_scenario, File}});
+step(Trace, #judge{monitors = Monitors, events = Events, until = Until} = Judge0) ->
+    {Last, _, _, _} = lists:last(Trace),
+    Judge = Judge0#judge{events = Events + length(Trace), until = max(Last, Until)},
+    case starl_monitor:step(Trace, Monitors) of
+        {ok, Next} ->
+            Judge#judge{monitors = Next};
+        {violation, Violation, Next} ->
+            Judge#judge{
+                monitors = Next, violations = [Violation | Judge#judge.violations]
+            }
+    end.
+
+%% A file names modules that are to be called: only monitors are, with data and no functions.
+check({Module, Config}, File) when is_atom(Module), is_map(Config) ->
+    case code:ensure_loaded(Module) of
+        {module, Module} ->
+            IsSound = is_monitor(Module) andalso is_data(Config),
+            IsSound orelse throw({?MODULE, {bad_monitor, File, Module}});
+        {error, _} ->
+            throw({?MODULE, {no_monitor, File, Module}})
+    end;
+check(_Other, File) ->
+    throw({?MODULE, {bad_monitor, File, unknown}}).
+
+is_monitor(Module) ->
+    Attributes = Module:module_info(attributes),
+    Behaviours = proplists:append_values(behaviour, Attributes),
+    lists:member(starl_monitor, Behaviours ++ proplists:append_values(behavior, Attributes)).
+
+is_data(Map) when is_map(Map) ->
+    is_data(maps:to_list(Map));
+is_data(Tuple) when is_tuple(Tuple) ->
+    is_data(tuple_to_list(Tuple));
+is_data([First | Rest]) ->
+    is_data(First) andalso is_data(Rest);
+is_data(Term) ->
+    not (is_function(Term) orelse is_pid(Term) orelse is_port(Term) orelse is_reference(Term)).
+
+%% @doc One line on a problem: what is wrong, where, and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({no_scenario, File}) ->
+    io_lib:format("~ts: the recording does not begin with its scenario", [File]);
+format_error({no_monitor, File, Module}) ->
+    Line = "~ts: the contract ~ts is not known here; compile ~ts.erl and put it into ERL_LIBS",
+    io_lib:format(Line, [File, Module, Module]);
+format_error({bad_monitor, File, Module}) ->
+    io_lib:format("~ts: ~ts, as it stands in the recording, is no contract", [File, Module]);
+format_error(Reason) ->
+    starl_trace_reader:format_error(Reason).

@@ -1,0 +1,159 @@
+%% @doc Writes the recording of a run while it runs.
+%% ```
+%%   {ok, Recorder} = starl_trace_recorder:start_link("run.mcap", simulation),
+%%   {ok, Sim} = starl_sim:start(Scenario, #{
+%%       observe => starl_trace_recorder:observer(Recorder), packets => true}),
+%%   ...
+%%   {ok, Written} = starl_trace_recorder:close(Recorder)
+%% '''
+%% A chunk is written after a second of the run's time, or of real time in a run that stands still. A
+%% simulation waits for the recorder; a live run leaves events out when the disk is too slow, and the
+%% recording says how many. A disk that is full ends the recording, not the run.
+-module(starl_trace_recorder).
+-behaviour(gen_server).
+
+-export([start_link/2, observer/1, close/1, format_error/1]).
+-export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
+
+-export_type([written/0, reason/0]).
+
+%% The recording: its file, its bytes, and the time until which it goes.
+-type written() :: #{
+    file := file:filename_all(), bytes := non_neg_integer(), until_us := integer()
+}.
+
+-type reason() :: {file:filename_all(), file:posix() | badarg | terminated | system_limit}.
+
+%% Events that may wait for the recorder.
+-define(WAITING, 1000).
+-define(WAITING_LIVE, 200000).
+-define(FLUSH_MS, 1000).
+
+-record(recorder, {
+    file :: file:filename_all(),
+    device :: file:io_device(),
+    kind :: simulation | live,
+    writer :: starl_trace_writer:t(),
+    stream = starl_trace_stream:new() :: starl_trace_stream:t(),
+    now = 0 :: integer(),
+    bytes = 0 :: non_neg_integer(),
+    %% `closed', or why nothing is written any more
+    state = open :: open | closed | reason()
+}).
+
+%% @doc Begins a recording; a file of that name is replaced.
+-spec start_link(file:filename_all(), simulation | live) ->
+    {ok, pid()} | {error, reason()}.
+start_link(File, Kind) ->
+    case file:open(File, [write, raw, binary]) of
+        {ok, Device} ->
+            ok = file:close(Device),
+            {ok, _} = gen_server:start_link(?MODULE, {File, Kind}, []);
+        {error, Posix} ->
+            {error, {File, Posix}}
+    end.
+
+%% @doc The observer of the run, for its options.
+-spec observer(pid()) -> starl_observer:t().
+observer(Recorder) -> gen_server:call(Recorder, observer).
+
+%% @doc Ends the recording.
+-spec close(pid()) -> {ok, written()} | {error, reason()}.
+close(Recorder) ->
+    Answer = gen_server:call(Recorder, close, infinity),
+    ok = gen_server:stop(Recorder),
+    Answer.
+
+%% @doc One line on a recording that could not be written.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({File, Posix}) ->
+    io_lib:format("~ts: the recording could not be written: ~ts", [File, file:format_error(Posix)]).
+
+-spec init({file:filename_all(), simulation | live}) -> {ok, #recorder{}}.
+init({File, Kind}) ->
+    _ = process_flag(trap_exit, true),
+    {ok, Device} = file:open(File, [write, raw, binary]),
+    {Head, Writer} = starl_trace_writer:new(),
+    _ = erlang:send_after(?FLUSH_MS, self(), flush),
+    Recorder = #recorder{file = File, device = Device, kind = Kind, writer = Writer},
+    {ok, write(Head, Recorder)}.
+
+-spec handle_call(term(), gen_server:from(), #recorder{}) -> {reply, term(), #recorder{}}.
+handle_call(observer, _From, #recorder{kind = simulation} = Recorder) ->
+    {reply, starl_trace_feed:observer(self(), wait, ?WAITING), Recorder};
+handle_call(observer, _From, Recorder) ->
+    {reply, starl_trace_feed:observer(self(), leave_out, ?WAITING_LIVE), Recorder};
+handle_call(caught_up, _From, Recorder) ->
+    {reply, ok, Recorder};
+handle_call(close, _From, Recorder) ->
+    Closed = closed(Recorder),
+    {reply, answer(Closed), Closed}.
+
+answer(#recorder{state = closed, file = File, bytes = Bytes, now = Now}) ->
+    {ok, #{file => File, bytes => Bytes, until_us => Now}};
+answer(#recorder{state = Reason}) ->
+    {error, Reason}.
+
+-spec handle_cast(term(), #recorder{}) -> {noreply, #recorder{}}.
+handle_cast(_Message, Recorder) -> {noreply, Recorder}.
+
+-spec handle_info(term(), #recorder{}) -> {noreply, #recorder{}} | {stop, term(), #recorder{}}.
+handle_info({starl_news, Feed, News}, #recorder{state = open} = Recorder) ->
+    Next = told(News, Recorder),
+    ok = starl_trace_feed:done(News, Feed),
+    {noreply, Next};
+handle_info({starl_news, Feed, News}, Recorder) ->
+    ok = starl_trace_feed:done(News, Feed),
+    {noreply, Recorder};
+handle_info(flush, #recorder{state = open, writer = Writer} = Recorder) ->
+    _ = erlang:send_after(?FLUSH_MS, self(), flush),
+    {Bytes, Next} = starl_trace_writer:flush(Writer),
+    {noreply, write(Bytes, Recorder#recorder{writer = Next})};
+handle_info({'EXIT', _From, Reason}, Recorder) ->
+    {stop, Reason, Recorder};
+handle_info(_Other, Recorder) ->
+    {noreply, Recorder}.
+
+-spec terminate(term(), #recorder{}) -> ok.
+terminate(_Reason, Recorder) ->
+    _ = closed(Recorder),
+    ok.
+
+told({missed, Events}, #recorder{now = Now} = Recorder) ->
+    messages([{gap, Now, Events}], Recorder);
+told(News, #recorder{stream = Stream} = Recorder) ->
+    {Messages, Next} = starl_trace_stream:news(News, Stream),
+    messages(Messages, Recorder#recorder{stream = Next}).
+
+messages([], Recorder) ->
+    Recorder;
+messages(Messages, #recorder{writer = Writer} = Recorder) ->
+    {Bytes, Next} = starl_trace_writer:messages(Messages, Writer),
+    {_, Now, _} = lists:last(Messages),
+    write(Bytes, Recorder#recorder{writer = Next, now = Now}).
+
+%% A chunk goes to the disk in one piece; in a live run it is there before the power can fail.
+write(Bytes, #recorder{device = Device, bytes = Written, kind = Kind} = Recorder) ->
+    case iolist_size(Bytes) of
+        0 ->
+            Recorder;
+        Size ->
+            Put = synced(Kind, file:write(Device, Bytes), Device),
+            written(Put, Recorder#recorder{bytes = Written + Size})
+    end.
+
+synced(live, ok, Device) -> file:datasync(Device);
+synced(_Kind, Answer, _Device) -> Answer.
+
+written(ok, Recorder) -> Recorder;
+written({error, Posix}, #recorder{file = File} = Recorder) -> Recorder#recorder{state = {File, Posix}}.
+
+closed(#recorder{state = open, writer = Writer, device = Device} = Recorder) ->
+    #recorder{state = State} = Last = write(starl_trace_writer:finish(Writer), Recorder),
+    _ = file:close(Device),
+    case State of
+        open -> Last#recorder{state = closed};
+        _ -> Last
+    end;
+closed(Recorder) ->
+    Recorder.

@@ -1,0 +1,205 @@
+%% @doc The scene of a recording, as viewers of `foxglove.SceneUpdate' draw it: the bodies of the robots,
+%% and the ink of their pens. A pure module; lengths become metres.
+-module(starl_trace_scene).
+
+-export([new/0, bodies/2, event/2, transforms/2, timestamp/1]).
+
+-export_type([t/0]).
+
+-define(BODY_MM, 330.0).
+-define(TALL_MM, 100.0).
+-define(INK_MM, 20.0).
+%% The line stays this close to the way of the pen.
+-define(TOLERANCE_MM, 5.0).
+%% A longer line is shown in parts.
+-define(MOST_POINTS, 100).
+-define(COLOURS, {
+    {0.90, 0.29, 0.24},
+    {0.20, 0.60, 0.86},
+    {0.18, 0.80, 0.44},
+    {0.95, 0.61, 0.07},
+    {0.61, 0.35, 0.71},
+    {0.10, 0.74, 0.61},
+    {0.91, 0.12, 0.39},
+    {0.55, 0.43, 0.39}
+}).
+
+-record(scene, {
+    pieces = #{} :: #{starl:robot_id() => starl_trajectory:piece()},
+    %% the points of each line in work, the latest first
+    ink = #{} :: #{starl:robot_id() => [starl_trajectory:point(), ...]},
+    count = 0 :: non_neg_integer()
+}).
+
+-opaque t() :: #scene{}.
+
+%% @doc A floor without ink.
+-spec new() -> t().
+new() -> #scene{}.
+
+%% @doc The bodies of these robots, each in the frame of its robot.
+-spec bodies(AtUs :: integer(), [starl:robot_id()]) -> starl_trace_json:json().
+bodies(At, Robots) -> update([body(At, Robot) || Robot <- Robots]).
+
+%% @doc Takes a trace event into account: the new ink, if any, in the frame of the floor.
+-spec event(starl_monitor:trace_event(), t()) -> {[starl_trace_json:json()], t()}.
+event({At, Robot, chassis, {motion, Piece}}, #scene{pieces = Pieces} = Scene) ->
+    {Shown, Driven} = drawn(At, Robot, Scene),
+    {Shown, Driven#scene{pieces = Pieces#{Robot => Piece}}};
+event({At, Robot, chassis, {actuated, pen, down}}, #scene{pieces = Pieces, ink = Ink} = Scene) ->
+    case Pieces of
+        #{Robot := Piece} ->
+            Begun = [starl_trajectory:position(At, Piece)],
+            {[], Scene#scene{
+                ink = Ink#{Robot => Begun}, pieces = Pieces#{Robot => from(At, Piece)}
+            }};
+        #{} ->
+            {[], Scene}
+    end;
+event({At, Robot, chassis, {actuated, pen, up}}, Scene) ->
+    {Earlier, #scene{ink = Ink} = Last} = drawn(At, Robot, Scene),
+    {Shown, Next} = line(At, Robot, maps:get(Robot, Ink, []), Last),
+    {Earlier ++ Shown, Next#scene{ink = maps:remove(Robot, Next#scene.ink)}};
+event(_Event, Scene) ->
+    {[], Scene}.
+
+%% The ink of the piece that ends now.
+drawn(At, Robot, #scene{pieces = Pieces, ink = Ink} = Scene) ->
+    case {Ink, Pieces} of
+        {#{Robot := Points}, #{Robot := Piece}} ->
+            Way = starl_trajectory:polyline(Piece, begun(Piece, At), At, ?TOLERANCE_MM),
+            longer(At, Robot, lists:reverse(tl(Way), Points), Scene);
+        _ ->
+            {[], Scene}
+    end.
+
+begun(Piece, At) -> min(At, starl_trajectory:start_us(Piece)).
+
+%% A pen that goes down in the middle of an arc or a line.
+from(At, {piece, _, _, _, _, V, W} = Piece) ->
+    {X, Y, Heading} = starl_trajectory:pose(At, Piece),
+    {piece, At, X, Y, Heading, V, W};
+from(_At, Ramp) ->
+    Ramp.
+
+longer(At, Robot, Points, Scene) when length(Points) >= ?MOST_POINTS ->
+    line(At, Robot, Points, Scene);
+longer(_At, Robot, Points, #scene{ink = Ink} = Scene) ->
+    {[], Scene#scene{ink = Ink#{Robot => Points}}}.
+
+line(At, Robot, [Last, _ | _] = Points, #scene{ink = Ink, count = N} = Scene) ->
+    {[update([ink(At, Robot, N, Points)])], Scene#scene{
+        ink = Ink#{Robot => [Last]}, count = N + 1
+    }};
+line(_At, _Robot, _Points, Scene) ->
+    {[], Scene}.
+
+%% -- JSON -----------------------------------------------------------------------------------
+
+update(Entities) -> {[{deletions, []}, {entities, Entities}]}.
+
+body(At, Robot) ->
+    Size = {[{x, m(?BODY_MM)}, {y, m(?BODY_MM)}, {z, m(?TALL_MM)}]},
+    Cylinder =
+        {[
+            {pose, pose({0.0, 0.0, 0.0}, ?TALL_MM / 2)},
+            {size, Size},
+            {bottom_scale, 1},
+            {top_scale, 1},
+            {color, colour(Robot, 0.8)}
+        ]},
+    Nose =
+        {[
+            {pose, pose({0.0, 0.0, 0.0}, ?TALL_MM)},
+            {shaft_length, 0.15},
+            {shaft_diameter, 0.03},
+            {head_length, 0.06},
+            {head_diameter, 0.07},
+            {color, colour(Robot, 1.0)}
+        ]},
+    Number =
+        {[
+            {pose, pose({0.0, 0.0, 0.0}, 3 * ?TALL_MM)},
+            {billboard, true},
+            {font_size, 0.2},
+            {scale_invariant, false},
+            {color, {[{r, 1}, {g, 1}, {b, 1}, {a, 1}]}},
+            {text, integer_to_binary(Robot)}
+        ]},
+    entity(At, frame(Robot), frame(Robot), true, [
+        {arrows, [Nose]}, {cylinders, [Cylinder]}, {texts, [Number]}
+    ]).
+
+ink(At, Robot, N, Points) ->
+    Line =
+        {[
+            {type, 0},
+            {pose, pose({0.0, 0.0, 0.0}, 0.0)},
+            {thickness, m(?INK_MM)},
+            {scale_invariant, false},
+            {points, [
+                {[{x, m(X)}, {y, m(Y)}, {z, 0}]}
+             || {X, Y} <- lists:reverse(Points)
+            ]},
+            {color, colour(Robot, 1.0)},
+            {colors, []},
+            {indices, []}
+        ]},
+    Id = <<"ink ", (integer_to_binary(N))/binary>>,
+    entity(At, <<"floor">>, Id, false, [{lines, [Line]}]).
+
+entity(At, Frame, Id, IsLocked, Shapes) ->
+    Kinds = [arrows, cubes, spheres, cylinders, lines, triangles, texts, models],
+    {
+        [
+            {timestamp, timestamp(At)},
+            {frame_id, Frame},
+            {id, Id},
+            {lifetime, {[{sec, 0}, {nsec, 0}]}},
+            {frame_locked, IsLocked},
+            {metadata, []}
+        ] ++ [{Kind, proplists:get_value(Kind, Shapes, [])} || Kind <- Kinds]
+    }.
+
+%% @doc The frames of these robots, which stand on the floor.
+-spec transforms(AtUs :: integer(), [{starl:robot_id(), starl:pose()}]) ->
+    starl_trace_json:json().
+transforms(At, Poses) ->
+    {[{transforms, [transform(At, Robot, Pose) || {Robot, Pose} <- Poses]}]}.
+
+transform(At, Robot, {X, Y, Heading}) ->
+    {[
+        {timestamp, timestamp(At)},
+        {parent_frame_id, <<"floor">>},
+        {child_frame_id, frame(Robot)},
+        {translation, {[{x, m(X)}, {y, m(Y)}, {z, 0}]}},
+        {rotation, rotation(Heading)}
+    ]}.
+
+frame(Robot) -> <<"robot ", (integer_to_binary(Robot))/binary>>.
+
+pose({X, Y, Heading}, Z) ->
+    {[
+        {position, {[{x, m(X)}, {y, m(Y)}, {z, m(Z)}]}},
+        {orientation, rotation(Heading)}
+    ]}.
+
+rotation(Heading) ->
+    {[
+        {x, 0},
+        {y, 0},
+        {z, {math:sin(Heading / 2), 5}},
+        {w, {math:cos(Heading / 2), 5}}
+    ]}.
+
+m(Mm) -> {Mm / 1000, 4}.
+
+colour(Robot, Alpha) ->
+    {R, G, B} = element((Robot - 1) rem tuple_size(?COLOURS) + 1, ?COLOURS),
+    {[{r, R}, {g, G}, {b, B}, {a, Alpha}]}.
+
+%% @doc A time as viewers expect it.
+-spec timestamp(AtUs :: integer()) -> starl_trace_json:json().
+timestamp(At) ->
+    Us = max(0, At),
+    {[{sec, Us div 1000000}, {nsec, Us rem 1000000 * 1000}]}.
