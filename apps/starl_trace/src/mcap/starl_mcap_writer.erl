@@ -6,7 +6,7 @@
 %% repeats them. Memory grows by about 200 bytes a chunk, for the summary.
 -module(starl_mcap_writer).
 
--export([new/2, message/4, sealed/2, other/2, flush/1, waiting/1, finish/1]).
+-export([new/2, message/4, sealed/2, known/2, other/2, flush/1, waiting/1, finish/1]).
 
 -export_type([t/0, channels/0]).
 
@@ -125,8 +125,18 @@ counted(Start, End, Index, #writer{start = First, last = Last, counts = Counts} 
         counts = maps:fold(Count, Counts, Index)
     }.
 
-%% @doc Adds metadata or an attachment, outside chunks. The open chunk must be empty.
+%% @doc Takes schemas and channels of sealed chunks into the summary.
+-spec known([starl_mcap_record:t()], t()) -> t().
+known(Records, #writer{channels = Channels} = Writer) ->
+    New = [R || R <- Records, is_channel(R), not lists:member(R, Channels)],
+    Writer#writer{channels = Channels ++ lists:usort(New), is_told = true}.
+
+is_channel(Record) -> lists:member(element(1, Record), [schema, channel]).
+
+%% @doc Adds a schema, a channel, metadata or an attachment, outside chunks. The open chunk must be empty.
 -spec other(starl_mcap_record:t(), t()) -> {iodata(), t()}.
+other(Record, Writer) when element(1, Record) =:= schema; element(1, Record) =:= channel ->
+    given(starl_mcap_record:encode(Record), known([Record], Writer));
 other({metadata, Name, _} = Record, #writer{offset = Offset, metadata = Known} = Writer) ->
     Bytes = starl_mcap_record:encode(Record),
     Index = starl_mcap_record:encode({metadata_index, Offset, iolist_size(Bytes), Name}),

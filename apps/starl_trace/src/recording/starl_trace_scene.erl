@@ -11,6 +11,7 @@
 -define(INK_MM, 20.0).
 %% The line stays this close to the way of the pen.
 -define(TOLERANCE_MM, 5.0).
+-define(APART_MM, 60.0).
 %% A longer line is shown in parts.
 -define(MOST_POINTS, 100).
 -define(COLOURS, {
@@ -68,10 +69,19 @@ drawn(At, Robot, #scene{pieces = Pieces, ink = Ink} = Scene) ->
     case {Ink, Pieces} of
         {#{Robot := Points}, #{Robot := Piece}} ->
             Way = starl_trajectory:polyline(Piece, begun(Piece, At), At, ?TOLERANCE_MM),
-            longer(At, Robot, lists:reverse(tl(Way), Points), Scene);
+            longer(At, Robot, lists:foldl(fun further/2, Points, tl(Way)), Scene);
         _ ->
             {[], Scene}
     end.
+
+%% Points that are close together show nothing more.
+further(Point, [_Last, Before | Points] = All) ->
+    case starl_geometry:distance(Point, Before) < ?APART_MM of
+        true -> [Point, Before | Points];
+        false -> [Point | All]
+    end;
+further(Point, Points) ->
+    [Point | Points].
 
 begun(Piece, At) -> min(At, starl_trajectory:start_us(Piece)).
 
@@ -192,7 +202,7 @@ rotation(Heading) ->
         {w, {math:cos(Heading / 2), 5}}
     ]}.
 
-m(Mm) -> {Mm / 1000, 4}.
+m(Mm) -> {Mm / 1000, 3}.
 
 colour(Robot, Alpha) ->
     {R, G, B} = element((Robot - 1) rem tuple_size(?COLOURS) + 1, ?COLOURS),

@@ -2,8 +2,8 @@
 %%
 %% Each message is kept exactly, as a term, on the channel `/starl'; only positions are left out where
 %% they follow from the motions in the trace, and the reader computes them again. The other channels
-%% show the same to people and their viewers, in parts: frames 2.5 times a second, events but those of
-%% motion and SAP, packets as lines. A chunk ends after a second of time.
+%% show the same to people and their viewers, in parts: frames twice a second, events but those of
+%% motion and SAP, packets, but for acknowledgements that arrive, as lines. A chunk ends after a second of time.
 -module(starl_trace_writer).
 
 -export([new/0, messages/2, flush/1, finish/1]).
@@ -13,9 +13,10 @@
 -define(CHUNK_US, 1000000).
 -define(CHUNK_BYTES, 1048576).
 -define(CHUNK_MESSAGES, 20000).
--define(FRAMES_US, 400000).
-%% The depth to which an event is shown.
--define(DEPTH, 15).
+-define(FRAMES_US, 500000).
+%% The depth to which an event is shown, and the characters.
+-define(DEPTH, 12).
+-define(SHOWN, 48).
 
 -record(writer, {
     mcap :: starl_mcap_writer:t(),
@@ -96,6 +97,8 @@ message({trace, At, {Robot, chassis, Event}} = Message, Writer) ->
     ),
     case Event of
         {motion, _} -> Drawn#writer{derived = true};
+        %% its ink is in the scene
+        {actuated, pen, _} -> Drawn;
         _ -> shown(Message, Drawn)
     end;
 message(Message, Writer) ->
@@ -165,9 +168,12 @@ event(Robot, Machine, Event) when is_atom(Event) ->
 event(Robot, Machine, Event) when is_tuple(Event), is_atom(element(1, Event)) ->
     [Name | Details] = tuple_to_list(Event),
     Shown = lists:join(", ", [io_lib:format("~0tP", [Detail, ?DEPTH]) || Detail <- Details]),
-    event(Robot, Machine, Name, unicode:characters_to_binary(Shown));
+    event(Robot, Machine, Name, short(unicode:characters_to_binary(Shown)));
 event(Robot, Machine, Event) ->
-    event(Robot, Machine, event, text("~0tP", [Event, ?DEPTH])).
+    event(Robot, Machine, event, short(text("~0tP", [Event, ?DEPTH]))).
+
+short(Text) when byte_size(Text) =< ?SHOWN -> Text;
+short(Text) -> unicode:characters_to_binary([string:slice(Text, 0, ?SHOWN - 3), "..."]).
 
 event(Robot, Machine, Name, Details) ->
     {[
@@ -210,12 +216,14 @@ log(At, {Level, Robot, Line}) ->
 
 text(Format, Values) -> unicode:characters_to_binary(io_lib:format(Format, Values)).
 
-%% Such as `12.345678 1>2 data 17 45 B 8.2 ms'.
+%% Such as `12.345 1>2 data 17 45B 8.2ms'.
+packet(_At, {_, _, {ack, _}, _, {arrives, [{_, intact}]}}, Writer) ->
+    Writer;
 packet(At, {From, To, What, Bytes, Fate}, #writer{packets = Packets, lost = Lost} = Writer) ->
     Line = unicode:characters_to_binary([
-        float_to_binary(At / 1.0e6, [{decimals, 6}]),
+        float_to_binary(At / 1.0e6, [{decimals, 3}]),
         [$\s, integer_to_binary(From), $>, integer_to_binary(To), $\s],
-        [what(What), $\s, integer_to_binary(Bytes), " B "],
+        [what(What), $\s, integer_to_binary(Bytes), "B "],
         fate(At, Fate)
     ]),
     More =
@@ -238,7 +246,7 @@ fate(_At, {lost, Why}) ->
     ["lost: ", atom_to_binary(Why)];
 fate(At, {arrives, Copies}) ->
     lists:join(", ", [
-        [float_to_binary((To - At) / 1000, [{decimals, 1}]), " ms", damaged(State)]
+        [float_to_binary((To - At) / 1000, [{decimals, 1}]), "ms", damaged(State)]
      || {To, State} <- Copies
     ]).
 
