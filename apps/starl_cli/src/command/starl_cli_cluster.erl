@@ -64,7 +64,8 @@ own() ->
             "kills two nodes, the leader's among them, cuts a link and freezes the positions of a "
             "robot for a while, at times drawn from the seed"},
         {runs, {integer, 1, 1000}, 1, "runs, one after the other, each with the next seed"}
-        | lists:keydelete(pace, 1, starl_cli_live:flags())
+        | lists:keydelete(pace, 1, starl_cli_live:flags()) ++
+            lists:keydelete(record, 1, starl_cli_recording:flags())
     ].
 
 other() ->

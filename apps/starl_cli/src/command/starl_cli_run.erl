@@ -41,7 +41,8 @@ flags_of_all() ->
         {"Flags of every simulation", starl_sim_scenario:options()},
         {"Other flags",
             starl_cli_setup:own_flags() ++
-                [live() | starl_cli_live:flags()] ++ starl_cli_view:flags()}
+                [live() | starl_cli_live:flags()] ++
+                starl_cli_view:flags() ++ starl_cli_recording:flags()}
     ].
 
 live() -> {live, switch, false, "in real time, as on real robots, not in virtual time"}.
@@ -62,18 +63,26 @@ subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{given := Given, values := Values} = Call) ->
-    Flags = [live() | starl_cli_live:flags()] ++ starl_cli_view:flags(),
+    Flags =
+        [live() | starl_cli_live:flags()] ++
+            starl_cli_view:flags() ++ starl_cli_recording:flags(),
     Other = [Key || {Key, _, _, _} <- Flags],
     case starl_cli_setup:check(Call#{given := maps:without(Other, Given)}) of
         {ok, #{print_scenario := true} = Setup} ->
             starl_cli_terminal:out(starl_cli_files:scenario(Setup)),
             0;
         {ok, Setup} ->
-            case Values of
-                #{live := true} -> starl_cli_live:run(here, Setup, Values);
-                #{view := true} -> starl_cli_view:run(Setup, Values);
-                #{} -> starl_cli_simulation:run(Setup)
-            end;
+            run(Setup, Values);
         {error, _} = Error ->
             Error
     end.
+
+run(Setup, #{live := true} = Values) ->
+    starl_cli_live:run(here, Setup, Values);
+run(Setup, #{record := true} = Values) ->
+    starl_cli_recording:recorded(simulation, Setup, fun(With) -> simulated(With, Values) end);
+run(Setup, Values) ->
+    simulated(Setup, Values).
+
+simulated(Setup, #{view := true} = Values) -> starl_cli_view:run(Setup, Values);
+simulated(Setup, _Values) -> starl_cli_simulation:run(Setup).

@@ -16,7 +16,8 @@
     quiet := boolean(),
     print_scenario := boolean(),
     %% a run in real time
-    live => boolean()
+    live => boolean(),
+    recording => starl_cli_recording:t()
 }.
 
 -type answer() :: {ok, t()} | {error, [unicode:chardata(), ...]}.

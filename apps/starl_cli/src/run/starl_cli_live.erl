@@ -38,8 +38,17 @@ flags() ->
     starl_cli_command:answer().
 run(Live, #{scenario := Scenario} = Setup, Values) ->
     case refused(Scenario) of
-        [] -> prepared(Live, Setup, Values);
-        Problems -> {error, Problems}
+        [] ->
+            Recorded =
+                case starl_cli_recording:wanted(live, Values) of
+                    true -> live;
+                    false -> none
+                end,
+            starl_cli_recording:recorded(Recorded, Setup, fun(With) ->
+                prepared(Live, With, Values)
+            end);
+        Problems ->
+            {error, Problems}
     end.
 
 %% What only the simulator can do.
@@ -54,7 +63,15 @@ prepared(Live, Setup, Values) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),
     Dir = state_dir(),
-    try started(start(Live, Setup, options(Dir, Live, Setup, Values)), Live, Setup) of
+    try
+        started(
+            start(
+                Live, Setup, starl_cli_recording:options(Setup, options(Dir, Live, Setup, Values))
+            ),
+            Live,
+            Setup
+        )
+    of
         Answer -> Answer
     after
         file:del_dir_r(Dir)

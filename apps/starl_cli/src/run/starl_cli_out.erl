@@ -3,7 +3,7 @@
 %% when all are complete.
 -module(starl_cli_out).
 
--export([plan/2, write/2, sure/2, shown/1, usual/1, free/1, holds_a_run/1]).
+-export([plan/2, beside/2, write/2, sure/2, shown/1, usual/1, free/1, holds_a_run/1]).
 
 -export_type([t/0]).
 
@@ -18,7 +18,9 @@
 
 -define(ANY_WRITES, 8#222).
 %% A run has all or some of these.
--define(OF_A_RUN, ["report.txt", "report.json", "scenario.term", "run.term", "run.log", "inputs"]).
+-define(OF_A_RUN, [
+    "report.txt", "report.json", "scenario.term", "run.term", "run.log", "run.mcap", "inputs"
+]).
 
 %% @doc Plans the directory of the results: the requested one, or a new one under `out/'.
 -spec plan(none | file:filename(), Name :: string()) -> {ok, t()} | {error, unicode:chardata()}.
@@ -85,6 +87,15 @@ probe(Dir) ->
         ok -> file:del_dir(Probe);
         {error, Posix} -> {error, ["cannot be written: ", file:format_error(Posix)]}
     end.
+
+%% @doc A file of this process beside the directory of the results, before that has its name.
+-spec beside(t(), Extension :: string()) -> file:filename().
+beside({fresh, Dir}, Extension) -> named(filename:dirname(Dir), filename:basename(Dir), Extension);
+beside({existing, Dir}, Extension) -> named(Dir, "run", Extension);
+beside({numbered, Parent, Name}, Extension) -> named(Parent, Name, Extension).
+
+named(Parent, Name, Extension) ->
+    filename:join(Parent, lists:concat([Name, ".", os:getpid(), Extension])).
 
 %% @doc Calls a function that writes the files into a directory, and gives the final directory;
 %% `partly': without a file that is not needed.

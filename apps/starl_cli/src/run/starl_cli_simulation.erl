@@ -19,7 +19,7 @@
 -spec run(starl_cli_setup:t()) -> starl_cli_command:answer().
 run(#{nodes := Nodes, target := Target} = Setup) ->
     case starl_cli_nodes:options(Nodes, Target) of
-        {ok, Options} -> run(Options, Setup);
+        {ok, Options} -> run(starl_cli_recording:options(Setup, Options), Setup);
         {error, Line} -> {error, [Line]}
     end.
 
@@ -97,7 +97,7 @@ tell(#{target := #{name := Name}, scenario := Scenario, out := Out} = Setup, Ran
         ]
     },
     Written = starl_cli_out:write(Out, fun(Dir) ->
-        starl_cli_files:write(Dir, Setup, {Report, Record}, Own)
+        with_recording(starl_cli_files:write(Dir, Setup, {Report, Record}, Own), Setup, Dir)
     end),
     _ = summarize(Setup, Report),
     violated(Setup, Outcome),
@@ -107,6 +107,14 @@ tell(#{target := #{name := Name}, scenario := Scenario, out := Out} = Setup, Ran
             #{} -> Outcome
         end,
     where(Written, Seen, lost(maps:get(lost, Outcome), status(Report))).
+
+with_recording(ok, Setup, Dir) ->
+    starl_cli_recording:kept(Setup, Dir);
+with_recording({partly, _} = Partly, Setup, Dir) ->
+    _ = starl_cli_recording:kept(Setup, Dir),
+    Partly;
+with_recording({error, _} = Error, _Setup, _Dir) ->
+    Error.
 
 ways(#{monitors := #{starl_sim_ways_monitor := Ways}}, #{world := World}) ->
     starl_cli_ways:new(Ways, World).
@@ -180,7 +188,9 @@ finished(false) -> 4.
 -spec failed(Reason :: term(), starl_cli_setup:t()) -> starl_cli_terminal:status().
 failed(Reason, #{out := Out} = Setup) ->
     starl_cli_signal:on_interrupt(quit),
-    Fill = fun(Dir) -> starl_cli_files:write_failure(Dir, Setup, Reason) end,
+    Fill = fun(Dir) ->
+        with_recording(starl_cli_files:write_failure(Dir, Setup, Reason), Setup, Dir)
+    end,
     Where =
         case starl_cli_out:write(Out, Fill) of
             {ok, Dir} -> ["see ", starl_cli_out:shown(filename:join(Dir, "run.log"))];

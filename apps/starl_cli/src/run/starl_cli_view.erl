@@ -29,7 +29,7 @@ open(#{view_port := Port, view_host := Host}) ->
 -spec run(starl_cli_setup:t(), Values :: #{atom() => term()}) -> starl_cli_command:answer().
 run(#{nodes := Nodes, target := Target} = Setup, Values) ->
     case starl_cli_nodes:options(Nodes, Target) of
-        {ok, Options} -> run(Options, Setup, Values);
+        {ok, Options} -> run(starl_cli_recording:options(Setup, Options), Setup, Values);
         {error, Line} -> {error, [Line]}
     end.
 

@@ -6,7 +6,7 @@
 %% afterwards: it corrects the time slowly, by at most 1 % (`erl' without time warp).
 -module(starl_live_clock).
 
--export([new/2, now_us/1, monotonic_ms/2, at_us/2]).
+-export([new/2, epoch_us/1, now_us/1, monotonic_ms/2, at_us/2]).
 
 -export_type([t/0]).
 
@@ -16,6 +16,10 @@
 %% @doc A clock with this epoch, which passes `Pace' times as fast as real time.
 -spec new(EpochUs :: integer(), Pace :: number()) -> t().
 new(EpochUs, Pace) when Pace > 0 -> {EpochUs, float(Pace)}.
+
+%% @doc The system time of this clock's time 0, in microseconds.
+-spec epoch_us(t()) -> integer().
+epoch_us({Epoch, _Pace}) -> Epoch.
 
 %% @doc The present time.
 -spec now_us(t()) -> integer().

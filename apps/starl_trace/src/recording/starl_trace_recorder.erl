@@ -36,6 +36,7 @@
     writer :: starl_trace_writer:t(),
     stream = starl_trace_stream:new() :: starl_trace_stream:t(),
     now = 0 :: integer(),
+    is_begun = false :: boolean(),
     bytes = 0 :: non_neg_integer(),
     %% `closed', or why nothing is written any more
     state = open :: open | closed | reason()
@@ -121,7 +122,27 @@ terminate(_Reason, Recorder) ->
 
 told({missed, Events}, #recorder{now = Now} = Recorder) ->
     messages([{gap, Now, Events}], Recorder);
-told(News, #recorder{stream = Stream} = Recorder) ->
+told({begun, _} = News, #recorder{is_begun = true} = Recorder) ->
+    told(News, again(Recorder));
+told({begun, _} = News, Recorder) ->
+    news(News, Recorder#recorder{is_begun = true});
+told(News, Recorder) ->
+    news(News, Recorder).
+
+%% A run that begins again, with what was done by hand as faults, is recorded from its beginning.
+again(#recorder{device = Device} = Recorder) ->
+    {ok, 0} = file:position(Device, bof),
+    ok = file:truncate(Device),
+    {Head, Writer} = starl_trace_writer:new(),
+    write(Head, Recorder#recorder{
+        writer = Writer,
+        stream = starl_trace_stream:new(),
+        now = 0,
+        bytes = 0,
+        is_begun = false
+    }).
+
+news(News, #recorder{stream = Stream} = Recorder) ->
     {Messages, Next} = starl_trace_stream:news(News, Stream),
     messages(Messages, Recorder#recorder{stream = Next}).
 
@@ -145,8 +166,10 @@ write(Bytes, #recorder{device = Device, bytes = Written, kind = Kind} = Recorder
 synced(live, ok, Device) -> file:datasync(Device);
 synced(_Kind, Answer, _Device) -> Answer.
 
-written(ok, Recorder) -> Recorder;
-written({error, Posix}, #recorder{file = File} = Recorder) -> Recorder#recorder{state = {File, Posix}}.
+written(ok, Recorder) ->
+    Recorder;
+written({error, Posix}, #recorder{file = File} = Recorder) ->
+    Recorder#recorder{state = {File, Posix}}.
 
 closed(#recorder{state = open, writer = Writer, device = Device} = Recorder) ->
     #recorder{state = State} = Last = write(starl_trace_writer:finish(Writer), Recorder),

@@ -51,6 +51,7 @@
     speed => number(),
     air => starl_live_air:settings(),
     watch => [{module(), map()}],
+    observe => starl_observer:t(),
     rate_hz => number() | none,
     whole_mm => boolean(),
     metrics => inet:port_number() | none,
@@ -99,8 +100,9 @@
 -spec start(#{app := module(), atom() => term()}, options()) -> {ok, t()} | {error, reason()}.
 start(Given, Options) ->
     case starl_world:plan(Given, Options) of
-        {ok, {Scenario, Scene, Plan}} ->
-            case gen_server:start_link(?MODULE, {Plan, Options}, [{timeout, infinity}]) of
+        {ok, {Scenario, Scene, Plan} = Planned} ->
+            Observed = starl_world:observed(Planned, Options),
+            case gen_server:start_link(?MODULE, {Plan, Observed}, [{timeout, infinity}]) of
                 {ok, Server} ->
                     {ok, #cluster{server = Server, scenario = Scenario, scene = Scene}};
                 {error, {shutdown, {control, Why}}} ->
@@ -194,7 +196,7 @@ init({#{robots := Poses, crew := #{tree := Tree}, world := Sim} = Plan, Options}
             Clock = starl_live_clock:new(
                 erlang:system_time(microsecond), maps:get(speed, Options, 1)
             ),
-            Known = maps:with([rate_hz, whole_mm], Options),
+            Known = maps:with([rate_hz, whole_mm, observe, facts], Options),
             {ok, World} = starl_world:start_link(Known#{plan => Plan, clock => Clock}),
             Nodes = maps:from_list([
                 {Id, starl_sim_peers:node(Peer)}

@@ -10,19 +10,32 @@
 -module(starl_world).
 -behaviour(gen_server).
 
--export([plan/2, start_link/1, embody/2, await/1, status/1, until/2, freeze/2, stop/1, finish/1]).
+-export([
+    plan/2,
+    observed/2,
+    start_link/1,
+    embody/2,
+    await/1,
+    status/1,
+    until/2,
+    freeze/2,
+    stop/1,
+    finish/1
+]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([config/0, status/0, ending/0]).
 
 %% The world of a run: the plan of its simulation ({@link starl_sim_plan:t()}), its clock, and the
 %% positioning system: its rate (`none': it shows a picture whenever it is asked) and whether it
-%% rounds to whole millimetres.
+%% rounds to whole millimetres. An observer of the run comes with the facts that he is told first.
 -type config() :: #{
     plan := starl_sim_plan:t(),
     clock := starl_live_clock:t(),
     rate_hz => number() | none,
-    whole_mm => boolean()
+    whole_mm => boolean(),
+    observe => starl_observer:t(),
+    facts => starl_observer:facts()
 }.
 
 -type ending() :: done | time | violation | stopped.
@@ -61,6 +74,7 @@
     robots :: #{starl:robot_id() => #robot{}},
     sim :: starl_sim_platform:world(),
     judge :: starl_world_judge:t(),
+    observer :: starl_observer:t(),
     limit_us :: integer(),
     rate_hz :: number() | none,
     whole_mm :: boolean(),
@@ -83,6 +97,13 @@
 plan(Given, Options) ->
     Slack = round(?SLACK_US * maps:get(speed, Options, 1)),
     starl_sim:plan(Given#{mode => process}, (maps:with([watch], Options))#{slack_us => Slack}).
+
+%% @doc The options of a run with what its observer is told first.
+-spec observed(starl_sim:planned(), Options) -> Options when Options :: map().
+observed(Planned, #{observe := _} = Options) ->
+    Options#{facts => starl_sim_plan:facts(Planned, maps:get(watch, Options, []))};
+observed(_Planned, Options) ->
+    Options.
 
 %% @doc Starts the world of a run.
 -spec start_link(config()) -> gen_server:start_ret().
@@ -123,16 +144,25 @@ init(#{plan := Plan, clock := Clock} = Config) ->
     Rate = maps:get(rate_hz, Config, none),
     _ = Rate =/= none andalso erlang:send_after(0, self(), show),
     Embodied = [{Id, starl_world_body:new(Id, Pose, Sim)} || {Id, Pose} <- Poses],
-    Judge = starl_world_judge:new(Monitors, ?HORIZON_US),
+    Observer = maps:get(observe, Config, none),
+    ok = begun(Observer, Config),
+    Judge = starl_world_judge:new(Monitors, ?HORIZON_US, Observer),
     {ok, #world{
         clock = Clock,
         sim = Sim,
         robots = maps:from_list([{Id, #robot{body = Body}} || {Id, {_, Body}} <- Embodied]),
         judge = starl_world_judge:told(lists:append([T || {_, {T, _}} <- Embodied]), Judge),
+        observer = Observer,
         limit_us = Limit,
         rate_hz = Rate,
         whole_mm = maps:get(whole_mm, Config, false)
     }}.
+
+begun(none, _Config) ->
+    ok;
+begun(Observer, #{facts := Facts, clock := Clock}) ->
+    Known = Facts#{kind := live, epoch_us => starl_live_clock:epoch_us(Clock)},
+    starl_observer:tell({begun, Known}, Observer).
 
 -spec handle_call(term(), gen_server:from(), #world{}) ->
     {reply, term(), #world{}} | {noreply, #world{}}.
@@ -359,6 +389,8 @@ ended(_Ending, World) ->
 outcome(#world{judge = Judge, robots = Robots, ending = Ending} = World) ->
     Now = now_us(World),
     {Violations, Results} = starl_world_judge:close(Now, Judge),
+    Told = #{ending => Ending, end_us => Now, violations => Violations, digest => <<>>},
+    ok = starl_observer:tell({ended, Told}, World#world.observer),
     Summaries = [{Id, summary(Now, Robot)} || {Id, Robot} <- lists:sort(maps:to_list(Robots))],
     #{
         ending => Ending,

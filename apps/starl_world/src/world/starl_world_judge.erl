@@ -5,12 +5,13 @@
 %% arrives later still is judged at the time of the last event, and counted.
 -module(starl_world_judge).
 
--export([new/2, told/2, judge/2, violations/1, late/1, close/2]).
+-export([new/2, new/3, told/2, judge/2, violations/1, late/1, close/2]).
 
 -export_type([t/0]).
 
 -record(judge, {
     monitors :: starl_monitor:t(),
+    observer = none :: starl_observer:t(),
     horizon_us :: non_neg_integer(),
     %% events that are not old enough, with their numbers of arrival
     pending = [] :: [{integer(), non_neg_integer(), starl_monitor:trace_event()}],
@@ -24,8 +25,14 @@
 
 %% @doc A judge with these monitors, who waits this long for facts.
 -spec new([{module(), map()}], HorizonUs :: non_neg_integer()) -> t().
-new(Monitors, Horizon) ->
-    #judge{monitors = starl_monitor:new(Monitors), horizon_us = Horizon}.
+new(Monitors, Horizon) -> new(Monitors, Horizon, none).
+
+%% @doc The same with an observer, who is told what is judged.
+-spec new([{module(), map()}], HorizonUs :: non_neg_integer(), starl_observer:t()) -> t().
+new(Monitors, Horizon, Observer) ->
+    #judge{
+        monitors = starl_monitor:new(Monitors), horizon_us = Horizon, observer = Observer
+    }.
 
 %% @doc Facts have arrived, in the order of their time for each robot.
 -spec told([starl_monitor:trace_event()], t()) -> t().
@@ -51,8 +58,10 @@ watch(Trace, #judge{monitors = Monitors, violations = Violations} = Judge) ->
     Seen = Judge#judge{seen = element(1, lists:last(Trace))},
     case starl_monitor:step(Trace, Monitors) of
         {ok, Next} ->
+            ok = starl_observer:tell({judged, Trace, []}, Judge#judge.observer),
             {ok, Seen#judge{monitors = Next}};
         {violation, Violation, Next} ->
+            ok = starl_observer:tell({judged, Trace, [Violation]}, Judge#judge.observer),
             {violation, Seen#judge{monitors = Next, violations = Violations ++ [Violation]}}
     end.
 

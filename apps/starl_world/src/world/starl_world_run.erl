@@ -24,6 +24,7 @@
     speed => number(),
     air => starl_live_air:settings(),
     watch => [{module(), map()}],
+    observe => starl_observer:t(),
     dir := file:filename(),
     rate_hz => number() | none,
     whole_mm => boolean()
@@ -34,14 +35,14 @@
     {ok, t()} | {error, starl_sim:reason()}.
 start(Given, Options) ->
     case starl_world:plan(Given, Options) of
-        {ok, Planned} -> {ok, started(Planned, Options)};
+        {ok, Planned} -> {ok, started(Planned, starl_world:observed(Planned, Options))};
         {error, _} = Error -> Error
     end.
 
 started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
     Speed = maps:get(speed, Options, 1),
     Clock = starl_live_clock:new(erlang:system_time(microsecond), Speed),
-    World0 = maps:with([rate_hz, whole_mm], Options),
+    World0 = maps:with([rate_hz, whole_mm, observe, facts], Options),
     {ok, World} = starl_world:start_link(World0#{plan => Plan, clock => Clock}),
     #{robots := Poses, world := Sim} = Plan,
     Ids = [Id || {Id, _} <- Poses],

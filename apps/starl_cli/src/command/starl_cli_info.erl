@@ -1,0 +1,58 @@
+%% @doc `./starl info': tells what a recording, or any MCAP file, holds.
+-module(starl_cli_info).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, subject/2, run/1]).
+
+-spec name() -> string().
+name() -> "info".
+
+-spec synopsis() -> string().
+synopsis() -> "tell what a recording holds".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "FILE", {example, "out/painting-1/run.mcap"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    ["FILE is a recording or another MCAP file, or the directory of a run that holds one."].
+
+-spec subject(string(), [string()]) -> {ok, file:filename(), [string()]}.
+subject(Word, Args) -> {ok, starl_cli_recording:shown(Word), Args}.
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := File}) ->
+    case starl_trace_reader:info(File) of
+        {ok, Info} ->
+            starl_cli_terminal:out([[Line, "\n"] || Line <- lines(Info)]),
+            0;
+        {error, Reason} ->
+            {error, [starl_trace_reader:format_error(Reason)]}
+    end.
+
+lines(#{file := File, bytes := Bytes, ended := Ended, topics := Topics} = Info) ->
+    #{library := Library, chunks := Chunks, compressions := Packed} = Info,
+    #{from_us := From, to_us := To} = Info,
+    [
+        io_lib:format("~ts: MCAP, ~b bytes, written by ~ts", [File, Bytes, Library]),
+        io_lib:format("time    ~.3f s to ~.3f s", [From / 1.0e6, To / 1.0e6]),
+        io_lib:format("chunks  ~b~ts", [Chunks, packed(Packed)]),
+        io_lib:format("end     ~ts", [ended(Ended)])
+    ] ++
+        [
+            string:trim(io_lib:format("~8b  ~-12ts ~ts", [N, Topic, Schema]), trailing)
+         || {Topic, Schema, N} <- Topics
+        ].
+
+packed(Packed) ->
+    case [Name || Name <- Packed, Name =/= <<>>] of
+        [] -> "";
+        Names -> [", ", lists:join(", ", Names)]
+    end.
+
+ended(closed) ->
+    "closed";
+ended(cut_off) ->
+    "cut off; ./starl recover makes a whole file of it";
+ended({damaged, At}) ->
+    io_lib:format("damaged at byte ~b; ./starl recover takes what is whole", [At]).

@@ -1,0 +1,73 @@
+%% @doc `./starl judge': judges a recording by all contracts of its run.
+-module(starl_cli_judge).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, statuses/0, subject/2, run/1]).
+
+-spec name() -> string().
+name() -> "judge".
+
+-spec synopsis() -> string().
+synopsis() -> "judge a recording by all contracts of its run".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "FILE", {example, "out/painting-1/run.mcap"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "FILE is a recording, or the directory of a run that holds one. The monitors of the run read "
+        "its events again; the verdicts are those of the run. A recording that was cut off is judged "
+        "to its last whole second."
+    ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() -> [{0, "no contract is broken"}, {3, "a contract is broken"}].
+
+-spec subject(string(), [string()]) -> {ok, file:filename(), [string()]}.
+subject(Word, Args) -> {ok, starl_cli_recording:shown(Word), Args}.
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := File}) ->
+    case starl_trace_judge:file(File) of
+        {ok, Judged} -> told(File, Judged);
+        {error, Reason} -> {error, [starl_trace_judge:format_error(Reason)]}
+    end.
+
+told(File, #{violations := Violations, scenario := #{app := App}} = Judged) ->
+    #{until_us := Until, events := Events, missing := Missing, ended := Ended} = Judged,
+    starl_cli_terminal:out([
+        io_lib:format("~ts: ~ts, ~.1f s, ~b events judged", [File, App, Until / 1.0e6, Events]),
+        ["; " || Ended =/= closed],
+        cut(Ended),
+        "\n",
+        [
+            io_lib:format("~b events are missing in it: a violation may follow from that\n", [
+                Missing
+            ])
+         || Missing > 0
+        ],
+        [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
+        verdict(Violations),
+        same(Judged)
+    ]),
+    status(Violations).
+
+cut(closed) -> "";
+cut(cut_off) -> "the file is cut off after that";
+cut({damaged, At}) -> io_lib:format("the file is damaged after that, at byte ~b", [At]).
+
+verdict([]) -> "no contract is broken\n";
+verdict([_]) -> "a contract is broken\n";
+verdict(Violations) -> io_lib:format("contracts are broken ~b times\n", [length(Violations)]).
+
+same(#{found := unknown}) ->
+    "";
+same(#{found := Found, violations := Violations}) ->
+    case lists:sort(Found) =:= lists:sort(Violations) of
+        true -> "";
+        false -> io_lib:format("the run itself had found ~b violations\n", [length(Found)])
+    end.
+
+status([]) -> 0;
+status(_Violations) -> 3.

@@ -1,0 +1,55 @@
+%% @doc `./starl merge': makes one recording of those of several robots of a run.
+-module(starl_cli_merge).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
+
+-spec name() -> string().
+name() -> "merge".
+
+-spec synopsis() -> string().
+synopsis() -> "make one recording of those of several robots".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "FILES", {example, "robot-1.mcap"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "./starl merge FILES... --out FILE puts the recordings of the robots of one run together, by "
+        "time. The robots must share a clock; the recordings name the same scenario."
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(_Subject) ->
+    [
+        {"Flags", [
+            {out, file, none, "the file for the result (merged.mcap)"},
+            starl_cli_setup:overwrite_file()
+        ]}
+    ].
+
+-spec subject(string(), [string()]) -> {ok, [file:filename(), ...], [string()]}.
+subject(File, Args) ->
+    {Files, Others} = lists:splitwith(fun(Word) -> not lists:prefix("-", Word) end, Args),
+    {ok, [File | Files], Others}.
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := [_]}) ->
+    {error, ["merge takes two recordings or more"]};
+run(#{subject := Files, values := #{out := Given, overwrite := Overwrite}}) ->
+    {Taken, Out} = starl_cli_setup:out_file(Given, "merged.mcap", Overwrite),
+    Own = [[Out, ": this is one of the files to merge"] || lists:member(Out, Files)],
+    case Taken ++ Own of
+        [] -> told(starl_trace_merge:files(Files, Out), Out);
+        Problems -> {error, Problems}
+    end.
+
+told({ok, #{messages := Messages, until_us := Until, cut_off := CutOff}}, Out) ->
+    starl_cli_terminal:out([
+        io_lib:format("~ts: ~b messages, ~.1f s\n", [Out, Messages, Until / 1.0e6]),
+        [[File, ": is cut off; its end is missing\n"] || File <- CutOff]
+    ]),
+    0;
+told({error, Reason}, _Out) ->
+    {error, [starl_trace_merge:format_error(Reason)]}.

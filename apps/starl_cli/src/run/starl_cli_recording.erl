@@ -1,0 +1,90 @@
+%% @doc The recording of a run of the command line: `run.mcap' in its directory. Until the run has
+%% ended it is a file beside that directory, whose name tells what it is: `painting.4711.mcap'. A run
+%% that is killed leaves it there.
+-module(starl_cli_recording).
+
+-export([flags/0, wanted/2, recorded/3, options/2, kept/2, shown/1]).
+
+-export_type([t/0]).
+
+-opaque t() :: {Recorder :: pid(), file:filename()}.
+
+-define(NAME, "run.mcap").
+
+%% @doc The flags of a run.
+-spec flags() -> [starl_cli_flags:flag()].
+flags() ->
+    [
+        {record, switch, false, "records the run as run.mcap, for ./starl judge and for viewers"},
+        {no_record, switch, false, "live: no recording"}
+    ].
+
+%% @doc Is the run to be recorded? A live run is, unless its user says no.
+-spec wanted(simulation | live, Values :: #{atom() => term()}) -> boolean().
+wanted(simulation, Values) -> maps:get(record, Values, false);
+wanted(live, Values) -> not maps:get(no_record, Values, false).
+
+%% @doc Runs something with a recorder; what it does not keep is deleted.
+-spec recorded(simulation | live | none, starl_cli_setup:t(), fun((starl_cli_setup:t()) -> Answer)) ->
+    Answer
+when
+    Answer :: starl_cli_command:answer().
+recorded(none, Setup, Run) ->
+    Run(Setup);
+recorded(Kind, #{out := Out} = Setup, Run) ->
+    File = starl_cli_out:beside(Out, ".mcap"),
+    _ = filelib:ensure_dir(File),
+    case starl_trace_recorder:start_link(File, Kind) of
+        {ok, Recorder} ->
+            Answer = Run(Setup#{recording => {Recorder, File}}),
+            ok = gone(Recorder),
+            Answer;
+        {error, Reason} ->
+            {error, [starl_trace_recorder:format_error(Reason)]}
+    end.
+
+%% A run that did not even start leaves no recording.
+gone(Recorder) ->
+    case is_process_alive(Recorder) of
+        true -> discard(starl_trace_recorder:close(Recorder));
+        false -> ok
+    end.
+
+discard({ok, #{file := File, until_us := 0}}) ->
+    _ = file:delete(File),
+    ok;
+discard(_Kept) ->
+    ok.
+
+%% @doc The options of the run with its recorder.
+-spec options(starl_cli_setup:t(), map()) -> map().
+options(#{recording := {Recorder, _}}, Options) ->
+    Options#{observe => starl_trace_recorder:observer(Recorder), packets => true};
+options(#{}, Options) ->
+    Options.
+
+%% @doc Ends the recording and puts it into the directory of the results.
+-spec kept(starl_cli_setup:t(), file:filename()) -> ok | {partly, unicode:chardata()}.
+kept(#{recording := {Recorder, File}}, Dir) ->
+    case is_process_alive(Recorder) andalso starl_trace_recorder:close(Recorder) of
+        {ok, _} ->
+            moved(file:rename(File, filename:join(Dir, ?NAME)), File);
+        {error, Reason} ->
+            _ = file:rename(File, filename:join(Dir, ?NAME)),
+            {partly, starl_trace_recorder:format_error(Reason)};
+        false ->
+            {partly, "the recorder has failed; see run.log"}
+    end;
+kept(#{}, _Dir) ->
+    ok.
+
+moved(ok, _File) -> ok;
+moved({error, Posix}, File) -> {partly, [File, ": ", file:format_error(Posix)]}.
+
+%% @doc The file of a recording as a user names it: a file, or the directory of a run.
+-spec shown(file:filename()) -> file:filename().
+shown(Path) ->
+    case filelib:is_dir(Path) of
+        true -> filename:join(Path, ?NAME);
+        false -> Path
+    end.
