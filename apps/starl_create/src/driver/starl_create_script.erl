@@ -1,0 +1,86 @@
+%% @doc Turns the commands of {@link starl_chassis_differential} into bytes and the times between
+%% them, for the port to write: speeds in whole mm/s, no command shorter than the line can time.
+%%
+%% A command keeps its product of speed and time: what rounding takes off the speed, its time gets.
+%%
+%% <em>On the robot.</em> A Create 1 can hold a script, and a robot whose computer is gone should
+%% stop. Its script is: wait 100 ms, then stop. Each command is a number of slices: the speeds, then
+%% the script. The next slice arrives while the robot waits, which reads it as soon as it has
+%% waited; so it drives on, and if nothing arrives it stands. It waits in steps of 15 ms, so a slice
+%% takes 105 ms.
+-module(starl_create_script).
+
+-export([steps/2, rest/1, on_robot/0]).
+
+-export_type([step/0, told/0, way/0]).
+
+%% Bytes, the time until the next (us), and the speeds that they are about.
+-type step() :: {told(), binary(), Us :: pos_integer()}.
+-type told() :: {Left :: number(), Right :: number()}.
+
+%% Who times a command: the computer, or a Create 1 itself.
+-type way() :: by_port | on_robot.
+
+-define(FASTEST, 500.0).
+%% The least duration of a command; a slice; how much earlier than needed the next slice leaves.
+-define(LEAST_US, 60000).
+-define(SLICE_US, 105000).
+-define(EARLY_US, 45000).
+%% Drive Direct is the same for both generations.
+-define(DIRECT, 145).
+-define(PLAY, 153).
+
+%% @doc The steps of a script.
+-spec steps(starl_chassis_differential:commands(), way()) -> [step()].
+steps(Commands, by_port) -> [timed(Command) || Command <- Commands];
+steps(Commands, on_robot) -> early(lists:append([slices(Command) || Command <- Commands])).
+
+%% @doc The bytes that stop the wheels.
+-spec rest(way()) -> binary().
+rest(_Way) -> direct({0, 0}).
+
+%% @doc The script that a Create 1 holds.
+-spec on_robot() -> binary().
+on_robot() ->
+    Script = starl_create_command:encode_all([{wait_time, 1}, {drive_direct, 0, 0}], 1),
+    starl_create_command:encode({script, Script}, 1).
+
+direct({Left, Right}) -> <<?DIRECT, Right:16, Left:16>>.
+
+timed({Left0, Right0, Us0}) ->
+    {Left, Right, Us} = lengthened(limit(Left0), limit(Right0), Us0),
+    {Whole, Exact} = whole(Left, Right),
+    {{Left0, Right0}, direct(Whole), max(1, round(Us * Exact))}.
+
+limit(V) -> max(-?FASTEST, min(?FASTEST, V)).
+
+%% Slower, and longer.
+lengthened(Left, Right, Us) when Us >= ?LEAST_US -> {Left, Right, Us};
+lengthened(Left, Right, Us) ->
+    Part = Us / ?LEAST_US,
+    {Left * Part, Right * Part, ?LEAST_US}.
+
+%% The speeds in whole mm/s in about the same proportion, and the part by which they are slower.
+whole(Left, Right) when Left == 0, Right == 0 ->
+    {{0, 0}, 1.0};
+whole(Left, Right) ->
+    Fast = max(abs(Left), abs(Right)),
+    Whole = max(1, round(Fast)),
+    Part = Whole / Fast,
+    {{round(Left * Part), round(Right * Part)}, 1 / Part}.
+
+slices({Left, Right, Us}) ->
+    N = max(1, ceil(Us / ?SLICE_US)),
+    Part = Us / (N * ?SLICE_US),
+    Whole = {round(limit(Left) * Part), round(limit(Right) * Part)},
+    lists:duplicate(N, {{Left, Right}, <<(direct(Whole))/binary, ?PLAY>>, ?SLICE_US}).
+
+%% The first slice begins now; the others arrive before they are needed.
+early([]) ->
+    [];
+early([One]) ->
+    [One];
+early([{Told, Bytes, Us} | More]) ->
+    {Last, Before} = {lists:last(More), lists:droplast(More)},
+    {ToldLast, BytesLast, UsLast} = Last,
+    [{Told, Bytes, Us - ?EARLY_US} | Before] ++ [{ToldLast, BytesLast, UsLast + ?EARLY_US}].
