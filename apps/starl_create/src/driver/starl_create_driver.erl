@@ -19,7 +19,7 @@
 -module(starl_create_driver).
 
 -export([options/0, open/1, drive/3, actuate/4, stop/1, close/1, hear/3]).
--export([is_ready/1, readings/1, odometry/1, pen_bytes/3]).
+-export([is_ready/1, readings/1, odometry/1, usual_pen/1]).
 
 -export_type([t/0, options/0, action/0, message/0, event/0, pen/0, port_command/0]).
 
@@ -207,13 +207,15 @@ actuate(_Device, _Value, _Mark, Driver) ->
     {[], Driver}.
 
 pen(#driver{options = Options, model = Model, pen = Value}) ->
-    pen_bytes(Value, maps:get(pen, Options, usual), Model).
+    Pen = maps:get(pen, Options, usual_pen(Model)),
+    pen_bytes(Value, Pen, Model).
 
-%% @doc The bytes that raise or lower the pen. Usually it is the first digital output of a Create 1,
-%% and the first light (Debris) of a Create 2.
--spec pen_bytes(up | down, pen() | usual, starl_create_packet:model()) -> binary().
-pen_bytes(Value, usual, 1) -> pen_bytes(Value, {outputs, 0}, 1);
-pen_bytes(Value, usual, 2) -> pen_bytes(Value, {leds, 0}, 2);
+%% @doc The pen, if nothing else is said: the first digital output of a Create 1, the first light
+%% (Debris) of a Create 2.
+-spec usual_pen(starl_create_packet:model()) -> pen().
+usual_pen(1) -> {outputs, 0};
+usual_pen(2) -> {leds, 0}.
+
 pen_bytes(Value, {leds, N}, Model) -> encode({leds, bit(Value, N), 0, 255}, Model);
 pen_bytes(Value, {outputs, N}, Model) -> encode({outputs, bit(Value, N)}, Model);
 pen_bytes(Value, {motors, N}, Model) -> encode({motors, bit(Value, N)}, Model).

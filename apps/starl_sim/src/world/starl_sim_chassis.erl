@@ -4,12 +4,16 @@
 %% kinds.
 -module(starl_sim_chassis).
 
--export([option/0, profiles/2, of_kind/1]).
+-export([option/0, profiles/2, of_kind/1, in_turn/1, of_robot/2]).
 
--export_type([name/0, command/0, errors/0, drive/0, key/0]).
+-export_type([name/0, choice/0, command/0, errors/0, drive/0, key/0]).
 
 %% A chassis' name in a scenario.
--type name() :: differential | holonomic.
+%% `create' is the iRobot Create 2, `create_1' that of 2006: two wheels with the Create's measures; in
+%% real time, an emulated Create that is driven byte by byte.
+-type name() :: differential | holonomic | create | create_1.
+
+-type choice() :: mixed | name() | [name(), ...].
 
 %% The command to the drive, as far as the drive can follow it.
 -type command() :: starl_chassis:told().
@@ -46,10 +50,12 @@ when
 %% that the robots take in turn, robot 1 the first; `mixed' alternates between all kinds.
 -spec option() -> starl_options:option().
 option() ->
-    {chassis, {term, "differential, holonomic, mixed, or a list of the first two", fun is_choice/1},
+    {chassis,
+        {term, "differential, holonomic, create, create_1, mixed, or a list", fun is_choice/1},
         differential,
-        "two wheels (differential), any direction (holonomic), both in turn (mixed), or a list that "
-        "the robots take in turn"}.
+        "two wheels (differential; create and create_1: with the measures of an iRobot Create, in "
+        "real time an emulated one), any direction (holonomic), the first and the last in turn "
+        "(mixed), or a list that the robots take in turn"}.
 
 is_choice(mixed) ->
     true;
@@ -60,24 +66,43 @@ is_choice(Name) ->
 
 is_name(Name) -> lists:keymember(Name, 1, kinds()).
 
-in_turn(mixed) -> [Name || {Name, _, _} <- kinds()];
+%% @doc The names of a choice, which the robots take in turn.
+-spec in_turn(choice()) -> [name(), ...].
+in_turn(mixed) -> [differential, holonomic];
 in_turn([_ | _] = Names) -> Names;
 in_turn(Name) -> [Name].
 
-%% Name, chassis module, simulation module.
+%% @doc The name of a robot's chassis.
+-spec of_robot(starl:robot_id(), choice()) -> name().
+of_robot(Robot, Choice) ->
+    Names = in_turn(Choice),
+    lists:nth(1 + (Robot - 1) rem length(Names), Names).
+
+%% Name, chassis module, simulation module, and what is known of its profile. A serial line delays a
+%% command, a little differently each time.
 kinds() ->
     [
-        {differential, starl_chassis_differential, starl_sim_differential},
-        {holonomic, starl_chassis_holonomic, starl_sim_holonomic}
+        {differential, starl_chassis_differential, starl_sim_differential, #{}},
+        {holonomic, starl_chassis_holonomic, starl_sim_holonomic, #{}},
+        {create, starl_chassis_differential, starl_sim_differential, #{
+            axle_mm => 235.0, latency_ms => 25
+        }},
+        {create_1, starl_chassis_differential, starl_sim_differential, #{
+            axle_mm => 258.0, latency_ms => 25
+        }}
     ].
 
 %% @doc The profiles of a team with this choice.
--spec profiles(mixed | name() | [name(), ...], map()) -> starl_chassis:profiles().
-profiles(Choice, Overrides) ->
-    [
-        starl_chassis:profile(element(2, lists:keyfind(Name, 1, kinds())), Overrides)
-     || Name <- in_turn(Choice)
-    ].
+-spec profiles(choice(), map()) -> starl_chassis:profiles().
+profiles(Choice, Overrides) -> [profile(Name, Overrides) || Name <- in_turn(Choice)].
+
+profile(Name, Overrides) ->
+    {Name, Chassis, _, Known} = lists:keyfind(Name, 1, kinds()),
+    Profile = starl_chassis:profile(Chassis, maps:merge(Known, Overrides)),
+    case {Known, Profile} of
+        {#{latency_ms := Least}, #{latency_ms := Ms}} -> Profile#{latency_ms := max(Least, Ms)};
+        _ -> Profile
+    end.
 
 %% @doc The module that simulates a chassis.
 -spec of_kind(Chassis :: module()) -> module().

@@ -40,7 +40,8 @@
 -opaque t() :: #cluster{}.
 
 %% `transport': how packets travel between the nodes. `speed': 2.0 is twice as fast as real time; `air': other air than
-%% that of the scenario's radio; `watch': further monitors, which only look on. `dir': the
+%% that of the scenario's radio; `chassis': what the robots have in place of a chassis of the world;
+%% `watch': further monitors, which only look on. `dir': the
 %% directory of the robots' stores. `code': modules that were compiled in memory. `metrics': robot N
 %% serves its metrics at this port plus N. `chaos': what
 %% happens to the nodes, at which times of the run. `log': gets each
@@ -53,6 +54,7 @@
     watch => [{module(), map()}],
     observe => starl_observer:t(),
     rate_hz => number() | none,
+    chassis => starl_world_chassis:lines(),
     whole_mm => boolean(),
     metrics => inet:port_number() | none,
     chaos => [{AtUs :: integer(), starl_cluster_chaos:act()}],
@@ -251,7 +253,7 @@ spec(Id, World, Clock, Tree, #{profiles := Profiles}, Lines, #{dir := Dir} = Opt
         dir => filename:join(Dir, "robot-" ++ integer_to_list(Id)),
         transport => maps:get(Id, Lines),
         positioning => {starl_world_sight, #{world => World}},
-        chassis => {starl_world_chassis, #{world => World}},
+        chassis => starl_world_chassis:line(Id, World, Options),
         sink => World,
         reporter => self(),
         record => true,

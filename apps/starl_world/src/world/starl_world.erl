@@ -15,6 +15,7 @@
     observed/2,
     start_link/1,
     embody/2,
+    inhabit/2,
     await/1,
     status/1,
     until/2,
@@ -58,6 +59,8 @@
 -record(robot, {
     body :: starl_world_body:t(),
     chassis = none :: pid() | none,
+    %% does the body stop with the link?
+    is_free = false :: boolean(),
     sight = none :: pid() | none,
     link = none :: pid() | none,
     names = [] :: [starl_machine:name()],
@@ -113,6 +116,11 @@ start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
 -spec embody(pid(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
 embody(World, Robot) -> gen_server:call(World, {embody, Robot}).
 
+%% @doc The calling process is the hardware of this robot from now on: it drives the body, which goes
+%% on when the robot's link ends.
+-spec inhabit(pid(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
+inhabit(World, Robot) -> gen_server:call(World, {inhabit, Robot}).
+
 %% @doc Waits for the end of the run.
 -spec await(pid()) -> ending().
 await(World) -> gen_server:call(World, await, infinity).
@@ -166,14 +174,10 @@ begun(Observer, #{facts := Facts, clock := Clock}) ->
 
 -spec handle_call(term(), gen_server:from(), #world{}) ->
     {reply, term(), #world{}} | {noreply, #world{}}.
-handle_call({embody, Id}, {Chassis, _}, #world{robots = Robots} = World) ->
-    case Robots of
-        #{Id := Robot} ->
-            _ = erlang:monitor(process, Chassis),
-            {reply, ok, put_robot(Id, Robot#robot{chassis = Chassis}, World)};
-        #{} ->
-            {reply, {error, io_lib:format("the world has no robot ~b", [Id])}, World}
-    end;
+handle_call({embody, Id}, {Chassis, _}, World) ->
+    embodied(Id, Chassis, false, World);
+handle_call({inhabit, Id}, {Create, _}, World) ->
+    embodied(Id, Create, true, World);
 handle_call(await, From, #world{ending = none, callers = Callers} = World) ->
     {noreply, World#world{callers = [From | Callers]}};
 handle_call(await, _From, #world{ending = Ending} = World) ->
@@ -246,6 +250,16 @@ now_us(#world{clock = Clock}) -> starl_live_clock:now_us(Clock).
 
 put_robot(Id, Robot, #world{robots = Robots} = World) ->
     World#world{robots = Robots#{Id := Robot}}.
+
+embodied(Id, Chassis, IsFree, #world{robots = Robots} = World) ->
+    case Robots of
+        #{Id := Robot} ->
+            _ = erlang:monitor(process, Chassis),
+            Embodied = Robot#robot{chassis = Chassis, is_free = IsFree},
+            {reply, ok, put_robot(Id, Embodied, World)};
+        #{} ->
+            {reply, {error, io_lib:format("the world has no robot ~b", [Id])}, World}
+    end.
 
 %% -- bodies ---------------------------------------------------------------------------------
 
@@ -358,7 +372,10 @@ down(Id, #robot{body = Body, names = Names} = Robot, World) ->
     Last = unsaid(Robot),
     Down = [{Now, Id, robot, down} | [{Now, Id, Name, crashed} || Name <- Names]],
     Left = Robot#robot{is_up = false, link = none},
-    told(Last ++ Down, yielded(Id, starl_world_body:stop(Now, Body), Left, World)).
+    told(Last ++ Down, yielded(Id, left(Now, Robot#robot.is_free, Body), Left, World)).
+
+left(Now, true, Body) -> starl_world_body:advance(Now, Body);
+left(Now, false, Body) -> starl_world_body:stop(Now, Body).
 
 %% What a killed node has done and could not tell any more.
 unsaid(#robot{record = none}) -> [];

@@ -19,7 +19,8 @@
 -opaque t() :: #run{}.
 
 %% `speed': 2.0 is twice as fast as real time; `air': other air than
-%% that of the scenario's radio; `watch': further monitors, which only look on. `dir': where the robots' stores are.
+%% that of the scenario's radio; `watch': further monitors, which only look on. `dir': where the robots' stores are;
+%% `chassis': what the robots have in place of a chassis of the world.
 -type options() :: #{
     speed => number(),
     air => starl_live_air:settings(),
@@ -27,6 +28,7 @@
     observe => starl_observer:t(),
     dir := file:filename(),
     rate_hz => number() | none,
+    chassis => starl_world_chassis:lines(),
     whole_mm => boolean()
 }.
 
@@ -49,7 +51,7 @@ started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
     Transport = starl_world_transport:new(
         local, Ids, maps:merge(maps:with([air], Options), #{sim => Sim, speed => Speed})
     ),
-    Specs = [{Id, spec(Id, World, Clock, Dir, Plan, Transport)} || Id <- Ids],
+    Specs = [{Id, spec(Id, World, Clock, Options, Plan, Transport)} || Id <- Ids],
     #run{
         world = World,
         robots = [{Id, robot(Spec)} || {Id, Spec} <- Specs],
@@ -59,8 +61,9 @@ started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
         scene = Scene
     }.
 
-spec(Id, World, Clock, Dir, #{crew := #{tree := Tree}, world := Sim}, Transport) ->
+spec(Id, World, Clock, Options, #{crew := #{tree := Tree}, world := Sim}, Transport) ->
     #{profiles := Profiles} = Sim,
+    #{dir := Dir} = Options,
     #{
         robot => Id,
         tree => Tree,
@@ -69,7 +72,7 @@ spec(Id, World, Clock, Dir, #{crew := #{tree := Tree}, world := Sim}, Transport)
         dir => filename:join(Dir, "robot-" ++ integer_to_list(Id)),
         transport => starl_world_transport:line(Id, #{}, Transport),
         positioning => {starl_world_sight, #{world => World}},
-        chassis => {starl_world_chassis, #{world => World}},
+        chassis => starl_world_chassis:line(Id, World, Options),
         sink => World
     }.
 

@@ -1,0 +1,111 @@
+%% @doc The chassis of a live robot that is an iRobot Create: {@link starl_create_driver} with a
+%% port and real time.
+%%
+%% Its configuration, beside that of every chassis: `port', the module that opens the line and its
+%% options ({@link starl_create_pipe} has the same messages as the port to a serial line), and the
+%% driver's options ({@link starl_create_driver:options()}). `events': a process that hears
+%% `{starl_create, Robot, Event}'.
+-module(starl_create_chassis).
+-behaviour(starl_live_chassis).
+
+-export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1]).
+
+-record(chassis, {
+    robot :: starl:robot_id(),
+    clock :: starl_live_clock:t(),
+    port :: pid(),
+    driver :: starl_create_driver:t(),
+    events :: pid() | none,
+    timers = #{} :: #{atom() => reference()}
+}).
+
+-spec open(map()) -> {ok, #chassis{}} | {error, unicode:chardata()}.
+open(#{robot := Robot, clock := Clock, port := {Module, Options}, create := Create} = Config) ->
+    case Module:start_link(self(), Options) of
+        {ok, Port} ->
+            {Actions, Driver} = starl_create_driver:open(Create),
+            Chassis = #chassis{
+                robot = Robot,
+                clock = Clock,
+                port = Port,
+                driver = Driver,
+                events = maps:get(events, Config, none)
+            },
+            {[], Opened} = done(Actions, Chassis),
+            {ok, Opened};
+        {error, Reason} ->
+            {error, io_lib:format("the port of the Create: ~0tp", [Reason])}
+    end.
+
+-spec drive(starl_chassis:script(), integer(), Mark, #chassis{}) ->
+    {[{Mark, starl_live_chassis:answer()}], #chassis{}}
+when
+    Mark :: term().
+drive({starl_chassis_differential, Commands}, _Until, Mark, #chassis{driver = Driver} = Chassis) ->
+    went(starl_create_driver:drive(Commands, Mark, Driver), Chassis);
+drive({_Other, Commands}, _Until, Mark, Chassis) ->
+    {[{Mark, {not_understood, Commands}}], Chassis}.
+
+-spec actuate(atom(), term(), {mark, Mark} | none, #chassis{}) ->
+    {[{Mark, starl_live_chassis:answer()}], #chassis{}}
+when
+    Mark :: term().
+actuate(Device, Value, Mark, #chassis{driver = Driver} = Chassis) ->
+    went(starl_create_driver:actuate(Device, Value, Mark, Driver), Chassis).
+
+-spec stop(#chassis{}) -> #chassis{}.
+stop(#chassis{driver = Driver} = Chassis) ->
+    {[], Stopped} = went(starl_create_driver:stop(Driver), Chassis),
+    Stopped.
+
+-spec hear(term(), #chassis{}) ->
+    {[{Mark :: term(), starl_live_chassis:answer()}], #chassis{}}
+    | {stop, unicode:chardata()}
+    | unknown.
+hear({'EXIT', Port, Reason}, #chassis{port = Port}) ->
+    {stop, io_lib:format("the port of the Create has ended: ~0tp", [Reason])};
+hear({timeout, Ref, Timer}, #chassis{timers = Timers} = Chassis) ->
+    case Timers of
+        #{Timer := Ref} -> told({timeout, Timer}, Chassis);
+        #{} -> {[], Chassis}
+    end;
+hear({Word, _} = Message, Chassis) when
+    Word =:= data; Word =:= opened; Word =:= closed; Word =:= error
+->
+    told(Message, Chassis);
+hear({Word, Ref, At}, #chassis{clock = Clock} = Chassis) when Word =:= sent; Word =:= ended ->
+    System = At + erlang:time_offset(microsecond),
+    told({Word, Ref, starl_live_clock:at_us(System, Clock)}, Chassis);
+hear(_Message, _Chassis) ->
+    unknown.
+
+told(Message, #chassis{driver = Driver, clock = Clock} = Chassis) ->
+    Now = starl_live_clock:now_us(Clock),
+    went(starl_create_driver:hear(Message, Now, Driver), Chassis).
+
+-spec close(#chassis{}) -> ok.
+close(#chassis{driver = Driver} = Chassis) ->
+    {[], _} = done(starl_create_driver:close(Driver), Chassis),
+    ok.
+
+went({Actions, Driver}, Chassis) -> done(Actions, Chassis#chassis{driver = Driver}).
+
+done(Actions, Chassis) ->
+    {Answers, Next} = lists:mapfoldl(fun act/2, Chassis, Actions),
+    {lists:append(Answers), Next}.
+
+act({port, Word}, #chassis{port = Port} = Chassis) ->
+    Port ! Word,
+    {[], Chassis};
+act({timer, Name, Ms}, #chassis{timers = Timers} = Chassis) ->
+    _ = [erlang:cancel_timer(Old) || #{Name := Old} <- [Timers]],
+    {[], Chassis#chassis{timers = Timers#{Name => erlang:start_timer(Ms, self(), Name)}}};
+act({answer, Mark, Answer}, Chassis) ->
+    {[{Mark, Answer}], Chassis};
+act({event, Event}, #chassis{robot = Robot, events = Events} = Chassis) ->
+    _ = is_pid(Events) andalso (Events ! {starl_create, Robot, Event}),
+    logger:info(#{what => create_event, event => Event}),
+    {[], Chassis};
+act({say, Level, Line}, Chassis) ->
+    logger:log(Level, #{what => create, why => unicode:characters_to_binary(Line)}),
+    {[], Chassis}.

@@ -1,0 +1,191 @@
+%% @doc An emulated Create in real time: {@link starl_create_emulator} as a process, with a serial
+%% line to one other process and a body.
+%%
+%% Words of the other end, `{serial, Other, Word}': {@link word()}. It hears `{serial, Create, {data,
+%% Bytes}}'. Only the end that has attached last is heard.
+%%
+%% Its body is a robot of a simulated world ({@link starl_world}), or none. Whoever has started it
+%% with `tell' hears `{starl_create, Create, Out}' of what else it does ({@link
+%% starl_create_emulator:out()}).
+-module(starl_create_emulated).
+-behaviour(gen_server).
+
+-export([start_link/1, start/1, feel/2, power_cycle/1, wheels/1, mode/1]).
+-export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
+
+-export_type([options/0, word/0]).
+
+%% Those of the emulator, its body, which output its pen is, and who is told.
+-type options() :: #{
+    model := starl_create_packet:model(),
+    quirks => map(),
+    axle_mm => number(),
+    baud => pos_integer(),
+    charge_mah => number(),
+    body => none | {starl_world, World :: pid(), starl:robot_id()},
+    pen => starl_create_driver:pen(),
+    tell => pid()
+}.
+
+%% What the other end of the line says: it is there, with this baud rate (`any': the right one);
+%% bytes; the level of BRC; it is gone.
+-type word() ::
+    {attach, Baud :: pos_integer() | any}
+    | {baud, pos_integer() | any}
+    | {data, binary()}
+    | {brc, low | high}
+    | detach.
+
+-record(emulated, {
+    create :: starl_create_emulator:t(),
+    body :: none | {starl_world, pid(), starl:robot_id()},
+    pen :: starl_create_driver:pen(),
+    tell :: pid() | none,
+    other = none :: pid() | none
+}).
+
+%% A command to the body that lasts until the next one.
+-define(LONG_US, (1 bsl 40)).
+
+%% @doc Starts a robot, switched on.
+-spec start_link(options()) -> gen_server:start_ret().
+start_link(Options) -> gen_server:start_link(?MODULE, Options, []).
+
+%% @doc The same, without a link: a robot that ends with the world of its body.
+-spec start(options()) -> gen_server:start_ret().
+start(Options) -> gen_server:start(?MODULE, Options, []).
+
+%% @doc Its body feels something.
+-spec feel(pid(), starl_create_emulator:sense()) -> ok.
+feel(Create, Sense) -> gen_server:cast(Create, {feel, Sense}).
+
+%% @doc Its battery is taken out and put back.
+-spec power_cycle(pid()) -> ok.
+power_cycle(Create) -> gen_server:cast(Create, power_cycle).
+
+%% @doc The speeds that its wheels are told, mm/s.
+-spec wheels(pid()) -> starl_create_wheels:speeds().
+wheels(Create) -> gen_server:call(Create, wheels).
+
+%% @doc Its mode.
+-spec mode(pid()) -> starl_create_emulator:mode().
+mode(Create) -> gen_server:call(Create, mode).
+
+-spec init(options()) -> {ok, #emulated{}} | {stop, term()}.
+init(#{model := Model} = Options) ->
+    Body = maps:get(body, Options, none),
+    case embodied(Body) of
+        ok ->
+            Phase = erlang:phash2(self(), 15000),
+            Create = starl_create_emulator:new(Options#{phase_us => Phase}),
+            {_, Started} = starl_create_emulator:advance(now_us(), Create),
+            {ok, #emulated{
+                create = Started,
+                body = Body,
+                pen = maps:get(pen, Options, starl_create_driver:usual_pen(Model)),
+                tell = maps:get(tell, Options, none)
+            }};
+        {error, Why} ->
+            {stop, {shutdown, {create, unicode:characters_to_binary(Why)}}}
+    end.
+
+embodied(none) -> ok;
+embodied({starl_world, World, Robot}) ->
+    _ = erlang:monitor(process, World),
+    starl_world:inhabit(World, Robot).
+
+now_us() -> erlang:monotonic_time(microsecond).
+
+-spec handle_call(wheels | mode, gen_server:from(), #emulated{}) -> {reply, term(), #emulated{}}.
+handle_call(wheels, _From, #emulated{create = Create} = Emulated) ->
+    {reply, starl_create_emulator:wheels(Create), Emulated};
+handle_call(mode, _From, #emulated{create = Create} = Emulated) ->
+    {reply, starl_create_emulator:mode(Create), Emulated}.
+
+-spec handle_cast({feel, starl_create_emulator:sense()} | power_cycle, #emulated{}) ->
+    {noreply, #emulated{}}.
+handle_cast({feel, Sense}, #emulated{create = Create} = Emulated) ->
+    {noreply, went(starl_create_emulator:feel(now_us(), Sense, Create), Emulated)};
+handle_cast(power_cycle, #emulated{create = Create} = Emulated) ->
+    {noreply, went(starl_create_emulator:line(now_us(), power_cycle, Create), Emulated)}.
+
+-spec handle_info(term(), #emulated{}) -> {noreply, #emulated{}} | {stop, normal, #emulated{}}.
+handle_info({serial, Other, {attach, Baud}}, Emulated) ->
+    {noreply, line({baud, Baud}, Emulated#emulated{other = Other})};
+handle_info({serial, Other, Word}, #emulated{other = Other} = Emulated) ->
+    {noreply, hears(Word, Emulated)};
+handle_info({tick, Due}, #emulated{create = Create} = Emulated) ->
+    {noreply, went(starl_create_emulator:advance(max(Due, now_us()), Create), Emulated)};
+handle_info({starl_body_says, Answers}, Emulated) ->
+    {noreply, lists:foldl(fun body_says/2, Emulated, Answers)};
+handle_info({'DOWN', _, process, World, _}, #emulated{body = {starl_world, World, _}} = Emulated) ->
+    {stop, normal, Emulated};
+handle_info(_Message, Emulated) ->
+    {noreply, Emulated}.
+
+hears({data, Bytes}, #emulated{create = Create} = Emulated) ->
+    went(starl_create_emulator:hear(now_us(), Bytes, Create), Emulated);
+hears(detach, Emulated) ->
+    Emulated#emulated{other = none};
+hears({Line, _} = Word, Emulated) when Line =:= brc; Line =:= baud ->
+    line(Word, Emulated);
+hears(_Word, Emulated) ->
+    Emulated.
+
+line(Word, #emulated{create = Create} = Emulated) ->
+    went(starl_create_emulator:line(now_us(), Word, Create), Emulated).
+
+%% The drive of the body did not obey, and stands.
+body_says({_Mark, {stalled, _}}, #emulated{create = Create} = Emulated) ->
+    Stands = {turning, {0.0, 0.0}},
+    went(starl_create_emulator:feel(now_us(), Stands, Create), Emulated);
+body_says(_Answer, Emulated) ->
+    Emulated.
+
+went({Outs, Create}, #emulated{} = Emulated) ->
+    ok = lists:foreach(fun({_At, Out}) -> out(Out, Emulated) end, Outs),
+    ok = wake(starl_create_emulator:next_due(Create)),
+    Emulated#emulated{create = Create}.
+
+%% A wake-up that comes when there is nothing to do any more does no harm, but there must not be
+%% more and more of them.
+wake(none) ->
+    ok;
+wake(Due) ->
+    case get(due) of
+        Due ->
+            ok;
+        _ ->
+            _ = put(due, Due),
+            At = Due div 1000 + 1,
+            _ = erlang:send_after(At, self(), {tick, Due}, [{abs, true}]),
+            ok
+    end.
+
+out({bytes, Bytes}, #emulated{other = Other}) when is_pid(Other) ->
+    Other ! {serial, self(), {data, Bytes}},
+    ok;
+out({bytes, _Bytes}, _Emulated) ->
+    ok;
+out(Out, #emulated{tell = Tell, pen = Pen, body = Body}) ->
+    _ = is_pid(Tell) andalso (Tell ! {starl_create, self(), Out}),
+    to_body(Out, Pen, Body).
+
+to_body(_Out, _Pen, none) ->
+    ok;
+to_body({wheels, {Left, Right}}, _Pen, Body) ->
+    Script = {starl_chassis_differential, [{Left, Right, ?LONG_US}]},
+    tell_body({drive, Script, ?LONG_US, wheels}, Body);
+to_body({Kind, Bits}, {Kind, N}, Body) ->
+    tell_body({actuate, {pen, pen(Bits, N)}, none}, Body);
+to_body({leds, Bits, _Colour, _Intensity}, {leds, N}, Body) ->
+    tell_body({actuate, {pen, pen(Bits, N)}, none}, Body);
+to_body(_Out, _Pen, _Body) ->
+    ok.
+
+pen(Bits, N) when Bits band (1 bsl N) =/= 0 -> down;
+pen(_Bits, _N) -> up.
+
+tell_body(What, {starl_world, World, Robot}) ->
+    World ! {starl_body, Robot, self(), What},
+    ok.

@@ -1,0 +1,118 @@
+%% @doc A port without hardware: the messages of the port to a serial line, with an emulated Create
+%% ({@link starl_create_emulated}) at its other end. For tests, and for robots that are simulated in
+%% one VM or on several nodes.
+%%
+%% The messages are those of erlang-serial (`{open, Device, Baud}', `{send, Bytes}', `{data,
+%% Bytes}') and the other words of {@link starl_create_driver:port_command()} and {@link
+%% starl_create_driver:message()}. The device is the emulated robot's process.
+%%
+%% When its owner ends, it writes the stop bytes.
+-module(starl_create_pipe).
+-behaviour(gen_server).
+
+-export([start_link/2, pull/1, plug/1]).
+-export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
+
+-record(pipe, {
+    owner :: pid(),
+    create = none :: pid() | none,
+    baud = any :: pos_integer() | any,
+    is_plugged = true :: boolean(),
+    stop = <<>> :: binary(),
+    script = none :: none | {Ref :: term(), [{binary(), pos_integer()}], Stop :: binary()},
+    %% the time at which the next bytes of the script are due
+    due = 0 :: integer()
+}).
+
+%% @doc Starts a port for this process.
+-spec start_link(Owner :: pid(), map()) -> gen_server:start_ret().
+start_link(Owner, _Options) -> gen_server:start_link(?MODULE, Owner, []).
+
+%% @doc Pulls the cable.
+-spec pull(pid()) -> ok.
+pull(Pipe) -> gen_server:call(Pipe, pull).
+
+%% @doc Puts the cable back.
+-spec plug(pid()) -> ok.
+plug(Pipe) -> gen_server:call(Pipe, plug).
+
+-spec init(pid()) -> {ok, #pipe{}}.
+init(Owner) ->
+    process_flag(trap_exit, true),
+    _ = erlang:monitor(process, Owner),
+    {ok, #pipe{owner = Owner}}.
+
+-spec handle_call(pull | plug, gen_server:from(), #pipe{}) -> {reply, ok, #pipe{}}.
+handle_call(pull, _From, Pipe) ->
+    ok = tell({closed, {eio, "the cable was pulled"}}, Pipe),
+    {reply, ok, Pipe#pipe{is_plugged = false, script = none}};
+handle_call(plug, _From, Pipe) ->
+    {reply, ok, Pipe#pipe{is_plugged = true}}.
+
+-spec handle_cast(term(), #pipe{}) -> {noreply, #pipe{}}.
+handle_cast(_Request, Pipe) -> {noreply, Pipe}.
+
+-spec handle_info(term(), #pipe{}) -> {noreply, #pipe{}} | {stop, term(), #pipe{}}.
+handle_info({open, _Create, _Baud}, #pipe{is_plugged = false} = Pipe) ->
+    ok = tell({error, {enoent, "the cable is not plugged in"}}, Pipe),
+    {noreply, Pipe};
+handle_info({open, Create, Baud}, Pipe) ->
+    Open = Pipe#pipe{create = Create, baud = Baud},
+    ok = serial({attach, Baud}, Open),
+    ok = tell({opened, Create}, Open),
+    {noreply, Open};
+handle_info({send, Bytes}, Pipe) ->
+    ok = serial({data, Bytes}, Pipe),
+    {noreply, Pipe};
+handle_info({drive_script, Ref, Steps, Stop}, Pipe) ->
+    {noreply, step(Pipe#pipe{script = {Ref, Steps, Stop}, due = now_us()})};
+handle_info({step, Ref}, #pipe{script = {Ref, _, _}} = Pipe) ->
+    {noreply, step(Pipe)};
+handle_info({stop_bytes, Bytes}, Pipe) ->
+    {noreply, Pipe#pipe{stop = Bytes}};
+handle_info({pulse, _Line, Ms, _Times}, Pipe) ->
+    ok = serial({brc, low}, Pipe),
+    _ = erlang:send_after(Ms, self(), {brc, high}),
+    {noreply, Pipe};
+handle_info({brc, high}, Pipe) ->
+    ok = serial({brc, high}, Pipe),
+    {noreply, Pipe};
+handle_info({serial, Create, {data, Bytes}}, #pipe{create = Create, is_plugged = true} = Pipe) ->
+    ok = tell({data, Bytes}, Pipe),
+    {noreply, Pipe};
+handle_info(close, Pipe) ->
+    {stop, normal, Pipe};
+handle_info({'DOWN', _, process, Owner, _}, #pipe{owner = Owner} = Pipe) ->
+    {stop, normal, Pipe};
+handle_info({'EXIT', Owner, _}, #pipe{owner = Owner} = Pipe) ->
+    {stop, normal, Pipe};
+handle_info(_Message, Pipe) ->
+    {noreply, Pipe}.
+
+-spec terminate(term(), #pipe{}) -> ok.
+terminate(_Reason, #pipe{stop = Stop} = Pipe) ->
+    ok = serial({data, Stop}, Pipe),
+    serial(detach, Pipe).
+
+step(#pipe{script = {Ref, [], Stop}} = Pipe) ->
+    ok = serial({data, Stop}, Pipe),
+    ok = tell({ended, Ref, now_us()}, Pipe),
+    Pipe#pipe{script = none};
+step(#pipe{script = {Ref, [{Bytes, Us} | Steps], Stop}, due = Due} = Pipe) ->
+    ok = serial({data, Bytes}, Pipe),
+    ok = tell({sent, Ref, now_us()}, Pipe),
+    At = (Due + Us + 500) div 1000,
+    _ = erlang:send_after(At, self(), {step, Ref}, [{abs, true}]),
+    Pipe#pipe{script = {Ref, Steps, Stop}, due = Due + Us}.
+
+now_us() -> erlang:monotonic_time(microsecond).
+
+serial(_Word, #pipe{create = none}) -> ok;
+serial(_Word, #pipe{is_plugged = false}) -> ok;
+serial(Word, #pipe{create = Create}) ->
+    Create ! {serial, self(), Word},
+    ok.
+
+tell(Word, #pipe{owner = Owner}) ->
+    Owner ! Word,
+    ok.
