@@ -363,6 +363,19 @@ pause_test() ->
         ]
     ].
 
+%% Set back while it stands still, its clock shows that the lease goes on: it may release until the lease
+%% is over by that clock, and not after it has gone on.
+pause_and_set_back_test() ->
+    Release = fun(T, Set, Paused) ->
+        Windows = [{1, Set, Set, {clock, -500}} | [{1, 1000, 5000, pause} || Paused]],
+        judge([got(10, 1, 5, ?LEASE), let_go(T, 1, 5)], 0, exact(Windows))
+    end,
+    End = 10 + ?LEASE,
+    ?assertEqual([], Release(End + 500, 4000, true)),
+    ?assertEqual([held_too_long], Release(End + 501, 4000, true)),
+    ?assertEqual([held_too_long], Release(End + 500, 4000, false)),
+    ?assertEqual([held_too_long], Release(5001, 5001, true)).
+
 %% But it stands still: before its lease is over for good nobody else holds the token.
 pause_is_no_excuse_test() ->
     Pause = [{all, 1, 5000, pause}],

@@ -279,16 +279,19 @@ gained(Claimed, Began, Token, #holds{grants = Grants, assumption = Assumption}) 
     end.
 
 %% When the holder must have noticed at the latest that its lease is over. It releases nothing
-%% later than that by its clock.
+%% later than that by its clock; one that was paused meanwhile may find its clock set back.
 ended_by(How, #hold{robot = Robot} = Hold, Token, #holds{assumption = A, lag_us = Lag} = Holds) ->
     case lease(Hold, Token, Holds) of
         #lease{end_us = infinity} ->
             infinity;
-        #lease{told_us = Told, end_us = End} when How =:= released ->
-            starl_assumption:clock_later(Robot, Told, End, A);
         #lease{told_us = Told, end_us = End} ->
             Due = starl_assumption:clock_later(Robot, Told, End, A),
-            starl_assumption:handled(Robot, Due, Lag, A)
+            Noticed = starl_assumption:handled(Robot, Due, Lag, A),
+            case How of
+                lost -> Noticed;
+                released when Noticed =< Due + Lag -> Due;
+                released -> min(Noticed, Due + starl_assumption:lost_us(Robot, Due, Noticed, A))
+            end
     end.
 
 too_long(T, By, #hold{robot = Robot, fence = Fence}, Token) ->
