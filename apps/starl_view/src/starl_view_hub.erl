@@ -260,7 +260,7 @@ after_frame(Frame, #hub{first = First, last = Last} = Hub) when Frame + 1 < Firs
     #hub{state = State, now = Now, head = Head} = Hub,
     Reset = json([[<<"reset">>]]),
     Gap = json([[<<"gap">>, Now] | starl_view_state:rows(Now, State)]),
-    {lists:join($,, [Reset, Head, Gap]), Last};
+    {lists:join($,, [Part || Part <- [Reset, Head, Gap], Part =/= []]), Last};
 after_frame(Frame, #hub{frames = Frames, last = Last}) ->
     some(Frame + 1, Last, Frames, [], 0).
 

@@ -4,7 +4,7 @@
 
 -export([program/0, start/1, start/2, stop/1, open/2, eval/2, await/2, click/3, press/2, shot/2]).
 
--record(browser, {port :: port(), session = none, dir}).
+-record(browser, {port :: port(), session = none :: binary() | none, dir :: string()}).
 
 -define(PATIENCE_MS, 30000).
 
@@ -49,7 +49,7 @@ stop(#browser{port = Port, dir = Dir} = Browser) ->
         {Port, {exit_status, _}} -> ok
     after 5000 -> ok
     end,
-    _ = (catch port_close(Port)),
+    _ = erlang:port_info(Port) =/= undefined andalso port_close(Port),
     file:del_dir_r(Dir).
 
 open(Url, Browser) ->

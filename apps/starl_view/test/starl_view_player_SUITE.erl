@@ -1,0 +1,226 @@
+%% Hands at a simulation: whatever they do, the saved scenario ends with the digest of the run, and a run
+%% that is only looked at ends with its own.
+-module(starl_view_player_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-include_lib("common_test/include/ct.hrl").
+
+-export([all/0, init_per_suite/1, end_per_suite/1]).
+-export([view_changes_nothing/1, hands_replay/1, a_hand_in_the_middle_of_a_window/1]).
+-export([going_back/1, healing/1, bad_commands/1, at_a_violation/1]).
+
+all() ->
+    [
+        view_changes_nothing,
+        hands_replay,
+        a_hand_in_the_middle_of_a_window,
+        going_back,
+        healing,
+        bad_commands,
+        at_a_violation
+    ].
+
+init_per_suite(Config) -> Config.
+
+end_per_suite(Config) -> Config.
+
+scenario() -> #{app => painting, robots => 4, seed => 1}.
+
+%% The digest of the run without a window.
+view_changes_nothing(_Config) ->
+    {Digest, _, _} = played(scenario(), []),
+    ?assertEqual(digest(scenario()), Digest).
+
+%% Each kind of fault that the page offers, one after the other.
+hands_replay(_Config) ->
+    Hands = [
+        {until, 10},
+        {fault, #{kind => kill_machine, target => [2, sap]}},
+        {until, 14},
+        {fault, #{kind => reboot, target => 3, seconds => 3}},
+        {fault, #{kind => cut, target => [1, 2], seconds => 5}},
+        {until, 25},
+        {fault, #{kind => location_frozen, target => 1, seconds => 4}},
+        {fault, #{kind => pause, target => 4, seconds => 2}},
+        {until, 33},
+        {fault, #{kind => partition, target => [1, 3], seconds => 6}},
+        {fault, #{kind => loss, target => all, params => #{part => 0.3}, seconds => 20}},
+        {until, 40},
+        {fault, #{kind => kill_robot, target => 2}},
+        {until, 60},
+        {fault, #{kind => wheel_slow, target => 1, seconds => 3,
+            params => #{wheel => left, factor => 0.5}}}
+    ],
+    {Digest, Scenario, _} = played(scenario(), Hands),
+    ?assertEqual(10, length(maps:get(faults, Scenario))),
+    ?assertEqual([], [Said || {no, Said} <- said()]),
+    ?assertNotEqual(digest(scenario()), Digest),
+    ?assertEqual(digest(Scenario), Digest).
+
+%% After a step the run rests within a window; a fault then begins with the next one.
+a_hand_in_the_middle_of_a_window(_Config) ->
+    Hands = [
+        {until, 12},
+        {step, 2},
+        {step, 2},
+        {step, 3},
+        {fault, #{kind => kill_machine, target => [2, app]}},
+        {step, 1},
+        {fault, #{kind => isolate, target => 1, seconds => 2.5}}
+    ],
+    {Digest, Scenario, _} = played(scenario(), Hands),
+    ?assertEqual(2, length(maps:get(faults, Scenario))),
+    ?assertEqual(digest(Scenario), Digest).
+
+%% The rows of a run that went back are those of one that did not.
+going_back(_Config) ->
+    {Digest, _, Straight} = played(scenario(), []),
+    {Same, _, Again} = played(scenario(), [{until, 30}, {until, 5}, {step, 1}, {until, 3}]),
+    ?assertEqual(Digest, Same),
+    ?assert(motions(Straight) =:= motions(Again)),
+    %% a hand tells nothing twice
+    Hands = [{until, 30}, {fault, #{kind => isolate, target => 1, seconds => 0}}],
+    {Digest, _, Handled} = played(scenario(), Hands),
+    ?assert(motions(Straight) =:= motions(Handled)).
+
+healing(_Config) ->
+    Hands = [
+        {until, 10},
+        {fault, #{kind => isolate, target => 1}},
+        {until, 12},
+        {heal, <<"hand_1">>},
+        {heal, <<"hand_1">>}
+    ],
+    {Digest, #{faults := Faults} = Scenario, _} = played(scenario(), Hands),
+    ?assertMatch([{hand_1, 10000, 12000, isolate, 1, #{}}], Faults),
+    ?assertMatch([_], [No || {no, No} <- said()]),
+    ?assertEqual(digest(Scenario), Digest).
+
+%% Nothing that a page may send ends or changes the run.
+bad_commands(_Config) ->
+    Bad = [
+        #{}, #{do => 7}, #{do => nothing}, #{do => go, speed => -1}, #{do => go, speed => <<"fast">>},
+        #{do => until, at => -1}, #{do => until, at => <<"x">>}, #{do => step, robot => 99},
+        #{do => step, robot => #{}}, #{do => look, robot => 0}, #{do => look, robot => [1]},
+        #{do => fault}, #{do => fault, kind => nothing, target => 1},
+        #{do => fault, kind => clock_step, target => 1, params => #{ms => 5}},
+        #{do => fault, kind => kill_robot, target => 5}, #{do => fault, kind => kill_robot, target => all},
+        #{do => fault, kind => kill_machine, target => [1, nothing]},
+        #{do => fault, kind => cut, target => [1, 1]}, #{do => fault, kind => cut, target => [1, 2, 3]},
+        #{do => fault, kind => loss, target => [1, 2], params => #{part => 2}},
+        #{do => fault, kind => loss, target => [1, 2]},
+        #{do => fault, kind => loss, target => [1, 2], params => #{part => 1, other => 2}},
+        #{do => fault, kind => pause, target => 1, seconds => -5, params => 5},
+        #{do => fault, kind => partition, target => []}, #{do => fault, kind => partition, target => [0]},
+        #{do => heal, id => <<"hand_1">>}, #{do => heal, id => #{}}, #{do => save, name => <<"../x">>}
+    ],
+    Commands = [{raw, jsoned(C)} || C <- Bad],
+    {Digest, #{faults := Faults}, _} = played(scenario(), [{until, 5} | Commands]),
+    ?assertEqual([], Faults),
+    ?assertEqual(length(Bad), length([No || {no, No} <- said()])),
+    ?assertEqual(digest(scenario()), Digest).
+
+%% The page is told of the violation that ends a run.
+at_a_violation(_Config) ->
+    Scenario = #{app => starl_view_crasher, robots => 2, seed => 1},
+    {_, _, Rows} = played(Scenario, []),
+    ?assertMatch([[<<"v">>, _, <<"sleep">>, _, [1]] | _], [R || [<<"v">> | _] = R <- Rows]).
+
+%% -- helpers --------------------------------------------------------------------------------
+
+digest(Scenario) ->
+    {ok, Sim} = starl_sim:start(Scenario),
+    _ = starl_sim:run(Sim),
+    {#{digest := Digest}, _} = starl_sim:finish(Sim),
+    Digest.
+
+%% Plays as fast as it can; the hands' commands wait for the player from the beginning, each behind
+%% the one before it. Gives the digest, the scenario with the faults, and all rows.
+played(Scenario, Hands) ->
+    Test = self(),
+    {ok, Hub} = starl_view_hub:start_link(#{}),
+    Page = spawn_link(fun() -> page(Test, Hub, Hands) end),
+    {ok, #{sim := Sim, scenario := Faulty}} = starl_view_player:play(#{
+        hub => Hub,
+        scenario => Scenario,
+        speed => max,
+        paused => Hands =/= [],
+        save => fun(_, _) -> {error, "not here"} end
+    }),
+    {#{digest := Digest}, _} = starl_sim:finish(Sim),
+    Page ! {over, Test},
+    receive
+        {rows, Rows, Said} ->
+            _ = put(said, Said),
+            {Digest, Faulty, Rows}
+    end.
+
+said() -> get(said).
+
+%% A page that does one thing after the other, each when the one before it is done.
+page(Test, Hub, Hands) ->
+    {ok, _, Place} = starl_view_hub:join(Hub),
+    ok = starl_view_hub:want(Hub, Place),
+    paged(Test, Hub, Hands, waits, [], []).
+
+paged(Test, Hub, Hands, Waits, Rows, Said) ->
+    receive
+        {frames, Frames, Place} ->
+            ok = starl_view_hub:want(Hub, Place),
+            {ok, New} = starl_view_json:decode(iolist_to_binary([$[, Frames, $]])),
+            All = lists:foldl(fun kept/2, Rows, New),
+            {Left, Next} = next(Hands, Waits, New, Hub),
+            paged(Test, Hub, Left, Next, All, Said);
+        {tell, [What, Text]} when What =:= <<"no">>; What =:= <<"yes">> ->
+            paged(Test, Hub, Hands, Waits, Rows, [{binary_to_atom(What), Text} | Said]);
+        {over, Test} ->
+            self() ! {last, Test},
+            %% what is left comes before the answer
+            ok = starl_view_hub:flush(Hub),
+            paged(Test, Hub, Hands, Waits, Rows, Said);
+        {last, Test} ->
+            ok = starl_view_hub:flush(Hub),
+            case erlang:process_info(self(), message_queue_len) of
+                {_, 0} ->
+                    Test ! {rows, lists:reverse(Rows), Said};
+                _ ->
+                    self() ! {last, Test},
+                    paged(Test, Hub, Hands, Waits, Rows, Said)
+            end
+    end.
+
+kept([<<"reset">>], _Rows) -> [];
+kept([<<"t">> | _], Rows) -> Rows;
+kept(Row, Rows) -> [Row | Rows].
+
+%% The run rests: the next command, or, without one, it goes on.
+next(Hands, Waits, New, Hub) ->
+    Rests = [T || [<<"t">>, T, #{<<"paused">> := true}] <- New],
+    case {Rests, Hands, Waits} of
+        {[], _, _} -> {Hands, Waits};
+        {_, [], gone} -> {[], gone};
+        {_, [], _} ->
+            ok = starl_view_hub:command(Hub, #{<<"do">> => <<"go">>}),
+            {[], gone};
+        {_, [{until, S} | _], {until, S}} ->
+            case abs(lists:last(Rests) - S * 1000000) < 10000 of
+                true -> next(tl(Hands), waits, New, Hub);
+                false -> {Hands, Waits}
+            end;
+        {_, [{until, S} | _], _} ->
+            ok = starl_view_hub:command(Hub, #{<<"do">> => <<"until">>, <<"at">> => S}),
+            {Hands, {until, S}};
+        {_, [Hand | More], _} ->
+            ok = starl_view_hub:command(Hub, command(Hand)),
+            {More, waits}
+    end.
+
+command({step, Robot}) -> #{<<"do">> => <<"step">>, <<"robot">> => Robot};
+command({heal, Id}) -> #{<<"do">> => <<"heal">>, <<"id">> => Id};
+command({fault, Fault}) -> jsoned(Fault#{do => fault});
+command({raw, Command}) -> Command.
+
+jsoned(Value) ->
+    {ok, Decoded} = starl_view_json:decode(iolist_to_binary(starl_view_json:encode(Value))),
+    Decoded.
+
+motions(Rows) -> [Row || [<<"m">> | _] = Row <- Rows].

@@ -1,0 +1,205 @@
+%% The server among good and bad clients: who gets in, and what one may do without harm to a run.
+-module(starl_view_server_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-include_lib("common_test/include/ct.hrl").
+
+-export([all/0, init_per_testcase/2, end_per_testcase/2]).
+-export([files/1, only_its_own_page/1, a_token_for_others/1, a_page_gets_the_run/1]).
+-export([garbage/1, one_that_reads_nothing/1, a_hundred_pages/1, a_page_left_open/1]).
+-export([a_port_that_is_taken/1]).
+
+-define(C, starl_view_client).
+
+all() ->
+    [
+        files,
+        only_its_own_page,
+        a_token_for_others,
+        a_page_gets_the_run,
+        garbage,
+        one_that_reads_nothing,
+        a_hundred_pages,
+        a_page_left_open,
+        a_port_that_is_taken
+    ].
+
+init_per_testcase(_Case, Config) ->
+    {ok, View} = starl_view:start(#{port => 0, most_bytes => 200000}),
+    {ok, #{port := Port}} = {ok, uri_string:parse(binary_to_list(starl_view:address(View)))},
+    [{view, View}, {port, Port}, {hub, starl_view:hub(View)} | Config].
+
+end_per_testcase(_Case, Config) -> starl_view:stop(?config(view, Config)).
+
+files(Config) ->
+    Port = ?config(port, Config),
+    {200, Index} = ?C:get(Port, "/", []),
+    %% nothing comes from elsewhere
+    ?assertEqual(nomatch, binary:match(Index, <<"//">>)),
+    {match, Named} = re:run(Index, "(?:src|href)=\"([^\"]+)\"", [global, {capture, all_but_first, list}]),
+    ?assertEqual(3, length(Named)),
+    [?assertMatch({200, _}, ?C:get(Port, "/" ++ Name, [])) || [Name] <- Named],
+    [?assertMatch({404, _}, ?C:get(Port, Path, []))
+     || Path <- ["/..%2f..%2febin/starl_view.app", "/../starl_view.app", "/none", "/%00"]].
+
+%% A site's script can neither reach the server by a name that it has made to point here, nor open a
+%% WebSocket from its own page.
+only_its_own_page(Config) ->
+    Port = ?config(port, Config),
+    Here = integer_to_list(Port),
+    Host = fun(Name) -> {"Host", Name ++ ":" ++ Here} end,
+    Origin = fun(Name) -> {"Origin", "http://" ++ Name ++ ":" ++ Here} end,
+    ?assertMatch({403, _}, ?C:get(Port, "/", [Host("evil.example")])),
+    Refused = [
+        [],
+        [Origin("evil.example")],
+        [Host("evil.example"), Origin("evil.example")],
+        [Host("localhost"), Origin("127.0.0.1")],
+        [{"Origin", "null"}]
+    ],
+    [?assertMatch({403, _}, ?C:connect(Port, Headers)) || Headers <- Refused],
+    ?assertMatch({101, _}, ?C:connect(Port, [Origin("127.0.0.1")])),
+    ?assertMatch({101, _}, ?C:connect(Port, [Host("localhost"), Origin("localhost")])).
+
+a_token_for_others(_Config) ->
+    {ok, View} = starl_view:start(#{port => 0, host => "0.0.0.0"}),
+    Address = binary_to_list(starl_view:address(View)),
+    #{port := Port, fragment := Token} = uri_string:parse(Address),
+    ?assertEqual(32, length(Token)),
+    Headers = [{"Origin", "http://127.0.0.1:" ++ integer_to_list(Port)}],
+    ?assertMatch({403, _}, ?C:connect(Port, Headers)),
+    ?assertMatch({403, _}, ?C:connect(Port, "/ws?token=" ++ lists:duplicate(32, $0), Headers)),
+    ?assertMatch({101, _}, ?C:connect(Port, "/ws?token=" ++ Token, Headers)),
+    starl_view:stop(View).
+
+a_page_gets_the_run(Config) ->
+    ok = starl_view_hub:head(?config(hub, Config), {[[<<"run">>, #{app => x}]], 1}),
+    Socket = page(Config),
+    ?assertMatch([[<<"run">>, #{<<"app">> := <<"x">>}] | _], ?C:rows(<<"run">>, Socket)),
+    tell(1, Config),
+    ?assertMatch([[<<"m">>, 1000000 | _], [<<"t">>, 1000000, _]], ?C:rows(<<"t">>, Socket)).
+
+garbage(Config) ->
+    Other = page(Config),
+    Garbage = [
+        "", "{", "null", "[1]", "{\"do\":1}", <<255, 254>>, lists:duplicate(10000, $[), "\"k\"", "-1e999"
+    ],
+    [
+        begin
+            Socket = page(Config),
+            ok = ?C:send(Text, Socket),
+            ok = ?C:close(Socket)
+        end
+     || Text <- Garbage
+    ],
+    %% it is shut out in the end
+    Bad = page(Config),
+    _ = [?C:send("{", Bad) || _ <- lists:seq(1, 30)],
+    ?assertMatch({close, 1008}, closed(Bad)),
+    %% too long, and no frame at all
+    Long = page(Config),
+    _ = ?C:send(lists:duplicate(100000, $x), Long),
+    ?assertMatch({close, 1009}, closed(Long)),
+    None = page(Config),
+    ok = ?C:raw(crypto:strong_rand_bytes(2000), None),
+    ok = ?C:raw(<<"GET / HTTP/1.1\r\n\r\n">>, None),
+    %% meanwhile another page goes on
+    tell(1, Config),
+    ?assertMatch([_ | _], ?C:rows(<<"m">>, Other)).
+
+closed(Socket) ->
+    case ?C:next(Socket, 20000) of
+        {rows, _} -> closed(Socket);
+        Other -> Other
+    end.
+
+%% It never reads what it is sent: the hub goes on, and neither its memory nor the page's process grows.
+one_that_reads_nothing(Config) ->
+    Hub = ?config(hub, Config),
+    _Deaf = page(Config),
+    Good = page(Config),
+    tell_many(1, 300, Config),
+    Before = memory(Hub),
+    tell_many(301, 3000, Config),
+    ?assert(memory(Hub) < Before + 3000000),
+    ?assertMatch({_, N} when N < 10, erlang:process_info(Hub, message_queue_len)),
+    %% one that was away as long gets the state of now
+    Rows = ?C:rows(<<"m">>, Good),
+    ?assert(lists:any(fun([Kind | _]) -> Kind =:= <<"m">> end, Rows)).
+
+a_hundred_pages(Config) ->
+    Hub = ?config(hub, Config),
+    Pages = [page(Config) || _ <- lists:seq(1, 100)],
+    tell(1, Config),
+    [?assertMatch([_ | _], ?C:rows(<<"m">>, Page)) || Page <- Pages],
+    Before = memory(Hub),
+    tell_many(2, 1000, Config),
+    ?assert(memory(Hub) < Before + 5000000),
+    [ok = ?C:close(Page) || Page <- Pages],
+    gone(Hub).
+
+%% A night of an idle run, and of a busy one: what is kept has a limit.
+a_page_left_open(Config) ->
+    Hub = ?config(hub, Config),
+    Page = page(Config),
+    Reader = spawn_link(fun() -> reads_on(Page) end),
+    ok = gen_tcp:controlling_process(Page, Reader),
+    tell_many(1, 500, Config),
+    Before = memory(Hub),
+    tell_many(501, 20000, Config),
+    ?assert(memory(Hub) < Before + 3000000),
+    true = unlink(Reader),
+    true = exit(Reader, kill).
+
+a_port_that_is_taken(Config) ->
+    Port = ?config(port, Config),
+    {error, Reason} = starl_view:start(#{port => Port}),
+    Line = lists:flatten(io_lib:format("~ts", [starl_view:format_error(Reason)])),
+    ?assertMatch({match, _}, re:run(Line, "^--view-port [0-9]+: another program has this port")).
+
+%% -- helpers --------------------------------------------------------------------------------
+
+page(Config) ->
+    Port = ?config(port, Config),
+    {101, Socket} = ?C:connect(Port, [{"Origin", "http://127.0.0.1:" ++ integer_to_list(Port)}]),
+    Socket.
+
+tell(N, Config) -> tell_many(N, N, Config).
+
+%% Ticks of a run in which a robot moves and talks, each handled before the next.
+tell_many(From, To, Config) ->
+    Hub = ?config(hub, Config),
+    Observer = starl_view_hub:observer(Hub, 0),
+    [
+        begin
+            T = N * 1000000,
+            Piece = starl_trajectory:piece(T, {1.0, 2.0}, 0.0, 100.0, 0.0),
+            ok = Observer({judged, [{T, N rem 7 + 1, chassis, {motion, Piece}}], []}),
+            ok = starl_view_hub:clock(Hub, #{now_us => T, speed => 1})
+        end
+     || N <- lists:seq(From, To)
+    ],
+    ok.
+
+memory(Pid) ->
+    true = erlang:garbage_collect(Pid),
+    {_, Bytes} = erlang:process_info(Pid, memory),
+    {_, Binaries} = erlang:process_info(Pid, binary),
+    Bytes + lists:sum([Size || {_, Size, _} <- Binaries]).
+
+reads_on(Socket) ->
+    case ?C:next(Socket, 20000) of
+        {rows, _} ->
+            ok = ?C:send("k", Socket),
+            reads_on(Socket);
+        _ ->
+            ok
+    end.
+
+%% The hub hears of the end of each page by itself.
+gone(Hub) ->
+    case starl_view_hub:pages(Hub) of
+        0 -> ok;
+        _ ->
+            erlang:yield(),
+            gone(Hub)
+    end.
