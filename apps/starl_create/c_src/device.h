@@ -1,0 +1,40 @@
+/* A serial line: open, locked, raw, 8N1. */
+#ifndef STARL_DEVICE_H
+#define STARL_DEVICE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <sys/types.h>
+
+enum { PATH_LENGTH = 1024 };
+
+/* Why something did not work: a word that Erlang knows, and a detail for a person. */
+struct failure {
+    const char *word;
+    char detail[160];
+};
+
+struct device {
+    int fd; /* -1: closed */
+    unsigned baud;
+    char path[PATH_LENGTH];
+};
+
+enum control_line { LINE_DTR = 0, LINE_RTS = 1 };
+
+bool device_open(struct device *dev, const char *path, unsigned baud, struct failure *why);
+void device_close(struct device *dev);
+/* What write(2) gives; -1 with EAGAIN as well. */
+ssize_t device_write(struct device *dev, const uint8_t *bytes, size_t length);
+/* When the bytes that were written will have left the line, microseconds from now. */
+uint64_t device_queue_us(const struct device *dev);
+bool device_speed(struct device *dev, unsigned baud, struct failure *why);
+/* Asserts or releases a line. A line without it (a pty) is hung up instead, by speed 0, which the
+ * other side of a pty sees. */
+bool device_line(struct device *dev, enum control_line line, bool is_asserted);
+bool device_break(struct device *dev, bool is_on);
+/* The process that holds a device, if that can be found out. */
+void device_holder(const char *path, char *text, size_t size);
+
+#endif

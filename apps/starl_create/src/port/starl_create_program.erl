@@ -1,0 +1,52 @@
+%% @doc Starts the port program of this application (`c_src'), and says in one line why it cannot.
+-module(starl_create_program).
+
+-export([start/1, path/0, us/1, format_error/1]).
+
+-export_type([reason/0]).
+
+-type reason() :: no_program.
+
+-define(FILE_NAME, "starl_create_port").
+
+%% @doc Starts the program with these arguments; messages have their length in front.
+-spec start([string()]) -> {ok, port()} | {error, reason()}.
+start(Args) ->
+    case path() of
+        {ok, File} ->
+            Options = [{packet, 2}, binary, exit_status, use_stdio, hide, {args, Args}],
+            {ok, open_port({spawn_executable, File}, Options)};
+        {error, _} = Error ->
+            Error
+    end.
+
+%% @doc Where the program is. The environment variable `STARL_CREATE_PORT' names another one.
+-spec path() -> {ok, file:filename()} | {error, reason()}.
+path() ->
+    File =
+        case os:getenv("STARL_CREATE_PORT") of
+            false -> filename:join(priv(), ?FILE_NAME);
+            Other -> Other
+        end,
+    case filelib:is_regular(File) of
+        true -> {ok, File};
+        false -> {error, no_program}
+    end.
+
+%% Beside the modules, also where no application is loaded.
+priv() ->
+    Ebin = filename:dirname(code:which(?MODULE)),
+    filename:join(filename:dirname(Ebin), "priv").
+
+%% @doc A moment of the program's clock as `erlang:monotonic_time(microsecond)'. Both clocks are the
+%% monotonic one of the operating system, from different beginnings.
+-spec us(non_neg_integer()) -> integer().
+us(At) ->
+    Now = erlang:monotonic_time(microsecond),
+    At - os:perf_counter(microsecond) + Now.
+
+%% @doc What to do about it, in a line.
+-spec format_error(reason()) -> unicode:chardata().
+format_error(no_program) ->
+    "the port program is not built, without which no Create is driven; install a C compiler (Debian: "
+    "apt-get install gcc libc6-dev), then run ./starl setup".
