@@ -18,7 +18,8 @@
 
 -type t() ::
     {header, Profile :: unicode:chardata(), Library :: unicode:chardata()}
-    | {footer, SummaryStart :: offset(), SummaryOffsetStart :: offset(), SummaryCrc :: 0..4294967295}
+    | {footer, SummaryStart :: offset(), SummaryOffsetStart :: offset(),
+        SummaryCrc :: 0..4294967295}
     | {schema, id(), Name :: unicode:chardata(), Encoding :: unicode:chardata(), Data :: iodata()}
     | {channel, id(), Schema :: id(), Topic :: unicode:chardata(),
         MessageEncoding :: unicode:chardata(), map_of_text()}

@@ -45,32 +45,56 @@ counter() ->
 
 %% -- the external term format ---------------------------------------------------------------
 
-term(<<119, N, Name:N/binary, Rest/binary>>, Names) -> {Rest, Names#{Name => true}};
-term(<<118, N:16, Name:N/binary, Rest/binary>>, Names) -> {Rest, Names#{Name => true}};
-term(<<100, N:16, Name:N/binary, Rest/binary>>, Names) -> {Rest, Names#{utf8(Name) => true}};
-term(<<115, N, Name:N/binary, Rest/binary>>, Names) -> {Rest, Names#{utf8(Name) => true}};
-term(<<97, _, Rest/binary>>, Names) -> {Rest, Names};
-term(<<98, _:32, Rest/binary>>, Names) -> {Rest, Names};
-term(<<70, _:64, Rest/binary>>, Names) -> {Rest, Names};
-term(<<110, N, _, _:N/binary, Rest/binary>>, Names) -> {Rest, Names};
-term(<<111, N:32, _, _:N/binary, Rest/binary>>, Names) -> {Rest, Names};
-term(<<106, Rest/binary>>, Names) -> {Rest, Names};
-term(<<107, N:16, _:N/binary, Rest/binary>>, Names) -> {Rest, Names};
-term(<<109, N:32, _:N/binary, Rest/binary>>, Names) -> {Rest, Names};
-term(<<77, N:32, _, _:N/binary, Rest/binary>>, Names) -> {Rest, Names};
-term(<<104, N, Rest/binary>>, Names) -> terms(N, Rest, Names);
-term(<<105, N:32, Rest/binary>>, Names) -> terms(N, Rest, Names);
-term(<<108, N:32, Rest/binary>>, Names) -> terms(N + 1, Rest, Names);
-term(<<116, N:32, Rest/binary>>, Names) -> terms(2 * N, Rest, Names);
+term(<<119, N, Name:N/binary, Rest/binary>>, Names) ->
+    {Rest, Names#{Name => true}};
+term(<<118, N:16, Name:N/binary, Rest/binary>>, Names) ->
+    {Rest, Names#{Name => true}};
+term(<<100, N:16, Name:N/binary, Rest/binary>>, Names) ->
+    {Rest, Names#{utf8(Name) => true}};
+term(<<115, N, Name:N/binary, Rest/binary>>, Names) ->
+    {Rest, Names#{utf8(Name) => true}};
+term(<<97, _, Rest/binary>>, Names) ->
+    {Rest, Names};
+term(<<98, _:32, Rest/binary>>, Names) ->
+    {Rest, Names};
+term(<<70, _:64, Rest/binary>>, Names) ->
+    {Rest, Names};
+term(<<110, N, _, _:N/binary, Rest/binary>>, Names) ->
+    {Rest, Names};
+term(<<111, N:32, _, _:N/binary, Rest/binary>>, Names) ->
+    {Rest, Names};
+term(<<106, Rest/binary>>, Names) ->
+    {Rest, Names};
+term(<<107, N:16, _:N/binary, Rest/binary>>, Names) ->
+    {Rest, Names};
+term(<<109, N:32, _:N/binary, Rest/binary>>, Names) ->
+    {Rest, Names};
+term(<<77, N:32, _, _:N/binary, Rest/binary>>, Names) ->
+    {Rest, Names};
+term(<<104, N, Rest/binary>>, Names) ->
+    terms(N, Rest, Names);
+term(<<105, N:32, Rest/binary>>, Names) ->
+    terms(N, Rest, Names);
+term(<<108, N:32, Rest/binary>>, Names) ->
+    terms(N + 1, Rest, Names);
+term(<<116, N:32, Rest/binary>>, Names) ->
+    terms(2 * N, Rest, Names);
 %% processes, ports, references: the name of a node, then numbers
-term(<<88, Rest/binary>>, Names) -> identifier(12, Rest, Names);
-term(<<103, Rest/binary>>, Names) -> identifier(9, Rest, Names);
-term(<<89, Rest/binary>>, Names) -> identifier(8, Rest, Names);
-term(<<120, Rest/binary>>, Names) -> identifier(12, Rest, Names);
-term(<<90, N:16, Rest/binary>>, Names) -> identifier(4 + 4 * N, Rest, Names);
-term(<<114, N:16, Rest/binary>>, Names) -> identifier(1 + 4 * N, Rest, Names);
+term(<<88, Rest/binary>>, Names) ->
+    identifier(12, Rest, Names);
+term(<<103, Rest/binary>>, Names) ->
+    identifier(9, Rest, Names);
+term(<<89, Rest/binary>>, Names) ->
+    identifier(8, Rest, Names);
+term(<<120, Rest/binary>>, Names) ->
+    identifier(12, Rest, Names);
+term(<<90, N:16, Rest/binary>>, Names) ->
+    identifier(4 + 4 * N, Rest, Names);
+term(<<114, N:16, Rest/binary>>, Names) ->
+    identifier(1 + 4 * N, Rest, Names);
 %% functions
-term(<<113, Rest/binary>>, Names) -> terms(3, Rest, Names);
+term(<<113, Rest/binary>>, Names) ->
+    terms(3, Rest, Names);
 term(<<112, Size:32, Rest/binary>>, Names) ->
     <<Body:(Size - 4)/binary, After/binary>> = Rest,
     <<_Arity, _Uniq:16/binary, _Index:32, Free:32, Terms/binary>> = Body,

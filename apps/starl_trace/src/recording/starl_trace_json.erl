@@ -21,13 +21,19 @@ encode(Number) when is_integer(Number) -> integer_to_binary(Number);
 encode(Number) when is_float(Number) -> float_to_binary(Number, [{decimals, 6}, compact]);
 encode({Number, Decimals}) when is_float(Number) ->
     float_to_binary(Number, [{decimals, Decimals}, compact]);
-encode(true) -> <<"true">>;
-encode(false) -> <<"false">>;
+encode(true) ->
+    <<"true">>;
+encode(false) ->
+    <<"false">>;
 encode(Text) when is_binary(Text) -> [$", escape(Text), $"];
-encode({[]}) -> <<"{}">>;
-encode({[First | Pairs]}) -> [${, pair(First), [[$,, pair(Pair)] || Pair <- Pairs], $}];
-encode([]) -> <<"[]">>;
-encode([First | Others]) -> [$[, encode(First), [[$,, encode(Other)] || Other <- Others], $]].
+encode({[]}) ->
+    <<"{}">>;
+encode({[First | Pairs]}) ->
+    [${, pair(First), [[$,, pair(Pair)] || Pair <- Pairs], $}];
+encode([]) ->
+    <<"[]">>;
+encode([First | Others]) ->
+    [$[, encode(First), [[$,, encode(Other)] || Other <- Others], $]].
 
 pair({Key, Value}) when is_atom(Key) -> [$", atom_to_binary(Key), $", $:, encode(Value)];
 pair({Key, Value}) -> [encode(Key), $:, encode(Value)].

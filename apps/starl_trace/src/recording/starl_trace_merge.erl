@@ -146,7 +146,8 @@ wanted(Messages) -> [M || M <- Messages, element(1, M) =/= metrics, element(1, M
 
 put_messages(Messages, Merge) ->
     {Ends, Others} = lists:partition(fun is_end/1, Messages),
-    #merge{writer = Writer, messages = N, until = Until} = Ended = lists:foldl(fun ended/2, Merge, Ends),
+    #merge{writer = Writer, messages = N, until = Until} =
+        Ended = lists:foldl(fun ended/2, Merge, Ends),
     {Bytes, Next} = starl_trace_writer:messages(Others, Writer),
     put_bytes(Bytes, Ended#merge{
         writer = Next,
@@ -160,7 +161,9 @@ is_end(_) -> false.
 %% The run has one end: the last, with what any of the files has found.
 ended({_, _, {ended, Ending}}, #merge{ended = none} = Merge) ->
     Merge#merge{ended = Ending};
-ended({_, _, {ended, #{end_us := End, violations := Violations} = Ending}}, #merge{ended = Known} = M) ->
+ended(
+    {_, _, {ended, #{end_us := End, violations := Violations} = Ending}}, #merge{ended = Known} = M
+) ->
     #{end_us := KnownEnd, violations := Found} = Known,
     Last =
         case End > KnownEnd of

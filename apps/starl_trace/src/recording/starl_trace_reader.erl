@@ -136,7 +136,9 @@ terms([], Messages, Cursor) ->
 terms([Text | Texts], Before, #cursor{file = File} = Cursor) ->
     case starl_trace_terms:decode(Text) of
         {ok, Messages} ->
-            case is_list(Messages) andalso lists:all(fun starl_trace_message:is_message/1, Messages) of
+            case
+                is_list(Messages) andalso lists:all(fun starl_trace_message:is_message/1, Messages)
+            of
                 true -> whole(Messages, Texts, Before, Cursor);
                 false -> {error, {terms, File, not_terms}}
             end;
@@ -240,7 +242,11 @@ figures(#{schemas := Schemas, channels := Channels, counts := Counts, from_us :=
     ]),
     (maps:without([schemas, channels, counts], Info))#{
         topics => Topics,
-        from_us := if From =:= none -> 0; true -> From end
+        from_us :=
+            if
+                From =:= none -> 0;
+                true -> From
+            end
     }.
 
 %% @doc One line on a problem: what is wrong, where, and what to do.

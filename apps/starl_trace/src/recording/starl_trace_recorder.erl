@@ -6,7 +6,7 @@
 %%   ...
 %%   {ok, Written} = starl_trace_recorder:close(Recorder)
 %% '''
-%% A chunk is written after a second of the run's time, or of real time in a run that stands still. A
+%% A chunk is written before a second of the run's time is over, or half a second of real time. A
 %% simulation waits for the recorder; a live run leaves events out when the disk is too slow, and the
 %% recording says how many. A disk that is full ends the recording, not the run.
 -module(starl_trace_recorder).
@@ -27,7 +27,7 @@
 %% Events that may wait for the recorder.
 -define(WAITING, 1000).
 -define(WAITING_LIVE, 200000).
--define(FLUSH_MS, 1000).
+-define(FLUSH_MS, 500).
 
 -record(recorder, {
     file :: file:filename_all(),

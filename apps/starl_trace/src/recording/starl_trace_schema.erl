@@ -20,7 +20,10 @@ channels() ->
      || {Id, _, _, Name, Schema} <- Numbered
     ],
     Schemas ++
-        [{channel, Id, Id, Topic, "json", [{"callerid", "starl"}]} || {Id, _, Topic, _, _} <- Numbered].
+        [
+            {channel, Id, Id, Topic, "json", [{"callerid", "starl"}]}
+         || {Id, _, Topic, _, _} <- Numbered
+        ].
 
 numbered() ->
     All = all(),

@@ -3,14 +3,14 @@
 %% Each message is kept exactly, as a term, on the channel `/starl'; only positions are left out where
 %% they follow from the motions in the trace, and the reader computes them again. The other channels
 %% show the same to people and their viewers, in parts: frames twice a second, events but those of
-%% motion and SAP, packets, but for acknowledgements that arrive, as lines. A chunk ends after a second of time.
+%% motion and SAP, packets, but for acknowledgements that arrive, as lines. A chunk ends before a second of time is over.
 -module(starl_trace_writer).
 
 -export([new/0, messages/2, flush/1, finish/1]).
 
 -export_type([t/0]).
 
--define(CHUNK_US, 1000000).
+-define(CHUNK_US, 900000).
 -define(CHUNK_BYTES, 1048576).
 -define(CHUNK_MESSAGES, 20000).
 -define(FRAMES_US, 500000).

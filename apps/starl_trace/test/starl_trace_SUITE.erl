@@ -1,0 +1,342 @@
+%% Recordings: records and files there and back, files that are cut off, subscribers of a run.
+-module(starl_trace_SUITE).
+-include_lib("proper/include/proper.hrl").
+-include_lib("stdlib/include/assert.hrl").
+
+-compile([export_all, nowarn_export_all]).
+
+suite() -> [{timetrap, {minutes, 5}}].
+
+all() ->
+    [
+        records_there_and_back,
+        messages_there_and_back,
+        a_file_has_what_the_specification_asks,
+        whole_chunks_are_recovered,
+        a_damaged_chunk_is_left_out,
+        merged_recordings_are_the_whole,
+        other_files_are_told,
+        a_full_disk_ends_the_recording_only,
+        a_subscriber_gets_all,
+        a_slow_subscriber_gets_a_gap,
+        a_live_run_does_not_wait
+    ].
+
+%% -- records --------------------------------------------------------------------------------
+
+records_there_and_back(_) ->
+    Prop = ?FORALL(
+        {Record, Rest},
+        {record(), binary()},
+        starl_platform_ct:safely(fun() ->
+            Bytes = iolist_to_binary(starl_mcap_record:encode(Record)),
+            {ok, Record, Rest} =:= starl_mcap_record:decode(<<Bytes/binary, Rest/binary>>)
+        end)
+    ),
+    starl_platform_ct:property(Prop, 300).
+
+record() ->
+    Id = range(0, 16#ffff),
+    N = range(0, 16#ffffffffffffffff),
+    Crc = range(0, 16#ffffffff),
+    Texts = list({text(), text()}),
+    oneof([
+        {header, text(), text()},
+        {footer, N, N, Crc},
+        {schema, Id, text(), text(), binary()},
+        {channel, Id, Id, text(), text(), Texts},
+        {message, Id, Crc, N, N, binary()},
+        {chunk, N, N, N, Crc, text(), binary()},
+        {message_index, Id, list({N, N})},
+        {chunk_index, N, N, N, N, list({Id, N}), N, text(), N, N},
+        {attachment, N, N, text(), text(), binary()},
+        {attachment_index, N, N, N, N, N, text(), text()},
+        {statistics, N, Id, Crc, Crc, Crc, Crc, N, N, list({Id, N})},
+        {metadata, text(), Texts},
+        {metadata_index, N, N, text()},
+        {summary_offset, range(0, 255), N, N},
+        {data_end, Crc},
+        {unknown, range(16, 255), binary()}
+    ]).
+
+text() ->
+    ?LET(Text, list(oneof([range($a, $z), 16#e4, 16#1f916])), unicode:characters_to_binary(Text)).
+
+%% -- files ----------------------------------------------------------------------------------
+
+%% The reader gives exactly the messages that the run told, positions included.
+messages_there_and_back(Config) ->
+    File = file(Config, "whole.mcap"),
+    Prop = ?FORALL(
+        {N, Every},
+        {range(0, 300), oneof([1000, 30000, 400000, 5000000])},
+        starl_platform_ct:safely(fun() ->
+            Messages = starl_trace_ct:told(starl_trace_ct:events(N, Every)),
+            ok = starl_trace_ct:recorded(File, Messages),
+            {ok, Read, closed} = starl_trace_reader:fold(fun(M, Ms) -> [M | Ms] end, [], File),
+            ?assertEqual(lists:sort(Messages), lists:sort(Read)),
+            [poses] =:= out_of_order(lists:reverse(Read)) orelse
+                [] =:= out_of_order(lists:reverse(Read))
+        end)
+    ),
+    starl_platform_ct:property(Prop, 40).
+
+out_of_order(Messages) ->
+    Times = [{T, At} || {T, At, _} <- Messages],
+    Pairs = lists:zip(lists:droplast([{none, 0} | Times]), Times),
+    lists:usort([T || {{_, Before}, {T, At}} <- Pairs, At < Before]).
+
+%% Checksums, index and summary agree with the bytes.
+a_file_has_what_the_specification_asks(Config) ->
+    File = file(Config, "spec.mcap"),
+    ok = starl_trace_ct:recorded(File, starl_trace_ct:told(starl_trace_ct:events(400, 20000))),
+    {ok, Bytes} = file:read_file(File),
+    {ok, Reader} = starl_mcap_reader:open(File),
+    {ok, Summary} = starl_mcap_reader:summary(Reader),
+    Records = records(Bytes),
+    [{DataAt, {data_end, Crc}}] = [{At, R} || {At, {data_end, _} = R} <- Records],
+    ?assertEqual(erlang:crc32(binary:part(Bytes, 0, DataAt)), Crc),
+    Chunks = [{At, C} || {At, C} <- Records, element(1, C) =:= chunk],
+    Indexes = [I || I <- Summary, element(1, I) =:= chunk_index],
+    ?assertEqual(length(Chunks), length(Indexes)),
+    ?assert(length(Chunks) >= 8),
+    [
+        begin
+            {chunk_index, Start, End, At, Length, _, _, <<>>, Size, Size} = Index,
+            {chunk, Start, End, Size, ChunkCrc, <<>>, Inside} = Chunk,
+            ?assertEqual(ChunkCrc, erlang:crc32(Inside)),
+            ?assertEqual(Length, byte_size(iolist_to_binary(starl_mcap_record:encode(Chunk)))),
+            ?assert(End - Start < 1000000000)
+        end
+     || {{At, Chunk}, Index} <- lists:zip(Chunks, Indexes)
+    ],
+    {value, {statistics, Count, 10, 10, 0, 0, ChunkCount, _, _, Per}} =
+        lists:search(fun(R) -> element(1, R) =:= statistics end, Summary),
+    ?assertEqual({length(Chunks), lists:sum([N || {_, N} <- Per])}, {ChunkCount, Count}),
+    %% every index points to a message of its channel
+    [
+        ?assertMatch({ok, {message, Channel, _, Time, _, _}, _}, inside(At, Chunks, Bytes))
+     || {IndexAt, {message_index, Channel, Entries}} <- Records,
+        {Time, Place} <- Entries,
+        At <- [{IndexAt, Place}]
+    ],
+    starl_mcap_reader:close(Reader).
+
+inside({IndexAt, Place}, Chunks, _Bytes) ->
+    {_, {chunk, _, _, _, _, _, Inside}} = lists:last([C || {At, _} = C <- Chunks, At < IndexAt]),
+    <<_:Place/binary, Rest/binary>> = Inside,
+    starl_mcap_record:decode(Rest).
+
+records(<<_Magic:8/binary, Rest/binary>>) -> records(8, Rest).
+
+records(At, Bytes) ->
+    case starl_mcap_record:decode(Bytes) of
+        {ok, Record, Rest} ->
+            [{At, Record} | records(At + byte_size(Bytes) - byte_size(Rest), Rest)];
+        more ->
+            []
+    end.
+
+%% Cut off anywhere: every message of each whole chunk is in the recovered file, and no other.
+whole_chunks_are_recovered(Config) ->
+    File = file(Config, "long.mcap"),
+    Cut = file(Config, "cut.mcap"),
+    Out = file(Config, "recovered.mcap"),
+    ok = starl_trace_ct:recorded(File, starl_trace_ct:told(starl_trace_ct:events(600, 15000))),
+    {ok, Bytes} = file:read_file(File),
+    Ends = [
+        {At + byte_size(iolist_to_binary(starl_mcap_record:encode(C))), C}
+     || {At, C} <- records(Bytes), element(1, C) =:= chunk
+    ],
+    Prop = ?FORALL(
+        Size,
+        range(0, byte_size(Bytes)),
+        starl_platform_ct:safely(fun() ->
+            ok = file:write_file(Cut, binary:part(Bytes, 0, Size)),
+            _ = file:delete(Out),
+            Whole = [C || {End, C} <- Ends, End =< Size],
+            case starl_mcap_recover:file(Cut, Out) of
+                {ok, #{chunks := N}} ->
+                    ?assertEqual(length(Whole), N),
+                    ?assertEqual(Whole, chunks(Out)),
+                    {ok, Messages, closed} = starl_trace_reader:fold(fun gather/2, [], Out),
+                    {ok, Same, _} = starl_trace_reader:fold(fun gather/2, [], Cut),
+                    ?assertEqual(Messages, Same),
+                    true;
+                {error, _} ->
+                    [] =:= Whole andalso not filelib:is_file(Out)
+            end
+        end)
+    ),
+    starl_platform_ct:property(Prop, 60).
+
+gather(Message, Messages) -> [Message | Messages].
+
+chunks(File) ->
+    {ok, Bytes} = file:read_file(File),
+    [C || {_, C} <- records(Bytes), element(1, C) =:= chunk].
+
+%% A wrong byte within a chunk costs that chunk.
+a_damaged_chunk_is_left_out(Config) ->
+    File = file(Config, "damaged.mcap"),
+    Out = file(Config, "mended.mcap"),
+    ok = starl_trace_ct:recorded(File, starl_trace_ct:told(starl_trace_ct:events(300, 15000))),
+    {ok, Bytes} = file:read_file(File),
+    [_, {At, _} | _] = Chunks = [{P, C} || {P, C} <- records(Bytes), element(1, C) =:= chunk],
+    Place = At + 100,
+    <<Before:Place/binary, Byte, After/binary>> = Bytes,
+    ok = file:write_file(File, <<Before/binary, (Byte bxor 1), After/binary>>),
+    {ok, #{damaged := 1, chunks := N, was_closed := true}} = starl_mcap_recover:file(File, Out),
+    ?assertEqual(length(Chunks) - 1, N),
+    ?assertEqual([C || {P, C} <- Chunks, P =/= At], chunks(Out)),
+    ?assertMatch({ok, _, {damaged, _}}, starl_trace_reader:fold(fun gather/2, [], File)).
+
+%% The recordings of single robots, put together, have the events of the whole in the order of time.
+merged_recordings_are_the_whole(Config) ->
+    Events = starl_trace_ct:events(500, 11000),
+    Files = [file(Config, "robot-" ++ integer_to_list(Robot) ++ ".mcap") || Robot <- [1, 2, 3]],
+    [
+        ok = starl_trace_ct:recorded(
+            File, starl_trace_ct:told([E || {_, R, _, _} = E <- Events, R =:= Robot])
+        )
+     || {Robot, File} <- lists:zip([1, 2, 3], Files)
+    ],
+    Out = file(Config, "merged.mcap"),
+    {ok, #{cut_off := []}} = starl_trace_merge:files(Files, Out),
+    {ok, Messages, closed} = starl_trace_reader:fold(fun gather/2, [], Out),
+    Seen = [{At, R, M, E} || {trace, At, {R, M, E}} <- lists:reverse(Messages)],
+    ?assertEqual([E || {_, _, M, _} = E <- Events, M =/= radio], Seen),
+    ?assertMatch([{verdicts, _, {ended, _}}], [M || {verdicts, _, {ended, _}} = M <- Messages]),
+    Other = file(Config, "other.mcap"),
+    [{scenario, 0, Facts} | Rest] = starl_trace_ct:told([]),
+    ok = starl_trace_ct:recorded(Other, [{scenario, 0, Facts#{app := somebody}} | Rest]),
+    ?assertMatch(
+        {error, {other_run, _, Other, app}}, starl_trace_merge:files([hd(Files), Other], Out)
+    ).
+
+other_files_are_told(Config) ->
+    File = file(Config, "other"),
+    [
+        begin
+            ok = file:write_file(File, Bytes),
+            Read = starl_trace_judge:file(File),
+            ?assertMatch({error, _}, Read),
+            {error, Reason} = Read,
+            Line = unicode:characters_to_list(starl_trace_judge:format_error(Reason)),
+            ?assertEqual({Bytes, 0}, {Bytes, string:str(Line, "\n")}),
+            ?assertMatch({error, _}, starl_mcap_recover:file(File, File ++ ".out")),
+            ?assertNot(filelib:is_file(File ++ ".out.part"))
+        end
+     || Bytes <-
+            [<<>>, <<"garbage, not a recording">>, magic(), <<(magic())/binary, 255, 255>>] ++
+                strange()
+    ],
+    ?assertMatch({error, {file, _, enoent}}, starl_trace_judge:file(file(Config, "none"))),
+    ?assertMatch(
+        {error, {file, _, _}}, starl_trace_judge:file(proplists:get_value(priv_dir, Config))
+    ).
+
+magic() -> starl_mcap_record:magic().
+
+strange() ->
+    Head = [magic(), starl_mcap_record:encode({header, "", "x"})],
+    End = [
+        starl_mcap_record:encode({data_end, 0}),
+        starl_mcap_record:encode({footer, 0, 0, 0}),
+        magic()
+    ],
+    [
+        iolist_to_binary([Head, End]),
+        %% a record that claims to be endless
+        iolist_to_binary([Head, <<5, 16#ffffffffffffffff:64/little, "x">>]),
+        %% a chunk that claims to be huge
+        iolist_to_binary([Head, starl_mcap_record:encode({chunk, 0, 0, 1 bsl 60, 0, "", "x"}), End])
+    ].
+
+a_full_disk_ends_the_recording_only(_Config) ->
+    {ok, Recorder} = starl_trace_recorder:start_link("/dev/full", simulation),
+    Observer = starl_trace_recorder:observer(Recorder),
+    ok = Observer({begun, starl_trace_ct:facts()}),
+    ok = Observer({judged, starl_trace_ct:events(5000, 10000), []}),
+    {error, Reason} = starl_trace_recorder:close(Recorder),
+    ?assertEqual({"/dev/full", enospc}, Reason),
+    Line = unicode:characters_to_list(starl_trace_recorder:format_error(Reason)),
+    ?assertEqual("/dev/full: the recording could not be written: no space left on device", Line).
+
+%% -- subscribers ----------------------------------------------------------------------------
+
+a_subscriber_gets_all(_Config) ->
+    Events = starl_trace_ct:events(400, 10000),
+    {ok, Hub} = starl_trace_hub:start_link(simulation),
+    Observer = starl_trace_hub:observer(Hub),
+    ok = starl_trace_hub:subscribe(Hub, 1),
+    ok = Observer({begun, starl_trace_ct:facts()}),
+    [ok = Observer({judged, [Event], []}) || Event <- Events],
+    End = 4000000,
+    ok = Observer({ended, #{ending => done, end_us => End, violations => [], digest => <<>>}}),
+    Messages = deliveries(Hub, []),
+    ?assertEqual(
+        [E || {_, _, M, _} = E <- Events, M =/= radio],
+        [{At, R, M, E} || {trace, At, {R, M, E}} <- Messages]
+    ),
+    ?assertEqual([], [M || {gap, _, _} = M <- Messages]),
+    starl_trace_hub:stop(Hub).
+
+deliveries(Hub, Before) ->
+    receive
+        {starl_trace, Hub, Messages} ->
+            ok = starl_trace_hub:more(Hub, 1),
+            All = Before ++ Messages,
+            case lists:last(Messages) of
+                {verdicts, _, {ended, _}} -> All;
+                _ -> deliveries(Hub, All)
+            end
+    end.
+
+%% It is told of a gap and gets the state; meanwhile nothing waits for it.
+a_slow_subscriber_gets_a_gap(_Config) ->
+    {ok, Hub} = starl_trace_hub:start_link(simulation),
+    Observer = starl_trace_hub:observer(Hub),
+    ok = starl_trace_hub:subscribe(Hub, 1),
+    ok = Observer({begun, starl_trace_ct:facts()}),
+    receive
+        {starl_trace, Hub, [{scenario, 0, _}]} -> ok
+    end,
+    [ok = Observer({judged, Part, []}) || Part <- parts(starl_trace_ct:events(60000, 1000))],
+    %% the hub has dealt with everything before it answers
+    Observer = starl_trace_hub:observer(Hub),
+    {memory, Bytes} = process_info(Hub, memory),
+    ?assert(Bytes < 60000000, Bytes),
+    ok = starl_trace_hub:more(Hub, 1),
+    receive
+        {starl_trace, Hub, [{gap, _, Missing}, {scenario, 0, _}, {poses, _, #{full := true}}]} ->
+            ?assert(Missing >= 60000, Missing)
+    end,
+    starl_trace_hub:stop(Hub).
+
+parts([]) ->
+    [];
+parts(Events) ->
+    {Part, Rest} = lists:split(min(1000, length(Events)), Events),
+    [Part | parts(Rest)].
+
+%% The recorder of a live run is not waited for: what it has no room for is counted.
+a_live_run_does_not_wait(_Config) ->
+    Observer = starl_trace_feed:observer(self(), leave_out, 100),
+    Events = starl_trace_ct:events(90, 1000),
+    ok = Observer({judged, Events, []}),
+    ok = Observer({judged, Events, []}),
+    ok = Observer({judged, Events, []}),
+    [{Feed, News}, {Feed, Same}] = news(),
+    ok = starl_trace_feed:done(News, Feed),
+    ok = starl_trace_feed:done(Same, Feed),
+    ok = Observer({judged, Events, []}),
+    ?assertMatch([{_, {missed, 90}}, {_, {judged, Events, []}}], news()).
+
+news() ->
+    receive
+        {starl_news, Feed, News} -> [{Feed, News} | news()]
+    after 0 -> []
+    end.
+
+file(Config, Name) -> filename:join(proplists:get_value(priv_dir, Config), Name).
