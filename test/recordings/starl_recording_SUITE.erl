@@ -1,0 +1,254 @@
+%% Recordings of runs: a recording changes no run, its judgement is that of the run, it survives the
+%% end of its process, and the readers of others take it.
+%%
+%% By hand, for more: STARL_RECORDED_SEEDS=200 and STARL_RECORDED_KILLS=50.
+-module(starl_recording_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+
+-compile([export_all, nowarn_export_all]).
+
+-define(PYTHON, "_build/python/bin/python").
+
+suite() -> [{timetrap, {minutes, 30}}].
+
+all() ->
+    [
+        a_recording_changes_no_run,
+        the_judgement_is_that_of_the_run,
+        packets_have_their_fates,
+        a_killed_run_loses_less_than_a_second,
+        no_stranger_runs_code,
+        the_command_line_records,
+        pythons_reader_takes_it
+    ].
+
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
+
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
+
+%% -- verdicts -------------------------------------------------------------------------------
+
+a_recording_changes_no_run(Config) ->
+    Scenario = #{
+        app => exercise, seed => 3, robots => 4, random_faults => [all], heal => 20, time => 60
+    },
+    {ok, Sim} = starl_sim:start(Scenario),
+    _ = starl_sim:run(Sim),
+    {Plain, _} = starl_sim:finish(Sim),
+    Recorded = recorded(Scenario, file(Config, "digest.mcap")),
+    Keys = [digest, events, packets, end_us, violations],
+    ?assertEqual(maps:with(Keys, Plain), maps:with(Keys, Recorded)).
+
+%% Planted bugs, and the sound ones in the same runs, under the faults of soak.
+the_judgement_is_that_of_the_run(Config) ->
+    Bugs = [Bug || {Bug, _, _} <- starl_planted:bugs()],
+    Each = max(1, number("STARL_RECORDED_SEEDS", 20) div 20),
+    Broken = [
+        starl_planted:scenario(Bug, Seed)
+     || Bug <- lists:sublist(Bugs, 12), Seed <- seeds(Each)
+    ],
+    Sound = [starl_planted:sound(S) || S <- lists:sublist(Broken, 1, 4 * Each)],
+    Soaked = [
+        starl_lab_soak:scenario(Work, none, Seed)
+     || Work <- [sap, mutex, dpp, geocast], Seed <- seeds(Each)
+    ],
+    All = Broken ++ Sound ++ Soaked,
+    File = file(Config, "judged.mcap"),
+    Found = [judged(Scenario, File) || Scenario <- All],
+    ct:pal("~b runs, ~b with violations", [length(All), length([V || V <- Found, V > 0])]),
+    ?assert(length([V || V <- Found, V > 0]) >= Each).
+
+seeds(N) -> lists:seq(1, N).
+
+judged(Scenario, File) ->
+    #{violations := Violations, end_us := End} = recorded(Scenario, File),
+    {ok, Judged} = starl_trace_judge:file(File),
+    #{violations := Again, found := Found, until_us := Until, missing := 0, ended := closed} =
+        Judged,
+    ?assertEqual({Scenario, lists:sort(Violations)}, {Scenario, lists:sort(Again)}),
+    ?assertEqual({Violations, End}, {Found, Until}),
+    length(Violations).
+
+%% Runs a scenario with a recorder; gives its outcome.
+recorded(Scenario, File) ->
+    {ok, Recorder} = starl_trace_recorder:start_link(File, simulation),
+    {ok, Sim} = starl_sim:start(Scenario#{mode => inline, shards => 1}, #{
+        observe => starl_trace_recorder:observer(Recorder), packets => true
+    }),
+    _ = starl_sim:run(Sim),
+    {Outcome, _} = starl_sim:finish(Sim),
+    {ok, _} = starl_trace_recorder:close(Recorder),
+    Outcome.
+
+%% Every packet of a run is told, and each loss has its cause.
+packets_have_their_fates(Config) ->
+    File = file(Config, "packets.mcap"),
+    Faults = [{wall, 2000, 9000, partition, [1], #{}}],
+    Scenario = #{
+        app => exercise, seed => 2, robots => 3, loss => 0.2, faults => Faults, time => 15
+    },
+    {ok, Recorder} = starl_trace_recorder:start_link(File, simulation),
+    {ok, Sim} = starl_sim:start(Scenario, #{
+        observe => starl_trace_recorder:observer(Recorder),
+        packets => true,
+        watch => [{starl_sim_loss_monitor, #{}}]
+    }),
+    _ = starl_sim:run(Sim),
+    {#{monitors := #{starl_sim_loss_monitor := #{lost := Lost}}}, _} = starl_sim:finish(Sim),
+    {ok, _} = starl_trace_recorder:close(Recorder),
+    {ok, Packets, closed} = starl_trace_reader:fold(
+        fun
+            ({packets, At, {From, To, _, _, Fate}}, Ps) -> [{At, From, To, Fate} | Ps];
+            (_, Ps) -> Ps
+        end,
+        [],
+        File
+    ),
+    Gone = [{At, From, To} || {At, From, To, {lost, _}} <- Packets],
+    ?assertEqual(lists:sort([{At, From, To} || {At, From, To, _} <- Lost]), lists:sort(Gone)),
+    Causes = lists:usort([Why || {_, _, _, {lost, Why}} <- Packets]),
+    ?assertEqual([chance, {fault, wall}], Causes),
+    [?assert(From =:= 1 orelse To =:= 1) || {_, From, To, {lost, {fault, wall}}} <- Packets],
+    ?assert(
+        lists:all(
+            fun
+                ({At, _, _, {arrives, [{Then, _} | _]}}) -> Then > At;
+                (_) -> true
+            end,
+            Packets
+        )
+    ).
+
+%% -- a killed process -----------------------------------------------------------------------
+
+a_killed_run_loses_less_than_a_second(Config) ->
+    _ = rand:seed(exsss, starl_platform_ct:seed()),
+    [killed(Config, N) || N <- seeds(number("STARL_RECORDED_KILLS", 3))].
+
+killed(Config, N) ->
+    File = file(Config, "killed.mcap"),
+    Out = file(Config, "rescued.mcap"),
+    _ = file:delete(Out),
+    Lines = 5 + rand:uniform(60),
+    Reached = killed_after(Lines, File, N),
+    {ok, #{was_closed := false}} = starl_mcap_recover:file(File, Out),
+    {ok, #{violations := [], until_us := Until, ended := closed}} = starl_trace_judge:file(Out),
+    ct:pal("killed at ~b us, judged until ~b us", [Reached, Until]),
+    ?assert(Until >= Reached - 1000000, {Reached, Until}).
+
+%% The time that the run has printed last when it is killed.
+killed_after(Lines, File, Seed) ->
+    Paths = lists:append([["-pa", Dir] || Dir <- code:get_path(), filelib:is_dir(Dir)]),
+    Args =
+        ["-noshell", "-noinput"] ++ Paths ++
+            ["-s", "starl_recording_child", "main", "-extra", File, integer_to_list(Seed)],
+    Port = open_port({spawn_executable, os:find_executable("erl")}, [
+        {args, Args}, {line, 1000}, exit_status, binary
+    ]),
+    {os_pid, Pid} = erlang:port_info(Port, os_pid),
+    Seen = lines(Lines, 0, Port),
+    [] = os:cmd("kill -9 " ++ integer_to_list(Pid)),
+    until_gone(Port, Seen).
+
+lines(0, Reached, _Port) ->
+    Reached;
+lines(N, _Reached, Port) ->
+    receive
+        {Port, {data, {eol, Line}}} -> lines(N - 1, binary_to_integer(Line), Port)
+    end.
+
+until_gone(Port, Reached) ->
+    receive
+        {Port, {data, {eol, Line}}} -> until_gone(Port, max(Reached, binary_to_integer(Line)));
+        {Port, {data, _}} -> until_gone(Port, Reached);
+        {Port, {exit_status, _}} -> Reached
+    end.
+
+%% -- strangers ------------------------------------------------------------------------------
+
+%% A recording may name any module as a monitor: only monitors are called, and with data only.
+no_stranger_runs_code(Config) ->
+    File = file(Config, "stranger.mcap"),
+    Told = file(Config, "told"),
+    [{scenario, 0, Facts} | Rest] = starl_trace_ct:told(starl_trace_ct:events(10, 1000)),
+    [
+        begin
+            ok = starl_trace_ct:recorded(File, [{scenario, 0, Facts#{monitors := [Monitor]}} | Rest]),
+            ?assertMatch({error, {_, File, _}}, starl_trace_judge:file(File)),
+            ?assertNot(filelib:is_file(Told))
+        end
+     || Monitor <- [
+            {file, #{}},
+            {no_such_monitor_anywhere, #{}},
+            {starl_cli_first_crash, #{tell => fun os:cmd/1}},
+            {starl_sap_monitor, #{robots => [self()]}},
+            {starl_sap_monitor, not_a_map}
+        ]
+    ].
+
+%% -- the command line and others' readers ---------------------------------------------------
+
+the_command_line_records(Config) ->
+    Dir = file(Config, "run"),
+    {4, _} = sh(Config, "run painting --robots 2 --time 20 --record --quiet --out " ++ Dir),
+    File = filename:join(Dir, "run.mcap"),
+    ?assertEqual(
+        [],
+        filelib:wildcard(file(Config, "*.mcap.*")) ++ filelib:wildcard(file(Config, "run.*.mcap"))
+    ),
+    {0, Judged} = sh(Config, "judge " ++ Dir),
+    ?assertNotEqual(nomatch, string:find(Judged, "no contract is broken")),
+    {0, Info} = sh(Config, "info " ++ File),
+    ?assertNotEqual(nomatch, string:find(Info, "foxglove.FrameTransforms")),
+    {2, Line} = sh(Config, "judge " ++ filename:join(Dir, "report.txt")),
+    ?assertNotEqual(nomatch, string:find(Line, "this is no recording")),
+    Cut = file(Config, "part.mcap"),
+    {ok, Bytes} = file:read_file(File),
+    ok = file:write_file(Cut, binary:part(Bytes, 0, byte_size(Bytes) - 2000)),
+    {0, _} = sh(Config, "recover " ++ Cut),
+    {2, There} = sh(Config, "recover " ++ Cut),
+    ?assertNotEqual(nomatch, string:find(There, "is there already")),
+    {0, _} = sh(Config, "judge " ++ file(Config, "part-recovered.mcap")).
+
+sh(Config, Command) ->
+    starl_first_hour_ct:sh("$starl " ++ Command, proplists:get_value(priv_dir, Config)).
+
+output(Port, Out) ->
+    receive
+        {Port, {data, Data}} -> output(Port, [Out, Data]);
+        {Port, {exit_status, Status}} -> {Status, unicode:characters_to_list(Out)}
+    end.
+
+%% The `mcap' package of the makers of the format checks all checksums, with the index and without;
+%% every message is JSON.
+pythons_reader_takes_it(Config) ->
+    Python = filename:join(starl_first_hour_ct:root(), ?PYTHON),
+    case filelib:is_file(Python) of
+        true -> pythons_reader_takes_it(Python, Config);
+        false -> {skip, "no " ?PYTHON " with the package mcap; .ci/run makes it"}
+    end.
+
+pythons_reader_takes_it(Python, Config) ->
+    File = file(Config, "python.mcap"),
+    #{end_us := End} = recorded(#{app => painting, robots => 3, time => 40}, File),
+    Script = filename:join(proplists:get_value(data_dir, Config), "read_all.py"),
+    Port = open_port({spawn_executable, Python}, [
+        {args, [Script, File]}, exit_status, stderr_to_stdout, binary
+    ]),
+    {0, Text} = output(Port, []),
+    {ok, #{topics := Topics}} = starl_trace_reader:info(File),
+    Lines = [
+        io_lib:format("~ts ~ts ~b", [Topic, Schema, N])
+     || {Topic, Schema, N} <- Topics, N > 0
+    ],
+    Expected =
+        lists:sort([lists:flatten(L) || L <- Lines]) ++ ["end " ++ integer_to_list(1000 * End)],
+    ?assertEqual(Expected, string:lexemes(Text, "\n")).
+
+number(Name, Default) ->
+    case os:getenv(Name) of
+        false -> Default;
+        Text -> list_to_integer(Text)
+    end.
+
+file(Config, Name) -> filename:join(proplists:get_value(priv_dir, Config), Name).
