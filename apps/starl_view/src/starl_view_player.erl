@@ -19,7 +19,8 @@
 %% `scenario' and `options' as of {@link starl_sim:start/2}. `speed': of virtual time, `max' as fast as
 %% it can. `started' is called with each simulation, and gives a function that is called when that
 %% simulation ends. `save' writes a scenario under a name. `until_us': the end of the run. `linger':
-%% a run that is over waits for the last page to close.
+%% a run that is over waits for the last page to close. `recorded': the run is on record, so it can
+%% neither go back nor be changed. `commands' are done at the beginning, as if a page had sent them.
 -type config() :: #{
     hub := pid(),
     scenario := starl_sim_scenario:t(),
@@ -28,6 +29,8 @@
     until_us => non_neg_integer(),
     paused => boolean(),
     linger => boolean(),
+    recorded => boolean(),
+    commands => [#{binary() => term()}],
     started => fun((starl_sim:sim()) -> fun(() -> term())),
     save => fun((Name :: binary(), starl_sim_scenario:t()) -> {ok, unicode:chardata()}
         | {error, unicode:chardata()})
@@ -104,6 +107,7 @@ begin_with({#{time := Seconds} = Scenario, _, #{window_us := Window}} = Planned,
     case start(Scenario, 0, Config) of
         {ok, Sim, Ended} ->
             Now = now_ms(),
+            _ = [self() ! {starl_view, none, Command} || Command <- maps:get(commands, Config, [])],
             ended(loop(#player{
                 hub = Hub,
                 config = Config,
@@ -289,8 +293,17 @@ do(#{<<"do">> := <<"speed">>, <<"speed">> := _} = Command, Page, #player{paused 
     Going#player{paused = Paused};
 do(#{<<"do">> := <<"until">>, <<"at">> := At}, Page, Player) when is_number(At), At >= 0, At < 1.0e9 ->
     until(round(At * 1.0e6), Page, Player);
+do(#{<<"do">> := <<"step">>, <<"robot">> := Robot, <<"to">> := N}, Page, Player) when
+    is_integer(Robot), is_integer(N), N > 0, Player#player.ending =:= none
+->
+    #player{sim = Sim} = Resting = rest(Player),
+    stepped(starl_sim:run_until_event(Sim, Robot, N), Page, Resting);
 do(#{<<"do">> := <<"step">>} = Command, Page, #player{ending = none} = Player) ->
     step(maps:get(<<"robot">>, Command, none), Page, rest(Player));
+do(#{<<"do">> := Do}, Page, #player{config = #{recorded := true}} = Player) when
+    Do =:= <<"fault">>; Do =:= <<"heal">>
+->
+    refuse(Page, "the run is being recorded: without --record it can be changed", Player);
 do(#{<<"do">> := <<"fault">>} = Command, Page, Player) ->
     fault(Command, Page, Player);
 do(#{<<"do">> := <<"heal">>, <<"id">> := Id}, Page, #player{scenario = Scenario} = Player) ->
@@ -318,6 +331,8 @@ goes_on(Player) -> anchored(Player#player{paused = false, goal = none}).
 
 until(Us, _Page, #player{now = Now, ending = none} = Player) when Us >= Now ->
     Player#player{goal = Us, paused = true};
+until(Us, Page, #player{now = Now, config = #{recorded := true}} = Player) when Us < Now ->
+    refuse(Page, "the run is being recorded: without --record it can go back", Player);
 until(Us, Page, #player{now = Now, scenario = Scenario, window_us = Window} = Player) when Us < Now ->
     Back = rest(Player),
     anew(Scenario, Us div Window * Window, Page, Back#player{told = 0});

@@ -65,7 +65,7 @@ own() ->
             "robot for a while, at times drawn from the seed"},
         {runs, {integer, 1, 1000}, 1, "runs, one after the other, each with the next seed"}
         | lists:keydelete(pace, 1, starl_cli_live:flags()) ++
-            lists:keydelete(record, 1, starl_cli_recording:flags())
+            lists:keydelete(record, 1, starl_cli_recording:flags()) ++ starl_cli_window:flags()
     ].
 
 other() ->

@@ -60,6 +60,7 @@ own_flags() ->
         {out, string, none, "directory for the results of a run that is not compared"},
         starl_cli_setup:overwrite(),
         {quiet, switch, false, "no progress and no summary"}
+        | starl_cli_window:flags()
     ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
@@ -85,8 +86,9 @@ recorded(Known, Word, Args) ->
     end.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(Call) ->
+run(#{values := Values} = Call) ->
     case setup(Call) of
+        {ok, Setup} when map_get(view, Values) -> view(Setup, Values);
         {ok, #{stop := none, record := none, run := Run}} -> starl_cli_simulation:run(Run);
         {ok, #{stop := none} = Setup} -> again(Setup);
         {ok, Setup} -> look(Setup);
@@ -211,6 +213,36 @@ compare(Digest, #{digest := Recorded, events := Events}, #{run := #{target := #{
         "\n"
     ]),
     3.
+
+%% -- in a window ----------------------------------------------------------------------------
+
+%% It rests where the user wants to look, and goes on as the page says.
+view(#{stop := Stop, record := Record, run := Run} = Setup, Values) ->
+    Config = #{paused => true, commands => commands(Stop)},
+    case Record of
+        none ->
+            starl_cli_window:run(Run, Values#{pace => 1}, Config);
+        _ ->
+            starl_cli_window:played(Run, Values#{pace => 1}, Config#{options => #{}}, fun(Ended, _) ->
+                viewed(Ended, Setup)
+            end)
+    end.
+
+commands({at_us, Us}) -> [#{<<"do">> => <<"until">>, <<"at">> => Us / 1.0e6}];
+commands({event, Robot, N}) -> [#{<<"do">> => <<"step">>, <<"robot">> => Robot, <<"to">> => N}];
+commands(_) -> [].
+
+viewed({ok, #{sim := Sim, ending := Ending, hands := Hands}}, Setup) ->
+    {Outcome, _} = starl_sim:finish(Sim),
+    case Hands of
+        true ->
+            starl_cli_terminal:out("changed by hand: not compared\n"),
+            0;
+        false ->
+            came({ok, {Ending, Outcome}}, Setup)
+    end;
+viewed(Failed, Setup) ->
+    came(Failed, Setup).
 
 %% -- a look inside --------------------------------------------------------------------------
 

@@ -42,7 +42,7 @@ flags_of_all() ->
         {"Other flags",
             starl_cli_setup:own_flags() ++
                 [live() | starl_cli_live:flags()] ++
-                starl_cli_view:flags() ++ starl_cli_recording:flags()}
+                starl_cli_window:flags() ++ starl_cli_recording:flags()}
     ].
 
 live() -> {live, switch, false, "in real time, as on real robots, not in virtual time"}.
@@ -65,7 +65,7 @@ subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 run(#{given := Given, values := Values} = Call) ->
     Flags =
         [live() | starl_cli_live:flags()] ++
-            starl_cli_view:flags() ++ starl_cli_recording:flags(),
+            starl_cli_window:flags() ++ starl_cli_recording:flags(),
     Other = [Key || {Key, _, _, _} <- Flags],
     case starl_cli_setup:check(Call#{given := maps:without(Other, Given)}) of
         {ok, #{print_scenario := true} = Setup} ->
@@ -84,5 +84,5 @@ run(Setup, #{record := true} = Values) ->
 run(Setup, Values) ->
     simulated(Setup, Values).
 
-simulated(Setup, #{view := true} = Values) -> starl_cli_view:run(Setup, Values);
+simulated(Setup, #{view := true} = Values) -> starl_cli_window:run(Setup, Values);
 simulated(Setup, _Values) -> starl_cli_simulation:run(Setup).

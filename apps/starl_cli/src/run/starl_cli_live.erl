@@ -16,7 +16,9 @@
     status := fun(() -> #{now_us := integer(), running := non_neg_integer(), atom() => term()}),
     stop := fun(() -> ok),
     finish := fun(() -> {starl_sim_outcome:t(), starl_scene:report()}),
-    scenario := starl_sim_scenario:t()
+    scenario := starl_sim_scenario:t(),
+    %% what can be done to it ({@link starl_view_live})
+    atom() => function()
 }.
 
 -define(SHOW_MS, 100).
@@ -45,7 +47,9 @@ run(Live, #{scenario := Scenario} = Setup, Values) ->
                     false -> none
                 end,
             starl_cli_recording:recorded(Recorded, Setup, fun(With) ->
-                prepared(Live, With, Values)
+                starl_cli_window:live(Values, fun(Options, Attach) ->
+                    prepared(Live, With, Values, {Options, Attach})
+                end)
             end);
         Problems ->
             {error, Problems}
@@ -59,18 +63,13 @@ refused(#{faults := Faults, random_faults := Random}) ->
      || Faults =/= [] orelse Random =/= []
     ].
 
-prepared(Live, Setup, Values) ->
+prepared(Live, Setup, Values, {Viewed, Attach}) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),
     Dir = state_dir(),
     try
-        started(
-            start(
-                Live, Setup, starl_cli_recording:options(Setup, options(Dir, Live, Setup, Values))
-            ),
-            Live,
-            Setup
-        )
+        Options = Viewed(starl_cli_recording:options(Setup, options(Dir, Live, Setup, Values))),
+        started(start(Live, Setup, Options), Live, Setup, Attach)
     of
         Answer -> Answer
     after
@@ -118,6 +117,8 @@ start(here, #{scenario := Scenario}, Options) ->
                 status => fun() -> starl_world_run:status(Run) end,
                 stop => fun() -> starl_world_run:stop(Run) end,
                 finish => fun() -> starl_world_run:finish(Run) end,
+                freeze => fun(Robot) -> starl_world_run:freeze(Run, [Robot]) end,
+                heal => fun() -> starl_world_run:freeze(Run, []) end,
                 scenario => starl_world_run:scenario(Run)
             }};
         {error, Reason} ->
@@ -131,15 +132,20 @@ start({nodes, _, _}, #{scenario := Scenario}, Options) ->
                 status => fun() -> starl_cluster:status(Cluster) end,
                 stop => fun() -> starl_cluster:stop(Cluster) end,
                 finish => fun() -> starl_cluster:finish(Cluster) end,
+                kill => fun(Robot) -> starl_cluster:kill(Cluster, Robot) end,
+                cut => fun(A, B) -> starl_cluster:cut(Cluster, A, B) end,
+                freeze => fun(Robot) -> starl_cluster:freeze(Cluster, Robot) end,
+                heal => fun() -> starl_cluster:heal(Cluster) end,
                 scenario => starl_cluster:scenario(Cluster)
             }};
         {error, Reason} ->
             {error, starl_cluster:format_error(Reason)}
     end.
 
-started({error, Why}, _Live, _Setup) ->
+started({error, Why}, _Live, _Setup, _Attach) ->
     {error, [Why]};
-started({ok, #{stop := Stop, scenario := Scenario} = Handle}, Live, Setup) ->
+started({ok, #{stop := Stop, scenario := Scenario} = Handle}, Live, Setup, Attach) ->
+    ok = Attach(maps:with([status, stop, kill, cut, freeze, heal], Handle)),
     starl_cli_signal:on_interrupt(fun() -> spawn(Stop) end),
     Begun = erlang:monotonic_time(millisecond),
     Ending = watched(Handle, Live, Setup),

@@ -56,5 +56,5 @@ function line(g, x1, y1, x2, y2) {
 
 export function words([t, from, to, what, bytes, fate, arrives]) {
   const end = arrives === 0 ? `lost (${fate})` : `${fate} ${(arrives / 1e6).toFixed(3)} s`;
-  return `${(t / 1e6).toFixed(3)} s: ${from} → ${to}, ${what}, ${bytes} bytes, ${end}`;
+  return `${(t / 1e6).toFixed(3)} s: ${from} → ${to}, ${what}, ${bytes ? `${bytes} bytes, ` : ''}${end}`;
 }

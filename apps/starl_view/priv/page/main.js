@@ -41,9 +41,10 @@ function began() {
   $('title').textContent = String(run.app).replace(/^starl_/, '');
   $('facts').textContent = `${run.robots.length} robots, seed ${run.seed}, floor ` +
     `${run.world[0] / 1000} × ${run.world[1] / 1000} m` + (run.range ? `, range ${run.range / 1000} m` : '');
-  for (const id of ['step', 'speed', 'until', 'save', 'pause'])
-    $(id).classList.toggle('absent', run.kind !== 'simulation' && !(run.kind === 'recording' &&
-      (id === 'pause' || id === 'speed')));
+  const shown = { simulation: ['pause', 'speed-label', 'step', 'until', 'save', 'fault'],
+    live: [], recording: ['pause', 'speed-label'] }[run.kind];
+  for (const id of ['pause', 'speed-label', 'step', 'until', 'save', 'fault'])
+    $(id).classList.toggle('absent', !shown.includes(id));
   $('hands').classList.toggle('absent', run.kind === 'recording');
   $('selected').max = run.robots.length;
   floor.view = null;

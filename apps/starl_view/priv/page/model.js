@@ -56,6 +56,8 @@ export class Team {
     this.robots = new Map();
     this.ink = [];           // [t, robot, [x, y, ...]] from before the page came
     this.packets = [];       // [t, from, to, what, bytes, fate, at]
+    this.sent = new Map();   // of messages, by id
+    this.told = false;       // are packets told, or messages only?
     this.marks = [];         // [t, kind, text, robots]
     this.faults = new Map();
     this.violations = [];
@@ -78,15 +80,19 @@ export class Team {
       case 'm': this.robot(row[2]).motions.push([t, row.slice(3)]); this.trim(++this.count); break;
       case 'a': if (row[3] === 'pen') this.robot(row[2]).pen.push([t, row[4] === 'down']); break;
       case 'r': this.robot(row[2]).held.push([t, row[3]]); break;
-      case 'p': this.packet(row.slice(1)); break;
+      case 'p': this.told = true; this.packet(row.slice(1)); break;
+      case 's': this.sent.set(row[3], t); break;
+      case 'd': this.delivered(row); break;
+      case 'o': this.outcome(row); break;
       case 'x': this.happened(row); break;
       case 'f': this.faults.set(row[2], { id: row[2], from: row[3] * 1000, to: row[4] * 1000,
         kind: row[5], target: row[6], params: row[7] }); break;
+      case 'end': if (this.faults.has(row[2])) this.faults.get(row[2]).to = t; break;
       case 'v': this.violated(row); break;
       case 'i': this.ink.push(row.slice(1)); this.begin = t; this.version++; break;
       case 'c': this.leftOut += row[2]; break;
       case 'gap': this.begin = t; this.version++; break;
-      case 'run': this.run = row[1]; this.faults.clear(); break;
+      case 'run': this.run = row[1]; break;
       case 'reset': this.clear(); break;
       case 't': this.now = t; this.clock = row[2]; break;
     }
@@ -94,6 +100,21 @@ export class Team {
   }
   packet(packet) {
     this.packets.push(packet);
+    if (this.packets.length > MOST_PACKETS) this.packets.splice(0, MOST_PACKETS / 4);
+  }
+  // Where packets are not told (live, robots), messages stand for them.
+  delivered([, t, to, id, type]) {
+    const from = Number(id.split('.')[0]), sent = this.sent.get(id);
+    if (!this.told && sent !== undefined && from !== to) this.insert([sent, from, to, type, 0, 'delivered', t]);
+    if (this.sent.size > 20000) this.sent.clear();
+  }
+  outcome([, , from, id, at, outcome]) {
+    const sent = this.sent.get(id);
+    if (!this.told && outcome === 'lost' && sent !== undefined)
+      this.insert([sent, from, at, 'message', 0, 'never acknowledged', 0]);
+  }
+  insert(packet) {
+    this.packets.splice(last(this.packets, packet[0]) + 1, 0, packet);
     if (this.packets.length > MOST_PACKETS) this.packets.splice(0, MOST_PACKETS / 4);
   }
   happened([, t, id, machine, what]) {

@@ -1,0 +1,168 @@
+%% @doc Runs a command line in a window: a page in the browser shows the run and lends hands to it
+%% ({@link starl_view}). Otherwise it is the same run, with the same digest and the same files.
+-module(starl_cli_window).
+
+-export([flags/0, run/2, run/3, played/4, open/1, open/2, live/2, save/3]).
+
+-export_type([ended/0]).
+
+%% How a run in a window has ended: it waits to be finished; or why it did not run.
+-type ended() ::
+    {ok, #{
+        sim := starl_sim:sim(),
+        scenario := starl_sim_scenario:t(),
+        ending := starl_cli_drive:ending(),
+        hands := boolean(),
+        wall_ms := integer()
+    }}
+    | {error, starl_sim:reason()}
+    | {failed, Reason :: term()}.
+
+%% @doc The flags of a window.
+-spec flags() -> [starl_cli_flags:flag()].
+flags() ->
+    [
+        {view, switch, false, "shows the run in a browser, while it goes on"},
+        {view_port, {integer, 0, 65535}, 0, "view: port of the page; 0: a free one"},
+        {view_host, string, "127.0.0.1",
+            "view: address to listen at; other computers get in with the token that is printed"}
+    ].
+
+%% @doc Opens the window and prints its address.
+-spec open(Values :: #{atom() => term()}) ->
+    {ok, starl_view:t()} | {error, [unicode:chardata(), ...]}.
+open(Values) -> open(Values, #{}).
+
+%% @doc The same with options of the window.
+-spec open(Values :: #{atom() => term()}, starl_view:options()) ->
+    {ok, starl_view:t()} | {error, [unicode:chardata(), ...]}.
+open(#{view_port := Port, view_host := Host}, Options) ->
+    case starl_view:start(Options#{port => Port, host => Host}) of
+        {ok, View} ->
+            starl_cli_terminal:out(["view: ", starl_view:address(View), "\n"]),
+            {ok, View};
+        {error, Reason} ->
+            {error, [starl_view:format_error(Reason)]}
+    end.
+
+%% @doc Runs a simulation in a window.
+-spec run(starl_cli_setup:t(), Values :: #{atom() => term()}) -> starl_cli_command:answer().
+run(Setup, Values) -> run(Setup, Values, #{}).
+
+%% @doc The same with a configuration of the player ({@link starl_view_player:config()}).
+-spec run(starl_cli_setup:t(), Values :: #{atom() => term()}, map()) ->
+    starl_cli_command:answer().
+run(#{nodes := Nodes, target := Target} = Setup, Values, Config) ->
+    case starl_cli_nodes:options(Nodes, Target) of
+        {ok, Options} ->
+            Watched = Options#{watch => starl_cli_notes:watch(maps:get(scenario, Setup))},
+            Own = Config#{options => Watched, recorded => is_map_key(recording, Setup)},
+            played(Setup, Values, Own, fun told/2);
+        {error, Line} ->
+            {error, [Line]}
+    end.
+
+told({ok, #{sim := Sim, ending := Ending, scenario := Effective} = Played}, Setup) ->
+    #{wall_ms := WallMs, hands := Hands} = Played,
+    Ran = starl_cli_simulation:finish(Sim, Effective, Ending, WallMs),
+    starl_cli_signal:on_interrupt(fun() -> ok end),
+    starl_cli_simulation:answer({ok, Ran}, own(Hands, Effective, Setup));
+told(Failed, Setup) ->
+    starl_cli_simulation:answer(Failed, Setup).
+
+%% @doc Plays a simulation in a window, with a configuration of the player, and gives how it ended to
+%% a function.
+-spec played(starl_cli_setup:t(), Values :: #{atom() => term()}, map(), Tell) ->
+    starl_cli_command:answer()
+when
+    Tell :: fun((ended(), starl_cli_setup:t()) -> starl_cli_command:answer()).
+played(Setup, Values, Config, Tell) ->
+    _ = process_flag(trap_exit, true),
+    ok = starl_cli_log:install(),
+    case open(Values) of
+        {ok, View} ->
+            Answer = Tell(play(starl_view:hub(View), Setup, Values, Config), Setup),
+            ok = starl_view:stop(View),
+            Answer;
+        {error, _} = Error ->
+            Error
+    end.
+
+play(Hub, #{scenario := Scenario} = Setup, #{pace := Pace}, #{options := Options} = Config) ->
+    Begun = erlang:monotonic_time(millisecond),
+    Watch = starl_cli_drive:watching() ++ maps:get(watch, Options, []),
+    Player = #{
+        hub => Hub,
+        scenario => Scenario,
+        options => starl_cli_recording:options(Setup, Options#{watch => Watch}),
+        speed => Pace,
+        linger => true,
+        started => fun watched/1,
+        save => fun(Name, Faulty) -> save(Name, Faulty, Setup) end
+    },
+    try starl_view_player:play(maps:merge(Player, maps:remove(options, Config))) of
+        {ok, Played} ->
+            {ok, Played#{wall_ms => erlang:monotonic_time(millisecond) - Begun}};
+        {error, _} = Error ->
+            Error
+    catch
+        exit:{Reason, {gen_server, call, _}} -> {failed, Reason}
+    end.
+
+%% What was done by hand belongs to the scenario of the run.
+own(false, _Effective, Setup) -> Setup;
+own(true, Effective, Setup) -> Setup#{scenario := Effective}.
+
+watched(Sim) ->
+    Player = self(),
+    Watch = starl_cli_stall:watch(Sim),
+    starl_cli_signal:on_interrupt(fun() ->
+        ok = starl_view_player:stop(Player),
+        starl_cli_stall:interrupt(Sim)
+    end),
+    fun() -> starl_sim_watch:stop(Watch) end.
+
+%% @doc Runs robots in real time in a window, if that is wanted. The function gets a function for the
+%% options of the run, and another one to be called with the run's hands when it has started.
+-spec live(Values :: #{atom() => term()}, Run) -> starl_cli_command:answer() when
+    Run :: fun((Options, Attach) -> starl_cli_command:answer()),
+    Options :: fun((map()) -> map()),
+    Attach :: fun((starl_view_live:hands()) -> ok).
+live(#{view := true, pace := Pace} = Values, Run) ->
+    case open(Values) of
+        {ok, View} ->
+            {ok, Live} = starl_view_live:start_link(#{hub => starl_view:hub(View), speed => Pace}),
+            Answer = Run(fun(Options) -> observed(Live, Options) end, fun(Hands) ->
+                starl_view_live:attach(Live, Hands)
+            end),
+            true = unlink(Live),
+            true = exit(Live, shutdown),
+            ok = starl_view:stop(View),
+            Answer;
+        {error, _} = Error ->
+            Error
+    end;
+live(_Values, Run) ->
+    Run(fun(Options) -> Options end, fun(_Hands) -> ok end).
+
+observed(Live, Options) ->
+    Observers = [maps:get(observe, Options, none), starl_view_live:observer(Live)],
+    Options#{observe => starl_observer:all(Observers)}.
+
+%% @doc Writes a scenario with the faults by hand as NAME.term, beside the command; never over
+%% another file.
+-spec save(Name :: binary(), starl_sim_scenario:t(), starl_cli_setup:t()) ->
+    {ok, unicode:chardata()} | {error, unicode:chardata()}.
+save(Name, Scenario, Setup) ->
+    File = <<Name/binary, ".term">>,
+    case re:run(Name, "^[A-Za-z0-9_-]{1,60}$", [{capture, none}, dollar_endonly]) of
+        nomatch -> {error, "a name has letters, digits, - and _ only"};
+        match -> write(File, starl_cli_files:scenario(Setup#{scenario := Scenario}))
+    end.
+
+write(File, Text) ->
+    case file:write_file(File, unicode:characters_to_binary(Text), [exclusive]) of
+        ok -> {ok, ["saved; to repeat it: ./starl run ", File]};
+        {error, eexist} -> {error, [File, " is there already; choose another name"]};
+        {error, Posix} -> {error, [File, ": ", file:format_error(Posix)]}
+    end.

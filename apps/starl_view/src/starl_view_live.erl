@@ -1,0 +1,183 @@
+%% @doc Shows a live run: robots in real time, in this VM or on nodes. The page is behind by the time
+%% that facts may take until they are judged. What hands can do here happens at once and is in no
+%% scenario: real time does not come again.
+-module(starl_view_live).
+-behaviour(gen_server).
+
+-export([start_link/1, observer/1, attach/2]).
+-export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
+
+-export_type([config/0, hands/0]).
+
+%% `speed': of the run's time.
+-type config() :: #{hub := pid(), speed := number()}.
+
+%% What can be done, by its name on the page, with the robots that it is done to; and the status of
+%% the run.
+-type hands() :: #{
+    status := fun(() -> #{now_us := integer(), running := non_neg_integer(), atom() => term()}),
+    kill => fun((starl:robot_id()) -> answer()),
+    cut => fun((starl:robot_id(), starl:robot_id()) -> answer()),
+    freeze => fun((starl:robot_id()) -> answer()),
+    heal => fun(() -> answer()),
+    stop => fun(() -> answer())
+}.
+
+-type answer() :: ok | {error, unicode:chardata()}.
+
+-define(TICK_MS, 50).
+%% Facts are judged 1.5 s of the run after they happened, looked at every 200 ms.
+-define(BEHIND_US, 1600000).
+-define(LOOK_US, 250000).
+
+-record(live, {
+    hub :: pid(),
+    speed :: number(),
+    hands = none :: hands() | none,
+    robots = 0 :: non_neg_integer(),
+    facts = none :: starl_observer:facts() | none,
+    now = 0 :: integer(),
+    cuts = 0 :: non_neg_integer()
+}).
+
+%% @doc Starts to show a run; its observer comes first, its hands when it has started.
+-spec start_link(config()) -> gen_server:start_ret().
+start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
+
+%% @doc The observer for the options of the run.
+-spec observer(pid()) -> starl_observer:t().
+observer(Live) ->
+    Hub = gen_server:call(Live, hub),
+    Tell = starl_view_hub:observer(Hub, 0),
+    fun
+        ({begun, _} = News) -> gen_server:cast(Live, News);
+        (News) -> Tell(News)
+    end.
+
+%% @doc The run has started.
+-spec attach(pid(), hands()) -> ok.
+attach(Live, Hands) -> gen_server:call(Live, {attach, Hands}).
+
+-spec init(config()) -> {ok, #live{}}.
+init(#{hub := Hub, speed := Speed}) ->
+    ok = starl_view_hub:lead(Hub, self()),
+    _ = erlang:send_after(?TICK_MS, self(), tick),
+    {ok, #live{hub = Hub, speed = Speed}}.
+
+-spec handle_call(hub | {attach, hands()}, gen_server:from(), #live{}) -> {reply, term(), #live{}}.
+handle_call(hub, _From, #live{hub = Hub} = Live) ->
+    {reply, Hub, Live};
+handle_call({attach, Hands}, _From, Live) ->
+    {reply, ok, head(Live#live{hands = Hands})}.
+
+-spec handle_cast({begun, starl_observer:facts()}, #live{}) -> {noreply, #live{}}.
+handle_cast({begun, Facts}, Live) -> {noreply, head(Live#live{facts = Facts})}.
+
+head(#live{facts = none} = Live) ->
+    Live;
+head(#live{facts = #{robots := Robots} = Facts, hub = Hub, hands = Hands} = Live) ->
+    Can =
+        case Hands of
+            none -> [];
+            _ -> lists:sort(maps:keys(maps:remove(status, Hands)))
+        end,
+    Rows = starl_view_head:rows(Facts, #{kind => live, hands => Can}),
+    ok = starl_view_hub:head(Hub, {Rows, length(Robots)}),
+    _ = [ok = starl_view_hub:put(Hub, Row) || Row <- Rows],
+    Live#live{robots = length(Robots)}.
+
+-spec handle_info(term(), #live{}) -> {noreply, #live{}}.
+handle_info(tick, Live) ->
+    _ = erlang:send_after(?TICK_MS, self(), tick),
+    {noreply, tick(Live)};
+handle_info({starl_view, Page, Command}, Live) ->
+    {noreply, do(Command, Page, Live)};
+handle_info(_, Live) ->
+    {noreply, Live}.
+
+tick(#live{hands = none} = Live) ->
+    Live;
+tick(#live{hands = #{status := Status}, hub = Hub, now = Before, speed = Speed} = Live) ->
+    #{now_us := Now, running := Running} = Known = Status(),
+    Shown = max(Before, Now - ?BEHIND_US - round(?LOOK_US * Speed)),
+    ok = starl_view_hub:clock(Hub, #{
+        now_us => Shown,
+        speed => Speed,
+        real => Speed,
+        paused => false,
+        running => Running,
+        ending =>
+            case Known of
+                #{ending := Ending} when Ending =/= none -> Ending;
+                #{} -> null
+            end
+    }),
+    Live#live{now = Shown}.
+
+do(#{<<"do">> := <<"look">>} = Command, Page, Live) -> look(Command, Page, Live);
+do(_Command, Page, #live{hands = none} = Live) -> answered({error, "not yet"}, none, Page, Live);
+do(#{<<"do">> := <<"kill">>, <<"robot">> := Robot}, Page, Live) ->
+    hand(kill, [Robot], Page, Live);
+do(#{<<"do">> := <<"freeze">>, <<"robot">> := Robot}, Page, Live) ->
+    hand(freeze, [Robot], Page, Live);
+do(#{<<"do">> := <<"cut">>, <<"robots">> := [A, B]}, Page, Live) when A =/= B ->
+    hand(cut, [A, B], Page, Live);
+do(#{<<"do">> := <<"heal">>}, Page, Live) ->
+    hand(heal, [], Page, Live);
+do(#{<<"do">> := <<"stop">>}, Page, Live) ->
+    hand(stop, [], Page, Live);
+do(_Command, Page, Live) ->
+    answered({error, "this cannot be done to a live run"}, none, Page, Live).
+
+hand(What, Robots, Page, #live{hands = Hands, robots = N} = Live) ->
+    Known = lists:all(fun(R) -> is_integer(R) andalso R >= 1 andalso R =< N end, Robots),
+    case Hands of
+        #{What := Do} when Known -> answered(apply(Do, Robots), {What, Robots}, Page, Live);
+        #{} when not Known -> answered({error, "there is no such robot"}, none, Page, Live);
+        #{} -> answered({error, "this cannot be done to this run"}, none, Page, Live)
+    end.
+
+%% The page shows what was done among the faults; healed, they end.
+answered(ok, {heal, []}, Page, #live{hub = Hub, now = Now, cuts = N} = Live) ->
+    Rows = [[<<"end">>, Now, name(I)] || I <- lists:seq(1, N)],
+    _ = [ok = starl_view_hub:put(Hub, Row) || Row <- Rows],
+    said(<<"yes">>, "healed", Page),
+    Live;
+answered(ok, {What, Robots}, Page, #live{hub = Hub, now = Now, cuts = N} = Live) ->
+    Ms = (Now + ?BEHIND_US) div 1000,
+    To =
+        case What of
+            kill -> Ms;
+            _ -> 1000000000
+        end,
+    Target = starl_view_row:text(target(Robots), 40),
+    ok = starl_view_hub:put(Hub, [<<"f">>, Now, name(N + 1), Ms, To, kind(What), Target, <<>>]),
+    said(<<"yes">>, io_lib:format("~ts ~w", [What, Robots]), Page),
+    Live#live{cuts = N + 1};
+answered({error, Why}, _What, Page, Live) ->
+    said(<<"no">>, Why, Page),
+    Live.
+
+kind(cut) -> loss;
+kind(freeze) -> location_frozen;
+kind(What) -> What.
+
+target([A, B]) -> {A, B};
+target([A]) -> A;
+target([]) -> all.
+
+name(N) -> <<"hand_", (integer_to_binary(N))/binary>>.
+
+said(Kind, Text, Page) -> Page ! {tell, [Kind, unicode:characters_to_binary(Text)]}.
+
+%% A robot is not asked: it may be on another computer, and has other things to do.
+look(#{<<"robot">> := Robot}, Page, #live{hub = Hub, now = Now} = Live) when is_integer(Robot) ->
+    Last = [
+        [T, Machine, starl_view_row:text(Event, 160)]
+     || {T, Machine, Event} <- starl_view_hub:events(Hub, Robot)
+    ],
+    Seen = #{result => running, events => length(Last), crashes => [], machines => [], last => Last},
+    Page ! {tell, [<<"look">>, Now, Robot, Seen]},
+    Live;
+look(_Command, Page, Live) ->
+    answered({error, "there is no such robot"}, none, Page, Live).
