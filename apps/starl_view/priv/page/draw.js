@@ -15,6 +15,8 @@ export class Floor {
     this.context = canvas.getContext('2d');
     this.inkLayer = document.createElement('canvas');
     this.inked = { until: -1, key: '' };
+    this.groundLayer = document.createElement('canvas');
+    this.grounded = '';
     this.view = null;       // { x, y, scale }: the middle of the picture, pixels per mm
     this.show = { tubes: true, ink: true, ways: true, packets: true, spots: true, range: false };
     this.dark = matchMedia('(prefers-color-scheme: dark)');
@@ -27,7 +29,7 @@ export class Floor {
     this.palette = this.dark.matches ? DARK : PALETTE;
     this.c = Object.fromEntries(['floor', 'grid', 'todo', 'text', 'dim', 'bad', 'warn', 'accent', 'dead',
       'line', 'paper'].map(name => [name, this.css('--' + name)]));
-    this.inked.key = '';
+    this.inked.key = this.grounded = '';
     this.sprites = new Map();
   }
   colour(id) { return this.palette[(id - 1) % 16]; }
@@ -41,9 +43,9 @@ export class Floor {
     const ratio = window.devicePixelRatio || 1;
     const w = Math.round(this.canvas.clientWidth * ratio), h = Math.round(this.canvas.clientHeight * ratio);
     if (w !== this.canvas.width || h !== this.canvas.height) {
-      this.canvas.width = this.inkLayer.width = w;
-      this.canvas.height = this.inkLayer.height = h;
-      this.inked.key = '';
+      this.canvas.width = this.inkLayer.width = this.groundLayer.width = w;
+      this.canvas.height = this.inkLayer.height = this.groundLayer.height = h;
+      this.inked.key = this.grounded = '';
       if (this.view && !this.view.own) this.view = null;
     }
     [this.w, this.h, this.ratio] = [w, h, ratio];
@@ -80,8 +82,9 @@ export class Floor {
     if (!team.run) return;
     this.resize();
     g.setTransform(1, 0, 0, 1, 0, 0);
+    this.still();
     g.clearRect(0, 0, this.w, this.h);
-    this.ground(g);
+    g.drawImage(this.groundLayer, 0, 0);
     const poses = team.poses(t), at = new Map(poses.map(p => [p[0], p]));
     if (this.show.tubes) this.tubes(g, t);
     if (this.show.ink) this.ink(g, t);
@@ -93,6 +96,16 @@ export class Floor {
   lineOf(g, points) {
     g.moveTo(this.x(points[0][0]), this.y(points[0][1]));
     for (let i = 1; i < points.length; i++) g.lineTo(this.x(points[i][0]), this.y(points[i][1]));
+  }
+  // What does not move is drawn once, on a layer of its own.
+  still() {
+    const { view } = this, { run } = this.team;
+    const key = [view.x, view.y, view.scale, this.show.spots, this.team.version].join();
+    if (key === this.grounded && run === this.groundOf) return;
+    [this.grounded, this.groundOf] = [key, run];
+    const g = this.groundLayer.getContext('2d');
+    g.clearRect(0, 0, this.w, this.h);
+    this.ground(g);
   }
   ground(g) {
     const { run } = this.team, [width, height] = run.world, px = this.ratio;
@@ -122,7 +135,7 @@ export class Floor {
       g.moveTo(this.x(x) + r, this.y(y));
       g.arc(this.x(x), this.y(y), r, 0, 7);
     }
-    g.setLineDash([3 * px, 3 * px]);
+    if (run.spots.length <= 200) g.setLineDash([3 * px, 3 * px]);
     g.stroke();
     g.setLineDash([]);
     for (const [name, x, y] of run.waypoints) {
@@ -248,6 +261,10 @@ export class Floor {
     const { run, violations } = this.team, px = this.ratio;
     const r = Math.max(3 * px, run.radius * this.view.scale);
     const broken = new Set(violations.filter(v => v.t <= t).flatMap(v => v.robots));
+    if (r < 5 * px) {
+      this.crowd(g, t, poses, r, broken, selected);
+      return;
+    }
     for (const [id, x, y, heading] of poses) {
       const cx = this.x(x), cy = this.y(y), condition = this.team.robots.get(id).condition(t);
       const sprite = this.sprite(id, r, condition);
@@ -259,6 +276,38 @@ export class Floor {
       if (id === selected) this.around(g, cx, cy, r);
     }
     if (r >= 7 * px) this.numbers(g, poses, r);
+  }
+  // Very many small robots: those of one colour in one go.
+  crowd(g, t, poses, r, broken, selected) {
+    const groups = new Map(), px = this.ratio;
+    for (const pose of poses) {
+      const dead = this.team.robots.get(pose[0]).condition(t) === 'died';
+      const key = dead ? this.c.dead : this.colour(pose[0]);
+      if (!groups.has(key)) groups.set(key, []);
+      groups.get(key).push(pose);
+    }
+    g.lineWidth = Math.max(1, r / 3);
+    for (const [colour, own] of groups) {
+      g.fillStyle = g.strokeStyle = colour;
+      g.beginPath();
+      for (const [, x, y] of own) {
+        const cx = this.x(x), cy = this.y(y);
+        g.moveTo(cx + r, cy);
+        g.arc(cx, cy, r, 0, 7);
+      }
+      g.fill();
+      g.beginPath();
+      for (const [, x, y, heading] of own) {
+        const cx = this.x(x), cy = this.y(y);
+        g.moveTo(cx, cy);
+        g.lineTo(cx + 2 * r * Math.cos(heading), cy - 2 * r * Math.sin(heading));
+      }
+      g.stroke();
+    }
+    for (const [id, x, y] of poses) {
+      if (broken.has(id)) this.ring(g, this.x(x), this.y(y), r + 4 * px, this.c.bad);
+      if (id === selected) this.around(g, this.x(x), this.y(y), r);
+    }
   }
   around(g, cx, cy, r) {
     this.ring(g, cx, cy, r + 6 * this.ratio, this.c.accent);
