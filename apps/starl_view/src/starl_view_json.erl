@@ -43,13 +43,18 @@ escaped(C) -> <<C/utf8>>.
 %% @doc Reads a text from outside; keys stay binaries.
 -spec decode(binary()) -> {ok, value()} | error.
 decode(Text) ->
-    try read(hd(codecs()), Text) of
+    try read(codec(), Text) of
         Value -> {ok, Value}
     catch
         error:_ -> error
     end.
 
-codecs() -> [Codec || Codec <- [jsx, json], code:ensure_loaded(Codec) =:= {module, Codec}].
+%% A module that is not there is looked for in all directories each time, so only one is asked for.
+codec() ->
+    case code:ensure_loaded(jsx) of
+        {module, jsx} -> jsx;
+        {error, _} -> json
+    end.
 
 read(jsx = Jsx, Text) -> Jsx:decode(Text, [return_maps]);
 read(json = Json, Text) -> Json:decode(Text).
