@@ -10,8 +10,12 @@
 
 %% The path of Chromium, or one line on why the test is skipped.
 program() ->
-    Found = [P || Name <- ["chromium", "chromium-browser", "google-chrome"],
-        P <- [os:find_executable(Name)], is_list(P)],
+    Found = [
+        P
+     || Name <- ["chromium", "chromium-browser", "google-chrome"],
+        P <- [os:find_executable(Name)],
+        is_list(P)
+    ],
     case Found of
         [Program | _] -> {ok, Program};
         [] -> {skip, "no chromium here (Debian: apt-get install chromium): the page is not tested"}
@@ -20,18 +24,37 @@ program() ->
 start(Program) -> start(Program, #{}).
 
 start(Program, Options) ->
-    Dir = filename:join("/tmp", "starl-browser-" ++ os:getpid() ++
-        integer_to_list(erlang:unique_integer([positive]))),
+    Dir = filename:join(
+        "/tmp",
+        "starl-browser-" ++ os:getpid() ++
+            integer_to_list(erlang:unique_integer([positive]))
+    ),
     Size = maps:get(size, Options, "1280,800"),
-    Args = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--mute-audio",
-        "--no-first-run", "--disable-extensions", "--disable-background-networking", "--hide-scrollbars",
-        "--force-color-profile=srgb", "--remote-debugging-pipe", "--user-data-dir=" ++ Dir,
-        "--window-size=" ++ Size, "about:blank"] ++
-        [A || A <- maps:get(args, Options, [])],
+    Args =
+        [
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--mute-audio",
+            "--no-first-run",
+            "--disable-extensions",
+            "--disable-background-networking",
+            "--hide-scrollbars",
+            "--force-color-profile=srgb",
+            "--remote-debugging-pipe",
+            "--user-data-dir=" ++ Dir,
+            "--window-size=" ++ Size,
+            "about:blank"
+        ] ++
+            [A || A <- maps:get(args, Options, [])],
     %% its own words would come among the tests'; its arguments are its own
     Port = open_port({spawn_executable, "/bin/sh"}, [
         {args, ["-c", "exec \"$0\" \"$@\" 2>/dev/null >/dev/null", Program | Args]},
-        nouse_stdio, binary, stream, exit_status
+        nouse_stdio,
+        binary,
+        stream,
+        exit_status
     ]),
     Browser = #browser{port = Port, dir = Dir},
     {#{<<"targetInfos">> := Infos}, _} = call(<<"Target.getTargets">>, #{}, Browser),
@@ -71,7 +94,9 @@ eval(Expression, Browser) ->
 await(Condition, Browser) ->
     Script = [
         "new Promise((yes, no) => { const late = performance.now() + 25000;",
-        "const look = () => { let is = false; try { is = ", Condition, "; } catch (e) { is = false; }",
+        "const look = () => { let is = false; try { is = ",
+        Condition,
+        "; } catch (e) { is = false; }",
         "if (is) yes(true); else if (performance.now() > late) yes(false);",
         "else setTimeout(look, 10); }; look(); })"
     ],
@@ -83,10 +108,22 @@ await(Condition, Browser) ->
 %% A click of the mouse on the page.
 click(X, Y, Browser) ->
     [
-        call(<<"Input.dispatchMouseEvent">>, #{
-            type => Type, x => X, y => Y, button => left, clickCount => 1,
-            buttons => case Type of mousePressed -> 1; _ -> 0 end
-        }, Browser)
+        call(
+            <<"Input.dispatchMouseEvent">>,
+            #{
+                type => Type,
+                x => X,
+                y => Y,
+                button => left,
+                clickCount => 1,
+                buttons =>
+                    case Type of
+                        mousePressed -> 1;
+                        _ -> 0
+                    end
+            },
+            Browser
+        )
      || Type <- [mouseMoved, mousePressed, mouseReleased]
     ],
     ok.
@@ -107,12 +144,20 @@ shot(File, Browser) ->
 call(Method, Params, #browser{port = Port, session = Session} = Browser) ->
     Id = erlang:unique_integer([positive]),
     Message = #{id => Id, method => Method, params => Params},
-    Full = case Session of none -> Message; _ -> Message#{sessionId => Session} end,
+    Full =
+        case Session of
+            none -> Message;
+            _ -> Message#{sessionId => Session}
+        end,
     true = port_command(Port, [starl_view_json:encode(Full), 0]),
     {answer(Id, Port), Browser}.
 
 answer(Id, Port) ->
-    Rest = case get({rest, Port}) of undefined -> <<>>; Left -> Left end,
+    Rest =
+        case get({rest, Port}) of
+            undefined -> <<>>;
+            Left -> Left
+        end,
     answer(Id, Port, Rest).
 
 answer(Id, Port, Rest) ->

@@ -47,8 +47,11 @@ the_page(Config) ->
 
 %% Within a millimetre; really they are the same to the last bits.
 shows_where_robots_are(Browser, Dir) ->
-    ?B:eval("document.getElementById('at').value = '21';"
-        "document.getElementById('until').requestSubmit()", Browser),
+    ?B:eval(
+        "document.getElementById('at').value = '21';"
+        "document.getElementById('until').requestSubmit()",
+        Browser
+    ),
     ok = ?B:await("starl.team.clock.paused && starl.team.now >= 21e6", Browser),
     Time = ?B:eval("starl.team.now", Browser),
     ok = ?B:await(io_lib:format("starl.state.shown === ~w", [Time]), Browser),
@@ -62,8 +65,19 @@ shows_where_robots_are(Browser, Dir) ->
     %% the table, for those who do not see the picture, says the same
     ?B:eval("document.getElementById('team').open = true", Browser),
     ok = ?B:await("document.querySelectorAll('#robots tr').length === 8", Browser),
-    [X, Y] = [binary_to_float(?B:eval(["document.querySelector('#robots tr').cells[", N,
-        "].textContent"], Browser)) || N <- ["1", "2"]],
+    [X, Y] = [
+        binary_to_float(
+            ?B:eval(
+                [
+                    "document.querySelector('#robots tr').cells[",
+                    N,
+                    "].textContent"
+                ],
+                Browser
+            )
+        )
+     || N <- ["1", "2"]
+    ],
     {_, {TrueX, TrueY, _}} = hd(True),
     ?assert(abs(X * 1000 - TrueX) =< 1 andalso abs(Y * 1000 - TrueY) =< 1),
     ?B:eval("document.getElementById('team').open = false", Browser),
@@ -77,16 +91,23 @@ near({X, Y, Heading}, [XShown, YShown, HeadingShown]) ->
 %% A moment of the past is what it was, and the ink is that of then.
 scrubs(Browser, Dir) ->
     Now = ?B:eval("starl.poses()", Browser),
-    ?B:eval("const t = document.getElementById('time'); t.value = 9e6;"
-        "t.dispatchEvent(new Event('input'))", Browser),
-    ok = ?B:await("starl.state.shown === 9e6 && document.getElementById('clock').textContent === '9.000 s'",
-        Browser),
+    ?B:eval(
+        "const t = document.getElementById('time'); t.value = 9e6;"
+        "t.dispatchEvent(new Event('input'))",
+        Browser
+    ),
+    ok = ?B:await(
+        "starl.state.shown === 9e6 && document.getElementById('clock').textContent === '9.000 s'",
+        Browser
+    ),
     Then = ?B:eval("starl.poses()", Browser),
     ?assertNotEqual(Now, Then),
     {ok, Sim} = starl_sim:start(#{app => painting, robots => ?ROBOTS, picture => "rocket"}),
     _ = starl_sim:run(Sim, 9),
-    [near(maps:get(pose, S), maps:get(integer_to_binary(Id), Then))
-     || {Id, S} <- starl_sim:robots(Sim)],
+    [
+        near(maps:get(pose, S), maps:get(integer_to_binary(Id), Then))
+     || {Id, S} <- starl_sim:robots(Sim)
+    ],
     ok = starl_sim:close(Sim),
     ?B:shot(filename:join(Dir, "2_scrubbed.png"), Browser),
     ?B:eval("starl.live()", Browser),
@@ -94,20 +115,32 @@ scrubs(Browser, Dir) ->
 
 %% A click on the canvas selects the robot, and its machines are told.
 tells_of_a_robot(Browser, Dir) ->
-    [X, Y] = ?B:eval("(() => { const p = starl.poses()[3], c = document.getElementById('map')"
+    [X, Y] = ?B:eval(
+        "(() => { const p = starl.poses()[3], c = document.getElementById('map')"
         ".getBoundingClientRect(), f = starl.floor;"
-        "return [c.x + f.x(p[0]) / f.ratio, c.y + f.y(p[1]) / f.ratio]; })()", Browser),
+        "return [c.x + f.x(p[0]) / f.ratio, c.y + f.y(p[1]) / f.ratio]; })()",
+        Browser
+    ),
     ok = ?B:click(X, Y, Browser),
     ok = ?B:await("starl.state.selected === 3", Browser),
-    ok = ?B:await("[...document.querySelectorAll('#machines summary')].some(s =>"
-        "s.textContent.startsWith('sap:'))", Browser),
-    ?B:eval("document.querySelectorAll('#machines details').forEach(d =>"
-        "{ d.open = d.dataset.name === 'dpp'; })", Browser),
+    ok = ?B:await(
+        "[...document.querySelectorAll('#machines summary')].some(s =>"
+        "s.textContent.startsWith('sap:'))",
+        Browser
+    ),
+    ?B:eval(
+        "document.querySelectorAll('#machines details').forEach(d =>"
+        "{ d.open = d.dataset.name === 'dpp'; })",
+        Browser
+    ),
     ?B:shot(filename:join(Dir, "3_robot.png"), Browser).
 
 kills_by_click(Browser, Dir) ->
-    [X, Y] = ?B:eval("(() => { const r = document.getElementById('kill').getBoundingClientRect();"
-        "return [r.x + r.width / 2, r.y + r.height / 2]; })()", Browser),
+    [X, Y] = ?B:eval(
+        "(() => { const r = document.getElementById('kill').getBoundingClientRect();"
+        "return [r.x + r.width / 2, r.y + r.height / 2]; })()",
+        Browser
+    ),
     ok = ?B:click(X, Y, Browser),
     ok = ?B:await("starl.team.faults.has('hand_1')", Browser),
     %% pause is a button, and a key
@@ -118,7 +151,9 @@ kills_by_click(Browser, Dir) ->
     ?B:eval("document.getElementById('pause').click()", Browser),
     ok = ?B:await("starl.team.clock.paused", Browser),
     Time = ?B:eval("starl.team.now", Browser),
-    ?assertEqual(<<"died">>, ?B:eval("starl.team.robots.get(3).condition(starl.team.now)", Browser)),
+    ?assertEqual(
+        <<"died">>, ?B:eval("starl.team.robots.get(3).condition(starl.team.now)", Browser)
+    ),
     ?B:shot(filename:join(Dir, "4_killed.png"), Browser),
     ?assertEqual(Time, ?B:eval("starl.team.now", Browser)).
 
@@ -130,8 +165,11 @@ saves(Browser) ->
     ok = ?B:await("document.getElementById('news').textContent.includes('there already')", Browser).
 
 to_the_end(Browser, Dir) ->
-    ?B:eval("const s = document.getElementById('speed'); s.value = 'max';"
-        "s.dispatchEvent(new Event('change')); document.getElementById('pause').click()", Browser),
+    ?B:eval(
+        "const s = document.getElementById('speed'); s.value = 'max';"
+        "s.dispatchEvent(new Event('change')); document.getElementById('pause').click()",
+        Browser
+    ),
     ok = ?B:await("starl.team.clock.ending", Browser),
     ?B:shot(filename:join(Dir, "5_over.png"), Browser).
 

@@ -41,15 +41,24 @@ named(Host, #guard{}) ->
 
 %% @doc May this WebSocket be opened? `origin' is the page that asks, as browsers say it; `authority'
 %% is the host with its port as the request names it.
--spec admitted(#{host := binary(), authority := binary(), origin := binary() | none,
-    token := binary() | none}, t()) -> boolean().
+-spec admitted(
+    #{
+        host := binary(),
+        authority := binary(),
+        origin := binary() | none,
+        token := binary() | none
+    },
+    t()
+) -> boolean().
 admitted(#{host := Host, authority := Authority, origin := Origin, token := Given}, Guard) ->
     named(Host, Guard) andalso
         Origin =:= <<"http://", Authority/binary>> andalso
         has_token(Given, Guard).
 
-has_token(_Given, #guard{token = none}) -> true;
-has_token(none, #guard{}) -> false;
+has_token(_Given, #guard{token = none}) ->
+    true;
+has_token(none, #guard{}) ->
+    false;
 has_token(Given, #guard{token = Token}) ->
     %% of equal length, so the time of the comparison tells nothing
     crypto:hash(sha256, Given) =:= crypto:hash(sha256, Token).

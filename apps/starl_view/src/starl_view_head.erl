@@ -13,7 +13,8 @@
 -define(RADIUS_MM, 165).
 
 %% @doc The rows that each page gets first. `extra' is added to the facts.
--spec rows(starl_observer:facts() | starl_trace_message:scenario(), Extra :: map()) -> [starl_view_row:row()].
+-spec rows(starl_observer:facts() | starl_trace_message:scenario(), Extra :: map()) ->
+    [starl_view_row:row()].
 rows(#{app := App, scenario := Scenario, robots := Robots} = Facts, Extra) ->
     #{monitors := Monitors, waypoints := Waypoints, machines := Machines} = Facts,
     Own = #{

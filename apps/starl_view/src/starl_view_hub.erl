@@ -13,7 +13,9 @@
 -module(starl_view_hub).
 -behaviour(gen_server).
 
--export([start_link/1, observer/2, head/2, put/2, clock/2, reset/1, lead/2, pages/1, flush/1, events/2]).
+-export([
+    start_link/1, observer/2, head/2, put/2, clock/2, reset/1, lead/2, pages/1, flush/1, events/2
+]).
 -export([join/1, want/2, command/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
@@ -138,8 +140,13 @@ handle_call({head, {Rows, Robots}}, _From, Hub) ->
     {reply, ok, Hub#hub{head = json(Rows), kept_events = Kept}};
 handle_call(reset, _From, #hub{last = Last} = Hub) ->
     {reply, ok, Hub#hub{
-        frames = #{}, first = Last + 1, bytes = 0, rows = [[<<"reset">>]], talk = 0,
-        state = starl_view_state:new(), events = #{}
+        frames = #{},
+        first = Last + 1,
+        bytes = 0,
+        rows = [[<<"reset">>]],
+        talk = 0,
+        state = starl_view_state:new(),
+        events = #{}
     }};
 handle_call({lead, Player}, _From, Hub) ->
     {reply, ok, Hub#hub{leader = Player}};

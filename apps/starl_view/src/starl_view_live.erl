@@ -114,8 +114,10 @@ tick(#live{hands = #{status := Status}, hub = Hub, now = Before, speed = Speed} 
     }),
     Live#live{now = Shown}.
 
-do(#{<<"do">> := <<"look">>} = Command, Page, Live) -> look(Command, Page, Live);
-do(_Command, Page, #live{hands = none} = Live) -> answered({error, "not yet"}, none, Page, Live);
+do(#{<<"do">> := <<"look">>} = Command, Page, Live) ->
+    look(Command, Page, Live);
+do(_Command, Page, #live{hands = none} = Live) ->
+    answered({error, "not yet"}, none, Page, Live);
 do(#{<<"do">> := <<"kill">>, <<"robot">> := Robot}, Page, Live) ->
     hand(kill, [Robot], Page, Live);
 do(#{<<"do">> := <<"freeze">>, <<"robot">> := Robot}, Page, Live) ->
@@ -176,7 +178,9 @@ look(#{<<"robot">> := Robot}, Page, #live{hub = Hub, now = Now} = Live) when is_
         [T, Machine, starl_view_row:text(Event, 160)]
      || {T, Machine, Event} <- starl_view_hub:events(Hub, Robot)
     ],
-    Seen = #{result => running, events => length(Last), crashes => [], machines => [], last => Last},
+    Seen = #{
+        result => running, events => length(Last), crashes => [], machines => [], last => Last
+    },
     Page ! {tell, [<<"look">>, Now, Robot, Seen]},
     Live;
 look(_Command, Page, Live) ->

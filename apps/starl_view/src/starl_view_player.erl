@@ -32,8 +32,11 @@
     recorded => boolean(),
     commands => [#{binary() => term()}],
     started => fun((starl_sim:sim()) -> fun(() -> term())),
-    save => fun((Name :: binary(), starl_sim_scenario:t()) -> {ok, unicode:chardata()}
-        | {error, unicode:chardata()})
+    save => fun(
+        (Name :: binary(), starl_sim_scenario:t()) ->
+            {ok, unicode:chardata()}
+            | {error, unicode:chardata()}
+    )
 }.
 
 %% The run at its end: not finished yet, so that its outcome can be asked for; its scenario has the
@@ -108,20 +111,22 @@ begin_with({#{time := Seconds} = Scenario, _, #{window_us := Window}} = Planned,
         {ok, Sim, Ended} ->
             Now = now_ms(),
             _ = [self() ! {starl_view, none, Command} || Command <- maps:get(commands, Config, [])],
-            ended(loop(#player{
-                hub = Hub,
-                config = Config,
-                scenario = Scenario,
-                facts = Facts,
-                sim = Sim,
-                ended = Ended,
-                window_us = Window,
-                until_us = maps:get(until_us, Config, round(Seconds * 1.0e6)),
-                speed = maps:get(speed, Config, 1),
-                paused = maps:get(paused, Config, false),
-                anchor = {Now, 0},
-                measured = {Now, 0, 0.0}
-            }));
+            ended(
+                loop(#player{
+                    hub = Hub,
+                    config = Config,
+                    scenario = Scenario,
+                    facts = Facts,
+                    sim = Sim,
+                    ended = Ended,
+                    window_us = Window,
+                    until_us = maps:get(until_us, Config, round(Seconds * 1.0e6)),
+                    speed = maps:get(speed, Config, 1),
+                    paused = maps:get(paused, Config, false),
+                    anchor = {Now, 0},
+                    measured = {Now, 0, 0.0}
+                })
+            );
         {error, _} = Error ->
             Error
     end.
@@ -212,7 +217,8 @@ move(#player{sim = Sim, now = From, piece_us = Piece} = Player) ->
     end.
 
 target(_Wall, #player{goal = Goal, until_us = Until}) when Goal =/= none -> min(Goal, Until);
-target(_Wall, #player{speed = max, until_us = Until}) -> Until;
+target(_Wall, #player{speed = max, until_us = Until}) ->
+    Until;
 target(Wall, #player{speed = Speed, anchor = {Then, At}, until_us = Until}) ->
     min(Until, At + round((Wall - Then) * 1000 * Speed)).
 
@@ -220,7 +226,8 @@ target(Wall, #player{speed = Speed, anchor = {Then, At}, until_us = Until}) ->
 fitted(Piece, Ran, Ms) when Ran >= Piece ->
     max(1000, min(2 * Piece, Piece * ?TICK_MS div max(1, Ms)));
 fitted(_Piece, Ran, Ms) when Ms > ?TICK_MS -> max(1000, Ran * ?TICK_MS div Ms);
-fitted(Piece, _Ran, _Ms) -> Piece.
+fitted(Piece, _Ran, _Ms) ->
+    Piece.
 
 moved(#{now_us := Now, ending := Ending, running := Running}, Player) ->
     Player#player{now = Now, told = Now, ending = Ending, running = Running}.
@@ -286,12 +293,15 @@ do(#{<<"do">> := <<"go">>} = Command, Page, #player{speed = Before} = Player) ->
         Speed when is_number(Speed), Speed > 0, Speed =< ?MOST_SPEED ->
             goes_on(Player#player{speed = Speed});
         Max when Max =:= max; Max =:= <<"max">> -> goes_on(Player#player{speed = max});
-        _ -> refuse(Page, "a speed is a number from 0 to 1000, or max", Player)
+        _ ->
+            refuse(Page, "a speed is a number from 0 to 1000, or max", Player)
     end;
 do(#{<<"do">> := <<"speed">>, <<"speed">> := _} = Command, Page, #player{paused = Paused} = P) ->
     Going = do(Command#{<<"do">> := <<"go">>}, Page, P),
     Going#player{paused = Paused};
-do(#{<<"do">> := <<"until">>, <<"at">> := At}, Page, Player) when is_number(At), At >= 0, At < 1.0e9 ->
+do(#{<<"do">> := <<"until">>, <<"at">> := At}, Page, Player) when
+    is_number(At), At >= 0, At < 1.0e9
+->
     until(round(At * 1.0e6), Page, Player);
 do(#{<<"do">> := <<"step">>, <<"robot">> := Robot, <<"to">> := N}, Page, Player) when
     is_integer(Robot), is_integer(N), N > 0, Player#player.ending =:= none
@@ -333,7 +343,9 @@ until(Us, _Page, #player{now = Now, ending = none} = Player) when Us >= Now ->
     Player#player{goal = Us, paused = true};
 until(Us, Page, #player{now = Now, config = #{recorded := true}} = Player) when Us < Now ->
     refuse(Page, "the run is being recorded: without --record it can go back", Player);
-until(Us, Page, #player{now = Now, scenario = Scenario, window_us = Window} = Player) when Us < Now ->
+until(Us, Page, #player{now = Now, scenario = Scenario, window_us = Window} = Player) when
+    Us < Now
+->
     Back = rest(Player),
     anew(Scenario, Us div Window * Window, Page, Back#player{told = 0});
 until(_Us, Page, Player) ->
@@ -429,8 +441,12 @@ anew(Scenario, To, Page, #player{config = Config, told = Told, ended = Ended, si
     case start(Scenario, Told, Config) of
         {ok, New, NewEnded} ->
             Begun = Player#player{
-                sim = New, ended = NewEnded, scenario = Scenario, facts = Facts#{scenario := Scenario},
-                now = 0, ending = none
+                sim = New,
+                ended = NewEnded,
+                scenario = Scenario,
+                facts = Facts#{scenario := Scenario},
+                now = 0,
+                ending = none
             },
             anchored(run_to(To, Begun));
         {error, Reason} ->

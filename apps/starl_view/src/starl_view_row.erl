@@ -28,11 +28,14 @@
 
 %% @doc The rows of a message of a run; most have none.
 -spec of_message(starl_trace_message:t()) -> [row()].
-of_message({trace, T, {Robot, Machine, Event}}) -> of_event(Machine, Event, T, Robot);
+of_message({trace, T, {Robot, Machine, Event}}) ->
+    of_event(Machine, Event, T, Robot);
 of_message({packets, T, {From, To, What, Bytes, Fate}}) ->
     [packet(T, From, To, What, Bytes, Fate)];
-of_message({verdicts, _, {violation, Violation}}) -> [violation(Violation)];
-of_message(_) -> [].
+of_message({verdicts, _, {violation, Violation}}) ->
+    [violation(Violation)];
+of_message(_) ->
+    [].
 
 of_event(chassis, {motion, Piece}, T, Robot) ->
     [[<<"m">>, T, Robot | piece(Piece)]];

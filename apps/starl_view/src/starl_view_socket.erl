@@ -23,7 +23,8 @@
     commands = {0, 0} :: {Second :: integer(), non_neg_integer()}
 }).
 
--spec init(cowboy_req:req(), map()) -> {cowboy_websocket | ok, cowboy_req:req(), term()}
+-spec init(cowboy_req:req(), map()) ->
+    {cowboy_websocket | ok, cowboy_req:req(), term()}
     | {cowboy_websocket, cowboy_req:req(), term(), cowboy_websocket:opts()}.
 init(Request, #{hub := Hub, guard := Guard} = State) ->
     case starl_view_guard:admitted(asked(Request), Guard) of

@@ -10,7 +10,9 @@ connect(Port, Headers) -> connect(Port, "/ws", Headers).
 %% The status line of the answer, and the socket.
 connect(Port, Path, Headers) ->
     Upgrade = [
-        {"Upgrade", "websocket"}, {"Connection", "Upgrade"}, {"Sec-WebSocket-Version", "13"},
+        {"Upgrade", "websocket"},
+        {"Connection", "Upgrade"},
+        {"Sec-WebSocket-Version", "13"},
         {"Sec-WebSocket-Key", "dGhlIHNhbXBsZSBub25jZQ=="}
     ],
     asked(Port, Path, Upgrade ++ Headers).
@@ -22,7 +24,10 @@ get(Port, Path, Headers) ->
 
 asked(Port, Path, Headers) ->
     {ok, Socket} = gen_tcp:connect({127, 0, 0, 1}, Port, [binary, {active, false}, {recbuf, 4096}]),
-    Own = [{"Host", "127.0.0.1:" ++ integer_to_list(Port)} || not lists:keymember("Host", 1, Headers)],
+    Own = [
+        {"Host", "127.0.0.1:" ++ integer_to_list(Port)}
+     || not lists:keymember("Host", 1, Headers)
+    ],
     Lines = [[Name, ": ", Value, "\r\n"] || {Name, Value} <- Own ++ Headers],
     ok = gen_tcp:send(Socket, ["GET ", Path, " HTTP/1.1\r\n", Lines, "\r\n"]),
     ok = inet:setopts(Socket, [{packet, http_bin}]),
@@ -73,7 +78,8 @@ sized(127, Socket) ->
 sized(Size, _Socket) ->
     Size.
 
-message(_Type, 0, _Socket) -> {rows, []};
+message(_Type, 0, _Socket) ->
+    {rows, []};
 message(Type, Size, Socket) ->
     {ok, Content} = gen_tcp:recv(Socket, Size, ?PATIENCE_MS),
     case {Type, Content} of

@@ -47,8 +47,12 @@ hands_replay(_Config) ->
         {until, 40},
         {fault, #{kind => kill_robot, target => 2}},
         {until, 60},
-        {fault, #{kind => wheel_slow, target => 1, seconds => 3,
-            params => #{wheel => left, factor => 0.5}}}
+        {fault, #{
+            kind => wheel_slow,
+            target => 1,
+            seconds => 3,
+            params => #{wheel => left, factor => 0.5}
+        }}
     ],
     {Digest, Scenario, _} = played(scenario(), Hands),
     ?assertEqual(10, length(maps:get(faults, Scenario))),
@@ -98,20 +102,34 @@ healing(_Config) ->
 %% Nothing that a page may send ends or changes the run.
 bad_commands(_Config) ->
     Bad = [
-        #{}, #{do => 7}, #{do => nothing}, #{do => go, speed => -1}, #{do => go, speed => <<"fast">>},
-        #{do => until, at => -1}, #{do => until, at => <<"x">>}, #{do => step, robot => 99},
-        #{do => step, robot => #{}}, #{do => look, robot => 0}, #{do => look, robot => [1]},
-        #{do => fault}, #{do => fault, kind => nothing, target => 1},
+        #{},
+        #{do => 7},
+        #{do => nothing},
+        #{do => go, speed => -1},
+        #{do => go, speed => <<"fast">>},
+        #{do => until, at => -1},
+        #{do => until, at => <<"x">>},
+        #{do => step, robot => 99},
+        #{do => step, robot => #{}},
+        #{do => look, robot => 0},
+        #{do => look, robot => [1]},
+        #{do => fault},
+        #{do => fault, kind => nothing, target => 1},
         #{do => fault, kind => clock_step, target => 1, params => #{ms => 5}},
-        #{do => fault, kind => kill_robot, target => 5}, #{do => fault, kind => kill_robot, target => all},
+        #{do => fault, kind => kill_robot, target => 5},
+        #{do => fault, kind => kill_robot, target => all},
         #{do => fault, kind => kill_machine, target => [1, nothing]},
-        #{do => fault, kind => cut, target => [1, 1]}, #{do => fault, kind => cut, target => [1, 2, 3]},
+        #{do => fault, kind => cut, target => [1, 1]},
+        #{do => fault, kind => cut, target => [1, 2, 3]},
         #{do => fault, kind => loss, target => [1, 2], params => #{part => 2}},
         #{do => fault, kind => loss, target => [1, 2]},
         #{do => fault, kind => loss, target => [1, 2], params => #{part => 1, other => 2}},
         #{do => fault, kind => pause, target => 1, seconds => -5, params => 5},
-        #{do => fault, kind => partition, target => []}, #{do => fault, kind => partition, target => [0]},
-        #{do => heal, id => <<"hand_1">>}, #{do => heal, id => #{}}, #{do => save, name => <<"../x">>}
+        #{do => fault, kind => partition, target => []},
+        #{do => fault, kind => partition, target => [0]},
+        #{do => heal, id => <<"hand_1">>},
+        #{do => heal, id => #{}},
+        #{do => save, name => <<"../x">>}
     ],
     Commands = [{raw, jsoned(C)} || C <- Bad],
     {Digest, #{faults := Faults}, _} = played(scenario(), [{until, 5} | Commands]),
@@ -196,8 +214,10 @@ kept(Row, Rows) -> [Row | Rows].
 next(Hands, Waits, New, Hub) ->
     Rests = [T || [<<"t">>, T, #{<<"paused">> := true}] <- New],
     case {Rests, Hands, Waits} of
-        {[], _, _} -> {Hands, Waits};
-        {_, [], gone} -> {[], gone};
+        {[], _, _} ->
+            {Hands, Waits};
+        {_, [], gone} ->
+            {[], gone};
         {_, [], _} ->
             ok = starl_view_hub:command(Hub, #{<<"do">> => <<"go">>}),
             {[], gone};

@@ -35,11 +35,15 @@ files(Config) ->
     {200, Index} = ?C:get(Port, "/", []),
     %% nothing comes from elsewhere
     ?assertEqual(nomatch, binary:match(Index, <<"//">>)),
-    {match, Named} = re:run(Index, "(?:src|href)=\"([^\"]+)\"", [global, {capture, all_but_first, list}]),
+    {match, Named} = re:run(Index, "(?:src|href)=\"([^\"]+)\"", [
+        global, {capture, all_but_first, list}
+    ]),
     ?assertEqual(3, length(Named)),
     [?assertMatch({200, _}, ?C:get(Port, "/" ++ Name, [])) || [Name] <- Named],
-    [?assertMatch({404, _}, ?C:get(Port, Path, []))
-     || Path <- ["/..%2f..%2febin/starl_view.app", "/../starl_view.app", "/none", "/%00"]].
+    [
+        ?assertMatch({404, _}, ?C:get(Port, Path, []))
+     || Path <- ["/..%2f..%2febin/starl_view.app", "/../starl_view.app", "/none", "/%00"]
+    ].
 
 %% A site's script can neither reach the server by a name that it has made to point here, nor open a
 %% WebSocket from its own page.
@@ -81,7 +85,15 @@ a_page_gets_the_run(Config) ->
 garbage(Config) ->
     Other = page(Config),
     Garbage = [
-        "", "{", "null", "[1]", "{\"do\":1}", <<255, 254>>, lists:duplicate(10000, $[), "\"k\"", "-1e999"
+        "",
+        "{",
+        "null",
+        "[1]",
+        "{\"do\":1}",
+        <<255, 254>>,
+        lists:duplicate(10000, $[),
+        "\"k\"",
+        "-1e999"
     ],
     [
         begin
@@ -198,7 +210,8 @@ reads_on(Socket) ->
 %% The hub hears of the end of each page by itself.
 gone(Hub) ->
     case starl_view_hub:pages(Hub) of
-        0 -> ok;
+        0 ->
+            ok;
         _ ->
             erlang:yield(),
             gone(Hub)

@@ -49,8 +49,9 @@ run(#{subject := File, values := Values}) ->
     end.
 
 shown({ok, Ended}, File) ->
-    _ = Ended =:= closed orelse
-        starl_cli_terminal:complain([File, " is not whole; what could be read is shown"]),
+    _ =
+        Ended =:= closed orelse
+            starl_cli_terminal:complain([File, " is not whole; what could be read is shown"]),
     Self = self(),
     starl_cli_signal:on_interrupt(fun() -> Self ! interrupted end),
     receive
