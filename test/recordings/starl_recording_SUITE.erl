@@ -173,7 +173,8 @@ no_stranger_runs_code(Config) ->
     [{scenario, 0, Facts} | Rest] = starl_trace_ct:told(starl_trace_ct:events(10, 1000)),
     [
         begin
-            ok = starl_trace_ct:recorded(File, [{scenario, 0, Facts#{monitors := [Monitor]}} | Rest]),
+            Strange = {scenario, 0, Facts#{monitors := [Monitor]}},
+            ok = starl_trace_ct:recorded(File, [Strange | Rest]),
             ?assertMatch({error, {_, File, _}}, starl_trace_judge:file(File)),
             ?assertNot(filelib:is_file(Told))
         end

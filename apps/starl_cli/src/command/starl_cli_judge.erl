@@ -16,9 +16,9 @@ argument() -> {required, "FILE", {example, "out/painting-1/run.mcap"}}.
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
-        "FILE is a recording, or the directory of a run that holds one. The monitors of the run read "
-        "its events again; the verdicts are those of the run. A recording that was cut off is judged "
-        "to its last whole second."
+        "FILE is a recording, or the directory of a run that holds one. The monitors of the run "
+        "read its events again; the verdicts are those of the run. A recording that was cut off is "
+        "judged to its last whole second."
     ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].

@@ -16,8 +16,8 @@ argument() -> {required, "FILES", {example, "robot-1.mcap"}}.
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
-        "./starl merge FILES... --out FILE puts the recordings of the robots of one run together, by "
-        "time. The robots must share a clock; the recordings name the same scenario."
+        "./starl merge FILES... --out FILE puts the recordings of the robots of one run together, "
+        "by time. The robots must share a clock; the recordings name the same scenario."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].

@@ -16,9 +16,9 @@ argument() -> {required, "FILE", {example, "out/painting.4711.mcap"}}.
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
-        "./starl recover FILE [OUT] takes all whole chunks of FILE, a recording whose run was killed, "
-        "or another MCAP file, and writes them with a new index: to OUT, or to FILE-recovered.mcap. A "
-        "chunk holds a second of the run."
+        "./starl recover FILE [OUT] takes all whole chunks of FILE, a recording whose run was "
+        "killed, or another MCAP file, and writes them with a new index: to OUT, or to "
+        "FILE-recovered.mcap. A chunk holds a second of the run."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -51,7 +51,9 @@ refused(_File, Out, false) ->
 
 told({ok, #{chunks := Chunks, messages := Messages} = Recovered}, Out) ->
     starl_cli_terminal:out([
-        io_lib:format("~ts: ~b messages in ~b chunks~ts\n", [Out, Messages, Chunks, lost(Recovered)])
+        io_lib:format("~ts: ~b messages in ~b chunks", [Out, Messages, Chunks]),
+        lost(Recovered),
+        "\n"
     ]),
     0;
 told({error, Reason}, _Out) ->

@@ -1,6 +1,6 @@
 %% @doc The recording of a run of the command line: `run.mcap' in its directory. Until the run has
-%% ended it is a file beside that directory, whose name tells what it is: `painting.4711.mcap'. A run
-%% that is killed leaves it there.
+%% ended it is a file beside that directory, whose name tells what it is: `painting.4711.mcap'. A
+%% run that is killed leaves it there.
 -module(starl_cli_recording).
 
 -export([flags/0, wanted/2, recorded/3, options/2, kept/2, shown/1]).
@@ -25,9 +25,8 @@ wanted(simulation, Values) -> maps:get(record, Values, false);
 wanted(live, Values) -> not maps:get(no_record, Values, false).
 
 %% @doc Runs something with a recorder; what it does not keep is deleted.
--spec recorded(simulation | live | none, starl_cli_setup:t(), fun((starl_cli_setup:t()) -> Answer)) ->
-    Answer
-when
+-spec recorded(simulation | live | none, starl_cli_setup:t(), Run) -> Answer when
+    Run :: fun((starl_cli_setup:t()) -> Answer),
     Answer :: starl_cli_command:answer().
 recorded(none, Setup, Run) ->
     Run(Setup);

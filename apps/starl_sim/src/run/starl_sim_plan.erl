@@ -147,7 +147,8 @@ world(Scenario, Profiles, #{robots := Ids}, Options) ->
         location => faults(location, Faults),
         actuation => faults(actuation, Faults) ++ faults(serial, Faults),
         store => faults(store, Faults),
-        packets => maps:get(packets, Options, false),
+        packets =>
+            maps:get(packets, Options, false) andalso maps:get(observe, Options, none) =/= none,
         record => maps:get(record, Options, #{})
     }.
 

@@ -1,5 +1,5 @@
-%% @doc The inside of a chunk of an MCAP file: checks it and gives its schemas, channels and messages. A
-%% pure module.
+%% @doc The inside of a chunk of an MCAP file: checks it and gives its schemas, channels and
+%% messages. A pure module.
 -module(starl_mcap_chunk).
 
 -export([records/1, contents/1, index/1, compressions/0]).

@@ -1,5 +1,5 @@
-%% @doc Reads the records of an MCAP file, one after the other or the chunks of a time by the index. A
-%% file that was cut off is read to its last whole record.
+%% @doc Reads the records of an MCAP file, one after the other or the chunks of a time by the index.
+%% A file that was cut off is read to its last whole record.
 -module(starl_mcap_reader).
 
 -export([open/1, close/1, first/1, next/2, at/2, summary/1, size/1, format_error/1]).

@@ -1,7 +1,7 @@
 %% @doc The records of an MCAP file (version 0): encodes and decodes them. A pure module.
 %%
-%% A file is `Magic Header ... DataEnd [summary] Footer Magic'. Each record is an opcode, a length of 8
-%% bytes and its content; all integers are little-endian, times are nanoseconds. See
+%% A file is `Magic Header ... DataEnd [summary] Footer Magic'. Each record is an opcode, a length
+%% of 8 bytes and its content; all integers are little-endian, times are nanoseconds. See
 %% https://mcap.dev/spec.
 -module(starl_mcap_record).
 
@@ -136,9 +136,9 @@ put_content({attachment_index, At, Length, Log, Create, Size, Name, MediaType}) 
         text(Name),
         text(MediaType)
     ];
-put_content({statistics, Messages, Schemas, Channels, Attachments, Metadata, Chunks, T0, T1, Per}) ->
+put_content({statistics, Messages, Schemas, Channels, Attached, Metadata, Chunks, T0, T1, Per}) ->
     [
-        <<Messages:64/little, Schemas:16/little, Channels:32/little, Attachments:32/little>>,
+        <<Messages:64/little, Schemas:16/little, Channels:32/little, Attached:32/little>>,
         <<Metadata:32/little, Chunks:32/little, T0:64/little, T1:64/little>>,
         counts(Per)
     ];

@@ -1,14 +1,14 @@
-%% @doc Makes a whole MCAP file of one that was cut off or damaged: all chunks that are whole and whose
-%% checksums are right, with a new index and summary. Chunks stay packed as they are. Works on any MCAP
-%% file, of ours or another.
+%% @doc Makes a whole MCAP file of one that was cut off or damaged: all chunks that are whole and
+%% whose checksums are right, with a new index and summary. Chunks stay packed as they are. Works on
+%% any MCAP file, of ours or another.
 -module(starl_mcap_recover).
 
 -export([file/2, format_error/1]).
 
 -export_type([recovered/0, reason/0]).
 
-%% The figures: whole chunks and their messages, damaged chunks, whether the file had been closed, and
-%% the bytes at its end that could not be read.
+%% The figures: whole chunks and their messages, damaged chunks, whether the file had been closed,
+%% and the bytes at its end that could not be read.
 -type recovered() :: #{
     chunks := non_neg_integer(),
     messages := non_neg_integer(),

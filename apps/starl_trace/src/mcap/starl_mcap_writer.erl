@@ -1,9 +1,9 @@
-%% @doc Builds an MCAP file: chunks with their indexes, checksums, and the summary at the end. A pure
-%% module: it gives bytes, which the caller writes in their order.
+%% @doc Builds an MCAP file: chunks with their indexes, checksums, and the summary at the end. A
+%% pure module: it gives bytes, which the caller writes in their order.
 %%
 %% Messages wait in an open chunk until {@link flush/1}. What was flushed before a crash can be
-%% recovered ({@link starl_mcap_reader}). The first chunk holds all schemas and channels, the summary
-%% repeats them. Memory grows by about 200 bytes a chunk, for the summary.
+%% recovered ({@link starl_mcap_reader}). The first chunk holds all schemas and channels, the
+%% summary repeats them. Memory grows by about 200 bytes a chunk, for the summary.
 -module(starl_mcap_writer).
 
 -export([new/2, message/4, sealed/2, known/2, other/2, flush/1, waiting/1, finish/1]).
@@ -133,7 +133,8 @@ known(Records, #writer{channels = Channels} = Writer) ->
 
 is_channel(Record) -> lists:member(element(1, Record), [schema, channel]).
 
-%% @doc Adds a schema, a channel, metadata or an attachment, outside chunks. The open chunk must be empty.
+%% @doc Adds a schema, a channel, metadata or an attachment, outside chunks. The open chunk must be
+%% empty.
 -spec other(starl_mcap_record:t(), t()) -> {iodata(), t()}.
 other(Record, Writer) when element(1, Record) =:= schema; element(1, Record) =:= channel ->
     given(starl_mcap_record:encode(Record), known([Record], Writer));

@@ -5,13 +5,15 @@
 
 -export_type([json/0]).
 
-%% Objects are lists of pairs in a tuple; floats get so many decimals, or six.
+%% Objects are lists of pairs in a tuple; floats get so many decimals, or six; `json' is a text that
+%% is JSON already.
 -type json() ::
     integer()
     | float()
     | {float(), Decimals :: 0..15}
     | boolean()
     | binary()
+    | {json, iodata()}
     | {[{Key :: binary() | atom(), json()}]}
     | [json()].
 
@@ -19,6 +21,8 @@
 -spec encode(json()) -> iodata().
 encode(Number) when is_integer(Number) -> integer_to_binary(Number);
 encode(Number) when is_float(Number) -> float_to_binary(Number, [{decimals, 6}, compact]);
+encode({json, Text}) ->
+    Text;
 encode({Number, Decimals}) when is_float(Number) ->
     float_to_binary(Number, [{decimals, Decimals}, compact]);
 encode(true) ->

@@ -1,5 +1,5 @@
-%% @doc Judges a recording: all contracts of its run, by the monitors of the run, from its trace. The
-%% verdicts are those of the run.
+%% @doc Judges a recording: all contracts of its run, by the monitors of the run, from its trace.
+%% The verdicts are those of the run.
 -module(starl_trace_judge).
 
 -export([file/1, format_error/1]).

@@ -1,5 +1,6 @@
-%% @doc Makes one recording of those of several robots of a run, by time. The robots must share a clock:
-%% their recordings have one scenario and one beginning. Memory holds about a second of each file.
+%% @doc Makes one recording of those of several robots of a run, by time. The robots must share a
+%% clock: their recordings have one scenario and one beginning. Memory holds about a second of each
+%% file.
 -module(starl_trace_merge).
 
 -export([files/2, format_error/1]).

@@ -4,8 +4,8 @@
 %%       fun({poses, _, _}, N) -> N + 1; (_, N) -> N end, 0, "run.mcap")
 %% '''
 %% A file that was cut off is read to its last whole chunk. Positions that the recording leaves out,
-%% since they follow from the motions in its trace, are computed here: the messages are those that the
-%% run told.
+%% since they follow from the motions in its trace, are computed here: the messages are those that
+%% the run told.
 -module(starl_trace_reader).
 
 -export([fold/3, start/1, next/1, stop/1, info/1, format_error/1]).

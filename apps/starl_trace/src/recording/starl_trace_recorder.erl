@@ -7,8 +7,8 @@
 %%   {ok, Written} = starl_trace_recorder:close(Recorder)
 %% '''
 %% A chunk is written before a second of the run's time is over, or half a second of real time. A
-%% simulation waits for the recorder; a live run leaves events out when the disk is too slow, and the
-%% recording says how many. A disk that is full ends the recording, not the run.
+%% simulation waits for the recorder; a live run leaves events out when the disk is too slow, and
+%% the recording says how many. A disk that is full ends the recording, not the run.
 -module(starl_trace_recorder).
 -behaviour(gen_server).
 

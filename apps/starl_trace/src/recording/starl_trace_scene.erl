@@ -1,5 +1,5 @@
-%% @doc The scene of a recording, as viewers of `foxglove.SceneUpdate' draw it: the bodies of the robots,
-%% and the ink of their pens. A pure module; lengths become metres.
+%% @doc The scene of a recording, as viewers of `foxglove.SceneUpdate' draw it: the bodies of the
+%% robots, and the ink of their pens. A pure module; lengths become metres.
 -module(starl_trace_scene).
 
 -export([new/0, bodies/2, event/2, transforms/2, timestamp/1]).
@@ -177,14 +177,19 @@ entity(At, Frame, Id, IsLocked, Shapes) ->
 transforms(At, Poses) ->
     {[{transforms, [transform(At, Robot, Pose) || {Robot, Pose} <- Poses]}]}.
 
+%% As text, since there are so many.
 transform(At, Robot, {X, Y, Heading}) ->
-    {[
-        {timestamp, timestamp(At)},
-        {parent_frame_id, <<"floor">>},
-        {child_frame_id, frame(Robot)},
-        {translation, {[{x, m(X)}, {y, m(Y)}, {z, 0}]}},
-        {rotation, rotation(Heading)}
+    Us = max(0, At),
+    {json, [
+        [<<"{\"timestamp\":{\"sec\":">>, integer_to_binary(Us div 1000000), <<",\"nsec\":">>],
+        [integer_to_binary(Us rem 1000000 * 1000), <<"},\"parent_frame_id\":\"floor\",">>],
+        [<<"\"child_frame_id\":\"">>, frame(Robot), <<"\",\"translation\":{\"x\":">>],
+        [decimal(X / 1000, 3), <<",\"y\":">>, decimal(Y / 1000, 3), <<",\"z\":0},">>],
+        [<<"\"rotation\":{\"x\":0,\"y\":0,\"z\":">>, decimal(math:sin(Heading / 2), 5)],
+        [<<",\"w\":">>, decimal(math:cos(Heading / 2), 5), <<"}}">>]
     ]}.
+
+decimal(Number, Decimals) -> float_to_binary(Number, [{decimals, Decimals}, compact]).
 
 frame(Robot) -> <<"robot ", (integer_to_binary(Robot))/binary>>.
 

@@ -1,9 +1,10 @@
 %% @doc Turns messages into the bytes of a recording. A pure module: the caller writes the bytes.
 %%
-%% Each message is kept exactly, as a term, on the channel `/starl'; only positions are left out where
-%% they follow from the motions in the trace, and the reader computes them again. The other channels
-%% show the same to people and their viewers, in parts: frames twice a second, events but those of
-%% motion and SAP, packets, but for acknowledgements that arrive, as lines. A chunk ends before a second of time is over.
+%% Each message is kept exactly, as a term, on the channel `/starl'; only positions are left out
+%% where they follow from the motions in the trace, and the reader computes them again. The other
+%% channels show the same to people and their viewers, in parts: frames twice a second, events but
+%% those of motion and SAP, packets, but for acknowledgements that arrive, as lines. A chunk ends
+%% before a second of time is over.
 -module(starl_trace_writer).
 
 -export([new/0, messages/2, flush/1, finish/1]).
@@ -15,7 +16,7 @@
 -define(CHUNK_MESSAGES, 20000).
 -define(FRAMES_US, 500000).
 %% The depth to which an event is shown, and the characters.
--define(DEPTH, 12).
+-define(DEPTH, 9).
 -define(SHOWN, 48).
 
 -record(writer, {
@@ -62,7 +63,8 @@ ended(At, #writer{since = Since, count = Count, mcap = Mcap} = Writer) ->
         false -> {[], Writer}
     end.
 
-%% @doc Closes the open chunk: what was added until now survives a crash once these bytes are written.
+%% @doc Closes the open chunk: what was added until now survives a crash once these bytes are
+%% written.
 -spec flush(t()) -> {iodata(), t()}.
 flush(#writer{since = none} = Writer) ->
     {[], Writer};
@@ -167,13 +169,20 @@ event(Robot, Machine, Event) when is_atom(Event) ->
     event(Robot, Machine, Event, <<>>);
 event(Robot, Machine, Event) when is_tuple(Event), is_atom(element(1, Event)) ->
     [Name | Details] = tuple_to_list(Event),
-    Shown = lists:join(", ", [io_lib:format("~0tP", [Detail, ?DEPTH]) || Detail <- Details]),
+    Shown = lists:join(", ", [io_lib:format("~tW", [Detail, ?DEPTH]) || Detail <- Details]),
     event(Robot, Machine, Name, short(unicode:characters_to_binary(Shown)));
 event(Robot, Machine, Event) ->
-    event(Robot, Machine, event, short(text("~0tP", [Event, ?DEPTH]))).
+    event(Robot, Machine, event, short(text("~tW", [Event, ?DEPTH]))).
 
 short(Text) when byte_size(Text) =< ?SHOWN -> Text;
-short(Text) -> unicode:characters_to_binary([string:slice(Text, 0, ?SHOWN - 3), "..."]).
+short(Text) ->
+    %% not in the middle of a character
+    Whole =
+        case unicode:characters_to_binary(binary:part(Text, 0, ?SHOWN - 3)) of
+            {_, Good, _} -> Good;
+            Good -> Good
+        end,
+    <<Whole/binary, "...">>.
 
 event(Robot, Machine, Name, Details) ->
     {[

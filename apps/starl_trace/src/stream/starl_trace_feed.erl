@@ -1,8 +1,8 @@
-%% @doc Carries the news of a run to a process, with a bound on what waits there. A simulation waits when
-%% the bound is reached; a live run does not wait: it leaves news out and says how many events.
+%% @doc Carries the news of a run to a process, with a bound on what waits there. A simulation waits
+%% when the bound is reached; a live run does not wait: it leaves news out and says how many events.
 %%
-%% The process receives `{starl_news, Feed, News}' and answers each with {@link done/2}. News that were
-%% left out are `{missed, Events}'.
+%% The process receives `{starl_news, Feed, News}' and answers each with {@link done/2}. News that
+%% were left out are `{missed, Events}'.
 -module(starl_trace_feed).
 
 -export([observer/3, done/2]).

@@ -7,10 +7,10 @@
 %%
 %%   receive {starl_trace, Hub, Messages} -> ..., starl_trace_hub:more(Hub, 1) end
 %% '''
-%% Each delivery, a list of messages in the order of time, costs a credit, which {@link more/2} gives
-%% back. A subscriber without credit gets the messages together later. If too many wait, they are
-%% dropped: the subscriber gets a message `gap', the scenario and the places of all robots, and the
-%% messages from then on. So a slow subscriber neither holds up the run nor fills memory. A new
+%% Each delivery, a list of messages in the order of time, costs a credit, which {@link more/2}
+%% gives back. A subscriber without credit gets the messages together later. If too many wait, they
+%% are dropped: the subscriber gets a message `gap', the scenario and the places of all robots, and
+%% the messages from then on. So a slow subscriber neither holds up the run nor fills memory. A new
 %% subscriber begins with the scenario and the places of all robots, too.
 -module(starl_trace_hub).
 -behaviour(gen_server).

@@ -1,5 +1,6 @@
-%% @doc The messages of a run: what recordings hold and windows show. A message is a topic, a time and
-%% a term. The same messages come from a running simulation, from a live run and from a recording.
+%% @doc The messages of a run: what recordings hold and windows show. A message is a topic, a time
+%% and a term. The same messages come from a running simulation, from a live run and from a
+%% recording.
 %% ```
 %%   scenario   once, first: the facts of the run
 %%   poses      where robots are; at most 20 a second, with all robots at least each second
@@ -49,8 +50,8 @@
 %% The robots in ascending order; not `full': only those that changed since the last message.
 -type poses() :: #{full := boolean(), robots := [pose()]}.
 
-%% Position and heading (mm, radians) as far as known from outside, whether the pen is down (`none': it
-%% has never been set), and the position and heading in the simulated world.
+%% Position and heading (mm, radians) as far as known from outside, whether the pen is down (`none':
+%% it has never been set), and the position and heading in the simulated world.
 -type pose() :: {
     starl:robot_id(),
     starl:pose(),

@@ -1,6 +1,6 @@
-%% @doc Tells where the robots of a run are, from the pieces of motion in its trace: a sample 20 times a
-%% second of the robots that changed, and of all robots once a second. Motion is known in closed form,
-%% so each sample is exact. A pure module.
+%% @doc Tells where the robots of a run are, from the pieces of motion in its trace: a sample 20
+%% times a second of the robots that changed, and of all robots once a second. Motion is known in
+%% closed form, so each sample is exact. A pure module.
 -module(starl_trace_poses).
 
 -export([new/0, event/2, due_us/1, sample/2, full/2]).

@@ -1,5 +1,5 @@
-%% @doc Turns the news of a run ({@link starl_observer}) into messages ({@link starl_trace_message}). A
-%% pure module.
+%% @doc Turns the news of a run ({@link starl_observer}) into messages ({@link
+%% starl_trace_message}). A pure module.
 -module(starl_trace_stream).
 
 -export([new/0, news/2, state/1]).
@@ -52,6 +52,7 @@ state(#stream{facts = Facts, poses = Poses, now = Now}) ->
     [Facts, starl_trace_poses:full(Now, Poses)].
 
 versions() ->
+    _ = application:load(starl_platform),
     Vsn =
         case application:get_key(starl_platform, vsn) of
             {ok, Known} -> Known;
