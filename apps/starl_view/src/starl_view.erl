@@ -15,8 +15,8 @@
 
 -opaque t() :: #view{}.
 
-%% `port' 0: a free one. `host': the address to listen at, by default only this computer's own. Pages
-%% from other computers need the token in the address that {@link address/1} tells.
+%% `port' 0: a free one. `host': the address to listen at, by default only this computer's own.
+%% Pages from other computers need the token in the address that {@link address/1} tells.
 -type options() :: #{
     port => inet:port_number(), host => string(), most_bytes => pos_integer()
 }.

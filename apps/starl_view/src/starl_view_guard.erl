@@ -1,7 +1,7 @@
 %% @doc Who may look through the window, and lend a hand. A page of another site must not reach it
 %% through the user's browser, neither by a name of its own for this computer (DNS rebinding) nor
-%% directly: a request must name this computer, and a WebSocket must come from a page of this server.
-%% A server that other computers can reach wants a token, too, which its address carries.
+%% directly: a request must name this computer, and a WebSocket must come from a page of this
+%% server. A server that other computers can reach wants a token, too, which its address carries.
 -module(starl_view_guard).
 
 -export([new/2, is_near/1, named/2, admitted/2, token/1]).
@@ -39,8 +39,8 @@ named(_Host, #guard{token = Token}) when Token =/= none -> true;
 named(Host, #guard{}) ->
     lists:member(Host, [<<"localhost">>, <<"127.0.0.1">>, <<"[::1]">>, <<"::1">>]).
 
-%% @doc May this WebSocket be opened? `origin' is the page that asks, as browsers say it; `authority'
-%% is the host with its port as the request names it.
+%% @doc May this WebSocket be opened? `origin' is the page that asks, as browsers say it;
+%% `authority' is the host with its port as the request names it.
 -spec admitted(
     #{
         host := binary(),

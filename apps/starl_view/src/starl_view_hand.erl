@@ -1,6 +1,6 @@
-%% @doc Makes faults of what hands do at a page. A fault begins at the present time of the run and, if
-%% it lasts, ends after the time given or with the run. What a page says is not trusted: no atom is
-%% made from it, and every value is checked as in a scenario file.
+%% @doc Makes faults of what hands do at a page. A fault begins at the present time of the run and,
+%% if it lasts, ends after the time given or with the run. What a page says is not trusted: no atom
+%% is made from it, and every value is checked as in a scenario file.
 -module(starl_view_hand).
 
 -export([faults/3, healed/3, kinds/0]).
@@ -24,8 +24,8 @@
 -spec kinds() -> [starl_sim_fault:spec()].
 kinds() -> [Spec || {_, Class, _, _, _} = Spec <- starl_sim_fault:kinds(), Class =/= clock].
 
-%% @doc The faults of a command: `kind', `target', `seconds' and `params', as in a scenario, in JSON.
-%% The kind `cut' cuts the link between two robots, both ways.
+%% @doc The faults of a command: `kind', `target', `seconds' and `params', as in a scenario, in
+%% JSON. The kind `cut' cuts the link between two robots, both ways.
 -spec faults(#{binary() => term()}, pos_integer(), where()) ->
     {ok, [starl_sim_fault:t(), ...]} | {error, unicode:chardata()}.
 faults(_Command, N, _Where) when N > ?MOST_HANDS ->

@@ -1,6 +1,6 @@
-%% @doc Hands the rows of a run ({@link starl_view_row}) to all pages. The run tells what happens and
-%% what time it is; each page asks for more when it has handled what it got, so a page that reads
-%% slowly, or not at all, costs nothing and holds up nobody.
+%% @doc Hands the rows of a run ({@link starl_view_row}) to all pages. The run tells what happens
+%% and what time it is; each page asks for more when it has handled what it got, so a page that
+%% reads slowly, or not at all, costs nothing and holds up nobody.
 %% ```
 %%   run:    observer/2, put/2 -------> hub                         page's socket
 %%           clock/2 ---------------->  | a frame of rows, kept       |
@@ -90,8 +90,8 @@ head(Hub, Head) -> gen_server:call(Hub, {head, Head}).
 -spec put(pid(), starl_view_row:row()) -> ok.
 put(Hub, Row) -> gen_server:cast(Hub, {put, Row}).
 
-%% @doc Tells the time of the run: everything until now has been told. Returns when all that has been
-%% told is handled, so the run is never ahead of the hub.
+%% @doc Tells the time of the run: everything until now has been told. Returns when all that has
+%% been told is handled, so the run is never ahead of the hub.
 -spec clock(pid(), #{now_us := integer(), atom() => term()}) -> ok.
 clock(Hub, Clock) -> gen_server:call(Hub, {clock, Clock}, infinity).
 

@@ -1,8 +1,8 @@
 %% @doc JSON of the window: rows for the page, commands from it.
 %%
-%% Lists are arrays, maps are objects, binaries and atoms are texts, but `true', `false' and `null'. A
-%% row has few numbers and short texts, so it is written here; a command is read by the library at
-%% hand, `jsx' or OTP's own `json' (OTP 27 and newer).
+%% Lists are arrays, maps are objects, binaries and atoms are texts, but `true', `false' and
+%% `null'. A row has few numbers and short texts, so it is written here; a command is read by the
+%% library at hand, `jsx' or OTP's own `json' (OTP 27 and newer).
 -module(starl_view_json).
 
 -export([encode/1, decode/1]).

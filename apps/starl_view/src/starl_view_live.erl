@@ -1,6 +1,6 @@
-%% @doc Shows a live run: robots in real time, in this VM or on nodes. The page is behind by the time
-%% that facts may take until they are judged. What hands can do here happens at once and is in no
-%% scenario: real time does not come again.
+%% @doc Shows a live run: robots in real time, in this VM or on nodes. The page is behind by the
+%% time that facts may take until they are judged. What hands can do here happens at once and is in
+%% no scenario: real time does not come again.
 -module(starl_view_live).
 -behaviour(gen_server).
 

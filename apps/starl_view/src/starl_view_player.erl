@@ -1,10 +1,10 @@
 %% @doc Plays a simulation for a window, at a chosen speed, and lends hands to it.
 %%
-%% A fault by hand becomes a fault of the scenario, from the present time on. The run then begins anew
-%% with this scenario and goes to the present time, unseen and as fast as it can: what happened
-%% before is the same, by the contract of the simulator, and the monitors know the fault as they would
-%% know it in a replay. So the scenario that is saved ends with the digest of this run. In the same
-%% way the run goes back to an earlier time.
+%% A fault by hand becomes a fault of the scenario, from the present time on. The run then begins
+%% anew with this scenario and goes to the present time, unseen and as fast as it can: what happened
+%% before is the same, by the contract of the simulator, and the monitors know the fault as they
+%% would know it in a replay. So the scenario that is saved ends with the digest of this run. In
+%% the same way the run goes back to an earlier time.
 %% ```
 %%             +------ run to a time, step ------+
 %%             v                                 |
@@ -16,11 +16,12 @@
 
 -export_type([config/0, played/0]).
 
-%% `scenario' and `options' as of {@link starl_sim:start/2}. `speed': of virtual time, `max' as fast as
-%% it can. `started' is called with each simulation, and gives a function that is called when that
-%% simulation ends. `save' writes a scenario under a name. `until_us': the end of the run. `linger':
-%% a run that is over waits for the last page to close. `recorded': the run is on record, so it can
-%% neither go back nor be changed. `commands' are done at the beginning, as if a page had sent them.
+%% `scenario' and `options' as of {@link starl_sim:start/2}. `speed': of virtual time, `max' as
+%% fast as it can. `started' is called with each simulation, and gives a function that is called
+%% when that simulation ends. `save' writes a scenario under a name. `until_us': the end of the
+%% run. `linger': a run that is over waits for the last page to close. `recorded': the run is on
+%% record, so it can neither go back nor be changed. `commands' are done at the beginning, as if a
+%% page had sent them.
 -type config() :: #{
     hub := pid(),
     scenario := starl_sim_scenario:t(),
@@ -329,12 +330,15 @@ do(#{<<"do">> := <<"look">>, <<"robot">> := Robot}, Page, Player) when is_intege
 do(_Command, Page, Player) ->
     refuse(Page, "this cannot be done here", Player).
 
-refuse(Page, Why, Player) ->
-    _ = is_pid(Page) andalso (Page ! {tell, [<<"no">>, unicode:characters_to_binary(Why)]}),
-    Player.
+refuse(Page, Why, Player) -> tell(Page, [<<"no">>, unicode:characters_to_binary(Why)], Player).
 
-say(Page, What, Player) ->
-    _ = is_pid(Page) andalso (Page ! {tell, [<<"yes">>, unicode:characters_to_binary(What)]}),
+say(Page, What, Player) -> tell(Page, [<<"yes">>, unicode:characters_to_binary(What)], Player).
+
+%% A command at the beginning has no page.
+tell(none, _Row, Player) ->
+    Player;
+tell(Page, Row, Player) ->
+    Page ! {tell, Row},
     Player.
 
 goes_on(Player) -> anchored(Player#player{paused = false, goal = none}).
@@ -382,26 +386,13 @@ look(Robot, Page, #player{sim = Sim, hub = Hub, now = Now} = Player) ->
     case starl_sim:inspect(Sim, Robot) of
         #{} = Machines ->
             {Robot, Summary} = lists:keyfind(Robot, 1, starl_sim:robots(Sim)),
-            Page ! {tell, [<<"look">>, Now, Robot, looked(Robot, Summary, Machines, Hub)]},
-            Player;
+            Timers = starl_sim:timers(Sim, Robot),
+            Last = starl_view_hub:events(Hub, Robot),
+            Seen = starl_view_words:robot(Summary, Machines, Timers, Last),
+            tell(Page, [<<"look">>, Now, Robot, Seen], Player);
         _ ->
             refuse(Page, "there is no such robot", Player)
     end.
-
-looked(Robot, #{result := Result, events := Events, crashes := Crashes}, Machines, Hub) ->
-    #{
-        result => starl_view_row:text(Result, 80),
-        events => Events,
-        crashes => [starl_view_row:text(Crash, 200) || Crash <- Crashes],
-        machines => [
-            starl_view_words:machine(Name, M)
-         || {Name, M} <- lists:sort(maps:to_list(Machines))
-        ],
-        last => [
-            [T, Machine, starl_view_row:text(Event, 160)]
-         || {T, Machine, Event} <- starl_view_hub:events(Hub, Robot)
-        ]
-    }.
 
 %% -- hands ----------------------------------------------------------------------------------
 
@@ -432,8 +423,8 @@ fault(Command, Page, #player{hands = N, scenario = Scenario, until_us = Until} =
 
 %% Begins anew with a scenario and goes to a time. Events that were told before are not told again,
 %% unless the run goes back: then all are.
-anew(Scenario, To, Page, #player{config = Config, told = Told, ended = Ended, sim = Sim} = Player) ->
-    #player{hub = Hub, facts = Facts} = Player,
+anew(Scenario, To, Page, #player{told = Told, ended = Ended, sim = Sim} = Player) ->
+    #player{hub = Hub, facts = Facts, config = Config} = Player,
     _ = Ended(),
     ok = starl_sim:close(Sim),
     ok = head(Hub, Facts#{scenario := Scenario}),
@@ -458,7 +449,8 @@ anew(Scenario, To, Page, #player{config = Config, told = Told, ended = Ended, si
 tell_faults(0, #{faults := Faults}, #player{hub = Hub}) ->
     ok = starl_view_hub:reset(Hub),
     told(0, Faults, Hub);
-tell_faults(_, #{faults := Faults}, #player{hub = Hub, scenario = #{faults := Before}, now = Now}) ->
+tell_faults(_, #{faults := Faults}, #player{hub = Hub, now = Now} = Player) ->
+    #player{scenario = #{faults := Before}} = Player,
     told(Now, Faults -- Before, Hub).
 
 told(Now, Faults, Hub) ->

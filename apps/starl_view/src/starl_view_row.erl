@@ -9,7 +9,7 @@
 %%   ["s", T, Robot, Id, [To, ...], Type]                                   a message begins its way
 %%   ["d", T, Robot, Id, Type]                                                   it is delivered
 %%   ["o", T, Robot, Id, At, Outcome]                   acknowledged, lost or restarted at a robot
-%%   ["p", T, From, To, What, Bytes, Fate, At]          a packet: when it arrives, or 0 if it is lost
+%%   ["p", T, From, To, What, Bytes, Fate, At]          a packet; At: 0 if it is lost
 %%   ["x", T, Robot, Machine, What]                                      crashes, ends, new starts
 %%   ["f", T, Id, From, To, Kind, Target, Params]                a fault of the schedule, in ms
 %%   ["v", T, Contract, Text, [Robot, ...]]                                     a broken contract

@@ -1,5 +1,5 @@
-%% @doc The state of a team as its rows tell it: enough for a page that has missed the rows before. A
-%% pure module. Its size is bounded: by the number of robots, and by the most points of ink.
+%% @doc The state of a team as its rows tell it: enough for a page that has missed the rows before.
+%% A pure module. Its size is bounded: by the number of robots, and by the most points of ink.
 -module(starl_view_state).
 
 -export([new/0, add/2, rows/2]).

@@ -1,7 +1,7 @@
-%% @doc Words on machines: their states and data, with the names of their records' fields.
+%% @doc Words on robots and their machines: states and data, with the names of records' fields.
 -module(starl_view_words).
 
--export([machine/2, pretty/4, fields/1]).
+-export([robot/4, machine/2, pretty/4, fields/1]).
 
 -export_type([fields/0]).
 
@@ -11,6 +11,34 @@
 -define(DEPTH, 60).
 -define(WIDTH, 76).
 -define(MOST_CHARS, 4000).
+
+%% @doc A robot of a simulation as texts for the page, with its timers and its last events.
+-spec robot(
+    starl_sim_robot:summary(),
+    #{starl_machine:name() => starl_robot_tree:seen()},
+    [{starl_machine:name(), starl_robot_timers:timer()}],
+    [{integer(), starl_machine:name(), Event :: term()}]
+) -> #{atom() => starl_view_json:value()}.
+robot(#{result := Result, events := Events, crashes := Crashes}, Machines, Timers, Last) ->
+    #{
+        result => starl_view_row:text(Result, 80),
+        events => Events,
+        crashes => [starl_view_row:text(Crash, 200) || Crash <- Crashes],
+        machines => [
+            timed(Name, Timers, machine(Name, Machine))
+         || {Name, Machine} <- lists:sort(maps:to_list(Machines))
+        ],
+        last => [
+            [T, Machine, starl_view_row:text(Event, 160)]
+         || {T, Machine, Event} <- Last
+        ]
+    }.
+
+timed(Name, Timers, Words) ->
+    case [Timer || {Of, Timer} <- Timers, Of =:= Name] of
+        [] -> Words;
+        Own -> Words#{timers => starl_view_row:text(Own, 300)}
+    end.
 
 %% @doc A machine as texts for the page: its module, its state, its data or what it waits in.
 -spec machine(starl_machine:name(), starl_robot_tree:seen()) -> #{atom() => binary() | atom()}.

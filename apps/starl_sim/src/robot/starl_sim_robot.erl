@@ -15,7 +15,7 @@
 
 -export([new/4, at/2, open/3, answered/3, down/4, yield/1]).
 -export([halt_after/2, halted/1, resume/1]).
--export([busy/1, at_work/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1]).
+-export([busy/1, at_work/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1, timers/1]).
 
 -export_type([t/0, summary/0, window/0]).
 
@@ -195,6 +195,11 @@ recorded(Site) ->
 %% @doc Its machines, each with its state and data.
 -spec machines(t()) -> #{starl_machine:name() => starl_robot_tree:seen()}.
 machines(#robot{robot = Robot}) -> starl_robot_tree:inspect(starl_robot:machines(Robot)).
+
+%% @doc The timers that run, by machine and name.
+-spec timers(t()) -> [{starl_machine:name(), starl_robot_timers:timer()}].
+timers(#robot{robot = Robot}) ->
+    [{Name, Timer} || {Name, Timer, _} <- starl_robot_timers:to_list(starl_robot:timers(Robot))].
 
 %% -- events ---------------------------------------------------------------------------------
 

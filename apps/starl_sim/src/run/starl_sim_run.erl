@@ -18,6 +18,7 @@
     inspect/2,
     robots/1,
     events/2,
+    timers/2,
     finish/1,
     reload/2
 ]).
@@ -112,6 +113,11 @@ robots(Run) -> gen_server:call(Run, robots, infinity).
     [starl_sim_ledger:event()] | unknown | {error, running}.
 events(Run, Robot) -> gen_server:call(Run, {events, Robot}, infinity).
 
+%% @doc The timers of a robot that run, by machine and name, while the run rests.
+-spec timers(pid(), starl:robot_id()) ->
+    [{starl_machine:name(), starl_robot_timers:timer()}] | unknown | {error, running}.
+timers(Run, Robot) -> gen_server:call(Run, {timers, Robot}, infinity).
+
 %% @doc Loads new code of a module, at once or as soon as no robot is in the middle of a step of the
 %% version before last; may be asked while it runs.
 -spec reload(pid(), {module(), file:filename(), Beam :: binary()}) -> starl_sim_reload:answer().
@@ -167,6 +173,8 @@ handle_call({run_to, {Id, N} = Goal}, From, #run{limit_us = Limit, ending = Endi
     end;
 handle_call({inspect, Id}, _From, Run) ->
     {reply, ask(robot, Id, Run), Run};
+handle_call({timers, Id}, _From, Run) ->
+    {reply, ask(timers, Id, Run), Run};
 handle_call({events, Id}, _From, Run) ->
     {reply, ask(events, Id, Run), Run};
 handle_call(robots, _From, Run) ->

@@ -53,14 +53,15 @@
     running := non_neg_integer()
 }.
 
-%% A question about robots: a summary of all at a time; one robot's machines, its number of events,
-%% or its recorded events.
+%% A question about robots: a summary of all at a time; one robot's machines, its timers, its number
+%% of events, or its recorded events.
 -type question() ::
-    {summary, starl_sim_queue:time()} | {robot | count | events, starl:robot_id()}.
+    {summary, starl_sim_queue:time()} | {robot | timers | count | events, starl:robot_id()}.
 
 -type answer() ::
     [{starl:robot_id(), starl_sim_robot:summary()}]
     | #{starl_machine:name() => starl_robot_tree:seen()}
+    | [{starl_machine:name(), starl_robot_timers:timer()}]
     | [starl_sim_ledger:event()]
     | non_neg_integer()
     | unknown.
@@ -141,6 +142,7 @@ handle_call({inspect, {What, Id}}, _From, Shard) ->
     end.
 
 seen(robot, Robot) -> starl_sim_robot:machines(Robot);
+seen(timers, Robot) -> starl_sim_robot:timers(Robot);
 seen(count, Robot) -> maps:get(events, starl_sim_robot:summary(0, Robot));
 seen(events, Robot) -> starl_sim_robot:recorded(Robot).
 

@@ -70,7 +70,7 @@ approve(N, #shards{pids = Pids}) ->
 halt(#shards{pids = Pids}) -> lists:foreach(fun starl_sim_shard:halt/1, Pids).
 
 %% @doc Asks the shard of a robot about it.
--spec ask(robot | count | events, starl:robot_id(), t()) -> starl_sim_shard:answer().
+-spec ask(robot | timers | count | events, starl:robot_id(), t()) -> starl_sim_shard:answer().
 ask(What, Id, #shards{owners = Owners} = Shards) ->
     case Owners of
         #{Id := Shard} -> asked(Shard, {What, Id}, unknown, Shards);

@@ -24,6 +24,9 @@ export function chart(canvas, floor, team, t, selected) {
   g.setLineDash([4 * px, 3 * px]);
   line(g, 0, y(t), w, y(t));
   g.setLineDash([]);
+  g.beginPath();
+  g.rect(0, 18 * px, w, h);
+  g.clip();
   for (const [sent, a, b, what, , fate, arrives] of talk) {
     if (!ids.includes(a) || !ids.includes(b)) continue;
     const lost = arrives === 0, end = lost ? sent + 15000 : arrives;
