@@ -1,0 +1,129 @@
+%% @doc Talks with the robot behind a port, a question at a time: bytes out, the answer or silence.
+%%
+%% The process that opens a probe waits in it, and owns its port.
+-module(starl_create_probe).
+
+-export([open/3, close/1, speed/2, send/2, ask/4, stream/4, pulse/2, listen/2, drive/4]).
+
+-export_type([t/0, heard/0]).
+
+-opaque t() :: pid().
+
+%% What was on the line: frames with their time, bytes that belong to none, and all bytes.
+-type heard() :: #{
+    frames := [{AtUs :: integer(), starl_create_packet:readings()}],
+    noise := non_neg_integer(),
+    bytes := non_neg_integer()
+}.
+
+-define(OPEN_MS, 5000).
+%% Beyond its own time a script is waited for so long.
+-define(LATE_MS, 5000).
+
+%% @doc Opens a device. `Stop' stops the robot when this process ends.
+-spec open(Device :: string(), Baud :: pos_integer(), Stop :: binary()) ->
+    {ok, t()} | {error, {starl_create_port:reason(), unicode:chardata()}}.
+open(Device, Baud, Stop) ->
+    {ok, Port} = starl_create_port:start_link(self(), #{}),
+    Port ! {stop_bytes, Stop},
+    Port ! {open, Device, Baud},
+    receive
+        {opened, Device} -> {ok, Port};
+        {error, Error} -> {error, Error}
+    after ?OPEN_MS -> {error, {io, [Device, ": does not open"]}}
+    end.
+
+%% @doc Stops the wheels and closes.
+-spec close(t()) -> ok.
+close(Port) ->
+    true = unlink(Port),
+    Ref = monitor(process, Port),
+    Port ! close,
+    exit(Port, shutdown),
+    receive
+        {'DOWN', Ref, _, _, _} -> ok
+    end.
+
+%% @doc Another baud rate.
+-spec speed(t(), pos_integer()) -> ok.
+speed(Port, Baud) -> told(Port, {speed, Baud}).
+
+%% @doc Sends bytes.
+-spec send(t(), iodata()) -> ok.
+send(Port, Bytes) -> told(Port, {send, Bytes}).
+
+%% @doc Pulls a control line low, once.
+-spec pulse(t(), dtr | rts) -> ok.
+pulse(Port, Line) -> told(Port, {pulse, Line, 200, 1}).
+
+told(Port, Message) ->
+    Port ! Message,
+    ok.
+
+%% @doc Sends a question with an answer of so many bytes; what was on the line before is forgotten.
+-spec ask(t(), iodata(), pos_integer(), Ms :: pos_integer()) -> {ok, binary()} | none.
+ask(Port, Question, Size, Ms) ->
+    _ = listen(Port, 0),
+    ok = send(Port, Question),
+    answer(Size, <<>>, deadline(Ms)).
+
+answer(Size, Bytes, _Deadline) when byte_size(Bytes) >= Size ->
+    {ok, binary:part(Bytes, 0, Size)};
+answer(Size, Bytes, Deadline) ->
+    receive
+        {data, More} -> answer(Size, <<Bytes/binary, More/binary>>, Deadline)
+    after left(Deadline) -> none
+    end.
+
+deadline(Ms) -> erlang:monotonic_time(millisecond) + Ms.
+
+left(Deadline) -> max(0, Deadline - erlang:monotonic_time(millisecond)).
+
+%% @doc All bytes of a time.
+-spec listen(t(), Ms :: non_neg_integer()) -> binary().
+listen(_Port, Ms) -> iolist_to_binary(bytes(deadline(Ms))).
+
+bytes(Deadline) ->
+    receive
+        {data, Bytes} -> [Bytes | bytes(Deadline)]
+    after left(Deadline) -> []
+    end.
+
+%% @doc Listens to a stream of these packets, as a robot of this generation sends it.
+-spec stream(t(), [starl_create_packet:id(), ...], starl_create_packet:model(), pos_integer()) ->
+    heard().
+stream(_Port, Ids, Model, Ms) ->
+    Nothing = #{frames => [], noise => 0, bytes => 0},
+    heard(starl_create_stream:new(Ids, Model), Nothing, deadline(Ms)).
+
+heard(Stream, #{frames := Frames, bytes := N} = Heard, Deadline) ->
+    receive
+        {data, Bytes} ->
+            At = erlang:monotonic_time(microsecond),
+            {Found, Next} = starl_create_stream:parse(Bytes, Stream),
+            New = [{At, Readings} || {frame, Readings} <- Found],
+            Noise = lists:sum([byte_size(Some) || {noise, Some} <- Found]),
+            heard(
+                Next,
+                Heard#{
+                    frames := Frames ++ New,
+                    noise := maps:get(noise, Heard) + Noise,
+                    bytes := N + byte_size(Bytes)
+                },
+                Deadline
+            )
+    after left(Deadline) -> Heard
+    end.
+
+%% @doc Has a script of one step carried out: bytes, a time, bytes that end it. `interrupted': the
+%% cable was pulled, or the like.
+-spec drive(t(), iodata(), Us :: pos_integer(), iodata()) -> ok | interrupted.
+drive(Port, Go, Us, Stop) ->
+    Mark = erlang:unique_integer([positive]),
+    Port ! {drive_script, Mark, [{Go, Us}], Stop},
+    receive
+        {ended, Mark, _} -> ok;
+        {closed, _} -> interrupted;
+        {stopped, _, _} -> interrupted
+    after Us div 1000 + ?LATE_MS -> interrupted
+    end.
