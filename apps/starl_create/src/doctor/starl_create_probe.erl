@@ -3,7 +3,7 @@
 %% The process that opens a probe waits in it, and owns its port.
 -module(starl_create_probe).
 
--export([open/3, close/1, speed/2, send/2, ask/4, stream/4, pulse/2, listen/2, drive/4]).
+-export([open/3, close/1, speed/2, send/2, ask/4, stream/4, pulse/2, listen/2, drive/4, go/3]).
 
 -export_type([t/0, heard/0]).
 
@@ -127,3 +127,7 @@ drive(Port, Go, Us, Stop) ->
         {stopped, _, _} -> interrupted
     after Us div 1000 + ?LATE_MS -> interrupted
     end.
+
+%% @doc Begins a script and does not wait for its end.
+-spec go(t(), [starl_create_port:step()], Stop :: iodata()) -> ok.
+go(Port, Steps, Stop) -> told(Port, {drive_script, 0, Steps, Stop}).

@@ -116,7 +116,7 @@ loop(#line{owner = Owner, program = Program} = Line) ->
         {'EXIT', Program, _} ->
             loop(Line);
         {'EXIT', _, Reason} ->
-            exit(Reason);
+            exit({shutdown, Reason});
         heartbeat ->
             ok = command(Line, <<$H>>),
             loop(beat(Line));

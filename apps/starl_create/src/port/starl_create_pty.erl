@@ -108,10 +108,10 @@ loop(#pty{owner = Owner, program = Program, name = Name} = Pty) ->
             exit(normal);
         {'DOWN', _, process, Owner, _} ->
             exit(normal);
-        {Program, {exit_status, _}} ->
-            exit(pty_program);
+        {Program, {exit_status, Status}} ->
+            exit({shutdown, {program, Status}});
         {'EXIT', _, Reason} ->
-            exit(Reason)
+            exit({shutdown, Reason})
     end.
 
 tell(_Owner, none) -> ok;

@@ -1,0 +1,292 @@
+%% @doc `./starl create': an emulated iRobot Create on a pty; the doctor of a Create; a Create driven
+%% by keys; and how long wheels turn after something has been killed.
+-module(starl_cli_create).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+
+-define(ACTIONS, [
+    {"emulate", "an emulated Create on a pty, until Ctrl-C"},
+    {"doctor DEVICE", "finds out the state of the robot behind DEVICE, and what to do"},
+    {"drive DEVICE", "drives it by keys"},
+    {"bench", "the time from a kill to standing wheels, as a table"}
+]).
+
+-spec name() -> string().
+name() -> "create".
+
+-spec synopsis() -> string().
+synopsis() -> "iRobot Create: emulator, doctor, driving by keys".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "ACTION", {example, "emulate"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(none) ->
+    [
+        "Works with an iRobot Create, of 2006 (model 1) or 2014 (model 2), at a serial line such as "
+        "/dev/ttyUSB0.",
+        {list, "Actions", ?ACTIONS},
+        "./starl create ACTION --help lists the flags of each; the page is doc/create.md."
+    ];
+about({emulate, _}) ->
+    [
+        "Emulates a Create, byte for byte, on a pty, and prints the name of the device; other programs "
+        "open it like a real one, at the right baud rate. It stands in no world: its wheels turn freely.",
+        {list, "Quirks, as in --quirk asleep,odometry=1.05", [
+            {atom_to_list(Key), Doc}
+         || {Key, _, _, Doc} <- starl_create_quirks:options()
+        ]}
+    ];
+about({doctor, _}) ->
+    [
+        "Finds out whether the robot behind DEVICE answers, its baud rate, model, mode, battery and the "
+        "quality of its stream, and says what to do about what is wrong. It does not move the robot, "
+        "except with --calibrate: it then drives 1 m straight and turns 360 degrees to the left, so "
+        "give it room. --profile writes what was found to a file."
+    ];
+about({drive, _}) ->
+    [
+        "Drives the robot behind DEVICE by keys. It stops when no key is held.",
+        {list, "Keys", starl_create_by_hand:keys()}
+    ];
+about({bench, _}) ->
+    [
+        "Measures, on a pty, the time from just before a kill to the stop bytes at the robot's end of "
+        "the line: the median and the longest of several."
+    ];
+about(_Other) ->
+    [].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags({emulate, _}) ->
+    [
+        {"Flags", [
+            model(),
+            {link, {optional, string}, none,
+                "a link to the device, which is put there and taken away"},
+            {quirk, {list, string}, [], "names, or NAME=VALUE, divided by commas"},
+            {charge, {number, 0, 100}, 90, "charge of its battery, %"},
+            baud()
+        ]}
+    ];
+flags({doctor, _}) ->
+    [
+        {"Flags", [
+            model(),
+            baud(),
+            {firmware, switch, false, "starts a Create 2 anew, which tells its release"},
+            {calibrate, switch, false, "drives 1 m and turns 360 degrees"},
+            {drive_mm, {integer, 0, 10000}, 1000, "the way to drive"},
+            {turn_deg, {integer, 0, 3600}, 360, "the angle to turn"},
+            {measured_mm, {optional, {number, 1, 20000}}, none, "the way, as you have measured it"},
+            {measured_deg, {optional, {number, 1, 7200}}, none,
+                "the turn, as you have measured it"},
+            {profile, {optional, string}, none, "writes the profile of the robot to this file"}
+        ]}
+    ];
+flags({drive, _}) ->
+    [
+        {"Flags", [
+            model(),
+            baud(),
+            {speed, {integer, 10, 500}, 150, "mm/s"},
+            {hold_ms, {integer, 50, 5000}, 600, "how long one key moves it"}
+        ]}
+    ];
+flags({bench, _}) ->
+    [{"Flags", [{times, {integer, 1, 1000}, 10, "measurements of each"}]}];
+flags(_Other) ->
+    [].
+
+model() -> {model, {integer, 1, 2}, 2, "1: Create of 2006; 2: Create 2 or Roomba 600"}.
+
+baud() -> {baud, {optional, {integer, 300, 115200}}, none, "its baud rate (1: 57600; 2: 115200)"}.
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [{0, "done; nothing is wrong"}, {4, "the doctor found something, or the drive ended early"}].
+
+-spec subject(string(), [string()]) -> {ok, starl_cli_command:subject(), [string()]}.
+subject("emulate", Args) -> {ok, {emulate, none}, Args};
+subject("bench", Args) -> {ok, {bench, none}, Args};
+subject("doctor", Args) -> with_device(doctor, Args);
+subject("drive", Args) -> with_device(drive, Args);
+subject(Other, Args) -> {ok, {unknown, Other}, Args}.
+
+with_device(Action, [[C | _] = Device | Args]) when C =/= $- -> {ok, {Action, Device}, Args};
+with_device(Action, Args) -> {ok, {Action, none}, Args}.
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := {unknown, Word}}) ->
+    Names = [hd(string:lexemes(Name, " ")) || {Name, _} <- ?ACTIONS],
+    {error, [["there is no action ", Word, "; there are ", lists:join(", ", Names)]]};
+run(#{subject := {Action, none}}) when Action =:= doctor; Action =:= drive ->
+    {error, [
+        [
+            atom_to_list(Action),
+            " needs a device, as in ./starl create ",
+            atom_to_list(Action),
+            " /dev/ttyUSB0"
+        ]
+    ]};
+run(#{subject := {emulate, _}, values := Values}) ->
+    case quirks(Values) of
+        {ok, Quirks} -> emulate(Quirks, Values);
+        {error, _} = Error -> Error
+    end;
+run(#{subject := {doctor, Device}, values := Values}) ->
+    doctor(Device, Values);
+run(#{subject := {drive, Device}, values := Values}) ->
+    drive(Device, Values);
+run(#{subject := {bench, _}, values := #{times := Times}}) ->
+    bench(starl_create_stop_times:rows(), Times).
+
+%% -- emulate --------------------------------------------------------------------------------------
+
+quirks(#{quirk := Texts}) ->
+    Read = [quirk(unicode:characters_to_list(Text)) || Text <- Texts],
+    case [Problem || {error, Problem} <- Read] of
+        [] -> {ok, maps:from_list([{Key, Value} || {ok, Key, Value} <- Read])};
+        Problems -> {error, Problems}
+    end.
+
+quirk(Text) ->
+    [Name | Value] = string:split(Text, "="),
+    Options = starl_create_quirks:options(),
+    case [Option || {Key, _, _, _} = Option <- Options, same(Name, Key)] of
+        [Option] -> quirk(Option, Value);
+        [] -> {error, ["there is no quirk ", Name, "; ./starl create emulate --help lists all"]}
+    end.
+
+same(Name, Key) ->
+    string:replace(Name, "-", "_", all) =:= [atom_to_list(Key)] orelse
+        lists:flatten(string:replace(Name, "-", "_", all)) =:= atom_to_list(Key).
+
+quirk({Key, switch, _, _}, []) ->
+    {ok, Key, true};
+quirk({Key, _, _, _}, []) ->
+    {error, ["the quirk ", atom_to_list(Key), " needs a value: ", atom_to_list(Key), "=VALUE"]};
+quirk({Key, _, _, _} = Option, [Text]) ->
+    case starl_cli_flags:parse([starl_cli_flags:flag(Key) ++ "=" ++ Text], [Option]) of
+        {ok, #{Key := Value}} -> {ok, Key, Value};
+        {error, [Problem | _]} -> {error, ["the quirk ", starl_cli_flags:format_problem(Problem)]}
+    end.
+
+emulate(Quirks, #{model := Model, link := Link, charge := Charge} = Values) ->
+    Baud = maps:with([baud], maps:filter(fun(_, Value) -> Value =/= none end, Values)),
+    Options = Baud#{model => Model, quirks => Quirks, charge_mah => 27 * Charge},
+    %% one that cannot start must not end this process
+    _ = process_flag(trap_exit, true),
+    {ok, Create} = starl_create_emulated:start_link(Options),
+    case starl_create_on_pty:start_link(Create, Link) of
+        {ok, Pty} ->
+            starl_cli_terminal:out("~ts\n", [starl_create_on_pty:name(Pty)]),
+            starl_cli_terminal:warn("A Create, emulated. Ctrl-C ends it."),
+            ended(Pty);
+        {error, {shutdown, {link, Text}}} ->
+            {error, [Text]};
+        {error, {shutdown, no_program}} ->
+            {error, [starl_create_program:format_error(no_program)]}
+    end.
+
+ended(Pty) ->
+    receive
+        {'EXIT', Pty, _} -> 4
+    end.
+
+%% -- doctor ---------------------------------------------------------------------------------------
+
+doctor(Device, #{model := Model, baud := Baud, firmware := Firmware, profile := File} = Values) ->
+    Options = #{model => Model, baud => Baud, firmware => Firmware, calibrate => plan(Values)},
+    {Findings, Profile} = starl_create_doctor:examine(Device, Options),
+    lists:foreach(fun said/1, Findings),
+    written(File, Profile, status(starl_create_doctor:problems(Findings))).
+
+said({_, _, Text} = Finding) ->
+    Head = starl_create_doctor:line(setelement(3, Finding, "")),
+    Indent = string:length(Head),
+    Wrapped = starl_cli_terminal:wrap(Text, Indent, starl_cli_terminal:columns()),
+    starl_cli_terminal:out([Head, Wrapped, "\n"]).
+
+plan(#{calibrate := false}) ->
+    none;
+plan(Values) ->
+    Given = maps:with([drive_mm, turn_deg, measured_mm, measured_deg], Values),
+    Given#{drive_mm_s => 200, turn_mm_s => 100}.
+
+status([]) -> 0;
+status([_ | _]) -> 4.
+
+written(none, _Profile, Status) ->
+    Status;
+written(_File, none, Status) ->
+    Status;
+written(File, Profile, Status) ->
+    case starl_create_calibration:profile(File, Profile) of
+        ok ->
+            starl_cli_terminal:out("profile   ~ts\n", [File]),
+            Status;
+        {error, Posix} ->
+            {error, [[File, ": ", file:format_error(Posix)]]}
+    end.
+
+%% -- drive ----------------------------------------------------------------------------------------
+
+drive(Device, #{model := Model, baud := Baud} = Values) ->
+    Self = self(),
+    ok = starl_cli_signal:on_interrupt(fun() -> Self ! quit end),
+    case file:open("/dev/tty", [read, raw, binary]) of
+        {ok, Terminal} ->
+            ok = file:close(Terminal),
+            _ = spawn_link(fun() -> keys(Self) end),
+            Usual = maps:get(Model, #{1 => 57600, 2 => 115200}),
+            Rate =
+                case Baud of
+                    none -> Usual;
+                    _ -> Baud
+                end,
+            starl_cli_terminal:warn("w s a d or arrows drive, + - change the speed, q ends."),
+            drove(starl_create_by_hand:run(Device, Values#{baud := Rate}));
+        {error, _} ->
+            {error, ["it is driven by the keys of a terminal, and there is none"]}
+    end.
+
+%% A file belongs to the process that has opened it.
+keys(Driver) ->
+    {ok, Terminal} = file:open("/dev/tty", [read, raw, binary]),
+    keys(Terminal, Driver).
+
+keys(Terminal, Driver) ->
+    case file:read(Terminal, 64) of
+        {ok, Keys} ->
+            Driver ! {keys, Keys},
+            keys(Terminal, Driver);
+        _ ->
+            Driver ! quit
+    end.
+
+drove(ok) -> 0;
+drove({error, Text}) -> {error, [Text]}.
+
+%% -- bench ----------------------------------------------------------------------------------------
+
+bench([{First, _} | _] = Rows, Times) ->
+    case starl_create_stop_times:measure(First) of
+        {ok, _} ->
+            starl_cli_terminal:out("~-45s ~10s ~10s\n", [
+                "ms to the stop bytes", "median", "longest"
+            ]),
+            lists:foreach(fun(Row) -> bench_row(Row, Times) end, Rows),
+            0;
+        {error, Text} ->
+            {error, [Text]}
+    end.
+
+bench_row({Row, Text}, Times) ->
+    Sorted = lists:sort([
+        Us
+     || _ <- lists:seq(1, Times), {ok, Us} <- [starl_create_stop_times:measure(Row)]
+    ]),
+    Median = lists:nth((Times + 1) div 2, Sorted),
+    starl_cli_terminal:out("~-45s ~10.1f ~10.1f\n", [Text, Median / 1000, lists:last(Sorted) / 1000]).
