@@ -39,7 +39,7 @@ flags() ->
 -spec run(live(), starl_cli_setup:t(), Values :: #{atom() => term()}) ->
     starl_cli_command:answer().
 run(Live, #{scenario := Scenario} = Setup, Values) ->
-    case refused(Scenario) of
+    case refused(Scenario) ++ too_fast(Scenario, Values) of
         [] ->
             Recorded =
                 case starl_cli_recording:wanted(live, Values) of
@@ -61,6 +61,14 @@ refused(#{faults := Faults, random_faults := Random}) ->
         "faults: a schedule of faults needs the simulator; live, --loss and --delay disturb the "
         "radio, and ./starl cluster kill and cut the robots"
      || Faults =/= [] orelse Random =/= []
+    ].
+
+%% An emulated Create knows real time only.
+too_fast(#{chassis := Choice}, #{pace := Pace}) ->
+    [
+        "chassis: an emulated Create runs in real time only: leave --pace and --speed of the cluster "
+        "at 1"
+     || Pace /= 1, starl_create:emulated(Choice, pipe) =/= undefined
     ].
 
 prepared(Live, Setup, Values, {Viewed, Attach}) ->
@@ -95,17 +103,25 @@ options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
         whole_mm => Whole,
         watch => starl_cli_drive:watching() ++ starl_cli_notes:watch(Scenario)
     },
+    Moving = maps:merge(Common, chassis(Scenario)),
     case Live of
         here ->
-            Common;
+            Moving;
         {nodes, Transport, Chaos} ->
-            Common#{
+            Moving#{
                 chaos => Chaos,
                 metrics => maps:get(metrics, Values, none),
                 transport => Transport,
                 code => maps:get(code, Target, []),
                 log => fun starl_cli_log:node/3
             }
+    end.
+
+%% An emulated Create for each robot that has one.
+chassis(#{chassis := Choice}) ->
+    case starl_create:emulated(Choice, pipe) of
+        undefined -> #{};
+        Lines -> #{chassis => Lines}
     end.
 
 -spec start(live(), starl_cli_setup:t(), map()) -> {ok, handle()} | {error, unicode:chardata()}.

@@ -6,7 +6,7 @@
 %%     closed ---------> greeting --------> taking ----------> ready
 %%       ^                |  ^  ^             ^                 |  |
 %%       |          none: |  |  |             +-- left the mode +  |
-%%       |   wake, try again +  +--------- no frames for 150 ms ---+
+%%       |   wake, try again +  +--------- no frames for 250 ms ---+
 %%       +------- the cable is pulled, in every state
 %% '''
 %% Greeting begins with a row of Start commands, which completes whatever half command the robot
@@ -93,7 +93,9 @@
     %% the line that was said last, and not taken back
     said = none :: term(),
     parser :: starl_create_stream:t(),
-    frames = 0 :: non_neg_integer(),
+    frames = 0 :: integer(),
+    %% has a time without frames been noticed?
+    is_silent = false :: boolean(),
     %% bytes of this greeting that were no frames
     noise = <<>> :: binary(),
     is_other_model = false :: boolean(),
@@ -121,6 +123,7 @@
 -define(MODE_MS, 300).
 -define(LATER_MS, 1000).
 -define(SILENCE_MS, 150).
+-define(DOUBT_MS, 100).
 -define(ODOMETRY_MS, 200).
 -define(PULSE_MS, 200).
 %% Frames of the same command before a wheel that stands counts as stalled; the slowest speed at
@@ -292,6 +295,7 @@ greet(#driver{model = Model} = Driver) ->
     Fresh = Driver#driver{
         phase = greeting,
         frames = 0,
+        is_silent = false,
         noise = <<>>,
         is_other_model = false,
         asks_odometry = false,
@@ -325,6 +329,9 @@ due(step, #driver{phase = taking} = Driver) ->
     {Said ++ Taken, Taking};
 due(step, Driver) ->
     {[], Driver};
+%% If the computer itself stood still, the frames are there in a moment.
+due(silence, #driver{is_silent = false} = Driver) ->
+    {[{timer, silence, ?DOUBT_MS}], Driver#driver{is_silent = true}};
 due(silence, #driver{phase = Phase} = Driver) when Phase =:= ready; Phase =:= taking ->
     {Said, Next} = say(warning, silence, "the robot has fallen silent: greeting it anew", Driver),
     {Lost, Silent} = lose(greeting, Next),
@@ -470,7 +477,7 @@ is_wanted(Mode, #driver{options = Options}) ->
     end.
 
 sensed(Readings, #driver{readings = Before, phase = Phase} = Driver0) ->
-    Driver1 = Driver0#driver{readings = Readings},
+    Driver1 = Driver0#driver{readings = Readings, is_silent = false},
     Events = [{event, E} || Phase =:= ready, E <- events(Before, Readings)],
     Driver = counted(Before, Readings, steady(Before, Readings, Driver1)),
     {Actions, Next} =

@@ -77,10 +77,9 @@ init(#{model := Model} = Options) ->
     case embodied(Body) of
         ok ->
             Phase = erlang:phash2(self(), 15000),
-            Create = starl_create_emulator:new(Options#{phase_us => Phase}),
-            {_, Started} = starl_create_emulator:advance(now_us(), Create),
+            Moment = #{phase_us => Phase, now_us => now_us()},
             {ok, #emulated{
-                create = Started,
+                create = starl_create_emulator:new(maps:merge(Options, Moment)),
                 body = Body,
                 pen = maps:get(pen, Options, starl_create_driver:usual_pen(Model)),
                 tell = maps:get(tell, Options, none)
@@ -157,7 +156,7 @@ wake(Due) ->
             ok;
         _ ->
             _ = put(due, Due),
-            At = Due div 1000 + 1,
+            At = ceil(Due / 1000),
             _ = erlang:send_after(At, self(), {tick, Due}, [{abs, true}]),
             ok
     end.

@@ -21,14 +21,15 @@
 -type mode() :: off | passive | safe | full.
 
 %% `quirks' as {@link starl_create_quirks:options/0}. `phase_us': the moment of its 15 ms at which
-%% it looks at its sensors. `baud': its line, if it is not the usual one.
+%% it looks at its sensors. `baud': its line, if it is not the usual one. `now_us': the present time.
 -type options() :: #{
     model := starl_create_packet:model(),
     quirks => map(),
     axle_mm => number(),
     baud => pos_integer(),
     phase_us => 0..14999,
-    charge_mah => number()
+    charge_mah => number(),
+    now_us => integer()
 }.
 
 %% What leaves: bytes, when the last has left; new speeds of the wheels, mm/s; what its other outputs
@@ -114,10 +115,18 @@
 new(#{model := Model} = Options) ->
     Quirks = starl_create_quirks:new(maps:get(quirks, Options, #{}), Model),
     Axle = maps:get(axle_mm, Options, starl_create_wheels:axle_mm(Model)),
+    Now = maps:get(now_us, Options, 0),
     #{asleep := Asleep, wedged := Wedged, docked := Docked} = Quirks,
     #create{
         model = Model,
         quirks = Quirks,
+        now = Now,
+        song = {0, Now},
+        pushed = {0, Now},
+        deaf_until = Now,
+        free_at = Now,
+        heard_at = Now,
+        booted_at = Now,
         phase_us = maps:get(phase_us, Options, 0),
         asleep = Asleep,
         wedged = Wedged,
@@ -153,7 +162,11 @@ next_due(#create{streams = false, wait = none}) -> none;
 next_due(#create{asleep = true}) -> none;
 next_due(#create{now = Now, phase_us = Phase}) -> tick_after(Now, Phase).
 
-tick_after(Now, Phase) -> ((Now - Phase) div ?TICK_US + 1) * ?TICK_US + Phase.
+%% Times may be negative.
+tick_after(Now, Phase) -> floor_div(Now - Phase, ?TICK_US) * ?TICK_US + ?TICK_US + Phase.
+
+floor_div(A, B) when A >= 0 -> A div B;
+floor_div(A, B) -> -((-A + B - 1) div B).
 
 %% @doc Lets happen what is due until now. What leaves bears its time.
 -spec advance(NowUs :: integer(), t()) -> {[{AtUs :: integer(), out()}], t()}.
@@ -641,7 +654,7 @@ emit(Bytes0, #create{now = Now, free_at = Free, baud = Baud, sent = Sent} = Crea
     end.
 
 burst(At, #create{quirks = #{burst_ms := 0}}) -> At;
-burst(At, #create{quirks = #{burst_ms := Ms}}) -> (At div (1000 * Ms) + 1) * 1000 * Ms.
+burst(At, #create{quirks = #{burst_ms := Ms}}) -> (floor_div(At, 1000 * Ms) + 1) * 1000 * Ms.
 
 strayed(Bytes, #create{quirks = #{stray_byte := 0}}) ->
     Bytes;
