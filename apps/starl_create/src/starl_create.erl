@@ -3,18 +3,27 @@
 
 -export([emulated/2]).
 
+%% The delay of the line to an emulated robot: less than the time in which a robot comes to rest
+%% ({@link starl_create_driver}).
+-define(LAG_MS, 30).
+
 %% @doc The chassis of the robots of a run: an emulated Create with its driver for each that has one
 %% by this choice; what is left has a chassis of the world. `undefined' if nobody has one.
 %%
 %% `open' gives the port of an emulated robot, and what the port opens: as a rule, a pipe within the
 %% VM or between nodes.
 -spec emulated(starl_sim_chassis:choice(), Open) -> starl_world_chassis:lines() | undefined when
-    Open :: pipe | fun((pid(), starl_create_packet:model()) -> {{module(), map()}, Device :: term()}).
+    Open ::
+        pipe | fun((pid(), starl_create_packet:model()) -> {{module(), map()}, Device :: term()}).
 emulated(Choice, Open) ->
     Names = starl_sim_chassis:in_turn(Choice),
     case [Name || Name <- Names, Name =:= create orelse Name =:= create_1] of
-        [] -> undefined;
-        _ -> fun(Robot, World) -> line(starl_sim_chassis:of_robot(Robot, Choice), Robot, World, Open) end
+        [] ->
+            undefined;
+        _ ->
+            fun(Robot, World) ->
+                line(starl_sim_chassis:of_robot(Robot, Choice), Robot, World, Open)
+            end
     end.
 
 line(create, Robot, World, Open) -> create(2, Robot, World, Open);
@@ -23,7 +32,9 @@ line(_Other, _Robot, World, _Open) -> {starl_world_chassis, #{world => World}}.
 
 create(Model, Robot, World, Open) ->
     Body = {starl_world, World, Robot},
-    {ok, Create} = starl_create_emulated:start(#{model => Model, body => Body}),
+    {ok, Create} = starl_create_emulated:start(#{
+        model => Model, body => Body, lag_ms => ?LAG_MS
+    }),
     {Port, Device} = opened(Open, Create, Model),
     {starl_create_chassis, #{port => Port, create => #{model => Model, device => Device}}}.
 

@@ -80,9 +80,9 @@ stop(#bench{driver = Driver} = Bench) -> after_driver(starl_create_driver:stop(D
 
 %% The cable: nothing on the way arrives.
 pull(Why, #bench{} = Bench) ->
-    said_driver({closed, Why}, Bench#bench{is_plugged = false, script = none}).
+    said_driver({closed, Why}, Bench#bench{is_plugged = false, script = none, last = #{}}).
 
-plug(Bench) -> Bench#bench{is_plugged = true}.
+plug(Bench) -> said_driver({opened, "bench"}, Bench#bench{is_plugged = true}).
 
 line(What, #bench{now = Now, create = Create} = Bench) ->
     after_create(starl_create_emulator:line(Now, What, Create), Bench).
@@ -192,8 +192,8 @@ act({event, Event}, #bench{now = Now, events = Events} = Bench) ->
 act({say, _Level, Line}, #bench{said = Said} = Bench) ->
     Bench#bench{said = [unicode:characters_to_list(Line) | Said]}.
 
-port({open, Device, _Baud}, #bench{now = Now} = Bench) ->
-    later(Now + 1000, {opens, Device}, Bench);
+port({open, Device, Baud}, #bench{now = Now} = Bench) ->
+    later(Now + 1000, {opens, Device}, line({baud, Baud}, Bench));
 port({send, Bytes}, Bench) ->
     send(Bytes, Bench);
 port({stop_bytes, _}, Bench) ->

@@ -73,7 +73,9 @@ hear({Word, _} = Message, Chassis) when
     Word =:= data; Word =:= opened; Word =:= closed; Word =:= error
 ->
     told(Message, Chassis);
-hear({Word, Ref, At}, #chassis{clock = Clock} = Chassis) when Word =:= sent; Word =:= ended ->
+hear({Word, Ref, At}, #chassis{clock = Clock} = Chassis) when
+    Word =:= sent; Word =:= ended; Word =:= stopped
+->
     System = At + erlang:time_offset(microsecond),
     told({Word, Ref, starl_live_clock:at_us(System, Clock)}, Chassis);
 hear(_Message, _Chassis) ->

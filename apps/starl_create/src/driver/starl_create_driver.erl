@@ -53,7 +53,7 @@
 %% whoever wants to know; write a line.
 -type action() ::
     {port, port_command()}
-    | {timer, step | silence | odometry, Ms :: non_neg_integer()}
+    | {timer, step | silence | odometry | rest, Ms :: non_neg_integer()}
     | {answer, Mark :: term(), starl_live_chassis:answer()}
     | {event, event()}
     | {say, notice | warning, unicode:chardata()}.
@@ -68,7 +68,8 @@
     | {docked, boolean()}
     | {battery, low | ok}.
 
-%% The port's words. Times are those at which bytes left, by the clock of the caller.
+%% The port's words. Times are those at which bytes left, by the clock of the caller. A line that has
+%% been closed is opened again by the port; `stopped': the port has stopped the wheels by itself.
 -type message() ::
     {opened, Device :: term()}
     | {data, binary()}
@@ -76,13 +77,15 @@
     | {closed, Reason :: term()}
     | {sent, Ref :: pos_integer(), AtUs :: integer()}
     | {ended, Ref :: pos_integer(), AtUs :: integer()}
-    | {timeout, step | silence | odometry}.
+    | {stopped, Why :: atom(), AtUs :: integer()}
+    | {timeout, step | silence | odometry | rest}.
 
 -record(script, {
     mark :: term(),
     ref :: pos_integer(),
     steps :: [starl_create_script:step()],
-    heard = none :: integer() | none
+    heard = none :: integer() | none,
+    has_ended = false :: boolean()
 }).
 
 -record(driver, {
@@ -90,6 +93,8 @@
     model :: starl_create_packet:model(),
     phase = closed :: closed | greeting | asking | taking | ready,
     tries = 0 :: non_neg_integer(),
+    %% another baud rate than its own, at which a robot is looked for
+    tried = none :: pos_integer() | none,
     %% the line that was said last, and not taken back
     said = none :: term(),
     parser :: starl_create_stream:t(),
@@ -119,12 +124,14 @@
 -define(FRAMES, 4).
 -define(ASK_MS, 150).
 -define(AGAIN_MS, 2500).
--define(REOPEN_MS, 250).
+-define(REOPEN_MS, 1000).
 -define(MODE_MS, 300).
 -define(LATER_MS, 1000).
 -define(SILENCE_MS, 150).
 -define(DOUBT_MS, 100).
 -define(ODOMETRY_MS, 200).
+%% The time that a robot takes to stand, and its line to tell it to.
+-define(REST_MS, 50).
 -define(PULSE_MS, 200).
 %% Frames of the same command before a wheel that stands counts as stalled; the slowest speed at
 %% which each frame must show a count.
@@ -151,8 +158,10 @@ open(#{model := Model} = Options) ->
     },
     {[{port, opening(Driver)}], Driver}.
 
-opening(#driver{options = #{device := Device} = Options, model = Model}) ->
-    {open, Device, baud(Options, Model)}.
+opening(#driver{options = #{device := Device} = Options, model = Model, tried = none}) ->
+    {open, Device, baud(Options, Model)};
+opening(#driver{options = #{device := Device}, tried = Baud}) ->
+    {open, Device, Baud}.
 
 baud(#{baud := Baud}, _Model) when is_integer(Baud) -> Baud;
 baud(_, 1) -> 57600;
@@ -261,14 +270,23 @@ hear({data, Bytes}, _Now, #driver{parser = Parser} = Driver) ->
 hear({sent, Ref, At}, _Now, #driver{script = #script{ref = Ref} = Script} = Driver) ->
     {[], Driver#driver{script = Script#script{heard = At}}};
 hear({ended, Ref, At}, _Now, #driver{script = #script{ref = Ref} = Script} = Driver) ->
-    #script{mark = Mark, heard = Heard} = Script,
-    {[{answer, Mark, {driven, first(Heard, At)}}], Driver#driver{script = none}};
+    Heard = first(Script#script.heard, At),
+    Ended = Script#script{heard = Heard, has_ended = true},
+    {[{timer, rest, ?REST_MS}], Driver#driver{script = Ended}};
 hear({Word, _Ref, _At}, _Now, Driver) when Word =:= sent; Word =:= ended ->
     {[], Driver};
-hear({Word, Reason}, _Now, Driver) when Word =:= closed; Word =:= error ->
-    {Said, Next} = say(warning, {Word, Reason}, gone(Reason), Driver),
+hear({stopped, _Why, _At}, _Now, Driver) ->
+    {[], Driver#driver{script = none}};
+hear({closed, Reason}, _Now, Driver) ->
+    {Said, Next} = say(warning, gone, gone(Reason), Driver),
     {Lost, Closed} = lose(closed, Next),
-    {Said ++ Lost ++ [{timer, step, ?REOPEN_MS}], Closed#driver{tries = 0}};
+    {Said ++ Lost, Closed#driver{tries = 0}};
+%% A line that could not be opened is tried again.
+hear({error, Reason}, _Now, #driver{phase = closed} = Driver) ->
+    {Said, Next} = say(warning, gone, no_line(Reason), Driver),
+    {Said ++ [{timer, step, ?REOPEN_MS}], Next};
+hear({error, Reason}, _Now, Driver) ->
+    say(warning, {error, Reason}, no_line(Reason), Driver);
 hear({timeout, Timer}, _Now, Driver) ->
     due(Timer, Driver).
 
@@ -315,10 +333,17 @@ due(step, #driver{phase = greeting, frames = 0, model = Model} = Driver) ->
 due(step, #driver{phase = asking, frames = 0, model = Model} = Driver) ->
     Ask = encode({sensors, 35}, Model),
     {[{port, {send, Ask}}, {timer, step, ?ASK_MS}], Driver#driver{frames = -1, noise = <<>>}};
+%% At another baud rate only the answer to that question counts.
+due(step, #driver{phase = asking, tried = Baud, noise = <<_>>} = Driver) when is_integer(Baud) ->
+    {Said, Next} = say(warning, baud, other_baud(Baud), Driver#driver{tried = none, tries = 0}),
+    {Said ++ [{timer, step, ?AGAIN_MS}], Next#driver{phase = greeting, frames = -1}};
+due(step, #driver{phase = asking, noise = <<>>} = Driver) ->
+    silent(Driver);
 due(step, #driver{phase = asking, tries = N} = Driver) ->
-    {Said, Next} = diagnosed(N, Driver),
-    {Woken, Waked} = wake(Next),
-    {Said ++ Woken ++ [{timer, step, ?AGAIN_MS}], Waked#driver{phase = greeting, frames = -1}};
+    {Said, Next} = diagnosed(Driver#driver{tried = none}),
+    {Said ++ [{timer, step, ?AGAIN_MS}], Next#driver{phase = greeting, frames = -1, tries = N + 1}};
+due(step, #driver{phase = greeting, frames = -1} = Driver) ->
+    {[{port, opening(Driver)}], Driver#driver{frames = 0}};
 due(step, #driver{phase = greeting} = Driver) ->
     greet(Driver);
 due(step, #driver{phase = closed} = Driver) ->
@@ -340,6 +365,11 @@ due(silence, #driver{phase = Phase} = Driver) when Phase =:= ready; Phase =:= ta
     {Said ++ Lost ++ Stop ++ Greeting, Greeted};
 due(silence, Driver) ->
     {[], Driver};
+%% The robot stands.
+due(rest, #driver{script = #script{has_ended = true, mark = Mark, heard = Heard}} = Driver) ->
+    {[{answer, Mark, {driven, Heard}}], Driver#driver{script = none}};
+due(rest, Driver) ->
+    {[], Driver};
 due(odometry, #driver{model = 1, phase = Phase} = Driver) when
     Phase =:= ready; Phase =:= taking
 ->
@@ -349,38 +379,45 @@ due(odometry, #driver{model = 1, phase = Phase} = Driver) when
 due(odometry, Driver) ->
     {[], Driver}.
 
-wake(#driver{options = Options, tries = N} = Driver) ->
+%% A silent robot is woken, greeted again, and looked for at the other baud rates.
+silent(#driver{tries = 0, options = Options} = Driver) ->
     Pulse = [
         {port, {pulse, Line, ?PULSE_MS, 1}}
      || Line <- [maps:get(wake, Options, rts)], Line =/= none
     ],
-    {Pulse, Driver#driver{tries = N + 1}}.
-
-%% The first time it is only woken.
-diagnosed(0, Driver) ->
-    {[], Driver};
-diagnosed(_N, #driver{noise = Noise, model = Model, options = Options} = Driver) ->
-    Baud = integer_to_list(baud(Options, Model)),
-    case byte_size(Noise) of
-        0 ->
-            say(warning, asleep, asleep(Driver, Baud), Driver);
-        1 ->
-            Line = [
-                "a robot answers, but does not know the sensors of a Create ",
-                integer_to_list(Model),
-                ": set its model to ",
-                integer_to_list(3 - Model)
-            ],
-            say(warning, model, Line, Driver);
-        _ ->
-            Line = [
-                "bytes come that are no sensor frames at ",
-                Baud,
-                " baud: set its baud rate (a Create 1 has 57600, a Create 2 115200; 19200 if it ",
-                "was started that way), or take its battery out and put it back"
-            ],
-            say(warning, baud, Line, Driver)
+    Next = Driver#driver{phase = greeting, frames = -1, tries = 1},
+    {Pulse ++ [{timer, step, ?AGAIN_MS}], Next};
+silent(#driver{tries = N, options = Options, model = Model} = Driver) ->
+    case lists:nthtail(N - 1, lists:delete(baud(Options, Model), [57600, 115200, 19200])) of
+        [Other | _] ->
+            Next = Driver#driver{phase = greeting, frames = -1, tries = N + 1, tried = Other},
+            {[{timer, step, ?START_MS}], Next};
+        [] ->
+            Line = asleep(Driver, integer_to_list(baud(Options, Model))),
+            {Said, Next} = say(warning, asleep, Line, Driver),
+            Again = Next#driver{phase = greeting, frames = -1, tries = 0, tried = none},
+            {Said ++ [{timer, step, ?AGAIN_MS}], Again}
     end.
+
+other_baud(Baud) ->
+    ["the robot answers at ", integer_to_list(Baud), " baud: set its baud rate to that"].
+
+diagnosed(#driver{noise = <<_>>, model = Model} = Driver) ->
+    Line = [
+        "a robot answers, but does not know the sensors of a Create ",
+        integer_to_list(Model),
+        ": set its model to ",
+        integer_to_list(3 - Model)
+    ],
+    say(warning, model, Line, Driver);
+diagnosed(#driver{options = Options, model = Model} = Driver) ->
+    Line = [
+        "bytes come that are no sensor frames at ",
+        integer_to_list(baud(Options, Model)),
+        " baud: set its baud rate (a Create 1 has 57600, a Create 2 115200; 19200 if it "
+        "was started that way), or take its battery out and put it back"
+    ],
+    say(warning, baud, Line, Driver).
 
 asleep(#driver{options = Options}, Baud) ->
     case maps:get(wake, Options, rts) of
@@ -407,6 +444,8 @@ gone(Reason) ->
         reason(Reason)
     ]).
 
+no_line(Reason) -> ["the line to the robot: ", reason(Reason)].
+
 reason({_, Text}) when is_list(Text); is_binary(Text) -> Text;
 reason(Reason) -> io_lib:format("~0tp", [Reason]).
 
@@ -431,12 +470,18 @@ asked(<<Mm:16/signed, Degrees:16/signed>>, #driver{asks_odometry = true} = Drive
 asked(_Bytes, Driver) ->
     {[], Driver}.
 
+%% Frames at another baud rate than that of the options.
+framed(_N, #driver{tried = Baud} = Driver) when is_integer(Baud) ->
+    {Said, Next} = say(warning, baud, other_baud(Baud), Driver),
+    Off = encode({stream_on, 0}, Driver#driver.model),
+    Again = [{port, {send, Off}}, {timer, step, ?AGAIN_MS}],
+    {Said ++ Again, Next#driver{phase = greeting, frames = -1, tries = 0, tried = none}};
 %% A Create 2 has answered the question for an encoder, among the first bytes.
 framed(_N, #driver{model = 1, noise = <<_:16>>, tries = Tries} = Driver) ->
     Line = "the robot is a Create 2: set its model to 2",
     {Said, Next} = say(warning, model, Line, Driver),
     Off = encode({stream_on, 0}, 1),
-    Other = Next#driver{phase = greeting, frames = -1, tries = Tries + 1},
+    Other = Next#driver{phase = greeting, frames = -1, tries = Tries + 1, tried = none},
     {Said ++ [{port, {send, Off}}, {timer, step, ?AGAIN_MS}], Other};
 framed(N, Driver) when N < ?FRAMES ->
     {[], Driver#driver{frames = N}};

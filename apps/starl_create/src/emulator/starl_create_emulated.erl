@@ -1,6 +1,10 @@
 %% @doc An emulated Create in real time: {@link starl_create_emulator} as a process, with a serial
 %% line to one other process and a body.
 %%
+%% A computer with other work to do is late now and then, and a command would last longer by that. So
+%% the robot lives `lag_ms' behind: bytes with the time at which they arrived are read exactly that
+%% much later, if this process is not later still, and the body is told when it was.
+%%
 %% Words of the other end, `{serial, Other, Word}': {@link word()}. It hears `{serial, Create, {data,
 %% Bytes}}'. Only the end that has attached last is heard.
 %%
@@ -24,6 +28,7 @@
     charge_mah => number(),
     body => none | {starl_world, World :: pid(), starl:robot_id()},
     pen => starl_create_driver:pen(),
+    lag_ms => non_neg_integer(),
     tell => pid()
 }.
 
@@ -33,6 +38,7 @@
     {attach, Baud :: pos_integer() | any}
     | {baud, pos_integer() | any}
     | {data, binary()}
+    | {data, binary(), AtUs :: integer()}
     | {brc, low | high}
     | detach.
 
@@ -41,6 +47,9 @@
     body :: none | {starl_world, pid(), starl:robot_id()},
     pen :: starl_create_driver:pen(),
     tell :: pid() | none,
+    lag_us :: non_neg_integer(),
+    %% bytes that will be read, with the robot's time
+    coming = queue:new() :: queue:queue({integer(), binary()}),
     other = none :: pid() | none
 }).
 
@@ -77,8 +86,10 @@ init(#{model := Model} = Options) ->
     case embodied(Body) of
         ok ->
             Phase = erlang:phash2(self(), 15000),
-            Moment = #{phase_us => Phase, now_us => now_us()},
+            Lag = 1000 * maps:get(lag_ms, Options, 0),
+            Moment = #{phase_us => Phase, now_us => now_us() - Lag},
             {ok, #emulated{
+                lag_us = Lag,
                 create = starl_create_emulator:new(maps:merge(Options, Moment)),
                 body = Body,
                 pen = maps:get(pen, Options, starl_create_driver:usual_pen(Model)),
@@ -88,7 +99,8 @@ init(#{model := Model} = Options) ->
             {stop, {shutdown, {create, unicode:characters_to_binary(Why)}}}
     end.
 
-embodied(none) -> ok;
+embodied(none) ->
+    ok;
 embodied({starl_world, World, Robot}) ->
     _ = erlang:monitor(process, World),
     starl_world:inhabit(World, Robot).
@@ -103,18 +115,18 @@ handle_call(mode, _From, #emulated{create = Create} = Emulated) ->
 
 -spec handle_cast({feel, starl_create_emulator:sense()} | power_cycle, #emulated{}) ->
     {noreply, #emulated{}}.
-handle_cast({feel, Sense}, #emulated{create = Create} = Emulated) ->
-    {noreply, went(starl_create_emulator:feel(now_us(), Sense, Create), Emulated)};
-handle_cast(power_cycle, #emulated{create = Create} = Emulated) ->
-    {noreply, went(starl_create_emulator:line(now_us(), power_cycle, Create), Emulated)}.
+handle_cast({feel, Sense}, Emulated) ->
+    {noreply, feels(Sense, Emulated)};
+handle_cast(power_cycle, Emulated) ->
+    {noreply, line(power_cycle, Emulated)}.
 
 -spec handle_info(term(), #emulated{}) -> {noreply, #emulated{}} | {stop, normal, #emulated{}}.
 handle_info({serial, Other, {attach, Baud}}, Emulated) ->
     {noreply, line({baud, Baud}, Emulated#emulated{other = Other})};
 handle_info({serial, Other, Word}, #emulated{other = Other} = Emulated) ->
     {noreply, hears(Word, Emulated)};
-handle_info({tick, Due}, #emulated{create = Create} = Emulated) ->
-    {noreply, went(starl_create_emulator:advance(max(Due, now_us()), Create), Emulated)};
+handle_info({tick, Due}, Emulated) ->
+    {noreply, up_to(Due, Emulated)};
 handle_info({starl_body_says, Answers}, Emulated) ->
     {noreply, lists:foldl(fun body_says/2, Emulated, Answers)};
 handle_info({'DOWN', _, process, World, _}, #emulated{body = {starl_world, World, _}} = Emulated) ->
@@ -122,8 +134,10 @@ handle_info({'DOWN', _, process, World, _}, #emulated{body = {starl_world, World
 handle_info(_Message, Emulated) ->
     {noreply, Emulated}.
 
-hears({data, Bytes}, #emulated{create = Create} = Emulated) ->
-    went(starl_create_emulator:hear(now_us(), Bytes, Create), Emulated);
+hears({data, Bytes}, Emulated) ->
+    hears({data, Bytes, now_us()}, Emulated);
+hears({data, Bytes, At}, #emulated{coming = Coming} = Emulated) ->
+    wake(Emulated#emulated{coming = queue:in({At, Bytes}, Coming)});
 hears(detach, Emulated) ->
     Emulated#emulated{other = none};
 hears({Line, _} = Word, Emulated) when Line =:= brc; Line =:= baud ->
@@ -131,60 +145,80 @@ hears({Line, _} = Word, Emulated) when Line =:= brc; Line =:= baud ->
 hears(_Word, Emulated) ->
     Emulated.
 
-line(Word, #emulated{create = Create} = Emulated) ->
-    went(starl_create_emulator:line(now_us(), Word, Create), Emulated).
+line(Word, Emulated) ->
+    #emulated{create = Create} = Here = up_to(robots_now(Emulated), Emulated),
+    wake(went(starl_create_emulator:line(robots_now(Here), Word, Create), Here)).
+
+feels(Sense, Emulated) ->
+    #emulated{create = Create} = Here = up_to(robots_now(Emulated), Emulated),
+    wake(went(starl_create_emulator:feel(robots_now(Here), Sense, Create), Here)).
 
 %% The drive of the body did not obey, and stands.
-body_says({_Mark, {stalled, _}}, #emulated{create = Create} = Emulated) ->
-    Stands = {turning, {0.0, 0.0}},
-    went(starl_create_emulator:feel(now_us(), Stands, Create), Emulated);
-body_says(_Answer, Emulated) ->
-    Emulated.
+body_says({_Mark, {stalled, _}}, Emulated) -> feels({turning, {0.0, 0.0}}, Emulated);
+body_says(_Answer, Emulated) -> Emulated.
+
+robots_now(#emulated{lag_us = Lag}) -> now_us() - Lag.
+
+%% Everything up to this time of the robot, in order.
+up_to(Until, #emulated{coming = Coming, create = Create} = Emulated) ->
+    case queue:peek(Coming) of
+        {value, {At, Bytes}} when At =< Until ->
+            Rest = Emulated#emulated{coming = queue:drop(Coming)},
+            up_to(Until, went(starl_create_emulator:hear(At, Bytes, Create), Rest));
+        _ ->
+            wake(went(starl_create_emulator:advance(Until, Create), Emulated))
+    end.
 
 went({Outs, Create}, #emulated{} = Emulated) ->
-    ok = lists:foreach(fun({_At, Out}) -> out(Out, Emulated) end, Outs),
-    ok = wake(starl_create_emulator:next_due(Create)),
+    ok = lists:foreach(fun({At, Out}) -> out(Out, At, Emulated) end, Outs),
     Emulated#emulated{create = Create}.
 
 %% A wake-up that comes when there is nothing to do any more does no harm, but there must not be
 %% more and more of them.
-wake(none) ->
-    ok;
-wake(Due) ->
-    case get(due) of
-        Due ->
-            ok;
-        _ ->
-            _ = put(due, Due),
-            At = ceil(Due / 1000),
-            _ = erlang:send_after(At, self(), {tick, Due}, [{abs, true}]),
-            ok
-    end.
+wake(#emulated{create = Create, coming = Coming, lag_us = Lag} = Emulated) ->
+    Bytes =
+        case queue:peek(Coming) of
+            {value, {At, _}} -> At;
+            empty -> none
+        end,
+    %% a number is less than an atom
+    case {min(starl_create_emulator:next_due(Create), Bytes), get(due)} of
+        {none, _} -> ok;
+        {Due, Due} -> ok;
+        {Due, _} -> timer_at(Due, Lag)
+    end,
+    Emulated.
 
-out({bytes, Bytes}, #emulated{other = Other}) when is_pid(Other) ->
+timer_at(Due, Lag) ->
+    _ = put(due, Due),
+    _ = erlang:send_after(ceil((Due + Lag) / 1000), self(), {tick, Due}, [{abs, true}]),
+    ok.
+
+out({bytes, Bytes}, _At, #emulated{other = Other}) when is_pid(Other) ->
     Other ! {serial, self(), {data, Bytes}},
     ok;
-out({bytes, _Bytes}, _Emulated) ->
+out({bytes, _Bytes}, _At, _Emulated) ->
     ok;
-out(Out, #emulated{tell = Tell, pen = Pen, body = Body}) ->
+out(Out, At, #emulated{tell = Tell, pen = Pen, body = Body} = Emulated) ->
     _ = is_pid(Tell) andalso (Tell ! {starl_create, self(), Out}),
-    to_body(Out, Pen, Body).
+    tell_body(to_body(Out, Pen), max(0, robots_now(Emulated) - At), Body).
 
-to_body(_Out, _Pen, none) ->
-    ok;
-to_body({wheels, {Left, Right}}, _Pen, Body) ->
-    Script = {starl_chassis_differential, [{Left, Right, ?LONG_US}]},
-    tell_body({drive, Script, ?LONG_US, wheels}, Body);
-to_body({Kind, Bits}, {Kind, N}, Body) ->
-    tell_body({actuate, {pen, pen(Bits, N)}, none}, Body);
-to_body({leds, Bits, _Colour, _Intensity}, {leds, N}, Body) ->
-    tell_body({actuate, {pen, pen(Bits, N)}, none}, Body);
-to_body(_Out, _Pen, _Body) ->
-    ok.
+to_body({wheels, {Left, Right}}, _Pen) ->
+    {drive, {starl_chassis_differential, [{Left, Right, ?LONG_US}]}, ?LONG_US, wheels};
+to_body({Kind, Bits}, {Kind, N}) ->
+    {actuate, {pen, pen(Bits, N)}, none};
+to_body({leds, Bits, _Colour, _Intensity}, {leds, N}) ->
+    {actuate, {pen, pen(Bits, N)}, none};
+to_body(_Out, _Pen) ->
+    nothing.
 
 pen(Bits, N) when Bits band (1 bsl N) =/= 0 -> down;
 pen(_Bits, _N) -> up.
 
-tell_body(What, {starl_world, World, Robot}) ->
-    World ! {starl_body, Robot, self(), What},
+tell_body(nothing, _Ago, _Body) ->
+    ok;
+tell_body(_What, _Ago, none) ->
+    ok;
+tell_body(What, Ago, {starl_world, World, Robot}) ->
+    World ! {starl_body, Robot, self(), {ago, Ago, What}},
     ok.

@@ -46,8 +46,12 @@ init(Owner) ->
 handle_call(pull, _From, Pipe) ->
     ok = tell({closed, {eio, "the cable was pulled"}}, Pipe),
     {reply, ok, Pipe#pipe{is_plugged = false, script = none}};
-handle_call(plug, _From, Pipe) ->
-    {reply, ok, Pipe#pipe{is_plugged = true}}.
+handle_call(plug, _From, #pipe{create = Create, baud = Baud, stop = Stop} = Pipe) ->
+    Plugged = Pipe#pipe{is_plugged = true},
+    ok = serial({attach, Baud}, Plugged),
+    ok = serial({data, Stop}, Plugged),
+    ok = tell({opened, Create}, Plugged),
+    {reply, ok, Plugged}.
 
 -spec handle_cast(term(), #pipe{}) -> {noreply, #pipe{}}.
 handle_cast(_Request, Pipe) -> {noreply, Pipe}.
@@ -94,21 +98,24 @@ terminate(_Reason, #pipe{stop = Stop} = Pipe) ->
     ok = serial({data, Stop}, Pipe),
     serial(detach, Pipe).
 
-step(#pipe{script = {Ref, [], Stop}} = Pipe) ->
-    ok = serial({data, Stop}, Pipe),
-    ok = tell({ended, Ref, now_us()}, Pipe),
+%% Bytes bear the time at which they were due, even if this process was late.
+step(#pipe{script = {Ref, [], Stop}, due = Due} = Pipe) ->
+    ok = serial({data, Stop, Due}, Pipe),
+    ok = tell({ended, Ref, Due}, Pipe),
     Pipe#pipe{script = none};
 step(#pipe{script = {Ref, [{Bytes, Us} | Steps], Stop}, due = Due} = Pipe) ->
-    ok = serial({data, Bytes}, Pipe),
-    ok = tell({sent, Ref, now_us()}, Pipe),
+    ok = serial({data, Bytes, Due}, Pipe),
+    ok = tell({sent, Ref, Due}, Pipe),
     At = (Due + Us + 500) div 1000,
     _ = erlang:send_after(At, self(), {step, Ref}, [{abs, true}]),
     Pipe#pipe{script = {Ref, Steps, Stop}, due = Due + Us}.
 
 now_us() -> erlang:monotonic_time(microsecond).
 
-serial(_Word, #pipe{create = none}) -> ok;
-serial(_Word, #pipe{is_plugged = false}) -> ok;
+serial(_Word, #pipe{create = none}) ->
+    ok;
+serial(_Word, #pipe{is_plugged = false}) ->
+    ok;
 serial(Word, #pipe{create = Create}) ->
     Create ! {serial, self(), Word},
     ok.

@@ -55,12 +55,16 @@
 -define(JUDGE_MS, 200).
 -define(SLACK_US, 3000000).
 -define(HORIZON_US, 1500000).
+%% The longest delay of what the hardware of a robot tells.
+-define(LATE_US, 500000).
 
 -record(robot, {
     body :: starl_world_body:t(),
     chassis = none :: pid() | none,
     %% does the body stop with the link?
     is_free = false :: boolean(),
+    %% the time of what free hardware has told last
+    told_at = 0 :: integer(),
     sight = none :: pid() | none,
     link = none :: pid() | none,
     names = [] :: [starl_machine:name()],
@@ -263,6 +267,15 @@ embodied(Id, Chassis, IsFree, #world{robots = Robots} = World) ->
 
 %% -- bodies ---------------------------------------------------------------------------------
 
+%% Hardware may tell of what was a moment ago, but not before what it has told last.
+hears(Id, Chassis, {ago, Us, What}, #world{robots = Robots} = World) ->
+    case Robots of
+        #{Id := #robot{chassis = Chassis, body = Body, told_at = Before} = Robot} ->
+            At = max(Before, now_us(World) - min(Us, ?LATE_US)),
+            yielded(Id, does(What, At, Body), Robot#robot{told_at = At}, World);
+        #{} ->
+            World
+    end;
 hears(Id, Chassis, What, #world{robots = Robots} = World) ->
     case Robots of
         #{Id := #robot{chassis = Chassis, body = Body} = Robot} ->

@@ -1,0 +1,271 @@
+%% The driver with an emulated Create in virtual time: quirks, faults, and what it says about them.
+-module(starl_create_driver_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(S, 1000000).
+
+new(Options) -> starl_create_bench:new(Options).
+
+ready(Options) -> get_ready(10, new(Options)).
+
+get_ready(Seconds, Bench) -> starl_create_bench:until(fun is_ready/1, Seconds * ?S, Bench).
+
+is_ready(Bench) -> starl_create_driver:is_ready(starl_create_bench:driver(Bench)).
+
+mode(Bench) -> starl_create_emulator:mode(starl_create_bench:create(Bench)).
+
+is_said(Text, Bench) ->
+    lists:any(fun(Line) -> string:find(Line, Text) =/= nomatch end, starl_create_bench:said(Bench)).
+
+ahead(Mm, V, Bench) ->
+    starl_create_bench:drive({[{V, V, round(Mm / abs(V) * ?S)}], leg}, Bench).
+
+x(Bench) -> element(1, starl_create_bench:pose(Bench)).
+
+%% -- to find and wake the robot -------------------------------------------------------------
+
+a_robot_that_sleeps_is_woken_test() ->
+    Bench = ready(#{model => 2, quirks => #{asleep => true}}),
+    ?assertEqual([], starl_create_bench:said(Bench)).
+
+one_line_for(Text, Options) ->
+    Bench = starl_create_bench:run(60 * ?S, new(Options)),
+    ?assertNot(is_ready(Bench)),
+    ?assertMatch([_], starl_create_bench:said(Bench)),
+    ?assert(is_said(Text, Bench)),
+    Bench.
+
+a_robot_that_cannot_be_woken_is_told_once_test() ->
+    one_line_for("switch it on", #{model => 2, quirks => #{asleep => true, no_wake => true}}).
+
+a_wrong_baud_rate_is_told_once_test() ->
+    one_line_for("answers at 19200 baud", #{model => 2, baud => 19200}),
+    one_line_for("answers at 115200 baud", #{model => 1, baud => 115200}).
+
+a_wrong_model_is_told_once_test() ->
+    one_line_for("set its model to 1", #{model => 2, robot_model => 1, baud => 115200}),
+    one_line_for("set its model to 2", #{model => 1, robot_model => 2, baud => 57600}).
+
+a_robot_on_its_dock_is_told_once_test() ->
+    Docked = one_line_for("off its charger", #{model => 2, quirks => #{docked => true}}),
+    Bench = get_ready(3, starl_create_bench:feel({charger, false}, Docked)),
+    ?assertEqual(safe, mode(Bench)).
+
+quirks_that_change_nothing_test_() ->
+    [
+        {lists:flatten(io_lib:format("~0p", [{Model, Quirk}])), fun() -> goes(Model, Quirk) end}
+     || {Model, Quirk} <- [
+            {1, #{checksum => without_header}},
+            {1, #{fraction => kept}},
+            {1, #{yaw_inverted => true}},
+            {2, #{mode_offset => 1}},
+            {2, #{burst_ms => 80}},
+            {2, #{stray_byte => 97}},
+            {1, #{stray_byte => 97}}
+        ]
+    ].
+
+goes(Model, Quirk) ->
+    Bench = starl_create_bench:run(
+        3 * ?S, ahead(300, 200.0, ready(#{model => Model, quirks => Quirk}))
+    ),
+    ?assertMatch([{_, leg, {driven, _}}], starl_create_bench:answers(Bench)),
+    ?assert(abs(x(Bench) - 300) < 8),
+    ?assertEqual({0.0, 0.0}, starl_create_bench:wheels(Bench)).
+
+%% -- commands -------------------------------------------------------------------------------
+
+the_pen_is_an_output_test() ->
+    pen(1, {outputs, 1}, {outputs, 0}),
+    pen(2, {leds, 1, 0, 255}, {leds, 0, 0, 255}).
+
+pen(Model, Down, Up) ->
+    Lowered = starl_create_bench:actuate({pen, down, {mark, p}}, ready(#{model => Model})),
+    ?assertMatch([{_, p, {actuated, pen, down}}], starl_create_bench:answers(Lowered)),
+    Bench = starl_create_bench:run(
+        ?S, starl_create_bench:stop(starl_create_bench:run(?S, Lowered))
+    ),
+    Outs = [Out || {_, Out} <- starl_create_bench:outs(Bench), Out =:= Down orelse Out =:= Up],
+    ?assertEqual([Down, Up], lists:nthtail(length(Outs) - 2, Outs)).
+
+a_new_script_replaces_the_old_one_test() ->
+    Going = starl_create_bench:run(300000, ahead(1000, 200.0, ready(#{model => 2}))),
+    Back = starl_create_bench:drive({[{-100.0, -100.0, ?S}], back}, Going),
+    Bench = starl_create_bench:run(3 * ?S, Back),
+    ?assertMatch([{_, back, {driven, _}}], starl_create_bench:answers(Bench)),
+    ?assert(abs(x(Bench) - (60 - 100)) < 4).
+
+%% No script is answered, and none is driven, before the robot is under control.
+nothing_is_driven_without_control_test() ->
+    Bench = starl_create_bench:run(150000, ahead(100, 100.0, new(#{model => 2}))),
+    ?assertEqual([], starl_create_bench:answers(Bench)),
+    ?assertEqual(0.0, x(Bench)).
+
+%% -- stalls, bumps, cliffs ------------------------------------------------------------------
+
+a_wheel_that_is_stuck_stops_the_robot_test() ->
+    [stuck(Model, 100000) || Model <- [1, 2]].
+
+%% Overcurrent shows in the next frame, within 15 ms; the line takes 4 ms.
+stuck(Model, LatestUs) ->
+    Going = starl_create_bench:run(500000, ahead(1000, 200.0, ready(#{model => Model}))),
+    Now = starl_create_bench:now_us(Going),
+    Stuck = starl_create_bench:feel({turning, {0.0, 200.0}}, Going),
+    Bench = starl_create_bench:until(
+        fun(B) -> starl_create_bench:answers(B) =/= [] end, LatestUs, Stuck
+    ),
+    ?assertMatch([{_, leg, {stalled, {200.0, 200.0}}}], starl_create_bench:answers(Bench)),
+    ?assert(starl_create_bench:now_us(Bench) - Now =< 15000 + 7000),
+    Stands = starl_create_bench:run(150000, Bench),
+    ?assertEqual({0.0, 0.0}, starl_create_bench:wheels(Stands)).
+
+a_bump_stops_the_robot_and_is_an_event_test() ->
+    Going = starl_create_bench:run(500000, ahead(1000, 200.0, ready(#{model => 2}))),
+    Bumped = starl_create_bench:feel({readings, #{bumps_drops => 2}}, Going),
+    Bench = starl_create_bench:run(100000, Bumped),
+    ?assertMatch([{_, leg, {stalled, _}}], starl_create_bench:answers(Bench)),
+    ?assert(lists:keymember({bump, left}, 2, starl_create_bench:events(Bench))),
+    %% it may drive away while the bumper is still pressed
+    Away = starl_create_bench:run(2 * ?S, ahead(100, -100.0, Bench)),
+    ?assertMatch([_, {_, leg, {driven, _}}], starl_create_bench:answers(Away)).
+
+sensors_are_events_test() ->
+    Bench0 = ready(#{model => 2, quirks => #{}}),
+    Readings = #{buttons => 1, cliff_left => 1},
+    Bench = starl_create_bench:run(50000, starl_create_bench:feel({readings, Readings}, Bench0)),
+    Events = [Event || {_, Event} <- starl_create_bench:events(Bench)],
+    ?assert(lists:member({buttons, 1}, Events)),
+    ?assert(lists:member({cliff, [left]}, Events)).
+
+%% At a cliff a robot in mode Safe stops by itself; it is under control again when it was put back.
+a_cliff_ends_control_test() ->
+    Going = starl_create_bench:run(500000, ahead(1000, 200.0, ready(#{model => 2}))),
+    Cliff = starl_create_bench:feel({readings, #{cliff_front_left => 1}}, Going),
+    ?assertEqual({0.0, 0.0}, starl_create_bench:wheels(Cliff)),
+    Bench = starl_create_bench:run(100000, Cliff),
+    ?assertEqual([], starl_create_bench:answers(Bench)),
+    ?assert(is_said("at a cliff", Bench)),
+    Back = starl_create_bench:feel({readings, #{cliff_front_left => 0}}, Bench),
+    ?assertEqual(safe, mode(get_ready(3, Back))).
+
+a_lifted_robot_is_told_test() ->
+    Lifted = starl_create_bench:feel({readings, #{bumps_drops => 12}}, ready(#{model => 1})),
+    Bench = starl_create_bench:run(5 * ?S, Lifted),
+    ?assert(is_said("a wheel hangs down", Bench)),
+    ?assertEqual(passive, mode(Bench)).
+
+%% -- the line -------------------------------------------------------------------------------
+
+the_cable_is_pulled_twenty_times_test() ->
+    [pulled(Model) || Model <- [1, 2]].
+
+pulled(Model) ->
+    Bench = lists:foldl(
+        fun(N, Bench0) ->
+            Going = starl_create_bench:run(250000 + 1700 * N, ahead(500, 100.0, Bench0)),
+            Gone = starl_create_bench:run(500000, starl_create_bench:pull(unplugged, Going)),
+            ?assertNot(is_ready(Gone)),
+            Back = get_ready(5, starl_create_bench:plug(Gone)),
+            ?assertEqual({0.0, 0.0}, starl_create_bench:wheels(Back)),
+            Back
+        end,
+        ready(#{model => Model, latency => {0, 20000}}),
+        lists:seq(1, 20)
+    ),
+    Gone = [
+        Line
+     || Line <- starl_create_bench:said(Bench), string:find(Line, "is gone") =/= nomatch
+    ],
+    Back = [Line || Line <- starl_create_bench:said(Bench), string:find(Line, "again") =/= nomatch],
+    ?assertEqual({20, 20}, {length(Gone), length(Back -- Gone)}),
+    ?assertEqual([], starl_create_bench:answers(Bench)).
+
+%% A Create 1 stops by itself when its computer is gone; a Create 2 cannot.
+a_create_1_stops_without_a_computer_test() ->
+    [
+        begin
+            Ready = ready(#{model => 1}),
+            Going = starl_create_bench:run(Us, ahead(1000, 200.0, Ready)),
+            ?assertEqual({200.0, 200.0}, rounded(starl_create_bench:wheels(Going))),
+            Gone = starl_create_bench:run(165000, starl_create_bench:pull(dead, Going)),
+            ?assertEqual({0.0, 0.0}, starl_create_bench:wheels(Gone))
+        end
+     || Us <- lists:seq(50000, 650000, 7000)
+    ].
+
+%% The slices of a leg have a little less than its speed.
+rounded({L, R}) -> {10.0 * round(L / 10), 10.0 * round(R / 10)}.
+
+a_reset_robot_is_taken_again_test() ->
+    Bench = starl_create_bench:run(
+        20000, starl_create_bench:inject({robot, <<7>>}, ready(#{model => 2}))
+    ),
+    ?assertEqual(off, mode(Bench)),
+    Lost = starl_create_bench:run(400000, Bench),
+    ?assertNot(is_ready(Lost)),
+    ?assertEqual(safe, mode(get_ready(5, Lost))).
+
+%% Half a command, and whatever else a torn line leaves, is no command.
+half_commands_are_flushed_test() ->
+    [
+        begin
+            Ready = ready(#{model => Model}),
+            Half = starl_create_bench:inject({robot, Bytes}, Ready),
+            Pulled = starl_create_bench:run(200000, starl_create_bench:pull(x, Half)),
+            Before = length(starl_create_bench:outs(Pulled)),
+            Bench = get_ready(5, starl_create_bench:plug(Pulled)),
+            New = lists:nthtail(Before, starl_create_bench:outs(Bench)),
+            ?assertEqual([], [V || {_, {wheels, V}} <- New, V /= {0.0, 0.0}])
+        end
+     || Model <- [1, 2],
+        Bytes <- [
+            <<137>>, <<137, 1>>, <<145, 0, 200, 0>>, <<140, 1, 16>>, <<139, 1>>, <<148, 20, 7>>
+        ]
+    ].
+
+%% A million bytes of garbage among the frames: the driver stays, answers nothing wrong, and has its
+%% robot in the end.
+garbage_on_the_line_test_() ->
+    {timeout, 60, fun() ->
+        Seed = starl_platform_ct:seed(),
+        Bench0 = ready(#{model => 2, seed => Seed}),
+        {Bench1, _} = lists:foldl(
+            fun(_, {Bench, Random}) ->
+                {Garbage, Next} = rand:bytes_s(4000, Random),
+                Noisy = starl_create_bench:inject({driver, Garbage}, Bench),
+                {starl_create_bench:run(20000, Noisy), Next}
+            end,
+            {Bench0, rand:seed_s(exsss, Seed)},
+            lists:seq(1, 250)
+        ),
+        ?assertEqual([], starl_create_bench:answers(Bench1)),
+        ?assertEqual([], [V || {_, {wheels, V}} <- starl_create_bench:outs(Bench1), V /= {0.0, 0.0}]),
+        goes_on(get_ready(5, Bench1))
+    end}.
+
+goes_on(Bench0) ->
+    Bench = starl_create_bench:run(3 * ?S, ahead(300, 200.0, Bench0)),
+    ?assertMatch([{_, leg, {driven, _}}], starl_create_bench:answers(Bench)).
+
+%% -- odometry -------------------------------------------------------------------------------
+
+%% The encoders wrap at 29 m, forwards and backwards.
+odometry_of_a_create_2_test() ->
+    lists:foldl(
+        fun({V, Seconds, Sum}, Bench0) ->
+            Driven = starl_create_bench:drive({[{V, V, Seconds * ?S}], leg}, Bench0),
+            Bench = starl_create_bench:run((Seconds + 1) * ?S, Driven),
+            {Mm, _} = starl_create_driver:odometry(starl_create_bench:driver(Bench)),
+            ?assert(abs(Mm - Sum) < 2),
+            Bench
+        end,
+        ready(#{model => 2}),
+        [{-500.0, 40, -20000}, {-500.0, 30, -35000}, {500.0, 100, 15000}]
+    ).
+
+%% A Create 1 knows whole millimetres and degrees, five times a second.
+odometry_of_a_create_1_test() ->
+    Bench0 = starl_create_bench:run(6 * ?S, ahead(1000, 200.0, ready(#{model => 1}))),
+    {Mm, Angle} = starl_create_driver:odometry(starl_create_bench:driver(Bench0)),
+    ?assert(abs(Mm - 1000) < 30),
+    ?assert(abs(Angle) < 0.01).
