@@ -21,6 +21,7 @@
     stopped_clock_and_garbage/1,
     wakes_and_assigns/1,
     wakes_and_asks/1,
+    wakes_and_tells/1,
     planted_bugs_are_caught/1
 ]).
 
@@ -46,6 +47,7 @@ all() ->
         stopped_clock_and_garbage,
         wakes_and_assigns,
         wakes_and_asks,
+        wakes_and_tells,
         planted_bugs_are_caught
     ].
 
@@ -377,6 +379,37 @@ wakes_and_asks(_) ->
         ]
     }),
     ?assertMatch(#{violations := []}, Run).
+
+%% A robot that was paused until its lease was over hears of a new term before it notices: it must not
+%% tell its void path as its own, since another has the space. (Both drawn by soak, and made small.)
+wakes_and_tells(_) ->
+    Five = #{robots => 5, clock_offset => 0},
+    Drifting = Five#{
+        seed => 5201311,
+        clock_drift => 9999,
+        lease => 7880,
+        jump => 50,
+        time => 46,
+        faults => [
+            {location_dropout_1, 9791, 12409, location_dropout, all, #{}},
+            {pause_1, 15656, 45000, pause, 5, #{}},
+            {pause_2, 40922, 45000, pause, 4, #{}},
+            {slow_1, 35734, 45000, slow, 5, #{lag_ms => 140}}
+        ]
+    },
+    SetBack = Five#{
+        seed => 5201356,
+        clock_drift => 0,
+        heading_error => 0.0,
+        lease => 9175,
+        time => 30,
+        faults => [
+            {clock_offset_2, 13632, 15147, clock_offset, 5, #{ms => -1559}},
+            {pause_1, 2971, 15802, pause, 2, #{}},
+            {slow_1, 7096, 20089, slow, 2, #{lag_ms => 11}}
+        ]
+    },
+    [?assertMatch(#{violations := []}, play(Run), Run) || Run <- [Drifting, SetBack]].
 
 %% Each half of the protocol is needed: without it the monitors find a violation within so many
 %% runs, and without the bug they find none in these.

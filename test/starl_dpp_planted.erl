@@ -58,12 +58,15 @@ init(#{bug := Bug} = Config) ->
 
 handle_event(Type, Content, State, {Bug, Data}, Meta) ->
     Heard = hears(Bug, Type, Content),
-    Then = forgets(Bug, Type, Meta),
+    Then = forgets(Bug, Type, Content, Meta),
     says(Bug, starl_dpp_participant:handle_event(Type, Heard, State, Data, Then)).
 
-%% At the end of its lease it takes the time for a minute earlier.
-forgets("overstaying", {timeout, leave}, #{now := Now} = Meta) -> Meta#{now => Now - 60000000};
-forgets(_Bug, _Type, Meta) -> Meta.
+%% At the end of its lease, and when it is sent on its way, it takes the time for a minute earlier.
+forgets("overstaying", {timeout, leave}, _, Meta) -> earlier(Meta);
+forgets("overstaying", {call, _}, {drive, _, _}, Meta) -> earlier(Meta);
+forgets(_Bug, _Type, _Content, Meta) -> Meta.
+
+earlier(#{now := Now} = Meta) -> Meta#{now => Now - 60000000}.
 
 hears("fickle", cast, {message, From, dpp_recover, {Term, Seq, _}}) ->
     {message, From, dpp_recover, {Term, Seq, true}};

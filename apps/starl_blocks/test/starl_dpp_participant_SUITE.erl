@@ -26,6 +26,7 @@
     vote_is_kept/1,
     leader_is_followed_without_vote/1,
     lease_ends_for_good/1,
+    paused_past_its_lease/1,
     faces_only_by_lease/1,
     failed_drive_is_told_once/1,
     faced_is_told_once/1,
@@ -91,6 +92,7 @@ all() ->
         vote_is_kept,
         leader_is_followed_without_vote,
         lease_ends_for_good,
+        paused_past_its_lease,
         faces_only_by_lease,
         failed_drive_is_told_once,
         faced_is_told_once,
@@ -374,6 +376,25 @@ lease_ends_for_good(_) ->
     {_, Told} = at(10 * ?S, cast, {message, 4, dpp_beat, {{1, 4, 1}, 9, [{1, 9 * ?S}]}}, Void),
     {Refused, _} = at(10 * ?S, {call, {app, 3}}, {drive, Id, 1}, Told),
     ?assertEqual([{reply, {app, 3}, {error, void}}], Refused).
+
+%% A robot that was paused until its lease was over may hear of a new term, or be sent on its way, before
+%% it notices: its path is void for both, and it is seen before it tells its place.
+paused_past_its_lease(_) ->
+    End = starl_dpp_lease:short_us(#{}),
+    {Id, Moving} = moving(),
+    New = {message, 4, dpp_recover, {{2, 4, 1}, 7, false}},
+    {InTime, _} = at(End - 1, cast, New, Moving),
+    ?assertMatch([{4, {{2, 4, 1}, Id, {moving, 0, _, _}, _, _}}], sent(dpp_state, InTime)),
+    {Late, Void} = at(End, cast, New, Moving),
+    ?assertEqual([], sent(dpp_state, Late)),
+    ?assert(lists:member({trace, {void, Id}}, Late)),
+    {Told, _} = located(End, Late, Void),
+    ?assertMatch([{4, {{2, 4, 1}, _, {standing, {1.0, 2.0}}, _, _}}], sent(dpp_state, Told)),
+    Drive = {drive, Id, 1},
+    ?assertMatch({[{call, motion, _, _}], _}, at(End - 1, {call, {app, 2}}, Drive, Moving)),
+    {Refused, _} = at(End, {call, {app, 2}}, Drive, Moving),
+    ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Refused)),
+    ?assertEqual([], [Call || {call, motion, _, _} = Call <- Refused]).
 
 %% The beginning of a line is taken as its drive is: under a lease, anew when motion has crashed, and
 %% with nothing passed or painted by it.

@@ -253,7 +253,10 @@ lease_end(_Where, Part) ->
 
 drive({_, _, N} = Drive, Id, {moving, Id, _, Path} = Moving, Part) when N =< length(Path) ->
     Driving = Part#part{drive = Drive},
-    {keep_state, Driving, go_on(Moving, Driving)};
+    case lease_us(Part) > 0 of
+        true -> {keep_state, Driving, go_on(Moving, Driving)};
+        false -> lease_end(Moving, Driving)
+    end;
 drive({From, _, _}, _Id, _Where, _Part) ->
     {keep_state_and_data, [{reply, From, {error, void}}]}.
 
@@ -316,12 +319,23 @@ awaited(_Where, _Missed) -> [].
 recovered({refused, {Follow, Actions}}, _Where, Part) ->
     {keep_state, Part#part{follow = Follow}, Actions};
 recovered({followed, {Follow, Actions}}, Where, Part) ->
-    {keep_state, Next, More} = tell_place(Where, Part#part{follow = Follow}),
-    {keep_state, Next, Actions ++ More}.
+    case tell_place(Where, Part#part{follow = Follow}) of
+        {keep_state, Next, More} -> {keep_state, Next, Actions ++ More};
+        {next_state, State, Next, More} -> {next_state, State, Next, Actions ++ More}
+    end.
 
+%% A robot that was paused may hear this before the end of its lease is noticed. Its path is void, and
+%% its space may be another's.
 tell_place({moving, _, _, _} = Moving, Part) ->
-    {Told, Report} = tell(Moving, Part),
-    {keep_state, Told, Report};
+    case lease_us(Part) > 0 of
+        true ->
+            {Told, Report} = tell(Moving, Part),
+            {keep_state, Told, Report};
+        false ->
+            {next_state, standing, Void, Stop} = lease_end(Moving, Part),
+            {keep_state, Next, Look} = tell_place(standing, Void),
+            {next_state, standing, Next, Stop ++ Look}
+    end;
 tell_place(standing, #part{track = Track} = Part) ->
     Next = next(Part#part{track = starl_dpp_track:lost(Track)}),
     {keep_state, Next, halt_and_look(Next)};
