@@ -269,3 +269,11 @@ odometry_of_a_create_1_test() ->
     {Mm, Angle} = starl_create_driver:odometry(starl_create_bench:driver(Bench0)),
     ?assert(abs(Mm - 1000) < 30),
     ?assert(abs(Angle) < 0.01).
+
+%% The answer bears the time at which the first command left, also of a script of several.
+an_answer_bears_the_time_of_the_first_command_test() ->
+    Bench0 = ready(#{model => 2}),
+    Now = starl_create_bench:now_us(Bench0),
+    Script = [{-100.0, 100.0, 300000}, {200.0, 200.0, 500000}],
+    Bench = starl_create_bench:run(?S, starl_create_bench:drive({Script, turn}, Bench0)),
+    ?assertMatch([{_, turn, {driven, Now}}], starl_create_bench:answers(Bench)).

@@ -268,7 +268,8 @@ hear({data, Bytes}, _Now, #driver{parser = Parser} = Driver) ->
     {Found, Next} = starl_create_stream:parse(Bytes, Parser),
     all(fun found/2, Found, Driver#driver{parser = Next});
 hear({sent, Ref, At}, _Now, #driver{script = #script{ref = Ref} = Script} = Driver) ->
-    {[], Driver#driver{script = Script#script{heard = At}}};
+    Heard = first(Script#script.heard, At),
+    {[], Driver#driver{script = Script#script{heard = Heard}}};
 hear({ended, Ref, At}, _Now, #driver{script = #script{ref = Ref} = Script} = Driver) ->
     Heard = first(Script#script.heard, At),
     Ended = Script#script{heard = Heard, has_ended = true},

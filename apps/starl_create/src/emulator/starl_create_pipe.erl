@@ -69,7 +69,9 @@ handle_info({send, Bytes}, Pipe) ->
     ok = serial({data, Bytes}, Pipe),
     {noreply, Pipe};
 handle_info({drive_script, Ref, Steps, Stop}, Pipe) ->
-    {noreply, step(Pipe#pipe{script = {Ref, Steps, Stop}, due = now_us()})};
+    Now = now_us(),
+    _ = Steps =/= [] andalso tell({sent, Ref, Now}, Pipe),
+    {noreply, step(Pipe#pipe{script = {Ref, Steps, Stop}, due = Now})};
 handle_info({step, Ref}, #pipe{script = {Ref, _, _}} = Pipe) ->
     {noreply, step(Pipe)};
 handle_info({stop_bytes, Bytes}, Pipe) ->
@@ -105,7 +107,6 @@ step(#pipe{script = {Ref, [], Stop}, due = Due} = Pipe) ->
     Pipe#pipe{script = none};
 step(#pipe{script = {Ref, [{Bytes, Us} | Steps], Stop}, due = Due} = Pipe) ->
     ok = serial({data, Bytes, Due}, Pipe),
-    ok = tell({sent, Ref, Due}, Pipe),
     At = (Due + Us + 500) div 1000,
     _ = erlang:send_after(At, self(), {step, Ref}, [{abs, true}]),
     Pipe#pipe{script = {Ref, Steps, Stop}, due = Due + Us}.
