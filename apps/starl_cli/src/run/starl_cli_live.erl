@@ -103,7 +103,7 @@ options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
         whole_mm => Whole,
         watch => starl_cli_drive:watching() ++ starl_cli_notes:watch(Scenario)
     },
-    Moving = maps:merge(Common, chassis(Scenario)),
+    Moving = maps:merge(Common, chassis(Scenario, line(Live))),
     case Live of
         here ->
             Moving;
@@ -117,9 +117,18 @@ options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
             }
     end.
 
+%% Nodes drive their robots through a device, as if these were real.
+line(here) ->
+    pipe;
+line({nodes, _, _}) ->
+    case starl_create_program:path() of
+        {ok, _} -> fun starl_create_on_pty:open/2;
+        {error, _} -> pipe
+    end.
+
 %% An emulated Create for each robot that has one.
-chassis(#{chassis := Choice}) ->
-    case starl_create:emulated(Choice, pipe) of
+chassis(#{chassis := Choice}, Line) ->
+    case starl_create:emulated(Choice, Line) of
         undefined -> #{};
         Lines -> #{chassis => Lines}
     end.

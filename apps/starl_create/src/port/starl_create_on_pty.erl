@@ -68,8 +68,8 @@ line({baud, hung_up}, State) ->
     say({brc, low}, State);
 line({baud, Baud}, State) ->
     say({baud, Baud}, say({brc, high}, State#on_pty{baud = Baud}));
-line({data, Bytes, _AtUs}, State) ->
-    say({data, Bytes}, State);
+line({data, Bytes, AtUs}, State) ->
+    say({data, Bytes, AtUs}, State);
 line({error, _Why}, State) ->
     State.
 
