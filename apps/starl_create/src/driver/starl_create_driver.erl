@@ -85,7 +85,9 @@
     ref :: pos_integer(),
     steps :: [starl_create_script:step()],
     heard = none :: integer() | none,
-    has_ended = false :: boolean()
+    %% has the port written the last bytes, and has the robot had time to come to rest?
+    has_ended = false :: boolean(),
+    may_rest = false :: boolean()
 }).
 
 -record(driver, {
@@ -130,7 +132,7 @@
 -define(SILENCE_MS, 150).
 -define(DOUBT_MS, 100).
 -define(ODOMETRY_MS, 200).
-%% The time that a robot takes to stand, and its line to tell it to.
+%% The time that a robot takes to come to rest.
 -define(REST_MS, 50).
 -define(PULSE_MS, 200).
 %% Frames of the same command before a wheel that stands counts as stalled; the slowest speed at
@@ -366,9 +368,8 @@ due(silence, #driver{phase = Phase} = Driver) when Phase =:= ready; Phase =:= ta
     {Said ++ Lost ++ Stop ++ Greeting, Greeted};
 due(silence, Driver) ->
     {[], Driver};
-%% The robot stands.
-due(rest, #driver{script = #script{has_ended = true, mark = Mark, heard = Heard}} = Driver) ->
-    {[{answer, Mark, {driven, Heard}}], Driver#driver{script = none}};
+due(rest, #driver{script = #script{has_ended = true} = Script} = Driver) ->
+    rested(Driver#driver{script = Script#script{may_rest = true}});
 due(rest, Driver) ->
     {[], Driver};
 due(odometry, #driver{model = 1, phase = Phase} = Driver) when
@@ -619,6 +620,8 @@ counts(Name, Before, Now) ->
 
 watched(_Before, _Now, #driver{script = none} = Driver) ->
     {[], Driver};
+watched(_Before, _Now, #driver{script = #script{may_rest = true}} = Driver) ->
+    rested(Driver);
 watched(Before, Now, #driver{script = #script{mark = Mark} = Script} = Driver) ->
     case is_stalled(Before, Now, Driver) of
         false ->
@@ -628,6 +631,13 @@ watched(Before, Now, #driver{script = #script{mark = Mark} = Script} = Driver) -
             {Stop, Stopped} = hold(Driver),
             {Stop ++ [{answer, Mark, {stalled, Told}}], Stopped}
     end.
+
+%% A script is over when the robot says that it stands: the line may be slow.
+rested(#driver{readings = #{left_velocity := 0, right_velocity := 0}} = Driver) ->
+    #driver{script = #script{mark = Mark, heard = Heard}} = Driver,
+    {[{answer, Mark, {driven, Heard}}], Driver#driver{script = none}};
+rested(Driver) ->
+    {[], Driver}.
 
 %% The pen stays as it is.
 hold(#driver{ref = Ref} = Driver) ->
