@@ -252,13 +252,13 @@ drive(Device, #{model := Model, baud := Baud} = Values) ->
             {error, ["it is driven by the keys of a terminal, and there is none"]}
     end.
 
-%% A file belongs to the process that has opened it.
+%% A file belongs to the process that has opened it. A read of more bytes waits for all of them.
 keys(Driver) ->
     {ok, Terminal} = file:open("/dev/tty", [read, raw, binary]),
     keys(Terminal, Driver).
 
 keys(Terminal, Driver) ->
-    case file:read(Terminal, 64) of
+    case file:read(Terminal, 1) of
         {ok, Keys} ->
             Driver ! {keys, Keys},
             keys(Terminal, Driver);

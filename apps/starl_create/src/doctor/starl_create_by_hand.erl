@@ -14,7 +14,9 @@
     hold_ms := pos_integer()
 }.
 
--type act() :: {go, Right :: integer(), Left :: integer()} | stop | {speed, pos_integer()} | quit.
+%% `none': the beginning of an arrow.
+-type act() ::
+    {go, Right :: integer(), Left :: integer()} | stop | {speed, pos_integer()} | quit | none.
 
 -define(STEP, 50).
 -define(LISTEN_MS, 300).
@@ -59,12 +61,21 @@ controlled(none, _Probe, #{baud := Baud}) ->
         " baud; ./starl create doctor finds out why"
     ]}.
 
-loop(Probe, Options) ->
+loop(Probe, Options) -> loop(Probe, <<>>, Options).
+
+%% Keys arrive as they like, an arrow perhaps in three parts.
+loop(Probe, Before, Options) ->
     receive
         quit -> ok;
-        {keys, Keys} -> obeyed(key(Keys, Options), Probe, Options);
+        {keys, Keys} -> hit(<<Before/binary, Keys/binary>>, Probe, Options);
         {closed, _} -> {error, "the cable is pulled"};
-        _ -> loop(Probe, Options)
+        _ -> loop(Probe, Before, Options)
+    end.
+
+hit(Keys, Probe, Options) ->
+    case key(Keys, Options) of
+        none -> loop(Probe, Keys, Options);
+        Act -> obeyed(Act, Probe, Options)
     end.
 
 obeyed(quit, _Probe, _Options) ->
@@ -81,29 +92,23 @@ obeyed({go, Right, Left}, Probe, #{hold_ms := Ms} = Options) ->
 
 %% @doc What the last of these keys says.
 -spec key(binary(), options()) -> act().
-key(Keys, #{speed := Speed}) ->
-    case last(Keys) of
-        $w -> {go, Speed, Speed};
-        $s -> {go, -Speed, -Speed};
-        $a -> {go, Speed div 2, -Speed div 2};
-        $d -> {go, -Speed div 2, Speed div 2};
-        $+ -> {speed, min(500, Speed + ?STEP)};
-        $- -> {speed, max(?STEP, Speed - ?STEP)};
-        $q -> quit;
-        _ -> stop
-    end.
+key(Keys, Options) -> does(last(lists:reverse(binary_to_list(Keys))), Options).
+
+does($w, #{speed := Speed}) -> {go, Speed, Speed};
+does($s, #{speed := Speed}) -> {go, -Speed, -Speed};
+does($a, #{speed := Speed}) -> {go, Speed div 2, -(Speed div 2)};
+does($d, #{speed := Speed}) -> {go, -(Speed div 2), Speed div 2};
+does($+, #{speed := Speed}) -> {speed, min(500, Speed + ?STEP)};
+does($-, #{speed := Speed}) -> {speed, max(?STEP, Speed - ?STEP)};
+does($q, _Options) -> quit;
+does($\e, _Options) -> none;
+does(_, _Options) -> stop.
 
 %% Arrows are three bytes.
-last(Keys) ->
-    Before = byte_size(Keys) - 3,
-    case Keys of
-        <<_:Before/binary, "\e[", Arrow>> -> arrow(Arrow);
-        <<>> -> none;
-        _ -> binary:last(Keys)
-    end.
-
-arrow($A) -> $w;
-arrow($B) -> $s;
-arrow($C) -> $d;
-arrow($D) -> $a;
-arrow(_) -> none.
+last([$A, $[, $\e | _]) -> $w;
+last([$B, $[, $\e | _]) -> $s;
+last([$C, $[, $\e | _]) -> $d;
+last([$D, $[, $\e | _]) -> $a;
+last([$[, $\e | _]) -> $\e;
+last([Key | _]) -> Key;
+last([]) -> $\e.

@@ -1,0 +1,188 @@
+%% The doctor and the driving by keys, on an emulated Create behind a pty. The quality of the stream
+%% depends on the load of this computer, and is not held against it.
+-module(starl_create_doctor_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-compile([export_all, nowarn_export_all]).
+
+-define(AFTER_MS, 30000).
+
+all() -> [{group, robots}].
+
+groups() ->
+    [
+        {robots, [parallel],
+            [
+                healthy,
+                create_1,
+                wrong_baud,
+                asleep,
+                silent,
+                docked,
+                wrong_model,
+                odometry,
+                no_device
+            ] ++ [firmware, battery, by_hand, by_hand_refused, cable_pulled]}
+    ].
+
+init_per_suite(Config) ->
+    case starl_create_program:path() of
+        {ok, _} -> Config;
+        {error, Reason} -> {skip, lists:flatten(starl_create_program:format_error(Reason))}
+    end.
+
+end_per_suite(_) -> ok.
+
+%% -- tests ----------------------------------------------------------------------------------
+
+healthy(_) ->
+    {Problems, Profile} = examined(#{model => 2}, #{model => 2}),
+    ?assertEqual([], Problems),
+    ?assertMatch(#{model := 2, baud := 115200}, Profile).
+
+create_1(_) ->
+    {Problems, Profile} = examined(#{model => 1}, #{model => 1}),
+    ?assertEqual([], Problems),
+    ?assertMatch(#{model := 1, baud := 57600}, Profile).
+
+wrong_baud(_) ->
+    {Problems, Profile} = examined(#{model => 2, baud => 19200}, #{model => 2}),
+    ?assertMatch([{baud, _}], Problems),
+    says(baud, "the robot speaks 19200 baud, not 115200; switch it off and on", Problems),
+    ?assertMatch(#{baud := 19200}, Profile).
+
+asleep(_) ->
+    {Problems, _} = examined(#{model => 2, quirks => #{asleep => true}}, #{model => 2}),
+    ?assertMatch([{sleep, _}], Problems),
+    says(sleep, "say --wake dtr", Problems).
+
+silent(_) ->
+    Quirks = #{asleep => true, no_wake => true},
+    {Problems, none} = examined(#{model => 2, quirks => Quirks}, #{model => 2}),
+    says(baud, "press its button", Problems).
+
+%% It is not made to drive there.
+docked(_) ->
+    {Problems, Profile} = examined(#{model => 2, quirks => #{docked => true}}, #{
+        model => 2, calibrate => plan()
+    }),
+    says(dock, "take it off", Problems),
+    says(mode, "Safe does not hold", Problems),
+    ?assertNot(is_map_key(distance, Profile)).
+
+wrong_model(_) ->
+    {Problems, _} = examined(#{model => 1}, #{model => 2}),
+    says(model, "this is a Create 1, not a Create 2 (or Roomba 600); say --model 1", Problems).
+
+odometry(Config) ->
+    {Problems, Profile} = examined(#{model => 2, quirks => #{odometry => 1.05}}, #{
+        model => 2, calibrate => plan()
+    }),
+    says(distance, "measure its way with a tape", Problems),
+    ?assert(maps:get(distance, Profile) < 0.98),
+    File = filename:join(proplists:get_value(priv_dir, Config), "create.term"),
+    ok = starl_create_calibration:profile(File, Profile),
+    ?assertEqual({ok, [Profile]}, file:consult(File)).
+
+no_device(_) ->
+    {[{problem, port, Text}], none} = starl_create_doctor:examine("/dev/ttyNOT", #{model => 2}),
+    contains("/dev/ttyNOT: no such file or directory; plug the adapter in", Text).
+
+firmware(_) ->
+    {Findings, _} = all(#{model => 2}, #{model => 2, firmware => true}),
+    ?assertMatch({ok, firmware, <<"stm32-3.2.6">>}, lists:keyfind(firmware, 2, Findings)).
+
+battery(_) ->
+    {Problems, _} = examined(#{model => 2, charge_mah => 200}, #{model => 2}),
+    says(battery, "7 %, 12.8 V; charge it first", Problems).
+
+%% A key moves it for its time only.
+by_hand(_) ->
+    {Create, Name} = robot(#{model => 2, tell => self()}),
+    Self = self(),
+    Driver = spawn_link(fun() -> Self ! {done, starl_create_by_hand:run(Name, hand())} end),
+    Driver ! {keys, <<"w">>},
+    wheels(Create, {150, 150}),
+    wheels(Create, {0, 0}),
+    [Driver ! {keys, <<C>>} || C <- "\e[D"],
+    wheels(Create, {-75, 75}),
+    Driver ! {keys, <<" ">>},
+    wheels(Create, {0, 0}),
+    Driver ! {keys, <<"q">>},
+    receive
+        {done, Result} -> ?assertEqual(ok, Result)
+    after ?AFTER_MS -> error(late)
+    end.
+
+by_hand_refused(_) ->
+    {_, Docked} = robot(#{model => 2, quirks => #{docked => true}}),
+    {error, Why} = starl_create_by_hand:run(Docked, hand()),
+    contains("take it off its dock", Why),
+    {_, Slow} = robot(#{model => 2, baud => 57600}),
+    {error, Silent} = starl_create_by_hand:run(Slow, hand()),
+    contains("does not answer at 115200 baud; ./starl create doctor", Silent).
+
+%% Pulled while it drives: when it is back, it stands.
+cable_pulled(_) ->
+    Link = filename:join("/tmp", "starl_doctor_" ++ os:getpid()),
+    {ok, Create} = starl_create_emulated:start_link(#{model => 2, tell => self()}),
+    {ok, Line} = starl_create_on_pty:start_link(Create, Link),
+    Self = self(),
+    Options = (hand())#{hold_ms := 100000},
+    Driver = spawn_link(fun() -> Self ! {done, starl_create_by_hand:run(Link, Options)} end),
+    Driver ! {keys, <<"w">>},
+    wheels(Create, {150, 150}),
+    {ok, Port} = starl_create_port:start_link(self(), #{}),
+    ok = starl_create_on_pty:pull(Line),
+    receive
+        {done, {error, Why}} -> contains("the cable is pulled", Why)
+    after ?AFTER_MS -> error(late)
+    end,
+    ok = starl_create_on_pty:put_back(Line),
+    Port ! {stop_bytes, starl_create_calibration:stop()},
+    opened(Port, Link),
+    Port ! close,
+    wheels(Create, {0, 0}).
+
+opened(Port, Link) ->
+    Port ! {open, Link, 115200},
+    receive
+        {opened, Link} -> ok;
+        {error, {no_device, _}} -> opened(Port, Link)
+    after ?AFTER_MS -> error(late)
+    end.
+
+%% -- a robot --------------------------------------------------------------------------------
+
+robot(Options) ->
+    {ok, Create} = starl_create_emulated:start_link(Options),
+    {ok, Line} = starl_create_on_pty:start_link(Create, none),
+    {Create, starl_create_on_pty:name(Line)}.
+
+hand() -> #{model => 2, baud => 115200, speed => 150, hold_ms => 200}.
+
+plan() -> #{drive_mm => 400, drive_mm_s => 100, turn_deg => 90, turn_mm_s => 100}.
+
+all(Robot, Options) ->
+    {_, Name} = robot(Robot),
+    {Findings, Profile} = starl_create_doctor:examine(Name, Options),
+    ct:pal("~ts", [[[starl_create_doctor:line(Finding), "\n"] || Finding <- Findings]]),
+    {Findings, Profile}.
+
+examined(Robot, Options) ->
+    {Findings, Profile} = all(Robot, Options),
+    Problems = starl_create_doctor:problems(Findings),
+    {[{Key, Text} || {problem, Key, Text} <- Problems, Key =/= stream], Profile}.
+
+says(Key, Part, Problems) ->
+    {Key, Text} = lists:keyfind(Key, 1, Problems),
+    contains(Part, Text).
+
+contains(Part, Text) ->
+    Flat = unicode:characters_to_list(Text),
+    ?assertNotEqual({Part, nomatch, Flat}, {Part, string:find(Flat, Part), Flat}).
+
+wheels(Create, Wanted) ->
+    receive
+        {starl_create, Create, {wheels, {L, R}}} when {L, R} == Wanted -> ok
+    after ?AFTER_MS -> error({late, Wanted, process_info(self(), messages)})
+    end.
