@@ -129,7 +129,7 @@ killed(Config, N) ->
     File = file(Config, "killed.mcap"),
     Out = file(Config, "rescued.mcap"),
     _ = file:delete(Out),
-    Lines = 5 + rand:uniform(60),
+    Lines = 12 + rand:uniform(60),
     Reached = killed_after(Lines, File, N),
     {ok, #{was_closed := false}} = starl_mcap_recover:file(File, Out),
     {ok, #{violations := [], until_us := Until, ended := closed}} = starl_trace_judge:file(Out),

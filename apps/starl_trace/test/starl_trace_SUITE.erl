@@ -72,6 +72,7 @@ messages_there_and_back(Config) ->
         {range(0, 300), oneof([1000, 30000, 400000, 5000000])},
         starl_platform_ct:safely(fun() ->
             Messages = starl_trace_ct:told(starl_trace_ct:events(N, Every)),
+            ?assertEqual([], out_of_order(Messages)),
             ok = starl_trace_ct:recorded(File, Messages),
             {ok, Read, closed} = starl_trace_reader:fold(fun(M, Ms) -> [M | Ms] end, [], File),
             ?assertEqual(lists:sort(Messages), lists:sort(Read)),
@@ -109,6 +110,12 @@ a_file_has_what_the_specification_asks(Config) ->
         end
      || {{At, Chunk}, Index} <- lists:zip(Chunks, Indexes)
     ],
+    Times = [
+        Time
+     || {_, {chunk, _, _, _, _, _, Inside}} <- Chunks,
+        {_, {message, _, _, Time, _, _}} <- records(0, Inside)
+    ],
+    ?assertEqual(lists:sort(Times), Times),
     {value, {statistics, Count, 10, 10, 0, 0, ChunkCount, _, _, Per}} =
         lists:search(fun(R) -> element(1, R) =:= statistics end, Summary),
     ?assertEqual({length(Chunks), lists:sum([N || {_, N} <- Per])}, {ChunkCount, Count}),

@@ -10,11 +10,11 @@ event(I, At) ->
     Robot = I rem 3 + 1,
     case I rem 4 of
         0 ->
-            Place = {float(I rem 7), I / 3},
-            {At, Robot, chassis,
-                {motion, {piece, At, element(1, Place), element(2, Place), 0.5, 100.0, 0.0}}};
+            %% for a while all stand still
+            Speed = 100.0 * (I div 40 rem 2),
+            {At, Robot, chassis, {motion, {piece, At, float(I rem 7), I / 3, 0.5, Speed, 0.0}}};
         1 ->
-            {At, Robot, chassis, {actuated, pen, lists:nth(I rem 2 + 1, [up, down])}};
+            {At, Robot, chassis, {actuated, pen, lists:nth(I div 4 rem 2 + 1, [up, down])}};
         2 ->
             {At, Robot, radio,
                 {packet, 2, {data, {app, note}, I}, 40, {arrives, [{At + 5000, intact}]}}};

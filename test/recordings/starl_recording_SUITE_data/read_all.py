@@ -24,6 +24,10 @@ with open(sys.argv[1], "rb") as file:
     statistics = reader.get_summary().statistics
 with open(sys.argv[1], "rb") as file:
     one_by_one = counts(NonSeekingReader(file, validate_crcs=True))
+with open(sys.argv[1], "rb") as file:
+    messages = NonSeekingReader(file).iter_messages(log_time_order=False)
+    times = [message.log_time for _, _, message in messages]
+    assert times == sorted(times), "the messages are not in the order of time"
 
 assert by_index == one_by_one, "the index and the data disagree"
 assert statistics.message_count == sum(by_index[0].values())

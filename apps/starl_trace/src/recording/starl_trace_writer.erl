@@ -23,6 +23,7 @@
     mcap :: starl_mcap_writer:t(),
     %% the open chunk: when it began, its messages and the lines of its packets, the latest first
     since = none :: integer() | none,
+    now = 0 :: integer(),
     terms = [] :: [starl_trace_message:t()],
     count = 0 :: non_neg_integer(),
     packets = [] :: [binary()],
@@ -52,8 +53,8 @@ messages([{_, At, _} = Message | Messages], Bytes, Writer0) ->
     {Chunk, Writer} = ended(At, Writer0),
     messages(Messages, [Chunk | Bytes], message(Message, begun(At, Writer))).
 
-begun(At, #writer{since = none} = Writer) -> Writer#writer{since = At};
-begun(_At, Writer) -> Writer.
+begun(At, #writer{since = none} = Writer) -> Writer#writer{since = At, now = At};
+begun(At, #writer{now = Now} = Writer) -> Writer#writer{now = max(At, Now)}.
 
 ended(At, #writer{since = Since, count = Count, mcap = Mcap} = Writer) ->
     IsFull =
@@ -68,10 +69,11 @@ ended(At, #writer{since = Since, count = Count, mcap = Mcap} = Writer) ->
 -spec flush(t()) -> {iodata(), t()}.
 flush(#writer{since = none} = Writer) ->
     {[], Writer};
-flush(#writer{since = Since, terms = Terms} = Writer) ->
+flush(#writer{now = Now, terms = Terms} = Writer) ->
+    %% the times of a file never decrease
     Listed = packets(Writer),
-    #writer{mcap = Mcap} =
-        Full = put_text(terms, Since, starl_trace_terms:encode(lists:reverse(Terms)), Listed),
+    Text = starl_trace_terms:encode(lists:reverse(Terms)),
+    #writer{mcap = Mcap} = Full = put_text(terms, Now, Text, Listed),
     {Bytes, Next} = starl_mcap_writer:flush(Mcap),
     {Bytes, Full#writer{
         mcap = Next, since = none, terms = [], count = 0, packets = [], lost = 0
@@ -264,11 +266,11 @@ damaged(corrupt) -> " damaged".
 
 packets(#writer{packets = []} = Writer) ->
     Writer;
-packets(#writer{packets = Lines, since = Since, lost = Lost} = Writer) ->
+packets(#writer{packets = Lines, since = Since, now = Now, lost = Lost} = Writer) ->
     Json =
         {[
             {since, starl_trace_scene:timestamp(Since)},
             {lost, Lost},
             {packets, lists:reverse(Lines)}
         ]},
-    put_json(packets, Since, Json, Writer).
+    put_json(packets, Now, Json, Writer).

@@ -83,9 +83,11 @@ event({At, From, radio, {packet, To, What, Bytes, Fate}}, #stream{counts = Count
         events := Events - 1, packets := Packets + 1, lost := Lost + lost(Fate)
     },
     {[{packets, At, {From, To, What, Bytes, Fate}}], Stream#stream{counts = Counted}};
-event({At, Robot, chassis, Event} = Traced, #stream{poses = Poses} = Stream) ->
+event({At, Robot, chassis, Event} = Traced, #stream{poses = Poses, due = Due} = Stream) ->
+    %% a robot that begins to move is shown soon
+    Next = starl_trace_poses:event(Traced, Poses),
     {[{trace, At, {Robot, chassis, Event}}], Stream#stream{
-        poses = starl_trace_poses:event(Traced, Poses)
+        poses = Next, due = min(Due, starl_trace_poses:due_us(Next))
     }};
 event({At, Robot, Machine, Event}, Stream) ->
     {[{trace, At, {Robot, Machine, Event}} | log(At, Robot, Machine, Event)], Stream}.
