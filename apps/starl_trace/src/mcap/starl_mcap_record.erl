@@ -52,7 +52,7 @@
 magic() -> ?MAGIC.
 
 %% @doc The bytes of a record.
--spec encode(t()) -> iodata().
+-spec encode(t()) -> iolist().
 encode(Record) ->
     Content = put_content(Record),
     [<<(opcode(Record)):8, (iolist_size(Content)):64/little>>, Content].

@@ -156,7 +156,7 @@ given(Bytes, #writer{offset = Offset, crc = Crc} = Writer) ->
     }}.
 
 %% @doc The last bytes of the file.
--spec finish(t()) -> iodata().
+-spec finish(t()) -> iolist().
 finish(Writer0) ->
     {Chunk, Flushed} = flush(Writer0),
     #writer{crc = Crc} = Flushed,

@@ -20,7 +20,7 @@
 -define(LEVEL, 6).
 
 %% @doc The text of a term.
--spec encode(term()) -> iodata().
+-spec encode(term()) -> iolist().
 encode(Term) ->
     [?HEAD, base64:encode(term_to_binary(Term, [{compressed, ?LEVEL}])), ?TAIL].
 

@@ -80,7 +80,7 @@ flush(#writer{now = Now, terms = Terms} = Writer) ->
     }}.
 
 %% @doc The last bytes.
--spec finish(t()) -> iodata().
+-spec finish(t()) -> iolist().
 finish(Writer) ->
     {Bytes, #writer{mcap = Mcap}} = flush(Writer),
     [Bytes, starl_mcap_writer:finish(Mcap)].
