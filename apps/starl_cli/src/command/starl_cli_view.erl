@@ -43,6 +43,15 @@ subject(Word, Args) ->
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := File, values := Values}) ->
+    case starl_trace_reader:start(File) of
+        {ok, Cursor} ->
+            ok = starl_trace_reader:stop(Cursor),
+            show(File, Values);
+        {error, Reason} ->
+            {error, [starl_trace_reader:format_error(Reason)]}
+    end.
+
+show(File, Values) ->
     case starl_cli_window:open(Values, #{most_bytes => ?MOST_BYTES}) of
         {ok, View} -> shown(starl_view_recording:load(File, starl_view:hub(View)), File);
         {error, _} = Error -> Error

@@ -1,0 +1,51 @@
+-module(starl_view_row_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+rows(Machine, Event) -> starl_view_row:of_message({trace, 7, {2, Machine, Event}}).
+
+motion_test() ->
+    Piece = starl_trajectory:piece(5, {1.0, 2.0}, 0.5, 100.0, 0.25),
+    ?assertEqual(
+        [[<<"m">>, 7, 2, 0, 5, 1.0, 2.0, 0.5, 100.0, 0.25]], rows(chassis, {motion, Piece})
+    ),
+    Ramp = starl_trajectory:ramp(5, {1.0, 2.0}, 0.5, {1.0, 2.0}, {3.0, 4.0}, 60),
+    ?assertEqual(
+        [[<<"m">>, 7, 2, 1, 5, 1.0, 2.0, 0.5, 1.0, 2.0, 3.0, 4.0, 60]],
+        rows(chassis, {motion, Ramp})
+    ).
+
+%% The coordinator tells which robot holds what; a user's own event of that name is something else.
+held_test() ->
+    Lines = [{{1.0, 2.0}, {3.0, 4.0}}],
+    Row = [[<<"r">>, 7, 5, [[1.0, 2.0, 3.0, 4.0]]]],
+    ?assertEqual(Row, rows(dpp_coordinator, {reserved, 5, Lines})),
+    ?assertEqual(Row, rows(dpp_coordinator, {assigned, 5, {1, 1}, Lines})),
+    ?assertEqual([], rows(own, {reserved, 5, [table, chair]})),
+    ?assertEqual([], rows(own, {reserved, table, 5})).
+
+packets_test() ->
+    Brief = {data, {app, note}, 3},
+    ?assertMatch(
+        [[<<"p">>, 7, 2, 4, <<"{data,{app,note},3}">>, 50, <<"arrives">>, 20]],
+        rows(radio, {packet, 4, Brief, 50, {arrives, [{20, intact}]}})
+    ),
+    ?assertMatch(
+        [[<<"p">>, 7, 2, 4, _, 50, <<"hand_1">>, 0]],
+        rows(radio, {packet, 4, Brief, 50, {lost, {fault, hand_1}}})
+    ),
+    ?assertMatch(
+        [[<<"p">>, 7, 2, 4, _, 50, <<"corrupt">>, 20]],
+        rows(radio, {packet, 4, Brief, 50, {arrives, [{20, corrupt}]}})
+    ).
+
+ends_test() ->
+    ?assertEqual([[<<"x">>, 7, 2, robot, died]], rows(robot, {died, killed})),
+    ?assertEqual([[<<"x">>, 7, 2, robot, down]], rows(robot, down)),
+    ?assertEqual([[<<"x">>, 7, 2, sap, crashed]], rows(sap, crashed)),
+    ?assertEqual([], rows(app, {anything, at, all})).
+
+%% A long term stays short, and a whole number of characters.
+text_test() ->
+    Long = starl_view_row:text(lists:duplicate(1000, "ä"), 40),
+    ?assert(string:length(Long) =< 40),
+    ?assertEqual(Long, unicode:characters_to_binary(unicode:characters_to_list(Long))).
