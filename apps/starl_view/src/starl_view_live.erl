@@ -143,7 +143,7 @@ hand(What, Robots, Page, #live{hands = Hands, robots = N} = Live) ->
 answered(ok, {heal, []}, Page, #live{hub = Hub, now = Now, cuts = N} = Live) ->
     Rows = [[<<"end">>, Now, name(I)] || I <- lists:seq(1, N)],
     _ = [ok = starl_view_hub:put(Hub, Row) || Row <- Rows],
-    said(<<"yes">>, "healed", Page),
+    ok = said(<<"yes">>, "healed", Page),
     Live;
 answered(ok, {What, Robots}, Page, #live{hub = Hub, now = Now, cuts = N} = Live) ->
     Ms = (Now + ?BEHIND_US) div 1000,
@@ -154,10 +154,10 @@ answered(ok, {What, Robots}, Page, #live{hub = Hub, now = Now, cuts = N} = Live)
         end,
     Target = starl_view_row:text(target(Robots), 40),
     ok = starl_view_hub:put(Hub, [<<"f">>, Now, name(N + 1), Ms, To, kind(What), Target, <<>>]),
-    said(<<"yes">>, io_lib:format("~ts ~w", [What, Robots]), Page),
+    ok = said(<<"yes">>, io_lib:format("~ts ~w", [What, Robots]), Page),
     Live#live{cuts = N + 1};
 answered({error, Why}, _What, Page, Live) ->
-    said(<<"no">>, Why, Page),
+    ok = said(<<"no">>, Why, Page),
     Live.
 
 kind(cut) -> loss;
@@ -170,7 +170,9 @@ target([]) -> all.
 
 name(N) -> <<"hand_", (integer_to_binary(N))/binary>>.
 
-said(Kind, Text, Page) -> Page ! {tell, [Kind, unicode:characters_to_binary(Text)]}.
+said(Kind, Text, Page) ->
+    Page ! {tell, [Kind, unicode:characters_to_binary(Text)]},
+    ok.
 
 %% A robot is not asked: it may be on another computer, and has other things to do.
 look(#{<<"robot">> := Robot}, Page, #live{hub = Hub, now = Now} = Live) when is_integer(Robot) ->

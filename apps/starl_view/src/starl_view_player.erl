@@ -158,9 +158,7 @@ start(Scenario, ToldUs, #{hub := Hub} = Config) ->
 
 ended(#player{sim = Sim, ending = Ending, scenario = Scenario, ended = Ended, hands = Hands}) ->
     _ = Ended(),
-    {ok, #{sim => Sim, scenario => Scenario, ending => Ending, hands => Hands > 0}};
-ended({error, _} = Error) ->
-    Error.
+    {ok, #{sim => Sim, scenario => Scenario, ending => Ending, hands => Hands > 0}}.
 
 %% -- time -----------------------------------------------------------------------------------
 

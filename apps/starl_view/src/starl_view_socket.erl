@@ -23,6 +23,8 @@
     commands = {0, 0} :: {Second :: integer(), non_neg_integer()}
 }).
 
+-type answer() :: {[cow_ws:frame()], #page{}}.
+
 -spec init(cowboy_req:req(), map()) ->
     {cowboy_websocket | ok, cowboy_req:req(), term()}
     | {cowboy_websocket, cowboy_req:req(), term(), cowboy_websocket:opts()}.
@@ -48,7 +50,7 @@ asked(Request) ->
         token => proplists:get_value(<<"token">>, cowboy_req:parse_qs(Request), none)
     }.
 
--spec websocket_init(#page{}) -> cowboy_websocket:call_result(#page{}).
+-spec websocket_init(#page{}) -> answer().
 websocket_init(#page{hub = Hub} = Page) ->
     case starl_view_hub:join(Hub) of
         {ok, Head, Place} ->
@@ -57,7 +59,7 @@ websocket_init(#page{hub = Hub} = Page) ->
             {[{close, 1013, <<"too many pages are open">>}], Page}
     end.
 
--spec websocket_handle(cow_ws:frame() | term(), #page{}) -> cowboy_websocket:call_result(#page{}).
+-spec websocket_handle(cow_ws:frame() | term(), #page{}) -> answer().
 websocket_handle({text, <<"k">>}, #page{sent = Sent} = Page) ->
     {[], ask(Page#page{sent = max(0, Sent - 1)})};
 websocket_handle({text, Text}, Page) ->
@@ -70,7 +72,7 @@ websocket_handle({binary, _}, Page) ->
 websocket_handle(_PingOrPong, Page) ->
     {[], Page}.
 
--spec websocket_info(term(), #page{}) -> cowboy_websocket:call_result(#page{}).
+-spec websocket_info(term(), #page{}) -> answer().
 websocket_info({frames, Rows, Place}, Page) ->
     sent(Rows, ask(Page#page{place = Place, asks = false}));
 websocket_info({tell, Row}, Page) ->
