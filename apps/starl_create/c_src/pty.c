@@ -102,7 +102,31 @@ static void pull(struct pty *pty)
     pty->is_attached = false;
 }
 
-/* Which speed the other side has set, and whether it is there at all. */
+/* What the other side has said, once. */
+static bool take(struct pty *pty)
+{
+    uint8_t bytes[READ_SIZE], at[8];
+    ssize_t got = read(pty->master, bytes, sizeof bytes);
+    if (got <= 0)
+        return false;
+    put_u64(at, clock_us());
+    frames_put(&pty->out, 'd', (struct part){at, sizeof at}, (struct part){bytes, (size_t)got});
+    return true;
+}
+
+static void say_speed(struct pty *pty)
+{
+    uint8_t number[4];
+    unsigned baud = speed_get(pty->master);
+    if (baud == pty->baud)
+        return;
+    put_u32(number, baud);
+    frames_put(&pty->out, 'b', (struct part){number, sizeof number}, none);
+    pty->baud = baud;
+}
+
+/* Which speed the other side has set, and whether it is there at all. Its last words are read
+ * after it has closed. */
 static void look(struct pty *pty)
 {
     struct pollfd at = {pty->master, 0, 0};
@@ -110,16 +134,14 @@ static void look(struct pty *pty)
         return;
     poll(&at, 1, 0);
     bool is_attached = !(at.revents & POLLHUP);
+    if (pty->is_attached && !is_attached)
+        while (take(pty))
+            ;
     if (is_attached != pty->is_attached)
         frames_put(&pty->out, is_attached ? 'a' : 'h', none, none);
     pty->is_attached = is_attached;
-    unsigned baud = speed_get(pty->master);
-    if (is_attached && baud != pty->baud) {
-        uint8_t number[4];
-        put_u32(number, baud);
-        frames_put(&pty->out, 'b', (struct part){number, sizeof number}, none);
-        pty->baud = baud;
-    }
+    if (is_attached)
+        say_speed(pty);
 }
 
 /* A line that nobody listens to, or too slowly, loses what is sent. */
@@ -132,17 +154,6 @@ static void write_line(struct pty *pty, const uint8_t *bytes, size_t length)
             return;
         bytes += sent;
         length -= (size_t)sent;
-    }
-}
-
-static void read_line(struct pty *pty)
-{
-    uint8_t bytes[READ_SIZE], at[8];
-    ssize_t got = read(pty->master, bytes, sizeof bytes);
-    look(pty);
-    if (got > 0) {
-        put_u64(at, clock_us());
-        frames_put(&pty->out, 'd', (struct part){at, sizeof at}, (struct part){bytes, (size_t)got});
     }
 }
 
@@ -189,12 +200,12 @@ int pty_run(const char *link)
         fds[2] = (struct pollfd){pty.is_attached ? pty.master : -1, POLLIN, 0};
         if (poll(fds, 3, pty.master >= 0 ? LOOK_EACH_MS : -1) < 0)
             continue;
-        if (fds[2].revents & (POLLIN | POLLHUP))
-            read_line(&pty);
+        look(&pty);
+        if (pty.is_attached && fds[2].revents & POLLIN)
+            take(&pty);
         if (fds[1].revents & POLLOUT)
             frames_flush(&pty.out);
         is_open = erlang_ready(&pty, fds[0].revents) && !(fds[1].revents & POLLERR);
-        look(&pty);
     }
     pull(&pty);
     return 0;
