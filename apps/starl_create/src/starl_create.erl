@@ -3,9 +3,8 @@
 
 -export([emulated/2]).
 
-%% The delay of the line to an emulated robot: less than the time in which a robot comes to rest
-%% ({@link starl_create_driver}).
--define(LAG_MS, 30).
+%% The delay of the line to an emulated robot: longer than this computer is late, as a rule.
+-define(LAG_MS, 80).
 
 %% @doc The chassis of the robots of a run: an emulated Create with its driver for each that has one
 %% by this choice; what is left has a chassis of the world. `undefined' if nobody has one.

@@ -34,6 +34,8 @@ put_back(Pid) -> gen_server:cast(Pid, put_back).
 
 -spec init({pid(), file:filename() | none}) -> {ok, #on_pty{}} | {stop, term()}.
 init({Create, Link}) ->
+    %% bytes come before what happens after them
+    _ = process_flag(priority, high),
     case starl_create_pty:start_link(self(), Link) of
         {ok, Pty} -> {ok, #on_pty{create = Create, pty = Pty}};
         {error, Reason} -> {stop, {shutdown, Reason}}
