@@ -1,0 +1,130 @@
+%% @doc The parts that the pictures of a film have in common. The unit of the SVG is a millimetre of floor,
+%% with y downwards. A pure module.
+-module(starl_film_draw).
+
+-export([page/1, open/3, target/2, body/2, style/1, place/2, path/1, number/1, colour/1]).
+
+-export_type([page/0, look/0]).
+
+%% The size of the floor and of one dot, in mm: the longer side has 800 dots.
+-type page() :: #{width := integer(), height := integer(), dot := float(), foot := float()}.
+
+-type look() :: day | night.
+
+-define(RADIUS_MM, 165).
+-define(DOTS, 800).
+-define(FOOT_DOTS, 44).
+
+%% @doc The page of a scene.
+-spec page(starl_film_cast:scene()) -> page().
+page(#{floor := {Width, Height}}) ->
+    Dot = max(Width, Height) / ?DOTS,
+    #{width => round(Width), height => round(Height), dot => Dot, foot => ?FOOT_DOTS * Dot}.
+
+%% @doc The head of a picture, with a foot below the floor or without.
+-spec open(look(), foot | bare, page()) -> iodata().
+open(Look, Foot, #{width := Width, height := Height, dot := Dot} = Page) ->
+    Below =
+        case Foot of
+            foot -> maps:get(foot, Page);
+            bare -> 0.0
+        end,
+    Full = Height + Below,
+    [
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"",
+        number(2 * round(Width / Dot / 2)),
+        "\" height=\"",
+        number(2 * round(Full / Dot / 2)),
+        "\" viewBox=\"0 0 ",
+        [number(Width), $\s, number(Full)],
+        "\">\n<rect width=\"100%\" height=\"100%\" fill=\"",
+        ground(Look),
+        "\"/>\n"
+    ].
+
+ground(day) -> "#fff";
+ground(night) -> "#06070d".
+
+%% @doc The styles of ink, robots and letters.
+-spec style(page()) -> iodata().
+style(#{dot := Dot}) ->
+    [
+        "<style>.i{fill:none;stroke-linecap:round;stroke-linejoin:round;stroke-width:",
+        number(3.5 * Dot),
+        "}.t{fill:none;stroke:#d4d4d4;stroke-linecap:round;stroke-width:",
+        number(1.5 * Dot),
+        "}.b{fill:#fff;fill-opacity:.85;stroke-width:",
+        number(2.5 * Dot),
+        "}text{font-family:sans-serif;fill:#303030}</style>\n"
+    ].
+
+%% @doc The lines that are to be painted.
+-spec target([{starl_geometry:point(), starl_geometry:point()}], page()) -> iodata().
+target([], _Page) ->
+    [];
+target(Lines, Page) ->
+    [
+        "<path class=\"t\" d=\"",
+        [path([place(A, Page), place(B, Page)]) || {A, B} <- Lines],
+        "\"/>\n"
+    ].
+
+%% @doc A robot at the origin, which looks to the right; and its number, which does not turn.
+-spec body(starl:robot_id(), page()) -> {Body :: iodata(), Number :: iodata()}.
+body(Id, #{dot := Dot}) ->
+    Digits = integer_to_list(Id),
+    Size = ?RADIUS_MM * 1.9 / (1 + length(Digits)),
+    Colour = colour(Id),
+    {
+        [
+            "<circle class=\"b\" r=\"",
+            number(?RADIUS_MM),
+            "\" stroke=\"",
+            Colour,
+            "\"/><path d=\"M",
+            number(?RADIUS_MM),
+            " 0h",
+            number(0.45 * ?RADIUS_MM),
+            "\" stroke=\"",
+            Colour,
+            "\" stroke-linecap=\"round\" stroke-width=\"",
+            number(3.5 * Dot),
+            "\"/>"
+        ],
+        [
+            "<text text-anchor=\"middle\" y=\"",
+            number(0.36 * Size),
+            "\" font-size=\"",
+            number(Size),
+            "\">",
+            Digits,
+            "</text>"
+        ]
+    }.
+
+%% @doc A place of the floor on the page, in whole millimetres.
+-spec place({number(), number()}, page()) -> {integer(), integer()}.
+place({X, Y}, #{height := Height}) -> {round(X), Height - round(Y)}.
+
+%% @doc The data of a path.
+-spec path([{integer(), integer()}, ...]) -> iodata().
+path([{X, Y} | Points]) ->
+    [$M, integer_to_list(X), comma(Y), $l | steps({X, Y}, Points)].
+
+steps(_From, []) -> "0 0";
+steps({X0, Y0}, [{X, Y}]) -> step(X - X0, Y - Y0);
+steps({X0, Y0}, [{X, Y} | Points]) -> [step(X - X0, Y - Y0), $\s | steps({X, Y}, Points)].
+
+step(X, Y) -> [integer_to_list(X), comma(Y)].
+
+comma(N) when N < 0 -> integer_to_list(N);
+comma(N) -> [$,, integer_to_list(N)].
+
+%% @doc A number with at most one decimal.
+-spec number(number()) -> iodata().
+number(N) when is_integer(N) -> integer_to_list(N);
+number(N) -> float_to_binary(float(N), [{decimals, 1}, compact]).
+
+%% @doc The colour of a robot, as in the pictures of its run.
+-spec colour(starl:robot_id()) -> string().
+colour(Id) -> starl_picture_draw:colour(Id).

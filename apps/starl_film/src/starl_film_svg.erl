@@ -1,0 +1,268 @@
+%% @doc The film of a run as one animated SVG file, without scripts: browsers play it, also where it is
+%% an image of another page. It shows the robots on their ways, the ink as it is drawn, and a clock;
+%% it ends with the whole picture, rests, and begins again. A program that does not animate shows the
+%% whole picture. A pure module.
+%%
+%% Each animation takes the time of the whole film, so all of them stay together.
+-module(starl_film_svg).
+
+-export([film/2]).
+
+-export_type([options/0]).
+
+%% `seconds': of the film, before it rests; `once': it does not begin again.
+-type options() :: #{seconds := float(), title := unicode:chardata(), once => boolean()}.
+
+-record(film, {
+    page :: starl_film_draw:page(),
+    end_us :: pos_integer(),
+    %% the part of the film that moves
+    part :: float(),
+    %% the attributes of each animation
+    dur :: iodata()
+}).
+
+-define(REST_S, 4.0).
+-define(WAY_MM, 8.0).
+-define(INK_MM, 3.0).
+-define(TURN_RAD, 0.06).
+%% The clock shows so many different times at most.
+-define(TICKS, 400).
+
+%% @doc The film of a scene.
+-spec film(starl_film_cast:scene(), options()) -> binary().
+film(#{actors := Actors, lines := Lines, end_us := End} = Scene, Options) ->
+    #{seconds := Seconds, title := Title} = Options,
+    Page = starl_film_draw:page(Scene),
+    Film = #film{
+        page = Page,
+        end_us = max(1, End),
+        part = Seconds / (Seconds + ?REST_S),
+        dur = dur(Seconds + ?REST_S, maps:get(once, Options, false))
+    },
+    iolist_to_binary([
+        starl_film_draw:open(day, foot, Page),
+        ["<title>", escape(Title), "</title>\n"],
+        starl_film_draw:style(Page),
+        starl_film_draw:target(Lines, Page),
+        [ink(Actor, Film) || Actor <- Actors],
+        [robot(Actor, Film) || Actor <- Actors],
+        foot(Title, Film),
+        "</svg>\n"
+    ]).
+
+dur(Seconds, Once) ->
+    Again =
+        case Once of
+            true -> "\" fill=\"freeze\"";
+            false -> "\" repeatCount=\"indefinite\""
+        end,
+    [" dur=\"", starl_film_draw:number(float(Seconds)), "s", Again].
+
+%% -- ink ------------------------------------------------------------------------------------
+
+ink(#{id := Id, ink := Strokes}, Film) ->
+    [
+        "<g class=\"i\" stroke=\"",
+        starl_film_draw:colour(Id),
+        "\">\n",
+        [stroke(S, Film) || S <- Strokes],
+        "</g>\n"
+    ].
+
+%% A dash as long as the line moves into sight.
+stroke(Stroke, #film{page = Page} = Film) ->
+    Points = [
+        {T, starl_film_draw:place({X, Y}, Page)}
+     || {T, [X, Y]} <- starl_film_series:thin(?INK_MM, Stroke)
+    ],
+    {Driven, Length} = driven(Points),
+    Dash = ceil(Length) + 1,
+    Keys =
+        [{0, Dash + 9}, {element(1, hd(Points)), Dash + 9}] ++
+            [
+                {T, round(Dash - S)}
+             || {T, [S]} <- starl_film_series:thin(?WAY_MM, lists:droplast(Driven))
+            ] ++
+            [{element(1, lists:last(Points)), 0}],
+    [
+        "<path d=\"",
+        starl_film_draw:path([Point || {_, Point} <- Points]),
+        io_lib:format("\" stroke-dasharray=\"~b ~b\">", [Dash, 2 * Dash + 20]),
+        animate(
+            "animate attributeName=\"stroke-dashoffset\"",
+            [{T, integer_to_list(V)} || {T, V} <- Keys],
+            Film
+        ),
+        "</path>\n"
+    ].
+
+%% The length that is drawn, by time.
+driven([{T, Point} | Points]) -> driven(Points, Point, 0.0, [{T, [0.0]}]).
+
+driven([], _Last, Length, Driven) ->
+    {lists:reverse(Driven), Length};
+driven([{T, {X, Y}} | Points], {X0, Y0}, Length, Driven) ->
+    Longer = Length + math:sqrt((X - X0) * (X - X0) + (Y - Y0) * (Y - Y0)),
+    driven(Points, {X, Y}, Longer, [{T, [Longer]} | Driven]).
+
+%% -- robots ---------------------------------------------------------------------------------
+
+robot(#{id := Id, way := Way, down := Down}, #film{page = Page} = Film) ->
+    {Body, Number} = starl_film_draw:body(Id, Page),
+    Places = [
+        {T, pair(starl_film_draw:place({X, Y}, Page))}
+     || {T, [X, Y]} <- starl_film_series:thin(?WAY_MM, [{T, [X, Y]} || {T, [X, Y, _]} <- Way])
+    ],
+    Turns = [
+        {T, integer_to_list(round(-Heading * 180 / math:pi()))}
+     || {T, [Heading]} <- starl_film_series:thin(?TURN_RAD, [{T, [H]} || {T, [_, _, H]} <- Way])
+    ],
+    [
+        ["<g", opacity(Down, Film), ">", faint(Down, Film)],
+        ["<g transform=\"translate(", last(Places), ")\">"],
+        animate("animateTransform attributeName=\"transform\" type=\"translate\"", Places, Film),
+        ["<g transform=\"rotate(", last(Turns), ")\">"],
+        animate("animateTransform attributeName=\"transform\" type=\"rotate\"", Turns, Film),
+        [Body, "</g>", Number, "</g></g>\n"]
+    ].
+
+pair({X, Y}) -> [integer_to_list(X), $,, integer_to_list(Y)].
+
+last(Keys) -> element(2, lists:last(Keys)).
+
+%% A robot that is down is faint.
+opacity(Down, #film{end_us = End}) ->
+    case [To || {_, To} <- Down, To >= End] of
+        [] -> "";
+        _ -> " opacity=\".3\""
+    end.
+
+faint([], _Film) ->
+    [];
+faint(Down, Film) ->
+    Keys = [{0, "1"} | lists:append([[{From, ".3"}, {To, "1"}] || {From, To} <- Down])],
+    Kept =
+        case opacity(Down, Film) of
+            "" -> Keys;
+            _ -> lists:droplast(Keys)
+        end,
+    animate("animate attributeName=\"opacity\" calcMode=\"discrete\"", Kept, Film).
+
+%% -- the foot: a clock, a bar of time, a title ------------------------------------------------
+
+foot(Title, #film{page = #{width := Width, height := Height, dot := Dot}, end_us = End} = Film) ->
+    Bar = animate(
+        "animate attributeName=\"width\"", [{0, "0"}, {End, integer_to_list(Width)}], Film
+    ),
+    [
+        io_lib:format("<rect y=\"~b\" width=\"~b\" height=\"~b\" fill=\"#eee\"/>\n", [
+            Height, Width, round(4 * Dot)
+        ]),
+        io_lib:format("<rect y=\"~b\" width=\"~b\" height=\"~b\" fill=\"#888\">", [
+            Height, Width, round(4 * Dot)
+        ]),
+        Bar,
+        "</rect>\n",
+        io_lib:format("<text x=\"~b\" y=\"~b\" font-size=\"~b\">", [
+            round(12 * Dot), round(Height + 30 * Dot), round(18 * Dot)
+        ]),
+        [escape(Title), "</text>\n"],
+        clock(Film)
+    ].
+
+%% Digits turn behind a window: an image without scripts cannot change a text.
+clock(#film{page = #{width := Width, height := Height, dot := Dot}, end_us = End} = Film) ->
+    Step = tick(End),
+    Times = [{T, text(T)} || T <- lists:seq(0, End, Step)],
+    Columns = length(element(2, lists:last(Times))),
+    Texts = [{T, string:pad(Text, Columns, leading, $\s)} || {T, Text} <- Times],
+    Advance = 12 * Dot,
+    X0 = Width - Advance * (Columns + 1),
+    Y = Height + 30 * Dot,
+    Window = io_lib:format(
+        "<clipPath id=\"w\"><rect x=\"0\" y=\"~b\" width=\"~b\" height=\"~b\"/></clipPath>\n", [
+            round(Height + 11 * Dot), Width, round(25 * Dot)
+        ]
+    ),
+    [
+        Window,
+        io_lib:format("<g clip-path=\"url(#w)\" font-size=\"~b\" text-anchor=\"middle\">\n", [
+            round(20 * Dot)
+        ]),
+        [
+            reel({X0 + Column * Advance, Y, 30 * Dot}, column(Column, Texts), Film)
+         || Column <- lists:seq(1, Columns)
+        ],
+        "</g>\n"
+    ].
+
+tick(End) ->
+    hd([
+        S * 1000000
+     || S <- [1, 2, 5, 10, 30, 60, 600, 3600, 86400, 1 bsl 40], End div (S * 1000000) =< ?TICKS
+    ]).
+
+text(T) ->
+    Seconds = T div 1000000,
+    lists:flatten(io_lib:format("~b:~2..0b", [Seconds div 60, Seconds rem 60])).
+
+column(Column, Texts) ->
+    changes([{T, lists:nth(Column, lists:flatten(Text))} || {T, Text} <- Texts]).
+
+changes([{T, C}, {_, C} | Texts]) -> changes([{T, C} | Texts]);
+changes([Text | Texts]) -> [Text | changes(Texts)];
+changes([]) -> [].
+
+%% The signs of a column, one below the other.
+reel({X, Y, Down}, Changes, Film) ->
+    Signs = lists:usort([C || {_, C} <- Changes]),
+    Places = maps:from_list(lists:zip(Signs, lists:seq(0, length(Signs) - 1))),
+    Keys = [
+        {T, ["0,-", integer_to_list(round(Down * maps:get(C, Places)))]}
+     || {T, C} <- Changes
+    ],
+    Texts = [
+        io_lib:format("<text x=\"~b\" y=\"~b\">~c</text>", [round(X), round(Y + Down * N), C])
+     || {C, N} <- lists:sort(maps:to_list(Places))
+    ],
+    ["<g transform=\"translate(", last(Keys), ")\">", turning(Keys, Film), Texts, "</g>\n"].
+
+turning([_], _Film) ->
+    [];
+turning(Keys, Film) ->
+    animate(
+        "animateTransform attributeName=\"transform\" type=\"translate\" calcMode=\"discrete\"",
+        Keys,
+        Film
+    ).
+
+%% -- animations -----------------------------------------------------------------------------
+
+animate(What, [{First, Value} | _] = Keys, Film) ->
+    All = [{0, Value} || First > 0] ++ Keys,
+    Moments = [{moment(T, Film), V} || {T, V} <- All] ++ [{10000, last(Keys)}],
+    [
+        [$<, What, Film#film.dur, " keyTimes=\""],
+        lists:join($;, [decimal(M) || {M, _} <- Moments]),
+        "\" values=\"",
+        lists:join($;, [V || {_, V} <- Moments]),
+        "\"/>"
+    ].
+
+%% In ten-thousandths of the film.
+moment(T, #film{end_us = End, part = Part}) ->
+    max(0, min(10000, round(10000 * Part * T / End))).
+
+decimal(0) -> "0";
+decimal(10000) -> "1";
+decimal(M) -> string:trim(io_lib:format(".~4..0b", [M]), trailing, "0").
+
+escape(Text) ->
+    unicode:characters_to_binary([escaped(C) || C <- unicode:characters_to_list(Text)]).
+
+escaped($<) -> "&lt;";
+escaped($>) -> "&gt;";
+escaped($&) -> "&amp;";
+escaped(C) when C < 32 -> $\s;
+escaped(C) -> C.
