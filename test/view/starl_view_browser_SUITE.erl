@@ -29,6 +29,7 @@ the_page(Config) ->
     Browser = ?B:start(?config(program, Config)),
     try
         ok = ?B:open(list_to_binary(Url), Browser),
+        computes_motion(Browser),
         shows_where_robots_are(Browser, Dir),
         scrubs(Browser, Dir),
         tells_of_a_robot(Browser, Dir),
@@ -44,6 +45,27 @@ the_page(Config) ->
     ?assertEqual({4, digest(Ended)}, {element(1, Replayed), digest(Replayed)}),
     ?assertMatch({4, _}, Ended),
     ?assertNotEqual(digest_of_no_hands(Config), digest(Ended)).
+
+%% The page's closed forms are those of starl_trajectory, for every kind of piece.
+computes_motion(Browser) ->
+    Pieces = [
+        starl_trajectory:standing(5, {1.0, 2.0}, 0.5),
+        starl_trajectory:piece(5, {1.0, 2.0}, 0.5, 300.0, 0.0),
+        starl_trajectory:piece(5, {1.0, 2.0}, 0.5, 0.0, -1.5),
+        starl_trajectory:piece(5, {1.0, 2.0}, 0.5, -300.0, 1.2),
+        starl_trajectory:ramp(5, {1.0, 2.0}, 0.5, {10.0, -20.0}, {300.0, 40.0}, 1500000)
+    ],
+    [computes(Piece, T, Browser) || Piece <- Pieces, T <- [5, 900000, 1500005, 4000000]].
+
+computes(Piece, T, Browser) ->
+    [[_, _, _ | Row]] = starl_view_row:of_message({trace, 0, {1, chassis, {motion, Piece}}}),
+    Json = starl_view_json:encode(Row),
+    Call = [".then(m => m.pose(", Json, ", ", integer_to_list(T), "))"],
+    Shown = ?B:eval(["import('/motion.js')" | Call], Browser),
+    {X, Y, Heading} = starl_trajectory:pose(T, Piece),
+    ?assertMatch([_, _, _], Shown),
+    Off = lists:max([abs(A - B) || {A, B} <- lists:zip([X, Y, Heading], Shown)]),
+    ?assert(Off < 1.0e-6).
 
 %% Within a millimetre; really they are the same to the last bits.
 shows_where_robots_are(Browser, Dir) ->
