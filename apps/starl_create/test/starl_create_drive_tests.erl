@@ -32,13 +32,18 @@ legs_test_() ->
      || Model <- [1, 2], Ms <- [0, 20]
     ].
 
-legs(Model, Ms, N) ->
-    Seed = starl_platform_ct:seed(),
+legs(Model, Ms, N) -> legs(Model, Ms, N, starl_platform_ct:seed()).
+
+%% With this seed a command at 500 mm/s over a late line ended more than r(v) off.
+a_late_line_ends_no_leg_too_far_test_() ->
+    {timeout, 60, fun() -> legs(2, 20, 250, 5) end}.
+
+legs(Model, Ms, N, Seed) ->
     Bench = ready(#{model => Model, latency => {0, 1000 * Ms}, seed => Seed}),
     {Worst, _, _} = lists:foldl(
         fun leg/2, {{0.0, 0.0}, rand:seed_s(exsss, Seed), Bench}, lists:seq(1, N)
     ),
-    ?debugFmt(
+    io:format(
         "create ~b, latency ~b ms: ~b legs, at most ~.1f mm off the line, ~.1f off its end, "
         "r(v) ~.1f",
         [

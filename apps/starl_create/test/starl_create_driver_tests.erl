@@ -254,7 +254,7 @@ odometry_of_a_create_2_test() ->
     lists:foldl(
         fun({V, Seconds, Sum}, Bench0) ->
             Driven = starl_create_bench:drive({[{V, V, Seconds * ?S}], leg}, Bench0),
-            Bench = starl_create_bench:run((Seconds + 1) * ?S, Driven),
+            Bench = starl_create_bench:run((2 * Seconds + 1) * ?S, Driven),
             {Mm, _} = starl_create_driver:odometry(starl_create_bench:driver(Bench)),
             ?assert(abs(Mm - Sum) < 2),
             Bench

@@ -22,6 +22,8 @@
 -type way() :: by_port | on_robot.
 
 -define(FASTEST, 500.0).
+%% The fastest speed of a command that the port times.
+-define(CAREFUL, 300.0).
 %% The least duration of a command; a slice; how much earlier than needed the next slice leaves.
 -define(LEAST_US, 60000).
 -define(SLICE_US, 105000).
@@ -54,11 +56,13 @@ timed({Left0, Right0, Us0}) ->
 
 limit(V) -> max(-?FASTEST, min(?FASTEST, V)).
 
-%% Slower, and longer.
-lengthened(Left, Right, Us) when Us >= ?LEAST_US -> {Left, Right, Us};
+%% Slower, and longer: what a line that is 20 ms late adds to a command grows with its speed.
 lengthened(Left, Right, Us) ->
-    Part = Us / ?LEAST_US,
-    {Left * Part, Right * Part, ?LEAST_US}.
+    Fast = max(abs(Left), abs(Right)),
+    case max(?LEAST_US, Us * Fast / ?CAREFUL) of
+        Longer when Longer > Us -> {Left * Us / Longer, Right * Us / Longer, Longer};
+        _ -> {Left, Right, Us}
+    end.
 
 %% The speeds in whole mm/s in about the same proportion, and the part by which they are slower.
 whole(Left, Right) when Left == 0, Right == 0 ->
