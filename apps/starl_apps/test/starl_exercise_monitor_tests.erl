@@ -89,7 +89,15 @@ told_test() ->
     ?assertEqual(
         [{too_late, 131 * ?S, [1], Of#{outcome => ok}}], Told(call({send, 2}, 110, ok, 131))
     ),
-    ?assertEqual([{no_answer, 130 * ?S, [1], Of}], Told([hd(call({send, 2}, 110, ok, 131))])).
+    ?assertEqual([{no_answer, 130 * ?S, [1], Of}], Told([hd(call({send, 2}, 110, ok, 131))])),
+    %% the patience by a clock that is slow by two in a hundred, and the margin, or the bound
+    [
+        ?assertMatch(
+            [{no_answer, Ends, [1], #{since_us := Since}}] when Since =:= At * ?S,
+            Told([{At, 1, app, {call, {elect, x}, 8000}}])
+        )
+     || {At, Ends} <- [{110, 123_160_000}, {1, 59_160_000}]
+    ].
 
 %% -- what is the same of all calls ------------------------------------------------------------
 

@@ -247,6 +247,15 @@ ink_past_the_end_of_the_line_test() ->
     ?assertEqual([], Past(1009.99)),
     ?assertEqual([ink_off_the_lines], Past(1011.0)).
 
+%% Less than a millimetre of ink is judged like any other: its first half lies on the line.
+short_ink_past_the_end_test() ->
+    Past = fun(From, To) ->
+        {Events, End} = paint([{From, 0.0}, {To, 0.0}]),
+        judge(line(), Events, End)
+    end,
+    ?assertEqual([], Past(1009.2, 1010.0)),
+    ?assertEqual([ink_off_the_lines], Past(1009.6, 1010.4)).
+
 %% The ink leaves the line and comes back: both ends of the piece are on lines.
 shortcut_across_a_corner_test() ->
     {Events, End} = paint([{500.0, 0.0}, {1000.0, 500.0}]),

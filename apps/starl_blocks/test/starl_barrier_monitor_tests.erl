@@ -148,6 +148,10 @@ out_of_order_test() ->
     ),
     ?assertEqual([], judge(all_reach() ++ [{3, 1, reached, 1}])).
 
+%% Who takes no part has reached no round, so it passes none.
+stranger_test() ->
+    ?assertEqual([passed_out_of_order], judge(all_reach() ++ [{5, 3, passed, 1}])).
+
 %% Who has rebooted goes on with the first round that it has not passed.
 reboot_test() ->
     Down = all_reach() ++ [{3, 2, crashed}],
@@ -245,6 +249,13 @@ begins_again_test() ->
         )
     ).
 
+%% Who begins again passes the round that it has reached last, not a later one of before.
+begins_again_in_order_test() ->
+    Far = all_reach() ++ [{3, R, passed, 1} || R <- [1, 2]] ++ [{4, R, reached, 2} || R <- [1, 2]],
+    Again = Far ++ [{5, R, damaged} || R <- [1, 2]] ++ [{6, 2, reached, 1}],
+    ?assertEqual([passed_out_of_order], judge(Again ++ [{7, 2, passed, 2}])),
+    ?assertEqual([], judge(Again ++ [{7, 2, passed, 1}])).
+
 late_pass_test() ->
     Late = all_reach() ++ [{5, 1, passed, 1}, {16, 2, passed, 1}],
     ?assertEqual([late_pass], judge(Late, 20, #{delta_us => 10})),
@@ -286,6 +297,24 @@ memory_test() ->
         erts_debug:flat_size(lists:foldl(Round, M0, lists:seq(1, N)))
     end,
     ?assertEqual(Size(5), Size(50)).
+
+%% Two states judge alike if no store is damaged and only who has forgotten differs.
+timeless_test() ->
+    Timeless = fun(Events) ->
+        starl_barrier_monitor:timeless(
+            lists:foldl(
+                fun(E, Acc) ->
+                    {ok, Next} = starl_barrier_monitor:step(trace(E), Acc),
+                    Next
+                end,
+                starl_barrier_monitor:init(#{robots => [1, 2]}),
+                all_reach() ++ Events
+            )
+        )
+    end,
+    ?assertEqual(Timeless([]), Timeless([{3, 1, crashed}])),
+    ?assertNotEqual(Timeless([]), Timeless([{3, 1, damaged}])),
+    ?assertNotEqual(Timeless([]), Timeless([{3, 1, passed, 1}])).
 
 %% Without a bound a round that not all pass is never overdue.
 no_bound_test() ->

@@ -26,6 +26,24 @@ overlap_is_merged_test() ->
 duplicates_merged_test() ->
     ?assertEqual({2, 1}, counts([{{0.0, 0.0}, {10.0, 0.0}}, {{10.0, 0.0}, {0.0, 0.01}}])).
 
+%% Ends that are no farther apart than the tolerance are one vertex, also if that is millimetres.
+tolerance_test() ->
+    Corner = [{{0.0, 0.0}, {100.0, 0.0}}, {{101.5, 0.0}, {101.5, 100.0}}],
+    Counts = fun(Mm) ->
+        #{vertices := V, edges := E} = starl_planar:planarise(Corner, #{tolerance => Mm}),
+        {length(V), length(E)}
+    end,
+    ?assertEqual([{4, 2}, {3, 2}, {3, 2}], [Counts(Mm) || Mm <- [1.0, 1.5, 2.0]]).
+
+%% An end that is as far from a line as the tolerance is on the line, which goes on from there.
+as_far_as_the_tolerance_test() ->
+    End = {7.0, 0.5},
+    Lines = [{{0.0, 0.0}, {10.0, 0.0}}, {{3.0, -0.25}, End}],
+    #{vertices := V, edges := E} = starl_planar:planarise(Lines, #{tolerance => 0.5}),
+    At = fun(N) -> lists:nth(N, V) end,
+    From = [At(A) || {A, B} <- E, At(B) == End] ++ [At(B) || {A, B} <- E, At(A) == End],
+    ?assertMatch([{X, _}, {10.0, _}] when X < 7.0, lists:sort(From)).
+
 star_shares_one_vertex_test() ->
     Star = [
         {{1000 * math:cos(A), 1000 * math:sin(A)}, {-1000 * math:cos(A), -1000 * math:sin(A)}}

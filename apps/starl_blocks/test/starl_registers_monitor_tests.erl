@@ -168,6 +168,14 @@ registers_results_test() ->
     ),
     ?assertEqual({[], None#{writes := 2, reads := 1}}, in_full(Events, 1005, #{})).
 
+%% What was due is judged once, whatever happens later.
+judged_once_test() ->
+    Written = [put(5, 1, x), holds(5, 1, x, s(5, 1))],
+    Later = [{T, 2, {got, z, unset}} || T <- [2000, 3000, 4000]],
+    {Found, Results} = in_full(Written ++ Later),
+    ?assertMatch([{no_agreement, 1005, [1, 2], _}], Found),
+    ?assertMatch(#{agreements := 1}, Results).
+
 %% The time runs from the last write of the register, the last crash or death, and the heal.
 due_test() ->
     Due = fun(Events, Extra) ->

@@ -63,6 +63,13 @@ clock_earlier_test() ->
     ?assertEqual(2, Earlier(9, [lost(1, 4), {2, 8, {clock, -6}}])),
     ?assertEqual(10, Earlier(10, [lost(1, 4), {2, 8, {clock, -6}}])).
 
+%% A clock that gains nothing is as right as before, also while it loses in another window.
+no_gain_test() ->
+    Slow = [{25, 32, {clock, -6}}, {31, 52, {clock, -12}}],
+    Earlier = fun(Windows) -> ?A:clock_earlier(1, 60, 48, but(Windows)) end,
+    ?assertEqual(42, Earlier(Slow)),
+    ?assertEqual(42, Earlier([{38, 43, {clock, 0}} | Slow])).
+
 %% Held against a clock that is looked at in every microsecond.
 clock_earlier_is_exact_test() ->
     Seed = starl_platform_ct:seed(),
@@ -116,6 +123,8 @@ amounts_test() ->
             {13, 19, 0, 0}
         ]
     ],
+    Least = but([lost(1, 10), gained(1, 10)]),
+    ?assertEqual({1, 1}, {?A:lost_us(1, 0, 20, Least), ?A:gained_us(1, 0, 20, Least)}),
     Stands = but([{10, 20, {clock, -10}}]),
     ?assertEqual(
         [10, 4, 6, 2, 0],

@@ -203,7 +203,7 @@ sparse(TargetVs, R) ->
     end,
     lists:sort(maps:values(lists:foldl(Keep, #{}, TargetVs))).
 
-%% Joins each of the vertices to the three nearest points of the roadmap.
+%% Joins each of the vertices to three of the nearest points of the roadmap.
 links(Vs, Inside, Spacing) ->
     Grid = index(Inside, Spacing),
     [{V, W} || {V, P} <- Vs, W <- nearest(P, Grid, Spacing, 3)].
