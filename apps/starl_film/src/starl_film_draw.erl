@@ -22,7 +22,7 @@ page(#{floor := {Width, Height}}) ->
     #{width => round(Width), height => round(Height), dot => Dot, foot => ?FOOT_DOTS * Dot}.
 
 %% @doc The head of a picture, with a foot below the floor or without.
--spec open(look(), foot | bare, page()) -> iodata().
+-spec open(look(), foot | bare, page()) -> iolist().
 open(Look, Foot, #{width := Width, height := Height, dot := Dot} = Page) ->
     Below =
         case Foot of
@@ -46,7 +46,7 @@ ground(day) -> "#fff";
 ground(night) -> "#06070d".
 
 %% @doc The styles of ink, robots and letters.
--spec style(page()) -> iodata().
+-spec style(page()) -> iolist().
 style(#{dot := Dot}) ->
     [
         "<style>.i{fill:none;stroke-linecap:round;stroke-linejoin:round;stroke-width:",
@@ -59,7 +59,7 @@ style(#{dot := Dot}) ->
     ].
 
 %% @doc The lines that are to be painted.
--spec target([{starl_geometry:point(), starl_geometry:point()}], page()) -> iodata().
+-spec target([{starl_geometry:point(), starl_geometry:point()}], page()) -> iolist().
 target([], _Page) ->
     [];
 target(Lines, Page) ->
@@ -107,7 +107,7 @@ body(Id, #{dot := Dot}) ->
 place({X, Y}, #{height := Height}) -> {round(X), Height - round(Y)}.
 
 %% @doc The data of a path.
--spec path([{integer(), integer()}, ...]) -> iodata().
+-spec path([{integer(), integer()}, ...]) -> iolist().
 path([{X, Y} | Points]) ->
     [$M, integer_to_list(X), comma(Y), $l | steps({X, Y}, Points)].
 

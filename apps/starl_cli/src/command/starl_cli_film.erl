@@ -125,6 +125,7 @@ gather({run, Target}, #{values := Values}) ->
     Call = #{
         subject => Target,
         given => #{},
+        args => [],
         values => #{
             until => none,
             inspect => none,

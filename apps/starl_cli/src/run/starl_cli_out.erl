@@ -95,7 +95,7 @@ beside({existing, Dir}, Extension) -> named(Dir, "run", Extension);
 beside({numbered, Parent, Name}, Extension) -> named(Parent, Name, Extension).
 
 named(Parent, Name, Extension) ->
-    filename:join(Parent, lists:concat([Name, ".", os:getpid(), Extension])).
+    Parent ++ "/" ++ lists:concat([Name, ".", os:getpid(), Extension]).
 
 %% @doc Calls a function that writes the files into a directory, and gives the final directory;
 %% `partly': without a file that is not needed.

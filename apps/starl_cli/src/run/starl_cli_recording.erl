@@ -84,6 +84,6 @@ moved({error, Posix}, File) -> {partly, [File, ": ", file:format_error(Posix)]}.
 -spec shown(file:filename()) -> file:filename().
 shown(Path) ->
     case filelib:is_dir(Path) of
-        true -> filename:join(Path, ?NAME);
+        true -> Path ++ "/" ++ ?NAME;
         false -> Path
     end.

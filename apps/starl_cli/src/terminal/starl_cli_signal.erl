@@ -5,6 +5,7 @@
 -behaviour(gen_event).
 
 -export([install/0, on_interrupt/1, leave/0, leave_after/2]).
+-export([left_after/2]).
 -export([init/1, handle_event/2, handle_call/2]).
 
 %% The usual exit status of an interrupted command: 128 + SIGINT.
@@ -51,12 +52,15 @@ quit() ->
 %% @doc Ends the VM as interrupted, with these last words, if it has not ended by itself by then.
 -spec leave_after(Ms :: pos_integer(), unicode:chardata()) -> ok.
 leave_after(Ms, Words) ->
-    _ = spawn(fun() ->
-        ok = timer:sleep(Ms),
-        starl_cli_progress:note(Words),
-        leave()
-    end),
+    _ = spawn(?MODULE, left_after, [Ms, Words]),
     ok.
+
+%% @private
+-spec left_after(pos_integer(), unicode:chardata()) -> no_return().
+left_after(Ms, Words) ->
+    ok = timer:sleep(Ms),
+    starl_cli_progress:note(Words),
+    leave().
 
 %% @doc Ends the VM as interrupted. What was written last has a moment to get out; a reader that
 %% takes no more does not hold up the end.

@@ -1,7 +1,7 @@
 %% @doc The commands of the Open Interface as terms and as bytes, of both generations.
 %%
 %% A command is the name of its opcode, with its data, as in `{drive_direct, Right, Left}'. What is
-%% decoded need not be valid: a number out of its range makes the whole command {@link invalid()},
+%% decoded need not be valid: a number out of its range makes the whole command `invalid()',
 %% and a robot ignores it.
 %%
 %% Sources: Create Open Interface (2006), Create 2 Open Interface (2016).

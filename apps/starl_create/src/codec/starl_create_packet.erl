@@ -97,11 +97,11 @@ known(Id, 2) -> members(Id) =/= unknown.
 %% @doc The number of data bytes of a packet or group that exists.
 -spec bytes(id()) -> pos_integer().
 bytes(Id) ->
-    lists:sum([Bytes || Member <- members(Id), {_, Bytes, _} <- [row(Member)]]).
+    lists:foldl(fun(Member, Sum) -> element(2, row(Member)) + Sum end, 0, members(Id)).
 
 %% @doc The number of data bytes of several.
 -spec byte_count([id()]) -> non_neg_integer().
-byte_count(Ids) -> lists:sum([bytes(Id) || Id <- Ids]).
+byte_count(Ids) -> lists:foldl(fun(Id, Sum) -> bytes(Id) + Sum end, 0, Ids).
 
 %% @doc The name of a single packet.
 -spec name(7..58) -> name().

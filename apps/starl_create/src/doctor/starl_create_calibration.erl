@@ -1,7 +1,7 @@
 %% @doc Calibrates a Create: it drives straight and turns on the spot, and its odometry is held
 %% against what it was commanded, or against what a tape measure says.
 %%
-%% What differs by more than {@link tolerance()} is measured again, and the lesser difference counts:
+%% What differs by more than the tolerance is measured again, and the lesser difference counts:
 %% a computer that was busy for a moment looks like a longer way.
 -module(starl_create_calibration).
 

@@ -226,7 +226,7 @@ pen(#driver{options = Options, model = Model, pen = Value}) ->
 
 %% @doc The pen, if nothing else is said: the first digital output of a Create 1, the first light
 %% (Debris) of a Create 2.
--spec usual_pen(starl_create_packet:model()) -> pen().
+-spec usual_pen(starl_create_packet:model()) -> {outputs | leds, 0}.
 usual_pen(1) -> {outputs, 0};
 usual_pen(2) -> {leds, 0}.
 

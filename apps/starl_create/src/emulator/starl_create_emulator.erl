@@ -94,9 +94,11 @@
 -type wait() ::
     none
     | {until, Us :: integer()}
-    | {distance, Mm :: number()}
-    | {angle, Degrees :: number()}
+    | {distance, beyond()}
+    | {angle, beyond()}
     | {event, integer()}.
+%% The place, mm or degrees, at which a wait is over, and the direction to it.
+-type beyond() :: {up | down, float()}.
 
 -define(TICK_US, 15000).
 %% Bytes that the robot holds without reading them; commands that it reads at one moment.

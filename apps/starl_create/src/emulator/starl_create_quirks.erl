@@ -9,7 +9,7 @@
 -type t() :: #{atom() => term()}.
 
 %% @doc The table, as of a command's flags.
--spec options() -> [starl_options:option()].
+-spec options() -> [{atom(), switch | starl_options:type(), term(), string()}].
 options() ->
     [
         {checksum, {one_of, [with_header, without_header]}, with_header,

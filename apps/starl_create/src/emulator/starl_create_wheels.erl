@@ -36,7 +36,7 @@
 new(Axle, Quirks) -> #wheels{axle_mm = Axle, quirks = Quirks}.
 
 %% @doc The distance of the wheels (libcreate; Open Interface 2016).
--spec axle_mm(starl_create_packet:model()) -> number().
+-spec axle_mm(starl_create_packet:model()) -> pos_integer().
 axle_mm(1) -> 258;
 axle_mm(2) -> 235.
 

@@ -242,7 +242,7 @@ failed(Reason, Detail, #line{device = Device} = Line) ->
 
 %% @doc What is wrong and what to do, in a line.
 -spec format_error({reason(), Device :: string(), Detail :: unicode:chardata(), Baud}) ->
-    unicode:chardata()
+    unicode:charlist()
 when
     Baud :: pos_integer().
 format_error({no_program, _, _, _}) ->

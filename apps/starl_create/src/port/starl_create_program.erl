@@ -42,8 +42,7 @@ priv() ->
 %% monotonic one of the operating system, from different beginnings.
 -spec us(non_neg_integer()) -> integer().
 us(At) ->
-    Now = erlang:monotonic_time(microsecond),
-    At - os:perf_counter(microsecond) + Now.
+    erlang:monotonic_time(microsecond) - (os:perf_counter(microsecond) - At).
 
 %% @doc What to do about it, in a line.
 -spec format_error(reason()) -> unicode:chardata().

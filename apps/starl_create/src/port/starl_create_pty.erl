@@ -96,7 +96,7 @@ detail(Error, Link) ->
 loop(#pty{owner = Owner, program = Program, name = Name} = Pty) ->
     receive
         {Program, {data, Message}} ->
-            tell(Owner, event(Message)),
+            _ = tell(Owner, event(Message)),
             loop(Pty);
         {name, From, Ref} ->
             From ! {Ref, Name},

@@ -80,11 +80,11 @@ chars({put_chars, _Encoding, Chars}) -> Chars;
 chars({put_chars, _Encoding, Module, Function, Args}) -> apply(Module, Function, Args);
 chars(_Other) -> "".
 
-%% EDoc links the behaviours of OTP as if they had pages here.
+%% EDoc links the behaviours of OTP and of cowboy as if they had pages here.
 to_otp(Page) ->
     Text = re:replace(
         read(Page),
-        "href=\"((?:gen_|supervisor|application|eunit_)[a-z_]*)\\.html\"",
+        "href=\"((?:gen_|supervisor|application|eunit_|cowboy)[a-z_]*)\\.html\"",
         "href=\"https://www.erlang.org/doc/man/\\1.html\"",
         [global]
     ),
