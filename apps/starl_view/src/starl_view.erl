@@ -11,14 +11,17 @@
 
 -export_type([t/0, options/0, reason/0]).
 
--record(view, {name :: reference(), hub :: pid(), address :: binary()}).
+-record(view, {name :: reference(), hub :: pid(), feed :: pid(), address :: binary()}).
 
 -opaque t() :: #view{}.
 
 %% `port' 0: a free one. `host': the address to listen at, by default only this computer's own.
 %% Pages from other computers need the token in the address that {@link address/1} tells.
 -type options() :: #{
-    port => inet:port_number(), host => string(), most_bytes => pos_integer()
+    port => inet:port_number(),
+    host => string(),
+    most_bytes => pos_integer(),
+    most_waiting => pos_integer()
 }.
 
 -type reason() ::
@@ -45,6 +48,8 @@ family(Host) ->
 listen(Ip, Host, Options) ->
     Port = maps:get(port, Options, 0),
     {ok, Hub} = starl_view_hub:start_link(maps:with([most_bytes], Options)),
+    {ok, Feed} = starl_view_foxglove_feed:start_link(maps:with([most_waiting], Options)),
+    ok = starl_view_hub:tap(Hub, Feed),
     Name = make_ref(),
     Transport = #{
         socket_opts => [{ip, Ip}, {port, Port}],
@@ -55,17 +60,24 @@ listen(Ip, Host, Options) ->
         {ok, _} ->
             Actual = ranch:get_port(Name),
             Guard = starl_view_guard:new(Ip, Actual),
-            ok = ranch:set_protocol_options(Name, protocol(Hub, Guard)),
-            {ok, #view{name = Name, hub = Hub, address = address(Host, Actual, Guard)}};
+            ok = ranch:set_protocol_options(Name, protocol(Hub, Feed, Guard)),
+            {ok, #view{
+                name = Name, hub = Hub, feed = Feed, address = address(Host, Actual, Guard)
+            }};
         {error, Why} ->
-            true = unlink(Hub),
-            true = exit(Hub, shutdown),
+            ok = ended([Hub, Feed]),
             {error, {listen, Host, Port, Why}}
     end.
 
-protocol(Hub, Guard) ->
-    State = #{hub => Hub, guard => Guard, files => starl_view_page:files()},
-    Routes = [{'_', [{"/ws", starl_view_socket, State}, {'_', starl_view_page, State}]}],
+protocol(Hub, Feed, Guard) ->
+    State = #{hub => Hub, feed => Feed, guard => Guard, files => starl_view_page:files()},
+    Routes = [
+        {'_', [
+            {"/ws", starl_view_socket, State},
+            {"/foxglove", starl_view_foxglove, State},
+            {'_', starl_view_page, State}
+        ]}
+    ],
     #{env => #{dispatch => cowboy_router:compile(Routes)}, max_keepalive => 1000}.
 
 address(Host, Port, Guard) ->
@@ -89,10 +101,12 @@ address(Host, Port, Guard) ->
 
 %% @doc Ends the server.
 -spec stop(t()) -> ok.
-stop(#view{name = Name, hub = Hub}) ->
+stop(#view{name = Name, hub = Hub, feed = Feed}) ->
     _ = cowboy:stop_listener(Name),
-    true = unlink(Hub),
-    true = exit(Hub, shutdown),
+    ended([Hub, Feed]).
+
+ended(Pids) ->
+    _ = [{unlink(Pid), exit(Pid, shutdown)} || Pid <- Pids],
     ok.
 
 %% @doc The address of the page; with a token, which nobody else should see, if other computers can

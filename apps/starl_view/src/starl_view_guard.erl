@@ -4,7 +4,7 @@
 %% server. A server that other computers can reach wants a token, too, which its address carries.
 -module(starl_view_guard).
 
--export([new/2, is_near/1, named/2, admitted/2, token/1]).
+-export([new/2, is_near/1, named/2, admitted/2, viewer/2, token/1]).
 
 -export_type([t/0]).
 
@@ -54,6 +54,30 @@ admitted(#{host := Host, authority := Authority, origin := Origin, token := Give
     named(Host, Guard) andalso
         Origin =:= <<"http://", Authority/binary>> andalso
         has_token(Given, Guard).
+
+%% @doc May a viewer that speaks Foxglove's protocol look? It has no hands. It is a program, which names
+%% no page; or a page of this computer or of Foxglove.
+-spec viewer(
+    #{
+        host := binary(),
+        authority := binary(),
+        origin := binary() | none,
+        token := binary() | none
+    },
+    t()
+) -> boolean().
+viewer(#{host := Host, origin := Origin, token := Given}, Guard) ->
+    named(Host, Guard) andalso is_viewers(Origin) andalso has_token(Given, Guard).
+
+is_viewers(none) ->
+    true;
+is_viewers(Origin) ->
+    case uri_string:parse(Origin) of
+        #{scheme := <<"https">>, host := <<"app.foxglove.dev">>} -> true;
+        #{scheme := <<"file">>} -> true;
+        #{host := Host} -> lists:member(Host, [<<"localhost">>, <<"127.0.0.1">>, <<"::1">>]);
+        _ -> false
+    end.
 
 has_token(_Given, #guard{token = none}) ->
     true;

@@ -14,7 +14,17 @@
 -behaviour(gen_server).
 
 -export([
-    start_link/1, observer/2, head/2, put/2, clock/2, reset/1, lead/2, pages/1, flush/1, events/2
+    start_link/1,
+    tap/2,
+    observer/2,
+    head/2,
+    put/2,
+    clock/2,
+    reset/1,
+    lead/2,
+    pages/1,
+    flush/1,
+    events/2
 ]).
 -export([join/1, want/2, command/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
@@ -59,12 +69,18 @@
     %% pages, those of them that wait at a place, and the player
     pages = #{} :: #{pid() => reference()},
     waiting = #{} :: #{pid() => place()},
-    leader = none :: pid() | none
+    leader = none :: pid() | none,
+    %% of viewers that speak another protocol
+    tap = none :: pid() | none
 }).
 
 %% @doc Starts a hub; `most_bytes': of the rows that are kept for pages that come later.
 -spec start_link(#{most_bytes => pos_integer()}) -> gen_server:start_ret().
 start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
+
+%% @doc The feed of viewers that speak Foxglove's protocol gets the news, too.
+-spec tap(pid(), Feed :: pid()) -> ok.
+tap(Hub, Feed) -> gen_server:call(Hub, {tap, Feed}).
 
 %% @doc The observer of a run, which tells the hub everything from a time on.
 -spec observer(pid(), FromUs :: integer()) -> starl_observer:t().
@@ -75,7 +91,11 @@ observed({judged, Events, Violations}, FromUs, Hub) ->
         [] -> ok;
         New -> told(New, Violations, Hub)
     end;
-observed(_BegunOrEnded, _FromUs, _Hub) ->
+observed({begun, _}, FromUs, _Hub) when FromUs > 0 ->
+    %% the same run goes on
+    ok;
+observed(BegunOrEnded, _FromUs, Hub) ->
+    Hub ! BegunOrEnded,
     ok.
 
 told(Events, Violations, Hub) ->
@@ -134,7 +154,10 @@ init(Config) -> {ok, #hub{most_bytes = maps:get(most_bytes, Config, ?MOST_BYTES)
 handle_call({clock, #{now_us := Now} = Clock}, _From, #hub{clock = {N, _}} = Hub) ->
     Row = starl_view_json:encode([<<"t">>, Now, maps:remove(now_us, Clock)]),
     Timed = framed(Hub#hub{now = Now, clock = {N + 1, Row}}),
+    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:clock(Feed, Now) end, Hub),
     {reply, ok, serve(Timed)};
+handle_call({tap, Feed}, _From, Hub) ->
+    {reply, ok, Hub#hub{tap = Feed}};
 handle_call({head, {Rows, Robots}}, _From, Hub) ->
     Kept = max(3, min(?EVENTS, ?MOST_EVENTS div Robots)),
     {reply, ok, Hub#hub{head = json(Rows), kept_events = Kept}};
@@ -177,13 +200,20 @@ handle_cast({command, Page, Command}, #hub{leader = Leader} = Hub) ->
 -spec handle_info(term(), #hub{}) -> {noreply, #hub{}}.
 handle_info({'DOWN', _, process, Page, _}, #hub{pages = Pages, waiting = Waiting} = Hub) ->
     {noreply, Hub#hub{pages = maps:remove(Page, Pages), waiting = maps:remove(Page, Waiting)}};
-handle_info({judged, Events, Violations}, Hub) ->
+handle_info({judged, Events, Violations} = News, Hub) ->
+    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
     Told = lists:foldl(fun traced/2, Hub, Events),
     {noreply, rows([starl_view_row:violation(V) || V <- Violations], Told)};
+handle_info({Begun, _} = News, Hub) when Begun =:= begun; Begun =:= ended ->
+    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
+    {noreply, Hub};
 handle_info({starl_trace, _, Messages}, Hub) ->
     {noreply, lists:foldl(fun told/2, Hub, Messages)};
 handle_info(_, Hub) ->
     {noreply, Hub}.
+
+tapped(_Tell, #hub{tap = none}) -> ok;
+tapped(Tell, #hub{tap = Feed}) -> Tell(Feed).
 
 traced({T, Robot, Machine, Event}, Hub) -> told({trace, T, {Robot, Machine, Event}}, Hub).
 

@@ -50,8 +50,11 @@ observer(Live) ->
     Hub = gen_server:call(Live, hub),
     Tell = starl_view_hub:observer(Hub, 0),
     fun
-        ({begun, _} = News) -> gen_server:cast(Live, News);
-        (News) -> Tell(News)
+        ({begun, _} = News) ->
+            ok = Tell(News),
+            gen_server:cast(Live, News);
+        (News) ->
+            Tell(News)
     end.
 
 %% @doc The run has started.

@@ -30,9 +30,16 @@ type(".svg") -> <<"image/svg+xml">>;
 type(_) -> <<"text/plain; charset=utf-8">>.
 
 -spec init(cowboy_req:req(), #{files := files(), guard := starl_view_guard:t(), _ => _}) ->
-    {ok, cowboy_req:req(), map()}.
+    {ok | starl_view_foxglove, cowboy_req:req(), map()}.
 init(Request, #{files := Files, guard := Guard} = State) ->
-    {ok, answer(starl_view_guard:named(cowboy_req:host(Request), Guard), Request, Files), State}.
+    case cowboy_req:header(<<"sec-websocket-protocol">>, Request) of
+        undefined ->
+            Named = starl_view_guard:named(cowboy_req:host(Request), Guard),
+            {ok, answer(Named, Request, Files), State};
+        _ ->
+            %% a viewer that speaks another protocol
+            {starl_view_foxglove, Request, State}
+    end.
 
 answer(false, Request, _Files) ->
     say(403, <<"this server is for its own computer: open it as http://127.0.0.1\n">>, Request);

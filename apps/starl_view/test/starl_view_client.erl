@@ -1,7 +1,7 @@
 %% A WebSocket client for tests, as good or as bad as a test wants.
 -module(starl_view_client).
 
--export([connect/2, connect/3, get/3, send/2, raw/2, rows/2, next/2, close/1]).
+-export([connect/2, connect/3, get/3, send/2, raw/2, rows/2, next/2, frame/2, close/1]).
 
 -define(PATIENCE_MS, 20000).
 
@@ -77,6 +77,18 @@ sized(127, Socket) ->
     Size;
 sized(Size, _Socket) ->
     Size.
+
+%% The next message as it is, with its type: 1 a text, 2 bytes, 8 the end.
+frame(Socket, Ms) ->
+    case gen_tcp:recv(Socket, 2, Ms) of
+        {ok, <<_:4, Type:4, 0:1, 0:7>>} ->
+            {Type, <<>>};
+        {ok, <<_:4, Type:4, 0:1, Length:7>>} ->
+            {ok, Content} = gen_tcp:recv(Socket, sized(Length, Socket), ?PATIENCE_MS),
+            {Type, Content};
+        {error, _} = Error ->
+            Error
+    end.
 
 message(_Type, 0, _Socket) ->
     {rows, []};

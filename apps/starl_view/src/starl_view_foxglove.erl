@@ -1,0 +1,134 @@
+%% @doc The WebSocket of a viewer that speaks Foxglove's protocol: Foxglove, Lichtblick. It sees a run
+%% and has no hands. It asks its feed for more when all has been sent, so a viewer that reads nothing
+%% gets nothing more.
+-module(starl_view_foxglove).
+-behaviour(cowboy_websocket).
+
+-export([init/2, upgrade/4, websocket_init/1, websocket_handle/2, websocket_info/2]).
+
+-define(W, starl_view_foxglove_words).
+-define(MOST_BYTES, 65536).
+-define(MOST_SUBSCRIPTIONS, 1000).
+-define(MOST_BAD, 20).
+
+-record(viewer, {
+    feed :: pid(),
+    subscriptions = #{} :: #{non_neg_integer() => starl_trace_schema:channel()},
+    bad = 0 :: non_neg_integer()
+}).
+
+-spec init(cowboy_req:req(), map()) ->
+    {cowboy_websocket, cowboy_req:req(), #viewer{}, cowboy_websocket:opts()}
+    | {ok, cowboy_req:req(), map()}.
+init(Request, #{feed := Feed, guard := Guard} = State) ->
+    Offered = cowboy_req:parse_header(<<"sec-websocket-protocol">>, Request, []),
+    case {starl_view_guard:viewer(asked(Request), Guard), ?W:chosen(Offered)} of
+        {false, _} ->
+            Text = <<"this viewer may not look: see the page on viewers\n">>,
+            {ok, cowboy_req:reply(403, #{}, Text, Request), State};
+        {true, none} ->
+            Text = <<"foxglove.sdk.v1 and foxglove.websocket.v1 are spoken here\n">>,
+            {ok, cowboy_req:reply(400, #{}, Text, Request), State};
+        {true, {ok, Version}} ->
+            Chosen = cowboy_req:set_resp_header(<<"sec-websocket-protocol">>, Version, Request),
+            %% viewers ping rarely
+            Options = #{max_frame_size => ?MOST_BYTES, idle_timeout => infinity},
+            {cowboy_websocket, Chosen, #viewer{feed = Feed}, Options}
+    end.
+
+asked(Request) ->
+    #{
+        host => cowboy_req:host(Request),
+        authority => cowboy_req:header(<<"host">>, Request, <<>>),
+        origin => cowboy_req:header(<<"origin">>, Request, none),
+        token => proplists:get_value(<<"token">>, cowboy_req:parse_qs(Request), none)
+    }.
+
+%% @doc Takes over a request that another handler has got: viewers know no path.
+-spec upgrade(cowboy_req:req(), cowboy_middleware:env(), module(), map()) ->
+    {ok, cowboy_req:req(), cowboy_middleware:env()} | {suspend, module(), atom(), [term()]}.
+upgrade(Request, Env, _Handler, State) ->
+    case init(Request, State) of
+        {cowboy_websocket, Chosen, Viewer, Options} ->
+            cowboy_websocket:upgrade(Chosen, Env, ?MODULE, Viewer, Options);
+        {ok, Answered, _} ->
+            {ok, Answered, Env}
+    end.
+
+-spec websocket_init(#viewer{}) -> cowboy_websocket:call_result(#viewer{}).
+websocket_init(#viewer{feed = Feed} = Viewer) ->
+    case starl_view_foxglove_feed:join(Feed) of
+        {ok, Session, HasRun} ->
+            ok = starl_view_foxglove_feed:want(Feed),
+            {offer(Session) ++ hint(HasRun), Viewer};
+        full ->
+            {[{close, 1013, <<"too many viewers">>}], Viewer}
+    end.
+
+hint(true) ->
+    [];
+hint(false) ->
+    Text = "no run goes on yet; a recording is a file, run.mcap, which this viewer opens itself",
+    [{text, ?W:status(info, Text)}].
+
+offer(Session) -> [{text, ?W:server_info(Session)}, {text, ?W:advertise()}].
+
+-spec websocket_handle(cow_ws:frame() | term(), #viewer{}) ->
+    cowboy_websocket:call_result(#viewer{}).
+websocket_handle({text, Text}, Viewer) ->
+    command(?W:command(Text), Viewer);
+websocket_handle({binary, _}, Viewer) ->
+    bad("nothing is taken from viewers here", Viewer);
+websocket_handle(_PingOrPong, Viewer) ->
+    {[], Viewer}.
+
+command({subscribe, New, Bad}, #viewer{subscriptions = Known} = Viewer) ->
+    {Own, Taken} = lists:partition(fun({Id, _}) -> not is_map_key(Id, Known) end, New),
+    All = maps:merge(Known, maps:from_list(Own)),
+    case map_size(All) > ?MOST_SUBSCRIPTIONS of
+        true -> bad("too many subscriptions", Viewer);
+        false -> refused(Bad ++ [Id || {Id, _} <- Taken], changed(All, Viewer))
+    end;
+command({unsubscribe, Ids, Bad}, #viewer{subscriptions = Known} = Viewer) ->
+    Unknown = [Id || Id <- Ids, not is_map_key(Id, Known)],
+    refused(Bad ++ Unknown, changed(maps:without(Ids, Known), Viewer));
+command({other, Op}, Viewer) ->
+    bad([string:slice(Op, 0, 40), " is not offered here"], Viewer);
+command(garbage, Viewer) ->
+    bad("this is no message of the protocol", Viewer).
+
+changed(All, #viewer{feed = Feed} = Viewer) ->
+    ok = starl_view_foxglove_feed:channels(Feed, lists:usort(maps:values(All))),
+    Viewer#viewer{subscriptions = All}.
+
+refused([], Viewer) -> {[], Viewer};
+refused(Bad, Viewer) -> bad(io_lib:format("not understood: ~0tP", [Bad, 20]), Viewer).
+
+bad(_Text, #viewer{bad = Bad} = Viewer) when Bad >= ?MOST_BAD ->
+    {[{close, 1008, <<"too many mistakes">>}], Viewer};
+bad(Text, #viewer{bad = Bad} = Viewer) ->
+    {[{text, ?W:status(error, Text)}], Viewer#viewer{bad = Bad + 1}}.
+
+-spec websocket_info(starl_view_foxglove_feed:told() | term(), #viewer{}) ->
+    cowboy_websocket:call_result(#viewer{}).
+websocket_info({session, Session}, #viewer{feed = Feed} = Viewer) ->
+    ok = starl_view_foxglove_feed:want(Feed),
+    {[{text, ?W:unadvertise()} | offer(Session)], Viewer#viewer{subscriptions = #{}}};
+websocket_info({updates, Updates, Missed, Now}, #viewer{feed = Feed} = Viewer) ->
+    ok = starl_view_foxglove_feed:want(Feed),
+    Messages = lists:flatmap(fun(Update) -> messages(Update, Viewer) end, Updates),
+    {missed(Missed) ++ Messages ++ [{binary, ?W:time(Now)}], Viewer};
+websocket_info(_, Viewer) ->
+    {[], Viewer}.
+
+messages({Channel, At, Text}, #viewer{subscriptions = Subscriptions}) ->
+    [
+        {binary, ?W:message(Id, At, Text)}
+     || {Id, Subscribed} <- lists:sort(maps:to_list(Subscriptions)), Subscribed =:= Channel
+    ].
+
+missed(0) ->
+    [];
+missed(Missed) ->
+    Text = io_lib:format("Send buffer limit reached: ~b messages left out", [Missed]),
+    [{text, ?W:status(warning, Text)}].

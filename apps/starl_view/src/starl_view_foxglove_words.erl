@@ -1,0 +1,121 @@
+%% @doc The words of Foxglove's WebSocket protocol, of which a viewer may speak one of two versions:
+%% `foxglove.sdk.v1' and the older `foxglove.websocket.v1'. Both are the same here. Channels and
+%% schemas are those of recordings ({@link starl_trace_schema}). A pure module.
+-module(starl_view_foxglove_words).
+
+-export([chosen/1, server_info/1, advertise/0, unadvertise/0, status/2]).
+-export([message/3, time/1, command/1, channels/0]).
+
+-export_type([command/0, level/0]).
+
+-type level() :: info | warning | error.
+
+-type id() :: 0..16#ffffffff.
+
+%% What a viewer asks for. `other': what this server has not declared. Of a list, what makes no sense
+%% is told apart.
+-type command() ::
+    {subscribe, [{id(), starl_trace_schema:channel()}], Bad :: [term()]}
+    | {unsubscribe, [id()], Bad :: [term()]}
+    | {other, binary()}
+    | garbage.
+
+%% @doc The version that is spoken, of those that a viewer offers.
+-spec chosen([binary()]) -> {ok, binary()} | none.
+chosen(Offered) ->
+    Known = [<<"foxglove.sdk.v1">>, <<"foxglove.websocket.v1">>],
+    case [Version || Version <- Known, lists:member(Version, Offered)] of
+        [Version | _] -> {ok, Version};
+        [] -> none
+    end.
+
+%% @doc The first word of a session; its name is another one for each run.
+-spec server_info(binary()) -> iodata().
+server_info(Session) ->
+    json([
+        {op, <<"serverInfo">>},
+        {name, <<"starl">>},
+        {capabilities, [<<"time">>]},
+        {supportedEncodings, [<<"json">>]},
+        {metadata, {[]}},
+        {sessionId, Session}
+    ]).
+
+%% @doc The channels that viewers can see. The exact terms of a recording are for nobody here.
+-spec channels() -> [{id(), starl_trace_schema:channel()}].
+channels() ->
+    Names = [scenario, tf, scene, log, trace, packets, faults, verdicts, metrics],
+    [{starl_trace_schema:id(Name), Name} || Name <- Names].
+
+%% @doc The offer of all channels.
+-spec advertise() -> iodata().
+advertise() ->
+    All = starl_trace_schema:channels(),
+    Schemas = maps:from_list([{Id, {Name, Text}} || {schema, Id, Name, _, Text} <- All]),
+    Channels = [
+        channel(Id, Topic, maps:get(Schema, Schemas))
+     || {channel, Id, Schema, Topic, _, _} <- All, lists:keymember(Id, 1, channels())
+    ],
+    json([{op, <<"advertise">>}, {channels, Channels}]).
+
+channel(Id, Topic, {Name, Schema}) ->
+    {[
+        {id, Id},
+        {topic, unicode:characters_to_binary(Topic)},
+        {encoding, <<"json">>},
+        {schemaName, unicode:characters_to_binary(Name)},
+        {schema, iolist_to_binary(Schema)},
+        {schemaEncoding, <<"jsonschema">>}
+    ]}.
+
+%% @doc The end of that offer: subscriptions end with it.
+-spec unadvertise() -> iodata().
+unadvertise() -> json([{op, <<"unadvertise">>}, {channelIds, [Id || {Id, _} <- channels()]}]).
+
+%% @doc A line for the viewer's user.
+-spec status(level(), unicode:chardata()) -> iodata().
+status(Level, Text) ->
+    json([
+        {op, <<"status">>},
+        {level, maps:get(Level, #{info => 0, warning => 1, error => 2})},
+        {message, unicode:characters_to_binary(Text)}
+    ]).
+
+json(Pairs) -> starl_trace_json:encode({Pairs}).
+
+%% @doc A message of a subscription.
+-spec message(id(), AtUs :: integer(), iodata()) -> iodata().
+message(Subscription, At, Text) ->
+    [<<1, Subscription:32/little, (1000 * max(0, At)):64/little>>, Text].
+
+%% @doc The time of the run.
+-spec time(NowUs :: integer()) -> binary().
+time(Now) -> <<2, (1000 * max(0, Now)):64/little>>.
+
+%% @doc What a viewer's text says.
+-spec command(binary()) -> command().
+command(Text) ->
+    case starl_view_json:decode(Text) of
+        {ok, #{<<"op">> := <<"subscribe">>, <<"subscriptions">> := List}} when is_list(List) ->
+            {Good, Bad} = parted([subscription(Each) || Each <- List]),
+            {subscribe, Good, Bad};
+        {ok, #{<<"op">> := <<"unsubscribe">>, <<"subscriptionIds">> := List}} when is_list(List) ->
+            {Good, Bad} = lists:partition(fun is_id/1, List),
+            {unsubscribe, Good, Bad};
+        {ok, #{<<"op">> := Op}} when is_binary(Op) ->
+            {other, Op};
+        _ ->
+            garbage
+    end.
+
+parted(List) -> {[Good || {ok, Good} <- List], [Bad || {bad, Bad} <- List]}.
+
+subscription(#{<<"id">> := Id, <<"channelId">> := Channel} = Each) ->
+    case is_id(Id) andalso lists:keyfind(Channel, 1, channels()) of
+        {_, Name} -> {ok, {Id, Name}};
+        false -> {bad, Each}
+    end;
+subscription(Each) ->
+    {bad, Each}.
+
+is_id(Id) -> is_integer(Id) andalso Id >= 0 andalso Id =< 16#ffffffff.

@@ -1,0 +1,439 @@
+%% Viewers that speak Foxglove's protocol: they see what the simulation does, on the channels of
+%% recordings; what bad ones do harms nobody. The last case is with the official client, from npm:
+%% `npm install --prefix _build/node @foxglove/ws-protocol ws'.
+-module(starl_view_foxglove_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-include_lib("common_test/include/ct.hrl").
+
+-export([all/0, suite/0, init_per_testcase/2, end_per_testcase/2]).
+-export([versions/1, who_may_look/1, sees_the_run/1, late_and_again/1]).
+-export([garbage/1, one_that_reads_nothing/1, the_official_client/1]).
+
+-define(C, starl_view_client).
+-define(PATIENCE_MS, 20000).
+-define(NODE, "_build/node").
+
+suite() -> [{timetrap, {minutes, 3}}].
+
+all() ->
+    [
+        versions,
+        who_may_look,
+        sees_the_run,
+        late_and_again,
+        garbage,
+        one_that_reads_nothing,
+        the_official_client
+    ].
+
+init_per_testcase(_Case, Config) ->
+    {ok, View} = starl_view:start(#{port => 0, most_waiting => 100000}),
+    #{port := Port} = uri_string:parse(binary_to_list(starl_view:address(View))),
+    [{view, View}, {port, Port}, {hub, starl_view:hub(View)} | Config].
+
+end_per_testcase(_Case, Config) -> starl_view:stop(?config(view, Config)).
+
+%% Both versions at the path of the page, as viewers have it, and at one of their own.
+versions(Config) ->
+    Port = ?config(port, Config),
+    Of = fun(Versions) -> [{"Sec-WebSocket-Protocol", Versions}] end,
+    [
+        begin
+            {101, Socket} = ?C:connect(Port, Path, Of(Versions)),
+            #{<<"op">> := <<"serverInfo">>} = text(Socket)
+        end
+     || Path <- ["/", "/foxglove"],
+        Versions <- [
+            "foxglove.sdk.v1",
+            "foxglove.websocket.v1",
+            "foxglove.websocket.v1, foxglove.sdk.v1",
+            "other, foxglove.sdk.v1"
+        ]
+    ],
+    ?assertMatch({400, _}, ?C:connect(Port, "/", Of("other"))),
+    ?assertMatch({400, _}, ?C:connect(Port, "/foxglove", [])),
+    {ok, Chosen} = starl_view_foxglove_words:chosen([
+        <<"foxglove.websocket.v1">>, <<"foxglove.sdk.v1">>
+    ]),
+    ?assertEqual(<<"foxglove.sdk.v1">>, Chosen).
+
+%% Programs, and pages of this computer and of Foxglove; nobody under another name.
+who_may_look(Config) ->
+    Port = ?config(port, Config),
+    Own = {"Sec-WebSocket-Protocol", "foxglove.sdk.v1"},
+    Status = fun(Headers) -> element(1, ?C:connect(Port, "/", [Own | Headers])) end,
+    ?assertEqual(101, Status([])),
+    ?assertEqual(101, Status([{"Origin", "https://app.foxglove.dev"}])),
+    ?assertEqual(101, Status([{"Origin", "http://localhost:8080"}])),
+    ?assertEqual(403, Status([{"Origin", "https://evil.example"}])),
+    ?assertEqual(403, Status([{"Origin", "https://localhost.evil.example"}])),
+    ?assertEqual(403, Status([{"Origin", "null"}])),
+    ?assertEqual(403, Status([{"Host", "evil.example"}])).
+
+%% Frames are where the robots are, at that time; ink is what they drew.
+sees_the_run(Config) ->
+    {Socket, Topics} = viewer(Config),
+    ?assertEqual(
+        lists:sort([
+            <<"/scenario">>,
+            <<"/tf">>,
+            <<"/scene">>,
+            <<"/log">>,
+            <<"/trace">>,
+            <<"/packets">>,
+            <<"/faults">>,
+            <<"/verdicts">>,
+            <<"/metrics">>
+        ]),
+        lists:sort(maps:keys(Topics))
+    ),
+    Ids = maps:from_list([{100 + Id, Topic} || {Topic, #{<<"id">> := Id}} <- maps:to_list(Topics)]),
+    ok = subscribe([{100 + Id, Id} || #{<<"id">> := Id} <- maps:values(Topics)], Socket),
+    _ = ran(20, Config),
+    Seen = until(
+        fun
+            ({time, T}) -> T >= 20000000;
+            (_) -> false
+        end,
+        Socket,
+        []
+    ),
+    Of = fun(Topic) -> [{T, Json} || {Id, T, Json} <- Seen, maps:get(Id, Ids) =:= Topic] end,
+    [?assertNotEqual({Topic, []}, {Topic, Of(Topic)}) || Topic <- maps:values(Ids), has(Topic)],
+    [{_, #{<<"application">> := <<"starl_painting">>, <<"robots">> := 3}}] = Of(<<"/scenario">>),
+    Truth = truth(20),
+    Frames = [
+        {T, Frame}
+     || {T, #{<<"transforms">> := Frames}} <- Of(<<"/tf">>), Frame <- Frames
+    ],
+    ?assert(length(Frames) > 500),
+    [?assert(is_true(T, Frame, Truth)) || {T, Frame} <- Frames],
+    Lines = [
+        Line
+     || {_, #{<<"entities">> := Entities}} <- Of(<<"/scene">>),
+        #{<<"lines">> := Lines} <- Entities,
+        Line <- Lines
+    ],
+    ?assert(length(Lines) > 3).
+
+has(Topic) -> not lists:member(Topic, [<<"/log">>, <<"/faults">>, <<"/verdicts">>]).
+
+is_true(T, #{<<"child_frame_id">> := <<"robot ", Id/binary>>, <<"translation">> := At}, Truth) ->
+    #{<<"x">> := X, <<"y">> := Y} = At,
+    {TX, TY} = position(T, maps:get(binary_to_integer(Id), Truth)),
+    abs(1000 * X - TX) =< 1 andalso abs(1000 * Y - TY) =< 1.
+
+%% A viewer that comes late gets the ink that was drawn before; a run that begins anew is another
+%% session, and the same viewer goes on with it.
+late_and_again(Config) ->
+    _ = ran(20, Config),
+    {Socket, #{<<"/scene">> := #{<<"id">> := Scene}}} = viewer(Config),
+    ok = subscribe([{7, Scene}], Socket),
+    ok = starl_view_hub:clock(?config(hub, Config), #{now_us => 20000001}),
+    Seen = until(
+        fun
+            ({time, T}) -> T > 20000000;
+            (_) -> false
+        end,
+        Socket,
+        []
+    ),
+    ?assert(length([T || {7, T, _} <- Seen]) > 3),
+    _ = ran(2, Config),
+    {texts, [Gone, Info, _]} = texts(3, Socket),
+    ?assertMatch(#{<<"op">> := <<"unadvertise">>}, Gone),
+    ?assertMatch(#{<<"op">> := <<"serverInfo">>, <<"sessionId">> := _}, Info),
+    ok = subscribe([{8, Scene}], Socket),
+    ok = starl_view_hub:clock(?config(hub, Config), #{now_us => 2000001}),
+    ?assertMatch(
+        [_ | _], [
+            T
+         || {8, T, _} <- until(
+                fun
+                    ({8, _, _}) -> true;
+                    (_) -> false
+                end,
+                Socket,
+                []
+            )
+        ]
+    ).
+
+garbage(Config) ->
+    {Socket, #{<<"/tf">> := #{<<"id">> := Tf}}} = viewer(Config),
+    Bad = [
+        "{",
+        "[]",
+        "{\"op\":1}",
+        "{\"op\":\"subscribe\",\"subscriptions\":[{\"id\":-1,\"channelId\":3}]}",
+        "{\"op\":\"subscribe\",\"subscriptions\":[{\"id\":1,\"channelId\":99}]}",
+        "{\"op\":\"subscribe\",\"subscriptions\":[7]}",
+        "{\"op\":\"unsubscribe\",\"subscriptionIds\":[5]}",
+        "{\"op\":\"setParameters\",\"parameters\":[]}",
+        "{\"op\":\"advertise\",\"channels\":[]}"
+    ],
+    [
+        begin
+            ok = ?C:send(Text, Socket),
+            ?assertMatch(#{<<"op">> := <<"status">>, <<"level">> := 2}, text(Socket))
+        end
+     || Text <- Bad
+    ],
+    ok = ?C:raw([<<1:1, 0:3, 2:4, 1:1, 5:7, 0:32>>, <<1, 2, 3, 4, 5>>], Socket),
+    ?assertMatch(#{<<"op">> := <<"status">>}, text(Socket)),
+    %% it still sees the run
+    ok = subscribe([{1, Tf}], Socket),
+    ok = subscribe([{1, Tf}], Socket),
+    ?assertMatch(#{<<"op">> := <<"status">>}, text(Socket)),
+    _ = ran(2, Config),
+    ?assertMatch({texts, [_, _, _]}, texts(3, Socket)),
+    _ = [?C:send("{", Socket) || _ <- lists:seq(1, 30)],
+    ?assertMatch({8, <<1008:16, _/binary>>}, closed(Socket)).
+
+%% Its messages are dropped, memory stays bounded, the run goes on; when it reads again it is told so
+%% and gets the state of now.
+one_that_reads_nothing(Config) ->
+    {Socket, Topics} = viewer(Config),
+    ok = subscribe([{Id, Id} || #{<<"id">> := Id} <- maps:values(Topics)], Socket),
+    Hub = ?config(hub, Config),
+    ok = starl_view_hub:clock(Hub, #{now_us => 0}),
+    _ = ran(200, Config),
+    {_, Feed} = feed(Config),
+    true = erlang:garbage_collect(Feed),
+    {memory, Bytes} = erlang:process_info(Feed, memory),
+    {message_queue_len, Waiting} = erlang:process_info(Feed, message_queue_len),
+    ct:pal("~b bytes in the feed", [Bytes]),
+    ?assert(Bytes < 20000000),
+    ?assert(Waiting < 10),
+    Missed = until(
+        fun
+            ({text, #{<<"message">> := <<"Send buffer limit", _/binary>>}}) -> true;
+            (_) -> false
+        end,
+        Socket,
+        []
+    ),
+    ?assertNotEqual([], Missed),
+    ok = starl_view_hub:clock(Hub, #{now_us => 200000001}),
+    ?assertNotEqual(
+        [],
+        until(
+            fun
+                ({time, T}) -> T > 200000000;
+                (_) -> false
+            end,
+            Socket,
+            []
+        )
+    ).
+
+%% The client of npm gets every frame and every line of ink.
+the_official_client(Config) ->
+    Dir = filename:join(starl_first_hour_ct:root(), ?NODE),
+    Modules = filename:join(Dir, "node_modules/@foxglove/ws-protocol"),
+    case {os:find_executable("node"), filelib:is_dir(Modules)} of
+        {Node, true} when is_list(Node) -> official(Node, Dir, Config);
+        _ -> {skip, "no node with @foxglove/ws-protocol in " ++ ?NODE}
+    end.
+
+official(Node, Dir, Config) ->
+    Script = filename:join(?config(data_dir, Config), "client.mjs"),
+    Url = "ws://127.0.0.1:" ++ integer_to_list(?config(port, Config)),
+    Port = open_port({spawn_executable, Node}, [
+        {args, [Script, Url, Dir]}, {line, 10000000}, binary, exit_status
+    ]),
+    [<<"info">>, <<"starl">>, [<<"time">>]] = line(Port),
+    _ = lines(<<"ready">>, Port),
+    ok = subscribed(9, Config),
+    _ = ran(20, Config),
+    Lines = until_time(20000000, Port, []),
+    true = port_close(Port),
+    Truth = truth(20),
+    Frames = [
+        {T, Frame}
+     || [<<"message">>, <<"/tf">>, <<"foxglove.FrameTransforms">>, T, Json] <- Lines,
+        Frame <- maps:get(<<"transforms">>, Json)
+    ],
+    ?assert(length(Frames) > 500),
+    [?assert(is_true(T, Frame, Truth)) || {T, Frame} <- Frames],
+    Scenes = [x || [<<"message">>, <<"/scene">>, <<"foxglove.SceneUpdate">>, _, _] <- Lines],
+    ?assert(length(Scenes) > 3),
+    ?assertEqual([], [
+        Line
+     || [Kind | _] = Line <- Lines, lists:member(Kind, [<<"error">>, <<"status">>])
+    ]).
+
+%% The subscriptions are a viewer's own affair until they reach the feed.
+subscribed(N, Config) ->
+    {_, Feed} = feed(Config),
+    case [x || V <- maps:values(viewers(sys:get_state(Feed))), length(element(4, V)) =:= N] of
+        [_] -> ok;
+        [] -> subscribed(N, Config)
+    end.
+
+viewers(Feed) -> hd([Map || Map <- tuple_to_list(Feed), is_map(Map)]).
+
+line(Port) ->
+    receive
+        {Port, {data, {eol, Line}}} ->
+            {ok, Words} = starl_view_json:decode(Line),
+            Words
+    after ?PATIENCE_MS -> error(silent)
+    end.
+
+lines(Kind, Port) ->
+    case line(Port) of
+        [Kind | _] = Line -> Line;
+        _ -> lines(Kind, Port)
+    end.
+
+until_time(At, Port, Lines) ->
+    case line(Port) of
+        [<<"time">>, T] when T >= At -> Lines;
+        Line -> until_time(At, Port, [Line | Lines])
+    end.
+
+%% -- runs -----------------------------------------------------------------------------------
+
+scenario(Seconds) ->
+    #{app => painting, picture => "house", robots => 3, seed => 1, time => Seconds}.
+
+%% A painting that tells the hub; the time is told each second, as a player does.
+ran(Seconds, Config) ->
+    Hub = ?config(hub, Config),
+    {ok, Sim} = starl_sim:start(scenario(Seconds), #{
+        observe => starl_view_hub:observer(Hub, 0), packets => true
+    }),
+    _ = [
+        begin
+            _ = starl_sim:run(Sim, float(T)),
+            ok = starl_view_hub:clock(Hub, #{now_us => T * 1000000})
+        end
+     || T <- lists:seq(1, Seconds)
+    ],
+    Done = starl_sim:finish(Sim),
+    ok = starl_view_hub:clock(Hub, #{now_us => Seconds * 1000000}),
+    Done.
+
+%% The pieces of motion of the same run.
+truth(Seconds) ->
+    Self = self(),
+    {ok, Sim} = starl_sim:start(scenario(Seconds), #{
+        observe => fun(News) ->
+            Self ! {news, News},
+            ok
+        end
+    }),
+    _ = starl_sim:run(Sim, float(Seconds)),
+    _ = starl_sim:finish(Sim),
+    pieces(#{}).
+
+pieces(Known) ->
+    receive
+        {news, {judged, Events, _}} ->
+            pieces(
+                lists:foldl(
+                    fun
+                        ({_, Id, chassis, {motion, Piece}}, K) ->
+                            K#{Id => [Piece | maps:get(Id, K, [])]};
+                        (_, K) ->
+                            K
+                    end,
+                    Known,
+                    Events
+                )
+            );
+        {news, _} ->
+            pieces(Known)
+    after 0 -> Known
+    end.
+
+position(T, Pieces) ->
+    [Piece | _] = [P || P <- Pieces, starl_trajectory:start_us(P) =< T],
+    starl_trajectory:position(T, Piece).
+
+%% -- a client -------------------------------------------------------------------------------
+
+viewer(Config) ->
+    {101, Socket} = ?C:connect(?config(port, Config), "/", [
+        {"Sec-WebSocket-Protocol", "foxglove.sdk.v1"}
+    ]),
+    #{<<"op">> := <<"serverInfo">>, <<"name">> := <<"starl">>, <<"sessionId">> := Session} =
+        text(Socket),
+    #{<<"op">> := <<"advertise">>, <<"channels">> := Channels} = text(Socket),
+    %% before a run there is a hint
+    _ = [#{<<"level">> := 0} = text(Socket) || Session =:= <<"none">>],
+    {Socket, maps:from_list([{Topic, C} || #{<<"topic">> := Topic} = C <- Channels])}.
+
+subscribe(Pairs, Socket) ->
+    List = [{[{id, Id}, {channelId, Channel}]} || {Id, Channel} <- Pairs],
+    ?C:send(starl_trace_json:encode({[{op, <<"subscribe">>}, {subscriptions, List}]}), Socket),
+    %% an unknown word is answered when the subscription is done
+    ok = ?C:send("{\"op\":\"done\"}", Socket),
+    answered(Socket).
+
+answered(Socket) ->
+    case seen(Socket) of
+        {text, #{<<"message">> := <<"done is not", _/binary>>}} -> ok;
+        {time, _} -> answered(Socket);
+        {_, _, _} -> answered(Socket)
+    end.
+
+text(Socket) ->
+    case seen(Socket) of
+        {text, Text} -> Text;
+        _ -> text(Socket)
+    end.
+
+texts(N, Socket) -> {texts, [text(Socket) || _ <- lists:seq(1, N)]}.
+
+seen(Socket) ->
+    case ?C:frame(Socket, ?PATIENCE_MS) of
+        {1, Text} ->
+            {ok, Json} = starl_view_json:decode(Text),
+            {text, Json};
+        {2, <<1, Id:32/little, Ns:64/little, Text/binary>>} ->
+            {ok, Json} = starl_view_json:decode(Text),
+            {Id, Ns div 1000, Json};
+        {2, <<2, Ns:64/little>>} ->
+            {time, Ns div 1000};
+        Other ->
+            Other
+    end.
+
+%% All messages until one.
+until(IsLast, Socket, Seen) ->
+    Next = seen(Socket),
+    case IsLast(Next) of
+        true ->
+            lists:reverse(Seen, [Next || tuple_size(Next) =:= 3 orelse element(1, Next) =:= text]);
+        false when tuple_size(Next) =:= 3 -> until(IsLast, Socket, [Next | Seen]);
+        false ->
+            until(IsLast, Socket, Seen)
+    end.
+
+closed(Socket) ->
+    case seen(Socket) of
+        {8, _} = Close -> Close;
+        {error, _} = Error -> Error;
+        _ -> closed(Socket)
+    end.
+
+%% The feed, by the tap of its hub.
+feed(Config) ->
+    {links, Links} = erlang:process_info(self(), links),
+    [Feed] = [
+        Pid
+     || Pid <- Links ++ element(2, erlang:process_info(?config(hub, Config), links)),
+        is_pid(Pid),
+        is_feed(Pid)
+    ],
+    {feed, Feed}.
+
+is_feed(Pid) ->
+    case erlang:process_info(Pid, dictionary) of
+        {dictionary, Known} ->
+            proplists:get_value('$initial_call', Known) =:= {starl_view_foxglove_feed, init, 1};
+        undefined ->
+            false
+    end.
