@@ -1,0 +1,72 @@
+%% A film shows where the robots are and what they drew, at each time; its end is the whole picture.
+-module(starl_film_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% A robot that drives 1 m to the right in 2 s, with its pen down in the second second.
+scene() ->
+    Facts = #{
+        app => starl_painting,
+        scenario => #{world => {4000, 2000}},
+        robots => [{1, {500.0, 500.0, 0.0}}],
+        monitors => [{m, #{lines => [{{1000.0, 500.0}, {1500.0, 500.0}}]}}],
+        machines => #{},
+        waypoints => #{},
+        kind => simulation
+    },
+    Messages = [
+        {scenario, 0, Facts},
+        {trace, 0, {1, chassis, {motion, {piece, 0, 500.0, 500.0, 0.0, 500.0, 0.0}}}},
+        {trace, 1000000, {1, chassis, {actuated, pen, down}}},
+        {trace, 2000000, {1, chassis, {motion, {piece, 2000000, 1500.0, 500.0, 0.0, 0.0, 0.0}}}},
+        {trace, 2000000, {1, chassis, {actuated, pen, up}}},
+        {trace, 3000000, {1, robot, down}}
+    ],
+    Cast = lists:foldl(fun starl_film_cast:message/2, starl_film_cast:new(), Messages),
+    {ok, Scene} = starl_film_cast:scene(Cast),
+    Scene.
+
+the_scene_test() ->
+    #{actors := [#{way := Way, ink := [Ink], down := Down}], end_us := 3000000} = scene(),
+    ?assertEqual([750.0, 500.0, 0.0], starl_film_series:at(500000, Way)),
+    ?assertEqual([{1000000, [1000.0, 500.0]}, {2000000, [1500.0, 500.0]}], Ink),
+    ?assertEqual([{3000000, 3000000}], Down).
+
+nothing_moves_test() ->
+    ?assertEqual({error, empty}, starl_film_cast:scene(starl_film_cast:new())).
+
+thin_keeps_the_tolerance_test() ->
+    Points = [{T, [100 * math:sin(T / 10), float(T)]} || T <- lists:seq(0, 100)],
+    Thin = starl_film_series:thin(2.0, Points),
+    ?assert(length(Thin) < 50),
+    [
+        ?assert(abs(X - hd(starl_film_series:at(T, Thin))) =< 2.0)
+     || {T, [X, _]} <- Points
+    ].
+
+the_animation_test() ->
+    Svg = starl_film_svg:film(scene(), #{seconds => 6.0, title => "a < b"}),
+    ?assertEqual(nomatch, binary:match(Svg, <<"<script">>)),
+    ?assertMatch({_, _}, binary:match(Svg, <<"<title>a &lt; b</title>">>)),
+    %% of 10 s 6 move: the ink begins after 2 s, and is drawn after 4 s
+    ?assertMatch(
+        {_, _},
+        binary:match(
+            Svg,
+            <<"dur=\"10.0s\" repeatCount=\"indefinite\" keyTimes=\"0;.2;.2;.4;1\" values=\"510;510;501;0;0\"">>
+        )
+    ),
+    %% the picture at rest is the last one
+    ?assertMatch({_, _}, binary:match(Svg, <<"<g transform=\"translate(1500,1500)\">">>)),
+    {_, []} = xmerl_scan:string(binary_to_list(Svg)).
+
+a_frame_test() ->
+    Svg = starl_film_frame:at(1500000, "t", scene()),
+    ?assertMatch({_, _}, binary:match(Svg, <<"d=\"M1000,1500l250,0\"">>)),
+    {_, []} = xmerl_scan:string(binary_to_list(Svg)),
+    {_, []} = xmerl_scan:string(binary_to_list(starl_film_light:svg(scene()))).
+
+kinds_test() ->
+    ?assertEqual(mp4, starl_film:kind("a.MP4")),
+    ?assertEqual({error, kind}, starl_film:needs(png, false)),
+    ?assertEqual({error, kind}, starl_film:needs(unknown, true)),
+    ?assertEqual(ok, starl_film:needs(svg, true)).
