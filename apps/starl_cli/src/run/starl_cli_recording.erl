@@ -82,7 +82,7 @@ moved({error, Posix}, File) -> {partly, [File, ": ", file:format_error(Posix)]}.
 
 %% @doc The file of a recording as a user names it: a file, or the directory of a run.
 -spec shown(file:filename()) -> file:filename().
-shown(Path) ->
+shown(Path) when is_list(Path) ->
     case filelib:is_dir(Path) of
         true -> Path ++ "/" ++ ?NAME;
         false -> Path

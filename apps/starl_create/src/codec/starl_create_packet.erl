@@ -96,12 +96,17 @@ known(Id, 2) -> members(Id) =/= unknown.
 
 %% @doc The number of data bytes of a packet or group that exists.
 -spec bytes(id()) -> pos_integer().
-bytes(Id) ->
-    lists:foldl(fun(Member, Sum) -> element(2, row(Member)) + Sum end, 0, members(Id)).
+bytes(Id) -> total([element(2, row(Member)) || Member <- members(Id)]).
 
 %% @doc The number of data bytes of several.
 -spec byte_count([id()]) -> non_neg_integer().
-byte_count(Ids) -> lists:foldl(fun(Id, Sum) -> bytes(Id) + Sum end, 0, Ids).
+byte_count(Ids) -> total([bytes(Id) || Id <- Ids]).
+
+%% A sum of whole numbers is one: the guard tells the type checker so.
+total(Numbers) ->
+    case lists:sum(Numbers) of
+        Sum when is_integer(Sum) -> Sum
+    end.
 
 %% @doc The name of a single packet.
 -spec name(7..58) -> name().

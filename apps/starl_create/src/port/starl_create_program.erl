@@ -41,7 +41,7 @@ priv() ->
 %% @doc A moment of the program's clock as `erlang:monotonic_time(microsecond)'. Both clocks are the
 %% monotonic one of the operating system, from different beginnings.
 -spec us(non_neg_integer()) -> integer().
-us(At) ->
+us(At) when is_integer(At) ->
     erlang:monotonic_time(microsecond) - (os:perf_counter(microsecond) - At).
 
 %% @doc What to do about it, in a line.
