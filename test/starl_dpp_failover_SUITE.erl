@@ -22,6 +22,7 @@
     wakes_and_assigns/1,
     wakes_and_asks/1,
     wakes_and_tells/1,
+    wakes_out_of_range/1,
     planted_bugs_are_caught/1
 ]).
 
@@ -48,6 +49,7 @@ all() ->
         wakes_and_assigns,
         wakes_and_asks,
         wakes_and_tells,
+        wakes_out_of_range,
         planted_bugs_are_caught
     ].
 
@@ -410,6 +412,30 @@ wakes_and_tells(_) ->
         ]
     },
     [?assertMatch(#{violations := []}, play(Run), Run) || Run <- [Drifting, SetBack]].
+
+%% A robot whose clock stood still, out of range, hears of a new term: the coordinator's clock shows it
+%% that its path is void. (Drawn by soak, and made small.)
+wakes_out_of_range(_) ->
+    Run = play(#{
+        robots => 5,
+        seed => 5501667,
+        delay => {20, 20},
+        clock_offset => 0,
+        clock_drift => 0,
+        chassis => holonomic,
+        heading_error => 0.0,
+        distance_error => 0.0,
+        position_error => 0.0,
+        command_latency => {0, 20},
+        time => 46,
+        lease => 7709,
+        faults => [
+            {clock_freeze_3, 14433, 45000, clock_freeze, 1, #{}},
+            {range_2, 20941, 45000, range, all, #{range_mm => 2437.9087798297405}},
+            {serial_gone_3, 1848, 17248, serial_gone, 1, #{}}
+        ]
+    }),
+    ?assertMatch(#{violations := []}, Run).
 
 %% Each half of the protocol is needed: without it the monitors find a violation within so many
 %% runs, and without the bug they find none in these.

@@ -27,6 +27,7 @@
     leader_is_followed_without_vote/1,
     lease_ends_for_good/1,
     paused_past_its_lease/1,
+    stands_still_past_its_lease/1,
     faces_only_by_lease/1,
     failed_drive_is_told_once/1,
     faced_is_told_once/1,
@@ -93,6 +94,7 @@ all() ->
         leader_is_followed_without_vote,
         lease_ends_for_good,
         paused_past_its_lease,
+        stands_still_past_its_lease,
         faces_only_by_lease,
         failed_drive_is_told_once,
         faced_is_told_once,
@@ -395,6 +397,30 @@ paused_past_its_lease(_) ->
     {Refused, _} = at(End, {call, {app, 2}}, Drive, Moving),
     ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Refused)),
     ?assertEqual([], [Call || {call, motion, _, _} = Call <- Refused]).
+
+%% A coordinator's clock that has gone on by more than the own one, and more than drift and jumps explain,
+%% shows that the lease may be over: the path is void, and stamps from before prolong nothing.
+stands_still_past_its_lease(_) ->
+    {Id, Moving} = moving(),
+    {Jump, _} = starl_dpp_lease:bounds(#{}),
+    Beat = fun(Term, Seq, P) ->
+        at(?S, cast, {message, 4, dpp_beat, {Term, Seq, [{1, ?S}]}}, P)
+    end,
+    {_, Heard} = Beat({1, 4, 1}, 5 * ?S, Moving),
+    {Agrees, _} = Beat({1, 4, 1}, 5 * ?S + Jump, Heard),
+    ?assertNot(lists:member({trace, {void, Id}}, Agrees)),
+    {Lags, Void} = Beat({1, 4, 1}, 5 * ?S + Jump + 1, Heard),
+    ?assert(lists:member({trace, {void, Id}}, Lags)),
+    {_, Later} = Beat({1, 4, 1}, 5 * ?S + Jump + 2, Void),
+    {Refused, _} = at(?S, {call, {app, 2}}, {drive, Id, 1}, Later),
+    ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Refused)),
+    {Stop, P} = Beat({2, 4, 1}, 5 * ?S + Jump + 1, Heard),
+    ?assertEqual([], sent(dpp_state, Stop)),
+    {Told, _} = located(?S, Stop, P),
+    ?assertMatch([{4, {{2, 4, 1}, _, {standing, {1.0, 2.0}}, _, _}}], sent(dpp_state, Told)),
+    %% another's clock shows nothing
+    {Other, _} = at(?S, cast, {message, 3, dpp_recover, {{2, 3, 1}, 99 * ?S, true}}, Heard),
+    ?assertMatch([{3, {_, Id, {moving, 0, _, _}, _, _}}], sent(dpp_state, Other)).
 
 %% The beginning of a line is taken as its drive is: under a lease, anew when motion has crashed, and
 %% with nothing passed or painted by it.

@@ -46,7 +46,7 @@ asked(Request) ->
 
 %% @doc Takes over a request that another handler has got: viewers know no path.
 -spec upgrade(cowboy_req:req(), cowboy_middleware:env(), module(), map()) ->
-    {ok, cowboy_req:req(), cowboy_middleware:env()} | {suspend, module(), atom(), [term()]}.
+    {ok, cowboy_req:req(), cowboy_middleware:env()}.
 upgrade(Request, Env, _Handler, State) ->
     case init(Request, State) of
         {cowboy_websocket, Chosen, Viewer, Options} ->
@@ -55,7 +55,10 @@ upgrade(Request, Env, _Handler, State) ->
             {ok, Answered, Env}
     end.
 
--spec websocket_init(#viewer{}) -> cowboy_websocket:call_result(#viewer{}).
+%% What to send to the viewer.
+-type answer() :: {[cow_ws:frame()], #viewer{}}.
+
+-spec websocket_init(#viewer{}) -> answer().
 websocket_init(#viewer{feed = Feed} = Viewer) ->
     case starl_view_foxglove_feed:join(Feed) of
         {ok, Session, HasRun} ->
@@ -74,7 +77,7 @@ hint(false) ->
 offer(Session) -> [{text, ?W:server_info(Session)}, {text, ?W:advertise()}].
 
 -spec websocket_handle(cow_ws:frame() | term(), #viewer{}) ->
-    cowboy_websocket:call_result(#viewer{}).
+    answer().
 websocket_handle({text, Text}, Viewer) ->
     command(?W:command(Text), Viewer);
 websocket_handle({binary, _}, Viewer) ->
@@ -110,7 +113,7 @@ bad(Text, #viewer{bad = Bad} = Viewer) ->
     {[{text, ?W:status(error, Text)}], Viewer#viewer{bad = Bad + 1}}.
 
 -spec websocket_info(starl_view_foxglove_feed:told() | term(), #viewer{}) ->
-    cowboy_websocket:call_result(#viewer{}).
+    answer().
 websocket_info({session, Session}, #viewer{feed = Feed} = Viewer) ->
     ok = starl_view_foxglove_feed:want(Feed),
     {[{text, ?W:unadvertise()} | offer(Session)], Viewer#viewer{subscriptions = #{}}};

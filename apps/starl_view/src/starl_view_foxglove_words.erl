@@ -84,7 +84,7 @@ status(Level, Text) ->
 json(Pairs) -> starl_trace_json:encode({Pairs}).
 
 %% @doc A message of a subscription.
--spec message(id(), AtUs :: integer(), iodata()) -> iodata().
+-spec message(id(), AtUs :: integer(), iodata()) -> iolist().
 message(Subscription, At, Text) ->
     [<<1, Subscription:32/little, (1000 * max(0, At)):64/little>>, Text].
 

@@ -6,7 +6,7 @@
 -export([new/1, begins/1, join/2, coordinator/1, term/1, answers/3]).
 -export([recover/4, beat/4, missed/2, lead/1, restarted/1]).
 -export([tell/4]).
--export([asked/2, in_no_time/2, lease_us/2]).
+-export([timed/4, asked/2, in_no_time/2, lease_us/2]).
 -export_type([t/0, ballot/0, turn/0]).
 
 -type turn() :: {t(), [starl_machine:action()]}.
@@ -36,7 +36,11 @@
     %% stamp that came back in a beat, and the stamp of the latest request
     short_us :: pos_integer(),
     granted :: integer(),
-    asked :: integer()
+    asked :: integer(),
+    %% whose clock was last heard, what it showed, and when; stamps up to `void' count no more
+    clock = none :: {starl:robot_id(), starl_dpp_lease:seq(), AtUs :: integer()} | none,
+    void = none :: integer() | none,
+    bounds :: {JumpUs :: non_neg_integer(), Ppm :: non_neg_integer()}
 }).
 -opaque t() :: #follow{}.
 
@@ -58,6 +62,7 @@ new(#{robot := Self, participants := Team, now := Now} = Config) ->
         term = Term,
         here_us = 2 * starl_dpp_lease:beat_us(Config),
         short_us = Short,
+        bounds = starl_dpp_lease:bounds(Config),
         granted = Now - Short,
         asked = Now - Short
     }.
@@ -127,7 +132,7 @@ when
     Now :: integer().
 beat(Source, {Term, Seq, Stamps}, Now, #follow{term = Term, anew = false} = F) ->
     #follow{self = Self, granted = Old} = F,
-    Granted = max(Old, proplists:get_value(Self, Stamps, Old)),
+    Granted = granted(proplists:get_value(Self, Stamps, Old), F),
     {Following, Actions} = follow(
         Source, Term, Now, leads(Source, Now, F#follow{granted = Granted})
     ),
@@ -135,6 +140,9 @@ beat(Source, {Term, Seq, Stamps}, Now, #follow{term = Term, anew = false} = F) -
     {beaten, {Answered, Actions ++ Here}};
 beat(Source, {Term, Seq, _Stamps}, Now, F) ->
     recover(Source, {Term, Seq, true}, Now, F).
+
+granted(Stamp, #follow{granted = Old, void = Void}) when is_integer(Void), Stamp =< Void -> Old;
+granted(Stamp, #follow{granted = Old}) -> max(Old, Stamp).
 
 leads(Source, Now, #follow{vote = Vote} = F) ->
     F#follow{vote = starl_dpp_vote:leads(Source, Now, Vote)}.
@@ -196,6 +204,30 @@ ballot(Seq, Now, #follow{vote = Vote0, coordinator = Coordinator} = F) ->
     {{Seq, Now, Given}, F#follow{vote = Vote, here = Now}}.
 
 %% -- lease ----------------------------------------------------------------------------------
+
+%% @doc A coordinator's clock is heard. `lags': since it was heard before, the own clock has lost
+%% more against it than drift and jumps explain; then all leases given up to now have ended. Only a
+%% beat is remembered: it is not repeated, so it has not taken long.
+-spec timed(starl:robot_id(), {starl_dpp_lease:seq(), IsBeat :: boolean()}, Now, t()) ->
+    {agrees | lags, t()}
+when
+    Now :: integer().
+timed(Source, {Seq, Beat}, Now, #follow{clock = Before, bounds = Bounds, short_us = Short} = F) ->
+    Timed =
+        case Beat of
+            true -> F#follow{clock = {Source, Seq, Now}};
+            false -> F
+        end,
+    case lost_us(Source, Seq, Now, Before, Bounds) > 0 of
+        true -> {lags, Timed#follow{granted = Now - Short, asked = Now - Short, void = Now}};
+        false -> {agrees, Timed}
+    end.
+
+lost_us(Source, Seq, Now, {Source, Then, At}, {Jump, Ppm}) ->
+    Passed = max(0, Now - At),
+    Seq - Then - Passed - 2 * Ppm * Passed div 1000000 - Jump;
+lost_us(_Source, _Seq, _Now, _Before, _Bounds) ->
+    0.
 
 %% @doc A request is made: the drive lease that comes with its answer counts from now.
 -spec asked(Now :: integer(), t()) -> t().

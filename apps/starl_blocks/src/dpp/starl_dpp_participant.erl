@@ -80,8 +80,8 @@ init(#{robot := Self, incarnation := Life, now := Now} = Config) ->
 handle_event(Type, Content, Where, Part, #{now := Now}) ->
     event(Type, Content, Where, Part#part{now = Now}).
 
-event(cast, {message, Source, dpp_beat, Beat}, Where, Part) ->
-    beat(Source, Beat, Where, Part);
+event(cast, {message, Source, dpp_beat, {_, Seq, _} = Beat}, Where, Part) ->
+    timed(Source, {Seq, true}, Where, Part, fun(At, Next) -> beat(Source, Beat, At, Next) end);
 event({call, From}, request, Where, Part) ->
     request(From, Where, Part);
 event({call, From}, {What, Id, N}, Where, Part) when What =:= face; What =:= drive ->
@@ -117,8 +117,10 @@ event({call, From}, {join, Coordinator}, _Where, #part{follow = Follow} = Part) 
     {keep_state, Part#part{follow = Joined}, [{reply, From, ok} | Actions]};
 event({call, From}, coordinator, _Where, Part) ->
     {keep_state_and_data, [{reply, From, coordinator(Part)}]};
-event(cast, {message, Source, dpp_recover, Recover}, Where, #part{follow = F, now = Now} = Part) ->
-    recovered(starl_dpp_follow:recover(Source, Recover, Now, F), Where, Part);
+event(cast, {message, Source, dpp_recover, {_, Seq, _} = Recover}, Where, Part) ->
+    timed(Source, {Seq, false}, Where, Part, fun(At, #part{follow = F, now = Now} = Next) ->
+        recovered(starl_dpp_follow:recover(Source, Recover, Now, F), At, Next)
+    end);
 event(info, {restarted, sap}, asking, Part) ->
     {keep_state, Part, listen() ++ [{{timeout, again}, ?LOOK_US, request}]};
 event(info, {restarted, sap}, _Where, _Part) ->
@@ -302,6 +304,22 @@ report(Id, N, #part{track = Track} = Part) ->
     end.
 
 %% -- the coordinator that it follows --------------------------------------------------------
+
+%% If a coordinator's clock shows that the own one has stood still, all leases have ended.
+timed(Source, Shown, Where, #part{follow = Follow, now = Now} = Part, Then) ->
+    case starl_dpp_follow:timed(Source, Shown, Now, Follow) of
+        {agrees, Timed} -> Then(Where, Part#part{follow = Timed});
+        {lags, Ended} -> ended(Where, Part#part{follow = Ended}, Then)
+    end.
+
+ended({moving, _, _, _} = Moving, Part, Then) ->
+    {next_state, standing, Void, Stop} = lease_end(Moving, Part),
+    case Then(standing, Void) of
+        {keep_state, Next, Actions} -> {next_state, standing, Next, Stop ++ Actions};
+        {next_state, Where, Next, Actions} -> {next_state, Where, Next, Stop ++ Actions}
+    end;
+ended(Where, Part, Then) ->
+    Then(Where, Part).
 
 beat(Source, Beat, Where, #part{follow = Follow, now = Now} = Part) ->
     case starl_dpp_follow:beat(Source, Beat, Now, Follow) of
