@@ -102,18 +102,6 @@ static void pull(struct pty *pty)
     pty->is_attached = false;
 }
 
-/* What the other side has said, once. */
-static bool take(struct pty *pty)
-{
-    uint8_t bytes[READ_SIZE], at[8];
-    ssize_t got = read(pty->master, bytes, sizeof bytes);
-    if (got <= 0)
-        return false;
-    put_u64(at, clock_us());
-    frames_put(&pty->out, 'd', (struct part){at, sizeof at}, (struct part){bytes, (size_t)got});
-    return true;
-}
-
 static void say_speed(struct pty *pty)
 {
     uint8_t number[4];
@@ -125,8 +113,30 @@ static void say_speed(struct pty *pty)
     pty->baud = baud;
 }
 
+static void set_attached(struct pty *pty, bool is_attached)
+{
+    if (is_attached != pty->is_attached)
+        frames_put(&pty->out, is_attached ? 'a' : 'h', none, none);
+    pty->is_attached = is_attached;
+    if (is_attached)
+        say_speed(pty);
+}
+
+/* What the other side has said, once. Whoever says something was there. */
+static bool take(struct pty *pty)
+{
+    uint8_t bytes[READ_SIZE], at[8];
+    ssize_t got = read(pty->master, bytes, sizeof bytes);
+    if (got <= 0)
+        return false;
+    set_attached(pty, true);
+    put_u64(at, clock_us());
+    frames_put(&pty->out, 'd', (struct part){at, sizeof at}, (struct part){bytes, (size_t)got});
+    return true;
+}
+
 /* Which speed the other side has set, and whether it is there at all. Its last words are read
- * after it has closed. */
+ * after it has closed, also if it was there for a moment only. */
 static void look(struct pty *pty)
 {
     struct pollfd at = {pty->master, 0, 0};
@@ -134,14 +144,10 @@ static void look(struct pty *pty)
         return;
     poll(&at, 1, 0);
     bool is_attached = !(at.revents & POLLHUP);
-    if (pty->is_attached && !is_attached)
+    if (!is_attached)
         while (take(pty))
             ;
-    if (is_attached != pty->is_attached)
-        frames_put(&pty->out, is_attached ? 'a' : 'h', none, none);
-    pty->is_attached = is_attached;
-    if (is_attached)
-        say_speed(pty);
+    set_attached(pty, is_attached);
 }
 
 /* A line that nobody listens to, or too slowly, loses what is sent. */

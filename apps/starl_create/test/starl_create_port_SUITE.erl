@@ -18,7 +18,15 @@ groups() -> [{plain, cases() ++ [memory_is_constant]}, {sanitized, cases()}].
 cases() ->
     [bytes_both_ways, script_by_its_clock, script_replaced, script_malformed] ++
         [owner_killed, line_killed, program_killed, guardian_killed, program_terminated] ++
-        [vm_killed, vm_asleep, closed_by_request, half_command, cable_pulled, unplugged_for_good] ++
+        [
+            vm_killed,
+            vm_asleep,
+            closed_by_request,
+            half_command,
+            brief_visit,
+            cable_pulled,
+            unplugged_for_good
+        ] ++
         [garbage_on_stdin, garbage_on_the_line, frames_at_every_boundary] ++
         [refusals, busy, speeds, pulses, pty_link, no_program].
 
@@ -220,6 +228,29 @@ half_command(_) ->
     kill("CONT", Helper),
     Whole = until(Pty, ?STOP, <<>>),
     ?assertEqual([?GO, ?STOP], lists:usort(fun(A, B) -> A >= B end, in_fives(Whole))).
+
+%% A program that was there for a moment, which the other end notices only afterwards, was heard.
+brief_visit(_) ->
+    #{pty := Pty} = Line = pty(),
+    Helper = os_pid(Pty),
+    kill("STOP", Helper),
+    try
+        #{port := Port} = line(Line, #{heartbeat_ms => 0}),
+        Port ! {send, ?GO},
+        Port ! {close},
+        Port ! {send, ?GO},
+        receive
+            {error, {closed, _}} -> ok
+        after ?AFTER_MS -> error(late)
+        end
+    after
+        kill("CONT", Helper)
+    end,
+    ?assertEqual(<<?GO/binary, ?STOP/binary>>, heard(Pty, 10)),
+    receive
+        {pty, Pty, detached} -> ok
+    after ?AFTER_MS -> error(late)
+    end.
 
 %% Twenty times, while it drives: what the robot hears first is to stop.
 cable_pulled(_) ->

@@ -160,8 +160,7 @@ quirk(Text) ->
     end.
 
 same(Name, Key) ->
-    string:replace(Name, "-", "_", all) =:= [atom_to_list(Key)] orelse
-        lists:flatten(string:replace(Name, "-", "_", all)) =:= atom_to_list(Key).
+    lists:flatten(string:replace(Name, "-", "_", all)) =:= atom_to_list(Key).
 
 quirk({Key, switch, _, _}, []) ->
     {ok, Key, true};

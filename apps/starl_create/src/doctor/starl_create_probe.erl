@@ -3,7 +3,9 @@
 %% The process that opens a probe waits in it, and owns its port.
 -module(starl_create_probe).
 
--export([open/3, close/1, speed/2, send/2, ask/4, stream/4, pulse/2, listen/2, drive/4, go/3]).
+-export([
+    open/3, close/1, speed/2, send/2, ask/4, stream/4, pulse/2, listen/2, quiet/1, drive/4, go/3
+]).
 
 -export_type([t/0, heard/0]).
 
@@ -17,6 +19,10 @@
 }.
 
 -define(OPEN_MS, 5000).
+-define(PULSE_MS, 200).
+%% Frames come each 15 ms.
+-define(QUIET_MS, 60).
+-define(QUIET_AT_MOST_MS, 1000).
 %% Beyond its own time a script is waited for so long.
 -define(LATE_MS, 5000).
 
@@ -54,7 +60,11 @@ send(Port, Bytes) -> told(Port, {send, Bytes}).
 
 %% @doc Pulls a control line low, once.
 -spec pulse(t(), dtr | rts) -> ok.
-pulse(Port, Line) -> told(Port, {pulse, Line, 200, 1}).
+pulse(Port, Line) ->
+    ok = told(Port, {pulse, Line, ?PULSE_MS, 1}),
+    %% nothing else may touch the line meanwhile
+    _ = listen(Port, 2 * ?PULSE_MS),
+    ok.
 
 told(Port, Message) ->
     Port ! Message,
@@ -63,7 +73,7 @@ told(Port, Message) ->
 %% @doc Sends a question with an answer of so many bytes; what was on the line before is forgotten.
 -spec ask(t(), iodata(), pos_integer(), Ms :: pos_integer()) -> {ok, binary()} | none.
 ask(Port, Question, Size, Ms) ->
-    _ = listen(Port, 0),
+    ok = quiet(Port),
     ok = send(Port, Question),
     answer(Size, <<>>, deadline(Ms)).
 
@@ -78,6 +88,21 @@ answer(Size, Bytes, Deadline) ->
 deadline(Ms) -> erlang:monotonic_time(millisecond) + Ms.
 
 left(Deadline) -> max(0, Deadline - erlang:monotonic_time(millisecond)).
+
+%% @doc Waits until nothing is on its way any more: a stream that was paused has frames in adapters
+%% and queues. One that never ends is not waited for.
+-spec quiet(t()) -> ok.
+quiet(_Port) -> quiet_until(deadline(?QUIET_AT_MOST_MS)).
+
+quiet_until(Deadline) ->
+    receive
+        {data, _} ->
+            case left(Deadline) of
+                0 -> ok;
+                _ -> quiet_until(Deadline)
+            end
+    after ?QUIET_MS -> ok
+    end.
 
 %% @doc All bytes of a time.
 -spec listen(t(), Ms :: non_neg_integer()) -> binary().
