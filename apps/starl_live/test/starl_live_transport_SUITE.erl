@@ -356,7 +356,9 @@ dead_connection_there(#{nodes := Nodes} = More, OsPid) ->
         Script = [{1, To, news(1, N)} || N <- [1, 2, 3], To <- [all, 3]],
         Expected = [news(1, N) || N <- [1, 2, 3]],
         ?assertEqual([{1, []}, {2, Expected}], exchange(Script, Team)),
-        ?assertMatch(#{not_connected := N} when N >= 6, figures(1, Team))
+        %% The first packet starts the attempt to connect; the VM takes those that follow while that
+        %% goes on, and drops them with it.
+        ?assertMatch(#{not_connected := N} when N >= 1, figures(1, Team))
     after
         _ = os:cmd("kill -CONT " ++ OsPid),
         stop(Team)
