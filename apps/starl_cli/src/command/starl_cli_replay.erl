@@ -44,10 +44,10 @@ flags(Target) -> [{"Flags", own_flags()}, {hidden, run_flags(Target)}].
 
 %% A recorded run keeps its values. The flags that remain do not change the run.
 run_flags(#{app := App, record := _}) ->
-    Options = starl_cli_setup:options(App),
+    Options = starl_sim_scenario:options(App),
     [Flag || {Key, _, _, _} = Flag <- Options, Key =:= mode orelse Key =:= shards];
 run_flags(#{app := App}) ->
-    starl_cli_setup:options(App).
+    starl_sim_scenario:options(App).
 
 own_flags() ->
     [
@@ -209,7 +209,7 @@ compare(Digest, #{digest := Recorded, events := Events}, #{run := #{target := #{
         io_lib:format(" (~b events)~n", [Events]),
         "Unless the code is another one, something outside the scenario has a part in it; where:\n",
         "  ./starl diverge ",
-        starl_cli_flags:shell(File),
+        starl_cli_quoted:word(File),
         "\n"
     ]),
     3.

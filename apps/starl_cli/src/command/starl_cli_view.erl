@@ -34,7 +34,7 @@ subject(Word, Args) ->
     case filelib:is_dir(Word) andalso not filelib:is_regular(File) of
         true ->
             {error, [
-                [Word, " holds no recording; ./starl replay ", starl_cli_flags:shell(Word)] ++
+                [Word, " holds no recording; ./starl replay ", starl_cli_quoted:word(Word)] ++
                     " --view does the run again, and shows it"
             ]};
         false ->

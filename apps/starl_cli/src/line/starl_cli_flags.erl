@@ -2,7 +2,7 @@
 %% problems of a command line are reported at once.
 -module(starl_cli_flags).
 
--export([parse/2, defaults/1, help/2, described/1, flag/1, text/2, arguments/2, shell/1, nearest/2]).
+-export([parse/2, defaults/1, help/2, described/1, flag/1, text/2, arguments/2, nearest/2]).
 -export([format_problem/1]).
 
 -export_type([flag/0, type/0, problem/0]).
@@ -96,7 +96,7 @@ text({number, _, _}, Value) -> lists:flatten(io_lib:format("~p", [Value])).
 -spec arguments([flag()], #{atom() => term()}) -> [string()].
 arguments(Flags, Values) ->
     lists:append([
-        [flag(Key), shell(text(Type, maps:get(Key, Values)))]
+        [flag(Key), starl_cli_quoted:word(text(Type, maps:get(Key, Values)))]
      || {Key, Type, _, _} <- Flags, is_map_key(Key, Values)
     ]).
 
@@ -268,16 +268,3 @@ placeholder(file) -> "FILE".
 
 quoted("") -> "nothing";
 quoted(Text) -> ["\"", Text, "\""].
-
-%% @doc Quotes a text for a shell.
--spec shell(string()) -> string().
-shell("") ->
-    "''";
-shell(Text) ->
-    case lists:all(fun plain/1, Text) of
-        true -> Text;
-        false -> "'" ++ lists:append(string:replace(Text, "'", "'\\''", all)) ++ "'"
-    end.
-
-plain(C) when C >= $a, C =< $z; C >= $A, C =< $Z; C >= $0, C =< $9 -> true;
-plain(C) -> lists:member(C, "-_./,:=+@%").

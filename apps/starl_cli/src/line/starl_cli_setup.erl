@@ -2,7 +2,7 @@
 -module(starl_cli_setup).
 
 -export([check/1, given/2, scenario/2, place/3, replay/2, command_line/3]).
--export([out/2, out/3, out_file/3, options/1, own_flags/0, overwrite/0, overwrite_file/0]).
+-export([out/2, out/3, out_file/3, own_flags/0, overwrite/0, overwrite_file/0]).
 
 -export_type([t/0, answer/0]).
 
@@ -118,19 +118,15 @@ replay(Target, Scenario) -> command_line("run", Target, Scenario).
 %% @doc The command line of a command that takes a target and its values.
 -spec command_line(string(), starl_cli_target:t(), starl_sim_scenario:t()) -> unicode:chardata().
 command_line(Command, #{app := App, replay := Word}, Scenario) ->
-    Options = options(App),
+    Options = starl_sim_scenario:options(App),
     Defaults = maps:without([seed, robots], starl_cli_flags:defaults(Options)),
     Chosen = maps:filter(
         fun(Key, Value) -> maps:find(Key, Defaults) =/= {ok, Value} end, maps:remove(app, Scenario)
     ),
     Arguments = starl_cli_flags:arguments(Options, Chosen),
-    lists:join(" ", ["./starl", Command, starl_cli_flags:shell(Word) | Arguments]).
+    lists:join(" ", ["./starl", Command, starl_cli_quoted:word(Word) | Arguments]).
 
 %% -- flags ----------------------------------------------------------------------------------
-
-%% @doc The options of a simulation and of its application.
--spec options(module()) -> [starl_options:option()].
-options(App) -> starl_sim_scenario:options() ++ starl_app:options(App).
 
 %% @doc The flag that allows the results of an earlier run to be replaced.
 -spec overwrite() -> starl_cli_flags:flag().

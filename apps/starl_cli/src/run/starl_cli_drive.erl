@@ -83,7 +83,7 @@ run(Sim, UntilUs, Setup) ->
 
 drive(Sim, UntilUs, #{scenario := Scenario, target := #{name := Name}, quiet := Quiet}) ->
     #{app := App, time := Seconds} = Scenario,
-    Usual = starl_cli_flags:defaults(starl_cli_setup:options(App)),
+    Usual = starl_cli_flags:defaults(starl_sim_scenario:options(App)),
     #drive{
         sim = Sim,
         until_us = UntilUs,

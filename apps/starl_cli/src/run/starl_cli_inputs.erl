@@ -65,7 +65,7 @@ absolute(Target, Scenario) ->
 %% slash may also be a name, such as that of a picture that ships.
 -spec resolved(module(), file:filename(), #{atom() => term()}) -> #{atom() => term()}.
 resolved(App, Scenario, Given) ->
-    Keys = [Key || {Key, file, _, _} <- starl_cli_setup:options(App)],
+    Keys = [Key || {Key, file, _, _} <- starl_sim_scenario:options(App)],
     Resolve = fun(_Key, Value) -> beside(Scenario, Value) end,
     maps:merge(Given, maps:map(Resolve, maps:with(Keys, Given))).
 
@@ -88,7 +88,7 @@ joined(Path, Value) ->
 options(#{app := App}, Scenario) ->
     [
         {Key, File}
-     || {Key, file, _, _} <- starl_cli_setup:options(App),
+     || {Key, file, _, _} <- starl_sim_scenario:options(App),
         File <- [maps:get(Key, Scenario, none)],
         io_lib:char_list(File),
         filelib:is_regular(File)

@@ -165,7 +165,7 @@ where({error, Why}, _Outcome, _Status) ->
 look(_Dir, #{violations := []}) ->
     ok;
 look(Dir, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
-    Shell = starl_cli_flags:shell(starl_cli_out:shown(Dir)),
+    Shell = starl_cli_quoted:word(starl_cli_out:shown(Dir)),
     Ids = lists:join(",", [integer_to_list(Id) || Id <- Robots]),
     Inspect = [[" --inspect ", Ids] || Ids =/= []],
     %% One microsecond later, so that all events of that time have happened.

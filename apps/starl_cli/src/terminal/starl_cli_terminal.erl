@@ -113,7 +113,7 @@ as_called(Text) ->
 
 %% A word for a shell; in the replacement `&' and the backslash have a meaning.
 quoted(Word) ->
-    re:replace(starl_cli_flags:shell(Word), "[&\\\\]", "\\\\&", [global, unicode, {return, list}]).
+    re:replace(starl_cli_quoted:word(Word), "[&\\\\]", "\\\\&", [global, unicode, {return, list}]).
 
 one_line(Text) ->
     Flat = unicode:characters_to_list(Text),

@@ -39,7 +39,7 @@ about(_Subject) ->
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) -> [{"Flags", own_flags()}];
-flags(#{app := App}) -> [{"Flags", own_flags()}, {hidden, starl_cli_setup:options(App)}].
+flags(#{app := App}) -> [{"Flags", own_flags()}, {hidden, starl_sim_scenario:options(App)}].
 
 own_flags() ->
     [

@@ -124,7 +124,7 @@ replayed(true, Result, Ms, Interrupted, #{file := File, scenario := Before} = Jo
     ],
     Where = [
         ["result: ", starl_cli_out:shown(File)],
-        ["replay: ./starl run ", starl_cli_flags:shell(starl_cli_out:shown(File))]
+        ["replay: ./starl run ", starl_cli_quoted:word(starl_cli_out:shown(File))]
     ],
     {ok, Shrunk ++ others(Result, Job) ++ Where, How};
 replayed(false, _Result, _Ms, _Interrupted, #{file := File}) ->
@@ -161,7 +161,7 @@ other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
                     ": ",
                     starl_monitor:format_violation(Violation),
                     "; ./starl shrink ",
-                    starl_cli_flags:shell(starl_cli_out:shown(File))
+                    starl_cli_quoted:word(starl_cli_out:shown(File))
                 ]
             ];
         {error, _} ->
@@ -210,7 +210,7 @@ file(#{name := Name}, Scenario) ->
 text(#{violation := Violation, scenario := Shrunk} = Result, File, Inputs, Job) ->
     #{target := #{app := App}, scenario := Before} = Job,
     Scenario = starl_cli_inputs:local(Inputs, Shrunk),
-    Options = starl_cli_setup:options(App),
+    Options = starl_sim_scenario:options(App),
     Usual = maps:without([robots, seed, time, faults], starl_cli_flags:defaults(Options)),
     Lines = [
         line(Key, Value)
@@ -218,7 +218,7 @@ text(#{violation := Violation, scenario := Shrunk} = Result, File, Inputs, Job) 
         Value <- [maps:get(Key, Scenario)],
         maps:find(Key, Usual) =/= {ok, Value}
     ],
-    Name = starl_cli_flags:shell(starl_cli_out:shown(File)),
+    Name = starl_cli_quoted:word(starl_cli_out:shown(File)),
     [
         "%% ",
         starl_monitor:format_violation(Violation),

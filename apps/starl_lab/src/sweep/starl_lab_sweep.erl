@@ -30,7 +30,7 @@ flags(Target) -> flags_for(options(Target)).
 
 flags_for(Options) -> [{"Flags", starl_lab_sweep_grid:flags(Options) ++ own_flags()}].
 
-options(#{app := App}) -> starl_cli_setup:options(App).
+options(#{app := App}) -> starl_sim_scenario:options(App).
 
 own_flags() ->
     [

@@ -96,7 +96,7 @@ ended(interrupted, Runs, #made{rows = Rows}, _Figures, #{dir := Dir, args := Arg
         Known,
         length(Runs),
         starl_cli_out:shown(filename:join(Dir, "runs.csv")),
-        lists:join(" ", ["./starl sweep" | [starl_cli_flags:shell(Arg) || Arg <- Args]])
+        lists:join(" ", ["./starl sweep" | [starl_cli_quoted:word(Arg) || Arg <- Args]])
     ]),
     130;
 ended(done, Runs, #made{rows = Rows, columns = Columns}, Figures, #{target := Target} = Sweep) ->

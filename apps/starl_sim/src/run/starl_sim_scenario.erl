@@ -3,7 +3,7 @@
 %% command line (`delay' is `--delay 5..50').
 -module(starl_sim_scenario).
 
--export([options/0, check/2, read/1, format_error/1, format_problem/1]).
+-export([options/0, options/1, check/2, read/1, format_error/1, format_problem/1]).
 
 -export_type([t/0, reason/0, problem/0]).
 
@@ -67,6 +67,10 @@ options() ->
         {converge, {optional, {number, 0, 1.0e6}}, none,
             "all applications must be done this long after the heal, s"}
     ].
+
+%% @doc The options of a simulation and of its application.
+-spec options(module()) -> [starl_options:option()].
+options(App) -> options() ++ starl_app:options(App).
 
 %% @doc Checks a scenario for an application that has these options of its own.
 -spec check(#{atom() => term()}, [starl_options:option()]) -> {ok, t()} | {error, reason()}.
