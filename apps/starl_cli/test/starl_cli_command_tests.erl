@@ -191,3 +191,16 @@ layers_in_their_order_test() ->
     [{First, _} | _] = All = starl_cli_command:all(),
     ?assertEqual("Run and look", First),
     ?assertEqual("To work on StarL", element(1, lists:last(All))).
+
+%% The directory of a run without a recording is told from one that is not there.
+no_recording_test_() ->
+    Run = filename:dirname(code:which(?MODULE)),
+    [
+        {Name, fun() ->
+            {2, Here} = said([Name, Run]),
+            ?assertNotEqual(nomatch, string:find(Here, " holds no recording; ./starl ")),
+            {2, Nowhere} = said([Name, Run ++ "/nowhere"]),
+            ?assertNotEqual(nomatch, string:find(Nowhere, "there is no such file"))
+        end}
+     || Name <- ["judge", "info", "view"]
+    ].

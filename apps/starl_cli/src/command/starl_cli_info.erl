@@ -17,8 +17,13 @@ argument() -> {required, "FILE", {example, "out/painting-1/run.mcap"}}.
 about(_Subject) ->
     ["FILE is a recording or another MCAP file, or the directory of a run that holds one."].
 
--spec subject(string(), [string()]) -> {ok, file:filename(), [string()]}.
-subject(Word, Args) -> {ok, starl_cli_recording:shown(Word), Args}.
+-spec subject(string(), [string()]) ->
+    {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) ->
+    case starl_cli_recording:found(Word, "./starl run TARGET --record makes one") of
+        {ok, File} -> {ok, File, Args};
+        {error, _} = Error -> Error
+    end.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := File}) ->

@@ -24,8 +24,13 @@ about(_Subject) ->
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() -> [{0, "no contract is broken"}, {3, "a contract is broken"}].
 
--spec subject(string(), [string()]) -> {ok, file:filename(), [string()]}.
-subject(Word, Args) -> {ok, starl_cli_recording:shown(Word), Args}.
+-spec subject(string(), [string()]) ->
+    {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) ->
+    case starl_cli_recording:found(Word, "./starl run TARGET --record makes one") of
+        {ok, File} -> {ok, File, Args};
+        {error, _} = Error -> Error
+    end.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := File}) ->

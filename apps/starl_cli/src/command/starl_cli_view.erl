@@ -30,15 +30,12 @@ flags(_Subject) -> [{"Flags", lists:keydelete(view, 1, starl_cli_window:flags())
 -spec subject(string(), [string()]) ->
     {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.
 subject(Word, Args) ->
-    File = starl_cli_recording:shown(Word),
-    case filelib:is_dir(Word) andalso not filelib:is_regular(File) of
-        true ->
-            {error, [
-                [Word, " holds no recording; ./starl replay ", starl_cli_quoted:word(Word)] ++
-                    " --view does the run again, and shows it"
-            ]};
-        false ->
-            {ok, File, Args}
+    Again = [
+        "./starl replay ", starl_cli_quoted:word(Word), " --view does the run again, and shows it"
+    ],
+    case starl_cli_recording:found(Word, Again) of
+        {ok, File} -> {ok, File, Args};
+        {error, _} = Error -> Error
     end.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().

@@ -3,7 +3,7 @@
 %% run that is killed leaves it there.
 -module(starl_cli_recording).
 
--export([flags/0, wanted/2, recorded/3, options/2, kept/2, shown/1]).
+-export([flags/0, wanted/2, recorded/3, options/2, kept/2, shown/1, found/2]).
 
 -export_type([t/0]).
 
@@ -86,4 +86,15 @@ shown(Path) when is_list(Path) ->
     case filelib:is_dir(Path) of
         true -> Path ++ "/" ++ ?NAME;
         false -> Path
+    end.
+
+%% @doc The file of a recording that is to be there; for the directory of a run without one, what a
+%% user can do instead.
+-spec found(file:filename(), Instead :: unicode:chardata()) ->
+    {ok, file:filename()} | {error, [unicode:chardata(), ...]}.
+found(Path, Instead) ->
+    File = shown(Path),
+    case filelib:is_dir(Path) andalso not filelib:is_regular(File) of
+        true -> {error, [[Path, " holds no recording; ", Instead]]};
+        false -> {ok, File}
     end.
