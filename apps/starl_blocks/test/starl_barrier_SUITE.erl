@@ -18,6 +18,8 @@
     full_store/1,
     damaged_store/1,
     damaged_stores_of_all/1,
+    damaged_one_after_another/1,
+    damaged_for_a_while/1,
     memory_is_bounded/1,
     planted_bugs_are_caught/1
 ]).
@@ -36,6 +38,8 @@ all() ->
         full_store,
         damaged_store,
         damaged_stores_of_all,
+        damaged_one_after_another,
+        damaged_for_a_while,
         memory_is_bounded,
         planted_bugs_are_caught
     ].
@@ -180,6 +184,38 @@ damaged_stores_of_all(_) ->
             #{robots => Robots}
         )
      || Robots <- [1, 2, 3], At <- [1500, 3000, 4510]
+    ].
+
+%% Found at random and shrunk. While robot 1 is down, robot 2 loses what it has stored, and goes on by
+%% what its application knows. Then robot 1 has lost its own, too: robot 2 tells it how far all were.
+damaged_one_after_another(_) ->
+    [
+        kept(
+            [
+                damaged(At - 300, 2),
+                crash(2, At, barrier),
+                damaged(At + 2000, 1),
+                reboot(1, At - 700, At + 2500, 1)
+            ],
+            #{robots => Robots, pause => 20, rounds => 60, names => [gate, gate]}
+        )
+     || Robots <- [2, 3], At <- lists:seq(1500, 2500, 100)
+    ].
+
+%% Found at random and shrunk. The store of robot 1 is full when it is to store that it has passed a
+%% round, and damaged; the others tell it that it has. Then it reads again what it took before.
+damaged_for_a_while(_) ->
+    [
+        kept(
+            [
+                {full, At, At + 3000, store_full, 1, #{}},
+                {damaged, At, At + 2000, store_damaged, 1, #{}},
+                {slow, At + 2500, Again + 500, delay, all, #{extra_ms => 3000}},
+                reboot(a, Again, Again + 300, 1)
+            ],
+            #{robots => Robots, pause => 20, rounds => 60, names => [gate, gate]}
+        )
+     || Robots <- [2, 3], At <- lists:seq(1000, 1300, 10), Again <- [At + 3400, At + 3700]
     ].
 
 crash(Robot, At, Machine) ->

@@ -20,7 +20,7 @@ in_order_test() ->
     Names = lists:seq(1, 40),
     Waiting = lists:foldl(
         fun(Name, Machine) ->
-            element(2, step({call, {app, Name}}, {sync, Name, 1, 5000000}, Machine))
+            element(2, step({call, {app, Name}}, {sync, Name, {1, 0}, 5000000}, Machine))
         end,
         new(),
         Names
@@ -30,7 +30,7 @@ in_order_test() ->
 
 waiting() ->
     New = new(),
-    {Actions, Waiting} = step({call, {app, 1}}, {sync, a, 1, 5000000}, New),
+    {Actions, Waiting} = step({call, {app, 1}}, {sync, a, {1, 0}, 5000000}, New),
     ?assertMatch([_ | _], [A || {{timeout, {patience, a}}, _, _} = A <- Actions]),
     Waiting.
 

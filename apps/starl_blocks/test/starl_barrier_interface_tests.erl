@@ -8,35 +8,37 @@
 round_test() ->
     Round = fun(R) -> starl_barrier:round(R, gate) end,
     Asked = {barrier, {round, gate}, 30000000},
-    ?assertEqual({[Asked], {ok, 3}}, play(Round, [{answer, 3}])),
+    ?assertEqual({[Asked], {ok, 3}}, play(Round, [{answer, {3, 2}}])),
     ?assertEqual({[Asked], {error, timeout}}, play(Round, [timeout])),
     ?assertEqual({[Asked], {error, restarted}}, play(Round, [restarted])),
     ?assertEqual(
         {[{barrier, {round, gate}, 7000}], {ok, 3}},
-        play(fun(R) -> starl_barrier:round(R, gate, 7) end, [{answer, 3}])
+        play(fun(R) -> starl_barrier:round(R, gate, 7) end, [{answer, {3, 2}}])
     ).
 
 %% It waits for the round that is next; the machine knows how long.
 sync_test() ->
     Sync = fun(R) -> starl_barrier:sync(R, gate) end,
-    Asked = [{barrier, {round, gate}, 30000000}, {barrier, {sync, gate, 3, 30000000}, infinity}],
+    Asked = [
+        {barrier, {round, gate}, 30000000}, {barrier, {sync, gate, {3, 2}, 30000000}, infinity}
+    ],
     [
-        ?assertEqual({Asked, Answer}, play(Sync, [{answer, 3}, {answer, Answer}]))
+        ?assertEqual({Asked, Answer}, play(Sync, [{answer, {3, 2}}, {answer, Answer}]))
      || Answer <- [ok, {error, timeout}]
     ],
     ?assertEqual({[hd(Asked)], {error, timeout}}, play(Sync, [timeout])),
     ?assertEqual(
-        {[{barrier, {round, gate}, 7000}, {barrier, {sync, gate, 3, 7000}, infinity}], ok},
-        play(fun(R) -> starl_barrier:sync(R, gate, 7) end, [{answer, 3}, {answer, ok}])
+        {[{barrier, {round, gate}, 7000}, {barrier, {sync, gate, {3, 2}, 7000}, infinity}], ok},
+        play(fun(R) -> starl_barrier:sync(R, gate, 7) end, [{answer, {3, 2}}, {answer, ok}])
     ).
 
 %% A new machine is told which round was not passed, as often as need be: a round that was passed
 %% just before the crash is not taken for this one.
 restarted_test() ->
-    Resume = {barrier, {resume, gate, 3}, infinity},
+    Resume = {barrier, {resume, gate, {3, 2}}, infinity},
     {Asked, Answer} = play(
         fun(R) -> starl_barrier:sync(R, gate) end,
-        [{answer, 3}, restarted, restarted, {answer, ok}]
+        [{answer, {3, 2}}, restarted, restarted, {answer, ok}]
     ),
     ?assertEqual({error, restarted}, Answer),
     ?assertEqual([Resume, Resume], lists:nthtail(2, Asked)).

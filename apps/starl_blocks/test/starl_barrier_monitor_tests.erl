@@ -225,6 +225,30 @@ damaged_and_forgotten_test() ->
     ?assertEqual([], Again([{1, damaged}, {2, damaged}, {1, crashed}], 1)),
     ?assertEqual([reached_out_of_order], Again([{1, damaged}, {2, damaged}], 4)).
 
+%% Robot 1 has forgotten that robot 2 passed round 2, and has not heard that it reached round 3: so
+%% robot 2 may pass round 2 again if its store is damaged then. Once it has passed round 3, robot 1
+%% knows of that.
+forgotten_before_it_reached_test() ->
+    Far =
+        all_reach() ++ [{3, R, passed, 1} || R <- [1, 2]] ++ [{4, R, reached, 2} || R <- [1, 2]] ++
+            [{5, 2, passed, 2}],
+    Judge = fun(Before, Between, K) ->
+        judge(
+            Far ++ Before ++ [{7, 2, reached, 3}] ++ Between ++
+                [{9, 2, damaged}, {9, 2, reached, K}]
+        )
+    end,
+    Crash = {6, 1, crashed},
+    ?assertEqual([], Judge([Crash], [], 2)),
+    ?assertEqual([], Judge([Crash, {6, 2, damaged}], [], 2)),
+    ?assertEqual([reached_out_of_order], Judge([Crash], [], 1)),
+    ?assertEqual([reached_out_of_order], Judge([], [], 2)),
+    ?assertEqual([reached_out_of_order], Judge([{6, 2, damaged}], [], 2)),
+    Passed = [{8, 1, passed, 2}, {8, 1, reached, 3}, {8, 2, passed, 3}],
+    ?assertEqual([reached_out_of_order], Judge([Crash], Passed, 3)),
+    ?assertEqual([], Judge([Crash], Passed ++ [Crash], 3)),
+    ?assertEqual([], Judge([Crash], [Crash | Passed], 3)).
+
 %% All begin again, and pass; what a robot had reached it has reached, even if it begins again.
 begins_again_test() ->
     Far = all_reach() ++ [{3, R, passed, 1} || R <- [1, 2]] ++ [{4, R, reached, 2} || R <- [1, 2]],
@@ -313,6 +337,11 @@ timeless_test() ->
         )
     end,
     ?assertEqual(Timeless([]), Timeless([{3, 1, crashed}])),
+    Next = [{R, R, passed, 1} || R <- [1, 2]],
+    ?assertEqual(
+        Timeless(Next ++ [{4, 2, reached, 2}]),
+        Timeless(Next ++ [{3, 1, crashed}, {4, 2, reached, 2}])
+    ),
     ?assertNotEqual(Timeless([]), Timeless([{3, 1, damaged}])),
     ?assertNotEqual(Timeless([]), Timeless([{3, 1, passed, 1}])).
 

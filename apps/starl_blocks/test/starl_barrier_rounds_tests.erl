@@ -6,7 +6,7 @@
 
 %% It says that it has reached a round, and answers that it has passed one, when that is stored.
 stores_before_it_speaks_test() ->
-    {Reached, B1} = call({sync, gate, 1, 5000}, start(none)),
+    {Reached, B1} = call({sync, gate, {1, 0}, 5000}, start(none)),
     ?assertMatch(
         [{store, _}, {trace, {reached, gate, 1}}, {call, sap, {broadcast, _, _}, _} | _], Reached
     ),
@@ -15,29 +15,29 @@ stores_before_it_speaks_test() ->
 
 %% It goes on with the round that it has reached and not passed, or with the one after it.
 goes_on_where_it_was_test() ->
-    {Reached, B1} = call({sync, gate, 1, 5000}, start(none)),
-    ?assertMatch({[{reply, ?APP, 1}], _}, call({round, gate}, start(stored(Reached)))),
+    {Reached, B1} = call({sync, gate, {1, 0}, 5000}, start(none)),
+    ?assertMatch({[{reply, ?APP, {1, _}}], _}, call({round, gate}, start(stored(Reached)))),
     {Passed, _} = passed(B1),
-    ?assertMatch({[{reply, ?APP, 2}], _}, call({round, gate}, start(stored(Passed)))),
-    ?assertMatch({[{reply, ?APP, 1}], _}, call({round, other}, start(stored(Passed)))).
+    ?assertMatch({[{reply, ?APP, {2, _}}], _}, call({round, gate}, start(stored(Passed)))),
+    ?assertMatch({[{reply, ?APP, {1, _}}], _}, call({round, other}, start(stored(Passed)))).
 
 %% The machine crashed between storing that the round is passed and answering: the application knows
 %% only that its call failed, and is given the answer when it calls again; nothing is traced.
 passed_and_not_told_test() ->
-    {_, B1} = call({sync, gate, 1, 5000}, start(none)),
+    {_, B1} = call({sync, gate, {1, 0}, 5000}, start(none)),
     {Passed, _} = passed(B1),
-    {[{reply, ?APP, ok}], B2} = call({resume, gate, 1}, start(stored(Passed))),
-    {[{reply, ?APP, 1}], B3} = call({round, gate}, B2),
-    {[{reply, ?APP, ok}], B4} = call({sync, gate, 1, 5000}, B3),
-    ?assertMatch({[{reply, ?APP, 2}], _}, call({round, gate}, B4)).
+    {[{reply, ?APP, ok}], B2} = call({resume, gate, {1, 0}}, start(stored(Passed))),
+    {[{reply, ?APP, {1, _}}], B3} = call({round, gate}, B2),
+    {[{reply, ?APP, ok}], B4} = call({sync, gate, {1, 0}, 5000}, B3),
+    ?assertMatch({[{reply, ?APP, {2, _}}], _}, call({round, gate}, B4)).
 
 %% While the others have not told it all that they know, it stores what is sure, and as no more.
 stores_no_guess_test() ->
-    {_, B1} = call({resume, gate, 4}, start(damaged)),
+    {_, B1} = call({resume, gate, {4, 3}}, start(damaged)),
     {[], B2} = told(2, true, [{other, 3, 3, 2}], B1),
-    {Reached, _} = call({sync, gate, 4, 5000}, B2),
+    {Reached, _} = call({sync, gate, {4, 3}, 5000}, B2),
     Again = start(stored(Reached)),
-    ?assertMatch({[{reply, ?APP, 4}], _}, call({round, gate}, Again)),
+    ?assertMatch({[{reply, ?APP, {4, _}}], _}, call({round, gate}, Again)),
     ?assertMatch({[], _}, call({round, other}, Again)).
 
 %% A round that somebody has surely not reached nobody has passed; one that all have reached, as far
@@ -52,7 +52,7 @@ damaged_test() ->
             start(damaged),
             Told
         ),
-        {[{reply, ?APP, Round}], _} = call({round, gate}, Knows),
+        {[{reply, ?APP, {Round, _}}], _} = call({round, gate}, Knows),
         Round
     end,
     ?assertEqual(2, Next([{2, true, 1, 2}, {3, true, 2, 1}])),
@@ -65,19 +65,19 @@ damaged_test() ->
 answers_when_it_knows_test() ->
     {[], B1} = told(2, true, [{gate, 4, 4, 3}], start(damaged)),
     {[], B2} = call({round, gate}, B1),
-    ?assertMatch({[{reply, ?APP, 5}], _}, told(3, true, [{gate, 4, 4, 3}], B2)),
-    {_, B3} = call({resume, gate, 4}, B1),
+    ?assertMatch({[{reply, ?APP, {5, _}}], _}, told(3, true, [{gate, 4, 4, 3}], B2)),
+    {_, B3} = call({resume, gate, {4, 3}}, B1),
     [
         ?assertMatch(
             {[{store, _}, {trace, {reached, gate, 4}} | _], _},
-            call({sync, gate, 4, 5000}, B)
+            call({sync, gate, {4, 3}, 5000}, B)
         )
      || B <- [B1, B3]
     ].
 
 %% It passes only when all others know that it has reached the round: so it may die then.
 passes_when_it_is_known_test() ->
-    {_, B1} = call({sync, gate, 1, 5000}, start(none)),
+    {_, B1} = call({sync, gate, {1, 0}, 5000}, start(none)),
     {[], B2} = event({reply, {announced, gate, 1}}, {error, {lost, [3]}}, B1),
     {[], B3} = event(cast, {message, 2, barrier, {reached, gate, 1, 0, false}}, B2),
     {[], B4} = event(cast, {message, 3, barrier, {reached, gate, 1, 0, false}}, B3),

@@ -24,7 +24,7 @@ step(Type, Content, Machine) -> starl_machine:step(Type, Content, #{now => 0, ro
 
 call(Caller, Request, Machine) -> step({call, {Caller, 1}}, Request, Machine).
 
-sync(Name, K, Machine) -> call(app, {sync, Name, K, ?US}, Machine).
+sync(Name, K, Machine) -> call(app, {sync, Name, {K, K - 1}, ?US}, Machine).
 
 hears(From, Message, Machine) -> step(cast, {message, From, barrier, Message}, Machine).
 
@@ -43,6 +43,9 @@ traces(Actions) -> [Event || {trace, Event} <- Actions].
 
 answers(Actions) -> [{Caller, Answer} || {reply, {Caller, 1}, Answer} <- Actions].
 
+%% The rounds that callers are told.
+rounds(Actions) -> [{Caller, Round} || {Caller, {Round, _All}} <- answers(Actions)].
+
 stored(Actions) -> [Term || {store, Term} <- Actions].
 
 listening() -> {cast, sap, {listen, barrier, barrier}}.
@@ -54,18 +57,18 @@ listening() -> {cast, sap, {listen, barrier, barrier}}.
 announces_test() ->
     {Actions, Machine} = sync(gate, 1, start(1, none)),
     ?assertEqual([{reached, gate, 1}], traces(Actions)),
-    ?assertEqual([{complete, #{gate => {1, 0}}}], stored(Actions)),
+    ?assertEqual([{complete, #{gate => {1, 0, 0}}}], stored(Actions)),
     Said = {broadcast, barrier, {reached, gate, 1, 0, false}},
     ?assertEqual([{Said, {announced, gate, 1}}], [{S, Tag} || {call, sap, S, Tag} <- Actions]),
     ?assertEqual([{{again, gate}, 3000000}, {{patience, gate}, ?US}], timers(Actions)),
     ?assertEqual([], sent(Actions)),
     ?assertEqual([], answers(Actions)),
     {Other, _} = sync(other, 1, Machine),
-    ?assertEqual([{complete, #{gate => {1, 0}, other => {1, 0}}}], stored(Other)).
+    ?assertEqual([{complete, #{gate => {1, 0, 0}, other => {1, 0, 0}}}], stored(Other)).
 
 %% After a crash those of which it knows nothing are asked at once.
 asks_what_is_forgotten_test() ->
-    Again = start(2, {stored, {complete, #{gate => {1, 1}}}}),
+    Again = start(2, {stored, {complete, #{gate => {1, 1, 1}}}}),
     {All, _} = sync(gate, 2, Again),
     ?assertEqual([{R, {reached, gate, 2, 0, true}} || R <- [2, 3]], sent(All)),
     {_, Heard} = hears(2, {reached, gate, 1, 1, false}, Again),
@@ -122,14 +125,14 @@ announced_last_test() ->
 passes_once_test() ->
     {[], One} = there(2, 1, waiting()),
     {Passed, Machine} = there(3, 1, One),
-    ?assertEqual([{complete, #{gate => {1, 1}}}], stored(Passed)),
+    ?assertEqual([{complete, #{gate => {1, 1, 1}}}], stored(Passed)),
     ?assertEqual([{passed, gate, 1}], traces(Passed)),
     ?assertEqual([{app, ok}], answers(Passed)),
     ?assertEqual([{again, gate}, {patience, gate}], cancelled(Passed)),
     ?assertEqual([], element(1, there(3, 1, Machine))),
     ?assertEqual([], again(Machine)),
     ?assertEqual([], element(1, step({timeout, {patience, gate}}, patience, Machine))),
-    ?assertEqual([{app, 2}], answers(element(1, call(app, {round, gate}, Machine)))).
+    ?assertEqual([{app, {2, 1}}], answers(element(1, call(app, {round, gate}, Machine)))).
 
 %% -- patience ---------------------------------------------------------------------------------
 
@@ -155,7 +158,7 @@ gives_up_test() ->
 %% A machine that has crashed waits for nothing; the others that wait go on, and so do those that
 %% wait for another name.
 caller_gone_test() ->
-    {_, Two} = call(other, {sync, next, 1, ?US}, waiting()),
+    {_, Two} = call(other, {sync, next, {1, 0}, ?US}, waiting()),
     {_, Three} = sync(last, 1, Two),
     {Actions, Machine} = step(info, {restarted, app}, Three),
     Failed = [{failed, Name, 1, restarted} || Name <- [gate, last]],
@@ -186,7 +189,7 @@ reports_test() ->
 %% One whose store is damaged is told all: of each name the own count, its count, and what has
 %% surely been passed; and whether this robot knows its own counts.
 tells_test() ->
-    Machine = start(2, {stored, {complete, #{b => {3, 2}, a => {1, 1}}}}),
+    Machine = start(2, {stored, {complete, #{b => {3, 2, 2}, a => {1, 1, 1}}}}),
     {_, Heard} = hears(2, {reached, b, 4, 0, false}, Machine),
     Told = fun(From, M) -> sent(element(1, hears(From, {who, 7}, M))) end,
     ?assertEqual([{2, {told, 7, true, [{a, 1, 0, 1}, {b, 3, 4, 2}]}}], Told(2, Heard)),
@@ -209,7 +212,7 @@ asks_all_test() ->
     {_, Both} = hears(3, {told, 2, true, []}, One),
     ?assertEqual([], element(1, step({timeout, untold}, again, Both))),
     {[_], Alone} = new(2, damaged, #{team => [1]}),
-    ?assertEqual([{app, 1}], answers(element(1, call(app, {round, gate}, Alone)))).
+    ?assertEqual([{app, {1, 0}}], answers(element(1, call(app, {round, gate}, Alone)))).
 
 %% An answer to an earlier life's question is none, as this life's crash may be after it.
 told_earlier_test() ->
@@ -228,7 +231,7 @@ told_twice_test() ->
             {[], Asked},
             Words
         ),
-        answers(Last)
+        rounds(Last)
     end,
     ?assertEqual([{app, 4}], Next([{2, true, 3}, {3, true, 4}])),
     ?assertEqual([{app, 5}], Next([{2, true, 3}, {2, false, 3}, {3, true, 4}])),
@@ -245,7 +248,7 @@ asked_meanwhile_test() ->
     end,
     Asked = Ask(other, gate, Ask(app, side, Ask(app, gate, start(2, damaged)))),
     {[], One} = hears(2, {told, 2, true, [{gate, 2, 2, 1}]}, Asked),
-    Tell = fun(M) -> answers(element(1, hears(3, {told, 2, true, [{gate, 2, 2, 1}]}, M))) end,
+    Tell = fun(M) -> rounds(element(1, hears(3, {told, 2, true, [{gate, 2, 2, 1}]}, M))) end,
     ?assertEqual([{app, 1}, {app, 3}, {other, 3}], lists:sort(Tell(One))),
     ?assertEqual([{other, 3}], Tell(element(2, step(info, {restarted, app}, One)))),
     ?assertEqual(
@@ -262,20 +265,20 @@ answers_in_order_test() ->
     ),
     {_, One} = hears(2, {told, 2, true, []}, Asked),
     {Actions, _} = hears(3, {told, 2, true, []}, One),
-    ?assertEqual([{Name, 1} || Name <- Names], [{N, K} || {reply, {app, N}, K} <- Actions]).
+    ?assertEqual([{Name, 1} || Name <- Names], [{N, K} || {reply, {app, N}, {K, 0}} <- Actions]).
 
 %% Where only some have told, what is stored says so: the next life asks again.
 partial_test() ->
-    {_, Resumed} = call(app, {resume, gate, 4}, start(2, damaged)),
+    {_, Resumed} = call(app, {resume, gate, {4, 3}}, start(2, damaged)),
     {Reached, _} = sync(gate, 4, Resumed),
-    ?assertEqual([{partial, #{gate => {4, 3}}}], stored(Reached)),
-    {Asks, Partial} = new(3, {stored, {partial, #{gate => {4, 3}}}}),
+    ?assertEqual([{partial, #{gate => {4, 3, 3}}}], stored(Reached)),
+    {Asks, Partial} = new(3, {stored, {partial, #{gate => {4, 3, 3}}}}),
     ?assertEqual([{2, {who, 3}}, {3, {who, 3}}], sent(Asks)),
-    ?assertEqual([{app, 4}], answers(element(1, call(app, {round, gate}, Partial)))),
+    ?assertEqual([{app, {4, 3}}], answers(element(1, call(app, {round, gate}, Partial)))),
     {_, One} = hears(2, {told, 3, true, []}, Partial),
     {_, Both} = hears(3, {told, 3, true, []}, One),
     ?assertEqual(
-        [{complete, #{gate => {4, 3}, new => {1, 0}}}], stored(element(1, sync(new, 1, Both)))
+        [{complete, #{gate => {4, 3, 3}, new => {1, 0, 0}}}], stored(element(1, sync(new, 1, Both)))
     ).
 
 %% -- everything else --------------------------------------------------------------------------

@@ -32,7 +32,13 @@ round(Robot, Name) -> round(Robot, Name, ?PATIENCE_MS).
 %% @doc The same with a timeout in milliseconds.
 -spec round(starl:robot(), name(), Ms :: pos_integer()) ->
     {ok, round()} | {error, timeout | restarted}.
-round(Robot, Name, Ms) -> starl:call(Robot, barrier, {round, Name}, Ms).
+round(Robot, Name, Ms) ->
+    case turn(Robot, Name, Ms) of
+        {ok, {Round, _All}} -> {ok, Round};
+        {error, _} = Error -> Error
+    end.
+
+turn(Robot, Name, Ms) -> starl:call(Robot, barrier, {round, Name}, Ms).
 
 %% @doc Waits until all robots have reached this round, with half a minute's patience.
 -spec sync(starl:robot(), name()) -> ok | {error, timeout | restarted}.
@@ -44,26 +50,26 @@ sync(Robot, Name) -> sync(Robot, Name, ?PATIENCE_MS).
 -spec sync(starl:robot(), name(), Ms :: pos_integer()) -> ok | {error, timeout | restarted}.
 sync(Robot, Name, Ms) ->
     ok = starl_caller:check({?MODULE, sync, 3}, 'Ms', positive_ms, Ms),
-    %% Two calls, so that the number of the round is known here should the machine crash.
-    case round(Robot, Name, Ms) of
-        {ok, Round} -> pass(Robot, Name, Round, Ms);
+    %% Two calls, so that the round's turn is known here should the machine crash.
+    case turn(Robot, Name, Ms) of
+        {ok, Turn} -> pass(Robot, Name, Turn, Ms);
         {error, _} = Error -> Error
     end.
 
-pass(Robot, Name, Round, Ms) ->
-    case starl:call(Robot, barrier, {sync, Name, Round, Ms * 1000}, infinity) of
+pass(Robot, Name, Turn, Ms) ->
+    case starl:call(Robot, barrier, {sync, Name, Turn, Ms * 1000}, infinity) of
         {ok, Answer} ->
             Answer;
         {error, restarted} ->
-            ok = remind(Robot, Name, Round),
+            ok = remind(Robot, Name, Turn),
             {error, restarted}
     end.
 
-%% Tells the new machine which round was not passed.
-remind(Robot, Name, Round) ->
-    case starl:call(Robot, barrier, {resume, Name, Round}, infinity) of
+%% Tells the new machine which round was not passed, and what was known then.
+remind(Robot, Name, Turn) ->
+    case starl:call(Robot, barrier, {resume, Name, Turn}, infinity) of
         {ok, ok} -> ok;
-        {error, restarted} -> remind(Robot, Name, Round)
+        {error, restarted} -> remind(Robot, Name, Turn)
     end.
 
 %% -- the block ------------------------------------------------------------------------------

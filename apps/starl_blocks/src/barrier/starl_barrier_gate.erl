@@ -6,14 +6,22 @@
 %% only.
 -module(starl_barrier_gate).
 
--export([new/1, recall/1, next/1, is_sure/1, caller/1, counts/1, fact/2]).
+-export([new/1, recall/1, turn/1, is_sure/1, caller/1, counts/1, fact/2]).
 -export([resume/2, is_passed/2, tell/2, reach/4, pass/1, missed/1, unheard/1, fail/1]).
--export([hear/4, learn/5, assure/2]).
+-export([hear/4, learn/5, assure/3]).
 
--export_type([t/0]).
+-export_type([t/0, turn/0, stored/0]).
 
 -type round() :: non_neg_integer().
 -type counts() :: #{starl:robot_id() => round()}.
+
+%% The first round that the application has not passed, and the last that all have surely reached.
+%% A waiting application keeps it, should the machine crash.
+-type turn() :: {pos_integer(), All :: round()}.
+
+%% The robot's own counts: the rounds that it has reached and passed, and the last that all have
+%% surely reached.
+-type stored() :: {At :: round(), Passed :: round(), All :: round()}.
 
 -record(gate, {
     %% false: known from the others only
@@ -22,8 +30,8 @@
     passed = 0 :: round(),
     %% the last round that the application has passed, as far as it knows
     told = 0 :: round(),
-    %% the last round that some robot has surely passed: so all have reached it
-    done = 0 :: round(),
+    %% the last round that all robots have surely reached
+    all = 0 :: round(),
     reached = #{} :: counts(),
     heard = #{} :: counts(),
     from = none :: starl_machine:from() | none,
@@ -37,13 +45,15 @@
 -spec new(IsSure :: boolean()) -> t().
 new(Sure) -> #gate{sure = Sure}.
 
-%% @doc A name of which these counts were stored. A robot that passes knows that all have reached.
--spec recall({At :: round(), Passed :: round()}) -> t().
-recall({At, Passed}) -> #gate{at = At, passed = Passed, told = Passed, done = Passed}.
+%% @doc A name of which these counts were stored. A round that counted as passed after a damage need
+%% not have been reached by all. Earlier versions stored two counts.
+-spec recall(stored() | {At :: round(), Passed :: round()}) -> t().
+recall({At, Passed}) -> recall({At, Passed, 0});
+recall({At, Passed, All}) -> #gate{at = At, passed = Passed, told = Passed, all = All}.
 
-%% @doc The first round that the application has not passed.
--spec next(t()) -> pos_integer().
-next(#gate{told = Told}) -> Told + 1.
+%% @doc The application's next round.
+-spec turn(t()) -> turn().
+turn(#gate{told = Told, all = All}) -> {Told + 1, All}.
 
 %% @doc Is it known what this robot did before?
 -spec is_sure(t()) -> boolean().
@@ -53,26 +63,30 @@ is_sure(#gate{sure = Sure}) -> Sure.
 -spec caller(t()) -> starl_machine:from() | none.
 caller(#gate{from = From}) -> From.
 
-%% @doc The round that the robot has reached and the one that it has passed.
--spec counts(t()) -> {At :: round(), Passed :: round()}.
-counts(#gate{at = At, passed = Passed}) -> {At, Passed}.
+%% @doc The counts to store.
+-spec counts(t()) -> stored().
+counts(#gate{at = At, passed = Passed, all = All}) -> {At, Passed, All}.
 
 %% @doc The counts to tell another robot: the round that this one has reached, the other's round as
-%% it is known here, and the last round surely passed.
--spec fact(starl:robot_id(), t()) -> {At :: round(), Reached :: round(), Done :: round()}.
-fact(Robot, #gate{at = At, done = Done, reached = Reached}) ->
-    {At, maps:get(Robot, Reached, 0), Done}.
+%% it is known here, and the last round that all have surely reached.
+-spec fact(starl:robot_id(), t()) -> {At :: round(), Reached :: round(), All :: round()}.
+fact(Robot, #gate{at = At, all = All, reached = Reached}) ->
+    {At, maps:get(Robot, Reached, 0), All}.
 
 %% -- the robot's own rounds -----------------------------------------------------------------
 
 %% @doc The application says that this is the first round that it has not passed. It knows better
-%% than the others; but it was not told of a round that was passed just before a crash.
--spec resume(pos_integer(), t()) -> t().
-resume(Round, #gate{sure = false} = Gate) ->
+%% than the others, and than a store that was damaged for a while and gives back what it took before
+%% that; but it was not told of a round that was passed just before a crash.
+-spec resume(turn(), t()) -> t().
+resume({Round, All}, #gate{sure = false, all = Known} = Gate) ->
     Before = Round - 1,
-    Gate#gate{sure = true, at = Before, passed = Before, told = Before};
-resume(Round, Gate) ->
-    Gate#gate{told = Round - 1}.
+    Gate#gate{
+        sure = true, at = Before, passed = Before, told = Before, all = max(All, Known)
+    };
+resume({Round, _All}, #gate{at = At, passed = Passed} = Gate) ->
+    Before = Round - 1,
+    Gate#gate{at = max(At, Before), passed = max(Passed, Before), told = Before}.
 
 %% @doc Is this a round that the robot has passed, though its application has not been told?
 -spec is_passed(pos_integer(), t()) -> boolean().
@@ -83,9 +97,9 @@ is_passed(Round, #gate{passed = Passed}) -> Round =< Passed.
 tell(Round, Gate) -> Gate#gate{told = Round}.
 
 %% @doc The robot has reached a round, for the first time or again, and waits for the others.
--spec reach(pos_integer(), starl_machine:from(), [starl:robot_id()], t()) -> {new | again, t()}.
-reach(Round, From, Others, Gate0) ->
-    #gate{at = At} = Gate = resume(Round, Gate0),
+-spec reach(turn(), starl_machine:from(), [starl:robot_id()], t()) -> {new | again, t()}.
+reach({Round, _} = Turn, From, Others, Gate0) ->
+    #gate{at = At} = Gate = resume(Turn, Gate0),
     There = Gate#gate{at = Round, from = From},
     Waiting = There#gate{awaited = [Robot || Robot <- Others, is_missed(Robot, There)]},
     case At < Round of
@@ -96,7 +110,7 @@ reach(Round, From, Others, Gate0) ->
 %% @doc Passes, if all have reached the round and know that this robot has.
 -spec pass(t()) -> {passed, starl_machine:from(), round(), t()} | waits.
 pass(#gate{at = At, from = From, awaited = []} = Gate) when From =/= none ->
-    {passed, From, At, Gate#gate{passed = At, told = At, done = At, from = none}};
+    {passed, From, At, Gate#gate{passed = At, told = At, all = At, from = none}};
 pass(#gate{}) ->
     waits.
 
@@ -138,22 +152,26 @@ raise(Robot, Count, Counts) -> Counts#{Robot => max(Count, maps:get(Robot, Count
 remember(Known, #gate{sure = false, at = At} = Gate) when Known > At -> Gate#gate{at = Known};
 remember(_Known, Gate) -> Gate.
 
-%% @doc The same, and it knows that some robot has surely passed a round.
--spec learn(starl:robot_id(), round(), Known :: round(), Done :: round(), t()) -> t().
-learn(Robot, Round, Known, Done, #gate{done = Before} = Gate) ->
-    hear(Robot, Round, Known, remember(Done, Gate#gate{done = max(Done, Before)})).
+%% @doc The same, and it knows that all have surely reached a round.
+-spec learn(starl:robot_id(), round(), Known :: round(), All :: round(), t()) -> t().
+learn(Robot, Round, Known, All, #gate{all = Before} = Gate) ->
+    hear(Robot, Round, Known, remember(All, Gate#gate{all = max(All, Before)})).
 
 %% -- after a damaged store ------------------------------------------------------------------
 
 %% @doc The others have told all that they know. If a witness (a robot that knows its own counts)
-%% has not reached this robot's round, no robot has passed the round; else it counts as passed.
--spec assure(Witnesses :: [starl:robot_id()], t()) -> t().
-assure(Witnesses, #gate{sure = false, at = At, reached = Reached} = Gate) ->
-    Passed =
-        case lists:any(fun(Witness) -> maps:get(Witness, Reached, 0) < At end, Witnesses) of
-            true -> At - 1;
-            false -> At
-        end,
-    Gate#gate{sure = true, passed = Passed, told = Passed};
-assure(_Witnesses, Gate) ->
+%% has not reached this robot's round, no robot has passed the round; else it counts as passed, and
+%% if all others are witnesses, all have surely reached it.
+-spec assure(Witnesses :: [starl:robot_id()], Others :: [starl:robot_id()], t()) -> t().
+assure(Witnesses, Others, #gate{sure = false, at = At, all = All, reached = Reached} = Gate) ->
+    Behind = lists:any(fun(Witness) -> maps:get(Witness, Reached, 0) < At end, Witnesses),
+    case {Behind, Others -- Witnesses} of
+        {true, _} -> assured(At - 1, All, Gate);
+        {false, []} -> assured(At, At, Gate);
+        {false, [_ | _]} -> assured(At, All, Gate)
+    end;
+assure(_Witnesses, _Others, Gate) ->
     Gate.
+
+assured(Passed, All, Gate) ->
+    Gate#gate{sure = true, passed = Passed, told = Passed, all = All}.

@@ -8,7 +8,7 @@
 -export([first/1, answered/3, restarted/2]).
 
 -type place_in_rounds() :: {starl_barrier:name(), Last :: pos_integer()}.
--type mark() :: round | {sync | resume, starl_barrier:round()}.
+-type mark() :: round | {sync | resume, starl_barrier_gate:turn()}.
 
 %% A patience so long that the checker decides when a call fails.
 -define(PATIENCE_US, 30000000).
@@ -37,9 +37,9 @@ first({Name, _Last}) -> {barrier, {round, Name}, round}.
 
 %% @doc Passes it, unless all are passed.
 -spec answered(mark(), term(), place_in_rounds()) -> starl_block_talk:next().
-answered(round, Round, {_Name, Last}) when Round > Last -> over;
-answered(round, Round, {Name, _Last}) ->
-    {call, {barrier, {sync, Name, Round, ?PATIENCE_US}, {sync, Round}}};
+answered(round, {Round, _All}, {_Name, Last}) when Round > Last -> over;
+answered(round, Turn, {Name, _Last}) ->
+    {call, {barrier, {sync, Name, Turn, ?PATIENCE_US}, {sync, Turn}}};
 answered({resume, _}, ok, _Gate) ->
     again;
 answered({sync, _}, {error, _}, _Gate) ->
@@ -49,5 +49,5 @@ answered({sync, _}, ok, _Gate) ->
 
 %% @doc Tells the new machine which round was not passed.
 -spec restarted(mark(), place_in_rounds()) -> starl_block_talk:next().
-restarted({_, Round}, {Name, _Last}) -> {call, {barrier, {resume, Name, Round}, {resume, Round}}};
+restarted({_, Turn}, {Name, _Last}) -> {call, {barrier, {resume, Name, Turn}, {resume, Turn}}};
 restarted(round, _Gate) -> again.

@@ -6,8 +6,9 @@
 %%
 %% Only a robot whose store was damaged when its barrier machine started may go on with another
 %% round, once: with the one after the last that it has reached; with the last that it has
-%% passed, if another robot's machine has crashed, too, since it reached that one; or with an
-%% earlier one, if the stores of all robots were damaged.
+%% passed, if another robot's machine has crashed, too, since it reached that one (the one that
+%% crashed has forgotten that round, and need not have heard of the next); or with an earlier one,
+%% if the stores of all robots were damaged.
 %%
 %% Progress: a robot that has reached a round passes it or fails within `bound_us' (default: none)
 %% of the last participant's reaching it; if not all reach it, it need not pass. `delta_us'
@@ -27,8 +28,9 @@
 -type key() :: {name(), robot_id()}.
 
 %% The damage since a round was reached: another robot may have forgotten its count of this one; or
-%% this one's store is damaged, and the other may have forgotten, too; or all stores are damaged.
--type doubt() :: forgotten | damaged | damaged_and_forgotten | lost.
+%% had so when the round was reached, and need not know of it before it is passed; or this one's
+%% store is damaged, and the other may have forgotten, too; or all stores are damaged.
+-type doubt() :: forgotten | untold | damaged | damaged_and_forgotten | lost.
 
 %% A round that not all have passed: when the last robot reached it, and when which robots
 %% passed it.
@@ -88,7 +90,7 @@ vocabulary() -> #{barrier => [{reached, 2}, {passed, 2}, {failed, 3}]}.
 %% else is judged. The checker damages no store, so the others' forgetting makes no difference.
 -spec timeless(#state{}) -> term().
 timeless(#state{reached = Reached, at = At, passed = Passed, doubts = Doubts}) ->
-    {Reached, At, Passed, maps:filter(fun(_Key, Doubt) -> Doubt =/= forgotten end, Doubts)}.
+    {Reached, At, Passed, maps:filter(fun(_Key, Doubt) -> is_damage(Doubt) end, Doubts)}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -142,7 +144,7 @@ excuse(Robot, #state{excused = Excused} = State) ->
 forgets(Robot, State) ->
     doubt(fun(R) -> R =/= Robot end, fun forgotten/1, State).
 
-forgotten(Doubt) when Doubt =:= none; Doubt =:= forgotten -> forgotten;
+forgotten(Doubt) when Doubt =:= none; Doubt =:= forgotten; Doubt =:= untold -> forgotten;
 forgotten(lost) -> lost;
 forgotten(_Damaged) -> damaged_and_forgotten.
 
@@ -154,11 +156,27 @@ damage(Robot, State) ->
     Damaged#state{doubts = maps:merge(Doubts, maps:from_keys(Lost, lost))}.
 
 damaged(none) -> damaged;
-damaged(forgotten) -> damaged_and_forgotten;
+damaged(Doubt) when Doubt =:= forgotten; Doubt =:= untold -> damaged_and_forgotten;
 damaged(Damaged) -> Damaged.
 
-is_damaged(Key, Doubts) ->
-    not lists:member(maps:get(Key, Doubts, none), [none, forgotten]).
+is_damaged(Key, Doubts) -> is_damage(maps:get(Key, Doubts, none)).
+
+is_damage(Doubt) -> not lists:member(Doubt, [none, forgotten, untold]).
+
+%% A robot that has forgotten the last round need not have heard of the one that is reached now.
+reached_with(none) -> none;
+reached_with(damaged) -> none;
+reached_with(_Forgotten) -> untold.
+
+%% A robot passes a round when all others have heard that it has reached it.
+passed_with(untold) -> none;
+passed_with(Doubt) -> Doubt.
+
+change(Key, Change, Doubts) ->
+    case Change(maps:get(Key, Doubts, none)) of
+        none -> maps:remove(Key, Doubts);
+        Doubt -> Doubts#{Key => Doubt}
+    end.
 
 doubt(Concerns, Grow, #state{reached = Reached, doubts = Doubts} = State) ->
     Concerned = [Key || {_, Robot} = Key <- maps:keys(Reached), Concerns(Robot)],
@@ -172,7 +190,7 @@ reach(T, Robot, Name, K, #state{reached = Reached, passed = Passed} = State) ->
         at = (State#state.at)#{Key => K},
         %% a round that was skipped counts as passed, one that comes again does not
         passed = Passed#{Key => K - 1},
-        doubts = maps:remove(Key, State#state.doubts)
+        doubts = change(Key, fun reached_with/1, State#state.doubts)
     },
     Round = round_of(Name, K, Next),
     case Round#round.complete_us =:= none andalso absent(Name, K, Next) =:= [] of
@@ -182,7 +200,12 @@ reach(T, Robot, Name, K, #state{reached = Reached, passed = Passed} = State) ->
 
 pass(T, Robot, Name, K, #state{passed = Passed, passes = Passes, robots = Robots} = State) ->
     #round{passed = N, first_us = First} = Round = round_of(Name, K, State),
-    Next = State#state{passed = Passed#{{Name, Robot} => K}, passes = Passes + 1},
+    Key = {Name, Robot},
+    Next = State#state{
+        passed = Passed#{Key => K},
+        passes = Passes + 1,
+        doubts = change(Key, fun passed_with/1, State#state.doubts)
+    },
     case {N + 1 =:= length(Robots), First} of
         {true, none} ->
             close(Name, K, 0, Next);

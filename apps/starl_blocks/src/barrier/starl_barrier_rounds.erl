@@ -24,9 +24,9 @@
 %% no robot has passed it; else it counts as passed, so the next `sync' is for the round after it
 %% and waits for all.
 %%
-%% Calls: `{round, Name}' (the round that the next `sync' is for), `{sync, Name, Round, Us}'
-%% (answer `ok' or `{error, timeout}'), `{resume, Name, Round}' (after a crash: the application has
-%% not passed this round). Trace: {@link event()}.
+%% Calls: `{round, Name}' (the turn of the next `sync', {@link starl_barrier_gate:turn()}), `{sync,
+%% Name, Turn, Us}' (answer `ok' or `{error, timeout}'), `{resume, Name, Turn}' (after a crash: the
+%% application has not passed this round). Trace: {@link event()}.
 -module(starl_barrier_rounds).
 -behaviour(starl_machine).
 
@@ -86,10 +86,10 @@ recall(damaged) ->
 ) -> starl_machine:result().
 handle_event({call, From}, {round, Name}, ready, Barrier, _Meta) ->
     round_of(From, Name, Barrier);
-handle_event({call, From}, {sync, Name, Round, Us}, ready, Barrier, _Meta) ->
-    sync(From, Name, Round, Us, Barrier);
-handle_event({call, From}, {resume, Name, Round}, ready, Barrier, _Meta) ->
-    Gate = starl_barrier_gate:resume(Round, gate(Name, Barrier)),
+handle_event({call, From}, {sync, Name, Turn, Us}, ready, Barrier, _Meta) ->
+    sync(From, Name, Turn, Us, Barrier);
+handle_event({call, From}, {resume, Name, Turn}, ready, Barrier, _Meta) ->
+    Gate = starl_barrier_gate:resume(Turn, gate(Name, Barrier)),
     {keep_state, put_gate(Name, Gate, Barrier), [{reply, From, ok}]};
 handle_event(cast, {message, From, barrier, Message}, ready, Barrier, _Meta) ->
     message(Message, From, Barrier);
@@ -143,21 +143,21 @@ round_of({Caller, _} = From, Name, #barrier{asking = Asking} = Barrier) ->
     Gate = gate(Name, Barrier),
     case starl_barrier_gate:is_sure(Gate) of
         false -> {keep_state, Barrier#barrier{asking = Asking#{{Caller, Name} => From}}, []};
-        true -> {keep_state, Barrier, [{reply, From, starl_barrier_gate:next(Gate)}]}
+        true -> {keep_state, Barrier, [{reply, From, starl_barrier_gate:turn(Gate)}]}
     end.
 
-sync(From, Name, Round, Us, Barrier) ->
+sync(From, Name, {Round, _} = Turn, Us, Barrier) ->
     Gate = gate(Name, Barrier),
     case starl_barrier_gate:is_passed(Round, Gate) of
         true ->
             Told = put_gate(Name, starl_barrier_gate:tell(Round, Gate), Barrier),
             {keep_state, Told, [{reply, From, ok}]};
         false ->
-            reach(From, Name, Round, Us, Barrier)
+            reach(From, Name, Turn, Us, Barrier)
     end.
 
-reach(From, Name, Round, Us, #barrier{retry_us = Retry, others = Others} = Barrier) ->
-    {Which, Gate} = starl_barrier_gate:reach(Round, From, Others, gate(Name, Barrier)),
+reach(From, Name, {Round, _} = Turn, Us, #barrier{others = Others} = Barrier) ->
+    {Which, Gate} = starl_barrier_gate:reach(Turn, From, Others, gate(Name, Barrier)),
     At = put_gate(Name, Gate, Barrier),
     First =
         case Which of
@@ -165,7 +165,8 @@ reach(From, Name, Round, Us, #barrier{retry_us = Retry, others = Others} = Barri
             again -> ask_missing(Name, At)
         end,
     Timers = [
-        {{timeout, {again, Name}}, Retry, again}, {{timeout, {patience, Name}}, Us, patience}
+        {{timeout, {again, Name}}, Barrier#barrier.retry_us, again},
+        {{timeout, {patience, Name}}, Us, patience}
     ],
     check(Name, First ++ Timers, At).
 
@@ -230,7 +231,7 @@ give_up(Name, Why, Barrier) ->
         none ->
             keep_state_and_data;
         {_, _} = From ->
-            {At, _} = starl_barrier_gate:counts(Gate),
+            {At, _, _} = starl_barrier_gate:counts(Gate),
             Told = [{trace, {failed, Name, At, Why}}, {reply, From, {error, Why}}],
             {keep_state, put_gate(Name, starl_barrier_gate:fail(Gate), Barrier), Told ++ stop(Name)}
     end.
@@ -284,15 +285,16 @@ ask_untold(#barrier{untold = Untold, incarnation = Incarnation, retry_us = Retry
         | [starl_sap:post(Other, barrier, {who, Incarnation}) || Other <- Untold]
     ].
 
-%% A robot's knowledge of a name: its own count, the asker's, and the last round surely passed.
+%% A robot's knowledge of a name: its own count, the asker's, and the last round that all have
+%% surely reached.
 fact(Asker, {Name, Gate}) ->
-    {At, Reached, Done} = starl_barrier_gate:fact(Asker, Gate),
-    {Name, At, Reached, Done}.
+    {At, Reached, All} = starl_barrier_gate:fact(Asker, Gate),
+    {Name, At, Reached, All}.
 
 told(Certain, Facts, From, #barrier{untold = Untold, witnesses = Witnesses} = Barrier) ->
     Learned = lists:foldl(
-        fun({Name, Round, Known, Done}, B) ->
-            Gate = starl_barrier_gate:learn(From, Round, Known, Done, gate(Name, B)),
+        fun({Name, Round, Known, All}, B) ->
+            Gate = starl_barrier_gate:learn(From, Round, Known, All, gate(Name, B)),
             put_gate(Name, Gate, B)
         end,
         Barrier#barrier{
@@ -308,10 +310,13 @@ told(Certain, Facts, From, #barrier{untold = Untold, witnesses = Witnesses} = Ba
 
 %% The others have told all that they know.
 settle(#barrier{gates = Gates, witnesses = Witnesses, asking = Asking} = Barrier) ->
-    Assured = maps:map(fun(_, Gate) -> starl_barrier_gate:assure(Witnesses, Gate) end, Gates),
+    #barrier{others = Others} = Barrier,
+    Assured = maps:map(
+        fun(_, Gate) -> starl_barrier_gate:assure(Witnesses, Others, Gate) end, Gates
+    ),
     Settled = Barrier#barrier{settled = true, gates = Assured},
     Replies = [
-        {reply, From, starl_barrier_gate:next(gate(Name, Settled))}
+        {reply, From, starl_barrier_gate:turn(gate(Name, Settled))}
      || {{_Caller, Name}, From} <- lists:sort(maps:to_list(Asking))
     ],
     {keep_state, Settled#barrier{asking = #{}}, Replies}.
