@@ -69,17 +69,17 @@ hear({timeout, Ref, Timer}, #chassis{timers = Timers} = Chassis) ->
         #{Timer := Ref} -> told({timeout, Timer}, Chassis);
         #{} -> {[], Chassis}
     end;
-hear({Word, _} = Message, Chassis) when
-    Word =:= data; Word =:= opened; Word =:= closed; Word =:= error
-->
-    told(Message, Chassis);
-hear({Word, Ref, At}, #chassis{clock = Clock} = Chassis) when
-    Word =:= sent; Word =:= ended; Word =:= stopped
-->
-    System = At + erlang:time_offset(microsecond),
-    told({Word, Ref, starl_live_clock:at_us(System, Clock)}, Chassis);
-hear(_Message, _Chassis) ->
-    unknown.
+hear(Message, #chassis{clock = Clock} = Chassis) ->
+    case starl_create_word:is_message(Message) of
+        plain ->
+            told(Message, Chassis);
+        timed ->
+            {Word, Ref, At} = Message,
+            System = At + erlang:time_offset(microsecond),
+            told({Word, Ref, starl_live_clock:at_us(System, Clock)}, Chassis);
+        false ->
+            unknown
+    end.
 
 told(Message, #chassis{driver = Driver, clock = Clock} = Chassis) ->
     Now = starl_live_clock:now_us(Clock),

@@ -27,7 +27,7 @@
     baud => pos_integer(),
     charge_mah => number(),
     body => none | {starl_world, World :: pid(), starl:robot_id()},
-    pen => starl_create_driver:pen(),
+    pen => starl_create_order:pen(),
     lag_ms => non_neg_integer(),
     tell => pid()
 }.
@@ -45,7 +45,7 @@
 -record(emulated, {
     create :: starl_create_emulator:t(),
     body :: none | {starl_world, pid(), starl:robot_id()},
-    pen :: starl_create_driver:pen(),
+    pen :: starl_create_order:pen(),
     tell :: pid() | none,
     lag_us :: non_neg_integer(),
     %% bytes that will be read, with the robot's time
@@ -92,7 +92,7 @@ init(#{model := Model} = Options) ->
                 lag_us = Lag,
                 create = starl_create_emulator:new(maps:merge(Options, Moment)),
                 body = Body,
-                pen = maps:get(pen, Options, starl_create_driver:usual_pen(Model)),
+                pen = maps:get(pen, Options, starl_create_order:usual_pen(Model)),
                 tell = maps:get(tell, Options, none)
             }};
         {error, Why} ->

@@ -1,0 +1,131 @@
+%% @doc What a Create senses: the frames of its stream, one after the other, as events, and whether a
+%% wheel stalls.
+%%
+%% A wheel stalls if the robot reports too high a current, or if the wheel does not turn at all while
+%% the robot has been commanded to turn it for four frames. A new bump counts as a stall, too, unless
+%% bumps are to be ignored; a robot that touches something already can drive away from it.
+-module(starl_create_senses).
+
+-export([new/0, see/2, readings/1]).
+-export([events/1, is_stalled/2, is_at_rest/1, unsafe/1]).
+
+-export_type([t/0, event/0, unsafe/0]).
+
+-type event() ::
+    {bump, left | right | both | none}
+    | {drop, Bits :: non_neg_integer()}
+    | {cliff, [left | front_left | front_right | right]}
+    | {buttons, Bits :: byte()}
+    | {docked, boolean()}
+    | {battery, low | ok}.
+
+%% Why a robot leaves its mode, or does not enter it.
+-type unsafe() :: wheel_drop | charger | cliff | none.
+
+-record(senses, {
+    before = #{} :: starl_create_packet:readings(),
+    now = #{} :: starl_create_packet:readings(),
+    %% of each wheel: the frames since its command changed
+    steady = {0, 0} :: {non_neg_integer(), non_neg_integer()}
+}).
+
+-opaque t() :: #senses{}.
+
+%% Frames of the same command before a wheel that stands counts as stalled; the slowest speed at
+%% which each frame must show a count.
+-define(STEADY, 4).
+-define(SEEN_SPEED, 90).
+-define(LOW_BATTERY, 0.15).
+
+%% @doc Nothing has been seen yet.
+-spec new() -> t().
+new() -> #senses{}.
+
+%% @doc The next frame.
+-spec see(starl_create_packet:readings(), t()) -> t().
+see(Now, #senses{now = Before, steady = {Left, Right}}) ->
+    Steady = {same(left_velocity, Before, Now, Left), same(right_velocity, Before, Now, Right)},
+    #senses{before = Before, now = Now, steady = Steady}.
+
+same(Name, Before, Now, N) ->
+    case {Before, Now} of
+        {#{Name := V}, #{Name := V}} -> N + 1;
+        _ -> 0
+    end.
+
+%% @doc The last frame.
+-spec readings(t()) -> starl_create_packet:readings().
+readings(#senses{now = Now}) -> Now.
+
+%% @doc What the last frame shows otherwise than the one before.
+-spec events(t()) -> [event()].
+events(#senses{before = Before, now = Now}) ->
+    Kinds = [fun bumps/1, fun drops/1, fun at_cliff/1, fun buttons/1, fun docked/1, fun battery/1],
+    [Kind(Now) || Kind <- Kinds, Kind(Before) =/= Kind(Now)].
+
+bumps(#{bumps_drops := Bits}) -> {bump, bump(Bits band 3)}.
+
+bump(0) -> none;
+bump(1) -> right;
+bump(2) -> left;
+bump(3) -> both.
+
+drops(#{bumps_drops := Bits}) -> {drop, Bits bsr 2}.
+
+at_cliff(Readings) -> {cliff, cliffs(Readings)}.
+
+cliffs(Readings) ->
+    [Where || {Name, Where} <- cliff_sensors(), maps:get(Name, Readings) =/= 0].
+
+cliff_sensors() ->
+    [
+        {cliff_left, left},
+        {cliff_front_left, front_left},
+        {cliff_front_right, front_right},
+        {cliff_right, right}
+    ].
+
+buttons(#{buttons := Bits}) -> {buttons, Bits}.
+
+docked(#{charging_sources := Bits}) -> {docked, Bits =/= 0}.
+
+battery(#{charge := Charge, capacity := Capacity}) when Charge < ?LOW_BATTERY * Capacity ->
+    {battery, low};
+battery(_) ->
+    {battery, ok}.
+
+%% @doc Does the robot say that its wheels stand?
+-spec is_at_rest(t()) -> boolean().
+is_at_rest(#senses{now = #{left_velocity := 0, right_velocity := 0}}) -> true;
+is_at_rest(#senses{}) -> false.
+
+%% @doc Why a robot cannot be in mode Safe, as far as the last frame tells.
+-spec unsafe(t()) -> unsafe().
+unsafe(#senses{now = #{bumps_drops := Bits}}) when Bits band 2#11100 =/= 0 -> wheel_drop;
+unsafe(#senses{now = #{charging_sources := Sources}}) when Sources =/= 0 -> charger;
+unsafe(#senses{now = Now}) ->
+    case cliffs(Now) of
+        [] -> none;
+        _ -> cliff
+    end.
+
+%% @doc Does a wheel stall?
+-spec is_stalled(StopsAtBumps :: boolean(), t()) -> boolean().
+is_stalled(StopsAtBumps, #senses{before = Before, now = Now, steady = {Left, Right}}) ->
+    #{overcurrents := Over} = Now,
+    Over band 2#11000 =/= 0 orelse
+        (StopsAtBumps andalso is_bump(Before, Now)) orelse
+        stands({left_velocity, left_encoder}, Left, Before, Now) orelse
+        stands({right_velocity, right_encoder}, Right, Before, Now).
+
+is_bump(#{bumps_drops := Old}, #{bumps_drops := New}) -> (New band 3) band (bnot Old) =/= 0.
+
+stands({Velocity, Encoder}, Steady, Before, Now) when Steady >= ?STEADY ->
+    case Now of
+        #{Velocity := V, Encoder := _} when abs(V) >= ?SEEN_SPEED ->
+            starl_create_odometry:counts(Encoder, Before, Now) =:= 0;
+        _ ->
+            false
+    end;
+stands(_, _, _, _) ->
+    false.
