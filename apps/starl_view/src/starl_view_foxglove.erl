@@ -9,12 +9,11 @@
 -define(W, starl_view_foxglove_words).
 -define(MOST_BYTES, 65536).
 -define(MOST_SUBSCRIPTIONS, 1000).
--define(MOST_BAD, 20).
 
 -record(viewer, {
     feed :: pid(),
     subscriptions = #{} :: #{non_neg_integer() => starl_trace_schema:channel()},
-    bad = 0 :: non_neg_integer()
+    credit = starl_view_credit:new(unlimited) :: starl_view_credit:t()
 }).
 
 -spec init(cowboy_req:req(), map()) ->
@@ -22,7 +21,7 @@
     | {ok, cowboy_req:req(), map()}.
 init(Request, #{feed := Feed, guard := Guard} = State) ->
     Offered = cowboy_req:parse_header(<<"sec-websocket-protocol">>, Request, []),
-    case {starl_view_guard:viewer(asked(Request), Guard), ?W:chosen(Offered)} of
+    case {starl_view_guard:viewer(starl_view_guard:asked(Request), Guard), ?W:chosen(Offered)} of
         {false, _} ->
             Text = <<"this viewer may not look: see the page on viewers\n">>,
             {ok, cowboy_req:reply(403, #{}, Text, Request), State};
@@ -35,14 +34,6 @@ init(Request, #{feed := Feed, guard := Guard} = State) ->
             Options = #{max_frame_size => ?MOST_BYTES, idle_timeout => infinity},
             {cowboy_websocket, Chosen, #viewer{feed = Feed}, Options}
     end.
-
-asked(Request) ->
-    #{
-        host => cowboy_req:host(Request),
-        authority => cowboy_req:header(<<"host">>, Request, <<>>),
-        origin => cowboy_req:header(<<"origin">>, Request, none),
-        token => proplists:get_value(<<"token">>, cowboy_req:parse_qs(Request), none)
-    }.
 
 %% @doc Takes over a request that another handler has got: viewers know no path.
 -spec upgrade(cowboy_req:req(), cowboy_middleware:env(), module(), map()) ->
@@ -62,8 +53,7 @@ upgrade(Request, Env, _Handler, State) ->
 websocket_init(#viewer{feed = Feed} = Viewer) ->
     case starl_view_foxglove_feed:join(Feed) of
         {ok, Session, HasRun} ->
-            ok = starl_view_foxglove_feed:want(Feed),
-            {offer(Session) ++ hint(HasRun), Viewer};
+            {offer(Session) ++ hint(HasRun), ask(Viewer)};
         full ->
             {[{close, 1013, <<"too many viewers">>}], Viewer}
     end.
@@ -107,22 +97,30 @@ changed(All, #viewer{feed = Feed} = Viewer) ->
 refused([], Viewer) -> {[], Viewer};
 refused(Bad, Viewer) -> bad(io_lib:format("not understood: ~0tP", [Bad, 20]), Viewer).
 
-bad(_Text, #viewer{bad = Bad} = Viewer) when Bad >= ?MOST_BAD ->
-    {[{close, 1008, <<"too many mistakes">>}], Viewer};
-bad(Text, #viewer{bad = Bad} = Viewer) ->
-    {[{text, ?W:status(error, Text)}], Viewer#viewer{bad = Bad + 1}}.
+bad(Text, #viewer{credit = Credit} = Viewer) ->
+    case starl_view_credit:mistake(Credit) of
+        {ok, Next} -> {[{text, ?W:status(error, Text)}], Viewer#viewer{credit = Next}};
+        shut_out -> {[{close, 1008, <<"too many mistakes">>}], Viewer}
+    end.
 
 -spec websocket_info(starl_view_foxglove_feed:told() | term(), #viewer{}) ->
     answer().
-websocket_info({session, Session}, #viewer{feed = Feed} = Viewer) ->
-    ok = starl_view_foxglove_feed:want(Feed),
-    {[{text, ?W:unadvertise()} | offer(Session)], Viewer#viewer{subscriptions = #{}}};
-websocket_info({updates, Updates, Missed, Now}, #viewer{feed = Feed} = Viewer) ->
-    ok = starl_view_foxglove_feed:want(Feed),
+websocket_info({session, Session}, Viewer) ->
+    Anew = answered(Viewer#viewer{subscriptions = #{}}),
+    {[{text, ?W:unadvertise()} | offer(Session)], Anew};
+websocket_info({updates, Updates, Missed, Now}, Viewer) ->
     Messages = lists:flatmap(fun(Update) -> messages(Update, Viewer) end, Updates),
-    {missed(Missed) ++ Messages ++ [{binary, ?W:time(Now)}], Viewer};
+    {missed(Missed) ++ Messages ++ [{binary, ?W:time(Now)}], answered(Viewer)};
 websocket_info(_, Viewer) ->
     {[], Viewer}.
+
+answered(#viewer{credit = Credit} = Viewer) ->
+    ask(Viewer#viewer{credit = starl_view_credit:answered(Credit)}).
+
+ask(#viewer{credit = Credit, feed = Feed} = Viewer) ->
+    {May, Next} = starl_view_credit:may_ask(Credit),
+    _ = May andalso starl_view_foxglove_feed:want(Feed),
+    Viewer#viewer{credit = Next}.
 
 messages({Channel, At, Text}, #viewer{subscriptions = Subscriptions}) ->
     [

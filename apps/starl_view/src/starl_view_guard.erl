@@ -4,13 +4,22 @@
 %% server. A server that other computers can reach wants a token, too, which its address carries.
 -module(starl_view_guard).
 
--export([new/2, is_near/1, named/2, admitted/2, viewer/2, token/1]).
+-export([new/2, is_near/1, asked/1, named/2, admitted/2, viewer/2, token/1]).
 
--export_type([t/0]).
+-export_type([t/0, asked/0]).
 
 -record(guard, {token :: binary() | none, port :: inet:port_number()}).
 
 -opaque t() :: #guard{}.
+
+%% Who asks for a WebSocket: `origin' is the page that asks, as browsers say it; `authority' is the host
+%% with its port as the request names it.
+-type asked() :: #{
+    host := binary(),
+    authority := binary(),
+    origin := binary() | none,
+    token := binary() | none
+}.
 
 %% @doc The guard of a server at an address and a port.
 -spec new(inet:ip_address(), inet:port_number()) -> t().
@@ -39,17 +48,18 @@ named(_Host, #guard{token = Token}) when Token =/= none -> true;
 named(Host, #guard{}) ->
     lists:member(Host, [<<"localhost">>, <<"127.0.0.1">>, <<"[::1]">>, <<"::1">>]).
 
-%% @doc May this WebSocket be opened? `origin' is the page that asks, as browsers say it;
-%% `authority' is the host with its port as the request names it.
--spec admitted(
+%% @doc Who asks.
+-spec asked(cowboy_req:req()) -> asked().
+asked(Request) ->
     #{
-        host := binary(),
-        authority := binary(),
-        origin := binary() | none,
-        token := binary() | none
-    },
-    t()
-) -> boolean().
+        host => cowboy_req:host(Request),
+        authority => cowboy_req:header(<<"host">>, Request, <<>>),
+        origin => cowboy_req:header(<<"origin">>, Request, none),
+        token => proplists:get_value(<<"token">>, cowboy_req:parse_qs(Request), none)
+    }.
+
+%% @doc May this WebSocket be opened?
+-spec admitted(asked(), t()) -> boolean().
 admitted(#{host := Host, authority := Authority, origin := Origin, token := Given}, Guard) ->
     named(Host, Guard) andalso
         Origin =:= <<"http://", Authority/binary>> andalso
@@ -57,15 +67,7 @@ admitted(#{host := Host, authority := Authority, origin := Origin, token := Give
 
 %% @doc May a viewer that speaks Foxglove's protocol look? It has no hands. It is a program, which names
 %% no page; or a page of this computer or of Foxglove.
--spec viewer(
-    #{
-        host := binary(),
-        authority := binary(),
-        origin := binary() | none,
-        token := binary() | none
-    },
-    t()
-) -> boolean().
+-spec viewer(asked(), t()) -> boolean().
 viewer(#{host := Host, origin := Origin, token := Given}, Guard) ->
     named(Host, Guard) andalso is_viewers(Origin) andalso has_token(Given, Guard).
 

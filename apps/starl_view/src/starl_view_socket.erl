@@ -8,19 +8,13 @@
 
 %% The messages that the page has not handled yet.
 -define(MOST_SENT, 4).
--define(MOST_BAD, 20).
 -define(MOST_BYTES, 16384).
 -define(IDLE_MS, 120000).
-%% Commands within a second.
--define(MOST_COMMANDS, 100).
 
 -record(page, {
     hub :: pid(),
     place = {0, 0} :: starl_view_hub:place(),
-    sent = 0 :: non_neg_integer(),
-    asks = false :: boolean(),
-    bad = 0 :: non_neg_integer(),
-    commands = {0, 0} :: {Second :: integer(), non_neg_integer()}
+    credit = starl_view_credit:new(?MOST_SENT) :: starl_view_credit:t()
 }).
 
 -type answer() :: {[cow_ws:frame()], #page{}}.
@@ -29,7 +23,7 @@
     {cowboy_websocket | ok, cowboy_req:req(), term()}
     | {cowboy_websocket, cowboy_req:req(), term(), cowboy_websocket:opts()}.
 init(Request, #{hub := Hub, guard := Guard} = State) ->
-    case starl_view_guard:admitted(asked(Request), Guard) of
+    case starl_view_guard:admitted(starl_view_guard:asked(Request), Guard) of
         true ->
             Options = #{
                 max_frame_size => ?MOST_BYTES,
@@ -42,26 +36,16 @@ init(Request, #{hub := Hub, guard := Guard} = State) ->
             {ok, cowboy_req:reply(403, #{}, Text, Request), State}
     end.
 
-asked(Request) ->
-    #{
-        host => cowboy_req:host(Request),
-        authority => cowboy_req:header(<<"host">>, Request, <<>>),
-        origin => cowboy_req:header(<<"origin">>, Request, none),
-        token => proplists:get_value(<<"token">>, cowboy_req:parse_qs(Request), none)
-    }.
-
 -spec websocket_init(#page{}) -> answer().
 websocket_init(#page{hub = Hub} = Page) ->
     case starl_view_hub:join(Hub) of
-        {ok, Head, Place} ->
-            sent(Head, ask(Page#page{place = Place}));
-        full ->
-            {[{close, 1013, <<"too many pages are open">>}], Page}
+        {ok, Head, Place} -> sent(Head, Place, Page);
+        full -> {[{close, 1013, <<"too many pages are open">>}], Page}
     end.
 
 -spec websocket_handle(cow_ws:frame() | term(), #page{}) -> answer().
-websocket_handle({text, <<"k">>}, #page{sent = Sent} = Page) ->
-    {[], ask(Page#page{sent = max(0, Sent - 1)})};
+websocket_handle({text, <<"k">>}, #page{credit = Credit} = Page) ->
+    {[], ask(Page#page{credit = starl_view_credit:handled(Credit)})};
 websocket_handle({text, Text}, Page) ->
     case starl_view_json:decode(Text) of
         {ok, #{<<"do">> := Do} = Command} when is_binary(Do) -> pass_on(Command, Page);
@@ -74,34 +58,35 @@ websocket_handle(_PingOrPong, Page) ->
 
 -spec websocket_info(term(), #page{}) -> answer().
 websocket_info({frames, Rows, Place}, Page) ->
-    sent(Rows, ask(Page#page{place = Place, asks = false}));
+    sent(Rows, Place, Page);
 websocket_info({tell, Row}, Page) ->
     {[{text, [$[, starl_view_json:encode(Row), $]]}], Page};
 websocket_info(_, Page) ->
     {[], Page}.
 
-sent(Rows, #page{sent = Sent} = Page) -> {[{text, [$[, Rows, $]]}], Page#page{sent = Sent + 1}}.
+sent(Rows, Place, #page{credit = Credit} = Page) ->
+    Told = Page#page{place = Place, credit = starl_view_credit:answered(Credit)},
+    {[{text, [$[, Rows, $]]}], ask(Told)}.
 
-ask(#page{asks = false, sent = Sent, hub = Hub, place = Place} = Page) when Sent < ?MOST_SENT ->
-    ok = starl_view_hub:want(Hub, Place),
-    Page#page{asks = true};
-ask(Page) ->
-    Page.
+ask(#page{credit = Credit, hub = Hub, place = Place} = Page) ->
+    {May, Next} = starl_view_credit:may_ask(Credit),
+    _ = May andalso starl_view_hub:want(Hub, Place),
+    Page#page{credit = Next}.
 
-pass_on(Command, #page{hub = Hub, commands = {Second, N}} = Page) ->
-    case erlang:monotonic_time(second) of
-        Second when N >= ?MOST_COMMANDS ->
-            bad(Page);
-        Second ->
+pass_on(Command, #page{hub = Hub, credit = Credit} = Page) ->
+    case starl_view_credit:command(erlang:monotonic_time(second), Credit) of
+        {ok, Next} ->
             ok = starl_view_hub:command(Hub, Command),
-            {[], Page#page{commands = {Second, N + 1}}};
-        Later ->
-            ok = starl_view_hub:command(Hub, Command),
-            {[], Page#page{commands = {Later, 1}}}
+            {[], Page#page{credit = Next}};
+        too_many ->
+            bad(Page)
     end.
 
-bad(#page{bad = Bad} = Page) when Bad >= ?MOST_BAD ->
-    {[{close, 1008, <<"no commands">>}], Page};
-bad(#page{bad = Bad} = Page) ->
-    Row = starl_view_json:encode([<<"no">>, <<"this is no command">>]),
-    {[{text, [$[, Row, $]]}], Page#page{bad = Bad + 1}}.
+bad(#page{credit = Credit} = Page) ->
+    case starl_view_credit:mistake(Credit) of
+        {ok, Next} ->
+            Row = starl_view_json:encode([<<"no">>, <<"this is no command">>]),
+            {[{text, [$[, Row, $]]}], Page#page{credit = Next}};
+        shut_out ->
+            {[{close, 1008, <<"no commands">>}], Page}
+    end.
