@@ -1,6 +1,8 @@
 #include "device.h"
 
 #include "clock.h"
+#include "guardian.h"
+#include "note.h"
 #include "speed.h"
 
 #include <errno.h>
@@ -77,6 +79,7 @@ bool device_open(struct device *dev, const char *path, unsigned baud, struct fai
         dev->fd = fd;
         if (device_speed(dev, baud, why)) {
             tcflush(fd, TCIFLUSH);
+            dev->notes = notes_open(fd);
             device_line(dev, LINE_DTR, false);
             device_line(dev, LINE_RTS, false);
             return true;
@@ -95,16 +98,28 @@ void device_close(struct device *dev)
         ioctl(dev->fd, TIOCNXCL);
         close(dev->fd);
     }
+    notes_close(dev->notes);
+    dev->notes = NULL;
     dev->fd = -1;
 }
 
 ssize_t device_write(struct device *dev, const uint8_t *bytes, size_t length)
 {
     ssize_t sent;
+    notes_put(dev->notes, length);
     do
         sent = write(dev->fd, bytes, length);
     while (sent < 0 && errno == EINTR);
+    int why = errno;
+    notes_less(dev->notes, length - (sent < 0 ? 0 : (size_t)sent));
+    errno = why;
     return sent;
+}
+
+bool device_write_all(struct device *dev, const uint8_t *bytes, size_t length, uint64_t limit_us)
+{
+    notes_put(dev->notes, length);
+    return write_all(dev->fd, bytes, length, limit_us);
 }
 
 /* Ten bits a byte. */

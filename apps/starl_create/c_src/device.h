@@ -7,6 +7,8 @@
 #include <stdint.h>
 #include <sys/types.h>
 
+struct notes;
+
 enum { PATH_LENGTH = 1024 };
 
 /* Why something did not work: a word that Erlang knows, and a detail for a person. */
@@ -18,6 +20,7 @@ struct failure {
 struct device {
     int fd; /* -1: closed */
     unsigned baud;
+    struct notes *notes; /* of what is written to an emulator */
     char path[PATH_LENGTH];
 };
 
@@ -27,6 +30,8 @@ bool device_open(struct device *dev, const char *path, unsigned baud, struct fai
 void device_close(struct device *dev);
 /* What write(2) gives; -1 with EAGAIN as well. */
 ssize_t device_write(struct device *dev, const uint8_t *bytes, size_t length);
+/* Writes all bytes, for at most this time. */
+bool device_write_all(struct device *dev, const uint8_t *bytes, size_t length, uint64_t limit_us);
 /* When the bytes that were written will have left the line, microseconds from now. */
 uint64_t device_queue_us(const struct device *dev);
 bool device_speed(struct device *dev, unsigned baud, struct failure *why);

@@ -8,6 +8,7 @@
 #include <poll.h>
 #include <signal.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -68,13 +69,24 @@ static void watch(int pipe, int device, const uint8_t *stop, size_t length)
     write_all(device, known, length, LIMIT_US);
 }
 
+pid_t fork_named(const char *name)
+{
+    char own[16];
+    prctl(PR_GET_NAME, own);
+    prctl(PR_SET_NAME, name);
+    pid_t pid = fork();
+    if (pid != 0)
+        prctl(PR_SET_NAME, own);
+    return pid;
+}
+
 bool guardian_start(struct guardian *guard, int device, const uint8_t *stop, size_t length)
 {
     int ends[2];
     guard->pipe = -1;
     if (pipe(ends) != 0)
         return false;
-    guard->pid = fork();
+    guard->pid = fork_named("starl_guardian");
     if (guard->pid == 0) {
         close(ends[1]);
         be_apart();

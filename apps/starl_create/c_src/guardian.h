@@ -23,6 +23,9 @@ void guardian_dismiss(struct guardian *guard);
 /* It has died by itself. */
 void guardian_bury(struct guardian *guard);
 
+/* A process by this name, from its first moment. */
+pid_t fork_named(const char *name);
+
 /* Writes all bytes, for at most this time. */
 bool write_all(int fd, const uint8_t *bytes, size_t length, uint64_t limit_us);
 

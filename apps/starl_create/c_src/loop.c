@@ -10,7 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { READ_SIZE = 4096, LOOK_EACH_US = 20000 };
+enum { LOOK_EACH_US = 20000, FLUSH_EACH_US = 1000, AT = 8 };
 enum { IN, OUT, LINE, GUARD, POLLED };
 
 static volatile sig_atomic_t is_ended;
@@ -31,7 +31,10 @@ static bool is_watched(const struct port *port)
 static uint64_t next_us(const struct port *port, uint64_t now_us)
 {
     uint64_t next = earlier(port->toggle_us, port->break_us);
-    if (!is_pending(port))
+    /* A line that is polled is waited for (reader.h). */
+    if (is_pending(port))
+        next = earlier(next, now_us + FLUSH_EACH_US);
+    else
         next = earlier(next, script_due_us(&port->script, now_us));
     if (is_watched(port))
         next = earlier(next, port->heard_us + port->heartbeat_us);
@@ -47,7 +50,7 @@ static void wait_for(struct port *port, struct pollfd *fds)
     struct timespec limit = {(time_t)(span / 1000000u), (long)(span % 1000000u) * 1000};
     fds[IN] = (struct pollfd){port->in.fd, is_pending(port) ? 0 : POLLIN, 0};
     fds[OUT] = (struct pollfd){port->out.fd, frames_waiting(&port->out) ? POLLOUT : 0, 0};
-    fds[LINE] = (struct pollfd){port->device.fd, is_pending(port) ? POLLIN | POLLOUT : POLLIN, 0};
+    fds[LINE] = (struct pollfd){port->reader.in.fd, POLLIN, 0};
     fds[GUARD] = (struct pollfd){port->guard.pipe, 0, 0};
     if (ppoll(fds, POLLED, next == NEVER ? NULL : &limit, NULL) < 0)
         for (int i = 0; i < POLLED; i++)
@@ -62,24 +65,17 @@ static void guard_died(struct port *port)
     guardian_start(&port->guard, port->device.fd, port->stop, port->stop_length);
 }
 
-static void line_read(struct port *port)
+/* What the reader passes on; it ends with the line. */
+static void line_ready(struct port *port)
 {
-    uint8_t bytes[READ_SIZE], at[8];
-    ssize_t got = read(port->device.fd, bytes, sizeof bytes);
-    if (got > 0) {
-        put_u64(at, clock_us());
-        frames_put(&port->out, 'd', (struct part){at, sizeof at}, (struct part){bytes, (size_t)got});
-    } else if (got == 0 || (errno != EAGAIN && errno != EINTR)) {
+    const uint8_t *message;
+    size_t length;
+    bool is_there = frames_read(&port->reader.in);
+    while ((message = frames_next(&port->reader.in, &length)))
+        if (length > AT)
+            frames_put(&port->out, 'd', (struct part){message, AT}, (struct part){message + AT, length - AT});
+    if (!is_there)
         port_lost(port, "unplugged");
-    }
-}
-
-static void line_ready(struct port *port, short events)
-{
-    if (events & (POLLIN | POLLHUP | POLLERR | POLLNVAL))
-        line_read(port);
-    if (port->device.fd >= 0 && is_pending(port) && events & POLLOUT)
-        port_flush(port);
 }
 
 static void look_again(struct port *port, uint64_t now_us)
@@ -131,7 +127,7 @@ static void prepare(struct port *port)
     port->out.fd = STDOUT_FILENO;
     set_nonblocking(STDIN_FILENO);
     set_nonblocking(STDOUT_FILENO);
-    port->device.fd = port->guard.pipe = -1;
+    port->device.fd = port->guard.pipe = port->reader.in.fd = -1;
     port->toggle_us = port->break_us = NEVER;
 }
 
@@ -148,8 +144,10 @@ int port_run(void)
             frames_flush(&port.out);
         if (port.device.fd >= 0 && fds[GUARD].revents & POLLERR && fds[GUARD].fd == port.guard.pipe)
             guard_died(&port);
-        if (port.device.fd >= 0 && fds[LINE].fd == port.device.fd && fds[LINE].revents)
-            line_ready(&port, fds[LINE].revents);
+        if (port.device.fd >= 0 && fds[LINE].fd == port.reader.in.fd && fds[LINE].revents)
+            line_ready(&port);
+        if (is_pending(&port))
+            port_flush(&port);
         messages(&port);
         time_passed(&port);
     }

@@ -16,6 +16,7 @@
 #include "device.h"
 #include "frame.h"
 #include "guardian.h"
+#include "reader.h"
 #include "script.h"
 
 struct port {
@@ -23,6 +24,7 @@ struct port {
     struct frames_out out;
     struct device device;
     struct guardian guard;
+    struct reader reader;
     struct script script;
 
     uint8_t stop[STOP_MAX];

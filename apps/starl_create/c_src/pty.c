@@ -4,12 +4,14 @@
  *   in   W bytes   to the other side        out  n path       the name of the line
  *        P         pull the cable                d at:64 bytes
  *        R         put it back                   b baud:32    the other side's speed; 0: hung up
+ *        T         tell the time                 t at:64      all bytes until then were told before
  *                                                a / h        the other side has opened / closed
  *                                                e word, 0, detail
  */
 #include "port.h"
 
 #include "clock.h"
+#include "note.h"
 #include "speed.h"
 
 #include <errno.h>
@@ -30,6 +32,7 @@ struct pty {
     int master; /* -1: the cable is pulled */
     unsigned baud;
     bool is_attached;
+    struct notes_reader notes;
     const char *link; /* NULL: none */
 };
 
@@ -87,6 +90,7 @@ static bool put_back(struct pty *pty)
         return false;
     }
     pty->baud = 0;
+    notes_make(&pty->notes, name);
     frames_put(&pty->out, 'n', text(name), none);
     return true;
 }
@@ -98,6 +102,7 @@ static void pull(struct pty *pty)
     if (pty->link)
         unlink(pty->link);
     close(pty->master);
+    notes_remove(&pty->notes);
     pty->master = -1;
     pty->is_attached = false;
 }
@@ -126,12 +131,17 @@ static void set_attached(struct pty *pty, bool is_attached)
 static bool take(struct pty *pty)
 {
     uint8_t bytes[READ_SIZE], at[8];
+    uint64_t now = clock_us(), at_us;
     ssize_t got = read(pty->master, bytes, sizeof bytes);
     if (got <= 0)
         return false;
     set_attached(pty, true);
-    put_u64(at, clock_us());
-    frames_put(&pty->out, 'd', (struct part){at, sizeof at}, (struct part){bytes, (size_t)got});
+    for (size_t begin = 0, end = (size_t)got; begin < end;) {
+        size_t length = notes_take(&pty->notes, end - begin, now, &at_us);
+        put_u64(at, at_us);
+        frames_put(&pty->out, 'd', (struct part){at, sizeof at}, (struct part){bytes + begin, length});
+        begin += length;
+    }
     return true;
 }
 
@@ -163,6 +173,17 @@ static void write_line(struct pty *pty, const uint8_t *bytes, size_t length)
     }
 }
 
+/* Bytes that come after this bear later times. */
+static void say_time(struct pty *pty)
+{
+    uint8_t at[8];
+    look(pty);
+    while (pty->is_attached && take(pty))
+        ;
+    put_u64(at, notes_upto(&pty->notes, clock_us()));
+    frames_put(&pty->out, 't', (struct part){at, sizeof at}, none);
+}
+
 static void message(struct pty *pty, const uint8_t *bytes, size_t length)
 {
     char tag = length > 0 ? (char)bytes[0] : 0;
@@ -172,6 +193,8 @@ static void message(struct pty *pty, const uint8_t *bytes, size_t length)
         pull(pty);
     else if (tag == 'R' && length == 1)
         put_back(pty);
+    else if (tag == 'T' && length == 1)
+        say_time(pty);
     else
         fail(pty, "bad_message", "of no known kind");
 }

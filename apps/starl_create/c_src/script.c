@@ -4,7 +4,8 @@
 
 #include <string.h>
 
-enum { HEAD = 10, STEP_HEAD = 6 };
+/* A step that would begin later than this is not begun: the one before it has lasted too long. */
+enum { HEAD = 10, STEP_HEAD = 6, LATEST_US = 25000 };
 
 static bool is_sound(const uint8_t *bytes, size_t length)
 {
@@ -45,7 +46,8 @@ struct step script_step(struct script *script, uint64_t now_us)
         script->has_begun = true;
         script->start_us = now_us;
     }
-    if (script->at >= script->length) {
+    bool is_late = now_us > script->start_us + script->offset_us + LATEST_US;
+    if (script->at >= script->length || is_late) {
         script->is_running = false;
         return (struct step){script->end, script->end_length, true};
     }

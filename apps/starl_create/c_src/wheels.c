@@ -41,6 +41,7 @@ bool port_open(struct port *port, const char *path, unsigned baud, bool is_quiet
     }
     port->is_lost = false;
     guardian_start(&port->guard, port->device.fd, port->stop, port->stop_length);
+    reader_start(&port->reader, port->device.fd);
     if (comes_back)
         port_write(port, port->stop, port->stop_length);
     say_opened(port);
@@ -54,6 +55,7 @@ static void forget(struct port *port)
     port->toggles = 0;
     port->toggle_us = port->break_us = NEVER;
     guardian_dismiss(&port->guard);
+    reader_end(&port->reader);
     device_close(&port->device);
 }
 
@@ -110,9 +112,9 @@ void port_stop(struct port *port, const char *word)
         return;
     size_t rest = port->pending_end - port->pending_at;
     if (rest > 0 && rest <= COMMAND_MAX)
-        write_all(port->device.fd, port->pending + port->pending_at, rest, WRITE_LIMIT_US);
+        device_write_all(&port->device, port->pending + port->pending_at, rest, WRITE_LIMIT_US);
     port->pending_at = port->pending_end = 0;
-    write_all(port->device.fd, port->stop, port->stop_length, WRITE_LIMIT_US);
+    device_write_all(&port->device, port->stop, port->stop_length, WRITE_LIMIT_US);
     if (word)
         port_say(port, 'x', word);
 }

@@ -3,8 +3,8 @@
 
 -export([emulated/2]).
 
-%% The delay of the line to an emulated robot: longer than this computer is late, as a rule.
--define(LAG_MS, 80).
+%% A line without a wire is late only if its computer is busy.
+-define(JITTER_MS, 5).
 
 %% @doc The chassis of the robots of a run: an emulated Create with its driver for each that has one
 %% by this choice; what is left has a chassis of the world. `undefined' if nobody has one.
@@ -31,11 +31,10 @@ line(_Other, _Robot, World, _Open) -> {starl_world_chassis, #{world => World}}.
 
 create(Model, Robot, World, Open) ->
     Body = {starl_world, World, Robot},
-    {ok, Create} = starl_create_emulated:start(#{
-        model => Model, body => Body, lag_ms => ?LAG_MS
-    }),
+    {ok, Create} = starl_create_emulated:start(#{model => Model, body => Body}),
     {Port, Device} = opened(Open, Create, Model),
-    {starl_create_chassis, #{port => Port, create => #{model => Model, device => Device}}}.
+    Own = #{model => Model, device => Device, jitter_ms => ?JITTER_MS},
+    {starl_create_chassis, #{port => Port, create => Own}}.
 
 opened(pipe, Create, _Model) -> {{starl_create_pipe, #{}}, Create};
 opened(Open, Create, Model) -> Open(Create, Model).

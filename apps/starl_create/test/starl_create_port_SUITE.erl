@@ -17,7 +17,8 @@ groups() -> [{plain, cases() ++ [memory_is_constant]}, {sanitized, cases()}].
 
 cases() ->
     [bytes_both_ways, script_by_its_clock, script_replaced, script_malformed] ++
-        [owner_killed, line_killed, program_killed, guardian_killed, program_terminated] ++
+        [owner_killed, line_killed, program_killed, guardian_killed, reader_killed] ++
+        [program_terminated, bytes_bear_their_time] ++
         [
             vm_killed,
             vm_asleep,
@@ -166,6 +167,52 @@ guardian_killed(_) ->
     Port ! {send, ?GO},
     _ = heard(Pty, 5),
     stops_when(Pty, fun() -> kill("KILL", Program) end).
+
+%% As if the cable had been pulled: the line is opened anew, and the wheels are stopped first.
+reader_killed(_) ->
+    #{port := Port, pty := Pty} = going(),
+    Reader = child("starl_reader\n", os_pid(Port)),
+    stops_when(Pty, fun() -> kill("KILL", Reader) end),
+    receive
+        {closed, unplugged} -> ok
+    after ?AFTER_MS -> error(late)
+    end,
+    receive
+        {opened, _} -> ok
+    after ?AFTER_MS -> error(late)
+    end,
+    Port ! {send, ?GO},
+    ?assertEqual(?GO, heard(Pty, 5)).
+
+%% Bytes that wait for a reader bear the time at which they were written, and nothing counts as told
+%% before they are.
+bytes_bear_their_time(_) ->
+    #{port := Port, pty := Pty} = line(),
+    Helper = os_pid(Pty),
+    kill("STOP", Helper),
+    Port ! {drive_script, 1, [{?GO, 20000}], ?STOP},
+    Times = [
+        receive
+            {Word, 1, Left} -> Left
+        after ?AFTER_MS -> error(late)
+        end
+     || Word <- [sent, ended]
+    ],
+    ok = starl_create_pty:sync(Pty),
+    kill("CONT", Helper),
+    Stamps = [
+        receive
+            {pty, Pty, {data, Bytes, At}} -> At
+        after ?AFTER_MS -> error(late)
+        end
+     || Bytes <- [?GO, ?STOP]
+    ],
+    %% two looks at the clock
+    [?assert(At < Left + 1000) || {Left, At} <- lists:zip(Times, Stamps)],
+    receive
+        {pty, Pty, {upto, Upto}} -> ?assert(Upto > lists:last(Times))
+    after ?AFTER_MS -> error(late)
+    end.
 
 program_terminated(_) ->
     #{port := Port, pty := Pty} = going(),
@@ -705,10 +752,16 @@ os_pid(Pid) ->
     {os_pid, OsPid} = erlang:port_info(port_of(Pid), os_pid),
     integer_to_list(OsPid).
 
-guardian(Program) ->
+guardian(Program) -> child("starl_guardian\n", Program).
+
+child(Name, Program) ->
     {ok, Children} = file:read_file("/proc/" ++ Program ++ "/task/" ++ Program ++ "/children"),
-    [Guardian] = string:lexemes(binary_to_list(Children), " \n"),
-    Guardian.
+    Pids = string:lexemes(binary_to_list(Children), " \n"),
+    [Child] = [
+        Pid
+     || Pid <- Pids, file:read_file("/proc/" ++ Pid ++ "/comm") =:= {ok, list_to_binary(Name)}
+    ],
+    Child.
 
 kill(Signal, Pid) -> "" = os:cmd("kill -" ++ Signal ++ " " ++ Pid).
 

@@ -93,8 +93,12 @@ program(Line) ->
 
 guardian(Program) ->
     {ok, Children} = file:read_file("/proc/" ++ Program ++ "/task/" ++ Program ++ "/children"),
-    [Guardian] = string:lexemes(binary_to_list(Children), " \n"),
+    Pids = string:lexemes(binary_to_list(Children), " \n"),
+    [Guardian] = [Pid || Pid <- Pids, is_named("starl_guardian", Pid)],
     Guardian.
+
+is_named(Name, Pid) ->
+    file:read_file("/proc/" ++ Pid ++ "/comm") =:= {ok, list_to_binary(Name ++ "\n")}.
 
 %% An owner of a line, on which a robot drives.
 driver(Link, Pty) ->

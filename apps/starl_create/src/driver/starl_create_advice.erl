@@ -15,6 +15,7 @@
     | {other_sensors, starl_create_packet:model()}
     | is_create_2
     | silent
+    | {late, Us :: pos_integer()}
     | {no_control, starl_create_senses:unsafe()}
     | {stopped_by_itself, starl_create_senses:unsafe()}
     | under_control.
@@ -69,6 +70,12 @@ line(is_create_2) ->
     "the robot is a Create 2: set its model to 2";
 line(silent) ->
     "the robot has fallen silent: greeting it anew";
+line({late, Us}) ->
+    io_lib:format(
+        "a leg lasted ~b ms too long: the computer is too busy to drive a robot well, which is "
+        "driven more slowly now",
+        [Us div 1000]
+    );
 line({no_control, Why}) ->
     ["the robot does not come under control: ", remedy(Why)];
 line({stopped_by_itself, Why}) ->

@@ -3,7 +3,7 @@
 %%
 %% Its configuration, beside that of every chassis: `port', the module that opens the line and its
 %% options ({@link starl_create_pipe} has the same messages as the port to a serial line), and the
-%% driver's options ({@link starl_create_driver:options()}). `events': a process that hears
+%% driver's options ({@link starl_create_options:t()}). `events': a process that hears
 %% `{starl_create, Robot, Event}'.
 -module(starl_create_chassis).
 -behaviour(starl_live_chassis).

@@ -2,55 +2,87 @@
 %% the part of {@link starl_create_driver} that moves the robot. A pure module.
 %% ```
 %%     drive ---> {drive_script, ...}     sent: the time that the answer bears
-%%                                        ended, 50 ms later, and the wheels stand: {driven, At}
+%%                                        ended, and the wheels stand: {driven, At}
 %%                                        a wheel stalls: the wheels are stopped; {stalled, Told}
 %% '''
+%% The wheels stand when a frame says so that has come after the robot was seen to move, or 50 ms
+%% after the last bytes: an earlier frame may be from before the script.
+%%
+%% <em>Lateness.</em> The port tells when bytes left. A script that has lasted longer than it should
+%% shows a busy computer; the next ones are driven more carefully, as on a line with that jitter. One
+%% that the port has cut short, since a step would have begun too late, is answered at the time at
+%% which it should have ended: its robot looks where it is, and goes on from there.
 -module(starl_create_drive).
 
--export([new/1, drive/3, stop/1, forget/1, hear/2, due/2, watch/2]).
+-export([new/1, drive/3, stop/1, forget/1, hear/3, due/2, watch/2]).
 
 -export_type([t/0, action/0]).
 
 -type action() ::
     {port, {drive_script, Ref :: pos_integer(), [{binary(), Us :: pos_integer()}], binary()}}
     | {timer, rest, Ms :: non_neg_integer()}
-    | {answer, Mark :: term(), starl_live_chassis:answer()}.
+    | {answer, Mark :: term(), starl_live_chassis:answer()}
+    | {say, warning, starl_create_advice:t()}.
 
 -record(leg, {
     mark :: term(),
     steps :: [starl_create_script:step()],
     heard = none :: integer() | none,
-    %% has the port written the last bytes, and has the robot had time to come to rest?
+    %% has the robot been seen to move, has the port written the last bytes, has there been the time
+    %% to come to rest?
+    has_moved = false :: boolean(),
     has_ended = false :: boolean(),
-    may_rest = false :: boolean()
+    may_rest = false :: boolean(),
+    %% has it ended before its time?
+    is_cut = false :: boolean()
 }).
 
 -record(drive, {
-    options :: starl_create_order:options(),
+    options :: starl_create_options:t(),
     %% the number of the last script
     ref = 0 :: non_neg_integer(),
-    leg = none :: none | #leg{}
+    leg = none :: none | #leg{},
+    %% has it answered that it stands, and has not been moved since?
+    stands = false :: boolean(),
+    %% how late bytes may be
+    jitter_us :: pos_integer()
 }).
 
 -opaque t() :: #drive{}.
 
 %% The time that a robot takes to come to rest.
 -define(REST_MS, 50).
+%% That of an adapter on a busy bus; the longest that is worth care; what is left of it after a script
+%% in time; the difference that is none.
+-define(JITTER_MS, 20).
+-define(MOST_US, 40000).
+-define(CALMER, 0.9).
+-define(FINE_US, 2000).
 
 %% @doc For a robot with the driver's options.
--spec new(starl_create_order:options()) -> t().
-new(Options) -> #drive{options = Options}.
+-spec new(starl_create_options:t()) -> t().
+new(Options) -> #drive{options = Options, jitter_us = jitter_us(Options)}.
+
+jitter_us(Options) -> 1000 * maps:get(jitter_ms, Options, ?JITTER_MS).
 
 %% @doc A script in place of the present one.
 -spec drive(starl_chassis_differential:commands(), Mark :: term(), t()) -> {[action()], t()}.
-drive(Commands, Mark, #drive{options = Options} = Drive) ->
-    Steps = starl_create_script:steps(Commands, starl_create_order:way(Options)),
+drive(Commands, Mark, #drive{stands = Stands} = Drive) ->
+    Steps = starl_create_script:steps(Commands, way(Drive)),
     Written = [{Bytes, Us} || {_, Bytes, Us} <- Steps],
-    {Words, Next} = script(Written, starl_create_order:rest(Options), Drive),
-    {Words, Next#drive{leg = #leg{mark = Mark, steps = Steps}}}.
+    {Words, Next} = script(Written, starl_create_script:rest(), Drive),
+    Leg = #leg{mark = Mark, steps = Steps, may_rest = Stands andalso Steps =:= []},
+    {Words, Next#drive{leg = Leg}}.
+
+way(#drive{options = Options, jitter_us = Jitter}) ->
+    case starl_create_order:is_on_robot(Options) of
+        true -> on_robot;
+        false -> {by_port, Jitter}
+    end.
 
 script(Steps, End, #drive{ref = Ref} = Drive) ->
-    {[{port, {drive_script, Ref + 1, Steps, End}}], Drive#drive{ref = Ref + 1, leg = none}}.
+    Next = Drive#drive{ref = Ref + 1, leg = none, stands = false},
+    {[{port, {drive_script, Ref + 1, Steps, End}}], Next}.
 
 %% @doc Everything comes to rest, the pen too.
 -spec stop(t()) -> {[action()], t()}.
@@ -59,19 +91,36 @@ stop(#drive{options = Options} = Drive) ->
 
 %% @doc The script is void: nobody answers it.
 -spec forget(t()) -> t().
-forget(Drive) -> Drive#drive{leg = none}.
+forget(Drive) -> Drive#drive{leg = none, stands = false}.
 
 %% @doc The port says what has become of a script. What comes of an older one is not heard.
--spec hear(starl_create_word:message(), t()) -> {[action()], t()}.
-hear({sent, Ref, At}, #drive{ref = Ref, leg = #leg{} = Leg} = Drive) ->
+-spec hear(starl_create_word:message(), starl_create_senses:t(), t()) -> {[action()], t()}.
+hear({sent, Ref, At}, _Senses, #drive{ref = Ref, leg = #leg{} = Leg} = Drive) ->
     {[], Drive#drive{leg = sent(At, Leg)}};
-hear({ended, Ref, At}, #drive{ref = Ref, leg = #leg{} = Leg} = Drive) ->
-    Ended = (sent(At, Leg))#leg{has_ended = true},
-    {[{timer, rest, ?REST_MS}], Drive#drive{leg = Ended}};
-hear({stopped, _Why, _At}, Drive) ->
+hear({ended, Ref, At}, Senses, #drive{ref = Ref, leg = #leg{} = Leg} = Drive) ->
+    ended(At, Senses, Drive#drive{leg = (sent(At, Leg))#leg{has_ended = true}});
+hear({stopped, _Why, _At}, _Senses, Drive) ->
     {[], forget(Drive)};
-hear(_Older, Drive) ->
+hear(_Older, _Senses, Drive) ->
     {[], Drive}.
+
+%% How much longer than planned did it last?
+ended(At, Senses, #drive{leg = #leg{steps = Steps, heard = Heard} = Leg} = Drive) ->
+    case At - Heard - starl_create_script:lasts_us(Steps) of
+        Late when Late < -?FINE_US ->
+            Cut = Drive#drive{leg = Leg#leg{is_cut = true}},
+            {[{timer, rest, ?REST_MS - Late div 1000}], Cut};
+        Late ->
+            {Said, Warned} = careful(Late, Drive),
+            {Answer, Next} = over(Senses, Warned),
+            {Said ++ [{timer, rest, ?REST_MS} || Answer =:= []] ++ Answer, Next}
+    end.
+
+careful(Late, #drive{jitter_us = Jitter, options = Options} = Drive) ->
+    Least = jitter_us(Options),
+    Calmer = max(Least, round(?CALMER * Jitter)),
+    Careful = Drive#drive{jitter_us = max(Calmer, min(?MOST_US, Late))},
+    {[{say, warning, {late, Late}} || Late > Least], Careful}.
 
 sent(At, #leg{heard = none} = Leg) -> Leg#leg{heard = At};
 sent(_At, Leg) -> Leg.
@@ -79,33 +128,41 @@ sent(_At, Leg) -> Leg.
 %% @doc The time to come to rest is over.
 -spec due(starl_create_senses:t(), t()) -> {[action()], t()}.
 due(Senses, #drive{leg = #leg{has_ended = true} = Leg} = Drive) ->
-    rested(Senses, Drive#drive{leg = Leg#leg{may_rest = true}});
+    over(Senses, Drive#drive{leg = Leg#leg{may_rest = true}});
 due(_Senses, Drive) ->
     {[], Drive}.
-
-%% A script is over when the robot says that it stands: the line may be slow.
-rested(Senses, #drive{leg = #leg{mark = Mark, heard = Heard}} = Drive) ->
-    case starl_create_senses:is_at_rest(Senses) of
-        true -> {[{answer, Mark, {driven, Heard}}], forget(Drive)};
-        false -> {[], Drive}
-    end.
 
 %% @doc A frame of the stream has come.
 -spec watch(starl_create_senses:t(), t()) -> {[action()], t()}.
 watch(_Senses, #drive{leg = none} = Drive) ->
     {[], Drive};
-watch(Senses, #drive{leg = #leg{may_rest = true}} = Drive) ->
-    rested(Senses, Drive);
-watch(Senses, #drive{options = Options} = Drive) ->
+watch(Senses, #drive{leg = #leg{has_ended = true}} = Drive) ->
+    over(Senses, Drive);
+watch(Senses, #drive{options = Options, leg = Leg} = Drive) ->
     case starl_create_senses:is_stalled(maps:get(stops_at_bumps, Options, true), Senses) of
         true -> stalled(Senses, Drive);
-        false -> {[], Drive}
+        false -> {[], Drive#drive{leg = seen(Senses, Leg)}}
     end.
 
+seen(Senses, #leg{heard = Heard, has_moved = Moved} = Leg) when is_integer(Heard) ->
+    Leg#leg{has_moved = Moved orelse not starl_create_senses:is_at_rest(Senses)};
+seen(_Senses, Leg) ->
+    Leg.
+
+%% A script is over when the robot says that it stands: the line may be slow.
+over(Senses, #drive{leg = #leg{mark = Mark, heard = Heard} = Leg} = Drive) ->
+    case may_be_over(Leg) andalso starl_create_senses:is_at_rest(Senses) of
+        true -> {[{answer, Mark, {driven, Heard}}], (forget(Drive))#drive{stands = true}};
+        false -> {[], Drive#drive{leg = seen(Senses, Leg)}}
+    end.
+
+may_be_over(#leg{has_moved = Moved, is_cut = Cut, may_rest = MayRest}) ->
+    MayRest orelse (Moved andalso not Cut).
+
 %% The pen stays as it is.
-stalled(Senses, #drive{leg = #leg{mark = Mark} = Leg, options = Options} = Drive) ->
+stalled(Senses, #drive{leg = #leg{mark = Mark} = Leg} = Drive) ->
     Told = told(starl_create_senses:readings(Senses), Leg),
-    {Stop, Stopped} = script([], starl_create_order:rest(Options), Drive),
+    {Stop, Stopped} = script([], starl_create_script:rest(), Drive),
     {Stop ++ [{answer, Mark, {stalled, Told}}], Stopped}.
 
 %% The command that the robot was carrying out: its speeds tell.

@@ -14,24 +14,10 @@
 %% 1 or higher.
 -module(starl_create_driver).
 
--export([options/0, open/1, drive/3, actuate/4, stop/1, close/1, hear/3]).
+-export([open/1, drive/3, actuate/4, stop/1, close/1, hear/3]).
 -export([is_ready/1, readings/1, odometry/1]).
 
--export_type([t/0, options/0, action/0, event/0]).
-
-%% `device': what the port opens. `baud': that of the robot (default: as it is delivered). `mode':
-%% safe, in which the robot stops by itself at a cliff and when it is lifted, or full. `wake': the
-%% line of the port that is wired to BRC. `on_robot': scripts of a Create 1 on the robot.
--type options() :: #{
-    device := term(),
-    model := starl_create_packet:model(),
-    baud => pos_integer() | none,
-    mode => safe | full,
-    wake => dtr | rts | none,
-    on_robot => boolean(),
-    pen => starl_create_order:pen(),
-    stops_at_bumps => boolean()
-}.
+-export_type([t/0, action/0, event/0]).
 
 %% What to do: tell the port; start a timer in place of the one of that name; answer a command; tell
 %% an observer; write a line.
@@ -45,7 +31,7 @@
 -type event() :: ready | lost | starl_create_senses:event().
 
 -record(driver, {
-    options :: options(),
+    options :: starl_create_options:t(),
     model :: starl_create_packet:model(),
     phase = closed :: closed | greeting | taking | ready,
     greeting :: starl_create_greeting:t(),
@@ -70,19 +56,8 @@
 -define(DOUBT_MS, 100).
 -define(ODOMETRY_MS, 200).
 
-%% @doc The table of what can be chosen, as of a fleet file.
--spec options() -> [starl_options:option()].
-options() ->
-    [
-        {model, {integer, 1, 2}, 2, "the generation: 1 (Create, 2006) or 2 (Create 2, Roomba 600)"},
-        {baud, {optional, {integer, 300, 115200}}, none, "of its line; none: as it is delivered"},
-        {mode, {one_of, [safe, full]}, safe, "safe: it stops at cliffs and when it is lifted"},
-        {wake, {one_of, [rts, dtr, none]}, rts, "the line of the adapter that is wired to BRC"},
-        {on_robot, switch, true, "a Create 1 stops by itself when its computer is gone"}
-    ].
-
 %% @doc A driver that opens its port.
--spec open(options()) -> {[action()], t()}.
+-spec open(starl_create_options:t()) -> {[action()], t()}.
 open(#{model := Model} = Options) ->
     Greeting = starl_create_greeting:new(Options),
     Driver = #driver{
@@ -119,7 +94,7 @@ drive(Commands, Mark, #driver{phase = ready, drive = Drive} = Driver) ->
 drive(_Commands, _Mark, Driver) ->
     {[], forget(Driver)}.
 
-drives({Actions, Drive}, Driver) -> {Actions, Driver#driver{drive = Drive}}.
+drives({Actions, Drive}, Driver) -> told(Actions, Driver#driver{drive = Drive}).
 
 forget(#driver{drive = Drive} = Driver) ->
     Driver#driver{drive = starl_create_drive:forget(Drive)}.
@@ -165,8 +140,14 @@ hear({error, Reason}, _Now, Driver) ->
     said(warning, {line_error, Reason}, Driver);
 hear({timeout, Timer}, _Now, Driver) ->
     due(Timer, Driver);
-hear(OfScript, _Now, #driver{drive = Drive} = Driver) ->
-    drives(starl_create_drive:hear(OfScript, Drive), Driver).
+hear(OfScript, _Now, #driver{senses = Senses, drive = Drive} = Driver) ->
+    drives(starl_create_drive:hear(OfScript, Senses, Drive), Driver).
+
+%% The actions of the driver's parts.
+told(Actions, Driver) -> in_turn([tell(Action) || Action <- Actions], Driver).
+
+tell({say, Level, Advice}) -> say(Level, Advice);
+tell(Action) -> do(Action).
 
 in_turn(Steps, Driver) ->
     {Actions, Next} = lists:mapfoldl(fun(Step, Before) -> Step(Before) end, Driver, Steps),
@@ -233,11 +214,7 @@ greet(#driver{model = Model, greeting = Greeting, odometry = Odometry} = Driver)
     {Actions, Next} = greeted(starl_create_greeting:opened(Greeting), Fresh),
     {[{port, {stop_bytes, starl_create_order:resting(Driver#driver.options)}} | Actions], Next}.
 
-greeted({Actions, Greeting}, Driver) ->
-    in_turn([greets(Action) || Action <- Actions], Driver#driver{greeting = Greeting}).
-
-greets({say, Level, Advice}) -> say(Level, Advice);
-greets(Action) -> do(Action).
+greeted({Actions, Greeting}, Driver) -> told(Actions, Driver#driver{greeting = Greeting}).
 
 %% -- what the robot sends -------------------------------------------------------------------
 

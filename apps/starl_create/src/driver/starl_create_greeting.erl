@@ -14,16 +14,7 @@
 
 -export([new/1, anew/1, opening/1, opened/1, due/1, hear/2, ids/1]).
 
--export_type([t/0, options/0, action/0]).
-
-%% What it has to know of {@link starl_create_driver:options()}.
--type options() :: #{
-    device := term(),
-    model := starl_create_packet:model(),
-    baud => pos_integer() | none,
-    wake => dtr | rts | none,
-    atom() => term()
-}.
+-export_type([t/0, action/0]).
 
 %% Tell the port; start the timer, after which {@link due/1} is to be called; say what is wrong.
 -type action() ::
@@ -34,7 +25,7 @@
     | {say, warning, starl_create_advice:t()}.
 
 -record(greeting, {
-    options :: options(),
+    options :: starl_create_options:t(),
     step = idle :: idle | starting | asking | doubting | resting | opening,
     tries = 0 :: non_neg_integer(),
     %% another baud rate than its own, at which a robot is looked for
@@ -57,7 +48,7 @@
 -define(BAUDS, [57600, 115200, 19200]).
 
 %% @doc A greeting for the robot of these options.
--spec new(options()) -> t().
+-spec new(starl_create_options:t()) -> t().
 new(Options) -> #greeting{options = Options}.
 
 %% @doc The line is gone: the search begins anew, when it is back.
@@ -71,9 +62,7 @@ opening(#greeting{options = #{device := Device}, tried = none} = Greeting) ->
 opening(#greeting{options = #{device := Device}, tried = Baud}) ->
     {open, Device, Baud}.
 
-own_baud(#greeting{options = #{baud := Baud}}) when is_integer(Baud) -> Baud;
-own_baud(#greeting{options = #{model := 1}}) -> 57600;
-own_baud(#greeting{options = #{model := 2}}) -> 115200.
+own_baud(#greeting{options = Options}) -> starl_create_options:baud(Options).
 
 %% @doc The sensors of the stream.
 -spec ids(starl_create_packet:model()) -> [starl_create_packet:id()].

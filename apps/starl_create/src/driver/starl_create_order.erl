@@ -2,62 +2,47 @@
 %% pen.
 -module(starl_create_order).
 
--export([way/1, take/1, is_taken/2, rest/1, resting/1, off/1, pen/2, usual_pen/1]).
+-export([is_on_robot/1, take/1, is_taken/2, resting/1, off/1, pen/2, usual_pen/1]).
 
--export_type([options/0, pen/0, position/0]).
+-export_type([pen/0, position/0]).
 
 %% Which output is the pen, and the number of its bit.
 -type pen() :: {leds | outputs | motors, 0..7}.
 
 -type position() :: up | down.
 
-%% What it has to know of {@link starl_create_driver:options()}.
--type options() :: #{
-    model := starl_create_packet:model(),
-    mode => safe | full,
-    on_robot => boolean(),
-    pen => pen(),
-    atom() => term()
-}.
-
-%% @doc Who times the commands of a script.
--spec way(options()) -> starl_create_script:way().
-way(#{model := 1, on_robot := false}) -> by_port;
-way(#{model := 1}) -> on_robot;
-way(#{model := 2}) -> by_port.
+%% @doc Does a Create 1 time the commands of a script by itself?
+-spec is_on_robot(starl_create_options:t()) -> boolean().
+is_on_robot(#{model := Model} = Options) -> Model =:= 1 andalso maps:get(on_robot, Options, true).
 
 %% @doc Takes control.
--spec take(options()) -> binary().
+-spec take(starl_create_options:t()) -> binary().
 take(Options) ->
-    Script = [starl_create_script:on_robot() || way(Options) =:= on_robot],
+    Script = [starl_create_script:on_robot() || is_on_robot(Options)],
     iolist_to_binary([encode(wanted(Options), Options) | Script]).
 
 wanted(Options) -> maps:get(mode, Options, safe).
 
 %% @doc Is control taken, by the mode as the document counts it?
--spec is_taken(Mode :: integer(), options()) -> boolean().
+-spec is_taken(Mode :: integer(), starl_create_options:t()) -> boolean().
 is_taken(Mode, Options) ->
     case wanted(Options) of
         safe -> Mode =:= 2 orelse Mode =:= 3;
         full -> Mode =:= 3
     end.
 
-%% @doc The wheels stand.
--spec rest(options()) -> binary().
-rest(Options) -> starl_create_script:rest(way(Options)).
-
 %% @doc What ends everything: the wheels stand, and the pen is up.
--spec resting(options()) -> binary().
-resting(Options) -> <<(rest(Options))/binary, (pen(up, Options))/binary>>.
+-spec resting(starl_create_options:t()) -> binary().
+resting(Options) -> <<(starl_create_script:rest())/binary, (pen(up, Options))/binary>>.
 
 %% @doc The last words: everything rests, and the robot is left to itself.
--spec off(options()) -> binary().
+-spec off(starl_create_options:t()) -> binary().
 off(Options) -> iolist_to_binary([resting(Options) | [encode(C, Options) || C <- off()]]).
 
 off() -> [{stream_on, 0}, start].
 
 %% @doc Sets the pen.
--spec pen(position(), options()) -> binary().
+-spec pen(position(), starl_create_options:t()) -> binary().
 pen(Position, #{model := Model} = Options) ->
     encode(pen_command(Position, maps:get(pen, Options, usual_pen(Model))), Options).
 

@@ -3,6 +3,10 @@
 %%
 %% A command keeps its product of speed and time: what rounding takes off the speed, its time gets.
 %%
+%% <em>By the port.</em> Bytes may be late by the line's jitter, and a command then lasts longer or
+%% shorter by that. So no command is faster than 6 mm in that time, and none is shorter than three
+%% times that: it is driven slower, and for longer.
+%%
 %% <em>On the robot.</em> A Create 1 can hold a script, and a robot whose computer is gone should
 %% stop. Its script is: wait 100 ms, then stop. Each command is a number of slices: the speeds, then
 %% the script. The next slice arrives while the robot waits, which reads it as soon as it has
@@ -10,7 +14,7 @@
 %% takes 105 ms.
 -module(starl_create_script).
 
--export([steps/2, rest/1, on_robot/0]).
+-export([steps/2, lasts_us/1, rest/0, on_robot/0]).
 
 -export_type([step/0, told/0, way/0]).
 
@@ -18,14 +22,14 @@
 -type step() :: {told(), binary(), Us :: pos_integer()}.
 -type told() :: {Left :: number(), Right :: number()}.
 
-%% Who times a command: the computer, or a Create 1 itself.
--type way() :: by_port | on_robot.
+%% Who times a command: the port, on a line with this jitter, or a Create 1 itself.
+-type way() :: {by_port, JitterUs :: pos_integer()} | on_robot.
 
 -define(FASTEST, 500.0).
-%% The fastest speed of a command that the port times.
--define(CAREFUL, 300.0).
-%% The least duration of a command; a slice; how much earlier than needed the next slice leaves.
--define(LEAST_US, 60000).
+%% What a late byte may add to the way of a wheel, mm; the least duration of a command, in jitters.
+-define(CARE_MM, 6.0).
+-define(LEAST, 3).
+%% A slice; how much earlier than needed the next slice leaves.
 -define(SLICE_US, 105000).
 -define(EARLY_US, 45000).
 %% Drive Direct is the same for both generations.
@@ -34,12 +38,16 @@
 
 %% @doc The steps of a script.
 -spec steps(starl_chassis_differential:commands(), way()) -> [step()].
-steps(Commands, by_port) -> [timed(Command) || Command <- Commands];
+steps(Commands, {by_port, Jitter}) -> [timed(Command, Jitter) || Command <- Commands];
 steps(Commands, on_robot) -> early(lists:append([slices(Command) || Command <- Commands])).
 
+%% @doc How long they last.
+-spec lasts_us([step()]) -> non_neg_integer().
+lasts_us(Steps) -> lists:sum([Us || {_, _, Us} <- Steps]).
+
 %% @doc The bytes that stop the wheels.
--spec rest(way()) -> binary().
-rest(_Way) -> direct({0, 0}).
+-spec rest() -> binary().
+rest() -> direct({0, 0}).
 
 %% @doc The script that a Create 1 holds.
 -spec on_robot() -> binary().
@@ -49,17 +57,17 @@ on_robot() ->
 
 direct({Left, Right}) -> <<?DIRECT, Right:16, Left:16>>.
 
-timed({Left0, Right0, Us0}) ->
-    {Left, Right, Us} = lengthened(limit(Left0), limit(Right0), Us0),
+timed({Left0, Right0, Us0}, Jitter) ->
+    {Left, Right, Us} = lengthened(limit(Left0), limit(Right0), Us0, Jitter),
     {Whole, Exact} = whole(Left, Right),
     {{Left0, Right0}, direct(Whole), max(1, round(Us * Exact))}.
 
 limit(V) -> max(-?FASTEST, min(?FASTEST, V)).
 
-%% Slower, and longer: what a line that is 20 ms late adds to a command grows with its speed.
-lengthened(Left, Right, Us) ->
-    Fast = max(abs(Left), abs(Right)),
-    case max(?LEAST_US, Us * Fast / ?CAREFUL) of
+%% Slower, and longer.
+lengthened(Left, Right, Us, Jitter) ->
+    Careful = ?CARE_MM * 1.0e6 / Jitter,
+    case max(?LEAST * Jitter, Us * max(abs(Left), abs(Right)) / Careful) of
         Longer when Longer > Us -> {Left * Us / Longer, Right * Us / Longer, Longer};
         _ -> {Left, Right, Us}
     end.

@@ -2,9 +2,13 @@
 %% line to one other process and a body.
 %%
 %% A computer with other work to do is late now and then, and a command would last longer by that. So
-%% the robot lives `lag_ms' behind: bytes with the time at which they arrived are read exactly that
-%% much later, if this process is not later still, and the body is told when it was.
-%%
+%% the robot's time is not the present, but that up to which the other end has told everything: bytes
+%% take effect at the time at which they arrived, whenever this process hears of them, and the body is
+%% told that time.
+%% ```
+%%     something is due ---- sync ---> other end
+%%     the robot's time <--- upto ---- other end      all bytes until then were told before
+%% '''
 %% Words of the other end, `{serial, Other, Word}': {@link word()}. It hears `{serial, Create, {data,
 %% Bytes}}'. Only the end that has attached last is heard.
 %%
@@ -28,18 +32,19 @@
     charge_mah => number(),
     body => none | {starl_world, World :: pid(), starl:robot_id()},
     pen => starl_create_order:pen(),
-    lag_ms => non_neg_integer(),
     tell => pid()
 }.
 
 %% What the other end of the line says: it is there, with this baud rate (`any': the right one);
-%% bytes; the level of BRC; it is gone.
+%% bytes, with the time of their arrival; the level of BRC; the answer to `sync', the time up to which it
+%% has told everything; it is gone. Times are of `erlang:monotonic_time(microsecond)'.
 -type word() ::
     {attach, Baud :: pos_integer() | any}
     | {baud, pos_integer() | any}
     | {data, binary()}
     | {data, binary(), AtUs :: integer()}
     | {brc, low | high}
+    | {upto, AtUs :: integer()}
     | detach.
 
 -record(emulated, {
@@ -47,10 +52,13 @@
     body :: none | {starl_world, pid(), starl:robot_id()},
     pen :: starl_create_order:pen(),
     tell :: pid() | none,
-    lag_us :: non_neg_integer(),
-    %% bytes that will be read, with the robot's time
-    coming = queue:new() :: queue:queue({integer(), binary()}),
-    other = none :: pid() | none
+    other = none :: pid() | none,
+    %% has the other end been asked up to when it has told everything?
+    is_asking = false :: boolean(),
+    %% what the body has felt meanwhile, latest first
+    felt = [] :: [starl_create_emulator:sense()],
+    %% the time of the next wake-up
+    due = none :: integer() | none
 }).
 
 %% A command to the body that lasts until the next one.
@@ -86,10 +94,8 @@ init(#{model := Model} = Options) ->
     case embodied(Body) of
         ok ->
             Phase = erlang:phash2(self(), 15000),
-            Lag = 1000 * maps:get(lag_ms, Options, 0),
-            Moment = #{phase_us => Phase, now_us => now_us() - Lag},
+            Moment = #{phase_us => Phase, now_us => now_us()},
             {ok, #emulated{
-                lag_us = Lag,
                 create = starl_create_emulator:new(maps:merge(Options, Moment)),
                 body = Body,
                 pen = maps:get(pen, Options, starl_create_order:usual_pen(Model)),
@@ -122,11 +128,11 @@ handle_cast(power_cycle, Emulated) ->
 
 -spec handle_info(term(), #emulated{}) -> {noreply, #emulated{}} | {stop, normal, #emulated{}}.
 handle_info({serial, Other, {attach, Baud}}, Emulated) ->
-    {noreply, line({baud, Baud}, Emulated#emulated{other = Other})};
+    {noreply, line({baud, Baud}, Emulated#emulated{other = Other, is_asking = false})};
 handle_info({serial, Other, Word}, #emulated{other = Other} = Emulated) ->
     {noreply, hears(Word, Emulated)};
-handle_info({tick, Due}, Emulated) ->
-    {noreply, up_to(Due, Emulated)};
+handle_info({tick, Due}, #emulated{due = Due} = Emulated) ->
+    {noreply, ask(Emulated#emulated{due = none})};
 handle_info({starl_body_says, Answers}, Emulated) ->
     {noreply, lists:foldl(fun body_says/2, Emulated, Answers)};
 handle_info({'DOWN', _, process, World, _}, #emulated{body = {starl_world, World, _}} = Emulated) ->
@@ -136,38 +142,42 @@ handle_info(_Message, Emulated) ->
 
 hears({data, Bytes}, Emulated) ->
     hears({data, Bytes, now_us()}, Emulated);
-hears({data, Bytes, At}, #emulated{coming = Coming} = Emulated) ->
-    wake(Emulated#emulated{coming = queue:in({At, Bytes}, Coming)});
+hears({data, Bytes, At}, #emulated{create = Create} = Emulated) ->
+    wake(went(starl_create_emulator:hear(At, Bytes, Create), Emulated));
+hears({upto, At}, Emulated) ->
+    up_to(At, Emulated#emulated{is_asking = false});
 hears(detach, Emulated) ->
-    Emulated#emulated{other = none};
+    ask(Emulated#emulated{other = none, is_asking = false});
 hears({Line, _} = Word, Emulated) when Line =:= brc; Line =:= baud ->
     line(Word, Emulated);
 hears(_Word, Emulated) ->
     Emulated.
 
-line(Word, Emulated) ->
-    #emulated{create = Create} = Here = up_to(robots_now(Emulated), Emulated),
-    wake(went(starl_create_emulator:line(robots_now(Here), Word, Create), Here)).
+line(Word, #emulated{create = Create} = Emulated) ->
+    wake(went(starl_create_emulator:line(now_us(), Word, Create), Emulated)).
 
-feels(Sense, Emulated) ->
-    #emulated{create = Create} = Here = up_to(robots_now(Emulated), Emulated),
-    wake(went(starl_create_emulator:feel(robots_now(Here), Sense, Create), Here)).
+feels(Sense, #emulated{felt = Felt} = Emulated) ->
+    ask(Emulated#emulated{felt = [Sense | Felt]}).
 
 %% The drive of the body did not obey, and stands.
 body_says({_Mark, {stalled, _}}, Emulated) -> feels({turning, {0.0, 0.0}}, Emulated);
 body_says(_Answer, Emulated) -> Emulated.
 
-robots_now(#emulated{lag_us = Lag}) -> now_us() - Lag.
+%% Nothing happens before it is known that no bytes have come earlier.
+ask(#emulated{other = none} = Emulated) ->
+    up_to(now_us(), Emulated);
+ask(#emulated{is_asking = true} = Emulated) ->
+    Emulated;
+ask(#emulated{other = Other} = Emulated) ->
+    Other ! {serial, self(), sync},
+    Emulated#emulated{is_asking = true}.
 
-%% Everything up to this time of the robot, in order.
-up_to(Until, #emulated{coming = Coming, create = Create} = Emulated) ->
-    case queue:peek(Coming) of
-        {value, {At, Bytes}} when At =< Until ->
-            Rest = Emulated#emulated{coming = queue:drop(Coming)},
-            up_to(Until, went(starl_create_emulator:hear(At, Bytes, Create), Rest));
-        _ ->
-            wake(went(starl_create_emulator:advance(Until, Create), Emulated))
-    end.
+up_to(At, #emulated{create = Create, felt = Felt} = Emulated) ->
+    Here = went(starl_create_emulator:advance(At, Create), Emulated#emulated{felt = []}),
+    wake(lists:foldr(fun(Sense, Before) -> felt(At, Sense, Before) end, Here, Felt)).
+
+felt(At, Sense, #emulated{create = Create} = Emulated) ->
+    went(starl_create_emulator:feel(At, Sense, Create), Emulated).
 
 went({Outs, Create}, #emulated{} = Emulated) ->
     ok = lists:foreach(fun({At, Out}) -> out(Out, At, Emulated) end, Outs),
@@ -175,33 +185,25 @@ went({Outs, Create}, #emulated{} = Emulated) ->
 
 %% A wake-up that comes when there is nothing to do any more does no harm, but there must not be
 %% more and more of them.
-wake(#emulated{create = Create, coming = Coming, lag_us = Lag} = Emulated) ->
-    Bytes =
-        case queue:peek(Coming) of
-            {value, {At, _}} -> At;
-            empty -> none
-        end,
-    %% a number is less than an atom
-    case {min(starl_create_emulator:next_due(Create), Bytes), get(due)} of
-        {none, _} -> ok;
-        {Due, Due} -> ok;
-        {Due, _} -> timer_at(Due, Lag)
-    end,
-    Emulated.
-
-timer_at(Due, Lag) ->
-    _ = put(due, Due),
-    _ = erlang:send_after(ceil((Due + Lag) / 1000), self(), {tick, Due}, [{abs, true}]),
-    ok.
+wake(#emulated{create = Create, due = Planned} = Emulated) ->
+    case starl_create_emulator:next_due(Create) of
+        none ->
+            Emulated#emulated{due = none};
+        Planned ->
+            Emulated;
+        Due ->
+            _ = erlang:send_after(ceil(Due / 1000), self(), {tick, Due}, [{abs, true}]),
+            Emulated#emulated{due = Due}
+    end.
 
 out({bytes, Bytes}, _At, #emulated{other = Other}) when is_pid(Other) ->
     Other ! {serial, self(), {data, Bytes}},
     ok;
 out({bytes, _Bytes}, _At, _Emulated) ->
     ok;
-out(Out, At, #emulated{tell = Tell, pen = Pen, body = Body} = Emulated) ->
+out(Out, At, #emulated{tell = Tell, pen = Pen, body = Body}) ->
     _ = is_pid(Tell) andalso (Tell ! {starl_create, self(), Out}),
-    tell_body(to_body(Out, Pen), max(0, robots_now(Emulated) - At), Body).
+    tell_body(to_body(Out, Pen), At, Body).
 
 to_body({wheels, {Left, Right}}, _Pen) ->
     {drive, {starl_chassis_differential, [{Left, Right, ?LONG_US}]}, ?LONG_US, wheels};
@@ -215,10 +217,10 @@ to_body(_Out, _Pen) ->
 pen(Bits, N) when Bits band (1 bsl N) =/= 0 -> down;
 pen(_Bits, _N) -> up.
 
-tell_body(nothing, _Ago, _Body) ->
+tell_body(nothing, _At, _Body) ->
     ok;
-tell_body(_What, _Ago, none) ->
+tell_body(_What, _At, none) ->
     ok;
-tell_body(What, Ago, {starl_world, World, Robot}) ->
-    World ! {starl_body, Robot, self(), {ago, Ago, What}},
+tell_body(What, At, {starl_world, World, Robot}) ->
+    World ! {starl_body, Robot, self(), {at, At + erlang:time_offset(microsecond), What}},
     ok.

@@ -44,6 +44,7 @@ init(Owner) ->
 
 -spec handle_call(pull | plug, gen_server:from(), #pipe{}) -> {reply, ok, #pipe{}}.
 handle_call(pull, _From, Pipe) ->
+    ok = serial(detach, Pipe),
     ok = tell({closed, {eio, "the cable was pulled"}}, Pipe),
     {reply, ok, Pipe#pipe{is_plugged = false, script = none}};
 handle_call(plug, _From, #pipe{create = Create, baud = Baud, stop = Stop} = Pipe) ->
@@ -71,9 +72,14 @@ handle_info({send, Bytes}, Pipe) ->
 handle_info({drive_script, Ref, Steps, Stop}, Pipe) ->
     Now = now_us(),
     _ = Steps =/= [] andalso tell({sent, Ref, Now}, Pipe),
-    {noreply, step(Pipe#pipe{script = {Ref, Steps, Stop}, due = Now})};
-handle_info({step, Ref}, #pipe{script = {Ref, _, _}} = Pipe) ->
-    {noreply, step(Pipe)};
+    {noreply, steps(Now, Pipe#pipe{script = {Ref, Steps, Stop}, due = Now})};
+handle_info(step, Pipe) ->
+    {noreply, steps(now_us(), Pipe)};
+handle_info({serial, Create, sync}, #pipe{create = Create} = Pipe) ->
+    Now = now_us(),
+    Stepped = steps(Now, Pipe),
+    ok = serial({upto, Now}, Stepped),
+    {noreply, Stepped};
 handle_info({stop_bytes, Bytes}, Pipe) ->
     {noreply, Pipe#pipe{stop = Bytes}};
 handle_info({pulse, _Line, Ms, _Times}, Pipe) ->
@@ -101,14 +107,18 @@ terminate(_Reason, #pipe{stop = Stop} = Pipe) ->
     serial(detach, Pipe).
 
 %% Bytes bear the time at which they were due, even if this process was late.
+steps(Now, #pipe{script = Script, due = Due} = Pipe) when Script =/= none, Due =< Now ->
+    steps(Now, step(Pipe));
+steps(_Now, Pipe) ->
+    Pipe.
+
 step(#pipe{script = {Ref, [], Stop}, due = Due} = Pipe) ->
     ok = serial({data, Stop, Due}, Pipe),
     ok = tell({ended, Ref, Due}, Pipe),
     Pipe#pipe{script = none};
 step(#pipe{script = {Ref, [{Bytes, Us} | Steps], Stop}, due = Due} = Pipe) ->
     ok = serial({data, Bytes, Due}, Pipe),
-    At = (Due + Us + 500) div 1000,
-    _ = erlang:send_after(At, self(), {step, Ref}, [{abs, true}]),
+    _ = erlang:send_after(ceil((Due + Us) / 1000), self(), step, [{abs, true}]),
     Pipe#pipe{script = {Ref, Steps, Stop}, due = Due + Us}.
 
 now_us() -> erlang:monotonic_time(microsecond).

@@ -59,6 +59,9 @@ handle_info({pty, Pty, Event}, #on_pty{pty = Pty} = State) ->
 handle_info({serial, Create, {data, Bytes}}, #on_pty{create = Create, pty = Pty} = State) ->
     ok = starl_create_pty:send(Pty, Bytes),
     {noreply, State};
+handle_info({serial, Create, sync}, #on_pty{create = Create, pty = Pty} = State) ->
+    ok = starl_create_pty:sync(Pty),
+    {noreply, State};
 handle_info(_Message, State) ->
     {noreply, State}.
 
@@ -72,6 +75,8 @@ line({baud, Baud}, State) ->
     say({baud, Baud}, say({brc, high}, State#on_pty{baud = Baud}));
 line({data, Bytes, AtUs}, State) ->
     say({data, Bytes, AtUs}, State);
+line({upto, AtUs}, State) ->
+    say({upto, AtUs}, State);
 line({error, _Why}, State) ->
     State.
 

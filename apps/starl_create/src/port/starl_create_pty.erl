@@ -5,19 +5,20 @@
 %% one a robot hears and says garbage, and lets the cable be pulled and put back.
 -module(starl_create_pty).
 
--export([start_link/2, name/1, send/2, pull/1, put_back/1, stop/1]).
+-export([start_link/2, name/1, send/2, sync/1, pull/1, put_back/1, stop/1]).
 -export([init/3]).
 
 -export_type([event/0, reason/0]).
 
 %% To the owner, as `{pty, Pty, Event}'. `attached': a program has opened the line. `baud': its
-%% speed; `hung_up': the control lines are released, as by a pulse. `AtUs' is of
-%% `erlang:monotonic_time(microsecond)'.
+%% speed; `hung_up': the control lines are released, as by a pulse. `upto': all bytes until then were
+%% told before. `AtUs' is of `erlang:monotonic_time(microsecond)'.
 -type event() ::
     attached
     | detached
     | {baud, pos_integer() | hung_up}
     | {data, binary(), AtUs :: integer()}
+    | {upto, AtUs :: integer()}
     | {error, unicode:chardata()}.
 
 -type reason() :: no_program | {link, unicode:chardata()}.
@@ -44,6 +45,10 @@ name(Pty) ->
 %% @doc Sends bytes to the program at the other end; lost if there is none.
 -spec send(pid(), iodata()) -> ok.
 send(Pty, Bytes) -> told(Pty, {command, [$W, Bytes]}).
+
+%% @doc Asks up to when all bytes have been told: `upto'.
+-spec sync(pid()) -> ok.
+sync(Pty) -> told(Pty, {command, <<$T>>}).
 
 %% @doc Pulls the cable: the line and its link are gone.
 -spec pull(pid()) -> ok.
@@ -118,6 +123,7 @@ tell(_Owner, none) -> ok;
 tell(Owner, Event) -> Owner ! {pty, self(), Event}.
 
 event(<<$d, At:64, Bytes/binary>>) -> {data, Bytes, starl_create_program:us(At)};
+event(<<$t, At:64>>) -> {upto, starl_create_program:us(At)};
 event(<<$b, 0:32>>) -> {baud, hung_up};
 event(<<$b, Baud:32>>) -> {baud, Baud};
 event(<<$a>>) -> attached;

@@ -267,11 +267,14 @@ embodied(Id, Chassis, IsFree, #world{robots = Robots} = World) ->
 
 %% -- bodies ---------------------------------------------------------------------------------
 
-%% Hardware may tell of what was a moment ago, but not before what it has told last.
-hears(Id, Chassis, {ago, Us, What}, #world{robots = Robots} = World) ->
+%% Hardware tells when something was (system time): a moment ago, but not before what it has told last.
+%% However late it is heard, the body moves as if it had been heard at once.
+hears(Id, Chassis, {at, SystemUs, What}, #world{robots = Robots, clock = Clock} = World) ->
     case Robots of
         #{Id := #robot{chassis = Chassis, body = Body, told_at = Before} = Robot} ->
-            At = max(Before, now_us(World) - min(Us, ?LATE_US)),
+            Now = now_us(World),
+            Told = starl_live_clock:at_us(SystemUs, Clock),
+            At = lists:max([Before, Now - ?LATE_US, min(Now, Told)]),
             yielded(Id, does(What, At, Body), Robot#robot{told_at = At}, World);
         #{} ->
             World
