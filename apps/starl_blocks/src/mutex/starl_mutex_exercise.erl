@@ -1,6 +1,6 @@
 %% @doc The exercise of mutual exclusion: each robot holds now one token, now two, for some time.
 %%
-%% It promises that a token is granted, and that a hold that began after the heal is not lost;
+%% It promises that a token is granted, and that tokens asked for after the heal are not lost;
 %% unless the home of any token has died: robots that wait for that token keep their others.
 -module(starl_mutex_exercise).
 -behaviour(starl_block_exercise).
@@ -12,7 +12,8 @@
 
 -record(seen, {
     robots :: [robot_id()],
-    %% the time at which each robot acquired its present tokens
+    %% the time at which each robot asked for its present tokens: it may hold one long before it has
+    %% them all
     held = #{} :: #{robot_id() => integer()},
     %% the homes of the tokens that any robot has asked for
     homes = #{} :: #{robot_id() => true}
@@ -83,8 +84,9 @@ seen(Robots) -> #seen{robots = Robots}.
 noted({_, _, app, {call, {acquire, Tokens}, _}}, #seen{homes = Homes, robots = Robots} = Seen) ->
     New = [starl_mutex:home(Token, Robots) || Token <- lists:flatten([Tokens])],
     Seen#seen{homes = maps:merge(Homes, maps:from_keys(New, true))};
-noted({T, Robot, app, {answered, #{what := {acquire, _}}, {ok, _}}}, #seen{held = Held} = Seen) ->
-    Seen#seen{held = Held#{Robot => T}};
+noted({_, Robot, app, {answered, #{what := {acquire, _}} = Call, {ok, _}}}, Seen) ->
+    #{since_us := Since} = Call,
+    Seen#seen{held = (Seen#seen.held)#{Robot => Since}};
 noted(_Event, Seen) ->
     Seen.
 
