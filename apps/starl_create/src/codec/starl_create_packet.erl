@@ -164,55 +164,70 @@ decode_all(Ids, Data) ->
     ),
     Readings.
 
-row(7) -> {bumps_drops, 1, unsigned};
-row(8) -> {wall, 1, unsigned};
-row(9) -> {cliff_left, 1, unsigned};
-row(10) -> {cliff_front_left, 1, unsigned};
-row(11) -> {cliff_front_right, 1, unsigned};
-row(12) -> {cliff_right, 1, unsigned};
-row(13) -> {virtual_wall, 1, unsigned};
-row(14) -> {overcurrents, 1, unsigned};
-row(15) -> {dirt, 1, unsigned};
-row(16) -> {unused, 1, unsigned};
-row(17) -> {ir_omni, 1, unsigned};
-row(18) -> {buttons, 1, unsigned};
-row(19) -> {distance, 2, signed};
-row(20) -> {angle, 2, signed};
-row(21) -> {charging_state, 1, unsigned};
-row(22) -> {voltage, 2, unsigned};
-row(23) -> {current, 2, signed};
-row(24) -> {temperature, 1, signed};
-row(25) -> {charge, 2, unsigned};
-row(26) -> {capacity, 2, unsigned};
-row(27) -> {wall_signal, 2, unsigned};
-row(28) -> {cliff_left_signal, 2, unsigned};
-row(29) -> {cliff_front_left_signal, 2, unsigned};
-row(30) -> {cliff_front_right_signal, 2, unsigned};
-row(31) -> {cliff_right_signal, 2, unsigned};
-row(32) -> {digital_inputs, 1, unsigned};
-row(33) -> {analog_input, 2, unsigned};
-row(34) -> {charging_sources, 1, unsigned};
-row(35) -> {mode, 1, unsigned};
-row(36) -> {song, 1, unsigned};
-row(37) -> {song_playing, 1, unsigned};
-row(38) -> {stream_packets, 1, unsigned};
-row(39) -> {velocity, 2, signed};
-row(40) -> {radius, 2, signed};
-row(41) -> {right_velocity, 2, signed};
-row(42) -> {left_velocity, 2, signed};
-row(43) -> {left_encoder, 2, unsigned};
-row(44) -> {right_encoder, 2, unsigned};
-row(45) -> {light_bumper, 1, unsigned};
-row(46) -> {light_left, 2, unsigned};
-row(47) -> {light_front_left, 2, unsigned};
-row(48) -> {light_center_left, 2, unsigned};
-row(49) -> {light_center_right, 2, unsigned};
-row(50) -> {light_front_right, 2, unsigned};
-row(51) -> {light_right, 2, unsigned};
-row(52) -> {ir_left, 1, unsigned};
-row(53) -> {ir_right, 1, unsigned};
-row(54) -> {left_current, 2, signed};
-row(55) -> {right_current, 2, signed};
-row(56) -> {main_brush_current, 2, signed};
-row(57) -> {side_brush_current, 2, signed};
-row(58) -> {stasis, 1, unsigned}.
+%% The table: name, bytes, sign; in the groups of the documents.
+row(Id) when Id =< 16 -> contact(Id);
+row(Id) when Id =< 20 -> motion(Id);
+row(Id) when Id =< 26 -> power(Id);
+row(Id) when Id =< 34 -> signal(Id);
+row(Id) when Id =< 42 -> state(Id);
+row(Id) when Id =< 53 -> encoder_or_light(Id);
+row(Id) -> current(Id).
+
+contact(7) -> {bumps_drops, 1, unsigned};
+contact(8) -> {wall, 1, unsigned};
+contact(9) -> {cliff_left, 1, unsigned};
+contact(10) -> {cliff_front_left, 1, unsigned};
+contact(11) -> {cliff_front_right, 1, unsigned};
+contact(12) -> {cliff_right, 1, unsigned};
+contact(13) -> {virtual_wall, 1, unsigned};
+contact(14) -> {overcurrents, 1, unsigned};
+contact(15) -> {dirt, 1, unsigned};
+contact(16) -> {unused, 1, unsigned}.
+
+motion(17) -> {ir_omni, 1, unsigned};
+motion(18) -> {buttons, 1, unsigned};
+motion(19) -> {distance, 2, signed};
+motion(20) -> {angle, 2, signed}.
+
+power(21) -> {charging_state, 1, unsigned};
+power(22) -> {voltage, 2, unsigned};
+power(23) -> {current, 2, signed};
+power(24) -> {temperature, 1, signed};
+power(25) -> {charge, 2, unsigned};
+power(26) -> {capacity, 2, unsigned}.
+
+signal(27) -> {wall_signal, 2, unsigned};
+signal(28) -> {cliff_left_signal, 2, unsigned};
+signal(29) -> {cliff_front_left_signal, 2, unsigned};
+signal(30) -> {cliff_front_right_signal, 2, unsigned};
+signal(31) -> {cliff_right_signal, 2, unsigned};
+signal(32) -> {digital_inputs, 1, unsigned};
+signal(33) -> {analog_input, 2, unsigned};
+signal(34) -> {charging_sources, 1, unsigned}.
+
+state(35) -> {mode, 1, unsigned};
+state(36) -> {song, 1, unsigned};
+state(37) -> {song_playing, 1, unsigned};
+state(38) -> {stream_packets, 1, unsigned};
+state(39) -> {velocity, 2, signed};
+state(40) -> {radius, 2, signed};
+state(41) -> {right_velocity, 2, signed};
+state(42) -> {left_velocity, 2, signed}.
+
+encoder_or_light(43) -> {left_encoder, 2, unsigned};
+encoder_or_light(44) -> {right_encoder, 2, unsigned};
+encoder_or_light(45) -> {light_bumper, 1, unsigned};
+encoder_or_light(46) -> {light_left, 2, unsigned};
+encoder_or_light(47) -> {light_front_left, 2, unsigned};
+encoder_or_light(48) -> {light_center_left, 2, unsigned};
+encoder_or_light(49) -> {light_center_right, 2, unsigned};
+encoder_or_light(50) -> {light_front_right, 2, unsigned};
+encoder_or_light(51) -> {light_right, 2, unsigned};
+encoder_or_light(52) -> {ir_left, 1, unsigned};
+encoder_or_light(53) -> {ir_right, 1, unsigned}.
+
+current(54) -> {left_current, 2, signed};
+current(55) -> {right_current, 2, signed};
+current(56) -> {main_brush_current, 2, signed};
+current(57) -> {side_brush_current, 2, signed};
+current(58) -> {stasis, 1, unsigned}.

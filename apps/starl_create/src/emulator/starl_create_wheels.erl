@@ -2,7 +2,7 @@
 %% distance and angle. Speeds are those of the left and the right wheel, mm/s.
 -module(starl_create_wheels).
 
--export([new/2, command/2, turning/2, turn/2, commanded/1, told/1]).
+-export([new/2, command/2, turning/2, turn/1, commanded/1, told/1]).
 -export([pass/2, readings/1, read/2, travelled/1]).
 -export([circle/3, mm_per_count/0, axle_mm/1]).
 
@@ -78,8 +78,8 @@ told(#wheels{told = Told}) -> Told.
 
 %% @doc What the body has to be told now, if that has changed. Unless the body says otherwise, the
 %% wheels do what they are told.
--spec turn(t(), term()) -> {same | speeds(), t()}.
-turn(#wheels{commanded = {L, R}, told = Told, quirks = #{speed_step := Step}} = Wheels, _) ->
+-spec turn(t()) -> {same | speeds(), t()}.
+turn(#wheels{commanded = {L, R}, told = Told, quirks = #{speed_step := Step}} = Wheels) ->
     case {stepped(L, Step), stepped(R, Step)} of
         Told -> {same, Wheels};
         New -> {New, Wheels#wheels{told = New, turning = New}}
