@@ -277,3 +277,110 @@ an_answer_bears_the_time_of_the_first_command_test() ->
     Script = [{-100.0, 100.0, 300000}, {200.0, 200.0, 500000}],
     Bench = starl_create_bench:run(?S, starl_create_bench:drive({Script, turn}, Bench0)),
     ?assertMatch([{_, turn, {driven, Now}}], starl_create_bench:answers(Bench)).
+
+%% -- time -----------------------------------------------------------------------------------
+
+%% A robot that drives slowly enough for its line: speed and least duration of a command.
+a_line_with_little_jitter_is_driven_at_full_speed_test() ->
+    [
+        begin
+            Given = [{500.0, 500.0, 300000}, {-100.0, 100.0, 3000}],
+            [{_, _, Us}, {_, _, Least}] = starl_create_script:steps(Given, {by_port, 1000 * Ms}),
+            ?assertEqual({Ms, Lasts, LeastMs}, {Ms, round(Us / 1000), round(Least / 1000)})
+        end
+     || {Ms, Lasts, LeastMs} <- [{5, 300, 15}, {20, 500, 60}]
+    ].
+
+drive() ->
+    {_, Drive} = starl_create_drive:drive(
+        [{500.0, 500.0, 300000}],
+        leg,
+        starl_create_drive:new(#{model => 2, device => x, jitter_ms => 5})
+    ),
+    Drive.
+
+senses(V) ->
+    Reading = #{left_velocity => V, right_velocity => V, overcurrents => 0, bumps_drops => 0},
+    starl_create_senses:see(Reading, starl_create_senses:see(Reading, starl_create_senses:new())).
+
+%% What a robot is told, word by word: what comes back of all words.
+told(Words, Drive) ->
+    {Actions, Next} = lists:mapfoldl(fun(Word, Before) -> Word(Before) end, Drive, Words),
+    {lists:append(Actions), Next}.
+
+hear(Word, V) -> fun(Drive) -> starl_create_drive:hear(Word, senses(V), Drive) end.
+watch(V) -> fun(Drive) -> starl_create_drive:watch(senses(V), Drive) end.
+due(V) -> fun(Drive) -> starl_create_drive:due(senses(V), Drive) end.
+
+%% The answer comes with the first frame in which a robot stands that was seen to move.
+a_leg_is_answered_as_soon_as_the_robot_stands_test() ->
+    Moving = [hear({sent, 1, 0}, 0), watch(500), hear({ended, 1, 300000}, 500), watch(500)],
+    {Before, Drive} = told(Moving, drive()),
+    ?assertMatch([{timer, rest, _}], Before),
+    ?assertMatch({[{answer, leg, {driven, 0}}], _}, told([watch(0)], Drive)).
+
+%% A frame from before the robot moved is no answer; after the time to come to rest it is.
+an_old_frame_is_no_answer_test() ->
+    {Before, Drive} = told([hear({sent, 1, 0}, 0), hear({ended, 1, 300000}, 0), watch(0)], drive()),
+    ?assertMatch([{timer, rest, _}], Before),
+    ?assertMatch({[{answer, leg, {driven, 0}}], _}, told([due(0)], Drive)).
+
+%% A robot that stands already has nothing to wait for.
+a_robot_that_stands_stands_at_once_test() ->
+    {_, Stands} = told([hear({sent, 1, 0}, 0), watch(500), hear({ended, 1, 300000}, 0)], drive()),
+    {_, Stopping} = starl_create_drive:drive([], stop, Stands),
+    ?assertMatch({[{answer, stop, {driven, 9}}], _}, told([hear({ended, 2, 9}, 0)], Stopping)).
+
+%% A script that has lasted too long is said, and the next ones are driven more slowly for a while.
+a_late_computer_is_driven_more_slowly_test() ->
+    {Actions, Late} = told([hear({sent, 1, 0}, 0), hear({ended, 1, 330000}, 0)], drive()),
+    ?assertMatch([{say, warning, {late, 30000}} | _], Actions),
+    Lasts = fun(Drive) ->
+        {[{port, {drive_script, Ref, [{_, Us}], _}}], Next} =
+            starl_create_drive:drive([{500.0, 500.0, 300000}], leg, Drive),
+        {_, Done} = told([hear({sent, Ref, 0}, 0), hear({ended, Ref, Us}, 0)], Next),
+        {Us, Done}
+    end,
+    {[First | _] = All, _} = lists:mapfoldl(fun(_, D) -> Lasts(D) end, Late, lists:seq(1, 30)),
+    ?assert(First > 700000),
+    ?assertEqual(300000, lists:last(All)),
+    ?assertEqual(All, lists:reverse(lists:sort(All))).
+
+%% What the port has cut short is answered when it should have ended, not sooner: the robot's clock
+%% and that of its chassis agree.
+a_script_cut_short_is_answered_at_its_end_test() ->
+    Cut = [hear({sent, 1, 0}, 0), watch(500), hear({ended, 1, 100000}, 500), watch(0)],
+    {Actions, Drive} = told(Cut, drive()),
+    ?assertEqual([{timer, rest, 50 + 200}], Actions),
+    ?assertMatch({[{answer, leg, {driven, 0}}], _}, told([due(0)], Drive)).
+
+%% A robot whose cable was pulled goes on where it stood, with its pen as it was told; one that was
+%% lifted may stand elsewhere, and does not paint.
+the_pen_after_a_loss_of_control_test() ->
+    [
+        begin
+            Down = starl_create_bench:run(
+                100000, starl_create_bench:actuate({pen, down, none}, ready(#{model => 2}))
+            ),
+            Bench = starl_create_bench:run(100000, get_ready(5, Loses(Down))),
+            Leds = [Bits || {_, {leds, Bits, _, _}} <- starl_create_bench:outs(Bench)],
+            ?assertEqual({What, Pen}, {What, lists:last(Leds)})
+        end
+     || {What, Loses, Pen} <- [
+            {cable, fun pulled_and_plugged/1, 1},
+            {reset, fun reset_by_itself/1, 1},
+            {lifted, fun lifted_and_put_back/1, 0}
+        ]
+    ].
+
+pulled_and_plugged(Bench) ->
+    starl_create_bench:plug(starl_create_bench:run(500000, starl_create_bench:pull(gone, Bench))).
+
+reset_by_itself(Bench) ->
+    starl_create_bench:run(400000, starl_create_bench:inject({robot, <<7>>}, Bench)).
+
+lifted_and_put_back(Bench) ->
+    Lifted = starl_create_bench:feel({readings, #{bumps_drops => 12}}, Bench),
+    starl_create_bench:feel(
+        {readings, #{bumps_drops => 0}}, starl_create_bench:run(500000, Lifted)
+    ).

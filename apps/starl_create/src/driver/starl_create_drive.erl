@@ -10,11 +10,12 @@
 %%
 %% <em>Lateness.</em> The port tells when bytes left. A script that has lasted longer than it should
 %% shows a busy computer; the next ones are driven more carefully, as on a line with that jitter. One
-%% that the port has cut short, since a step would have begun too late, is answered at the time at
-%% which it should have ended: its robot looks where it is, and goes on from there.
+%% that the port has cut short, since a step would have begun too late or the VM gave no sign of life,
+%% is answered at the time at which it should have ended: its robot looks where it is, and goes on
+%% from there.
 -module(starl_create_drive).
 
--export([new/1, drive/3, stop/1, forget/1, hear/3, due/2, watch/2]).
+-export([new/1, drive/3, stop/2, forget/1, hear/3, due/2, watch/2]).
 
 -export_type([t/0, action/0]).
 
@@ -84,10 +85,10 @@ script(Steps, End, #drive{ref = Ref} = Drive) ->
     Next = Drive#drive{ref = Ref + 1, leg = none, stands = false},
     {[{port, {drive_script, Ref + 1, Steps, End}}], Next}.
 
-%% @doc Everything comes to rest, the pen too.
--spec stop(t()) -> {[action()], t()}.
-stop(#drive{options = Options} = Drive) ->
-    script([], starl_create_order:resting(Options), Drive).
+%% @doc Everything comes to rest, with the pen like this.
+-spec stop(starl_create_order:position(), t()) -> {[action()], t()}.
+stop(Pen, #drive{options = Options} = Drive) ->
+    script([], starl_create_order:resting(Pen, Options), Drive).
 
 %% @doc The script is void: nobody answers it.
 -spec forget(t()) -> t().
@@ -99,8 +100,8 @@ hear({sent, Ref, At}, _Senses, #drive{ref = Ref, leg = #leg{} = Leg} = Drive) ->
     {[], Drive#drive{leg = sent(At, Leg)}};
 hear({ended, Ref, At}, Senses, #drive{ref = Ref, leg = #leg{} = Leg} = Drive) ->
     ended(At, Senses, Drive#drive{leg = (sent(At, Leg))#leg{has_ended = true}});
-hear({stopped, _Why, _At}, _Senses, Drive) ->
-    {[], forget(Drive)};
+hear({stopped, _Why, At}, Senses, #drive{leg = #leg{} = Leg} = Drive) ->
+    ended(At, Senses, Drive#drive{leg = (sent(At, Leg))#leg{has_ended = true}});
 hear(_Older, _Senses, Drive) ->
     {[], Drive}.
 

@@ -43,6 +43,8 @@
     %% of the robot's modes against the document's
     offset = 0 :: integer(),
     drive :: starl_create_drive:t(),
+    %% what it was told last
+    pen = up :: starl_create_order:position(),
     senses = starl_create_senses:new() :: starl_create_senses:t(),
     odometry = starl_create_odometry:new() :: starl_create_odometry:t()
 }).
@@ -105,14 +107,18 @@ forget(#driver{drive = Drive} = Driver) ->
 actuate(pen, Value, Mark, #driver{phase = ready} = Driver) when Value =:= up; Value =:= down ->
     Answer = [{answer, M, {actuated, pen, Value}} || {mark, M} <- [Mark]],
     Word = {send, starl_create_order:pen(Value, Driver#driver.options)},
-    {[{port, Word} | Answer], Driver};
+    {[{port, Word} | Answer], Driver#driver{pen = Value}};
 actuate(_Device, _Value, _Mark, Driver) ->
     {[], Driver}.
 
 %% @doc Everything comes to rest.
 -spec stop(t()) -> {[action()], t()}.
-stop(#driver{phase = closed} = Driver) -> {[], forget(Driver)};
-stop(#driver{drive = Drive} = Driver) -> drives(starl_create_drive:stop(Drive), Driver).
+stop(#driver{phase = closed} = Driver) -> {[], (forget(Driver))#driver{pen = up}};
+stop(Driver) -> stand(Driver#driver{pen = up}).
+
+%% The pen as it was told, that is: a line is gone for a moment, and the robot goes on where it stood.
+stand(#driver{drive = Drive, pen = Pen} = Driver) ->
+    drives(starl_create_drive:stop(Pen, Drive), Driver).
 
 %% @doc The last words: the robot stands, and goes to rest.
 -spec close(t()) -> [action()].
@@ -187,7 +193,7 @@ due(step, Driver) ->
 due(silence, #driver{is_silent = false} = Driver) ->
     {[{timer, silence, ?DOUBT_MS}], Driver#driver{is_silent = true}};
 due(silence, #driver{phase = Phase} = Driver) when Phase =:= ready; Phase =:= taking ->
-    in_turn([say(warning, silent), lose(greeting), fun stop/1, fun greet/1], Driver);
+    in_turn([say(warning, silent), lose(greeting), fun stand/1, fun greet/1], Driver);
 due(silence, Driver) ->
     {[], Driver};
 due(rest, #driver{senses = Senses, drive = Drive} = Driver) ->
@@ -269,7 +275,7 @@ judged(#driver{phase = Phase, offset = Offset, options = Options} = Driver) ->
 
 ready(#driver{said = Said} = Driver) ->
     Word = [say(notice, under_control) || Said =/= none],
-    in_turn(Word ++ [fun stop/1, do({event, ready})], Driver#driver{phase = ready, said = none}).
+    in_turn(Word ++ [fun stand/1, do({event, ready})], Driver#driver{phase = ready, said = none}).
 
 %% It has left the mode by itself.
 left(#driver{senses = Senses} = Driver) ->

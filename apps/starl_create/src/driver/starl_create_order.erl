@@ -2,7 +2,7 @@
 %% pen.
 -module(starl_create_order).
 
--export([is_on_robot/1, take/1, is_taken/2, resting/1, off/1, pen/2, usual_pen/1]).
+-export([is_on_robot/1, take/1, is_taken/2, resting/1, resting/2, off/1, pen/2, usual_pen/1]).
 
 -export_type([pen/0, position/0]).
 
@@ -31,9 +31,12 @@ is_taken(Mode, Options) ->
         full -> Mode =:= 3
     end.
 
-%% @doc What ends everything: the wheels stand, and the pen is up.
+%% @doc What ends everything: the wheels stand, and the pen is up, or as it is said.
 -spec resting(starl_create_options:t()) -> binary().
-resting(Options) -> <<(starl_create_script:rest())/binary, (pen(up, Options))/binary>>.
+resting(Options) -> resting(up, Options).
+
+-spec resting(position(), starl_create_options:t()) -> binary().
+resting(Pen, Options) -> <<(starl_create_script:rest())/binary, (pen(Pen, Options))/binary>>.
 
 %% @doc The last words: everything rests, and the robot is left to itself.
 -spec off(starl_create_options:t()) -> binary().

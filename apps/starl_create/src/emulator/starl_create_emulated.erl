@@ -90,6 +90,8 @@ mode(Create) -> gen_server:call(Create, mode).
 
 -spec init(options()) -> {ok, #emulated{}} | {stop, term()}.
 init(#{model := Model} = Options) ->
+    %% a robot does not wait for other work of this computer
+    _ = process_flag(priority, high),
     Body = maps:get(body, Options, none),
     case embodied(Body) of
         ok ->

@@ -70,6 +70,7 @@ told(Pty, Message) ->
 -spec init(pid(), pid(), file:filename() | none) -> no_return().
 init(Parent, Owner, Link) ->
     _ = process_flag(trap_exit, true),
+    _ = process_flag(priority, high),
     _ = monitor(process, Owner),
     Args = ["pty" | [Link || Link =/= none]],
     case starl_create_program:start(Args) of
