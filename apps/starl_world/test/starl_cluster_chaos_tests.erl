@@ -24,6 +24,16 @@ begins_in_time(_) -> true.
 
 in_time(At) -> At >= 5_000_000 andalso At =< 45_000_000.
 
+%% As many as asked for, each put back before the next is pulled.
+cables_test() ->
+    Acts = starl_cluster_chaos:cables(7, [1, 2, 3], 20),
+    ?assertEqual(Acts, starl_cluster_chaos:cables(7, [1, 2, 3], 20)),
+    ?assertEqual(Acts, lists:sort(Acts)),
+    {Pulls, Plugs} = lists:partition(fun({_, {What, _}}) -> What =:= unplug_in_time end, Acts),
+    ?assertEqual([{At + 1_000_000, {plug, R}} || {At, {unplug_in_time, R}} <- Pulls], Plugs),
+    ?assertEqual(20, length(Pulls)),
+    ?assertEqual([1, 2, 3], lists:usort([R || {_, {_, R}} <- Pulls])).
+
 alone_test() ->
     Acts = starl_cluster_chaos:draw(1, [1], ?SPAN),
     ?assertEqual([], [Act || {_, {cut, _, _}} = Act <- Acts]).

@@ -28,7 +28,8 @@ about(none) ->
             {"cluster kill N", "kills the node of robot N; it is started anew"},
             {"cluster cut N M", "robots N and M do not hear each other"},
             {"cluster freeze N", "robot N gets no new positions"},
-            {"cluster heal", "undoes all cuts and freezes"},
+            {"cluster unplug N", "the cable of robot N's Create is pulled"},
+            {"cluster heal", "undoes all cuts and freezes, puts all cables back"},
             {"cluster reload CODE",
                 "new code for all robots: an application, FILE.erl or a module; what fails within 5 s "
                 "is rolled back everywhere"},
@@ -63,6 +64,9 @@ own() ->
         {chaos, switch, false,
             "kills two nodes, the leader's among them, cuts a link and freezes the positions of a "
             "robot for a while, at times drawn from the seed"},
+        {unplug, {integer, 0, 1000}, 0,
+            "pulls the cable of a Create and puts it back a second later, so many times, every 4 s; "
+            "that of a Create 2, which would drive on, when it stands"},
         {runs, {integer, 1, 1000}, 1, "runs, one after the other, each with the next seed"}
         | lists:keydelete(pace, 1, starl_cli_live:flags()) ++
             lists:keydelete(record, 1, starl_cli_recording:flags()) ++ starl_cli_window:flags()
@@ -117,7 +121,7 @@ runs({N, Runs}, Status, _Setup, _Values) when N > Runs; Status =/= 0 ->
     Status;
 runs({N, Runs}, 0, #{scenario := #{seed := Seed} = Scenario} = Setup, Values) ->
     #{transport := Transport, speed := Speed} = Values,
-    Live = {nodes, Transport, chaos(Scenario, Values)},
+    Live = {nodes, Transport, chaos(Scenario, Values) ++ cables(Scenario, Values)},
     Own = out({N, Runs}, Values, Setup),
     case starl_cli_live:run(Live, Own, Values#{pace => Speed}) of
         {error, _} = Error ->
@@ -142,3 +146,6 @@ chaos(_Scenario, #{chaos := false}) ->
     [];
 chaos(#{robots := Robots, seed := Seed}, #{chaos := true}) ->
     starl_cluster_chaos:draw(Seed, lists:seq(1, Robots), ?CHAOS_US).
+
+cables(#{robots := Robots, seed := Seed}, #{unplug := Times}) ->
+    starl_cluster_chaos:cables(Seed, lists:seq(1, Robots), Times).

@@ -39,7 +39,7 @@ flags() ->
 -spec run(live(), starl_cli_setup:t(), Values :: #{atom() => term()}) ->
     starl_cli_command:answer().
 run(Live, #{scenario := Scenario} = Setup, Values) ->
-    case refused(Scenario) ++ too_fast(Scenario, Values) of
+    case refused(Scenario) ++ too_fast(Scenario, Values) ++ no_cable(Scenario, Values) of
         [] ->
             Recorded =
                 case starl_cli_recording:wanted(live, Values) of
@@ -70,6 +70,14 @@ too_fast(#{chassis := Choice}, #{pace := Pace}) ->
         "at 1"
      || Pace /= 1, starl_create:emulated(Choice, pipe) =/= undefined
     ].
+
+no_cable(#{chassis := Choice}, #{unplug := Times}) ->
+    [
+        "unplug: only a Create has a cable: add --chassis create or create_1"
+     || Times > 0, starl_create:emulated(Choice, pipe) =:= undefined
+    ];
+no_cable(_Scenario, _Values) ->
+    [].
 
 prepared(Live, Setup, Values, {Viewed, Attach}) ->
     ok = starl_cli_log:install(),
@@ -103,7 +111,7 @@ options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
         whole_mm => Whole,
         watch => starl_cli_drive:watching() ++ starl_cli_notes:watch(Scenario)
     },
-    Moving = maps:merge(Common, chassis(Scenario, line(Live))),
+    Moving = maps:merge(Common, chassis(Scenario, line(Live, Dir))),
     case Live of
         here ->
             Moving;
@@ -118,11 +126,11 @@ options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
     end.
 
 %% Nodes drive their robots through a device, as if these were real.
-line(here) ->
+line(here, _Dir) ->
     pipe;
-line({nodes, _, _}) ->
+line({nodes, _, _}, Dir) ->
     case starl_create_program:path() of
-        {ok, _} -> fun starl_create_on_pty:open/2;
+        {ok, _} -> starl_create_on_pty:in(Dir);
         {error, _} -> pipe
     end.
 

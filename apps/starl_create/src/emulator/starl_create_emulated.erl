@@ -12,6 +12,9 @@
 %% Words of the other end, `{serial, Other, Word}': {@link word()}. It hears `{serial, Create, {data,
 %% Bytes}}'. Only the end that has attached last is heard.
 %%
+%% `{starl_cable, Cable}' pulls its cable, or puts it back ({@link starl_world:cable()}); the process of
+%% the line hears `{serial, Create, {cable, pulled | back}}'.
+%%
 %% Its body is a robot of a simulated world ({@link starl_world}), or none. Whoever has started it
 %% with `tell' hears `{starl_create, Create, Out}' of what else it does ({@link
 %% starl_create_emulator:out()}).
@@ -48,11 +51,15 @@
     | detach.
 
 -record(emulated, {
+    model :: starl_create_packet:model(),
     create :: starl_create_emulator:t(),
     body :: none | {starl_world, pid(), starl:robot_id()},
     pen :: starl_create_order:pen(),
     tell :: pid() | none,
     other = none :: pid() | none,
+    %% the process of the line, which may be pulled; is it to be pulled as soon as the wheels stand?
+    line = none :: pid() | none,
+    is_to_be_pulled = false :: boolean(),
     %% has the other end been asked up to when it has told everything?
     is_asking = false :: boolean(),
     %% what the body has felt meanwhile, latest first
@@ -98,6 +105,7 @@ init(#{model := Model} = Options) ->
             Phase = erlang:phash2(self(), 15000),
             Moment = #{phase_us => Phase, now_us => now_us()},
             {ok, #emulated{
+                model = Model,
                 create = starl_create_emulator:new(maps:merge(Options, Moment)),
                 body = Body,
                 pen = maps:get(pen, Options, starl_create_order:usual_pen(Model)),
@@ -130,11 +138,14 @@ handle_cast(power_cycle, Emulated) ->
 
 -spec handle_info(term(), #emulated{}) -> {noreply, #emulated{}} | {stop, normal, #emulated{}}.
 handle_info({serial, Other, {attach, Baud}}, Emulated) ->
-    {noreply, line({baud, Baud}, Emulated#emulated{other = Other, is_asking = false})};
+    {noreply,
+        line({baud, Baud}, Emulated#emulated{other = Other, line = Other, is_asking = false})};
 handle_info({serial, Other, Word}, #emulated{other = Other} = Emulated) ->
     {noreply, hears(Word, Emulated)};
 handle_info({tick, Due}, #emulated{due = Due} = Emulated) ->
     {noreply, ask(Emulated#emulated{due = none})};
+handle_info({starl_cable, Cable}, Emulated) ->
+    {noreply, cable(Cable, Emulated)};
 handle_info({starl_body_says, Answers}, Emulated) ->
     {noreply, lists:foldl(fun body_says/2, Emulated, Answers)};
 handle_info({'DOWN', _, process, World, _}, #emulated{body = {starl_world, World, _}} = Emulated) ->
@@ -145,7 +156,7 @@ handle_info(_Message, Emulated) ->
 hears({data, Bytes}, Emulated) ->
     hears({data, Bytes, now_us()}, Emulated);
 hears({data, Bytes, At}, #emulated{create = Create} = Emulated) ->
-    wake(went(starl_create_emulator:hear(At, Bytes, Create), Emulated));
+    standing(wake(went(starl_create_emulator:hear(At, Bytes, Create), Emulated)));
 hears({upto, At}, Emulated) ->
     up_to(At, Emulated#emulated{is_asking = false});
 hears(detach, Emulated) ->
@@ -153,6 +164,26 @@ hears(detach, Emulated) ->
 hears({Line, _} = Word, Emulated) when Line =:= brc; Line =:= baud ->
     line(Word, Emulated);
 hears(_Word, Emulated) ->
+    Emulated.
+
+%% A Create 2 goes on as it was told last, a Create 1 has its script.
+cable(_Cable, #emulated{line = none} = Emulated) ->
+    Emulated;
+cable(pulled_in_time, #emulated{model = 2} = Emulated) ->
+    standing(Emulated#emulated{is_to_be_pulled = true});
+cable(back, #emulated{line = Line} = Emulated) ->
+    Line ! {serial, self(), {cable, back}},
+    Emulated#emulated{is_to_be_pulled = false};
+cable(_Pulled, #emulated{line = Line} = Emulated) ->
+    Line ! {serial, self(), {cable, pulled}},
+    ask(Emulated#emulated{other = none, is_asking = false, is_to_be_pulled = false}).
+
+standing(#emulated{is_to_be_pulled = true, create = Create} = Emulated) ->
+    case starl_create_emulator:wheels(Create) of
+        {Left, Right} when Left == 0, Right == 0 -> cable(pulled, Emulated);
+        _ -> Emulated
+    end;
+standing(Emulated) ->
     Emulated.
 
 line(Word, #emulated{create = Create} = Emulated) ->

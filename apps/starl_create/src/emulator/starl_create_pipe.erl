@@ -43,16 +43,22 @@ init(Owner) ->
     {ok, #pipe{owner = Owner}}.
 
 -spec handle_call(pull | plug, gen_server:from(), #pipe{}) -> {reply, ok, #pipe{}}.
-handle_call(pull, _From, Pipe) ->
+handle_call(pull, _From, Pipe) -> {reply, ok, pulled(Pipe)};
+handle_call(plug, _From, Pipe) -> {reply, ok, plugged(Pipe)}.
+
+pulled(Pipe) ->
     ok = serial(detach, Pipe),
     ok = tell({closed, {eio, "the cable was pulled"}}, Pipe),
-    {reply, ok, Pipe#pipe{is_plugged = false, script = none}};
-handle_call(plug, _From, #pipe{create = Create, baud = Baud, stop = Stop} = Pipe) ->
+    Pipe#pipe{is_plugged = false, script = none}.
+
+plugged(#pipe{is_plugged = true} = Pipe) ->
+    Pipe;
+plugged(#pipe{create = Create, baud = Baud, stop = Stop} = Pipe) ->
     Plugged = Pipe#pipe{is_plugged = true},
     ok = serial({attach, Baud}, Plugged),
     ok = serial({data, Stop}, Plugged),
     ok = tell({opened, Create}, Plugged),
-    {reply, ok, Plugged}.
+    Plugged.
 
 -spec handle_cast(term(), #pipe{}) -> {noreply, #pipe{}}.
 handle_cast(_Request, Pipe) -> {noreply, Pipe}.
@@ -89,6 +95,10 @@ handle_info({pulse, _Line, Ms, _Times}, Pipe) ->
 handle_info({brc, high}, Pipe) ->
     ok = serial({brc, high}, Pipe),
     {noreply, Pipe};
+handle_info({serial, Create, {cable, pulled}}, #pipe{create = Create} = Pipe) ->
+    {noreply, pulled(Pipe)};
+handle_info({serial, Create, {cable, back}}, #pipe{create = Create} = Pipe) ->
+    {noreply, plugged(Pipe)};
 handle_info({serial, Create, {data, Bytes}}, #pipe{create = Create, is_plugged = true} = Pipe) ->
     ok = tell({data, Bytes}, Pipe),
     {noreply, Pipe};

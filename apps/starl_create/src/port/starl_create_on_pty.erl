@@ -3,7 +3,7 @@
 -module(starl_create_on_pty).
 -behaviour(gen_server).
 
--export([start_link/2, open/2, name/1, pull/1, put_back/1]).
+-export([start_link/2, in/1, name/1, pull/1, put_back/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -record(on_pty, {
@@ -14,11 +14,17 @@
 -spec start_link(Create :: pid(), Link :: file:filename() | none) -> gen_server:start_ret().
 start_link(Create, Link) -> gen_server:start_link(?MODULE, {Create, Link}, []).
 
-%% @doc As {@link starl_create:emulated/2} wants it: the port of a robot, and what it opens.
--spec open(Create :: pid(), starl_create_packet:model()) -> {{module(), map()}, Device :: string()}.
-open(Create, _Model) ->
-    {ok, Pid} = start_link(Create, none),
-    {{starl_create_port, #{}}, name(Pid)}.
+%% @doc As {@link starl_create:emulated/2} wants it: the port of a robot, and what it opens, a link in
+%% this directory.
+-spec in(file:filename()) -> fun((Create, Model) -> {{module(), map()}, Device :: string()}) when
+    Create :: pid(), Model :: starl_create_packet:model().
+in(Dir) ->
+    fun(Create, _Model) ->
+        Link = filename:join(Dir, "create-" ++ integer_to_list(erlang:unique_integer([positive]))),
+        ok = filelib:ensure_dir(Link),
+        {ok, Pid} = start_link(Create, Link),
+        {{starl_create_port, #{}}, name(Pid)}
+    end.
 
 %% @doc The device to open.
 -spec name(pid()) -> string().
@@ -59,6 +65,10 @@ handle_info({pty, Pty, Event}, #on_pty{pty = Pty} = State) ->
 handle_info({serial, Create, {data, Bytes}}, #on_pty{create = Create, pty = Pty} = State) ->
     ok = starl_create_pty:send(Pty, Bytes),
     {noreply, State};
+handle_info({serial, Create, {cable, pulled}}, #on_pty{create = Create} = State) ->
+    handle_cast(pull, State);
+handle_info({serial, Create, {cable, back}}, #on_pty{create = Create} = State) ->
+    handle_cast(put_back, State);
 handle_info({serial, Create, sync}, #on_pty{create = Create, pty = Pty} = State) ->
     ok = starl_create_pty:sync(Pty),
     {noreply, State};

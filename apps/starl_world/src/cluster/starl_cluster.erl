@@ -21,6 +21,7 @@
     kill/2,
     cut/3,
     freeze/2,
+    unplug/2,
     heal/1,
     stop/1,
     finish/1
@@ -87,6 +88,7 @@
     nodes = #{} :: #{starl:robot_id() => #node{}},
     cuts = [] :: [{starl:robot_id(), starl:robot_id()}],
     frozen = [] :: [starl:robot_id()],
+    unplugged = [] :: [starl:robot_id()],
     code :: [{module(), file:filename(), binary()}],
     %% the modules of a robot's machines, and the reloads
     parts :: #{starl_machine:name() => module()},
@@ -160,7 +162,11 @@ cut(#cluster{server = Server}, A, B) -> gen_server:call(Server, {cut, A, B}, ?CA
 -spec freeze(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
 freeze(#cluster{server = Server}, Robot) -> gen_server:call(Server, {freeze, Robot}, ?CALL_MS).
 
-%% @doc Undoes all cuts and freezes.
+%% @doc Pulls the cable of a robot's Create.
+-spec unplug(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
+unplug(#cluster{server = Server}, Robot) -> gen_server:call(Server, {unplug, Robot}, ?CALL_MS).
+
+%% @doc Undoes all cuts and freezes, and puts the cables back.
 -spec heal(t()) -> ok.
 heal(#cluster{server = Server}) -> gen_server:call(Server, heal, ?CALL_MS).
 
@@ -317,16 +323,31 @@ does({mend, A, B}, #state{cuts = Cuts} = State) ->
 does({thaw, Robot}, #state{frozen = Frozen, world = World} = State) ->
     Left = lists:delete(Robot, Frozen),
     {starl_world:freeze(World, Left), State#state{frozen = Left}};
+does({unplug, Robot}, State) ->
+    pulled(pulled, Robot, State);
+does({unplug_in_time, Robot}, State) ->
+    pulled(pulled_in_time, Robot, State);
+does({plug, Robot}, #state{unplugged = Unplugged, world = World} = State) ->
+    {starl_world:cable(World, Robot, back), State#state{
+        unplugged = lists:delete(Robot, Unplugged)
+    }};
 does({freeze, Robot}, #state{frozen = Frozen, world = World} = State) ->
     Next = lists:usort([Robot | Frozen]),
     {starl_world:freeze(World, Next), State#state{frozen = Next}}.
 
+pulled(How, Robot, #state{unplugged = Unplugged, world = World} = State) ->
+    case starl_world:cable(World, Robot, How) of
+        ok -> {ok, State#state{unplugged = lists:usort([Robot | Unplugged])}};
+        {error, _} = Error -> {Error, State}
+    end.
+
 node_of(#node{peer = none}) -> none;
 node_of(#node{peer = Peer}) -> starl_sim_peers:node(Peer).
 
-healed(#state{world = World, nodes = Nodes} = State) ->
-    Next = State#state{cuts = [], frozen = []},
+healed(#state{world = World, nodes = Nodes, unplugged = Unplugged} = State) ->
+    Next = State#state{cuts = [], frozen = [], unplugged = []},
     ok = starl_world:freeze(World, []),
+    ok = lists:foreach(fun(Robot) -> ok = starl_world:cable(World, Robot, back) end, Unplugged),
     ok = lists:foreach(fun(Robot) -> aired(Robot, Next) end, maps:keys(Nodes)),
     Next.
 
@@ -405,6 +426,7 @@ command([Word | Robots], State) ->
     case {Word, [string:to_integer(Robot) || Robot <- Robots]} of
         {"kill", [{Robot, []}]} -> told({kill, Robot}, State);
         {"freeze", [{Robot, []}]} -> told({freeze, Robot}, State);
+        {"unplug", [{Robot, []}]} -> told({unplug, Robot}, State);
         {"cut", [{A, []}, {B, []}]} when A =/= B -> told({cut, A, B}, State);
         _ -> {{error, [Word, ": robots by their numbers, as in cut 1 2 or kill 3"]}, State}
     end.

@@ -4,7 +4,7 @@
 %% seconds; one robot's positions freeze for five. All within the first part of the run.
 -module(starl_cluster_chaos).
 
--export([draw/3, targets/2]).
+-export([draw/3, cables/3, targets/2]).
 
 -export_type([act/0]).
 
@@ -13,6 +13,8 @@
     {kill, robot()}
     | {cut, robot(), robot()}
     | {mend, robot(), robot()}
+    | {unplug_in_time, robot()}
+    | {plug, robot()}
     | {freeze, robot()}
     | {thaw, robot()}.
 
@@ -20,6 +22,9 @@
 
 -define(CUT_US, 10000000).
 -define(FREEZE_US, 5000000).
+%% The time without a cable, and from one pull to the next.
+-define(UNPLUGGED_US, 1000000).
+-define(PULL_US, 4000000).
 
 %% @doc The acts for these robots, between two times of the run, in the order of their time.
 -spec draw(Seed :: integer(), [starl:robot_id(), ...], {FromUs, ToUs}) ->
@@ -35,6 +40,19 @@ draw(Seed, Robots, {From, To}) ->
             lists:append([[{T3, {cut, B, C}}, {T3 + ?CUT_US, {mend, B, C}}] || B =/= C]) ++
             [{T4, {freeze, D}}, {T4 + ?FREEZE_US, {thaw, D}}]
     ).
+
+%% @doc So many pulled cables, one after the other, of robots that are drawn; each is put back a second
+%% later. What could drive on without its cable is pulled when it stands.
+-spec cables(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
+    [{AtUs :: integer(), act()}].
+cables(Seed, Robots, Times) ->
+    Span = fun(N, R0) ->
+        {At, R1} = between(N * ?PULL_US, (N + 1) * ?PULL_US - 2 * ?UNPLUGGED_US, R0),
+        {Robot, R2} = one_of(Robots, R1),
+        {[{At, {unplug_in_time, Robot}}, {At + ?UNPLUGGED_US, {plug, Robot}}], R2}
+    end,
+    {Acts, _} = lists:mapfoldl(Span, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
+    lists:append(Acts).
 
 some(N, Draw, Random0) ->
     lists:mapfoldl(fun(_, Random) -> Draw(Random) end, Random0, lists:seq(1, N)).

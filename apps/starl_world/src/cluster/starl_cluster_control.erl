@@ -13,7 +13,14 @@
 %% A client sends its line at once.
 -define(LINE_MS, 2000).
 -define(COMMANDS, [
-    {"status", 0}, {"kill", 1}, {"cut", 2}, {"freeze", 1}, {"heal", 0}, {"stop", 0}, {"reload", 1}
+    {"status", 0},
+    {"kill", 1},
+    {"cut", 2},
+    {"freeze", 1},
+    {"unplug", 1},
+    {"heal", 0},
+    {"stop", 0},
+    {"reload", 1}
 ]).
 
 %% @doc The number of words after the first one of a command; `none': it is no command.

@@ -20,12 +20,17 @@
     status/1,
     until/2,
     freeze/2,
+    cable/3,
     stop/1,
     finish/1
 ]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([config/0, status/0, ending/0]).
+-export_type([config/0, status/0, ending/0, cable/0]).
+
+%% The cable between a robot's computer and its hardware: pulled at once, or before the hardware could
+%% drive on without it; put back.
+-type cable() :: pulled | pulled_in_time | back.
 
 %% The world of a run: the plan of its simulation ({@link starl_sim_plan:t()}), its clock, and the
 %% positioning system: its rate (`none': it shows a picture whenever it is asked) and whether it
@@ -141,6 +146,10 @@ until(World, Us) -> gen_server:call(World, {until, Us}, infinity).
 -spec freeze(pid(), [starl:robot_id()]) -> ok.
 freeze(World, Robots) -> gen_server:call(World, {freeze, Robots}).
 
+%% @doc Pulls the cable of a robot's hardware, or puts it back.
+-spec cable(pid(), starl:robot_id(), cable()) -> ok | {error, unicode:chardata()}.
+cable(World, Robot, Cable) -> gen_server:call(World, {cable, Robot, Cable}).
+
 %% @doc Ends the run.
 -spec stop(pid()) -> ok.
 stop(World) -> gen_server:cast(World, stop).
@@ -201,6 +210,14 @@ handle_call({until, Us}, From, #world{clock = Clock} = World) ->
     {noreply, World};
 handle_call({freeze, Ids}, _From, World) ->
     {reply, ok, World#world{frozen = Ids}};
+handle_call({cable, Id, Cable}, _From, #world{robots = Robots} = World) ->
+    case Robots of
+        #{Id := #robot{is_free = true, chassis = Hardware}} ->
+            Hardware ! {starl_cable, Cable},
+            {reply, ok, World};
+        #{} ->
+            {reply, {error, io_lib:format("robot ~b has no cable: it is no Create", [Id])}, World}
+    end;
 handle_call(finish, _From, World) ->
     {reply, outcome(World), World}.
 

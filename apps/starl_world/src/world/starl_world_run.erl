@@ -2,6 +2,7 @@
 -module(starl_world_run).
 
 -export([start/2, await/1, stop/1, status/1, finish/1, scenario/1, link/2, freeze/2, until/2]).
+-export([cable/3]).
 -export([kill/2]).
 
 -export_type([t/0, options/0]).
@@ -103,6 +104,10 @@ until(#run{world = World}, Us) -> starl_world:until(World, Us).
 %% @doc From now on these robots, and no others, get no new positions.
 -spec freeze(t(), [starl:robot_id()]) -> ok.
 freeze(#run{world = World}, Robots) -> starl_world:freeze(World, Robots).
+
+%% @doc Pulls the cable of a robot's hardware, or puts it back.
+-spec cable(t(), starl:robot_id(), starl_world:cable()) -> ok | {error, unicode:chardata()}.
+cable(#run{world = World}, Robot, Cable) -> starl_world:cable(World, Robot, Cable).
 
 %% @doc The link of a robot; `none' while it starts anew.
 -spec link(t(), starl:robot_id()) -> pid() | none.
