@@ -8,7 +8,10 @@
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1, pulled_while_painting/1]).
 
 -define(PULLS, 10).
--define(SPAN_MS, 300).
+%% The latest moment of a pull after the robot has come under control; the time without a cable, in
+%% which a robot that drove on would leave its path.
+-define(SPAN_MS, 1000).
+-define(OFF_MS, 300).
 
 suite() -> [{timetrap, {minutes, 5}}].
 
@@ -68,6 +71,9 @@ pulls(Run, Left, Random) ->
         {pull, Robot} ->
             pulls(Run, pulled(Robot, Run, Left), Random);
         {starl_create, Robot, lost} ->
+            _ = erlang:send_after(?OFF_MS, self(), {put_back, Robot}),
+            pulls(Run, Left, Random);
+        {put_back, Robot} ->
             ok = starl_world_run:cable(Run, Robot, back),
             pulls(Run, Left, Random);
         {starl_create, _Robot, _Event} ->

@@ -25,7 +25,9 @@
     answers = [] :: list(),
     said = [] :: list(),
     events = [] :: list(),
-    outs = [] :: list()
+    outs = [] :: list(),
+    %% of a worn wheel: what it really turns
+    worn = 1.0 :: number()
 }).
 
 %% model, latency, seed, quirks, options of the driver, charge
@@ -50,6 +52,7 @@ new(#{model := Model} = Options) ->
         latency = maps:get(latency, Options, {0, 0}),
         driver = Driver,
         create = starl_create_emulator:new(Robot),
+        worn = maps:get(worn, Options, 1.0),
         body = Body
     }).
 
@@ -228,7 +231,8 @@ out({At, {bytes, Bytes}}, #bench{now = Now} = Bench) ->
     Then = travel(driver, Bytes, Bench#bench{now = max(At, Now)}),
     Then#bench{now = Now};
 out({At, {wheels, {Left, Right}} = Out}, #bench{body = Body, outs = Outs} = Bench) ->
-    Script = {starl_chassis_differential, [{Left, Right, 1 bsl 40}]},
+    Worn = Bench#bench.worn,
+    Script = {starl_chassis_differential, [{Worn * Left, Worn * Right, 1 bsl 40}]},
     {_, _, Next} = starl_world_body:drive(Script, none, At, Body),
     Bench#bench{body = Next, outs = [{At, Out} | Outs]};
 out(Out, #bench{outs = Outs} = Bench) ->

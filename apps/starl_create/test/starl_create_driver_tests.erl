@@ -384,3 +384,56 @@ lifted_and_put_back(Bench) ->
     starl_create_bench:feel(
         {readings, #{bumps_drops => 0}}, starl_create_bench:run(500000, Lifted)
     ).
+
+%% The stop bytes of the port raise the pen; the robot goes on with its pen as it was.
+the_pen_after_a_stop_of_the_port_test() ->
+    Down = starl_create_bench:actuate({pen, down, none}, ready(#{model => 2})),
+    Driver = starl_create_bench:driver(Down),
+    {Actions, _} = starl_create_driver:hear({stopped, heartbeat, 0}, 0, Driver),
+    Lowers = starl_create_order:pen(down, #{model => 2, device => x}),
+    ?assertMatch([{port, {send, Lowers}} | _], Actions).
+
+%% -- a measured profile ---------------------------------------------------------------------
+
+%% Wheels that are worn by 5 %: encoders and speed control do not know. A tape does, and its profile
+%% brings a leg to its end.
+a_measured_profile_brings_a_leg_to_its_end_test() ->
+    File = "/tmp/starl_create_profile_" ++ os:getpid(),
+    Measured = #{drive => 0.95, turn => 0.95, distance => 0.95, angle => 0.95},
+    ok = starl_create_calibration:profile(File, Measured#{model => 2, baud => 115200}),
+    {ok, Options} = starl_create_options:configured(#{device => "bench", profile => File}),
+    ok = file:delete(File),
+    Radius = starl_chassis:tracking_radius(starl_create_bench:profile(2)),
+    [
+        ?assertEqual({Model, Name, Ends}, {Model, Name, off(Model, Driver) =< Radius})
+     || Model <- [1, 2],
+        {Name, Driver, Ends} <- [
+            {measured, maps:remove(baud, Options#{model => Model}), true}, {default, #{}, false}
+        ]
+    ].
+
+%% How far off a leg of 400 mm to the left ends, and a little more if the odometry is off as well.
+off(Model, Options) ->
+    Bench0 = ready(#{model => Model, worn => 0.95, driver => Options}),
+    Turn = 1_000_000 * (math:pi() / 2) * 129 / 150,
+    Left = starl_create_bench:drive({[{-150.0, 150.0, round(Turn)}], turn}, Bench0),
+    Turned = starl_create_bench:run(4 * ?S, Left),
+    {_, _, Heading} = starl_create_bench:pose(Turned),
+    Bench = starl_create_bench:run(4 * ?S, ahead(400, 250.0, Turned)),
+    {X, Y, _} = starl_create_bench:pose(Bench),
+    {Way, _} = starl_create_driver:odometry(starl_create_bench:driver(Bench)),
+    abs(math:sqrt(X * X + Y * Y) - 400) + 20 * abs(Heading - math:pi() / 2) + abs(Way - 400) / 8.
+
+what_is_wrong_with_a_profile_is_said_in_a_line_test() ->
+    [
+        begin
+            {error, Reason} = starl_create_options:configured(Given),
+            Line = unicode:characters_to_list(starl_create_options:format_error(Reason)),
+            ?assertNotEqual({Line, nomatch}, {Line, string:find(Line, Part)})
+        end
+     || {Given, Part} <- [
+            {#{device => "x", profile => "/no/such.term"}, "/no/such.term: no such file"},
+            {#{device => "x"}, "model must be said"},
+            {#{device => "x", model => 2, modle => 1}, "modle is no option"}
+        ]
+    ].

@@ -26,8 +26,8 @@
 -spec stop() -> binary().
 stop() -> <<145, 0:32, 145, 0:32>>.
 
-%% @doc Drives and turns; gives what was found, and the factors of the profile: true length by
-%% odometry.
+%% @doc Drives and turns; gives what was found, and the factors of the profile: true length by odometry
+%% (`distance', `angle') and, as a tape has shown, by what was commanded (`drive', `turn').
 -spec run(starl_create_probe:t(), starl_create_packet:model(), plan()) ->
     {[starl_create_doctor:finding()], map()}.
 run(Probe, Model, #{drive_mm := Mm, turn_deg := Degrees} = Plan) ->
@@ -36,16 +36,16 @@ run(Probe, Model, #{drive_mm := Mm, turn_deg := Degrees} = Plan) ->
     Results = [result(What, Length, Probe, Model, Plan) || {What, Length} <- Straight ++ Turn],
     {
         [Finding || {Finding, _} <- Results],
-        maps:from_list([Factor || {_, {_, _} = Factor} <- Results])
+        maps:from_list(lists:append([Factors || {_, Factors} <- Results]))
     }.
 
 result(What, Length, Probe, Model, Plan) ->
     case measure(What, Probe, Model, Plan) of
         interrupted ->
-            {{problem, What, "the drive was interrupted; is the cable firm? Try again"}, none};
+            {{problem, What, "the drive was interrupted; is the cable firm? Try again"}, []};
         First ->
             Best = again(judge(What, Length, First), What, Length, Probe, Model, Plan, First),
-            {judge(What, Length, Best), {What, factor(What, Length, Best, Plan)}}
+            {judge(What, Length, Best), factors(What, Length, Best, Plan)}
     end.
 
 again({ok, _, _}, _What, _Length, _Probe, _Model, _Plan, First) ->
@@ -84,7 +84,12 @@ remedy(angle) ->
     "; measure its turn and say --measured-deg; look for a dragging caster or carpet".
 
 %% What a person has measured counts for more than what was commanded.
-factor(What, Length, Odometry, Plan) -> measured(What, Plan, Length) / Odometry.
+factors(What, Length, Odometry, Plan) ->
+    True = measured(What, Plan, Length),
+    [{What, True / Odometry}, {by_command(What), True / Length}].
+
+by_command(distance) -> drive;
+by_command(angle) -> turn.
 
 measured(distance, #{measured_mm := Mm}, _) when is_number(Mm) -> Mm;
 measured(angle, #{measured_deg := Degrees}, _) when is_number(Degrees) -> Degrees;
@@ -141,7 +146,7 @@ wrapped(Counts) -> ((Counts + 32768) band 16#FFFF) - 32768.
 profile(File, Profile) ->
     Text = [
         "%% An iRobot Create as ./starl create doctor found it. distance, angle: the true length by\n"
-        "%% what its odometry says.\n",
+        "%% what its odometry says; drive, turn: by what it was told.\n",
         io_lib:format("~tp.~n", [Profile])
     ],
     file:write_file(File, unicode:characters_to_binary(Text)).

@@ -1,9 +1,10 @@
 %% @doc The chassis of a live robot that is an iRobot Create: {@link starl_create_driver} with a
 %% port and real time.
 %%
-%% Its configuration, beside that of every chassis: `port', the module that opens the line and its
-%% options ({@link starl_create_pipe} has the same messages as the port to a serial line), and the
-%% driver's options ({@link starl_create_options:t()}). `events': a process that hears
+%% Its configuration, beside that of every chassis: `create', the driver's options ({@link
+%% starl_create_options:configured/1}); `port', the module that opens the line and its options, {@link
+%% starl_create_port} if nothing is said ({@link starl_create_pipe} has the same messages). `events': a
+%% process that hears
 %% `{starl_create, Robot, Event}'.
 -module(starl_create_chassis).
 -behaviour(starl_live_chassis).
@@ -20,7 +21,14 @@
 }).
 
 -spec open(map()) -> {ok, #chassis{}} | {error, unicode:chardata()}.
-open(#{robot := Robot, clock := Clock, port := {Module, Options}, create := Create} = Config) ->
+open(#{create := Given} = Config) ->
+    case starl_create_options:configured(Given) of
+        {ok, Options} -> opened(Options, Config);
+        {error, Reason} -> {error, ["the Create: ", starl_create_options:format_error(Reason)]}
+    end.
+
+opened(Create, #{robot := Robot, clock := Clock} = Config) ->
+    {Module, Options} = maps:get(port, Config, {starl_create_port, #{}}),
     case Module:start_link(self(), Options) of
         {ok, Port} ->
             {Actions, Driver} = starl_create_driver:open(Create),

@@ -69,7 +69,7 @@ jitter_us(Options) -> 1000 * maps:get(jitter_ms, Options, ?JITTER_MS).
 %% @doc A script in place of the present one.
 -spec drive(starl_chassis_differential:commands(), Mark :: term(), t()) -> {[action()], t()}.
 drive(Commands, Mark, #drive{stands = Stands} = Drive) ->
-    Steps = starl_create_script:steps(Commands, way(Drive)),
+    Steps = starl_create_script:steps(Commands, way(Drive), factors(Drive)),
     Written = [{Bytes, Us} || {_, Bytes, Us} <- Steps],
     {Words, Next} = script(Written, starl_create_script:rest(), Drive),
     Leg = #leg{mark = Mark, steps = Steps, may_rest = Stands andalso Steps =:= []},
@@ -80,6 +80,8 @@ way(#drive{options = Options, jitter_us = Jitter}) ->
         true -> on_robot;
         false -> {by_port, Jitter}
     end.
+
+factors(#drive{options = Options}) -> starl_create_options:drive(Options).
 
 script(Steps, End, #drive{ref = Ref} = Drive) ->
     Next = Drive#drive{ref = Ref + 1, leg = none, stands = false},

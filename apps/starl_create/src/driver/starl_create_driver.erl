@@ -46,7 +46,7 @@
     %% what it was told last
     pen = up :: starl_create_order:position(),
     senses = starl_create_senses:new() :: starl_create_senses:t(),
-    odometry = starl_create_odometry:new() :: starl_create_odometry:t()
+    odometry :: starl_create_odometry:t()
 }).
 
 -opaque t() :: #driver{}.
@@ -67,7 +67,8 @@ open(#{model := Model} = Options) ->
         model = Model,
         greeting = Greeting,
         parser = parser(Model),
-        drive = starl_create_drive:new(Options)
+        drive = starl_create_drive:new(Options),
+        odometry = starl_create_odometry:new(Options)
     },
     {[{port, starl_create_greeting:opening(Greeting)}], Driver}.
 
@@ -146,6 +147,11 @@ hear({error, Reason}, _Now, Driver) ->
     said(warning, {line_error, Reason}, Driver);
 hear({timeout, Timer}, _Now, Driver) ->
     due(Timer, Driver);
+%% The stop bytes have raised the pen, too.
+hear({stopped, _Why, _At} = Stopped, _Now, #driver{senses = Senses, drive = Drive} = Driver) ->
+    {Actions, Next} = drives(starl_create_drive:hear(Stopped, Senses, Drive), Driver),
+    Pen = starl_create_order:pen(Driver#driver.pen, Driver#driver.options),
+    {[{port, {send, Pen}} || Driver#driver.phase =:= ready] ++ Actions, Next};
 hear(OfScript, _Now, #driver{senses = Senses, drive = Drive} = Driver) ->
     drives(starl_create_drive:hear(OfScript, Senses, Drive), Driver).
 

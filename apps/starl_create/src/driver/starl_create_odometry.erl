@@ -5,13 +5,15 @@
 %% answer.
 -module(starl_create_odometry).
 
--export([new/0, total/1, count/3, counts/3, ask/1, answer/2, forget/1]).
+-export([new/1, total/1, count/3, counts/3, ask/1, answer/2, forget/1]).
 
 -export_type([t/0]).
 
 -record(odometry, {
     way_mm = 0.0 :: float(),
     turn = 0.0 :: float(),
+    %% the true way and turn by what is counted
+    factors :: starl_create_options:factors(),
     %% has a Create 1 been asked?
     is_asked = false :: boolean()
 }).
@@ -21,8 +23,8 @@
 -define(PI, 3.141592653589793).
 
 %% @doc Nothing has been counted yet.
--spec new() -> t().
-new() -> #odometry{}.
+-spec new(starl_create_options:t()) -> t().
+new(Options) -> #odometry{factors = starl_create_options:odometry(Options)}.
 
 %% @doc The whole way (mm) and turn (rad).
 -spec total(t()) -> {Mm :: float(), Radians :: float()}.
@@ -39,8 +41,8 @@ count(Before, #{left_encoder := _} = Now, Odometry) ->
 count(_Before, _Now, Odometry) ->
     Odometry.
 
-grown(Mm, Radians, #odometry{way_mm = Way, turn = Turn} = Odometry) ->
-    Odometry#odometry{way_mm = Way + Mm, turn = Turn + Radians}.
+grown(Mm, Radians, #odometry{way_mm = Way, turn = Turn, factors = {OfWay, OfTurn}} = Odometry) ->
+    Odometry#odometry{way_mm = Way + OfWay * Mm, turn = Turn + OfTurn * Radians}.
 
 %% @doc The counts of an encoder between two frames, forwards or backwards.
 -spec counts(left_encoder | right_encoder, Before :: Readings, Now :: Readings) -> integer() when

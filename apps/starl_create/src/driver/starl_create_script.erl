@@ -14,7 +14,7 @@
 %% takes 105 ms.
 -module(starl_create_script).
 
--export([steps/2, lasts_us/1, rest/0, on_robot/0]).
+-export([steps/2, steps/3, lasts_us/1, rest/0, on_robot/0]).
 
 -export_type([step/0, told/0, way/0]).
 
@@ -38,8 +38,26 @@
 
 %% @doc The steps of a script.
 -spec steps(starl_chassis_differential:commands(), way()) -> [step()].
-steps(Commands, {by_port, Jitter}) -> [timed(Command, Jitter) || Command <- Commands];
-steps(Commands, on_robot) -> early(lists:append([slices(Command) || Command <- Commands])).
+steps(Commands, Way) -> steps(Commands, Way, {1.0, 1.0}).
+
+%% @doc The steps for a robot whose true ways and turns are these parts of the commanded ones.
+-spec steps(starl_chassis_differential:commands(), way(), starl_create_options:factors()) ->
+    [step()].
+steps(Commands, {by_port, Jitter}, Factors) ->
+    [timed(Command, scaled(Command, Factors), Jitter) || Command <- Commands];
+steps(Commands, on_robot, Factors) ->
+    early(lists:append([slices(Command, scaled(Command, Factors)) || Command <- Commands])).
+
+scaled({Left, Right, Us}, {Straight, Turn}) ->
+    {Ahead, Aside} = {(Left + Right) / 2 / Straight, (Right - Left) / 2 / Turn},
+    slowed(Ahead - Aside, Ahead + Aside, Us, ?FASTEST).
+
+%% No faster than this, and as much longer.
+slowed(Left, Right, Us, Most) ->
+    case max(abs(Left), abs(Right)) / Most of
+        Part when Part > 1 -> {Left / Part, Right / Part, Us * Part};
+        _ -> {Left, Right, Us}
+    end.
 
 %% @doc How long they last.
 -spec lasts_us([step()]) -> non_neg_integer().
@@ -57,20 +75,14 @@ on_robot() ->
 
 direct({Left, Right}) -> <<?DIRECT, Right:16, Left:16>>.
 
-timed({Left0, Right0, Us0}, Jitter) ->
-    {Left, Right, Us} = lengthened(limit(Left0), limit(Right0), Us0, Jitter),
+timed({Left0, Right0, _}, {Left1, Right1, Us1}, Jitter) ->
+    {Left, Right, Us} = lengthened(slowed(Left1, Right1, Us1, ?CARE_MM * 1.0e6 / Jitter), Jitter),
     {Whole, Exact} = whole(Left, Right),
     {{Left0, Right0}, direct(Whole), max(1, round(Us * Exact))}.
 
-limit(V) -> max(-?FASTEST, min(?FASTEST, V)).
-
-%% Slower, and longer.
-lengthened(Left, Right, Us, Jitter) ->
-    Careful = ?CARE_MM * 1.0e6 / Jitter,
-    case max(?LEAST * Jitter, Us * max(abs(Left), abs(Right)) / Careful) of
-        Longer when Longer > Us -> {Left * Us / Longer, Right * Us / Longer, Longer};
-        _ -> {Left, Right, Us}
-    end.
+lengthened({Left, Right, Us}, Jitter) ->
+    Longer = max(Us, ?LEAST * Jitter),
+    {Left * Us / Longer, Right * Us / Longer, Longer}.
 
 %% The speeds in whole mm/s in about the same proportion, and the part by which they are slower.
 whole(Left, Right) when Left == 0, Right == 0 ->
@@ -81,11 +93,11 @@ whole(Left, Right) ->
     Part = Whole / Fast,
     {{round(Left * Part), round(Right * Part)}, 1 / Part}.
 
-slices({Left, Right, Us}) ->
+slices({Left0, Right0, _}, {Left, Right, Us}) ->
     N = max(1, ceil(Us / ?SLICE_US)),
     Part = Us / (N * ?SLICE_US),
-    Whole = {round(limit(Left) * Part), round(limit(Right) * Part)},
-    lists:duplicate(N, {{Left, Right}, <<(direct(Whole))/binary, ?PLAY>>, ?SLICE_US}).
+    Whole = {round(Left * Part), round(Right * Part)},
+    lists:duplicate(N, {{Left0, Right0}, <<(direct(Whole))/binary, ?PLAY>>, ?SLICE_US}).
 
 %% The first slice begins now; the others arrive before they are needed.
 early([]) ->
