@@ -7,10 +7,11 @@ record_test() ->
     ok = filelib:ensure_path(Dir),
     {ok, Record} = starl_live_record:open(Dir),
     Events = [[{N, 1, sap, {fact, N}}] || N <- lists:seq(1, 5)],
-    [
-        ok = starl_live_record:write(N, Some, Record)
-     || {N, Some} <- lists:zip([1, 2, 3, 4, 5], Events)
-    ],
+    _ = lists:foldl(
+        fun({N, Some}, R) -> starl_live_record:write(N, Some, R) end,
+        Record,
+        lists:zip([1, 2, 3, 4, 5], Events)
+    ),
     File = starl_live_record:file(Record),
     ?assertEqual(lists:append(Events), starl_live_record:read(File, 0)),
     ?assertEqual([{5, 1, sap, {fact, 5}}], starl_live_record:read(File, 4)),
@@ -23,3 +24,27 @@ record_test() ->
     ok = file:del_dir_r(Dir),
     ?assertEqual([], starl_live_record:read(File, 0)),
     ?assertMatch({error, _}, starl_live_record:open(Dir)).
+
+%% Of a long start the latest facts are kept; the facts of the last start are wanted.
+bounded_test() ->
+    Dir = filename:join(os:getenv("TMPDIR", "/tmp"), "starl-bounded-" ++ os:getpid()),
+    ok = filelib:ensure_path(Dir),
+    Large = binary:copy(<<"facts">>, 1000000),
+    ?assertEqual([], starl_live_record:last(Dir)),
+    Wrote = fun(N, {R, _}) ->
+        {starl_live_record:write(N, [{N, 1, app, Large}], R), N}
+    end,
+    Files = [
+        begin
+            {ok, Record} = starl_live_record:open(Dir),
+            {_, 12} = lists:foldl(Wrote, {Record, 0}, lists:seq(1, 12)),
+            starl_live_record:file(Record)
+        end
+     || _ <- [first, second, third]
+    ],
+    Kept = [N || {N, 1, app, _} <- starl_live_record:last(Dir)],
+    ?assertEqual(lists:seq(hd(Kept), 12), Kept),
+    ?assert(length(Kept) >= 4 andalso length(Kept) < 12),
+    ?assertEqual([false, false, true], [filelib:is_file(File) || File <- Files]),
+    ?assertEqual(2, length(filelib:wildcard("*", Dir))),
+    ok = file:del_dir_r(Dir).

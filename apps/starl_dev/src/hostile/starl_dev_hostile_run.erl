@@ -30,7 +30,6 @@ last_facts(Dir, Robot) ->
     end.
 
 files(Dir, Robot) ->
-    Own = filename:join(Dir, "robot-" ++ integer_to_list(Robot)),
-    lists:sort(filelib:wildcard(filename:join(Own, "facts-*"))).
+    starl_live_record:starts(filename:join(Dir, "robot-" ++ integer_to_list(Robot))).
 
 read(File) -> starl_live_record:read(File, 0).

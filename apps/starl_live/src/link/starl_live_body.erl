@@ -19,7 +19,8 @@
     counts/1,
     line/2,
     starts/1,
-    started/2
+    started/2,
+    tell_start/2
 ]).
 -export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
 -export([reload/3, take_back/2, fallen/3, gone/3]).
@@ -27,7 +28,7 @@
 -export_type([t/0, config/0, figures/0]).
 
 %% The parts of the body: processes that the link has started, or their stand-ins. Facts go to the
-%% `sink' as {@link starl_live_link:told()}.
+%% `sink' as {@link starl_live_link:told()}, and to the observer of this node.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
@@ -41,6 +42,7 @@
     parts := #{starl_machine:name() => module()},
     codes => starl_reload:codes(),
     reporter => pid(),
+    observe => starl_observer:t(),
     atom() => term()
 }.
 
@@ -65,6 +67,7 @@
     parts :: #{starl_machine:name() => module()},
     codes :: starl_reload:codes(),
     reporter = none :: pid() | none,
+    observer = none :: starl_observer:t(),
     %% the time at which the present step began
     now :: integer(),
     %% the marks of timers
@@ -111,6 +114,7 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         parts = Parts,
         codes = starl_reload:begun(Now, maps:get(codes, Config, #{})),
         reporter = maps:get(reporter, Config, none),
+        observer = maps:get(observe, Config, none),
         now = Now
     }.
 
@@ -151,18 +155,35 @@ starts(#body{store = Store}) -> starl_live_store:starts(Store).
 -spec started(#{starl_machine:name() => pos_integer()}, t()) -> ok | {error, unicode:chardata()}.
 started(Starts, #body{store = Store}) -> starl_live_store:started(Starts, Store).
 
+%% @doc Tells the observer of this node that the robot starts.
+-spec tell_start([starl_machine:name()], t()) -> ok.
+tell_start(Names, #body{id = Id, now = Now, observer = Observer}) ->
+    starl_observer:tell({started, Now, Id, Names}, Observer).
+
 %% -- events from outside --------------------------------------------------------------------
 
 %% @doc The events of the robot that a message of its lines is.
 -spec hear(Message :: term(), t()) -> [starl_robot:local()] | unknown.
 hear({starl_heard, Transport, Packets}, #body{transport = Transport}) ->
     [{sap, packet, Packet} || Packet <- Packets];
-hear({starl_located, Positioning, {Name, Tag}, Seen}, #body{positioning = Positioning}) ->
+hear({starl_located, Positioning, {Name, Tag}, Seen}, #body{positioning = Positioning} = Body) ->
+    ok = tell_seen(Seen, Body),
     [{Name, info, {located, Tag, Seen}}];
 hear({starl_chassis, Chassis, {Name, Mark}, Answer}, #body{chassis = Chassis}) ->
     said(Name, Mark, Answer);
 hear(_Message, _Body) ->
     unknown.
+
+%% The robot's own place, at the time of the picture.
+tell_seen(_Seen, #body{observer = none}) ->
+    ok;
+tell_seen(Seen, #body{id = Id, clock = Clock, observer = Observer}) ->
+    case lists:keyfind(Id, 1, Seen) of
+        {Id, Pose, Age} ->
+            starl_observer:tell({seen, starl_live_clock:now_us(Clock) - Age, Id, Pose}, Observer);
+        false ->
+            ok
+    end.
 
 said(Name, Mark, {driven, HeardUs}) -> [{Name, info, {driven, Mark, HeardUs}}];
 said(Name, Mark, {stalled, Told}) -> [{Name, info, {stalled, Mark, Told}}];
@@ -248,11 +269,12 @@ flush(#body{out = Out} = Body) ->
 
 tell(#body{traces = Traces, batch = N, result = Result} = Body) ->
     Events = lists:reverse(Traces),
-    ok = recorded(N, Events, Body),
+    Record = recorded(N, Events, Body),
     ok = sunk(N, Events, Body),
-    Body#body{traces = [], batch = N + 1, told = Result}.
+    ok = observed(Events, Body),
+    Body#body{traces = [], batch = N + 1, told = Result, record = Record}.
 
-recorded(_Batch, _Events, #body{record = none}) -> ok;
+recorded(_Batch, _Events, #body{record = none}) -> none;
 recorded(Batch, Events, #body{record = Record}) -> starl_live_record:write(Batch, Events, Record).
 
 sunk(_Batch, _Events, #body{sink = none}) ->
@@ -261,6 +283,9 @@ sunk(Batch, Events, #body{id = Id, sink = Sink, result = Result, told = Told}) -
     _ = Events =/= [] andalso (Sink ! {starl_traced, Id, self(), Batch, Events}),
     _ = Result =/= Told andalso (Sink ! {starl_ended, Id, self(), Result}),
     ok.
+
+observed([], _Body) -> ok;
+observed(Events, #body{observer = Observer}) -> starl_observer:tell({judged, Events, []}, Observer).
 
 send({transmit, To, Packet}, #body{transport = Transport}) ->
     starl_live_transport:transmit(Transport, To, Packet);

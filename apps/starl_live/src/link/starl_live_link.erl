@@ -23,7 +23,8 @@
 %% A robot: its machines ({@link starl_robot_crew:tree()}), its lines, its clock, the directory of
 %% its store, and the process that gets the facts, if any; `record': whether the facts are also
 %% written to a file there (false); `codes': the code of machines that have been reloaded;
-%% `reporter': who is told about reloads. `robot_sup' is the supervisor under which
+%% `reporter': who is told about reloads; `packets': whether the sink is told of all packets;
+%% `observe': who else is told everything, on this node. `robot_sup' is the supervisor under which
 %% the machines' processes start.
 -type spec() :: #{
     robot := starl:robot_id(),
@@ -38,12 +39,14 @@
     sink := pid() | none,
     record => boolean(),
     codes => starl_reload:codes(),
-    reporter => pid()
+    reporter => pid(),
+    packets => boolean(),
+    observe => starl_observer:t()
 }.
 
 %% A message to the sink: the names of the robot's machines, when it starts, and the file of its
 %% record; the facts of its steps,
-%% batch by batch; the end of its application.
+%% batch by batch; what it knows of packets; the end of its application.
 -type told() ::
     {starl_started, starl:robot_id(), Link :: pid(), {
         [starl_machine:name()], file:filename() | none
@@ -51,6 +54,7 @@
     | {starl_traced, starl:robot_id(), Link :: pid(), Batch :: pos_integer(), [
         starl_monitor:trace_event()
     ]}
+    | {starl_radio, starl:robot_id(), [starl_monitor:trace_event()]}
     | {starl_ended, starl:robot_id(), Link :: pid(), given_up | {done, term()}}.
 
 %% The period in which the link looks for a process that does not answer, and packets that may wait.
@@ -130,11 +134,15 @@ lines([], Spec) ->
 lines([Line | Lines], Spec) ->
     #{Line := {Module, Own}, robot := Robot, clock := Clock, tree := Tree, profile := P} = Spec,
     #{participants := Team} = Tree,
-    Config = Own#{robot => Robot, participants => Team, clock => Clock, profile => P},
+    Known = Own#{robot => Robot, participants => Team, clock => Clock, profile => P},
+    Config = with_radio(Line, Known, Spec),
     case (process(Line)):start_link(Module, Config, self()) of
         {ok, Pid} -> lines(Lines, Spec#{Line => Pid});
         {error, Reason} -> {stop, Reason}
     end.
+
+with_radio(transport, Config, Spec) -> Config#{tell => starl_live_told:teller(Spec)};
+with_radio(_Line, Config, _Spec) -> Config.
 
 process(transport) -> starl_live_transport;
 process(positioning) -> starl_live_positioning;
@@ -172,7 +180,9 @@ services(#{services := Services}) ->
 
 launched(#{robot := Id} = Spec, Body, Before, Processes, Machines) ->
     _ = erlang:send_after(?WATCH_MS, self(), watch),
-    ok = tell_start(starl_robot_machines:names(Machines), Spec),
+    Names = starl_robot_machines:names(Machines),
+    ok = tell_start(Names, Spec),
+    ok = starl_live_body:tell_start(Names, Body),
     %% a robot that has run before comes up after a reboot
     Up =
         case map_size(Before) of

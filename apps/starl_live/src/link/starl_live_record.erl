@@ -1,21 +1,31 @@
 %% @doc The record of a live robot's facts in a file, batch by batch. A batch is written before
 %% anything that follows from it leaves the robot, so the record of a node that was killed tells
-%% what its messages did not tell any more. A power failure may cost the last seconds: nothing is
-%% synced.
+%% what its messages and its recording did not tell any more. A power failure may cost the last
+%% seconds: nothing is synced.
+%%
+%% Only the latest facts are wanted. A file that has grown to some size becomes `FILE.before', in the
+%% place of the one before it.
 -module(starl_live_record).
 
--export([open/1, file/1, write/3, read/2]).
+-export([open/1, file/1, write/3, read/2, starts/1, last/1]).
 
 -export_type([t/0]).
 
--record(record, {file :: file:filename(), device :: file:io_device()}).
+-record(record, {
+    file :: file:filename(), device :: file:io_device(), size = 0 :: non_neg_integer()
+}).
 
 -opaque t() :: #record{}.
+
+-define(PREFIX, "facts-").
+-define(BEFORE, ".before").
+%% Far more than a recording can be behind.
+-define(MOST_BYTES, 16 * 1024 * 1024).
 
 %% @doc Opens a new record in a directory.
 -spec open(file:filename()) -> {ok, t()} | {error, unicode:chardata()}.
 open(Dir) ->
-    Name = "facts-" ++ integer_to_list(erlang:system_time(microsecond)),
+    Name = ?PREFIX ++ integer_to_list(erlang:system_time(microsecond)),
     File = filename:join(Dir, Name),
     case file:open(File, [write, exclusive, raw, binary]) of
         {ok, Device} -> {ok, #record{file = File, device = Device}};
@@ -27,20 +37,58 @@ open(Dir) ->
 file(#record{file = File}) -> File.
 
 %% @doc Writes a batch. A disk that is full costs the record, not the robot.
--spec write(Batch :: pos_integer(), [starl_monitor:trace_event()], t()) -> ok.
-write(Batch, Events, #record{device = Device}) ->
+-spec write(Batch :: pos_integer(), [starl_monitor:trace_event()], t()) -> t().
+write(_Batch, [], Record) ->
+    Record;
+write(Batch, Events, Record) ->
+    #record{device = Device, size = Size} = Turned = turned(Record),
     Bytes = term_to_binary({Batch, Events}),
     _ = file:write(Device, [<<(byte_size(Bytes)):32>>, Bytes]),
-    ok.
+    Turned#record{size = Size + 4 + byte_size(Bytes)}.
+
+turned(#record{size = Size} = Record) when Size < ?MOST_BYTES -> Record;
+turned(#record{file = File, device = Device} = Record) ->
+    _ = file:rename(File, File ++ ?BEFORE),
+    case file:open(File, [write, raw, binary]) of
+        {ok, New} ->
+            _ = file:close(Device),
+            Record#record{device = New, size = 0};
+        {error, _} ->
+            Record#record{size = 0}
+    end.
 
 %% @doc The events of all batches after this one, as far as they were written.
 -spec read(file:filename(), After :: non_neg_integer()) -> [starl_monitor:trace_event()].
 read(File, After) ->
+    lists:append([
+        Events
+     || Each <- [File ++ ?BEFORE, File], {N, Events} <- batches(Each), N > After
+    ]).
+
+batches(File) ->
     case file:read_file(File) of
-        {ok, Bytes} -> lists:append([Events || {N, Events} <- batches(Bytes), N > After]);
+        {ok, Bytes} -> split(Bytes);
         {error, _} -> []
     end.
 
 %% The last batch may be cut off.
-batches(<<Size:32, Bytes:Size/binary, Rest/binary>>) -> [binary_to_term(Bytes) | batches(Rest)];
-batches(_) -> [].
+split(<<Size:32, Bytes:Size/binary, Rest/binary>>) -> [binary_to_term(Bytes) | split(Rest)];
+split(_) -> [].
+
+%% @doc The records of all starts of a robot that are in its directory, in their order.
+-spec starts(Dir :: file:filename()) -> [file:filename()].
+starts(Dir) ->
+    Files = filelib:wildcard(?PREFIX ++ "*", Dir),
+    lists:sort([filename:join(Dir, Name) || Name <- Files, filename:extension(Name) =:= ""]).
+
+%% @doc The last events of the robot's last start, none if there was none. The records of earlier
+%% starts are deleted.
+-spec last(Dir :: file:filename()) -> [starl_monitor:trace_event()].
+last(Dir) ->
+    case lists:reverse(starts(Dir)) of
+        [] ->
+            [];
+        [Last | Earlier] ->
+            _ = [file:delete(File ++ Suffix) || File <- Earlier, Suffix <- ["", ?BEFORE]],
+            read(Last, 0)
+    end.

@@ -1,19 +1,43 @@
 %% @doc The top supervisor of a robot's node. It bears no failure of its robot: a robot that cannot
 %% start any more ends the application, and with it the node, which whoever started the node then
-%% starts anew.
+%% starts anew. A recorder that fails ends the recording, not the robot.
 -module(starl_live_sup).
 -behaviour(supervisor).
 
--export([start_link/0, open/1, open/2, robot/0]).
+-export([start_link/0, open/1, open/2, robot/0, close/0]).
 -export([init/1]).
+
+%% A recorder writes the end of its file.
+-define(CLOSE_MS, 10000).
 
 %% @doc Starts the supervisor, without a robot.
 -spec start_link() -> supervisor:startlink_ret().
 start_link() -> supervisor:start_link({local, ?MODULE}, ?MODULE, []).
 
-%% @doc Starts the robot of this node. The robot's machines find all code loaded: an atom of a packet
+%% @doc Starts the robot of this node, with its recorder if the specification has one (`recorder',
+%% {@link starl_observer:recorder()}). The robot's machines find all code loaded: an atom of a packet
 %% that no module of theirs knows is refused.
 -spec open(starl_live_robot:spec()) -> supervisor:startchild_ret().
+open(#{recorder := {Module, Own}, robot := Robot, dir := Dir, clock := Clock} = Spec) ->
+    Config = Own#{
+        robot => Robot,
+        now => fun() -> starl_live_clock:now_us(Clock) end,
+        before => starl_live_record:last(Dir)
+    },
+    Recorder = #{
+        id => recorder,
+        start => {Module, start_link, [Config]},
+        restart => temporary,
+        shutdown => ?CLOSE_MS
+    },
+    Bare = maps:remove(recorder, Spec),
+    case supervisor:start_child(?MODULE, Recorder) of
+        {ok, Pid} ->
+            open(Bare#{observe => Module:observer(Pid)});
+        {error, {Why, _Child}} ->
+            logger:error(#{what => no_recording, why => Why}),
+            open(Bare)
+    end;
 open(Spec) ->
     supervisor:start_child(?MODULE, #{
         id => robot, type => supervisor, start => {starl_live_robot, start_link, [Spec]}
@@ -36,6 +60,12 @@ robot() ->
         {robot, Pid, _, _} when is_pid(Pid) -> Pid;
         _ -> none
     end.
+
+%% @doc Ends the robot, and then its recorder.
+-spec close() -> ok.
+close() ->
+    _ = [supervisor:terminate_child(?MODULE, Child) || Child <- [robot, recorder]],
+    ok.
 
 -spec init([]) -> {ok, {supervisor:sup_flags(), []}}.
 init([]) -> {ok, {#{strategy => one_for_one, intensity => 0, period => 1}, []}}.

@@ -3,7 +3,7 @@
 %% Chance comes from a seed.
 -module(starl_live_air).
 
--export([new/1, set/2, pass/2]).
+-export([new/1, set/2, pass/2, is_cut/2]).
 
 -export_type([t/0, settings/0]).
 
@@ -81,6 +81,10 @@ pass(From, #air{loss = Loss, duplicates = Twice, cut = Cut, random = Random0} = 
         false when Doubled < Twice -> {[Once, Again], Next};
         false -> {[Once], Next}
     end.
+
+%% @doc Whether a robot cannot be heard at all.
+-spec is_cut(From :: starl:robot_id(), t()) -> boolean().
+is_cut(From, #air{cut = Cut}) -> lists:member(From, Cut).
 
 delay(#air{delay_ms = {Low, High}}, Random0) ->
     {Part, Random} = rand:uniform_s(Random0),

@@ -10,6 +10,8 @@
 %% '''
 %% What it hears goes through a filter ({@link starl_live_air}), which is clear unless the
 %% configuration or {@link set_air/2} says otherwise.
+%%
+%% Each end tells what it knows of each packet ({@link starl_observer:way()}), if anybody wants it.
 -module(starl_live_transport).
 -behaviour(gen_server).
 
@@ -26,6 +28,8 @@
     fleet := unicode:chardata(),
     run := non_neg_integer(),
     air => starl_live_air:settings(),
+    clock => starl_live_clock:t(),
+    tell => starl_live_told:teller(),
     atom() => term()
 }.
 
@@ -61,6 +65,7 @@ when
     link :: pid(),
     air :: starl_live_air:t(),
     delayed = 0 :: non_neg_integer(),
+    told :: starl_live_told:t() | none,
     figures = #{} :: figures(),
     %% the last line on a packet that cannot be sent, which is not said twice: SAP tries again
     said = <<>> :: binary()
@@ -87,13 +92,13 @@ init({Module, #{robot := Robot} = Config, Link}) ->
     process_flag(trap_exit, true),
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
     case starl_live_air:new(maps:get(air, Config, #{})) of
-        {ok, Air} -> opened(Module:open(Config), Module, Air, Link);
-        {error, _} = Error -> opened(Error, Module, none, Link)
+        {ok, Air} -> opened(Module:open(Config), Module, Air, Link, starl_live_told:new(Config));
+        {error, _} = Error -> opened(Error, Module, none, Link, none)
     end.
 
-opened({ok, State}, Module, Air, Link) ->
-    {ok, #transport{module = Module, state = State, link = Link, air = Air}};
-opened({error, Why}, _Module, _Air, _Link) ->
+opened({ok, State}, Module, Air, Link, Told) ->
+    {ok, #transport{module = Module, state = State, link = Link, air = Air, told = Told}};
+opened({error, Why}, _Module, _Air, _Link, _Told) ->
     {stop, {shutdown, {transport, unicode:characters_to_binary(Why)}}}.
 
 -spec handle_call(figures | {set_air, starl_live_air:settings()}, gen_server:from(), #transport{}) ->
@@ -109,10 +114,13 @@ handle_call({set_air, Settings}, _From, #transport{air = Air} = Transport) ->
 -spec handle_cast({transmit, starl:robot_id() | all, starl_packet:t()}, #transport{}) ->
     {noreply, #transport{}}.
 handle_cast({transmit, To, Packet}, #transport{module = Module, state = State} = Transport) ->
+    At = starl_live_told:at_us(Transport#transport.told),
     case Module:transmit(To, Packet, State) of
         {ok, Next} ->
+            ok = starl_live_told:sent(To, Packet, At, Transport#transport.told),
             {noreply, Transport#transport{state = Next}};
         {refused, Why, Next} ->
+            ok = starl_live_told:refused(To, Packet, At, Transport#transport.told),
             Line = unicode:characters_to_binary(Why),
             {noreply, refused(Line, Transport#transport{state = Next})}
     end.
@@ -139,8 +147,10 @@ filter(Packets, Transport) ->
     {Heard, Filtered} = lists:foldl(fun pass/2, {[], Transport}, Packets),
     tell(lists:reverse(Heard), Filtered).
 
-pass(Packet, {Heard, #transport{air = Air} = Transport}) ->
-    {Delays, Next} = starl_live_air:pass(starl_packet:source(Packet), Air),
+pass(Packet, {Heard, #transport{air = Air, told = Told} = Transport}) ->
+    From = starl_packet:source(Packet),
+    {Delays, Next} = starl_live_air:pass(From, Air),
+    ok = starl_live_told:came(From, Packet, Delays, starl_live_air:is_cut(From, Air), Told),
     passed(Packet, Delays, {Heard, Transport#transport{air = Next}}).
 
 passed(_Packet, [], {Heard, Transport}) ->

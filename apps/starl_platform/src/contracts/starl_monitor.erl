@@ -14,7 +14,8 @@
 %% unknown events, and none swallows them.
 -module(starl_monitor).
 
--export([new/1, step/2, finish/2, known/1, informed/2, name/1, format_violation/1, shape/1]).
+-export([new/1, step/2, finish/2, known/1, informed/2, interests/1]).
+-export([name/1, format_violation/1, shape/1]).
 -export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, shape/0, known/0]).
 
 %% A robot's number.
@@ -108,6 +109,10 @@ informed(Monitors, Known) ->
         end
      || {Module, Config} <- Monitors
     ].
+
+%% @doc The machines whose events a monitor wants.
+-spec interests({module(), Config :: map()}) -> [Machine :: atom()] | all.
+interests({Module, Config}) -> interests_of(Module, Module:init(Config)).
 
 %% @doc A monitor's name, as in reports: `mutex' of the module `starl_mutex_monitor'.
 -spec name(module()) -> string().

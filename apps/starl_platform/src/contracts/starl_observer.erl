@@ -3,23 +3,36 @@
 %%
 %% An observer is a function that the judge of the run calls, so it only passes the news on. A
 %% simulation waits for it, a live run does not.
+%%
+%% A robot on a node of its own tells an observer there what it knows itself: its facts, its trace
+%% events, the packets that it sends and that come to it, its own poses as it is shown them, its log.
+%% The observer of a robot comes with a process, a <em>recorder</em>, which starts before the robot
+%% and outlives its restarts: a module with this behaviour.
 -module(starl_observer).
 
 -export([tell/2, all/1, is_packet/1]).
 
--export_type([t/0, news/0, facts/0, ending/0, packet/0, fate/0]).
+-export_type([t/0, news/0, facts/0, ending/0, packet/0, fate/0, cause/0, way/0, recorder/0]).
 
 %% `none': nobody observes.
 -type t() :: fun((news()) -> ok) | none.
 
-%% `begun' comes first, `ended' last.
+%% `begun' comes first, `ended' last. Only a robot itself tells: `started', with the names of its
+%% machines; `seen', a pose of its own; `logged', a line.
 -type news() ::
     {begun, facts()}
     | {judged, [starl_monitor:trace_event()], [starl_monitor:violation()]}
-    | {ended, ending()}.
+    | {ended, ending()}
+    | {started, AtUs :: integer(), starl:robot_id(), [starl_machine:name()]}
+    | {seen, AtUs :: integer(), starl:robot_id(), starl:pose()}
+    | {logged, AtUs :: integer(), starl:robot_id(), info | warning | error, unicode:chardata()}.
 
 %% The facts of a run. `scenario' holds all values with the faults that were drawn; `monitors' are
-%% those of its contracts, ready to judge; `epoch_us' is the system time of the run's time 0.
+%% those of its contracts, ready to judge; `epoch_us' is the system time of the run's time 0;
+%% `begun_us' the time at which the telling begins, if that is not 0; `run' the number of a team's run.
+%% `told_by': the robots that tell what they know themselves, in the place of the world, which knows
+%% all; `has_motions': the world tells the true motions; `was_up': this robot was up when the telling
+%% ended the last time.
 -type facts() :: #{
     kind := simulation | live,
     app := module(),
@@ -28,7 +41,12 @@
     monitors := [{module(), map()}],
     machines := #{starl_machine:name() => module()},
     waypoints := #{atom() => starl_geometry:point()},
-    epoch_us => integer()
+    epoch_us => integer(),
+    begun_us => integer(),
+    run => non_neg_integer(),
+    told_by => [starl:robot_id(), ...],
+    has_motions => boolean(),
+    was_up => boolean()
 }.
 
 %% The end of a run: all violations, in the order of its report.
@@ -45,11 +63,34 @@
 -type packet() ::
     {packet, To :: starl:robot_id(), starl_packet:brief(), Bytes :: pos_integer(), fate()}.
 
-%% The copies of a packet that arrive, with their times (us), or why it is lost: by chance, because
-%% the receiver is out of range, or by the fault of this name.
--type fate() ::
-    {arrives, [{AtUs :: integer(), intact | corrupt}, ...]}
-    | {lost, chance | out_of_range | {fault, atom()}}.
+%% The copies of a packet that arrive, with their times (us), or why it is lost.
+-type fate() :: {arrives, [{AtUs :: integer(), intact | corrupt}, ...]} | {lost, cause()}.
+
+%% By chance; because the receiver is out of range; by the fault of this name. Live: the link is
+%% cut; the packet could not be sent at all; the receiver's filter was full; nobody knows.
+-type cause() :: chance | out_of_range | {fault, atom()} | cut | refused | full | unheard.
+
+%% What one end of a live robot's radio knows of a packet: that it was sent, or what became of it at
+%% its receiver. Both ends give a packet the same number, a hash of it. {@link starl_packet_ways}
+%% puts the two together.
+-type way() ::
+    {sent, To :: starl:robot_id(), starl_packet:brief(), Bytes :: pos_integer(), Hash :: integer()}
+    | {came, From :: starl:robot_id(), starl_packet:brief(), Bytes :: pos_integer(),
+        Hash :: integer(), fate()}.
+
+%% The module of a recorder and its configuration.
+-type recorder() :: {module(), map()}.
+
+%% Starts the recorder of a robot. `now' is its clock; `before': the last events of the robot before
+%% this start, which its former recorder may have lost.
+-callback start_link(#{
+    robot := starl:robot_id(),
+    now := fun(() -> AtUs :: integer()),
+    before := [starl_monitor:trace_event()],
+    atom() => term()
+}) -> {ok, pid()} | {error, unicode:chardata()}.
+%% The observer, whom several processes may tell.
+-callback observer(pid()) -> t().
 
 %% @doc Tells an observer.
 -spec tell(news(), t()) -> ok.

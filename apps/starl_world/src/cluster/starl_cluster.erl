@@ -45,8 +45,9 @@
 %% `watch': further monitors, which only look on. `dir': the
 %% directory of the robots' stores. `code': modules that were compiled in memory. `metrics': robot N
 %% serves its metrics at this port plus N. `chaos': what
-%% happens to the nodes, at which times of the run. `log': gets each
-%% line of the nodes' logs.
+%% happens to the nodes, at which times of the run. `packets': whether the observer is told of all
+%% packets; `recorder': what each robot is recorded with on its own node. `log': gets each line of the
+%% nodes' logs.
 -type options() :: #{
     dir := file:filename(),
     transport := dist | udp,
@@ -54,6 +55,8 @@
     air => starl_live_air:settings(),
     watch => [{module(), map()}],
     observe => starl_observer:t(),
+    packets => boolean(),
+    recorder => starl_observer:recorder(),
     rate_hz => number() | none,
     chassis => starl_world_chassis:lines(),
     whole_mm => boolean(),
@@ -182,6 +185,7 @@ scenario(#cluster{scenario = Scenario}) -> Scenario.
 -spec finish(t()) -> {starl_sim_outcome:t(), starl_scene:report()}.
 finish(#cluster{server = Server, scenario = #{app := App}, scene = Scene}) ->
     Outcome = starl_world:finish(gen_server:call(Server, world, infinity)),
+    ok = gen_server:call(Server, close, infinity),
     ok = gen_server:stop(Server, normal, infinity),
     {Outcome, starl_scene:report(App, Scene, Outcome)}.
 
@@ -218,7 +222,10 @@ init({#{robots := Poses, crew := #{tree := Tree}, world := Sim} = Plan, Options}
                 {Id, starl_world_transport:line(Id, Nodes, Transport)}
              || Id <- Ids
             ]),
-            Specs = [{Id, spec(Id, World, Clock, Tree, Sim, Lines, Options)} || Id <- Ids],
+            Specs = [
+                {Id, recorded(spec(Id, World, Clock, Tree, Sim, Lines, Options), Options)}
+             || Id <- Ids
+            ],
             State = #state{
                 world = World,
                 specs = maps:from_list(Specs),
@@ -263,8 +270,14 @@ spec(Id, World, Clock, Tree, #{profiles := Profiles}, Lines, #{dir := Dir} = Opt
         sink => World,
         reporter => self(),
         record => true,
+        packets => maps:get(packets, Options, false),
         metrics => maps:get(metrics, Options, none)
     }.
+
+recorded(#{clock := Clock} = Spec, #{recorder := {Module, Own}, facts := Facts}) ->
+    Spec#{recorder => {Module, Own#{facts => starl_world:live(Facts, Clock)}}};
+recorded(Spec, #{}) ->
+    Spec.
 
 -spec handle_call(term(), gen_server:from(), #state{}) ->
     {reply, term(), #state{}} | {noreply, #state{}}.
@@ -276,6 +289,8 @@ handle_call(world, _From, #state{world = World} = State) ->
     {reply, World, State};
 handle_call(status, _From, State) ->
     {reply, status_of(State), State};
+handle_call(close, _From, State) ->
+    {reply, closed(State), State};
 handle_call({control, Words}, _From, State) ->
     {Answer, Next} = command(Words, State),
     {reply, Answer, Next};
@@ -510,6 +525,17 @@ terminate(_Reason, #state{nodes = Nodes, world = World}) ->
     ok.
 
 %% -- nodes ----------------------------------------------------------------------------------
+
+%% Ends the robots and their recordings; a node that does not answer is killed soon.
+closed(#state{nodes = Nodes, specs = Specs}) ->
+    Recorded = [
+        starl_sim_peers:node(Peer)
+     || {Id, #node{peer = Peer}} <- maps:to_list(Nodes),
+        Peer =/= none,
+        #{Id := #{recorder := _}} <- [Specs]
+    ],
+    _ = erpc:multicall(Recorded, starl_live_sup, close, [], ?CALL_MS),
+    ok.
 
 opened({Id, Peer}, #state{nodes = Nodes, specs = Specs} = State) ->
     #{Id := Spec} = Specs,

@@ -5,6 +5,7 @@
 %%   a robot's chassis -- drive, actuate, stop --> world -- driven, stalled, actuated --> chassis
 %%   a robot's positioning -- look ------------->  world -- seen -----------------------> positioning
 %%   a robot's link -- started, traced, ended -->  world: facts in the order of time --> monitors
+%%   a robot's radio -- sent, came ------------->  world: packets and their fates --> observer
 %% '''
 %% A robot whose process or node ends goes down: its chassis stops, and the monitors are told.
 -module(starl_world).
@@ -13,6 +14,7 @@
 -export([
     plan/2,
     observed/2,
+    live/2,
     start_link/1,
     embody/2,
     inhabit/2,
@@ -110,12 +112,16 @@ plan(Given, Options) ->
     Slack = round(?SLACK_US * maps:get(speed, Options, 1)),
     starl_sim:plan(Given#{mode => process}, (maps:with([watch], Options))#{slack_us => Slack}).
 
-%% @doc The options of a run with what its observer is told first.
+%% @doc The options of a run with what its observer and the recorders of its robots are told first.
 -spec observed(starl_sim:planned(), Options) -> Options when Options :: map().
-observed(Planned, #{observe := _} = Options) ->
+observed(Planned, Options) when is_map_key(observe, Options); is_map_key(recorder, Options) ->
     Options#{facts => starl_sim_plan:facts(Planned, maps:get(watch, Options, []))};
 observed(_Planned, Options) ->
     Options.
+
+%% @doc These facts in a run of this clock.
+-spec live(starl_observer:facts(), starl_live_clock:t()) -> starl_observer:facts().
+live(Facts, Clock) -> Facts#{kind := live, epoch_us => starl_live_clock:epoch_us(Clock)}.
 
 %% @doc Starts the world of a run.
 -spec start_link(config()) -> gen_server:start_ret().
@@ -182,8 +188,7 @@ init(#{plan := Plan, clock := Clock} = Config) ->
 begun(none, _Config) ->
     ok;
 begun(Observer, #{facts := Facts, clock := Clock}) ->
-    Known = Facts#{kind := live, epoch_us => starl_live_clock:epoch_us(Clock)},
-    starl_observer:tell({begun, Known}, Observer).
+    starl_observer:tell({begun, live(Facts, Clock)}, Observer).
 
 -spec handle_call(term(), gen_server:from(), #world{}) ->
     {reply, term(), #world{}} | {noreply, #world{}}.
@@ -257,6 +262,8 @@ handle_info({starl_traced, Id, Link, Batch, Events}, #world{robots = Robots} = W
         #{} ->
             {noreply, World}
     end;
+handle_info({starl_radio, _Id, Events}, #world{judge = Judge} = World) ->
+    {noreply, World#world{judge = starl_world_judge:heard(Events, Judge)}};
 handle_info({starl_ended, Id, _Link, Result}, World) ->
     {noreply, result(Id, Result, World)};
 handle_info({'DOWN', _, process, Pid, _Reason}, World) ->

@@ -2,10 +2,11 @@
 %% the monitors. A pure module.
 %%
 %% Facts arrive late and out of order. An event is judged when it is older than the horizon. One that
-%% arrives later still is judged at the time of the last event, and counted.
+%% arrives later still is judged at the time of the last event, and counted. Packets are not judged;
+%% an observer is told of each, when its sender and its receiver have had time to tell what they know.
 -module(starl_world_judge).
 
--export([new/2, new/3, told/2, judge/2, violations/1, late/1, close/2]).
+-export([new/2, new/3, told/2, heard/2, judge/2, violations/1, late/1, close/2]).
 
 -export_type([t/0]).
 
@@ -18,6 +19,7 @@
     n = 0 :: non_neg_integer(),
     seen = 0 :: integer(),
     late = 0 :: non_neg_integer(),
+    ways = starl_packet_ways:new() :: starl_packet_ways:t(),
     violations = [] :: [starl_monitor:violation()]
 }).
 
@@ -41,6 +43,13 @@ told(Events, Judge) -> lists:foldl(fun arrived/2, Judge, Events).
 arrived(Event, #judge{pending = Pending, n = N} = Judge) ->
     Judge#judge{pending = [{element(1, Event), N, Event} | Pending], n = N + 1}.
 
+%% @doc The radio of a robot has told of packets.
+-spec heard([starl_monitor:trace_event()], t()) -> t().
+heard(_Events, #judge{observer = none} = Judge) ->
+    Judge;
+heard(Events, #judge{ways = Ways} = Judge) ->
+    Judge#judge{ways = lists:foldl(fun starl_packet_ways:told/2, Ways, Events)}.
+
 %% @doc Judges the events that are old enough by now.
 -spec judge(NowUs :: integer(), t()) -> {ok | violation, t()}.
 judge(Now, #judge{horizon_us = Horizon} = Judge) -> upto(Now - Horizon, Judge).
@@ -50,20 +59,29 @@ upto(Time, #judge{pending = Pending, seen = Seen, late = Late0} = Judge) ->
     Sorted = [Event || {_, _, Event} <- lists:sort(Old)],
     {Late, InTime} = lists:splitwith(fun(Event) -> element(1, Event) < Seen end, Sorted),
     Trace = [setelement(1, Event, Seen) || Event <- Late] ++ InTime,
-    watch(Trace, Judge#judge{pending = Young, late = Late0 + length(Late)}).
+    {Packets, Ways} = starl_packet_ways:due(Time, Judge#judge.ways),
+    Known = Judge#judge{pending = Young, late = Late0 + length(Late), ways = Ways},
+    watch(Trace, Packets, Known).
 
-watch([], Judge) ->
+watch([], Packets, Judge) ->
+    ok = tell(Packets, [], Judge),
     {ok, Judge};
-watch(Trace, #judge{monitors = Monitors, violations = Violations} = Judge) ->
+watch(Trace, Packets, #judge{monitors = Monitors, violations = Violations} = Judge) ->
+    Told = lists:keymerge(1, Trace, Packets),
     Seen = Judge#judge{seen = element(1, lists:last(Trace))},
     case starl_monitor:step(Trace, Monitors) of
         {ok, Next} ->
-            ok = starl_observer:tell({judged, Trace, []}, Judge#judge.observer),
+            ok = tell(Told, [], Judge),
             {ok, Seen#judge{monitors = Next}};
         {violation, Violation, Next} ->
-            ok = starl_observer:tell({judged, Trace, [Violation]}, Judge#judge.observer),
+            ok = tell(Told, [Violation], Judge),
             {violation, Seen#judge{monitors = Next, violations = Violations ++ [Violation]}}
     end.
+
+tell([], [], _Judge) ->
+    ok;
+tell(Told, Found, #judge{observer = Observer}) ->
+    starl_observer:tell({judged, Told, Found}, Observer).
 
 %% @doc The violations so far.
 -spec violations(t()) -> [starl_monitor:violation()].

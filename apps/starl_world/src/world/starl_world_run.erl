@@ -21,12 +21,14 @@
 
 %% `speed': 2.0 is twice as fast as real time; `air': other air than
 %% that of the scenario's radio; `watch': further monitors, which only look on. `dir': where the robots' stores are;
-%% `chassis': what the robots have in place of a chassis of the world.
+%% `chassis': what the robots have in place of a chassis of the world; `packets': whether the observer
+%% is told of all packets.
 -type options() :: #{
     speed => number(),
     air => starl_live_air:settings(),
     watch => [{module(), map()}],
     observe => starl_observer:t(),
+    packets => boolean(),
     dir := file:filename(),
     rate_hz => number() | none,
     chassis => starl_world_chassis:lines(),
@@ -74,7 +76,8 @@ spec(Id, World, Clock, Options, #{crew := #{tree := Tree}, world := Sim}, Transp
         transport => starl_world_transport:line(Id, #{}, Transport),
         positioning => {starl_world_sight, #{world => World}},
         chassis => starl_world_chassis:line(Id, World, Options),
-        sink => World
+        sink => World,
+        packets => maps:get(packets, Options, false)
     }.
 
 robot(Spec) ->
