@@ -15,6 +15,7 @@ all() ->
         whole_chunks_are_recovered,
         a_damaged_chunk_is_left_out,
         merged_recordings_are_the_whole,
+        reading_begins_at_any_time,
         other_files_are_told,
         a_full_disk_ends_the_recording_only,
         a_subscriber_gets_all,
@@ -200,25 +201,88 @@ a_damaged_chunk_is_left_out(Config) ->
 %% The recordings of single robots, put together, have the events of the whole in the order of time.
 merged_recordings_are_the_whole(Config) ->
     Events = starl_trace_ct:events(500, 11000),
-    Files = [file(Config, "robot-" ++ integer_to_list(Robot) ++ ".mcap") || Robot <- [1, 2, 3]],
-    [
-        ok = starl_trace_ct:recorded(
-            File, starl_trace_ct:told([E || {_, R, _, _} = E <- Events, R =:= Robot])
-        )
-     || {Robot, File} <- lists:zip([1, 2, 3], Files)
-    ],
+    Files = [robots_own(Robot, Events, Config) || Robot <- [1, 2, 3]],
     Out = file(Config, "merged.mcap"),
-    {ok, #{cut_off := []}} = starl_trace_merge:files(Files, Out),
+    {ok, #{cut_off := [], missing := []}} = starl_trace_merge:files(Files, Out),
     {ok, Messages, closed} = starl_trace_reader:fold(fun gather/2, [], Out),
     Seen = [{At, R, M, E} || {trace, At, {R, M, E}} <- lists:reverse(Messages)],
     ?assertEqual([E || {_, _, M, _} = E <- Events, M =/= radio], Seen),
     ?assertMatch([{verdicts, _, {ended, _}}], [M || {verdicts, _, {ended, _}} = M <- Messages]),
     Other = file(Config, "other.mcap"),
     [{scenario, 0, Facts} | Rest] = starl_trace_ct:told([]),
-    ok = starl_trace_ct:recorded(Other, [{scenario, 0, Facts#{app := somebody}} | Rest]),
+    ok = starl_trace_ct:recorded(Other, [{scenario, 0, Facts#{app => somebody}} | Rest]),
     ?assertMatch(
         {error, {other_run, _, Other, app}}, starl_trace_merge:files([hd(Files), Other], Out)
-    ).
+    ),
+    Worlds = [file(Config, "world-1.mcap"), file(Config, "world-2.mcap")],
+    [ok = starl_trace_ct:recorded(World, starl_trace_ct:told(Events)) || World <- Worlds],
+    ?assertMatch({error, {two_worlds, _, _}}, starl_trace_merge:files(Worlds ++ Files, Out)),
+    ?assertNot(filelib:is_file(Out ++ ".part")),
+    %% with the world's: the motions and the end from there, the rest from the robots
+    {ok, _} = starl_trace_merge:files([hd(Worlds) | Files], Out),
+    {ok, Again, closed} = starl_trace_reader:fold(fun gather/2, [], Out),
+    Both = [{At, R, M, E} || {trace, At, {R, M, E}} <- lists:reverse(Again)],
+    ?assertEqual(lists:sort(Seen), lists:sort(Both)).
+
+robots_own(Robot, Events, Config) ->
+    File = file(Config, "robot-" ++ integer_to_list(Robot) ++ ".mcap"),
+    [{scenario, 0, Facts} | Rest] = starl_trace_ct:told(
+        [E || {_, R, _, _} = E <- Events, R =:= Robot]
+    ),
+    ok = starl_trace_ct:recorded(File, [{scenario, 0, Facts#{told_by => [Robot]}} | Rest]),
+    File.
+
+%% The messages from a time on are those of the whole, and few chunks are opened for them: of a file
+%% with an index and of one without.
+reading_begins_at_any_time(Config) ->
+    File = file(Config, "seek.mcap"),
+    Cut = file(Config, "seek-cut.mcap"),
+    ok = starl_trace_ct:recorded(File, starl_trace_ct:told(starl_trace_ct:events(3000, 40000))),
+    {ok, Bytes} = file:read_file(File),
+    ok = file:write_file(Cut, binary:part(Bytes, 0, byte_size(Bytes) - 10000)),
+    Prop = ?FORALL(
+        {Of, From},
+        {oneof([File, Cut]), range(-1000000, 130000000)},
+        starl_platform_ct:safely(fun() -> begins_at(From, Of) end)
+    ),
+    starl_platform_ct:property(Prop, 60).
+
+begins_at(From, File) ->
+    {ok, All, _} = starl_trace_reader:fold(fun gather/2, [], File),
+    {ok, Cursor} = starl_trace_reader:start(File, From),
+    {ok, [{scenario, _, _} | First], Next} = starl_trace_reader:next(Cursor),
+    %% the chunk with the scenario; ten seconds' and a little more before that time
+    ?assert(starl_trace_reader:opened(Cursor) =< 14),
+    Later = [M || {T, At, _} = M <- lists:reverse(All), At >= From, T =/= scenario],
+    ?assertEqual(Later, without_places(From, First ++ rest(Next))),
+    case First of
+        [{poses, From, #{full := true, robots := Robots}} | _] ->
+            %% where they were then, as the last messages before that time told it
+            Before = [
+                P
+             || {poses, At, #{robots := Ps}} <- All, At < From, From - At < 50000, P <- Ps
+            ],
+            [?assert(near(P, Robots)) || P <- Before],
+            true;
+        _ ->
+            true
+    end.
+
+near({Id, {X, Y, _}, _, _}, Robots) ->
+    {Id, {X1, Y1, _}, _, _} = lists:keyfind(Id, 1, Robots),
+    abs(X - X1) + abs(Y - Y1) < 100.
+
+without_places(From, [{poses, From, #{full := true}} | Messages]) -> Messages;
+without_places(_From, Messages) -> Messages.
+
+rest(Cursor) ->
+    case starl_trace_reader:next(Cursor) of
+        {ok, Messages, Next} ->
+            Messages ++ rest(Next);
+        {ended, _} ->
+            starl_trace_reader:stop(Cursor),
+            []
+    end.
 
 other_files_are_told(Config) ->
     File = file(Config, "other"),

@@ -27,7 +27,7 @@ subject(Word, Args) ->
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := File}) ->
-    case starl_trace_reader:info(File) of
+    case starl_trace_info:file(File) of
         {ok, Info} ->
             starl_cli_terminal:out([[Line, "\n"] || Line <- lines(Info)]),
             0;

@@ -18,7 +18,8 @@ about(_Subject) ->
     [
         "FILE is a recording, or the directory of a run that holds one. The monitors of the run "
         "read its events again; the verdicts are those of the run. A recording that was cut off is "
-        "judged to its last whole second."
+        "judged to its last whole second. Of recordings of the robots themselves, merged, the "
+        "contracts are judged that do not need the true motions; which are not judged is said."
     ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
@@ -53,6 +54,7 @@ told(File, #{violations := Violations, scenario := #{app := App}} = Judged) ->
          || Missing > 0
         ],
         [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
+        not_judged(Judged),
         verdict(Violations),
         same(Judged)
     ]),
@@ -61,6 +63,17 @@ told(File, #{violations := Violations, scenario := #{app := App}} = Judged) ->
 cut(closed) -> "";
 cut(cut_off) -> "the file is cut off after that";
 cut({damaged, At}) -> io_lib:format("the file is damaged after that, at byte ~b", [At]).
+
+not_judged(#{not_judged := NotJudged}) ->
+    [
+        ["not judged: ", lists:join(", ", Names), ": ", Why, "\n"]
+     || {Needs, Why} <- [
+            {motions, "they need the true motions, which the world's run.mcap has; merge it, too"},
+            {robots, "they need the recordings of all robots of the run"}
+        ],
+        Names <- [[starl_monitor:name(Module) || {Module, N} <- NotJudged, N =:= Needs]],
+        Names =/= []
+    ].
 
 verdict([]) -> "no contract is broken\n";
 verdict([_]) -> "a contract is broken\n";

@@ -17,7 +17,10 @@ argument() -> {required, "FILES", {example, "robot-1.mcap"}}.
 about(_Subject) ->
     [
         "./starl merge FILES... --out FILE puts the recordings of the robots of one run together, "
-        "by time. The robots must share a clock; the recordings name the same scenario."
+        "by time; of a cluster, also the world's run.mcap, which has the true motions. Times are "
+        "taken as they are: the robots' clocks must agree. Where packets came before they were sent, "
+        "that is said.",
+        "./starl merge out/painting-1/robots/*.mcap out/painting-1/run.mcap"
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -45,11 +48,24 @@ run(#{subject := Files, values := #{out := Given, overwrite := Overwrite}}) ->
         Problems -> {error, Problems}
     end.
 
-told({ok, #{messages := Messages, until_us := Until, cut_off := CutOff}}, Out) ->
+told({ok, #{messages := Messages, until_us := Until, cut_off := CutOff} = Merged}, Out) ->
+    #{missing := Missing, clocks := Clocks} = Merged,
     starl_cli_terminal:out([
         io_lib:format("~ts: ~b messages, ~.1f s\n", [Out, Messages, Until / 1.0e6]),
-        [[File, ": is cut off; its end is missing\n"] || File <- CutOff]
+        [[File, ": is cut off; its end is missing\n"] || File <- CutOff],
+        missing([integer_to_list(Robot) || Robot <- Missing]),
+        [
+            io_lib:format(
+                "clocks: packets from robot ~b to robot ~b came ~.1f ms before they were sent\n",
+                [From, To, Us / 1000]
+            )
+         || {{From, To}, Us} <- Clocks
+        ]
     ]),
     0;
 told({error, Reason}, _Out) ->
     {error, [starl_trace_merge:format_error(Reason)]}.
+
+missing([]) -> "";
+missing([Robot]) -> ["the recording of robot ", Robot, " is missing\n"];
+missing(Robots) -> ["the recordings of robots ", lists:join(", ", Robots), " are missing\n"].

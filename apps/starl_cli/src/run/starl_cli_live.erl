@@ -84,13 +84,17 @@ prepared(Live, Setup, Values, {Viewed, Attach}) ->
     _ = process_flag(trap_exit, true),
     Dir = state_dir(),
     try
-        Options = Viewed(starl_cli_recording:options(Setup, options(Dir, Live, Setup, Values))),
+        Own = options(Dir, Live, Setup, Values),
+        Options = Viewed(starl_cli_recording:options(Setup, recorded(Live, Setup, Own))),
         started(start(Live, Setup, Options), Live, Setup, Attach)
     of
         Answer -> Answer
     after
         file:del_dir_r(Dir)
     end.
+
+recorded(here, _Setup, Options) -> Options;
+recorded({nodes, _, _}, Setup, Options) -> starl_cli_recording:nodes(Setup, Options).
 
 %% The stores of the robots live as long as the run. What a killed run has left goes now.
 state_dir() ->

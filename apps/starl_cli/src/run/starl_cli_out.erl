@@ -19,7 +19,14 @@
 -define(ANY_WRITES, 8#222).
 %% A run has all or some of these.
 -define(OF_A_RUN, [
-    "report.txt", "report.json", "scenario.term", "run.term", "run.log", "run.mcap", "inputs"
+    "report.txt",
+    "report.json",
+    "scenario.term",
+    "run.term",
+    "run.log",
+    "run.mcap",
+    "robots",
+    "inputs"
 ]).
 
 %% @doc Plans the directory of the results: the requested one, or a new one under `out/'.

@@ -1,15 +1,17 @@
 %% @doc The recording of a run of the command line: `run.mcap' in its directory. Until the run has
 %% ended it is a file beside that directory, whose name tells what it is: `painting.4711.mcap'. A
-%% run that is killed leaves it there.
+%% run that is killed leaves it there. The nodes of a cluster write recordings of their robots into a
+%% directory beside it, `painting.4711.robots', which becomes `robots'.
 -module(starl_cli_recording).
 
--export([flags/0, wanted/2, recorded/3, options/2, kept/2, shown/1, found/2]).
+-export([flags/0, wanted/2, recorded/3, options/2, nodes/2, kept/2, shown/1, found/2]).
 
 -export_type([t/0]).
 
 -opaque t() :: {Recorder :: pid(), file:filename()}.
 
 -define(NAME, "run.mcap").
+-define(ROBOTS, "robots").
 
 %% @doc The flags of a run.
 -spec flags() -> [starl_cli_flags:flag()].
@@ -37,6 +39,7 @@ recorded(Kind, #{out := Out} = Setup, Run) ->
         {ok, Recorder} ->
             Answer = Run(Setup#{recording => {Recorder, File}}),
             ok = gone(Recorder),
+            _ = file:del_dir(robots(File)),
             Answer;
         {error, Reason} ->
             {error, [starl_trace_recorder:format_error(Reason)]}
@@ -62,13 +65,24 @@ options(#{recording := {Recorder, _}}, Options) ->
 options(#{}, Options) ->
     Options.
 
+%% @doc The options of a run on nodes, which record their robots themselves, too.
+-spec nodes(starl_cli_setup:t(), map()) -> map().
+nodes(#{recording := {_, File}}, Options) ->
+    Options#{recorder => {starl_trace_robot, #{dir => robots(File)}}};
+nodes(#{}, Options) ->
+    Options.
+
+robots(File) -> filename:rootname(File) ++ ".robots".
+
 %% @doc Ends the recording and puts it into the directory of the results.
 -spec kept(starl_cli_setup:t(), file:filename()) -> ok | {partly, unicode:chardata()}.
 kept(#{recording := {Recorder, File}}, Dir) ->
     case is_process_alive(Recorder) andalso starl_trace_recorder:close(Recorder) of
         {ok, _} ->
+            _ = file:rename(robots(File), filename:join(Dir, ?ROBOTS)),
             moved(file:rename(File, filename:join(Dir, ?NAME)), File);
         {error, Reason} ->
+            _ = file:rename(robots(File), filename:join(Dir, ?ROBOTS)),
             _ = file:rename(File, filename:join(Dir, ?NAME)),
             {partly, starl_trace_recorder:format_error(Reason)};
         false ->

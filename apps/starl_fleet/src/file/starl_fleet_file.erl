@@ -23,6 +23,7 @@
     keys := file:filename(),
     home := file:filename(),
     service := auto | systemd | plain,
+    record_mb := non_neg_integer(),
     dir := file:filename()
 }.
 
@@ -76,7 +77,9 @@ options() ->
         {keys, path(), "keys", "the directory of the fleet's keys, on this computer"},
         {home, path(), "starl", "the directory on the robots' computers"},
         {service, {one_of, [auto, systemd, plain]}, auto,
-            "what keeps a robot's node running; auto: systemd where it is"}
+            "what keeps a robot's node running; auto: systemd where it is"},
+        {record_mb, {integer, 0, 1000000}, 1000,
+            "the recordings that a robot keeps, in MB; 0: it records nothing"}
     ].
 
 %% @doc The keys of a robot.

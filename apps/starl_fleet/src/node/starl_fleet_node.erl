@@ -34,6 +34,7 @@
 
 %% Its reason of not starting, for bin/robot.
 -define(WHY, "why").
+-define(RECORDINGS, "recordings").
 -define(ANSWER_MS, 2000).
 
 %% @doc Starts the node's robot.
@@ -80,11 +81,23 @@ made({error, _} = Error, _Fleet) -> Error.
     {ok, starl_live_robot:spec()} | {error, [unicode:chardata(), ...]}.
 spec(Place, Key, Fleet) ->
     case starl_sim:plan(starl_fleet_file:scenario(Fleet), #{}) of
-        {ok, {_Scenario, _Scene, Plan}} -> {ok, robot(Place, Key, Plan, Fleet)};
+        {ok, Planned} -> {ok, recorded(Place, Planned, Fleet, robot(Place, Key, Planned, Fleet))};
         {error, Reason} -> {error, [starl_sim:format_error(Reason)]}
     end.
 
-robot(#{robot := Robot, state := State} = Place, Key, Plan, Fleet) ->
+%% The robot is recorded in its state's directory.
+recorded(_Place, _Planned, #{record_mb := 0}, Spec) ->
+    Spec;
+recorded(#{state := State} = Place, Planned, #{record_mb := Most}, #{clock := Clock} = Spec) ->
+    Facts = starl_world:live(starl_sim_plan:facts(Planned, []), Clock),
+    Own = #{
+        dir => filename:join(State, ?RECORDINGS),
+        facts => Facts#{run => starl_fleet_place:run(Place)},
+        most_bytes => Most bsl 20
+    },
+    Spec#{record => true, recorder => {starl_trace_robot, Own}}.
+
+robot(#{robot := Robot, state := State} = Place, Key, {_Scenario, _Scene, Plan}, Fleet) ->
     #{crew := #{tree := Tree}, world := #{profiles := Profiles}} = Plan,
     #{
         robot => Robot,

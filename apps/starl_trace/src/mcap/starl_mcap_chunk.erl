@@ -22,16 +22,7 @@
 -spec records(record()) -> {ok, [record()]} | {error, reason()}.
 records(Chunk) ->
     case contents(Chunk) of
-        {ok, Bytes} -> split(Bytes, []);
-        {error, _} = Error -> Error
-    end.
-
-split(<<>>, Records) ->
-    {ok, lists:reverse(Records)};
-split(Bytes, Records) ->
-    case starl_mcap_record:decode(Bytes) of
-        {ok, Record, Rest} -> split(Rest, [Record | Records]);
-        more -> {error, cut_off};
+        {ok, Bytes} -> starl_mcap_record:decode_all(Bytes);
         {error, _} = Error -> Error
     end.
 

@@ -2,9 +2,9 @@
 %% A file that was cut off is read to its last whole record.
 -module(starl_mcap_reader).
 
--export([open/1, close/1, first/1, next/2, at/2, summary/1, size/1, format_error/1]).
+-export([open/1, close/1, first/1, next/2, chunks/1, summary/1, size/1, format_error/1]).
 
--export_type([t/0, reason/0, position/0, next/0]).
+-export_type([t/0, reason/0, position/0, next/0, chunk/0]).
 
 -record(reader, {file :: file:filename_all(), device :: file:io_device(), size :: integer()}).
 
@@ -21,6 +21,9 @@
 %% The next record and the position after it; the end of the file; the file is cut off here.
 -type next() ::
     {ok, starl_mcap_record:t(), position()} | 'end' | {cut, position()} | {error, reason()}.
+
+%% The times of the first and the last message of a chunk, and its place.
+-type chunk() :: {starl_mcap_record:time(), starl_mcap_record:time(), position()}.
 
 -define(MAGIC_SIZE, 8).
 %% Opcode and length.
@@ -64,10 +67,6 @@ size(#reader{size = Size}) -> Size.
 %% @doc The position of the first record.
 -spec first(t()) -> position().
 first(_Reader) -> ?MAGIC_SIZE.
-
-%% @doc The record at a position.
--spec at(position(), t()) -> next().
-at(Position, Reader) -> next(Position, Reader).
 
 %% @doc The record at a position, and the position of the next one.
 -spec next(position(), t()) -> next().
@@ -128,19 +127,51 @@ summary(Start, At, Crc, #reader{device = Device, size = Size}) ->
         {ok, Bytes} when byte_size(Bytes) =:= Length ->
             Covered = [Bytes, <<2, 20:64/little, Start:64/little, At:64/little>>],
             case Crc =:= 0 orelse erlang:crc32(Covered) =:= Crc of
-                true -> split(Bytes, []);
+                true -> split(Bytes);
                 false -> none
             end;
         _ ->
             none
     end.
 
-split(<<>>, Records) ->
-    {ok, lists:reverse(Records)};
-split(Bytes, Records) ->
-    case starl_mcap_record:decode(Bytes) of
-        {ok, Record, Rest} -> split(Rest, [Record | Records]);
-        _ -> none
+split(Bytes) ->
+    case starl_mcap_record:decode_all(Bytes) of
+        {ok, Records} -> {ok, Records};
+        {error, _} -> none
+    end.
+
+%% @doc All whole chunks in the order of the file, and how it ends. The index tells; in a file
+%% without one, the heads of its records. No chunk is opened.
+-spec chunks(t()) -> {[chunk()], closed | cut_off | {damaged, position()}}.
+chunks(Reader) ->
+    case summary(Reader) of
+        {ok, Records} ->
+            Indexes = [R || R <- Records, element(1, R) =:= chunk_index],
+            {
+                [{Start, End, At} || {chunk_index, Start, End, At, _, _, _, _, _, _} <- Indexes],
+                closed
+            };
+        none ->
+            skim(?MAGIC_SIZE, [], Reader)
+    end.
+
+%% A chunk begins with its times.
+skim(At, Chunks, #reader{size = Size, device = Device} = Reader) ->
+    case file:pread(Device, At, ?HEAD_SIZE + 16) of
+        {ok, <<Opcode, Length:64/little, _/binary>>} when
+            Opcode =/= 15, At + ?HEAD_SIZE + Length > Size
+        ->
+            {lists:reverse(Chunks), cut_off};
+        {ok, <<6, Length:64/little, Start:64/little, End:64/little>>} ->
+            skim(At + ?HEAD_SIZE + Length, [{Start, End, At} | Chunks], Reader);
+        {ok, <<15, 4:64/little, _/binary>>} ->
+            {lists:reverse(Chunks), closed};
+        {ok, <<0, _/binary>>} ->
+            {lists:reverse(Chunks), {damaged, At}};
+        {ok, <<_, Length:64/little, _/binary>>} ->
+            skim(At + ?HEAD_SIZE + Length, Chunks, Reader);
+        _ ->
+            {lists:reverse(Chunks), cut_off}
     end.
 
 %% @doc One line on a problem: what is wrong, where, and what to do.

@@ -5,7 +5,7 @@
 %% https://mcap.dev/spec.
 -module(starl_mcap_record).
 
--export([magic/0, encode/1, decode/1, opcode/1, content/2]).
+-export([magic/0, encode/1, decode/1, decode_all/1, opcode/1, content/2]).
 
 -export_type([t/0, opcode/0, time/0, id/0, map_of_text/0]).
 
@@ -66,6 +66,19 @@ decode(<<Opcode:8, Size:64/little, Content:Size/binary, Rest/binary>>) ->
     end;
 decode(_CutOff) ->
     more.
+
+%% @doc All records of these bytes.
+-spec decode_all(binary()) -> {ok, [t()]} | {error, cut_off | {bad_record, opcode()}}.
+decode_all(Bytes) -> decode_all(Bytes, []).
+
+decode_all(<<>>, Records) ->
+    {ok, lists:reverse(Records)};
+decode_all(Bytes, Records) ->
+    case decode(Bytes) of
+        {ok, Record, Rest} -> decode_all(Rest, [Record | Records]);
+        more -> {error, cut_off};
+        {error, _} = Error -> Error
+    end.
 
 %% @doc The record of this opcode and content. Bytes after the known fields are ignored.
 -spec content(opcode(), binary()) -> {ok, t()} | {error, {bad_record, opcode()}}.

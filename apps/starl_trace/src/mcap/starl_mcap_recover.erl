@@ -19,14 +19,13 @@
 
 -type reason() ::
     starl_mcap_reader:reason()
-    | {write, file:filename_all(), file:posix() | badarg | terminated | system_limit}
+    | starl_mcap_part:reason()
     | {nothing, file:filename_all()}.
 
 -record(recovery, {
     file :: file:filename_all(),
-    out :: file:filename_all(),
+    part :: starl_mcap_part:t(),
     reader :: starl_mcap_reader:t(),
-    device :: file:io_device(),
     writer :: starl_mcap_writer:t(),
     chunks = 0 :: non_neg_integer(),
     messages = 0 :: non_neg_integer(),
@@ -39,36 +38,14 @@
 file(File, Out) ->
     case starl_mcap_reader:open(File) of
         {ok, Reader} ->
-            Answer = opened(File, Out, Reader),
+            Answer = starl_mcap_part:make(Out, fun(Part) -> try_all(File, Reader, Part) end),
             ok = starl_mcap_reader:close(Reader),
             Answer;
         {error, _} = Error ->
             Error
     end.
 
-opened(File, Out, Reader) ->
-    Part = part(Out),
-    case file:open(Part, [write, raw, binary]) of
-        {ok, Device} ->
-            Answer = try_all(File, Out, Reader, Device),
-            _ = file:close(Device),
-            placed(Answer, Part, Out);
-        {error, Posix} ->
-            {error, {write, Out, Posix}}
-    end.
-
-part(Out) -> unicode:characters_to_list([Out, ".part"]).
-
-placed({ok, _} = Recovered, Part, Out) ->
-    case file:rename(Part, Out) of
-        ok -> Recovered;
-        {error, Posix} -> {error, {write, Out, Posix}}
-    end;
-placed({error, _} = Error, Part, _Out) ->
-    _ = file:delete(Part),
-    Error.
-
-try_all(File, Out, Reader, Device) ->
+try_all(File, Reader, Part) ->
     First = starl_mcap_reader:first(Reader),
     {Library, Second} =
         case starl_mcap_reader:next(First, Reader) of
@@ -76,9 +53,7 @@ try_all(File, Out, Reader, Device) ->
             _ -> {<<>>, First}
         end,
     {Head, Writer} = starl_mcap_writer:new(Library, []),
-    Recovery = #recovery{
-        file = File, out = Out, reader = Reader, device = Device, writer = Writer
-    },
+    Recovery = #recovery{file = File, part = Part, reader = Reader, writer = Writer},
     try
         all(Second, put_bytes({Head, Writer}, Recovery))
     catch
@@ -157,16 +132,13 @@ counted(Index, #recovery{chunks = Chunks, messages = Messages} = Recovery) ->
         messages = Messages + lists:sum([length(E) || E <- maps:values(Index)])
     }.
 
-put_bytes({Bytes, Writer}, #recovery{device = Device, out = Out} = Recovery) ->
-    case file:write(Device, Bytes) of
-        ok -> Recovery#recovery{writer = Writer};
-        {error, Posix} -> throw({?MODULE, {write, Out, Posix}})
-    end.
+put_bytes({Bytes, Writer}, #recovery{part = Part} = Recovery) ->
+    Recovery#recovery{writer = Writer, part = starl_mcap_part:write(Bytes, Part)}.
 
 %% @doc One line on a problem: what is wrong, where, and what to do.
 -spec format_error(reason()) -> unicode:chardata().
-format_error({write, Out, Posix}) ->
-    io_lib:format("~ts: ~ts", [Out, file:format_error(Posix)]);
+format_error({write, _, _} = Reason) ->
+    starl_mcap_part:format_error(Reason);
 format_error({nothing, File}) ->
     io_lib:format("~ts: there is no whole chunk in it: nothing can be recovered", [File]);
 format_error(Reason) ->

@@ -1,5 +1,8 @@
 %% @doc Judges a recording: all contracts of its run, by the monitors of the run, from its trace.
 %% The verdicts are those of the run.
+%%
+%% Recordings of the robots themselves know nothing of the true motions. The contracts that need
+%% them are not judged. If robots of the run are missing, only what concerns each robot alone is.
 -module(starl_trace_judge).
 
 -export([file/1, format_error/1]).
@@ -7,12 +10,14 @@
 -export_type([judged/0, reason/0]).
 
 %% The judgement: the facts of the run, the violations, whether the recording knows its end and what
-%% the run itself had found, the figures of the monitors, and how the file ends.
+%% the run itself had found, the figures of the monitors, the monitors that could not judge, and how
+%% the file ends.
 -type judged() :: #{
     scenario := starl_trace_message:scenario(),
     violations := [starl_monitor:violation()],
     found := [starl_monitor:violation()] | unknown,
     results := #{module() => map()},
+    not_judged := [{module(), motions | robots}],
     until_us := integer(),
     events := non_neg_integer(),
     missing := non_neg_integer(),
@@ -29,6 +34,7 @@
     file :: file:filename_all(),
     scenario = none :: starl_trace_message:scenario() | none,
     monitors = none :: starl_monitor:t() | none,
+    not_judged = [] :: [{module(), motions | robots}],
     violations = [] :: [starl_monitor:violation()],
     found = unknown :: [starl_monitor:violation()] | unknown,
     until = 0 :: integer(),
@@ -69,6 +75,7 @@ judged(Ended, #judge{monitors = Monitors, violations = Violations, until = Until
         violations => lists:reverse(Violations, Late),
         found => Judge#judge.found,
         results => Results,
+        not_judged => Judge#judge.not_judged,
         until_us => Until,
         events => Judge#judge.events,
         missing => Judge#judge.missing,
@@ -83,7 +90,12 @@ messages(Messages, Judge0) ->
 message({scenario, _, Scenario}, #judge{scenario = none, file = File} = Judge) ->
     #{monitors := Monitors} = Scenario,
     lists:foreach(fun(Monitor) -> check(Monitor, File) end, Monitors),
-    Judge#judge{scenario = Scenario, monitors = starl_monitor:new(Monitors)};
+    Needs = [{Monitor, needs(starl_monitor:interests(Monitor), Scenario)} || Monitor <- Monitors],
+    Judge#judge{
+        scenario = Scenario,
+        monitors = starl_monitor:new([Monitor || {Monitor, nothing} <- Needs]),
+        not_judged = [{Module, What} || {{Module, _}, What} <- Needs, What =/= nothing]
+    };
 message({verdicts, _, {ended, #{end_us := End, violations := Found}}}, Judge) ->
     Judge#judge{found = Found, until = max(End, Judge#judge.until)};
 message({gap, _, Missing}, Judge) ->
@@ -118,6 +130,23 @@ check({Module, Config}, File) when is_atom(Module), is_map(Config) ->
     end;
 check(_Other, File) ->
     throw({?MODULE, {bad_monitor, File, unknown}}).
+
+%% What a monitor with these interests would need and the recording has not.
+needs(Interests, #{told_by := By, robots := Robots} = Scenario) ->
+    HasMotions = maps:get(has_motions, Scenario, false),
+    HasAll = [Id || {Id, _} <- Robots] -- By =:= [],
+    case Interests of
+        [supervisor] -> nothing;
+        _ when not HasAll -> robots;
+        _ when HasMotions -> nothing;
+        all -> motions;
+        _ -> of_machines(lists:member(chassis, Interests))
+    end;
+needs(_Interests, _Scenario) ->
+    nothing.
+
+of_machines(true) -> motions;
+of_machines(false) -> nothing.
 
 is_monitor(Module) ->
     Attributes = Module:module_info(attributes),

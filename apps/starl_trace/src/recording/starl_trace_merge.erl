@@ -1,40 +1,66 @@
-%% @doc Makes one recording of those of several robots of a run, by time. The robots must share a
-%% clock: their recordings have one scenario and one beginning. Memory holds about a second of each
-%% file.
+%% @doc Makes one recording of those of the robots of a run, by time, and of the world's recording if
+%% that is among them: then the true motions, the deaths of robots, and the verdicts of the run come
+%% from there, and what the robots did after the end of the run is left out. Memory holds some seconds of each file.
+%%
+%% <em>Clocks.</em> The times of all files are taken as they are: the robots' computers must be set by
+%% one clock. The packets tell where they are not: those that came before they were sent.
 -module(starl_trace_merge).
 
 -export([files/2, format_error/1]).
 
--export_type([merged/0, reason/0]).
+-export_type([merged/0, reason/0, clock/0]).
 
+%% `cut_off': the files whose ends are in no other; `missing': robots of the run without a file.
 -type merged() :: #{
     messages := non_neg_integer(),
     bytes := non_neg_integer(),
     until_us := integer(),
-    cut_off := [file:filename_all()]
+    cut_off := [file:filename_all()],
+    missing := [starl:robot_id()],
+    clocks := [clock()]
 }.
+
+%% The packets from a robot to another came before they were sent, by so much on average.
+-type clock() :: {{From :: starl:robot_id(), To :: starl:robot_id()}, Us :: pos_integer()}.
 
 -type reason() ::
     starl_trace_reader:reason()
-    | {write, file:filename_all(), file:posix() | badarg | terminated | system_limit}
+    | starl_mcap_part:reason()
     | {no_scenario, file:filename_all()}
+    | {two_worlds, file:filename_all(), file:filename_all()}
     | {other_run, file:filename_all(), file:filename_all(), Key :: atom()}.
 
-%% A file: its number, the messages that wait, its cursor.
--type source() :: {
-    pos_integer(), file:filename_all(), [starl_trace_message:t()], starl_trace_reader:cursor()
-}.
+-record(source, {
+    %% the world's comes first
+    rank :: {0 | 1, pos_integer()},
+    kind :: world | robot,
+    file :: file:filename_all(),
+    facts :: starl_trace_message:scenario(),
+    share :: starl_trace_share:t() | none,
+    %% the messages that wait
+    messages :: [starl_trace_message:t()],
+    cursor :: starl_trace_reader:cursor()
+}).
 
 -record(merge, {
-    out :: file:filename_all(),
-    device :: file:io_device(),
+    part :: starl_mcap_part:t(),
     writer :: starl_trace_writer:t(),
+    has_world :: boolean(),
+    %% messages that wait until the fates of packets are known, the latest first
+    waiting = [] :: [starl_trace_message:t()],
+    ways = starl_packet_ways:new() :: starl_packet_ways:t(),
+    due = none :: integer() | none,
     messages = 0 :: non_neg_integer(),
-    bytes = 0 :: non_neg_integer(),
     until = 0 :: integer(),
     ended = none :: starl_observer:ending() | none,
     cut_off = [] :: [file:filename_all()]
 }).
+
+%% The longest delay of a packet, and the time after which it is looked for.
+-define(DELAY_US, 1500000).
+-define(STEP_US, 1000000).
+%% Recordings of one run have the same facts.
+-define(SAME, [app, kind, scenario, epoch_us, run]).
 
 %% @doc Merges recordings into a file.
 -spec files([file:filename_all(), ...], Out :: file:filename_all()) ->
@@ -43,118 +69,170 @@ files(Files, Out) ->
     try
         Sources = [begun(N, File) || {N, File} <- lists:zip(lists:seq(1, length(Files)), Files)],
         try
-            checked(Sources, Out)
+            ok = checked(Sources),
+            starl_mcap_part:make(Out, fun(Part) -> {ok, written(lists:sort(Sources), Part)} end)
         after
-            lists:foreach(fun({_, _, _, Cursor}) -> starl_trace_reader:stop(Cursor) end, Sources)
+            lists:foreach(fun(#source{cursor = C}) -> starl_trace_reader:stop(C) end, Sources)
         end
     catch
         throw:{?MODULE, Reason} -> {error, Reason}
     end.
 
--spec begun(pos_integer(), file:filename_all()) -> source().
 begun(N, File) ->
     case starl_trace_reader:start(File) of
         {ok, Cursor} -> first(starl_trace_reader:next(Cursor), N, File);
         {error, Reason} -> throw({?MODULE, Reason})
     end.
 
-first({ok, [{scenario, _, _} | _] = Messages, Next}, N, File) -> {N, File, Messages, Next};
-first({error, Reason}, _N, _File) -> throw({?MODULE, Reason});
-first(_Other, _N, File) -> throw({?MODULE, {no_scenario, File}}).
+first({ok, [{scenario, _, Facts} | Messages], Next}, N, File) ->
+    {Kind, Rank} =
+        case Facts of
+            #{told_by := _} -> {robot, {1, N}};
+            #{} -> {world, {0, N}}
+        end,
+    #source{
+        rank = Rank,
+        kind = Kind,
+        file = File,
+        facts = Facts,
+        share = none,
+        messages = Messages,
+        cursor = Next
+    };
+first({error, Reason}, _N, _File) ->
+    throw({?MODULE, Reason});
+first(_Other, _N, File) ->
+    throw({?MODULE, {no_scenario, File}}).
 
-%% The recordings of one run have the same facts.
-checked([{_, First, [{scenario, _, Facts} | _], _} | Others] = Sources, Out) ->
+checked([#source{file = First, facts = Facts} | Others] = Sources) ->
     _ = [
         throw({?MODULE, {other_run, First, File, Key}})
-     || {_, File, [{scenario, _, Other} | _], _} <- Others,
-        Key <- [app, kind, scenario, epoch_us],
+     || #source{file = File, facts = Other} <- Others,
+        Key <- ?SAME,
         maps:get(Key, Facts, none) =/= maps:get(Key, Other, none)
     ],
-    Part = unicode:characters_to_list([Out, ".part"]),
-    case file:open(Part, [write, raw, binary]) of
-        {ok, Device} -> written(Sources, Part, Out, Device);
-        {error, Posix} -> {error, {write, Out, Posix}}
+    case [File || #source{kind = world, file = File} <- Sources] of
+        [A, B | _] -> throw({?MODULE, {two_worlds, A, B}});
+        _ -> ok
     end.
 
-written([{_, _, [Scenario | _], _} | _] = Sources, Part, Out, Device) ->
+written(Sources0, Part) ->
+    HasWorld = has_world(Sources0),
+    Sources = [shared(HasWorld, Source) || Source <- Sources0],
     {Head, Writer} = starl_trace_writer:new(),
-    Merge = put_bytes(Head, #merge{out = Out, device = Device, writer = Writer}),
-    Rests = [{N, File, Rest, Cursor} || {N, File, [_ | Rest], Cursor} <- Sources],
-    try
-        Merged = all([S || R <- Rests, S <- filled(R)], put_messages([Scenario], Merge)),
-        placed(finished(Merged), Part)
-    catch
-        throw:{?MODULE, _} = Thrown ->
-            _ = file:delete(Part),
-            throw(Thrown)
-    after
-        file:close(Device)
-    end.
+    Merge = put_bytes({Head, Writer}, #merge{
+        part = Part, writer = Writer, has_world = HasWorld
+    }),
+    Scenario = {scenario, begin_us(Sources), facts(Sources)},
+    {Ready, Begun} = filled(Sources, put_messages([Scenario], Merge)),
+    #merge{until = Until, part = Whole} = Merged = finished(all(Ready, Begun)),
+    #{
+        messages => Merged#merge.messages,
+        bytes => starl_mcap_part:written(Whole),
+        until_us => Until,
+        cut_off => lists:reverse(Merged#merge.cut_off) -- continued(Sources),
+        missing => missing(Sources),
+        clocks => starl_packet_ways:early(Merged#merge.ways)
+    }.
 
-placed(#merge{out = Out} = Merge, Part) ->
-    case file:rename(Part, Out) of
-        ok ->
-            {ok, #{
-                messages => Merge#merge.messages,
-                bytes => Merge#merge.bytes,
-                until_us => Merge#merge.until,
-                cut_off => lists:reverse(Merge#merge.cut_off)
-            }};
-        {error, Posix} ->
-            {error, {write, Out, Posix}}
-    end.
+shared(HasWorld, #source{kind = Kind, messages = Messages} = Source) ->
+    taken(Messages, Source#source{share = starl_trace_share:new(Kind, HasWorld)}).
+
+taken(Messages, #source{share = Share} = Source) ->
+    {Taken, Next} = starl_trace_share:take(Messages, Share),
+    Source#source{messages = Taken, share = Next}.
+
+has_world(Sources) -> lists:any(fun(#source{kind = Kind}) -> Kind =:= world end, Sources).
+
+begin_us(Sources) ->
+    lists:min([maps:get(begun_us, Facts, 0) || #source{facts = Facts} <- Sources]).
+
+%% The facts of the world, or those of the first robot.
+facts([#source{facts = First} | _] = Sources) ->
+    Facts = maps:without([was_up, begun_us], First),
+    Facts#{
+        told_by => robots(Sources), has_motions => has_world(Sources), begun_us => begin_us(Sources)
+    }.
+
+robots(Sources) ->
+    lists:usort(lists:append([maps:get(told_by, Facts, []) || #source{facts = Facts} <- Sources])).
+
+missing([#source{facts = #{robots := All}} | _] = Sources) ->
+    [Id || {Id, _} <- All] -- robots(Sources).
+
+%% The files of a robot whose next file has their end.
+continued(Sources) ->
+    Starts = lists:sort([
+        {By, maps:get(begun_us, Facts, 0), maps:get(was_up, Facts, false), File}
+     || #source{facts = #{told_by := By} = Facts, file = File} <- Sources
+    ]),
+    Pairs = lists:zip(lists:droplast([none | Starts]), Starts),
+    [File || {{By, _, _, File}, {By, _, true, _}} <- Pairs].
 
 %% Takes the earliest messages of all files, file by file.
 all([], Merge) ->
     Merge;
+all(_Sources, #merge{has_world = true, ended = #{}} = Merge) ->
+    Merge;
 all(Sources, Merge) ->
-    [{N, File, Messages, Cursor} | Others] = lists:sort(fun earlier/2, Sources),
+    [#source{messages = Messages} = Source | Others] = lists:sort(fun earlier/2, Sources),
     Until =
         case Others of
             [] -> infinity;
-            [{_, _, [{_, At, _} | _], _} | _] -> At
+            [#source{messages = [{_, At, _} | _]} | _] -> At
         end,
     {Now, Later} = lists:splitwith(fun({_, T, _}) -> T =< Until end, Messages),
-    {Left, Next} = refilled({N, File, Later, Cursor}, put_messages(Now, Merge)),
+    {Left, Next} = filled([Source#source{messages = Later}], put_messages(Now, Merge)),
     all(Left ++ Others, Next).
 
-earlier({N, _, [{_, A, _} | _], _}, {M, _, [{_, B, _} | _], _}) -> {A, N} =< {B, M}.
+earlier(#source{messages = [{_, A, _} | _]} = One, #source{messages = [{_, B, _} | _]} = Other) ->
+    {A, One#source.rank} =< {B, Other#source.rank}.
 
-filled(Source) ->
-    case more(Source) of
-        {ok, Filled} -> [Filled];
-        {ended, _} -> []
-    end.
+%% The sources that have messages.
+filled(Sources, Merge) -> lists:foldr(fun fill/2, {[], Merge}, Sources).
 
-refilled({_, File, _, _} = Source, #merge{cut_off = CutOff} = Merge) ->
-    case more(Source) of
-        {ok, Filled} -> {[Filled], Merge};
-        {ended, closed} -> {[], Merge};
-        {ended, _} -> {[], Merge#merge{cut_off = [File | CutOff]}}
-    end.
-
-more({_, _, [_ | _], _} = Source) ->
-    {ok, Source};
-more({N, File, [], Cursor}) ->
+fill(#source{messages = [], cursor = Cursor, file = File} = Source, {Full, Merge}) ->
     case starl_trace_reader:next(Cursor) of
-        {ok, Messages, Next} -> more({N, File, wanted(Messages), Next});
-        {ended, Ended} -> {ended, Ended};
-        {error, Reason} -> throw({?MODULE, Reason})
-    end.
+        {ok, Messages, Next} ->
+            fill(taken(Messages, Source#source{cursor = Next}), {Full, Merge});
+        {ended, closed} ->
+            {Full, Merge};
+        {ended, _} ->
+            {Full, Merge#merge{cut_off = [File | Merge#merge.cut_off]}};
+        {error, Reason} ->
+            throw({?MODULE, Reason})
+    end;
+fill(Source, {Full, Merge}) ->
+    {[Source | Full], Merge}.
 
-%% Counts of one robot do not add up to those of the team.
-wanted(Messages) -> [M || M <- Messages, element(1, M) =/= metrics, element(1, M) =/= scenario].
-
-put_messages(Messages, Merge) ->
+put_messages(Messages, #merge{until = Until} = Merge0) ->
     {Ends, Others} = lists:partition(fun is_end/1, Messages),
-    #merge{writer = Writer, messages = N, until = Until} =
-        Ended = lists:foldl(fun ended/2, Merge, Ends),
-    {Bytes, Next} = starl_trace_writer:messages(Others, Writer),
-    put_bytes(Bytes, Ended#merge{
-        writer = Next,
-        messages = N + length(Others),
-        until = lists:max([Until | [At || {_, At, _} <- Others]])
-    }).
+    Merge = lists:foldl(fun kept/2, lists:foldl(fun ended/2, Merge0, Ends), Others),
+    due(Merge#merge{until = lists:max([Until | [At || {_, At, _} <- Others]])}).
+
+%% What robots know of packets becomes packets with their fates.
+kept({ways, At, {Robot, Way}}, #merge{ways = Ways} = Merge) ->
+    Merge#merge{ways = starl_packet_ways:told({At, Robot, radio, Way}, Ways)};
+kept(Message, #merge{waiting = Waiting} = Merge) ->
+    Merge#merge{waiting = [Message | Waiting]}.
+
+due(#merge{due = none, until = Until} = Merge) ->
+    Merge#merge{due = Until + ?DELAY_US + ?STEP_US};
+due(#merge{due = Due, until = Until} = Merge) when Until < Due -> Merge;
+due(#merge{until = Until} = Merge) ->
+    told(Until - ?DELAY_US, Merge#merge{due = Until + ?STEP_US}).
+
+%% Writes what has happened until then; an atom is larger than any number.
+told(Until, #merge{waiting = Waiting, ways = Ways, writer = Writer, messages = N} = Merge) ->
+    {Young, Old} = lists:splitwith(fun({_, At, _}) -> At > Until end, Waiting),
+    {Packets, Left} = starl_packet_ways:due(Until, Ways),
+    Fates = [
+        {packets, At, {From, To, Brief, Bytes, Fate}}
+     || {At, From, radio, {packet, To, Brief, Bytes, Fate}} <- Packets
+    ],
+    Messages = lists:keymerge(2, lists:reverse(Old), Fates),
+    Put = put_bytes(starl_trace_writer:messages(Messages, Writer), Merge),
+    Put#merge{waiting = Young, ways = Left, messages = N + length(Messages)}.
 
 is_end({verdicts, _, {ended, _}}) -> true;
 is_end(_) -> false.
@@ -162,37 +240,39 @@ is_end(_) -> false.
 %% The run has one end: the last, with what any of the files has found.
 ended({_, _, {ended, Ending}}, #merge{ended = none} = Merge) ->
     Merge#merge{ended = Ending};
-ended(
-    {_, _, {ended, #{end_us := End, violations := Violations} = Ending}}, #merge{ended = Known} = M
-) ->
+ended({_, _, {ended, #{violations := Violations} = Ending}}, #merge{ended = Known} = Merge) ->
     #{end_us := KnownEnd, violations := Found} = Known,
     Last =
-        case End > KnownEnd of
-            true -> Ending;
-            false -> Known
+        case Ending of
+            #{end_us := End} when End > KnownEnd -> Ending;
+            #{} -> Known
         end,
-    M#merge{ended = Last#{violations := lists:usort(Found ++ Violations)}}.
+    Merge#merge{ended = Last#{violations := lists:usort(Found ++ Violations)}}.
 
-finished(#merge{ended = none, writer = Writer} = Merge) ->
-    put_bytes(starl_trace_writer:finish(Writer), Merge);
-finished(#merge{ended = #{end_us := End} = Ending, until = Until} = Merge) ->
-    Message = {verdicts, max(End, Until), {ended, Ending}},
-    {Bytes, Writer} = starl_trace_writer:messages([Message], Merge#merge.writer),
-    Put = put_bytes(Bytes, Merge#merge{until = max(End, Until)}),
-    put_bytes(starl_trace_writer:finish(Writer), Put).
+finished(Merge) ->
+    #merge{ended = Ended, until = Until} = Told = told(infinity, Merge),
+    End =
+        case Ended of
+            none -> [];
+            #{end_us := EndUs} -> [{verdicts, max(EndUs, Until), {ended, Ended}}]
+        end,
+    Last = lists:max([Until | [At || {_, At, _} <- End]]),
+    Whole = put_bytes(starl_trace_writer:messages(End, Told#merge.writer), Told),
+    Finish = starl_trace_writer:finish(Whole#merge.writer),
+    put_bytes({Finish, Whole#merge.writer}, Whole#merge{until = Last}).
 
-put_bytes(Bytes, #merge{device = Device, bytes = Written, out = Out} = Merge) ->
-    case file:write(Device, Bytes) of
-        ok -> Merge#merge{bytes = Written + iolist_size(Bytes)};
-        {error, Posix} -> throw({?MODULE, {write, Out, Posix}})
-    end.
+put_bytes({Bytes, Writer}, #merge{part = Part} = Merge) ->
+    Merge#merge{writer = Writer, part = starl_mcap_part:write(Bytes, Part)}.
 
 %% @doc One line on a problem: what is wrong, where, and what to do.
 -spec format_error(reason()) -> unicode:chardata().
-format_error({write, Out, Posix}) ->
-    io_lib:format("~ts: ~ts", [Out, file:format_error(Posix)]);
+format_error({write, _, _} = Reason) ->
+    starl_mcap_part:format_error(Reason);
 format_error({no_scenario, File}) ->
     io_lib:format("~ts: the recording does not begin with its scenario", [File]);
+format_error({two_worlds, First, File}) ->
+    Line = "~ts: like ~ts the recording of a whole run; merge takes those of its robots",
+    io_lib:format(Line, [File, First]);
 format_error({other_run, First, File, Key}) ->
     Line = "~ts: not of the run of ~ts (another ~ts); merge takes the robots of one run",
     io_lib:format(Line, [File, First, Key]);

@@ -1,51 +1,44 @@
 %% @doc Reads a recording: its messages in the order of time.
 %% ```
 %%   {ok, Moves, _} = starl_trace_reader:fold(
-%%       fun({poses, _, _}, N) -> N + 1; (_, N) -> N end, 0, "run.mcap")
+%%       fun({poses, _, _}, N) -> N + 1; (_, N) -> N end, 0, "run.mcap"),
+%%   {ok, Cursor} = starl_trace_reader:start("run.mcap", 60000000),
+%%   {ok, Messages, Next} = starl_trace_reader:next(Cursor)
 %% '''
 %% A file that was cut off is read to its last whole chunk. Positions that the recording leaves out,
 %% since they follow from the motions in its trace, are computed here: the messages are those that
 %% the run told.
+%%
+%% Reading may begin at any time. Then only the chunks are opened that are needed: the first, which
+%% holds the scenario, those since the last account of all motions ({@link
+%% starl_trace_poses:places/2}), which a recording has every ten seconds, and those that are read.
 -module(starl_trace_reader).
 
--export([fold/3, start/1, next/1, stop/1, info/1, format_error/1]).
+-export([fold/3, start/1, start/2, next/1, stop/1, opened/1, tail/1, format_error/1]).
 
--export_type([cursor/0, reason/0, ended/0, info/0]).
+-export_type([cursor/0, reason/0, ended/0, tail/0]).
 
 -record(cursor, {
-    file :: file:filename_all(),
-    reader :: starl_mcap_reader:t(),
-    position :: starl_mcap_reader:position(),
-    %% channels of the recording's own messages
-    channels = [] :: [starl_mcap_record:id()],
+    chunks :: starl_trace_chunks:t(),
+    %% messages that were read already
+    ready = [] :: [starl_trace_message:t()],
     poses = starl_trace_poses:new() :: starl_trace_poses:t(),
-    derived = false :: boolean(),
-    count = 0 :: non_neg_integer(),
-    last = 0 :: integer(),
-    ended = closed :: ended()
+    derived = false :: boolean()
 }).
 
 -opaque cursor() :: #cursor{}.
 
-%% How the file ends: it was closed; it is cut off; from this byte on it is damaged.
--type ended() :: closed | cut_off | {damaged, starl_mcap_reader:position()}.
+-type ended() :: starl_trace_chunks:ended().
 
--type reason() ::
-    starl_mcap_reader:reason()
-    | {no_recording, file:filename_all()}
-    | {terms, file:filename_all(), starl_trace_terms:reason()}.
+-type reason() :: starl_trace_chunks:reason().
 
-%% Figures of any MCAP file. Times are those of its clock, in microseconds.
--type info() :: #{
-    file := file:filename_all(),
-    bytes := non_neg_integer(),
-    library := binary(),
-    ended := ended(),
-    chunks := non_neg_integer(),
-    compressions := [binary()],
-    from_us := integer(),
-    to_us := integer(),
-    topics := [{Topic :: binary(), Schema :: binary(), Messages :: non_neg_integer()}]
+%% The end of a recording: its scenario, the last trace events of its machines, and the time of its
+%% last message.
+-type tail() :: #{
+    scenario := starl_trace_message:scenario(),
+    trace := [starl_trace_tail:traced()],
+    until_us := integer(),
+    ended := ended()
 }.
 
 %% @doc Folds a function over the messages of a recording.
@@ -72,83 +65,35 @@ folded(Fun, Acc, Cursor) ->
 %% @doc Opens a recording at its beginning, to read it piece by piece.
 -spec start(file:filename_all()) -> {ok, cursor()} | {error, reason()}.
 start(File) ->
-    case starl_mcap_reader:open(File) of
-        {ok, Reader} ->
-            First = starl_mcap_reader:first(Reader),
-            {ok, #cursor{file = File, reader = Reader, position = First}};
-        {error, _} = Error ->
-            Error
+    case starl_trace_chunks:open(File) of
+        {ok, Chunks} -> {ok, #cursor{chunks = Chunks}};
+        {error, _} = Error -> Error
     end.
 
 %% @doc Closes a recording.
 -spec stop(cursor()) -> ok.
-stop(#cursor{reader = Reader}) -> starl_mcap_reader:close(Reader).
+stop(#cursor{chunks = Chunks}) -> starl_trace_chunks:close(Chunks).
+
+%% @doc The number of chunks that were opened so far.
+-spec opened(cursor()) -> non_neg_integer().
+opened(#cursor{chunks = Chunks}) -> starl_trace_chunks:opened(Chunks).
 
 %% @doc The next messages, of about a second.
 -spec next(cursor()) ->
     {ok, [starl_trace_message:t()], cursor()} | {ended, ended()} | {error, reason()}.
-next(#cursor{reader = Reader, position = Position} = Cursor) ->
-    case starl_mcap_reader:next(Position, Reader) of
-        {ok, {chunk, _, _, _, _, _, _} = Chunk, After} ->
-            chunk(starl_mcap_chunk:records(Chunk), Cursor#cursor{position = After});
-        {ok, {data_end, _}, _} ->
-            ended(closed, Cursor);
-        {ok, {footer, _, _, _}, _} ->
-            ended(closed, Cursor);
-        {ok, Record, After} ->
-            messages([Record], Cursor#cursor{position = After});
-        'end' ->
-            ended(cut_off, Cursor);
-        {cut, _} ->
-            ended(cut_off, Cursor);
-        {error, {damaged, _, At, _}} ->
-            ended({damaged, At}, Cursor);
-        {error, _} = Error ->
-            Error
+next(#cursor{ready = [_ | _] = Messages} = Cursor) ->
+    {ok, Messages, Cursor#cursor{ready = []}};
+next(#cursor{chunks = Chunks} = Cursor) ->
+    case starl_trace_chunks:next(Chunks) of
+        {ok, Messages, Left} -> whole(Messages, Cursor#cursor{chunks = Left});
+        Other -> Other
     end.
 
-chunk({ok, Records}, Cursor) ->
-    messages(Records, Cursor);
-chunk({error, {compression, _} = Reason}, #cursor{file = File, position = Position}) ->
-    {error, {damaged, File, Position, Reason}};
-chunk({error, _}, #cursor{position = Position} = Cursor) ->
-    ended({damaged, Position}, Cursor).
-
-%% A file without one message is no recording of ours, unless it was cut off before the first.
-ended(Ended, #cursor{count = 0, file = File, channels = []}) when Ended =:= closed ->
-    {error, {no_recording, File}};
-ended(Ended, _Cursor) ->
-    {ended, Ended}.
-
-messages(Records, #cursor{channels = Known} = Cursor) ->
-    New = [Id || {channel, Id, _, <<"/starl">>, <<"json">>, _} <- Records],
-    Channels = lists:usort(New ++ Known),
-    Texts = [
-        Data
-     || {message, Channel, _, _, _, Data} <- Records, lists:member(Channel, Channels)
-    ],
-    terms(Texts, [], Cursor#cursor{channels = Channels}).
-
-terms([], [], Cursor) ->
-    next(Cursor);
-terms([], Messages, Cursor) ->
-    {ok, Messages, Cursor};
-terms([Text | Texts], Before, #cursor{file = File} = Cursor) ->
-    case starl_trace_terms:decode(Text) of
-        {ok, Messages} ->
-            case
-                is_list(Messages) andalso lists:all(fun starl_trace_message:is_message/1, Messages)
-            of
-                true -> whole(Messages, Texts, Before, Cursor);
-                false -> {error, {terms, File, not_terms}}
-            end;
-        {error, Reason} ->
-            {error, {terms, File, Reason}}
+whole(Messages, Cursor) ->
+    case with_poses(Messages, [], Cursor) of
+        {[], Next} -> next(Next);
+        {Whole, Next} -> {ok, Whole, Next}
     end.
-
-whole(Messages, Texts, Before, #cursor{count = Count} = Cursor) ->
-    {Whole, Next} = with_poses(Messages, [], Cursor#cursor{count = Count + length(Messages)}),
-    terms(Texts, Before ++ Whole, Next).
 
 %% -- positions ------------------------------------------------------------------------------
 
@@ -156,11 +101,13 @@ with_poses([], Messages, Cursor) ->
     {lists:reverse(Messages), Cursor};
 with_poses([{poses, _, _} | Messages], Before, #cursor{derived = true} = Cursor) ->
     with_poses(Messages, Before, Cursor);
-with_poses([{_, At, _} = Message | Messages], Before, #cursor{poses = Poses} = Cursor) ->
+with_poses([{places, _, _} | Messages], Before, Cursor) ->
+    with_poses(Messages, Before, Cursor);
+with_poses([Message | Messages], Before, #cursor{poses = Poses} = Cursor) ->
     {Samples, Sampled} = starl_trace_poses:sample(until(Message), Poses),
     {Next, Derived} = motion(Message, Sampled, Cursor#cursor.derived),
     With = [Message | lists:reverse(Samples, Before)],
-    with_poses(Messages, With, Cursor#cursor{poses = Next, derived = Derived, last = At}).
+    with_poses(Messages, With, Cursor#cursor{poses = Next, derived = Derived}).
 
 %% The last sample of a run is at its very end.
 until({verdicts, At, {ended, _}}) -> At + 1;
@@ -173,91 +120,109 @@ motion({trace, At, {Robot, chassis, Event}}, Poses, Derived) ->
 motion(_Message, Poses, Derived) ->
     {Poses, Derived}.
 
-%% -- figures --------------------------------------------------------------------------------
+%% -- from a time on -------------------------------------------------------------------------
 
-%% @doc The figures of an MCAP file, ours or another.
--spec info(file:filename_all()) -> {ok, info()} | {error, reason()}.
-info(File) ->
-    case starl_mcap_reader:open(File) of
-        {ok, Reader} ->
-            Info = #{
-                file => File,
-                bytes => starl_mcap_reader:size(Reader),
-                library => <<>>,
-                ended => closed,
-                chunks => 0,
-                compressions => [],
-                from_us => none,
-                to_us => 0,
-                schemas => #{},
-                channels => #{},
-                counts => #{}
-            },
-            Answer = scan(starl_mcap_reader:first(Reader), Reader, Info),
-            ok = starl_mcap_reader:close(Reader),
-            Answer;
-        {error, _} = Error ->
-            Error
+%% @doc Opens a recording at a time. The scenario comes first, and where all robots are then, as far
+%% as that follows from their motions; then the messages from that time on.
+-spec start(file:filename_all(), FromUs :: integer()) -> {ok, cursor()} | {error, reason()}.
+start(File, From) ->
+    first(File, fun(Scenario, Chunks) ->
+        {All, _Ended} = starl_trace_chunks:list(Chunks),
+        {Before, Later} = lists:splitwith(fun({_, End, _}) -> End < 1000 * From end, All),
+        Needed = lists:reverse(Before, lists:sublist(Later, 1)),
+        HasPlaces = fun(Messages) -> has_places(From, Messages) end,
+        {Messages, After} = back(Needed, HasPlaces, Chunks),
+        {ok, begun(From, Scenario, Messages, #cursor{chunks = After})}
+    end).
+
+has_places(From, Messages) ->
+    lists:any(fun(M) -> element(1, M) =:= places andalso element(2, M) =< From end, Messages).
+
+%% Opens a recording and reads its first chunk.
+first(File, Fun) ->
+    case starl_trace_chunks:open(File) of
+        {ok, Chunks} -> first(starl_trace_chunks:next(Chunks), Chunks, Fun);
+        {error, _} = Error -> Error
     end.
 
-scan(Position, Reader, Info) ->
-    case starl_mcap_reader:next(Position, Reader) of
-        {ok, {data_end, _}, _} -> {ok, figures(Info)};
-        {ok, {footer, _, _, _}, _} -> {ok, figures(Info)};
-        {ok, Record, After} -> scan(After, Reader, seen(Record, Position, Info));
-        {error, {damaged, _, At, _}} -> {ok, figures(Info#{ended := {damaged, At}})};
+first({ok, [{scenario, _, _} = Scenario | _], Next}, _Chunks, Fun) ->
+    Fun(Scenario, Next);
+first(Other, Chunks, _Fun) ->
+    ok = starl_trace_chunks:close(Chunks),
+    case Other of
         {error, _} = Error -> Error;
-        _Cut -> {ok, figures(Info#{ended := cut_off})}
+        _ -> {error, {no_recording, starl_trace_chunks:file(Chunks)}}
     end.
 
-seen({header, _, Library}, _At, Info) ->
-    Info#{library := Library};
-seen({chunk, _, _, _, _, Compression, _} = Chunk, At, Info) ->
-    #{chunks := N, compressions := Known} = Info,
-    Counted = Info#{chunks := N + 1, compressions := lists:usort([Compression | Known])},
-    case starl_mcap_chunk:records(Chunk) of
-        {ok, Records} -> lists:foldl(fun(R, I) -> seen(R, At, I) end, Counted, Records);
-        {error, _} -> Counted#{ended := {damaged, At}}
-    end;
-seen({schema, Id, Name, _, _}, _At, #{schemas := Schemas} = Info) ->
-    Info#{schemas := Schemas#{Id => Name}};
-seen({channel, Id, Schema, Topic, _, _}, _At, #{channels := Channels} = Info) ->
-    Info#{channels := Channels#{Id => {Topic, Schema}}};
-seen({message, Channel, _, Time, _, _}, _At, Info) ->
-    #{counts := Counts, from_us := From, to_us := To} = Info,
-    Us = Time div 1000,
-    Info#{
-        counts := Counts#{Channel => 1 + maps:get(Channel, Counts, 0)},
-        %% an atom is larger than any number
-        from_us := min(From, Us),
-        to_us := max(To, Us)
-    };
-seen(_Other, _At, Info) ->
-    Info.
+%% Reads chunks, the latest first, until one has what is wanted: the messages of all of them, and the
+%% file at the place after the latest.
+back(List, IsEnough, Chunks) -> back(List, IsEnough, [], here, Chunks).
 
-figures(#{schemas := Schemas, channels := Channels, counts := Counts, from_us := From} = Info) ->
-    Topics = lists:sort([
-        {Topic, maps:get(Schema, Schemas, <<>>), maps:get(Id, Counts, 0)}
-     || {Id, {Topic, Schema}} <- maps:to_list(Channels)
-    ]),
-    (maps:without([schemas, channels, counts], Info))#{
-        topics => Topics,
-        from_us :=
-            if
-                From =:= none -> 0;
-                true -> From
-            end
-    }.
+back([], _IsEnough, Later, Place, Chunks) ->
+    {Later, resumed(Place, Chunks)};
+back([{_, _, Position} | Earlier], IsEnough, Later, Place, Chunks) ->
+    case starl_trace_chunks:next(starl_trace_chunks:at(Position, Chunks)) of
+        {ok, Messages, After} when Place =:= here ->
+            back(Messages, Earlier, IsEnough, Later, starl_trace_chunks:place(After), After);
+        {ok, Messages, After} ->
+            back(Messages, Earlier, IsEnough, Later, Place, After);
+        _Damaged when Place =:= here ->
+            {Later, starl_trace_chunks:at(Position, Chunks)};
+        _Damaged ->
+            {Later, resumed(Place, Chunks)}
+    end.
+
+back(Messages, Earlier, IsEnough, Later, Place, Chunks) ->
+    case IsEnough(Messages) of
+        true -> {Messages ++ Later, resumed(Place, Chunks)};
+        false -> back(Earlier, IsEnough, Messages ++ Later, Place, Chunks)
+    end.
+
+resumed(here, Chunks) -> Chunks;
+resumed(Place, Chunks) -> starl_trace_chunks:at(Place, Chunks).
+
+%% The messages before that time only tell where the robots are.
+begun(From, Scenario, Messages, Cursor0) ->
+    {Before, After} = lists:partition(fun(M) -> is_before(From, M) end, Messages),
+    {Since, Restored} = restored(lists:reverse(Before), [], Cursor0),
+    {_, #cursor{poses = Poses} = Cursor} = with_poses(Since, [], Restored),
+    {_, Sampled} = starl_trace_poses:sample(From, Poses),
+    Places = [starl_trace_poses:full(From, Sampled) || Cursor#cursor.derived],
+    {Later, Next} = with_poses(
+        [M || M <- After, element(1, M) =/= scenario], [], Cursor#cursor{poses = Sampled}
+    ),
+    Next#cursor{ready = [Scenario | Places] ++ Later}.
+
+is_before(From, {places, At, _}) -> At =< From;
+is_before(From, {_, At, _}) -> At < From.
+
+%% The messages since the last account of the motions.
+restored([], Since, Cursor) ->
+    {Since, Cursor};
+restored([{places, At, Places} | _], Since, Cursor) ->
+    {Since, Cursor#cursor{poses = starl_trace_poses:restore(At, Places), derived = true}};
+restored([Message | Earlier], Since, Cursor) ->
+    restored(Earlier, [Message | Since], Cursor).
+
+%% -- the end --------------------------------------------------------------------------------
+
+%% @doc The end of a recording, read from its last chunks.
+-spec tail(file:filename_all()) -> {ok, tail()} | {error, reason()}.
+tail(File) ->
+    first(File, fun(Scenario, Chunks) ->
+        {All, Ended} = starl_trace_chunks:list(Chunks),
+        HasTrace = fun(Messages) -> lists:keymember(trace, 1, Messages) end,
+        {Messages, After} = back(lists:reverse(All), HasTrace, Chunks),
+        ok = starl_trace_chunks:close(After),
+        {scenario, _, Facts} = Scenario,
+        {ok, #{
+            scenario => Facts,
+            trace => [{M, E} || {trace, _, {_, M, E}} <- Messages],
+            until_us => lists:max([element(2, Message) || Message <- [Scenario | Messages]]),
+            ended => Ended
+        }}
+    end).
 
 %% @doc One line on a problem: what is wrong, where, and what to do.
 -spec format_error(reason()) -> unicode:chardata().
-format_error({no_recording, File}) ->
-    io_lib:format("~ts: an MCAP file, but not one of StarL: it has no topic /starl", [File]);
-format_error({terms, File, not_terms}) ->
-    io_lib:format("~ts: its topic /starl holds what no run of StarL records", [File]);
-format_error({terms, File, too_large}) ->
-    io_lib:format("~ts: a message of its topic /starl is too large", [File]);
-format_error({terms, File, too_many_atoms}) ->
-    io_lib:format("~ts: it names more than this VM takes from recordings", [File]);
-format_error(Reason) ->
-    starl_mcap_reader:format_error(Reason).
+format_error(Reason) -> starl_trace_chunks:format_error(Reason).

@@ -171,8 +171,10 @@ written(ok, Recorder) ->
 written({error, Posix}, #recorder{file = File} = Recorder) ->
     Recorder#recorder{state = {File, Posix}}.
 
-closed(#recorder{state = open, writer = Writer, device = Device} = Recorder) ->
-    #recorder{state = State} = Last = write(starl_trace_writer:finish(Writer), Recorder),
+closed(#recorder{state = open, stream = Stream, device = Device} = Recorder) ->
+    {Messages, _} = starl_trace_stream:close(Stream),
+    #recorder{writer = Writer} = Whole = messages(Messages, Recorder),
+    #recorder{state = State} = Last = write(starl_trace_writer:finish(Writer), Whole),
     _ = file:close(Device),
     case State of
         open -> Last#recorder{state = closed};

@@ -48,6 +48,8 @@ message({trace, At, {Robot, chassis, Event}} = Message, #shown{scene = Before} =
     {[{scene, At, Update} || Update <- Updates] ++ Own, Shown#shown{scene = Scene}};
 message({packets, At, Packet}, Shown) ->
     {[], packet(At, Packet, Shown)};
+message({ways, At, {Robot, Way}}, Shown) ->
+    {[], way(At, Robot, Way, Shown)};
 message(Message, Shown) ->
     {updates(Message), Shown}.
 
@@ -172,19 +174,33 @@ text(Format, Values) -> unicode:characters_to_binary(io_lib:format(Format, Value
 %% Such as `12.345 1>2 data 17 45B 8.2ms'.
 packet(_At, {_, _, {ack, _}, _, {arrives, [{_, intact}]}}, Shown) ->
     Shown;
-packet(At, {From, To, What, Bytes, Fate}, #shown{packets = Packets, lost = Lost} = Shown) ->
-    Line = unicode:characters_to_binary([
+packet(At, {From, To, What, Bytes, Fate}, Shown) ->
+    listed(line(At, {From, To, What, Bytes}, fate(At, Fate)), Fate, Shown).
+
+%% What a robot itself knows of a packet.
+way(_At, _Robot, {sent, _, {ack, _}, _, _}, Shown) ->
+    Shown;
+way(_At, _Robot, {came, _, {ack, _}, _, _, {arrives, _}}, Shown) ->
+    Shown;
+way(At, Robot, {sent, To, What, Bytes, _}, Shown) ->
+    listed(line(At, {Robot, To, What, Bytes}, "sent"), sent, Shown);
+way(At, Robot, {came, From, What, Bytes, _, {lost, _} = Fate}, Shown) ->
+    listed(line(At, {From, Robot, What, Bytes}, fate(At, Fate)), Fate, Shown);
+way(At, Robot, {came, From, What, Bytes, _, {arrives, _} = Fate}, Shown) ->
+    listed(line(At, {From, Robot, What, Bytes}, "came"), Fate, Shown).
+
+line(At, {From, To, What, Bytes}, Fate) ->
+    unicode:characters_to_binary([
         float_to_binary(At / 1.0e6, [{decimals, 3}]),
         [$\s, integer_to_binary(From), $>, integer_to_binary(To), $\s],
         [what(What), $\s, integer_to_binary(Bytes), "B "],
-        fate(At, Fate)
-    ]),
-    More =
-        case Fate of
-            {lost, _} -> 1;
-            {arrives, _} -> 0
-        end,
-    Shown#shown{packets = [Line | Packets], lost = Lost + More}.
+        Fate
+    ]).
+
+listed(Line, {lost, _}, #shown{packets = Packets, lost = Lost} = Shown) ->
+    Shown#shown{packets = [Line | Packets], lost = Lost + 1};
+listed(Line, _SentOrArrives, #shown{packets = Packets} = Shown) ->
+    Shown#shown{packets = [Line | Packets]}.
 
 what({data, {app, Type}, Seq}) -> ["app ", atom_to_binary(Type), $\s, integer_to_binary(Seq)];
 what({data, Type, Seq}) -> [atom_to_binary(Type), $\s, integer_to_binary(Seq)];

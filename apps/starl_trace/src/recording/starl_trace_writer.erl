@@ -3,7 +3,8 @@
 %% Each message is kept exactly, as a term, on the channel `/starl'; only positions are left out
 %% where they follow from the motions in the trace, and the reader computes them again. The other
 %% channels show the same to people and their viewers ({@link starl_trace_shown}), frames twice a
-%% second. A chunk ends before a second of time is over.
+%% second. Each ten seconds the motions of all robots are written at the beginning of a chunk, so that
+%% a reader can begin there. A chunk ends before a second of time is over.
 -module(starl_trace_writer).
 
 -export([new/0, messages/2, flush/1, finish/1]).
@@ -14,6 +15,7 @@
 -define(CHUNK_BYTES, 1048576).
 -define(CHUNK_MESSAGES, 20000).
 -define(FRAMES_US, 500000).
+-define(PLACES_US, 10000000).
 
 -record(writer, {
     mcap :: starl_mcap_writer:t(),
@@ -23,8 +25,10 @@
     terms = [] :: [starl_trace_message:t()],
     count = 0 :: non_neg_integer(),
     shown = starl_trace_shown:new(?FRAMES_US) :: starl_trace_shown:t(),
-    %% do positions follow from the trace?
-    derived = false :: boolean()
+    %% do positions follow from the trace? the motions, and the time of the next account of them
+    derived = false :: boolean(),
+    poses = starl_trace_poses:new() :: starl_trace_poses:t(),
+    places_at = ?PLACES_US :: integer()
 }).
 
 -opaque t() :: #writer{}.
@@ -45,8 +49,16 @@ messages([{_, At, _} = Message | Messages], Bytes, Writer0) ->
     {Chunk, Writer} = ended(At, Writer0),
     messages(Messages, [Chunk | Bytes], message(Message, begun(At, Writer))).
 
-begun(At, #writer{since = none} = Writer) -> Writer#writer{since = At, now = At};
-begun(At, #writer{now = Now} = Writer) -> Writer#writer{now = max(At, Now)}.
+begun(At, #writer{since = none, derived = true, places_at = Due, poses = Poses} = Writer) when
+    At >= Due
+->
+    {Places, Left} = starl_trace_poses:places(At, Poses),
+    Next = Writer#writer{poses = Left, places_at = At + ?PLACES_US},
+    added({places, At, Places}, Next#writer{since = At, now = At});
+begun(At, #writer{since = none} = Writer) ->
+    Writer#writer{since = At, now = At};
+begun(At, #writer{now = Now} = Writer) ->
+    Writer#writer{now = max(At, Now)}.
 
 ended(At, #writer{since = Since, count = Count, mcap = Mcap} = Writer) ->
     IsFull =
@@ -82,10 +94,15 @@ message(Message, #writer{shown = Before} = Writer) ->
 
 kept({poses, _, _}, #writer{derived = true} = Writer) ->
     Writer;
-kept({trace, _, {_, chassis, {motion, _}}} = Message, Writer) ->
-    added(Message, Writer#writer{derived = true});
+kept({trace, At, {Robot, chassis, {motion, _} = Event}} = Message, Writer) ->
+    added(Message, moved(At, Robot, Event, Writer#writer{derived = true}));
+kept({trace, At, {Robot, chassis, {actuated, pen, _} = Event}} = Message, Writer) ->
+    added(Message, moved(At, Robot, Event, Writer));
 kept(Message, Writer) ->
     added(Message, Writer).
+
+moved(At, Robot, Event, #writer{poses = Poses} = Writer) ->
+    Writer#writer{poses = starl_trace_poses:event({At, Robot, chassis, Event}, Poses)}.
 
 added(Message, #writer{terms = Terms, count = Count} = Writer) ->
     Writer#writer{terms = [Message | Terms], count = Count + 1}.

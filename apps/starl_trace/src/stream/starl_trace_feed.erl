@@ -2,14 +2,14 @@
 %% when the bound is reached; a live run does not wait: it leaves news out and says how many events.
 %%
 %% The process receives `{starl_news, Feed, News}' and answers each with {@link done/2}. News that
-%% were left out are `{missed, Events}'.
+%% were left out are `{missed, Events}'. Several processes may tell one observer.
 -module(starl_trace_feed).
 
 -export([observer/3, done/2]).
 
 -export_type([t/0, news/0]).
 
--opaque t() :: counters:counters_ref().
+-opaque t() :: atomics:atomics_ref().
 
 -type news() :: starl_observer:news() | {missed, Events :: pos_integer()}.
 
@@ -18,39 +18,44 @@
 -define(DONE, 2).
 -define(MISSED, 3).
 
+%% The facts of the run, its end and the starts of robots always come through.
+-define(MAY_MISS(News),
+    (element(1, News) =:= judged orelse element(1, News) =:= seen orelse
+        element(1, News) =:= logged)
+).
+
 %% @doc An observer that passes news on to a process. `Most': the events that may wait there.
 -spec observer(pid(), wait | leave_out, Most :: pos_integer()) -> starl_observer:t().
 observer(Pid, Policy, Most) ->
-    Feed = counters:new(3, []),
+    Feed = atomics:new(3, []),
     fun(News) -> told(News, {Pid, Policy, Most}, Feed) end.
 
 %% @doc The process has dealt with these news.
 -spec done(news(), t()) -> ok.
-done(News, Feed) -> counters:add(Feed, ?DONE, size_of(News)).
+done(News, Feed) -> atomics:add(Feed, ?DONE, size_of(News)).
 
 told(News, {Pid, Policy, Most}, Feed) ->
     Size = size_of(News),
-    Waiting = counters:get(Feed, ?TOLD) - counters:get(Feed, ?DONE),
+    Waiting = atomics:get(Feed, ?TOLD) - atomics:get(Feed, ?DONE),
     case {Waiting > Most, Policy} of
-        {true, leave_out} when element(1, News) =:= judged ->
-            counters:add(Feed, ?MISSED, Size);
+        {true, leave_out} when ?MAY_MISS(News) ->
+            atomics:add(Feed, ?MISSED, Size);
         {true, wait} ->
             ok = catch_up(Pid),
             pass(News, Size, Pid, Feed);
         _ ->
-            ok = say_missed(Pid, counters:get(Feed, ?MISSED), Feed),
+            ok = say_missed(Pid, atomics:exchange(Feed, ?MISSED, 0), Feed),
             pass(News, Size, Pid, Feed)
     end.
 
 pass(News, Size, Pid, Feed) ->
-    counters:add(Feed, ?TOLD, Size),
+    atomics:add(Feed, ?TOLD, Size),
     Pid ! {starl_news, Feed, News},
     ok.
 
 say_missed(_Pid, 0, _Feed) ->
     ok;
 say_missed(Pid, Missed, Feed) ->
-    counters:sub(Feed, ?MISSED, Missed),
     pass({missed, Missed}, 1, Pid, Feed).
 
 size_of({judged, Trace, _}) -> length(Trace);

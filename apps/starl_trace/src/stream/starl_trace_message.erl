@@ -4,8 +4,10 @@
 %% ```
 %%   scenario   once, first: the facts of the run
 %%   poses      where robots are; at most 20 a second, with all robots at least each second
+%%   places     only in files: the motions of all robots at a time, for who begins to read there
 %%   trace      each event, as the monitors get it
 %%   packets    each packet when it is sent, with its fate
+%%   ways       of a robot's own recording: what it knows of a packet, sent or come
 %%   faults     a fault begins or ends
 %%   verdicts   a contract is broken; at the end, how the run ended
 %%   log        a line for people
@@ -24,7 +26,9 @@
     {scenario, AtUs :: integer(), scenario()}
     | {poses, integer(), poses()}
     | {trace, integer(), {starl:robot_id(), starl_machine:name(), Event :: term()}}
+    | {places, integer(), starl_trace_poses:places()}
     | {packets, integer(), packet()}
+    | {ways, integer(), {starl:robot_id(), starl_observer:way()}}
     | {faults, integer(), {began | ended, Fault :: tuple()}}
     | {verdicts, integer(), verdict()}
     | {log, integer(), {level(), starl:robot_id() | none, unicode:chardata()}}
@@ -32,9 +36,9 @@
     | {gap, integer(), Missing :: pos_integer()}.
 
 -type topic() ::
-    scenario | poses | trace | packets | faults | verdicts | log | metrics | gap.
+    scenario | poses | places | trace | packets | ways | faults | verdicts | log | metrics | gap.
 
-%% The facts of a run, with its versions; its scenario's faults include those that were drawn.
+%% The facts of a run ({@link starl_observer:facts()}), with its versions.
 -type scenario() :: #{
     kind := simulation | live,
     app := module(),
@@ -44,7 +48,12 @@
     machines := #{starl_machine:name() => module()},
     waypoints := #{atom() => starl_geometry:point()},
     versions := #{atom() => string()},
-    epoch_us => integer()
+    epoch_us => integer(),
+    begun_us => integer(),
+    run => non_neg_integer(),
+    told_by => [starl:robot_id(), ...],
+    has_motions => boolean(),
+    was_up => boolean()
 }.
 
 %% The robots in ascending order; not `full': only those that changed since the last message.
@@ -83,7 +92,7 @@
 
 %% @doc All topics.
 -spec topics() -> [topic()].
-topics() -> [scenario, poses, trace, packets, faults, verdicts, log, metrics, gap].
+topics() -> [scenario, poses, places, trace, packets, ways, faults, verdicts, log, metrics, gap].
 
 %% @doc Has a term the outer shape of a message? Asked of what comes from a file.
 -spec is_message(term()) -> boolean().
@@ -94,8 +103,12 @@ is_message({trace, At, {Robot, Machine, _Event}}) ->
     is_integer(At) andalso is_integer(Robot) andalso is_atom(Machine);
 is_message({poses, At, #{full := _, robots := Robots}}) ->
     is_integer(At) andalso is_list(Robots);
+is_message({places, At, Places}) ->
+    is_integer(At) andalso is_list(Places);
 is_message({packets, At, {From, To, _, Bytes, _}}) ->
     is_integer(At) andalso is_integer(From) andalso is_integer(To) andalso is_integer(Bytes);
+is_message({ways, At, {Robot, Way}}) ->
+    is_integer(At) andalso is_integer(Robot) andalso is_way(Way);
 is_message({verdicts, At, {violation, #{contract := _, at_us := _}}}) ->
     is_integer(At);
 is_message({verdicts, At, {ended, #{end_us := End, violations := Violations}}}) ->
@@ -109,4 +122,11 @@ is_message({log, At, {_, _, _}}) ->
 is_message({gap, At, Missing}) ->
     is_integer(At) andalso is_integer(Missing);
 is_message(_) ->
+    false.
+
+is_way({sent, To, _, Bytes, Hash}) ->
+    is_integer(To) andalso is_integer(Bytes) andalso is_integer(Hash);
+is_way({came, From, _, Bytes, Hash, _Fate}) ->
+    is_integer(From) andalso is_integer(Bytes) andalso is_integer(Hash);
+is_way(_) ->
     false.

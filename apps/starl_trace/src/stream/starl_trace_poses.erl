@@ -3,9 +3,9 @@
 %% closed form, so each sample is exact. A pure module.
 -module(starl_trace_poses).
 
--export([new/0, event/2, due_us/1, sample/2, full/2]).
+-export([new/0, event/2, due_us/1, sample/2, full/2, places/2, restore/2]).
 
--export_type([t/0]).
+-export_type([t/0, places/0]).
 
 -define(PERIOD_US, 50000).
 -define(FULL_US, 1000000).
@@ -19,6 +19,10 @@
 }).
 
 -opaque t() :: #poses{}.
+
+%% The motions of the robots at a time, from which follows where they are later: the pieces of each,
+%% the latest first, as far as they matter; and the pen.
+-type places() :: [{starl:robot_id(), [starl_trajectory:piece(), ...], up | down | none}].
 
 %% @doc No robot is known.
 -spec new() -> t().
@@ -57,6 +61,22 @@ sample(_Until, Poses) ->
 %% @doc Where all robots are at a time.
 -spec full(At :: integer(), t()) -> starl_trace_message:t().
 full(At, Poses) -> {poses, At, #{full => true, robots => poses(At, Poses)}}.
+
+%% @doc The motions at a time, which is not before the last event; older ones are forgotten.
+-spec places(At :: integer(), t()) -> {places(), t()}.
+places(At, Poses0) ->
+    #poses{pieces = Pieces, pens = Pens} = Poses = forget(At, Poses0),
+    Sorted = lists:sort(maps:to_list(Pieces)),
+    {[{Id, Known, maps:get(Id, Pens, none)} || {Id, Known} <- Sorted], Poses}.
+
+%% @doc What was known at a time from these motions.
+-spec restore(At :: integer(), places()) -> t().
+restore(At, Places) ->
+    #poses{
+        pieces = maps:from_list([{Id, Pieces} || {Id, Pieces, _} <- Places]),
+        pens = maps:from_list([{Id, Pen} || {Id, _, Pen} <- Places, Pen =/= none]),
+        next = up(At, ?PERIOD_US)
+    }.
 
 at(At, #poses{next = Next} = Poses0) ->
     Poses = forget(At, Poses0#poses{next = Next + ?PERIOD_US}),

@@ -2,11 +2,13 @@
 %% starl_trace_message}). A pure module.
 -module(starl_trace_stream).
 
--export([new/0, news/2, state/1]).
+-export([new/0, news/2, state/1, close/1]).
 
 -export_type([t/0]).
 
 -define(SECOND_US, 1000000).
+%% Between a robot's own places.
+-define(SEEN_US, 50000).
 
 -record(stream, {
     facts = none :: starl_trace_message:t() | none,
@@ -18,7 +20,10 @@
     %% the next time of metrics; the next time at which anything is due
     count_at = ?SECOND_US :: integer(),
     due = 0 :: integer(),
-    now = 0 :: integer()
+    now = 0 :: integer(),
+    %% of a robot: is it up, with machines of which names? the time of its last place
+    up = false :: boolean() | [starl_machine:name()],
+    seen_at = none :: integer() | none
 }).
 
 -opaque t() :: #stream{}.
@@ -30,9 +35,15 @@ new() -> #stream{}.
 %% @doc The messages of these news.
 -spec news(starl_observer:news(), t()) -> {[starl_trace_message:t()], t()}.
 news({begun, #{scenario := Scenario} = Facts}, Stream) ->
-    Message = {scenario, 0, Facts#{versions => versions()}},
+    Now = maps:get(begun_us, Facts, 0),
+    Message = {scenario, Now, Facts#{versions => versions()}},
     Faults = lists:append([times(Fault) || Fault <- maps:get(faults, Scenario, [])]),
-    {[Message], Stream#stream{facts = Message, faults = lists:keysort(2, Faults)}};
+    {[Message], Stream#stream{
+        facts = Message,
+        faults = lists:keysort(2, Faults),
+        now = Now,
+        up = maps:get(was_up, Facts, false)
+    }};
 news({judged, Trace, Violations}, #stream{counts = Counts} = Stream) ->
     #{events := Events, violations := Broken} = Counts,
     Counted = Counts#{
@@ -42,7 +53,41 @@ news({judged, Trace, Violations}, #stream{counts = Counts} = Stream) ->
     {Messages ++ [{verdicts, Now, {violation, V}} || V <- Violations], Next};
 news({ended, #{end_us := End} = Ending}, #stream{now = Now} = Stream) ->
     {Due, Next} = due(max(End, Now) + 1, Stream),
-    {Due ++ [{verdicts, max(End, Now), {ended, Ending}}], Next}.
+    {Due ++ [{verdicts, max(End, Now), {ended, Ending}}], Next};
+news({started, _At, Robot, Names}, Stream) ->
+    {down(Robot, Names, Stream), Stream#stream{up = Names}};
+news({seen, At, Robot, Pose}, #stream{seen_at = Last} = Stream) when
+    Last =:= none; At >= Last + ?SEEN_US
+->
+    Place = #{full => false, robots => [{Robot, Pose, none, unknown}]},
+    told(poses, At, Place, Stream#stream{seen_at = At});
+news({seen, _At, _Robot, _Pose}, Stream) ->
+    {[], Stream};
+news({logged, At, Robot, Level, Line}, Stream) ->
+    told(log, At, {Level, Robot, Line}, Stream).
+
+%% Several processes of a robot tell, and may overtake each other a little.
+told(Topic, At0, Term, #stream{now = Now} = Stream) ->
+    At = max(At0, Now),
+    {Due, Next} = due(At, Stream),
+    {Due ++ [{Topic, At, Term}], Next#stream{now = At}}.
+
+%% @doc The last messages of what a robot has told: it goes down.
+-spec close(t()) -> {[starl_trace_message:t()], t()}.
+close(#stream{facts = {scenario, _, #{told_by := [Robot]}}, up = [_ | _] = Names} = Stream) ->
+    {down(Robot, Names, Stream), Stream#stream{up = false}};
+close(Stream) ->
+    {[], Stream}.
+
+%% As the world tells the end of a robot's start.
+down(_Robot, _Names, #stream{up = false}) ->
+    [];
+down(Robot, Names, #stream{now = Now}) ->
+    [
+        {trace, Now, {Robot, robot, down}},
+        {log, Now, {warning, Robot, "goes down"}}
+        | [{trace, Now, {Robot, Name, crashed}} || Name <- Names]
+    ].
 
 %% @doc What a subscriber must know who has missed messages: the scenario, and where all robots are.
 -spec state(t()) -> [starl_trace_message:t()].
@@ -73,6 +118,8 @@ events([], Messages, Stream) ->
 events([{At, _, _, _} | _] = Trace, Messages, #stream{due = Due} = Stream) when At > Due ->
     {More, Next} = due(At, Stream),
     events(Trace, lists:reverse(More, Messages), Next);
+events([{At, _, _, _} = Late | Trace], Messages, #stream{now = Now} = Stream) when At < Now ->
+    events([setelement(1, Late, Now) | Trace], Messages, Stream);
 events([Event | Trace], Messages, Stream) ->
     {Own, Next} = event(Event, Stream#stream{now = element(1, Event)}),
     events(Trace, lists:reverse(Own, Messages), Next).
@@ -83,6 +130,16 @@ event({At, From, radio, {packet, To, What, Bytes, Fate}}, #stream{counts = Count
         events := Events - 1, packets := Packets + 1, lost := Lost + lost(Fate)
     },
     {[{packets, At, {From, To, What, Bytes, Fate}}], Stream#stream{counts = Counted}};
+event({At, Robot, radio, Way}, #stream{counts = Counts} = Stream) when
+    element(1, Way) =:= sent; element(1, Way) =:= came
+->
+    #{packets := Packets, lost := Lost, events := Events} = Counts,
+    Counted =
+        case Way of
+            {sent, _, _, _, _} -> Counts#{packets := Packets + 1};
+            {came, _, _, _, _, Fate} -> Counts#{lost := Lost + lost(Fate)}
+        end,
+    {[{ways, At, {Robot, Way}}], Stream#stream{counts = Counted#{events := Events - 1}}};
 event({At, Robot, chassis, Event} = Traced, #stream{poses = Poses, due = Due} = Stream) ->
     %% a robot that begins to move is shown soon
     Next = starl_trace_poses:event(Traced, Poses),

@@ -1,0 +1,135 @@
+%% @doc The recording of a robot on a node of its own: `robot-3.mcap', with what the robot itself
+%% knows ({@link starl_observer}).
+%%
+%% A node that starts anew goes on in a new file, `robot-3.2.mcap'; nothing is ever changed in the
+%% former one. If that was not closed, the new file begins with the events that the former one has
+%% lost, as far as the record of the robot's facts still has them: a node that was killed loses none,
+%% a computer that has lost its power a second's.
+-module(starl_trace_robot).
+-behaviour(starl_observer).
+
+-export([start_link/1, observer/1, files/2]).
+-export([log/2]).
+
+-export_type([config/0]).
+
+%% `dir' of the recordings; `facts' of the run; `most_bytes': the oldest files in the directory are
+%% deleted until the others are no larger together; without it all are kept.
+-type config() :: #{
+    robot := starl:robot_id(),
+    now := fun(() -> AtUs :: integer()),
+    before := [starl_monitor:trace_event()],
+    dir := file:filename(),
+    facts := starl_observer:facts(),
+    most_bytes => pos_integer() | none
+}.
+
+%% Facts of one run.
+-define(SAME, [app, kind, scenario, epoch_us, run]).
+
+%% @doc Begins the recording of a robot.
+-spec start_link(config()) -> {ok, pid()} | {error, unicode:chardata()}.
+start_link(#{robot := Robot, dir := Dir} = Config) ->
+    _ = filelib:ensure_path(Dir),
+    Files = files(Robot, Dir),
+    ok = make_room(Files, maps:get(most_bytes, Config, none)),
+    case starl_trace_recorder:start_link(filename:join(Dir, next(Robot, Files)), live) of
+        {ok, Recorder} ->
+            ok = begin_with(former(Files, Config), starl_trace_recorder:observer(Recorder), Config),
+            {ok, Recorder};
+        {error, Reason} ->
+            {error, unicode:characters_to_binary(starl_trace_recorder:format_error(Reason))}
+    end.
+
+%% @doc The observer of the robot.
+-spec observer(pid()) -> starl_observer:t().
+observer(Recorder) -> starl_trace_recorder:observer(Recorder).
+
+%% @doc The recordings of a robot in a directory, the oldest first.
+-spec files(starl:robot_id(), file:filename()) -> [file:filename()].
+files(Robot, Dir) ->
+    Prefix = prefix(Robot),
+    Names = filelib:wildcard(Prefix ++ "*.mcap", Dir),
+    Numbered = [
+        {N, filename:join(Dir, Name)}
+     || Name <- Names, {ok, N} <- [number(lists:nthtail(length(Prefix), Name))]
+    ],
+    [File || {_, File} <- lists:sort(Numbered)].
+
+prefix(Robot) -> "robot-" ++ integer_to_list(Robot).
+
+number(".mcap") ->
+    {ok, 1};
+number("." ++ Rest) ->
+    case string:to_integer(Rest) of
+        {N, ".mcap"} when is_integer(N) -> {ok, N};
+        _ -> none
+    end;
+number(_) ->
+    none.
+
+next(Robot, []) ->
+    prefix(Robot) ++ ".mcap";
+next(Robot, Files) ->
+    {ok, N} = number(lists:nthtail(length(prefix(Robot)), filename:basename(lists:last(Files)))),
+    lists:concat([prefix(Robot), ".", N + 1, ".mcap"]).
+
+make_room(_Files, none) ->
+    ok;
+make_room(Files, Most) ->
+    Sizes = [{File, filelib:file_size(File)} || File <- Files],
+    too_old(Sizes, lists:sum([Size || {_, Size} <- Sizes]), Most).
+
+too_old([{File, Size} | Files], Sum, Most) when Sum > Most ->
+    _ = file:delete(File),
+    too_old(Files, Sum - Size, Most);
+too_old(_Files, _Sum, _Most) ->
+    ok.
+
+%% -- the former recording -------------------------------------------------------------------
+
+%% The end of the former recording of this run, if that was not closed.
+former([], _Config) ->
+    none;
+former(Files, #{facts := Facts}) ->
+    case starl_trace_reader:tail(lists:last(Files)) of
+        {ok, #{scenario := Scenario, ended := Ended} = Tail} when Ended =/= closed ->
+            case maps:with(?SAME, Scenario) =:= maps:with(?SAME, Facts) of
+                true -> Tail;
+                false -> none
+            end;
+        _ ->
+            none
+    end.
+
+begin_with(none, Observer, #{now := Now} = Config) ->
+    begun(#{begun_us => Now()}, [], Observer, Config);
+begin_with(#{trace := Trace, until_us := Until}, Observer, #{before := Before} = Config) ->
+    Lost = starl_trace_tail:lost(Trace, Before),
+    begun(#{begun_us => Until, was_up => true}, Lost, Observer, Config).
+
+begun(How, Lost, Observer, #{robot := Robot, facts := Facts, now := Now}) ->
+    Told = maps:merge(Facts#{told_by => [Robot]}, How),
+    ok = starl_observer:tell({begun, Told}, Observer),
+    ok = starl_observer:tell({judged, Lost, []}, Observer),
+    logs(#{observer => Observer, robot => Robot, now => Now}).
+
+%% -- the log --------------------------------------------------------------------------------
+
+logs(Config) ->
+    _ = logger:remove_handler(?MODULE),
+    Formatter = {logger_formatter, #{single_line => true, template => [msg]}},
+    logger:add_handler(?MODULE, ?MODULE, #{
+        config => Config, formatter => Formatter, level => notice
+    }).
+
+%% @private
+-spec log(logger:log_event(), logger:handler_config()) -> ok.
+log(#{level := Level} = Event, #{config := Config, formatter := {Module, Formatting}}) ->
+    #{observer := Observer, robot := Robot, now := Now} = Config,
+    Line = unicode:characters_to_binary(Module:format(Event, Formatting)),
+    starl_observer:tell({logged, Now(), Robot, level(Level), Line}, Observer).
+
+level(notice) -> info;
+level(warning) -> warning;
+level(_Error) -> error.

@@ -1,0 +1,229 @@
+%% Robots on nodes of their own record what they know themselves. Their recordings, merged, are
+%% judged as the run was, also when nodes were killed and when contracts are broken. The cluster runs
+%% in a node of its own, since it makes its VM a distributed node.
+-module(starl_recording_robots_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+
+-compile([export_all, nowarn_export_all]).
+
+-define(SPEED, 10).
+
+suite() -> [{timetrap, {minutes, 5}}].
+
+all() ->
+    [
+        merged_recordings_are_judged_as_the_run,
+        broken_contracts_are_found,
+        packets_have_their_fates
+    ].
+
+init_per_suite(Config) ->
+    Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
+    Paths = lists:append([["-pa", filename:absname(D)] || D <- Own, filelib:is_dir(D)]),
+    {ok, Conductor, _} = peer:start(#{
+        connection => standard_io,
+        shutdown => close,
+        wait_boot => 60000,
+        args => [
+            "-nocookie",
+            "-kernel",
+            "logger_level",
+            "none",
+            "-kernel",
+            "prevent_overlapping_partitions",
+            "false"
+            | Paths
+        ]
+    }),
+    Dir = filename:join(proplists:get_value(priv_dir, Config), "painting"),
+    %% three painters; the node of one is killed, the link of the others is cut for a while
+    Painted = peer:call(
+        Conductor,
+        ?MODULE,
+        play,
+        [
+            #{app => painting, robots => 3, loss => 0.2},
+            [{at, 6}, {cut, 1, 3}, {at, 9}, {kill, 2}, {at, 12}, heal, {again, 2}, {for, 3}, stop],
+            Dir
+        ],
+        120000
+    ),
+    [{conductor, Conductor}, {dir, Dir}, {painted, Painted} | Config].
+
+end_per_suite(Config) -> peer:stop(proplists:get_value(conductor, Config)).
+
+%% -- in the conductor -----------------------------------------------------------------------
+
+%% Runs a scenario on nodes, recorded by the world and by its robots; gives its outcome.
+play(Scenario, Script, Dir) ->
+    _ = process_flag(trap_exit, true),
+    ok = filelib:ensure_path(Dir),
+    {ok, Recorder} = starl_trace_recorder:start_link(filename:join(Dir, "run.mcap"), live),
+    {ok, Cluster} = starl_cluster:start(Scenario, #{
+        dir => filename:join(Dir, "stores"),
+        transport => dist,
+        speed => ?SPEED,
+        packets => true,
+        observe => starl_trace_recorder:observer(Recorder),
+        recorder => {starl_trace_robot, #{dir => filename:join(Dir, "robots")}}
+    }),
+    lists:foreach(fun(Step) -> acted(Step, Cluster) end, Script),
+    _ = starl_cluster:await(Cluster),
+    {Outcome, _} = starl_cluster:finish(Cluster),
+    {ok, _} = starl_trace_recorder:close(Recorder),
+    maps:with([violations, end_us], Outcome).
+
+acted({at, Second}, Cluster) ->
+    ok = starl_cluster:until(Cluster, 1000000 * Second);
+acted({for, Seconds}, Cluster) ->
+    #{now_us := Now} = starl_cluster:status(Cluster),
+    ok = starl_cluster:until(Cluster, Now + 1000000 * Seconds);
+acted({again, Robot}, Cluster) ->
+    case starl_cluster:status(Cluster) of
+        #{restarts := #{Robot := N}, up := Up} when N > 0 ->
+            lists:member(Robot, Up) orelse acted_later({again, Robot}, Cluster);
+        _ ->
+            acted_later({again, Robot}, Cluster)
+    end;
+acted({kill, Robot}, Cluster) ->
+    ok = starl_cluster:kill(Cluster, Robot);
+acted({cut, A, B}, Cluster) ->
+    ok = starl_cluster:cut(Cluster, A, B);
+acted(heal, Cluster) ->
+    ok = starl_cluster:heal(Cluster);
+acted(stop, Cluster) ->
+    ok = starl_cluster:stop(Cluster).
+
+acted_later(Step, Cluster) ->
+    ok = acted({for, 1}, Cluster),
+    acted(Step, Cluster).
+
+%% -- tests ----------------------------------------------------------------------------------
+
+merged_recordings_are_judged_as_the_run(Config) ->
+    Dir = proplists:get_value(dir, Config),
+    #{end_us := End} = Outcome = proplists:get_value(painted, Config),
+    Files = robots_files(Dir),
+    %% a killed node goes on in a new file
+    ?assertEqual(
+        ["robot-1.mcap", "robot-2.2.mcap", "robot-2.mcap", "robot-3.mcap"],
+        [filename:basename(File) || File <- Files]
+    ),
+    ?assertEqual(
+        [closed, closed, cut_off, closed], [maps:get(ended, info(File)) || File <- Files]
+    ),
+    Without = judged_as(Outcome, Files, Dir),
+    ?assertEqual(
+        [starl_dpp_monitor, starl_motion_monitor, starl_painting_monitor],
+        lists:sort([Module || {Module, motions} <- maps:get(not_judged, Without)])
+    ),
+    With = judged_as(Outcome, [filename:join(Dir, "run.mcap") | Files], Dir),
+    ?assertMatch(#{not_judged := [], until_us := End}, With),
+    %% nothing that the killed node has done is lost
+    Merged = events(filename:join(Dir, "merged.mcap")),
+    Whole = events(filename:join(Dir, "run.mcap")),
+    ?assertEqual({[], []}, {Whole -- Merged, Merged -- Whole}),
+    %% one robot alone is not judged by what the others did
+    {ok, #{not_judged := Alone}} = starl_trace_judge:file(hd(Files)),
+    ?assertNot(lists:keymember(starl_crash_monitor, 1, Alone)),
+    ?assertMatch({_, robots}, lists:keyfind(starl_sap_monitor, 1, Alone)).
+
+%% Merges and judges; the verdicts are those of the run, but for the contracts that are not judged.
+judged_as(#{violations := Violations, end_us := End}, Files, Dir) ->
+    Merged = filename:join(Dir, "merged.mcap"),
+    {ok, #{cut_off := [], missing := [], clocks := []}} = starl_trace_merge:files(Files, Merged),
+    {ok, #{violations := Again, not_judged := Not, missing := 0, ended := closed} = Judged} =
+        starl_trace_judge:file(Merged),
+    Names = [list_to_atom(starl_monitor:name(Module)) || {Module, _} <- Not],
+    Wanted = [V || #{contract := Contract} = V <- Violations, not lists:member(Contract, Names)],
+    %% the robots go on for a moment after the end of the run
+    ?assertEqual(shapes(Wanted), shapes([V || #{at_us := At} = V <- Again, At =< End])),
+    Judged.
+
+shapes(Violations) ->
+    lists:sort([{C, W, R} || #{contract := C, what := W, robots := R} <- Violations]).
+
+robots_files(Dir) -> lists:sort(filelib:wildcard(filename:join([Dir, "robots", "*.mcap"]))).
+
+info(File) ->
+    {ok, Info} = starl_trace_info:file(File),
+    Info.
+
+%% All events but the times, which files of robots may have a little later.
+events(File) ->
+    {ok, Events, closed} = starl_trace_reader:fold(
+        fun
+            ({trace, _, Event}, Events) -> [Event | Events];
+            (_, Events) -> Events
+        end,
+        [],
+        File
+    ),
+    lists:sort(Events).
+
+%% SAP says that it has been acknowledged what nobody acknowledged.
+broken_contracts_are_found(Config) ->
+    Dir = filename:join(proplists:get_value(priv_dir, Config), "planted"),
+    Planted = starl_planted:scenario(sap_claims, 1),
+    Scenario = (maps:without([random_faults, heal, converge], Planted))#{
+        robots := 3, loss => 0.6, time := 60
+    },
+    Conductor = proplists:get_value(conductor, Config),
+    Outcome = peer:call(Conductor, ?MODULE, play, [Scenario, [], Dir], 120000),
+    ?assertMatch(#{violations := [#{contract := sap} | _]}, Outcome),
+    #{violations := Found} = judged_as(Outcome, robots_files(Dir), Dir),
+    ?assertMatch([#{contract := sap} | _], Found).
+
+%% The world's recording and the merged one tell the fate of each packet, as its receiver knows it.
+packets_have_their_fates(Config) ->
+    Dir = proplists:get_value(dir, Config),
+    #{end_us := End} = proplists:get_value(painted, Config),
+    Merged = filename:join(Dir, "packets.mcap"),
+    {ok, _} = starl_trace_merge:files(robots_files(Dir), Merged),
+    %% only of the killed robot's packets something may be lost
+    Came = [C || {_, {From, To, _, _, _}} = C <- came(robots_files(Dir)), From + To =:= 4],
+    Early = [Packet || {At, Packet} <- Came, At < End - 2000000],
+    [_ | _] = [Packet || {_, _, _, _, {lost, cut}} = Packet <- Early],
+    [
+        begin
+            Told = [P || {From, To, _, _, Fate} = P <- packets(File), is_known(From + To, Fate)],
+            ?assertEqual({[], []}, {Early -- Told, Told -- [Packet || {_, Packet} <- Came]})
+        end
+     || File <- [Merged, filename:join(Dir, "run.mcap")]
+    ],
+    All = packets(filename:join(Dir, "run.mcap")),
+    Losses = [{lists:sort([From, To]), Why} || {From, To, _, _, {lost, Why}} <- All],
+    ?assertEqual([chance, cut, unheard], lists:usort([Why || {_, Why} <- Losses])),
+    ?assertEqual([[1, 3]], lists:usort([Pair || {Pair, cut} <- Losses])),
+    Lost = length([Pair || {Pair, chance} <- Losses]) / length(All),
+    ?assert(Lost > 0.05 andalso Lost < 0.3, Lost).
+
+is_known(Sum, Fate) -> Sum =:= 4 andalso Fate =/= {lost, unheard}.
+
+%% What the receivers know, with the time at which they knew it.
+came(Files) ->
+    lists:append([
+        folded(
+            fun
+                ({ways, At, {To, {came, From, Brief, Bytes, _, Fate}}}, Packets) ->
+                    [{At, {From, To, Brief, Bytes, Fate}} | Packets];
+                (_, Packets) ->
+                    Packets
+            end,
+            File
+        )
+     || File <- Files
+    ]).
+
+packets(File) ->
+    folded(
+        fun
+            ({packets, _, Packet}, Packets) -> [Packet | Packets];
+            (_, Packets) -> Packets
+        end,
+        File
+    ).
+
+folded(Fun, File) ->
+    {ok, Found, _} = starl_trace_reader:fold(Fun, [], File),
+    Found.
