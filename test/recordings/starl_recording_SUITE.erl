@@ -19,7 +19,8 @@ all() ->
         a_killed_run_loses_less_than_a_second,
         no_stranger_runs_code,
         the_command_line_records,
-        pythons_reader_takes_it
+        pythons_reader_takes_it,
+        gos_reader_takes_all_kinds
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -232,21 +233,112 @@ pythons_reader_takes_it(Config) ->
 pythons_reader_takes_it(Python, Config) ->
     File = file(Config, "python.mcap"),
     #{end_us := End} = recorded(#{app => painting, robots => 3, time => 40}, File),
-    %% Beside the source: the data_dir of a suite that runs with those of test/ is another one.
+    {0, Text} = program(Python, [data("read_all.py"), File], []),
+    Lines = counted(File),
+    ?assertEqual("end " ++ integer_to_list(1000 * End), lists:last(Lines)),
+    ?assertEqual(Lines, string:lexemes(Text, "\n")).
+
+%% Beside the source: the data_dir of a suite that runs with those of test/ is another one.
+data(Name) ->
     Source = proplists:get_value(source, ?MODULE:module_info(compile)),
-    Script = filename:join(filename:rootname(Source) ++ "_data", "read_all.py"),
-    Port = open_port({spawn_executable, Python}, [
-        {args, [Script, File]}, exit_status, stderr_to_stdout, binary
+    filename:join(filename:rootname(Source) ++ "_data", Name).
+
+program(Executable, Args, Options) ->
+    Port = open_port({spawn_executable, Executable}, [
+        {args, Args}, exit_status, stderr_to_stdout, binary | Options
     ]),
-    {0, Text} = output(Port, []),
-    {ok, #{topics := Topics}} = starl_trace_reader:info(File),
+    output(Port, []).
+
+%% The messages of each topic of a file, and the time of the last one, as other readers print them.
+counted(File) ->
+    {ok, #{topics := Topics}} = starl_trace_info:file(File),
     Lines = [
-        io_lib:format("~ts ~ts ~b", [Topic, Schema, N])
+        lists:flatten(io_lib:format("~ts ~ts ~b", [Topic, Schema, N]))
      || {Topic, Schema, N} <- Topics, N > 0
     ],
-    Expected =
-        lists:sort([lists:flatten(L) || L <- Lines]) ++ ["end " ++ integer_to_list(1000 * End)],
-    ?assertEqual(Expected, string:lexemes(Text, "\n")).
+    {ok, Reader} = starl_mcap_reader:open(File),
+    {ok, Summary} = starl_mcap_reader:summary(Reader),
+    ok = starl_mcap_reader:close(Reader),
+    [End] = [T1 || {statistics, _, _, _, _, _, _, _, T1, _} <- Summary],
+    lists:sort(Lines) ++ ["end " ++ integer_to_list(End)].
+
+%% The Go library of the makers of the format takes files of all kinds, by index and without, with
+%% all checksums; the messages are in the order of time.
+gos_reader_takes_all_kinds(Config) ->
+    Program = file(Config, "read_all"),
+    case built(os:find_executable("go"), Program) of
+        true -> gos_reader_takes_all_kinds(Program, Config);
+        false -> {skip, "no go, or no way to github.com/foxglove/mcap/go/mcap"}
+    end.
+
+built(false, _Program) ->
+    false;
+built(Go, Program) ->
+    Where = [{cd, data("read_all")}, {env, [{"GOFLAGS", "-mod=readonly"}, {"GOSUMDB", "off"}]}],
+    case program(Go, ["mod", "download"], Where) of
+        {0, _} ->
+            {0, _} = program(Go, ["build", "-o", Program, "."], Where),
+            true;
+        _ ->
+            false
+    end.
+
+gos_reader_takes_all_kinds(Program, Config) ->
+    Files = [File || Kind <- kinds(), File <- [file(Config, Kind ++ ".mcap")], made(Kind, File)],
+    {0, Text} = program(Program, Files, []),
+    Expected = lists:append([[File | counted(File)] || File <- Files]),
+    ?assertEqual(Expected, string:lexemes(Text, "\n")),
+    %% and says when something is wrong
+    [
+        begin
+            Bad = file(Config, "bad.mcap"),
+            ok = file:write_file(Bad, spoilt(How, lists:last(Files))),
+            ?assertMatch({How, {1, _}}, {How, program(Program, [Bad], [])})
+        end
+     || How <- [cut, chunk, summary]
+    ].
+
+kinds() -> ["simulated", "recovered", "empty", "one", "robots_own", "merged"].
+
+made("simulated", File) ->
+    _ = recorded(#{app => painting, robots => 3, time => 40}, File),
+    true;
+made("recovered", File) ->
+    {ok, Bytes} = file:read_file(beside(File, "simulated")),
+    Cut = File ++ ".cut",
+    ok = file:write_file(Cut, binary:part(Bytes, 0, byte_size(Bytes) div 2)),
+    {ok, #{was_closed := false}} = starl_mcap_recover:file(Cut, File),
+    true;
+made("empty", File) ->
+    {Head, Writer} = starl_trace_writer:new(),
+    ok = file:write_file(File, [Head, starl_trace_writer:finish(Writer)]),
+    true;
+made("one", File) ->
+    ok = starl_trace_ct:recorded(File, [hd(starl_trace_ct:told([]))]),
+    true;
+made("robots_own", File) ->
+    ok = starl_trace_ct:recorded(File, starl_trace_ct:robots_own(1, 300)),
+    ok = starl_trace_ct:recorded(File ++ ".other", starl_trace_ct:robots_own(2, 300)),
+    true;
+made("merged", File) ->
+    Own = beside(File, "robots_own"),
+    {ok, _} = starl_trace_merge:files([Own, Own ++ ".other"], File),
+    true.
+
+beside(File, Kind) -> filename:join(filename:dirname(File), Kind ++ ".mcap").
+
+spoilt(How, File) ->
+    {ok, Bytes} = file:read_file(File),
+    Size = byte_size(Bytes),
+    case How of
+        cut -> binary:part(Bytes, 0, Size - 100);
+        chunk -> flipped(5000, Bytes);
+        summary -> flipped(Size - 300, Bytes)
+    end.
+
+flipped(At, Bytes) ->
+    <<Before:At/binary, Byte, After/binary>> = Bytes,
+    <<Before/binary, (Byte bxor 1), After/binary>>.
 
 number(Name, Default) ->
     case os:getenv(Name) of
