@@ -67,6 +67,7 @@ flags({emulate, _}) ->
                 "a link to the device, which is put there and taken away"},
             {quirk, {list, string}, [], "names, or NAME=VALUE, divided by commas"},
             {charge, {number, 0, 100}, 90, "charge of its battery, %"},
+            {show, switch, false, "prints what it does: its mode, its wheels, its lights"},
             baud()
         ]}
     ];
@@ -174,7 +175,10 @@ quirk({Key, _, _, _} = Option, [Text]) ->
 
 emulate(Quirks, #{model := Model, link := Link, charge := Charge} = Values) ->
     Baud = maps:with([baud], maps:filter(fun(_, Value) -> Value =/= none end, Values)),
-    Options = Baud#{model => Model, quirks => Quirks, charge_mah => 27 * Charge},
+    Told = maps:from_list([{tell, self()} || maps:get(show, Values)]),
+    Options = maps:merge(Baud, Told#{
+        model => Model, quirks => Quirks, charge_mah => 27 * Charge
+    }),
     %% one that cannot start must not end this process
     _ = process_flag(trap_exit, true),
     {ok, Create} = starl_create_emulated:start_link(Options),
@@ -191,8 +195,18 @@ emulate(Quirks, #{model := Model, link := Link, charge := Charge} = Values) ->
 
 ended(Pty) ->
     receive
-        {'EXIT', Pty, _} -> 4
+        {'EXIT', Pty, _} ->
+            4;
+        {starl_create, _Create, Out} ->
+            starl_cli_terminal:out("~ts\n", [shown(Out)]),
+            ended(Pty)
     end.
+
+shown({wheels, {Left, Right}}) ->
+    io_lib:format("wheels ~b ~b mm/s", [round(Left), round(Right)]);
+shown(Out) ->
+    [What | Values] = tuple_to_list(Out),
+    lists:join($\s, [atom_to_list(What) | [io_lib:format("~w", [Value]) || Value <- Values]]).
 
 %% -- doctor ---------------------------------------------------------------------------------------
 
@@ -245,11 +259,14 @@ drive(Device, #{model := Model, baud := Baud} = Values) ->
                     none -> Usual;
                     _ -> Baud
                 end,
-            starl_cli_terminal:warn("w s a d or arrows drive, + - change the speed, q ends."),
-            drove(starl_create_by_hand:run(Device, Values#{baud := Rate}));
+            drove(starl_create_by_hand:run(Device, Values#{baud := Rate, ready => fun help/0}));
         {error, _} ->
             {error, ["it is driven by the keys of a terminal, and there is none"]}
     end.
+
+help() ->
+    Line = "w s a d or arrows drive, + - change the speed, q ends.",
+    starl_cli_terminal:warn(starl_cli_terminal:wrap(Line, 0, starl_cli_terminal:columns())).
 
 %% A file belongs to the process that has opened it. A read of more bytes waits for all of them.
 keys(Driver) ->

@@ -6,12 +6,14 @@
 
 -export_type([options/0, act/0]).
 
-%% `hold_ms': how long a key moves it.
+%% `hold_ms': how long a key moves it. `ready': called once the robot is under control.
 -type options() :: #{
     model := starl_create_packet:model(),
     baud := pos_integer(),
     speed := 10..500,
-    hold_ms := pos_integer()
+    hold_ms := pos_integer(),
+    ready => fun(() -> term()),
+    atom() => term()
 }.
 
 %% `none': the beginning of an arrow.
@@ -50,7 +52,9 @@ in_control(Probe) ->
     _ = starl_create_probe:listen(Probe, 40),
     starl_create_probe:ask(Probe, <<142, 35>>, 1, ?LISTEN_MS).
 
-controlled({ok, <<Mode>>}, Probe, Options) when Mode =:= 2; Mode =:= 3 -> loop(Probe, Options);
+controlled({ok, <<Mode>>}, Probe, Options) when Mode =:= 2; Mode =:= 3 ->
+    _ = (maps:get(ready, Options, fun() -> ok end))(),
+    loop(Probe, Options);
 controlled({ok, _}, _Probe, _Options) ->
     {error,
         "it does not let itself be driven: take it off its dock and its charger, put it on the floor"};
