@@ -2,7 +2,8 @@
 %% 4), so no other program is needed. A condition is awaited within the page, at each of its frames.
 -module(starl_view_browser).
 
--export([program/0, start/1, start/2, stop/1, open/2, eval/2, await/2, click/3, press/2, shot/2]).
+-export([program/0, start/1, start/2, stop/1, open/2, visit/2, eval/2, await/2]).
+-export([click/2, click/3, press/2, shot/2, emulate/2]).
 
 -record(browser, {port :: port(), session = none :: binary() | none, dir :: string()}).
 
@@ -63,7 +64,9 @@ start(Program, Options) ->
         call(<<"Target.attachToTarget">>, #{targetId => Target, flatten => true}, Browser),
     Attached = Browser#browser{session = Session},
     _ = call(<<"Page.enable">>, #{}, Attached),
+    _ = call(<<"Page.setLifecycleEventsEnabled">>, #{enabled => true}, Attached),
     _ = call(<<"Runtime.enable">>, #{}, Attached),
+    _ = call(<<"Log.enable">>, #{}, Attached),
     Attached.
 
 stop(#browser{port = Port, dir = Dir} = Browser) ->
@@ -75,10 +78,32 @@ stop(#browser{port = Port, dir = Dir} = Browser) ->
     _ = erlang:port_info(Port) =/= undefined andalso port_close(Port),
     file:del_dir_r(Dir).
 
+%% The page of a window, when it knows the run.
 open(Url, Browser) ->
-    _ = call(<<"Page.navigate">>, #{url => Url}, Browser),
-    loaded = answer(loaded, Browser#browser.port),
+    ok = visit(Url, Browser),
     await(<<"window.starl && starl.team.run && starl.team.clock.speed !== undefined">>, Browser).
+
+%% Any page.
+visit(Url, Browser) ->
+    {#{<<"loaderId">> := Loader}, _} =
+        call(<<"Page.navigate">>, #{url => iolist_to_binary(Url)}, Browser),
+    loaded = answer({loaded, Loader}, Browser#browser.port),
+    ok.
+
+%% Another size, or colours: `#{width, height}', `#{dark}'.
+emulate(#{width := Width, height := Height}, Browser) ->
+    Size = #{width => Width, height => Height, deviceScaleFactor => 1, mobile => false},
+    _ = call(<<"Emulation.setDeviceMetricsOverride">>, Size, Browser),
+    ok;
+emulate(#{dark := Dark}, Browser) ->
+    Value =
+        case Dark of
+            true -> dark;
+            false -> light
+        end,
+    Features = [#{name => <<"prefers-color-scheme">>, value => Value}],
+    _ = call(<<"Emulation.setEmulatedMedia">>, #{features => Features}, Browser),
+    ok.
 
 %% The value of an expression.
 eval(Expression, Browser) ->
@@ -104,6 +129,23 @@ await(Condition, Browser) ->
         true -> ok;
         Other -> error({never, iolist_to_binary(Condition), Other})
     end.
+
+%% A click of the mouse on an element, which must be there to be hit.
+click(Id, Browser) ->
+    Element = ["document.getElementById('", Id, "')"],
+    ok = await([Element, " && !", Element, ".disabled"], Browser),
+    [X, Y, Hit] = eval(
+        [
+            "(() => { const e = ",
+            Element,
+            "; e.scrollIntoView({ block: 'nearest' });"
+            "const r = e.getBoundingClientRect(), x = r.x + r.width / 2, y = r.y + r.height / 2;"
+            "return [x, y, e.contains(document.elementFromPoint(x, y))]; })()"
+        ],
+        Browser
+    ),
+    Hit orelse error({hidden, Id}),
+    click(X, Y, Browser).
 
 %% A click of the mouse on the page.
 click(X, Y, Browser) ->
@@ -152,6 +194,14 @@ call(Method, Params, #browser{port = Port, session = Session} = Browser) ->
     true = port_command(Port, [starl_view_json:encode(Full), 0]),
     {answer(Id, Port), Browser}.
 
+%% A page that complains is broken; that its server has ended is no fault of its own.
+logged(#{<<"entry">> := #{<<"level">> := <<"error">>, <<"source">> := Source} = Entry}) when
+    Source =/= <<"network">>
+->
+    error({page, Entry});
+logged(_) ->
+    ok.
+
 answer(Id, Port) ->
     Rest =
         case get({rest, Port}) of
@@ -169,11 +219,18 @@ answer(Id, Port, Rest) ->
                     Result;
                 {ok, #{<<"id">> := Id, <<"error">> := Error}} ->
                     error({devtools, Error});
-                {ok, #{<<"method">> := <<"Page.loadEventFired">>}} when Id =:= loaded ->
+                {ok, #{
+                    <<"method">> := <<"Page.lifecycleEvent">>,
+                    <<"params">> := #{<<"name">> := <<"load">>, <<"loaderId">> := Loader}
+                }} when Id =:= {loaded, Loader} ->
                     _ = put({rest, Port}, More),
                     loaded;
                 {ok, #{<<"method">> := <<"Runtime.exceptionThrown">>, <<"params">> := P}} ->
                     error({page, P});
+                {ok, #{<<"method">> := <<"Log.entryAdded">>, <<"params">> := P}} ->
+                    _ = put({rest, Port}, More),
+                    logged(P),
+                    answer(Id, Port);
                 {ok, _} ->
                     answer(Id, Port, More)
             end;

@@ -1,44 +1,103 @@
-%% The page in a real browser, headless Chromium, on `./starl run painting --view': it shows the robots
-%% where the simulation has them; pause, scrub, kill by click, save; the saved scenario ends with the
-%% digest of the run. Where there is no Chromium it is skipped with a line.
+%% Every window in a real browser, headless Chromium: the page shows the robots where the simulation has
+%% them, and hands do what they say. Of a simulation, a recording, a run that is done again, live robots,
+%% a cluster, and a film. One browser and one page serve all. Where there is no Chromium the suite is
+%% skipped with a line.
 -module(starl_view_browser_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 -include_lib("common_test/include/ct.hrl").
 
--export([all/0, init_per_suite/1, end_per_suite/1, the_page/1]).
+-export([all/0, suite/0, init_per_suite/1, end_per_suite/1]).
+-export([simulation/1, recording/1, replay/1, film/1, live/1, cluster/1]).
 
 -define(B, starl_view_browser).
 -define(AT_S, 21).
 -define(ROBOTS, 8).
+%% The run that is recorded, filmed, and done again.
+-define(RECORDED, #{app => painting, robots => 2, picture => "house", faults => ?FAULTS}).
+-define(FAULTS, [{cut, 20000, 26000, isolate, 1, #{}}, {dies, 60000, 60000, kill_robot, 2, #{}}]).
 
-all() -> [the_page].
+suite() -> [{timetrap, {minutes, 5}}].
+
+all() -> [simulation, recording, replay, film, live, cluster].
 
 init_per_suite(Config) ->
     case ?B:program() of
-        {ok, Program} -> [{program, Program} | Config];
+        {ok, Program} -> [{browser, served(Program)} | recorded(Config)];
         {skip, Why} -> {skip, Why}
     end.
 
-end_per_suite(_Config) -> ok.
+end_per_suite(Config) ->
+    Server = ?config(browser, Config),
+    Server ! {stop, self()},
+    receive
+        {stopped, Server} -> ok
+    end.
 
-%% One run and one browser: both take their time to start.
-the_page(Config) ->
+%% A port belongs to a process; each case is one of its own and borrows the browser.
+served(Program) ->
+    Suite = self(),
+    Server = spawn(fun() ->
+        Browser = ?B:start(Program),
+        Suite ! {self(), ready},
+        serve(Browser)
+    end),
+    receive
+        {Server, ready} -> Server
+    end.
+
+serve(Browser) ->
+    receive
+        {do, From, Do} ->
+            Answer =
+                try
+                    {done, Do(Browser)}
+                catch
+                    Class:Reason:Stack -> {failed, Class, Reason, Stack}
+                end,
+            From ! {self(), Answer},
+            serve(Browser);
+        {stop, From} ->
+            ok = ?B:stop(Browser),
+            From ! {stopped, self()}
+    end.
+
+browse(Config, Do) ->
+    Server = ?config(browser, Config),
+    Server ! {do, self(), Do},
+    receive
+        {Server, {done, Value}} -> Value;
+        {Server, {failed, Class, Reason, Stack}} -> erlang:raise(Class, Reason, Stack)
+    end.
+
+%% A run with a partition and a death, on record.
+recorded(Config) ->
+    Dir = ?config(priv_dir, Config),
+    Scenario = io_lib:format("~tp.~n", [?RECORDED]),
+    ok = file:write_file(filename:join(Dir, "faulty.term"), Scenario),
+    Args = ["run", "faulty.term", "--record", "--out", "recorded"],
+    {Status, Text} = rest(starl(Args, Dir), ""),
+    ?assert(lists:member(Status, [0, 4]), Text),
+    Config.
+
+%% -- a simulation ---------------------------------------------------------------------------
+
+simulation(Config) ->
     Dir = ?config(priv_dir, Config),
     Run = starl(["run", "painting", "--robots", "8", "--picture", "rocket", "--view"], Dir),
     {Url, Said} = until("view: (http://[^\n]+/)\n", Run, ""),
-    Browser = ?B:start(?config(program, Config)),
-    try
-        ok = ?B:open(list_to_binary(Url), Browser),
+    browse(Config, fun(Browser) ->
+        ok = ?B:open(Url, Browser),
         computes_motion(Browser),
         shows_where_robots_are(Browser, Dir),
         scrubs(Browser, Dir),
         tells_of_a_robot(Browser, Dir),
+        lends_hands(Browser),
         kills_by_click(Browser, Dir),
         saves(Browser),
-        to_the_end(Browser, Dir)
-    after
-        ?B:stop(Browser)
-    end,
+        to_the_end(Browser, Dir),
+        %% the page of the next case: this run has none any more, and ends
+        ok = ?B:visit("about:blank", Browser)
+    end),
     Ended = rest(Run, Said),
     Replayed = rest(starl(["run", "by_hand.term"], Dir), ""),
     %% robot 3 is dead, and a part of its lines unpainted, in both
@@ -78,12 +137,9 @@ shows_where_robots_are(Browser, Dir) ->
     Time = ?B:eval("starl.team.now", Browser),
     ok = ?B:await(io_lib:format("starl.state.shown === ~w", [Time]), Browser),
     Shown = ?B:eval("starl.poses()", Browser),
-    {ok, Sim} = starl_sim:start(#{app => painting, robots => ?ROBOTS, picture => "rocket"}),
-    _ = starl_sim:run(Sim, Time / 1.0e6),
-    True = [{Id, maps:get(pose, Summary)} || {Id, Summary} <- starl_sim:robots(Sim)],
-    ok = starl_sim:close(Sim),
+    True = places(rocket(), Time),
     ?assertEqual(?ROBOTS, map_size(Shown)),
-    [near(Pose, maps:get(integer_to_binary(Id), Shown)) || {Id, Pose} <- True],
+    near_all(True, Shown),
     %% the table, for those who do not see the picture, says the same
     ?B:eval("document.getElementById('team').open = true", Browser),
     ok = ?B:await("document.querySelectorAll('#robots tr').length === 8", Browser),
@@ -105,6 +161,19 @@ shows_where_robots_are(Browser, Dir) ->
     ?B:eval("document.getElementById('team').open = false", Browser),
     ?B:shot(filename:join(Dir, "1_running.png"), Browser).
 
+rocket() -> #{app => painting, robots => ?ROBOTS, picture => "rocket"}.
+
+%% Where the simulation has its robots.
+places(Scenario, Us) ->
+    {ok, Sim} = starl_sim:start(Scenario),
+    _ = starl_sim:run(Sim, Us / 1.0e6),
+    Places = [{Id, maps:get(pose, Summary)} || {Id, Summary} <- starl_sim:robots(Sim)],
+    ok = starl_sim:close(Sim),
+    Places.
+
+near_all(True, Shown) ->
+    [near(Pose, maps:get(integer_to_binary(Id), Shown)) || {Id, Pose} <- True].
+
 near({X, Y, Heading}, [XShown, YShown, HeadingShown]) ->
     ?assert(abs(X - XShown) < 1.0),
     ?assert(abs(Y - YShown) < 1.0),
@@ -124,13 +193,7 @@ scrubs(Browser, Dir) ->
     ),
     Then = ?B:eval("starl.poses()", Browser),
     ?assertNotEqual(Now, Then),
-    {ok, Sim} = starl_sim:start(#{app => painting, robots => ?ROBOTS, picture => "rocket"}),
-    _ = starl_sim:run(Sim, 9),
-    [
-        near(maps:get(pose, S), maps:get(integer_to_binary(Id), Then))
-     || {Id, S} <- starl_sim:robots(Sim)
-    ],
-    ok = starl_sim:close(Sim),
+    near_all(places(rocket(), 9000000), Then),
     ?B:shot(filename:join(Dir, "2_scrubbed.png"), Browser),
     ?B:eval("starl.live()", Browser),
     ok = ?B:await("starl.state.shown === starl.team.now", Browser).
@@ -157,19 +220,50 @@ tells_of_a_robot(Browser, Dir) ->
     ),
     ?B:shot(filename:join(Dir, "3_robot.png"), Browser).
 
-kills_by_click(Browser, Dir) ->
-    [X, Y] = ?B:eval(
-        "(() => { const r = document.getElementById('kill').getBoundingClientRect();"
-        "return [r.x + r.width / 2, r.y + r.height / 2]; })()",
+%% Each button beside the robot, and the form of all faults: each begins now, as a fault of the scenario.
+lends_hands(Browser) ->
+    Before = ?B:eval("starl.team.now", Browser),
+    Buttons = [
+        {"freeze", 1}, {"reboot", 2}, {"cut", 3}, {"hold", 5}, {"isolate", 6}, {"kill-machine", 7}
+    ],
+    [handed(Button, N, Browser) || {Button, N} <- Buttons],
+    ?B:eval(
+        "document.getElementById('kind').value = 'loss';"
+        "document.getElementById('kind').dispatchEvent(new Event('change'));"
+        "document.getElementById('target').value = 'all'",
         Browser
     ),
-    ok = ?B:click(X, Y, Browser),
-    ok = ?B:await("starl.team.faults.has('hand_1')", Browser),
+    handed("do-fault", 8, Browser),
+    Kinds = ?B:eval("[...starl.team.faults.values()].map(f => f.kind)", Browser),
+    ?assertEqual(
+        [
+            <<"isolate">>,
+            <<"kill_machine">>,
+            <<"location_frozen">>,
+            <<"loss">>,
+            <<"pause">>,
+            <<"reboot">>
+        ],
+        lists:usort(Kinds)
+    ),
+    %% what lasts is healed at once; the run is where it was
+    ok = ?B:click("heal", Browser),
+    ok = ?B:await(
+        "[...starl.team.faults.values()].every(f => f.to <= starl.team.now + 2e6)", Browser
+    ),
+    ?assertEqual(Before, ?B:eval("starl.team.now", Browser)).
+
+handed(Button, N, Browser) ->
+    ok = ?B:click(Button, Browser),
+    ok = ?B:await(io_lib:format("starl.team.faults.has('hand_~b')", [N]), Browser).
+
+kills_by_click(Browser, Dir) ->
+    ok = handed("kill", 9, Browser),
     %% pause is a button, and a key
     ok = ?B:await("starl.team.clock.paused", Browser),
     ?B:eval("document.activeElement.blur()", Browser),
     ok = ?B:press(<<" ">>, Browser),
-    ok = ?B:await("!starl.team.clock.paused && starl.team.now > 24e6", Browser),
+    ok = ?B:await("!starl.team.clock.paused && starl.team.now > 26e6", Browser),
     ?B:eval("document.getElementById('pause').click()", Browser),
     ok = ?B:await("starl.team.clock.paused", Browser),
     Time = ?B:eval("starl.team.now", Browser),
@@ -194,6 +288,213 @@ to_the_end(Browser, Dir) ->
     ),
     ok = ?B:await("starl.team.clock.ending", Browser),
     ?B:shot(filename:join(Dir, "5_over.png"), Browser).
+
+%% -- a recording ----------------------------------------------------------------------------
+
+%% Any moment can be looked at, forwards and backwards, and it plays at a speed.
+recording(Config) ->
+    Dir = ?config(priv_dir, Config),
+    View = starl(["view", "recorded"], Dir),
+    {Url, _} = until("view: (http://[^\n]+/)\n", View, ""),
+    browse(Config, fun(Browser) ->
+        ok = ?B:open(Url, Browser),
+        ok = ?B:await("starl.team.clock.ending", Browser),
+        [moment(Us, Browser) || Us <- [30000000, 75500000, 12345000, 62000000]],
+        %% robot 2 has died a moment ago
+        ?assertEqual(
+            <<"died">>, ?B:eval("starl.team.robots.get(2).condition(starl.state.shown)", Browser)
+        ),
+        ?assertEqual(
+            [<<"cut">>, <<"dies">>], ?B:eval("[...starl.team.faults.keys()].sort()", Browser)
+        ),
+        plays(Browser),
+        ok = ?B:visit("about:blank", Browser)
+    end),
+    ended(View).
+
+moment(Us, Browser) ->
+    ?B:eval(io_lib:format("starl.scrub(~b)", [Us]), Browser),
+    near_all(places(?RECORDED, Us), ?B:eval("starl.poses()", Browser)).
+
+%% In a time of the browser, some of the recording: at fifty times the speed at least ten times as much.
+plays(Browser) ->
+    Played = fun(Speed) ->
+        ?B:eval(
+            [
+                "starl.scrub(5e6); var s = document.getElementById('speed'); s.value = '",
+                Speed,
+                "'; s.dispatchEvent(new Event('change'));"
+                "var begun = performance.now(); document.getElementById('pause').click()"
+            ],
+            Browser
+        ),
+        ok = ?B:await("starl.state.shown > 5.2e6", Browser),
+        Rate = ?B:eval("(starl.state.shown - 5e6) / 1000 / (performance.now() - begun)", Browser),
+        ?B:eval("document.getElementById('pause').click()", Browser),
+        Rate
+    end,
+    ?assert(Played("50") > 10 * Played("1")).
+
+ended(Port) ->
+    {os_pid, Pid} = erlang:port_info(Port, os_pid),
+    _ = os:cmd("kill -TERM " ++ integer_to_list(Pid)),
+    rest(Port, "").
+
+%% -- a run that is done again ---------------------------------------------------------------
+
+%% It begins where it was to stop, and steps: to the next event of a robot, and by windows.
+replay(Config) ->
+    Dir = ?config(priv_dir, Config),
+    Replay = starl(["replay", "recorded", "--view", "--until", "1:40"], Dir),
+    {Url, Said} = until("view: (http://[^\n]+/)\n", Replay, ""),
+    browse(Config, fun(Browser) ->
+        ok = ?B:open(Url, Browser),
+        ok = ?B:await("starl.team.clock.paused && starl.team.now > 0", Browser),
+        ?B:eval("starl.select(1)", Browser),
+        ?assertEqual(40, events(Browser)),
+        ok = ?B:click("step", Browser),
+        ?assertEqual(41, events(41, Browser)),
+        At = ?B:eval("starl.team.now", Browser),
+        ?B:eval("starl.select(null)", Browser),
+        ok = ?B:click("step", Browser),
+        ok = ?B:await(
+            io_lib:format("starl.team.now > ~w && starl.team.clock.paused", [At]), Browser
+        ),
+        ?B:eval(
+            "document.getElementById('at').value = '30';"
+            "document.getElementById('until').requestSubmit()",
+            Browser
+        ),
+        ok = ?B:await("starl.team.clock.paused && starl.state.shown === 30e6", Browser),
+        near_all(places(?RECORDED, 30000000), ?B:eval("starl.poses()", Browser)),
+        to_the_end(Browser, Dir),
+        ok = ?B:visit("about:blank", Browser)
+    end),
+    {Status, Text} = rest(Replay, Said),
+    ?assertMatch({0, {match, _}}, {Status, re:run(Text, "same digest|digest")}).
+
+events(Browser) -> events(40, Browser).
+
+events(N, Browser) ->
+    ok = ?B:await(
+        io_lib:format(
+            "document.querySelector('#machines p').textContent.startsWith('~b events')", [N]
+        ),
+        Browser
+    ),
+    N.
+
+%% -- a film ---------------------------------------------------------------------------------
+
+%% At three instants the robots of the animated picture stand where the simulation had them.
+film(Config) ->
+    Dir = ?config(priv_dir, Config),
+    {0, _} = rest(starl(["film", "recorded", "--out", "film.svg", "--seconds", "20"], Dir), ""),
+    {ok, Sim} = starl_sim:start(?RECORDED),
+    #{now_us := End} = starl_sim:run(Sim),
+    ok = starl_sim:close(Sim),
+    browse(Config, fun(Browser) ->
+        ok = ?B:visit(["file://", filename:absname("film.svg", Dir)], Browser),
+        ?B:eval("document.documentElement.pauseAnimations()", Browser),
+        [filmed(Us, End, Browser) || Us <- [20000000, 58000000, End * 4 div 5 div 5000 * 5000]],
+        ok = ?B:visit("about:blank", Browser)
+    end).
+
+filmed(Us, End, Browser) ->
+    Shown = ?B:eval(
+        io_lib:format(
+            "(() => { const svg = document.documentElement; svg.setCurrentTime(~w);"
+            "const world = svg.viewBox.baseVal;"
+            "return [...svg.querySelectorAll('g > animateTransform[type=translate]:not([calcMode])')]"
+            ".map(a => { const m = svg.getCTM().inverse().multiply(a.parentNode.getCTM());"
+            "return [m.e - world.x, 12000 - (m.f - world.y)]; }); })()",
+            [20 * Us / End]
+        ),
+        Browser
+    ),
+    True = places(?RECORDED, Us),
+    ?assertEqual(length(True), length(Shown)),
+    [
+        ?assert(abs(X - XShown) < 9 andalso abs(Y - YShown) < 9, {Us, {X, Y}, {XShown, YShown}})
+     || {{_, {X, Y, _}}, [XShown, YShown]} <- lists:zip(True, Shown)
+    ].
+
+%% -- live robots ----------------------------------------------------------------------------
+
+%% They move; positions can be frozen and thawed, and the run says what was done.
+live(Config) ->
+    Dir = ?config(priv_dir, Config),
+    Args = [
+        "run", "painting", "--robots", "2", "--picture", "lines", "--live", "--view", "--pace", "4"
+    ],
+    Run = starl(Args, Dir),
+    {Url, Said} = until("view: (http://[^\n]+/)\n", Run, ""),
+    browse(Config, fun(Browser) ->
+        ok = ?B:open(Url, Browser),
+        moves(2, Browser),
+        ?B:eval("starl.select(1)", Browser),
+        %% there is no button for what cannot be done
+        ?assertEqual(null, ?B:eval("document.getElementById('kill')", Browser)),
+        ok = ?B:click("freeze", Browser),
+        lasts(<<"location_frozen">>, Browser),
+        heals(Browser),
+        stops(Browser)
+    end),
+    ?assertMatch({130, _}, rest(Run, Said)).
+
+%% A click kills the node of a robot, which comes back; a link is cut; all is healed.
+cluster(Config) ->
+    Dir = ?config(priv_dir, Config),
+    Args = ["cluster", "painting", "--robots", "2", "--picture", "lines", "--view", "--speed", "4"],
+    Run = starl(Args, Dir),
+    {Url, Said} = until("view: (http://[^\n]+/)\n", Run, ""),
+    browse(Config, fun(Browser) ->
+        ok = ?B:open(Url, Browser),
+        moves(2, Browser),
+        ?B:eval("starl.select(2)", Browser),
+        ok = ?B:click("cut", Browser),
+        lasts(<<"loss">>, Browser),
+        ok = ?B:click("freeze", Browser),
+        lasts(<<"location_frozen">>, Browser),
+        heals(Browser),
+        ok = ?B:click("kill", Browser),
+        ok = ?B:await(
+            "starl.team.robots.get(2).conditions.map(c => c[1]).join().endsWith('down,up')", Browser
+        ),
+        ?assert(
+            ?B:eval("[...starl.team.faults.values()].some(f => f.kind === 'kill_robot')", Browser)
+        ),
+        stops(Browser)
+    end),
+    {Status, Text} = rest(Run, Said),
+    ?assertEqual(130, Status, Text).
+
+%% The robots appear, and go away from where they stood.
+moves(N, Browser) ->
+    ok = ?B:await(io_lib:format("Object.keys(starl.poses()).length === ~b", [N]), Browser),
+    ok = ?B:await(
+        "starl.team.run.hands.length > 0 && starl.team.run.spots.some(([id, x, y]) => {"
+        "const p = starl.poses()[id]; return Math.hypot(p[0] - x, p[1] - y) > 100; })",
+        Browser
+    ).
+
+lasts(Kind, Browser) ->
+    ok = ?B:await(
+        ["[...starl.team.faults.values()].some(f => f.kind === '", Kind, "' && f.to > 9e11)"],
+        Browser
+    ).
+
+heals(Browser) ->
+    ok = ?B:click("heal", Browser),
+    ok = ?B:await("[...starl.team.faults.values()].every(f => f.to < 9e11)", Browser).
+
+%% The window stays until its page is closed.
+stops(Browser) ->
+    ?B:eval("starl.send({ do: 'stop' })", Browser),
+    ok = ?B:await("starl.team.clock.ending === 'stopped'", Browser),
+    ok = ?B:visit("about:blank", Browser).
+
+%% -------------------------------------------------------------------------------------------
 
 digest_of_no_hands(Config) ->
     Dir = ?config(priv_dir, Config),

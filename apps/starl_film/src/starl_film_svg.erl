@@ -23,7 +23,9 @@
 }).
 
 -define(REST_S, 4.0).
--define(WAY_MM, 8.0).
+-define(WAY_MM, 6.0).
+%% Times are told to within half of this: a robot drives about 2 mm meanwhile.
+-define(STEP_US, 8000).
 -define(INK_MM, 3.0).
 -define(TURN_RAD, 0.06).
 %% The clock shows so many different times at most.
@@ -241,22 +243,28 @@ turning(Keys, Film) ->
 
 animate(What, [{First, Value} | _] = Keys, Film) ->
     All = [{0, Value} || First > 0] ++ Keys,
-    Moments = [{moment(T, Film), V} || {T, V} <- All] ++ [{10000, last(Keys)}],
+    Steps = steps(Film),
+    Moments = [{moment(T, Steps, Film), V} || {T, V} <- All] ++ [{Steps, last(Keys)}],
     [
         [$<, What, Film#film.dur, " keyTimes=\""],
-        lists:join($;, [decimal(M) || {M, _} <- Moments]),
+        lists:join($;, [decimal(M, Steps) || {M, _} <- Moments]),
         "\" values=\"",
         lists:join($;, [V || {_, V} <- Moments]),
         "\"/>"
     ].
 
-%% In ten-thousandths of the film.
-moment(T, #film{end_us = End, part = Part}) ->
-    max(0, min(10000, round(10000 * Part * T / End))).
+%% The steps of the film's time: a power of ten.
+steps(#film{end_us = End, part = Part}) -> power(1000, End / Part / ?STEP_US).
 
-decimal(0) -> "0";
-decimal(10000) -> "1";
-decimal(M) -> string:trim(io_lib:format(".~4..0b", [M]), trailing, "0").
+power(Steps, Least) when Steps < Least -> power(10 * Steps, Least);
+power(Steps, _Least) -> Steps.
+
+moment(T, Steps, #film{end_us = End, part = Part}) ->
+    max(0, min(Steps, round(Steps * Part * T / End))).
+
+decimal(0, _Steps) -> "0";
+decimal(Steps, Steps) -> "1";
+decimal(M, Steps) -> [$. | string:trim(tl(integer_to_list(Steps + M)), trailing, "0")].
 
 escape(Text) ->
     unicode:characters_to_binary([escaped(C) || C <- unicode:characters_to_list(Text)]).

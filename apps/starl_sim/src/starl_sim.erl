@@ -16,7 +16,7 @@
 
 -export([start/1, start/2, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
 -export([watch/2, at_work/1]).
--export([run_until_event/3, robots/1, events/2, timers/2, reload/2, reload/3]).
+-export([run_until_event/3, robots/1, events/2, timers/2, violations/1, reload/2, reload/3]).
 -export([check_app/1, scenario/1, robot_pids/2, plan/2, format_error/1]).
 
 -export_type([sim/0, options/0, planned/0, reason/0]).
@@ -171,8 +171,12 @@ events(#sim{run = Run}, Robot) -> starl_sim_run:events(Run, Robot).
 
 %% @doc The timers of a robot that run, by machine and name. Only while the run rests.
 -spec timers(sim(), starl:robot_id()) ->
-    [{starl_machine:name(), starl_robot_timers:timer()}] | unknown | {error, running}.
+    [starl_sim_robot:timer()] | unknown | {error, running}.
 timers(#sim{run = Run}, Robot) -> starl_sim_run:timers(Run, Robot).
+
+%% @doc All violations, with those that would be found if the run ended here. Only while it rests.
+-spec violations(sim()) -> [starl_monitor:violation()] | {error, running}.
+violations(#sim{run = Run}) -> starl_sim_run:violations(Run).
 
 %% @doc Loads a module anew, from the place of its code; each application uses it from its next
 %% step on. No application is ever killed, even if steps block and this is called again and again.

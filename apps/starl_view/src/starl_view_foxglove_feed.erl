@@ -12,7 +12,7 @@
 -module(starl_view_foxglove_feed).
 -behaviour(gen_server).
 
--export([start_link/1, news/2, clock/2, join/1, channels/2, want/1]).
+-export([start_link/1, news/2, fault/2, clock/2, join/1, channels/2, want/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([told/0, session/0, update/0]).
@@ -65,6 +65,14 @@ start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
 %% @doc Tells news of the run.
 -spec news(pid(), starl_observer:news()) -> ok.
 news(Feed, News) -> gen_server:cast(Feed, {news, News}).
+
+%% @doc Tells a fault by hand in a simulation, with its end, or one that ends at another time now.
+-spec fault(pid(), {new | known, starl_sim_fault:t()}) -> ok.
+fault(Feed, {new, {_, FromMs, _, _, _, _} = Fault}) ->
+    ok = news(Feed, {fault, 1000 * FromMs, {began, Fault}}),
+    fault(Feed, {known, Fault});
+fault(Feed, {known, {_, _, ToMs, _, _, _} = Fault}) ->
+    news(Feed, {fault, 1000 * ToMs, {ended, Fault}}).
 
 %% @doc Tells the time of the run, when the news before it are handled.
 -spec clock(pid(), NowUs :: integer()) -> ok.

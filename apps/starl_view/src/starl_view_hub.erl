@@ -19,6 +19,7 @@
     observer/2,
     head/2,
     put/2,
+    fault/3,
     clock/2,
     reset/1,
     lead/2,
@@ -110,6 +111,10 @@ head(Hub, Head) -> gen_server:call(Hub, {head, Head}).
 -spec put(pid(), starl_view_row:row()) -> ok.
 put(Hub, Row) -> gen_server:cast(Hub, {put, Row}).
 
+%% @doc Tells a fault by hand to all: a new one, or one that is known and now ends at another time.
+-spec fault(pid(), NowUs :: integer(), {new | known, starl_sim_fault:t()}) -> ok.
+fault(Hub, Now, Fault) -> gen_server:cast(Hub, {fault, Now, Fault}).
+
 %% @doc Tells the time of the run: everything until now has been told. Returns when all that has
 %% been told is handled, so the run is never ahead of the hub.
 -spec clock(pid(), #{now_us := integer(), atom() => term()}) -> ok.
@@ -189,6 +194,9 @@ handle_call(join, {Page, _}, #hub{pages = Pages, head = Head} = Hub) ->
 -spec handle_cast(term(), #hub{}) -> {noreply, #hub{}}.
 handle_cast({put, Row}, Hub) ->
     {noreply, add(Row, Hub)};
+handle_cast({fault, Now, {Is, Fault}}, Hub) ->
+    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:fault(Feed, {Is, Fault}) end, Hub),
+    {noreply, add(starl_view_row:fault(Now, Fault), Hub)};
 handle_cast({want, Page, Place}, #hub{waiting = Waiting} = Hub) ->
     {noreply, answer(Page, Place, Hub#hub{waiting = maps:remove(Page, Waiting)})};
 handle_cast({command, _Page, _Command}, #hub{leader = none} = Hub) ->
@@ -204,9 +212,15 @@ handle_info({judged, Events, Violations} = News, Hub) ->
     ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
     Told = lists:foldl(fun traced/2, Hub, Events),
     {noreply, rows([starl_view_row:violation(V) || V <- Violations], Told)};
-handle_info({Begun, _} = News, Hub) when Begun =:= begun; Begun =:= ended ->
+handle_info({begun, _} = News, Hub) ->
     ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
     {noreply, Hub};
+handle_info({ended, #{end_us := End} = Ending} = News, Hub) ->
+    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
+    {noreply, told({verdicts, End, {ended, Ending}}, Hub)};
+handle_info({fault, At, What} = News, Hub) ->
+    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
+    {noreply, told({faults, At, What}, Hub)};
 handle_info({starl_trace, _, Messages}, Hub) ->
     {noreply, lists:foldl(fun told/2, Hub, Messages)};
 handle_info(_, Hub) ->

@@ -33,11 +33,10 @@
 -record(live, {
     hub :: pid(),
     speed :: number(),
-    hands = none :: hands() | none,
+    hands = none :: hands() | none | over,
     robots = 0 :: non_neg_integer(),
     facts = none :: starl_observer:facts() | none,
-    now = 0 :: integer(),
-    cuts = 0 :: non_neg_integer()
+    now = 0 :: integer()
 }).
 
 %% @doc Starts to show a run; its observer comes first, its hands when it has started.
@@ -50,7 +49,7 @@ observer(Live) ->
     Hub = gen_server:call(Live, hub),
     Tell = starl_view_hub:observer(Hub, 0),
     fun
-        ({begun, _} = News) ->
+        ({What, _} = News) when What =:= begun; What =:= ended ->
             ok = Tell(News),
             gen_server:cast(Live, News);
         (News) ->
@@ -73,21 +72,25 @@ handle_call(hub, _From, #live{hub = Hub} = Live) ->
 handle_call({attach, Hands}, _From, Live) ->
     {reply, ok, head(Live#live{hands = Hands})}.
 
--spec handle_cast({begun, starl_observer:facts()}, #live{}) -> {noreply, #live{}}.
-handle_cast({begun, Facts}, Live) -> {noreply, head(Live#live{facts = Facts})}.
+-spec handle_cast(starl_observer:news(), #live{}) -> {noreply, #live{}}.
+handle_cast({begun, Facts}, Live) ->
+    {noreply, head(Live#live{facts = Facts})};
+handle_cast({ended, #{ending := Ending, end_us := End}}, #live{hub = Hub, now = Now} = Live) ->
+    Last = max(Now, End),
+    Clock = #{speed => 1, real => 0, paused => true, running => 0, ending => Ending},
+    ok = starl_view_hub:clock(Hub, Clock#{now_us => Last}),
+    {noreply, Live#live{hands = over, now = Last}}.
 
 head(#live{facts = none} = Live) ->
     Live;
 head(#live{facts = #{robots := Robots} = Facts, hub = Hub, hands = Hands} = Live) ->
-    Can =
-        case Hands of
-            none -> [];
-            _ -> lists:sort(maps:keys(maps:remove(status, Hands)))
-        end,
-    Rows = starl_view_head:rows(Facts, #{kind => live, hands => Can}),
+    Rows = starl_view_head:rows(Facts, #{kind => live, hands => can(Hands)}),
     ok = starl_view_hub:head(Hub, {Rows, length(Robots)}),
     _ = [ok = starl_view_hub:put(Hub, Row) || Row <- Rows],
     Live#live{robots = length(Robots)}.
+
+can(#{} = Hands) -> lists:sort(maps:keys(maps:remove(status, Hands)));
+can(_) -> [].
 
 -spec handle_info(term(), #live{}) -> {noreply, #live{}}.
 handle_info(tick, Live) ->
@@ -98,10 +101,18 @@ handle_info({starl_view, Page, Command}, Live) ->
 handle_info(_, Live) ->
     {noreply, Live}.
 
-tick(#live{hands = none} = Live) ->
-    Live;
-tick(#live{hands = #{status := Status}, hub = Hub, now = Before, speed = Speed} = Live) ->
-    #{now_us := Now, running := Running} = Known = Status(),
+tick(#live{hands = #{status := Status}} = Live) ->
+    try Status() of
+        Known -> told(Known, Live)
+    catch
+        %% it has just ended, and says so itself
+        exit:_ -> Live
+    end;
+tick(Live) ->
+    Live.
+
+told(#{now_us := Now, running := Running} = Known, #live{hub = Hub, speed = Speed} = Live) ->
+    #live{now = Before} = Live,
     Shown = max(Before, Now - ?BEHIND_US - round(?LOOK_US * Speed)),
     ok = starl_view_hub:clock(Hub, #{
         now_us => Shown,
@@ -121,6 +132,8 @@ do(#{<<"do">> := <<"look">>} = Command, Page, Live) ->
     look(Command, Page, Live);
 do(_Command, Page, #live{hands = none} = Live) ->
     answered({error, "not yet"}, none, Page, Live);
+do(_Command, Page, #live{hands = over} = Live) ->
+    answered({error, "the run is over"}, none, Page, Live);
 do(#{<<"do">> := <<"kill">>, <<"robot">> := Robot}, Page, Live) ->
     hand(kill, [Robot], Page, Live);
 do(#{<<"do">> := <<"freeze">>, <<"robot">> := Robot}, Page, Live) ->
@@ -142,36 +155,16 @@ hand(What, Robots, Page, #live{hands = Hands, robots = N} = Live) ->
         #{} -> answered({error, "this cannot be done to this run"}, none, Page, Live)
     end.
 
-%% The page shows what was done among the faults; healed, they end.
-answered(ok, {heal, []}, Page, #live{hub = Hub, now = Now, cuts = N} = Live) ->
-    Rows = [[<<"end">>, Now, name(I)] || I <- lists:seq(1, N)],
-    _ = [ok = starl_view_hub:put(Hub, Row) || Row <- Rows],
-    ok = said(<<"yes">>, "healed", Page),
+%% The run tells its observers what was done, and so the page.
+answered(ok, {What, Robots}, Page, Live) ->
+    ok = said(<<"yes">>, done(What, Robots), Page),
     Live;
-answered(ok, {What, Robots}, Page, #live{hub = Hub, now = Now, cuts = N} = Live) ->
-    Ms = (Now + ?BEHIND_US) div 1000,
-    To =
-        case What of
-            kill -> Ms;
-            _ -> 1000000000
-        end,
-    Target = starl_view_row:text(target(Robots), 40),
-    ok = starl_view_hub:put(Hub, [<<"f">>, Now, name(N + 1), Ms, To, kind(What), Target, <<>>]),
-    ok = said(<<"yes">>, io_lib:format("~ts ~w", [What, Robots]), Page),
-    Live#live{cuts = N + 1};
 answered({error, Why}, _What, Page, Live) ->
     ok = said(<<"no">>, Why, Page),
     Live.
 
-kind(cut) -> loss;
-kind(freeze) -> location_frozen;
-kind(What) -> What.
-
-target([A, B]) -> {A, B};
-target([A]) -> A;
-target([]) -> all.
-
-name(N) -> <<"hand_", (integer_to_binary(N))/binary>>.
+done(heal, []) -> "healed";
+done(What, Robots) -> [atom_to_list(What), [io_lib:format(" ~b", [Robot]) || Robot <- Robots]].
 
 said(Kind, Text, Page) ->
     Page ! {tell, [Kind, unicode:characters_to_binary(Text)]},

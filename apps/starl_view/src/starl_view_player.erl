@@ -55,7 +55,9 @@
     pace :: starl_view_pace:t(),
     linger :: boolean(),
     save :: fun((binary(), starl_sim_scenario:t()) -> {ok | error, unicode:chardata()}),
+    %% the number of faults by hand; has anything been changed, such as by healing?
     hands = 0 :: non_neg_integer(),
+    changed = false :: boolean(),
     stop = false :: boolean()
 }).
 
@@ -93,8 +95,8 @@ begin_with(#{hub := Hub} = Config) ->
             Error
     end.
 
-ended(#player{run = Run, hands = Hands}) ->
-    {ok, (starl_view_run:result(Run))#{hands => Hands > 0}}.
+ended(#player{run = Run, changed = Changed}) ->
+    {ok, (starl_view_run:result(Run))#{hands => Changed}}.
 
 %% -- time -----------------------------------------------------------------------------------
 
@@ -102,7 +104,7 @@ loop(#player{stop = true} = Player) ->
     Player;
 loop(#player{run = Run, pace = Pace} = Player) ->
     case {starl_view_run:is_over(Run), starl_view_pace:rests(Pace)} of
-        {true, _} -> over(tell(Player));
+        {true, _} -> over(tell(Player#player{run = starl_view_run:judge(Run)}));
         {false, true} -> wait(?IDLE_MS, tell(Player));
         {false, false} -> plays(now_ms(), Player)
     end.
@@ -244,7 +246,7 @@ anchored(#player{run = Run, pace = Pace} = Player) ->
     Player#player{pace = starl_view_pace:anchored(now_ms(), starl_view_run:now(Run), Pace)}.
 
 changed(Faults, #player{run = Run} = Player) ->
-    anchored(Player#player{run = starl_view_run:changed(Faults, Run)}).
+    anchored(Player#player{run = starl_view_run:changed(Faults, Run), changed = true}).
 
 refuse(Page, Why, Player) -> tell(Page, [<<"no">>, unicode:characters_to_binary(Why)], Player).
 

@@ -47,8 +47,8 @@ message({poses, T, #{robots := Poses}}, #load{moving = Moving} = Load) ->
      || {Id, {X, Y, Heading}, _, _} <- Poses, not is_map_key(Id, Moving)
     ],
     lists:foldl(fun kept/2, due(T, Load), Jumps);
-message({verdicts, T, {ended, #{ending := Ending}}}, Load) ->
-    (due(T, Load))#load{ending = Ending};
+message({verdicts, T, {ended, #{ending := Ending}}} = Message, Load) ->
+    kept(Message, (due(T, Load))#load{ending = Ending});
 message({trace, T, {Id, chassis, {motion, _}}} = Message, #load{moving = Moving} = Load) ->
     kept(Message, due(T, Load#load{moving = Moving#{Id => []}}));
 message(Message, Load) ->

@@ -25,6 +25,7 @@
 
 -define(DEPTH, 12).
 -define(LENGTH, 60).
+-define(FOREVER_MS, 1000000000).
 
 %% @doc The rows of a message of a run; most have none.
 -spec of_message(starl_trace_message:t()) -> [row()].
@@ -34,6 +35,11 @@ of_message({packets, T, {From, To, What, Bytes, Fate}}) ->
     [packet(T, From, To, What, Bytes, Fate)];
 of_message({verdicts, _, {violation, Violation}}) ->
     [violation(Violation)];
+of_message({verdicts, _, {ended, #{violations := Violations}}}) ->
+    %% some are found at the end only
+    [violation(Violation) || Violation <- Violations];
+of_message({faults, T, {_BeganOrEnded, Fault}}) ->
+    [fault(T, Fault)];
 of_message(_) ->
     [].
 
@@ -89,10 +95,14 @@ fate({lost, Why}) -> {text(Why, ?LENGTH), 0};
 fate({arrives, [{AtUs, intact} | _]}) -> {<<"arrives">>, AtUs};
 fate({arrives, [{AtUs, corrupt} | _]}) -> {<<"corrupt">>, AtUs}.
 
-%% @doc A fault of the schedule, told at a time.
--spec fault(integer(), starl_sim_fault:t()) -> row().
+%% @doc A fault of the schedule, or by hand, told at a time.
+-spec fault(integer(), starl_sim_fault:t() | tuple()) -> row().
 fault(T, {Id, From, To, Kind, Target, Params}) ->
-    [<<"f">>, T, Id, From, To, Kind, text(Target, ?LENGTH), text(Params, ?LENGTH)].
+    [<<"f">>, T, Id, From, ended(To), Kind, text(Target, ?LENGTH), text(Params, ?LENGTH)].
+
+%% Of a fault by hand in a live run nobody knows the end.
+ended(Ms) when is_integer(Ms) -> Ms;
+ended(_) -> ?FOREVER_MS.
 
 %% @doc A broken contract.
 -spec violation(starl_monitor:violation()) -> row().

@@ -3,7 +3,7 @@
 %% told only what comes after it; a run that goes back tells all from the beginning.
 -module(starl_view_run).
 
--export([start/1, run/2, step/3, halt/1, changed/2, back/2, look/2, close/1]).
+-export([start/1, run/2, step/3, halt/1, judge/1, changed/2, back/2, look/2, close/1]).
 -export([now/1, until/1, ending/1, is_over/1, is_recorded/1, scenario/1, events/2, window/1]).
 -export([clock/1, place/1, result/1]).
 
@@ -45,7 +45,9 @@
     %% the events before this time have been told
     told = 0 :: non_neg_integer(),
     ending = none :: starl_sim_run:ending() | none,
-    running = 0 :: non_neg_integer()
+    running = 0 :: non_neg_integer(),
+    %% the end of this run has been judged
+    judged = false :: boolean()
 }).
 
 -opaque t() :: #run{}.
@@ -129,6 +131,15 @@ halt(#run{sim = Sim, ending = none} = Run) ->
 halt(Run) ->
     Run.
 
+%% @doc Tells the violations that show only at the end of a run, once.
+-spec judge(t()) -> t().
+judge(#run{judged = true} = Run) ->
+    Run;
+judge(#run{sim = Sim, config = #{hub := Hub}} = Run) ->
+    Rows = [starl_view_row:violation(Violation) || Violation <- starl_sim:violations(Sim)],
+    ok = lists:foreach(fun(Row) -> starl_view_hub:put(Hub, Row) end, Rows),
+    Run#run{judged = true}.
+
 %% @doc Begins anew with other faults and goes to the present.
 -spec changed([starl_sim_fault:t()], t()) -> t().
 changed(Faults, #run{scenario = Scenario} = Run) ->
@@ -139,6 +150,9 @@ changed(Faults, #run{scenario = Scenario} = Run) ->
 back(Us, #run{scenario = Scenario, window_us = Window} = Run) ->
     anew(Scenario, Us div Window * Window, Run#run{told = 0}).
 
+%% What was judged at the end is no longer true.
+anew(Scenario, To, #run{judged = true} = Run) ->
+    anew(Scenario, To, Run#run{judged = false, told = 0});
 anew(Scenario, To, #run{told = Told, facts = Before, config = Config} = Run) ->
     ok = close(Run),
     Facts = Before#{scenario := Scenario},
@@ -157,13 +171,20 @@ anew(Scenario, To, #run{told = Told, facts = Before, config = Config} = Run) ->
 
 tell_faults(#{faults := Faults}, #run{told = 0, config = #{hub := Hub}}) ->
     ok = starl_view_hub:reset(Hub),
-    told(0, Faults, Hub);
+    told(0, [{new, Fault} || Fault <- Faults], Hub);
 tell_faults(#{faults := Faults}, #run{now = Now, scenario = #{faults := Before}} = Run) ->
     #run{config = #{hub := Hub}} = Run,
-    told(Now, Faults -- Before, Hub).
+    New = [{is_known(Fault, Before), Fault} || Fault <- Faults -- Before],
+    told(Now, New, Hub).
+
+is_known(Fault, Before) ->
+    case lists:keymember(element(1, Fault), 1, Before) of
+        true -> known;
+        false -> new
+    end.
 
 told(Now, Faults, Hub) ->
-    lists:foreach(fun(F) -> ok = starl_view_hub:put(Hub, starl_view_row:fault(Now, F)) end, Faults).
+    lists:foreach(fun(F) -> ok = starl_view_hub:fault(Hub, Now, F) end, Faults).
 
 again(To, Piece, #run{now = Now, ending = none, sim = Sim, told = Told} = Run) when Now < To ->
     Begun = erlang:monotonic_time(millisecond),

@@ -16,7 +16,7 @@
 -spec robot(
     starl_sim_robot:summary(),
     #{starl_machine:name() => starl_robot_tree:seen()},
-    [{starl_machine:name(), starl_robot_timers:timer()}],
+    [starl_sim_robot:timer()],
     [{integer(), starl_machine:name(), Event :: term()}]
 ) -> #{atom() => starl_view_json:value()}.
 robot(#{result := Result, events := Events, crashes := Crashes}, Machines, Timers, Last) ->
@@ -35,13 +35,14 @@ robot(#{result := Result, events := Events, crashes := Crashes}, Machines, Timer
     }.
 
 timed(Name, Timers, Words) ->
-    case [Timer || {Of, Timer} <- Timers, Of =:= Name] of
+    case [[starl_view_row:text(Timer, 80), Due] || {Of, Timer, Due} <- Timers, Of =:= Name] of
         [] -> Words;
-        Own -> Words#{timers => starl_view_row:text(Own, 300)}
+        Own -> Words#{timers => Own}
     end.
 
 %% @doc A machine as texts for the page: its module, its state, its data or what it waits in.
--spec machine(starl_machine:name(), starl_robot_tree:seen()) -> #{atom() => binary() | atom()}.
+-spec machine(starl_machine:name(), starl_robot_tree:seen()) ->
+    #{atom() => starl_view_json:value()}.
 machine(Name, waiting) ->
     #{name => Name, state => <<"not booted yet">>};
 machine(Name, #{stack := Stack}) ->

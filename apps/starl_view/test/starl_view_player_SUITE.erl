@@ -6,7 +6,8 @@
 
 -export([all/0, init_per_suite/1, end_per_suite/1]).
 -export([view_changes_nothing/1, hands_replay/1, a_hand_in_the_middle_of_a_window/1]).
--export([going_back/1, healing/1, bad_commands/1, at_a_violation/1]).
+-export([going_back/1, healing/1, healing_the_schedule/1, bad_commands/1, at_a_violation/1]).
+-export([found_at_the_end/1, viewers_see_hands/1, timers_are_due/1]).
 
 all() ->
     [
@@ -15,8 +16,12 @@ all() ->
         a_hand_in_the_middle_of_a_window,
         going_back,
         healing,
+        healing_the_schedule,
         bad_commands,
-        at_a_violation
+        at_a_violation,
+        found_at_the_end,
+        viewers_see_hands,
+        timers_are_due
     ].
 
 init_per_suite(Config) -> Config.
@@ -99,6 +104,15 @@ healing(_Config) ->
     ?assertMatch([_], [No || {no, No} <- said()]),
     ?assertEqual(digest(Scenario), Digest).
 
+%% A fault of the schedule that is healed makes the run another one, so its record must be, too.
+healing_the_schedule(_Config) ->
+    Faulty = (scenario())#{faults => [{own, 9000, 60000, isolate, 1, #{}}]},
+    {Digest, #{faults := Faults} = Scenario, _} =
+        played(Faulty, [{until, 12}, {heal, <<"own">>}]),
+    ?assertEqual([{own, 9000, 12000, isolate, 1, #{}}], Faults),
+    ?assertEqual(digest(Scenario), Digest),
+    ?assert(get(hands)).
+
 %% Nothing that a page may send ends or changes the run.
 bad_commands(_Config) ->
     Bad = [
@@ -143,6 +157,58 @@ at_a_violation(_Config) ->
     {_, _, Rows} = played(Scenario, []),
     ?assertMatch([[<<"v">>, _, <<"sleep">>, _, [1]] | _], [R || [<<"v">> | _] = R <- Rows]).
 
+%% What shows only at the end of a run is told before the run is finished, once; and no more after the
+%% run has begun anew.
+found_at_the_end(_Config) ->
+    Late = #{app => painting, robots => 2, seed => 1, converge => 15},
+    {_, _, Rows} = played(Late, []),
+    Broken = [{Contract, Robots} || [<<"v">>, _, Contract, _, Robots] <- Rows],
+    ?assertEqual([{<<"progress">>, [1, 2]}], Broken).
+
+%% A hand is told under the topic of faults, with its beginning and its end.
+viewers_see_hands(_Config) ->
+    {ok, Feed} = starl_view_foxglove_feed:start_link(#{}),
+    {ok, _, _} = starl_view_foxglove_feed:join(Feed),
+    ok = starl_view_foxglove_feed:channels(Feed, [faults]),
+    _ = put(feed, Feed),
+    Cut = {fault, #{kind => cut, target => [1, 2], seconds => 5}},
+    {_, _, _} = played(scenario(), [{until, 10}, Cut, {until, 12}, {heal, <<"hand_1">>}]),
+    _ = erase(feed),
+    ok = starl_view_foxglove_feed:want(Feed),
+    receive
+        {updates, Updates, 0, _} ->
+            Told = [{At, decoded(Text)} || {faults, At, Text} <- Updates],
+            ?assertMatch(
+                [
+                    {10000000, #{<<"what">> := <<"began">>, <<"fault">> := <<"hand_1">>}},
+                    {10000000, #{<<"what">> := <<"began">>, <<"fault">> := <<"hand_1_back">>}},
+                    {12000000, #{<<"what">> := <<"ended">>, <<"fault">> := <<"hand_1">>}},
+                    {15000000, #{<<"what">> := <<"ended">>, <<"fault">> := <<"hand_1_back">>}}
+                ],
+                lists:sort(Told)
+            )
+    end.
+
+decoded(Text) ->
+    {ok, Value} = starl_view_json:decode(Text),
+    Value.
+
+%% Each timer of each machine with the time at which it expires, none of which is past; also within a
+%% window.
+timers_are_due(_Config) ->
+    {ok, Sim} = starl_sim:start(scenario()),
+    #{now_us := Now} = starl_sim:run(Sim, 10),
+    due(Now, Sim),
+    [{1, #{events := N}} | _] = starl_sim:robots(Sim),
+    {ok, #{now_us := Later}} = starl_sim:run_until_event(Sim, 1, N + 3),
+    due(Later, Sim),
+    ok = starl_sim:close(Sim).
+
+due(Now, Sim) ->
+    Timers = starl_sim:timers(Sim, 1),
+    ?assertMatch([_ | _], Timers),
+    [?assert(is_integer(Due) andalso Due >= Now, Timer) || {_, _, Due} = Timer <- Timers].
+
 %% -- helpers --------------------------------------------------------------------------------
 
 digest(Scenario) ->
@@ -156,8 +222,9 @@ digest(Scenario) ->
 played(Scenario, Hands) ->
     Test = self(),
     {ok, Hub} = starl_view_hub:start_link(#{}),
+    _ = get(feed) =/= undefined andalso starl_view_hub:tap(Hub, get(feed)),
     Page = spawn_link(fun() -> page(Test, Hub, Hands) end),
-    {ok, #{sim := Sim, scenario := Faulty}} = starl_view_player:play(#{
+    {ok, #{sim := Sim, scenario := Faulty, hands := ByHand}} = starl_view_player:play(#{
         hub => Hub,
         scenario => Scenario,
         speed => max,
@@ -165,6 +232,7 @@ played(Scenario, Hands) ->
         save => fun(_, _) -> {error, "not here"} end
     }),
     {#{digest := Digest}, _} = starl_sim:finish(Sim),
+    _ = put(hands, ByHand),
     Page ! {over, Test},
     receive
         {rows, Rows, Said} ->

@@ -154,7 +154,7 @@ start(here, #{scenario := Scenario}, Options) ->
                 status => fun() -> starl_world_run:status(Run) end,
                 stop => fun() -> starl_world_run:stop(Run) end,
                 finish => fun() -> starl_world_run:finish(Run) end,
-                freeze => fun(Robot) -> starl_world_run:freeze(Run, [Robot]) end,
+                freeze => fun(Robot) -> starl_world_run:freeze_too(Run, Robot) end,
                 heal => fun() -> starl_world_run:freeze(Run, []) end,
                 scenario => starl_world_run:scenario(Run)
             }};

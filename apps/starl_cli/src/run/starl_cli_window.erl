@@ -6,6 +6,8 @@
 
 -export_type([ended/0]).
 
+-define(LINGER_MS, 500).
+
 %% How a run in a window has ended: it waits to be finished; or why it did not run.
 -type ended() ::
     {ok, #{
@@ -135,6 +137,7 @@ live(#{view := true, pace := Pace} = Values, Run) ->
             Answer = Run(fun(Options) -> observed(Live, Options) end, fun(Hands) ->
                 starl_view_live:attach(Live, Hands)
             end),
+            ok = linger(starl_view:hub(View)),
             true = unlink(Live),
             true = exit(Live, shutdown),
             ok = starl_view:stop(View),
@@ -144,6 +147,24 @@ live(#{view := true, pace := Pace} = Values, Run) ->
     end;
 live(_Values, Run) ->
     Run(fun(Options) -> Options end, fun(_Hands) -> ok end).
+
+%% A run that is over can be looked at until the last page is closed, or for Ctrl-C.
+linger(Hub) ->
+    Self = self(),
+    starl_cli_signal:on_interrupt(fun() -> Self ! interrupted end),
+    ok = lingering(Hub),
+    starl_cli_signal:on_interrupt(fun() -> ok end).
+
+lingering(Hub) ->
+    case starl_view_hub:pages(Hub) of
+        0 ->
+            ok;
+        _ ->
+            receive
+                interrupted -> ok
+            after ?LINGER_MS -> lingering(Hub)
+            end
+    end.
 
 observed(Live, Options) ->
     Observers = [maps:get(observe, Options, none), starl_view_live:observer(Live)],

@@ -14,7 +14,7 @@
 
 -export([new/3, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
 -export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
--export([now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
+-export([pending/1, now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
 -export([turn_wheels/1, beat/2, says/2, postpone/2, reload/2, take_back/2, fallen/3]).
 
 -export_type([t/0, world/0, yield/0]).
@@ -117,6 +117,10 @@ at(Now, Body) -> Body#body{now = Now}.
 %% @doc The robot's new events of the present window.
 -spec soon(t()) -> [starl_sim_queue:event()].
 soon(#body{soon = Soon}) -> Soon.
+
+%% @doc The events that the present window has planned so far.
+-spec pending(t()) -> [starl_sim_queue:event()].
+pending(#body{soon = Soon, later = Later}) -> Soon ++ Later.
 
 %% @doc Marks the new events of the present window as planned.
 -spec planned(t()) -> t().

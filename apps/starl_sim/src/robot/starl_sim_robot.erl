@@ -15,9 +15,9 @@
 
 -export([new/4, at/2, open/3, answered/3, down/4, yield/1]).
 -export([halt_after/2, halted/1, resume/1]).
--export([busy/1, at_work/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1, timers/1]).
+-export([busy/1, at_work/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1, timers/2]).
 
--export_type([t/0, summary/0, window/0]).
+-export_type([t/0, summary/0, window/0, timer/0]).
 
 %% The number of a robot's crashes that are remembered.
 -define(REMEMBERED, 10).
@@ -39,6 +39,10 @@
 
 %% The beginning and the end of a window.
 -type window() :: {From :: starl_sim_queue:time(), Until :: starl_sim_queue:time()}.
+
+%% A timer that runs, and when it is due.
+-type timer() ::
+    {starl_machine:name(), starl_robot_timers:timer(), Due :: starl_sim_queue:time() | unknown}.
 
 -record(robot, {
     id :: starl:robot_id(),
@@ -196,10 +200,20 @@ recorded(Site) ->
 -spec machines(t()) -> #{starl_machine:name() => starl_robot_tree:seen()}.
 machines(#robot{robot = Robot}) -> starl_robot_tree:inspect(starl_robot:machines(Robot)).
 
-%% @doc The timers that run, by machine and name.
--spec timers(t()) -> [{starl_machine:name(), starl_robot_timers:timer()}].
-timers(#robot{robot = Robot}) ->
-    [{Name, Timer} || {Name, Timer, _} <- starl_robot_timers:to_list(starl_robot:timers(Robot))].
+%% @doc The timers that run, by machine and name, with the times at which they are due; `Later' are the
+%% robot's events of later windows.
+-spec timers(Later :: [starl_sim_queue:event()], t()) -> [timer()].
+timers(Later, #robot{robot = Robot, events = Events} = Site) ->
+    Planned = Later ++ Events ++ starl_sim_platform:pending(body(Site)),
+    Due = maps:from_list([{Seq, T} || {_, T, _, _, Seq, Content} <- Planned, is_timer(Content)]),
+    [
+        {Name, Timer, maps:get(Mark, Due, unknown)}
+     || {Name, Timer, Mark} <- starl_robot_timers:to_list(starl_robot:timers(Robot))
+    ].
+
+is_timer({timer, _, _, _}) -> true;
+is_timer({late, Content}) -> is_timer(Content);
+is_timer(_) -> false.
 
 %% -- events ---------------------------------------------------------------------------------
 

@@ -19,6 +19,7 @@
     robots/1,
     events/2,
     timers/2,
+    violations/1,
     finish/1,
     reload/2
 ]).
@@ -115,8 +116,12 @@ events(Run, Robot) -> gen_server:call(Run, {events, Robot}, infinity).
 
 %% @doc The timers of a robot that run, by machine and name, while the run rests.
 -spec timers(pid(), starl:robot_id()) ->
-    [{starl_machine:name(), starl_robot_timers:timer()}] | unknown | {error, running}.
+    [starl_sim_robot:timer()] | unknown | {error, running}.
 timers(Run, Robot) -> gen_server:call(Run, {timers, Robot}, infinity).
+
+%% @doc All violations, with those that would be found if the run ended here, while it rests.
+-spec violations(pid()) -> [starl_monitor:violation()] | {error, running}.
+violations(Run) -> gen_server:call(Run, violations, infinity).
 
 %% @doc Loads new code of a module, at once or as soon as no robot is in the middle of a step of the
 %% version before last; may be asked while it runs.
@@ -177,6 +182,9 @@ handle_call({timers, Id}, _From, Run) ->
     {reply, ask(timers, Id, Run), Run};
 handle_call({events, Id}, _From, Run) ->
     {reply, ask(events, Id, Run), Run};
+handle_call(violations, _From, #run{judge = Judge, now = Now} = Run) ->
+    {Violations, _Results} = starl_sim_judge:close(Now, Judge),
+    {reply, Violations, Run};
 handle_call(robots, _From, Run) ->
     {reply, summaries(Run), Run};
 handle_call(finish, _From, Run) ->

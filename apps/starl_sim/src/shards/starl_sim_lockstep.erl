@@ -10,7 +10,7 @@
 %% '''
 -module(starl_sim_lockstep).
 
--export([new/2, launch/4, run/3, hear/2]).
+-export([new/2, launch/4, run/3, hear/2, planned/2]).
 
 -export_type([t/0, reason/0, stop/0, message/0]).
 
@@ -91,6 +91,10 @@ new(Run, Width) ->
 launch(Running, Faults, {Sight, Mail}, #steps{queue = Queue} = Steps) ->
     Planned = starl_sim_queue:add_all(Faults, Queue),
     Steps#steps{queue = Planned, sight = Sight, mail = Mail, running = Running}.
+
+%% @doc The events that are planned for a robot, in no order, while the shard rests.
+-spec planned(starl:robot_id(), t()) -> [starl_sim_queue:event()].
+planned(Robot, #steps{queue = Queue}) -> starl_sim_queue:of_robot(Robot, Queue).
 
 %% @doc Runs until a time or, if that is earlier, until just after an event of one robot; meanwhile
 %% it reports to the run as {@link starl_sim_shard:run/3} says.

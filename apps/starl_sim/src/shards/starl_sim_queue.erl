@@ -3,7 +3,7 @@
 %% the sort. The buckets of the next windows form a wheel, later buckets a map.
 -module(starl_sim_queue).
 
--export([new/1, add/2, add_all/2, take_window/2, next_time/1, size/1]).
+-export([new/1, add/2, add_all/2, take_window/2, next_time/1, size/1, of_robot/2]).
 
 -export_type([t/0, event/0, time/0]).
 
@@ -89,6 +89,13 @@ next_time(#queue{width = Width} = Queue) ->
         none -> infinity;
         Index -> Index * Width
     end.
+
+%% @doc The events of a robot, in no order. It looks at all events, so this is for people only.
+-spec of_robot(starl:robot_id(), t()) -> [event()].
+of_robot(Robot, #queue{wheel = Wheel, far = Far}) ->
+    Rows = [tuple_to_list(Row) || Row <- tuple_to_list(Wheel)],
+    Buckets = lists:append(Rows) ++ maps:values(Far),
+    [Event || Bucket <- Buckets, Event <- Bucket, element(1, Event) =:= Robot].
 
 %% -- internals ------------------------------------------------------------------------------
 

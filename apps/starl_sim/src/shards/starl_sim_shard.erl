@@ -61,7 +61,7 @@
 -type answer() ::
     [{starl:robot_id(), starl_sim_robot:summary()}]
     | #{starl_machine:name() => starl_robot_tree:seen()}
-    | [{starl_machine:name(), starl_robot_timers:timer()}]
+    | [starl_sim_robot:timer()]
     | [starl_sim_ledger:event()]
     | non_neg_integer()
     | unknown.
@@ -138,13 +138,17 @@ handle_call({inspect, {summary, Time}}, _From, Shard) ->
 handle_call({inspect, {What, Id}}, _From, Shard) ->
     case starl_sim_window:robot(Id) of
         undefined -> {reply, unknown, Shard};
-        Robot -> {reply, seen(What, Robot), Shard}
+        Robot -> {reply, seen(What, Id, Robot, Shard), Shard}
     end.
 
-seen(robot, Robot) -> starl_sim_robot:machines(Robot);
-seen(timers, Robot) -> starl_sim_robot:timers(Robot);
-seen(count, Robot) -> maps:get(events, starl_sim_robot:summary(0, Robot));
-seen(events, Robot) -> starl_sim_robot:recorded(Robot).
+seen(robot, _Id, Robot, _Shard) ->
+    starl_sim_robot:machines(Robot);
+seen(timers, Id, Robot, #shard{steps = Steps}) ->
+    starl_sim_robot:timers(starl_sim_lockstep:planned(Id, Steps), Robot);
+seen(count, _Id, Robot, _Shard) ->
+    maps:get(events, starl_sim_robot:summary(0, Robot));
+seen(events, _Id, Robot, _Shard) ->
+    starl_sim_robot:recorded(Robot).
 
 -spec handle_cast({run, starl_sim_queue:time(), starl_sim_lockstep:stop()}, #shard{}) ->
     {noreply, #shard{}}.

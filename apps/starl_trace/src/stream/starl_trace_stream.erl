@@ -51,6 +51,12 @@ news({judged, Trace, Violations}, #stream{counts = Counts} = Stream) ->
     },
     {Messages, #stream{now = Now} = Next} = events(Trace, [], Stream#stream{counts = Counted}),
     {Messages ++ [{verdicts, Now, {violation, V}} || V <- Violations], Next};
+news({fault, At, What}, #stream{faults = Faults, due = Due, now = Now} = Stream) ->
+    From = max(At, Now),
+    Left = [F || F <- Faults, not is_end_of(What, F)],
+    {[], Stream#stream{
+        faults = lists:keymerge(2, Left, [{faults, From, What}]), due = min(Due, From)
+    }};
 news({ended, #{end_us := End} = Ending}, #stream{now = Now} = Stream) ->
     {Due, Next} = due(max(End, Now) + 1, Stream),
     {Due ++ [{verdicts, max(End, Now), {ended, Ending}}], Next};
@@ -110,6 +116,10 @@ times({_, FromMs, ToMs, _, _, _} = Fault) ->
         [{faults, 1000 * ToMs, {ended, Fault}} || is_integer(ToMs)];
 times(_Other) ->
     [].
+
+%% A fault that is healed by hand does not end again.
+is_end_of({ended, Fault}, {faults, _, {ended, Other}}) -> element(1, Fault) =:= element(1, Other);
+is_end_of(_, _) -> false.
 
 %% -- events ---------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 // The line to the server. Each message is acknowledged when it has been handled, so the server sends
 // no more than the page can take.
 export function connect(take, said) {
-  let socket = null, tries = 0;
+  let socket = null, tries = 0, left = false;
   const token = location.hash.slice(1);
   const open = () => {
     socket = new WebSocket(`ws://${location.host}/ws` +
@@ -12,11 +12,15 @@ export function connect(take, said) {
       if (socket.readyState === 1) socket.send('k');
     };
     socket.onclose = () => {
+      if (left) return;
       said('closed');
       if (tries++ < 5) setTimeout(open, 500 * tries);
     };
   };
   open();
+  // A page that is left is kept by the browser for a while, with its connection: the run would wait for it.
+  addEventListener('pagehide', () => { left = true; socket.close(); });
+  addEventListener('pageshow', event => { if (event.persisted) { left = false; open(); } });
   return command => {
     if (socket.readyState === 1) socket.send(JSON.stringify(command));
   };

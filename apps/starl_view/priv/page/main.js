@@ -10,7 +10,7 @@ const $ = id => document.getElementById(id);
 const team = new Team();
 const floor = new Floor($('map'), team);
 const state = { selected: null, shown: 0, live: true, told: { now: 0, before: 0, at: 0, wait: 30 },
-  frames: 0, fps: 0, open: false };
+  frames: 0, fps: 0, open: false, ticks: 0 };
 const seconds = us => `${(us / 1e6).toFixed(3)} s`;
 
 const send = connect(rows => {
@@ -58,6 +58,7 @@ function ticked(now) {
     told.before = Math.max(told.now, now - 2e6);
   } else told.before = now;
   [told.now, told.at] = [now, wall];
+  state.ticks++;
 }
 
 // The present glides from one tick to the next.

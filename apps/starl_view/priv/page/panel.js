@@ -80,25 +80,27 @@ export class Panel {
     };
     if (this.team.run.kind === 'live') return this.liveHands(id, act);
     act('Kill', () => ({ do: 'fault', kind: 'kill_robot', target: id }), 'the robot dies for good').id = 'kill';
-    act('Reboot', () => ({ do: 'fault', kind: 'reboot', target: id, seconds: 3 }), 'down for 3 s');
-    act('Pause 3 s', () => ({ do: 'fault', kind: 'pause', target: id, seconds: 3 }), 'its computer stands still');
-    act('Freeze positions 5 s', () => ({ do: 'fault', kind: 'location_frozen', target: id, seconds: 5 }));
-    act('Isolate 5 s', () => ({ do: 'fault', kind: 'isolate', target: id, seconds: 5 }));
+    act('Reboot', () => ({ do: 'fault', kind: 'reboot', target: id, seconds: 3 }), 'down for 3 s').id = 'reboot';
+    act('Pause 3 s', () => ({ do: 'fault', kind: 'pause', target: id, seconds: 3 }), 'its computer stands still').id = 'hold';
+    act('Freeze positions 5 s', () => ({ do: 'fault', kind: 'location_frozen', target: id, seconds: 5 })).id = 'freeze';
+    act('Isolate 5 s', () => ({ do: 'fault', kind: 'isolate', target: id, seconds: 5 })).id = 'isolate';
     const machine = element('select', '', { ariaLabel: 'machine' });
     machine.append(...this.team.run.machines.map(name => element('option', name)));
     hands.append(machine);
-    act('Kill machine', () => ({ do: 'fault', kind: 'kill_machine', target: [id, machine.value] }));
+    act('Kill machine', () => ({ do: 'fault', kind: 'kill_machine', target: [id, machine.value] })).id = 'kill-machine';
+    if (this.team.run.robots.length < 2) return;
     const other = this.other(id);
     hands.append(other);
-    act('Cut link', () => ({ do: 'fault', kind: 'cut', target: [id, Number(other.value)] }));
+    act('Cut link', () => ({ do: 'fault', kind: 'cut', target: [id, Number(other.value)] })).id = 'cut';
   }
   liveHands(id, act) {
-    act('Kill', () => ({ do: 'kill', robot: id }), 'its processes end; it starts anew').id = 'kill';
-    if (!this.team.run.hands.includes('cut')) return;
+    const can = name => this.team.run.hands.includes(name);
+    if (can('kill')) act('Kill', () => ({ do: 'kill', robot: id }), 'its processes end; it starts anew').id = 'kill';
+    if (can('freeze')) act('Freeze positions', () => ({ do: 'freeze', robot: id })).id = 'freeze';
+    if (!can('cut') || this.team.run.robots.length < 2) return;
     const other = this.other(id);
     $('robot-hands').append(other);
-    act('Cut link', () => ({ do: 'cut', robots: [id, Number(other.value)] }));
-    act('Freeze positions', () => ({ do: 'freeze', robot: id }));
+    act('Cut link', () => ({ do: 'cut', robots: [id, Number(other.value)] })).id = 'cut';
   }
   other(id) {
     return element('input', '', { type: 'number', min: 1, max: this.team.run.robots.length,
@@ -122,9 +124,15 @@ export class Panel {
     const short = String(state).split('\n')[0].slice(0, 44);
     const details = this.details(name, `${name}: ${short}`);
     if (module) details.append(element('p', module));
-    if (timers) details.append(element('p', `timers: ${timers}`));
+    if (timers) details.append(this.timers(timers));
     details.append(element('pre', String(state).length > 44 ? `${state}\n${data ?? ''}` : data ?? ''));
     return details;
+  }
+  timers(timers) {
+    const list = element('ul', '', { className: 'timers' });
+    list.append(...timers.map(([name, due]) => element('li',
+      `timer ${name}${typeof due === 'number' ? `, due at ${seconds(due)}` : ''}`)));
+    return list;
   }
   details(name, summary) {
     const details = element('details', '', { open: this.opened.has(name) });
@@ -141,7 +149,7 @@ export class Panel {
     this.faults(t);
     if ($('team').open) this.table(t);
     const { state, team } = this;
-    const moment = team.clock.paused ? team.now + 0.5 : Math.floor(performance.now() / 1000);
+    const moment = team.clock.paused ? state.ticks + 0.5 : Math.floor(performance.now() / 1000);
     if (state.selected !== null && state.live && this.asked !== moment && team.run.kind === 'simulation') {
       this.asked = moment;
       this.send({ do: 'look', robot: state.selected });
@@ -176,9 +184,9 @@ export class Panel {
     $('faults').replaceChildren(...all.slice(-60).map(fault => {
       const over = fault.to <= t && fault.to > fault.from;
       const item = element('li', `${fault.id}: ${fault.kind.replaceAll('_', ' ')} ${fault.target} ` +
-        `from ${seconds(fault.from)}${fault.to > fault.from ? ` to ${seconds(fault.to)}` : ''} `);
+        `from ${seconds(fault.from)}${fault.to > fault.from ? ` to ${fault.to > 9e11 ? '…' : seconds(fault.to)}` : ''} `);
       item.className = over ? 'over' : '';
-      if (!over && fault.from <= t && fault.to > fault.from)
+      if (!over && fault.from <= t && fault.to > fault.from && this.team.run.kind === 'simulation')
         item.append(element('button', 'heal', { onclick: () => this.hand({ do: 'heal', id: fault.id }) }));
       return item;
     }));

@@ -325,16 +325,13 @@ does({kill, Robot}, #state{nodes = Nodes} = State) ->
             {{error, io_lib:format("the node of robot ~b is down already", [Robot])}, State};
         #{Robot := #node{peer = Peer}} ->
             _ = os:cmd("kill -KILL " ++ starl_sim_peers:os_pid(Peer)),
+            ok = starl_world:killed(State#state.world, Robot),
             {ok, State}
     end;
 does({cut, A, B}, #state{cuts = Cuts} = State) ->
-    Next = State#state{cuts = lists:usort([{A, B}, {B, A} | Cuts])},
-    ok = lists:foreach(fun(Robot) -> aired(Robot, Next) end, [A, B]),
-    {ok, Next};
+    {ok, cut([A, B], State#state{cuts = lists:usort([{A, B}, {B, A} | Cuts])})};
 does({mend, A, B}, #state{cuts = Cuts} = State) ->
-    Next = State#state{cuts = Cuts -- [{A, B}, {B, A}]},
-    ok = lists:foreach(fun(Robot) -> aired(Robot, Next) end, [A, B]),
-    {ok, Next};
+    {ok, cut([A, B], State#state{cuts = Cuts -- [{A, B}, {B, A}]})};
 does({thaw, Robot}, #state{frozen = Frozen, world = World} = State) ->
     Left = lists:delete(Robot, Frozen),
     {starl_world:freeze(World, Left), State#state{frozen = Left}};
@@ -363,8 +360,13 @@ healed(#state{world = World, nodes = Nodes, unplugged = Unplugged} = State) ->
     Next = State#state{cuts = [], frozen = [], unplugged = []},
     ok = starl_world:freeze(World, []),
     ok = lists:foreach(fun(Robot) -> ok = starl_world:cable(World, Robot, back) end, Unplugged),
-    ok = lists:foreach(fun(Robot) -> aired(Robot, Next) end, maps:keys(Nodes)),
-    Next.
+    cut(maps:keys(Nodes), Next).
+
+%% The robots hear what they are to hear now, and the world knows.
+cut(Robots, #state{cuts = Cuts, world = World} = State) ->
+    ok = starl_world:cut(World, Cuts),
+    ok = lists:foreach(fun(Robot) -> aired(Robot, State) end, Robots),
+    State.
 
 %% -- new code -------------------------------------------------------------------------------
 

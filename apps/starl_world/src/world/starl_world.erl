@@ -23,6 +23,9 @@
     until/2,
     freeze/2,
     cable/3,
+    freeze_too/2,
+    cut/2,
+    killed/2,
     stop/1,
     finish/1
 ]).
@@ -96,6 +99,7 @@
     %% what each robot was shown last, and the robots that get nothing newer
     shown = #{} :: #{starl:robot_id() => #{starl:robot_id() => starl:pose()}},
     frozen = [] :: [starl:robot_id()],
+    hands = starl_world_hands:new() :: starl_world_hands:t(),
     leader = none :: starl:robot_id() | none,
     ending = none :: ending() | none,
     callers = [] :: [gen_server:from()]
@@ -156,6 +160,18 @@ freeze(World, Robots) -> gen_server:call(World, {freeze, Robots}).
 -spec cable(pid(), starl:robot_id(), cable()) -> ok | {error, unicode:chardata()}.
 cable(World, Robot, Cable) -> gen_server:call(World, {cable, Robot, Cable}).
 
+%% @doc From now on this robot, too, is shown what it was shown last.
+-spec freeze_too(pid(), starl:robot_id()) -> ok.
+freeze_too(World, Robot) -> gen_server:call(World, {freeze_too, Robot}).
+
+%% @doc From now on these links, and no others, are cut: the world only tells its observer.
+-spec cut(pid(), [{starl:robot_id(), starl:robot_id()}]) -> ok.
+cut(World, Links) -> gen_server:call(World, {cut, Links}).
+
+%% @doc A robot has been killed by hand: the world only tells its observer.
+-spec killed(pid(), starl:robot_id()) -> ok.
+killed(World, Robot) -> gen_server:call(World, {killed, Robot}).
+
 %% @doc Ends the run.
 -spec stop(pid()) -> ok.
 stop(World) -> gen_server:cast(World, stop).
@@ -214,7 +230,16 @@ handle_call({until, Us}, From, #world{clock = Clock} = World) ->
     _ = erlang:send_after(At, self(), {reached, From}, [{abs, true}]),
     {noreply, World};
 handle_call({freeze, Ids}, _From, World) ->
-    {reply, ok, World#world{frozen = Ids}};
+    Done = fun(Now, Hands) -> starl_world_hands:holds(location_frozen, Ids, Now, Hands) end,
+    {reply, ok, by_hand(Done, World#world{frozen = Ids})};
+handle_call({freeze_too, Id}, From, #world{frozen = Frozen} = World) ->
+    handle_call({freeze, lists:usort([Id | Frozen])}, From, World);
+handle_call({cut, Links}, _From, World) ->
+    Done = fun(Now, Hands) -> starl_world_hands:holds(loss, Links, Now, Hands) end,
+    {reply, ok, by_hand(Done, World)};
+handle_call({killed, Id}, _From, World) ->
+    Done = fun(Now, Hands) -> starl_world_hands:struck(kill_robot, Id, Now, Hands) end,
+    {reply, ok, by_hand(Done, World)};
 handle_call({cable, Id, Cable}, _From, #world{robots = Robots} = World) ->
     case Robots of
         #{Id := #robot{is_free = true, chassis = Hardware}} ->
@@ -420,6 +445,12 @@ left(Now, false, Body) -> starl_world_body:stop(Now, Body).
 %% What a killed node has done and could not tell any more.
 unsaid(#robot{record = none}) -> [];
 unsaid(#robot{record = File, batch = Batch}) -> starl_live_record:read(File, Batch).
+
+by_hand(Done, #world{hands = Hands, observer = Observer} = World) ->
+    Now = now_us(World),
+    {Told, Next} = Done(Now, Hands),
+    ok = lists:foreach(fun(F) -> starl_observer:tell({fault, Now, F}, Observer) end, Told),
+    World#world{hands = Next}.
 
 %% -- judging --------------------------------------------------------------------------------
 

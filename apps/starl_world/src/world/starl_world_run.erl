@@ -1,8 +1,19 @@
 %% @doc A live run in one VM: the robots of a scenario in real time, in a simulated world.
 -module(starl_world_run).
 
--export([start/2, await/1, stop/1, status/1, finish/1, scenario/1, link/2, freeze/2, until/2]).
--export([cable/3]).
+-export([
+    start/2,
+    await/1,
+    stop/1,
+    status/1,
+    finish/1,
+    scenario/1,
+    link/2,
+    freeze/2,
+    freeze_too/2,
+    cable/3,
+    until/2
+]).
 -export([kill/2]).
 
 -export_type([t/0, options/0]).
@@ -111,6 +122,10 @@ freeze(#run{world = World}, Robots) -> starl_world:freeze(World, Robots).
 %% @doc Pulls the cable of a robot's hardware, or puts it back.
 -spec cable(t(), starl:robot_id(), starl_world:cable()) -> ok | {error, unicode:chardata()}.
 cable(#run{world = World}, Robot, Cable) -> starl_world:cable(World, Robot, Cable).
+
+%% @doc From now on this robot, too, gets no new positions.
+-spec freeze_too(t(), starl:robot_id()) -> ok.
+freeze_too(#run{world = World}, Robot) -> starl_world:freeze_too(World, Robot).
 
 %% @doc The link of a robot; `none' while it starts anew.
 -spec link(t(), starl:robot_id()) -> pid() | none.
