@@ -75,7 +75,8 @@ piece(#pace{piece_us = Piece}) -> Piece.
 -spec wait_ms(Begun :: integer(), Wall :: integer(), t()) -> non_neg_integer().
 wait_ms(_Begun, _Wall, #pace{goal = Goal}) when Goal =/= none -> 0;
 wait_ms(_Begun, _Wall, #pace{speed = max}) -> 0;
-wait_ms(Begun, Wall, _Pace) -> max(0, Begun + ?TICK_MS - Wall).
+wait_ms(Begun, Wall, _Pace) when Wall - Begun < ?TICK_MS -> ?TICK_MS - (Wall - Begun);
+wait_ms(_Begun, _Wall, _Pace) -> 0.
 
 %% @doc A piece has been run: the next should take no longer than a tick.
 -spec ran(Us :: pos_integer(), Ms :: non_neg_integer(), t()) -> t().

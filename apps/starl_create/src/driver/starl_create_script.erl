@@ -61,7 +61,7 @@ slowed(Left, Right, Us, Most) ->
 
 %% @doc How long they last.
 -spec lasts_us([step()]) -> non_neg_integer().
-lasts_us(Steps) -> lists:sum([Us || {_, _, Us} <- Steps]).
+lasts_us(Steps) -> lists:foldl(fun({_, _, Us}, Sum) -> Us + Sum end, 0, Steps).
 
 %% @doc The bytes that stop the wheels.
 -spec rest() -> binary().
