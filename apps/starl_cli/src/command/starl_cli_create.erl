@@ -32,7 +32,9 @@ about(none) ->
 about({emulate, _}) ->
     [
         "Emulates a Create, byte for byte, on a pty, and prints the name of the device; other programs "
-        "open it like a real one, at the right baud rate. It stands in no world: its wheels turn freely.",
+        "open it like a real one, at the right baud rate. One robot without walls turns its wheels freely. "
+        "Several stand in rows, 500 mm apart, robot 1 first, and look along their row; they bump "
+        "against each other, and against the walls of --arena.",
         {list, "Quirks, as in --quirk asleep,odometry=1.05", [
             {atom_to_list(Key), Doc}
          || {Key, _, _, Doc} <- starl_create_quirks:options()
@@ -64,7 +66,9 @@ flags({emulate, _}) ->
         {"Flags", [
             model(),
             {link, {optional, string}, none,
-                "a link to the device, which is put there and taken away"},
+                "a link to the device, which is put there and taken away; of several: %d is the number"},
+            {robots, {integer, 1, 100}, 1, "the number of robots, each with its device"},
+            {arena, {optional, {size, {number, 500, 100000}}}, none, "walls around this floor, mm"},
             {quirk, {list, string}, [], "names, or NAME=VALUE, divided by commas"},
             {charge, {number, 0, 100}, 90, "charge of its battery, %"},
             {show, switch, false, "prints what it does: its mode, its wheels, its lights"},
@@ -173,34 +177,38 @@ quirk({Key, _, _, _} = Option, [Text]) ->
         {error, [Problem | _]} -> {error, ["the quirk ", starl_cli_flags:format_problem(Problem)]}
     end.
 
-emulate(Quirks, #{model := Model, link := Link, charge := Charge} = Values) ->
-    Baud = maps:with([baud], maps:filter(fun(_, Value) -> Value =/= none end, Values)),
+emulate(Quirks, #{charge := Charge} = Values) ->
+    Baud = maps:filter(fun(_, Value) -> Value =/= none end, maps:with([baud], Values)),
     Told = maps:from_list([{tell, self()} || maps:get(show, Values)]),
-    Options = maps:merge(Baud, Told#{
-        model => Model, quirks => Quirks, charge_mah => 27 * Charge
-    }),
+    Wanted = maps:merge(maps:with([model, robots, arena, link], Values), maps:merge(Baud, Told)),
     %% one that cannot start must not end this process
     _ = process_flag(trap_exit, true),
-    {ok, Create} = starl_create_emulated:start_link(Options),
-    case starl_create_on_pty:start_link(Create, Link) of
-        {ok, Pty} ->
-            starl_cli_terminal:out("~ts\n", [starl_create_on_pty:name(Pty)]),
-            starl_cli_terminal:warn("A Create, emulated. Ctrl-C ends it."),
-            ended(Pty);
-        {error, {shutdown, {link, Text}}} ->
-            {error, [Text]};
-        {error, {shutdown, no_program}} ->
-            {error, [starl_create_program:format_error(no_program)]}
+    case starl_create_on_ptys:start_link(Wanted#{quirks => Quirks, charge_mah => 27 * Charge}) of
+        {ok, _Room, Robots} ->
+            _ = [starl_cli_terminal:out("~ts\n", [Device]) || {_, _, Device} <- Robots],
+            starl_cli_terminal:warn([emulated(length(Robots)), " Ctrl-C ends it."]),
+            ended(Robots);
+        {error, Reason} ->
+            {error, [starl_create_on_ptys:format_error(Reason)]}
     end.
 
-ended(Pty) ->
+emulated(1) -> "A Create, emulated.";
+emulated(N) -> [integer_to_list(N), " Creates, emulated, in one room."].
+
+ended(Robots) ->
     receive
-        {'EXIT', Pty, _} ->
-            4;
-        {starl_create, _Create, Out} ->
-            starl_cli_terminal:out("~ts\n", [shown(Out)]),
-            ended(Pty)
+        {'EXIT', Pid, _} ->
+            case lists:keymember(Pid, 2, Robots) of
+                true -> 4;
+                false -> ended(Robots)
+            end;
+        {starl_create, Create, Out} ->
+            starl_cli_terminal:out("~ts~ts\n", [whose(Create, Robots), shown(Out)]),
+            ended(Robots)
     end.
+
+whose(_Create, [_]) -> "";
+whose(Create, Robots) -> [[Device, ": "] || {C, _, Device} <- Robots, C =:= Create].
 
 shown({wheels, {Left, Right}}) ->
     io_lib:format("wheels ~b ~b mm/s", [round(Left), round(Right)]);

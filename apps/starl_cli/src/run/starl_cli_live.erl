@@ -32,7 +32,8 @@ flags() ->
         {pace, {number, 0.01, 100}, 1, "live, view: how many times as fast as real time"},
         {position_rate, {optional, {number, 0.1, 1000}}, none,
             "live: pictures of the positioning system a second; none: whenever a robot asks"},
-        {whole_mm, switch, false, "live: the positioning system rounds to whole millimetres"}
+        {whole_mm, switch, false, "live: the positioning system rounds to whole millimetres"},
+        {walls, switch, false, "live: walls around the floor, which an emulated Create bumps against"}
     ].
 
 %% @doc Runs a checked command line in real time. Gives the exit status.
@@ -107,12 +108,13 @@ abandoned(Dir) ->
     filelib:is_dir("/proc/self") andalso not filelib:is_dir("/proc/" ++ Pid).
 
 options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
-    #{pace := Pace, position_rate := Rate, whole_mm := Whole} = Values,
+    #{pace := Pace, position_rate := Rate, whole_mm := Whole, walls := Walls} = Values,
     Common = #{
         dir => Dir,
         speed => Pace,
         rate_hz => Rate,
         whole_mm => Whole,
+        arena => arena(Walls, Scenario),
         watch => starl_cli_drive:watching() ++ starl_cli_notes:watch(Scenario)
     },
     Moving = maps:merge(Common, chassis(Scenario, line(Live, Dir))),
@@ -128,6 +130,9 @@ options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
                 log => fun starl_cli_log:node/3
             }
     end.
+
+arena(false, _Scenario) -> none;
+arena(true, #{world := Size}) -> Size.
 
 %% Nodes drive their robots through a device, as if these were real.
 line(here, _Dir) ->

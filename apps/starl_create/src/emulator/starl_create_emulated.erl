@@ -148,6 +148,8 @@ handle_info({starl_cable, Cable}, Emulated) ->
     {noreply, cable(Cable, Emulated)};
 handle_info({starl_body_says, Answers}, Emulated) ->
     {noreply, lists:foldl(fun body_says/2, Emulated, Answers)};
+handle_info({starl_body_touches, {Bits, IsBlocked}}, Emulated) ->
+    {noreply, feels({touches, Bits, IsBlocked}, Emulated)};
 handle_info({'DOWN', _, process, World, _}, #emulated{body = {starl_world, World, _}} = Emulated) ->
     {stop, normal, Emulated};
 handle_info(_Message, Emulated) ->

@@ -18,11 +18,12 @@
 -type out() :: starl_create_state:out().
 -type outs() :: starl_create_state:outs().
 
-%% What its body feels: how the wheels turn if not as told, and readings of sensors, which stay. The
-%% charger is plugged in or out.
+%% What its body feels: how the wheels turn if not as told, and readings of sensors, which stay; its
+%% bumper, and whether it is in the way of something. The charger is plugged in or out.
 -type sense() ::
     {turning, starl_create_wheels:speeds()}
     | {readings, starl_create_packet:readings()}
+    | {touches, Bits :: 0..3, IsBlocked :: boolean()}
     | {charger, boolean()}.
 
 %% Its other line, BRC; the baud rate of the other end (`any': the right one); its battery is taken
@@ -127,6 +128,12 @@ felt({turning, Speeds}, #{wheels := Wheels} = State) ->
     State#{wheels := starl_create_wheels:turning(Speeds, Wheels)};
 felt({readings, Readings}, #{felt := Felt} = State) ->
     State#{felt := maps:merge(Felt, Readings)};
+felt({touches, Bits, IsBlocked}, #{felt := Felt, wheels := Wheels} = State) ->
+    Drops = maps:get(bumps_drops, Felt, 0) band 2#11100,
+    State#{
+        felt := Felt#{bumps_drops => Drops bor Bits},
+        wheels := starl_create_wheels:hold(IsBlocked, Wheels)
+    };
 felt({charger, IsDocked}, #{battery := Battery} = State) ->
     State#{battery := starl_create_battery:dock(IsDocked, Battery)}.
 

@@ -2,7 +2,7 @@
 %% distance and angle. Speeds are those of the left and the right wheel, mm/s.
 -module(starl_create_wheels).
 
--export([new/2, command/2, turning/2, turn/1, commanded/1, told/1]).
+-export([new/2, command/2, turning/2, hold/2, turn/1, commanded/1, told/1]).
 -export([pass/2, readings/1, read/2, travelled/1]).
 -export([circle/3, mm_per_count/0, axle_mm/1]).
 
@@ -17,6 +17,8 @@
     %% what the body was told last, and how the wheels really turn
     told = {0.0, 0.0} :: speeds(),
     turning = {0.0, 0.0} :: speeds(),
+    %% does something hold the body, although the wheels are to turn?
+    is_held = false :: boolean(),
     %% what the wheels have turned, as encoders see it (mm); since the last reading
     left = 0.0 :: float(),
     right = 0.0 :: float(),
@@ -82,7 +84,7 @@ told(#wheels{told = Told}) -> Told.
 turn(#wheels{commanded = {L, R}, told = Told, quirks = #{speed_step := Step}} = Wheels) ->
     case {stepped(L, Step), stepped(R, Step)} of
         Told -> {same, Wheels};
-        New -> {New, Wheels#wheels{told = New, turning = New}}
+        New -> {New, Wheels#wheels{told = New, turning = New, is_held = false}}
     end.
 
 stepped(V, Step) when Step == 0 -> float(V);
@@ -91,6 +93,13 @@ stepped(V, Step) -> float(Step * round(V / Step)).
 %% @doc The body says how its wheels turn.
 -spec turning(speeds(), t()) -> t().
 turning(Speeds, Wheels) -> Wheels#wheels{turning = Speeds}.
+
+%% @doc The body is in the way of something: the wheels stall. When the way is free, the body is told
+%% anew how to move.
+-spec hold(boolean(), t()) -> t().
+hold(true, Wheels) -> Wheels#wheels{turning = {0.0, 0.0}, is_held = true};
+hold(false, #wheels{is_held = true} = W) -> W#wheels{told = {0.0, 0.0}, is_held = false};
+hold(false, Wheels) -> Wheels.
 
 %% @doc Time passes.
 -spec pass(Us :: non_neg_integer(), t()) -> t().

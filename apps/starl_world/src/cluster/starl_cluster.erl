@@ -60,6 +60,7 @@
     rate_hz => number() | none,
     chassis => starl_world_chassis:lines(),
     whole_mm => boolean(),
+    arena => starl_world_floor:arena(),
     metrics => inet:port_number() | none,
     chaos => [{AtUs :: integer(), starl_cluster_chaos:act()}],
     code => [{module(), file:filename(), Beam :: binary()}],
@@ -208,7 +209,7 @@ init({#{robots := Poses, crew := #{tree := Tree}, world := Sim} = Plan, Options}
             Clock = starl_live_clock:new(
                 erlang:system_time(microsecond), maps:get(speed, Options, 1)
             ),
-            Known = maps:with([rate_hz, whole_mm, observe, facts], Options),
+            Known = maps:with([rate_hz, whole_mm, arena, observe, facts], Options),
             {ok, World} = starl_world:start_link(Known#{plan => Plan, clock => Clock}),
             Nodes = maps:from_list([
                 {Id, starl_sim_peers:node(Peer)}

@@ -6,6 +6,7 @@
 %%   a robot's positioning -- look ------------->  world -- seen -----------------------> positioning
 %%   a robot's link -- started, traced, ended -->  world: facts in the order of time --> monitors
 %%   a robot's radio -- sent, came ------------->  world: packets and their fates --> observer
+%%   hardware of a robot <-- touched ------------  world: it touches another robot, or a wall
 %% '''
 %% A robot whose process or node ends goes down: its chassis stops, and the monitors are told.
 -module(starl_world).
@@ -39,10 +40,12 @@
 
 %% The world of a run: the plan of its simulation ({@link starl_sim_plan:t()}), its clock, and the
 %% positioning system: its rate (`none': it shows a picture whenever it is asked) and whether it
-%% rounds to whole millimetres. An observer of the run comes with the facts that he is told first.
+%% rounds to whole millimetres; walls. An observer of the run comes with the facts that he is told
+%% first.
 -type config() :: #{
     plan := starl_sim_plan:t(),
     clock := starl_live_clock:t(),
+    arena => starl_world_floor:arena(),
     rate_hz => number() | none,
     whole_mm => boolean(),
     observe => starl_observer:t(),
@@ -90,6 +93,9 @@
     clock :: starl_live_clock:t(),
     robots :: #{starl:robot_id() => #robot{}},
     sim :: starl_sim_platform:world(),
+    %% what hardware touches; is it looked at?
+    floor :: starl_world_floor:t(),
+    is_felt = false :: boolean(),
     judge :: starl_world_judge:t(),
     observer :: starl_observer:t(),
     limit_us :: integer(),
@@ -193,6 +199,7 @@ init(#{plan := Plan, clock := Clock} = Config) ->
     {ok, #world{
         clock = Clock,
         sim = Sim,
+        floor = starl_world_floor:new(maps:with([arena], Config)),
         robots = maps:from_list([{Id, #robot{body = Body}} || {Id, {_, Body}} <- Embodied]),
         judge = starl_world_judge:told(lists:append([T || {_, {T, _}} <- Embodied]), Judge),
         observer = Observer,
@@ -211,7 +218,7 @@ begun(Observer, #{facts := Facts, clock := Clock}) ->
 handle_call({embody, Id}, {Chassis, _}, World) ->
     embodied(Id, Chassis, false, World);
 handle_call({inhabit, Id}, {Create, _}, World) ->
-    embodied(Id, Create, true, World);
+    embodied(Id, Create, true, felt(World));
 handle_call(await, From, #world{ending = none, callers = Callers} = World) ->
     {noreply, World#world{callers = [From | Callers]}};
 handle_call(await, _From, #world{ending = Ending} = World) ->
@@ -259,6 +266,8 @@ handle_info({starl_body, Id, Chassis, What}, World) ->
     {noreply, hears(Id, Chassis, What, World)};
 handle_info({advance, Id}, World) ->
     {noreply, advance(Id, World)};
+handle_info(feel, World) ->
+    {noreply, feel(now_us(World), free(World), felt(World#world{is_felt = false}))};
 handle_info({starl_watches, Id, Sight}, #world{robots = Robots} = World) ->
     #{Id := Robot} = Robots,
     {noreply, put_robot(Id, Robot#robot{sight = Sight}, World)};
@@ -322,9 +331,10 @@ hears(Id, Chassis, {at, SystemUs, What}, #world{robots = Robots, clock = Clock} 
     case Robots of
         #{Id := #robot{chassis = Chassis, body = Body, told_at = Before} = Robot} ->
             Now = now_us(World),
-            Told = starl_live_clock:at_us(SystemUs, Clock),
-            At = lists:max([Before, Now - ?LATE_US, min(Now, Told)]),
-            yielded(Id, does(What, At, Body), Robot#robot{told_at = At}, World);
+            Then = starl_live_clock:at_us(SystemUs, Clock),
+            At = lists:max([Before, Now - ?LATE_US, min(Now, Then)]),
+            Told = yielded(Id, does(What, At, Body), Robot#robot{told_at = At}, World),
+            driven(Id, What, At, Told);
         #{} ->
             World
     end;
@@ -362,6 +372,38 @@ wake(Id, Due, #world{clock = Clock}) ->
     At = starl_live_clock:monotonic_ms(Due, Clock),
     _ = erlang:send_after(At, self(), {advance, Id}, [{abs, true}]),
     ok.
+
+%% -- what hardware touches ------------------------------------------------------------------
+
+felt(#world{is_felt = true} = World) ->
+    World;
+felt(World) ->
+    _ = erlang:send_after(starl_world_floor:period_us() div 1000, self(), feel),
+    World#world{is_felt = true}.
+
+free(#world{robots = Robots}) -> [Id || {Id, #robot{is_free = true}} <- maps:to_list(Robots)].
+
+%% A robot that was told to drive feels at once that it cannot.
+driven(Id, {drive, _, _, _}, At, #world{floor = Floor} = World) ->
+    feel(At, [Id], World#world{floor = starl_world_floor:told(Id, Floor)});
+driven(_Id, _What, _At, World) ->
+    World.
+
+feel(At, Ids, #world{robots = Robots, floor = Floor} = World) ->
+    Bodies = [
+        starl_world_body:on_floor(Id, At, Body)
+     || {Id, #robot{body = Body}} <- lists:sort(maps:to_list(Robots))
+    ],
+    {Changes, Next} = starl_world_floor:look(Ids, Bodies, Floor),
+    lists:foldl(fun(Change, W) -> touched(At, Change, W) end, World#world{floor = Next}, Changes).
+
+touched(At, {Id, {_Bits, IsBlocked} = Touch}, #world{robots = Robots} = World) ->
+    #{Id := #robot{chassis = Chassis, body = Body, told_at = Before} = Robot} = Robots,
+    _ = is_pid(Chassis) andalso (Chassis ! {starl_body_touches, Touch}),
+    case IsBlocked of
+        true -> yielded(Id, starl_world_body:stop(max(At, Before), Body), Robot, World);
+        false -> World
+    end.
 
 %% -- positioning ----------------------------------------------------------------------------
 

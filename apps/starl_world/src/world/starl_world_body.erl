@@ -5,7 +5,7 @@
 %% anything else happens to a body, {@link advance/2} catches up.
 -module(starl_world_body).
 
--export([new/3, advance/2, next_due/1, drive/4, actuate/4, stop/2, pose/2, piece/1]).
+-export([new/3, advance/2, next_due/1, drive/4, actuate/4, stop/2, pose/2, piece/1, on_floor/3]).
 
 -export_type([t/0, yield/0]).
 
@@ -115,3 +115,11 @@ pose(Now, Body) -> starl_trajectory:pose(Now, piece(Body)).
 %% @doc The piece of motion that it is in.
 -spec piece(t()) -> starl_trajectory:piece().
 piece(#body{vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
+
+%% @doc Where it is, and how it moves, at a time: for {@link starl_world_floor}.
+-spec on_floor(starl:robot_id(), NowUs :: integer(), t()) -> starl_world_floor:body().
+on_floor(Id, Now, Body) ->
+    {_, _, Caught} = advance(Now, Body),
+    Piece = piece(Caught),
+    At = max(Now, starl_trajectory:start_us(Piece)),
+    {Id, starl_trajectory:pose(At, Piece), starl_trajectory:velocity(At, Piece)}.

@@ -43,7 +43,8 @@
     dir := file:filename(),
     rate_hz => number() | none,
     chassis => starl_world_chassis:lines(),
-    whole_mm => boolean()
+    whole_mm => boolean(),
+    arena => starl_world_floor:arena()
 }.
 
 %% @doc Starts the robots of a scenario.
@@ -58,7 +59,7 @@ start(Given, Options) ->
 started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
     Speed = maps:get(speed, Options, 1),
     Clock = starl_live_clock:new(erlang:system_time(microsecond), Speed),
-    World0 = maps:with([rate_hz, whole_mm, observe, facts], Options),
+    World0 = maps:with([rate_hz, whole_mm, arena, observe, facts], Options),
     {ok, World} = starl_world:start_link(World0#{plan => Plan, clock => Clock}),
     #{robots := Poses, world := Sim} = Plan,
     Ids = [Id || {Id, _} <- Poses],
