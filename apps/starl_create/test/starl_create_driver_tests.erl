@@ -196,6 +196,16 @@ a_create_1_stops_without_a_computer_test() ->
 %% The slices of a leg have a little less than its speed.
 rounded({L, R}) -> {10.0 * round(L / 10), 10.0 * round(R / 10)}.
 
+%% Frames from before Start, which a computer that stood still hears after it, show a higher mode than
+%% Passive; the robot comes under control all the same.
+old_frames_after_start_do_no_harm_test() ->
+    Ids = starl_create_greeting:ids(2),
+    Zero = maps:from_list([{starl_create_packet:name(Id), 0} || Id <- Ids]),
+    Frame = starl_create_stream:frame(Ids, Zero#{mode => 2}, with_header),
+    Asking = starl_create_bench:run(125000, new(#{model => 2})),
+    Bench = starl_create_bench:inject({driver, binary:copy(Frame, 5)}, Asking),
+    ?assertEqual(safe, mode(get_ready(3, Bench))).
+
 a_reset_robot_is_taken_again_test() ->
     Bench = starl_create_bench:run(
         20000, starl_create_bench:inject({robot, <<7>>}, ready(#{model => 2}))

@@ -269,9 +269,12 @@ take(Ms) ->
         {[Take, {timer, step, Ms}], Driver#driver{phase = taking}}
     end.
 
-judged(#driver{phase = Phase, offset = Offset, options = Options} = Driver) ->
-    #driver{senses = Senses, drive = Drive} = Driver,
-    #{mode := Mode} = readings(Driver),
+%% A robot that streams is at least in Passive, the first mode: its count does not begin higher. The
+%% first frames may have been old ones, from before it was started.
+judged(#driver{phase = Phase, options = Options, offset = Before} = Driver0) ->
+    #{mode := Mode} = readings(Driver0),
+    Offset = max(0, min(Before, Mode - 1)),
+    #driver{senses = Senses, drive = Drive} = Driver = Driver0#driver{offset = Offset},
     case {starl_create_order:is_taken(Mode - Offset, Options), Phase} of
         {true, taking} -> ready(Driver);
         {true, ready} -> drives(starl_create_drive:watch(Senses, Drive), Driver);
