@@ -10,8 +10,8 @@
 -define(PULLS, 10).
 %% The latest moment of a pull after the robot has come under control; the time without a cable, in
 %% which a robot that drove on would leave its path.
--define(SPAN_MS, 700).
--define(OFF_MS, 700).
+-define(SPAN_MS, 1400).
+-define(OFF_MS, 500).
 
 suite() -> [{timetrap, {minutes, 5}}].
 
