@@ -45,57 +45,52 @@ counter() ->
 
 %% -- the external term format ---------------------------------------------------------------
 
-term(<<119, N, Name:N/binary, Rest/binary>>, Names) ->
-    {Rest, Names#{Name => true}};
-term(<<118, N:16, Name:N/binary, Rest/binary>>, Names) ->
-    {Rest, Names#{Name => true}};
-term(<<100, N:16, Name:N/binary, Rest/binary>>, Names) ->
-    {Rest, Names#{utf8(Name) => true}};
-term(<<115, N, Name:N/binary, Rest/binary>>, Names) ->
-    {Rest, Names#{utf8(Name) => true}};
-term(<<97, _, Rest/binary>>, Names) ->
+%% What follows a tag: an atom's name after its length; bytes after their number, and some more;
+%% bytes; so many terms for each that is counted, and some more; the name of a node, then numbers.
+layout(119) -> {atom, 8, utf8};
+layout(118) -> {atom, 16, utf8};
+layout(100) -> {atom, 16, latin1};
+layout(115) -> {atom, 8, latin1};
+layout(97) -> {bytes, 0, 1};
+layout(98) -> {bytes, 0, 4};
+layout(70) -> {bytes, 0, 8};
+layout(110) -> {bytes, 8, 1};
+layout(111) -> {bytes, 32, 1};
+layout(106) -> {bytes, 0, 0};
+layout(107) -> {bytes, 16, 0};
+layout(109) -> {bytes, 32, 0};
+layout(77) -> {bytes, 32, 1};
+layout(104) -> {terms, 8, 1, 0};
+layout(105) -> {terms, 32, 1, 0};
+layout(108) -> {terms, 32, 1, 1};
+layout(116) -> {terms, 32, 2, 0};
+layout(88) -> {node, 0, 0, 12};
+layout(103) -> {node, 0, 0, 9};
+layout(89) -> {node, 0, 0, 8};
+layout(120) -> {node, 0, 0, 12};
+layout(90) -> {node, 16, 4, 4};
+layout(114) -> {node, 16, 4, 1};
+layout(113) -> {terms, 0, 0, 3};
+layout(112) -> function.
+
+term(<<Tag, Bytes/binary>>, Names) -> term(layout(Tag), Bytes, Names).
+
+term({atom, Bits, Encoding}, Bytes, Names) ->
+    <<N:Bits, Name:N/binary, Rest/binary>> = Bytes,
+    {Rest, Names#{unicode:characters_to_binary(Name, Encoding) => true}};
+term({bytes, Bits, More}, Bytes, Names) ->
+    <<N:Bits, _:N/binary, _:More/binary, Rest/binary>> = Bytes,
     {Rest, Names};
-term(<<98, _:32, Rest/binary>>, Names) ->
-    {Rest, Names};
-term(<<70, _:64, Rest/binary>>, Names) ->
-    {Rest, Names};
-term(<<110, N, _, _:N/binary, Rest/binary>>, Names) ->
-    {Rest, Names};
-term(<<111, N:32, _, _:N/binary, Rest/binary>>, Names) ->
-    {Rest, Names};
-term(<<106, Rest/binary>>, Names) ->
-    {Rest, Names};
-term(<<107, N:16, _:N/binary, Rest/binary>>, Names) ->
-    {Rest, Names};
-term(<<109, N:32, _:N/binary, Rest/binary>>, Names) ->
-    {Rest, Names};
-term(<<77, N:32, _, _:N/binary, Rest/binary>>, Names) ->
-    {Rest, Names};
-term(<<104, N, Rest/binary>>, Names) ->
-    terms(N, Rest, Names);
-term(<<105, N:32, Rest/binary>>, Names) ->
-    terms(N, Rest, Names);
-term(<<108, N:32, Rest/binary>>, Names) ->
-    terms(N + 1, Rest, Names);
-term(<<116, N:32, Rest/binary>>, Names) ->
-    terms(2 * N, Rest, Names);
-%% processes, ports, references: the name of a node, then numbers
-term(<<88, Rest/binary>>, Names) ->
-    identifier(12, Rest, Names);
-term(<<103, Rest/binary>>, Names) ->
-    identifier(9, Rest, Names);
-term(<<89, Rest/binary>>, Names) ->
-    identifier(8, Rest, Names);
-term(<<120, Rest/binary>>, Names) ->
-    identifier(12, Rest, Names);
-term(<<90, N:16, Rest/binary>>, Names) ->
-    identifier(4 + 4 * N, Rest, Names);
-term(<<114, N:16, Rest/binary>>, Names) ->
-    identifier(1 + 4 * N, Rest, Names);
-%% functions
-term(<<113, Rest/binary>>, Names) ->
-    terms(3, Rest, Names);
-term(<<112, Size:32, Rest/binary>>, Names) ->
+term({terms, Bits, Each, More}, Bytes, Names) ->
+    <<N:Bits, Rest/binary>> = Bytes,
+    terms(Each * N + More, Rest, Names);
+term({node, Bits, Each, More}, Bytes, Names) ->
+    <<N:Bits, Node/binary>> = Bytes,
+    {Rest, Known} = term(Node, Names),
+    Size = Each * N + More,
+    <<_:Size/binary, After/binary>> = Rest,
+    {After, Known};
+term(function, <<Size:32, Rest/binary>>, Names) ->
     <<Body:(Size - 4)/binary, After/binary>> = Rest,
     <<_Arity, _Uniq:16/binary, _Index:32, Free:32, Terms/binary>> = Body,
     {<<>>, Known} = terms(4 + Free, Terms, Names),
@@ -106,10 +101,3 @@ terms(0, Rest, Names) ->
 terms(N, Bytes, Names) ->
     {Rest, Known} = term(Bytes, Names),
     terms(N - 1, Rest, Known).
-
-identifier(Size, Bytes, Names) ->
-    {Rest, Known} = term(Bytes, Names),
-    <<_:Size/binary, After/binary>> = Rest,
-    {After, Known}.
-
-utf8(Latin1) -> unicode:characters_to_binary(Latin1, latin1).
