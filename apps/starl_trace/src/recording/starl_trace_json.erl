@@ -5,6 +5,8 @@
 
 -export_type([json/0]).
 
+-define(PLAIN(C), (C >= $\s andalso C =/= $" andalso C =/= $\\ andalso C < 16#7f)).
+
 %% Objects are lists of pairs in a tuple; floats get so many decimals, or six; `json' is a text that
 %% is JSON already.
 -type json() ::
@@ -49,8 +51,11 @@ escape(Text) ->
         false -> escaped(Text)
     end.
 
-is_plain(<<C, Rest/binary>>) when C >= $\s, C =/= $", C =/= $\\, C < 16#7f -> is_plain(Rest);
-is_plain(Rest) -> Rest =:= <<>>.
+is_plain(<<A, B, C, D, Rest/binary>>) when ?PLAIN(A), ?PLAIN(B), ?PLAIN(C), ?PLAIN(D) ->
+    is_plain(Rest);
+is_plain(<<C, Rest/binary>>) when ?PLAIN(C) -> is_plain(Rest);
+is_plain(Rest) ->
+    Rest =:= <<>>.
 
 escaped(<<$", Rest/binary>>) ->
     [<<"\\\"">> | escaped(Rest)];

@@ -11,7 +11,7 @@
 %%
 %% Reading may begin at any time. Then only the chunks are opened that are needed: the first, which
 %% holds the scenario, those since the last account of all motions ({@link
-%% starl_trace_poses:places/2}), which a recording has every ten seconds, and those that are read.
+%% starl_trace_poses:places()}), which a recording has every ten seconds, and those that are read.
 -module(starl_trace_reader).
 
 -export([fold/3, start/1, start/2, next/1, stop/1, opened/1, tail/1, format_error/1]).

@@ -28,13 +28,15 @@
 -define(WAITING, 1000).
 -define(WAITING_LIVE, 200000).
 -define(FLUSH_MS, 500).
+%% Room for the terms of a chunk: it is collected less often.
+-define(HEAP_WORDS, 200000).
 
 -record(recorder, {
     file :: file:filename_all(),
     device :: file:io_device(),
     kind :: simulation | live,
     writer :: starl_trace_writer:t(),
-    stream = starl_trace_stream:new() :: starl_trace_stream:t(),
+    stream = stream() :: starl_trace_stream:t(),
     now = 0 :: integer(),
     is_begun = false :: boolean(),
     bytes = 0 :: non_neg_integer(),
@@ -49,7 +51,9 @@ start_link(File, Kind) ->
     case file:open(File, [write, raw, binary]) of
         {ok, Device} ->
             ok = file:close(Device),
-            {ok, _} = gen_server:start_link(?MODULE, {File, Kind}, []);
+            {ok, _} = gen_server:start_link(?MODULE, {File, Kind}, [
+                {spawn_opt, [{min_heap_size, ?HEAP_WORDS}]}
+            ]);
         {error, Posix} ->
             {error, {File, Posix}}
     end.
@@ -136,11 +140,14 @@ again(#recorder{device = Device} = Recorder) ->
     {Head, Writer} = starl_trace_writer:new(),
     write(Head, Recorder#recorder{
         writer = Writer,
-        stream = starl_trace_stream:new(),
+        stream = stream(),
         now = 0,
         bytes = 0,
         is_begun = false
     }).
+
+%% Places follow from the motions; those that viewers are shown are enough.
+stream() -> starl_trace_stream:new(starl_trace_writer:frames_us()).
 
 news(News, #recorder{stream = Stream} = Recorder) ->
     {Messages, Next} = starl_trace_stream:news(News, Stream),

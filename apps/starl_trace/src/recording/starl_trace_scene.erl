@@ -11,7 +11,7 @@
 -define(INK_MM, 20.0).
 %% The line stays this close to the way of the pen.
 -define(TOLERANCE_MM, 5.0).
--define(APART_MM, 60.0).
+-define(APART_MM, 75.0).
 %% A longer line is shown in parts.
 -define(MOST_POINTS, 100).
 -define(COLOURS, {

@@ -9,7 +9,7 @@
 
 %% The depth to which an event is shown, and the characters.
 -define(DEPTH, 9).
--define(SHOWN, 48).
+-define(SHOWN, 40).
 
 -record(shown, {
     %% between frames

@@ -17,7 +17,7 @@
 %% The bytes of a term, and the new atoms.
 -define(MOST_BYTES, 256 * 1024 * 1024).
 -define(MOST_ATOMS, 10000).
--define(LEVEL, 6).
+-define(LEVEL, 4).
 
 %% @doc The text of a term.
 -spec encode(term()) -> iolist().

@@ -7,7 +7,7 @@
 %% a reader can begin there. A chunk ends before a second of time is over.
 -module(starl_trace_writer).
 
--export([new/0, messages/2, flush/1, finish/1]).
+-export([new/0, messages/2, flush/1, finish/1, frames_us/0]).
 
 -export_type([t/0]).
 
@@ -27,7 +27,8 @@
     shown = starl_trace_shown:new(?FRAMES_US) :: starl_trace_shown:t(),
     %% do positions follow from the trace? the motions, and the time of the next account of them
     derived = false :: boolean(),
-    poses = starl_trace_poses:new() :: starl_trace_poses:t(),
+    motions = #{} :: #{starl:robot_id() => [starl_trajectory:piece(), ...]},
+    pens = #{} :: #{starl:robot_id() => up | down},
     places_at = ?PLACES_US :: integer()
 }).
 
@@ -39,6 +40,10 @@ new() ->
     {Bytes, Mcap} = starl_mcap_writer:new("starl", starl_trace_schema:channels()),
     {Bytes, #writer{mcap = Mcap}}.
 
+%% @doc The period of the frames.
+-spec frames_us() -> pos_integer().
+frames_us() -> ?FRAMES_US.
+
 %% @doc Adds messages, in the order of their times; the bytes of the chunks that are complete.
 -spec messages([starl_trace_message:t()], t()) -> {iodata(), t()}.
 messages(Messages, Writer) -> messages(Messages, [], Writer).
@@ -49,12 +54,14 @@ messages([{_, At, _} = Message | Messages], Bytes, Writer0) ->
     {Chunk, Writer} = ended(At, Writer0),
     messages(Messages, [Chunk | Bytes], message(Message, begun(At, Writer))).
 
-begun(At, #writer{since = none, derived = true, places_at = Due, poses = Poses} = Writer) when
-    At >= Due
-->
-    {Places, Left} = starl_trace_poses:places(At, Poses),
-    Next = Writer#writer{poses = Left, places_at = At + ?PLACES_US},
-    added({places, At, Places}, Next#writer{since = At, now = At});
+begun(At, #writer{since = none, derived = true, places_at = Due} = Writer) when At >= Due ->
+    #writer{motions = Motions, pens = Pens} = Writer,
+    Places = [
+        {Id, Pieces, maps:get(Id, Pens, none)}
+     || {Id, Pieces} <- lists:sort(maps:to_list(Motions))
+    ],
+    Next = Writer#writer{since = At, now = At, places_at = At + ?PLACES_US},
+    added({places, At, Places}, Next);
 begun(At, #writer{since = none} = Writer) ->
     Writer#writer{since = At, now = At};
 begun(At, #writer{now = Now} = Writer) ->
@@ -94,15 +101,17 @@ message(Message, #writer{shown = Before} = Writer) ->
 
 kept({poses, _, _}, #writer{derived = true} = Writer) ->
     Writer;
-kept({trace, At, {Robot, chassis, {motion, _} = Event}} = Message, Writer) ->
-    added(Message, moved(At, Robot, Event, Writer#writer{derived = true}));
-kept({trace, At, {Robot, chassis, {actuated, pen, _} = Event}} = Message, Writer) ->
-    added(Message, moved(At, Robot, Event, Writer));
+kept({trace, _, {Robot, chassis, {motion, Piece}}} = Message, #writer{motions = Motions} = Writer) ->
+    Pieces =
+        case Motions of
+            #{Robot := [Last | _]} -> [Piece, Last];
+            #{} -> [Piece]
+        end,
+    added(Message, Writer#writer{derived = true, motions = Motions#{Robot => Pieces}});
+kept({trace, _, {Robot, chassis, {actuated, pen, Pen}}} = Message, #writer{pens = Pens} = Writer) ->
+    added(Message, Writer#writer{pens = Pens#{Robot => Pen}});
 kept(Message, Writer) ->
     added(Message, Writer).
-
-moved(At, Robot, Event, #writer{poses = Poses} = Writer) ->
-    Writer#writer{poses = starl_trace_poses:event({At, Robot, chassis, Event}, Poses)}.
 
 added(Message, #writer{terms = Terms, count = Count} = Writer) ->
     Writer#writer{terms = [Message | Terms], count = Count + 1}.

@@ -3,7 +3,7 @@
 %% closed form, so each sample is exact. A pure module.
 -module(starl_trace_poses).
 
--export([new/0, event/2, due_us/1, sample/2, full/2, places/2, restore/2]).
+-export([new/0, new/1, event/2, due_us/1, sample/2, full/2, restore/2]).
 
 -export_type([t/0, places/0]).
 
@@ -14,19 +14,24 @@
     %% pieces of each robot, the latest first, as far as they are needed
     pieces = #{} :: #{starl:robot_id() => [starl_trajectory:piece(), ...]},
     pens = #{} :: #{starl:robot_id() => up | down},
+    period_us = ?PERIOD_US :: pos_integer(),
     next = 0 :: integer(),
     shown = #{} :: #{starl:robot_id() => starl_trace_message:pose()}
 }).
 
 -opaque t() :: #poses{}.
 
-%% The motions of the robots at a time, from which follows where they are later: the pieces of each,
-%% the latest first, as far as they matter; and the pen.
+%% The motions of the robots at a time, from which follows where they are later: the last two pieces
+%% of each, the latest first, since that may not have begun; and the pen.
 -type places() :: [{starl:robot_id(), [starl_trajectory:piece(), ...], up | down | none}].
 
 %% @doc No robot is known.
 -spec new() -> t().
 new() -> #poses{}.
+
+%% @doc The same, with samples in another period, which divides a second.
+-spec new(PeriodUs :: pos_integer()) -> t().
+new(Period) -> #poses{period_us = Period}.
 
 %% @doc Takes a trace event into account.
 -spec event(starl_monitor:trace_event(), t()) -> t().
@@ -43,7 +48,8 @@ event(_, Poses) ->
     Poses.
 
 %% The next sample is not later than the next regular time.
-soon(At, #poses{next = Next} = Poses) -> Poses#poses{next = min(Next, up(At, ?PERIOD_US))}.
+soon(At, #poses{next = Next, period_us = Period} = Poses) ->
+    Poses#poses{next = min(Next, up(At, Period))}.
 
 %% @doc The time of the next sample: events up to it come first.
 -spec due_us(t()) -> integer().
@@ -62,13 +68,6 @@ sample(_Until, Poses) ->
 -spec full(At :: integer(), t()) -> starl_trace_message:t().
 full(At, Poses) -> {poses, At, #{full => true, robots => poses(At, Poses)}}.
 
-%% @doc The motions at a time, which is not before the last event; older ones are forgotten.
--spec places(At :: integer(), t()) -> {places(), t()}.
-places(At, Poses0) ->
-    #poses{pieces = Pieces, pens = Pens} = Poses = forget(At, Poses0),
-    Sorted = lists:sort(maps:to_list(Pieces)),
-    {[{Id, Known, maps:get(Id, Pens, none)} || {Id, Known} <- Sorted], Poses}.
-
 %% @doc What was known at a time from these motions.
 -spec restore(At :: integer(), places()) -> t().
 restore(At, Places) ->
@@ -78,8 +77,8 @@ restore(At, Places) ->
         next = up(At, ?PERIOD_US)
     }.
 
-at(At, #poses{next = Next} = Poses0) ->
-    Poses = forget(At, Poses0#poses{next = Next + ?PERIOD_US}),
+at(At, #poses{next = Next, period_us = Period} = Poses0) ->
+    Poses = forget(At, Poses0#poses{next = Next + Period}),
     Now = poses(At, Poses),
     Changed = [P || {Id, _, _, _} = P <- Now, not is_shown(Id, P, Poses)],
     Shown = maps:from_list([{Id, P} || {Id, _, _, _} = P <- Now]),

@@ -2,7 +2,7 @@
 %% starl_trace_message}). A pure module.
 -module(starl_trace_stream).
 
--export([new/0, news/2, state/1, close/1]).
+-export([new/0, new/1, news/2, state/1, close/1]).
 
 -export_type([t/0]).
 
@@ -31,6 +31,10 @@
 %% @doc Nothing is known of the run.
 -spec new() -> t().
 new() -> #stream{}.
+
+%% @doc The same, with places of all robots in another period.
+-spec new(PeriodUs :: pos_integer()) -> t().
+new(Period) -> #stream{poses = starl_trace_poses:new(Period)}.
 
 %% @doc The messages of these news.
 -spec news(starl_observer:news(), t()) -> {[starl_trace_message:t()], t()}.
