@@ -308,6 +308,7 @@ recording(Config) ->
             [<<"cut">>, <<"dies">>], ?B:eval("[...starl.team.faults.keys()].sort()", Browser)
         ),
         plays(Browser),
+        bounded(Browser),
         ok = ?B:visit("about:blank", Browser)
     end),
     ended(View).
@@ -334,6 +335,43 @@ plays(Browser) ->
         Rate
     end,
     ?assert(Played("50") > 10 * Played("1")).
+
+%% A page left open over night: the messages of 12 hours of eight robots, which drive, paint, hold tubes,
+%% talk and fail. What it keeps is bounded, and the present is still right.
+bounded(Browser) ->
+    Script =
+        "import('/model.js').then(({ Team }) => { const team = new Team();"
+        "for (let s = 0; s < 43200; s++) { for (let r = 1; r <= 8; r++) { const t = s * 1e6 + r;"
+        "team.take(['m', t, r, 0, t, s, r, 0, 300, 0]);"
+        "team.take(['m', t + 5e5, r, 0, t + 5e5, s, r, 1, 0, 1]);"
+        "team.take(['a', t, r, 'pen', s % 2 ? 'up' : 'down']);"
+        "team.take(['r', t, r, [[0, 0, s, 1]]]);"
+        "team.take(['s', t, r, `${r}.1.${s}`, [1], 'x']);"
+        "team.take(['p', t, r, 1 + r % 8, 'x', 40, 'arrives', t + 1e4]);"
+        "if (s % 60 === r) { team.take(['x', t, r, 'robot', 'down']); team.take(['x', t, r, 'robot', 'up']);"
+        "team.take(['f', t, `f${s}`, s, s + 1, 'loss', 'all', '']);"
+        "team.take(['v', t, 'c', `broken ${s}`, [r]]); } }"
+        "team.take(['t', s * 1e6, {}]); }"
+        "const sum = f => [...team.robots.values()].reduce((n, r) => n + f(r), 0);"
+        "return { told: sum(r => r.motions.length + r.pen.length + r.held.length + r.conditions.length),"
+        "packets: team.packets.length, sent: team.sent.size, marks: team.marks.length,"
+        "faults: team.faults.size, violations: team.violations.length,"
+        "pose: team.robots.get(3).pose(43199.25e6), down: team.robots.get(3).isDown(43199.25e6) }; })",
+    Kept = ?B:eval(Script, Browser),
+    Most = #{
+        told => 600000,
+        packets => 120000,
+        sent => 20000,
+        marks => 7000,
+        faults => 2000,
+        violations => 2000
+    },
+    [
+        ?assert(maps:get(atom_to_binary(Key), Kept) =< N, {Key, Kept})
+     || {Key, N} <- maps:to_list(Most)
+    ],
+    #{<<"pose">> := [X, _, _], <<"down">> := false} = Kept,
+    ?assert(abs(X - (43199 + 75)) < 1).
 
 ended(Port) ->
     {os_pid, Pid} = erlang:port_info(Port, os_pid),

@@ -42,6 +42,9 @@ range(_) -> null.
 
 contracts(Monitors) -> lists:sort([contract(Module) || {Module, _} <- Monitors, judges(Module)]).
 
+%% The word by which its violations name it.
+contract(starl_sim_progress_monitor) -> <<"progress">>;
+contract(starl_exercise_monitor) -> <<"calls">>;
 contract(Module) -> unicode:characters_to_binary(starl_monitor:name(Module)).
 
 %% Monitors that only look on declare no events.

@@ -9,7 +9,7 @@
 
 %% Terms are cut off below this depth.
 -define(DEPTH, 60).
--define(WIDTH, 76).
+-define(WIDTH, 46).
 -define(MOST_CHARS, 4000).
 
 %% @doc A robot of a simulation as texts for the page, with its timers and its last events.

@@ -6,9 +6,11 @@
 -export([all/0, init_per_testcase/2, end_per_testcase/2]).
 -export([files/1, only_its_own_page/1, a_token_for_others/1, a_page_gets_the_run/1]).
 -export([garbage/1, one_that_reads_nothing/1, a_hundred_pages/1, a_page_left_open/1]).
--export([a_port_that_is_taken/1]).
+-export([a_hundred_pages_and_a_run/1, a_port_that_is_taken/1]).
 
 -define(C, starl_view_client).
+%% A third of a MB each, with the run itself.
+-define(MOST_FOR_100_PAGES, 32 * 1024 * 1024).
 
 all() ->
     [
@@ -19,6 +21,7 @@ all() ->
         garbage,
         one_that_reads_nothing,
         a_hundred_pages,
+        a_hundred_pages_and_a_run,
         a_page_left_open,
         a_port_that_is_taken
     ].
@@ -150,6 +153,39 @@ a_hundred_pages(Config) ->
     [ok = ?C:close(Page) || Page <- Pages],
     gone(Hub).
 
+%% A run with a hundred pages, of which half read nothing: its digest is its own, and the server keeps no
+%% more than a fixed part for each of them.
+a_hundred_pages_and_a_run(Config) ->
+    Hub = ?config(hub, Config),
+    Scenario = #{app => painting, robots => 4, seed => 1},
+    Before = erlang:memory(total),
+    Deaf = [page(Config) || _ <- lists:seq(1, 50)],
+    Readers = [reader(Config) || _ <- lists:seq(1, 50)],
+    {ok, #{sim := Sim}} =
+        starl_view_player:play(#{hub => Hub, scenario => Scenario, speed => max}),
+    ?assertEqual(100, starl_view_hub:pages(Hub)),
+    {#{digest := Digest}, _} = starl_sim:finish(Sim),
+    _ = [erlang:garbage_collect(Pid) || Pid <- processes()],
+    Kept = erlang:memory(total) - Before,
+    ct:pal("100 pages and a run: ~b kB more", [Kept div 1024]),
+    ?assert(Kept < ?MOST_FOR_100_PAGES),
+    ?assertEqual(alone(Scenario), Digest),
+    [ok = ?C:close(Page) || Page <- Deaf],
+    [true = exit(Reader, kill) || Reader <- Readers],
+    gone(Hub).
+
+reader(Config) ->
+    Page = page(Config),
+    Reader = spawn(fun() -> reads_on(Page) end),
+    ok = gen_tcp:controlling_process(Page, Reader),
+    Reader.
+
+alone(Scenario) ->
+    {ok, Sim} = starl_sim:start(Scenario),
+    _ = starl_sim:run(Sim),
+    {#{digest := Digest}, _} = starl_sim:finish(Sim),
+    Digest.
+
 %% A night of an idle run, and of a busy one: what is kept has a limit.
 a_page_left_open(Config) ->
     Hub = ?config(hub, Config),
@@ -158,7 +194,8 @@ a_page_left_open(Config) ->
     ok = gen_tcp:controlling_process(Page, Reader),
     tell_many(1, 500, Config),
     Before = memory(Hub),
-    tell_many(501, 20000, Config),
+    %% a tick for each second of 12 hours
+    tell_many(501, 43200, Config),
     ?assert(memory(Hub) < Before + 3000000),
     true = unlink(Reader),
     true = exit(Reader, kill).

@@ -326,8 +326,8 @@ export class Floor {
     g.font = `600 ${Math.min(14 * this.ratio, r * 1.05)}px system-ui, sans-serif`;
     g.textAlign = 'center';
     g.textBaseline = 'middle';
-    g.lineWidth = 3 * this.ratio;
-    g.strokeStyle = 'rgba(0,0,0,.55)';
+    g.lineWidth = 2 * this.ratio;
+    g.strokeStyle = 'rgba(0,0,0,.6)';
     g.lineJoin = 'round';
     for (const [id, x, y] of poses) {
       g.strokeText(id, this.x(x), this.y(y));

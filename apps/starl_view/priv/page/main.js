@@ -45,7 +45,8 @@ function began() {
     live: [], recording: ['pause', 'speed-label'] }[run.kind];
   for (const id of ['pause', 'speed-label', 'step', 'until', 'save', 'fault'])
     $(id).classList.toggle('absent', !shown.includes(id));
-  $('hands').classList.toggle('absent', run.kind === 'recording');
+  $('heal-all').classList.toggle('absent', run.kind === 'recording');
+  $('live').textContent = run.kind === 'recording' ? 'End' : 'Live';
   $('selected').max = run.robots.length;
   floor.view = null;
   panel.began();
@@ -190,7 +191,7 @@ function rarely() {
   slider.max = Math.max(team.now, 1);
   slider.value = t;
   slider.setAttribute('aria-valuetext', seconds(t));
-  $('figures').textContent = (state.live ? '' : 'in the past · ') +
+  $('figures').textContent = (state.live || team.run.kind === 'recording' ? '' : 'in the past · ') +
     (clock.ending ? `over: ${clock.ending}` : clock.paused ? 'paused' : `${clock.real ?? ''} × real time`) +
     ` · ${state.fps} frames/s` + (team.leftOut ? ` · ${team.leftOut} packets not shown` : '');
   marks($('marks'), floor, team, Math.max(team.now, 1));

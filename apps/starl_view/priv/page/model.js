@@ -2,7 +2,7 @@
 // any moment of it can be shown. It is bounded: of a very long run the oldest part is forgotten.
 import { pose, way } from './motion.js';
 
-const MOST_MOTIONS = 600000, MOST_PACKETS = 120000, MOST_MARKS = 5000;
+const MOST_TOLD = 600000, MOST_PACKETS = 120000, MOST_MARKS = 5000, MOST_FAULTS = 2000, MOST_SENT = 20000;
 
 // The index of the last entry at or before a time, or -1; entries are [time, ...], ascending.
 export function last(entries, t) {
@@ -78,14 +78,14 @@ export class Team {
     const [kind, t] = row;
     switch (kind) {
       case 'm': this.robot(row[2]).motions.push([t, row.slice(3)]); this.trim(++this.count); break;
-      case 'a': if (row[3] === 'pen') this.robot(row[2]).pen.push([t, row[4] === 'down']); break;
-      case 'r': this.robot(row[2]).held.push([t, row[3]]); break;
+      case 'a': if (row[3] === 'pen') { this.robot(row[2]).pen.push([t, row[4] === 'down']); this.trim(++this.count); } break;
+      case 'r': this.robot(row[2]).held.push([t, row[3]]); this.trim(++this.count); break;
       case 'p': this.told = true; this.packet(row.slice(1)); break;
-      case 's': this.sent.set(row[3], t); break;
+      case 's': if (this.sent.size >= MOST_SENT) this.sent.clear(); this.sent.set(row[3], t); break;
       case 'd': this.delivered(row); break;
       case 'o': this.outcome(row); break;
       case 'x': this.happened(row); break;
-      case 'f': this.faults.set(row[2], { id: row[2], from: row[3] * 1000, to: row[4] * 1000,
+      case 'f': this.oldFaults(); this.faults.set(row[2], { id: row[2], from: row[3] * 1000, to: row[4] * 1000,
         kind: row[5], target: row[6], params: row[7] }); break;
       case 'end': if (this.faults.has(row[2])) this.faults.get(row[2]).to = t; break;
       case 'v': this.violated(row); break;
@@ -106,7 +106,6 @@ export class Team {
   delivered([, t, to, id, type]) {
     const from = Number(id.split('.')[0]), sent = this.sent.get(id);
     if (!this.told && sent !== undefined && from !== to) this.insert([sent, from, to, type, 0, 'delivered', t]);
-    if (this.sent.size > 20000) this.sent.clear();
   }
   outcome([, , from, id, at, outcome]) {
     const sent = this.sent.get(id);
@@ -119,7 +118,7 @@ export class Team {
   }
   happened([, t, id, machine, what]) {
     const robot = this.robot(id);
-    if (machine === 'robot' && ['up', 'down', 'died'].includes(what)) robot.conditions.push([t, what]);
+    if (machine === 'robot' && ['up', 'down', 'died'].includes(what)) { robot.conditions.push([t, what]); this.trim(++this.count); }
     if (machine === 'robot' || what === 'crashed') {
       this.marks.push([t, what, machine === 'robot' ? `robot ${id} ${what}`
         : `${machine} of robot ${id} crashed`, [id]]);
@@ -127,26 +126,24 @@ export class Team {
     }
   }
   violated([, t, contract, text, robots]) {
-    if (this.violations.some(v => v.text === text)) return;
+    if (this.violations.length >= MOST_FAULTS || this.violations.some(v => v.text === text)) return;
     this.violations.push({ t, contract, text, robots });
     this.marks.push([t, 'violation', text, robots]);
     this.marks.sort((a, b) => a[0] - b[0]);
   }
-  // Of a run without end the older half of all motions is forgotten, and the ink of them with it.
+  oldFaults() {
+    if (this.faults.size >= MOST_FAULTS) this.faults.delete(this.faults.keys().next().value);
+  }
+  // Of a run without end the older half is forgotten, and the ink of it with it; what held then is kept.
   trim(count) {
-    if (count < MOST_MOTIONS) return;
-    this.count = 0;
-    let begin = 0;
-    for (const robot of this.robots.values()) {
-      const half = robot.motions.length >> 1;
-      if (half > 0) {
-        robot.motions.splice(0, half);
-        begin = Math.max(begin, robot.motions[0][0]);
-      }
-      robot.held.splice(0, robot.held.length >> 1);
-      this.count += robot.motions.length;
-    }
-    this.begin = Math.max(this.begin, begin);
+    if (count < MOST_TOLD) return;
+    const stores = [...this.robots.values()].flatMap(r => [r.motions, r.pen, r.held, r.conditions]);
+    const times = stores.flatMap(store => store.length > 1 ? [store[store.length >> 1][0]] : []);
+    const begin = Math.max(this.begin, ...times);
+    for (const store of stores) store.splice(0, Math.max(0, last(store, begin)));
+    this.count = stores.reduce((sum, store) => sum + store.length, 0);
+    this.begin = begin;
+    this.ink = this.ink.filter(([t]) => t >= begin);
     this.version++;
   }
   poses(t) {

@@ -164,7 +164,8 @@ export class Panel {
     const key = `${broken.length} ${this.team.run.contracts}`;
     if (this.shown.lights === key) return;
     this.shown.lights = key;
-    $('lights').replaceChildren(...this.team.run.contracts.map(name => {
+    const known = this.team.run.contracts, others = broken.map(v => v.contract).filter(c => !known.includes(c));
+    $('lights').replaceChildren(...known.concat([...new Set(others)]).map(name => {
       const own = broken.filter(v => v.contract === name), light = element('span', '');
       light.append(element('i', ''), own.length ? '' : `${name} kept`);
       if (own.length) {
@@ -173,8 +174,14 @@ export class Panel {
           { title: own[0].text, onclick: () => window.starl.scrub(own[0].t) }));
       }
       return light;
-    }), ...broken.filter(v => !this.team.run.contracts.includes(v.contract)).map(v =>
-      element('span', v.text, { className: 'broken' })));
+    }));
+    this.violations(broken);
+  }
+  // What is broken in words, for all eyes: the first of each contract.
+  violations(broken) {
+    const first = broken.filter((v, i) => broken.findIndex(w => w.contract === v.contract) === i);
+    $('broken').classList.toggle('absent', first.length === 0);
+    $('broken').replaceChildren(...first.map(v => element('li', v.text)));
   }
   faults(t) {
     const all = [...this.team.faults.values()];
