@@ -73,7 +73,7 @@ target(Lines, Page) ->
 -spec body(starl:robot_id(), page()) -> {Body :: iodata(), Number :: iodata()}.
 body(Id, #{dot := Dot}) ->
     Digits = integer_to_list(Id),
-    Size = ?RADIUS_MM * 1.9 / (1 + length(Digits)),
+    Size = ?RADIUS_MM * 2.4 / (1 + length(Digits)),
     Colour = colour(Id),
     {
         [

@@ -11,7 +11,10 @@
 -define(MOST_SUBSCRIPTIONS, 1000).
 
 -record(viewer, {
+    hub :: pid(),
     feed :: pid(),
+    %% the newer version of the protocol has control of time
+    version :: binary(),
     subscriptions = #{} :: #{non_neg_integer() => starl_trace_schema:channel()},
     credit = starl_view_credit:new(unlimited) :: starl_view_credit:t()
 }).
@@ -19,7 +22,7 @@
 -spec init(cowboy_req:req(), map()) ->
     {cowboy_websocket, cowboy_req:req(), #viewer{}, cowboy_websocket:opts()}
     | {ok, cowboy_req:req(), map()}.
-init(Request, #{feed := Feed, guard := Guard} = State) ->
+init(Request, #{hub := Hub, feed := Feed, guard := Guard} = State) ->
     Offered = cowboy_req:parse_header(<<"sec-websocket-protocol">>, Request, []),
     case {starl_view_guard:viewer(starl_view_guard:asked(Request), Guard), ?W:chosen(Offered)} of
         {false, _} ->
@@ -32,7 +35,7 @@ init(Request, #{feed := Feed, guard := Guard} = State) ->
             Chosen = cowboy_req:set_resp_header(<<"sec-websocket-protocol">>, Version, Request),
             %% viewers ping rarely
             Options = #{max_frame_size => ?MOST_BYTES, idle_timeout => infinity},
-            {cowboy_websocket, Chosen, #viewer{feed = Feed}, Options}
+            {cowboy_websocket, Chosen, #viewer{hub = Hub, feed = Feed, version = Version}, Options}
     end.
 
 %% @doc Takes over a request that another handler has got: viewers know no path.
@@ -52,8 +55,8 @@ upgrade(Request, Env, _Handler, State) ->
 -spec websocket_init(#viewer{}) -> answer().
 websocket_init(#viewer{feed = Feed} = Viewer) ->
     case starl_view_foxglove_feed:join(Feed) of
-        {ok, Session, HasRun} ->
-            {offer(Session) ++ hint(HasRun), ask(Viewer)};
+        {ok, Session, HasRun, Until} ->
+            {offer(Session, Until, Viewer) ++ hint(HasRun), ask(Viewer)};
         full ->
             {[{close, 1013, <<"too many viewers">>}], Viewer}
     end.
@@ -64,12 +67,17 @@ hint(false) ->
     Text = "no run goes on yet; a recording is a file, run.mcap, which this viewer opens itself",
     [{text, ?W:status(info, Text)}].
 
-offer(Session) -> [{text, ?W:server_info(Session)}, {text, ?W:advertise()}].
+offer(Session, Until, #viewer{version = <<"foxglove.sdk.v1">>}) ->
+    [{text, ?W:server_info(Session, Until)}, {text, ?W:advertise()}];
+offer(Session, _Until, _Viewer) ->
+    [{text, ?W:server_info(Session, none)}, {text, ?W:advertise()}].
 
 -spec websocket_handle(cow_ws:frame() | term(), #viewer{}) ->
     answer().
 websocket_handle({text, Text}, Viewer) ->
     command(?W:command(Text), Viewer);
+websocket_handle({binary, Bytes}, #viewer{version = <<"foxglove.sdk.v1">>} = Viewer) ->
+    controlled(?W:control(Bytes), Viewer);
 websocket_handle({binary, _}, Viewer) ->
     bad("nothing is taken from viewers here", Viewer);
 websocket_handle(_PingOrPong, Viewer) ->
@@ -90,6 +98,27 @@ command({other, Op}, Viewer) ->
 command(garbage, Viewer) ->
     bad("this is no message of the protocol", Viewer).
 
+controlled(garbage, Viewer) ->
+    bad("of bytes only the control of time is taken here", Viewer);
+controlled({ok, #{seek := Seek, id := Id} = Control}, #viewer{credit = Credit} = Viewer) ->
+    case starl_view_credit:command(erlang:monotonic_time(second), Credit) of
+        {ok, Next} ->
+            #viewer{hub = Hub, feed = Feed} = Viewer,
+            ok = starl_view_hub:command(Hub, order(Control)),
+            ok = starl_view_foxglove_feed:controls(Feed, Id, Seek),
+            {[], Viewer#viewer{credit = Next}};
+        too_many ->
+            bad("too many requests", Viewer)
+    end.
+
+%% As a page would say it.
+order(#{seek := none, play := true, speed := Speed}) ->
+    #{<<"do">> => <<"go">>, <<"speed">> => Speed};
+order(#{seek := none, play := false}) ->
+    #{<<"do">> => <<"pause">>};
+order(#{seek := Us, play := Play}) ->
+    #{<<"do">> => <<"until">>, <<"at">> => Us / 1.0e6, <<"go">> => Play}.
+
 changed(All, #viewer{feed = Feed} = Viewer) ->
     ok = starl_view_foxglove_feed:channels(Feed, lists:usort(maps:values(All))),
     Viewer#viewer{subscriptions = All}.
@@ -105,9 +134,11 @@ bad(Text, #viewer{credit = Credit} = Viewer) ->
 
 -spec websocket_info(starl_view_foxglove_feed:told() | term(), #viewer{}) ->
     answer().
-websocket_info({session, Session}, Viewer) ->
+websocket_info({playback, Playback}, Viewer) ->
+    {[{binary, ?W:playback(Playback)}], Viewer};
+websocket_info({session, Session, Until}, Viewer) ->
     Anew = answered(Viewer#viewer{subscriptions = #{}}),
-    {[{text, ?W:unadvertise()} | offer(Session)], Anew};
+    {[{text, ?W:unadvertise()} | offer(Session, Until, Viewer)], Anew};
 websocket_info({updates, Updates, Missed, Now}, Viewer) ->
     Messages = lists:flatmap(fun(Update) -> messages(Update, Viewer) end, Updates),
     {missed(Missed) ++ Messages ++ [{binary, ?W:time(Now)}], answered(Viewer)};

@@ -12,10 +12,10 @@
 -module(starl_view_foxglove_feed).
 -behaviour(gen_server).
 
--export([start_link/1, news/2, fault/2, clock/2, join/1, channels/2, want/1]).
+-export([start_link/1, news/2, fault/2, clock/2, join/1, channels/2, want/1, controls/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([told/0, session/0, update/0]).
+-export_type([told/0, session/0, update/0, joined/0]).
 
 %% A session is a run: when it begins anew, that is another one.
 -type session() :: binary().
@@ -25,7 +25,12 @@
 
 %% To a viewer: a new run; or what happened, what was left out before, and the time now.
 -type told() ::
-    {session, session()} | {updates, [update()], Missed :: non_neg_integer(), NowUs :: integer()}.
+    {session, session(), UntilUs :: non_neg_integer() | none}
+    | {updates, [update()], Missed :: non_neg_integer(), NowUs :: integer()}
+    | {playback, starl_view_foxglove_words:playback()}.
+
+%% The session, whether a run goes on, and its end, if viewers may control its time.
+-type joined() :: {ok, session(), HasRun :: boolean(), UntilUs :: non_neg_integer() | none} | full.
 
 -define(FRAMES_US, 50000).
 -define(MOST_VIEWERS, 50).
@@ -40,6 +45,7 @@
     waiting = [] :: [update()],
     bytes = 0 :: non_neg_integer(),
     missed = 0 :: non_neg_integer(),
+    control = starl_view_foxglove_control:new() :: starl_view_foxglove_control:t(),
     %% the time that it was told last
     now = -1 :: integer()
 }).
@@ -47,6 +53,7 @@
 -record(feed, {
     session = name() :: session(),
     has_run = false :: boolean(),
+    until = none :: non_neg_integer() | none,
     most :: pos_integer(),
     stream = starl_trace_stream:new() :: starl_trace_stream:t(),
     shown = starl_trace_shown:new(?FRAMES_US) :: starl_trace_shown:t(),
@@ -75,11 +82,15 @@ fault(Feed, {known, {_, _, ToMs, _, _, _} = Fault}) ->
     news(Feed, {fault, 1000 * ToMs, {ended, Fault}}).
 
 %% @doc Tells the time of the run, when the news before it are handled.
--spec clock(pid(), NowUs :: integer()) -> ok.
-clock(Feed, Now) -> gen_server:call(Feed, {clock, Now}, infinity).
+-spec clock(pid(), #{now_us := integer(), atom() => term()}) -> ok.
+clock(Feed, Clock) -> gen_server:call(Feed, {clock, Clock}, infinity).
+
+%% @doc The viewer controls the time of the run, by this request: from now on it is told how that goes.
+-spec controls(pid(), Id :: binary(), SeekUs :: integer() | none) -> ok.
+controls(Feed, Id, Seek) -> gen_server:cast(Feed, {controls, self(), Id, Seek}).
 
 %% @doc The calling process is a viewer.
--spec join(pid()) -> {ok, session(), HasRun :: boolean()} | full.
+-spec join(pid()) -> joined().
 join(Feed) -> gen_server:call(Feed, join).
 
 %% @doc The channels that the viewer has subscribed to; of those that are new it gets the state.
@@ -93,24 +104,29 @@ want(Feed) -> gen_server:cast(Feed, {want, self()}).
 -spec init(map()) -> {ok, #feed{}}.
 init(Config) -> {ok, #feed{most = maps:get(most_waiting, Config, ?MOST_WAITING)}}.
 
--spec handle_call({clock, integer()} | join, gen_server:from(), #feed{}) ->
+-spec handle_call({clock, map()} | join, gen_server:from(), #feed{}) ->
     {reply, term(), #feed{}}.
-handle_call({clock, Now}, _From, Feed) ->
-    {reply, ok, served(packets(Feed#feed{now = Now}))};
+handle_call({clock, #{now_us := Now} = Clock}, _From, Feed) ->
+    {reply, ok, played(Clock, served(packets(Feed#feed{now = Now})))};
 handle_call(join, _From, #feed{viewers = Viewers} = Feed) when map_size(Viewers) >= ?MOST_VIEWERS ->
     {reply, full, Feed};
 handle_call(join, {Pid, _}, #feed{viewers = Viewers} = Feed) ->
-    #feed{session = Session, has_run = HasRun} = Feed,
+    #feed{session = Session, has_run = HasRun, until = Until} = Feed,
     Viewer = #viewer{monitor = erlang:monitor(process, Pid)},
-    {reply, {ok, Session, HasRun}, Feed#feed{viewers = Viewers#{Pid => Viewer}}}.
+    {reply, {ok, Session, HasRun, Until}, Feed#feed{viewers = Viewers#{Pid => Viewer}}}.
 
 -spec handle_cast(term(), #feed{}) -> {noreply, #feed{}}.
-handle_cast({news, {begun, _} = News}, Feed) ->
-    {noreply, told(News, begun(Feed))};
+handle_cast({news, {begun, Facts} = News}, Feed) ->
+    {noreply, told(News, begun(until(Facts), Feed))};
 handle_cast({news, News}, Feed) ->
     {noreply, told(News, Feed)};
 handle_cast({want, Pid}, Feed) ->
     {noreply, viewer(Pid, fun(V) -> serve(Pid, Feed, V#viewer{wants = true}) end, Feed)};
+handle_cast({controls, Pid, Id, Seek}, Feed) ->
+    Asked = fun(#viewer{control = Control} = Viewer) ->
+        Viewer#viewer{control = starl_view_foxglove_control:asked(Id, Seek, Control)}
+    end,
+    {noreply, viewer(Pid, Asked, Feed)};
 handle_cast({channels, Pid, Channels}, Feed) ->
     {noreply, viewer(Pid, fun(V) -> subscribed(Pid, Channels, Feed, V) end, Feed)}.
 
@@ -126,14 +142,30 @@ viewer(Pid, Do, #feed{viewers = Viewers} = Feed) ->
         #{} -> Feed
     end.
 
+%% Real time cannot be controlled.
+until(#{kind := simulation, scenario := #{time := Seconds}}) -> round(Seconds * 1.0e6);
+until(_) -> none.
+
 %% Another run: viewers forget the one before.
-begun(#feed{has_run = false} = Feed) ->
-    Feed#feed{has_run = true};
-begun(#feed{viewers = Viewers, most = Most}) ->
+begun(Until, #feed{has_run = false} = Feed) ->
+    Feed#feed{has_run = true, until = Until};
+begun(Until, #feed{viewers = Viewers, most = Most}) ->
     Session = name(),
-    _ = [Pid ! {session, Session} || Pid <- maps:keys(Viewers)],
-    New = maps:map(fun(_, #viewer{monitor = Monitor}) -> #viewer{monitor = Monitor} end, Viewers),
-    #feed{session = Session, has_run = true, most = Most, viewers = New}.
+    _ = [Pid ! {session, Session, Until} || Pid <- maps:keys(Viewers)],
+    New = maps:map(fun(_, Viewer) -> anew(Viewer) end, Viewers),
+    #feed{session = Session, has_run = true, until = Until, most = Most, viewers = New}.
+
+anew(#viewer{monitor = Monitor, control = Control}) ->
+    #viewer{monitor = Monitor, control = Control}.
+
+%% Viewers that control time are told how it goes.
+played(Clock, #feed{viewers = Viewers} = Feed) ->
+    Feed#feed{viewers = maps:map(fun(Pid, V) -> played(Pid, Clock, V) end, Viewers)}.
+
+played(Pid, Clock, #viewer{control = Control} = Viewer) ->
+    {Told, Next} = starl_view_foxglove_control:clock(Clock, Control),
+    _ = Told =/= none andalso (Pid ! {playback, Told}),
+    Viewer#viewer{control = Next}.
 
 name() -> binary:encode_hex(crypto:strong_rand_bytes(8)).
 

@@ -3,12 +3,26 @@
 %% schemas are those of recordings ({@link starl_trace_schema}). A pure module.
 -module(starl_view_foxglove_words).
 
--export([chosen/1, server_info/1, advertise/0, unadvertise/0, status/2]).
--export([message/3, time/1, command/1, channels/0]).
+-export([chosen/1, server_info/2, advertise/0, unadvertise/0, status/2]).
+-export([message/3, time/1, command/1, channels/0, control/1, playback/1]).
 
--export_type([command/0, level/0]).
+-export_type([command/0, level/0, control/0, playback/0]).
 
 -type level() :: info | warning | error.
+
+%% What a viewer wants of the run's time: `seek' is a time of the run.
+-type control() :: #{
+    play := boolean(), speed := float(), seek := Us :: non_neg_integer() | none, id := binary()
+}.
+
+%% How the run goes; `id' is that of the request that this answers, or empty.
+-type playback() :: #{
+    status := playing | paused | ended,
+    now_us := integer(),
+    speed := number(),
+    seeked := boolean(),
+    id := binary()
+}.
 
 -type id() :: 0..16#ffffffff.
 
@@ -29,17 +43,22 @@ chosen(Offered) ->
         [] -> none
     end.
 
-%% @doc The first word of a session; its name is another one for each run.
--spec server_info(binary()) -> iodata().
-server_info(Session) ->
-    json([
-        {op, <<"serverInfo">>},
-        {name, <<"starl">>},
-        {capabilities, [<<"time">>]},
-        {supportedEncodings, [<<"json">>]},
-        {metadata, {[]}},
-        {sessionId, Session}
-    ]).
+%% @doc The first word of a session; its name is another one for each run. A run that can be paused and
+%% taken to another time comes with its end.
+-spec server_info(binary(), UntilUs :: non_neg_integer() | none) -> iodata().
+server_info(Session, Until) ->
+    json(
+        [
+            {op, <<"serverInfo">>},
+            {name, <<"starl">>},
+            {capabilities, [<<"time">>] ++ [<<"playbackControl">> || Until =/= none]},
+            {supportedEncodings, [<<"json">>]},
+            {metadata, {[]}},
+            {sessionId, Session}
+        ] ++ [Time || Until =/= none, Time <- [{dataStartTime, at(0)}, {dataEndTime, at(Until)}]]
+    ).
+
+at(Us) -> {[{sec, Us div 1000000}, {nsec, Us rem 1000000 * 1000}]}.
 
 %% @doc The channels that viewers can see. The exact terms of a recording are for nobody here.
 -spec channels() -> [{id(), starl_trace_schema:channel()}].
@@ -91,6 +110,32 @@ message(Subscription, At, Text) ->
 %% @doc The time of the run.
 -spec time(NowUs :: integer()) -> binary().
 time(Now) -> <<2, (1000 * max(0, Now)):64/little>>.
+
+%% @doc What a viewer's bytes say.
+-spec control(binary()) -> {ok, control()} | garbage.
+control(<<3, Play, Speed:32/float-little, Seeks, Ns:64/little, N:32/little, Id:N/binary>>) when
+    Play =< 1, Seeks =< 1, N =< 100
+->
+    Seek =
+        case Seeks of
+            1 -> Ns div 1000;
+            0 -> none
+        end,
+    {ok, #{play => Play =:= 0, speed => Speed, seek => Seek, id => Id}};
+control(_) ->
+    garbage.
+
+%% @doc Tells how the run goes; only for a viewer that has asked for something itself.
+-spec playback(playback()) -> binary().
+playback(#{status := Status, now_us := Now, speed := Speed, seeked := Seeked, id := Id}) ->
+    #{Status := Number} = #{playing => 0, paused => 1, ended => 3},
+    Did =
+        case Seeked of
+            true -> 1;
+            false -> 0
+        end,
+    Ns = 1000 * max(0, Now),
+    <<5, Number, Ns:64/little, Speed:32/float-little, Did, (byte_size(Id)):32/little, Id/binary>>.
 
 %% @doc What a viewer's text says.
 -spec command(binary()) -> command().

@@ -42,7 +42,6 @@
 -type command() :: {starl_view, Page :: pid(), #{binary() => term()}}.
 
 -define(MOST_BYTES, 48 * 1024 * 1024).
--define(FRAME_BYTES, 512 * 1024).
 -define(MOST_PAGES, 200).
 %% The last events of each robot are kept; of a large team fewer.
 -define(EVENTS, 40).
@@ -51,13 +50,8 @@
 -define(MOST_TALK, 400).
 
 -record(hub, {
-    most_bytes :: pos_integer(),
+    frames :: starl_view_frames:t(),
     head = [] :: iodata(),
-    %% kept frames by number, with the first and the last number, and their bytes
-    frames = #{} :: #{pos_integer() => binary()},
-    first = 1 :: pos_integer(),
-    last = 0 :: non_neg_integer(),
-    bytes = 0 :: non_neg_integer(),
     %% the rows since the last frame, newest first; how many are about messages, or were left out
     rows = [] :: [starl_view_row:row()],
     talk = 0 :: non_neg_integer(),
@@ -153,24 +147,23 @@ want(Hub, Place) -> gen_server:cast(Hub, {want, self(), Place}).
 command(Hub, Command) -> gen_server:cast(Hub, {command, self(), Command}).
 
 -spec init(map()) -> {ok, #hub{}}.
-init(Config) -> {ok, #hub{most_bytes = maps:get(most_bytes, Config, ?MOST_BYTES)}}.
+init(Config) ->
+    {ok, #hub{frames = starl_view_frames:new(maps:get(most_bytes, Config, ?MOST_BYTES))}}.
 
 -spec handle_call(term(), gen_server:from(), #hub{}) -> {reply, term(), #hub{}}.
 handle_call({clock, #{now_us := Now} = Clock}, _From, #hub{clock = {N, _}} = Hub) ->
     Row = starl_view_json:encode([<<"t">>, Now, maps:remove(now_us, Clock)]),
     Timed = framed(Hub#hub{now = Now, clock = {N + 1, Row}}),
-    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:clock(Feed, Now) end, Hub),
+    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:clock(Feed, Clock) end, Hub),
     {reply, ok, serve(Timed)};
 handle_call({tap, Feed}, _From, Hub) ->
     {reply, ok, Hub#hub{tap = Feed}};
 handle_call({head, {Rows, Robots}}, _From, Hub) ->
     Kept = max(3, min(?EVENTS, ?MOST_EVENTS div Robots)),
     {reply, ok, Hub#hub{head = json(Rows), kept_events = Kept}};
-handle_call(reset, _From, #hub{last = Last} = Hub) ->
+handle_call(reset, _From, #hub{frames = Frames} = Hub) ->
     {reply, ok, Hub#hub{
-        frames = #{},
-        first = Last + 1,
-        bytes = 0,
+        frames = starl_view_frames:clear(Frames),
         rows = [[<<"reset">>]],
         talk = 0,
         state = starl_view_state:new(),
@@ -267,34 +260,18 @@ remember(Robot, Event, #hub{events = Events, kept_events = Kept} = Hub) ->
 
 framed(#hub{rows = [], left_out = 0} = Hub) ->
     Hub;
-framed(#hub{rows = Rows, left_out = Out, now = Now, last = Last, bytes = Bytes} = Hub) ->
+framed(#hub{rows = Rows, left_out = Out, now = Now, frames = Frames} = Hub) ->
     More = [[<<"c">>, Now, Out] || Out > 0],
     Frame = iolist_to_binary(json(lists:reverse(Rows, More))),
-    Next = Hub#hub{
-        rows = [],
-        talk = 0,
-        left_out = 0,
-        last = Last + 1,
-        frames = (Hub#hub.frames)#{Last + 1 => Frame},
-        bytes = Bytes + byte_size(Frame)
-    },
-    trimmed(Next).
-
-trimmed(#hub{bytes = Bytes, most_bytes = Most, first = First, last = Last} = Hub) when
-    Bytes > Most, First < Last
-->
-    {Frame, Frames} = maps:take(First, Hub#hub.frames),
-    trimmed(Hub#hub{frames = Frames, first = First + 1, bytes = Bytes - byte_size(Frame)});
-trimmed(Hub) ->
-    Hub.
+    Hub#hub{rows = [], talk = 0, left_out = 0, frames = starl_view_frames:add(Frame, Frames)}.
 
 json(Rows) -> lists:join($,, [starl_view_json:encode(Row) || Row <- Rows]).
 
 serve(#hub{waiting = Waiting} = Hub) ->
     maps:fold(fun answer/3, Hub#hub{waiting = #{}}, Waiting).
 
-answer(Page, {Frame, Clock} = Place, #hub{last = Last, clock = {N, Time}} = Hub) ->
-    case {Frame < Last, Clock < N} of
+answer(Page, {Frame, Clock} = Place, #hub{frames = Frames, clock = {N, Time}} = Hub) ->
+    case {Frame < starl_view_frames:last(Frames), Clock < N} of
         {false, false} ->
             Hub#hub{waiting = (Hub#hub.waiting)#{Page => Place}};
         {false, true} ->
@@ -307,16 +284,13 @@ answer(Page, {Frame, Clock} = Place, #hub{last = Last, clock = {N, Time}} = Hub)
     end.
 
 %% A page that has missed frames begins with the state of now.
-after_frame(Frame, #hub{first = First, last = Last} = Hub) when Frame + 1 < First ->
-    #hub{state = State, now = Now, head = Head} = Hub,
-    Reset = json([[<<"reset">>]]),
-    Gap = json([[<<"gap">>, Now] | starl_view_state:rows(Now, State)]),
-    {lists:join($,, [Part || Part <- [Reset, Head, Gap], Part =/= []]), Last};
-after_frame(Frame, #hub{frames = Frames, last = Last}) ->
-    some(Frame + 1, Last, Frames, [], 0).
-
-some(N, Last, _Frames, Parts, Bytes) when N > Last; Bytes > ?FRAME_BYTES ->
-    {lists:join($,, lists:reverse(Parts)), N - 1};
-some(N, Last, Frames, Parts, Bytes) ->
-    #{N := Frame} = Frames,
-    some(N + 1, Last, Frames, [Frame | Parts], Bytes + byte_size(Frame)).
+after_frame(Frame, #hub{frames = Frames, state = State, now = Now, head = Head}) ->
+    case starl_view_frames:later(Frame, Frames) of
+        missed ->
+            Reset = json([[<<"reset">>]]),
+            Gap = json([[<<"gap">>, Now] | starl_view_state:rows(Now, State)]),
+            Rows = lists:join($,, [Part || Part <- [Reset, Head, Gap], Part =/= []]),
+            {Rows, starl_view_frames:last(Frames)};
+        {Parts, Upto} ->
+            {lists:join($,, Parts), Upto}
+    end.

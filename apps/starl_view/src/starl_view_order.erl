@@ -6,7 +6,7 @@
 
 -export_type([t/0]).
 
-%% `until', `step' and `step_to' go as fast as they can, then the run rests. `step' goes to the next
+%% `until', `step' and `step_to' go as fast as they can, then the run rests, or goes on. `step' goes to the next
 %% event of a robot, or, without one, by a window; `step_to' to the event of this number.
 -type t() ::
     stop
@@ -14,7 +14,7 @@
     | go
     | {go, starl_view_pace:speed()}
     | {speed, starl_view_pace:speed()}
-    | {until, Us :: non_neg_integer()}
+    | {until, Us :: non_neg_integer(), GoesOn :: boolean()}
     | {step, starl:robot_id() | none}
     | {step_to, starl:robot_id(), Event :: pos_integer()}
     | {fault, Command :: #{binary() => term()}}
@@ -40,8 +40,8 @@ order(<<"go">>, _) ->
     {ok, go};
 order(<<"speed">>, #{<<"speed">> := Speed}) ->
     speed(speed, Speed);
-order(<<"until">>, #{<<"at">> := At}) when is_number(At), At >= 0, At < ?MOST_S ->
-    {ok, {until, round(At * 1.0e6)}};
+order(<<"until">>, #{<<"at">> := At} = Command) when is_number(At), At >= 0, At < ?MOST_S ->
+    {ok, {until, round(At * 1.0e6), maps:get(<<"go">>, Command, false) =:= true}};
 order(<<"step">>, Command) ->
     step(maps:get(<<"robot">>, Command, none), maps:get(<<"to">>, Command, next));
 order(<<"fault">>, Command) ->

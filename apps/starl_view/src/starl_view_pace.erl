@@ -3,7 +3,7 @@
 %% on its way to a goal, where it rests. A pure module; the wall's time is in ms, virtual time in us.
 -module(starl_view_pace).
 
--export([new/3, speed/2, go/3, goal/2, rest/1, anchored/3]).
+-export([new/3, speed/2, go/3, goal/2, goal/3, rest/1, anchored/3]).
 -export([rests/1, target/3, piece/1, wait_ms/3, ran/3, arrived/3, measured/3, clock/1]).
 
 -export_type([t/0, speed/0]).
@@ -21,6 +21,8 @@
     speed :: speed(),
     paused :: boolean(),
     goal = none :: non_neg_integer() | none,
+    %% goes on from its goal
+    goes_on = false :: boolean(),
     %% this time of the wall is this virtual time
     anchor :: {integer(), non_neg_integer()},
     piece_us = ?FIRST_US :: pos_integer(),
@@ -45,7 +47,11 @@ go(Wall, Now, Pace) -> anchored(Wall, Now, Pace#pace{paused = false, goal = none
 
 %% @doc The run goes as fast as it can to a time and rests there.
 -spec goal(non_neg_integer(), t()) -> t().
-goal(Us, Pace) -> Pace#pace{paused = true, goal = Us}.
+goal(Us, Pace) -> goal(Us, false, Pace).
+
+%% @doc The same; there it goes on, or rests.
+-spec goal(non_neg_integer(), GoesOn :: boolean(), t()) -> t().
+goal(Us, GoesOn, Pace) -> Pace#pace{paused = true, goal = Us, goes_on = GoesOn}.
 
 %% @doc The run rests.
 -spec rest(t()) -> t().
@@ -88,7 +94,10 @@ ran(_Us, _Ms, Pace) ->
 
 %% @doc The run has come to a time: it rests at its goal, and gives up time that it has lost.
 -spec arrived(Wall :: integer(), Now :: non_neg_integer(), t()) -> t().
-arrived(_Wall, Now, #pace{goal = Goal} = Pace) when Goal =/= none, Now >= Goal -> rest(Pace);
+arrived(Wall, Now, #pace{goal = Goal, goes_on = true} = Pace) when Goal =/= none, Now >= Goal ->
+    go(Wall, Now, Pace);
+arrived(_Wall, Now, #pace{goal = Goal} = Pace) when Goal =/= none, Now >= Goal ->
+    rest(Pace);
 arrived(Wall, Now, #pace{goal = none, speed = Speed, anchor = {Then, At}} = Pace) when
     Speed =/= max, (Wall - Then) - (Now - At) / 1000 / Speed > ?LATE_MS
 ->

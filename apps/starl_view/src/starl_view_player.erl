@@ -169,7 +169,7 @@ refused({Change, _}, Run) when Change =:= fault; Change =:= heal ->
         {false, true} -> "the run is over; go back in time first";
         {false, false} -> no
     end;
-refused({until, Us}, Run) ->
+refused({until, Us, _GoesOn}, Run) ->
     case {Us < starl_view_run:now(Run), starl_view_run:is_recorded(Run), has_ended(Run)} of
         {true, true, _} -> "the run is being recorded: without --record it can go back";
         {false, _, true} -> "the run is over";
@@ -195,10 +195,11 @@ order({go, Speed}, Page, #player{pace = Pace} = Player) ->
     order(go, Page, Player#player{pace = starl_view_pace:speed(Speed, Pace)});
 order({speed, Speed}, _Page, #player{pace = Pace} = Player) ->
     anchored(Player#player{pace = starl_view_pace:speed(Speed, Pace)});
-order({until, Us}, _Page, #player{run = Run} = Player) ->
+order({until, Us, GoesOn}, Page, #player{run = Run, pace = Pace} = Player) ->
     case Us < starl_view_run:now(Run) of
+        true when GoesOn -> order(go, Page, Player#player{run = starl_view_run:back(Us, Run)});
         true -> anchored((rest(Player))#player{run = starl_view_run:back(Us, Run)});
-        false -> goal(Us, Player)
+        false -> Player#player{pace = starl_view_pace:goal(Us, GoesOn, Pace)}
     end;
 order({step, none}, _Page, #player{run = Run} = Player) ->
     goal(starl_view_run:now(Run) + starl_view_run:window(Run), Player);

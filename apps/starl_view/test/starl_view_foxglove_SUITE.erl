@@ -7,7 +7,7 @@
 
 -export([all/0, suite/0, init_per_testcase/2, end_per_testcase/2]).
 -export([versions/1, who_may_look/1, sees_the_run/1, late_and_again/1]).
--export([garbage/1, one_that_reads_nothing/1, the_official_client/1]).
+-export([garbage/1, one_that_reads_nothing/1, controls_time/1, the_official_client/1]).
 
 -define(C, starl_view_client).
 -define(PATIENCE_MS, 20000).
@@ -23,6 +23,7 @@ all() ->
         late_and_again,
         garbage,
         one_that_reads_nothing,
+        controls_time,
         the_official_client
     ].
 
@@ -220,6 +221,111 @@ one_that_reads_nothing(Config) ->
             []
         )
     ).
+
+%% The newer version of the protocol pauses a run, plays it at a speed, and takes it to another time; a
+%% viewer that has asked for nothing of that gets no answers, and the older version has none of it.
+controls_time(Config) ->
+    Hub = ?config(hub, Config),
+    Test = self(),
+    Player = spawn_link(fun() ->
+        {ok, #{sim := Sim}} = starl_view_player:play(#{
+            hub => Hub, scenario => #{app => painting, robots => 2, time => 60}, paused => true
+        }),
+        ok = starl_sim:close(Sim),
+        Test ! {over, self()}
+    end),
+    ok = pages_know(Hub),
+    {Socket, Info} = informed("foxglove.sdk.v1", Config),
+    ?assertMatch(
+        #{
+            <<"capabilities">> := [<<"time">>, <<"playbackControl">>],
+            <<"dataEndTime">> := #{<<"sec">> := 60, <<"nsec">> := 0}
+        },
+        Info
+    ),
+    {Old, #{<<"capabilities">> := [<<"time">>]}} = informed("foxglove.websocket.v1", Config),
+    {Silent, _} = informed("foxglove.sdk.v1", Config),
+    %% to another time, where it rests; then back, and on from there at ten times the speed
+    ok = control(1, 1.0, 20000000000, <<"a">>, Socket),
+    {_, At, _, 1, _} = playback(fun({_, _, _, _, Id}) -> Id =:= <<"a">> end, Socket),
+    ?assert(abs(At - 20000000000) =< 20000000),
+    ok = control(0, 10.0, none, <<"b">>, Socket),
+    {playing, _, 10.0, 0, _} = playback(
+        fun({P, _, S, _, _}) -> P =:= playing andalso S > 9 end, Socket
+    ),
+    Moved = fun
+        ({time, T}) -> T > 20500000;
+        (_) -> false
+    end,
+    _ = until(Moved, Socket, []),
+    ok = control(1, 1.0, none, <<"c">>, Socket),
+    {paused, Later, _, 0, _} = playback(fun({P, _, _, _, _}) -> P =:= paused end, Socket),
+    ?assert(Later > 20000000000),
+    ok = control(0, 10.0, 5000000000, <<"d">>, Socket),
+    {playing, Back, _, 1, _} = playback(fun({_, _, _, _, Id}) -> Id =:= <<"d">> end, Socket),
+    ?assert(Back >= 5000000000 andalso Back < 8000000000),
+    %% bytes that are no request
+    ok = bytes(<<3, 7, 0:32, 2, 0:64, 0:32>>, Socket),
+    #{<<"op">> := <<"status">>, <<"level">> := 2} = status_of(Socket),
+    ok = starl_view_player:stop(Player),
+    receive
+        {over, Player} -> ok
+    end,
+    [?assertEqual([], played(Other)) || Other <- [Old, Silent]].
+
+%% The run has begun when the feed knows its end.
+pages_know(Hub) ->
+    {ok, _, Place} = starl_view_hub:join(Hub),
+    ok = starl_view_hub:want(Hub, Place),
+    receive
+        {frames, _, _} -> ok
+    end.
+
+informed(Version, Config) ->
+    {101, Socket} = ?C:connect(?config(port, Config), "/", [{"Sec-WebSocket-Protocol", Version}]),
+    {Socket, text(Socket)}.
+
+control(Command, Speed, Seek, Id, Socket) ->
+    {Seeks, Ns} =
+        case Seek of
+            none -> {0, 0};
+            _ -> {1, Seek}
+        end,
+    Size = byte_size(Id),
+    bytes(
+        <<3, Command, Speed:32/float-little, Seeks, Ns:64/little, Size:32/little, Id/binary>>,
+        Socket
+    ).
+
+bytes(Bytes, Socket) ->
+    ?C:raw([<<1:1, 0:3, 2:4, 1:1, (byte_size(Bytes)):7, 0:32>>, Bytes], Socket).
+
+playback(Is, Socket) ->
+    case ?C:frame(Socket, ?PATIENCE_MS) of
+        {2, <<5, Status, Ns:64/little, Speed:32/float-little, Did, N:32/little, Id:N/binary>>} ->
+            #{Status := Word} = #{0 => playing, 1 => paused, 3 => ended},
+            State = {Word, Ns, Speed, Did, Id},
+            case Is(State) of
+                true -> State;
+                false -> playback(Is, Socket)
+            end;
+        {_, _} ->
+            playback(Is, Socket)
+    end.
+
+status_of(Socket) ->
+    case text(Socket) of
+        #{<<"op">> := <<"status">>} = Status -> Status;
+        _ -> status_of(Socket)
+    end.
+
+%% What a viewer has been told of the run's pace; all of it is there.
+played(Socket) ->
+    case ?C:frame(Socket, 0) of
+        {2, <<5, _/binary>> = State} -> [State | played(Socket)];
+        {error, _} -> [];
+        {_, _} -> played(Socket)
+    end.
 
 %% The client of npm gets every frame and every line of ink.
 the_official_client(Config) ->

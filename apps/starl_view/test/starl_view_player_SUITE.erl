@@ -168,7 +168,7 @@ found_at_the_end(_Config) ->
 %% A hand is told under the topic of faults, with its beginning and its end.
 viewers_see_hands(_Config) ->
     {ok, Feed} = starl_view_foxglove_feed:start_link(#{}),
-    {ok, _, _} = starl_view_foxglove_feed:join(Feed),
+    {ok, _, _, _} = starl_view_foxglove_feed:join(Feed),
     ok = starl_view_foxglove_feed:channels(Feed, [faults]),
     _ = put(feed, Feed),
     Cut = {fault, #{kind => cut, target => [1, 2], seconds => 5}},
