@@ -256,6 +256,31 @@ every_split_of_three_frames_test() ->
         {Found, _} <- [parsed([P, Q, R], 2)]
     ].
 
+%% What a Create 2 prints when it starts anew, at any place of the stream: at most two frames are lost, and
+%% none is invented.
+a_banner_at_every_byte_test() ->
+    Banner = <<"bl-start\r\nSTR730\r\nr3_robot/tags/release-stm32-3.2.6\r\n">>,
+    [
+        begin
+            {Wanted, Frames} = lists:unzip([sent(Model, N) || N <- lists:seq(1, 9)]),
+            Bytes = iolist_to_binary(Frames),
+            %% a Create 1 shows in three frames which checksum it has: the first two are not told
+            Size = byte_size(hd(Frames)),
+            [
+                begin
+                    <<P:At/binary, Q/binary>> = Bytes,
+                    {Heard, _} = parsed([P, Banner, Q], Model),
+                    Found = [Frame || {frame, _} = Frame <- Heard],
+                    ?assertEqual({Model, At, []}, {Model, At, Found -- Wanted}),
+                    ?assert(length(Found) >= 7 - maps:get(Model, #{1 => 2, 2 => 0})),
+                    ?assertEqual(lists:last(Wanted), lists:last(Found))
+                end
+             || At <- lists:seq(3 * Size, byte_size(Bytes) - Size)
+            ]
+        end
+     || Model <- [1, 2]
+    ].
+
 %% Of the frames after the garbage at most the first two are lost, and none is found that does not
 %% stand in the bytes, whole and with its checksum: a frame that was cut off before its checksum is one, if the
 %% next byte happens to be that.

@@ -236,22 +236,22 @@ half_commands_are_flushed_test() ->
 %% A million bytes of garbage among the frames: the driver stays, answers nothing wrong, and has its
 %% robot in the end.
 garbage_on_the_line_test_() ->
-    {timeout, 60, fun() ->
-        Seed = starl_platform_ct:seed(),
-        Bench0 = ready(#{model => 2, seed => Seed}),
-        {Bench1, _} = lists:foldl(
-            fun(_, {Bench, Random}) ->
-                {Garbage, Next} = rand:bytes_s(4000, Random),
-                Noisy = starl_create_bench:inject({driver, Garbage}, Bench),
-                {starl_create_bench:run(20000, Noisy), Next}
-            end,
-            {Bench0, rand:seed_s(exsss, Seed)},
-            lists:seq(1, 250)
-        ),
-        ?assertEqual([], starl_create_bench:answers(Bench1)),
-        ?assertEqual([], [V || {_, {wheels, V}} <- starl_create_bench:outs(Bench1), V /= {0.0, 0.0}]),
-        goes_on(get_ready(5, Bench1))
-    end}.
+    [{timeout, 60, fun() -> garbage_on_the_line(Model) end} || Model <- [1, 2]].
+
+garbage_on_the_line(Model) ->
+    Seed = starl_platform_ct:seed(),
+    {Bench, _} = lists:foldl(
+        fun(_, {Before, Random}) ->
+            {Garbage, Next} = rand:bytes_s(4000, Random),
+            Noisy = starl_create_bench:inject({driver, Garbage}, Before),
+            {starl_create_bench:run(20000, Noisy), Next}
+        end,
+        {ready(#{model => Model, seed => Seed}), rand:seed_s(exsss, Seed)},
+        lists:seq(1, 250)
+    ),
+    ?assertEqual([], starl_create_bench:answers(Bench)),
+    ?assertEqual([], [V || {_, {wheels, V}} <- starl_create_bench:outs(Bench), V /= {0.0, 0.0}]),
+    goes_on(get_ready(5, Bench)).
 
 goes_on(Bench0) ->
     Bench = starl_create_bench:run(3 * ?S, ahead(300, 200.0, Bench0)),

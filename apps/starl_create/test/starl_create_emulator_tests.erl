@@ -236,6 +236,39 @@ three_pulses_at_power_on_mean_19200_baud_test() ->
     ?assertEqual(19200, starl_create_emulator:baud(lists:foldl(Pulse, new(2), [1, 2, 3]))),
     ?assertEqual(115200, starl_create_emulator:baud(lists:foldl(Pulse, new(2), [1, 2]))).
 
+%% Commands cut in two anywhere do what they do in one piece, one by one.
+commands_cut_at_every_byte_test() ->
+    Some = [safe, {drive, -200, 500}, {leds, 8, 0, 128}, {song, 0, [{60, 4}]}, {sensors, 7}, full],
+    More = [{drive_direct, 100, -100}, {stream, [7, 19]}, {query, [7, 8]}, {stream_on, 0}, start],
+    [
+        begin
+            Bytes = starl_create_command:encode_all([start | Some ++ More], Model),
+            Whole = heard([Bytes], Model),
+            ?assert(length([Out || {_, Out} <- Whole, element(1, Out) =:= wheels]) > 0),
+            [
+                ?assertEqual({Model, N, Whole}, {Model, N, heard([First, Rest], Model)})
+             || N <- lists:seq(1, byte_size(Bytes) - 1),
+                <<First:N/binary, Rest/binary>> <- [Bytes]
+            ]
+        end
+     || Model <- [1, 2]
+    ].
+
+%% The last speeds and all that is no speed: between two pieces the wheels may turn for a moment.
+heard(Pieces, Model) ->
+    {Outs, Create} = lists:foldl(
+        fun(Piece, {Before, Robot}) ->
+            {New, Next} = starl_create_emulator:hear(1000, Piece, Robot),
+            {Before ++ New, Next}
+        end,
+        {[], new(Model)},
+        Pieces
+    ),
+    Others = [{At, Out} || {At, Out} <- Outs, element(1, Out) =/= wheels],
+    Others ++ [{starl_create_emulator:heard(Create), {wheels, last_of(Outs)}}].
+
+last_of(Outs) -> lists:last([{0.0, 0.0} | [Speeds || {_, {wheels, Speeds}} <- Outs]]).
+
 %% A million bytes in any pieces: it neither crashes nor grows.
 a_million_bytes_of_garbage_test_() ->
     {timeout, 60, fun() ->
