@@ -158,9 +158,11 @@ handle_call({clock, #{now_us := Now} = Clock}, _From, #hub{clock = {N, _}} = Hub
     {reply, ok, serve(Timed)};
 handle_call({tap, Feed}, _From, Hub) ->
     {reply, ok, Hub#hub{tap = Feed}};
-handle_call({head, {Rows, Robots}}, _From, Hub) ->
+handle_call({head, {Rows, Robots}}, _From, #hub{head = Before, pages = Pages} = Hub) ->
     Kept = max(3, min(?EVENTS, ?MOST_EVENTS div Robots)),
-    {reply, ok, Hub#hub{head = json(Rows), kept_events = Kept}};
+    %% a page may be there before the run is
+    Early = [Row || Before =:= [], map_size(Pages) > 0, Row <- Rows],
+    {reply, ok, rows(Early, Hub#hub{head = json(Rows), kept_events = Kept})};
 handle_call(reset, _From, #hub{frames = Frames} = Hub) ->
     {reply, ok, Hub#hub{
         frames = starl_view_frames:clear(Frames),

@@ -5,7 +5,13 @@
 
 -export([all/0, init_per_testcase/2, end_per_testcase/2]).
 -export([files/1, only_its_own_page/1, a_token_for_others/1, a_page_gets_the_run/1]).
--export([garbage/1, one_that_reads_nothing/1, a_hundred_pages/1, a_page_left_open/1]).
+-export([
+    a_page_before_the_run/1,
+    garbage/1,
+    one_that_reads_nothing/1,
+    a_hundred_pages/1,
+    a_page_left_open/1
+]).
 -export([a_hundred_pages_and_a_run/1, a_port_that_is_taken/1]).
 
 -define(C, starl_view_client).
@@ -18,6 +24,7 @@ all() ->
         only_its_own_page,
         a_token_for_others,
         a_page_gets_the_run,
+        a_page_before_the_run,
         garbage,
         one_that_reads_nothing,
         a_hundred_pages,
@@ -84,6 +91,14 @@ a_page_gets_the_run(Config) ->
     ?assertMatch([[<<"run">>, #{<<"app">> := <<"x">>}] | _], ?C:rows(<<"run">>, Socket)),
     tell(1, Config),
     ?assertMatch([[<<"m">>, 1000000 | _], [<<"t">>, 1000000, _]], ?C:rows(<<"t">>, Socket)).
+
+%% A browser may be faster than the run, which is made ready while its page is open already.
+a_page_before_the_run(Config) ->
+    Socket = page(Config),
+    {rows, []} = ?C:next(Socket, 20000),
+    ok = starl_view_hub:head(?config(hub, Config), {[[<<"run">>, #{app => x}]], 1}),
+    tell(1, Config),
+    ?assertMatch([[<<"run">>, #{<<"app">> := <<"x">>}] | _], ?C:rows(<<"run">>, Socket)).
 
 garbage(Config) ->
     Other = page(Config),
