@@ -80,9 +80,10 @@ piece(#pace{piece_us = Piece}) -> Piece.
 %% @doc The time until the next piece, of a run whose last piece began at a time.
 -spec wait_ms(Begun :: integer(), Wall :: integer(), t()) -> non_neg_integer().
 wait_ms(_Begun, _Wall, #pace{goal = Goal}) when Goal =/= none -> 0;
-wait_ms(_Begun, _Wall, #pace{speed = max}) -> 0;
-wait_ms(Begun, Wall, _Pace) when Wall - Begun < ?TICK_MS -> ?TICK_MS - (Wall - Begun);
-wait_ms(_Begun, _Wall, _Pace) -> 0.
+wait_ms(_Begun, _Wall, #pace{speed = max}) ->
+    0;
+wait_ms(Begun, Wall, _Pace) when is_integer(Begun), is_integer(Wall) ->
+    max(0, Begun + ?TICK_MS - Wall).
 
 %% @doc A piece has been run: the next should take no longer than a tick.
 -spec ran(Us :: pos_integer(), Ms :: non_neg_integer(), t()) -> t().

@@ -61,7 +61,8 @@ slowed(Left, Right, Us, Most) ->
 
 %% @doc How long they last.
 -spec lasts_us([step()]) -> non_neg_integer().
-lasts_us(Steps) -> lists:foldl(fun({_, _, Us}, Sum) -> Us + Sum end, 0, Steps).
+lasts_us([]) -> 0;
+lasts_us([{_, _, Us} | Steps]) when is_integer(Us) -> Us + lasts_us(Steps).
 
 %% @doc The bytes that stop the wheels.
 -spec rest() -> binary().

@@ -45,8 +45,9 @@ with_ptys(Room, Ids, Options) ->
         [Reason | _] -> {error, Reason}
     end.
 
-robot(Id, Room, #{link := Link} = Options) ->
-    {ok, Create} = starl_create_emulated:start_link(Options#{body => body(Room, Id)}),
+robot(Id, Room, #{link := Link, model := Model} = Options) ->
+    Own = maps:without([robots, arena, link], Options),
+    {ok, Create} = starl_create_emulated:start_link(Own#{model => Model, body => body(Room, Id)}),
     case starl_create_on_pty:start_link(Create, numbered(Link, Id)) of
         {ok, OnPty} -> {Create, OnPty, starl_create_on_pty:name(OnPty)};
         {error, {shutdown, Reason}} -> {error, Reason}

@@ -13,11 +13,21 @@
 
 -export([new/3, piece/1, drive/4, actuate/4, turn_wheels/2, beat/3, says/2, stop/2, sense/3]).
 
--export_type([t/0, change/0, plan/0, beat/0]).
+-export_type([t/0, world/0, change/0, plan/0, beat/0]).
+
+%% The part of a simulation's world that a vehicle looks at.
+-type world() :: #{
+    seed := integer(),
+    profiles := starl_chassis:profiles(),
+    location := [starl_sim_fault:compiled()],
+    actuation := [starl_sim_fault:compiled()],
+    latency_us => {Min :: non_neg_integer(), Max :: non_neg_integer()},
+    atom() => term()
+}.
 
 -record(vehicle, {
     id :: starl:robot_id(),
-    world :: starl_sim_platform:world(),
+    world :: world(),
     profile :: starl_chassis:profile(),
     %% the module that simulates its chassis
     kind :: module(),
@@ -68,7 +78,7 @@
 -define(WATCH_US, 15000).
 
 %% @doc A vehicle at rest at a pose.
--spec new(starl:robot_id(), starl:pose(), starl_sim_platform:world()) -> t().
+-spec new(starl:robot_id(), starl:pose(), world()) -> t().
 new(Id, {X, Y, Heading}, #{profiles := Profiles} = World) ->
     Profile = starl_chassis:of_robot(Id, Profiles),
     Kind = starl_sim_chassis:of_kind(starl_chassis:kind(Profile)),

@@ -25,7 +25,7 @@
 }.
 
 %% @doc A body at rest at a pose, in the world of a simulation.
--spec new(starl:robot_id(), starl:pose(), starl_sim_platform:world()) ->
+-spec new(starl:robot_id(), starl:pose(), starl_sim_vehicle:world()) ->
     {[starl_monitor:trace_event()], t()}.
 new(Id, Pose, World) ->
     Vehicle = starl_sim_vehicle:new(Id, Pose, World),
