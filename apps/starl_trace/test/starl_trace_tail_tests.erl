@@ -36,6 +36,12 @@ earlier_start_test() ->
     ?assertEqual(Facts, starl_trace_tail:lost([], Facts)),
     ?assertEqual([], starl_trace_tail:lost(recorded([1]), [])).
 
+%% A machine of the last start has crashed at once, as those of the start before did with their robot.
+same_crash_test() ->
+    End = [{robot, down}, {sap, crashed}, {app, crashed}],
+    Facts = [{5, 3, app, crashed}, fact(6)],
+    ?assertEqual(Facts, starl_trace_tail:lost(recorded([1, 2]) ++ End, Facts)).
+
 %% The oldest facts are not kept.
 rotated_test() ->
     ?assertEqual(

@@ -129,7 +129,7 @@ start(File, From) ->
     first(File, fun(Scenario, Chunks) ->
         {All, _Ended} = starl_trace_chunks:list(Chunks),
         {Before, Later} = lists:splitwith(fun({_, End, _}) -> End < 1000 * From end, All),
-        Needed = lists:reverse(Before, lists:sublist(Later, 1)),
+        Needed = lists:sublist(Later, 1) ++ lists:reverse(Before),
         HasPlaces = fun(Messages) -> has_places(From, Messages) end,
         {Messages, After} = back(Needed, HasPlaces, Chunks),
         {ok, begun(From, Scenario, Messages, #cursor{chunks = After})}

@@ -74,7 +74,8 @@ restore(At, Places) ->
     #poses{
         pieces = maps:from_list([{Id, Pieces} || {Id, Pieces, _} <- Places]),
         pens = maps:from_list([{Id, Pen} || {Id, _, Pen} <- Places, Pen =/= none]),
-        next = up(At, ?PERIOD_US)
+        %% what was shown last is not shown again
+        next = At div ?PERIOD_US * ?PERIOD_US
     }.
 
 at(At, #poses{next = Next, period_us = Period} = Poses0) ->
