@@ -100,7 +100,7 @@ sound(File, {ok, Module, Beam, Warnings}) ->
     Foreign = [starl_cli_foreign:text(Call) || Call <- starl_cli_foreign:calls(Beam)],
     _ = [
         starl_cli_terminal:warn(["warning: ", Line])
-     || Line <- lines(telling(Warnings)) ++ Foreign
+     || Line <- starl_version:format_found(telling(Warnings)) ++ Foreign
     ],
     case is_free(Module, File) of
         true ->
@@ -113,7 +113,7 @@ sound(File, {ok, Module, Beam, Warnings}) ->
             ]}
     end;
 sound(_File, {error, Errors, _Warnings}) ->
-    {error, lines(first_causes(Errors))}.
+    {error, starl_version:format_found(first_causes(Errors))}.
 
 %% May a source take this name? It has precedence over what was once compiled from it.
 is_free(Module, File) ->
@@ -223,12 +223,3 @@ runs(Module) ->
     Exports = fun({F, A}) -> erlang:function_exported(Module, F, A) end,
     lists:any(Exports, [{step, 2}, {scene, 1}]) orelse
         (Exports({init, 2}) andalso not starl_block:is_block(Module)).
-
-lines(Found) -> [line(File, Info) || {File, Infos} <- Found, Info <- Infos].
-
-line(File, {none, Module, What}) ->
-    [File, ": ", Module:format_error(What)];
-line(File, {{Line, _Column}, Module, What}) ->
-    line(File, {Line, Module, What});
-line(File, {Line, Module, What}) ->
-    io_lib:format("~ts:~b: ~ts", [File, Line, Module:format_error(What)]).

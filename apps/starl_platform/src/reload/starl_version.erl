@@ -9,7 +9,7 @@
 %% code, `?MODULE:f()' the new one.
 -module(starl_version).
 
--export([make/1, load/1, original/1]).
+-export([make/1, load/1, original/1, format_found/1]).
 
 -export_type([source/0, code/0, t/0]).
 
@@ -51,6 +51,17 @@ original(Module) ->
         _ -> Module
     end.
 
+%% @doc What the compiler has found in files, errors or warnings, a line each: `FILE:LINE: what it is'.
+-spec format_found([{file:filename(), [erl_lint:error_info()]}]) -> [unicode:chardata()].
+format_found(Found) -> [line(File, Info) || {File, Infos} <- Found, Info <- Infos].
+
+line(File, {none, Module, What}) ->
+    [File, ": ", Module:format_error(What)];
+line(File, {{Line, _Column}, Module, What}) ->
+    line(File, {Line, Module, What});
+line(File, {Line, Module, What}) ->
+    io_lib:format("~ts:~b: ~ts", [File, Line, Module:format_error(What)]).
+
 %% -- reading --------------------------------------------------------------------------------
 
 -spec read(source()) ->
@@ -69,16 +80,7 @@ read(File) ->
     end.
 
 compiled(File, {ok, Module, Beam, _Warnings}) -> forms(Module, File, Beam);
-compiled(_File, {error, Errors, _Warnings}) -> {error, lines(Errors)}.
-
-lines(Found) -> [line(File, Info) || {File, Infos} <- Found, Info <- Infos].
-
-line(File, {none, Module, What}) ->
-    [File, ": ", Module:format_error(What)];
-line(File, {{Line, _Column}, Module, What}) ->
-    line(File, {Line, Module, What});
-line(File, {Line, Module, What}) ->
-    io_lib:format("~ts:~b: ~ts", [File, Line, Module:format_error(What)]).
+compiled(_File, {error, Errors, _Warnings}) -> {error, format_found(Errors)}.
 
 forms(Module, File, Beam) ->
     case beam_lib:chunks(Beam, [abstract_code]) of
@@ -104,7 +106,7 @@ name(Module, Hash) -> list_to_atom(lists:flatten(io_lib:format("~ts@~8.16.0b", [
 code(Name, File, Forms, Names) ->
     case compile:forms(rename(Forms, Names), [binary, return]) of
         {ok, Name, Beam, _Warnings} -> {Name, File, Beam};
-        {error, Errors, _Warnings} -> {error, lines(Errors)}
+        {error, Errors, _Warnings} -> {error, format_found(Errors)}
     end.
 
 rename(Forms, Names) when is_list(Forms) -> some(Forms, Names);
