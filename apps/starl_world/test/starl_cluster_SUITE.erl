@@ -5,13 +5,15 @@
 -include_lib("stdlib/include/assert.hrl").
 
 -export([all/0, init_per_suite/1, end_per_suite/1, init_per_testcase/2, end_per_testcase/2]).
--export([messages/1, killed/1, all_killed/1, cut/1, commands/1, reloads/1, nothing_left/1]).
+-export([
+    messages/1, killed/1, all_killed/1, cut/1, commands/1, reloads/1, taken_port/1, nothing_left/1
+]).
 %% called in the conductor
--export([play/4]).
+-export([play/4, beside_another/1]).
 
 -define(SPEED, 10).
 
-all() -> [messages, killed, all_killed, cut, commands, reloads, nothing_left].
+all() -> [messages, killed, all_killed, cut, commands, reloads, taken_port, nothing_left].
 
 init_per_suite(Config) ->
     Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
@@ -126,6 +128,15 @@ reloads(Config) ->
         Part <- Parts
     ].
 
+%% Another program has the port of a robot's metrics: one line at the start; a robot that is started anew
+%% comes back when the port is free.
+taken_port(Config) ->
+    Said = in_conductor(beside_another, [proplists:get_value(dir, Config)], Config),
+    ?assertMatch(
+        {match, _},
+        re:run(Said, "^robot 2 does not start: metrics at port [0-9]+: address already in use$")
+    ).
+
 %% The VM of the cluster is killed: no node of it is left.
 nothing_left(Config) ->
     Conductor = proplists:get_value(conductor, Config),
@@ -184,6 +195,46 @@ start(Transport, N, Script, Dir) ->
         #{dir => Dir, transport => Transport, speed => ?SPEED}
     ),
     played(Script, [], Cluster).
+
+%% Robot 2 has the metrics of a port that another program holds.
+beside_another(Dir) ->
+    _ = process_flag(trap_exit, true),
+    {ok, Other} = gen_tcp:listen(0, []),
+    {ok, Port} = inet:port(Other),
+    Given = #{app => starl_world_app, robots => 2, play => #{}},
+    Options = #{dir => Dir, transport => dist, metrics => Port - 2},
+    {error, Reason} = starl_cluster:start(Given, Options),
+    ok = gen_tcp:close(Other),
+    {ok, Cluster} = starl_cluster:start(Given, Options),
+    Again = listened(Port, Cluster),
+    #{restarts := #{2 := N}} = starl_cluster:status(Cluster),
+    ok = restarted(N + 2, Cluster),
+    ok = gen_tcp:close(Again),
+    ok = up(2, Cluster),
+    _ = starl_cluster:stop(Cluster),
+    _ = starl_cluster:finish(Cluster),
+    unicode:characters_to_list(starl_cluster:format_error(Reason)).
+
+%% The robot's node is killed until the port is ours.
+listened(Port, Cluster) ->
+    _ = starl_cluster:kill(Cluster, 2),
+    case gen_tcp:listen(Port, [{reuseaddr, true}]) of
+        {ok, Socket} -> Socket;
+        {error, eaddrinuse} -> listened(Port, Cluster)
+    end.
+
+restarted(N, Cluster) ->
+    case starl_cluster:status(Cluster) of
+        #{restarts := #{2 := M}} when M >= N -> ok;
+        #{} -> restarted(N, Cluster)
+    end.
+
+up(Robot, Cluster) ->
+    #{up := Up} = starl_cluster:status(Cluster),
+    case lists:member(Robot, Up) of
+        true -> ok;
+        false -> up(Robot, Cluster)
+    end.
 
 played([{_, _, os_pids} | _], _Answers, Cluster) ->
     #{os_pids := Pids} = starl_cluster:status(Cluster),

@@ -136,7 +136,7 @@ opened(ok, Spec, #node{place = #{state := State, robot := Robot, version := Vers
             logger:notice(#{what => robot_started, robot => Robot, release => Version}),
             Node;
         {error, Reason} ->
-            refused(words(Reason), Node)
+            refused(starl_live_sup:format_error(Reason), Node)
     end.
 
 %% The service manager tries again. The chassis is not open, so nothing moves.
@@ -146,16 +146,6 @@ refused(Why, #node{place = #{state := State}} = Node) ->
     _ = file:write_file(filename:join(State, ?WHY), [Line, $\n]),
     ok = init:stop(1),
     Node.
-
-%% A line of the robot that cannot be opened says why.
-words({shutdown, {failed_to_start_child, _, Reason}}) ->
-    words(Reason);
-words({shutdown, {Line, Why}}) when is_atom(Line), is_binary(Why) ->
-    [atom_to_list(Line), ": ", Why];
-words({failed_to_start_child, _, Reason}) ->
-    words(Reason);
-words(Reason) ->
-    io_lib:format("~0tP", [Reason, 20]).
 
 distribute(_Place, #{transport := udp}) -> ok;
 distribute(#{robot := Robot, keys := Keys}, Fleet) -> starl_fleet_net:start(Robot, Keys, Fleet).

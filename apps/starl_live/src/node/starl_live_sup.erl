@@ -4,7 +4,7 @@
 -module(starl_live_sup).
 -behaviour(supervisor).
 
--export([start_link/0, open/1, open/2, robot/0, close/0]).
+-export([start_link/0, open/1, open/2, format_error/1, robot/0, close/0]).
 -export([init/1]).
 
 %% A recorder writes the end of its file.
@@ -51,6 +51,22 @@ open(Spec, Http) ->
     case supervisor:start_child(?MODULE, Metrics) of
         {ok, _} -> open(Spec);
         {error, _} = Error -> Error
+    end.
+
+%% @doc One line on why a robot could not be opened: a line of it that cannot be opened says why.
+-spec format_error(term()) -> unicode:chardata().
+format_error({Reason, Child}) when element(1, Child) =:= child ->
+    format_error(Reason);
+format_error({shutdown, {failed_to_start_child, _, Reason}}) ->
+    format_error(Reason);
+format_error({failed_to_start_child, _, Reason}) ->
+    format_error(Reason);
+format_error({shutdown, {Line, Why}}) when is_atom(Line), is_binary(Why) ->
+    [atom_to_list(Line), ": ", Why];
+format_error(Reason) ->
+    case io_lib:deep_char_list(Reason) of
+        true -> Reason;
+        false -> io_lib:format("~0tP", [Reason, 20])
     end.
 
 %% @doc The robot of this node.

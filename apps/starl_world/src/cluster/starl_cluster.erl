@@ -77,7 +77,10 @@
 }.
 
 -type reason() ::
-    starl_sim:reason() | {peers, starl_sim_peers:reason()} | {control, unicode:chardata()}.
+    starl_sim:reason()
+    | {peers, starl_sim_peers:reason()}
+    | {control, unicode:chardata()}
+    | {robot, starl:robot_id(), unicode:chardata()}.
 
 -record(node, {
     peer :: starl_sim_peers:t() | none,
@@ -113,10 +116,8 @@ start(Given, Options) ->
             case gen_server:start_link(?MODULE, {Plan, Observed}, [{timeout, infinity}]) of
                 {ok, Server} ->
                     {ok, #cluster{server = Server, scenario = Scenario, scene = Scene}};
-                {error, {shutdown, {control, Why}}} ->
-                    {error, {control, Why}};
                 {error, {shutdown, Reason}} ->
-                    {error, {peers, Reason}}
+                    {error, Reason}
             end;
         {error, _} = Error ->
             Error
@@ -193,6 +194,7 @@ finish(#cluster{server = Server, scenario = #{app := App}, scene = Scene}) ->
 %% @doc One line on why a cluster could not be started.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({control, Why}) -> ["the cluster's socket for commands: ", Why];
+format_error({robot, Id, Why}) -> io_lib:format("robot ~b does not start: ~ts", [Id, Why]);
 format_error({peers, Reason}) -> starl_sim_peers:format_error(Reason);
 format_error(Reason) -> starl_sim:format_error(Reason).
 
@@ -241,12 +243,23 @@ init({#{robots := Poses, crew := #{tree := Tree}, world := Sim} = Plan, Options}
             case starl_cluster_control:start_link(Handler) of
                 {ok, _} ->
                     ok = plan(maps:get(chaos, Options, []), Clock),
-                    {ok, lists:foldl(fun opened/2, State, lists:zip(Ids, Peers))};
+                    all_opened(lists:zip(Ids, Peers), State);
                 {error, Why} ->
                     {stop, {shutdown, {control, Why}}}
             end;
         {error, Reason} ->
-            {stop, {shutdown, Reason}}
+            {stop, {shutdown, {peers, Reason}}}
+    end.
+
+all_opened([], State) ->
+    {ok, State};
+all_opened([{Id, Peer} | Peers], State) ->
+    case opened(Id, Peer, State) of
+        {ok, Next} ->
+            all_opened(Peers, Next);
+        {error, Why} ->
+            lists:foreach(fun given_up/1, [Peer | [P || {_, P} <- Peers]]),
+            {stop, {shutdown, {robot, Id, Why}}}
     end.
 
 plan(Chaos, Clock) ->
@@ -540,9 +553,9 @@ closed(#state{nodes = Nodes, specs = Specs}) ->
     _ = erpc:multicall(Recorded, starl_live_sup, close, [], ?CALL_MS),
     ok.
 
-opened({Id, Peer}, #state{nodes = Nodes, specs = Specs} = State) ->
+opened(Id, Peer, #state{nodes = Nodes, specs = Specs} = State) ->
     #{Id := Spec} = Specs,
-    #node{} = Before = maps:get(Id, Nodes, #node{peer = none}),
+    Before = maps:get(Id, Nodes, #node{peer = none}),
     Node = starl_sim_peers:node(Peer),
     case starl_cluster_node:open(Node, Id, coded(Spec, State), code(State)) of
         {ok, _} ->
@@ -552,12 +565,15 @@ opened({Id, Peer}, #state{nodes = Nodes, specs = Specs} = State) ->
                 reloads = starl_cluster_reload:rejoined(Id, Links, State#state.reloads)
             },
             ok = aired(Id, Opened),
-            Opened;
-        {error, Why} ->
-            logger:error(#{what => robot_not_started, robot => Id, why => Why}),
-            ok = starl_sim_peers:kill(Peer),
-            later(Id, State#state{nodes = Nodes#{Id => Before#node{peer = none}}})
+            {ok, Opened};
+        {error, Reason} ->
+            {error, starl_live_sup:format_error(Reason)}
     end.
+
+%% Its end is no news.
+given_up(Peer) ->
+    true = unlink(starl_sim_peers:control(Peer)),
+    ok = starl_sim_peers:kill(Peer).
 
 coded(Spec, #state{reloads = Reloads}) -> Spec#{codes => starl_cluster_reload:codes(Reloads)}.
 
@@ -577,10 +593,22 @@ later(Id, State) ->
 
 again(Id, #state{names = Names, nodes = Nodes} = State) ->
     #{Id := #node{restarts = N} = Node} = Nodes,
+    Counted = State#state{nodes = Nodes#{Id := Node#node{restarts = N + 1}}},
     case starl_sim_peers:start_as([maps:get(Id, Names)]) of
         {ok, [Peer]} ->
-            opened({Id, Peer}, State#state{nodes = Nodes#{Id := Node#node{restarts = N + 1}}});
+            opened_again(Id, Peer, Counted);
         {error, Reason} ->
             logger:error(#{what => node_not_started, robot => Id, why => Reason}),
+            later(Id, State)
+    end.
+
+opened_again(Id, Peer, State) ->
+    case opened(Id, Peer, State) of
+        {ok, Next} ->
+            Next;
+        {error, Why} ->
+            Line = unicode:characters_to_binary(Why),
+            logger:error(#{what => robot_not_started, robot => Id, why => Line}),
+            ok = given_up(Peer),
             later(Id, State)
     end.

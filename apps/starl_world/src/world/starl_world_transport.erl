@@ -19,6 +19,7 @@
 
 -define(SPREAD_MS, 25).
 -define(LOOPBACK, {127, 0, 0, 1}).
+-define(PORTS, {10240, 32767}).
 
 %% @doc A transport for these robots, with the radio of a scenario. Its time passes this much faster
 %% than real time, so the delays of packets are shorter. `air': other air than the scenario's.
@@ -45,20 +46,35 @@ new(Name, Robots, #{sim := Sim, speed := Speed} = Options) ->
     sockets(Name, Robots, #transport{name = Name, common = Common}).
 
 sockets(udp, Robots, #transport{common = Common} = Transport) ->
+    Addresses = [{?LOOPBACK, Port} || Port <- free_ports(length(Robots))],
     Transport#transport{
         common = Common#{key => starl_live_key:new()},
-        ports = maps:from_list([{Robot, {?LOOPBACK, free_port()}} || Robot <- Robots])
+        ports = maps:from_list(lists:zip(Robots, Addresses))
     };
 sockets(_Name, _Robots, Transport) ->
     Transport.
 
-%% Another program may take the port in the moment before the robot does: then its start fails with
-%% one line.
-free_port() ->
-    {ok, Socket} = gen_udp:open(0, [{ip, ?LOOPBACK}]),
-    {ok, Port} = inet:port(Socket),
-    ok = gen_udp:close(Socket),
-    Port.
+%% These are out of the range from which computers take ports for anybody, since a robot that is started anew
+%% needs its port again. Another cluster may take one in the moment before the robot does: then its
+%% start fails with one line.
+free_ports(Number) ->
+    Sockets = free_ports(Number, first(Number), []),
+    Ports = [Port || {Port, _Socket} <- Sockets],
+    ok = lists:foreach(fun({_, Socket}) -> ok = gen_udp:close(Socket) end, Sockets),
+    Ports.
+
+first(Number) ->
+    {Least, Most} = ?PORTS,
+    Least + rand:uniform(max(1, Most - Least - 2 * Number)).
+
+%% All are open until all are found: so none is found twice.
+free_ports(0, _Port, Sockets) ->
+    Sockets;
+free_ports(Number, Port, Sockets) ->
+    case gen_udp:open(Port) of
+        {ok, Socket} -> free_ports(Number - 1, Port + 1, [{Port, Socket} | Sockets]);
+        {error, _} -> free_ports(Number, Port + 1, Sockets)
+    end.
 
 %% @doc The line of a robot; `Nodes' are the robots' nodes.
 -spec line(starl:robot_id(), #{starl:robot_id() => node()}, t()) -> starl_live_link:line().
