@@ -459,7 +459,7 @@ filmed(Us, End, Browser) ->
 
 %% -- live robots ----------------------------------------------------------------------------
 
-%% They move; positions can be frozen and thawed, and the run says what was done.
+%% They move. Positions are frozen, a link is cut, all is healed; a robot that was killed starts anew.
 live(Config) ->
     Dir = ?config(priv_dir, Config),
     Args = [
@@ -470,17 +470,12 @@ live(Config) ->
     browse(Config, fun(Browser) ->
         ok = ?B:open(Url, Browser),
         moves(2, Browser),
-        ?B:eval("starl.select(1)", Browser),
-        %% there is no button for what cannot be done
-        ?assertEqual(null, ?B:eval("document.getElementById('kill')", Browser)),
-        ok = ?B:click("freeze", Browser),
-        lasts(<<"location_frozen">>, Browser),
-        heals(Browser),
+        lends_live_hands(Browser),
         stops(Browser)
     end),
     ?assertMatch({130, _}, rest(Run, Said)).
 
-%% A click kills the node of a robot, which comes back; a link is cut; all is healed.
+%% The same on nodes: a click kills that of a robot.
 cluster(Config) ->
     Dir = ?config(priv_dir, Config),
     Args = ["cluster", "painting", "--robots", "2", "--picture", "lines", "--view", "--speed", "4"],
@@ -489,23 +484,24 @@ cluster(Config) ->
     browse(Config, fun(Browser) ->
         ok = ?B:open(Url, Browser),
         moves(2, Browser),
-        ?B:eval("starl.select(2)", Browser),
-        ok = ?B:click("cut", Browser),
-        lasts(<<"loss">>, Browser),
-        ok = ?B:click("freeze", Browser),
-        lasts(<<"location_frozen">>, Browser),
-        heals(Browser),
-        ok = ?B:click("kill", Browser),
-        ok = ?B:await(
-            "starl.team.robots.get(2).conditions.map(c => c[1]).join().endsWith('down,up')", Browser
-        ),
-        ?assert(
-            ?B:eval("[...starl.team.faults.values()].some(f => f.kind === 'kill_robot')", Browser)
-        ),
+        lends_live_hands(Browser),
         stops(Browser)
     end),
     {Status, Text} = rest(Run, Said),
     ?assertEqual(130, Status, Text).
+
+lends_live_hands(Browser) ->
+    ?B:eval("starl.select(2)", Browser),
+    ok = ?B:click("cut", Browser),
+    lasts(<<"loss">>, Browser),
+    ok = ?B:click("freeze", Browser),
+    lasts(<<"location_frozen">>, Browser),
+    heals(Browser),
+    ok = ?B:click("kill", Browser),
+    ok = ?B:await(
+        "starl.team.robots.get(2).conditions.map(c => c[1]).join().endsWith('down,up')", Browser
+    ),
+    ?assert(?B:eval("[...starl.team.faults.values()].some(f => f.kind === 'kill_robot')", Browser)).
 
 %% The robots appear, and go away from where they stood.
 moves(N, Browser) ->

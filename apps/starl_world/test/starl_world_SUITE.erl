@@ -16,6 +16,7 @@
     picture/1,
     slow_line_and_rare_pictures/1,
     frozen_positions/1,
+    links_cut/1,
     stopped/1,
     store_gone/1
 ]).
@@ -35,6 +36,7 @@ all() ->
         picture,
         slow_line_and_rare_pictures,
         frozen_positions,
+        links_cut,
         stopped,
         store_gone
     ].
@@ -104,9 +106,9 @@ link_killed(Config) ->
 killed_again_and_again(Config) ->
     Enough = atomics:new(1, []),
     Play = maps:from_list([{Robot, {talk, self(), Enough}} || Robot <- [1, 2, 3]]),
-    Run0 = play(Play, #{robots => 3, loss => 0.1}, Config),
+    Run = play(Play, #{robots => 3, loss => 0.1}, Config),
     Random = rand:seed_s(exsss, starl_platform_ct:seed()),
-    {Run, _} = lists:foldl(fun killed/2, {Run0, Random}, lists:seq(1, 50)),
+    _ = lists:foldl(fun killed/2, {Run, Random}, lists:seq(1, 50)),
     ok = atomics:put(Enough, 1, 1),
     #{monitors := #{starl_sap_monitor := Sap}} = Outcome = sound(done, Run),
     ct:log("~p", [Sap]),
@@ -118,7 +120,8 @@ killed_again_and_again(Config) ->
 killed(_N, {Run, Random0}) ->
     {Words, Random} = rand:uniform_s(4, Random0),
     ok = spoken(Words - 1),
-    {starl_world_run:kill(Run, 2), Random}.
+    ok = starl_world_run:kill(Run, 2),
+    {Run, Random}.
 
 spoken(0) ->
     ok;
@@ -169,6 +172,45 @@ frozen_positions(Config) ->
     ok = starl_world_run:until(Run, 8_000_000),
     ok = starl_world_run:freeze(Run, []),
     complete(Run).
+
+%% A cut stays for a robot that starts anew, by hand or by its supervisor, until it is healed.
+links_cut(Config) ->
+    Run = play(numbers(60), Config),
+    heard(20),
+    ?assertMatch({error, _}, starl_world_run:cut(Run, 1, 3)),
+    ok = starl_world_run:cut(Run, 1, 2),
+    deaf(2, none, Run),
+    Before = starl_world_run:link(Run, 2),
+    ok = starl_world_run:kill(Run, 2),
+    deaf(2, Before, Run),
+    Killed = starl_world_run:link(Run, 2),
+    exit(Killed, kill),
+    deaf(2, Killed, Run),
+    ok = starl_world_run:heal(Run),
+    ?assertEqual([{done, 60}, {done, 60}], results(sound(done, Run))),
+    ?assertMatch(#{sap := 3, app := 3}, starts(2, Config)).
+
+%% The robot, whose link is another one by now, has lost what it was sent; no message has come.
+deaf(Robot, Before, Run) ->
+    ?assertMatch(#{running := 2, ending := none}, starl_world_run:status(Run)),
+    case lost(starl_world_run:link(Run, Robot), Before) of
+        0 ->
+            #{now_us := Now} = starl_world_run:status(Run),
+            ok = starl_world_run:until(Run, Now + 100_000),
+            deaf(Robot, Before, Run);
+        _ ->
+            ok
+    end.
+
+lost(Link, Before) when Link =:= Before; Link =:= none ->
+    0;
+lost(Link, _Before) ->
+    try starl_live_transport:figures(starl_live_link:line(Link, transport)) of
+        Figures -> maps:get(air_lost, Figures, 0)
+    catch
+        %% it has just been killed
+        exit:_ -> 0
+    end.
 
 stopped(Config) ->
     Run = play(#{1 => wait, 2 => wait}, Config),

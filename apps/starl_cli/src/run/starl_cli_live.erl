@@ -33,7 +33,8 @@ flags() ->
         {position_rate, {optional, {number, 0.1, 1000}}, none,
             "live: pictures of the positioning system a second; none: whenever a robot asks"},
         {whole_mm, switch, false, "live: the positioning system rounds to whole millimetres"},
-        {walls, switch, false, "live: walls around the floor, which an emulated Create bumps against"}
+        {walls, switch, false,
+            "live: walls around the floor, which an emulated Create bumps against"}
     ].
 
 %% @doc Runs a checked command line in real time. Gives the exit status.
@@ -159,8 +160,10 @@ start(here, #{scenario := Scenario}, Options) ->
                 status => fun() -> starl_world_run:status(Run) end,
                 stop => fun() -> starl_world_run:stop(Run) end,
                 finish => fun() -> starl_world_run:finish(Run) end,
+                kill => fun(Robot) -> starl_world_run:kill(Run, Robot) end,
+                cut => fun(A, B) -> starl_world_run:cut(Run, A, B) end,
                 freeze => fun(Robot) -> starl_world_run:freeze_too(Run, Robot) end,
-                heal => fun() -> starl_world_run:freeze(Run, []) end,
+                heal => fun() -> starl_world_run:heal(Run) end,
                 scenario => starl_world_run:scenario(Run)
             }};
         {error, Reason} ->

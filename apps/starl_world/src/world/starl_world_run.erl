@@ -11,21 +11,24 @@
     link/2,
     freeze/2,
     freeze_too/2,
+    kill/2,
+    cut/3,
+    heal/1,
     cable/3,
     until/2
 ]).
--export([kill/2]).
 
 -export_type([t/0, options/0]).
 
 -record(run, {
     world :: pid(),
-    robots :: [{starl:robot_id(), Supervisor :: pid()}],
-    specs :: #{starl:robot_id() => starl_live_robot:spec()},
-    dir :: file:filename(),
+    robots :: pid(),
+    ids :: [starl:robot_id()],
     scenario :: starl_sim_scenario:t(),
     scene :: starl_scene:t()
 }).
+
+-type answer() :: ok | {error, unicode:chardata()}.
 
 %% A live run, linked to the process that started it.
 -opaque t() :: #run{}.
@@ -56,7 +59,7 @@ start(Given, Options) ->
         {error, _} = Error -> Error
     end.
 
-started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
+started({Scenario, Scene, Plan}, Options) ->
     Speed = maps:get(speed, Options, 1),
     Clock = starl_live_clock:new(erlang:system_time(microsecond), Speed),
     World0 = maps:with([rate_hz, whole_mm, arena, observe, facts], Options),
@@ -67,11 +70,11 @@ started({Scenario, Scene, Plan}, #{dir := Dir} = Options) ->
         local, Ids, maps:merge(maps:with([air], Options), #{sim => Sim, speed => Speed})
     ),
     Specs = [{Id, spec(Id, World, Clock, Options, Plan, Transport)} || Id <- Ids],
+    {ok, Robots} = starl_world_robots:start_link(World, maps:from_list(Specs)),
     #run{
         world = World,
-        robots = [{Id, robot(Spec)} || {Id, Spec} <- Specs],
-        specs = maps:from_list(Specs),
-        dir = Dir,
+        robots = Robots,
+        ids = Ids,
         scenario = Scenario,
         scene = Scene
     }.
@@ -91,10 +94,6 @@ spec(Id, World, Clock, Options, #{crew := #{tree := Tree}, world := Sim}, Transp
         sink => World,
         packets => maps:get(packets, Options, false)
     }.
-
-robot(Spec) ->
-    {ok, Sup} = starl_live_robot:start_link(Spec),
-    Sup.
 
 %% @doc Waits for the end of the run.
 -spec await(t()) -> starl_world:ending().
@@ -124,43 +123,47 @@ freeze(#run{world = World}, Robots) -> starl_world:freeze(World, Robots).
 -spec cable(t(), starl:robot_id(), starl_world:cable()) -> ok | {error, unicode:chardata()}.
 cable(#run{world = World}, Robot, Cable) -> starl_world:cable(World, Robot, Cable).
 
-%% @doc From now on this robot, too, gets no new positions.
--spec freeze_too(t(), starl:robot_id()) -> ok.
-freeze_too(#run{world = World}, Robot) -> starl_world:freeze_too(World, Robot).
-
 %% @doc The link of a robot; `none' while it starts anew.
 -spec link(t(), starl:robot_id()) -> pid() | none.
-link(#run{robots = Robots}, Id) ->
-    {Id, Sup} = lists:keyfind(Id, 1, Robots),
-    starl_live_robot:link(Sup).
+link(#run{robots = Robots}, Id) -> starl_world_robots:link(Robots, Id).
+
+%% @doc From now on this robot, too, gets no new positions.
+-spec freeze_too(t(), starl:robot_id()) -> answer().
+freeze_too(Run, Id) ->
+    known([Id], Run, fun(Robots) -> starl_world_robots:freeze(Robots, Id) end).
 
 %% @doc Kills all processes of a robot at once, as the death of its node does, and starts it anew.
--spec kill(t(), starl:robot_id()) -> t().
-kill(#run{robots = Robots, specs = Specs} = Run, Id) ->
-    #{Id := Spec} = Specs,
-    {Id, Sup} = lists:keyfind(Id, 1, Robots),
-    true = unlink(Sup),
-    Ends = [erlang:monitor(process, P) || P <- [Sup, starl_live_robot:link(Sup)], is_pid(P)],
-    true = exit(Sup, kill),
-    lists:foreach(fun await_end/1, Ends),
-    Run#run{robots = lists:keystore(Id, 1, Robots, {Id, robot(Spec)})}.
+-spec kill(t(), starl:robot_id()) -> answer().
+kill(Run, Id) ->
+    known([Id], Run, fun(Robots) -> starl_world_robots:kill(Robots, Id) end).
 
-await_end(Monitor) ->
-    receive
-        {'DOWN', Monitor, process, _, _} -> ok
+%% @doc These two robots do not hear each other any more.
+-spec cut(t(), starl:robot_id(), starl:robot_id()) -> answer().
+cut(Run, A, B) ->
+    known([A, B], Run, fun(Robots) -> starl_world_robots:cut(Robots, A, B) end).
+
+%% @doc All links and positions are as they were.
+-spec heal(t()) -> ok.
+heal(#run{robots = Robots}) -> starl_world_robots:heal(Robots).
+
+known(Named, #run{robots = Robots, ids = Ids}, Do) ->
+    case Named -- Ids of
+        [] -> Do(Robots);
+        [Robot | _] -> {error, io_lib:format("there is no robot ~b", [Robot])}
     end.
 
 %% @doc Ends the robots and the world; returns the outcome and the application's report.
 -spec finish(t()) -> {starl_sim_outcome:t(), starl_scene:report()}.
 finish(#run{world = World, robots = Robots, scenario = #{app := App}, scene = Scene}) ->
     Outcome = starl_world:finish(World),
-    lists:foreach(fun({_, Sup}) -> close(Sup) end, Robots),
+    ok = starl_world_robots:stop(Robots),
     close(World),
     {Outcome, starl_scene:report(App, Scene, Outcome)}.
 
-%% A robot that could not start any more has ended already.
-close(Pid) ->
-    true = unlink(Pid),
-    Ref = erlang:monitor(process, Pid),
-    exit(Pid, shutdown),
-    await_end(Ref).
+close(World) ->
+    true = unlink(World),
+    Ref = erlang:monitor(process, World),
+    exit(World, shutdown),
+    receive
+        {'DOWN', Ref, process, _, _} -> ok
+    end.
