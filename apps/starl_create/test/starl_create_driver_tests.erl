@@ -184,13 +184,53 @@ pulled(Model) ->
 a_create_1_stops_without_a_computer_test() ->
     [
         begin
-            Ready = ready(#{model => 1}),
+            Ready = ready(#{model => 1, driver => #{short_waits => Short}}),
             Going = starl_create_bench:run(Us, ahead(1000, 200.0, Ready)),
             ?assertEqual({200.0, 200.0}, rounded(starl_create_bench:wheels(Going))),
-            Gone = starl_create_bench:run(165000, starl_create_bench:pull(dead, Going)),
+            Gone = starl_create_bench:run(Within, starl_create_bench:pull(dead, Going)),
             ?assertEqual({0.0, 0.0}, starl_create_bench:wheels(Gone))
         end
-     || Us <- lists:seq(50000, 650000, 7000)
+     || {Short, Within} <- [{false, 165000}, {true, 90000}],
+        Us <- lists:seq(50000, 650000, 7000)
+    ].
+
+%% A line that breaks between any two bytes of a slice leaves no speeds without their end.
+a_slice_cut_short_drives_no_farther_test() ->
+    [
+        begin
+            {_, Robot} = starl_create_emulator:hear(
+                0, <<128, 131>>, starl_create_emulator:new(#{model => 1})
+            ),
+            Cut = binary:part(Bytes, 0, Length),
+            {_, Told} = starl_create_emulator:hear(100000, Cut, Robot),
+            {_, Later} = starl_create_emulator:advance(300000, Told),
+            ?assertEqual(
+                {Waits, Length, {0.0, 0.0}}, {Waits, Length, starl_create_emulator:wheels(Later)}
+            )
+        end
+     || Waits <- [long, short],
+        {_, Bytes, _} <- starl_create_script:steps([{200.0, 200.0, 300000}], {on_robot, Waits}),
+        Length <- lists:seq(1, byte_size(Bytes))
+    ].
+
+%% Slices of short waits follow each other without a gap, also if bytes are late: the time of the leg is
+%% exactly that of its slices.
+short_waits_leave_no_gap_test() ->
+    [
+        begin
+            Ready = ready(#{
+                model => 1, seed => Seed, latency => {0, 20000}, driver => #{short_waits => true}
+            }),
+            Before = length(starl_create_bench:outs(Ready)),
+            Outs = starl_create_bench:outs(
+                starl_create_bench:run(4 * ?S, ahead(500, 250.0, Ready))
+            ),
+            Wheels = [{At, V} || {At, {wheels, V}} <- lists:nthtail(Before, Outs)],
+            ?assertMatch([{_, {247.0, 247.0}}, {_, {0.0, 0.0}}], Wheels),
+            [{Begin, _}, {End, _}] = Wheels,
+            ?assertEqual({Seed, 45 * 45000}, {Seed, End - Begin})
+        end
+     || Seed <- lists:seq(1, 20)
     ].
 
 %% The slices of a leg have a little less than its speed.

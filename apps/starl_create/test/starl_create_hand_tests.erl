@@ -59,3 +59,14 @@ last_speeds(Bytes, Last) ->
         {unknown, _, Rest} -> last_speeds(Rest, Last);
         more -> Last
     end.
+
+%% Twenty waits of a Create 1 take 300 ms or nothing; what lies between is a busy computer.
+waits_are_judged_by_the_time_of_an_answer_test() ->
+    Quiet = starl_create_probe:quiet_ms(),
+    [
+        ?assertEqual({Ms, Waits}, {Ms, starl_create_waits:judge(Quiet + Ms)})
+     || {Ms, Waits} <- [
+            {0, long}, {100, long}, {200, unclear}, {286, short}, {380, short}, {400, unclear}
+        ]
+    ],
+    ?assertEqual(unclear, starl_create_waits:judge(none)).

@@ -54,8 +54,10 @@ about({drive, _}) ->
     ];
 about({bench, _}) ->
     [
-        "Measures, on a pty, the time from just before a kill to the stop bytes at the robot's end of "
-        "the line: the median and the longest of several."
+        "Measures, with an emulated Create behind a pty, the time from just before a kill, or a pull of "
+        "its cable, until its body stands: the median and the longest of several. A Create 1 is driven "
+        "twice: by the waits of the document, and by short ones, if it has them (see doctor). none: no "
+        "bound, it still drives. stands: it has come to rest by itself before."
     ];
 about(_Other) ->
     [].
@@ -296,21 +298,36 @@ drove({error, Text}) -> {error, [Text]}.
 %% -- bench ----------------------------------------------------------------------------------------
 
 bench([{First, _} | _] = Rows, Times) ->
-    case starl_create_stop_times:measure(First) of
+    Robots = starl_create_stop_times:robots(),
+    case starl_create_stop_times:measure(First, element(1, hd(Robots))) of
         {ok, _} ->
-            starl_cli_terminal:out("~-45s ~10s ~10s\n", [
-                "ms to the stop bytes", "median", "longest"
-            ]),
-            lists:foreach(fun(Row) -> bench_row(Row, Times) end, Rows),
+            bench_head(Robots),
+            lists:foreach(fun(Row) -> bench_row(Row, Robots, Times) end, Rows),
             0;
         {error, Text} ->
             {error, [Text]}
     end.
 
-bench_row({Row, Text}, Times) ->
-    Sorted = lists:sort([
-        Us
-     || _ <- lists:seq(1, Times), {ok, Us} <- [starl_create_stop_times:measure(Row)]
+bench_head(Robots) ->
+    starl_cli_terminal:out("~-35s~ts\n", [
+        "", [io_lib:format("~18ts", [Name]) || {_, Name} <- Robots]
     ]),
+    starl_cli_terminal:out("~-35s~ts\n", [
+        "ms to standing wheels", ["    median longest" || _ <- Robots]
+    ]).
+
+bench_row({Row, Text}, Robots, Times) ->
+    starl_cli_terminal:out("~-35s", [Text]),
+    lists:foreach(fun({Robot, _}) -> bench_cell(Row, Robot, Times) end, Robots),
+    starl_cli_terminal:out("\n").
+
+%% Numbers come before words.
+bench_cell(Row, Robot, Times) ->
+    All = [starl_create_stop_times:measure(Row, Robot) || _ <- lists:seq(1, Times)],
+    Sorted = lists:sort([Standing || {ok, Standing} <- All]),
     Median = lists:nth((Times + 1) div 2, Sorted),
-    starl_cli_terminal:out("~-45s ~10.1f ~10.1f\n", [Text, Median / 1000, lists:last(Sorted) / 1000]).
+    starl_cli_terminal:out("~10ts~8ts", [shown_ms(Median), shown_ms(lists:last(Sorted))]).
+
+shown_ms(drives_on) -> "none";
+shown_ms(stood_before) -> "stands";
+shown_ms(Us) -> io_lib:format("~.1f", [Us / 1000]).

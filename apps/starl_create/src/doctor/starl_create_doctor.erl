@@ -17,7 +17,18 @@
 }.
 
 -type key() ::
-    port | baud | model | sleep | firmware | mode | dock | battery | stream | distance | angle.
+    port
+    | baud
+    | model
+    | waits
+    | sleep
+    | firmware
+    | mode
+    | dock
+    | battery
+    | stream
+    | distance
+    | angle.
 
 %% `problem' comes with what to do.
 -type finding() :: {ok | problem, key(), unicode:chardata()}.
@@ -28,6 +39,7 @@
     options :: options(),
     model :: starl_create_packet:model(),
     baud :: pos_integer(),
+    waits = long :: starl_create_script:waits(),
     found = [] :: [finding()]
 }).
 
@@ -38,7 +50,6 @@
 -define(QUALITY_MS, 1000).
 %% A robot that was woken starts for this time.
 -define(WAKE_MS, 2500).
--define(BANNER_MS, 6000).
 -define(LOW, 20).
 
 %% @doc Examines; gives what it has found, in order, and the profile of the robot if it answers.
@@ -158,7 +169,7 @@ silent(_) ->
 
 %% -- the robot --------------------------------------------------------------------------------
 
-answers(Exam) -> control(sensed(firmware(quality(model(Exam))))).
+answers(Exam) -> control(sensed(firmware(quality(waits(model(Exam)))))).
 
 %% Only a Create 2 has encoders.
 model(#exam{probe = Probe, options = #{model := Expected}} = Exam) ->
@@ -186,6 +197,12 @@ said_model(Model, Expected) ->
 name(1) -> "Create 1";
 name(2) -> "Create 2 (or Roomba 600)".
 
+waits(#exam{model = 1, probe = Probe} = Exam) ->
+    Waits = starl_create_waits:measure(Probe),
+    found({ok, waits, starl_create_waits:line(Waits)}, Exam#exam{waits = Waits});
+waits(Exam) ->
+    Exam.
+
 quality(#exam{probe = Probe, model = Model} = Exam) ->
     ok = starl_create_probe:send(Probe, [148, length(?SENSORS), ?SENSORS]),
     _ = starl_create_probe:stream(Probe, ?SENSORS, Model, 60),
@@ -210,28 +227,9 @@ said_quality(Frames, Noise, GapMs) ->
     end.
 
 firmware(#exam{model = 2, probe = Probe, options = #{firmware := true}} = Exam) ->
-    _ = starl_create_probe:listen(Probe, 30),
-    ok = starl_create_probe:send(Probe, <<7>>),
-    Banner = banner(Probe, <<>>, ?BANNER_MS div 100),
-    ok = starl_create_probe:send(Probe, <<128>>),
-    found({ok, firmware, release(Banner)}, Exam);
+    found({ok, firmware, starl_create_release:read(Probe)}, Exam);
 firmware(Exam) ->
     Exam.
-
-banner(_Probe, Bytes, 0) ->
-    Bytes;
-banner(Probe, Bytes, N) ->
-    Now = <<Bytes/binary, (starl_create_probe:listen(Probe, 100))/binary>>,
-    case re:run(Now, "release-[^\r\n]*\r?\n", [{capture, none}]) of
-        match -> Now;
-        nomatch -> banner(Probe, Now, N - 1)
-    end.
-
-release(Banner) ->
-    case re:run(Banner, "release-([-.a-z0-9]*)", [{capture, all_but_first, binary}]) of
-        {match, [Release]} -> Release;
-        nomatch -> "it does not tell its release after a reset"
-    end.
 
 sensed(#exam{probe = Probe, model = Model} = Exam) ->
     ok = starl_create_probe:send(Probe, [128, 148, length(?SENSORS), ?SENSORS]),
@@ -258,12 +256,15 @@ battery(#{voltage := Mv, charge := Charge, capacity := Capacity}, Exam) ->
     end.
 
 %% It takes commands to its wheels in this mode only.
-control(#exam{probe = Probe, device = Device, baud = Baud, model = Model} = Exam) ->
+control(#exam{probe = Probe} = Exam) ->
     ok = starl_create_probe:send(Probe, <<131>>),
     _ = starl_create_probe:listen(Probe, 60),
     Ready = found(said_mode(starl_create_probe:ask(Probe, <<142, 35>>, 1, 300)), Exam),
-    Profile = #{device => Device, model => Model, baud => Baud},
-    calibrated(Ready, Profile).
+    calibrated(Ready, profile(Exam)).
+
+profile(#exam{device = Device, baud = Baud, model = Model, waits = Waits}) ->
+    Short = maps:from_list([{short_waits, true} || Waits =:= short]),
+    Short#{device => Device, model => Model, baud => Baud}.
 
 said_mode({ok, <<2>>}) ->
     {ok, mode, "Safe, it obeys"};

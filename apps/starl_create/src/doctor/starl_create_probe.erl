@@ -4,7 +4,18 @@
 -module(starl_create_probe).
 
 -export([
-    open/3, close/1, speed/2, send/2, ask/4, stream/4, pulse/2, listen/2, quiet/1, drive/4, go/3
+    open/3,
+    close/1,
+    speed/2,
+    send/2,
+    ask/4,
+    stream/4,
+    pulse/2,
+    listen/2,
+    quiet/1,
+    quiet_ms/0,
+    drive/4,
+    go/3
 ]).
 
 -export_type([t/0, heard/0]).
@@ -93,6 +104,10 @@ left(Deadline) -> max(0, Deadline - erlang:monotonic_time(millisecond)).
 %% and queues. One that never ends is not waited for.
 -spec quiet(t()) -> ok.
 quiet(_Port) -> quiet_until(deadline(?QUIET_AT_MOST_MS)).
+
+%% @doc The time for which nothing has come then.
+-spec quiet_ms() -> pos_integer().
+quiet_ms() -> ?QUIET_MS.
 
 quiet_until(Deadline) ->
     receive

@@ -77,7 +77,7 @@ drive(Commands, Mark, #drive{stands = Stands} = Drive) ->
 
 way(#drive{options = Options, jitter_us = Jitter}) ->
     case starl_create_order:is_on_robot(Options) of
-        true -> on_robot;
+        true -> {on_robot, starl_create_options:waits(Options)};
         false -> {by_port, Jitter}
     end.
 

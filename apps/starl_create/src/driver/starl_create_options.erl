@@ -1,14 +1,14 @@
 %% @doc What can be chosen for the driver of a Create.
 -module(starl_create_options).
 
--export([options/0, configured/1, baud/1, odometry/1, drive/1, format_error/1]).
+-export([options/0, configured/1, baud/1, waits/1, odometry/1, drive/1, format_error/1]).
 
 -export_type([t/0, factors/0, reason/0]).
 
 %% `device': what the port opens. `baud': that of the robot (default: as it is delivered). `mode':
 %% safe, in which the robot stops by itself at a cliff and when it is lifted, or full. `wake': the
-%% line of the port that is wired to BRC. `on_robot': scripts of a Create 1 on the robot. `jitter_ms'
-%% (20): how late bytes may be on the line. `distance' and `angle': the true way and turn by what the
+%% line of the port that is wired to BRC. `on_robot': scripts of a Create 1 on the robot; `short_waits':
+%% with waits of 15 ms, which the doctor has measured ({@link starl_create_script}). `jitter_ms' (20): how late bytes may be on the line. `distance' and `angle': the true way and turn by what the
 %% odometry says; `drive' and `turn': by what was commanded, as a tape has shown.
 -type t() :: #{
     device := term(),
@@ -17,6 +17,7 @@
     mode => safe | full,
     wake => dtr | rts | none,
     on_robot => boolean(),
+    short_waits => boolean(),
     jitter_ms => pos_integer(),
     pen => starl_create_order:pen(),
     stops_at_bumps => boolean(),
@@ -46,6 +47,7 @@ options() ->
         {mode, {one_of, [safe, full]}, safe, "safe: it stops at cliffs and when it is lifted"},
         {wake, {one_of, [rts, dtr, none]}, rts, "the line of the adapter that is wired to BRC"},
         {on_robot, switch, true, "a Create 1 stops by itself when its computer is gone"},
+        {short_waits, switch, false, "as in a profile: a Create 1 stops sooner"},
         {jitter_ms, {integer, 1, 40}, 20,
             "how late bytes may be on its line; less lets it drive faster"},
         {profile, {optional, file}, none, "of ./starl create doctor --calibrate --profile FILE"}
@@ -95,6 +97,11 @@ format_error({no_map, File}) ->
     [File, ": no profile; ./starl create doctor --profile FILE writes one"];
 format_error({options, Problems}) ->
     lists:join("; ", Problems).
+
+%% @doc The waits of a Create 1.
+-spec waits(t()) -> starl_create_script:waits().
+waits(#{short_waits := true}) -> short;
+waits(#{}) -> long.
 
 %% @doc The baud rate of the robot's line.
 -spec baud(t()) -> pos_integer().

@@ -17,9 +17,7 @@ is_on_robot(#{model := Model} = Options) -> Model =:= 1 andalso maps:get(on_robo
 
 %% @doc Takes control.
 -spec take(starl_create_options:t()) -> binary().
-take(Options) ->
-    Script = [starl_create_script:on_robot() || is_on_robot(Options)],
-    iolist_to_binary([encode(wanted(Options), Options) | Script]).
+take(Options) -> encode(wanted(Options), Options).
 
 wanted(Options) -> maps:get(mode, Options, safe).
 

@@ -8,33 +8,40 @@
 %% times that: it is driven slower, and for longer.
 %%
 %% <em>On the robot.</em> A Create 1 can hold a script, and a robot whose computer is gone should
-%% stop. Its script is: wait 100 ms, then stop. Each command is a number of slices: the speeds, then
-%% the script. The next slice arrives while the robot waits, which reads it as soon as it has
-%% waited; so it drives on, and if nothing arrives it stands. It waits in steps of 15 ms, so a slice
-%% takes 105 ms.
+%% stop. Each command is a number of slices, and each slice a script of the robot: the speeds, a wait,
+%% stop. The next slice arrives while the robot waits, which reads it as soon as it has
+%% waited; so it drives on, and if nothing arrives it stands. The script leaves with the first slice
+%% of a command; each slice is the one byte that plays it, so a line that breaks between two bytes
+%% leaves no speeds without their end.
+%%
+%% The documented wait is for 100 ms; the robot looks each 15 ms, so a slice takes 105 ms. Of some
+%% robots it is known, since {@link starl_create_doctor} has measured it, that a wait for no time lasts until
+%% the next look: their slices are three of these, 45 ms, after one that lets the first begin with a look.
 -module(starl_create_script).
 
--export([steps/2, steps/3, lasts_us/1, rest/0, on_robot/0]).
+-export([steps/2, steps/3, lasts_us/1, rest/0]).
 
--export_type([step/0, told/0, way/0]).
+-export_type([step/0, told/0, way/0, waits/0]).
 
 %% Bytes, the time until the next (us), and the speeds that they are about.
 -type step() :: {told(), binary(), Us :: pos_integer()}.
 -type told() :: {Left :: number(), Right :: number()}.
 
 %% Who times a command: the port, on a line with this jitter, or a Create 1 itself.
--type way() :: {by_port, JitterUs :: pos_integer()} | on_robot.
+-type way() :: {by_port, JitterUs :: pos_integer()} | {on_robot, waits()}.
+
+%% The waits of a Create 1: of 100 ms, or of the 15 ms between its looks.
+-type waits() :: long | short.
 
 -define(FASTEST, 500.0).
 %% What a late byte may add to the way of a wheel, mm; the least duration of a command, in jitters.
 -define(CARE_MM, 6.0).
 -define(LEAST, 3).
-%% A slice; how much earlier than needed the next slice leaves.
--define(SLICE_US, 105000).
--define(EARLY_US, 45000).
 %% Drive Direct is the same for both generations.
 -define(DIRECT, 145).
+-define(SCRIPT, 152).
 -define(PLAY, 153).
+-define(WAIT, 155).
 
 %% @doc The steps of a script.
 -spec steps(starl_chassis_differential:commands(), way()) -> [step()].
@@ -45,8 +52,10 @@ steps(Commands, Way) -> steps(Commands, Way, {1.0, 1.0}).
     [step()].
 steps(Commands, {by_port, Jitter}, Factors) ->
     [timed(Command, scaled(Command, Factors), Jitter) || Command <- Commands];
-steps(Commands, on_robot, Factors) ->
-    early(lists:append([slices(Command, scaled(Command, Factors)) || Command <- Commands])).
+steps(Commands, {on_robot, Waits}, Factors) ->
+    #{early_us := Early} = Slice = slice(Waits),
+    Scaled = [slices(Command, scaled(Command, Factors), Slice) || Command <- Commands],
+    early(Early, lists:append(Scaled)).
 
 scaled({Left, Right, Us}, {Straight, Turn}) ->
     {Ahead, Aside} = {(Left + Right) / 2 / Straight, (Right - Left) / 2 / Turn},
@@ -68,11 +77,12 @@ lasts_us([{_, _, Us} | Steps]) when is_integer(Us) -> Us + lasts_us(Steps).
 -spec rest() -> binary().
 rest() -> direct({0, 0}).
 
-%% @doc The script that a Create 1 holds.
--spec on_robot() -> binary().
-on_robot() ->
-    Script = starl_create_command:encode_all([{wait_time, 1}, {drive_direct, 0, 0}], 1),
-    starl_create_command:encode({script, Script}, 1).
+%% What lets the first slice begin, what ends each, how long it takes, and how much earlier than needed
+%% the next slice leaves.
+slice(long) -> #{begins => <<>>, wait => <<?WAIT, 1>>, us => 105000, early_us => 45000};
+slice(short) -> #{begins => <<?WAIT, 0>>, wait => looks(3), us => 45000, early_us => 25000}.
+
+looks(N) -> binary:copy(<<?WAIT, 0>>, N).
 
 direct({Left, Right}) -> <<?DIRECT, Right:16, Left:16>>.
 
@@ -94,18 +104,26 @@ whole(Left, Right) ->
     Part = Whole / Fast,
     {{round(Left * Part), round(Right * Part)}, 1 / Part}.
 
-slices({Left0, Right0, _}, {Left, Right, Us}) ->
-    N = max(1, ceil(Us / ?SLICE_US)),
-    Part = Us / (N * ?SLICE_US),
-    Whole = {round(Left * Part), round(Right * Part)},
-    lists:duplicate(N, {{Left0, Right0}, <<(direct(Whole))/binary, ?PLAY>>, ?SLICE_US}).
+slices({Left0, Right0, _}, {Left, Right, Us}, #{us := SliceUs} = Slice) ->
+    N = max(1, ceil(Us / SliceUs)),
+    Part = Us / (N * SliceUs),
+    Told = {Left0, Right0},
+    Script = script({round(Left * Part), round(Right * Part)}, Slice),
+    [
+        {Told, <<Script/binary, ?PLAY>>, SliceUs}
+        | lists:duplicate(N - 1, {Told, <<?PLAY>>, SliceUs})
+    ].
+
+script(Whole, #{begins := Begins, wait := Wait}) ->
+    Script = <<(direct(Whole))/binary, Wait/binary, (rest())/binary>>,
+    <<Begins/binary, ?SCRIPT, (byte_size(Script)), Script/binary>>.
 
 %% The first slice begins now; the others arrive before they are needed.
-early([]) ->
+early(_Early, []) ->
     [];
-early([One]) ->
+early(_Early, [One]) ->
     [One];
-early([{Told, Bytes, Us} | More]) ->
+early(Early, [{Told, Bytes, Us} | More]) ->
     {Last, Before} = {lists:last(More), lists:droplast(More)},
     {ToldLast, BytesLast, UsLast} = Last,
-    [{Told, Bytes, Us - ?EARLY_US} | Before] ++ [{ToldLast, BytesLast, UsLast + ?EARLY_US}].
+    [{Told, Bytes, Us - Early} | Before] ++ [{ToldLast, BytesLast, UsLast + Early}].

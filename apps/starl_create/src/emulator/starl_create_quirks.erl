@@ -23,6 +23,8 @@ options() ->
         {odometry, {number, 0.5, 2}, 1.0, "encoders and distance are so many times the true ones"},
         {mode_offset, {integer, 0, 32}, 0, "the mode in the sensors is higher by this"},
         {speed_step, {number, 0, 100}, 0, "the motors know only multiples of this speed, mm/s"},
+        {no_short_waits, switch, false,
+            "a Create 1's wait for no time ends at once, not at its next look (15 ms)"},
         {burst_ms, {integer, 0, 500}, 0, "bytes arrive in bursts this far apart"},
         {stray_byte, {integer, 0, 100000}, 0,
             "each so many bytes that the robot sends, one that does not belong there"},

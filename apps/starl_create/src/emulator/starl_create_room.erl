@@ -5,13 +5,15 @@
 -module(starl_create_room).
 -behaviour(gen_server).
 
--export([start_link/2, poses/2, pose/2]).
+-export([start_link/2, poses/2, pose/2, watch/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -record(robot, {body :: starl_world_body:t(), create = none :: none | pid(), told_at :: integer()}).
 
 -record(room, {
     robots :: #{starl:robot_id() => #robot{}},
+    %% who is told how a robot moves
+    watchers = #{} :: #{starl:robot_id() => pid()},
     floor :: starl_world_floor:t()
 }).
 
@@ -46,6 +48,11 @@ place(N) -> float(?APART_MM div 2 + N * ?APART_MM).
 -spec pose(pid(), starl:robot_id()) -> starl:pose().
 pose(Room, Id) -> gen_server:call(Room, {pose, Id}).
 
+%% @doc The caller is told each change of a robot's motion, `{moves, Room, Id, Piece}'; times are of
+%% `erlang:system_time(microsecond)'.
+-spec watch(pid(), starl:robot_id()) -> ok.
+watch(Room, Id) -> gen_server:call(Room, {watch, Id}).
+
 -spec init({[{starl:robot_id(), starl:pose()}], 1 | 2, starl_world_floor:arena()}) -> {ok, #room{}}.
 init({Poses, Model, Arena}) ->
     World = #{profiles => profiles(Model), seed => 1, actuation => [], location => []},
@@ -74,6 +81,8 @@ again() ->
 handle_call({inhabit, Id}, {Create, _}, #room{robots = Robots} = Room) ->
     #{Id := Robot} = Robots,
     {reply, ok, Room#room{robots = Robots#{Id := Robot#robot{create = Create}}}};
+handle_call({watch, Id}, {Watcher, _}, #room{watchers = Watchers} = Room) ->
+    {reply, ok, Room#room{watchers = Watchers#{Id => Watcher}}};
 handle_call({pose, Id}, _From, #room{robots = Robots} = Room) ->
     #{Id := #robot{body = Body}} = Robots,
     {Id, Pose, _} = starl_world_body:on_floor(Id, now_us(), Body),
@@ -102,8 +111,9 @@ hears({drive, Script, _Until, Mark}, Id, Told, #robot{told_at = Before, body = B
 hears(_Other, _Id, _At, _Robot, Room) ->
     Room.
 
-moved(Id, At, Body, #room{robots = Robots} = Room) ->
+moved(Id, At, Body, #room{robots = Robots, watchers = Watchers} = Room) ->
     #{Id := Robot} = Robots,
+    _ = [W ! {moves, self(), Id, starl_world_body:piece(Body)} || #{Id := W} <- [Watchers]],
     Room#room{robots = Robots#{Id := Robot#robot{body = Body, told_at = At}}}.
 
 feel(At, Ids, #room{robots = Robots, floor = Floor} = Room) ->

@@ -27,6 +27,8 @@ tick(#{now := Now, phase_us := Phase} = State) -> until(starl_create_tick:next(N
 
 %% @doc A wait that was commanded begins.
 -spec begins(starl_create_command:t(), state()) -> state().
+begins({wait_time, 0}, #{quirks := #{no_short_waits := true}} = State) ->
+    State;
 begins({wait_time, Tenths}, #{now := Now} = State) ->
     until(Now + Tenths * 100000, State);
 begins({wait_distance, Mm}, #{wheels := Wheels} = State) ->
