@@ -15,13 +15,16 @@ groups() ->
                 healthy,
                 create_1,
                 wrong_baud,
+                late,
+                late_wrong_baud,
+                too_late,
                 asleep,
                 silent,
                 docked,
                 wrong_model,
                 odometry,
                 no_device
-            ] ++ [firmware, battery, by_hand, by_hand_refused, cable_pulled]}
+            ] ++ [firmware, battery, by_hand, by_hand_refused, cable_pulled, standing]}
     ].
 
 init_per_suite(Config) ->
@@ -52,6 +55,38 @@ wrong_baud(_) ->
     ?assertMatch([{baud, _}], Problems),
     says(baud, "the robot speaks 19200 baud, not 115200; switch it off and on", Problems),
     ?assertMatch(#{baud := 19200}, Profile).
+
+%% A robot whose answers come late, as on a busy computer, is told aright all the same.
+late(_) ->
+    {Problems, Profile} = examined_late(600, #{model => 2}, #{model => 2}),
+    ?assertEqual([], Problems),
+    ?assertMatch(#{model := 2, baud := 115200}, Profile).
+
+late_wrong_baud(_) ->
+    {Problems, Profile} = examined_late(600, #{model => 1, baud => 19200}, #{model => 1}),
+    ?assertMatch([{baud, _}], Problems),
+    says(baud, "the robot speaks 19200 baud, not 57600", Problems),
+    ?assertMatch(#{model := 1, baud := 19200}, Profile).
+
+%% A frame that comes when nobody waits for it any more does not show the rate, but that there is a robot.
+too_late(_) ->
+    Self = self(),
+    Frame = starl_create_stream:frame([35], #{mode => 1}, with_header),
+    Port = spawn_link(fun() -> answers_too_late(Self, Frame) end),
+    {none, Noise, Late} = starl_create_search:all(Port, [115200]),
+    Text = unicode:characters_to_list(starl_create_doctor:silent({Noise, Late})),
+    contains("too busy to tell", Text).
+
+answers_too_late(To, Frame) ->
+    receive
+        {send, <<148, _/binary>>} -> To ! {data, binary:copy(Frame, 5)}
+    end,
+    nothing_more().
+
+nothing_more() ->
+    receive
+        _ -> nothing_more()
+    end.
 
 asleep(_) ->
     {Problems, _} = examined(#{model => 2, quirks => #{asleep => true}}, #{model => 2}),
@@ -146,6 +181,21 @@ cable_pulled(_) ->
     Port ! close,
     wheels(Create, {0, 0}).
 
+%% What stops by itself, what stops when told, and what does not; when, is for the table of the bench.
+standing(_) ->
+    {ok, drives_on} = starl_create_stop_times:measure(pulled, create_2),
+    {ok, stood_before} = starl_create_stop_times:measure(put_back, create_1_short),
+    [
+        ?assertMatch({ok, Us} when is_integer(Us), starl_create_stop_times:measure(Row, Robot))
+     || {Row, Robot} <- [
+            {put_back, create_2},
+            {pulled, create_1},
+            {pulled, create_1_short},
+            {guardian, create_2},
+            {owner, create_1_short}
+        ]
+    ].
+
 opened(Port, Link) ->
     Port ! {open, Link, 115200},
     receive
@@ -161,6 +211,29 @@ robot(Options) ->
     {ok, Line} = starl_create_on_pty:start_link(Create, none),
     {Create, starl_create_on_pty:name(Line)}.
 
+%% What this robot says is heard so late.
+late_robot(Ms, Options) ->
+    {ok, Create} = starl_create_emulated:start_link(Options),
+    Slow = spawn_link(fun() -> slow(Ms, Create, none) end),
+    {ok, Line} = starl_create_on_pty:start_link(Slow, none),
+    starl_create_on_pty:name(Line).
+
+slow(Ms, Create, Line) ->
+    receive
+        {serial, Create, {data, _} = Said} ->
+            _ = erlang:send_after(Ms, self(), {late, Said}),
+            slow(Ms, Create, Line);
+        {serial, Create, Word} ->
+            Line ! {serial, self(), Word},
+            slow(Ms, Create, Line);
+        {late, Said} ->
+            Line ! {serial, self(), Said},
+            slow(Ms, Create, Line);
+        {serial, From, Word} ->
+            Create ! {serial, self(), Word},
+            slow(Ms, Create, From)
+    end.
+
 hand() -> #{model => 2, baud => 115200, speed => 150, hold_ms => 200}.
 
 plan() -> #{drive_mm => 400, drive_mm_s => 100, turn_deg => 90, turn_mm_s => 100}.
@@ -171,8 +244,12 @@ all(Robot, Options) ->
     ct:pal("~ts", [[[starl_create_doctor:line(Finding), "\n"] || Finding <- Findings]]),
     {Findings, Profile}.
 
-examined(Robot, Options) ->
-    {Findings, Profile} = all(Robot, Options),
+examined(Robot, Options) -> problems(all(Robot, Options)).
+
+examined_late(Ms, Robot, Options) ->
+    problems(starl_create_doctor:examine(late_robot(Ms, Robot), Options)).
+
+problems({Findings, Profile}) ->
     Problems = starl_create_doctor:problems(Findings),
     {[{Key, Text} || {problem, Key, Text} <- Problems, Key =/= stream], Profile}.
 

@@ -4,7 +4,7 @@
 %% It moves nothing but the mode, unless it is to calibrate ({@link starl_create_calibration}).
 -module(starl_create_doctor).
 
--export([examine/2, line/1, problems/1]).
+-export([examine/2, line/1, problems/1, silent/1]).
 
 -export_type([options/0, finding/0, key/0]).
 
@@ -39,18 +39,25 @@
     options :: options(),
     model :: starl_create_packet:model(),
     baud :: pos_integer(),
+    %% how late its answers may be
+    late_ms = 0 :: non_neg_integer(),
     waits = long :: starl_create_script:waits(),
     found = [] :: [finding()]
 }).
 
--define(OTHER_BAUDS, [115200, 57600, 19200, 38400, 9600, 28800, 14400, 4800, 2400]).
 -define(SENSORS, [35, 34, 21, 22, 23, 24, 25, 26, 7]).
-%% A frame each 15 ms.
 -define(LISTEN_MS, 250).
+-define(ASK_MS, 300).
+-define(MORE_MS, 60).
+-define(NO_MODEL,
+    "it answered, and now does not: try again, with less other work for this computer"
+).
 -define(QUALITY_MS, 1000).
 %% A robot that was woken starts for this time.
 -define(WAKE_MS, 2500).
 -define(LOW, 20).
+%% A computer that is as late as this misses answers.
+-define(BUSY_MS, 400).
 
 %% @doc Examines; gives what it has found, in order, and the profile of the robot if it answers.
 -spec examine(Device :: string(), options()) -> {[finding()], map() | none}.
@@ -94,10 +101,13 @@ usual_baud(2) -> 115200.
 
 %% At the baud rate that is expected; at any other; after a pulse on BRC.
 line_found(Exam, Baud) ->
-    case at([Baud | ?OTHER_BAUDS -- [Baud]], Exam, 0) of
-        {found, Baud} -> answers(found({ok, baud, said_baud(Baud)}, Exam));
-        {found, Other} -> answers(other_baud(Other, Exam));
-        {none, Noise} -> woken([dtr, rts], Baud, Noise, Exam)
+    case starl_create_search:all(Exam#exam.probe, starl_create_search:bauds(Baud)) of
+        {found, Baud, Late} ->
+            answers(found({ok, baud, said_baud(Baud)}, Exam#exam{late_ms = Late}));
+        {found, Other, Late} ->
+            answers(other_baud(Other, Exam#exam{late_ms = Late}));
+        {none, Noise, Late} ->
+            woken([dtr, rts], Baud, {Noise, Late}, Exam)
     end.
 
 said_baud(Baud) -> [integer_to_list(Baud), " baud"].
@@ -113,41 +123,22 @@ other_baud(Other, #exam{baud = Baud} = Exam) ->
         baud = Other
     }).
 
-at([], _Exam, Noise) ->
-    {none, Noise};
-at([Baud | Bauds], #exam{probe = Probe} = Exam, Noise) ->
-    ok = starl_create_probe:speed(Probe, Baud),
-    #{frames := Frames, noise := New, bytes := Bytes} = mode_stream(Probe),
-    case Frames of
-        [_ | _] -> {found, Baud};
-        [] -> at(Bauds, Exam, Noise + max(New, Bytes))
-    end.
-
-%% Start completes and flushes half a command; a frame with a checksum is no accident.
-mode_stream(Probe) ->
-    ok = starl_create_probe:send(Probe, binary:copy(<<128>>, 8)),
-    _ = starl_create_probe:listen(Probe, 40),
-    ok = starl_create_probe:send(Probe, <<148, 1, 35>>),
-    Heard = starl_create_probe:stream(Probe, [35], 1, ?LISTEN_MS),
-    ok = starl_create_probe:send(Probe, <<150, 0>>),
-    Heard.
-
-woken([], _Baud, Noise, Exam) ->
-    done(found({problem, baud, silent(Noise)}, Exam), none);
-woken([Line | Lines], Baud, Noise, #exam{probe = Probe, model = Model} = Exam) ->
+woken([], _Baud, Heard, Exam) ->
+    done(found({problem, baud, silent(Heard)}, Exam), none);
+woken([Line | Lines], Baud, Heard, #exam{probe = Probe, model = Model} = Exam) ->
     ok = starl_create_probe:speed(Probe, Baud),
     ok = starl_create_probe:pulse(Probe, Line),
-    case awake(Exam, lists:usort([Baud, usual_baud(Model)]), ?WAKE_MS div ?LISTEN_MS) of
-        {found, Is} -> answers(slept(Line, Exam#exam{baud = Is}));
-        none -> woken(Lines, Baud, Noise, Exam)
+    case awake(Probe, lists:usort([Baud, usual_baud(Model)]), ?WAKE_MS div ?LISTEN_MS) of
+        {found, Is, Late} -> answers(slept(Line, Exam#exam{baud = Is, late_ms = Late}));
+        none -> woken(Lines, Baud, Heard, Exam)
     end.
 
-awake(_Exam, _Bauds, 0) ->
+awake(_Probe, _Bauds, 0) ->
     none;
-awake(Exam, Bauds, N) ->
-    case at(Bauds, Exam, 0) of
-        {found, _} = Found -> Found;
-        {none, _} -> awake(Exam, Bauds, max(0, N - length(Bauds)))
+awake(Probe, Bauds, N) ->
+    case starl_create_search:once(Probe, Bauds) of
+        {found, _, _} = Found -> Found;
+        {none, _, _} -> awake(Probe, Bauds, max(0, N - length(Bauds)))
     end.
 
 slept(Line, #exam{baud = Baud} = Exam) ->
@@ -160,10 +151,14 @@ slept(Line, #exam{baud = Baud} = Exam) ->
     ],
     found({ok, baud, said_baud(Baud)}, found({problem, sleep, Text}, Exam)).
 
-silent(0) ->
+%% @doc Why there is no answer, and what to do, by what was heard at all rates.
+-spec silent({Noise :: non_neg_integer(), LateMs :: non_neg_integer()}) -> unicode:chardata().
+silent({_Noise, Late}) when Late > ?BUSY_MS ->
+    "no answer came in time, but this computer is too busy to tell: end other programs, and try again";
+silent({0, _Late}) ->
     "it says nothing at any baud rate, nor after pulses of DTR and RTS: press its button (Clean, Power); "
     "check TXD, RXD, GND, and that BRC is wired; if it stays silent, take its battery out and put it back";
-silent(_) ->
+silent({_Noise, _Late}) ->
     "it says what makes sense at no baud rate: check GND and the level (TTL, 5 V, not RS-232); switch it off "
     "and on, which brings its usual rate back".
 
@@ -171,16 +166,24 @@ silent(_) ->
 
 answers(Exam) -> control(sensed(firmware(quality(waits(model(Exam)))))).
 
-%% Only a Create 2 has encoders.
+%% Only a Create 2 has encoders; both tell their mode.
 model(#exam{probe = Probe, options = #{model := Expected}} = Exam) ->
-    Model =
-        case starl_create_probe:ask(Probe, <<142, 43>>, 2, 300) of
-            {ok, _} -> 2;
-            none -> 1
-        end,
+    Said = starl_create_probe:said(Probe, <<142, 43, 142, 35>>, ?ASK_MS + late(Exam)),
     %% what an unknown packet has left behind
     ok = starl_create_probe:send(Probe, binary:copy(<<128>>, 8)),
-    found(said_model(Model, Expected), Exam#exam{model = Model}).
+    case byte_size(Said) of
+        0 ->
+            found({problem, model, ?NO_MODEL}, Exam);
+        Size ->
+            Model = 1 + min(1, Size div 3),
+            found(said_model(Model, Expected), Exam#exam{model = Model})
+    end.
+
+%% Answers may be as late as the first was, and more.
+late(#exam{late_ms = Late}) -> 2 * Late.
+
+ask(Question, Size, #exam{probe = Probe} = Exam) ->
+    starl_create_probe:ask(Probe, Question, Size, ?ASK_MS + late(Exam)).
 
 said_model(Model, Model) ->
     {ok, model, name(Model)};
@@ -205,7 +208,7 @@ waits(Exam) ->
 
 quality(#exam{probe = Probe, model = Model} = Exam) ->
     ok = starl_create_probe:send(Probe, [148, length(?SENSORS), ?SENSORS]),
-    _ = starl_create_probe:stream(Probe, ?SENSORS, Model, 60),
+    _ = starl_create_probe:stream(Probe, ?SENSORS, Model, ?MORE_MS + late(Exam)),
     #{frames := Frames, noise := Noise} = starl_create_probe:stream(
         Probe, ?SENSORS, Model, ?QUALITY_MS
     ),
@@ -233,7 +236,9 @@ firmware(Exam) ->
 
 sensed(#exam{probe = Probe, model = Model} = Exam) ->
     ok = starl_create_probe:send(Probe, [128, 148, length(?SENSORS), ?SENSORS]),
-    #{frames := Frames} = starl_create_probe:stream(Probe, ?SENSORS, Model, ?LISTEN_MS),
+    #{frames := Frames} = starl_create_probe:stream(
+        Probe, ?SENSORS, Model, ?LISTEN_MS + late(Exam)
+    ),
     ok = starl_create_probe:send(Probe, <<150, 0>>),
     case Frames of
         [] -> Exam;
@@ -259,7 +264,7 @@ battery(#{voltage := Mv, charge := Charge, capacity := Capacity}, Exam) ->
 control(#exam{probe = Probe} = Exam) ->
     ok = starl_create_probe:send(Probe, <<131>>),
     _ = starl_create_probe:listen(Probe, 60),
-    Ready = found(said_mode(starl_create_probe:ask(Probe, <<142, 35>>, 1, 300)), Exam),
+    Ready = found(said_mode(ask(<<142, 35>>, 1, Exam)), Exam),
     calibrated(Ready, profile(Exam)).
 
 profile(#exam{device = Device, baud = Baud, model = Model, waits = Waits}) ->

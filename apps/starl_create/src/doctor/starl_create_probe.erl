@@ -3,20 +3,8 @@
 %% The process that opens a probe waits in it, and owns its port.
 -module(starl_create_probe).
 
--export([
-    open/3,
-    close/1,
-    speed/2,
-    send/2,
-    ask/4,
-    stream/4,
-    pulse/2,
-    listen/2,
-    quiet/1,
-    quiet_ms/0,
-    drive/4,
-    go/3
-]).
+-export([open/3, close/1, speed/2, send/2, pulse/2, ask/4, said/3, listen/2, quiet/1, quiet_ms/0]).
+-export([stream/4, first/4, drive/4, go/3]).
 
 -export_type([t/0, heard/0]).
 
@@ -88,6 +76,22 @@ ask(Port, Question, Size, Ms) ->
     ok = send(Port, Question),
     answer(Size, <<>>, deadline(Ms)).
 
+%% @doc Sends a question with an answer of unknown length: what comes until the line is quiet.
+-spec said(t(), iodata(), Ms :: pos_integer()) -> binary().
+said(Port, Question, Ms) ->
+    ok = quiet(Port),
+    ok = send(Port, Question),
+    receive
+        {data, Bytes} -> iolist_to_binary([Bytes | more(deadline(?QUIET_AT_MOST_MS))])
+    after Ms -> <<>>
+    end.
+
+more(Deadline) ->
+    receive
+        {data, Bytes} -> [Bytes | more(Deadline)]
+    after min(?QUIET_MS, left(Deadline)) -> []
+    end.
+
 answer(Size, Bytes, _Deadline) when byte_size(Bytes) >= Size ->
     {ok, binary:part(Bytes, 0, Size)};
 answer(Size, Bytes, Deadline) ->
@@ -132,11 +136,20 @@ bytes(Deadline) ->
 %% @doc Listens to a stream of these packets, as a robot of this generation sends it.
 -spec stream(t(), [starl_create_packet:id(), ...], starl_create_packet:model(), pos_integer()) ->
     heard().
-stream(_Port, Ids, Model, Ms) ->
-    Nothing = #{frames => [], noise => 0, bytes => 0},
-    heard(starl_create_stream:new(Ids, Model), Nothing, deadline(Ms)).
+stream(_Port, Ids, Model, Ms) -> heard(Ids, Model, all, Ms).
 
-heard(Stream, #{frames := Frames, bytes := N} = Heard, Deadline) ->
+%% @doc The same, until the first frame.
+-spec first(t(), [starl_create_packet:id(), ...], starl_create_packet:model(), pos_integer()) ->
+    heard().
+first(_Port, Ids, Model, Ms) -> heard(Ids, Model, first, Ms).
+
+heard(Ids, Model, Wanted, Ms) ->
+    Nothing = #{frames => [], noise => 0, bytes => 0},
+    heard(starl_create_stream:new(Ids, Model), Nothing, {Wanted, deadline(Ms)}).
+
+heard(_Stream, #{frames := [_ | _]} = Heard, {first, _Deadline}) ->
+    Heard;
+heard(Stream, #{frames := Frames, bytes := N} = Heard, {_, Deadline} = Until) ->
     receive
         {data, Bytes} ->
             At = erlang:monotonic_time(microsecond),
@@ -150,7 +163,7 @@ heard(Stream, #{frames := Frames, bytes := N} = Heard, Deadline) ->
                     noise := maps:get(noise, Heard) + Noise,
                     bytes := N + byte_size(Bytes)
                 },
-                Deadline
+                Until
             )
     after left(Deadline) -> Heard
     end.

@@ -1,0 +1,80 @@
+%% @doc Looks for the baud rate at which a robot answers: it is asked for its stream at one rate after
+%% the other, and a frame with its checksum is no accident.
+%%
+%% A computer with other work hears answers late, perhaps when the next rate is tried already, where they are
+%% noise. So rates at which something came, though no frame, are tried again with more time; and how long
+%% the answer took is told, since later questions need as much patience. A frame may be a late one of the rate
+%% before, so the robot is asked again once the line is quiet.
+-module(starl_create_search).
+
+-export([all/2, once/2, bauds/1]).
+
+-export_type([result/0]).
+
+%% `LateMs': how long the first frame took; else how late this computer was, or at least an answer.
+-type result() ::
+    {found, Baud :: pos_integer(), LateMs :: non_neg_integer()}
+    | {none, Noise :: non_neg_integer(), LateMs :: non_neg_integer()}.
+
+-define(BAUDS, [115200, 57600, 19200, 38400, 9600, 28800, 14400, 4800, 2400]).
+%% A frame comes each 15 ms; on a busy computer later.
+-define(LISTEN_MS, 250).
+-define(PATIENT_MS, 1500).
+%% A computer that is as late is busy.
+-define(LATE_MS, 50).
+
+%% @doc All rates that a robot may have, this one first.
+-spec bauds(pos_integer()) -> [pos_integer()].
+bauds(First) -> [First | lists:delete(First, ?BAUDS)].
+
+%% @doc Tries these rates, and again with more time if that may help.
+-spec all(starl_create_probe:t(), [pos_integer()]) -> result().
+all(Probe, Bauds) ->
+    case once(Probe, Bauds) of
+        {none, Noise, Late} when Noise > 0; Late > ?LATE_MS ->
+            worse({none, Noise, Late}, tried(?PATIENT_MS, Probe, Bauds));
+        Result ->
+            Result
+    end.
+
+worse({none, Noise, Late}, {none, More, Later}) -> {none, Noise + More, max(Late, Later)};
+worse(_Before, Found) -> Found.
+
+%% @doc Tries these rates, each for a short time.
+-spec once(starl_create_probe:t(), [pos_integer()]) -> result().
+once(Probe, Bauds) -> tried(?LISTEN_MS, Probe, Bauds).
+
+tried(Ms, Probe, Bauds) -> tried(Ms, Probe, Bauds, {none, 0, 0}).
+
+tried(_Ms, _Probe, [], None) ->
+    None;
+tried(Ms, Probe, [Baud | Bauds], None) ->
+    ok = starl_create_probe:speed(Probe, Baud),
+    case confirmed(framed(Probe, Ms), Probe) of
+        {none, _, _} = Again -> tried(Ms, Probe, Bauds, worse(None, Again));
+        {found, Late} -> {found, Baud, Late}
+    end.
+
+confirmed({none, _, _} = None, _Probe) ->
+    None;
+confirmed({found, _Late}, Probe) ->
+    ok = starl_create_probe:quiet(Probe),
+    case framed(Probe, ?PATIENT_MS) of
+        {found, _} = Found -> Found;
+        {none, Noise, _} -> {none, Noise, ?PATIENT_MS}
+    end.
+
+%% Start completes and flushes half a command.
+framed(Probe, Ms) ->
+    ok = starl_create_probe:send(Probe, binary:copy(<<128>>, 8)),
+    _ = starl_create_probe:listen(Probe, 40),
+    Begin = erlang:monotonic_time(microsecond),
+    ok = starl_create_probe:send(Probe, <<148, 1, 35>>),
+    #{frames := Frames, noise := Noise, bytes := Bytes} =
+        starl_create_probe:first(Probe, [35], 1, Ms),
+    Us = erlang:monotonic_time(microsecond) - Begin,
+    ok = starl_create_probe:send(Probe, <<150, 0>>),
+    case Frames of
+        [] -> {none, max(Noise, Bytes), max(0, Us div 1000 - Ms)};
+        [_ | _] -> {found, Us div 1000}
+    end.
