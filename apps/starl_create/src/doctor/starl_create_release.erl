@@ -25,6 +25,6 @@ banner(Probe, Bytes, N) ->
 
 release(Banner) ->
     case re:run(Banner, "release-([-.a-z0-9]*)", [{capture, all_but_first, binary}]) of
-        {match, [Release]} -> Release;
+        {match, [Release]} when is_binary(Release) -> Release;
         nomatch -> "it does not tell its release after a reset"
     end.
