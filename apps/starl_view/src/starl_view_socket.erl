@@ -59,6 +59,8 @@ websocket_handle(_PingOrPong, Page) ->
 -spec websocket_info(term(), #page{}) -> answer().
 websocket_info({frames, Rows, Place}, Page) ->
     sent(Rows, Place, Page);
+websocket_info({rows, Rows}, Page) ->
+    {[{text, [$[, Rows, $]]}], Page};
 websocket_info({tell, Row}, Page) ->
     {[{text, [$[, starl_view_json:encode(Row), $]]}], Page};
 websocket_info(_, Page) ->

@@ -2,7 +2,7 @@
 %% A pure module. Its size is bounded: by the number of robots, and by the most points of ink.
 -module(starl_view_state).
 
--export([new/0, add/2, rows/2]).
+-export([new/0, add/2, rows/2, said/1]).
 
 -export_type([t/0]).
 
@@ -81,3 +81,7 @@ rows(Now, #state{last = Last} = State) ->
     #state{ink = Ink, said = Said} = Drawn,
     [[<<"i">>, Now, R, Line] || {R, Lines} <- lists:sort(maps:to_list(Ink)), Line <- Lines] ++
         [Row || {_, Row} <- lists:sort(maps:to_list(Last))] ++ lists:reverse(Said).
+
+%% @doc The faults, violations and crashes, as far as they are kept.
+-spec said(t()) -> [starl_view_row:row()].
+said(#state{said = Said}) -> lists:reverse(Said).

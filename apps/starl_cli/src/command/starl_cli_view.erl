@@ -4,9 +4,6 @@
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
 
-%% The rows of a recording that the server keeps: those of about a day of eight robots.
--define(MOST_BYTES, 512 * 1024 * 1024).
-
 -spec name() -> string().
 name() -> "view".
 
@@ -49,7 +46,7 @@ run(#{subject := File, values := Values}) ->
     end.
 
 show(File, Values) ->
-    case starl_cli_window:open(Values, #{most_bytes => ?MOST_BYTES}) of
+    case starl_cli_window:open(Values) of
         {ok, View} -> shown(starl_view_recording:load(File, starl_view:hub(View)), File);
         {error, _} = Error -> Error
     end.

@@ -16,11 +16,12 @@ const seconds = us => `${(us / 1e6).toFixed(3)} s`;
 const send = connect(rows => {
   for (const row of rows) {
     const kind = team.take(row);
-    if (kind === 't') ticked(row[1]);
+    if (kind === 't' && !team.part) ticked(row[1]);
+    else if (kind === 'w') state.asked = 0;
     else if (kind === 'run') began();
-    else if (kind === 'reset') { state.live = true; floor.inked.key = ''; }
-    else if (kind === 'gap') news('earlier moments are not kept', false);
-    else if (kind === 'look') panel.look(row[1], row[2], row[3]);
+    else if (kind === 'reset') { state.live = !isRecording(); floor.inked.key = ''; }
+    else if (kind === 'gap' && !isRecording()) news('earlier moments are not kept', false);
+    else if (kind === 'look') panel.look(row[1], row[2], window.starl.seen = row[3]);
     else if (kind === 'yes' || kind === 'no') news(row[1], kind === 'no');
   }
 }, how => {
@@ -76,29 +77,40 @@ function select(id) {
 
 // -- time ------------------------------------------------------------------------------------
 
-const isPaused = () => team.run && team.run.kind === 'recording' ? state.playing === undefined
+const isRecording = () => Boolean(team.run) && team.run.kind === 'recording';
+const isPaused = () => isRecording() ? state.playing === undefined
   : team.clock.paused;
 
 function toggle() {
-  if (team.run && team.run.kind === 'recording') {
+  if (isRecording()) {
     state.playing = state.playing === undefined ? performance.now() : undefined;
     state.live = false;
-    if (state.shown >= team.now) state.shown = team.begin;
+    if (state.shown >= team.until) scrub(team.from, true);
   } else {
     send(team.clock.paused ? { do: 'go' } : { do: 'pause' });
     if (team.clock.paused) state.live = true;
   }
 }
 
-function scrub(us) {
+function scrub(us, playing = false) {
   state.live = false;
-  state.playing = undefined;
-  state.shown = Math.max(team.begin, Math.min(us, team.now));
+  if (!playing) state.playing = undefined;
+  state.shown = Math.max(team.from, Math.min(us, team.until));
+  want(state.shown);
+}
+
+// A part of a long recording that the page does not have. What is asked while much is on its way gets
+// no answer, so it is asked again.
+function want(us) {
+  if (!isRecording() || has(us)) return;
+  if (state.asked && state.wanted === us && performance.now() - state.asked < 5000) return;
+  [state.asked, state.wanted] = [performance.now(), us];
+  send({ do: 'moment', at: us });
 }
 
 $('pause').onclick = toggle;
 $('step').onclick = () => { state.live = true; send({ do: 'step', ...(state.selected ? { robot: state.selected } : {}) }); };
-$('live').onclick = () => { state.live = true; };
+$('live').onclick = () => { if (isRecording()) scrub(team.until); else state.live = true; };
 $('speed').onchange = event => {
   const { value } = event.target;
   state.pace = value === 'max' ? 100 : Number(value);
@@ -140,7 +152,7 @@ const next = by => {
   select(ids[(i + by + ids.length) % ids.length]);
 };
 const keys = { ' ': toggle, s: () => $('step').click(), n: () => next(1), b: () => next(i0()),
-  l: () => { state.live = true; }, ',': () => scrub(state.shown - 1e6), '.': () => scrub(state.shown + 1e6) };
+  l: () => $('live').onclick(), ',': () => scrub(state.shown - 1e6), '.': () => scrub(state.shown + 1e6) };
 const i0 = () => state.selected === null ? 0 : -1;
 document.onkeydown = event => {
   const own = /^(INPUT|SELECT|TEXTAREA|BUTTON|SUMMARY)$/.test(event.target.tagName);
@@ -155,13 +167,17 @@ for (const name of Object.keys(floor.show)) {
 
 // -- frames ----------------------------------------------------------------------------------
 
+const has = us => us >= team.begin && us <= team.now;
 let counted = { frames: 0, at: performance.now() }, slow = 0;
 
 function frame(wall) {
   if (team.run) {
     if (state.playing !== undefined) {
-      state.shown = Math.min(team.now, state.shown + (wall - state.playing) * 1000 * (state.pace || 1));
-      state.playing = state.shown >= team.now ? undefined : wall;
+      if (has(state.shown))
+        state.shown = Math.min(team.now, state.shown + (wall - state.playing) * 1000 * (state.pace || 1));
+      state.playing = state.shown >= team.until ? undefined : wall;
+      // the next part
+      if (state.playing !== undefined && state.shown === team.now) want(team.now + 1);
     } else if (state.live) state.shown = present(wall);
     floor.draw(state.shown, state.selected);
     if (wall - slow > 120) { slow = wall; rarely(); }
@@ -185,16 +201,17 @@ function rarely() {
   if (document.activeElement !== $('speed') && clock.speed && team.run.kind === 'simulation') {
     $('speed').value = String(clock.speed);
   }
-  $('live').disabled = state.live;
+  $('live').disabled = state.live || isRecording() && state.shown >= team.until;
   const slider = $('time');
-  slider.min = team.begin;
-  slider.max = Math.max(team.now, 1);
+  slider.min = team.from;
+  slider.max = Math.max(team.until, 1);
   slider.value = t;
   slider.setAttribute('aria-valuetext', seconds(t));
   $('figures').textContent = (state.live || team.run.kind === 'recording' ? '' : 'in the past · ') +
-    (clock.ending ? `over: ${clock.ending}` : clock.paused ? 'paused' : `${clock.real ?? ''} × real time`) +
+    (isRecording() && !has(state.shown) ? 'reading …' : clock.ending ? `over: ${clock.ending}` : clock.paused ? 'paused' : `${clock.real ?? ''} × real time`) +
     ` · ${state.fps} frames/s` + (team.leftOut ? ` · ${team.leftOut} packets not shown` : '');
-  marks($('marks'), floor, team, Math.max(team.now, 1));
+  marks($('marks'), floor, team, Math.max(team.until, 1));
+  if (isRecording() && state.asked) want(state.shown);
   const talk = chart($('chart'), floor, team, t, state.selected);
   const list = $('talk'), key = talk.length + ' ' + t;
   if (list.parentElement.open && key !== talked) {

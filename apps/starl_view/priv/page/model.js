@@ -62,6 +62,7 @@ export class Team {
     this.faults = new Map();
     this.violations = [];
     this.begin = 0;
+    this.part = false;
     this.now = 0;
     this.count = 0;
     this.leftOut = 0;
@@ -94,7 +95,9 @@ export class Team {
       case 'gap': this.begin = t; this.version++; break;
       case 'run': this.run = row[1]; break;
       case 'reset': this.clear(); break;
-      case 't': this.now = t; this.clock = row[2]; break;
+      case 't': if (!this.part) this.now = t; this.clock = row[2]; break;
+      // of a long recording the page has a part, to this end
+      case 'w': this.part = true; this.now = t; this.clock = row[2]; break;
     }
     return kind;
   }
@@ -146,6 +149,9 @@ export class Team {
     this.ink = this.ink.filter(([t]) => t >= begin);
     this.version++;
   }
+  // The whole run, of which the page of a long recording has a part.
+  get from() { return this.run && this.run.kind === 'recording' ? 0 : this.begin; }
+  get until() { return Math.max(this.now, this.run && this.run.kind === 'recording' ? this.run.until ?? 0 : 0); }
   poses(t) {
     const poses = [];
     for (const robot of this.robots.values()) {

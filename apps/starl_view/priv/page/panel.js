@@ -1,4 +1,6 @@
 // The panels beside the floor: the selected robot, contracts, faults and what hands can do.
+import { words } from './chart.js';
+
 const $ = id => document.getElementById(id);
 const seconds = us => `${(us / 1e6).toFixed(3)} s`;
 
@@ -112,13 +114,34 @@ export class Panel {
     if (id !== this.state.selected) return;
     for (const details of $('machines').querySelectorAll('details'))
       this.opened[details.open ? 'add' : 'delete'](details.dataset.name);
-    const parts = [element('p', `${seen.events} events, result: ${seen.result}, at ${seconds(t)}`)];
-    for (const crash of seen.crashes) parts.push(element('p', `crashed: ${crash}`));
-    for (const machine of seen.machines) parts.push(this.machine(machine));
+    const parts = [element('p', seen.told
+      ? `As told by the trace until ${seconds(t)}. A recording holds no states, timers and inboxes.`
+      : `${seen.events} events, result: ${seen.result}, at ${seconds(t)}`)];
+    for (const crash of seen.crashes ?? []) parts.push(element('p', `crashed: ${crash}`));
+    for (const machine of seen.machines) parts.push(seen.told ? this.told(machine) : this.machine(machine));
+    if (seen.told) parts.push(this.packets(seen.packets), this.tubes(id, t));
     const last = this.details('last events', `last events (${seen.last.length})`);
     last.append(element('pre', seen.last.map(([at, name, event]) => `${seconds(at)} ${name} ${event}`).join('\n')));
     parts.push(last);
     $('machines').replaceChildren(...parts);
+  }
+  // What a machine has told last.
+  told({ name, module, state, at }) {
+    const details = this.details(name, `${name}: ${String(state).slice(0, 44)}`);
+    details.append(element('p', `${module ? `${module}, ` : ''}told at ${seconds(at)}`), element('pre', state));
+    return details;
+  }
+  packets(packets) {
+    const details = this.details('packets', `last packets (${packets.length})`), list = element('ul', '');
+    list.append(...packets.map(packet => element('li', words(packet))));
+    details.append(list);
+    return details;
+  }
+  tubes(id, t) {
+    const robot = this.team.robots.get(id), tubes = robot ? robot.tubes(t) : [];
+    const details = this.details('tubes', `tubes that it holds (${tubes.length})`);
+    details.append(element('pre', tubes.map(tube => tube.map(mm => (mm / 1000).toFixed(2)).join(', ')).join('\n')));
+    return details;
   }
   machine({ name, module, state, data, timers }) {
     const short = String(state).split('\n')[0].slice(0, 44);
@@ -153,6 +176,11 @@ export class Panel {
     if (state.selected !== null && state.live && this.asked !== moment && team.run.kind === 'simulation') {
       this.asked = moment;
       this.send({ do: 'look', robot: state.selected });
+    }
+    if (state.selected !== null && team.run.kind === 'recording' && state.playing === undefined &&
+        this.asked !== t + 0.5) {
+      this.asked = t + 0.5;
+      this.send({ do: 'look', robot: state.selected, at: t });
     }
   }
   where(t) {
