@@ -1,5 +1,5 @@
 %% @doc Gathers from the messages of a run ({@link starl_trace_message}) what its film shows: the floor,
-%% the lines to paint, the ways of the robots, their ink, and when they were down. A pure module.
+%% the lines to paint, the ways of the robots, their ink, when they were down, and cut links. A pure module.
 %% ```
 %%   {ok, Cast, _} = starl_trace_reader:fold(fun starl_film_cast:message/2, starl_film_cast:new(), File),
 %%   {ok, Scene} = starl_film_cast:scene(Cast)
@@ -18,6 +18,8 @@
     poses = #{} :: #{starl:robot_id() => [starl_film_series:point(), ...]},
     pens = #{} :: #{starl:robot_id() => [{integer(), up | down}]},
     states = #{} :: #{starl:robot_id() => [{integer(), up | down}]},
+    %% by their names, as they were told last
+    faults = #{} :: #{Name :: term() => tuple()},
     until = 0 :: integer()
 }).
 
@@ -29,6 +31,7 @@
     floor := {number(), number()},
     lines := [{starl_geometry:point(), starl_geometry:point()}],
     actors := [actor()],
+    cuts := [starl_film_cuts:cut()],
     end_us := integer()
 }.
 
@@ -52,8 +55,10 @@ new() -> #cast{}.
 
 %% @doc Takes a message into account.
 -spec message(starl_trace_message:t(), t()) -> t().
-message({scenario, _, Facts}, Cast) ->
-    Cast#cast{facts = Facts};
+message({scenario, _, #{scenario := Scenario} = Facts}, Cast) ->
+    lists:foldl(fun fault/2, Cast#cast{facts = Facts}, maps:get(faults, Scenario, []));
+message({faults, _, {_BeganOrEnded, Fault}}, Cast) ->
+    fault(Fault, Cast);
 message({trace, At, {Robot, Machine, Event}}, #cast{until = Until} = Cast) ->
     event(Machine, Event, At, Robot, Cast#cast{until = max(At, Until)});
 message({poses, At, #{robots := Robots}}, #cast{until = Until} = Cast) ->
@@ -62,6 +67,9 @@ message({verdicts, _, {ended, #{end_us := End}}}, #cast{until = Until} = Cast) -
     Cast#cast{until = max(End, Until)};
 message(_, Cast) ->
     Cast.
+
+fault(Fault, #cast{faults = Faults} = Cast) ->
+    Cast#cast{faults = Faults#{element(1, Fault) => Fault}}.
 
 event(chassis, {motion, Piece}, _At, Robot, #cast{pieces = Pieces} = Cast) ->
     T0 = starl_trajectory:start_us(Piece),
@@ -115,6 +123,7 @@ scene(#cast{facts = Facts, until = Until} = Cast) ->
         floor => floor_of(Scenario),
         lines => lines(Monitors),
         actors => [actor(Id, Way, Cast) || {Id, Way} <- lists:sort(maps:to_list(Ways))],
+        cuts => starl_film_cuts:cuts(maps:values(Cast#cast.faults), maps:keys(Ways), Until),
         end_us => Until
     }}.
 

@@ -7,14 +7,16 @@
 
 %% @doc The team and its ink at a time.
 -spec at(integer(), unicode:chardata(), starl_film_cast:scene()) -> binary().
-at(T, Title, #{actors := Actors, lines := Lines} = Scene) ->
+at(T, Title, #{actors := Actors, lines := Lines, cuts := Cuts} = Scene) ->
     Page = starl_film_draw:page(Scene),
+    Holding = starl_film_cuts:holds(T, Cuts),
     iolist_to_binary([
         starl_film_draw:open(day, foot, Page),
         starl_film_draw:style(Page),
         starl_film_draw:target(Lines, Page),
         [ink(T, Actor, Page) || Actor <- Actors],
-        [robot(T, Actor, Page) || Actor <- Actors],
+        [link(T, Link, Actors, Page) || Link <- starl_film_cuts:links(Holding)],
+        [robot(T, Actor, Holding, Page) || Actor <- Actors],
         foot(T, Title, Scene, Page),
         "</svg>\n"
     ]).
@@ -29,10 +31,25 @@ stroke(T, [{From, _} | _] = Stroke, Page) ->
     Points = starl_film_series:thin(?INK_MM, starl_film_series:slice(From, Until, Stroke)),
     starl_film_draw:path([starl_film_draw:place({X, Y}, Page) || {_, [X, Y]} <- Points]).
 
-robot(T, #{id := Id, way := Way, down := Down}, Page) ->
-    [X, Y, Heading] = starl_film_series:at(T, Way),
+link(T, {A, B, _}, Actors, Page) ->
+    [{X1, Y1}, {X2, Y2}] = [
+        place(T, Way, Page)
+     || Id <- [A, B], #{id := Actor, way := Way} <- Actors, Actor =:= Id
+    ],
+    [
+        io_lib:format("<line x1=\"~b\" y1=\"~b\" x2=\"~b\" y2=\"~b\" ", [X1, Y1, X2, Y2]),
+        [starl_film_cuts:line(Page), "/>\n"]
+    ].
+
+place(T, Way, Page) ->
+    [X, Y, _] = starl_film_series:at(T, Way),
+    starl_film_draw:place({X, Y}, Page).
+
+robot(T, #{id := Id, way := Way, down := Down}, Cuts, Page) ->
+    [_, _, Heading] = starl_film_series:at(T, Way),
     {Body, Number} = starl_film_draw:body(Id, Page),
-    {PX, PY} = starl_film_draw:place({X, Y}, Page),
+    {PX, PY} = place(T, Way, Page),
+    Rings = [[starl_film_cuts:ring(Page), "/>"] || _ <- starl_film_cuts:rings(Id, Cuts)],
     Opacity =
         case [Span || {From, To} = Span <- Down, From =< T, T =< To] of
             [] -> "";
@@ -41,7 +58,7 @@ robot(T, #{id := Id, way := Way, down := Down}, Page) ->
     [
         io_lib:format("<g transform=\"translate(~b,~b)\"~s>", [PX, PY, Opacity]),
         io_lib:format("<g transform=\"rotate(~.1f)\">", [-Heading * 180 / math:pi()]),
-        [Body, "</g>", Number, "</g>\n"]
+        [Body, "</g>", Number, Rings, "</g>\n"]
     ].
 
 foot(T, Title, #{end_us := End}, #{width := Width, height := Height, dot := Dot}) ->

@@ -2,8 +2,6 @@
 %% an image of another page. It shows the robots on their ways, the ink as it is drawn, and a clock;
 %% it ends with the whole picture, rests, and begins again. A program that does not animate shows the
 %% whole picture. A pure module.
-%%
-%% Each animation takes the time of the whole film, so all of them stay together.
 -module(starl_film_svg).
 
 -export([film/2]).
@@ -16,16 +14,10 @@
 -record(film, {
     page :: starl_film_draw:page(),
     end_us :: pos_integer(),
-    %% the part of the film that moves
-    part :: float(),
-    %% the attributes of each animation
-    dur :: iodata()
+    time :: starl_film_animate:t()
 }).
 
--define(REST_S, 4.0).
 -define(WAY_MM, 6.0).
-%% Times are told to within half of this: a robot drives about 2 mm meanwhile.
--define(STEP_US, 8000).
 -define(INK_MM, 3.0).
 -define(TURN_RAD, 0.06).
 %% The clock shows so many different times at most.
@@ -33,14 +25,13 @@
 
 %% @doc The film of a scene.
 -spec film(starl_film_cast:scene(), options()) -> binary().
-film(#{actors := Actors, lines := Lines, end_us := End} = Scene, Options) ->
-    #{seconds := Seconds, title := Title} = Options,
+film(#{actors := Actors, lines := Lines, end_us := End, cuts := Cuts} = Scene, Options) ->
+    #{title := Title} = Options,
     Page = starl_film_draw:page(Scene),
     Film = #film{
         page = Page,
         end_us = max(1, End),
-        part = Seconds / (Seconds + ?REST_S),
-        dur = dur(Seconds + ?REST_S, maps:get(once, Options, false))
+        time = starl_film_animate:new(End, Options)
     },
     iolist_to_binary([
         starl_film_draw:open(day, foot, Page),
@@ -48,18 +39,11 @@ film(#{actors := Actors, lines := Lines, end_us := End} = Scene, Options) ->
         starl_film_draw:style(Page),
         starl_film_draw:target(Lines, Page),
         [ink(Actor, Film) || Actor <- Actors],
-        [robot(Actor, Film) || Actor <- Actors],
+        [link(Link, Actors, Film) || Link <- starl_film_cuts:links(Cuts)],
+        [robot(Actor, Cuts, Film) || Actor <- Actors],
         foot(Title, Film),
         "</svg>\n"
     ]).
-
-dur(Seconds, Once) ->
-    Again =
-        case Once of
-            true -> "\" fill=\"freeze\"";
-            false -> "\" repeatCount=\"indefinite\""
-        end,
-    [" dur=\"", starl_film_draw:number(float(Seconds)), "s", Again].
 
 %% -- ink ------------------------------------------------------------------------------------
 
@@ -110,7 +94,7 @@ driven([{T, {X, Y}} | Points], {X0, Y0}, Length, Driven) ->
 
 %% -- robots ---------------------------------------------------------------------------------
 
-robot(#{id := Id, way := Way, down := Down}, #film{page = Page} = Film) ->
+robot(#{id := Id, way := Way, down := Down}, Cuts, #film{page = Page} = Film) ->
     {Body, Number} = starl_film_draw:body(Id, Page),
     Places = [
         {T, pair(starl_film_draw:place({X, Y}, Page))}
@@ -126,8 +110,42 @@ robot(#{id := Id, way := Way, down := Down}, #film{page = Page} = Film) ->
         animate("animateTransform attributeName=\"transform\" type=\"translate\"", Places, Film),
         ["<g transform=\"rotate(", last(Turns), ")\">"],
         animate("animateTransform attributeName=\"transform\" type=\"rotate\"", Turns, Film),
-        [Body, "</g>", Number, "</g></g>\n"]
+        [Body, "</g>", Number, ring(starl_film_cuts:rings(Id, Cuts), Film), "</g></g>\n"]
     ].
+
+ring([], _Film) ->
+    [];
+ring(Spans, #film{page = Page, time = Time}) ->
+    [
+        [starl_film_cuts:ring(Page), " opacity=\"0\">"],
+        [starl_film_animate:shown(Spans, Time), "</circle>"]
+    ].
+
+%% A cut link: a line between two robots that drive.
+link({A, B, Span}, Actors, #film{page = Page, time = Time} = Film) ->
+    Ends = [
+        end_of(Key, Way, Span, Film)
+     || {Key, Id} <- [{"1", A}, {"2", B}], #{id := Actor, way := Way} <- Actors, Actor =:= Id
+    ],
+    [
+        ["<line opacity=\"0\" ", starl_film_cuts:line(Page), $>],
+        [starl_film_animate:shown([Span], Time), Ends, "</line>\n"]
+    ].
+
+end_of(Key, Way, {From, To}, #film{page = Page} = Film) ->
+    Points = starl_film_series:slice(From, To, [{T, [X, Y]} || {T, [X, Y, _]} <- Way]),
+    Places = [
+        {T, starl_film_draw:place({X, Y}, Page)}
+     || {T, [X, Y]} <- starl_film_series:thin(?WAY_MM, Points)
+    ],
+    [
+        coordinate([$x, Key], [{T, X} || {T, {X, _}} <- Places], Film),
+        coordinate([$y, Key], [{T, Y} || {T, {_, Y}} <- Places], Film)
+    ].
+
+coordinate(Name, Keys, Film) ->
+    Values = [{T, integer_to_list(Value)} || {T, Value} <- Keys],
+    animate(["animate attributeName=\"", Name, $"], Values, Film).
 
 pair({X, Y}) -> [integer_to_list(X), $,, integer_to_list(Y)].
 
@@ -239,32 +257,9 @@ turning(Keys, Film) ->
         Film
     ).
 
-%% -- animations -----------------------------------------------------------------------------
+%% -------------------------------------------------------------------------------------------
 
-animate(What, [{First, Value} | _] = Keys, Film) ->
-    All = [{0, Value} || First > 0] ++ Keys,
-    Steps = steps(Film),
-    Moments = [{moment(T, Steps, Film), V} || {T, V} <- All] ++ [{Steps, last(Keys)}],
-    [
-        [$<, What, Film#film.dur, " keyTimes=\""],
-        lists:join($;, [decimal(M, Steps) || {M, _} <- Moments]),
-        "\" values=\"",
-        lists:join($;, [V || {_, V} <- Moments]),
-        "\"/>"
-    ].
-
-%% The steps of the film's time: a power of ten.
-steps(#film{end_us = End, part = Part}) -> power(1000, End / Part / ?STEP_US).
-
-power(Steps, Least) when Steps < Least -> power(10 * Steps, Least);
-power(Steps, _Least) -> Steps.
-
-moment(T, Steps, #film{end_us = End, part = Part}) ->
-    max(0, min(Steps, round(Steps * Part * T / End))).
-
-decimal(0, _Steps) -> "0";
-decimal(Steps, Steps) -> "1";
-decimal(M, Steps) -> [$. | string:trim(tl(integer_to_list(Steps + M)), trailing, "0")].
+animate(What, Keys, #film{time = Time}) -> starl_film_animate:values(What, Keys, Time).
 
 escape(Text) ->
     unicode:characters_to_binary([escaped(C) || C <- unicode:characters_to_list(Text)]).

@@ -59,6 +59,68 @@ the_animation_test() ->
     ?assertMatch({_, _}, binary:match(Svg, <<"<g transform=\"translate(1500,1500)\">">>)),
     {_, []} = xmerl_scan:string(binary_to_list(Svg)).
 
+%% Robot 1 drives 500 mm a second; its link to robot 2 is cut from 1 s to 2 s, by two faults; robot 2 is
+%% alone from 1.5 s on, and nobody has said until when.
+parted() ->
+    Facts = #{
+        app => starl_painting,
+        scenario => #{
+            world => {4000, 2000},
+            faults => [
+                {there, 1000, 2000, loss, {1, 2}, #{}},
+                {back, 1000, 2000, loss, {2, 1}, #{}},
+                {all, 1000, 2000, loss, all, #{}},
+                {unknown, 1000, 2000, isolate, 3, #{}},
+                {late, 9000, 9500, isolate, 1, #{}},
+                {killed, 1000, 1000, kill_robot, 1, #{}}
+            ]
+        },
+        monitors => []
+    },
+    Messages = [
+        {scenario, 0, Facts},
+        {trace, 0, {1, chassis, {motion, {piece, 0, 500.0, 500.0, 0.0, 500.0, 0.0}}}},
+        {trace, 0, {2, chassis, {motion, {piece, 0, 500.0, 1500.0, 0.0, 0.0, 0.0}}}},
+        {faults, 1500000, {began, {hand_1, 1500, forever, isolate, [2], #{}}}},
+        {trace, 3000000, {2, robot, down}}
+    ],
+    Cast = lists:foldl(fun starl_film_cast:message/2, starl_film_cast:new(), Messages),
+    {ok, Scene} = starl_film_cast:scene(Cast),
+    Scene.
+
+cuts_test() ->
+    #{cuts := Cuts} = parted(),
+    Expected = [{{ring, 2}, {1500000, 3000000}}, {{link, 1, 2}, {1000000, 2000000}}],
+    ?assertEqual(Expected, Cuts).
+
+cuts_in_the_film_test() ->
+    Svg = starl_film_svg:film(parted(), #{seconds => 6.0, title => "t"}),
+    {_, []} = xmerl_scan:string(binary_to_list(Svg)),
+    %% 3 s of 10 s take 6 s: from 1 s to 2 s is from .2 to .4
+    Line =
+        "<line opacity=\"0\" stroke=\"#c40d2e\" .*\"opacity\".*keyTimes=\"0;.2;.4;1\" values=\"0;1;0;0\""
+        ".*\"x1\".*keyTimes=\"0;.2;.4;1\" values=\"1000;1000;1500;1500\""
+        ".*\"y2\".*values=\"500;500;500;500\"/></line>\n",
+    ?assertMatch({match, _}, re:run(Svg, Line)),
+    Ring =
+        "<circle r=\"200.0?\" [^>]*opacity=\"0\"><animate [^>]*keyTimes=\"0;.3;.6;1\" values=\"0;1;0;0\"/>",
+    {match, Rings} = re:run(Svg, Ring, [global]),
+    ?assertEqual(1, length(Rings)).
+
+cuts_in_a_frame_test() ->
+    Frame = fun(T) -> starl_film_frame:at(T, "t", parted()) end,
+    Drawn = fun(T) ->
+        {
+            re:run(Frame(T), "<line x1=\"1250\" y1=\"1500\" x2=\"500\" y2=\"500\"") =/= nomatch,
+            binary:match(Frame(T), <<"<line">>) =/= nomatch,
+            length(binary:matches(Frame(T), <<"stroke-dasharray">>))
+        }
+    end,
+    ?assertEqual({false, false, 0}, Drawn(900000)),
+    ?assertEqual({true, true, 2}, Drawn(1500000)),
+    ?assertEqual({false, false, 1}, Drawn(2000000)),
+    {_, []} = xmerl_scan:string(binary_to_list(Frame(1500000))).
+
 a_frame_test() ->
     Svg = starl_film_frame:at(1500000, "t", scene()),
     ?assertMatch({_, _}, binary:match(Svg, <<"d=\"M1000,1500l250,0\"">>)),

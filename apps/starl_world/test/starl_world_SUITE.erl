@@ -3,7 +3,7 @@
 -module(starl_world_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 
--export([all/0, init_per_testcase/2, end_per_testcase/2]).
+-export([all/0, suite/0, init_per_testcase/2, end_per_testcase/2]).
 -export([
     message/1,
     long_computation/1,
@@ -22,6 +22,9 @@
 ]).
 
 -define(PACE, 10).
+
+%% A run that does not end fails.
+suite() -> [{timetrap, {minutes, 3}}].
 
 all() ->
     [
