@@ -301,6 +301,8 @@ recording(Config) ->
         ok = ?B:open(Url, Browser),
         ok = ?B:await("starl.team.clock.ending", Browser),
         [moment(Us, Browser) || Us <- [30000000, 75500000, 12345000, 62000000]],
+        %% no packet is left out
+        ?assertEqual(packets(File), ?B:eval("starl.team.packets.length", Browser)),
         %% robot 2 has died a moment ago
         ?assertEqual(
             <<"died">>, ?B:eval("starl.team.robots.get(2).condition(starl.state.shown)", Browser)
@@ -335,6 +337,13 @@ told_by_the_trace(File, Browser) ->
             Browser
         )
     ).
+
+packets(File) ->
+    Count = fun(Message, N) ->
+        N + length([p || [<<"p">> | _] <- starl_view_row:of_message(Message)])
+    end,
+    {ok, Packets, closed} = starl_trace_reader:fold(Count, 0, File),
+    Packets.
 
 %% The machines of a robot that have told anything until then.
 told(Robot, Us, File) ->

@@ -23,16 +23,18 @@
     sections = [] :: [section()],
     section_rows :: pos_integer(),
     head = [] :: [starl_view_row:row()],
-    %% the end of what the hub is told; the time of its last frame
+    %% the end of what the hub is told; the time and the number of rows at its last frame
     first = open :: open | integer(),
-    framed = 0 :: integer(),
+    framed = {0, 0} :: {Us :: integer(), Rows :: integer()},
     ended = none :: starl_trace_reader:ended() | none,
     caller = none :: gen_server:from() | none
 }).
 
 -type section() :: {FromUs :: integer(), starl_view_past:t()}.
 
+%% Of more rows at once the hub would leave out packets.
 -define(FRAME_US, 1000000).
+-define(FRAME_ROWS, 200).
 -define(SECTION_ROWS, 5000).
 %% What a page gets at once: sections, of which some are before the moment that it wants.
 -define(SECTIONS, 10).
@@ -146,17 +148,18 @@ told(Message, #recording{past = Past, hub = Hub, first = First} = Recording) ->
     _ = First =:= open andalso [ok = starl_view_hub:put(Hub, Row) || Row <- Rows],
     due(Recording#recording{past = Next}).
 
-due(#recording{first = open, framed = Before, past = Past} = Recording) ->
-    case starl_view_past:now_us(Past) of
-        Now when Now >= Before + ?FRAME_US -> framed(Now, Recording);
-        _ -> Recording
+due(#recording{first = open, framed = {Us, Rows}, past = Past} = Recording) ->
+    {Now, Count} = {starl_view_past:now_us(Past), starl_view_past:count(Past)},
+    case Now >= Us + ?FRAME_US orelse Count >= Rows + ?FRAME_ROWS of
+        true -> framed(Now, Recording);
+        false -> Recording
     end;
 due(Recording) ->
     Recording.
 
-framed(Now, #recording{hub = Hub} = Recording) ->
+framed(Now, #recording{hub = Hub, past = Past} = Recording) ->
     ok = starl_view_hub:clock(Hub, (clock(Recording))#{now_us => Now}),
-    Recording#recording{framed = Now}.
+    Recording#recording{framed = {Now, starl_view_past:count(Past)}}.
 
 clock(#recording{ended = none}) ->
     #{speed => 1, paused => true, running => 0, ending => null};

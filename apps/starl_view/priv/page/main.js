@@ -208,7 +208,8 @@ function rarely() {
   slider.value = t;
   slider.setAttribute('aria-valuetext', seconds(t));
   $('figures').textContent = (state.live || team.run.kind === 'recording' ? '' : 'in the past · ') +
-    (isRecording() && !has(state.shown) ? 'reading …' : clock.ending ? `over: ${clock.ending}` : clock.paused ? 'paused' : `${clock.real ?? ''} × real time`) +
+    (isRecording() && !has(state.shown) ? 'reading …' : isRecording() && state.shown < team.until ? 'recording' :
+      clock.ending ? `over: ${clock.ending}` : clock.paused ? 'paused' : `${clock.real ?? ''} × real time`) +
     ` · ${state.fps} frames/s` + (team.leftOut ? ` · ${team.leftOut} packets not shown` : '');
   marks($('marks'), floor, team, Math.max(team.until, 1));
   if (isRecording() && state.asked) want(state.shown);

@@ -140,7 +140,8 @@ export class Panel {
   tubes(id, t) {
     const robot = this.team.robots.get(id), tubes = robot ? robot.tubes(t) : [];
     const details = this.details('tubes', `tubes that it holds (${tubes.length})`);
-    details.append(element('pre', tubes.map(tube => tube.map(mm => (mm / 1000).toFixed(2)).join(', ')).join('\n')));
+    details.append(element('pre', tubes.map(tube => tube.map(mm => (mm / 1000).toFixed(2)))
+      .map(([x1, y1, x2, y2]) => `${x1}, ${y1} → ${x2}, ${y2} m`).join('\n')));
     return details;
   }
   machine({ name, module, state, data, timers }) {
@@ -220,7 +221,7 @@ export class Panel {
       const over = fault.to <= t && fault.to > fault.from;
       const item = element('li', `${fault.id}: ${fault.kind.replaceAll('_', ' ')} ${fault.target} ` +
         `from ${seconds(fault.from)}${fault.to > fault.from ? ` to ${fault.to > 9e11 ? '…' : seconds(fault.to)}` : ''} `);
-      item.className = over ? 'over' : '';
+      item.className = over || fault.from > t ? 'over' : '';
       if (!over && fault.from <= t && fault.to > fault.from && this.team.run.kind === 'simulation')
         item.append(element('button', 'heal', { onclick: () => this.hand({ do: 'heal', id: fault.id }) }));
       return item;
