@@ -105,7 +105,8 @@ cuts_in_the_film_test() ->
     Ring =
         "<circle r=\"200.0?\" [^>]*opacity=\"0\"><animate [^>]*keyTimes=\"0;.3;.6;1\" values=\"0;1;0;0\"/>",
     {match, Rings} = re:run(Svg, Ring, [global]),
-    ?assertEqual(1, length(Rings)).
+    ?assertEqual(1, length(Rings)),
+    ?assertEqual(1, length(binary:matches(Svg, <<"<circle r=\"200">>))).
 
 cuts_in_a_frame_test() ->
     Frame = fun(T) -> starl_film_frame:at(T, "t", parted()) end,

@@ -26,6 +26,20 @@ goal_test() ->
     ?assertNot(?P:rests(?P:arrived(1, 6999, Pace))),
     ?assert(?P:rests(?P:arrived(1, 7000, Pace))).
 
+%% A run may go on from its goal, from there at its speed.
+goes_on_test() ->
+    Going = ?P:arrived(9000, 7000, ?P:goal(7000, true, ?P:new(1, true, 0))),
+    ?assertNot(?P:rests(Going)),
+    ?assertEqual(1007000, ?P:target(10000, ?END_US, Going)).
+
+%% The next piece begins a tick after the last one did, at once if that took longer.
+wait_test() ->
+    Pace = ?P:new(1, false, 0),
+    ?assertEqual(?P:wait_ms(100, 100, Pace) - 7, ?P:wait_ms(100, 107, Pace)),
+    ?assert(?P:wait_ms(100, 107, Pace) > 0),
+    ?assertEqual(0, ?P:wait_ms(100, 900, Pace)),
+    ?assertEqual(0, ?P:wait_ms(100, 107, ?P:speed(max, Pace))).
+
 %% A run that is too slow for its speed goes on from where it is; a little lost is made up for.
 late_test() ->
     Pace = ?P:new(1, false, 0),
@@ -43,4 +57,9 @@ piece_test() ->
 measured_test() ->
     Pace = ?P:new(1, false, 0),
     ?assertMatch(#{real := 0.0}, ?P:clock(?P:measured(499, 900000, Pace))),
-    ?assertMatch(#{real := 3.0}, ?P:clock(?P:measured(500, 1500000, Pace))).
+    Measured = ?P:measured(500, 1500000, Pace),
+    ?assertMatch(#{real := 3.0}, ?P:clock(Measured)),
+    %% a run that goes back in time has no speed at first, and then its own
+    Back = ?P:measured(600, 200000, Measured),
+    ?assertMatch(#{real := 0.0}, ?P:clock(Back)),
+    ?assertMatch(#{real := 2.0}, ?P:clock(?P:measured(1500, 2200000, Back))).

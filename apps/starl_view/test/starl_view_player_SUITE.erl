@@ -163,7 +163,29 @@ found_at_the_end(_Config) ->
     Late = #{app => painting, robots => 2, seed => 1, converge => 15},
     {_, _, Rows} = played(Late, []),
     Broken = [{Contract, Robots} || [<<"v">>, _, Contract, _, Robots] <- Rows],
-    ?assertEqual([{<<"progress">>, [1, 2]}], Broken).
+    ?assertEqual([{<<"progress">>, [1, 2]}], Broken),
+    {ok, Hub} = starl_view_hub:start_link(#{}),
+    {ok, Run} = starl_view_run:start(#{hub => Hub, scenario => Late}),
+    Over = starl_view_run:judge(starl_view_run:run(7200000000, Run)),
+    ?assertEqual(1, violations(Hub)),
+    ?assertEqual(1, violations(Hub, starl_view_run:judge(Over))),
+    Anew = starl_view_run:changed([], Over),
+    ?assertEqual(0, violations(Hub)),
+    ?assertEqual(1, violations(Hub, starl_view_run:judge(Anew))),
+    ok = starl_view_run:close(Anew).
+
+violations(Hub, _Run) -> violations(Hub).
+
+%% What a new page is told.
+violations(Hub) ->
+    ok = starl_view_hub:clock(Hub, #{now_us => 0}),
+    {ok, _, _} = starl_view_hub:join(Hub),
+    ok = starl_view_hub:want(Hub, {0, 0}),
+    receive
+        {frames, Frames, _} ->
+            {ok, Rows} = starl_view_json:decode(iolist_to_binary([$[, Frames, $]])),
+            length([v || [<<"v">> | _] <- lists:foldl(fun kept/2, [], Rows)])
+    end.
 
 %% A hand is told under the topic of faults, with its beginning and its end.
 viewers_see_hands(_Config) ->
