@@ -202,6 +202,7 @@ the_command_line_records(Config) ->
     ?assertNotEqual(nomatch, string:find(Judged, "no contract is broken")),
     {0, Info} = sh(Config, "info " ++ File),
     ?assertNotEqual(nomatch, string:find(Info, "foxglove.FrameTransforms")),
+    ?assertEqual(starl_mcap_zstd:is_there(), string:find(Info, ", zstd") =/= nomatch),
     {2, Line} = sh(Config, "judge " ++ filename:join(Dir, "report.txt")),
     ?assertNotEqual(nomatch, string:find(Line, "this is no recording")),
     Cut = file(Config, "part.mcap"),
@@ -233,10 +234,16 @@ pythons_reader_takes_it(Config) ->
 pythons_reader_takes_it(Python, Config) ->
     File = file(Config, "python.mcap"),
     #{end_us := End} = recorded(#{app => painting, robots => 3, time => 40}, File),
-    {0, Text} = program(Python, [data("read_all.py"), File], []),
     Lines = counted(File),
     ?assertEqual("end " ++ integer_to_list(1000 * End), lists:last(Lines)),
-    ?assertEqual(Lines, string:lexemes(Text, "\n")).
+    [
+        begin
+            {ok, #{not_packed := none}} = starl_mcap_recover:file(File, File, How),
+            {0, Text} = program(Python, [data("read_all.py"), File], []),
+            ?assertEqual(Lines, string:lexemes(Text, "\n"))
+        end
+     || How <- [as_is, packed]
+    ].
 
 %% Beside the source: the data_dir of a suite that runs with those of test/ is another one.
 data(Name) ->
@@ -298,10 +305,14 @@ gos_reader_takes_all_kinds(Program, Config) ->
      || How <- [cut, chunk, summary]
     ].
 
-kinds() -> ["simulated", "recovered", "empty", "one", "robots_own", "merged"].
+kinds() -> ["simulated", "packed", "recovered", "empty", "one", "robots_own", "merged"].
 
 made("simulated", File) ->
     _ = recorded(#{app => painting, robots => 3, time => 40}, File),
+    true;
+made("packed", File) ->
+    {ok, #{not_packed := none}} =
+        starl_mcap_recover:file(beside(File, "simulated"), File, packed),
     true;
 made("recovered", File) ->
     {ok, Bytes} = file:read_file(beside(File, "simulated")),

@@ -14,6 +14,9 @@ all() ->
         a_file_has_what_the_specification_asks,
         whole_chunks_are_recovered,
         a_damaged_chunk_is_left_out,
+        packed_chunks_hold_the_same,
+        packed_files_are_recovered,
+        without_zstandard_a_line_tells,
         merged_recordings_are_the_whole,
         reading_begins_at_any_time,
         other_files_are_told,
@@ -197,6 +200,141 @@ a_damaged_chunk_is_left_out(Config) ->
     ?assertEqual(length(Chunks) - 1, N),
     ?assertEqual([C || {P, C} <- Chunks, P =/= At], chunks(Out)),
     ?assertMatch({ok, _, {damaged, _}}, starl_trace_reader:fold(fun gather/2, [], File)).
+
+%% Chunks that were joined and packed: the same messages, in the same order, piece by piece; every
+%% index points to its message.
+packed_chunks_hold_the_same(Config) ->
+    Plain = file(Config, "plain.mcap"),
+    File = file(Config, "packed.mcap"),
+    ok = starl_trace_ct:recorded(Plain, starl_trace_ct:told(starl_trace_ct:events(3000, 15000))),
+    {ok, #{not_packed := none, chunks := N}} = starl_mcap_recover:file(Plain, File, packed),
+    ?assertEqual(starl_mcap_zstd:is_there(), filelib:file_size(File) < filelib:file_size(Plain)),
+    ?assertEqual(starl_mcap_zstd:is_there(), length(chunks(File)) < N),
+    ?assertEqual(pieces(Plain), pieces(File)),
+    {ok, Bytes} = file:read_file(File),
+    Inside = [
+        {C, starl_mcap_chunk:contents(C)}
+     || {_, C} <- records(Bytes), element(1, C) =:= chunk
+    ],
+    Indexed = indexed(records(Bytes), none, []),
+    ?assertEqual(
+        lists:sum([length(messages_of(B)) || {_, {ok, B}} <- Inside]), length(Indexed)
+    ),
+    [
+        begin
+            {C, {ok, B}} = lists:keyfind(C, 1, Inside),
+            <<_:Place/binary, Rest/binary>> = B,
+            ?assertMatch(
+                {ok, {message, Channel, _, Time, _, _}, _}, starl_mcap_record:decode(Rest)
+            )
+        end
+     || {C, Channel, Time, Place} <- Indexed
+    ],
+    %% once more: nothing changes
+    {ok, #{not_packed := none}} = starl_mcap_recover:file(File, File, packed),
+    ?assertEqual({ok, Bytes}, file:read_file(File)).
+
+pieces(File) ->
+    {ok, Cursor} = starl_trace_reader:start(File),
+    pieces(starl_trace_reader:next(Cursor), []).
+
+pieces({ok, Messages, Cursor}, Pieces) ->
+    pieces(starl_trace_reader:next(Cursor), [Messages | Pieces]);
+pieces({ended, closed}, Pieces) ->
+    Pieces.
+
+messages_of(Bytes) ->
+    {ok, Records} = starl_mcap_record:decode_all(Bytes),
+    [M || M <- Records, element(1, M) =:= message].
+
+indexed([], _Chunk, Indexed) ->
+    Indexed;
+indexed([{_, Record} | Records], _Chunk, Indexed) when element(1, Record) =:= chunk ->
+    indexed(Records, Record, Indexed);
+indexed([{_, {message_index, Channel, Entries}} | Records], Chunk, Indexed) ->
+    indexed(Records, Chunk, [{Chunk, Channel, T, At} || {T, At} <- Entries] ++ Indexed);
+indexed([_ | Records], Chunk, Indexed) ->
+    indexed(Records, Chunk, Indexed).
+
+%% Cut off anywhere, also within a packed chunk: what was whole is there. A wrong byte costs its chunk.
+packed_files_are_recovered(Config) ->
+    case starl_mcap_zstd:is_there() of
+        true -> packed_are_recovered(Config);
+        false -> {skip, "no program zstd"}
+    end.
+
+packed_are_recovered(Config) ->
+    [File, Cut, Out] = [file(Config, Name) || Name <- ["big.mcap", "big-cut.mcap", "big-out.mcap"]],
+    ok = file:write_file(Cut, big(30)),
+    {ok, #{chunks := 30, not_packed := none}} = starl_mcap_recover:file(Cut, File, packed),
+    {ok, Bytes} = file:read_file(File),
+    Ends = [
+        {At, At + byte_size(iolist_to_binary(starl_mcap_record:encode(C))), C}
+     || {At, C} <- records(Bytes), element(1, C) =:= chunk
+    ],
+    ?assertMatch([{chunk, _, _, _, _, <<"zstd">>, _}, _, _ | _], chunks(File)),
+    [
+        begin
+            ok = file:write_file(Cut, binary:part(Bytes, 0, Size)),
+            Whole = [C || {_, To, C} <- Ends, To =< Size],
+            {ok, #{was_closed := false}} = starl_mcap_recover:file(Cut, Out, packed),
+            ?assertEqual(Whole, chunks(Out))
+        end
+     || {_, End, _} <- tl(Ends), Size <- [End - 5000, End - 1, End]
+    ],
+    [_, {At, _, _} | _] = Ends,
+    Place = At + 1000,
+    <<Before:Place/binary, Byte, After/binary>> = Bytes,
+    ok = file:write_file(Cut, <<Before/binary, (Byte bxor 16#55), After/binary>>),
+    {ok, #{damaged := 1}} = starl_mcap_recover:file(Cut, Out, packed),
+    ?assertEqual([C || {P, _, C} <- Ends, P =/= At], chunks(Out)).
+
+%% A file of N chunks of 100 kB.
+big(N) ->
+    Channels = [{schema, 1, "big", "", ""}, {channel, 1, 1, "/big", "", []}],
+    {Head, Writer} = starl_mcap_writer:new("test", Channels),
+    {Chunks, Last} = lists:mapfoldl(
+        fun(I, W) ->
+            Data = [rand:bytes(5000), lists:duplicate(95000, $a + I rem 20)],
+            starl_mcap_writer:flush(starl_mcap_writer:message(1, I, Data, W))
+        end,
+        Writer,
+        lists:seq(1, N)
+    ),
+    [Head, Chunks, starl_mcap_writer:finish(Last)].
+
+%% A packed file on a computer that has no Zstandard.
+without_zstandard_a_line_tells(Config) ->
+    [Plain, File, Out] = [file(Config, Name) || Name <- ["as-is.mcap", "of-zstd.mcap", "no.mcap"]],
+    ok = starl_trace_ct:recorded(Plain, starl_trace_ct:told(starl_trace_ct:events(100, 15000))),
+    {ok, _} = starl_mcap_recover:file(Plain, File, packed),
+    Path = os:getenv("PATH"),
+    true = os:putenv("PATH", "/nowhere"),
+    try
+        case starl_mcap_zstd:is_there() orelse length(chunks(File)) > 1 of
+            true -> {skip, "Zstandard is always there, or never"};
+            false -> without_zstandard(Plain, File, Out)
+        end
+    after
+        os:putenv("PATH", Path)
+    end.
+
+without_zstandard(Plain, File, Out) ->
+    Line =
+        File ++ ": it is packed with zstd: install the program zstd, or Erlang/OTP 28, to read it",
+    [
+        ?assertEqual(Line, unicode:characters_to_list(Format(Reason)))
+     || {{error, Reason}, Format} <- [
+            {starl_trace_judge:file(File), fun starl_trace_judge:format_error/1},
+            {starl_trace_info:file(File), fun starl_trace_reader:format_error/1},
+            {starl_trace_merge:files([File, Plain], Out), fun starl_trace_merge:format_error/1},
+            {starl_mcap_recover:file(File, Out, packed), fun starl_mcap_recover:format_error/1}
+        ]
+    ],
+    ?assertNot(filelib:is_file(Out)),
+    %% and what is not packed stays so
+    {ok, #{not_packed := none}} = starl_mcap_recover:file(Plain, Out, packed),
+    ?assertEqual(chunks(Plain), chunks(Out)).
 
 %% The recordings of single robots, put together, have the events of the whole in the order of time.
 merged_recordings_are_the_whole(Config) ->

@@ -50,6 +50,7 @@ run(#{subject := Files, values := #{out := Given, overwrite := Overwrite}}) ->
 
 told({ok, #{messages := Messages, until_us := Until, cut_off := CutOff} = Merged}, Out) ->
     #{missing := Missing, clocks := Clocks} = Merged,
+    ok = starl_cli_recording:packed(Out),
     starl_cli_terminal:out([
         io_lib:format("~ts: ~b messages, ~.1f s\n", [Out, Messages, Until / 1.0e6]),
         [[File, ": is cut off; its end is missing\n"] || File <- CutOff],

@@ -38,7 +38,7 @@ run(#{subject := {Given, To}, values := #{overwrite := Overwrite}}) ->
             _ -> To
         end,
     case refused(File, Out, Overwrite) of
-        [] -> told(starl_mcap_recover:file(File, Out), Out);
+        [] -> told(starl_mcap_recover:file(File, Out, packed), Out);
         Problems -> {error, Problems}
     end.
 
@@ -55,6 +55,7 @@ told({ok, #{chunks := Chunks, messages := Messages} = Recovered}, Out) ->
         lost(Recovered),
         "\n"
     ]),
+    ok = starl_cli_recording:not_packed(Out, Recovered),
     0;
 told({error, Reason}, _Out) ->
     {error, [starl_mcap_recover:format_error(Reason)]}.

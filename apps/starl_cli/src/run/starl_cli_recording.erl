@@ -5,6 +5,7 @@
 -module(starl_cli_recording).
 
 -export([flags/0, wanted/2, recorded/3, options/2, nodes/2, kept/2, shown/1, found/2]).
+-export([packed/1, not_packed/2]).
 
 -export_type([t/0]).
 
@@ -12,6 +13,8 @@
 
 -define(NAME, "run.mcap").
 -define(ROBOTS, "robots").
+%% A larger file is not packed at the end of a run, since its user would wait.
+-define(MOST_PACKED, 128 * 1024 * 1024).
 
 %% @doc The flags of a run.
 -spec flags() -> [starl_cli_flags:flag()].
@@ -80,7 +83,7 @@ kept(#{recording := {Recorder, File}}, Dir) ->
     case is_process_alive(Recorder) andalso starl_trace_recorder:close(Recorder) of
         {ok, _} ->
             _ = file:rename(robots(File), filename:join(Dir, ?ROBOTS)),
-            moved(file:rename(File, filename:join(Dir, ?NAME)), File);
+            moved(File, filename:join(Dir, ?NAME));
         {error, Reason} ->
             _ = file:rename(robots(File), filename:join(Dir, ?ROBOTS)),
             _ = file:rename(File, filename:join(Dir, ?NAME)),
@@ -91,8 +94,33 @@ kept(#{recording := {Recorder, File}}, Dir) ->
 kept(#{}, _Dir) ->
     ok.
 
-moved(ok, _File) -> ok;
-moved({error, Posix}, File) -> {partly, [File, ": ", file:format_error(Posix)]}.
+moved(File, Into) ->
+    ok = packed_at_end(filelib:file_size(File), File),
+    case file:rename(File, Into) of
+        ok -> ok;
+        {error, Posix} -> {partly, [File, ": ", file:format_error(Posix)]}
+    end.
+
+packed_at_end(Size, _File) when Size > ?MOST_PACKED -> ok;
+packed_at_end(_Size, File) -> packed(File).
+
+%% @doc Packs the chunks of a recording, if Zstandard is at hand. If that fails, the file stays as it
+%% is, and a line says why.
+-spec packed(file:filename()) -> ok.
+packed(File) ->
+    case starl_mcap_recover:file(File, File, packed) of
+        {ok, Recovered} -> not_packed(File, Recovered);
+        %% nothing was recorded
+        {error, {nothing, _}} -> ok;
+        {error, Why} -> not_packed_line(File, starl_mcap_recover:format_error(Why))
+    end.
+
+%% @doc Says why chunks could not be packed, if that is so.
+-spec not_packed(file:filename(), starl_mcap_recover:recovered()) -> ok.
+not_packed(_File, #{not_packed := none}) -> ok;
+not_packed(File, #{not_packed := Why}) -> not_packed_line(File, starl_mcap_zstd:format_error(Why)).
+
+not_packed_line(File, Why) -> starl_cli_terminal:warn([File, ": not packed: ", Why]).
 
 %% @doc The file of a recording as a user names it: a file, or the directory of a run.
 -spec shown(file:filename()) -> file:filename().

@@ -1,10 +1,10 @@
 %% @doc The inside of a chunk of an MCAP file: checks it and gives its schemas, channels and
-%% messages. A pure module.
+%% messages.
 -module(starl_mcap_chunk).
 
--export([records/1, contents/1, index/1, compressions/0]).
+-export([records/1, contents/1, index/1]).
 
--export_type([reason/0, record/0]).
+-export_type([reason/0, record/0, index/0]).
 
 -type record() :: starl_mcap_record:t().
 
@@ -13,7 +13,10 @@
     | cut_off
     | checksum
     | {size, Said :: non_neg_integer()}
-    | {compression, binary()}.
+    | {packed, Compression :: binary(), unknown | starl_mcap_zstd:reason()}.
+
+%% The messages of a chunk by channel: their times, and their places among the records.
+-type index() :: #{starl_mcap_record:id() => [{starl_mcap_record:time(), non_neg_integer()}]}.
 
 %% A chunk that claims more is not unpacked.
 -define(MOST, 256 * 1024 * 1024).
@@ -31,7 +34,7 @@ records(Chunk) ->
 contents({chunk, _, _, Size, _, _, _}) when Size > ?MOST ->
     {error, {size, Size}};
 contents({chunk, _, _, Size, Crc, Compression, Records}) ->
-    case unpack(Compression, iolist_to_binary(Records)) of
+    case unpack(Compression, iolist_to_binary(Records), Size) of
         {ok, Bytes} when byte_size(Bytes) =/= Size -> {error, {size, Size}};
         {ok, Bytes} when Crc =:= 0 -> {ok, Bytes};
         {ok, Bytes} -> checked(erlang:crc32(Bytes) =:= Crc, Bytes);
@@ -41,35 +44,19 @@ contents({chunk, _, _, Size, Crc, Compression, Records}) ->
 checked(true, Bytes) -> {ok, Bytes};
 checked(false, _Bytes) -> {error, checksum}.
 
-%% @doc The compressions that can be read here: none, and zstd from OTP 28 on.
--spec compressions() -> [binary()].
-compressions() -> [<<>>] ++ [<<"zstd">> || has_zstd()].
-
-unpack(<<>>, Bytes) ->
+unpack(<<>>, Bytes, _Size) ->
     {ok, Bytes};
-unpack(<<"zstd">>, Bytes) ->
-    case has_zstd() of
-        true -> unzstd(Bytes);
-        false -> {error, {compression, <<"zstd">>}}
+unpack(<<"zstd">>, Bytes, Size) ->
+    case starl_mcap_zstd:decompress(Bytes, Size) of
+        {ok, _} = Unpacked -> Unpacked;
+        {error, damaged} -> {error, checksum};
+        {error, Reason} -> {error, {packed, <<"zstd">>, Reason}}
     end;
-unpack(Compression, _Bytes) ->
-    {error, {compression, Compression}}.
-
-has_zstd() -> code:ensure_loaded(zstd) =:= {module, zstd}.
-
-%% The module exists from OTP 28 on.
-unzstd(Bytes) ->
-    Module = binary_to_existing_atom(<<"zstd">>),
-    try
-        {ok, iolist_to_binary(Module:decompress(Bytes))}
-    catch
-        error:_ -> {error, checksum}
-    end.
+unpack(Compression, _Bytes, _Size) ->
+    {error, {packed, Compression, unknown}}.
 
 %% @doc The messages of a chunk by channel: their times and their places among the records.
--spec index(binary()) ->
-    {ok, #{starl_mcap_record:id() => [{starl_mcap_record:time(), non_neg_integer()}]}}
-    | {error, reason()}.
+-spec index(binary()) -> {ok, index()} | {error, reason()}.
 index(Bytes) -> index(Bytes, 0, #{}).
 
 index(<<>>, _At, Index) ->

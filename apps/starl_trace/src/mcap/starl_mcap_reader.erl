@@ -184,11 +184,15 @@ format_error({file, File, Posix}) ->
     io_lib:format("~ts: ~ts", [File, file:format_error(Posix)]);
 format_error({no_mcap, File}) ->
     io_lib:format("~ts: this is no recording (no MCAP file)", [File]);
+format_error({damaged, File, _Position, {packed, Name, Reason}}) ->
+    [File, ": ", packed(Name, Reason)];
 format_error({damaged, File, Position, Reason}) ->
     io_lib:format("~ts: damaged at byte ~b: ~ts", [File, Position, damage(Reason)]).
 
 damage({bad_record, Opcode}) -> io_lib:format("a record of kind ~b has a wrong content", [Opcode]);
 damage(cut_off) -> "a record does not end within its chunk";
 damage(checksum) -> "the checksum of a chunk is wrong; ./starl recover takes what is whole";
-damage({size, _}) -> "a chunk has not the size that it says";
-damage({compression, Name}) -> ["it is packed with ", Name, ", which cannot be read here"].
+damage({size, _}) -> "a chunk has not the size that it says".
+
+packed(Name, unknown) -> ["it is packed with ", Name, ", which cannot be read here"];
+packed(_Zstd, Reason) -> starl_mcap_zstd:format_error(Reason).

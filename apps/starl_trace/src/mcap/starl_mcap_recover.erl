@@ -1,20 +1,21 @@
 %% @doc Makes a whole MCAP file of one that was cut off or damaged: all chunks that are whole and
-%% whose checksums are right, with a new index and summary. Chunks stay packed as they are. Works on
-%% any MCAP file, of ours or another.
+%% whose checksums are right, with a new index and summary. Chunks stay as they are, or are joined and
+%% packed ({@link starl_mcap_pack}). Works on any MCAP file, of ours or another.
 -module(starl_mcap_recover).
 
--export([file/2, format_error/1]).
+-export([file/2, file/3, format_error/1]).
 
 -export_type([recovered/0, reason/0]).
 
 %% The figures: whole chunks and their messages, damaged chunks, whether the file had been closed,
-%% and the bytes at its end that could not be read.
+%% the bytes at its end that could not be read, and why chunks could not be packed.
 -type recovered() :: #{
     chunks := non_neg_integer(),
     messages := non_neg_integer(),
     damaged := non_neg_integer(),
     was_closed := boolean(),
-    lost_bytes := non_neg_integer()
+    lost_bytes := non_neg_integer(),
+    not_packed := none | starl_mcap_zstd:reason()
 }.
 
 -type reason() ::
@@ -27,25 +28,32 @@
     part :: starl_mcap_part:t(),
     reader :: starl_mcap_reader:t(),
     writer :: starl_mcap_writer:t(),
+    pack :: starl_mcap_pack:t(),
     chunks = 0 :: non_neg_integer(),
     messages = 0 :: non_neg_integer(),
     damaged = 0 :: non_neg_integer()
 }).
 
-%% @doc Recovers a file into another one, which is complete when it appears.
+%% @doc Recovers a file into another one, with the same chunks.
 -spec file(file:filename_all(), Out :: file:filename_all()) ->
     {ok, recovered()} | {error, reason()}.
-file(File, Out) ->
+file(File, Out) -> file(File, Out, as_is).
+
+%% @doc Recovers a file into another one, which is complete when it appears; that may be its own.
+-spec file(file:filename_all(), Out :: file:filename_all(), packed | as_is) ->
+    {ok, recovered()} | {error, reason()}.
+file(File, Out, How) ->
     case starl_mcap_reader:open(File) of
         {ok, Reader} ->
-            Answer = starl_mcap_part:make(Out, fun(Part) -> try_all(File, Reader, Part) end),
+            Pack = starl_mcap_pack:new(How),
+            Answer = starl_mcap_part:make(Out, fun(Part) -> try_all(File, Reader, Pack, Part) end),
             ok = starl_mcap_reader:close(Reader),
             Answer;
         {error, _} = Error ->
             Error
     end.
 
-try_all(File, Reader, Part) ->
+try_all(File, Reader, Pack, Part) ->
     First = starl_mcap_reader:first(Reader),
     {Library, Second} =
         case starl_mcap_reader:next(First, Reader) of
@@ -53,7 +61,9 @@ try_all(File, Reader, Part) ->
             _ -> {<<>>, First}
         end,
     {Head, Writer} = starl_mcap_writer:new(Library, []),
-    Recovery = #recovery{file = File, part = Part, reader = Reader, writer = Writer},
+    Recovery = #recovery{
+        file = File, part = Part, reader = Reader, writer = Writer, pack = Pack
+    },
     try
         all(Second, put_bytes({Head, Writer}, Recovery))
     catch
@@ -72,14 +82,16 @@ all(Position, #recovery{reader = Reader} = Recovery) ->
 
 done(_WasClosed, _Position, #recovery{messages = 0, file = File}) ->
     {error, {nothing, File}};
-done(WasClosed, Position, #recovery{writer = Writer, reader = Reader} = Recovery) ->
-    _ = put_bytes({starl_mcap_writer:finish(Writer), Writer}, Recovery),
+done(WasClosed, Position, #recovery{reader = Reader} = Recovery) ->
+    #recovery{writer = Writer, pack = Pack} = Whole = put_waiting(Recovery),
+    _ = put_bytes({starl_mcap_writer:finish(Writer), Writer}, Whole),
     {ok, #{
         chunks => Recovery#recovery.chunks,
         messages => Recovery#recovery.messages,
         damaged => Recovery#recovery.damaged,
         was_closed => WasClosed,
-        lost_bytes => lost(WasClosed, starl_mcap_reader:size(Reader) - Position)
+        lost_bytes => lost(WasClosed, starl_mcap_reader:size(Reader) - Position),
+        not_packed => starl_mcap_pack:failure(Pack)
     }}.
 
 lost(true, _Bytes) -> 0;
@@ -88,43 +100,56 @@ lost(false, Bytes) -> Bytes.
 record({chunk, _, _, Size, Crc, Compression, Packed} = Chunk, Recovery) ->
     case whole(Chunk) of
         {ok, Records, Index} ->
-            #recovery{writer = Writer} = Recovery,
-            Known = starl_mcap_writer:known(Records, Writer),
-            Counted = counted(Index, Recovery),
-            sealed({Size, Crc, Compression, Packed, Index}, Known, Counted);
-        {error, {compression, _} = Reason} ->
+            #recovery{writer = Writer} = Counted = counted(Index, Recovery),
+            Known = Counted#recovery{writer = starl_mcap_writer:known(Records, Writer)},
+            sealed({Size, Crc, Compression, Packed, Index}, Known);
+        {error, {packed, _, _} = Reason} ->
             throw({?MODULE, {damaged, Recovery#recovery.file, 0, Reason}});
         {error, _} ->
             Recovery#recovery{damaged = Recovery#recovery.damaged + 1}
     end;
-record(Record, #recovery{writer = Writer} = Recovery) when
+record(Record, Recovery) when
     element(1, Record) =:= schema;
     element(1, Record) =:= channel;
     element(1, Record) =:= metadata;
     element(1, Record) =:= attachment
 ->
-    put_bytes(starl_mcap_writer:other(Record, Writer), Recovery);
-record({message, Channel, _, Time, _, Data}, #recovery{writer = Writer, messages = N} = Recovery) ->
+    #recovery{writer = Writer} = Empty = put_waiting(Recovery),
+    put_bytes(starl_mcap_writer:other(Record, Writer), Empty);
+record({message, Channel, _, Time, _, Data}, #recovery{messages = N} = Recovery) ->
     %% outside a chunk: it gets one
+    #recovery{writer = Writer} = Empty = put_waiting(Recovery),
     Put = starl_mcap_writer:message(Channel, Time, Data, Writer),
-    put_bytes(starl_mcap_writer:flush(Put), Recovery#recovery{messages = N + 1});
+    put_bytes(starl_mcap_writer:flush(Put), Empty#recovery{messages = N + 1});
 record(_Other, Recovery) ->
     Recovery.
 
 whole(Chunk) ->
-    case {starl_mcap_chunk:records(Chunk), starl_mcap_chunk:contents(Chunk)} of
-        {{ok, Records}, {ok, Bytes}} ->
-            {ok, Index} = starl_mcap_chunk:index(Bytes),
-            {ok, Records, Index};
-        {{error, _} = Error, _} ->
-            Error
+    case starl_mcap_chunk:contents(Chunk) of
+        {ok, Bytes} -> whole(starl_mcap_record:decode_all(Bytes), Bytes);
+        {error, _} = Error -> Error
     end.
 
+whole({ok, Records}, Bytes) ->
+    {ok, Index} = starl_mcap_chunk:index(Bytes),
+    {ok, Records, Index};
+whole({error, _} = Error, _Bytes) ->
+    Error.
+
 %% A chunk without messages holds only schemas and channels.
-sealed({_, _, _, _, Index}, Writer, Recovery) when map_size(Index) =:= 0 ->
-    Recovery#recovery{writer = Writer};
-sealed(Chunk, Writer, Recovery) ->
-    put_bytes(starl_mcap_writer:sealed(Chunk, Writer), Recovery).
+sealed({_, _, _, _, Index}, Recovery) when map_size(Index) =:= 0 ->
+    Recovery;
+sealed(Chunk, #recovery{pack = Pack} = Recovery) ->
+    put_chunks(starl_mcap_pack:add(Chunk, Pack), Recovery).
+
+put_waiting(#recovery{pack = Pack} = Recovery) ->
+    put_chunks(starl_mcap_pack:finish(Pack), Recovery).
+
+put_chunks({Chunks, Pack}, Recovery) ->
+    Put = fun(Chunk, #recovery{writer = Writer} = R) ->
+        put_bytes(starl_mcap_writer:sealed(Chunk, Writer), R)
+    end,
+    lists:foldl(Put, Recovery#recovery{pack = Pack}, Chunks).
 
 counted(Index, #recovery{chunks = Chunks, messages = Messages} = Recovery) ->
     Recovery#recovery{

@@ -13,8 +13,6 @@
 %% Schemas and channels, as they are written.
 -type channels() :: [starl_mcap_record:t()].
 
--type index() :: #{starl_mcap_record:id() => [{starl_mcap_record:time(), non_neg_integer()}]}.
-
 -record(writer, {
     %% bytes given so far, and their checksum
     offset = 0 :: non_neg_integer(),
@@ -24,7 +22,7 @@
     %% the open chunk: its records, the latest first, their size, its messages by channel
     records = [] :: [iodata()],
     size = 0 :: non_neg_integer(),
-    index = #{} :: index(),
+    index = #{} :: starl_mcap_chunk:index(),
     sequences = #{} :: #{starl_mcap_record:id() => non_neg_integer()},
     %% for the summary: encoded, the latest first
     chunks = [] :: [binary()],
@@ -82,7 +80,9 @@ flush(#writer{records = Records, size = Size, index = Index} = Writer) ->
 
 %% @doc Adds a whole chunk: the uncompressed size and checksum of its records, its compression, the
 %% records, and its messages by channel. The open chunk must be empty.
--spec sealed({Size, Crc, Compression, Records, index()}, t()) -> {iodata(), t()} when
+-spec sealed({Size, Crc, Compression, Records, starl_mcap_chunk:index()}, t()) ->
+    {iodata(), t()}
+when
     Size :: non_neg_integer(),
     Crc :: non_neg_integer(),
     Compression :: binary(),

@@ -2,7 +2,7 @@
 %% chunk at a place.
 -module(starl_trace_chunks).
 
--export([open/1, close/1, next/1, at/2, place/1, list/1, opened/1, file/1, format_error/1]).
+-export([open/1, close/1, next/1, chunk/1, at/2, place/1, list/1, opened/1, file/1, format_error/1]).
 
 -export_type([t/0, reason/0, ended/0, next/0]).
 
@@ -12,6 +12,8 @@
     position :: starl_mcap_reader:position(),
     %% channels of the recording's own messages
     channels = [] :: [starl_mcap_record:id()],
+    %% what was read of a chunk and is not yet given
+    texts = [] :: [binary()],
     opened = 0 :: non_neg_integer()
 }).
 
@@ -25,7 +27,7 @@
     | {no_recording, file:filename_all()}
     | {terms, file:filename_all(), starl_trace_terms:reason()}.
 
--type next() :: {ok, [starl_trace_message:t(), ...], t()} | {ended, ended()} | {error, reason()}.
+-type next() :: {ok, [starl_trace_message:t()], t()} | {ended, ended()} | {error, reason()}.
 
 %% @doc Opens a recording at its beginning.
 -spec open(file:filename_all()) -> {ok, t()} | {error, reason()}.
@@ -61,14 +63,36 @@ place(#raw{position = Position}) -> Position.
 
 %% @doc The same file at the place of a chunk.
 -spec at(starl_mcap_reader:position(), t()) -> t().
-at(Position, Raw) -> Raw#raw{position = Position}.
+at(Position, Raw) -> Raw#raw{position = Position, texts = []}.
 
-%% @doc The next messages, as they stand in the file.
+%% @doc The next messages, as they stand in the file: those of about a second.
 -spec next(t()) -> next().
-next(#raw{reader = Reader, position = Position} = Raw) ->
+next(Raw) ->
+    case filled(Raw) of
+        {ok, #raw{texts = [Text | Texts]} = Full} ->
+            some(decoded([Text], [], Full#raw{texts = Texts}));
+        Other ->
+            Other
+    end.
+
+some({ok, [], Raw}) -> next(Raw);
+some(Answer) -> Answer.
+
+%% @doc All messages of the next chunk: one that was packed holds more than a second.
+-spec chunk(t()) -> next().
+chunk(Raw) ->
+    case filled(Raw) of
+        {ok, #raw{texts = Texts} = Full} -> decoded(Texts, [], Full#raw{texts = []});
+        Other -> Other
+    end.
+
+%% Reads on until there is something to decode.
+filled(#raw{texts = [_ | _]} = Raw) ->
+    {ok, Raw};
+filled(#raw{reader = Reader, position = Position} = Raw) ->
     case starl_mcap_reader:next(Position, Reader) of
         {ok, {chunk, _, _, _, _, _, _} = Chunk, After} ->
-            chunk(starl_mcap_chunk:records(Chunk), Raw#raw{
+            unpacked(starl_mcap_chunk:records(Chunk), Raw#raw{
                 position = After, opened = Raw#raw.opened + 1
             });
         {ok, {data_end, _}, _} ->
@@ -76,7 +100,7 @@ next(#raw{reader = Reader, position = Position} = Raw) ->
         {ok, {footer, _, _, _}, _} ->
             ended(closed, Raw);
         {ok, Record, After} ->
-            messages([Record], Raw#raw{position = After});
+            texts([Record], Raw#raw{position = After});
         'end' ->
             ended(cut_off, Raw);
         {cut, _} ->
@@ -87,11 +111,11 @@ next(#raw{reader = Reader, position = Position} = Raw) ->
             Error
     end.
 
-chunk({ok, Records}, Raw) ->
-    messages(Records, Raw);
-chunk({error, {compression, _} = Reason}, #raw{file = File, position = Position}) ->
+unpacked({ok, Records}, Raw) ->
+    texts(Records, Raw);
+unpacked({error, {packed, _, _} = Reason}, #raw{file = File, position = Position}) ->
     {error, {damaged, File, Position, Reason}};
-chunk({error, _}, #raw{position = Position} = Raw) ->
+unpacked({error, _}, #raw{position = Position} = Raw) ->
     ended({damaged, Position}, Raw).
 
 %% A file without one message is no recording of ours, unless it was cut off before the first.
@@ -100,26 +124,24 @@ ended(closed, #raw{file = File, channels = []}) ->
 ended(Ended, _Raw) ->
     {ended, Ended}.
 
-messages(Records, #raw{channels = Known} = Raw) ->
+texts(Records, #raw{channels = Known} = Raw) ->
     New = [Id || {channel, Id, _, <<"/starl">>, <<"json">>, _} <- Records],
     Channels = lists:usort(New ++ Known),
     Texts = [
         Data
      || {message, Channel, _, _, _, Data} <- Records, lists:member(Channel, Channels)
     ],
-    terms(Texts, [], Raw#raw{channels = Channels}).
+    filled(Raw#raw{channels = Channels, texts = Texts}).
 
-terms([], [], Raw) ->
-    next(Raw);
-terms([], Messages, Raw) ->
-    {ok, Messages, Raw};
-terms([Text | Texts], Before, #raw{file = File} = Raw) ->
+decoded([], Parts, Raw) ->
+    {ok, lists:append(lists:reverse(Parts)), Raw};
+decoded([Text | Texts], Parts, #raw{file = File} = Raw) ->
     case starl_trace_terms:decode(Text) of
         {ok, Messages} ->
             case
                 is_list(Messages) andalso lists:all(fun starl_trace_message:is_message/1, Messages)
             of
-                true -> terms(Texts, Before ++ Messages, Raw);
+                true -> decoded(Texts, [Messages | Parts], Raw);
                 false -> {error, {terms, File, not_terms}}
             end;
         {error, Reason} ->

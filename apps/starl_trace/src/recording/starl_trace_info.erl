@@ -36,11 +36,18 @@ file(File) ->
                 channels => #{},
                 counts => #{}
             },
-            Answer = scan(starl_mcap_reader:first(Reader), Reader, Info),
+            Answer = try_all(Reader, Info),
             ok = starl_mcap_reader:close(Reader),
             Answer;
         {error, _} = Error ->
             Error
+    end.
+
+try_all(Reader, Info) ->
+    try
+        scan(starl_mcap_reader:first(Reader), Reader, Info)
+    catch
+        throw:{?MODULE, Reason} -> {error, Reason}
     end.
 
 scan(Position, Reader, Info) ->
@@ -56,10 +63,11 @@ scan(Position, Reader, Info) ->
 seen({header, _, Library}, _At, Info) ->
     Info#{library := Library};
 seen({chunk, _, _, _, _, Compression, _} = Chunk, At, Info) ->
-    #{chunks := N, compressions := Known} = Info,
+    #{file := File, chunks := N, compressions := Known} = Info,
     Counted = Info#{chunks := N + 1, compressions := lists:usort([Compression | Known])},
     case starl_mcap_chunk:records(Chunk) of
         {ok, Records} -> lists:foldl(fun(R, I) -> seen(R, At, I) end, Counted, Records);
+        {error, {packed, _, _} = Reason} -> throw({?MODULE, {damaged, File, At, Reason}});
         {error, _} -> Counted#{ended := {damaged, At}}
     end;
 seen({schema, Id, Name, _, _}, _At, #{schemas := Schemas} = Info) ->

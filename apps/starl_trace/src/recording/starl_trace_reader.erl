@@ -161,7 +161,7 @@ back(List, IsEnough, Chunks) -> back(List, IsEnough, [], here, Chunks).
 back([], _IsEnough, Later, Place, Chunks) ->
     {Later, resumed(Place, Chunks)};
 back([{_, _, Position} | Earlier], IsEnough, Later, Place, Chunks) ->
-    case starl_trace_chunks:next(starl_trace_chunks:at(Position, Chunks)) of
+    case starl_trace_chunks:chunk(starl_trace_chunks:at(Position, Chunks)) of
         {ok, Messages, After} when Place =:= here ->
             back(Messages, Earlier, IsEnough, Later, starl_trace_chunks:place(After), After);
         {ok, Messages, After} ->
