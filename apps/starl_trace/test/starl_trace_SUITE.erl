@@ -14,6 +14,7 @@ all() ->
         a_file_has_what_the_specification_asks,
         whole_chunks_are_recovered,
         a_damaged_chunk_is_left_out,
+        every_channel_is_in_the_data,
         packed_chunks_hold_the_same,
         packed_files_are_recovered,
         without_zstandard_a_line_tells,
@@ -200,6 +201,52 @@ a_damaged_chunk_is_left_out(Config) ->
     ?assertEqual(length(Chunks) - 1, N),
     ?assertEqual([C || {P, C} <- Chunks, P =/= At], chunks(Out)),
     ?assertMatch({ok, _, {damaged, _}}, starl_trace_reader:fold(fun gather/2, [], File)).
+
+%% The summary repeats schemas and channels that stand before it, and those of all messages: of a file
+%% without a message, and recovered, of a file whose first chunk is damaged or holds only channels.
+every_channel_is_in_the_data(Config) ->
+    [Empty, File, Out] = [file(Config, Name) || Name <- ["none.mcap", "first.mcap", "all.mcap"]],
+    {Head, Writer} = starl_trace_writer:new(),
+    ok = file:write_file(Empty, [Head, starl_trace_writer:finish(Writer)]),
+    ?assertEqual({[], []}, told_and_repeated(Empty)),
+    ok = starl_trace_ct:recorded(File, starl_trace_ct:told(starl_trace_ct:events(300, 15000))),
+    {20, 20} = counts(told_and_repeated(File)),
+    {ok, <<Before:5000/binary, Byte, After/binary>>} = file:read_file(File),
+    ok = file:write_file(File, <<Before/binary, (Byte bxor 1), After/binary>>),
+    {ok, #{damaged := 1}} = starl_mcap_recover:file(File, Out),
+    {20, 20} = counts(told_and_repeated(Out)),
+    ok = file:write_file(File, channels_apart()),
+    {ok, #{messages := 1}} = starl_mcap_recover:file(File, Out),
+    {2, 2} = counts(told_and_repeated(Out)).
+
+counts({Told, Repeated}) ->
+    ?assertEqual(Told, Repeated),
+    {length(Told), length(Repeated)}.
+
+%% The schemas and channels of the data section, and those of the summary.
+told_and_repeated(File) ->
+    {ok, Bytes} = file:read_file(File),
+    All = [R || {_, R} <- records(Bytes)],
+    {Data, [_ | Summary]} = lists:splitwith(fun(R) -> element(1, R) =/= data_end end, All),
+    Inside = [starl_mcap_chunk:records(C) || C <- Data, element(1, C) =:= chunk],
+    Channels = fun(Records) ->
+        lists:usort([R || R <- Records, lists:member(element(1, R), [schema, channel])])
+    end,
+    {Channels(lists:append([Data | [Records || {ok, Records} <- Inside]])), Channels(Summary)}.
+
+channels_apart() ->
+    Chunk = fun(Records) ->
+        Bytes = iolist_to_binary([starl_mcap_record:encode(R) || R <- Records]),
+        starl_mcap_record:encode(
+            {chunk, 0, 0, byte_size(Bytes), erlang:crc32(Bytes), "", Bytes}
+        )
+    end,
+    [
+        magic(),
+        starl_mcap_record:encode({header, "", "x"}),
+        Chunk([{schema, 1, "s", "jsonschema", "{}"}, {channel, 1, 1, "/a", "json", []}]),
+        Chunk([{message, 1, 0, 0, 0, "{}"}])
+    ].
 
 %% Chunks that were joined and packed: the same messages, in the same order, piece by piece; every
 %% index points to its message.

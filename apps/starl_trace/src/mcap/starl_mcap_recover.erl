@@ -57,8 +57,9 @@ try_all(File, Reader, Pack, Part) ->
     First = starl_mcap_reader:first(Reader),
     {Library, Second} =
         case starl_mcap_reader:next(First, Reader) of
-            {ok, {header, _, Known}, After} -> {Known, After};
-            _ -> {<<>>, First}
+            {ok, {header, _, <<_, _/binary>> = Known}, After} -> {Known, After};
+            {ok, {header, _, <<>>}, After} -> {<<"starl">>, After};
+            _ -> {<<"starl">>, First}
         end,
     {Head, Writer} = starl_mcap_writer:new(Library, []),
     Recovery = #recovery{
@@ -99,14 +100,17 @@ lost(false, Bytes) -> Bytes.
 
 record({chunk, _, _, Size, Crc, Compression, Packed} = Chunk, Recovery) ->
     case whole(Chunk) of
+        {ok, Records, Index} when map_size(Index) =:= 0 ->
+            lists:foldl(fun record/2, Recovery, channels(Records));
         {ok, Records, Index} ->
             #recovery{writer = Writer} = Counted = counted(Index, Recovery),
             Known = Counted#recovery{writer = starl_mcap_writer:known(Records, Writer)},
-            sealed({Size, Crc, Compression, Packed, Index}, Known);
+            #recovery{pack = Pack} = Known,
+            put_chunks(starl_mcap_pack:add({Size, Crc, Compression, Packed, Index}, Pack), Known);
         {error, {packed, _, _} = Reason} ->
             throw({?MODULE, {damaged, Recovery#recovery.file, 0, Reason}});
         {error, _} ->
-            Recovery#recovery{damaged = Recovery#recovery.damaged + 1}
+            damaged(Recovery)
     end;
 record(Record, Recovery) when
     element(1, Record) =:= schema;
@@ -136,11 +140,18 @@ whole({ok, Records}, Bytes) ->
 whole({error, _} = Error, _Bytes) ->
     Error.
 
-%% A chunk without messages holds only schemas and channels.
-sealed({_, _, _, _, Index}, Recovery) when map_size(Index) =:= 0 ->
-    Recovery;
-sealed(Chunk, #recovery{pack = Pack} = Recovery) ->
-    put_chunks(starl_mcap_pack:add(Chunk, Pack), Recovery).
+%% The channels of a damaged chunk are in the summary, if there is one.
+damaged(#recovery{damaged = 0, reader = Reader} = Recovery) ->
+    Damaged = Recovery#recovery{damaged = 1},
+    case starl_mcap_reader:summary(Reader) of
+        {ok, Summary} -> lists:foldl(fun record/2, Damaged, channels(Summary));
+        none -> Damaged
+    end;
+damaged(#recovery{damaged = N} = Recovery) ->
+    Recovery#recovery{damaged = N + 1}.
+
+channels(Records) ->
+    [R || R <- Records, element(1, R) =:= schema orelse element(1, R) =:= channel].
 
 put_waiting(#recovery{pack = Pack} = Recovery) ->
     put_chunks(starl_mcap_pack:finish(Pack), Recovery).

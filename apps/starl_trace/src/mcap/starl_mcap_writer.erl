@@ -158,8 +158,8 @@ given(Bytes, #writer{offset = Offset, crc = Crc} = Writer) ->
 %% @doc The last bytes of the file.
 -spec finish(t()) -> iolist().
 finish(Writer0) ->
-    {Chunk, Flushed} = flush(Writer0),
-    #writer{crc = Crc} = Flushed,
+    {Chunk, Last} = flush(Writer0),
+    #writer{crc = Crc} = Flushed = only_told(Last),
     {DataEnd, #writer{offset = Start} = Writer} =
         given(starl_mcap_record:encode({data_end, Crc}), Flushed),
     {Summary, Offsets} = summary(Start, Writer),
@@ -167,6 +167,10 @@ finish(Writer0) ->
     Covered = [Summary, Offsets, <<2, 20:64/little, Start:64/little, OffsetStart:64/little>>],
     Footer = <<(erlang:crc32(Covered)):32/little>>,
     [Chunk, DataEnd, Covered, Footer, starl_mcap_record:magic()].
+
+%% The summary repeats only what is in the file.
+only_told(#writer{is_told = true} = Writer) -> Writer;
+only_told(#writer{is_told = false} = Writer) -> Writer#writer{channels = []}.
 
 %% Groups of records of one kind, and where each group lies.
 summary(Start, #writer{channels = Channels} = Writer) ->
