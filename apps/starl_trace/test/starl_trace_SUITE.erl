@@ -2,6 +2,7 @@
 -module(starl_trace_SUITE).
 -include_lib("proper/include/proper.hrl").
 -include_lib("stdlib/include/assert.hrl").
+-include_lib("kernel/include/file.hrl").
 
 -compile([export_all, nowarn_export_all]).
 
@@ -21,6 +22,7 @@ all() ->
         merged_recordings_are_the_whole,
         reading_begins_at_any_time,
         other_files_are_told,
+        only_files_are_replaced,
         a_full_disk_ends_the_recording_only,
         a_subscriber_gets_all,
         a_slow_subscriber_gets_a_gap,
@@ -486,10 +488,23 @@ other_files_are_told(Config) ->
             [<<>>, <<"garbage, not a recording">>, magic(), <<(magic())/binary, 255, 255>>] ++
                 strange()
     ],
+    ok = file:write_file(File, magic()),
+    ?assertEqual({error, {too_short, File}}, starl_trace_judge:file(File)),
+    ?assertEqual({error, {too_short, File}}, starl_trace_merge:files([File, File], File ++ ".out")),
     ?assertMatch({error, {file, _, enoent}}, starl_trace_judge:file(file(Config, "none"))),
     ?assertMatch(
         {error, {file, _, _}}, starl_trace_judge:file(proplists:get_value(priv_dir, Config))
     ).
+
+%% A device or a pipe stays what it is.
+only_files_are_replaced(Config) ->
+    File = file(Config, "to-recover.mcap"),
+    Pipe = file(Config, "pipe"),
+    ok = starl_trace_ct:recorded(File, starl_trace_ct:told(starl_trace_ct:events(10, 15000))),
+    "" = os:cmd("mkfifo '" ++ Pipe ++ "'"),
+    ?assertEqual({error, {write, Pipe, not_a_file}}, starl_mcap_recover:file(File, Pipe)),
+    ?assertMatch({ok, #file_info{type = other}}, file:read_file_info(Pipe)),
+    ?assertMatch({ok, _}, starl_mcap_recover:file(File, File)).
 
 magic() -> starl_mcap_record:magic().
 

@@ -54,9 +54,12 @@ is_subject(Choices, Word) -> lists:member(Word, names(Choices)).
 is_help_wanted(Args) -> lists:member("--help", Args) orelse lists:member("-h", Args).
 
 without_word({required, Placeholder, Known}, Command, _Args) ->
-    {error, [["name a ", string:lowercase(Placeholder), " first, ", hint(Known, Command)]]};
+    {error, [["name ", one(string:lowercase(Placeholder)), " first, ", hint(Known, Command)]]};
 without_word(_Argument, Command, Args) ->
     parsed(Command, none, Args, Args).
+
+one("files") -> "files";
+one(Word) -> ["a ", Word].
 
 hint({example, Word}, Command) ->
     Name = Command:name(),

@@ -39,10 +39,10 @@ lines(#{file := File, bytes := Bytes, ended := Ended, topics := Topics} = Info) 
     #{library := Library, chunks := Chunks, compressions := Packed} = Info,
     #{from_us := From, to_us := To} = Info,
     [
-        io_lib:format("~ts: MCAP, ~b bytes, written by ~ts", [File, Bytes, Library]),
+        [io_lib:format("~ts: MCAP, ~b bytes", [File, Bytes]), written_by(Library)],
         io_lib:format("time    ~.3f s to ~.3f s", [From / 1.0e6, To / 1.0e6]),
         io_lib:format("chunks  ~b~ts", [Chunks, packed(Packed)]),
-        io_lib:format("end     ~ts", [ended(Ended)])
+        io_lib:format("end     ~ts", [ended(Ended, Chunks)])
     ] ++
         [
             string:trim(io_lib:format("~8b  ~-12ts ~ts", [N, Topic, Schema]), trailing)
@@ -55,9 +55,14 @@ packed(Packed) ->
         Names -> [", ", lists:join(", ", Names)]
     end.
 
-ended(closed) ->
+written_by(<<>>) -> "";
+written_by(Library) -> [", written by ", Library].
+
+ended(closed, _Chunks) ->
     "closed";
-ended(cut_off) ->
+ended(cut_off, 0) ->
+    "cut off before the end of its first chunk";
+ended(cut_off, _Chunks) ->
     "cut off; ./starl recover makes a whole file of it";
-ended({damaged, At}) ->
+ended({damaged, At}, _Chunks) ->
     io_lib:format("damaged at byte ~b; ./starl recover takes what is whole", [At]).

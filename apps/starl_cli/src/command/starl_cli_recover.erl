@@ -25,13 +25,19 @@ about(_Subject) ->
 flags(_Subject) -> [{"Flags", [starl_cli_setup:overwrite_file()]}].
 
 -spec subject(string(), [string()]) ->
-    {ok, {file:filename(), file:filename() | none}, [string()]}.
-subject(File, [[First | _] = Out | Args]) when First =/= $- -> {ok, {File, Out}, Args};
-subject(File, Args) -> {ok, {File, none}, Args}.
+    {ok, {file:filename(), file:filename() | none}, [string()]}
+    | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) ->
+    case starl_cli_recording:found(Word, "name the file of a run that was killed") of
+        {ok, File} -> subject_of(File, Args);
+        {error, _} = Error -> Error
+    end.
+
+subject_of(File, [[First | _] = Out | Args]) when First =/= $- -> {ok, {File, Out}, Args};
+subject_of(File, Args) -> {ok, {File, none}, Args}.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{subject := {Given, To}, values := #{overwrite := Overwrite}}) ->
-    File = starl_cli_recording:shown(Given),
+run(#{subject := {File, To}, values := #{overwrite := Overwrite}}) ->
     Out =
         case To of
             none -> filename:rootname(File, ".mcap") ++ "-recovered.mcap";

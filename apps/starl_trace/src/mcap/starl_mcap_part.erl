@@ -1,6 +1,7 @@
 %% @doc A file that is complete when it appears: until then it is `FILE.part', and it is gone if
 %% something fails.
 -module(starl_mcap_part).
+-include_lib("kernel/include/file.hrl").
 
 -export([make/2, write/2, written/1, format_error/1]).
 
@@ -13,12 +14,20 @@
 -opaque t() :: #part{}.
 
 -type reason() ::
-    {write, file:filename_all(), file:posix() | badarg | terminated | system_limit}.
+    {write, file:filename_all(), not_a_file | file:posix() | badarg | terminated | system_limit}.
 
-%% @doc Makes a file by a function that writes it.
+%% @doc Makes a file by a function that writes it. Only a file is replaced: no device, no directory.
 -spec make(file:filename_all(), fun((t()) -> {ok, Answer} | {error, Reason})) ->
     {ok, Answer} | {error, Reason | reason()}.
 make(Out, Fill) ->
+    case file:read_file_info(Out) of
+        {ok, #file_info{type = Type}} when Type =/= regular ->
+            {error, {write, Out, not_a_file}};
+        _ ->
+            made(Out, Fill)
+    end.
+
+made(Out, Fill) ->
     Part = unicode:characters_to_list([Out, ".part"]),
     case file:open(Part, [write, raw, binary]) of
         {ok, Device} -> placed(filled(Fill, #part{out = Out, device = Device}), Part, Out);
@@ -57,5 +66,7 @@ written(#part{written = Written}) -> Written.
 
 %% @doc One line on a file that could not be written.
 -spec format_error(reason()) -> unicode:chardata().
+format_error({write, Out, not_a_file}) ->
+    io_lib:format("~ts: this is no file that can be replaced", [Out]);
 format_error({write, Out, Posix}) ->
     io_lib:format("~ts: ~ts", [Out, file:format_error(Posix)]).

@@ -149,7 +149,9 @@ decoded([Text | Texts], Parts, #raw{file = File} = Raw) ->
     end.
 
 %% @doc One line on a problem: what is wrong, where, and what to do.
--spec format_error(reason()) -> unicode:chardata().
+-spec format_error(reason() | {too_short, file:filename_all()}) -> unicode:chardata().
+format_error({too_short, File}) ->
+    io_lib:format("~ts: it is cut off or damaged before its first message", [File]);
 format_error({no_recording, File}) ->
     io_lib:format("~ts: an MCAP file, but not one of StarL: it has no topic /starl", [File]);
 format_error({terms, File, not_terms}) ->

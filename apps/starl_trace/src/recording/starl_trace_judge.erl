@@ -27,6 +27,7 @@
 -type reason() ::
     starl_trace_reader:reason()
     | {no_scenario, file:filename_all()}
+    | {too_short, file:filename_all()}
     | {no_monitor, file:filename_all(), module()}
     | {bad_monitor, file:filename_all(), module()}.
 
@@ -66,8 +67,10 @@ all(Cursor, Judge) ->
         {error, _} = Error -> Error
     end.
 
-judged(_Ended, #judge{scenario = none, file = File}) ->
+judged(closed, #judge{scenario = none, file = File}) ->
     {error, {no_scenario, File}};
+judged(_Ended, #judge{scenario = none, file = File}) ->
+    {error, {too_short, File}};
 judged(Ended, #judge{monitors = Monitors, violations = Violations, until = Until} = Judge) ->
     {Late, Results} = starl_monitor:finish(Until, Monitors),
     {ok, #{
@@ -166,6 +169,8 @@ is_data(Term) ->
 -spec format_error(reason()) -> unicode:chardata().
 format_error({no_scenario, File}) ->
     io_lib:format("~ts: the recording does not begin with its scenario", [File]);
+format_error({too_short, File}) ->
+    starl_trace_chunks:format_error({too_short, File});
 format_error({no_monitor, File, Module}) ->
     Line = "~ts: the contract ~ts is not known here; compile ~ts.erl and put it into ERL_LIBS",
     io_lib:format(Line, [File, Module, Module]);

@@ -27,6 +27,7 @@
     starl_trace_reader:reason()
     | starl_mcap_part:reason()
     | {no_scenario, file:filename_all()}
+    | {too_short, file:filename_all()}
     | {two_worlds, file:filename_all(), file:filename_all()}
     | {other_run, file:filename_all(), file:filename_all(), Key :: atom()}.
 
@@ -101,6 +102,8 @@ first({ok, [{scenario, _, Facts} | Messages], Next}, N, File) ->
     };
 first({error, Reason}, _N, _File) ->
     throw({?MODULE, Reason});
+first({ended, _}, _N, File) ->
+    throw({?MODULE, {too_short, File}});
 first(_Other, _N, File) ->
     throw({?MODULE, {no_scenario, File}}).
 
@@ -270,6 +273,8 @@ format_error({write, _, _} = Reason) ->
     starl_mcap_part:format_error(Reason);
 format_error({no_scenario, File}) ->
     io_lib:format("~ts: the recording does not begin with its scenario", [File]);
+format_error({too_short, File}) ->
+    starl_trace_chunks:format_error({too_short, File});
 format_error({two_worlds, First, File}) ->
     Line = "~ts: like ~ts the recording of a whole run; merge takes those of its robots",
     io_lib:format(Line, [File, First]);
