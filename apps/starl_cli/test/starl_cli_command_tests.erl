@@ -136,7 +136,14 @@ a_missing_word_is_named_test_() ->
     [
         {Command:name(), fun() ->
             {2, Text} = said([Command:name()]),
-            contains("starl: " ++ Command:name() ++ ": name ", Text)
+            {required, Placeholder, _} = starl_cli_command:argument(Command),
+            Word =
+                case string:lowercase(Placeholder) of
+                    "files" -> "files";
+                    "action" -> "an action";
+                    Other -> "a " ++ Other
+                end,
+            contains("starl: " ++ Command:name() ++ ": name " ++ Word ++ " first", Text)
         end}
      || Command <- commands(), {required, _, _} <- [starl_cli_command:argument(Command)]
     ].

@@ -35,7 +35,7 @@ static bool fail_open(const char *path, struct failure *why)
         why->word = "busy";
         device_holder(path, why->detail, sizeof why->detail);
         return false;
-    case ENOTTY:
+    case ENOTTY: case EISDIR:
         return fail(why, "not_serial", strerror(errno));
     default:
         return fail(why, "io", strerror(errno));

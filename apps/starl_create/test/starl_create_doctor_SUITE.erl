@@ -24,7 +24,16 @@ groups() ->
                 wrong_model,
                 odometry,
                 no_device
-            ] ++ [firmware, battery, by_hand, by_hand_refused, cable_pulled, standing]}
+            ] ++
+                [
+                    firmware,
+                    battery,
+                    by_hand,
+                    by_hand_refused,
+                    cable_pulled,
+                    pulled_from_the_doctor,
+                    standing
+                ]}
     ].
 
 init_per_suite(Config) ->
@@ -74,7 +83,7 @@ too_late(_) ->
     Frame = starl_create_stream:frame([35], #{mode => 1}, with_header),
     Port = spawn_link(fun() -> answers_too_late(Self, Frame) end),
     {none, Noise, Late} = starl_create_search:all(Port, [115200]),
-    Text = unicode:characters_to_list(starl_create_doctor:silent({Noise, Late})),
+    Text = unicode:characters_to_list(starl_create_search:silent({Noise, Late})),
     contains("too busy to tell", Text).
 
 answers_too_late(To, Frame) ->
@@ -172,7 +181,7 @@ cable_pulled(_) ->
     {ok, Port} = starl_create_port:start_link(self(), #{}),
     ok = starl_create_on_pty:pull(Line),
     receive
-        {done, {error, Why}} -> contains("the cable is pulled", Why)
+        {done, {ended, Why}} -> contains("the cable is pulled", Why)
     after ?AFTER_MS -> error(late)
     end,
     ok = starl_create_on_pty:put_back(Line),
@@ -180,6 +189,24 @@ cable_pulled(_) ->
     opened(Port, Link),
     Port ! close,
     wheels(Create, {0, 0}).
+
+%% What was found without a cable is not said of the robot.
+pulled_from_the_doctor(_) ->
+    {ok, Create} = starl_create_emulated:start_link(#{model => 2, tell => self()}),
+    {ok, Line} = starl_create_on_pty:start_link(Create, none),
+    Name = starl_create_on_pty:name(Line),
+    Self = self(),
+    Examine = fun() -> Self ! {found, starl_create_doctor:examine(Name, #{model => 2})} end,
+    _ = spawn_link(Examine),
+    %% it sets the mode at last
+    receive
+        {starl_create, Create, {mode, safe}} -> ok = starl_create_on_pty:pull(Line)
+    end,
+    receive
+        {found, {Findings, none}} ->
+            [{problem, port, Text}] = starl_create_doctor:problems(Findings),
+            contains("the line was lost meanwhile", Text)
+    end.
 
 %% What stops by itself, what stops when told, and what does not; when, is for the table of the bench.
 standing(_) ->

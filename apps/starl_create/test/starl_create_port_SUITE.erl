@@ -434,6 +434,7 @@ refusals(_) ->
     {no_device, Missing} = Asked({open, "/dev/ttyNOT", 57600}),
     contains("/dev/ttyNOT: no such file or directory; plug the adapter in", Missing),
     {not_serial, _} = Asked({open, "/dev/null", 57600}),
+    {not_serial, _} = Asked({open, "/tmp", 57600}),
     {no_device, _} = Asked({open, lists:duplicate(3000, $a), 57600}),
     {closed, _} = Asked({send, "x"}),
     {closed, _} = Asked({pulse, dtr, 100, 3}),

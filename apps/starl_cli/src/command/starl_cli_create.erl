@@ -292,8 +292,13 @@ keys(Terminal, Driver) ->
             Driver ! quit
     end.
 
-drove(ok) -> 0;
-drove({error, Text}) -> {error, [Text]}.
+drove(ok) ->
+    0;
+drove({ended, Text}) ->
+    starl_cli_terminal:complain(["create: ", Text]),
+    4;
+drove({error, Text}) ->
+    {error, [Text]}.
 
 %% -- bench ----------------------------------------------------------------------------------------
 

@@ -58,8 +58,13 @@ without_word({required, Placeholder, Known}, Command, _Args) ->
 without_word(_Argument, Command, Args) ->
     parsed(Command, none, Args, Args).
 
-one("files") -> "files";
-one(Word) -> ["a ", Word].
+one("files") ->
+    "files";
+one([First | _] = Word) ->
+    case lists:member(First, "aeiou") of
+        true -> ["an ", Word];
+        false -> ["a ", Word]
+    end.
 
 hint({example, Word}, Command) ->
     Name = Command:name(),

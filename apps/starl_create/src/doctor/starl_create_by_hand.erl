@@ -33,8 +33,9 @@ keys() ->
         {"q", "stop and end"}
     ].
 
-%% @doc Takes control and obeys messages `{keys, Bytes}' to this process, until a `q', or `quit'.
--spec run(Device :: string(), options()) -> ok | {error, unicode:chardata()}.
+%% @doc Takes control and obeys messages `{keys, Bytes}' to this process, until a `q', or `quit'. `ended': it
+%% has ended before.
+-spec run(Device :: string(), options()) -> ok | {error | ended, unicode:chardata()}.
 run(Device, #{baud := Baud} = Options) ->
     case starl_create_probe:open(Device, Baud, starl_create_calibration:stop()) of
         {ok, Probe} ->
@@ -72,7 +73,7 @@ loop(Probe, Before, Options) ->
     receive
         quit -> ok;
         {keys, Keys} -> hit(<<Before/binary, Keys/binary>>, Probe, Options);
-        {closed, _} -> {error, "the cable is pulled"};
+        {closed, _} -> {ended, "the cable is pulled"};
         _ -> loop(Probe, Before, Options)
     end.
 

@@ -4,7 +4,7 @@
 %% It moves nothing but the mode, unless it is to calibrate ({@link starl_create_calibration}).
 -module(starl_create_doctor).
 
--export([examine/2, line/1, problems/1, silent/1]).
+-export([examine/2, line/1, problems/1]).
 
 -export_type([options/0, finding/0, key/0]).
 
@@ -47,17 +47,15 @@
 
 -define(SENSORS, [35, 34, 21, 22, 23, 24, 25, 26, 7]).
 -define(LISTEN_MS, 250).
--define(ASK_MS, 300).
+%% An answer is waited for; only silence takes so long.
+-define(PATIENT_MS, 1500).
 -define(MORE_MS, 60).
+-define(LOST, "the line was lost meanwhile: is the cable firm? Try again").
 -define(NO_MODEL,
     "it answered, and now does not: try again, with less other work for this computer"
 ).
 -define(QUALITY_MS, 1000).
-%% A robot that was woken starts for this time.
--define(WAKE_MS, 2500).
 -define(LOW, 20).
-%% A computer that is as late as this misses answers.
--define(BUSY_MS, 400).
 
 %% @doc Examines; gives what it has found, in order, and the profile of the robot if it answers.
 -spec examine(Device :: string(), options()) -> {[finding()], map() | none}.
@@ -124,21 +122,15 @@ other_baud(Other, #exam{baud = Baud} = Exam) ->
     }).
 
 woken([], _Baud, Heard, Exam) ->
-    done(found({problem, baud, silent(Heard)}, Exam), none);
+    Silent = fun(E) -> found({problem, baud, starl_create_search:silent(Heard)}, E) end,
+    {_, Found} = looked([Silent], Exam),
+    done(Found, none);
 woken([Line | Lines], Baud, Heard, #exam{probe = Probe, model = Model} = Exam) ->
     ok = starl_create_probe:speed(Probe, Baud),
     ok = starl_create_probe:pulse(Probe, Line),
-    case awake(Probe, lists:usort([Baud, usual_baud(Model)]), ?WAKE_MS div ?LISTEN_MS) of
+    case starl_create_search:awake(Probe, lists:usort([Baud, usual_baud(Model)])) of
         {found, Is, Late} -> answers(slept(Line, Exam#exam{baud = Is, late_ms = Late}));
         none -> woken(Lines, Baud, Heard, Exam)
-    end.
-
-awake(_Probe, _Bauds, 0) ->
-    none;
-awake(Probe, Bauds, N) ->
-    case starl_create_search:once(Probe, Bauds) of
-        {found, _, _} = Found -> Found;
-        {none, _, _} -> awake(Probe, Bauds, max(0, N - length(Bauds)))
     end.
 
 slept(Line, #exam{baud = Baud} = Exam) ->
@@ -151,24 +143,29 @@ slept(Line, #exam{baud = Baud} = Exam) ->
     ],
     found({ok, baud, said_baud(Baud)}, found({problem, sleep, Text}, Exam)).
 
-%% @doc Why there is no answer, and what to do, by what was heard at all rates.
--spec silent({Noise :: non_neg_integer(), LateMs :: non_neg_integer()}) -> unicode:chardata().
-silent({_Noise, Late}) when Late > ?BUSY_MS ->
-    "no answer came in time, but this computer is too busy to tell: end other programs, and try again";
-silent({0, _Late}) ->
-    "it says nothing at any baud rate, nor after pulses of DTR and RTS: press its button (Clean, Power); "
-    "check TXD, RXD, GND, and that BRC is wired; if it stays silent, take its battery out and put it back";
-silent({_Noise, _Late}) ->
-    "it says what makes sense at no baud rate: check GND and the level (TTL, 5 V, not RS-232); switch it off "
-    "and on, which brings its usual rate back".
-
 %% -- the robot --------------------------------------------------------------------------------
 
-answers(Exam) -> control(sensed(firmware(quality(waits(model(Exam)))))).
+answers(Exam) ->
+    Looks = [fun model/1, fun waits/1, fun quality/1, fun firmware/1, fun sensed/1, fun control/1],
+    case looked(Looks, Exam) of
+        {lost, Lost} -> done(Lost, none);
+        {ok, Looked} -> calibrated(Looked, profile(Looked))
+    end.
+
+%% What was found while the cable was pulled says nothing of the robot.
+looked([], Exam) ->
+    {ok, Exam};
+looked([Look | Looks], #exam{probe = Probe} = Exam) ->
+    Looked = Look(Exam),
+    case starl_create_probe:is_lost(Probe) of
+        true -> {lost, found({problem, port, ?LOST}, Exam)};
+        false -> looked(Looks, Looked)
+    end.
 
 %% Only a Create 2 has encoders; both tell their mode.
 model(#exam{probe = Probe, options = #{model := Expected}} = Exam) ->
-    Said = starl_create_probe:said(Probe, <<142, 43, 142, 35>>, ?ASK_MS + late(Exam)),
+    ok = starl_create_probe:quiet(Probe, late(Exam)),
+    Said = starl_create_probe:said(Probe, <<142, 43, 142, 35>>, ?PATIENT_MS + late(Exam)),
     %% what an unknown packet has left behind
     ok = starl_create_probe:send(Probe, binary:copy(<<128>>, 8)),
     case byte_size(Said) of
@@ -183,7 +180,8 @@ model(#exam{probe = Probe, options = #{model := Expected}} = Exam) ->
 late(#exam{late_ms = Late}) -> 2 * Late.
 
 ask(Question, Size, #exam{probe = Probe} = Exam) ->
-    starl_create_probe:ask(Probe, Question, Size, ?ASK_MS + late(Exam)).
+    ok = starl_create_probe:quiet(Probe, late(Exam)),
+    starl_create_probe:ask(Probe, Question, Size, ?PATIENT_MS + late(Exam)).
 
 said_model(Model, Model) ->
     {ok, model, name(Model)};
@@ -264,8 +262,7 @@ battery(#{voltage := Mv, charge := Charge, capacity := Capacity}, Exam) ->
 control(#exam{probe = Probe} = Exam) ->
     ok = starl_create_probe:send(Probe, <<131>>),
     _ = starl_create_probe:listen(Probe, 60),
-    Ready = found(said_mode(ask(<<142, 35>>, 1, Exam)), Exam),
-    calibrated(Ready, profile(Exam)).
+    found(said_mode(ask(<<142, 35>>, 1, Exam)), Exam).
 
 profile(#exam{device = Device, baud = Baud, model = Model, waits = Waits}) ->
     Short = maps:from_list([{short_waits, true} || Waits =:= short]),

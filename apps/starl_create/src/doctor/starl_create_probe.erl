@@ -3,8 +3,10 @@
 %% The process that opens a probe waits in it, and owns its port.
 -module(starl_create_probe).
 
--export([open/3, close/1, speed/2, send/2, pulse/2, ask/4, said/3, listen/2, quiet/1, quiet_ms/0]).
--export([stream/4, first/4, drive/4, go/3]).
+-export([
+    open/3, close/1, speed/2, send/2, pulse/2, ask/4, said/3, listen/2, quiet/1, quiet/2, quiet_ms/0
+]).
+-export([stream/4, first/4, drive/4, go/3, is_lost/1]).
 
 -export_type([t/0, heard/0]).
 
@@ -47,6 +49,14 @@ close(Port) ->
     exit(Port, shutdown),
     receive
         {'DOWN', Ref, _, _, _} -> ok
+    end.
+
+%% @doc Has the line been lost since this was asked last, even if it is back?
+-spec is_lost(t()) -> boolean().
+is_lost(_Port) ->
+    receive
+        {closed, _} -> true
+    after 0 -> false
     end.
 
 %% @doc Another baud rate.
@@ -107,20 +117,24 @@ left(Deadline) -> max(0, Deadline - erlang:monotonic_time(millisecond)).
 %% @doc Waits until nothing is on its way any more: a stream that was paused has frames in adapters
 %% and queues. One that never ends is not waited for.
 -spec quiet(t()) -> ok.
-quiet(_Port) -> quiet_until(deadline(?QUIET_AT_MOST_MS)).
+quiet(Port) -> quiet(Port, 0).
+
+%% @doc The same on a line whose bytes come so late.
+-spec quiet(t(), LateMs :: non_neg_integer()) -> ok.
+quiet(_Port, Late) -> quiet_until(deadline(?QUIET_AT_MOST_MS + 2 * Late), ?QUIET_MS + Late).
 
 %% @doc The time for which nothing has come then.
 -spec quiet_ms() -> pos_integer().
 quiet_ms() -> ?QUIET_MS.
 
-quiet_until(Deadline) ->
+quiet_until(Deadline, Ms) ->
     receive
         {data, _} ->
             case left(Deadline) of
                 0 -> ok;
-                _ -> quiet_until(Deadline)
+                _ -> quiet_until(Deadline, Ms)
             end
-    after ?QUIET_MS -> ok
+    after Ms -> ok
     end.
 
 %% @doc All bytes of a time.

@@ -7,7 +7,7 @@
 %% before, so the robot is asked again once the line is quiet.
 -module(starl_create_search).
 
--export([all/2, once/2, bauds/1]).
+-export([all/2, awake/2, bauds/1, silent/1]).
 
 -export_type([result/0]).
 
@@ -20,8 +20,11 @@
 %% A frame comes each 15 ms; on a busy computer later.
 -define(LISTEN_MS, 250).
 -define(PATIENT_MS, 1500).
-%% A computer that is as late is busy.
+%% A robot that was woken starts for this time.
+-define(WAKE_MS, 2500).
+%% A computer that is as late is busy; one that is as late as this misses answers.
 -define(LATE_MS, 50).
+-define(BUSY_MS, 400).
 
 %% @doc All rates that a robot may have, this one first.
 -spec bauds(pos_integer()) -> [pos_integer()].
@@ -40,8 +43,19 @@ all(Probe, Bauds) ->
 worse({none, Noise, Late}, {none, More, Later}) -> {none, Noise + More, max(Late, Later)};
 worse(_Before, Found) -> Found.
 
-%% @doc Tries these rates, each for a short time.
--spec once(starl_create_probe:t(), [pos_integer()]) -> result().
+%% @doc Tries these rates of a robot that was woken, and starts.
+-spec awake(starl_create_probe:t(), [pos_integer()]) ->
+    {found, Baud :: pos_integer(), LateMs :: non_neg_integer()} | none.
+awake(Probe, Bauds) -> awake(Probe, Bauds, ?WAKE_MS div (?LISTEN_MS * length(Bauds))).
+
+awake(_Probe, _Bauds, 0) ->
+    none;
+awake(Probe, Bauds, N) ->
+    case once(Probe, Bauds) of
+        {found, _, _} = Found -> Found;
+        {none, _, _} -> awake(Probe, Bauds, N - 1)
+    end.
+
 once(Probe, Bauds) -> tried(?LISTEN_MS, Probe, Bauds).
 
 tried(Ms, Probe, Bauds) -> tried(Ms, Probe, Bauds, {none, 0, 0}).
@@ -78,3 +92,14 @@ framed(Probe, Ms) ->
         [] -> {none, max(Noise, Bytes), max(0, Us div 1000 - Ms)};
         [_ | _] -> {found, Us div 1000}
     end.
+
+%% @doc Why there is no answer, and what to do, by what was heard at all rates.
+-spec silent({Noise :: non_neg_integer(), LateMs :: non_neg_integer()}) -> unicode:chardata().
+silent({_Noise, Late}) when Late > ?BUSY_MS ->
+    "no answer came in time, but this computer is too busy to tell: end other programs, and try again";
+silent({0, _Late}) ->
+    "it says nothing at any baud rate, nor after pulses of DTR and RTS: press its button (Clean, Power); "
+    "check TXD, RXD, GND, and that BRC is wired; if it stays silent, take its battery out and put it back";
+silent({_Noise, _Late}) ->
+    "it says what makes sense at no baud rate: check GND and the level (TTL, 5 V, not RS-232); switch it off "
+    "and on, which brings its usual rate back".

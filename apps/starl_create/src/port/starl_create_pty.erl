@@ -97,7 +97,11 @@ refused(Parent, Error) ->
 
 detail(Error, Link) ->
     [_Word, Detail] = binary:split(Error, <<0>>),
-    io_lib:format("~ts: ~ts", [Link, string:lowercase(Detail)]).
+    io_lib:format("~ts: ~ts~ts", [Link, string:lowercase(Detail), remedy(Detail)]).
+
+%% What stands there is nobody's link.
+remedy(<<"File exists">>) -> ", and is no link; name another one";
+remedy(_) -> "".
 
 loop(#pty{owner = Owner, program = Program, name = Name} = Pty) ->
     receive
