@@ -45,15 +45,16 @@ static void stop_message(struct port *port, const uint8_t *bytes, size_t length)
 
 /* Scripts that were running are void; an empty one is the end at once. Where no stop bytes are known,
  * those of the script are. */
-static void script_message(struct port *port, const uint8_t *bytes, size_t length)
+static void script_message(struct port *port, const uint8_t *bytes, size_t length, bool joins)
 {
-    if (!script_load(&port->script, bytes, length)) {
+    if (!script_load(&port->script, bytes, length, joins)) {
         port_fail(port, "bad_message", "a malformed drive script");
         return;
     }
     if (port->stop_length == 0)
         stop_message(port, port->script.end, port->script.end_length);
-    port_step(port);
+    if (script_due_us(&port->script, clock_us()) <= clock_us())
+        port_step(port);
 }
 
 /* A pulse asserts the line and releases it; it rests as long between two. */
@@ -102,8 +103,8 @@ static void line_message(struct port *port, char tag, const uint8_t *bytes, size
         port_fail(port, "closed", "no device is open");
     else if (tag == 'W')
         port_write(port, bytes, length);
-    else if (tag == 'D')
-        script_message(port, bytes, length);
+    else if (tag == 'D' || tag == 'J')
+        script_message(port, bytes, length, tag == 'J');
     else if (tag == 'L' && length == 4)
         pulse_message(port, bytes);
     else if (tag == 'B' && length == 2)
@@ -127,7 +128,7 @@ void port_message(struct port *port, const uint8_t *bytes, size_t length)
         port_close(port);
     else if (tag == 'O' && length > 9)
         open_message(port, bytes + 1, length - 1);
-    else if (tag != 0 && strchr("WDLBS", tag))
+    else if (tag != 0 && strchr("WDJLBS", tag))
         line_message(port, tag, bytes + 1, length - 1);
     else
         port_fail(port, "bad_message", "of no known kind");

@@ -17,8 +17,9 @@ static bool is_sound(const uint8_t *bytes, size_t length)
     return at == length;
 }
 
-bool script_load(struct script *script, const uint8_t *bytes, size_t length)
+bool script_load(struct script *script, const uint8_t *bytes, size_t length, bool joins)
 {
+    bool waits = joins && script->is_running && script->has_begun;
     if (length > sizeof script->buf || !is_sound(bytes, length))
         return false;
     memcpy(script->buf, bytes, length);
@@ -27,8 +28,9 @@ bool script_load(struct script *script, const uint8_t *bytes, size_t length)
     script->end_length = (size_t)get_uint(bytes + 8, 2);
     script->at = HEAD + script->end_length;
     script->length = length;
+    script->start_us += waits ? script->offset_us : 0;
     script->offset_us = 0;
-    script->has_begun = false;
+    script->has_begun = waits;
     script->is_running = true;
     return true;
 }

@@ -21,8 +21,9 @@ struct step {
     bool is_last;
 };
 
-/* Takes `Mark:64 EndLength:16 End (WaitUs:32 Length:16 Bytes)*'. False: malformed, nothing changed. */
-bool script_load(struct script *script, const uint8_t *bytes, size_t length);
+/* Takes `Mark:64 EndLength:16 End (WaitUs:32 Length:16 Bytes)*'. False: malformed, nothing changed.
+ * `joins': it begins when the next step of the one that runs is due, not now. */
+bool script_load(struct script *script, const uint8_t *bytes, size_t length, bool joins);
 /* When the next step is due. */
 uint64_t script_due_us(const struct script *script, uint64_t now_us);
 /* The next step, which goes out now. */

@@ -20,6 +20,8 @@
     n = 0 :: integer(),
     timers = #{} :: map(),
     script = none :: term(),
+    %% when its next step is due
+    due = 0 :: integer(),
     is_plugged = true :: boolean(),
     last = #{} :: map(),
     answers = [] :: list(),
@@ -205,6 +207,10 @@ port({pulse, _, Ms, 1}, #bench{now = Now} = Bench) ->
     later(Now + 1000 * Ms, {brc, high}, line({brc, low}, Bench));
 port({drive_script, Ref, Steps, Stop}, Bench) ->
     write(Ref, Steps, Stop, Bench#bench{script = Ref});
+port({join_script, Ref, Steps, Stop}, #bench{script = none} = Bench) ->
+    port({drive_script, Ref, Steps, Stop}, Bench);
+port({join_script, Ref, Steps, Stop}, #bench{due = Due} = Bench) ->
+    later(Due, {script, Ref, Steps, Stop}, Bench#bench{script = Ref});
 port(close, Bench) ->
     Bench#bench{is_plugged = false}.
 
@@ -212,7 +218,7 @@ write(Ref, [], Stop, #bench{now = Now} = Bench) ->
     said_driver({ended, Ref, Now}, send(Stop, Bench#bench{script = none}));
 write(Ref, [{Bytes, Us} | Steps], Stop, #bench{now = Now} = Bench) ->
     Sent = said_driver({sent, Ref, Now}, send(Bytes, Bench)),
-    later(Now + Us, {script, Ref, Steps, Stop}, Sent).
+    later(Now + Us, {script, Ref, Steps, Stop}, Sent#bench{due = Now + Us}).
 
 send(_Bytes, #bench{is_plugged = false} = Bench) -> Bench;
 send(Bytes, Bench) -> travel(robot, Bytes, Bench).

@@ -209,7 +209,9 @@ a_slice_cut_short_drives_no_farther_test() ->
             )
         end
      || Waits <- [long, short],
-        {_, Bytes, _} <- starl_create_script:steps([{200.0, 200.0, 300000}], {on_robot, Waits}),
+        {_, Bytes, _} <- starl_create_script:steps(
+            [{200.0, 200.0, 300000}], {on_robot, Waits, rest}
+        ),
         Length <- lists:seq(1, byte_size(Bytes))
     ].
 
@@ -231,6 +233,29 @@ short_waits_leave_no_gap_test() ->
             ?assertEqual({Seed, 45 * 45000}, {Seed, End - Begin})
         end
      || Seed <- lists:seq(1, 20)
+    ].
+
+%% Commands that follow each other faster than they are driven, as those of a velocity, do not pile up in a
+%% Create 1, which reads nothing while it waits: it still stops as soon as without them.
+commands_do_not_pile_up_test() ->
+    [
+        begin
+            Ready = ready(#{model => 1, driver => #{short_waits => Short}}),
+            Steered = lists:foldl(
+                fun(N, B) ->
+                    starl_create_bench:run(Each, ahead(300, 200.0 + 10 * (N rem 2), B))
+                end,
+                Ready,
+                lists:seq(1, 40)
+            ),
+            Gone = starl_create_bench:run(Within, starl_create_bench:pull(dead, Steered)),
+            ?assertEqual({Short, Each, {0.0, 0.0}}, {Short, Each, starl_create_bench:wheels(Gone)}),
+            Stopped = starl_create_bench:run(Within + 105000, starl_create_bench:stop(Steered)),
+            ?assertEqual(
+                {Short, Each, {0.0, 0.0}}, {Short, Each, starl_create_bench:wheels(Stopped)}
+            )
+        end
+     || {Short, Within} <- [{false, 165000}, {true, 90000}], Each <- [50000, 130000, 200000, 317000]
     ].
 
 %% The slices of a leg have a little less than its speed.
@@ -473,6 +498,33 @@ off(Model, Options) ->
     {X, Y, _} = starl_create_bench:pose(Bench),
     {Way, _} = starl_create_driver:odometry(starl_create_bench:driver(Bench)),
     abs(math:sqrt(X * X + Y * Y) - 400) + 20 * abs(Heading - math:pi() / 2) + abs(Way - 400) / 8.
+
+%% The odometry is that of the factors, straight and in a turn.
+a_measured_profile_corrects_the_odometry_test() ->
+    Counted = fun(Commands, Own) ->
+        Bench0 = ready(#{model => 2, driver => Own}),
+        Bench = starl_create_bench:run(4 * ?S, starl_create_bench:drive({Commands, leg}, Bench0)),
+        starl_create_driver:odometry(starl_create_bench:driver(Bench))
+    end,
+    Straight = [{250.0, 250.0, 2 * ?S}],
+    {Mm, _} = Counted(Straight, #{}),
+    {Measured, _} = Counted(Straight, #{distance => 0.9}),
+    ?assert(abs(Measured / Mm - 0.9) < 0.001),
+    Turn = [{-100.0, 100.0, 2 * ?S}],
+    {_, Radians} = Counted(Turn, #{}),
+    {_, Turned} = Counted(Turn, #{angle => 0.9}),
+    ?assert(abs(Turned / Radians - 0.9) < 0.001).
+
+%% What is said beside a profile counts.
+what_is_said_counts_more_than_a_profile_test() ->
+    File = "/tmp/starl_create_profile_said_" ++ os:getpid(),
+    ok = starl_create_calibration:profile(File, #{model => 2, baud => 19200, short_waits => true}),
+    Said = #{device => "bench", profile => File, baud => 57600},
+    {ok, Options} = starl_create_options:configured(Said),
+    ok = file:delete(File),
+    ?assertEqual(
+        #{device => "bench", model => 2, baud => 57600, short_waits => true}, Options
+    ).
 
 what_is_wrong_with_a_profile_is_said_in_a_line_test() ->
     [

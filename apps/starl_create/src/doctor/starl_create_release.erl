@@ -6,7 +6,7 @@
 -define(BANNER_MS, 6000).
 
 %% @doc The name of its release.
--spec read(starl_create_probe:t()) -> unicode:chardata().
+-spec read(starl_create_probe:t()) -> binary() | string().
 read(Probe) ->
     _ = starl_create_probe:listen(Probe, 30),
     ok = starl_create_probe:send(Probe, <<7>>),

@@ -199,7 +199,7 @@ owner(Device, #{model := Model} = Options, Parent) ->
 steps(#{model := Model} = Options) ->
     Way =
         case Model of
-            1 -> {on_robot, starl_create_options:waits(Options)};
+            1 -> {on_robot, starl_create_options:waits(Options), rest};
             2 -> {by_port, 5000}
         end,
     starl_create_script:steps([{?SPEED, ?SPEED, ?LEG_US}], Way).

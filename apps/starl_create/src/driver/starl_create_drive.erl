@@ -20,7 +20,7 @@
 -export_type([t/0, action/0]).
 
 -type action() ::
-    {port, {drive_script, Ref :: pos_integer(), [{binary(), Us :: pos_integer()}], binary()}}
+    {port, starl_create_word:command()}
     | {timer, rest, Ms :: non_neg_integer()}
     | {answer, Mark :: term(), starl_live_chassis:answer()}
     | {say, warning, starl_create_advice:t()}.
@@ -75,22 +75,42 @@ drive(Commands, Mark, #drive{stands = Stands} = Drive) ->
     Leg = #leg{mark = Mark, steps = Steps, may_rest = Stands andalso Steps =:= []},
     {Words, Next#drive{leg = Leg}}.
 
-way(#drive{options = Options, jitter_us = Jitter}) ->
+way(#drive{options = Options, jitter_us = Jitter} = Drive) ->
     case starl_create_order:is_on_robot(Options) of
-        true -> {on_robot, starl_create_options:waits(Options)};
+        true -> {on_robot, starl_create_options:waits(Options), from(Drive)};
         false -> {by_port, Jitter}
     end.
 
+from(#drive{leg = #leg{has_ended = false, steps = [_ | _]}}) -> slice;
+from(_Drive) -> rest.
+
 factors(#drive{options = Options}) -> starl_create_options:drive(Options).
 
-script(Steps, End, #drive{ref = Ref} = Drive) ->
+%% A Create 1 reads nothing before its slice is over. What is sent meanwhile would pile up, slice after
+%% slice; so the next script begins when the next slice of this one is due.
+script(Steps, End, #drive{ref = Ref, options = Options} = Drive) ->
     Next = Drive#drive{ref = Ref + 1, leg = none, stands = false},
-    {[{port, {drive_script, Ref + 1, Steps, End}}], Next}.
+    Word =
+        case {starl_create_order:is_on_robot(Options), Steps} of
+            {false, _} -> {drive_script, Ref + 1, Steps, End};
+            {true, [_ | _]} -> {join_script, Ref + 1, Steps, End};
+            {true, []} -> {join_script, Ref + 1, rested(Options), End}
+        end,
+    {[{port, Word}], Next}.
+
+rested(Options) -> starl_create_script:rested(starl_create_options:waits(Options)).
 
 %% @doc Everything comes to rest, with the pen like this.
 -spec stop(starl_create_order:position(), t()) -> {[action()], t()}.
 stop(Pen, #drive{options = Options} = Drive) ->
-    script([], starl_create_order:resting(Pen, Options), Drive).
+    case starl_create_order:is_on_robot(Options) of
+        false ->
+            script([], starl_create_order:resting(Pen, Options), Drive);
+        true ->
+            %% its wheels may be told later; a pen that is set meanwhile must not be set back then
+            {Words, Next} = script([], starl_create_script:rest(), Drive),
+            {[{port, {send, starl_create_order:pen(Pen, Options)}} | Words], Next}
+    end.
 
 %% @doc The script is void: nobody answers it.
 -spec forget(t()) -> t().

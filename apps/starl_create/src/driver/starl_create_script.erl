@@ -19,7 +19,7 @@
 %% the next look: their slices are three of these, 45 ms, after one that lets the first begin with a look.
 -module(starl_create_script).
 
--export([steps/2, steps/3, lasts_us/1, rest/0]).
+-export([steps/2, steps/3, lasts_us/1, rest/0, rested/1]).
 
 -export_type([step/0, told/0, way/0, waits/0]).
 
@@ -27,8 +27,9 @@
 -type step() :: {told(), binary(), Us :: pos_integer()}.
 -type told() :: {Left :: number(), Right :: number()}.
 
-%% Who times a command: the port, on a line with this jitter, or a Create 1 itself.
--type way() :: {by_port, JitterUs :: pos_integer()} | {on_robot, waits()}.
+%% Who times a command: the port, on a line with this jitter, or a Create 1 itself, from rest or after
+%% a slice of another script, whose next step is due.
+-type way() :: {by_port, JitterUs :: pos_integer()} | {on_robot, waits(), rest | slice}.
 
 %% The waits of a Create 1: of 100 ms, or of the 15 ms between its looks.
 -type waits() :: long | short.
@@ -52,10 +53,10 @@ steps(Commands, Way) -> steps(Commands, Way, {1.0, 1.0}).
     [step()].
 steps(Commands, {by_port, Jitter}, Factors) ->
     [timed(Command, scaled(Command, Factors), Jitter) || Command <- Commands];
-steps(Commands, {on_robot, Waits}, Factors) ->
-    #{early_us := Early} = Slice = slice(Waits),
-    Scaled = [slices(Command, scaled(Command, Factors), Slice) || Command <- Commands],
-    early(Early, lists:append(Scaled)).
+steps(Commands, {on_robot, Waits, From}, Factors) ->
+    Slice = slice(Waits),
+    Slices = lists:append([slices(C, scaled(C, Factors), Slice) || C <- Commands]),
+    early(From, Slice, Slices).
 
 scaled({Left, Right, Us}, {Straight, Turn}) ->
     {Ahead, Aside} = {(Left + Right) / 2 / Straight, (Right - Left) / 2 / Turn},
@@ -114,16 +115,29 @@ slices({Left0, Right0, _}, {Left, Right, Us}, #{us := SliceUs} = Slice) ->
         | lists:duplicate(N - 1, {Told, <<?PLAY>>, SliceUs})
     ].
 
-script(Whole, #{begins := Begins, wait := Wait}) ->
+script(Whole, #{wait := Wait}) ->
     Script = <<(direct(Whole))/binary, Wait/binary, (rest())/binary>>,
-    <<Begins/binary, ?SCRIPT, (byte_size(Script)), Script/binary>>.
+    <<?SCRIPT, (byte_size(Script)), Script/binary>>.
 
-%% The first slice begins now; the others arrive before they are needed.
-early(_Early, []) ->
+%% From rest the first slice begins now, and the others arrive before they are needed. After a slice all
+%% do: the robot has not ended that when its next step is due.
+early(_From, _Slice, []) ->
     [];
-early(_Early, [One]) ->
-    [One];
-early(Early, [{Told, Bytes, Us} | More]) ->
-    {Last, Before} = {lists:last(More), lists:droplast(More)},
-    {ToldLast, BytesLast, UsLast} = Last,
-    [{Told, Bytes, Us - Early} | Before] ++ [{ToldLast, BytesLast, UsLast + Early}].
+early(rest, #{begins := Begins, early_us := Early}, [{Told, Bytes, Us} | Slices]) ->
+    First = <<Begins/binary, Bytes/binary>>,
+    case Slices of
+        [] -> [{Told, First, Us}];
+        _ -> [{Told, First, Us - Early} | longer(Early, Slices)]
+    end;
+early(slice, #{early_us := Early}, Slices) ->
+    longer(Early, Slices).
+
+longer(Early, Slices) ->
+    {Told, Bytes, Us} = lists:last(Slices),
+    lists:droplast(Slices) ++ [{Told, Bytes, Us + Early}].
+
+%% @doc The step after which a Create 1 that is told to rest has read that: its last slice is over.
+-spec rested(waits()) -> [{binary(), Us :: pos_integer()}].
+rested(Waits) ->
+    #{early_us := Early} = slice(Waits),
+    [{rest(), Early}].

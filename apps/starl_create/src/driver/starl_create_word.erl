@@ -6,11 +6,13 @@
 
 -export_type([command/0, message/0, timer/0]).
 
-%% What the port is told. A script replaces the one before it.
+%% What the port is told. A script replaces the one before it: at once, or when the next step of that
+%% is due (`join_script').
 -type command() ::
     {open, Device :: term(), Baud :: pos_integer()}
     | {send, binary()}
     | {drive_script, Ref :: pos_integer(), [{binary(), Us :: pos_integer()}], Stop :: binary()}
+    | {join_script, Ref :: pos_integer(), [{binary(), Us :: pos_integer()}], Stop :: binary()}
     | {stop_bytes, binary()}
     | {pulse, dtr | rts, LowMs :: pos_integer(), Times :: pos_integer()}
     | close.

@@ -79,6 +79,13 @@ handle_info({drive_script, Ref, Steps, Stop}, Pipe) ->
     Now = now_us(),
     _ = Steps =/= [] andalso tell({sent, Ref, Now}, Pipe),
     {noreply, steps(Now, Pipe#pipe{script = {Ref, Steps, Stop}, due = Now})};
+handle_info({join_script, Ref, Steps, Stop}, #pipe{script = Running, due = Due} = Pipe) when
+    Running =/= none
+->
+    _ = Steps =/= [] andalso tell({sent, Ref, Due}, Pipe),
+    {noreply, steps(now_us(), Pipe#pipe{script = {Ref, Steps, Stop}})};
+handle_info({join_script, Ref, Steps, Stop}, Pipe) ->
+    handle_info({drive_script, Ref, Steps, Stop}, Pipe);
 handle_info(step, Pipe) ->
     {noreply, steps(now_us(), Pipe)};
 handle_info({serial, Create, sync}, #pipe{create = Create} = Pipe) ->

@@ -181,9 +181,9 @@ encoded({connect}, #line{device = [_ | _]} = Line) ->
 encoded({send, Bytes}, Line) ->
     {iolist_to_binary([$W, Bytes]), Line};
 encoded({drive_script, Mark, Steps, Stop}, Line) ->
-    End = iolist_to_binary(Stop),
-    Script = [step(Step) || Step <- Steps],
-    {iolist_to_binary([$D, <<Mark:64, (byte_size(End)):16>>, End, Script]), Line};
+    {script($D, Mark, Steps, Stop), Line};
+encoded({join_script, Mark, Steps, Stop}, Line) ->
+    {script($J, Mark, Steps, Stop), Line};
 encoded({stop_bytes, Bytes}, Line) ->
     {iolist_to_binary([$Z, Bytes]), Line};
 encoded({pulse, Which, LowMs, Times}, Line) ->
@@ -201,6 +201,11 @@ encoded(Close, Line) when Close =:= close; Close =:= {close}; Close =:= {disconn
 
 opened(#line{device = Device, baud = Baud, heartbeat_ms = Ms} = Line) ->
     {<<$O, Baud:32, Ms:32, (unicode:characters_to_binary(Device))/binary>>, Line}.
+
+script(Tag, Mark, Steps, Stop) ->
+    End = iolist_to_binary(Stop),
+    Script = [step(Step) || Step <- Steps],
+    iolist_to_binary([Tag, <<Mark:64, (byte_size(End)):16>>, End, Script]).
 
 step({Bytes, WaitUs}) when is_integer(WaitUs), WaitUs >= 0, WaitUs < 1 bsl 32 ->
     [<<WaitUs:32, (iolist_size(Bytes)):16>>, Bytes].
