@@ -15,8 +15,6 @@ groups() ->
                 healthy,
                 create_1,
                 wrong_baud,
-                late,
-                late_wrong_baud,
                 too_late,
                 asleep,
                 silent,
@@ -64,18 +62,6 @@ wrong_baud(_) ->
     ?assertMatch([{baud, _}], Problems),
     says(baud, "the robot speaks 19200 baud, not 115200; switch it off and on", Problems),
     ?assertMatch(#{baud := 19200}, Profile).
-
-%% A robot whose answers come late, as on a busy computer, is told aright all the same.
-late(_) ->
-    {Problems, Profile} = examined_late(600, #{model => 2}, #{model => 2}),
-    ?assertEqual([], Problems),
-    ?assertMatch(#{model := 2, baud := 115200}, Profile).
-
-late_wrong_baud(_) ->
-    {Problems, Profile} = examined_late(600, #{model => 1, baud => 19200}, #{model => 1}),
-    ?assertMatch([{baud, _}], Problems),
-    says(baud, "the robot speaks 19200 baud, not 57600", Problems),
-    ?assertMatch(#{model := 1, baud := 19200}, Profile).
 
 %% A frame that comes when nobody waits for it any more does not show the rate, but that there is a robot.
 too_late(_) ->
@@ -238,29 +224,6 @@ robot(Options) ->
     {ok, Line} = starl_create_on_pty:start_link(Create, none),
     {Create, starl_create_on_pty:name(Line)}.
 
-%% What this robot says is heard so late.
-late_robot(Ms, Options) ->
-    {ok, Create} = starl_create_emulated:start_link(Options),
-    Slow = spawn_link(fun() -> slow(Ms, Create, none) end),
-    {ok, Line} = starl_create_on_pty:start_link(Slow, none),
-    starl_create_on_pty:name(Line).
-
-slow(Ms, Create, Line) ->
-    receive
-        {serial, Create, {data, _} = Said} ->
-            _ = erlang:send_after(Ms, self(), {late, Said}),
-            slow(Ms, Create, Line);
-        {serial, Create, Word} ->
-            Line ! {serial, self(), Word},
-            slow(Ms, Create, Line);
-        {late, Said} ->
-            Line ! {serial, self(), Said},
-            slow(Ms, Create, Line);
-        {serial, From, Word} ->
-            Create ! {serial, self(), Word},
-            slow(Ms, Create, From)
-    end.
-
 hand() -> #{model => 2, baud => 115200, speed => 150, hold_ms => 200}.
 
 plan() -> #{drive_mm => 400, drive_mm_s => 100, turn_deg => 90, turn_mm_s => 100}.
@@ -272,9 +235,6 @@ all(Robot, Options) ->
     {Findings, Profile}.
 
 examined(Robot, Options) -> problems(all(Robot, Options)).
-
-examined_late(Ms, Robot, Options) ->
-    problems(starl_create_doctor:examine(late_robot(Ms, Robot), Options)).
 
 problems({Findings, Profile}) ->
     Problems = starl_create_doctor:problems(Findings),

@@ -71,10 +71,10 @@ tried(Ms, Probe, [Baud | Bauds], None) ->
 
 confirmed({none, _, _} = None, _Probe) ->
     None;
-confirmed({found, _Late}, Probe) ->
-    ok = starl_create_probe:quiet(Probe),
+confirmed({found, Before}, Probe) ->
+    ok = starl_create_probe:quiet(Probe, max(Before, ?LISTEN_MS)),
     case framed(Probe, ?PATIENT_MS) of
-        {found, _} = Found -> Found;
+        {found, Late} -> {found, max(Before, Late)};
         {none, Noise, _} -> {none, Noise, ?PATIENT_MS}
     end.
 
