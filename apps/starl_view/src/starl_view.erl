@@ -36,7 +36,14 @@ start(Options) ->
     case {application:ensure_all_started(cowboy), inet:getaddr(Host, family(Host))} of
         {{error, _}, _} -> {error, no_cowboy};
         {_, {error, Posix}} -> {error, {address, Host, Posix}};
-        {{ok, _}, {ok, Ip}} -> listen(Ip, Host, Options)
+        {{ok, _}, {ok, Ip}} -> listen(free(Ip, Options), Ip, Host, Options)
+    end.
+
+%% Ranch writes reports if a port is taken, beside its answer: so it is tried before.
+free(Ip, Options) ->
+    case ranch_tcp:listen(#{socket_opts => [{ip, Ip}, {port, maps:get(port, Options, 0)}]}) of
+        {ok, Socket} -> gen_tcp:close(Socket);
+        {error, _} = Error -> Error
     end.
 
 family(Host) ->
@@ -45,7 +52,9 @@ family(Host) ->
         false -> inet
     end.
 
-listen(Ip, Host, Options) ->
+listen({error, Why}, _Ip, Host, Options) ->
+    {error, {listen, Host, maps:get(port, Options, 0), Why}};
+listen(ok, Ip, Host, Options) ->
     Port = maps:get(port, Options, 0),
     {ok, Hub} = starl_view_hub:start_link(maps:with([most_bytes], Options)),
     {ok, Feed} = starl_view_foxglove_feed:start_link(maps:with([most_waiting], Options)),

@@ -13,6 +13,7 @@
     a_page_left_open/1
 ]).
 -export([a_hundred_pages_and_a_run/1, a_port_that_is_taken/1]).
+-export([log/2]).
 
 -define(C, starl_view_client).
 %% A third of a MB each, with the run itself.
@@ -215,11 +216,26 @@ a_page_left_open(Config) ->
     true = unlink(Reader),
     true = exit(Reader, kill).
 
+%% One line says it; nobody writes a report beside it. A server that ends gives its port back.
 a_port_that_is_taken(Config) ->
     Port = ?config(port, Config),
+    ok = logger:add_handler(?MODULE, ?MODULE, #{config => self()}),
     {error, Reason} = starl_view:start(#{port => Port}),
+    ok = logger:remove_handler(?MODULE),
     Line = lists:flatten(io_lib:format("~ts", [starl_view:format_error(Reason)])),
-    ?assertMatch({match, _}, re:run(Line, "^--view-port [0-9]+: another program has this port")).
+    ?assertMatch({match, _}, re:run(Line, "^--view-port [0-9]+: another program has this port")),
+    receive
+        {logged, Event} -> ct:fail(Event)
+    after 0 -> ok
+    end,
+    {ok, View} = starl_view:start(#{port => 0}),
+    #{port := Own} = uri_string:parse(binary_to_list(starl_view:address(View))),
+    ok = starl_view:stop(View),
+    {ok, Again} = starl_view:start(#{port => Own}),
+    ok = starl_view:stop(Again).
+
+%% Sends what is logged to the test.
+log(Event, #{config := Test}) -> Test ! {logged, Event}.
 
 %% -- helpers --------------------------------------------------------------------------------
 
