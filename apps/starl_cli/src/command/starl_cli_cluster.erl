@@ -82,7 +82,7 @@ statuses() -> starl_cli_run:statuses().
 -spec subject(string(), [string()]) ->
     {ok, starl_cli_command:subject(), [string()]} | {error, [unicode:chardata(), ...]}.
 subject(Word, Args) ->
-    case starl_cluster_control:words(Word) of
+    case starl_cluster_command:words(Word) of
         none ->
             starl_cli_target:subject(Word, Args);
         Arity ->

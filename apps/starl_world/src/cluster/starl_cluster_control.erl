@@ -2,7 +2,7 @@
 %% user's own. A command is one line of words, the answer a text.
 -module(starl_cluster_control).
 
--export([words/1, start_link/1, close/0, ask/2]).
+-export([start_link/1, close/0, ask/2]).
 
 -export_type([handler/0]).
 
@@ -12,20 +12,6 @@
 -define(TIMEOUT_MS, 70000).
 %% A client sends its line at once.
 -define(LINE_MS, 2000).
--define(COMMANDS, [
-    {"status", 0},
-    {"kill", 1},
-    {"cut", 2},
-    {"freeze", 1},
-    {"unplug", 1},
-    {"heal", 0},
-    {"stop", 0},
-    {"reload", 1}
-]).
-
-%% @doc The number of words after the first one of a command; `none': it is no command.
--spec words(string()) -> non_neg_integer() | none.
-words(Word) -> proplists:get_value(Word, ?COMMANDS, none).
 
 %% @doc Opens the socket of this VM's cluster.
 -spec start_link(handler()) -> {ok, pid()} | {error, unicode:chardata()}.

@@ -11,7 +11,7 @@
 %% present code.
 -module(starl_cluster_reload).
 
--export([new/1, codes/1, code/1, start/5, hear/2, lost/2, rejoined/3, expired/2]).
+-export([new/1, codes/1, code/1, start/5, hear/2, lost/2, rejoined/3]).
 
 -export_type([t/0, node_of/0, answer/0, options/0]).
 
@@ -134,15 +134,23 @@ prepared([], Order, Code, {Parts, Nodes}, From, #reloads{codes = Codes} = Reload
 prepared(Problems, _Order, _Code, _Robots, _From, _Reloads) ->
     {error, lists:join("\n", Problems)}.
 
-%% @doc A machine has told how it has heeded a reload.
--spec hear({starl:robot_id(), starl_machine:name(), starl_reload:told()}, t()) -> t().
-hear({Robot, Name, #{number := N, outcome := Outcome} = Told}, Reloads) ->
+%% @doc Handles a message to the process that reloads: a machine has told how it has heeded a reload; the
+%% trial time, or the caller's patience, is over.
+-spec hear(Message :: term(), t()) -> t().
+hear({starl_reloaded, Robot, Name, #{number := N, outcome := Outcome} = Told}, Reloads) ->
     case Reloads of
         #reloads{now = #rollout{order = #{number := N}}} ->
             heard(starl_reload:is_failure(Outcome), Robot, Name, Told, Reloads);
         #reloads{} ->
             Reloads
-    end.
+    end;
+hear({timeout, Timer, reload_trial}, #reloads{now = #rollout{timer = Timer}} = Reloads) ->
+    tried(Reloads);
+hear({reload_patience, N}, #reloads{now = #rollout{order = #{number := N}} = Now} = Reloads) ->
+    _ = answered({ok, impatient(Now)}, Now),
+    Reloads#reloads{now = Now#rollout{told = true}};
+hear(_Message, Reloads) ->
+    Reloads.
 
 heard(false, Robot, Name, _Told, #reloads{now = Rollout} = Reloads) ->
     #rollout{waiting = Waiting} = Rollout,
@@ -192,21 +200,13 @@ rejoined(Robot, [Link], #reloads{now = #rollout{links = Links} = Rollout} = Relo
 rejoined(_Robot, _Links, Reloads) ->
     Reloads.
 
-%% @doc The trial time, or the caller's patience with the reload of this number, is over.
--spec expired({trial, reference()} | {patience, pos_integer()}, t()) -> t().
-expired({trial, Timer}, #reloads{now = #rollout{timer = Timer} = Rollout} = Reloads) ->
-    #rollout{links = Links, order = #{versions := Versions}} = Rollout,
+tried(#reloads{now = #rollout{links = Links, order = #{versions := Versions}} = Now} = Reloads) ->
     Names = lists:join(", ", [atom_to_list(M) || M <- lists:sort(maps:keys(Versions))]),
     Line = io_lib:format("~ts: reloaded on ~b robots; the trial time is over\n", [
         Names, map_size(Links)
     ]),
-    _ = answered({ok, Line}, Rollout),
-    Reloads#reloads{now = none};
-expired({patience, N}, #reloads{now = #rollout{order = #{number := N}} = Rollout} = Reloads) ->
-    _ = answered({ok, impatient(Rollout)}, Rollout),
-    Reloads#reloads{now = Rollout#rollout{told = true}};
-expired(_What, Reloads) ->
-    Reloads.
+    _ = answered({ok, Line}, Now),
+    Reloads#reloads{now = none}.
 
 impatient(#rollout{waiting = []}) ->
     "all robots run the new code; it is on trial\n";

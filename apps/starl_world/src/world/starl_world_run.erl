@@ -59,17 +59,10 @@ start(Given, Options) ->
         {error, _} = Error -> Error
     end.
 
-started({Scenario, Scene, Plan}, Options) ->
-    Speed = maps:get(speed, Options, 1),
-    Clock = starl_live_clock:new(erlang:system_time(microsecond), Speed),
-    World0 = maps:with([rate_hz, whole_mm, arena, observe, facts], Options),
-    {ok, World} = starl_world:start_link(World0#{plan => Plan, clock => Clock}),
-    #{robots := Poses, world := Sim} = Plan,
+started({Scenario, Scene, #{robots := Poses} = Plan}, Options) ->
+    #{world := World} = Stage = starl_world_stage:open(Plan, {local, #{}}, Options),
     Ids = [Id || {Id, _} <- Poses],
-    Transport = starl_world_transport:new(
-        local, Ids, maps:merge(maps:with([air], Options), #{sim => Sim, speed => Speed})
-    ),
-    Specs = [{Id, spec(Id, World, Clock, Options, Plan, Transport)} || Id <- Ids],
+    Specs = [{Id, starl_world_stage:robot(Id, Stage)} || Id <- Ids],
     {ok, Robots} = starl_world_robots:start_link(World, maps:from_list(Specs)),
     #run{
         world = World,
@@ -77,22 +70,6 @@ started({Scenario, Scene, Plan}, Options) ->
         ids = Ids,
         scenario = Scenario,
         scene = Scene
-    }.
-
-spec(Id, World, Clock, Options, #{crew := #{tree := Tree}, world := Sim}, Transport) ->
-    #{profiles := Profiles} = Sim,
-    #{dir := Dir} = Options,
-    #{
-        robot => Id,
-        tree => Tree,
-        profile => starl_chassis:of_robot(Id, Profiles),
-        clock => Clock,
-        dir => filename:join(Dir, "robot-" ++ integer_to_list(Id)),
-        transport => starl_world_transport:line(Id, #{}, Transport),
-        positioning => {starl_world_sight, #{world => World}},
-        chassis => starl_world_chassis:line(Id, World, Options),
-        sink => World,
-        packets => maps:get(packets, Options, false)
     }.
 
 %% @doc Waits for the end of the run.

@@ -1,0 +1,73 @@
+%% @doc The commands of other terminals to a cluster that runs: their words, and the texts of the
+%% answers. A pure module.
+-module(starl_cluster_command).
+
+-export([words/1, parse/1, described/1]).
+
+-export_type([t/0]).
+
+-type t() ::
+    status | stop | heal | {reload, starl_version:source()} | {act, starl_cluster_hands:act()}.
+
+%% Each command, and the number of words after the first one.
+-define(COMMANDS, [
+    {"status", 0},
+    {"kill", 1},
+    {"cut", 2},
+    {"freeze", 1},
+    {"unplug", 1},
+    {"heal", 0},
+    {"stop", 0},
+    {"reload", 1}
+]).
+
+%% @doc The number of words after the first one of a command; `none': it is no command.
+-spec words(string()) -> non_neg_integer() | none.
+words(Word) -> proplists:get_value(Word, ?COMMANDS, none).
+
+%% @doc The command that these words are.
+-spec parse([string()]) -> {ok, t()} | {error, unicode:chardata()}.
+parse(["status"]) -> {ok, status};
+parse(["stop"]) -> {ok, stop};
+parse(["heal"]) -> {ok, heal};
+parse(["reload", What]) -> {ok, {reload, source(What)}};
+parse([Word | Robots]) -> act(Word, [string:to_integer(Robot) || Robot <- Robots]);
+parse([]) -> {error, "a command expected, as cluster status"}.
+
+act("kill", [{Robot, []}]) -> {ok, {act, {kill, Robot}}};
+act("freeze", [{Robot, []}]) -> {ok, {act, {freeze, Robot}}};
+act("unplug", [{Robot, []}]) -> {ok, {act, {unplug, Robot}}};
+act("cut", [{A, []}, {B, []}]) when A =/= B -> {ok, {act, {cut, A, B}}};
+act(Word, _) -> {error, [Word, ": robots by their numbers, as in cut 1 2 or kill 3"]}.
+
+%% A file, an application as users name it, or a module.
+source(What) ->
+    case filename:extension(What) of
+        ".erl" -> What;
+        _ -> module(["starl_" ++ What, What])
+    end.
+
+%% A user's own word: few atoms.
+module([Name]) ->
+    list_to_atom(Name);
+module([Name | Names]) ->
+    case code:which(list_to_atom(Name)) of
+        non_existing -> module(Names);
+        _ -> list_to_atom(Name)
+    end.
+
+%% @doc The answer to `status'.
+-spec described(starl_cluster:status()) -> unicode:chardata().
+described(#{now_us := Now, running := Running, up := Up, restarts := Restarts, os_pids := Pids}) ->
+    [
+        io_lib:format("~.1f s, ~b at work~n", [Now / 1.0e6, Running])
+        | [
+            io_lib:format("robot ~b  ~-5s process ~s, started ~b times~n", [
+                Id, up(lists:member(Id, Up)), maps:get(Id, Pids, "-"), N + 1
+            ])
+         || {Id, N} <- lists:sort(maps:to_list(Restarts))
+        ]
+    ].
+
+up(true) -> "up";
+up(false) -> "down".

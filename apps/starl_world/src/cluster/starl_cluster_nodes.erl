@@ -1,0 +1,156 @@
+%% @doc The nodes of a cluster: a process of the operating system for each robot, held by OTP's `peer'
+%% and linked to the calling process. What is done on a node stands in {@link starl_cluster_node}.
+%% ```
+%%     up -- lost (it has ended), drop (its robot cannot be opened) --> down -- again --> up
+%% '''
+-module(starl_cluster_nodes).
+
+-export([start/1, names/1, specified/3, open/3, again/2, lost/2, drop/2, close/1, stop/1]).
+-export([ids/1, up/1, name/2, spec/2, of_control/2, restarts/1, os_pids/1, kill/2, deafen/3]).
+
+-export_type([t/0, code/0]).
+
+%% Modules that were compiled in memory, or reloaded.
+-type code() :: [{module(), file:filename(), Beam :: binary()}].
+
+-record(node, {
+    name :: string(),
+    peer :: starl_sim_peers:t() | none,
+    restarts = 0 :: non_neg_integer(),
+    %% what its robot starts with
+    spec = #{} :: starl_live_robot:spec()
+}).
+
+-record(nodes, {
+    nodes :: #{starl:robot_id() => #node{}},
+    code = [] :: code()
+}).
+
+-opaque t() :: #nodes{}.
+
+%% @doc Starts a node for each robot.
+-spec start([starl:robot_id()]) -> {ok, t()} | {error, starl_sim_peers:reason()}.
+start(Ids) ->
+    Run = peer:random_name("starl"),
+    Names = [Run ++ "-robot" ++ integer_to_list(Id) || Id <- Ids],
+    case starl_sim_peers:start_as(Names) of
+        {ok, Peers} ->
+            Nodes = [#node{name = Name, peer = Peer} || {Name, Peer} <- lists:zip(Names, Peers)],
+            {ok, #nodes{nodes = maps:from_list(lists:zip(Ids, Nodes))}};
+        {error, _} = Error ->
+            Error
+    end.
+
+%% @doc The names of the nodes that are up.
+-spec names(t()) -> #{starl:robot_id() => node()}.
+names(Nodes) -> maps:from_list(up(Nodes)).
+
+%% @doc What the robots start with, and the code that their nodes get.
+-spec specified([{starl:robot_id(), starl_live_robot:spec()}], code(), t()) -> t().
+specified(Specs, Code, #nodes{nodes = All} = Nodes) ->
+    With = [{Id, (maps:get(Id, All))#node{spec = Spec}} || {Id, Spec} <- Specs],
+    Nodes#nodes{nodes = maps:merge(All, maps:from_list(With)), code = Code}.
+
+%% @doc Opens a robot on its node, with code that was reloaded. Returns its link.
+-spec open(starl:robot_id(), {starl_reload:codes(), code()}, t()) ->
+    {ok, [Link :: pid()]} | {error, unicode:chardata()}.
+open(Id, {Codes, Reloaded}, #nodes{nodes = All, code = Code}) ->
+    #{Id := #node{peer = Peer, spec = Spec}} = All,
+    Node = starl_sim_peers:node(Peer),
+    case starl_cluster_node:open(Node, Id, Spec#{codes => Codes}, Code ++ Reloaded) of
+        ok -> {ok, starl_cluster_node:robot_link(Node)};
+        {error, _} = Error -> Error
+    end.
+
+%% @doc Starts a robot's node anew.
+-spec again(starl:robot_id(), t()) -> {ok, t()} | {error, starl_sim_peers:reason()}.
+again(Id, #nodes{nodes = All} = Nodes) ->
+    #{Id := #node{name = Name, restarts = N} = Node} = All,
+    case starl_sim_peers:start_as([Name]) of
+        {ok, [Peer]} -> {ok, put_node(Id, Node#node{peer = Peer, restarts = N + 1}, Nodes)};
+        {error, _} = Error -> Error
+    end.
+
+%% @doc The node of a robot has ended.
+-spec lost(starl:robot_id(), t()) -> t().
+lost(Id, #nodes{nodes = All} = Nodes) ->
+    #{Id := Node} = All,
+    put_node(Id, Node#node{peer = none}, Nodes).
+
+%% @doc Ends the node of a robot.
+-spec drop(starl:robot_id(), t()) -> t().
+drop(Id, #nodes{nodes = All} = Nodes) ->
+    #{Id := #node{peer = Peer}} = All,
+    ok = starl_sim_peers:kill(Peer),
+    lost(Id, Nodes).
+
+put_node(Id, Node, #nodes{nodes = All} = Nodes) -> Nodes#nodes{nodes = All#{Id := Node}}.
+
+%% @doc Ends the robots that are recorded, and their recordings.
+-spec close(t()) -> ok.
+close(#nodes{nodes = All}) ->
+    starl_cluster_node:close([
+        starl_sim_peers:node(Peer)
+     || #node{peer = Peer, spec = #{recorder := _}} <- maps:values(All), Peer =/= none
+    ]).
+
+%% @doc Ends all nodes.
+-spec stop(t()) -> ok.
+stop(Nodes) -> lists:foreach(fun({_, Peer}) -> starl_sim_peers:kill(Peer) end, peers(Nodes)).
+
+%% -- questions ------------------------------------------------------------------------------
+
+%% @doc The robots.
+-spec ids(t()) -> [starl:robot_id()].
+ids(#nodes{nodes = All}) -> maps:keys(All).
+
+%% @doc The robots whose nodes are up, ascending, with these.
+-spec up(t()) -> [{starl:robot_id(), node()}].
+up(Nodes) -> [{Id, starl_sim_peers:node(Peer)} || {Id, Peer} <- peers(Nodes)].
+
+peers(#nodes{nodes = All}) ->
+    [{Id, Peer} || {Id, #node{peer = Peer}} <- lists:sort(maps:to_list(All)), Peer =/= none].
+
+%% @doc The name of a robot's node, if it is up.
+-spec name(starl:robot_id(), t()) -> node() | none.
+name(Id, Nodes) -> proplists:get_value(Id, up(Nodes), none).
+
+%% @doc What a robot starts with.
+-spec spec(starl:robot_id(), t()) -> starl_live_robot:spec().
+spec(Id, #nodes{nodes = All}) -> (maps:get(Id, All))#node.spec.
+
+%% @doc The robot whose node is held by this process.
+-spec of_control(pid(), t()) -> {ok, starl:robot_id()} | none.
+of_control(Pid, Nodes) ->
+    case [Id || {Id, Peer} <- peers(Nodes), starl_sim_peers:control(Peer) =:= Pid] of
+        [Id] -> {ok, Id};
+        [] -> none
+    end.
+
+%% @doc How often each node was started anew.
+-spec restarts(t()) -> #{starl:robot_id() => non_neg_integer()}.
+restarts(#nodes{nodes = All}) -> maps:map(fun(_, #node{restarts = N}) -> N end, All).
+
+%% @doc The numbers of the nodes' processes in the operating system.
+-spec os_pids(t()) -> #{starl:robot_id() => string()}.
+os_pids(Nodes) ->
+    maps:from_list([{Id, starl_sim_peers:os_pid(Peer)} || {Id, Peer} <- peers(Nodes)]).
+
+%% @doc Kills the node of a robot, by SIGKILL.
+-spec kill(starl:robot_id(), t()) -> ok | {error, unicode:chardata()}.
+kill(Id, Nodes) ->
+    case os_pids(Nodes) of
+        #{Id := OsPid} ->
+            _ = os:cmd("kill -KILL " ++ OsPid),
+            ok;
+        #{} ->
+            {error, io_lib:format("the node of robot ~b is down already", [Id])}
+    end.
+
+%% @doc A robot does not hear these others, and hears all the rest, if its node is up.
+-spec deafen(starl:robot_id(), [starl:robot_id()], t()) -> ok.
+deafen(Id, Others, Nodes) ->
+    case name(Id, Nodes) of
+        none -> ok;
+        Node -> starl_cluster_node:set_air(Node, #{cut => Others})
+    end.

@@ -1,0 +1,52 @@
+%% @doc The outcome of a live run, as of a simulation, with the counters of the robots that still run.
+-module(starl_world_outcome).
+
+-export([close/4]).
+
+%% @doc The outcome of a run that ends now: its monitors are closed, and its observer is told.
+-spec close(Ending, NowUs, {starl_world_judge:t(), starl_world_team:t()}, starl_observer:t()) ->
+    starl_sim_outcome:t()
+when
+    Ending :: starl_world:ending() | none, NowUs :: integer().
+close(Ending, Now, {Judge, Robots}, Observer) ->
+    {Violations, Results} = starl_world_judge:close(Now, Judge),
+    Told = #{ending => Ending, end_us => Now, violations => Violations, digest => <<>>},
+    ok = starl_observer:tell({ended, Told}, Observer),
+    outcome(Ending, Now, {Violations, Results}, Robots).
+
+outcome(Ending, Now, {Violations, Results}, Robots) ->
+    Summaries = [
+        {Id, summary(Now, Robot)}
+     || {Id, Robot} <- starl_world_team:summaries(Now, Robots)
+    ],
+    #{
+        ending => Ending,
+        end_us => Now,
+        violations => Violations,
+        monitors => Results,
+        robots => Summaries,
+        digest => <<>>,
+        events => lists:sum([E || {_, #{events := E}} <- Summaries]),
+        packets => lists:sum([P || {_, #{packets := P}} <- Summaries]),
+        lost => []
+    }.
+
+summary(Now, #{result := Result, pose := Pose, link := Link}) ->
+    Figures = figures(Link),
+    Figures#{
+        at_us => Now,
+        chain => 0,
+        checkpoints => [],
+        result => Result,
+        pose => Pose,
+        crashes => []
+    }.
+
+figures(none) ->
+    #{events => 0, packets => 0};
+figures(Link) ->
+    try
+        starl_live_link:figures(Link)
+    catch
+        exit:_ -> #{events => 0, packets => 0}
+    end.

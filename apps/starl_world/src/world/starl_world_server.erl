@@ -1,0 +1,301 @@
+%% @doc The process of the world ({@link starl_world}): hears the robots' lines, keeps the time of their
+%% bodies, shows pictures, and has the judge look at the facts. Pure modules decide.
+-module(starl_world_server).
+-behaviour(gen_server).
+
+-export([start_link/1]).
+-export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
+
+%% The period in which the judge looks at new facts, and the time that he waits for facts, by the
+%% clock of the computer.
+-define(JUDGE_MS, 200).
+-define(HORIZON_US, 1500000).
+
+-record(world, {
+    clock :: starl_live_clock:t(),
+    robots :: starl_world_team:t(),
+    positioning :: starl_world_positioning:t(),
+    %% what hardware touches; is it looked at?
+    floor :: starl_world_floor:t(),
+    is_felt = false :: boolean(),
+    judge :: starl_world_judge:t(),
+    observer :: starl_observer:t(),
+    limit_us :: integer(),
+    hands = starl_world_hands:new() :: starl_world_hands:t(),
+    leader = none :: starl:robot_id() | none,
+    ending = none :: starl_world:ending() | none,
+    callers = [] :: [gen_server:from()]
+}).
+
+%% @doc Starts the world of a run.
+-spec start_link(starl_world:config()) -> gen_server:start_ret().
+start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
+
+-spec init(starl_world:config()) -> {ok, #world{}}.
+init(#{plan := Plan, clock := Clock} = Config) ->
+    #{robots := Poses, world := Sim, monitors := Monitors, limit_us := Limit} = Plan,
+    _ = erlang:send_after(?JUDGE_MS, self(), judge),
+    Positioning = starl_world_positioning:new(Sim, Config),
+    _ = starl_world_positioning:rate_hz(Positioning) =/= none andalso (self() ! show),
+    {Traces, Robots} = starl_world_team:new(Poses, Sim),
+    Observer = maps:get(observe, Config, none),
+    _ = [ok = starl_observer:tell({begun, Facts}, Observer) || #{facts := Facts} <- [Config]],
+    Judge = starl_world_judge:new(Monitors, ?HORIZON_US, Observer),
+    {ok, #world{
+        clock = Clock,
+        robots = Robots,
+        positioning = Positioning,
+        floor = starl_world_floor:new(maps:with([arena], Config)),
+        judge = starl_world_judge:told(Traces, Judge),
+        observer = Observer,
+        limit_us = Limit
+    }}.
+
+-spec handle_call(term(), gen_server:from(), #world{}) ->
+    {reply, term(), #world{}} | {noreply, #world{}}.
+handle_call({embody, Id}, {Chassis, _}, World) ->
+    embodied(Id, Chassis, false, World);
+handle_call({inhabit, Id}, {Hardware, _}, World) ->
+    embodied(Id, Hardware, true, felt(World));
+handle_call(await, From, #world{ending = none, callers = Callers} = World) ->
+    {noreply, World#world{callers = [From | Callers]}};
+handle_call(await, _From, #world{ending = Ending} = World) ->
+    {reply, Ending, World};
+handle_call({until, Us}, From, World) ->
+    ok = at(Us, {reached, From}, World),
+    {noreply, World};
+handle_call(status, _From, World) ->
+    {reply, status(World), World};
+handle_call({cable, Id, Cable}, _From, World) ->
+    {reply, cable(Id, Cable, World), World};
+handle_call(finish, _From, World) ->
+    {reply, outcome(World), World};
+handle_call(Fault, _From, World) ->
+    {reply, ok, by_hand(Fault, World)}.
+
+-spec handle_cast(stop, #world{}) -> {noreply, #world{}}.
+handle_cast(stop, World) -> {noreply, ended(stopped, World)}.
+
+-spec handle_info(term(), #world{}) -> {noreply, #world{}}.
+handle_info(Message, World) -> {noreply, hear(Message, World)}.
+
+hear({starl_body, Id, Chassis, What}, World) -> heard(Id, Chassis, What, World);
+hear({advance, Id}, World) -> advance(Id, World);
+hear(feel, World) -> feel(World);
+hear({starl_watches, Id, Sight}, World) -> watched(Id, Sight, World);
+hear({starl_look, Id, Sight, Looked}, World) -> looked(Id, Sight, Looked, World);
+hear(show, World) -> show(World);
+hear({starl_started, Id, Link, What}, World) -> started(Id, Link, What, World);
+hear({starl_traced, Id, Link, Batch, Events}, World) -> traced(Id, Link, Batch, Events, World);
+hear({starl_radio, _Id, Events}, World) -> radioed(Events, World);
+hear({starl_ended, Id, _Link, Result}, World) -> result(Id, Result, World);
+hear({'DOWN', _, process, Pid, _Reason}, World) -> gone(Pid, World);
+hear({reached, From}, World) -> reached(From, World);
+hear(judge, World) -> judge(World);
+hear(_Message, World) -> World.
+
+now_us(#world{clock = Clock}) -> starl_live_clock:now_us(Clock).
+
+%% This process gets a message at this time of the run.
+at(Us, Message, #world{clock = Clock}) ->
+    At = starl_live_clock:monotonic_ms(Us, Clock),
+    _ = erlang:send_after(At, self(), Message, [{abs, true}]),
+    ok.
+
+reached(From, World) ->
+    gen_server:reply(From, ok),
+    World.
+
+status(#world{robots = Robots, leader = Leader, ending = Ending} = World) ->
+    #{
+        now_us => now_us(World),
+        leader => Leader,
+        running => length(starl_world_team:running(Robots)),
+        up => starl_world_team:up(Robots),
+        ending => Ending
+    }.
+
+%% -- bodies ---------------------------------------------------------------------------------
+
+embodied(Id, Chassis, IsFree, #world{robots = Robots} = World) ->
+    case starl_world_team:embodied(Id, Chassis, IsFree, Robots) of
+        {ok, Next} -> {reply, ok, World#world{robots = Next}};
+        {error, _} = Error -> {reply, Error, World}
+    end.
+
+cable(Id, Cable, #world{robots = Robots} = World) ->
+    case starl_world_team:hardware(Id, Robots) of
+        {ok, Hardware} -> say({tell, Hardware, {starl_cable, Cable}}, World);
+        {error, _} = Error -> Error
+    end.
+
+%% Hardware tells when something was, by the system's time, and feels what it touches.
+heard(Id, Chassis, {at, SystemUs, What}, #world{clock = Clock} = World) ->
+    Told = {{at, starl_live_clock:at_us(SystemUs, Clock)}, What},
+    heard_at(Id, Chassis, Told, fun(At, Next) -> driven(Id, What, At, Next) end, World);
+heard(Id, Chassis, What, World) ->
+    heard_at(Id, Chassis, {now, What}, fun(_At, Next) -> Next end, World).
+
+heard_at(Id, Chassis, Told, Then, #world{robots = Robots} = World) ->
+    case starl_world_team:heard(Id, Chassis, Told, now_us(World), Robots) of
+        {At, Yield} -> Then(At, yielded(Yield, World));
+        unknown -> World
+    end.
+
+advance(Id, #world{robots = Robots} = World) ->
+    yielded(starl_world_team:advance(Id, now_us(World), Robots), World).
+
+yielded({Traces, Words, Robots}, World) ->
+    Next = World#world{robots = Robots},
+    ok = lists:foreach(fun(Word) -> say(Word, Next) end, Words),
+    told(Traces, Next).
+
+%% A wake-up that comes when there is nothing to do any more does no harm.
+say({tell, Pid, Message}, _World) ->
+    Pid ! Message,
+    ok;
+say({wake, Id, Due}, World) ->
+    at(Due, {advance, Id}, World).
+
+%% -- what hardware touches ------------------------------------------------------------------
+
+felt(#world{is_felt = true} = World) ->
+    World;
+felt(World) ->
+    _ = erlang:send_after(starl_world_floor:period_us() div 1000, self(), feel),
+    World#world{is_felt = true}.
+
+feel(#world{robots = Robots} = World) ->
+    Free = starl_world_team:free(Robots),
+    feel(now_us(World), Free, felt(World#world{is_felt = false})).
+
+%% A robot that was told to drive feels at once that it cannot.
+driven(Id, {drive, _, _, _}, At, #world{floor = Floor} = World) ->
+    feel(At, [Id], World#world{floor = starl_world_floor:told(Id, Floor)});
+driven(_Id, _What, _At, World) ->
+    World.
+
+feel(At, Ids, #world{robots = Robots, floor = Floor} = World) ->
+    {Changes, Next} = starl_world_floor:look(Ids, starl_world_team:on_floor(At, Robots), Floor),
+    Touched = fun({Id, Touch}, #world{robots = R} = W) ->
+        yielded(starl_world_team:touched(Id, Touch, At, R), W)
+    end,
+    lists:foldl(Touched, World#world{floor = Next}, Changes).
+
+%% -- positioning ----------------------------------------------------------------------------
+
+watched(Id, Sight, #world{robots = Robots} = World) ->
+    World#world{robots = starl_world_team:watches(Id, Sight, Robots)}.
+
+%% A system with a rate of its own is not asked.
+looked(Id, Sight, Looked, #world{positioning = Positioning} = World) ->
+    case starl_world_positioning:rate_hz(Positioning) of
+        none ->
+            {Seen, Next} = seen(Id, Looked, World),
+            pictured(Id, Sight, Seen, Next);
+        _Rate ->
+            World
+    end.
+
+show(#world{positioning = Positioning, robots = Robots} = World) ->
+    Rate = starl_world_positioning:rate_hz(Positioning),
+    ok = at(now_us(World) + round(1.0e6 / Rate), show, World),
+    {Seen, Next} = seen(0, starl_world_team:ids(Robots), World),
+    Watching = starl_world_team:watching(Robots),
+    lists:foldl(fun({Id, Sight}, W) -> pictured(Id, Sight, Seen, W) end, Next, Watching).
+
+seen(By, Ids, #world{positioning = Positioning, robots = Robots} = World) ->
+    Now = now_us(World),
+    Poses = starl_world_team:poses(Ids, Now, Robots),
+    {Seen, Next} = starl_world_positioning:seen(By, Poses, Now, Positioning),
+    {Seen, World#world{positioning = Next}}.
+
+pictured(Id, Sight, Seen, #world{positioning = Positioning} = World) ->
+    {Picture, Next} = starl_world_positioning:shown(Id, Seen, now_us(World), Positioning),
+    Sight ! {starl_seen, Picture},
+    World#world{positioning = Next}.
+
+%% -- by hand --------------------------------------------------------------------------------
+
+%% Those who watch the run are told of a fault.
+by_hand({freeze, Ids}, #world{positioning = Positioning} = World) ->
+    Next = World#world{positioning = starl_world_positioning:freeze(Ids, Positioning)},
+    tell(fun(Now, Hands) -> starl_world_hands:holds(location_frozen, Ids, Now, Hands) end, Next);
+by_hand({freeze_too, Id}, #world{positioning = Positioning} = World) ->
+    Frozen = starl_world_positioning:frozen(Positioning),
+    by_hand({freeze, lists:usort([Id | Frozen])}, World);
+by_hand({cut, Links}, World) ->
+    tell(fun(Now, Hands) -> starl_world_hands:holds(loss, Links, Now, Hands) end, World);
+by_hand({killed, Id}, World) ->
+    tell(fun(Now, Hands) -> starl_world_hands:struck(kill_robot, Id, Now, Hands) end, World).
+
+tell(Done, #world{hands = Hands, observer = Observer} = World) ->
+    Now = now_us(World),
+    {Told, Next} = Done(Now, Hands),
+    ok = lists:foreach(fun(F) -> starl_observer:tell({fault, Now, F}, Observer) end, Told),
+    World#world{hands = Next}.
+
+%% -- robots that start and end --------------------------------------------------------------
+
+%% The end of its predecessor may not be known yet.
+started(Id, Link, What, World0) ->
+    #world{robots = Robots} = World = down(Id, World0),
+    _ = erlang:monitor(process, Link),
+    World#world{robots = starl_world_team:started(Id, Link, What, Robots)}.
+
+traced(Id, Link, Batch, Events, #world{robots = Robots} = World) ->
+    case starl_world_team:traced(Id, Link, Batch, Robots) of
+        {ok, Next} -> told(Events, World#world{robots = Next});
+        unknown -> World
+    end.
+
+gone(Pid, #world{robots = Robots} = World) ->
+    case starl_world_team:of_link(Pid, Robots) of
+        {ok, Id} -> down(Id, World);
+        none -> World
+    end.
+
+down(Id, #world{robots = Robots} = World) ->
+    %% what a killed node has done and could not tell any more
+    Unsaid = [
+        starl_live_record:read(F, Batch)
+     || {F, Batch} <- starl_world_team:record(Id, Robots)
+    ],
+    yielded(starl_world_team:down(Id, lists:append(Unsaid), now_us(World), Robots), World).
+
+result(Id, Result, #world{robots = Robots} = World) ->
+    Next = starl_world_team:result(Id, Result, Robots),
+    case starl_world_team:running(Next) of
+        [] -> ended(done, World#world{robots = Next});
+        _ -> World#world{robots = Next}
+    end.
+
+%% -- judging --------------------------------------------------------------------------------
+
+told(Events, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:told(Events, Judge)}.
+
+radioed(Events, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:heard(Events, Judge)}.
+
+judge(World) ->
+    _ = erlang:send_after(?JUDGE_MS, self(), judge),
+    judged(World).
+
+judged(#world{ending = Ending} = World) when Ending =/= none -> World;
+judged(#world{judge = Judge, limit_us = Limit} = World) ->
+    Now = now_us(World),
+    case starl_world_judge:judge(Now, Judge) of
+        {violation, Next} -> ended(violation, World#world{judge = Next});
+        {ok, Next} when Now >= Limit -> ended(time, World#world{judge = Next});
+        {ok, Next} -> World#world{judge = Next}
+    end.
+
+ended(Ending, #world{ending = none, callers = Callers} = World) ->
+    lists:foreach(fun(From) -> gen_server:reply(From, Ending) end, Callers),
+    World#world{ending = Ending, callers = []};
+ended(_Ending, World) ->
+    World.
+
+outcome(#world{judge = Judge, robots = Robots, ending = Ending, observer = Observer} = World) ->
+    starl_world_outcome:close(Ending, now_us(World), {Judge, Robots}, Observer).

@@ -1,0 +1,245 @@
+%% @doc The robots as the world knows them: their bodies, the processes that drive them and look for
+%% them, and which of them are up. A pure module: the words for other processes are returned.
+%% ```
+%%     down -- started --> up -- traced ... --> result
+%%       ^                  |
+%%       +---- ended -------+
+%% '''
+-module(starl_world_team).
+
+-export([new/2, embodied/4, hardware/2, free/1, watches/3, watching/1]).
+-export([heard/5, advance/3, touched/4, on_floor/2, poses/3]).
+-export([started/4, traced/4, result/3, record/2, down/4, of_link/2]).
+-export([ids/1, up/1, running/1, summaries/2]).
+
+-export_type([t/0, yield/0, word/0, result/0]).
+
+-type id() :: starl:robot_id().
+-type result() :: running | given_up | {done, term()}.
+
+-record(robot, {
+    body :: starl_world_body:t(),
+    chassis = none :: pid() | none,
+    %% does the body go on without the link?
+    is_free = false :: boolean(),
+    %% the time of what free hardware has told last
+    told_at = 0 :: integer(),
+    sight = none :: pid() | none,
+    link = none :: pid() | none,
+    names = [] :: [starl_machine:name()],
+    %% the file of its facts, and the last batch that has come
+    record = none :: file:filename() | none,
+    batch = 0 :: non_neg_integer(),
+    is_up = false :: boolean(),
+    result = running :: result()
+}).
+
+-opaque t() :: #{id() => #robot{}}.
+
+%% A message for a process; the time at which a robot's body has to be advanced.
+-type word() :: {tell, pid(), term()} | {wake, id(), DueUs :: integer()}.
+
+%% What has happened: the facts, the words for other processes, and the robots.
+-type yield() :: {[starl_monitor:trace_event()], [word()], t()}.
+
+%% The longest delay of what the hardware of a robot tells.
+-define(LATE_US, 500000).
+
+%% @doc Robots at these poses in the world of a simulation, all down, and the first facts of their
+%% bodies.
+-spec new([{id(), starl:pose()}], starl_sim_vehicle:world()) ->
+    {[starl_monitor:trace_event()], t()}.
+new(Poses, Sim) ->
+    Bodies = [{Id, starl_world_body:new(Id, Pose, Sim)} || {Id, Pose} <- Poses],
+    Robots = maps:from_list([{Id, #robot{body = Body}} || {Id, {_, Body}} <- Bodies]),
+    {lists:append([Traces || {_, {Traces, _}} <- Bodies]), Robots}.
+
+%% @doc All robots, ascending.
+-spec ids(t()) -> [id()].
+ids(Robots) -> lists:sort(maps:keys(Robots)).
+
+%% -- their processes ------------------------------------------------------------------------
+
+%% @doc This process is a robot's chassis from now on; `IsFree': hardware, which goes on without the
+%% robot's link.
+-spec embodied(id(), Chassis :: pid(), IsFree :: boolean(), t()) -> {ok, t()} | {error, iolist()}.
+embodied(Id, Chassis, IsFree, Robots) ->
+    case Robots of
+        #{Id := Robot} ->
+            {ok, Robots#{Id := Robot#robot{chassis = Chassis, is_free = IsFree}}};
+        #{} ->
+            {error, io_lib:format("the world has no robot ~b", [Id])}
+    end.
+
+%% @doc The process of a robot's hardware.
+-spec hardware(id(), t()) -> {ok, pid()} | {error, unicode:chardata()}.
+hardware(Id, Robots) ->
+    case Robots of
+        #{Id := #robot{is_free = true, chassis = Hardware}} when is_pid(Hardware) ->
+            {ok, Hardware};
+        #{} ->
+            {error, io_lib:format("robot ~b has no cable: it is no Create", [Id])}
+    end.
+
+%% @doc The robots with hardware.
+-spec free(t()) -> [id()].
+free(Robots) -> [Id || {Id, #robot{is_free = true}} <- maps:to_list(Robots)].
+
+%% @doc This process gets a robot's pictures from now on.
+-spec watches(id(), Sight :: pid(), t()) -> t().
+watches(Id, Sight, Robots) ->
+    #{Id := Robot} = Robots,
+    Robots#{Id := Robot#robot{sight = Sight}}.
+
+%% @doc The processes that get pictures.
+-spec watching(t()) -> [{id(), Sight :: pid()}].
+watching(Robots) -> [{Id, S} || {Id, #robot{sight = S}} <- maps:to_list(Robots), is_pid(S)].
+
+%% -- their bodies ---------------------------------------------------------------------------
+
+%% @doc A robot's chassis has told something now, or hardware tells when something was (`{at, Us}'): a
+%% moment ago, but not before what it has told last. However late it is heard, the body moves as if it
+%% had been heard at once. Returns that time, too; `unknown': it is not the robot's chassis any more.
+-spec heard(id(), Chassis :: pid(), {now | {at, integer()}, What}, NowUs :: integer(), t()) ->
+    {AtUs :: integer(), yield()} | unknown
+when
+    What :: {drive, starl_chassis:script(), integer(), term()} | {actuate, term(), term()} | stop.
+heard(Id, Chassis, {Time, What}, Now, Robots) ->
+    case Robots of
+        #{Id := #robot{chassis = Chassis, body = Body} = Robot} ->
+            {At, Told} = told_at(Time, Now, Robot),
+            {At, yielded(Id, does(What, At, Body), Told, Robots)};
+        #{} ->
+            unknown
+    end.
+
+told_at(now, Now, Robot) ->
+    {Now, Robot};
+told_at({at, Then}, Now, #robot{told_at = Before} = Robot) ->
+    At = lists:max([Before, Now - ?LATE_US, min(Now, Then)]),
+    {At, Robot#robot{told_at = At}}.
+
+does({drive, Script, Until, Mark}, Now, Body) ->
+    case starl_live_chassis:is_late(Script, Until, Now) of
+        true -> {[], [], Body};
+        false -> starl_world_body:drive(Script, Mark, Now, Body)
+    end;
+does({actuate, What, Mark}, Now, Body) ->
+    starl_world_body:actuate(What, Mark, Now, Body);
+does(stop, Now, Body) ->
+    starl_world_body:stop(Now, Body).
+
+%% @doc Lets everything happen to a robot's body that is due until now.
+-spec advance(id(), NowUs :: integer(), t()) -> yield().
+advance(Id, Now, Robots) ->
+    #{Id := #robot{body = Body} = Robot} = Robots,
+    yielded(Id, starl_world_body:advance(Now, Body), Robot, Robots).
+
+%% @doc What a robot touches has changed: its hardware is told, and it stands if that is in its way.
+-spec touched(id(), starl_world_floor:touch(), AtUs :: integer(), t()) -> yield().
+touched(Id, {_Bits, IsBlocked} = Touch, At, Robots) ->
+    #{Id := #robot{chassis = Chassis, body = Body, told_at = Before} = Robot} = Robots,
+    Tell = [{tell, Chassis, {starl_body_touches, Touch}} || is_pid(Chassis)],
+    case IsBlocked of
+        true ->
+            Stopped = starl_world_body:stop(max(At, Before), Body),
+            {Traces, Words, Next} = yielded(Id, Stopped, Robot, Robots),
+            {Traces, Tell ++ Words, Next};
+        false ->
+            {[], Tell, Robots}
+    end.
+
+yielded(Id, {Traces, Answers, Body}, #robot{chassis = Chassis} = Robot, Robots) ->
+    Says = [{tell, Chassis, {starl_body_says, Answers}} || Answers =/= [], is_pid(Chassis)],
+    Wakes = [{wake, Id, Due} || Due <- [starl_world_body:next_due(Body)], Due =/= none],
+    {Traces, Says ++ Wakes, Robots#{Id => Robot#robot{body = Body}}}.
+
+%% @doc All bodies on the floor.
+-spec on_floor(AtUs :: integer(), t()) -> [starl_world_floor:body()].
+on_floor(At, Robots) ->
+    [
+        starl_world_body:on_floor(Id, At, Body)
+     || {Id, #robot{body = Body}} <- lists:sort(maps:to_list(Robots))
+    ].
+
+%% @doc The true poses of those of these robots that there are.
+-spec poses([id()], NowUs :: integer(), t()) -> [{id(), starl:pose()}].
+poses(Ids, Now, Robots) ->
+    [{Id, pose(Now, Body)} || Id <- Ids, #{Id := #robot{body = Body}} <- [Robots]].
+
+pose(Now, Body) ->
+    {_, _, Caught} = starl_world_body:advance(Now, Body),
+    starl_world_body:pose(Now, Caught).
+
+%% -- their starts and ends ------------------------------------------------------------------
+
+%% @doc A robot that was down has started, with these machines and this record of facts.
+-spec started(id(), Link :: pid(), {[starl_machine:name()], file:filename() | none}, t()) -> t().
+started(Id, Link, {Names, File}, Robots) ->
+    #{Id := Robot} = Robots,
+    Robots#{
+        Id := Robot#robot{link = Link, names = Names, record = File, batch = 0, is_up = true}
+    }.
+
+%% @doc A batch of facts has come from a robot's link; `unknown': from a former one.
+-spec traced(id(), Link :: pid(), Batch :: pos_integer(), t()) -> {ok, t()} | unknown.
+traced(Id, Link, Batch, Robots) ->
+    case Robots of
+        #{Id := #robot{link = Link} = Robot} -> {ok, Robots#{Id := Robot#robot{batch = Batch}}};
+        #{} -> unknown
+    end.
+
+%% @doc The application of a robot has ended.
+-spec result(id(), result(), t()) -> t().
+result(Id, Result, Robots) ->
+    #{Id := Robot} = Robots,
+    Robots#{Id := Robot#robot{result = Result}}.
+
+%% @doc Where the facts of a robot are recorded, if it is up and they are, and the last batch that has
+%% come.
+-spec record(id(), t()) -> [{file:filename(), Batch :: non_neg_integer()}].
+record(Id, Robots) ->
+    #{Id := #robot{is_up = IsUp, record = File, batch = Batch}} = Robots,
+    [{File, Batch} || IsUp, File =/= none].
+
+%% @doc The link of a robot has ended, with these facts as its last: the robot is down. Its body stops,
+%% unless hardware drives it.
+-spec down(id(), Last :: [starl_monitor:trace_event()], NowUs :: integer(), t()) -> yield().
+down(Id, Last, Now, Robots) ->
+    case Robots of
+        #{Id := #robot{is_up = false}} ->
+            {[], [], Robots};
+        #{Id := #robot{body = Body, names = Names, is_free = IsFree} = Robot} ->
+            Left = Robot#robot{is_up = false, link = none},
+            {Traces, Words, Next} = yielded(Id, left(Now, IsFree, Body), Left, Robots),
+            Down = [{Now, Id, robot, down} | [{Now, Id, Name, crashed} || Name <- Names]],
+            {Traces ++ Last ++ Down, Words, Next}
+    end.
+
+left(Now, true, Body) -> starl_world_body:advance(Now, Body);
+left(Now, false, Body) -> starl_world_body:stop(Now, Body).
+
+%% @doc The robot of this link.
+-spec of_link(Link :: pid(), t()) -> {ok, id()} | none.
+of_link(Link, Robots) ->
+    case [Id || {Id, #robot{link = L}} <- maps:to_list(Robots), L =:= Link] of
+        [Id] -> {ok, Id};
+        [] -> none
+    end.
+
+%% @doc The robots that are up, ascending.
+-spec up(t()) -> [id()].
+up(Robots) -> lists:sort([Id || {Id, #robot{is_up = true}} <- maps:to_list(Robots)]).
+
+%% @doc The robots whose applications have not ended.
+-spec running(t()) -> [id()].
+running(Robots) -> [Id || {Id, #robot{result = running}} <- maps:to_list(Robots)].
+
+%% @doc The result, the true pose and the link of each robot, ascending.
+-spec summaries(NowUs :: integer(), t()) ->
+    [{id(), #{result := result(), pose := starl:pose(), link := pid() | none}}].
+summaries(Now, Robots) ->
+    [
+        {Id, #{result => Result, pose => pose(Now, Body), link => Link}}
+     || {Id, #robot{body = Body, result = Result, link = Link}} <- lists:sort(maps:to_list(Robots))
+    ].

@@ -1,0 +1,49 @@
+-module(starl_cluster_command_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+parse_test_() ->
+    [
+        ?_assertEqual({Words, Expected}, {Words, starl_cluster_command:parse(Words)})
+     || {Words, Expected} <- [
+            {["status"], {ok, status}},
+            {["kill", "3"], {ok, {act, {kill, 3}}}},
+            {["cut", "1", "2"], {ok, {act, {cut, 1, 2}}}},
+            {["unplug", "1"], {ok, {act, {unplug, 1}}}},
+            {["reload", "lists"], {ok, {reload, lists}}},
+            {["reload", "election"], {ok, {reload, starl_election}}},
+            {["reload", "/tmp/mine.erl"], {ok, {reload, "/tmp/mine.erl"}}}
+        ]
+    ].
+
+%% Whatever a terminal sends is answered.
+refused_test_() ->
+    [
+        ?_assertMatch({Words, {error, _}}, {Words, starl_cluster_command:parse(Words)})
+     || Words <- [
+            [], ["kill"], ["kill", "x"], ["kill", "3x"], ["cut", "1", "1"], ["mend", "1", "2"]
+        ]
+    ].
+
+%% A command that users are told of can be parsed with as many words.
+words_test_() ->
+    [
+        ?_assertMatch({ok, _}, starl_cluster_command:parse([Word | lists:sublist(["1", "2"], N)]))
+     || Word <- ["status", "kill", "cut", "freeze", "unplug", "heal", "stop", "reload"],
+        N <- [starl_cluster_command:words(Word)]
+    ].
+
+described_test() ->
+    Status = #{
+        now_us => 2500000,
+        running => 2,
+        up => [2],
+        ending => none,
+        restarts => #{1 => 1, 2 => 0},
+        os_pids => #{2 => "77"}
+    },
+    ?assertEqual(
+        "2.5 s, 2 at work\n"
+        "robot 1  down  process -, started 2 times\n"
+        "robot 2  up    process 77, started 1 times\n",
+        lists:flatten(starl_cluster_command:described(Status))
+    ).

@@ -1,0 +1,25 @@
+-module(starl_cluster_hands_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(M, starl_cluster_hands).
+
+%% A cut is in both directions, and so is its end; other cuts stay.
+cuts_test() ->
+    Cut = done([{cut, 1, 2}, {cut, 1, 3}, {cut, 2, 1}]),
+    ?assertEqual([2, 3], ?M:deaf(1, Cut)),
+    ?assertEqual([1], ?M:deaf(2, Cut)),
+    Mended = ?M:done({mend, 2, 1}, Cut),
+    ?assertEqual([{1, 3}, {3, 1}], ?M:cuts(Mended)).
+
+%% Each act and the one that undoes it; a kill holds nothing.
+undone_test_() ->
+    [
+        ?_assertEqual({?M:new(), [2]}, {done([Act, Undo]), Held(done([Act, Act]))})
+     || {Act, Undo, Held} <- [
+            {{freeze, 2}, {thaw, 2}, fun ?M:frozen/1},
+            {{unplug, 2}, {plug, 2}, fun ?M:unplugged/1},
+            {{unplug_in_time, 2}, {plug, 2}, fun ?M:unplugged/1}
+        ]
+    ] ++ [?_assertEqual(?M:new(), done([{kill, 2}]))].
+
+done(Acts) -> lists:foldl(fun ?M:done/2, ?M:new(), Acts).
