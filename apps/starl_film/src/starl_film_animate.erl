@@ -41,7 +41,7 @@ dur(Seconds, Once) ->
     [" dur=\"", starl_film_draw:number(float(Seconds)), "s", Again].
 
 %% @doc An animation: what it does, and its values by time.
--spec values(iodata(), [{TUs :: integer(), iodata()}, ...], t()) -> iodata().
+-spec values(iodata(), [{TUs :: integer(), iodata()}, ...], t()) -> iolist().
 values(What, [{First, Value} | _] = Keys, Film) ->
     All = [{0, Value} || First > 0] ++ Keys,
     Steps = steps(Film),
@@ -55,7 +55,7 @@ values(What, [{First, Value} | _] = Keys, Film) ->
     ].
 
 %% @doc Shows its element in these spans of time only.
--spec shown([starl_film_cast:span()], t()) -> iodata().
+-spec shown([starl_film_cast:span()], t()) -> iolist().
 shown(Spans, Film) ->
     Keys = [{0, "0"} | lists:append([[{From, "1"}, {To, "0"}] || {From, To} <- Spans])],
     values("animate attributeName=\"opacity\" calcMode=\"discrete\"", Keys, Film).

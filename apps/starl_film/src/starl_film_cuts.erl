@@ -59,7 +59,7 @@ rings(Id, Cuts) -> [Span || {{ring, Robot}, Span} <- Cuts, Robot =:= Id].
 holds(T, Cuts) -> [Cut || {_, {From, To}} = Cut <- Cuts, From =< T, T < To].
 
 %% @doc The attributes of a line.
--spec line(starl_film_draw:page()) -> iodata().
+-spec line(starl_film_draw:page()) -> iolist().
 line(#{dot := Dot}) ->
     [
         "stroke=\"" ?RED "\" fill=\"none\" stroke-width=\"",
@@ -68,6 +68,6 @@ line(#{dot := Dot}) ->
     ].
 
 %% @doc The beginning of a ring around the origin.
--spec ring(starl_film_draw:page()) -> iodata().
+-spec ring(starl_film_draw:page()) -> iolist().
 ring(#{dot := Dot} = Page) ->
     ["<circle r=\"", starl_film_draw:number(?RADIUS_MM + 7 * Dot), "\" ", line(Page)].

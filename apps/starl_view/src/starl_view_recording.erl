@@ -26,7 +26,7 @@
     %% the end of what the hub is told; the time and the number of rows at its last frame
     first = open :: open | integer(),
     framed = {0, 0} :: {Us :: integer(), Rows :: integer()},
-    ended = none :: starl_trace_reader:ended() | none,
+    ended = none :: none | {ok, starl_trace_reader:ended()} | {error, starl_trace_reader:reason()},
     caller = none :: gen_server:from() | none
 }).
 
