@@ -76,13 +76,17 @@ worked({program, Path}, _Function, Args, Bytes, Most) ->
 -spec piped([string(), ...], binary(), Most :: non_neg_integer(), PatienceMs :: pos_integer()) ->
     {ok, binary()} | {error, reason()}.
 piped(Command, Bytes, Most, Patience) ->
+    Caller = self(),
     {Worker, Monitor} = spawn_monitor(fun() ->
         process_flag(trap_exit, true),
-        exit({?MODULE, opened(Command, Bytes, Most, Patience)})
+        Caller ! {piped, self(), opened(Command, Bytes, Most, Patience)}
     end),
     receive
-        {'DOWN', Monitor, process, Worker, {?MODULE, Answer}} -> Answer;
-        {'DOWN', Monitor, process, Worker, _Reason} -> {error, died}
+        {piped, Worker, Answer} ->
+            true = erlang:demonitor(Monitor, [flush]),
+            Answer;
+        {'DOWN', Monitor, process, Worker, _Reason} ->
+            {error, died}
     end.
 
 opened(Command, Bytes, Most, Patience) ->
