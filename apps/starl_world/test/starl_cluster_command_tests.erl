@@ -38,6 +38,7 @@ described_test() ->
         running => 2,
         up => [2],
         ending => none,
+        leader => none,
         restarts => #{1 => 1, 2 => 0},
         os_pids => #{2 => "77"}
     },

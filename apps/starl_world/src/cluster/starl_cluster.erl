@@ -68,6 +68,7 @@
 
 -type status() :: #{
     now_us := integer(),
+    leader := starl:robot_id() | none,
     running := non_neg_integer(),
     up := [starl:robot_id()],
     ending := starl_world:ending() | none,

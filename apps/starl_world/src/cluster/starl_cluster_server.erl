@@ -31,8 +31,7 @@
 -define(CALL_MS, 60000).
 
 %% @doc Starts the nodes, the world and the robots of a plan.
--spec start_link(starl_sim_plan:t(), starl_cluster:options()) ->
-    {ok, pid()} | {error, {shutdown, reason()}}.
+-spec start_link(starl_sim_plan:t(), starl_cluster:options()) -> gen_server:start_ret().
 start_link(Plan, Options) ->
     gen_server:start_link(?MODULE, {Plan, Options}, [{timeout, infinity}]).
 
