@@ -159,9 +159,13 @@ store_gone(Config) ->
 
 %% -- the world ------------------------------------------------------------------------------
 
+%% The world knows which robot has led last.
 picture(Config) ->
     Run = paint(#{}, #{}, Config),
-    complete(Run).
+    ?assertEqual(done, starl_world_run:await(Run)),
+    #{leader := Leader} = starl_world_run:status(Run),
+    #{monitors := #{starl_dpp_monitor := #{coordinators := Coordinators}}} = complete(Run),
+    ?assertEqual(Leader, lists:last(Coordinators)).
 
 %% Commands take up to 50 ms, and positions come at 13 Hz, in whole millimetres.
 slow_line_and_rare_pictures(Config) ->
@@ -252,7 +256,8 @@ complete(Run) ->
     ?assertEqual(done, starl_world_run:await(Run)),
     {Outcome, Report} = starl_world_run:finish(Run),
     ?assertEqual([], violations(Outcome)),
-    ?assertMatch(#{complete := true}, Report).
+    ?assertMatch(#{complete := true}, Report),
+    Outcome.
 
 sound(Ending, Run) ->
     ?assertEqual(Ending, starl_world_run:await(Run)),

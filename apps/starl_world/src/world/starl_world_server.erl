@@ -272,8 +272,14 @@ result(Id, Result, #world{robots = Robots} = World) ->
 
 %% -- judging --------------------------------------------------------------------------------
 
-told(Events, #world{judge = Judge} = World) ->
-    World#world{judge = starl_world_judge:told(Events, Judge)}.
+told(Events, #world{judge = Judge, leader = Leader} = World) ->
+    World#world{
+        judge = starl_world_judge:told(Events, Judge),
+        leader = lists:foldl(fun leads/2, Leader, Events)
+    }.
+
+leads({_Us, Robot, _Machine, {leads, _Term}}, _Leader) -> Robot;
+leads(_Event, Leader) -> Leader.
 
 radioed(Events, #world{judge = Judge} = World) ->
     World#world{judge = starl_world_judge:heard(Events, Judge)}.
