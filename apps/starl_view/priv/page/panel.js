@@ -11,6 +11,12 @@ function element(tag, text, more = {}) {
   return made;
 }
 
+// A term on one line, as much of it as there is room for.
+function brief(term) {
+  const line = String(term).replace(/\s*\n\s*/g, '');
+  return line.length > 44 ? `${line.slice(0, 43)}…` : line;
+}
+
 export class Panel {
   constructor(team, floor, state, send, select) {
     Object.assign(this, { team, floor, state, send, select, asked: 0, shown: {}, opened: new Set() });
@@ -127,7 +133,7 @@ export class Panel {
   }
   // What a machine has told last.
   told({ name, module, state, at }) {
-    const details = this.details(name, `${name}: ${String(state).slice(0, 44)}`);
+    const details = this.details(name, `${name}: ${brief(state)}`);
     details.append(element('p', `${module ? `${module}, ` : ''}told at ${seconds(at)}`), element('pre', state));
     return details;
   }
@@ -145,11 +151,11 @@ export class Panel {
     return details;
   }
   machine({ name, module, state, data, timers }) {
-    const short = String(state).split('\n')[0].slice(0, 44);
+    const short = brief(state);
     const details = this.details(name, `${name}: ${short}`);
     if (module) details.append(element('p', module));
     if (timers) details.append(this.timers(timers));
-    details.append(element('pre', String(state).length > 44 ? `${state}\n${data ?? ''}` : data ?? ''));
+    details.append(element('pre', short === String(state) ? data ?? '' : `${state}\n${data ?? ''}`));
     return details;
   }
   timers(timers) {
