@@ -76,9 +76,7 @@ init({File, Hub, Options}) ->
     end.
 
 -spec handle_continue(read, #recording{}) -> {noreply, #recording{}}.
-handle_continue(read, Recording) ->
-    self() ! read,
-    {noreply, Recording}.
+handle_continue(read, Recording) -> {noreply, read(Recording)}.
 
 -spec handle_call(await, gen_server:from(), #recording{}) ->
     {reply, term(), #recording{}} | {noreply, #recording{}}.

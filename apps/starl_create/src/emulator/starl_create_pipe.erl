@@ -76,23 +76,15 @@ handle_info({send, Bytes}, Pipe) ->
     ok = serial({data, Bytes}, Pipe),
     {noreply, Pipe};
 handle_info({drive_script, Ref, Steps, Stop}, Pipe) ->
-    Now = now_us(),
-    _ = Steps =/= [] andalso tell({sent, Ref, Now}, Pipe),
-    {noreply, steps(Now, Pipe#pipe{script = {Ref, Steps, Stop}, due = Now})};
-handle_info({join_script, Ref, Steps, Stop}, #pipe{script = Running, due = Due} = Pipe) when
-    Running =/= none
-->
-    _ = Steps =/= [] andalso tell({sent, Ref, Due}, Pipe),
-    {noreply, steps(now_us(), Pipe#pipe{script = {Ref, Steps, Stop}})};
-handle_info({join_script, Ref, Steps, Stop}, Pipe) ->
-    handle_info({drive_script, Ref, Steps, Stop}, Pipe);
+    {noreply, script(now_us(), {Ref, Steps, Stop}, Pipe)};
+handle_info({join_script, Ref, Steps, Stop}, #pipe{script = none} = Pipe) ->
+    {noreply, script(now_us(), {Ref, Steps, Stop}, Pipe)};
+handle_info({join_script, Ref, Steps, Stop}, #pipe{due = Due} = Pipe) ->
+    {noreply, script(Due, {Ref, Steps, Stop}, Pipe)};
 handle_info(step, Pipe) ->
     {noreply, steps(now_us(), Pipe)};
-handle_info({serial, Create, sync}, #pipe{create = Create} = Pipe) ->
-    Now = now_us(),
-    Stepped = steps(Now, Pipe),
-    ok = serial({upto, Now}, Stepped),
-    {noreply, Stepped};
+handle_info({serial, Create, What}, #pipe{create = Create} = Pipe) ->
+    {noreply, heard(What, Pipe)};
 handle_info({stop_bytes, Bytes}, Pipe) ->
     {noreply, Pipe#pipe{stop = Bytes}};
 handle_info({pulse, _Line, Ms, _Times}, Pipe) ->
@@ -102,13 +94,6 @@ handle_info({pulse, _Line, Ms, _Times}, Pipe) ->
 handle_info({brc, high}, Pipe) ->
     ok = serial({brc, high}, Pipe),
     {noreply, Pipe};
-handle_info({serial, Create, {cable, pulled}}, #pipe{create = Create} = Pipe) ->
-    {noreply, pulled(Pipe)};
-handle_info({serial, Create, {cable, back}}, #pipe{create = Create} = Pipe) ->
-    {noreply, plugged(Pipe)};
-handle_info({serial, Create, {data, Bytes}}, #pipe{create = Create, is_plugged = true} = Pipe) ->
-    ok = tell({data, Bytes}, Pipe),
-    {noreply, Pipe};
 handle_info(close, Pipe) ->
     {stop, normal, Pipe};
 handle_info({'DOWN', _, process, Owner, _}, #pipe{owner = Owner} = Pipe) ->
@@ -117,6 +102,27 @@ handle_info({'EXIT', Owner, _}, #pipe{owner = Owner} = Pipe) ->
     {stop, normal, Pipe};
 handle_info(_Message, Pipe) ->
     {noreply, Pipe}.
+
+%% What the robot's end of the line says.
+heard(sync, Pipe) ->
+    Now = now_us(),
+    Stepped = steps(Now, Pipe),
+    ok = serial({upto, Now}, Stepped),
+    Stepped;
+heard({cable, pulled}, Pipe) ->
+    pulled(Pipe);
+heard({cable, back}, Pipe) ->
+    plugged(Pipe);
+heard({data, Bytes}, #pipe{is_plugged = true} = Pipe) ->
+    ok = tell({data, Bytes}, Pipe),
+    Pipe;
+heard(_What, Pipe) ->
+    Pipe.
+
+%% A script begins at this time, which may be to come.
+script(Begin, {Ref, Steps, _Stop} = Script, Pipe) ->
+    _ = Steps =/= [] andalso tell({sent, Ref, Begin}, Pipe),
+    steps(now_us(), Pipe#pipe{script = Script, due = Begin}).
 
 -spec terminate(term(), #pipe{}) -> ok.
 terminate(_Reason, #pipe{stop = Stop} = Pipe) ->

@@ -47,13 +47,12 @@ source(What) ->
         _ -> module(["starl_" ++ What, What])
     end.
 
-%% A user's own word: few atoms.
-module([Name]) ->
-    list_to_atom(Name);
+%% The first of these that there is, else the last. A user's own words: few atoms.
 module([Name | Names]) ->
-    case code:which(list_to_atom(Name)) of
-        non_existing -> module(Names);
-        _ -> list_to_atom(Name)
+    Module = list_to_atom(Name),
+    case Names =:= [] orelse code:which(Module) =/= non_existing of
+        true -> Module;
+        false -> module(Names)
     end.
 
 %% @doc The answer to `status'.

@@ -123,23 +123,27 @@ handle_info(_Message, Robots) ->
 
 -spec terminate(term(), #robots{}) -> ok.
 terminate(_Reason, #robots{sups = Sups}) ->
-    lists:foreach(fun(Sup) -> ended(Sup, [Sup], shutdown) end, maps:values(Sups)).
+    lists:foreach(fun shut_down/1, maps:values(Sups)).
+
+shut_down(Sup) ->
+    true = unlink(Sup),
+    starl_sim_stop:shutdown(Sup, infinity).
 
 %% -- robots that start and end --------------------------------------------------------------
 
 killed(Id, #robots{sups = Sups} = Robots) ->
     case maps:take(Id, Sups) of
         {Sup, Left} ->
-            ok = ended(Sup, [P || P <- [Sup, link_of(Id, Robots)], is_pid(P)], kill),
+            ok = struck(Sup, [P || P <- [Sup, link_of_sup(Sup)], is_pid(P)]),
             unwatched(Id, Robots#robots{sups = Left});
         error ->
             Robots
     end.
 
-ended(Sup, Processes, Reason) ->
+struck(Sup, Processes) ->
     true = unlink(Sup),
     Ends = [erlang:monitor(process, Process) || Process <- Processes],
-    true = exit(Sup, Reason),
+    true = exit(Sup, kill),
     lists:foreach(fun await_end/1, Ends).
 
 await_end(Monitor) ->
@@ -153,11 +157,17 @@ unwatched(Id, #robots{watched = Watched} = Robots) ->
     Robots#robots{watched = maps:from_list(Others)}.
 
 link_of(Id, #robots{sups = Sups}) ->
+    case Sups of
+        #{Id := Sup} -> link_of_sup(Sup);
+        %% it has given up
+        #{} -> none
+    end.
+
+link_of_sup(Sup) ->
     try
-        starl_live_robot:link(maps:get(Id, Sups))
+        starl_live_robot:link(Sup)
     catch
-        %% it has given up, or does so now
-        error:{badkey, Id} -> none;
+        %% it gives up now
         exit:_ -> none
     end.
 
@@ -173,7 +183,7 @@ watch(Id, #robots{sups = Sups, watched = Watched} = Robots) ->
             Robots;
         Link ->
             Next = Robots#robots{watched = Watched#{erlang:monitor(process, Link) => Id}},
-            _ = [aired(Id, Next) || {Robot, _} <- Robots#robots.cuts, Robot =:= Id],
+            _ = lists:keymember(Id, 1, Robots#robots.cuts) andalso aired(Id, Next),
             Next
     end.
 

@@ -134,13 +134,6 @@ known(Named, #run{robots = Robots, ids = Ids}, Do) ->
 finish(#run{world = World, robots = Robots, scenario = #{app := App}, scene = Scene}) ->
     Outcome = starl_world:finish(World),
     ok = starl_world_robots:stop(Robots),
-    close(World),
-    {Outcome, starl_scene:report(App, Scene, Outcome)}.
-
-close(World) ->
     true = unlink(World),
-    Ref = erlang:monitor(process, World),
-    exit(World, shutdown),
-    receive
-        {'DOWN', Ref, process, _, _} -> ok
-    end.
+    ok = starl_sim_stop:shutdown(World, infinity),
+    {Outcome, starl_scene:report(App, Scene, Outcome)}.
