@@ -31,7 +31,22 @@ stays_near_the_line_and_arrives(_) ->
         {choose(1, 1000000), goal(), profile()},
         starl_platform_ct:safely(fun() -> arrives(uniform(Seed), Goal, Profile) end)
     ),
-    starl_platform_ct:property(Prop, 400).
+    starl_platform_ct:property(Prop, 400),
+    %% a robot off its line was told a leg a little longer than the bound allows
+    ?assert(
+        arrives(
+            uniform(35552),
+            {4749.0, -4000.0},
+            profile(#{
+                speed => 50.0,
+                acceleration => 9000.0,
+                leg_s => 0.3,
+                heading_error => 0.05,
+                distance_error => 0.01,
+                position_error_mm => 0.0
+            })
+        )
+    ).
 
 %% To where a line begins, to its very beginning, along it to its end; one line after the other.
 draws_lines_from_end_to_end(_) ->
@@ -54,6 +69,22 @@ draws_lines_from_end_to_end(_) ->
                 acceleration => 100.0,
                 leg_s => 0.3,
                 heading_error => 0.05,
+                position_error_mm => 0.0
+            })
+        )
+    ),
+    %% where legs are short, the last one of a line was half as long again, and drove too far
+    ?assert(
+        drawn(
+            [Short, Short, {{-5.0, 7.0}, {7.764798345845181, -36.15159235984123}}],
+            {0.0, 0.0, 0.7},
+            uniform(1),
+            profile(#{
+                speed => 350.0,
+                acceleration => 100.0,
+                leg_s => 0.1,
+                heading_error => 0.0,
+                distance_error => 0.05,
                 position_error_mm => 0.0
             })
         )

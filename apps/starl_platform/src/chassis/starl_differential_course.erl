@@ -98,9 +98,11 @@ aside(#{heading_error := Error, turn_from := TurnFrom} = Profile) ->
     Error + TurnFrom + ?SLIP * look_from(Profile).
 
 %% The longest leg that does not lead to the goal, as a multiple of the last one.
-longer(#{goal_mm := Goal} = Profile) ->
-    Far = (Goal + stall_mm(Profile)) / aside(Profile),
-    max(1.0, min(?LONGER, Far / length_mm(Profile))).
+longer(Profile) -> min(?LONGER, most_mm(Profile) / length_mm(Profile)).
+
+%% The longest leg that the bound allows, wherever it leads.
+most_mm(#{goal_mm := Goal} = Profile) ->
+    max(length_mm(Profile), (Goal + stall_mm(Profile)) / aside(Profile)).
 
 %% The centre of a robot that turns about one wheel moves half as far as the other wheel.
 stall_mm(#{turn_rate := Rate, axle_mm := Axle}) -> ?STALL_S * Rate * Axle / 2 / 2.
@@ -121,14 +123,15 @@ leg(Here, Distance, Line, Profile) ->
     leg_to(Here, Aim, starl_geometry:distance(Here, Aim), Distance, Profile).
 
 %% A robot that finds itself far off its line, as by the position of another robot, looks again
-%% before it has driven the whole way back.
+%% before it has driven the whole way back. One that is a little off has a little farther to go than
+%% along the line.
 leg_to(Here, Aim, Mm, Distance, Profile) ->
     {Speed, TurnRate} = speeds(Distance, Profile),
     Last = Speed * maps:get(leg_s, Profile),
     Length =
         case Mm > 1.1 * longer(Profile) * Last of
             true -> Last;
-            false -> Mm
+            false -> min(Mm, most_mm(Profile))
         end,
     {starl_geometry:heading(Here, Aim), Length, Speed, TurnRate}.
 

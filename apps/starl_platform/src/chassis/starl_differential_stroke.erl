@@ -15,8 +15,10 @@
 
 -type step() :: starl_differential_course:step().
 
-%% The length of the last leg of a line, about, so that it ends near the end, mm.
+%% The length of the last leg of a line, about, so that it ends near the end, mm, and its most as a
+%% multiple of that: no longer than the last leg of any drive, on which the bound rests.
 -define(LAST_MM, 40.0).
+-define(LAST_MOST, 1.5).
 %% The speed limit of the rest at an end, mm/s; the largest angle between the robot's direction and
 %% the line, or its reverse, for a drive without a turn, rad.
 -define(SLOW, 100.0).
@@ -100,7 +102,7 @@ leg({Along, Past, Across}, Distance, {X, Y, _} = Pose, {Start, Goal} = Line, Pro
     Left = window(Profile) / 4 - Past,
     Length = Along - Past,
     Last = last_mm(Profile),
-    case Distance =< 1.5 * Last of
+    case Distance =< ?LAST_MOST * Last of
         true when Left > 0.0, abs(Across) < Last / 2 ->
             Ahead = max(Left, Last),
             Aim = starl_geometry:interpolate(Start, Goal, (Along + Ahead) / Length),
@@ -123,4 +125,4 @@ far({X, Y, _} = Pose, Aim, Distance, {_, Goal}, Profile) ->
         false -> starl_differential_course:towards(Pose, Goal, Distance, Profile)
     end.
 
-last_mm(Profile) -> min(?LAST_MM, starl_differential_course:last_mm(Profile)).
+last_mm(Profile) -> min(?LAST_MM, starl_differential_course:last_mm(Profile) / ?LAST_MOST).

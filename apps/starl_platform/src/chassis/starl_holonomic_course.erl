@@ -12,9 +12,9 @@
 %%
 %% <b>The bounds.</b> Over a leg of length L the direction errs by at most ε, the distance by at
 %% most δ·L; positions are known to within s. A leg to the goal is no longer than L = speed ·
-%% `leg_s', so it ends within g = L·(ε + δ) + 2s + 0.5 mm of the goal, as it is seen. A leg that
-%% does not lead to the goal may be longer, L' of up to 2L, as long as its error L'·(1 + δ)·ε + 2s
-%% is at most g.
+%% `leg_s', so it ends within g = L·(ε + δ) + 2s + 0.5 mm of the goal, as it is seen; a quarter of w
+%% beyond it is no more than the 0.5 mm, or half of s. A leg that does not lead to the goal may be
+%% longer, L' of up to 2L, as long as its error L'·(1 + δ)·ε + 2s is at most g.
 %%
 %% A leg along the line begins at most g off it as it is seen, and so at most g + s. It aims at the
 %% line and ends at most L'·(1 + δ)·ε + s off it; between the two the distance is no greater than at
@@ -53,9 +53,10 @@
 
 %% The longest leg, as a multiple of the last one.
 -define(LONGER, 2.0).
-%% The length of the last leg of a given line, about, mm; the speed limit of the rest at an end,
-%% mm/s.
+%% The length of the last leg of a given line, about, mm, and its most as a multiple of that, which
+%% is no longer than L; the speed limit of the rest at an end, mm/s.
 -define(LAST_MM, 40.0).
+-define(LAST_MOST, 1.5).
 -define(SLOW, 100.0).
 %% The time in which the chassis notices that its drive does not obey; the length of two tries, mm.
 -define(STALL_S, 0.015).
@@ -96,11 +97,12 @@ window(#{position_error_mm := Position}) -> max(1.0, Position).
 
 length_mm(#{speed := Speed, leg_s := LegS}) -> Speed * LegS.
 
-longest_mm(#{goal_mm := Goal, position_error_mm := Position} = Profile) ->
+longest_mm(Profile) -> min(?LONGER * length_mm(Profile), most_mm(Profile)).
+
+%% The longest leg that the bound allows, wherever it leads.
+most_mm(#{goal_mm := Goal, position_error_mm := Position} = Profile) ->
     #{heading_error := Error, distance_error := Part} = Profile,
-    Last = length_mm(Profile),
-    Most = (Goal - 2 * Position) / max(Error * (1 + Part), 1.0e-9),
-    max(Last, min(?LONGER * Last, Most)).
+    max(length_mm(Profile), (Goal - 2 * Position) / max(Error * (1 + Part), 1.0e-9)).
 
 %% @doc The next step of a robot that stands at a pose on its way.
 -spec next(starl_chassis:way(), starl:pose(), starl_geometry:segment(), profile()) ->
@@ -132,8 +134,9 @@ along({X, Y, _} = Pose, {_, Goal} = Line, #{goal_mm := Enough} = Profile) ->
             nudge(beyond(Window / 4, Line), Pose, Profile);
         _ ->
             End = beyond(Window / 4, Line),
-            Last = min(?LAST_MM, length_mm(Profile)),
-            follow(Pose, ahead(Pose, Line, {1.5 * Last, Last}, End, Profile), Line, Profile)
+            Last = min(?LAST_MM, length_mm(Profile) / ?LAST_MOST),
+            Aim = ahead(Pose, Line, {?LAST_MOST * Last, Last}, End, Profile),
+            follow(Pose, Aim, Line, Profile)
     end.
 
 face({X, Y, _} = Pose, {Start, Goal} = Line, #{goal_mm := Enough} = Profile) ->
@@ -179,13 +182,13 @@ follow({X, Y, _} = Pose, Aim, Line, #{goal_mm := Most} = Profile) ->
     end.
 
 %% A robot that finds itself far off, as by the position of another robot, looks again before it has
-%% driven the whole way.
+%% driven the whole way. One that is a little off its line has a little farther to go than along it.
 leg({X, Y, _} = Pose, Aim, Profile) ->
     Mm = starl_geometry:distance({X, Y}, Aim),
     Length =
         case Mm > 1.1 * longest_mm(Profile) of
             true -> length_mm(Profile);
-            false -> Mm
+            false -> min(Mm, most_mm(Profile))
         end,
     #{speed := Speed} = Profile,
     straight(Pose, starl_geometry:heading({X, Y}, Aim), Length, Speed, Profile).
