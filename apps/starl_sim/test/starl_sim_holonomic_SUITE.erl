@@ -8,6 +8,7 @@
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([
     stays_near_its_lines/1,
+    goes_on_past_a_corner/1,
     each_kind_of_fault_bites/1,
     stuck_drive_moves_it_no_further/1,
     stops_within_its_brake/1,
@@ -47,6 +48,7 @@ suite() -> [{timetrap, {minutes, 5}}].
 all() ->
     [
         stays_near_its_lines,
+        goes_on_past_a_corner,
         each_kind_of_fault_bites,
         stuck_drive_moves_it_no_further,
         stops_within_its_brake,
@@ -70,6 +72,17 @@ stays_near_its_lines(_) ->
         starl_platform_ct:safely(fun() -> near_and_there(Seed, lists:usort(Kinds), Profile) end)
     ),
     starl_platform_ct:property(Prop, 150).
+
+%% A reboot 39 mm past a corner: the application once took the line before it for its own.
+goes_on_past_a_corner(_) ->
+    Profile = #{
+        speed => 500,
+        acceleration => 300,
+        heading_error => 0.0,
+        distance_error => 0.0,
+        position_error => 0.5
+    },
+    ?assert(near_and_there(42, [reboot], Profile)).
 
 near_and_there(Seed, Kinds, Profile) ->
     Drawn = #{seed => Seed, random_faults => Kinds, heal => ?HEAL_S},
@@ -287,11 +300,14 @@ drive(More) ->
         )
     ).
 
-%% An application that starts anew goes on from the line that the robot is on.
+%% An application that starts anew goes on from the line that the robot is on: the nearest one. (From
+%% any other near a corner it would first cut across the corner, which no bound promises against.)
 follow(Robot) ->
     case starl:position(Robot) of
         {ok, {X, Y, _}} ->
-            Passed = fun(Line) -> starl_geometry:point_segment({X, Y}, Line) > 60.0 end,
+            Off = fun(Line) -> starl_geometry:point_segment({X, Y}, Line) end,
+            Nearest = lists:min([Off(Line) || Line <- lines()]),
+            Passed = fun(Line) -> Off(Line) > Nearest end,
             [ok = along(Line, Robot) || Line <- lists:dropwhile(Passed, lines())];
         {error, _} ->
             ok = starl:sleep(Robot, 500),

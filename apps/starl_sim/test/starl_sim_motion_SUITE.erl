@@ -146,11 +146,14 @@ drive(More) ->
         )
     ).
 
-%% An application that starts anew goes on from the line that the robot is on.
+%% An application that starts anew goes on from the line that the robot is on: the nearest one. (From
+%% any other near a corner it would first cut across the corner, which no bound promises against.)
 follow(Robot) ->
     case starl:position(Robot) of
         {ok, {X, Y, _}} ->
-            Passed = fun(Line) -> starl_geometry:point_segment({X, Y}, Line) > 2 * radius() end,
+            Off = fun(Line) -> starl_geometry:point_segment({X, Y}, Line) end,
+            Nearest = lists:min([Off(Line) || Line <- lines()]),
+            Passed = fun(Line) -> Off(Line) > Nearest end,
             [ok = along(Line, Robot) || Line <- lists:dropwhile(Passed, lines())];
         {error, _} ->
             ok = starl:sleep(Robot, 500),
