@@ -52,19 +52,39 @@ drawn_schedules_are_well_formed(_) ->
     starl_platform_ct:property(Prop, 200).
 
 %% The same property over a block with a bug fails, and what is left of the failing case is a
-%% scenario file with few faults that violates the same contract.
+%% scenario file that violates the same contract, and no longer does without any one of its faults.
+%% How few they are is chance: a lease that runs out by random loss takes every packet that would have
+%% renewed it. So that is asked of cases that are always the same.
 planted_bug_is_found_and_shrunk(Config) ->
-    Seed = starl_platform_ct:seed(),
+    Drawn = planted(starl_platform_ct:seed(), Config),
+    ?assertEqual([], needless(Drawn)),
+    [
+        begin
+            %% random loss that matters has become the packets that are lost
+            Is = fun(Fault) -> element(4, Fault) =:= drop end,
+            {Lost, Struck} = lists:partition(Is, Faults),
+            ?assert(length(Struck) =< 3, Faults),
+            ?assert(length(Lost) =< 3, Faults)
+        end
+     || Seed <- [1, 2, 7], #{faults := Faults} <- [planted(Seed, Config)]
+    ].
+
+planted(Seed, Config) ->
     _ = rand:seed(exsss, Seed),
     {Scenario, Before, Tries} = first_failing(scenario([mutex]), 1),
     {ok, Lines, complete} = shrink(starl_planted, Scenario, Config),
-    {ok, [#{faults := Faults}]} = file:consult(file(Config)),
+    {ok, [#{faults := Faults} = Small]} = file:consult(file(Config)),
     ct:pal("case ~b, ~b faults, left: ~p~n~ts", [Tries, Before, Faults, lists:join("\n", Lines)]),
-    %% random loss that matters has become the packets that are lost
-    {Lost, Struck} = lists:partition(fun(Fault) -> element(4, Fault) =:= drop end, Faults),
-    ?assert(length(Struck) =< 3, Faults),
-    ?assert(length(Lost) =< 3, Faults),
-    ?assert(string:find(lists:last(Lines), "./starl run ") =/= nomatch).
+    ?assert(string:find(lists:last(Lines), "./starl run ") =/= nomatch),
+    Small.
+
+%% The faults without which the run still violates the same contract in the same way.
+needless(#{faults := Faults} = Small) ->
+    Shapes = fun(Some) ->
+        [starl_monitor:shape(V) || V <- judged(starl_planted, Small#{faults := Some})]
+    end,
+    [Shape | _] = Shapes(Faults),
+    [Fault || Fault <- Faults, lists:member(Shape, Shapes(lists:delete(Fault, Faults)))].
 
 %% A home that begins anew grants what is still held: a crash or two are enough.
 first_failing(_Generator, 300) ->
