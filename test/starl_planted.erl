@@ -127,7 +127,7 @@ counter() ->
 
 dpp() ->
     [
-        {dpp_overstaying, dpp, starl_dpp_planted, "overstaying", #{range => 8000},
+        {dpp_overstaying, dpp, starl_dpp_planted, "overstaying", cut_off(),
             "drives on when its lease has ended"},
         {dpp_fickle, dpp, starl_dpp_planted, "fickle", #{range => 9000},
             "votes for whoever asks, whatever it has promised"},
@@ -196,6 +196,9 @@ healed() -> #{final => 2, converge => 2000, time => 7200}.
 %% Nothing goes wrong: a request waits for some holds of at most 100 ms, or until the requester asks
 %% again, after 3 s, where it came to a robot that has handed the token over. It need not ask twice.
 queued() -> #{random_faults => [], hold => 100, judge => #{bound_us => 4500000}}.
+
+%% One robot hears nothing for longer than its lease lasts.
+cut_off() -> #{faults => [{cut, 20000, 60000, partition, [2], #{}}]}.
 
 %% Nothing goes wrong, and every line has to be painted.
 complete() -> #{speed => 500, time => 3600, judge => #{complete => true}}.
