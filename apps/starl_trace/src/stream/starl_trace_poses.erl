@@ -57,6 +57,11 @@ due_us(#poses{next = Next}) -> Next.
 
 %% @doc The samples before a time.
 -spec sample(Until :: integer(), t()) -> {[starl_trace_message:t()], t()}.
+sample(Until, #poses{next = Next, pieces = Pieces, period_us = Period} = Poses) when
+    Next < Until, map_size(Pieces) =:= 0
+->
+    %% a robot that records itself knows no motions, and its time may be that since 1970
+    {[], Poses#poses{next = up(Until, Period)}};
 sample(Until, #poses{next = Next} = Poses) when Next < Until ->
     {Message, Sampled} = at(Next, Poses),
     {Later, Last} = sample(Until, skip(Sampled)),

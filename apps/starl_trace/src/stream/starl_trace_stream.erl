@@ -45,6 +45,7 @@ news({begun, #{scenario := Scenario} = Facts}, Stream) ->
     {[Message], Stream#stream{
         facts = Message,
         faults = lists:keysort(2, Faults),
+        count_at = Now div ?SECOND_US * ?SECOND_US + ?SECOND_US,
         now = Now,
         up = maps:get(was_up, Facts, false)
     }};
