@@ -5,12 +5,14 @@
 -include_lib("stdlib/include/assert.hrl").
 
 -export([all/0, suite/0, init_per_suite/1, end_per_suite/1]).
--export([deploys/1, reloads/1, goes_back/1, rolls_back/1, refuses/1, over_tls/1, stops/1]).
+-export([
+    deploys/1, reloads/1, goes_back/1, rolls_back/1, refuses/1, over_tls/1, stops/1, recorded/1
+]).
 
 suite() -> [{timetrap, {minutes, 9}}].
 
 %% One story: each case goes on where the one before has ended.
-all() -> [deploys, reloads, goes_back, rolls_back, refuses, over_tls, stops].
+all() -> [deploys, reloads, goes_back, rolls_back, refuses, over_tls, stops, recorded].
 
 init_per_suite(Config) ->
     case starl_fleet_hosts:allowed() of
@@ -134,6 +136,23 @@ stops(Config) ->
     {0, _} = deploy("stop", Hosts),
     {1, Said} = deploy("status", Hosts),
     contains("robot 2 (root@10.77.0.2): the robot's node does not answer", Said).
+
+%% What the robots have recorded since they were started the last time.
+recorded(Config) ->
+    #{dir := Dir} = Hosts = ?config(hosts, Config),
+    [
+        "" = starl_fleet_hosts:on(N, latest(N) ++ Dir ++ "/robot-" ++ integer_to_list(N), Hosts)
+     || N <- [1, 2]
+    ],
+    {0, _} = sh("\"$starl\" merge robot-1 robot-2 --out both.mcap", Hosts),
+    {0, Judged} = sh("\"$starl\" judge both.mcap", Hosts),
+    ?assertMatch({match, _}, re:run(Judged, ": loop, [0-9.]+ s, [1-9][0-9]* events judged")),
+    contains("not judged: motion: ", Judged),
+    contains("no contract is broken", Judged).
+
+latest(N) ->
+    Robot = "test/robot-" ++ integer_to_list(N),
+    "cp $(ls -t " ++ Robot ++ "/state/recordings/*.mcap | head -n 1) ".
 
 %% -- the fleet ------------------------------------------------------------------------------
 

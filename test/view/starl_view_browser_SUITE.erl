@@ -7,7 +7,7 @@
 -include_lib("common_test/include/ct.hrl").
 
 -export([all/0, suite/0, init_per_suite/1, end_per_suite/1]).
--export([simulation/1, recording/1, replay/1, film/1, live/1, cluster/1]).
+-export([simulation/1, recording/1, late/1, replay/1, film/1, live/1, cluster/1]).
 
 -define(B, starl_view_browser).
 -define(AT_S, 21).
@@ -18,7 +18,7 @@
 
 suite() -> [{timetrap, {minutes, 5}}].
 
-all() -> [simulation, recording, replay, film, live, cluster].
+all() -> [simulation, recording, late, replay, film, live, cluster].
 
 init_per_suite(Config) ->
     case ?B:program() of
@@ -314,6 +314,45 @@ recording(Config) ->
         told_by_the_trace(File, Browser),
         bounded(Browser),
         in_parts(File, Browser),
+        ok = ?B:visit("about:blank", Browser)
+    end),
+    ended(View).
+
+%% What a robot on its own has recorded counts from 1970, and nobody has judged it.
+late(Config) ->
+    Dir = ?config(priv_dir, Config),
+    Begun = 1795451471512000,
+    {ok, Recorder} = starl_trace_recorder:start_link(filename:join(Dir, "late.mcap"), live),
+    Observer = starl_trace_recorder:observer(Recorder),
+    {ok, Planned} = starl_sim:plan(#{app => painting, robots => 1}, #{}),
+    Facts = (starl_sim_plan:facts(Planned, []))#{
+        kind := live, epoch_us => 0, begun_us => Begun, told_by => [1]
+    },
+    Second = fun(S) -> Begun + S * 1000000 end,
+    Tell = fun(News) -> ok = starl_observer:tell(News, Observer) end,
+    Tell({begun, Facts}),
+    [Tell({seen, Second(S), 1, {1000.0 + 100 * S, 2000.0, 0.0}}) || S <- [1, 2, 3, 10]],
+    {ok, _} = starl_trace_recorder:close(Recorder),
+    View = starl(["view", "late.mcap"], Dir),
+    {Url, _} = until("view: (http://[^\n]+/)\n", View, ""),
+    browse(Config, fun(Browser) ->
+        ok = ?B:open(Url, Browser),
+        ok = ?B:await("starl.team.clock.ending", Browser),
+        ?assertEqual(Begun, ?B:eval("starl.team.from", Browser)),
+        ?B:eval(io_lib:format("starl.scrub(~b)", [Second(2) + 500000]), Browser),
+        ok = ?B:await(
+            "document.getElementById('clock').textContent === '2026-11-23 16:31:14.012 UTC'",
+            Browser
+        ),
+        ?assertMatch(#{<<"1">> := [X | _]} when X == 1200, ?B:eval("starl.poses()", Browser)),
+        ?assertEqual(
+            [<<"dpp not judged">>],
+            ?B:eval(
+                "[...document.querySelectorAll('#lights span')].map(l => l.textContent)"
+                ".filter(t => t.startsWith('dpp'))",
+                Browser
+            )
+        ),
         ok = ?B:visit("about:blank", Browser)
     end),
     ended(View).

@@ -25,7 +25,8 @@
 
 -opaque t() :: #cast{}.
 
-%% Lengths in mm, times in us. `end_us': of the run.
+%% Lengths in mm, times in us. Times are counted from the beginning of what was told; `end_us': its
+%% end.
 -type scene() :: #{
     app := module(),
     floor := {number(), number()},
@@ -114,6 +115,7 @@ scene(#cast{pieces = Pieces, poses = Poses}) when map_size(Pieces) + map_size(Po
     {error, empty};
 scene(#cast{facts = Facts, until = Until} = Cast) ->
     #{app := App, scenario := Scenario, monitors := Monitors} = Facts,
+    Begun = maps:get(begun_us, Facts, 0),
     Ways = maps:merge(
         maps:map(fun(_, Known) -> lists:reverse(Known) end, Cast#cast.poses),
         maps:map(fun(_, Known) -> way(lists:reverse(Known), Until) end, Cast#cast.pieces)
@@ -122,10 +124,31 @@ scene(#cast{facts = Facts, until = Until} = Cast) ->
         app => App,
         floor => floor_of(Scenario),
         lines => lines(Monitors),
-        actors => [actor(Id, Way, Cast) || {Id, Way} <- lists:sort(maps:to_list(Ways))],
-        cuts => starl_film_cuts:cuts(maps:values(Cast#cast.faults), maps:keys(Ways), Until),
-        end_us => Until
+        actors => [
+            since(Begun, actor(Id, Way, Cast))
+         || {Id, Way} <- lists:sort(maps:to_list(Ways))
+        ],
+        cuts => [
+            {Mark, span(Begun, Span)}
+         || {Mark, Span} <- starl_film_cuts:cuts(
+                maps:values(Cast#cast.faults), maps:keys(Ways), Until
+            )
+        ],
+        end_us => Until - Begun
     }}.
+
+%% A film begins with the recording. That of a robot on its own counts from 1970.
+since(0, Actor) ->
+    Actor;
+since(Begun, #{way := Way, ink := Ink, down := Down} = Actor) ->
+    Moved = fun(Points) -> [{T - Begun, Place} || {T, Place} <- Points] end,
+    Actor#{
+        way := Moved(Way),
+        ink := [Moved(Line) || Line <- Ink],
+        down := [span(Begun, Span) || Span <- Down]
+    }.
+
+span(Begun, {From, To}) -> {max(0, From - Begun), max(0, To - Begun)}.
 
 floor_of(#{world := {Width, Height}}) when is_number(Width), is_number(Height) -> {Width, Height};
 floor_of(_) -> {12000, 12000}.

@@ -31,6 +31,33 @@ the_scene_test() ->
     ?assertEqual([{1000000, [1000.0, 500.0]}, {2000000, [1500.0, 500.0]}], Ink),
     ?assertEqual([{3000000, 3000000}], Down).
 
+%% The film of a robot that counts from 1970 begins with its recording.
+late_test() ->
+    Begun = 1795451471512000,
+    Facts = #{
+        app => starl_painting,
+        scenario => #{},
+        monitors => [],
+        begun_us => Begun
+    },
+    Messages = [
+        {scenario, Begun, Facts},
+        {poses, Begun + 100, #{full => false, robots => [{1, {1.0, 2.0, 0.0}, down, unknown}]}},
+        {poses, Begun + 500, #{full => false, robots => [{1, {9.0, 2.0, 0.0}, up, unknown}]}},
+        {trace, Begun + 700, {1, robot, down}}
+    ],
+    Cast = lists:foldl(fun starl_film_cast:message/2, starl_film_cast:new(), Messages),
+    {ok, #{actors := [Actor], end_us := End}} = starl_film_cast:scene(Cast),
+    ?assertMatch(
+        #{
+            way := [{100, [1.0, 2.0, 0.0]}, {500, [9.0, 2.0, 0.0]}],
+            ink := [[{100, [1.0, 2.0]}, {500, [9.0, 2.0]}]],
+            down := [{700, 700}]
+        },
+        Actor
+    ),
+    ?assertEqual(700, End).
+
 nothing_moves_test() ->
     ?assertEqual({error, empty}, starl_film_cast:scene(starl_film_cast:new())).
 

@@ -23,6 +23,7 @@
     sections = [] :: [section()],
     section_rows :: pos_integer(),
     head = [] :: [starl_view_row:row()],
+    begun = 0 :: integer(),
     %% the end of what the hub is told; the time and the number of rows at its last frame
     first = open :: open | integer(),
     framed = {0, 0} :: {Us :: integer(), Rows :: integer()},
@@ -111,9 +112,17 @@ read(#recording{cursor = Cursor} = Recording) ->
     end.
 
 message({scenario, _, #{robots := Robots} = Facts} = Message, #recording{file = File} = Recording) ->
-    Rows = starl_view_head:rows(Facts, #{kind => recording, until => until(File)}),
+    Begun = maps:get(begun_us, Facts, 0),
+    Extra = #{
+        kind => recording,
+        begun => Begun,
+        until => until(File),
+        %% by the world: robots do not judge
+        judged => maps:get(has_motions, Facts, not is_map_key(told_by, Facts))
+    },
+    Rows = starl_view_head:rows(Facts, Extra),
     ok = starl_view_hub:head(Recording#recording.hub, {Rows, length(Robots)}),
-    told(Message, Recording#recording{head = Rows});
+    told(Message, Recording#recording{head = Rows, begun = Begun});
 message(Message, Recording) ->
     told(Message, section(element(2, Message), Recording)).
 
@@ -190,8 +199,9 @@ later(Upto, #recording{past = Past}) ->
 do(#{<<"do">> := <<"moment">>, <<"at">> := At}, Page, Recording) when is_number(At) ->
     case {is_read(At, Recording), process_info(Page, message_queue_len)} of
         {false, _} ->
-            Now = starl_view_past:now_us(Recording#recording.past) div 1000000,
-            said(io_lib:format("the recording is still being read, up to ~b s", [Now]), Page);
+            #recording{past = Past, begun = Begun} = Recording,
+            Read = (starl_view_past:now_us(Past) - Begun) div 1000000,
+            said(io_lib:format("the recording is still being read, ~b s so far", [Read]), Page);
         {true, {_, Unread}} when Unread =< ?MOST_UNREAD ->
             moment(max(0, trunc(At)), Page, Recording);
         {true, _} ->

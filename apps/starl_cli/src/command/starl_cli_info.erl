@@ -4,6 +4,9 @@
 
 -export([name/0, synopsis/0, argument/0, about/1, subject/2, run/1]).
 
+%% No run of a world's own time is that long.
+-define(SINCE_1970_US, 100_000_000_000_000).
+
 -spec name() -> string().
 name() -> "info".
 
@@ -40,7 +43,7 @@ lines(#{file := File, bytes := Bytes, ended := Ended, topics := Topics} = Info) 
     #{from_us := From, to_us := To} = Info,
     [
         [io_lib:format("~ts: MCAP, ~b bytes", [File, Bytes]), written_by(Library)],
-        io_lib:format("time    ~.3f s to ~.3f s", [From / 1.0e6, To / 1.0e6]),
+        ["time    ", span(From, To)],
         io_lib:format("chunks  ~b~ts", [Chunks, packed(Packed)]),
         io_lib:format("end     ~ts", [ended(Ended, Chunks)])
     ] ++
@@ -48,6 +51,17 @@ lines(#{file := File, bytes := Bytes, ended := Ended, topics := Topics} = Info) 
             string:trim(io_lib:format("~8b  ~-12ts ~ts", [N, Topic, Schema]), trailing)
          || {Topic, Schema, N} <- Topics
         ].
+
+%% Robots on their own, and the files of others, count from 1970.
+span(From, To) when From >= ?SINCE_1970_US ->
+    Seconds = io_lib:format(" UTC, ~.3f s", [(To - From) / 1.0e6]),
+    [date(From), " to ", date(To), Seconds];
+span(From, To) ->
+    io_lib:format("~.3f s to ~.3f s", [From / 1.0e6, To / 1.0e6]).
+
+date(Us) ->
+    Options = [{unit, millisecond}, {offset, "Z"}, {time_designator, $\s}],
+    string:trim(calendar:system_time_to_rfc3339(Us div 1000, Options), trailing, "Z").
 
 packed(Packed) ->
     case [Name || Name <- Packed, Name =/= <<>>] of

@@ -40,10 +40,11 @@ run(#{subject := File}) ->
         {error, Reason} -> {error, [starl_trace_judge:format_error(Reason)]}
     end.
 
-told(File, #{violations := Violations, scenario := #{app := App}} = Judged) ->
+told(File, #{violations := Violations, scenario := #{app := App} = Scenario} = Judged) ->
     #{until_us := Until, events := Events, missing := Missing, ended := Ended} = Judged,
+    Us = Until - maps:get(begun_us, Scenario, 0),
     starl_cli_terminal:out([
-        io_lib:format("~ts: ~ts, ~.1f s, ~b events judged", [File, App, Until / 1.0e6, Events]),
+        io_lib:format("~ts: ~ts, ~.1f s, ~b events judged", [File, App, Us / 1.0e6, Events]),
         ["; " || Ended =/= closed],
         cut(Ended),
         "\n",

@@ -48,11 +48,11 @@ run(#{subject := Files, values := #{out := Given, overwrite := Overwrite}}) ->
         Problems -> {error, Problems}
     end.
 
-told({ok, #{messages := Messages, until_us := Until, cut_off := CutOff} = Merged}, Out) ->
-    #{missing := Missing, clocks := Clocks} = Merged,
+told({ok, #{messages := Messages, cut_off := CutOff} = Merged}, Out) ->
+    #{begun_us := Begun, until_us := Until, missing := Missing, clocks := Clocks} = Merged,
     ok = starl_cli_recording:packed(Out),
     starl_cli_terminal:out([
-        io_lib:format("~ts: ~b messages, ~.1f s\n", [Out, Messages, Until / 1.0e6]),
+        io_lib:format("~ts: ~b messages, ~.1f s\n", [Out, Messages, (Until - Begun) / 1.0e6]),
         [[File, ": is cut off; its end is missing\n"] || File <- CutOff],
         missing([integer_to_list(Robot) || Robot <- Missing]),
         [

@@ -14,6 +14,7 @@
 -type merged() :: #{
     messages := non_neg_integer(),
     bytes := non_neg_integer(),
+    begun_us := integer(),
     until_us := integer(),
     cut_off := [file:filename_all()],
     missing := [starl:robot_id()],
@@ -132,6 +133,7 @@ written(Sources0, Part) ->
     #{
         messages => Merged#merge.messages,
         bytes => starl_mcap_part:written(Whole),
+        begun_us => begin_us(Sources),
         until_us => Until,
         cut_off => lists:reverse(Merged#merge.cut_off) -- continued(Sources),
         missing => missing(Sources),

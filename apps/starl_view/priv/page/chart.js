@@ -1,4 +1,6 @@
 // The sequence chart: packets around a moment, robots side by side, time downwards; and the same as text.
+import { seconds } from './time.js';
+
 const SPAN_US = 6e5, MOST_COLUMNS = 12;
 
 export function chart(canvas, floor, team, t, selected) {
@@ -58,6 +60,6 @@ function line(g, x1, y1, x2, y2) {
 }
 
 export function words([t, from, to, what, bytes, fate, arrives]) {
-  const end = arrives === 0 ? `lost (${fate})` : `${fate} ${(arrives / 1e6).toFixed(3)} s`;
-  return `${(t / 1e6).toFixed(3)} s: ${from} → ${to}, ${what}, ${bytes ? `${bytes} bytes, ` : ''}${end}`;
+  const end = arrives === 0 ? `lost (${fate})` : `${fate} ${seconds(arrives)}`;
+  return `${seconds(t)}: ${from} → ${to}, ${what}, ${bytes ? `${bytes} bytes, ` : ''}${end}`;
 }

@@ -5,13 +5,13 @@ import { chart, words } from './chart.js';
 import { marks } from './timeline.js';
 import { connect } from './link.js';
 import { Panel } from './panel.js';
+import { seconds } from './time.js';
 
 const $ = id => document.getElementById(id);
 const team = new Team();
 const floor = new Floor($('map'), team);
 const state = { selected: null, shown: 0, live: true, told: { now: 0, before: 0, at: 0, wait: 30 },
   frames: 0, fps: 0, open: false, ticks: 0 };
-const seconds = us => `${(us / 1e6).toFixed(3)} s`;
 
 const send = connect(rows => {
   for (const row of rows) {
@@ -211,7 +211,7 @@ function rarely() {
     (isRecording() && !has(state.shown) ? 'reading …' : isRecording() && state.shown < team.until ? 'recording' :
       clock.ending ? `over: ${clock.ending}` : clock.paused ? 'paused' : `${clock.real ?? ''} × real time`) +
     ` · ${state.fps} frames/s` + (team.leftOut ? ` · ${team.leftOut} packets not shown` : '');
-  marks($('marks'), floor, team, Math.max(team.until, 1));
+  marks($('marks'), floor, team, team.from, Math.max(team.until, 1));
   if (isRecording() && state.asked) want(state.shown);
   const talk = chart($('chart'), floor, team, t, state.selected);
   const list = $('talk'), key = talk.length + ' ' + t;

@@ -150,7 +150,7 @@ export class Team {
     this.version++;
   }
   // The whole run, of which the page of a long recording has a part.
-  get from() { return this.run && this.run.kind === 'recording' ? 0 : this.begin; }
+  get from() { return this.run && this.run.kind === 'recording' ? this.run.begun : this.begin; }
   get until() { return Math.max(this.now, this.run && this.run.kind === 'recording' ? this.run.until ?? 0 : 0); }
   poses(t) {
     const poses = [];

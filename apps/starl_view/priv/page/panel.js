@@ -1,8 +1,8 @@
 // The panels beside the floor: the selected robot, contracts, faults and what hands can do.
 import { words } from './chart.js';
+import { seconds } from './time.js';
 
 const $ = id => document.getElementById(id);
-const seconds = us => `${(us / 1e6).toFixed(3)} s`;
 
 function element(tag, text, more = {}) {
   const made = document.createElement(tag);
@@ -202,7 +202,10 @@ export class Panel {
     const known = this.team.run.contracts, others = broken.map(v => v.contract).filter(c => !known.includes(c));
     $('lights').replaceChildren(...known.concat([...new Set(others)]).map(name => {
       const own = broken.filter(v => v.contract === name), light = element('span', '');
-      light.append(element('i', ''), own.length ? '' : `${name} kept`);
+      // What only robots have recorded nobody has judged.
+      const unknown = this.team.run.judged === false;
+      if (unknown) light.className = 'unknown';
+      light.append(element('i', ''), own.length ? '' : `${name} ${unknown ? 'not judged' : 'kept'}`);
       if (own.length) {
         light.className = 'broken';
         light.append(element('button', `${name} broken at ${seconds(own[0].t)}`,
