@@ -14,6 +14,8 @@ all() ->
     [
         merged_recordings_are_judged_as_the_run,
         broken_contracts_are_found,
+        full_files_are_followed_by_others,
+        the_oldest_files_make_room,
         packets_have_their_fates
     ].
 
@@ -55,7 +57,9 @@ end_per_suite(Config) -> peer:stop(proplists:get_value(conductor, Config)).
 %% -- in the conductor -----------------------------------------------------------------------
 
 %% Runs a scenario on nodes, recorded by the world and by its robots; gives its outcome.
-play(Scenario, Script, Dir) ->
+play(Scenario, Script, Dir) -> play(Scenario, Script, none, Dir).
+
+play(Scenario, Script, Most, Dir) ->
     _ = process_flag(trap_exit, true),
     ok = filelib:ensure_path(Dir),
     {ok, Recorder} = starl_trace_recorder:start_link(filename:join(Dir, "run.mcap"), live),
@@ -65,7 +69,7 @@ play(Scenario, Script, Dir) ->
         speed => ?SPEED,
         packets => true,
         observe => starl_trace_recorder:observer(Recorder),
-        recorder => {starl_trace_robot, #{dir => filename:join(Dir, "robots")}}
+        recorder => {starl_trace_robot, #{dir => filename:join(Dir, "robots"), most_bytes => Most}}
     }),
     lists:foreach(fun(Step) -> acted(Step, Cluster) end, Script),
     _ = starl_cluster:await(Cluster),
@@ -99,6 +103,53 @@ acted_later(Step, Cluster) ->
     acted(Step, Cluster).
 
 %% -- tests ----------------------------------------------------------------------------------
+
+%% Every file is whole, and together they have everything; also where the node is killed.
+full_files_are_followed_by_others(Config) ->
+    {Dir, Outcome, Files} = rotated(300000, Config),
+    ct:log("~p", [
+        [{filename:basename(F), filelib:file_size(F), maps:get(ended, info(F))} || F <- Files]
+    ]),
+    Ended = [maps:get(ended, info(File)) || File <- Files],
+    ?assertMatch([cut_off], Ended -- [closed || _ <- Files]),
+    %% one more than the killed node makes; how many depends on what the robots did
+    ?assert(length(Files) >= 4),
+    _ = judged_as(Outcome, [filename:join(Dir, "run.mcap") | Files], Dir),
+    Merged = events(filename:join(Dir, "merged.mcap")),
+    Whole = events(filename:join(Dir, "run.mcap")),
+    ?assertEqual({[], []}, {Whole -- Merged, Merged -- Whole}).
+
+%% However long the run, there are no more bytes than were asked for, but for the file that grows.
+the_oldest_files_make_room(Config) ->
+    Most = 80000,
+    {_, _, Files} = rotated(Most, Config),
+    ct:log("~p", [
+        [{filename:basename(F), filelib:file_size(F), maps:get(ended, info(F))} || F <- Files]
+    ]),
+    [
+        begin
+            Own = [File || File <- Files, lists:prefix(Prefix, filename:basename(File))],
+            ?assertNot(lists:member(Prefix ++ ".mcap", [filename:basename(File) || File <- Own])),
+            ?assert(lists:sum([filelib:file_size(File) || File <- Own]) < 2 * Most)
+        end
+     || Prefix <- ["robot-1", "robot-2"]
+    ].
+
+rotated(Most, Config) ->
+    Dir = filename:join(proplists:get_value(priv_dir, Config), integer_to_list(Most)),
+    Outcome = peer:call(
+        proplists:get_value(conductor, Config),
+        ?MODULE,
+        play,
+        [
+            #{app => painting, robots => 2, loss => 0.2},
+            [{at, 24}, {kill, 2}, {at, 27}, {again, 2}, {for, 4}, stop],
+            Most,
+            Dir
+        ],
+        120000
+    ),
+    {Dir, Outcome, robots_files(Dir)}.
 
 merged_recordings_are_judged_as_the_run(Config) ->
     Dir = proplists:get_value(dir, Config),

@@ -445,7 +445,7 @@ begins_at(From, File) ->
     {ok, Cursor} = starl_trace_reader:start(File, From),
     {ok, [{scenario, _, _} | First], Next} = starl_trace_reader:next(Cursor),
     %% the chunk with the scenario; ten seconds' and a little more before that time
-    ?assert(starl_trace_reader:opened(Cursor) =< 14),
+    ?assert(starl_trace_reader:opened(Cursor) =< 24),
     Later = [M || {T, At, _} = M <- lists:reverse(All), At >= From, T =/= scenario],
     ?assertEqual(Later, without_places(From, First ++ rest(Next))),
     case First of

@@ -6,18 +6,22 @@
 %%   ...
 %%   {ok, Written} = starl_trace_recorder:close(Recorder)
 %% '''
-%% A chunk is written before a second of the run's time is over, or half a second of real time. A
+%% A chunk is written each half second of the run's time in which something happens, and of real time. A
 %% simulation waits for the recorder; a live run leaves events out when the disk is too slow, and
-%% the recording says how many. A disk that is full ends the recording, not the run.
+%% the recording says how many. A disk that is full ends the recording, not the run. A recording that
+%% would grow for ever goes on in other files (`options()').
 -module(starl_trace_recorder).
 -behaviour(gen_server).
 
--export([start_link/2, observer/1, close/1, format_error/1]).
+-export([start_link/2, start_link/3, observer/1, close/1, format_error/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
--export_type([written/0, reason/0]).
+-export_type([options/0, written/0, reason/0]).
 
-%% The recording: its file, its bytes, and the time until which it goes.
+%% A file that has grown to so many bytes is closed, and the recording goes on in the next one.
+-type options() :: #{} | #{file_bytes := pos_integer(), next := fun(() -> file:filename_all())}.
+
+%% The recording: its last file, its bytes, and the time until which it goes.
 -type written() :: #{
     file := file:filename_all(), bytes := non_neg_integer(), until_us := integer()
 }.
@@ -35,6 +39,7 @@
     file :: file:filename_all(),
     device :: file:io_device(),
     kind :: simulation | live,
+    options = #{} :: options(),
     writer :: starl_trace_writer:t(),
     stream = stream() :: starl_trace_stream:t(),
     now = 0 :: integer(),
@@ -47,11 +52,16 @@
 %% @doc Begins a recording; a file of that name is replaced.
 -spec start_link(file:filename_all(), simulation | live) ->
     {ok, pid()} | {error, reason()}.
-start_link(File, Kind) ->
+start_link(File, Kind) -> start_link(File, Kind, #{}).
+
+%% @doc The same with options.
+-spec start_link(file:filename_all(), simulation | live, options()) ->
+    {ok, pid()} | {error, reason()}.
+start_link(File, Kind, Options) ->
     case file:open(File, [write, raw, binary]) of
         {ok, Device} ->
             ok = file:close(Device),
-            {ok, _} = gen_server:start_link(?MODULE, {File, Kind}, [
+            {ok, _} = gen_server:start_link(?MODULE, {File, Kind, Options}, [
                 {spawn_opt, [{min_heap_size, ?HEAP_WORDS}]}
             ]);
         {error, Posix} ->
@@ -74,13 +84,15 @@ close(Recorder) ->
 format_error({File, Posix}) ->
     io_lib:format("~ts: the recording could not be written: ~ts", [File, file:format_error(Posix)]).
 
--spec init({file:filename_all(), simulation | live}) -> {ok, #recorder{}}.
-init({File, Kind}) ->
+-spec init({file:filename_all(), simulation | live, options()}) -> {ok, #recorder{}}.
+init({File, Kind, Options}) ->
     _ = process_flag(trap_exit, true),
     {ok, Device} = file:open(File, [write, raw, binary]),
     {Head, Writer} = starl_trace_writer:new(),
     _ = erlang:send_after(?FLUSH_MS, self(), flush),
-    Recorder = #recorder{file = File, device = Device, kind = Kind, writer = Writer},
+    Recorder = #recorder{
+        file = File, device = Device, kind = Kind, options = Options, writer = Writer
+    },
     {ok, write(Head, Recorder)}.
 
 -spec handle_call(term(), gen_server:from(), #recorder{}) -> {reply, term(), #recorder{}}.
@@ -104,16 +116,15 @@ handle_cast(_Message, Recorder) -> {noreply, Recorder}.
 
 -spec handle_info(term(), #recorder{}) -> {noreply, #recorder{}} | {stop, term(), #recorder{}}.
 handle_info({starl_news, Feed, News}, #recorder{state = open} = Recorder) ->
-    Next = told(News, Recorder),
+    Next = in_next_file(told(News, Recorder)),
     ok = starl_trace_feed:done(News, Feed),
     {noreply, Next};
 handle_info({starl_news, Feed, News}, Recorder) ->
     ok = starl_trace_feed:done(News, Feed),
     {noreply, Recorder};
-handle_info(flush, #recorder{state = open, writer = Writer} = Recorder) ->
+handle_info(flush, #recorder{state = open} = Recorder) ->
     _ = erlang:send_after(?FLUSH_MS, self(), flush),
-    {Bytes, Next} = starl_trace_writer:flush(Writer),
-    {noreply, write(Bytes, Recorder#recorder{writer = Next})};
+    {noreply, flushed(Recorder)};
 handle_info({'EXIT', _From, Reason}, Recorder) ->
     {stop, Reason, Recorder};
 handle_info(_Other, Recorder) ->
@@ -146,12 +157,43 @@ again(#recorder{device = Device} = Recorder) ->
         is_begun = false
     }).
 
+%% A file that is full is a whole recording; who merges both has all.
+in_next_file(
+    #recorder{state = open, bytes = Bytes, options = #{file_bytes := Most}} = Recorder
+) when
+    Bytes >= Most
+->
+    #recorder{writer = Full, device = Device, options = #{next := Next}} = Recorder,
+    #recorder{state = State} = Last = write(starl_trace_writer:finish(Full), Recorder),
+    _ = file:close(Device),
+    case State of
+        open -> opened(Next(), Last);
+        _ -> Last
+    end;
+in_next_file(Recorder) ->
+    Recorder.
+
+opened(File, #recorder{stream = Stream} = Recorder) ->
+    {Head, Writer} = starl_trace_writer:new(),
+    case file:open(File, [write, raw, binary]) of
+        {ok, Device} ->
+            Opened = Recorder#recorder{file = File, device = Device, writer = Writer, bytes = 0},
+            %% at once: without it nobody could read the file of a robot that is killed now
+            flushed(messages(starl_trace_stream:head(Stream), write(Head, Opened)));
+        {error, Posix} ->
+            Recorder#recorder{state = {File, Posix}}
+    end.
+
 %% Places follow from the motions; those that viewers are shown are enough.
 stream() -> starl_trace_stream:new(starl_trace_writer:frames_us()).
 
 news(News, #recorder{stream = Stream} = Recorder) ->
     {Messages, Next} = starl_trace_stream:news(News, Stream),
     messages(Messages, Recorder#recorder{stream = Next}).
+
+flushed(#recorder{writer = Writer} = Recorder) ->
+    {Bytes, Next} = starl_trace_writer:flush(Writer),
+    write(Bytes, Recorder#recorder{writer = Next}).
 
 messages([], Recorder) ->
     Recorder;

@@ -4,7 +4,8 @@
 %% A node that starts anew goes on in a new file, `robot-3.2.mcap'; nothing is ever changed in the
 %% former one. If that was not closed, the new file begins with the events that the former one has
 %% lost, as far as the record of the robot's facts still has them: a node that was killed loses none,
-%% a computer that has lost its power a second's.
+%% a computer that has lost its power a second's. A file of a quarter of what may be kept is closed, and
+%% the recording goes on in the next one.
 -module(starl_trace_robot).
 -behaviour(starl_observer).
 
@@ -13,8 +14,8 @@
 
 -export_type([config/0]).
 
-%% `dir' of the recordings; `facts' of the run; `most_bytes': the oldest files in the directory are
-%% deleted until the others are no larger together; without it all are kept.
+%% `dir' of the recordings; `facts' of the run; `most_bytes': the robot's oldest files in the directory
+%% are deleted, so that all together are hardly larger; without it all are kept, and no file is closed.
 -type config() :: #{
     robot := starl:robot_id(),
     now := fun(() -> AtUs :: integer()),
@@ -26,16 +27,17 @@
 
 %% Facts of one run.
 -define(SAME, [app, kind, scenario, epoch_us, run]).
+%% So many files make up what may be kept.
+-define(FILES, 4).
 
 %% @doc Begins the recording of a robot.
 -spec start_link(config()) -> {ok, pid()} | {error, unicode:chardata()}.
 start_link(#{robot := Robot, dir := Dir} = Config) ->
     _ = filelib:ensure_path(Dir),
-    Files = files(Robot, Dir),
-    ok = make_room(Files, maps:get(most_bytes, Config, none)),
-    case starl_trace_recorder:start_link(filename:join(Dir, next(Robot, Files)), live) of
+    Former = former(files(Robot, Dir), Config),
+    case starl_trace_recorder:start_link(next(Robot, Dir, Config), live, options(Config)) of
         {ok, Recorder} ->
-            ok = begin_with(former(Files, Config), starl_trace_recorder:observer(Recorder), Config),
+            ok = begin_with(Former, starl_trace_recorder:observer(Recorder), Config),
             {ok, Recorder};
         {error, Reason} ->
             {error, unicode:characters_to_binary(starl_trace_recorder:format_error(Reason))}
@@ -68,9 +70,20 @@ number("." ++ Rest) ->
 number(_) ->
     none.
 
-next(Robot, []) ->
+options(#{most_bytes := Most, robot := Robot, dir := Dir} = Config) when is_integer(Most) ->
+    #{file_bytes => Most div ?FILES, next => fun() -> next(Robot, Dir, Config) end};
+options(_Config) ->
+    #{}.
+
+%% The next file, for which there is room now.
+next(Robot, Dir, Config) ->
+    Files = files(Robot, Dir),
+    ok = make_room(Files, maps:get(most_bytes, Config, none)),
+    filename:join(Dir, named(Robot, Files)).
+
+named(Robot, []) ->
     prefix(Robot) ++ ".mcap";
-next(Robot, Files) ->
+named(Robot, Files) ->
     {ok, N} = number(lists:nthtail(length(prefix(Robot)), filename:basename(lists:last(Files)))),
     lists:concat([prefix(Robot), ".", N + 1, ".mcap"]).
 
@@ -78,7 +91,7 @@ make_room(_Files, none) ->
     ok;
 make_room(Files, Most) ->
     Sizes = [{File, filelib:file_size(File)} || File <- Files],
-    too_old(Sizes, lists:sum([Size || {_, Size} <- Sizes]), Most).
+    too_old(Sizes, lists:sum([Size || {_, Size} <- Sizes]), Most - Most div ?FILES).
 
 too_old([{File, Size} | Files], Sum, Most) when Sum > Most ->
     _ = file:delete(File),
@@ -88,17 +101,29 @@ too_old(_Files, _Sum, _Most) ->
 
 %% -- the former recording -------------------------------------------------------------------
 
-%% The end of the former recording of this run, if that was not closed.
-former([], _Config) ->
-    none;
+%% The end of the former recording of this run, if that was not closed. Its last file may have begun a
+%% moment before, when the one before was full, and hold no event.
 former(Files, #{facts := Facts}) ->
-    case starl_trace_reader:tail(lists:last(Files)) of
-        {ok, #{scenario := Scenario, ended := Ended} = Tail} when Ended =/= closed ->
+    Tails = [tail(File, Facts) || File <- lists:nthtail(max(0, length(Files) - 2), Files)],
+    case lists:reverse(Tails) of
+        [#{ended := Ended, trace := []} = Tail, #{ended := closed, trace := Full}] when
+            Ended =/= closed
+        ->
+            Tail#{trace := Full};
+        [#{ended := Ended} = Tail | _] when Ended =/= closed ->
+            Tail;
+        _ ->
+            none
+    end.
+
+tail(File, Facts) ->
+    case starl_trace_reader:tail(File) of
+        {ok, #{scenario := Scenario} = Tail} ->
             case maps:with(?SAME, Scenario) =:= maps:with(?SAME, Facts) of
                 true -> Tail;
                 false -> none
             end;
-        _ ->
+        {error, _} ->
             none
     end.
 

@@ -4,14 +4,15 @@
 %% where they follow from the motions in the trace, and the reader computes them again. The other
 %% channels show the same to people and their viewers ({@link starl_trace_shown}), frames twice a
 %% second. Each ten seconds the motions of all robots are written at the beginning of a chunk, so that
-%% a reader can begin there. A chunk ends before a second of time is over.
+%% a reader can begin there. A chunk ends with the first message that comes half a second of time after its
+%% beginning, so a killed run loses less than a second as long as something happens.
 -module(starl_trace_writer).
 
 -export([new/0, messages/2, flush/1, finish/1, frames_us/0]).
 
 -export_type([t/0]).
 
--define(CHUNK_US, 900000).
+-define(CHUNK_US, 500000).
 -define(CHUNK_BYTES, 1048576).
 -define(CHUNK_MESSAGES, 20000).
 -define(FRAMES_US, 500000).

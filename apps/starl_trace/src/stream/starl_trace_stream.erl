@@ -2,7 +2,7 @@
 %% starl_trace_message}). A pure module.
 -module(starl_trace_stream).
 
--export([new/0, new/1, news/2, state/1, close/1]).
+-export([new/0, new/1, news/2, state/1, head/1, close/1]).
 
 -export_type([t/0]).
 
@@ -106,6 +106,13 @@ state(#stream{facts = none}) ->
     [];
 state(#stream{facts = Facts, poses = Poses, now = Now}) ->
     [Facts, starl_trace_poses:full(Now, Poses)].
+
+%% @doc The first message of a file in which the recording of a robot goes on now.
+-spec head(t()) -> [starl_trace_message:t()].
+head(#stream{facts = none}) ->
+    [];
+head(#stream{facts = {scenario, _, Facts}, now = Now}) ->
+    [{scenario, Now, maps:remove(was_up, Facts#{begun_us => Now})}].
 
 versions() ->
     _ = application:load(starl_platform),

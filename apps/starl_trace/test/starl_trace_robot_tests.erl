@@ -1,0 +1,92 @@
+%% A robot's own recording, in several files: what is in them after each kind of end.
+-module(starl_trace_robot_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(MOST, 400000).
+
+%% A node that is killed in the moment in which a file was full: the next one has no event yet, and what
+%% was lost is found by the end of the full one.
+killed_in_a_new_file_test() ->
+    Dir = dir(),
+    Events = [event(N) || N <- lists:seq(1, 300)],
+    {ok, Recorder} = starl_trace_robot:start_link(config(Dir, [])),
+    ok = told(Events, starl_trace_robot:observer(Recorder)),
+    ok = killed(Recorder),
+    ?assertMatch([_, _], starl_trace_robot:files(1, Dir)),
+    Lost = [event(N) || N <- [301, 302]],
+    {ok, Next} = starl_trace_robot:start_link(config(Dir, Events ++ Lost)),
+    {ok, _} = starl_trace_recorder:close(Next),
+    [Full, Empty, Third] = starl_trace_robot:files(1, Dir),
+    ?assertEqual({Events, closed}, traced(Full)),
+    ?assertEqual({[], cut_off}, traced(Empty)),
+    ?assertEqual({Lost, closed}, traced(Third)),
+    ok = file:del_dir_r(Dir).
+
+%% Much more than may be kept: the latest files are there, whole.
+the_latest_are_kept_test_() ->
+    {timeout, 60, fun() ->
+        Dir = dir(),
+        {ok, Recorder} = starl_trace_robot:start_link(config(Dir, [])),
+        Observer = starl_trace_robot:observer(Recorder),
+        Parts = [[event(300 * P + N) || N <- lists:seq(1, 300)] || P <- lists:seq(1, 20)],
+        [ok = told(Part, Observer) || Part <- Parts],
+        {ok, _} = starl_trace_recorder:close(Recorder),
+        Files = starl_trace_robot:files(1, Dir),
+        ?assert(lists:sum([filelib:file_size(File) || File <- Files]) < 2 * ?MOST),
+        Kept = lists:append([element(1, traced(File)) || File <- Files]),
+        ?assertNotEqual([], Kept),
+        ?assertEqual(Kept, lists:nthtail(6000 - length(Kept), lists:append(Parts))),
+        ok = file:del_dir_r(Dir)
+    end}.
+
+%% More than a file is to hold.
+told(Events, Observer) ->
+    starl_observer:tell({judged, Events, []}, Observer).
+
+killed(Recorder) ->
+    true = unlink(Recorder),
+    ok = gen_server:call(Recorder, caught_up),
+    Monitor = erlang:monitor(process, Recorder),
+    true = exit(Recorder, kill),
+    receive
+        {'DOWN', Monitor, process, _, _} -> ok
+    end.
+
+traced(File) ->
+    {ok, Trace, Ended} = starl_trace_reader:fold(
+        fun
+            ({trace, At, {Robot, Machine, Event}}, All) -> [{At, Robot, Machine, Event} | All];
+            (_, All) -> All
+        end,
+        [],
+        File
+    ),
+    {lists:reverse(Trace), Ended}.
+
+%% Nothing that could be packed.
+event(N) ->
+    Bytes = [crypto:hash(sha512, integer_to_binary(10 * N + I)) || I <- lists:seq(1, 8)],
+    {10000 * N, 1, app, {step, N, iolist_to_binary(Bytes)}}.
+
+config(Dir, Before) ->
+    #{
+        robot => 1,
+        now => fun() -> 0 end,
+        before => Before,
+        dir => Dir,
+        most_bytes => ?MOST,
+        facts => #{
+            kind => live,
+            app => loop,
+            scenario => #{},
+            robots => [{1, {0.0, 0.0, 0.0}}],
+            monitors => [],
+            waypoints => #{},
+            machines => #{app => starl_app_proc},
+            epoch_us => 0
+        }
+    }.
+
+dir() ->
+    Unique = integer_to_list(erlang:unique_integer([positive])),
+    filename:join("/tmp", "starl_robot_" ++ os:getpid() ++ "_" ++ Unique).
