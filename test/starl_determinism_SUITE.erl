@@ -145,7 +145,7 @@ under_load(Config) ->
     Scenario = (scenario(Config))#{shards => 2},
     Alone = digest(Scenario),
     Busy = [spawn_link(fun() -> busy(0) end) || _ <- lists:seq(1, 6)],
-    Loaded = [digest(Scenario) || _ <- lists:seq(1, 3)],
+    Loaded = [digest(Scenario) || _ <- lists:seq(1, 5)],
     [
         begin
             unlink(Pid),

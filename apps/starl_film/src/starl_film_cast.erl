@@ -138,8 +138,6 @@ scene(#cast{facts = Facts, until = Until} = Cast) ->
     }}.
 
 %% A film begins with the recording. That of a robot on its own counts from 1970.
-since(0, Actor) ->
-    Actor;
 since(Begun, #{way := Way, ink := Ink, down := Down} = Actor) ->
     Moved = fun(Points) -> [{T - Begun, Place} || {T, Place} <- Points] end,
     Actor#{

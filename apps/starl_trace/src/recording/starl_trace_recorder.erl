@@ -6,10 +6,10 @@
 %%   ...
 %%   {ok, Written} = starl_trace_recorder:close(Recorder)
 %% '''
-%% A chunk is written each half second of the run's time in which something happens, and of real time. A
-%% simulation waits for the recorder; a live run leaves events out when the disk is too slow, and
-%% the recording says how many. A disk that is full ends the recording, not the run. A recording that
-%% would grow for ever goes on in other files (`options()').
+%% A chunk is written each half second of real time, and of the run's time in which something happens.
+%% A simulation waits for the recorder; a live run leaves events out when the disk is too slow, and the
+%% recording says how many. A disk that is full ends the recording, not the run. With a limit
+%% (`options()') the recording is a series of files.
 -module(starl_trace_recorder).
 -behaviour(gen_server).
 
@@ -18,7 +18,7 @@
 
 -export_type([options/0, written/0, reason/0]).
 
-%% A file that has grown to so many bytes is closed, and the recording goes on in the next one.
+%% `file_bytes': a file that is larger is closed, and the recording goes on in the file named by `next'.
 -type options() :: #{} | #{file_bytes := pos_integer(), next := fun(() -> file:filename_all())}.
 
 %% The recording: its last file, its bytes, and the time until which it goes.
@@ -157,7 +157,7 @@ again(#recorder{device = Device} = Recorder) ->
         is_begun = false
     }).
 
-%% A file that is full is a whole recording; who merges both has all.
+%% A full file is a whole recording. Merged with the next one it lacks nothing.
 in_next_file(
     #recorder{state = open, bytes = Bytes, options = #{file_bytes := Most}} = Recorder
 ) when
@@ -178,7 +178,7 @@ opened(File, #recorder{stream = Stream} = Recorder) ->
     case file:open(File, [write, raw, binary]) of
         {ok, Device} ->
             Opened = Recorder#recorder{file = File, device = Device, writer = Writer, bytes = 0},
-            %% at once: without it nobody could read the file of a robot that is killed now
+            %% the scenario at once: without it the file of a robot that is killed now cannot be read
             flushed(messages(starl_trace_stream:head(Stream), write(Head, Opened)));
         {error, Posix} ->
             Recorder#recorder{state = {File, Posix}}

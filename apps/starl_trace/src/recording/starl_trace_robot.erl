@@ -4,8 +4,8 @@
 %% A node that starts anew goes on in a new file, `robot-3.2.mcap'; nothing is ever changed in the
 %% former one. If that was not closed, the new file begins with the events that the former one has
 %% lost, as far as the record of the robot's facts still has them: a node that was killed loses none,
-%% a computer that has lost its power a second's. A file of a quarter of what may be kept is closed, and
-%% the recording goes on in the next one.
+%% a computer that has lost its power a second's. A file with a quarter of the
+%% allowed bytes is closed, and the recording goes on in the next one.
 -module(starl_trace_robot).
 -behaviour(starl_observer).
 
@@ -14,8 +14,8 @@
 
 -export_type([config/0]).
 
-%% `dir' of the recordings; `facts' of the run; `most_bytes': the robot's oldest files in the directory
-%% are deleted, so that all together are hardly larger; without it all are kept, and no file is closed.
+%% `dir' of the recordings; `facts' of the run; `most_bytes': the allowed bytes of the robot's files
+%% in the directory, of which the oldest are deleted; without it one file grows, and all are kept.
 -type config() :: #{
     robot := starl:robot_id(),
     now := fun(() -> AtUs :: integer()),
@@ -27,7 +27,7 @@
 
 %% Facts of one run.
 -define(SAME, [app, kind, scenario, epoch_us, run]).
-%% So many files make up what may be kept.
+%% Files in the allowed bytes.
 -define(FILES, 4).
 
 %% @doc Begins the recording of a robot.
@@ -104,8 +104,7 @@ too_old(_Files, _Sum, _Most) ->
 %% The end of the former recording of this run, if that was not closed. Its last file may have begun a
 %% moment before, when the one before was full, and hold no event.
 former(Files, #{facts := Facts}) ->
-    Tails = [tail(File, Facts) || File <- lists:nthtail(max(0, length(Files) - 2), Files)],
-    case lists:reverse(Tails) of
+    case [tail(File, Facts) || File <- lists:sublist(lists:reverse(Files), 2)] of
         [#{ended := Ended, trace := []} = Tail, #{ended := closed, trace := Full}] when
             Ended =/= closed
         ->

@@ -4,7 +4,7 @@
 %% where they follow from the motions in the trace, and the reader computes them again. The other
 %% channels show the same to people and their viewers ({@link starl_trace_shown}), frames twice a
 %% second. Each ten seconds the motions of all robots are written at the beginning of a chunk, so that
-%% a reader can begin there. A chunk ends with the first message that comes half a second of time after its
+%% a reader can begin there. A chunk ends with the first message half a second of time after its
 %% beginning, so a killed run loses less than a second as long as something happens.
 -module(starl_trace_writer).
 

@@ -107,7 +107,7 @@ state(#stream{facts = none}) ->
 state(#stream{facts = Facts, poses = Poses, now = Now}) ->
     [Facts, starl_trace_poses:full(Now, Poses)].
 
-%% @doc The first message of a file in which the recording of a robot goes on now.
+%% @doc The first message of the next file of a robot's recording, which begins now.
 -spec head(t()) -> [starl_trace_message:t()].
 head(#stream{facts = none}) ->
     [];
