@@ -67,6 +67,10 @@ request({send, Self, Type, Body}, From, Self, _Others, Sap) ->
     {Heard ++ answer(From, ok), [], Delivered};
 request({send, To, Type, Body}, From, _Self, _Others, Sap) ->
     put_under_way([To], Type, Body, From, false, Sap);
+request({send, To, Type, Body, _Until}, From, Self, Others, Sap) ->
+    request({send, To, Type, Body}, From, Self, Others, Sap);
+request({shout, Type, Body, _Until}, none, Self, Others, Sap) ->
+    request({shout, Type, Body}, none, Self, Others, Sap);
 request({shout, Type, Body}, none, _Self, Others, Sap) ->
     put_under_way(Others, Type, Body, none, true, Sap);
 request({broadcast, Type, Body}, From, _Self, Others, Sap) ->

@@ -6,7 +6,7 @@
 -behaviour(starl_platform).
 
 -export([new/3, sent/1, put_under_way/2, traces/1, stored/1]).
--export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
+-export([handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
 
 -export_type([t/0, sent/0, due/0]).
 
@@ -57,6 +57,10 @@ handles(_Name, _Type, _Content, World) -> World.
 %% @doc The reading of the robot's clock, which stands still ({@link starl_check_term}).
 -spec clock(t()) -> integer().
 clock(#world{place = Place}) -> starl_check_term:now(Place).
+
+%% @doc The same.
+-spec present(t()) -> integer().
+present(World) -> clock(World).
 
 %% @doc The base configuration of a machine at its start.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
@@ -120,6 +124,8 @@ perform(
     {transmit, Dest, {starl, 1, shout, _, Type, Body}}, _, #world{model = #{sap := contract}} = W
 ) ->
     {[], put_under_way([{message, To, Type, Body, none} || To <- dests(Dest, W)], W)};
+perform({until, _Us, Action, _Late}, Name, World) ->
+    perform(Action, Name, World);
 perform({transmit, Dest, Packet}, _Name, World) ->
     {[], put_under_way([{packet, To, Packet} || To <- dests(Dest, World)], World)}.
 

@@ -227,7 +227,8 @@ store(#robot{}, Term) -> starl_app_proc:store(Term).
 -spec stored(robot()) -> none | {stored, term()} | damaged.
 stored(#robot{}) -> starl_app_proc:stored().
 
-%% @doc Calls a machine of this robot; the building blocks' interfaces are built on it.
+%% @doc Calls a machine of this robot; the building blocks' interfaces are built on it. The answer is
+%% `late' if it grants something for a time that has run out on its way ({@link starl_machine:from()}).
 -spec call(robot(), starl_machine:name(), Request :: term(), Ms :: pos_integer() | infinity) ->
     {ok, Answer :: term()} | {error, timeout | restarted}.
 call(#robot{}, Name, Request, Ms) ->

@@ -7,7 +7,7 @@
 -behaviour(starl_platform).
 -behaviour(starl_machine).
 
--export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
+-export([handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
 -export([init/1, handle_event/5]).
 
 %% -- the loop -------------------------------------------------------------------------------
@@ -136,6 +136,108 @@ world_test() ->
     ?assertEqual([{app, {done, x}}, {app, seen}, {app, after_it}], traced(R)),
     ?assertEqual([{done, x}], maps:get(ended, starl_robot:world(R))).
 
+%% -- latest moments -------------------------------------------------------------------------
+
+%% Actions with a latest moment take place at that moment, and not later: then none of them does, and
+%% their machine learns of it before anything else.
+what_is_late_is_not_done_test() ->
+    App = fun
+        (boot, _) ->
+            [
+                {cast, app, word},
+                {until, 100, [{trace, a}, {cast, app, a}], a},
+                {until, 99, [{trace, b}, {cast, app, b}], b},
+                {until, 98, [{trace, c}], c},
+                {trace, d}
+            ];
+        (_, Content) ->
+            [{trace, Content}]
+    end,
+    Machines = #{app => App},
+    {quiet, R} = starl_robot:run(robot((world(Machines))#{now => 100}, Machines)),
+    ?assertEqual(
+        [{app, E} || E <- [a, d, {late, b}, {late, c}, word, a]], traced(R)
+    ).
+
+%% What leaves the robot keeps its latest moment, for the driver to look again.
+what_leaves_keeps_its_latest_moment_test() ->
+    Group = [{transmit, 2, packet}, {actuate, pen, down}, {trace, sent}],
+    Machines = #{
+        app => fun
+            (boot, _) -> [{until, 5, Group, m}];
+            (_, _) -> []
+        end
+    },
+    {quiet, R} = starl_robot:run(robot(Machines)),
+    ?assertEqual(
+        [{until, 5, {transmit, 2, packet}, m}, {until, 5, {actuate, pen, down}, m}],
+        maps:get(asked, starl_robot:world(R))
+    ).
+
+%% The robot stands still after so many actions of the machine's next step; the rest takes place when
+%% it goes on, at that time: what has become late meanwhile is not done.
+stands_still_in_mid_step_test_() ->
+    App = fun
+        (boot, _) -> [];
+        (cast, go) -> [{trace, a}, {cast, sap, go}, {until, 50, [{trace, b}, {trace, c}], m}];
+        (_, Content) -> [{trace, Content}]
+    end,
+    Sap = fun
+        (boot, _) -> [];
+        (_, Content) -> [{trace, Content}]
+    end,
+    {quiet, R} = starl_robot:run(robot(#{app => App, sap => Sap})),
+    Late = [{70, app, {late, m}}, {70, sap, go}],
+    [
+        {integer_to_list(After), fun() ->
+            Armed = starl_robot:stand_still(app, After, R),
+            World = starl_robot:world(Armed),
+            {stands, Stands} = starl_robot:event(app, cast, go, World, Armed),
+            ?assertMatch({stands, _}, starl_robot:run(Stands)),
+            Later = starl_robot:world(at(70, Stands), Stands),
+            {quiet, Done} = starl_robot:run(starl_robot:go_on(Later)),
+            ?assertEqual({Before, Then}, {timed(Stands), timed(Done) -- timed(Stands)}),
+            %% the next step stands still no more
+            {quiet, _} = starl_robot:event(app, cast, go, at(70, Done), Done)
+        end}
+     || {After, Before, Then} <- [
+            {0, [], [{70, app, a} | Late]},
+            {1, [{0, app, a}], Late},
+            {2, [{0, app, a}], Late},
+            %% facts leave with the look at the clock
+            {3, [{0, app, E} || E <- [a, b, c]], [{70, sap, go}]},
+            {9, [{0, app, E} || E <- [a, b, c]], [{70, sap, go}]}
+        ]
+    ].
+
+%% Timers count from the beginning of the step, however long the robot stood still in it.
+timers_count_from_the_beginning_of_their_step_test() ->
+    Group = [{trace, a}, {{timeout, c}, 40, c}],
+    App = fun
+        (cast, go) -> [{{timeout, a}, 50, a}, {{timeout, b}, 10, b}, {until, 99, Group, m}];
+        (_, _) -> []
+    end,
+    {quiet, R} = starl_robot:run(robot(#{app => App})),
+    Armed = starl_robot:stand_still(app, 1, R),
+    {stands, Stands} = starl_robot:event(app, cast, go, starl_robot:world(Armed), Armed),
+    Later = starl_robot:world(at(30, Stands), Stands),
+    {quiet, Done} = starl_robot:run(starl_robot:go_on(Later)),
+    ?assertEqual([{a, 50}, {b, 0}, {c, 10}], maps:get(times, starl_robot:world(Done))).
+
+%% A machine that is lost meanwhile leaves the rest of its step undone.
+lost_while_it_stands_still_test() ->
+    App = fun
+        (cast, go) -> [{trace, a}, {trace, b}];
+        (_, _) -> []
+    end,
+    {quiet, R} = starl_robot:run(robot(#{app => App})),
+    Armed = starl_robot:stand_still(app, 1, R),
+    {stands, Stands} = starl_robot:event(app, cast, go, starl_robot:world(Armed), Armed),
+    Lost = starl_robot:go_on(restarted(app, starl_robot:lost(app, killed, Stands))),
+    {quiet, Done} = starl_robot:run(Lost),
+    ?assertEqual([{app, a}, {app, crashed}], traced(Done)),
+    ?assertMatch({quiet, _}, starl_robot:run(starl_robot:go_on(starl_robot:go_down(Stands)))).
+
 %% -- processes ------------------------------------------------------------------------------
 
 %% A process is given one order at a time; while it is at work nothing else goes on, and what it does
@@ -236,6 +338,7 @@ world(_Machines) ->
         handled => [],
         traced => [],
         planned => [],
+        times => [],
         asked => [],
         ended => [],
         stored => #{},
@@ -245,6 +348,8 @@ world(_Machines) ->
 handles(Name, Type, _Content, #{handled := Handled} = W) -> W#{handled := [{Name, Type} | Handled]}.
 
 clock(#{now := Now}) -> Now.
+
+present(World) -> clock(World).
 
 base(Name, Incarnation, #{now := Now, stored := Stored}) ->
     #{
@@ -264,8 +369,9 @@ base(Name, Incarnation, #{now := Now, stored := Stored}) ->
 trace(Name, Event, #{now := Now, traced := Traced} = W) ->
     W#{traced := [{Now, Name, Event} | Traced]}.
 
-plan(Name, Timer, _Us, Content, #{planned := Planned} = W) ->
-    {length(Planned) + 1, W#{planned := Planned ++ [{Name, Timer, Content}]}}.
+plan(Name, Timer, Us, Content, #{planned := Planned, times := Times} = W) ->
+    Next = W#{planned := Planned ++ [{Name, Timer, Content}], times := Times ++ [{Timer, Us}]},
+    {length(Planned) + 1, Next}.
 
 store(_Name, _Term, #{full := true}) -> full;
 store(Name, Term, #{stored := Stored} = W) -> {ok, W#{stored := Stored#{Name => Term}}}.

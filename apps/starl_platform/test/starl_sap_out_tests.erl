@@ -9,9 +9,9 @@ new() -> starl_sap_out:new(1, 5, ?DELAYS, ?WINDOW).
 
 id(Seq) -> {1, 5, Seq}.
 
-send(To, From, Out) -> starl_sap_out:send({To, {t, hi}}, From, #{}, Out).
+send(To, From, Out) -> starl_sap_out:send({To, {t, hi, infinity}}, From, #{}, Out).
 
-broadcast(Dests, From, Out) -> starl_sap_out:broadcast({Dests, {t, hi}}, From, #{}, Out).
+broadcast(Dests, From, Out) -> starl_sap_out:broadcast({Dests, {t, hi, infinity}}, From, #{}, Out).
 
 settle(By, Seq, Outcome, Out) -> settle({By, 1}, 5, Seq, Outcome, Out).
 
@@ -65,7 +65,7 @@ names_and_numbers_test() ->
 %% The packet says which incarnation it is meant for, of those that it still goes to.
 meant_for_test() ->
     For = #{2 => 7, 3 => 8},
-    {Actions, Out} = starl_sap_out:broadcast({[2, 3], {t, hi}}, none, For, new()),
+    {Actions, Out} = starl_sap_out:broadcast({[2, 3], {t, hi, infinity}}, none, For, new()),
     ?assertEqual({transmit, all, data(1, {all, 1}, For)}, lists:last(Actions)),
     {_, Left} = settle({2, 7}, 5, 1, acknowledged, Out),
     {Again, _} = starl_sap_out:retransmit(1, Left),
@@ -132,7 +132,7 @@ refused_test() ->
 
 %% Which it was meant for is what was known when it was first sent.
 outcome_of_the_meant_test() ->
-    {_, Out} = starl_sap_out:send({2, {t, hi}}, none, #{2 => 3}, new()),
+    {_, Out} = starl_sap_out:send({2, {t, hi, infinity}}, none, #{2 => 3}, new()),
     ?assertEqual(untrue, settle({2, 1}, 5, 1, acknowledged, Out)),
     ?assertEqual(untrue, settle({2, 3}, 5, 1, restarted, Out)),
     ?assertMatch({[_, _], _}, settle({2, 3}, 5, 1, acknowledged, Out)),

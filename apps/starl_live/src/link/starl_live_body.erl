@@ -3,7 +3,8 @@
 %%
 %% What a step sends, and the facts that it traces, are kept until the step is over ({@link
 %% flush/1}). The facts leave first: whoever judges the run knows of a packet before anybody can
-%% have received it.
+%% have received it. What has a latest moment is looked at again when it leaves; if it is late, the
+%% link gets `{starl_late, {Name, Mark}}', which {@link hear/2} makes an event of its machine.
 -module(starl_live_body).
 -behaviour(starl_robot).
 -behaviour(starl_platform).
@@ -22,7 +23,7 @@
     started/2,
     tell_start/2
 ]).
--export([handles/4, clock/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
+-export([handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
 -export([reload/3, take_back/2, fallen/3, gone/3]).
 
 -export_type([t/0, config/0, figures/0]).
@@ -92,6 +93,7 @@
     | {sense, Tag :: term(), [starl:robot_id()]}
     | {drive, starl_chassis:script(), UntilUs :: integer(), Mark :: term()}
     | {actuate, atom(), term(), {mark, term()} | none}
+    | {until, Us :: integer(), out(), Owner :: {starl_machine:name(), Mark :: term()}}
     | {report, term()}
     | stop.
 
@@ -120,8 +122,8 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
 
 %% @doc The body at a new event: time does not go back.
 -spec at(event | same, t()) -> t().
-at(event, #body{clock = Clock, now = Before} = Body) ->
-    Body#body{now = max(Before, starl_live_clock:now_us(Clock))};
+at(event, Body) ->
+    Body#body{now = present(Body)};
 at(same, Body) ->
     Body.
 
@@ -171,6 +173,8 @@ hear({starl_located, Positioning, {Name, Tag}, Seen}, #body{positioning = Positi
     [{Name, info, {located, Tag, Seen}}];
 hear({starl_chassis, Chassis, {Name, Mark}, Answer}, #body{chassis = Chassis}) ->
     said(Name, Mark, Answer);
+hear({starl_late, {Name, Mark}}, #body{}) ->
+    [{Name, info, {late, Mark}}];
 hear(_Message, _Body) ->
     unknown.
 
@@ -206,6 +210,9 @@ perform({actuate, Device, Value}, _Name, Body) ->
     {[], out({actuate, Device, Value, none}, Body)};
 perform({actuate, Device, Value, Mark}, Name, Body) ->
     {[], out({actuate, Device, Value, {mark, {Name, Mark}}}, Body)};
+perform({until, Us, Action, Mark}, Name, Body) ->
+    {Events, #body{out = [Out | Earlier]} = Next} = perform(Action, Name, Body),
+    {Events, Next#body{out = [{until, Us, Out, {Name, Mark}} | Earlier]}};
 perform({reloaded, #{tell := Tell} = Told}, Name, Body) ->
     {[{To, info, {restarted, Name}} || To <- Tell], reloaded(Told, Name, Body)}.
 
@@ -287,6 +294,11 @@ sunk(Batch, Events, #body{id = Id, sink = Sink, result = Result, told = Told}) -
 observed([], _Body) -> ok;
 observed(Events, #body{observer = Observer}) -> starl_observer:tell({judged, Events, []}, Observer).
 
+send({until, Us, Out, Owner}, Body) ->
+    case present(Body) =< Us of
+        true -> send_until(Us, Out, Owner, Body);
+        false -> late(Owner)
+    end;
 send({transmit, To, Packet}, #body{transport = Transport}) ->
     starl_live_transport:transmit(Transport, To, Packet);
 send({sense, Tag, Robots}, #body{positioning = Positioning}) ->
@@ -302,20 +314,37 @@ send({report, Report}, #body{reporter = Reporter}) ->
 send(stop, #body{chassis = Chassis}) ->
     starl_live_chassis:stop(Chassis).
 
+%% The radio and the chassis look once more.
+send_until(Us, {transmit, To, Packet}, Owner, #body{transport = Transport}) ->
+    starl_live_transport:transmit(Transport, To, Packet, {Us, Owner});
+send_until(Us, {drive, Script, Latest, Mark}, _Owner, Body) ->
+    send({drive, Script, min(Us, Latest), Mark}, Body);
+send_until(_Us, Out, _Owner, Body) ->
+    send(Out, Body).
+
+late(Owner) ->
+    self() ! {starl_late, Owner},
+    ok.
+
 %% -- the robot's driver ---------------------------------------------------------------------
 
-%% @doc Counts an event.
+%% @doc Counts an event, whose step begins now: the steps before it in its turn took time.
 -spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
-handles(_Name, _Type, _Content, #body{events = Events} = Body) -> Body#body{events = Events + 1}.
+handles(_Name, _Type, _Content, #body{events = Events} = Body) ->
+    (at(event, Body))#body{events = Events + 1}.
 
-%% @doc The robot's clock.
+%% @doc The time at which the present step began, by the robot's clock.
 -spec clock(t()) -> integer().
 clock(#body{now = Now}) -> Now.
+
+%% @doc The time that the robot's clock shows now.
+-spec present(t()) -> integer().
+present(#body{clock = Clock, now = Now}) -> max(Now, starl_live_clock:now_us(Clock)).
 
 %% @doc The start configuration of a machine. Its random stream is new with each start.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
 base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = Store} = Body) ->
-    (code(Name, Body))#{
+    (own_clock(Name, code(Name, Body), Body))#{
         robot => Id,
         participants => Team,
         name => Name,
@@ -324,6 +353,12 @@ base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = S
         random => rand:seed_s(exsss),
         now => Now
     }.
+
+%% An application looks at the clock itself when it is told of a grant.
+own_clock(app, Base, #body{clock = Clock}) ->
+    Base#{clock => fun() -> starl_live_clock:now_us(Clock) end};
+own_clock(_Name, Base, _Body) ->
+    Base.
 
 code(Name, #body{codes = Codes}) ->
     case starl_reload:present(Name, first, Codes) of

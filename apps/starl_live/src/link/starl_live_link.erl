@@ -346,8 +346,11 @@ went({ask, Pid, Order, Robot}, #link{beside = Beside} = Link) ->
             Kept = Link#link{beside = Beside#{Pid := {How, Orders ++ [Order]}}},
             went(starl_robot:leave(Robot), Kept);
         {app, _} ->
+            %% what is known of a grant leaves before the application can act on it
+            Flushed = flushed(Robot, Link),
             Pid ! Order,
-            went(starl_robot:leave(Robot), Link#link{beside = Beside#{Pid => {at_work, []}}});
+            Left = Flushed#link{beside = Beside#{Pid => {at_work, []}}},
+            went(starl_robot:leave(Left#link.robot), Left);
         _ ->
             Flushed = flushed(Robot, Link),
             Pid ! Order,

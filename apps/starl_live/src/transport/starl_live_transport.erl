@@ -11,14 +11,16 @@
 %% What it hears goes through a filter ({@link starl_live_air}), which is clear unless the
 %% configuration or {@link set_air/2} says otherwise.
 %%
+%% A packet with a latest moment leaves by then, or not at all: `{starl_late, Owner}' tells the link.
+%%
 %% Each end tells what it knows of each packet ({@link starl_observer:way()}), if anybody wants it.
 -module(starl_live_transport).
 -behaviour(gen_server).
 
--export([start_link/3, transmit/3, figures/1, set_air/2]).
+-export([start_link/3, transmit/3, transmit/4, figures/1, set_air/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2, format_status/1]).
 
--export_type([config/0, figures/0, heard/0]).
+-export_type([config/0, figures/0, heard/0, latest/0]).
 
 %% What every transport is told; each has further keys of its own. Only robots of the same fleet and
 %% the same run hear each other.
@@ -36,6 +38,9 @@
 %% Counters, for the metrics of the node: packets sent and heard, and those that were refused, by
 %% reason.
 -type figures() :: starl_live_figures:t().
+
+%% The latest moment of a packet, by the robot's clock, and who is told if it has passed.
+-type latest() :: {Us :: integer(), Owner :: term()}.
 
 %% The message to the link.
 -type heard() :: {starl_heard, Transport :: pid(), [starl_packet:t()]}.
@@ -63,6 +68,7 @@ when
     module :: module(),
     state :: term(),
     link :: pid(),
+    clock :: starl_live_clock:t() | none,
     air :: starl_live_air:t(),
     delayed = 0 :: non_neg_integer(),
     told :: starl_live_told:t() | none,
@@ -79,6 +85,11 @@ start_link(Module, Config, Link) -> gen_server:start_link(?MODULE, {Module, Conf
 -spec transmit(pid(), starl:robot_id() | all, starl_packet:t()) -> ok.
 transmit(Transport, To, Packet) -> gen_server:cast(Transport, {transmit, To, Packet}).
 
+%% @doc Puts one packet on the air if its latest moment has not passed.
+-spec transmit(pid(), starl:robot_id() | all, starl_packet:t(), latest()) -> ok.
+transmit(Transport, To, Packet, Latest) ->
+    gen_server:cast(Transport, {transmit, To, Packet, Latest}).
+
 %% @doc The transport's counters.
 -spec figures(pid()) -> figures().
 figures(Transport) -> gen_server:call(Transport, figures).
@@ -92,13 +103,20 @@ init({Module, #{robot := Robot} = Config, Link}) ->
     process_flag(trap_exit, true),
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
     case starl_live_air:new(maps:get(air, Config, #{})) of
-        {ok, Air} -> opened(Module:open(Config), Module, Air, Link, starl_live_told:new(Config));
-        {error, _} = Error -> opened(Error, Module, none, Link, none)
+        {ok, Air} -> opened(Module:open(Config), Module, Air, Link, Config);
+        {error, _} = Error -> opened(Error, Module, none, Link, Config)
     end.
 
-opened({ok, State}, Module, Air, Link, Told) ->
-    {ok, #transport{module = Module, state = State, link = Link, air = Air, told = Told}};
-opened({error, Why}, _Module, _Air, _Link, _Told) ->
+opened({ok, State}, Module, Air, Link, Config) ->
+    {ok, #transport{
+        module = Module,
+        state = State,
+        link = Link,
+        clock = maps:get(clock, Config, none),
+        air = Air,
+        told = starl_live_told:new(Config)
+    }};
+opened({error, Why}, _Module, _Air, _Link, _Config) ->
     {stop, {shutdown, {transport, unicode:characters_to_binary(Why)}}}.
 
 -spec handle_call(figures | {set_air, starl_live_air:settings()}, gen_server:from(), #transport{}) ->
@@ -111,18 +129,31 @@ handle_call({set_air, Settings}, _From, #transport{air = Air} = Transport) ->
         {error, _} = Error -> {reply, Error, Transport}
     end.
 
--spec handle_cast({transmit, starl:robot_id() | all, starl_packet:t()}, #transport{}) ->
-    {noreply, #transport{}}.
-handle_cast({transmit, To, Packet}, #transport{module = Module, state = State} = Transport) ->
+-spec handle_cast(Transmit, #transport{}) -> {noreply, #transport{}} when
+    Transmit ::
+        {transmit, starl:robot_id() | all, starl_packet:t()}
+        | {transmit, starl:robot_id() | all, starl_packet:t(), latest()}.
+handle_cast({transmit, To, Packet}, Transport) ->
+    {noreply, put_on_air(To, Packet, Transport)};
+handle_cast({transmit, To, Packet, {Us, Owner}}, #transport{clock = Clock, link = Link} = Transport) ->
+    case starl_live_clock:now_us(Clock) =< Us of
+        true ->
+            {noreply, put_on_air(To, Packet, Transport)};
+        false ->
+            Link ! {starl_late, Owner},
+            {noreply, count(late, 1, Transport)}
+    end.
+
+put_on_air(To, Packet, #transport{module = Module, state = State} = Transport) ->
     At = starl_live_told:at_us(Transport#transport.told),
     case Module:transmit(To, Packet, State) of
         {ok, Next} ->
             ok = starl_live_told:sent(To, Packet, At, Transport#transport.told),
-            {noreply, Transport#transport{state = Next}};
+            Transport#transport{state = Next};
         {refused, Why, Next} ->
             ok = starl_live_told:refused(To, Packet, At, Transport#transport.told),
             Line = unicode:characters_to_binary(Why),
-            {noreply, refused(Line, Transport#transport{state = Next})}
+            refused(Line, Transport#transport{state = Next})
     end.
 
 refused(Line, #transport{said = Line} = Transport) ->

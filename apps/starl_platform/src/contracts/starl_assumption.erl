@@ -15,7 +15,8 @@
 -module(starl_assumption).
 
 -export([new/2, is_kept/1, is_kept/3, longest_us/2]).
--export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, is_misplaced/4]).
+-export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, begun_us/3]).
+-export([is_misplaced/4]).
 
 -export_type([t/0, window/0, broken/0]).
 
@@ -25,9 +26,11 @@
 
 %% `clock': the clock gains this much in the window (it loses if negative), on top of its drift; the
 %% gain is a jump where the window is a moment. `pause': no event is handled before the end of the
-%% window. `slow': events are handled up to `LagUs' later. `position': positions are those of
+%% window. `still': it stands still within a step, whose rest takes place at the end of the window.
+%% `slow': events are handled up to `LagUs' later. `position': positions are those of
 %% another time or of another robot.
--type broken() :: {clock, GainUs :: integer()} | pause | {slow, LagUs :: integer()} | position.
+-type broken() ::
+    {clock, GainUs :: integer()} | pause | still | {slow, LagUs :: integer()} | position.
 
 -type us() :: integer().
 -type robot_id() :: starl_monitor:robot_id().
@@ -162,6 +165,14 @@ handled(Robot, Due, Lag, Assumption) ->
         Due + lists:max([Lag | Slow]),
         Windows
     ).
+
+%% @doc The earliest time at which the step may have begun that has traced something at this time: a
+%% step that stands still traces the rest when it goes on.
+-spec begun_us(robot_id(), AtUs :: us(), t()) -> us().
+begun_us(Robot, At, Assumption) ->
+    lists:min([
+        At | [Begin || {Begin, End, still} <- of_robot(Robot, Assumption), Begin =< At, At =< End]
+    ]).
 
 %% @doc May the robot have received a wrong position between two times?
 -spec is_misplaced(robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> boolean().

@@ -59,6 +59,9 @@ check([{done, _} | Rest]) ->
     check(Rest);
 check([{reloaded, #{}} | Rest]) ->
     check(Rest);
+check([{until, Us, Actions, _Mark} | Rest]) when is_integer(Us), is_list(Actions) ->
+    check(Actions),
+    check(Rest);
 check([Action | _]) ->
     wrong(Action);
 check(Other) ->
@@ -73,6 +76,8 @@ asked(To, Word, Rest) ->
 %% Requests that a service does not know pass: the service traces them itself.
 is_request(sap, {send, To, Type, _}) when ?IS_ROBOT(To) -> is_type(Type);
 is_request(sap, {send, _, _, _}) -> false;
+is_request(sap, {send, To, Type, _, Until}) when ?IS_ROBOT(To), is_integer(Until) -> is_type(Type);
+is_request(sap, {send, _, _, _, _}) -> false;
 is_request(sap, {Cast, Type, _}) when Cast =:= broadcast; Cast =:= shout -> is_type(Type);
 is_request(sap, {listen, Type, Machine}) -> is_type(Type) andalso is_atom(Machine);
 is_request(location, {pose, Robot}) -> are_robots([Robot]);
@@ -121,6 +126,7 @@ expected({transmit, _, _}) -> "a robot's number from 1, or all";
 expected({sense, _, _}) -> "a list of robots' numbers from 1";
 expected({actuate, _, _}) -> "a device, which is an atom";
 expected({actuate, _, _, _}) -> "a device, which is an atom";
+expected({until, _, _, _}) -> "{until, Us, Actions, Mark}: Us is a whole number";
 expected({reply, _, _}) -> "{Machine, Tag} as it came with the call";
 expected({Word, _, _}) when Word =:= cast -> "the name of a machine, which is an atom";
 expected({call, _, _, _}) -> "the name of a machine, which is an atom";

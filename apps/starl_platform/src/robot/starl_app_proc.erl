@@ -35,6 +35,7 @@
     module :: module(),
     driver :: pid(),
     now :: integer(),
+    clock = none :: fun(() -> integer()) | none,
     actions = [] :: [starl_machine:action()],
     %% the number of actions and steps in this turn
     count = 0 :: non_neg_integer(),
@@ -110,6 +111,7 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
                 module = Code,
                 driver = Driver,
                 now = Now,
+                clock = maps:get(clock, Boot, none),
                 random = Random,
                 stored = Stored,
                 tag = {Incarnation, 0}
@@ -199,6 +201,13 @@ listens(Type) -> {trace, {listens, Type}}.
 -spec now() -> integer().
 now() -> (turn())#turn.now.
 
+%% The time that the robot's own clock shows now. In virtual time a turn takes none.
+present() ->
+    case turn() of
+        #turn{clock = none, now = Now} -> Now;
+        #turn{clock = Clock, now = Now} -> max(Now, Clock())
+    end.
+
 %% @doc A number in `0.0 =< X < 1.0' from the application's own random stream.
 -spec random() -> float().
 random() ->
@@ -209,7 +218,7 @@ random() ->
 
 %% @doc Calls another machine of the robot and waits for its answer.
 %% `{error, restarted}': the machine crashed, a quarter of a second ago; the request may or may not
-%% have taken effect.
+%% have taken effect. `{ok, late}': what the answer grants has run out on its way.
 -spec call(starl_machine:name(), Request :: term(), Us :: pos_integer() | infinity) ->
     {ok, Answer :: term()} | {error, timeout | restarted}.
 call(Name, Request, Us) ->
@@ -225,11 +234,19 @@ call(Name, Request, Us) ->
     end),
     stop_timer(Tag, Us),
     case Answer of
+        {answer, {until, Latest, Reply}} -> {ok, in_time(Latest, Reply)};
         {answer, Reply} -> {ok, Reply};
         no_such_machine -> error(missing(Name));
         given_up -> error(missing(Name));
         timeout -> {error, timeout};
         restarted -> restarted()
+    end.
+
+%% The computer may have stood still on the way of the answer.
+in_time(Latest, Reply) ->
+    case present() =< Latest of
+        true -> Reply;
+        false -> late
     end.
 
 %% The cause of the crash, such as a full store, may last: a caller that tried again at once would

@@ -23,7 +23,9 @@
 %% A caller's own mark on a call; it comes back with the reply.
 -type tag() :: term().
 
-%% The receiver of a reply.
+%% The receiver of a reply. A reply that grants something for a time may be `{until, Us, Answer}':
+%% the caller, if it is an application, gets `Answer', or `late' if its robot's clock shows a later
+%% time when the call returns ({@link starl:call/4}).
 -type from() :: {name(), tag()}.
 
 %% The kind of an event:
@@ -32,7 +34,8 @@
 %% the platform: `{located, Tag, [{robot_id(), pose(), AgeUs}]}' after `sense', `{driven, Mark, Us}'
 %% or `{stalled, Mark, Told}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
 %% with a mark, `{restarted, Name}' when another machine of this robot has crashed and come back,
-%% `{given_up, Name}' when it does not come back (a machine may leave it unhandled). The runner
+%% `{given_up, Name}' when it does not come back (a machine may leave it unhandled), and `{late,
+%% Mark}' when actions were not carried out because their latest moment had passed. The runner
 %% itself handles `code', a word on new code ({@link starl_reload}).
 -type event_type() ::
     cast
@@ -72,6 +75,11 @@
     | {store, Term :: term()}
     %% a fact for the recording and the monitors
     | {trace, Event :: term()}
+    %% what rests on a lease has a latest moment, by the robot's own clock: these actions take place
+    %% only if it has not passed when they leave; else none of them does, and the machine learns
+    %% of it by the event `info', `{late, Mark}', before any other. Facts come first among them. A
+    %% computer may stand still in the middle of a step, so the time of its beginning tells nothing
+    | {until, Us :: integer(), [action()], Mark :: term()}
     %% the application has finished with this result
     | {done, Result :: term()}
     %% the runner of a machine or an application tells how it has heeded a word on new code
@@ -90,7 +98,8 @@
 %% The configuration given to `init/1'. `incarnation' counts the starts of this machine on this
 %% robot (1, 2, …), over reboots too: the platform keeps this number in the robot's store twice,
 %% apart from the machines' terms, so no fault of the store affects it. `random' is the machine's
-%% own random stream.
+%% own random stream. `clock' reads the robot's own clock where steps take time; only an application
+%% gets it.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
@@ -99,6 +108,7 @@
     stored := stored(),
     random := rand:state(),
     now := integer(),
+    clock => fun(() -> integer()),
     atom() => term()
 }.
 

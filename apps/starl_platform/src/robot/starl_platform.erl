@@ -16,6 +16,7 @@
     | {drive, starl_chassis:script(), Mark :: term()}
     | {actuate, Device :: atom(), Value :: term()}
     | {actuate, Device :: atom(), Value :: term(), Mark :: term()}
+    | {until, Us :: integer(), world_action(), Late :: term()}
     | {reloaded, starl_reload:told()}.
 
 %% Carries out an action of the machine `Name'; returns the events that answer it at once, in the
@@ -39,6 +40,8 @@
 %% <dt>`{actuate, Device, Value, Mark}'</dt><dd>the same, answered by the event `{Name, info,
 %%   {actuated, Mark, Device, Value}}' with the state that the device's sensor shows then; a command
 %%   or an answer may be lost</dd>
+%% <dt>`{until, Us, Action, Late}'</dt><dd>carries out the action unless the robot's own clock shows a
+%%   later time when it leaves the robot; else answered by `{Name, info, {late, Late}}'</dd>
 %% <dt>`{reloaded, Told}'</dt><dd>tells how the machine has heeded a word on new code; answered by
 %%   `{Other, info, {restarted, Name}}' for each machine that is to learn of a crash</dd>
 %% </dl>

@@ -17,7 +17,11 @@
 %% <li>A planned timer is never taken back: when its event comes, {@link expire/4} says whether
 %%   the timer still runs; the event of a cancelled or replaced timer is dropped there.</li>
 %% <li>While a process is at work the driver hands in nothing else. The actions and trace events of
-%%   the process have the time at which its event began, not the time of its answer.</li>
+%%   the process have the time at which its event began, not the time of its answer. Actions with a
+%%   latest moment (`until') take place only if the driver's `present' time allows it.</li>
+%% <li>A simulator can let the robot stand still in mid-step ({@link stand_still/3}): the turn ends
+%%   there (`stands'), the driver hands in nothing before {@link go_on/1}, and the rest of the step
+%%   takes place at the time of that call.</li>
 %% <li>An answer counts only if it comes from the process at work: see {@link answered/3}.</li>
 %% <li>A process may attach before the end of its predecessor is known. It has to wait until that
 %%   end has been handled ({@link starl_robot_machines:attach/3} returns `early').</li>
@@ -30,7 +34,7 @@
 
 -export([new/4, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1]).
 -export([run/1, status/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
--export([leave/1, act/4]).
+-export([leave/1, act/4, stand_still/3, go_on/1]).
 -export([lost/3, attach/3, back/3, first/2, then/2, die/2, go_down/1, come_up/2]).
 
 -export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0]).
@@ -50,10 +54,11 @@
 -type ended() :: {done, Result :: term()} | given_up | died.
 
 %% The result of a turn: the robot has nothing left to do; a process has to carry out this order,
-%% which the driver sends; a machine has crashed, by itself or by a full store; or the robot
-%% pauses ({@link pace/2}).
+%% which the driver sends; a machine has crashed, by itself or by a full store; the robot pauses
+%% ({@link pace/2}); or it stands still in mid-step ({@link stand_still/3}).
 -type turn() ::
     {quiet, t()}
+    | {stands, t()}
     | {ask, pid(), starl_driver:order(), t()}
     | {crashed, starl_machine:name(), Reason :: term(), t()}
     | {paused, t()}.
@@ -64,8 +69,10 @@
     World
 when
     Content :: term(), World :: world().
-%% The time of the robot's own clock, in microseconds.
+%% The time of the robot's own clock at which the present step began, in microseconds.
 -callback clock(world()) -> integer().
+%% The time that the robot's own clock shows now, in mid-step.
+-callback present(world()) -> integer().
 %% The start configuration of a machine.
 -callback base(starl_machine:name(), Incarnation :: pos_integer(), world()) ->
     starl_machine:config().
@@ -87,6 +94,7 @@ when
     module :: module(),
     handles :: fun(),
     clock :: fun(),
+    present :: fun(),
     trace :: fun(),
     plan :: fun(),
     perform :: fun()
@@ -103,8 +111,16 @@ when
     local = [] :: [local()],
     %% the machine whose process is at work
     busy = none :: {starl_machine:name(), pid()} | none,
-    pace = on :: on | single
+    pace = on :: on | single,
+    %% the machine in whose next step it stands still, and after how many actions
+    still = none :: {starl_machine:name(), Actions :: non_neg_integer()} | none,
+    %% the rest of the step in which it stands still, or that is due now
+    rest = none :: {stands | due, rest()} | none
 }).
+
+%% The machine of a step, its actions that are left, the local events that have resulted so far,
+%% newest first, and the time of the robot's clock at which it began to stand still.
+-type rest() :: {starl_machine:name(), [starl_machine:action()], New :: [local()], integer()}.
 
 -opaque t() :: #robot{}.
 
@@ -139,6 +155,7 @@ driver(Module) ->
         module = Module,
         handles = fun Module:handles/4,
         clock = fun Module:clock/1,
+        present = fun Module:present/1,
         trace = fun Module:trace/3,
         plan = fun Module:plan/5,
         perform = fun Module:perform/3
@@ -185,6 +202,12 @@ pace(Pace, Robot) -> Robot#robot{pace = Pace}.
 
 %% @doc Goes on with the local events.
 -spec run(t()) -> turn().
+run(#robot{rest = {stands, _}} = Robot) ->
+    {stands, Robot};
+run(#robot{rest = {due, {Name, Actions, New, Since}}, local = Local, world = World} = Robot) ->
+    #robot{machines = Machines, timers = Timers, driver = #driver{present = Present}} = Robot,
+    Rest = aged(max(0, Present(World) - Since), Actions),
+    perform(Rest, Name, New, Local, World, Machines, Timers, Robot#robot{rest = none});
 run(#robot{local = []} = Robot) ->
     {quiet, Robot};
 run(#robot{local = Local, world = World, machines = Machines, timers = Timers} = Robot) ->
@@ -229,7 +252,7 @@ fire(Name, Type, Content, World, Left, #robot{local = Local, machines = Machines
 -spec answered(pid(), [starl_machine:action()], t()) -> turn() | ignored.
 answered(Pid, Actions, #robot{busy = {Name, Pid}, world = World, machines = Machines} = Robot) ->
     #robot{local = Local, timers = Timers} = Robot,
-    perform(Actions, Name, [], Local, World, Machines, Timers, Robot);
+    stepped(Actions, Name, Local, World, Machines, Timers, Robot);
 answered(_Pid, _Actions, #robot{}) ->
     ignored.
 
@@ -245,6 +268,17 @@ leave(#robot{busy = {_Name, _Pid}} = Robot) -> run(Robot#robot{busy = none}).
 act(Name, Actions, World, #robot{busy = none, local = Local} = Robot) ->
     #robot{machines = Machines, timers = Timers} = Robot,
     perform(Actions, Name, [], Local, World, Machines, Timers, Robot).
+
+%% @doc In the next step of this machine the robot stands still after this many actions, or at the
+%% end of the step. Facts of a group with a latest moment are not parted from the look at the clock.
+-spec stand_still(starl_machine:name(), Actions :: non_neg_integer(), t()) -> t().
+stand_still(Name, After, Robot) -> Robot#robot{still = {Name, After}}.
+
+%% @doc The robot stands still no longer: {@link run/1} goes on with the step. The driver's state
+%% must be at the present time.
+-spec go_on(t()) -> t().
+go_on(#robot{rest = {stands, Rest}} = Robot) -> Robot#robot{still = none, rest = {due, Rest}};
+go_on(Robot) -> Robot#robot{still = none}.
 
 %% @doc Removes and returns the next local event.
 -spec next(t()) -> {local(), t()} | none.
@@ -292,7 +326,7 @@ step(Name, Type, Content, Local, World, Machines, Timers, #robot{id = Id} = Robo
     answer(Answer, Name, Type, Local, World, Machines, Timers, Robot).
 
 answer({done, Actions, Machines}, Name, _Type, Local, World, _Before, Timers, Robot) ->
-    perform(Actions, Name, [], Local, World, Machines, Timers, Robot);
+    stepped(Actions, Name, Local, World, Machines, Timers, Robot);
 answer({ask, Pid, Order}, Name, _Type, Local, World, Machines, Timers, Robot) ->
     Asked = Robot#robot{
         local = Local, world = World, machines = Machines, timers = Timers, busy = {Name, Pid}
@@ -308,6 +342,39 @@ answer(absent, Name, Type, Local, World, Machines, Timers, #robot{driver = Drive
 %% A call to a machine that the robot does not have gets an answer, so nothing waits for ever.
 refusal(Name, {call, {From, Tag}}) -> [{From, {reply, Tag}, {no_such_machine, Name}}];
 refusal(_Name, _Type) -> [].
+
+%% The robot may be about to stand still in this step.
+stepped(Actions, Name, Local, World, Machines, Timers, #robot{still = {Name, After}} = Robot) ->
+    Armed = Robot#robot{still = none},
+    perform(cut(After, Actions), Name, [], Local, World, Machines, Timers, Armed);
+stepped(Actions, Name, Local, World, Machines, Timers, Robot) ->
+    perform(Actions, Name, [], Local, World, Machines, Timers, Robot).
+
+%% The actions with the mark `stand_still' behind this many of them.
+cut(0, Actions) ->
+    [stand_still | Actions];
+cut(_After, []) ->
+    [stand_still];
+cut(After, [{until, Us, Group, Mark} | Rest]) when After =< length(Group) ->
+    [{until, Us, cut_group(After, Group), Mark} | Rest];
+cut(After, [{until, _, Group, _} = Until | Rest]) ->
+    [Until | cut(After - length(Group), Rest)];
+cut(After, [Action | Rest]) ->
+    [Action | cut(After - 1, Rest)].
+
+%% The facts of a group leave with the look at the clock.
+cut_group(After, Group) ->
+    Facts = lists:takewhile(fun(Action) -> element(1, Action) =:= trace end, Group),
+    {Before, Behind} = lists:split(max(After, length(Facts)), Group),
+    Before ++ [stand_still | Behind].
+
+%% Timers count from the beginning of their step.
+aged(Us, Actions) -> [older(Us, Action) || Action <- Actions].
+
+older(Us, {{timeout, Name}, Time, Content}) -> {{timeout, Name}, max(0, Time - Us), Content};
+older(Us, {state_timeout, Time, Content}) -> {state_timeout, max(0, Time - Us), Content};
+older(Us, {until, Latest, Group, Mark}) when is_list(Group) -> {until, Latest, aged(Us, Group), Mark};
+older(_Us, Action) -> Action.
 
 %% Carries out actions in their order; New holds the resulting local events, newest first.
 perform([], _Name, [], Local, World, Machines, Timers, Robot) ->
@@ -345,6 +412,20 @@ perform([Action | Rest], Name, New, Local, World, Machines, Timers, Robot) ->
         {done, Result} ->
             Done = done(Result, World, Robot),
             perform(Rest, Name, New, Local, Done, Machines, Timers, Robot);
+        {until, Us, Group, Mark} when is_list(Group) ->
+            Present = (Robot#robot.driver)#driver.present,
+            case Present(World) =< Us of
+                true ->
+                    All = bounded(Us, Mark, Group) ++ Rest,
+                    perform(All, Name, New, Local, World, Machines, Timers, Robot);
+                false ->
+                    Told = late({Name, info, {late, Mark}}, Local),
+                    perform(Rest, Name, New, Told, World, Machines, Timers, Robot)
+            end;
+        stand_still ->
+            Present = (Robot#robot.driver)#driver.present,
+            Stands = Robot#robot{rest = {stands, {Name, Rest, New, Present(World)}}},
+            {stands, put_back(Local, World, Machines, Timers, Stands)};
         _ ->
             Perform = (Robot#robot.driver)#driver.perform,
             case Perform(Action, Name, World) of
@@ -355,6 +436,18 @@ perform([Action | Rest], Name, New, Local, World, Machines, Timers, Robot) ->
                     perform(Rest, Name, Heard, Local, Next, Machines, Timers, Robot)
             end
     end.
+
+%% What leaves the robot keeps its latest moment: the driver looks again.
+bounded(Us, Mark, Group) -> [bound(Us, Mark, Action) || Action <- Group].
+
+bound(Us, Mark, {transmit, _, _} = Action) -> {until, Us, Action, Mark};
+bound(Us, Mark, {drive, _, _} = Action) -> {until, Us, Action, Mark};
+bound(Us, Mark, Action) when element(1, Action) =:= actuate -> {until, Us, Action, Mark};
+bound(_Us, _Mark, Action) -> Action.
+
+%% A machine learns what was too late before it handles anything else, one thing after the other.
+late(Event, [{_, info, {late, _}} = Earlier | Local]) -> [Earlier | late(Event, Local)];
+late(Event, Local) -> [Event | Local].
 
 start(Timer, Us, Content, Rest, Name, New, Local, World, Machines, Timers, Robot) ->
     Plan = (Robot#robot.driver)#driver.plan,
@@ -381,7 +474,7 @@ done(Result, World, #robot{driver = #driver{module = Module, trace = Trace}}) ->
 %% for its supervisor; an end from outside is not.
 -spec lost(starl_machine:name(), Reason :: term(), t()) -> t().
 lost(Name, Reason, #robot{busy = Busy} = Robot) ->
-    Bare = lose(Name, Robot),
+    Bare = rest_lost(Name, lose(Name, Robot)),
     Left =
         case Busy of
             {Name, _} -> Bare#robot{busy = none};
@@ -391,6 +484,11 @@ lost(Name, Reason, #robot{busy = Busy} = Robot) ->
         none -> Left;
         Cause -> trace(supervisor, {crashed, Name, Cause}, Left)
     end.
+
+rest_lost(Name, #robot{rest = {How, {Name, _Actions, New, Since}}} = Robot) ->
+    Robot#robot{rest = {How, {Name, [], New, Since}}};
+rest_lost(_Name, Robot) ->
+    Robot.
 
 lose(Name, #robot{timers = Timers} = Robot) ->
     trace(Name, crashed, Robot#robot{timers = starl_robot_timers:forget(Name, Timers)}).
@@ -454,7 +552,9 @@ gone(Condition, #robot{machines = Machines} = Robot) ->
         machines = starl_robot_machines:down(Machines),
         timers = starl_robot_timers:new(),
         local = [],
-        busy = none
+        busy = none,
+        still = none,
+        rest = none
     }.
 
 %% @doc A robot that was down comes up: all its machines boot.

@@ -31,6 +31,10 @@
 %% has read `Count' messages. A listener gets the cast `{message, From, Type, Body}'. A type has one
 %% listener: a second one is refused, which the monitor judges as a violation.
 %%
+%% A message or a datagram may have a latest moment (`{send, To, Type, Body, UntilUs}', `{shout,
+%% Type, Body, UntilUs}'), by the robot's own clock: what rests on a lease must not leave after it, the
+%% first time or again. A message that would is lost where it has not been acknowledged.
+%%
 %% Beside the reliable service there is a datagram: the cast `{shout, Type, Body}' puts one packet
 %% on the air for all in range. It is neither acknowledged nor repeated, may arrive twice, and is
 %% dropped by a robot that does not listen to its type; the contract of SAP does not cover it. The
@@ -40,7 +44,7 @@
 -module(starl_sap).
 -behaviour(starl_machine).
 
--export([send/4, post/3, shout/2, datagram/4, listen/2, bound_us/1]).
+-export([send/4, send/5, post/3, shout/2, shout/3, datagram/4, listen/2, bound_us/1]).
 -export([init/1, handle_event/5]).
 
 -export_type([config/0, event/0, answer/0]).
@@ -106,6 +110,13 @@
     starl_machine:action().
 send(To, Type, Body, Tag) -> {call, sap, {send, To, Type, Body}, Tag}.
 
+%% @doc The same for a message that must not leave after this time of the robot's own clock.
+-spec send(starl:robot_id(), starl_packet:type(), Body :: term(), starl_machine:tag(), UntilUs) ->
+    starl_machine:action()
+when
+    UntilUs :: integer().
+send(To, Type, Body, Tag, Until) -> {call, sap, {send, To, Type, Body, Until}, Tag}.
+
 %% @doc The action that sends a message whose outcome nobody waits for.
 -spec post(starl:robot_id(), starl_packet:type(), Body :: term()) -> starl_machine:action().
 post(To, Type, Body) -> {cast, sap, {send, To, Type, Body}}.
@@ -113,6 +124,10 @@ post(To, Type, Body) -> {cast, sap, {send, To, Type, Body}}.
 %% @doc The action that sends one unacknowledged packet to all in range.
 -spec shout(starl_packet:type(), Body :: term()) -> starl_machine:action().
 shout(Type, Body) -> {cast, sap, {shout, Type, Body}}.
+
+%% @doc The same for a packet that must not leave after this time of the robot's own clock.
+-spec shout(starl_packet:type(), Body :: term(), UntilUs :: integer()) -> starl_machine:action().
+shout(Type, Body, Until) -> {cast, sap, {shout, Type, Body, Until}}.
 
 %% @doc The action by which robot `Self' sends one unacknowledged packet to one robot.
 -spec datagram(Self :: starl:robot_id(), starl:robot_id(), starl_packet:type(), Body :: term()) ->
@@ -148,17 +163,26 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
 handle_event(packet, Packet, ready, Sap, _Meta) ->
     receive_packet(starl_packet:source(Packet), Packet, Sap);
 handle_event(cast, {send, To, Type, Body}, ready, Sap, _Meta) ->
-    send_message(To, Type, Body, none, Sap);
+    send_message(To, {Type, Body, infinity}, none, Sap);
 handle_event({call, From}, {send, To, Type, Body}, ready, Sap, _Meta) ->
-    send_message(To, Type, Body, From, Sap);
-handle_event({timeout, {retransmit, Seq}}, _, ready, Sap, _Meta) ->
-    retransmit(Seq, Sap);
+    send_message(To, {Type, Body, infinity}, From, Sap);
+handle_event({call, From}, {send, To, Type, Body, Until}, ready, Sap, _Meta) ->
+    send_message(To, {Type, Body, Until}, From, Sap);
+handle_event({timeout, {retransmit, Seq}}, _, ready, #sap{out = Out} = Sap, _Meta) ->
+    left(starl_sap_out:retransmit(Seq, Out), Sap);
+handle_event(info, {late, {retransmit, Seq}}, ready, #sap{out = Out} = Sap, _Meta) ->
+    left(starl_sap_out:late(Seq, Out), Sap);
+handle_event(info, {late, shout}, ready, _Sap, _Meta) ->
+    keep_state_and_data;
 handle_event(cast, {broadcast, Type, Body}, ready, Sap, _Meta) ->
-    broadcast(others(Sap), Type, Body, none, Sap);
+    broadcast(others(Sap), {Type, Body, infinity}, none, Sap);
 handle_event({call, From}, {broadcast, Type, Body}, ready, Sap, _Meta) ->
-    broadcast(others(Sap), Type, Body, From, Sap);
+    broadcast(others(Sap), {Type, Body, infinity}, From, Sap);
 handle_event(cast, {shout, Type, Body}, ready, #sap{self = Self}, _Meta) ->
     {keep_state_and_data, [{transmit, all, starl_packet:shout(Self, Type, Body)}]};
+handle_event(cast, {shout, Type, Body, Until}, ready, #sap{self = Self}, _Meta) ->
+    Packet = {transmit, all, starl_packet:shout(Self, Type, Body)},
+    {keep_state_and_data, [{until, Until, [Packet], shout}]};
 handle_event(cast, {listen, Type, Machine}, ready, Sap, _Meta) ->
     listen(Type, Machine, Sap);
 handle_event(cast, {listen, Type, Machine, Room}, ready, #sap{inbox = Inbox} = Sap, _Meta) ->
@@ -183,17 +207,18 @@ listen(Type, Machine, #sap{inbox = Inbox} = Sap) ->
 
 others(#sap{self = Self, team = Team}) -> starl_team:others(Self, Team).
 
-send_message(Self, Type, Body, From, #sap{self = Self} = Sap) ->
+%% A message to the robot itself does not leave it.
+send_message(Self, {Type, Body, _Latest}, From, #sap{self = Self} = Sap) ->
     send_own(Type, Body, From, Sap);
-send_message(To, Type, Body, From, #sap{out = Out, peers = Peers} = Sap) ->
+send_message(To, {Type, _, _} = Content, From, #sap{out = Out, peers = Peers} = Sap) ->
     For = starl_sap_peers:later([To], Peers),
-    sent(starl_sap_out:send({To, {Type, Body}}, From, For, Out), Type, From, Sap).
+    sent(starl_sap_out:send({To, Content}, From, For, Out), Type, From, Sap).
 
-broadcast([], _Type, _Body, From, Sap) ->
+broadcast([], _Content, From, Sap) ->
     {keep_state, Sap, starl_sap_out:answer(From, none, ok)};
-broadcast(Dests, Type, Body, From, #sap{out = Out, peers = Peers} = Sap) ->
+broadcast(Dests, {Type, _, _} = Content, From, #sap{out = Out, peers = Peers} = Sap) ->
     For = starl_sap_peers:later(Dests, Peers),
-    sent(starl_sap_out:broadcast({Dests, {Type, Body}}, From, For, Out), Type, From, Sap).
+    sent(starl_sap_out:broadcast({Dests, Content}, From, For, Out), Type, From, Sap).
 
 sent(full, Type, From, Sap) -> {keep_state, Sap, overload(Type, From)};
 sent({Actions, Sent}, _Type, _From, Sap) -> {keep_state, Sap#sap{out = Sent}, Actions}.
@@ -210,11 +235,8 @@ send_own(Type, Body, From, #sap{self = Self, out = Out, inbox = Inbox} = Sap) ->
             {keep_state, Sap, overload(Type, From)}
     end.
 
-retransmit(Seq, #sap{out = Out} = Sap) ->
-    case starl_sap_out:retransmit(Seq, Out) of
-        {Actions, Next} -> {keep_state, Sap#sap{out = Next}, Actions};
-        none -> keep_state_and_data
-    end.
+left({Actions, Out}, Sap) -> {keep_state, Sap#sap{out = Out}, Actions};
+left(none, _Sap) -> keep_state_and_data.
 
 %% -- receiving ------------------------------------------------------------------------------
 

@@ -7,13 +7,16 @@
 %% up no other.
 -module(starl_sap_out).
 
--export([new/4, send/4, broadcast/4, send_own/4, retransmit/2, settle/5, lows/2, answer/3]).
+-export([new/4, send/4, broadcast/4, send_own/4, retransmit/2, late/2, settle/5, lows/2, answer/3]).
 
--export_type([t/0, id/0, content/0]).
+-export_type([t/0, id/0, content/0, latest/0]).
 
 -type id() :: {starl:robot_id(), starl_packet:incarnation(), starl_packet:seq()}.
 
--type content() :: {starl_packet:type(), Body :: term()}.
+-type content() :: {starl_packet:type(), Body :: term(), latest()}.
+
+%% The last moment, by the robot's own clock, at which the message may leave, the first time or again.
+-type latest() :: Us :: integer() | infinity.
 
 -type incarnations() :: #{starl:robot_id() => starl_packet:incarnation()}.
 
@@ -27,6 +30,7 @@
     %% retransmission, since the earlier one may have delivered the message
     for :: incarnations(),
     lost = [] :: [starl:robot_id()],
+    latest :: latest(),
     from :: starl_machine:from() | none,
     tries = 0 :: non_neg_integer()
 }).
@@ -107,9 +111,15 @@ cast(Number, Dest, Links) ->
     #link{casts = Casts} = Link = maps:get(Dest, Links, #link{}),
     Links#{Dest => Link#link{casts = Casts ++ [Number]}}.
 
-message(Number, {Type, Body}, Waiting, From, For) ->
+message(Number, {Type, Body, Latest}, Waiting, From, For) ->
     #message{
-        number = Number, type = Type, body = Body, waiting = Waiting, from = From, for = For
+        number = Number,
+        type = Type,
+        body = Body,
+        waiting = Waiting,
+        latest = Latest,
+        from = From,
+        for = For
     }.
 
 send(#message{type = Type, body = Body, from = From} = Message, Dests, #out{next = Seq} = Out) ->
@@ -133,15 +143,18 @@ send_own(Type, Body, From, #out{self = Self, next = Seq} = Out) ->
 
 transmit(Seq, #message{tries = Tries, waiting = Waiting} = Message, Next, Out) ->
     #out{self = Self, incarnation = Incarnation, messages = Messages} = Out,
-    #message{number = Number, type = Type, body = Body, for = For} = Message,
+    #message{number = Number, type = Type, body = Body, for = For, latest = Latest} = Message,
     Meant = maps:with(Waiting, For),
     Packet = starl_packet:data({Self, Incarnation, Seq, Number, Meant, Type, Body}),
     Actions = [
         {{timeout, {retransmit, Seq}}, lists:nth(Tries + 1, Out#out.delays), again}
-        | [{transmit, Dest, Packet} || Dest <- on_air(Message)]
+        | leaves(Latest, Seq, [{transmit, Dest, Packet} || Dest <- on_air(Message)])
     ],
     Tried = Messages#{Seq => Message#message{tries = Tries + 1}},
     {Actions, Out#out{next = Next, messages = Tried}}.
+
+leaves(infinity, _Seq, Packets) -> Packets;
+leaves(Latest, Seq, Packets) -> [{until, Latest, Packets, {retransmit, Seq}}].
 
 on_air(#message{number = {all, _}, tries = 0}) -> [all];
 on_air(#message{waiting = Waiting}) -> Waiting.
@@ -152,14 +165,28 @@ retransmit(Seq, #out{messages = Messages, delays = Delays, next = Next} = Out) -
     case Messages of
         #{Seq := #message{tries = Tries} = Message} when Tries < length(Delays) ->
             transmit(Seq, Message, Next, Out);
-        #{Seq := #message{waiting = Waiting, lost = Lost} = Message} ->
-            Traces = [{trace, {outcome, id(Seq, Out), Dest, lost}} || Dest <- Waiting],
-            Done = Message#message{lost = Waiting ++ Lost},
-            {Actions, Finished} = finish(Seq, Done, lost, closed(Waiting, Message, Out)),
-            {Traces ++ Actions, Finished};
+        #{Seq := Message} ->
+            lost(Seq, Message, Out);
         #{} ->
             none
     end.
+
+%% @doc The latest moment of a message has passed: it is lost where it has not been acknowledged.
+-spec late(starl_packet:seq(), t()) -> {[starl_machine:action()], t()} | none.
+late(Seq, #out{messages = Messages} = Out) ->
+    case Messages of
+        #{Seq := Message} ->
+            {Actions, Left} = lost(Seq, Message, Out),
+            {[{{timeout, {retransmit, Seq}}, cancel} | Actions], Left};
+        #{} ->
+            none
+    end.
+
+lost(Seq, #message{waiting = Waiting, lost = Lost} = Message, Out) ->
+    Traces = [{trace, {outcome, id(Seq, Out), Dest, lost}} || Dest <- Waiting],
+    Done = Message#message{lost = Waiting ++ Lost},
+    {Actions, Finished} = finish(Seq, Done, lost, closed(Waiting, Message, Out)),
+    {Traces ++ Actions, Finished}.
 
 %% @doc A robot, in its given incarnation, acknowledges a message, or refuses it after a restart.
 %% `none': nobody waits for this; `untrue': the incarnation does not fit.

@@ -45,6 +45,7 @@
     | kill_robot
     | reboot
     | pause
+    | stand_still
     | slow
     | location_dropout
     | location_frozen
@@ -133,6 +134,9 @@ kinds() ->
         {kill_robot, process, robot, [], "the robot dies for good"},
         {reboot, process, robot, [], "the robot goes down and starts anew, with its store"},
         {pause, process, robot, [], "the robot's computer stands still; events wait"},
+        {stand_still, process, machine, [{actions, {integer, 0, 1000}, {0, 6}}],
+            "the robot's computer stands still in the machine's next step, after this many of its "
+            "actions; events wait"},
         {slow, process, robot, [ms(lag_ms, 5, 200)], "every event is handled lag_ms late"},
         {location_dropout, location, robots, [], "the positioning system sees no robot for them"},
         {location_frozen, location, robots, [], "the positioning system shows old positions"},
@@ -239,7 +243,7 @@ param_problems(Id, Kind, Params, Specs) ->
 %% @doc The robots that a fault names.
 -spec targets(t()) -> [starl:robot_id()].
 targets({_, _, _, _, all, _}) -> [];
-targets({_, _, _, kill_machine, {Robot, _}, _}) -> [Robot];
+targets({_, _, _, Kind, {Robot, _}, _}) when Kind =:= kill_machine; Kind =:= stand_still -> [Robot];
 targets({_, _, _, _, {A, B}, _}) -> [A, B];
 targets({_, _, _, _, Group, _}) when is_list(Group) -> Group;
 targets({_, _, _, _, Robot, _}) -> [Robot].
@@ -306,6 +310,10 @@ strikes({_, From, To, Kind, Target, Params}) ->
             [{Target, Begin, go_down}, {Target, End, come_up}];
         pause ->
             [{Target, Begin, {pause, End}}];
+        stand_still ->
+            {Robot, Name} = Target,
+            #{actions := After} = Params,
+            [{Robot, Begin, {stand_still, Name, After, End}}, {Robot, End, go_on}];
         slow ->
             [{Target, Begin, {lag, 1000 * maps:get(lag_ms, Params)}}, {Target, End, {lag, 0}}];
         _ when Kind =:= wheel_stuck; Kind =:= wheel_slow; Kind =:= slip ->
@@ -331,7 +339,9 @@ hits(_, _) -> false.
 -spec slack_us([t()]) -> non_neg_integer().
 slack_us(Faults) -> round(1000 * lists:sum([slack_ms(Fault) || Fault <- Faults])).
 
-slack_ms({_, From, To, Kind, _, _}) when Kind =:= clock_freeze; Kind =:= pause; Kind =:= reboot ->
+slack_ms({_, From, To, Kind, _, _}) when
+    Kind =:= clock_freeze; Kind =:= pause; Kind =:= stand_still; Kind =:= reboot
+->
     To - From;
 slack_ms({_, _, _, Kind, _, #{ms := Ms}}) when Kind =:= clock_offset; Kind =:= clock_step ->
     abs(Ms);

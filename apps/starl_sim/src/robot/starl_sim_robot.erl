@@ -54,6 +54,8 @@
     %% after this number of events it halts until it is resumed
     stop = none :: pos_integer() | none,
     hold = {0, 0} :: starl_sim_hold:t(),
+    %% until when it stands still, if it does so in a step of a machine that a fault has named
+    still = 0 :: starl_sim_queue:time(),
     crashes = [] :: [{starl_machine:name(), Reason :: term()}],
     despair = starl_sim_despair:new() :: starl_sim_despair:t()
 }).
@@ -241,6 +243,9 @@ went({crashed, Name, Reason, Robot}, Events, Site) ->
     Left = settle(Site#robot{robot = Robot, events = Events}),
     {ok, _Killed} = starl_robot_tree:kill(Name, starl_robot:machines(Robot)),
     proceed(crashed(Name, Reason, Left));
+went({stands, Robot}, Events, #robot{still = Until, hold = {Before, Lag}} = Site) ->
+    Held = Site#robot{robot = Robot, events = Events, hold = {max(Before, Until), Lag}},
+    {idle, postpone(settle(Held))};
 went({paused, Robot}, Events, Site) ->
     proceed(settle(Site#robot{robot = Robot, events = Events})).
 
@@ -310,6 +315,10 @@ strike({kill_machine, Name}, #robot{robot = Robot} = Site) ->
     end;
 strike({pause, Until}, #robot{hold = {Before, Lag}} = Site) ->
     postpone(Site#robot{hold = {max(Before, Until), Lag}});
+strike({stand_still, Name, After, Until}, #robot{robot = Robot} = Site) ->
+    Site#robot{robot = starl_robot:stand_still(Name, After, Robot), still = Until};
+strike(go_on, #robot{robot = Robot} = Site) ->
+    Site#robot{robot = starl_robot:go_on(Robot)};
 strike({reload, N}, Site) ->
     {Words, Body} = starl_sim_platform:reload(N, body(Site)),
     heeded(Words, body(Body, Site));
