@@ -7,7 +7,9 @@
 -behaviour(starl_platform).
 -behaviour(starl_machine).
 
--export([handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
+-export([
+    handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1
+]).
 -export([init/1, handle_event/5]).
 
 %% -- the loop -------------------------------------------------------------------------------
@@ -223,6 +225,45 @@ timers_count_from_the_beginning_of_their_step_test() ->
     Later = starl_robot:world(at(30, Stands), Stands),
     {quiet, Done} = starl_robot:run(starl_robot:go_on(Later)),
     ?assertEqual([{a, 50}, {b, 0}, {c, 10}], maps:get(times, starl_robot:world(Done))).
+
+%% A machine that restarts while it is called gets no call: the caller takes the news for its end. So it
+%% is whether the call is under way already, or comes later in a step that stands still.
+a_call_ends_with_the_restart_of_its_machine_test() ->
+    App = fun
+        (cast, go) ->
+            [{call, sap, ask, t}, {trace, go}, {call, sap, ask, t}, {call, location, ask, t}];
+        (info, News) ->
+            [{trace, News}];
+        (_, _) ->
+            []
+    end,
+    Service = fun
+        ({call, _}, ask) -> [{trace, asked}];
+        (_, _) -> []
+    end,
+    {quiet, R} = starl_robot:run(robot(#{app => App, sap => Service, location => Service})),
+    Armed = starl_robot:stand_still(app, 2, R),
+    {stands, Stands} = starl_robot:event(app, cast, go, starl_robot:world(Armed), Armed),
+    Restarted = restarted(sap, starl_robot:lost(sap, killed, Stands)),
+    {quiet, Done} = starl_robot:run(starl_robot:go_on(Restarted)),
+    ?assertEqual(
+        [{app, go}, {sap, crashed}, {app, {restarted, sap}}, {location, asked}], traced(Done)
+    ).
+
+%% A machine that is lost before it has booted boots once, when it is back.
+lost_before_it_has_booted_test() ->
+    Machines = #{
+        sap => silent(),
+        app => fun
+            (boot, _) -> [{trace, booted}];
+            (_, _) -> []
+        end
+    },
+    Armed = starl_robot:stand_still(sap, 0, robot(Machines)),
+    {stands, Stands} = starl_robot:run(Armed),
+    Lost = starl_robot:go_on(restarted(app, starl_robot:lost(app, killed, Stands))),
+    {quiet, Done} = starl_robot:run(Lost),
+    ?assertEqual([{app, crashed}, {app, booted}], traced(Done)).
 
 %% A machine that is lost meanwhile leaves the rest of its step undone.
 lost_while_it_stands_still_test() ->

@@ -23,7 +23,9 @@
     started/2,
     tell_start/2
 ]).
--export([handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
+-export([
+    handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1
+]).
 -export([reload/3, take_back/2, fallen/3, gone/3]).
 
 -export_type([t/0, config/0, figures/0]).

@@ -319,7 +319,8 @@ handle({acts, Pid, Actions}, #link{beside = Beside} = Link) ->
         {#{Pid := {_, Orders}}, {ok, Name}} ->
             {Body, #link{robot = Robot} = Now} = at_event(Link),
             Idle = Now#link{beside = Beside#{Pid := {idle, Orders}}},
-            went(starl_robot:act(Name, Actions, Body, Robot), Idle);
+            Valid = starl_robot:without_calls(starl_driver:restarted(Orders), Actions),
+            went(starl_robot:act(Name, Valid, Body, Robot), Idle);
         _ ->
             work(Link)
     end.

@@ -135,7 +135,9 @@ handle_call({set_air, Settings}, _From, #transport{air = Air} = Transport) ->
         | {transmit, starl:robot_id() | all, starl_packet:t(), latest()}.
 handle_cast({transmit, To, Packet}, Transport) ->
     {noreply, put_on_air(To, Packet, Transport)};
-handle_cast({transmit, To, Packet, {Us, Owner}}, #transport{clock = Clock, link = Link} = Transport) ->
+handle_cast(
+    {transmit, To, Packet, {Us, Owner}}, #transport{clock = Clock, link = Link} = Transport
+) ->
     case starl_live_clock:now_us(Clock) =< Us of
         true ->
             {noreply, put_on_air(To, Packet, Transport)};

@@ -13,7 +13,7 @@
 %% successor's. A driver has one open order with a process at a time.
 -module(starl_driver).
 
--export([attach/3, done/3, boot/1, step/3, later/2]).
+-export([attach/3, done/3, boot/1, step/3, later/2, restarted/1]).
 
 -export_type([attach/0, order/0, done/0]).
 
@@ -48,3 +48,7 @@ step(Type, Content, Meta) -> {starl_step, Type, Content, Meta}.
 -spec later(NowUs :: integer(), order()) -> order().
 later(Now, {starl_boot, Base}) -> {starl_boot, Base#{now := Now}};
 later(Now, {starl_step, Type, Content, Meta}) -> {starl_step, Type, Content, Meta#{now := Now}}.
+
+%% @doc The machines whose restart these orders tell of.
+-spec restarted([order()]) -> [starl_machine:name()].
+restarted(Orders) -> [Name || {starl_step, info, {restarted, Name}, _Meta} <- Orders].

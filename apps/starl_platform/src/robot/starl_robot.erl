@@ -34,7 +34,7 @@
 
 -export([new/4, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1]).
 -export([run/1, status/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
--export([leave/1, act/4, stand_still/3, go_on/1]).
+-export([leave/1, act/4, without_calls/2, stand_still/3, go_on/1]).
 -export([lost/3, attach/3, back/3, first/2, then/2, die/2, go_down/1, come_up/2]).
 
 -export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0]).
@@ -269,6 +269,16 @@ act(Name, Actions, World, #robot{busy = none, local = Local} = Robot) ->
     #robot{machines = Machines, timers = Timers} = Robot,
     perform(Actions, Name, [], Local, World, Machines, Timers, Robot).
 
+%% @doc The actions of a step without its calls of these machines, which have restarted since the step
+%% began: the caller is about to learn of that, and takes it for the end of its call ({@link
+%% back/3}). A call that reached the new machine all the same would be answered to nobody.
+-spec without_calls([starl_machine:name()], [starl_machine:action()]) -> [starl_machine:action()].
+without_calls([], Actions) -> Actions;
+without_calls(Restarted, Actions) -> [A || A <- Actions, not is_call(A, Restarted)].
+
+is_call({call, To, _, _}, Names) -> lists:member(To, Names);
+is_call(_Action, _Names) -> false.
+
 %% @doc In the next step of this machine the robot stands still after this many actions, or at the
 %% end of the step. Facts of a group with a latest moment are not parted from the look at the clock.
 -spec stand_still(starl_machine:name(), Actions :: non_neg_integer(), t()) -> t().
@@ -371,10 +381,14 @@ cut_group(After, Group) ->
 %% Timers count from the beginning of their step.
 aged(Us, Actions) -> [older(Us, Action) || Action <- Actions].
 
-older(Us, {{timeout, Name}, Time, Content}) -> {{timeout, Name}, max(0, Time - Us), Content};
-older(Us, {state_timeout, Time, Content}) -> {state_timeout, max(0, Time - Us), Content};
-older(Us, {until, Latest, Group, Mark}) when is_list(Group) -> {until, Latest, aged(Us, Group), Mark};
-older(_Us, Action) -> Action.
+older(Us, {{timeout, Name}, Time, Content}) ->
+    {{timeout, Name}, max(0, Time - Us), Content};
+older(Us, {state_timeout, Time, Content}) ->
+    {state_timeout, max(0, Time - Us), Content};
+older(Us, {until, Latest, Group, Mark}) when is_list(Group) ->
+    {until, Latest, aged(Us, Group), Mark};
+older(_Us, Action) ->
+    Action.
 
 %% Carries out actions in their order; New holds the resulting local events, newest first.
 perform([], _Name, [], Local, World, Machines, Timers, Robot) ->
@@ -490,8 +504,12 @@ rest_lost(Name, #robot{rest = {How, {Name, _Actions, New, Since}}} = Robot) ->
 rest_lost(_Name, Robot) ->
     Robot.
 
-lose(Name, #robot{timers = Timers} = Robot) ->
-    trace(Name, crashed, Robot#robot{timers = starl_robot_timers:forget(Name, Timers)}).
+%% It may not even have booted: its successor boots.
+lose(Name, #robot{timers = Timers, local = Local} = Robot) ->
+    trace(Name, crashed, Robot#robot{
+        timers = starl_robot_timers:forget(Name, Timers),
+        local = lists:delete({Name, boot, none}, Local)
+    }).
 
 %% @doc A process has started as the machine of this name ({@link starl_robot_machines:attach/3}).
 -spec attach(starl_machine:name(), pid(), t()) -> {ok, t()} | early.
@@ -503,13 +521,28 @@ attach(Name, Pid, #robot{machines = Machines} = Robot) ->
 
 %% @doc Handles restarts first of all: the machines that have come back boot, and the robot's
 %% others are told, also of the machines that were given up. Without its
-%% application the robot stops: no other machine knows its next goal.
+%% application the robot stops: no other machine knows its next goal. Calls under way to a machine
+%% that has come back are void: their callers are told.
 -spec back(Back :: [starl_machine:name()], GivenUp :: [starl_machine:name()], t()) -> t().
 back(Back, GivenUp, #robot{machines = Machines} = Robot) ->
     Names = starl_robot_machines:names(Machines),
     Ends = [End || Name <- GivenUp, End <- farewell(Name, Names)],
-    Left = lists:foldl(fun give_up/2, Robot, GivenUp),
+    Left = lists:foldl(fun give_up/2, void_calls(Back, Robot), GivenUp),
     first(Ends ++ restarts(starl_robot_order:boot(Back), Names), Left).
+
+void_calls(Back, #robot{local = Local, rest = Rest} = Robot) ->
+    Robot#robot{local = without_events(Back, Local), rest = void_rest(Back, Rest)}.
+
+void_rest(_Back, none) ->
+    none;
+void_rest(Back, {How, {Name, Actions, New, Since}}) ->
+    {How, {Name, without_calls(Back, Actions), without_events(Back, New), Since}}.
+
+without_events(Back, Local) ->
+    [Event || Event <- Local, not is_call_event(Event, Back)].
+
+is_call_event({To, {call, _From}, _Request}, Names) -> lists:member(To, Names);
+is_call_event(_Event, _Names) -> false.
 
 give_up(app, Robot) -> ended(given_up, trace(supervisor, {given_up, app}, Robot));
 give_up(Name, Robot) -> trace(supervisor, {given_up, Name}, Robot).

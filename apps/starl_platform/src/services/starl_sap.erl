@@ -325,7 +325,8 @@ take({Source, Theirs, Seq, Number, _For, _Type, _Body} = Data, Heard, Sap) ->
 take_new({Source, Theirs, Seq, _Number, _For, Type, Body}, Ack, Taken, Heard, Sap) ->
     case starl_sap_inbox:deliver(Source, Type, Body, {Source, Theirs, Seq}, Sap#sap.inbox) of
         {Actions, Delivered} ->
-            {keep_state, Sap#sap{peers = Taken, inbox = Delivered}, [Ack | Actions]};
+            %% a robot that stands still in between has delivered what it acknowledges
+            {keep_state, Sap#sap{peers = Taken, inbox = Delivered}, Actions ++ [Ack]};
         %% Not taken; the source sends it again.
         Full ->
             {keep_state, Sap#sap{peers = Heard}, [{trace, {Full, Source, Type}}]}

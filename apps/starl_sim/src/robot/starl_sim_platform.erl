@@ -13,7 +13,9 @@
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
 -export([new/3, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
--export([handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
+-export([
+    handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1
+]).
 -export([pending/1, now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
 -export([turn_wheels/1, beat/2, says/2, postpone/2, reload/2, take_back/2, fallen/3]).
 

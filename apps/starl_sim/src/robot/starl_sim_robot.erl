@@ -244,8 +244,10 @@ went({crashed, Name, Reason, Robot}, Events, Site) ->
     {ok, _Killed} = starl_robot_tree:kill(Name, starl_robot:machines(Robot)),
     proceed(crashed(Name, Reason, Left));
 went({stands, Robot}, Events, #robot{still = Until, hold = {Before, Lag}} = Site) ->
-    Held = Site#robot{robot = Robot, events = Events, hold = {max(Before, Until), Lag}},
-    {idle, postpone(settle(Held))};
+    Stands = Site#robot{robot = Robot, events = Events, hold = {max(Before, Until), Lag}},
+    %% its chassis goes on
+    #robot{events = Left} = Held = postpone(settle(Stands)),
+    next(Left, Robot, body(Held), Held);
 went({paused, Robot}, Events, Site) ->
     proceed(settle(Site#robot{robot = Robot, events = Events})).
 
