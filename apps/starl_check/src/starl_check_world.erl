@@ -6,7 +6,9 @@
 -behaviour(starl_platform).
 
 -export([new/3, sent/1, put_under_way/2, traces/1, stored/1]).
--export([handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1]).
+-export([
+    handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1
+]).
 
 -export_type([t/0, sent/0, due/0]).
 

@@ -32,20 +32,26 @@
 
 %% @doc Acquires a token or a set of tokens, with half a minute's patience.
 -spec acquire(starl:robot(), token() | [token()]) ->
-    {ok, fence() | [{token(), fence()}]} | {error, timeout | restarted}.
+    {ok, fence() | [{token(), fence()}]} | {error, timeout | restarted | late}.
 acquire(Robot, Tokens) -> acquire(Robot, Tokens, ?PATIENCE_MS).
 
 %% @doc Acquires a token or all tokens of a list; fails after a timeout in milliseconds, and then
 %% holds none of them. A list is answered with the list of its tokens and their fences.
-%% Acquiring a token that the caller holds waits for its release.
+%% Acquiring a token that the caller holds waits for its release. `late': the computer stood still
+%% while the answer was on its way, until the lease was over; what is left of it is released.
 -spec acquire(starl:robot(), token() | [token()], Ms :: pos_integer()) ->
-    {ok, fence() | [{token(), fence()}]} | {error, timeout | restarted}.
+    {ok, fence() | [{token(), fence()}]} | {error, timeout | restarted | late}.
 acquire(Robot, Tokens, Ms) ->
     ok = tokens({?MODULE, acquire, 3}, Tokens),
     ok = starl_caller:check({?MODULE, acquire, 3}, 'Ms', positive_ms, Ms),
     case starl:call(Robot, mutex, {acquire, Tokens, Ms * 1000}, infinity) of
-        {ok, Answer} -> Answer;
-        {error, restarted} -> {error, restarted}
+        {ok, late} ->
+            _ = release(Robot, Tokens),
+            {error, late};
+        {ok, Answer} ->
+            Answer;
+        {error, restarted} ->
+            {error, restarted}
     end.
 
 %% @doc Releases a token, or those of a list. `lost': at least one was not held any more, so
@@ -71,7 +77,7 @@ owner(Robot, Token) ->
 %% @doc Calls the function with the fence (or the list of fences) while it holds the token or
 %% the tokens. `{error, {Lost, Result}}': the hold had ended before the function did.
 -spec with_token(starl:robot(), token() | [token()], Fun) ->
-    {ok, Result} | {error, timeout | restarted | {lost | restarted, Result}}
+    {ok, Result} | {error, timeout | restarted | late | {lost | restarted, Result}}
 when
     Fun :: fun((fence() | [{token(), fence()}]) -> Result).
 with_token(Robot, Tokens, Fun) ->

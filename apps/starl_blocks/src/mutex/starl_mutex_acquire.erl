@@ -5,9 +5,9 @@
 -module(starl_mutex_acquire).
 
 -export([acquire/5, release/4, again/2, give_up/3, caller_restarted/2]).
--export([settle/1, lapse_all/1]).
+-export([settle/1, lapse_all/1, late/2]).
 
--import(starl_mutex_state, [act/2, acts/2, post_home/3]).
+-import(starl_mutex_state, [act/2, acts/2, until/4, post_home/3]).
 
 -type t() :: starl_mutex_state:t().
 -type token() :: starl_mutex:token().
@@ -27,13 +27,25 @@ proceed(Id, Job, Robot) ->
     Kept = starl_mutex_state:keep_job(Id, Job, Robot),
     case starl_mutex_job:next(Job) of
         complete ->
-            Done = acts([{{timeout, {T, Id}}, cancel} || T <- [again, patience]], Kept),
-            Answer = {reply, starl_mutex_job:from(Job), {ok, starl_mutex_job:answer(Job)}},
-            acts([{trace, {answered, starl_mutex_job:fences(Job)}}, Answer], Done);
+            answer(Id, Job, Kept);
         {wait, Token} ->
             Retry = {{timeout, {again, Id}}, starl_mutex_state:retry_us(Kept), again},
             search(Token, Id, acts([{trace, {requested, Token}}, Retry], Kept))
     end.
+
+%% The application is told until when it holds all that it wants.
+answer(Id, Job, Robot) ->
+    Entries = entries(starl_mutex_job:held(Job), Robot),
+    Until = lists:min([End || #{lease_end := End} <- Entries]) - 1,
+    Answer = {until, Until, {ok, starl_mutex_job:answer(Job)}},
+    Told = [
+        {trace, {answered, starl_mutex_job:fences(Job)}},
+        {reply, starl_mutex_job:from(Job), Answer}
+        | [{{timeout, {T, Id}}, cancel} || T <- [again, patience]]
+    ],
+    until(Entries, Told, {answer, Id}, Robot).
+
+entries(Tokens, Robot) -> [starl_mutex_state:entry(Token, Robot) || Token <- Tokens].
 
 search(Token, Id, Robot) ->
     Request = {starl_mutex_state:self(Robot), Id},
@@ -87,16 +99,16 @@ end_job(Id, Robot) ->
 
 %% @doc Ends the caller's holds of these tokens.
 -spec release(starl_machine:name(), starl_machine:from(), token() | [token()], t()) -> t().
-release(Caller, From, Tokens, Robot) ->
-    List = listed(Tokens),
+release(Caller, From, Names, Robot) ->
+    List = listed(Names),
     Held = [{Token, Id} || Token <- List, Id <- holder(Caller, Token, Robot)],
-    Answer =
-        case length(Held) =:= length(List) of
-            true -> ok;
-            false -> {error, lost}
-        end,
+    Tokens = [Token || {Token, _} <- Held],
     Freed = lists:foldl(fun({Token, Id}, R) -> drop(Id, Token, R) end, Robot, Held),
-    act({reply, From, Answer}, give_back([T || {T, _} <- Held], Freed)).
+    Given = give_back(Tokens, Freed),
+    case length(Held) =:= length(List) of
+        true -> until(entries(Tokens, Robot), [{reply, From, ok}], {release, From}, Given);
+        false -> act({reply, From, {error, lost}}, Given)
+    end.
 
 listed(Tokens) when is_list(Tokens) -> lists:usort(Tokens);
 listed(Token) -> [Token].
@@ -146,10 +158,49 @@ lost(Id, Token, Robot) ->
     case starl_mutex_state:waiting(Id, Robot) of
         none ->
             drop(Id, Token, Robot);
-        {wait, Waiting, Job} ->
-            %% while it gives back what it has got, it is in no queue
-            Suspended = starl_mutex_state:suspend_job(Id, Robot),
-            Failed = act({trace, {failed, Waiting, lease_lost}}, Suspended),
-            Others = lists:delete(Token, starl_mutex_job:held(Job)),
-            proceed(Id, starl_mutex_job:anew(Job), give_back(Others, Failed))
+        {wait, _, Job} ->
+            anew(Id, Job, lists:delete(Token, starl_mutex_job:held(Job)), Robot)
     end.
+
+%% Begins a job anew, when it has given back these tokens. While it does so, it is in no queue.
+anew(Id, Job, Tokens, Robot) ->
+    Failed = [
+        {trace, {failed, Waiting, lease_lost}}
+     || {wait, Waiting} <- [starl_mutex_job:next(Job)]
+    ],
+    Suspended = acts(Failed, starl_mutex_state:suspend_job(Id, Robot)),
+    proceed(Id, starl_mutex_job:anew(Job), lapse_all(give_back(Tokens, Suspended))).
+
+%% -- what was too late ----------------------------------------------------------------------
+
+%% @doc A lease was over when what rests on it was to leave the step ({@link starl_machine:action()}).
+%% Nobody has learned of a hold whose beginning was late: it has never been. A job whose answer was
+%% late begins anew, and an application that is late with a release learns that it had lost a token.
+-spec late(Mark, t()) -> t() when
+    Mark ::
+        {hold, token(), starl_mutex:fence()}
+        | leased
+        | {answer, job_id()}
+        | {released, token(), starl_mutex:fence()}
+        | {release, starl_machine:from()}.
+late({hold, Token, Fence}, Robot) ->
+    case starl_mutex_state:entry(Token, Robot) of
+        #{lock := {Id, Fence}, queue := Queue} ->
+            Job = starl_mutex_state:job(Id, Robot),
+            Gone = starl_mutex_state:forget_entry(Token, Robot),
+            Others = lists:delete(Token, starl_mutex_job:held(Job)),
+            starl_mutex_robot:orphan(Token, Queue, anew(Id, Job, Others, Gone));
+        _ ->
+            Robot
+    end;
+late(leased, Robot) ->
+    Robot;
+late({answer, Id}, Robot) ->
+    case starl_mutex_state:complete(Id, Robot) of
+        {ok, Job} -> anew(Id, Job, starl_mutex_job:held(Job), Robot);
+        none -> Robot
+    end;
+late({released, Token, Fence}, Robot) ->
+    act({trace, {lease_lost, Token, Fence}}, Robot);
+late({release, From}, Robot) ->
+    act({reply, From, {error, lost}}, Robot).

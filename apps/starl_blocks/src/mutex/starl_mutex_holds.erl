@@ -47,11 +47,13 @@
 }.
 
 %% A lease as its holder told it at a time: by a clock that is right, it was claimed then at the
-%% earliest, and lasts until then at the latest.
+%% earliest, and lasts until then at the latest. The end is sure unless the holder stood still
+%% before it told of it: then the lease is over earlier by as much.
 -record(lease, {
     fence :: fence(),
     claimed_us = 0 :: integer(),
     told_us = 0 :: integer(),
+    sure_us = infinity :: integer() | infinity,
     end_us = infinity :: integer() | infinity
 }).
 
@@ -111,10 +113,12 @@ granted(T, Home, Token, Fence, To, #holds{grants = Grants, hand_overs = HandOver
 -spec leased(integer(), robot_id(), token(), fence(), LeftUs :: integer(), t()) -> t().
 leased(T, Robot, Token, Fence, Left, #holds{leases = Leases, ppm = Ppm} = Holds) ->
     Gone = max(0, Holds#holds.lease_us - Left),
+    Begun = starl_assumption:begun_us(Robot, T, Holds#holds.assumption),
     Lease = #lease{
         fence = Fence,
-        claimed_us = T - starl_assumption:longest_us(Gone, Ppm),
+        claimed_us = Begun - starl_assumption:longest_us(Gone, Ppm),
         told_us = T,
+        sure_us = Begun + starl_assumption:longest_us(Left, Ppm),
         end_us = T + starl_assumption:longest_us(Left, Ppm)
     },
     Holds#holds{leases = Leases#{{Token, Robot} => Lease}}.
@@ -249,8 +253,8 @@ beside(T, #hold{robot = Other, fence = Fence} = Old, #hold{robot = Robot} = New,
 %% Until when a hold counts, by a right clock.
 over_us(Hold, Token, #holds{lag_us = Lag} = Holds) ->
     case lease(Hold, Token, Holds) of
-        #lease{end_us = infinity} -> infinity;
-        #lease{end_us = End} -> End + Lag
+        #lease{sure_us = infinity} -> infinity;
+        #lease{sure_us = End} -> End + Lag
     end.
 
 lease(#hold{robot = Robot, fence = Fence}, Token, #holds{leases = Leases}) ->
@@ -264,7 +268,7 @@ is_excused(Began, #hold{robot = Robot} = Older, Token, #holds{assumption = A} = 
     case lease(Older, Token, Holds) of
         #lease{end_us = infinity} ->
             false;
-        #lease{told_us = Told, end_us = End} = Lease ->
+        #lease{told_us = Told, sure_us = End} = Lease ->
             Claimed = starl_assumption:clock_earlier(Robot, Told, Lease#lease.claimed_us, A),
             Lost = starl_assumption:lost_us(Robot, Claimed, Told, A),
             End + Holds#holds.lag_us - Began =< Lost + gained(Claimed, Began, Token, Holds)

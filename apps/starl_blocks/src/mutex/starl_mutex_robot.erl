@@ -11,7 +11,7 @@
 -export_type([nonce/0]).
 
 -import(starl_mutex_state, [
-    act/2, acts/2, notify/2, post/3, post_home/3, entry/2, put_entry/3, forget_entry/2
+    act/2, acts/2, until/4, notify/2, post/3, post_home/3, entry/2, put_entry/3, forget_entry/2
 ]).
 
 -type t() :: starl_mutex_state:t().
@@ -177,7 +177,9 @@ extend(Token, #{granted := Already, fence := Fence, lock := Lock} = Entry, Robot
 left(#{lease_end := End}, Robot) -> End - starl_mutex_state:now(Robot).
 
 leased(Token, Fence, Entry, Robot) ->
-    act({trace, {leased, Token, Fence, left(Entry, Robot)}}, Robot).
+    until([Entry], [lease(Token, Fence, Entry, Robot)], leased, Robot).
+
+lease(Token, Fence, Entry, Robot) -> {trace, {leased, Token, Fence, left(Entry, Robot)}}.
 
 announce(Token, Fence, Robot) ->
     Broadcast = {cast, sap, {broadcast, mutex, {owner, Token, Fence}}},
@@ -228,7 +230,8 @@ is_worn(Entry, Robot) -> left(Entry, Robot) < starl_mutex_state:lease_us(Robot) 
 
 lock(Token, Id, #{fence := Fence} = Entry, Robot) ->
     Locked = Entry#{lock := {Id, Fence}},
-    Traced = act({trace, {acquired, Token, Fence}}, leased(Token, Fence, Entry, Robot)),
+    Facts = [lease(Token, Fence, Entry, Robot), {trace, {acquired, Token, Fence}}],
+    Traced = until([Entry], Facts, {hold, Token, Fence}, Robot),
     notify({locked, Id, Token, Fence}, prolong(Token, Locked, Traced)).
 
 %% A hold begins: the lease must be renewed, at once if more than half of it is over.
@@ -248,7 +251,9 @@ unlock(Token, Robot) ->
     end.
 
 free(Token, #{lock := {_, Fence}, queue := Queue} = Entry, Robot) ->
-    Freed = acts([{trace, {released, Token, Fence}}, {{timeout, {renew, Token}}, cancel}], Robot),
+    Released = [{trace, {released, Token, Fence}}],
+    Told = until([Entry], Released, {released, Token, Fence}, Robot),
+    Freed = act({{timeout, {renew, Token}}, cancel}, Told),
     case starl_mutex_home:last_hold(Fence) of
         true -> pass_on(Token, Fence, Queue, forget_entry(Token, Freed));
         false -> serve(Token, Entry#{lock := none, fence := Fence + 1}, Freed)

@@ -6,8 +6,10 @@
 -module(starl_mutex_state).
 
 -export([new/1, at/2, now/1, self/1, team_size/1, incarnation/1, lease_us/1, retry_us/1]).
--export([act/2, acts/2, post/3, post_home/3, result/1, notify/2, take_notices/1]).
--export([next_job/1, keep_job/3, job/2, waiting/2, jobs_of/2, forget_job/2, suspend_job/2]).
+-export([act/2, acts/2, until/4, post/3, post_home/3, result/1, notify/2, take_notices/1]).
+-export([
+    next_job/1, keep_job/3, job/2, waiting/2, complete/2, jobs_of/2, forget_job/2, suspend_job/2
+]).
 -export([is_wanted/3, entry/2, put_entry/3, forget_entry/2, is_over/2, over/1]).
 -export([owners/1, put_owners/2, home/1, put_home/2, sent_out/5, take_out/3, outs/1]).
 
@@ -107,6 +109,15 @@ act(Action, #robot{actions = Actions} = Robot) -> Robot#robot{actions = [Action 
 -spec acts([starl_machine:action()], t()) -> t().
 acts(New, Robot) -> lists:foldl(fun act/2, Robot, New).
 
+%% @doc Actions that rest on the lease of a token, or of several: they take place before it is over, or
+%% not at all; then the machine gets `{late, Mark}'.
+-spec until([entry()], [starl_machine:action()], Mark :: term(), t()) -> t().
+until([], Actions, _Mark, Robot) ->
+    acts(Actions, Robot);
+until(Entries, Actions, Mark, Robot) ->
+    End = lists:min([End || #{lease_end := End} <- Entries]),
+    act({until, End - 1, Actions, Mark}, Robot).
+
 %% @doc A message to a robot.
 -spec post(starl:robot_id(), Body :: tuple(), t()) -> t().
 post(To, Body, Robot) -> act(starl_sap:post(To, mutex, Body), Robot).
@@ -154,6 +165,19 @@ waiting(Id, #robot{jobs = Jobs}) ->
             case starl_mutex_job:next(Job) of
                 {wait, Token} -> {wait, Token, Job};
                 complete -> none
+            end;
+        #{} ->
+            none
+    end.
+
+%% @doc A job that has got all that it wants.
+-spec complete(job_id(), t()) -> {ok, starl_mutex_job:t()} | none.
+complete(Id, #robot{jobs = Jobs}) ->
+    case Jobs of
+        #{Id := Job} ->
+            case starl_mutex_job:next(Job) of
+                complete -> {ok, Job};
+                {wait, _} -> none
             end;
         #{} ->
             none

@@ -12,7 +12,8 @@
 %% A robot that has got a token holds it only once the home has confirmed it, and only as long
 %% as the lease that it counts from the sending of its last confirmed claim. At every event it first
 %% looks which of its leases are over: a robot that has stood still finds that out before it answers
-%% a call or hands a token on. The rules of the home are those of {@link starl_mutex_home}; safety
+%% a call or hands a token on. What it then says of a hold, to the application and as a fact, leaves
+%% before the lease is over, or not at all (`until'). The rules of the home are those of {@link starl_mutex_home}; safety
 %% rests on these rules and the lease alone. Requests, queues and announcements may be lost at any
 %% time: a robot that waits asks the home again.
 %%
@@ -82,6 +83,9 @@ current(cast, {message, From, mutex, {owner, Token, Fence}}, Robot) ->
         true -> Robot;
         false -> starl_mutex_acquire:lapse_all(Robot)
     end;
+%% A hold of which nobody has learned is not lost: that is handled first.
+current(info, {late, _}, Robot) ->
+    Robot;
 current(_Type, _Content, Robot) ->
     starl_mutex_acquire:lapse_all(Robot).
 
@@ -106,6 +110,8 @@ event({timeout, {again, Job}}, _, Robot) ->
     starl_mutex_acquire:again(Job, Robot);
 event({timeout, {patience, Job}}, _, Robot) ->
     starl_mutex_acquire:give_up(Job, timeout, Robot);
+event(info, {late, Mark}, Robot) ->
+    starl_mutex_acquire:late(Mark, Robot);
 event(info, {restarted, sap}, Robot) ->
     starl_mutex_robot:sap_restarted(Robot);
 event(info, {Gone, Caller}, Robot) when Gone =:= restarted; Gone =:= given_up ->
