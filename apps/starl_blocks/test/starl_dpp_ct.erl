@@ -20,7 +20,10 @@ base(Robot, Name, Life, Team, Stored) ->
 %% An event at time 0, or at a time in us.
 step(Type, Content, M) -> at(0, Type, Content, M).
 
-at(Now, Type, Content, M) -> starl_machine:step(Type, Content, #{now => Now, robot => 1}, M).
+%% What has a latest moment comes without it.
+at(Now, Type, Content, M) ->
+    {Actions, Next} = starl_machine:step(Type, Content, #{now => Now, robot => 1}, M),
+    {starl_latest_ct:actions(Actions), Next}.
 
 %% The messages of a type, to whom and what.
 sent(Type, Actions) ->

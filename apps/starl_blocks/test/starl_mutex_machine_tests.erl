@@ -30,7 +30,8 @@ b() -> lists:nth(2, tokens()).
 tokens() -> [T || T <- lists:seq(1, 100), erlang:phash2(T, 3) =:= 0].
 
 at(Now, Type, Content, Machine) ->
-    starl_machine:step(Type, Content, #{now => Now, robot => 2}, Machine).
+    {Actions, Next} = starl_machine:step(Type, Content, #{now => Now, robot => 2}, Machine),
+    {starl_latest_ct:actions(Actions), Next}.
 
 hears(Now, From, Message, Machine) ->
     at(Now, cast, {message, From, mutex, Message}, Machine).

@@ -122,7 +122,8 @@ given(Token, At, Machine) ->
 message(At, From, Message, Machine) -> at(At, cast, {message, From, mutex, Message}, Machine).
 
 at(At, Type, Content, Machine) ->
-    starl_machine:step(Type, Content, #{now => At, robot => 2}, Machine).
+    {Actions, Next} = starl_machine:step(Type, Content, #{now => At, robot => 2}, Machine),
+    {starl_latest_ct:actions(Actions), Next}.
 
 traces(Actions) -> [Event || {trace, Event} <- Actions].
 

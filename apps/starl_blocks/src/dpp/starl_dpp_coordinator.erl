@@ -14,6 +14,9 @@
 %% it knows every robot's place: from the robot's own report in this term, or, if the robot is
 %% silent, from the positioning service once all its drive leases must have ended.
 %%
+%% A computer may stand still in the middle of a step: whatever a coordinator says while it leads, to
+%% others or as a fact, has the end of its votes for its latest moment ({@link starl_machine:action()}).
+%%
 %% Its beats, one a second or more often ({@link starl_dpp_lease:beat_us/1}), carry the stamps that
 %% prolong the participants' drive leases. A machine that crashed has forgotten its term; the
 %% participants that voted for its robot vote for it again at once.
@@ -109,10 +112,38 @@ init(#{robot := Self, participants := Team, incarnation := Life, now := Now} = C
 ) -> starl_machine:result().
 handle_event(Type, Content, State, Data0, #{now := Now}) ->
     Data = Data0#coordinator{now = Now},
-    case State =:= leading andalso not starl_dpp_lease:leads(Now, Data#coordinator.lease) of
-        true -> after_end(Type, Content, Data);
-        false -> event(Type, Content, State, Data)
+    Result =
+        case State =:= leading andalso not starl_dpp_lease:leads(Now, Data#coordinator.lease) of
+            true -> after_end(Type, Content, Data);
+            false -> event(Type, Content, State, Data)
+        end,
+    in_time(State, Result).
+
+%% Whatever a leading coordinator says leaves before its votes have ended, or not at all.
+in_time(_State, {next_state, leading, Data, Actions}) ->
+    {next_state, leading, Data, said(Actions, Data)};
+in_time(leading, {keep_state, Data, Actions}) ->
+    {keep_state, Data, said(Actions, Data)};
+in_time(_State, Result) ->
+    Result.
+
+said(Actions, #coordinator{lease = Lease}) ->
+    case lists:partition(fun is_timer/1, Actions) of
+        {Timers, []} ->
+            Timers;
+        {Timers, Said} ->
+            Until = starl_dpp_lease:until(Lease),
+            [{until, Until, [bounded(Action, Until) || Action <- Said], said} | Timers]
     end.
+
+is_timer(Action) -> is_tuple(element(1, Action)).
+
+bounded({call, sap, {send, To, Type, Body}, Tag}, Until) ->
+    starl_sap:send(To, Type, Body, Tag, Until);
+bounded({cast, sap, {shout, Type, Body}}, Until) ->
+    starl_sap:shout(Type, Body, Until);
+bounded(Action, _Until) ->
+    Action.
 
 %% The votes have ended: nothing may be assigned any more.
 after_end(Type, Content, Data) ->
@@ -166,6 +197,11 @@ event(cast, out_of_time, idle, _Data) ->
     keep_state_and_data;
 event(cast, out_of_time, _State, #coordinator{n = N} = Data) ->
     claim(N, Data);
+%% What it has promised in the meantime is known to nobody: it begins a new term.
+event(info, {late, said}, leading, #coordinator{n = N} = Data) ->
+    claim(N, Data);
+event(info, {late, said}, _State, _Data) ->
+    keep_state_and_data;
 event(info, {restarted, sap}, _State, Data) ->
     {keep_state, Data, listen()};
 event(info, {restarted, _}, _State, _Data) ->

@@ -16,7 +16,7 @@
 -module(starl_dpp_lease).
 
 -export([options/0, new/2, short_us/1, long_us/1, bounds/1, beat_us/1, quorum/2]).
--export([beat/2, voted/4, heard/4, since/2, leads/2, votes/2, stamps/1, rests/3, outlives/4]).
+-export([beat/2, voted/4, heard/4, since/2, leads/2, until/1, votes/2, stamps/1, rests/3, outlives/4]).
 -export_type([t/0, config/0, seq/0, stamp/0]).
 
 %% `lease_ms' (10000): the duration of a lease, and about the time without a coordinator after one
@@ -140,6 +140,19 @@ since(Now, Lease) -> Lease#lease{since = Now}.
 %% @doc Does the coordinator lead: do the votes of a quorum last?
 -spec leads(Now :: integer(), t()) -> boolean().
 leads(Now, #lease{team = Team} = Lease) -> quorum(votes(Now, Lease), Team).
+
+%% @doc The last moment at which the coordinator leads, by the votes that it has now.
+-spec until(t()) -> integer().
+until(#lease{team = Team, votes = Votes}) ->
+    Latest = lists:reverse(lists:keysort(2, maps:to_list(Votes))),
+    last_moment(Latest, [], Team).
+
+%% With the votes that end latest, as few as make a quorum.
+last_moment([{Robot, Until} | Votes], Robots, Team) ->
+    case quorum([Robot | Robots], Team) of
+        true -> Until - 1;
+        false -> last_moment(Votes, [Robot | Robots], Team)
+    end.
 
 %% @doc The robots whose votes last.
 -spec votes(Now :: integer(), t()) -> [starl:robot_id()].
