@@ -1,6 +1,7 @@
 %% The coordinator of path planning with a planted bug, chosen by the key `bug':
 %% "late_clear": it takes a Clear for the path that the robot has now, whichever it was said of;
-%% "freed": when an assignment is reported lost it gives free what was reserved for it.
+%% "freed": when an assignment is reported lost it gives free what was reserved for it;
+%% "untimely": what it says leaves whenever it does.
 -module(starl_coordinator_planted).
 -behaviour(starl_machine).
 
@@ -39,10 +40,15 @@ handle_event(Type, Content, State, Planted, Meta) ->
 
 forward(Type, Content, State, {Bug, Sent, Data}, Meta) ->
     case ?REAL:handle_event(Type, Content, State, Data, Meta) of
+        {next_state, To, Next, Actions} when Bug =:= "untimely" ->
+            {next_state, To, {Bug, Sent, Next}, starl_action:without_latest(Actions)};
+        {keep_state, Next, Actions} when Bug =:= "untimely" ->
+            {keep_state, {Bug, Sent, Next}, starl_action:without_latest(Actions)};
         {next_state, To, Next, Actions} ->
-            {next_state, To, {Bug, sent(Actions, Sent), Next}, Actions};
+            {next_state, To, {Bug, sent(starl_action:without_latest(Actions), Sent), Next},
+                Actions};
         {keep_state, Next, Actions} ->
-            {keep_state, {Bug, sent(Actions, Sent), Next}, Actions};
+            {keep_state, {Bug, sent(starl_action:without_latest(Actions), Sent), Next}, Actions};
         Other ->
             Other
     end.

@@ -39,7 +39,9 @@ planted("deaf_pen", Block) ->
     Block;
 planted(Bug, {dpp, starl_dpp_participant, Config}) ->
     {dpp, ?MODULE, Config#{bug => Bug}};
-planted(Bug, {dpp_coordinator, _, Config}) when Bug =:= "late_clear"; Bug =:= "freed" ->
+planted(Bug, {dpp_coordinator, _, Config}) when
+    Bug =:= "late_clear"; Bug =:= "freed"; Bug =:= "untimely"
+->
     {dpp_coordinator, starl_coordinator_planted, Config#{bug => Bug}};
 planted(Bug, {dpp_coordinator, _, Config}) when
     Bug =/= "none", Bug =/= "overstaying", Bug =/= "fickle"

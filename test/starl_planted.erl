@@ -70,6 +70,8 @@ mutex() ->
             "holds a token without the home's word: no fencing"},
         {mutex_overstaying, mutex, starl_mutex_planted, #{variant => overstaying, lease_ms => 300},
             #{}, "does not heed the end of its lease"},
+        {mutex_untimely, mutex, starl_mutex_planted, #{variant => untimely, lease_ms => 500},
+            stands_in_tokens(), "says that it holds a token after it has stood still"},
         {mutex_circles, mutex, starl_mutex_planted, #{variant => circles}, granted(),
             "chases stale owners in circles"},
         {mutex_queueless, mutex, starl_mutex_planted, #{variant => queueless}, queued(),
@@ -131,6 +133,8 @@ dpp() ->
             "drives on when its lease has ended"},
         {dpp_fickle, dpp, starl_dpp_planted, "fickle", #{range => 9000},
             "votes for whoever asks, whatever it has promised"},
+        {dpp_untimely, dpp, starl_coordinator_planted, "untimely", stood_still(),
+            "assigns after it has stood still, when its votes have ended"},
         {dpp_newest, dpp, starl_mutant_planted, "newest", {soaked, late_votes()},
             "counts every vote from the newest beat"},
         {dpp_captive, dpp, starl_mutant_planted, "captive", complete(),
@@ -161,6 +165,28 @@ lossless() -> #{random_faults => [kill_robot], judge => #{lossless => true}}.
 
 %% Nothing is lost: an acknowledgement is there after 40 ms, the first retransmission due after 50.
 prompt() -> #{random_faults => [], delay => {5, 20}, judge => #{bound_us => 45000}}.
+
+%% Now one robot, now the other stands still in a step in which it may coordinate, for longer than a
+%% lease, which is short.
+stood_still() ->
+    #{
+        random_faults => [],
+        robots => 3,
+        speed => 500,
+        lease => 3000,
+        jump => 50,
+        faults => [
+            {
+                list_to_atom("still_" ++ integer_to_list(N)),
+                From,
+                From + 7000,
+                stand_still,
+                {1 + N rem 3, dpp_coordinator},
+                #{actions => 1 + N rem 2}
+            }
+         || {N, From} <- lists:enumerate(lists:seq(5000, 140000, 9000))
+        ]
+    }.
 
 %% Faults that lose no robot, and time after they have healed, in which each request that is made
 %% has to be granted.
@@ -272,3 +298,21 @@ judged(#{judge := Judge}, #{monitors := [{Monitor, Config} | Others]} = Scene) -
     Scene#{monitors := [{Monitor, maps:merge(Config, Judge)} | Others]}.
 
 report(Scene, Outcome) -> starl_exercise:report(Scene, Outcome).
+
+%% The same for holders of tokens, whose lease is half a second.
+stands_in_tokens() ->
+    #{
+        random_faults => [],
+        robots => 3,
+        faults => [
+            {
+                list_to_atom("still_" ++ integer_to_list(N)),
+                From,
+                From + 1500,
+                stand_still,
+                {1 + N rem 3, mutex},
+                #{actions => 1 + N rem 4}
+            }
+         || {N, From} <- lists:enumerate(lists:seq(1000, 40000, 2000))
+        ]
+    }.

@@ -41,7 +41,8 @@
     crashes_of_others/1,
     news_are_told_once/1,
     ends_whatever_happens/1,
-    lost_time_is_found_once/1
+    lost_time_is_found_once/1,
+    says_nothing_after_its_votes/1
 ]).
 
 -define(CONFIG, #{
@@ -90,7 +91,8 @@ all() ->
         crashes_of_others,
         news_are_told_once,
         ends_whatever_happens,
-        lost_time_is_found_once
+        lost_time_is_found_once,
+        says_nothing_after_its_votes
     ].
 
 %% A team of two, whose first robot is a quorum.
@@ -569,6 +571,29 @@ assigned() ->
     {Actions, C} = ask(2, 5, spot(2), open()),
     [{2, {assign, _, _}} | _] = Answers = answers(Actions),
     {Answers, {1, 5}, held(2, C), C}.
+
+%% A leading coordinator says nothing after its votes have ended, though it stood still in mid-step:
+%% facts and messages have that latest moment. Late, it steps down; what it has assigned in vain is
+%% forgotten with its term.
+says_nothing_after_its_votes(_) ->
+    {Actions, C} = starl_machine:step(
+        cast, asks(2, 5, spot(2)), #{now => 0, robot => 1}, open()
+    ),
+    Until = starl_dpp_lease:short_us(?CONFIG) - 1,
+    [{Until, Said}] = [{Us, Group} || {until, Us, Group, said} <- Actions],
+    [_] = [Id || {trace, {assigned, 2, Id, _}} <- Said],
+    [Until] = [Us || {call, sap, {send, 2, dpp_answer, _, Us}, _} <- Said],
+    [] = [A || A <- Actions, not is_tuple(element(1, A)), element(1, A) =/= until],
+    {Late, Idle} = at(Until + 1, info, {late, said}, C),
+    ?assert(lists:member({trace, {stepped_down, {1, 1, 1}}}, Late)),
+    ?assertEqual(idle, starl_machine:state(Idle)),
+    %% its clock was set back meanwhile: it begins a new term all the same
+    {Back, _} = at(0, info, {late, said}, C),
+    ?assertEqual([{2, 1, 1}], claims(Back)),
+    %% beats, too
+    {Beats, _} = starl_machine:step({timeout, beat}, beat, #{now => 0, robot => 1}, C),
+    [{until, Until, [{cast, sap, {shout, dpp_beat, _, Until}} | _], said}] =
+        [U || {until, _, _, _} = U <- Beats].
 
 ask(Robot, N, At, C) -> request(Robot, {1, N}, At, C).
 

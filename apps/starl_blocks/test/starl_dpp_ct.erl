@@ -23,7 +23,7 @@ step(Type, Content, M) -> at(0, Type, Content, M).
 %% What has a latest moment comes without it.
 at(Now, Type, Content, M) ->
     {Actions, Next} = starl_machine:step(Type, Content, #{now => Now, robot => 1}, M),
-    {starl_latest_ct:actions(Actions), Next}.
+    {starl_action:without_latest(Actions), Next}.
 
 %% The messages of a type, to whom and what.
 sent(Type, Actions) ->

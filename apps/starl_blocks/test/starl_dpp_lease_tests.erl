@@ -72,6 +72,27 @@ late_vote_counts_from_its_beat_test() ->
     ?assert(starl_dpp_lease:leads(7 * ?S, L3)),
     ?assertNot(starl_dpp_lease:leads(10 * ?S, L3)).
 
+%% The last moment of leading is the last at which a quorum's votes last, whoever's they are.
+last_moment_of_leading_test() ->
+    {First, L1} = starl_dpp_lease:beat(0, new([1, 2, 3])),
+    L2 = voted([1, 2], First, L1),
+    {Later, L3} = starl_dpp_lease:beat(4 * ?S, L2),
+    [
+        begin
+            Until = starl_dpp_lease:until(L),
+            ?assertEqual(
+                {Until, true, false},
+                {Last, starl_dpp_lease:leads(Until, L), starl_dpp_lease:leads(Until + 1, L)}
+            )
+        end
+     || {Last, L} <- [
+            {10 * ?S - 1, L2},
+            {10 * ?S - 1, voted([3], Later, L3)},
+            {14 * ?S - 1, voted([2, 3], Later, L3)},
+            {14 * ?S - 1, voted([1, 2, 3], Later, L3)}
+        ]
+    ].
+
 %% A vote that answers no known beat, or none at all, does not count; a late one takes nothing back.
 void_votes_test() ->
     {Seq, L1} = starl_dpp_lease:beat(0, new([1])),

@@ -31,7 +31,7 @@ tokens() -> [T || T <- lists:seq(1, 100), erlang:phash2(T, 3) =:= 0].
 
 at(Now, Type, Content, Machine) ->
     {Actions, Next} = starl_machine:step(Type, Content, #{now => Now, robot => 2}, Machine),
-    {starl_latest_ct:actions(Actions), Next}.
+    {starl_action:without_latest(Actions), Next}.
 
 hears(Now, From, Message, Machine) ->
     at(Now, cast, {message, From, mutex, Message}, Machine).
@@ -422,3 +422,106 @@ others_test() ->
     ?assertEqual({[], Machine}, at(10, info, {restarted, other}, Machine)),
     ?assertMatch({[{trace, {unknown_event, cast, what}}], _}, at(10, cast, what, Machine)),
     ?assertMatch({[{trace, {unknown_event, info, _}}], _}, at(10, info, {born, app}, Machine)).
+
+%% -- latest moments -----------------------------------------------------------------------------
+
+%% What is said of a hold leaves before its lease is over: facts and the answer, which says so.
+a_hold_is_told_before_its_lease_is_over_test() ->
+    Machine = claims(a(), 10),
+    {Actions, _} = raw(20, cast, granted(a(), 10), Machine),
+    End = 10 + ?LEASE - 1,
+    ?assertEqual(
+        [
+            {End, [{trace, {leased, a(), ?F, ?LEASE - 10}}, {trace, {acquired, a(), ?F}}]},
+            {End, [
+                {trace, {answered, [{a(), ?F}]}},
+                {reply, {app, 0}, {until, End, {ok, ?F}}},
+                {{timeout, {again, 1}}, cancel},
+                {{timeout, {patience, 1}}, cancel}
+            ]}
+        ],
+        [{Until, Group} || {until, Until, Group, _} <- Actions]
+    ).
+
+%% A late grant is no hold: nobody has heard of it, so it is not lost either; the job begins anew, and
+%% is answered when it has the token.
+a_late_grant_is_no_hold_test() ->
+    {_, Locked} = raw(20, cast, granted(a(), 10), claims(a(), 10)),
+    Late = 10 + ?LEASE,
+    {Hold, Void} = at(Late, info, {late, {hold, a(), ?F}}, Locked),
+    ?assertEqual({[], [], []}, {traces(Hold), sent(Hold), answers(Hold)}),
+    ?assertEqual([{{anew, 1}, 0}], timers(Hold)),
+    {[], Told} = at(Late, info, {late, {answer, 1}}, Void),
+    {Anew, Waits} = at(Late, {timeout, {anew, 1}}, anew, Told),
+    ?assertEqual([{1, {request, a(), {2, 1}, 0, home}}], sent(Anew)),
+    ?assertEqual([{failed, a(), lease_lost}, {requested, a()}], traces(Anew)),
+    {_, Claiming} = hears(Late, 3, {token, a(), 2 * ?F, [{2, 1}]}, Waits),
+    {Held, _} = hears(Late, 1, {granted, a(), 2 * ?F, {1, Late}}, Claiming),
+    ?assertEqual([{app, {ok, 2 * ?F}}], answers(Held)).
+
+%% If only the answer is late, the hold has been, and is lost.
+a_late_answer_begins_anew_test() ->
+    {_, Locked} = raw(20, cast, granted(a(), 10), claims(a(), 10)),
+    {Actions, _} = at(10 + ?LEASE, info, {late, {answer, 1}}, Locked),
+    ?assertEqual([{lease_lost, a(), ?F}, {requested, a()}], traces(Actions)),
+    ?assertEqual([], answers(Actions)).
+
+%% A release that comes too late is a lost lease, for the record and for the application.
+a_late_release_is_a_lost_lease_test() ->
+    {Actions, Free} = raw(20, {call, {app, 20}}, {release, a()}, holding(a())),
+    ?assertEqual(
+        [
+            {?LEASE - 1, [{trace, {released, a(), ?F}}]},
+            {?LEASE - 1, [{reply, {app, 20}, ok}]}
+        ],
+        [{Until, Group} || {until, Until, Group, _} <- Actions]
+    ),
+    {Told, _} = at(?LEASE, info, {late, {released, a(), ?F}}, Free),
+    ?assertEqual([{lease_lost, a(), ?F}], traces(Told)),
+    {Reply, _} = at(?LEASE, info, {late, {release, {app, 20}}}, Free),
+    ?assertEqual([{app, {error, lost}}], answers(Reply)).
+
+%% Of two tokens the first one is held in time, the second one late: the first one is given back.
+a_late_second_token_gives_the_first_one_back_test() ->
+    One = after_all(
+        [
+            fun(M) -> acquires(0, app, [a(), b()], M) end,
+            fun(M) -> hears(0, 1, {token, a(), ?F, [{2, 1}]}, M) end,
+            fun(M) -> hears(0, 1, {granted, a(), ?F, {1, 0}}, M) end,
+            fun(M) -> hears(10, 1, {token, b(), ?F, [{2, 1}]}, M) end
+        ],
+        asker()
+    ),
+    {_, Both} = raw(20, cast, granted(b(), 10), One),
+    {_, Void} = at(10 + ?LEASE, info, {late, {hold, b(), ?F}}, Both),
+    {Actions, _} = at(10 + ?LEASE, {timeout, {anew, 1}}, anew, Void),
+    ?assertEqual(
+        [{lease_lost, a(), ?F}, {failed, b(), lease_lost}, {requested, a()}], traces(Actions)
+    ).
+
+%% Both are late, held and given back in one step: neither is lost, since neither has been held.
+two_late_tokens_are_not_lost_test() ->
+    {_, One} = raw(20, cast, granted(a(), 10), claims(a(), 10)),
+    {Released, Free} = raw(20, {call, {app, 0}}, {release, a()}, One),
+    ?assertMatch([{released, _, ?F} | _], [Mark || {until, _, _, Mark} <- Released]),
+    {[], Void} = at(10 + ?LEASE, info, {late, {hold, a(), ?F}}, Free),
+    {[], Quiet} = at(10 + ?LEASE, info, {late, {released, a(), ?F}}, Void),
+    %% what is late of another step is
+    {_, Later} = at(10 + ?LEASE, info, {restarted, location}, Quiet),
+    {Lost, _} = at(10 + ?LEASE, info, {late, {released, a(), ?F}}, Later),
+    ?assertEqual([{lease_lost, a(), ?F}], traces(Lost)).
+
+%% Robot 2 has claimed this token at a time.
+claims(Token, Now) ->
+    after_all(
+        [
+            fun(M) -> acquires(0, app, Token, M) end,
+            fun(M) -> hears(Now, 3, {token, Token, ?F, [{2, 1}]}, M) end
+        ],
+        asker()
+    ).
+
+granted(Token, Sent) -> {message, 1, mutex, {granted, Token, ?F, {1, Sent}}}.
+
+raw(Now, Type, Content, Machine) ->
+    starl_machine:step(Type, Content, #{now => Now, robot => 2}, Machine).

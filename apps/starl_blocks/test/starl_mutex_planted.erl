@@ -54,6 +54,10 @@ handle_event(
 ) ->
     {Next, Actions} = run(cast, {message, From, mutex, {token, T, F, [First]}}, Data, Meta),
     {keep_state, {queueless, I, Next}, Actions};
+%% untimely: what is said of a hold leaves whenever it does.
+handle_event(Type, Content, ready, {untimely, I, Data}, Meta) ->
+    {Next, Actions} = run(Type, Content, Data, Meta),
+    {keep_state, {untimely, I, Next}, starl_action:without_latest(Actions)};
 %% unreleased: the tokens of an application that has crashed are kept.
 handle_event(info, {restarted, app}, ready, {unreleased, _, _}, _Meta) ->
     keep_state_and_data;

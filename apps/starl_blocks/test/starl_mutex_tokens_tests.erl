@@ -123,7 +123,7 @@ message(At, From, Message, Machine) -> at(At, cast, {message, From, mutex, Messa
 
 at(At, Type, Content, Machine) ->
     {Actions, Next} = starl_machine:step(Type, Content, #{now => At, robot => 2}, Machine),
-    {starl_latest_ct:actions(Actions), Next}.
+    {starl_action:without_latest(Actions), Next}.
 
 traces(Actions) -> [Event || {trace, Event} <- Actions].
 

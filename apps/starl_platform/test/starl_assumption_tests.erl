@@ -167,6 +167,14 @@ handled_test() ->
     ?assertEqual(13, At(10, [{14, 20, {slow, 7}}])),
     ?assertEqual(13, At(10, [{5, 20, {clock, -7}}])).
 
+%% What is traced at the end of a step that stood still may have begun with it.
+begun_test() ->
+    Told = but([{5, 20, still}, {5, 20, pause}, {30, 40, pause}]),
+    ?assertEqual(
+        [4, 5, 5, 5, 21, 35], [?A:begun_us(1, At, Told) || At <- [4, 5, 9, 20, 21, 35]]
+    ),
+    ?assertEqual(9, ?A:begun_us(2, 9, Told)).
+
 misplaced_test() ->
     Told = but([{10, 20, position}, {30, 40, pause}]),
     [

@@ -207,10 +207,22 @@ stands_still_in_mid_step_test_() ->
             {1, [{0, app, a}], Late},
             {2, [{0, app, a}], Late},
             %% facts leave with the look at the clock
-            {3, [{0, app, E} || E <- [a, b, c]], [{70, sap, go}]},
-            {9, [{0, app, E} || E <- [a, b, c]], [{70, sap, go}]}
+            {3, [{0, app, E} || E <- [a, b, c]], [{70, sap, go}]}
         ]
     ].
+
+%% A step of fewer actions goes by.
+stands_still_in_a_step_of_more_actions_test() ->
+    App = fun
+        (boot, _) -> [];
+        (cast, short) -> [{trace, a}, {trace, b}];
+        (cast, long) -> [{trace, c}, {trace, d}, {trace, e}]
+    end,
+    {quiet, R} = starl_robot:run(robot(#{app => App})),
+    Armed = starl_robot:stand_still(app, 2, R),
+    {quiet, Short} = starl_robot:event(app, cast, short, starl_robot:world(Armed), Armed),
+    {stands, Stands} = starl_robot:event(app, cast, long, starl_robot:world(Short), Short),
+    ?assertEqual([{app, E} || E <- [a, b, c, d]], traced(Stands)).
 
 %% Timers count from the beginning of the step, however long the robot stood still in it.
 timers_count_from_the_beginning_of_their_step_test() ->
@@ -252,18 +264,15 @@ a_call_ends_with_the_restart_of_its_machine_test() ->
 
 %% A machine that is lost before it has booted boots once, when it is back.
 lost_before_it_has_booted_test() ->
-    Machines = #{
-        sap => silent(),
-        app => fun
-            (boot, _) -> [{trace, booted}];
-            (_, _) -> []
-        end
-    },
-    Armed = starl_robot:stand_still(sap, 0, robot(Machines)),
+    Boots = fun
+        (boot, _) -> [{trace, booted}];
+        (_, _) -> []
+    end,
+    Armed = starl_robot:stand_still(sap, 0, robot(#{sap => Boots, app => Boots})),
     {stands, Stands} = starl_robot:run(Armed),
     Lost = starl_robot:go_on(restarted(app, starl_robot:lost(app, killed, Stands))),
     {quiet, Done} = starl_robot:run(Lost),
-    ?assertEqual([{app, crashed}, {app, booted}], traced(Done)).
+    ?assertEqual([{app, crashed}, {sap, booted}, {app, booted}], traced(Done)).
 
 %% A machine that is lost meanwhile leaves the rest of its step undone.
 lost_while_it_stands_still_test() ->

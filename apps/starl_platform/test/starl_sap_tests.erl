@@ -44,9 +44,9 @@ delivered(Seq) -> delivered(1, Seq).
 
 delivered(Theirs, Seq) ->
     [
-        acked(Theirs, Seq),
         {trace, {delivered, {2, Theirs, Seq}, t, erlang:phash2(hi)}},
-        {cast, door, {message, 2, t, hi}}
+        {cast, door, {message, 2, t, hi}},
+        acked(Theirs, Seq)
     ].
 
 %% The question that is among the actions.
@@ -200,7 +200,7 @@ usual_unclaimed_test() ->
     Full = after_all([data(N, N) || N <- lists:seq(1, 255)], started()),
     {Last, Next} = hears(data(256, 256), Full),
     Taken = {trace, {delivered, {2, 1, 256}, t, erlang:phash2(hi)}},
-    ?assertEqual([acked(256), Taken], Last),
+    ?assertEqual([Taken, acked(256)], Last),
     ?assertEqual([{trace, {unclaimed_full, 2, t}}], actions(hears(data(257, 257), Next))).
 
 %% Room and listener are told together; what has waited comes then, and with reading.
@@ -290,6 +290,32 @@ wide_gap_test() ->
     {[], Told} = hears(told(1, asked(Actions), {3, 1}), Asked),
     ?assertEqual([acked(7)], actions(hears(data(7, 3), Told))),
     ?assertEqual(delivered(8), actions(hears(data(8, 4), Told))).
+
+%% What has a latest moment must not leave after it, the first time or again; it is lost then.
+latest_test() ->
+    Shout = {transmit, all, starl_packet:shout(1, t, hi)},
+    ?assertEqual(
+        [{until, 50, [Shout], shout}], actions(step(cast, {shout, t, hi, 50}, started()))
+    ),
+    ?assertEqual([], actions(step(info, {late, shout}, started()))),
+    {First, Sent} = step({call, {door, x}}, {send, 2, t, hi, 50}, started()),
+    Packet = {transmit, 2, starl_packet:data({1, 1, 1, 1, #{}, t, hi})},
+    ?assertEqual([{until, 50, [Packet], {retransmit, 1}}], [U || {until, _, _, _} = U <- First]),
+    {Again, Twice} = step({timeout, {retransmit, 1}}, again, Sent),
+    ?assertMatch([_, {until, 50, [Packet], {retransmit, 1}}], Again),
+    {Late, Lost} = step(info, {late, {retransmit, 1}}, Twice),
+    ?assertEqual(
+        [
+            {{timeout, {retransmit, 1}}, cancel},
+            {trace, {outcome, {1, 1, 1}, 2, lost}},
+            {trace, {answered, {1, 1, 1}, {error, lost}}},
+            {reply, {door, x}, {error, lost}}
+        ],
+        Late
+    ),
+    %% an acknowledgement of what arrived all the same comes to nothing
+    ?assertEqual([], actions(step(packet, starl_packet:ack(2, 1, 1, 1), Lost))),
+    ?assertEqual([], actions(step(info, {late, {retransmit, 1}}, Lost))).
 
 %% -- what is said of messages under way ------------------------------------------------------
 

@@ -81,7 +81,9 @@ all_others_test() ->
         })
      || Seed <- lists:seq(1, 50)
     ]),
-    Breaking = [clock_offset, clock_step, clock_freeze, pause, slow, location_swap],
+    Breaking = [
+        clock_offset, clock_step, clock_freeze, pause, stand_still, slow, location_swap
+    ],
     [
         ?assertEqual(
             lists:sort(Kinds),

@@ -5,7 +5,7 @@
 -module(starl_mutex_acquire).
 
 -export([acquire/5, release/4, again/2, give_up/3, caller_restarted/2]).
--export([settle/1, lapse_all/1, late/2]).
+-export([settle/1, lapse_all/1, late/2, anew/2]).
 
 -import(starl_mutex_state, [act/2, acts/2, until/4, post_home/3]).
 
@@ -162,6 +162,19 @@ lost(Id, Token, Robot) ->
             anew(Id, Job, lists:delete(Token, starl_mutex_job:held(Job)), Robot)
     end.
 
+%% @doc A job of which a token has never been held begins anew, unless it has done so meanwhile.
+-spec anew(job_id(), t()) -> t().
+anew(Id, Robot) ->
+    case starl_mutex_state:waiting(Id, Robot) of
+        {wait, _, Job} ->
+            case starl_mutex_job:is_broken(Job) of
+                true -> anew(Id, Job, starl_mutex_job:held(Job), Robot);
+                false -> Robot
+            end;
+        none ->
+            Robot
+    end.
+
 %% Begins a job anew, when it has given back these tokens. While it does so, it is in no queue.
 anew(Id, Job, Tokens, Robot) ->
     Failed = [
@@ -174,8 +187,9 @@ anew(Id, Job, Tokens, Robot) ->
 %% -- what was too late ----------------------------------------------------------------------
 
 %% @doc A lease was over when what rests on it was to leave the step ({@link starl_machine:action()}).
-%% Nobody has learned of a hold whose beginning was late: it has never been. A job whose answer was
-%% late begins anew, and an application that is late with a release learns that it had lost a token.
+%% Nobody has learned of a hold whose beginning was late: it has never been, and its job begins anew,
+%% as soon as it is known what else of the step was late. So does a job whose answer alone was late. An
+%% application that is late with a release learns that it had lost a token.
 -spec late(Mark, t()) -> t() when
     Mark ::
         {hold, token(), starl_mutex:fence()}
@@ -183,13 +197,14 @@ anew(Id, Job, Tokens, Robot) ->
         | {answer, job_id()}
         | {released, token(), starl_mutex:fence()}
         | {release, starl_machine:from()}.
-late({hold, Token, Fence}, Robot) ->
+late({hold, Token, Fence}, Robot0) ->
+    Robot = starl_mutex_state:void(Token, Fence, Robot0),
     case starl_mutex_state:entry(Token, Robot) of
         #{lock := {Id, Fence}, queue := Queue} ->
-            Job = starl_mutex_state:job(Id, Robot),
+            Job = starl_mutex_job:misses(Token, starl_mutex_state:job(Id, Robot)),
             Gone = starl_mutex_state:forget_entry(Token, Robot),
-            Others = lists:delete(Token, starl_mutex_job:held(Job)),
-            starl_mutex_robot:orphan(Token, Queue, anew(Id, Job, Others, Gone));
+            Kept = starl_mutex_state:keep_job(Id, Job, Gone),
+            starl_mutex_robot:orphan(Token, Queue, act({{timeout, {anew, Id}}, 0, anew}, Kept));
         _ ->
             Robot
     end;
@@ -201,6 +216,9 @@ late({answer, Id}, Robot) ->
         none -> Robot
     end;
 late({released, Token, Fence}, Robot) ->
-    act({trace, {lease_lost, Token, Fence}}, Robot);
+    case starl_mutex_state:is_void(Token, Fence, Robot) of
+        true -> Robot;
+        false -> act({trace, {lease_lost, Token, Fence}}, Robot)
+    end;
 late({release, From}, Robot) ->
     act({reply, From, {error, lost}}, Robot).

@@ -4,7 +4,7 @@
 -module(starl_mutex_job).
 
 -export([new/3, caller/1, from/1, next/1, waits_for/2, answer/1, held/1, fences/1]).
--export([got/3, without/2, anew/1]).
+-export([got/3, without/2, misses/2, is_broken/1, anew/1]).
 
 -export_type([t/0, id/0]).
 
@@ -18,7 +18,9 @@
     from :: starl_machine:from(),
     shape :: one | set,
     todo :: [token()],
-    got = [] :: [{token(), starl_mutex:fence()}]
+    got = [] :: [{token(), starl_mutex:fence()}],
+    %% it misses a token that it seemed to have got, and must begin anew
+    broken = false :: boolean()
 }).
 
 -opaque t() :: #job{}.
@@ -74,6 +76,16 @@ without(Token, #job{got = Got} = Job) ->
         Rest -> Job#job{got = Rest}
     end.
 
+%% @doc A job that has a token no more, and waits for it before all others.
+-spec misses(token(), t()) -> t().
+misses(Token, #job{todo = Todo, got = Got} = Job) ->
+    Job#job{todo = [Token | Todo], got = lists:keydelete(Token, 1, Got), broken = true}.
+
+%% @doc Does it miss such a token?
+-spec is_broken(t()) -> boolean().
+is_broken(#job{broken = Broken}) -> Broken.
+
 %% @doc The same job from its beginning.
 -spec anew(t()) -> t().
-anew(#job{todo = Todo} = Job) -> Job#job{todo = lists:usort(held(Job) ++ Todo), got = []}.
+anew(#job{todo = Todo} = Job) ->
+    Job#job{todo = lists:usort(held(Job) ++ Todo), got = [], broken = false}.

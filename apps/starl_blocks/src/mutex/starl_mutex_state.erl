@@ -11,6 +11,7 @@
     next_job/1, keep_job/3, job/2, waiting/2, complete/2, jobs_of/2, forget_job/2, suspend_job/2
 ]).
 -export([is_wanted/3, entry/2, put_entry/3, forget_entry/2, is_over/2, over/1]).
+-export([void/3, is_void/3, all_told/1]).
 -export([owners/1, put_owners/2, home/1, put_home/2, sent_out/5, take_out/3, outs/1]).
 
 -export_type([t/0, entry/0, notice/0]).
@@ -51,6 +52,8 @@
     %% hand-overs whose outcome is not known yet
     outs = #{} :: #{{token(), fence()} => {starl:robot_id(), [request()]}},
     owners = starl_mutex_owners:new() :: starl_mutex_owners:t(),
+    %% holds of the last step that were told too late, and so have never been
+    void = [] :: [{token(), fence()}],
     %% both latest first
     actions = [] :: [starl_machine:action()],
     notices = [] :: [notice()]
@@ -233,6 +236,19 @@ is_over(#{granted := Granted, lease_end := End}, #robot{now = Now}) ->
 -spec over(t()) -> [token()].
 over(#robot{entries = Entries} = Robot) ->
     lists:sort([Token || {Token, Entry} <- maps:to_list(Entries), is_over(Entry, Robot)]).
+
+%% @doc A hold of the last step has never been.
+-spec void(token(), fence(), t()) -> t().
+void(Token, Fence, #robot{void = Void} = Robot) -> Robot#robot{void = [{Token, Fence} | Void]}.
+
+%% @doc Is this such a hold?
+-spec is_void(token(), fence(), t()) -> boolean().
+is_void(Token, Fence, #robot{void = Void}) -> lists:member({Token, Fence}, Void).
+
+%% @doc It is known by now what of the last step was late.
+-spec all_told(t()) -> t().
+all_told(#robot{void = []} = Robot) -> Robot;
+all_told(Robot) -> Robot#robot{void = []}.
 
 %% @doc The known owners.
 -spec owners(t()) -> starl_mutex_owners:t().

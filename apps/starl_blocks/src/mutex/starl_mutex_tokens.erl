@@ -81,13 +81,13 @@ handle_event(Type, Content, ready, Robot, #{now := Now}) ->
 current(cast, {message, From, mutex, {owner, Token, Fence}}, Robot) ->
     case starl_mutex_robot:knows(Token, Fence, From, Robot) of
         true -> Robot;
-        false -> starl_mutex_acquire:lapse_all(Robot)
+        false -> starl_mutex_acquire:lapse_all(starl_mutex_state:all_told(Robot))
     end;
 %% A hold of which nobody has learned is not lost: that is handled first.
 current(info, {late, _}, Robot) ->
     Robot;
 current(_Type, _Content, Robot) ->
-    starl_mutex_acquire:lapse_all(Robot).
+    starl_mutex_acquire:lapse_all(starl_mutex_state:all_told(Robot)).
 
 %% The roles: a robot that wants or has tokens, and the home of some.
 event({call, {Caller, _} = From}, {acquire, Tokens, Us}, Robot) ->
@@ -108,6 +108,8 @@ event({timeout, {home, Token}}, _, Robot) ->
     starl_mutex_host:expire(Token, Robot);
 event({timeout, {again, Job}}, _, Robot) ->
     starl_mutex_acquire:again(Job, Robot);
+event({timeout, {anew, Job}}, _, Robot) ->
+    starl_mutex_acquire:anew(Job, Robot);
 event({timeout, {patience, Job}}, _, Robot) ->
     starl_mutex_acquire:give_up(Job, timeout, Robot);
 event(info, {late, Mark}, Robot) ->

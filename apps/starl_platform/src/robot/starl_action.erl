@@ -5,7 +5,7 @@
 %% Requests to the robot's services are checked too; other machines check their own requests.
 -module(starl_action).
 
--export([check/1, longest_us/0]).
+-export([check/1, without_latest/1, longest_us/0]).
 
 -export_type([mistake/0]).
 
@@ -131,3 +131,14 @@ expected({reply, _, _}) -> "{Machine, Tag} as it came with the call";
 expected({Word, _, _}) when Word =:= cast -> "the name of a machine, which is an atom";
 expected({call, _, _, _}) -> "the name of a machine, which is an atom";
 expected(_) -> "an action (starl_machine:action())".
+
+%% @doc The actions in their order without their latest moments, groups taken apart: for tests and
+%% planted bugs, which look at what a machine does, not until when.
+-spec without_latest([starl_machine:action()]) -> [starl_machine:action()].
+without_latest(Actions) -> lists:flatmap(fun plain/1, Actions).
+
+plain({until, _Us, Group, _Mark}) -> without_latest(Group);
+plain({call, sap, {send, To, Type, Body, _Us}, Tag}) -> [{call, sap, {send, To, Type, Body}, Tag}];
+plain({cast, sap, {shout, Type, Body, _Us}}) -> [{cast, sap, {shout, Type, Body}}];
+plain({reply, From, {until, _Us, Answer}}) -> [{reply, From, Answer}];
+plain(Action) -> [Action].

@@ -112,7 +112,7 @@ when
     %% the machine whose process is at work
     busy = none :: {starl_machine:name(), pid()} | none,
     pace = on :: on | single,
-    %% the machine in whose next step it stands still, and after how many actions
+    %% the machine in whose next step of more actions than this it stands still, after so many
     still = none :: {starl_machine:name(), Actions :: non_neg_integer()} | none,
     %% the rest of the step in which it stands still, or that is due now
     rest = none :: {stands | due, rest()} | none
@@ -279,8 +279,8 @@ without_calls(Restarted, Actions) -> [A || A <- Actions, not is_call(A, Restarte
 is_call({call, To, _, _}, Names) -> lists:member(To, Names);
 is_call(_Action, _Names) -> false.
 
-%% @doc In the next step of this machine the robot stands still after this many actions, or at the
-%% end of the step. Facts of a group with a latest moment are not parted from the look at the clock.
+%% @doc In the next step of this machine that has more actions than this the robot stands still, after
+%% so many of them. Facts of a group with a latest moment are not parted from the look at the clock.
 -spec stand_still(starl_machine:name(), Actions :: non_neg_integer(), t()) -> t().
 stand_still(Name, After, Robot) -> Robot#robot{still = {Name, After}}.
 
@@ -355,16 +355,24 @@ refusal(_Name, _Type) -> [].
 
 %% The robot may be about to stand still in this step.
 stepped(Actions, Name, Local, World, Machines, Timers, #robot{still = {Name, After}} = Robot) ->
-    Armed = Robot#robot{still = none},
-    perform(cut(After, Actions), Name, [], Local, World, Machines, Timers, Armed);
+    case count(Actions) > After of
+        true ->
+            Armed = Robot#robot{still = none},
+            perform(cut(After, Actions), Name, [], Local, World, Machines, Timers, Armed);
+        false ->
+            perform(Actions, Name, [], Local, World, Machines, Timers, Robot)
+    end;
 stepped(Actions, Name, Local, World, Machines, Timers, Robot) ->
     perform(Actions, Name, [], Local, World, Machines, Timers, Robot).
+
+count(Actions) -> lists:sum([size_of(Action) || Action <- Actions]).
+
+size_of({until, _Us, Group, _Mark}) when is_list(Group) -> length(Group);
+size_of(_Action) -> 1.
 
 %% The actions with the mark `stand_still' behind this many of them.
 cut(0, Actions) ->
     [stand_still | Actions];
-cut(_After, []) ->
-    [stand_still];
 cut(After, [{until, Us, Group, Mark} | Rest]) when After =< length(Group) ->
     [{until, Us, cut_group(After, Group), Mark} | Rest];
 cut(After, [{until, _, Group, _} = Until | Rest]) ->

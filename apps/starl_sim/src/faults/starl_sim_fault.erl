@@ -135,8 +135,8 @@ kinds() ->
         {reboot, process, robot, [], "the robot goes down and starts anew, with its store"},
         {pause, process, robot, [], "the robot's computer stands still; events wait"},
         {stand_still, process, machine, [{actions, {integer, 0, 1000}, {0, 6}}],
-            "the robot's computer stands still in the machine's next step, after this many of its "
-            "actions; events wait"},
+            "the robot's computer stands still in the machine's next step that has more actions, "
+            "after so many of them; events wait"},
         {slow, process, robot, [ms(lag_ms, 5, 200)], "every event is handled lag_ms late"},
         {location_dropout, location, robots, [], "the positioning system sees no robot for them"},
         {location_frozen, location, robots, [], "the positioning system shows old positions"},
