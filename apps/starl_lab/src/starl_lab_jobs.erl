@@ -17,7 +17,8 @@
 %% of their start; `each': called with every answer; `before': the number of jobs done earlier;
 %% `limit_ms': a job that takes longer counts as crashed; `output': a group leader for the output of
 %% the VMs; `renew': the next job gets a new VM after an answer for which this predicate holds, and
-%% after a crash.
+%% after a crash; `next': chooses the job that a free VM does next beside the running ones (default
+%% the first). It may answer `wait' while some run: the VM is asked for again after the next answer.
 -type plan(Job, Acc) :: #{
     work := {module(), Function :: atom()},
     at_once := pos_integer(),
@@ -29,6 +30,7 @@
     limit_ms => fun((Job) -> pos_integer()),
     output => pid(),
     renew => fun((Answer :: term()) -> boolean()),
+    next => fun((Running :: [Job], Later :: [Job, ...]) -> {Job, Later :: [Job]} | wait),
     before => non_neg_integer()
 }.
 
@@ -46,8 +48,8 @@
 -record(pool, {
     plan :: plan(term(), term()),
     later :: [Job :: term()],
-    %% `none': the worker is waiting for its first job
-    workers = #{} :: #{pid() => {reference(), none | {job, term()}}},
+    %% `none': the worker's VM is starting; `free': the worker waits for a job
+    workers = #{} :: #{pid() => {reference(), none | free | {job, term()}}},
     total :: pos_integer(),
     done :: non_neg_integer(),
     before :: non_neg_integer(),
@@ -96,9 +98,9 @@ collect(#pool{workers = Workers} = Pool, Interrupted) ->
         {ready, Pid} when is_map_key(Pid, Workers) ->
             collect(hand_out(Pid, Pool), Interrupted);
         {answer, Pid, Answer} when is_map_key(Pid, Workers) ->
-            collect(hand_out(Pid, answered(Pid, Answer, Pool)), Interrupted);
+            collect(hand_out_all(freed(Pid, answered(Pid, Answer, Pool))), Interrupted);
         {'DOWN', _, process, Pid, Reason} when is_map_key(Pid, Workers) ->
-            collect(lost(Pid, Reason, Pool), Interrupted)
+            collect(hand_out_all(lost(Pid, Reason, Pool)), Interrupted)
     end.
 
 answered(Pid, Answer, #pool{workers = Workers, plan = #{each := Each}} = Pool) ->
@@ -109,15 +111,33 @@ hand_out(Pid, #pool{later = [], workers = Workers} = Pool) ->
     {{Ref, _}, Others} = maps:take(Pid, Workers),
     dismiss(Pid, Ref),
     Pool#pool{workers = Others};
-hand_out(Pid, #pool{later = [Job | Later], workers = Workers} = Pool) ->
+hand_out(Pid, #pool{later = Jobs, workers = Workers} = Pool) ->
     #{Pid := {Ref, _}} = Workers,
-    Pid ! {job, Job},
-    Pool#pool{later = Later, workers = Workers#{Pid := {Ref, {job, Job}}}}.
+    case next(Pool, Jobs) of
+        {Job, Later} ->
+            Pid ! {job, Job},
+            Pool#pool{later = Later, workers = Workers#{Pid := {Ref, {job, Job}}}};
+        wait ->
+            freed(Pid, Pool)
+    end.
+
+next(#pool{plan = #{next := Next}, workers = Workers}, Jobs) ->
+    Next([Job || {_, {job, Job}} <- maps:values(Workers)], Jobs);
+next(_Pool, [Job | Later]) ->
+    {Job, Later}.
+
+%% A job that has ended may have kept others waiting.
+hand_out_all(#pool{workers = Workers} = Pool) ->
+    lists:foldl(fun hand_out/2, Pool, [Pid || {Pid, {_, free}} <- maps:to_list(Workers)]).
+
+freed(Pid, #pool{workers = Workers} = Pool) ->
+    Free = fun({Ref, _}) -> {Ref, free} end,
+    Pool#pool{workers = maps:update_with(Pid, Free, Workers)}.
 
 %% A VM that fails to start is not the fault of a job.
 lost(Pid, Reason, #pool{workers = Workers} = Pool) ->
     case maps:get(Pid, Workers) of
-        {_, none} ->
+        {_, Idle} when Idle =:= none; Idle =:= free ->
             exit({no_vm, Reason});
         {_, {job, _}} ->
             Known = answered(Pid, {crashed, Reason}, Pool),

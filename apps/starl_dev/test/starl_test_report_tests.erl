@@ -1,0 +1,102 @@
+%% What ./starl test prints and counts: nothing that went wrong looks well.
+-module(starl_test_report_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(R, starl_test_report).
+
+job(Kind, Modules) ->
+    #{name => "job", kind => Kind, modules => Modules, root => "/", logs => "/"}.
+
+suite() -> (job(suite, [a_SUITE]))#{name := "a_SUITE"}.
+
+tested(Name, Passed, Failed) -> #{name => Name, passed => Passed, failed => Failed, ms => 1500}.
+
+%% The text of the jobs' outcomes and the summary, and whether all is well.
+told(How, Jobs, Outcomes) ->
+    {Texts, Report} = lists:mapfoldl(
+        fun({Job, Outcome}, R) -> ?R:ended(Job, Outcome, R) end, ?R:new(Jobs), Outcomes
+    ),
+    {Summary, Sound} = ?R:summary(How, Report),
+    {unicode:characters_to_list([Texts, Summary]), Sound}.
+
+told(Outcome) -> told(done, [suite()], [{suite(), Outcome}]).
+
+contains(Part, Text) -> ?assertNotEqual({nomatch, Text}, {string:find(Text, Part), Text}).
+
+all_passed_test() ->
+    {Text, Sound} = told(#{modules => [tested("a_SUITE", 7, 0)], told => []}),
+    ?assertEqual({"[1/1]     a_SUITE: 7 passed, 1.5 s\n7 passed, 0 failed\n", true}, {Text, Sound}).
+
+failed_case_is_told_before_its_suite_test() ->
+    {Text, Sound} = told(#{
+        modules => [tested("a_SUITE", 6, 1)], told => ["FAILED a_SUITE:b\nwhy\n"]
+    }),
+    ?assertEqual(
+        {
+            "FAILED a_SUITE:b\nwhy\n[1/1]     a_SUITE: 6 passed, 1 FAILED, 1.5 s\n"
+            "Not everything is sound, see above.\n6 passed, 1 failed\n",
+            false
+        },
+        {Text, Sound}
+    ).
+
+skipped_cases_have_not_failed_test() ->
+    {Text, Sound} = told(#{modules => [(tested("a_SUITE", 2, 0))#{skipped => 3}], told => []}),
+    contains("a_SUITE: 2 passed, 3 skipped", Text),
+    contains("2 passed, 0 failed\n", Text),
+    ?assert(Sound).
+
+dead_vm_has_failed_test() ->
+    {Text, Sound} = told({lost, noconnection, <<"a_SUITE:b">>}),
+    contains("[1/1]     a_SUITE: FAILED, its VM has ended: noconnection, in a_SUITE:b\n", Text),
+    contains("\n0 passed, 1 failed\n", Text),
+    ?assertNot(Sound).
+
+hanging_suite_has_failed_test() ->
+    {Text, Sound} = told({lost, timeout, none}),
+    contains("a_SUITE: FAILED, it hung and was killed\n", Text),
+    ?assertNot(Sound).
+
+suite_without_a_case_has_failed_test() ->
+    {Text, Sound} = told(#{modules => [(tested("a_SUITE", 0, 0))#{skipped => 0}], told => []}),
+    contains("a_SUITE: 0 passed, 1 FAILED, no test ran", Text),
+    ?assertNot(Sound).
+
+module_that_did_not_run_has_failed_test() ->
+    Job = job(eunit, [a_tests, b, c_tests]),
+    Outcome = #{modules => [tested("a_tests", 3, 0), tested("b_tests", 2, 0)], told => []},
+    {Text, Sound} = told(done, [Job], [{Job, Outcome}]),
+    contains("[3/3]     c_tests: 0 passed, 1 FAILED, no test ran", Text),
+    contains("5 passed, 1 failed\n", Text),
+    ?assertNot(Sound).
+
+xref_counts_only_when_it_fails_test() ->
+    Job = (job(xref, []))#{name := "xref"},
+    {_, Report} = ?R:ended(Job, #{modules => [tested("xref", 0, 0)], told => []}, ?R:new([Job])),
+    {Text, _} = ?R:summary(done, Report),
+    contains("0 passed, 0 failed\n", unicode:characters_to_list(Text)),
+    {_, false} = told(done, [Job], [{Job, #{modules => [tested("xref", 0, 1)], told => ["call\n"]}}]).
+
+nothing_at_all_is_not_sound_test() ->
+    {Text, Sound} = told(done, [], []),
+    ?assertEqual({"starl: no test ran\n0 passed, 0 failed\n", false}, {Text, Sound}).
+
+job_that_never_ended_is_missed_test() ->
+    {Text, Sound} = told(done, [suite(), job(eunit, [b_tests])], [
+        {suite(), #{modules => [tested("a_SUITE", 7, 0)], told => []}}
+    ]),
+    contains("FAILED: only 1 of 2 modules have run\n", Text),
+    ?assertNot(Sound).
+
+interrupted_run_is_not_sound_test() ->
+    {Text, Sound} = told(interrupted, [suite(), job(eunit, [b_tests])], [
+        {suite(), #{modules => [tested("a_SUITE", 7, 0)], told => []}}
+    ]),
+    contains("interrupted: 1 of 2 modules have run\n", Text),
+    contains("7 passed, 0 failed\n", Text),
+    ?assertNot(Sound).
+
+lost_jobs_have_no_seconds_test() ->
+    {_, One} = ?R:ended(suite(), #{modules => [tested("a_SUITE", 7, 0)], told => []}, ?R:new([])),
+    {_, Both} = ?R:ended(job(eunit, [b_tests]), {lost, timeout, none}, One),
+    ?assertEqual([{"a_SUITE", 1.5}], ?R:seconds(Both)).
