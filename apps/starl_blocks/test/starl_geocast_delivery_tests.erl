@@ -50,14 +50,17 @@ listen_test() ->
     Later = starl_geocast_delivery:listen(other, door, new()),
     {[_, _], Asked} = starl_geocast_delivery:check(10, held(other), Later),
     {Actions, _} = starl_geocast_delivery:located(1, at(0.0), 20, held(other), Asked),
-    ?assertMatch([_, {cast, door, {message, 1, other, hello}}], Actions).
+    ?assertMatch([{until, _, [_, {cast, door, {message, 1, other, hello}}], _}], Actions).
 
 %% Delivered is what the robot is surely inside of: by the error of its place.
 located_test() ->
     {_, Asked} = starl_geocast_delivery:check(10, held(news), new()),
     Traced = {trace, {delivered, ?ID, erlang:phash2({?AREA, news, hello})}},
     {Actions, Store} = located(1, at(998.0), 20, Asked),
-    ?assertEqual([Traced, {cast, app, {message, 1, news, hello}}], Actions),
+    ?assertEqual(
+        [{until, 100010, [Traced, {cast, app, {message, 1, news, hello}}], {delivered, ?ID}}],
+        Actions
+    ),
     ?assertEqual([], starl_geocast_store:waiting(20, #{news => app}, Store)),
     {[], Left} = located(1, at(998.1), 20, Asked),
     ?assertEqual(held(news), Left).
@@ -65,10 +68,19 @@ located_test() ->
 %% An answer counts for 0.1 s, to the question that was asked last, and only if it is one.
 stale_test() ->
     {_, Asked} = starl_geocast_delivery:check(10, held(news), new()),
-    ?assertMatch({[_, _], _}, located(1, at(0.0), 100010, Asked)),
+    ?assertMatch({[_], _}, located(1, at(0.0), 100010, Asked)),
     ?assertEqual(stale, located(1, at(0.0), 100011, Asked)),
     ?assertEqual(stale, located(1, {error, unknown}, 20, Asked)),
     ?assertEqual(stale, located(2, at(0.0), 20, Asked)),
     {_, Again} = starl_geocast_delivery:check(30, held(news), Asked),
     ?assertEqual(stale, located(1, at(0.0), 40, Again)),
-    ?assertMatch({[_, _], _}, located(2, at(0.0), 100030, Again)).
+    ?assertMatch({[_], _}, located(2, at(0.0), 100030, Again)).
+
+%% A delivery leaves while the message lives, too.
+deadline_test() ->
+    Held = starl_geocast_store:hold(
+        {?ID, ?AREA, news, hello, 50000, 50000, 5}, 50000, true, 1000, starl_geocast_store:new(9, 0)
+    ),
+    {_, Asked} = starl_geocast_delivery:check(10, Held, new()),
+    {[{until, Until, _, _}], _} = starl_geocast_delivery:located(1, at(0.0), 20, Held, Asked),
+    ?assertEqual(49999, Until).

@@ -33,7 +33,7 @@ given(Now, From, Asked, Left, Machine) ->
 
 located(Now, N, Machine) -> at(Now, {reply, {where, N}}, {ok, {0.0, 0.0, 0.0}}, Machine).
 
-traces(Actions) -> [Event || {trace, Event} <- Actions].
+traces(Actions) -> [Event || {trace, Event} <- starl_action:without_latest(Actions)].
 
 %% Robot 2 has it from robot 1, and has delivered it.
 delivered() ->
@@ -71,3 +71,13 @@ better_deadline_test() ->
     ?assertEqual([{held, ?ID, 3}], traces(Better)),
     {Worse, _} = given(500, 1, 300, 980000, Prolonged),
     ?assertEqual([], traces(Worse)).
+
+%% A delivery that was too late has not been: the message waits again, and is delivered once.
+late_delivery_waits_again_test() ->
+    {Where, Waits} = at(300, info, {late, {delivered, ?ID}}, delivered()),
+    ?assertMatch([{call, location, {pose, 2}, {where, 2}} | _], Where),
+    {Told, Delivered} = located(400, 2, Waits),
+    ?assertMatch([{delivered, ?ID, _}], traces(Told)),
+    %% one whose life is over meanwhile is not
+    {_, Over} = at(900000, {timeout, {over, ?ID}}, over, Delivered),
+    ?assertEqual([], element(1, at(900000, info, {late, {delivered, ?ID}}, Over))).

@@ -28,7 +28,8 @@ started() -> started(#{}).
 started(Config) -> element(2, new(Config)).
 
 at(Now, Type, Content, Machine) ->
-    starl_machine:step(Type, Content, #{now => Now, robot => 2}, Machine).
+    {Actions, Next} = starl_machine:step(Type, Content, #{now => Now, robot => 2}, Machine),
+    {starl_action:without_latest(Actions), Next}.
 
 message(Now, From, Message, Machine) -> at(Now, cast, {message, From, geocast, Message}, Machine).
 

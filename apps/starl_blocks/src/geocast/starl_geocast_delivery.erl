@@ -59,7 +59,8 @@ ask(Now, #delivery{self = Self, asked = {N, _}, checking = Checking, check_us = 
 check_again(Now, Store, Delivery) -> check(Now, Store, Delivery#delivery{checking = false}).
 
 %% @doc The answer to the N-th question for the position: delivers the waiting messages in whose
-%% areas the robot surely is.
+%% areas the robot surely is. A delivery leaves while the position is fresh and the message lives, or
+%% not at all: a computer may stand still in mid-step, while its robot drives on.
 -spec located(
     N :: pos_integer(),
     Answer :: term(),
@@ -77,7 +78,14 @@ located(N, {ok, {X, Y, _}}, Now, Store, #delivery{asked = {N, At}} = Delivery) w
         starl_geocast_area:depth({X, Y}, Area) >= Error
     ],
     Delivered = starl_geocast_store:delivered([Id || {Id, _, _, _} <- Mine], Store),
-    {lists:append([deliver(Message, Listeners) || Message <- Mine]), Delivered};
+    Until = fun(Id) -> min(At + ?FRESH_US, starl_geocast_store:until(Id, Store) - 1) end,
+    {
+        [
+            {until, Until(Id), deliver(Message, Listeners), {delivered, Id}}
+         || {Id, _, _, _} = Message <- Mine
+        ],
+        Delivered
+    };
 located(_N, _Answer, _Now, _Store, _Delivery) ->
     stale.
 

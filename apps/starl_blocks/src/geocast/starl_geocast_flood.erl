@@ -143,6 +143,8 @@ handle_event({call, From}, {send, Area, Type, Body, Lifetime, Hops}, ready, Floo
 handle_event(cast, {listen, Type, Machine}, ready, Flood, #{now := Now}) ->
     Delivery = starl_geocast_delivery:listen(Type, Machine, Flood#flood.delivery),
     check(Now, [], Flood#flood{delivery = Delivery});
+handle_event(info, {late, {delivered, Id}}, ready, #flood{store = Store} = Flood, #{now := Now}) ->
+    check(Now, [], Flood#flood{store = starl_geocast_store:undelivered(Id, Store)});
 handle_event(info, {restarted, sap}, ready, _Flood, _Meta) ->
     {keep_state_and_data, [starl_sap:listen(geocast, geocast)]};
 handle_event(info, {restarted, _}, ready, _Flood, _Meta) ->

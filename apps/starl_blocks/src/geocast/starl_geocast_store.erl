@@ -4,7 +4,7 @@
 -module(starl_geocast_store).
 
 -export([new/2, takes/2, look/2, is_worth/3, hold/5, prolong/4, over/2, forget/2]).
--export([offer/4, ask/4, give/3, waiting/3, delivered/2]).
+-export([offer/4, ask/4, give/3, waiting/3, delivered/2, undelivered/2, until/2]).
 
 -export_type([t/0, id/0, parcel/0, offer/0, asker/0]).
 
@@ -214,5 +214,19 @@ delivered(Ids, Store) ->
         Store,
         Ids
     ).
+
+%% @doc This message was to be delivered, but too late: it waits again.
+-spec undelivered(id(), t()) -> t().
+undelivered(Id, #store{known = Known} = Store) ->
+    case Known of
+        #{Id := #held{} = Held} -> put_held(Id, Held#held{deliverable = true}, Store);
+        #{} -> Store
+    end.
+
+%% @doc The deadline of a message that is held.
+-spec until(id(), t()) -> UntilUs :: integer().
+until(Id, #store{known = Known}) ->
+    #{Id := #held{until = Until}} = Known,
+    Until.
 
 put_held(Id, Held, #store{known = Known} = Store) -> Store#store{known = Known#{Id => Held}}.
