@@ -158,7 +158,7 @@ what_is_late_is_not_done_test() ->
     Machines = #{app => App},
     {quiet, R} = starl_robot:run(robot((world(Machines))#{now => 100}, Machines)),
     ?assertEqual(
-        [{app, E} || E <- [a, d, {late, b}, {late, c}, word, a]], traced(R)
+        [{app, E} || E <- [a, late, late, d, {late, b}, {late, c}, word, a]], traced(R)
     ).
 
 %% What leaves the robot keeps its latest moment, for the driver to look again.
@@ -189,7 +189,7 @@ stands_still_in_mid_step_test_() ->
         (_, Content) -> [{trace, Content}]
     end,
     {quiet, R} = starl_robot:run(robot(#{app => App, sap => Sap})),
-    Late = [{70, app, {late, m}}, {70, sap, go}],
+    Late = [{70, app, late}, {70, app, {late, m}}, {70, sap, go}],
     [
         {integer_to_list(After), fun() ->
             Armed = starl_robot:stand_still(app, After, R),

@@ -370,7 +370,13 @@ code(Name, #body{codes = Codes}) ->
 
 %% @doc Records a fact.
 -spec trace(starl_machine:name(), Event :: term(), t()) -> t().
-trace(Name, Event, #body{id = Id, now = Now, traces = Traces, counts = Counts} = Body) ->
+trace(Name, late, Body) ->
+    logger:warning(#{what => late, machine => Name}),
+    fact(Name, late, Body);
+trace(Name, Event, Body) ->
+    fact(Name, Event, Body).
+
+fact(Name, Event, #body{id = Id, now = Now, traces = Traces, counts = Counts} = Body) ->
     Fact = {Now, Id, Name, Event},
     Body#body{traces = [Fact | Traces], counts = starl_live_counts:traced(Fact, Counts)}.
 

@@ -58,6 +58,8 @@ traced({_, _, sap, {started, _}}, Counts) ->
     Counts#counts{open = #{}};
 traced({_, _, Machine, crashed}, Counts) ->
     count({restarts, machine, Machine}, 1, Counts);
+traced({_, _, Machine, late}, Counts) ->
+    count({late, machine, Machine}, 1, Counts);
 traced(_Fact, Counts) ->
     Counts.
 

@@ -39,12 +39,13 @@
 %% the packets to all in range.
 -type radio() :: {lost, To :: starl:robot_id(), N :: pos_integer() | {all, pos_integer()}}.
 
-%% Any machine: it is gone, by its own fault or another; its stored term is unreadable; an event
-%% that it does not know; a message whose body it does not accept; the robot has no machine of this
+%% Any machine: it is gone, by its own fault or another; its stored term is unreadable; actions of it
+%% were not carried out, since their latest moment had passed; an event that it does not know; a message whose body it does not accept; the robot has no machine of this
 %% name, and another machine called it or sent it something; the outcome of a reload.
 -type machine() ::
     crashed
     | store_damaged
+    | late
     | {unknown_event, starl_machine:event_type(), Content :: term()}
     | {malformed, From :: starl:robot_id(), starl_packet:type(), Body :: term()}
     | {unknown_machine, starl_machine:name()}
@@ -74,6 +75,7 @@
 -define(EVERY_MACHINE, [
     {crashed, 0},
     {store_damaged, 0},
+    {late, 0},
     {unknown_event, 2},
     {malformed, 3},
     {unknown_machine, 1},

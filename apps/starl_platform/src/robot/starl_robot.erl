@@ -442,7 +442,9 @@ perform([Action | Rest], Name, New, Local, World, Machines, Timers, Robot) ->
                     perform(All, Name, New, Local, World, Machines, Timers, Robot);
                 false ->
                     Told = late({Name, info, {late, Mark}}, Local),
-                    perform(Rest, Name, New, Told, World, Machines, Timers, Robot)
+                    Trace = (Robot#robot.driver)#driver.trace,
+                    Noted = Trace(Name, late, World),
+                    perform(Rest, Name, New, Told, Noted, Machines, Timers, Robot)
             end;
         stand_still ->
             Present = (Robot#robot.driver)#driver.present,
