@@ -150,7 +150,7 @@ until(#lease{team = Team, votes = Votes}) ->
 %% With the votes that end latest, as few as make a quorum.
 last_moment([{Robot, Until} | Votes], Robots, Team) ->
     case quorum([Robot | Robots], Team) of
-        true -> Until - 1;
+        true when is_integer(Until) -> Until - 1;
         false -> last_moment(Votes, [Robot | Robots], Team)
     end.
 

@@ -25,7 +25,7 @@
 
 %% @doc The largest number of jobs at once.
 -spec at_most(Cores :: pos_integer()) -> pos_integer().
-at_most(Cores) -> 2 * Cores.
+at_most(Cores) when is_integer(Cores) -> 2 * Cores.
 
 %% @doc The rows of the checkout, with the seconds of the last run.
 -spec known(Own :: [row()], Last :: [row()]) -> known().

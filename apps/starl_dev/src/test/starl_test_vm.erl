@@ -53,7 +53,7 @@ report_to(File) ->
     logger:add_handler(default, logger_std_h, #{config => #{file => File}}).
 
 %% @doc The file that names the case that began last.
--spec case_file(job()) -> file:filename().
+-spec case_file(job()) -> file:filename_all().
 case_file(#{name := Name, logs := Logs}) -> filename:join(Logs, Name ++ ".case").
 
 ran(#{kind := eunit, modules := Modules} = Job, _Begin) ->

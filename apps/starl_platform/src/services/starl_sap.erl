@@ -112,7 +112,7 @@ send(To, Type, Body, Tag) -> {call, sap, {send, To, Type, Body}, Tag}.
 
 %% @doc The same for a message that must not leave after this time of the robot's own clock.
 -spec send(starl:robot_id(), starl_packet:type(), Body :: term(), starl_machine:tag(), UntilUs) ->
-    starl_machine:action()
+    {call, sap, Request :: tuple(), starl_machine:tag()}
 when
     UntilUs :: integer().
 send(To, Type, Body, Tag, Until) -> {call, sap, {send, To, Type, Body, Until}, Tag}.
