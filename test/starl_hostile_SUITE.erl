@@ -91,6 +91,7 @@ base(Name) ->
         incarnation => 1,
         stored => none,
         random => rand:seed_s(exsss, 1),
+        team_seed => 1,
         now => 0
     }.
 

@@ -55,7 +55,8 @@ begun(Machine, Config) ->
         now => 0,
         name => x,
         stored => none,
-        random => rand:seed_s(exsss, 1)
+        random => rand:seed_s(exsss, 1),
+        team_seed => 1
     }).
 
 defaults(Block) -> maps:from_list([{Key, Default} || {Key, _, Default, _} <- Block:options()]).

@@ -297,6 +297,7 @@ start(Module, Self, Team) ->
         name => election,
         incarnation => 1,
         random => rand:seed_s(exsss, 1),
+        team_seed => 1,
         now => 0
     }),
     Machine.

@@ -16,8 +16,7 @@ draws(Case) ->
 %% Machines that make a seed of their stream, each with events at which they draw.
 cases() ->
     [
-        {starl_registers_lww, [{{timeout, sync}, sync}]},
-        {starl_election_ballots, [{{call, {app, 1}}, {elect, first, 8000000}}]}
+        {starl_registers_lww, [{{timeout, sync}, sync}]}
     ].
 
 run({Module, Events}, Stream) ->

@@ -51,8 +51,7 @@
 %% `horizon_us': past times in messages are distinguished up to this age; `past_us': the same for
 %% times in a machine's data; `waits': the places where the start time of a machine matters
 %% (elsewhere it is long ago); `fixed': the places of robots that are unlike all others;
-%% `same_random': all robots draw the same numbers; `draws': with `same' a robot draws the same
-%% number each time; `beyond': states after such an event are not expanded; `known': the events that
+%% `draws': with `same' a robot draws the same number each time; `beyond': states after such an event are not expanded; `known': the events that
 %% may be traced.
 -type t() :: #{
     block := block(),
@@ -72,7 +71,6 @@
     past_us := non_neg_integer(),
     waits := [starl_check_term:place()],
     fixed := [starl_check_term:place()],
-    same_random := boolean(),
     draws := free | same,
     beyond := fun((starl_monitor:trace_event()) -> boolean()),
     inert := fun((Type :: atom(), Body :: term()) -> boolean()),
@@ -137,7 +135,6 @@ common(Block, Options) ->
         grain => none,
         horizon_us => 1,
         past_us => 0,
-        same_random => false,
         draws => free,
         beyond => fun(_) -> false end,
         inert => fun(_, _) -> false end,

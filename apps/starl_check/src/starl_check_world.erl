@@ -67,19 +67,15 @@ present(World) -> clock(World).
 %% @doc The base configuration of a machine at its start.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
 base(Name, Incarnation, #world{place = Place, model = Model, stored = Stored}) ->
-    #{ids := Ids, same_random := Same, waits := Waits} = Model,
-    Seed =
-        case Same of
-            true -> erlang:phash2(Name);
-            false -> erlang:phash2({Place, Name})
-        end,
+    #{ids := Ids, waits := Waits} = Model,
     #{
         robot => starl_check_term:id(Place),
         participants => Ids,
         name => Name,
         incarnation => Incarnation,
         stored => kept(Name, Stored),
-        random => rand:seed_s(exsss, Seed),
+        random => rand:seed_s(exsss, erlang:phash2({Place, Name, Incarnation})),
+        team_seed => 1,
         now => started(Place, lists:member(Place, Waits))
     }.
 

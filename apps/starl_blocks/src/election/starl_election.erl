@@ -65,13 +65,12 @@ exercise() -> starl_election_exercise.
 models() -> [{election, "election by randomized ballots", fun model/1}].
 
 %% Only the largest ballot of a complete set counts, so nothing but the place of its robot could
-%% make a difference, and every place is as good as the last: all draw the same ballot here, the
+%% make a difference, and every place is as good as the last: there is one ballot only here, the
 %% robot's number decides, and all robots but the last are alike. A robot that has a leader keeps
 %% it.
 model(#{robots := Ids}) ->
     #{
-        same_random => true,
-        blocks => machines(#{}),
+        blocks => machines(#{ballots => 1}),
         script => fun(_) -> [{call, election, {elect, first, 30000000}}] end,
         crash => [election, app],
         monitor => {starl_election_monitor, #{robots => Ids, bound_us => 1}},

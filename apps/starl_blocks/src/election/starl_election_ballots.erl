@@ -8,8 +8,8 @@
 %%     | leader {Election, L} ---------------->|   elect L, unless elected already
 %% '''
 %% Only a complete set of ballots elects, so two robots that elect by ballots elect the same. A
-%% robot's ballot in an election is a function of the seed, the robot and the election: after a
-%% crash it casts the same one. Ballots and announcements that come before the robot itself
+%% robot's ballot in an election follows from the team's seed, the election and the robot: it casts
+%% the same one in each of its lives, whatever is left of its store. Ballots and announcements that come before the robot itself
 %% takes part are kept. A ballot for an election that is over here is answered with its leader,
 %% so a robot that failed can call again.
 %%
@@ -31,13 +31,15 @@
     | {elected, starl_election:election(), Leader :: starl:robot_id(), all_ballots | announcement}
     | {failed, starl_election:election(), timeout}.
 
-%% A number drawn at random, and the robot that drew it.
+%% A number by lot, and the robot whose ballot it is.
 -type ballot() :: {non_neg_integer(), starl:robot_id()}.
 
 %% The number of elections that are remembered; the oldest are forgotten first.
 -define(REMEMBERED, 64).
 %% The time after which a robot without a result asks again.
 -define(AGAIN_US, 3000000).
+%% The number of different ballots.
+-define(BALLOTS, 1 bsl 30).
 
 -record(race, {
     ballots = #{} :: #{starl:robot_id() => ballot()},
@@ -48,15 +50,16 @@
 -record(election, {
     self :: starl:robot_id(),
     team :: starl_team:t(),
-    seed :: non_neg_integer(),
+    seed :: integer(),
+    ballots :: pos_integer(),
     races = #{} :: #{starl_election:election() => #race{}},
     order = [] :: [starl_election:election()]
 }).
 
 -spec init(starl_machine:config()) -> {ready, #election{}, [starl_machine:action()]}.
-init(#{robot := Self, participants := Team, random := Random}) ->
-    {Seed, _} = rand:uniform_s(1 bsl 32, Random),
-    {ready, #election{self = Self, team = Team, seed = Seed}, listen()}.
+init(#{robot := Self, participants := Team, team_seed := Seed} = Config) ->
+    Ballots = maps:get(ballots, Config, ?BALLOTS),
+    {ready, #election{self = Self, team = Team, seed = Seed, ballots = Ballots}, listen()}.
 
 -spec handle_event(
     starl_machine:event_type(), term(), ready, #election{}, starl_machine:meta()
@@ -90,7 +93,7 @@ enter(Election, Us, From, Data0) ->
     {Race, Data} = race(Election, Data0),
     case Race of
         #race{leader = none} ->
-            Ballot = draw(Election, Data),
+            Ballot = own_ballot(Election, Data),
             Entered = put_race(Election, cast_own(Ballot, Race#race{from = From}, Data), Data),
             Actions = [
                 {trace, {entered, Election}},
@@ -107,9 +110,9 @@ enter(Election, Us, From, Data0) ->
 cast_own(Ballot, #race{ballots = Ballots} = Race, #election{self = Self}) ->
     Race#race{ballots = Ballots#{Self => Ballot}}.
 
-%% The same for the same election, also after a crash.
-draw(Election, #election{self = Self, seed = Seed}) ->
-    {erlang:phash2({Seed, Election, ballot}, 1 bsl 30), Self}.
+%% The same in each life of the robot.
+own_ballot(Election, #election{self = Self, seed = Seed, ballots = Ballots}) ->
+    {erlang:phash2({Seed, Election, Self}, Ballots), Self}.
 
 ballot(Election, Source, Ballot, Data0) ->
     {Race, Data} = race(Election, Data0),

@@ -1,8 +1,8 @@
 %% @doc The contract of the election by randomized ballots, as a monitor.
 %%
 %% Safety: any two robots that elect in the same election elect the same leader, and each only
-%% one; the leader took part and has drawn a ballot; a robot draws at most one ballot per
-%% election, also across a restart; a robot that entered elects or fails within `bound_us', unless
+%% one; the leader took part and has cast a ballot; a robot has at most one ballot per
+%% election, also across restarts and the loss of its store; a robot that entered elects or fails within `bound_us', unless
 %% it died. With `complete' (default false) an election by `all_ballots' also needs a ballot of
 %% every robot named in the configuration.
 %%
@@ -19,7 +19,7 @@
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
-%% Ballots drawn, and each robot's leader.
+%% Ballots cast, and each robot's leader.
 -type tally() :: {Ballots :: #{robot_id() => term()}, Elected :: #{robot_id() => robot_id()}}.
 
 -record(state, {

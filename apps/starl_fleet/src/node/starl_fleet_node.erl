@@ -98,10 +98,13 @@ recorded(#{state := State} = Place, Planned, #{record_mb := Most}, #{clock := Cl
     Spec#{record => true, recorder => {starl_trace_robot, Own}}.
 
 robot(#{robot := Robot, state := State} = Place, Key, {_Scenario, _Scene, Plan}, Fleet) ->
-    #{crew := #{tree := Tree}, world := #{profiles := Profiles}} = Plan,
+    #{crew := #{tree := Tree}, world := #{profiles := Profiles, seed := Seed}} = Plan,
+    #{name := Name} = Fleet,
     #{
         robot => Robot,
         tree => Tree,
+        %% the same for all releases
+        team_seed => erlang:phash2({Name, Seed}, 1 bsl 32),
         profile => starl_chassis:of_robot(Robot, Profiles),
         clock => starl_live_clock:new(0, 1),
         dir => State,

@@ -35,6 +35,7 @@
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
+    team_seed := integer(),
     clock := starl_live_clock:t(),
     store := starl_live_store:t(),
     transport := pid(),
@@ -59,6 +60,7 @@
 -record(body, {
     id :: starl:robot_id(),
     participants :: starl_team:t(),
+    team_seed :: integer(),
     clock :: starl_live_clock:t(),
     store :: starl_live_store:t(),
     transport :: pid(),
@@ -103,11 +105,12 @@
 -spec new(config()) -> t().
 new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink := Sink} = Config) ->
     #{transport := Transport, positioning := Positioning, chassis := Chassis} = Config,
-    #{record := Record, parts := Parts} = Config,
+    #{record := Record, parts := Parts, team_seed := Seed} = Config,
     Now = starl_live_clock:now_us(Clock),
     #body{
         id = Id,
         participants = Team,
+        team_seed = Seed,
         clock = Clock,
         store = Store,
         transport = Transport,
@@ -346,6 +349,7 @@ present(#body{clock = Clock, now = Now}) -> max(Now, starl_live_clock:now_us(Clo
 %% @doc The start configuration of a machine. Its random stream is new with each start.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
 base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = Store} = Body) ->
+    #body{team_seed = Seed} = Body,
     (own_clock(Name, code(Name, Body), Body))#{
         robot => Id,
         participants => Team,
@@ -353,6 +357,7 @@ base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = S
         incarnation => Incarnation,
         stored => starl_live_store:kept(Name, Store),
         random => rand:seed_s(exsss),
+        team_seed => Seed,
         now => Now
     }.
 

@@ -20,7 +20,8 @@
 %% A line of the robot: the module of its driver, and the driver's own configuration.
 -type line() :: {module(), map()}.
 
-%% A robot: its machines ({@link starl_robot_crew:tree()}), its lines, its clock, the directory of
+%% A robot: its machines ({@link starl_robot_crew:tree()}), the seed of its team, which is the same
+%% for all robots and all their starts ({@link starl_machine:config()}), its lines, its clock, the directory of
 %% its store, and the process that gets the facts, if any; `record': whether the facts are also
 %% written to a file there (false); `codes': the code of machines that have been reloaded;
 %% `reporter': who is told about reloads; `packets': whether the sink is told of all packets;
@@ -30,6 +31,7 @@
     robot := starl:robot_id(),
     robot_sup := pid(),
     tree := starl_robot_crew:tree(),
+    team_seed := integer(),
     profile := starl_chassis:profile(),
     clock := starl_live_clock:t(),
     dir := file:filename(),

@@ -92,8 +92,7 @@
 %% `horizon_us', a past time in a machine's data for `past_us'. At the places in `waits' the start
 %% of a machine matters (default: everywhere).
 %%
-%% Random draws: `same_random': all robots draw the same; `draws' is `same': a robot draws the same
-%% each time.
+%% Random draws: `draws' is `same': a robot draws the same each time.
 %%
 %% Bounds: the checker does not go on after an event for which `beyond' holds. A message for
 %% which `inert' holds is assumed to change nothing any more; the checker proves that in the end.
@@ -114,7 +113,6 @@
     horizon_us => pos_integer(),
     past_us => non_neg_integer(),
     waits => [place()],
-    same_random => boolean(),
     draws => free | same,
     beyond => fun((starl_monitor:trace_event()) -> boolean()),
     inert => fun((Type :: atom(), Body :: term()) -> boolean())

@@ -98,8 +98,10 @@
 %% The configuration given to `init/1'. `incarnation' counts the starts of this machine on this
 %% robot (1, 2, …), over reboots too: the platform keeps this number in the robot's store twice,
 %% apart from the machines' terms, so no fault of the store affects it. `random' is the machine's
-%% own random stream. `clock' reads the robot's own clock where steps take time; only an application
-%% gets it.
+%% own random stream, another one in each life. `team_seed' is the same number for all robots of the
+%% team, in all their lives: what a machine has told by it, it tells again after a restart, and after
+%% the loss of its store, too. `clock' reads the robot's own clock where steps take time; only an
+%% application gets it.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
@@ -107,6 +109,7 @@
     incarnation := pos_integer(),
     stored := stored(),
     random := rand:state(),
+    team_seed := integer(),
     now := integer(),
     clock => fun(() -> integer()),
     atom() => term()

@@ -142,9 +142,16 @@ base(Name, Incarnation, #body{id = Id, world = World, store = Store} = Body) ->
         name => Name,
         incarnation => Incarnation,
         stored => stored(Name, Body),
-        random => rand:seed_s(exsss, erlang:phash2({Seed, Id, Name}, 4294967296)),
+        random => rand:seed_s(exsss, stream(Name, Incarnation, Body)),
+        team_seed => Seed,
         now => clock(Body)
     }.
+
+%% A restart begins another stream: a robot that has started anew does not know how far it had got.
+stream(Name, 1, #body{id = Id, world = #{seed := Seed}}) ->
+    erlang:phash2({Seed, Id, Name}, 1 bsl 32);
+stream(Name, Incarnation, #body{id = Id, world = #{seed := Seed}}) ->
+    erlang:phash2({Seed, Id, Name, Incarnation}, 1 bsl 32).
 
 %% @doc The term that a machine finds when it starts now.
 -spec stored(starl_machine:name(), t()) -> starl_machine:stored().

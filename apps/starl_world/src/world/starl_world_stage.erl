@@ -38,11 +38,12 @@ open(#{robots := Poses, world := Sim} = Plan, {Name, Nodes}, Options) ->
 %% @doc What a robot starts with.
 -spec robot(starl:robot_id(), t()) -> starl_live_robot:spec().
 robot(Id, #{plan := Plan, clock := Clock, world := World, transport := Line, options := Options}) ->
-    #{crew := #{tree := Tree}, world := #{profiles := Profiles}} = Plan,
+    #{crew := #{tree := Tree}, world := #{profiles := Profiles, seed := Seed}} = Plan,
     #{dir := Dir} = Options,
     #{
         robot => Id,
         tree => Tree,
+        team_seed => Seed,
         profile => starl_chassis:of_robot(Id, Profiles),
         clock => Clock,
         dir => filename:join(Dir, "robot-" ++ integer_to_list(Id)),
