@@ -57,15 +57,20 @@ robot() ->
 facts_test() ->
     Said =
         "Warning: Permanently added 'r2' (ED25519) to the list.\r\n"
-        "machine aarch64\nrsync no\notp none\nfree 1000\nrelease none\n",
+        "machine aarch64\nrsync no\notp none\nfree 1000\nrelease none\nstore kept\n",
     ?assertEqual(facts(#{}), starl_fleet_failure:facts(Said)),
     ?assertEqual(unknown, starl_fleet_failure:facts("C:\\>")).
 
 facts(More) ->
-    maps:merge(
-        #{machine => "aarch64", rsync => false, otp => "none", free_kb => 1000, release => "none"},
-        More
-    ).
+    Facts = #{
+        machine => "aarch64",
+        rsync => false,
+        otp => "none",
+        free_kb => 1000,
+        release => "none",
+        store => true
+    },
+    maps:merge(Facts, More).
 
 %% Another processor is said before anything is copied, with the ways out.
 look_test() ->

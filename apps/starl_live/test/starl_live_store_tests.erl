@@ -14,27 +14,33 @@ store_test_() ->
             {"a full or missing disk", fun full/1},
             {"numbers of starts, twice", fun starts/1},
             {"both copies unreadable", fun both_copies/1},
+            {"a store that is commissioned is that of a first life, once", fun first_life/1},
+            {"a robot without files has lost its store", fun lost/1},
+            {"a store that was lost stays outdated, term by term", fun outdated_by_term/1},
+            {"a store that is older than the robot's last life", fun set_back/1},
+            {"a power cut while terms are removed", fun half_emptied/1},
             {"names of any kind", fun names/1}
         ]
     ]}.
 
 empty(Dir) ->
+    ok = starl_live_store:commission(Dir),
     ?assertEqual(none, starl_live_store:kept(sap, open(Dir))),
     ?assertEqual(#{}, starl_live_store:starts(open(Dir))).
 
 latest(Dir) ->
-    Store = open(Dir),
+    Store = new(Dir),
     [ok = starl_live_store:keep(Name, Term, Store) || {Name, Term} <- [{a, 1}, {b, 2}, {a, [3]}]],
     ?assertEqual({stored, [3]}, starl_live_store:kept(a, Store)),
     ?assertEqual({stored, 2}, starl_live_store:kept(b, Store)).
 
 reopened(Dir) ->
-    ok = starl_live_store:keep(barrier, #{round => 7}, open(Dir)),
+    ok = starl_live_store:keep(barrier, #{round => 7}, new(Dir)),
     ?assertEqual({stored, #{round => 7}}, starl_live_store:kept(barrier, open(Dir))).
 
 %% Every single byte that is wrong is noticed.
 damaged(Dir) ->
-    Store = open(Dir),
+    Store = new(Dir),
     ok = starl_live_store:keep(a, {some, <<"term">>}, Store),
     [File] = filelib:wildcard("*.kept", Dir),
     {ok, Bytes} = file:read_file(filename:join(Dir, File)),
@@ -54,7 +60,7 @@ damaged(Dir) ->
 
 %% The new file has not got its name yet: the old term counts.
 half_written(Dir) ->
-    Store = open(Dir),
+    Store = new(Dir),
     ok = starl_live_store:keep(a, old, Store),
     ok = file:write_file(filename:join(Dir, "a.kept.new"), <<"starl-1 half">>),
     ?assertEqual({stored, old}, starl_live_store:kept(a, open(Dir))),
@@ -62,7 +68,7 @@ half_written(Dir) ->
     ?assertEqual({stored, new}, starl_live_store:kept(a, Store)).
 
 full(Dir) ->
-    Store = open(Dir),
+    Store = new(Dir),
     ok = file:del_dir_r(Dir),
     logger:set_primary_config(level, none),
     ?assertEqual(full, starl_live_store:keep(a, 1, Store)),
@@ -76,7 +82,7 @@ full(Dir) ->
 
 %% One copy may be old or unreadable: the other one counts, and the larger number of both.
 starts(Dir) ->
-    Store = open(Dir),
+    Store = new(Dir),
     ok = starl_live_store:started(#{sap => 3, app => 2}, Store),
     {ok, Old} = file:read_file(filename:join(Dir, "starts-a")),
     ok = starl_live_store:started(#{sap => 4, app => 2}, Store),
@@ -85,23 +91,91 @@ starts(Dir) ->
     ok = file:write_file(filename:join(Dir, "starts-a"), "rubbish"),
     ?assertEqual(#{sap => 4, app => 2}, starl_live_store:starts(Store)).
 
-%% A number that no robot has reached, for every machine that has kept anything, and for SAP.
+%% The robot has run before, nobody knows how often; what its machines kept is good.
 both_copies(Dir) ->
+    ok = starl_live_store:commission(Dir),
     Store = open(Dir),
     ok = starl_live_store:keep(barrier, 1, Store),
     [ok = file:write_file(filename:join(Dir, F), "rubbish") || F <- ["starts-a", "starts-b"]],
-    logger:set_primary_config(level, none),
-    Starts = starl_live_store:starts(Store),
-    logger:set_primary_config(level, notice),
-    ?assertEqual([barrier, sap], lists:sort(maps:keys(Starts))),
-    ?assert(lists:all(fun(N) -> N > 1_700_000_000 end, maps:values(Starts))).
+    Later = open(Dir),
+    ?assertEqual(later, starl_live_store:life(Later)),
+    ?assertEqual(#{}, starl_live_store:starts(Later)),
+    ?assertEqual({stored, 1}, starl_live_store:kept(barrier, Later)).
+
+first_life(Dir) ->
+    ok = starl_live_store:commission(Dir),
+    Store = open(Dir),
+    ?assertEqual(first, starl_live_store:life(Store)),
+    ?assertEqual(none, starl_live_store:kept(barrier, Store)),
+    ok = starl_live_store:started(#{sap => 1}, Store),
+    ?assertEqual(later, starl_live_store:life(open(Dir))),
+    ?assertEqual(none, starl_live_store:kept(barrier, open(Dir))),
+    %% the mark does not come back with the loss of the numbers
+    [ok = file:delete(filename:join(Dir, F)) || F <- ["starts-a", "starts-b"]],
+    ?assertEqual(later, starl_live_store:life(quietly(fun() -> open(Dir) end))).
+
+lost(Dir) ->
+    Store = quietly(fun() -> open(Dir) end),
+    ?assertEqual(later, starl_live_store:life(Store)),
+    ?assertEqual(#{}, starl_live_store:starts(Store)),
+    ?assertEqual([damaged, damaged], [starl_live_store:kept(N, Store) || N <- [barrier, app]]).
+
+%% A machine that has not written yet finds its term damaged at its next start, too.
+outdated_by_term(Dir) ->
+    Store = quietly(fun() -> open(Dir) end),
+    ok = starl_live_store:started(#{sap => 1 bsl 41}, Store),
+    ok = starl_live_store:keep(barrier, new, Store),
+    Later = open(Dir),
+    ?assertEqual({stored, new}, starl_live_store:kept(barrier, Later)),
+    ?assertEqual(damaged, starl_live_store:kept(app, Later)).
+
+set_back(Dir) ->
+    ok = starl_live_store:commission(Dir),
+    Store = open(Dir),
+    ok = starl_live_store:started(#{sap => 7}, Store),
+    ok = starl_live_store:keep(barrier, old, Store),
+    ok = starl_live_store:outdate(12, Store),
+    Later = open(Dir),
+    ?assertEqual(damaged, starl_live_store:kept(barrier, Later)),
+    ?assertEqual(12, starl_live_store:floor(Later)),
+    ?assertEqual(#{sap => 7}, starl_live_store:starts(Later)),
+    ok = starl_live_store:keep(barrier, new, Later),
+    ?assertEqual({stored, new}, starl_live_store:kept(barrier, open(Dir))),
+    ?assertEqual(12, starl_live_store:floor(open(Dir))).
+
+%% The mark is written first and changes its name last: no term is believed meanwhile.
+half_emptied(Dir) ->
+    ok = starl_live_store:commission(Dir),
+    Store = open(Dir),
+    ok = starl_live_store:started(#{sap => 7}, Store),
+    [ok = starl_live_store:keep(Name, old, Store) || Name <- [a, b]],
+    ok = starl_live_store:outdate(12, Store),
+    ok = file:delete(filename:join(Dir, "a.kept")),
+    Later = open(Dir),
+    ?assertEqual([damaged, damaged], [starl_live_store:kept(Name, Later) || Name <- [a, b]]).
+
+quietly(Fun) ->
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, none),
+    Answer = Fun(),
+    ok = logger:set_primary_config(level, Level),
+    Answer.
 
 names(Dir) ->
-    Store = open(Dir),
+    Store = new(Dir),
     Names = ['../up', 'a/b', 'Ä %', 'a.kept', ''],
     [ok = starl_live_store:keep(Name, Name, Store) || Name <- Names],
     [?assertEqual({stored, Name}, starl_live_store:kept(Name, Store)) || Name <- Names],
-    ?assertEqual(length(Names), length(filelib:wildcard("*", Dir))).
+    ?assertEqual(length(Names) + 2, length(filelib:wildcard("*", Dir))).
+
+%% The store of a robot that has run once.
+new(Dir) ->
+    ok = starl_live_store:commission(Dir),
+    run(open(Dir)).
+
+run(Store) ->
+    ok = starl_live_store:started(#{sap => 1}, Store),
+    Store.
 
 open(Dir) ->
     {ok, Store} = starl_live_store:open(Dir),

@@ -126,13 +126,13 @@ event(_, _, _) ->
 accepts(mutex, Body) when tuple_size(Body) > 0 -> starl_shape:is(shape(element(1, Body)), Body);
 accepts(_Type, _Body) -> false.
 
-shape(request) -> [any, any, request(), natural, {either, [{is, home}, {is, none}]}];
-shape(token) -> [any, any, count, {list, request()}];
-shape(granted) -> [any, any, count, [count, integer]];
-shape(refused) -> [any, any, count, any];
-shape(owner) -> [any, any, count];
-shape(ask) -> [any, {either, [{is, claim}, {is, renew}]}, any, count, [count, integer]];
-shape(return) -> [any, any, count, {list, request()}];
+shape(request) -> [any, any, request(), serial, {either, [{is, home}, {is, none}]}];
+shape(token) -> [any, any, serial, {list, request()}];
+shape(granted) -> [any, any, serial, [count, integer]];
+shape(refused) -> [any, any, serial, any];
+shape(owner) -> [any, any, serial];
+shape(ask) -> [any, {either, [{is, claim}, {is, renew}]}, any, serial, [count, integer]];
+shape(return) -> [any, any, serial, {list, request()}];
 shape(_Unknown) -> {either, []}.
 
 request() -> [count, count].

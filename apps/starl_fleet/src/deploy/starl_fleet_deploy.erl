@@ -2,6 +2,7 @@
 %% one, or none of them. Nothing on a robot changes before the release is found good on all.
 %% ```
 %%     look  room  copy  keys  check   on all robots; a failure ends it here, nothing has changed
+%%     commission                      if no robot of the team has a store: they have never run
 %%     switch  health                  a failure takes all robots back to the release before
 %% '''
 -module(starl_fleet_deploy).
@@ -74,6 +75,7 @@ title(copy) -> "copy the release (by tar, where a robot has no rsync)";
 title(keys) -> "copy the keys";
 title(build) -> "compile there";
 title(check) -> "check the release there: the VM starts, the fleet file is sound";
+title(commission) -> "the robots have never run (only if none of them has a store)";
 title(may_reload) -> "can the new code be loaded?";
 title(switch) -> "switch to the release, and start; on a failure: bin/robot undo";
 title(reload) -> "load the new code; on a failure: bin/robot reload back";
@@ -103,7 +105,9 @@ stages(Fleet, #{way := Way} = Plan, Manifest, Options) ->
     {Before, After} = lists:splitwith(fun({Stage, _}) -> not is_turn(Stage) end, Stages),
     Ours = ours(Manifest, Plan),
     case
-        each(Before, #{fleet => Fleet, plan => Plan, ours => Ours, options => Options, tar => []})
+        each(Before, #{
+            fleet => Fleet, plan => Plan, ours => Ours, options => Options, tar => [], stores => []
+        })
     of
         {ok, State} -> turned(each(After, State), Way, State);
         {error, Lines} -> {error, Lines ++ ["no robot has changed its release"]}
@@ -134,6 +138,15 @@ each([Stage | Stages], State) ->
         {error, _} = Error -> Error
     end.
 
+%% A team that has run begins nothing anew: a robot without a store has lost it.
+stage({commission, _Steps}, #{stores := [_ | _]} = State) ->
+    #{stores := Stores, fleet := #{robots := Robots}, options := #{say := Say}} = State,
+    Without = maps:to_list(maps:without(Stores, Robots)),
+    ok = lists:foreach(
+        fun({N, Robot}) -> ok = Say(starl_fleet_failure:lost_store(N, Robot)) end,
+        lists:sort(Without)
+    ),
+    {ok, State};
 stage({Name, Steps}, #{options := #{say := Say}, tar := Tar} = State) ->
     ok = Say(title(Name)),
     Results = starl_fleet_shell:run(
@@ -160,8 +173,13 @@ failures(Name, Results, #{fleet := #{robots := Robots}}) ->
 looked(look, Results, #{fleet := #{robots := Robots}, ours := Ours} = State) ->
     Facts = [{N, starl_fleet_failure:facts(Said)} || {N, {0, Said}} <- Results],
     case [L || {N, F} <- Facts, L <- starl_fleet_failure:look(N, maps:get(N, Robots), F, Ours)] of
-        [] -> {ok, State#{tar := [N || {N, #{rsync := false}} <- Facts]}};
-        Lines -> {error, Lines}
+        [] ->
+            {ok, State#{
+                tar := [N || {N, #{rsync := false}} <- Facts],
+                stores := [N || {N, #{store := true}} <- Facts]
+            }};
+        Lines ->
+            {error, Lines}
     end;
 looked(_Name, _Results, State) ->
     {ok, State}.

@@ -2,7 +2,7 @@
 %% to do. A pure module.
 -module(starl_fleet_failure).
 
--export([line/4, look/4, facts/1]).
+-export([line/4, look/4, facts/1, lost_store/2]).
 
 -export_type([facts/0]).
 
@@ -12,7 +12,8 @@
     rsync := boolean(),
     otp := string(),
     free_kb := integer(),
-    release := string()
+    release := string(),
+    store := boolean()
 }.
 
 %% @doc The line on a command that ended with this exit status and these words.
@@ -110,13 +111,15 @@ lines(Said) ->
 facts(Said) ->
     Words = [string:lexemes(Line, " ") || Line <- lines(Said)],
     case [maps:from_list([{Key, Value} || [Key, Value] <- Words])] of
-        [#{"machine" := M, "rsync" := R, "otp" := Otp, "free" := Free, "release" := Release}] ->
+        [#{"machine" := M, "rsync" := R, "otp" := Otp, "free" := Free} = Facts] ->
+            #{"release" := Release, "store" := Store} = Facts,
             #{
                 machine => M,
                 rsync => R =:= "yes",
                 otp => Otp,
                 free_kb => list_to_integer(Free),
-                release => Release
+                release => Release,
+                store => Store =:= "kept"
             };
         _ ->
             unknown
@@ -132,6 +135,11 @@ look(N, Robot, #{machine := Machine, otp := Otp, free_kb := Free}, Ours) ->
     #{kind := Kind, machine := Own, otp := OurOtp, size_kb := Size} = Ours,
     Whys = processor(Kind, Machine, Own) ++ erlang_there(Kind, Otp, OurOtp) ++ disk(Free, Size),
     [named(N, Robot, Why) || Why <- lists:sublist(Whys, 1)].
+
+%% @doc The line on a robot without a store in a team that has run.
+-spec lost_store(starl:robot_id(), starl_fleet_file:robot()) -> unicode:chardata().
+lost_store(N, Robot) ->
+    named(N, Robot, "it has lost its store, or is new in the team: it knows no promise of its own").
 
 processor(ours, Machine, Own) when Machine =/= Own ->
     Line =

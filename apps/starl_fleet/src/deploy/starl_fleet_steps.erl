@@ -17,7 +17,18 @@
 }.
 
 -type stage() ::
-    look | room | copy | keys | build | check | may_reload | switch | reload | health | tidy.
+    look
+    | room
+    | copy
+    | keys
+    | build
+    | check
+    | commission
+    | may_reload
+    | switch
+    | reload
+    | health
+    | tidy.
 
 -type step() :: {starl:robot_id(), Command :: string()}.
 
@@ -36,7 +47,8 @@ deploy(#{robots := Robots} = Fleet, Plan, Without) ->
     ].
 
 stages(#{way := restart, kind := Kind}) ->
-    [look, room, copy, keys] ++ [build || Kind =:= source] ++ [check, switch, health, tidy];
+    [look, room, copy, keys] ++ [build || Kind =:= source] ++
+        [check, commission, switch, health, tidy];
 stages(#{way := reload, kind := Kind}) ->
     [look, room, copy] ++ [build || Kind =:= source] ++ [check, may_reload, reload, health, tidy].
 
@@ -57,6 +69,8 @@ command(build, N, Robot, Fleet, Plan) ->
     robot(N, Robot, Fleet, Plan, "build");
 command(check, N, Robot, Fleet, Plan) ->
     robot(N, Robot, Fleet, Plan, "check");
+command(commission, N, Robot, Fleet, _Plan) ->
+    ssh(Robot, "touch " ++ base(N, Fleet) ++ "/state/commissioned");
 command(may_reload, N, Robot, Fleet, Plan) ->
     robot(N, Robot, Fleet, Plan, "reload check");
 command(switch, N, Robot, Fleet, Plan) ->
@@ -109,7 +123,10 @@ look(Base) ->
     "echo free $(d=" ++ Base ++
         "; while [ ! -d $d ]; do d=$(dirname $d); done; "
         "df -Pk $d | tail -n 1 | { read a b c free e; echo $free; }); "
-        "echo release $(basename $(readlink " ++ Base ++ "/current || echo none))".
+        "echo release $(basename $(readlink " ++ Base ++
+        "/current || echo none)); "
+        "echo store $(cd " ++ Base ++
+        "/state 2>/dev/null && ls | grep -q '^starts-' && echo kept || echo none)".
 
 room(Base, #{service := Service}) ->
     Dirs = lists:append([" " ++ Base ++ "/" ++ Dir || Dir <- ["releases", "keys", "state"]]),

@@ -19,7 +19,9 @@
     figures/1,
     counts/1,
     line/2,
+    life/1,
     starts/1,
+    floor/1,
     started/2,
     tell_start/2
 ]).
@@ -154,12 +156,25 @@ line(transport, #body{transport = Pid}) -> Pid;
 line(positioning, #body{positioning = Pid}) -> Pid;
 line(chassis, #body{chassis = Pid}) -> Pid.
 
-%% @doc The number of starts of each machine, over all reboots.
--spec starts(t()) -> #{starl_machine:name() => pos_integer()}.
+%% @doc Has the robot ever run before?
+-spec life(t()) -> first | later.
+life(#body{store = Store}) -> starl_live_store:life(Store).
+
+%% @doc The number of starts of each machine, over all reboots, as far as the store knows it.
+-spec starts(t()) -> starl_robot_machines:starts().
 starts(#body{store = Store}) -> starl_live_store:starts(Store).
 
+%% @doc The lowest number that a start may have now. In a later life no number of an earlier one is
+%% as high as the milliseconds since 1970 are now, whatever is left in the store.
+-spec floor(t()) -> pos_integer().
+floor(#body{store = Store}) ->
+    case starl_live_store:life(Store) of
+        first -> 1;
+        later -> max(starl_live_store:floor(Store) + 1, max(2, erlang:system_time(millisecond)))
+    end.
+
 %% @doc Makes the number of starts durable.
--spec started(#{starl_machine:name() => pos_integer()}, t()) -> ok | {error, unicode:chardata()}.
+-spec started(starl_robot_machines:starts(), t()) -> ok | {error, unicode:chardata()}.
 started(Starts, #body{store = Store}) -> starl_live_store:started(Starts, Store).
 
 %% @doc Tells the observer of this node that the robot starts.

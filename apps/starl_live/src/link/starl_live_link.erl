@@ -163,9 +163,10 @@ handle_continue(launch, #{robot := Id, robot_sup := Sup, tree := Tree} = Spec) -
         _ = erlang:monitor(process, Machines),
         {Machines, starl_robot_sup:parts(Machines)}
     end,
-    {Processes, Machines} = starl_robot_tree:resume(Id, Start, Before),
+    Floor = starl_live_body:floor(Body),
+    {Processes, Machines} = starl_robot_tree:resume(Id, Start, Floor, Before),
     case starl_live_body:started(starl_robot_machines:starts(Machines), Body) of
-        ok -> launched(Spec, Body, Before, Processes, Machines);
+        ok -> launched(Spec, Body, Processes, Machines);
         {error, Why} -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}, Spec}
     end.
 
@@ -180,16 +181,16 @@ services(#{services := Services}) ->
      || Service <- Services
     ].
 
-launched(#{robot := Id} = Spec, Body, Before, Processes, Machines) ->
+launched(#{robot := Id} = Spec, Body, Processes, Machines) ->
     _ = erlang:send_after(?WATCH_MS, self(), watch),
     Names = starl_robot_machines:names(Machines),
     ok = tell_start(Names, Spec),
     ok = starl_live_body:tell_start(Names, Body),
     %% a robot that has run before comes up after a reboot
     Up =
-        case map_size(Before) of
-            0 -> Body;
-            _ -> starl_live_body:trace(robot, up, Body)
+        case starl_live_body:life(Body) of
+            first -> Body;
+            later -> starl_live_body:trace(robot, up, Body)
         end,
     Robot = starl_robot:new(Id, starl_live_body, Up, Machines),
     Link = #link{

@@ -1,31 +1,112 @@
 %% @doc The durable store of a live robot: a directory with one file for each term that a machine
 %% keeps, and the numbers of starts of all machines, twice.
 %%
-%% A file is written beside its predecessor and then takes its name, so a robot that loses its power
-%% finds the old term or the new one. Each file carries a checksum. If both copies of the numbers are
-%% unreadable, the robot goes on with numbers that no robot has reached: the seconds since 1970. So
-%% its peers never take it for an earlier incarnation of itself.
+%% A file is written beside its predecessor and then takes its name, and both are synced, so a robot
+%% that loses its power finds the old term or the new one, and never an older one. Each file carries
+%% a checksum.
+%%
+%% <em>The first life.</em> Whoever begins a team commissions the store of each robot. Only a robot
+%% that finds that mark and nothing else has never run. A robot that finds nothing at all has lost
+%% its store: it may have kept any term. The mark goes with the first start.
+%%
+%% <em>An outdated store.</em> A store that was lost, or that the robot's peers know to be an earlier
+%% one than its last, is marked as such: each term counts as damaged until its machine has written a
+%% new one.
 -module(starl_live_store).
 
--export([open/1, keep/3, kept/2, starts/1, started/2]).
+-export([commission/1, open/1, life/1, floor/1, keep/3, kept/2, starts/1, started/2, outdate/2]).
 
 -export_type([t/0]).
 
--record(store, {dir :: file:filename()}).
+-record(store, {
+    dir :: file:filename(),
+    life :: first | later,
+    outdated :: boolean(),
+    %% no start of an outdated store's robot may have a lower number
+    floor :: non_neg_integer()
+}).
 
 -opaque t() :: #store{}.
 
 -define(MAGIC, "starl-1 ").
 -define(SUFFIX, ".kept").
 -define(COPIES, ["starts-a", "starts-b"]).
+%% Marks: the robot has never run; its terms are to be removed; they have been.
+-define(COMMISSIONED, "commissioned").
+-define(OUTDATING, "outdating").
+-define(OUTDATED, "outdated").
+
+%% @doc Marks a robot's store as that of a robot that has never run, when a team begins. The
+%% directory is made if there is none.
+-spec commission(file:filename()) -> ok | {error, unicode:chardata()}.
+commission(Dir) ->
+    Written = first_error(filelib:ensure_path(Dir), fun() ->
+        write(filename:join(Dir, ?COMMISSIONED), true)
+    end),
+    explained(Written, Dir).
 
 %% @doc Opens the store in this directory, which is made if there is none.
 -spec open(file:filename()) -> {ok, t()} | {error, unicode:chardata()}.
 open(Dir) ->
-    case filelib:ensure_path(Dir) of
-        ok -> {ok, #store{dir = Dir}};
-        {error, Posix} -> {error, [Dir, ": ", file:format_error(Posix)]}
+    case first_error(filelib:ensure_path(Dir), fun() -> emptied(Dir) end) of
+        ok -> opened(Dir);
+        {error, _} = Error -> explained(Error, Dir)
     end.
+
+opened(Dir) ->
+    case {life(copies(Dir), Dir), read(filename:join(Dir, ?OUTDATED))} of
+        {lost, none} -> lost(Dir);
+        {first, _} -> {ok, #store{dir = Dir, life = first, outdated = false, floor = 0}};
+        {_, none} -> {ok, #store{dir = Dir, life = later, outdated = false, floor = 0}};
+        {_, {ok, N}} -> {ok, #store{dir = Dir, life = later, outdated = true, floor = N}};
+        {_, damaged} -> {ok, #store{dir = Dir, life = later, outdated = true, floor = 0}}
+    end.
+
+life([none, none], Dir) ->
+    IsNew = filelib:wildcard("*" ?SUFFIX, Dir) =:= [],
+    case filelib:is_file(filename:join(Dir, ?COMMISSIONED)) of
+        true when IsNew -> first;
+        _ -> lost
+    end;
+life([_, _], _Dir) ->
+    later.
+
+lost(Dir) ->
+    logger:error(#{what => store_lost, dir => Dir}),
+    case first_error(write(filename:join(Dir, ?OUTDATING), 0), fun() -> emptied(Dir) end) of
+        ok -> opened(Dir);
+        {error, _} = Error -> explained(Error, Dir)
+    end.
+
+%% Removes the terms of an outdated store. Its mark is there before and after.
+emptied(Dir) ->
+    Outdating = filename:join(Dir, ?OUTDATING),
+    case filelib:is_file(Outdating) of
+        false ->
+            ok;
+        true ->
+            Terms = [filename:join(Dir, File) || File <- filelib:wildcard("*" ?SUFFIX, Dir)],
+            Removed = lists:foldl(
+                fun(File, So) -> first_error(So, fun() -> file:delete(File) end) end,
+                ok,
+                Terms
+            ),
+            first_error(Removed, fun() -> renamed(Outdating, filename:join(Dir, ?OUTDATED)) end)
+    end.
+
+%% @doc The robot's peers know a later life of it than its store does, with this number: when the
+%% store is opened the next time, all terms count as damaged.
+-spec outdate(Number :: pos_integer(), t()) -> ok | {error, unicode:chardata()}.
+outdate(Number, #store{dir = Dir}) ->
+    explained(write(filename:join(Dir, ?OUTDATING), Number), Dir).
+
+%% @doc Has the robot ever run before?
+-spec life(t()) -> first | later.
+life(#store{life = Life}) -> Life.
+
+%% @doc The number that a start of this robot must exceed by all means, beside those counted.
+-spec floor(t()) -> non_neg_integer().
+floor(#store{floor = Floor}) -> Floor.
 
 %% @doc Keeps a term for a machine in place of its earlier term; `full': nothing is written.
 -spec keep(starl_machine:name(), term(), t()) -> ok | full.
@@ -40,45 +121,47 @@ keep(Name, Term, #store{dir = Dir}) ->
 
 %% @doc The stored term for a machine that starts now.
 -spec kept(starl_machine:name(), t()) -> starl_machine:stored().
-kept(Name, #store{dir = Dir}) ->
+kept(Name, #store{dir = Dir, outdated = Outdated}) ->
     case read(file(Name, Dir)) of
         {ok, Term} -> {stored, Term};
+        none when Outdated -> damaged;
         none -> none;
         damaged -> damaged
     end.
 
-%% @doc The number of starts of each machine so far.
+%% @doc The number of starts of each machine so far, as far as it is known.
 -spec starts(t()) -> #{starl_machine:name() => pos_integer()}.
 starts(#store{dir = Dir}) ->
-    Copies = [read(filename:join(Dir, Copy)) || Copy <- ?COPIES],
-    case {[Starts || {ok, Starts} <- Copies], lists:member(damaged, Copies)} of
-        {[], false} -> #{};
-        {[], true} -> unheard_of(Dir);
-        {Readable, _} -> lists:foldl(fun later/2, #{}, Readable)
-    end.
+    Readable = [Starts || {ok, Starts} <- copies(Dir)],
+    lists:foldl(fun later/2, #{}, Readable).
+
+copies(Dir) -> [read(filename:join(Dir, Copy)) || Copy <- ?COPIES].
 
 later(Some, Others) -> maps:merge_with(fun(_, A, B) -> max(A, B) end, Some, Others).
 
-unheard_of(Dir) ->
-    logger:error(#{what => starts_damaged, dir => Dir}),
-    Names = [list_to_existing_atom(unquoted(File)) || File <- filelib:wildcard("*" ?SUFFIX, Dir)],
-    maps:from_list([{Name, erlang:system_time(second)} || Name <- [sap | Names]]).
-
-%% @doc Makes the numbers of starts durable.
+%% @doc Makes the numbers of starts durable: the robot has run.
 -spec started(#{starl_machine:name() => pos_integer()}, t()) -> ok | {error, unicode:chardata()}.
 started(Starts, #store{dir = Dir}) ->
-    Written = [write(filename:join(Dir, Copy), Starts) || Copy <- ?COPIES],
-    case lists:usort(Written) of
-        [ok] -> ok;
-        [{error, Why} | _] -> {error, [Dir, ": ", file:format_error(Why)]};
-        [ok, {error, Why} | _] -> {error, [Dir, ": ", file:format_error(Why)]}
+    Written = lists:foldl(
+        fun(Copy, So) -> first_error(So, fun() -> write(filename:join(Dir, Copy), Starts) end) end,
+        ok,
+        ?COPIES
+    ),
+    explained(first_error(Written, fun() -> removed(filename:join(Dir, ?COMMISSIONED)) end), Dir).
+
+removed(File) ->
+    case file:delete(File) of
+        ok -> synced(filename:dirname(File));
+        {error, enoent} -> ok;
+        {error, _} = Error -> Error
     end.
+
+explained(ok, _Dir) -> ok;
+explained({error, Posix}, Dir) -> {error, [Dir, ": ", file:format_error(Posix)]}.
 
 %% -- files ----------------------------------------------------------------------------------
 
 file(Name, Dir) -> filename:join(Dir, uri_string:quote(atom_to_list(Name)) ++ ?SUFFIX).
-
-unquoted(File) -> uri_string:unquote(filename:basename(File, ?SUFFIX)).
 
 write(File, Term) ->
     Content = term_to_binary(Term),
@@ -94,10 +177,23 @@ filled(Device, Content) ->
     first_error(Synced, fun() -> file:close(Device) end).
 
 named(ok, New, File) ->
-    file:rename(New, File);
+    renamed(New, File);
 named({error, _} = Error, New, _File) ->
     _ = file:delete(New),
     Error.
+
+renamed(From, To) ->
+    first_error(file:rename(From, To), fun() -> synced(filename:dirname(To)) end).
+
+%% A new name outlives a power cut only when its directory has been synced.
+synced(Dir) ->
+    case file:open(Dir, [raw, read, directory]) of
+        {ok, Device} ->
+            Synced = file:sync(Device),
+            first_error(Synced, fun() -> file:close(Device) end);
+        {error, _} = Error ->
+            Error
+    end.
 
 first_error(ok, Next) -> Next();
 first_error({error, _} = Error, _Next) -> Error.

@@ -90,14 +90,15 @@
 
 %% The term that a machine kept with the action `store', given back after a crash of the machine and
 %% after a reboot of the robot alike. `none': it has never kept a term. `damaged': it kept a term
-%% that cannot be read, so the machine must assume that it has made every promise it could have
-%% made. A full store crashes the machine that writes, before any later action. A machine that wrote
+%% that cannot be read, or the robot has lost its store and nobody knows whether it did, so the machine
+%% must assume that it has made every promise it could have made. A full store crashes the machine that writes, before any later action. A machine that wrote
 %% in `init/1' would crash at every restart, so a machine writes only when it makes a promise.
 -type stored() :: none | {stored, Term :: term()} | damaged.
 
-%% The configuration given to `init/1'. `incarnation' counts the starts of this machine on this
-%% robot (1, 2, …), over reboots too: the platform keeps this number in the robot's store twice,
-%% apart from the machines' terms, so no fault of the store affects it. `random' is the machine's
+%% The configuration given to `init/1'. `incarnation' grows with each start of this machine on this
+%% robot, by one in a life of the robot; a robot that comes up again begins with a number that no
+%% earlier life has reached ({@link starl_robot_machines}), whatever has become of its store. 1: this
+%% machine has never run before. `random' is the machine's
 %% own random stream, another one in each life. `team_seed' is the same number for all robots of the
 %% team, in all their lives: what a machine has told by it, it tells again after a restart, and after
 %% the loss of its store, too. `clock' reads the robot's own clock where steps take time; only an

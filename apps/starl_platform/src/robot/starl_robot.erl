@@ -320,7 +320,7 @@ boot(Name, Local, World, Machines, Timers, #robot{driver = Driver} = Robot) ->
     #driver{module = Module, handles = Handles, trace = Trace} = Driver,
     Noted = Handles(Name, boot, none, World),
     Base = Module:base(Name, starl_robot_machines:incarnation(Name, Machines), Noted),
-    %% monitors learn that the machine has lost its stored term
+    %% monitors learn that the machine has lost its stored term, if it had one
     Known =
         case Base of
             #{stored := damaged} -> Trace(Name, store_damaged, Noted);

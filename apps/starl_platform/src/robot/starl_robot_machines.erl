@@ -6,14 +6,19 @@
 %% sequential application has a stack of its own and is always a process.
 %%
 %% The number of starts outlives a machine, and has to outlive the robot's reboots, too: incarnation
-%% 1 means that the machine has never run before.
+%% 1 means that the machine has never run before. What the robot's store tells of it may be lost, or
+%% be older than the robot's last life. So the numbers of a robot that comes up begin with a floor,
+%% which no earlier life has reached: the milliseconds of its clock.
 -module(starl_robot_machines).
 
--export([new/1, restore/3, names/1, has/2, incarnation/2, starts/1]).
--export([boot/3, step/5, attach/3, lose/2, restart/3, update/3, down/1, up/1]).
+-export([new/1, restore/3, resume/2, names/1, has/2, incarnation/2, counted/2, starts/1, starts/2]).
+-export([boot/3, step/5, attach/3, lose/2, restart/3, update/3, down/1, up/2]).
 -export([process/2, name_of/2, processes/1, inline/1, to_map/1]).
 
--export_type([t/0, inline/0, answer/0, machine/0]).
+-export_type([t/0, inline/0, answer/0, machine/0, starts/0]).
+
+%% How often each machine has started, or a number beyond that.
+-type starts() :: #{starl_machine:name() => pos_integer()}.
 
 %% The machines that get no process, by their names.
 -type inline() :: #{starl_machine:name() => {module(), Config :: map()}}.
@@ -32,7 +37,11 @@
 -record(machines, {
     now = #{} :: #{starl_machine:name() => machine()},
     inline :: inline(),
-    starts = #{} :: #{starl_machine:name() => pos_integer()},
+    starts = #{} :: starts(),
+    %% the numbers of starts before the last one of each
+    counted = #{} :: starts(),
+    %% no number is lower
+    floor = 1 :: pos_integer(),
     %% since the robot came up
     restarts = #{} :: #{starl_robot_sup:part() => pos_integer()}
 }).
@@ -41,11 +50,14 @@
 
 %% @doc The machines of a robot that starts for the first time; processes attach later.
 -spec new(inline()) -> t().
-new(Inline) -> up(#machines{inline = Inline}).
+new(Inline) -> up(1, #machines{inline = Inline}).
+
+%% @doc The machines of a robot that has started before and comes up; processes attach.
+-spec resume(Floor :: pos_integer(), starts()) -> t().
+resume(Floor, Starts) -> #machines{inline = #{}, starts = Starts, floor = Floor}.
 
 %% @doc Machines in a given state: all are inline.
--spec restore(inline(), #{starl_machine:name() => starl_machine:t()}, Starts) -> t() when
-    Starts :: #{starl_machine:name() => pos_integer()}.
+-spec restore(inline(), #{starl_machine:name() => starl_machine:t()}, starts()) -> t().
 restore(Inline, Now, Starts) -> #machines{inline = Inline, now = Now, starts = Starts}.
 
 %% @doc The present machines, in the order in which they boot.
@@ -60,9 +72,17 @@ has(Name, #machines{now = Now}) -> is_map_key(Name, Now).
 -spec incarnation(starl_machine:name(), t()) -> pos_integer().
 incarnation(Name, #machines{starts = Starts}) -> maps:get(Name, Starts).
 
+%% @doc The number of a machine's last start before this one, as far as it is known; 0: none.
+-spec counted(starl_machine:name(), t()) -> non_neg_integer().
+counted(Name, #machines{counted = Counted}) -> maps:get(Name, Counted, 0).
+
 %% @doc The number of starts of each machine, those that are gone included.
--spec starts(t()) -> #{starl_machine:name() => pos_integer()}.
+-spec starts(t()) -> starts().
 starts(#machines{starts = Starts}) -> Starts.
+
+%% @doc The machines of a robot that is down, with other numbers of starts.
+-spec starts(starts(), t()) -> t().
+starts(Starts, Machines) -> Machines#machines{starts = Starts}.
 
 %% @doc Boots a machine with this configuration.
 -spec boot(starl_machine:name(), starl_machine:config(), t()) -> answer().
@@ -137,14 +157,19 @@ update(Name, Fun, #machines{now = Now} = Machines) ->
 -spec down(t()) -> t().
 down(Machines) -> Machines#machines{now = #{}}.
 
-%% @doc The robot comes up: its inline machines have to boot; processes attach.
--spec up(t()) -> t().
-up(#machines{inline = Inline} = Machines) ->
+%% @doc The robot comes up: its inline machines have to boot; processes attach. No number of starts is
+%% lower than `Floor' from now on.
+-spec up(Floor :: pos_integer(), t()) -> t().
+up(Floor, #machines{inline = Inline} = Machines) ->
     Now = maps:map(fun(_, _) -> waiting end, Inline),
-    lists:foldl(fun started/2, Machines#machines{now = Now, restarts = #{}}, maps:keys(Inline)).
+    Up = Machines#machines{now = Now, restarts = #{}, floor = Floor},
+    lists:foldl(fun started/2, Up, maps:keys(Inline)).
 
-started(Name, #machines{starts = Starts} = Machines) ->
-    Machines#machines{starts = Starts#{Name => maps:get(Name, Starts, 0) + 1}}.
+started(Name, #machines{starts = Starts, counted = Counted, floor = Floor} = Machines) ->
+    Before = maps:get(Name, Starts, 0),
+    Machines#machines{
+        starts = Starts#{Name => max(Before + 1, Floor)}, counted = Counted#{Name => Before}
+    }.
 
 %% @doc A machine's process; `none': the machine is inline, or there is none of this name.
 -spec process(starl_machine:name(), t()) -> pid() | none.

@@ -13,9 +13,8 @@
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
 -export([new/3, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
--export([
-    handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1
-]).
+-export([handles/4, clock/1, present/1, floor/1, base/3, trace/3, plan/5, store/3, ended/2]).
+-export([perform/3, stop/1]).
 -export([pending/1, now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
 -export([turn_wheels/1, beat/2, says/2, postpone/2, reload/2, take_back/2, fallen/3]).
 
@@ -183,6 +182,10 @@ clock(#body{now = Now, clock = Clock}) -> starl_sim_clock:local(Now, Clock).
 %% @doc The same: a step takes no time, unless the robot stands still in it, and then its time goes on.
 -spec present(t()) -> integer().
 present(Body) -> clock(Body).
+
+%% @doc The lowest number that a start may have when the robot comes up now: milliseconds of its clock.
+-spec floor(t()) -> pos_integer().
+floor(Body) -> max(2, clock(Body) div 1000).
 
 %% @doc The piece of motion that the robot is in.
 -spec piece(t()) -> starl_trajectory:piece().

@@ -345,7 +345,8 @@ strike(go_down, up, #robot{robot = Robot, tree = Tree, events = Events} = Site) 
     Down = starl_robot:go_down(Robot),
     Site#robot{robot = Down, tree = starl_robot_tree:down(Tree), events = faults_of(Events)};
 strike(come_up, down, #robot{robot = Robot, tree = Tree} = Site) ->
-    Waiting = starl_robot_machines:up(starl_robot:machines(Robot)),
+    Floor = starl_sim_platform:floor(body(Site)),
+    Waiting = starl_robot_machines:up(Floor, starl_robot:machines(Robot)),
     {Launched, Machines} = starl_robot_tree:launch(Tree, Waiting),
     Site#robot{robot = starl_robot:come_up(Machines, Robot), tree = Launched};
 strike(_, _Condition, Site) ->

@@ -35,18 +35,21 @@ open(#{robots := Poses, world := Sim} = Plan, {Name, Nodes}, Options) ->
         options => Options
     }.
 
-%% @doc What a robot starts with.
+%% @doc What a robot starts with. It has never run: its store is commissioned. Where that fails, the
+%% robot says so when it opens its store.
 -spec robot(starl:robot_id(), t()) -> starl_live_robot:spec().
 robot(Id, #{plan := Plan, clock := Clock, world := World, transport := Line, options := Options}) ->
     #{crew := #{tree := Tree}, world := #{profiles := Profiles, seed := Seed}} = Plan,
     #{dir := Dir} = Options,
+    Own = filename:join(Dir, "robot-" ++ integer_to_list(Id)),
+    _ = starl_live_store:commission(Own),
     #{
         robot => Id,
         tree => Tree,
         team_seed => Seed,
         profile => starl_chassis:of_robot(Id, Profiles),
         clock => Clock,
-        dir => filename:join(Dir, "robot-" ++ integer_to_list(Id)),
+        dir => Own,
         transport => Line(Id),
         positioning => {starl_world_sight, #{world => World}},
         chassis => starl_world_chassis:line(Id, World, Options),
