@@ -93,6 +93,61 @@ asks_again_test() ->
 
 again(Machine) -> element(1, step({timeout, {again, gate}}, again, Machine)).
 
+%% -- a later life -----------------------------------------------------------------------------
+
+later(Stored) -> new(1 bsl 57, Stored, #{life => {4, 1 bsl 57}}).
+
+who() -> {who, 1 bsl 57}.
+
+%% Robot `From' has reached round `K', knows that this one has reached `Known', and that all have
+%% reached `All'.
+tells(From, K, Known, All, Machine) ->
+    hears(From, {told, 1 bsl 57, true, [{gate, K, Known, All}]}, Machine).
+
+turn(Machine) -> call(app, {round, gate}, Machine).
+
+%% The robot may have lived since its store was written: all others confirm its counts before the
+%% application learns its round. What they do not know any more contradicts nothing.
+a_later_life_is_confirmed_by_all_test() ->
+    {Actions, Machine} = later({stored, {complete, #{gate => {3, 2, 2}}}}),
+    ?assertEqual([{2, who()}, {3, who()}], sent(Actions)),
+    {Waits, Asking} = turn(Machine),
+    ?assertEqual([], answers(Waits)),
+    {[], One} = tells(2, 3, 3, 2, Asking),
+    {Confirmed, Settled} = tells(3, 0, 0, 0, One),
+    ?assertEqual([{app, 3}], rounds(Confirmed)),
+    ?assertEqual([], traces(Confirmed)),
+    ?assertEqual([], traces(element(1, sync(gate, 3, Settled)))).
+
+%% One that knows a later round has heard it from this robot: its store is an old one. If that one
+%% has reached the round, too, it counts as passed.
+a_later_round_outdates_the_store_test() ->
+    {_, Machine} = later({stored, {complete, #{gate => {3, 2, 2}}}}),
+    {_, Asking} = turn(Machine),
+    {[], One} = tells(2, 5, 5, 4, Asking),
+    {Found, Settled} = tells(3, 5, 3, 2, One),
+    ?assertEqual([store_damaged], traces(Found)),
+    ?assertEqual([{app, 6}], rounds(Found)),
+    ?assertMatch([{complete, #{gate := {6, 5, _}}}], stored(element(1, sync(gate, 6, Settled)))).
+
+%% A name that the store does not know of, too.
+a_name_outdates_the_store_test() ->
+    {_, Machine} = later({stored, {complete, #{}}}),
+    {_, Asking} = turn(Machine),
+    {[], One} = tells(2, 2, 2, 1, Asking),
+    {Found, _} = tells(3, 2, 2, 1, One),
+    ?assertEqual([{app, 3}], rounds(Found)).
+
+%% What is stored before the others have answered keeps the counts that are not confirmed yet.
+nothing_is_dropped_while_unconfirmed_test() ->
+    {_, Machine} = later({stored, {complete, #{gate => {3, 2, 2}, other => {7, 7, 7}}}}),
+    {Reached, _} = sync(gate, 3, Machine),
+    ?assertEqual([], stored(Reached)),
+    {Next, _} = sync(gate, 4, Machine),
+    ?assertMatch([{complete, #{gate := {4, 3, _}, other := {7, 7, 7}}}], stored(Next)).
+
+%% -- announcements ----------------------------------------------------------------------------
+
 %% The outcome of the announcement says who knows; the others are asked.
 announced_test() ->
     [

@@ -108,7 +108,7 @@ happen(down, #run{robot = Robot} = Run) ->
 happen(die, #run{robot = Robot} = Run) ->
     new_service(Run#run{robot = starl_robot:die(killed, Robot)});
 happen(up, #run{robot = Robot} = Run) ->
-    Machines = starl_robot_machines:up(1, starl_robot:machines(Robot)),
+    Machines = starl_robot_machines:up(first, starl_robot:machines(Robot)),
     run(Run#run{robot = starl_robot:come_up(Machines, Robot)}).
 
 new_service(#run{sap = real} = Run) -> Run;

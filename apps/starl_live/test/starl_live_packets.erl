@@ -16,11 +16,11 @@ packet(From) ->
         ?LET({A, B, C}, {count(), count(), count()}, starl_packet:refusal(From, A, B, C)),
         ?LET(I, count(), starl_packet:hello(From, I)),
         ?LET({T, B}, {type(), body()}, starl_packet:shout(From, T, B)),
-        ?LET(N, count(), starl_packet:ask(From, N)),
+        ?LET(N, count(), starl_packet:ask(From, N, {0, N})),
         ?LET(
             {I, N, L, C},
             {count(), count(), count(), count()},
-            starl_packet:told(From, I, N, {L, C})
+            starl_packet:told(From, I, N, {L, C}, {0, I})
         )
     ]).
 

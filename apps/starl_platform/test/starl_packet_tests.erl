@@ -16,8 +16,10 @@ shapes() ->
         {[2, 3], fun([R, I]) -> starl_packet:hello(R, I) end},
         {[2], fun([S]) -> starl_packet:shout(S, t, body) end},
         {[2], fun([S]) -> starl_packet:shout(S, {app, t}, body) end},
-        {[2, 4711], fun([B, N]) -> starl_packet:ask(B, N) end},
-        {[2, 3, 4711, 5, 6], fun([R, I, N, L, C]) -> starl_packet:told(R, I, N, {L, C}) end}
+        {[2, 4711], fun([B, N]) -> starl_packet:ask(B, N, {0, 3}) end},
+        {[2, 3, 4711, 5, 6], fun([R, I, N, L, C]) ->
+            starl_packet:told(R, I, N, {L, C}, {0, 3})
+        end}
     ].
 
 known_shapes_test() ->
@@ -49,6 +51,18 @@ replaced(N) ->
 
 setnth(1, [_ | Rest], N) -> [N | Rest];
 setnth(Place, [First | Rest], N) -> [First | setnth(Place - 1, Rest, N)].
+
+%% Two whole numbers from 0 on.
+lives_test() ->
+    Packets = fun(Lives) ->
+        [starl_packet:ask(2, 1, Lives), starl_packet:told(2, 1, 1, {1, 1}, Lives)]
+    end,
+    [?assertEqual(2, source(P)) || Lives <- [{0, 0}, {3, ?MOST}], P <- Packets(Lives)],
+    [
+        ?assertEqual(malformed, source(P))
+     || Lives <- [{-1, 0}, {0, ?MOST + 1}, {0}, {0, 0, 0}, [0, 0], none, {a, 1}],
+        P <- Packets(Lives)
+    ].
 
 types_test() ->
     Packets = fun(Type) ->
@@ -87,6 +101,6 @@ near(Packet) ->
 %% What is told of numbers is a pair.
 lows_test() ->
     [
-        ?assertEqual(malformed, source(starl_packet:told(2, 3, 4711, Lows)))
+        ?assertEqual(malformed, source(starl_packet:told(2, 3, 4711, Lows, {0, 0})))
      || Lows <- [5, {5}, {5, 6, 7}, [5, 6], none]
     ].

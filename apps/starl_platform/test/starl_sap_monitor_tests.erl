@@ -793,6 +793,7 @@ vocabulary_test() ->
             {full, 2},
             {listener_refused, 3},
             {outcome, 3},
+            {outlived, 2},
             {overload, 1},
             {sent, 4},
             {started, 1},

@@ -127,12 +127,23 @@ nonce_test() ->
     {ok, Answered} = told(5, 77, {1, 1}, asked(new())),
     ?assertEqual(not_asked, told(6, 77, {1, 1}, Answered)).
 
-%% The answer is believed, however far it is from what was: later or earlier.
+%% The answer is believed, however far it is from what was heard: later or earlier.
 answer_counts_test() ->
     {ok, Far} = told(1000, 77, {1, 1}, asked(new())),
     ?assertEqual(1000, starl_sap_peers:incarnation(2, Far)),
-    {ok, Back} = told(3, 77, {1, 1}, asked(Far)),
+    {present, Heard} = heard(17, new()),
+    {ok, Back} = told(3, 77, {1, 1}, asked(Heard)),
     ?assertEqual(3, starl_sap_peers:incarnation(2, Back)).
+
+%% What the robot itself has told is not undone by less.
+a_life_that_was_told_is_not_undone_test() ->
+    {ok, Far} = told(1000, 77, {1, 1}, asked(new())),
+    {outlived, Same} = told(999, 77, {1, 1}, asked(Far)),
+    ?assertEqual(1000, starl_sap_peers:incarnation(2, Same)),
+    ?assertEqual(not_asked, told(1001, 77, {1, 1}, Same)),
+    ?assertEqual({0, 1000}, starl_sap_peers:lives(2, Same)),
+    {ok, Later} = told(5000, 77, {1, 1}, asked(Same)),
+    ?assertEqual({1000, 5000}, starl_sap_peers:lives(2, Later)).
 
 %% The floor rises to what the source still waits for, over the gaps, in both kinds.
 lows_test() ->

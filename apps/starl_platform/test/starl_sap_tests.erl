@@ -51,12 +51,12 @@ delivered(Theirs, Seq) ->
 
 %% The question that is among the actions.
 asked(Actions) ->
-    [Nonce] = [N || {transmit, 2, {starl, 1, ask, 1, N}} <- Actions],
+    [Nonce] = [N || {transmit, 2, {starl, 1, ask, 1, N, _}} <- Actions],
     Nonce.
 
 told(Theirs, Nonce) -> told(Theirs, Nonce, {1, 1}).
 
-told(Theirs, Nonce, Lows) -> {packet, starl_packet:told(2, Theirs, Nonce, Lows)}.
+told(Theirs, Nonce, Lows) -> {packet, starl_packet:told(2, Theirs, Nonce, Lows, {0, 0})}.
 
 dropped(Why, Robot) -> {trace, {dropped, Why, Robot}}.
 
@@ -355,11 +355,73 @@ doubtful_refusal_test() ->
 told_test() ->
     Sap = after_all([sends(), {cast, {broadcast, t, hi}}, {cast, {send, 3, t, hi}}], started()),
     Acked = after_all([{packet, starl_packet:ack(2, 1, 1, 1)}], Sap),
-    Answers = fun(Robot, S) -> actions(step(packet, starl_packet:ask(Robot, 4711), S)) end,
-    ?assertEqual([{transmit, 2, starl_packet:told(1, 1, 4711, {1, 1})}], Answers(2, Sap)),
-    ?assertEqual([{transmit, 2, starl_packet:told(1, 1, 4711, {2, 1})}], Answers(2, Acked)),
+    Answers = fun(Robot, S) -> actions(step(packet, starl_packet:ask(Robot, 4711, {0, 0}), S)) end,
+    ?assertEqual([{transmit, 2, starl_packet:told(1, 1, 4711, {1, 1}, {0, 0})}], Answers(2, Sap)),
+    ?assertEqual([{transmit, 2, starl_packet:told(1, 1, 4711, {2, 1}, {0, 0})}], Answers(2, Acked)),
     Second = started(#{incarnation => 2}),
-    ?assertEqual([{transmit, 3, starl_packet:told(1, 2, 4711, {1, 1})}], Answers(3, Second)).
+    ?assertEqual(
+        [{transmit, 3, starl_packet:told(1, 2, 4711, {1, 1}, {0, 0})}], Answers(3, Second)
+    ).
+
+%% -- a store that is older than the robot ------------------------------------------------------
+
+%% A question names the lives that the robot has told itself, not those that it was heard of.
+lives_are_what_a_robot_has_told_test() ->
+    Asks = fun(Sap) -> [P || {transmit, 2, P} <- actions(step(packet, hello(9000), Sap))] end,
+    Heard = after_all([{packet, starl_packet:hello(2, 3)}], started()),
+    ?assertMatch([{starl, 1, ask, 1, _, {0, 0}}], Asks(Heard)),
+    Told = tells(100, tells(50, started())),
+    ?assertMatch([{starl, 1, ask, 1, _, {50, 100}}], Asks(Told)).
+
+%% A robot that tells less than it has told before is not believed, and told so when it is asked.
+a_forgotten_life_is_not_taken_for_new_test() ->
+    Sap = tells(100, after_all([listens()], started())),
+    {Actions, Asked} = hears(data(60, 1, 1, #{}), Sap),
+    Less = hears(told(60, asked(Actions)), Asked),
+    ?assertEqual([dropped(incarnation, 2)], actions(Less)),
+    {Again, _} = hears(data(60, 1, 1, #{}), element(2, Less)),
+    ?assertMatch([_, {transmit, 2, {starl, 1, ask, 1, _, {0, 100}}}], Again).
+
+%% A hint at a life that its store does not know makes the robot ask; until it has the answer it
+%% tells nothing. Only the answer to its own question counts.
+an_outlived_robot_asks_before_it_tells_test() ->
+    Sap = started(#{incarnation => 200, life => {3, 200}}),
+    {Actions, Asking} = step(packet, starl_packet:ask(2, 4711, {3, 100}), Sap),
+    ?assertMatch([{transmit, 2, {starl, 1, ask, 1, _, _}}], Actions),
+    Answer = fun(Nonce, Lives) -> starl_packet:told(2, 1, Nonce, {1, 1}, Lives) end,
+    Nonce = asked(Actions),
+    ?assertEqual(
+        [dropped(answer, 2)], actions(step(packet, Answer(Nonce + 1, {3, 100}), Asking))
+    ),
+    ?assertEqual(
+        [{trace, {outlived, 100, 2}}, {outlived, 100}],
+        actions(step(packet, Answer(Nonce, {3, 100}), Asking))
+    ),
+    %% it was not true
+    {[], Sure} = step(packet, Answer(Nonce, {0, 3}), Asking),
+    ?assertMatch(
+        [{transmit, 2, {starl, 1, told, 1, 200, 4712, _, _}}],
+        actions(step(packet, starl_packet:ask(2, 4712, {0, 3}), Sure))
+    ).
+
+%% Lives that the store knows, and those since the robot has come up, are no news; a higher one is.
+lives_that_are_known_test() ->
+    Sap = started(#{incarnation => 205, life => {3, 200}}),
+    Kinds = fun(Lives) ->
+        [element(3, P) || {transmit, 2, P} <- actions(step(packet, asking(Lives), Sap))]
+    end,
+    [?assertEqual([told], Kinds(Lives)) || Lives <- [{0, 0}, {0, 3}, {3, 200}, {200, 205}]],
+    [?assertEqual([ask], Kinds(Lives)) || Lives <- [{0, 4}, {199, 200}, {3, 206}]].
+
+asking(Lives) -> starl_packet:ask(2, 4711, Lives).
+
+hello(Incarnation) -> starl_packet:hello(2, Incarnation).
+
+%% Robot 2 is asked and tells its incarnation.
+tells(Incarnation, Sap) ->
+    {Actions, Asked} = step(packet, hello(Incarnation), Sap),
+    {[], Told} = hears(told(Incarnation, asked(Actions)), Asked),
+    Told.
 
 %% -- who is heard ----------------------------------------------------------------------------
 

@@ -113,7 +113,7 @@ down_and_up_test() ->
         traced(Down)
     ),
     ?assertEqual(?NAMES, [Name || {_, _, Name, crashed} <- traced(Down)]),
-    Up = starl_robot:come_up(starl_robot_machines:up(1, starl_robot:machines(Down)), Down),
+    Up = starl_robot:come_up(starl_robot_machines:up(first, starl_robot:machines(Down)), Down),
     ?assertEqual([{Name, boot, none} || Name <- ?NAMES], left(Up)),
     ?assertEqual({100, 1, robot, up}, lists:last(traced(Up))),
     ?assertEqual(

@@ -25,6 +25,20 @@ damaged_test() ->
     ),
     ?assertEqual(none, starl_sim_store:kept(b, 6000, Store)).
 
+%% Nobody knows what was in a store that is lost: each term is damaged until it is written anew.
+outdated_test() ->
+    Store = starl_sim_store:outdate(keep([{a, 1}], 0, starl_sim_store:new([]))),
+    ?assertEqual([damaged, damaged], [starl_sim_store:kept(N, 9, Store) || N <- [a, b]]),
+    Anew = keep([{b, 2}], 9, Store),
+    ?assertEqual([damaged, {stored, 2}], [starl_sim_store:kept(N, 9, Anew) || N <- [a, b]]).
+
+%% An image has the terms and the numbers of its time, whatever came after it.
+set_back_test() ->
+    Image = starl_sim_store:save(f, #{a => 1}, keep([{a, 1}], 0, starl_sim_store:new([]))),
+    {Starts, Back} = starl_sim_store:set_back(f, keep([{a, 2}, {b, 1}], 9, Image)),
+    ?assertEqual(#{a => 1}, Starts),
+    ?assertEqual([{stored, 1}, none], [starl_sim_store:kept(N, 9, Back) || N <- [a, b]]).
+
 keep(Terms, Now, Store) ->
     lists:foldl(
         fun({Name, Term}, S) ->

@@ -3,12 +3,12 @@
 %%
 %% All counts only grow, and none exceeds the truth: so no robot is taken to have come further than
 %% it has. A gate is <em>unsure</em> while this robot's earlier rounds are known from the others
-%% only.
+%% only, or while its stored counts may be older than its last life.
 -module(starl_barrier_gate).
 
--export([new/1, recall/1, turn/1, is_sure/1, caller/1, counts/1, fact/2]).
+-export([new/1, recall/2, turn/1, is_sure/1, caller/1, counts/1, fact/2]).
 -export([resume/2, is_passed/2, tell/2, reach/4, pass/1, missed/1, unheard/1, fail/1]).
--export([hear/4, learn/5, assure/3]).
+-export([hear/4, learn/5, assure/3, is_outdated/1]).
 
 -export_type([t/0, turn/0, stored/0]).
 
@@ -24,8 +24,10 @@
 -type stored() :: {At :: round(), Passed :: round(), All :: round()}.
 
 -record(gate, {
-    %% false: known from the others only
+    %% false: known from the others only, or not confirmed by them yet
     sure = true :: boolean(),
+    %% while it is not: the stored counts
+    kept = none :: stored() | none,
     at = 0 :: round(),
     passed = 0 :: round(),
     %% the last round that the application has passed, as far as it knows
@@ -45,11 +47,16 @@
 -spec new(IsSure :: boolean()) -> t().
 new(Sure) -> #gate{sure = Sure}.
 
-%% @doc A name of which these counts were stored. A round that counted as passed after a damage need
-%% not have been reached by all. Earlier versions stored two counts.
--spec recall(stored() | {At :: round(), Passed :: round()}) -> t().
-recall({At, Passed}) -> recall({At, Passed, 0});
-recall({At, Passed, All}) -> #gate{at = At, passed = Passed, told = Passed, all = All}.
+%% @doc A name of which these counts were stored; `false': the others must confirm them. A round that
+%% counted as passed after a damage need not have been reached by all. Earlier versions stored two
+%% counts.
+-spec recall(stored() | {At :: round(), Passed :: round()}, IsSure :: boolean()) -> t().
+recall({At, Passed}, IsSure) ->
+    recall({At, Passed, 0}, IsSure);
+recall({At, Passed, All}, true) ->
+    #gate{at = At, passed = Passed, told = Passed, all = All};
+recall({_, _, _} = Counts, false) ->
+    (recall(Counts, true))#gate{sure = false, kept = Counts}.
 
 %% @doc The application's next round.
 -spec turn(t()) -> turn().
@@ -63,8 +70,9 @@ is_sure(#gate{sure = Sure}) -> Sure.
 -spec caller(t()) -> starl_machine:from() | none.
 caller(#gate{from = From}) -> From.
 
-%% @doc The counts to store.
--spec counts(t()) -> stored().
+%% @doc The counts to store; `none': there are none while the gate is unsure.
+-spec counts(t()) -> stored() | none.
+counts(#gate{sure = false, kept = Kept}) -> Kept;
 counts(#gate{at = At, passed = Passed, all = All}) -> {At, Passed, All}.
 
 %% @doc The counts to tell another robot: the round that this one has reached, the other's round as
@@ -79,14 +87,20 @@ fact(Robot, #gate{at = At, all = All, reached = Reached}) ->
 %% than the others, and than a store that was damaged for a while and gives back what it took before
 %% that; but it was not told of a round that was passed just before a crash.
 -spec resume(turn(), t()) -> t().
-resume({Round, All}, #gate{sure = false, all = Known} = Gate) ->
+resume({Round, All}, #gate{sure = false, kept = none, all = Known} = Gate) ->
     Before = Round - 1,
     Gate#gate{
         sure = true, at = Before, passed = Before, told = Before, all = max(All, Known)
     };
 resume({Round, _All}, #gate{at = At, passed = Passed} = Gate) ->
     Before = Round - 1,
-    Gate#gate{at = max(At, Before), passed = max(Passed, Before), told = Before}.
+    Gate#gate{
+        sure = true,
+        kept = none,
+        at = max(At, Before),
+        passed = max(Passed, Before),
+        told = Before
+    }.
 
 %% @doc Is this a round that the robot has passed, though its application has not been told?
 -spec is_passed(pos_integer(), t()) -> boolean().
@@ -163,15 +177,27 @@ learn(Robot, Round, Known, All, #gate{all = Before} = Gate) ->
 %% has not reached this robot's round, no robot has passed the round; else it counts as passed, and
 %% if all others are witnesses, all have surely reached it.
 -spec assure(Witnesses :: [starl:robot_id()], Others :: [starl:robot_id()], t()) -> t().
-assure(Witnesses, Others, #gate{sure = false, at = At, all = All, reached = Reached} = Gate) ->
+assure(Witnesses, Others, #gate{sure = false} = Gate) ->
+    case Gate#gate.kept =:= none orelse is_outdated(Gate) of
+        true -> judge(Witnesses, Others, Gate);
+        false -> Gate#gate{sure = true, kept = none}
+    end;
+assure(_Witnesses, _Others, Gate) ->
+    Gate.
+
+%% @doc Do the others know a later round of this robot than its store? Then the store is that of an
+%% earlier time, or was damaged.
+-spec is_outdated(t()) -> boolean().
+is_outdated(#gate{kept = none}) -> false;
+is_outdated(#gate{kept = {Before, _, _}, at = At}) -> At > Before.
+
+judge(Witnesses, Others, #gate{at = At, all = All, reached = Reached} = Gate) ->
     Behind = lists:any(fun(Witness) -> maps:get(Witness, Reached, 0) < At end, Witnesses),
     case {Behind, Others -- Witnesses} of
         {true, _} -> assured(At - 1, All, Gate);
         {false, []} -> assured(At, At, Gate);
         {false, [_ | _]} -> assured(At, All, Gate)
-    end;
-assure(_Witnesses, _Others, Gate) ->
-    Gate.
+    end.
 
 assured(Passed, All, Gate) ->
-    Gate#gate{sure = true, passed = Passed, told = Passed, all = All}.
+    Gate#gate{sure = true, kept = none, passed = Passed, told = Passed, all = All}.

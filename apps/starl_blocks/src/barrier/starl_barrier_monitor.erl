@@ -4,7 +4,7 @@
 %% passes only the round that it has reached last, each once; the round that it reaches is the
 %% one after the last that it has passed, across all crashes and reboots.
 %%
-%% Only a robot whose store was damaged when its barrier machine started may go on with another
+%% Only a robot whose store was damaged when its barrier machine started, or set back, may go on with another
 %% round, once: with the one after the last that it has reached; with the last that it has
 %% passed, if another robot's machine has crashed, too, since it reached that one (the one that
 %% crashed has forgotten that round, and need not have heard of the next); or with an earlier one,
@@ -16,7 +16,7 @@
 %% or whose barrier machine crashed may take longer.
 %%
 %% Events of machine `barrier': {@link starl_barrier_rounds:event()}, `crashed', `store_damaged';
-%% of machine `robot': `died'.
+%% of machine `robot': `died', `store_set_back'.
 -module(starl_barrier_monitor).
 -behaviour(starl_monitor).
 
@@ -132,6 +132,8 @@ judge({barrier, crashed}, _T, Robot, State) ->
     {[], excuse(Robot, forgets(Robot, State))};
 judge({barrier, store_damaged}, _T, Robot, State) ->
     {[], damage(Robot, State)};
+judge({robot, store_set_back}, _T, Robot, State) ->
+    {[], damage(Robot, State)};
 judge({robot, {died, _Reason}}, _T, Robot, State) ->
     {[], excuse(Robot, State)};
 judge({_Machine, _Other}, _T, _Robot, State) ->
@@ -240,11 +242,15 @@ early(T, Robot, Name, K, State) ->
      || Absent =/= []
     ].
 
-out_of_order(T, Robot, Name, K, #state{passed = Passed, at = At}) ->
-    Last = maps:get({Name, Robot}, Passed, 0),
+out_of_order(T, Robot, Name, K, #state{passed = Passed, at = At, doubts = Doubts} = State) ->
+    Key = {Name, Robot},
+    Last = maps:get(Key, Passed, 0),
+    Reached = maps:get(Key, State#state.reached, 0),
+    %% the store of a robot that was set back may say that it has reached the round, and not passed it
+    Again = may_be_next(maps:get(Key, Doubts, none), K, Last, Reached),
     [
         violation(passed_out_of_order, T, [Robot], #{name => Name, round => K, last => Last})
-     || K =< Last orelse K =/= maps:get({Name, Robot}, At, 0)
+     || (K =< Last andalso not Again) orelse K =/= maps:get(Key, At, 0)
     ].
 
 skipped(T, Robot, Name, K, #state{passed = Passed, reached = Reached, doubts = Doubts}) ->

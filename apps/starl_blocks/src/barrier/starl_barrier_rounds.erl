@@ -7,7 +7,7 @@
 %%     | reached {Name, K, ask} -------------------->|   now and then, to those it misses
 %%     |<--- reached {Name, their K, what they know} |
 %%
-%%     | who --------------------------------------->|   if its store is damaged
+%%     | who --------------------------------------->|   if its store is damaged, or may be old
 %%     |<-------- told [{Name, their K, my K, ...}]  |
 %% '''
 %% For each name a robot keeps the rounds that each robot has reached ({@link starl_barrier_gate}).
@@ -18,7 +18,11 @@
 %% answers. So they outlive a crash of the machine and a reboot of the robot. It asks for the
 %% others' counts when it next waits for them.
 %%
-%% Only if the store is damaged do the others tell this robot's count. Any of them can: a robot
+%% In the later lives of the robot its store may be an earlier one than that of its last life: all
+%% others confirm its counts before it takes part in a new round. As a rule no other one knows a later
+%% round of this robot than its store.
+%%
+%% If one does, or the store is damaged, the others tell this robot's count. Any of them can: a robot
 %% passes only when it also knows that all others know that it has reached the round. They know the
 %% round that it reached, not whether it passed. If one of them has not reached that round itself,
 %% no robot has passed it; else it counts as passed, so the next `sync' is for the round after it
@@ -50,7 +54,9 @@
     gates = #{} :: #{starl_barrier:name() => starl_barrier_gate:t()},
     %% are this robot's earlier rounds known, from its store or from the others?
     settled :: boolean(),
-    %% if the store is damaged: the robots that have not answered yet, and those that have answered
+    %% are the stored counts complete, or those of some names only?
+    extent :: complete | partial,
+    %% if they are not known: the robots that have not answered yet, and those that have answered
     %% and knew their own counts
     untold = [] :: [starl:robot_id()],
     witnesses = [] :: [starl:robot_id()],
@@ -62,23 +68,25 @@
 init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config) ->
     #{stored := Stored} = Config,
     Others = starl_team:others(Self, Team),
-    {Extent, Gates} = recall(Stored),
-    Settled = Extent =:= complete orelse Others =:= [],
+    IsSure = Others =:= [] orelse maps:get(life, Config, {0, 1}) =:= {0, 1},
+    {Extent, Gates} = recall(Stored, IsSure),
+    Settled = Others =:= [] orelse (IsSure andalso Extent =:= complete),
     Barrier = #barrier{
         others = Others,
         incarnation = Incarnation,
         retry_us = 1000 * maps:get(retry_ms, Config, ?RETRY_MS),
         gates = Gates,
         settled = Settled,
+        extent = Extent,
         untold = [Other || Other <- Others, not Settled]
     },
     {ready, Barrier, [starl_sap:listen(barrier, barrier) | ask_untold(Barrier)]}.
 
-recall(none) ->
+recall(none, _IsSure) ->
     {complete, #{}};
-recall({stored, {Extent, Counts}}) ->
-    {Extent, maps:map(fun(_Name, Count) -> starl_barrier_gate:recall(Count) end, Counts)};
-recall(damaged) ->
+recall({stored, {Extent, Counts}}, IsSure) ->
+    {Extent, maps:map(fun(_Name, Count) -> starl_barrier_gate:recall(Count, IsSure) end, Counts)};
+recall(damaged, _IsSure) ->
     {partial, #{}}.
 
 -spec handle_event(
@@ -138,7 +146,7 @@ message(_, _, _) ->
 
 %% -- the robot's own rounds -----------------------------------------------------------------
 
-%% The round not passed yet. If the store is damaged only the others know.
+%% The round not passed yet. In a later life, or if the store is damaged, the others are asked first.
 round_of({Caller, _} = From, Name, #barrier{asking = Asking} = Barrier) ->
     Gate = gate(Name, Barrier),
     case starl_barrier_gate:is_sure(Gate) of
@@ -186,15 +194,9 @@ announce(Name, Round, Barrier) ->
     [store(Barrier), {trace, {reached, Name, Round}}, Announce].
 
 %% The counts that must not be forgotten: the robot's own; `partial': of these names only.
-store(#barrier{gates = Gates, settled = Settled}) ->
-    Sure = maps:filter(fun(_Name, Gate) -> starl_barrier_gate:is_sure(Gate) end, Gates),
-    Counts = maps:map(fun(_Name, Gate) -> starl_barrier_gate:counts(Gate) end, Sure),
-    Extent =
-        case Settled of
-            true -> complete;
-            false -> partial
-        end,
-    {store, {Extent, Counts}}.
+store(#barrier{gates = Gates, extent = Extent}) ->
+    Counts = maps:map(fun(_Name, Gate) -> starl_barrier_gate:counts(Gate) end, Gates),
+    {store, {Extent, maps:filter(fun(_Name, Count) -> Count =/= none end, Counts)}}.
 
 %% Passes, if all robots have reached the round and know it of this one.
 check(Name, Actions, Barrier) ->
@@ -275,7 +277,7 @@ report(Name, To, Answer, Barrier) ->
     {At, Reached, _} = starl_barrier_gate:fact(To, gate(Name, Barrier)),
     starl_sap:post(To, barrier, {reached, Name, At, Reached, Answer}).
 
-%% -- after a damaged store ------------------------------------------------------------------
+%% -- after a reboot, or a damaged store -----------------------------------------------------
 
 ask_untold(#barrier{untold = []}) ->
     [];
@@ -311,15 +313,17 @@ told(Certain, Facts, From, #barrier{untold = Untold, witnesses = Witnesses} = Ba
 %% The others have told all that they know.
 settle(#barrier{gates = Gates, witnesses = Witnesses, asking = Asking} = Barrier) ->
     #barrier{others = Others} = Barrier,
+    %% monitors learn that the store was no good
+    Outdated = lists:any(fun starl_barrier_gate:is_outdated/1, maps:values(Gates)),
     Assured = maps:map(
         fun(_, Gate) -> starl_barrier_gate:assure(Witnesses, Others, Gate) end, Gates
     ),
-    Settled = Barrier#barrier{settled = true, gates = Assured},
+    Settled = Barrier#barrier{settled = true, extent = complete, gates = Assured},
     Replies = [
         {reply, From, starl_barrier_gate:turn(gate(Name, Settled))}
      || {{_Caller, Name}, From} <- lists:sort(maps:to_list(Asking))
     ],
-    {keep_state, Settled#barrier{asking = #{}}, Replies}.
+    {keep_state, Settled#barrier{asking = #{}}, [{trace, store_damaged} || Outdated] ++ Replies}.
 
 gate(Name, #barrier{gates = Gates, settled = Settled}) ->
     maps:get(Name, Gates, starl_barrier_gate:new(Settled)).

@@ -93,7 +93,20 @@ when
 -spec init(starl_machine:config()) -> {idle, #coordinator{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Life, now := Now} = Config) ->
     Given = maps:without(
-        [robot, participants, incarnation, name, random, team_seed, now, stored, serve], Config
+        [
+            robot,
+            participants,
+            incarnation,
+            counted,
+            life,
+            name,
+            random,
+            team_seed,
+            now,
+            stored,
+            serve
+        ],
+        Config
     ),
     Members = starl_team:members(Team),
     Data = #coordinator{

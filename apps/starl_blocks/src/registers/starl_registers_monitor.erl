@@ -3,7 +3,7 @@
 %% Safety: a read returns a value that was written, under the stamp of its write; reads of a
 %% register at one robot never go back to an earlier stamp, nor to `unset', except after a crash
 %% of its machine; a robot's own stamps always grow, also across its restarts, unless what its
-%% machine had stored is damaged, and carry its number; a register with an owner is written by it
+%% machine had stored is damaged, lost or set back, and carry its number; a register with an owner is written by it
 %% only.
 %%
 %% Progress: at most `bound_us' after the last write of a register and the last crash or death of a
@@ -14,7 +14,7 @@
 %% of physical clocks (default 0).
 %%
 %% Events of machine `registers': {@link starl_registers_lww:event()}, `crashed',
-%% `store_damaged'; of machine `robot': `died'.
+%% `store_damaged'; of machine `robot': `died', `store_set_back'.
 -module(starl_registers_monitor).
 -behaviour(starl_monitor).
 
@@ -145,6 +145,8 @@ judge({registers, crashed}, T, Robot, #state{read = Read, holds = Holds} = State
 judge({registers, store_damaged}, T, Robot, #state{stamps = Stamps, apart_us = Apart} = State) ->
     Admitted = T + Apart,
     {[], State#state{stamps = maps:remove(Robot, Stamps), admitted = Admitted}};
+judge({robot, store_set_back}, T, Robot, State) ->
+    judge({registers, store_damaged}, T, Robot, State);
 judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
     {[], postpone(T, State#state{died = [Robot | Died]}, written(State))};
 judge({_Machine, _Other}, _T, _Robot, State) ->

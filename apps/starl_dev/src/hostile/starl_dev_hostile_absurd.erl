@@ -59,9 +59,9 @@ packet(4, By, _To, Huge, _Type, _Body) ->
 packet(5, By, _To, Huge, _Type, _Body) ->
     starl_packet:refusal(By, 1, 1, Huge);
 packet(6, By, _To, Huge, _Type, _Body) ->
-    starl_packet:ask(By, Huge);
+    starl_packet:ask(By, Huge, {Huge, Huge});
 packet(7, By, _To, Huge, _Type, _Body) ->
-    starl_packet:told(By, Huge, Huge, {Huge, Huge});
+    starl_packet:told(By, Huge, Huge, {Huge, Huge}, {Huge, Huge});
 packet(8, By, _To, Huge, Type, Body) ->
     starl_packet:data({By, Huge, Huge, Huge, #{}, Type, Body});
 packet(9, By, _To, Huge, Type, Body) ->

@@ -20,8 +20,8 @@
     counts/1,
     line/2,
     life/1,
+    moment/1,
     starts/1,
-    floor/1,
     started/2,
     tell_start/2
 ]).
@@ -101,6 +101,7 @@
     | {actuate, atom(), term(), {mark, term()} | none}
     | {until, Us :: integer(), out(), Owner :: {starl_machine:name(), Mark :: term()}}
     | {report, term()}
+    | {outlived, starl_packet:incarnation()}
     | stop.
 
 %% @doc The body of a robot.
@@ -164,13 +165,12 @@ life(#body{store = Store}) -> starl_live_store:life(Store).
 -spec starts(t()) -> starl_robot_machines:starts().
 starts(#body{store = Store}) -> starl_live_store:starts(Store).
 
-%% @doc The lowest number that a start may have now. In a later life no number of an earlier one is
-%% as high as the milliseconds since 1970 are now, whatever is left in the store.
--spec floor(t()) -> pos_integer().
-floor(#body{store = Store}) ->
+%% @doc The beginning of this life of the robot.
+-spec moment(t()) -> starl_robot_machines:moment().
+moment(#body{store = Store}) ->
     case starl_live_store:life(Store) of
-        first -> 1;
-        later -> max(starl_live_store:floor(Store) + 1, max(2, erlang:system_time(millisecond)))
+        first -> first;
+        later -> {erlang:system_time(millisecond), rand:uniform(starl_robot_machines:lots()) - 1}
     end.
 
 %% @doc Makes the number of starts durable.
@@ -233,6 +233,8 @@ perform({actuate, Device, Value, Mark}, Name, Body) ->
 perform({until, Us, Action, Mark}, Name, Body) ->
     {Events, #body{out = [Out | Earlier]} = Next} = perform(Action, Name, Body),
     {Events, Next#body{out = [{until, Us, Out, {Name, Mark}} | Earlier]}};
+perform({outlived, N}, _Name, Body) ->
+    {[], out({outlived, N}, Body)};
 perform({reloaded, #{tell := Tell} = Told}, Name, Body) ->
     {[{To, info, {restarted, Name}} || To <- Tell], reloaded(Told, Name, Body)}.
 
@@ -331,6 +333,13 @@ send({report, _Report}, #body{reporter = none}) ->
     ok;
 send({report, Report}, #body{reporter = Reporter}) ->
     Reporter ! Report;
+%% The link ends, and with it the whole robot; its supervisor starts it anew.
+send({outlived, N}, #body{store = Store}) ->
+    logger:error(#{what => store_outdated, incarnation => N}),
+    case starl_live_store:outdate(N, Store) of
+        ok -> exit({shutdown, outlived});
+        {error, Why} -> exit({shutdown, {store, unicode:characters_to_binary(Why)}})
+    end;
 send(stop, #body{chassis = Chassis}) ->
     starl_live_chassis:stop(Chassis).
 

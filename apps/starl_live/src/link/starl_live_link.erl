@@ -5,6 +5,9 @@
 %% all other events wait. <em>A sequential application</em> works beside the link, since it may
 %% compute for seconds: its events wait for it, and the other machines go on.
 %%
+%% <em>An old store.</em> When a peer has proved that the robot has lived later than its store knows, the
+%% store is marked, and the link ends.
+%%
 %% <em>Ends.</em> A crashed machine is restarted by its supervisor, and the link waits for that. When
 %% the services have crashed too often, when a line of the robot (radio, positioning, chassis) ends,
 %% or when the numbers of starts cannot be stored, the link ends, and with it the whole robot: the
@@ -163,8 +166,8 @@ handle_continue(launch, #{robot := Id, robot_sup := Sup, tree := Tree} = Spec) -
         _ = erlang:monitor(process, Machines),
         {Machines, starl_robot_sup:parts(Machines)}
     end,
-    Floor = starl_live_body:floor(Body),
-    {Processes, Machines} = starl_robot_tree:resume(Id, Start, Floor, Before),
+    Moment = starl_live_body:moment(Body),
+    {Processes, Machines} = starl_robot_tree:resume(Id, Start, Moment, Before),
     case starl_live_body:started(starl_robot_machines:starts(Machines), Body) of
         ok -> launched(Spec, Body, Processes, Machines);
         {error, Why} -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}, Spec}

@@ -14,7 +14,7 @@
 %% new one.
 -module(starl_live_store).
 
--export([commission/1, open/1, life/1, floor/1, keep/3, kept/2, starts/1, started/2, outdate/2]).
+-export([commission/1, open/1, life/1, keep/3, kept/2, starts/1, started/2, outdate/2]).
 
 -export_type([t/0]).
 
@@ -22,8 +22,8 @@
     dir :: file:filename(),
     life :: first | later,
     outdated :: boolean(),
-    %% no start of an outdated store's robot may have a lower number
-    floor :: non_neg_integer()
+    %% the number of a life that an outdated store does not know of
+    outlived :: non_neg_integer()
 }).
 
 -opaque t() :: #store{}.
@@ -56,10 +56,10 @@ open(Dir) ->
 opened(Dir) ->
     case {life(copies(Dir), Dir), read(filename:join(Dir, ?OUTDATED))} of
         {lost, none} -> lost(Dir);
-        {first, _} -> {ok, #store{dir = Dir, life = first, outdated = false, floor = 0}};
-        {_, none} -> {ok, #store{dir = Dir, life = later, outdated = false, floor = 0}};
-        {_, {ok, N}} -> {ok, #store{dir = Dir, life = later, outdated = true, floor = N}};
-        {_, damaged} -> {ok, #store{dir = Dir, life = later, outdated = true, floor = 0}}
+        {first, _} -> {ok, #store{dir = Dir, life = first, outdated = false, outlived = 0}};
+        {_, none} -> {ok, #store{dir = Dir, life = later, outdated = false, outlived = 0}};
+        {_, {ok, N}} -> {ok, #store{dir = Dir, life = later, outdated = true, outlived = N}};
+        {_, damaged} -> {ok, #store{dir = Dir, life = later, outdated = true, outlived = 0}}
     end.
 
 life([none, none], Dir) ->
@@ -104,10 +104,6 @@ outdate(Number, #store{dir = Dir}) ->
 -spec life(t()) -> first | later.
 life(#store{life = Life}) -> Life.
 
-%% @doc The number that a start of this robot must exceed by all means, beside those counted.
--spec floor(t()) -> non_neg_integer().
-floor(#store{floor = Floor}) -> Floor.
-
 %% @doc Keeps a term for a machine in place of its earlier term; `full': nothing is written.
 -spec keep(starl_machine:name(), term(), t()) -> ok | full.
 keep(Name, Term, #store{dir = Dir}) ->
@@ -131,9 +127,9 @@ kept(Name, #store{dir = Dir, outdated = Outdated}) ->
 
 %% @doc The number of starts of each machine so far, as far as it is known.
 -spec starts(t()) -> #{starl_machine:name() => pos_integer()}.
-starts(#store{dir = Dir}) ->
+starts(#store{dir = Dir, outlived = N}) ->
     Readable = [Starts || {ok, Starts} <- copies(Dir)],
-    lists:foldl(fun later/2, #{}, Readable).
+    maps:map(fun(_, Start) -> max(N, Start) end, lists:foldl(fun later/2, #{}, Readable)).
 
 copies(Dir) -> [read(filename:join(Dir, Copy)) || Copy <- ?COPIES].
 

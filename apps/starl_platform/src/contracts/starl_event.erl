@@ -18,8 +18,9 @@
 -export_type([name/0, vocabulary/0, known/0]).
 
 %% Machine `robot': `down' and `up' apply to the robot with all of its machines, which start anew; a
-%% robot that has `died' does not come back.
--type robot() :: down | up | {died, gave_up | killed}.
+%% robot that has `died' does not come back; `store_set_back': a fault has put the store of an earlier life
+%% in the place of the robot's.
+-type robot() :: down | up | {died, gave_up | killed} | store_set_back.
 
 %% Machine `supervisor': a machine has crashed by itself; a machine has crashed too often and is not
 %% started again.
@@ -87,7 +88,7 @@
 -spec platform() -> vocabulary().
 platform() ->
     #{
-        robot => [{down, 0}, {up, 0}, {died, 1}],
+        robot => [{down, 0}, {up, 0}, {died, 1}, {store_set_back, 0}],
         supervisor => [{crashed, 2}, {given_up, 1}],
         chassis => [{motion, 1}, {actuated, 2}, {not_understood, 1}],
         radio => [{lost, 2}],

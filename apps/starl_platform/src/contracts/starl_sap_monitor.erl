@@ -96,6 +96,7 @@ vocabulary() ->
             {unclaimed_full, 2},
             {unheard, 2},
             {dropped, 2},
+            {outlived, 2},
             {listener_refused, 3}
         ]
     }.

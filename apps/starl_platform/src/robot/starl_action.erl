@@ -57,6 +57,7 @@ check([{store, _} | Rest]) ->
     check(Rest);
 check([{done, _} | Rest]) ->
     check(Rest);
+check([{outlived, N} | Rest]) when is_integer(N) -> check(Rest);
 check([{reloaded, #{}} | Rest]) ->
     check(Rest);
 check([{until, Us, Actions, _Mark} | Rest]) when is_integer(Us), is_list(Actions) ->

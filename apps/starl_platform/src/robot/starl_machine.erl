@@ -73,6 +73,9 @@
     %% later actions take place only when the term is durable; if it cannot be written, the machine
     %% crashes instead (see {@link stored()})
     | {store, Term :: term()}
+    %% the robot has lived before with this incarnation, and its store does not know it: all machines
+    %% begin anew, and find their terms damaged
+    | {outlived, starl_packet:incarnation()}
     %% a fact for the recording and the monitors
     | {trace, Event :: term()}
     %% what rests on a lease has a latest moment, by the robot's own clock: these actions take place
@@ -98,7 +101,8 @@
 %% The configuration given to `init/1'. `incarnation' grows with each start of this machine on this
 %% robot, by one in a life of the robot; a robot that comes up again begins with a number that no
 %% earlier life has reached ({@link starl_robot_machines}), whatever has become of its store. 1: this
-%% machine has never run before. `random' is the machine's
+%% machine has never run before. `life' tells where the present life of the robot begins: `{0, 1}' is
+%% its first life; in a later one its store may be that of an earlier life than its last. `random' is the machine's
 %% own random stream, another one in each life. `team_seed' is the same number for all robots of the
 %% team, in all their lives: what a machine has told by it, it tells again after a restart, and after
 %% the loss of its store, too. `clock' reads the robot's own clock where steps take time; only an
@@ -108,6 +112,7 @@
     participants := starl_team:t(),
     name := name(),
     incarnation := pos_integer(),
+    life => starl_robot_machines:life(),
     stored := stored(),
     random := rand:state(),
     team_seed := integer(),

@@ -17,6 +17,7 @@
     | {actuate, Device :: atom(), Value :: term()}
     | {actuate, Device :: atom(), Value :: term(), Mark :: term()}
     | {until, Us :: integer(), world_action(), Late :: term()}
+    | {outlived, starl_packet:incarnation()}
     | {reloaded, starl_reload:told()}.
 
 %% Carries out an action of the machine `Name'; returns the events that answer it at once, in the
@@ -42,6 +43,8 @@
 %%   or an answer may be lost</dd>
 %% <dt>`{until, Us, Action, Late}'</dt><dd>carries out the action unless the robot's own clock shows a
 %%   later time when it leaves the robot; else answered by `{Name, info, {late, Late}}'</dd>
+%% <dt>`{outlived, Incarnation}'</dt><dd>the robot's store is older than its last life, which had this
+%%   number: it is marked as outdated, and the whole robot starts anew, as after a reboot</dd>
 %% <dt>`{reloaded, Told}'</dt><dd>tells how the machine has heeded a word on new code; answered by
 %%   `{Other, info, {restarted, Name}}' for each machine that is to learn of a crash</dd>
 %% </dl>

@@ -73,7 +73,7 @@ when
 -callback clock(world()) -> integer().
 %% The time that the robot's own clock shows now, in mid-step.
 -callback present(world()) -> integer().
-%% The start configuration of a machine.
+%% The start configuration of a machine, but for `life', which this module adds.
 -callback base(starl_machine:name(), Incarnation :: pos_integer(), world()) ->
     starl_machine:config().
 %% Records a fact.
@@ -319,7 +319,8 @@ put_back(Local, World, Machines, Timers, Robot) ->
 boot(Name, Local, World, Machines, Timers, #robot{driver = Driver} = Robot) ->
     #driver{module = Module, handles = Handles, trace = Trace} = Driver,
     Noted = Handles(Name, boot, none, World),
-    Base = Module:base(Name, starl_robot_machines:incarnation(Name, Machines), Noted),
+    Given = Module:base(Name, starl_robot_machines:incarnation(Name, Machines), Noted),
+    Base = Given#{life => starl_robot_machines:life(Name, Machines)},
     %% monitors learn that the machine has lost its stored term, if it had one
     Known =
         case Base of

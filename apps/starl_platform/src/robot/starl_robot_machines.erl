@@ -7,21 +7,33 @@
 %%
 %% The number of starts outlives a machine, and has to outlive the robot's reboots, too: incarnation
 %% 1 means that the machine has never run before. What the robot's store tells of it may be lost, or
-%% be older than the robot's last life. So the numbers of a robot that comes up begin with a floor,
-%% which no earlier life has reached: the milliseconds of its clock.
+%% be older than the robot's last life. So the first number of a later life is beyond the store's and
+%% the clock's, by a number drawn by lot: clocks go on, so no earlier life has had it; and should the
+%% clock have been set back, the lot makes it another one than theirs.
 -module(starl_robot_machines).
 
--export([new/1, restore/3, resume/2, names/1, has/2, incarnation/2, counted/2, starts/1, starts/2]).
+-export([new/1, restore/3, resume/2, names/1, has/2, incarnation/2, life/2, starts/1, starts/2]).
 -export([boot/3, step/5, attach/3, lose/2, restart/3, update/3, down/1, up/2]).
+-export([lots/0]).
 -export([process/2, name_of/2, processes/1, inline/1, to_map/1]).
 
--export_type([t/0, inline/0, answer/0, machine/0, starts/0]).
+-export_type([t/0, inline/0, answer/0, machine/0, starts/0, life/0, moment/0]).
 
 %% How often each machine has started, or a number beyond that.
 -type starts() :: #{starl_machine:name() => pos_integer()}.
 
 %% The machines that get no process, by their names.
 -type inline() :: #{starl_machine:name() => {module(), Config :: map()}}.
+
+%% The number of a machine's last start before the present life of the robot, as far as its store knew
+%% it, and that of its first start in this life. A number between the two is that of a life of which
+%% the store knows nothing. A store without any numbers is known to be lost: then nothing lies between
+%% them.
+-type life() :: {Before :: non_neg_integer(), First :: pos_integer()}.
+
+%% A robot that runs for the first time; or that comes up again, at this time of its clock, with a lot
+%% from 0 to {@link lots/0} - 1.
+-type moment() :: first | {ClockMs :: integer(), Lot :: non_neg_integer()}.
 
 %% `waiting': the machine has yet to boot.
 -type machine() :: pid() | starl_machine:t() | waiting.
@@ -34,14 +46,14 @@
     | {crashed, Reason :: term()}
     | absent.
 
+-define(LOT_BITS, 16).
+
 -record(machines, {
     now = #{} :: #{starl_machine:name() => machine()},
     inline :: inline(),
     starts = #{} :: starts(),
-    %% the numbers of starts before the last one of each
-    counted = #{} :: starts(),
-    %% no number is lower
-    floor = 1 :: pos_integer(),
+    lives = #{} :: #{starl_machine:name() => life()},
+    moment = first :: moment(),
     %% since the robot came up
     restarts = #{} :: #{starl_robot_sup:part() => pos_integer()}
 }).
@@ -50,11 +62,11 @@
 
 %% @doc The machines of a robot that starts for the first time; processes attach later.
 -spec new(inline()) -> t().
-new(Inline) -> up(1, #machines{inline = Inline}).
+new(Inline) -> up(first, #machines{inline = Inline}).
 
-%% @doc The machines of a robot that has started before and comes up; processes attach.
--spec resume(Floor :: pos_integer(), starts()) -> t().
-resume(Floor, Starts) -> #machines{inline = #{}, starts = Starts, floor = Floor}.
+%% @doc The machines of a robot that comes up and has started this often; processes attach.
+-spec resume(moment(), starts()) -> t().
+resume(Moment, Starts) -> #machines{inline = #{}, starts = Starts, moment = Moment}.
 
 %% @doc Machines in a given state: all are inline.
 -spec restore(inline(), #{starl_machine:name() => starl_machine:t()}, starts()) -> t().
@@ -72,9 +84,10 @@ has(Name, #machines{now = Now}) -> is_map_key(Name, Now).
 -spec incarnation(starl_machine:name(), t()) -> pos_integer().
 incarnation(Name, #machines{starts = Starts}) -> maps:get(Name, Starts).
 
-%% @doc The number of a machine's last start before this one, as far as it is known; 0: none.
--spec counted(starl_machine:name(), t()) -> non_neg_integer().
-counted(Name, #machines{counted = Counted}) -> maps:get(Name, Counted, 0).
+%% @doc The numbers between which the present life of the robot has begun for this machine.
+-spec life(starl_machine:name(), t()) -> life().
+life(_Name, #machines{moment = first}) -> {0, 1};
+life(Name, #machines{lives = Lives}) -> maps:get(Name, Lives).
 
 %% @doc The number of starts of each machine, those that are gone included.
 -spec starts(t()) -> starts().
@@ -157,19 +170,27 @@ update(Name, Fun, #machines{now = Now} = Machines) ->
 -spec down(t()) -> t().
 down(Machines) -> Machines#machines{now = #{}}.
 
-%% @doc The robot comes up: its inline machines have to boot; processes attach. No number of starts is
-%% lower than `Floor' from now on.
--spec up(Floor :: pos_integer(), t()) -> t().
-up(Floor, #machines{inline = Inline} = Machines) ->
+%% @doc The robot comes up: its inline machines have to boot; processes attach.
+-spec up(moment(), t()) -> t().
+up(Moment, #machines{inline = Inline} = Machines) ->
     Now = maps:map(fun(_, _) -> waiting end, Inline),
-    Up = Machines#machines{now = Now, restarts = #{}, floor = Floor},
+    Up = Machines#machines{now = Now, restarts = #{}, moment = Moment, lives = #{}},
     lists:foldl(fun started/2, Up, maps:keys(Inline)).
 
-started(Name, #machines{starts = Starts, counted = Counted, floor = Floor} = Machines) ->
-    Before = maps:get(Name, Starts, 0),
-    Machines#machines{
-        starts = Starts#{Name => max(Before + 1, Floor)}, counted = Counted#{Name => Before}
-    }.
+started(Name, #machines{starts = Starts, lives = Lives, moment = Moment} = Machines) ->
+    Next = maps:get(Name, Starts, 0) + 1,
+    case {Moment, Lives} of
+        {{Ms, Lot}, #{}} when not is_map_key(Name, Lives) ->
+            First = max(Next, max(0, Ms) bsl ?LOT_BITS) + Lot,
+            Life = {maps:get(Name, Starts, First - 1), First},
+            Machines#machines{starts = Starts#{Name => First}, lives = Lives#{Name => Life}};
+        _ ->
+            Machines#machines{starts = Starts#{Name => Next}}
+    end.
+
+%% @doc The number of lots. A first number of a life has at most 58 bits until the year 2109.
+-spec lots() -> pos_integer().
+lots() -> 1 bsl ?LOT_BITS.
 
 %% @doc A machine's process; `none': the machine is inline, or there is none of this name.
 -spec process(starl_machine:name(), t()) -> pid() | none.

@@ -54,13 +54,13 @@
 launch(Robot, Start, Inline) ->
     launch(#tree{robot = Robot, start = Start}, starl_robot_machines:new(Inline)).
 
-%% @doc The machines of a robot whose machines are processes and have started this often before; no
-%% number of starts is lower than `Floor'.
+%% @doc The machines of a robot that comes up, whose machines are processes and have started this often
+%% before.
 -spec resume(
-    starl:robot_id(), start(), Floor :: pos_integer(), starl_robot_machines:starts()
+    starl:robot_id(), start(), starl_robot_machines:moment(), starl_robot_machines:starts()
 ) -> {t(), starl_robot_machines:t()}.
-resume(Robot, Start, Floor, Starts) ->
-    launch(#tree{robot = Robot, start = Start}, starl_robot_machines:resume(Floor, Starts)).
+resume(Robot, Start, Moment, Starts) ->
+    launch(#tree{robot = Robot, start = Start}, starl_robot_machines:resume(Moment, Starts)).
 
 %% @doc The same for a robot that was down; its machines know how often they have started.
 -spec launch(t(), starl_robot_machines:t()) -> {t(), starl_robot_machines:t()}.

@@ -8,10 +8,10 @@
 %% exactly these shapes, with any values; {@link starl_sap} judges the values.
 -module(starl_packet).
 
--export([data/1, ack/4, refusal/4, hello/2, shout/3, ask/2, told/4]).
+-export([data/1, ack/4, refusal/4, hello/2, shout/3, ask/3, told/5]).
 -export([source/1, brief/1]).
 
--export_type([t/0, brief/0, data/0, incarnation/0, seq/0, numbering/0, type/0, lows/0]).
+-export_type([t/0, brief/0, data/0, incarnation/0, seq/0, numbering/0, type/0, lows/0, lives/0]).
 
 -define(VERSION, 1).
 
@@ -19,6 +19,7 @@
 -define(MOST, 16#3FFFFFFFFFFFFFF).
 
 -define(IS_COUNT(N), (is_integer(N) andalso N > 0 andalso N =< ?MOST)).
+-define(IS_NATURAL(N), (is_integer(N) andalso N >= 0 andalso N =< ?MOST)).
 -define(IS_TYPE(T),
     (is_atom(T) orelse
         (tuple_size(T) =:= 2 andalso element(1, T) =:= app andalso is_atom(element(2, T))))
@@ -39,6 +40,10 @@
 
 %% The lowest numbers that a source still waits for at a robot: of messages to it, of broadcasts.
 -type lows() :: {seq(), seq()}.
+
+%% The last two incarnations of a robot that another one knows from answers of the robot itself; 0:
+%% none.
+-type lives() :: {non_neg_integer(), non_neg_integer()}.
 
 %% A tuple, not a map: a message is copied and hashed at every hop.
 -type data() :: {
@@ -61,10 +66,10 @@
     | {starl, 1, refusal, By :: starl:robot_id(), incarnation(), incarnation(), seq()}
     %% a robot's SAP has started anew
     | {starl, 1, hello, starl:robot_id(), incarnation()}
-    %% By doubts a packet that came in the name of the receiver of this one
-    | {starl, 1, ask, By :: starl:robot_id(), Nonce :: pos_integer()}
-    %% the answer to `ask', from the robot itself
-    | {starl, 1, told, starl:robot_id(), incarnation(), Nonce :: pos_integer(), lows()}
+    %% By doubts a packet that came in the name of the receiver of this one, whose lives it knows
+    | {starl, 1, ask, By :: starl:robot_id(), Nonce :: pos_integer(), lives()}
+    %% the answer to `ask', from the robot itself, with the lives that it knows of the asking one
+    | {starl, 1, told, starl:robot_id(), incarnation(), Nonce :: pos_integer(), lows(), lives()}
     %% a datagram for all in range; nobody acknowledges it
     | {starl, 1, shout, Source :: starl:robot_id(), type(), Body :: term()}.
 
@@ -99,13 +104,15 @@ hello(Robot, Incarnation) -> {starl, ?VERSION, hello, Robot, Incarnation}.
 -spec shout(Source :: starl:robot_id(), type(), Body :: term()) -> t().
 shout(Source, Type, Body) -> {starl, ?VERSION, shout, Source, Type, Body}.
 
-%% @doc `By' asks a robot for its incarnation.
--spec ask(By :: starl:robot_id(), Nonce :: pos_integer()) -> t().
-ask(By, Nonce) -> {starl, ?VERSION, ask, By, Nonce}.
+%% @doc `By' asks a robot for its incarnation, and names the lives of it that it knows.
+-spec ask(By :: starl:robot_id(), Nonce :: pos_integer(), lives()) -> t().
+ask(By, Nonce, Lives) -> {starl, ?VERSION, ask, By, Nonce, Lives}.
 
-%% @doc The answer: the incarnation, and the lowest numbers still waited for at the asking robot.
--spec told(starl:robot_id(), incarnation(), Nonce :: pos_integer(), lows()) -> t().
-told(Robot, Incarnation, Nonce, Lows) -> {starl, ?VERSION, told, Robot, Incarnation, Nonce, Lows}.
+%% @doc The answer: the incarnation, the lowest numbers still waited for at the asking robot, and the
+%% lives of that robot that are known here.
+-spec told(starl:robot_id(), incarnation(), Nonce :: pos_integer(), lows(), lives()) -> t().
+told(Robot, Incarnation, Nonce, Lows, Lives) ->
+    {starl, ?VERSION, told, Robot, Incarnation, Nonce, Lows, Lives}.
 
 %% @doc The robot in whose name a packet comes; `malformed': the term is no packet.
 -spec source(term()) -> starl:robot_id() | malformed.
@@ -124,17 +131,21 @@ source({starl, ?VERSION, refusal, By, Own, Incarnation, Seq}) when
 source({starl, ?VERSION, hello, By, Own}) when ?IS_COUNT(By), ?IS_COUNT(Own) -> By;
 source({starl, ?VERSION, shout, Source, Type, _Body}) when ?IS_COUNT(Source), ?IS_TYPE(Type) ->
     Source;
-source({starl, ?VERSION, ask, By, Nonce}) when ?IS_COUNT(By), ?IS_COUNT(Nonce) -> By;
-source({starl, ?VERSION, told, By, Own, Nonce, {Low, Casts}}) when
+source({starl, ?VERSION, ask, By, Nonce, Lives}) when ?IS_COUNT(By), ?IS_COUNT(Nonce) ->
+    lived(Lives, By);
+source({starl, ?VERSION, told, By, Own, Nonce, {Low, Casts}, Lives}) when
     ?IS_COUNT(By), ?IS_COUNT(Own), ?IS_COUNT(Nonce), ?IS_COUNT(Low), ?IS_COUNT(Casts)
 ->
-    By;
+    lived(Lives, By);
 source(_Other) ->
     malformed.
 
 numbered(Number, Source) when ?IS_COUNT(Number) -> Source;
 numbered({all, Number}, Source) when ?IS_COUNT(Number) -> Source;
 numbered(_Other, _Source) -> malformed.
+
+lived({Earlier, Latest}, Source) when ?IS_NATURAL(Earlier), ?IS_NATURAL(Latest) -> Source;
+lived(_Other, _Source) -> malformed.
 
 %% @doc A packet in short.
 -spec brief(term()) -> brief().

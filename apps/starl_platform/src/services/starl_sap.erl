@@ -9,8 +9,10 @@
 %%     |<----------- ack {incarnation, seq} ----|  seen before: acknowledged only
 %%     | (again after a back-off, at most `limit' times, then reported lost)
 %%     |<------- refusal {its incarnation} -----|  meant for an earlier incarnation of the receiver
-%%     |<------------------------ ask {nonce} --|  a packet in the source's name is doubtful
+%%     |<----------------- ask {nonce, lives} --|  a packet in the source's name is doubtful
 %%     | told {incarnation, nonce, lows} ------>|  the source's own answer
+%%     | ask {nonce', ..} --------------------->|  instead, if it does not know of one of these lives
+%%     |<------ told {.., nonce', .., lives} ---|  it is true: the source's store is an old one
 %% '''
 %% At most once: the receiver remembers which numbers of a source's incarnation it has taken,
 %% within a window ({@link starl_sap_peers}). A message that the receiver's previous incarnation
@@ -18,6 +20,11 @@
 %% may still have been delivered. A message whose type has no listener yet waits for one,
 %% within bounds; beyond them, or when its listener has no room, it is not acknowledged, so the
 %% source tries again.
+%%
+%% A store that was lost or set back: a receiver knows of a life of the source that the source's store
+%% does not know. It says so in its question (`lives'). The source takes that for a hint, and asks with
+%% a nonce of its own; until it has the answer it does not answer itself, so no robot that knows of the
+%% forgotten life takes a message of this one. If it is true, the robot starts anew (`{outlived, ..}').
 %%
 %% Packets are not trusted: only well-formed ones are accepted ({@link starl_packet:source/1}),
 %% strangers are ignored, and only a robot's own answer to a question can make others believe that
@@ -76,6 +83,8 @@
     %% true
     | {dropped, stranger | incarnation | number | acknowledged | restarted | answer,
         starl:robot_id()}
+    %% that robot knows a life of this one of which its store knows nothing
+    | {outlived, starl_packet:incarnation(), By :: starl:robot_id()}
     %% the type has a listener already
     | {listener_refused, starl_packet:type(), starl_machine:name(), Holder :: starl_machine:name()}.
 
@@ -98,6 +107,7 @@
     self :: starl:robot_id(),
     team :: starl_team:t(),
     incarnation :: starl_packet:incarnation(),
+    life :: starl_robot_machines:life(),
     out :: starl_sap_out:t(),
     peers = starl_sap_peers:new() :: starl_sap_peers:t(),
     inbox :: starl_sap_inbox:t(),
@@ -147,6 +157,7 @@ bound_us(Config) -> round(lists:sum(delays(Config))).
 init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config) ->
     Window = maps:get(window, Config, 4096),
     Sap = #sap{
+        life = maps:get(life, Config, {0, 1}),
         self = Self,
         team = Team,
         incarnation = Incarnation,
@@ -264,19 +275,40 @@ packet({starl, _, hello, By, Theirs}, #sap{peers = Peers} = Sap) ->
     end;
 packet({starl, _, shout, Source, Type, Body}, #sap{inbox = Inbox}) ->
     {keep_state_and_data, [starl_sap_inbox:overhear(Source, Type, Body, Inbox)]};
-packet({starl, _, ask, By, Nonce}, #sap{self = Self, incarnation = Own, out = Out}) ->
-    Told = starl_packet:told(Self, Own, Nonce, starl_sap_out:lows(By, Out)),
-    {keep_state_and_data, [{transmit, By, Told}]};
-packet({starl, _, told, By, Theirs, Nonce, Lows}, #sap{peers = Peers} = Sap) ->
+packet({starl, _, ask, By, Nonce, Lives}, Sap) ->
+    case forgotten(Lives, Sap) of
+        [] ->
+            {keep_state_and_data, [tell(By, Nonce, Sap)]};
+        [_ | _] ->
+            {Ask, Asked} = ask(By, Sap),
+            {keep_state, Asked, [Ask]}
+    end;
+packet({starl, _, told, By, Theirs, Nonce, Lows, Lives}, #sap{peers = Peers} = Sap) ->
     case starl_sap_peers:told(By, Theirs, Nonce, Lows, Peers) of
-        {ok, Heard} -> {keep_state, Sap#sap{peers = Heard}};
+        {ok, Heard} -> {keep_state, Sap#sap{peers = Heard}, outlived(Lives, By, Sap)};
+        {outlived, Heard} -> {keep_state, Sap#sap{peers = Heard}, [dropped(incarnation, By)]};
         not_asked -> {keep_state_and_data, [dropped(answer, By)]}
+    end.
+
+tell(To, Nonce, #sap{self = Self, incarnation = Own, out = Out, peers = Peers}) ->
+    Lows = starl_sap_out:lows(To, Out),
+    {transmit, To, starl_packet:told(Self, Own, Nonce, Lows, starl_sap_peers:lives(To, Peers))}.
+
+%% Those lives of this robot that its store does not know of.
+forgotten({Earlier, Latest}, #sap{incarnation = Own, life = {Before, First}}) ->
+    [N || N <- [Latest, Earlier], N > Own orelse (N > Before andalso N < First)].
+
+outlived(Lives, By, Sap) ->
+    case forgotten(Lives, Sap) of
+        [] -> [];
+        [Latest | _] -> [{trace, {outlived, Latest, By}}, {outlived, Latest}]
     end.
 
 %% Asks a robot for its incarnation, and for the lowest numbers that it still waits for.
 ask(Robot, #sap{self = Self, peers = Peers, nonce = Next} = Sap) ->
     {Nonce, Asked} = starl_sap_peers:ask(Robot, Next, Peers),
-    {{transmit, Robot, starl_packet:ask(Self, Nonce)}, Sap#sap{peers = Asked, nonce = Next + 1}}.
+    Ask = starl_packet:ask(Self, Nonce, starl_sap_peers:lives(Robot, Peers)),
+    {{transmit, Robot, Ask}, Sap#sap{peers = Asked, nonce = Next + 1}}.
 
 doubt(Robot, Sap, Actions) ->
     {Ask, Asked} = ask(Robot, Sap),

@@ -10,9 +10,12 @@
 %% earlier, it may be false, or the known one may be: the robot itself is asked, and its answer
 %% replaces the earlier belief. The answer carries the nonce of the question, so it is newer than
 %% that belief.
+%%
+%% Only what a robot has answered itself is a life of it for sure. A robot that answers with a lower
+%% number than that has forgotten a life: it is not believed before it knows of that life.
 -module(starl_sap_peers).
 
--export([new/0, incarnation/2, is_known/2, later/2, heard/3, take/4, ask/3, told/5]).
+-export([new/0, incarnation/2, is_known/2, lives/2, later/2, heard/3, take/4, ask/3, told/5]).
 
 -export_type([t/0]).
 
@@ -29,6 +32,8 @@
     incarnation = 1 :: starl_packet:incarnation(),
     ones = #taken{} :: #taken{},
     casts = #taken{} :: #taken{},
+    %% the lives that the robot itself has told
+    lives = {0, 0} :: starl_packet:lives(),
     %% the nonce of the open question to this robot
     nonce = none :: pos_integer() | none
 }).
@@ -50,6 +55,14 @@ incarnation(Robot, Peers) ->
 %% @doc Has the robot been heard before?
 -spec is_known(starl:robot_id(), t()) -> boolean().
 is_known(Robot, Peers) -> is_map_key(Robot, Peers).
+
+%% @doc The last two lives of a robot that it has told itself; 0: none.
+-spec lives(starl:robot_id(), t()) -> starl_packet:lives().
+lives(Robot, Peers) ->
+    case Peers of
+        #{Robot := #peer{lives = Lives}} -> Lives;
+        #{} -> {0, 0}
+    end.
 
 %% @doc The incarnations of those robots that have restarted.
 -spec later([starl:robot_id()], t()) -> #{starl:robot_id() => starl_packet:incarnation()}.
@@ -76,7 +89,9 @@ heard(Robot, Incarnation, Peers) ->
             {present, Peers};
         Later when Incarnation < Later -> {earlier, Peers};
         Known when Incarnation =< Known + ?LEAP ->
-            {present, Peers#{Robot => #peer{incarnation = Incarnation}}};
+            {present, Peers#{
+                Robot => #peer{incarnation = Incarnation, lives = lives(Robot, Peers)}
+            }};
         _ ->
             {far, Peers}
     end.
@@ -127,22 +142,33 @@ ask(Robot, Nonce, Peers) ->
     end.
 
 %% @doc A robot answers with its incarnation, and with the lowest numbers that it still waits for.
+%% `outlived': it has had a later life.
 -spec told(
     starl:robot_id(), starl_packet:incarnation(), Nonce :: pos_integer(), starl_packet:lows(), t()
-) -> {ok, t()} | not_asked.
+) -> {ok | outlived, t()} | not_asked.
 told(Robot, Incarnation, Nonce, {Low, Casts}, Peers) ->
     case Peers of
+        #{Robot := #peer{nonce = Nonce, lives = {_, Last}} = Peer} when Incarnation < Last ->
+            {outlived, Peers#{Robot := Peer#peer{nonce = none}}};
         #{Robot := #peer{nonce = Nonce} = Peer} ->
             #peer{ones = Ones, casts = All} = Now = present(Incarnation, Peer),
             {ok, Peers#{
-                Robot => Now#peer{ones = rise(Low, Ones), casts = rise(Casts, All), nonce = none}
+                Robot => Now#peer{
+                    ones = rise(Low, Ones),
+                    casts = rise(Casts, All),
+                    lives = lived(Incarnation, Now#peer.lives),
+                    nonce = none
+                }
             }};
         #{} ->
             not_asked
     end.
 
 present(Incarnation, #peer{incarnation = Incarnation} = Peer) -> Peer;
-present(Incarnation, _Other) -> #peer{incarnation = Incarnation}.
+present(Incarnation, #peer{lives = Lives}) -> #peer{incarnation = Incarnation, lives = Lives}.
+
+lived(Last, {Earlier, Last}) -> {Earlier, Last};
+lived(Incarnation, {_Earlier, Last}) -> {Last, Incarnation}.
 
 rise(Low, #taken{floor = Floor} = Taken) when Low =< Floor -> Taken;
 rise(Low, #taken{above = Above}) ->

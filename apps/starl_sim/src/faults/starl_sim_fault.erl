@@ -62,7 +62,9 @@
     | serial_split
     | serial_gone
     | store_full
-    | store_damaged.
+    | store_damaged
+    | store_lost
+    | store_set_back.
 
 %% The target of a fault: see the shapes in {@link spec()}.
 -type target() ::
@@ -163,7 +165,10 @@ kinds() ->
             "the chassis' answers come in pieces, up to lag_ms late"},
         {serial_gone, serial, robot, [], "the chassis' port vanishes, and comes back"},
         {store_full, store, robot, [], "nothing can be stored: a machine that tries crashes"},
-        {store_damaged, store, robot, [], "machines that start find their stored terms damaged"}
+        {store_damaged, store, robot, [], "machines that start find their stored terms damaged"},
+        {store_lost, store, robot, [], "the robot goes down and starts anew, with an empty store"},
+        {store_set_back, store, robot, [],
+            "the robot reboots, and in the end once more, with its store as it was at first"}
     ].
 
 part(Low, High) -> {part, {number, 0, 1}, {Low, High}}.
@@ -298,7 +303,7 @@ class({_, _, _, Kind, _, _}) ->
 
 %% @doc The effects on robots when a fault begins or ends: which robot, when (us), and the effect.
 -spec strikes(t()) -> [{starl:robot_id(), starl_sim_queue:time(), Strike :: term()}].
-strikes({_, From, To, Kind, Target, Params}) ->
+strikes({Id, From, To, Kind, Target, Params}) ->
     Begin = 1000 * From,
     End = 1000 * To,
     case Kind of
@@ -308,6 +313,12 @@ strikes({_, From, To, Kind, Target, Params}) ->
             [{Target, Begin, kill_robot}];
         reboot ->
             [{Target, Begin, go_down}, {Target, End, come_up}];
+        store_lost ->
+            [{Target, Begin, go_down}, {Target, Begin, lose_store}, {Target, End, come_up}];
+        store_set_back ->
+            %% a whole life of the robot that its store knows nothing of
+            [{Target, Begin, Strike} || Strike <- [go_down, {save_store, Id}, come_up]] ++
+                [{Target, End, Strike} || Strike <- [go_down, {set_back_store, Id}, come_up]];
         pause ->
             [{Target, Begin, {pause, End}}];
         stand_still ->
@@ -340,7 +351,11 @@ hits(_, _) -> false.
 slack_us(Faults) -> round(1000 * lists:sum([slack_ms(Fault) || Fault <- Faults])).
 
 slack_ms({_, From, To, Kind, _, _}) when
-    Kind =:= clock_freeze; Kind =:= pause; Kind =:= stand_still; Kind =:= reboot
+    Kind =:= clock_freeze;
+    Kind =:= pause;
+    Kind =:= stand_still;
+    Kind =:= reboot;
+    Kind =:= store_lost
 ->
     To - From;
 slack_ms({_, _, _, Kind, _, #{ms := Ms}}) when Kind =:= clock_offset; Kind =:= clock_step ->

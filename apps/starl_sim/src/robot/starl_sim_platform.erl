@@ -13,9 +13,10 @@
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
 -export([new/3, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
--export([handles/4, clock/1, present/1, floor/1, base/3, trace/3, plan/5, store/3, ended/2]).
+-export([handles/4, clock/1, present/1, moment/1, base/3, trace/3, plan/5, store/3, ended/2]).
 -export([perform/3, stop/1]).
 -export([pending/1, now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
+-export([outdate_store/1, save_store/3, set_back_store/2]).
 -export([turn_wheels/1, beat/2, says/2, postpone/2, reload/2, take_back/2, fallen/3]).
 
 -export_type([t/0, world/0, yield/0]).
@@ -183,9 +184,11 @@ clock(#body{now = Now, clock = Clock}) -> starl_sim_clock:local(Now, Clock).
 -spec present(t()) -> integer().
 present(Body) -> clock(Body).
 
-%% @doc The lowest number that a start may have when the robot comes up now: milliseconds of its clock.
--spec floor(t()) -> pos_integer().
-floor(Body) -> max(2, clock(Body) div 1000).
+%% @doc The beginning of a life of the robot that comes up now.
+-spec moment(t()) -> starl_robot_machines:moment().
+moment(#body{id = Id, now = Now, world = #{seed := Seed}, chain = Chain} = Body) ->
+    Key = {Seed, Id, life, Now, starl_sim_chain:events(Chain)},
+    {clock(Body) div 1000, starl_sim_draw:between(Key, 0, starl_robot_machines:lots() - 1)}.
 
 %% @doc The piece of motion that the robot is in.
 -spec piece(t()) -> starl_trajectory:piece().
@@ -242,6 +245,8 @@ perform({until, Us, Action, Mark}, Name, Body) ->
         true -> perform(Action, Name, Body);
         false -> {[{Name, info, {late, Mark}}], Body}
     end;
+perform({outlived, N}, _Name, Body) ->
+    {[], outlived(N, Body)};
 perform({reloaded, #{tell := Tell} = Told}, Name, Body) ->
     {[{To, info, {restarted, Name}} || To <- Tell], reloaded(Told, Name, Body)}.
 
@@ -252,6 +257,25 @@ store(Name, Term, #body{store = Store, now = Now} = Body) ->
         {ok, Next} -> {ok, Body#body{store = Next}};
         full -> full
     end.
+
+%% @doc The robot's store is lost, or known to be an old one.
+-spec outdate_store(t()) -> t().
+outdate_store(#body{store = Store} = Body) -> Body#body{store = starl_sim_store:outdate(Store)}.
+
+%% The whole robot starts anew, once this step is over.
+outlived(N, #body{id = Id, now = Now, seq = Seq, soon = Soon} = Body) ->
+    Body#body{seq = Seq + 1, soon = [{Id, Now, ?CLASS_WORLD, Id, Seq, {outlived, N}} | Soon]}.
+
+%% @doc Takes an image of the robot's store, with the numbers of starts, for a fault of this name.
+-spec save_store(Fault :: atom(), starl_robot_machines:starts(), t()) -> t().
+save_store(Fault, Starts, #body{store = Store} = Body) ->
+    Body#body{store = starl_sim_store:save(Fault, Starts, Store)}.
+
+%% @doc The robot's store is as it was when that image was taken.
+-spec set_back_store(Fault :: atom(), t()) -> {starl_robot_machines:starts(), t()}.
+set_back_store(Fault, #body{store = Store} = Body) ->
+    {Starts, Earlier} = starl_sim_store:set_back(Fault, Store),
+    {Starts, trace(robot, store_set_back, Body#body{store = Earlier})}.
 
 %% -- new code -------------------------------------------------------------------------------
 

@@ -344,9 +344,29 @@ strike(kill_robot, Condition, Site) when Condition =/= dead ->
 strike(go_down, up, #robot{robot = Robot, tree = Tree, events = Events} = Site) ->
     Down = starl_robot:go_down(Robot),
     Site#robot{robot = Down, tree = starl_robot_tree:down(Tree), events = faults_of(Events)};
+strike(lose_store, down, #robot{robot = Robot} = Site) ->
+    Lost = starl_robot_machines:starts(#{}, starl_robot:machines(Robot)),
+    body(starl_sim_platform:outdate_store(body(Site)), Site#robot{
+        robot = starl_robot:machines(Lost, Robot)
+    });
+strike({outlived, N}, up, Site) ->
+    #robot{robot = Robot} = Down = strike(go_down, Site),
+    Machines = starl_robot:machines(Robot),
+    Beyond = maps:map(fun(_, Start) -> max(N, Start) end, starl_robot_machines:starts(Machines)),
+    Counted = Down#robot{
+        robot = starl_robot:machines(starl_robot_machines:starts(Beyond, Machines), Robot)
+    },
+    strike(come_up, body(starl_sim_platform:outdate_store(body(Counted)), Counted));
+strike({save_store, Fault}, down, #robot{robot = Robot} = Site) ->
+    Starts = starl_robot_machines:starts(starl_robot:machines(Robot)),
+    body(starl_sim_platform:save_store(Fault, Starts, body(Site)), Site);
+strike({set_back_store, Fault}, down, #robot{robot = Robot} = Site) ->
+    {Starts, Body} = starl_sim_platform:set_back_store(Fault, body(Site)),
+    Earlier = starl_robot_machines:starts(Starts, starl_robot:machines(Robot)),
+    body(Body, Site#robot{robot = starl_robot:machines(Earlier, Robot)});
 strike(come_up, down, #robot{robot = Robot, tree = Tree} = Site) ->
-    Floor = starl_sim_platform:floor(body(Site)),
-    Waiting = starl_robot_machines:up(Floor, starl_robot:machines(Robot)),
+    Moment = starl_sim_platform:moment(body(Site)),
+    Waiting = starl_robot_machines:up(Moment, starl_robot:machines(Robot)),
     {Launched, Machines} = starl_robot_tree:launch(Tree, Waiting),
     Site#robot{robot = starl_robot:come_up(Machines, Robot), tree = Launched};
 strike(_, _Condition, Site) ->

@@ -1,41 +1,73 @@
 %% @doc The durable store of a simulated robot: the terms that its machines keep over crashes and
 %% reboots, the code that they start with if it is not their first, and the faults of the class
 %% `store'.
+%%
+%% A store can be lost, or be set back to an image of it that was taken earlier. A store that is
+%% known to be lost or set back is outdated, as that of a live robot (`starl_live_store'): each term
+%% counts as damaged until its machine has written a new one.
 -module(starl_sim_store).
 
 -export([new/1, keep/4, kept/3, codes/1, codes/2]).
+-export([save/3, set_back/2, outdate/1]).
 
 -export_type([t/0]).
 
+-type image() :: {starl_robot_machines:starts(), kept(), written()}.
+-type kept() :: #{starl_machine:name() => term()}.
+%% The machines that have written a term since the store became outdated; `all': it is not.
+-type written() :: all | [starl_machine:name()].
+
 -record(store, {
     faults :: [starl_sim_fault:compiled()],
-    kept = #{} :: #{starl_machine:name() => term()},
+    kept = #{} :: kept(),
+    written = all :: written(),
+    images = #{} :: #{Fault :: atom() => image()},
     codes = #{} :: starl_reload:codes()
 }).
 
 -opaque t() :: #store{}.
 
-%% @doc An empty store, with the faults that strike it.
+%% @doc The empty store of a robot that has never run, with the faults that strike it.
 -spec new([starl_sim_fault:compiled()]) -> t().
 new(Faults) -> #store{faults = Faults}.
 
 %% @doc Keeps a term for a machine in place of its earlier term; `full': nothing is written.
 -spec keep(starl_machine:name(), term(), starl_sim_queue:time(), t()) -> {ok, t()} | full.
-keep(Name, Term, Now, #store{kept = Kept} = Store) ->
+keep(Name, Term, Now, #store{kept = Kept, written = Written} = Store) ->
     case suffers(store_full, Now, Store) of
         true -> full;
-        false -> {ok, Store#store{kept = Kept#{Name => Term}}}
+        false -> {ok, Store#store{kept = Kept#{Name => Term}, written = written(Name, Written)}}
     end.
 
+written(_Name, all) -> all;
+written(Name, Names) -> lists:usort([Name | Names]).
+
 %% @doc The stored term for a machine that starts now. A machine that never kept a term finds
-%% `none', even if the store is damaged.
+%% `none', even if the store is damaged, unless the store is outdated: then nobody knows.
 -spec kept(starl_machine:name(), starl_sim_queue:time(), t()) -> starl_machine:stored().
-kept(Name, Now, #store{kept = Kept} = Store) ->
+kept(Name, Now, #store{kept = Kept, written = Written} = Store) ->
+    Doubtful = Written =/= all andalso not lists:member(Name, Written),
     case {Kept, suffers(store_damaged, Now, Store)} of
+        _ when Doubtful -> damaged;
         {#{Name := _}, true} -> damaged;
         {#{Name := Term}, false} -> {stored, Term};
         {#{}, _} -> none
     end.
+
+%% @doc Takes an image of the store, with the numbers of starts, for a fault of this name.
+-spec save(Fault :: atom(), starl_robot_machines:starts(), t()) -> t().
+save(Fault, Starts, #store{kept = Kept, written = Written, images = Images} = Store) ->
+    Store#store{images = Images#{Fault => {Starts, Kept, Written}}}.
+
+%% @doc The store as it was when that image was taken, and the numbers of starts then.
+-spec set_back(Fault :: atom(), t()) -> {starl_robot_machines:starts(), t()}.
+set_back(Fault, #store{images = Images} = Store) ->
+    #{Fault := {Starts, Kept, Written}} = Images,
+    {Starts, Store#store{kept = Kept, written = Written}}.
+
+%% @doc The store is known to be lost or set back.
+-spec outdate(t()) -> t().
+outdate(Store) -> Store#store{kept = #{}, written = []}.
 
 %% @doc The code of its machines.
 -spec codes(t()) -> starl_reload:codes().
