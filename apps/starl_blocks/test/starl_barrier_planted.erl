@@ -7,10 +7,13 @@
 -define(REAL, starl_barrier_rounds).
 
 %% forgetful: after a crash it begins again with round 1 and asks nobody.
-init(#{variant := forgetful} = Config) -> start(Config#{incarnation => 1, stored => none});
-%% careless: what is damaged it takes for what was never stored.
-init(#{variant := careless, stored := damaged} = Config) -> start(Config#{stored => none});
-init(Config) -> start(Config).
+init(#{variant := forgetful} = Config) ->
+    start(Config#{incarnation => 1, stored => none});
+%% careless: what is damaged it takes for what was never stored, by a robot that has never run.
+init(#{variant := careless, stored := damaged} = Config) ->
+    start(Config#{stored => none, life => {0, 1}});
+init(Config) ->
+    start(Config).
 
 start(#{variant := Variant} = Config) ->
     {ready, Data, Actions} = ?REAL:init(Config),

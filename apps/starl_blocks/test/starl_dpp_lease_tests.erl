@@ -142,6 +142,12 @@ vote_test() ->
     ?assertNot(starl_dpp_vote:may_claim(4, 16 * ?S, V2)),
     ?assert(starl_dpp_vote:may_claim(4, 24 * ?S, V2)).
 
+%% A store without a term says nothing in a later life: it may be older than the robot's last vote.
+no_vote_at_the_start_of_a_later_life_test() ->
+    New = fun(Life) -> starl_dpp_vote:new(#{stored => none, now => 0, life => Life}) end,
+    Gives = fun(Life) -> element(1, starl_dpp_vote:give(3, 5 * ?S, New(Life))) end,
+    ?assertEqual([true, false], [Gives(Life) || Life <- [{0, 1}, {1, 1 bsl 57}]]).
+
 %% Whom it has promised its vote may claim, but for while another leads; that one always may. The
 %% promise and the leader are apart.
 claims_do_not_disturb_test() ->

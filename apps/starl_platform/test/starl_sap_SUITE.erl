@@ -686,7 +686,7 @@ gap_is_asked_about(_) ->
     ?assertEqual([{a, K} || K <- lists:seq(2, 60)], bodies(2, Net)),
     ?assertEqual([], dropped(number, 2, Net)),
     ?assertEqual(
-        1, length([ask || {_, 2, 1, {starl, 1, ask, _, _}} <- starl_platform_net:air(Net)])
+        1, length([ask || {_, 2, 1, {starl, 1, ask, _, _, _}} <- starl_platform_net:air(Net)])
     ),
     ?assertEqual([], starl_platform_net:judge(Net, bound())).
 
@@ -716,7 +716,7 @@ huge_incarnation_mutes_nobody(_) ->
         {starl, 1, data, {1, Huge, 1, 1, #{}, a, x}},
         {starl, 1, data, {1, 1, 9, 1 bsl 57, #{}, a, x}},
         {starl, 1, data, {1, 1, 9, {all, 1 bsl 57}, #{}, a, x}},
-        {starl, 1, told, 1, Huge, 1, {Huge, Huge}}
+        {starl, 1, told, 1, Huge, 1, {Huge, Huge}, {Huge, Huge}}
     ],
     Net = plan(
         net(2),
@@ -767,7 +767,7 @@ untrue_answers_are_dropped(_) ->
 strangers_are_dropped(_) ->
     Packets =
         [{starl, 1, data, {R, 1, 1, 1, #{}, a, x}} || R <- [2, 3, 1 bsl 40]] ++
-            [{starl, 1, shout, 9, a, x}, {starl, 1, ask, 9, 1}, {starl, 1, hello, 9, 2}],
+            [{starl, 1, shout, 9, a, x}, {starl, 1, ask, 9, 1, {0, 0}}, {starl, 1, hello, 9, 2}],
     Net = plan(net(2), [{0, {cast, 2, {listen, a, app}}}] ++ [{1, {packet, 2, P}} || P <- Packets]),
     ?assertEqual([], bodies(2, Net)),
     ?assertEqual([], starl_platform_net:air(Net)),
@@ -854,8 +854,8 @@ true_packet() ->
             {starl, 1, refusal, R, I, I, S},
             {starl, 1, hello, R, I},
             {starl, 1, shout, R, a, forged},
-            {starl, 1, ask, R, N},
-            {starl, 1, told, R, I, N, {N, N}}
+            {starl, 1, ask, R, N, {0, N}},
+            {starl, 1, told, R, I, N, {N, N}, {0, I}}
         ])
     ).
 
@@ -919,9 +919,9 @@ hostile_size(Count) ->
             {starl, 1, data,
                 {1, 1, K, {all, Draw(K, n, Odd)}, Draw(K, f, [#{}, [], #{2 => x}]), b, K}},
             {starl, 1, hello, Draw(K, r, [1, 3, 7]), Draw(K, i, Odd)},
-            {starl, 1, told, 1, Draw(K, i, Odd), K, {Draw(K, n, Odd), 1}},
+            {starl, 1, told, 1, Draw(K, i, Odd), K, {Draw(K, n, Odd), 1}, {0, 0}},
             {starl, 1, ack, 1, Draw(K, i, Odd), 1, K},
-            {starl, 1, ask, 1, K}
+            {starl, 1, ask, 1, K, {0, Draw(K, l, Odd)}}
         ])
      || K <- lists:seq(1, Count)
     ],

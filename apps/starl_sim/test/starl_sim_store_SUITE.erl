@@ -10,6 +10,10 @@
     full_store_stops_the_writer/1,
     full_store_is_outlived/1,
     damaged_store_is_told/1,
+    lost_store_is_damaged/1,
+    old_store_is_told_by_a_peer/1,
+    old_store_is_believed_without_peers/1,
+    a_later_life_draws_other_numbers/1,
     application_keeps/1,
     application_crashes_on_a_full_store/1,
     modes_agree/1
@@ -25,6 +29,10 @@ groups() ->
         full_store_stops_the_writer,
         full_store_is_outlived,
         damaged_store_is_told,
+        lost_store_is_damaged,
+        old_store_is_told_by_a_peer,
+        old_store_is_believed_without_peers,
+        a_later_life_draws_other_numbers,
         application_keeps,
         application_crashes_on_a_full_store
     ],
@@ -137,6 +145,93 @@ damaged_store_is_told(Config) ->
         Results
     ).
 
+%% Nobody knows what was in it: each machine finds its term damaged until it has written one, whether
+%% it had ever written one before or not.
+lost_store_is_damaged(Config) ->
+    Faults = [
+        {lost, 1000, 1500, store_lost, 1, #{}},
+        {a, 3000, 3000, kill_machine, {1, a}, #{}},
+        {b, 3000, 3000, kill_machine, {1, b}, #{}}
+    ],
+    {_, Results, _} = play(
+        1,
+        fun(R) ->
+            case starl:stored(R) of
+                none ->
+                    {ok, ok} = starl:call(R, a, {keep, 1}, infinity),
+                    starl:await(R, never);
+                damaged ->
+                    Found = both(R),
+                    {ok, ok} = starl:call(R, a, {keep, 2}, infinity),
+                    ok = starl:sleep(R, 2000),
+                    {Found, both(R)}
+            end
+        end,
+        scenario(Faults, Config)
+    ),
+    ?assertEqual(
+        [{done, {[{ok, damaged}, {ok, damaged}], [{ok, {stored, 2}}, {ok, damaged}]}}], Results
+    ).
+
+both(R) -> [starl:call(R, Name, stored, infinity) || Name <- [a, b]].
+
+%% The store knows nothing of the robot's last life, in which another robot has heard from it. The
+%% other one says so; all terms are damaged then.
+old_store_is_told_by_a_peer(Config) ->
+    {_, [One, {done, Heard}], Trace} = play(2, fun set_back/1, scenario(set_back_faults(), Config)),
+    ?assertEqual({done, [{ok, damaged}, {ok, damaged}]}, One),
+    ?assertMatch([{_, 1, sap, {outlived, _, 2}}], [E || {_, _, sap, {outlived, _, _}} = E <- Trace]),
+    %% of the two lives that the store does not know together, one message each at most
+    ?assertEqual(lists:usort(Heard), lists:sort(Heard)).
+
+%% There is nobody who knows.
+old_store_is_believed_without_peers(Config) ->
+    {_, Results, _} = play(1, fun set_back/1, scenario(set_back_faults(), Config)),
+    ?assertEqual([{done, [{ok, {stored, 1}}, {ok, none}]}], Results).
+
+set_back_faults() -> [{back, 1000, 3000, store_set_back, 1, #{}}].
+
+%% Robot 1 keeps 1 in its first life, 2 in its second one.
+set_back(R) -> set_back(starl:id(R), starl:now(R), R).
+
+set_back(1, Now, R) when Now < 1000 ->
+    {ok, ok} = starl:call(R, a, {keep, 1}, infinity),
+    starl:await(R, never);
+set_back(1, Now, R) when Now < 3000 ->
+    {ok, ok} = starl:call(R, a, {keep, 2}, infinity),
+    {ok, ok} = starl:call(R, b, {keep, 2}, infinity),
+    _ = starl:post(R, 2, word, second),
+    starl:await(R, never);
+set_back(1, _Now, R) ->
+    _ = starl:post(R, 2, word, third),
+    ok = starl:sleep(R, 5000),
+    both(R);
+set_back(2, _Now, R) ->
+    words(R, 10000).
+
+words(R, Ms) ->
+    case starl:await(R, word, Ms) of
+        {ok, 1, Word} -> [Word | words(R, Ms)];
+        timeout -> []
+    end.
+
+%% A machine cannot go on with the random numbers of the life before: it does not know how many of
+%% them that one has drawn.
+a_later_life_draws_other_numbers(Config) ->
+    {_, [{done, Second}], Trace} = play(
+        1,
+        fun(R) ->
+            Drawn = starl:random(R),
+            starl:trace(R, {drawn, Drawn}),
+            case starl:now(R) < 1000 of
+                true -> starl:await(R, never);
+                false -> Drawn
+            end
+        end,
+        scenario([{reboot, 1000, 1500, reboot, 1, #{}}], Config)
+    ),
+    ?assertMatch([First, Second] when First =/= Second, [D || {_, 1, app, {drawn, D}} <- Trace]).
+
 application_keeps(Config) ->
     Faults = [
         {crash, 1000, 1000, kill_machine, {1, app}, #{}}, {reboot, 2000, 2500, reboot, 1, #{}}
@@ -186,7 +281,9 @@ modes_agree(_) ->
         {full, 900, 1500, store_full, 1, #{}},
         {damaged, 1900, 2500, store_damaged, 1, #{}},
         {crash, 2100, 2100, kill_machine, {1, a}, #{}},
-        {reboot, 3000, 3500, reboot, 1, #{}}
+        {reboot, 3000, 3500, reboot, 1, #{}},
+        {lost, 4000, 4500, store_lost, 2, #{}},
+        {back, 5000, 5500, store_set_back, 1, #{}}
     ],
     Digests = [
         begin

@@ -25,7 +25,8 @@
 -type round() :: pos_integer().
 
 %% @doc The round that the next `sync' with this name is for, with half a minute's patience: it is
-%% known at once unless what the robot stored is damaged.
+%% known at once in the robot's first life; later, or if what it stored is damaged, when all others
+%% have answered.
 -spec round(starl:robot(), name()) -> {ok, round()} | {error, timeout | restarted}.
 round(Robot, Name) -> round(Robot, Name, ?PATIENCE_MS).
 

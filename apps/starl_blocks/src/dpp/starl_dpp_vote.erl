@@ -1,8 +1,9 @@
 %% @doc A participant's vote: the robot that has it, and until when; and the robot that leads. Pure.
 %%
 %% A vote is a promise to vote for no other robot. A machine that has crashed has forgotten its
-%% promise, so it votes for nobody until the promise must have ended; its store tells whether it may
-%% have voted at all. The promise is to a robot, not to a term: a robot has one coordinator machine,
+%% promise, so it votes for nobody until the promise must have ended; in the robot's first life its
+%% store tells whether it may have voted at all, in a later one the store may be too old to tell. The
+%% promise is to a robot, not to a term: a robot has one coordinator machine,
 %% which can lead only in the latest of the terms that it has claimed.
 %%
 %% A participant that hears a leading coordinator lets no other robot claim, even one that has its
@@ -25,12 +26,12 @@
 }).
 -opaque t() :: #vote{}.
 
-%% @doc A participant that has never followed a term has not voted, and may vote at once.
+%% @doc A participant that has surely never followed a term has not voted, and may vote at once.
 -spec new(#{stored := starl_machine:stored(), now := integer(), atom() => term()}) -> t().
 new(#{stored := Stored, now := Now} = Config) ->
     Long = starl_dpp_lease:long_us(Config),
-    case Stored of
-        none -> #vote{long_us = Long, until = Now};
+    case {Stored, maps:get(life, Config, {0, 1})} of
+        {none, {0, 1}} -> #vote{long_us = Long, until = Now};
         _ -> #vote{long_us = Long, until = Now + Long}
     end.
 
