@@ -68,6 +68,21 @@ damaged_test() ->
     ?assert(stamp(First) < stamp(Second)),
     ?assert(stamp(Second) < stamp(Third)).
 
+%% A store that is older than the robot's last life gives back the time at which that life began to
+%% give stamps. If the clock has been set back, too, both lives begin there, and their stamps differ.
+an_old_store_repeats_no_stamp_test() ->
+    Ahead = {stored, 100 * ?S},
+    [Second, Third] = [
+        stamp(element(1, write_of(Life, Ahead)))
+     || Life <- [{1, 1 bsl 57}, {1, 1 bsl 57 + 9}]
+    ],
+    ?assert(Second < Third).
+
+write_of({_, Start} = Life, Stored) ->
+    Config = #{incarnation => Start, life => Life, stored => Stored},
+    {_, Ready} = at(0, {timeout, recover}, recover, new(0, Config)),
+    put(0, a, Ready).
+
 %% The first write after a reboot with what was stored last.
 reboot(Incarnation, Now, Before, More) ->
     Kept = maps:merge(#{incarnation => Incarnation, stored => kept(Before)}, More),

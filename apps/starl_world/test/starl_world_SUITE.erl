@@ -101,7 +101,9 @@ link_killed(Config) ->
     exit(starl_world_run:link(Run, 2), kill),
     Outcome = sound(done, Run),
     ?assertEqual([{done, 60}, {done, 60}], results(Outcome)),
-    ?assertMatch(#{sap := 2, app := 2}, starts(2, Config)),
+    %% the machines of the second life count from one number, far from that of the first
+    #{sap := N, app := N} = starts(2, Config),
+    ?assert(N > 1 bsl 50),
     ?assertMatch(#{sap := 1, app := 1}, starts(1, Config)).
 
 %% A robot dies fifty times while all send to all: no message is acknowledged and not delivered, and
@@ -117,7 +119,7 @@ killed_again_and_again(Config) ->
     ct:log("~p", [Sap]),
     ?assertEqual([{done, ok}, {done, ok}, {done, ok}], results(Outcome)),
     ?assertMatch(#{sap := 1}, starts(1, Config)),
-    ?assert(maps:get(sap, starts(2, Config)) > 30).
+    ?assert(maps:get(sap, starts(2, Config)) > 1 bsl 50).
 
 %% After some of its words, or in the middle of its start.
 killed(_N, {Run, Random0}) ->
@@ -138,7 +140,7 @@ all_reboot(Config) ->
     heard(20),
     [exit(starl_world_run:link(Run, Robot), kill) || Robot <- [1, 2]],
     _ = sound(done, Run),
-    ?assertMatch(#{sap := 2}, starts(1, Config)).
+    ?assert(maps:get(sap, starts(1, Config)) > 1 bsl 50).
 
 %% A robot that cannot store the numbers of its starts does not run on as if it had never run.
 store_gone(Config) ->
@@ -195,7 +197,8 @@ links_cut(Config) ->
     deaf(2, Killed, 300, Run),
     ok = starl_world_run:heal(Run),
     ?assertEqual([{done, 60}, {done, 60}], results(sound(done, Run))),
-    ?assertMatch(#{sap := 3, app := 3}, starts(2, Config)).
+    #{sap := N, app := N} = starts(2, Config),
+    ?assert(N > 1 bsl 50).
 
 %% The robot, whose link is another one by now, has lost what it was sent: soon, as the other one sends
 %% it again and again.

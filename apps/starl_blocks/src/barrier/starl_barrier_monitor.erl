@@ -247,10 +247,10 @@ out_of_order(T, Robot, Name, K, #state{passed = Passed, at = At, doubts = Doubts
     Last = maps:get(Key, Passed, 0),
     Reached = maps:get(Key, State#state.reached, 0),
     %% the store of a robot that was set back may say that it has reached the round, and not passed it
-    Again = may_be_next(maps:get(Key, Doubts, none), K, Last, Reached),
+    Again = K =< Reached andalso may_be_next(maps:get(Key, Doubts, none), K, Last, Reached),
     [
         violation(passed_out_of_order, T, [Robot], #{name => Name, round => K, last => Last})
-     || (K =< Last andalso not Again) orelse K =/= maps:get(Key, At, 0)
+     || not Again, K =< Last orelse K =/= maps:get(Key, At, 0)
     ].
 
 skipped(T, Robot, Name, K, #state{passed = Passed, reached = Reached, doubts = Doubts}) ->

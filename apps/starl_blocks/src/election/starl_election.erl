@@ -70,7 +70,7 @@ models() -> [{election, "election by randomized ballots", fun model/1}].
 %% it.
 model(#{robots := Ids}) ->
     #{
-        blocks => machines(#{ballots => 1}),
+        blocks => [{election, starl_election_ballots, #{ballots => 1}}],
         script => fun(_) -> [{call, election, {elect, first, 30000000}}] end,
         crash => [election, app],
         monitor => {starl_election_monitor, #{robots => Ids, bound_us => 1}},

@@ -92,7 +92,7 @@ init(#{robot := Self, participants := Team, now := Now, incarnation := Start} = 
         self = Self,
         others = starl_team:others(Self, Team),
         owners = maps:get(owners, Config, #{}),
-        clock = clock(maps:get(stored, Config, none), Start, {Self, Ahead}, Now),
+        clock = clock(maps:get(stored, Config, none), begun(Config), {Self, Ahead}, Now),
         %% not the draws of the life before
         random = rand:seed_s(exsss, erlang:phash2({Seed, Start}, 1 bsl 32)),
         sync_us = maps:get(sync_ms, Config, 1000) * 1000,
@@ -100,13 +100,21 @@ init(#{robot := Self, participants := Team, now := Now, incarnation := Start} = 
     },
     start(Start, maps:get(recover_ms, Config, 1000) * 1000, Lww).
 
-%% A machine that has stored nothing has given no stamp.
-clock(none, _Start, {Self, Ahead}, _Now) ->
+%% A machine that has stored nothing has given no stamp. A store that is older than the robot's last
+%% life gives back a time at which that one may have given stamps: the counter tells the lives apart.
+clock(none, _Begun, {Self, Ahead}, _Now) ->
     starl_hlc:new(Self, Ahead);
-clock({stored, Reserved}, _Start, {Self, Ahead}, _Now) ->
-    starl_hlc:observe({Reserved, 0, Self}, Reserved, starl_hlc:new(Self, Ahead));
-clock(damaged, Start, {Self, Ahead}, Now) ->
+clock({stored, Reserved}, {Life, _Start}, {Self, Ahead}, _Now) ->
+    starl_hlc:observe({Reserved, Life bsl 32, Self}, Reserved, starl_hlc:new(Self, Ahead));
+clock(damaged, {_Life, Start}, {Self, Ahead}, Now) ->
     starl_hlc:after_restart(Self, Ahead, Now, Start).
+
+%% The number of a later life of the robot, 0 in the first one; the number of this start.
+begun(#{incarnation := Start} = Config) ->
+    case maps:get(life, Config, {0, 1}) of
+        {0, 1} -> {0, Start};
+        {_, Life} -> {Life, Start}
+    end.
 
 start(Start, _RecoverUs, #lww{others = Others} = Lww0) when Start =:= 1; Others =:= [] ->
     {Tick, Lww} = tick(Lww0),

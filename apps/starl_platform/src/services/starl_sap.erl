@@ -107,12 +107,12 @@
     self :: starl:robot_id(),
     team :: starl_team:t(),
     incarnation :: starl_packet:incarnation(),
-    life :: starl_robot_machines:life(),
     out :: starl_sap_out:t(),
     peers = starl_sap_peers:new() :: starl_sap_peers:t(),
     inbox :: starl_sap_inbox:t(),
     window :: pos_integer(),
-    nonce :: pos_integer()
+    nonce :: pos_integer(),
+    life :: starl_robot_machines:life()
 }).
 
 %% @doc The action that sends a message; its outcome comes back as the event `{reply, Tag}'.
