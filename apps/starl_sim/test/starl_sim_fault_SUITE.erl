@@ -76,6 +76,7 @@ example(Kind) ->
     {Kind, From, 6000, Kind, Target, Values}.
 
 value(packet, _, _) -> 3;
+value(actions, _, _) -> 0;
 value(part, _, _) -> 0.5;
 value(range_mm, _, _) -> 1500;
 value(_, {one_of, [First | _]}, _) -> First;
