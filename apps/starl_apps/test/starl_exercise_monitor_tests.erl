@@ -325,6 +325,25 @@ registers_test() ->
      || What <- [put, get, geocast]
     ].
 
+%% A halt that is told when it is over is a heal: what is promised from then on counts from its end.
+halted_test() ->
+    Config = #{
+        exercise => starl_sap_exercise,
+        robots => [1, 2, 3],
+        healed_us => 0,
+        within_us => 20,
+        margin_us => 5,
+        bound_us => 50
+    },
+    Known = #{broken => [], healed_us => 130, delay_us => 0, slack_us => 30},
+    M = starl_exercise_monitor,
+    ?assertEqual(
+        M:init(M:context(Known, maps:remove(healed_us, Config))),
+        M:broken({1, 100, 130, pause}, M:init(Config))
+    ),
+    Never = M:init(Config#{healed_us := never, bound_us := 80}),
+    ?assertEqual(Never, M:broken({1, 100, 130, pause}, M:init(Config#{healed_us := never}))).
+
 %% It is told of each machine once: its own two, and those that the exercise watches.
 interests_test() ->
     Interests = fun(Exercise) ->

@@ -59,6 +59,63 @@ faults_test_() ->
         Value <- [maps:get(Key, ?KNOWN)]
     ].
 
+%% A window that is told when it is over is like one that was known from the beginning.
+told_later_test_() ->
+    Known = #{broken => ?BROKEN, healed_us => 9, delay_us => 0, slack_us => 4},
+    [Window] = ?BROKEN,
+    [
+        {
+            atom_to_list(Monitor),
+            ?_assertEqual(
+                Monitor:init(Monitor:context(Known, Config)),
+                Monitor:broken(Window, Monitor:init(Config))
+            )
+        }
+     || {Monitor, Config} <- [
+            {starl_barrier_monitor, #{robots => [1, 2], bound_us => 50}},
+            {starl_counter_monitor, #{robots => [1, 2], within_us => 50}},
+            {starl_election_monitor, #{robots => [1, 2], bound_us => 50}},
+            {starl_election_bully_monitor, #{robots => [1, 2], bound_us => 50}},
+            {starl_geocast_monitor, #{robots => [1, 2]}},
+            {starl_mutex_monitor, #{bound_us => 50}},
+            {starl_registers_monitor, #{robots => [1, 2], within_us => 50}},
+            {starl_sap_monitor, #{bound_us => 50}}
+        ]
+    ].
+
+%% What was due after the beginning of the window is due later by its length.
+due_later_test_() ->
+    [
+        {atom_to_list(Monitor), fun() ->
+            Ends = fun(End) ->
+                {ok, Begun} = starl_monitor:step(Events, starl_monitor:new([{Monitor, Config}])),
+                {Found, _} = starl_monitor:finish(
+                    End, starl_monitor:broken({1, 5, 9, pause}, Begun)
+                ),
+                [What || #{what := What} <- Found]
+            end,
+            ?assertEqual([], Ends(Due + 4)),
+            ?assertMatch([_ | _], Ends(Due + 5))
+        end}
+     || {Monitor, Config, Events, Due} <- [
+            {starl_election_monitor, #{robots => [1, 2], bound_us => 50},
+                [{2, 1, election, {entered, e}}], 52},
+            {starl_election_bully_monitor, #{robots => [1, 2], bound_us => 50},
+                [{2, 1, election, {entered, e}}], 52},
+            {starl_mutex_monitor, #{bound_us => 50}, [{2, 1, mutex, {requested, t}}], 52},
+            {starl_sap_monitor, #{bound_us => 50}, [{2, 1, sap, {sent, {1, 1, 1}, [2], t, 0}}], 52}
+        ]
+    ].
+
+%% Agreement is due when the window is over, and the time for it has passed.
+agreement_due_later_test() ->
+    Config = #{robots => [1, 2], within_us => 50},
+    Events = [{2, 1, counter, {incremented, 1}}, {2, 1, counter, {holds, 1}}],
+    {ok, Begun} = starl_monitor:step(Events, starl_monitor:new([{starl_counter_monitor, Config}])),
+    Told = starl_monitor:broken({1, 5, 9, pause}, Begun),
+    Found = fun(End) -> length(element(1, starl_monitor:finish(End, Told))) end,
+    ?assertEqual([0, 1], [Found(59), Found(60)]).
+
 %% And nothing else.
 nothing_else_test() ->
     Keys = fun(Monitor) -> lists:sort(maps:keys(told(Monitor, #{bound_us => 1}))) end,

@@ -23,6 +23,11 @@ kept_test() ->
         ]
     ].
 
+%% A window that is told later is like one that was known.
+told_later_test() ->
+    Windows = [{1, 5, 9, pause}, {1, 2, 2, {clock, -3}}, {all, 4, 6, position}],
+    ?assertEqual(?A:new(Windows, 7), lists:foldl(fun ?A:broken/2, ?A:new([], 7), Windows)).
+
 %% Each robot's own, and those of all.
 robots_test() ->
     Mixed = ?A:new(

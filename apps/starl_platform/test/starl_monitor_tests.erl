@@ -3,7 +3,7 @@
 -behaviour(starl_monitor).
 -include_lib("eunit/include/eunit.hrl").
 
--export([init/1, step/2, finish/2, interests/0, vocabulary/0]).
+-export([init/1, step/2, broken/2, finish/2, interests/0, vocabulary/0]).
 
 %% A monitor of its own: counts events of machine `counted', objects to the event `bad' and to
 %% all of machine `app'.
@@ -18,6 +18,9 @@ step({T, Robot, counted, bad}, N) -> {violation, objection(T, Robot), N + 1};
 step({T, Robot, app, _Event}, N) -> {violation, objection(T, Robot), N + 1};
 step({_T, _Robot, counted, _Event}, N) -> {ok, N + 1}.
 
+%% A broken assumption counts as it is long.
+broken({_, From, To, _}, N) -> N + To - From.
+
 finish(End, N) when N > 100 -> {{violation, [objection(End, 1)]}, #{seen => N}};
 finish(_End, N) -> {ok, #{seen => N}}.
 
@@ -29,6 +32,12 @@ feeds_only_what_is_wanted_test() ->
     {ok, M1} = starl_monitor:step([{1, 1, counted, a}, {2, 1, other, bad}, {3, 2, counted, b}], M0),
     {ok, M2} = starl_monitor:step({4, 2, counted, c}, M1),
     ?assertEqual({[], #{?MODULE => #{seen => 3}}}, starl_monitor:finish(5, M2)).
+
+%% A broken assumption is told to the monitors that want to know.
+tells_of_broken_assumptions_test() ->
+    M0 = starl_monitor:new([{?MODULE, #{start => 0}}, {starl_crash_monitor, #{excused => []}}]),
+    M1 = starl_monitor:broken({2, 10, 17, pause}, M0),
+    ?assertMatch({[], #{?MODULE := #{seen := 7}}}, starl_monitor:finish(20, M1)).
 
 runs_several_monitors_test() ->
     M0 = starl_monitor:new([{?MODULE, #{start => 0}}, {starl_sap_monitor, #{bound_us => 10}}]),

@@ -14,7 +14,7 @@
 -module(starl_exercise_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/1, vocabulary/0]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/1, vocabulary/0]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type us() :: integer().
@@ -63,6 +63,12 @@ init(#{exercise := Exercise, robots := Robots} = Config) ->
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{healed_us := Healed, slack_us := Slack}, #{bound_us := Bound} = Config) ->
     maps:merge(#{healed_us => Healed}, Config#{bound_us := Bound + Slack}).
+
+%% @doc The heal is later than the window, and the bound longer by it.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_Robot, From, To, _Broken}, #state{healed = Healed, bound = Bound} = State) ->
+    %% an atom, `never', is greater than every number
+    State#state{healed = max(Healed, To), bound = Bound + To - From}.
 
 %% @doc The applications, the end of robots, and the machines that the exercise watches.
 -spec interests(#state{}) -> [atom()].

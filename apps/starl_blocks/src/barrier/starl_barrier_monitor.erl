@@ -20,7 +20,7 @@
 -module(starl_barrier_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
@@ -77,6 +77,13 @@ context(#{slack_us := Slack}, #{bound_us := Bound} = Config) when is_integer(Bou
     Config#{bound_us := Bound + Slack};
 context(_Known, Config) ->
     Config.
+
+%% @doc The window widens the bound.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, From, To, _}, #state{bound_us = Bound} = State) when is_integer(Bound) ->
+    State#state{bound_us = Bound + To - From};
+broken(_Window, State) ->
+    State.
 
 %% @doc The barrier machines' own events and the end of robots.
 -spec interests() -> [atom()].

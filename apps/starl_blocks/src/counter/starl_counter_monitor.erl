@@ -12,7 +12,7 @@
 -module(starl_counter_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type us() :: integer().
@@ -39,6 +39,15 @@ init(#{robots := Robots} = Config) ->
 %% @doc The configuration with the end of all faults.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{healed_us := Healed}, Config) -> maps:merge(#{healed_us => Healed}, Config).
+
+%% @doc The window is over: from then on robots have their time to agree.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, _, To, _}, #state{healed = Healed, due = Due} = State) ->
+    Later = State#state{healed = max(Healed, To)},
+    case Due of
+        infinity -> Later;
+        _ -> postponed(To, Later)
+    end.
 
 %% @doc The counters' own events and the end of robots.
 -spec interests() -> [atom()].

@@ -13,7 +13,7 @@
 -module(starl_election_bully_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
@@ -43,6 +43,12 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{slack_us := Slack}, #{bound_us := Bound} = Config) ->
     Config#{bound_us := Bound + Slack}.
+
+%% @doc The window widens the bound.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, From, To, _}, #state{bound_us = Bound, open = Open} = State) ->
+    Us = To - From,
+    State#state{bound_us = Bound + Us, open = maps:map(fun(_, Due) -> Due + Us end, Open)}.
 
 %% @doc The elections' own events and the end of robots.
 -spec interests() -> [atom()].

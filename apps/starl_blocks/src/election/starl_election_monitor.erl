@@ -15,7 +15,7 @@
 -module(starl_election_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
@@ -56,6 +56,23 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{slack_us := Slack}, #{bound_us := Bound} = Config) ->
     Config#{bound_us := Bound + Slack}.
+
+%% @doc The window widens the bounds.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, From, To, _}, #state{bound_us = Bound, open = Open} = State) ->
+    Us = To - From,
+    Later = fun(Queue) ->
+        queue:from_list([
+            {Due + Us, Election, Robot}
+         || {Due, Election, Robot} <- queue:to_list(Queue)
+        ])
+    end,
+    State#state{
+        bound_us = Bound + Us,
+        open = maps:map(fun(_, Deadline) -> Deadline + Us end, Open),
+        deadlines = Later(State#state.deadlines),
+        settling = Later(State#state.settling)
+    }.
 
 %% @doc The elections' own events and the end of robots.
 -spec interests() -> [atom()].

@@ -34,7 +34,7 @@
 -module(starl_geocast_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type id() :: {robot_id(), pos_integer(), pos_integer()}.
@@ -106,6 +106,13 @@ init(#{robots := Robots} = Config) ->
 -spec context(starl_monitor:known(), map()) -> map().
 context(Known, Config) ->
     maps:merge(maps:with([broken, healed_us, delay_us], Known), Config).
+
+%% @doc What a robot should have received in the window is not judged.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, _, To, _} = Window, #state{assumption = Assumption, healed = Healed} = State) ->
+    State#state{
+        assumption = starl_assumption:broken(Window, Assumption), healed = max(Healed, To)
+    }.
 
 %% @doc The geocasts' own events, the motion and the end of robots.
 -spec interests() -> [atom()].

@@ -28,7 +28,7 @@
 %% has lost since the lease was told, and to the end of a pause that it runs into.
 -module(starl_mutex_holds).
 
--export([new/1, granted/6, leased/6, acquired/5, answered/4, ended/6, forget/2, finish/2]).
+-export([new/1, broken/2, granted/6, leased/6, acquired/5, answered/4, ended/6, forget/2, finish/2]).
 -export([tokens/1, timeless/1]).
 
 -export_type([t/0, config/0]).
@@ -91,6 +91,11 @@ new(Config) ->
         lag_us = maps:get(lag_us, Config, ?LAG_US),
         assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm)
     }.
+
+%% @doc An assumption was broken in this window.
+-spec broken(starl_assumption:window(), t()) -> t().
+broken(Window, #holds{assumption = Assumption} = Holds) ->
+    Holds#holds{assumption = starl_assumption:broken(Window, Assumption)}.
 
 %% @doc A home confirms a hand-over of a token to a robot.
 -spec granted(integer(), Home :: robot_id(), token(), fence(), To :: robot_id(), t()) ->

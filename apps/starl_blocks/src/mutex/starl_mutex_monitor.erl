@@ -18,7 +18,7 @@
 -module(starl_mutex_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type token() :: term().
@@ -66,6 +66,15 @@ context(#{broken := Broken, slack_us := Slack}, Config) ->
     case Told of
         #{bound_us := Bound} when is_integer(Bound) -> Told#{bound_us := Bound + Slack};
         #{} -> Told
+    end.
+
+%% @doc Leases that run into the window may be noticed later; it widens the bound.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, From, To, _} = Window, #state{holds = Holds, bound_us = Bound} = State) ->
+    Told = State#state{holds = starl_mutex_holds:broken(Window, Holds)},
+    case Bound of
+        infinity -> Told;
+        _ -> Told#state{bound_us = Bound + To - From}
     end.
 
 %% @doc The mutex machines' own events and the end of robots.

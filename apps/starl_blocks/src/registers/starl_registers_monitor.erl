@@ -18,7 +18,7 @@
 -module(starl_registers_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
@@ -72,6 +72,13 @@ context(#{healed_us := Healed, slack_us := Slack}, Config) ->
         #{bound_us := Bound} -> Told#{bound_us := Bound + Slack};
         #{} -> Told
     end.
+
+%% @doc The window is over: from then on robots have their time to agree.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, _, To, _}, #state{bound_us = Bound, healed = Healed, due = Due} = State) ->
+    %% nothing is due if there is no bound
+    Later = maps:map(fun(_, At) -> max(At, To + Bound) end, Due),
+    first_due(State#state{healed = max(Healed, To), due = Later}).
 
 %% @doc The registers' own events and the end of robots.
 -spec interests() -> [atom()].

@@ -4,8 +4,9 @@
 %%
 %% The assumptions: no clock is set, stands still or drifts by more than its bound; no robot
 %% handles an event later than a bound after it is due; positions are about right. A fault injector
-%% knows when an assumption is broken and says so as data ({@link window()}); of real robots
-%% nothing is known, and nothing is excused. A monitor asks how far a broken assumption reaches:
+%% knows when an assumption is broken and says so as data ({@link window()}); a cluster knows it of
+%% its own faults, when they are over ({@link broken/2}). Of real robots nothing is known, and nothing
+%% is excused. A monitor asks how far a broken assumption reaches:
 %% ```
 %%   true time       S            T0   clock set back by 2     E          E + 2
 %%                   |-------------|-----------v---------------|-----------|
@@ -14,7 +15,7 @@
 %% All answers are generous bounds: no window explains an event beyond them.
 -module(starl_assumption).
 
--export([new/2, is_kept/1, is_kept/3, longest_us/2]).
+-export([new/2, broken/2, is_kept/1, is_kept/3, longest_us/2]).
 -export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, begun_us/3]).
 -export([is_misplaced/4]).
 
@@ -52,6 +53,12 @@ new(Windows, Ppm) ->
     #assumption{drift_ppm = Ppm, windows = maps:map(fun(_, Own) -> lists:sort(Own) end, Of)}.
 
 untied({_Robot, From, To, Broken}) -> {From, To, Broken}.
+
+%% @doc The same assumption, broken in a further window.
+-spec broken(window(), t()) -> t().
+broken({Robot, From, To, Broken}, #assumption{windows = Windows} = Assumption) ->
+    Own = lists:sort([{From, To, Broken} | maps:get(Robot, Windows, [])]),
+    Assumption#assumption{windows = Windows#{Robot => Own}}.
 
 %% @doc Do all robots keep it at all times, as far as is known?
 -spec is_kept(t()) -> boolean().

@@ -14,7 +14,7 @@
 %% unknown events, and none swallows them.
 -module(starl_monitor).
 
--export([new/1, step/2, finish/2, known/1, informed/2, interests/1]).
+-export([new/1, step/2, broken/2, finish/2, known/1, informed/2, interests/1]).
 -export([name/1, format_violation/1, shape/1]).
 -export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, shape/0, known/0]).
 
@@ -59,13 +59,18 @@
 %% The configuration with the facts of the run that the monitor needs: excuses and bounds.
 %% Without this callback a monitor gets none.
 -callback context(known(), Config :: map()) -> Config :: map().
+%% An assumption was broken in this window of the run, of which no event has been judged yet: for
+%% faults that are known only when they happen. It prolongs bounds as in {@link context/2}.
+-callback broken(starl_assumption:window(), state()) -> state().
 %% The machines whose contract the monitor stands for, with all events that these machines trace of
 %% their own, the events that it does not judge included; without this callback, none.
 -callback vocabulary() -> starl_event:vocabulary().
 %% The part of the state that decides on later violations while no time passes: two states that are
 %% equal in it judge alike. For the exhaustive checker; figures and times are left out.
 -callback timeless(state()) -> term().
--optional_callbacks([interests/0, interests/1, context/2, vocabulary/0, timeless/1]).
+-optional_callbacks([
+    interests/0, interests/1, context/2, broken/2, vocabulary/0, timeless/1
+]).
 
 -record(runner, {
     monitors :: [monitor()],
@@ -135,6 +140,17 @@ step(Events, #runner{monitors = Monitors, known = Known0} = Runner) when is_list
     answer(in_order(Found), Runner#runner{monitors = Fed, known = Known});
 step(Event, Runner) ->
     step([Event], Runner).
+
+%% @doc An assumption was broken in this window, of which no event has been judged yet.
+-spec broken(starl_assumption:window(), t()) -> t().
+broken(Window, #runner{monitors = Monitors} = Runner) ->
+    Told = fun({Module, Interests, State} = Monitor) ->
+        case exports(Module, broken, 2) of
+            true -> {Module, Interests, Module:broken(Window, State)};
+            false -> Monitor
+        end
+    end,
+    Runner#runner{monitors = lists:map(Told, Monitors)}.
 
 %% @doc Ends the run at `EndTimeUs'. Returns the violations that `step/2' has not returned, in
 %% the order found, and what each monitor measured. The runner keeps at most 1000 violations.

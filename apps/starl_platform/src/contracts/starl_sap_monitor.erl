@@ -27,7 +27,7 @@
 -module(starl_sap_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -record(state, {
     bound_us :: pos_integer(),
@@ -75,6 +75,16 @@ init(#{bound_us := Bound} = Config) ->
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{slack_us := Slack}, #{bound_us := Bound} = Config) ->
     Config#{bound_us := Bound + Slack}.
+
+%% @doc The window widens the bound.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, From, To, _}, #state{bound_us = Bound, overdue = Overdue, stale = Stale} = State) ->
+    Later = starl_sap_monitor_alarms:later(To - From, Overdue),
+    State#state{
+        bound_us = Bound + To - From,
+        overdue = Later,
+        due = min(starl_sap_monitor_alarms:due(Later), starl_sap_monitor_alarms:due(Stale))
+    }.
 
 %% @doc The events of the SAP, of the application, and of the end of robots.
 -spec interests() -> [atom()].
