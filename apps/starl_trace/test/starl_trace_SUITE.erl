@@ -21,6 +21,7 @@ all() ->
         without_zstandard_a_line_tells,
         merged_recordings_are_the_whole,
         reading_begins_at_any_time,
+        a_halt_is_excused,
         other_files_are_told,
         only_files_are_replaced,
         a_full_disk_ends_the_recording_only,
@@ -476,6 +477,38 @@ rest(Cursor) ->
             starl_trace_reader:stop(Cursor),
             []
     end.
+
+%% What a halt of a live robot explains is no violation of its recording, and nothing else is excused; a
+%% file that is cut off meanwhile is judged likewise.
+a_halt_is_excused(Config) ->
+    File = file(Config, "halted"),
+    Sent = {100, 1, sap, {sent, {1, 1, 1}, [2], note, 0}},
+    Outcome = fun(At) -> {At, 1, sap, {outcome, {1, 1, 1}, 2, lost}} end,
+    Fault = {hand_1, 0, forever, pause, 1, #{}},
+    Began = {fault, 500, {began, Fault}},
+    Ended = {fault, 3500, {ended, setelement(3, Fault, 3)}},
+    Found = fun(News) ->
+        ok = starl_trace_ct:recorded(File, heard(News)),
+        {ok, #{violations := Violations}} = starl_trace_judge:file(File),
+        [What || #{what := What} <- Violations]
+    end,
+    Judged = fun(Events) -> {judged, Events, []} end,
+    ?assertEqual([], Found([Judged([Sent]), Judged([Outcome(1100)])])),
+    ?assertEqual([outcome_overdue], Found([Judged([Sent]), Judged([Outcome(1101)])])),
+    [
+        ?assertEqual(What, Found([Began, Judged([Sent]), Ended, Judged([Outcome(At)])]))
+     || {At, What} <- [{4100, []}, {4101, [outcome_overdue]}]
+    ],
+    ?assertEqual([], Found([Began, Judged([Sent]), Judged([Outcome(4100)])])).
+
+heard(News) ->
+    Monitors = [{starl_sap_monitor, #{bound_us => 1000}}],
+    Facts = (starl_trace_ct:facts())#{kind := live, monitors := Monitors},
+    {Messages, Stream} = lists:mapfoldl(
+        fun starl_trace_stream:news/2, starl_trace_stream:new(), [{begun, Facts} | News]
+    ),
+    {Last, _} = starl_trace_stream:close(Stream),
+    lists:append(Messages) ++ Last.
 
 other_files_are_told(Config) ->
     File = file(Config, "other"),

@@ -17,6 +17,9 @@
 -type hands() :: #{
     status := fun(() -> #{now_us := integer(), running := non_neg_integer(), atom() => term()}),
     kill => fun((starl:robot_id()) -> answer()),
+    pause => fun((starl:robot_id(), Seconds :: number()) -> answer()),
+    lose_store => fun((starl:robot_id()) -> answer()),
+    set_back => fun((starl:robot_id()) -> answer()),
     cut => fun((starl:robot_id(), starl:robot_id()) -> answer()),
     freeze => fun((starl:robot_id()) -> answer()),
     heal => fun(() -> answer()),
@@ -136,6 +139,14 @@ do(_Command, Page, #live{hands = over} = Live) ->
     answered({error, "the run is over"}, none, Page, Live);
 do(#{<<"do">> := <<"kill">>, <<"robot">> := Robot}, Page, Live) ->
     hand(kill, [Robot], Page, Live);
+do(#{<<"do">> := <<"hold">>, <<"robot">> := Robot, <<"seconds">> := Seconds}, Page, Live) when
+    is_number(Seconds)
+->
+    paused(Robot, Seconds, Page, Live);
+do(#{<<"do">> := <<"lose_store">>, <<"robot">> := Robot}, Page, Live) ->
+    hand(lose_store, [Robot], Page, Live);
+do(#{<<"do">> := <<"set_back">>, <<"robot">> := Robot}, Page, Live) ->
+    hand(set_back, [Robot], Page, Live);
 do(#{<<"do">> := <<"freeze">>, <<"robot">> := Robot}, Page, Live) ->
     hand(freeze, [Robot], Page, Live);
 do(#{<<"do">> := <<"cut">>, <<"robots">> := [A, B]}, Page, Live) when A =/= B ->
@@ -155,6 +166,13 @@ hand(What, Robots, Page, #live{hands = Hands, robots = N} = Live) ->
         #{} -> answered({error, "this cannot be done to this run"}, none, Page, Live)
     end.
 
+%% The length is of the computer, not of the run.
+paused(Robot, Seconds, Page, #live{hands = #{pause := Pause} = Hands} = Live) ->
+    For = Hands#{pause := fun(Id) -> Pause(Id, Seconds) end},
+    (hand(pause, [Robot], Page, Live#live{hands = For}))#live{hands = Hands};
+paused(_Robot, _Seconds, Page, Live) ->
+    answered({error, "this cannot be done to this run"}, none, Page, Live).
+
 %% The run tells its observers what was done, and so the page.
 answered(ok, {What, Robots}, Page, Live) ->
     ok = said(<<"yes">>, done(What, Robots), Page),
@@ -163,8 +181,13 @@ answered({error, Why}, _What, Page, Live) ->
     ok = said(<<"no">>, Why, Page),
     Live.
 
-done(heal, []) -> "healed";
-done(What, Robots) -> [atom_to_list(What), [io_lib:format(" ~b", [Robot]) || Robot <- Robots]].
+done(heal, []) ->
+    "healed";
+done(What, Robots) ->
+    [
+        string:replace(atom_to_list(What), "_", " "),
+        [io_lib:format(" ~b", [Robot]) || Robot <- Robots]
+    ].
 
 said(Kind, Text, Page) ->
     Page ! {tell, [Kind, unicode:characters_to_binary(Text)]},

@@ -6,14 +6,37 @@
 
 -export([all/0, init_per_suite/1, end_per_suite/1, init_per_testcase/2, end_per_testcase/2]).
 -export([
-    messages/1, killed/1, all_killed/1, cut/1, commands/1, reloads/1, taken_port/1, nothing_left/1
+    messages/1,
+    killed/1,
+    all_killed/1,
+    paused/1,
+    stores_struck/1,
+    cut/1,
+    commands/1,
+    reloads/1,
+    taken_port/1,
+    nothing_left/1,
+    none_left_standing/1
 ]).
 %% called in the conductor
--export([play/4, beside_another/1]).
+-export([play/4, struck/1, beside_another/1]).
 
 -define(SPEED, 10).
 
-all() -> [messages, killed, all_killed, cut, commands, reloads, taken_port, nothing_left].
+all() ->
+    [
+        messages,
+        killed,
+        all_killed,
+        paused,
+        stores_struck,
+        cut,
+        commands,
+        reloads,
+        taken_port,
+        nothing_left,
+        none_left_standing
+    ].
 
 init_per_suite(Config) ->
     Own = [Dir || Dir <- code:get_path(), not lists:prefix(code:lib_dir(), Dir)],
@@ -72,6 +95,34 @@ all_killed(Config) ->
     Outcome = run(dist, [{heard, 10, {kill, 1}}, {heard, 10, {kill, 2}}], Config),
     ?assertMatch([{done, _}, {done, _}], results(Outcome)).
 
+%% A node that stands still for a time goes on where it was; it is never halted twice at once, and one
+%% that is killed meanwhile starts anew. A heal lets all go on.
+paused(Config) ->
+    Outcome =
+        {_, Answers} = run(
+            udp,
+            [
+                {heard, 5, {ask, [["pause", "2", "0.5"], ["pause", "2", "1"]]}},
+                {heard, 12, {pause_at_work, 1, 0.2}},
+                {heard, 15, {pause, 2, 30}},
+                {heard, 15, {kill, 2}},
+                {heard, 20, {pause, 1, 30}},
+                {heard, 20, heal}
+            ],
+            Config
+        ),
+    ?assertEqual([{done, 30}, {done, 30}], results(element(1, Outcome))),
+    [{ok, _}, {error, Twice}, {ok, _}] = Answers,
+    ?assertEqual(
+        "the node of robot 2 stands still already", unicode:characters_to_list(Twice)
+    ).
+
+%% A robot whose store is lost, or set back, starts again: its store has been struck once.
+stores_struck(Config) ->
+    Dir = proplists:get_value(dir, Config),
+    Starts = in_conductor(struck, [Dir], Config),
+    ?assertEqual([{first, 1}, {killed, 2}, {set_back, 2}, {killed, 3}, {lost, 1}], Starts).
+
 %% Nothing gets through while the link is cut.
 cut(Config) ->
     Outcome = run(udp, [{heard, 10, {cut, 1, 2}}, {lost, heal}], Config),
@@ -83,6 +134,9 @@ commands(Config) ->
         {["status"], "2 at work"},
         {["kill", "9"], "there is no robot 9"},
         {["kill", "x"], "robots by their numbers"},
+        {["pause", "9", "1"], "there is no robot 9"},
+        {["pause", "1", "31"], "for 0.001 to 30 s"},
+        {["lose-store", "9"], "there is no robot 9"},
         {["cut", "1", "2"], "done"},
         {["heal"], "healed"},
         {["stop"], "the run ends"}
@@ -153,6 +207,16 @@ nothing_left(Config) ->
     ?assertMatch([_, _], Pids),
     lists:foreach(fun gone/1, Pids).
 
+%% The same while one of them stands still: it ends when its time is over.
+none_left_standing(Config) ->
+    Script = [{heard, 5, {pause, 2, 2}}, {heard, 5, os_pids}],
+    Args = [dist, 30, Script, proplists:get_value(dir, Config)],
+    Pids = in_conductor(play, Args, Config),
+    Conductor = proplists:get_value(conductor, Config),
+    _ = os:cmd("kill -KILL " ++ peer:call(Conductor, os, getpid, [])),
+    ?assertMatch([_, _], Pids),
+    lists:foreach(fun gone/1, Pids).
+
 is_alive(OsPid) -> os:cmd("kill -0 " ++ OsPid ++ " 2>/dev/null && echo alive") =:= "alive\n".
 
 %% Waits for the process to end: the shell's own wait cannot, it is no child of ours.
@@ -195,6 +259,28 @@ start(Transport, N, Script, Dir) ->
         #{dir => Dir, transport => Transport, speed => ?SPEED}
     ),
     played(Script, [], Cluster).
+
+%% What robot 2's store says of its starts, after each thing that is done to it.
+struck(Dir) ->
+    _ = process_flag(trap_exit, true),
+    Given = #{app => starl_world_app, robots => 2, play => #{}},
+    {ok, Cluster} = starl_cluster:start(Given, #{dir => Dir, transport => dist}),
+    Done = fun({Name, Act}, N) ->
+        ok = starl_cluster:Act(Cluster, 2),
+        ok = restarted(N, Cluster),
+        ok = up(2, Cluster),
+        {{Name, starts(Dir)}, N + 1}
+    end,
+    First = {first, starts(Dir)},
+    Acts = [{killed, kill}, {set_back, set_back}, {killed, kill}, {lost, lose_store}],
+    {Starts, _} = lists:mapfoldl(Done, 1, Acts),
+    ok = starl_cluster:stop(Cluster),
+    _ = starl_cluster:finish(Cluster),
+    [First | Starts].
+
+starts(Dir) ->
+    {ok, Store} = starl_live_store:open(filename:join(Dir, "robot-2")),
+    maps:get(sap, starl_live_store:starts(Store)).
 
 %% Robot 2 has the metrics of a port that another program holds.
 beside_another(Dir) ->
@@ -275,6 +361,11 @@ act({kill, Robot}, Cluster) ->
 act({cut, A, B}, Cluster) ->
     ok = starl_cluster:cut(Cluster, A, B),
     [];
+act({pause, Robot, Seconds}, Cluster) ->
+    ok = starl_cluster:pause(Cluster, Robot, Seconds),
+    [];
+act({pause_at_work, Robot, Seconds}, Cluster) ->
+    [starl_cluster:pause_at_work(Cluster, Robot, Seconds)];
 act(heal, Cluster) ->
     ok = starl_cluster:heal(Cluster),
     [];

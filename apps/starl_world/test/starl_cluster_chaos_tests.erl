@@ -34,6 +34,20 @@ cables_test() ->
     ?assertEqual(20, length(Pulls)),
     ?assertEqual([1, 2, 3], lists:usort([R || {_, {_, R}} <- Pulls])).
 
+%% As many as asked for, one after the other.
+halts_test() ->
+    Acts = starl_cluster_chaos:halts(7, [1, 2, 3], 20),
+    ?assertEqual(Acts, starl_cluster_chaos:halts(7, [1, 2, 3], 20)),
+    ?assertEqual(Acts, lists:sort(Acts)),
+    ?assertEqual(20, length([S || {_, {pause_at_work, _, S}} <- Acts, S >= 1, S =< 2])),
+    ?assertEqual([1, 2, 3], lists:usort([R || {_, {_, R, _}} <- Acts])).
+
+stores_test() ->
+    Acts = starl_cluster_chaos:stores(7, [1, 2, 3], 20),
+    ?assertEqual(Acts, starl_cluster_chaos:stores(7, [1, 2, 3], 20)),
+    ?assertEqual(20, length(Acts)),
+    ?assertEqual([lose_store, set_back], lists:usort([What || {_, {What, _}} <- Acts])).
+
 alone_test() ->
     Acts = starl_cluster_chaos:draw(1, [1], ?SPAN),
     ?assertEqual([], [Act || {_, {cut, _, _}} = Act <- Acts]).

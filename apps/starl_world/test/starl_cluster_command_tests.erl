@@ -7,6 +7,10 @@ parse_test_() ->
      || {Words, Expected} <- [
             {["status"], {ok, status}},
             {["kill", "3"], {ok, {act, {kill, 3}}}},
+            {["pause", "3", "2"], {ok, {act, {pause, 3, 2}}}},
+            {["pause", "3", "0.25"], {ok, {act, {pause, 3, 0.25}}}},
+            {["lose-store", "3"], {ok, {act, {lose_store, 3}}}},
+            {["set-back", "3"], {ok, {act, {set_back, 3}}}},
             {["cut", "1", "2"], {ok, {act, {cut, 1, 2}}}},
             {["unplug", "1"], {ok, {act, {unplug, 1}}}},
             {["reload", "lists"], {ok, {reload, lists}}},
@@ -20,7 +24,18 @@ refused_test_() ->
     [
         ?_assertMatch({Words, {error, _}}, {Words, starl_cluster_command:parse(Words)})
      || Words <- [
-            [], ["kill"], ["kill", "x"], ["kill", "3x"], ["cut", "1", "1"], ["mend", "1", "2"]
+            [],
+            ["kill"],
+            ["kill", "x"],
+            ["kill", "3x"],
+            ["cut", "1", "1"],
+            ["mend", "1", "2"],
+            ["pause", "3"],
+            ["pause", "3", "x"],
+            ["pause", "x", "1"],
+            ["pause", "3", "1.5s"],
+            ["lose-store"],
+            ["set-back", "x"]
         ]
     ].
 
@@ -28,7 +43,19 @@ refused_test_() ->
 words_test_() ->
     [
         ?_assertMatch({ok, _}, starl_cluster_command:parse([Word | lists:sublist(["1", "2"], N)]))
-     || Word <- ["status", "kill", "cut", "freeze", "unplug", "heal", "stop", "reload"],
+     || Word <- [
+            "status",
+            "kill",
+            "pause",
+            "lose-store",
+            "set-back",
+            "cut",
+            "freeze",
+            "unplug",
+            "heal",
+            "stop",
+            "reload"
+        ],
         N <- [starl_cluster_command:words(Word)]
     ].
 

@@ -22,4 +22,19 @@ undone_test_() ->
         ]
     ] ++ [?_assertEqual(?M:new(), done([{kill, 2}]))].
 
+%% A store is lost, or set back, once: when its node starts. One that was lost before that stays lost, and
+%% no heal brings one back.
+stores_test() ->
+    Struck = done([{set_back, 1}, {lose_store, 2}, {set_back, 2}, {freeze, 2}]),
+    Healed = ?M:healed(Struck),
+    ?assertEqual([], ?M:frozen(Healed)),
+    {set_back, Left} = ?M:store(1, Healed),
+    ?assertMatch({kept, _}, ?M:store(1, Left)),
+    ?assertEqual({lost, ?M:new()}, ?M:store(2, Left)).
+
+robots_test() ->
+    ?assertEqual([3], ?M:robots({pause, 3, 7})),
+    ?assertEqual([3], ?M:robots({pause_at_work, 3, 0.5})),
+    ?assertEqual([3], ?M:robots({lose_store, 3})).
+
 done(Acts) -> lists:foldl(fun ?M:done/2, ?M:new(), Acts).

@@ -3,7 +3,7 @@
 -include_lib("eunit/include/eunit.hrl").
 
 -behaviour(starl_monitor).
--export([init/1, step/2, finish/2]).
+-export([init/1, step/2, broken/2, finish/2]).
 
 %% A monitor that keeps what it sees, and finds `bad' a violation.
 init(#{}) -> [].
@@ -12,6 +12,7 @@ step({T, Robot, _, bad} = Event, Seen) ->
     {violation, Violation, [Event | Seen]};
 step(Event, Seen) ->
     {ok, [Event | Seen]}.
+broken({Robot, From, To, pause}, Seen) -> [{From, Robot, To, pause} | Seen].
 finish(End, Seen) -> {ok, #{seen => lists:reverse(Seen), ended => End}}.
 
 %% Facts wait until they are older than the horizon, and come in the order of their time; of one
@@ -42,6 +43,66 @@ violation_test() ->
 close_test() ->
     {[], #{?MODULE := Results}} = starl_world_judge:close(7, told([[{9, 1, a, x}]], new(10))),
     ?assertMatch(#{ended := 9, seen := [{9, 1, a, x}]}, Results).
+
+%% From the beginning of a halt on nothing is judged until the horizon after its end, and what a monitor
+%% sees first is the halt.
+halted_test() ->
+    Facts = [[{9, 1, a, before}, {25, 1, a, later}], [{10, 2, a, meanwhile}, {30, 2, a, last}]],
+    Waiting = starl_world_judge:hold(1, 10, told(Facts, observed(5))),
+    ?assertEqual([], starl_world_judge:standing(Waiting)),
+    Standing = starl_world_judge:halted(1, 12, Waiting),
+    ?assertEqual([1], starl_world_judge:standing(Standing)),
+    {ok, Held} = starl_world_judge:judge(100, Standing),
+    ?assertEqual([before], judged()),
+    Moving = starl_world_judge:resumed(1, 20, Held),
+    ?assertEqual([], starl_world_judge:standing(Moving)),
+    {ok, Early} = starl_world_judge:judge(24, Moving),
+    ?assertEqual([], judged()),
+    {ok, Late} = starl_world_judge:judge(30, Early),
+    ?assertEqual([meanwhile, later], judged()),
+    ?assertEqual([{9, before}, {12, pause}, {10, meanwhile}, {25, later}, {30, last}], seen(Late)),
+    ?assertEqual([last], judged()),
+    ?assertEqual(0, starl_world_judge:late(Late)).
+
+%% Of two halts that overlap the earlier holds the judge, too.
+two_halted_test() ->
+    One = halted(1, 10, told([[{11, 3, a, x}, {16, 3, a, y}]], observed(5))),
+    Two = starl_world_judge:resumed(1, 15, halted(2, 12, One)),
+    {ok, Held} = starl_world_judge:judge(40, Two),
+    ?assertEqual([x], judged()),
+    {ok, _} = starl_world_judge:judge(45, starl_world_judge:resumed(2, 40, Held)),
+    ?assertEqual([y], judged()).
+
+%% A run that ends while a robot stands still knows of the halt until then.
+halted_at_the_end_test() ->
+    Standing = halted(1, 10, told([[{11, 2, a, x}]], new(5))),
+    {[], #{?MODULE := #{seen := Seen}}} = starl_world_judge:close(40, Standing),
+    ?assertEqual([{10, 1, 40, pause}, {11, 2, a, x}], Seen).
+
+%% A robot that could not be halted is waited for, and not excused.
+not_halted_test() ->
+    Waiting = starl_world_judge:hold(1, 10, told([[{11, 2, a, x}]], observed(5))),
+    {ok, Held} = starl_world_judge:judge(20, Waiting),
+    ?assertEqual([], judged()),
+    {ok, Over} = starl_world_judge:judge(25, starl_world_judge:resumed(1, 20, Held)),
+    ?assertEqual([{11, x}], seen(Over)).
+
+halted(Robot, At, Judge) ->
+    starl_world_judge:halted(Robot, At, starl_world_judge:hold(Robot, At, Judge)).
+
+%% The judge tells this process what he judges.
+observed(Horizon) ->
+    Self = self(),
+    starl_world_judge:new([{?MODULE, #{}}], Horizon, fun(News) ->
+        Self ! News,
+        ok
+    end).
+
+judged() ->
+    receive
+        {judged, Events, []} -> [Event || {_, _, _, Event} <- Events] ++ judged()
+    after 0 -> []
+    end.
 
 new(Horizon) -> starl_world_judge:new([{?MODULE, #{}}], Horizon).
 

@@ -26,10 +26,17 @@ about(none) ->
         {list, "While it runs, from another terminal", [
             {"cluster status", "the time, the robots, their nodes"},
             {"cluster kill N", "kills the node of robot N; it is started anew"},
+            {"cluster pause N SECONDS",
+                "the node of robot N stands still for a time, then goes on"},
+            {"cluster lose-store N",
+                "kills the node of robot N; it is started anew without its store"},
+            {"cluster set-back N",
+                "kills the node of robot N; it is started anew with its store as it was before its "
+                "last start"},
             {"cluster cut N M", "robots N and M do not hear each other"},
             {"cluster freeze N", "robot N gets no new positions"},
             {"cluster unplug N", "the cable of robot N's Create is pulled"},
-            {"cluster heal", "undoes all cuts and freezes, puts all cables back"},
+            {"cluster heal", "undoes all cuts, freezes and pauses, puts all cables back"},
             {"cluster reload CODE",
                 "new code for all robots: an application, FILE.erl or a module; what fails within 5 s "
                 "is rolled back everywhere"},
@@ -67,6 +74,12 @@ own() ->
         {unplug, {integer, 0, 1000}, 0,
             "pulls the cable of a Create and puts it back a second later, so many times, every 4 s; "
             "that of a Create 2, which would drive on, when it stands"},
+        {halts, {integer, 0, 1000}, 0,
+            "halts a node in the middle of what it does for 1 to 2 s of the computer, so many times, "
+            "every 10 s of the run"},
+        {lost_stores, {integer, 0, 1000}, 0,
+            "kills a node, which is started anew without its store, or with an old one, so many "
+            "times, every 10 s of the run"},
         {runs, {integer, 1, 1000}, 1, "runs, one after the other, each with the next seed"}
         | lists:keydelete(pace, 1, starl_cli_live:flags()) ++
             lists:keydelete(record, 1, starl_cli_recording:flags()) ++ starl_cli_window:flags()
@@ -121,7 +134,7 @@ runs({N, Runs}, Status, _Setup, _Values) when N > Runs; Status =/= 0 ->
     Status;
 runs({N, Runs}, 0, #{scenario := #{seed := Seed} = Scenario} = Setup, Values) ->
     #{transport := Transport, speed := Speed} = Values,
-    Live = {nodes, Transport, chaos(Scenario, Values) ++ cables(Scenario, Values)},
+    Live = {nodes, Transport, chaos(Scenario, Values) ++ drawn(Scenario, Values)},
     Own = out({N, Runs}, Values, Setup),
     case starl_cli_live:run(Live, Own, Values#{pace => Speed}) of
         {error, _} = Error ->
@@ -147,5 +160,9 @@ chaos(_Scenario, #{chaos := false}) ->
 chaos(#{robots := Robots, seed := Seed}, #{chaos := true}) ->
     starl_cluster_chaos:draw(Seed, lists:seq(1, Robots), ?CHAOS_US).
 
-cables(#{robots := Robots, seed := Seed}, #{unplug := Times}) ->
-    starl_cluster_chaos:cables(Seed, lists:seq(1, Robots), Times).
+drawn(#{robots := Robots, seed := Seed}, Values) ->
+    #{unplug := Cables, halts := Halts, lost_stores := Stores} = Values,
+    Ids = lists:seq(1, Robots),
+    starl_cluster_chaos:cables(Seed, Ids, Cables) ++
+        starl_cluster_chaos:halts(Seed, Ids, Halts) ++
+        starl_cluster_chaos:stores(Seed, Ids, Stores).

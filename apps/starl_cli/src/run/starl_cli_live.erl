@@ -22,6 +22,8 @@
 }.
 
 -define(SHOW_MS, 100).
+%% What a window can do.
+-define(HANDS, [status, stop, kill, pause, lose_store, set_back, cut, freeze, heal]).
 %% The beginning of the name of the directory of the stores; the number of the OS process follows.
 -define(STATE_DIR, "starl-live-").
 
@@ -178,6 +180,9 @@ start({nodes, _, _}, #{scenario := Scenario}, Options) ->
                 stop => fun() -> starl_cluster:stop(Cluster) end,
                 finish => fun() -> starl_cluster:finish(Cluster) end,
                 kill => fun(Robot) -> starl_cluster:kill(Cluster, Robot) end,
+                pause => fun(Robot, Seconds) -> starl_cluster:pause(Cluster, Robot, Seconds) end,
+                lose_store => fun(Robot) -> starl_cluster:lose_store(Cluster, Robot) end,
+                set_back => fun(Robot) -> starl_cluster:set_back(Cluster, Robot) end,
                 cut => fun(A, B) -> starl_cluster:cut(Cluster, A, B) end,
                 freeze => fun(Robot) -> starl_cluster:freeze(Cluster, Robot) end,
                 heal => fun() -> starl_cluster:heal(Cluster) end,
@@ -190,7 +195,7 @@ start({nodes, _, _}, #{scenario := Scenario}, Options) ->
 started({error, Why}, _Live, _Setup, _Attach) ->
     {error, [Why]};
 started({ok, #{stop := Stop, scenario := Scenario} = Handle}, Live, Setup, Attach) ->
-    ok = Attach(maps:with([status, stop, kill, cut, freeze, heal], Handle)),
+    ok = Attach(maps:with(?HANDS, Handle)),
     starl_cli_signal:on_interrupt(fun() -> spawn(Stop) end),
     Begun = erlang:monotonic_time(millisecond),
     Ending = watched(Handle, Live, Setup),

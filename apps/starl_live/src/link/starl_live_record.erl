@@ -7,7 +7,7 @@
 %% place of the one before it.
 -module(starl_live_record).
 
--export([open/1, file/1, write/3, read/2, starts/1, last/1]).
+-export([open/1, file/1, write/3, read/2, batches/2, starts/1, is_record/1, last/1]).
 
 -export_type([t/0]).
 
@@ -59,11 +59,13 @@ turned(#record{file = File, device = Device} = Record) ->
 
 %% @doc The events of all batches after this one, as far as they were written.
 -spec read(file:filename(), After :: non_neg_integer()) -> [starl_monitor:trace_event()].
-read(File, After) ->
-    lists:append([
-        Events
-     || Each <- [File ++ ?BEFORE, File], {N, Events} <- batches(Each), N > After
-    ]).
+read(File, After) -> lists:append([Events || {_, Events} <- batches(File, After)]).
+
+%% @doc The batches after this one, as far as they were written.
+-spec batches(file:filename(), After :: non_neg_integer()) ->
+    [{Batch :: pos_integer(), [starl_monitor:trace_event()]}].
+batches(File, After) ->
+    [Batch || Each <- [File ++ ?BEFORE, File], {N, _} = Batch <- batches(Each), N > After].
 
 batches(File) ->
     case file:read_file(File) of
@@ -80,6 +82,10 @@ split(_) -> [].
 starts(Dir) ->
     Files = filelib:wildcard(?PREFIX ++ "*", Dir),
     lists:sort([filename:join(Dir, Name) || Name <- Files, filename:extension(Name) =:= ""]).
+
+%% @doc Is the file of this name a record? A robot's directory also holds its store.
+-spec is_record(file:filename()) -> boolean().
+is_record(Name) -> lists:prefix(?PREFIX, Name).
 
 %% @doc The last events of the robot's last start, none if there was none. The records of earlier
 %% starts are deleted.

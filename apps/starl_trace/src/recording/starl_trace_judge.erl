@@ -39,6 +39,9 @@
     violations = [] :: [starl_monitor:violation()],
     found = unknown :: [starl_monitor:violation()] | unknown,
     until = 0 :: integer(),
+    %% the robots of a live run that are halted, since when, and what happened meanwhile, latest first
+    standing = #{} :: #{atom() => {starl:robot_id(), integer()}},
+    waiting = [] :: [[starl_monitor:trace_event()]],
     events = 0 :: non_neg_integer(),
     missing = 0 :: non_neg_integer()
 }).
@@ -71,7 +74,11 @@ judged(closed, #judge{scenario = none, file = File}) ->
     {error, {no_scenario, File}};
 judged(_Ended, #judge{scenario = none, file = File}) ->
     {error, {too_short, File}};
-judged(Ended, #judge{monitors = Monitors, violations = Violations, until = Until} = Judge) ->
+judged(Ended, #judge{standing = Standing, until = End} = Open) ->
+    #judge{monitors = Monitors, violations = Violations, until = Until} =
+        Judge = waited_for(
+            lists:foldl(fun(Id, J) -> resumed(Id, End, J) end, Open, maps:keys(Standing))
+        ),
     {Late, Results} = starl_monitor:finish(Until, Monitors),
     {ok, #{
         scenario => Judge#judge.scenario,
@@ -88,7 +95,20 @@ judged(Ended, #judge{monitors = Monitors, violations = Violations, until = Until
 %% The trace of a second is judged at once, like the windows of a run.
 messages(Messages, Judge0) ->
     Judge = lists:foldl(fun message/2, Judge0, Messages),
-    step([{At, R, M, E} || {trace, At, {R, M, E}} <- Messages], Judge).
+    judge([{At, R, M, E} || {trace, At, {R, M, E}} <- Messages], Judge).
+
+%% What a halt of a live robot explains is known when it is over: so long nothing is judged.
+judge([_ | _] = Trace, #judge{standing = Standing} = Judge) when map_size(Standing) > 0 ->
+    #judge{waiting = Waiting, until = Until} = Judge,
+    Last = element(1, lists:last(Trace)),
+    Judge#judge{waiting = [Trace | Waiting], until = max(Last, Until)};
+judge([], #judge{standing = Standing} = Judge) when map_size(Standing) > 0 ->
+    Judge;
+judge(Trace, Judge) ->
+    step(Trace, waited_for(Judge)).
+
+waited_for(#judge{waiting = Waiting} = Judge) ->
+    lists:foldl(fun step/2, Judge#judge{waiting = []}, lists:reverse(Waiting)).
 
 message({scenario, _, Scenario}, #judge{scenario = none, file = File} = Judge) ->
     #{monitors := Monitors} = Scenario,
@@ -101,10 +121,21 @@ message({scenario, _, Scenario}, #judge{scenario = none, file = File} = Judge) -
     };
 message({verdicts, _, {ended, #{end_us := End, violations := Found}}}, Judge) ->
     Judge#judge{found = Found, until = max(End, Judge#judge.until)};
+message({faults, At, {began, {Id, _, forever, pause, Robot, _}}}, Judge) ->
+    Judge#judge{standing = (Judge#judge.standing)#{Id => {Robot, At}}};
+message({faults, At, {ended, {Id, _, _, pause, _, _}}}, #judge{standing = Standing} = Judge) when
+    is_map_key(Id, Standing)
+->
+    resumed(Id, At, Judge);
 message({gap, _, Missing}, Judge) ->
     Judge#judge{missing = Judge#judge.missing + Missing};
 message(_Message, Judge) ->
     Judge.
+
+resumed(Id, At, #judge{standing = Standing, monitors = Monitors} = Judge) ->
+    {{Robot, From}, Left} = maps:take(Id, Standing),
+    Told = starl_monitor:broken({Robot, From, max(From, At), pause}, Monitors),
+    Judge#judge{standing = Left, monitors = Told}.
 
 step([], Judge) ->
     Judge;

@@ -104,6 +104,9 @@ export class Panel {
   liveHands(id, act) {
     const can = name => this.team.run.hands.includes(name);
     if (can('kill')) act('Kill', () => ({ do: 'kill', robot: id }), 'its processes end; it starts anew').id = 'kill';
+    if (can('pause')) act('Pause 3 s', () => ({ do: 'hold', robot: id, seconds: 3 }), 'its computer stands still').id = 'hold';
+    if (can('lose_store')) act('Lose store', () => ({ do: 'lose_store', robot: id }), 'it starts anew without its store').id = 'lose-store';
+    if (can('set_back')) act('Set store back', () => ({ do: 'set_back', robot: id }), 'it starts anew with its store before its last start').id = 'set-back';
     if (can('freeze')) act('Freeze positions', () => ({ do: 'freeze', robot: id })).id = 'freeze';
     if (!can('cut') || this.team.run.robots.length < 2) return;
     const other = this.other(id);

@@ -19,6 +19,10 @@
     place/2,
     reload/2, reload/3,
     kill/2,
+    lose_store/2,
+    set_back/2,
+    pause/3,
+    pause_at_work/3,
     cut/3,
     freeze/2,
     unplug/2,
@@ -132,6 +136,26 @@ place(#cluster{server = Server}, Robot) -> gen_server:call(Server, {place, Robot
 %% @doc Kills the node of a robot, by SIGKILL; it is started anew.
 -spec kill(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
 kill(Cluster, Robot) -> act({kill, Robot}, Cluster).
+
+%% @doc The same; its store is gone when it is started anew.
+-spec lose_store(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
+lose_store(Cluster, Robot) -> act({lose_store, Robot}, Cluster).
+
+%% @doc The same; its store is then as it was when the node was started the last time.
+-spec set_back(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
+set_back(Cluster, Robot) -> act({set_back, Robot}, Cluster).
+
+%% @doc Halts the node of a robot for a time, of the computer: all its processes stand still. Answers at
+%% once.
+-spec pause(t(), starl:robot_id(), Seconds :: number()) -> ok | {error, unicode:chardata()}.
+pause(Cluster, Robot, Seconds) -> act({pause, Robot, Seconds}, Cluster).
+
+%% @doc The same, as soon as the node does something, in the middle of it. Answers when the node goes on:
+%% where it was found.
+-spec pause_at_work(t(), starl:robot_id(), Seconds :: number()) ->
+    {ok, starl_cluster_halts:found()} | {error, unicode:chardata()}.
+pause_at_work(#cluster{server = Server}, Robot, Seconds) ->
+    gen_server:call(Server, {halted, {pause_at_work, Robot, Seconds}}, infinity).
 
 %% @doc Two robots do not hear each other any more.
 -spec cut(t(), starl:robot_id(), starl:robot_id()) -> ok | {error, unicode:chardata()}.

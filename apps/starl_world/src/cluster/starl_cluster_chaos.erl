@@ -4,13 +4,14 @@
 %% seconds; one robot's positions freeze for five. All within the first part of the run.
 -module(starl_cluster_chaos).
 
--export([draw/3, cables/3, targets/2]).
+-export([draw/3, cables/3, halts/3, stores/3, targets/2]).
 
 -export_type([act/0]).
 
 %% An act, with robots by number; or the leader of that moment.
 -type act() ::
-    {kill, robot()}
+    {kill | lose_store | set_back, robot()}
+    | {pause_at_work, robot(), Seconds :: number()}
     | {cut, robot(), robot()}
     | {mend, robot(), robot()}
     | {unplug_in_time, robot()}
@@ -25,6 +26,9 @@
 %% The time without a cable, and from one pull to the next.
 -define(UNPLUGGED_US, 1000000).
 -define(PULL_US, 4000000).
+%% From one halt, or lost store, to the next; the length of a halt, of the computer.
+-define(HALT_US, 10000000).
+-define(HALT_MS, {1000, 2000}).
 
 %% @doc The acts for these robots, between two times of the run, in the order of their time.
 -spec draw(Seed :: integer(), [starl:robot_id(), ...], {FromUs, ToUs}) ->
@@ -53,6 +57,36 @@ cables(Seed, Robots, Times) ->
     end,
     {Acts, _} = lists:mapfoldl(Span, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
     lists:append(Acts).
+
+%% @doc So many halts in the middle of a step, one after the other, of robots that are drawn.
+-spec halts(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
+    [{AtUs :: integer(), act()}].
+halts(Seed, Robots, Times) ->
+    {Least, Most} = ?HALT_MS,
+    apart(Seed, Robots, Times, fun(Robot, Random0) ->
+        {Ms, Random} = between(Least, Most, Random0),
+        {{pause_at_work, Robot, Ms / 1000}, Random}
+    end).
+
+%% @doc So many stores that are lost, or set back, with a kill of the node, one after the other, of
+%% robots that are drawn.
+-spec stores(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
+    [{AtUs :: integer(), act()}].
+stores(Seed, Robots, Times) ->
+    apart(Seed, Robots, Times, fun(Robot, Random0) ->
+        {What, Random} = one_of([lose_store, set_back], Random0),
+        {{What, Robot}, Random}
+    end).
+
+apart(Seed, Robots, Times, Draw) ->
+    Act = fun(N, R0) ->
+        {At, R1} = between(N * ?HALT_US, (N + 1) * ?HALT_US - 1, R0),
+        {Robot, R2} = one_of(Robots, R1),
+        {Drawn, R3} = Draw(Robot, R2),
+        {{At, Drawn}, R3}
+    end,
+    {Acts, _} = lists:mapfoldl(Act, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
+    Acts.
 
 some(N, Draw, Random0) ->
     lists:mapfoldl(fun(_, Random) -> Draw(Random) end, Random0, lists:seq(1, N)).

@@ -13,6 +13,9 @@
 -define(COMMANDS, [
     {"status", 0},
     {"kill", 1},
+    {"pause", 2},
+    {"lose-store", 1},
+    {"set-back", 1},
     {"cut", 2},
     {"freeze", 1},
     {"unplug", 1},
@@ -31,10 +34,28 @@ parse(["status"]) -> {ok, status};
 parse(["stop"]) -> {ok, stop};
 parse(["heal"]) -> {ok, heal};
 parse(["reload", What]) -> {ok, {reload, source(What)}};
+parse(["pause" | Words]) -> pause(Words);
 parse([Word | Robots]) -> act(Word, [string:to_integer(Robot) || Robot <- Robots]);
 parse([]) -> {error, "a command expected, as cluster status"}.
 
+pause([Robot, Seconds]) ->
+    case {string:to_integer(Robot), number(Seconds)} of
+        {{Id, []}, S} when is_integer(Id), is_number(S) -> {ok, {act, {pause, Id, S}}};
+        _ -> pause([])
+    end;
+pause(_) ->
+    {error, "pause: a robot by its number and seconds, as in pause 3 1.5"}.
+
+number(Text) ->
+    case {string:to_float(Text), string:to_integer(Text)} of
+        {{Float, []}, _} -> Float;
+        {_, {Integer, []}} -> Integer;
+        _ -> none
+    end.
+
 act("kill", [{Robot, []}]) -> {ok, {act, {kill, Robot}}};
+act("lose-store", [{Robot, []}]) -> {ok, {act, {lose_store, Robot}}};
+act("set-back", [{Robot, []}]) -> {ok, {act, {set_back, Robot}}};
 act("freeze", [{Robot, []}]) -> {ok, {act, {freeze, Robot}}};
 act("unplug", [{Robot, []}]) -> {ok, {act, {unplug, Robot}}};
 act("cut", [{A, []}, {B, []}]) when A =/= B -> {ok, {act, {cut, A, B}}};

@@ -1,21 +1,29 @@
 %% @doc What holds in a cluster because hands, or chaos, have done it: cut links, frozen positions,
-%% pulled cables. A pure module.
+%% pulled cables, stores that are lost or set back when their nodes start anew. A pure module.
 -module(starl_cluster_hands).
 
--export([new/0, robots/1, done/2, cuts/1, deaf/2, frozen/1, unplugged/1]).
+-export([new/0, healed/1, robots/1, done/2, cuts/1, deaf/2, frozen/1, unplugged/1, store/2]).
 
--export_type([t/0, act/0]).
+-export_type([t/0, act/0, fate/0]).
 
 %% An act on robots by number ({@link starl_cluster_chaos:act()}).
 -type act() ::
-    {kill | freeze | thaw | unplug | unplug_in_time | plug, starl:robot_id()}
+    {
+        kill | lose_store | set_back | freeze | thaw | unplug | unplug_in_time | plug,
+        starl:robot_id()
+    }
+    | {pause | pause_at_work, starl:robot_id(), Seconds :: number()}
     | {cut | mend, starl:robot_id(), starl:robot_id()}.
+
+%% What becomes of a robot's store before its node starts.
+-type fate() :: kept | lost | set_back.
 
 -record(hands, {
     %% both directions of each link
     cuts = [] :: [{starl:robot_id(), starl:robot_id()}],
     frozen = [] :: [starl:robot_id()],
-    unplugged = [] :: [starl:robot_id()]
+    unplugged = [] :: [starl:robot_id()],
+    stores = #{} :: #{starl:robot_id() => fate()}
 }).
 
 -opaque t() :: #hands{}.
@@ -24,15 +32,25 @@
 -spec new() -> t().
 new() -> #hands{}.
 
+%% @doc Nothing holds any more but what no heal brings back: stores.
+-spec healed(t()) -> t().
+healed(#hands{stores = Stores}) -> #hands{stores = Stores}.
+
 %% @doc The robots of an act.
 -spec robots(act()) -> [starl:robot_id(), ...].
 robots({_What, Robot}) -> [Robot];
+robots({Pause, Robot, _Seconds}) when Pause =:= pause; Pause =:= pause_at_work -> [Robot];
 robots({_What, A, B}) -> [A, B].
 
-%% @doc What holds after an act. A kill holds nothing: the node is started anew.
+%% @doc What holds after an act. A kill holds nothing: the node is started anew. Of a store that is lost
+%% and set back at once nothing is left.
 -spec done(act(), t()) -> t().
 done({kill, _}, Hands) ->
     Hands;
+done({lose_store, R}, #hands{stores = Stores} = Hands) ->
+    Hands#hands{stores = Stores#{R => lost}};
+done({set_back, R}, #hands{stores = Stores} = Hands) ->
+    Hands#hands{stores = maps:merge(#{R => set_back}, Stores)};
 done({cut, A, B}, #hands{cuts = Cuts} = Hands) ->
     Hands#hands{cuts = lists:usort(both(A, B) ++ Cuts)};
 done({mend, A, B}, #hands{cuts = Cuts} = Hands) ->
@@ -65,3 +83,8 @@ frozen(#hands{frozen = Frozen}) -> Frozen.
 %% @doc The robots whose cables are out.
 -spec unplugged(t()) -> [starl:robot_id()].
 unplugged(#hands{unplugged = Unplugged}) -> Unplugged.
+
+%% @doc What becomes of the store of a robot whose node starts now; what holds then.
+-spec store(starl:robot_id(), t()) -> {fate(), t()}.
+store(Robot, #hands{stores = Stores} = Hands) ->
+    {maps:get(Robot, Stores, kept), Hands#hands{stores = maps:remove(Robot, Stores)}}.

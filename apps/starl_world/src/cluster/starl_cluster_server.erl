@@ -20,6 +20,7 @@
     control :: pid(),
     nodes :: starl_cluster_nodes:t(),
     hands = starl_cluster_hands:new() :: starl_cluster_hands:t(),
+    halts = starl_cluster_halts:new() :: starl_cluster_halts:t(),
     %% the modules of a robot's machines, and the reloads
     parts :: #{starl_machine:name() => module()},
     reloads :: starl_cluster_reload:t(),
@@ -29,6 +30,8 @@
 %% The time after which a node that has ended is started anew.
 -define(AGAIN_MS, 500).
 -define(CALL_MS, 60000).
+%% Less than three quarters of the time (60 s) after which Erlang's distribution gives up a silent node.
+-define(MOST_HALTED_S, 30).
 
 %% @doc Starts the nodes, the world and the robots of a plan.
 -spec start_link(starl_sim_plan:t(), starl_cluster:options()) -> gen_server:start_ret().
@@ -105,12 +108,21 @@ handle_call(world, _From, #state{world = World} = State) ->
     {reply, World, State};
 handle_call(status, _From, State) ->
     {reply, status(State), State};
-handle_call(close, _From, #state{nodes = Nodes} = State) ->
-    {reply, starl_cluster_nodes:close(Nodes), State};
+handle_call(close, _From, State) ->
+    #state{nodes = Nodes} = Moving = all_go_on(State),
+    {reply, starl_cluster_nodes:close(Nodes), Moving};
 handle_call(heal, _From, State) ->
     {reply, ok, healed(State)};
 handle_call({place, Robot}, _From, #state{nodes = Nodes} = State) ->
     {reply, known([Robot], State, fun() -> {ok, place(Robot, Nodes)} end), State};
+handle_call({halted, Pause}, From, State) ->
+    case act(Pause, State) of
+        {ok, #state{halts = Halts} = Next} ->
+            Waiting = starl_cluster_halts:wait(element(2, Pause), From, Halts),
+            {noreply, Next#state{halts = Waiting}};
+        {{error, _} = Error, _} ->
+            {reply, Error, State}
+    end;
 handle_call({act, Act}, _From, State) ->
     {Answer, Next} = act(Act, State),
     {reply, Answer, Next}.
@@ -138,12 +150,19 @@ handle_info({chaos, Act}, State) ->
     {noreply, chaos(Act, State)};
 handle_info({again, Id}, State) ->
     {noreply, again(Id, State)};
-handle_info(Message, #state{reloads = Reloads} = State) ->
-    {noreply, State#state{reloads = starl_cluster_reload:hear(Message, Reloads)}}.
+handle_info(Message, #state{halts = Halts, reloads = Reloads} = State) ->
+    case starl_cluster_halts:hear(Message, Halts) of
+        {Told, Next} ->
+            ok = told(Told, State),
+            {noreply, State#state{halts = Next}};
+        unknown ->
+            {noreply, State#state{reloads = starl_cluster_reload:hear(Message, Reloads)}}
+    end.
 
 -spec terminate(term(), #state{}) -> ok.
-terminate(_Reason, #state{nodes = Nodes, world = World}) ->
+terminate(_Reason, #state{nodes = Nodes, halts = Halts, world = World}) ->
     ok = starl_cluster_control:close(),
+    _ = starl_cluster_halts:undo_all(Halts),
     ok = starl_cluster_nodes:stop(Nodes),
     true = unlink(World),
     true = exit(World, shutdown),
@@ -176,7 +195,12 @@ chaos(Act, #state{world = World} = State) ->
             Next
     end.
 
-%% An act that succeeds holds from now on.
+%% An act that succeeds holds from now on. A halt holds for a time of its own.
+act({Pause, Robot, Seconds}, State) when Pause =:= pause; Pause =:= pause_at_work ->
+    case known([Robot], State, fun() -> can_halt(Robot, Seconds, State) end) of
+        {ok, OsPid} -> {ok, halt(Robot, {OsPid, round(1000 * Seconds)}, moment(Pause), State)};
+        {error, _} = Error -> {Error, State}
+    end;
 act(Act, #state{hands = Hands} = State) ->
     Next = starl_cluster_hands:done(Act, Hands),
     case known(starl_cluster_hands:robots(Act), State, fun() -> does(Act, Next, State) end) of
@@ -190,11 +214,12 @@ known(Robots, #state{nodes = Nodes}, Then) ->
         [Robot | _] -> {error, io_lib:format("there is no robot ~b", [Robot])}
     end.
 
-does({kill, Robot}, _Hands, #state{nodes = Nodes, world = World}) ->
-    case starl_cluster_nodes:kill(Robot, Nodes) of
-        ok -> starl_world:killed(World, Robot);
-        {error, _} = Error -> Error
-    end;
+does({kill, Robot}, _Hands, State) ->
+    kill(Robot, kill_robot, State);
+does({lose_store, Robot}, _Hands, State) ->
+    kill(Robot, store_lost, State);
+does({set_back, Robot}, _Hands, State) ->
+    kill(Robot, store_set_back, State);
 does({unplug, Robot}, _Hands, #state{world = World}) ->
     starl_world:cable(World, Robot, pulled);
 does({unplug_in_time, Robot}, _Hands, #state{world = World}) ->
@@ -206,6 +231,45 @@ does({_FreezeOrThaw, _Robot}, Hands, #state{world = World}) ->
 does({_CutOrMend, A, B}, Hands, State) ->
     cut([A, B], Hands, State).
 
+%% What has to become of the store stands in the hands until the node is started anew.
+kill(Robot, Fault, #state{nodes = Nodes, world = World}) ->
+    case starl_cluster_nodes:kill(Robot, Nodes) of
+        ok -> starl_world:struck(World, Fault, Robot);
+        {error, _} = Error -> Error
+    end.
+
+can_halt(_Robot, Seconds, _State) when Seconds * 1000 < 1; Seconds > ?MOST_HALTED_S ->
+    {error, io_lib:format("a node can be halted for 0.001 to ~b s", [?MOST_HALTED_S])};
+can_halt(Robot, _Seconds, #state{nodes = Nodes, halts = Halts}) ->
+    case {starl_cluster_halts:is_halted(Robot, Halts), starl_cluster_nodes:os_pids(Nodes)} of
+        {true, _} -> {error, io_lib:format("the node of robot ~b stands still already", [Robot])};
+        {false, #{Robot := OsPid}} -> {ok, OsPid};
+        {false, #{}} -> {error, io_lib:format("the node of robot ~b is down", [Robot])}
+    end.
+
+moment(pause) -> now;
+moment(pause_at_work) -> at_work.
+
+halt(Robot, For, Moment, #state{world = World, halts = Halts} = State) ->
+    ok = starl_world:halt(World, Robot),
+    State#state{halts = starl_cluster_halts:halt(Robot, For, Moment, Halts)}.
+
+told({halted, Robot, Found}, #state{world = World}) ->
+    logger:notice(#{what => node_halted, robot => Robot, found => Found}),
+    starl_world:halted(World, Robot);
+told({resumed, Robot, Found, Callers}, #state{world = World}) ->
+    ok = starl_world:resumed(World, Robot),
+    lists:foreach(fun(From) -> gen_server:reply(From, {ok, Found}) end, Callers).
+
+goes_on(Robot, #state{halts = Halts} = State) ->
+    gone_on(starl_cluster_halts:undo(Robot, Halts), State).
+
+all_go_on(#state{halts = Halts} = State) -> gone_on(starl_cluster_halts:undo_all(Halts), State).
+
+gone_on({Told, Halts}, State) ->
+    ok = lists:foreach(fun(Each) -> ok = told(Each, State) end, Told),
+    State#state{halts = Halts}.
+
 %% The robots hear what they are to hear now, and the world knows.
 cut(Robots, Hands, #state{nodes = Nodes, world = World}) ->
     ok = starl_world:cut(World, starl_cluster_hands:cuts(Hands)),
@@ -214,8 +278,9 @@ cut(Robots, Hands, #state{nodes = Nodes, world = World}) ->
         Robots
     ).
 
-healed(#state{world = World, nodes = Nodes, hands = Hands} = State) ->
-    None = starl_cluster_hands:new(),
+healed(Standing) ->
+    #state{world = World, nodes = Nodes, hands = Hands} = State = all_go_on(Standing),
+    None = starl_cluster_hands:healed(Hands),
     Back = fun(Robot) -> ok = starl_world:cable(World, Robot, back) end,
     ok = starl_world:freeze(World, []),
     ok = lists:foreach(Back, starl_cluster_hands:unplugged(Hands)),
@@ -234,12 +299,16 @@ reload(Sources, Options, From, #state{parts = Parts, nodes = Nodes, reloads = Re
         {error, _} = Error -> {reply, Error, State}
     end.
 
-opened(Id, #state{nodes = Nodes, reloads = Reloads, hands = Hands} = State) ->
+opened(Id, #state{nodes = Nodes, reloads = Reloads, hands = Hands0} = State) ->
+    {Fate, Hands} = starl_cluster_hands:store(Id, Hands0),
+    ok = starl_cluster_store:before_start(Fate, starl_cluster_nodes:spec(Id, Nodes)),
     New = {starl_cluster_reload:codes(Reloads), starl_cluster_reload:code(Reloads)},
     case starl_cluster_nodes:open(Id, New, Nodes) of
         {ok, Links} ->
             ok = starl_cluster_nodes:deafen(Id, starl_cluster_hands:deaf(Id, Hands), Nodes),
-            {ok, State#state{reloads = starl_cluster_reload:rejoined(Id, Links, Reloads)}};
+            {ok, State#state{
+                reloads = starl_cluster_reload:rejoined(Id, Links, Reloads), hands = Hands
+            }};
         {error, _} = Error ->
             Error
     end.
@@ -255,8 +324,9 @@ exited(Pid, _Reason, #state{nodes = Nodes} = State) ->
         none -> {noreply, State}
     end.
 
-lost(Id, #state{nodes = Nodes, reloads = Reloads} = State) ->
+lost(Id, Before) ->
     logger:notice(#{what => node_ended, robot => Id}),
+    #state{nodes = Nodes, reloads = Reloads} = State = goes_on(Id, Before),
     later(Id, State#state{
         nodes = starl_cluster_nodes:lost(Id, Nodes),
         reloads = starl_cluster_reload:lost(Id, Reloads)

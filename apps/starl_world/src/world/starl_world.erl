@@ -26,7 +26,10 @@
     cable/3,
     freeze_too/2,
     cut/2,
-    killed/2,
+    struck/3,
+    halt/2,
+    halted/2,
+    resumed/2,
     stop/1,
     finish/1
 ]).
@@ -131,9 +134,22 @@ freeze_too(World, Robot) -> gen_server:call(World, {freeze_too, Robot}).
 -spec cut(pid(), [{starl:robot_id(), starl:robot_id()}]) -> ok.
 cut(World, Links) -> gen_server:call(World, {cut, Links}).
 
-%% @doc A robot has been killed by hand: the world only tells its observer.
--spec killed(pid(), starl:robot_id()) -> ok.
-killed(World, Robot) -> gen_server:call(World, {killed, Robot}).
+%% @doc Something has been done to a robot by hand at once, a fault of this kind: the world only tells its
+%% observer.
+-spec struck(pid(), kill_robot | store_lost | store_set_back, starl:robot_id()) -> ok.
+struck(World, Kind, Robot) -> gen_server:call(World, {struck, Kind, Robot}).
+
+%% @doc The node of a robot is about to be halted: nothing is judged from now on until it goes on.
+-spec halt(pid(), starl:robot_id()) -> ok.
+halt(World, Robot) -> gen_server:call(World, {halt, Robot}).
+
+%% @doc The node of a robot stands still, since a moment.
+-spec halted(pid(), starl:robot_id()) -> ok.
+halted(World, Robot) -> gen_server:call(World, {halted, Robot}).
+
+%% @doc The node of a robot goes on, or has ended: the monitors are told of the pause.
+-spec resumed(pid(), starl:robot_id()) -> ok.
+resumed(World, Robot) -> gen_server:call(World, {resumed, Robot}).
 
 %% @doc Ends the run.
 -spec stop(pid()) -> ok.

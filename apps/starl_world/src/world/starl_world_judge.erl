@@ -4,9 +4,25 @@
 %% Facts arrive late and out of order. An event is judged when it is older than the horizon. One that
 %% arrives later still is judged at the time of the last event, and counted. Packets are not judged;
 %% an observer is told of each, when its sender and its receiver have had time to tell what they know.
+%%
+%% A robot that is halted tells nothing, and its facts come afterwards: nothing is judged from the
+%% beginning of a halt on until the horizon after its end. Then its monitors have been told of it
+%% ({@link starl_monitor:broken/2}), so it excuses what a pause in a schedule of faults excuses.
 -module(starl_world_judge).
 
--export([new/2, new/3, told/2, heard/2, judge/2, violations/1, late/1, close/2]).
+-export([
+    new/2, new/3,
+    told/2,
+    heard/2,
+    hold/3,
+    halted/3,
+    resumed/3,
+    standing/1,
+    judge/2,
+    violations/1,
+    late/1,
+    close/2
+]).
 
 -export_type([t/0]).
 
@@ -19,6 +35,10 @@
     n = 0 :: non_neg_integer(),
     seen = 0 :: integer(),
     late = 0 :: non_neg_integer(),
+    %% the robots for which the judge waits, since when, and since when they stand; the halts that are
+    %% over, from when to when
+    held = #{} :: #{starl:robot_id() => {integer(), Stands :: integer() | none}},
+    halts = [] :: [{integer(), integer()}],
     ways = starl_packet_ways:new() :: starl_packet_ways:t(),
     violations = [] :: [starl_monitor:violation()]
 }).
@@ -50,9 +70,43 @@ heard(_Events, #judge{observer = none} = Judge) ->
 heard(Events, #judge{ways = Ways} = Judge) ->
     Judge#judge{ways = lists:foldl(fun starl_packet_ways:told/2, Ways, Events)}.
 
+%% @doc A robot is about to be halted: nothing is judged from now on.
+-spec hold(starl:robot_id(), NowUs :: integer(), t()) -> t().
+hold(Robot, Now, #judge{held = Held} = Judge) ->
+    Judge#judge{held = maps:merge(#{Robot => {Now, none}}, Held)}.
+
+%% @doc A robot for which the judge waits stands still.
+-spec halted(starl:robot_id(), NowUs :: integer(), t()) -> t().
+halted(Robot, Now, #judge{held = Held} = Judge) ->
+    Stands = fun({Since, _}) -> {Since, Now} end,
+    Judge#judge{held = maps:update_with(Robot, Stands, Held)}.
+
+%% @doc The judge need not wait for a robot any more: it goes on, or has ended.
+-spec resumed(starl:robot_id(), NowUs :: integer(), t()) -> t().
+resumed(Robot, Now, #judge{held = Held, halts = Halts} = Judge) ->
+    case maps:take(Robot, Held) of
+        {{Since, Stands}, Left} ->
+            excused(Robot, Stands, Now, Judge#judge{held = Left, halts = [{Since, Now} | Halts]});
+        error ->
+            Judge
+    end.
+
+excused(_Robot, none, _Now, Judge) ->
+    Judge;
+excused(Robot, From, To, #judge{monitors = Monitors} = Judge) ->
+    Judge#judge{monitors = starl_monitor:broken({Robot, From, To, pause}, Monitors)}.
+
+%% @doc The robots that stand still.
+-spec standing(t()) -> [starl:robot_id()].
+standing(#judge{held = Held}) ->
+    lists:sort([Robot || {Robot, {_, Stands}} <- maps:to_list(Held), Stands =/= none]).
+
 %% @doc Judges the events that are old enough by now.
 -spec judge(NowUs :: integer(), t()) -> {ok | violation, t()}.
-judge(Now, #judge{horizon_us = Horizon} = Judge) -> upto(Now - Horizon, Judge).
+judge(Now, #judge{horizon_us = Horizon, held = Held, halts = Halts} = Judge) ->
+    Recent = [Halt || {_, To} = Halt <- Halts, To > Now - Horizon],
+    Begun = [Since - 1 || {Since, _} <- maps:values(Held) ++ Recent],
+    upto(lists:min([Now - Horizon | Begun]), Judge#judge{halts = Recent}).
 
 upto(Time, #judge{pending = Pending, seen = Seen, late = Late0} = Judge) ->
     {Old, Young} = lists:partition(fun({At, _, _}) -> At =< Time end, Pending),
@@ -94,7 +148,9 @@ late(#judge{late = Late}) -> Late.
 %% @doc Judges everything that has arrived, and closes the monitors: all violations, and each
 %% monitor's results.
 -spec close(NowUs :: integer(), t()) -> {[starl_monitor:violation()], #{module() => map()}}.
-close(Now, Judge) ->
+close(Now, #judge{held = Held} = Open) ->
+    Over = fun(Robot, Judge) -> resumed(Robot, Now, Judge) end,
+    Judge = lists:foldl(Over, Open, lists:sort(maps:keys(Held))),
     {_, #judge{monitors = Monitors, violations = Violations, seen = Seen}} = upto(infinity, Judge),
     {Late, Results} = starl_monitor:finish(max(Now, Seen), Monitors),
     {Violations ++ Late, Results}.

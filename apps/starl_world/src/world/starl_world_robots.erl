@@ -89,7 +89,7 @@ start(Id, #robots{specs = Specs, sups = Sups} = Robots) ->
 handle_call({link, Id}, _From, Robots) ->
     {reply, link_of(Id, Robots), Robots};
 handle_call({kill, Id}, _From, #robots{world = World} = Robots) ->
-    ok = starl_world:killed(World, Id),
+    ok = starl_world:struck(World, kill_robot, Id),
     {Started, Next} = start(Id, killed(Id, Robots)),
     {reply, answer(Id, Started), Next};
 handle_call({cut, A, B}, _From, #robots{cuts = Cuts} = Robots) ->

@@ -226,8 +226,26 @@ by_hand({freeze_too, Id}, #world{positioning = Positioning} = World) ->
     by_hand({freeze, lists:usort([Id | Frozen])}, World);
 by_hand({cut, Links}, World) ->
     tell(fun(Now, Hands) -> starl_world_hands:holds(loss, Links, Now, Hands) end, World);
-by_hand({killed, Id}, World) ->
-    tell(fun(Now, Hands) -> starl_world_hands:struck(kill_robot, Id, Now, Hands) end, World).
+by_hand({struck, Kind, Id}, World) ->
+    tell(fun(Now, Hands) -> starl_world_hands:struck(Kind, Id, Now, Hands) end, World);
+by_hand({halt, Id}, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:hold(Id, now_us(World), Judge)};
+by_hand({resumed, Id}, #world{judge = Judge} = World) ->
+    halted(World#world{judge = starl_world_judge:resumed(Id, now_us(World), Judge)});
+by_hand({halted, Id}, #world{robots = Robots, judge = Judge} = World) ->
+    Written = [
+        Batch
+     || {File, After} <- starl_world_team:record(Id, Robots),
+        Batch <- starl_live_record:batches(File, After)
+    ],
+    Now = now_us(World),
+    {Events, Next} = starl_world_team:halted(Id, Written, Now, Robots),
+    Halted = World#world{robots = Next, judge = starl_world_judge:halted(Id, Now, Judge)},
+    halted(told(Events, Halted)).
+
+halted(#world{judge = Judge} = World) ->
+    Ids = starl_world_judge:standing(Judge),
+    tell(fun(Now, Hands) -> starl_world_hands:holds(pause, Ids, Now, Hands) end, World).
 
 tell(Done, #world{hands = Hands, observer = Observer} = World) ->
     Now = now_us(World),
@@ -244,10 +262,8 @@ started(Id, Link, What, World0) ->
     World#world{robots = starl_world_team:started(Id, Link, What, Robots)}.
 
 traced(Id, Link, Batch, Events, #world{robots = Robots} = World) ->
-    case starl_world_team:traced(Id, Link, Batch, Robots) of
-        {ok, Next} -> told(Events, World#world{robots = Next});
-        unknown -> World
-    end.
+    {New, Next} = starl_world_team:traced(Id, Link, Batch, Events, Robots),
+    told(New, World#world{robots = Next}).
 
 gone(Pid, #world{robots = Robots} = World) ->
     case starl_world_team:of_link(Pid, Robots) of

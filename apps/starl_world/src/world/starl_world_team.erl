@@ -1,5 +1,9 @@
 %% @doc The robots as the world knows them: their bodies, the processes that drive them and look for
 %% them, and which of them are up. A pure module: the words for other processes are returned.
+%%
+%% A robot that is halted (its node stands still) may be in the middle of a step. What it had written to
+%% its record before the halt, it had done before; what it has done in the step that the halt cut in
+%% two leaves the robot after the halt, so it holds from then on, whatever time it bears.
 %% ```
 %%     down -- started --> up -- traced ... --> result
 %%       ^                  |
@@ -9,7 +13,7 @@
 
 -export([new/2, embodied/4, hardware/2, free/1, watches/3, watching/1]).
 -export([heard/5, advance/3, touched/4, on_floor/2, poses/3]).
--export([started/4, traced/4, result/3, record/2, down/4, of_link/2]).
+-export([started/4, halted/4, traced/5, result/3, record/2, down/4, of_link/2]).
 -export([ids/1, up/1, running/1, summaries/2]).
 
 -export_type([t/0, yield/0, word/0, result/0]).
@@ -30,6 +34,9 @@
     %% the file of its facts, and the last batch that has come
     record = none :: file:filename() | none,
     batch = 0 :: non_neg_integer(),
+    %% the time of its last halt, and what it has told of the step that was cut in two
+    halted_at = none :: integer() | none,
+    cut = [] :: [starl_monitor:trace_event()],
     is_up = false :: boolean(),
     result = running :: result()
 }).
@@ -178,15 +185,51 @@ pose(Now, Body) ->
 started(Id, Link, {Names, File}, Robots) ->
     #{Id := Robot} = Robots,
     Robots#{
-        Id := Robot#robot{link = Link, names = Names, record = File, batch = 0, is_up = true}
+        Id := Robot#robot{
+            link = Link,
+            names = Names,
+            record = File,
+            batch = 0,
+            halted_at = none,
+            cut = [],
+            is_up = true
+        }
     }.
 
-%% @doc A batch of facts has come from a robot's link; `unknown': from a former one.
--spec traced(id(), Link :: pid(), Batch :: pos_integer(), t()) -> {ok, t()} | unknown.
-traced(Id, Link, Batch, Robots) ->
+%% @doc A robot stands still. It has written these batches to its record, which need not have come.
+-spec halted(
+    id(), [{Batch :: pos_integer(), [starl_monitor:trace_event()]}], NowUs :: integer(), t()
+) ->
+    {[starl_monitor:trace_event()], t()}.
+halted(Id, Batches, Now, Robots) ->
+    #{Id := #robot{batch = Batch} = Robot} = Robots,
+    New = [Written || {N, _} = Written <- Batches, N > Batch],
+    Last = lists:max([Batch | [N || {N, _} <- New]]),
+    Events = lists:append([Events || {_, Events} <- New]),
+    {Events, Robots#{Id := Robot#robot{batch = Last, halted_at = Now}}}.
+
+%% @doc A batch of facts has come from a robot's link: those that are new.
+-spec traced(id(), Link :: pid(), Batch :: pos_integer(), [starl_monitor:trace_event()], t()) ->
+    {[starl_monitor:trace_event()], t()}.
+traced(Id, Link, Batch, Events, Robots) ->
     case Robots of
-        #{Id := #robot{link = Link} = Robot} -> {ok, Robots#{Id := Robot#robot{batch = Batch}}};
-        #{} -> unknown
+        #{Id := #robot{link = Link, batch = Last} = Robot} when Batch > Last ->
+            {New, Next} = after_halt(Events, Robot#robot{batch = Batch}),
+            {New, Robots#{Id := Next}};
+        #{} ->
+            {[], Robots}
+    end.
+
+%% The robot went on at the latest at the time of the first fact after the halt.
+after_halt(Events, #robot{halted_at = none} = Robot) ->
+    {Events, Robot};
+after_halt(Events, #robot{halted_at = At, cut = Cut} = Robot) ->
+    case lists:splitwith(fun(Event) -> element(1, Event) =< At end, Events) of
+        {Old, []} ->
+            {[], Robot#robot{cut = Cut ++ Old}};
+        {Old, [First | _] = New} ->
+            Late = [setelement(1, Event, element(1, First)) || Event <- Cut ++ Old],
+            {Late ++ New, Robot#robot{halted_at = none, cut = []}}
     end.
 
 %% @doc The application of a robot has ended.
@@ -210,10 +253,12 @@ down(Id, Last, Now, Robots) ->
         #{Id := #robot{is_up = false}} ->
             {[], [], Robots};
         #{Id := #robot{body = Body, names = Names, is_free = IsFree} = Robot} ->
-            Left = Robot#robot{is_up = false, link = none},
+            {Told, #robot{cut = Cut}} = after_halt(Last, Robot),
+            Late = [setelement(1, Event, Now) || Event <- Cut],
+            Left = Robot#robot{is_up = false, link = none, halted_at = none, cut = []},
             {Traces, Words, Next} = yielded(Id, left(Now, IsFree, Body), Left, Robots),
             Down = [{Now, Id, robot, down} | [{Now, Id, Name, crashed} || Name <- Names]],
-            {Traces ++ Last ++ Down, Words, Next}
+            {Traces ++ Told ++ Late ++ Down, Words, Next}
     end.
 
 left(Now, true, Body) -> starl_world_body:advance(Now, Body);

@@ -1,0 +1,39 @@
+%% @doc The store of a robot of a cluster on the disk, as something that can be lost (a card is replaced)
+%% or set back (an image is put back). The record of its facts lies in the same directory and stays:
+%% it is no part of the robot, but a witness.
+%%
+%% Before each start of a node the store is copied. A store that is set back becomes that copy: the
+%% last start, and everything since, has not been.
+-module(starl_cluster_store).
+
+-export([before_start/2]).
+
+-define(COPY, ".earlier").
+
+%% @doc The node of the robot is about to start, and this has become of its store.
+-spec before_start(starl_cluster_hands:fate(), #{dir := file:filename(), atom() => term()}) -> ok.
+before_start(kept, #{dir := Dir}) ->
+    ok = emptied(Dir ++ ?COPY),
+    copied(Dir, Dir ++ ?COPY);
+before_start(lost, #{dir := Dir}) ->
+    ok = emptied(Dir),
+    emptied(Dir ++ ?COPY);
+before_start(set_back, #{dir := Dir}) ->
+    ok = emptied(Dir),
+    copied(Dir ++ ?COPY, Dir).
+
+emptied(Dir) ->
+    lists:foreach(fun(Name) -> ok = file:delete(filename:join(Dir, Name)) end, files(Dir)).
+
+copied(From, To) ->
+    ok = filelib:ensure_path(To),
+    Copy = fun(Name) -> {ok, _} = file:copy(filename:join(From, Name), filename:join(To, Name)) end,
+    lists:foreach(Copy, files(From)).
+
+files(Dir) ->
+    [
+        Name
+     || Name <- filelib:wildcard("*", Dir),
+        filelib:is_regular(filename:join(Dir, Name)),
+        not starl_live_record:is_record(Name)
+    ].
