@@ -94,8 +94,10 @@ started(Tag, #{robot := N} = Spec) ->
 spec(N, Seed, Key, Dir) ->
     {ok, {_, _, Plan}} = starl_sim:plan(#{app => starl_hands_app, robots => 3, seed => Seed}, #{}),
     #{crew := #{tree := Tree}, world := #{profiles := Profiles}} = Plan,
+    ok = starl_live_store:commission(dir(N, Dir)),
     #{
         robot => N,
+        team_seed => Seed,
         tree => Tree,
         profile => starl_chassis:of_robot(N, Profiles),
         clock => starl_live_clock:new(0, 1),

@@ -525,3 +525,19 @@ granted(Token, Sent) -> {message, 1, mutex, {granted, Token, ?F, {1, Sent}}}.
 
 raw(Now, Type, Content, Machine) ->
     starl_machine:step(Type, Content, #{now => Now, robot => 2}, Machine).
+
+%% An application whose answer came too late gives up what it has asked for, held by now or not.
+forgone_test() ->
+    {_, Locked} = raw(20, cast, granted(a(), 10), claims(a(), 10)),
+    {Held, Free} = call(30, app, {forgo, a()}, Locked),
+    ?assertEqual([{released, a(), ?F}], traces(Held)),
+    ?assertEqual([{app, ok}], answers(Held)),
+    ?assertEqual([], answers(element(1, at(?US, {timeout, {patience, 1}}, patience, Free)))),
+    {Waits, None} = call(30, app, {forgo, [a()]}, claims(a(), 10)),
+    ?assertEqual([{failed, a(), lease_lost}], traces(Waits)),
+    ?assertEqual([], answers(element(1, raw(40, cast, granted(a(), 10), None)))),
+    %% others' requests, and requests for other tokens, stay
+    [
+        ?assertEqual([], traces(element(1, call(30, Caller, {forgo, Tokens}, Locked))))
+     || {Caller, Tokens} <- [{other, a()}, {app, [a(), b()]}]
+    ].

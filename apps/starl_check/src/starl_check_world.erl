@@ -122,6 +122,8 @@ perform(
     {transmit, Dest, {starl, 1, shout, _, Type, Body}}, _, #world{model = #{sap := contract}} = W
 ) ->
     {[], put_under_way([{message, To, Type, Body, none} || To <- dests(Dest, W)], W)};
+perform({until, _Us, {trace, Event}, _Late}, Name, World) ->
+    {[], trace(Name, Event, World)};
 perform({until, _Us, Action, _Late}, Name, World) ->
     perform(Action, Name, World);
 perform({transmit, Dest, Packet}, _Name, World) ->

@@ -428,6 +428,8 @@ store(Name, Term, #{stored := Stored} = W) -> {ok, W#{stored := Stored#{Name => 
 
 ended(How, #{ended := Ended} = W) -> W#{ended := [How | Ended]}.
 
+perform({until, _, {trace, Event}, _}, Name, W) ->
+    {[], trace(Name, Event, W)};
 perform({sense, _, Tag} = Action, Name, #{asked := Asked} = W) ->
     {[{Name, info, {located, Tag, []}}], W#{asked := Asked ++ [Action]}};
 perform(Action, _Name, #{asked := Asked} = W) ->

@@ -117,11 +117,14 @@ paused(Config) ->
         "the node of robot 2 stands still already", unicode:characters_to_list(Twice)
     ).
 
-%% A robot whose store is lost, or set back, starts again: its store has been struck once.
+%% A robot whose store is lost, or set back, starts again: its store has been struck. No number of a
+%% start comes again, nor is one less than one before.
 stores_struck(Config) ->
     Dir = proplists:get_value(dir, Config),
     Starts = in_conductor(struck, [Dir], Config),
-    ?assertEqual([{first, 1}, {killed, 2}, {set_back, 2}, {killed, 3}, {lost, 1}], Starts).
+    {Struck, Numbers} = lists:unzip(Starts),
+    ?assertEqual([first, killed, set_back, killed, lost], Struck),
+    ?assertEqual(lists:usort(Numbers), Numbers).
 
 %% Nothing gets through while the link is cut.
 cut(Config) ->

@@ -9,8 +9,10 @@ lives_test() ->
     Spec = #{dir => Dir},
     Live = fun(Fate, Life) ->
         ok = starl_cluster_store:before_start(Fate, Spec),
+        _ = Life =:= 1 andalso starl_live_store:commission(Dir),
         Found = kept(Dir),
         {ok, Store} = starl_live_store:open(Dir),
+        ok = starl_live_store:started(#{a => Life}, Store),
         ok = starl_live_store:keep(a, Life, Store),
         {ok, _} = starl_live_record:open(Dir),
         Found
@@ -19,7 +21,7 @@ lives_test() ->
         Lives = [{kept, 1}, {kept, 2}, {kept, 3}, {set_back, 4}, {lost, 5}, {set_back, 6}],
         Found = [Live(Fate, Life) || {Fate, Life} <- Lives],
         ?assertEqual(
-            [none, {stored, 1}, {stored, 2}, {stored, 2}, none, none],
+            [none, {stored, 1}, {stored, 2}, {stored, 2}, damaged, damaged],
             Found
         ),
         ?assertEqual(6, length(starl_live_record:starts(Dir)))

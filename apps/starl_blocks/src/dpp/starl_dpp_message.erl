@@ -16,7 +16,7 @@ accepts(dpp_recover, Body) -> starl_shape:is([term(), integer, boolean], Body);
 accepts(dpp_beat, Body) -> starl_shape:is([term(), integer, {list, [count, integer]}], Body);
 accepts(_Type, _Body) -> false.
 
-term() -> [serial, natural, natural].
+term() -> [{either, [{is, 0}, serial]}, natural, natural].
 
 id() -> [count, natural].
 

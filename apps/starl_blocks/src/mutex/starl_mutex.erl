@@ -46,7 +46,7 @@ acquire(Robot, Tokens, Ms) ->
     ok = starl_caller:check({?MODULE, acquire, 3}, 'Ms', positive_ms, Ms),
     case starl:call(Robot, mutex, {acquire, Tokens, Ms * 1000}, infinity) of
         {ok, late} ->
-            _ = release(Robot, Tokens),
+            _ = starl:call(Robot, mutex, {forgo, Tokens}, infinity),
             {error, late};
         {ok, Answer} ->
             Answer;

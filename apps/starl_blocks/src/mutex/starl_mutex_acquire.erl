@@ -5,7 +5,7 @@
 -module(starl_mutex_acquire).
 
 -export([acquire/5, release/4, again/2, give_up/3, caller_restarted/2]).
--export([settle/1, lapse_all/1, late/2, anew/2]).
+-export([settle/1, lapse_all/1, late/2, anew/2, forgo/4]).
 
 -import(starl_mutex_state, [act/2, acts/2, until/4, post_home/3]).
 
@@ -110,6 +110,31 @@ release(Caller, From, Names, Robot) ->
         false -> act({reply, From, {error, lost}}, Given)
     end.
 
+%% @doc Ends the caller's acquisitions of these tokens, which it has given up: the answer came too late.
+-spec forgo(starl_machine:name(), starl_machine:from(), token() | [token()], t()) -> t().
+forgo(Caller, From, Names, Robot) ->
+    Tokens = listed(Names),
+    Ended = lists:foldl(
+        fun(Id, R) -> forgo_job(Id, Tokens, R) end, Robot, starl_mutex_state:jobs_of(Caller, Robot)
+    ),
+    act({reply, From, ok}, Ended).
+
+forgo_job(Id, Tokens, Robot) ->
+    Job = starl_mutex_state:job(Id, Robot),
+    case starl_mutex_job:tokens(Job) of
+        Tokens ->
+            Held = starl_mutex_job:held(Job),
+            give_back(Held, starl_mutex_state:forget_job(Id, failed(Job, Robot)));
+        _Others ->
+            Robot
+    end.
+
+failed(Job, Robot) ->
+    case starl_mutex_job:next(Job) of
+        {wait, Token} -> act({trace, {failed, Token, lease_lost}}, Robot);
+        complete -> Robot
+    end.
+
 listed(Tokens) when is_list(Tokens) -> lists:usort(Tokens);
 listed(Token) -> [Token].
 
@@ -177,11 +202,7 @@ anew(Id, Robot) ->
 
 %% Begins a job anew, when it has given back these tokens. While it does so, it is in no queue.
 anew(Id, Job, Tokens, Robot) ->
-    Failed = [
-        {trace, {failed, Waiting, lease_lost}}
-     || {wait, Waiting} <- [starl_mutex_job:next(Job)]
-    ],
-    Suspended = acts(Failed, starl_mutex_state:suspend_job(Id, Robot)),
+    Suspended = failed(Job, starl_mutex_state:suspend_job(Id, Robot)),
     proceed(Id, starl_mutex_job:anew(Job), lapse_all(give_back(Tokens, Suspended))).
 
 %% -- what was too late ----------------------------------------------------------------------

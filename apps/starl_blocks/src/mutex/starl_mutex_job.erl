@@ -3,7 +3,7 @@
 %% {@link starl_mutex_acquire}.
 -module(starl_mutex_job).
 
--export([new/3, caller/1, from/1, next/1, waits_for/2, answer/1, held/1, fences/1]).
+-export([new/3, caller/1, from/1, next/1, tokens/1, waits_for/2, answer/1, held/1, fences/1]).
 -export([got/3, without/2, misses/2, is_broken/1, anew/1]).
 
 -export_type([t/0, id/0]).
@@ -44,6 +44,10 @@ from(#job{from = From}) -> From.
 -spec next(t()) -> {wait, token()} | complete.
 next(#job{todo = []}) -> complete;
 next(#job{todo = [Token | _]}) -> {wait, Token}.
+
+%% @doc All its tokens, got or not, in the order of terms.
+-spec tokens(t()) -> [token()].
+tokens(#job{todo = Todo} = Job) -> lists:usort(held(Job) ++ Todo).
 
 %% @doc Does it wait for this token now?
 -spec waits_for(token(), t()) -> boolean().

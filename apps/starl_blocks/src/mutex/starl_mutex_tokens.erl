@@ -23,7 +23,8 @@
 %%                   | refused              | a request: handed over, or locked
 %%                   v                      v lease over: forgotten
 %% '''
-%% Calls: `{acquire, Tokens, Us}', `{release, Tokens}', `{owner, Token}'; one message type,
+%% Calls: `{acquire, Tokens, Us}', `{release, Tokens}', `{forgo, Tokens}' when the answer to an
+%% acquisition came too late, `{owner, Token}'; one message type,
 %% `mutex'. Trace: {@link event()}.
 -module(starl_mutex_tokens).
 -behaviour(starl_machine).
@@ -94,6 +95,8 @@ event({call, {Caller, _} = From}, {acquire, Tokens, Us}, Robot) ->
     starl_mutex_acquire:acquire(Caller, From, Tokens, Us, Robot);
 event({call, {Caller, _} = From}, {release, Tokens}, Robot) ->
     starl_mutex_acquire:release(Caller, From, Tokens, Robot);
+event({call, {Caller, _} = From}, {forgo, Tokens}, Robot) ->
+    starl_mutex_acquire:forgo(Caller, From, Tokens, Robot);
 event({call, From}, {owner, Token}, Robot) ->
     starl_mutex_robot:owner(From, Token, Robot);
 event(cast, {message, From, mutex, Message}, Robot) ->
@@ -126,14 +129,22 @@ event(_, _, _) ->
 accepts(mutex, Body) when tuple_size(Body) > 0 -> starl_shape:is(shape(element(1, Body)), Body);
 accepts(_Type, _Body) -> false.
 
-shape(request) -> [any, any, request(), serial, {either, [{is, home}, {is, none}]}];
-shape(token) -> [any, any, serial, {list, request()}];
-shape(granted) -> [any, any, serial, [count, integer]];
-shape(refused) -> [any, any, serial, any];
-shape(owner) -> [any, any, serial];
-shape(ask) -> [any, {either, [{is, claim}, {is, renew}]}, any, serial, [count, integer]];
-shape(return) -> [any, any, serial, {list, request()}];
-shape(_Unknown) -> {either, []}.
+shape(request) ->
+    [any, any, request(), {either, [{is, 0}, serial]}, {either, [{is, home}, {is, none}]}];
+shape(token) ->
+    [any, any, serial, {list, request()}];
+shape(granted) ->
+    [any, any, serial, [count, integer]];
+shape(refused) ->
+    [any, any, serial, any];
+shape(owner) ->
+    [any, any, serial];
+shape(ask) ->
+    [any, {either, [{is, claim}, {is, renew}]}, any, serial, [count, integer]];
+shape(return) ->
+    [any, any, serial, {list, request()}];
+shape(_Unknown) ->
+    {either, []}.
 
 request() -> [count, count].
 

@@ -223,7 +223,7 @@ accepts(registers, {digest, Digest}) -> starl_shape:is({list, [any, stamp()]}, D
 accepts(registers, {want, Names}) -> starl_shape:is({list, any}, Names);
 accepts(_Type, _Body) -> false.
 
-stamp() -> [integer, serial, count].
+stamp() -> [integer, {either, [{is, 0}, serial]}, count].
 
 message({write, Name, Value, Stamp}, _Source, Now, Lww) ->
     take([{Name, Value, Stamp}], Now, Lww);

@@ -80,7 +80,7 @@
     %% the marks of timers
     marks = 0 :: non_neg_integer(),
     %% of the present step, newest first
-    traces = [] :: [starl_monitor:trace_event()],
+    traces = [] :: [fact()],
     out = [] :: [out()],
     %% the number of the next batch of facts
     batch = 1 :: pos_integer(),
@@ -92,6 +92,11 @@
 }).
 
 -opaque t() :: #body{}.
+
+%% A fact, or one that leaves before this time or not at all.
+-type fact() ::
+    starl_monitor:trace_event()
+    | {until, Us :: integer(), starl_monitor:trace_event(), Owner :: term()}.
 
 %% What a step sends.
 -type out() ::
@@ -230,6 +235,9 @@ perform({actuate, Device, Value}, _Name, Body) ->
     {[], out({actuate, Device, Value, none}, Body)};
 perform({actuate, Device, Value, Mark}, Name, Body) ->
     {[], out({actuate, Device, Value, {mark, {Name, Mark}}}, Body)};
+perform({until, Us, {trace, Event}, Mark}, Name, Body) ->
+    #body{traces = [Fact | Earlier]} = Traced = trace(Name, Event, Body),
+    {[], Traced#body{traces = [{until, Us, Fact, {Name, Mark}} | Earlier]}};
 perform({until, Us, Action, Mark}, Name, Body) ->
     {Events, #body{out = [Out | Earlier]} = Next} = perform(Action, Name, Body),
     {Events, Next#body{out = [{until, Us, Out, {Name, Mark}} | Earlier]}};
@@ -297,11 +305,28 @@ flush(#body{out = Out} = Body) ->
     Facts#body{out = []}.
 
 tell(#body{traces = Traces, batch = N, result = Result} = Body) ->
-    Events = lists:reverse(Traces),
+    {Events, Late} = in_time(lists:reverse(Traces), Body),
     Record = recorded(N, Events, Body),
     ok = sunk(N, Events, Body),
     ok = observed(Events, Body),
+    ok = lists:foreach(fun late/1, lists:uniq(Late)),
     Body#body{traces = [], batch = N + 1, told = Result, record = Record}.
+
+%% The facts that may leave now, and who is told that others are late.
+in_time(Facts, Body) ->
+    case lists:keymember(until, 1, Facts) of
+        true -> leaving(Facts, present(Body), [], []);
+        false -> {Facts, []}
+    end.
+
+leaving([{until, Us, Fact, _Owner} | Facts], Now, Left, Late) when Now =< Us ->
+    leaving(Facts, Now, [Fact | Left], Late);
+leaving([{until, _Us, _Fact, Owner} | Facts], Now, Left, Late) ->
+    leaving(Facts, Now, Left, [Owner | Late]);
+leaving([Fact | Facts], Now, Left, Late) ->
+    leaving(Facts, Now, [Fact | Left], Late);
+leaving([], _Now, Left, Late) ->
+    {lists:reverse(Left), lists:reverse(Late)}.
 
 recorded(_Batch, _Events, #body{record = none}) -> none;
 recorded(Batch, Events, #body{record = Record}) -> starl_live_record:write(Batch, Events, Record).
@@ -351,7 +376,8 @@ send_until(Us, {drive, Script, Latest, Mark}, _Owner, Body) ->
 send_until(_Us, Out, _Owner, Body) ->
     send(Out, Body).
 
-late(Owner) ->
+late({Name, _Mark} = Owner) ->
+    logger:warning(#{what => late, machine => Name}),
     self() ! {starl_late, Owner},
     ok.
 

@@ -14,7 +14,7 @@
 %% new one.
 -module(starl_live_store).
 
--export([commission/1, open/1, life/1, keep/3, kept/2, starts/1, started/2, outdate/2]).
+-export([commission/1, is_mark/1, open/1, life/1, keep/3, kept/2, starts/1, started/2, outdate/2]).
 
 -export_type([t/0]).
 
@@ -44,6 +44,10 @@ commission(Dir) ->
         write(filename:join(Dir, ?COMMISSIONED), true)
     end),
     explained(Written, Dir).
+
+%% @doc Is this the file of that mark?
+-spec is_mark(file:name()) -> boolean().
+is_mark(Name) -> Name =:= ?COMMISSIONED.
 
 %% @doc Opens the store in this directory, which is made if there is none.
 -spec open(file:filename()) -> {ok, t()} | {error, unicode:chardata()}.

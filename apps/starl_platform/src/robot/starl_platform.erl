@@ -16,7 +16,7 @@
     | {drive, starl_chassis:script(), Mark :: term()}
     | {actuate, Device :: atom(), Value :: term()}
     | {actuate, Device :: atom(), Value :: term(), Mark :: term()}
-    | {until, Us :: integer(), world_action(), Late :: term()}
+    | {until, Us :: integer(), world_action() | {trace, Event :: term()}, Late :: term()}
     | {outlived, starl_packet:incarnation()}
     | {reloaded, starl_reload:told()}.
 
@@ -42,7 +42,8 @@
 %%   {actuated, Mark, Device, Value}}' with the state that the device's sensor shows then; a command
 %%   or an answer may be lost</dd>
 %% <dt>`{until, Us, Action, Late}'</dt><dd>carries out the action unless the robot's own clock shows a
-%%   later time when it leaves the robot; else answered by `{Name, info, {late, Late}}'</dd>
+%%   later time when it leaves the robot; else answered by `{Name, info, {late, Late}}'. A fact
+%%   leaves for the record</dd>
 %% <dt>`{outlived, Incarnation}'</dt><dd>the robot's store is older than its last life, which had this
 %%   number: it is marked as outdated, and the whole robot starts anew, as after a reboot</dd>
 %% <dt>`{reloaded, Told}'</dt><dd>tells how the machine has heeded a word on new code; answered by

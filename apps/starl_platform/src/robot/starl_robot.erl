@@ -465,6 +465,7 @@ perform([Action | Rest], Name, New, Local, World, Machines, Timers, Robot) ->
 %% What leaves the robot keeps its latest moment: the driver looks again.
 bounded(Us, Mark, Group) -> [bound(Us, Mark, Action) || Action <- Group].
 
+bound(Us, Mark, {trace, _} = Action) -> {until, Us, Action, Mark};
 bound(Us, Mark, {transmit, _, _} = Action) -> {until, Us, Action, Mark};
 bound(Us, Mark, {drive, _, _} = Action) -> {until, Us, Action, Mark};
 bound(Us, Mark, Action) when element(1, Action) =:= actuate -> {until, Us, Action, Mark};

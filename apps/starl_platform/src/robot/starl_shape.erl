@@ -9,7 +9,7 @@
 
 -export_type([t/0]).
 
-%% `integer', `natural' (from 0) and `count' (from 1) have at most 58 bits; `serial' (from 0), a number
+%% `integer', `natural' (from 0) and `count' (from 1) have at most 58 bits; `serial' (from 1), a number
 %% that begins with an incarnation, has at most 128; `mm' is a float of a
 %% possible length, `point' a pair of them; a list stands for a tuple with elements of
 %% these shapes, `{list, Shape}' for a proper list.
@@ -40,7 +40,7 @@ is(boolean, Term) -> is_boolean(Term);
 is(integer, Term) -> is_integer(Term) andalso abs(Term) =< ?MOST;
 is(natural, Term) -> is_integer(Term) andalso Term >= 0 andalso Term =< ?MOST;
 is(count, Term) -> is_integer(Term) andalso Term > 0 andalso Term =< ?MOST;
-is(serial, Term) -> is_integer(Term) andalso Term >= 0 andalso Term =< ?MOST_SERIAL;
+is(serial, Term) -> is_integer(Term) andalso Term > 0 andalso Term =< ?MOST_SERIAL;
 is(mm, Term) -> is_float(Term) andalso abs(Term) =< ?MOST_MM;
 is(point, {X, Y}) -> is(mm, X) andalso is(mm, Y);
 is(point, _Term) -> false;

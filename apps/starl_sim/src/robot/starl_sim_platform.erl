@@ -240,6 +240,9 @@ perform({actuate, Device, Value}, _Name, Body) ->
     {[], actuate(Device, Value, none, Body)};
 perform({actuate, Device, Value, Mark}, Name, Body) ->
     {[], actuate(Device, Value, {Name, Mark}, Body)};
+perform({until, _Us, {trace, Event}, _Mark}, Name, Body) ->
+    %% it leaves with the look of its group
+    {[], trace(Name, Event, Body)};
 perform({until, Us, Action, Mark}, Name, Body) ->
     case present(Body) =< Us of
         true -> perform(Action, Name, Body);

@@ -3,7 +3,8 @@
 %% it is no part of the robot, but a witness.
 %%
 %% Before each start of a node the store is copied. A store that is set back becomes that copy: the
-%% last start, and everything since, has not been.
+%% last start, and everything since, has not been. Before the first start there was none: then the
+%% store is lost. (That it was commissioned is told once, and not copied.)
 -module(starl_cluster_store).
 
 -export([before_start/2]).
@@ -35,5 +36,6 @@ files(Dir) ->
         Name
      || Name <- filelib:wildcard("*", Dir),
         filelib:is_regular(filename:join(Dir, Name)),
-        not starl_live_record:is_record(Name)
+        not starl_live_record:is_record(Name),
+        not starl_live_store:is_mark(Name)
     ].
