@@ -82,6 +82,53 @@ mistakes_test_() ->
      || {Argument, Given, Fun} <- mistakes()
     ].
 
+%% Terms that another robot, or this one after a reboot, could not get, in every argument that takes a
+%% term. The term itself is not given: it may be of any size.
+payloads() ->
+    [
+        {'Body', fun(X) -> starl:send(?R, 2, a, X) end},
+        {'Body', fun(X) -> starl:post(?R, 2, a, X) end},
+        {'Body', fun(X) -> starl:broadcast(?R, a, X) end},
+        {'Term', fun(X) -> starl:store(?R, X) end},
+        {'Body', fun(X) -> starl_geocast:send(?R, area(), a, X, #{}) end},
+        {'Name', fun(X) -> starl_registers:put(?R, X, 1) end},
+        {'Value', fun(X) -> starl_registers:put(?R, x, X) end},
+        {'Name', fun(X) -> starl_registers:get(?R, X) end},
+        {'Name', fun(X) -> starl_registers:subscribe(?R, X) end},
+        {'Name', fun(X) -> starl_barrier:sync(?R, X) end},
+        {'Name', fun(X) -> starl_barrier:round(?R, X) end},
+        {'Election', fun(X) -> starl_election:elect(?R, X) end},
+        {'Tokens', fun(X) -> starl_mutex:acquire(?R, X) end},
+        {'Tokens', fun(X) -> starl_mutex:acquire(?R, [a, X]) end},
+        {'Tokens', fun(X) -> starl_mutex:release(?R, X) end},
+        {'Token', fun(X) -> starl_mutex:owner(?R, X) end},
+        {'Tokens', fun(X) -> starl_mutex:with_token(?R, X, fun(_) -> ok end) end}
+    ].
+
+payloads_test_() ->
+    Odd = [
+        {{holds, pid}, {a, self()}},
+        {{holds, function}, #{a => fun() -> ok end}},
+        {{holds, reference}, make_ref()},
+        {too_large, binary:copy(<<0>>, 10_000_001)}
+    ],
+    [
+        {lists:flatten(io_lib:format("~tp ~tp", [Fun, Why])), fun() ->
+            ?assertError(
+                {bad_argument, #{
+                    function := {_, _, _},
+                    argument := Argument,
+                    given := Why,
+                    why := [_ | _],
+                    expected := [_ | _],
+                    application := none
+                }},
+                Fun(Given)
+            )
+        end}
+     || {Argument, Fun} <- payloads(), {Why, Given} <- Odd
+    ].
+
 %% A right call from elsewhere is told so.
 outside_of_an_application_test() ->
     ?assertError({not_in_an_application, _}, starl:sleep(?R, 5)),

@@ -310,6 +310,49 @@ sync_bounds_test() ->
     ),
     ?assertEqual({501, 1500}, {lists:min(Drawn), lists:max(Drawn)}).
 
+%% -- more than a message holds ----------------------------------------------------------------
+
+%% A full robot and one that knows nothing, or half of it, come to agree, whatever the size of names
+%% and values: each message that they exchange may travel.
+more_than_a_message_holds_test_() ->
+    Name = fun(K) -> {K, binary:copy(<<K>>, 980)} end,
+    Full = after_all([put_(Name(K), binary:copy(<<K>>, 2000)) || K <- lists:seq(1, 99)], started()),
+    Half = after_all(
+        [write(3, Name(2 * K), <<"later">>, ?NOW + K) || K <- lists:seq(1, 60)], started()
+    ),
+    [
+        {Who,
+            {timeout, 30, fun() ->
+                {A, B, Sizes} = exchanged(sync_of(Full), Full, Other, []),
+                ?assertEqual(reads(Name, A), reads(Name, B)),
+                ?assert(length(Sizes) > 3)
+            end}}
+     || {Who, Other} <- [{"empty", started()}, {"half", Half}]
+    ].
+
+reads(Name, Machine) -> [read(Name(K), Machine) || K <- lists:seq(1, 120)].
+
+sync_of(Machine) ->
+    {Actions, _} = step({timeout, sync}, sync, Machine),
+    [{sync, _} = Sync] = [Body || {_, Body} <- sent(Actions)],
+    [Sync].
+
+%% Hands the messages of one to the other until both are silent.
+exchanged([], A, B, Sizes) ->
+    {A, B, Sizes};
+exchanged(Bodies, A, B, Sizes) ->
+    [?assertEqual(ok, starl_payload:check(message, Body)) || Body <- Bodies],
+    {Answers, Heard} = lists:foldl(
+        fun(Body, {Sent, M}) ->
+            {Actions, Next} = hears(2, Body, M),
+            {Sent ++ [Answer || {_, Answer} <- sent(Actions)], Next}
+        end,
+        {[], B},
+        Bodies
+    ),
+    {B1, A1, More} = exchanged(Answers, Heard, A, Sizes ++ Bodies),
+    {A1, B1, More}.
+
 %% What the page promises where nothing is said: an exchange a second, a second for the recovery, room
 %% for 1024 registers.
 defaults_test() ->

@@ -33,6 +33,27 @@ other_data_is_refused_at_the_sender_test() ->
      || {Body, Word} <- starl_live_packets:odd()
     ].
 
+%% What may be handed over may travel, with the longest head that a team of 300 gives it; what the codec
+%% refuses cannot be handed over.
+what_is_handed_over_travels_test() ->
+    Most = starl_payload:most_bytes(message),
+    Nested = lists:foldl(fun(_, In) -> [x | {In}] end, y, lists:seq(1, 30)),
+    For = maps:from_list([{Robot, 1 bsl 57} || Robot <- lists:seq(1, 300)]),
+    [
+        begin
+            ?assertEqual(ok, starl_payload:check(message, Body)),
+            Packet = starl_packet:data({1, 1 bsl 57, 1 bsl 57, 1 bsl 57, For, {app, news}, Body}),
+            {ok, Bytes} = starl_live_codec:encode(Packet),
+            ?assertEqual({ok, Packet}, starl_live_codec:decode(1, Bytes))
+        end
+     || Body <- [binary:copy(<<7>>, Most - 6), Nested | plain()]
+    ],
+    [?assertMatch({error, _}, starl_payload:check(message, Body)) || {Body, _} <- odd()].
+
+plain() -> [Body || Body <- starl_live_packets:plain(), not is_binary(Body)].
+
+odd() -> starl_live_packets:odd().
+
 other_data_is_refused_at_the_receiver_test() ->
     Odd = [self(), make_ref(), fun() -> ok end, fun lists:map/2, hd(erlang:ports()), <<1:3>>],
     [

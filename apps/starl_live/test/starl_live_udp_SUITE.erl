@@ -143,6 +143,7 @@ round_trips(_) ->
         {starl_live_packets:packet(1), integer()},
         starl_platform_ct:safely(fun() ->
             {ok, Bytes} = starl_live_codec:encode(Packet),
+            ok = starl_payload:check(packet, Packet),
             Payloads = starl_live_fragment:split(starl_live_seal:room(), Bytes),
             Datagrams = [iolist_to_binary(starl_live_seal:seal(2, P, 0, seal(1))) || P <- Payloads],
             Fragments = starl_live_fragment:new(starl_live_seal:room()),

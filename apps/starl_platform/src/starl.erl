@@ -7,7 +7,8 @@
 %% `Module:step/2' of a {@link starl_app}. Positions are in millimetres, headings in radians,
 %% durations in whole milliseconds. An invalid argument (`starl:sleep(Robot, 0.5)') is the
 %% caller's mistake: the call fails with the error {@link starl_caller:mistake()}, and only the
-%% application crashes. The building blocks have their own interfaces
+%% application crashes. So is a message that could not travel to another robot, or a term that could
+%% not be kept ({@link starl_payload}). The building blocks have their own interfaces
 %% (`starl_election', `starl_dpp', …), built on {@link call/4}.
 -module(starl).
 
@@ -67,6 +68,7 @@ random(#robot{}) -> starl_app_proc:random().
 send(#robot{} = Robot, To, Type, Body) ->
     ok = starl_caller:check({?MODULE, send, 4}, 'To', robot, To),
     ok = starl_caller:check({?MODULE, send, 4}, 'Type', name, Type),
+    ok = starl_caller:payload({?MODULE, send, 4}, 'Body', content, Body),
     flatten(call(Robot, sap, {send, To, {app, Type}, Body}, infinity)).
 
 %% @doc Sends a message reliably and does not wait; its outcome is only traced.
@@ -74,6 +76,7 @@ send(#robot{} = Robot, To, Type, Body) ->
 post(#robot{}, To, Type, Body) ->
     ok = starl_caller:check({?MODULE, post, 4}, 'To', robot, To),
     ok = starl_caller:check({?MODULE, post, 4}, 'Type', name, Type),
+    ok = starl_caller:payload({?MODULE, post, 4}, 'Body', content, Body),
     starl_app_proc:perform([{cast, sap, {send, To, {app, Type}, Body}}]).
 
 %% @doc Sends a message reliably to all other robots and waits for every outcome.
@@ -81,6 +84,7 @@ post(#robot{}, To, Type, Body) ->
     ok | {error, restarted | overload | {lost, [robot_id()]}}.
 broadcast(#robot{} = Robot, Type, Body) ->
     ok = starl_caller:check({?MODULE, broadcast, 3}, 'Type', name, Type),
+    ok = starl_caller:payload({?MODULE, broadcast, 3}, 'Body', content, Body),
     flatten(call(Robot, sap, {broadcast, {app, Type}, Body}, infinity)).
 
 %% @doc Listens to a type: from now on the application receives its messages ({@link await/2}).
@@ -221,7 +225,9 @@ trace(#robot{}, Event) -> starl_app_proc:perform([{trace, Event}]).
 %% the term kept before. Later actions of the application take place only when the term is durable;
 %% if it cannot be written, the application crashes instead, when it next blocks.
 -spec store(robot(), term()) -> ok.
-store(#robot{}, Term) -> starl_app_proc:store(Term).
+store(#robot{}, Term) ->
+    ok = starl_caller:payload({?MODULE, store, 2}, 'Term', kept, Term),
+    starl_app_proc:store(Term).
 
 %% @doc The term that was kept last; `none': nothing was ever kept; `damaged': it is unreadable.
 -spec stored(robot()) -> none | {stored, term()} | damaged.

@@ -110,6 +110,29 @@ bad_actions_crash_who_gives_them_test_() ->
      || Action <- bad()
     ].
 
+%% What goes on the air or into the store: a real robot would lose it, so the one that gives it away
+%% crashes.
+odd_payloads_crash_who_gives_them_test_() ->
+    Large = binary:copy(<<0>>, 60_000),
+    Cases = [
+        {{message, {app, a}}, {cast, sap, {send, 2, {app, a}, self()}}},
+        {{message, a}, {call, sap, {send, 2, a, fun() -> ok end}, t}},
+        {{message, a}, {call, sap, {send, 2, a, make_ref(), 5}, t}},
+        {{message, a}, {cast, sap, {broadcast, a, Large}}},
+        {{datagram, a}, {cast, sap, {shout, a, [Large]}}},
+        {{datagram, a}, {cast, sap, {shout, a, self(), 5}}},
+        {{datagram, a}, starl_sap:datagram(1, 2, a, self())},
+        {store, {store, [self()]}}
+    ],
+    [
+        {lists:flatten(io_lib:format("~tP", [Action, 12])), fun() ->
+            ?assertError({bad_payload, What, [_ | _]}, step([{trace, a}, Action])),
+            ?assertError({bad_payload, What, [_ | _]}, step([{until, 5, [Action], mark}])),
+            ?assertError({bad_payload, What, [_ | _]}, new([Action]))
+        end}
+     || {What, Action} <- Cases
+    ].
+
 no_list_of_actions_test() ->
     [?assertError({bad_action, _, _}, step(No)) || No <- [x, {trace, a}, [{trace, a} | b]]].
 

@@ -7,6 +7,7 @@
 -export([all/0, init_per_suite/1, end_per_suite/1]).
 -export([
     wrong_arguments/1,
+    messages_that_could_not_travel/1,
     wrong_actions_of_a_machine/1,
     wrong_actions_at_the_start/1,
     an_application_that_is_a_machine/1,
@@ -19,6 +20,7 @@
 all() ->
     [
         wrong_arguments,
+        messages_that_could_not_travel,
         wrong_actions_of_a_machine,
         wrong_actions_at_the_start,
         an_application_that_is_a_machine,
@@ -57,6 +59,32 @@ wrong_arguments(_) ->
     ].
 
 starl_machine_call(_R, Call) -> Call().
+
+%% The simulator is no kinder than a radio: the application that sends what a real robot would not
+%% take crashes at once, at its own line; nothing leaves it.
+messages_that_could_not_travel(_) ->
+    Large = binary:copy(<<0>>, 10_000_000),
+    Mistakes = [
+        {"takes more than 50000 bytes", fun(R) -> starl:send(R, 2, a, Large) end},
+        {"holds a function", fun(R) -> starl:post(R, 2, a, fun() -> R end) end},
+        {"holds a process identifier", fun(R) -> starl:broadcast(R, a, [self()]) end},
+        {"holds a reference", fun(R) -> starl:store(R, #{a => make_ref()}) end}
+    ],
+    [
+        begin
+            {Outcome, Results, Trace} = played(2, life(Mistake), #{mode => Mode, clock_offset => 0}),
+            ?assertEqual(
+                {Word, [], [{done, recovered}, {done, fine}]},
+                {Word, maps:get(violations, Outcome), Results}
+            ),
+            [{Reason, Stack}] = [C || {_, 1, supervisor, {crashed, app, C}} <- Trace],
+            ?assertMatch({match, _}, re:run(Reason, "^starl:[a-z]+/[0-9] cannot take this .*; ")),
+            ?assertNotEqual(nomatch, string:find(Reason, Word)),
+            ?assertMatch([_ | _], [L || {?MODULE, _, _, _, L} <- Stack, L > 0]),
+            ?assertEqual([], [E || {_, 1, sap, {sent, _, _, _, _} = E} <- Trace])
+        end
+     || {Word, Mistake} <- Mistakes, Mode <- ?MODES
+    ].
 
 life(Mistake) ->
     fun(R) ->

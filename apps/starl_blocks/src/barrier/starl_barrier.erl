@@ -34,6 +34,8 @@ round(Robot, Name) -> round(Robot, Name, ?PATIENCE_MS).
 -spec round(starl:robot(), name(), Ms :: pos_integer()) ->
     {ok, round()} | {error, timeout | restarted}.
 round(Robot, Name, Ms) ->
+    ok = starl_caller:payload({?MODULE, round, 3}, 'Name', label, Name),
+    ok = starl_caller:check({?MODULE, round, 3}, 'Ms', positive_ms, Ms),
     case turn(Robot, Name, Ms) of
         {ok, {Round, _All}} -> {ok, Round};
         {error, _} = Error -> Error
@@ -50,6 +52,7 @@ sync(Robot, Name) -> sync(Robot, Name, ?PATIENCE_MS).
 %% crashed meanwhile (`restarted').
 -spec sync(starl:robot(), name(), Ms :: pos_integer()) -> ok | {error, timeout | restarted}.
 sync(Robot, Name, Ms) ->
+    ok = starl_caller:payload({?MODULE, sync, 3}, 'Name', label, Name),
     ok = starl_caller:check({?MODULE, sync, 3}, 'Ms', positive_ms, Ms),
     %% Two calls, so that the round's turn is known here should the machine crash.
     case turn(Robot, Name, Ms) of

@@ -31,6 +31,7 @@ elect(Robot, Election) -> elect(Robot, Election, 30000).
 -spec elect(starl:robot(), election(), Ms :: pos_integer()) ->
     {ok, Leader :: starl:robot_id()} | {error, timeout | restarted}.
 elect(Robot, Election, Ms) ->
+    ok = starl_caller:payload({?MODULE, elect, 3}, 'Election', label, Election),
     ok = starl_caller:check({?MODULE, elect, 3}, 'Ms', positive_ms, Ms),
     case starl:call(Robot, election, {elect, Election, Ms * 1000}, infinity) of
         {ok, Answer} -> Answer;

@@ -34,6 +34,7 @@
 send(Robot, Area, Type, Body, Options) ->
     ok = checked(starl_geocast_area:check(Area), Area),
     ok = starl_caller:check(?SEND, 'Type', name, Type),
+    ok = starl_caller:payload(?SEND, 'Body', content, {Area, Body}),
     ok = known(Options),
     Lifetime = maps:get(lifetime_ms, Options, 5000),
     ok = starl_caller:check(?SEND, lifetime_ms, positive_ms, Lifetime),

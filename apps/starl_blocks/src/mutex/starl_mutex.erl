@@ -93,9 +93,9 @@ tokens(Function, Tokens) when is_list(Tokens) ->
         starl_caller:mistake(
             Function, 'Tokens', Tokens, "a token that is no list, or a list of them"
         ),
-    ok;
-tokens(_Function, _Token) ->
-    ok.
+    lists:foreach(fun(Token) -> label(Function, 'Tokens', Token) end, Tokens);
+tokens(Function, Token) ->
+    label(Function, 'Tokens', Token).
 
 is_list_of_tokens([]) -> true;
 is_list_of_tokens([Token | Tokens]) when not is_list(Token) -> is_list_of_tokens(Tokens);
@@ -104,7 +104,9 @@ is_list_of_tokens(_) -> false.
 token(Function, Token) ->
     is_list(Token) andalso
         starl_caller:mistake(Function, 'Token', Token, "a token, which is no list"),
-    ok.
+    label(Function, 'Token', Token).
+
+label(Function, Argument, Token) -> starl_caller:payload(Function, Argument, label, Token).
 
 %% @doc The home of a token in a team, by a hash of its name: as long as the home lives, the token
 %% can be acquired.

@@ -1,7 +1,7 @@
 %% @doc Registers that all robots share: the interface.
 %%
-%% A register has a name and a value, both any terms; each robot has a copy of all. A write is
-%% seen at once at its writer and soon at all robots; of two writes the later one wins, at all
+%% A register has a name and a value, both plain data ({@link starl_payload}); each robot has a copy of
+%% all. A write is seen at once at its writer and soon at all robots; of two writes the later one wins, at all
 %% robots the same (by a hybrid logical clock, {@link starl_hlc}). Guarantee: a read returns a value
 %% that a robot wrote; reads at one robot never go back to an earlier write, unless its machine
 %% restarted; when writes stop and messages get through, all robots agree. Reading and then writing
@@ -21,17 +21,23 @@
 %% @doc Writes a register. `full': the robot may add no further register.
 -spec put(starl:robot(), name(), Value :: term()) ->
     ok | {error, not_owner | full | restarted}.
-put(Robot, Name, Value) -> flatten(starl:call(Robot, registers, {put, Name, Value}, infinity)).
+put(Robot, Name, Value) ->
+    ok = starl_caller:payload({?MODULE, put, 3}, 'Name', label, Name),
+    ok = starl_caller:payload({?MODULE, put, 3}, 'Value', content, Value),
+    flatten(starl:call(Robot, registers, {put, Name, Value}, infinity)).
 
 %% @doc Reads the robot's own copy of a register.
 -spec get(starl:robot(), name()) -> {ok, Value :: term()} | {error, unset | restarted}.
-get(Robot, Name) -> flatten(starl:call(Robot, registers, {get, Name}, infinity)).
+get(Robot, Name) ->
+    ok = starl_caller:payload({?MODULE, get, 2}, 'Name', label, Name),
+    flatten(starl:call(Robot, registers, {get, Name}, infinity)).
 
 %% @doc From now on the application gets each value that the register takes here, the present one
 %% included, as the message `register' from its writer: `{ok, Writer, {Name, Value}} =
 %% starl:await(Robot, register)'. To be called again after `{error, restarted}'.
 -spec subscribe(starl:robot(), name()) -> ok.
 subscribe(_Robot, Name) ->
+    ok = starl_caller:payload({?MODULE, subscribe, 2}, 'Name', label, Name),
     starl_app_proc:perform([{cast, registers, {subscribe, Name, app}}]).
 
 flatten({ok, Answer}) -> Answer;

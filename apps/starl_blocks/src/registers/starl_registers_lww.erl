@@ -10,6 +10,9 @@
 %%     | want [Name] --------------------------->|   what is later there
 %%     |<--------- entries [{Name, Value, Stamp}]|
 %% '''
+%% What does not fit into one message goes in several: a digest then says which names it is of, in
+%% their order, and the entries come as `part's.
+%%
 %% Writes are announced by a broadcast of SAP; the exchange of digests repairs losses by partitions,
 %% restarts and robots out of range. A restarted machine knows nothing: it first asks some other
 %% robots, and answers its application when the first has told its registers, or after `recover_ms'.
@@ -62,6 +65,8 @@
 
 %% The number of other robots that are asked after a restart.
 -define(ASKED, 3).
+%% The most bytes of a list in a message: that of a message, less its bounds.
+-define(PART, 56_000).
 %% The stored time is ahead by this, so a time is stored at most once in this time.
 -define(RESERVED_US, 1000000).
 
@@ -216,38 +221,84 @@ reserve({Time, _, _}, Lww) ->
 
 %% @private What comes over the radio.
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
-accepts(registers, {write, _, _, Stamp}) -> starl_shape:is(stamp(), Stamp);
-accepts(registers, {entries, Entries}) -> starl_shape:is({list, [any, any, stamp()]}, Entries);
-accepts(registers, {sync, Hash}) -> starl_shape:is(natural, Hash);
-accepts(registers, {digest, Digest}) -> starl_shape:is({list, [any, stamp()]}, Digest);
-accepts(registers, {want, Names}) -> starl_shape:is({list, any}, Names);
-accepts(_Type, _Body) -> false.
+accepts(registers, {write, _, _, Stamp}) ->
+    starl_shape:is(stamp(), Stamp);
+accepts(registers, {entries, Entries}) ->
+    starl_shape:is({list, [any, any, stamp()]}, Entries);
+accepts(registers, {sync, Hash}) ->
+    starl_shape:is(natural, Hash);
+accepts(registers, {part, Entries}) ->
+    starl_shape:is({list, [any, any, stamp()]}, Entries);
+accepts(registers, {digest, Digest}) ->
+    starl_shape:is({list, [any, stamp()]}, Digest);
+accepts(registers, {digest, Digest, After, Last}) ->
+    starl_shape:is([{list, [any, stamp()]}, bound(), bound()], {Digest, After, Last});
+accepts(registers, {want, Names}) ->
+    starl_shape:is({list, any}, Names);
+accepts(_Type, _Body) ->
+    false.
 
 stamp() -> [integer, {either, [{is, 0}, serial]}, count].
 
+bound() -> {either, [{is, none}, [{is, name}, any]]}.
+
 message({write, Name, Value, Stamp}, _Source, Now, Lww) ->
     take([{Name, Value, Stamp}], Now, Lww);
-message({entries, Entries}, _Source, Now, Lww) ->
+message({Word, Entries}, _Source, Now, Lww) when Word =:= entries; Word =:= part ->
     take(Entries, Now, Lww);
 message({sync, Hash}, Source, _Now, Lww) ->
     Own = digest(Lww),
-    {Lww, [post(Source, {digest, Own}) || hash(Own) =/= Hash]};
-message({digest, Theirs}, Source, _Now, #lww{entries = Entries} = Lww) ->
+    {Lww, [post(Source, Digest) || hash(Own) =/= Hash, Digest <- digests(parts(Own), none)]};
+message({digest, Theirs}, Source, Now, Lww) ->
+    message({digest, Theirs, none, none}, Source, Now, Lww);
+message({digest, Theirs, After, Last}, Source, _Now, #lww{entries = Entries} = Lww) ->
     Known = maps:from_list(Theirs),
     Later = [
         {Name, V, S}
      || {Name, {V, S}} <- lists:sort(maps:to_list(Entries)),
+        After =:= none orelse {name, Name} > After,
+        Last =:= none orelse {name, Name} =< Last,
         not is_map_key(Name, Known) orelse map_get(Name, Known) < S
     ],
     Want = [Name || {Name, Stamp} <- Theirs, is_later(Name, Stamp, Entries)],
     %% a robot that knows nothing waits for an answer, even an empty one
     Told = Later =/= [] orelse Theirs =:= [],
     {Lww,
-        [post(Source, {entries, Later}) || Told] ++
-            [post(Source, {want, Want}) || Want =/= []]};
+        [post(Source, Body) || Told, Body <- told(parts(Later))] ++
+            [post(Source, {want, Part}) || Want =/= [], Part <- parts(Want)]};
 message({want, Names}, Source, _Now, #lww{entries = Entries} = Lww) ->
     Wanted = [{Name, V, S} || Name <- Names, #{Name := {V, S}} <- [Entries]],
-    {Lww, [post(Source, {entries, Wanted})]}.
+    {Lww, [post(Source, Body) || Body <- told(parts(Wanted))]}.
+
+%% Parts do not end a recovery: another may be under way.
+told([Entries]) -> [{entries, Entries}];
+told(Parts) -> [{part, Part} || Part <- Parts].
+
+%% Each but the last ends with its last name, and the next begins after that.
+digests([Digest], none) ->
+    [{digest, Digest}];
+digests([Digest], After) ->
+    [{digest, Digest, After, none}];
+digests([Digest | Digests], After) ->
+    {Name, _} = lists:last(Digest),
+    [{digest, Digest, After, {name, Name}} | digests(Digests, {name, Name})].
+
+%% The list in parts that each fit into a message.
+parts(List) ->
+    case erlang:external_size(List) =< ?PART of
+        true -> [List];
+        false -> parts(List, [], 0)
+    end.
+
+parts([], Part, _Bytes) ->
+    [lists:reverse(Part)];
+parts([Term | Terms], Part, Bytes) ->
+    case Bytes + erlang:external_size(Term) of
+        Most when Most > ?PART, Part =/= [] ->
+            [lists:reverse(Part) | parts(Terms, [Term], erlang:external_size(Term))];
+        More ->
+            parts(Terms, [Term | Part], More)
+    end.
 
 -spec take([entry()], Now :: integer(), #lww{}) -> {#lww{}, [starl_machine:action()]}.
 take(Entries, Now, Lww0) ->

@@ -1,34 +1,26 @@
 %% @doc Packets as bytes: a version, then the packet in Erlang's external term format.
 %%
-%% Only plain data may travel: numbers, atoms, binaries, tuples, lists and maps. The bytes are walked
-%% before they are decoded, so that a packet costs no more memory than a small multiple of its
-%% bytes; compressed terms, processes, functions and unknown atoms are refused. The sender walks
-%% its own bytes as well: what it sends, the receiver's walk admits.
+%% Only plain data may travel, within the bounds of {@link starl_payload}; a message was held to them
+%% when it was handed over. The bytes are walked before they are decoded, so that a packet costs no
+%% more memory than a small multiple of its bytes; compressed terms, processes, functions and unknown
+%% atoms are refused. The sender walks its own bytes as well: what it sends, the receiver's walk
+%% admits.
 -module(starl_live_codec).
 
 -export([encode/1, decode/2, format_error/2]).
 
--export_type([reason/0, refusal/0]).
+-export_type([refusal/0]).
 
 %% The first byte.
 -define(VERSION, 1).
-%% The most bytes of a packet, and the deepest nesting.
--define(LARGEST, 65_536).
--define(DEEPEST, 64).
 
-%% What a packet must not hold.
--type odd() :: pid | port | reference | function | bitstring | huge_integer | other.
-
-%% Why a packet cannot be sent.
--type reason() :: {too_large, Bytes :: pos_integer()} | too_deep | {holds, odd()}.
-
-%% Why bytes are no packet: another version, not the plain data of `reason()', cut short or longer
+%% Why bytes are no packet: another version, not the plain data of a payload, cut short or longer
 %% than the term in them, an atom that this computer does not know (or a map with a key twice), no
 %% packet of SAP, or one in another robot's name.
 -type refusal() :: version | term | unknown_atom | packet | sender.
 
 %% @doc The packet's bytes.
--spec encode(starl_packet:t()) -> {ok, binary()} | {error, reason()}.
+-spec encode(starl_packet:t()) -> {ok, binary()} | {error, starl_payload:reason()}.
 encode(Packet) ->
     Bytes = term_to_binary(Packet, [{minor_version, 2}]),
     case walk(Bytes) of
@@ -63,28 +55,13 @@ known(From, {term, Packet}) ->
     end.
 
 %% @doc One line that says why a packet cannot be sent.
--spec format_error(starl_packet:t(), reason()) -> unicode:chardata().
+-spec format_error(starl_packet:t(), starl_payload:reason()) -> unicode:chardata().
 format_error(Packet, Reason) ->
-    [content(Packet), " cannot be sent: ", text(Reason)].
+    [content(Packet), " cannot be sent: ", starl_payload:format_error(packet, Reason)].
 
 content({starl, _, data, {_, _, _, _, _, Type, _}}) -> io_lib:format("a message ~tp", [Type]);
 content({starl, _, shout, _, Type, _}) -> io_lib:format("a datagram ~tp", [Type]);
 content(_) -> "a packet".
-
-text({too_large, Bytes}) ->
-    io_lib:format("it takes ~b bytes, more than ~b; send it in parts", [Bytes, ?LARGEST]);
-text(too_deep) ->
-    io_lib:format("it is nested more than ~b deep; make it flatter", [?DEEPEST]);
-text({holds, Odd}) ->
-    ["it holds ", odd(Odd), "; send numbers, atoms, binaries, tuples, lists and maps"].
-
-odd(pid) -> "a process identifier, which means nothing to another robot";
-odd(port) -> "a port, which means nothing to another robot";
-odd(reference) -> "a reference, which means nothing to another robot";
-odd(function) -> "a function";
-odd(bitstring) -> "a bit string that is not of whole bytes";
-odd(huge_integer) -> "an integer of more than 255 bytes";
-odd(other) -> "a term of another kind".
 
 %% -- the walk -------------------------------------------------------------------------------
 
@@ -105,9 +82,14 @@ odd(other) -> "a term of another kind".
 -define(MAP, 116).
 
 %% Is this exactly one term of plain data, within the bounds?
-walk(Bytes) when byte_size(Bytes) > ?LARGEST -> {error, {too_large, byte_size(Bytes)}};
-walk(<<?START, Term/binary>>) -> walk(Term, 1, [], ?DEEPEST);
-walk(_Bytes) -> {error, {holds, other}}.
+walk(Bytes) ->
+    case byte_size(Bytes) =< starl_payload:most_bytes(packet) of
+        true -> started(Bytes);
+        false -> {error, too_large}
+    end.
+
+started(<<?START, Term/binary>>) -> walk(Term, 1, [], starl_payload:deepest(packet));
+started(_Bytes) -> {error, {holds, other}}.
 
 %% Count: the terms still to come at this depth; Open: those at the depths around it; Deeper: the
 %% depths that are left. Each step takes a byte at least, so absurd counts come to nothing.

@@ -20,7 +20,7 @@
 -define(PART, 1).
 -define(HEADER, 11).
 %% The most bytes of a message: those of the codec.
--define(LARGEST, 65_537).
+-define(LARGEST, (starl_payload:most_bytes(packet) + 1)).
 %% The most unfinished messages of one robot, and of all.
 -define(OF_ONE, 8).
 -define(OF_ALL, 64).

@@ -2,15 +2,20 @@
 %% hands it to the platform, so a mistake crashes the machine that made it, with a reason that
 %% shows the action. It never crashes the platform, which carries out actions for many robots.
 %%
-%% Requests to the robot's services are checked too; other machines check their own requests.
+%% Requests to the robot's services are checked too; other machines check their own requests. What
+%% goes on the air or into the store must be a payload ({@link starl_payload}): on a real robot
+%% it would be lost there.
 -module(starl_action).
 
 -export([check/1, without_latest/1, longest_us/0]).
 
 -export_type([mistake/0]).
 
-%% The reason of the error: the action, and the expected form.
--type mistake() :: {bad_action, Action :: term(), Expected :: string()}.
+%% The reason of the error: the action, and the expected form; or the kind of the action with the
+%% type of the message, whose body may be of any size, and what is wrong with that.
+-type mistake() ::
+    {bad_action, Action :: term(), Expected :: string()}
+    | {bad_payload, {message | datagram, starl_packet:type()} | store, Why :: string()}.
 
 %% The longest timer: 35 years.
 -define(LONGEST_US, (1 bsl 50)).
@@ -41,6 +46,9 @@ check([{{timeout, _}, Us, _} | Rest]) when ?IS_TIME(Us) -> check(Rest);
 check([{state_timeout, Us, _} | Rest]) when ?IS_TIME(Us) -> check(Rest);
 check([{transmit, all, _} | Rest]) ->
     check(Rest);
+check([{transmit, To, {starl, _, shout, _, Type, Body}} | Rest]) when ?IS_ROBOT(To) ->
+    payload({datagram, Type}, message, Body),
+    check(Rest);
 check([{transmit, To, _} | Rest]) when ?IS_ROBOT(To) -> check(Rest);
 check([{reply, {To, _}, _} | Rest]) when is_atom(To) -> check(Rest);
 check([{call, To, Word, _} | Rest]) when is_atom(To), is_tuple(Word) -> asked(To, Word, Rest);
@@ -53,7 +61,8 @@ check([{drive, Script, _} = Action | Rest]) ->
     check(Rest);
 check([{actuate, Device, _} | Rest]) when is_atom(Device) -> check(Rest);
 check([{actuate, Device, _, _} | Rest]) when is_atom(Device) -> check(Rest);
-check([{store, _} | Rest]) ->
+check([{store, Term} | Rest]) ->
+    payload(store, kept, Term),
     check(Rest);
 check([{done, _} | Rest]) ->
     check(Rest);
@@ -70,8 +79,26 @@ check(Other) ->
 
 asked(To, Word, Rest) ->
     case is_request(To, Word) of
-        true -> check(Rest);
+        true -> said(To, Word, Rest);
         false -> error({bad_action, {To, Word}, request(element(1, Word))})
+    end.
+
+%% What SAP puts on the air comes through here, but for packets of its own.
+said(sap, {send, _To, Type, Body}, Rest) -> said(message, Type, Body, Rest);
+said(sap, {send, _To, Type, Body, _Until}, Rest) -> said(message, Type, Body, Rest);
+said(sap, {broadcast, Type, Body}, Rest) -> said(message, Type, Body, Rest);
+said(sap, {shout, Type, Body}, Rest) -> said(datagram, Type, Body, Rest);
+said(sap, {shout, Type, Body, _Until}, Rest) -> said(datagram, Type, Body, Rest);
+said(_To, _Word, Rest) -> check(Rest).
+
+said(What, Type, Body, Rest) ->
+    payload({What, Type}, message, Body),
+    check(Rest).
+
+payload(What, Kind, Term) ->
+    case starl_payload:check(Kind, Term) of
+        ok -> ok;
+        {error, Reason} -> error({bad_payload, What, starl_payload:format_error(Kind, Reason)})
     end.
 
 %% Requests that a service does not know pass: the service traces them itself.

@@ -3,7 +3,7 @@
 %% function, argument and application; only the application's own process crashes.
 -module(starl_caller).
 
--export([check/4, mistake/4]).
+-export([check/4, payload/4, mistake/4]).
 
 -export_type([kind/0, mistake/0]).
 
@@ -12,12 +12,14 @@
 -type kind() ::
     ms | positive_ms | ms_or_infinity | number | robot | name | point | velocity | distance.
 
-%% The reason of the error. `application' is `none' outside an application.
+%% The reason of the error. `application' is `none' outside an application. A payload that may not
+%% travel or be kept is not given, since it may be of any size; `why' says what is wrong with it.
 -type mistake() ::
     {bad_argument, #{
         function := {module(), Name :: atom(), arity()},
         argument := Name :: atom(),
         given := term(),
+        why => string(),
         expected := string(),
         application := module() | none
     }}.
@@ -33,15 +35,31 @@ check(Function, Argument, Kind, Given) ->
         false -> mistake(Function, Argument, Given, expected(Kind))
     end.
 
+%% @doc Fails with a {@link mistake()} unless the argument is a payload of its kind.
+-spec payload(mfa(), Argument :: atom(), starl_payload:kind(), Given :: term()) -> ok.
+payload(Function, Argument, Kind, Given) ->
+    case starl_payload:check(Kind, Given) of
+        ok -> ok;
+        {error, Reason} -> misused(Function, Argument, Kind, Reason)
+    end.
+
+-spec misused(mfa(), atom(), starl_payload:kind(), starl_payload:reason()) -> no_return().
+misused(Function, Argument, Kind, Reason) ->
+    Why = starl_payload:format_error(Kind, Reason),
+    failed(Function, Argument, Reason, #{why => Why, expected => starl_payload:expected(Kind)}).
+
 %% @doc Fails: the argument is invalid.
 -spec mistake(mfa(), Argument :: atom(), Given :: term(), Expected :: string()) -> no_return().
 mistake(Function, Argument, Given, Expected) ->
+    failed(Function, Argument, Given, #{expected => Expected}).
+
+-spec failed(mfa(), atom(), term(), map()) -> no_return().
+failed(Function, Argument, Given, About) ->
     error(
-        {bad_argument, #{
+        {bad_argument, About#{
             function => Function,
             argument => Argument,
             given => Given,
-            expected => Expected,
             application => starl_app_proc:application()
         }}
     ).

@@ -28,11 +28,15 @@ text({no_such_machine, Name, add_it_to_blocks}, Stack) ->
     ];
 text({given_up, Name, it_crashed_too_often}, _Stack) ->
     io_lib:format("this robot's machine ~tp crashed too often and was given up", [Name]);
+text({bad_argument, #{function := {M, F, A}, argument := Argument, why := Why}}, _Stack) ->
+    io_lib:format("~tp:~tp/~b cannot take this ~ts: ~ts", [M, F, A, Argument, Why]);
 text({bad_argument, #{function := {M, F, A}, argument := Argument} = Mistake}, _Stack) ->
     #{given := Given, expected := Expected} = Mistake,
     io_lib:format("~tp:~tp/~b takes as ~ts ~ts, not ~ts", [
         M, F, A, Argument, Expected, term(Given)
     ]);
+text({bad_payload, What, Why}, _Stack) ->
+    io_lib:format("~ts cannot be sent or kept: ~ts", [term(What), Why]);
 text({bad_action, Action, Expected}, _Stack) ->
     io_lib:format("~ts is no action; expected: ~ts", [term(Action), Expected]);
 text({exit, Reason}, _Stack) ->
