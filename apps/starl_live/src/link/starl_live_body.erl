@@ -46,6 +46,7 @@
     codes => starl_reload:codes(),
     reporter => pid(),
     observe => starl_observer:t(),
+    random => fun(() -> rand:state()),
     atom() => term()
 }.
 
@@ -71,6 +72,8 @@
     codes :: starl_reload:codes(),
     reporter = none :: pid() | none,
     observer = none :: starl_observer:t(),
+    %% the random stream of a machine that starts
+    random :: fun(() -> rand:state()),
     %% the time at which the present step began
     now :: integer(),
     %% the marks of timers
@@ -119,6 +122,7 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         codes = starl_reload:begun(Now, maps:get(codes, Config, #{})),
         reporter = maps:get(reporter, Config, none),
         observer = maps:get(observe, Config, none),
+        random = maps:get(random, Config, fun() -> rand:seed_s(exsss) end),
         now = Now
     }.
 
@@ -346,13 +350,14 @@ present(#body{clock = Clock, now = Now}) -> max(Now, starl_live_clock:now_us(Clo
 %% @doc The start configuration of a machine. Its random stream is new with each start.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
 base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = Store} = Body) ->
+    #body{random = Random} = Body,
     (own_clock(Name, code(Name, Body), Body))#{
         robot => Id,
         participants => Team,
         name => Name,
         incarnation => Incarnation,
         stored => starl_live_store:kept(Name, Store),
-        random => rand:seed_s(exsss),
+        random => Random(),
         now => Now
     }.
 
@@ -381,9 +386,8 @@ trace(Name, Event, #body{id = Id, now = Now, traces = Traces, counts = Counts} =
 plan(Name, Timer, Us, Content, #body{now = Now, clock = Clock, marks = Mark} = Body) ->
     Due = starl_live_clock:monotonic_ms(Now + Us, Clock),
     Message = {starl_timer, Name, Timer, Mark, Content},
-    _ = erlang:start_timer(max(Due, erlang:monotonic_time(millisecond)), self(), Message, [
-        {abs, true}
-    ]),
+    At = max(Due, starl_live_clock:monotonic_time(millisecond, Clock)),
+    _ = starl_live_clock:start_timer(At, Message, [{abs, true}], Clock),
     {Mark, Body#body{marks = Mark + 1}}.
 
 %% @doc Makes a term durable.

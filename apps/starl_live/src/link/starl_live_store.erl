@@ -11,7 +11,7 @@
 
 -export_type([t/0]).
 
--record(store, {dir :: file:filename()}).
+-record(store, {dir :: starl_live_disk:place()}).
 
 -opaque t() :: #store{}.
 
@@ -20,11 +20,11 @@
 -define(COPIES, ["starts-a", "starts-b"]).
 
 %% @doc Opens the store in this directory, which is made if there is none.
--spec open(file:filename()) -> {ok, t()} | {error, unicode:chardata()}.
+-spec open(starl_live_disk:place()) -> {ok, t()} | {error, unicode:chardata()}.
 open(Dir) ->
-    case filelib:ensure_path(Dir) of
+    case starl_live_disk:ensure_path(Dir) of
         ok -> {ok, #store{dir = Dir}};
-        {error, Posix} -> {error, [Dir, ": ", file:format_error(Posix)]}
+        {error, Posix} -> {error, [starl_live_disk:name(Dir), ": ", file:format_error(Posix)]}
     end.
 
 %% @doc Keeps a term for a machine in place of its earlier term; `full': nothing is written.
@@ -50,7 +50,7 @@ kept(Name, #store{dir = Dir}) ->
 %% @doc The number of starts of each machine so far.
 -spec starts(t()) -> #{starl_machine:name() => pos_integer()}.
 starts(#store{dir = Dir}) ->
-    Copies = [read(filename:join(Dir, Copy)) || Copy <- ?COPIES],
+    Copies = [read(starl_live_disk:place(Dir, Copy)) || Copy <- ?COPIES],
     case {[Starts || {ok, Starts} <- Copies], lists:member(damaged, Copies)} of
         {[], false} -> #{};
         {[], true} -> unheard_of(Dir);
@@ -60,50 +60,51 @@ starts(#store{dir = Dir}) ->
 later(Some, Others) -> maps:merge_with(fun(_, A, B) -> max(A, B) end, Some, Others).
 
 unheard_of(Dir) ->
-    logger:error(#{what => starts_damaged, dir => Dir}),
-    Names = [list_to_existing_atom(unquoted(File)) || File <- filelib:wildcard("*" ?SUFFIX, Dir)],
+    logger:error(#{what => starts_damaged, dir => starl_live_disk:name(Dir)}),
+    Names = [list_to_existing_atom(unquoted(File)) || File <- starl_live_disk:list(Dir, ?SUFFIX)],
     maps:from_list([{Name, erlang:system_time(second)} || Name <- [sap | Names]]).
 
 %% @doc Makes the numbers of starts durable.
 -spec started(#{starl_machine:name() => pos_integer()}, t()) -> ok | {error, unicode:chardata()}.
 started(Starts, #store{dir = Dir}) ->
-    Written = [write(filename:join(Dir, Copy), Starts) || Copy <- ?COPIES],
+    Written = [write(starl_live_disk:place(Dir, Copy), Starts) || Copy <- ?COPIES],
     case lists:usort(Written) of
         [ok] -> ok;
-        [{error, Why} | _] -> {error, [Dir, ": ", file:format_error(Why)]};
-        [ok, {error, Why} | _] -> {error, [Dir, ": ", file:format_error(Why)]}
+        [{error, Why} | _] -> {error, [starl_live_disk:name(Dir), ": ", file:format_error(Why)]};
+        [ok, {error, Why} | _] -> {error, [starl_live_disk:name(Dir), ": ", file:format_error(Why)]}
     end.
 
 %% -- files ----------------------------------------------------------------------------------
 
-file(Name, Dir) -> filename:join(Dir, uri_string:quote(atom_to_list(Name)) ++ ?SUFFIX).
+file(Name, Dir) ->
+    starl_live_disk:place(Dir, uri_string:quote(atom_to_list(Name)) ++ ?SUFFIX).
 
 unquoted(File) -> uri_string:unquote(filename:basename(File, ?SUFFIX)).
 
 write(File, Term) ->
     Content = term_to_binary(Term),
-    New = File ++ ".new",
-    case file:open(New, [write, raw, binary]) of
+    New = starl_live_disk:suffixed(File, ".new"),
+    case starl_live_disk:open(New, [write, raw, binary]) of
         {ok, Device} -> named(filled(Device, Content), New, File);
         {error, _} = Error -> Error
     end.
 
 filled(Device, Content) ->
-    Written = file:write(Device, [?MAGIC, <<(erlang:crc32(Content)):32>>, Content]),
-    Synced = first_error(Written, fun() -> file:sync(Device) end),
-    first_error(Synced, fun() -> file:close(Device) end).
+    Written = starl_live_disk:write(Device, [?MAGIC, <<(erlang:crc32(Content)):32>>, Content]),
+    Synced = first_error(Written, fun() -> starl_live_disk:sync(Device) end),
+    first_error(Synced, fun() -> starl_live_disk:close(Device) end).
 
 named(ok, New, File) ->
-    file:rename(New, File);
+    starl_live_disk:rename(New, File);
 named({error, _} = Error, New, _File) ->
-    _ = file:delete(New),
+    _ = starl_live_disk:delete(New),
     Error.
 
 first_error(ok, Next) -> Next();
 first_error({error, _} = Error, _Next) -> Error.
 
 read(File) ->
-    case file:read_file(File) of
+    case starl_live_disk:read_file(File) of
         {ok, <<?MAGIC, Sum:32, Content/binary>>} -> checked(Sum, Content);
         {ok, _} -> damaged;
         {error, enoent} -> none;

@@ -4,7 +4,7 @@
 %% would.
 -module(starl_robot_tree).
 
--export([launch/3, launch/2, resume/3, down/1, restart/3, give_up/4, kill/2, owns/3]).
+-export([launch/3, launch/2, resume/4, down/1, restart/3, give_up/4, kill/2, owns/3]).
 -export([supervisor/1, waiting/1, inspect/1]).
 
 -export_type([t/0, start/0, seen/0, restarted/0, waiting/0]).
@@ -54,11 +54,14 @@
 launch(Robot, Start, Inline) ->
     launch(#tree{robot = Robot, start = Start}, starl_robot_machines:new(Inline)).
 
-%% @doc The machines of a robot whose machines are processes and have started this often before.
--spec resume(starl:robot_id(), start(), #{starl_machine:name() => pos_integer()}) ->
-    {t(), starl_robot_machines:t()}.
-resume(Robot, Start, Starts) ->
-    launch(#tree{robot = Robot, start = Start}, starl_robot_machines:restore(#{}, #{}, Starts)).
+%% @doc The same for a robot whose machines have started this often before.
+-spec resume(starl:robot_id(), start() | none, starl_robot_machines:inline(), Starts) ->
+    {t(), starl_robot_machines:t()}
+when
+    Starts :: #{starl_machine:name() => pos_integer()}.
+resume(Robot, Start, Inline, Starts) ->
+    Waiting = starl_robot_machines:up(starl_robot_machines:restore(Inline, #{}, Starts)),
+    launch(#tree{robot = Robot, start = Start}, Waiting).
 
 %% @doc The same for a robot that was down; its machines know how often they have started.
 -spec launch(t(), starl_robot_machines:t()) -> {t(), starl_robot_machines:t()}.
