@@ -95,10 +95,23 @@ filled(Device, Content) ->
     first_error(Synced, fun() -> starl_live_disk:close(Device) end).
 
 named(ok, New, File) ->
-    starl_live_disk:rename(New, File);
+    renamed(New, File);
 named({error, _} = Error, New, _File) ->
     _ = starl_live_disk:delete(New),
     Error.
+
+renamed(From, To) ->
+    first_error(starl_live_disk:rename(From, To), fun() -> synced(starl_live_disk:dirname(To)) end).
+
+%% A new name outlives a power cut only when its directory has been synced.
+synced(Dir) ->
+    case starl_live_disk:open(Dir, [raw, read, directory]) of
+        {ok, Device} ->
+            Synced = starl_live_disk:sync(Device),
+            first_error(Synced, fun() -> starl_live_disk:close(Device) end);
+        {error, _} = Error ->
+            Error
+    end.
 
 first_error(ok, Next) -> Next();
 first_error({error, _} = Error, _Next) -> Error.
