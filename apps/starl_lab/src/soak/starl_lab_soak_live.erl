@@ -2,7 +2,7 @@
 %% starl_virtual_run}) with many seeds, on one VM per core, and reports as a soak of blocks does.
 -module(starl_lab_soak_live).
 
--export([about/0, flags/0, run/1]).
+-export([about/0, flags/0, run/1, scenario/3]).
 %% Called in the VMs of the jobs.
 -export([one/1]).
 
@@ -47,8 +47,9 @@ flags() ->
 run(#{seeds := Count, from := From, part := Part, jobs := Jobs} = Values) ->
     ok = starl_cli_log:install(),
     Parts = parts(Part),
+    #{robots := Robots, cover := Cover} = Values,
     Runs = [
-        {P, Seed, maps:with([robots, cover], Values)}
+        {{P, Seed, scenario(P, Robots, Seed)}, Cover}
      || P <- Parts, Seed <- lists:seq(From, From + Count - 1)
     ],
     {How, {Founds, Lines}} = starl_lab_jobs:run(
@@ -69,15 +70,34 @@ run(#{seeds := Count, from := From, part := Part, jobs := Jobs} = Values) ->
     starl_cli_terminal:out(covered(Lines)),
     status(How, Sorted).
 
+%% @doc What a part's run is given: for whole robots, a scenario as of a soak of their block, with the
+%% faults that can be carried out on live robots.
+-spec scenario(starl_virtual_run:part(), Robots :: pos_integer() | none, Seed :: integer()) ->
+    #{atom() => term()}.
+scenario(Part, none, Seed) ->
+    Drawn = starl_sim_draw:between({Seed, Part, live_robots}, 1, 4),
+    scenario(Part, element(Drawn, {1, 2, 3, 5}), Seed);
+scenario(Part, Robots, Seed) ->
+    case lists:member(Part, starl_virtual_run:blocks()) of
+        true -> with_faults(starl_lab_soak:scenario(Part, Robots, Seed));
+        false -> #{robots => Robots}
+    end.
+
+%% A clock near the bound of its drift must not drift more.
+with_faults(#{clock_drift := _} = Scenario) ->
+    Scenario#{random_faults := starl_virtual_team:kinds() -- [clock_drift, clock_freeze]};
+with_faults(Scenario) ->
+    Scenario#{random_faults := starl_virtual_team:kinds()}.
+
 parts(all) -> [Part || {Part, _} <- starl_virtual_run:parts()];
 parts(Part) -> [Part].
 
-noted({Part, Seed, _}, {ok, {Found, Lines}}, {Founds, All}) ->
+noted({{Part, Seed, _}, _}, {ok, {Found, Lines}}, {Founds, All}) ->
     {
         [{Part, Seed, {ok, Found}} | Founds],
         maps:merge_with(fun(_, A, B) -> A orelse B end, All, Lines)
     };
-noted({Part, Seed, _}, {crashed, Reason}, {Founds, All}) ->
+noted({{Part, Seed, _}, _}, {crashed, Reason}, {Founds, All}) ->
     {[{Part, Seed, {failed, Reason}} | Founds], All}.
 
 of_part(Part, Founds) -> [Found || {P, _, _} = Found <- Founds, P =:= Part].
@@ -134,13 +154,12 @@ status(done, Founds) ->
     end.
 
 %% @private One run, in the VM of its job, and the lines of the live half that it ran.
--spec one({starl_virtual_run:part(), integer(), map()}) ->
+-spec one({starl_virtual_run:run(), Cover :: boolean()}) ->
     {result(), #{{module(), Line :: pos_integer()} => boolean()}}.
-one({Part, Seed, #{cover := Cover} = Given}) ->
+one({Run, Cover}) ->
     ok = cover(Cover),
     Begin = erlang:monotonic_time(microsecond),
-    #{violations := Violations, digest := Digest} =
-        starl_virtual_run:run({Part, Seed, maps:without([cover], Given)}),
+    #{violations := Violations, digest := Digest} = starl_virtual_run:run(Run),
     Us = erlang:monotonic_time(microsecond) - Begin,
     {{lists:sublist(Violations, 1), Digest, Us / 1.0e6}, lines(Cover)}.
 

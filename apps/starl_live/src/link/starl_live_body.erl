@@ -28,7 +28,7 @@
 ]).
 -export([reload/3, take_back/2, fallen/3, gone/3]).
 
--export_type([t/0, config/0, figures/0]).
+-export_type([t/0, config/0, figures/0, random/0]).
 
 %% The parts of the body: processes that the link has started, or their stand-ins. Facts go to the
 %% `sink' as {@link starl_live_link:told()}, and to the observer of this node.
@@ -46,9 +46,12 @@
     codes => starl_reload:codes(),
     reporter => pid(),
     observe => starl_observer:t(),
-    random => fun(() -> rand:state()),
+    random => random(),
     atom() => term()
 }.
+
+%% The random stream of a machine that starts.
+-type random() :: fun((starl_machine:name(), Incarnation :: pos_integer()) -> rand:state()).
 
 %% The numbers of events handled and of packets sent.
 -type figures() :: #{events := non_neg_integer(), packets := non_neg_integer()}.
@@ -73,7 +76,7 @@
     reporter = none :: pid() | none,
     observer = none :: starl_observer:t(),
     %% the random stream of a machine that starts
-    random :: fun(() -> rand:state()),
+    random :: random(),
     %% the time at which the present step began
     now :: integer(),
     %% the marks of timers
@@ -122,7 +125,7 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         codes = starl_reload:begun(Now, maps:get(codes, Config, #{})),
         reporter = maps:get(reporter, Config, none),
         observer = maps:get(observe, Config, none),
-        random = maps:get(random, Config, fun() -> rand:seed_s(exsss) end),
+        random = maps:get(random, Config, fun(_Name, _Incarnation) -> rand:seed_s(exsss) end),
         now = Now
     }.
 
@@ -357,7 +360,7 @@ base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = S
         name => Name,
         incarnation => Incarnation,
         stored => starl_live_store:kept(Name, Store),
-        random => Random(),
+        random => Random(Name, Incarnation),
         now => Now
     }.
 

@@ -12,7 +12,8 @@
 -module(starl_live_link).
 -behaviour(gen_server).
 
--export([start_link/1, inspect/1, figures/1, metrics/1, line/2, reload/3, take_back/3, at_work/1]).
+-export([start_link/1, inspect/1, figures/1, metrics/1, line/2, reload/3, take_back/3]).
+-export([processes/1, at_work/1]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([spec/0, line/0, told/0]).
@@ -44,7 +45,7 @@
     packets => boolean(),
     observe => starl_observer:t(),
     inline => boolean(),
-    random => fun(() -> rand:state())
+    random => starl_live_body:random()
 }.
 
 %% A message to the sink: the names of the robot's machines, when it starts, and the file of its
@@ -117,7 +118,11 @@ reload(Link, Order, Reporter) -> gen_server:cast(Link, {reload, Order, Reporter}
 -spec take_back(pid(), starl_reload:count(), Failed :: starl:robot_id()) -> ok.
 take_back(Link, N, Failed) -> gen_server:cast(Link, {take_back, N, Failed}).
 
-%% @doc The processes that have an open order of the link in this state: what a simulation waits for.
+%% @doc The processes of the robot's machines, for a simulation that holds the link's state.
+-spec processes(#link{}) -> [pid()].
+processes(Link) -> maps:keys(starl_robot_machines:processes(machines(Link))).
+
+%% @doc Those of them that have an open order: what a simulation waits for.
 -spec at_work(#link{}) -> [pid()].
 at_work(#link{robot = Robot, beside = Beside} = Link) ->
     Busy = starl_robot_machines:process(starl_robot:busy(Robot), machines(Link)),

@@ -6,14 +6,14 @@
 %% '''
 -module(starl_virtual_run).
 
--export([parts/0, run/1]).
+-export([parts/0, blocks/0, run/1]).
 
 -export_type([part/0, run/0, result/0]).
 
 %% The store on its disk, the radio of some robots, or whole robots that use a block.
--type part() :: store.
+-type part() :: store | sap | mutex | barrier | election | registers.
 
-%% A part, a seed, and values that differ from those drawn.
+%% A part, a seed, and for whole robots the scenario.
 -type run() :: {part(), Seed :: integer(), #{atom() => term()}}.
 
 -type result() :: #{
@@ -24,8 +24,28 @@
 
 %% @doc The parts, each with a line.
 -spec parts() -> [{part(), string()}].
-parts() -> [{store, "the store under power cuts"}].
+parts() ->
+    [
+        {store, "the store under power cuts"}
+        | [{Block, "whole robots that use " ++ atom_to_list(Block)} || Block <- blocks()]
+    ].
+
+%% @doc The blocks that whole robots use.
+-spec blocks() -> [part()].
+blocks() -> [sap, mutex, barrier, election, registers].
 
 %% @doc One run, in a process of its own.
 -spec run(run()) -> result().
-run({store, Seed, _Given}) -> starl_virtual_store:run(Seed).
+run(Run) ->
+    Caller = self(),
+    {Pid, Monitor} = spawn_monitor(fun() -> Caller ! {self(), ran(Run)} end),
+    receive
+        {Pid, Result} ->
+            true = erlang:demonitor(Monitor, [flush]),
+            Result;
+        {'DOWN', Monitor, process, Pid, Why} ->
+            error(Why)
+    end.
+
+ran({store, Seed, _Given}) -> starl_virtual_store:run(Seed);
+ran({_Block, _Seed, Scenario}) -> starl_virtual_team:run(Scenario).
