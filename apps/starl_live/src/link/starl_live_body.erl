@@ -47,6 +47,7 @@
     reporter => pid(),
     observe => starl_observer:t(),
     random => random(),
+    tell => step | at_once,
     atom() => term()
 }.
 
@@ -77,6 +78,8 @@
     observer = none :: starl_observer:t(),
     %% the random stream of a machine that starts
     random :: random(),
+    %% facts are told at the end of the step, or at once
+    tell :: step | at_once,
     %% the time at which the present step began
     now :: integer(),
     %% the marks of timers
@@ -126,6 +129,7 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         reporter = maps:get(reporter, Config, none),
         observer = maps:get(observe, Config, none),
         random = maps:get(random, Config, fun(_Name, _Incarnation) -> rand:seed_s(exsss) end),
+        tell = maps:get(tell, Config, step),
         now = Now
     }.
 
@@ -380,7 +384,10 @@ code(Name, #body{codes = Codes}) ->
 -spec trace(starl_machine:name(), Event :: term(), t()) -> t().
 trace(Name, Event, #body{id = Id, now = Now, traces = Traces, counts = Counts} = Body) ->
     Fact = {Now, Id, Name, Event},
-    Body#body{traces = [Fact | Traces], counts = starl_live_counts:traced(Fact, Counts)}.
+    at_once(Body#body{traces = [Fact | Traces], counts = starl_live_counts:traced(Fact, Counts)}).
+
+at_once(#body{tell = at_once} = Body) -> tell(Body);
+at_once(#body{tell = step} = Body) -> Body.
 
 %% @doc Plans a timer's event: the link gets `{timeout, _, {starl_timer, Name, Timer, Mark,
 %% Content}}'. The time is rounded up to a millisecond.

@@ -27,7 +27,8 @@
 %% `reporter': who is told about reloads; `packets': whether the sink is told of all packets;
 %% `observe': who else is told everything, on this node. `robot_sup' is the supervisor under which
 %% the machines' processes start. A simulation gives a robot lines that are open already, lets its
-%% machines run inline, but for a sequential application, and gives them their random streams.
+%% machines run inline, but for a sequential application, gives them their random streams, and may be
+%% told each fact at once instead of at the end of its step (`tell').
 -type spec() :: #{
     robot := starl:robot_id(),
     robot_sup := pid(),
@@ -45,7 +46,8 @@
     packets => boolean(),
     observe => starl_observer:t(),
     inline => boolean(),
-    random => starl_live_body:random()
+    random => starl_live_body:random(),
+    tell => step | at_once
 }.
 
 %% A message to the sink: the names of the robot's machines, when it starts, and the file of its

@@ -16,17 +16,21 @@
 -module(starl_virtual_disk).
 -behaviour(starl_live_disk).
 
--export([new/2, cut_after/2, cut_power/1, suffer/2, operations/1]).
+-export([new/2, cut_after/3, keep_power/1, cut_power/1, suffer/2, operations/1]).
 -export([ensure_path/1, list/2, is_file/1]).
 -export([open/2, write/2, sync/1, close/1, rename/2, delete/1, read_file/1]).
 
--export_type([name/0, power_cut/0, trouble/0]).
+-export_type([name/0, power_cut/0, moment/0, trouble/0]).
 
 %% The first part of the paths on the disk.
 -type name() :: string().
 
 %% Thrown when the power goes in the middle of an operation.
 -type power_cut() :: {starl_power_cut, name()}.
+
+%% When the power may go: before or after any operation; only before one that makes nothing durable, so
+%% that a file is replaced or is not, and whoever has asked for it has been told.
+-type moment() :: any | between.
 
 %% Nothing; there is no room; this part of writes and syncs fails; this part of the reads finds damage.
 -type trouble() :: none | full | {fails, Part :: float()} | {damaged, Suffix :: string()}.
@@ -39,7 +43,7 @@
     trouble = none :: trouble(),
     %% the operations so far, and the one at which the power goes
     count = 0 :: non_neg_integer(),
-    cut = none :: pos_integer() | none,
+    cut = none :: {pos_integer(), moment()} | none,
     %% what programs see, and what has been synced
     content = #{} :: #{inode() => binary()},
     synced = #{} :: #{inode() => binary()},
@@ -55,10 +59,14 @@ new(Name, Seed) ->
     Random = rand:seed_s(exsss, erlang:phash2(Seed, 4294967296)),
     store(Name, #disk{random = Random}).
 
-%% @doc The power goes at the N-th operation from now on; `none': it does not.
--spec cut_after(name(), pos_integer() | none) -> ok.
-cut_after(Name, none) -> change(Name, fun(Disk) -> Disk#disk{cut = none} end);
-cut_after(Name, N) -> change(Name, fun(#disk{count = Count} = D) -> D#disk{cut = Count + N} end).
+%% @doc The power goes at the N-th operation from now on, or at the first later one at which it may.
+-spec cut_after(name(), pos_integer(), moment()) -> ok.
+cut_after(Name, N, Moment) ->
+    change(Name, fun(#disk{count = Count} = Disk) -> Disk#disk{cut = {Count + N, Moment}} end).
+
+%% @doc The power does not go.
+-spec keep_power(name()) -> ok.
+keep_power(Name) -> change(Name, fun(Disk) -> Disk#disk{cut = none} end).
 
 %% @doc The disk has this trouble from now on.
 -spec suffer(name(), trouble()) -> ok.
@@ -177,7 +185,13 @@ written(Inode, Bytes, #disk{content = Content} = Disk) ->
 
 %% A directory keeps its names, a file its content.
 -spec sync({name(), inode() | directory}) -> ok | {error, file:posix()}.
-sync({Name, What}) -> on(Name, fun(Disk) -> risky(Disk, fun(D) -> synced(What, D) end) end).
+sync({Name, What}) ->
+    Weight =
+        case What of
+            directory -> weighty;
+            _ -> slight
+        end,
+    on(Name, Weight, fun(Disk) -> risky(Disk, fun(D) -> synced(What, D) end) end).
 
 synced(directory, #disk{names = Names} = Disk) ->
     {ok, Disk#disk{synced_names = Names, changes = []}};
@@ -188,7 +202,8 @@ synced(Inode, #disk{content = Content, synced = Synced} = Disk) ->
 close({_Name, _What}) -> ok.
 
 -spec rename(string(), string()) -> ok | {error, file:posix()}.
-rename(From, To) -> on(From, fun(Disk) -> risky(Disk, fun(D) -> moved(From, To, D) end) end).
+rename(From, To) ->
+    on(From, weighty, fun(Disk) -> risky(Disk, fun(D) -> moved(From, To, D) end) end).
 
 moved(From, To, #disk{names = Names, changes = Changes} = Disk) ->
     case is_map_key(From, Names) of
@@ -227,26 +242,32 @@ shown(_Path, _Trouble, Content) ->
 
 %% -- the disks ------------------------------------------------------------------------------
 
-%% The power may go before an operation or after it.
-on(Path, Operation) ->
+on(Path, Operation) -> on(Path, slight, Operation).
+
+%% Is this an operation that can make something durable?
+on(Path, Weight, Operation) ->
     Name = name_of(Path),
     #disk{count = Count, cut = Cut} = Disk = fetch(Name),
-    case Count + 1 of
-        Cut ->
+    Next = Disk#disk{count = Count + 1},
+    case Cut of
+        {N, any} when Count >= N - 1 ->
             {Done, Random} = rand:uniform_s(2, Disk#disk.random),
-            Cutting = Disk#disk{count = Cut, random = Random, cut = none},
-            {_, Last} =
-                case Done of
-                    1 -> {none, Cutting};
-                    2 -> Operation(Cutting)
-                end,
-            ok = store(Name, Last),
-            throw({starl_power_cut, Name});
-        Next ->
-            {Answer, Changed} = Operation(Disk#disk{count = Next}),
+            cut_at(Name, Done, Operation, Next#disk{random = Random});
+        {N, between} when Count >= N - 1, Weight =:= slight ->
+            cut_at(Name, 1, Operation, Next);
+        _ ->
+            {Answer, Changed} = Operation(Next),
             ok = store(Name, Changed),
             Answer
     end.
+
+%% The power may go before an operation (1) or after it (2).
+cut_at(Name, 1, _Operation, Disk) ->
+    ok = store(Name, Disk#disk{cut = none}),
+    throw({starl_power_cut, Name});
+cut_at(Name, 2, Operation, Disk) ->
+    {_Answer, Last} = Operation(Disk),
+    cut_at(Name, 1, Operation, Last).
 
 risky(#disk{trouble = {fails, Part}, random = Random0} = Disk, Operation) ->
     {Drawn, Random} = rand:uniform_s(Random0),

@@ -60,7 +60,8 @@ boot(#{radio := {Module, Own}, robot := Id, tree := Tree} = Config, Clock) ->
         positioning => self(),
         chassis => self(),
         sink => self(),
-        inline => true
+        inline => true,
+        tell => at_once
     },
     run([{link, {boot, Spec}}], #robot{sup = Sup, link = none, transport = Transport}).
 

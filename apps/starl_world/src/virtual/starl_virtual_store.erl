@@ -50,7 +50,7 @@ lives(#run{life = Life} = Run) -> lives(cut(live(Run#run{life = Life + 1}))).
 %% What the life has tried before the power cut is in the dictionary: the cut is thrown.
 live(#run{seed = Seed, life = Life} = Run) ->
     ok = starl_virtual_disk:cut_after(
-        ?DISK, starl_sim_draw:between({Seed, Life, cut}, 1, ?OPERATIONS)
+        ?DISK, starl_sim_draw:between({Seed, Life, cut}, 1, ?OPERATIONS), any
     ),
     _ = put(?MODULE, Run),
     try

@@ -6,12 +6,12 @@
 %% the others:
 %% <dl>
 %% <dt>reboot</dt><dd>the program is killed, the power goes, or it goes at one of the next operations
-%%   of the disk; the robot starts anew at the end of the fault, or the power goes once more while it
-%%   starts</dd>
+%%   of the disk; meanwhile the robot may try to start, and the power goes again while it does; it starts
+%%   at the end of the fault</dd>
 %% <dt>kill_machine</dt><dd>the application's process is killed</dd>
 %% <dt>pause, slow, kill_robot</dt><dd>as in the simulator</dd>
 %% <dt>clock_drift, clock_freeze</dt><dd>the computer's time, system and monotonic; it is never set
-%%   ({@link starl_live_clock})</dd>
+%%   ({@link starl_live_clock}), and stands still for no more than 6 s in all</dd>
 %% <dt>store_full, store_damaged</dt><dd>the disk is full; the files of terms are found damaged by
 %%   machines that start</dd>
 %% </dl>
@@ -23,12 +23,14 @@
 -define(ANSWER_US, 3000).
 -define(SIGHT_US, 20000).
 %% A program that has ended by itself is started anew after this time.
--define(AGAIN_US, 1000000).
+-define(AGAIN_US, 100000).
 %% The part of the datagrams that the attacker sends again, and after what time at most.
 -define(PLAYED, 0.02).
 -define(PLAYED_US, 40000000).
 %% The most operations of the disk before the power goes.
 -define(OPERATIONS, 12).
+%% A clock stands still for this time at most, in all: datagrams are fresh for 15 s.
+-define(FROZEN_US, 6000000).
 -define(EPOCH_US, 1700000000000000).
 
 -record(robot, {
@@ -119,6 +121,7 @@ begun(Faults, #{robots := Poses, world := World, monitors := Monitors, limit_us 
     judged(Facts, Planned).
 
 troubles({_, From, To, store_full, Robot, _}) -> trouble(Robot, From, To, full);
+troubles({_, From, To, reboot, Robot, _}) -> [{500 * (From + To), {strike, Robot, try_start}}];
 troubles({_, From, To, store_damaged, R, _}) -> trouble(R, From, To, {damaged, ".kept"});
 troubles(_Fault) -> [].
 
@@ -131,7 +134,7 @@ robot(Id, Peers, #{world := World, crew := #{tree := Tree}}) ->
     ok = starl_virtual_disk:new(Disk, {Seed, Id, disk}),
     Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
     Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
-    Hitting = [Fault || Fault <- Clocks, starl_sim_fault:hits(Id, Fault)],
+    Hitting = bearable([Fault || Fault <- Clocks, starl_sim_fault:hits(Id, Fault)]),
     Radio = #{
         peers => Peers,
         fleet => "virtual",
@@ -152,6 +155,18 @@ robot(Id, Peers, #{world := World, crew := #{tree := Tree}}) ->
             radio => {starl_live_udp, Radio}
         }
     }.
+
+%% A clock that is further off than the seal bears ends all talk with its robot, as it should.
+bearable(Faults) -> bearable(Faults, ?FROZEN_US).
+
+bearable([], _Left) ->
+    [];
+bearable([{_, From, To, clock_freeze, _, _} | Faults], Left) when To - From > Left ->
+    bearable(Faults, Left);
+bearable([{_, From, To, clock_freeze, _, _} = Fault | Faults], Left) ->
+    [Fault | bearable(Faults, Left - (To - From))];
+bearable([Fault | Faults], Left) ->
+    [Fault | bearable(Faults, Left)].
 
 %% -- the queue ------------------------------------------------------------------------------
 
@@ -347,22 +362,19 @@ struck(go_down, #robot{condition = up, disk = Disk} = Robot, Team) ->
             goes_down({starl_power_cut, Disk}, Drawn, kept(Drawn, Team));
         3 ->
             {N, Next} = draw(?OPERATIONS, Drawn, Team),
-            ok = starl_virtual_disk:cut_after(Disk, N),
+            ok = starl_virtual_disk:cut_after(Disk, N, between),
             kept(Next, Team)
     end;
 struck(come_up, #robot{condition = up, disk = Disk} = Robot, Team) ->
     #robot{id = Id} = Robot,
     Down = goes_down({starl_power_cut, Disk}, Robot, Team),
     comes_up(robot(Id, Down), Down);
-struck(come_up, #robot{condition = down, disk = Disk} = Robot, Team) ->
-    case draw(4, Robot, Team) of
-        {1, Drawn} ->
-            {N, Next} = draw(?OPERATIONS, Drawn, Team),
-            ok = starl_virtual_disk:cut_after(Disk, N),
-            comes_up(Next, kept(Next, Team));
-        {_, Drawn} ->
-            comes_up(Drawn, kept(Drawn, Team))
-    end;
+struck(come_up, Robot, Team) ->
+    comes_up(Robot, Team);
+struck(try_start, #robot{condition = down, disk = Disk} = Robot, Team) ->
+    {N, Drawn} = draw(?OPERATIONS, Robot, Team),
+    ok = starl_virtual_disk:cut_after(Disk, N, between),
+    comes_up(Drawn, kept(Drawn, Team));
 struck(kill_robot, #robot{id = Id, condition = Condition} = Robot, Team) when Condition =/= dead ->
     #team{now = Now} = Down = goes_down(killed, Robot, Team),
     Dead = kept((robot(Id, Down))#robot{condition = dead}, Down),
@@ -381,7 +393,7 @@ goes_down(Why, #robot{id = Id, program = Program, names = Names} = Robot, Team) 
     judged(Facts, kept(Robot#robot{condition = down, names = []}, Team)).
 
 power({starl_power_cut, _}, #robot{disk = Disk}) -> starl_virtual_disk:cut_power(Disk);
-power(_Killed, #robot{disk = Disk}) -> starl_virtual_disk:cut_after(Disk, none).
+power(_Killed, #robot{disk = Disk}) -> starl_virtual_disk:keep_power(Disk).
 
 comes_up(#robot{condition = down, life = Before} = Robot, #team{world = #{seed := Seed}} = Team) ->
     #robot{id = Id, config = #{radio := {Module, Radio}} = Config, shown = Shown} = Robot,
