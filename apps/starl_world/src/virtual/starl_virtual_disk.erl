@@ -145,7 +145,8 @@ is_file(Path) -> is_map_key(Path, (fetch(name_of(Path)))#disk.names).
 -spec open(string(), [term()]) -> {ok, {name(), inode() | directory}} | {error, file:posix()}.
 open(Path, Modes) ->
     case {lists:member(directory, Modes), lists:member(write, Modes)} of
-        {true, _} -> on(Path, fun(Disk) -> {{ok, {name_of(Path), directory}}, Disk} end);
+        %% a directory is opened when one of its files has got a new name
+        {true, _} -> on(Path, weighty, fun(D) -> {{ok, {name_of(Path), directory}}, D} end);
         {false, true} -> on(Path, fun(Disk) -> create(Path, Disk) end);
         {false, false} -> on(Path, fun(Disk) -> opened(Path, Disk) end)
     end.
