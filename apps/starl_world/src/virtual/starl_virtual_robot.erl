@@ -173,9 +173,11 @@ sorted({effect, Effect}, {Inner, Effects}) -> {Inner, [Effect | Effects]};
 sorted({inner, Message}, {Inner, Effects}) -> {[Message | Inner], Effects};
 sorted(none, Sorted) -> Sorted.
 
+%% What processes say waits until somebody waits for them: it may come sooner or later.
 drain(Actor) ->
     receive
-        Message -> [sent(Message, Actor) | drain(Actor)]
+        Message when element(1, Message) =/= starl_done, element(1, Message) =/= 'DOWN' ->
+            [sent(Message, Actor) | drain(Actor)]
     after 0 -> []
     end.
 
