@@ -11,7 +11,7 @@
 -export_type([part/0, run/0, result/0]).
 
 %% The store on its disk, the radio of some robots, or whole robots that use a block.
--type part() :: store | sap | mutex | barrier | election | registers.
+-type part() :: store | radio | sap | mutex | barrier | election | registers.
 
 %% A part, a seed, and for whole robots the scenario.
 -type run() :: {part(), Seed :: integer(), #{atom() => term()}}.
@@ -26,7 +26,8 @@
 -spec parts() -> [{part(), string()}].
 parts() ->
     [
-        {store, "the store under power cuts"}
+        {store, "the store under power cuts"},
+        {radio, "datagrams under an attacker"}
         | [{Block, "whole robots that use " ++ atom_to_list(Block)} || Block <- blocks()]
     ].
 
@@ -48,4 +49,5 @@ run(Run) ->
     end.
 
 ran({store, Seed, _Given}) -> starl_virtual_store:run(Seed);
+ran({radio, Seed, _Given}) -> starl_virtual_radio:run(Seed);
 ran({_Block, _Seed, Scenario}) -> starl_virtual_team:run(Scenario).
