@@ -235,11 +235,19 @@ read_file(Path) ->
 
 shown(Path, {damaged, Suffix}, <<Content/binary>>) ->
     case lists:suffix(Suffix, Path) of
-        true -> <<Content/binary, 0>>;
+        true -> flipped(Content);
         false -> Content
     end;
 shown(_Path, _Trouble, Content) ->
     Content.
+
+%% The last byte is another one.
+flipped(<<>>) ->
+    <<0>>;
+flipped(Content) ->
+    Size = byte_size(Content) - 1,
+    <<Before:Size/binary, Last>> = Content,
+    <<Before/binary, (Last bxor 1)>>.
 
 %% -- the disks ------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 %% @doc The radio of live robots ({@link starl_live_udp}: codec, fragments, seal, replay window, pace) on
 %% simulated sockets and clocks. Some robots send packets of all sizes, some of them twice. At first the
-%% network loses, doubles, delays and damages datagrams, and for a while nearly none comes through; then
-%% it is calm. An attacker sends what he has recorded to anybody, at any later time, datagrams of another
+%% network loses, doubles, delays and damages datagrams; in some runs, for a while, all send large packets
+%% and half of their fragments are lost; then it is calm. An attacker sends what he has recorded to anybody, at any later time, datagrams of another
 %% run, and rubbish. Robots start anew meanwhile.
 %%
 %% The contract:
@@ -23,12 +23,15 @@
 -define(LAST_US, 55000000).
 -define(END_US, 70000000).
 -define(PACKETS, 120).
+%% The large packets of the worst time, in one run of four.
+-define(FLOOD, 200).
 -define(PLAYED_US, 60000000).
 %% Clocks differ by this much from true time; datagrams are fresh for 15 s, fragments wait for 10 s.
 -define(OFFSET_US, 2000000).
 -define(OLDEST_US, 25000000 + 2 * ?OFFSET_US).
-%% The most bytes of an end: unfinished messages, and numbers of datagrams.
--define(MEMORY, 3000000).
+%% The most bytes of an end: 8 unfinished messages of each other robot, the queue of its pace (1 MB), and
+%% the numbers of datagrams.
+-define(MEMORY, 2200000).
 -define(EPOCH_US, 1700000000000000).
 
 -record(sent, {
@@ -73,6 +76,18 @@ run(Seed) ->
     }.
 
 events(Seed) ->
+    flood(starl_sim_draw:between({Seed, flood}, 1, 4), Seed) ++ uses(Seed).
+
+flood(1, Seed) ->
+    {First, Last} = ?WORST_US,
+    [
+        {starl_sim_draw:between({Seed, N, at}, First, Last - 1), {send, N}}
+     || N <- lists:seq(?PACKETS + 1, ?PACKETS + ?FLOOD)
+    ];
+flood(_, _Seed) ->
+    [].
+
+uses(Seed) ->
     [{starl_sim_draw:between({Seed, N, at}, 0, ?LAST_US), {send, N}} || N <- lists:seq(1, ?PACKETS)] ++
         [
             {starl_sim_draw:between({Seed, N, again}, 0, ?LAST_US), {send, N}}
@@ -156,20 +171,20 @@ send(N, #radio{sent = Sent, now = Now, ends = Ends} = Radio) ->
     effects(From, Radio#radio{sent = Noted, ends = Ends#{From := {Next, Life}}}).
 
 packet(N, #radio{sent = Sent}) when is_map_key(N, Sent) -> maps:get(N, Sent);
-packet(N, #radio{seed = Seed, now = Now}) ->
+packet(N, #radio{seed = Seed}) ->
     From = starl_sim_draw:between({Seed, N, from}, 1, length(?ROBOTS)),
     Others = lists:delete(From, ?ROBOTS),
     To = lists:nth(starl_sim_draw:between({Seed, N, to}, 1, 3), [Others | [[R] || R <- Others]]),
-    {First, Last} = ?WORST_US,
     Most =
         case starl_sim_draw:between({Seed, N, class}, 1, 4) of
-            _ when Now >= First, Now < Last -> 60000;
+            _ when N > ?PACKETS -> 60000;
             1 -> 1300;
             2 -> 20000;
             3 -> 60000;
             4 -> 100
         end,
-    Size = starl_sim_draw:between({Seed, N, size}, 0, Most),
+    Least = max(0, 60000 * (min(N, ?PACKETS + 1) - ?PACKETS)),
+    Size = starl_sim_draw:between({Seed, N, size}, min(Least, Most), Most),
     Body = {N, binary:copy(<<N:16>>, Size div 2)},
     #sent{from = From, to = To, packet = starl_packet:shout(From, {app, note}, Body)}.
 
@@ -220,7 +235,7 @@ arrivals(To, Bytes, Key, Now) ->
     {First, Last} = ?WORST_US,
     Loss =
         if
-            Now >= First, Now < Last -> 0.95;
+            Now >= First, Now < Last -> 0.5;
             true -> 0.1
         end,
     Copies =

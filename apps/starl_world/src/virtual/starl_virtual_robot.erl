@@ -215,10 +215,18 @@ answers(#robot{link = Link, answering = Known} = Robot) ->
     New = starl_live_link:at_work(Link) -- Known,
     {[{answer, answer(Pid)} || Pid <- New], Robot#robot{answering = New ++ Known}}.
 
+%% Its answer or its end. An end that the link knows already comes once more.
 answer(Pid) ->
+    Monitor = erlang:monitor(process, Pid),
     receive
-        {starl_done, _, Pid, _} = Done -> Done;
-        {'DOWN', _, process, Pid, _} = Down -> Down
+        {starl_done, _, Pid, _} = Done ->
+            true = erlang:demonitor(Monitor, [flush]),
+            Done;
+        {'DOWN', Monitor, process, Pid, _} = Down ->
+            receive
+                {'DOWN', _, process, Pid, _} = First -> First
+            after 0 -> Down
+            end
     end.
 
 without({starl_done, _, Pid, _}, Robot) -> forgotten(Pid, Robot);

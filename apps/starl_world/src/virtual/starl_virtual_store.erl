@@ -4,7 +4,8 @@
 %% The contract:
 %% <ul>
 %% <li>A machine finds the last term whose `keep' was answered with `ok', or one that was to be kept
-%%   after it; never `none' or `damaged' when there is such a term.</li>
+%%   after it; never `none' or `damaged' when there is such a term. If its file is damaged, it finds
+%%   `damaged'.</li>
 %% <li>The numbers of starts that were answered with `ok' never go back, though one of the two copies be
 %%   damaged.</li>
 %% <li>A healthy disk is never `full'.</li>
@@ -101,15 +102,24 @@ counted({error, _}, _Next, Run) -> broken(starts_not_stored, #{}, Run).
 found(_Store, #run{violations = [_ | _]} = Run) ->
     Run;
 found(Store, Run) ->
-    Found = noted(lists:foldl(fun(Name, R) -> found(Name, Store, R) end, Run, ?MACHINES)),
+    #run{seed = Seed, life = Life} = Run,
+    Damage =
+        case starl_sim_draw:between({Seed, Life, damage}, 1, 6) of
+            1 -> {damaged, ".kept"};
+            _ -> none
+        end,
+    ok = starl_virtual_disk:suffer(?DISK, Damage),
+    Found = noted(lists:foldl(fun(Name, R) -> found(Name, Damage, Store, R) end, Run, ?MACHINES)),
     ok = starl_virtual_disk:suffer(?DISK, Run#run.trouble),
     keeps(Store, Found).
 
-found(Name, Store, #run{terms = Terms, chain = Chain} = Run) ->
+found(Name, Damage, Store, #run{terms = Terms, chain = Chain} = Run) ->
     Found = starl_live_store:kept(Name, Store),
     #{Name := Possible} = Terms,
     Chained = Run#run{chain = erlang:phash2({Chain, Name, Found})},
     case lists:member(Found, Possible) of
+        false when Found =:= damaged, Damage =/= none ->
+            Chained;
         true ->
             Chained#run{terms = Terms#{Name := [Found]}};
         false ->
