@@ -3,7 +3,7 @@
 %% sound one while its bug is looked for.
 -module(starl_live_planted).
 
--export([bugs/0, part/1, caught/2, sound/2]).
+-export([bugs/0, caught/2, sound/2]).
 
 -export_type([bug/0]).
 
@@ -96,7 +96,7 @@ robot() ->
                     "        Why -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}, Spec}\n    end.\n\ninline("}
             ],
             "a robot's start is not stored before its machines run"},
-        {link_late_answer, sap, starl_live_link,
+        {link_late_answer, mutex, starl_live_link,
             [
                 {"{ok, Link#link{robot = Robot, beside = maps:remove(Gone, Beside)}};",
                     "{ok, Link#link{robot = Robot, beside = (fun(_) -> Beside end)(Gone)}};"},
@@ -114,10 +114,6 @@ robot() ->
             [{"        ok -> {ok, Body};\n        full -> full", "        _ -> {ok, Body}"}],
             "a full disk goes unnoticed"}
     ].
-
-%% @doc What is run to find a bug.
--spec part(bug()) -> starl_virtual_run:part().
-part({_Name, Part, _Module, _Changes, _Doc}) -> Part.
 
 %% @doc Looks for a bug with the seeds from 1 on.
 -spec caught(bug(), Seeds :: pos_integer()) -> caught().

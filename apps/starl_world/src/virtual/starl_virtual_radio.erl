@@ -23,7 +23,7 @@
 -define(LAST_US, 55000000).
 -define(END_US, 70000000).
 -define(PACKETS, 120).
-%% The large packets of the worst time, in one run of four.
+%% The large packets of the worst time, in one run of ten.
 -define(FLOOD, 200).
 -define(PLAYED_US, 60000000).
 %% Clocks differ by this much from true time; datagrams are fresh for 15 s, fragments wait for 10 s.
@@ -76,7 +76,7 @@ run(Seed) ->
     }.
 
 events(Seed) ->
-    flood(starl_sim_draw:between({Seed, flood}, 1, 4), Seed) ++ uses(Seed).
+    flood(starl_sim_draw:between({Seed, flood}, 1, 10), Seed) ++ uses(Seed).
 
 flood(1, Seed) ->
     {First, Last} = ?WORST_US,

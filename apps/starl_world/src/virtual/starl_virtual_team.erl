@@ -19,8 +19,10 @@
 
 -export([run/1, kinds/0]).
 
-%% The application answers its link after this time at most; the positioning system answers.
+%% The application answers its link after this time at most, and one time in twenty it computes for
+%% longer; the positioning system answers.
 -define(ANSWER_US, 3000).
+-define(COMPUTES_US, 400000).
 -define(SIGHT_US, 20000).
 %% A program that has ended by itself is started anew after this time.
 -define(AGAIN_US, 100000).
@@ -271,7 +273,13 @@ carry_out({timer, Actor, DueUs, Message}, #robot{id = Id, life = Life} = Robot, 
 carry_out({sent, To, Bytes}, Robot, Team) ->
     sent(To, Bytes, Robot, Team);
 carry_out({answer, Message}, #robot{id = Id, life = Life} = Robot, #team{now = Now} = Team) ->
-    {Us, Drawn} = draw(?ANSWER_US, Robot, Team),
+    {Once, Before} = draw(20, Robot, Team),
+    Most =
+        case Once of
+            1 -> ?COMPUTES_US;
+            _ -> ?ANSWER_US
+        end,
+    {Us, Drawn} = draw(Most, Before, Team),
     message(Now + Us, {message, Id, Life, link, Message}, Drawn, kept(Drawn, Team));
 carry_out({asked, Tag, Ids}, #robot{id = Id, life = Life} = Robot, #team{now = Now} = Team) ->
     {Us, Drawn} = draw(?SIGHT_US, Robot, Team),
