@@ -12,6 +12,8 @@
 %% <dt>pause, slow, kill_robot</dt><dd>as in the simulator</dd>
 %% <dt>clock_drift, clock_freeze</dt><dd>the computer's time, system and monotonic; it is never set
 %%   ({@link starl_live_clock}), and stands still for no more than 6 s in all</dd>
+%% <dt>reloads of the scenario</dt><dd>the operator tells the robots that are up; one that starts gets the
+%%   new code; when a reload fails on one of them, all go back</dd>
 %% <dt>store_full, store_damaged</dt><dd>the disk is full; the files of terms are found damaged by
 %%   machines that start</dd>
 %% </dl>
@@ -26,6 +28,8 @@
 -define(SIGHT_US, 20000).
 %% A program that has ended by itself is started anew after this time.
 -define(AGAIN_US, 100000).
+%% The news of a reload that has failed takes this time.
+-define(NEWS_US, 100000).
 %% The part of the datagrams that the attacker sends again, and after what time at most.
 -define(PLAYED, 0.02).
 -define(PLAYED_US, 40000000).
@@ -48,6 +52,8 @@
     hold_us = 0 :: integer(),
     lag_us = 0 :: non_neg_integer(),
     result = running :: running | given_up | {done, term()},
+    %% the code that its machines start with, as the operator knows it
+    codes = #{} :: starl_reload:codes(),
     %% the numbers of datagrams to each robot, of answers
     sent = #{} :: #{starl:robot_id() => pos_integer()},
     draws = 0 :: non_neg_integer()
@@ -118,7 +124,8 @@ begun(Faults, #{robots := Poses, world := World, monitors := Monitors, limit_us 
     Events =
         [{0, {boot, Id}} || Id <- Ids] ++
             [{At, {strike, Id, Strike}} || {Id, At, Strike} <- Strikes] ++
-            [Event || Fault <- Faults, Event <- troubles(Fault)],
+            [Event || Fault <- Faults, Event <- troubles(Fault)] ++
+            reloads(World),
     Planned = lists:foldl(fun({At, Event}, T) -> plan(At, Event, T) end, Team, Events),
     judged(Facts, Planned).
 
@@ -129,6 +136,15 @@ troubles(_Fault) -> [].
 
 trouble(Robot, From, To, Trouble) ->
     [{1000 * From, {disk, Robot, Trouble}}, {1000 * To, {disk, Robot, none}}].
+
+reloads(World) ->
+    [
+        {At, {strike, Id, {reload, N}}}
+     || {N, #{at_us := At, robots := Ids}} <- lists:sort(
+            maps:to_list(maps:get(reloads, World, #{}))
+        ),
+        Id <- Ids
+    ].
 
 robot(Id, Peers, #{world := World, crew := #{tree := Tree}}) ->
     #{seed := Seed, clock := {OffsetUs, DriftPpb}, clocks := Clocks, profiles := Profiles} = World,
@@ -292,8 +308,20 @@ carry_out({started, Names}, Robot, Team) ->
     kept(Robot#robot{names = Names}, Team);
 carry_out({ended, Result}, Robot, Team) ->
     kept(Robot#robot{result = Result}, Team);
-carry_out({reloaded, _Name, _Told}, _Robot, Team) ->
-    Team.
+carry_out({reloaded, Name, Told}, #robot{codes = Codes} = Robot, Team) ->
+    #{number := N, module := Module, outcome := Outcome} = Told,
+    Settled = kept(Robot#robot{codes = starl_reload:settled(Name, N, Module, Codes)}, Team),
+    case starl_reload:is_failure(Outcome) of
+        true -> failed(N, Robot#robot.id, Settled);
+        false -> Settled
+    end.
+
+%% The operator has all robots of the reload go back.
+failed(N, Failed, #team{world = #{reloads := Reloads}, now = Now} = Team) ->
+    #{N := #{robots := Ids}} = Reloads,
+    lists:foldl(
+        fun(Id, T) -> plan(Now + ?NEWS_US, {strike, Id, {take_back, N, Failed}}, T) end, Team, Ids
+    ).
 
 message(At, Event, #robot{lag_us = Lag}, Team) -> plan(At + Lag, Event, Team).
 
@@ -383,12 +411,41 @@ struck(try_start, #robot{condition = down, disk = Disk} = Robot, Team) ->
     {N, Drawn} = draw(?OPERATIONS, Robot, Team),
     ok = starl_virtual_disk:cut_after(Disk, N, between),
     comes_up(Drawn, kept(Drawn, Team));
+struck({reload, N}, #robot{codes = Before} = Robot, #team{world = World} = Team) ->
+    #{reloads := #{N := #{order := Order}}, parts := Parts} = World,
+    {_Words, Codes} = starl_reload:take(Order, 0, Parts, Before),
+    told({reload, Order, self()}, Robot#robot{codes = Codes}, Team);
+struck({take_back, N, Failed}, #robot{codes = Before} = Robot, Team) ->
+    {_Names, Codes} = starl_reload:back(N, Before),
+    told({take_back, N, Failed}, Robot#robot{codes = Codes}, Team);
 struck(kill_robot, #robot{id = Id, condition = Condition} = Robot, Team) when Condition =/= dead ->
     #team{now = Now} = Down = goes_down(killed, Robot, Team),
     Dead = kept((robot(Id, Down))#robot{condition = dead}, Down),
     judged([{Now, Id, robot, {died, killed}}], Dead);
 struck(_Strike, _Robot, Team) ->
     Team.
+
+%% The operator tells a robot that is up; one that is down starts with what it is to run.
+told(Word, #robot{id = Id, life = Life, condition = up} = Robot, Team) ->
+    Event = {message, Id, Life, link, {'$gen_cast', Word}},
+    delivered(Event, Robot, kept(Robot, Team));
+told(_Word, Robot, Team) ->
+    kept(Robot, Team).
+
+%% A robot that starts soon after a reload is on trial from its start on.
+codes(#robot{codes = Codes}, #{reloads := Reloads}, Now) ->
+    maps:map(
+        fun(_Name, {N, New, Former, _}) ->
+            #{N := #{at_us := At, order := #{trial_us := Us}}} = Reloads,
+            case Now =< At + Us of
+                true -> {N, New, Former, {from_start, Us}};
+                false -> {N, New, Former, 0}
+            end
+        end,
+        Codes
+    );
+codes(_Robot, _World, _Now) ->
+    #{}.
 
 goes_down(_Why, #robot{condition = Condition}, Team) when Condition =/= up ->
     Team;
@@ -403,7 +460,8 @@ goes_down(Why, #robot{id = Id, program = Program, names = Names} = Robot, Team) 
 power({starl_power_cut, _}, #robot{disk = Disk}) -> starl_virtual_disk:cut_power(Disk);
 power(_Killed, #robot{disk = Disk}) -> starl_virtual_disk:keep_power(Disk).
 
-comes_up(#robot{condition = down, life = Before} = Robot, #team{world = #{seed := Seed}} = Team) ->
+comes_up(#robot{condition = down, life = Before} = Robot, #team{world = World, now = Now} = Team) ->
+    #{seed := Seed} = World,
     #robot{id = Id, config = #{radio := {Module, Radio}} = Config, shown = Shown} = Robot,
     Life = Before + 1,
     Clock = starl_live_clock:on(
@@ -413,6 +471,7 @@ comes_up(#robot{condition = down, life = Before} = Robot, #team{world = #{seed :
         rand:seed_s(exsss, erlang:phash2({Seed, Id, Life, Stream}, 4294967296))
     end,
     Own = Config#{
+        codes => codes(Robot, World, Now),
         random => fun(Name, Incarnation) -> Random({Name, Incarnation}) end,
         radio := {Module, Radio#{random => fun() -> Random(radio) end}}
     },
