@@ -5,6 +5,7 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([every_bug_is_found/1, nothing_is_found_in_the_sound/1, the_same_seed_is_the_same_run/1]).
+-export([a_reload_loses_no_application/1]).
 %% Called in the VMs of the runs.
 -export([digests/1]).
 
@@ -13,7 +14,13 @@
 
 suite() -> [{timetrap, {minutes, 5}}].
 
-all() -> [every_bug_is_found, nothing_is_found_in_the_sound, the_same_seed_is_the_same_run].
+all() ->
+    [
+        every_bug_is_found,
+        nothing_is_found_in_the_sound,
+        the_same_seed_is_the_same_run,
+        a_reload_loses_no_application
+    ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
@@ -47,6 +54,21 @@ the_same_seed_is_the_same_run(_) ->
     ?assertEqual([], [Part || {Part, Digests} <- Here, length(lists:usort(Digests)) < 2]).
 
 busy() -> busy().
+
+%% New code that is sound, that crashes at its first step, and that cannot take the state over, under
+%% faults: the calls end as promised.
+a_reload_loses_no_application(_) ->
+    [
+        begin
+            New = starl_reload_code:make(starl_exercise, Variant),
+            At = starl_sim_draw:between({Seed, reload_at}, 1000, 20000),
+            {mutex, Seed, Scenario} = run(mutex, Seed),
+            Run = {mutex, Seed, Scenario#{reloads => [{At, all, New}]}},
+            #{violations := Violations} = starl_virtual_run:run(Run),
+            ?assertEqual({Variant, Seed, []}, {Variant, Seed, Violations})
+        end
+     || Variant <- [good, crashes_at_once, no_migration], Seed <- lists:seq(1, 10)
+    ].
 
 digests(Parts) ->
     [

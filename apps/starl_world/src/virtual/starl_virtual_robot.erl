@@ -60,6 +60,7 @@ boot(#{radio := {Module, Own}, robot := Id, tree := Tree} = Config, Clock) ->
         positioning => self(),
         chassis => self(),
         sink => self(),
+        reporter => self(),
         inline => true,
         tell => at_once
     },

@@ -54,6 +54,8 @@
     result = running :: running | given_up | {done, term()},
     %% the code that its machines start with, as the operator knows it
     codes = #{} :: starl_reload:codes(),
+    %% when it has told how a machine has heeded a reload
+    heeded = #{} :: #{{starl_machine:name(), starl_reload:count()} => integer()},
     %% the numbers of datagrams to each robot, of answers
     sent = #{} :: #{starl:robot_id() => pos_integer()},
     draws = 0 :: non_neg_integer()
@@ -117,7 +119,7 @@ begun(Faults, #{robots := Poses, world := World, monitors := Monitors, limit_us 
         world = World,
         poses = Poses,
         robots = maps:from_list([{Id, robot(Id, Peers, Plan)} || Id <- Ids]),
-        monitors = starl_monitor:new(Monitors),
+        monitors = starl_monitor:new([excused(Monitor, World) || Monitor <- Monitors]),
         limit_us = Limit
     },
     Strikes = lists:append([starl_sim_fault:strikes(Fault) || Fault <- Faults]),
@@ -136,6 +138,12 @@ troubles(_Fault) -> [].
 
 trouble(Robot, From, To, Trouble) ->
     [{1000 * From, {disk, Robot, Trouble}}, {1000 * To, {disk, Robot, none}}].
+
+%% New code may crash: what counts is what becomes of it.
+excused({starl_crash_monitor, Config}, #{reloads := _}) ->
+    {starl_crash_monitor, Config#{excused => [app]}};
+excused(Monitor, _World) ->
+    Monitor.
 
 reloads(World) ->
     [
@@ -308,9 +316,15 @@ carry_out({started, Names}, Robot, Team) ->
     kept(Robot#robot{names = Names}, Team);
 carry_out({ended, Result}, Robot, Team) ->
     kept(Robot#robot{result = Result}, Team);
-carry_out({reloaded, Name, Told}, #robot{codes = Codes} = Robot, Team) ->
+carry_out({reloaded, Name, Told}, #robot{codes = Codes, heeded = Heeded} = Robot, Team) ->
     #{number := N, module := Module, outcome := Outcome} = Told,
-    Settled = kept(Robot#robot{codes = starl_reload:settled(Name, N, Module, Codes)}, Team),
+    #team{now = Now} = Team,
+    Settled = kept(
+        Robot#robot{
+            codes = starl_reload:settled(Name, N, Module, Codes), heeded = Heeded#{{Name, N} => Now}
+        },
+        Team
+    ),
     case starl_reload:is_failure(Outcome) of
         true -> failed(N, Robot#robot.id, Settled);
         false -> Settled
@@ -432,14 +446,14 @@ told(Word, #robot{id = Id, life = Life, condition = up} = Robot, Team) ->
 told(_Word, Robot, Team) ->
     kept(Robot, Team).
 
-%% A robot that starts soon after a reload is on trial from its start on.
-codes(#robot{codes = Codes}, #{reloads := Reloads}, Now) ->
+%% A robot that starts before its machine has passed its trial is on trial from its start on.
+codes(#robot{codes = Codes, heeded = Heeded}, #{reloads := Reloads}, Now) ->
     maps:map(
-        fun(_Name, {N, New, Former, _}) ->
-            #{N := #{at_us := At, order := #{trial_us := Us}}} = Reloads,
-            case Now =< At + Us of
-                true -> {N, New, Former, {from_start, Us}};
-                false -> {N, New, Former, 0}
+        fun(Name, {N, New, Former, _}) ->
+            #{N := #{order := #{trial_us := Us}}} = Reloads,
+            case Heeded of
+                #{{Name, N} := At} when Now > At + Us -> {N, New, Former, 0};
+                #{} -> {N, New, Former, {from_start, Us}}
             end
         end,
         Codes
