@@ -35,6 +35,16 @@ sound_test_() ->
         narrow(Text)
     end}.
 
+%% The program of real robots: each part has its line, and the lines of the program that ran are counted.
+live_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        Args = ["soak", "live", "--part", "store", "--seeds", "4", "--jobs", "2", "--cover"],
+        Text = says(0, "seeds/min/core", Args),
+        contains("store              4          0         0", Text),
+        contains("starl_live_store", Text),
+        narrow(Text)
+    end}.
+
 %% More than the machine has: 256 VMs, each with 10,000 robots.
 too_large_test_() ->
     {timeout, ?PATIENCE_S, fun() ->

@@ -49,9 +49,12 @@ synopsis() -> "use a block under random faults, with many seeds".
 
 -spec argument() -> starl_cli_command:argument().
 argument() ->
-    {required, "BLOCK", [{Block, ""} || Block <- targets()] ++ [{all, "one after the other"}]}.
+    Others = [{all, "one after the other"}, {live, "the program of real robots"}],
+    {required, "BLOCK", [{Block, ""} || Block <- targets()] ++ Others}.
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(live) ->
+    starl_lab_soak_live:about();
 about(_Subject) ->
     [
         "Uses a building block all the time, under random faults of all kinds (path planning: of "
@@ -63,11 +66,13 @@ about(_Subject) ->
         [
             "Blocks: ",
             lists:join(", ", [atom_to_list(Block) || Block <- targets() ++ [all]]),
-            ", or FILE.erl with one of your own"
+            ", or FILE.erl with one of your own; live: the program of real robots, in virtual time"
         ]
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(live) ->
+    [{"Flags", starl_lab_soak_live:flags()}];
 flags(_Subject) ->
     [
         {"Flags", [
@@ -90,6 +95,7 @@ statuses() ->
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := live, values := Values}) -> starl_lab_soak_live:run(Values);
 run(#{subject := all, values := Values}) -> soak(plan(targets(), Values), none);
 run(#{subject := {own, Block, _, _} = Own, values := Values}) -> soak(plan([Block], Values), Own);
 run(#{subject := Block, values := Values}) -> soak(plan([Block], Values), none).

@@ -30,7 +30,7 @@
 ]).
 -export([reload/3, take_back/2, fallen/3, gone/3]).
 
--export_type([t/0, config/0, figures/0]).
+-export_type([t/0, config/0, figures/0, random/0]).
 
 %% The parts of the body: processes that the link has started, or their stand-ins. Facts go to the
 %% `sink' as {@link starl_live_link:told()}, and to the observer of this node.
@@ -49,8 +49,13 @@
     codes => starl_reload:codes(),
     reporter => pid(),
     observe => starl_observer:t(),
+    random => random(),
+    tell => step | at_once,
     atom() => term()
 }.
+
+%% The random stream of a machine that starts.
+-type random() :: fun((starl_machine:name(), Incarnation :: pos_integer()) -> rand:state()).
 
 %% The numbers of events handled and of packets sent.
 -type figures() :: #{events := non_neg_integer(), packets := non_neg_integer()}.
@@ -75,6 +80,10 @@
     codes :: starl_reload:codes(),
     reporter = none :: pid() | none,
     observer = none :: starl_observer:t(),
+    %% the random stream of a machine that starts
+    random :: random(),
+    %% facts are told at the end of the step, or at once
+    tell :: step | at_once,
     %% the time at which the present step began
     now :: integer(),
     %% the marks of timers
@@ -130,6 +139,8 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         codes = starl_reload:begun(Now, maps:get(codes, Config, #{})),
         reporter = maps:get(reporter, Config, none),
         observer = maps:get(observe, Config, none),
+        random = maps:get(random, Config, fun(_Name, _Incarnation) -> rand:seed_s(exsss) end),
+        tell = maps:get(tell, Config, step),
         now = Now
     }.
 
@@ -172,10 +183,14 @@ starts(#body{store = Store}) -> starl_live_store:starts(Store).
 
 %% @doc The beginning of this life of the robot.
 -spec moment(t()) -> starl_robot_machines:moment().
-moment(#body{store = Store}) ->
+moment(#body{store = Store, clock = Clock, random = Random}) ->
     case starl_live_store:life(Store) of
-        first -> first;
-        later -> {erlang:system_time(millisecond), rand:uniform(starl_robot_machines:lots()) - 1}
+        first ->
+            first;
+        later ->
+            Ms = starl_live_clock:system_time(millisecond, Clock),
+            {Lot, _} = rand:uniform_s(starl_robot_machines:lots(), Random(robot, Ms)),
+            {Ms, Lot - 1}
     end.
 
 %% @doc Makes the number of starts durable.
@@ -235,9 +250,9 @@ perform({actuate, Device, Value}, _Name, Body) ->
     {[], out({actuate, Device, Value, none}, Body)};
 perform({actuate, Device, Value, Mark}, Name, Body) ->
     {[], out({actuate, Device, Value, {mark, {Name, Mark}}}, Body)};
-perform({until, Us, {trace, Event}, Mark}, Name, Body) ->
-    #body{traces = [Fact | Earlier]} = Traced = trace(Name, Event, Body),
-    {[], Traced#body{traces = [{until, Us, Fact, {Name, Mark}} | Earlier]}};
+perform({until, Us, {trace, Event}, Mark}, Name, #body{id = Id, now = Now} = Body) ->
+    Fact = {Now, Id, Name, Event},
+    {[], noted({until, Us, Fact, {Name, Mark}}, counted(Fact, Body))};
 perform({until, Us, Action, Mark}, Name, Body) ->
     {Events, #body{out = [Out | Earlier]} = Next} = perform(Action, Name, Body),
     {Events, Next#body{out = [{until, Us, Out, {Name, Mark}} | Earlier]}};
@@ -399,14 +414,14 @@ present(#body{clock = Clock, now = Now}) -> max(Now, starl_live_clock:now_us(Clo
 %% @doc The start configuration of a machine. Its random stream is new with each start.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
 base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = Store} = Body) ->
-    #body{team_seed = Seed} = Body,
+    #body{team_seed = Seed, random = Random} = Body,
     (own_clock(Name, code(Name, Body), Body))#{
         robot => Id,
         participants => Team,
         name => Name,
         incarnation => Incarnation,
         stored => starl_live_store:kept(Name, Store),
-        random => rand:seed_s(exsss),
+        random => Random(Name, Incarnation),
         team_seed => Seed,
         now => Now
     }.
@@ -425,15 +440,18 @@ code(Name, #body{codes = Codes}) ->
 
 %% @doc Records a fact.
 -spec trace(starl_machine:name(), Event :: term(), t()) -> t().
-trace(Name, late, Body) ->
-    logger:warning(#{what => late, machine => Name}),
-    fact(Name, late, Body);
-trace(Name, Event, Body) ->
-    fact(Name, Event, Body).
-
-fact(Name, Event, #body{id = Id, now = Now, traces = Traces, counts = Counts} = Body) ->
+trace(Name, Event, #body{id = Id, now = Now} = Body) ->
+    _ = Event =:= late andalso logger:warning(#{what => late, machine => Name}),
     Fact = {Now, Id, Name, Event},
-    Body#body{traces = [Fact | Traces], counts = starl_live_counts:traced(Fact, Counts)}.
+    noted(Fact, counted(Fact, Body)).
+
+counted(Fact, #body{counts = Counts} = Body) ->
+    Body#body{counts = starl_live_counts:traced(Fact, Counts)}.
+
+noted(Fact, #body{traces = Traces} = Body) -> at_once(Body#body{traces = [Fact | Traces]}).
+
+at_once(#body{tell = at_once} = Body) -> tell(Body);
+at_once(#body{tell = step} = Body) -> Body.
 
 %% @doc Plans a timer's event: the link gets `{timeout, _, {starl_timer, Name, Timer, Mark,
 %% Content}}'. The time is rounded up to a millisecond.
@@ -442,9 +460,8 @@ fact(Name, Event, #body{id = Id, now = Now, traces = Traces, counts = Counts} = 
 plan(Name, Timer, Us, Content, #body{now = Now, clock = Clock, marks = Mark} = Body) ->
     Due = starl_live_clock:monotonic_ms(Now + Us, Clock),
     Message = {starl_timer, Name, Timer, Mark, Content},
-    _ = erlang:start_timer(max(Due, erlang:monotonic_time(millisecond)), self(), Message, [
-        {abs, true}
-    ]),
+    At = max(Due, starl_live_clock:monotonic_time(millisecond, Clock)),
+    _ = starl_live_clock:start_timer(At, Message, [{abs, true}], Clock),
     {Mark, Body#body{marks = Mark + 1}}.
 
 %% @doc Makes a term durable.

@@ -16,6 +16,7 @@
 -behaviour(gen_server).
 
 -export([start_link/1, inspect/1, figures/1, metrics/1, line/2, reload/3, take_back/3]).
+-export([processes/1, at_work/1]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([spec/0, line/0, told/0]).
@@ -29,7 +30,9 @@
 %% written to a file there (false); `codes': the code of machines that have been reloaded;
 %% `reporter': who is told about reloads; `packets': whether the sink is told of all packets;
 %% `observe': who else is told everything, on this node. `robot_sup' is the supervisor under which
-%% the machines' processes start.
+%% the machines' processes start. A simulation gives a robot lines that are open already, lets its
+%% machines run inline, but for a sequential application, gives them their random streams, and may be
+%% told each fact at once instead of at the end of its step (`tell').
 -type spec() :: #{
     robot := starl:robot_id(),
     robot_sup := pid(),
@@ -37,16 +40,19 @@
     team_seed := integer(),
     profile := starl_chassis:profile(),
     clock := starl_live_clock:t(),
-    dir := file:filename(),
-    transport := line(),
-    positioning := line(),
-    chassis := line(),
+    dir := starl_live_disk:place(),
+    transport := line() | pid(),
+    positioning := line() | pid(),
+    chassis := line() | pid(),
     sink := pid() | none,
     record => boolean(),
     codes => starl_reload:codes(),
     reporter => pid(),
     packets => boolean(),
-    observe => starl_observer:t()
+    observe => starl_observer:t(),
+    inline => boolean(),
+    random => starl_live_body:random(),
+    tell => step | at_once
 }.
 
 %% A message to the sink: the names of the robot's machines, when it starts, and the file of its
@@ -76,10 +82,11 @@
 
 -record(link, {
     id :: starl:robot_id(),
+    clock :: starl_live_clock:t(),
     robot :: starl_robot:t(),
     tree :: starl_robot_tree:t(),
     %% the supervisor of the machines' processes
-    machines_sup :: pid(),
+    machines_sup :: pid() | none,
     waiting = queue:new() :: queue:queue(event()),
     %% processes that work beside the link, or have just answered, with the orders that wait for them
     beside = #{} :: #{pid() => {at_work | idle, [starl_driver:order()]}},
@@ -118,6 +125,16 @@ reload(Link, Order, Reporter) -> gen_server:cast(Link, {reload, Order, Reporter}
 -spec take_back(pid(), starl_reload:count(), Failed :: starl:robot_id()) -> ok.
 take_back(Link, N, Failed) -> gen_server:cast(Link, {take_back, N, Failed}).
 
+%% @doc The processes of the robot's machines, for a simulation that holds the link's state.
+-spec processes(#link{}) -> [pid()].
+processes(Link) -> maps:keys(starl_robot_machines:processes(machines(Link))).
+
+%% @doc Those of them that have an open order: what a simulation waits for.
+-spec at_work(#link{}) -> [pid()].
+at_work(#link{robot = Robot, beside = Beside} = Link) ->
+    Busy = starl_robot_machines:process(starl_robot:busy(Robot), machines(Link)),
+    [Pid || Pid <- [Busy], is_pid(Pid)] ++ [Pid || {Pid, {at_work, _}} <- maps:to_list(Beside)].
+
 -spec init(spec()) -> {ok, map(), {continue, launch}} | {stop, term()}.
 init(#{robot := Robot, dir := Dir} = Spec) ->
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
@@ -136,6 +153,8 @@ recording(Spec) ->
 
 lines([], Spec) ->
     {ok, Spec, {continue, launch}};
+lines([Line | Lines], Spec) when is_pid(map_get(Line, Spec)) ->
+    lines(Lines, Spec);
 lines([Line | Lines], Spec) ->
     #{Line := {Module, Own}, robot := Robot, clock := Clock, tree := Tree, profile := P} = Spec,
     #{participants := Team} = Tree,
@@ -159,18 +178,27 @@ handle_continue(launch, #{robot := Id, robot_sup := Sup, tree := Tree} = Spec) -
         participants => maps:get(participants, Tree), parts => starl_robot_crew:parts(Tree)
     }),
     Before = starl_live_body:starts(Body),
-    Self = self(),
-    Robot = Tree#{id => Id, driver => Self, services := services(Tree)},
-    Start = fun() ->
-        {ok, Machines} = starl_live_robot:start_machines(Sup, Robot),
-        _ = erlang:monitor(process, Machines),
-        {Machines, starl_robot_sup:parts(Machines)}
-    end,
+    {Left, Inline} = inline(Tree#{services := services(Tree)}, Spec),
     Moment = starl_live_body:moment(Body),
-    {Processes, Machines} = starl_robot_tree:resume(Id, Start, Moment, Before),
+    Start = start(Left, Id, Sup),
+    {Processes, Machines} = starl_robot_tree:resume(Id, Start, Inline, Moment, Before),
     case starl_live_body:started(starl_robot_machines:starts(Machines), Body) of
         ok -> launched(Spec, Body, Processes, Machines);
         {error, Why} -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}, Spec}
+    end.
+
+inline(Tree, #{inline := true}) -> starl_robot_crew:inline(Tree);
+inline(Tree, _Spec) -> {Tree, #{}}.
+
+%% Starts the machines that are processes.
+start(none, _Id, _Sup) ->
+    none;
+start(Tree, Id, Sup) ->
+    Robot = Tree#{id => Id, driver => self()},
+    fun() ->
+        {ok, Machines} = starl_live_robot:start_machines(Sup, Robot),
+        _ = erlang:monitor(process, Machines),
+        {Machines, starl_robot_sup:parts(Machines)}
     end.
 
 %% The positioning process itself finds a source that is stuck ({@link starl_live_positioning}); a
@@ -184,8 +212,8 @@ services(#{services := Services}) ->
      || Service <- Services
     ].
 
-launched(#{robot := Id} = Spec, Body, Processes, Machines) ->
-    _ = erlang:send_after(?WATCH_MS, self(), watch),
+launched(#{robot := Id, clock := Clock} = Spec, Body, Processes, Machines) ->
+    _ = starl_live_clock:send_after(?WATCH_MS, watch, Clock),
     Names = starl_robot_machines:names(Machines),
     ok = tell_start(Names, Spec),
     ok = starl_live_body:tell_start(Names, Body),
@@ -198,6 +226,7 @@ launched(#{robot := Id} = Spec, Body, Processes, Machines) ->
     Robot = starl_robot:new(Id, starl_live_body, Up, Machines),
     Link = #link{
         id = Id,
+        clock = Clock,
         robot = Robot,
         tree = Processes,
         machines_sup = starl_robot_tree:supervisor(Processes)
@@ -265,8 +294,8 @@ handle_info({starl_attach, _, Name, _} = Attach, #link{robot = Robot} = Link) ->
     end;
 handle_info({'DOWN', _, process, Pid, Reason}, Link) ->
     down(Pid, Reason, Link);
-handle_info(watch, Link) ->
-    _ = erlang:send_after(?WATCH_MS, self(), watch),
+handle_info(watch, #link{clock = Clock} = Link) ->
+    _ = starl_live_clock:send_after(?WATCH_MS, watch, Clock),
     {noreply, watch(Link)};
 handle_info(Message, #link{robot = Robot} = Link) ->
     case starl_live_body:hear(Message, starl_robot:world(Robot)) of

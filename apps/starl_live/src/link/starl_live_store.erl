@@ -19,7 +19,7 @@
 -export_type([t/0]).
 
 -record(store, {
-    dir :: file:filename(),
+    dir :: starl_live_disk:place(),
     life :: first | later,
     outdated :: boolean(),
     %% the number of a life that an outdated store does not know of
@@ -38,27 +38,27 @@
 
 %% @doc Marks a robot's store as that of a robot that has never run, when a team begins. The
 %% directory is made if there is none.
--spec commission(file:filename()) -> ok | {error, unicode:chardata()}.
+-spec commission(starl_live_disk:place()) -> ok | {error, unicode:chardata()}.
 commission(Dir) ->
-    Written = first_error(filelib:ensure_path(Dir), fun() ->
-        write(filename:join(Dir, ?COMMISSIONED), true)
+    Written = first_error(starl_live_disk:ensure_path(Dir), fun() ->
+        write(starl_live_disk:place(Dir, ?COMMISSIONED), true)
     end),
     explained(Written, Dir).
 
 %% @doc Is this the file of that mark?
--spec is_mark(file:name()) -> boolean().
+-spec is_mark(string()) -> boolean().
 is_mark(Name) -> Name =:= ?COMMISSIONED.
 
 %% @doc Opens the store in this directory, which is made if there is none.
--spec open(file:filename()) -> {ok, t()} | {error, unicode:chardata()}.
+-spec open(starl_live_disk:place()) -> {ok, t()} | {error, unicode:chardata()}.
 open(Dir) ->
-    case first_error(filelib:ensure_path(Dir), fun() -> emptied(Dir) end) of
+    case first_error(starl_live_disk:ensure_path(Dir), fun() -> emptied(Dir) end) of
         ok -> opened(Dir);
         {error, _} = Error -> explained(Error, Dir)
     end.
 
 opened(Dir) ->
-    case {life(copies(Dir), Dir), read(filename:join(Dir, ?OUTDATED))} of
+    case {life(copies(Dir), Dir), read(starl_live_disk:place(Dir, ?OUTDATED))} of
         {lost, none} -> lost(Dir);
         {first, _} -> {ok, #store{dir = Dir, life = first, outdated = false, outlived = 0}};
         {_, none} -> {ok, #store{dir = Dir, life = later, outdated = false, outlived = 0}};
@@ -67,8 +67,8 @@ opened(Dir) ->
     end.
 
 life([none, none], Dir) ->
-    IsNew = filelib:wildcard("*" ?SUFFIX, Dir) =:= [],
-    case filelib:is_file(filename:join(Dir, ?COMMISSIONED)) of
+    IsNew = starl_live_disk:list(Dir, ?SUFFIX) =:= [],
+    case starl_live_disk:is_file(starl_live_disk:place(Dir, ?COMMISSIONED)) of
         true when IsNew -> first;
         _ -> lost
     end;
@@ -76,33 +76,38 @@ life([_, _], _Dir) ->
     later.
 
 lost(Dir) ->
-    logger:error(#{what => store_lost, dir => Dir}),
-    case first_error(write(filename:join(Dir, ?OUTDATING), 0), fun() -> emptied(Dir) end) of
+    logger:error(#{what => store_lost, dir => starl_live_disk:name(Dir)}),
+    case first_error(write(starl_live_disk:place(Dir, ?OUTDATING), 0), fun() -> emptied(Dir) end) of
         ok -> opened(Dir);
         {error, _} = Error -> explained(Error, Dir)
     end.
 
 %% Removes the terms of an outdated store. Its mark is there before and after.
 emptied(Dir) ->
-    Outdating = filename:join(Dir, ?OUTDATING),
-    case filelib:is_file(Outdating) of
+    Outdating = starl_live_disk:place(Dir, ?OUTDATING),
+    case starl_live_disk:is_file(Outdating) of
         false ->
             ok;
         true ->
-            Terms = [filename:join(Dir, File) || File <- filelib:wildcard("*" ?SUFFIX, Dir)],
+            Terms = [
+                starl_live_disk:place(Dir, File)
+             || File <- starl_live_disk:list(Dir, ?SUFFIX)
+            ],
             Removed = lists:foldl(
-                fun(File, So) -> first_error(So, fun() -> file:delete(File) end) end,
+                fun(File, So) -> first_error(So, fun() -> starl_live_disk:delete(File) end) end,
                 ok,
                 Terms
             ),
-            first_error(Removed, fun() -> renamed(Outdating, filename:join(Dir, ?OUTDATED)) end)
+            first_error(Removed, fun() ->
+                renamed(Outdating, starl_live_disk:place(Dir, ?OUTDATED))
+            end)
     end.
 
 %% @doc The robot's peers know a later life of it than its store does, with this number: when the
 %% store is opened the next time, all terms count as damaged.
 -spec outdate(Number :: pos_integer(), t()) -> ok | {error, unicode:chardata()}.
 outdate(Number, #store{dir = Dir}) ->
-    explained(write(filename:join(Dir, ?OUTDATING), Number), Dir).
+    explained(write(starl_live_disk:place(Dir, ?OUTDATING), Number), Dir).
 
 %% @doc Has the robot ever run before?
 -spec life(t()) -> first | later.
@@ -135,7 +140,7 @@ starts(#store{dir = Dir, outlived = N}) ->
     Readable = [Starts || {ok, Starts} <- copies(Dir)],
     maps:map(fun(_, Start) -> max(N, Start) end, lists:foldl(fun later/2, #{}, Readable)).
 
-copies(Dir) -> [read(filename:join(Dir, Copy)) || Copy <- ?COPIES].
+copies(Dir) -> [read(starl_live_disk:place(Dir, Copy)) || Copy <- ?COPIES].
 
 later(Some, Others) -> maps:merge_with(fun(_, A, B) -> max(A, B) end, Some, Others).
 
@@ -143,54 +148,60 @@ later(Some, Others) -> maps:merge_with(fun(_, A, B) -> max(A, B) end, Some, Othe
 -spec started(#{starl_machine:name() => pos_integer()}, t()) -> ok | {error, unicode:chardata()}.
 started(Starts, #store{dir = Dir}) ->
     Written = lists:foldl(
-        fun(Copy, So) -> first_error(So, fun() -> write(filename:join(Dir, Copy), Starts) end) end,
+        fun(Copy, So) ->
+            first_error(So, fun() -> write(starl_live_disk:place(Dir, Copy), Starts) end)
+        end,
         ok,
         ?COPIES
     ),
-    explained(first_error(Written, fun() -> removed(filename:join(Dir, ?COMMISSIONED)) end), Dir).
+    explained(
+        first_error(Written, fun() -> removed(starl_live_disk:place(Dir, ?COMMISSIONED)) end), Dir
+    ).
 
 removed(File) ->
-    case file:delete(File) of
-        ok -> synced(filename:dirname(File));
+    case starl_live_disk:delete(File) of
+        ok -> synced(starl_live_disk:dirname(File));
         {error, enoent} -> ok;
         {error, _} = Error -> Error
     end.
 
-explained(ok, _Dir) -> ok;
-explained({error, Posix}, Dir) -> {error, [Dir, ": ", file:format_error(Posix)]}.
+explained(ok, _Dir) ->
+    ok;
+explained({error, Posix}, Dir) ->
+    {error, [starl_live_disk:name(Dir), ": ", file:format_error(Posix)]}.
 
 %% -- files ----------------------------------------------------------------------------------
 
-file(Name, Dir) -> filename:join(Dir, uri_string:quote(atom_to_list(Name)) ++ ?SUFFIX).
+file(Name, Dir) -> starl_live_disk:place(Dir, uri_string:quote(atom_to_list(Name)) ++ ?SUFFIX).
 
 write(File, Term) ->
     Content = term_to_binary(Term),
-    New = File ++ ".new",
-    case file:open(New, [write, raw, binary]) of
+    New = starl_live_disk:suffixed(File, ".new"),
+    case starl_live_disk:open(New, [write, raw, binary]) of
         {ok, Device} -> named(filled(Device, Content), New, File);
         {error, _} = Error -> Error
     end.
 
 filled(Device, Content) ->
-    Written = file:write(Device, [?MAGIC, <<(erlang:crc32(Content)):32>>, Content]),
-    Synced = first_error(Written, fun() -> file:sync(Device) end),
-    first_error(Synced, fun() -> file:close(Device) end).
+    Written = starl_live_disk:write(Device, [?MAGIC, <<(erlang:crc32(Content)):32>>, Content]),
+    Synced = first_error(Written, fun() -> starl_live_disk:sync(Device) end),
+    first_error(Synced, fun() -> starl_live_disk:close(Device) end).
 
 named(ok, New, File) ->
     renamed(New, File);
 named({error, _} = Error, New, _File) ->
-    _ = file:delete(New),
+    _ = starl_live_disk:delete(New),
     Error.
 
 renamed(From, To) ->
-    first_error(file:rename(From, To), fun() -> synced(filename:dirname(To)) end).
+    first_error(starl_live_disk:rename(From, To), fun() -> synced(starl_live_disk:dirname(To)) end).
 
 %% A new name outlives a power cut only when its directory has been synced.
 synced(Dir) ->
-    case file:open(Dir, [raw, read, directory]) of
+    case starl_live_disk:open(Dir, [raw, read, directory]) of
         {ok, Device} ->
-            Synced = file:sync(Device),
-            first_error(Synced, fun() -> file:close(Device) end);
+            Synced = starl_live_disk:sync(Device),
+            first_error(Synced, fun() -> starl_live_disk:close(Device) end);
         {error, _} = Error ->
             Error
     end.
@@ -199,7 +210,7 @@ first_error(ok, Next) -> Next();
 first_error({error, _} = Error, _Next) -> Error.
 
 read(File) ->
-    case file:read_file(File) of
+    case starl_live_disk:read_file(File) of
         {ok, <<?MAGIC, Sum:32, Content/binary>>} -> checked(Sum, Content);
         {ok, _} -> damaged;
         {error, enoent} -> none;

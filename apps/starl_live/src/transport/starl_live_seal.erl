@@ -12,7 +12,7 @@
 %% fleet. Random ones are safe for 2^32 packets of a run.
 %%
 %% A packet is taken once, and only while it is fresh by its sender's clock: what was recorded
-%% before a robot's reboot is refused after it, though the robot remembers nothing. Neither epochs
+%% longer before a robot's reboot is refused after it, though the robot remembers nothing. Neither epochs
 %% nor counters order the packets of a sender, so no packet, not even one that was made with the
 %% right key, makes others of its sender look old.
 -module(starl_live_seal).

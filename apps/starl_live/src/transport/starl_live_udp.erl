@@ -16,7 +16,8 @@
 %% Beside the keys of every transport and of {@link starl_live_seal}: `peers': where each robot
 %% hears, this one as well; `all': the way of a packet for all; `interface': the address of the
 %% network that carries multicast; `rate': bytes per millisecond; `spread_ms': the longest wait
-%% before an answer to a packet for all.
+%% before an answer to a packet for all. A simulation gives it other sockets, a module with the
+%% functions of `gen_udp' that are used here, and a random stream.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
@@ -29,6 +30,9 @@
     rate => pos_integer(),
     spread_ms => non_neg_integer(),
     fresh_ms => pos_integer(),
+    clock => starl_live_clock:t(),
+    sockets => module(),
+    random => fun(() -> rand:state()),
     atom() => term()
 }.
 
@@ -49,6 +53,8 @@
 -type datagram() :: {address(), iodata()}.
 
 -record(udp, {
+    clock :: starl_live_clock:t(),
+    sockets :: module(),
     socket :: gen_udp:socket(),
     group :: gen_udp:socket() | none,
     %% the addresses of a packet for all
@@ -74,7 +80,7 @@ open(#{robot := Robot, participants := Team, peers := Peers} = Config) ->
         [
             fun(Opened) -> peers([Robot | starl_team:others(Robot, Team)], Peers, Opened) end,
             fun(Opened) -> sealed(Config, Opened) end,
-            fun(Opened) -> socket(Robot, Opened) end,
+            fun(Opened) -> socket(Robot, sockets(Config), Opened) end,
             fun(Opened) -> group(Config, Opened) end,
             fun(Opened) -> {ok, udp(Config, Opened)} end
         ],
@@ -108,14 +114,19 @@ address(Address) when tuple_size(Address) =:= 4; tuple_size(Address) =:= 8 -> {o
 address(Host) -> inet:getaddr(Host, inet).
 
 sealed(Config, Opened) ->
-    case starl_live_seal:new(Config, now_ms()) of
+    case starl_live_seal:new(Config, starl_live_clock:system_time(millisecond, clock(Config))) of
         {ok, Seal} -> {ok, Opened#{seal => Seal}};
         {error, _} = Error -> Error
     end.
 
-socket(Robot, #{peers := Peers} = Opened) ->
+%% Without a clock: that of this computer.
+clock(Config) -> maps:get(clock, Config, starl_live_clock:new(0, 1)).
+
+sockets(Config) -> maps:get(sockets, Config, gen_udp).
+
+socket(Robot, Sockets, #{peers := Peers} = Opened) ->
     {Address, Port} = maps:get(Robot, Peers),
-    case gen_udp:open(Port, options([family(Address), {broadcast, true}])) of
+    case Sockets:open(Port, options([family(Address), {broadcast, true}])) of
         {ok, Socket} -> {ok, Opened#{socket => Socket}};
         {error, Why} -> {error, io_lib:format("port ~b: ~ts", [Port, inet:format_error(Why)])}
     end.
@@ -172,16 +183,20 @@ outgoing(broadcast, _Interface) -> [].
 
 udp(Config, #{socket := Socket, group := Group, all := All, peers := Peers, seal := Seal}) ->
     Rate = maps:get(rate, Config, ?RATE),
+    Clock = clock(Config),
+    Random = maps:get(random, Config, fun() -> rand:seed_s(exsss) end),
     #udp{
+        clock = Clock,
+        sockets = sockets(Config),
         socket = Socket,
         group = Group,
         all = All,
         peers = Peers,
         seal = Seal,
         fragments = starl_live_fragment:new(starl_live_seal:room()),
-        pace = starl_live_pace:new(Rate, max(?BURST, Rate), now_us()),
+        pace = starl_live_pace:new(Rate, max(?BURST, Rate), now_us(Clock)),
         spread_ms = maps:get(spread_ms, Config, min(?SPREAD_MS, map_size(Peers) div 2)),
-        random = rand:seed_s(exsss)
+        random = Random()
     }.
 
 %% -- sending --------------------------------------------------------------------------------
@@ -197,7 +212,7 @@ transmit(To, Packet, #udp{} = Udp) ->
         {{ok, Bytes}, Addresses} ->
             Datagrams = [
                 {Address, Sealed}
-             || Sealed <- sealed(To, Bytes, Udp#udp.seal), Address <- Addresses
+             || Sealed <- sealed(To, Bytes, now_ms(Udp), Udp#udp.seal), Address <- Addresses
             ],
             {ok, answer(To, Datagrams, count(sent, Udp))}
     end.
@@ -210,14 +225,14 @@ addresses(To, #udp{peers = Peers}) ->
         #{} -> unknown
     end.
 
-sealed(To, Bytes, Seal) ->
+sealed(To, Bytes, Now, Seal) ->
     Payloads = starl_live_fragment:split(starl_live_seal:room(), Bytes),
-    [starl_live_seal:seal(To, Payload, now_ms(), Seal) || Payload <- Payloads].
+    [starl_live_seal:seal(To, Payload, Now, Seal) || Payload <- Payloads].
 
 answer(To, Datagrams, #udp{calls = Calls, spread_ms = Spread, held = Held} = Udp) ->
     case Calls of
         #{To := At} when Spread > 0, Held < ?HELD ->
-            hold(now_ms() - At =< max(?ANSWER_MS, Spread), Datagrams, Udp);
+            hold(now_ms(Udp) - At =< max(?ANSWER_MS, Spread), Datagrams, Udp);
         #{} ->
             put_on_air(Datagrams, Udp)
     end.
@@ -226,7 +241,7 @@ hold(false, Datagrams, Udp) ->
     put_on_air(Datagrams, Udp);
 hold(true, Datagrams, #udp{spread_ms = Spread, held = Held, random = Random} = Udp) ->
     {Wait, Next} = rand:uniform_s(Spread + 1, Random),
-    _ = erlang:send_after(Wait - 1, self(), {?MODULE, held, Datagrams}),
+    _ = starl_live_clock:send_after(Wait - 1, {?MODULE, held, Datagrams}, Udp#udp.clock),
     Udp#udp{held = Held + 1, random = Next}.
 
 put_on_air(Datagrams, Udp) -> flush(lists:foldl(fun wait/2, Udp, Datagrams)).
@@ -238,18 +253,18 @@ wait({_, Bytes} = Datagram, #udp{pace = Pace} = Udp) ->
     end.
 
 %% Sends what may go now; the rest when its time has come.
-flush(#udp{flush = none, pace = Pace} = Udp) ->
-    {Datagrams, Wait, Next} = starl_live_pace:take(now_us(), Pace),
+flush(#udp{flush = none, pace = Pace, clock = Clock} = Udp) ->
+    {Datagrams, Wait, Next} = starl_live_pace:take(now_us(Clock), Pace),
     Sent = lists:foldl(fun send/2, Udp#udp{pace = Next}, Datagrams),
-    Sent#udp{flush = timer(Wait)};
+    Sent#udp{flush = timer(Wait, Clock)};
 flush(Udp) ->
     Udp.
 
-timer(infinity) -> none;
-timer(Wait) -> erlang:start_timer(Wait, self(), flush).
+timer(infinity, _Clock) -> none;
+timer(Wait, Clock) -> starl_live_clock:start_timer(Wait, flush, [], Clock).
 
-send({{Address, Port}, Bytes}, #udp{socket = Socket} = Udp) ->
-    case gen_udp:send(Socket, Address, Port, Bytes) of
+send({{Address, Port}, Bytes}, #udp{sockets = Sockets, socket = Socket} = Udp) ->
+    case Sockets:send(Socket, Address, Port, Bytes) of
         ok -> count(datagrams, Udp);
         %% No way to that robot now: the packet is lost.
         {error, _} -> count(send_error, Udp)
@@ -259,7 +274,7 @@ send({{Address, Port}, Bytes}, #udp{socket = Socket} = Udp) ->
 
 -spec hear(term(), #udp{}) -> {[starl_packet:t()], #udp{}} | unknown.
 hear({udp, _Socket, _Address, _Port, Datagram}, #udp{seal = Seal} = Udp) ->
-    case starl_live_seal:open(Datagram, now_ms(), Seal) of
+    case starl_live_seal:open(Datagram, now_ms(Udp), Seal) of
         {ok, From, To, Payload, Next} ->
             joined(From, Payload, called(From, To, Udp#udp{seal = Next}));
         {error, Why} ->
@@ -278,11 +293,11 @@ hear({udp_error, _Socket, _Why}, Udp) ->
 hear(_Message, _Udp) ->
     unknown.
 
-called(From, all, #udp{calls = Calls} = Udp) -> Udp#udp{calls = Calls#{From => now_ms()}};
+called(From, all, #udp{calls = Calls} = Udp) -> Udp#udp{calls = Calls#{From => now_ms(Udp)}};
 called(_From, _To, Udp) -> Udp.
 
 joined(From, Payload, #udp{fragments = Fragments} = Udp) ->
-    case starl_live_fragment:join(From, Payload, now_ms(), Fragments) of
+    case starl_live_fragment:join(From, Payload, now_ms(Udp), Fragments) of
         {whole, Bytes, Next} ->
             decoded(From, starl_live_codec:decode(From, Bytes), Udp#udp{fragments = Next});
         {more, Next} ->
@@ -300,16 +315,14 @@ count(What, #udp{figures = Figures} = Udp) ->
     Udp#udp{figures = starl_live_figures:count(What, Figures)}.
 
 %% The clock by which packets are fresh: that of the computers, whatever the pace of the run.
-now_ms() -> erlang:system_time(millisecond).
+now_ms(#udp{clock = Clock}) -> starl_live_clock:system_time(millisecond, Clock).
 
-now_us() -> erlang:monotonic_time(microsecond).
+now_us(Clock) -> starl_live_clock:monotonic_time(microsecond, Clock).
 
 -spec figures(#udp{}) -> starl_live_transport:figures().
 figures(#udp{figures = Figures}) -> Figures.
 
 -spec close(#udp{}) -> ok.
-close(#udp{socket = Socket, group = none}) ->
-    gen_udp:close(Socket);
-close(#udp{socket = Socket, group = Group}) ->
-    ok = gen_udp:close(Group),
-    gen_udp:close(Socket).
+close(#udp{sockets = Sockets, socket = Socket, group = Group}) ->
+    _ = [ok = Sockets:close(Group) || Group =/= none],
+    Sockets:close(Socket).

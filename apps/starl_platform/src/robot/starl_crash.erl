@@ -99,7 +99,8 @@ own(Stack) ->
 
 is_interpreter({starl_machine, Function, _, _}) ->
     lists:member(Function, [new, step, handle, moved_over, moved_back]);
-is_interpreter(_) -> false.
+is_interpreter(_) ->
+    false.
 
 is_runtime(Module) ->
     lists:member(Module, [starl_app_proc, starl_machine_proc, gen_statem, proc_lib]).

@@ -12,7 +12,7 @@
 %% clock have been set back, the lot makes it another one than theirs.
 -module(starl_robot_machines).
 
--export([new/1, restore/3, resume/2, names/1, has/2, incarnation/2, life/2, starts/1, starts/2]).
+-export([new/1, restore/3, resume/3, names/1, has/2, incarnation/2, life/2, starts/1, starts/2]).
 -export([boot/3, step/5, attach/3, lose/2, restart/3, update/3, down/1, up/2]).
 -export([lots/0]).
 -export([process/2, name_of/2, processes/1, inline/1, to_map/1]).
@@ -65,8 +65,8 @@
 new(Inline) -> up(first, #machines{inline = Inline}).
 
 %% @doc The machines of a robot that comes up and has started this often; processes attach.
--spec resume(moment(), starts()) -> t().
-resume(Moment, Starts) -> #machines{inline = #{}, starts = Starts, moment = Moment}.
+-spec resume(inline(), moment(), starts()) -> t().
+resume(Inline, Moment, Starts) -> up(Moment, restore(Inline, #{}, Starts)).
 
 %% @doc Machines in a given state: all are inline.
 -spec restore(inline(), #{starl_machine:name() => starl_machine:t()}, starts()) -> t().

@@ -4,7 +4,7 @@
 %% would.
 -module(starl_robot_tree).
 
--export([launch/3, launch/2, resume/4, down/1, restart/3, give_up/4, kill/2, owns/3]).
+-export([launch/3, launch/2, resume/5, down/1, restart/3, give_up/4, kill/2, owns/3]).
 -export([supervisor/1, waiting/1, inspect/1]).
 
 -export_type([t/0, start/0, seen/0, restarted/0, waiting/0]).
@@ -54,13 +54,18 @@
 launch(Robot, Start, Inline) ->
     launch(#tree{robot = Robot, start = Start}, starl_robot_machines:new(Inline)).
 
-%% @doc The machines of a robot that comes up, whose machines are processes and have started this often
-%% before.
+%% @doc The machines of a robot that comes up, and have started this often before: processes, and those
+%% that are inline.
 -spec resume(
-    starl:robot_id(), start(), starl_robot_machines:moment(), starl_robot_machines:starts()
+    starl:robot_id(),
+    start() | none,
+    starl_robot_machines:inline(),
+    starl_robot_machines:moment(),
+    starl_robot_machines:starts()
 ) -> {t(), starl_robot_machines:t()}.
-resume(Robot, Start, Moment, Starts) ->
-    launch(#tree{robot = Robot, start = Start}, starl_robot_machines:resume(Moment, Starts)).
+resume(Robot, Start, Inline, Moment, Starts) ->
+    Waiting = starl_robot_machines:resume(Inline, Moment, Starts),
+    launch(#tree{robot = Robot, start = Start}, Waiting).
 
 %% @doc The same for a robot that was down; its machines know how often they have started.
 -spec launch(t(), starl_robot_machines:t()) -> {t(), starl_robot_machines:t()}.

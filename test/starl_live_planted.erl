@@ -1,0 +1,173 @@
+%% @doc Planted bugs of the program that ships on robots: each is a module of it with some words changed,
+%% to show that `./starl soak live' finds it. The module is compiled anew and loaded in the place of the
+%% sound one while its bug is looked for.
+-module(starl_live_planted).
+
+-export([bugs/0, caught/2, sound/2]).
+
+-export_type([bug/0]).
+
+%% Name, what is run, module, the changes of its source, and the pitfall.
+-type bug() :: {
+    atom(), starl_virtual_run:part(), module(), [{Old :: string(), New :: string()}, ...], string()
+}.
+
+-type caught() ::
+    {caught, Seed :: pos_integer(), starl_monitor:violation()}
+    | {crashed, Seed :: pos_integer(), term()}
+    | {not_caught, Seeds :: pos_integer()}.
+
+%% @doc All of them.
+-spec bugs() -> [bug()].
+bugs() -> store() ++ radio() ++ robot().
+
+store() ->
+    [
+        {store_unsynced, store, starl_live_store,
+            [
+                {"fun() -> starl_live_disk:sync(Device) end),\n    first_error(",
+                    "fun() -> ok end),\n    first_error("}
+            ],
+            "a term is not synced before it takes the place of its predecessor"},
+        {store_directory_unsynced, store, starl_live_store,
+            [{"fun() -> synced(starl_live_disk:dirname(To)) end", "fun() -> ok end"}],
+            "the new name of a file is not synced"},
+        {store_in_place, store, starl_live_store,
+            [
+                {"New = starl_live_disk:suffixed(File, \".new\")", "New = File"},
+                {"    renamed(New, File);", "    ok = element(1, {ok, New, File, fun renamed/2});"}
+            ],
+            "a term is written over its predecessor"},
+        {store_one_copy, store, starl_live_store,
+            [
+                {"        ok,\n        ?COPIES\n    ),",
+                    "        ok,\n        [hd(?COPIES)]\n    ),"}
+            ],
+            "the second copy of the numbers of starts is not written"},
+        {store_unchecked, store, starl_live_store,
+            [
+                {"        Sum -> {ok, binary_to_term(Content)};\n        _ -> damaged",
+                    "        _ when Sum >= 0 -> {ok, binary_to_term(Content)}"}
+            ],
+            "the checksum of a file is not looked at"},
+        {store_silent, store, starl_live_store, [{"            full\n", "            ok\n"}],
+            "a term that could not be stored counts as stored"}
+    ].
+
+radio() ->
+    [
+        {replay_half, radio, starl_live_replay,
+            [
+                {"is_map_key(Id, Young) orelse is_map_key(Id, Old).",
+                    "is_map_key(Id, Young) orelse is_map_key(Id, Old) andalso Old =:= Young."}
+            ],
+            "the older half of the replay window is forgotten"},
+        {replay_short, radio, starl_live_seal,
+            [{"starl_live_replay:new(2 * Fresh, Now)", "starl_live_replay:new(Fresh div 3, Now)"}],
+            "the replay window is shorter than datagrams are fresh"},
+        {seal_stale, radio, starl_live_seal,
+            [{"ok when abs(Now - Time) > Fresh -> clock;", "ok when Time - Now > Fresh -> clock;"}],
+            "old datagrams are taken"},
+        {seal_address, radio, starl_live_seal,
+            [{"ok when To =/= 0, To =/= Robot -> address;", "ok when To < 0 -> address;"}],
+            "datagrams for others are taken"},
+        {fragments_mixed, radio, starl_live_fragment,
+            [
+                {"true -> add({From, Digest}, Count,", "true -> add({From, <<Count:64>>}, Count,"},
+                {"    case digest(Message) of\n        Digest -> {whole, Message, Left};\n        _ -> {error, digest, Left}",
+                    "    case Digest of\n        <<>> -> {error, digest, Left};\n        _ -> {whole, Message, Left}"}
+            ],
+            "fragments of two messages are put together"},
+        {fragments_kept, radio, starl_live_fragment,
+            [
+                {"Room = make_room(From, Now, Unfinished),",
+                    "Room = maps:merge(Unfinished, make_room(From, Now, #{})),"}
+            ],
+            "unfinished messages are kept for ever"}
+    ].
+
+robot() ->
+    [
+        {starts_unstored, sap, starl_live_link,
+            [
+                {"    case starl_live_body:started(starl_robot_machines:starts(Machines), Body) of\n        ok -> launched(",
+                    "    case element(1, {ok, starl_robot_machines:starts(Machines)}) of\n        ok -> launched("},
+                {"        {error, Why} -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}, Spec}\n    end.\n\ninline(",
+                    "        Why -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}, Spec}\n    end.\n\ninline("}
+            ],
+            "a robot's start is not stored before its machines run"},
+        {link_late_answer, mutex, starl_live_link,
+            [
+                {"{ok, Link#link{robot = Robot, beside = maps:remove(Gone, Beside)}};",
+                    "{ok, Link#link{robot = Robot, beside = (fun(_) -> Beside end)(Gone)}};"},
+                {"    case {Beside, starl_robot_machines:name_of(Pid, machines(Link))} of",
+                    "    _ = fun starl_robot_machines:name_of/2,\n    case {Beside, {ok, app}} of"}
+            ],
+            "the answer of a dead process is taken for its successor's"},
+        {timers_early, mutex, starl_live_body,
+            [
+                {"starl_live_clock:monotonic_ms(Now + Us, Clock)",
+                    "starl_live_clock:monotonic_ms(Now + Us div 3, Clock)"}
+            ],
+            "timers fire early"}
+    ].
+
+%% @doc Looks for a bug with the seeds from 1 on.
+-spec caught(bug(), Seeds :: pos_integer()) -> caught().
+caught({_Name, Part, Module, Changes, _Doc}, Seeds) ->
+    ok = planted(Module, Changes),
+    try
+        search(Part, 1, Seeds)
+    after
+        restored(Module)
+    end.
+
+search(_Part, Seed, Seeds) when Seed > Seeds -> {not_caught, Seeds};
+search(Part, Seed, Seeds) ->
+    case violations(Part, Seed) of
+        {ok, []} -> search(Part, Seed + 1, Seeds);
+        {ok, [Violation | _]} -> {caught, Seed, Violation};
+        {crashed, Why} -> {crashed, Seed, Why}
+    end.
+
+%% @doc The same run with the sound program.
+-spec sound(starl_virtual_run:part(), Seed :: pos_integer()) -> [starl_monitor:violation()].
+sound(Part, Seed) ->
+    {ok, Violations} = violations(Part, Seed),
+    Violations.
+
+violations(Part, Seed) ->
+    Given = starl_lab_soak_live:scenario(Part, none, Seed),
+    try starl_virtual_run:run({Part, Seed, Given}) of
+        #{violations := Violations} -> {ok, Violations}
+    catch
+        error:Why -> {crashed, Why}
+    end.
+
+planted(Module, Changes) ->
+    Source = proplists:get_value(source, Module:module_info(compile)),
+    {ok, Text} = file:read_file(Source),
+    Changed = lists:foldl(fun changed/2, unicode:characters_to_list(Text), Changes),
+    %% the preprocessor reads files
+    Dir = filename:join(filename:basedir(user_cache, "starl"), "planted-" ++ os:getpid()),
+    File = filename:join(Dir, filename:basename(Source)),
+    ok = filelib:ensure_dir(File),
+    ok = file:write_file(File, unicode:characters_to_binary(Changed)),
+    {ok, Module, Beam} = compile:file(File, [binary, debug_info, {i, filename:dirname(Source)}]),
+    ok = file:del_dir_r(Dir),
+    _ = code:purge(Module),
+    {module, Module} = code:load_binary(Module, File, Beam),
+    ok.
+
+changed({Old, New}, Text) ->
+    case string:split(Text, Old) of
+        [Before, After] -> Before ++ New ++ After;
+        [_] -> error({not_in_source, Old})
+    end.
+
+restored(Module) ->
+    _ = code:purge(Module),
+    _ = code:delete(Module),
+    _ = code:purge(Module),
+    {module, Module} = code:load_file(Module),
+    ok.

@@ -1,0 +1,84 @@
+%% ./starl soak live: it finds the planted bugs of the program that ships on robots, finds nothing in the
+%% sound one, and the same seed is the same run, in whatever VM and beside whatever load.
+-module(starl_live_soak_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+
+-export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
+-export([every_bug_is_found/1, nothing_is_found_in_the_sound/1, the_same_seed_is_the_same_run/1]).
+-export([a_reload_loses_no_application/1]).
+%% Called in the VMs of the runs.
+-export([digests/1]).
+
+%% The seeds that the command tries by default.
+-define(SEEDS, 100).
+
+suite() -> [{timetrap, {minutes, 5}}].
+
+all() ->
+    [
+        every_bug_is_found,
+        nothing_is_found_in_the_sound,
+        the_same_seed_is_the_same_run,
+        a_reload_loses_no_application
+    ].
+
+init_per_suite(Config) -> starl_platform_ct:without_log(Config).
+
+end_per_suite(Config) -> starl_platform_ct:with_log(Config).
+
+every_bug_is_found(_) ->
+    Found = [
+        {element(1, Bug), starl_live_planted:caught(Bug, ?SEEDS)}
+     || Bug <- starl_live_planted:bugs()
+    ],
+    ct:pal("~p", [Found]),
+    ?assert(length(Found) >= 10),
+    ?assertEqual([], [Bug || {Bug, Other} <- Found, element(1, Other) =/= caught]).
+
+nothing_is_found_in_the_sound(_) ->
+    [
+        ?assertEqual({Part, Seed, []}, {Part, Seed, starl_live_planted:sound(Part, Seed)})
+     || Part <- parts(), Seed <- lists:seq(1, 10)
+    ].
+
+the_same_seed_is_the_same_run(_) ->
+    Here = digests(parts()),
+    Load = [spawn_link(fun busy/0) || _ <- lists:seq(1, 2)],
+    Vm = starl_lab_jobs:vm(2, []),
+    true = peer:call(Vm, code, add_path, [filename:dirname(code:which(?MODULE))]),
+    There = peer:call(Vm, ?MODULE, digests, [parts()], infinity),
+    peer:stop(Vm),
+    _ = [unlink(Pid) andalso exit(Pid, kill) || Pid <- Load],
+    ?assertEqual(Here, There),
+    %% and each part has runs that differ
+    ?assertEqual([], [Part || {Part, Digests} <- Here, length(lists:usort(Digests)) < 2]).
+
+busy() -> busy().
+
+%% New code that is sound, that crashes at its first step, and that cannot take the state over, under
+%% faults: the calls end as promised.
+a_reload_loses_no_application(_) ->
+    [
+        begin
+            New = starl_reload_code:make(starl_exercise, Variant),
+            At = starl_sim_draw:between({Seed, reload_at}, 1000, 20000),
+            {mutex, Seed, Scenario} = run(mutex, Seed),
+            Run = {mutex, Seed, Scenario#{reloads => [{At, all, New}]}},
+            #{violations := Violations} = starl_virtual_run:run(Run),
+            ?assertEqual({Variant, Seed, []}, {Variant, Seed, Violations})
+        end
+     || Variant <- [good, crashes_at_once, no_migration], Seed <- lists:seq(1, 10)
+    ].
+
+digests(Parts) ->
+    [
+        {Part, [
+            maps:get(digest, starl_virtual_run:run(run(Part, Seed)))
+         || Seed <- lists:seq(1, 4)
+        ]}
+     || Part <- Parts
+    ].
+
+run(Part, Seed) -> {Part, Seed, starl_lab_soak_live:scenario(Part, none, Seed)}.
+
+parts() -> [Part || {Part, _} <- starl_virtual_run:parts()].
