@@ -23,6 +23,7 @@
     wakes_and_asks/1,
     wakes_and_tells/1,
     wakes_out_of_range/1,
+    two_clocks_are_set/1,
     planted_bugs_are_caught/1
 ]).
 
@@ -50,6 +51,7 @@ all() ->
         wakes_and_asks,
         wakes_and_tells,
         wakes_out_of_range,
+        two_clocks_are_set,
         planted_bugs_are_caught
     ].
 
@@ -436,6 +438,37 @@ wakes_out_of_range(_) ->
         ]
     }),
     ?assertMatch(#{violations := []}, Run).
+
+%% The clock of a leader is set back while that of a voter, which it does not hear any more, is set
+%% forward, each within the bound: the voter gives its vote away as much earlier as the leader counts it
+%% longer. The leader's chassis shows nothing, as it is unplugged; it assigns to the robot that it
+%% still hears.
+two_clocks_are_set(_) ->
+    [
+        begin
+            Run = play(#{
+                robots => 5,
+                seed => Seed,
+                time => From div 1000 + 30,
+                faults => [
+                    {alone, 3000, From, partition, lists:seq(1, 5) -- [Leader, Voter, Third], #{}},
+                    {cut, From, 60000, partition, [Leader, Third], #{}},
+                    {unplugged, From, 60000, serial_gone, Leader, #{}},
+                    {back, From + 100, From + 100, clock_step, Leader, #{ms => -1900}},
+                    {forward, From + 100, From + 100, clock_step, Voter, #{ms => 1900}}
+                ]
+            }),
+            ?assertMatch(#{violations := [], leader := Leader}, Run)
+        end
+     || {Seed, From, Leader, Voter, Third} <- [
+            {1, 20300, 4, 3, 2},
+            {2, 24100, 5, 4, 3},
+            {3, 22700, 1, 3, 5},
+            {4, 22700, 5, 2, 4},
+            {6, 22700, 2, 1, 3},
+            {8, 22700, 4, 2, 3}
+        ]
+    ].
 
 %% Each half of the protocol is needed: without it the monitors find a violation within so many
 %% runs, and without the bug they find none in these. One who is cut off on its way outlives its lease.

@@ -127,19 +127,19 @@ nothing_is_assigned_without_votes(_) ->
 %% assigned.
 votes_run_out(_) ->
     C = open(),
-    {Early, _} = at(7 * ?S, cast, asks(2, 1, spot(2)), C),
+    {Early, _} = at(5 * ?S, cast, asks(2, 1, spot(2)), C),
     ?assertMatch([{2, {assign, _, _}} | _], answers(Early)),
-    {Late, _} = at(8 * ?S, cast, asks(2, 1, spot(2)), C),
+    {Late, _} = at(6 * ?S, cast, asks(2, 1, spot(2)), C),
     ?assertEqual([], answers(Late)),
     ?assert(lists:member({trace, {stepped_down, {1, 1, 1}}}, Late)).
 
 %% The chassis has shown that the clock stood still: votes count from now on only, in a term of
 %% their own. One that does not lead has nothing to lose.
 wrong_clock_voids_votes(_) ->
-    {Claims, C} = at(7 * ?S, cast, out_of_time, open()),
+    {Claims, C} = at(5 * ?S, cast, out_of_time, open()),
     ?assert(lists:member({trace, {claims, {2, 1, 1}}}, Claims)),
-    {_, C1} = at(7 * ?S, cast, {message, 1, dpp_here, {{1, 1, 1}, {7 * ?S, 7 * ?S, true}}}, C),
-    {Asked, _} = at(7 * ?S, cast, asks(2, 1, spot(2)), C1),
+    {_, C1} = at(5 * ?S, cast, {message, 1, dpp_here, {{1, 1, 1}, {5 * ?S, 5 * ?S, true}}}, C),
+    {Asked, _} = at(5 * ?S, cast, asks(2, 1, spot(2)), C1),
     ?assertEqual([], answers(Asked)),
     {_, Idle} = step({timeout, claim}, claim, C1),
     ?assertMatch({[], _}, step(cast, out_of_time, Idle)).
@@ -390,7 +390,7 @@ beats_every_second(_) ->
         [
             {cast, sap, {shout, dpp_beat, Beat}},
             {cast, sap, {send, 1, dpp_beat, Beat}},
-            {{timeout, beat}, ?S, beat}
+            {{timeout, beat}, starl_dpp_lease:beat_us(#{}), beat}
         ],
         Actions
     ),
@@ -443,7 +443,7 @@ says_that_it_leads_at_once(_) ->
     ?assertEqual([{{1, 1, 1}, 7, [{1, 0}]}], [B || {cast, sap, {shout, dpp_beat, B}} <- Actions]),
     ?assertEqual(
         [
-            {{timeout, beat}, ?S, beat},
+            {{timeout, beat}, starl_dpp_lease:beat_us(#{}), beat},
             {{timeout, claim}, cancel},
             {{timeout, recover}, 2 * ?S, recover}
         ],

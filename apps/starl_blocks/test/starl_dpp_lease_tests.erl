@@ -22,8 +22,8 @@ half_a_quorum_test() ->
     ?assertNot(starl_dpp_lease:quorum([2, 4], [1, 2, 3, 4])),
     ?assertNot(starl_dpp_lease:quorum([1, 8, 9], [1, 2, 3, 4])).
 
-%% By clocks that are wrong by the bound, one fast and one slow, and of which one is set by the
-%% bound, the holder's back or the giver's forward, the holder's time is over first.
+%% By clocks that are wrong by the bound, one fast and one slow, and both set by the bound, the
+%% holder's back and the giver's forward, the holder's time is over first; just so.
 holder_is_first_test() ->
     [
         begin
@@ -33,10 +33,16 @@ holder_is_first_test() ->
             Fast = fun(Us) -> Us / (1 + Ppm / 1.0e6) end,
             Short = starl_dpp_lease:short_us(Config),
             Long = starl_dpp_lease:long_us(Config),
-            ?assert(Slow(Short + 1000 * Jump) =< Fast(Long), Config),
-            ?assert(Slow(Short) =< Fast(Long - 1000 * Jump), Config)
+            Both = fun(Us) -> {Slow(Us + 1000 * Jump), Fast(Long - 1000 * Jump)} end,
+            {Held, Given} = Both(Short),
+            ?assert(Held =< Given, Config),
+            %% no more is taken off than drift makes of the jumps
+            ?assert(Given - Held =< 2.5 * Jump * Ppm / 1000 + 5, Config)
         end
-     || Ms <- [4000, 10000, 60000], Ppm <- [0, 50, 1000, 10000, 100000], Jump <- [0, 500, 2000]
+     || Ms <- [5000, 10000, 60000],
+        Ppm <- [0, 50, 1000, 10000, 100000],
+        Jump <- [0, 500, 2000],
+        starl_dpp_lease:check(#{lease_ms => Ms, drift_ppm => Ppm, jump_ms => Jump}) =:= ok
     ].
 
 %% What is counted from a robot's stamp is prolonged in time though a beat or its answer is lost: it
@@ -51,7 +57,8 @@ beats_fit_into_a_lease_test() ->
         end
      || {Ms, Jump} <- [{10000, 2000}, {6000, 2000}, {3000, 100}, {2500, 50}, {1000, 10}]
     ],
-    ?assertEqual(?S, starl_dpp_lease:beat_us(#{})).
+    ?assertEqual(828855, starl_dpp_lease:beat_us(#{})),
+    ?assertEqual(?S, starl_dpp_lease:beat_us(#{lease_ms => 12000})).
 
 %% Votes count from the beat that they answer, not from when they come.
 votes_count_from_the_beat_test() ->
@@ -177,9 +184,9 @@ short_test() ->
         starl_dpp_lease:short_us(#{lease_ms => Ms, drift_ppm => Ppm, jump_ms => Jump})
     end,
     ?assertEqual(10000000, Short(10000, 0, 0)),
-    ?assertEqual(10000000 * 990000 div 1010000 - 2000000, Short(10000, 10000, 2000)),
+    ?assertEqual(10000000 * 990000 div 1010000 - 4000000, Short(10000, 10000, 2000)),
     ?assertEqual(999998000, Short(1000000, 1, 0)),
-    ?assertEqual([1, 1], [Short(1000, 0, Jump) || Jump <- [1000, 2000]]),
+    ?assertEqual([1, 1], [Short(1000, 0, Jump) || Jump <- [500, 2000]]),
     ?assertEqual(Short(10000, 10000, 2000), starl_dpp_lease:short_us(#{})),
     ?assertEqual(
         [2000000, 1000000, 142858, 1],
@@ -189,6 +196,21 @@ short_test() ->
              || {Ms, Jump} <- [{10000, 0}, {1000, 0}, {1000, 1000}]
             ]
     ).
+
+%% A tenth of a lease must be left to its holder; the line says what to do.
+options_that_leave_nothing_test() ->
+    Check = fun(Ms, Jump) ->
+        starl_dpp_lease:check(#{lease_ms => Ms, jump_ms => Jump, drift_ppm => 0})
+    end,
+    ?assertEqual([ok, ok], [Check(10000, Jump) || Jump <- [0, 4500]]),
+    [
+        begin
+            {error, Line} = Check(10000, Jump),
+            ?assertMatch({match, _}, re:run(Line, "^of a lease of 10000 ms .*twice jump_ms"))
+        end
+     || Jump <- [4501, 5000, 20000]
+    ],
+    ?assertEqual(ok, starl_dpp_lease:check(#{})).
 
 bounds_test() ->
     ?assertEqual({2000000, 10000}, starl_dpp_lease:bounds(#{})),

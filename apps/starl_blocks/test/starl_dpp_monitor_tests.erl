@@ -231,20 +231,31 @@ deluded_by_more_than_a_jump_test() ->
         Says(20, 8, {coordinator, {2, 8, 1}}),
         Says(21, 9, {assigned, 2, {2, 1}, level(100.0)})
     ],
-    Judge = fun(Us) ->
+    Judge = fun(Windows) ->
         M0 = starl_monitor:new([
             {starl_dpp_monitor, #{
                 tube_radius => ?TUBE,
                 r_s => ?R_S,
                 robots => [7, 8, 9],
                 drift_ppm => 0,
-                broken => [{9, 18 * ?S, 18 * ?S + Us, {clock, -Us}}]
+                broken => Windows
             }}
         ]),
         {Found, _} = lists:foldl(fun step/2, {[], M0}, Events),
         [What || #{what := What} <- Found]
     end,
-    ?assertEqual([[two_coordinators], []], [Judge(2 * ?S), Judge(2 * ?S + 1)]).
+    Back = fun(Us) -> {9, 18 * ?S, 18 * ?S + Us, {clock, -Us}} end,
+    Forward = fun(Us) -> {7, 18 * ?S, 18 * ?S, {clock, Us}} end,
+    [
+        ?assertEqual({Jumps, Found}, {Jumps, Judge(Jumps)})
+     || {Found, Jumps} <- [
+            {[two_coordinators], [Back(2 * ?S)]},
+            {[], [Back(2 * ?S + 1)]},
+            %% two clocks, each set within its bound
+            {[two_coordinators], [Back(2 * ?S), Forward(2 * ?S)]},
+            {[], [Back(2 * ?S), Forward(2 * ?S + 1)]}
+        ]
+    ].
 
 %% What is not given is as the machines have it by default: leases of ten seconds, clocks that drift
 %% by a hundredth and are set by two seconds at most, no robots, a second judged at once.

@@ -340,7 +340,7 @@ short_lease_is_answered_more_often(_) ->
         end,
         {Two, Here(Two - 1), Here(Two)}
     end,
-    ?assertEqual({2 * ?S, 0, 1}, Answers(#{})),
+    ?assertEqual({2 * ?S, 0, 1}, Answers(#{lease_ms => 12000})),
     ?assertMatch({Us, 0, 1} when Us < ?S, Answers(#{lease_ms => 3000, jump_ms => 100})).
 
 earlier_term_is_refused(_) ->
@@ -370,9 +370,9 @@ lease_ends_for_good(_) ->
     ?assertEqual(
         [{call, motion, {go_along, {{1.0, 2.0}, {100.0, 2.0}}}, {driven, drive, Id, 1}}], Go
     ),
-    {Early, _} = at(7 * ?S, {timeout, leave}, leave, Driving),
+    {Early, _} = at(5 * ?S, {timeout, leave}, leave, Driving),
     ?assertMatch([{{timeout, leave}, _, leave}], Early),
-    {Late, Void} = at(8 * ?S, {timeout, leave}, leave, Driving),
+    {Late, Void} = at(6 * ?S, {timeout, leave}, leave, Driving),
     ?assert(lists:member({cast, motion, stop}, Late)),
     ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Late)),
     {_, Told} = at(10 * ?S, cast, {message, 4, dpp_beat, {{1, 4, 1}, 9, [{1, 9 * ?S}]}}, Void),
@@ -454,10 +454,10 @@ failed_drive_is_told_once(_) ->
 beats_prolong_lease(_) ->
     {Id, Moving} = moving(),
     {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
-    {_, Beaten} = at(6 * ?S, cast, {message, 4, dpp_beat, {{1, 4, 1}, 9, [{1, 5 * ?S}]}}, Driving),
-    {Still, _} = at(12 * ?S, {timeout, leave}, leave, Beaten),
+    {_, Beaten} = at(5 * ?S, cast, {message, 4, dpp_beat, {{1, 4, 1}, 9, [{1, 5 * ?S}]}}, Driving),
+    {Still, _} = at(10 * ?S, {timeout, leave}, leave, Beaten),
     ?assertMatch([{{timeout, leave}, _, leave}], Still),
-    {Over, _} = at(13 * ?S, {timeout, leave}, leave, Beaten),
+    {Over, _} = at(11 * ?S, {timeout, leave}, leave, Beaten),
     ?assert(lists:member({cast, motion, stop}, Over)).
 
 %% An assignment that was long on its way: its lease has ended, the robot asks anew.

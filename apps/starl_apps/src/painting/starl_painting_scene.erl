@@ -25,7 +25,7 @@ options() ->
         {lease, {integer, 100, 1000000}, 10000,
             "the duration of a lease: of a vote, and of a robot's permission to drive, ms"},
         {jump, {integer, 0, 1000000}, 2000,
-            "the most by which a clock may be set during a lease, ms; far less than a lease"}
+            "the most by which a clock may be set during a lease, ms; far less than half of a lease"}
     ].
 
 %% @doc Puts the picture on the floor. r_s is the least distance of two robots, r(v) the largest

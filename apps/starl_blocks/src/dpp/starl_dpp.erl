@@ -15,7 +15,7 @@
 -module(starl_dpp).
 -behaviour(starl_block).
 
--export([options/0, machines/1, monitors/2, contract/0, models/0]).
+-export([options/0, check/1, machines/1, monitors/2, contract/0, models/0]).
 -export([join/2, coordinator/1, request_path/1, lines/1, face/3, drive/3]).
 
 -export_type([config/0, path/0, request_id/0, term_id/0, place/0]).
@@ -123,6 +123,9 @@ pen({down, _Edge}) -> down.
 
 -spec options() -> [starl_options:option()].
 options() -> starl_dpp_settings:options() ++ starl_dpp_lease:options().
+
+-spec check(starl_block:options()) -> ok | {error, unicode:chardata()}.
+check(Options) -> starl_dpp_lease:check(Options).
 
 -spec machines(starl_block:options()) -> [starl_robot_sup:machine()].
 machines(Options) ->

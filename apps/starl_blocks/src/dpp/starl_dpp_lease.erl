@@ -6,22 +6,28 @@
 %%   coordinator -> participant   drive lease: for an assigned path    held by the participant
 %% '''
 %% The giver counts the lease from when it gave it. The holder counts from when it sent the message
-%% that was answered with the lease, and takes `drift_ppm' and `jump_ms' off. So the lease ends at
-%% its holder first: for any delay of messages, for any drift of the two clocks within the bound,
-%% and if one of them is set meanwhile.
+%% that was answered with the lease, and takes `drift_ppm' and twice `jump_ms' off:
+%% ```
+%%   giver    |---------------- lease_ms ----------------|  its clock is set forward: <-- jump_ms
+%%   holder |------ short ------|                           its clock is set back:    --> jump_ms
+%% '''
+%% So the lease ends at its holder first: for any delay of messages, for any drift of the two clocks
+%% within the bound, and if both are set meanwhile, as when a network comes back with the time.
 %%
 %% A coordinator leads while a quorum's votes last. Any two quorums have a robot in common, so no
 %% two coordinators lead at one time. (Gray and Cheriton, "Leases", 1989; the election by votes is
 %% that of Ongaro and Ousterhout, "In search of an understandable consensus algorithm", 2014.)
 -module(starl_dpp_lease).
 
--export([options/0, new/2, short_us/1, long_us/1, bounds/1, beat_us/1, quorum/2]).
--export([beat/2, voted/4, heard/4, since/2, leads/2, until/1, votes/2, stamps/1, rests/3, outlives/4]).
+-export([options/0, check/1, new/2, short_us/1, long_us/1, bounds/1, beat_us/1, quorum/2]).
+-export([
+    beat/2, voted/4, heard/4, since/2, leads/2, until/1, votes/2, stamps/1, rests/3, outlives/4
+]).
 -export_type([t/0, config/0, seq/0, stamp/0]).
 
 %% `lease_ms' (10000): the duration of a lease, and about the time without a coordinator after one
 %% has died; `drift_ppm' (10000): the greatest drift of a clock against real time; `jump_ms' (2000):
-%% the most by which a clock is set during a lease; far less than `lease_ms'.
+%% the most by which a clock is set during a lease; far less than half of `lease_ms'.
 -type config() :: #{
     lease_ms => pos_integer(),
     drift_ppm => non_neg_integer(),
@@ -60,8 +66,24 @@ options() ->
         {drift_ppm, {integer, 0, 100000}, 10000,
             "no clock is faster or slower than real time by more, ppm"},
         {jump_ms, {integer, 0, 1000000000}, 2000,
-            "the most by which clocks are set during a lease, ms; far less than a lease"}
+            "the most by which a clock is set during a lease, ms; far less than half of a lease"}
     ].
+
+%% @doc Do drift and jumps leave a tenth of a lease to its holder?
+-spec check(config()) -> ok | {error, string()}.
+check(Config) ->
+    {Long, Left} = {long_us(Config), left_us(Config)},
+    case 10 * Left >= Long of
+        true ->
+            ok;
+        false ->
+            {Jump, Ppm} = bounds(Config),
+            Format =
+                "of a lease of ~b ms its holder would have ~b ms: twice jump_ms (~b) and a drift of "
+                "~b ppm are taken off; take a lease far longer than twice jump_ms",
+            Values = [Long div 1000, max(0, Left) div 1000, Jump div 1000, Ppm],
+            {error, lists:flatten(io_lib:format(Format, Values))}
+    end.
 
 %% @doc No votes yet.
 -spec new([starl:robot_id()], config()) -> t().
@@ -75,10 +97,12 @@ long_us(Config) -> round(1000 * maps:get(lease_ms, Config, 10000)).
 
 %% @doc The duration of a lease for its holder (us): the shorter one.
 -spec short_us(config()) -> pos_integer().
-short_us(Config) ->
-    Drift = maps:get(drift_ppm, Config, 10000),
-    Jump = round(1000 * maps:get(jump_ms, Config, 2000)),
-    max(1, long_us(Config) * (1000000 - Drift) div (1000000 + Drift) - Jump).
+short_us(Config) -> max(1, left_us(Config)).
+
+%% Drift and jumps of both clocks are taken off.
+left_us(Config) ->
+    {Jump, Ppm} = bounds(Config),
+    long_us(Config) * (1000000 - Ppm) div (1000000 + Ppm) - 2 * Jump.
 
 %% @doc The bounds on a clock: the most by which it is set (us), and its greatest drift (ppm).
 -spec bounds(config()) -> {JumpUs :: non_neg_integer(), Ppm :: non_neg_integer()}.

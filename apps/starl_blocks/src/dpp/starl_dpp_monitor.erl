@@ -197,7 +197,9 @@ coordinated({leads, Term}, _T, Robot, #state{leads = Latest} = State) when
 coordinated(_Other, _T, _Robot, State) ->
     {[], State}.
 
-%% Another robot leads, and broken clocks explain that this one does not know it.
+%% Another robot leads, and broken clocks explain that this one does not know it: its own has lost,
+%% or a voter's has gained, more than a clock may be set. Two that are each set within the bound
+%% explain nothing.
 is_deluded(_T, Robot, #state{leads = {_, Robot}}) ->
     false;
 is_deluded(_T, _Robot, #state{leads = none}) ->
@@ -215,7 +217,7 @@ is_deluded(T, Robot, #state{robots = Robots, assumption = Assumption} = State) -
                 starl_assumption:gained_us(Voter, Since, T, Assumption)
              || Voter <- Robots, Voter =/= Robot
             ],
-            Lost + lists:max([0 | Gained]) > State#state.jump_us
+            lists:max([Lost | Gained]) > State#state.jump_us
     end.
 
 led(Robot, [Robot | _] = Known) -> Known;

@@ -7,7 +7,8 @@
 %% robot and the block's contract, as monitors that judge the run ({@link expand/2}). A block may
 %% also be a user's own module: no other module has to know of it.
 %%
-%% Three optional callbacks let the tools work with the block: `exercise/0' names a module that uses
+%% The optional `check/1' says in one line why options that are each right do not go together. Three
+%% more let the tools work with the block: `exercise/0' names a module that uses
 %% it ({@link starl_block_exercise}), for `./starl run exercise' and `./starl soak'; `models/0'
 %% gives the models that the exhaustive checker explores, for `./starl check'; `benchmark/0' defines
 %% the workload of `./starl bench blocks'.
@@ -31,6 +32,8 @@
 
 %% The table of the block's options.
 -callback options() -> [starl_options:option()].
+%% Do the options, each of which is right, go together? One line if not.
+-callback check(options()) -> ok | {error, unicode:chardata()}.
 %% The machines that each robot needs for the block, in start order.
 -callback machines(options()) -> [starl_robot_sup:machine()].
 %% The contract: the monitors that judge every run with the block.
@@ -43,7 +46,7 @@
 -callback models() -> [model_entry()].
 -callback benchmark() -> benchmark().
 
--optional_callbacks([exercise/0, models/0, benchmark/0]).
+-optional_callbacks([check/1, exercise/0, models/0, benchmark/0]).
 
 %% A model: its name, what it covers in a few words, and the model for a team.
 -type model_entry() :: {Name :: atom(), Doc :: string(), fun((team()) -> model())}.
@@ -178,7 +181,10 @@ part(Other, _Context) ->
         ])}.
 
 checked(Block, {ok, Options}, Context) ->
-    {ok, {Block, Block:machines(Options), Block:monitors(Options, Context)}};
+    case not exports(Block, check, 1) orelse Block:check(Options) of
+        {error, Line} -> {error, ["block ", atom_to_list(Block), ": ", Line]};
+        _Right -> {ok, {Block, Block:machines(Options), Block:monitors(Options, Context)}}
+    end;
 checked(Block, {error, Problems}, _Context) ->
     Lines = lists:join("; ", [starl_options:format_problem(P) || P <- Problems]),
     {error, ["block ", atom_to_list(Block), ": ", Lines]}.
