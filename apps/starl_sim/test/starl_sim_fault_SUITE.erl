@@ -15,6 +15,7 @@
     drawn_faults_are_well_formed/1,
     drawn_by_classes/1,
     one_draw_does_not_shift_another/1,
+    settings_that_do_not_come_alone/1,
     effective_scenario/1
 ]).
 
@@ -31,6 +32,7 @@ all() ->
         drawn_faults_are_well_formed,
         drawn_by_classes,
         one_draw_does_not_shift_another,
+        settings_that_do_not_come_alone,
         effective_scenario
     ].
 
@@ -206,10 +208,64 @@ drawn_by_classes(_) ->
     Kinds = lists:usort([element(4, F) || Seed <- lists:seq(1, 300), F <- drawn(Seed, [all])]),
     ?assertEqual(length(starl_sim_fault:kinds()) - 1, length(Kinds)).
 
+%% What comes with the setting of a clock comes on top.
 one_draw_does_not_shift_another(_) ->
-    All = drawn(7, [all]),
-    Process = drawn(7, [process]),
-    ?assertEqual(Process, [F || F <- All, starl_sim_fault:class(F) =:= process]).
+    [
+        begin
+            All = [F || F <- drawn(Seed, [all]), not is_companion(F)],
+            Process = drawn(Seed, [process]),
+            ?assertEqual(Process, [F || F <- All, starl_sim_fault:class(F) =:= process])
+        end
+     || Seed <- lists:seq(1, 50)
+    ].
+
+is_companion(Fault) -> partner(Fault) =/= none.
+
+%% The setting that brings this fault with it.
+partner(Fault) ->
+    case
+        re:run(atom_to_list(element(1, Fault)), "^(clock_step_[0-9])_[a-z]+$", [
+            {capture, all_but_first, list}
+        ])
+    of
+        {match, [Id]} -> list_to_atom(Id);
+        nomatch -> none
+    end.
+
+%% Another robot's clock is set the other way within half a second, or the computer of the same robot
+%% stands still within the time of a lease; both are drawn, and neither always.
+settings_that_do_not_come_alone(_) ->
+    Pairs = [
+        {lists:keyfind(partner(F), 1, Faults), F}
+     || Seed <- lists:seq(1, 200),
+        Faults <- [drawn(Seed, [clock, process])],
+        F <- Faults,
+        is_companion(F)
+    ],
+    [
+        case {Set, With} of
+            {{_, From, _, clock_step, A, #{ms := Ms}}, {_, At, At, clock_step, B, #{ms := Other}}} ->
+                ?assert(A =/= B andalso At >= From andalso At - From =< 500),
+                ?assert((Ms > 0) =/= (Other > 0) andalso abs(Other) =< 2000);
+            {{_, From, _, clock_step, A, _}, {_, At, To, pause, B, _}} ->
+                ?assert(A =:= B andalso abs(At - From) =< 5000 andalso At < To andalso To =< 20000)
+        end
+     || {Set, With} <- Pairs
+    ],
+    Settings = length([F || S <- lists:seq(1, 200), F <- drawn(S, [clock, process]), is_set(F)]),
+    [
+        begin
+            Count = length([W || {_, W} <- Pairs, element(4, W) =:= Kind]),
+            ?assert(
+                Count > Settings div 4 andalso Count < Settings * 3 div 4, {Kind, Count, Settings}
+            )
+        end
+     || Kind <- [clock_step, pause]
+    ],
+    %% a setting alone brings no pause where none is asked for
+    ?assertEqual([], [F || S <- lists:seq(1, 200), {_, _, _, pause, _, _} = F <- drawn(S, [clock])]).
+
+is_set(Fault) -> element(4, Fault) =:= clock_step andalso not is_companion(Fault).
 
 drawn(Seed, Kinds) ->
     starl_sim_fault_draw:draw(#{

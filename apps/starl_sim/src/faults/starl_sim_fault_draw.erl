@@ -3,6 +3,10 @@
 %% combinations that are rare in a run with all of them.
 %%
 %% All draws are stateless, so the draws for one kind do not depend on another.
+%%
+%% A clock that is set rarely comes alone: when a network comes back, it sets the clocks of others
+%% too, and a computer that was halted gets its clock set. So a drawn setting may bring another
+%% robot's with it, the other way, or a pause of its robot within the time of a lease.
 -module(starl_sim_fault_draw).
 
 -export([draw/1]).
@@ -24,6 +28,10 @@
 -define(CLASS_IN, 0.7).
 -define(KIND_IN, 0.5).
 -define(MOST, 3).
+%% The probability that a setting brings another, or a pause; the most time between them, ms.
+-define(COMPANION_IN, 0.4).
+-define(SET_TOGETHER_MS, 500).
+-define(HALTED_WITHIN_MS, 5000).
 
 %% @doc The faults of a run; all end before the given time, except permanent ones.
 -spec draw(request()) -> [starl_sim_fault:t()].
@@ -45,15 +53,49 @@ is_possible(_Spec, _Request) -> true.
 
 faults({Kind, _, _, _, _} = Spec, #{seed := Seed} = Request) ->
     Count = starl_sim_draw:between({Seed, Kind, count}, 1, ?MOST),
-    [fault(Spec, {Seed, Kind, N}, N, Request) || N <- lists:seq(1, Count)].
+    Faults = [fault(Spec, {Seed, Kind, N}, N, Request) || N <- lists:seq(1, Count)],
+    Faults ++ lists:append([companions(Fault, Request) || Fault <- Faults]).
+
+companions({Id, From, _, clock_step, Robot, #{ms := Ms}}, #{seed := Seed} = Request) ->
+    Key = {Seed, Id},
+    #{robots := Robots, kinds := What} = Request,
+    Pauses = lists:any(fun(W) -> lists:member(W, [all, process, pause]) end, What),
+    [
+        set_apart(Id, From, Robot, Ms, {Key, apart}, Request)
+     || Robots > 1, uniform({Key, apart}) < ?COMPANION_IN
+    ] ++
+        [
+            halted(Id, From, Robot, {Key, halted}, Request)
+         || Pauses, uniform({Key, halted}) < ?COMPANION_IN
+        ];
+companions(_Fault, _Request) ->
+    [].
+
+set_apart(Id, From, Robot, Ms, Key, #{robots := N, until_ms := UntilMs}) ->
+    At = min(UntilMs - 1, From + starl_sim_draw:between({Key, from}, 0, ?SET_TOGETHER_MS)),
+    Other = 1 + (Robot - 1 + starl_sim_draw:between({Key, other}, 1, N - 1)) rem N,
+    {label(Id, apart), At, At, clock_step, Other, #{ms => opposite(Ms, Key)}}.
+
+%% The other way, by as much as the kind is drawn.
+opposite(Ms, Key) ->
+    {_, _, _, [{ms, _, {_, Most}}], _} = lists:keyfind(clock_step, 1, starl_sim_fault:kinds()),
+    case starl_sim_draw:between({Key, ms}, 1, Most) of
+        Other when Ms > 0 -> -Other;
+        Other -> Other
+    end.
+
+halted(Id, Set, Robot, Key, #{until_ms := UntilMs} = Request) ->
+    Apart = starl_sim_draw:between({Key, from}, -?HALTED_WITHIN_MS, ?HALTED_WITHIN_MS),
+    From = max(0, min(UntilMs - 1, Set + Apart)),
+    {label(Id, halted), From, end_of(From, Key, Request), pause, Robot, #{}}.
+
+%% A bounded number of atoms: two for each setting.
+label(Id, What) -> list_to_atom(lists:concat([Id, "_", What])).
 
 fault({Kind, _, Shape, Params, _}, Key, N, Request) ->
     #{until_ms := UntilMs} = Request,
-    Longest = maps:get(longest_ms, Request, max(1, UntilMs div 3)),
     From = starl_sim_draw:between({Key, from}, 0, UntilMs - 1),
-    %% mostly short, now and then nearly as long as allowed
-    Span = round(Longest * math:pow(uniform({Key, span}), 2)),
-    To = min(UntilMs, From + 1 + Span),
+    To = end_of(From, Key, Request),
     %% a bounded number of atoms: the number of kinds times ?MOST
     Id = list_to_atom(lists:concat([Kind, "_", N])),
     Values = maps:from_list([
@@ -61,6 +103,12 @@ fault({Kind, _, Shape, Params, _}, Key, N, Request) ->
      || {Name, Type, Range} <- Params
     ]),
     {Id, From, To, Kind, target(Shape, Key, Request), Values}.
+
+%% Mostly short, now and then nearly as long as allowed.
+end_of(From, Key, #{until_ms := UntilMs} = Request) ->
+    Longest = maps:get(longest_ms, Request, max(1, UntilMs div 3)),
+    Span = round(Longest * math:pow(uniform({Key, span}), 2)),
+    min(UntilMs, From + 1 + Span).
 
 value({integer, _, _}, {Low, High}, Key) -> starl_sim_draw:between(Key, Low, High);
 value({number, _, _}, {Low, High}, Key) -> Low + (High - Low) * uniform(Key);
