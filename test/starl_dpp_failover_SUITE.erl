@@ -446,28 +446,22 @@ wakes_out_of_range(_) ->
 two_clocks_are_set(_) ->
     [
         begin
-            Run = play(#{
-                robots => 5,
-                seed => Seed,
+            Given = #{robots => 5, seed => Seed},
+            #{leader := Leader} = play(Given#{time => 5}),
+            [Voter, Third | _] = lists:seq(1, 5) -- [Leader],
+            Run = play(Given#{
                 time => From div 1000 + 30,
                 faults => [
-                    {alone, 3000, From, partition, lists:seq(1, 5) -- [Leader, Voter, Third], #{}},
+                    {alone, 6000, From, partition, lists:seq(1, 5) -- [Leader, Voter, Third], #{}},
                     {cut, From, 60000, partition, [Leader, Third], #{}},
                     {unplugged, From, 60000, serial_gone, Leader, #{}},
                     {back, From + 100, From + 100, clock_step, Leader, #{ms => -1900}},
                     {forward, From + 100, From + 100, clock_step, Voter, #{ms => 1900}}
                 ]
             }),
-            ?assertMatch(#{violations := [], leader := Leader}, Run)
+            ?assertMatch(#{violations := []}, Run)
         end
-     || {Seed, From, Leader, Voter, Third} <- [
-            {1, 20300, 4, 3, 2},
-            {2, 24100, 5, 4, 3},
-            {3, 22700, 1, 3, 5},
-            {4, 22700, 5, 2, 4},
-            {6, 22700, 2, 1, 3},
-            {8, 22700, 4, 2, 3}
-        ]
+     || {Seed, From} <- [{1, 20300}, {2, 24100}, {3, 22700}, {4, 22700}, {6, 22700}, {8, 22700}]
     ].
 
 %% Each half of the protocol is needed: without it the monitors find a violation within so many

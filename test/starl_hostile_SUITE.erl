@@ -98,6 +98,10 @@ base(Name) ->
 %% -- bodies ---------------------------------------------------------------------------------
 
 message(Block) ->
+    %% whatever the radio carries
+    ?SUCHTHAT({_Type, Body}, drawn(Block), starl_payload:check(message, Body) =:= ok).
+
+drawn(Block) ->
     frequency([
         {1, {oneof([Type || {Type, _} <- bodies(Block)]), resize(8, any())}},
         {6,
