@@ -60,12 +60,17 @@ run(Live, #{scenario := Scenario} = Setup, Values) ->
     end.
 
 %% What only the simulator can do.
-refused(#{faults := Faults, random_faults := Random}) ->
+refused(#{faults := Faults, random_faults := Random, reloads := Reloads}) ->
     [
         "faults: a schedule of faults needs the simulator; live, --loss and --delay disturb the "
         "radio, and ./starl cluster kill and cut the robots"
      || Faults =/= [] orelse Random =/= []
-    ].
+    ] ++
+        [
+            "reloads: a reload at a time of the run needs the simulator; live, ./starl cluster "
+            "reload"
+         || Reloads =/= []
+        ].
 
 %% An emulated Create knows real time only.
 too_fast(#{chassis := Choice}, #{pace := Pace}) ->

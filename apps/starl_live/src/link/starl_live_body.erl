@@ -28,7 +28,7 @@
 -export([
     handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1
 ]).
--export([reload/3, take_back/2, fallen/3, gone/3]).
+-export([reload/3, take_back/3, fallen/3, gone/3]).
 
 -export_type([t/0, config/0, figures/0, random/0]).
 
@@ -136,7 +136,7 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         sink = Sink,
         record = Record,
         parts = Parts,
-        codes = starl_reload:begun(Now, maps:get(codes, Config, #{})),
+        codes = maps:get(codes, Config, #{}),
         reporter = maps:get(reporter, Config, none),
         observer = maps:get(observe, Config, none),
         random = maps:get(random, Config, fun(_Name, _Incarnation) -> rand:seed_s(exsss) end),
@@ -258,8 +258,11 @@ perform({until, Us, Action, Mark}, Name, Body) ->
     {Events, Next#body{out = [{until, Us, Out, {Name, Mark}} | Earlier]}};
 perform({outlived, N}, _Name, Body) ->
     {[], out({outlived, N}, Body)};
-perform({reloaded, #{tell := Tell} = Told}, Name, Body) ->
-    {[{To, info, {restarted, Name}} || To <- Tell], reloaded(Told, Name, Body)}.
+perform({reloaded, #{tell := nobody} = Told}, Name, Body) ->
+    {[], reloaded(Told, Name, Body)};
+perform({reloaded, #{tell := others} = Told}, Name, #body{parts = Parts} = Body) ->
+    Others = lists:delete(Name, lists:sort(maps:keys(Parts))),
+    {[{To, info, {restarted, Name}} || To <- Others], reloaded(Told, Name, Body)}.
 
 %% -- new code -------------------------------------------------------------------------------
 
@@ -267,20 +270,22 @@ perform({reloaded, #{tell := Tell} = Told}, Name, Body) ->
 %% on. This process is told how each machine heeds it: `{starl_reloaded, Robot, Machine, Told}'.
 -spec reload(starl_reload:order(), pid(), t()) ->
     {[{starl_machine:name(), starl_reload:word()}], t()}.
-reload(Order, Reporter, #body{now = Now, parts = Parts, codes = Codes} = Body) ->
-    {Words, Next} = starl_reload:take(Order, Now, Parts, Codes),
+reload(Order, Reporter, #body{parts = Parts, codes = Codes} = Body) ->
+    {Words, Next} = starl_reload:take(Order, Parts, Codes),
     {Words, Body#body{codes = Next, reporter = Reporter}}.
 
-%% @doc A reload has failed elsewhere: the machines that have to go back.
--spec take_back(starl_reload:count(), t()) -> {[starl_machine:name()], t()}.
-take_back(N, #body{codes = Codes} = Body) ->
-    {Names, Next} = starl_reload:back(N, Codes),
-    {Names, Body#body{codes = Next}}.
+%% @doc A reload has failed elsewhere: the words for the machines that have to go back.
+-spec take_back(starl_reload:count(), Failed :: starl:robot_id(), t()) ->
+    {[{starl_machine:name(), starl_reload:word()}], t()}.
+take_back(N, Failed, #body{codes = Codes} = Body) ->
+    {Words, Next} = starl_reload:back(N, Failed, Codes),
+    {Words, Body#body{codes = Next}}.
 
 %% @doc A machine that was given up takes no new code.
 -spec gone(starl_machine:name(), starl_reload:word(), t()) -> t().
 gone(Name, {take, #{number := N, module := Module}}, Body) ->
-    reloaded(#{number => N, outcome => done, module => Module, tell => []}, Name, Body);
+    Told = #{number => N, outcome => done, module => Module, tell => nobody},
+    reloaded(Told, Name, Body);
 gone(_Name, {back, _, _}, Body) ->
     Body.
 
@@ -289,20 +294,17 @@ gone(_Name, {back, _, _}, Body) ->
 fallen(_Name, none, Body) ->
     Body;
 fallen(Name, Cause, #body{now = Now, codes = Codes} = Body) ->
-    case starl_reload:on_trial(Name, Now, Codes) of
-        {N, Former} ->
-            Told = #{number => N, outcome => {crashed, Cause}, module => Former, tell => []},
-            reloaded(Told, Name, Body);
-        none ->
-            Body
-    end.
+    all_reloaded(starl_reload:fallen(Name, Cause, Now, Codes), Name, Body).
+
+all_reloaded(Told, Name, Body) ->
+    lists:foldl(fun(One, B) -> reloaded(One, Name, B) end, Body, Told).
 
 reloaded(#{number := N, outcome := Outcome, module := Module} = Told, Name, Body) ->
     #body{id = Id, codes = Codes} = Traced = trace(Name, {reloaded, N, Outcome}, Body),
     Line = unicode:characters_to_binary(starl_reload:format(Id, Name, Module, Outcome)),
     logger:notice(#{what => reload, outcome => Line}),
-    Settled = starl_reload:settled(Name, N, Module, Codes),
-    out({report, {starl_reloaded, Id, Name, Told}}, Traced#body{codes = Settled}).
+    Heard = starl_reload:heard(Name, Told, Codes),
+    out({report, {starl_reloaded, Id, Name, Told}}, Traced#body{codes = Heard}).
 
 %% @doc No machine commands the chassis any more.
 -spec stop(t()) -> t().
@@ -400,6 +402,10 @@ late({Name, _Mark} = Owner) ->
 
 %% @doc Counts an event, whose step begins now: the steps before it in its turn took time.
 -spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
+handles(Name, boot, _Content, #body{events = Events} = Body0) ->
+    #body{now = Now, codes = Codes} = Body = at(event, Body0),
+    {Told, Begun} = starl_reload:started(Name, Now, Codes),
+    all_reloaded(Told, Name, Body#body{events = Events + 1, codes = Begun});
 handles(_Name, _Type, _Content, #body{events = Events} = Body) ->
     (at(event, Body))#body{events = Events + 1}.
 
@@ -415,7 +421,7 @@ present(#body{clock = Clock, now = Now}) -> max(Now, starl_live_clock:now_us(Clo
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
 base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = Store} = Body) ->
     #body{team_seed = Seed, random = Random} = Body,
-    (own_clock(Name, code(Name, Body), Body))#{
+    (own_clock(Name, starl_reload:code(Name, Body#body.codes), Body))#{
         robot => Id,
         participants => Team,
         name => Name,
@@ -431,12 +437,6 @@ own_clock(app, Base, #body{clock = Clock}) ->
     Base#{clock => fun() -> starl_live_clock:now_us(Clock) end};
 own_clock(_Name, Base, _Body) ->
     Base.
-
-code(Name, #body{codes = Codes}) ->
-    case starl_reload:present(Name, first, Codes) of
-        first -> #{};
-        Module -> #{code => Module}
-    end.
 
 %% @doc Records a fact.
 -spec trace(starl_machine:name(), Event :: term(), t()) -> t().

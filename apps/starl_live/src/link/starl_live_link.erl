@@ -338,8 +338,8 @@ handle({reload, Order, Reporter}, Link) ->
     heeded(Words, Next, Now);
 handle({take_back, N, Failed}, Link) ->
     {Body, Now} = at_event(Link),
-    {Names, Next} = starl_live_body:take_back(N, Body),
-    heeded([{Name, {back, N, Failed}} || Name <- Names], Next, Now);
+    {Words, Next} = starl_live_body:take_back(N, Failed, Body),
+    heeded(Words, Next, Now);
 handle({timer, Name, Timer, Mark, Content}, #link{robot = Robot} = Link) ->
     case starl_robot:expire(Name, Timer, Mark, Robot) of
         {ok, Type, Left} ->

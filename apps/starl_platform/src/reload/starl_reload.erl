@@ -5,46 +5,50 @@
 %% machine that runs one of these modules the event `code' with {@link word()}; the application heeds
 %% it at its next step. The state is carried over: by `code_change/2' of a {@link starl_app}, by
 %% `code_change/3' of a {@link starl_machine}. The action `{reloaded, ...}' tells the driver how it
-%% went. During the trial time a crash ends nothing: the former code is back at once, and the driver
-%% has all other robots of the reload go back, too.
+%% went. During the trial time a crash ends nothing: the last code whose trial ended well is back at
+%% once ({@link starl_lineage}), and the driver has all other robots of the reload go back, too. An
+%% event that a machine's new code does not know, while the former code knows it, is such a crash.
 %%
 %% The state then: if the new code did not convert it, it stays as it is. A machine's converted state
-%% is converted back by the new code; an application's is the state before the switch.
+%% is converted back, version by version; an application's is the state before the switch.
 -module(starl_reload).
 
--export([take/4, back/2, settled/4, begun/2, present/3, on_trial/3, is_failure/1, format/4]).
+-export([take/3, back/3, heard/3, started/3, fallen/4, code/2, passed/2, without/2]).
+-export([told/4, left/3, is_failure/1, format/4]).
 
 -export_type([count/0, switch/0, word/0, outcome/0, told/0, order/0, codes/0]).
 
 %% Reloads are counted from 1.
 -type count() :: pos_integer().
 
-%% The new module, the trial time, and the robot's machines that learn of a crash.
--type switch() :: #{
-    number := count(),
-    module := module(),
-    trial_us := non_neg_integer(),
-    others := [starl_machine:name()]
-}.
+%% The new module and the trial time.
+-type switch() :: #{number := count(), module := module(), trial_us := non_neg_integer()}.
 
 %% The content of the event `code': take the new code; or go back, since that robot failed.
 -type word() :: {take, switch()} | {back, count(), Failed :: starl:robot_id()}.
 
-%% It runs the new code; the state could not be carried over; it crashed within the trial time and
-%% is back; it is back for another robot's sake; the application is done, and takes no code.
+%% It runs the new code; the state could not be carried over; it crashed within the trial time, or
+%% did not know an event, and is back; it is back for another robot's sake; it is back together with
+%% a later version, which replaced it within its trial time; it is back for good, but with the state
+%% before the switch, since the former code crashed with the state that the new code had left; the
+%% application is done, and takes no code.
 -type outcome() ::
     taken
     | done
     | {migration_failed, starl_crash:cause()}
     | {crashed, starl_crash:cause()}
-    | {back, Failed :: starl:robot_id()}.
+    | {back, Failed :: starl:robot_id()}
+    | {unproven, Later :: count()}
+    | {restored, starl_crash:cause()}.
 
-%% The action of a machine: the outcome, and the module that it runs now.
+%% The action of a machine: the outcome, the module that it runs now, and its versions. `tell': all
+%% other machines of the robot learn of a crash.
 -type told() :: #{
     number := count(),
     outcome := outcome(),
     module := module(),
-    tell := [starl_machine:name()]
+    lineage => starl_lineage:t(),
+    tell := others | nobody
 }.
 
 %% A reload.
@@ -54,86 +58,179 @@
     trial_us := non_neg_integer()
 }.
 
-%% The code of a robot's machines that is not their first: the code now, the code before, and until
-%% when a machine that cannot even start with it goes back.
--type codes() :: #{
-    starl_machine:name() => {count(), Now :: module(), Before :: module(), until()}
-}.
+%% The code of a robot's machines that is not their first: the versions that they have come through,
+%% and the words that they have not heeded yet, the oldest first.
+-type codes() :: #{starl_machine:name() => {starl_lineage:t(), Awaited :: [word()]}}.
 
--type until() :: (Us :: integer()) | {from_start, Us :: non_neg_integer()}.
+%% -- for a driver ---------------------------------------------------------------------------
 
-%% @doc The machines of a robot that take part, with their words, and the code that starts from now
-%% on. `Parts' has the first module of each machine.
--spec take(order(), NowUs :: integer(), Parts :: #{starl_machine:name() => module()}, codes()) ->
+%% @doc The machines of a robot that take part, with their words. `Parts' has the first module of
+%% each machine.
+-spec take(order(), Parts :: #{starl_machine:name() => module()}, codes()) ->
     {[{starl_machine:name(), word()}], codes()}.
-take(#{number := N, versions := Versions, trial_us := Us}, NowUs, Parts, Codes) ->
-    Mine = [{Name, M} || {Name, M} <- lists:sort(maps:to_list(Parts)), is_map_key(M, Versions)],
-    New = maps:from_list([
-        {Name, {N, maps:get(M, Versions), present(Name, M, Codes), NowUs + Us}}
-     || {Name, M} <- Mine
-    ]),
-    Others = lists:sort(maps:keys(Parts)),
+take(#{number := N, versions := Versions, trial_us := Us}, Parts, Codes) ->
     Words = [
-        {Name,
-            {take, #{
-                number => N,
-                module => maps:get(M, Versions),
-                trial_us => Us,
-                others => lists:delete(Name, Others)
-            }}}
-     || {Name, M} <- Mine
+        {Name, {take, #{number => N, module => maps:get(M, Versions), trial_us => Us}}}
+     || {Name, M} <- lists:sort(maps:to_list(Parts)), is_map_key(M, Versions)
     ],
-    {Words, maps:merge(Codes, New)}.
+    Known = maps:map(fun(_, First) -> {starl_lineage:new(First), []} end, Parts),
+    {Words, awaited(Words, maps:merge(maps:with([Name || {Name, _} <- Words], Known), Codes))}.
 
-%% @doc The machines that this reload has changed, and the code before it.
--spec back(count(), codes()) -> {[starl_machine:name()], codes()}.
-back(N, Codes) ->
-    Names = lists:sort([Name || {Name, {M, _, _, _}} <- maps:to_list(Codes), M =:= N]),
-    {Names, lists:foldl(fun undone/2, Codes, Names)}.
+awaited(Words, Codes) -> lists:foldl(fun await/2, Codes, Words).
 
-undone(Name, Codes) ->
-    #{Name := {N, _, Before, Until}} = Codes,
-    Codes#{Name := {N, Before, Before, Until}}.
+await({Name, Word}, Codes) ->
+    #{Name := {Lineage, Awaited}} = Codes,
+    Codes#{Name := {Lineage, Awaited ++ [Word]}}.
 
-%% @doc A machine has told the module that it runs now.
--spec settled(starl_machine:name(), count(), module(), codes()) -> codes().
-settled(Name, N, Module, Codes) ->
-    case Codes of
-        #{Name := {N, _, Before, Until}} -> Codes#{Name := {N, Module, Before, Until}};
-        #{} -> Codes
-    end.
+%% @doc The reload has failed on another robot: the machines that it has changed, or is to change,
+%% with their words.
+-spec back(count(), Failed :: starl:robot_id(), codes()) ->
+    {[{starl_machine:name(), word()}], codes()}.
+back(N, Failed, Codes) ->
+    Names = [Name || {Name, Code} <- lists:sort(maps:to_list(Codes)), concerns(N, Code)],
+    Words = [{Name, {back, N, Failed}} || Name <- Names],
+    {Words, awaited(Words, Codes)}.
 
-%% @doc The robot starts now: so does its trial.
--spec begun(NowUs :: integer(), codes()) -> codes().
-begun(NowUs, Codes) ->
-    maps:map(
-        fun
-            (_, {N, Now, Before, {from_start, Us}}) -> {N, Now, Before, NowUs + Us};
-            (_, Code) -> Code
+concerns(N, {Lineage, Awaited}) ->
+    starl_lineage:leave(N, Lineage) =/= unknown orelse is_to_take(N, Awaited).
+
+is_to_take(N, Words) -> lists:any(fun(Word) -> is_take(N, Word) end, Words).
+
+is_take(N, {take, #{number := M}}) -> N =:= M;
+is_take(_N, {back, _, _}) -> false.
+
+is_of(N, {back, M, _}) -> N =:= M;
+is_of(N, Take) -> is_take(N, Take).
+
+%% @doc A machine has told how it has heeded a word.
+-spec heard(starl_machine:name(), told(), codes()) -> codes().
+heard(Name, #{number := N, outcome := Outcome, lineage := Lineage}, Codes) ->
+    #{Name := {_, Awaited}} = Codes,
+    Heeded =
+        case Outcome of
+            taken -> fun is_take/2;
+            _ -> fun is_of/2
         end,
-        Codes
-    ).
+    Codes#{Name := {Lineage, [Word || Word <- Awaited, not Heeded(N, Word)]}};
+heard(_Name, #{}, Codes) ->
+    Codes.
 
-%% @doc The module that a machine starts with.
--spec present(starl_machine:name(), First, codes()) -> First | module() when First :: term().
-present(Name, First, Codes) ->
+%% @doc The machine starts: it heeds all words that the one before it has not heeded, and what it
+%% takes is on trial from now on.
+-spec started(starl_machine:name(), NowUs :: integer(), codes()) -> {[told()], codes()}.
+started(Name, Now, Codes) ->
     case Codes of
-        #{Name := {_, Now, _, _}} -> Now;
-        #{} -> First
+        #{Name := {Lineage, [_ | _] = Awaited}} ->
+            {Told, Begun} = heeded(Awaited, Now, Lineage, []),
+            {Told, Codes#{Name := {Begun, []}}};
+        #{} ->
+            {[], Codes}
     end.
 
-%% @doc A machine has ended by itself: the reload that is on trial then, and the code before it.
--spec on_trial(starl_machine:name(), NowUs :: integer(), codes()) -> {count(), module()} | none.
-on_trial(Name, NowUs, Codes) ->
-    case Codes of
-        #{Name := {N, Now, Before, Until}} when NowUs < Until, Now =/= Before -> {N, Before};
-        #{} -> none
+heeded([], _Now, Lineage, Told) ->
+    {Told, Lineage};
+heeded([{take, #{number := N} = Switch} | Words], Now, Lineage, Told) ->
+    case [Robot || {back, M, Robot} <- Words, M =:= N] of
+        [] ->
+            Taken = taken(Switch, Now, Lineage),
+            heeded(Words, Now, Taken, Told ++ [told(N, taken, nobody, Taken)]);
+        [Robot | _] ->
+            Left = [W || W <- Words, not is_of(N, W)],
+            heeded(Left, Now, Lineage, Told ++ [told(N, {back, Robot}, nobody, Lineage)])
+    end;
+heeded([{back, N, Robot} | Words], Now, Lineage, Told) ->
+    case starl_lineage:leave(N, Lineage) of
+        {left, Left, Earlier} ->
+            heeded(Words, Now, Earlier, Told ++ left({back, Robot}, nobody, {Left, Earlier}));
+        {skipped, Skipped} ->
+            heeded(Words, Now, Skipped, Told ++ [told(N, {back, Robot}, nobody, Skipped)]);
+        unknown ->
+            heeded(Words, Now, Lineage, Told)
     end.
+
+taken(Switch, Now, Lineage) -> starl_lineage:take(Switch#{kept => none}, Now, Lineage).
+
+%% @doc A machine has ended by itself: what is to be told of the reload that was on trial.
+-spec fallen(starl_machine:name(), starl_crash:cause(), NowUs :: integer(), codes()) -> [told()].
+fallen(Name, Cause, Now, Codes) ->
+    case Codes of
+        #{Name := {Lineage, _}} ->
+            case starl_lineage:is_on_trial(Now, Lineage) of
+                true -> left({crashed, Cause}, nobody, starl_lineage:back(Lineage));
+                false -> []
+            end;
+        #{} ->
+            []
+    end.
+
+%% @doc The versions with which a machine starts now; none if it starts with its first code.
+-spec code(starl_machine:name(), codes()) -> #{code => starl_lineage:t()}.
+code(Name, Codes) ->
+    case Codes of
+        #{Name := {Lineage, _}} -> #{code => Lineage};
+        #{} -> #{}
+    end.
+
+%% -- for those who start robots -------------------------------------------------------------
+
+%% @doc The trial of the reload has ended well on all robots.
+-spec passed(count(), codes()) -> codes().
+passed(N, Codes) -> maps:map(fun(_Name, Code) -> passed_by(N, Code) end, Codes).
+
+passed_by(N, {Lineage, Awaited} = Code) ->
+    case is_to_take(N, Awaited) of
+        true -> promoted(N, Lineage, Awaited);
+        false -> Code
+    end.
+
+promoted(N, Lineage, Awaited) ->
+    {Passed, Later} = lists:partition(fun({take, #{number := M}}) -> M =< N end, Awaited),
+    Switches = [Switch#{trial_us := 0} || {take, Switch} <- Passed],
+    {lists:foldl(fun(Switch, L) -> taken(Switch, 0, L) end, Lineage, Switches), Later}.
+
+%% @doc The reload has failed on a robot: no robot starts with it.
+-spec without(count(), codes()) -> codes().
+without(N, Codes) -> maps:map(fun(_Name, Code) -> left_by(N, Code) end, Codes).
+
+left_by(N, {Lineage, Awaited}) ->
+    Left = [Word || Word <- Awaited, not is_of(N, Word)],
+    case starl_lineage:leave(N, Lineage) of
+        {left, _, Earlier} -> {Earlier, Left};
+        {skipped, Skipped} -> {Skipped, Left};
+        unknown -> {Lineage, Left}
+    end.
+
+%% -- for a machine's runner -----------------------------------------------------------------
+
+%% @doc What a machine tells of a reload.
+-spec told(count(), outcome(), others | nobody, starl_lineage:t()) -> told().
+told(N, Outcome, Tell, Lineage) ->
+    #{
+        number => N,
+        outcome => Outcome,
+        module => starl_lineage:code(Lineage),
+        lineage => starl_lineage:bare(Lineage),
+        tell => Tell
+    }.
+
+%% @doc What a machine tells that has left these versions. A failure that was told before is not
+%% told again.
+-spec left(outcome(), others | nobody, {[starl_lineage:version(), ...], starl_lineage:t()}) ->
+    [told(), ...].
+left(Outcome, Tell, {[#{number := N} | Older], Lineage}) ->
+    [
+        told(N, Outcome, Tell, Lineage)
+        | [
+            told(M, {unproven, N}, nobody, Lineage)
+         || #{number := M, standing := Standing} <- Older, Standing =/= failed
+        ]
+    ].
 
 %% @doc Must all robots go back for it?
 -spec is_failure(outcome()) -> boolean().
 is_failure({migration_failed, _}) -> true;
 is_failure({crashed, _}) -> true;
+is_failure({unproven, _}) -> true;
 is_failure(_) -> false.
 
 %% @doc One line for the user on the outcome of a reload on a robot.
@@ -151,4 +248,12 @@ why({migration_failed, Cause}) ->
 why({crashed, Cause}) ->
     ["rolled back: the new code crashed: ", starl_crash:format(Cause)];
 why({back, Failed}) ->
-    io_lib:format("rolled back, since the reload failed on robot ~b", [Failed]).
+    io_lib:format("rolled back, since the reload failed on robot ~b", [Failed]);
+why({unproven, Later}) ->
+    io_lib:format("rolled back together with reload ~b, which came within its trial time", [Later]);
+why({restored, Cause}) ->
+    [
+        "the former code crashed with the state that the new code had left, and goes on with the "
+        "state before the switch: ",
+        starl_crash:format(Cause)
+    ].

@@ -104,10 +104,14 @@ renamed(Read) ->
 name(Module, Hash) -> list_to_atom(lists:flatten(io_lib:format("~ts@~8.16.0b", [Module, Hash]))).
 
 code(Name, File, Forms, Names) ->
-    case compile:forms(rename(Forms, Names), [binary, return]) of
+    case compile:forms(rename(Forms, Names), [binary, return | source(Forms)]) of
         {ok, Name, Beam, _Warnings} -> {Name, File, Beam};
         {error, Errors, _Warnings} -> {error, format_found(Errors)}
     end.
+
+%% Places in the source are told of the new module, too.
+source(Forms) ->
+    lists:sublist([{source, Source} || {attribute, _, file, {Source, _}} <- Forms], 1).
 
 rename(Forms, Names) when is_list(Forms) -> some(Forms, Names);
 rename({attribute, At, module, Module}, Names) ->

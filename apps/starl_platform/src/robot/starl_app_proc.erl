@@ -57,23 +57,27 @@
     steps = 0 :: non_neg_integer(),
     %% words on new code, to be heeded before the next step, in their order
     switches = [] :: [starl_reload:word()],
-    trial = none :: trial() | none,
+    %% the versions of its code, with {@link kept()}
+    lineage :: starl_lineage:t(),
+    %% the states with which it goes on, if the former code crashes with what new code has left
+    resorts = [] :: [resort()],
     %% the application is done
     over = false :: boolean(),
-    %% in the trial time: the messages that this step has read, newest first; those of a step that
-    %% was taken back
+    %% while a step may be taken back: the messages that it has read, newest first; those of a step
+    %% that was taken back
     read = [] :: [message()],
     again = [] :: [message()]
 }).
 
-%% The reload whose code runs, until when it is on trial, and the way back: the module and its
-%% version before, and the state before the switch, if the new code has converted it.
--type trial() :: #{
-    switch := starl_reload:switch(),
-    until := integer(),
-    former := {module(), Md5 :: binary()},
-    kept := {state, term()} | unchanged
-}.
+%% The way back from a version: that of the code before, the state before the switch, and whether
+%% the new code has converted it. `none' in an application that has started with this version.
+-type kept() :: #{md5 := binary(), state := term(), converted := boolean()}.
+
+%% The state before the switch to a version.
+-type resort() :: {starl_reload:count(), State :: term()}.
+
+%% What runs: the module, its next state, and the version of the code that has made it.
+-type running() :: {module(), State :: term(), Md5 :: binary()}.
 
 %% A message that waits in the inbox.
 -type message() :: {From :: starl:robot_id(), starl_packet:type(), Body :: term()}.
@@ -105,10 +109,12 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
     receive
         {starl_boot, Boot} ->
             #{now := Now, random := Random, incarnation := Incarnation, stored := Stored} = Boot,
-            Code = maps:get(code, Boot, Module),
+            Lineage = maps:get(code, Boot, starl_lineage:new(Module)),
+            Code = starl_lineage:code(Lineage),
             _ = put(?TURN, #turn{
                 robot = Id,
                 module = Code,
+                lineage = Lineage,
                 driver = Driver,
                 now = Now,
                 clock = maps:get(clock, Boot, none),
@@ -306,13 +312,12 @@ loop(Robot, Module0, State0, Version0) ->
     case attempted(Robot, Module, State, turn()) of
         {continue, Next} ->
             #turn{steps = Steps} = Turn = get(?TURN),
-            _ = put(?TURN, Turn#turn{steps = Steps + 1}),
+            _ = put(?TURN, Turn#turn{steps = Steps + 1, resorts = []}),
             loop(Robot, Module, Next, Version);
         {done, Result} ->
             perform([{done, Result}]),
             over(turn());
-        {crashed_in_trial, Cause} ->
-            {Former, Kept, Md5} = fallen_back(Cause, State, turn()),
+        {taken_back, {Former, Kept, Md5}} ->
             loop(Robot, Former, Kept, Md5)
     end.
 
@@ -332,25 +337,32 @@ step_of(Module) ->
         none -> {Module, step, 2, []}
     end.
 
-%% A step of new code on trial may crash.
-attempted(Robot, Module, State, #turn{now = Now, trial = #{until := Until}} = Turn) when
-    Now < Until
-->
-    _ = put(?TURN, Turn#turn{read = []}),
-    try
-        stepped(Robot, Module, State)
-    catch
-        Class:Reason:Stack ->
-            case ?MODULE:now() < Until of
-                true ->
-                    Cause = starl_crash:cause(starl_crash:reason(Class, Reason, Stack)),
-                    {crashed_in_trial, Cause};
-                false ->
-                    erlang:raise(Class, Reason, Stack)
-            end
-    end;
-attempted(Robot, Module, State, _Turn) ->
-    stepped(Robot, Module, State).
+%% A step of new code on trial may crash, and so may the first step after the way back.
+attempted(Robot, Module, State, Turn) ->
+    case may_crash(Turn) of
+        true ->
+            _ = put(?TURN, Turn#turn{read = []}),
+            try
+                stepped(Robot, Module, State)
+            catch
+                Class:Reason:Stack -> crashed({Class, Reason, Stack}, Module, State, turn())
+            end;
+        false ->
+            stepped(Robot, Module, State)
+    end.
+
+may_crash(#turn{resorts = [_ | _]}) -> true;
+may_crash(#turn{now = Now, lineage = Lineage}) -> starl_lineage:is_on_trial(Now, Lineage).
+
+crashed({Class, Reason, Stack} = Crash, Module, State, Turn) ->
+    Cause = starl_crash:cause(starl_crash:reason(Class, Reason, Stack)),
+    case may_crash(Turn) andalso taken_back(Cause, Module, State, Turn) of
+        {_Module, _State, _Md5} = Former -> {taken_back, Former};
+        _ -> raise(Crash)
+    end.
+
+-spec raise({error | exit | throw, term(), erlang:stacktrace()}) -> no_return().
+raise({Class, Reason, Stack}) -> erlang:raise(Class, Reason, Stack).
 
 stepped(Robot, Module, State) ->
     ok = count_step(Module),
@@ -375,69 +387,129 @@ switched(Running, #turn{switches = [Word | Words]} = Turn) ->
     _ = put(?TURN, Turn#turn{switches = Words}),
     switched(heeded(Word, Running), turn()).
 
-heeded({take, #{module := New} = Switch}, {Module, State, Version} = Running) ->
-    case carried(New, State, Version) of
+-spec heeded(starl_reload:word(), running()) -> running().
+heeded({take, #{number := N} = Switch}, Running) ->
+    #turn{lineage = Lineage} = turn(),
+    case starl_lineage:has(N, Lineage) of
+        %% it has started with this code
+        true -> Running;
+        false -> taken(Switch, Running)
+    end;
+heeded({back, N, Robot}, Running) ->
+    #turn{lineage = Lineage} = Turn = turn(),
+    case starl_lineage:leave(N, Lineage) of
+        {left, Left, Earlier} ->
+            sent_back({back, Robot}, Left, Earlier, Running);
+        {skipped, Skipped} ->
+            _ = put(?TURN, Turn#turn{lineage = Skipped}),
+            tell([starl_reload:told(N, {back, Robot}, nobody, Skipped)]),
+            Running;
+        unknown ->
+            Running
+    end.
+
+taken(#{number := N, module := New} = Switch, {_Module, State, Md5} = Running) ->
+    case carried(New, State, Md5) of
         {ok, Next} ->
-            tell(Switch, taken, New, []),
-            on_trial(Switch, {Module, Version}, kept(New, State)),
+            Taken = on_trial(Switch, State, Md5, turn()),
+            tell([starl_reload:told(N, taken, nobody, Taken)]),
             {New, Next, version(New)};
         {failed, Cause} ->
-            tell(Switch, {migration_failed, Cause}, Module, []),
-            Running
-    end;
-heeded({back, N, Robot}, {_Module, State, _Version} = Running) ->
-    case turn() of
-        #turn{trial = #{switch := #{number := N} = Switch}} = Turn ->
-            {Former, _, _} = Back = way_back(State, Turn),
-            tell(Switch, {back, Robot}, Former, []),
-            Back;
-        #turn{} ->
+            #turn{lineage = Lineage} = turn(),
+            tell([starl_reload:told(N, {migration_failed, Cause}, nobody, Lineage)]),
             Running
     end.
 
-kept(New, State) ->
-    case erlang:function_exported(New, code_change, 2) of
-        true -> {state, State};
-        false -> unchanged
-    end.
+%% A state that no step of the former code has taken yet is not kept.
+on_trial(#{module := New} = Switch, State, Md5, Turn) ->
+    #turn{now = Now, lineage = Lineage, resorts = Resorts} = Turn,
+    {_, Proven} = lists:last([{New, State} | Resorts]),
+    Taken = starl_lineage:take(Switch#{kept => kept(New, Proven, Md5)}, Now, Lineage),
+    _ = put(?TURN, Turn#turn{module = New, lineage = Taken, resorts = []}),
+    Taken.
 
-on_trial(#{trial_us := Us, module := New} = Switch, Former, Kept) ->
-    #turn{now = Now} = Turn = turn(),
-    Trial = #{switch => Switch, until => Now + Us, former => Former, kept => Kept},
-    _ = put(?TURN, Turn#turn{module = New, trial = Trial}),
-    ok.
+-spec kept(module(), State :: term(), Md5 :: binary()) -> kept().
+kept(New, State, Md5) -> #{md5 => Md5, state => State, converted => converts(New)}.
+
+converts(Module) -> erlang:function_exported(Module, code_change, 2).
+
+sent_back(Outcome, Left, Earlier, {_, State, _}) ->
+    #turn{module = Module} = Turn = turn(),
+    case way_back(Left, Earlier, State) of
+        none ->
+            tell(starl_reload:left(Outcome, nobody, {Left, Earlier})),
+            %% the driver carries it out when the application blocks
+            ok = sleep(0),
+            error({no_way_back, Module});
+        {Former, Resorts} ->
+            _ = put(?TURN, back_on(Earlier, Resorts, Turn)),
+            tell(starl_reload:left(Outcome, nobody, {Left, Earlier})),
+            Former
+    end.
 
 %% The step is taken back as far as it can be: what it has read will be read again. What it has done
-%% stands, as after any crash; the other machines learn of one.
-fallen_back(Cause, State, #turn{read = Read, again = Again} = Turn) ->
-    #turn{trial = #{switch := #{others := Others} = Switch}} = Turn,
-    _ = put(?TURN, Turn#turn{count = 0, read = [], again = lists:reverse(Read, Again)}),
-    {Former, _, _} = Back = way_back(State, turn()),
-    tell(Switch, {crashed, Cause}, Former, Others),
-    Back.
-
-way_back(State, #turn{trial = #{former := {Former, Md5}, kept := Kept}} = Turn) ->
-    _ = put(?TURN, Turn#turn{module = Former, trial = none}),
-    case Kept of
-        {state, Before} -> {Former, Before, Md5};
-        unchanged -> {Former, State, Md5}
+%% stands, as after any crash; the other machines learn of one. `none': it is the application that
+%% crashes, and starts anew.
+taken_back(Cause, Module, _State, #turn{resorts = [{N, Before} | Resorts]} = Turn) ->
+    #turn{lineage = Lineage} = Turn,
+    _ = put(?TURN, unread(Turn#turn{resorts = Resorts})),
+    tell([starl_reload:told(N, {restored, Cause}, others, Lineage)]),
+    {Module, Before, version(Module)};
+taken_back(Cause, _Module, State, #turn{lineage = Lineage} = Turn) ->
+    {Left, Earlier} = starl_lineage:back(Lineage),
+    case way_back(Left, Earlier, State) of
+        none ->
+            none;
+        {Former, Resorts} ->
+            _ = put(?TURN, unread(back_on(Earlier, Resorts, Turn))),
+            tell(starl_reload:left({crashed, Cause}, others, {Left, Earlier})),
+            Former
     end.
 
-tell(#{number := N}, Outcome, Module, Others) ->
-    perform([{reloaded, #{number => N, outcome => Outcome, module => Module, tell => Others}}]).
+unread(#turn{read = Read, again = Again} = Turn) ->
+    Turn#turn{count = 0, read = [], again = lists:reverse(Read, Again)}.
+
+back_on(Earlier, Resorts, Turn) ->
+    Turn#turn{module = starl_lineage:code(Earlier), lineage = Earlier, resorts = Resorts}.
+
+%% The state with which the former code goes on: the one before the last version that has converted
+%% it; and those to try next, if the former code crashes with that. `none': what has started with
+%% code that converts states has none for the former code.
+way_back(Left, Earlier, State) ->
+    Former = starl_lineage:code(Earlier),
+    case lists:foldl(fun before/2, [{now, State}], Left) of
+        [] -> none;
+        [{_, Best} | Resorts] -> {{Former, Best, md5(Left, Former)}, Resorts}
+    end.
+
+-spec before(starl_lineage:version(), Best) -> Best when
+    Best :: [{starl_reload:count() | now, State :: term()}].
+before(#{number := N, kept := #{state := Before, converted := Converted}}, States) ->
+    [State || State <- States, not Converted] ++ [{N, Before}];
+before(#{module := Module, kept := none}, States) ->
+    [State || State <- States, not converts(Module)].
+
+%% The version of the former code that has made the state.
+md5(Left, Former) ->
+    case lists:last(Left) of
+        #{kept := #{md5 := Md5}} -> Md5;
+        #{kept := none} -> version(Former)
+    end.
+
+tell(Told) -> perform([{reloaded, One} || One <- Told]).
 
 %% A word on new code has come: too late, if the application is done. Code that was not taken yet need not be taken back.
-hear({take, Switch}, #turn{over = true, module = Module} = Turn) ->
+hear({take, #{number := N}}, #turn{over = true, lineage = Lineage} = Turn) ->
     _ = put(?TURN, Turn),
-    tell(Switch, done, Module, []);
+    tell([starl_reload:told(N, done, nobody, Lineage)]);
 hear({back, _, _}, #turn{over = true} = Turn) ->
     _ = put(?TURN, Turn),
     ok;
-hear({back, N, Robot} = Word, #turn{switches = Words, module = Module} = Turn) ->
+hear({back, N, Robot} = Word, #turn{switches = Words, lineage = Lineage} = Turn) ->
     case [S || {take, #{number := M} = S} <- Words, M =:= N] of
         [Switch | _] ->
             _ = put(?TURN, Turn#turn{switches = lists:delete({take, Switch}, Words)}),
-            tell(Switch, {back, Robot}, Module, []);
+            tell([starl_reload:told(N, {back, Robot}, nobody, Lineage)]);
         [] ->
             _ = put(?TURN, Turn#turn{switches = Words ++ [Word]}),
             ok
@@ -517,10 +589,11 @@ read(Message) ->
     _ = put(?TURN, noted(Message, turn())),
     Message.
 
-noted(Message, #turn{trial = #{until := Until}, now = Now, read = Read} = Turn) when Now < Until ->
-    Turn#turn{read = [Message | Read]};
-noted(_Message, Turn) ->
-    Turn.
+noted(Message, #turn{read = Read} = Turn) ->
+    case may_crash(Turn) of
+        true -> Turn#turn{read = [Message | Read]};
+        false -> Turn
+    end.
 
 said(Unsaid, Free) when Unsaid >= ?READ_AT_ONCE; Free - Unsaid < ?READ_AT_ONCE -> Unsaid;
 said(_Unsaid, _Free) -> 0.

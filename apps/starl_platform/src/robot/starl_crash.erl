@@ -98,7 +98,7 @@ own(Stack) ->
     [plain(Frame) || Frame <- Above, not is_runtime(element(1, Frame))].
 
 is_interpreter({starl_machine, Function, _, _}) ->
-    lists:member(Function, [new, step, handle, moved_over, moved_back]);
+    lists:member(Function, [new, step, handle, moved_over, moved_down]);
 is_interpreter(_) ->
     false.
 

@@ -26,6 +26,15 @@ text({no_such_machine, Name, add_it_to_blocks}, Stack) ->
             none -> "is its block in the list of blocks/0?"
         end
     ];
+text({unknown_state, State}, _Stack) ->
+    [
+        "the code to which it went back does not know the state that new code has left: ",
+        term(State)
+    ];
+text({no_way_back, Former}, _Stack) ->
+    io_lib:format("its state cannot be converted back for ~ts: it starts anew", [
+        starl_version:original(Former)
+    ]);
 text({given_up, Name, it_crashed_too_often}, _Stack) ->
     io_lib:format("this robot's machine ~tp crashed too often and was given up", [Name]);
 text({bad_argument, #{function := {M, F, A}, argument := Argument, why := Why}}, _Stack) ->
@@ -37,6 +46,8 @@ text({bad_argument, #{function := {M, F, A}, argument := Argument} = Mistake}, _
     ]);
 text({bad_payload, What, Why}, _Stack) ->
     io_lib:format("~ts cannot be sent or kept: ~ts", [term(What), Why]);
+text({unknown_event, Type, Content}, _Stack) ->
+    ["it does not know an event that the former code knows: ", term({Type, Content})];
 text({bad_action, Action, Expected}, _Stack) ->
     io_lib:format("~ts is no action; expected: ~ts", [term(Action), Expected]);
 text({exit, Reason}, _Stack) ->

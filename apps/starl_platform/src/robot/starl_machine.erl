@@ -106,7 +106,7 @@
 %% own random stream, another one in each life. `team_seed' is the same number for all robots of the
 %% team, in all their lives: what a machine has told by it, it tells again after a restart, and after
 %% the loss of its store, too. `clock' reads the robot's own clock where steps take time; only an
-%% application gets it.
+%% application gets it. `code': the versions of a machine that does not start with its first code.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
@@ -118,6 +118,7 @@
     team_seed := integer(),
     now := integer(),
     clock => fun(() -> integer()),
+    code => starl_lineage:t(),
     atom() => term()
 }.
 
@@ -154,12 +155,13 @@ when
     data :: term()
 }).
 
-%% A machine that runs reloaded code: the module before, and until when the new one is on trial.
+%% A machine that runs reloaded code, or did. `before', for some time after the way back from code
+%% that has no `code_change/3': the machine with the state that it had before, unless it has started
+%% with that code.
 -record(reloaded, {
     machine :: #machine{},
-    switch :: starl_reload:switch(),
-    former :: module(),
-    until :: integer()
+    lineage :: starl_lineage:t(),
+    before = none :: {#machine{} | unknown, UntilUs :: integer()} | none
 }).
 
 %% A machine with its present state.
@@ -168,6 +170,9 @@ when
 %% @doc A machine in its first state, with the actions of its start. `Base' is the platform's part
 %% of the configuration, `Config' the machine's own.
 -spec new(module(), Config :: map(), Base :: config()) -> {[action()], t()}.
+new(_First, Config, #{code := Lineage} = Base) ->
+    {Actions, Machine} = new(starl_lineage:code(Lineage), Config, maps:remove(code, Base)),
+    {Actions, reloaded(Machine, Lineage, none)};
 new(Module, Config, Base) ->
     case Module:init(maps:merge(Config, Base)) of
         {State, Data, Actions} ->
@@ -203,7 +208,10 @@ step(Type, Content, Meta, #machine{} = Machine) ->
     handle(Type, Content, Meta, Machine);
 step(Type, Content, Meta, #reloaded{machine = Machine} = Reloaded) ->
     try step(Type, Content, Meta, Machine) of
-        {Actions, Next} -> {Actions, Reloaded#reloaded{machine = Next}}
+        {[{trace, {unknown_event, Type, Content}}] = Actions, Machine} ->
+            unknown(Type, Content, Meta, Actions, Reloaded);
+        {Actions, Next} ->
+            {Actions, went_on(Meta, Reloaded#reloaded{machine = Next})}
     catch
         Class:Reason:Stack -> failed(Class, Reason, Stack, {Type, Content, Meta}, Reloaded)
     end.
@@ -239,62 +247,96 @@ bad_return(Module, Function, Other) -> error({bad_return, {Module, Function}, Ot
 
 %% -- new code -------------------------------------------------------------------------------
 
-switch({take, Switch}, Meta, #reloaded{machine = Machine}) ->
-    switch({take, Switch}, Meta, Machine);
-switch({take, #{module := New} = Switch}, #{now := Now}, #machine{} = Machine) ->
-    Former = module(Machine),
-    #{trial_us := Us} = Switch,
-    try both_ways(New, Former, Machine) of
-        Next ->
-            Reloaded = #reloaded{
-                machine = Next, switch = Switch, former = Former, until = Now + Us
-            },
-            {[told(Switch, taken, New, [])], Reloaded}
+%% A machine may have started with the code before it hears of it.
+switch({take, #{number := N} = Switch}, #{now := Now}, Running) ->
+    {Machine, Lineage} = with_lineage(Running),
+    case starl_lineage:has(N, Lineage) of
+        true -> {[], Running};
+        false -> taken(Switch, Now, Machine, Lineage, Running)
+    end;
+switch({back, N, Robot}, #{now := Now}, Running) ->
+    {Machine, Lineage} = with_lineage(Running),
+    case starl_lineage:leave(N, Lineage) of
+        {left, Left, Earlier} ->
+            {left({back, Robot}, Left, Earlier), moved_back(Now, Left, Earlier, Machine)};
+        {skipped, Skipped} ->
+            {told(N, {back, Robot}, Skipped), reloaded(Machine, Skipped, none)};
+        unknown ->
+            {[], Running}
+    end.
+
+with_lineage(#reloaded{machine = Machine, lineage = Lineage}) -> {Machine, Lineage};
+with_lineage(#machine{} = Machine) -> {Machine, starl_lineage:new(module(Machine))}.
+
+reloaded(Machine, Lineage, Before) ->
+    case starl_lineage:is_first(Lineage) andalso Before =:= none of
+        true -> Machine;
+        false -> #reloaded{machine = Machine, lineage = Lineage, before = Before}
+    end.
+
+told(N, Outcome, Lineage) -> [{reloaded, starl_reload:told(N, Outcome, nobody, Lineage)}].
+
+left(Outcome, Left, Earlier) ->
+    [{reloaded, Told} || Told <- starl_reload:left(Outcome, nobody, {Left, Earlier})].
+
+%% No code without a way back.
+taken(#{number := N, module := New} = Switch, Now, Machine, Lineage, Running) ->
+    try
+        Next = moved_over(New, Machine),
+        Taken = starl_lineage:take(Switch#{kept => kept(New, Machine)}, Now, Lineage),
+        {Left, Earlier} = starl_lineage:back(Taken),
+        _ = moved_back(Now, Left, Earlier, Next),
+        {told(N, taken, Taken), reloaded(Next, Taken, none)}
     catch
         Class:Reason:Stack ->
             Cause = starl_crash:cause(starl_crash:reason(Class, Reason, Stack)),
-            {[told(Switch, {migration_failed, Cause}, Former, [])], Machine}
-    end;
-switch({back, N, Robot}, _Meta, #reloaded{switch = #{number := N} = Switch} = Reloaded) ->
-    #reloaded{machine = Machine, former = Former} = Reloaded,
-    {[told(Switch, {back, Robot}, Former, [])], moved_back(Former, Machine)};
-switch({back, _, _}, _Meta, Machine) ->
-    {[], Machine}.
+            {told(N, {migration_failed, Cause}, Lineage), Running}
+    end.
 
-told(#{number := N}, Outcome, Module, Others) ->
-    {reloaded, #{number => N, outcome => Outcome, module => Module, tell => Others}}.
+converts(Module) -> erlang:function_exported(Module, code_change, 3).
 
-%% An event that crashed has done nothing: the former code handles it. If even the way back crashes,
-%% the machine does.
-failed(_Class, Reason, Stack, {Type, Content, #{now := Now} = Meta}, Reloaded) when
-    Now < Reloaded#reloaded.until
-->
-    #reloaded{machine = Machine, switch = Switch, former = Former} = Reloaded,
-    Cause = starl_crash:cause(starl_crash:reason(error, Reason, Stack)),
-    {Actions, Next} = step(Type, Content, Meta, moved_back(Former, Machine)),
-    {[told(Switch, {crashed, Cause}, Former, []) | Actions], Next};
-failed(Class, Reason, Stack, _Event, _Reloaded) ->
-    erlang:raise(Class, Reason, Stack).
+%% What code without `code_change/3' leaves may be of no use to the former code.
+kept(Module, Machine) ->
+    case converts(Module) of
+        true -> none;
+        false -> Machine
+    end.
 
-%% No code without a way back.
-both_ways(New, Former, Machine) ->
-    Next = moved_over(New, version(Former), Machine),
-    _ = moved_back(Former, Next),
-    Next.
-
-moved_over(New, Vsn, #machine{state = State0, data = Data0} = Machine) ->
+moved_over(New, #machine{state = State0, data = Data0} = Machine) ->
     {module, New} = code:ensure_loaded(New),
     {ok, State, Data} =
-        case erlang:function_exported(New, code_change, 3) of
-            true -> New:code_change(Vsn, State0, Data0);
+        case converts(New) of
+            true -> New:code_change(version(module(Machine)), State0, Data0);
             false -> {ok, State0, Data0}
         end,
     of_module(New, State, Data, Machine).
 
-moved_back(Former, #machine{state = State0, data = Data0} = Machine) ->
+%% Each version converts the state for the one before.
+moved_back(Now, Left, Earlier, Machine) ->
+    Formers = [Module || #{module := Module} <- tl(Left)] ++ [starl_lineage:code(Earlier)],
+    case lists:foldl(fun without/2, {Machine, none}, lists:zip(Left, Formers)) of
+        {Back, none} ->
+            reloaded(Back, Earlier, none);
+        {Back, Before} ->
+            Until = Now + lists:max([Us || #{trial_us := Us} <- Left]),
+            reloaded(Back, Earlier, {Before, Until})
+    end.
+
+without({#{kept := #machine{} = Kept}, Former}, {Machine, _Before}) ->
+    {moved_down(Former, Machine), Kept};
+without({#{module := Module}, Former}, {Machine, Before0}) ->
+    Before =
+        case {converts(Module), Before0} of
+            {true, #machine{}} -> moved_down(Former, Before0);
+            {true, _} -> Before0;
+            {false, _} -> unknown
+        end,
+    {moved_down(Former, Machine), Before}.
+
+moved_down(Former, #machine{state = State0, data = Data0} = Machine) ->
     New = module(Machine),
     {ok, State, Data} =
-        case erlang:function_exported(New, code_change, 3) of
+        case converts(New) of
             true -> New:code_change({down, version(Former)}, State0, Data0);
             false -> {ok, State0, Data0}
         end,
@@ -309,6 +351,81 @@ of_module(Module, State, Data, Machine) ->
     }.
 
 version(Module) -> Module:module_info(md5).
+
+%% An event that crashed has done nothing: the former code handles it. If even the way back crashes,
+%% the machine does.
+failed(Class, Reason, Stack, {Type, Content, #{now := Now} = Meta}, Reloaded) ->
+    #reloaded{machine = Machine, lineage = Lineage} = Reloaded,
+    case starl_lineage:is_on_trial(Now, Lineage) of
+        true ->
+            Cause = starl_crash:cause(starl_crash:reason(error, Reason, Stack)),
+            {Left, Earlier} = starl_lineage:back(Lineage),
+            {Actions, Next} = step(Type, Content, Meta, moved_back(Now, Left, Earlier, Machine)),
+            {left({crashed, Cause}, Left, Earlier) ++ Actions, Next};
+        false ->
+            erlang:raise(Class, Reason, Stack)
+    end.
+
+%% The code does not know an event. If it is on trial and the former code knows it, somebody may
+%% wait for ever for what that does: the trial has failed as if the code had crashed. After the way
+%% back it may be the state that the code does not know: then the machine crashes, and starts anew.
+unknown(Type, Content, #{now := Now} = Meta, Actions, #reloaded{lineage = Lineage} = Reloaded) ->
+    case {starl_lineage:is_on_trial(Now, Lineage), Reloaded#reloaded.before} of
+        {true, _} ->
+            asked(Type, Content, Meta, Actions, Reloaded);
+        {false, {Before, Until}} when Now < Until ->
+            _ = is_missed(Type, Content, Meta, Before) andalso no_use(Reloaded),
+            {Actions, Reloaded};
+        {false, _} ->
+            {Actions, Reloaded}
+    end.
+
+asked(Type, Content, #{now := Now} = Meta, Actions, Reloaded) ->
+    #reloaded{machine = Machine, lineage = Lineage} = Reloaded,
+    {Left, Earlier} = starl_lineage:back(Lineage),
+    Former = moved_back(Now, Left, Earlier, Machine),
+    case answer(Type, Content, Meta, Former) of
+        {Handled, Next} ->
+            Cause = starl_crash:cause(not_known(Type, Content, module(Machine))),
+            {left({crashed, Cause}, Left, Earlier) ++ Handled, Next};
+        unknown ->
+            _ = is_missed(Type, Content, Meta, before(Former)) andalso no_use(Reloaded),
+            {Actions, Reloaded}
+    end.
+
+before(#reloaded{before = {#machine{} = Before, _}}) -> Before;
+before(_) -> none.
+
+%% News of other machines may be unknown to any state.
+is_missed(_Type, _Content, _Meta, none) -> false;
+is_missed(Type, _Content, _Meta, unknown) -> Type =/= info;
+is_missed(Type, Content, Meta, Before) -> answer(Type, Content, Meta, Before) =/= unknown.
+
+%% What a machine would do; it is only asked, and may crash.
+answer(Type, Content, Meta, Machine) ->
+    try step(Type, Content, Meta, Machine) of
+        {[{trace, {unknown_event, _, _}}], _} -> unknown;
+        Answer -> Answer
+    catch
+        _:_ -> unknown
+    end.
+
+-spec no_use(#reloaded{}) -> no_return().
+no_use(#reloaded{machine = Machine}) -> error({unknown_state, {state(Machine), data(Machine)}}).
+
+not_known(Type, Content, Module) ->
+    Place =
+        case starl_code:line(Module, handle_event, 5) of
+            {ok, File, Line} -> [{file, File}, {line, Line}];
+            none -> []
+        end,
+    {{unknown_event, Type, Content}, [{Module, handle_event, 5, Place}]}.
+
+%% The state before the switch is of no use for long.
+went_on(#{now := Now}, #reloaded{before = {_, Until}} = Reloaded) when Now >= Until ->
+    reloaded(Reloaded#reloaded.machine, Reloaded#reloaded.lineage, none);
+went_on(_Meta, Reloaded) ->
+    Reloaded.
 
 %% @doc The callback module.
 -spec module(t()) -> module().

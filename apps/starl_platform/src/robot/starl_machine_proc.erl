@@ -57,7 +57,7 @@ handle_event(info, {starl_step, Type, Content, Meta}, stepping, #shell{} = Shell
     end;
 handle_event(info, {starl_boot, Base}, waiting, Spec) ->
     #{driver := Driver, robot := Robot, module := Module, config := Config} = Spec,
-    try starl_machine:new(maps:get(code, Base, Module), Config, Base) of
+    try starl_machine:new(Module, Config, Base) of
         {Actions, Machine} ->
             _ = starl_driver:done(Driver, Robot, Actions),
             {next_state, stepping, #shell{driver = Driver, robot = Robot, machine = Machine}}

@@ -105,7 +105,7 @@ boot(Name, Base, #machines{now = Now, inline = Inline} = Machines) ->
             {ask, Pid, starl_driver:boot(Base)};
         #{Name := _} ->
             #{Name := {Module, Config}} = Inline,
-            try starl_machine:new(maps:get(code, Base, Module), Config, Base) of
+            try starl_machine:new(Module, Config, Base) of
                 {Actions, Machine} ->
                     {done, Actions, Machines#machines{now = Now#{Name := Machine}}}
             catch

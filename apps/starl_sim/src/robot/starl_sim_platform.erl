@@ -17,7 +17,7 @@
 -export([perform/3, stop/1]).
 -export([pending/1, now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
 -export([outdate_store/1, save_store/3, set_back_store/2]).
--export([turn_wheels/1, beat/2, says/2, postpone/2, reload/2, take_back/2, fallen/3]).
+-export([turn_wheels/1, beat/2, says/2, postpone/2, reload/2, take_back/3, fallen/3]).
 
 -export_type([t/0, world/0, yield/0]).
 
@@ -134,9 +134,9 @@ yield(#body{later = Later, traces = Traces, changes = Changes}) -> {Later, Trace
 
 %% @doc The start configuration of a machine.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
-base(Name, Incarnation, #body{id = Id, world = World, store = Store} = Body) ->
+base(Name, Incarnation, #body{id = Id, world = World} = Body) ->
     #{seed := Seed, team := Team} = World,
-    (code(Name, Store))#{
+    (starl_reload:code(Name, codes(Body)))#{
         robot => Id,
         participants => Team,
         name => Name,
@@ -156,12 +156,6 @@ stream(Name, Incarnation, #body{id = Id, world = #{seed := Seed}}) ->
 %% @doc The term that a machine finds when it starts now.
 -spec stored(starl_machine:name(), t()) -> starl_machine:stored().
 stored(Name, #body{now = Now, store = Store}) -> starl_sim_store:kept(Name, Now, Store).
-
-code(Name, Store) ->
-    case starl_reload:present(Name, first, starl_sim_store:codes(Store)) of
-        first -> #{};
-        Module -> #{code => Module}
-    end.
 
 %% @doc The application has ended. Its first end counts, unless a result follows.
 -spec ended(starl_robot:ended(), t()) -> t().
@@ -202,7 +196,14 @@ handles(Machine, info, {located, _Tag, Seen}, Body) ->
 handles(Machine, code, {take, #{number := N}}, Body) ->
     %% the names of versions depend on the compiler's release
     handles(Machine, code, {take, N}, Body);
-handles(Machine, Type, Content, #body{now = Now, chain = Chain} = Body) ->
+handles(Machine, boot, Content, Body) ->
+    %% a robot knows no time but its own clock's
+    {Told, Codes} = starl_reload:started(Machine, clock(Body), codes(Body)),
+    all_reloaded(Told, Machine, chained(Machine, boot, Content, codes(Codes, Body)));
+handles(Machine, Type, Content, Body) ->
+    chained(Machine, Type, Content, Body).
+
+chained(Machine, Type, Content, #body{now = Now, chain = Chain} = Body) ->
     Body#body{chain = starl_sim_chain:add(Now, Machine, Type, Content, Chain)}.
 
 %% @doc The same for an event at a later time than the last one.
@@ -251,7 +252,10 @@ perform({until, Us, Action, Mark}, Name, Body) ->
 perform({outlived, N}, _Name, Body) ->
     {[], outlived(N, Body)};
 perform({reloaded, #{tell := Tell} = Told}, Name, Body) ->
-    {[{To, info, {restarted, Name}} || To <- Tell], reloaded(Told, Name, Body)}.
+    {
+        [{To, info, {restarted, Name}} || To <- to_tell(Tell, Name, Body)],
+        reloaded(Told, Name, Body)
+    }.
 
 %% @doc Keeps a term of a machine over crashes and reboots.
 -spec store(starl_machine:name(), term(), t()) -> {ok, t()} | full.
@@ -284,41 +288,48 @@ set_back_store(Fault, #body{store = Store} = Body) ->
 
 %% @doc A reload begins: the words for the robot's machines, which start with this code from now on.
 -spec reload(pos_integer(), t()) -> {[{starl_machine:name(), starl_reload:word()}], t()}.
-reload(N, #body{world = #{reloads := Reloads, parts := Parts}, store = Store} = Body) ->
+reload(N, #body{world = #{reloads := Reloads, parts := Parts}} = Body) ->
     #{N := #{order := Order}} = Reloads,
-    {Words, Codes} = starl_reload:take(Order, Body#body.now, Parts, starl_sim_store:codes(Store)),
-    {Words, Body#body{store = starl_sim_store:codes(Codes, Store)}}.
+    {Words, Codes} = starl_reload:take(Order, Parts, codes(Body)),
+    {Words, codes(Codes, Body)}.
 
 %% @doc A reload has failed elsewhere: the machines that have to go back, which start with the
 %% former code from now on.
--spec take_back(pos_integer(), t()) -> {[starl_machine:name()], t()}.
-take_back(N, #body{store = Store} = Body) ->
-    {Names, Codes} = starl_reload:back(N, starl_sim_store:codes(Store)),
-    {Names, Body#body{store = starl_sim_store:codes(Codes, Store)}}.
+-spec take_back(pos_integer(), Failed :: starl:robot_id(), t()) ->
+    {[{starl_machine:name(), starl_reload:word()}], t()}.
+take_back(N, Failed, Body) ->
+    {Words, Codes} = starl_reload:back(N, Failed, codes(Body)),
+    {Words, codes(Codes, Body)}.
+
+codes(#body{store = Store}) -> starl_sim_store:codes(Store).
+
+codes(Codes, #body{store = Store} = Body) -> Body#body{store = starl_sim_store:codes(Codes, Store)}.
+
+to_tell(nobody, _Name, _Body) ->
+    [];
+to_tell(others, Name, #body{world = #{parts := Parts}}) ->
+    lists:delete(Name, lists:sort(maps:keys(Parts))).
 
 %% @doc A machine has ended by itself: new code on trial, which it could not even start with or
 %% which could not go back in peace, is given up.
 -spec fallen(starl_machine:name(), starl_crash:cause() | none, t()) -> t().
 fallen(_Name, none, Body) ->
     Body;
-fallen(Name, Cause, #body{now = Now, store = Store} = Body) ->
-    case starl_reload:on_trial(Name, Now, starl_sim_store:codes(Store)) of
-        {N, Former} ->
-            Told = #{number => N, outcome => {crashed, Cause}, module => Former, tell => []},
-            reloaded(Told, Name, Body);
-        none ->
-            Body
-    end.
+fallen(Name, Cause, Body) ->
+    all_reloaded(starl_reload:fallen(Name, Cause, clock(Body), codes(Body)), Name, Body).
 
-reloaded(#{number := N, outcome := Outcome, module := Module}, Name, #body{id = Id} = Body) ->
-    #body{store = Store} = Traced = trace(Name, {reloaded, N, Outcome}, Body),
+all_reloaded(Told, Name, Body) ->
+    lists:foldl(fun(One, B) -> reloaded(One, Name, B) end, Body, Told).
+
+reloaded(Told, Name, #body{id = Id} = Body) ->
+    #{number := N, outcome := Outcome, module := Module} = Told,
+    Traced = trace(Name, {reloaded, N, Outcome}, Body),
     Line = unicode:characters_to_binary(starl_reload:format(Id, Name, Module, Outcome)),
     logger:notice(#{what => reload, number => N, outcome => Line}, #{domain => [starl, sim]}),
-    Codes = starl_reload:settled(Name, N, Module, starl_sim_store:codes(Store)),
-    Settled = Traced#body{store = starl_sim_store:codes(Codes, Store)},
+    Heard = codes(starl_reload:heard(Name, Told, codes(Traced)), Traced),
     case starl_reload:is_failure(Outcome) of
-        true -> tell_all(N, Settled);
-        false -> Settled
+        true -> tell_all(N, Heard);
+        false -> Heard
     end.
 
 tell_all(N, #body{id = Id, world = #{reloads := Reloads} = World} = Body) ->

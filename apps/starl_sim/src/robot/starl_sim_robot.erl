@@ -325,8 +325,8 @@ strike({reload, N}, Site) ->
     {Words, Body} = starl_sim_platform:reload(N, body(Site)),
     heeded(Words, body(Body, Site));
 strike({reload_failed, N, Failed}, Site) ->
-    {Names, Body} = starl_sim_platform:take_back(N, body(Site)),
-    heeded([{Name, {back, N, Failed}} || Name <- Names], body(Body, Site));
+    {Words, Body} = starl_sim_platform:take_back(N, Failed, body(Site)),
+    heeded(Words, body(Body, Site));
 strike({lag, Lag}, #robot{hold = {Until, _}} = Site) ->
     postpone(Site#robot{hold = {Until, Lag}});
 strike(Fault, #robot{robot = Robot} = Site) ->

@@ -7,8 +7,9 @@
 %% '''
 %% The new code lies beside the former one under a name of its own ({@link starl_version}), so that
 %% neither phase ends a process, and the way back is always there. The crash or the state that failed
-%% is known on that robot at once; the others hear of it here. A node that was down starts with the
-%% present code.
+%% is known on that robot at once; the others hear of it here, at any time. A node that was down
+%% starts with the present code. A caller that was told that steps last long may reload again: then
+%% two reloads are under way.
 -module(starl_cluster_reload).
 
 -export([new/1, codes/1, code/1, start/5, hear/2, lost/2, rejoined/3]).
@@ -28,7 +29,7 @@
     from :: gen_server:from(),
     links :: #{starl:robot_id() => pid()},
     %% robots that have yet to switch, with their machines
-    waiting :: all | [{starl:robot_id(), starl_machine:name()}],
+    waiting :: [{starl:robot_id(), starl_machine:name()}],
     %% of the trial time
     timer = none :: reference() | none,
     %% whether the caller has been told already
@@ -40,7 +41,10 @@
     count = 0 :: non_neg_integer(),
     codes = #{} :: starl_reload:codes(),
     code = [] :: [starl_version:code()],
-    now = none :: #rollout{} | none
+    %% the links of the robots that are up
+    links = #{} :: #{starl:robot_id() => pid()},
+    %% the reloads that are under way
+    rollouts = #{} :: #{starl_reload:count() => #rollout{}}
 }).
 
 -opaque t() :: #reloads{}.
@@ -56,16 +60,7 @@ new(Speed) -> #reloads{speed = Speed}.
 
 %% @doc The present code of a robot whose node starts now; it may be on trial.
 -spec codes(t()) -> starl_reload:codes().
-codes(#reloads{codes = Codes, now = none}) ->
-    Codes;
-codes(#reloads{codes = Codes, now = #rollout{order = #{number := N, trial_us := Us}}}) ->
-    maps:map(
-        fun
-            (_, {M, Now, Before, _}) when M =:= N -> {M, Now, Before, {from_start, Us}};
-            (_, Code) -> Code
-        end,
-        Codes
-    ).
+codes(#reloads{codes = Codes}) -> Codes.
 
 %% @doc The code of all versions.
 -spec code(t()) -> [starl_version:code()].
@@ -76,22 +71,22 @@ code(#reloads{code = Code}) -> Code.
     {ok, t()} | {error, unicode:chardata()}
 when
     Parts :: #{starl_machine:name() => module()}.
-start(_Sources, _Options, _Robots, _From, #reloads{now = #rollout{told = false}}) ->
-    {error, "another reload is on trial; try again when it has ended"};
-start(Sources, Options, {Parts, Nodes}, From, #reloads{count = Count} = Reloads) ->
-    case starl_version:make(Sources) of
-        {ok, #{versions := Versions, code := Code}} ->
-            Order = #{
-                number => Count + 1,
-                versions => Versions,
-                trial_us => 1000 * maps:get(trial_ms, Options, ?TRIAL_MS)
-            },
-            prepared(
-                problems(Versions, Code, Parts, Nodes), Order, Code, {Parts, Nodes}, From, Reloads
-            );
-        {error, Lines} ->
-            {error, lists:join("\n", Lines)}
+start(Sources, Options, Robots, From, #reloads{rollouts = Rollouts} = Reloads) ->
+    case [N || {N, #rollout{told = false}} <- maps:to_list(Rollouts)] of
+        [_ | _] -> {error, "another reload is on trial; try again when it has ended"};
+        [] -> made(starl_version:make(Sources), Options, Robots, From, Reloads)
     end.
+
+made({ok, #{versions := Versions, code := Code}}, Options, Robots, From, Reloads) ->
+    {Parts, Nodes} = Robots,
+    Order = #{
+        number => Reloads#reloads.count + 1,
+        versions => Versions,
+        trial_us => 1000 * maps:get(trial_ms, Options, ?TRIAL_MS)
+    },
+    prepared(problems(Versions, Code, Parts, Nodes), Order, Code, Robots, From, Reloads);
+made({error, Lines}, _Options, _Robots, _From, _Reloads) ->
+    {error, lists:join("\n", Lines)}.
 
 problems(Versions, Code, Parts, Nodes) ->
     case [M || M <- maps:values(Parts), is_map_key(M, Versions)] of
@@ -112,101 +107,129 @@ problem(Robot, Node, Code) ->
         error:{erpc, _} -> []
     end.
 
-prepared([], Order, Code, {Parts, Nodes}, From, #reloads{codes = Codes} = Reloads) ->
-    {Words, Next} = starl_reload:take(Order, 0, Parts, Codes),
+prepared([], #{number := N} = Order, Code, {Parts, Nodes}, From, Reloads) ->
+    {Words, Codes} = starl_reload:take(Order, Parts, Reloads#reloads.codes),
     Links = maps:from_list([{Robot, Link} || {Robot, _, Link} <- Nodes]),
     ok = lists:foreach(
         fun(Link) -> starl_live_link:reload(Link, Order, self()) end, maps:values(Links)
     ),
-    #{number := N} = Order,
     _ = erlang:send_after(?PATIENCE_MS, self(), {reload_patience, N}),
-    Rollout = #rollout{
-        order = Order,
-        from = From,
-        links = Links,
-        waiting = all
-    },
     Waiting = [{Robot, Name} || {Robot, _, _} <- Nodes, {Name, _} <- Words],
-    {ok,
-        switched(Waiting, Reloads#reloads{
-            count = N, codes = Next, code = Code ++ Reloads#reloads.code, now = Rollout
-        })};
+    Rollout = #rollout{order = Order, from = From, links = Links, waiting = Waiting},
+    Begun = Reloads#reloads{
+        count = N,
+        codes = Codes,
+        code = Code ++ Reloads#reloads.code,
+        links = maps:merge(Reloads#reloads.links, Links)
+    },
+    {ok, rollout(N, begun(Rollout, Begun), Begun)};
 prepared(Problems, _Order, _Code, _Robots, _From, _Reloads) ->
     {error, lists:join("\n", Problems)}.
+
+rollout(N, Rollout, #reloads{rollouts = Rollouts} = Reloads) ->
+    Reloads#reloads{rollouts = Rollouts#{N => Rollout}}.
+
+%% The trial begins on each robot when it switches: it is over for all when it is for the last.
+begun(#rollout{waiting = []} = Rollout, Reloads) -> on_trial(Rollout, Reloads);
+begun(Rollout, _Reloads) -> Rollout.
+
+on_trial(#rollout{order = #{trial_us := Us}} = Rollout, #reloads{speed = Speed}) ->
+    Rollout#rollout{
+        timer = erlang:start_timer(ceil(Us / 1000 / Speed) + 1, self(), reload_trial)
+    }.
 
 %% @doc Handles a message to the process that reloads: a machine has told how it has heeded a reload; the
 %% trial time, or the caller's patience, is over.
 -spec hear(Message :: term(), t()) -> t().
 hear({starl_reloaded, Robot, Name, #{number := N, outcome := Outcome} = Told}, Reloads) ->
-    case Reloads of
-        #reloads{now = #rollout{order = #{number := N}}} ->
-            heard(starl_reload:is_failure(Outcome), Robot, Name, Told, Reloads);
-        #reloads{} ->
+    case starl_reload:is_failure(Outcome) of
+        true ->
+            failed(
+                N, Robot, starl_reload:format(Robot, Name, maps:get(module, Told), Outcome), Reloads
+            );
+        false ->
+            switched(N, [{Robot, Name}], Reloads)
+    end;
+hear({timeout, Timer, reload_trial}, #reloads{rollouts = Rollouts} = Reloads) ->
+    case [Rollout || {_, #rollout{timer = T} = Rollout} <- maps:to_list(Rollouts), T =:= Timer] of
+        [Rollout] -> tried(Rollout, Reloads);
+        [] -> Reloads
+    end;
+hear({reload_patience, N}, #reloads{rollouts = Rollouts} = Reloads) ->
+    case Rollouts of
+        #{N := #rollout{told = false} = Rollout} ->
+            _ = answered({ok, impatient(Rollout)}, Rollout),
+            rollout(N, Rollout#rollout{told = true}, Reloads);
+        #{} ->
             Reloads
     end;
-hear({timeout, Timer, reload_trial}, #reloads{now = #rollout{timer = Timer}} = Reloads) ->
-    tried(Reloads);
-hear({reload_patience, N}, #reloads{now = #rollout{order = #{number := N}} = Now} = Reloads) ->
-    _ = answered({ok, impatient(Now)}, Now),
-    Reloads#reloads{now = Now#rollout{told = true}};
 hear(_Message, Reloads) ->
     Reloads.
 
-heard(false, Robot, Name, _Told, #reloads{now = Rollout} = Reloads) ->
-    #rollout{waiting = Waiting} = Rollout,
-    switched(lists:delete({Robot, Name}, Waiting), Reloads);
-heard(
-    true, Robot, Name, #{outcome := Outcome, module := Module}, #reloads{now = Rollout} = Reloads
-) ->
-    #rollout{order = #{number := N}, links = Links} = Rollout,
-    {_, Codes} = starl_reload:back(N, Reloads#reloads.codes),
+switched(N, Done, #reloads{rollouts = Rollouts} = Reloads) ->
+    case Rollouts of
+        #{N := #rollout{waiting = [_ | _] = Waiting} = Rollout} ->
+            rollout(N, begun(Rollout#rollout{waiting = Waiting -- Done}, Reloads), Reloads);
+        #{} ->
+            Reloads
+    end.
+
+%% A reload may fail on a robot when it has long been over on others: they go back all the same.
+failed(N, Robot, Line, #reloads{rollouts = Rollouts, codes = Codes, links = Links} = Reloads) ->
     ok = lists:foreach(
         fun(Link) -> starl_live_link:take_back(Link, N, Robot) end, maps:values(Links)
     ),
+    _ = [answered({error, lines(Robot, Line, Rollout)}, Rollout) || #{N := Rollout} <- [Rollouts]],
+    Reloads#reloads{
+        codes = starl_reload:without(N, Codes), rollouts = maps:remove(N, Rollouts)
+    }.
+
+lines(Failed, Line, #rollout{links = Links}) ->
     Others = [
-        io_lib:format("robot ~b: rolled back, since the reload failed on robot ~b", [R, Robot])
-     || R <- lists:sort(maps:keys(Links)), R =/= Robot
+        io_lib:format("robot ~b: rolled back, since the reload failed on robot ~b", [R, Failed])
+     || R <- lists:sort(maps:keys(Links)), R =/= Failed
     ],
-    Lines = [starl_reload:format(Robot, Name, Module, Outcome) | Others],
-    _ = answered({error, lists:join("\n", Lines)}, Rollout),
-    Reloads#reloads{codes = Codes, now = none}.
-
-%% The trial begins on each robot when it switches: it is over for all when it is for the last.
-switched([], #reloads{now = #rollout{waiting = Before} = Rollout} = Reloads) when Before =/= [] ->
-    on_trial(Reloads#reloads{now = Rollout#rollout{waiting = []}});
-switched(Waiting, #reloads{now = Rollout} = Reloads) ->
-    Reloads#reloads{now = Rollout#rollout{waiting = Waiting}}.
-
-on_trial(#reloads{now = #rollout{order = #{trial_us := Us}} = Rollout, speed = Speed} = Reloads) ->
-    Timer = erlang:start_timer(ceil(Us / 1000 / Speed) + 1, self(), reload_trial),
-    Reloads#reloads{now = Rollout#rollout{timer = Timer}}.
+    lists:join("\n", [Line | Others]).
 
 %% @doc The node of a robot has ended: it starts with the present code.
 -spec lost(starl:robot_id(), t()) -> t().
-lost(_Robot, #reloads{now = none} = Reloads) ->
-    Reloads;
-lost(Robot, #reloads{now = #rollout{waiting = Waiting, links = Links} = Rollout} = Reloads) ->
-    Left = Rollout#rollout{links = maps:remove(Robot, Links)},
-    switched([W || {R, _} = W <- Waiting, R =/= Robot], Reloads#reloads{now = Left}).
+lost(Robot, #reloads{rollouts = Rollouts, links = Links} = Reloads) ->
+    Left = Reloads#reloads{
+        links = maps:remove(Robot, Links),
+        rollouts = maps:map(
+            fun(_, #rollout{links = L} = R) -> R#rollout{links = maps:remove(Robot, L)} end,
+            Rollouts
+        )
+    },
+    maps:fold(
+        fun(N, #rollout{waiting = Waiting}, R) ->
+            switched(N, [W || {Id, _} = W <- Waiting, Id =:= Robot], R)
+        end,
+        Left,
+        Rollouts
+    ).
 
 %% @doc The node of a robot is up again: its trial begins.
 -spec rejoined(starl:robot_id(), [Link :: pid()], t()) -> t().
-rejoined(Robot, [Link], #reloads{now = #rollout{links = Links} = Rollout} = Reloads) ->
-    Joined = Reloads#reloads{now = Rollout#rollout{links = Links#{Robot => Link}}},
-    case Rollout of
-        #rollout{waiting = []} -> on_trial(Joined);
-        #rollout{} -> Joined
-    end;
+rejoined(Robot, [Link], #reloads{links = Links, rollouts = Rollouts} = Reloads) ->
+    Reloads#reloads{
+        links = Links#{Robot => Link},
+        rollouts = maps:map(fun(_, Rollout) -> joined(Robot, Link, Rollout, Reloads) end, Rollouts)
+    };
 rejoined(_Robot, _Links, Reloads) ->
     Reloads.
 
-tried(#reloads{now = #rollout{links = Links, order = #{versions := Versions}} = Now} = Reloads) ->
+joined(Robot, Link, #rollout{links = Links} = Rollout, Reloads) ->
+    begun(Rollout#rollout{links = Links#{Robot => Link}}, Reloads).
+
+tried(#rollout{order = #{number := N, versions := Versions}, links = Links} = Rollout, Reloads) ->
     Names = lists:join(", ", [atom_to_list(M) || M <- lists:sort(maps:keys(Versions))]),
     Line = io_lib:format("~ts: reloaded on ~b robots; the trial time is over\n", [
         Names, map_size(Links)
     ]),
-    _ = answered({ok, Line}, Now),
-    Reloads#reloads{now = none}.
+    _ = answered({ok, Line}, Rollout),
+    #reloads{codes = Codes, rollouts = Rollouts} = Reloads,
+    Reloads#reloads{codes = starl_reload:passed(N, Codes), rollouts = maps:remove(N, Rollouts)}.
 
 impatient(#rollout{waiting = []}) ->
     "all robots run the new code; it is on trial\n";

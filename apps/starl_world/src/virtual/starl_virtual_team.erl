@@ -319,19 +319,19 @@ carry_out({started, Names}, Robot, Team) ->
     kept(Robot#robot{names = Names}, Team);
 carry_out({ended, Result}, Robot, Team) ->
     kept(Robot#robot{result = Result}, Team);
-carry_out({reloaded, Name, Told}, #robot{codes = Codes, heeded = Heeded} = Robot, Team) ->
-    #{number := N, module := Module, outcome := Outcome} = Told,
-    #team{now = Now} = Team,
-    Settled = kept(
-        Robot#robot{
-            codes = starl_reload:settled(Name, N, Module, Codes), heeded = Heeded#{{Name, N} => Now}
-        },
-        Team
-    ),
+carry_out({reloaded, Name, #{number := N, outcome := Outcome}}, Robot, Team) ->
+    Known = kept(heeded(Outcome, Name, N, Robot, Team), Team),
     case starl_reload:is_failure(Outcome) of
-        true -> failed(N, Robot#robot.id, Settled);
-        false -> Settled
+        true -> failed(N, Robot#robot.id, Known);
+        false -> Known
     end.
+
+heeded(taken, Name, N, #robot{heeded = Heeded} = Robot, #team{now = Now}) ->
+    Robot#robot{heeded = Heeded#{{Name, N} => Now}};
+heeded(done, _Name, _N, Robot, _Team) ->
+    Robot;
+heeded(_Back, _Name, N, #robot{codes = Codes} = Robot, _Team) ->
+    Robot#robot{codes = starl_reload:without(N, Codes)}.
 
 %% The operator has all robots of the reload go back.
 failed(N, Failed, #team{world = #{reloads := Reloads}, now = Now} = Team) ->
@@ -430,11 +430,10 @@ struck(try_start, #robot{condition = down, disk = Disk} = Robot, Team) ->
     comes_up(Drawn, kept(Drawn, Team));
 struck({reload, N}, #robot{codes = Before} = Robot, #team{world = World} = Team) ->
     #{reloads := #{N := #{order := Order}}, parts := Parts} = World,
-    {_Words, Codes} = starl_reload:take(Order, 0, Parts, Before),
+    {_Words, Codes} = starl_reload:take(Order, Parts, Before),
     told({reload, Order, self()}, Robot#robot{codes = Codes}, Team);
 struck({take_back, N, Failed}, #robot{codes = Before} = Robot, Team) ->
-    {_Names, Codes} = starl_reload:back(N, Before),
-    told({take_back, N, Failed}, Robot#robot{codes = Codes}, Team);
+    told({take_back, N, Failed}, Robot#robot{codes = starl_reload:without(N, Before)}, Team);
 struck(kill_robot, #robot{id = Id, condition = Condition} = Robot, Team) when Condition =/= dead ->
     #team{now = Now} = Down = goes_down(killed, Robot, Team),
     Dead = kept((robot(Id, Down))#robot{condition = dead}, Down),
@@ -451,16 +450,12 @@ told(_Word, Robot, Team) ->
 
 %% A robot that starts before its machine has passed its trial is on trial from its start on.
 codes(#robot{codes = Codes, heeded = Heeded}, #{reloads := Reloads}, Now) ->
-    maps:map(
-        fun(Name, {N, New, Former, _}) ->
-            #{N := #{order := #{trial_us := Us}}} = Reloads,
-            case Heeded of
-                #{{Name, N} := At} when Now > At + Us -> {N, New, Former, 0};
-                #{} -> {N, New, Former, {from_start, Us}}
-            end
-        end,
-        Codes
-    );
+    Passed = [
+        N
+     || {{_Name, N}, At} <- lists:sort(maps:to_list(Heeded)),
+        Now > At + maps:get(trial_us, maps:get(order, maps:get(N, Reloads)))
+    ],
+    lists:foldl(fun starl_reload:passed/2, Codes, lists:sort(Passed));
 codes(_Robot, _World, _Now) ->
     #{}.
 
