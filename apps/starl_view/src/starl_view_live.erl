@@ -158,18 +158,22 @@ do(#{<<"do">> := <<"stop">>}, Page, Live) ->
 do(_Command, Page, Live) ->
     answered({error, "this cannot be done to a live run"}, none, Page, Live).
 
-hand(What, Robots, Page, #live{hands = Hands, robots = N} = Live) ->
-    Known = lists:all(fun(R) -> is_integer(R) andalso R >= 1 andalso R =< N end, Robots),
+hand(What, Robots, Page, #live{hands = Hands} = Live) ->
     case Hands of
-        #{What := Do} when Known -> answered(apply(Do, Robots), {What, Robots}, Page, Live);
-        #{} when not Known -> answered({error, "there is no such robot"}, none, Page, Live);
-        #{} -> answered({error, "this cannot be done to this run"}, none, Page, Live)
+        #{What := Do} -> hand(What, Robots, fun() -> apply(Do, Robots) end, Page, Live);
+        #{} -> hand(What, Robots, none, Page, Live)
+    end.
+
+hand(What, Robots, Do, Page, #live{robots = N} = Live) ->
+    case lists:all(fun(R) -> is_integer(R) andalso R >= 1 andalso R =< N end, Robots) of
+        true when Do =/= none -> answered(Do(), {What, Robots}, Page, Live);
+        true -> answered({error, "this cannot be done to this run"}, none, Page, Live);
+        false -> answered({error, "there is no such robot"}, none, Page, Live)
     end.
 
 %% The length is of the computer, not of the run.
-paused(Robot, Seconds, Page, #live{hands = #{pause := Pause} = Hands} = Live) ->
-    For = Hands#{pause := fun(Id) -> Pause(Id, Seconds) end},
-    (hand(pause, [Robot], Page, Live#live{hands = For}))#live{hands = Hands};
+paused(Robot, Seconds, Page, #live{hands = #{pause := Pause}} = Live) ->
+    hand(pause, [Robot], fun() -> Pause(Robot, Seconds) end, Page, Live);
 paused(_Robot, _Seconds, Page, Live) ->
     answered({error, "this cannot be done to this run"}, none, Page, Live).
 

@@ -101,7 +101,7 @@ recorded(Block, Found, Random, {Recorder, File}, #{out := Dir} = Values) ->
     case starl_cluster:start(scenario(Block, Found, Values), Options) of
         {ok, Cluster} ->
             %% all nodes end with this VM, halted or not
-            starl_cli_signal:on_interrupt(fun() -> halt(130) end),
+            starl_cli_signal:on_interrupt(fun interrupted/0),
             {Halted, Next} = halted(Block, Cluster, ended(Cluster), Found, Random, Values),
             {#{violations := Violations}, _} = starl_cluster:finish(Cluster),
             _ = starl_trace_recorder:close(Recorder),
@@ -215,3 +215,6 @@ kind(#{contract := Contract, what := What}) ->
     lists:flatten(
         io_lib:format("~s: ~s", [Contract, string:replace(atom_to_list(What), "_", " ", all)])
     ).
+
+-spec interrupted() -> no_return().
+interrupted() -> halt(130).

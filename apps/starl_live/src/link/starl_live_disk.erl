@@ -12,7 +12,7 @@
 
 -export_type([place/0, device/0]).
 
--type place() :: file:filename() | {module(), Path :: string()}.
+-type place() :: file:filename_all() | {module(), file:filename_all()}.
 
 %% An open file or directory.
 -type device() :: file:io_device() | {module(), Device :: term()}.
@@ -49,7 +49,7 @@ dirname({Module, Path}) -> {Module, filename:dirname(Path)};
 dirname(Path) -> filename:dirname(Path).
 
 %% @doc The path of a place, for a line of text.
--spec name(place()) -> file:filename().
+-spec name(place()) -> file:filename_all().
 name({_Module, Path}) -> Path;
 name(Path) -> Path.
 

@@ -54,7 +54,7 @@ is_mark(Name) -> Name =:= ?COMMISSIONED.
 open(Dir) ->
     case first_error(starl_live_disk:ensure_path(Dir), fun() -> emptied(Dir) end) of
         ok -> opened(Dir);
-        {error, _} = Error -> explained(Error, Dir)
+        {error, Posix} -> failure(Posix, Dir)
     end.
 
 opened(Dir) ->
@@ -79,7 +79,7 @@ lost(Dir) ->
     logger:error(#{what => store_lost, dir => starl_live_disk:name(Dir)}),
     case first_error(write(starl_live_disk:place(Dir, ?OUTDATING), 0), fun() -> emptied(Dir) end) of
         ok -> opened(Dir);
-        {error, _} = Error -> explained(Error, Dir)
+        {error, Posix} -> failure(Posix, Dir)
     end.
 
 %% Removes the terms of an outdated store. Its mark is there before and after.
@@ -168,7 +168,9 @@ removed(File) ->
 explained(ok, _Dir) ->
     ok;
 explained({error, Posix}, Dir) ->
-    {error, [starl_live_disk:name(Dir), ": ", file:format_error(Posix)]}.
+    failure(Posix, Dir).
+
+failure(Posix, Dir) -> {error, [starl_live_disk:name(Dir), ": ", file:format_error(Posix)]}.
 
 %% -- files ----------------------------------------------------------------------------------
 

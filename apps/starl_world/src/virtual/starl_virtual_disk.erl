@@ -144,6 +144,9 @@ is_file(Path) -> is_map_key(Path, (fetch(name_of(Path)))#disk.names).
 
 -spec open(string(), [term()]) -> {ok, {name(), inode() | directory}} | {error, file:posix()}.
 open(Path, Modes) ->
+    {_, _} = opening(Path, Modes).
+
+opening(Path, Modes) ->
     case {lists:member(directory, Modes), lists:member(write, Modes)} of
         %% a directory is opened when one of its files has got a new name
         {true, _} -> on(Path, weighty, fun(D) -> {{ok, {name_of(Path), directory}}, D} end);
@@ -226,7 +229,7 @@ delete(Path) ->
 
 -spec read_file(string()) -> {ok, binary()} | {error, file:posix()}.
 read_file(Path) ->
-    on(Path, fun(#disk{names = Names, content = Content, trouble = Trouble} = Disk) ->
+    {_, _} = on(Path, fun(#disk{names = Names, content = Content, trouble = Trouble} = Disk) ->
         case Names of
             #{Path := Inode} -> {{ok, shown(Path, Trouble, maps:get(Inode, Content))}, Disk};
             #{} -> {{error, enoent}, Disk}
@@ -271,6 +274,7 @@ on(Path, Weight, Operation) ->
     end.
 
 %% The power may go before an operation (1) or after it (2).
+-spec cut_at(name(), 1 | 2, fun((#disk{}) -> {term(), #disk{}}), #disk{}) -> no_return().
 cut_at(Name, 1, _Operation, Disk) ->
     ok = store(Name, Disk#disk{cut = none}),
     throw({starl_power_cut, Name});

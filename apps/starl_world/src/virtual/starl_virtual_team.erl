@@ -230,9 +230,6 @@ ended(#team{robots = Robots, now = Now, monitors = Monitors} = Team) ->
     {Late, _Results} = starl_monitor:finish(Now, Monitors),
     found(Late, Team).
 
-found(ok, Team) ->
-    Team;
-found({violation, Violations}, Team) when is_list(Violations) -> found(Violations, Team);
 found(Violations, #team{violations = Before} = Team) ->
     Team#team{violations = lists:reverse(Violations, Before)}.
 
