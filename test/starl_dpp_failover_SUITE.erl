@@ -442,27 +442,35 @@ wakes_out_of_range(_) ->
 %% The clock of a leader is set back while that of a voter, which it does not hear any more, is set
 %% forward, each within the bound: the voter gives its vote away as much earlier as the leader counts it
 %% longer. The leader's chassis shows nothing, as it is unplugged; it assigns to the robot that it
-%% still hears.
+%% still hears. It must ask at the right moment, so many of these are tried: with a leader that allows
+%% for one clock only, some show two that lead.
 two_clocks_are_set(_) ->
+    Runs = [
+        #{robots => 5, seed => Seed, faults => two_clocks(Leader, Voter, Third, From)}
+     || Seed <- [4, 6],
+        #{leader := Leader} <- [play(#{robots => 5, seed => Seed, time => 5})],
+        Voter <- lists:seq(1, 5) -- [Leader],
+        Third <- lists:seq(1, 5) -- [Leader, Voter],
+        From <- [22700, 24100]
+    ],
+    Caught = [Run || Run <- Runs, two_lead("one_clock", Run)],
+    ct:log("~b of ~b find it", [length(Caught), length(Runs)]),
+    ?assertNotEqual([], Caught),
+    ?assertEqual([], [Run || Run <- Runs, two_lead("none", Run)]).
+
+two_clocks(Leader, Voter, Third, From) ->
     [
-        begin
-            Given = #{robots => 5, seed => Seed},
-            #{leader := Leader} = play(Given#{time => 5}),
-            [Voter, Third | _] = lists:seq(1, 5) -- [Leader],
-            Run = play(Given#{
-                time => From div 1000 + 30,
-                faults => [
-                    {alone, 6000, From, partition, lists:seq(1, 5) -- [Leader, Voter, Third], #{}},
-                    {cut, From, 60000, partition, [Leader, Third], #{}},
-                    {unplugged, From, 60000, serial_gone, Leader, #{}},
-                    {back, From + 100, From + 100, clock_step, Leader, #{ms => -1900}},
-                    {forward, From + 100, From + 100, clock_step, Voter, #{ms => 1900}}
-                ]
-            }),
-            ?assertMatch(#{violations := []}, Run)
-        end
-     || {Seed, From} <- [{1, 20300}, {2, 24100}, {3, 22700}, {4, 22700}, {6, 22700}, {8, 22700}]
+        {alone, 3000, From, partition, lists:seq(1, 5) -- [Leader, Voter, Third], #{}},
+        {cut, From, 60000, partition, [Leader, Third], #{}},
+        {unplugged, From, 60000, serial_gone, Leader, #{}},
+        {back, From + 100, From + 100, clock_step, Leader, #{ms => -1900}},
+        {forward, From + 100, From + 100, clock_step, Voter, #{ms => 1900}}
     ].
+
+two_lead(Bug, Run) ->
+    #{violations := Found} = play(Run#{app => starl_dpp_planted, bug => Bug, time => 55}),
+    ?assertEqual([], [V || #{what := What} = V <- Found, What =/= two_coordinators], Run),
+    Found =/= [].
 
 %% Each half of the protocol is needed: without it the monitors find a violation within so many
 %% runs, and without the bug they find none in these. One who is cut off on its way outlives its lease.
