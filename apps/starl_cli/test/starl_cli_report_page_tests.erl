@@ -63,6 +63,11 @@ made() ->
                 #{crashes => 1, causes => 1, first_crash => Crash, given_up => []},
             starl_sim_mail_monitor => #{
                 strangers => [Mail#{to => 7}], unheard => [Mail#{robot => 2}]
+            },
+            starl_reload_monitor => #{
+                reloads => [
+                    #{number => 1, machines => [app], taken => [1], back => [], why => none}
+                ]
             }
         },
         robots => [

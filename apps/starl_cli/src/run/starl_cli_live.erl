@@ -123,7 +123,7 @@ options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
         rate_hz => Rate,
         whole_mm => Whole,
         arena => arena(Walls, Scenario),
-        watch => starl_cli_drive:watching() ++ starl_cli_notes:watch(Scenario)
+        watch => starl_cli_drive:watching() ++ starl_cli_notes:watch_live(Scenario)
     },
     Moving = maps:merge(Common, chassis(Scenario, line(Live, Dir))),
     case Live of

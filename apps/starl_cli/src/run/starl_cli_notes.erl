@@ -1,13 +1,14 @@
-%% @doc What is noteworthy about a run and no violation of a contract: messages that nobody gets, the
+%% @doc What is noteworthy about a run and no violation of a contract: reloads, messages that nobody gets, the
 %% least distance of two robots, robots that left the floor; and the robots' results. As figures of
 %% the report, and in words.
 -module(starl_cli_notes).
 
--export([watch/1, make/2, figures/1, lines/1, results/1]).
+-export([watch/1, watch_live/1, make/2, figures/1, lines/1, results/1, rolled_back/1]).
 
 -export_type([t/0]).
 
 -record(notes, {
+    reloads :: [starl_reload_monitor:reload()],
     strangers :: [starl_sim_mail_monitor:stranger()],
     unheard :: [starl_sim_mail_monitor:unheard()],
     %% without a contract of distances
@@ -27,15 +28,22 @@
 
 %% @doc The monitors that look on.
 -spec watch(starl_sim_scenario:t()) -> [{module(), map()}].
-watch(#{robots := Team}) ->
-    [starl_cli_ways:watch(), {starl_sim_mail_monitor, #{robots => Team}}].
+watch(#{robots := Team, reloads := Reloads}) ->
+    [starl_cli_ways:watch(), {starl_sim_mail_monitor, #{robots => Team}}] ++
+        [{starl_reload_monitor, #{}} || Reloads =/= []].
+
+%% @doc The same for a live run, whose code may be reloaded at any time.
+-spec watch_live(starl_sim_scenario:t()) -> [{module(), map()}].
+watch_live(Scenario) -> watch(Scenario) ++ [{starl_reload_monitor, #{}}].
 
 %% @doc The notes on a run. Path planning has a contract of distances, and its report tells them.
 -spec make(starl_sim_run:outcome(), starl_cli_ways:t()) -> t().
 make(#{monitors := Monitors, robots := Robots}, Ways) ->
     #{starl_sim_mail_monitor := #{strangers := Strangers, unheard := Unheard}} = Monitors,
     Gone = [Id || {Id, #{result := Result}} <- Robots, Result =:= died orelse Result =:= given_up],
+    #{reloads := Reloads} = maps:get(starl_reload_monitor, Monitors, #{reloads => []}),
     #notes{
+        reloads = Reloads,
         strangers = Strangers,
         unheard = [One || #{robot := Id} = One <- Unheard, not lists:member(Id, Gone)],
         ways =
@@ -55,13 +63,23 @@ make(#{monitors := Monitors, robots := Robots}, Ways) ->
 
 %% @doc The notes as figures of the report.
 -spec figures(t()) -> [{atom(), starl_cli_json:value()}].
-figures(#notes{results = Results} = Notes) ->
-    far(Notes) ++
+figures(#notes{results = Results, reloads = Reloads} = Notes) ->
+    [{reloads, [reload(Reload) || Reload <- Reloads]} || Reloads =/= []] ++
+        far(Notes) ++
         [
             {messages_to_nobody, [stranger(S) || S <- Notes#notes.strangers]},
             {messages_unheard, [unheard(U) || U <- Notes#notes.unheard]},
             {results, [[{robot, Id} | result(Result)] || {Id, Result} <- Results]}
         ].
+
+reload(#{number := N, machines := Machines, taken := Taken, back := Back} = Reload) ->
+    [
+        {number, N},
+        {machines, [atom_to_binary(Name) || Name <- Machines]},
+        {taken, Taken},
+        {back, Back},
+        {text, unicode:characters_to_binary(starl_reload_monitor:format(Reload))}
+    ].
 
 far(#notes{ways = none}) ->
     [];
@@ -90,18 +108,25 @@ result(Other) ->
 
 %% @doc The file of results: a term per robot, `{Robot, {done, Result}}'.
 -spec results(t()) -> unicode:chardata().
-results(#notes{results = Results}) ->
-    [
-        "%% The result of each robot: {Robot, {done, Result} | running | died | given_up}.\n"
-        | [io_lib:format("~tp.\n", [Result]) || Result <- Results]
-    ].
+results(#notes{results = Results} = Notes) ->
+    ["%% The result of each robot: {Robot, {done, Result} | running | died | given_up}.\n"] ++
+        [["%% ", Line, "\n"] || Line <- reloads(Notes)] ++
+        [io_lib:format("~tp.\n", [Result]) || Result <- Results].
+
+%% @doc The numbers of the reloads that were rolled back.
+-spec rolled_back(t()) -> [starl_reload:count()].
+rolled_back(#notes{reloads = Reloads}) ->
+    [N || #{number := N} = Reload <- Reloads, starl_reload_monitor:is_back(Reload)].
 
 %% -- in words -------------------------------------------------------------------------------
 
-%% @doc The notes in words, a line each; the first ones concern distances.
+%% @doc The notes in words, a line each; the first ones concern reloads and distances.
 -spec lines(t()) -> [unicode:chardata()].
 lines(#notes{strangers = Strangers, unheard = Unheard} = Notes) ->
-    distance(Notes) ++ floor_of(Notes) ++ to_nobody(Strangers) ++ by_type(Unheard) ++ cut(Notes).
+    reloads(Notes) ++ distance(Notes) ++ floor_of(Notes) ++ to_nobody(Strangers) ++ by_type(Unheard) ++
+        cut(Notes).
+
+reloads(#notes{reloads = Reloads}) -> [starl_reload_monitor:format(R) || R <- Reloads].
 
 distance(#notes{ways = {{Mm, At, {A, B}}, _}}) when Mm < ?CONTACT_MM ->
     Shown = [A, B, tenth(Mm), ?CONTACT_MM, At / 1.0e6],

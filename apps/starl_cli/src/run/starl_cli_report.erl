@@ -27,6 +27,7 @@
     given_up :: [starl:robot_id()],
     crashes :: {non_neg_integer(), Causes :: non_neg_integer()},
     notes :: [unicode:chardata()],
+    rolled_back :: [starl_reload:count()],
     %% the robots that wait, by call and place
     waiting :: [unicode:chardata()]
 }).
@@ -34,9 +35,11 @@
 -opaque t() :: #report{}.
 
 %% Monitors that judge nothing.
--define(LOOKING_ON, [starl_sim_ways_monitor, starl_sim_mail_monitor, starl_cli_first_crash]).
+-define(LOOKING_ON, [
+    starl_sim_ways_monitor, starl_sim_mail_monitor, starl_cli_first_crash, starl_reload_monitor
+]).
 %% The figures that have lines of their own in the text; the number of notes in the summary.
--define(LISTS, [violations, results, off_floor, messages_to_nobody, messages_unheard]).
+-define(LISTS, [violations, results, reloads, off_floor, messages_to_nobody, messages_unheard]).
 -define(NOTES, 6).
 %% The places of waiting applications that are shown in the summary.
 -define(MOST_WAITS, 5).
@@ -56,6 +59,7 @@ make(#{outcome := Outcome, ending := Ending, app := App} = Input) ->
         given_up = [Id || {Id, #{result := given_up}} <- Robots],
         crashes = {maps:get(crashes, Seen, 0), maps:get(causes, Seen, 0)},
         notes = [Line || #{notes := Notes} <- [Input], Line <- starl_cli_notes:lines(Notes)],
+        rolled_back = [N || #{notes := Notes} <- [Input], N <- starl_cli_notes:rolled_back(Notes)],
         waiting = waiting(Robots)
     }.
 
@@ -206,9 +210,17 @@ verdict(Report) ->
     case {figure(violations, Report), ending(Report), complete(Report)} of
         {[_ | _], _, _} -> ["A CONTRACT IS VIOLATED", share(", ", Report)];
         {[], stopped, _} -> ["interrupted", share(", ", Report)];
-        {[], _, true} -> ["complete", share(", ", Report)];
+        {[], _, true} -> ["complete", share(", ", Report), rolled_back(Report)];
         {[], Ending, false} -> ["NOT COMPLETE", share(", ", Report), " (", why(Ending, Report), ")"]
     end.
+
+%% The work was done all the same: by the former code.
+rolled_back(#report{rolled_back = []}) ->
+    "";
+rolled_back(#report{rolled_back = [N]}) ->
+    io_lib:format(", RELOAD ~b ROLLED BACK", [N]);
+rolled_back(#report{rolled_back = Numbers}) ->
+    [", RELOADS ", lists:join(", ", [integer_to_list(N) || N <- Numbers]), " ROLLED BACK"].
 
 share(Before, #report{app = #{done := Done}}) -> [Before, Done];
 share(_Before, _Report) -> "".

@@ -14,7 +14,7 @@
 -module(starl_reload).
 
 -export([take/3, back/3, heard/3, started/3, fallen/4, code/2, passed/2, without/2]).
--export([told/4, left/3, is_failure/1, format/4]).
+-export([told/4, left/3, is_failure/1, format/4, reason/1]).
 
 -export_type([count/0, switch/0, word/0, outcome/0, told/0, order/0, codes/0]).
 
@@ -237,21 +237,34 @@ is_failure(_) -> false.
 -spec format(starl:robot_id(), starl_machine:name(), module(), outcome()) -> unicode:chardata().
 format(Robot, Name, Module, Outcome) ->
     Code = starl_version:original(Module),
-    [io_lib:format("robot ~b, ~ts (~ts): ", [Robot, Name, Code]) | why(Outcome)].
+    [
+        io_lib:format("robot ~b, ~ts (~ts): ", [Robot, Name, Code]),
+        verdict(Outcome),
+        reason(Outcome)
+    ].
 
-why(taken) ->
+verdict(taken) -> "";
+verdict(done) -> "";
+verdict({restored, _}) -> "";
+verdict({back, _}) -> "rolled back, since ";
+verdict({unproven, _}) -> "rolled back ";
+verdict(_) -> "rolled back: ".
+
+%% @doc An outcome in words.
+-spec reason(outcome()) -> unicode:chardata().
+reason(taken) ->
     "runs the new code";
-why(done) ->
+reason(done) ->
     "is done, and takes no new code";
-why({migration_failed, Cause}) ->
-    ["rolled back: the state could not be carried over: ", starl_crash:format(Cause)];
-why({crashed, Cause}) ->
-    ["rolled back: the new code crashed: ", starl_crash:format(Cause)];
-why({back, Failed}) ->
-    io_lib:format("rolled back, since the reload failed on robot ~b", [Failed]);
-why({unproven, Later}) ->
-    io_lib:format("rolled back together with reload ~b, which came within its trial time", [Later]);
-why({restored, Cause}) ->
+reason({migration_failed, Cause}) ->
+    ["the state could not be carried over: ", starl_crash:format(Cause)];
+reason({crashed, Cause}) ->
+    ["the new code crashed: ", starl_crash:format(Cause)];
+reason({back, Failed}) ->
+    io_lib:format("the reload failed on robot ~b", [Failed]);
+reason({unproven, Later}) ->
+    io_lib:format("together with reload ~b, which came within its trial time", [Later]);
+reason({restored, Cause}) ->
     [
         "the former code crashed with the state that the new code had left, and goes on with the "
         "state before the switch: ",
