@@ -3,11 +3,13 @@
 -module(starl_reload_census).
 -behaviour(starl_app).
 
--export([blocks/0, options/0, init/2, step/2]).
+-export([blocks/0, options/0, monitors/1, init/2, step/2]).
 
 blocks() -> [starl_reload_tally].
 
 options() -> [].
+
+monitors(#{robots := Robots}) -> [{starl_reload_schedule, #{robots => Robots}}].
 
 init(Robot, _Options) ->
     ok = starl:trace(Robot, begins),

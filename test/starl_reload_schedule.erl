@@ -3,8 +3,10 @@
 %% is good, crashes (at once, later, in `init', in `code_change'), has another state, with the way
 %% back or without it, or does not know an event.
 -module(starl_reload_schedule).
+-behaviour(starl_monitor).
 
--export([drawn/1, scenario/1, code/2, broken/2, shown/1]).
+-export([drawn/1, scenario/1, code/2, broken/2, violated/2, shown/1]).
+-export([init/1, step/2, finish/2, interests/0]).
 
 -export_type([t/0]).
 
@@ -205,20 +207,16 @@ code_change(_, _, _) ->
 %% line each.
 broken(#{robots := Robots} = Schedule, #{violations := Violations} = Outcome) ->
     Trace = starl_sim_ct:trace(Outcome),
-    [starl_monitor:format_violation(V) || V <- Violations, not excused(V, Schedule)] ++
-        [Line || Violations =:= [], Line <- lost(Outcome)] ++
+    violated(Violations, Schedule) ++
         lists:append([of_robot(R, Schedule, Trace) || R <- lists:seq(1, Robots)]).
 
-lost(#{robots := Robots}) ->
-    [
-        io_lib:format("robot ~b is lost: ~0tp", [R, Result])
-     || {R, #{result := Result}} <- Robots, Result =/= {done, 150}
-    ].
-
-%% A machine whose version has silently left another state cannot go back, and starts anew: the run
-%% ends with its crash.
-excused(#{contract := tally, what := crashed}, Schedule) -> is_silent(tally, Schedule);
-excused(_, _) -> false.
+%% @doc The violations of a run, a line each. A machine whose version has silently left another
+%% state cannot go back, and starts anew: the run ends with its crash.
+violated(Violations, Schedule) ->
+    case [1 || #{contract := tally, what := crashed} <- Violations, is_silent(tally, Schedule)] of
+        [] -> [starl_monitor:format_violation(V) || V <- Violations];
+        _ -> []
+    end.
 
 is_silent(Part, #{reloads := Reloads}) ->
     [1 || {_, _, _, {P, {silent, _}, _}} <- Reloads, P =:= Part] =/= [].
@@ -313,3 +311,18 @@ remains(Trace, Own) ->
         T + 1000000 < lists:max([0 | Works]),
         taken =:= maps:get({Name, N}, Last, none)
     ].
+
+%% -- a monitor: all robots have counted to the end ------------------------------------------
+
+interests() -> [app].
+
+init(#{robots := Robots}) -> Robots.
+
+step({_, Robot, app, {done, _}}, At) -> {ok, lists:delete(Robot, At)};
+step(_, At) -> {ok, At}.
+
+finish(_End, []) ->
+    {ok, #{}};
+finish(End, At) ->
+    Lost = #{contract => census, what => lost, at_us => End, robots => At, details => #{}},
+    {{violation, [Lost]}, #{}}.

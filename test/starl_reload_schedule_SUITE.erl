@@ -4,13 +4,23 @@
 -module(starl_reload_schedule_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 
--export([suite/0, all/0, init_per_suite/1, end_per_suite/1, schedules/1]).
+-export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
+-export([schedules/1, seeds_that_lost_teams/1, two_versions_in_one_step/1]).
+-export([an_unknown_event_fails_the_trial/1, live_robots_in_virtual_time/1]).
 
 -define(SCHEDULES, 500).
+-define(LIVE, 100).
 
 suite() -> [{timetrap, {minutes, 9}}].
 
-all() -> [schedules].
+all() ->
+    [
+        schedules,
+        seeds_that_lost_teams,
+        two_versions_in_one_step,
+        an_unknown_event_fails_the_trial,
+        live_robots_in_virtual_time
+    ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
@@ -22,6 +32,56 @@ schedules(_) ->
     Broken = [Lines || Seed <- Seeds, Lines <- [broken(Seed)], Lines =/= []],
     _ = [ct:pal("~ts", [lists:join("\n", Lines)]) || Lines <- Broken],
     ?assertEqual([], Broken).
+
+%% The first schedules that lost a team, or a state, when going back meant the version before.
+seeds_that_lost_teams(_) ->
+    Seeds = [10, 11, 12, 18, 24, 30, 37, 40, 42, 43, 47, 48, 51, 53, 54, 55, 57, 61],
+    ?assertEqual([], [Lines || Seed <- Seeds, Lines <- [broken(Seed)], Lines =/= []]).
+
+%% The first crashes, the second has another state: both are left.
+two_versions_in_one_step(_) ->
+    Second = {app, {converted, next}, {crashes, 0}},
+    Outcomes = [
+        outcomes(app, [{app, First, {crashes, 0}}, Second])
+     || First <- [same, {converted, second}, {silent, second}]
+    ],
+    [
+        ?assertMatch(
+            [{1, taken}, {2, taken}, {2, {crashed, _}}, {1, {unproven, 2}} | _], Told
+        )
+     || Told <- Outcomes
+    ].
+
+an_unknown_event_fails_the_trial(_) ->
+    [{1, taken}, {1, {crashed, {Why, [Place]}}}] =
+        outcomes(tally, [{tally, {converted, next}, {unknown_event, 4000}}]),
+    ?assertMatch("it does not know an event that the former code knows: " ++ _, Why),
+    ?assertMatch({starl_reload_tally, handle_event, 5, _, _}, Place).
+
+%% What a robot tells of reloads that come together at 3 s of a run in which nothing is lost.
+outcomes(Part, Versions) ->
+    Schedule = #{
+        seed => 1,
+        robots => 1,
+        reloads => [{3000, [1], 5000, Version} || Version <- Versions],
+        kills => []
+    },
+    Outcome = run(starl_reload_schedule:scenario(Schedule)),
+    ?assertEqual([], starl_reload_schedule:broken(Schedule, Outcome)),
+    [{N, O} || {_, 1, Name, {reloaded, N, O}} <- starl_sim_ct:trace(Outcome), Name =:= Part].
+
+%% The program that ships, its application beside its link.
+live_robots_in_virtual_time(_) ->
+    [
+        begin
+            Schedule = (starl_reload_schedule:drawn(Seed))#{kills := []},
+            Run = {mutex, Seed, starl_reload_schedule:scenario(Schedule)},
+            #{violations := Violations} = starl_virtual_run:run(Run),
+            Lines = starl_reload_schedule:violated(Violations, Schedule),
+            ?assertEqual({Seed, []}, {Seed, Lines})
+        end
+     || Seed <- lists:seq(1, ?LIVE)
+    ].
 
 number(Variable, Default) -> list_to_integer(os:getenv(Variable, integer_to_list(Default))).
 
