@@ -1,10 +1,11 @@
 %% Reloads at random instants of a painting cluster of two nodes, of the application and of machines:
 %% the picture is complete, no contract is broken, the answer says what was rolled back and why.
-%% STARL_LIVE_RELOADS=20 makes it 20 runs.
+%% STARL_LIVE_RELOADS=20 makes it 20 runs. And two reloads within one step, on robots in one VM.
 -module(starl_reload_live_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 
--export([suite/0, all/0, init_per_suite/1, end_per_suite/1, painted/1]).
+-export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
+-export([painted/1, two_versions_in_one_step/1]).
 %% called in the conductor
 -export([play/3]).
 
@@ -13,7 +14,7 @@
 
 suite() -> [{timetrap, {minutes, 9}}].
 
-all() -> [painted].
+all() -> [painted, two_versions_in_one_step].
 
 %% The cluster makes its VM a distributed node: it has a VM of its own.
 init_per_suite(Config) ->
@@ -65,6 +66,46 @@ judged(Fails, {Answer, Text, Violations, Complete}) ->
             ok
     end.
 
+%% Robots in one VM, in real time: the first version crashes, the second has another state.
+two_versions_in_one_step(Config) ->
+    Second = {app, {converted, next}, {crashes, 0}},
+    [
+        begin
+            Dir = filename:join(proplists:get_value(priv_dir, Config), integer_to_list(N)),
+            {Outcomes, Violations} = reloaded([{app, First, {crashes, 0}}, Second], Dir),
+            ?assertEqual({First, []}, {First, Violations}),
+            ?assertMatch(
+                {First, [{1, taken}, {2, taken}, {2, {crashed, _}}, {1, {unproven, 2}} | _]},
+                {First, Outcomes}
+            )
+        end
+     || {N, First} <- [{1, same}, {2, {converted, second}}]
+    ].
+
+%% What robot 1 of two tells, and the contracts that are broken: by a robot that is not done, too.
+reloaded(Versions, Dir) ->
+    Watch = [{starl_sim_order_monitor, #{}}],
+    {ok, Run} = starl_world_run:start(
+        #{app => starl_reload_census, robots => 2, time => 120},
+        #{dir => Dir, speed => ?SPEED, watch => Watch}
+    ),
+    ok = starl_world_run:until(Run, 2000000),
+    Orders = [
+        order(N, starl_reload_schedule:code(N, Version))
+     || {N, Version} <- lists:zip(lists:seq(1, length(Versions)), Versions)
+    ],
+    Links = [starl_world_run:link(Run, R) || R <- [1, 2]],
+    _ = [starl_live_link:reload(Link, Order, self()) || Link <- Links, Order <- Orders],
+    done = starl_world_run:await(Run),
+    {#{violations := Violations} = Outcome, _} = starl_world_run:finish(Run),
+    Told = [{N, O} || {_, 1, app, {reloaded, N, O}} <- starl_sim_ct:trace(Outcome)],
+    {Told, [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations]}.
+
+order(N, Code) ->
+    {ok, #{versions := Versions, code := New}} = starl_version:make([Code]),
+    ok = starl_version:load(New),
+    #{number => N, versions => Versions, trial_us => 5000000}.
+
 %% The first run has code that fails, in the application.
 drawn(1) ->
     {crashes_at_once, starl_painting, 3000000};
@@ -93,12 +134,21 @@ run(Seed, Variant, Module, At, Dir) ->
     ok = file:write_file(Picture, picture()),
     {ok, Cluster} = starl_cluster:start(
         #{app => starl_painting, robots => 2, picture => Picture, seed => Seed},
-        #{dir => filename:join(Dir, integer_to_list(Seed)), transport => udp, speed => ?SPEED}
+        #{
+            dir => filename:join(Dir, integer_to_list(Seed)),
+            transport => udp,
+            speed => ?SPEED,
+            watch => [{starl_reload_monitor, #{}}]
+        }
     ),
     ok = starl_cluster:until(Cluster, At),
     {Answer, Text} = starl_cluster:reload(Cluster, [Code]),
     _ = starl_cluster:await(Cluster),
-    {#{violations := Violations}, #{complete := Complete}} = starl_cluster:finish(Cluster),
+    {#{violations := Violations} = Outcome, #{complete := Complete}} =
+        starl_cluster:finish(Cluster),
+    #{monitors := #{starl_reload_monitor := #{reloads := Reloads}}} = Outcome,
+    %% what the report tells agrees with the answer
+    true = (Answer =:= error) =:= lists:any(fun starl_reload_monitor:is_back/1, Reloads),
     Lines = [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations],
     {Answer, unicode:characters_to_list(Text), Lines, Complete}.
 
