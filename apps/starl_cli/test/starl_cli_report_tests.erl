@@ -178,6 +178,35 @@ crashes_of_the_application_are_told_test() ->
         starl_cli_report:figure(first_crash, Report)
     ).
 
+%% The work is done, but by the former code.
+a_reload_that_was_rolled_back_is_told_test() ->
+    #{monitors := Monitors} = Outcome = outcome([done, done], []),
+    Why = {1500000, 2, app, {crashed, {"badarg", [{my_app, step, 2, "my_app.erl", 7}]}}},
+    Reload = #{number => 1, machines => [app], taken => [1, 2], back => [1, 2], why => Why},
+    Ways = #{pieces => [], until_us => 1, is_whole => true},
+    Seen = Outcome#{
+        monitors := Monitors#{
+            starl_reload_monitor => #{reloads => [Reload]},
+            starl_sim_mail_monitor => #{strangers => [], unheard => []}
+        }
+    },
+    Notes = starl_cli_notes:make(Seen, starl_cli_ways:new(Ways, {1, 1})),
+    Report = report(#{outcome => Seen, notes => Notes}),
+    shows("complete, 100 % of the lines painted, RELOAD 1 ROLLED BACK", headline(Report)),
+    Line =
+        "reload 1 (app): taken by robots 1, 2; ROLLED BACK on robots 1, 2; first on robot 2 (app)",
+    [
+        shows(Line, text(Where))
+     || Where <- [
+            [[L, "\n"] || L <- starl_cli_report:summary(Report)],
+            starl_cli_report:text(Report),
+            starl_cli_report:json(Report),
+            starl_cli_notes:results(Notes)
+        ]
+    ],
+    shows("my_app.erl:7", text(starl_cli_notes:results(Notes))),
+    ?assert(starl_cli_report:complete(Report)).
+
 interrupted_is_told_test() ->
     shows("interrupted, 50.00 %", headline(report(#{app => painting(0.5), ending => stopped}))).
 
