@@ -79,7 +79,7 @@ scenario(Part, none, Seed) ->
     scenario(Part, element(Drawn, {1, 2, 3, 5}), Seed);
 scenario(Part, Robots, Seed) ->
     case lists:member(Part, starl_virtual_run:blocks()) of
-        true -> with_faults(starl_lab_soak:scenario(Part, Robots, Seed));
+        true -> with_faults(starl_lab_soak_draw:scenario(Part, Robots, Seed));
         false -> #{robots => Robots}
     end.
 
