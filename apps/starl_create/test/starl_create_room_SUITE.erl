@@ -6,6 +6,9 @@
 -define(AFTER_MS, 30000).
 -define(LONG_US, 20000000).
 
+%% It waits for robots that always have something to say: a wait in vain must end with its line.
+suite() -> [{timetrap, {minutes, 10}}].
+
 all() -> [bumped, wall, held_in_a_room, held_in_a_world, no_room].
 
 init_per_suite(Config) ->
@@ -21,8 +24,7 @@ bumped(_) ->
     {ok, Room, [One, Two]} = starl_create_on_ptys:start_link(options(2, none)),
     Chassis = ready(1, One),
     ok = elsewhere(2, Two),
-    {Stalled, Bumped} = until(answer, drives(200.0, bump, Chassis)),
-    ?assertMatch({bump, {stalled, _}}, Stalled),
+    Bumped = bumps(Chassis),
     ?assertEqual({bump, both}, event(1)),
     {X1, _, _} = starl_create_room:pose(Room, 1),
     {X2, _, _} = starl_create_room:pose(Room, 2),
@@ -30,8 +32,7 @@ bumped(_) ->
     %% they touch, and do not lie above each other: as far as a late look allows
     ?assert(X2 - X1 =< 330.0),
     ?assert(X2 - X1 > 165.0),
-    {Freed, _} = until({event, 1}, drives(-200.0, back, Bumped)),
-    ?assertEqual({bump, none}, Freed),
+    ?assertEqual({bump, none}, freed(Bumped)),
     receive
         {starl_create, 2, Event} -> error(Event)
     after 0 -> ok
@@ -154,6 +155,30 @@ hears(What, Message, Chassis) ->
         {[Answer], Next} when What =:= answer -> {Answer, Next};
         {_, Next} -> until(What, Next);
         unknown -> until(What, Chassis)
+    end.
+
+%% Robot 1 drives on, until it bumps. On a machine that is busy for long, the port cuts a script short, and the
+%% answer is another: it is driven again, as a robot would.
+bumps(Chassis) ->
+    case until(answer, drives(200.0, bump, Chassis)) of
+        {{bump, {driven, _}}, Next} -> bumps(Next);
+        {{bump, {stalled, _}}, Next} -> Next
+    end.
+
+%% It drives back, until it touches nothing: again, too, whatever it is answered before that.
+freed(Chassis) -> back(drives(-200.0, back, Chassis)).
+
+back(Chassis) ->
+    receive
+        {starl_create, 1, Event} ->
+            Event;
+        Message ->
+            case starl_create_chassis:hear(Message, Chassis) of
+                {[{back, _}], Next} -> freed(Next);
+                {[], Next} -> back(Next);
+                unknown -> back(Chassis)
+            end
+    after ?AFTER_MS -> error(late)
     end.
 
 event(Id) ->
